@@ -1,0 +1,38 @@
+"""doppelgait: labelled micro-Doppler radar data of people and dogs, from motion capture or gait models.
+
+Everything here is imported on first use, so that ``import doppelgait`` and ``doppelgait --help`` stay quick.
+"""
+
+from importlib import import_module
+from typing import Any
+
+__version__ = "0.1.0"
+
+_LAZY = {
+    "motion": "doppelgait.motion",
+    "Scene": "doppelgait.scene",
+    "Target": "doppelgait.scene",
+    "Radar": "doppelgait.radar",
+    "Recording": "doppelgait.radar",
+    "simulate": "doppelgait.pipeline",
+    "analyze": "doppelgait.pipeline",
+    "run": "doppelgait.pipeline",
+    "Analysis": "doppelgait.processing",
+    "open_dataset": "doppelgait.dataset",
+    "rng": "doppelgait.core.rng",
+}
+_SUBPACKAGES = {"core", "dataset", "features", "motion", "pipeline", "processing", "radar", "scene", "viz"}
+
+__all__ = ["__version__", *sorted(set(_LAZY) | _SUBPACKAGES)]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _SUBPACKAGES:
+        return import_module(f"doppelgait.{name}")
+    if name in _LAZY:
+        return getattr(import_module(_LAZY[name]), name)
+    raise AttributeError(f"module 'doppelgait' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,0 +1,162 @@
+"""Frozen, checked parameter models and their TOML files.
+
+Every fault of a file comes back in one :class:`ConfigError` that names the file, the dotted key, its line, the value
+and what is allowed.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from doppelgait.core.errors import ConfigError
+
+
+class FrozenModel(BaseModel):
+    """Base of all parameter models: immutable, unknown keys forbidden, no NaN or infinity, strict numbers."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+M = TypeVar("M", bound=BaseModel)
+
+
+def validate(model: type[M], data: Mapping[str, Any], *, where: str = "", text: str = "") -> M:
+    """Build ``model`` from ``data``; every fault in one :class:`ConfigError`.
+
+    Parameters
+    ----------
+    model : type
+        A pydantic model.
+    data : mapping
+        Its values, as read from TOML or from keyword arguments.
+    where : str
+        Name of the file or section, put before the message.
+    text : str
+        The TOML text, to name the line of each faulty key.
+    """
+    try:
+        return model.model_validate(dict(data))
+    except ValidationError as error:
+        lines = [_describe(fault, model, text) for fault in error.errors()]
+        prefix = f"{where}: " if where else ""
+        raise ConfigError(prefix + "; ".join(lines)) from None
+
+
+def _describe(fault: Any, model: type[BaseModel], text: str) -> str:
+    key = ".".join(str(part) for part in fault["loc"])
+    line = line_of_key(text, [str(p) for p in fault["loc"] if isinstance(p, str)])
+    place = f"{key or 'the whole section'}{f' (line {line})' if line else ''}"
+    if fault["type"] == "extra_forbidden":
+        allowed = ", ".join(sorted(_fields_at(model, fault["loc"][:-1])))
+        return f"{place}: unknown key" + (f"; allowed are {allowed}" if allowed else "")
+    if fault["type"] == "missing":
+        return f"{place}: is required"
+    value = fault.get("input")
+    shown = repr(value) if not isinstance(value, dict) and len(repr(value)) < 80 else "this value"
+    message = fault["msg"].removeprefix("Value error, ")
+    return f"{place}: {shown} is not allowed: {message}" if key else message
+
+
+def _fields_at(model: type[BaseModel], location: Sequence[Any]) -> list[str]:
+    current: Any = model
+    for part in location:
+        if isinstance(part, int):
+            continue
+        info = getattr(current, "model_fields", {}).get(part)
+        inner = _model_inside(info.annotation) if info is not None else None
+        if inner is None:
+            return []
+        current = inner
+    return list(current.model_fields)
+
+
+def _model_inside(annotation: Any) -> type[BaseModel] | None:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    for argument in getattr(annotation, "__args__", ()):
+        found = _model_inside(argument)
+        if found is not None:
+            return found
+    return None
+
+
+def line_of_key(text: str, keys: Sequence[str]) -> int | None:
+    """Line number (from 1) of the last of ``keys`` in a TOML text, searched after its table's header."""
+    if not text or not keys:
+        return None
+    rows = text.splitlines()
+    start = 0
+    for depth in range(1, len(keys)):
+        header = re.compile(r"^\s*\[{1,2}\s*" + r"\s*\.\s*".join(map(re.escape, keys[:depth])) + r"\s*\]{1,2}")
+        start = next((n for n, row in enumerate(rows) if header.match(row)), start)
+    wanted = re.compile(r"(^|[{,])\s*\"?" + re.escape(keys[-1]) + r"\"?\s*=|^\s*\[+.*\b" + re.escape(keys[-1]) + r"\b.*\]")
+    for number in [*range(start, len(rows)), *range(start)]:
+        if wanted.search(rows[number].split("#")[0]):
+            return number + 1
+    return None
+
+
+def read_toml(path: str | Path) -> tuple[dict[str, Any], str]:
+    """Table and text of a TOML file; a missing or broken file is a :class:`ConfigError` that names it."""
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read: {error}") from None
+    try:
+        return tomllib.loads(text), text
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{path}: is not TOML: {error}") from None
+
+
+def apply_overrides(table: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
+    """Table with ``KEY=VALUE`` changes put in; a key is dotted, list entries are numbers (``targets.0.label=dog``).
+
+    Values are TOML (``900``, ``true``, ``[1, 2]``, ``"text"``); what is not TOML is taken as text.
+    """
+    result: dict[str, Any] = json.loads(json.dumps(table, default=str))
+    for override in overrides:
+        key, separator, value = override.partition("=")
+        if not separator or not key:
+            raise ConfigError(f"--set {override}: must be KEY=VALUE, for example radar.prf_hz=900")
+        _set_key(result, key.strip(), _parse_value(value.strip()), override)
+    return result
+
+
+def _parse_value(text: str) -> Any:
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
+
+
+def _set_key(table: dict[str, Any], key: str, value: Any, override: str) -> None:
+    parts = key.split(".")
+    node: Any = table
+    for part in parts[:-1]:
+        if isinstance(node, list):
+            if not part.isdigit() or int(part) >= len(node):
+                raise ConfigError(f"--set {override}: {part!r} is not an entry of that list (0 to {len(node) - 1})")
+            node = node[int(part)]
+        elif isinstance(node, dict):
+            node = node.setdefault(part, {})
+        else:
+            raise ConfigError(f"--set {override}: {part!r} is inside a value, not a section")
+    if isinstance(node, list) and parts[-1].isdigit() and int(parts[-1]) < len(node):
+        node[int(parts[-1])] = value
+    elif isinstance(node, dict):
+        node[parts[-1]] = value
+    else:
+        raise ConfigError(f"--set {override}: {key!r} names no place in the configuration")
+
+
+def canonical_json(value: BaseModel | Mapping[str, Any]) -> str:
+    """One-line JSON with sorted keys: the same parameters give the same text."""
+    data = value.model_dump(mode="json") if isinstance(value, BaseModel) else value
+    return json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)

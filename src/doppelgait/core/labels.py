@@ -1,0 +1,135 @@
+"""Names of dimensions and variables, and the schema that every labelled array of doppelgait keeps.
+
+Time-like dimension first, range or Doppler last, SI units, unit of the values in ``attrs["units"]``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core.errors import AnalysisError
+
+SPACE = ("x", "y", "z")
+
+COORDINATE_UNITS = {
+    "time": "s",
+    "slow_time": "s",
+    "range": "m",
+    "doppler": "Hz",
+    "velocity": "m/s",
+    "cadence": "Hz",
+}
+"""Unit of every numeric coordinate."""
+
+
+@dataclass(frozen=True)
+class Schema:
+    """What a labelled array must look like.
+
+    Parameters
+    ----------
+    name : str
+        Name of the array, used in error messages and as ``DataArray.name``.
+    dims : tuple of str
+        Dimensions in order.
+    units : str
+        Unit of the values.
+    kind : str
+        Allowed NumPy kinds of the values: ``"f"`` real, ``"c"`` complex.
+    extra : mapping
+        Required non-dimension coordinates and the dimension that each belongs to.
+    """
+
+    name: str
+    dims: tuple[str, ...]
+    units: str
+    kind: str = "f"
+    extra: Mapping[str, str] = field(default_factory=dict)
+
+
+MOTION = Schema("motion", ("time", "marker", "space"), "m", extra={"part": "marker"})
+BASEBAND = Schema("baseband", ("slow_time", "range"), "V", kind="c")
+RANGE_DOPPLER = Schema("range_doppler", ("time", "doppler", "range"), "V^2", extra={"velocity": "doppler"})
+SIGNATURE = Schema("signature", ("time", "doppler"), "V^2", extra={"velocity": "doppler"})
+NORMALISED_SIGNATURE = Schema("normalised_signature", ("time", "doppler"), "1", extra={"velocity": "doppler"})
+CADENCE_MAP = Schema("cadence_map", ("cadence", "doppler"), "1", extra={"velocity": "doppler"})
+CADENCE_SPECTRUM = Schema("cadence_spectrum", ("cadence",), "1")
+
+SCATTERER_VARIABLES = {
+    "range": "m",
+    "radial_velocity": "m/s",
+    "aspect": "rad",
+    "azimuth": "rad",
+    "elevation": "rad",
+    "rcs": "m^2",
+    "path_gain": "1",
+}
+"""Variables of the scatterer table, all (slow_time, scatterer), and their units."""
+
+
+def make_array(
+    schema: Schema, values: npt.ArrayLike, coords: Mapping[str, Any], attrs: Mapping[str, Any] | None = None
+) -> xr.DataArray:
+    """Labelled array that keeps ``schema``; units are set here, so that no caller can forget them.
+
+    Parameters
+    ----------
+    schema : Schema
+        One of the constants of this module.
+    values : array_like
+        The values, one axis per dimension of the schema.
+    coords : mapping
+        Coordinates by name: values, or ``(dimension, values)`` for those not named after their dimension.
+    attrs : mapping, optional
+        Further attributes.
+
+    Returns
+    -------
+    xarray.DataArray
+    """
+    array = xr.DataArray(
+        values, dims=schema.dims, coords=dict(coords), name=schema.name, attrs={"units": schema.units, **(attrs or {})}
+    )
+    for name, unit in COORDINATE_UNITS.items():
+        if name in array.coords:
+            array.coords[name].attrs["units"] = unit
+    return check_signal(array, schema)
+
+
+def check_signal(array: xr.DataArray, schema: Schema) -> xr.DataArray:
+    """Return ``array`` unchanged if it keeps ``schema``; otherwise one error that lists every fault.
+
+    Raises
+    ------
+    AnalysisError
+        If dimensions, units, kind of values or coordinates differ.
+    """
+    faults = []
+    if not isinstance(array, xr.DataArray):
+        raise AnalysisError(f"{schema.name} must be an xarray.DataArray, not {type(array).__name__}")
+    if array.dims != schema.dims:
+        faults.append(f"dimensions are {array.dims}, must be {schema.dims}")
+    if array.attrs.get("units") != schema.units:
+        faults.append(f"units are {array.attrs.get('units')!r}, must be {schema.units!r}")
+    if array.dtype.kind != schema.kind:
+        faults.append(f"values are {array.dtype}, must be {'complex' if schema.kind == 'c' else 'real'} floats")
+    for name, dim in {**{d: d for d in schema.dims}, **schema.extra}.items():
+        if name not in array.coords or array.coords[name].dims != (dim,):
+            faults.append(f"coordinate {name!r} along {dim!r} is missing")
+    if faults:
+        raise AnalysisError(f"{schema.name}: " + "; ".join(faults))
+    return array
+
+
+def sampling_rate_hz(axis: npt.ArrayLike) -> float:
+    """Rate of a uniform time axis from its ends; an axis of one sample is an :class:`AnalysisError`."""
+    times = np.asarray(axis, dtype=float)
+    if times.size < 2 or not times[-1] > times[0]:
+        raise AnalysisError(f"a time axis needs two rising samples or more, this one has {times.size}")
+    return float((times.size - 1) / (times[-1] - times[0]))

@@ -1,0 +1,34 @@
+"""Random streams: one for every (seed, example, purpose), so that no draw shifts another."""
+
+from __future__ import annotations
+
+import numpy as np
+
+PURPOSES = ("plan", "motion", "scene", "noise", "gate", "impairments", "split")
+"""What streams are for. The position in this tuple is part of the stream's key: append only."""
+
+
+def rng(seed: int) -> np.random.Generator:
+    """Generator for a single run, from an integer seed (0 or larger)."""
+    return np.random.default_rng(seed)
+
+
+def generator_for(root_seed: int, purpose: str, index: int) -> np.random.Generator:
+    """Independent generator of one purpose of one example.
+
+    Parameters
+    ----------
+    root_seed : int
+        Seed of the whole dataset, 0 or larger.
+    purpose : str
+        One of :data:`PURPOSES`.
+    index : int
+        Number of the example, 0 or larger.
+
+    Returns
+    -------
+    numpy.random.Generator
+        The same stream for the same three values, whatever else was drawn before or in whichever process.
+    """
+    key = (PURPOSES.index(purpose), index)
+    return np.random.default_rng(np.random.SeedSequence(root_seed, spawn_key=key))
