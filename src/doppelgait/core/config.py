@@ -51,7 +51,7 @@ def validate(model: type[M], data: Mapping[str, Any], *, where: str = "", text: 
 
 def _describe(fault: Any, model: type[BaseModel], text: str) -> str:
     key = ".".join(str(part) for part in fault["loc"])
-    line = line_of_key(text, [str(p) for p in fault["loc"] if isinstance(p, str)])
+    line = line_of_key(text, fault["loc"])
     place = f"{key or 'the whole section'}{f' (line {line})' if line else ''}"
     if fault["type"] == "extra_forbidden":
         allowed = ", ".join(sorted(_fields_at(model, fault["loc"][:-1])))
@@ -87,20 +87,28 @@ def _model_inside(annotation: Any) -> type[BaseModel] | None:
     return None
 
 
-def line_of_key(text: str, keys: Sequence[str]) -> int | None:
-    """Line number (from 1) of the last of ``keys`` in a TOML text, searched after its table's header."""
-    if not text or not keys:
+def line_of_key(text: str, location: Sequence[str | int]) -> int | None:
+    """Line number (from 1) of a dotted key in a TOML text; a number in ``location`` picks the n-th ``[[table]]``."""
+    rows = [row.split("#")[0] for row in text.splitlines()]
+    names = [str(part) for part in location if isinstance(part, str)]
+    if not rows or not names:
         return None
-    rows = text.splitlines()
     start = 0
-    for depth in range(1, len(keys)):
-        header = re.compile(r"^\s*\[{1,2}\s*" + r"\s*\.\s*".join(map(re.escape, keys[:depth])) + r"\s*\]{1,2}")
-        start = next((n for n, row in enumerate(rows) if header.match(row)), start)
-    wanted = re.compile(r"(^|[{,])\s*\"?" + re.escape(keys[-1]) + r"\"?\s*=|^\s*\[+.*\b" + re.escape(keys[-1]) + r"\b.*\]")
-    for number in [*range(start, len(rows)), *range(start)]:
-        if wanted.search(rows[number].split("#")[0]):
-            return number + 1
-    return None
+    for depth in range(1, len(names)):
+        header = re.compile(r"^\s*\[{1,2}\s*" + r"\s*\.\s*".join(map(re.escape, names[:depth])) + r"\s*\]{1,2}")
+        found = [number for number, row in enumerate(rows) if header.match(row)]
+        nth = _index_after(location, names[depth - 1])
+        start = found[min(nth, len(found) - 1)] if found else start
+    key = re.escape(names[-1])
+    wanted = re.compile(rf"(^|[{{,])\s*\"?{key}\"?\s*=|^\s*\[+[^\]]*\b{key}\b[^\]]*\]")
+    order = [*range(start, len(rows)), *range(start)]
+    return next((number + 1 for number in order if wanted.search(rows[number])), None)
+
+
+def _index_after(location: Sequence[str | int], name: str) -> int:
+    place = list(location).index(name)
+    following = location[place + 1] if place + 1 < len(location) else 0
+    return following if isinstance(following, int) else 0
 
 
 def read_toml(path: str | Path) -> tuple[dict[str, Any], str]:

@@ -14,19 +14,19 @@ from doppelgait.core.labels import MOTION, SPACE, make_array
 NAN = float("nan")
 
 FACTS: dict[str, Any] = {
-    "source": "",                 # file name or name of the model
-    "kind": "",                   # "recording" or the name of the model
-    "subject": "",                # person or animal: the group of all leak-free splits
+    "source": "",  # file name or name of the model
+    "kind": "",  # "recording" or the name of the model
+    "subject": "",  # person or animal: the group of all leak-free splits
     "licence": "",
-    "species": "",                # "human", "dog", ... or "" when unknown
-    "gait": "",                   # "walk", "run", "trot", "gallop", ... or "" when unknown
-    "height_m": NAN,              # stature of a person, withers height of a dog or cat
+    "species": "",  # "human", "dog", ... or "" when unknown
+    "gait": "",  # "walk", "run", "trot", "gallop", ... or "" when unknown
+    "height_m": NAN,  # stature of a person, withers height of a dog or cat
     "mass_kg": NAN,
     "stride_frequency_hz": NAN,
     "step_frequency_hz": NAN,
-    "gait_frequency_hz": NAN,     # f_mu, fundamental of the signature (E-07)
-    "footfalls": {},              # touchdown times in s by foot, where exactly known
-    "report": {},                 # what reading and cleaning did: points dropped and why, gaps filled, units, axes
+    "gait_frequency_hz": NAN,  # f_mu, fundamental of the signature (E-07)
+    "footfalls": {},  # touchdown times in s by foot, where exactly known
+    "report": {},  # what reading and cleaning did: points dropped and why, gaps filled, units, axes
 }
 """Keys that every motion carries in ``attrs`` and their values when nothing is known."""
 

@@ -1,0 +1,77 @@
+"""Micro-Doppler bandwidth B_mu in its two forms (E-35)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core.labels import SIGNATURE, check_signal
+
+FloatArray = npt.NDArray[np.float64]
+
+POWER_QUANTILES = (0.01, 0.99)
+TIME_PERCENTILES = (5.0, 95.0)
+DETECTION_SIGMAS = 4.0
+
+
+def envelopes_hz(signature: xr.DataArray, floor_v2: float) -> tuple[FloatArray, FloatArray]:
+    """Lower and upper Doppler envelope of every column, NaN where nothing stands above the noise; shapes (J,).
+
+    Power quantiles 1 % and 99 % over Doppler of the cells above nu + 4 std(nu), std(nu) = nu / sqrt(N_g) (E-35).
+    """
+    check_signal(signature, SIGNATURE)
+    values = signature.values.astype(np.float64)
+    threshold = floor_v2 * (1.0 + DETECTION_SIGMAS / math.sqrt(signature.attrs["n_gate_bins"]))
+    power = np.where(values > threshold, values - floor_v2, 0.0)
+    total = power.sum(axis=1)
+    share = np.cumsum(power, axis=1) / np.maximum(total, 1e-300)[:, None]
+    doppler_hz = signature.coords["doppler"].values
+    low, high = (doppler_hz[(share >= quantile).argmax(axis=1)] for quantile in POWER_QUANTILES)
+    empty = total <= 0
+    return np.where(empty, np.nan, low), np.where(empty, np.nan, high)
+
+
+def bandwidth_envelope_hz(signature: xr.DataArray, floor_v2: float) -> float | None:
+    """Micro-Doppler bandwidth: 95th percentile over time of the upper envelope minus the 5th of the lower (E-35).
+
+    None where less than half of the columns stand above the noise.
+    """
+    low, high = envelopes_hz(signature, floor_v2)
+    seen = np.isfinite(low)
+    if seen.mean() < 0.5:
+        return None
+    return float(np.percentile(high[seen], TIME_PERCENTILES[1]) - np.percentile(low[seen], TIME_PERCENTILES[0]))
+
+
+def bandwidth_threshold_hz(mean_spectrum: FloatArray, doppler_hz: FloatArray, *, threshold: float) -> float:
+    """Width of the time-mean Doppler spectrum above a share of its peak, contiguous from the peak, Hz.
+
+    Parameters
+    ----------
+    mean_spectrum : ndarray, shape (K,)
+        D_1.
+    doppler_hz : ndarray, shape (K,)
+    threshold : float
+        t_mu, share of the peak power; crossings are interpolated linearly.
+    """
+    level = mean_spectrum / mean_spectrum.max()
+    peak = int(level.argmax())
+    return _crossing(level, doppler_hz, peak, +1, threshold) - _crossing(level, doppler_hz, peak, -1, threshold)
+
+
+def _crossing(level: FloatArray, doppler_hz: FloatArray, start: int, step: int, threshold: float) -> float:
+    k = start
+    while 0 <= k + step < level.size and level[k + step] >= threshold:
+        k += step
+    if not 0 <= k + step < level.size:
+        return float(doppler_hz[k])
+    share = (level[k] - threshold) / (level[k] - level[k + step])
+    return float(doppler_hz[k] + share * (doppler_hz[k + step] - doppler_hz[k]))
+
+
+def single_tone_width_hz(*, cpi_s: float, window_steepness: float, threshold: float) -> float:
+    """Width that one constant Doppler line has at the threshold: 2 sqrt(-ln t) / (2 pi sigma_w T_d / 2) (E-35)."""
+    return math.sqrt(-math.log(threshold)) / (math.pi * window_steepness * cpi_s / 2.0)

@@ -1,0 +1,125 @@
+"""Fundamental repetition frequency f_mu of a signature (E-33)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core.labels import CADENCE_SPECTRUM, NORMALISED_SIGNATURE, check_signal, sampling_rate_hz
+from doppelgait.features.peaks import local_maxima, refine
+
+FloatArray = npt.NDArray[np.float64]
+
+SEARCH_HZ = (0.5, 8.0)
+SALIENCE_HZ = (0.5, 20.0)
+LAG_TOLERANCE = 0.12
+TRUST_LAG_FROM = 0.6
+LONGEST_LAG_SHARE = 0.7
+
+
+@dataclass(frozen=True)
+class GaitFrequency:
+    """An estimate of f_mu and how far to trust it.
+
+    Parameters
+    ----------
+    frequency_hz : float or None
+        f_mu; None when the spectrum has no peak in the search band.
+    periodicity : float or None
+        Normalised autocorrelation n at one period, -1 to 1.
+    salience : float or None
+        Share of the cadence energy (0.5 to 20 Hz) in the first four harmonics.
+    n_periods : float or None
+        Observed periods f_mu T_o.
+    second_hz : float or None
+        Next largest peak of the spectrum.
+    """
+
+    frequency_hz: float | None = None
+    periodicity: float | None = None
+    salience: float | None = None
+    n_periods: float | None = None
+    second_hz: float | None = None
+
+
+def gait_frequency(spectrum: xr.DataArray, rows: xr.DataArray) -> GaitFrequency:
+    """Estimate f_mu from the cadence power spectrum, refined by the autocorrelation of the rows (E-33).
+
+    Parameters
+    ----------
+    spectrum : DataArray (cadence)
+        S[q], power sum over Doppler.
+    rows : DataArray (time, doppler)
+        The detrended normalised signature that gave it.
+
+    Returns
+    -------
+    GaitFrequency
+        Largest local maximum of S in max(0.5, 1.1 / T_o) to 8 Hz; replaced by the inverse of the autocorrelation's lag
+        within 12 % of its period where that is 0.6 or more and at most 0.7 T_o long.
+    """
+    check_signal(spectrum, CADENCE_SPECTRUM)
+    check_signal(rows, NORMALISED_SIGNATURE)
+    rate_hz = sampling_rate_hz(rows.coords["time"].values)
+    seconds = rows.sizes["time"] / rate_hz
+    cadence_hz = spectrum.coords["cadence"].values
+    values = np.asarray(spectrum.values, dtype=np.float64)
+    low = int(np.searchsorted(cadence_hz, max(SEARCH_HZ[0], 1.1 / seconds)))
+    high = int(np.searchsorted(cadence_hz, SEARCH_HZ[1], side="right")) - 1
+    peaks = local_maxima(values, first=low, last=high)
+    if not peaks.size:
+        return GaitFrequency()
+    ranked = peaks[np.argsort(-values[peaks], kind="stable")]
+    bin_hz = float(cadence_hz[1] - cadence_hz[0])
+    candidates = [refine(values, int(index))[0] * bin_hz for index in ranked[:2]]
+    frequency_hz, periodicity = _refine_by_lag(candidates[0], rows.values, rate_hz)
+    return GaitFrequency(
+        frequency_hz=frequency_hz,
+        periodicity=periodicity,
+        salience=_salience(values, cadence_hz, frequency_hz, seconds),
+        n_periods=frequency_hz * seconds,
+        second_hz=candidates[1] if len(candidates) > 1 else None,
+    )
+
+
+def square_difference(rows: FloatArray) -> FloatArray:
+    """Normalised square-difference autocorrelation of the rows over time, shape (J,) (E-33).
+
+    ``n(tau) = 2 sum_j sum_k v_j v_{j+tau} / sum_j sum_k (v_j^2 + v_{j+tau}^2)``; 1 at lag 0.
+    """
+    from scipy import fft
+
+    n_columns = rows.shape[0]
+    length = fft.next_fast_len(2 * n_columns, real=True)
+    spectrum = fft.rfft(rows, length, axis=0)
+    correlation = fft.irfft((spectrum.real**2 + spectrum.imag**2).sum(axis=1), length)[:n_columns]
+    energy = np.cumsum((rows**2).sum(axis=1))
+    lags = np.arange(n_columns)
+    head = energy[n_columns - 1 - lags]
+    tail = energy[-1] - np.concatenate([[0.0], energy[:-1]])
+    total = head + tail
+    return np.asarray(np.divide(2.0 * correlation, total, out=np.zeros(n_columns), where=total > 0))
+
+
+def _refine_by_lag(frequency_hz: float, rows: FloatArray, rate_hz: float) -> tuple[float, float]:
+    periodicity = square_difference(rows)
+    lag = rate_hz / frequency_hz
+    first, last = int(np.ceil(lag * (1 - LAG_TOLERANCE))), int(np.floor(lag * (1 + LAG_TOLERANCE)))
+    peaks = local_maxima(periodicity, first=first, last=last)
+    if not peaks.size:
+        return frequency_hz, float(np.interp(lag, np.arange(periodicity.size), periodicity))
+    position, height = refine(periodicity, int(peaks[np.argmax(periodicity[peaks])]))
+    trusted = height >= TRUST_LAG_FROM and position <= LONGEST_LAG_SHARE * rows.shape[0]
+    return (rate_hz / position if trusted else frequency_hz), height
+
+
+def _salience(power: FloatArray, cadence_hz: FloatArray, frequency_hz: float, seconds: float) -> float:
+    counted = (cadence_hz >= SALIENCE_HZ[0]) & (cadence_hz <= SALIENCE_HZ[1])
+    near = np.zeros_like(counted)
+    for harmonic in range(1, 5):
+        near |= np.abs(cadence_hz - harmonic * frequency_hz) <= 1.2 / seconds
+    total = float(power[counted].sum())
+    return float(power[counted & near].sum()) / total if total > 0 else 0.0

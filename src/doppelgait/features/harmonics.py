@@ -1,0 +1,107 @@
+"""Harmonic ratios beta_1, beta_2 (E-37) and the limb-to-torso ratio rho (E-38)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core.labels import CADENCE_MAP, CADENCE_SPECTRUM, check_signal
+from doppelgait.features.peaks import local_maxima, refine
+
+FloatArray = npt.NDArray[np.float64]
+
+SEARCH = 0.15
+MIN_SNR = 4.0
+"""A harmonic must stand 6 dB above the local median of the power spectrum."""
+NEAR_SHARE, NEAR_HZ = 0.06, 0.25
+
+
+def harmonic_ratio(spectrum: xr.DataArray, frequency_hz: float, harmonic: int) -> float | None:
+    """Frequency of a harmonic over the fundamental: a self-check, near ``harmonic`` when f_mu is right (E-37).
+
+    Parameters
+    ----------
+    spectrum : DataArray (cadence)
+        Cadence power spectrum S.
+    frequency_hz : float
+        f_mu.
+    harmonic : int
+        2 for beta_1, 3 for beta_2.
+
+    Returns
+    -------
+    float or None
+        None where no local maximum within 15 % of the expected place stands 6 dB above the local median.
+    """
+    check_signal(spectrum, CADENCE_SPECTRUM)
+    cadence_hz = spectrum.coords["cadence"].values
+    values = np.asarray(spectrum.values, dtype=np.float64)
+    expected = harmonic * frequency_hz
+    first, last = np.searchsorted(cadence_hz, [expected * (1 - SEARCH), expected * (1 + SEARCH)])
+    peaks = local_maxima(values, first=int(first), last=int(last) - 1)
+    if not peaks.size:
+        return None
+    best = int(peaks[np.argmax(values[peaks])])
+    around = values[np.abs(cadence_hz - expected) <= frequency_hz / 2.0]
+    if values[best] < MIN_SNR * np.median(around):
+        return None
+    return refine(values, best)[0] * float(cadence_hz[1] - cadence_hz[0]) / frequency_hz
+
+
+@dataclass(frozen=True)
+class LimbTorsoRatio:
+    """Micro-Doppler share of the power, in the energy form (``ratio``) and in amplitudes (closest to the report)."""
+
+    ratio: float | None
+    amplitude_ratio: float | None
+
+
+def limb_torso_ratio(
+    step_doppler: xr.DataArray, mean_spectrum: FloatArray, frequency_hz: float, occupied: npt.NDArray[np.bool_]
+) -> LimbTorsoRatio:
+    """Oscillating over constant Doppler power, rows alike on both sides of the fraction (E-38).
+
+    Parameters
+    ----------
+    step_doppler : DataArray (cadence, doppler)
+        D of the detrended normalised signature.
+    mean_spectrum : ndarray, shape (K,)
+        Time mean of the same signature before detrending.
+    frequency_hz : float
+        f_mu.
+    occupied : ndarray of bool, shape (K,)
+        Rows K+ that stand above the noise.
+
+    Returns
+    -------
+    LimbTorsoRatio
+        None where no row is occupied.
+    """
+    check_signal(step_doppler, CADENCE_MAP)
+    cadence_hz = step_doppler.coords["cadence"].values
+    rows = step_doppler.values[:, occupied]
+    base = mean_spectrum[occupied]
+    if not occupied.any() or base.sum() <= 0:
+        return LimbTorsoRatio(None, None)
+    noise = _between_harmonics_power(rows, cadence_hz, frequency_hz)
+    energy, amplitude = 0.0, 0.0
+    for harmonic in (1, 2, 3):
+        expected = harmonic * frequency_hz
+        near = np.abs(cadence_hz - expected) <= max(NEAR_SHARE * expected, NEAR_HZ)
+        if not near.any():
+            continue
+        peak = rows[near].max(axis=0)
+        energy += float(np.maximum(peak**2 - 2.0 * noise, 0.0).sum())
+        amplitude += float(2.0 * peak.sum())
+    return LimbTorsoRatio(float(np.sqrt(4.0 * energy / (base**2).sum())), amplitude / float(base.sum()))
+
+
+def _between_harmonics_power(rows: FloatArray, cadence_hz: FloatArray, frequency_hz: float) -> FloatArray:
+    phase = np.mod(cadence_hz / frequency_hz, 1.0)
+    between = (cadence_hz > frequency_hz) & (cadence_hz < 4.0 * frequency_hz) & (np.abs(phase - 0.5) <= 0.2)
+    if not between.any():
+        return np.zeros(rows.shape[1])
+    return np.asarray(np.median(rows[between] ** 2, axis=0) / np.log(2.0))

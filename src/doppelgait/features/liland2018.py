@@ -1,0 +1,85 @@
+"""The report's own feature extraction, kept for comparison (its section 4.5, literal where it is definite)."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core.labels import CADENCE_SPECTRUM, check_signal
+from doppelgait.core.units import doppler_to_velocity_mps
+from doppelgait.features.gait import Extraction, GaitFeatures
+from doppelgait.features.peaks import local_maxima
+
+FloatArray = npt.NDArray[np.float64]
+
+HARMONIC_WINDOW = 0.2
+"""The report says "close to where it is expected"; this half width, relative, is our reading."""
+
+
+def bandwidth_hz(mean_spectrum: FloatArray, doppler_hz: FloatArray, threshold: float) -> float:
+    """B_mu: from the first to the last Doppler at which D_1 / max(D_1) reaches the threshold."""
+    above = np.flatnonzero(mean_spectrum >= threshold * mean_spectrum.max())
+    return float(doppler_hz[above[-1]] - doppler_hz[above[0]])
+
+
+def extract(
+    mean_spectrum: FloatArray, doppler_hz: FloatArray, spectrum: xr.DataArray, *, wavelength_m: float, threshold: float
+) -> Extraction:
+    """Six features by the report's method.
+
+    Parameters
+    ----------
+    mean_spectrum : ndarray, shape (K,)
+        D_1 of the signature whose columns are divided by their maximum.
+    doppler_hz : ndarray, shape (K,)
+    spectrum : DataArray (cadence)
+        D_g: sum over Doppler of D_0 (mean removed, no taper, no padding).
+    wavelength_m : float
+    threshold : float
+        t_mu.
+
+    Returns
+    -------
+    Extraction
+        f_m at the highest peak of D_g in no band; v_m at the highest bin of D_1; L_m = v_m / f_m with its sign;
+        rho = (A_m + A_2 + A_3) / A_fd.
+    """
+    check_signal(spectrum, CADENCE_SPECTRUM)
+    best = int(mean_spectrum.argmax())
+    torso_hz, torso_amplitude = float(doppler_hz[best]), float(mean_spectrum[best])
+    velocity_mps = float(doppler_to_velocity_mps(torso_hz, wavelength_m))
+    width_hz = bandwidth_hz(mean_spectrum, doppler_hz, threshold)
+    quality = {"torso_amplitude": torso_amplitude}
+    fundamental = _highest(spectrum, 0.0, np.inf)
+    if fundamental is None:
+        features = GaitFeatures(torso_velocity_mps=velocity_mps, doppler_bandwidth_hz=width_hz)
+        return Extraction(features, None, torso_hz, None, quality, ("gait_frequency:no_peak_in_the_cadence_spectrum",))
+    step_hz, amplitude = fundamental
+    harmonics = [
+        _highest(spectrum, h * step_hz * (1 - HARMONIC_WINDOW), h * step_hz * (1 + HARMONIC_WINDOW)) for h in (2, 3)
+    ]
+    complete = all(h is not None for h in harmonics)
+    total = amplitude + sum(h[1] for h in harmonics if h is not None)
+    features = GaitFeatures(
+        torso_velocity_mps=velocity_mps,
+        doppler_bandwidth_hz=width_hz,
+        step_length_m=velocity_mps / step_hz,
+        harmonic_ratio_2=harmonics[0][0] / step_hz if harmonics[0] else None,
+        harmonic_ratio_3=harmonics[1][0] / step_hz if harmonics[1] else None,
+        limb_torso_ratio=total / torso_amplitude if complete else None,
+    )
+    seconds = 1.0 / float(spectrum.coords["cadence"].values[1])
+    flags = () if complete else ("harmonics:no_peak_near_the_expected_place",)
+    return Extraction(features, step_hz, torso_hz, step_hz * seconds, {**quality, "observation_s": seconds}, flags)
+
+
+def _highest(spectrum: xr.DataArray, low_hz: float, high_hz: float) -> tuple[float, float] | None:
+    cadence_hz = spectrum.coords["cadence"].values
+    values = np.asarray(spectrum.values, dtype=np.float64)
+    peaks = local_maxima(values, first=1, last=values.size - 2)
+    peaks = peaks[(cadence_hz[peaks] >= low_hz) & (cadence_hz[peaks] <= high_hz)]
+    if not peaks.size:
+        return None
+    best = int(peaks[np.argmax(values[peaks])])
+    return float(cadence_hz[best]), float(values[best])

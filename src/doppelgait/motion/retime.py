@@ -1,0 +1,159 @@
+"""Fit a motion to a scene: height, place, and positions with velocities at any times."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core.errors import MotionError
+from doppelgait.core.labels import MOTION, check_signal
+from doppelgait.motion.skeleton import BODY_CENTRE_PARTS
+
+FloatArray = npt.NDArray[np.float64]
+ScalingMode = Literal["uniform", "froude", "z_only"]
+
+STILL_BELOW_M = 0.2
+"""A body centre that travels less than this has no direction of travel: it is taken to face +x."""
+
+
+def body_centre_m(motion: xr.DataArray) -> FloatArray:
+    """Mean position of the torso or trunk points, or of all points where none is known; shape (T, 3), m."""
+    central = np.isin(motion.coords["part"].values, BODY_CENTRE_PARTS)
+    values = motion.values[:, central] if central.any() else motion.values
+    return np.asarray(values.mean(axis=1))
+
+
+def travel_heading_rad(motion: xr.DataArray) -> float:
+    """Direction of net travel in the ground plane, from +x towards +y; 0 for a body that stays in place."""
+    net = np.diff(body_centre_m(motion)[[0, -1], :2], axis=0)[0]
+    return math.atan2(net[1], net[0]) if math.hypot(*net) > STILL_BELOW_M else 0.0
+
+
+def travel_speed_mps(motion: xr.DataArray) -> float:
+    """Net ground speed of the body centre over the whole motion."""
+    net = np.diff(body_centre_m(motion)[[0, -1], :2], axis=0)[0]
+    times = motion.coords["time"].values
+    return float(math.hypot(*net) / (times[-1] - times[0]))
+
+
+def duration_s(motion: xr.DataArray) -> float:
+    """Time from the first to the last frame."""
+    times = motion.coords["time"].values
+    return float(times[-1] - times[0])
+
+
+def scale_to_height(
+    motion: xr.DataArray, *, height_m: float, mode: ScalingMode = "uniform", recorded_height_m: float | None = None
+) -> xr.DataArray:
+    """Scale a mover to another height about the floor point below its starting position (E-01).
+
+    Parameters
+    ----------
+    motion : DataArray (time, marker, space)
+        Floor at z = 0.
+    height_m : float
+        Wanted stature (people) or withers height (dogs, cats), positive.
+    mode : {"uniform", "froude", "z_only"}
+        ``uniform``: all coordinates, times kept. ``froude``: all coordinates, times by the square root
+        (dynamically similar). ``z_only``: heights only, as the report does; speeds and steps stay.
+    recorded_height_m : float, optional
+        Height of the recorded subject; the motion's own ``height_m`` by default.
+
+    Raises
+    ------
+    MotionError
+        If the recorded height is unknown.
+    """
+    check_signal(motion, MOTION)
+    recorded = motion.attrs["height_m"] if recorded_height_m is None else recorded_height_m
+    if not recorded > 0:
+        raise MotionError(
+            f"{motion.attrs['source']}: the recorded subject's height is unknown, so it cannot be scaled to "
+            f"{height_m} m; give recorded_height_m"
+        )
+    factor = height_m / recorded
+    anchor = np.array([*body_centre_m(motion)[0, :2], 0.0])
+    scaled = motion.copy()
+    if mode == "z_only":
+        scaled.values[..., 2] *= factor
+    else:
+        scaled.values[...] = anchor + factor * (motion.values - anchor)
+    scaled.attrs.update(height_m=height_m, mass_kg=motion.attrs["mass_kg"] * factor**3)
+    return _slow_down(scaled, math.sqrt(factor)) if mode == "froude" else scaled
+
+
+def _slow_down(motion: xr.DataArray, factor: float) -> xr.DataArray:
+    times = motion.coords["time"].values
+    slowed = motion.assign_coords(time=times[0] + (times - times[0]) * factor)
+    slowed.coords["time"].attrs["units"] = "s"
+    slowed.attrs["rate_hz"] = motion.attrs["rate_hz"] / factor
+    for key in ("stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz"):
+        slowed.attrs[key] = motion.attrs[key] / factor
+    slowed.attrs["footfalls"] = {
+        foot: [times[0] + (t - times[0]) * factor for t in touchdowns]
+        for foot, touchdowns in motion.attrs["footfalls"].items()
+    }
+    return slowed
+
+
+def place(motion: xr.DataArray, *, position_m: tuple[float, float], heading_deg: float, at_s: float) -> xr.DataArray:
+    """Turn a motion to a heading and move it so that its body centre is at a ground point at a given time.
+
+    Parameters
+    ----------
+    motion : DataArray (time, marker, space)
+    position_m : (float, float)
+        Ground position (x, y) of the body centre.
+    heading_deg : float
+        Direction of net travel, from +x towards +y.
+    at_s : float
+        Time after the first frame, 0 to the duration.
+    """
+    turn = math.radians(heading_deg) - travel_heading_rad(motion)
+    cos, sin = math.cos(turn), math.sin(turn)
+    times = motion.coords["time"].values - motion.coords["time"].values[0]
+    centre = body_centre_m(motion)
+    pivot = np.array([np.interp(at_s, times, centre[:, 0]), np.interp(at_s, times, centre[:, 1])])
+    placed = motion.copy()
+    ground = motion.values[..., :2] - pivot
+    placed.values[..., :2] = ground @ np.array([[cos, sin], [-sin, cos]]) + np.asarray(position_m)
+    return placed
+
+
+def resample(motion: xr.DataArray, time_s: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Positions and analytic velocities at given times, by a cubic (C2) spline through the frames (E-02).
+
+    Parameters
+    ----------
+    motion : DataArray (time, marker, space)
+        At least 4 frames, no NaN.
+    time_s : array_like, shape (I,)
+        Times after the first frame, 0 to the duration.
+
+    Returns
+    -------
+    position_m, velocity_mps : ndarray, shape (I, P, 3)
+
+    Raises
+    ------
+    MotionError
+        If a time lies outside the motion, or the motion has gaps or too few frames.
+    """
+    from scipy.interpolate import CubicSpline
+
+    times = motion.coords["time"].values - motion.coords["time"].values[0]
+    wanted = np.asarray(time_s, dtype=float)
+    source = motion.attrs["source"]
+    if times.size < 4 or not np.isfinite(motion.values).all():
+        raise MotionError(f"{source}: needs 4 frames or more without gaps to be resampled; clean it first")
+    if wanted.size and (wanted.min() < 0 or wanted.max() > times[-1] + 1e-9):
+        raise MotionError(
+            f"{source}: lasts {times[-1]:.3f} s, but {wanted.max():.3f} s are asked for; shorten duration_s or use a "
+            "longer motion"
+        )
+    spline = CubicSpline(times, motion.values, axis=0)
+    return spline(wanted), spline(wanted, 1)

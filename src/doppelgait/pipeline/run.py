@@ -1,0 +1,127 @@
+"""A run as configuration: the scene file, resolved and carried out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import Field
+
+from doppelgait.core.config import FrozenModel, apply_overrides, read_toml, validate
+from doppelgait.core.errors import ConfigError
+from doppelgait.core.rng import generator_for
+from doppelgait.pipeline.simulate import simulate, with_lowest_prf
+from doppelgait.processing import Analysis
+from doppelgait.radar.config import Radar
+from doppelgait.radar.recording import Recording
+from doppelgait.scene.spec import SceneSpec, build_scene
+
+AUTO_PRF_START_HZ = 1000.0
+
+
+class NoiseSpec(FrozenModel):
+    """Receiver noise of a run.
+
+    Parameters
+    ----------
+    kind : {"thermal", "snr", "none"}
+        ``thermal``: from the radar's noise figure and bandwidth (E-18). ``snr``: as much as gives ``snr_db``.
+    snr_db : float
+        Wanted SNR_frame: time mean of the strongest bin's power over the noise power.
+    """
+
+    kind: Literal["thermal", "snr", "none"] = "thermal"
+    snr_db: float = Field(default=20.0, ge=-100, le=200)
+
+
+class RunSpec(FrozenModel):
+    """Everything that makes one recording and its analysis.
+
+    Parameters
+    ----------
+    scene : SceneSpec
+    radar : Radar
+    auto_prf : bool
+        Take the lowest frame rate at which nothing aliases (``prf_hz = "auto"``); for reproducing the report only.
+    noise : NoiseSpec
+    analysis : Analysis
+    seed : int
+    """
+
+    scene: SceneSpec
+    radar: Radar
+    auto_prf: bool = False
+    noise: NoiseSpec = NoiseSpec()
+    analysis: Analysis = Analysis()
+    seed: int = Field(default=0, ge=0)
+
+
+SECTIONS = ("seed", "duration_s", "radar_position_m", "radar", "targets", "noise", "analysis")
+
+
+def parse_run(table: Mapping[str, Any], *, where: str = "scene", text: str = "") -> RunSpec:
+    """Run specification from the tables of a scene file.
+
+    Parameters
+    ----------
+    table : mapping
+        Keys ``targets`` (list), ``radar`` (``preset`` and changes, or all parameters), and optionally ``noise``,
+        ``analysis``, ``seed``, ``duration_s``, ``radar_position_m``.
+    where, text : str
+        File name and text for error messages.
+
+    Raises
+    ------
+    ConfigError
+        Naming the dotted key, its line, the value and what is allowed.
+    """
+    unknown = sorted(set(table) - set(SECTIONS))
+    if unknown:
+        raise ConfigError(f"{where}: unknown key {', '.join(unknown)}; allowed are {', '.join(SECTIONS)}")
+    radar, auto_prf = parse_radar(table.get("radar", {"preset": "x4"}), where=where)
+    scene = {key: table[key] for key in ("targets", "radar_position_m", "duration_s") if key in table}
+    rest = {key: table[key] for key in ("noise", "analysis", "seed") if key in table}
+    parsed = validate(SceneSpec, scene, where=where, text=text)
+    return validate(RunSpec, {"scene": parsed, "radar": radar, "auto_prf": auto_prf, **rest}, where=where, text=text)
+
+
+def parse_radar(table: Any, *, where: str = "radar") -> tuple[Radar, bool]:
+    """Radar of a ``[radar]`` table, and whether its frame rate is ``"auto"``."""
+    if isinstance(table, str):
+        table = {"preset": table}
+    if not isinstance(table, Mapping):
+        raise ConfigError(f"{where}: radar must be a preset's name or a table, not {table!r}")
+    values = dict(table)
+    auto_prf = values.get("prf_hz") == "auto"
+    if auto_prf:
+        values["prf_hz"] = AUTO_PRF_START_HZ
+    try:
+        preset = values.pop("preset", None)
+        radar = Radar.preset(preset, **values) if preset is not None else validate(Radar, values, where="radar")
+    except ConfigError as error:
+        raise ConfigError(f"{where}: {error}") from None
+    return radar, auto_prf
+
+
+def load_run(path: str | Path, *, overrides: Sequence[str] = ()) -> RunSpec:
+    """Run specification of a scene file with ``KEY=VALUE`` overrides put in."""
+    table, text = read_toml(path)
+    return parse_run(apply_overrides(table, overrides), where=str(path), text=text)
+
+
+def run_simulation(spec: RunSpec, *, folder: Path | None = None) -> Recording:
+    """Simulate the recording that a specification describes; same specification, same bytes.
+
+    Parameters
+    ----------
+    spec : RunSpec
+    folder : Path, optional
+        Folder that relative motion paths start from.
+    """
+    scene = build_scene(spec.scene, folder=folder, rng=generator_for(spec.seed, "motion", 0))
+    radar = with_lowest_prf(scene, spec.radar, cpi_s=spec.analysis.cpi_s) if spec.auto_prf else spec.radar
+    noise = None if spec.noise.kind == "none" else generator_for(spec.seed, "noise", 0)
+    snr_db = spec.noise.snr_db if spec.noise.kind == "snr" else None
+    recording = simulate(scene, radar, rng=noise, snr_db=snr_db)
+    return Recording(**{**vars(recording), "seed": spec.seed})

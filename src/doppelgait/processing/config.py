@@ -1,0 +1,140 @@
+"""How a recording is analysed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, Self
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field, model_validator
+
+from doppelgait.core.config import FrozenModel
+from doppelgait.core.errors import AnalysisError
+from doppelgait.core.units import cpi_to_pulses
+
+Method = Literal["standard", "liland2018"]
+Normalisation = Literal["sum", "max", "r4"]
+
+
+class Analysis(FrozenModel):
+    """Parameters of the analysis; the defaults are those of datasets.
+
+    Parameters
+    ----------
+    method : {"standard", "liland2018"}
+        ``liland2018`` takes the report's own choices: hop 1, K = M, zero padding at the ends, columns divided by
+        their maximum, the cadence spectrum's highest peak, gate span by class and Doppler gate from the truth.
+    cpi_s : float
+        Coherent processing interval T_d.
+    window_steepness : float
+        sigma_w of the Gaussian window (E-23).
+    doppler_bins : int, optional
+        Transform length K; by default the next 2^a, 3 2^a or 5 2^a not below M.
+    hop : int, optional
+        Pulses from column to column; by default floor(T_d f_p / 12), which loses nothing.
+    gate_span_m : float
+        Range extent of the gate, the same for every class (E-26).
+    gate_doppler_hz : (float, float), optional
+        Doppler band of the gate; none by default.
+    normalisation : {"sum", "max", "r4"}
+        What columns are divided by: sum or maximum over Doppler, or multiplied by range^4 (E-28).
+    bandwidth_threshold : float
+        t_mu of the threshold form of the micro-Doppler bandwidth (E-35).
+    """
+
+    method: Method = "standard"
+    cpi_s: float = Field(default=0.1, gt=0, le=10)
+    window_steepness: float = Field(default=0.4, gt=0, le=10)
+    doppler_bins: int | None = Field(default=None, ge=3, le=65536)
+    hop: int | None = Field(default=None, ge=1, le=100_000)
+    gate_span_m: float = Field(default=1.6, gt=0, le=100)
+    gate_doppler_hz: tuple[float, float] | None = None
+    normalisation: Normalisation = "sum"
+    bandwidth_threshold: float = Field(default=0.04, gt=0, lt=1)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.gate_doppler_hz is not None and self.gate_doppler_hz[0] >= self.gate_doppler_hz[1]:
+            raise ValueError(f"gate_doppler_hz {self.gate_doppler_hz} must rise")
+        return self
+
+    @property
+    def zero_padded(self) -> bool:
+        """Whether the signature reaches to both ends of the recording by zero padding (reproduction only)."""
+        return self.method == "liland2018"
+
+
+@dataclass(frozen=True)
+class Transform:
+    """Everything the short-time transform needs for one recording.
+
+    Parameters
+    ----------
+    window : ndarray, shape (M,)
+        Gaussian window (E-23).
+    n_doppler_bins : int
+        K >= M.
+    hop : int
+        Pulses from column to column.
+    first_pulse : int
+        Pulse at which the window of column 0 starts; -h with zero padding.
+    n_columns : int
+    """
+
+    window: npt.NDArray[np.float64]
+    n_doppler_bins: int
+    hop: int
+    first_pulse: int
+    n_columns: int
+
+    @property
+    def half_window(self) -> int:
+        """Pulses on either side of the centre, h = (M - 1) / 2."""
+        return (self.window.size - 1) // 2
+
+    def centre_pulses(self) -> npt.NDArray[np.int64]:
+        """Pulse number i_j at the centre of every column (E-22)."""
+        return self.first_pulse + self.half_window + self.hop * np.arange(self.n_columns)
+
+
+def gaussian_window(n_pulses: int, steepness: float) -> npt.NDArray[np.float64]:
+    """Gaussian window exp(-0.5 ((m - h) / (sigma_w h))^2), h = (M - 1) / 2, shape (M,) (E-23)."""
+    half = (n_pulses - 1) / 2.0
+    return np.asarray(np.exp(-0.5 * ((np.arange(n_pulses) - half) / (steepness * max(half, 0.5))) ** 2))
+
+
+def next_fast_length(n_pulses: int) -> int:
+    """Smallest 2^a, 3 2^a or 5 2^a that is not below ``n_pulses``."""
+    return min(base << max(0, math.ceil(math.log2(n_pulses / base))) for base in (1, 3, 5) if base <= n_pulses)
+
+
+def plan_transform(analysis: Analysis, *, n_pulses: int, prf_hz: float) -> Transform:
+    """Window, transform length, hop and columns for a recording of ``n_pulses`` at ``prf_hz``.
+
+    Raises
+    ------
+    AnalysisError
+        If the recording is shorter than one processing interval, or ``doppler_bins`` is below M.
+    """
+    cpi_pulses = cpi_to_pulses(analysis.cpi_s, prf_hz)
+    if n_pulses < cpi_pulses:
+        raise AnalysisError(
+            f"the recording has {n_pulses} pulses, less than one processing interval of {cpi_pulses} (cpi_s = "
+            f"{analysis.cpi_s} at {prf_hz:g} Hz); record longer or lower cpi_s"
+        )
+    literal = analysis.method == "liland2018"
+    n_doppler = analysis.doppler_bins or (cpi_pulses if literal else next_fast_length(cpi_pulses))
+    if n_doppler < cpi_pulses:
+        raise AnalysisError(f"doppler_bins is {n_doppler}, but a processing interval has {cpi_pulses} pulses: K >= M")
+    hop = analysis.hop or (1 if literal else max(1, math.floor(cpi_pulses / 12)))
+    half = (cpi_pulses - 1) // 2
+    valid = n_pulses if analysis.zero_padded else n_pulses - 2 * half
+    return Transform(
+        window=gaussian_window(cpi_pulses, analysis.window_steepness),
+        n_doppler_bins=n_doppler,
+        hop=hop,
+        first_pulse=-half if analysis.zero_padded else 0,
+        n_columns=(valid - 1) // hop + 1,
+    )

@@ -1,0 +1,95 @@
+"""Noise floor of a signature and normalisation of its columns (E-28)."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core.errors import AnalysisError
+from doppelgait.core.labels import NORMALISED_SIGNATURE, SIGNATURE, check_signal, make_array
+from doppelgait.processing.config import Normalisation
+
+INDEPENDENT_AFTER_S = 0.06
+"""Columns this far apart are practically independent for T_d = 0.1 s (E-23)."""
+QUIET_SHARE = 1.0 / 3.0
+
+
+def noise_floor_v2(signature: xr.DataArray) -> float:
+    """Mean noise power in one cell of a signature, estimated from its quiet Doppler rows (E-28).
+
+    The third of the rows with the least mean power gives a first value; all rows that agree with it give the second.
+    A cell of pure noise sums N_g exponential variables: its median is (1 - 1/(9 N_g))^3 of its mean (ln 2 for N_g = 1).
+
+    Parameters
+    ----------
+    signature : DataArray (time, doppler)
+        Not normalised, V^2.
+
+    Returns
+    -------
+    float
+        nu = s^2 sum(w^2) N_g, V^2; practically 0 for a noise-free simulation.
+    """
+    check_signal(signature, SIGNATURE)
+    values = signature.values
+    row_power = values.mean(axis=0, dtype=np.float64)
+    open_rows = np.flatnonzero(row_power > 0)
+    if not open_rows.size:
+        return 0.0
+    n_gate = int(signature.attrs["n_gate_bins"])
+    to_mean = np.log(2.0) if n_gate == 1 else (1.0 - 1.0 / (9.0 * n_gate)) ** 3
+    ordered = open_rows[np.argsort(row_power[open_rows], kind="stable")]
+    quiet = ordered[: max(3, int(QUIET_SHARE * ordered.size))]
+    floor = float(np.median(values[:, quiet])) / to_mean
+    spread = 1.0 / np.sqrt(n_gate * independent_columns(signature))
+    agreeing = open_rows[row_power[open_rows] < floor * (1.0 + 3.0 * spread)]
+    return float(np.median(values[:, agreeing])) / to_mean if agreeing.size > quiet.size else floor
+
+
+def independent_columns(signature: xr.DataArray) -> float:
+    """Number of practically independent columns, J_eff = T_o / 60 ms, at least 1 (E-38)."""
+    times = signature.coords["time"].values
+    return max(1.0, float(times[-1] - times[0]) / INDEPENDENT_AFTER_S)
+
+
+def normalise(signature: xr.DataArray, floor_v2: float, *, mode: Normalisation = "sum") -> xr.DataArray:
+    """Signature without noise floor, every column on one scale (E-28).
+
+    Parameters
+    ----------
+    signature : DataArray (time, doppler)
+        V^2.
+    floor_v2 : float
+        Noise floor; 0 to leave it in.
+    mode : {"sum", "max", "r4"}
+        ``sum``: each column sums to 1. ``max``: each column's maximum is 1. ``r4``: multiplied by the fourth power of
+        the gate's range over its mean, which undoes the radar equation.
+
+    Returns
+    -------
+    DataArray (time, doppler)
+        float64, dimensionless; a column with no power above the floor is 0.
+    """
+    check_signal(signature, SIGNATURE)
+    excess = np.maximum(signature.values.astype(np.float64) - floor_v2, 0.0)
+    scale = _column_scale(excess, signature, mode)
+    values = np.divide(excess, scale[:, None], out=np.zeros_like(excess), where=scale[:, None] > 0)
+    attrs = {**signature.attrs, "normalisation": mode}
+    attrs.pop("units")
+    coords = {str(name): coord for name, coord in signature.coords.items()}
+    return make_array(NORMALISED_SIGNATURE, values, coords, attrs)
+
+
+def _column_scale(
+    excess: npt.NDArray[np.float64], signature: xr.DataArray, mode: Normalisation
+) -> npt.NDArray[np.float64]:
+    if mode == "sum":
+        return np.asarray(excess.sum(axis=1))
+    if mode == "max":
+        return np.asarray(excess.max(axis=1))
+    if mode == "r4":
+        centre = signature.coords["centre_range"].values
+        compensation = (centre.mean() / centre) ** 4
+        return np.asarray(compensation * excess.sum(axis=1).mean())
+    raise AnalysisError(f"normalisation {mode!r} is not known; allowed are sum, max and r4")

@@ -1,0 +1,157 @@
+"""Range-Doppler maps and the gated micro-Doppler signature (E-22 to E-27)."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core.errors import AnalysisError
+from doppelgait.core.labels import BASEBAND, RANGE_DOPPLER, SIGNATURE, check_signal, make_array, sampling_rate_hz
+from doppelgait.core.units import doppler_axis_hz, doppler_to_velocity_mps
+from doppelgait.processing.config import Analysis, Transform, plan_transform
+from doppelgait.processing.gate import gate_bins, gate_centre_m
+
+
+def plan_for(baseband: xr.DataArray, analysis: Analysis) -> tuple[Transform, float]:
+    """Transform of a baseband recording and its frame rate in Hz."""
+    check_signal(baseband, BASEBAND)
+    prf_hz = sampling_rate_hz(baseband.coords["slow_time"].values)
+    return plan_transform(analysis, n_pulses=baseband.sizes["slow_time"], prf_hz=prf_hz), prf_hz
+
+
+def range_doppler(
+    baseband: xr.DataArray, analysis: Analysis, *, wavelength_m: float, columns: npt.ArrayLike | None = None,
+    block: int = 64,
+) -> Iterator[xr.DataArray]:  # fmt: skip
+    """Range-Doppler maps of the recording, in blocks of time so that the whole cube never exists (E-24).
+
+    Parameters
+    ----------
+    baseband : DataArray (slow_time, range)
+    analysis : Analysis
+    wavelength_m : float
+        For the velocity axis.
+    columns : array_like of int, optional
+        Which columns (processing intervals); all by default.
+    block : int
+        Columns in one block.
+
+    Yields
+    ------
+    DataArray (time, doppler, range)
+        ``|sum_m w_m Y_{i+m-h,n} e^{-j 2 pi k m / K}|^2``, float32, V^2; divide by sum(w^2) for power per cell.
+    """
+    from scipy import fft
+
+    transform, prf_hz = plan_for(baseband, analysis)
+    wanted = np.arange(transform.n_columns) if columns is None else np.asarray(columns)
+    padded = _zero_pad(baseband.values, transform.half_window if analysis.zero_padded else 0)
+    window = transform.window.astype(np.float32)
+    doppler_hz = doppler_axis_hz(transform.n_doppler_bins, prf_hz)
+    offsets = np.arange(window.size)
+    for start in range(0, wanted.size, block):
+        part = wanted[start : start + block]
+        frames = padded[(part * transform.hop)[:, None] + offsets] * window[None, :, None]
+        spectrum = fft.fftshift(fft.fft(frames, transform.n_doppler_bins, axis=1), axes=1)
+        coords = {
+            "time": baseband.coords["slow_time"].values[0] + transform.centre_pulses()[part] / prf_hz,
+            "doppler": doppler_hz,
+            "velocity": ("doppler", doppler_to_velocity_mps(doppler_hz, wavelength_m)),
+            "range": baseband.coords["range"].values,
+        }
+        power = (spectrum.real**2 + spectrum.imag**2).astype(np.float32)
+        yield make_array(RANGE_DOPPLER, power, coords, {"window_energy": float((transform.window**2).sum())})
+
+
+def _zero_pad(values: npt.NDArray[Any], count: int) -> npt.NDArray[Any]:
+    return np.pad(values, ((count, count), (0, 0))) if count else values
+
+
+def signature(baseband: xr.DataArray, gate: xr.Dataset, analysis: Analysis, *, wavelength_m: float) -> xr.DataArray:
+    """Micro-Doppler signature mu: range-Doppler power summed over the gate (E-27).
+
+    Parameters
+    ----------
+    baseband : DataArray (slow_time, range)
+    gate : Dataset (time)
+        From :func:`doppelgait.processing.gate.make_gate` or a tracker.
+    analysis : Analysis
+    wavelength_m : float
+        For the velocity axis.
+
+    Returns
+    -------
+    DataArray (time, doppler)
+        float32, V^2; attributes hold the window energy sum(w^2), the number of gate bins N_g, hop, M and the gate's
+        source, so that levels and the noise floor can be computed from it alone.
+
+    Raises
+    ------
+    AnalysisError
+        If the gate lies outside the frame all the time.
+    """
+    from doppelgait.core.kernels.signature import gated_signature, stage_radices, twiddle_table
+
+    transform, prf_hz = plan_for(baseband, analysis)
+    time_s = baseband.coords["slow_time"].values[0] + transform.centre_pulses() / prf_hz
+    range_m = baseband.coords["range"].values
+    spacing_m = float((range_m[-1] - range_m[0]) / (range_m.size - 1))
+    first_bin, n_bins = gate_bins(gate, time_s, first_bin_m=float(range_m[0]), bin_spacing_m=spacing_m)
+    low, high = max(int(first_bin.min()), 0), min(int(first_bin.max()) + n_bins, range_m.size)
+    if low >= high:
+        raise AnalysisError(
+            f"the gate ({gate['range_low'].values.min():.2f} to {gate['range_high'].values.max():.2f} m) lies outside "
+            f"the frame of {range_m[0]:.2f} to {range_m[-1]:.2f} m: nothing to analyse"
+        )
+    used = np.ascontiguousarray(baseband.values[:, low:high].T)
+    out = np.empty((transform.n_columns, transform.n_doppler_bins), dtype=np.float32)
+    gated_signature(
+        np.ascontiguousarray(used.real), np.ascontiguousarray(used.imag), transform.first_pulse, transform.hop,
+        transform.window.astype(np.float32), first_bin - low, n_bins, stage_radices(transform.n_doppler_bins),
+        *twiddle_table(transform.n_doppler_bins), out,
+    )  # fmt: skip
+    return _label(out, time_s, prf_hz, gate, transform, n_bins, wavelength_m)
+
+
+def _label(
+    values: npt.NDArray[np.float32], time_s: npt.NDArray[np.float64], prf_hz: float, gate: xr.Dataset,
+    transform: Transform, n_bins: int, wavelength_m: float,
+) -> xr.DataArray:  # fmt: skip
+    doppler_hz = doppler_axis_hz(transform.n_doppler_bins, prf_hz)
+    _close_doppler_band(values, doppler_hz, time_s, gate)
+    coords = {
+        "time": time_s,
+        "doppler": doppler_hz,
+        "velocity": ("doppler", doppler_to_velocity_mps(doppler_hz, wavelength_m)),
+        "centre_range": ("time", gate_centre_m(gate, time_s), {"units": "m"}),
+    }
+    attrs = {
+        "prf_hz": prf_hz,
+        "wavelength_m": wavelength_m,
+        "cpi_pulses": transform.window.size,
+        "hop": transform.hop,
+        "window_energy": float((transform.window**2).sum()),
+        "n_gate_bins": n_bins,
+        "gate": json.dumps({key: _plain(gate.attrs[key]) for key in ("source", "span_m", "doppler_limited")}),
+    }
+    return make_array(SIGNATURE, values, coords, attrs)
+
+
+def _plain(value: Any) -> Any:
+    return value.item() if hasattr(value, "item") else value
+
+
+def _close_doppler_band(
+    values: npt.NDArray[np.float32], doppler_hz: npt.NDArray[np.float64], time_s: Any, gate: xr.Dataset
+) -> None:
+    if not gate.attrs["doppler_limited"]:
+        return
+    times = gate.coords["time"].values
+    low = np.interp(time_s, times, gate["doppler_low"].values)
+    high = np.interp(time_s, times, gate["doppler_high"].values)
+    values[(doppler_hz[None, :] < low[:, None]) | (doppler_hz[None, :] > high[:, None])] = 0.0

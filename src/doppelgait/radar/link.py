@@ -1,0 +1,61 @@
+"""Link budget: echo amplitude by the radar equation, and receiver noise."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.core.units import (
+    NOISE_DENSITY_W_PER_HZ,
+    REFERENCE_IMPEDANCE_OHM,
+    db_to_amplitude,
+    db_to_power,
+    dbm_to_watt,
+    watt_to_volt,
+)
+from doppelgait.radar.config import Radar
+
+MIN_RANGE_M = 0.2
+"""Ranges are taken as at least this in the radar equation, which is a far-field law (E-14)."""
+
+
+def received_power_w(radar: Radar, *, range_m: npt.ArrayLike, rcs_m2: npt.ArrayLike) -> Any:
+    """Peak power of an echo at the receiving antenna, by the radar equation (E-14).
+
+    Parameters
+    ----------
+    radar : Radar
+    range_m : array_like
+        Range R; below 0.2 m it is taken as 0.2 m.
+    rcs_m2 : array_like
+        Radar cross section sigma, broadcast against ``range_m``.
+
+    Returns
+    -------
+    ndarray
+        P_t G_t G_r lambda^2 sigma / ((4 pi)^3 R^4), W.
+    """
+    distance = np.maximum(np.asarray(range_m, dtype=float), MIN_RANGE_M)
+    gain = db_to_power(radar.tx_gain_dbi + radar.rx_gain_dbi)
+    constant = dbm_to_watt(radar.tx_power_dbm) * gain * radar.wavelength_m**2 / (4.0 * np.pi) ** 3
+    return constant * np.asarray(rcs_m2, dtype=float) / distance**4
+
+
+def echo_amplitude_v(
+    radar: Radar, *, range_m: npt.ArrayLike, rcs_m2: npt.ArrayLike, path_gain: npt.ArrayLike = 1.0
+) -> Any:
+    """Amplitude a = sqrt(2 Z0 P_r) 10^(G_rx/20) of an echo at the receiver output, V into 50 ohm (E-14).
+
+    ``path_gain`` is a further two-way power ratio (walls, antenna pattern).
+    """
+    power = received_power_w(radar, range_m=range_m, rcs_m2=np.asarray(rcs_m2) * np.asarray(path_gain))
+    return watt_to_volt(power) * db_to_amplitude(radar.receiver_gain_db)
+
+
+def noise_power_v2(radar: Radar) -> float:
+    """Mean square E|w|^2 of the complex receiver noise in one bin: 2 Z0 k T0 F B_n G_rx / N_eff, V^2 (E-18)."""
+    power = NOISE_DENSITY_W_PER_HZ * db_to_power(radar.noise_figure_db) * radar.receiver_bandwidth_hz
+    volts2 = 2.0 * REFERENCE_IMPEDANCE_OHM * power * db_to_power(radar.receiver_gain_db)
+    return float(volts2 / radar.averages_per_frame)

@@ -1,0 +1,1 @@
+"""Radar presets, one TOML file each, with the source of every value."""

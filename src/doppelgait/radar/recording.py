@@ -1,0 +1,92 @@
+"""A radar recording: baseband, the radar, and (simulated ones only) the truth about every target."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core.labels import BASEBAND, check_signal
+from doppelgait.core.units import velocity_to_doppler_hz
+from doppelgait.radar.config import Radar
+
+NAN = float("nan")
+
+
+@dataclass(frozen=True)
+class TargetTruth:
+    """What a simulation knows about one target.
+
+    Parameters
+    ----------
+    label : str
+        Class, ``""`` when none was given.
+    scatterers : Dataset (slow_time, scatterer)
+        Its rows of the scatterer table: range, radial velocity, aspect, radar cross section.
+    centre_range_m, centre_velocity_mps, centre_aspect_rad : ndarray, shape (I,)
+        Body centre: range, radial velocity (positive approaching), aspect angle psi.
+    ground_speed_mps : float
+        Mean speed over ground during the observation.
+    gait, subject, motion : str
+        Gait, person or animal, and the motion's source, where known.
+    height_m : float
+        Stature or withers height, NaN when unknown.
+    stride_frequency_hz, step_frequency_hz, gait_frequency_hz : float
+        Means over the observation, NaN when unknown (E-07).
+    """
+
+    label: str
+    scatterers: xr.Dataset
+    centre_range_m: npt.NDArray[np.float64]
+    centre_velocity_mps: npt.NDArray[np.float64]
+    centre_aspect_rad: npt.NDArray[np.float64]
+    ground_speed_mps: float = NAN
+    gait: str = ""
+    subject: str = ""
+    motion: str = ""
+    height_m: float = NAN
+    stride_frequency_hz: float = NAN
+    step_frequency_hz: float = NAN
+    gait_frequency_hz: float = NAN
+
+    def doppler_hz(self, wavelength_m: float) -> npt.NDArray[np.float64]:
+        """True Doppler shift of every scatterer, shape (I, L): 2 v_r / lambda (E-05)."""
+        values = velocity_to_doppler_hz(self.scatterers["radial_velocity"].values, wavelength_m)
+        return np.asarray(values, dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One recording.
+
+    Parameters
+    ----------
+    baseband : DataArray (slow_time, range)
+        complex64, V.
+    radar : Radar
+    truth : sequence of TargetTruth
+        Empty for measured recordings.
+    noise_power_v2 : float
+        Mean square of the receiver noise that was added; NaN when unknown.
+    snr_frame_db : float
+        Measured on separately kept signal and noise; inf without noise, NaN when unknown.
+    seed : int, optional
+        Seed of the run that made it.
+    source : str
+        File name, or how it was made.
+    """
+
+    baseband: xr.DataArray
+    radar: Radar
+    truth: Sequence[TargetTruth] = ()
+    noise_power_v2: float = NAN
+    snr_frame_db: float = NAN
+    seed: int | None = None
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        check_signal(self.baseband, BASEBAND)
+        object.__setattr__(self, "truth", tuple(self.truth))

@@ -1,0 +1,148 @@
+"""Radar recordings on disk: our own HDF5 form, readable with plain h5py."""
+
+from __future__ import annotations
+
+import json
+import os
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from doppelgait.core.config import canonical_json, validate
+from doppelgait.core.errors import ConfigError, RecordingError
+from doppelgait.core.labels import BASEBAND, SCATTERER_VARIABLES, make_array
+from doppelgait.radar.config import Radar
+from doppelgait.radar.recording import NAN, Recording, TargetTruth
+
+FORMAT = "doppelgait-recording"
+FORMAT_VERSION = 1
+
+UNIT_SUFFIX = {"m": "_m", "m/s": "_mps", "rad": "_rad", "m^2": "_m2", "1": ""}
+TRUTH_FACTS = (
+    "label", "gait", "subject", "motion", "ground_speed_mps", "height_m",
+    "stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz",
+)  # fmt: skip
+CENTRE_ARRAYS = ("centre_range_m", "centre_velocity_mps", "centre_aspect_rad")
+STORED_VARIABLES = ("range", "radial_velocity", "aspect", "rcs")
+
+
+def write_recording(recording: Recording, path: str | Path) -> None:
+    """Write a recording; the file appears complete or not at all.
+
+    Raises
+    ------
+    RecordingError
+        If it cannot be written (no folder, no right, disk full); an older file of that name is then untouched.
+    """
+    target = Path(path)
+    partial = target.with_name(target.name + ".partial")
+    try:
+        _write_hdf5(recording, partial)
+        os.replace(partial, target)
+    except OSError as error:
+        with suppress(OSError):
+            partial.unlink()
+        raise RecordingError(f"{target}: cannot be written: {error}") from None
+
+
+def _write_hdf5(recording: Recording, path: Path) -> None:
+    import h5py
+
+    with h5py.File(path, "w", track_order=True) as file:
+        file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION, radar=canonical_json(recording.radar))
+        file.attrs.update(noise_power_v2=recording.noise_power_v2, snr_frame_db=recording.snr_frame_db)
+        if recording.seed is not None:
+            file.attrs["seed"] = recording.seed
+        _put(file, "baseband", recording.baseband.values.astype("<c8"), "V")
+        _put(file, "slow_time_s", recording.baseband.coords["slow_time"].values, "s")
+        _put(file, "range_m", recording.baseband.coords["range"].values, "m")
+        for number, truth in enumerate(recording.truth):
+            _write_truth(file.create_group(f"truth/{number}", track_order=True), truth)
+
+
+def _put(group: Any, name: str, values: Any, units: str) -> None:
+    dataset = group.create_dataset(name, data=values, track_times=False)
+    dataset.attrs["units"] = units
+
+
+def _write_truth(group: Any, truth: TargetTruth) -> None:
+    for fact in TRUTH_FACTS:
+        group.attrs[fact] = getattr(truth, fact)
+    group.attrs["marker"] = json.dumps([str(m) for m in truth.scatterers.coords["marker"].values])
+    group.attrs["part"] = json.dumps([str(p) for p in truth.scatterers.coords["part"].values])
+    for name in CENTRE_ARRAYS:
+        _put(group, name, getattr(truth, name), {"m": "m", "mps": "m/s", "rad": "rad"}[name.rsplit("_", 1)[1]])
+    for name in STORED_VARIABLES:
+        units = SCATTERER_VARIABLES[name]
+        values = truth.scatterers[name].values
+        constant = name == "rcs" and bool((values == values[:1]).all())
+        _put(group, name + UNIT_SUFFIX[units], values[:1] if constant else values, units)
+
+
+def read_recording(path: str | Path) -> Recording:
+    """Read a recording written by :func:`write_recording`.
+
+    Raises
+    ------
+    RecordingError
+        If the file is missing, is not such a recording, or is damaged.
+    """
+    import h5py
+
+    if not Path(path).is_file():
+        raise RecordingError(f"{path}: no such file")
+    if not h5py.is_hdf5(path):
+        raise RecordingError(f"{path}: is not an HDF5 recording; readable are files written by 'doppelgait simulate'")
+    try:
+        with h5py.File(path, "r") as file:
+            return _read_hdf5(file, Path(path).name)
+    except (OSError, KeyError, ValueError, ConfigError) as error:
+        raise RecordingError(f"{path}: is damaged or not a doppelgait recording: {error}") from None
+
+
+def _read_hdf5(file: Any, source: str) -> Recording:
+    if file.attrs.get("format") != FORMAT:
+        raise ValueError(f"attribute format is {file.attrs.get('format')!r}, must be {FORMAT!r}")
+    if int(file.attrs["format_version"]) > FORMAT_VERSION:
+        raise ValueError(f"format_version is {file.attrs['format_version']}, this program reads up to {FORMAT_VERSION}")
+    radar = validate(Radar, json.loads(file.attrs["radar"]), where="radar")
+    coords = {"slow_time": file["slow_time_s"][:], "range": file["range_m"][:]}
+    baseband = make_array(BASEBAND, file["baseband"][:].astype(np.complex64), coords, {"radar": canonical_json(radar)})
+    numbers = sorted(file.get("truth", {}), key=int)
+    return Recording(
+        baseband=baseband,
+        radar=radar,
+        truth=[_read_truth(file[f"truth/{number}"], coords["slow_time"], int(number)) for number in numbers],
+        noise_power_v2=float(file.attrs.get("noise_power_v2", NAN)),
+        snr_frame_db=float(file.attrs.get("snr_frame_db", NAN)),
+        seed=int(file.attrs["seed"]) if "seed" in file.attrs else None,
+        source=source,
+    )
+
+
+def _read_truth(group: Any, slow_time_s: Any, number: int) -> TargetTruth:
+    parts, markers = (json.loads(group.attrs[key]) for key in ("part", "marker"))
+    shape = (len(slow_time_s), len(parts))
+    dims = ("slow_time", "scatterer")
+    values = {
+        name: np.broadcast_to(group[name + UNIT_SUFFIX[SCATTERER_VARIABLES[name]]][:], shape)
+        for name in STORED_VARIABLES
+    }
+    scatterers = xr.Dataset(
+        {name: (dims, array, {"units": SCATTERER_VARIABLES[name]}) for name, array in values.items()},
+        coords={
+            "slow_time": ("slow_time", slow_time_s, {"units": "s"}),
+            "target": ("scatterer", np.full(shape[1], number)),
+            "marker": ("scatterer", np.array(markers, dtype=object)),
+            "part": ("scatterer", np.array(parts, dtype=object)),
+        },
+    )
+    facts = {fact: _plain(group.attrs[fact]) for fact in TRUTH_FACTS}
+    return TargetTruth(scatterers=scatterers, **{name: group[name][:] for name in CENTRE_ARRAYS}, **facts)
+
+
+def _plain(value: Any) -> Any:
+    return str(value) if isinstance(value, str | bytes) else float(value)

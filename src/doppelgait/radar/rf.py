@@ -1,0 +1,91 @@
+"""The literal path: full-rate RF samples and digital down-conversion (E-16, E-17).
+
+Slow, and only for checking: :func:`doppelgait.radar.simulate.synthesise` gives the same baseband in closed form.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core.units import range_to_delay_s
+from doppelgait.radar.config import Radar
+from doppelgait.radar.simulate import label_baseband, scatterer_arrays
+
+FILTER_TAPS = 129
+FILTER_CUTOFF_HZ = 3.2e9
+FILTER_BETA = 9.5
+
+
+def sample_rf_frames(scatterers: xr.Dataset, radar: Radar, *, margin: int) -> npt.NDArray[np.float64]:
+    """Real samples of the received RF frames at the full sampling rate (E-16).
+
+    Parameters
+    ----------
+    scatterers : Dataset (slow_time, scatterer)
+    radar : Radar
+    margin : int
+        Samples before and after the frame, so that a filter has settled inside it.
+
+    Returns
+    -------
+    ndarray, shape (I, n_full + 2 margin)
+        ``sum_l a p(t - 2R/c) cos(2 pi f_c t + theta - 4 pi R / lambda)``, V.
+    """
+    n_full = (radar.n_range_bins - 1) * radar.decimation + 1
+    first_s = range_to_delay_s(radar.range_start_m) - margin / radar.sample_rate_hz
+    time_s = first_s + np.arange(n_full + 2 * margin) / radar.sample_rate_hz
+    range_m, amplitude_v = scatterer_arrays(scatterers, radar)
+    frames = np.zeros((range_m.shape[0], time_s.size))
+    for i in range(range_m.shape[0]):
+        delay_s = range_to_delay_s(range_m[i])[:, None]
+        phase = (
+            radar.transmit_phase_rad
+            - 4.0 * np.pi * np.mod(range_m[i], radar.wavelength_m)[:, None] / radar.wavelength_m
+        )
+        carrier = np.cos(2.0 * np.pi * radar.carrier_hz * time_s + phase)
+        pulse = np.exp(-0.5 * ((time_s - delay_s) / radar.sigma_s) ** 2)
+        frames[i] = (amplitude_v[i][:, None] * pulse * carrier).sum(axis=0)
+    return frames
+
+
+def low_pass_taps(radar: Radar) -> npt.NDArray[np.float64]:
+    """Symmetric Kaiser low-pass of the down-conversion: passes the pulse, stops the image at twice the carrier (E-17)."""
+    from scipy.signal import firwin
+
+    taps: npt.NDArray[np.float64] = firwin(
+        FILTER_TAPS, FILTER_CUTOFF_HZ, window=("kaiser", FILTER_BETA), fs=radar.sample_rate_hz
+    )
+    return taps
+
+
+def down_convert(frames: npt.NDArray[np.float64], radar: Radar, *, margin: int) -> npt.NDArray[np.complex128]:
+    """Complex baseband of real RF frames: mix with exp(-j 2 pi f_c t), low-pass, keep every D-th sample (E-17).
+
+    Parameters
+    ----------
+    frames : ndarray, shape (I, n_full + 2 margin)
+    radar : Radar
+    margin : int
+        As in :func:`sample_rf_frames`; at least half the filter's length.
+    """
+    from scipy.signal import oaconvolve
+
+    first_s = range_to_delay_s(radar.range_start_m) - margin / radar.sample_rate_hz
+    time_s = first_s + np.arange(frames.shape[1]) / radar.sample_rate_hz
+    mixed = 2.0 * frames * np.exp(-2j * np.pi * radar.carrier_hz * time_s)
+    filtered = oaconvolve(mixed, low_pass_taps(radar)[None, :], mode="same", axes=1)
+    stop = frames.shape[1] - margin
+    return np.asarray(filtered[:, margin : stop : radar.decimation])
+
+
+def synthesise_rf(scatterers: xr.Dataset, radar: Radar) -> xr.DataArray:
+    """Noise-free baseband by simulated RF sampling and real down-conversion: the oracle of the closed form.
+
+    Parameters and result as :func:`doppelgait.radar.simulate.synthesise`, complex128.
+    """
+    margin = FILTER_TAPS + int(np.ceil(5.5 * radar.sigma_s * radar.sample_rate_hz))
+    frames = sample_rf_frames(scatterers, radar, margin=margin)
+    values = down_convert(frames, radar, margin=margin)
+    return label_baseband(values, scatterers.coords["slow_time"].values, radar)

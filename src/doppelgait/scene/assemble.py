@@ -1,0 +1,122 @@
+"""Scene -> scatterer table at the radar's pulse times: ranges, radial velocities and aspects (E-03 to E-05)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core.labels import SCATTERER_VARIABLES
+from doppelgait.motion.retime import body_centre_m, resample
+from doppelgait.scene.rcs import scatterer_rcs_m2
+from doppelgait.scene.target import Scene, Target, placed_motion
+
+FloatArray = npt.NDArray[np.float64]
+
+ASPECT_MIN_SPEED_MPS = 0.05
+"""Below this speed a scatterer has no direction of motion, hence no aspect angle (E-04)."""
+
+
+@dataclass(frozen=True)
+class LineOfSight:
+    """Geometry of points seen from the radar; every array has the shape of the points' leading axes."""
+
+    range_m: FloatArray
+    radial_velocity_mps: FloatArray
+    aspect_rad: FloatArray
+    azimuth_rad: FloatArray
+    elevation_rad: FloatArray
+
+
+def line_of_sight(position_m: FloatArray, velocity_mps: FloatArray, radar_position_m: npt.ArrayLike) -> LineOfSight:
+    """Range, radial velocity and angles of moving points as seen from the radar.
+
+    Parameters
+    ----------
+    position_m, velocity_mps : ndarray, shape (..., 3)
+    radar_position_m : array_like, shape (3,)
+
+    Returns
+    -------
+    LineOfSight
+        Range R = |x - p| (E-03); radial velocity -dR/dt = -v . u, positive when approaching (E-04); aspect angle from
+        cos(psi) = -(v . u) / |v|, 0 = approaching, NaN below 0.05 m/s; azimuth from +x towards +y; elevation up.
+    """
+    sight = position_m - np.asarray(radar_position_m, dtype=float)
+    range_m = np.sqrt((sight**2).sum(axis=-1))
+    unit = sight / np.maximum(range_m, 1e-12)[..., None]
+    approach = -(velocity_mps * unit).sum(axis=-1)
+    speed = np.sqrt((velocity_mps**2).sum(axis=-1))
+    cosine = np.full_like(approach, np.nan)
+    np.divide(approach, speed, out=cosine, where=speed >= ASPECT_MIN_SPEED_MPS)
+    return LineOfSight(
+        range_m=range_m,
+        radial_velocity_mps=approach,
+        aspect_rad=np.arccos(np.clip(cosine, -1.0, 1.0)),
+        azimuth_rad=np.arctan2(sight[..., 1], sight[..., 0]),
+        elevation_rad=np.arcsin(np.clip(unit[..., 2], -1.0, 1.0)),
+    )
+
+
+def assemble(scene: Scene, slow_time_s: npt.ArrayLike) -> xr.Dataset:
+    """Scatterer table of all targets of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+    slow_time_s : array_like, shape (I,)
+        Pulse times from the start of the scene.
+
+    Returns
+    -------
+    Dataset (slow_time, scatterer)
+        The variables of :data:`doppelgait.core.labels.SCATTERER_VARIABLES`, with ``target`` (number), ``marker`` and
+        ``part`` of every scatterer.
+
+    Raises
+    ------
+    MotionError
+        If a motion does not cover the times.
+    """
+    times = np.asarray(slow_time_s, dtype=float)
+    tables = [_target_table(target, number, scene, times) for number, target in enumerate(scene.targets)]
+    if len(tables) == 1:
+        return tables[0]
+    return xr.concat(tables, dim="scatterer", combine_attrs="override")
+
+
+def _target_table(target: Target, number: int, scene: Scene, times: FloatArray) -> xr.Dataset:
+    motion = placed_motion(target, scene)
+    sight = line_of_sight(*resample(motion, times), scene.radar_position_m)
+    parts = [str(part) for part in motion.coords["part"].values]
+    rcs = scatterer_rcs_m2(target.rcs_spec, parts, float(motion.attrs["mass_kg"]))
+    shape = sight.range_m.shape
+    values = {
+        "range": sight.range_m,
+        "radial_velocity": sight.radial_velocity_mps,
+        "aspect": sight.aspect_rad,
+        "azimuth": sight.azimuth_rad,
+        "elevation": sight.elevation_rad,
+        "rcs": np.broadcast_to(rcs, shape),
+        "path_gain": np.broadcast_to(1.0, shape),
+    }
+    dims = ("slow_time", "scatterer")
+    return xr.Dataset(
+        {name: (dims, values[name], {"units": unit}) for name, unit in SCATTERER_VARIABLES.items()},
+        coords={
+            "slow_time": ("slow_time", times, {"units": "s"}),
+            "target": ("scatterer", np.full(len(parts), number)),
+            "marker": ("scatterer", motion.coords["marker"].values.astype(object)),
+            "part": ("scatterer", np.array(parts, dtype=object)),
+        },
+    )
+
+
+def body_track(target: Target, scene: Scene, slow_time_s: npt.ArrayLike) -> LineOfSight:
+    """Line of sight of the target's body centre at the pulse times, each array of shape (I,)."""
+    motion = placed_motion(target, scene)
+    centre = motion.isel(marker=[0]).copy(data=body_centre_m(motion)[:, None, :])
+    position_m, velocity_mps = resample(centre, slow_time_s)
+    return line_of_sight(position_m[:, 0], velocity_mps[:, 0], scene.radar_position_m)

@@ -1,0 +1,147 @@
+"""Targets and scenes: who moves where, seen from which radar position."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import cast
+
+import xarray as xr
+
+from doppelgait.core.errors import ConfigError
+from doppelgait.core.labels import MOTION, check_signal
+from doppelgait.motion.retime import ScalingMode, duration_s, place, scale_to_height, travel_speed_mps
+from doppelgait.scene.rcs import RcsSpec
+
+
+@dataclass(frozen=True)
+class Target:
+    """One mover of a scene.
+
+    Parameters
+    ----------
+    motion : DataArray (time, marker, space)
+        A cleaned recording or a model's motion.
+    label : str
+        Class of the target, for example ``"human"`` or ``"dog"``.
+    rcs : RcsSpec or str
+        Radar cross section; a string is its ``kind``.
+    height_m : float, optional
+        Scale the mover to this stature (people) or withers height (dogs); as recorded by default.
+    scaling : {"uniform", "froude", "z_only"}
+        How to scale (E-01).
+    range_m : float, optional
+        Ground range of the body centre from the radar at the middle of the observation; by default 5 m, or as much
+        more as keeps the closest approach at 2 m.
+    bearing_deg : float
+        Direction of that point as seen from the radar, from +x towards +y.
+    aspect_deg : float
+        Aspect angle psi between the walking direction and the direction to the radar there: 0 approaching,
+        180 receding, positive counter-clockwise.
+    start_position_m : (float, float), optional
+        Instead of range, bearing and aspect: ground position of the body centre at the start ...
+    heading_deg : float, optional
+        ... and direction of travel there, from +x towards +y.
+
+    Raises
+    ------
+    ConfigError
+        If only one of ``start_position_m`` and ``heading_deg`` is given, or both forms are mixed.
+    """
+
+    motion: xr.DataArray
+    label: str = ""
+    rcs: RcsSpec | str = field(default_factory=RcsSpec)
+    height_m: float | None = None
+    scaling: ScalingMode = "uniform"
+    range_m: float | None = None
+    bearing_deg: float = 0.0
+    aspect_deg: float = 0.0
+    start_position_m: tuple[float, float] | None = None
+    heading_deg: float | None = None
+
+    def __post_init__(self) -> None:
+        check_signal(self.motion, MOTION)
+        if isinstance(self.rcs, str):
+            object.__setattr__(self, "rcs", RcsSpec.model_validate({"kind": self.rcs}))
+        if (self.start_position_m is None) != (self.heading_deg is None):
+            raise ConfigError("start_position_m and heading_deg belong together: give both or neither")
+        relative = self.range_m is not None or self.bearing_deg != 0 or self.aspect_deg != 0
+        if self.start_position_m is not None and relative:
+            raise ConfigError("give either start_position_m and heading_deg, or range_m, bearing_deg and aspect_deg")
+        if self.range_m is not None and not self.range_m > 0:
+            raise ConfigError(f"range_m is {self.range_m}; it must be positive")
+
+    @property
+    def rcs_spec(self) -> RcsSpec:
+        """The radar cross section as a model, whichever way it was given."""
+        return cast(RcsSpec, self.rcs)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Targets and one radar position.
+
+    Parameters
+    ----------
+    targets : sequence of Target
+        One or more.
+    radar_position_m : (float, float, float)
+        Position of the radar, z up from the floor.
+    duration_s : float, optional
+        Observation time T_o; the shortest motion by default.
+
+    Raises
+    ------
+    ConfigError
+        If there is no target, or a motion is shorter than ``duration_s``.
+    """
+
+    targets: Sequence[Target]
+    radar_position_m: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    duration_s: float | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "targets", tuple(self.targets))
+        if not self.targets:
+            raise ConfigError("a scene needs at least one target")
+        for number, target in enumerate(self.targets):
+            lasts = duration_s(scaled_motion(target))
+            if self.duration_s is not None and lasts < self.duration_s - 1e-6:
+                raise ConfigError(
+                    f"targets.{number}: its motion ({target.motion.attrs['source']}) lasts {lasts:.3f} s, the scene "
+                    f"{self.duration_s} s; lower duration_s to {math.floor(lasts * 100) / 100} or less"
+                )
+
+    @property
+    def observation_s(self) -> float:
+        """Observation time: ``duration_s``, or the shortest motion."""
+        if self.duration_s is not None:
+            return self.duration_s
+        return min(duration_s(scaled_motion(target)) for target in self.targets)
+
+
+def scaled_motion(target: Target) -> xr.DataArray:
+    """The target's motion at its wanted height."""
+    if target.height_m is None:
+        return target.motion
+    return scale_to_height(target.motion, height_m=target.height_m, mode=target.scaling)
+
+
+def placed_motion(target: Target, scene: Scene) -> xr.DataArray:
+    """The target's motion, scaled, turned and moved to its place in the scene's world frame."""
+    motion = scaled_motion(target)
+    if target.start_position_m is not None and target.heading_deg is not None:
+        return place(motion, position_m=target.start_position_m, heading_deg=target.heading_deg, at_s=0.0)
+    middle_s = scene.observation_s / 2.0
+    range_m = target.range_m if target.range_m is not None else default_range_m(motion, scene.observation_s)
+    bearing = math.radians(target.bearing_deg)
+    x, y, _ = scene.radar_position_m
+    middle = (x + range_m * math.cos(bearing), y + range_m * math.sin(bearing))
+    return place(motion, position_m=middle, heading_deg=target.bearing_deg + 180.0 + target.aspect_deg, at_s=middle_s)
+
+
+def default_range_m(motion: xr.DataArray, observation_s: float) -> float:
+    """Ground range at mid-observation when none is asked for: 5 m, more if needed to stay 2 m away."""
+    return max(5.0, travel_speed_mps(motion) * observation_s / 2.0 + 2.0)
