@@ -16,7 +16,6 @@ _LAZY = {
     "Recording": "doppelgait.radar",
     "simulate": "doppelgait.pipeline",
     "analyze": "doppelgait.pipeline",
-    "run": "doppelgait.pipeline",
     "Analysis": "doppelgait.processing",
     "open_dataset": "doppelgait.dataset",
     "rng": "doppelgait.core.rng",

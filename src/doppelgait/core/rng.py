@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import zlib
+
 import numpy as np
 
 PURPOSES = ("plan", "motion", "scene", "noise", "gate", "impairments", "split")
@@ -13,7 +15,7 @@ def rng(seed: int) -> np.random.Generator:
     return np.random.default_rng(seed)
 
 
-def generator_for(root_seed: int, purpose: str, index: int) -> np.random.Generator:
+def generator_for(root_seed: int, purpose: str, index: int, key: str = "") -> np.random.Generator:
     """Independent generator of one purpose of one example.
 
     Parameters
@@ -24,11 +26,14 @@ def generator_for(root_seed: int, purpose: str, index: int) -> np.random.Generat
         One of :data:`PURPOSES`.
     index : int
         Number of the example, 0 or larger.
+    key : str
+        Further name, such as the dotted key of a drawn parameter: adding a parameter then shifts no other.
 
     Returns
     -------
     numpy.random.Generator
-        The same stream for the same three values, whatever else was drawn before or in whichever process.
+        The same stream for the same values, whatever else was drawn before or in whichever process.
     """
-    key = (PURPOSES.index(purpose), index)
-    return np.random.default_rng(np.random.SeedSequence(root_seed, spawn_key=key))
+    name = (zlib.crc32(key.encode()),) if key else ()
+    spawn_key = (PURPOSES.index(purpose), index, *name)
+    return np.random.default_rng(np.random.SeedSequence(root_seed, spawn_key=spawn_key))

@@ -43,6 +43,8 @@ class TargetResult:
     cadence_spectrum : DataArray (cadence)
     mean_doppler_spectrum : ndarray, shape (K,)
         D_1 of the normalised signature.
+    main_line_hz : ndarray, shape (J,)
+        Main Doppler line whose mean is ``torso_doppler_hz``.
     gate_limits : Dataset (time)
     """
 
@@ -59,6 +61,7 @@ class TargetResult:
     cadence_map: xr.DataArray
     cadence_spectrum: xr.DataArray
     mean_doppler_spectrum: npt.NDArray[np.float64]
+    main_line_hz: npt.NDArray[np.float64]
     gate_limits: xr.Dataset
 
 
@@ -144,7 +147,7 @@ def _standard_chain(mu: xr.DataArray, analysis: Analysis) -> tuple[Extraction, d
     floor_v2 = processing.noise_floor_v2(mu)
     normalised = processing.normalise(mu, floor_v2, mode=analysis.normalisation)
     seconds = processing.observation_s(mu)
-    straight = processing.main_line_hz(mu, order=1)
+    straight = processing.main_line_hz(mu, order=1, tapered=True)
     excess = mu.copy(data=mu.values - np.float32(floor_v2))
     aligned = normalised
     if processing.needs_alignment(mu):
@@ -164,7 +167,7 @@ def _standard_chain(mu: xr.DataArray, analysis: Analysis) -> tuple[Extraction, d
         cpi_s=analysis.cpi_s,
         window_steepness=analysis.window_steepness,
     )
-    return extraction, _arrays(normalised, step_doppler, spectrum)
+    return extraction, _arrays(normalised, step_doppler, spectrum, straight)
 
 
 def _liland_chain(mu: xr.DataArray, analysis: Analysis) -> tuple[Extraction, dict[str, Any]]:
@@ -180,13 +183,17 @@ def _liland_chain(mu: xr.DataArray, analysis: Analysis) -> tuple[Extraction, dic
         wavelength_m=float(mu.attrs["wavelength_m"]),
         threshold=analysis.bandwidth_threshold,
     )
-    return extraction, _arrays(normalised, step_doppler, spectrum)
+    line = np.full(mu.sizes["time"], extraction.torso_doppler_hz)
+    return extraction, _arrays(normalised, step_doppler, spectrum, line)
 
 
-def _arrays(normalised: xr.DataArray, step_doppler: xr.DataArray, spectrum: xr.DataArray) -> dict[str, Any]:
+def _arrays(
+    normalised: xr.DataArray, step_doppler: xr.DataArray, spectrum: xr.DataArray, line: npt.NDArray[np.float64]
+) -> dict[str, Any]:
     return {
         "normalised_signature": normalised,
         "cadence_map": step_doppler,
         "cadence_spectrum": spectrum,
         "mean_doppler_spectrum": processing.mean_doppler_spectrum(normalised),
+        "main_line_hz": line,
     }

@@ -13,7 +13,7 @@ from typing import Any
 import xarray as xr
 
 from doppelgait.core.config import canonical_json
-from doppelgait.core.errors import AnalysisError
+from doppelgait.core.errors import OutputError
 from doppelgait.pipeline.analyze import TargetResult
 from doppelgait.processing import Analysis
 from doppelgait.radar.recording import Recording
@@ -61,7 +61,7 @@ def write_results(path: str | Path, recording: Recording, results: Sequence[Targ
 
     Raises
     ------
-    AnalysisError
+    OutputError
         If it cannot be written; an older file of that name is then untouched.
     """
     target = Path(path)
@@ -72,7 +72,7 @@ def write_results(path: str | Path, recording: Recording, results: Sequence[Targ
     except OSError as error:
         with suppress(OSError):
             partial.unlink()
-        raise AnalysisError(f"{target}: cannot be written: {error}") from None
+        raise OutputError(f"{target}: cannot be written: {error}") from None
 
 
 def _write_hdf5(path: Path, recording: Recording, results: Sequence[TargetResult], analysis: Analysis) -> None:

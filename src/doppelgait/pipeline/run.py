@@ -47,6 +47,9 @@ class RunSpec(FrozenModel):
     noise : NoiseSpec
     analysis : Analysis
     seed : int
+        Root of all random streams.
+    example : int
+        Number of the example in a dataset; picks its streams.
     """
 
     scene: SceneSpec
@@ -55,6 +58,7 @@ class RunSpec(FrozenModel):
     noise: NoiseSpec = NoiseSpec()
     analysis: Analysis = Analysis()
     seed: int = Field(default=0, ge=0)
+    example: int = Field(default=0, ge=0)
 
 
 SECTIONS = ("seed", "duration_s", "radar_position_m", "radar", "targets", "noise", "analysis")
@@ -119,9 +123,9 @@ def run_simulation(spec: RunSpec, *, folder: Path | None = None) -> Recording:
     folder : Path, optional
         Folder that relative motion paths start from.
     """
-    scene = build_scene(spec.scene, folder=folder, rng=generator_for(spec.seed, "motion", 0))
+    scene = build_scene(spec.scene, folder=folder, rng=generator_for(spec.seed, "motion", spec.example))
     radar = with_lowest_prf(scene, spec.radar, cpi_s=spec.analysis.cpi_s) if spec.auto_prf else spec.radar
-    noise = None if spec.noise.kind == "none" else generator_for(spec.seed, "noise", 0)
+    noise = None if spec.noise.kind == "none" else generator_for(spec.seed, "noise", spec.example)
     snr_db = spec.noise.snr_db if spec.noise.kind == "snr" else None
     recording = simulate(scene, radar, rng=noise, snr_db=snr_db)
     return Recording(**{**vars(recording), "seed": spec.seed})

@@ -29,7 +29,7 @@ def column_peaks_hz(signature: xr.DataArray) -> FloatArray:
     return np.asarray(doppler_hz[best] + np.clip(offset, -0.5, 0.5) * (doppler_hz[1] - doppler_hz[0]))
 
 
-def main_line_hz(signature: xr.DataArray, *, order: int) -> FloatArray:
+def main_line_hz(signature: xr.DataArray, *, order: int, tapered: bool = False) -> FloatArray:
     """Robust polynomial through the strongest Doppler of every column (E-29, E-34).
 
     Parameters
@@ -37,6 +37,9 @@ def main_line_hz(signature: xr.DataArray, *, order: int) -> FloatArray:
     signature : DataArray (time, doppler)
     order : int
         Order of the Legendre polynomial, 0 or more.
+    tapered : bool
+        Weigh the columns with a parabola in time, 0 at both ends. The mean of the straight line is then what the slope
+        of a straight line fitted to the range would be, and steps that are cut off at the ends hardly bias it.
 
     Returns
     -------
@@ -48,11 +51,12 @@ def main_line_hz(signature: xr.DataArray, *, order: int) -> FloatArray:
     position = np.linspace(-1.0, 1.0, peaks.size)
     basis = np.polynomial.legendre.legvander(position, order)
     bin_hz = float(np.diff(signature.coords["doppler"].values[:2])[0])
+    taper = 1.0 - position**2 + 1e-3 if tapered else np.ones(peaks.size)
     line = np.full(peaks.size, np.median(peaks))
     for _ in range(ITERATIONS):
         residual = peaks - line
         scale = max(1.4826 * float(np.median(np.abs(residual))), bin_hz / 4.0)
-        root_weight = np.sqrt(1.0 / (1.0 + (residual / (CAUCHY_TUNING * scale)) ** 2))
+        root_weight = np.sqrt(taper / (1.0 + (residual / (CAUCHY_TUNING * scale)) ** 2))
         solution = np.linalg.lstsq(basis * root_weight[:, None], peaks * root_weight, rcond=None)[0]
         line = basis @ solution
     return np.asarray(line)

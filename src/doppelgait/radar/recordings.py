@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from doppelgait.core.config import canonical_json, validate
-from doppelgait.core.errors import ConfigError, RecordingError
+from doppelgait.core.errors import ConfigError, OutputError, RecordingError
 from doppelgait.core.labels import BASEBAND, SCATTERER_VARIABLES, make_array
 from doppelgait.radar.config import Radar
 from doppelgait.radar.recording import NAN, Recording, TargetTruth
@@ -34,7 +34,7 @@ def write_recording(recording: Recording, path: str | Path) -> None:
 
     Raises
     ------
-    RecordingError
+    OutputError
         If it cannot be written (no folder, no right, disk full); an older file of that name is then untouched.
     """
     target = Path(path)
@@ -45,7 +45,7 @@ def write_recording(recording: Recording, path: str | Path) -> None:
     except OSError as error:
         with suppress(OSError):
             partial.unlink()
-        raise RecordingError(f"{target}: cannot be written: {error}") from None
+        raise OutputError(f"{target}: cannot be written: {error}") from None
 
 
 def _write_hdf5(recording: Recording, path: Path) -> None:

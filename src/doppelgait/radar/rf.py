@@ -51,7 +51,7 @@ def sample_rf_frames(scatterers: xr.Dataset, radar: Radar, *, margin: int) -> np
 
 
 def low_pass_taps(radar: Radar) -> npt.NDArray[np.float64]:
-    """Symmetric Kaiser low-pass of the down-conversion: passes the pulse, stops the image at twice the carrier (E-17)."""
+    """Symmetric Kaiser low-pass that passes the pulse and stops the image at twice the carrier (E-17)."""
     from scipy.signal import firwin
 
     taps: npt.NDArray[np.float64] = firwin(

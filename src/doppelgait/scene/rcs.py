@@ -32,6 +32,16 @@ PART_WEIGHTS = {
 }  # fmt: skip
 """Share of the total by body part (E-08 for people; assumed for dogs, by area); normalised over the parts present."""
 
+HEIRS = {
+    f"{side}_{part}": f"{side}_{heir}"
+    for side in ("left", "right")
+    for part, heir in (
+        ("forearm", "hand"), ("hand", "forearm"), ("foot", "shank"), ("shank", "foot"),
+        ("fore_paw", "fore_lower"), ("fore_lower", "fore_paw"), ("hind_paw", "hind_lower"), ("hind_lower", "hind_paw"),
+    )
+} | {"neck": "head", "tail": "trunk"}  # fmt: skip
+"""Part that takes the share of one that has no point of its own."""
+
 
 class RcsSpec(FrozenModel):
     """How a target's radar cross section is split over its scatterers.
@@ -70,7 +80,11 @@ def part_weights(parts: Sequence[str]) -> npt.NDArray[np.float64]:
     if not known.any():
         raise ConfigError("rcs kind 'body_parts' needs points with known body parts; use 'equal'")
     counts = {part: sum(p == part for p in parts) for part in set(parts)}
-    weights = np.array([PART_WEIGHTS[p] / counts[p] if p in PART_WEIGHTS else 0.0 for p in parts])
+    shares = {part: PART_WEIGHTS.get(part, 0.0) for part in counts}
+    for part, heir in HEIRS.items():
+        if part not in counts and heir in counts:
+            shares[heir] += PART_WEIGHTS[part]
+    weights = np.array([shares[p] / counts[p] for p in parts])
     weights[~known] = weights[known].mean()
     return np.asarray(weights / weights.sum(), dtype=np.float64)
 

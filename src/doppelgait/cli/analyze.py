@@ -1,0 +1,73 @@
+"""``doppelgait analyze``: recording -> signature, step-Doppler map and features."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from doppelgait.cli.output import check_output, number, print_json, print_table, say
+
+if TYPE_CHECKING:
+    from doppelgait.pipeline import TargetResult
+
+
+def analyze(
+    recording: Annotated[Path, typer.Argument(help="Recording, .h5.")],
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Results to write, .h5.")] = None,
+    gate: Annotated[str, typer.Option("--gate", help="Where the targets are: track or truth.")] = "track",
+    method: Annotated[str, typer.Option("--method", help="standard, or liland2018 for the report's own.")] = "standard",
+    changes: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="Change an analysis parameter, for example cpi_s=0.15; repeatable."),
+    ] = None,
+    figures: Annotated[Path | None, typer.Option("--figures", help="Folder to draw figures into.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Analyse a recording: micro-Doppler signature, step-Doppler map and six gait features per target.
+
+    Example: doppelgait analyze walk.h5 --gate truth -o result.h5 --figures figures
+    """
+    from doppelgait.core.config import apply_overrides, validate
+    from doppelgait.pipeline import analysis_as_dict, write_results
+    from doppelgait.pipeline import analyze as run_analysis
+    from doppelgait.processing import Analysis
+    from doppelgait.radar import read_recording
+
+    if output is not None:
+        check_output(output, ".h5")
+    settings = validate(Analysis, apply_overrides({"method": method}, changes or []), where="analysis")
+    loaded = read_recording(recording)
+    results = run_analysis(loaded, gate=gate, analysis=settings)  # type: ignore[arg-type]
+    if output is not None:
+        write_results(output, loaded, results, settings)
+    if figures is not None:
+        from doppelgait.cli.figures import draw_all
+
+        for path in draw_all(loaded, results, settings, figures):
+            say(f"figure: {path}")
+    if as_json:
+        print_json(analysis_as_dict(loaded, results))
+    else:
+        print_features(results)
+
+
+def print_features(results: Sequence[TargetResult]) -> None:
+    """Feature table, one column a target, with flags."""
+    from doppelgait.features import FEATURE_UNITS
+
+    names = [f"{n}: {r.label or 'target'}" for n, r in enumerate(results)]
+    values = [
+        {**r.features.as_dict(), "gait_frequency_hz": r.gait_frequency_hz, "n_periods": r.n_periods} for r in results
+    ]
+    units = {**FEATURE_UNITS, "gait_frequency_hz": "Hz", "n_periods": "1"}
+    rows = [
+        {"feature": key, "unit": unit, **{name: number(v[key]) for name, v in zip(names, values, strict=True)}}
+        for key, unit in units.items()
+    ]
+    print_table(rows)
+    for name, result in zip(names, results, strict=True):
+        if result.flags:
+            print(f"{name} flags: {', '.join(result.flags)}")

@@ -1,0 +1,64 @@
+"""The command ``doppelgait`` and its error handling. Heavy imports happen inside the commands."""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated
+
+import typer
+
+from doppelgait import __version__
+from doppelgait.cli import analyze, dataset, demo, motion, radar, simulate
+from doppelgait.cli.output import say, show_warnings_plainly
+from doppelgait.core.errors import DoppelgaitError
+
+app = typer.Typer(
+    name="doppelgait",
+    help="Labelled micro-Doppler radar data of people and dogs, from motion capture or gait models.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.add_typer(motion.app, name="motion")
+app.add_typer(dataset.app, name="dataset")
+app.add_typer(radar.app, name="radar")
+app.command("simulate")(simulate.simulate)
+app.command("analyze")(analyze.analyze)
+app.command("demo")(demo.demo)
+
+_debug = False
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        print(__version__)
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version.", callback=_print_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Take the options that hold for every command."""
+    global _debug
+    _debug = debug
+
+
+def main() -> None:
+    """Run the command; a user's mistake is one paragraph on standard error and exit status 2 (1 if the work failed)."""
+    show_warnings_plainly()
+    try:
+        app()
+    except DoppelgaitError as error:
+        if _debug:
+            raise
+        say(f"error: {error}")
+        sys.exit(error.exit_code)
+    except BrokenPipeError:
+        sys.stderr.close()
+        sys.exit(1)

@@ -1,0 +1,114 @@
+"""The figures of one recording and its results: what ``analyze --figures`` and ``demo`` draw."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from doppelgait import viz
+from doppelgait.core.errors import OutputError
+from doppelgait.pipeline import TargetResult
+from doppelgait.processing import Analysis, range_doppler
+from doppelgait.radar import Recording
+
+
+def draw_all(recording: Recording, results: Sequence[TargetResult], analysis: Analysis, folder: Path) -> Iterator[Path]:
+    """Draw every figure into a folder; yields each path when it is written.
+
+    Raises
+    ------
+    OutputError
+        If the folder or a file cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be made: {error}") from None
+    for name, figure in _figures(recording, results, analysis):
+        path = folder / f"{name}.png"
+        viz.save_figure(figure, path)
+        yield path
+
+
+def _figures(recording: Recording, results: Sequence[TargetResult], analysis: Analysis) -> Iterator[tuple[str, object]]:
+    names = {_name(number, result): result.gate_limits for number, result in enumerate(results)}
+    yield "range-time", viz.range_time(recording.baseband, tracks=names)
+    for number, result in enumerate(results):
+        prefix = _name(number, result).replace(" ", "-")
+        yield (
+            f"{prefix}-overview",
+            viz.overview(
+                recording.baseband,
+                signature=result.signature,
+                cadence_map=result.cadence_map,
+                cadence_spectrum=result.cadence_spectrum,
+                features=result.features.as_dict(),
+                gate={_name(number, result): result.gate_limits},
+                main_line_hz=result.main_line_hz,
+                gait_frequency_hz=result.gait_frequency_hz,
+                amplitude=analysis.method == "liland2018",
+                flags=result.flags,
+                title=_name(number, result),
+            ),
+        )
+        yield from _target_figures(prefix, recording, result, analysis)
+        if number < len(recording.truth):
+            yield from _truth_figures(prefix, recording, number, result)
+
+
+def _name(number: int, result: TargetResult) -> str:
+    return f"{number} {result.label or 'target'}"
+
+
+def _target_figures(
+    prefix: str, recording: Recording, result: TargetResult, analysis: Analysis
+) -> Iterator[tuple[str, object]]:
+    wavelength_m = recording.radar.wavelength_m
+    middle = result.signature.sizes["time"] // 2
+    cube = next(iter(range_doppler(recording.baseband, analysis, wavelength_m=wavelength_m, columns=[middle])))
+    yield f"{prefix}-range-doppler", viz.range_doppler_map(cube.isel(time=0), gate=result.gate_limits)
+    yield f"{prefix}-signature", viz.signature(result.signature)
+    yield (
+        f"{prefix}-signature-normalised",
+        viz.signature_normalisation(result.signature, normalised=result.normalised_signature),
+    )
+    yield f"{prefix}-step-doppler", viz.step_doppler(result.cadence_map, gait_frequency_hz=result.gait_frequency_hz)
+    yield (
+        f"{prefix}-cadence-spectrum",
+        viz.cadence_spectrum(
+            result.cadence_spectrum,
+            gait_frequency_hz=result.gait_frequency_hz,
+            harmonics_hz=_harmonics_hz(result),
+            amplitude=analysis.method == "liland2018",
+        ),
+    )
+    yield (
+        f"{prefix}-mean-doppler",
+        viz.mean_doppler_spectrum(
+            result.mean_doppler_spectrum,
+            doppler_hz=result.signature.coords["doppler"].values,
+            wavelength_m=wavelength_m,
+            torso_doppler_hz=result.torso_doppler_hz,
+            bandwidth_hz=result.features.doppler_bandwidth_hz,
+        ),
+    )
+
+
+def _harmonics_hz(result: TargetResult) -> list[float | None]:
+    if result.gait_frequency_hz is None:
+        return []
+    ratios = (result.features.harmonic_ratio_2, result.features.harmonic_ratio_3)
+    return [None if ratio is None else ratio * result.gait_frequency_hz for ratio in ratios]
+
+
+def _truth_figures(
+    prefix: str, recording: Recording, number: int, result: TargetResult
+) -> Iterator[tuple[str, object]]:
+    scatterers = recording.truth[number].scatterers
+    yield f"{prefix}-truth-range", viz.range_lines(scatterers)
+    yield f"{prefix}-truth-doppler", viz.doppler_lines(scatterers, wavelength_m=recording.radar.wavelength_m)
+    truth = viz.scatterer_doppler(scatterers, wavelength_m=recording.radar.wavelength_m)
+    yield (
+        f"{prefix}-signature-truth",
+        viz.signature(result.signature, truth_doppler=truth, main_line_hz=result.main_line_hz),
+    )

@@ -1,0 +1,85 @@
+"""``doppelgait motion``: look at motion recordings and convert them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from doppelgait.cli.output import check_output, print_json, print_table, say
+
+app = typer.Typer(help="Look at motion recordings and convert them.", no_args_is_help=True, rich_markup_mode=None)
+
+Start = Annotated[float | None, typer.Option("--start", help="Use the file from this time on, s.")]
+Stop = Annotated[float | None, typer.Option("--stop", help="Use the file up to this time, s.")]
+Options = Annotated[
+    list[str] | None,
+    typer.Option("--set", help="Reader option KEY=VALUE, such as units=mm, up_axis=y, rate_hz=200, subject=Jim."),
+]
+
+
+def _read(path: Path, start: float | None, stop: float | None, options: list[str] | None) -> Any:
+    from doppelgait.core.config import apply_overrides
+    from doppelgait.motion.readers import read
+
+    return read(path, start_s=start, stop_s=stop, **apply_overrides({}, options or []))
+
+
+@app.command("info")
+def info(
+    file: Annotated[Path, typer.Argument(help="Motion recording.")],
+    start: Start = None,
+    stop: Stop = None,
+    options: Options = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Say what was read: rate, units, axes, points kept and dropped, gaps, height, speed, stride.
+
+    Example: doppelgait motion info 07_01.c3d
+    """
+    from doppelgait.motion.describe import describe_motion
+
+    facts = describe_motion(_read(file, start, stop, options))
+    if as_json:
+        print_json(facts)
+        return
+    print_table([{"fact": key, "value": _plain(value)} for key, value in facts.items()])
+
+
+def _plain(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, list):
+        return ", ".join(map(str, value)) if len(value) <= 12 else f"{len(value)} of them"
+    if isinstance(value, dict):
+        return "; ".join(f"{key}: {_plain(inner)}" for key, inner in value.items()) or "-"
+    return "-" if value in (None, "") else str(value)
+
+
+@app.command("convert")
+def convert(
+    file: Annotated[Path, typer.Argument(help="Motion recording.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Table to write, .csv.")],
+    start: Start = None,
+    stop: Stop = None,
+    options: Options = None,
+) -> None:
+    """Write the cleaned motion as a table: time_s, then x, y, z in m of every point.
+
+    Example: doppelgait motion convert 07_01.c3d -o walk.csv
+    """
+    import pandas as pd
+
+    from doppelgait.core.errors import OutputError
+
+    check_output(output, ".csv")
+    motion = _read(file, start, stop, options)
+    names = [f"{marker}_{axis}_m" for marker in motion.coords["marker"].values for axis in "xyz"]
+    table = pd.DataFrame(motion.values.reshape(motion.sizes["time"], -1), columns=names)
+    table.insert(0, "time_s", motion.coords["time"].values)
+    try:
+        table.to_csv(output, index=False, float_format="%.9g")
+    except OSError as error:
+        raise OutputError(f"{output}: cannot be written: {error}") from None
+    say(f"{output}: {len(table)} frames of {motion.sizes['marker']} points")

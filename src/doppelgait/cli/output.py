@@ -1,0 +1,115 @@
+"""How commands speak: JSON, tables, progress, warnings and errors."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from doppelgait.core.errors import ConfigError, DoppelgaitWarning
+
+
+def print_json(document: Any) -> None:
+    """One JSON document on standard output."""
+    print(json.dumps(document, indent=2, allow_nan=False))
+
+
+def say(text: str) -> None:
+    """A line for people, on standard error."""
+    print(text, file=sys.stderr)
+
+
+def print_table(rows: Sequence[Mapping[str, Any]]) -> None:
+    """Aligned table on standard output; columns in the order of the first row."""
+    if not rows:
+        return
+    names = list(rows[0])
+    cells = [names, *[["" if row.get(n) is None else str(row.get(n)) for n in names] for row in rows]]
+    widths = [max(len(line[i]) for line in cells) for i in range(len(names))]
+    for line in cells:
+        print("  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip())
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """A number for people; ``-`` for None."""
+    return "-" if value is None else f"{value:.{digits}g}" if abs(value) >= 1e4 else f"{value:.{digits}f}"
+
+
+def show_warnings_plainly() -> None:
+    """Warnings of doppelgait as one line each, without file and line of the source."""
+    usual = warnings.showwarning
+
+    def show(message: Any, category: Any, *rest: Any, **more: Any) -> None:
+        if isinstance(category, type) and issubclass(category, DoppelgaitWarning):
+            say(f"warning: {message}")
+        else:
+            usual(message, category, *rest, **more)
+
+    warnings.showwarning = show
+    warnings.simplefilter("always", DoppelgaitWarning)
+
+
+@contextmanager
+def progress(what: str, *, quiet: bool = False) -> Iterator[Callable[[int, int], None] | None]:
+    """Progress of long work as ``on_progress(done, total)``: a bar on a terminal, plain lines elsewhere."""
+    if quiet:
+        yield None
+    elif sys.stderr.isatty():
+        with _bar(what) as advance:
+            yield advance
+    else:
+        yield _lines(what)
+
+
+@contextmanager
+def _bar(what: str) -> Iterator[Callable[[int, int], None]]:
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]}"),
+        TimeRemainingColumn(),
+    )
+    began = time.monotonic()
+    with Progress(*columns, console=Console(stderr=True)) as bar:
+        task = bar.add_task(what, total=None, rate="")
+
+        def advance(done: int, total: int) -> None:
+            rate = done / max(time.monotonic() - began, 1e-9)
+            bar.update(task, completed=done, total=total, rate=f"{rate:.1f}/s")
+
+        yield advance
+
+
+def _lines(what: str) -> Callable[[int, int], None]:
+    began = time.monotonic()
+    last_tenth = 0
+
+    def advance(done: int, total: int) -> None:
+        nonlocal last_tenth
+        tenth = 10 * done // max(total, 1)
+        if tenth == last_tenth:
+            return
+        last_tenth = tenth
+        seconds = time.monotonic() - began
+        left = seconds / done * (total - done)
+        say(f"{what}: {done} of {total}, {done / max(seconds, 1e-9):.1f} per second, {left:.0f} s left")
+
+    return advance
+
+
+def check_output(path: Path, suffix: str) -> Path:
+    """Path of a file to write; wrong ending or missing folder is an error before any work is done."""
+    if path.suffix.lower() != suffix:
+        raise ConfigError(f"-o {path}: must end in {suffix}")
+    if not path.resolve().parent.is_dir():
+        raise ConfigError(f"-o {path}: the folder {path.parent} does not exist; make it first")
+    return path

@@ -1,0 +1,1 @@
+"""Built-in dataset plans, one TOML file each."""

@@ -1,0 +1,279 @@
+"""A walking person: the model of Boulic et al. 1990 in the form of Chen 2011, 17 points.
+
+The equations are those of the two publications with the units made consistent: relative lengths are in
+units of the leg length L = 0.491 H, so that a person of stature H at speed V has q = V/L, a stride of
+1.346 sqrt(q) L and a stride time of 1.346 / sqrt(q) s.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+from pydantic import Field, model_validator
+
+from doppelgait.core.config import FrozenModel, validate
+from doppelgait.motion.models.boulic_curves import (
+    TOP_RELATIVE_SPEED,
+    OffsetSigns,
+    body_offset,
+    check_relative_speed,
+    cycle_duration_s,
+    limb_angles_deg,
+    trunk_angles_deg,
+)
+from doppelgait.motion.models.registry import MOTION_MODELS, MotionModel
+from doppelgait.motion.models.strides import (
+    footfall_times_s,
+    mean_stride_frequency_hz,
+    phase_at,
+    sample_times_s,
+    stride_clock,
+)
+from doppelgait.motion.schema import make_motion
+from doppelgait.motion.skeleton import BOULIC_PARTS
+
+FloatArray = npt.NDArray[np.float64]
+Form = Literal["consistent", "pendulum", "chen2011"]
+
+LENGTHS = {
+    "head": 0.130, "half_shoulder": 0.1295, "torso": 0.288, "half_hip": 0.0955, "thigh": 0.245,
+    "shank": 0.246, "foot": 0.143, "upper_arm": 0.188, "forearm": 0.152,
+}  # fmt: skip
+"""Segment lengths as fractions of the stature."""
+LEG_LENGTH = LENGTHS["thigh"] + LENGTHS["shank"]
+
+POINTS = tuple(BOULIC_PARTS)
+"""Names of the points in the published order."""
+
+_FEET = [n for n, name in enumerate(POINTS) if name.endswith(("ankle", "toe"))]
+_SIGNS: dict[Form, OffsetSigns] = {
+    "consistent": "continuous",
+    "pendulum": "pendulum",
+    "chen2011": "published",
+}
+_WHOLE_CYCLE = np.arange(1000) / 1000
+_BODY_MASS_INDEX = 23.0
+
+
+class BoulicConfig(FrozenModel):
+    """Parameters of :func:`boulic_walk`."""
+
+    speed_mps: float = Field(1.2, gt=0)
+    height_m: float = Field(1.75, ge=0.6, le=2.4)
+    form: Form = "consistent"
+    start_phase: float = Field(0.0, ge=0, lt=1)
+    stride_variation: float = Field(0.0, ge=0, le=0.1)
+    rate_hz: float = Field(250.0, ge=50, le=10_000)
+
+    @model_validator(mode="after")
+    def _speed_fits_the_leg(self) -> BoulicConfig:
+        top_mps = TOP_RELATIVE_SPEED * LEG_LENGTH * self.height_m
+        if self.speed_mps > top_mps * (1 + 1e-9):
+            raise ValueError(
+                f"speed_mps: {self.speed_mps:g} is not allowed: a walker of height_m = {self.height_m:g} "
+                f"goes above 0 and at most {top_mps:.3g} m/s (3 leg lengths per second)"
+            )
+        return self
+
+
+def boulic_walk(
+    *,
+    speed_mps: float = 1.2,
+    height_m: float = 1.75,
+    duration_s: float = 5.0,
+    form: Form = "consistent",
+    start_phase: float = 0.0,
+    stride_variation: float = 0.0,
+    rate_hz: float = 250.0,
+    rng: np.random.Generator | None = None,
+) -> xr.DataArray:
+    """Walking person after Boulic et al. 1990; Chen 2011.
+
+    Parameters
+    ----------
+    speed_mps : float
+        Mean forward speed V, above 0 and at most 3 leg lengths per second (2.58 m/s at 1.75 m).
+    height_m : float
+        Stature H, 0.6 to 2.4. The figure itself, without foot height, is 0.909 H high.
+    duration_s : float
+        Time to cover; the last frame is at or just after it.
+    form : str
+        ``"consistent"``: all lengths in units of the leg length. ``"pendulum"``: the same with the fore-aft
+        sway turned over, fastest in double support. ``"chen2011"``: as the published program, with body
+        offsets in metres and an advance of 1.346 sqrt(q) metres per cycle: it then moves at q = V/L metres
+        per second, not at V.
+    start_phase : float
+        Cycles, 0 (right foot lands) to below 1.
+    stride_variation : float
+        Standard deviation of the stride time relative to its mean, 0 to 0.1; healthy adults 0.02. The
+        advance per stride stays, so that the speed varies with it.
+    rate_hz : float
+        Frames per second, 50 to 10000.
+    rng : numpy.random.Generator, optional
+        Needed when ``stride_variation`` is above 0.
+
+    Returns
+    -------
+    xarray.DataArray
+        Motion (time, marker, space) of :data:`POINTS`: travels along +x from x = 0, the lowest foot point of
+        the cycle on z = 0.
+
+    Raises
+    ------
+    ConfigError
+        If a parameter is outside its range.
+    """
+    values = {
+        "speed_mps": speed_mps, "height_m": height_m, "form": form, "start_phase": start_phase,
+        "stride_variation": stride_variation, "rate_hz": rate_hz,
+    }  # fmt: skip
+    return _generate(validate(BoulicConfig, values, where="boulic_walk"), duration_s, rng)
+
+
+def _generate(config: BoulicConfig, duration_s: float, rng: np.random.Generator | None) -> xr.DataArray:
+    leg_m = LEG_LENGTH * config.height_m
+    q = config.speed_mps / leg_m
+    scale_m = 1.0 if config.form == "chen2011" else leg_m
+    times_s = sample_times_s(duration_s, config.rate_hz)
+    clock = stride_clock(
+        times_s[-1],
+        period_s=cycle_duration_s(q),
+        start_phase=config.start_phase,
+        variation=config.stride_variation,
+        rng=rng,
+    )
+    phase = phase_at(clock, times_s)
+    points, lowest_m = _over_the_floor(phase, q, config, scale_m)
+    points[:, :, 0] += (1.346 * math.sqrt(q) * scale_m * (phase - phase[0]))[:, None]
+    points[:, :, 2] -= lowest_m
+    facts = _facts(config, mean_stride_frequency_hz(times_s, phase))
+    facts["footfalls"] = footfall_times_s(clock, {"left_foot": 0.5, "right_foot": 0.0}, times_s[-1])
+    parts = list(BOULIC_PARTS.values())
+    return make_motion(points, rate_hz=config.rate_hz, markers=POINTS, parts=parts, facts=facts)
+
+
+def _over_the_floor(phase: FloatArray, q: float, config: BoulicConfig, scale_m: float) -> tuple[FloatArray, float]:
+    """Points in place at the given phases, and the lowest height of any foot point over a whole cycle."""
+    both = np.concatenate([_WHOLE_CYCLE, phase])
+    signs = _SIGNS[config.form]
+    points = boulic_points(both, q, config.height_m, offset_scale_m=scale_m, offset_signs=signs)
+    return points[_WHOLE_CYCLE.size :], float(points[: _WHOLE_CYCLE.size, _FEET, 2].min())
+
+
+def _facts(config: BoulicConfig, stride_frequency_hz: float) -> dict[str, object]:
+    return {
+        "source": "boulic", "kind": "boulic", "species": "human", "gait": "walk", "height_m": config.height_m,
+        "mass_kg": _BODY_MASS_INDEX * config.height_m**2,
+        "stride_frequency_hz": stride_frequency_hz,
+        "step_frequency_hz": 2 * stride_frequency_hz,
+        "gait_frequency_hz": 2 * stride_frequency_hz,
+        "report": {"mass_kg": "assumed: body mass index 23 kg/m^2"},
+    }  # fmt: skip
+
+
+def boulic_points(
+    phase: npt.ArrayLike,
+    relative_speed: float,
+    height_m: float,
+    *,
+    offset_scale_m: float,
+    offset_signs: OffsetSigns = "continuous",
+) -> FloatArray:
+    """Points of the walker in place, without forward motion (Boulic et al. 1990; Chen 2011).
+
+    Parameters
+    ----------
+    phase : array_like, shape (n,)
+        Cycles; 0 is initial contact of the right leg. Any real number.
+    relative_speed : float
+        q = V/L in 1/s, 0 < q <= 3.
+    height_m : float
+        Stature H.
+    offset_scale_m : float
+        Length k that the body offsets are in units of: L to be consistent, 1 m in the published program.
+    offset_signs : str
+        See :func:`doppelgait.motion.models.boulic_curves.body_offset`.
+
+    Returns
+    -------
+    ndarray, shape (n, 17, 3)
+        Metres in the order of :data:`POINTS`; origin at the base of the spine of the average posture.
+
+    Raises
+    ------
+    ConfigError
+        If ``relative_speed`` is outside its range.
+    """
+    q = check_relative_speed(relative_speed)
+    p = np.atleast_1d(np.asarray(phase, dtype=float))
+    trunk = {name: np.radians(angle) for name, angle in trunk_angles_deg(p, q).items()}
+    limbs = {name: np.radians(angle) for name, angle in limb_angles_deg(np.stack([p + 0.5, p]), q).items()}
+    size = {name: fraction * height_m for name, fraction in LENGTHS.items()}
+    lower, upper = {"base": np.zeros((p.size, 3))}, _spine(p.size, size)
+    for row, (side, sigma) in enumerate((("left", 1.0), ("right", -1.0))):
+        angle = {name: both[row] for name, both in limbs.items()}
+        lower |= {f"{side}_{name}": xyz for name, xyz in _leg(angle, sigma, size).items()}
+        upper |= {f"{side}_{name}": xyz for name, xyz in _arm(angle, sigma, size).items()}
+    halves = _turn_pelvis(_columns(lower), trunk), _turn_upper_body(_columns(upper), trunk)
+    order = [[*lower, *upper].index(name) for name in POINTS]
+    offset_m = offset_scale_m * body_offset(p, q, signs=offset_signs)
+    return np.asarray(np.concatenate(halves, axis=1)[:, order] + offset_m[:, None])
+
+
+def _columns(points: dict[str, FloatArray]) -> FloatArray:
+    return np.stack(list(points.values()), axis=1)
+
+
+def _spine(count: int, size: dict[str, float]) -> dict[str, FloatArray]:
+    up = np.array([0.0, 0.0, 1.0])
+    return {
+        "neck": np.tile(size["torso"] * up, (count, 1)),
+        "head": np.tile((size["torso"] + size["head"]) * up, (count, 1)),
+    }
+
+
+def _leg(angle: dict[str, FloatArray], sigma: float, size: dict[str, float]) -> dict[str, FloatArray]:
+    shank = angle["hip"] - angle["knee"]
+    # The foot is a rod at right angles to the shank when the ankle is at zero.
+    foot = shank + angle["ankle"] + np.pi / 2
+    hip = np.tile([0.0, sigma * size["half_hip"], 0.0], (shank.size, 1))
+    knee = hip + size["thigh"] * _hanging(angle["hip"])
+    ankle = knee + size["shank"] * _hanging(shank)
+    return {"hip": hip, "knee": knee, "ankle": ankle, "toe": ankle + size["foot"] * _hanging(foot)}
+
+
+def _arm(angle: dict[str, FloatArray], sigma: float, size: dict[str, float]) -> dict[str, FloatArray]:
+    forearm = angle["shoulder"] + angle["elbow"]
+    shoulder = np.tile([0.0, sigma * size["half_shoulder"], size["torso"]], (forearm.size, 1))
+    elbow = shoulder + size["upper_arm"] * _hanging(angle["shoulder"])
+    return {"shoulder": shoulder, "elbow": elbow, "hand": elbow + size["forearm"] * _hanging(forearm)}
+
+
+def _hanging(angle_rad: FloatArray) -> FloatArray:
+    """Unit vectors that hang straight down at angle 0 and swing forward with it, shape (n, 3)."""
+    return np.stack([np.sin(angle_rad), np.zeros_like(angle_rad), -np.cos(angle_rad)], axis=-1)
+
+
+def _turn_pelvis(xyz: FloatArray, trunk: dict[str, FloatArray]) -> FloatArray:
+    return _rotate(_rotate(xyz, trunk["pelvic_list"], axis=0), -trunk["pelvic_torsion"], axis=2)
+
+
+def _turn_upper_body(xyz: FloatArray, trunk: dict[str, FloatArray]) -> FloatArray:
+    return _rotate(_rotate(xyz, -trunk["trunk_pitch"], axis=1), -trunk["thorax_torsion"], axis=2)
+
+
+def _rotate(xyz: FloatArray, angle_rad: FloatArray, *, axis: int) -> FloatArray:
+    """Right-handed rotation of points (n, k, 3) about a coordinate axis through the origin by n angles."""
+    first, second = (axis + 1) % 3, (axis + 2) % 3
+    cosine, sine = np.cos(angle_rad)[:, None], np.sin(angle_rad)[:, None]
+    turned = xyz.copy()
+    turned[..., first] = cosine * xyz[..., first] - sine * xyz[..., second]
+    turned[..., second] = sine * xyz[..., first] + cosine * xyz[..., second]
+    return turned
+
+
+MOTION_MODELS.add("boulic", MotionModel(BoulicConfig, _generate))

@@ -1,0 +1,312 @@
+"""Movers with known answers: a point at constant velocity, a pendulum, a rotor, a breathing person."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+from pydantic import Field, model_validator
+
+from doppelgait.core.config import FrozenModel, validate
+from doppelgait.motion.models.registry import MOTION_MODELS, MotionModel
+from doppelgait.motion.models.strides import sample_times_s
+from doppelgait.motion.schema import make_motion
+
+FloatArray = npt.NDArray[np.float64]
+Plane = Literal["xy", "xz", "yz"]
+
+
+class PointConfig(FrozenModel):
+    """Parameters of :func:`moving_point`."""
+
+    speed_mps: float = Field(1.0, ge=0, le=1000)
+    height_m: float = Field(1.0, ge=0, le=1000)
+    rate_hz: float = Field(250.0, ge=1, le=100_000)
+
+
+class PendulumConfig(FrozenModel):
+    """Parameters of :func:`pendulum`."""
+
+    length_m: float = Field(0.8, gt=0, le=100)
+    amplitude_deg: float = Field(30.0, ge=0, le=180)
+    frequency_hz: float = Field(1.0, gt=0, le=100)
+    pivot_height_m: float = Field(1.0, ge=0, le=1000)
+    rate_hz: float = Field(250.0, ge=1, le=100_000)
+
+    @model_validator(mode="after")
+    def _stays_above_the_floor(self) -> PendulumConfig:
+        if self.pivot_height_m < self.length_m:
+            raise ValueError(
+                f"pivot_height_m: {self.pivot_height_m:g} is not allowed: the pendulum would swing through the "
+                f"floor; must be at least length_m = {self.length_m:g}"
+            )
+        return self
+
+
+class RotorConfig(FrozenModel):
+    """Parameters of :func:`rotor`."""
+
+    radius_m: float = Field(0.3, gt=0, le=100)
+    rotation_hz: float = Field(2.0, gt=0, le=1000)
+    blades: int = Field(2, ge=1, le=64)
+    plane: Plane = "xz"
+    hub_height_m: float = Field(1.0, ge=0, le=1000)
+    rate_hz: float = Field(250.0, ge=1, le=100_000)
+
+    @model_validator(mode="after")
+    def _stays_above_the_floor(self) -> RotorConfig:
+        if self.plane != "xy" and self.hub_height_m < self.radius_m:
+            raise ValueError(
+                f"hub_height_m: {self.hub_height_m:g} is not allowed: the blades would turn through the floor; "
+                f"must be at least radius_m = {self.radius_m:g}"
+            )
+        return self
+
+
+class BreathingConfig(FrozenModel):
+    """Parameters of :func:`breathing_person`."""
+
+    height_m: float = Field(1.75, ge=0.4, le=2.4)
+    breathing_hz: float = Field(0.25, gt=0, le=2)
+    amplitude_m: float = Field(0.005, ge=0, le=0.05)
+    rate_hz: float = Field(250.0, ge=1, le=10_000)
+
+
+def moving_point(
+    *, speed_mps: float = 1.0, height_m: float = 1.0, duration_s: float = 5.0, rate_hz: float = 250.0
+) -> xr.DataArray:
+    """One point on a straight line: x = V t at a constant height.
+
+    Parameters
+    ----------
+    speed_mps : float
+        Speed V along +x, 0 (a point at rest) to 1000.
+    height_m : float
+        Height above the floor, 0 to 1000.
+    duration_s : float
+        Time to cover.
+    rate_hz : float
+        Frames per second.
+
+    Returns
+    -------
+    xarray.DataArray
+        Motion of one point, ``"point"``.
+
+    Raises
+    ------
+    ConfigError
+        If a parameter is outside its range.
+    """
+    values = {"speed_mps": speed_mps, "height_m": height_m, "rate_hz": rate_hz}
+    return _point(validate(PointConfig, values, where="moving_point"), duration_s)
+
+
+def pendulum(
+    *,
+    length_m: float = 0.8,
+    amplitude_deg: float = 30.0,
+    frequency_hz: float = 1.0,
+    pivot_height_m: float = 1.0,
+    duration_s: float = 5.0,
+    rate_hz: float = 250.0,
+) -> xr.DataArray:
+    """One point that swings in x under a pivot above x = 0, with the angle a sin(2 pi f t) forward of the vertical.
+
+    The frequency is given, not that of free fall. The highest speed is 2 pi f a l, at the lowest point.
+
+    Parameters
+    ----------
+    length_m : float
+        Length l, above 0.
+    amplitude_deg : float
+        Largest angle a, 0 to 180 degrees.
+    frequency_hz : float
+        Swings per second f, to and fro, above 0.
+    pivot_height_m : float
+        Height of the pivot, at least the length.
+    duration_s : float
+        Time to cover.
+    rate_hz : float
+        Frames per second.
+
+    Returns
+    -------
+    xarray.DataArray
+        Motion of one point, ``"bob"``.
+
+    Raises
+    ------
+    ConfigError
+        If a parameter is outside its range.
+    """
+    values = {
+        "length_m": length_m, "amplitude_deg": amplitude_deg, "frequency_hz": frequency_hz,
+        "pivot_height_m": pivot_height_m, "rate_hz": rate_hz,
+    }  # fmt: skip
+    return _pendulum(validate(PendulumConfig, values, where="pendulum"), duration_s)
+
+
+def rotor(
+    *,
+    radius_m: float = 0.3,
+    rotation_hz: float = 2.0,
+    blades: int = 2,
+    plane: Plane = "xz",
+    hub_height_m: float = 1.0,
+    duration_s: float = 5.0,
+    rate_hz: float = 250.0,
+) -> xr.DataArray:
+    """A hub at rest above x = 0 and the tips of blades that turn about it at constant rate.
+
+    Blade k is at the angle 2 pi (rotation_hz t + k / blades), from the plane's first axis to its second. The highest
+    speed is 2 pi rotation_hz radius_m; a signature repeats blades times per turn.
+
+    Parameters
+    ----------
+    radius_m : float
+        Distance of the tips from the hub, above 0.
+    rotation_hz : float
+        Turns per second, above 0.
+    blades : int
+        Number of blades, 1 to 64.
+    plane : str
+        ``"xy"`` (level), ``"xz"`` or ``"yz"``.
+    hub_height_m : float
+        Height of the hub; at least the radius unless level.
+    duration_s : float
+        Time to cover.
+    rate_hz : float
+        Frames per second.
+
+    Returns
+    -------
+    xarray.DataArray
+        Motion of the points ``"hub"``, ``"blade_1"``, ...
+
+    Raises
+    ------
+    ConfigError
+        If a parameter is outside its range.
+    """
+    values = {
+        "radius_m": radius_m, "rotation_hz": rotation_hz, "blades": blades, "plane": plane,
+        "hub_height_m": hub_height_m, "rate_hz": rate_hz,
+    }  # fmt: skip
+    return _rotor(validate(RotorConfig, values, where="rotor"), duration_s)
+
+
+def breathing_person(
+    *,
+    height_m: float = 1.75,
+    breathing_hz: float = 0.25,
+    amplitude_m: float = 0.005,
+    duration_s: float = 20.0,
+    rate_hz: float = 250.0,
+) -> xr.DataArray:
+    """Head and torso of a person who stands still, facing +x, and breathes: the chest moves as a sin(2 pi f t) in x.
+
+    Parameters
+    ----------
+    height_m : float
+        Stature, 0.4 to 2.4.
+    breathing_hz : float
+        Breaths per second f, above 0 to 2.
+    amplitude_m : float
+        Amplitude a of the two chest points, 0 to 0.05; the abdomen moves half as far (assumed), all else not at all.
+    duration_s : float
+        Time to cover.
+    rate_hz : float
+        Frames per second.
+
+    Returns
+    -------
+    xarray.DataArray
+        Motion of six points.
+
+    Raises
+    ------
+    ConfigError
+        If a parameter is outside its range.
+    """
+    values = {
+        "height_m": height_m, "breathing_hz": breathing_hz, "amplitude_m": amplitude_m, "rate_hz": rate_hz,
+    }  # fmt: skip
+    return _breathing(validate(BreathingConfig, values, where="breathing_person"), duration_s)
+
+
+def _point(config: PointConfig, duration_s: float, rng: np.random.Generator | None = None) -> xr.DataArray:
+    times_s = sample_times_s(duration_s, config.rate_hz)
+    xyz = _xyz(config.speed_mps * times_s, 0.0, config.height_m)
+    return _motion("point", {"point": xyz}, config.rate_hz)
+
+
+def _pendulum(config: PendulumConfig, duration_s: float, rng: np.random.Generator | None = None) -> xr.DataArray:
+    times_s = sample_times_s(duration_s, config.rate_hz)
+    angle = np.radians(config.amplitude_deg) * np.sin(2 * np.pi * config.frequency_hz * times_s)
+    x, z = config.length_m * np.sin(angle), config.pivot_height_m - config.length_m * np.cos(angle)
+    return _motion("pendulum", {"bob": _xyz(x, 0.0, z)}, config.rate_hz, gait_frequency_hz=config.frequency_hz)
+
+
+def _rotor(config: RotorConfig, duration_s: float, rng: np.random.Generator | None = None) -> xr.DataArray:
+    times_s = sample_times_s(duration_s, config.rate_hz)
+    points = {"hub": _xyz(np.zeros_like(times_s), 0.0, config.hub_height_m)}
+    first, second = ("xyz".index(axis) for axis in config.plane)
+    for blade in range(config.blades):
+        angle = 2 * np.pi * (config.rotation_hz * times_s + blade / config.blades)
+        tip = points["hub"].copy()
+        tip[:, first] += config.radius_m * np.cos(angle)
+        tip[:, second] += config.radius_m * np.sin(angle)
+        points[f"blade_{blade + 1}"] = tip
+    return _motion("rotor", points, config.rate_hz, gait_frequency_hz=config.blades * config.rotation_hz)
+
+
+_STANDING = {
+    "head": ("head", 0.0, 0.0, 0.93, 0.0),
+    "neck": ("torso", 0.0, 0.0, 0.82, 0.0),
+    "left_chest": ("torso", 0.06, 0.06, 0.73, 1.0),
+    "right_chest": ("torso", 0.06, -0.06, 0.73, 1.0),
+    "abdomen": ("torso", 0.06, 0.0, 0.60, 0.5),
+    "pelvis": ("torso", 0.0, 0.0, 0.53, 0.0),
+}
+"""Part, place as fractions of the stature (x, y, z), and share of the chest's motion; assumed proportions."""
+
+
+def _breathing(config: BreathingConfig, duration_s: float, rng: np.random.Generator | None = None) -> xr.DataArray:
+    times_s = sample_times_s(duration_s, config.rate_hz)
+    chest_m = config.amplitude_m * np.sin(2 * np.pi * config.breathing_hz * times_s)
+    size_m = config.height_m
+    points = {
+        name: _xyz(x * size_m + share * chest_m, y * size_m, z * size_m)
+        for name, (_, x, y, z, share) in _STANDING.items()
+    }
+    return _motion(
+        "breathing", points, config.rate_hz, parts=[row[0] for row in _STANDING.values()],
+        species="human", gait="stand", height_m=size_m, mass_kg=23.0 * size_m**2,
+        gait_frequency_hz=config.breathing_hz,
+        report={"mass_kg": "assumed: body mass index 23 kg/m^2", "proportions": "assumed"},
+    )  # fmt: skip
+
+
+def _xyz(x: FloatArray, y: float, z: FloatArray | float) -> FloatArray:
+    return np.stack([x, np.full_like(x, y), np.broadcast_to(z, x.shape)], axis=1)
+
+
+def _motion(
+    kind: str, points: dict[str, FloatArray], rate_hz: float, *, parts: list[str] | None = None, **facts: object
+) -> xr.DataArray:
+    return make_motion(
+        np.stack(list(points.values()), axis=1),
+        rate_hz=rate_hz,
+        markers=list(points),
+        parts=parts or [""] * len(points),
+        facts={"source": kind, "kind": kind, **facts},
+    )
+
+
+MOTION_MODELS.add("point", MotionModel(PointConfig, _point))
+MOTION_MODELS.add("pendulum", MotionModel(PendulumConfig, _pendulum))
+MOTION_MODELS.add("rotor", MotionModel(RotorConfig, _rotor))
+MOTION_MODELS.add("breathing", MotionModel(BreathingConfig, _breathing))

@@ -1,0 +1,224 @@
+"""Trunk, neck, tail and limbs of a dog: from the paths of trunk and paws to all points.
+
+Lengths are in units of the hip height h; x forward, y left, z up. Proportions are those of one measured dog and of
+breed standards, assumed for all dogs.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.core.errors import ConfigError
+from doppelgait.motion.models.quadruped_gaits import Extremes, Gait, paw_path
+
+FloatArray = npt.NDArray[np.float64]
+Points = dict[str, FloatArray]
+
+FEMUR, TIBIA, METATARSUS = 0.42, 0.47, 0.28
+SCAPULA, HUMERUS, FOREARM, MANUS = 0.36, 0.40, 0.47, 0.19
+NECK, SKULL, TAIL = 0.37, 0.45, 0.63
+
+GIRDLE_X, HIP_Z, SCAPULA_Z = 0.52, 1.0, 1.19
+TRUNK_Z = (HIP_Z + SCAPULA_Z) / 2
+HIP_Y, SCAPULA_Y, TRACK_Y = 0.125, 0.14, 0.12
+"""Half widths: hips, tops of the scapulae, paws."""
+TRUNK_POINTS = {
+    "neck_base": (0.62, 1.12),
+    "withers": (0.42, 1.25),
+    "chest": (0.40, 0.68),
+    "back": (-0.05, 1.21),
+    "belly": (-0.10, 0.80),
+    "rump": (-0.56, 1.20),
+    "tail_base": (-0.70, 1.08),
+}
+"""Points fixed to the trunk in the median plane: (x, height) when the dog stands."""
+NECK_DEG, SKULL_DEG, TAIL_DEG = 42.0, -22.0, -35.0
+"""Mean elevation above the horizontal of neck and skull, and of the tail behind the dog."""
+
+STRETCH = 0.965
+"""A limb is never straighter than this share of its full length; the trunk is lowered until that holds."""
+LIMBS = tuple((side, end) for end in ("fore", "hind") for side in ("left", "right"))
+
+
+def two_link(start: FloatArray, end: FloatArray, first: float, second: float, *, bend: float) -> FloatArray:
+    """Middle joint of two links from ``start`` to ``end``, shape (n, 3).
+
+    Parameters
+    ----------
+    start, end : ndarray, shape (n, 3)
+        Ends of the chain, no farther apart than its length and no closer than the difference of the links.
+    first, second : float
+        Lengths of the links.
+    bend : float
+        +1: the joint points forward, -1: backward, seen down the chain.
+    """
+    line = end - start
+    distance = np.linalg.norm(line, axis=1, keepdims=True)
+    along = (distance**2 + first**2 - second**2) / (2 * distance)
+    aside = np.sqrt(np.maximum(first**2 - along**2, 0.0))
+    # The bend lies in the plane of the limb and of the direction of travel: across the chain, not sideways.
+    across = np.stack([-line[:, 2], np.zeros(len(line)), line[:, 0]], axis=1)
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    return np.asarray(start + line / distance * along + bend * across * aside)
+
+
+def elevation_rad(cycles: FloatArray, extremes_deg: Extremes, duty: float) -> FloatArray:
+    """Elevation of a segment, in half cosines between its lowest and highest value; cycles after touchdown."""
+    (low_at, low), (high_at, high) = extremes_deg
+    since_low = np.mod(cycles - duty - low_at * (1 - duty), 1.0)
+    rise = (high_at - low_at) * (1 - duty)
+    wave = np.where(
+        since_low < rise, -np.cos(np.pi * since_low / rise), np.cos(np.pi * (since_low - rise) / (1 - rise))
+    )
+    return np.radians((low + high) / 2 + (high - low) / 2 * wave)
+
+
+def hanging(angle_rad: FloatArray) -> FloatArray:
+    """Unit vectors that point down at angle 0 and swing forward with it, shape (n, 3)."""
+    return np.stack([np.sin(angle_rad), np.zeros_like(angle_rad), -np.cos(angle_rad)], axis=-1)
+
+
+def trunk_motion(phase: FloatArray, gait: Gait) -> tuple[FloatArray, FloatArray]:
+    """Offset of the trunk's centre from uniform motion at standing height, (n, 3), and pitch in rad, (n,).
+
+    Each girdle heaves as the gait says; pitch, positive nose up, is what the two heaves make of it.
+    """
+
+    def wave(zero: float) -> FloatArray:
+        return np.asarray(np.cos(2 * np.pi * gait.harmonic * (phase - zero)))
+
+    hind, fore = (-g.heave * wave(g.lowest) for g in (gait.hind, gait.fore))
+    rate = 2 * np.pi * gait.harmonic
+    surge = gait.surge * np.sin(rate * (phase - gait.surge_fastest))
+    sway = gait.sway * np.cos(2 * np.pi * (phase - gait.hind.lowest))
+    return np.stack([surge, sway, (hind + fore) / 2], axis=1), np.arcsin((fore - hind) / (2 * GIRDLE_X))
+
+
+def on_trunk(x: float, y: float, height: float, centre: FloatArray, pitch: FloatArray) -> FloatArray:
+    """Path of a point fixed to the trunk, given where it is when the dog stands with its trunk's middle at x = 0."""
+    z = height - TRUNK_Z
+    cosine, sine = np.cos(pitch), np.sin(pitch)
+    offset = np.stack([x * cosine - z * sine, np.full_like(pitch, y), TRUNK_Z + x * sine + z * cosine], axis=1)
+    return np.asarray(centre + offset)
+
+
+def paws(phase: FloatArray, gait: Gait, stride: float, duty: dict[str, float]) -> Points:
+    """Path of each paw over the ground, the trunk's mean position being ``stride`` times the phase."""
+    result = {}
+    for side, end in LIMBS:
+        girdle, touchdown = getattr(gait, end), gait.touchdown[f"{side}_{end}"]
+        advance, height = paw_path(phase - touchdown, girdle, duty[end])
+        middle = girdle.reach + (GIRDLE_X if end == "fore" else -GIRDLE_X)
+        x = middle + stride * (touchdown + duty[end] / 2 + advance)
+        y = np.full_like(phase, TRACK_Y if side == "left" else -TRACK_Y)
+        result[f"{side}_{end}_paw"] = np.stack([x, y, height], axis=1)
+    return result
+
+
+def limb_ends(phase: FloatArray, gait: Gait, stride: float, duty: dict[str, float]) -> Points:
+    """Paw, carpus or hock, and the joint at the trunk of all limbs, with the trunk at standing height."""
+    centre, pitch = trunk_motion(phase, gait)
+    centre[:, 0] += stride * phase
+    result = paws(phase, gait, stride, duty)
+    for side, end in LIMBS:
+        sign = 1.0 if side == "left" else -1.0
+        cycles, paw = phase - gait.touchdown[f"{side}_{end}"], result[f"{side}_{end}_paw"]
+        foot = hanging(elevation_rad(cycles, getattr(gait, end).foot_deg, duty[end]))
+        if end == "hind":
+            result[f"{side}_hock"] = paw - METATARSUS * foot
+            result[f"{side}_hip"] = on_trunk(-GIRDLE_X, sign * HIP_Y, HIP_Z, centre, pitch)
+        else:
+            result[f"{side}_carpus"] = paw - MANUS * foot
+            top = on_trunk(GIRDLE_X, sign * SCAPULA_Y, SCAPULA_Z, centre, pitch)
+            result[f"{side}_shoulder"] = top + SCAPULA * hanging(elevation_rad(cycles, gait.scapula_deg, duty[end]))
+    return result
+
+
+def crouch(gait: Gait, stride: float, duty: dict[str, float]) -> float:
+    """How far the trunk must be lowered so that every limb reaches its paw all through the stride.
+
+    Raises
+    ------
+    ConfigError
+        If no height does: a step too long for the limb, or a limb folded beyond what its joints allow.
+    """
+    ends = limb_ends(np.arange(720) / 720, gait, stride, duty)
+    chains = [(f"{side}_hip", f"{side}_hock", FEMUR, TIBIA) for side in ("left", "right")]
+    chains += [(f"{side}_shoulder", f"{side}_carpus", HUMERUS, FOREARM) for side in ("left", "right")]
+    lower, folded = 0.0, []
+    for top, bottom, first, second in chains:
+        line = ends[top] - ends[bottom]
+        room = (STRETCH * (first + second)) ** 2 - line[:, 0] ** 2 - line[:, 1] ** 2
+        if room.min() <= 0:
+            raise ConfigError(f"the step is too long for the limb: {top} to {bottom}")
+        lower = max(lower, float((line[:, 2] - np.sqrt(room)).max()))
+        folded.append((line, abs(first - second)))
+    if any((np.hypot(line[:, 0], line[:, 2] - lower) <= 1.05 * least).any() for line, least in folded):
+        raise ConfigError("the limb would have to fold up completely")
+    return lower
+
+
+def all_points(
+    phase: FloatArray,
+    gait: Gait,
+    *,
+    stride: float,
+    duty: dict[str, float],
+    lowered: float,
+    wag_rad: FloatArray,
+) -> Points:
+    """All points of the dog by name, each (n, 3), in units of h; trunk's middle at ``stride`` times the phase.
+
+    Parameters
+    ----------
+    phase : ndarray, shape (n,)
+        Strides.
+    gait : Gait
+        What it does.
+    stride : float
+        Stride length.
+    duty : dict
+        Duty factor of ``"hind"`` and ``"fore"`` paws.
+    lowered : float
+        See :func:`crouch`.
+    wag_rad : ndarray, shape (n,)
+        Angle of the tail to the left.
+    """
+    centre, pitch = trunk_motion(phase, gait)
+    centre += np.stack([stride * phase, np.zeros_like(phase), np.full_like(phase, -lowered)], axis=1)
+    points = {name: on_trunk(x, 0.0, z, centre, pitch) for name, (x, z) in TRUNK_POINTS.items()}
+    points |= _head(points["neck_base"], phase, gait) | _tail(points["tail_base"], wag_rad)
+    ends = limb_ends(phase, gait, stride, duty)
+    for name in [name for name in ends if name.endswith(("hip", "shoulder"))]:
+        ends[name] = ends[name] - [0.0, 0.0, lowered]
+    for side in ("left", "right"):
+        hip, hock, shoulder, carpus = (ends[f"{side}_{p}"] for p in ("hip", "hock", "shoulder", "carpus"))
+        ends[f"{side}_elbow"] = two_link(shoulder, carpus, HUMERUS, FOREARM, bend=-1.0)
+        ends[f"{side}_knee"] = two_link(hip, hock, FEMUR, TIBIA, bend=1.0)
+    return points | ends
+
+
+def _head(neck_base: FloatArray, phase: FloatArray, gait: Gait) -> Points:
+    swing = np.cos(2 * np.pi * gait.harmonic * (phase - gait.neck_highest))
+    elevation = np.radians(NECK_DEG + gait.neck_deg * swing)
+    along = np.stack([np.cos(elevation), np.zeros_like(elevation), np.sin(elevation)], axis=1)
+    skull = math.radians(SKULL_DEG)
+    head = neck_base + NECK * along
+    nose = head + SKULL * np.array([math.cos(skull), 0.0, math.sin(skull)])
+    return {"neck": neck_base + NECK / 2 * along, "head": head, "nose": nose}
+
+
+def _tail(base: FloatArray, wag_rad: FloatArray) -> Points:
+    drop = math.radians(TAIL_DEG)
+    back = np.stack(
+        [
+            -math.cos(drop) * np.cos(wag_rad),
+            math.cos(drop) * np.sin(wag_rad),
+            np.full_like(wag_rad, math.sin(drop)),
+        ],
+        axis=1,
+    )
+    return {"tail_middle": base + TAIL / 2 * back, "tail_tip": base + TAIL * back}

@@ -1,0 +1,256 @@
+import itertools
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+from doppelgait.core.errors import ConfigError
+from doppelgait.motion.models import MOTION_MODELS, BoulicConfig, boulic_points, boulic_walk
+from doppelgait.motion.models.boulic import LEG_LENGTH, LENGTHS, POINTS
+from doppelgait.motion.models.boulic_curves import (
+    body_offset,
+    cycle_duration_s,
+    joint_knots,
+    limb_angles_deg,
+    pelvic_list_deg,
+    support_fraction,
+    trunk_angles_deg,
+)
+from doppelgait.motion.skeleton import HUMAN_PARTS
+
+PHASE = np.arange(1000) / 1000
+SPEEDS = (0.25, 0.5, 0.9, 1.3, 1.31, 2.0, 3.0)
+INDEX = {name: n for n, name in enumerate(POINTS)}
+
+
+def velocity(q, height_m, phase, name, **options):
+    """Exact forward speed of a point, m/s: central difference of the closed form over two millionths of a cycle."""
+    leg_m, step = LEG_LENGTH * height_m, 1e-6
+    ahead, behind = (
+        boulic_points(phase + d, q, height_m, offset_scale_m=leg_m, **options)[:, INDEX[name], 0] for d in (step, -step)
+    )
+    return q * leg_m + (ahead - behind) / (2 * step * cycle_duration_s(q))
+
+
+def test_point_names_and_parts():
+    walk = boulic_walk(duration_s=0.1)
+    assert list(walk.marker.values) == [
+        "base", "neck", "head", "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_hand",
+        "right_hand", "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle", "left_toe",
+        "right_toe",
+    ]  # fmt: skip
+    assert set(walk.part.values) <= set(HUMAN_PARTS)
+
+
+@pytest.mark.parametrize(("q", "height_m"), [(0.3, 1.2), (1.0, 1.8), (1.7, 1.65), (2.9, 1.9)])
+def test_timing_identities(q, height_m):
+    leg_m, cycle_s = LEG_LENGTH * height_m, cycle_duration_s(q)
+    speed_mps = q * leg_m
+    assert speed_mps * cycle_s == pytest.approx(1.346 * np.sqrt(q) * leg_m)
+    assert support_fraction(q) * cycle_s == pytest.approx(0.752 * cycle_s - 0.143)
+    walk = boulic_walk(speed_mps=speed_mps, height_m=height_m, duration_s=7)
+    facts = walk.attrs
+    assert facts["stride_frequency_hz"] == pytest.approx(0.743 * np.sqrt(speed_mps / leg_m), rel=1e-4)
+    assert facts["step_frequency_hz"] == facts["gait_frequency_hz"] == 2 * facts["stride_frequency_hz"]
+    assert speed_mps / facts["step_frequency_hz"] == pytest.approx(0.673 * np.sqrt(speed_mps * leg_m), rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("q", "ankle", "toe"),
+    [
+        (0.25, 3.93, 4.58), (0.50, 5.63, 7.00), (0.75, 4.76, 5.86), (1.00, 4.24, 5.18), (1.25, 3.89, 4.72),
+        (1.50, 3.66, 4.42), (1.75, 3.50, 4.21), (2.00, 3.37, 4.04), (2.50, 3.18, 3.79), (3.00, 3.04, 3.61),
+    ],
+)  # fmt: skip
+def test_peak_speed_of_ankle_and_toe_over_body_speed(q, ankle, toe):
+    # The row below q = 0.5 is for the published signs of the body offsets; above, they are the default ones.
+    phase, mean = np.arange(20_000) / 20_000, q * LEG_LENGTH * 1.8
+    for name, expected in (("right_ankle", ankle), ("right_toe", toe)):
+        peak = velocity(q, 1.8, phase, name, offset_signs="published").max() / mean
+        assert peak == pytest.approx(expected, abs=0.0051)
+
+
+@pytest.mark.parametrize("q", SPEEDS)
+def test_left_is_right_mirrored_half_a_cycle_later(q):
+    for signs in ("continuous", "published", "pendulum"):
+        now, later = (boulic_points(PHASE + d, q, 1.75, offset_scale_m=0.86, offset_signs=signs) for d in (0, 0.5))
+        twin = [name.replace("left", "tmp").replace("right", "left").replace("tmp", "right") for name in POINTS]
+        mirrored = later[:, [INDEX[name] for name in twin]] * [1, -1, 1]
+        np.testing.assert_allclose(now, mirrored, rtol=0, atol=2e-13)
+
+
+BONES = [("neck", "head", "head"), ("base", "neck", "torso")] + [
+    (f"{side}_{a}", f"{side}_{b}", bone)
+    for side in ("left", "right")
+    for a, b, bone in (
+        ("shoulder", "elbow", "upper_arm"), ("elbow", "hand", "forearm"), ("hip", "knee", "thigh"),
+        ("knee", "ankle", "shank"), ("ankle", "toe", "foot"),
+    )
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("q", SPEEDS)
+def test_segments_keep_their_lengths(q):
+    points = boulic_points(PHASE, q, 1.8, offset_scale_m=1.0)
+    for a, b, bone in BONES:
+        length_m = np.linalg.norm(points[:, INDEX[a]] - points[:, INDEX[b]], axis=1)
+        np.testing.assert_allclose(length_m, 1.8 * LENGTHS[bone], rtol=0, atol=1e-12, err_msg=f"{a} {b}")
+
+
+@pytest.mark.parametrize("q", SPEEDS)
+def test_curves_close_over_the_cycle(q):
+    ends = np.array([-1e-9, 1e-9])
+    for name, curve in {**trunk_angles_deg(ends, q), **limb_angles_deg(ends, q)}.items():
+        assert abs(curve[0] - curve[1]) < 1e-5, name
+    np.testing.assert_allclose(
+        boulic_points(PHASE + 7, q, 1.8, offset_scale_m=1), boulic_points(PHASE, q, 1.8, offset_scale_m=1), atol=1e-11
+    )
+    np.testing.assert_allclose(pelvic_list_deg(np.array([0, 0.5, 0.15, 0.65]), q) / 1.66 / q, [0, 0, -2, 2], atol=1e-12)
+
+
+@pytest.mark.parametrize("q", [0.5, 1.3])
+def test_regimes_meet(q):
+    below, above = q * (1 - 1e-9), q * (1 + 1e-9)
+    for joint, knots in joint_knots(below).items():
+        values = {round(p, 6) % 1: v for p, v in knots}
+        for p, v in joint_knots(above)[joint]:
+            assert values[round(p, 6) % 1] == pytest.approx(v, abs=1e-6), (joint, p)
+    for name, curve in limb_angles_deg(PHASE, below).items():
+        # At 1.3 the one hip knot at 0.9 splits in two, which tilts the curve there: the model's own small step.
+        step_deg = 0.7 if (name, q) == ("hip", 1.3) else 1e-6
+        np.testing.assert_allclose(limb_angles_deg(PHASE, above)[name], curve, atol=step_deg, err_msg=name)
+    for name, curve in trunk_angles_deg(PHASE, below).items():
+        np.testing.assert_allclose(trunk_angles_deg(PHASE, above)[name], curve, atol=1e-6, err_msg=name)
+    for signs in ("continuous", "pendulum"):
+        np.testing.assert_allclose(
+            body_offset(PHASE, below, signs=signs), body_offset(PHASE, above, signs=signs), atol=1e-6
+        )
+
+
+def test_published_offsets_change_sign_at_one_half_and_the_default_leans_over_the_standing_leg():
+    below, above = (body_offset(PHASE, q, signs="published")[:, 1] for q in (0.4999, 0.5001))
+    assert np.corrcoef(below, above)[0, 1] < -0.99
+    for q in SPEEDS:
+        # The right leg stands around p = 0.3: the body is then to the right, y < 0.
+        assert body_offset(np.array([0.35]), q)[0, 1] < 0
+
+
+def test_the_knee_never_overshoots_its_control_points():
+    for q in SPEEDS:
+        values = [v for _, v in joint_knots(q)["knee"]]
+        knee = limb_angles_deg(PHASE, q)["knee"]
+        assert knee.min() >= min(values) - 1e-12
+        assert knee.max() <= max(values) + 1e-12
+
+
+def test_it_travels_at_its_speed_along_x_over_the_floor():
+    for speed_mps, height_m in ((0.5, 1.2), (1.4, 1.75), (2.4, 1.9)):
+        walk = boulic_walk(speed_mps=speed_mps, height_m=height_m, duration_s=6, start_phase=0.3)
+        cycle = round(250 * cycle_duration_s(speed_mps / (LEG_LENGTH * height_m)))
+        assert walk.values[0, 0, :2] == pytest.approx([0, 0], abs=0.03)
+        seconds = float(walk.time[-1])
+        trend = np.polyfit(walk.time, walk.sel(marker="base", space="x"), 1)[0]
+        assert trend == pytest.approx(speed_mps, rel=0.01)
+        assert seconds == 6.0
+        feet = walk.values[:cycle, [n for n, m in enumerate(POINTS) if m.endswith(("ankle", "toe"))], 2]
+        assert feet.min() == pytest.approx(0, abs=1e-4)
+        assert walk.sel(space="z").values.min() > -1e-5
+
+
+def test_the_consistent_form_differs_from_the_published_program_in_advance_and_offsets():
+    q, leg_m = 1.0, LEG_LENGTH * 1.8
+    for form, speed_mps in (("consistent", q * leg_m), ("pendulum", q * leg_m), ("chen2011", q)):
+        walk = boulic_walk(speed_mps=q * leg_m, height_m=1.8, form=form, duration_s=1.346, rate_hz=1000 / 1.346)
+        base = walk.sel(marker="base").values
+        assert (base[-1, 0] - base[0, 0]) / 1.346 == pytest.approx(speed_mps)
+        assert np.ptp(base[:, 2]) == pytest.approx(0.03 * speed_mps, rel=1e-4)
+
+
+def test_footfalls_are_where_the_phase_says():
+    walk = boulic_walk(speed_mps=1.3, height_m=1.8, duration_s=6, start_phase=0.2)
+    cycle_s = cycle_duration_s(1.3 / (LEG_LENGTH * 1.8))
+    for foot, offset in (("right_foot", 0.0), ("left_foot", 0.5)):
+        times = np.array(walk.attrs["footfalls"][foot])
+        np.testing.assert_allclose((0.2 + times / cycle_s - offset) % 1.0 % (1 - 1e-9), 0, atol=1e-9)
+        assert len(times) in (int(6 / cycle_s), int(6 / cycle_s) + 1)
+    gaps = np.diff(sorted(itertools.chain(*walk.attrs["footfalls"].values())))
+    np.testing.assert_allclose(gaps, cycle_s / 2, atol=1e-9)
+
+
+@pytest.mark.parametrize("q", SPEEDS)
+@pytest.mark.parametrize("height_m", [1.2, 1.75])
+def test_default_rate_is_fast_enough_for_the_feet(q, height_m):
+    speed_mps, cycle_s = q * LEG_LENGTH * height_m, cycle_duration_s(q)
+    walk = boulic_walk(speed_mps=speed_mps, height_m=height_m, duration_s=3 * cycle_s)
+    time_s = np.linspace(0.5, 2.5, 20_000) * cycle_s
+    for name in ("right_ankle", "right_toe", "left_hand"):
+        spline = CubicSpline(walk.time, walk.sel(marker=name, space="x"))(time_s, 1)
+        exact = velocity(q, height_m, time_s / cycle_s, name)
+        assert spline.max() == pytest.approx(exact.max(), rel=1e-4)
+        assert np.abs(spline - exact).max() < 0.01 * exact.max()
+
+
+def test_strides_vary_when_asked_and_only_then():
+    varied = boulic_walk(duration_s=60, stride_variation=0.03, rng=np.random.default_rng(4))
+    times = np.array(varied.attrs["footfalls"]["right_foot"])
+    strides = np.diff(times)
+    assert 0.015 < strides.std() / strides.mean() < 0.045
+    even = boulic_walk(duration_s=60)
+    assert np.diff(even.attrs["footfalls"]["right_foot"]).std() < 1e-9
+    # More strides in the same time: farther, since each has its length.
+    assert float(varied[-1, 0, 0]) / varied.attrs["gait_frequency_hz"] == pytest.approx(
+        float(even[-1, 0, 0]) / even.attrs["gait_frequency_hz"], rel=1e-3
+    )
+    speed = np.diff(varied.sel(marker="base", space="x").values) * 250
+    assert np.abs(np.diff(speed)).max() * 250 < 10, "the base never jerks"
+
+
+def test_the_same_seed_gives_the_same_walk():
+    first, second, other = (
+        boulic_walk(stride_variation=0.02, rng=np.random.default_rng(seed)).values for seed in (7, 7, 8)
+    )
+    assert np.array_equal(first, second)
+    assert not np.array_equal(first, other)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "expected"),
+    [
+        ({"speed_mps": 2.7, "height_m": 1.8}, ["2.7", "1.8", "2.65 m/s"]),
+        ({"speed_mps": 0}, ["speed_mps", "0", "greater than 0"]),
+        ({"speed_mps": float("nan")}, ["speed_mps", "nan"]),
+        ({"height_m": 0.3}, ["height_m", "0.3", "0.6"]),
+        ({"start_phase": 1.0}, ["start_phase", "1.0", "less than 1"]),
+        ({"form": "chen"}, ["form", "chen", "chen2011"]),
+        ({"duration_s": 0}, ["duration_s", "0"]),
+        ({"duration_s": float("inf")}, ["duration_s", "inf"]),
+        ({"stride_variation": 0.02}, ["stride_variation", "rng"]),
+    ],
+)
+def test_what_is_out_of_range_is_refused_with_the_value_and_the_range(parameters, expected):
+    with pytest.raises(ConfigError) as caught:
+        boulic_walk(**parameters)
+    for text in expected:
+        assert text in str(caught.value)
+
+
+@pytest.mark.parametrize("q", [0.0, -1.0, 3.01, float("nan")])
+def test_points_refuse_a_relative_speed_outside_the_model(q):
+    with pytest.raises(ConfigError, match="relative speed"):
+        boulic_points(PHASE, q, 1.8, offset_scale_m=1.0)
+
+
+def test_the_whole_range_of_speeds_is_walkable():
+    for q in (0.01, *np.linspace(0.1, 3.0, 59)):
+        walk = boulic_walk(speed_mps=q * LEG_LENGTH * 1.75, height_m=1.75, duration_s=1, rate_hz=50)
+        assert np.isfinite(walk.values).all()
+
+
+def test_it_is_a_registered_model_whose_name_alone_gives_a_motion():
+    model = MOTION_MODELS["boulic"]
+    assert model.config is BoulicConfig
+    walk = model.generate(model.config(), 5.0, None)
+    np.testing.assert_array_equal(walk, boulic_walk())
+    assert (walk.attrs["species"], walk.attrs["gait"], walk.attrs["kind"]) == ("human", "walk", "boulic")
+    assert walk.attrs["mass_kg"] == pytest.approx(23 * 1.75**2)
+    assert "assumed" in walk.attrs["report"]["mass_kg"]
