@@ -163,7 +163,7 @@ def main() -> None:
             "machine": platform.machine(),
             "seconds": seconds,
             "ratios": ratios,
-            "peak_mb": peak_mb,
+            "peak_mb": memory_mb,
         }
         with open(arguments.json, "w") as handle:
             json.dump(document, handle, indent=2)

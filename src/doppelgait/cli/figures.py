@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from matplotlib.figure import Figure
+
 from doppelgait import viz
 from doppelgait.core.errors import OutputError
 from doppelgait.pipeline import TargetResult
@@ -30,7 +32,7 @@ def draw_all(recording: Recording, results: Sequence[TargetResult], analysis: An
         yield path
 
 
-def _figures(recording: Recording, results: Sequence[TargetResult], analysis: Analysis) -> Iterator[tuple[str, object]]:
+def _figures(recording: Recording, results: Sequence[TargetResult], analysis: Analysis) -> Iterator[tuple[str, Figure]]:
     names = {_name(number, result): result.gate_limits for number, result in enumerate(results)}
     yield "range-time", viz.range_time(recording.baseband, tracks=names)
     for number, result in enumerate(results):
@@ -62,7 +64,7 @@ def _name(number: int, result: TargetResult) -> str:
 
 def _target_figures(
     prefix: str, recording: Recording, result: TargetResult, analysis: Analysis
-) -> Iterator[tuple[str, object]]:
+) -> Iterator[tuple[str, Figure]]:
     wavelength_m = recording.radar.wavelength_m
     middle = result.signature.sizes["time"] // 2
     cube = next(iter(range_doppler(recording.baseband, analysis, wavelength_m=wavelength_m, columns=[middle])))
@@ -90,6 +92,7 @@ def _target_figures(
             wavelength_m=wavelength_m,
             torso_doppler_hz=result.torso_doppler_hz,
             bandwidth_hz=result.features.doppler_bandwidth_hz,
+            threshold=analysis.bandwidth_threshold if analysis.method == "liland2018" else None,
         ),
     )
 
@@ -103,7 +106,7 @@ def _harmonics_hz(result: TargetResult) -> list[float | None]:
 
 def _truth_figures(
     prefix: str, recording: Recording, number: int, result: TargetResult
-) -> Iterator[tuple[str, object]]:
+) -> Iterator[tuple[str, Figure]]:
     scatterers = recording.truth[number].scatterers
     yield f"{prefix}-truth-range", viz.range_lines(scatterers)
     yield f"{prefix}-truth-doppler", viz.doppler_lines(scatterers, wavelength_m=recording.radar.wavelength_m)

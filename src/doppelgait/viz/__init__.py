@@ -1,0 +1,38 @@
+"""Figures of labelled arrays: every function returns a ``matplotlib.figure.Figure``, drawn without pyplot.
+
+Everything here is imported on first use, so that matplotlib is loaded only where something is drawn.
+"""
+
+from importlib import import_module
+from typing import Any
+
+_HOME = {
+    "stick_frames": "motion",
+    "range_lines": "motion",
+    "doppler_lines": "motion",
+    "scatterer_doppler": "motion",
+    "range_time": "ranges",
+    "range_doppler_map": "ranges",
+    "signature": "signatures",
+    "signature_normalisation": "signatures",
+    "contact_sheet": "sheet",
+    "step_doppler": "cadence",
+    "cadence_spectrum": "spectra",
+    "mean_doppler_spectrum": "spectra",
+    "feature_scatter": "tables",
+    "feature_matrix": "tables",
+    "overview": "page",
+    "save_figure": "style",
+}
+
+__all__ = sorted(_HOME)
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOME:
+        return getattr(import_module(f"doppelgait.viz.{_HOME[name]}"), name)
+    raise AttributeError(f"module 'doppelgait.viz' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,0 +1,180 @@
+"""Two-dimensional arrays in decibel: levels, limits, the map itself, its colour bar and the velocity axis."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+
+from doppelgait.core.errors import AnalysisError
+from doppelgait.core.labels import NORMALISED_SIGNATURE, SIGNATURE, Schema, check_signal
+from doppelgait.core.units import doppler_to_velocity_mps, power_to_db, velocity_to_doppler_hz
+from doppelgait.viz.style import MAP_COLOURS
+
+FloatArray = npt.NDArray[np.float64]
+
+DOPPLER_LABEL = "Doppler (Hz)"
+VELOCITY_LABEL = "radial velocity (m/s), + approaching"
+NO_DATA = "#bdbdbd"
+AUTO_DB_RANGE = (20.0, 40.0)
+"""Smallest and largest dynamic range of a map when the caller asks for none."""
+
+
+def checked(array: xr.DataArray, schema: Schema) -> xr.DataArray:
+    """``array`` if it keeps ``schema`` and holds values; otherwise an :class:`AnalysisError`."""
+    check_signal(array, schema)
+    if array.size == 0:
+        raise AnalysisError(f"{schema.name}: nothing to draw, its shape is {array.shape}")
+    return array
+
+
+def checked_signature(array: xr.DataArray) -> xr.DataArray:
+    """A signature, raw (V^2) or normalised (1)."""
+    raw = getattr(array, "attrs", {}).get("units") == SIGNATURE.units
+    return checked(array, SIGNATURE if raw else NORMALISED_SIGNATURE)
+
+
+def check_db_range(db_range: float) -> float:
+    """A positive, finite dynamic range in dB."""
+    if not (np.isfinite(db_range) and db_range > 0):
+        raise AnalysisError(f"db_range is {db_range}; the dynamic range must be a positive number of dB")
+    return float(db_range)
+
+
+def level_db_of(power: npt.ArrayLike) -> FloatArray:
+    """Level in dB of powers; 0 and below (a floor was subtracted) give -inf without a warning, NaN stays NaN."""
+    return np.asarray(power_to_db(np.maximum(np.asarray(power, dtype=np.float64), 0.0)), dtype=np.float64)
+
+
+def amplitude_to_db(amplitude: npt.ArrayLike) -> FloatArray:
+    """Level in dB of a magnitude; 0 gives -inf without a warning."""
+    return 2.0 * level_db_of(np.abs(np.asarray(amplitude)))
+
+
+def level_limits_db(level_db: FloatArray, db_range: float | None) -> tuple[float, float]:
+    """Lower and upper end of the colour scale: ``db_range`` below the highest finite level, and that level.
+
+    Without a range 3 dB below the median of the finite levels, so that noise is dark, but 20 to 40 dB. Without any
+    finite level (all cells zero) the scale ends at 0 dB.
+    """
+    finite = level_db[np.isfinite(level_db)]
+    top = float(finite.max()) if finite.size else 0.0
+    if db_range is not None:
+        return top - check_db_range(db_range), top
+    noise = float(np.median(finite)) - 3.0 if finite.size else -np.inf
+    return top - float(np.clip(top - noise, *AUTO_DB_RANGE)), top
+
+
+def wavelength_m(array: xr.DataArray) -> float:
+    """Wavelength that the velocity axis of an array was made with: 2 v / f_d.
+
+    Raises
+    ------
+    AnalysisError
+        If the Doppler axis holds nothing but zero.
+    """
+    doppler_hz = array.coords["doppler"].values
+    furthest = int(np.abs(doppler_hz).argmax())
+    if doppler_hz[furthest] == 0:
+        raise AnalysisError(f"{array.name}: the Doppler axis has no other value than 0 Hz, so no wavelength follows")
+    return float(2.0 * array.coords["velocity"].values[furthest] / doppler_hz[furthest])
+
+
+def occupied_rows(power: FloatArray) -> npt.NDArray[np.bool_]:
+    """Three or more adjacent Doppler rows of powers (J, K) that stand out of the noise, always or at times; shape (K,).
+
+    The floor is what a fifth of the rows keep below, the threshold 3 dB above it or more where quiet rows scatter
+    more; rows 40 dB below the strongest are not counted.
+    """
+    known = np.maximum(np.nan_to_num(power), 0.0)
+    occupied = np.zeros(known.shape[1], dtype=bool)
+    for rows in (known.mean(axis=0), np.quantile(known, 0.97, axis=0)):
+        level_db = level_db_of(np.maximum(rows, 1e-9 * rows.max()))
+        quiet, floor = (float(np.quantile(level_db, share, method="lower")) for share in (0.02, 0.2))
+        threshold = max(floor + max(3.0, 2.5 * (floor - quiet)), float(level_db.max()) - 40.0)
+        occupied |= level_db > threshold
+    return three_in_a_row(occupied)
+
+
+def three_in_a_row(flags: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Only those flags that stand in a run of three or more: a line is as wide as that, chance peaks are not."""
+    padded = np.pad(flags, 2)
+    runs = padded[:-2] & padded[1:-1] & padded[2:]
+    return runs[:-2] | runs[1:-1] | runs[2:]
+
+
+def doppler_limits_hz(array: xr.DataArray, *, lines_hz: npt.ArrayLike = ()) -> tuple[float, float]:
+    """Part of the Doppler axis worth showing: occupied rows, given lines, 0 Hz and a margin; all if that is most."""
+    doppler_hz = np.asarray(array.coords["doppler"].values, dtype=np.float64)
+    whole = float(doppler_hz.min()), float(doppler_hz.max())
+    lines = np.asarray(lines_hz, dtype=np.float64).ravel()
+    rows_hz = doppler_hz[occupied_rows(np.asarray(array.values, dtype=np.float64))]
+    shown = np.concatenate([rows_hz, lines[np.isfinite(lines)], [0.0]])
+    margin = 0.1 * float(np.ptp(shown)) + 2.0 * (whole[1] - whole[0]) / doppler_hz.size
+    low, high = float(shown.min()) - margin, float(shown.max()) + margin
+    if not rows_hz.size or high - low > 0.7 * (whole[1] - whole[0]):
+        return whole
+    return max(low, whole[0]), min(high, whole[1])
+
+
+def cell_edges(axis: npt.ArrayLike) -> tuple[float, float] | None:
+    """Outer edges of the cells of a uniform axis; None if its steps differ by more than 0.1 %."""
+    values = np.asarray(axis, dtype=np.float64)
+    if values.size == 1:
+        return float(values[0]) - 0.5, float(values[0]) + 0.5
+    steps = np.diff(values)
+    if not np.allclose(steps, steps.mean(), rtol=1e-3, atol=0.0):
+        return None
+    half = float(steps.mean()) / 2.0
+    return float(values[0]) - half, float(values[-1]) + half
+
+
+def draw_map(
+    axes: Axes, *, x: npt.ArrayLike, y: npt.ArrayLike, level_db: FloatArray, limits_db: tuple[float, float],
+    colours: str = MAP_COLOURS,
+) -> ScalarMappable:  # fmt: skip
+    """Draw levels of shape (y, x), clipped to the limits: -inf becomes the lower one, NaN stays grey."""
+    clipped = np.clip(level_db, *limits_db)
+    palette = colormaps[colours].with_extremes(bad=NO_DATA)
+    settings: dict[str, Any] = {"cmap": palette, "vmin": limits_db[0], "vmax": limits_db[1]}
+    x_edges, y_edges = cell_edges(x), cell_edges(y)
+    if x_edges and y_edges:
+        return axes.imshow(clipped, origin="lower", aspect="auto", extent=(*x_edges, *y_edges), **settings)
+    return axes.pcolormesh(x, y, clipped, shading="nearest", **settings)
+
+
+def colour_bar(image: ScalarMappable, *axes: Axes, quantity: str, reference: str = "") -> None:
+    """Colour bar beside the axes with quantity, reference level and the dynamic range shown."""
+    low, high = image.get_clim()
+    figure = axes[0].get_figure(root=True)
+    assert figure is not None
+    bar = figure.colorbar(image, ax=list(axes), pad=0.02, fraction=0.06, aspect=28)
+    unit = f"dB re {reference}" if reference else "dB"
+    bar.set_label(f"{quantity} ({unit}), {high - low:.0f} dB shown", fontsize=9.5)
+    bar.ax.tick_params(labelsize=9)
+
+
+def velocity_axis(axes: Axes, wavelength: float, *, above: bool = False, label: str = VELOCITY_LABEL) -> Any:
+    """Second axis in m/s, v = f lambda / 2, on the right of a Doppler axis or above it."""
+    if not (np.isfinite(wavelength) and wavelength > 0):
+        raise AnalysisError(f"wavelength_m is {wavelength}; it must be positive")
+
+    def to_velocity(doppler_hz: npt.ArrayLike) -> Any:
+        return doppler_to_velocity_mps(doppler_hz, wavelength)
+
+    def to_doppler(velocity_mps: npt.ArrayLike) -> Any:
+        return velocity_to_doppler_hz(velocity_mps, wavelength)
+
+    if above:
+        second = axes.secondary_xaxis("top", functions=(to_velocity, to_doppler))
+        second.set_xlabel(label, fontsize=9.5)
+    else:
+        second = axes.secondary_yaxis("right", functions=(to_velocity, to_doppler))
+        second.set_ylabel(label, fontsize=9.5)
+    second.tick_params(labelsize=9)
+    return second

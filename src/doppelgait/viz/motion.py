@@ -1,0 +1,235 @@
+"""Bodies in motion: side views, and range and true Doppler of every scatterer over time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from doppelgait.core.errors import AnalysisError
+from doppelgait.core.labels import MOTION
+from doppelgait.core.units import velocity_to_doppler_hz
+from doppelgait.viz.body import LIMB_PARTS, bold_name, draw_part_lines, limb_rank, part_colour, part_group, part_lines
+from doppelgait.viz.maps import DOPPLER_LABEL, checked, velocity_axis
+from doppelgait.viz.style import legend_below, name_axes, new_axes, new_figure
+
+FloatArray = npt.NDArray[np.float64]
+
+SMALL, LARGE = 18.0, 48.0
+
+
+def _variable(scatterers: xr.Dataset, name: str) -> xr.DataArray:
+    if not isinstance(scatterers, xr.Dataset) or name not in scatterers:
+        raise AnalysisError(f"scatterers must be a Dataset (slow_time, scatterer) with the variable {name!r}")
+    return scatterers[name]
+
+
+def scatterer_doppler(scatterers: xr.Dataset, *, wavelength_m: float) -> xr.DataArray:
+    """True Doppler shift of every scatterer, for overlays (E-05).
+
+    Parameters
+    ----------
+    scatterers : Dataset (slow_time, scatterer)
+        With ``radial_velocity`` in m/s, positive approaching.
+    wavelength_m : float
+
+    Returns
+    -------
+    DataArray (slow_time, scatterer)
+        2 v_r / lambda, Hz.
+    """
+    velocity = _variable(scatterers, "radial_velocity")
+    doppler_hz = velocity.copy(data=velocity_to_doppler_hz(velocity.values, wavelength_m)).rename("doppler")
+    doppler_hz.attrs["units"] = "Hz"
+    return doppler_hz
+
+
+def range_lines(scatterers: xr.Dataset, *, title: str = "Range of every scatterer") -> Figure:
+    """Range of every scatterer over time, coloured by body part (the report's Fig. 2.13).
+
+    Parameters
+    ----------
+    scatterers : Dataset (slow_time, scatterer)
+        With ``range`` in m and the coordinate ``part``; a second target (coordinate ``target``) is dashed.
+    title : str
+
+    Returns
+    -------
+    Figure
+
+    Raises
+    ------
+    AnalysisError
+        If the variable or the coordinate is missing.
+    """
+    lines = part_lines(_variable(scatterers, "range"))
+    figure, axes = new_axes()
+    draw_part_lines(axes, lines)
+    _finish_lines(axes, lines.time_s, title=title, y="range (m)")
+    legend_below(figure, axes)
+    return figure
+
+
+def doppler_lines(
+    scatterers: xr.Dataset, *, wavelength_m: float, title: str = "True Doppler of every scatterer"
+) -> Figure:
+    """True Doppler shift of every scatterer over time (the report's Fig. 2.14 and 2.16).
+
+    Parameters
+    ----------
+    scatterers : Dataset (slow_time, scatterer)
+        With ``radial_velocity`` in m/s, positive approaching, and the coordinate ``part``.
+    wavelength_m : float
+        Positive.
+    title : str
+
+    Returns
+    -------
+    Figure
+
+    Raises
+    ------
+    AnalysisError
+        If the variable or the coordinate is missing, or the wavelength is not positive.
+    """
+    figure, axes = new_axes()
+    velocity_axis(axes, wavelength_m)
+    lines = part_lines(scatterer_doppler(scatterers, wavelength_m=wavelength_m))
+    draw_part_lines(axes, lines)
+    axes.axhline(0.0, color="black", lw=0.6, zorder=0)
+    _finish_lines(axes, lines.time_s, title=title, y=DOPPLER_LABEL)
+    legend_below(figure, axes)
+    return figure
+
+
+def _finish_lines(axes: Axes, time_s: FloatArray, *, title: str, y: str) -> None:
+    name_axes(axes, title=title, x="time (s)", y=y)
+    if time_s.size > 1:
+        axes.set_xlim(float(time_s[0]), float(time_s[-1]))
+    axes.grid(color="#e0e0e0", lw=0.6)
+    axes.set_axisbelow(True)
+
+
+def stick_frames(
+    motion: xr.DataArray,
+    *,
+    start_s: float | None = None,
+    duration_s: float | None = None,
+    n_frames: int = 9,
+    title: str = "One gait cycle from the side",
+) -> Figure:
+    """Side view of the points of a body at instants of one gait cycle (the report's Fig. 2.12 and 2.18).
+
+    Parameters
+    ----------
+    motion : DataArray (time, marker, space)
+        Positions in m with the coordinate ``part``; NaN points are left out.
+    start_s : float, optional
+        Time of the first frame; the motion's start by default.
+    duration_s : float, optional
+        Time from first to last frame; by default one stride (attribute ``stride_frequency_hz``), or all there is.
+    n_frames : int
+        2 to 16.
+    title : str
+
+    Returns
+    -------
+    Figure
+        Horizontal axis along the direction of travel, from the middle of the body; floor at 0 m.
+
+    Raises
+    ------
+    AnalysisError
+        If the times lie outside the motion, ``n_frames`` is not allowed.
+    """
+    checked(motion, MOTION)
+    if not 2 <= n_frames <= 16:
+        raise AnalysisError(f"n_frames is {n_frames}; 2 to 16 fit on a page")
+    frames = _cycle_frames(motion, start_s, duration_s, n_frames)
+    side_m = side_view_m(motion.values[frames])
+    if not np.isfinite(side_m).any():
+        raise AnalysisError("the motion has no known point in these frames: nothing to draw")
+    figure, panels = _panels(side_m, n_frames)
+    times_s = motion.coords["time"].values[frames]
+    parts = [str(part) for part in motion.coords["part"].values]
+    for axes, points_m, time_s in zip(panels, side_m, times_s, strict=True):
+        _draw_body(axes, points_m, parts)
+        axes.set_title(f"{time_s - times_s[0]:.2f} s", fontsize=10)
+    figure.suptitle(f"{title}, from {times_s[0]:.2f} s", fontsize=11.5, x=0.01, ha="left")
+    legend_below(figure, panels[0], columns=8)
+    return figure
+
+
+def _cycle_frames(motion: xr.DataArray, start_s: float | None, duration_s: float | None, n_frames: int) -> list[int]:
+    times_s = np.asarray(motion.coords["time"].values, dtype=np.float64)
+    start = float(times_s[0]) if start_s is None else start_s
+    stride_hz = float(motion.attrs.get("stride_frequency_hz", np.nan))
+    stride_s = 1.0 / stride_hz if stride_hz > 0 else np.inf
+    lasts = min(stride_s, float(times_s[-1]) - start) if duration_s is None else duration_s
+    if not (times_s[0] <= start and lasts > 0 and start + lasts <= times_s[-1] + 1e-9):
+        raise AnalysisError(
+            f"frames from {start:g} s for {lasts:g} s do not lie in the motion, {times_s[0]:g} to {times_s[-1]:g} s"
+        )
+    wanted = np.linspace(start, start + lasts, n_frames)
+    return [int(np.abs(times_s - time).argmin()) for time in wanted]
+
+
+def side_view_m(position_m: FloatArray) -> FloatArray:
+    """Points seen at right angles to the path: along the path from the middle of the body, and height.
+
+    Parameters
+    ----------
+    position_m : ndarray, shape (F, P, 3)
+        z up; NaN where unknown.
+
+    Returns
+    -------
+    ndarray, shape (F, P, 2)
+        m. Without travel (under 0.1 m) the horizontal direction of the largest spread counts as the path.
+    """
+    low, high = np.fmin.reduce(position_m, axis=1), np.fmax.reduce(position_m, axis=1)
+    centre = (low + high)[:, :2] / 2.0
+    path = centre[-1] - centre[0]
+    if not np.linalg.norm(path) > 0.1:
+        relative = np.nan_to_num((position_m[..., :2] - centre[:, None]).reshape(-1, 2))
+        path = np.linalg.svd(relative, full_matrices=False)[2][0]
+        path *= np.sign(path[np.abs(path).argmax()]) or 1.0
+    along = (position_m[..., :2] - centre[:, None]) @ (path / np.linalg.norm(path))
+    return np.stack([along, position_m[..., 2]], axis=-1)
+
+
+def _panels(side_m: FloatArray, n_frames: int) -> tuple[Figure, list[Axes]]:
+    """Figure and one panel a frame, all on one scale that is equal in both directions."""
+    rows = 1 if n_frames <= 5 else 2
+    across = -(-n_frames // rows)
+    reach = 1.15 * float(np.nanmax(np.abs(side_m[..., 0])))
+    low, high = min(-0.05, float(np.nanmin(side_m[..., 1]))), 1.06 * float(np.nanmax(side_m[..., 1]))
+    panel_in = min(11.0 / across, 2.9 * 2.0 * reach / (high - low))
+    height_in = rows * (panel_in * (high - low) / (2.0 * reach) + 0.5) + 0.6
+    figure = new_figure(width_in=max(panel_in * across + 0.6, 7.0), height_in=height_in, compressed=True)
+    panels = list(figure.subplots(rows, across, sharex=True, sharey=True, squeeze=False).flat)
+    for number, axes in enumerate(panels):
+        axes.set(xlim=(-reach, reach), ylim=(low, high), aspect="equal", visible=number < n_frames)
+        axes.axhline(0.0, color="#606060", lw=0.8, zorder=0)
+        last = number + across >= n_frames
+        axes.tick_params(labelsize=8, labelbottom=last)
+        axes.set_xlabel("along the path (m)" if last else "", fontsize=9)
+        axes.set_ylabel("" if number % across else "height (m)", fontsize=9)
+    return figure, panels[:n_frames]
+
+
+def _draw_body(axes: Axes, points_m: FloatArray, parts: Sequence[str]) -> None:
+    """Points, large for torso and feet; the parts of every limb joined from the body outwards."""
+    for group in dict.fromkeys(part_group(part) for part in parts):
+        chosen = [n for n, part in enumerate(parts) if part_group(part) == group]
+        colour = part_colour(parts[chosen[0]])
+        sizes = [LARGE if bold_name(parts[n]) else SMALL for n in chosen]
+        axes.scatter(points_m[chosen, 0], points_m[chosen, 1], s=sizes, color=colour, lw=0, label=group)
+        limb = sorted({parts[n] for n in chosen} & LIMB_PARTS, key=limb_rank)
+        joints = [points_m[[n for n in chosen if parts[n] == part]].mean(axis=0) for part in limb]
+        if len(joints) > 1:
+            axes.plot(*np.transpose(joints), color=colour, lw=1.3, alpha=0.7, zorder=1)

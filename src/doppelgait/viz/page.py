@@ -1,0 +1,150 @@
+"""One page about one target: what a user looks at first."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from doppelgait.viz.cadence import CADENCE_LABEL, draw_step_doppler
+from doppelgait.viz.maps import (
+    DOPPLER_LABEL,
+    checked_signature,
+    colour_bar,
+    doppler_limits_hz,
+    velocity_axis,
+    wavelength_m,
+)
+from doppelgait.viz.ranges import draw_range_time
+from doppelgait.viz.signatures import draw_signature, reference_of
+from doppelgait.viz.spectra import LEVEL_LABEL, draw_cadence_spectrum
+from doppelgait.viz.style import ACCENT, name_axes, new_figure, quantity
+
+
+def overview(
+    baseband: xr.DataArray,
+    *,
+    signature: xr.DataArray,
+    cadence_map: xr.DataArray,
+    cadence_spectrum: xr.DataArray,
+    features: Mapping[str, float | None],
+    gate: xr.Dataset | Mapping[str, xr.Dataset] | None = None,
+    main_line_hz: npt.ArrayLike | None = None,
+    gait_frequency_hz: float | None = None,
+    amplitude: bool = False,
+    flags: Sequence[str] = (),
+    title: str = "Overview",
+) -> Figure:
+    """Range-time, signature, step-Doppler map, cadence spectrum and features of one target on one page.
+
+    Parameters
+    ----------
+    baseband : DataArray (slow_time, range)
+    signature : DataArray (time, doppler)
+        Raw or normalised.
+    cadence_map : DataArray (cadence, doppler)
+    cadence_spectrum : DataArray (cadence)
+    features : mapping
+        Values by name, None where undetermined; the unit is read from the name's ending. ``harmonic_ratio_2`` and
+        ``harmonic_ratio_3`` place the harmonics' marks.
+    gate : Dataset (time) or mapping of str to Dataset, optional
+        Gate limits drawn on the range-time map.
+    main_line_hz : array_like, shape (J,) or scalar, optional
+        Main Doppler line.
+    gait_frequency_hz : float, optional
+        f_mu.
+    amplitude : bool
+        Whether ``cadence_spectrum`` holds amplitudes (the report's method).
+    flags : sequence of str
+        Reasons and cautions, printed under the features.
+    title : str
+
+    Returns
+    -------
+    Figure
+
+    Raises
+    ------
+    AnalysisError
+        If an array does not keep its schema.
+    """
+    figure = new_figure(width_in=13.0, height_in=8.0)
+    figure.suptitle(title, fontsize=13, x=0.01, ha="left")
+    above, below = figure.subfigures(2, 1, height_ratios=(1.1, 1.0), squeeze=False)[:, 0]
+    limits_hz = doppler_limits_hz(checked_signature(signature))
+    left, right = above.subplots(1, 2)
+    _range_panel(left, baseband, gate)
+    _signature_panel(right, signature, main_line_hz, limits_hz)
+    left, middle, right = below.subplots(1, 3, width_ratios=(1.15, 1.15, 0.9))
+    _cadence_panel(left, cadence_map, gait_frequency_hz, limits_hz)
+    draw_cadence_spectrum(
+        middle, cadence_spectrum, gait_frequency_hz=gait_frequency_hz,
+        harmonics_hz=_harmonics_hz(gait_frequency_hz, features), max_cadence_hz=None, db_range=40.0,
+        amplitude=amplitude,
+    )  # fmt: skip
+    name_axes(middle, title="Cadence spectrum", x=CADENCE_LABEL, y=LEVEL_LABEL)
+    _draw_features(right, {**features, "gait_frequency_hz": gait_frequency_hz}, flags)
+    return figure
+
+
+def _range_panel(axes: Axes, baseband: xr.DataArray, gate: xr.Dataset | Mapping[str, xr.Dataset] | None) -> None:
+    image = draw_range_time(axes, baseband, tracks=gate, db_range=None)
+    name_axes(axes, title="Range against time", x="time (s)", y="range (m)")
+    colour_bar(image, axes, quantity="magnitude", reference="1 V")
+    if gate is not None:
+        axes.legend(fontsize=8.5, loc="upper right", framealpha=0.6, labelcolor="black")
+
+
+def _signature_panel(
+    axes: Axes, signature: xr.DataArray, main_line_hz: npt.ArrayLike | None, limits_hz: tuple[float, float]
+) -> None:
+    image = draw_signature(axes, signature, main_line_hz=main_line_hz, doppler_hz=limits_hz)
+    name_axes(axes, title="Micro-Doppler signature", x="time (s)", y=DOPPLER_LABEL)
+    velocity_axis(axes, wavelength_m(signature))
+    colour_bar(image, axes, quantity="power", reference=reference_of(signature))
+
+
+def _cadence_panel(
+    axes: Axes, cadence_map: xr.DataArray, gait_frequency_hz: float | None, limits_hz: tuple[float, float]
+) -> None:
+    image = draw_step_doppler(
+        axes, cadence_map, gait_frequency_hz=gait_frequency_hz, max_cadence_hz=None, db_range=None,
+        doppler_hz=limits_hz,
+    )  # fmt: skip
+    name_axes(axes, title="Step-Doppler map", x=CADENCE_LABEL, y=DOPPLER_LABEL)
+    velocity_axis(axes, wavelength_m(cadence_map), label="(m/s)")
+    colour_bar(image, axes, quantity="magnitude", reference="1")
+
+
+def _harmonics_hz(frequency_hz: float | None, features: Mapping[str, float | None]) -> list[float | None]:
+    ratios = [features.get(f"harmonic_ratio_{number}") for number in (2, 3)]
+    return [None if frequency_hz is None or ratio is None else ratio * frequency_hz for ratio in ratios]
+
+
+def _draw_features(axes: Axes, values: Mapping[str, float | None], flags: Sequence[str]) -> None:
+    axes.set_axis_off()
+    axes.set_title("Features", fontsize=11.5, loc="left")
+    step = 1.0 / max(len(values) + 4, 11)
+    for row, (name, value) in enumerate(values.items()):
+        height = 1.0 - (row + 0.6) * step
+        axes.text(0.0, height, quantity(name)[0], fontsize=10, va="center")
+        axes.text(1.0, height, value_text(name, value), fontsize=10, va="center", ha="right")
+        axes.plot([0.0, 1.0], [height - step / 2] * 2, color="#e0e0e0", lw=0.8)
+    axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
+    text = "\n".join(textwrap.fill(flag.replace("_", " ").replace(":", ": "), 44) for flag in flags)
+    axes.text(0.0, 1.0 - (len(values) + 0.4) * step, text, fontsize=8.5, va="top", color=ACCENT)
+
+
+def value_text(name: str, value: float | None) -> str:
+    """A value with its unit in three digits or so; "not determined" for None and NaN."""
+    if value is None or not np.isfinite(value):
+        return "not determined"
+    unit = quantity(name)[1]
+    digits = 0 if abs(value) >= 100 else 1 if abs(value) >= 20 else 2
+    sign = "+" if unit == "m/s" and value > 0 else ""
+    return f"{sign}{value:.{digits}f}" + ("" if unit == "1" else f" {unit}")

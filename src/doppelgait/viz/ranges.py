@@ -1,0 +1,169 @@
+"""Range against time, and range-Doppler maps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from doppelgait.core.errors import AnalysisError
+from doppelgait.core.labels import BASEBAND, Schema
+from doppelgait.viz.maps import (
+    DOPPLER_LABEL,
+    amplitude_to_db,
+    checked,
+    colour_bar,
+    draw_map,
+    level_db_of,
+    level_limits_db,
+    velocity_axis,
+    wavelength_m,
+)
+from doppelgait.viz.style import LINE_COLOURS, legend_below, name_axes, new_axes
+
+ONE_MAP = Schema("range_doppler", ("doppler", "range"), "V^2", extra={"velocity": "doppler"})
+GATE_RANGES = ("range_low", "range_high")
+GATE_BAND = ("doppler_low", "doppler_high")
+
+
+def check_gate(gate: xr.Dataset, *names: str) -> xr.Dataset:
+    """``gate`` if it is a Dataset over time with these variables."""
+    wrong = not isinstance(gate, xr.Dataset) or "time" not in gate.coords
+    missing = list(names) if wrong else [name for name in names if name not in gate or gate[name].dims != ("time",)]
+    if missing:
+        raise AnalysisError(
+            f"a gate must be a Dataset over time with {', '.join(names)}; missing: {', '.join(missing)}"
+        )
+    return gate
+
+
+def range_time(
+    baseband: xr.DataArray,
+    *,
+    tracks: xr.Dataset | Mapping[str, xr.Dataset] | None = None,
+    db_range: float | None = None,
+    title: str = "Range against time",
+) -> Figure:
+    """Magnitude of the radar data matrix in dB (the report's Fig. 3.14b and 3.15).
+
+    Parameters
+    ----------
+    baseband : DataArray (slow_time, range)
+        Complex, V.
+    tracks : Dataset (time) or mapping of str to Dataset, optional
+        Gate limits ``range_low`` and ``range_high`` in m, of one target or of several by label.
+    db_range : float, optional
+        Dynamic range shown below the strongest cell, dB; by default down to the noise, at most 40 dB.
+    title : str
+
+    Returns
+    -------
+    Figure
+
+    Raises
+    ------
+    AnalysisError
+        If an array does not keep its schema.
+    """
+    figure, axes = new_axes()
+    image = draw_range_time(axes, baseband, tracks=tracks, db_range=db_range)
+    name_axes(axes, title=title, x="time (s)", y="range (m)")
+    colour_bar(image, axes, quantity="magnitude", reference="1 V")
+    legend_below(figure, axes)
+    return figure
+
+
+def draw_range_time(
+    axes: Axes, baseband: xr.DataArray, *, tracks: xr.Dataset | Mapping[str, xr.Dataset] | None, db_range: float | None
+) -> ScalarMappable:
+    """The map and gate limits of :func:`range_time` on given axes."""
+    checked(baseband, BASEBAND)
+    level_db = amplitude_to_db(baseband.values).T
+    image = draw_map(
+        axes,
+        x=baseband.coords["slow_time"].values,
+        y=baseband.coords["range"].values,
+        level_db=level_db,
+        limits_db=level_limits_db(level_db, db_range),
+    )
+    limits = axes.get_xlim(), axes.get_ylim()
+    named = {"gate": tracks} if isinstance(tracks, xr.Dataset) else dict(tracks or {})
+    for number, (label, gate) in enumerate(named.items()):
+        check_gate(gate, *GATE_RANGES)
+        for name in GATE_RANGES:
+            axes.plot(
+                gate.coords["time"].values,
+                gate[name].values,
+                color=LINE_COLOURS[number % len(LINE_COLOURS)],
+                lw=1.4,
+                label=label if name == "range_low" else None,
+            )
+    axes.set(xlim=limits[0], ylim=limits[1])
+    return image
+
+
+def range_doppler_map(
+    power: xr.DataArray,
+    *,
+    gate: xr.Dataset | None = None,
+    db_range: float | None = None,
+    title: str = "Range-Doppler map",
+) -> Figure:
+    """One range-Doppler map in dB with the gate drawn on it (the report's Fig. 4.5 and 4.7).
+
+    Parameters
+    ----------
+    power : DataArray (doppler, range)
+        V^2, with the coordinate ``velocity`` and, if known, the scalar coordinate ``time``.
+    gate : Dataset (time), optional
+        ``range_low``, ``range_high`` in m, ``doppler_low``, ``doppler_high`` in Hz, which may be infinite; taken at
+        the map's time, or at its own middle when the map has none.
+    db_range : float, optional
+        Dynamic range shown below the strongest cell, dB; by default down to the noise, at most 40 dB.
+    title : str
+
+    Returns
+    -------
+    Figure
+
+    Raises
+    ------
+    AnalysisError
+        If an array does not keep its schema.
+    """
+    checked(power, ONE_MAP)
+    figure, axes = new_axes()
+    level_db = level_db_of(power.values)
+    image = draw_map(
+        axes,
+        x=power.coords["range"].values,
+        y=power.coords["doppler"].values,
+        level_db=level_db,
+        limits_db=level_limits_db(level_db, db_range),
+    )
+    time_s = float(power.coords["time"]) if "time" in power.coords else None
+    name_axes(axes, title=title if time_s is None else f"{title} at {time_s:.2f} s", x="range (m)", y=DOPPLER_LABEL)
+    if gate is not None:
+        axes.add_patch(_gate_patch(axes, check_gate(gate, *GATE_RANGES, *GATE_BAND), time_s))
+    velocity_axis(axes, wavelength_m(power))
+    colour_bar(image, axes, quantity="power", reference="1 V²")
+    legend_below(figure, axes)
+    return figure
+
+
+def _gate_patch(axes: Axes, gate: xr.Dataset, time_s: float | None) -> Rectangle:
+    times_s = gate.coords["time"].values
+    at = float(times_s.mean()) if time_s is None else time_s
+    nearest = int(np.abs(times_s - at).argmin())
+    r_low, r_high, d_low, d_high = (float(gate[name].values[nearest]) for name in (*GATE_RANGES, *GATE_BAND))
+    bottom, top = axes.get_ylim()
+    margin = 0.004 * (top - bottom)
+    d_low, d_high = max(d_low, bottom + margin), min(d_high, top - margin)
+    return Rectangle(
+        (r_low, d_low), r_high - r_low, d_high - d_low, fill=False, edgecolor=LINE_COLOURS[0], lw=1.8, label="gate"
+    )

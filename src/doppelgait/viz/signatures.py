@@ -1,0 +1,182 @@
+"""Micro-Doppler signatures: one, or before and after normalisation."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+
+from doppelgait.core.errors import AnalysisError
+from doppelgait.viz.body import draw_part_lines, part_lines
+from doppelgait.viz.maps import (
+    DOPPLER_LABEL,
+    checked_signature,
+    colour_bar,
+    doppler_limits_hz,
+    draw_map,
+    level_db_of,
+    level_limits_db,
+    velocity_axis,
+    wavelength_m,
+)
+from doppelgait.viz.style import (
+    LINE_COLOURS,
+    MAP_COLOURS,
+    OVERLAY_COLOURS,
+    legend_below,
+    name_axes,
+    new_axes,
+    new_figure,
+)
+
+Limits = tuple[float, float]
+
+MAIN_LINE = (LINE_COLOURS[0], "#d9b400")
+"""Colour of the main line on the coloured and on the grey map."""
+
+
+def signature(
+    signature: xr.DataArray,
+    *,
+    truth_doppler: xr.DataArray | None = None,
+    main_line_hz: npt.ArrayLike | None = None,
+    db_range: float | None = None,
+    doppler_hz: Limits | None = None,
+    title: str = "Micro-Doppler signature",
+) -> Figure:
+    """Micro-Doppler signature in dB, approaching up (the report's Fig. 4.10 and 4.11).
+
+    Parameters
+    ----------
+    signature : DataArray (time, doppler)
+        Raw (V^2) or normalised (1).
+    truth_doppler : DataArray (slow_time, scatterer), optional
+        True Doppler of every scatterer in Hz with the coordinate ``part``
+        (:func:`doppelgait.viz.scatterer_doppler`); drawn thin in the parts' colours over a grey map.
+    main_line_hz : array_like, shape (J,) or scalar, optional
+        Main Doppler line at the signature's times, Hz.
+    db_range : float, optional
+        Dynamic range shown below the strongest cell, dB; by default down to the noise, at most 40 dB.
+    doppler_hz : (float, float), optional
+        Doppler limits; by default the part of the axis that is occupied, 0 Hz and a margin.
+    title : str
+
+    Returns
+    -------
+    Figure
+
+    Raises
+    ------
+    AnalysisError
+        If an array does not keep its schema or the main line has another length.
+    """
+    wavelength = wavelength_m(checked_signature(signature))
+    figure, axes = new_axes()
+    image = draw_signature(
+        axes,
+        signature,
+        truth_doppler=truth_doppler,
+        main_line_hz=main_line_hz,
+        db_range=db_range,
+        doppler_hz=doppler_hz,
+    )
+    name_axes(axes, title=title, x="time (s)", y=DOPPLER_LABEL)
+    velocity_axis(axes, wavelength)
+    colour_bar(image, axes, quantity="power", reference=reference_of(signature))
+    legend_below(figure, axes)
+    return figure
+
+
+def reference_of(signature: xr.DataArray) -> str:
+    """Reference of the levels: 1 V² for a raw signature, 1 for a normalised one."""
+    return "1 V²" if signature.attrs["units"] == "V^2" else "1"
+
+
+def draw_signature(
+    axes: Axes,
+    signature: xr.DataArray,
+    *,
+    truth_doppler: xr.DataArray | None = None,
+    main_line_hz: npt.ArrayLike | None = None,
+    db_range: float | None = None,
+    doppler_hz: Limits | None = None,
+    limits_db: Limits | None = None,
+) -> ScalarMappable:
+    """The map and lines of :func:`signature` on given axes; ``limits_db`` fixes the colour scale."""
+    checked_signature(signature)
+    level_db = level_db_of(signature.values).T
+    limits_hz = doppler_hz or doppler_limits_hz(
+        signature, lines_hz=() if truth_doppler is None else truth_doppler.values
+    )
+    image = draw_map(
+        axes,
+        x=signature.coords["time"].values,
+        y=signature.coords["doppler"].values,
+        level_db=level_db,
+        limits_db=limits_db or level_limits_db(level_db, db_range),
+        colours=MAP_COLOURS if truth_doppler is None else OVERLAY_COLOURS,
+    )
+    width_s = axes.get_xlim()
+    if truth_doppler is not None:
+        draw_part_lines(axes, part_lines(truth_doppler), width=0.8, bold=0.0)
+    if main_line_hz is not None:
+        axes.plot(
+            signature.coords["time"].values, _line(signature, main_line_hz), color=MAIN_LINE[truth_doppler is not None],
+            lw=1.6, ls="--", label="main line", path_effects=[withStroke(linewidth=3.0, foreground="black", alpha=0.6)],
+        )  # fmt: skip
+    axes.set(xlim=width_s, ylim=limits_hz)
+    return image
+
+
+def _line(signature: xr.DataArray, line_hz: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    values = np.asarray(line_hz, dtype=np.float64)
+    count = signature.sizes["time"]
+    if values.shape not in ((), (count,)):
+        raise AnalysisError(f"main_line_hz has shape {values.shape}; it must be one number or ({count},), one a column")
+    return np.broadcast_to(values, (count,))
+
+
+def signature_normalisation(
+    signature: xr.DataArray,
+    *,
+    normalised: xr.DataArray,
+    db_range: float | None = None,
+    doppler_hz: Limits | None = None,
+) -> Figure:
+    """Signature before and after its columns are normalised, side by side (the report's Fig. 4.9).
+
+    Parameters
+    ----------
+    signature : DataArray (time, doppler)
+        Raw, V^2.
+    normalised : DataArray (time, doppler)
+        The same, normalised.
+    db_range : float, optional
+        Dynamic range of both maps, dB; by default each down to its noise, at most 40 dB.
+    doppler_hz : (float, float), optional
+        Doppler limits of both; by default those of the normalised one.
+
+    Returns
+    -------
+    Figure
+
+    Raises
+    ------
+    AnalysisError
+        If an array does not keep its schema.
+    """
+    checked_signature(signature)
+    limits_hz = doppler_hz or doppler_limits_hz(checked_signature(normalised))
+    figure = new_figure(width_in=12.5, height_in=5.0)
+    pair = figure.subplots(1, 2, sharey=True)
+    titles = ("(a) signature", "(b) columns normalised")
+    for axes, array, title in zip(pair, (signature, normalised), titles, strict=True):
+        image = draw_signature(axes, array, db_range=db_range, doppler_hz=limits_hz)
+        name_axes(axes, title=title, x="time (s)", y=DOPPLER_LABEL if axes is pair[0] else "")
+        colour_bar(image, axes, quantity="power", reference=reference_of(array))
+    velocity_axis(pair[1], wavelength_m(normalised))
+    return figure

@@ -1,0 +1,210 @@
+"""Cadence spectrum and mean Doppler spectrum."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from doppelgait.core.errors import AnalysisError
+from doppelgait.core.labels import CADENCE_SPECTRUM
+from doppelgait.core.units import power_to_db
+from doppelgait.viz.cadence import CADENCE_LABEL, below_cadence, cadence_reach_hz
+from doppelgait.viz.maps import DOPPLER_LABEL, check_db_range, checked, level_db_of, velocity_axis
+from doppelgait.viz.style import ACCENT, name_axes, new_axes
+
+FloatArray = npt.NDArray[np.float64]
+
+LEVEL_LABEL = "level (dB re maximum)"
+LINE = "#1f3b57"
+SHADE = "#9ecae1"
+
+
+def cadence_spectrum(
+    spectrum: xr.DataArray,
+    *,
+    gait_frequency_hz: float | None = None,
+    harmonics_hz: Sequence[float | None] = (),
+    max_cadence_hz: float | None = None,
+    db_range: float = 40.0,
+    amplitude: bool = False,
+    title: str = "Cadence spectrum",
+) -> Figure:
+    """Cadence spectrum in dB below its peak, with the gait frequency and its harmonics (the report's Fig. 4.13).
+
+    Parameters
+    ----------
+    spectrum : DataArray (cadence)
+        Power sum S, or the report's amplitude sum D_g with ``amplitude=True``.
+    gait_frequency_hz : float, optional
+        f_mu.
+    harmonics_hz : sequence of float or None
+        Measured second, third, ... harmonic; None for one that was not found.
+    max_cadence_hz : float, optional
+        Right end of the cadence axis; by default what shows three harmonics, 8 to 20 Hz.
+    db_range : float
+        Range of the level axis, dB.
+    amplitude : bool
+        Whether the values are amplitudes (20 log10) and not powers (10 log10).
+    title : str
+
+    Returns
+    -------
+    Figure
+
+    Raises
+    ------
+    AnalysisError
+        If the array does not keep its schema or has no cadence below ``max_cadence_hz``.
+    """
+    figure, axes = new_axes(height_in=4.6)
+    draw_cadence_spectrum(
+        axes, spectrum, gait_frequency_hz=gait_frequency_hz, harmonics_hz=harmonics_hz,
+        max_cadence_hz=max_cadence_hz, db_range=db_range, amplitude=amplitude,
+    )  # fmt: skip
+    name_axes(axes, title=title, x=CADENCE_LABEL, y=LEVEL_LABEL)
+    return figure
+
+
+def draw_cadence_spectrum(
+    axes: Axes, spectrum: xr.DataArray, *, gait_frequency_hz: float | None, harmonics_hz: Sequence[float | None],
+    max_cadence_hz: float | None, db_range: float, amplitude: bool,
+) -> None:  # fmt: skip
+    """The curve and marks of :func:`cadence_spectrum` on given axes."""
+    shown = below_cadence(checked(spectrum, CADENCE_SPECTRUM), cadence_reach_hz(max_cadence_hz, gait_frequency_hz))
+    cadence_hz = shown.coords["cadence"].values
+    level_db = levels_below_peak_db(shown.values, db_range, amplitude=amplitude)
+    axes.plot(cadence_hz, level_db, color=LINE, lw=1.3)
+    axes.grid(color="#e0e0e0", lw=0.6)
+    axes.set(xlim=(0.0, float(cadence_hz[-1])), ylim=level_axis_db(level_db, db_range))
+    marks = [("f", gait_frequency_hz), *((f"{n}f", value) for n, value in enumerate(harmonics_hz, start=2))]
+    for name, value in marks:
+        if value is not None and np.isfinite(value) and value <= cadence_hz[-1]:
+            _mark_peak(axes, value, float(np.interp(value, cadence_hz, level_db)), f"{name}\n{value:.2f} Hz")
+    if gait_frequency_hz is None:
+        axes.text(
+            0.99, 0.96, "no gait frequency", transform=axes.transAxes, ha="right", va="top", color=ACCENT, fontsize=9
+        )
+
+
+def _mark_peak(axes: Axes, cadence_hz: float, level_db: float, text: str) -> None:
+    axes.plot([cadence_hz], [level_db], marker="o", color=ACCENT, ms=5, ls="none")
+    axes.annotate(
+        text, (cadence_hz, level_db), xytext=(0, 7), textcoords="offset points", ha="center", va="bottom",
+        fontsize=9, color=ACCENT,
+    )  # fmt: skip
+
+
+def levels_below_peak_db(values: npt.ArrayLike, db_range: float, *, amplitude: bool) -> FloatArray:
+    """Levels in dB relative to the maximum, not lower than twice the range; all at the bottom without a peak."""
+    check_db_range(db_range)
+    power = np.asarray(values, dtype=np.float64) ** (2 if amplitude else 1)
+    top = float(np.nanmax(power)) if np.isfinite(power).any() else 0.0
+    if not top > 0:
+        return np.full(power.shape, -2.0 * db_range)
+    return np.maximum(level_db_of(power / top), -2.0 * db_range)
+
+
+def level_axis_db(level_db: FloatArray, db_range: float) -> tuple[float, float]:
+    """Ends of the level axis: no deeper than the range, nor 5 to 10 dB below what lies there; room for words above."""
+    lowest = 5.0 * float(np.floor(np.nanquantile(level_db, 0.05) / 5.0)) - 5.0
+    bottom = max(-db_range, min(lowest, -15.0))
+    return bottom, -0.2 * bottom
+
+
+def mean_doppler_spectrum(
+    values: npt.ArrayLike,
+    *,
+    doppler_hz: npt.ArrayLike,
+    wavelength_m: float,
+    torso_doppler_hz: float | None = None,
+    bandwidth_hz: float | tuple[float, float] | None = None,
+    threshold: float | None = None,
+    db_range: float = 40.0,
+    title: str = "Mean Doppler spectrum",
+) -> Figure:
+    """Time mean of every Doppler row in dB below its peak (the report's Fig. 4.14 and 4.15).
+
+    Parameters
+    ----------
+    values : array_like, shape (K,)
+        D_1, powers.
+    doppler_hz : array_like, shape (K,)
+        Rising.
+    wavelength_m : float
+        For the axis in m/s.
+    torso_doppler_hz : float, optional
+        Main line, marked with its value.
+    bandwidth_hz : float or (float, float), optional
+        Micro-Doppler bandwidth B_mu, shaded: its two edges, or its width alone, which is then put where it holds the
+        most power.
+    threshold : float, optional
+        t_mu relative to the maximum, drawn as a level.
+    db_range : float
+        Range of the level axis, dB.
+    title : str
+
+    Returns
+    -------
+    Figure
+
+    Raises
+    ------
+    AnalysisError
+        If shapes differ, or the threshold does not lie between 0 and 1.
+    """
+    power, axis_hz = np.asarray(values, dtype=np.float64), np.asarray(doppler_hz, dtype=np.float64)
+    if power.shape != axis_hz.shape or power.ndim != 1 or power.size < 2:
+        raise AnalysisError(
+            f"values and doppler_hz must be equally long rows; shapes are {power.shape} and {axis_hz.shape}"
+        )
+    if threshold is not None and not 0 < threshold < 1:
+        raise AnalysisError(f"threshold is {threshold}; it is relative to the maximum, between 0 and 1")
+    figure, axes = new_axes(height_in=4.6)
+    level_db = levels_below_peak_db(power, db_range, amplitude=False)
+    axes.plot(axis_hz, level_db, color=LINE, lw=1.3)
+    axes.grid(color="#e0e0e0", lw=0.6)
+    axes.set(xlim=(float(axis_hz[0]), float(axis_hz[-1])), ylim=level_axis_db(level_db, db_range))
+    if bandwidth_hz is not None:
+        _shade(axes, bandwidth_hz if isinstance(bandwidth_hz, tuple) else densest_band_hz(power, axis_hz, bandwidth_hz))
+    if threshold is not None:
+        _mark_threshold(axes, threshold)
+    if torso_doppler_hz is not None:
+        level = float(np.interp(torso_doppler_hz, axis_hz, level_db))
+        _mark_peak(axes, torso_doppler_hz, level, f"torso {torso_doppler_hz:.1f} Hz")
+    velocity_axis(axes, wavelength_m, above=True)
+    name_axes(axes, title=title, x=DOPPLER_LABEL, y=LEVEL_LABEL)
+    return figure
+
+
+def _shade(axes: Axes, edges_hz: tuple[float, float]) -> None:
+    axes.axvspan(*edges_hz, color=SHADE, alpha=0.45, lw=0, zorder=0)
+    axes.annotate(
+        f"bandwidth {edges_hz[1] - edges_hz[0]:.0f} Hz", (sum(edges_hz) / 2.0, 0.03),
+        xycoords=("data", "axes fraction"), ha="center", va="bottom", fontsize=9, color=LINE,
+    )  # fmt: skip
+
+
+def _mark_threshold(axes: Axes, threshold: float) -> None:
+    level_db = float(power_to_db(threshold))
+    axes.axhline(level_db, color="#606060", lw=1.0, ls="--")
+    axes.annotate(
+        f"threshold {threshold:g} ({level_db:.1f} dB)", (0.99, level_db), xycoords=("axes fraction", "data"),
+        xytext=(0, 3), textcoords="offset points", ha="right", va="bottom", fontsize=9, color="#404040",
+    )  # fmt: skip
+
+
+def densest_band_hz(power: FloatArray, doppler_hz: FloatArray, width_hz: float) -> tuple[float, float]:
+    """Edges of the band of a given width that holds the most power; the middle one of all that hold 99.9 % of it."""
+    span = min(max(width_hz, 0.0), float(np.ptp(doppler_hz)))
+    starts = np.linspace(doppler_hz[0], doppler_hz[-1] - span, 4 * doppler_hz.size)
+    steps = np.diff(doppler_hz, prepend=doppler_hz[0])
+    total = np.cumsum(np.nan_to_num(power) * steps)
+    held = np.interp(starts + span, doppler_hz, total) - np.interp(starts, doppler_hz, total)
+    best = starts[held >= 0.999 * held.max()]
+    middle = float((best[0] + best[-1]) / 2.0)
+    return middle, middle + span

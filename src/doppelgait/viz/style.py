@@ -1,0 +1,135 @@
+"""What all figures share: colours, sizes, the words on axes, and how a figure becomes a file."""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Iterable
+from contextlib import suppress
+from pathlib import Path
+from typing import Literal
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from doppelgait.core.errors import AnalysisError, OutputError
+
+DPI = 110
+MAP_COLOURS = "magma"
+"""Perceptually uniform; starts at black, so an empty room is dark."""
+OVERLAY_COLOURS = "gray"
+"""Under lines coloured by body part."""
+LINE_COLOURS = ("#35d0ff", "#9cff57", "#ffffff", "#ff9cf5", "#ffe14d", "#b9a7ff")
+"""Lines on a map: none of them occurs in it."""
+ACCENT = "#c1121f"
+CLASS_COLOURS = {"human": "#0072b2", "dog": "#e69f00", "cat": "#009e73"}
+OTHER_CLASS_COLOURS = ("#cc79a7", "#56b4e9", "#8c564b", "#444444", "#b79f00")
+
+UNIT_OF_SUFFIX = {"mps": "m/s", "hz": "Hz", "m": "m", "s": "s", "db": "dB", "deg": "°", "m2": "m²", "kg": "kg"}
+QUANTITY_NAMES = {
+    "torso_velocity_mps": "torso velocity",
+    "doppler_bandwidth_hz": "Doppler bandwidth",
+    "step_length_m": "step length",
+    "harmonic_ratio_2": "harmonic ratio f₂/f",
+    "harmonic_ratio_3": "harmonic ratio f₃/f",
+    "limb_torso_ratio": "limb-torso ratio",
+    "snr_mu_db": "SNR of the signature",
+    "n_periods": "observed periods",
+}
+FEATURE_NAMES = tuple(QUANTITY_NAMES)[:6]
+"""The six features in their order (E-39)."""
+
+
+def quantity(name: str) -> tuple[str, str]:
+    """Words and unit of a column or field from its name: ``("gait frequency", "Hz")`` for ``gait_frequency_hz``."""
+    stem, _, suffix = name.rpartition("_")
+    unit = UNIT_OF_SUFFIX.get(suffix, "1") if stem else "1"
+    words = (stem if unit != "1" else name).replace("_", " ")
+    return QUANTITY_NAMES.get(name, words), unit
+
+
+def quantity_label(name: str) -> str:
+    """Axis label of a column: words and unit."""
+    words, unit = quantity(name)
+    return f"{words} ({unit})"
+
+
+def class_colours(classes: Iterable[str]) -> dict[str, str]:
+    """Colour of every class: fixed for those we know, by alphabet for others."""
+    names = sorted(set(classes))
+    others = [name for name in names if name not in CLASS_COLOURS]
+    extra = {name: OTHER_CLASS_COLOURS[n % len(OTHER_CLASS_COLOURS)] for n, name in enumerate(others)}
+    return {name: CLASS_COLOURS.get(name) or extra[name] for name in names}
+
+
+def new_figure(*, width_in: float = 10.5, height_in: float = 5.5, compressed: bool = False) -> Figure:
+    """Empty figure with its own canvas, no global state; the layout keeps texts apart (``compressed``: panels too)."""
+    layout: Literal["compressed", "constrained"] = "compressed" if compressed else "constrained"
+    figure = Figure(figsize=(width_in, height_in), dpi=DPI, layout=layout, facecolor="white")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def new_axes(*, width_in: float = 10.5, height_in: float = 5.5) -> tuple[Figure, Axes]:
+    """Figure with one pair of axes."""
+    figure = new_figure(width_in=width_in, height_in=height_in)
+    return figure, figure.add_subplot()
+
+
+def name_axes(axes: Axes, *, title: str, x: str, y: str) -> None:
+    """Title and axis labels, the same everywhere."""
+    axes.set_title(title, fontsize=11.5, loc="left")
+    axes.set_xlabel(x, fontsize=10)
+    axes.set_ylabel(y, fontsize=10)
+    axes.tick_params(labelsize=9)
+
+
+def legend_below(figure: Figure, axes: Axes, *, columns: int = 6) -> None:
+    """Legend of the axes under them, where it covers no data; none without labelled artists."""
+    handles, labels = axes.get_legend_handles_labels()
+    if handles:
+        legend = figure.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize=9, frameon=False)
+        for line in legend.get_lines():
+            line.set(linewidth=max(line.get_linewidth(), 1.5), alpha=1.0)
+
+
+def save_figure(figure: Figure, path: str | Path, *, dpi: float | None = None) -> Path:
+    """Write a figure as PNG; the file appears complete or not at all, and the same input gives the same bytes.
+
+    That holds for a figure as it came: each drawing lays it out anew and may move panels by a fraction of a pixel.
+
+    Parameters
+    ----------
+    figure : Figure
+    path : str or Path
+        Must end in ``.png``; the folder must exist.
+    dpi : float, optional
+        Pixels per inch; the figure's own by default.
+
+    Returns
+    -------
+    Path
+        The file written.
+
+    Raises
+    ------
+    AnalysisError
+        If the name does not end in ``.png``.
+    OutputError
+        If the file cannot be written; an older file of that name is then untouched.
+    """
+    target = Path(path)
+    if target.suffix.lower() != ".png":
+        raise AnalysisError(f"{target}: figures are written as PNG; end the name in .png")
+    image = io.BytesIO()
+    figure.savefig(image, format="png", dpi=dpi or figure.dpi, metadata={"Software": None})
+    partial = target.with_name(target.name + ".partial")
+    try:
+        partial.write_bytes(image.getvalue())
+        os.replace(partial, target)
+    except OSError as error:
+        with suppress(OSError):
+            partial.unlink()
+        raise OutputError(f"{target}: cannot be written: {error}") from None
+    return target

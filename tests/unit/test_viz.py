@@ -1,0 +1,673 @@
+"""Figures hold the data they are given, on axes with units; tiny labelled arrays with known answers."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from doppelgait import viz
+from doppelgait.core.errors import AnalysisError, OutputError
+from doppelgait.core.labels import (
+    BASEBAND,
+    CADENCE_MAP,
+    CADENCE_SPECTRUM,
+    MOTION,
+    NORMALISED_SIGNATURE,
+    RANGE_DOPPLER,
+    SIGNATURE,
+    make_array,
+)
+from doppelgait.viz.body import PART_COLOURS, part_colour, part_group
+from doppelgait.viz.maps import doppler_limits_hz, level_limits_db, occupied_rows
+from doppelgait.viz.spectra import densest_band_hz
+from doppelgait.viz.style import quantity_label
+
+WAVELENGTH_M = 0.04
+DOPPLER_HZ = 8.0 * np.arange(-32, 32)
+PARTS = ("torso", "torso", "head", "left_foot", "right_foot", "left_hand", "left_shank")
+
+
+def doppler_coords() -> dict[str, object]:
+    return {"doppler": DOPPLER_HZ, "velocity": ("doppler", DOPPLER_HZ * WAVELENGTH_M / 2)}
+
+
+def make_signature(*, normalised: bool = False, noise: float = 1e-3) -> xr.DataArray:
+    """A line of five bins around +80 Hz over exponential noise, 40 columns."""
+    power = noise * np.random.default_rng(3).exponential(size=(40, 64))
+    power[:, 40:45] += [0.1, 0.5, 1.0, 0.5, 0.1]
+    schema = NORMALISED_SIGNATURE if normalised else SIGNATURE
+    return make_array(schema, power.astype(np.float32), {"time": 0.5 + 0.05 * np.arange(40), **doppler_coords()})
+
+
+def make_baseband() -> xr.DataArray:
+    values = np.full((50, 20), 1e-3 + 0j, dtype=np.complex64)
+    values[:, 7] = 1j
+    return make_array(BASEBAND, values, {"slow_time": 0.01 * np.arange(50), "range": 1.0 + 0.05 * np.arange(20)})
+
+
+def make_gate(low_m: float = 1.2, high_m: float = 1.6, band_hz: float = np.inf) -> xr.Dataset:
+    time_s = np.linspace(0.0, 0.5, 11)
+    values = {"range_low": low_m, "range_high": high_m, "doppler_low": -band_hz, "doppler_high": band_hz}
+    return xr.Dataset({name: ("time", np.full(11, v)) for name, v in values.items()}, coords={"time": time_s})
+
+
+def make_scatterers() -> xr.Dataset:
+    time_s = 0.01 * np.arange(30)
+    number = np.arange(len(PARTS))
+    dims = ("slow_time", "scatterer")
+    return xr.Dataset(
+        {
+            "range": (dims, 5.0 - time_s[:, None] + 0.1 * number),
+            "radial_velocity": (dims, 1.0 + 0.0 * time_s[:, None] + 0.5 * number),
+        },
+        coords={"slow_time": time_s, "part": ("scatterer", list(PARTS)), "target": ("scatterer", np.full(7, 4))},
+    )
+
+
+def make_cadence_map() -> xr.DataArray:
+    values = np.full((101, 64), 1e-4)
+    values[20, 38:46] = 0.1
+    return make_array(CADENCE_MAP, values, {"cadence": 0.1 * np.arange(101), **doppler_coords()})
+
+
+def make_spectrum() -> xr.DataArray:
+    values = np.full(201, 1e-3)
+    values[[20, 40, 60]] = [1.0, 0.1, 0.05]
+    return make_array(CADENCE_SPECTRUM, values, {"cadence": 0.1 * np.arange(201)})
+
+
+def make_motion(*, stride_hz: float = 1.0) -> xr.DataArray:
+    """A body walking along -y at 2 m/s with a head above and a foot in front of it."""
+    time_s = np.arange(101) / 50.0
+    base = np.stack([np.full(101, 3.0), -2.0 * time_s, np.ones(101)], axis=-1)
+    points = base[:, None] + np.array([[0, 0, 0], [0, 0, 0.7], [0, -0.4, -1.0], [0, 0.4, -0.9]])
+    coords = {
+        "time": time_s,
+        "marker": ["chest", "top", "toe", "shin"],
+        "space": ["x", "y", "z"],
+        "part": ("marker", ["torso", "head", "left_foot", "left_shank"]),
+    }
+    return make_array(MOTION, points, coords, {"stride_frequency_hz": stride_hz})
+
+
+def make_table() -> pd.DataFrame:
+    return pd.DataFrame(
+        {
+            "label": ["human"] * 5 + ["dog"] * 4,
+            "torso_velocity_mps": [1.0, 1.1, 1.2, None, 1.4, 2.0, 2.1, 2.2, 2.3],
+            "step_length_m": [0.6, np.nan, 0.7, 0.7, 0.8, 0.9, 1.0, 1.1, np.nan],
+        }
+    )
+
+
+def image_db(axes: Axes) -> np.ndarray:
+    return np.asarray(axes.images[0].get_array(), dtype=float)
+
+
+def second_axis_limits(axes: Axes, *, side: str = "y") -> tuple[np.ndarray, np.ndarray]:
+    axes.figure.canvas.draw()
+    (second,) = (child for child in axes.child_axes)
+    return np.array(getattr(axes, f"get_{side}lim")()), np.array(getattr(second, f"get_{side}lim")())
+
+
+def labels_of(axes: Axes) -> list[str]:
+    return axes.get_legend_handles_labels()[1]
+
+
+def texts(axes: Axes) -> str:
+    return "\n".join(text.get_text() for text in axes.texts)
+
+
+# maps and levels ------------------------------------------------------------------------------------------------
+
+
+def test_signature_draws_db_of_the_input_clipped_to_the_range() -> None:
+    mu = make_signature()
+    axes = viz.signature(mu, db_range=20.0).axes[0]
+    level = 10 * np.log10(mu.values.T.astype(float))
+    np.testing.assert_allclose(image_db(axes), np.clip(level, level.max() - 20.0, level.max()), atol=1e-9)
+    assert (image_db(axes) == level.max() - 20.0).any()
+    assert axes.images[0].get_clim() == pytest.approx((level.max() - 20.0, level.max()))
+    assert axes.images[0].get_extent() == pytest.approx((0.475, 2.475, -260.0, 252.0))
+
+
+def test_approaching_is_up_and_time_runs_right() -> None:
+    axes = viz.signature(make_signature()).axes[0]
+    image = axes.images[0]
+    assert image.origin == "lower"
+    assert axes.get_ylim()[0] < 0.0 < 80.0 < axes.get_ylim()[1]
+    assert axes.get_xlim()[0] < axes.get_xlim()[1]
+
+
+def test_signature_axes_and_colour_bar_name_units_and_dynamic_range() -> None:
+    raw, bar = viz.signature(make_signature(), db_range=30.0).axes
+    assert (raw.get_xlabel(), raw.get_ylabel()) == ("time (s)", "Doppler (Hz)")
+    assert raw.child_axes[0].get_ylabel().startswith("radial velocity (m/s)")
+    assert bar.get_ylabel() == "power (dB re 1 V²), 30 dB shown"
+    assert (
+        viz.signature(make_signature(normalised=True), db_range=30.0).axes[1].get_ylabel().startswith("power (dB re 1)")
+    )
+
+
+def test_second_axis_is_half_a_wavelength_per_hertz() -> None:
+    hertz, metres = second_axis_limits(viz.signature(make_signature()).axes[0])
+    np.testing.assert_allclose(metres, hertz * WAVELENGTH_M / 2)
+    figure = viz.doppler_lines(make_scatterers(), wavelength_m=0.1)
+    hertz, metres = second_axis_limits(figure.axes[0])
+    np.testing.assert_allclose(metres, hertz * 0.05)
+
+
+def test_automatic_limits_hold_the_line_and_zero_and_leave_out_the_noise() -> None:
+    low, high = doppler_limits_hz(make_signature())
+    assert -60.0 < low < 0.0
+    assert 96.0 < high < 150.0
+    assert doppler_limits_hz(make_signature(), lines_hz=[-150.0, np.nan])[0] < -150.0
+    only_noise = make_signature().copy(data=make_signature().values[:, ::-1] * 0 + 1)
+    assert doppler_limits_hz(only_noise) == (DOPPLER_HZ[0], DOPPLER_HZ[-1])
+
+
+def test_receding_target_moves_the_limits_below_zero() -> None:
+    mu = make_signature()
+    axes = viz.signature(mu.copy(data=mu.values[:, ::-1])).axes[0]
+    assert axes.get_ylim()[0] < -100.0
+    assert axes.get_ylim()[1] < 60.0
+
+
+def test_one_loud_row_is_no_line() -> None:
+    power = np.ones((10, 20))
+    power[:, 4] = 50.0
+    power[:, 10:13] = 50.0
+    assert np.flatnonzero(occupied_rows(power)).tolist() == [10, 11, 12]
+
+
+def test_automatic_range_ends_below_the_noise_but_not_beyond_40_db() -> None:
+    noise = np.zeros(1001)
+    noise[0] = 27.0
+    assert level_limits_db(noise, None) == (-3.0, 27.0)
+    noise[300:] = -np.inf
+    assert level_limits_db(noise, None) == (-3.0, 27.0)
+    noise[0] = 90.0
+    assert level_limits_db(noise, None) == (50.0, 90.0)
+    noise[0] = 1.0
+    assert level_limits_db(noise, None) == (-19.0, 1.0)
+
+
+def test_zero_columns_are_dark_and_nan_columns_stay_unknown() -> None:
+    mu = make_signature()
+    mu.values[3] = 0.0
+    mu.values[5] = np.nan
+    axes = viz.signature(mu, db_range=25.0).axes[0]
+    low, _ = axes.images[0].get_clim()
+    drawn = image_db(axes)
+    assert (drawn[:, 3] == low).all()
+    assert np.ma.getmaskarray(axes.images[0].get_array())[:, 5].all()
+    assert axes.images[0].get_cmap().get_bad()[:3] == pytest.approx([0xBD / 255] * 3)
+
+
+def test_signature_without_any_power_can_be_drawn(tmp_path: Path) -> None:
+    mu = make_signature() * 0.0
+    mu.attrs["units"] = "V^2"
+    figure = viz.signature(mu)
+    viz.save_figure(figure, tmp_path / "empty.png")
+    assert np.isfinite(figure.axes[0].images[0].get_clim()).all()
+
+
+def test_negative_excess_is_no_warning(recwarn: pytest.WarningsRecorder) -> None:
+    mu = make_signature(normalised=True)
+    mu.values[0, :5] = -1.0
+    viz.signature(mu)
+    assert not [w for w in recwarn if issubclass(w.category, RuntimeWarning)]
+
+
+def test_uneven_time_axis_is_drawn_where_it_is() -> None:
+    mu = make_signature()
+    uneven = mu.assign_coords(time=("time", np.arange(40) ** 1.5, {"units": "s"}))
+    axes = viz.signature(uneven, db_range=20.0).axes[0]
+    mesh = axes.collections[0]
+    level = 10 * np.log10(mu.values.T.astype(float))
+    np.testing.assert_allclose(np.asarray(mesh.get_array()), np.maximum(level, level.max() - 20.0), atol=1e-9)
+    assert not axes.images
+
+
+# signature overlays ------------------------------------------------------------------------------------------------
+
+
+def test_truth_lines_are_one_a_scatterer_in_their_parts_colours() -> None:
+    truth = viz.scatterer_doppler(make_scatterers(), wavelength_m=WAVELENGTH_M)
+    axes = viz.signature(make_signature(), truth_doppler=truth, main_line_hz=80.0).axes[0]
+    assert len(axes.lines) == len(PARTS) + 1
+    assert [line.get_color() for line in axes.lines[:-1]] == [part_colour(part) for part in PARTS]
+    np.testing.assert_allclose(axes.lines[3].get_ydata(), 2 * 2.5 / WAVELENGTH_M)
+    assert labels_of(axes) == ["torso", "head", "left leg", "right leg", "left arm", "main line"]
+    assert axes.get_ylim()[1] > 2 * 4.0 / WAVELENGTH_M
+
+
+def test_main_line_is_drawn_at_the_columns() -> None:
+    line_hz = np.linspace(60.0, 100.0, 40)
+    (line,) = viz.signature(make_signature(), main_line_hz=line_hz).axes[0].lines
+    np.testing.assert_array_equal(line.get_xdata(), make_signature().coords["time"])
+    np.testing.assert_array_equal(line.get_ydata(), line_hz)
+
+
+def test_normalisation_pair_shares_the_doppler_axis() -> None:
+    raw, normalised = make_signature(), make_signature(normalised=True) * 0.25
+    normalised.attrs["units"] = "1"
+    left, right, *bars = viz.signature_normalisation(raw, normalised=normalised).axes
+    assert left.get_ylim() == right.get_ylim()
+    assert right.images[0].get_clim()[1] == pytest.approx(left.images[0].get_clim()[1] + 10 * np.log10(0.25), abs=1e-4)
+    assert "re 1 V²" in bars[0].get_ylabel()
+    assert "re 1)" in bars[1].get_ylabel()
+
+
+def test_contact_sheet_has_one_scale_for_all() -> None:
+    loud, quiet = make_signature(), make_signature() * 0.01
+    quiet.attrs["units"] = "V^2"
+    figure = viz.contact_sheet([loud, quiet, loud], titles=["a", "b", "c"], db_range=30.0)
+    panels = [axes for axes in figure.axes if axes.images]
+    assert [axes.get_title(loc="left") for axes in panels] == ["a", "b", "c"]
+    assert len({axes.images[0].get_clim() for axes in panels}) == 1
+    assert len({axes.get_ylim() for axes in panels}) == 1
+    assert image_db(panels[1]).max() == pytest.approx(image_db(panels[0]).max() - 20.0, abs=1e-4)
+
+
+# range ------------------------------------------------------------------------------------------------------------
+
+
+def test_range_time_draws_the_magnitude_in_db_with_range_up() -> None:
+    axes, bar = viz.range_time(make_baseband(), db_range=70.0).axes
+    expected = np.full((20, 50), -60.0)
+    expected[7] = 0.0
+    np.testing.assert_allclose(image_db(axes), expected, atol=1e-4)
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("time (s)", "range (m)")
+    assert axes.get_ylim() == pytest.approx((0.975, 1.975))
+    assert bar.get_ylabel() == "magnitude (dB re 1 V), 70 dB shown"
+
+
+def test_tracks_are_drawn_two_lines_each_with_their_labels() -> None:
+    axes = viz.range_time(make_baseband(), tracks={"human 1": make_gate(), "human 2": make_gate(1.7, 5.0)}).axes[0]
+    assert len(axes.lines) == 4
+    assert labels_of(axes) == ["human 1", "human 2"]
+    assert axes.lines[0].get_color() == axes.lines[1].get_color() != axes.lines[2].get_color()
+    np.testing.assert_array_equal(axes.lines[3].get_ydata(), 5.0)
+    assert axes.get_ylim() == pytest.approx((0.975, 1.975))
+    assert labels_of(viz.range_time(make_baseband(), tracks=make_gate()).axes[0]) == ["gate"]
+
+
+def make_range_doppler() -> xr.DataArray:
+    values = np.full((1, 64, 20), 1e-3)
+    values[0, 42, 7] = 1.0
+    coords = {"time": [0.3], "range": 1.0 + 0.05 * np.arange(20), **doppler_coords()}
+    return make_array(RANGE_DOPPLER, values, coords).isel(time=0)
+
+
+def test_range_doppler_map_and_its_gate() -> None:
+    axes = viz.range_doppler_map(make_range_doppler(), gate=make_gate(band_hz=100.0)).axes[0]
+    assert axes.get_title(loc="left") == "Range-Doppler map at 0.30 s"
+    assert np.unravel_index(image_db(axes).argmax(), (64, 20)) == (42, 7)
+    (gate,) = axes.patches
+    assert gate.get_bbox().extents == pytest.approx((1.2, -100.0, 1.6, 100.0))
+    hertz, metres = second_axis_limits(axes)
+    np.testing.assert_allclose(metres, hertz * WAVELENGTH_M / 2)
+
+
+def test_moving_gate_is_drawn_where_it_is_at_the_time_of_the_map() -> None:
+    gate = make_gate()
+    gate["range_low"].values[:] = 1.0 + gate.coords["time"].values
+    assert viz.range_doppler_map(make_range_doppler(), gate=gate).axes[0].patches[0].get_x() == pytest.approx(1.3)
+    timeless = make_range_doppler().drop_vars("time")
+    assert viz.range_doppler_map(timeless, gate=gate).axes[0].patches[0].get_x() == pytest.approx(1.25)
+
+
+def test_infinite_doppler_band_fills_the_axis() -> None:
+    axes = viz.range_doppler_map(make_range_doppler(), gate=make_gate()).axes[0]
+    _, low, _, high = axes.patches[0].get_bbox().extents
+    bottom, top = axes.get_ylim()
+    assert bottom <= low < bottom + 5.0
+    assert top - 5.0 < high <= top
+
+
+# motion ------------------------------------------------------------------------------------------------------------
+
+
+def test_range_lines_are_thin_for_points_and_bold_for_torso_and_feet() -> None:
+    axes = viz.range_lines(make_scatterers()).axes[0]
+    bold = [line for line in axes.lines if line.get_linewidth() > 2.0]
+    assert [line.get_label() for line in bold] == ["torso (mean)", "left foot (mean)", "right foot (mean)"]
+    assert len(axes.lines) == len(PARTS) + 3
+    np.testing.assert_allclose(bold[0].get_ydata(), 5.05 - 0.01 * np.arange(30))
+    assert {line.get_linestyle() for line in axes.lines} == {"-"}
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("time (s)", "range (m)")
+
+
+@pytest.mark.filterwarnings("error")
+def test_mean_of_the_torso_skips_unknown_points() -> None:
+    scatterers = make_scatterers()
+    scatterers["range"].values[:10, 0] = np.nan
+    scatterers["range"].values[:5, 1] = np.nan
+    torso = next(line for line in viz.range_lines(scatterers).axes[0].lines if line.get_label() == "torso (mean)")
+    drawn = np.asarray(torso.get_ydata())
+    assert np.isnan(drawn[:5]).all()
+    np.testing.assert_allclose(drawn[5:10], 5.1 - 0.01 * np.arange(5, 10))
+
+
+def test_second_target_is_dashed() -> None:
+    both = xr.concat([make_scatterers(), make_scatterers().assign_coords(target=("scatterer", [9] * 7))], "scatterer")
+    axes = viz.range_lines(both).axes[0]
+    assert sum(line.get_linestyle() == "--" for line in axes.lines) == len(PARTS) + 3
+    assert len(labels_of(axes)) == len(set(labels_of(axes)))
+
+
+def test_doppler_lines_are_two_v_over_lambda() -> None:
+    axes = viz.doppler_lines(make_scatterers(), wavelength_m=WAVELENGTH_M).axes[0]
+    head = next(line for line in axes.lines if line.get_label() == "head")
+    np.testing.assert_allclose(head.get_ydata(), 2 * 2.0 / WAVELENGTH_M)
+    assert axes.get_ylabel() == "Doppler (Hz)"
+
+
+@pytest.mark.parametrize(
+    ("part", "group"),
+    [
+        ("torso", "torso"), ("trunk", "torso"), ("left_forearm", "left arm"), ("right_thigh", "right leg"),
+        ("left_fore_paw", "left foreleg"), ("right_hind_upper", "right hind leg"), ("tail", "tail"), ("", "other"),
+        ("left_", "left leg"), ("wing", "other"),
+    ],
+)  # fmt: skip
+def test_every_part_has_a_group_with_a_colour(part: str, group: str) -> None:
+    assert part_group(part) == group
+    assert group in PART_COLOURS
+
+
+def frames_of(figure: Figure) -> list[Axes]:
+    return [axes for axes in figure.axes if axes.get_visible()]
+
+
+def test_stick_frames_cover_one_stride_on_equal_axes() -> None:
+    panels = frames_of(viz.stick_frames(make_motion(stride_hz=2.0), n_frames=6))
+    assert [axes.get_title() for axes in panels] == [f"{t:.2f} s" for t in (0.0, 0.1, 0.2, 0.3, 0.4, 0.5)]
+    assert {axes.get_aspect() for axes in panels} == {1.0}
+    assert len({(axes.get_xlim(), axes.get_ylim()) for axes in panels}) == 1
+    assert panels[0].get_ylabel() == "height (m)"
+    assert "(m)" in panels[-1].get_xlabel()
+
+
+def test_stick_frames_look_along_the_path_with_the_body_in_the_middle() -> None:
+    panels = frames_of(viz.stick_frames(make_motion(), n_frames=4))
+    foot = next(points for points in panels[2].collections if points.get_label() == "left leg")
+    np.testing.assert_allclose(foot.get_offsets(), [[0.4, 0.0], [-0.4, 0.1]], atol=1e-9)
+    limb = panels[2].lines[-1]
+    np.testing.assert_allclose(limb.get_ydata(), [0.1, 0.0], atol=1e-9)
+
+
+def test_stick_frames_of_a_standing_body_and_of_unknown_stride() -> None:
+    motion = make_motion(stride_hz=np.nan)
+    motion.values[..., 1] -= motion.values[:, :1, 1]
+    panels = frames_of(viz.stick_frames(motion, n_frames=2))
+    assert [axes.get_title() for axes in panels] == ["0.00 s", "2.00 s"]
+    reach = np.ptp([points.get_offsets()[:, 0] for points in panels[0].collections if points.get_label() == "left leg"])
+    assert reach == pytest.approx(0.8)
+
+
+# cadence and spectra -------------------------------------------------------------------------------------------------
+
+
+def test_step_doppler_is_amplitude_in_db_over_cadence() -> None:
+    axes, bar = viz.step_doppler(make_cadence_map(), db_range=35.0, gait_frequency_hz=2.0).axes
+    drawn = image_db(axes)
+    assert drawn.shape == (64, 81)
+    assert drawn[40, 20] == pytest.approx(-20.0)
+    assert drawn.min() == pytest.approx(-55.0)
+    assert axes.get_xlim() == pytest.approx((0.0, 8.0))
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("cadence (Hz)", "Doppler (Hz)")
+    assert [text.get_text() for text in axes.texts] == ["f", "2f", "3f"]
+    assert "35 dB shown" in bar.get_ylabel()
+    hertz, metres = second_axis_limits(axes)
+    np.testing.assert_allclose(metres, hertz * WAVELENGTH_M / 2)
+
+
+def test_cadence_axis_reaches_the_third_harmonic() -> None:
+    assert viz.cadence_spectrum(make_spectrum(), gait_frequency_hz=4.0).axes[0].get_xlim()[1] == pytest.approx(14.4)
+    assert viz.cadence_spectrum(make_spectrum()).axes[0].get_xlim()[1] == pytest.approx(8.0)
+    figure = viz.cadence_spectrum(make_spectrum(), gait_frequency_hz=4.0, max_cadence_hz=5.0)
+    assert figure.axes[0].get_xlim()[1] == pytest.approx(5.0)
+
+
+def test_cadence_spectrum_marks_its_peaks_with_their_values() -> None:
+    figure = viz.cadence_spectrum(make_spectrum(), gait_frequency_hz=2.0, harmonics_hz=(4.0, None))
+    axes = figure.axes[0]
+    curve, *marks = axes.lines
+    np.testing.assert_allclose(np.asarray(curve.get_ydata())[[20, 40, 50]], [0.0, -10.0, -30.0], atol=1e-9)
+    assert [(m.get_xdata()[0], m.get_ydata()[0]) for m in marks] == [
+        (2.0, pytest.approx(0.0)),
+        (4.0, pytest.approx(-10.0)),
+    ]
+    assert [text.get_text() for text in axes.texts] == ["f\n2.00 Hz", "2f\n4.00 Hz"]
+    assert axes.get_ylabel() == "level (dB re maximum)"
+
+
+def test_amplitude_spectrum_counts_twice_in_db() -> None:
+    curve = viz.cadence_spectrum(make_spectrum(), amplitude=True).axes[0].lines[0]
+    assert np.asarray(curve.get_ydata())[40] == pytest.approx(-20.0)
+
+
+def test_no_gait_frequency_is_said_and_a_zero_spectrum_can_be_drawn() -> None:
+    silent = make_spectrum() * 0.0
+    silent.attrs["units"] = "1"
+    axes = viz.cadence_spectrum(silent).axes[0]
+    assert "no gait frequency" in texts(axes)
+    assert len(axes.lines) == 1
+    assert np.isfinite(np.asarray(axes.lines[0].get_ydata())).all()
+
+
+def test_mean_doppler_spectrum_shades_the_bandwidth_and_states_the_threshold() -> None:
+    values = make_signature().values.mean(axis=0)
+    axes = viz.mean_doppler_spectrum(
+        values, doppler_hz=DOPPLER_HZ, wavelength_m=WAVELENGTH_M, torso_doppler_hz=80.0,
+        bandwidth_hz=(40.0, 120.0), threshold=0.1,
+    ).axes[0]  # fmt: skip
+    curve = np.asarray(axes.lines[0].get_ydata())
+    np.testing.assert_allclose(curve, 10 * np.log10(values / values.max()), atol=1e-6)
+    assert axes.patches[0].get_x() == pytest.approx(40.0)
+    assert axes.patches[0].get_width() == pytest.approx(80.0)
+    for text in ("bandwidth 80 Hz", "threshold 0.1 (-10.0 dB)", "torso 80.0 Hz"):
+        assert text in texts(axes)
+    hertz, metres = second_axis_limits(axes, side="x")
+    np.testing.assert_allclose(metres, hertz * WAVELENGTH_M / 2)
+
+
+def test_bandwidth_given_as_a_width_is_put_where_the_power_is() -> None:
+    power = np.zeros(64)
+    power[40:45] = 1.0
+    low, high = densest_band_hz(power, DOPPLER_HZ, 64.0)
+    assert high - low == pytest.approx(64.0)
+    assert low < DOPPLER_HZ[40] <= DOPPLER_HZ[44] < high
+    assert (low + high) / 2 == pytest.approx(80.0, abs=6.0)
+
+
+# tables --------------------------------------------------------------------------------------------------------------
+
+
+def test_scatter_leaves_out_unknown_rows_and_counts_them() -> None:
+    axes = viz.feature_scatter(make_table(), x="torso_velocity_mps", y="step_length_m").axes[0]
+    assert labels_of(axes) == ["dog (n = 3, 1 left out)", "human (n = 3, 2 left out)"]
+    np.testing.assert_allclose(axes.collections[0].get_offsets(), [[2.0, 0.9], [2.1, 1.0], [2.2, 1.1]])
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("torso velocity (m/s)", "step length (m)")
+
+
+def test_scatter_by_another_column_and_with_missing_classes() -> None:
+    table = make_table().assign(gait=["walk"] * 4 + [None] + ["trot"] * 4)
+    axes = viz.feature_scatter(table, x="torso_velocity_mps", y="step_length_m", by="gait").axes[0]
+    assert [label.partition(" ")[0] for label in labels_of(axes)] == ["trot", "unknown", "walk"]
+
+
+def test_matrix_shows_shares_of_each_class() -> None:
+    figure = viz.feature_matrix(make_table(), features=("torso_velocity_mps", "step_length_m"))
+    first, second = (axes for axes in figure.axes if axes.get_visible())
+    for stairs in (*first.patches, *second.patches):
+        assert stairs.get_data().values.sum() == pytest.approx(100.0)
+    assert labels_of(second) == ["dog (n = 3, 1 left out)", "human (n = 4, 1 left out)"]
+    assert second.get_xlabel() == "step length (m)"
+
+
+def test_matrix_of_a_feature_that_nobody_has() -> None:
+    table = make_table().assign(limb_torso_ratio=np.nan)
+    axes = viz.feature_matrix(table, features=("limb_torso_ratio",)).axes[0]
+    assert labels_of(axes) == ["dog (n = 0, 4 left out)", "human (n = 0, 5 left out)"]
+
+
+@pytest.mark.parametrize(
+    ("name", "label"),
+    [
+        ("doppler_bandwidth_hz", "Doppler bandwidth (Hz)"), ("ground_speed_mps", "ground speed (m/s)"),
+        ("harmonic_ratio_2", "harmonic ratio f₂/f (1)"), ("snr_mu_db", "SNR of the signature (dB)"), ("m", "m (1)"),
+    ],
+)  # fmt: skip
+def test_units_come_from_the_column_names(name: str, label: str) -> None:
+    assert quantity_label(name) == label
+
+
+# overview ------------------------------------------------------------------------------------------------------------
+
+
+def make_overview(**changes: object) -> Figure:
+    settings: dict[str, object] = {
+        "signature": make_signature(), "cadence_map": make_cadence_map(), "cadence_spectrum": make_spectrum(),
+        "features": {"torso_velocity_mps": 1.234, "step_length_m": None, "harmonic_ratio_2": 2.0},
+        "gate": {"human": make_gate()}, "gait_frequency_hz": 2.0, "flags": ("low_confidence",), "title": "human",
+    }  # fmt: skip
+    return viz.overview(make_baseband(), **{**settings, **changes})
+
+
+def test_overview_shows_all_of_one_target() -> None:
+    figure = make_overview()
+    titles = {axes.get_title(loc="left"): axes for axes in figure.axes}
+    for wanted in ("Range against time", "Micro-Doppler signature", "Step-Doppler map", "Cadence spectrum", "Features"):
+        assert wanted in titles
+    table = texts(titles["Features"])
+    for entry in ("+1.23 m/s", "step length", "not determined", "2.00 Hz", "low confidence"):
+        assert entry in table
+    assert texts(titles["Cadence spectrum"]) == "f\n2.00 Hz\n2f\n4.00 Hz"
+    assert titles["Step-Doppler map"].get_ylim() == titles["Micro-Doppler signature"].get_ylim()
+
+
+def test_overview_without_anything_determined(tmp_path: Path) -> None:
+    figure = make_overview(features={"step_length_m": float("nan")}, gate=None, gait_frequency_hz=None, flags=())
+    assert viz.save_figure(figure, tmp_path / "page.png").stat().st_size > 0
+    assert "no gait frequency" in "".join(texts(axes) for axes in figure.axes)
+
+
+# files ---------------------------------------------------------------------------------------------------------------
+
+
+def test_same_input_gives_same_bytes(tmp_path: Path) -> None:
+    files = [viz.save_figure(make_overview(), tmp_path / f"{number}.png") for number in range(3)]
+    assert len({path.read_bytes() for path in files}) == 1
+    assert viz.save_figure(make_overview(title="dog"), tmp_path / "4.png").read_bytes() != files[0].read_bytes()
+    assert not [path for path in tmp_path.iterdir() if path.suffix != ".png"]
+
+
+def test_threads_draw_the_same_bytes(tmp_path: Path) -> None:
+    paths = [tmp_path / f"{number}.png" for number in range(4)]
+    jobs = [threading.Thread(target=lambda p=p: viz.save_figure(viz.signature(make_signature()), p)) for p in paths]
+    for job in jobs:
+        job.start()
+    for job in jobs:
+        job.join()
+    assert len({path.read_bytes() for path in paths}) == 1
+
+
+def test_png_carries_no_date_and_has_the_size_asked_for(tmp_path: Path) -> None:
+    data = viz.save_figure(viz.signature(make_signature()), tmp_path / "a.png", dpi=100).read_bytes()
+    assert data[:8] == b"\x89PNG\r\n\x1a\n"
+    assert (int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")) == (1050, 550)
+    assert b"tEXt" not in data
+    assert b"tIME" not in data
+
+
+def test_failed_save_leaves_the_old_file(tmp_path: Path) -> None:
+    target = tmp_path / "a.png"
+    target.mkdir()
+    with pytest.raises(OutputError, match="cannot be written"):
+        viz.save_figure(viz.signature(make_signature()), target)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
+    with pytest.raises(OutputError, match="cannot be written"):
+        viz.save_figure(viz.signature(make_signature()), tmp_path / "nowhere" / "a.png")
+    with pytest.raises(AnalysisError, match=r"end the name in \.png"):
+        viz.save_figure(viz.signature(make_signature()), tmp_path / "a.jpg")
+
+
+def test_importing_viz_loads_neither_matplotlib_nor_pyplot() -> None:
+    code = (
+        "import sys, doppelgait.viz as v; assert 'matplotlib' not in sys.modules; "
+        "[getattr(v, name) for name in v.__all__]; assert 'matplotlib.pyplot' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+# errors --------------------------------------------------------------------------------------------------------------
+
+
+def wrong_calls() -> dict[str, tuple[object, str]]:
+    mu, table = make_signature(), make_table()
+    no_unit = mu.copy()
+    no_unit.attrs = {}
+    zero_axis = mu.isel(doppler=[32])
+    truth = viz.scatterer_doppler(make_scatterers(), wavelength_m=WAVELENGTH_M)
+    return {
+        "numpy": (lambda: viz.signature(mu.values), "must be an xarray.DataArray"),
+        "units": (lambda: viz.signature(no_unit), "units are None"),
+        "transposed": (lambda: viz.signature(mu.T), "dimensions are"),
+        "empty": (lambda: viz.signature(mu.isel(time=slice(0))), "nothing to draw"),
+        "db range": (lambda: viz.signature(mu, db_range=0.0), "db_range is 0.0"),
+        "line length": (lambda: viz.signature(mu, main_line_hz=[1.0, 2.0]), r"\(40,\)"),
+        "only 0 Hz": (lambda: viz.signature(zero_axis), "no other value than 0 Hz"),
+        "truth without parts": (lambda: viz.signature(mu, truth_doppler=truth.drop_vars("part")), "'part'"),
+        "truth over time": (lambda: viz.signature(mu, truth_doppler=mu), "must be .'slow_time', 'scatterer'"),
+        "sheet units": (
+            lambda: viz.contact_sheet([mu, make_signature(normalised=True)], titles="ab"), "one dB scale",
+        ),
+        "sheet titles": (lambda: viz.contact_sheet([mu], titles=[]), "one title each"),
+        "sheet empty": (lambda: viz.contact_sheet([], titles=[]), "1 to 64"),
+        "sheet columns": (lambda: viz.contact_sheet([mu], titles=["a"], columns=-1), "columns is -1"),
+        "real baseband": (lambda: viz.range_time(make_baseband().real), "complex"),
+        "gate": (lambda: viz.range_time(make_baseband(), tracks=make_gate().drop_vars("range_high")), "range_high"),
+        "gate without band": (
+            lambda: viz.range_doppler_map(make_range_doppler(), gate=make_gate().drop_vars("doppler_low")),
+            "missing: doppler_low",
+        ),
+        "map with time": (lambda: viz.range_doppler_map(make_range_doppler().expand_dims("time")), "dimensions are"),
+        "no velocity": (lambda: viz.doppler_lines(xr.Dataset(), wavelength_m=0.04), "'radial_velocity'"),
+        "no dataset": (lambda: viz.range_lines(mu), "must be a Dataset"),
+        "wavelength": (lambda: viz.doppler_lines(make_scatterers(), wavelength_m=0.0), "must be positive"),
+        "frames": (lambda: viz.stick_frames(make_motion(), n_frames=1), "2 to 16"),
+        "frames beyond": (lambda: viz.stick_frames(make_motion(), start_s=1.9, duration_s=1.0), "do not lie in"),
+        "no points": (lambda: viz.stick_frames(make_motion() * np.nan), "units are None|no known point"),
+        "cadence": (lambda: viz.step_doppler(make_cadence_map(), max_cadence_hz=0.05), "fewer than two cadences"),
+        "spectrum": (lambda: viz.cadence_spectrum(make_cadence_map()), "dimensions are"),
+        "lengths": (
+            lambda: viz.mean_doppler_spectrum([1.0], doppler_hz=DOPPLER_HZ, wavelength_m=0.04), "equally long",
+        ),
+        "threshold": (
+            lambda: viz.mean_doppler_spectrum(DOPPLER_HZ, doppler_hz=DOPPLER_HZ, wavelength_m=0.04, threshold=4.0),
+            "between 0 and 1",
+        ),
+        "column": (lambda: viz.feature_scatter(table, x="speed", y="step_length_m"), r"no columns \['speed'\]"),
+        "words": (lambda: viz.feature_scatter(table, x="label", y="step_length_m"), "must hold numbers"),
+        "no rows": (lambda: viz.feature_matrix(table[:0], features=("step_length_m",)), "no rows"),
+        "no features": (lambda: viz.feature_matrix(table, features=()), "1 to 12"),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("name", wrong_calls())
+def test_wrong_input_is_refused_in_clear_words(name: str) -> None:
+    call, message = wrong_calls()[name]
+    with pytest.raises(AnalysisError, match=message):
+        call()  # type: ignore[operator]
