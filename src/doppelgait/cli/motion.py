@@ -11,6 +11,8 @@ from doppelgait.cli.output import check_output, print_json, print_table, say
 
 app = typer.Typer(help="Look at motion recordings and convert them.", no_args_is_help=True, rich_markup_mode=None)
 
+WIDEST_CELL = 90
+
 Start = Annotated[float | None, typer.Option("--start", help="Use the file from this time on, s.")]
 Stop = Annotated[float | None, typer.Option("--stop", help="Use the file up to this time, s.")]
 Options = Annotated[
@@ -38,13 +40,18 @@ def info(
 
     Example: doppelgait motion info 07_01.c3d
     """
-    from doppelgait.motion.describe import describe_motion
+    from doppelgait.core.config import apply_overrides
+    from doppelgait.motion.describe import describe_recording
 
-    facts = describe_motion(_read(file, start, stop, options))
+    facts = describe_recording(file, start_s=start, stop_s=stop, **apply_overrides({}, options or []))
     if as_json:
         print_json(facts)
         return
-    print_table([{"fact": key, "value": _plain(value)} for key, value in facts.items()])
+    cleaned = facts.pop("cleaned")
+    if "refused" in cleaned:
+        say(f"warning: cannot be used as a target: {cleaned['refused']}")
+    names = [*facts, *(key for key in cleaned if key not in facts and key != "refused")]
+    print_table([{"fact": n, "in the file": _plain(facts.get(n)), "cleaned": _plain(cleaned.get(n))} for n in names])
 
 
 def _plain(value: Any) -> str:
@@ -53,7 +60,8 @@ def _plain(value: Any) -> str:
     if isinstance(value, list):
         return ", ".join(map(str, value)) if len(value) <= 12 else f"{len(value)} of them"
     if isinstance(value, dict):
-        return "; ".join(f"{key}: {_plain(inner)}" for key, inner in value.items()) or "-"
+        listed = "; ".join(f"{key}: {_plain(inner)}" for key, inner in value.items()) or "-"
+        return listed if len(listed) <= WIDEST_CELL else f"{listed[:WIDEST_CELL]}... (all with --json)"
     return "-" if value in (None, "") else str(value)
 
 

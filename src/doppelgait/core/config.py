@@ -11,23 +11,34 @@ import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator
 
 from doppelgait.core.errors import ConfigError
 
 
 class FrozenModel(BaseModel):
-    """Base of all parameter models: immutable, unknown keys forbidden, no NaN or infinity, strict numbers."""
+    """Base of all parameter models: immutable, unknown keys forbidden, no NaN or infinity, text is no number."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _no_text_for_a_number(cls, value: Any, info: ValidationInfo) -> Any:
+        annotation = cls.model_fields[str(info.field_name)].annotation
+        kinds = set(get_args(annotation)) or {annotation}
+        if isinstance(value, str | bool) and kinds <= {int, float, type(None)}:
+            raise ValueError("must be a number")
+        return value
 
 
 M = TypeVar("M", bound=BaseModel)
 
 
-def validate(model: type[M], data: Mapping[str, Any], *, where: str = "", text: str = "") -> M:
+def validate(
+    model: type[M], data: Mapping[str, Any], *, where: str = "", text: str = "", section: tuple[str, ...] = ()
+) -> M:
     """Build ``model`` from ``data``; every fault in one :class:`ConfigError`.
 
     Parameters
@@ -40,19 +51,21 @@ def validate(model: type[M], data: Mapping[str, Any], *, where: str = "", text: 
         Name of the file or section, put before the message.
     text : str
         The TOML text, to name the line of each faulty key.
+    section : tuple of str
+        Where ``data`` stands in that text, when it is not the whole of it.
     """
     try:
         return model.model_validate(dict(data))
     except ValidationError as error:
-        lines = [_describe(fault, model, text) for fault in error.errors()]
+        lines = [_describe(fault, model, text, section) for fault in error.errors()]
         prefix = f"{where}: " if where else ""
         raise ConfigError(prefix + "; ".join(lines)) from None
 
 
-def _describe(fault: Any, model: type[BaseModel], text: str) -> str:
-    key = ".".join(str(part) for part in fault["loc"])
-    line = line_of_key(text, fault["loc"])
-    place = f"{key or 'the whole section'}{f' (line {line})' if line else ''}"
+def _describe(fault: Any, model: type[BaseModel], text: str, section: tuple[str, ...]) -> str:
+    location = (*section, *fault["loc"])
+    key = ".".join(str(part) for part in location)
+    place = (key or "the whole section") + line_note(text, location)
     if fault["type"] == "extra_forbidden":
         allowed = ", ".join(sorted(_fields_at(model, fault["loc"][:-1])))
         return f"{place}: unknown key" + (f"; allowed are {allowed}" if allowed else "")
@@ -61,7 +74,7 @@ def _describe(fault: Any, model: type[BaseModel], text: str) -> str:
     value = fault.get("input")
     shown = repr(value) if not isinstance(value, dict) and len(repr(value)) < 80 else "this value"
     message = fault["msg"].removeprefix("Value error, ")
-    return f"{place}: {shown} is not allowed: {message}" if key else message
+    return f"{place}: {shown} is not allowed: {message}" if fault["loc"] else f"{place}: {message}"
 
 
 def _fields_at(model: type[BaseModel], location: Sequence[Any]) -> list[str]:
@@ -85,6 +98,12 @@ def _model_inside(annotation: Any) -> type[BaseModel] | None:
         if found is not None:
             return found
     return None
+
+
+def line_note(text: str, location: Sequence[str | int]) -> str:
+    """`` (line 7)`` for a key that stands in the text, else nothing."""
+    line = line_of_key(text, location)
+    return f" (line {line})" if line else ""
 
 
 def line_of_key(text: str, location: Sequence[str | int]) -> int | None:

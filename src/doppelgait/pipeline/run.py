@@ -8,12 +8,12 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from doppelgait.core.config import FrozenModel, apply_overrides, read_toml, validate
+from doppelgait.core.config import FrozenModel, apply_overrides, line_note, read_toml, validate
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.rng import generator_for
 from doppelgait.pipeline.simulate import simulate, with_lowest_prf
 from doppelgait.processing import Analysis
-from doppelgait.radar.config import Radar
+from doppelgait.radar.config import Radar, changed_preset
 from doppelgait.radar.recording import Recording
 from doppelgait.scene.spec import SceneSpec, build_scene
 
@@ -82,15 +82,16 @@ def parse_run(table: Mapping[str, Any], *, where: str = "scene", text: str = "")
     """
     unknown = sorted(set(table) - set(SECTIONS))
     if unknown:
-        raise ConfigError(f"{where}: unknown key {', '.join(unknown)}; allowed are {', '.join(SECTIONS)}")
-    radar, auto_prf = parse_radar(table.get("radar", {"preset": "x4"}), where=where)
+        places = ", ".join(key + line_note(text, [key]) for key in unknown)
+        raise ConfigError(f"{where}: {places}: unknown key; allowed are {', '.join(SECTIONS)}")
+    radar, auto_prf = parse_radar(table.get("radar", {"preset": "x4"}), where=where, text=text)
     scene = {key: table[key] for key in ("targets", "radar_position_m", "duration_s") if key in table}
     rest = {key: table[key] for key in ("noise", "analysis", "seed") if key in table}
     parsed = validate(SceneSpec, scene, where=where, text=text)
     return validate(RunSpec, {"scene": parsed, "radar": radar, "auto_prf": auto_prf, **rest}, where=where, text=text)
 
 
-def parse_radar(table: Any, *, where: str = "radar") -> tuple[Radar, bool]:
+def parse_radar(table: Any, *, where: str = "radar", text: str = "") -> tuple[Radar, bool]:
     """Radar of a ``[radar]`` table, and whether its frame rate is ``"auto"``."""
     if isinstance(table, str):
         table = {"preset": table}
@@ -100,12 +101,13 @@ def parse_radar(table: Any, *, where: str = "radar") -> tuple[Radar, bool]:
     auto_prf = values.get("prf_hz") == "auto"
     if auto_prf:
         values["prf_hz"] = AUTO_PRF_START_HZ
-    try:
-        preset = values.pop("preset", None)
-        radar = Radar.preset(preset, **values) if preset is not None else validate(Radar, values, where="radar")
-    except ConfigError as error:
-        raise ConfigError(f"{where}: {error}") from None
-    return radar, auto_prf
+    preset = values.pop("preset", None)
+    if preset is not None:
+        try:
+            values = changed_preset(str(preset), values)
+        except ConfigError as error:
+            raise ConfigError(f"{where}: radar.preset{line_note(text, ['radar', 'preset'])}: {error}") from None
+    return validate(Radar, values, where=where, text=text, section=("radar",)), auto_prf
 
 
 def load_run(path: str | Path, *, overrides: Sequence[str] = ()) -> RunSpec:

@@ -69,7 +69,7 @@ def cadence_map(rows: xr.DataArray, *, padded: bool = True, tapered: bool | None
 
     check_signal(rows, NORMALISED_SIGNATURE)
     n_columns = rows.sizes["time"]
-    taper = taper_weights(n_columns, observation_s(rows) >= TAPER_FROM_S if tapered is None else tapered)
+    taper = taper_weights(n_columns, observation_s(rows) > TAPER_FROM_S - 1e-9 if tapered is None else tapered)
     length = fft.next_fast_len(PADDING * n_columns, real=True) if padded else n_columns
     spectrum = fft.rfft(rows.values * taper[:, None], length, axis=0)
     cadence_hz = np.arange(spectrum.shape[0]) * sampling_rate_hz(rows.coords["time"].values) / length

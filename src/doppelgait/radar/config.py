@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from importlib import resources
 from typing import Any, Literal, Self
 
@@ -104,12 +105,7 @@ class Radar(FrozenModel):
         ConfigError
             If the preset is unknown or a changed parameter is not allowed.
         """
-        table = {**preset_table(preset_name), **changes}
-        if "pulse_sigma_s" in changes:
-            table.pop("bandwidth_hz", None)
-        if "bandwidth_hz" in changes:
-            table.pop("pulse_sigma_s", None)
-        return validate(cls, table, where=f"radar (preset {preset_name})")
+        return validate(cls, changed_preset(preset_name, changes), where=f"radar (preset {preset_name})")
 
     @property
     def wavelength_m(self) -> float:
@@ -187,6 +183,15 @@ def preset_names() -> list[str]:
     """Names of all presets."""
     folder = resources.files("doppelgait.radar.presets")
     return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
+
+
+def changed_preset(name: str, changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Parameters of a preset with some changed; a changed pulse form replaces the preset's."""
+    table = {**preset_table(name), **changes}
+    for given, other in (("pulse_sigma_s", "bandwidth_hz"), ("bandwidth_hz", "pulse_sigma_s")):
+        if given in changes and other not in changes:
+            table.pop(other, None)
+    return table
 
 
 def preset_table(name: str) -> dict[str, Any]:

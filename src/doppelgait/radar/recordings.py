@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from doppelgait.core.config import canonical_json, validate
-from doppelgait.core.errors import ConfigError, OutputError, RecordingError
+from doppelgait.core.errors import DoppelgaitError, OutputError, RecordingError
 from doppelgait.core.labels import BASEBAND, SCATTERER_VARIABLES, make_array
 from doppelgait.radar.config import Radar
 from doppelgait.radar.recording import NAN, Recording, TargetTruth
@@ -99,7 +99,7 @@ def read_recording(path: str | Path) -> Recording:
     try:
         with h5py.File(path, "r") as file:
             return _read_hdf5(file, Path(path).name)
-    except (OSError, KeyError, ValueError, ConfigError) as error:
+    except (OSError, LookupError, ValueError, TypeError, AttributeError, RuntimeError, DoppelgaitError) as error:
         raise RecordingError(f"{path}: is damaged or not a doppelgait recording: {error}") from None
 
 

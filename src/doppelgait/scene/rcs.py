@@ -39,7 +39,7 @@ HEIRS = {
         ("forearm", "hand"), ("hand", "forearm"), ("foot", "shank"), ("shank", "foot"),
         ("fore_paw", "fore_lower"), ("fore_lower", "fore_paw"), ("hind_paw", "hind_lower"), ("hind_lower", "hind_paw"),
     )
-} | {"neck": "head", "tail": "trunk"}  # fmt: skip
+} | {"neck": "trunk", "tail": "trunk"}  # fmt: skip
 """Part that takes the share of one that has no point of its own."""
 
 

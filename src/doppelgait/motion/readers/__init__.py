@@ -1,0 +1,124 @@
+"""Motion files: one reader per format, picked by what the file holds, not by what it is called."""
+
+from __future__ import annotations
+
+import inspect
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from doppelgait.core.errors import MotionError
+from doppelgait.motion.readers import c3d as _c3d  # noqa: F401  (registers itself)
+from doppelgait.motion.readers.registry import MOTION_READERS, MotionReader, ReadOptions
+
+__all__ = ["MOTION_READERS", "MotionReader", "ReadOptions", "read"]
+
+HEAD_BYTES = 4096
+
+
+def read(
+    path: str | os.PathLike[str],
+    *,
+    clean: bool = True,
+    start_s: float | None = None,
+    stop_s: float | None = None,
+    **options: Any,
+) -> xr.DataArray:
+    """Read a motion recording.
+
+    Parameters
+    ----------
+    path : path-like
+        The file; its format is found from its content.
+    clean : bool
+        Fill gaps, drop useless markers, low-pass, put the floor at z = 0
+        (:func:`~doppelgait.motion.clean.clean_motion`).
+    start_s, stop_s : float, optional
+        Part of the recording to keep, in s from its first frame, applied before cleaning. The time axis of the
+        result starts at 0 again.
+    **options
+        Options of the reader, for example ``units``, ``up_axis``, ``rate_hz`` and ``subject`` for C3D.
+
+    Returns
+    -------
+    xarray.DataArray
+        Motion (time, marker, space) in m, z up.
+
+    Raises
+    ------
+    MotionError
+        If there is no such file, no reader takes it, an option is not allowed, or it cannot be read right.
+    """
+    file = Path(path)
+    name, reader = _find_reader(file)
+    _check_options(name, reader, options)
+    try:
+        motion = reader.read(file, **options)
+    except OSError as error:
+        raise MotionError(f"{file}: cannot be read: {error.strerror or error}") from None
+    motion = _crop(file, motion, start_s, stop_s)
+    if not clean:
+        return motion
+    from doppelgait.motion.clean import clean_motion
+
+    return clean_motion(motion)
+
+
+def _find_reader(path: Path) -> tuple[str, MotionReader]:
+    head = _read_head(path)
+    names = [name for name in MOTION_READERS if MOTION_READERS[name].sniff(path, head)]
+    if not names:
+        known = ", ".join(f"{n} ({', '.join(MOTION_READERS[n].suffixes)})" for n in MOTION_READERS)
+        raise MotionError(f"{path}: its content is no motion format that is read; these are: {known}")
+    if len(names) > 1:
+        raise MotionError(f"{path}: its content could be {' or '.join(names)}; it cannot be told which reader is right")
+    return names[0], MOTION_READERS[names[0]]
+
+
+def _read_head(path: Path) -> bytes:
+    if path.is_dir():
+        raise MotionError(f"{path}: is a folder; give one motion file")
+    if not path.is_file():
+        raise MotionError(f"{path}: there is no such file")
+    try:
+        with path.open("rb") as file:
+            head = file.read(HEAD_BYTES)
+    except OSError as error:
+        raise MotionError(f"{path}: cannot be read: {error.strerror or error}") from None
+    if not head:
+        raise MotionError(f"{path}: is empty (0 bytes)")
+    return head
+
+
+def _check_options(name: str, reader: MotionReader, options: dict[str, Any]) -> None:
+    allowed = [p.name for p in inspect.signature(reader.read).parameters.values() if p.kind is p.KEYWORD_ONLY]
+    if unknown := sorted(set(options) - set(allowed)):
+        raise MotionError(
+            f"the {name} reader has no option {', '.join(unknown)}; allowed are clean, start_s, stop_s, "
+            f"{', '.join(allowed)}"
+        )
+
+
+def _crop(path: Path, motion: xr.DataArray, start_s: float | None, stop_s: float | None) -> xr.DataArray:
+    if start_s is None and stop_s is None:
+        return motion
+    rate = motion.attrs["rate_hz"]
+    last_s = (motion.sizes["time"] - 1) / rate
+    start, stop = 0.0 if start_s is None else float(start_s), last_s if stop_s is None else float(stop_s)
+    if not 0.0 <= start < stop <= last_s + 0.5 / rate:
+        raise MotionError(
+            f"{path}: the part from {start:g} s to {stop:g} s is not in the recording; allowed is a start below the "
+            f"stop, both in 0 to {last_s:.4g} s"
+        )
+    first, end = round(start * rate), round(stop * rate) + 1
+    part = motion.isel(time=slice(first, end))
+    report = {
+        **motion.attrs["report"],
+        "read_from_s": first / rate,
+        "read_to_s": (first + part.sizes["time"] - 1) / rate,
+    }
+    part = part.assign_coords(time=("time", np.arange(part.sizes["time"]) / rate, motion.time.attrs))
+    return part.assign_attrs(report=report)

@@ -1,0 +1,160 @@
+"""Which axis of a recording points up, and the rotation that makes it z."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.core.errors import MotionError
+from doppelgait.motion.skeleton import FOOT_PARTS
+
+FloatArray = npt.NDArray[np.float64]
+
+AXES = ("x", "y", "z", "-x", "-y", "-z")
+"""Allowed names of the upward direction."""
+
+_ROTATIONS = {
+    "z": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    "y": ((1, 0, 0), (0, 0, -1), (0, 1, 0)),
+    "x": ((0, 1, 0), (0, 0, 1), (1, 0, 0)),
+    "-z": ((1, 0, 0), (0, -1, 0), (0, 0, -1)),
+    "-y": ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
+    "-x": ((0, 1, 0), (0, 0, -1), (-1, 0, 0)),
+}
+"""Rows: new x, y and z in the old axes; rotations all, so that left stays left."""
+
+
+def turn_z_up(position: FloatArray, up_axis: str) -> FloatArray:
+    """Rotate positions so that ``up_axis`` becomes z.
+
+    Parameters
+    ----------
+    position : ndarray, shape (T, P, 3)
+        Any unit.
+    up_axis : str
+        One of :data:`AXES`.
+
+    Raises
+    ------
+    MotionError
+        If ``up_axis`` is another word.
+    """
+    if up_axis not in _ROTATIONS:
+        raise MotionError(f"up_axis={up_axis!r} is not allowed; use one of {', '.join(AXES)}")
+    return np.asarray(position @ np.array(_ROTATIONS[up_axis], dtype=float).T)
+
+
+def find_up_axis(position: FloatArray, parts: Sequence[str], *, declared: str = "") -> dict[str, Any]:
+    """Upward direction of a recording of a standing, walking or running body.
+
+    Known feet, torso and head decide. Else it is the axis letter that the file declares, unless the body is more than
+    twice as long along a steadier axis; else the longer of the two axes along which the body travels least. The sign
+    follows from where the points are: the floor is at 0, or where points come to rest.
+
+    Parameters
+    ----------
+    position : ndarray, shape (T, P, 3)
+        NaN where missing, any unit.
+    parts : sequence of str, length P
+        Body part of each point, ``""`` when unknown.
+    declared : str
+        ``"x"``, ``"y"`` or ``"z"`` when the file names a vertical axis.
+
+    Returns
+    -------
+    dict
+        ``up_axis`` (one of :data:`AXES`) and ``up_axis_from`` ("body parts", "file", "motion" or "assumed").
+    """
+    typical = _nanmedian(position, axis=0)
+    lift = _lift(typical, parts)
+    order = np.argsort(-np.abs(lift))
+    if abs(lift[order[0]]) > 1.5 * abs(lift[order[1]]):
+        return {"up_axis": _name(int(order[0]), lift[order[0]]), "up_axis_from": "body parts"}
+    extent, travel = np.nan_to_num(body_extent(position)), _travel(position)
+    # z comes first among equals: it is what most systems write
+    other, axis = sorted(
+        sorted((2, 1, 0), key=lambda k: round(float(travel[k]), 9))[:2], key=lambda k: float(extent[k])
+    )
+    stated = "xyz".find(declared) if declared else -1
+    if stated >= 0 and not (extent[axis] > 2.0 * extent[stated] and travel[axis] <= travel[stated]):
+        return {"up_axis": _name(stated, _height_sign(position, typical, stated)), "up_axis_from": "file"}
+    if stated < 0 and extent[axis] < 1.3 * extent[other]:
+        return {"up_axis": "z", "up_axis_from": "assumed"}
+    return {"up_axis": _name(axis, _height_sign(position, typical, axis)), "up_axis_from": "motion"}
+
+
+def _lift(typical: FloatArray, parts: Sequence[str]) -> FloatArray:
+    """Vector from the feet to head and torso; the mean of all points stands in for the one that is unknown."""
+    feet = [i for i, part in enumerate(parts) if part in FOOT_PARTS]
+    body = [i for i, part in enumerate(parts) if part in ("head", "torso", "trunk")]
+    head = [i for i, part in enumerate(parts) if part == "head"]
+    if not feet and not head:
+        return np.zeros(3)
+    upper = typical[body if feet and body else head] if (feet and body) or head else typical
+    lower = typical[feet] if feet else typical
+    return np.asarray(np.nan_to_num(_nanmedian(upper, axis=0) - _nanmedian(lower, axis=0)))
+
+
+def _travel(position: FloatArray) -> FloatArray:
+    """How far the middle of the body gets along each axis, but for the 2 % of strangest frames at either end."""
+    centre = _nanmedian(position, axis=1)
+    seen = centre[np.isfinite(centre).all(axis=1)]
+    if not seen.size:
+        return np.zeros(3)
+    return np.asarray(np.percentile(seen, 98, axis=0) - np.percentile(seen, 2, axis=0))
+
+
+def _name(axis: int, sign: float) -> str:
+    return ("" if sign >= 0 else "-") + "xyz"[axis]
+
+
+def _nanmedian(values: FloatArray, axis: int) -> FloatArray:
+    # an all-NaN column is an answer here, not a fault
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        return np.asarray(np.nanmedian(values, axis=axis))
+
+
+def body_extent(position: FloatArray) -> FloatArray:
+    """Typical extent of the body along each axis: median over time of highest minus lowest point, shape (3,).
+
+    Parameters
+    ----------
+    position : ndarray, shape (T, P, 3)
+        NaN where missing.
+    """
+    low = np.where(np.isnan(position), np.inf, position).min(axis=1)
+    high = np.where(np.isnan(position), -np.inf, position).max(axis=1)
+    return _nanmedian(np.where(high >= low, high - low, np.nan), axis=0)
+
+
+def _height_sign(position: FloatArray, typical: FloatArray, axis: int) -> float:
+    """+1 if the axis points up, -1 if down, +1 if it cannot be told.
+
+    The floor of nearly every laboratory is at 0. Where it is not, the points that come to rest at times are feet.
+    """
+    height = typical[:, axis][np.isfinite(typical[:, axis])]
+    if height.size < 3:
+        return 1.0
+    low, high = float(height.min()), float(height.max())
+    if low > -0.15 * (high - low):
+        return 1.0
+    if high < 0.15 * (high - low):
+        return -1.0
+    return _side_of_rest(position, typical[:, axis])
+
+
+def _side_of_rest(position: FloatArray, height: FloatArray) -> float:
+    speed = np.linalg.norm(np.diff(position, axis=0), axis=2)
+    seen = np.isfinite(speed).sum(axis=0) >= 10
+    if seen.sum() < 3:
+        return 1.0
+    slowest = np.nanpercentile(speed[:, seen], 15, axis=0)
+    still = slowest < 0.25 * np.nanmedian(speed[:, seen])
+    if not still.any() or still.all():
+        return 1.0
+    return float(np.sign(height[seen][~still].mean() - height[seen][still].mean())) or 1.0

@@ -1,0 +1,295 @@
+"""Every C3D of the shared test data: read as its manifest says, or refused for a stated reason."""
+
+from __future__ import annotations
+
+import csv
+import warnings
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from doppelgait.core.errors import DoppelgaitWarning, MotionError
+from doppelgait.motion.clean import clean_motion
+from doppelgait.motion.describe import describe_motion, smooth_path
+from doppelgait.motion.readers import read
+
+pytestmark = pytest.mark.shared
+
+REFUSED = {
+    "angles_only.c3d": "no marker positions: its 24 points are model output",
+    "bad_parameter_offset.c3d": "damaged parameter section",
+    "bad_parameter_section.c3d": "damaged parameter section",
+    "empty.c3d": "is empty",
+    "macsample_sgi.c3d": "SGI/MIPS",
+    "no_points_emg.c3d": "holds no points",
+    "one_frame.c3d": "1 frame",
+    "pig_static_one_frame.c3d": "1 frame",
+    "rotations_only.c3d": "rotation matrices but no points",
+    "sgi_int.c3d": "SGI/MIPS",
+    "sgi_real.c3d": "SGI/MIPS",
+    "two_frames.c3d": "2 frame",
+}
+"""Edge cases that are refused, and a word of the reason; all other edge cases are read."""
+
+EDGE = {
+    # file: points in it, frames, rate, up axis
+    "bkin_kinarm.c3d": (2, 5065, 1000.0, None),  # two hands in a plane
+    "bts_missing_parameters.c3d": (34, 296, 100.0, "y"),
+    "bts_type1.c3d": (28, 296, 100.0, "y"),
+    "coda_integer.c3d": (24, 512, 200.0, "z"),
+    "dec_int.c3d": (36, 89, 50.0, "z"),
+    "dec_real.c3d": (36, 89, 50.0, "z"),
+    "duplicate_labels.c3d": (48, 1050, 100.0, "z"),
+    "eb015_pi.c3d": (26, 450, 50.0, "z"),
+    "eb015_testa.c3d": (26, 450, 50.0, "z"),
+    "eb015_testb.c3d": (26, 450, 50.0, "z"),
+    "eb015_testc.c3d": (26, 450, 50.0, "z"),
+    "eb015_testd.c3d": (26, 450, 50.0, "z"),
+    "elite_undeclared_analog.c3d": (34, 361, 100.0, "y"),
+    "first_frame_zero.c3d": (23, 670, 25.0, "z"),
+    "motionmonitor.c3d": (8, 840, 140.0, "y"),
+    "optitrack_mocap36.c3d": (36, 1380, 100.0, "z"),
+    "optotrak_units_per_point.c3d": (54, 29, 30.0, None),  # 54 rigid-body markers: nothing in it tells what is up
+    "parameter_overflow.c3d": (142, 101, 100.0, "z"),
+    "pc_int.c3d": (36, 89, 50.0, "z"),
+    "pc_real.c3d": (36, 89, 50.0, "z"),
+    "peak_fp1.c3d": (8, 480, 60.0, "z"),
+    "phasespace_no_parameters.c3d": (40, 701, 30.0, "z"),
+    "phoenix_dance.c3d": (40, 499, 65.0533, "x"),
+    "phoenix_golfswing.c3d": (29, 514, 107.527, None),
+    "scale_parameter_array.c3d": (41, 140, 69.5, "y"),
+    "subject_prefix.c3d": (27, 237, 250.0, "z"),
+    "wrong_rate.c3d": (14, 574, 60.0, "z"),
+    "имя с пробелом.c3d": (27, 237, 250.0, "z"),
+}
+WARNED = {
+    "bts_missing_parameters.c3d": "no length unit",
+    "elite_undeclared_analog.c3d": "no length unit",
+    "phasespace_no_parameters.c3d": "no length unit",
+    "optotrak_units_per_point.c3d": "declares 1149 frames but holds 29",
+}
+NO_MOTION = {"parameter_overflow.c3d": "0 of 45 points.*never seen", "bkin_kinarm.c3d": "of 2 points"}
+"""Read, but too little is left after cleaning: all samples are marked as missing, or two points are no body."""
+NOT_BY_ORACLE = {
+    "cmu_16_07.c3d", "cmu_16_08.c3d", "cmu_77_02.c3d",  # py-c3d finds the analog rate inconsistent
+    "motionmonitor.c3d", "peak_fp1.c3d",  # ... the analog count
+    "scale_parameter_array.c3d", "optitrack_mocap36.c3d",  # ... stumbles over a parameter
+}  # fmt: skip
+PLUG_IN_GAIT = "btk_pig_walk_full.c3d"
+"""Its manifest counts CentreOfMassFloor as a marker; it is the centre of mass put on the floor, a model output."""
+
+
+MOCAP = {
+    # file: what its manifest calls the recording; speeds are compared over "whole" or over its one straight "segment"
+    "btk_coda_walk.c3d": "whole", "btk_pig_walk_full.c3d": "whole", "c3dorg_ist_walk_metres.c3d": "whole",
+    "c3dorg_walk_13markers.c3d": "segment", "cmu_02_01.c3d": "whole", "cmu_07_01.c3d": "whole",
+    "cmu_07_12.c3d": "whole", "cmu_16_07.c3d": "whole", "cmu_16_08.c3d": "whole", "cmu_77_02.c3d": "stands",
+    "cmu_82_08.c3d": "segment", "ezc3d_bts_walk_yup.c3d": "segment", "ezc3d_qualisys_walk.c3d": "whole",
+    "ktk_optitrack_walk_legs.c3d": "stands", "opensim_walking2.c3d": "segment", "neurokin_rat_runway15.c3d": "segment",
+}  # fmt: skip
+
+
+@cache
+def _rows(shared: Path) -> dict[str, dict[str, str]]:
+    rows = {}
+    for who in ("human", "rat"):
+        with (shared / "data" / "mocap" / who / "manifest.csv").open(newline="", encoding="utf-8") as file:
+            rows |= {Path(row["file"]).name: row for row in csv.DictReader(file) if row["format"] == "c3d"}
+    return rows
+
+
+def _path(shared: Path, name: str) -> Path:
+    rows = _rows(shared)
+    return shared / "data" / "mocap" / rows[name]["file"] if name in rows else shared / "data" / "c3d-edge-cases" / name
+
+
+def _read(shared: Path, name: str, **options: Any) -> xr.DataArray:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DoppelgaitWarning)
+        return read(_path(shared, name), **options)
+
+
+def test_tables_name_every_file(shared: Path) -> None:
+    assert set(MOCAP) == set(_rows(shared))
+    edge = {path.name for path in (shared / "data" / "c3d-edge-cases").glob("*.c3d")}
+    assert set(EDGE) | set(REFUSED) == edge
+    assert not set(EDGE) & set(REFUSED)
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_refused_with_a_reason(shared: Path, name: str) -> None:
+    with pytest.raises(MotionError, match=REFUSED[name]) as error:
+        read(_path(shared, name))
+    assert name in str(error.value)
+
+
+@pytest.mark.parametrize("name", EDGE)
+def test_edge_case_has_its_counts(shared: Path, name: str) -> None:
+    motion = _read(shared, name, clean=False)
+    report, (points, frames, rate, up_axis) = motion.attrs["report"], EDGE[name]
+    assert (report["points_in_file"], motion.sizes["time"]) == (points, frames)
+    assert motion.attrs["rate_hz"] == pytest.approx(rate, rel=1e-5)
+    assert up_axis in (None, report["up_axis"])
+    assert motion.sizes["marker"] + sum(map(len, report["dropped"].values())) == points
+
+
+@pytest.mark.parametrize("name", EDGE)
+def test_edge_case_warns_only_when_it_must(shared: Path, name: str) -> None:
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", DoppelgaitWarning)
+        read(_path(shared, name), clean=False)
+    texts = [str(entry.message) for entry in caught]
+    assert len(texts) == (name in WARNED)
+    assert all(WARNED[name] in text for text in texts)
+
+
+@pytest.mark.parametrize("name", EDGE)
+def test_edge_case_is_clean_or_says_why_not(shared: Path, name: str) -> None:
+    if name in NO_MOTION:
+        with pytest.raises(MotionError, match=NO_MOTION[name]):
+            _read(shared, name)
+        return
+    assert np.isfinite(_read(shared, name).values).all()
+
+
+@pytest.mark.parametrize("name", MOCAP)
+def test_recording_has_the_counts_of_its_manifest(shared: Path, name: str) -> None:
+    row, facts = _rows(shared)[name], describe_motion(_read(shared, name, clean=False))
+    assert facts["points_in_file"] == int(row["points_in_file"])
+    assert facts["points_measured"] == int(row["points_measured"]) - (name == PLUG_IN_GAIT)
+    assert facts["n_frames"] == int(row["n_frames"])
+    assert facts["frame_rate_hz"] == float(row["frame_rate_hz"])
+    assert facts["metres_per_unit"] == float(row["metres_per_unit"])
+    assert facts["up_axis"] == row["up_axis"]
+    assert facts["duration_s"] == pytest.approx(float(row["duration_s"]), abs=1e-3)
+    if name not in (PLUG_IN_GAIT, "cmu_07_12.c3d"):  # 07_12: without its ghost marker, which makes most of the gaps
+        assert facts["gap_fraction"] == pytest.approx(float(row["gap_fraction"]), abs=1e-4)
+        assert facts["points_with_gaps"] == int(row["points_with_gaps"])
+        assert facts["points_all_missing"] == int(row["points_all_missing"])
+    if name != "neurokin_rat_runway15.c3d":  # another limit there
+        assert facts["stationary_points"] == int(row["stationary_points"])
+
+
+@pytest.mark.parametrize("name", sorted(set(MOCAP) - {PLUG_IN_GAIT}))
+def test_recording_has_the_size_of_its_manifest(shared: Path, name: str) -> None:
+    row, facts = _rows(shared)[name], describe_motion(_read(shared, name, clean=False))
+    assert facts["height_m"] == pytest.approx(float(row["height_m"]), abs=2e-3)
+    assert facts["lowest_point_m"] == pytest.approx(float(row["lowest_point_m"]), abs=3e-3)
+
+
+@pytest.mark.parametrize("name", [name for name, kind in MOCAP.items() if kind != "stands"])
+def test_speed_agrees_with_the_manifest(shared: Path, name: str) -> None:
+    row, motion = _rows(shared)[name], _read(shared, name, clean=False)
+    facts = describe_motion(motion)
+    assert facts["mean_speed_mps"] == pytest.approx(float(row["mean_speed_mps"]), rel=0.02)
+    assert facts["path_length_m"] == pytest.approx(float(row["path_length_m"]), rel=0.02)
+    if row["seg_speed_mps"]:
+        rate = motion.attrs["rate_hz"]
+        first, last = int(row["seg_start_frame"]), int(row["seg_end_frame"])
+        path = smooth_path(motion.values, rate_hz=rate)
+        speed = float(np.linalg.norm(path[last] - path[first])) * rate / (last - first)
+        assert speed == pytest.approx(float(row["seg_speed_mps"]), rel=0.02)
+
+
+@pytest.mark.parametrize("name", [name for name, kind in MOCAP.items() if kind == "stands"])
+def test_who_stays_in_place_has_no_speed(shared: Path, name: str) -> None:
+    assert abs(describe_motion(_read(shared, name, clean=False))["mean_speed_mps"]) < 0.02
+
+
+@pytest.mark.parametrize("name", MOCAP)
+def test_stride_agrees_with_the_manifest(shared: Path, name: str) -> None:
+    row = _rows(shared)[name]
+    if not row["stride_hz"]:
+        pytest.skip("the manifest gives no stride frequency")
+    rate = float(row["frame_rate_hz"])
+    part = _read(
+        shared, name, clean=False, start_s=int(row["seg_start_frame"]) / rate, stop_s=int(row["seg_end_frame"]) / rate
+    )
+    facts = describe_motion(part)
+    assert facts["stride_hz"] == pytest.approx(float(row["stride_hz"]), abs=0.1)
+    assert facts["step_hz"] == pytest.approx(2 * facts["stride_hz"])
+
+
+@pytest.mark.parametrize("name", MOCAP)
+def test_recording_comes_out_clean(shared: Path, name: str) -> None:
+    raw = _read(shared, name, clean=False)
+    clean = clean_motion(raw)
+    assert np.isfinite(clean.values).all()
+    assert clean.sizes["marker"] >= 0.75 * raw.sizes["marker"]
+    feet = [part.endswith("_foot") for part in clean.part.values]
+    if any(feet):
+        assert abs(np.percentile(clean.values[:, feet, 2], 1)) < 1e-9
+    if name.startswith("cmu"):
+        assert 1.5 < clean.attrs["height_m"] < 1.75
+        assert not (clean.part.values == "").any()
+
+
+@pytest.mark.parametrize("name", sorted({*EDGE, *MOCAP} - NOT_BY_ORACLE))
+def test_coordinates_agree_with_another_reader(shared: Path, name: str) -> None:
+    """Coordinates and missing samples of all points, model outputs included, in the units of the file."""
+    reader = pytest.importorskip("c3d")
+    from doppelgait.motion.readers.c3d_content import read_content
+
+    with warnings.catch_warnings(), _path(shared, name).open("rb") as file:
+        warnings.simplefilter("ignore")
+        theirs = np.array([points[:, :4].copy() for _, points, _ in reader.Reader(file).read_frames()])
+        ours = read_content(_path(shared, name)).position
+    assert ours.shape == (*theirs.shape[:2], 3)
+    lost = np.isnan(ours).all(axis=2)
+    assert np.array_equal(np.isnan(ours).any(axis=2), lost)
+    empty = (theirs[:, :, 3] < 0) | (theirs[:, :, :3] == 0).all(axis=2) | np.isnan(theirs[:, :, :3]).any(axis=2)
+    assert np.array_equal(lost, empty)
+    # integers are scaled in single precision by one and in double by the other: a few units in the seventh digit
+    np.testing.assert_allclose(ours[~lost], theirs[~lost][:, :3], rtol=2e-7, atol=1e-6)
+
+
+def test_formats_of_one_walk_agree(shared: Path) -> None:
+    reference = _read(shared, "pc_real.c3d", clean=False)
+    for name in ("dec_real.c3d", "dec_int.c3d", "pc_int.c3d"):
+        other = _read(shared, name, clean=False)
+        assert list(other.marker.values) == list(reference.marker.values)
+        step_m = 0.29e-3 if name.endswith("int.c3d") else 1e-9
+        both = np.isfinite(other.values) & np.isfinite(reference.values)
+        assert both.sum() >= 3 * 2970
+        assert np.abs(other.values - reference.values)[both].max() <= step_m
+
+
+def test_block_layouts_of_one_walk_agree(shared: Path) -> None:
+    reference = _read(shared, "eb015_pi.c3d", clean=False)
+    for letter in "abcd":
+        np.testing.assert_array_equal(_read(shared, f"eb015_test{letter}.c3d", clean=False).values, reference.values)
+
+
+def test_integer_twin_of_the_coda_walk(shared: Path) -> None:
+    floats, integers = (_read(shared, name, clean=False).values for name in ("btk_coda_walk.c3d", "coda_integer.c3d"))
+    both = np.isfinite(floats) & np.isfinite(integers)
+    assert both.mean() > 0.99
+    assert np.abs(floats - integers)[both].max() < 0.06e-3
+
+
+def test_a_lying_rate_can_be_overridden(shared: Path) -> None:
+    motion = _read(shared, "wrong_rate.c3d", rate_hz=200.0)
+    assert motion.attrs["rate_hz"] == 200.0
+
+
+def test_markers_of_the_recordings_with_model_outputs(shared: Path) -> None:
+    for name in ("cmu_16_07.c3d", "cmu_16_08.c3d"):
+        motion = _read(shared, name)
+        assert sorted(motion.marker.values) == sorted(_read(shared, "cmu_07_01.c3d").marker.values)
+    pig = _read(shared, PLUG_IN_GAIT, clean=False)
+    assert {"LFHD", "RTOE", "STRN"} <= set(pig.marker.values)
+    assert not {"CentreOfMass", "CentreOfMassFloor", "HEDO", "LHipAngles"} & set(pig.marker.values)
+
+
+def test_ghost_of_a_brisk_walk(shared: Path) -> None:
+    motion = _read(shared, "cmu_07_12.c3d")
+    assert motion.attrs["report"]["dropped"] == {"ghost of marker RWRB": ["liu:RWRB-1"]}
+    assert motion.sizes["marker"] == 41
+
+
+def test_standing_person_keeps_all_markers(shared: Path) -> None:
+    assert _read(shared, "cmu_77_02.c3d").sizes["marker"] == 41

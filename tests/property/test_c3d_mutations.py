@@ -1,0 +1,120 @@
+"""Damaged C3D files: whatever is cut off or overwritten, reading ends with a motion or with our own error."""
+
+from __future__ import annotations
+
+import random
+import struct
+import time
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from doppelgait.core.errors import MotionError
+from doppelgait.motion.readers import read
+
+ezc3d = pytest.importorskip("ezc3d")
+
+LABELS = ["LFHD", "RFHD", "C7", "STRN", "LKNE", "LTOE"]
+N_MUTATIONS = 200
+LIMIT_S = 2.0
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """A small walk with two analog channels and a list of model outputs."""
+    moment = np.arange(80)[:, None] / 100.0
+    height = np.array([1700.0, 1700, 1500, 1300, 500, 30])
+    x = 1300 * moment + 60 * np.arange(6) * np.sin(2 * np.pi * moment)
+    position = np.stack([x, np.broadcast_to(100.0 * np.arange(6), x.shape), np.broadcast_to(height, x.shape)])
+    file = ezc3d.c3d()
+    file["parameters"]["POINT"]["RATE"]["value"] = [100.0]
+    file["parameters"]["POINT"]["UNITS"]["value"] = ["mm"]
+    file["parameters"]["POINT"]["LABELS"]["value"] = LABELS
+    file["parameters"]["ANALOG"]["RATE"]["value"] = [200.0]
+    file["parameters"]["ANALOG"]["LABELS"]["value"] = ["Fx", "Fz"]
+    file.add_parameter("POINT", "ANGLES", ["LHipAngles"])
+    file["data"]["points"] = np.concatenate([position.transpose(0, 2, 1), np.ones((1, 6, 80))])
+    file["data"]["analogs"] = np.zeros((1, 2, 160))
+    path = tmp_path_factory.mktemp("c3d") / "good.c3d"
+    file.write(str(path))
+    return path.read_bytes()
+
+
+def mutations(content: bytes) -> Iterator[tuple[str, bytes]]:
+    """Deterministic cuts, and one to six overwritten bytes in header, parameters and data."""
+    draw = random.Random(2018)
+    data_at = (struct.unpack_from("<H", content, 16)[0] - 1) * 512
+    spans = {"header": (0, 30), "parameters": (512, data_at), "data": (data_at, len(content))}
+    for number in range(N_MUTATIONS):
+        kind = draw.choice(["cut", "header", "parameters", "parameters", "parameters", "data"])
+        if kind == "cut":
+            at = draw.randrange(len(content))
+            yield f"{number}: cut at {at}", content[:at]
+            continue
+        changed = bytearray(content)
+        places = [draw.randrange(*spans[kind]) for _ in range(draw.choice([1, 1, 2, 6]))]
+        for at in places:
+            changed[at] = draw.choice(
+                [0, 1, 0x7F, 0x80, 0xFF, draw.randrange(256), changed[at] ^ 1 << draw.randrange(8)]
+            )
+        yield f"{number}: {kind} {places}", bytes(changed)
+
+
+def test_the_file_itself_is_read(good: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "good.c3d"
+    path.write_bytes(good)
+    assert read(path).shape == (80, 6, 3)
+
+
+def test_no_mutation_crashes_or_hangs(good: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "bad.c3d"
+    outcomes = {"read": 0, "refused": 0}
+    for what, content in mutations(good):
+        path.write_bytes(content)
+        start = time.monotonic()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            try:
+                motion = read(path)
+            except MotionError:
+                outcomes["refused"] += 1
+            else:
+                outcomes["read"] += 1
+                assert np.isfinite(motion.values).all(), what
+        assert time.monotonic() - start < LIMIT_S, what
+    assert min(outcomes.values()) > 20
+
+
+# with each of these bytes, counted from the start of a name, the C3D library alone ends the process or runs for ever
+@pytest.mark.parametrize(
+    ("name", "offset", "value"),
+    [
+        (b"RATE", 7, 4),  # four dimensions, hence no value
+        (b"USED", 7, 2),
+        (b"OFFSET", 0, 0x7F),  # another name: no offsets for the channels
+        (b"GEN_SCALE", 12, 4),
+        (b"FRAMES", 9, 2),
+        (b"UNITS", 8, 0x80),
+        (b"LABELS", -1, 0x80),  # another group
+        (b"LABELS", 9, 0x7F),
+        (b"RATIO", 10, 0x80),
+    ],
+)
+def test_known_killers_are_stopped(good: bytes, tmp_path: Path, name: bytes, offset: int, value: int) -> None:
+    content = bytearray(good)
+    content[content.index(name, 512) + offset] = value
+    path = tmp_path / "bad.c3d"
+    path.write_bytes(content)
+    with pytest.raises(MotionError, match=r"bad\.c3d"):
+        read(path)
+
+
+@pytest.mark.parametrize("size", [600, 734, 771, 845, 1000])
+def test_cuts_inside_the_parameters_are_stopped(good: bytes, tmp_path: Path, size: int) -> None:
+    path = tmp_path / "bad.c3d"
+    path.write_bytes(good[:size])
+    with pytest.raises(MotionError, match=r"bad\.c3d: is truncated"):
+        read(path)

@@ -1,0 +1,515 @@
+"""The twelve closed-form tests of docs/theory.md, and a lone scatterer against the radar equation."""
+
+import literal
+import numpy as np
+import pytest
+import xarray as xr
+
+from doppelgait.core.labels import BASEBAND, SIGNATURE, make_array
+from doppelgait.features import gait_frequency, harmonic_ratio, limb_torso_ratio
+from doppelgait.motion.models.boulic import boulic_walk
+from doppelgait.motion.retime import resample, scale_to_height
+from doppelgait.motion.schema import make_motion
+from doppelgait.pipeline import analyze, simulate
+from doppelgait.processing import (
+    Analysis,
+    cadence_map,
+    cadence_spectrum,
+    detrend,
+    detrend_order,
+    make_gate,
+    normalise,
+    observation_s,
+    range_doppler,
+    signature,
+)
+from doppelgait.radar import (
+    Radar,
+    Recording,
+    add_noise,
+    noise_power_v2,
+    received_power_w,
+    synthesise,
+    synthesise_rf,
+)
+from doppelgait.scene import Scene, Target
+
+PRF_HZ = 1000.0
+WAVELENGTH_M = 299_792_458.0 / 7.29e9
+
+
+def scatterer_table(range_m, rcs_m2=1.0, prf_hz=PRF_HZ):
+    """Scatterers at given ranges (I, L)."""
+    range_m = np.asarray(range_m, dtype=float)
+    dims = ("slow_time", "scatterer")
+    return xr.Dataset(
+        {
+            "range": (dims, range_m),
+            "rcs": (dims, np.broadcast_to(rcs_m2, range_m.shape)),
+            "path_gain": (dims, np.ones(range_m.shape)),
+        },
+        coords={"slow_time": np.arange(range_m.shape[0]) / prf_hz},
+    )
+
+
+def moving(start_m, velocity_mps, n_pulses, prf_hz=PRF_HZ):
+    """Range of one scatterer that approaches at velocity_mps, shape (I, 1)."""
+    return start_m - velocity_mps * np.arange(n_pulses)[:, None] / prf_hz
+
+
+def wide_signature(baseband, **analysis):
+    """Signature over all range bins."""
+    range_m = baseband.coords["range"].values
+    slow_time_s = baseband.coords["slow_time"].values
+    gate = make_gate(
+        slow_time_s, np.full(slow_time_s.size, range_m.mean()), span_m=float(np.ptp(range_m)), source="given"
+    )
+    return signature(baseband, gate, Analysis(**analysis), wavelength_m=WAVELENGTH_M)
+
+
+def width_at(axis, power, share):
+    """Width of the main peak at a share of its maximum, crossings interpolated."""
+    level = power / power.max() - share
+    peak = int(power.argmax())
+    right = peak + int(np.argmax(level[peak:] < 0))
+    left = peak - int(np.argmax(level[peak::-1] < 0))
+    step = axis[1] - axis[0]
+    return (
+        axis[right]
+        - step * level[right] / (level[right] - level[right - 1])
+        - axis[left]
+        + step * level[left] / (level[left + 1] - level[left])
+    )
+
+
+def coherent(baseband):
+    """The data matrix summed over range before the transform: one range bin."""
+    coords = {"slow_time": baseband.coords["slow_time"].values, "range": [0.0]}
+    return make_array(BASEBAND, baseband.values.sum(axis=1, keepdims=True), coords)
+
+
+def relative_errors(found, wanted):
+    return {key: abs(found[key] / wanted[key] - 1) for key in wanted}
+
+
+# --- A lone scatterer ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("range_bin", [40, 97, 180])
+def test_received_power_is_that_of_the_radar_equation_e14(range_bin):
+    radar = Radar.preset("x4")
+    at_m = radar.range_axis_m()[range_bin]
+    peak = np.abs(synthesise(scatterer_table([[at_m]], 0.3), radar).values[0, range_bin])
+    power_w = peak.astype(float) ** 2 / (2 * 50) / 10  # without the receiver gain of 10 dB
+    wanted_w = literal.received_power_w(
+        pt_w=1e-3, gt=10**0.4, gr=10**0.4, wavelength_m=WAVELENGTH_M, rcs_m2=0.3, range_m=at_m
+    )
+    assert power_w == pytest.approx(wanted_w, rel=1e-6)
+    assert received_power_w(radar, range_m=at_m, rcs_m2=0.3) == pytest.approx(wanted_w, rel=1e-12)
+
+
+def test_phase_history_is_minus_4_pi_r_over_lambda_over_25_m_e13():
+    radar = Radar.preset("x4-long", decimation=4)
+    n_pulses = 5000
+    range_m = moving(30.0, 5.0, n_pulses)
+    y = synthesise(scatterer_table(range_m), radar).values.astype(np.complex128)
+    strongest = np.abs(y).argmax(axis=1)
+    phase = np.angle(y[np.arange(n_pulses), strongest])
+    error = np.angle(np.exp(1j * (phase + 4 * np.pi * (range_m[:, 0] % WAVELENGTH_M) / WAVELENGTH_M)))
+    # complex64 holds each part to 6e-8 of itself, so 6e-8 rad is the least that can be seen
+    assert np.abs(error).max() < 1e-6
+    # the same without wrapping: 25 m are 7639 rad
+    total = np.sum(np.angle(y[1:, :].sum(axis=1) * np.conj(y[:-1, :].sum(axis=1))))
+    assert total == pytest.approx(4 * np.pi * 5.0 * (n_pulses - 1) / PRF_HZ / WAVELENGTH_M, abs=2e-2)
+
+
+def test_range_migration_is_kept():
+    radar = Radar.preset("x4")
+    range_m = moving(8.0, 3.0, 2000)
+    y = np.abs(synthesise(scatterer_table(range_m), radar).values)
+    axis_m = radar.range_axis_m()
+    half = radar.bin_spacing_m / 2
+    assert np.abs(axis_m[y.argmax(axis=1)] - range_m[:, 0]).max() <= half * (1 + 1e-9)
+
+
+def test_a_pulse_tail_of_a_scatterer_outside_the_frame_is_inside_e15():
+    radar = Radar.preset("x4")
+    beyond = radar.range_axis_m()[-1] + 0.1
+    y = np.abs(synthesise(scatterer_table([[beyond]]), radar).values[0])
+    peak = np.sqrt(100 * received_power_w(radar, range_m=beyond, rcs_m2=1.0)) * 10**0.5
+    assert y[-1] == pytest.approx(peak * np.exp(-((2 * 0.1 / literal.C_MPS) ** 2) / (2 * 0.345e-9**2)), rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("preset", "b3_ghz", "b10_ghz", "sigma_ns", "width_cm"),
+    [("x4", 0.768, 1.4, 0.3450, 8.61), ("liland2018", 0.26501, 0.48301, 1.0, 24.96)],
+)
+def test_pulse_bandwidth_and_range_width_by_fft_of_the_sampled_pulse_e11(preset, b3_ghz, b10_ghz, sigma_ns, width_cm):
+    radar = Radar.preset(preset, decimation=1, range_start_m=2.0, range_stop_m=8.0)
+    y = synthesise(scatterer_table([[5.0]]), radar).values[0].astype(np.complex128)
+    spectrum = np.abs(np.fft.fftshift(np.fft.fft(y, 1 << 17))) ** 2
+    axis_ghz = np.fft.fftshift(np.fft.fftfreq(1 << 17, 1 / 23.328))
+    assert width_at(axis_ghz, spectrum, 0.5) == pytest.approx(b3_ghz, rel=5e-3)
+    assert width_at(axis_ghz, spectrum, 0.1) == pytest.approx(b10_ghz, rel=5e-3)
+    assert width_at(radar.range_axis_m(), np.abs(y) ** 2, 0.5) == pytest.approx(width_cm / 100, rel=5e-3)
+    assert radar.sigma_s == pytest.approx(sigma_ns * 1e-9, rel=5e-4)
+
+
+def test_mean_power_of_many_scatterers_is_that_of_their_total_rcs_e08():
+    radar = Radar.preset("x4", pulse_sigma_s=1e-9)
+    rng = np.random.default_rng(0)
+    at_m = radar.range_axis_m()[100]
+    range_m = at_m + rng.uniform(-0.25, 0.25, (20_000, 25)) * WAVELENGTH_M  # every phase alike
+    y = synthesise(scatterer_table(range_m, 0.8 / 25), radar).values[:, 100].astype(np.complex128)
+    power_w = np.abs(y) ** 2 / 100 / 10
+    assert power_w.mean() == pytest.approx(received_power_w(radar, range_m=at_m, rcs_m2=0.8), rel=0.03)
+    assert power_w.std() / power_w.mean() == pytest.approx(1.0, abs=0.04)  # Swerling 1
+
+
+# --- The twelve ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("k", [101, 128, 512])
+@pytest.mark.parametrize("decimation", [1, 8])
+def test_01_static_scatterer_peaks_at_its_range_and_at_exactly_zero_doppler(k, decimation):
+    radar = Radar.preset("x4", decimation=decimation, range_start_m=3.0, range_stop_m=6.0)
+    range_m = 4.5678
+    y = synthesise(scatterer_table(np.full((120, 1), range_m)), radar)
+    axis_m = y.coords["range"].values
+    assert abs(axis_m[np.abs(y.values[0]).argmax()] - range_m) <= decimation * 6.42559e-3 / 2
+    mu = wide_signature(y, doppler_bins=k)
+    doppler_hz = mu.coords["doppler"].values
+    column = mu.values[0].astype(float)
+    assert doppler_hz[column.argmax()] == 0.0
+    zero = k // 2
+    reach = min(zero, k - 1 - zero)
+    lower, upper = column[zero - reach : zero][::-1], column[zero + 1 : zero + 1 + reach]
+    np.testing.assert_allclose(lower, upper, rtol=1e-4, atol=1e-9 * column.max())
+
+
+@pytest.mark.parametrize("velocity_mps", [2.0, -2.0])
+def test_02_moving_scatterer_has_the_right_doppler_sign_and_width(velocity_mps):
+    radar = Radar.preset("liland2018", range_start_m=2.0, range_stop_m=8.0)  # tau = 1 ns
+    y = synthesise(scatterer_table(moving(5.0, velocity_mps, 150)), radar)
+    wanted_hz = np.copysign(97.27, velocity_mps)
+    for k in (101, 128, 512):
+        mu = wide_signature(y, doppler_bins=k)
+        peak_hz = mu.coords["doppler"].values[mu.values[0].argmax()]
+        assert abs(peak_hz - wanted_hz) <= PRF_HZ / k / 2
+        assert mu.coords["velocity"].values[mu.values[0].argmax()] == pytest.approx(peak_hz * WAVELENGTH_M / 2)
+    mu = wide_signature(y, doppler_bins=8192)
+    column = mu.values.mean(axis=0).astype(float)
+    assert mu.coords["doppler"].values[column.argmax()] == pytest.approx(wanted_hz, abs=0.1)
+    assert width_at(mu.coords["doppler"].values, column, 0.5) == pytest.approx(14.1, abs=0.05)
+    summed = next(range_doppler(coherent(y), Analysis(doppler_bins=8192), wavelength_m=WAVELENGTH_M))
+    column = summed.values[0, :, 0].astype(float)
+    assert width_at(summed.coords["doppler"].values, column, 0.5) == pytest.approx(13.70, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("velocity_mps", "sigma_ns", "width_hz"),
+    [
+        (0.5, 0.345, 13.9),
+        (2, 0.345, 17.0),
+        (4, 0.345, 24.5),
+        (8, 0.345, 43.1),
+        (0.5, 1.0, 13.7),
+        (2, 1.0, 14.1),
+        (4, 1.0, 15.3),
+        (8, 1.0, 19.5),
+    ],
+)
+def test_doppler_width_of_a_migrating_scatterer_e27(velocity_mps, sigma_ns, width_hz):
+    radar = Radar.preset("x4", pulse_sigma_s=sigma_ns * 1e-9, range_start_m=2.0, range_stop_m=10.0)
+    y = synthesise(scatterer_table(moving(6.0, velocity_mps, 150), 1.0), radar)
+    mu = wide_signature(y, doppler_bins=4096)
+    width = width_at(mu.coords["doppler"].values, mu.values.mean(axis=0).astype(float), 0.5)
+    assert width == pytest.approx(width_hz, abs=0.01 * width_hz)
+
+
+@pytest.mark.parametrize("apart_hz", [10.0, 30.0])
+def test_03_two_scatterers_in_one_range_bin(apart_hz):
+    radar = Radar.preset("liland2018", range_start_m=2.0, range_stop_m=8.0)
+    t = (np.arange(101)[:, None] - 50) / PRF_HZ
+    power = 0.0
+    for step in range(8):  # all relative phases
+        first = 5.0 - (100 - apart_hz / 2) * WAVELENGTH_M / 2 * t
+        second = 5.0 + step / 16 * WAVELENGTH_M - (100 + apart_hz / 2) * WAVELENGTH_M / 2 * t
+        y = synthesise(scatterer_table(np.hstack([first, second])), radar)
+        power = power + next(range_doppler(coherent(y), Analysis(doppler_bins=4096), wavelength_m=WAVELENGTH_M)).values[
+            0, :, 0
+        ].astype(float)
+    doppler_hz = (np.arange(4096) - 2048) * PRF_HZ / 4096
+    near = np.abs(doppler_hz - 100) <= 30
+    maxima = np.flatnonzero((np.diff(power[near][:-1]) > 0) & (np.diff(power[near][1:]) <= 0))
+    if apart_hz == 10.0:
+        assert len(maxima) == 1
+        assert doppler_hz[near][maxima[0] + 1] == pytest.approx(100, abs=0.3)
+    else:
+        assert len(maxima) == 2
+        assert np.diff(doppler_hz[near][maxima + 1])[0] == pytest.approx(30, abs=0.5)
+        middle = power[np.abs(doppler_hz - 100).argmin()]
+        w = literal.window(101, 0.4)
+        off_15, off_30 = (abs(np.sum(w * np.exp(2j * np.pi * f * np.arange(101) / PRF_HZ))) ** 2 for f in (15, 30))
+        wanted_db = 10 * np.log10((w.sum() ** 2 + off_30) / (2 * off_15))
+        assert wanted_db == pytest.approx(12.6, abs=0.1)  # "about 12 dB"
+        assert 10 * np.log10(power[near].max() / middle) == pytest.approx(wanted_db, abs=0.05)
+
+
+def test_04_scatterer_above_the_unambiguous_velocity_aliases():
+    radar = Radar.preset("x4", prf_hz=300, range_start_m=2.0, range_stop_m=9.0)
+    velocity = 1.5 * 3.084
+    y = synthesise(scatterer_table(moving(6.0, velocity, 60, 300.0), prf_hz=300.0), radar)
+    mu = wide_signature(y, doppler_bins=512)
+    peak_hz = mu.coords["doppler"].values[mu.values.mean(axis=0).argmax()]
+    assert abs(peak_hz - (2 * velocity / WAVELENGTH_M - 300)) <= 300 / 512
+    assert peak_hz < 0
+
+
+def test_05_levels_follow_range_rcs_and_receiver_gain():
+    radar = Radar.preset("x4")
+    axis_m = radar.range_axis_m()
+
+    def peak_db(range_bin, rcs_m2=0.5, receiver=radar):
+        y = synthesise(scatterer_table([[axis_m[range_bin]]], rcs_m2), receiver).values
+        return 20 * np.log10(np.abs(y).max())
+
+    assert peak_db(180) - peak_db(90) == pytest.approx(-12.0412, abs=1e-4)
+    assert peak_db(90, 1.0) - peak_db(90) == pytest.approx(3.0103, abs=1e-4)
+    louder = Radar.preset("x4", receiver_gain_db=20.0)
+    assert peak_db(90, receiver=louder) - peak_db(90) == pytest.approx(10, abs=1e-4)
+    assert 10 * np.log10(noise_power_v2(louder) / noise_power_v2(radar)) == pytest.approx(10, abs=1e-9)
+
+
+def noise_recording(n_pulses, n_bins, power, seed):
+    empty = make_array(
+        BASEBAND,
+        np.zeros((n_pulses, n_bins), dtype=np.complex64),
+        {"slow_time": np.arange(n_pulses) / PRF_HZ, "range": 0.05 * np.arange(n_bins)},
+    )
+    return add_noise(empty, noise_power_v2=power, rng=np.random.default_rng(seed))
+
+
+def test_06_noise_has_the_level_of_theory_in_every_cell():
+    power = 2.5e-9
+    y = noise_recording(6000, 40, power, 8)
+    analysis = Analysis(doppler_bins=128, hop=8)
+    w2 = (literal.window(101, 0.4) ** 2).sum()
+    total, count = 0.0, 0
+    for block in range_doppler(y, analysis, wavelength_m=WAVELENGTH_M):
+        assert block.attrs["window_energy"] == pytest.approx(w2, rel=1e-12)
+        total += float(block.values.sum(dtype=float))
+        count += block.size
+    assert total / count / w2 == pytest.approx(power, rel=0.01)
+    mu = wide_signature(y, doppler_bins=128, hop=8)
+    assert mu.attrs["n_gate_bins"] == 40
+    assert float(mu.values.mean(dtype=float)) == pytest.approx(40 * power * w2, rel=0.01)
+
+
+@pytest.mark.parametrize("preset", ["x4", "liland2018"])
+def test_07_rf_path_equals_the_direct_baseband_model(preset):
+    radar = Radar.preset(preset, range_start_m=2.0, range_stop_m=5.0)
+    rng = np.random.default_rng(4)
+    table = scatterer_table(rng.uniform(2.5, 4.5, (6, 5)), rng.uniform(0.1, 1, (6, 5)))
+    direct = synthesise(table, radar).values
+    error = np.abs(direct - synthesise_rf(table, radar).values).max() / np.abs(direct).max()
+    assert 20 * np.log10(error) < -80
+
+
+def two_row_signature(harmonics=(), frequency_hz=1.9, seconds=4.0, rate_hz=100.0):
+    """mu with 1 + cos in one row and 1 - cos in another; harmonics as amplitudes of h = 2, 3."""
+    t = 0.05 + np.arange(round(seconds * rate_hz)) / rate_hz
+    wave = np.cos(2 * np.pi * frequency_hz * t)
+    for h, amplitude in enumerate(harmonics, start=2):
+        wave = wave + amplitude * np.cos(2 * np.pi * h * frequency_hz * t)
+    values = np.zeros((t.size, 16))
+    values[:, 9], values[:, 12] = 1 + wave, 1 - wave
+    doppler_hz = (np.arange(16) - 8) * PRF_HZ / 16
+    coords = {
+        "time": t,
+        "doppler": doppler_hz,
+        "velocity": ("doppler", doppler_hz * WAVELENGTH_M / 2),
+        "centre_range": ("time", np.full(t.size, 5.0)),
+    }
+    return make_array(SIGNATURE, values, coords, {"n_gate_bins": 1})
+
+
+def cadence_of(mu):
+    normalised = normalise(mu, 0.0)
+    rows = detrend(normalised, order=detrend_order(observation_s(mu)))
+    step_doppler = cadence_map(rows)
+    return normalised, rows, step_doppler, cadence_spectrum(step_doppler)
+
+
+def test_08_synthetic_signature_gives_its_frequency_and_ratio():
+    mu = two_row_signature()
+    normalised, rows, step_doppler, spectrum = cadence_of(mu)
+    assert detrend_order(observation_s(mu)) == 5
+    # a record of 4 s is tapered (E-30): the side lobes of a Hann taper are below -31 dB, of a rectangle -13 dB
+    cadence_hz = step_doppler.coords["cadence"].values
+    row = step_doppler.values[:, 9]
+    assert row[cadence_hz > 2.6].max() < 10 ** (-31 / 20) * row.max()
+    assert cadence_map(rows, tapered=False).values[cadence_hz > 2.6, 9].max() > 2 * 10 ** (-31 / 20) * row.max()
+    gait = gait_frequency(spectrum, rows)
+    assert gait.frequency_hz == pytest.approx(1.9, rel=0.01)
+    assert gait.periodicity > 0.95
+    assert gait.n_periods == pytest.approx(7.6, rel=0.01)
+    occupied = mu.values.mean(axis=0) > 0
+    ratio = limb_torso_ratio(step_doppler, normalised.values.mean(axis=0), gait.frequency_hz, occupied)
+    assert ratio.amplitude_ratio == pytest.approx(1.0, abs=0.02)
+    # energy form: sqrt(4 * 2 rows * 0.25^2 / (2 rows * 0.5^2)) = 1
+    assert ratio.ratio == pytest.approx(1.0, abs=0.02)
+
+
+def test_08b_harmonics_are_found_at_two_and_three_times_the_frequency():
+    _, rows, _, spectrum = cadence_of(two_row_signature(harmonics=(0.4, 0.3)))
+    frequency_hz = gait_frequency(spectrum, rows).frequency_hz
+    assert frequency_hz == pytest.approx(1.9, rel=0.01)
+    assert harmonic_ratio(spectrum, frequency_hz, 2) == pytest.approx(2, rel=0.01)
+    assert harmonic_ratio(spectrum, frequency_hz, 3) == pytest.approx(3, rel=0.01)
+
+
+def test_08c_modulation_common_to_all_rows_is_removed_by_the_column_sum():
+    mu = two_row_signature()
+    common = mu.copy(data=(1.5 + np.cos(2 * np.pi * 1.9 * mu.coords["time"].values))[:, None] + 0 * mu.values)
+    _, _, step_doppler, _ = cadence_of(common)
+    assert step_doppler.values.max() < 1e-12
+
+
+@pytest.fixture(scope="module")
+def walker():
+    return boulic_walk(speed_mps=1.3, height_m=1.8, duration_s=4.0)
+
+
+def main_features(recording, **analysis):
+    result = analyze(recording, gate="truth", analysis=Analysis(**analysis))[0]
+    return {
+        "v_m": result.features.torso_velocity_mps,
+        "f_mu": result.gait_frequency_hz,
+        "rho": result.features.limb_torso_ratio,
+    }
+
+
+def test_09_transform_length_hop_and_decimation_do_not_change_the_features(walker):
+    scene = Scene([Target(walker)])
+    frame = {"range_start_m": 1.0, "range_stop_m": 9.0}
+    plain = simulate(scene, Radar.preset("x4", **frame))
+    noisy = simulate(scene, Radar.preset("x4", **frame), rng=np.random.default_rng(1), snr_db=15.0)
+    for recording in (plain, noisy):
+        reference = main_features(recording, doppler_bins=512, hop=10)
+        for k in (101, 256, 512):
+            for hop in (1, 5, 10):
+                errors = relative_errors(main_features(recording, doppler_bins=k, hop=hop), reference)
+                assert max(errors.values()) < 0.02, (k, hop, errors)
+    full_rate = simulate(scene, Radar.preset("x4", decimation=1, **frame))
+    errors = relative_errors(main_features(full_rate), main_features(plain))
+    assert max(errors.values()) < 0.02, errors
+
+
+def marker_motion(t):
+    """One marker: walks 1.2 m/s, swings 0.3 m at 2 Hz, heights to 1.5 m."""
+    swing = 0.3 * np.sin(2 * np.pi * 2.0 * t)
+    body = np.stack([1.2 * t, 0 * t, 1.0 + 0 * t], axis=-1)
+    limb = np.stack([1.2 * t + swing, 0.1 + 0 * t, 0.5 + 0.2 * np.sin(2 * np.pi * 2.0 * t)], axis=-1)
+    return np.stack([body, limb], axis=1)
+
+
+@pytest.mark.parametrize(
+    ("mode", "speed", "frequency", "length"),
+    [
+        ("uniform", 2 / 3, 1.0, 2 / 3),
+        ("froude", np.sqrt(2 / 3), np.sqrt(3 / 2), 2 / 3),
+        ("z_only", 1.0, 1.0, 1.0),
+    ],
+)
+def test_10_height_factor_two_thirds_in_the_three_modes(mode, speed, frequency, length):
+    facts = {"height_m": 1.8, "mass_kg": 80.0, "gait_frequency_hz": 2.0, "stride_frequency_hz": 1.0}
+    t = np.arange(0, 4, 1 / 200)
+    motion = make_motion(
+        marker_motion(t), rate_hz=200, markers=["hip", "hand"], parts=["torso", "left_hand"], facts=facts
+    )
+    scaled = scale_to_height(motion, height_m=1.2, mode=mode)
+    times = np.arange(0, 3.2, 1e-3)
+    position, velocity = resample(scaled, times)
+    assert velocity[:, 0, 0].mean() == pytest.approx(1.2 * speed, rel=1e-6)
+    swing = velocity[:, 1, 0] - velocity[:, 0, 0]
+    amplitude = {"uniform": 0.2, "froude": 0.2, "z_only": 0.3}[mode]
+    swing_wanted = amplitude * 4 * np.pi * frequency * np.cos(4 * np.pi * frequency * times)
+    assert np.abs(swing - swing_wanted)[50:-50].max() < 1e-3 * swing_wanted.max()
+    step_m = velocity[:, 0, 0].mean() / (2.0 * frequency)
+    assert step_m == pytest.approx(0.6 * length, rel=1e-6)
+    assert position[:, 0, 2] == pytest.approx(2 / 3)  # heights always scale
+    assert scaled.attrs["gait_frequency_hz"] == pytest.approx(2.0 * frequency)
+    assert scaled.attrs["stride_frequency_hz"] == pytest.approx(frequency)
+    assert scaled.attrs["height_m"] == 1.2
+
+
+@pytest.mark.parametrize("snr_db", [np.inf, 30.0])
+def test_11_the_same_trajectory_backwards_in_time(walker, snr_db):
+    radar = Radar.preset("x4")
+    backwards = walker.copy(data=walker.values[::-1])
+
+    def analysed(motion, aspect_deg, seed):
+        scene = Scene([Target(motion, aspect_deg=aspect_deg)])
+        return analyze(simulate(scene, radar, rng=np.random.default_rng(seed), snr_db=snr_db), gate="truth")[0]
+
+    forth, back = analysed(walker, 0.0, 1), analysed(backwards, 180.0, 2)
+    assert forth.features.torso_velocity_mps > 1.0
+    assert back.features.torso_velocity_mps == pytest.approx(-forth.features.torso_velocity_mps, rel=0.01)
+    assert back.gait_frequency_hz == pytest.approx(forth.gait_frequency_hz, rel=0.03)
+    for name in ("doppler_bandwidth_hz", "step_length_m", "limb_torso_ratio"):
+        assert getattr(back.features, name) == pytest.approx(getattr(forth.features, name), rel=0.03), name
+    assert back.features.step_length_m > 0  # E-36
+
+
+class Untouchable:
+    """Raises on any use."""
+
+    def _refuse(self, *args, **kwargs):
+        raise AssertionError("the truth was read")
+
+    __iter__ = __len__ = __getitem__ = __bool__ = __contains__ = __eq__ = __getattr__ = _refuse
+    __hash__ = None
+
+
+def without_truth(recording):
+    bare = Recording(recording.baseband, recording.radar)
+    object.__setattr__(bare, "truth", Untouchable())
+    return bare
+
+
+@pytest.mark.parametrize("method", ["standard", "liland2018"])
+def test_12_analysis_with_a_given_gate_reads_no_truth(walker, method):
+    recording = simulate(Scene([Target(walker, label="human")]), Radar.preset("x4"))
+    truth = recording.truth[0]
+    slow_time_s = recording.baseband.coords["slow_time"].values
+    gate = make_gate(slow_time_s, truth.centre_range_m, span_m=1.6, source="given")
+    bare = without_truth(recording)
+    with pytest.raises(AssertionError):
+        list(bare.truth)
+    result = analyze(bare, gate=gate, analysis=Analysis(method=method))[0]
+    assert result.gate == "given"
+    assert result.label is None
+    assert result.gait_frequency_hz is not None
+
+
+def test_12b_the_truth_gate_reads_the_range_and_the_label_alone(walker):
+    recording = simulate(Scene([Target(walker, label="human")]), Radar.preset("x4"))
+    wanted = analyze(recording, gate="truth")[0]
+
+    class OnlyRange:
+        label = "human"
+        centre_range_m = recording.truth[0].centre_range_m
+
+    bare = without_truth(recording)
+    object.__setattr__(bare, "truth", (OnlyRange(),))
+    assert analyze(bare, gate="truth")[0].features == wanted.features
+
+
+def test_12c_the_label_changes_no_feature(walker):
+    radar = Radar.preset("x4")
+    results = []
+    for label in ("human", "dog", ""):
+        scene = Scene([Target(walker, label=label)])
+        results.append(analyze(simulate(scene, radar, rng=np.random.default_rng(3)), gate="truth")[0])
+    assert results[0].features == results[1].features == results[2].features

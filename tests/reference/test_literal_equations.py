@@ -1,0 +1,214 @@
+"""The package against the literal float64 loops of literal.py."""
+
+import literal
+import numpy as np
+import pytest
+import xarray as xr
+
+from doppelgait.core.labels import BASEBAND, make_array
+from doppelgait.processing import (
+    Analysis,
+    cadence_map,
+    cadence_spectrum,
+    detrend,
+    detrend_order,
+    make_gate,
+    normalise,
+    range_doppler,
+    signature,
+)
+from doppelgait.radar import Radar, echo_amplitude_v, synthesise, synthesise_rf
+
+PRF_HZ = 1000.0
+SPACING_M = 0.05
+FIRST_M = 1.0
+WAVELENGTH_M = 0.0411238
+
+
+def scatterer_table(range_m, rcs_m2=1.0, prf_hz=PRF_HZ):
+    range_m = np.asarray(range_m, dtype=float)
+    dims = ("slow_time", "scatterer")
+    return xr.Dataset(
+        {
+            "range": (dims, range_m),
+            "radial_velocity": (dims, -np.gradient(range_m, 1 / prf_hz, axis=0)),
+            "rcs": (dims, np.broadcast_to(rcs_m2, range_m.shape)),
+            "path_gain": (dims, np.ones(range_m.shape)),
+        },
+        coords={"slow_time": np.arange(range_m.shape[0]) / prf_hz},
+    )
+
+
+def echoes_in_noise(n_pulses, n_bins, seed=3):
+    """Two crossing echoes and noise 20 dB below, complex64."""
+    rng = np.random.default_rng(seed)
+    bins = np.arange(n_bins)
+    t = np.arange(n_pulses)[:, None] / PRF_HZ
+    y = np.zeros((n_pulses, n_bins), dtype=complex)
+    for start, speed, level in ((n_bins * 0.3, 20.0, 1.0), (n_bins * 0.7, -12.0, 0.4)):
+        place = start + speed * t
+        doppler_hz = -2 * speed * SPACING_M / WAVELENGTH_M
+        y += level * np.exp(-0.5 * ((bins - place) / 1.5) ** 2) * np.exp(2j * np.pi * doppler_hz * t)
+    y += 0.1 * (rng.standard_normal(y.shape) + 1j * rng.standard_normal(y.shape)) / np.sqrt(2)
+    return y.astype(np.complex64)
+
+
+def labelled(y):
+    coords = {
+        "slow_time": 0.3 + np.arange(y.shape[0]) / PRF_HZ,
+        "range": FIRST_M + SPACING_M * np.arange(y.shape[1]),
+    }
+    return make_array(BASEBAND, y, coords)
+
+
+def relative_l2(found, wanted):
+    return np.linalg.norm(found - wanted) / np.linalg.norm(wanted)
+
+
+# (M, K, hop, zero padding at the ends, pulses)
+TRANSFORMS = [
+    (101, 101, 8, False, 160),
+    (101, 108, 8, False, 180),
+    (101, 128, 8, False, 420),
+    (101, 160, 1, False, 140),
+    (101, 512, 8, False, 130),
+    (31, 101, 5, False, 100),
+    (31, 31, 1, True, 45),
+    (101, 128, 10, True, 130),
+    (101, 109, 7, True, 110),
+    (7, 512, 3, False, 40),
+]
+
+
+@pytest.mark.parametrize(("m", "k", "hop", "padded", "n_pulses"), TRANSFORMS)
+def test_signature_equals_the_literal_loop_e22_e24_e27(m, k, hop, padded, n_pulses):
+    n_bins = 9
+    y = echoes_in_noise(n_pulses, n_bins)
+    analysis = Analysis(
+        method="liland2018" if padded else "standard",
+        cpi_s=(m - 0.5) / PRF_HZ,
+        doppler_bins=k,
+        hop=hop,
+        window_steepness=0.4,
+    )
+    # a gate of 3 bins that walks across the frame and leaves it on both sides
+    slow_time_s = 0.3 + np.arange(n_pulses) / PRF_HZ
+    centre_m = np.linspace(FIRST_M - 0.021, FIRST_M + 0.4317, n_pulses)
+    gate = make_gate(slow_time_s, centre_m, span_m=0.13, source="given")
+    found = signature(labelled(y), gate, analysis, wavelength_m=WAVELENGTH_M)
+
+    h = (m - 1) // 2
+    centres = range(0, n_pulses, hop) if padded else range(h, n_pulses - h, hop)
+    low_m = centre_m[list(centres)] - 0.13 / 2
+    first = np.ceil((low_m - FIRST_M) / SPACING_M).astype(int)
+    n_gate = int(np.floor(0.13 / SPACING_M)) + 1
+    wanted = literal.signature(y, list(centres), first, n_gate, literal.window(m, 0.4), k)
+    assert found.shape == wanted.shape
+    assert found.attrs["n_gate_bins"] == n_gate
+    np.testing.assert_allclose(found.coords["time"], slow_time_s[list(centres)], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found.coords["doppler"], literal.doppler_axis_hz(k, PRF_HZ), atol=1e-9)
+    assert len(np.unique(first)) > 2
+    assert relative_l2(found.values, wanted) < 1e-6
+
+
+@pytest.mark.parametrize(("m", "k"), [(101, 101), (101, 128), (31, 512)])
+def test_range_doppler_cells_equal_the_literal_loop_e24(m, k):
+    y = echoes_in_noise(m + 20, 5)
+    analysis = Analysis(cpi_s=(m - 0.5) / PRF_HZ, doppler_bins=k, hop=10)
+    found = next(range_doppler(labelled(y), analysis, wavelength_m=WAVELENGTH_M)).values
+    w = literal.window(m, 0.4)
+    h = (m - 1) // 2
+    y = y.astype(np.complex128)
+    wanted = np.array(
+        [
+            [[literal.range_doppler_cell(y, h + 10 * j, q, n, w, k) for n in range(5)] for q in range(k)]
+            for j in range(3)
+        ]
+    )
+    assert found.shape == wanted.shape
+    assert relative_l2(found, wanted) < 1e-6
+
+
+@pytest.mark.parametrize("k", [101, 128])
+@pytest.mark.parametrize("padded", [True, False])
+def test_step_doppler_map_equals_the_literal_loop_e28_e30_e31_e32(k, padded):
+    y = echoes_in_noise(1000, 9)
+    analysis = Analysis(doppler_bins=k, hop=20)
+    centre_m = np.full(1000, FIRST_M + 4 * SPACING_M)
+    gate = make_gate(0.3 + np.arange(1000) / PRF_HZ, centre_m, span_m=0.23, source="given")
+    mu = signature(labelled(y), gate, analysis, wavelength_m=WAVELENGTH_M)
+    floor = 0.05 * float(mu.values.mean())
+    seconds = mu.sizes["time"] * 20 / PRF_HZ  # 0.9 s
+    rows = detrend(normalise(mu, floor), order=detrend_order(seconds))
+    found = cadence_map(rows, padded=padded)
+
+    centres = list(range(50, 950, 20))
+    first = [int(np.ceil((4 * SPACING_M - 0.115) / SPACING_M))] * len(centres)
+    mu_literal = literal.signature(y, centres, first, 5, literal.window(101, 0.4), k)
+    rows_literal = literal.detrended(literal.normalised_by_sum(mu_literal, floor), order=1)
+    cadence_hz = found.coords["cadence"].values
+    n_fft = round(PRF_HZ / 20 / cadence_hz[1])
+    assert n_fft >= 8 * len(centres) if padded else n_fft == len(centres)
+    assert cadence_hz[0] == 0
+    wanted = literal.cadence_map(rows_literal, np.ones(len(centres)), n_fft, len(cadence_hz))
+    assert relative_l2(found.values, wanted) < 2e-6  # mu itself carries float32 rounding
+    np.testing.assert_allclose(cadence_spectrum(found), (found.values**2).sum(axis=1), rtol=1e-12)
+    np.testing.assert_allclose(cadence_spectrum(found, power=False), found.values.sum(axis=1), rtol=1e-12)
+
+
+@pytest.mark.parametrize("preset", ["x4", "liland2018"])
+def test_baseband_equals_the_literal_sum_e14_e18(preset):
+    radar = Radar.preset(preset, transmit_phase_rad=0.7)
+    rng = np.random.default_rng(1)
+    range_m = 4.0 + rng.uniform(-1, 1, (1, 12)) + rng.uniform(-2, 2, (1, 12)) * np.arange(30)[:, None] / 1000
+    rcs_m2 = rng.uniform(0.01, 1, (1, 12))
+    found = synthesise(scatterer_table(range_m, rcs_m2), radar).values
+    power = literal.received_power_w(
+        pt_w=1e-3, gt=10**0.4, gr=10**0.4, wavelength_m=radar.wavelength_m, rcs_m2=rcs_m2, range_m=range_m
+    )
+    amplitude = np.sqrt(2 * literal.Z0_OHM * power) * 10 ** (10 / 20)
+    sigma_s = np.sqrt(np.log(10)) / (np.pi * 1.4e9) if preset == "x4" else 1e-9
+    axis_m = np.arange(found.shape[1]) * 8 * literal.C_MPS / (2 * 23.328e9)
+    wanted = literal.baseband(
+        range_m, amplitude, axis_m, sigma_s=sigma_s, wavelength_m=literal.C_MPS / 7.29e9, theta_rad=0.7
+    )
+    assert np.abs(found - wanted).max() < 3e-7 * np.abs(wanted).max()
+
+
+@pytest.mark.parametrize("decimation", [1, 8])
+@pytest.mark.parametrize("pulse_sigma_s", [0.345e-9, 1e-9])
+def test_closed_form_equals_rf_sampling_and_down_conversion_e16_e17(decimation, pulse_sigma_s):
+    radar = Radar.preset("x4", decimation=decimation, pulse_sigma_s=pulse_sigma_s, range_start_m=2.0, range_stop_m=4.0)
+    rng = np.random.default_rng(2)
+    for theta_rad in (0.0, 1.3):
+        turned = radar.model_copy(update={"transmit_phase_rad": theta_rad})
+        # one scatterer at a time and three together; the last near the end of the frame, its tail cut
+        for range_m in ([[2.9]], [[3.2345]], [[2.5, 3.1, 3.98]]):
+            ranges = np.asarray(range_m) + rng.uniform(0, 0.05, (3, 1))
+            table = scatterer_table(ranges, 0.4)
+            closed = synthesise(table, turned).values
+            peak = np.abs(closed).max()
+            assert np.abs(closed - synthesise_rf(table, turned).values).max() < 1e-4 * peak  # -80 dB
+            mine = literal.rf_baseband(
+                ranges,
+                echo_amplitude_v(turned, range_m=ranges, rcs_m2=0.4),
+                turned.range_axis_m(),
+                sigma_s=pulse_sigma_s,
+                carrier_hz=7.29e9,
+                sample_rate_hz=23.328e9,
+                decimation=decimation,
+                theta_rad=theta_rad,
+            )
+            assert np.abs(closed - mine).max() < 1e-4 * peak
+
+
+def test_superposition_over_scatterers_is_exact_to_rounding_e18():
+    radar = Radar.preset("x4")
+    rng = np.random.default_rng(5)
+    range_m = rng.uniform(2, 9, (40, 8))
+    rcs_m2 = rng.uniform(0.01, 1, 8)
+    together = synthesise(scatterer_table(range_m, rcs_m2), radar).values
+    alone = sum(
+        synthesise(scatterer_table(range_m[:, [s]], rcs_m2[s]), radar).values.astype(np.complex128) for s in range(8)
+    )
+    assert np.abs(together - alone).max() < 8 * 2.0**-24 * np.abs(alone).max()

@@ -1,0 +1,439 @@
+"""C3D reading on files that these tests write themselves."""
+
+from __future__ import annotations
+
+import struct
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from doppelgait.core.errors import DoppelgaitWarning, MotionError
+from doppelgait.motion.axes import AXES, find_up_axis, turn_z_up
+from doppelgait.motion.readers import read
+from doppelgait.motion.readers.c3d_layout import read_layout
+
+ezc3d = pytest.importorskip("ezc3d")
+
+HEIGHTS_M = {
+    "LFHD": 1.7, "RFHD": 1.7, "C7": 1.5, "STRN": 1.3, "LSHO": 1.45, "RSHO": 1.45, "LELB": 1.1, "RELB": 1.1,
+    "LFIN": 0.8, "RFIN": 0.8, "LKNE": 0.5, "RKNE": 0.5, "LANK": 0.1, "RANK": 0.1, "LTOE": 0.03, "RTOE": 0.03,
+}  # fmt: skip
+NAMES = list(HEIGHTS_M)
+BESIDE_M = np.array([0.0, 2.0, 0.0])
+
+
+def walker(*, n_frames: int = 200, rate_hz: float = 100.0, speed_mps: float = 1.3) -> np.ndarray:
+    """Positions (T, P, 3) in m of a body that walks along +x with a stride of 1 Hz."""
+    time = np.arange(n_frames)[:, None] / rate_hz
+    height = np.array([HEIGHTS_M[name] for name in NAMES])
+    side = np.array([1.0 if name[0] == "L" else -1.0 if name[0] == "R" else 0.0 for name in NAMES])
+    swing = 0.25 * (1.0 - height / 1.7) * side
+    x = speed_mps * time + swing * np.sin(2 * np.pi * time)
+    y = np.broadcast_to(0.15 * side, x.shape)
+    z = height + 0.02 * np.cos(4 * np.pi * time)
+    return np.stack([x, y, z], axis=2)
+
+
+def write_c3d(
+    path: Path,
+    position: np.ndarray,
+    *,
+    labels: list[str] | None = None,
+    units: list[str] | None = ("mm",),
+    rate_hz: float = 100.0,
+    invalid: np.ndarray | None = None,
+    texts: dict[str, list[str]] | None = None,
+) -> Path:
+    """Write positions (T, P, 3), in the unit of the file, with ezc3d; ``invalid`` (T, P) gets residual -1."""
+    file = ezc3d.c3d()
+    points = np.ones((4, position.shape[1], position.shape[0]))
+    points[:3] = position.transpose(2, 1, 0)
+    file["parameters"]["POINT"]["RATE"]["value"] = [rate_hz]
+    file["parameters"]["POINT"]["UNITS"]["value"] = list(units or [])
+    file["parameters"]["POINT"]["LABELS"]["value"] = labels or NAMES
+    for name, values in (texts or {}).items():
+        file.add_parameter("POINT", name, values)
+    residuals = np.zeros((1, position.shape[1], position.shape[0]))
+    if invalid is not None:
+        residuals[0][invalid.T] = -1.0
+    file["data"]["points"] = points
+    file["data"]["meta_points"]["residuals"] = residuals
+    file.write(str(path))
+    return path
+
+
+def patch(path: Path, at: int, data: bytes) -> Path:
+    content = bytearray(path.read_bytes())
+    content[at : at + len(data)] = data
+    path.write_bytes(content)
+    return path
+
+
+@pytest.fixture
+def walk_mm(tmp_path: Path) -> Path:
+    return write_c3d(tmp_path / "walk.c3d", walker() * 1000)
+
+
+def test_positions_labels_and_rate_come_back(walk_mm: Path) -> None:
+    motion = read(walk_mm, clean=False)
+    assert motion.dims == ("time", "marker", "space")
+    assert list(motion.marker.values) == NAMES
+    assert motion.attrs["rate_hz"] == 100.0
+    assert motion.attrs["source"] == "walk.c3d"
+    assert motion.time.values[1] == pytest.approx(0.01)
+    np.testing.assert_allclose(motion.values, walker(), atol=2e-7)
+    assert motion.sel(marker="LTOE").part.item() == "left_foot"
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor"), [("m", 1.0), ("mm", 1e3), ("cm", 1e2), ("mete", 1.0), ("Millimeters", 1e3), ("in", 1 / 0.0254)]
+)
+def test_units_are_converted(tmp_path: Path, unit: str, factor: float) -> None:
+    motion = read(write_c3d(tmp_path / "a.c3d", walker() * factor, units=[unit]), clean=False)
+    np.testing.assert_allclose(motion.values, walker(), atol=1e-5)
+
+
+def test_units_per_point_are_honoured(tmp_path: Path) -> None:
+    position = walker()
+    position[:, 1::2] *= 1000
+    units = ["m", "mm"] * (len(NAMES) // 2)
+    motion = read(write_c3d(tmp_path / "a.c3d", position, units=units), clean=False)
+    np.testing.assert_allclose(motion.values, walker(), atol=1e-5)
+
+
+@pytest.mark.parametrize(("factor", "guess"), [(1000.0, "mm"), (1.0, "m")])
+def test_missing_unit_is_guessed_aloud(tmp_path: Path, factor: float, guess: str) -> None:
+    path = write_c3d(tmp_path / "a.c3d", walker() * factor, units=None)
+    with pytest.warns(DoppelgaitWarning, match=f"no length unit.*so {guess} is taken"):
+        motion = read(path, clean=False)
+    np.testing.assert_allclose(motion.values, walker(), atol=1e-5)
+
+
+def test_unit_option_overrides_and_silences(tmp_path: Path) -> None:
+    path = write_c3d(tmp_path / "a.c3d", walker() * 100, units=None)
+    np.testing.assert_allclose(read(path, clean=False, units="cm").values, walker(), atol=1e-5)
+    with pytest.raises(MotionError, match="no known length"):
+        read(path, units="parsec")
+
+
+def test_a_unit_that_is_no_length_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(MotionError, match="'deg' is no known length"):
+        read(write_c3d(tmp_path / "a.c3d", walker(), units=["deg"]))
+
+
+def test_every_encoding_of_a_gap_becomes_nan(tmp_path: Path) -> None:
+    position = walker() * 1000
+    invalid = np.zeros(position.shape[:2], dtype=bool)
+    invalid[10, 0] = True
+    position[20, 1] = 0.0
+    position[30, 2] = np.nan
+    missing = np.isnan(read(write_c3d(tmp_path / "a.c3d", position, invalid=invalid), clean=False).values).all(axis=2)
+    assert sorted(zip(*map(list, np.nonzero(missing)), strict=True)) == [(10, 0), (20, 1), (30, 2)]
+
+
+def test_a_coordinate_of_zero_alone_is_no_gap(tmp_path: Path) -> None:
+    position = walker() * 1000
+    position[50, 0, :2] = 0.0
+    assert np.isfinite(read(write_c3d(tmp_path / "a.c3d", position), clean=False).values).all()
+
+
+def test_subject_prefix_is_split_off(tmp_path: Path) -> None:
+    path = write_c3d(tmp_path / "a.c3d", walker() * 1000, labels=[f"liu:{name}" for name in NAMES])
+    motion = read(path, clean=False)
+    assert motion.attrs["subject"] == "liu"
+    assert list(motion.marker.values) == NAMES
+
+
+def two_subjects(path: Path, n_second: int) -> Path:
+    second = [f"B:{name}" for name in NAMES[:n_second]]
+    position = np.concatenate([walker(), walker()[:, :n_second] + BESIDE_M], axis=1) * 1000
+    return write_c3d(path, position, labels=[f"A:{name}" for name in NAMES] + second)
+
+
+def test_two_subjects_need_a_choice(tmp_path: Path) -> None:
+    path = two_subjects(tmp_path / "a.c3d", 16)
+    with pytest.raises(MotionError, match=r"A \(16 points\), B \(16 points\).*subject="):
+        read(path)
+    motion = read(path, clean=False, subject="B")
+    assert motion.attrs["subject"] == "B"
+    np.testing.assert_allclose(motion.values, walker() + BESIDE_M, atol=1e-5)
+    assert len(motion.attrs["report"]["dropped"]["belongs to subject or prop 'A'"]) == 16
+    with pytest.raises(MotionError, match="no subject 'C'"):
+        read(path, subject="C")
+
+
+def test_a_prop_is_left_out(tmp_path: Path) -> None:
+    motion = read(two_subjects(tmp_path / "a.c3d", 3), clean=False)
+    assert motion.attrs["subject"] == "A"
+    assert motion.attrs["report"]["dropped"] == {
+        "belongs to subject or prop 'B'": ["B:LFHD", "B:RFHD", "B:C7"],
+    }
+
+
+def read_with_extra(tmp_path: Path, extra: list[str], texts: dict[str, list[str]] | None = None) -> Any:
+    position = np.concatenate([walker(), np.full((200, len(extra), 3), 0.9)], axis=1) * 1000
+    path = write_c3d(tmp_path / "a.c3d", position, labels=NAMES + extra, texts=texts)
+    motion = read(path, clean=False)
+    assert list(motion.marker.values) == NAMES
+    return motion.attrs["report"]
+
+
+def test_listed_model_outputs_are_left_out(tmp_path: Path) -> None:
+    report = read_with_extra(
+        tmp_path, ["LHipAngles", "Wobble", "Own"], {"ANGLES": ["LHipAngles"], "POWERS": ["Wobble"],
+                                                    "TYPE_GROUPS": ["QUIRKS", "QUIRK"], "QUIRKS": ["Own"]},
+    )  # fmt: skip
+    assert report["dropped"] == {
+        "model output (angles)": ["LHipAngles"], "model output (powers)": ["Wobble"], "model output (quirks)": ["Own"],
+    }  # fmt: skip
+    assert report["points_in_file"] == 19
+    assert report["points_measured"] == 16
+
+
+def test_segment_axes_and_centres_of_mass_are_left_out(tmp_path: Path) -> None:
+    report = read_with_extra(tmp_path, ["PELO", "PELA", "PELL", "PELP", "CentreOfMass", "LKneeMoment"])
+    assert report["dropped"] == {
+        "model output (segment axes)": ["PELO", "PELA", "PELL", "PELP"],
+        "model output (by its name)": ["CentreOfMass", "LKneeMoment"],
+    }
+
+
+def test_points_computed_from_a_complete_set_are_left_out(tmp_path: Path) -> None:
+    from doppelgait.motion.skeleton import KNOWN_SETS
+
+    known = sorted(KNOWN_SETS["CMU 41"])
+    labels = [f"J:{name}" for name in known] + [f"J:LFEM{i}" for i in range(60)]
+    position = np.random.default_rng(1).normal(1000, 100, (20, len(labels), 3))
+    motion = read(write_c3d(tmp_path / "a.c3d", position, labels=labels), clean=False, up_axis="z")
+    assert list(motion.marker.values) == known
+    assert motion.attrs["report"]["points_measured"] == 41
+
+
+def test_unlabelled_and_ghost_points_are_left_out_but_count_as_measured(tmp_path: Path) -> None:
+    report = read_with_extra(tmp_path, ["*12", "RFHD-1"])
+    assert report["dropped"] == {"unlabelled point": ["*12"], "ghost of marker RFHD": ["RFHD-1"]}
+    assert report["points_measured"] == 18
+
+
+def test_a_file_of_unlabelled_points_keeps_them(tmp_path: Path) -> None:
+    path = write_c3d(tmp_path / "a.c3d", walker() * 1000, labels=[f"*{i}" for i in range(16)])
+    assert read(path, clean=False, up_axis="z").sizes["marker"] == 16
+
+
+def test_duplicate_and_empty_labels_become_unique(tmp_path: Path) -> None:
+    labels = ["T8", "T8", "", "T8_2", *NAMES[4:]]
+    motion = read(write_c3d(tmp_path / "a.c3d", walker() * 1000, labels=labels), clean=False)
+    assert list(motion.marker.values)[:4] == ["T8", "T8_2", "point_3", "T8_2_2"]
+
+
+def test_labels_beyond_255_continue_in_labels2(tmp_path: Path) -> None:
+    labels = [f"P{i}" for i in range(300)]
+    position = np.random.default_rng(1).normal(1000, 100, (10, 300, 3))
+    motion = read(write_c3d(tmp_path / "a.c3d", position, labels=labels), clean=False, up_axis="z")
+    assert list(motion.marker.values) == labels
+
+
+def test_rate_of_zero_needs_the_option(tmp_path: Path) -> None:
+    path = write_c3d(tmp_path / "a.c3d", walker() * 1000)
+    # ezc3d cannot write such a file; the first RATE is that of POINT, its value stands eight bytes on
+    patch(path, path.read_bytes().index(b"RATE") + 8, bytes(4))
+    patch(path, 20, bytes(4))
+    with pytest.raises(MotionError, match=r"rate of 0 Hz.*rate_hz="):
+        read(path)
+    assert read(path, clean=False, rate_hz=200.0).attrs["rate_hz"] == 200.0
+
+
+def test_rate_option_overrides(walk_mm: Path) -> None:
+    motion = read(walk_mm, clean=False, rate_hz=50.0)
+    assert motion.time.values[-1] == pytest.approx(199 / 50)
+    with pytest.raises(MotionError, match="rate of -1 Hz"):
+        read(walk_mm, rate_hz=-1.0)
+
+
+FROM_Z_UP = {
+    "z": lambda p: p,
+    "y": lambda p: np.stack([p[..., 0], p[..., 2], -p[..., 1]], axis=-1),
+    "x": lambda p: np.stack([p[..., 2], p[..., 0], p[..., 1]], axis=-1),
+    "-z": lambda p: p * [1, -1, -1],
+    "-y": lambda p: np.stack([p[..., 0], -p[..., 2], p[..., 1]], axis=-1),
+    "-x": lambda p: np.stack([-p[..., 2], p[..., 0], -p[..., 1]], axis=-1),
+}
+
+
+@pytest.mark.parametrize("up_axis", AXES)
+@pytest.mark.parametrize("named", [True, False])
+def test_every_up_axis_is_found_and_turned(tmp_path: Path, up_axis: str, named: bool) -> None:
+    labels = NAMES if named else [f"P{i}" for i in range(16)]
+    # unnamed points must show the floor: heights from 0 upwards
+    path = write_c3d(tmp_path / "a.c3d", FROM_Z_UP[up_axis](walker()) * 1000, labels=labels)
+    motion = read(path, clean=False)
+    assert motion.attrs["report"]["up_axis"] == up_axis
+    assert motion.attrs["report"]["up_axis_from"] == ("body parts" if named else "motion")
+    np.testing.assert_allclose(motion.values, walker(), atol=1e-5)
+
+
+@pytest.mark.parametrize("up_axis", AXES)
+def test_turning_is_a_rotation(up_axis: str) -> None:
+    turned = turn_z_up(np.eye(3)[np.newaxis], up_axis)[0]
+    assert np.linalg.det(turned) == pytest.approx(1.0)
+
+
+def test_declared_axis_is_taken_when_parts_are_unknown(tmp_path: Path) -> None:
+    labels = [f"P{i}" for i in range(16)]
+    flat = walker()
+    flat[:, :, 2] *= 0.3
+    path = write_c3d(tmp_path / "a.c3d", FROM_Z_UP["y"](flat) * 1000, labels=labels, texts={"Y_SCREEN": ["-Y"]})
+    report = read(path, clean=False).attrs["report"]
+    assert (report["up_axis"], report["up_axis_from"]) == ("y", "file")
+
+
+def test_declared_axis_loses_against_the_body(tmp_path: Path) -> None:
+    path = write_c3d(tmp_path / "a.c3d", FROM_Z_UP["y"](walker()) * 1000, texts={"Y_SCREEN": ["+Z"]})
+    assert read(path, clean=False).attrs["report"]["up_axis"] == "y"
+
+
+def test_feet_below_a_raised_origin_still_show_what_is_up() -> None:
+    position = walker() - [0, 0, 1.0]
+    position[:100, -1, 0] = position[0, -1, 0]
+    position[:100, -2, 0] = position[0, -2, 0]
+    for sign in (1, -1):
+        found = find_up_axis(position * [1, 1, sign], [""] * 16, declared="z")
+        assert found["up_axis"] == ("z" if sign > 0 else "-z")
+
+
+def test_unclear_axis_is_assumed_aloud(tmp_path: Path) -> None:
+    labels = [f"P{i}" for i in range(16)]
+    cloud = np.random.default_rng(3).uniform(-500, 500, (1, 16, 3)) + np.zeros((100, 1, 1))
+    path = write_c3d(tmp_path / "a.c3d", cloud, labels=labels)
+    with pytest.warns(DoppelgaitWarning, match="z is taken"):
+        assert read(path, clean=False).attrs["report"]["up_axis_from"] == "assumed"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        read(path, clean=False, up_axis="-z")
+    with pytest.raises(MotionError, match=r"up_axis='w' is not allowed"):
+        read(path, up_axis="w")
+
+
+def test_part_of_a_recording(walk_mm: Path) -> None:
+    part = read(walk_mm, clean=False, start_s=0.5, stop_s=1.0)
+    assert part.sizes["time"] == 51
+    assert part.time.values[0] == 0.0
+    np.testing.assert_allclose(part.values, walker()[50:101], atol=1e-5)
+    assert (part.attrs["report"]["read_from_s"], part.attrs["report"]["read_to_s"]) == (0.5, 1.0)
+
+
+@pytest.mark.parametrize(("start_s", "stop_s"), [(-0.1, 1.0), (1.0, 1.0), (0.0, 2.1), (float("nan"), 1.0)])
+def test_part_outside_the_recording_is_refused(walk_mm: Path, start_s: float, stop_s: float) -> None:
+    with pytest.raises(MotionError, match=r"0 to 1\.99 s"):
+        read(walk_mm, start_s=start_s, stop_s=stop_s)
+
+
+def test_unknown_option_names_the_allowed(walk_mm: Path) -> None:
+    with pytest.raises(MotionError, match=r"no option scale; allowed are clean.*subject, units, up_axis, rate_hz"):
+        read(walk_mm, scale=2)
+
+
+def test_no_usable_file(tmp_path: Path) -> None:
+    (tmp_path / "empty.c3d").write_bytes(b"")
+    (tmp_path / "text.c3d").write_text("hello, this is no motion")
+    for name, message in (
+        ("absent.c3d", "no such file"), ("", "folder"), ("empty.c3d", "empty"), ("text.c3d", r"c3d \(\.c3d\)"),
+    ):  # fmt: skip
+        with pytest.raises(MotionError, match=message):
+            read(tmp_path / name)
+
+
+def test_format_is_found_by_content(walk_mm: Path, tmp_path: Path) -> None:
+    other = tmp_path / "Ein Gang – ходьба.dat"
+    walk_mm.rename(other)
+    assert read(other, clean=False).sizes["marker"] == 16
+
+
+@pytest.mark.parametrize("n_frames", [1, 2])
+def test_a_pose_is_no_motion(tmp_path: Path, n_frames: int) -> None:
+    with pytest.raises(MotionError, match=f"{n_frames} frame.*3 or more"):
+        read(write_c3d(tmp_path / "a.c3d", walker(n_frames=n_frames) * 1000))
+
+
+def test_angles_alone_are_no_motion(tmp_path: Path) -> None:
+    path = write_c3d(tmp_path / "a.c3d", walker()[:, :2] * 1000, labels=["LHipAngles", "RHipAngles"])
+    with pytest.raises(MotionError, match="no marker positions"):
+        read(path)
+
+
+def test_big_endian_is_refused_with_a_reason(walk_mm: Path) -> None:
+    with pytest.raises(MotionError, match="SGI/MIPS"):
+        read(patch(walk_mm, 512 + 3, bytes([86])))
+
+
+def test_cut_file_gives_the_frames_it_holds(walk_mm: Path) -> None:
+    content = walk_mm.read_bytes()
+    data_at = (struct.unpack_from("<H", content, 16)[0] - 1) * 512
+    walk_mm.write_bytes(content[: data_at + 50 * 16 * 16 + 100])
+    with pytest.warns(DoppelgaitWarning, match="declares 200 frames but holds 50"):
+        motion = read(walk_mm, clean=False)
+    np.testing.assert_allclose(motion.values, walker()[:50], atol=1e-5)
+
+
+def test_points_of_header_and_parameters_must_agree(walk_mm: Path) -> None:
+    with pytest.raises(MotionError, match="header declares 15 points, its parameters 16"):
+        read(patch(walk_mm, 2, struct.pack("<H", 15)))
+
+
+def test_analog_words_that_only_the_header_counts(tmp_path: Path) -> None:
+    path = write_c3d(tmp_path / "a.c3d", walker() * 1000)
+    content = bytearray(path.read_bytes())
+    data_at = (struct.unpack_from("<H", content, 16)[0] - 1) * 512
+    frames = np.frombuffer(bytes(content[data_at : data_at + 200 * 256]), dtype="<f4").reshape(200, 64)
+    wider = np.concatenate([frames, np.full((200, 6), 7.0, dtype="<f4")], axis=1)
+    content[4:6] = struct.pack("<H", 6)
+    path.write_bytes(bytes(content[:data_at]) + wider.tobytes())
+    motion = read(path, clean=False)
+    np.testing.assert_allclose(motion.values, walker(), atol=1e-5)
+    assert "layout of the header" in motion.attrs["report"]["notes"][0]
+
+
+def with_description(path: Path, description: bytes) -> Path:
+    """Give POINT:LABELS these bytes as length byte and text of its description."""
+    layout, content = read_layout(path), path.read_bytes()
+    span = layout.records["POINT", "LABELS"].span
+    old = content[layout.section_at : layout.data_at]
+    step = struct.pack("<H", span.end - span.step + len(description))
+    section = old[: span.step] + step + old[span.step + 2 : span.end] + description + old[span.next :]
+    section = section.ljust(-(-len(section) // 512) * 512, b"\0")
+    header = bytearray(content[: layout.section_at])
+    header[16:18] = struct.pack("<H", 1 + (len(header) + len(section)) // 512)
+    path.write_bytes(bytes(header) + section + content[layout.data_at :])
+    return path
+
+
+@pytest.mark.parametrize("description", [b"", bytes([200]) + b"x" * 200], ids=["missing", "long"])
+def test_descriptions_that_stop_the_library_are_left_out(walk_mm: Path, description: bytes) -> None:
+    motion = read(with_description(walk_mm, description), clean=False)
+    assert list(motion.marker.values) == NAMES
+    np.testing.assert_allclose(motion.values, walker(), atol=1e-5)
+    assert motion.attrs["report"]["notes"] == ["descriptions of parameters are missing or too long; they were left out"]
+
+
+def test_analog_offsets_stored_as_floats(tmp_path: Path) -> None:
+    path = write_c3d(tmp_path / "a.c3d", walker() * 1000)
+    record = read_layout(path).records["ANALOG", "OFFSET"]
+    patch(path, 512 + record.span.step + 2, bytes([4]))
+    np.testing.assert_allclose(read(path, clean=False).values, walker(), atol=1e-5)
+
+
+def test_more_frames_than_the_header_can_count(tmp_path: Path) -> None:
+    position = np.random.default_rng(1).normal(1000, 100, (65540, 3, 3))
+    path = write_c3d(tmp_path / "a.c3d", position, labels=["LFHD", "C7", "LTOE"])
+    motion = read(path, clean=False, up_axis="z")
+    assert motion.sizes["time"] == 65540
+    np.testing.assert_allclose(motion.values[-1], position[-1] / 1000, rtol=1e-6)
+
+
+def test_report_is_plain(walk_mm: Path) -> None:
+    import json
+
+    json.dumps(read(walk_mm).attrs["report"], allow_nan=False)

@@ -1,0 +1,120 @@
+"""Detrending, step-Doppler map, cadence spectrum (E-30 to E-32)."""
+
+import numpy as np
+import pytest
+
+from doppelgait.core.labels import NORMALISED_SIGNATURE, make_array
+from doppelgait.processing import (
+    cadence_map,
+    cadence_spectrum,
+    detrend,
+    detrend_order,
+    mean_doppler_spectrum,
+    observation_s,
+)
+
+RATE_HZ = 100.0
+
+
+def rows_of(values, rate_hz=RATE_HZ):
+    values = np.asarray(values, dtype=float)
+    doppler_hz = (np.arange(values.shape[1]) - values.shape[1] // 2) * 10.0
+    coords = {
+        "time": 0.05 + np.arange(values.shape[0]) / rate_hz,
+        "doppler": doppler_hz,
+        "velocity": ("doppler", doppler_hz * 0.02),
+    }
+    return make_array(NORMALISED_SIGNATURE, values, coords)
+
+
+def wave(frequency_hz, seconds, amplitude=1.0, rate_hz=RATE_HZ):
+    t = np.arange(round(seconds * rate_hz)) / rate_hz
+    return (amplitude * np.cos(2 * np.pi * frequency_hz * t + 0.3))[:, None] * np.array([[1.0, 0.5, 0.0]])
+
+
+def test_observation_time_is_columns_times_their_spacing():
+    assert observation_s(rows_of(np.ones((250, 3)))) == pytest.approx(2.5)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "order"), [(0.3, 1), (1.0, 1), (1.3, 2), (2.0, 2), (3.0, 4), (4.0, 5), (5.0, 6), (60.0, 6)]
+)
+def test_order_of_the_detrending_e31(seconds, order):
+    assert detrend_order(seconds) == order
+
+
+def test_detrending_removes_polynomials_and_nothing_else_e31():
+    t = np.linspace(-1, 1, 300)[:, None]
+    polynomial = 2 - t + 3 * t**2 + 0.5 * t**3
+    rows = rows_of(polynomial * np.ones((1, 3)))
+    np.testing.assert_allclose(detrend(rows, order=3).values, 0, atol=1e-12)
+    assert np.abs(detrend(rows, order=2).values).max() > 0.05
+    random = np.random.default_rng(0).standard_normal((300, 3))
+    once = detrend(rows_of(random), order=4)
+    np.testing.assert_allclose(detrend(once, order=4).values, once.values, atol=1e-12)
+    np.testing.assert_allclose(detrend(rows_of(random), order=0).values, random - random.mean(axis=0), atol=1e-12)
+
+
+def test_map_is_the_amplitude_of_a_wave_at_its_frequency_e30():
+    # 20 whole periods: a wave of amplitude A has |D| = A / 2 at its frequency
+    rows = rows_of(wave(10.0, 2.0, amplitude=0.8))
+    found = cadence_map(rows)
+    cadence_hz = found.coords["cadence"].values
+    peak = found.values[:, 0].argmax()
+    assert cadence_hz[peak] == pytest.approx(10.0, abs=1 / 16)
+    assert found.values[peak, 0] == pytest.approx(0.4, rel=1e-3)
+    assert found.values[peak, 1] == pytest.approx(0.2, rel=1e-3)
+    assert not found.values[:, 2].any()
+
+
+def test_a_taper_does_not_change_the_amplitude_of_a_wave_e30():
+    rows = rows_of(wave(10.0, 5.0, amplitude=0.8))
+    assert cadence_map(rows, tapered=True).values.max() == pytest.approx(0.4, rel=2e-3)
+    assert cadence_map(rows, tapered=False).values.max() == pytest.approx(0.4, rel=2e-3)
+
+
+def test_axis_runs_from_exactly_zero_to_20_hz_with_eightfold_padding_e30():
+    rows = rows_of(np.ones((300, 3)))
+    padded = cadence_map(rows).coords["cadence"].values
+    assert padded[0] == 0
+    assert 19.9 < padded[-1] <= 20.0
+    assert padded[1] <= 1 / (8 * 3.0) + 1e-12
+    plain = cadence_map(rows, padded=False).coords["cadence"].values
+    assert plain[1] == pytest.approx(1 / 3.0)
+    np.testing.assert_allclose(plain, np.arange(plain.size) / 3.0)
+
+
+def test_zeroth_line_is_the_mean_e30():
+    values = np.random.default_rng(1).random((300, 3))
+    found = cadence_map(rows_of(values), tapered=False)
+    np.testing.assert_allclose(found.values[0], values.mean(axis=0))
+    np.testing.assert_allclose(mean_doppler_spectrum(rows_of(values)), values.mean(axis=0))
+
+
+@pytest.mark.parametrize(("seconds", "tapered"), [(2.0, False), (3.9, False), (4.0, True), (4.1, True), (6.0, True)])
+def test_taper_is_rectangular_below_4_s_and_hann_from_there_e30(seconds, tapered):
+    found = cadence_map(rows_of(wave(10.0, seconds)))
+    cadence_hz = found.coords["cadence"].values
+    row = found.values[:, 0] / found.values[:, 0].max()
+    distance = np.abs(cadence_hz - 10.0) * seconds
+    # highest side lobe: -13.3 dB beyond 1 / T_o (rectangle), -31.5 dB beyond 2 / T_o (Hann)
+    if tapered:
+        assert 20 * np.log10(row[distance > 2.1].max()) == pytest.approx(-31.5, abs=0.5)
+    else:
+        assert 20 * np.log10(row[distance > 1.05].max()) == pytest.approx(-13.3, abs=0.3)
+
+
+def test_four_seconds_are_four_seconds_at_every_column_rate_and_start():
+    for rate_hz in (99.0, 100.0, 111.11, 120.0, 125.0, 1000 / 7, 130.0, 162.5, 1000.0):
+        n = int(np.ceil(4.0 * rate_hz - 1e-9))
+        for start_s in (0.0, 0.05, 0.0505, 0.3, 1.7, 12.34):
+            rows = rows_of(wave(5.0, n / rate_hz, rate_hz=rate_hz), rate_hz)
+            rows = rows.assign_coords(time=start_s + np.arange(n) / rate_hz)
+            found, wanted = cadence_map(rows), cadence_map(rows, tapered=True)
+            np.testing.assert_array_equal(found.values, wanted.values, err_msg=f"{rate_hz} Hz from {start_s} s")
+
+
+def test_power_sum_and_amplitude_sum_e32():
+    found = cadence_map(rows_of(wave(7.0, 2.0)))
+    np.testing.assert_allclose(cadence_spectrum(found).values, (found.values**2).sum(axis=1))
+    np.testing.assert_allclose(cadence_spectrum(found, power=False).values, found.values.sum(axis=1))

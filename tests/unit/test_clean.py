@@ -1,0 +1,234 @@
+"""Cleaning and describing motions whose truth is known."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from doppelgait.core.errors import MotionError
+from doppelgait.motion.clean import clean_motion, lowpass
+from doppelgait.motion.describe import describe_motion
+from doppelgait.motion.schema import make_motion
+
+RATE_HZ = 120.0
+HEIGHTS_M = np.array([1.7, 1.5, 1.0, 0.5, 0.08, 0.04, 0.04])
+PARTS = ["head", "torso", "torso", "left_thigh", "left_shank", "left_foot", "right_foot"]
+UP = np.array([0.0, 0.0, 1.0])
+SWING_M = np.array([0.0, 0.0, 0.0, 0.1, 0.2, 0.3, -0.3])
+
+
+def walk(
+    *, n_frames: int = 480, speed_mps: float = 1.2, rate_hz: float = RATE_HZ, stride_hz: float = 0.9
+) -> np.ndarray:
+    time = np.arange(n_frames)[:, None] / rate_hz
+    x = speed_mps * time + SWING_M * np.sin(2 * np.pi * stride_hz * time)
+    z = HEIGHTS_M + 0.03 * np.sin(4 * np.pi * stride_hz * time)
+    return np.stack([x, np.zeros_like(x), z], axis=2)
+
+
+def motion_of(position: np.ndarray, *, rate_hz: float = RATE_HZ, parts: list[str] | None = None) -> xr.DataArray:
+    parts = PARTS if parts is None else parts
+    names = [f"m{i}" for i in range(position.shape[1])]
+    return make_motion(
+        position, rate_hz=rate_hz, markers=names, parts=parts, facts={"source": "walk.c3d", "kind": "recording"}
+    )
+
+
+def report_of(motion: xr.DataArray) -> Any:
+    return motion.attrs["report"]
+
+
+def test_a_complete_motion_keeps_everything_but_the_floor() -> None:
+    truth = walk()
+    clean = clean_motion(motion_of(truth))
+    assert clean.shape == truth.shape
+    shift = report_of(clean)["floor_shift_m"]
+    np.testing.assert_allclose(clean.values, truth + shift * UP, atol=5e-4)
+    assert report_of(clean)["dropped"] == {}
+    assert clean.attrs["source"] == "walk.c3d"
+    json.dumps(report_of(clean), allow_nan=False)
+
+
+@pytest.mark.parametrize(("length", "error_m"), [(1, 1e-6), (6, 2e-5), (30, 6e-3)])
+def test_short_gap_is_filled_on_the_path(length: int, error_m: float) -> None:
+    truth, holed = walk(), walk()
+    holed[100 : 100 + length, 5] = np.nan
+    clean = clean_motion(motion_of(holed), lowpass_hz=None, floor=False)
+    np.testing.assert_allclose(clean.values, truth, atol=error_m)
+    facts = report_of(clean)
+    assert (facts["gaps_filled"], facts["samples_filled"], facts["longest_gap_filled"]) == (1, length, length)
+
+
+def test_long_gap_costs_the_point_not_the_recording() -> None:
+    holed = walk()
+    holed[200:231, 5] = np.nan
+    clean = clean_motion(motion_of(holed))
+    assert clean.shape == (480, 6, 3)
+    assert np.isfinite(clean.values).all()
+    assert report_of(clean)["dropped"] == {"not seen throughout (gaps up to 0.25 s are filled)": ["m5"]}
+    assert clean_motion(motion_of(holed), gap_limit_s=0.3).sizes["marker"] == 7
+
+
+def test_recording_is_cropped_to_the_presence_of_the_subject() -> None:
+    holed = walk()
+    for p in range(7):
+        holed[: 60 + 3 * p, p] = np.nan
+        holed[400 - 2 * p :, p] = np.nan
+    clean = clean_motion(motion_of(holed), lowpass_hz=None, floor=False)
+    np.testing.assert_allclose(clean.values, walk()[78:388], atol=1e-9)
+    assert report_of(clean)["kept_from_s"] == pytest.approx(78 / RATE_HZ)
+    assert report_of(clean)["kept_to_s"] == pytest.approx(387 / RATE_HZ)
+    assert clean.time.values[0] == 0.0
+
+
+def test_point_never_seen_is_dropped() -> None:
+    holed = walk()
+    holed[:, 2] = np.nan
+    assert report_of(clean_motion(motion_of(holed)))["dropped"] == {"never seen": ["m2"]}
+
+
+def test_still_point_is_dropped_from_a_walk_only() -> None:
+    moving = walk()
+    moving[:, 2] = [1.0, 2.0, 0.5]
+    assert report_of(clean_motion(motion_of(moving)))["dropped"] == {"stands still while the body moves": ["m2"]}
+    standing = walk(speed_mps=0.0)
+    standing[:, 4:] = standing[:1, 4:]
+    assert clean_motion(motion_of(standing)).sizes["marker"] == 7
+
+
+def test_squatting_person_keeps_its_feet() -> None:
+    squat = walk(speed_mps=0.0)
+    squat[:, :4, 2] -= 0.4 * (1 - np.cos(np.linspace(0, 8 * np.pi, 480)))[:, None] * HEIGHTS_M[:4] / 1.7
+    squat[:, 4:] = squat[:1, 4:]
+    assert clean_motion(motion_of(squat)).sizes["marker"] == 7
+
+
+@pytest.mark.parametrize("length", [1, 2])
+def test_spikes_are_replaced(length: int) -> None:
+    spiky = walk()
+    spiky[150 : 150 + length, 3] += [0.0, 0.4, 0.0]
+    clean = clean_motion(motion_of(spiky), lowpass_hz=None, floor=False)
+    assert report_of(clean)["spikes_removed"] == length
+    np.testing.assert_allclose(clean.values, walk(), atol=1e-4)
+
+
+def test_a_fast_foot_is_no_spike() -> None:
+    run = walk(speed_mps=4.0, stride_hz=1.5)
+    run[:, 5:, 0] += 0.5 * np.sin(2 * np.pi * 1.5 * np.arange(480) / RATE_HZ)[:, None] * [1, -1]
+    assert report_of(clean_motion(motion_of(run)))["spikes_removed"] == 0
+
+
+@pytest.mark.parametrize("rate_hz", [60.0, 120.0, 250.0])
+@pytest.mark.parametrize("phase", np.arange(8) * np.pi / 4)
+def test_lowpass_keeps_the_velocity_up_to_the_ends(rate_hz: float, phase: float) -> None:
+    from scipy.interpolate import CubicSpline
+
+    omega, time = 2 * np.pi * 2.0, np.arange(int(3 * rate_hz)) / rate_hz
+    fine = np.arange(0.0, time[-1], 1e-3)
+    x = 0.3 * np.sin(omega * time + phase) + 1.3 * time
+    smooth = lowpass(np.repeat(x[:, None, None], 3, axis=2), rate_hz=rate_hz, cutoff_hz=12.0)[:, 0, 0]
+    error = np.abs(CubicSpline(time, smooth)(fine, 1) - 0.3 * omega * np.cos(omega * fine + phase) - 1.3)
+    error /= 0.3 * omega
+    assert error[100:-100].max() < 5e-3
+    assert error.max() < 2e-2
+
+
+def test_lowpass_has_half_power_at_the_cutoff_and_no_delay() -> None:
+    time = np.arange(1200) / RATE_HZ
+    for frequency, gain in ((3.0, 1.0), (12.0, np.sqrt(0.5)), (40.0, 0.0)):
+        tone = np.cos(2 * np.pi * frequency * time)
+        smooth = lowpass(np.repeat(tone[:, None, None], 3, axis=2), rate_hz=RATE_HZ, cutoff_hz=12.0)[:, 0, 0]
+        np.testing.assert_allclose(smooth[200:-200], gain * tone[200:-200], atol=2e-3)
+
+
+def test_lowpass_is_left_out_at_low_rates() -> None:
+    truth = walk(n_frames=100, rate_hz=30.0)
+    clean = clean_motion(motion_of(truth, rate_hz=30.0), floor=False)
+    assert report_of(clean)["lowpass_hz"] is None
+    np.testing.assert_array_equal(clean.values, truth)
+    assert report_of(clean_motion(motion_of(walk())))["lowpass_hz"] == 12.0
+
+
+@pytest.mark.parametrize("offset_m", [-0.8, 0.0, 0.5])
+def test_floor_is_zero_and_stature_is_measured_from_it(offset_m: float) -> None:
+    clean = clean_motion(motion_of(walk() + offset_m * UP))
+    lowest = clean.values[:, 5:, 2].min()
+    assert abs(lowest) < 2e-3
+    assert clean.attrs["height_m"] == pytest.approx(1.7 - 0.01, abs=5e-3)
+
+
+def test_floor_without_known_parts_is_that_of_the_lowest_points() -> None:
+    clean = clean_motion(motion_of(walk() + 0.5 * UP, parts=[""] * 7))
+    assert abs(clean.values[:, :, 2].min()) < 2e-3
+
+
+def test_body_without_feet_stays_at_its_height() -> None:
+    clean = clean_motion(motion_of(walk()[:, :3], parts=PARTS[:3]))
+    assert report_of(clean)["floor_shift_m"] == 0.0
+    assert clean.attrs["height_m"] == pytest.approx(1.7, abs=5e-3)
+
+
+def test_too_little_is_refused_with_a_reason() -> None:
+    with pytest.raises(MotionError, match=r"walk.c3d: 7 of 7 points over 0.33 s"):
+        clean_motion(motion_of(walk(n_frames=40)))
+    holed = walk()
+    holed[:, 2:] = np.nan
+    with pytest.raises(MotionError, match=r"2 of 7 points.*never seen"):
+        clean_motion(motion_of(holed))
+    with pytest.raises(MotionError, match="0 of 7 points"):
+        clean_motion(motion_of(np.full((100, 7, 3), np.nan)))
+
+
+@pytest.mark.parametrize("bad", [{"gap_limit_s": -0.1}, {"lowpass_hz": 0.0}, {"gap_limit_s": float("nan")}])
+def test_parameters_are_checked(bad: dict[str, float]) -> None:
+    with pytest.raises(MotionError, match="not allowed"):
+        clean_motion(motion_of(walk()), **bad)
+
+
+def test_input_is_not_changed() -> None:
+    holed = walk()
+    holed[150, 3] += 0.4
+    motion = motion_of(holed)
+    before = motion.copy(deep=True)
+    clean_motion(motion)
+    xr.testing.assert_identical(motion, before)
+
+
+@pytest.mark.parametrize("heading_deg", [0.0, 30.0, 135.0, 270.0])
+def test_description_recovers_speed_direction_and_stride(heading_deg: float) -> None:
+    angle = np.radians(heading_deg)
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+    facts = describe_motion(motion_of(walk() @ turn.T))
+    assert facts["mean_speed_mps"] == pytest.approx(1.2, rel=0.01)
+    assert facts["net_displacement_m"] == pytest.approx(1.2 * 479 / RATE_HZ, rel=0.01)
+    assert facts["straightness"] == pytest.approx(1.0, abs=1e-3)
+    assert facts["stride_hz"] == pytest.approx(0.9, abs=0.03)
+    assert facts["step_hz"] == pytest.approx(1.8, abs=0.06)
+    assert facts["lateral_rms_m"] < 1e-3
+    assert facts["travel_direction"] == f"{np.cos(angle):+.2f}x{np.sin(angle):+.2f}y".replace("-0.00", "+0.00")
+    assert facts["height_m"] == pytest.approx(1.66, abs=1e-6)
+
+
+def test_description_counts_gaps_and_still_points() -> None:
+    holed = walk()
+    holed[:48, 0] = np.nan
+    holed[:, 1] = np.nan
+    holed[:, 2] = 1.0
+    facts = describe_motion(motion_of(holed))
+    assert facts["gap_fraction"] == pytest.approx((48 + 480) / (480 * 7))
+    assert (facts["points_with_gaps"], facts["points_all_missing"], facts["stationary_points"]) == (2, 1, 1)
+
+
+def test_description_of_a_stander_has_no_stride() -> None:
+    facts = describe_motion(motion_of(walk(speed_mps=0.0)))
+    assert facts["stride_hz"] is None
+    assert abs(facts["mean_speed_mps"]) < 0.02
+
+
+def test_description_is_json() -> None:
+    json.dumps(describe_motion(motion_of(walk())), allow_nan=False)
+    json.dumps(describe_motion(motion_of(np.full((10, 7, 3), np.nan))), allow_nan=False)

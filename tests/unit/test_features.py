@@ -1,0 +1,406 @@
+"""Features (E-33 to E-39) on synthetic evidence and on Boulic walkers with known truth."""
+
+import numpy as np
+import pytest
+
+from doppelgait.core.errors import AnalysisError
+from doppelgait.core.labels import BASEBAND, CADENCE_MAP, CADENCE_SPECTRUM, NORMALISED_SIGNATURE, SIGNATURE, make_array
+from doppelgait.features import (
+    FEATURE_UNITS,
+    Evidence,
+    GaitFeatures,
+    gait_frequency,
+    harmonic_ratio,
+    limb_torso_ratio,
+    snr_mu_db,
+)
+from doppelgait.features.doppler import (
+    bandwidth_envelope_hz,
+    bandwidth_threshold_hz,
+    envelopes_hz,
+    single_tone_width_hz,
+)
+from doppelgait.features.gait import occupied_rows
+from doppelgait.features.gait_frequency import square_difference
+from doppelgait.features.peaks import local_maxima, refine
+from doppelgait.motion.models.boulic import boulic_walk
+from doppelgait.motion.schema import make_motion
+from doppelgait.pipeline import analyze, result_as_dict, simulate
+from doppelgait.processing import Analysis, cadence_map, cadence_spectrum, detrend, make_gate, signature
+from doppelgait.radar import Radar, Recording, add_noise, synthesise
+from doppelgait.scene import Scene, Target, assemble
+
+RATE_HZ = 125.0
+WAVELENGTH_M = 299_792_458 / 7.29e9
+
+
+def doppler_coords(k, prf_hz=1000.0):
+    doppler_hz = (np.arange(k) - k // 2) * prf_hz / k
+    return {"doppler": doppler_hz, "velocity": ("doppler", doppler_hz * WAVELENGTH_M / 2)}
+
+
+def rows_of(values):
+    coords = {"time": np.arange(values.shape[0]) / RATE_HZ, **doppler_coords(values.shape[1])}
+    return make_array(NORMALISED_SIGNATURE, values, coords)
+
+
+def spectrum_of(cadence_hz, values):
+    return make_array(CADENCE_SPECTRUM, values, {"cadence": cadence_hz})
+
+
+def swinging_rows(frequency_hz, seconds, harmonics=(1.0, 0.6), noise=0.0, seed=0):
+    """16 Doppler rows, each periodic with its own phase."""
+    t = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
+    rng = np.random.default_rng(seed)
+    values = noise * rng.standard_normal((t.size, 16))
+    for h, amplitude in enumerate(harmonics, start=1):
+        phase = rng.uniform(0, 2 * np.pi, 16)
+        values += amplitude * np.cos(2 * np.pi * h * frequency_hz * t[:, None] + phase)
+    return detrend(rows_of(values), order=min(6, max(1, round(1.2 * seconds))))
+
+
+def estimate(rows):
+    return gait_frequency(cadence_spectrum(cadence_map(rows)), rows)
+
+
+# --- Peaks --------------------------------------------------------------------------------------------------------
+
+
+def test_parabola_finds_the_top_between_samples():
+    x = np.arange(20)
+    index, height = refine(3.0 - 0.1 * (x - 7.3) ** 2, 7)
+    assert index == pytest.approx(7.3)
+    assert height == pytest.approx(3.0)
+
+
+def test_local_maxima_never_include_the_ends():
+    values = np.array([9.0, 1, 3, 1, 4, 4, 2, 8])
+    np.testing.assert_array_equal(local_maxima(values, first=0, last=7), [2, 4])
+    np.testing.assert_array_equal(local_maxima(values, first=3, last=7), [4])
+    assert local_maxima(values, first=5, last=3).size == 0
+
+
+# --- f_mu (E-33) --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("frequency_hz", [0.8, 1.37, 1.9, 2.71, 6.05])
+@pytest.mark.parametrize("seconds", [4.0, 8.0])
+def test_frequency_of_periodic_rows_e33(frequency_hz, seconds):
+    found = estimate(swinging_rows(frequency_hz, seconds))
+    assert found.frequency_hz == pytest.approx(frequency_hz, rel=0.01)
+    assert found.n_periods == pytest.approx(frequency_hz * seconds, rel=0.01)
+    assert found.periodicity > 0.8
+    assert found.salience > 0.9
+    if 2 * frequency_hz < 8:  # inside the search band
+        assert found.second_hz == pytest.approx(2 * frequency_hz, rel=0.03)
+
+
+def test_frequency_in_noise_is_found_and_rated_lower_e33():
+    clean, noisy = estimate(swinging_rows(1.9, 5.0)), estimate(swinging_rows(1.9, 5.0, noise=1.5))
+    assert noisy.frequency_hz == pytest.approx(1.9, rel=0.02)
+    assert noisy.periodicity < clean.periodicity - 0.3
+    assert noisy.salience < clean.salience
+
+
+def test_search_band_is_from_half_a_hertz_or_1_1_periods_to_8_hz_e33():
+    assert estimate(swinging_rows(0.3, 10.0, harmonics=(1.0, 0.2))).frequency_hz == pytest.approx(0.6, rel=0.03)
+    assert estimate(swinging_rows(9.5, 4.0, harmonics=(1.0,))).frequency_hz != pytest.approx(9.5, rel=0.05)
+    # T_o = 1 s: below 1.1 Hz nothing is looked for
+    short = estimate(swinging_rows(0.9, 1.0, harmonics=(1.0, 0.3)))
+    assert short.frequency_hz is None or short.frequency_hz >= 1.1 * 0.88
+
+
+def test_no_peak_is_no_estimate_e33():
+    falling = spectrum_of(np.arange(200) * 0.1, np.linspace(2, 1, 200))
+    assert gait_frequency(falling, rows_of(np.zeros((500, 4)))).frequency_hz is None
+
+
+@pytest.mark.parametrize("lag", [1, 40, 66, 300])
+def test_square_difference_is_that_of_the_equation_e33(lag):
+    rows = swinging_rows(1.9, 4.0, noise=0.5).values
+    top = sum(2 * rows[j] @ rows[j + lag] for j in range(500 - lag))
+    bottom = sum(rows[j] @ rows[j] + rows[j + lag] @ rows[j + lag] for j in range(500 - lag))
+    assert square_difference(rows)[lag] == pytest.approx(top / bottom, rel=1e-9)
+    assert square_difference(rows)[0] == pytest.approx(1.0)
+
+
+def walked(speed_mps, seconds, *, snr_db=18.0, seed=0, height_m=1.75, k=None, **place):
+    motion = boulic_walk(speed_mps=speed_mps, height_m=height_m, duration_s=seconds)
+    recording = simulate(
+        Scene([Target(motion, label="human", **place)]),
+        Radar.preset("x4"),
+        rng=np.random.default_rng(seed),
+        snr_db=snr_db,
+    )
+    return analyze(recording, gate="truth", analysis=Analysis(doppler_bins=k))[0], recording.truth[0]
+
+
+@pytest.fixture(scope="module")
+def walkers_of_3_s():
+    cases = [(v, h) for h in (1.6, 1.75, 1.9) for v in (0.6, 0.9, 1.2, 1.5, 1.8)]
+    return [walked(v, 3.0, height_m=h, seed=n) for n, (v, h) in enumerate(cases)]
+
+
+def test_step_frequency_of_walkers_at_20_db_and_three_periods_e33(walkers_of_3_s):
+    errors = []
+    for result, truth in walkers_of_3_s:
+        assert 15 < result.quality["snr_mu_db"] < 24
+        assert result.n_periods >= 3
+        assert "low_confidence" not in result.flags
+        errors.append(result.gait_frequency_hz / truth.gait_frequency_hz - 1)
+    assert np.sqrt(np.mean(np.square(errors))) < 0.013
+    assert np.abs(errors).max() < 0.025
+
+
+def test_torso_velocity_of_walkers_e34(walkers_of_3_s):
+    errors = [r.features.torso_velocity_mps - t.centre_velocity_mps.mean() for r, t in walkers_of_3_s]
+    assert np.sqrt(np.mean(np.square(errors))) <= 0.04
+
+
+def test_bandwidth_follows_the_true_span_e35(walkers_of_3_s):
+    found, true = [], []
+    for result, truth in walkers_of_3_s:
+        doppler = truth.doppler_hz(WAVELENGTH_M)
+        found.append(result.features.doppler_bandwidth_hz)
+        true.append(np.percentile(doppler.max(axis=1), 95) - np.percentile(doppler.min(axis=1), 5))
+    assert np.corrcoef(found, true)[0, 1] > 0.89
+    assert 0.6 < np.mean(np.array(found) / true) < 1.1
+
+
+def test_step_length_is_positive_and_speed_over_frequency_e36(walkers_of_3_s):
+    receding, truth = walked(1.3, 3.0, aspect_deg=180.0)
+    assert receding.features.torso_velocity_mps == pytest.approx(-1.3, abs=0.06)
+    for result, t in [*walkers_of_3_s, (receding, truth)]:
+        f = result.features
+        assert f.step_length_m == pytest.approx(abs(f.torso_velocity_mps) / result.gait_frequency_hz)
+        assert f.step_length_m == pytest.approx(t.ground_speed_mps / t.step_frequency_hz, rel=0.08)
+
+
+def test_ratio_does_not_depend_on_transform_length_or_noise_e38():
+    at = {k: walked(1.2, 4.0, snr_db=60.0, k=k)[0] for k in (128, 512)}
+    for name in ("ratio", "amplitude_ratio"):
+        values = [
+            r.features.limb_torso_ratio if name == "ratio" else r.quality["limb_torso_amplitude_ratio"]
+            for r in at.values()
+        ]
+        assert values[0] == pytest.approx(values[1], rel=0.02), name
+    clean = at[128]
+    for snr_db in (40.0, 20.0, 10.0, 5.0):  # SNR_frame; SNR_mu is about 1 dB above
+        noisy = walked(1.2, 4.0, snr_db=snr_db)[0]
+        assert noisy.features.limb_torso_ratio == pytest.approx(clean.features.limb_torso_ratio, rel=0.10)
+        assert noisy.quality["limb_torso_amplitude_ratio"] == pytest.approx(
+            clean.quality["limb_torso_amplitude_ratio"], rel=0.07
+        )
+
+
+def test_occupied_rows_stand_three_standard_deviations_above_the_noise_e38():
+    # N_g = 16 and 25 independent columns: std of a row's mean is nu / sqrt(16 * 25) = nu / 20
+    mean = 1.0 + np.array([0.0, 0.14, 0.16, -0.2, 5.0])
+    coords = {"time": np.arange(50) / RATE_HZ, **doppler_coords(5)}
+    mu = make_array(SIGNATURE, np.tile(mean, (50, 1)), coords, {"n_gate_bins": 16})
+    evidence = Evidence(
+        signature=mu, floor_v2=1.0, excess=mu - 1.0, n_independent=25.0,
+        main_line_hz=None, aligned=None, step_doppler=None, spectrum=None, gait=None, observation_s=0.4,
+    )  # fmt: skip
+    np.testing.assert_array_equal(occupied_rows(evidence), [False, False, True, False, True])
+
+
+def test_ratio_is_taken_over_the_occupied_rows_alone_e38(monkeypatch):
+    monkeypatch.setattr("doppelgait.features.gait.occupied_rows", lambda evidence: np.zeros(128, dtype=bool))
+    result, _ = walked(1.2, 2.0)
+    assert result.features.limb_torso_ratio is None
+    assert "limb_torso_ratio:no_doppler_row_above_the_noise" in result.flags
+
+
+# --- Oblique and short records ------------------------------------------------------------------------------------
+
+
+def test_drifting_aspect_is_aligned_e29():
+    result, truth = walked(1.4, 3.0, aspect_deg=45.0, range_m=4.0)
+    assert abs(result.quality["main_line_drift_hz"]) > 10
+    assert result.gait_frequency_hz == pytest.approx(truth.gait_frequency_hz, rel=0.03)
+
+
+def test_too_few_periods_are_flagged_e33():
+    result, _ = walked(0.7, 1.2)
+    assert result.gait_frequency_hz is None
+    assert result.features.step_length_m is None
+    assert "gait_frequency:fewer_than_1.5_periods_observed" in result.flags
+    two, _ = walked(0.8, 1.5)
+    assert 1.5 < two.n_periods < 2
+    assert "low_confidence" in two.flags
+
+
+@pytest.mark.parametrize("noise_power_v2", [0.0, 1e-9])
+def test_an_empty_room_gives_no_features(noise_power_v2):
+    coords = {"slow_time": np.arange(3000) / 1000, "range": np.arange(60) * 0.0514}
+    y = make_array(BASEBAND, np.zeros((3000, 60), np.complex64), coords)
+    y = add_noise(y, noise_power_v2=noise_power_v2, rng=np.random.default_rng(0))
+    gate = make_gate([0, 3], [1.5, 1.5], span_m=1.6, source="given")
+    result = analyze(Recording(y, Radar.preset("x4")), gate=gate)[0]
+    assert result.flags == ("no_signal",)
+    assert np.isnan(result.features.vector()).all()
+    assert result_as_dict(result)["features"]["torso_velocity_mps"] is None
+
+
+# --- B_mu (E-35) --------------------------------------------------------------------------------------------------
+
+
+def single_tone_signature(doppler_bins=4096):
+    speed = 60 * WAVELENGTH_M / 2
+    t = np.arange(0, 2.6, 0.01)
+    motion = make_motion(
+        np.stack([speed * t, 0 * t, 1 + 0 * t], axis=-1)[:, None], rate_hz=100, markers=["a"], parts=["torso"]
+    )
+    scene = Scene([Target(motion, range_m=5.0)], duration_s=2.5)
+    radar = Radar.preset("x4", pulse_sigma_s=1e-8)  # no widening by migration
+    y = synthesise(assemble(scene, np.arange(2500) / 1000), radar)
+    gate = make_gate([0, 2.5], [5.0, 5.0], span_m=1.6, source="given")
+    return signature(y, gate, Analysis(doppler_bins=doppler_bins), wavelength_m=WAVELENGTH_M)
+
+
+def test_width_of_a_single_tone_e35():
+    wanted = single_tone_width_hz(cpi_s=0.1, window_steepness=0.4, threshold=0.04)
+    assert wanted == pytest.approx(28.55, abs=0.005)
+    mu = single_tone_signature()
+    measured = bandwidth_threshold_hz(mu.values.mean(axis=0), mu.coords["doppler"].values, threshold=0.04)
+    assert measured == pytest.approx(28.55, rel=5e-3)
+
+
+def test_threshold_width_is_contiguous_from_the_peak_and_interpolated_e35():
+    doppler_hz = np.arange(11.0)
+    spectrum = np.array([0, 0, 0.5, 0, 0, 0.02, 1.0, 0.52, 0.0, 0.9, 0])
+    # left: between 5 (0.02) and 6 (1.0) at 0.04; right: between 7 (0.52) and 8 (0)
+    wanted = (7 + 0.48 / 0.52) - (5 + 0.02 / 0.98)
+    assert bandwidth_threshold_hz(spectrum, doppler_hz, threshold=0.04) == pytest.approx(wanted)
+    assert bandwidth_threshold_hz(np.ones(11), doppler_hz, threshold=0.04) == 10.0
+
+
+def block_signature(low, high, floor, k=200, n_columns=100):
+    """Equal power in the rows low..high of every column, over a floor."""
+    values = np.full((n_columns, k), floor)
+    for j, (a, b) in enumerate(zip(np.resize(low, n_columns), np.resize(high, n_columns), strict=True)):
+        values[j, a : b + 1] += 1.0
+    coords = {"time": np.arange(n_columns) / RATE_HZ, **doppler_coords(k)}
+    return make_array(SIGNATURE, values, coords, {"n_gate_bins": 16})
+
+
+def test_envelope_is_the_1_and_99_per_cent_quantile_of_the_power_above_the_noise_e35():
+    mu = block_signature(50, 149, 0.01)
+    low, high = envelopes_hz(mu, 0.01)
+    doppler_hz = mu.coords["doppler"].values
+    # 100 equal cells: 1 % is reached in the first, 99 % in the 99th
+    assert np.abs(low - doppler_hz[50]).max() <= 5.0
+    assert np.abs(high - doppler_hz[148]).max() <= 5.0
+    assert bandwidth_envelope_hz(mu, 0.01) == pytest.approx(98 * 5.0, abs=5.0)
+    # cells below nu + 4 std(nu) = 2 nu do not count
+    faint = mu.copy(data=np.where(mu.values > 0.5, mu.values, 0.0199))
+    assert bandwidth_envelope_hz(faint, 0.01) == bandwidth_envelope_hz(mu, 0.01)
+    strong = mu.copy(data=np.where(mu.values > 0.5, mu.values, 0.5))
+    assert bandwidth_envelope_hz(strong, 0.01) > 150 * 5.0
+
+
+def test_bandwidth_is_between_the_95th_and_5th_percentiles_over_time_e35():
+    # 100 columns: 3 of them reach far out and do not count, 10 reach half as far and do
+    high = np.full(100, 109)
+    high[:3], high[3:13] = 190, 150
+    mu = block_signature(np.full(100, 100), high, 0.0)
+    assert bandwidth_envelope_hz(mu, 0.0) == pytest.approx(50 * 5.0, abs=10.0)
+
+
+def test_bandwidth_needs_signal_in_half_of_the_columns_e35():
+    mu = block_signature(100, 109, 0.01)
+    mu.values[:60] = 0.01
+    assert bandwidth_envelope_hz(mu, 0.01) is None
+    low, _ = envelopes_hz(mu, 0.01)
+    assert np.isnan(low[:60]).all()
+    assert np.isfinite(low[60:]).all()
+
+
+def test_snr_of_a_signature():
+    mu = block_signature(100, 109, 0.01)
+    assert snr_mu_db(mu, 0.01) == pytest.approx(20.0, abs=0.01)
+    assert snr_mu_db(mu, 0.0) == np.inf
+    assert snr_mu_db(mu, 5.0) == -np.inf
+
+
+# --- beta (E-37) and rho (E-38) -----------------------------------------------------------------------------------
+
+CADENCE_HZ = np.arange(0, 20, 0.02)
+
+
+def lines(*peaks, floor=0.01):
+    values = np.full(CADENCE_HZ.size, floor)
+    for frequency_hz, height in peaks:
+        values += height * np.exp(-0.5 * ((CADENCE_HZ - frequency_hz) / 0.1) ** 2)
+    return spectrum_of(CADENCE_HZ, values)
+
+
+def test_harmonic_ratios_are_where_the_peaks_are_e37():
+    spectrum = lines((1.9, 1.0), (3.9, 0.5), (5.5, 0.3))
+    assert harmonic_ratio(spectrum, 1.9, 2) == pytest.approx(3.9 / 1.9, rel=1e-3)
+    assert harmonic_ratio(spectrum, 1.9, 3) == pytest.approx(5.5 / 1.9, rel=1e-3)
+
+
+def test_harmonic_ratio_looks_within_15_per_cent_and_needs_6_db_e37():
+    assert harmonic_ratio(lines((1.9, 1.0), (3.8 * 1.13, 0.5)), 1.9, 2) == pytest.approx(2.26, rel=1e-2)
+    assert harmonic_ratio(lines((1.9, 1.0), (3.8 * 1.25, 0.5)), 1.9, 2) is None
+    assert harmonic_ratio(lines((1.9, 1.0), (3.8, 0.02)), 1.9, 2) is None  # 4.8 dB over the floor of 0.01
+    assert harmonic_ratio(lines((1.9, 1.0), (3.8, 0.06)), 1.9, 2) == pytest.approx(2, rel=1e-2)
+    assert harmonic_ratio(lines((1.9, 1.0)), 1.9, 3) is None
+
+
+def test_ratio_in_both_forms_by_hand_e38():
+    """Two occupied rows, one of noise: D at f, 2f, 3f given."""
+    values = np.zeros((CADENCE_HZ.size, 3))
+    for h, heights in ((1, (0.20, 0.10)), (2, (0.08, 0.05)), (3, (0.02, 0.01))):
+        at = np.abs(CADENCE_HZ - 2.0 * h).argmin()
+        values[at, :2] = heights
+    values[:, 2] = 9.0
+    step_doppler = make_array(CADENCE_MAP, values, {"cadence": CADENCE_HZ, **doppler_coords(3)})
+    base = np.array([0.6, 0.3, 0.1])
+    occupied = np.array([True, True, False])
+    found = limb_torso_ratio(step_doppler, base, 2.0, occupied)
+    amplitude = 2 * (0.20 + 0.10 + 0.08 + 0.05 + 0.02 + 0.01) / 0.9
+    energy = 4 * (0.20**2 + 0.10**2 + 0.08**2 + 0.05**2 + 0.02**2 + 0.01**2) / (0.6**2 + 0.3**2)
+    assert found.amplitude_ratio == pytest.approx(amplitude)
+    assert found.ratio == pytest.approx(np.sqrt(energy))
+    nothing = limb_torso_ratio(step_doppler, base, 2.0, np.zeros(3, dtype=bool))
+    assert nothing.ratio is None
+    assert nothing.amplitude_ratio is None
+
+
+def test_noise_between_the_harmonics_is_taken_off_the_energy_form_e38():
+    rng = np.random.default_rng(0)
+    power = rng.exponential(1e-3, (CADENCE_HZ.size, 400))
+    step_doppler = make_array(CADENCE_MAP, np.sqrt(power), {"cadence": CADENCE_HZ, **doppler_coords(400)})
+    base = np.full(400, 1 / 400)
+    found = limb_torso_ratio(step_doppler, base, 2.0, np.ones(400, dtype=bool))
+    # sum over h of max(max D^2 - 2 N2, 0): the maximum of about 25 to 37 exponential cells is near 4 N2
+    plain = np.sqrt(4 * 3 * 400 * 4e-3 / (400 * (1 / 400) ** 2))
+    assert found.ratio < 0.8 * plain
+
+
+# --- Feature vector (E-39) ----------------------------------------------------------------------------------------
+
+
+def test_feature_vector_has_the_order_and_units_of_the_equation_e39():
+    features = GaitFeatures(1.0, 200.0, 0.6, 2.0, None, 0.9)
+    np.testing.assert_array_equal(features.vector(), [1.0, 200.0, 0.6, 2.0, np.nan, 0.9])
+    assert list(features.as_dict()) == list(FEATURE_UNITS)
+    assert list(FEATURE_UNITS.values()) == ["m/s", "Hz", "m", "1", "1", "1"]
+
+
+def test_gates_that_cannot_be_had_are_explained(walkers_of_3_s):
+    empty = make_array(
+        BASEBAND,
+        np.zeros((300, 20), np.complex64),
+        {"slow_time": np.arange(300) / 1000, "range": np.arange(20) * 0.05},
+    )
+    recording = Recording(empty, Radar.preset("x4"), source="measured.h5")
+    with pytest.raises(AnalysisError, match="--gate truth"):
+        analyze(recording)
+    with pytest.raises(AnalysisError, match=r"measured\.h5: has no truth"):
+        analyze(recording, gate="truth")
+    with pytest.raises(AnalysisError, match="'guess'"):
+        analyze(recording, gate="guess")

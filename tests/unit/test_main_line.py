@@ -1,0 +1,91 @@
+"""Main line and alignment (E-29, E-34)."""
+
+import numpy as np
+import pytest
+
+from doppelgait.core.labels import SIGNATURE, make_array
+from doppelgait.processing import align, line_order, main_line_hz, needs_alignment
+
+K, PRF_HZ = 128, 1000.0
+DOPPLER_HZ = (np.arange(K) - K // 2) * PRF_HZ / K
+
+
+def line_signature(line_hz, spread_hz=6.0, hop_s=0.008):
+    """A Gaussian ridge of 6 Hz standard deviation (power of the E-23 window) along a line."""
+    line_hz = np.asarray(line_hz, dtype=float)
+    distance = (DOPPLER_HZ[None, :] - line_hz[:, None] + PRF_HZ / 2) % PRF_HZ - PRF_HZ / 2
+    coords = {
+        "time": 0.05 + hop_s * np.arange(line_hz.size),
+        "doppler": DOPPLER_HZ,
+        "velocity": ("doppler", DOPPLER_HZ * 0.02),
+    }
+    return make_array(SIGNATURE, np.exp(-0.5 * (distance / spread_hz) ** 2), coords, {"n_gate_bins": 8})
+
+
+POSITION = np.linspace(-1, 1, 375)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_line_follows_a_polynomial_below_a_tenth_of_a_bin(order):
+    wanted = np.polynomial.polynomial.polyval(POSITION, [60.3, 12.0, -9.0, 7.0][: order + 1])
+    found = main_line_hz(line_signature(wanted), order=order)
+    assert np.abs(found - wanted).max() < 0.1 * PRF_HZ / K
+
+
+def test_line_is_robust_against_columns_in_which_a_leg_is_strongest():
+    wanted = 60 + 5 * POSITION
+    disturbed = wanted.copy()
+    disturbed[::5] = 180.0  # swinging leg, a fifth of all columns
+    disturbed[2::7] = 0.0  # standing foot, a seventh
+    found = main_line_hz(line_signature(disturbed), order=1)
+    assert np.abs(found - wanted).max() < 2.0
+
+
+def test_mean_of_the_straight_line_is_the_torso_velocity_under_a_step_oscillation_e34():
+    t = 0.008 * np.arange(375)
+    oscillation = 60 + 6 * np.sin(2 * np.pi * 1.9 * t + 0.4)
+    found = main_line_hz(line_signature(oscillation), order=1)
+    assert found.mean() == pytest.approx(60, abs=1.0)  # 1 Hz is 0.02 m/s
+
+
+def test_the_time_taper_lessens_the_bias_of_steps_that_are_cut_off_e34():
+    t = 0.008 * np.arange(300)
+    errors = {tapered: [] for tapered in (False, True)}
+    for phase in np.arange(0, 2 * np.pi, 0.5):
+        mu = line_signature(60 + 5 * np.sin(2 * np.pi * 1.05 * t + phase))  # 2.5 periods
+        for tapered in errors:
+            errors[tapered].append(main_line_hz(mu, order=1, tapered=tapered).mean() - 60)
+    rms = {tapered: np.sqrt(np.mean(np.square(e))) for tapered, e in errors.items()}
+    assert rms[True] < 0.7 * rms[False]
+
+
+@pytest.mark.parametrize(("seconds", "order"), [(1.0, 1), (1.29, 1), (1.31, 2), (2.49, 2), (2.51, 3), (10, 3)])
+def test_order_of_the_line_e29(seconds, order):
+    assert line_order(seconds) == order
+
+
+def test_alignment_is_for_drifts_above_10_hz_e29():
+    assert not needs_alignment(line_signature(60 + 4.5 * POSITION))
+    assert needs_alignment(line_signature(60 + 5.5 * POSITION))
+    assert needs_alignment(line_signature(60 - 5.5 * POSITION))
+
+
+def test_alignment_moves_the_line_to_zero_and_keeps_the_column_sums_e29():
+    wanted = 60 + 40 * POSITION - 15 * POSITION**2
+    mu = line_signature(wanted)
+    aligned = align(mu, wanted)
+    centroid = (aligned.values * DOPPLER_HZ).sum(axis=1) / aligned.values.sum(axis=1)
+    assert np.abs(centroid).max() < 0.01
+    np.testing.assert_allclose(aligned.values.sum(axis=1), mu.values.sum(axis=1), rtol=1e-12)
+    assert np.abs(main_line_hz(aligned, order=1)).max() < 1.0
+
+
+def test_alignment_by_whole_bins_is_a_circular_shift_e29():
+    mu = line_signature(np.full(50, 300.0))
+    bin_hz = PRF_HZ / K
+    found = align(mu, np.full(50, 5 * bin_hz)).values
+    np.testing.assert_array_equal(found, np.roll(mu.values, -5, axis=1))
+    # the main line at -480 Hz shifted by its own value passes the end of the axis
+    wrapped = align(line_signature(np.full(50, -480.0)), np.full(50, -480.0))
+    assert (wrapped.values.argmax(axis=1) == K // 2).all()
+    np.testing.assert_array_equal(align(mu, np.zeros(50)).values, mu.values)

@@ -1,0 +1,150 @@
+"""Receiver noise (E-18), its level after the transform (section 6, test 6) and random streams."""
+
+import numpy as np
+import pytest
+
+from doppelgait.core.labels import BASEBAND, make_array
+from doppelgait.core.rng import PURPOSES, generator_for, rng
+from doppelgait.motion.models.boulic import boulic_walk
+from doppelgait.pipeline import parse_run, run_simulation, simulate
+from doppelgait.radar import Radar, add_noise, noise_power_v2, write_recording
+from doppelgait.scene import Scene, Target
+
+
+def silence(n_pulses=4000, n_bins=50):
+    coords = {"slow_time": np.arange(n_pulses) / 1000, "range": np.arange(n_bins) * 0.05}
+    return make_array(BASEBAND, np.zeros((n_pulses, n_bins), np.complex64), coords)
+
+
+@pytest.fixture(scope="module")
+def noise():
+    return add_noise(silence(), noise_power_v2=3e-10, rng=np.random.default_rng(5)).values.astype(np.complex128)
+
+
+def test_thermal_noise_level_e18():
+    one_pulse = Radar.preset("x4", pulse_rate_hz=None, receiver_gain_db=0.0, noise_figure_db=6.0)
+    assert one_pulse.receiver_bandwidth_hz == pytest.approx(1.4e9)
+    dbm = 10 * np.log10(noise_power_v2(one_pulse) / (2 * 50) / 1e-3)
+    assert dbm == pytest.approx(-82.5 + 6, abs=0.02)
+    # P = -76.5 dBm: |w|^2 = 2 Z0 P
+    assert noise_power_v2(one_pulse) == pytest.approx(100 * 4.004e-21 * 10**0.6 * 1.4e9, rel=1e-9)
+    x4 = Radar.preset("x4")
+    assert noise_power_v2(x4) == pytest.approx(noise_power_v2(one_pulse) * 10 / 99, rel=1e-9)
+    wide = Radar.preset("x4", noise_bandwidth_hz=2.8e9)
+    assert noise_power_v2(wide) == pytest.approx(2 * noise_power_v2(x4), rel=1e-9)
+
+
+def test_noise_has_the_asked_power_e18(noise):
+    # 200 000 exponential variables: standard error 0.22 %
+    assert np.mean(np.abs(noise) ** 2) == pytest.approx(3e-10, rel=0.008)
+    assert np.abs(noise.mean()) < 4 * np.sqrt(3e-10 / noise.size)
+
+
+def test_in_phase_and_quadrature_are_alike_and_independent_e18(noise):
+    i, q = noise.real.ravel(), noise.imag.ravel()
+    assert i.var() == pytest.approx(1.5e-10, rel=0.015)
+    assert q.var() == pytest.approx(1.5e-10, rel=0.015)
+    limit = 4 / np.sqrt(noise.size)
+    assert abs(np.corrcoef(i, q)[0, 1]) < limit
+    assert abs(np.mean(noise**2)) / 3e-10 < 2 * limit  # circular
+    # Gaussian: fourth moment 3 sigma^4
+    assert np.mean(i**4) / i.var() ** 2 == pytest.approx(3, abs=4 * np.sqrt(96 / noise.size))
+
+
+@pytest.mark.parametrize("lag", [(1, 0), (2, 0), (17, 0), (0, 1), (0, 3), (1, 1)])
+def test_noise_is_white_in_slow_time_and_range_e18(noise, lag):
+    di, dn = lag
+    a, b = noise[di:, dn:], noise[: noise.shape[0] - di, : noise.shape[1] - dn]
+    assert abs(np.mean(a * np.conj(b))) / 3e-10 < 4 / np.sqrt(a.size)
+
+
+def test_noise_spectrum_is_flat_e18(noise):
+    power = (np.abs(np.fft.fft(noise, axis=0)) ** 2).mean(axis=1) / noise.shape[0]
+    bands = power.reshape(20, -1).mean(axis=1)
+    np.testing.assert_allclose(bands, 3e-10, rtol=4 / np.sqrt(noise.size / 20))
+
+
+def test_noise_is_added_to_the_echo():
+    quiet = silence(200, 10)
+    echo = quiet.copy(data=quiet.values + np.complex64(2 - 1j))
+    alone = add_noise(quiet, noise_power_v2=1e-3, rng=np.random.default_rng(1))
+    both = add_noise(echo, noise_power_v2=1e-3, rng=np.random.default_rng(1))
+    np.testing.assert_allclose(both.values - alone.values, 2 - 1j, atol=5e-7)
+    assert both.dtype == np.complex64
+    assert both.attrs == quiet.attrs
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return Scene([Target(boulic_walk(speed_mps=1.2, height_m=1.8, duration_s=3.0))])
+
+
+@pytest.mark.parametrize("snr_db", [-5.0, 10.0, 25.0])
+def test_requested_snr_is_met_e18(scene, snr_db):
+    radar = Radar.preset("x4")
+    clean = simulate(scene, radar).baseband.values.astype(np.complex128)
+    recording = simulate(scene, radar, rng=np.random.default_rng(2), snr_db=snr_db)
+    added = recording.baseband.values - clean
+    signal = (np.abs(clean) ** 2).max(axis=1).mean()
+    measured_db = 10 * np.log10(signal / np.mean(np.abs(added) ** 2))
+    assert measured_db == pytest.approx(snr_db, abs=0.1)
+    assert recording.snr_frame_db == pytest.approx(snr_db, abs=1e-6)
+    assert recording.noise_power_v2 == pytest.approx(np.mean(np.abs(added) ** 2), rel=0.01)
+
+
+def test_thermal_noise_is_the_default_and_no_generator_means_no_noise(scene):
+    radar = Radar.preset("x4")
+    clean = simulate(scene, radar)
+    assert clean.noise_power_v2 == 0
+    assert clean.snr_frame_db == np.inf
+    thermal = simulate(scene, radar, rng=np.random.default_rng(3))
+    added = thermal.baseband.values.astype(np.complex128) - clean.baseband.values
+    assert np.mean(np.abs(added) ** 2) == pytest.approx(noise_power_v2(radar), rel=0.01)
+    endless = simulate(scene, radar, rng=np.random.default_rng(3), snr_db=np.inf)
+    assert endless.baseband.values.tobytes() == clean.baseband.values.tobytes()
+
+
+def test_streams_depend_on_seed_purpose_and_index_alone():
+    def draw(*key):
+        return generator_for(*key).standard_normal(8).tobytes()
+
+    keys = [(seed, purpose, index) for seed in (0, 1, 7) for purpose in PURPOSES for index in (0, 1, 2)]
+    draws = {key: draw(*key) for key in keys}
+    assert len(set(draws.values())) == len(keys)
+    assert all(draw(*key) == draws[key] for key in reversed(keys))
+    assert rng(3).standard_normal(4).tobytes() == rng(3).standard_normal(4).tobytes()
+    with pytest.raises(ValueError, match="tuple"):
+        generator_for(0, "colour", 0)
+
+
+RUN = {
+    "duration_s": 0.5,
+    "targets": [{"motion": {"kind": "boulic", "speed_mps": 1.2, "stride_variation": 0.02}, "label": "human"}],
+    "radar": {"preset": "x4"},
+    "noise": {"kind": "snr", "snr_db": 10.0},
+}
+
+
+def test_same_seed_same_bytes_other_seed_other_bytes(tmp_path):
+    for name, seed in (("a", 5), ("b", 5), ("c", 6)):
+        write_recording(run_simulation(parse_run({**RUN, "seed": seed})), tmp_path / name)
+    a, b, c = ((tmp_path / name).read_bytes() for name in "abc")
+    assert a == b
+    assert a != c
+
+
+def test_the_seed_draws_the_noise():
+    steady = {**RUN, "targets": [{"motion": {"kind": "boulic"}}]}
+    a, b = (run_simulation(parse_run({**steady, "seed": seed})) for seed in (5, 6))
+    np.testing.assert_array_equal(a.truth[0].scatterers["range"], b.truth[0].scatterers["range"])
+    difference = a.baseband.values - b.baseband.values
+    assert np.mean(np.abs(difference) ** 2) == pytest.approx(2 * a.noise_power_v2, rel=0.02)
+
+
+def test_the_noise_draw_shifts_no_motion():
+    quiet = run_simulation(parse_run({**RUN, "seed": 5, "noise": {"kind": "none"}}))
+    noisy = run_simulation(parse_run({**RUN, "seed": 5}))
+    other = run_simulation(parse_run({**RUN, "seed": 6, "noise": {"kind": "none"}}))
+    np.testing.assert_array_equal(quiet.truth[0].scatterers["range"], noisy.truth[0].scatterers["range"])
+    assert not np.array_equal(quiet.truth[0].scatterers["range"], other.truth[0].scatterers["range"])
+    assert not np.array_equal(quiet.baseband, noisy.baseband)

@@ -1,0 +1,119 @@
+"""Noise floor and column normalisation (E-28)."""
+
+import numpy as np
+import pytest
+
+from doppelgait.core.errors import AnalysisError
+from doppelgait.core.labels import BASEBAND, SIGNATURE, make_array
+from doppelgait.motion.models.boulic import boulic_walk
+from doppelgait.pipeline import simulate, truth_gate
+from doppelgait.processing import (
+    Analysis,
+    gaussian_window,
+    independent_columns,
+    make_gate,
+    noise_floor_v2,
+    normalise,
+    signature,
+)
+from doppelgait.radar import Radar
+from doppelgait.scene import Scene, Target
+
+W2 = (gaussian_window(101, 0.4) ** 2).sum()
+SPACING_M = 0.05
+
+
+def noise_signature(n_gate, *, seed=0, power=1e-6, doppler_bins=128, seconds=5.0, echo=0.0):
+    """Signature of white noise, with an optional line at 100 Hz, gate of n_gate bins."""
+    rng = np.random.default_rng(seed)
+    n_pulses = round(seconds * 1000)
+    y = np.sqrt(power / 2) * (rng.standard_normal((n_pulses, n_gate, 2)) @ np.array([1, 1j]))
+    t = np.arange(n_pulses) / 1000
+    y[:, n_gate // 2] += echo * np.exp(2j * np.pi * 100 * t)
+    padded = np.zeros((n_pulses, n_gate + 2), np.complex64)
+    padded[:, 1:-1] = y
+    coords = {"slow_time": t, "range": SPACING_M * np.arange(n_gate + 2)}
+    span_m = max((n_gate - 1) * SPACING_M, 1e-3)
+    gate = make_gate(t, np.full(t.size, SPACING_M * (n_gate + 1) / 2), span_m=span_m, source="given")
+    mu = signature(make_array(BASEBAND, padded, coords), gate, Analysis(doppler_bins=doppler_bins), wavelength_m=0.04)
+    assert mu.attrs["n_gate_bins"] == n_gate
+    return mu
+
+
+@pytest.mark.parametrize("n_gate", [1, 20, 32])
+@pytest.mark.parametrize("doppler_bins", [128, 512])
+def test_floor_of_noise_alone_e28(n_gate, doppler_bins):
+    wanted = n_gate * 1e-6 * W2
+    estimates = [noise_floor_v2(noise_signature(n_gate, seed=s, doppler_bins=doppler_bins)) for s in range(4)]
+    assert estimates == pytest.approx([wanted] * 4, rel=0.02)
+
+
+@pytest.mark.parametrize("n_gate", [1, 20, 32])
+def test_floor_is_not_raised_by_a_line_e28(n_gate):
+    wanted = n_gate * 1e-6 * W2
+    estimates = [noise_floor_v2(noise_signature(n_gate, seed=s, echo=1e-2)) for s in range(4)]  # SNR 20 dB a frame
+    assert np.mean(estimates) == pytest.approx(wanted, rel=0.03)
+
+
+@pytest.mark.parametrize("snr_db", [0.0, 10.0, 20.0, 30.0])
+def test_floor_under_a_walker_e28(snr_db):
+    scene = Scene([Target(boulic_walk(speed_mps=1.2, height_m=1.8, duration_s=4.0))])
+    recording = simulate(scene, Radar.preset("x4"), rng=np.random.default_rng(1), snr_db=snr_db)
+    gate = truth_gate(recording, recording.truth[0], Analysis())
+    mu = signature(recording.baseband, gate, Analysis(), wavelength_m=recording.radar.wavelength_m)
+    wanted = mu.attrs["n_gate_bins"] * recording.noise_power_v2 * W2
+    assert noise_floor_v2(mu) == pytest.approx(wanted, rel=0.05)
+
+
+def test_floor_is_practically_zero_without_noise_e28():
+    scene = Scene([Target(boulic_walk(speed_mps=1.2, height_m=1.8, duration_s=4.0))])
+    recording = simulate(scene, Radar.preset("x4"))
+    gate = truth_gate(recording, recording.truth[0], Analysis())
+    mu = signature(recording.baseband, gate, Analysis(), wavelength_m=recording.radar.wavelength_m)
+    assert noise_floor_v2(mu) < 1e-5 * np.median(mu.values.max(axis=1))
+    empty = mu.copy(data=np.zeros_like(mu.values))
+    assert noise_floor_v2(empty) == 0.0
+
+
+def small_signature(values, centre_range_m=5.0, n_gate=4):
+    values = np.asarray(values, dtype=float)
+    n_columns, k = values.shape
+    doppler_hz = (np.arange(k) - k // 2) * 10.0
+    coords = {
+        "time": 0.05 + np.arange(n_columns) * 0.01,
+        "doppler": doppler_hz,
+        "velocity": ("doppler", doppler_hz * 0.02),
+        "centre_range": ("time", np.broadcast_to(centre_range_m, n_columns)),
+    }
+    return make_array(SIGNATURE, values, coords, {"n_gate_bins": n_gate})
+
+
+def test_columns_sum_to_one_after_the_floor_is_taken_off_e28():
+    mu = small_signature([[1, 5, 3], [1, 1, 9], [0.5, 1, 1]])
+    found = normalise(mu, 1.0)
+    np.testing.assert_allclose(found.values, [[0, 4 / 6, 2 / 6], [0, 0, 1], [0, 0, 0]])
+    assert found.attrs["units"] == "1"
+    assert mu.attrs["units"] == "V^2"
+
+
+def test_columns_over_their_maximum_e28():
+    found = normalise(small_signature([[1, 5, 3], [1, 1, 9]]), 0.0, mode="max")
+    np.testing.assert_allclose(found.values, [[0.2, 1, 0.6], [1 / 9, 1 / 9, 1]])
+
+
+def test_fourth_power_of_range_undoes_the_radar_equation_e28():
+    range_m = np.linspace(4, 8, 5)
+    pattern = np.array([1.0, 3.0, 2.0])
+    found = normalise(small_signature(pattern / range_m[:, None] ** 4, range_m), 0.0, mode="r4").values
+    np.testing.assert_allclose(found, np.tile(found[0], (5, 1)), rtol=1e-12)
+    np.testing.assert_allclose(found[0] / found[0].sum(), pattern / 6)
+
+
+def test_unknown_normalisation_is_refused():
+    with pytest.raises(AnalysisError, match=r"'mean'.*sum, max and r4"):
+        normalise(small_signature(np.ones((3, 3))), 0.0, mode="mean")
+
+
+def test_independent_columns_are_60_ms_apart_e38():
+    assert independent_columns(noise_signature(4, seconds=3.1)) == pytest.approx(3.0 / 0.06, rel=0.01)
+    assert independent_columns(small_signature(np.ones((2, 3)))) == 1.0

@@ -1,0 +1,347 @@
+"""Radar parameters, link budget, closed-form echo (E-06, E-11, E-14, E-15, E-18) and recordings on disk."""
+
+import json
+
+import h5py
+import numpy as np
+import pytest
+import xarray as xr
+
+from doppelgait.core.errors import ConfigError, DoppelgaitError, DoppelgaitWarning, OutputError, RecordingError
+from doppelgait.motion.models.boulic import boulic_walk
+from doppelgait.motion.schema import make_motion
+from doppelgait.pipeline import analyze, simulate, write_results
+from doppelgait.processing import Analysis
+from doppelgait.radar import (
+    Radar,
+    Recording,
+    echo_amplitude_v,
+    lowest_prf_hz,
+    preset_names,
+    read_recording,
+    received_power_w,
+    synthesise,
+    write_recording,
+)
+from doppelgait.scene import Scene, Target
+
+C_MPS = 299_792_458.0
+
+
+def table_of(range_m, rcs_m2=1.0, path_gain=1.0, velocity_mps=0.0):
+    range_m = np.asarray(range_m, dtype=float)
+    dims = ("slow_time", "scatterer")
+    values = {"range": range_m, "rcs": rcs_m2, "path_gain": path_gain, "radial_velocity": velocity_mps}
+    return xr.Dataset(
+        {name: (dims, np.broadcast_to(value, range_m.shape)) for name, value in values.items()},
+        coords={"slow_time": np.arange(range_m.shape[0]) / 1000},
+    )
+
+
+# --- Parameters ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("change", "sigma_ns", "b3_ghz", "b10_ghz", "resolution_cm"),
+    [
+        ({}, 0.3450, 0.768, 1.4, 8.61),
+        ({"bandwidth_hz": 1.5e9}, 0.3220, 0.823, 1.5, 8.04),
+        ({"pulse_sigma_s": 1e-9}, 1.0, 0.26501, 0.48301, 24.96),
+        ({"bandwidth_hz": 0.768e9, "bandwidth_level_db": 3}, 0.3450, 0.768, 1.4, 8.61),
+    ],
+)
+def test_pulse_numbers_e11(change, sigma_ns, b3_ghz, b10_ghz, resolution_cm):
+    radar = Radar.preset("x4", **change)
+    assert radar.sigma_s == pytest.approx(sigma_ns * 1e-9, rel=5e-4)
+    assert radar.pulse_bandwidth_hz(3) == pytest.approx(b3_ghz * 1e9, rel=1e-3)
+    assert radar.pulse_bandwidth_hz(10) == pytest.approx(b10_ghz * 1e9, rel=1e-3)
+    assert radar.range_resolution_m == pytest.approx(resolution_cm / 100, rel=1e-3)
+    # time-bandwidth product of a Gaussian at half power
+    assert radar.pulse_bandwidth_hz(3) * 2 * radar.range_resolution_m / C_MPS == pytest.approx(0.4413, abs=5e-5)
+
+
+def test_range_axis_e15():
+    raw = Radar.preset("x4", decimation=1)
+    assert raw.bin_spacing_m == pytest.approx(6.42559e-3, rel=1e-6)
+    x4 = Radar.preset("x4")
+    assert x4.bin_spacing_m == pytest.approx(51.4047e-3, rel=1e-6)
+    assert x4.range_axis_m()[0] == 0.0
+    np.testing.assert_allclose(np.diff(x4.range_axis_m()), x4.bin_spacing_m, rtol=1e-12)
+    assert x4.n_range_bins == 188
+    # the report's 7.75 m at 23 GS/s: N = ceil(7.75 / 6.517 mm)
+    report = Radar.preset("x4", decimation=1, sample_rate_hz=23e9, range_start_m=0.0, range_stop_m=7.75)
+    assert report.n_range_bins == 1190
+
+
+def test_unambiguous_velocity_and_averages_of_the_presets_e06_e18():
+    assert Radar.preset("x4").unambiguous_velocity_mps == pytest.approx(10.28, abs=5e-3)
+    assert Radar.preset("x4", prf_hz=300).unambiguous_velocity_mps == pytest.approx(3.084, abs=5e-4)
+    assert Radar.preset("x4").averages_per_frame == 99  # floor(15.1875e6 / (1000 * 152))
+    assert Radar.preset("x4", prf_hz=624).averages_per_frame == 160
+    assert set(preset_names()) >= {"x4", "x4-long", "liland2018"}
+    for name in preset_names():
+        assert set(Radar.preset(name).derived()) >= {"wavelength_m", "bin_spacing_m", "n_range_bins"}
+
+
+# --- Link budget --------------------------------------------------------------------------------------------------
+
+
+def test_received_power_of_a_square_metre_at_5_m_e14():
+    radar = Radar.preset("x4")
+    power = received_power_w(radar, range_m=5.0, rcs_m2=1.0)
+    assert 10 * np.log10(power / 1e-3) == pytest.approx(-80.7, abs=0.05)
+    ten = received_power_w(radar, range_m=50.0, rcs_m2=1.0)
+    assert 10 * np.log10(ten / power) == pytest.approx(-40, abs=1e-9)
+    assert radar.derived()["received_power_1m2_5m_dbm"] == pytest.approx(-80.7, abs=0.05)
+
+
+def test_radar_equation_is_guarded_near_the_antenna_e14():
+    radar = Radar.preset("x4")
+    near = received_power_w(radar, range_m=[0.0, 0.1, 0.2], rcs_m2=1.0)
+    assert near[0] == near[1] == near[2]
+    assert np.isfinite(near).all()
+
+
+def test_echo_amplitude_and_path_gain_e14():
+    radar = Radar.preset("x4")
+    power = received_power_w(radar, range_m=5.0, rcs_m2=0.5)
+    amplitude = echo_amplitude_v(radar, range_m=5.0, rcs_m2=0.5)
+    assert amplitude == pytest.approx(np.sqrt(2 * 50 * power) * 10**0.5, rel=1e-12)
+    behind_a_wall = echo_amplitude_v(radar, range_m=5.0, rcs_m2=0.5, path_gain=10**-0.6)
+    assert 20 * np.log10(behind_a_wall / amplitude) == pytest.approx(-6)
+    y = np.abs(synthesise(table_of([[5.0]], 0.5), radar).values).max()
+    walled = np.abs(synthesise(table_of([[5.0]], 0.5, path_gain=10**-0.6), radar).values).max()
+    assert 20 * np.log10(walled / y) == pytest.approx(-6, abs=1e-5)
+
+
+# --- Closed form --------------------------------------------------------------------------------------------------
+
+
+def test_baseband_is_labelled():
+    y = synthesise(table_of([[5.0]]), Radar.preset("x4"))
+    assert y.dims == ("slow_time", "range")
+    assert y.dtype == np.complex64
+    assert y.attrs["units"] == "V"
+    assert y.coords["range"].attrs["units"] == "m"
+    assert json.loads(y.attrs["radar"])["carrier_hz"] == 7.29e9
+
+
+def test_a_scatterer_far_outside_leaves_the_frame_empty():
+    y = synthesise(table_of([[50.0], [-3.0], [10.6]]), Radar.preset("x4")).values
+    assert not y.any()
+
+
+def test_aliasing_and_lost_targets_are_warned_of_with_their_numbers():
+    t = np.arange(0, 1.2, 0.01)
+    fast = make_motion(
+        np.stack([5.0 * t, 0 * t, 1 + 0 * t], axis=-1)[:, None], rate_hz=100, markers=["a"], parts=["torso"]
+    )
+    with pytest.warns(DoppelgaitWarning, match=r"aliasing: .*5\.00 m/s.*prf_hz = 300.*3\.08 m/s.*550 or more"):
+        simulate(Scene([Target(fast)], duration_s=1.0), Radar.preset("x4", prf_hz=300))
+    with pytest.warns(DoppelgaitWarning, match=r"outside the frame: 100 %.*0 to 9\.664 m"):
+        simulate(Scene([Target(fast, range_m=20.0)], duration_s=1.0), Radar.preset("x4"))
+
+
+def test_lowest_frame_rate_without_aliasing_e06():
+    table = table_of([[5.0, 6.0]], velocity_mps=np.array([[2.0, -5.0]]))
+    # 2 (5 m/s * 48.634 + 3 / 0.1 s) = 546.3 Hz
+    assert lowest_prf_hz(table, Radar.preset("x4"), 0.1) == 547
+
+
+# --- Recordings on disk -------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def recording():
+    walkers = [
+        Target(boulic_walk(speed_mps=v, height_m=1.8, duration_s=1.0), label=label, bearing_deg=b)
+        for v, label, b in ((1.2, "human", 0.0), (0.8, "", 20.0))
+    ]
+    made = simulate(Scene(walkers), Radar.preset("x4"), rng=np.random.default_rng(4), snr_db=20.0)
+    return Recording(**{**vars(made), "seed": 4})
+
+
+def test_round_trip_is_exact(recording, tmp_path):
+    path = tmp_path / "walk.h5"
+    write_recording(recording, path)
+    again = read_recording(path)
+    xr.testing.assert_identical(again.baseband, recording.baseband)
+    assert again.radar == recording.radar
+    assert (again.noise_power_v2, again.snr_frame_db, again.seed) == (
+        recording.noise_power_v2,
+        recording.snr_frame_db,
+        4,
+    )
+    assert again.source == "walk.h5"
+    assert len(again.truth) == 2
+    for found, wanted in zip(again.truth, recording.truth, strict=True):
+        for name in vars(wanted):
+            if name == "scatterers":
+                continue
+            np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name), err_msg=name)
+        for name in ("range", "radial_velocity", "aspect", "rcs"):
+            np.testing.assert_array_equal(found.scatterers[name], wanted.scatterers[name])
+        for name in ("marker", "part", "target"):
+            assert list(found.scatterers.coords[name].values) == list(wanted.scatterers.coords[name].values)
+    assert analyze(again, gate="truth")[0].features == analyze(recording, gate="truth")[0].features
+
+
+def test_round_trip_of_a_measured_recording_without_truth_seed_or_noise_level(recording, tmp_path):
+    path = tmp_path / "measured.h5"
+    write_recording(Recording(recording.baseband, recording.radar), path)
+    again = read_recording(path)
+    assert again.truth == ()
+    assert again.seed is None
+    assert np.isnan(again.noise_power_v2)
+    assert np.isnan(again.snr_frame_db)
+
+
+def test_layout_is_that_of_the_charter_and_plain_h5py_reads_it(recording, tmp_path):
+    path = tmp_path / "walk.h5"
+    write_recording(recording, path)
+    with h5py.File(path, "r") as file:
+        assert file["baseband"].dtype == np.dtype("<c8")
+        assert file["baseband"].shape == (1000, 188)
+        assert file["slow_time_s"].shape == (1000,)
+        assert file["range_m"].shape == (188,)
+        assert {name: file[name].attrs["units"] for name in ("baseband", "slow_time_s", "range_m")} == {
+            "baseband": "V",
+            "slow_time_s": "s",
+            "range_m": "m",
+        }
+        assert json.loads(file.attrs["radar"])["prf_hz"] == 1000
+        assert file.attrs["seed"] == 4
+        assert sorted(file["truth"]) == ["0", "1"]
+        first = file["truth/0"]
+        assert first["range_m"].shape == first["radial_velocity_mps"].shape == (1000, 17)
+        assert first.attrs["label"] == "human"
+        assert first.attrs["gait"] == "walk"
+        for name in ("step_frequency_hz", "stride_frequency_hz", "gait_frequency_hz"):
+            assert first.attrs[name] > 0
+        assert first.attrs["gait_frequency_hz"] == pytest.approx(2 * first.attrs["stride_frequency_hz"])
+
+
+def test_result_layout_is_that_of_the_charter(recording, tmp_path):
+    path = tmp_path / "result.h5"
+    results = analyze(recording, gate="truth")
+    write_results(path, recording, results, Analysis())
+    with h5py.File(path, "r") as file:
+        assert sorted(file["targets"]) == ["0", "1"]
+        first = file["targets/0"]
+        assert first["signature"].shape == results[0].signature.shape
+        assert first["cadence_map"].shape == results[0].cadence_map.shape
+        assert first["doppler_hz"].shape == (128,)
+        assert first.attrs["gate"] == "truth"
+        assert first.attrs["torso_velocity_mps"] == results[0].features.torso_velocity_mps
+
+
+def test_same_recording_gives_the_same_bytes_on_disk(recording, tmp_path):
+    for name in ("a.h5", "b.h5"):
+        write_recording(recording, tmp_path / name)
+    assert (tmp_path / "a.h5").read_bytes() == (tmp_path / "b.h5").read_bytes()
+    names = []
+    with h5py.File(tmp_path / "a.h5", "r") as file:
+        file.visit(names.append)
+        times = {name: h5py.h5g.get_objinfo(file.id, name.encode()).mtime for name in names}
+    assert not any(times.values())  # a stored time of writing would differ tomorrow
+
+
+def test_a_missing_foreign_or_empty_file_is_a_recording_error_that_names_it(tmp_path):
+    with pytest.raises(RecordingError, match=r"nothing\.h5: no such file"):
+        read_recording(tmp_path / "nothing.h5")
+    for name, content in (("empty.h5", b""), ("text.h5", b"hello" * 1000), ("movie.h5", b"\x89HDF\r\n")):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(RecordingError, match=name):
+            read_recording(tmp_path / name)
+    with pytest.raises(RecordingError, match=tmp_path.name):
+        read_recording(tmp_path)
+    with h5py.File(tmp_path / "foreign.h5", "w") as file:
+        file["data"] = np.arange(5)
+    with pytest.raises(RecordingError, match=r"foreign\.h5.*format"):
+        read_recording(tmp_path / "foreign.h5")
+
+
+@pytest.fixture(scope="module")
+def small_file(tmp_path_factory):
+    t = np.arange(0, 0.2, 0.01)
+    motion = make_motion(np.stack([t, 0 * t, 1 + 0 * t], axis=-1)[:, None], rate_hz=100, markers=["a"], parts=["torso"])
+    path = tmp_path_factory.mktemp("recording") / "small.h5"
+    scene = Scene([Target(motion, label="human", range_m=3.0)], duration_s=0.15)
+    write_recording(simulate(scene, Radar.preset("x4", range_start_m=2.5, range_stop_m=3.5)), path)
+    return path
+
+
+def test_truncated_files_are_recording_errors(small_file, tmp_path):
+    whole = small_file.read_bytes()
+    path = tmp_path / "cut.h5"
+    for length in np.linspace(1, len(whole) - 1, 60).astype(int):
+        path.write_bytes(whole[:length])
+        with pytest.raises(RecordingError, match=r"cut\.h5"):
+            read_recording(path)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda f: f.attrs.__setitem__("radar", "not JSON"),
+        lambda f: f.attrs.__setitem__("radar", "[1, 2]"),
+        lambda f: f.attrs.__setitem__("radar", "12"),
+        lambda f: f.attrs.__setitem__("radar", "{}"),
+        lambda f: f.attrs.__setitem__("radar", 3.5),
+        lambda f: f.attrs.__setitem__("format_version", 99),
+        lambda f: f.attrs.__setitem__("format_version", "new"),
+        lambda f: f.attrs.__delitem__("format_version"),
+        lambda f: f.__delitem__("baseband"),
+        lambda f: f.__delitem__("range_m"),
+        lambda f: (f.__delitem__("range_m"), f.__setitem__("range_m", np.arange(3.0))),
+        lambda f: (f.__delitem__("baseband"), f.create_group("baseband")),
+        lambda f: (f.__delitem__("baseband"), f.__setitem__("baseband", np.zeros(5, np.complex64))),
+        lambda f: (f.__delitem__("slow_time_s"), f.__setitem__("slow_time_s", "text")),
+        lambda f: f["truth/0"].attrs.__delitem__("label"),
+        lambda f: f["truth/0"].attrs.__setitem__("part", "no JSON"),
+        lambda f: f["truth/0"].attrs.__setitem__("part", "3"),
+        lambda f: f["truth/0"].attrs.__setitem__("height_m", [1.0, 2.0]),
+        lambda f: f["truth/0"].__delitem__("range_m"),
+        lambda f: f["truth"].create_group("first"),
+        lambda f: (f.__delitem__("truth"), f.__setitem__("truth", 3)),
+    ],
+)
+def test_recordings_with_wrong_content_are_recording_errors(small_file, tmp_path, change):
+    path = tmp_path / "wrong.h5"
+    path.write_bytes(small_file.read_bytes())
+    with h5py.File(path, "r+") as file:
+        change(file)
+    with pytest.raises(RecordingError, match=r"wrong\.h5"):
+        read_recording(path)
+
+
+def test_a_folder_that_cannot_be_written_is_named_and_nothing_is_left(recording, tmp_path):
+    (tmp_path / "file").write_text("not a folder")
+    for target in (tmp_path / "no" / "such" / "folder" / "a.h5", tmp_path / "file" / "a.h5"):
+        with pytest.raises(OutputError, match=r"a\.h5: cannot be written"):
+            write_recording(recording, target)
+    assert issubclass(OutputError, DoppelgaitError)
+    (tmp_path / "taken.h5").mkdir()
+    with pytest.raises(OutputError, match=r"taken\.h5"):
+        write_recording(recording, tmp_path / "taken.h5")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "taken.h5"]
+
+
+def test_a_failed_write_leaves_the_older_file(recording, small_file, tmp_path, monkeypatch):
+    path = tmp_path / "old.h5"
+    path.write_bytes(small_file.read_bytes())
+
+    def full_disk(*args):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("doppelgait.radar.recordings._put", full_disk)
+    with pytest.raises(OutputError, match="No space left"):
+        write_recording(recording, path)
+    assert path.read_bytes() == small_file.read_bytes()
+    assert [p.name for p in tmp_path.iterdir()] == ["old.h5"]
+
+
+def test_noise_without_a_generator_is_refused():
+    walker = Target(boulic_walk(speed_mps=1.0, duration_s=0.5))
+    with pytest.raises(ConfigError, match="snr_db = 20"):
+        simulate(Scene([walker]), Radar.preset("x4"), snr_db=20.0)

@@ -1,0 +1,140 @@
+"""Scaling, placing and resampling of motions (E-01, E-02)."""
+
+import numpy as np
+import pytest
+
+from doppelgait.core.errors import MotionError
+from doppelgait.motion.retime import (
+    body_centre_m,
+    duration_s,
+    place,
+    resample,
+    scale_to_height,
+    travel_heading_rad,
+    travel_speed_mps,
+)
+from doppelgait.motion.schema import make_motion
+
+
+def motion_of(position, rate_hz=120.0, parts=("torso",), start_s=0.0, **facts):
+    names = [f"m{n}" for n in range(np.shape(position)[1])]
+    return make_motion(position, rate_hz=rate_hz, markers=names, parts=parts, start_s=start_s, facts=facts)
+
+
+def swing(rate_hz=120.0, seconds=3.0):
+    t = np.arange(0, seconds, 1 / rate_hz)
+    x = 0.3 * np.sin(2 * np.pi * 2.0 * t)
+    return motion_of(np.stack([x, 0 * t, 1 + 0 * t], axis=-1)[:, None], rate_hz)
+
+
+def test_velocity_of_a_swinging_marker_after_resampling_e02():
+    wanted_s = np.arange(0, 2.9, 1e-3)
+    position, velocity = resample(swing(), wanted_s)
+    inner = slice(200, -200)
+    peak = 0.3 * 4 * np.pi
+    error = velocity[inner, 0, 0] - peak * np.cos(4 * np.pi * wanted_s[inner])
+    assert np.abs(error).max() < 0.005 * peak
+    assert np.abs(position[inner, 0, 0] - 0.3 * np.sin(4 * np.pi * wanted_s[inner])).max() < 1e-4
+
+
+def test_velocity_is_the_derivative_of_position_and_continuous_e02():
+    wanted_s = np.arange(0, 2.9, 1e-4)
+    position, velocity = resample(swing(), wanted_s)
+    np.testing.assert_allclose(np.gradient(position[:, 0, 0], 1e-4)[2:-2], velocity[2:-2, 0, 0], atol=1e-4)
+    # C2: no staircase, so no lines at multiples of 120 Hz
+    spectrum = np.abs(np.fft.rfft((velocity[5000:25000, 0, 0]) * np.hanning(20000)))
+    frequency = np.fft.rfftfreq(20000, 1e-4)
+    assert spectrum[(frequency > 100) & (frequency < 1000)].max() < 1e-4 * spectrum.max()
+
+
+def test_resampling_starts_at_the_first_frame_whatever_its_time():
+    t = np.arange(0, 1, 0.01)
+    late = motion_of(np.stack([t, 0 * t, 0 * t], axis=-1)[:, None], 100.0, start_s=7.0)
+    position, velocity = resample(late, [0.0, 0.5])
+    np.testing.assert_allclose(position[:, 0, 0], [0, 0.5], atol=1e-12)
+    np.testing.assert_allclose(velocity[:, 0, 0], 1.0)
+
+
+def test_resampling_refuses_gaps_short_motions_and_times_outside():
+    whole = swing()
+    with pytest.raises(MotionError, match="lasts"):
+        resample(whole, [0.0, 3.5])
+    with pytest.raises(MotionError, match="lasts"):
+        resample(whole, [-0.1])
+    gap = whole.copy(data=whole.values.copy())
+    gap.values[5] = np.nan
+    with pytest.raises(MotionError, match="without gaps"):
+        resample(gap, [0.1])
+    with pytest.raises(MotionError, match="4 frames"):
+        resample(whole.isel(time=slice(0, 3)), [0.001])
+
+
+def test_body_centre_is_that_of_the_torso_or_of_all_points():
+    position = np.zeros((5, 3, 3))
+    position[:, 0], position[:, 1], position[:, 2] = [1, 0, 1], [3, 0, 1], [8, 0, 4]
+    torso = motion_of(position, parts=("torso", "torso", "left_hand"))
+    np.testing.assert_allclose(body_centre_m(torso), np.tile([2, 0, 1], (5, 1)))
+    unknown = motion_of(position, parts=("", "", "left_hand"))
+    np.testing.assert_allclose(body_centre_m(unknown), np.tile([4, 0, 2], (5, 1)))
+
+
+def test_travel_of_a_walk_and_of_a_body_in_place():
+    t = np.arange(0, 2.0001, 0.01)
+    walk = motion_of(np.stack([0.6 * t, -0.8 * t, 1 + 0 * t], axis=-1)[:, None], 100.0)
+    assert travel_speed_mps(walk) == pytest.approx(1.0)
+    assert travel_heading_rad(walk) == pytest.approx(np.arctan2(-0.8, 0.6))
+    assert duration_s(walk) == pytest.approx(2.0)
+    assert travel_heading_rad(swing()) == 0.0
+
+
+def test_place_turns_and_moves_rigidly():
+    rng = np.random.default_rng(0)
+    t = np.arange(0, 2.0001, 0.01)
+    position = np.stack([0.6 * t, 0.8 * t, 1 + 0 * t], axis=-1)[:, None] + rng.normal(0, 0.3, (1, 4, 3))
+    walk = motion_of(position, 100.0, parts=("torso", "torso", "left_hand", "head"))
+    placed = place(walk, position_m=(7.0, -3.0), heading_deg=120.0, at_s=0.5)
+    np.testing.assert_allclose(body_centre_m(placed)[50, :2], [7, -3], atol=1e-12)
+    assert np.degrees(travel_heading_rad(placed)) == pytest.approx(120)
+    np.testing.assert_array_equal(placed.values[..., 2], walk.values[..., 2])
+    shape = position[3] - position[3, :1]
+    turned = placed.values[3] - placed.values[3, :1]
+    np.testing.assert_allclose(np.linalg.norm(turned, axis=-1), np.linalg.norm(shape, axis=-1))
+    # a rotation, not a mirror image
+    areas = [np.linalg.det(points[1:3, :2]) for points in (turned, shape)]
+    assert areas[0] == pytest.approx(areas[1])
+
+
+@pytest.mark.parametrize("mode", ["uniform", "froude"])
+def test_scaling_is_about_the_floor_below_the_start_e01(mode):
+    t = np.arange(0, 1, 0.01)
+    position = np.stack([5 + t, -2 + 0 * t, 1.2 + 0 * t], axis=-1)[:, None]
+    motion = motion_of(position, 100.0, height_m=1.8, mass_kg=80.0)
+    scaled = scale_to_height(motion, height_m=0.9, mode=mode)
+    np.testing.assert_allclose(scaled.values[0, 0], [5, -2, 0.6])
+    np.testing.assert_allclose(scaled.values[-1, 0], [5 + 0.99 / 2, -2, 0.6])
+    assert scaled.attrs["mass_kg"] == pytest.approx(10.0)
+    np.testing.assert_array_equal(motion.values, position)
+
+
+def test_dynamically_similar_scaling_slows_time_and_footfalls_e01():
+    t = np.arange(0, 1, 0.01)
+    position = np.stack([t, 0 * t, 1 + 0 * t], axis=-1)[:, None]
+    facts = {"height_m": 1.0, "step_frequency_hz": 2.0, "footfalls": {"left_foot": [3.2, 3.7]}}
+    motion = motion_of(position, 100.0, start_s=3.0, **facts)
+    scaled = scale_to_height(motion, height_m=0.25, mode="froude")
+    times = scaled.coords["time"].values
+    assert times[0] == 3.0
+    assert times[-1] == pytest.approx(3 + 0.99 / 2)
+    assert scaled.coords["time"].attrs["units"] == "s"
+    assert scaled.attrs["step_frequency_hz"] == 4.0
+    assert scaled.attrs["rate_hz"] == 200.0
+    np.testing.assert_allclose(scaled.attrs["footfalls"]["left_foot"], [3.1, 3.35])
+    assert travel_speed_mps(scaled) == pytest.approx(0.5)
+
+
+def test_scaling_needs_the_recorded_height_e01():
+    position = np.ones((10, 1, 3))
+    with pytest.raises(MotionError, match=r"height is unknown.*1\.5 m.*recorded_height_m"):
+        scale_to_height(motion_of(position), height_m=1.5)
+    scaled = scale_to_height(motion_of(position), height_m=1.5, recorded_height_m=0.5)
+    assert scaled.values[0, 0, 2] == pytest.approx(3.0)

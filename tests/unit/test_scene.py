@@ -1,0 +1,241 @@
+"""Geometry (E-03 to E-05), radar cross sections (E-08), placing of targets, truth."""
+
+import numpy as np
+import pytest
+
+from doppelgait.core.errors import ConfigError, MotionError
+from doppelgait.core.labels import SCATTERER_VARIABLES
+from doppelgait.motion.models.boulic import boulic_walk
+from doppelgait.motion.schema import make_motion
+from doppelgait.pipeline import simulate
+from doppelgait.radar import Radar
+from doppelgait.scene import (
+    RcsSpec,
+    Scene,
+    Target,
+    assemble,
+    body_track,
+    line_of_sight,
+    part_weights,
+    placed_motion,
+    scatterer_rcs_m2,
+)
+
+
+def points(paths, rate_hz=100.0, parts=None, **facts):
+    """Motion of points given as functions of time over 2 s."""
+    t = np.arange(0, 2.0 + 0.5 / rate_hz, 1 / rate_hz)
+    position = np.stack([np.stack(np.broadcast_arrays(*path(t)), axis=-1) for path in paths], axis=1)
+    names = [f"p{n}" for n in range(len(paths))]
+    return make_motion(position, rate_hz=rate_hz, markers=names, parts=parts or ["torso"] * len(paths), facts=facts)
+
+
+# --- Geometry -----------------------------------------------------------------------------------------------------
+
+
+def test_range_velocity_and_angles_in_numbers_e03_e04():
+    sight = line_of_sight(np.array([[3.0, 4.0, 1.0]]), np.array([[-0.6, -0.8, 0.0]]), [0, 0, 1])
+    assert sight.range_m[0] == 5.0
+    assert sight.radial_velocity_mps[0] == pytest.approx(1.0)  # straight towards the radar
+    assert sight.aspect_rad[0] == pytest.approx(0.0, abs=1e-7)
+    assert sight.azimuth_rad[0] == pytest.approx(np.arctan2(4, 3))
+    assert sight.elevation_rad[0] == 0.0
+    away = line_of_sight(np.array([[3.0, 4.0, 1.0]]), np.array([[0.6, 0.8, 0.0]]), [0, 0, 1])
+    assert away.radial_velocity_mps[0] == pytest.approx(-1.0)
+    assert away.aspect_rad[0] == pytest.approx(np.pi)
+    across = line_of_sight(np.array([[5.0, 0.0, 1.0]]), np.array([[0.0, 2.0, 0.0]]), [0, 0, 1])
+    assert across.radial_velocity_mps[0] == pytest.approx(0.0)
+    assert across.aspect_rad[0] == pytest.approx(np.pi / 2)
+    above = line_of_sight(np.array([[3.0, 0.0, 5.0]]), np.array([[0.0, 0.0, 1.0]]), [0, 0, 1])
+    assert above.elevation_rad[0] == pytest.approx(np.arctan2(4, 3))
+    assert above.radial_velocity_mps[0] == pytest.approx(-0.8)
+
+
+def test_aspect_is_undefined_for_a_point_that_stands_e04():
+    sight = line_of_sight(np.tile([5.0, 0, 0], (2, 1)), np.array([[0.049, 0, 0], [0.051, 0, 0]]), [0, 0, 1])
+    assert np.isnan(sight.aspect_rad[0])
+    assert np.isfinite(sight.aspect_rad[1])
+
+
+def test_radial_velocity_is_minus_the_derivative_of_range_e04():
+    motion = points(
+        [
+            lambda t: (1.0 * t, 0.3 * np.sin(4 * t), 1 + 0.1 * np.cos(5 * t)),
+            lambda t: (1.0 * t + 0.3 * np.sin(6 * t), 0.2 + 0 * t, 0.5 + 0 * t),
+        ]
+    )
+    scene = Scene([Target(motion, range_m=4.0, bearing_deg=25.0, aspect_deg=40.0)], radar_position_m=(0.5, -1, 1.3))
+    t = np.arange(0, 1.9, 1e-4)
+    table = assemble(scene, t)
+    derivative = np.gradient(table["range"].values, 1e-4, axis=0)
+    np.testing.assert_allclose(-derivative[5:-5], table["radial_velocity"].values[5:-5], atol=2e-6)
+    placed = placed_motion(scene.targets[0], scene)
+    start = placed.values[0]
+    distance = np.sqrt(((start - np.array([0.5, -1, 1.3])) ** 2).sum(axis=-1))
+    np.testing.assert_allclose(table["range"].values[0], distance, rtol=1e-12)
+
+
+def test_scatterer_table_has_every_variable_with_its_unit():
+    table = assemble(Scene([Target(boulic_walk(duration_s=1.0))]), np.arange(10) / 100)
+    assert set(table.data_vars) == set(SCATTERER_VARIABLES)
+    for name, unit in SCATTERER_VARIABLES.items():
+        assert table[name].attrs["units"] == unit
+        assert table[name].dims == ("slow_time", "scatterer")
+    assert table.sizes == {"slow_time": 10, "scatterer": 17}
+
+
+# --- Place --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("bearing_deg", [0.0, 30.0, -100.0])
+@pytest.mark.parametrize("aspect_deg", [0.0, 45.0, -90.0, 180.0])
+def test_target_is_where_it_was_asked_to_be_at_mid_observation(bearing_deg, aspect_deg):
+    motion = points([lambda t: (2 + 0.6 * t, 0.8 * t, 1 + 0 * t)])  # 1 m/s along (0.6, 0.8)
+    scene = Scene(
+        [Target(motion, range_m=4.0, bearing_deg=bearing_deg, aspect_deg=aspect_deg)], radar_position_m=(1.0, 2.0, 1.0)
+    )
+    sight = body_track(scene.targets[0], scene, [0.999, 1.0, 1.001])
+    assert sight.range_m[1] == pytest.approx(4.0)
+    assert np.degrees(sight.azimuth_rad[1]) == pytest.approx(bearing_deg)
+    assert np.degrees(sight.aspect_rad[1]) == pytest.approx(abs(aspect_deg), abs=1e-4)
+    assert sight.radial_velocity_mps[1] == pytest.approx(np.cos(np.radians(aspect_deg)), abs=1e-9)
+
+
+def test_positive_aspect_turns_the_walk_counter_clockwise():
+    motion = points([lambda t: (t, 0 * t, 1 + 0 * t)])
+    scene = Scene([Target(motion, range_m=4.0, aspect_deg=90.0)])
+    placed = placed_motion(scene.targets[0], scene)
+    # approaching is -x; 90 degrees counter-clockwise of that is -y
+    np.testing.assert_allclose(placed.values[-1, 0, :2] - placed.values[0, 0, :2], [0, -2], atol=1e-12)
+
+
+def test_start_position_and_heading():
+    motion = points([lambda t: (t, 0 * t, 1 + 0 * t)])
+    scene = Scene([Target(motion, start_position_m=(3.0, -1.0), heading_deg=90.0)])
+    placed = placed_motion(scene.targets[0], scene)
+    np.testing.assert_allclose(placed.values[0, 0], [3, -1, 1], atol=1e-12)
+    np.testing.assert_allclose(placed.values[-1, 0], [3, 1, 1], atol=1e-12)
+
+
+def test_default_range_keeps_the_closest_approach_at_2_m():
+    slow, fast = (points([lambda t, v=v: (v * t, 0 * t, 1 + 0 * t)]) for v in (0.5, 4.0))
+    for motion, middle in ((slow, 5.0), (fast, 6.0)):
+        scene = Scene([Target(motion)])
+        assert body_track(scene.targets[0], scene, [1.0]).range_m[0] == pytest.approx(middle)
+
+
+def test_observation_is_the_shortest_motion_unless_given():
+    walkers = [Target(boulic_walk(duration_s=s)) for s in (1.0, 2.0)]
+    assert Scene(walkers).observation_s == pytest.approx(1.0)
+    assert Scene(walkers, duration_s=0.7).observation_s == 0.7
+    with pytest.raises(ConfigError, match=r"targets\.0.*lasts 1\.000 s.*1\.5 s.*duration_s to 1\.0 or less"):
+        Scene(walkers, duration_s=1.5)
+    with pytest.raises(ConfigError, match="at least one target"):
+        Scene([])
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"start_position_m": (1, 1)}, "belong together"),
+        ({"heading_deg": 10.0}, "belong together"),
+        ({"start_position_m": (1, 1), "heading_deg": 0.0, "range_m": 3.0}, "give either"),
+        ({"start_position_m": (1, 1), "heading_deg": 0.0, "aspect_deg": 3.0}, "give either"),
+        ({"range_m": -1.0}, "range_m is -1.0"),
+        ({"range_m": float("nan")}, "range_m is nan"),
+    ],
+)
+def test_contradicting_places_are_refused(options, message):
+    with pytest.raises(ConfigError, match=message):
+        Target(boulic_walk(duration_s=1.0), **options)
+
+
+def test_times_outside_the_motion_are_refused():
+    scene = Scene([Target(boulic_walk(duration_s=1.0))])
+    with pytest.raises(MotionError, match=r"1\.000 s"):
+        assemble(scene, [0.0, 1.2])
+
+
+# --- Radar cross section ------------------------------------------------------------------------------------------
+
+PERSON = ["torso", "head", "left_thigh", "right_thigh", "left_shank", "right_shank", "left_foot", "right_foot"]
+PERSON += ["left_upper_arm", "right_upper_arm", "left_forearm", "right_forearm", "left_hand", "right_hand"]
+
+
+def test_weights_of_a_person_e08():
+    weight = dict(zip(PERSON, part_weights(PERSON), strict=True))
+    assert sum(weight.values()) == pytest.approx(1)
+    wanted = {"torso": 0.50, "head": 0.10, "left_thigh": 0.07, "right_shank": 0.055, "left_foot": 0.015}
+    for part, share in {**wanted, "right_upper_arm": 0.03}.items():
+        assert weight[part] == pytest.approx(share), part
+    assert weight["left_forearm"] + weight["left_hand"] == pytest.approx(0.03)
+
+
+def test_a_part_without_a_point_leaves_its_share_to_its_neighbour_e08():
+    boulic = [p for p in PERSON if "forearm" not in p]
+    weight = dict(zip(boulic, part_weights(boulic), strict=True))
+    assert weight["left_hand"] == pytest.approx(0.03)
+    assert weight["torso"] == pytest.approx(0.5)
+    assert weight["head"] == pytest.approx(0.1)
+
+
+def test_weight_of_a_part_does_not_depend_on_its_number_of_markers_e08():
+    few = part_weights(PERSON)
+    many = part_weights([*PERSON, "left_foot", "left_foot", "torso"])
+    assert many[6] == pytest.approx(few[6] / 3)
+    assert many[[6, 14, 15]].sum() == pytest.approx(few[6])
+    assert many[[0, 16]].sum() == pytest.approx(0.5)
+
+
+def test_total_rcs_follows_the_mass_with_one_law_for_every_class_e08b():
+    person = scatterer_rcs_m2(RcsSpec(), PERSON, 80.0)
+    assert person.sum() == pytest.approx(0.8)
+    assert person[0] == pytest.approx(0.4)
+    assert scatterer_rcs_m2(RcsSpec(), ["trunk", "head"], 20.0).sum() == pytest.approx(0.2)
+    assert scatterer_rcs_m2(RcsSpec(), ["trunk"], 4.5).sum() == pytest.approx(0.045)
+    assert scatterer_rcs_m2(RcsSpec(total_m2=0.3), PERSON, 80.0).sum() == pytest.approx(0.3)
+    assert scatterer_rcs_m2(RcsSpec(), PERSON, float("nan")).sum() == pytest.approx(0.8)
+
+
+def test_unknown_parts_give_equal_weights_e08():
+    np.testing.assert_allclose(scatterer_rcs_m2(RcsSpec(total_m2=1.0), ["", "torso", ""], 80.0), 1 / 3)
+    np.testing.assert_allclose(scatterer_rcs_m2(RcsSpec(kind="equal"), PERSON, 80.0), 0.8 / 14)
+    with pytest.raises(ConfigError, match="body_parts"):
+        scatterer_rcs_m2(RcsSpec(kind="body_parts"), ["", "nose"], 80.0)
+
+
+# --- Truth --------------------------------------------------------------------------------------------------------
+
+
+def test_truth_is_the_geometry_that_the_radar_saw():
+    walkers = [Target(boulic_walk(speed_mps=1.3, height_m=1.8, duration_s=2.0), label="human", aspect_deg=20.0)]
+    walkers.append(Target(boulic_walk(speed_mps=0.7, height_m=1.2, duration_s=2.0), bearing_deg=30.0))
+    scene = Scene(walkers)
+    recording = simulate(scene, Radar.preset("x4"))
+    slow_time_s = recording.baseband.coords["slow_time"].values
+    table = assemble(scene, slow_time_s)
+    for number, truth in enumerate(recording.truth):
+        rows = table.isel(scatterer=table.coords["target"].values == number)
+        np.testing.assert_array_equal(truth.scatterers["range"], rows["range"])
+        centre = body_track(walkers[number], scene, slow_time_s)
+        np.testing.assert_array_equal(truth.centre_range_m, centre.range_m)
+        np.testing.assert_array_equal(truth.centre_velocity_mps, centre.radial_velocity_mps)
+        speed = walkers[number].motion.attrs
+        assert truth.gait_frequency_hz == speed["gait_frequency_hz"] == 2 * truth.stride_frequency_hz
+        assert truth.step_frequency_hz == 2 * truth.stride_frequency_hz
+    assert [t.label for t in recording.truth] == ["human", ""]
+    assert recording.truth[0].ground_speed_mps == pytest.approx(1.3, rel=0.03)
+    assert recording.truth[1].ground_speed_mps == pytest.approx(0.7, rel=0.03)
+    wavelength_m = recording.radar.wavelength_m
+    np.testing.assert_allclose(
+        recording.truth[0].doppler_hz(wavelength_m), 2 * table["radial_velocity"].values[:, :17] / wavelength_m
+    )
+
+
+def test_truth_of_a_target_that_is_scaled_dynamically_e01():
+    motion = boulic_walk(speed_mps=1.2, height_m=1.8, duration_s=3.0)
+    recording = simulate(Scene([Target(motion, height_m=1.2, scaling="froude")], duration_s=2.0), Radar.preset("x4"))
+    truth = recording.truth[0]
+    assert truth.gait_frequency_hz == pytest.approx(motion.attrs["gait_frequency_hz"] * 1.5**0.5)
+    assert truth.ground_speed_mps == pytest.approx(1.2 * (2 / 3) ** 0.5, rel=0.03)
+    assert truth.height_m == 1.2

@@ -1,0 +1,218 @@
+"""Window, transform plan, gate, signature (E-20 to E-27)."""
+
+import numpy as np
+import pytest
+
+from doppelgait.core.errors import AnalysisError
+from doppelgait.core.labels import BASEBAND, make_array
+from doppelgait.processing import Analysis, gate_bins, gaussian_window, make_gate, range_doppler, signature
+from doppelgait.processing.config import next_fast_length, plan_transform
+
+WAVELENGTH_M = 0.0411238
+LONG = 1 << 18
+
+
+def padded_spectrum(window):
+    """|W|^2 over its peak, and frequency in bins of f_p / M."""
+    power = np.abs(np.fft.rfft(window, LONG)) ** 2
+    return power / power[0], np.arange(power.size) * window.size / LONG
+
+
+def first_crossing(power, axis, level):
+    k = int(np.argmax(power < level))
+    return float(np.interp(level, [power[k], power[k - 1]], [axis[k], axis[k - 1]]))
+
+
+def side_lobe_db(power):
+    first_null = int(np.argmax(np.diff(power) > 0))
+    return 10 * np.log10(power[first_null:].max())
+
+
+def test_window_numbers_e23():
+    w = gaussian_window(101, 0.4)
+    power, bins = padded_spectrum(w)
+    assert w.sum() / 101 == pytest.approx(0.4906, abs=5e-5)
+    assert 101 * (w**2).sum() / w.sum() ** 2 == pytest.approx(1.4576, abs=5e-5)
+    three_db = 2 * first_crossing(power, bins, 0.5)
+    assert three_db == pytest.approx(1.384, abs=1e-3)
+    assert three_db * 1000 / 101 == pytest.approx(13.70, abs=0.01)
+    assert three_db * 1000 / 101 * WAVELENGTH_M / 2 == pytest.approx(0.282, abs=5e-4)
+    assert 2 * first_crossing(power, bins, 0.25) == pytest.approx(1.937, abs=1e-3)
+    assert side_lobe_db(power) == pytest.approx(-43.8, abs=0.05)
+    assert w[0] == w[-1] == pytest.approx(0.0439, abs=5e-5)
+
+
+def test_window_reproduces_the_side_lobe_of_the_report_e23():
+    power, _ = padded_spectrum(gaussian_window(40, 0.3))
+    assert side_lobe_db(power) == pytest.approx(-65.44, abs=0.05)
+
+
+@pytest.mark.parametrize("m", [3, 31, 40, 101])
+def test_window_is_symmetric_about_its_middle_e23(m):
+    w = gaussian_window(m, 0.4)
+    np.testing.assert_array_equal(w, w[::-1])
+    if m % 2:
+        assert w[(m - 1) // 2] == 1.0
+
+
+def test_independence_of_cells_and_columns_e23():
+    w = gaussian_window(101, 0.4)
+    for apart_ms, wanted in ((10, 0.88), (20, 0.60), (30, 0.32), (40, 0.13), (50, 0.04)):
+        overlap = (w[apart_ms:] * w[:-apart_ms]).sum() / (w**2).sum()
+        assert overlap**2 == pytest.approx(wanted, abs=0.006)
+    m = np.arange(101)
+    for apart_bins, wanted in ((1, 0.46), (2, 0.045), (3, 0.001)):
+        overlap = np.abs((w**2 * np.exp(2j * np.pi * apart_bins * m / 101)).sum()) / (w**2).sum()
+        assert overlap**2 == pytest.approx(wanted, abs=0.006)
+
+
+# --- Plan ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("m", "k"), [(101, 128), (129, 160), (161, 192), (131, 160), (31, 32), (3, 3), (1, 1)])
+def test_default_transform_length_is_the_next_fast_one(m, k):
+    assert next_fast_length(m) == k
+
+
+def test_plan_of_the_defaults_e21_e22():
+    plan = plan_transform(Analysis(), n_pulses=5000, prf_hz=1000.0)
+    assert plan.window.size == 101
+    assert plan.n_doppler_bins == 128
+    assert plan.hop == 8
+    centres = plan.centre_pulses()
+    assert centres[0] == 50
+    assert centres[-1] <= 4949 < centres[-1] + 8  # valid region only
+    assert plan_transform(Analysis(), n_pulses=1000, prf_hz=1300.0).hop == 10  # floor(130 / 12)
+
+
+def test_plan_of_the_report_is_hop_1_k_m_and_zero_padding():
+    plan = plan_transform(Analysis(method="liland2018"), n_pulses=500, prf_hz=1000.0)
+    assert (plan.n_doppler_bins, plan.hop, plan.n_columns) == (101, 1, 500)
+    np.testing.assert_array_equal(plan.centre_pulses(), np.arange(500))
+
+
+def test_plan_refuses_a_short_record_and_a_short_transform():
+    with pytest.raises(AnalysisError, match=r"100 pulses.*101"):
+        plan_transform(Analysis(), n_pulses=100, prf_hz=1000.0)
+    assert plan_transform(Analysis(), n_pulses=101, prf_hz=1000.0).n_columns == 1
+    with pytest.raises(AnalysisError, match=r"doppler_bins is 100.*101"):
+        plan_transform(Analysis(doppler_bins=100), n_pulses=500, prf_hz=1000.0)
+
+
+# --- Gate ---------------------------------------------------------------------------------------------------------
+
+
+def test_gate_bins_are_those_between_the_limits_e27():
+    t = np.linspace(0, 1, 200)
+    centre = 3.0 + 1.234 * t
+    gate = make_gate(t, centre, span_m=1.6, source="given")
+    spacing = 0.0514047
+    first, count = gate_bins(gate, t, first_bin_m=0.4, bin_spacing_m=spacing)
+    axis = 0.4 + spacing * np.arange(200)
+    for j in range(t.size):
+        inside = np.flatnonzero((axis >= centre[j] - 0.8) & (axis <= centre[j] + 0.8))
+        assert first[j] == inside[0]
+        assert inside.size <= count <= inside.size + 1
+    assert count == int(1.6 / spacing) + 1
+
+
+def test_gate_keeps_its_source_and_refuses_holes():
+    gate = make_gate([0, 1], [3, 3], span_m=1.0, doppler_hz=(-100, 200), source="truth")
+    assert gate.attrs["source"] == "truth"
+    assert gate["range_high"].values[0] - gate["range_low"].values[0] == pytest.approx(1.0)
+    assert set(gate["doppler_low"].values) == {-100}
+    with pytest.raises(AnalysisError, match="finite"):
+        make_gate([0, 1], [3, np.nan], span_m=1.0, source="given")
+    with pytest.raises(AnalysisError, match="shapes"):
+        make_gate([0, 1, 2], [3, 3], span_m=1.0, source="given")
+
+
+# --- Signature ----------------------------------------------------------------------------------------------------
+
+
+def tone(doppler_hz, n_pulses=400, n_bins=40, level=2.0, start_s=0.0):
+    t = np.arange(n_pulses) / 1000
+    y = np.zeros((n_pulses, n_bins), np.complex64)
+    y[:, 20] = level * np.exp(2j * np.pi * doppler_hz * t)
+    coords = {"slow_time": start_s + t, "range": 1.0 + 0.05 * np.arange(n_bins)}
+    return make_array(BASEBAND, y, coords)
+
+
+def fixed_gate(y, centre_m=2.0, span_m=0.5, **options):
+    t = y.coords["slow_time"].values
+    return make_gate(t, np.full(t.size, centre_m), span_m=span_m, source="given", **options)
+
+
+@pytest.mark.parametrize("k", [101, 128, 512])
+def test_a_unit_tone_has_level_one_over_the_squared_window_sum_e24(k):
+    y = tone(0.0)
+    mu = signature(y, fixed_gate(y), Analysis(doppler_bins=k), wavelength_m=WAVELENGTH_M)
+    w = gaussian_window(101, 0.4)
+    peak = mu.values[:, k // 2]
+    np.testing.assert_allclose(peak, 4 * w.sum() ** 2, rtol=1e-6)
+    # Parseval: the sum over Doppler is K sum(w^2) times the power
+    np.testing.assert_allclose(mu.values.sum(axis=1, dtype=float), 4 * k * (w**2).sum(), rtol=1e-6)
+    assert mu.attrs["window_energy"] == pytest.approx((w**2).sum())
+
+
+def test_signature_is_labelled():
+    y = tone(100.0, start_s=2.0)
+    mu = signature(y, fixed_gate(y), Analysis(), wavelength_m=WAVELENGTH_M)
+    assert mu.dims == ("time", "doppler")
+    assert mu.attrs["units"] == "V^2"
+    assert mu.dtype == np.float32
+    assert mu.coords["time"].values[0] == pytest.approx(2.05)
+    assert np.diff(mu.coords["time"].values) == pytest.approx(0.008)
+    np.testing.assert_allclose(mu.coords["velocity"], mu.coords["doppler"].values * WAVELENGTH_M / 2)
+    assert mu.coords["doppler"].values[mu.values[0].argmax()] == pytest.approx(100, abs=4)
+    assert '"given"' in mu.attrs["gate"]
+
+
+def test_signature_is_the_range_doppler_map_summed_over_the_gate_e27():
+    rng = np.random.default_rng(1)
+    y = tone(70.0)
+    noise = rng.standard_normal((*y.shape, 2)) @ np.array([1, 1j])
+    y = y.copy(data=(y.values + noise).astype(np.complex64))
+    mu = signature(y, fixed_gate(y), Analysis(), wavelength_m=WAVELENGTH_M)
+    cube = np.concatenate([b.values for b in range_doppler(y, Analysis(), wavelength_m=WAVELENGTH_M)])
+    inside = (y.coords["range"].values >= 1.75 - 1e-9) & (y.coords["range"].values <= 2.25 + 1e-9)
+    assert inside.sum() == 11 == mu.attrs["n_gate_bins"]
+    wanted = cube[:, :, inside].sum(axis=2, dtype=float)
+    assert np.linalg.norm(mu.values - wanted) < 1e-6 * np.linalg.norm(wanted)
+
+
+def test_a_gate_beside_the_target_sees_nothing_and_one_outside_the_frame_is_refused():
+    y = tone(70.0)
+    beside = signature(y, fixed_gate(y, centre_m=2.6), Analysis(), wavelength_m=WAVELENGTH_M)
+    assert not beside.values.any()
+    with pytest.raises(AnalysisError, match=r"6\.75 to 7\.25 m.*1\.00 to 2\.95 m"):
+        signature(y, fixed_gate(y, centre_m=7.0), Analysis(), wavelength_m=WAVELENGTH_M)
+
+
+def test_cells_outside_the_doppler_gate_are_zero_e27():
+    y = tone(70.0)
+    gate = fixed_gate(y, doppler_hz=(-100.0, 50.0))
+    mu = signature(y, gate, Analysis(doppler_bins=512), wavelength_m=WAVELENGTH_M)
+    doppler_hz = mu.coords["doppler"].values
+    inside = (doppler_hz >= -100) & (doppler_hz <= 50)
+    assert not mu.values[:, ~inside].any()
+    assert mu.values[:, inside].all()
+
+
+def test_zero_padding_at_the_ends_lowers_the_power_there_e22():
+    y = tone(0.0)
+    analysis = Analysis(method="liland2018")
+    mu = signature(y, fixed_gate(y), analysis, wavelength_m=WAVELENGTH_M)
+    w = gaussian_window(101, 0.4)
+    peak = mu.values[:, 50]
+    np.testing.assert_allclose(peak[50:350], 4 * w.sum() ** 2, rtol=1e-6)
+    assert peak[0] == pytest.approx(4 * w[50:].sum() ** 2, rel=1e-6)
+    assert peak[-1] == pytest.approx(4 * w[:51].sum() ** 2, rel=1e-6)
+
+
+def test_baseband_that_is_not_one_is_refused():
+    y = tone(0.0)
+    with pytest.raises(AnalysisError, match="units"):
+        signature(y.assign_attrs(units="A"), fixed_gate(y), Analysis(), wavelength_m=WAVELENGTH_M)
+    with pytest.raises(AnalysisError, match="dimensions"):
+        signature(y.transpose(), fixed_gate(y), Analysis(), wavelength_m=WAVELENGTH_M)
