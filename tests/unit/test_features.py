@@ -262,16 +262,19 @@ def single_tone_signature(doppler_bins=4096):
 def test_width_of_a_single_tone_e35():
     wanted = single_tone_width_hz(cpi_s=0.1, window_steepness=0.4, threshold=0.04)
     assert wanted == pytest.approx(28.55, abs=0.005)
-    mu = single_tone_signature()
-    measured = bandwidth_threshold_hz(mu.values.mean(axis=0), mu.coords["doppler"].values, threshold=0.04)
-    assert measured == pytest.approx(28.55, rel=5e-3)
+    for n_doppler_bins in (128, 4096):
+        mu = single_tone_signature(n_doppler_bins)
+        measured = bandwidth_threshold_hz(mu.values.mean(axis=0), mu.coords["doppler"].values, threshold=0.04)
+        assert measured == pytest.approx(28.55, rel=0.03)
 
 
 def test_threshold_width_is_contiguous_from_the_peak_and_interpolated_e35():
     doppler_hz = np.arange(11.0)
-    spectrum = np.array([0, 0, 0.5, 0, 0, 0.02, 1.0, 0.52, 0.0, 0.9, 0])
-    # left: between 5 (0.02) and 6 (1.0) at 0.04; right: between 7 (0.52) and 8 (0)
-    wanted = (7 + 0.48 / 0.52) - (5 + 0.02 / 0.98)
+    spectrum = np.array([0, 0, 0.5, 0, 0, 0.02, 1.0, 0.52, 0.001, 0.9, 0])
+    # linear in dB, left between 5 (0.02) and 6 (1.0), right between 7 (0.52) and 8 (0.001), each to 0.04
+    left = 6 - np.log(1.0 / 0.04) / np.log(1.0 / 0.02)
+    right = 7 + np.log(0.52 / 0.04) / np.log(0.52 / 0.001)
+    wanted = right - left
     assert bandwidth_threshold_hz(spectrum, doppler_hz, threshold=0.04) == pytest.approx(wanted)
     assert bandwidth_threshold_hz(np.ones(11), doppler_hz, threshold=0.04) == 10.0
 

@@ -29,9 +29,20 @@ def envelopes_hz(signature: xr.DataArray, floor_v2: float) -> tuple[FloatArray, 
     total = power.sum(axis=1)
     share = np.cumsum(power, axis=1) / np.maximum(total, 1e-300)[:, None]
     doppler_hz = signature.coords["doppler"].values
-    low, high = (doppler_hz[(share >= quantile).argmax(axis=1)] for quantile in POWER_QUANTILES)
+    low, high = (_quantile_hz(share, quantile, doppler_hz) for quantile in POWER_QUANTILES)
     empty = total <= 0
     return np.where(empty, np.nan, low), np.where(empty, np.nan, high)
+
+
+def _quantile_hz(share: FloatArray, quantile: float, doppler_hz: FloatArray) -> FloatArray:
+    """Doppler at which the cumulative power of each column reaches a share, power spread evenly over each bin."""
+    rows = np.arange(share.shape[0])
+    reached = (share >= quantile).argmax(axis=1)
+    after = share[rows, reached]
+    before = np.where(reached > 0, share[rows, reached - 1], 0.0)
+    part = np.divide(quantile - before, after - before, out=np.full(rows.size, 0.5), where=after > before)
+    bin_hz = float(doppler_hz[1] - doppler_hz[0])
+    return np.asarray(doppler_hz[reached] + (part - 0.5) * bin_hz)
 
 
 def bandwidth_envelope_hz(signature: xr.DataArray, floor_v2: float) -> float | None:
@@ -55,7 +66,7 @@ def bandwidth_threshold_hz(mean_spectrum: FloatArray, doppler_hz: FloatArray, *,
         D_1.
     doppler_hz : ndarray, shape (K,)
     threshold : float
-        t_mu, share of the peak power; crossings are interpolated linearly.
+        t_mu, share of the peak power; crossings are interpolated linearly in dB.
     """
     level = mean_spectrum / mean_spectrum.max()
     peak = int(level.argmax())
@@ -68,7 +79,8 @@ def _crossing(level: FloatArray, doppler_hz: FloatArray, start: int, step: int, 
         k += step
     if not 0 <= k + step < level.size:
         return float(doppler_hz[k])
-    share = (level[k] - threshold) / (level[k] - level[k + step])
+    inside, outside = math.log(level[k]), math.log(max(level[k + step], 1e-300))
+    share = (inside - math.log(threshold)) / (inside - outside)
     return float(doppler_hz[k] + share * (doppler_hz[k + step] - doppler_hz[k]))
 
 
