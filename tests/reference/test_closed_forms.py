@@ -64,7 +64,8 @@ def wide_signature(baseband, **analysis):
     gate = make_gate(
         slow_time_s, np.full(slow_time_s.size, range_m.mean()), span_m=float(np.ptp(range_m)), source="given"
     )
-    return signature(baseband, gate, Analysis(**analysis), wavelength_m=WAVELENGTH_M)
+    settings = Analysis(**{"gate_edges": "sharp", **analysis})
+    return signature(baseband, gate, settings, wavelength_m=WAVELENGTH_M)
 
 
 def width_at(axis, power, share):

@@ -90,6 +90,7 @@ def test_signature_equals_the_literal_loop_e22_e24_e27(m, k, hop, padded, n_puls
         doppler_bins=k,
         hop=hop,
         window_steepness=0.4,
+        gate_edges="sharp",
     )
     # a gate of 3 bins that walks across the frame and leaves it on both sides
     slow_time_s = 0.3 + np.arange(n_pulses) / PRF_HZ
@@ -109,6 +110,25 @@ def test_signature_equals_the_literal_loop_e22_e24_e27(m, k, hop, padded, n_puls
     np.testing.assert_allclose(found.coords["doppler"], literal.doppler_axis_hz(k, PRF_HZ), atol=1e-9)
     assert len(np.unique(first)) > 2
     assert relative_l2(found.values, wanted) < 1e-6
+
+
+@pytest.mark.parametrize("hop", [1, 7])
+def test_signature_with_fractional_edges_weighs_cells_by_the_share_inside_e27(hop):
+    n_pulses, n_bins = 400, 9
+    y = echoes_in_noise(n_pulses, n_bins)
+    slow_time_s = 0.3 + np.arange(n_pulses) / PRF_HZ
+    centre_m = np.linspace(FIRST_M - 0.021, FIRST_M + 0.4317, n_pulses)
+    gate = make_gate(slow_time_s, centre_m, span_m=0.13, source="given")
+    found = signature(labelled(y), gate, Analysis(doppler_bins=128, hop=hop), wavelength_m=WAVELENGTH_M)
+
+    window = literal.window(101, 0.4)
+    for j, centre in enumerate(range(50, n_pulses - 50, hop)):
+        low, high = ((centre_m[centre] + side * 0.065 - FIRST_M) / SPACING_M for side in (-1, 1))
+        share = [max(0.0, min(high, n + 0.5) - max(low, n - 0.5)) for n in range(n_bins)]
+        spectrum = np.fft.fft(y[centre - 50 : centre + 51] * window[:, None], 128, axis=0)
+        wanted = np.fft.fftshift((np.abs(spectrum) ** 2 * share).sum(axis=1))
+        np.testing.assert_allclose(found.values[j], wanted, rtol=1e-4, atol=1e-6 * wanted.max() + 1e-30)
+    assert found.attrs["n_gate_bins"] == pytest.approx(0.13 / SPACING_M)
 
 
 @pytest.mark.parametrize(("m", "k"), [(101, 101), (101, 128), (31, 512)])
@@ -133,7 +153,7 @@ def test_range_doppler_cells_equal_the_literal_loop_e24(m, k):
 @pytest.mark.parametrize("padded", [True, False])
 def test_step_doppler_map_equals_the_literal_loop_e28_e30_e31_e32(k, padded):
     y = echoes_in_noise(1000, 9)
-    analysis = Analysis(doppler_bins=k, hop=20)
+    analysis = Analysis(doppler_bins=k, hop=20, gate_edges="sharp")
     centre_m = np.full(1000, FIRST_M + 4 * SPACING_M)
     gate = make_gate(0.3 + np.arange(1000) / PRF_HZ, centre_m, span_m=0.23, source="given")
     mu = signature(labelled(y), gate, analysis, wavelength_m=WAVELENGTH_M)

@@ -35,7 +35,8 @@ def noise_signature(n_gate, *, seed=0, power=1e-6, doppler_bins=128, seconds=5.0
     coords = {"slow_time": t, "range": SPACING_M * np.arange(n_gate + 2)}
     span_m = max((n_gate - 1) * SPACING_M, 1e-3)
     gate = make_gate(t, np.full(t.size, SPACING_M * (n_gate + 1) / 2), span_m=span_m, source="given")
-    mu = signature(make_array(BASEBAND, padded, coords), gate, Analysis(doppler_bins=doppler_bins), wavelength_m=0.04)
+    sharp = Analysis(doppler_bins=doppler_bins, gate_edges="sharp")
+    mu = signature(make_array(BASEBAND, padded, coords), gate, sharp, wavelength_m=0.04)
     assert mu.attrs["n_gate_bins"] == n_gate
     return mu
 

@@ -173,7 +173,7 @@ def test_signature_is_the_range_doppler_map_summed_over_the_gate_e27():
     y = tone(70.0)
     noise = rng.standard_normal((*y.shape, 2)) @ np.array([1, 1j])
     y = y.copy(data=(y.values + noise).astype(np.complex64))
-    mu = signature(y, fixed_gate(y), Analysis(), wavelength_m=WAVELENGTH_M)
+    mu = signature(y, fixed_gate(y), Analysis(gate_edges="sharp"), wavelength_m=WAVELENGTH_M)
     cube = np.concatenate([b.values for b in range_doppler(y, Analysis(), wavelength_m=WAVELENGTH_M)])
     inside = (y.coords["range"].values >= 1.75 - 1e-9) & (y.coords["range"].values <= 2.25 + 1e-9)
     assert inside.sum() == 11 == mu.attrs["n_gate_bins"]

@@ -36,6 +36,9 @@ class Analysis(FrozenModel):
         Pulses from column to column; by default floor(T_d f_p / 12), which loses nothing.
     gate_span_m : float
         Range extent of the gate, the same for every class (E-26).
+    gate_edges : {"fractional", "sharp"}
+        Whether a range bin at the gate's edge counts by the share of its cell inside, or wholly or not at all as in
+        the report; sharp edges jump from bin to bin and put steps into the signature.
     gate_doppler_hz : (float, float), optional
         Doppler band of the gate; none by default.
     normalisation : {"sum", "max", "r4"}
@@ -50,6 +53,7 @@ class Analysis(FrozenModel):
     doppler_bins: int | None = Field(default=None, ge=3, le=65536)
     hop: int | None = Field(default=None, ge=1, le=100_000)
     gate_span_m: float = Field(default=1.6, gt=0, le=100)
+    gate_edges: Literal["fractional", "sharp"] = "fractional"
     gate_doppler_hz: tuple[float, float] | None = None
     normalisation: Normalisation = "sum"
     bandwidth_threshold: float = Field(default=0.04, gt=0, lt=1)
@@ -59,6 +63,11 @@ class Analysis(FrozenModel):
         if self.gate_doppler_hz is not None and self.gate_doppler_hz[0] >= self.gate_doppler_hz[1]:
             raise ValueError(f"gate_doppler_hz {self.gate_doppler_hz} must rise")
         return self
+
+    @property
+    def sharp_edges(self) -> bool:
+        """Whether range bins are in the gate wholly or not at all."""
+        return self.gate_edges == "sharp" or self.method == "liland2018"
 
     @property
     def zero_padded(self) -> bool:

@@ -61,6 +61,21 @@ def gate_centre_m(gate: xr.Dataset, time_s: npt.ArrayLike) -> npt.NDArray[np.flo
     return np.asarray(np.interp(np.asarray(time_s, dtype=float), gate.coords["time"].values, middle))
 
 
+def gate_edges_bins(
+    gate: xr.Dataset, time_s: npt.ArrayLike, *, first_bin_m: float, bin_spacing_m: float, sharp: bool
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Lower and upper edge of the gate at the given times in bins; a bin's cell reaches half a bin to either side.
+
+    Sharp edges are put between bins, so that every cell is inside or outside (:func:`gate_bins`).
+    """
+    if sharp:
+        first, count = gate_bins(gate, time_s, first_bin_m=first_bin_m, bin_spacing_m=bin_spacing_m)
+        low = first.astype(np.float64) - 0.5
+        return low, low + count
+    low = np.asarray((gate_centre_m(gate, time_s) - gate.attrs["span_m"] / 2 - first_bin_m) / bin_spacing_m)
+    return low, low + gate.attrs["span_m"] / bin_spacing_m
+
+
 def gate_bins(
     gate: xr.Dataset, time_s: npt.ArrayLike, *, first_bin_m: float, bin_spacing_m: float
 ) -> tuple[npt.NDArray[np.int64], int]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -14,7 +15,7 @@ from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, RANGE_DOPPLER, SIGNATURE, check_signal, make_array, sampling_rate_hz
 from doppelgait.core.units import doppler_axis_hz, doppler_to_velocity_mps
 from doppelgait.processing.config import Analysis, Transform, plan_transform
-from doppelgait.processing.gate import gate_bins, gate_centre_m
+from doppelgait.processing.gate import gate_centre_m, gate_edges_bins
 
 
 def plan_for(baseband: xr.DataArray, analysis: Analysis) -> tuple[Transform, float]:
@@ -87,8 +88,8 @@ def signature(baseband: xr.DataArray, gate: xr.Dataset, analysis: Analysis, *, w
     Returns
     -------
     DataArray (time, doppler)
-        float32, V^2; attributes hold the window energy sum(w^2), the number of gate bins N_g, hop, M and the gate's
-        source, so that levels and the noise floor can be computed from it alone.
+        float32, V^2; attributes hold the window energy sum(w^2), the number of gate bins N_g (a fraction where edges
+        are), hop, M and the gate's source, so that levels and the noise floor can be computed from it alone.
 
     Raises
     ------
@@ -101,26 +102,30 @@ def signature(baseband: xr.DataArray, gate: xr.Dataset, analysis: Analysis, *, w
     time_s = baseband.coords["slow_time"].values[0] + transform.centre_pulses() / prf_hz
     range_m = baseband.coords["range"].values
     spacing_m = float((range_m[-1] - range_m[0]) / (range_m.size - 1))
-    first_bin, n_bins = gate_bins(gate, time_s, first_bin_m=float(range_m[0]), bin_spacing_m=spacing_m)
-    low, high = max(int(first_bin.min()), 0), min(int(first_bin.max()) + n_bins, range_m.size)
-    if low >= high:
+    low, high = gate_edges_bins(
+        gate, time_s, first_bin_m=float(range_m[0]), bin_spacing_m=spacing_m, sharp=analysis.sharp_edges
+    )
+    first, stop = max(math.floor(low.min()), 0), min(math.ceil(high.max()) + 1, range_m.size)
+    if first >= stop:
         raise AnalysisError(
             f"the gate ({gate['range_low'].values.min():.2f} to {gate['range_high'].values.max():.2f} m) lies outside "
             f"the frame of {range_m[0]:.2f} to {range_m[-1]:.2f} m: nothing to analyse"
         )
-    used = np.ascontiguousarray(baseband.values[:, low:high].T)
+    used = np.ascontiguousarray(baseband.values[:, first:stop].T)
+    window = np.zeros(transform.n_doppler_bins, dtype=np.float32)
+    window[: transform.window.size] = transform.window
     out = np.empty((transform.n_columns, transform.n_doppler_bins), dtype=np.float32)
     gated_signature(
         np.ascontiguousarray(used.real), np.ascontiguousarray(used.imag), transform.first_pulse, transform.hop,
-        transform.window.astype(np.float32), first_bin - low, n_bins, stage_radices(transform.n_doppler_bins),
+        window, low - first, high - first, stage_radices(transform.n_doppler_bins),
         *twiddle_table(transform.n_doppler_bins), out,
     )  # fmt: skip
-    return _label(out, time_s, prf_hz, gate, transform, n_bins, wavelength_m)
+    return _label(out, time_s, prf_hz, gate, transform, float(high[0] - low[0]), wavelength_m)
 
 
 def _label(
     values: npt.NDArray[np.float32], time_s: npt.NDArray[np.float64], prf_hz: float, gate: xr.Dataset,
-    transform: Transform, n_bins: int, wavelength_m: float,
+    transform: Transform, n_bins: float, wavelength_m: float,
 ) -> xr.DataArray:  # fmt: skip
     doppler_hz = doppler_axis_hz(transform.n_doppler_bins, prf_hz)
     _close_doppler_band(values, doppler_hz, time_s, gate)
