@@ -70,7 +70,7 @@ SCATTERER_VARIABLES = {
     "rcs": "m^2",
     "path_gain": "1",
 }
-"""Variables of the scatterer table, all (slow_time, scatterer), and their units."""
+"""Variables of the scatterer table, all (slow_time, scatterer), and their units; the angles may be left out."""
 
 
 def make_array(

@@ -78,7 +78,7 @@ def build_example(
     """Index row and stored arrays of one example."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DoppelgaitWarning)
-        recording = run_simulation(example.run, folder=folder)
+        recording = run_simulation(example.run, folder=folder, angles=False)
         result = analyze(recording, gate="truth", analysis=example.run.analysis, gate_error_m=example.gate_error_m)[0]
     messages = [str(w.message).partition(":")[0] for w in caught if issubclass(w.category, DoppelgaitWarning)]
     sources = {"signature": result.signature, "cadence_map": result.cadence_map, "baseband": recording.baseband}

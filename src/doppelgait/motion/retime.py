@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -143,17 +144,55 @@ def resample(motion: xr.DataArray, time_s: npt.ArrayLike) -> tuple[FloatArray, F
     MotionError
         If a time lies outside the motion, or the motion has gaps or too few frames.
     """
-    from scipy.interpolate import CubicSpline
+    from doppelgait.core.kernels.spline import positions_and_velocities
 
-    times = motion.coords["time"].values - motion.coords["time"].values[0]
-    wanted = np.asarray(time_s, dtype=float)
-    source = motion.attrs["source"]
-    if times.size < 4 or not np.isfinite(motion.values).all():
+    spline = fit_spline(motion)
+    wanted = check_times(motion, time_s)
+    shape = (wanted.size, *motion.shape[1:])
+    position, velocity = (
+        np.empty((wanted.size, spline.values.shape[1])),
+        np.empty((wanted.size, spline.values.shape[1])),
+    )
+    positions_and_velocities(spline.values, spline.moments, spline.step_s, wanted, position, velocity)
+    return position.reshape(shape), velocity.reshape(shape)
+
+
+@dataclass(frozen=True)
+class Spline:
+    """Cubic spline through the frames of a motion: values and second derivatives, shape (T, 3 P), and frame time."""
+
+    values: FloatArray
+    moments: FloatArray
+    step_s: float
+
+
+def fit_spline(motion: xr.DataArray) -> Spline:
+    """Cubic (C2, not-a-knot) spline through a motion's frames (E-02).
+
+    Raises
+    ------
+    MotionError
+        If the motion has gaps or fewer than 4 frames.
+    """
+    from doppelgait.core.kernels.spline import spline_moments
+
+    if motion.sizes["time"] < 4 or not np.isfinite(motion.values).all():
+        source = motion.attrs["source"]
         raise MotionError(f"{source}: needs 4 frames or more without gaps to be resampled; clean it first")
-    if wanted.size and (wanted.min() < 0 or wanted.max() > times[-1] + 1e-9):
+    values = np.ascontiguousarray(motion.values.reshape(motion.sizes["time"], -1), dtype=np.float64)
+    moments = np.empty_like(values)
+    step_s = duration_s(motion) / (motion.sizes["time"] - 1)
+    spline_moments(values, step_s, moments)
+    return Spline(values, moments, step_s)
+
+
+def check_times(motion: xr.DataArray, time_s: npt.ArrayLike) -> FloatArray:
+    """Times after the first frame as float64; a :class:`MotionError` if one lies outside the motion."""
+    wanted = np.ascontiguousarray(time_s, dtype=np.float64)
+    lasts = duration_s(motion)
+    if wanted.size and (wanted.min() < 0 or wanted.max() > lasts + 1e-9):
         raise MotionError(
-            f"{source}: lasts {times[-1]:.3f} s, but {wanted.max():.3f} s are asked for; shorten duration_s or use a "
-            "longer motion"
+            f"{motion.attrs['source']}: lasts {lasts:.3f} s, but {wanted.max():.3f} s are asked for; shorten "
+            "duration_s or use a longer motion"
         )
-    spline = CubicSpline(times, motion.values, axis=0)
-    return spline(wanted), spline(wanted, 1)
+    return wanted

@@ -116,7 +116,7 @@ def load_run(path: str | Path, *, overrides: Sequence[str] = ()) -> RunSpec:
     return parse_run(apply_overrides(table, overrides), where=str(path), text=text)
 
 
-def run_simulation(spec: RunSpec, *, folder: Path | None = None) -> Recording:
+def run_simulation(spec: RunSpec, *, folder: Path | None = None, angles: bool = True) -> Recording:
     """Simulate the recording that a specification describes; same specification, same bytes.
 
     Parameters
@@ -124,10 +124,12 @@ def run_simulation(spec: RunSpec, *, folder: Path | None = None) -> Recording:
     spec : RunSpec
     folder : Path, optional
         Folder that relative motion paths start from.
+    angles : bool
+        As for :func:`doppelgait.pipeline.simulate`.
     """
     scene = build_scene(spec.scene, folder=folder, rng=generator_for(spec.seed, "motion", spec.example))
     radar = with_lowest_prf(scene, spec.radar, cpi_s=spec.analysis.cpi_s) if spec.auto_prf else spec.radar
     noise = None if spec.noise.kind == "none" else generator_for(spec.seed, "noise", spec.example)
     snr_db = spec.noise.snr_db if spec.noise.kind == "snr" else None
-    recording = simulate(scene, radar, rng=noise, snr_db=snr_db)
+    recording = simulate(scene, radar, rng=noise, snr_db=snr_db, angles=angles)
     return Recording(**{**vars(recording), "seed": spec.seed})

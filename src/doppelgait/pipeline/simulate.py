@@ -29,7 +29,12 @@ PROBE_RATE_HZ = 500.0
 
 
 def simulate(
-    scene: Scene, radar: Radar, *, rng: np.random.Generator | None = None, snr_db: float | None = None
+    scene: Scene,
+    radar: Radar,
+    *,
+    rng: np.random.Generator | None = None,
+    snr_db: float | None = None,
+    angles: bool = True,
 ) -> Recording:
     """Simulate what a radar records of a scene, with the truth.
 
@@ -42,6 +47,8 @@ def simulate(
     snr_db : float, optional
         Wanted SNR_frame: time mean of the strongest bin's power over the noise power, in dB; ``inf`` for no noise.
         By default the noise is the radar's thermal noise (E-18).
+    angles : bool
+        Whether the truth holds every scatterer's aspect angle; without, the simulation is quicker.
 
     Returns
     -------
@@ -64,7 +71,7 @@ def simulate(
         raise ConfigError(
             f"{scene.observation_s} s at prf_hz = {radar.prf_hz:g} is less than two frames; observe longer"
         )
-    scatterers = assemble(scene, slow_time_s)
+    scatterers = assemble(scene, slow_time_s, angles=angles)
     warn_of_limits(scatterers, radar)
     clean = synthesise(scatterers, radar)
     noise_v2 = receiver_noise_v2(clean, radar, snr_db) if rng is not None else 0.0
@@ -110,5 +117,5 @@ def with_lowest_prf(scene: Scene, radar: Radar, *, cpi_s: float) -> Radar:
     Only for reproducing the report: chosen per recording, the frame rate tells the speed.
     """
     probe_s = slow_time_axis_s(duration_to_pulses(scene.observation_s, PROBE_RATE_HZ), PROBE_RATE_HZ)
-    prf_hz = lowest_prf_hz(assemble(scene, probe_s), radar, cpi_s)
+    prf_hz = lowest_prf_hz(assemble(scene, probe_s, angles=False), radar, cpi_s)
     return validate(Radar, {**radar.model_dump(), "prf_hz": prf_hz}, where="radar")

@@ -26,7 +26,8 @@ TRUTH_FACTS = (
     "stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz",
 )  # fmt: skip
 CENTRE_ARRAYS = ("centre_range_m", "centre_velocity_mps", "centre_aspect_rad")
-STORED_VARIABLES = ("range", "radial_velocity", "aspect", "rcs")
+STORED_VARIABLES = ("range", "radial_velocity", "rcs", "aspect")
+OPTIONAL_VARIABLES = ("aspect",)
 
 
 def write_recording(recording: Recording, path: str | Path) -> None:
@@ -75,7 +76,7 @@ def _write_truth(group: Any, truth: TargetTruth) -> None:
     group.attrs["part"] = json.dumps([str(p) for p in truth.scatterers.coords["part"].values])
     for name in CENTRE_ARRAYS:
         _put(group, name, getattr(truth, name), {"m": "m", "mps": "m/s", "rad": "rad"}[name.rsplit("_", 1)[1]])
-    for name in STORED_VARIABLES:
+    for name in (n for n in STORED_VARIABLES if n in truth.scatterers):
         units = SCATTERER_VARIABLES[name]
         values = truth.scatterers[name].values
         constant = name == "rcs" and bool((values == values[:1]).all())
@@ -130,6 +131,7 @@ def _read_truth(group: Any, slow_time_s: Any, number: int) -> TargetTruth:
     values = {
         name: np.broadcast_to(group[name + UNIT_SUFFIX[SCATTERER_VARIABLES[name]]][:], shape)
         for name in STORED_VARIABLES
+        if name not in OPTIONAL_VARIABLES or name + UNIT_SUFFIX[SCATTERER_VARIABLES[name]] in group
     }
     scatterers = xr.Dataset(
         {name: (dims, array, {"units": SCATTERER_VARIABLES[name]}) for name, array in values.items()},

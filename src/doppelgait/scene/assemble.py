@@ -9,7 +9,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.labels import SCATTERER_VARIABLES
-from doppelgait.motion.retime import body_centre_m, resample
+from doppelgait.motion.retime import body_centre_m, check_times, fit_spline, resample
 from doppelgait.scene.rcs import scatterer_rcs_m2
 from doppelgait.scene.target import Scene, Target, placed_motion
 
@@ -60,7 +60,7 @@ def line_of_sight(position_m: FloatArray, velocity_mps: FloatArray, radar_positi
     )
 
 
-def assemble(scene: Scene, slow_time_s: npt.ArrayLike) -> xr.Dataset:
+def assemble(scene: Scene, slow_time_s: npt.ArrayLike, *, angles: bool = True) -> xr.Dataset:
     """Scatterer table of all targets of a scene.
 
     Parameters
@@ -68,6 +68,8 @@ def assemble(scene: Scene, slow_time_s: npt.ArrayLike) -> xr.Dataset:
     scene : Scene
     slow_time_s : array_like, shape (I,)
         Pulse times from the start of the scene.
+    angles : bool
+        Whether aspect, azimuth and elevation are in the table; they cost most of its time.
 
     Returns
     -------
@@ -81,30 +83,29 @@ def assemble(scene: Scene, slow_time_s: npt.ArrayLike) -> xr.Dataset:
         If a motion does not cover the times.
     """
     times = np.asarray(slow_time_s, dtype=float)
-    tables = [_target_table(target, number, scene, times) for number, target in enumerate(scene.targets)]
+    tables = [_target_table(target, number, scene, times, angles) for number, target in enumerate(scene.targets)]
     if len(tables) == 1:
         return tables[0]
     return xr.concat(tables, dim="scatterer", combine_attrs="override")
 
 
-def _target_table(target: Target, number: int, scene: Scene, times: FloatArray) -> xr.Dataset:
+def _target_table(target: Target, number: int, scene: Scene, times: FloatArray, angles: bool) -> xr.Dataset:
     motion = placed_motion(target, scene)
-    sight = line_of_sight(*resample(motion, times), scene.radar_position_m)
     parts = [str(part) for part in motion.coords["part"].values]
+    range_m, approach_mps = ranges_and_velocities(motion, times, scene.radar_position_m)
     rcs = scatterer_rcs_m2(target.rcs_spec, parts, float(motion.attrs["mass_kg"]))
-    shape = sight.range_m.shape
     values = {
-        "range": sight.range_m,
-        "radial_velocity": sight.radial_velocity_mps,
-        "aspect": sight.aspect_rad,
-        "azimuth": sight.azimuth_rad,
-        "elevation": sight.elevation_rad,
-        "rcs": np.broadcast_to(rcs, shape),
-        "path_gain": np.broadcast_to(1.0, shape),
+        "range": range_m,
+        "radial_velocity": approach_mps,
+        "rcs": np.broadcast_to(rcs, range_m.shape),
+        "path_gain": np.broadcast_to(1.0, range_m.shape),
     }
+    if angles:
+        sight = line_of_sight(*resample(motion, times), scene.radar_position_m)
+        values |= {"aspect": sight.aspect_rad, "azimuth": sight.azimuth_rad, "elevation": sight.elevation_rad}
     dims = ("slow_time", "scatterer")
     return xr.Dataset(
-        {name: (dims, values[name], {"units": unit}) for name, unit in SCATTERER_VARIABLES.items()},
+        {name: (dims, values[name], {"units": unit}) for name, unit in SCATTERER_VARIABLES.items() if name in values},
         coords={
             "slow_time": ("slow_time", times, {"units": "s"}),
             "target": ("scatterer", np.full(len(parts), number)),
@@ -112,6 +113,26 @@ def _target_table(target: Target, number: int, scene: Scene, times: FloatArray) 
             "part": ("scatterer", np.array(parts, dtype=object)),
         },
     )
+
+
+def ranges_and_velocities(
+    motion: xr.DataArray, time_s: npt.ArrayLike, radar_position_m: npt.ArrayLike
+) -> tuple[FloatArray, FloatArray]:
+    """Range and radial velocity (positive approaching) of every point at the given times, both (I, P) (E-03, E-04).
+
+    Raises
+    ------
+    MotionError
+        If the motion does not cover the times.
+    """
+    from doppelgait.core.kernels import spline as kernel
+
+    spline, times = fit_spline(motion), check_times(motion, time_s)
+    range_m = np.empty((times.size, motion.sizes["marker"]))
+    approach_mps = np.empty_like(range_m)
+    origin = np.asarray(radar_position_m, dtype=np.float64)
+    kernel.ranges_and_velocities(spline.values, spline.moments, spline.step_s, times, origin, range_m, approach_mps)
+    return range_m, approach_mps
 
 
 def body_track(target: Target, scene: Scene, slow_time_s: npt.ArrayLike) -> LineOfSight:

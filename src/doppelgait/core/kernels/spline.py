@@ -1,0 +1,115 @@
+"""Cubic spline through uniform frames, and ranges of moving points from it (E-02 to E-04)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def spline_moments(values: FloatArray, step: float, moments: FloatArray) -> None:
+    r"""Second derivatives at the frames of the C2 cubic spline with not-a-knot ends.
+
+    .. math:: M_{i-1} + 4 M_i + M_{i+1} = d_i = 6 (y_{i-1} - 2 y_i + y_{i+1}) / h^2, \quad M_0 - 2 M_1 + M_2 = 0
+
+    and the same at the other end, so that :math:`M_1 = d_1 / 6`; solved by elimination.
+
+    Parameters
+    ----------
+    values : ndarray, shape (T, C)
+        Values at T >= 4 frames.
+    step : float
+        Time between frames, h.
+    moments : ndarray, shape (T, C)
+        Overwritten.
+    """
+    n_frames, n_columns = values.shape
+    scale = 6.0 / (step * step)
+    pivot = np.empty(n_frames)
+    for i in range(1, n_frames - 1):
+        for c in range(n_columns):
+            moments[i, c] = scale * (values[i - 1, c] - 2.0 * values[i, c] + values[i + 1, c])
+    for c in range(n_columns):
+        moments[1, c] /= 6.0
+        moments[n_frames - 2, c] /= 6.0
+    if n_frames > 4:
+        pivot[2] = 4.0
+        for c in range(n_columns):
+            moments[2, c] -= moments[1, c]
+            moments[n_frames - 3, c] -= moments[n_frames - 2, c]
+        for i in range(3, n_frames - 2):
+            factor = 1.0 / pivot[i - 1]
+            pivot[i] = 4.0 - factor
+            for c in range(n_columns):
+                moments[i, c] -= factor * moments[i - 1, c]
+        for c in range(n_columns):
+            moments[n_frames - 3, c] /= pivot[n_frames - 3]
+        for i in range(n_frames - 4, 1, -1):
+            for c in range(n_columns):
+                moments[i, c] = (moments[i, c] - moments[i + 1, c]) / pivot[i]
+    for c in range(n_columns):
+        moments[0, c] = 2.0 * moments[1, c] - moments[2, c]
+        moments[n_frames - 1, c] = 2.0 * moments[n_frames - 2, c] - moments[n_frames - 3, c]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def spline_at(
+    values: FloatArray, moments: FloatArray, step: float, time: float, value: FloatArray, slope: FloatArray
+) -> None:
+    """Value and slope of the spline at one time after the first frame; both of shape (C,), overwritten."""
+    i = min(max(math.floor(time / step), 0), values.shape[0] - 2)
+    b = time / step - i
+    a = 1.0 - b
+    value_low, value_high = (a * a * a - a) * step * step / 6.0, (b * b * b - b) * step * step / 6.0
+    slope_low, slope_high = (1.0 - 3.0 * a * a) * step / 6.0, (3.0 * b * b - 1.0) * step / 6.0
+    y0, y1, m0, m1 = values[i], values[i + 1], moments[i], moments[i + 1]
+    for c in range(value.shape[0]):
+        value[c] = a * y0[c] + b * y1[c] + value_low * m0[c] + value_high * m1[c]
+        slope[c] = (y1[c] - y0[c]) / step + slope_low * m0[c] + slope_high * m1[c]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def positions_and_velocities(
+    values: FloatArray, moments: FloatArray, step: float, times: FloatArray, value: FloatArray, slope: FloatArray
+) -> None:
+    """Spline values and slopes at all times; ``value`` and ``slope`` of shape (I, C) are overwritten."""
+    for i in range(times.shape[0]):
+        spline_at(values, moments, step, times[i], value[i], slope[i])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def ranges_and_velocities(
+    values: FloatArray,
+    moments: FloatArray,
+    step: float,
+    times: FloatArray,
+    origin: FloatArray,
+    range_m: FloatArray,
+    approach_mps: FloatArray,
+) -> None:
+    """Range from ``origin`` and approach speed -dR/dt of points on splines (E-03, E-04).
+
+    Parameters
+    ----------
+    values, moments : ndarray, shape (T, 3 P)
+        Coordinates x, y, z of point after point, and their moments.
+    step : float
+    times : ndarray, shape (I,)
+    origin : ndarray, shape (3,)
+    range_m, approach_mps : ndarray, shape (I, P)
+        Overwritten.
+    """
+    value, slope = np.empty(values.shape[1]), np.empty(values.shape[1])
+    for i in range(times.shape[0]):
+        spline_at(values, moments, step, times[i], value, slope)
+        for p in range(range_m.shape[1]):
+            x, y, z = value[3 * p] - origin[0], value[3 * p + 1] - origin[1], value[3 * p + 2] - origin[2]
+            distance = math.sqrt(x * x + y * y + z * z)
+            range_m[i, p] = distance
+            away = x * slope[3 * p] + y * slope[3 * p + 1] + z * slope[3 * p + 2]
+            approach_mps[i, p] = -away / max(distance, 1e-12)
