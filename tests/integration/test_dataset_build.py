@@ -10,10 +10,11 @@ import pandas as pd
 import pytest
 
 from doppelgait.core.config import validate
-from doppelgait.core.errors import DatasetError, OutputError
+from doppelgait.core.errors import ConfigError, DatasetError, OutputError
 from doppelgait.dataset import build_dataset, load_plan, open_dataset
 from doppelgait.dataset.config import PlanConfig
 from doppelgait.dataset.shard import file_sha256
+from doppelgait.motion import boulic_walk
 
 
 def small_plan(**changes):
@@ -105,16 +106,94 @@ def test_a_foreign_folder_is_not_touched(tmp_path):
 
 
 def test_a_failing_example_is_recorded_and_the_others_are_kept(tmp_path):
+    names = [f"broken{n}.c3d" for n in range(4)]
     classes = [
         {"label": "human", "motion": {"kind": "boulic"}},
-        {"label": "ghost", "motion": {"kind": "file", "path": "missing.c3d"}},
+        {"label": "ghost", "motion": {"kind": "file", "path": {"choice": names}}},
     ]
-    (tmp_path / "missing.c3d").write_bytes(b"not a C3D file")
+    for name in names:
+        (tmp_path / name).write_bytes(b"not a C3D file")
     report = build_dataset(small_plan(classes=classes), tmp_path / "d", folder=tmp_path, workers=1)
-    assert report.n_examples == 4
+    assert (report.n_examples, report.n_built, report.n_reused) == (4, 4, 0)
     assert len(report.failures) == 4
-    assert all("missing.c3d" in f["reason"] and "Traceback" not in f["reason"] for f in report.failures)
+    assert all("broken" in f["reason"] and "Traceback" not in f["reason"] for f in report.failures)
     assert not json.loads((tmp_path / "d" / "dataset.json").read_text())["complete"]
+
+
+def test_a_second_build_tries_failed_examples_again_and_only_their_shards(built, tmp_path, monkeypatch):
+    import doppelgait.dataset.build as build
+    import doppelgait.dataset.shard as shard
+
+    real_example, real_shard, tried = shard.build_example, build.build_shard, []
+
+    def fails_once(example, fields, folder):
+        if example.id == "dog-000002":
+            raise DatasetError("no luck")
+        return real_example(example, fields, folder)
+
+    monkeypatch.setattr(shard, "build_example", fails_once)
+    first = build_dataset(small_plan(), tmp_path, workers=1)
+    assert [f["id"] for f in first.failures] == ["dog-000002"]
+    assert (first.n_examples, first.n_built, first.n_reused) == (7, 7, 0)
+    monkeypatch.setattr(shard, "build_example", real_example)
+    monkeypatch.setattr(build, "build_shard", lambda s, *a: tried.append(s) or real_shard(s, *a))
+    second = build_dataset(small_plan(), tmp_path, workers=1)
+    assert second.failures == []
+    assert len(tried) == 1
+    assert second.n_built == len(tried[0].examples)
+    assert second.n_reused == 8 - len(tried[0].examples)
+    assert hashes(tmp_path) == hashes(built[0])
+    assert json.loads((tmp_path / "dataset.json").read_text())["complete"]
+
+
+def test_a_wrong_motion_is_refused_before_anything_is_written_and_the_folder_takes_the_right_plan(tmp_path):
+    wrong = [
+        {"label": "dog", "motion": {"kind": "quadruped"}},
+        {"label": "human", "motion": {"kind": "boulic", "speed": {"uniform": [0.9, 1.4]}}},
+    ]
+    with pytest.raises(ConfigError, match=r"class 'human'.*classes\.1\.motion\.speed: unknown key"):
+        build_dataset(small_plan(classes=wrong), tmp_path / "d", workers=1)
+    assert not (tmp_path / "d").exists()
+    assert build_dataset(small_plan(), tmp_path / "d", workers=1).failures == []
+
+
+def walker(path, *, speed_mps=1.2, **options):
+    return boulic_walk(speed_mps=speed_mps, duration_s=3.0)
+
+
+def test_recordings_are_in_the_index_and_the_card(built, tmp_path, monkeypatch):
+    monkeypatch.setattr("doppelgait.motion.readers.read", walker)
+    (tmp_path / "one.c3d").write_bytes(b"1")
+    (tmp_path / "two.c3d").write_bytes(b"2")
+    classes = [
+        {"label": "human", "motion": {"kind": "file", "path": {"choice": ["one.c3d", "two.c3d"]}}},
+        {"label": "dog", "motion": {"kind": "quadruped"}},
+    ]
+    build_dataset(small_plan(classes=classes), tmp_path / "d", folder=tmp_path, workers=1)
+    index = pd.read_parquet(tmp_path / "d" / "index.parquet")
+    people, dogs = index[index["label"] == "human"], index[index["label"] == "dog"]
+    assert set(people["source"]) == {"recording"}
+    assert set(people["recording"]) == {"one.c3d", "two.c3d"}
+    assert list(people["subject"]) == [f"file/{name}" for name in people["recording"]]
+    assert (people.groupby("recording")["split"].nunique() == 1).all()
+    assert set(dogs["source"]) == {"model"}
+    assert set(dogs["recording"]) == {""}
+    card = (tmp_path / "d" / "README.md").read_text()
+    for text in ("of 4 examples comes from recordings", "`one.c3d`", "`two.c3d`", "their licences apply", "Dog motion"):
+        assert text in card
+    assert "No recording" not in card
+    assert "Boulic" not in card
+    model_card = (built[0] / "README.md").read_text()
+    assert "No recording of a person or animal is in it" in model_card
+    assert "Boulic" in model_card
+    assert "licences" not in model_card
+
+
+def test_a_class_added_to_the_plan_is_refused_in_few_words(built):
+    classes = [*small_plan().model_dump()["classes"], {"label": "cat", "motion": {"kind": "quadruped", "gait": "trot"}}]
+    with pytest.raises(DatasetError, match=r"\(classes\.2: absent -> \{\"label\": \"cat\"[^()]*\);") as caught:
+        build_dataset(small_plan(classes=classes), built[0], workers=1)
+    assert len(str(caught.value)) < 400
 
 
 def test_a_full_disk_is_one_error_and_keeps_what_was_built(tmp_path, monkeypatch):
@@ -146,6 +225,12 @@ def test_features_arrays_and_truth_read_back(built):
     assert dataset.array("baseband", 0).dtype == np.complex64
     walkers = dataset.select("label == 'human'").index
     assert (walkers["gait_frequency_hz"] / walkers["truth_gait_frequency_hz"] - 1).abs().max() < 0.1
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_body_that_stands_still_has_no_aspect(tmp_path):
+    build_dataset(small_plan(classes=[{"label": "rest", "motion": {"kind": "breathing"}}]), tmp_path, workers=1)
+    assert pd.read_parquet(tmp_path / "index.parquet")["truth_aspect_deg"].isna().all()
 
 
 def test_a_shard_is_readable_with_plain_h5py(built):

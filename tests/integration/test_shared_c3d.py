@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import warnings
 from functools import cache
 from pathlib import Path
@@ -14,7 +15,7 @@ import xarray as xr
 
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.motion.clean import clean_motion
-from doppelgait.motion.describe import describe_motion, smooth_path
+from doppelgait.motion.describe import describe_motion, describe_recording, smooth_path
 from doppelgait.motion.readers import read
 
 pytestmark = pytest.mark.shared
@@ -154,6 +155,20 @@ def test_edge_case_is_clean_or_says_why_not(shared: Path, name: str) -> None:
             _read(shared, name)
         return
     assert np.isfinite(_read(shared, name).values).all()
+
+
+@pytest.mark.parametrize("name", sorted({*REFUSED, *EDGE, *MOCAP}))
+def test_every_file_is_described_or_refused(shared: Path, name: str) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.simplefilter("ignore", DoppelgaitWarning)
+        try:
+            facts = describe_recording(_path(shared, name))
+        except MotionError:
+            assert name in REFUSED
+        else:
+            assert name not in REFUSED
+            json.dumps(facts, allow_nan=False)
 
 
 @pytest.mark.parametrize("name", MOCAP)

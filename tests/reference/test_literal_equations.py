@@ -84,14 +84,8 @@ TRANSFORMS = [
 def test_signature_equals_the_literal_loop_e22_e24_e27(m, k, hop, padded, n_pulses):
     n_bins = 9
     y = echoes_in_noise(n_pulses, n_bins)
-    analysis = Analysis(
-        method="liland2018" if padded else "standard",
-        cpi_s=(m - 0.5) / PRF_HZ,
-        doppler_bins=k,
-        hop=hop,
-        window_steepness=0.4,
-        gate_edges="sharp",
-    )
+    edges = {"method": "liland2018"} if padded else {"gate_edges": "sharp"}
+    analysis = Analysis(cpi_s=(m - 0.5) / PRF_HZ, doppler_bins=k, hop=hop, window_steepness=0.4, **edges)
     # a gate of 3 bins that walks across the frame and leaves it on both sides
     slow_time_s = 0.3 + np.arange(n_pulses) / PRF_HZ
     centre_m = np.linspace(FIRST_M - 0.021, FIRST_M + 0.4317, n_pulses)

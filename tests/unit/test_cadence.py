@@ -12,6 +12,7 @@ from doppelgait.processing import (
     mean_doppler_spectrum,
     observation_s,
 )
+from doppelgait.processing.narrow_band import magnitudes
 
 RATE_HZ = 100.0
 
@@ -118,3 +119,23 @@ def test_power_sum_and_amplitude_sum_e32():
     found = cadence_map(rows_of(wave(7.0, 2.0)))
     np.testing.assert_allclose(cadence_spectrum(found).values, (found.values**2).sum(axis=1))
     np.testing.assert_allclose(cadence_spectrum(found, power=False).values, found.values.sum(axis=1))
+
+
+@pytest.mark.parametrize(
+    ("n_columns", "length", "n_kept"),
+    # smeared in time (step 9, 8, 3) and interpolated; interpolated by 4, 3, 2; plain where nothing else fits
+    [(4900, 39366, 788), (800, 6400, 129), (1334, 10800, 649), (613, 5000, 801), (301, 2430, 784), (262, 2106, 260),
+     (1953, 15625, 500), (300, 2400, 1201), (13, 108, 18), (2, 16, 9), (10, 80, 2), (500, 500, 41)],
+)  # fmt: skip
+def test_lowest_lines_are_those_of_the_full_transform_to_rounding(n_columns, length, n_kept):
+    rng = np.random.default_rng(n_columns)
+    values, weights = rng.standard_normal((n_columns, 5)), rng.uniform(0.1, 1.0, n_columns)
+    wanted = np.abs(np.fft.rfft(values * weights[:, None], length, axis=0)[:n_kept])
+    found = magnitudes(values, weights, length, n_kept)
+    assert found.shape == wanted.shape
+    assert np.abs(found - wanted).max() < 1e-12 * wanted.max()
+    # a strong wave beyond the lines asked for stays out of them as far as in the full transform
+    if length > 12 * n_kept:
+        high = 1e3 * np.cos(2 * np.pi * (0.4 * length) * np.arange(n_columns) / length)[:, None] * np.ones((1, 2))
+        wanted = np.abs(np.fft.rfft(high, length, axis=0)[:n_kept])
+        np.testing.assert_allclose(magnitudes(high, np.ones(n_columns), length, n_kept), wanted, rtol=0, atol=1e-9)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 import xarray as xr
 
 from doppelgait.core.errors import MotionError
-from doppelgait.motion.clean import clean_motion, lowpass
+from doppelgait.motion.clean import body_centre, clean_motion, lowpass, stationary_points
 from doppelgait.motion.describe import describe_motion
 from doppelgait.motion.schema import make_motion
 
@@ -227,6 +228,20 @@ def test_description_of_a_stander_has_no_stride() -> None:
     facts = describe_motion(motion_of(walk(speed_mps=0.0)))
     assert facts["stride_hz"] is None
     assert abs(facts["mean_speed_mps"]) < 0.02
+
+
+def test_description_of_a_body_never_half_seen_has_no_stride() -> None:
+    holed = np.full((480, 7, 3), np.nan)
+    for p in range(7):
+        holed[60 * p : 60 * p + 50, p] = walk()[60 * p : 60 * p + 50, p]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert describe_motion(motion_of(holed))["stride_hz"] is None
+
+
+def test_no_frames_have_no_still_points_and_no_centre() -> None:
+    assert not stationary_points(np.empty((0, 7, 3))).any()
+    assert body_centre(np.empty((0, 7, 3))).shape == (0, 3)
 
 
 def test_description_is_json() -> None:

@@ -124,6 +124,17 @@ def test_square_difference_is_that_of_the_equation_e33(lag):
     assert square_difference(rows)[0] == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize(("first", "last"), [(0, 0), (0, 499), (40, 90), (63, 66), (490, 499), (499, 499)])
+def test_square_difference_of_some_lags_is_part_of_all_e33(first, last):
+    rows = swinging_rows(1.9, 4.0, noise=0.5).values
+    transform = np.fft.rfft(rows, 1024, axis=0)
+    products = np.fft.irfft((np.abs(transform) ** 2).sum(axis=1), 1024)[:500]
+    power = (rows**2).sum(axis=1)
+    energy = np.array([power[: 500 - lag].sum() + power[lag:].sum() for lag in range(500)])
+    wanted = (2 * products / energy)[first : last + 1]
+    np.testing.assert_allclose(square_difference(rows, first, last), wanted, atol=1e-12)
+
+
 def walked(speed_mps, seconds, *, snr_db=18.0, seed=0, height_m=1.75, k=None, **place):
     motion = boulic_walk(speed_mps=speed_mps, height_m=height_m, duration_s=seconds)
     recording = simulate(
@@ -303,6 +314,25 @@ def test_envelope_is_the_1_and_99_per_cent_quantile_of_the_power_above_the_noise
     assert bandwidth_envelope_hz(strong, 0.01) > 150 * 5.0
 
 
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_envelopes_are_those_of_the_cumulative_power_e35(dtype):
+    values = np.random.default_rng(3).exponential(1.0, (200, 64)).astype(dtype)
+    values[7], values[8, :-1], values[9, 1:] = 0.0, 0.0, 0.0
+    coords = {"time": np.arange(200) / RATE_HZ, **doppler_coords(64)}
+    found = envelopes_hz(make_array(SIGNATURE, values, coords, {"n_gate_bins": 16}), 0.3)
+    power = np.where(values > 0.6, values.astype(float) - 0.3, 0.0)
+    share = power.cumsum(axis=1) / np.maximum(power.sum(axis=1, keepdims=True), 1e-300)
+    for limits, quantile in zip(found, (0.01, 0.99), strict=True):
+        for j in range(200):
+            if not power[j].any():
+                assert np.isnan(limits[j])
+                continue
+            k = int((share[j] >= quantile).argmax())
+            before = share[j, k - 1] if k else 0.0
+            wanted = k + (quantile - before) / (share[j, k] - before) - 0.5
+            assert limits[j] == pytest.approx(coords["doppler"][0] + wanted * 1000 / 64, abs=1e-9)
+
+
 def test_bandwidth_is_between_the_95th_and_5th_percentiles_over_time_e35():
     # 100 columns: 3 of them reach far out and do not count, 10 reach half as far and do
     high = np.full(100, 109)
@@ -407,3 +437,25 @@ def test_gates_that_cannot_be_had_are_explained(walkers_of_3_s):
         analyze(recording, gate="truth")
     with pytest.raises(AnalysisError, match="'guess'"):
         analyze(recording, gate="guess")
+
+
+def test_the_search_starts_above_one_and_a_tenth_periods_e33():
+    # energy below 1.1 / T_o is drift, not gait: here a large line at 0.6 Hz in 1.6 s (0.96 periods) beside 2 Hz
+    cadence_hz = np.arange(0, 20, 0.05)
+    lines = [(0.6, 5.0), (2.0, 1.0)]
+    values = sum(a * np.exp(-0.5 * ((cadence_hz - f) / 0.1) ** 2) for f, a in lines)
+    spectrum = make_array(CADENCE_SPECTRUM, values, {"cadence": cadence_hz})
+    times = np.arange(0, 1.6, 0.01)
+    rows = np.cos(2 * np.pi * 2.0 * times)[:, None] * np.ones((1, 4))
+    coords = {"time": times, "doppler": np.arange(4.0), "velocity": ("doppler", np.arange(4.0))}
+    found = gait_frequency(spectrum, make_array(NORMALISED_SIGNATURE, rows, coords))
+    assert found.frequency_hz == pytest.approx(2.0, rel=0.02)
+
+
+def test_the_limb_torso_ratio_searches_at_least_a_quarter_hertz_e38():
+    # at 1 Hz, 6 % is 0.06 Hz: a line 0.2 Hz beside the fundamental still counts
+    cadence_hz = np.arange(0, 20, 0.05)
+    row = np.where(np.isclose(cadence_hz, 1.2), 0.5, 1e-9)
+    coords = {"cadence": cadence_hz, "doppler": [0.0], "velocity": ("doppler", [0.0])}
+    found = limb_torso_ratio(make_array(CADENCE_MAP, row[:, None], coords), np.array([1.0]), 1.0, np.array([True]))
+    assert found.amplitude_ratio == pytest.approx(1.0, rel=1e-6)

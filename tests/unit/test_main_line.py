@@ -89,3 +89,21 @@ def test_alignment_by_whole_bins_is_a_circular_shift_e29():
     wrapped = align(line_signature(np.full(50, -480.0)), np.full(50, -480.0))
     assert (wrapped.values.argmax(axis=1) == K // 2).all()
     np.testing.assert_array_equal(align(mu, np.zeros(50)).values, mu.values)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_alignment_by_parts_of_bins_is_linear_interpolation_on_a_circle_e29(dtype):
+    bin_hz = PRF_HZ / K
+    line_hz = np.array([0.0, 0.25, -0.25, 5.5, -70.9, 63.999, 127.5, 300.1]) * bin_hz
+    mu = line_signature(np.zeros(8))
+    mu = mu.copy(data=np.random.default_rng(1).random(mu.shape).astype(dtype))
+    found = align(mu, line_hz).values
+    for j, shift in enumerate(line_hz / bin_hz):
+        at = (np.arange(K) + shift) % K
+        wanted = np.interp(at, np.arange(K + 1), np.append(mu.values[j], mu.values[j, 0]))
+        np.testing.assert_allclose(found[j], wanted, atol=1e-12)
+
+
+def test_a_line_through_fewer_columns_than_its_order_goes_through_all_of_them():
+    mu = line_signature([10.0, 40.0])
+    np.testing.assert_allclose(main_line_hz(mu, order=3), main_line_hz(mu, order=1), atol=1e-9)

@@ -16,6 +16,7 @@ from doppelgait.processing import (
     normalise,
     signature,
 )
+from doppelgait.processing.normalise import median
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
 
@@ -118,3 +119,10 @@ def test_unknown_normalisation_is_refused():
 def test_independent_columns_are_60_ms_apart_e38():
     assert independent_columns(noise_signature(4, seconds=3.1)) == pytest.approx(3.0 / 0.06, rel=0.01)
     assert independent_columns(small_signature(np.ones((2, 3)))) == 1.0
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 2), (7, 3), (40, 25)])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_median_is_that_of_numpy(shape, dtype):
+    cells = np.random.default_rng(2).random(shape).astype(dtype)
+    assert median(cells) == pytest.approx(float(np.median(cells)), rel=1e-7)

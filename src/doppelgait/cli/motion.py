@@ -79,15 +79,13 @@ def convert(
     """
     import pandas as pd
 
-    from doppelgait.core.errors import OutputError
+    from doppelgait.core.files import atomic_path
 
     check_output(output, ".csv")
     motion = _read(file, start, stop, options)
     names = [f"{marker}_{axis}_m" for marker in motion.coords["marker"].values for axis in "xyz"]
     table = pd.DataFrame(motion.values.reshape(motion.sizes["time"], -1), columns=names)
     table.insert(0, "time_s", motion.coords["time"].values)
-    try:
-        table.to_csv(output, index=False, float_format="%.9g")
-    except OSError as error:
-        raise OutputError(f"{output}: cannot be written: {error}") from None
+    with atomic_path(output) as partial:
+        table.to_csv(partial, index=False, float_format="%.9g")
     say(f"{output}: {len(table)} frames of {motion.sizes['marker']} points")

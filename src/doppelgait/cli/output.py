@@ -41,12 +41,15 @@ def number(value: float | None, digits: int = 3) -> str:
 
 
 def show_warnings_plainly() -> None:
-    """Warnings of doppelgait as one line each, without file and line of the source."""
+    """Warnings of doppelgait as one line each, said once, without file and line of the source."""
     usual = warnings.showwarning
+    said: set[str] = set()
 
     def show(message: Any, category: Any, *rest: Any, **more: Any) -> None:
         if isinstance(category, type) and issubclass(category, DoppelgaitWarning):
-            say(f"warning: {message}")
+            if str(message) not in said:
+                said.add(str(message))
+                say(f"warning: {message}")
         else:
             usual(message, category, *rest, **more)
 

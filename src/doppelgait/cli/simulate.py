@@ -3,27 +3,31 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from doppelgait.cli.output import check_output, print_json, say
 
+if TYPE_CHECKING:
+    from doppelgait.radar import Recording
+
 HEIGHT_FIELDS = ("height_m", "withers_m")
+SET_HELP = "Change the scene, for example radar.prf_hz=900; repeatable. Paths are relative to the scene file."
 
 
 def simulate(
     scene: Annotated[Path | None, typer.Argument(help="Scene file (TOML). Or use --motion.")] = None,
     output: Annotated[Path, typer.Option("-o", "--output", help="Recording to write, .h5.")] = Path("recording.h5"),
     seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of all random numbers.")] = None,
-    changes: Annotated[
-        list[str] | None, typer.Option("--set", help="Change the scene, for example radar.prf_hz=900; repeatable.")
-    ] = None,
+    changes: Annotated[list[str] | None, typer.Option("--set", help=SET_HELP)] = None,
     motion: Annotated[
         str | None, typer.Option("--motion", help="Motion file, or model: boulic, quadruped, ...")
     ] = None,
-    label: Annotated[str, typer.Option("--label", help="Class of the target.")] = "",
-    radar: Annotated[str, typer.Option("--radar", help="Radar preset.")] = "x4",
+    label: Annotated[str | None, typer.Option("--label", help="Class of the first target.")] = None,
+    radar: Annotated[
+        str | None, typer.Option("--radar", help="Radar preset, instead of the scene's radar; x4 by default.")
+    ] = None,
     speed: Annotated[float | None, typer.Option("--speed", help="Speed of a model, m/s.")] = None,
     height: Annotated[float | None, typer.Option("--height", help="Stature or withers height, m.")] = None,
     aspect: Annotated[float | None, typer.Option("--aspect", help="Aspect angle, degrees; 0 approaching.")] = None,
@@ -46,15 +50,16 @@ def simulate(
     check_output(output, ".h5")
     if (scene is None) == (motion is None):
         raise ConfigError("give either a scene file or --motion FILE_OR_MODEL")
-    table, text = (
-        read_toml(scene)
-        if scene is not None
-        else (motion_table(str(motion), label=label, radar=radar, speed=speed), "")
-    )
-    put_options(table, height=height, aspect=aspect, range_m=range_m, duration=duration, snr_db=snr_db, seed=seed)
+    table, text = read_toml(scene) if scene is not None else (motion_table(str(motion)), "")
+    put_options(table, radar=radar, duration=duration, snr_db=snr_db, seed=seed)
+    put_target_options(table, label=label, speed=speed, height=height, aspect=aspect, range_m=range_m)
     spec = parse_run(apply_overrides(table, changes or []), where=str(scene or "--motion"), text=text)
     recording = run_simulation(spec, folder=scene.resolve().parent if scene is not None else None)
     write_recording(recording, output)
+    _tell(recording, output, as_json)
+
+
+def _tell(recording: Recording, output: Path, as_json: bool) -> None:
     facts = {
         "file": str(output),
         "n_pulses": recording.baseband.sizes["slow_time"],
@@ -70,47 +75,72 @@ def simulate(
         say(f"{output}: {size} at {recording.radar.prf_hz:g} Hz")
 
 
-def motion_table(motion: str, *, label: str, radar: str, speed: float | None) -> dict[str, Any]:
+def motion_table(motion: str) -> dict[str, Any]:
     """Scene table of one target from a motion file or the name of a model."""
     from doppelgait.core.errors import ConfigError
     from doppelgait.motion.models import MOTION_MODELS
 
     if motion in MOTION_MODELS:
-        moves: dict[str, Any] = {"kind": motion}
-        if speed is not None:
-            moves["speed_mps"] = speed
-    elif speed is not None:
-        raise ConfigError(f"--speed {speed}: a recording ({motion}) has its own speed; --speed is for models")
+        moves = {"kind": motion}
     else:
         if not Path(motion).exists():
             raise ConfigError(f"--motion {motion}: neither a file nor a model; models are {', '.join(MOTION_MODELS)}")
         moves = {"kind": "file", "path": motion}
-    return {"radar": {"preset": radar}, "targets": [{"label": label, "motion": moves}]}
+    return {"radar": {"preset": "x4"}, "targets": [{"motion": moves}]}
 
 
 def put_options(
-    table: dict[str, Any], *, height: float | None, aspect: float | None, range_m: float | None,
-    duration: float | None, snr_db: float | None, seed: int | None,
-) -> None:  # fmt: skip
-    """Put command-line options into a scene table; height, aspect and range go to the first target."""
-    from doppelgait.core.errors import ConfigError
-
-    targets = table.get("targets")
-    if not isinstance(targets, list) or not targets or not isinstance(targets[0], dict):
-        raise ConfigError("targets: a scene needs at least one [[targets]] entry")
-    first = targets[0]
-    if height is not None:
-        _put_height(first, height)
-    if aspect is not None:
-        first["aspect_deg"] = aspect
-    if range_m is not None:
-        first["range_m"] = range_m
+    table: dict[str, Any], *, radar: str | None, duration: float | None, snr_db: float | None, seed: int | None
+) -> None:
+    """Put command-line options into a scene table; a radar preset replaces the scene's whole radar."""
+    if radar is not None:
+        table["radar"] = {"preset": radar}
     if duration is not None:
         table["duration_s"] = duration
     if seed is not None:
         table["seed"] = seed
     if snr_db is not None:
         table["noise"] = {"kind": "none"} if snr_db == float("inf") else {"kind": "snr", "snr_db": snr_db}
+
+
+def put_target_options(
+    table: dict[str, Any], *, label: str | None, speed: float | None, height: float | None, aspect: float | None,
+    range_m: float | None,
+) -> None:  # fmt: skip
+    """Put command-line options into the first target of a scene table.
+
+    Raises
+    ------
+    ConfigError
+        If there is no target, or a speed is given for a recording.
+    """
+    from doppelgait.core.errors import ConfigError
+
+    targets = table.get("targets")
+    if not isinstance(targets, list) or not targets or not isinstance(targets[0], dict):
+        raise ConfigError("targets: a scene needs at least one [[targets]] entry")
+    first = targets[0]
+    if label is not None:
+        first["label"] = label
+    if speed is not None:
+        _put_speed(first, speed)
+    if height is not None:
+        _put_height(first, height)
+    if aspect is not None:
+        first["aspect_deg"] = aspect
+    if range_m is not None:
+        first["range_m"] = range_m
+
+
+def _put_speed(target: dict[str, Any], speed: float) -> None:
+    """A model takes its speed as a parameter; a recording has its own."""
+    from doppelgait.core.errors import ConfigError
+
+    motion = target.get("motion")
+    if not isinstance(motion, dict) or motion.get("kind") == "file":
+        name = motion.get("path", "file") if isinstance(motion, dict) else "no model"
+        raise ConfigError(f"--speed {speed}: a recording ({name}) has its own speed; --speed is for models")
+    motion["speed_mps"] = speed
 
 
 def _put_height(target: dict[str, Any], height: float) -> None:

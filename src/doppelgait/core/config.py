@@ -57,9 +57,20 @@ def validate(
     try:
         return model.model_validate(dict(data))
     except ValidationError as error:
-        lines = [_describe(fault, model, text, section) for fault in error.errors()]
+        lines = [_describe(fault, model, text, section) for fault in _own_faults(error.errors())]
         prefix = f"{where}: " if where else ""
         raise ConfigError(prefix + "; ".join(lines)) from None
+
+
+def _own_faults(faults: Sequence[Any]) -> list[Any]:
+    """Faults without those that only follow from others: a list that is too short because its entries are faulty."""
+    places = [fault["loc"] for fault in faults]
+    return [
+        fault
+        for fault in faults
+        if fault["type"] != "too_short"
+        or not any(len(place) > len(fault["loc"]) and place[: len(fault["loc"])] == fault["loc"] for place in places)
+    ]
 
 
 def _describe(fault: Any, model: type[BaseModel], text: str, section: tuple[str, ...]) -> str:

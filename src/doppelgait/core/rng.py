@@ -2,17 +2,32 @@
 
 from __future__ import annotations
 
+import operator
 import zlib
 
 import numpy as np
+
+from doppelgait.core.errors import ConfigError
 
 PURPOSES = ("plan", "motion", "scene", "noise", "gate", "impairments", "split")
 """What streams are for. The position in this tuple is part of the stream's key: append only."""
 
 
 def rng(seed: int) -> np.random.Generator:
-    """Generator for a single run, from an integer seed (0 or larger)."""
-    return np.random.default_rng(seed)
+    """Generator for a single run, from an integer seed (0 or larger).
+
+    Raises
+    ------
+    ConfigError
+        If the seed is no integer or below 0.
+    """
+    try:
+        number = operator.index(seed)
+    except TypeError:
+        number = -1
+    if number < 0:
+        raise ConfigError(f"seed: {seed!r} is not allowed; it must be an integer, 0 or larger")
+    return np.random.default_rng(number)
 
 
 def generator_for(root_seed: int, purpose: str, index: int, key: str = "") -> np.random.Generator:

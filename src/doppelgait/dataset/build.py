@@ -20,6 +20,7 @@ from doppelgait import __version__
 from doppelgait.core.errors import DatasetError, OutputError
 from doppelgait.dataset.card import dataset_card
 from doppelgait.dataset.config import PlanConfig
+from doppelgait.dataset.describe import differences
 from doppelgait.dataset.plan import DATA_VERSION, ShardSpec, dataset_id, plan_examples, plan_shards
 from doppelgait.dataset.shard import build_shard, file_sha256, write_atomically
 from doppelgait.features import FEATURE_UNITS
@@ -39,9 +40,9 @@ class BuildReport:
     directory : Path
     dataset_id : str
     n_examples, n_built, n_reused : int
-        Examples in the dataset; simulated now; found built.
+        Examples in the dataset; of these made now; of these found built.
     failures : list of dict
-        Examples that failed, with reason and specification.
+        Examples that failed and are not in the dataset, with reason and specification; the next build tries them again.
     seconds : float
     bytes : int
         Size of all shards.
@@ -61,7 +62,7 @@ def build_dataset(
     plan: PlanConfig, directory: str | Path, *, folder: Path | None = None, workers: int | None = None,
     on_progress: Progress | None = None,
 ) -> BuildReport:  # fmt: skip
-    """Build a dataset, or finish one that was begun; shards that are whole are not made again.
+    """Build a dataset, or finish one that was begun; shards that are whole and without failures are not made again.
 
     Parameters
     ----------
@@ -78,17 +79,19 @@ def build_dataset(
     Raises
     ------
     DatasetError
-        If the folder holds a dataset of another configuration, or cannot be written.
+        If the folder holds a dataset of another configuration, or the plan cannot be split.
+    OutputError
+        If the folder cannot be written.
     ConfigError
-        If the plan gives examples that are not allowed.
+        If the plan gives examples that are not allowed; nothing is written then.
     """
     began = time.monotonic()
     target, source = Path(directory), folder or Path.cwd()
+    shards = list(plan_shards(plan, plan_examples(plan, folder=source)))
     identity = dataset_id(plan, source)
-    shards = list(plan_shards(plan, plan_examples(plan)))
     _prepare(target, plan, identity)
     records = {s.name: record for s in shards if (record := finished_record(target, s)) is not None}
-    reused = sum(len(record["rows"]) + len(record["failures"]) for record in records.values())
+    reused = sum(len(record["rows"]) for record in records.values())
     missing = [s for s in shards if s.name not in records]
     total = sum(len(s.examples) for s in shards)
     done = reused
@@ -98,7 +101,7 @@ def build_dataset(
         _log(target, {"shard": shard.name, "examples": len(shard.examples), "seconds": time.monotonic() - began})
         if on_progress is not None:
             on_progress(done, total)
-    return _finish(target, plan, identity, [records[s.name] for s in shards], total - reused, reused, began)
+    return _finish(target, plan, identity, [records[s.name] for s in shards], reused, began)
 
 
 def _run(
@@ -160,18 +163,6 @@ def _refuse_other(target: Path, found: dict[str, Any], plan: PlanConfig, identit
     )
 
 
-def differences(old: Any, new: Any, key: str = "") -> Iterator[str]:
-    """Dotted keys whose values differ, each as ``key: old -> new``."""
-    if isinstance(old, dict) and isinstance(new, dict):
-        for name in sorted(set(old) | set(new)):
-            yield from differences(old.get(name), new.get(name), f"{key}.{name}" if key else name)
-    elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
-        for number, (before, after) in enumerate(zip(old, new, strict=True)):
-            yield from differences(before, after, f"{key}.{number}")
-    elif old != new:
-        yield f"{key}: {json.dumps(old)} -> {json.dumps(new)}"
-
-
 def _describe(plan: PlanConfig, identity: str, *, complete: bool) -> bytes:
     description = {
         "id": identity,
@@ -196,11 +187,11 @@ FIELD_FACTS = {
 
 
 def finished_record(target: Path, shard: ShardSpec) -> dict[str, Any] | None:
-    """Record of a shard that is built and whole, else None."""
+    """Record of a shard that is built, whole and without failed examples, else None."""
     path = target / "shards" / f"{shard.name}.h5"
     try:
         record: dict[str, Any] = json.loads(path.with_suffix(".json").read_text())
-        known = {row["id"] for row in record["rows"]} | {f["id"] for f in record["failures"]}
+        known = {row["id"] for row in record["rows"]}
         whole = known == {e.id for e in shard.examples} and file_sha256(path) == record["sha256"]
     except (OSError, ValueError, KeyError):
         return None
@@ -208,7 +199,7 @@ def finished_record(target: Path, shard: ShardSpec) -> dict[str, Any] | None:
 
 
 def _finish(
-    target: Path, plan: PlanConfig, identity: str, records: list[dict[str, Any]], built: int, reused: int, began: float
+    target: Path, plan: PlanConfig, identity: str, records: list[dict[str, Any]], reused: int, began: float
 ) -> BuildReport:
     index = make_index(records)
     failures = [failure for record in records for failure in record["failures"]]
@@ -224,7 +215,7 @@ def _finish(
         directory=target,
         dataset_id=identity,
         n_examples=len(index),
-        n_built=built,
+        n_built=len(index) - reused,
         n_reused=reused,
         failures=failures,
         seconds=time.monotonic() - began,

@@ -16,15 +16,14 @@ tags: [radar, micro-doppler, gait, synthetic]
 
 # {name}
 
-{total} synthetic micro-Doppler examples made by doppelgait {version}, dataset id `{identity}`.
-Everything is simulated: point scatterers on moving bodies, pulse-Doppler radar, receiver noise. No recording of a
-person or animal is in it.
+{total} simulated micro-Doppler examples made by doppelgait {version}, dataset id `{identity}`.
+{origin}
 
 ## Counts
 
 {counts}
 
-Examples of one subject are all in one split; a model's parameter draw is its own subject.
+{subjects}
 
 ## Features (median, 5 % to 95 %) by class
 
@@ -34,8 +33,8 @@ Examples of one subject are all in one split; a model's parameter draw is its ow
 
 ## Files
 
-- `index.parquet`: one row per example: labels, split, subject, resolved parameters, truth (`truth_*`), features
-  (`feature_*`), diagnostics (`quality_*`), `flags` that say why a value is missing.
+- `index.parquet`: one row per example: labels, split, subject, source, recording, resolved parameters, truth
+  (`truth_*`), features (`feature_*`), diagnostics (`quality_*`), `flags` that say why a value is missing.
 - `shards/*.h5`: arrays by row, see `fields` in `dataset.json`.
 - `dataset.json`: identity, classes, the whole configuration. The same configuration gives the same bytes.
 
@@ -45,10 +44,18 @@ SNR: `snr_frame_db` is the time mean of the strongest range bin's power over the
 
 ## Limits
 
-Isotropic scatterers, no occlusion, no multipath, no clutter. Human motion: model of Boulic et al. 1990 as
-implemented by Chen 2011. Dog motion: a simplified quadruped whose parameters come from one measured dog and published
-gait laws. Radar cross section of dogs: assumed, by body mass.
+{limits}
 """
+
+RADAR_SENTENCE = "point scatterers on moving bodies, pulse-Doppler radar, receiver noise."
+
+MODEL_SENTENCES = {
+    "boulic": "Human motion: model of Boulic et al. 1990 as implemented by Chen 2011.",
+    "quadruped": (
+        "Dog motion: a simplified quadruped whose parameters come from one measured dog and published gait laws."
+    ),
+}
+"""What a reader should know of a motion model, by its kind."""
 
 
 def dataset_card(plan: PlanConfig, identity: str, index: pd.DataFrame) -> str:
@@ -58,10 +65,61 @@ def dataset_card(plan: PlanConfig, identity: str, index: pd.DataFrame) -> str:
         total=len(index),
         version=__version__,
         identity=identity,
+        origin=_origin(index),
+        subjects=_subjects(index),
+        limits=_limits(plan, index),
         counts=_markdown(counts_table(index)),
         features=_markdown(feature_table(index)),
         gate_error=plan.dataset.gate_error_sd_m,
     )
+
+
+def _recorded(index: pd.DataFrame) -> pd.DataFrame:
+    return index if index.empty else index[index["source"] == "recording"]
+
+
+def _origin(index: pd.DataFrame) -> str:
+    """Where the motion comes from, and the recordings with their licences where there are any."""
+    recorded = _recorded(index)
+    if recorded.empty:
+        return f"Everything is simulated: {RADAR_SENTENCE} No recording of a person or animal is in it."
+    others = "" if len(recorded) == len(index) else " The motion of the others comes from models."
+    files = [f"- `{name}`: {len(g)} ({_listed(g['label'])})" for name, g in recorded.groupby("recording")]
+    return (
+        f"The radar is simulated: {RADAR_SENTENCE} The motion of {len(recorded)} examples comes from recordings of "
+        f"people or animals.{others}\n\n## Recordings\n\nMotion files and the number of examples made from each; "
+        "their licences apply to this dataset.\n\n" + "\n".join(files)
+    )
+
+
+def _listed(values: pd.Series[str]) -> str:
+    return ", ".join(sorted(values.unique()))
+
+
+def _subjects(index: pd.DataFrame) -> str:
+    recorded = _recorded(index)
+    text = ["Examples of one subject are all in one split."]
+    if len(recorded) < len(index):
+        text.append("A model's parameter draw is its own subject.")
+    if len(recorded):
+        text.append(
+            "A motion file is one subject, whoever moves in it: two recordings of the same person or animal may be in "
+            "different splits."
+        )
+    return " ".join(text)
+
+
+def _limits(plan: PlanConfig, index: pd.DataFrame) -> str:
+    kinds = [] if index.empty else sorted(set(index["motion_kind"]) - {"file"})
+    law = "total drawn by one law for every class, assumed"
+    rcs = plan.target.get("rcs", {})
+    if "total_m2" not in rcs and "choice" not in rcs:
+        law = "by body mass, assumed for dogs; so the echo's power differs between classes"
+    return "\n".join([
+        "Isotropic scatterers, no occlusion, no multipath, no clutter.",
+        *(MODEL_SENTENCES.get(kind, f"Motion model `{kind}`.") for kind in kinds),
+        f"Radar cross section: {law}.",
+    ])  # fmt: skip
 
 
 def counts_table(index: pd.DataFrame) -> pd.DataFrame:

@@ -14,6 +14,11 @@ from doppelgait.core.config import FrozenModel, apply_overrides, read_toml, vali
 from doppelgait.core.errors import ConfigError
 
 SPLITS = ("train", "validation", "test")
+AUTO_PRF_REFUSED = "radar.prf_hz = 'auto' is not allowed in a dataset: it tells the speed to every feature"
+ORACLE_REFUSED = (
+    "analysis.method = 'liland2018' is not allowed in a dataset: its gate takes the span from the class and the "
+    "Doppler band from the truth, which tells both to every feature; use 'standard'"
+)
 
 
 class DatasetSection(FrozenModel):
@@ -87,7 +92,8 @@ class PlanConfig(FrozenModel):
     target : table
         Placement and radar cross section: keys of a scene file's ``[[targets]]`` without motion and label.
     radar, noise, analysis : table
-        As in a scene file. All tables may hold distributions.
+        As in a scene file. All tables may hold distributions. ``radar.prf_hz = "auto"`` and the oracle gate of
+        ``analysis.method = "liland2018"`` are refused: both tell the features what they should find.
     """
 
     dataset: DatasetSection
@@ -101,10 +107,12 @@ class PlanConfig(FrozenModel):
     @model_validator(mode="after")
     def _check(self) -> Self:
         labels = [c.label for c in self.classes]
-        if len(set(labels)) < len(labels):
-            raise ValueError(f"classes: labels must differ, got {labels}")
+        if len({label.replace(" ", "_") for label in labels}) < len(labels):
+            raise ValueError(f"classes: labels must differ by more than a space for a _, got {labels}")
         if self.radar.get("prf_hz") == "auto":
-            raise ValueError("radar.prf_hz = 'auto' is not allowed in a dataset: it tells the speed to every feature")
+            raise ValueError(AUTO_PRF_REFUSED)
+        if self.analysis.get("method") == "liland2018":
+            raise ValueError(ORACLE_REFUSED)
         for key in ("motion", "label"):
             if key in self.target:
                 raise ValueError(f"target.{key}: belongs into [[classes]]")

@@ -1,4 +1,4 @@
-"""Dataset plan -> fully resolved examples. Nothing is simulated here; a pure function of the configuration."""
+"""Dataset plan -> fully resolved examples. Nothing is simulated and no motion file is read here."""
 
 from __future__ import annotations
 
@@ -10,12 +10,15 @@ from typing import Any
 from doppelgait.core.config import FrozenModel, canonical_json
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.rng import generator_for
-from doppelgait.dataset.config import SPLITS, DatasetSection, PlanConfig
+from doppelgait.dataset.config import AUTO_PRF_REFUSED, ORACLE_REFUSED, SPLITS, DatasetSection, PlanConfig
+from doppelgait.dataset.motions import check_motion, motion_files, refuse_two_spellings, subject_of
 from doppelgait.dataset.sampling import resolve
 from doppelgait.pipeline import RunSpec, parse_run
 
-DATA_VERSION = 1
-"""Raised by hand whenever the same configuration gives other bytes."""
+DATA_VERSION = 2
+"""What a configuration means in bytes. It is part of every dataset's identity and raised by hand whenever the same
+configuration gives other bytes (a draw, a kernel, a stored type), so that a dataset is never finished with examples of
+another making. 1: first form. 2: compiled kernels for geometry, noise and signature; splits by subject names."""
 
 
 class ExampleSpec(FrozenModel):
@@ -25,7 +28,8 @@ class ExampleSpec(FrozenModel):
     ----------
     id : str
     label, subject, split : str
-        ``subject`` is the person or animal; all examples of one subject are in one split.
+        All examples of one subject are in one split. The subject is ``file/PATH`` for a recording, ``model/ID`` for a
+        draw of a model's parameters.
     gate_error_m : float
         Range error of the gate.
     run : RunSpec
@@ -48,23 +52,35 @@ class ShardSpec(FrozenModel):
     examples: tuple[ExampleSpec, ...]
 
 
-def plan_examples(plan: PlanConfig) -> list[ExampleSpec]:
+def plan_examples(plan: PlanConfig, *, folder: Path | None = None) -> list[ExampleSpec]:
     """All examples of a plan, in order.
+
+    Parameters
+    ----------
+    plan : PlanConfig
+    folder : Path, optional
+        Folder that relative motion paths start from; the working folder by default.
 
     Raises
     ------
     ConfigError
-        If a drawn value is not allowed; the message names the example and the key.
+        If a drawn value is not allowed or a motion file is missing; the message names the class, the example and the
+        key.
     DatasetError
-        If a class cannot have a subject in every split that is asked for.
+        If a class cannot have a subject in every split that is asked for, or a recording would be in two splits.
     """
-    total = plan.dataset.examples_per_class
+    source, total = folder or Path(), plan.dataset.examples_per_class
     examples = []
     for number, section in enumerate(plan.classes):
-        splits = assign_splits(plan.dataset, section.label, [_example_id(section.label, i) for i in range(total)])
-        for i in range(total):
-            example_id = _example_id(section.label, i)
-            examples.append(_resolve_example(plan, number, number * total + i, example_id, splits[example_id]))
+        ids = [_example_id(section.label, i) for i in range(total)]
+        motions = [_draw_motion(plan, number, number * total + i, ids[i], source) for i in range(total)]
+        subjects = [subject_of(motion, example_id) for motion, example_id in zip(motions, ids, strict=True)]
+        splits = assign_splits(plan.dataset, section.label, list(dict.fromkeys(subjects)))
+        for i, (motion, subject) in enumerate(zip(motions, subjects, strict=True)):
+            names = {"id": ids[i], "label": section.label, "subject": subject, "split": splits[subject]}
+            examples.append(_resolve_example(plan, motion, number * total + i, names))
+    refuse_two_spellings(motion_files(section.motion for section in plan.classes), source)
+    _refuse_two_splits(examples)
     return examples
 
 
@@ -72,35 +88,57 @@ def _example_id(label: str, number: int) -> str:
     return f"{label.replace(' ', '_')}-{number:06d}"
 
 
-def _resolve_example(plan: PlanConfig, class_number: int, index: int, example_id: str, split: str) -> ExampleSpec:
+def _draw_motion(plan: PlanConfig, class_number: int, index: int, example_id: str, folder: Path) -> dict[str, Any]:
+    section = plan.classes[class_number]
+    try:
+        motion = resolve(section.motion, seed=plan.dataset.seed, example=index, key="motion")
+        check_motion(motion, folder, key=f"classes.{class_number}.motion")
+    except ConfigError as error:
+        raise ConfigError(f"class {section.label!r}: example {example_id}: {error}") from None
+    return dict(motion)
+
+
+def _resolve_example(plan: PlanConfig, motion: dict[str, Any], index: int, names: dict[str, str]) -> ExampleSpec:
+    """Example of a drawn motion; everything else is drawn by a rule that never sees the class."""
     seed = plan.dataset.seed
 
     def draw(table: Any, key: str) -> Any:
         return resolve(table, seed=seed, example=index, key=key)
 
-    section = plan.classes[class_number]
-    target = {**draw(plan.target, "target"), "label": section.label, "motion": draw(section.motion, "motion")}
-    table = {
-        **draw(plan.scene, "scene"),
-        "targets": [target],
-        "radar": draw(plan.radar, "radar"),
-        "noise": draw(plan.noise, "noise"),
-        "analysis": draw(plan.analysis, "analysis"),
-        "seed": seed,
-    }
     try:
-        run = parse_run(table, where=f"example {example_id}")
+        table = {
+            **draw(plan.scene, "scene"),
+            "targets": [{**draw(plan.target, "target"), "label": names["label"], "motion": motion}],
+            "radar": draw(plan.radar, "radar"),
+            "noise": draw(plan.noise, "noise"),
+            "analysis": draw(plan.analysis, "analysis"),
+            "seed": seed,
+        }
+        run = parse_run(table, where=f"example {names['id']}")
+        _refuse_leaks(run)
     except ConfigError as error:
-        raise ConfigError(f"class {section.label!r}: {error}") from None
+        raise ConfigError(f"class {names['label']!r}: {error}") from None
     error_m = float(generator_for(seed, "gate", index).normal(0.0, plan.dataset.gate_error_sd_m))
-    return ExampleSpec(
-        id=example_id,
-        label=section.label,
-        subject=f"model/{example_id}",
-        split=split,
-        gate_error_m=error_m,
-        run=run.model_copy(update={"example": index}),
-    )
+    return ExampleSpec(**names, gate_error_m=error_m, run=run.model_copy(update={"example": index}))
+
+
+def _refuse_leaks(run: RunSpec) -> None:
+    """What a plan may not hold, in whichever way it was written: here every distribution is drawn."""
+    if run.auto_prf:
+        raise ConfigError(AUTO_PRF_REFUSED)
+    if run.analysis.method == "liland2018":
+        raise ConfigError(ORACLE_REFUSED)
+
+
+def _refuse_two_splits(examples: list[ExampleSpec]) -> None:
+    first: dict[str, ExampleSpec] = {}
+    for example in examples:
+        other = first.setdefault(example.subject, example)
+        if other.split != example.split:
+            raise DatasetError(
+                f"{example.subject}: is in {other.split} for class {other.label!r} and in {example.split} for class "
+                f"{example.label!r}; name a recording in one class only"
+            )
 
 
 def assign_splits(dataset: DatasetSection, label: str, subjects: list[str]) -> dict[str, str]:
@@ -122,7 +160,7 @@ def assign_splits(dataset: DatasetSection, label: str, subjects: list[str]) -> d
         if end <= done:
             raise DatasetError(
                 f"class {label!r} has {len(ranked)} subjects, too few for a share of {dataset.fractions[split]:g} in "
-                f"{split}; plan more examples or set dataset.fractions"
+                f"{split}; plan more examples, name more recordings or set dataset.fractions"
             )
         splits.update(dict.fromkeys(ranked[done:end], split))
         done = end
@@ -143,29 +181,9 @@ def plan_shards(plan: PlanConfig, examples: list[ExampleSpec]) -> Iterator[Shard
 def dataset_id(plan: PlanConfig, folder: Path) -> str:
     """Identity of the dataset: hash of canonical configuration, motion files and data version; 16 hex digits."""
     digest = hashlib.sha256(f"{DATA_VERSION}\n{canonical_json(plan)}\n".encode())
-    for path in motion_files(plan):
+    for path in motion_files(section.motion for section in plan.classes):
         try:
             digest.update(hashlib.sha256((folder / path).read_bytes()).digest())
         except OSError as error:
             raise ConfigError(f"motion file {path}: cannot be read: {error}") from None
     return digest.hexdigest()[:16]
-
-
-def motion_files(plan: PlanConfig) -> list[str]:
-    """Paths of all motion files that the plan names, sorted."""
-    found: set[str] = set()
-
-    def walk(value: Any) -> None:
-        if isinstance(value, dict):
-            if value.get("kind") == "file":
-                path = value.get("path")
-                found.update(path["choice"] if isinstance(path, dict) and "choice" in path else [str(path)])
-            for inner in value.values():
-                walk(inner)
-        elif isinstance(value, list):
-            for inner in value:
-                walk(inner)
-
-    for section in plan.classes:
-        walk(section.motion)
-    return sorted(found)

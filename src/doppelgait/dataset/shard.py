@@ -13,12 +13,16 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import xarray as xr
+from threadpoolctl import threadpool_limits
 
 from doppelgait.core.config import canonical_json
 from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning
+from doppelgait.dataset.motions import recording_of
 from doppelgait.dataset.plan import ExampleSpec, ShardSpec
-from doppelgait.pipeline import TargetResult, analyze, run_simulation
-from doppelgait.radar.recording import Recording, TargetTruth
+from doppelgait.pipeline import run_example, run_simulation
+from doppelgait.pipeline.fused import FusedExample
+from doppelgait.radar.recording import TargetTruth
 
 STORED_DTYPES = {"signature": "<f4", "cadence_map": "<f4", "baseband": "<c8"}
 
@@ -45,7 +49,8 @@ def build_shard(shard: ShardSpec, directory: str, folder: str) -> dict[str, Any]
     arrays: list[dict[str, npt.NDArray[Any]]] = []
     for example in shard.examples:
         try:
-            row, stored = build_example(example, shard.fields, Path(folder))
+            with threadpool_limits(1):  # the bytes of a matrix product depend on the number of threads
+                row, stored = build_example(example, shard.fields, Path(folder))
         except Exception as error:
             failures.append({"id": example.id, "reason": _reason(error), "spec": canonical_json(example)})
             continue
@@ -78,32 +83,45 @@ def build_example(
     """Index row and stored arrays of one example."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DoppelgaitWarning)
-        recording = run_simulation(example.run, folder=folder, angles=False)
-        result = analyze(recording, gate="truth", analysis=example.run.analysis, gate_error_m=example.gate_error_m)[0]
+        made = run_example(example.run, folder=folder, gate_error_m=example.gate_error_m)
     messages = [str(w.message).partition(":")[0] for w in caught if issubclass(w.category, DoppelgaitWarning)]
-    sources = {"signature": result.signature, "cadence_map": result.cadence_map, "baseband": recording.baseband}
+    result = made.results[0]
+    sources = {"signature": result.signature, "cadence_map": result.cadence_map}
+    if "baseband" in fields:
+        sources["baseband"] = _baseband(example, folder)
     stored = {name: sources[name].values.astype(STORED_DTYPES[name]) for name in fields}
-    return index_row(example, recording, result, messages), stored
+    if "signature" in fields:
+        stored["signature_time_s"] = result.signature.coords["time"].values
+        stored["signature_doppler_hz"] = result.signature.coords["doppler"].values
+    return index_row(example, made, messages), stored
 
 
-def index_row(example: ExampleSpec, recording: Recording, result: TargetResult, messages: list[str]) -> dict[str, Any]:
+def _baseband(example: ExampleSpec, folder: Path) -> xr.DataArray:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DoppelgaitWarning)  # already known from the fused path
+        return run_simulation(example.run, folder=folder, angles=False).baseband
+
+
+def index_row(example: ExampleSpec, made: FusedExample, messages: list[str]) -> dict[str, Any]:
     """One row of the index: identity, resolved parameters, truth, features and diagnostics; None for unknown."""
     target = example.run.scene.targets[0]
-    truth = recording.truth[0]
+    truth, result, prf_hz = made.truth[0], made.results[0], example.run.radar.prf_hz
+    motion_file = recording_of(target.motion)
     row = {
         "id": example.id,
         "scene_id": example.id,
         "label": example.label,
         "split": example.split,
         "subject": example.subject,
-        "source": "model",
+        "source": "recording" if motion_file else "model",
+        "recording": motion_file,
         "motion_kind": target.motion["kind"],
         "motion": canonical_json(target.motion),
-        "prf_hz": recording.radar.prf_hz,
-        "observation_s": recording.baseband.sizes["slow_time"] / recording.radar.prf_hz,
+        "prf_hz": prf_hz,
+        "observation_s": made.n_pulses / prf_hz,
         "radar_height_m": example.run.scene.radar_position_m[2],
         "rcs_total_m2": float(truth.scatterers["rcs"].values[0].sum()),
-        "snr_frame_db": recording.snr_frame_db,
+        "snr_frame_db": made.snr_frame_db,
         "gate_error_m": example.gate_error_m,
         "gate": result.gate,
         **truth_columns(truth),
@@ -120,13 +138,14 @@ def index_row(example: ExampleSpec, recording: Recording, result: TargetResult, 
 
 def truth_columns(truth: TargetTruth) -> dict[str, Any]:
     """Columns of the index that only a simulation knows; their names begin with ``truth_``."""
+    aspect_rad = truth.centre_aspect_rad[np.isfinite(truth.centre_aspect_rad)]  # unknown while the body stands still
     return {
         "truth_gait": truth.gait,
         "truth_height_m": truth.height_m,
         "truth_ground_speed_mps": truth.ground_speed_mps,
         "truth_radial_velocity_mps": float(truth.centre_velocity_mps.mean()),
         "truth_range_m": float(truth.centre_range_m.mean()),
-        "truth_aspect_deg": float(np.degrees(np.nanmean(truth.centre_aspect_rad))),
+        "truth_aspect_deg": float(np.degrees(aspect_rad.mean())) if aspect_rad.size else math.nan,
         "truth_gait_frequency_hz": truth.gait_frequency_hz,
         "truth_step_frequency_hz": truth.step_frequency_hz,
         "truth_stride_frequency_hz": truth.stride_frequency_hz,
@@ -140,7 +159,7 @@ def _write_shard(path: Path, shard: ShardSpec, ids: list[str], arrays: list[dict
     with h5py.File(path, "w", track_order=True) as file:
         file.attrs["split"] = shard.split
         file.create_dataset("id", data=np.array(ids, dtype=h5py.string_dtype()), track_times=False)
-        for name in shard.fields:
+        for name in arrays[0] if arrays else ():
             values = [entry[name] for entry in arrays]
             options = {"compression": "gzip", "compression_opts": 1, "shuffle": True, "track_times": False}
             if len({v.shape for v in values}) == 1:

@@ -22,27 +22,16 @@ def envelopes_hz(signature: xr.DataArray, floor_v2: float) -> tuple[FloatArray, 
 
     Power quantiles 1 % and 99 % over Doppler of the cells above nu + 4 std(nu), std(nu) = nu / sqrt(N_g) (E-35).
     """
+    from doppelgait.core.kernels.features import power_quantiles
+
     check_signal(signature, SIGNATURE)
-    values = signature.values.astype(np.float64)
     threshold = floor_v2 * (1.0 + DETECTION_SIGMAS / math.sqrt(signature.attrs["n_gate_bins"]))
-    power = np.where(values > threshold, values - floor_v2, 0.0)
-    total = power.sum(axis=1)
-    share = np.cumsum(power, axis=1) / np.maximum(total, 1e-300)[:, None]
+    low, high = np.empty((2, signature.shape[0]))
+    values = np.ascontiguousarray(signature.values)
+    power_quantiles(values, float(threshold), float(floor_v2), *POWER_QUANTILES, low, high)
     doppler_hz = signature.coords["doppler"].values
-    low, high = (_quantile_hz(share, quantile, doppler_hz) for quantile in POWER_QUANTILES)
-    empty = total <= 0
-    return np.where(empty, np.nan, low), np.where(empty, np.nan, high)
-
-
-def _quantile_hz(share: FloatArray, quantile: float, doppler_hz: FloatArray) -> FloatArray:
-    """Doppler at which the cumulative power of each column reaches a share, power spread evenly over each bin."""
-    rows = np.arange(share.shape[0])
-    reached = (share >= quantile).argmax(axis=1)
-    after = share[rows, reached]
-    before = np.where(reached > 0, share[rows, reached - 1], 0.0)
-    part = np.divide(quantile - before, after - before, out=np.full(rows.size, 0.5), where=after > before)
     bin_hz = float(doppler_hz[1] - doppler_hz[0])
-    return np.asarray(doppler_hz[reached] + (part - 0.5) * bin_hz)
+    return doppler_hz[0] + bin_hz * low, doppler_hz[0] + bin_hz * high
 
 
 def bandwidth_envelope_hz(signature: xr.DataArray, floor_v2: float) -> float | None:

@@ -13,7 +13,7 @@ import xarray as xr
 from doppelgait.core.units import doppler_to_velocity_mps, power_to_db
 from doppelgait.features.doppler import bandwidth_envelope_hz, bandwidth_threshold_hz, single_tone_width_hz
 from doppelgait.features.gait_frequency import GaitFrequency
-from doppelgait.features.harmonics import harmonic_ratio, limb_torso_ratio
+from doppelgait.features.harmonics import limb_torso_ratio, peak_ratio
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -176,8 +176,8 @@ def extract(evidence: Evidence, *, bandwidth_threshold: float, cpi_s: float, win
     if bandwidth_hz is None:
         flags.append("doppler_bandwidth:signal_in_too_few_columns")
     frequency_hz = _checked_frequency(evidence.gait, flags)
-    features, amplitude_ratio = _gait_part(evidence, frequency_hz, velocity_mps, bandwidth_hz, flags)
     mean_row = evidence.aligned.values.mean(axis=0)
+    features, amplitude_ratio = _gait_part(evidence, mean_row, frequency_hz, velocity_mps, bandwidth_hz, flags)
     threshold_hz = bandwidth_threshold_hz(
         mean_row, evidence.aligned.coords["doppler"].values, threshold=bandwidth_threshold
     ) - single_tone_width_hz(cpi_s=cpi_s, window_steepness=window_steepness, threshold=bandwidth_threshold)
@@ -206,18 +206,18 @@ def _checked_frequency(gait: GaitFrequency, flags: list[str]) -> float | None:
 
 
 def _gait_part(
-    evidence: Evidence, frequency_hz: float | None, velocity_mps: float, bandwidth_hz: float | None, flags: list[str]
-) -> tuple[GaitFeatures, float | None]:
+    evidence: Evidence, mean_row: FloatArray, frequency_hz: float | None, velocity_mps: float,
+    bandwidth_hz: float | None, flags: list[str],
+) -> tuple[GaitFeatures, float | None]:  # fmt: skip
     if frequency_hz is None:
         flags.append("step_length,harmonic_ratios,limb_torso_ratio:need_a_gait_frequency")
         return GaitFeatures(torso_velocity_mps=velocity_mps, doppler_bandwidth_hz=bandwidth_hz), None
-    second, third = (harmonic_ratio(evidence.spectrum, frequency_hz, h) for h in (2, 3))
+    cadence_hz, power = evidence.spectrum.coords["cadence"].values, evidence.spectrum.values
+    second, third = (peak_ratio(cadence_hz, power, frequency_hz, h) for h in (2, 3))
     for number, value in ((2, second), (3, third)):
         if value is None:
             flags.append(f"harmonic_ratio_{number}:no_peak_6_db_above_its_surroundings")
-    rho = limb_torso_ratio(
-        evidence.step_doppler, evidence.aligned.values.mean(axis=0), frequency_hz, occupied_rows(evidence)
-    )
+    rho = limb_torso_ratio(evidence.step_doppler, mean_row, frequency_hz, occupied_rows(evidence))
     if rho.ratio is None:
         flags.append("limb_torso_ratio:no_doppler_row_above_the_noise")
     features = GaitFeatures(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,8 @@ SALIENCE_HZ = (0.5, 20.0)
 LAG_TOLERANCE = 0.12
 TRUST_LAG_FROM = 0.6
 LONGEST_LAG_SHARE = 0.7
+LAG_BLOCK = 32
+"""Columns in one block of the autocorrelation."""
 
 
 @dataclass(frozen=True)
@@ -85,35 +88,52 @@ def gait_frequency(spectrum: xr.DataArray, rows: xr.DataArray) -> GaitFrequency:
     )
 
 
-def square_difference(rows: FloatArray) -> FloatArray:
-    """Normalised square-difference autocorrelation of the rows over time, shape (J,) (E-33).
+def square_difference(rows: FloatArray, first: int = 0, last: int | None = None) -> FloatArray:
+    """Normalised square-difference autocorrelation of the rows at the lags first..last, by default all (E-33).
 
     ``n(tau) = 2 sum_j sum_k v_j v_{j+tau} / sum_j sum_k (v_j^2 + v_{j+tau}^2)``; 1 at lag 0.
     """
-    from scipy import fft
-
     n_columns = rows.shape[0]
-    length = fft.next_fast_len(2 * n_columns, real=True)
-    spectrum = fft.rfft(rows, length, axis=0)
-    correlation = fft.irfft((spectrum.real**2 + spectrum.imag**2).sum(axis=1), length)[:n_columns]
-    energy = np.cumsum((rows**2).sum(axis=1))
-    lags = np.arange(n_columns)
+    lags = np.arange(first, n_columns if last is None else last + 1)
+    energy = np.cumsum(np.einsum("jk,jk->j", rows, rows))
     head = energy[n_columns - 1 - lags]
-    tail = energy[-1] - np.concatenate([[0.0], energy[:-1]])
+    tail = energy[-1] - np.where(lags > 0, energy[lags - 1], 0.0)
     total = head + tail
-    return np.asarray(np.divide(2.0 * correlation, total, out=np.zeros(n_columns), where=total > 0))
+    products = _lag_products(rows, first, lags.size)
+    return np.asarray(np.divide(2.0 * products, total, out=np.zeros(lags.size), where=total > 0))
+
+
+def _lag_products(rows: FloatArray, first: int, count: int) -> FloatArray:
+    """Sum of v_j v_{j+tau} over time and rows at ``count`` lags from ``first`` on.
+
+    Blocks of columns times the columns that the lags reach from there are small matrix products; their sum holds a
+    lag on each of its diagonals. For the few lags of one search this is less work than transforming all rows.
+    """
+    n_columns = rows.shape[0]
+    gram = np.zeros((LAG_BLOCK, LAG_BLOCK + count - 1))
+    for start in range(0, n_columns - first, LAG_BLOCK):
+        early = rows[start : min(start + LAG_BLOCK, n_columns)]
+        late = rows[start + first : start + first + gram.shape[1]]
+        gram[: early.shape[0], : late.shape[0]] += early @ late.T
+    diagonal = np.lib.stride_tricks.as_strided(
+        gram, (LAG_BLOCK, count), (gram.strides[0] + gram.strides[1], gram.strides[1]), writeable=False
+    )
+    return np.asarray(diagonal.sum(axis=0))
 
 
 def _refine_by_lag(frequency_hz: float, rows: FloatArray, rate_hz: float) -> tuple[float, float]:
-    periodicity = square_difference(rows)
+    n_columns = rows.shape[0]
     lag = rate_hz / frequency_hz
     first, last = int(np.ceil(lag * (1 - LAG_TOLERANCE))), int(np.floor(lag * (1 + LAG_TOLERANCE)))
-    peaks = local_maxima(periodicity, first=first, last=last)
+    # one lag more on either side, for the neighbours of a maximum, and never beyond the record
+    low, high = min(max(first - 1, 0), n_columns - 1), min(max(last, math.ceil(lag)) + 1, n_columns - 1)
+    periodicity = square_difference(rows, low, high)
+    peaks = local_maxima(periodicity, first=first - low, last=last - low)
     if not peaks.size:
-        return frequency_hz, float(np.interp(lag, np.arange(periodicity.size), periodicity))
+        return frequency_hz, float(np.interp(lag - low, np.arange(periodicity.size), periodicity))
     position, height = refine(periodicity, int(peaks[np.argmax(periodicity[peaks])]))
-    trusted = height >= TRUST_LAG_FROM and position <= LONGEST_LAG_SHARE * rows.shape[0]
-    return (rate_hz / position if trusted else frequency_hz), height
+    trusted = height >= TRUST_LAG_FROM and low + position <= LONGEST_LAG_SHARE * n_columns
+    return (rate_hz / (low + position) if trusted else frequency_hz), height
 
 
 def _salience(power: FloatArray, cadence_hz: FloatArray, frequency_hz: float, seconds: float) -> float:

@@ -81,7 +81,7 @@ def clean_motion(
     kept, filled = kept[complete], filled[first:stop, complete]
     _check_remains(where, len(kept), (stop - first) / rate, min_duration_s, names, dropped)
     smooth = lowpass(filled, rate_hz=rate, cutoff_hz=lowpass_hz) if _can_lowpass(rate, lowpass_hz) else filled
-    kept_parts = [parts[i] for i in kept]
+    kept_names, kept_parts = [names[i] for i in kept], [parts[i] for i in kept]
     floor_m = floor_height(smooth, kept_parts) if floor else 0.0
     smooth = smooth - np.array([0.0, 0.0, floor_m])
     report = {
@@ -95,12 +95,10 @@ def clean_motion(
         "lowpass_hz": lowpass_hz if _can_lowpass(rate, lowpass_hz) else None,
         "floor_shift_m": -floor_m,
     }
-    facts = {key: motion.attrs[key] for key in FACTS if key in motion.attrs}
+    facts = {key: motion.attrs[key] for key in FACTS if key in motion.attrs} | {"report": report}
     if not math.isfinite(facts["height_m"]):
         facts["height_m"] = stature(smooth, kept_parts)
-    return make_motion(
-        smooth, rate_hz=rate, markers=[names[i] for i in kept], parts=kept_parts, facts=facts | {"report": report}
-    )
+    return make_motion(smooth, rate_hz=rate, markers=kept_names, parts=kept_parts, facts=facts)
 
 
 def _check_parameters(gap_limit_s: float, lowpass_hz: float | None) -> None:
@@ -156,8 +154,8 @@ def stationary_points(position: FloatArray, *, limit_m: float = STATIONARY_M) ->
     limit_m : float
         Excursion in m.
     """
-    low = np.where(np.isnan(position), np.inf, position).min(axis=0)
-    high = np.where(np.isnan(position), -np.inf, position).max(axis=0)
+    low = np.where(np.isnan(position), np.inf, position).min(axis=0, initial=np.inf)
+    high = np.where(np.isnan(position), -np.inf, position).max(axis=0, initial=-np.inf)
     with np.errstate(invalid="ignore"):
         excursion = np.linalg.norm(high - low, axis=1)
     return np.asarray(np.isfinite(excursion) & (excursion < limit_m))
@@ -171,6 +169,8 @@ def body_centre(position: FloatArray) -> FloatArray:
     position : ndarray, shape (T, P, 3)
         In m, NaN where missing.
     """
+    if not len(position):
+        return np.empty((0, 3))
     missing = np.isnan(position).any(axis=2).mean(axis=0)
     moving = ~stationary_points(position)
     chosen = moving & (missing <= MAX_MISSING)

@@ -182,8 +182,10 @@ def stride_facts(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
     """
     none = {"stride_hz": None, "step_hz": None}
     position = _while_present(position)
+    if len(position) < rate_hz * 0.8:
+        return none
     path = smooth_path(position, rate_hz=rate_hz)
-    if len(path) < rate_hz * 0.8 or not np.isfinite(path).all() or np.linalg.norm(path[-1] - path[0]) < MIN_TRAVEL_M:
+    if not np.isfinite(path).all() or np.linalg.norm(path[-1] - path[0]) < MIN_TRAVEL_M:
         return none
     from scipy.signal import detrend
 

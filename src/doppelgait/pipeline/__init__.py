@@ -2,10 +2,10 @@
 
 from doppelgait.pipeline.analyze import TargetResult, analyze, truth_gate
 from doppelgait.pipeline.results import analysis_as_dict, result_as_dict, write_results
-from doppelgait.pipeline.run import NoiseSpec, RunSpec, load_run, parse_radar, parse_run, run_simulation
+from doppelgait.pipeline.run import NoiseSpec, RunSpec, load_run, parse_radar, parse_run, run_example, run_simulation
 from doppelgait.pipeline.simulate import simulate, with_lowest_prf
 
 __all__ = [
     "NoiseSpec", "RunSpec", "TargetResult", "analysis_as_dict", "analyze", "load_run", "parse_radar", "parse_run",
-    "result_as_dict", "run_simulation", "simulate", "truth_gate", "with_lowest_prf", "write_results",
+    "result_as_dict", "run_example", "run_simulation", "simulate", "truth_gate", "with_lowest_prf", "write_results",
 ]  # fmt: skip

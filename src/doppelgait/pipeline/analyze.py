@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -15,10 +16,15 @@ from doppelgait import processing
 from doppelgait.core.errors import AnalysisError
 from doppelgait.features import liland2018
 from doppelgait.features.gait import Evidence, Extraction, GaitFeatures
-from doppelgait.processing import Analysis
+from doppelgait.features.ground_motion import ground_motion
+from doppelgait.processing import Analysis, main_line
 from doppelgait.radar.recording import Recording, TargetTruth
 
 GateSource = Literal["truth", "track"]
+
+SIDEWAYS_COSINE = 0.6
+"""Below this |cos psi| lateral sway, which repeats with the stride, can outweigh the steps (E-33)."""
+FULL_BAND_SHARE = 0.9
 
 LILAND_SPAN_M = {"human": 1.0, "dog": 1.5}
 """Gate span by class in the report (its Table 4.1): the label leaks into the signature; for reproduction only."""
@@ -104,19 +110,43 @@ def analyze(
         raise AnalysisError(f"gate {gate!r} is not known; allowed are 'track', 'truth' or a gate dataset")
     if not recording.truth:
         raise AnalysisError(f"{recording.source}: has no truth, so --gate truth is not possible")
-    return [
-        _analyze_target(recording, truth_gate(recording, truth, settings, gate_error_m), settings, truth.label or None)
-        for truth in recording.truth
+    gates = [truth_gate(recording, truth, settings, gate_error_m) for truth in recording.truth]
+    results = [
+        _analyze_target(recording, gate, settings, truth.label or None)
+        for gate, truth in zip(gates, recording.truth, strict=True)
     ]
+    return flag_overlaps(results)
+
+
+def flag_overlaps(results: Sequence[TargetResult]) -> list[TargetResult]:
+    """The results, with the flag ``gates_overlap`` where another target's gate shares range with a target's own."""
+    return [
+        replace(result, flags=(*result.flags, "gates_overlap"))
+        if any(other is not result and _overlap(result.gate_limits, other.gate_limits) for other in results)
+        else result
+        for result in results
+    ]
+
+
+def _overlap(gate: xr.Dataset, other: xr.Dataset) -> bool:
+    below = gate["range_low"].values < other["range_high"].values
+    return bool((below & (other["range_low"].values < gate["range_high"].values)).any())
 
 
 def truth_gate(recording: Recording, truth: TargetTruth, analysis: Analysis, error_m: float = 0.0) -> xr.Dataset:
     """Gate around the true range of the body; the report's method adds span by class and the true Doppler band."""
     slow_time_s = recording.baseband.coords["slow_time"].values
+    return gate_of_truth(slow_time_s, truth, analysis, wavelength_m=recording.radar.wavelength_m, error_m=error_m)
+
+
+def gate_of_truth(
+    slow_time_s: npt.ArrayLike, truth: TargetTruth, analysis: Analysis, *, wavelength_m: float, error_m: float
+) -> xr.Dataset:
+    """As :func:`truth_gate`, from the pulse times alone."""
     span_m, band_hz = analysis.gate_span_m, analysis.gate_doppler_hz
     if analysis.method == "liland2018":
         span_m = LILAND_SPAN_M.get(truth.label, LILAND_SPAN_M["human"])
-        doppler_hz = truth.doppler_hz(recording.radar.wavelength_m)
+        doppler_hz = truth.doppler_hz(wavelength_m)
         band_hz = (float(doppler_hz.min()), float(doppler_hz.max()))
     return processing.make_gate(
         slow_time_s, truth.centre_range_m + error_m, span_m=span_m, doppler_hz=band_hz, source="truth"
@@ -125,8 +155,28 @@ def truth_gate(recording: Recording, truth: TargetTruth, analysis: Analysis, err
 
 def _analyze_target(recording: Recording, gate: xr.Dataset, analysis: Analysis, label: str | None) -> TargetResult:
     mu = processing.signature(recording.baseband, gate, analysis, wavelength_m=recording.radar.wavelength_m)
+    return analyze_signature(mu, gate, analysis, label=label)
+
+
+def analyze_signature(mu: xr.DataArray, gate: xr.Dataset, analysis: Analysis, *, label: str | None) -> TargetResult:
+    """Result of one target from its signature: everything after the short-time transform.
+
+    Parameters
+    ----------
+    mu : DataArray (time, doppler)
+        Signature, V^2.
+    gate : Dataset (time)
+        The gate that gave it.
+    analysis : Analysis
+    label : str or None
+        Only passed on.
+    """
     chain = _liland_chain if analysis.method == "liland2018" else _standard_chain
-    extraction, arrays = chain(mu, analysis)
+    usable, share = processing.within_frame(mu)
+    extraction, arrays = chain(usable, analysis)
+    quality, flags = _geometry(usable, extraction)
+    if share < 1.0:
+        flags.append("gate_leaves_frame")
     return TargetResult(
         label=label,
         gate=str(gate.attrs["source"]),
@@ -134,12 +184,35 @@ def _analyze_target(recording: Recording, gate: xr.Dataset, analysis: Analysis, 
         gait_frequency_hz=extraction.gait_frequency_hz,
         torso_doppler_hz=extraction.torso_doppler_hz,
         n_periods=extraction.n_periods,
-        quality=extraction.quality,
-        flags=extraction.flags,
-        signature=mu,
+        quality={**extraction.quality, **quality, "gate_inside_frame": share},
+        flags=tuple(flags),
+        signature=usable,
         gate_limits=gate,
         **arrays,
     )
+
+
+def _geometry(mu: xr.DataArray, extraction: Extraction) -> tuple[dict[str, Any], list[str]]:
+    """Ground speed and aspect from the gate's range history (E-34b), and the flags that follow from them."""
+    motion = ground_motion(mu.coords["time"].values, mu.coords["centre_range"].values)
+    step_m = None
+    if motion.ground_speed_mps is not None and extraction.gait_frequency_hz is not None:
+        step_m = motion.ground_speed_mps / extraction.gait_frequency_hz
+    flags = list(extraction.flags)
+    sideways = motion.aspect_deg is not None and abs(math.cos(math.radians(motion.aspect_deg))) < SIDEWAYS_COSINE
+    if sideways and extraction.gait_frequency_hz is not None:
+        flags.append("aspect_beyond_53_deg:gait_frequency_may_be_the_stride")
+        if "low_confidence" not in flags:
+            flags.append("low_confidence")
+    width_hz = extraction.features.doppler_bandwidth_hz
+    if width_hz is not None and width_hz > FULL_BAND_SHARE * float(mu.attrs["prf_hz"]):
+        flags.append("doppler_band_full:aliasing_is_possible")
+    quality = {
+        "ground_speed_mps": motion.ground_speed_mps,
+        "aspect_deg": motion.aspect_deg,
+        "ground_step_length_m": step_m,
+    }
+    return quality, flags
 
 
 def _standard_chain(mu: xr.DataArray, analysis: Analysis) -> tuple[Extraction, dict[str, Any]]:
@@ -147,11 +220,12 @@ def _standard_chain(mu: xr.DataArray, analysis: Analysis) -> tuple[Extraction, d
     floor_v2 = processing.noise_floor_v2(mu)
     normalised = processing.normalise(mu, floor_v2, mode=analysis.normalisation)
     seconds = processing.observation_s(mu)
-    straight = processing.main_line_hz(mu, order=1, tapered=True)
-    excess = mu.copy(data=mu.values - np.float32(floor_v2))
+    peaks_hz, bin_hz = main_line.column_peaks_hz(mu), main_line.bin_width_hz(mu)  # found once for all lines
+    straight = main_line.line_through(peaks_hz, bin_hz, order=1, tapered=True)
+    excess = mu.copy(deep=False, data=mu.values - np.float32(floor_v2))
     aligned = normalised
-    if processing.needs_alignment(mu):
-        line = processing.main_line_hz(mu, order=processing.line_order(seconds))
+    if main_line.drifts(main_line.line_through(peaks_hz, bin_hz, order=1)):
+        line = main_line.line_through(peaks_hz, bin_hz, order=processing.line_order(seconds))
         aligned, excess = processing.align(normalised, line), processing.align(excess, line)
     rows = processing.detrend(aligned, order=processing.detrend_order(seconds))
     step_doppler = processing.cadence_map(rows)

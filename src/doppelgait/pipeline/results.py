@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import xarray as xr
 
 from doppelgait.core.config import canonical_json
-from doppelgait.core.errors import OutputError
+from doppelgait.core.files import atomic_path
 from doppelgait.pipeline.analyze import TargetResult
 from doppelgait.processing import Analysis
 from doppelgait.radar.recording import Recording
@@ -64,15 +62,8 @@ def write_results(path: str | Path, recording: Recording, results: Sequence[Targ
     OutputError
         If it cannot be written; an older file of that name is then untouched.
     """
-    target = Path(path)
-    partial = target.with_name(target.name + ".partial")
-    try:
+    with atomic_path(path) as partial:
         _write_hdf5(partial, recording, results, analysis)
-        os.replace(partial, target)
-    except OSError as error:
-        with suppress(OSError):
-            partial.unlink()
-        raise OutputError(f"{target}: cannot be written: {error}") from None
 
 
 def _write_hdf5(path: Path, recording: Recording, results: Sequence[TargetResult], analysis: Analysis) -> None:

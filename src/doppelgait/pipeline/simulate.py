@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.config import validate
@@ -17,13 +18,15 @@ from doppelgait.radar.simulate import (
     add_noise,
     frame_power_v2,
     lowest_prf_hz,
-    receiver_noise_v2,
+    noise_level_v2,
     synthesise,
     warn_of_limits,
 )
-from doppelgait.scene import Scene, Target, assemble, body_track
+from doppelgait.scene import LineOfSight, Scene, assemble, observe
 from doppelgait.scene.target import scaled_motion
 
+MAX_SAMPLES = 2e9
+"""Largest data matrix: 16 GB of complex64."""
 PROBE_RATE_HZ = 500.0
 """Rate at which a scene's speeds are looked up for the lowest frame rate."""
 
@@ -64,6 +67,27 @@ def simulate(
     DoppelgaitWarning
         If a scatterer aliases in Doppler or leaves the frame.
     """
+    slow_time_s = pulse_times_s(scene, radar, rng=rng, snr_db=snr_db)
+    scatterers, tracks = observe(scene, slow_time_s, angles=angles)
+    warn_of_limits(scatterers, radar)
+    clean = synthesise(scatterers, radar)
+    signal_v2 = frame_power_v2(clean)
+    noise_v2 = noise_level_v2(radar, signal_v2, snr_db) if rng is not None else 0.0
+    noisy = add_noise(clean, noise_power_v2=noise_v2, rng=rng) if rng is not None and noise_v2 > 0 else clean
+    return Recording(
+        baseband=noisy,
+        radar=radar,
+        truth=[target_truth(scene, n, scatterers, track) for n, track in enumerate(tracks)],
+        noise_power_v2=noise_v2,
+        snr_frame_db=10 * math.log10(signal_v2 / noise_v2) if noise_v2 > 0 else math.inf,
+        source="simulation",
+    )
+
+
+def pulse_times_s(
+    scene: Scene, radar: Radar, *, rng: np.random.Generator | None, snr_db: float | None
+) -> npt.NDArray[np.float64]:
+    """Pulse times of a scene; a :class:`ConfigError` where the scene is too short or noise has no source."""
     if snr_db is not None and rng is None and not math.isinf(snr_db):
         raise ConfigError(f"snr_db = {snr_db} asks for noise, which needs rng: pass rng=doppelgait.rng(SEED)")
     slow_time_s = slow_time_axis_s(duration_to_pulses(scene.observation_s, radar.prf_hz), radar.prf_hz)
@@ -71,26 +95,19 @@ def simulate(
         raise ConfigError(
             f"{scene.observation_s} s at prf_hz = {radar.prf_hz:g} is less than two frames; observe longer"
         )
-    scatterers = assemble(scene, slow_time_s, angles=angles)
-    warn_of_limits(scatterers, radar)
-    clean = synthesise(scatterers, radar)
-    noise_v2 = receiver_noise_v2(clean, radar, snr_db) if rng is not None else 0.0
-    noisy = add_noise(clean, noise_power_v2=noise_v2, rng=rng) if rng is not None and noise_v2 > 0 else clean
-    return Recording(
-        baseband=noisy,
-        radar=radar,
-        truth=[target_truth(t, n, scene, scatterers) for n, t in enumerate(scene.targets)],
-        noise_power_v2=noise_v2,
-        snr_frame_db=10 * math.log10(frame_power_v2(clean) / noise_v2) if noise_v2 > 0 else math.inf,
-        source="simulation",
-    )
+    if slow_time_s.size * radar.n_range_bins > MAX_SAMPLES:
+        raise ConfigError(
+            f"{slow_time_s.size} frames of {radar.n_range_bins} range bins are more than {MAX_SAMPLES:g} samples; "
+            "observe less long, or narrow the frame (radar.range_start_m, range_stop_m)"
+        )
+    return slow_time_s
 
 
-def target_truth(target: Target, number: int, scene: Scene, scatterers: xr.Dataset) -> TargetTruth:
-    """Truth of one target of a scene, from the same geometry that the radar sees."""
-    rows = scatterers.isel(scatterer=np.flatnonzero(scatterers.coords["target"].values == number))
-    slow_time_s = scatterers.coords["slow_time"].values
-    centre = body_track(target, scene, slow_time_s)
+def target_truth(scene: Scene, number: int, scatterers: xr.Dataset, centre: LineOfSight) -> TargetTruth:
+    """Truth of one target of a scene, from the same geometry that the radar sees; frequencies over the observation."""
+    target = scene.targets[number]
+    own = scatterers.coords["target"].values == number
+    rows = scatterers if own.all() else scatterers.isel(scatterer=np.flatnonzero(own))
     motion = scaled_motion(target)
     observed = motion.isel(time=motion.coords["time"].values <= motion.coords["time"].values[0] + scene.observation_s)
     facts = motion.attrs
@@ -105,10 +122,30 @@ def target_truth(target: Target, number: int, scene: Scene, scatterers: xr.Datas
         subject=facts["subject"],
         motion=facts["source"],
         height_m=facts["height_m"],
-        stride_frequency_hz=facts["stride_frequency_hz"],
-        step_frequency_hz=facts["step_frequency_hz"],
-        gait_frequency_hz=facts["gait_frequency_hz"],
+        **_observed_frequencies_hz(motion, scene.observation_s),
     )
+
+
+def _observed_frequencies_hz(motion: xr.DataArray, observation_s: float) -> dict[str, float]:
+    """Stride, step and gait frequency over the observation, from the touchdowns; NaN where nothing is known."""
+    whole = {key: motion.attrs[key] for key in ("stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz")}
+    start_s = float(motion.coords["time"].values[0])
+    found = [
+        _stride_frequency_hz(np.asarray(times_s), start_s, start_s + observation_s)
+        for times_s in motion.attrs.get("footfalls", {}).values()
+        if len(times_s) > 1
+    ]
+    factor = float(np.mean(found)) / whole["stride_frequency_hz"] if found else 1.0
+    # touchdowns are roots of a spline: an even gait keeps its frequency to the last digit
+    return whole if math.isclose(factor, 1.0, rel_tol=1e-9) else {key: factor * hz for key, hz in whole.items()}
+
+
+def _stride_frequency_hz(touchdowns_s: npt.NDArray[np.float64], start_s: float, stop_s: float) -> float:
+    """Strides per second of one foot from its first to its last touchdown in a window, or those just outside."""
+    first, stop = np.searchsorted(touchdowns_s, [start_s - 1e-9, stop_s + 1e-9])
+    while stop - first < 2:
+        first, stop = max(first - 1, 0), min(stop + 1, touchdowns_s.size)
+    return float((stop - first - 1) / (touchdowns_s[stop - 1] - touchdowns_s[first]))
 
 
 def with_lowest_prf(scene: Scene, radar: Radar, *, cpi_s: float) -> Radar:

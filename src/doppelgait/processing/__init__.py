@@ -9,6 +9,7 @@ from doppelgait.processing.cadence import (
     observation_s,
 )
 from doppelgait.processing.config import Analysis, gaussian_window, plan_transform
+from doppelgait.processing.frame_edge import within_frame
 from doppelgait.processing.gate import gate_bins, make_gate
 from doppelgait.processing.main_line import align, line_order, main_line_hz, needs_alignment
 from doppelgait.processing.normalise import independent_columns, noise_floor_v2, normalise
@@ -17,5 +18,6 @@ from doppelgait.processing.signature import range_doppler, signature
 __all__ = [
     "Analysis", "align", "cadence_map", "cadence_spectrum", "detrend", "detrend_order", "gate_bins",
     "gaussian_window", "independent_columns", "line_order", "main_line_hz", "make_gate", "mean_doppler_spectrum",
-    "needs_alignment", "noise_floor_v2", "normalise", "observation_s", "plan_transform", "range_doppler", "signature",
+    "needs_alignment", "noise_floor_v2", "normalise", "observation_s", "plan_transform", "range_doppler",
+    "signature", "within_frame",
 ]  # fmt: skip

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
@@ -14,6 +16,7 @@ from doppelgait.core.labels import (
     make_array,
     sampling_rate_hz,
 )
+from doppelgait.processing.narrow_band import magnitudes
 
 MAX_CADENCE_HZ = 20.0
 """Cadences above are dropped: no gait has content there."""
@@ -43,9 +46,18 @@ def detrend(normalised: xr.DataArray, *, order: int) -> xr.DataArray:
         0 or more; 0 is the report's mu_0.
     """
     check_signal(normalised, NORMALISED_SIGNATURE)
-    basis = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, normalised.sizes["time"]), order)
-    orthonormal = np.linalg.qr(basis)[0]
-    return normalised.copy(data=normalised.values - orthonormal @ (orthonormal.T @ normalised.values))
+    values = normalised.values
+    basis = _orthonormal_basis(values.shape[0], order)
+    trend = basis @ (basis.T @ values)
+    return normalised.copy(deep=False, data=np.subtract(values, trend, out=trend))
+
+
+@lru_cache(maxsize=4)
+def _orthonormal_basis(n_columns: int, order: int) -> npt.NDArray[np.float64]:
+    """Orthonormal polynomials over the observation, shape (J, order + 1), read only."""
+    basis = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, n_columns), order))[0]
+    basis.flags.writeable = False
+    return basis
 
 
 def cadence_map(rows: xr.DataArray, *, padded: bool = True, tapered: bool | None = None) -> xr.DataArray:
@@ -71,15 +83,15 @@ def cadence_map(rows: xr.DataArray, *, padded: bool = True, tapered: bool | None
     n_columns = rows.sizes["time"]
     taper = taper_weights(n_columns, observation_s(rows) > TAPER_FROM_S - 1e-9 if tapered is None else tapered)
     length = fft.next_fast_len(PADDING * n_columns, real=True) if padded else n_columns
-    spectrum = fft.rfft(rows.values * taper[:, None], length, axis=0)
-    cadence_hz = np.arange(spectrum.shape[0]) * sampling_rate_hz(rows.coords["time"].values) / length
-    kept = cadence_hz <= MAX_CADENCE_HZ
+    cadence_hz = np.arange(length // 2 + 1) * sampling_rate_hz(rows.coords["time"].values) / length
+    cadence_hz = cadence_hz[: np.searchsorted(cadence_hz, MAX_CADENCE_HZ, side="right")]
+    magnitude = magnitudes(rows.values, taper / taper.sum(), length, cadence_hz.size)
     coords = {
-        "cadence": cadence_hz[kept],
+        "cadence": cadence_hz,
         "doppler": rows.coords["doppler"].values,
         "velocity": ("doppler", rows.coords["velocity"].values),
     }
-    return make_array(CADENCE_MAP, np.abs(spectrum[kept]) / taper.sum(), coords)
+    return make_array(CADENCE_MAP, magnitude, coords)
 
 
 def taper_weights(n_columns: int, tapered: bool) -> npt.NDArray[np.float64]:
@@ -110,5 +122,5 @@ def cadence_spectrum(step_doppler: xr.DataArray, *, power: bool = True) -> xr.Da
     """
     check_signal(step_doppler, CADENCE_MAP)
     values = step_doppler.values
-    summed = (values**2).sum(axis=1) if power else values.sum(axis=1)
+    summed = np.einsum("qk,qk->q", values, values) if power else values.sum(axis=1)
     return make_array(CADENCE_SPECTRUM, summed, {"cadence": step_doppler.coords["cadence"].values})

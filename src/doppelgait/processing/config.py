@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field, model_validator
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import AnalysisError
@@ -16,6 +16,11 @@ from doppelgait.core.units import cpi_to_pulses
 
 Method = Literal["standard", "liland2018"]
 Normalisation = Literal["sum", "max", "r4"]
+
+LILAND2018_OWN = {"gate_span_m": None, "gate_edges": "sharp", "gate_doppler_hz": None, "normalisation": "max"}
+"""What the report fixes by its own choices, and the values that may be given all the same, because they agree."""
+MIN_CPI_PULSES = 5
+"""Fewest pulses of a processing interval that say anything about Doppler."""
 
 
 class Analysis(FrozenModel):
@@ -25,7 +30,8 @@ class Analysis(FrozenModel):
     ----------
     method : {"standard", "liland2018"}
         ``liland2018`` takes the report's own choices: hop 1, K = M, zero padding at the ends, columns divided by
-        their maximum, the cadence spectrum's highest peak, gate span by class and Doppler gate from the truth.
+        their maximum, the cadence spectrum's highest peak, gate span by class, sharp gate edges and Doppler gate from
+        the truth; it does not go together with the parameters that say otherwise.
     cpi_s : float
         Coherent processing interval T_d.
     window_steepness : float
@@ -62,7 +68,16 @@ class Analysis(FrozenModel):
     def _check(self) -> Self:
         if self.gate_doppler_hz is not None and self.gate_doppler_hz[0] >= self.gate_doppler_hz[1]:
             raise ValueError(f"gate_doppler_hz {self.gate_doppler_hz} must rise")
+        given = {name: getattr(self, name) for name in LILAND2018_OWN if name in self.model_fields_set}
+        ignored = [name for name, value in given.items() if value != LILAND2018_OWN[name]]
+        if self.method == "liland2018" and ignored:
+            raise ValueError(f"method 'liland2018' has its own {', '.join(ignored)}; leave that out or take 'standard'")
         return self
+
+    @model_serializer(mode="wrap")
+    def _without_ignored(self, plain: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        ignored = set(LILAND2018_OWN) - self.model_fields_set if self.method == "liland2018" else set()
+        return {name: value for name, value in plain(self).items() if name not in ignored}
 
     @property
     def sharp_edges(self) -> bool:
@@ -125,9 +140,16 @@ def plan_transform(analysis: Analysis, *, n_pulses: int, prf_hz: float) -> Trans
     Raises
     ------
     AnalysisError
-        If the recording is shorter than one processing interval, or ``doppler_bins`` is below M.
+        If a processing interval has fewer than 5 pulses, the recording is shorter than one, or ``doppler_bins`` is
+        below M.
     """
     cpi_pulses = cpi_to_pulses(analysis.cpi_s, prf_hz)
+    if cpi_pulses < MIN_CPI_PULSES:
+        raise AnalysisError(
+            f"cpi_s = {analysis.cpi_s:g} at prf_hz = {prf_hz:g} makes a processing interval of {cpi_pulses} "
+            f"pulse{'s' * (cpi_pulses > 1)}, at least {MIN_CPI_PULSES} are needed; raise cpi_s to "
+            f"{math.ceil(1e3 * (MIN_CPI_PULSES - 1) / prf_hz) / 1e3:g} or more, or record at a higher prf_hz"
+        )
     if n_pulses < cpi_pulses:
         raise AnalysisError(
             f"the recording has {n_pulses} pulses, less than one processing interval of {cpi_pulses} (cpi_s = "

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
+
+from doppelgait.processing.normalise import median
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -19,11 +23,9 @@ def column_peaks_hz(signature: xr.DataArray) -> FloatArray:
     """Doppler of the strongest cell of every column, refined by a parabola through its neighbours; shape (J,), Hz."""
     values = signature.values
     doppler_hz = signature.coords["doppler"].values
-    rows = np.arange(values.shape[0])
     best = np.clip(values.argmax(axis=1), 1, values.shape[1] - 2)
-    left, centre, right = (
-        np.log(np.maximum(values[rows, best + shift].astype(np.float64), 1e-300)) for shift in (-1, 0, 1)
-    )
+    around = best + np.arange(best.size) * values.shape[1] + np.array([[-1], [0], [1]])
+    left, centre, right = np.log(np.maximum(values.take(around).astype(np.float64), 1e-300))
     bend = left - 2.0 * centre + right
     offset = np.divide(0.5 * (left - right), bend, out=np.zeros_like(bend), where=bend < 0)
     return np.asarray(doppler_hz[best] + np.clip(offset, -0.5, 0.5) * (doppler_hz[1] - doppler_hz[0]))
@@ -47,19 +49,40 @@ def main_line_hz(signature: xr.DataArray, *, order: int, tapered: bool = False) 
         Main line m[j] in Hz: iteratively reweighted least squares with Cauchy weights, so that columns in which a leg
         or a stance foot is strongest count little.
     """
-    peaks = column_peaks_hz(signature)
-    position = np.linspace(-1.0, 1.0, peaks.size)
-    basis = np.polynomial.legendre.legvander(position, order)
-    bin_hz = float(np.diff(signature.coords["doppler"].values[:2])[0])
-    taper = 1.0 - position**2 + 1e-3 if tapered else np.ones(peaks.size)
-    line = np.full(peaks.size, np.median(peaks))
+    return line_through(column_peaks_hz(signature), bin_width_hz(signature), order=order, tapered=tapered)
+
+
+def line_through(peaks_hz: FloatArray, bin_hz: float, *, order: int, tapered: bool = False) -> FloatArray:
+    """The line of :func:`main_line_hz` through given column peaks, so that several lines share one search for them."""
+    basis, parabola = _line_basis(peaks_hz.size, min(order, peaks_hz.size - 1))
+    taper = parabola if tapered else 1.0
+    line: FloatArray = np.full(peaks_hz.size, median(peaks_hz))
     for _ in range(ITERATIONS):
-        residual = peaks - line
-        scale = max(1.4826 * float(np.median(np.abs(residual))), bin_hz / 4.0)
-        root_weight = np.sqrt(taper / (1.0 + (residual / (CAUCHY_TUNING * scale)) ** 2))
-        solution = np.linalg.lstsq(basis * root_weight[:, None], peaks * root_weight, rcond=None)[0]
-        line = basis @ solution
-    return np.asarray(line)
+        residual = peaks_hz - line
+        scale = max(1.4826 * median(np.abs(residual)), bin_hz / 4.0)
+        residual /= CAUCHY_TUNING * scale
+        residual *= residual
+        residual += 1.0
+        weighted = basis * (taper / residual)
+        # normal equations: the Legendre basis is so nearly orthogonal that they lose nothing here
+        line = np.linalg.solve(weighted @ basis.T, weighted @ peaks_hz) @ basis
+    return line
+
+
+@lru_cache(maxsize=8)
+def _line_basis(n_columns: int, order: int) -> tuple[FloatArray, FloatArray]:
+    """Legendre polynomials over the observation, shape (order + 1, J), and the parabola that tapers it; read only."""
+    position = np.linspace(-1.0, 1.0, n_columns)
+    basis = np.ascontiguousarray(np.polynomial.legendre.legvander(position, order).T, dtype=np.float64)
+    parabola = 1.0 - position**2 + 1e-3
+    basis.flags.writeable = parabola.flags.writeable = False
+    return basis, parabola
+
+
+def bin_width_hz(signature: xr.DataArray) -> float:
+    """Width of a Doppler bin."""
+    doppler_hz = signature.coords["doppler"].values
+    return float(doppler_hz[1] - doppler_hz[0])
 
 
 def line_order(observation_s: float) -> int:
@@ -69,8 +92,12 @@ def line_order(observation_s: float) -> int:
 
 def needs_alignment(signature: xr.DataArray) -> bool:
     """Whether the straight main line drifts by more than 10 Hz over the observation."""
-    line = main_line_hz(signature, order=1)
-    return bool(abs(line[-1] - line[0]) > ALIGN_ABOVE_HZ)
+    return drifts(main_line_hz(signature, order=1))
+
+
+def drifts(straight_hz: FloatArray) -> bool:
+    """Whether a straight line (order 1, not tapered) drifts by more than 10 Hz over the observation."""
+    return bool(abs(straight_hz[-1] - straight_hz[0]) > ALIGN_ABOVE_HZ)
 
 
 def align(array: xr.DataArray, line_hz: FloatArray) -> xr.DataArray:
@@ -86,13 +113,10 @@ def align(array: xr.DataArray, line_hz: FloatArray) -> xr.DataArray:
     DataArray (time, doppler)
         The line is at 0 Hz; column sums are kept.
     """
-    n_bins = array.sizes["doppler"]
-    bin_hz = float(np.diff(array.coords["doppler"].values[:2])[0])
-    shift = line_hz / bin_hz
-    whole = np.floor(shift).astype(np.int64)
-    part = (shift - whole)[:, None]
-    lower = (np.arange(n_bins)[None, :] + whole[:, None]) % n_bins
-    upper = (lower + 1) % n_bins
-    values = array.values
-    moved = np.take_along_axis(values, lower, axis=1) * (1.0 - part) + np.take_along_axis(values, upper, axis=1) * part
-    return array.copy(data=moved)
+    from doppelgait.core.kernels.features import shift_columns
+
+    shift = line_hz / bin_width_hz(array)
+    whole = np.floor(shift)
+    moved = np.empty(array.shape)
+    shift_columns(np.ascontiguousarray(array.values), whole.astype(np.int64) % moved.shape[1], shift - whole, moved)
+    return array.copy(deep=False, data=moved)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.labels import NORMALISED_SIGNATURE, SIGNATURE, check_signal, make_array
+from doppelgait.core.labels import NORMALISED_SIGNATURE, SIGNATURE, check_signal
 from doppelgait.processing.config import Normalisation
 
 INDEPENDENT_AFTER_S = 0.06
@@ -41,10 +43,19 @@ def noise_floor_v2(signature: xr.DataArray) -> float:
     to_mean = np.log(2.0) if n_gate == 1 else (1.0 - 1.0 / (9.0 * n_gate)) ** 3
     ordered = open_rows[np.argsort(row_power[open_rows], kind="stable")]
     quiet = ordered[: max(3, int(QUIET_SHARE * ordered.size))]
-    floor = float(np.median(values[:, quiet])) / to_mean
+    floor = median(values.take(quiet, axis=1)) / to_mean
     spread = 1.0 / np.sqrt(n_gate * independent_columns(signature))
     agreeing = open_rows[row_power[open_rows] < floor * (1.0 + 3.0 * spread)]
-    return float(np.median(values[:, agreeing])) / to_mean if agreeing.size > quiet.size else floor
+    return median(values.take(agreeing, axis=1)) / to_mean if agreeing.size > quiet.size else floor
+
+
+def median(cells: npt.NDArray[np.floating[Any]]) -> float:
+    """Median of all cells, none of them NaN: several times faster than np.median, which partitions about two values."""
+    middle = cells.size // 2
+    ordered = np.partition(cells, middle, axis=None)
+    if cells.size % 2:
+        return float(ordered[middle])
+    return float(ordered[:middle].max() + ordered[middle]) / 2.0
 
 
 def independent_columns(signature: xr.DataArray) -> float:
@@ -72,20 +83,21 @@ def normalise(signature: xr.DataArray, floor_v2: float, *, mode: Normalisation =
         float64, dimensionless; a column with no power above the floor is 0.
     """
     check_signal(signature, SIGNATURE)
-    excess = np.maximum(signature.values.astype(np.float64) - floor_v2, 0.0)
-    scale = _column_scale(excess, signature, mode)
-    values = np.divide(excess, scale[:, None], out=np.zeros_like(excess), where=scale[:, None] > 0)
-    attrs = {**signature.attrs, "normalisation": mode}
-    attrs.pop("units")
-    coords = {str(name): coord for name, coord in signature.coords.items()}
-    return make_array(NORMALISED_SIGNATURE, values, coords, attrs)
+    values = np.subtract(signature.values, floor_v2, dtype=np.float64)
+    np.maximum(values, 0.0, out=values)
+    scale = _column_scale(values, signature, mode)
+    values *= np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)[:, None]
+    found = signature.copy(deep=False, data=values)  # shares the coordinates: a tenth of the cost of a new array
+    found.name = NORMALISED_SIGNATURE.name
+    found.attrs = {**signature.attrs, "units": NORMALISED_SIGNATURE.units, "normalisation": mode}
+    return found
 
 
 def _column_scale(
     excess: npt.NDArray[np.float64], signature: xr.DataArray, mode: Normalisation
 ) -> npt.NDArray[np.float64]:
     if mode == "sum":
-        return np.asarray(excess.sum(axis=1))
+        return np.asarray(np.einsum("jk->j", excess))
     if mode == "max":
         return np.asarray(excess.max(axis=1))
     if mode == "r4":

@@ -22,6 +22,10 @@ from doppelgait.core.units import (
 GAUSSIAN_WIDTH = {3: math.sqrt(math.log(2)) / math.pi, 10: math.sqrt(math.log(10)) / math.pi}
 """Two-sided bandwidth times sigma of a Gaussian pulse, by the level in dB below the peak (E-11)."""
 
+PULSE_SIGMA_S = (1e-11, 1e-6)
+"""Shortest and longest pulse (standard deviation of its envelope)."""
+MAX_RANGE_BINS = 100_000
+
 
 class Radar(FrozenModel):
     """A monostatic pulse-Doppler radar (the report's Table 5.1 and what it leaves out).
@@ -72,12 +76,12 @@ class Radar(FrozenModel):
     bandwidth_hz: float | None = Field(default=None, gt=0)
     bandwidth_level_db: Literal[3, 10] = 10
     pulse_sigma_s: float | None = Field(default=None, gt=0)
-    tx_power_dbm: float = 0.0
-    tx_gain_dbi: float = 0.0
-    rx_gain_dbi: float = 0.0
-    receiver_gain_db: float = 0.0
-    noise_figure_db: float = Field(default=6.0, ge=0)
-    noise_bandwidth_hz: float | None = Field(default=None, gt=0)
+    tx_power_dbm: float = Field(default=0.0, ge=-200, le=200)
+    tx_gain_dbi: float = Field(default=0.0, ge=-100, le=100)
+    rx_gain_dbi: float = Field(default=0.0, ge=-100, le=100)
+    receiver_gain_db: float = Field(default=0.0, ge=-100, le=100)
+    noise_figure_db: float = Field(default=6.0, ge=0, le=100)
+    noise_bandwidth_hz: float | None = Field(default=None, gt=0, le=1e13)
     pulse_rate_hz: float | None = Field(default=None, gt=0)
     sweep_levels: int = Field(default=1, ge=1)
     transmit_phase_rad: float = 0.0
@@ -87,14 +91,36 @@ class Radar(FrozenModel):
     def _check(self) -> Self:
         if (self.bandwidth_hz is None) == (self.pulse_sigma_s is None):
             raise ValueError("give exactly one of bandwidth_hz and pulse_sigma_s")
+        self._check_pulse()
         if self.range_stop_m <= self.range_start_m:
             raise ValueError(f"range_stop_m {self.range_stop_m} must be larger than range_start_m {self.range_start_m}")
+        if not 1 <= self.n_range_bins <= MAX_RANGE_BINS:
+            raise ValueError(
+                f"range_start_m {self.range_start_m} to range_stop_m {self.range_stop_m} makes {self.n_range_bins:,} "
+                f"range bins of {self.bin_spacing_m:.3g} m; 1 to {MAX_RANGE_BINS:,} are allowed: change the frame, "
+                "sample_rate_hz or decimation"
+            )
         if self.averages_per_frame < 1:
             raise ValueError(
                 f"prf_hz {self.prf_hz} leaves no whole pulse to average: at most {self.pulse_rate_hz}"
                 f" / {self.sweep_levels} levels"
             )
         return self
+
+    def _check_pulse(self) -> None:
+        shortest_s, longest_s = PULSE_SIGMA_S
+        if not shortest_s <= self.sigma_s <= longest_s:
+            given = "bandwidth_hz" if self.pulse_sigma_s is None else "pulse_sigma_s"
+            raise ValueError(
+                f"{given} {getattr(self, given)} makes a pulse of sigma {self.sigma_s:.3g} s; allowed are "
+                f"{shortest_s:g} to {longest_s:g} s"
+            )
+        half_band_hz = self.pulse_bandwidth_hz(10) / 2.0
+        if self.carrier_hz < half_band_hz:
+            raise ValueError(
+                f"carrier_hz {self.carrier_hz:g} is below half the pulse's 10 dB bandwidth, {half_band_hz:.4g} Hz: the "
+                "pulse would reach below 0 Hz; raise carrier_hz or take a longer pulse"
+            )
 
     @classmethod
     def preset(cls, preset_name: str, /, **changes: Any) -> Radar:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +10,8 @@ import numpy as np
 import xarray as xr
 
 from doppelgait.core.config import canonical_json, validate
-from doppelgait.core.errors import DoppelgaitError, OutputError, RecordingError
+from doppelgait.core.errors import DoppelgaitError, RecordingError
+from doppelgait.core.files import atomic_path
 from doppelgait.core.labels import BASEBAND, SCATTERER_VARIABLES, make_array
 from doppelgait.radar.config import Radar
 from doppelgait.radar.recording import NAN, Recording, TargetTruth
@@ -38,15 +37,8 @@ def write_recording(recording: Recording, path: str | Path) -> None:
     OutputError
         If it cannot be written (no folder, no right, disk full); an older file of that name is then untouched.
     """
-    target = Path(path)
-    partial = target.with_name(target.name + ".partial")
-    try:
+    with atomic_path(path) as partial:
         _write_hdf5(recording, partial)
-        os.replace(partial, target)
-    except OSError as error:
-        with suppress(OSError):
-            partial.unlink()
-        raise OutputError(f"{target}: cannot be written: {error}") from None
 
 
 def _write_hdf5(recording: Recording, path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from doppelgait.core.config import canonical_json
-from doppelgait.core.errors import DoppelgaitWarning
+from doppelgait.core.errors import ConfigError, DoppelgaitWarning
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS, velocity_to_doppler_hz
 from doppelgait.radar.config import Radar
@@ -64,11 +65,15 @@ def label_baseband(values: Any, slow_time_s: Any, radar: Radar) -> xr.DataArray:
 
 
 def add_noise(baseband: xr.DataArray, *, noise_power_v2: float, rng: np.random.Generator) -> xr.DataArray:
-    """Baseband with complex white Gaussian receiver noise of mean square ``noise_power_v2`` in every bin (E-18)."""
-    scale = np.float32(np.sqrt(noise_power_v2 / 2.0))
-    parts = rng.standard_normal((*baseband.shape, 2), dtype=np.float32)
-    parts *= scale
-    return baseband.copy(data=baseband.values + parts.view(np.complex64)[..., 0])
+    """Baseband with complex white Gaussian receiver noise of mean square ``noise_power_v2`` in every bin (E-18).
+
+    Takes a single 64-bit key from ``rng``; the value in a bin of a frame is a function of (key, frame, bin) only.
+    """
+    from doppelgait.core.kernels.noise import add_noise_matrix, draw_key
+
+    noisy = np.array(baseband.values, dtype=np.result_type(baseband.dtype, np.complex64), order="C")
+    add_noise_matrix(noisy, draw_key(rng), float(np.sqrt(noise_power_v2)))
+    return baseband.copy(data=noisy)
 
 
 def frame_power_v2(baseband: xr.DataArray) -> float:
@@ -77,15 +82,39 @@ def frame_power_v2(baseband: xr.DataArray) -> float:
     return float((values.real**2 + values.imag**2).max(axis=1).mean(dtype=np.float64))
 
 
-def receiver_noise_v2(baseband: xr.DataArray, radar: Radar, snr_db: float | None) -> float:
-    """Noise level to add: thermal (E-18), or what gives the wanted SNR_frame in dB; inf gives 0."""
+def noise_level_v2(radar: Radar, signal_v2: float, snr_db: float | None) -> float:
+    """Noise level to add: thermal (E-18), or what gives the wanted SNR_frame in dB; inf gives 0.
+
+    Raises
+    ------
+    ConfigError
+        If an SNR is asked for but there is no signal: every target lies outside the frame.
+    """
     if snr_db is None:
         return noise_power_v2(radar)
-    return float(frame_power_v2(baseband) / 10.0 ** (snr_db / 10.0))
+    if math.isnan(snr_db):
+        raise ConfigError("snr_db is nan; it must be a number of dB, or inf for no noise")
+    if not signal_v2 > 0:
+        raise ConfigError(
+            f"snr_db = {snr_db:g} cannot be set: no echo falls into the frame of {radar.range_start_m:g} to "
+            f"{radar.range_stop_m:g} m; move the targets or change the frame"
+        )
+    return float(signal_v2 / 10.0 ** (snr_db / 10.0))
 
 
 def warn_of_limits(scatterers: xr.Dataset, radar: Radar) -> None:
-    """Warn, naming the values, of scatterers that alias in Doppler or leave the frame (E-06, E-15)."""
+    """Warn, naming the values, of scatterers that alias in Doppler or leave the frame, and of sparse range bins.
+
+    Limits: E-06 for Doppler, E-15 for the frame, twice the half-power width of an echo (E-11) for the bins.
+    """
+    if radar.bin_spacing_m > 2.0 * radar.range_resolution_m:
+        warnings.warn(
+            f"sparse range bins: they are {radar.bin_spacing_m:.3g} m apart, but an echo is only "
+            f"{radar.range_resolution_m:.3g} m wide, so that targets between two bins vanish; lower radar.decimation "
+            f"({radar.decimation}) or raise radar.sample_rate_hz",
+            DoppelgaitWarning,
+            stacklevel=3,
+        )
     fastest = float(np.abs(scatterers["radial_velocity"].values).max())
     if fastest >= radar.unambiguous_velocity_mps:
         needed = 2.0 * float(velocity_to_doppler_hz(fastest, radar.wavelength_m)) + 60.0
@@ -98,8 +127,9 @@ def warn_of_limits(scatterers: xr.Dataset, radar: Radar) -> None:
     ranges = scatterers["range"].values
     outside = (ranges < radar.range_start_m) | (ranges > radar.range_stop_m)
     if outside.any():
+        share = f"{100 * outside.mean():.0f} %" if outside.mean() >= 0.005 else "less than 1 %"
         warnings.warn(
-            f"outside the frame: {100 * outside.mean():.0f} % of all scatterer samples (ranges {ranges.min():.2f} to "
+            f"outside the frame: {share} of all scatterer samples (ranges {ranges.min():.2f} to "
             f"{ranges.max():.2f} m) lie outside {radar.range_start_m:g} to {radar.range_stop_m:g} m and are lost; move "
             "the target or change radar.range_start_m / range_stop_m",
             DoppelgaitWarning,

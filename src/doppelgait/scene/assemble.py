@@ -82,18 +82,22 @@ def assemble(scene: Scene, slow_time_s: npt.ArrayLike, *, angles: bool = True) -
     MotionError
         If a motion does not cover the times.
     """
+    return observe(scene, slow_time_s, angles=angles)[0]
+
+
+def observe(scene: Scene, slow_time_s: npt.ArrayLike, *, angles: bool = True) -> tuple[xr.Dataset, list[LineOfSight]]:
+    """Scatterer table of all targets (:func:`assemble`) and the line of sight of every target's body centre."""
     times = np.asarray(slow_time_s, dtype=float)
-    tables = [_target_table(target, number, scene, times, angles) for number, target in enumerate(scene.targets)]
-    if len(tables) == 1:
-        return tables[0]
-    return xr.concat(tables, dim="scatterer", combine_attrs="override")
+    motions = [placed_motion(target, scene) for target in scene.targets]
+    tables = [_target_table(m, n, scene, times, angles) for n, m in enumerate(motions)]
+    table = tables[0] if len(tables) == 1 else xr.concat(tables, dim="scatterer", combine_attrs="override")
+    return table, [_centre_track(motion, scene, times) for motion in motions]
 
 
-def _target_table(target: Target, number: int, scene: Scene, times: FloatArray, angles: bool) -> xr.Dataset:
-    motion = placed_motion(target, scene)
+def _target_table(motion: xr.DataArray, number: int, scene: Scene, times: FloatArray, angles: bool) -> xr.Dataset:
     parts = [str(part) for part in motion.coords["part"].values]
     range_m, approach_mps = ranges_and_velocities(motion, times, scene.radar_position_m)
-    rcs = scatterer_rcs_m2(target.rcs_spec, parts, float(motion.attrs["mass_kg"]))
+    rcs = scatterer_rcs_m2(scene.targets[number].rcs_spec, parts, float(motion.attrs["mass_kg"]))
     values = {
         "range": range_m,
         "radial_velocity": approach_mps,
@@ -137,7 +141,10 @@ def ranges_and_velocities(
 
 def body_track(target: Target, scene: Scene, slow_time_s: npt.ArrayLike) -> LineOfSight:
     """Line of sight of the target's body centre at the pulse times, each array of shape (I,)."""
-    motion = placed_motion(target, scene)
+    return _centre_track(placed_motion(target, scene), scene, np.asarray(slow_time_s, dtype=float))
+
+
+def _centre_track(motion: xr.DataArray, scene: Scene, times: FloatArray) -> LineOfSight:
     centre = motion.isel(marker=[0]).copy(data=body_centre_m(motion)[:, None, :])
-    position_m, velocity_mps = resample(centre, slow_time_s)
+    position_m, velocity_mps = resample(centre, times)
     return line_of_sight(position_m[:, 0], velocity_mps[:, 0], scene.radar_position_m)

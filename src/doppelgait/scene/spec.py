@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,14 +10,12 @@ import numpy as np
 import xarray as xr
 from pydantic import Field, field_validator
 
-from doppelgait.core.config import FrozenModel, validate
+from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, MotionError
-from doppelgait.motion.retime import ScalingMode
-from doppelgait.scene.rcs import RcsSpec
-from doppelgait.scene.target import Scene, Target
+from doppelgait.scene.target import Scene, SceneParameters, Target, TargetParameters
 
 
-class TargetSpec(FrozenModel):
+class TargetSpec(TargetParameters):
     """One ``[[targets]]`` entry of a scene file; see :class:`doppelgait.scene.Target`.
 
     Parameters
@@ -28,15 +26,6 @@ class TargetSpec(FrozenModel):
     """
 
     motion: dict[str, Any]
-    label: str = ""
-    rcs: RcsSpec = RcsSpec()
-    height_m: float | None = Field(default=None, gt=0, le=5)
-    scaling: ScalingMode = "uniform"
-    range_m: float | None = Field(default=None, gt=0, le=1e5)
-    bearing_deg: float = Field(default=0.0, ge=-360, le=360)
-    aspect_deg: float = Field(default=0.0, ge=-360, le=360)
-    start_position_m: tuple[float, float] | None = None
-    heading_deg: float | None = Field(default=None, ge=-360, le=360)
 
     @field_validator("motion")
     @classmethod
@@ -46,7 +35,7 @@ class TargetSpec(FrozenModel):
         return motion
 
 
-class SceneSpec(FrozenModel):
+class SceneSpec(SceneParameters):
     """The scene part of a scene file; see :class:`doppelgait.scene.Scene`.
 
     Parameters
@@ -58,8 +47,6 @@ class SceneSpec(FrozenModel):
     """
 
     targets: tuple[TargetSpec, ...] = Field(min_length=1)
-    radar_position_m: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    duration_s: float | None = Field(default=None, gt=0, le=3600)
 
 
 DEFAULT_DURATION_S = 5.0
@@ -83,27 +70,33 @@ def build_scene(spec: SceneSpec, *, folder: Path | None = None, rng: np.random.G
     MotionError
         If a motion file cannot be used.
     """
-    seconds = _model_duration_s(spec, folder)
+    # files first: how long they are says how long the models' motions must be
+    of_files = [number for number, target in enumerate(spec.targets) if target.motion["kind"] == "file"]
+    motions = {number: _target_motion(spec, number, DEFAULT_DURATION_S, folder, None) for number in of_files}
+    seconds = _model_duration_s(spec, list(motions.values()))
     targets = []
     for number, target in enumerate(spec.targets):
-        try:
-            motion = build_motion(target.motion, duration_s=seconds, folder=folder, rng=rng)
-        except ConfigError as error:
-            raise ConfigError(f"targets.{number}.motion: {error}") from None
+        if number not in motions:
+            motions[number] = _target_motion(spec, number, seconds, folder, rng)
         options = target.model_dump(exclude={"motion", "rcs"})
-        targets.append(Target(motion=motion, rcs=target.rcs, **options))
+        targets.append(Target(motion=motions[number], rcs=target.rcs, **options))
     return Scene(targets, radar_position_m=spec.radar_position_m, duration_s=spec.duration_s)
 
 
-def _model_duration_s(spec: SceneSpec, folder: Path | None) -> float:
+def _target_motion(
+    spec: SceneSpec, number: int, duration_s: float, folder: Path | None, rng: np.random.Generator | None
+) -> xr.DataArray:
+    try:
+        return build_motion(spec.targets[number].motion, duration_s=duration_s, folder=folder, rng=rng)
+    except ConfigError as error:
+        raise ConfigError(f"targets.{number}.motion: {error}") from None
+
+
+def _model_duration_s(spec: SceneSpec, file_motions: Sequence[xr.DataArray]) -> float:
     if spec.duration_s is not None:
         # a model scaled dynamically to a smaller height runs faster, so its motion must be longer
         return spec.duration_s * (2.0 if any(t.scaling == "froude" for t in spec.targets) else 1.0)
-    files = [t.motion for t in spec.targets if t.motion["kind"] == "file"]
-    if not files:
-        return DEFAULT_DURATION_S
-    motions = [build_motion(motion, duration_s=DEFAULT_DURATION_S, folder=folder) for motion in files]
-    return min(float(np.ptp(m.coords["time"].values)) for m in motions)
+    return min((float(np.ptp(m.coords["time"].values)) for m in file_motions), default=DEFAULT_DURATION_S)
 
 
 def build_motion(

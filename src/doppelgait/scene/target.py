@@ -5,14 +5,47 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import cast
+from typing import Any, cast
 
+import numpy as np
 import xarray as xr
+from pydantic import Field
 
+from doppelgait.core.config import FrozenModel, validate
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.labels import MOTION, check_signal
 from doppelgait.motion.retime import ScalingMode, duration_s, place, scale_to_height, travel_speed_mps
 from doppelgait.scene.rcs import RcsSpec
+
+
+class TargetParameters(FrozenModel):
+    """What is allowed for a :class:`Target` apart from its motion."""
+
+    label: str = ""
+    rcs: RcsSpec = RcsSpec()
+    height_m: float | None = Field(default=None, gt=0, le=5)
+    scaling: ScalingMode = "uniform"
+    range_m: float | None = Field(default=None, gt=0, le=1e5)
+    bearing_deg: float = Field(default=0.0, ge=-360, le=360)
+    aspect_deg: float = Field(default=0.0, ge=-360, le=360)
+    start_position_m: tuple[float, float] | None = None
+    heading_deg: float | None = Field(default=None, ge=-360, le=360)
+
+
+class SceneParameters(FrozenModel):
+    """What is allowed for a :class:`Scene` apart from its targets."""
+
+    radar_position_m: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    duration_s: float | None = Field(default=None, gt=0, le=3600)
+
+
+def _check_parameters(owner: Any, model: type[FrozenModel]) -> None:
+    """Check the parameters of a target or scene and keep them as the model has them."""
+    given = {name: getattr(owner, name) for name in model.model_fields}
+    plain = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in given.items()}
+    checked = validate(model, plain, where=type(owner).__name__.lower())
+    for name in given:
+        object.__setattr__(owner, name, getattr(checked, name))
 
 
 @dataclass(frozen=True)
@@ -47,7 +80,8 @@ class Target:
     Raises
     ------
     ConfigError
-        If only one of ``start_position_m`` and ``heading_deg`` is given, or both forms are mixed.
+        If a parameter is not allowed, only one of ``start_position_m`` and ``heading_deg`` is given, or both forms are
+        mixed.
     """
 
     motion: xr.DataArray
@@ -64,14 +98,15 @@ class Target:
     def __post_init__(self) -> None:
         check_signal(self.motion, MOTION)
         if isinstance(self.rcs, str):
-            object.__setattr__(self, "rcs", RcsSpec.model_validate({"kind": self.rcs}))
+            object.__setattr__(self, "rcs", {"kind": self.rcs})
+        if isinstance(self.range_m, float | int) and not self.range_m > 0:
+            raise ConfigError(f"range_m is {self.range_m}; it must be positive")
+        _check_parameters(self, TargetParameters)
         if (self.start_position_m is None) != (self.heading_deg is None):
             raise ConfigError("start_position_m and heading_deg belong together: give both or neither")
         relative = self.range_m is not None or self.bearing_deg != 0 or self.aspect_deg != 0
         if self.start_position_m is not None and relative:
             raise ConfigError("give either start_position_m and heading_deg, or range_m, bearing_deg and aspect_deg")
-        if self.range_m is not None and not self.range_m > 0:
-            raise ConfigError(f"range_m is {self.range_m}; it must be positive")
 
     @property
     def rcs_spec(self) -> RcsSpec:
@@ -95,7 +130,7 @@ class Scene:
     Raises
     ------
     ConfigError
-        If there is no target, or a motion is shorter than ``duration_s``.
+        If a parameter is not allowed, there is no target, or a motion is shorter than ``duration_s``.
     """
 
     targets: Sequence[Target]
@@ -103,9 +138,12 @@ class Scene:
     duration_s: float | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "targets", tuple(self.targets))
+        _check_parameters(self, SceneParameters)
+        if not isinstance(self.targets, Sequence) or not all(isinstance(target, Target) for target in self.targets):
+            raise ConfigError("targets: must be a list of Target")
         if not self.targets:
             raise ConfigError("a scene needs at least one target")
+        object.__setattr__(self, "targets", tuple(self.targets))
         for number, target in enumerate(self.targets):
             lasts = duration_s(scaled_motion(target))
             if self.duration_s is not None and lasts < self.duration_s - 1e-6:

@@ -1,0 +1,118 @@
+"""Motion tables of planned examples: checked, and whose motion they are. Files are looked for, never read."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from doppelgait.core.config import validate
+from doppelgait.core.errors import ConfigError
+from doppelgait.dataset.describe import shorten
+
+
+def recording_of(motion: Mapping[str, Any]) -> str:
+    """Recording that a resolved motion table takes, its path as written; empty for a model."""
+    return str(motion["path"]) if motion["kind"] == "file" else ""
+
+
+def subject_of(motion: Mapping[str, Any], example_id: str) -> str:
+    """Subject of an example: the recording, since who is in it is known only by reading; a model's draw is its own."""
+    recording = recording_of(motion)
+    return f"file/{recording}" if recording else f"model/{example_id}"
+
+
+def check_motion(motion: Any, folder: Path, *, key: str) -> None:
+    """Check a resolved motion table without generating or reading anything.
+
+    Parameters
+    ----------
+    motion : table
+    folder : Path
+        Folder that relative motion paths start from.
+    key : str
+        Dotted key of the table, for messages.
+
+    Raises
+    ------
+    ConfigError
+        If the kind, a parameter or an option is not known or not allowed, or a file is missing.
+    """
+    from doppelgait.motion.models import MOTION_MODELS
+
+    if not isinstance(motion, Mapping) or not isinstance(motion.get("kind"), str):
+        needs = 'needs kind = "NAME" (a motion model, or "file" with path = "...")'
+        raise ConfigError(f"{key}: {shorten(motion)} is not allowed: {needs}")
+    kind = motion["kind"]
+    options = {name: value for name, value in motion.items() if name != "kind"}
+    if kind == "file":
+        _check_file(options, folder, key)
+    elif kind not in MOTION_MODELS:
+        known = ", ".join(["file", *MOTION_MODELS])
+        raise ConfigError(f"{key}.kind: {kind!r} is not allowed: known are {known}")
+    else:
+        try:
+            validate(MOTION_MODELS[kind].config, options, section=tuple(key.split(".")))
+        except ConfigError as error:
+            raise ConfigError(f"{error} (motion is {shorten(motion)})") from None
+
+
+def _check_file(options: dict[str, Any], folder: Path, key: str) -> None:
+    path = options.pop("path", None)
+    if not isinstance(path, str) or not path:
+        raise ConfigError(f'{key}.path: {shorten(path)} is not allowed: kind "file" needs path = "..."')
+    if not (folder / path).is_file():
+        raise ConfigError(f"{key}.path: {path!r} is not allowed: there is no such file in {folder.resolve()}")
+    allowed = _file_options()
+    for name in sorted(set(options) - set(allowed)):
+        raise ConfigError(
+            f"{key}.{name}: {shorten(options[name])} is not allowed: unknown key; allowed are path, "
+            f"{', '.join(allowed)}"
+        )
+
+
+def _file_options() -> list[str]:
+    """Options of all readers: which of them takes a file is known only from its content."""
+    from doppelgait.motion.readers import MOTION_READERS, read
+
+    functions = [read, *(MOTION_READERS[name].read for name in MOTION_READERS)]
+    parameters = [p for function in functions for p in inspect.signature(function).parameters.values()]
+    return list(dict.fromkeys(p.name for p in parameters if p.kind is p.KEYWORD_ONLY))
+
+
+def motion_files(motions: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Paths of all motion files that motion tables name, drawn or not, as written and sorted."""
+    found: set[str] = set()
+
+    def walk(value: Any) -> None:
+        if isinstance(value, Mapping):
+            if "file" in _strings(value.get("kind")):
+                found.update(_strings(value.get("path")))
+            for inner in value.values():
+                walk(inner)
+        elif isinstance(value, list):
+            for inner in value:
+                walk(inner)
+
+    for motion in motions:
+        walk(motion)
+    return sorted(found)
+
+
+def _strings(value: Any) -> list[str]:
+    """The text, or every text that a ``choice`` can give."""
+    if isinstance(value, str):
+        return [value]
+    if isinstance(value, Mapping) and isinstance(value.get("choice"), list):
+        return [text for entry in value["choice"] for text in _strings(entry)]
+    return []
+
+
+def refuse_two_spellings(paths: Iterable[str], folder: Path) -> None:
+    """A :class:`ConfigError` if two paths lead to one file: it would be two subjects, perhaps in two splits."""
+    seen: dict[Path, str] = {}
+    for path in paths:
+        first = seen.setdefault((folder / path).resolve(), path)
+        if first != path:
+            raise ConfigError(f"motion files {first!r} and {path!r} are the same file; write its path in one way")

@@ -1,0 +1,64 @@
+"""Speed over ground and aspect angle from the range history alone (E-34b)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+MIN_OBSERVATION_S = 3.0
+ITERATIONS = 4
+CAUCHY_TUNING = 2.385
+
+
+@dataclass(frozen=True)
+class GroundMotion:
+    """Straight motion that explains a range history.
+
+    Parameters
+    ----------
+    ground_speed_mps : float or None
+        v_g; None where the history is shorter than 3 s or bends the wrong way.
+    aspect_deg : float or None
+        psi at the middle of the observation, 0 approaching, 180 receding.
+    """
+
+    ground_speed_mps: float | None = None
+    aspect_deg: float | None = None
+
+
+def ground_motion(time_s: npt.ArrayLike, range_m: npt.ArrayLike) -> GroundMotion:
+    """Fit R^2(t) = R_0^2 + 2 (r_0 . v) t + |v|^2 t^2, which holds for straight motion at constant velocity.
+
+    Parameters
+    ----------
+    time_s, range_m : array_like, shape (J,)
+        Range track of the body.
+
+    Returns
+    -------
+    GroundMotion
+        v_g = sqrt(c_2), cos(psi) = -(dR/dt) / v_g at mid-observation, from a least-squares fit with weights 1/R^2 and
+        Cauchy weights against outliers.
+    """
+    times = np.asarray(time_s, dtype=np.float64)
+    ranges = np.asarray(range_m, dtype=np.float64)
+    if times[-1] - times[0] < MIN_OBSERVATION_S:
+        return GroundMotion()
+    middle = times - (times[0] + times[-1]) / 2.0
+    basis = np.stack([np.ones_like(middle), middle, middle**2], axis=1)
+    square = ranges**2
+    weight: npt.NDArray[np.float64] = np.asarray(1.0 / ranges)
+    solution: npt.NDArray[np.float64] = np.zeros(3)
+    for _ in range(ITERATIONS):
+        solution = np.asarray(np.linalg.lstsq(basis * weight[:, None], square * weight, rcond=None)[0])
+        residual = (square - basis @ solution) / ranges
+        scale = max(1.4826 * float(np.median(np.abs(residual))), 1e-6)
+        weight = np.asarray(1.0 / (ranges * np.sqrt(1.0 + (residual / (CAUCHY_TUNING * scale)) ** 2)))
+    if solution[2] <= 0 or solution[0] <= 0:
+        return GroundMotion()
+    speed = math.sqrt(solution[2])
+    approach = -solution[1] / (2.0 * math.sqrt(solution[0]))
+    return GroundMotion(speed, math.degrees(math.acos(max(-1.0, min(1.0, approach / speed)))))

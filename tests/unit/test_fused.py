@@ -1,0 +1,59 @@
+"""The fused path gives the same bytes as simulating and analysing step by step."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from doppelgait.core.rng import rng
+from doppelgait.motion import boulic_walk, quadruped_gait
+from doppelgait.pipeline import analyze, simulate
+from doppelgait.pipeline.fused import run_fused
+from doppelgait.processing import Analysis
+from doppelgait.radar import Radar
+from doppelgait.scene import Scene, Target
+
+WALK = boulic_walk(speed_mps=1.3, height_m=1.7, duration_s=3.0)
+TROT = quadruped_gait(gait="trot", withers_m=0.4, duration_s=3.0)
+
+SCENES = {
+    "one": Scene([Target(WALK, label="human", aspect_deg=20.0)]),
+    "receding": Scene([Target(TROT, label="dog", aspect_deg=180.0, range_m=4.0)]),
+    "passing": Scene([Target(WALK, label="human", range_m=5.0), Target(TROT, range_m=5.0, aspect_deg=180.0)]),
+}
+
+
+@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("hop", [None, 1])
+@pytest.mark.parametrize(("snr_db", "gate_error_m"), [(None, 0.0), (10.0, 0.25), (float("inf"), -0.2)])
+def test_signature_and_features_are_the_same_to_the_byte(scene, hop, snr_db, gate_error_m):
+    radar, analysis = Radar.preset("x4"), Analysis(hop=hop)
+    stepwise = simulate(SCENES[scene], radar, rng=rng(4), snr_db=snr_db)
+    expected = analyze(stepwise, gate="truth", analysis=analysis, gate_error_m=gate_error_m)
+    found = run_fused(SCENES[scene], radar, analysis, rng=rng(4), snr_db=snr_db, gate_error_m=gate_error_m)
+    assert found.noise_power_v2 == stepwise.noise_power_v2
+    assert found.snr_frame_db == stepwise.snr_frame_db
+    assert found.n_pulses == stepwise.baseband.sizes["slow_time"]
+    for one, other in zip(found.results, expected, strict=True):
+        assert one.signature.values.tobytes() == other.signature.values.tobytes()
+        assert one.features == other.features
+        assert one.quality == other.quality
+        assert one.flags == other.flags
+
+
+def test_the_reports_method_and_a_second_example_in_the_same_buffers():
+    radar = Radar.preset("x4")
+    for analysis, scene in ((Analysis(method="liland2018", hop=10), "one"), (Analysis(), "passing")):
+        expected = analyze(simulate(SCENES[scene], radar, rng=rng(1)), gate="truth", analysis=analysis)
+        found = run_fused(SCENES[scene], radar, analysis, rng=rng(1))
+        for one, other in zip(found.results, expected, strict=True):
+            np.testing.assert_array_equal(one.signature.values, other.signature.values)
+            assert one.features == other.features
+
+
+def test_a_data_matrix_that_cannot_fit_is_refused():
+    from doppelgait.core.errors import ConfigError
+
+    radar = Radar.preset("x4", range_stop_m=5000.0, prf_hz=9000)
+    with pytest.raises(ConfigError, match="more than 2e.09 samples"):
+        simulate(Scene([Target(boulic_walk(speed_mps=1.0, duration_s=30.0))]), radar)

@@ -1,0 +1,410 @@
+"""Counter-based receiver noise (E-18): the generator, its transform, blocking and the statistics of the values.
+
+All keys are fixed, so nothing here can flake; limits are at p = 1e-4 or beyond.
+"""
+
+import math
+import os
+import subprocess
+import sys
+import zlib
+
+import numpy as np
+import pytest
+from numba import njit
+from scipy import stats
+
+from doppelgait.core.kernels import noise as kernel
+from doppelgait.core.kernels.noise import LANES, add_noise_block, add_noise_matrix, direction, draw_key, exponential
+from doppelgait.core.labels import BASEBAND, make_array
+from doppelgait.radar import add_noise
+
+KEY = 0x0123456789ABCDEF
+ROOT_2 = math.sqrt(2.0)
+P_LIMIT = 1e-4
+
+
+def planes(n_bins, n_frames, *, key=KEY, rms=ROOT_2, first_bin=0, first_frame=0):
+    """Noise alone; with the default rms both parts have variance 1."""
+    re, im = np.zeros((2, n_bins, n_frames), dtype=np.float32)
+    add_noise_block(re, im, 0, n_frames, first_bin, first_frame, np.uint64(key), rms)
+    return re, im
+
+
+# The literal reference: Python integers and float64.
+
+
+def reference_philox(counter, key, *, bits=32, multipliers=(0xD2511F53, 0xCD9E8D57), weyl=(0x9E3779B9, 0xBB67AE85)):
+    modulus = 2**bits
+    (a, b, c, d), (k0, k1) = counter, key
+    for _ in range(10):
+        first, second = multipliers[0] * a, multipliers[1] * c
+        a, b, c, d = second // modulus ^ b ^ k0, second % modulus, first // modulus ^ d ^ k1, first % modulus
+        k0, k1 = (k0 + weyl[0]) % modulus, (k1 + weyl[1]) % modulus
+    return a, b, c, d
+
+
+def reference_noise(frame, n, key, rms):
+    words = reference_philox((frame, n // 2, 0, 0), (key % 2**32, key >> 32))[2 * (n % 2) :]
+    angle = (words[1] % 2**30 - (2**30 if words[1] & 2**29 else 0)) * math.pi / 2 / 2**30
+    x, y = math.cos(angle), math.sin(angle)
+    if words[1] & 2**30:
+        x, y = y, x
+    sign = -1 if words[1] & 2**31 else 1
+    u = float(np.float32(words[0]) + np.float32(0.5)) / 2**32
+    return sign * rms * math.sqrt(-math.log(u)) * complex(x, y)
+
+
+def kernel_philox(counter, key):
+    words = philox_once(*(np.uint64(c) for c in counter), np.uint64(key[0] | key[1] << 32))
+    return tuple(int(word) & 0xFFFFFFFF for word in words)
+
+
+@njit
+def philox_once(c0, c1, c2, c3, key):
+    return kernel.philox(c0, c1, c2, c3, key)
+
+
+@njit
+def exponentials(words, out):
+    for i in range(words.size):
+        out[i] = exponential(words[i])
+
+
+@njit
+def directions(words, x, y):
+    for i in range(words.size):
+        x[i], y[i] = direction(words[i])
+
+
+# Philox
+
+
+@pytest.mark.parametrize(
+    ("counter", "key", "words"),
+    [
+        ((0,) * 4, (0, 0), (0x6627E8D5, 0xE169C58D, 0xBC57AC4C, 0x9B00DBD8)),
+        ((0xFFFFFFFF,) * 4, (0xFFFFFFFF,) * 2, (0x408F276D, 0x41C83B0E, 0xA20BC7C6, 0x6D5451FD)),
+        (
+            (0x243F6A88, 0x85A308D3, 0x13198A2E, 0x03707344),
+            (0xA4093822, 0x299F31D0),
+            (0xD16CFE09, 0x94FDCCEB, 0x5001E420, 0x24126EA1),
+        ),
+    ],
+)
+def test_philox_gives_the_published_words(counter, key, words):
+    assert kernel_philox(counter, key) == words
+    assert reference_philox(counter, key) == words
+
+
+def test_the_reference_of_philox_is_numpys_at_64_bits():
+    counter, key = (7, 2**63 + 5, 11, 2**40), (0xDEADBEEF12345678, 0x0F1E2D3C4B5A6978)
+    multipliers, weyl = (0xD2E7470EE14C6C93, 0xCA5A826395121157), (0x9E3779B97F4A7C15, 0xBB67AE8584CAA73B)
+    words = reference_philox(counter, key, bits=64, multipliers=multipliers, weyl=weyl)
+    before = (6, *counter[1:])  # NumPy counts up before it draws
+    numpys = np.random.Philox(counter=np.array(before, np.uint64), key=np.array(key, np.uint64)).random_raw(4)
+    assert tuple(int(word) for word in numpys) == words
+
+
+def test_philox_is_the_reference_for_random_counters():
+    draws = np.random.default_rng(0).integers(0, 2**32, (300, 6)).tolist()
+    for draw in draws:
+        assert kernel_philox(draw[:4], draw[4:]) == reference_philox(draw[:4], draw[4:])
+
+
+# Transform
+
+
+def whole_range_of_words():
+    """Both ends without a gap, everything around the powers of two and of sqrt(1/2), and 4 million between."""
+    ends = np.arange(2**16)
+    near = np.concatenate([np.round(2.0 ** (0.5 * e)) + np.arange(-300, 301) for e in range(20, 64)])
+    spread = np.arange(2**22) * 1024 + np.random.default_rng(3).integers(0, 1024, 2**22)
+    every = np.concatenate([ends, 2**32 - 1 - ends, near, spread])
+    return every[(every >= 0) & (every < 2**32)].astype(np.uint32)
+
+
+def test_exponential_is_minus_the_logarithm_over_the_whole_range():
+    words = whole_range_of_words()
+    value = np.empty(words.size, dtype=np.float32)
+    exponentials(words, value)
+    rounded = (words.astype(np.float32) + np.float32(0.5)).astype(np.float64) / 2**32
+    exact = -np.log(rounded)
+    ulp = np.spacing(np.maximum(exact, 1e-30).astype(np.float32))
+    assert np.abs((value - exact) / ulp).max() < 2
+    assert value.min() == 0
+    assert value.max() == pytest.approx(33 * math.log(2), rel=1e-7)
+    # the 24 bits to which u is rounded cost no more than the rounding of u itself
+    assert np.abs(value + np.log((words + 0.5) / 2**32)).max() < 2e-6
+    order = np.argsort(words)
+    assert (np.diff(value[order].astype(np.float64)) < 2e-6).all()
+
+
+def test_direction_covers_the_circle_once_and_lies_on_it():
+    words = whole_range_of_words()
+    x, y = np.empty((2, words.size), dtype=np.float32)
+    directions(words, x, y)
+    angle = (words << np.uint32(2)).view(np.int32) * (math.pi / 4 / 2**31)
+    swap, sign = (words >> 30) & 1, 1.0 - 2.0 * (words >> 31)
+    exact_x = sign * np.where(swap, np.sin(angle), np.cos(angle))
+    exact_y = sign * np.where(swap, np.cos(angle), np.sin(angle))
+    assert np.abs(x - exact_x).max() < 2**-23
+    assert np.abs(y - exact_y).max() < 2**-23
+    corners = np.array([0, 1, 2, 3], dtype=np.uint32) << np.uint32(30)
+    directions(corners, x[:4], y[:4])
+    np.testing.assert_array_equal(x[:4] + 1j * y[:4], [1, 1j, -1, -1j])
+
+
+@pytest.mark.parametrize("key", [0, 1, KEY, 2**64 - 1])
+def test_noise_is_the_float64_reference(key):
+    re, im = planes(13, 50, key=key, rms=3e-5, first_bin=5, first_frame=2**31 - 20)
+    exact = [[reference_noise(2**31 - 20 + i, 5 + n, key, 3e-5) for i in range(50)] for n in range(13)]
+    np.testing.assert_allclose(re + 1j * im, exact, atol=0, rtol=4e-7)
+
+
+# Addressing
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_any_blocks_in_any_order_give_the_same_bytes(seed):
+    n_bins, n_frames = 37, 2 * LANES + 91
+    whole = planes(n_bins, n_frames)
+    rng = np.random.default_rng(seed)
+    bins = np.unique([0, n_bins, *rng.integers(0, n_bins, 5)])
+    frames = np.unique([0, n_frames, *rng.integers(0, n_frames, 7)])
+    blocks = [(n, i) for n in range(bins.size - 1) for i in range(frames.size - 1)]
+    rng.shuffle(blocks)
+    re, im = np.zeros((2, n_bins, n_frames), dtype=np.float32)
+    for n, i in blocks:
+        (top, end), (left, right) = bins[n : n + 2], frames[i : i + 2]
+        if seed % 2:
+            add_noise_block(re[top:end], im[top:end], left, right, top, left, np.uint64(KEY), ROOT_2)
+        else:  # cut out, no longer contiguous
+            cut_re, cut_im = re[top:end, left:right], im[top:end, left:right]
+            add_noise_block(cut_re, cut_im, 0, right - left, top, left, np.uint64(KEY), ROOT_2)
+    assert re.tobytes() == whole[0].tobytes()
+    assert im.tobytes() == whole[1].tobytes()
+
+
+@pytest.mark.parametrize("n_frames", [1, 2, LANES - 1, LANES, LANES + 1, 3 * LANES + 7])
+@pytest.mark.parametrize("n_bins", [1, 2, 9])
+def test_matrix_and_planes_hold_the_same_noise(n_bins, n_frames):
+    matrix = np.zeros((n_frames, n_bins), dtype=np.complex64)
+    add_noise_matrix(matrix, np.uint64(KEY), ROOT_2)
+    re, im = planes(n_bins, n_frames)
+    np.testing.assert_array_equal(matrix.real, re.T)
+    np.testing.assert_array_equal(matrix.imag, im.T)
+
+
+def test_only_the_named_columns_change_and_values_are_added():
+    re, im = np.full((2, 3, 300), 5.0, dtype=np.float32)
+    add_noise_block(re, im, 40, 240, 8, 1000, np.uint64(KEY), 1.0)
+    alone = planes(3, 200, rms=1.0, first_bin=8, first_frame=1000)
+    for plane, added in zip((re, im), alone, strict=True):
+        assert (plane[:, :40] == 5).all()
+        assert (plane[:, 240:] == 5).all()
+        np.testing.assert_array_equal(plane[:, 40:240], np.float32(5) + added)
+
+
+def test_scale_is_exact_and_zero_is_silence():
+    one, double = planes(4, 200, rms=1.0), planes(4, 200, rms=2.0)
+    np.testing.assert_array_equal(2 * one[0], double[0])
+    assert not np.any(planes(4, 200, rms=0.0))
+
+
+def test_an_empty_block_is_no_work():
+    add_noise_matrix(np.zeros((0, 5), dtype=np.complex64), np.uint64(KEY), 1.0)
+    add_noise_matrix(np.zeros((5, 0), dtype=np.complex64), np.uint64(KEY), 1.0)
+    planes(3, 0)
+
+
+def test_keys_come_from_the_generator_and_give_different_noise():
+    assert draw_key(np.random.default_rng(4)) == draw_key(np.random.default_rng(4))
+    keys = {int(draw_key(np.random.default_rng(seed))) for seed in range(200)}
+    assert len(keys) == 200
+    assert max(keys) > 2**63
+    assert len({planes(2, 50, key=key)[0].tobytes() for key in keys}) == 200
+
+
+def test_public_noise_is_the_kernel_and_draws_once():
+    quiet = make_array(
+        BASEBAND, np.zeros((150, 7), np.complex64), {"slow_time": np.arange(150) / 1e3, "range": np.arange(7) / 20}
+    )
+    generator = np.random.default_rng(8)
+    noisy = add_noise(quiet, noise_power_v2=4.0, rng=generator)
+    expected = np.zeros((150, 7), dtype=np.complex64)
+    twin = np.random.default_rng(8)
+    add_noise_matrix(expected, draw_key(twin), 2.0)
+    assert noisy.values.tobytes() == expected.tobytes()
+    assert generator.integers(2**63) == twin.integers(2**63)
+    assert not quiet.values.any()
+
+
+DIGEST = 0x9FF76EFC
+"""CRC-32 of the two planes of :func:`checksum`: the bytes of a given key never change."""
+CHECKSUM = """
+import zlib
+import numpy as np
+from doppelgait.core.kernels.noise import add_noise_block
+re, im = np.zeros((2, 40, 500), dtype=np.float32)
+add_noise_block(re, im, 0, 500, 3, 1000, np.uint64(77), 1e-5)
+print(zlib.crc32(re.astype("<f4").tobytes() + im.astype("<f4").tobytes()))
+"""
+
+
+def test_bytes_are_those_of_the_first_release():
+    re, im = planes(40, 500, key=77, rms=1e-5, first_bin=3, first_frame=1000)
+    assert zlib.crc32(re.astype("<f4").tobytes() + im.astype("<f4").tobytes()) == DIGEST
+
+
+def test_bytes_do_not_depend_on_the_processor(tmp_path):
+    """Compiled without any vector extension beyond the baseline: no fused multiply-adds, other vector lengths."""
+    plain = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": "", "NUMBA_CACHE_DIR": str(tmp_path)}
+    run = subprocess.run(
+        [sys.executable, "-c", CHECKSUM], env={**os.environ, **plain}, capture_output=True, text=True, check=True
+    )
+    assert int(run.stdout) == DIGEST
+
+
+# Statistics
+
+
+@pytest.fixture(scope="module")
+def noise():
+    """64 bins of 32768 frames, float64: 4.2 million normal values of variance 1."""
+    re, im = planes(64, 32768)
+    return re + 1j * im.astype(np.float64)
+
+
+@pytest.fixture(scope="module")
+def normals(noise):
+    return np.concatenate([noise.real.ravel(), noise.imag.ravel()])
+
+
+def p_of(z):
+    return 2 * stats.norm.sf(abs(z))
+
+
+def test_moments_are_those_of_the_normal_law(normals):
+    n = normals.size
+    moments = {k: np.mean(normals**k) for k in (1, 2, 3, 4, 6)}
+    for k, moment in moments.items():
+        expected = 0 if k % 2 else math.prod(range(1, k, 2))
+        spread = math.sqrt(math.prod(range(1, 2 * k, 2)) - expected**2)
+        assert p_of((moment - expected) / spread * math.sqrt(n)) > P_LIMIT, k
+
+
+@pytest.mark.parametrize("part", ["real", "imag"])
+def test_kolmogorov_smirnov_of_the_parts(noise, part):
+    values = getattr(noise, part).ravel()
+    assert values.size > 2_000_000
+    assert stats.kstest(values, "norm").pvalue > P_LIMIT
+
+
+def test_power_is_exponential_and_phase_uniform(noise):
+    assert stats.kstest((np.abs(noise) ** 2).ravel() / 2, "expon").pvalue > P_LIMIT
+    turns = np.angle(noise).ravel() / (2 * np.pi)
+    assert stats.kstest(turns, "uniform", args=(-0.5, 1)).pvalue > P_LIMIT
+    cells = np.bincount(np.floor((turns + 0.5) * 360).astype(int) % 360, minlength=360)
+    assert stats.chisquare(cells).pvalue > P_LIMIT
+
+
+def test_power_and_phase_are_independent(noise):
+    power = np.minimum(np.floor(stats.expon.cdf(np.abs(noise) ** 2 / 2) * 16), 15).astype(int).ravel()
+    phase = (np.floor((np.angle(noise) / (2 * np.pi) + 0.5) * 16).astype(int) % 16).ravel()
+    assert stats.chisquare(np.bincount(16 * power + phase, minlength=256)).pvalue > P_LIMIT
+
+
+def test_parts_are_independent(noise):
+    i, q = noise.real.ravel(), noise.imag.ravel()
+    for f in (lambda v: v, lambda v: v**2 - 1, lambda v: v**3 - 3 * v, np.abs):
+        assert p_of(np.corrcoef(f(i), f(q))[0, 1] * math.sqrt(i.size)) > P_LIMIT
+    assert p_of(np.corrcoef(i, q**2)[0, 1] * math.sqrt(i.size)) > P_LIMIT
+
+
+def test_tails_beyond_four_sigma():
+    """134 million values: 8500 are expected beyond 4 sigma, 77 beyond 5, 9 beyond 5.4."""
+    edges = np.array([4.0, 4.2, 4.4, 4.6, 4.8, 5.0, 5.4])
+    far, n = [], 0
+    for part in range(32):
+        for plane in planes(32, 65536, first_frame=65536 * part):
+            far.append(plane[np.abs(plane) > 4])
+            n += plane.size
+    values = np.concatenate(far)
+    expected = np.append(-np.diff(stats.norm.sf(edges)), stats.norm.sf(edges[-1])) * n
+    for side in (values[values > 0], -values[values < 0]):
+        counts = np.histogram(side, np.append(edges, np.inf))[0]
+        distance = np.sum((counts - expected) ** 2 / expected)
+        assert stats.chi2.sf(distance, edges.size) > P_LIMIT, counts
+    assert 5.3 < np.abs(values).max() < 6.8
+
+
+@pytest.mark.parametrize("what", ["value", "square", "power"])
+def test_white_along_frames_and_bins(noise, what):
+    """Correlations at 64 lags in slow time, 32 in range and 64 in both, of the noise, of w^2 and of |w|^2."""
+    series = {"value": noise, "square": noise**2, "power": np.abs(noise) ** 2 - 2}[what]
+    variance = np.mean(np.abs(series) ** 2)
+    lags = [(0, i) for i in (*range(1, 49), *(LANES + k for k in range(-4, 5)), 256, 512, 1000, 1024, 2048, 4096, 8192)]
+    lags += [(n, 0) for n in range(1, 33)] + [(n, i) for n in range(1, 9) for i in (-7, -3, -2, -1, 1, 2, 3, 7)]
+    total = 0.0
+    for n, i in lags:
+        ahead, behind = series[n:, max(i, 0) :], series[: 64 - n, max(-i, 0) :]
+        shared = min(ahead.shape[1], behind.shape[1])
+        product = np.mean(ahead[:, :shared] * np.conj(behind[:, :shared])) / variance
+        z = product * math.sqrt((64 - n) * shared)
+        total += abs(z) ** 2 * (1 if what == "power" else 2)
+    freedom = len(lags) * (1 if what == "power" else 2)
+    assert stats.chi2.sf(total, freedom) > P_LIMIT
+    assert stats.chi2.cdf(total, freedom) > P_LIMIT
+
+
+def test_two_bins_of_a_counter_are_independent(noise):
+    """An even bin and the odd one above it come from one call of the generator; joint distribution in 256 cells."""
+    for f in (lambda v: v.real, lambda v: v.imag):
+        low, high = (np.floor(stats.norm.cdf(f(noise[k::2])) * 16).astype(int).ravel() for k in (0, 1))
+        assert stats.chisquare(np.bincount(16 * low + high, minlength=256)).pvalue > P_LIMIT
+
+
+def test_spectrum_is_flat(noise):
+    power = np.abs(np.fft.fft(noise, axis=1)) ** 2 / (2 * noise.shape[1])
+    # 64 bins: every line is a gamma variable of shape 64
+    assert stats.kstest(power.sum(axis=0), "gamma", args=(64,)).pvalue > P_LIMIT
+    across = np.abs(np.fft.fft(noise, axis=0)) ** 2 / (2 * 64)
+    sums = (across.mean(axis=1) - 1) * math.sqrt(noise.shape[1])
+    assert stats.chi2.sf(np.sum(sums**2), 64) > P_LIMIT
+
+
+def test_keys_one_bit_apart_give_independent_noise():
+    base = np.concatenate(planes(16, 4096)).ravel().astype(np.float64)
+    total = 0.0
+    for bit in range(64):
+        other = np.concatenate(planes(16, 4096, key=KEY ^ (1 << bit))).ravel().astype(np.float64)
+        total += np.dot(base, other) ** 2 / base.size + (np.dot(base**2 - 1, other**2 - 1) / 2) ** 2 / base.size
+    assert stats.chi2.sf(total, 128) > P_LIMIT
+    assert stats.chi2.cdf(total, 128) > P_LIMIT
+
+
+def test_one_bit_of_counter_or_key_flips_half_of_all_bits():
+    rng = np.random.default_rng(6)
+    flips = 0
+    for _ in range(40):
+        draw = rng.integers(0, 2**32, 6).tolist()
+        words = kernel_philox(draw[:4], draw[4:])
+        for bit in range(192):
+            changed = list(draw)
+            changed[bit // 32] ^= 1 << (bit % 32)
+            other = kernel_philox(changed[:4], changed[4:])
+            flips += sum((a ^ b).bit_count() for a, b in zip(words, other, strict=True))
+    n = 40 * 192 * 128
+    assert p_of((flips - n / 2) / math.sqrt(n / 4)) > P_LIMIT
+
+
+def test_consecutive_keys_and_frames_pool_to_white_noise():
+    """The first frames of many examples, pooled: what a dataset's users see."""
+    keys = [int(draw_key(np.random.default_rng(seed))) for seed in range(1000)] + list(range(1000))
+    first = np.array([np.concatenate(planes(8, 8, key=key)).ravel() for key in keys], dtype=np.float64)
+    assert stats.kstest(first.ravel(), "norm").pvalue > P_LIMIT
+    columns = np.corrcoef(first.T)[np.triu_indices(first.shape[1], 1)] * math.sqrt(len(keys))
+    assert stats.kstest(columns, "norm").pvalue > P_LIMIT
+    rows = np.sum(first[1:] * first[:-1], axis=1) / math.sqrt(first.shape[1])
+    assert p_of(rows.sum() / math.sqrt(rows.size)) > P_LIMIT

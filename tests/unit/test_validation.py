@@ -1,0 +1,258 @@
+"""What a user may give: every mistake is a DoppelgaitError with a clear text, every limit is held."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import doppelgait as dg
+from doppelgait.core.errors import AnalysisError, ConfigError, DoppelgaitWarning, OutputError
+from doppelgait.core.files import atomic_path
+from doppelgait.motion.models.boulic import boulic_walk
+from doppelgait.pipeline import parse_run, run_simulation, simulate
+from doppelgait.processing import Analysis, plan_transform
+from doppelgait.radar import Radar
+from doppelgait.radar.simulate import warn_of_limits
+from doppelgait.scene import RcsSpec, Scene, Target, assemble
+from doppelgait.scene.spec import build_motion
+
+INF, NAN = float("inf"), float("nan")
+
+
+@pytest.fixture(scope="module")
+def walk():
+    return boulic_walk(speed_mps=1.2, duration_s=1.0)
+
+
+# --- Targets, scenes and seeds of the Python API ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"height_m": -1}, r"target: height_m: -1 is not allowed.*greater than 0"),
+        ({"height_m": 6.0}, "height_m: 6.0.*less than or equal to 5"),
+        ({"scaling": "bogus"}, "scaling: 'bogus'.*'uniform', 'froude' or 'z_only'"),
+        ({"range_m": INF}, "range_m: inf.*"),
+        ({"range_m": "near"}, "range_m: 'near'.*must be a number"),
+        ({"start_position_m": (NAN, 1.0), "heading_deg": 0.0}, "start_position_m.0: nan.*finite"),
+        ({"start_position_m": (1.0,), "heading_deg": 0.0}, "start_position_m.1: is required"),
+        ({"start_position_m": (1.0, 1.0), "heading_deg": NAN}, "heading_deg: nan"),
+        ({"aspect_deg": INF}, "aspect_deg: inf"),
+        ({"bearing_deg": 1000.0}, "bearing_deg: 1000.0.*less than or equal to 360"),
+        ({"label": 3}, "label: 3"),
+        ({"rcs": "foo"}, r"rcs.kind: 'foo'.*'auto', 'body_parts' or 'equal'"),
+        ({"rcs": 3.0}, "rcs: 3.0"),
+    ],
+)
+def test_a_target_is_checked_as_strictly_as_in_a_scene_file(walk, options, says):
+    with pytest.raises(ConfigError, match=says):
+        Target(walk, **options)
+
+
+def test_a_target_takes_arrays_and_the_name_of_a_cross_section(walk):
+    target = Target(walk, start_position_m=np.array([3.0, 1.0]), heading_deg=90, rcs="equal")
+    assert target.start_position_m == (3.0, 1.0)
+    assert target.rcs_spec == RcsSpec(kind="equal")
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"radar_position_m": (0, 0)}, "scene: radar_position_m.2: is required"),
+        ({"radar_position_m": (0, 0, NAN)}, "radar_position_m.2: nan"),
+        ({"duration_s": -1.0}, "duration_s: -1.0.*greater than 0"),
+        ({"duration_s": NAN}, "duration_s: nan"),
+    ],
+)
+def test_a_scene_is_checked_as_strictly_as_a_scene_file(walk, options, says):
+    with pytest.raises(ConfigError, match=says):
+        Scene([Target(walk)], **options)
+
+
+def test_a_scene_holds_targets_only(walk):
+    with pytest.raises(ConfigError, match="list of Target"):
+        Scene([walk])
+    with pytest.raises(ConfigError, match="list of Target"):
+        Scene(Target(walk))
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, "one", None])
+def test_a_seed_is_a_whole_number_from_0(seed):
+    with pytest.raises(ConfigError, match=r"seed: .* not allowed; it must be an integer, 0 or larger"):
+        dg.rng(seed)
+    assert dg.rng(np.int64(3)).integers(1 << 30) == dg.rng(3).integers(1 << 30)
+
+
+# --- Radar --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"range_stop_m": 1e6}, r"range_stop_m 1000000.0 makes 19,453,\d+ range bins.*1 to 100,000 are allowed"),
+        ({"sample_rate_hz": 1e-300}, "makes 0 range bins"),
+        ({"bandwidth_hz": 1.4}, r"bandwidth_hz 1.4 makes a pulse of sigma 0.345 s; allowed are 1e-11 to 1e-06 s"),
+        ({"pulse_sigma_s": 1e-12}, "pulse_sigma_s 1e-12 makes a pulse"),
+        ({"carrier_hz": 7.29e6}, r"carrier_hz 7.29e\+06 is below half the pulse's 10 dB bandwidth, 7e\+08 Hz"),
+        ({"tx_power_dbm": 1e6}, "tx_power_dbm: 1000000.0.*less than or equal to 200"),
+        ({"tx_power_dbm": -201.0}, "tx_power_dbm: -201.0"),
+        ({"tx_gain_dbi": 101.0}, "tx_gain_dbi: 101.0"),
+        ({"rx_gain_dbi": -101.0}, "rx_gain_dbi: -101.0"),
+        ({"receiver_gain_db": 1e4}, "receiver_gain_db: 10000.0"),
+        ({"noise_figure_db": 1e4}, "noise_figure_db: 10000.0"),
+        ({"noise_bandwidth_hz": 1e300}, "noise_bandwidth_hz: 1e.300"),
+    ],
+)
+def test_a_radar_stays_within_its_limits(changes, says):
+    with pytest.raises(ConfigError, match=says):
+        Radar.preset("x4", **changes)
+
+
+def test_range_bins_wider_than_two_echoes_are_warned_of(walk):
+    sparse = Radar.preset("x4", decimation=32)
+    assert sparse.bin_spacing_m > 2 * sparse.range_resolution_m
+    table = assemble(Scene([Target(walk)]), np.arange(100) / 1000)
+    with pytest.warns(DoppelgaitWarning, match=r"sparse range bins: they are 0.206 m apart.*radar.decimation \(32\)"):
+        warn_of_limits(table, sparse)
+    warn_of_limits(table, Radar.preset("x4"))
+
+
+def test_a_small_share_outside_the_frame_is_not_called_0_percent(walk):
+    table = assemble(Scene([Target(walk)]), np.arange(500) / 1000)
+    table["range"].values[0, 0] = 50.0
+    with pytest.warns(DoppelgaitWarning, match=r"outside the frame: less than 1 % of all"):
+        warn_of_limits(table, Radar.preset("x4"))
+
+
+# --- Analysis -----------------------------------------------------------------------------------------------------
+
+
+def test_an_interval_of_too_few_pulses_is_refused():
+    with pytest.raises(AnalysisError, match=r"cpi_s = 0.1 at prf_hz = 10 .*1 pulse, at least 5 .*cpi_s to 0.4 or more"):
+        plan_transform(Analysis(), n_pulses=100, prf_hz=10.0)
+    assert plan_transform(Analysis(cpi_s=0.4), n_pulses=100, prf_hz=10.0).window.size == 5
+
+
+@pytest.mark.parametrize(("duration_s", "hop"), [(0.101, None), (0.15, None), (0.5, 100_000)])
+def test_too_few_columns_are_refused(walk, duration_s, hop):
+    recording = simulate(Scene([Target(walk)], duration_s=duration_s), Radar.preset("x4"))
+    with pytest.raises(AnalysisError, match=r"columns?, at least 8 are needed; record longer or lower hop"):
+        dg.analyze(recording, gate="truth", analysis=Analysis(hop=hop))
+
+
+@pytest.mark.parametrize(
+    "extra",
+    [
+        {"gate_span_m": 1.6}, {"gate_edges": "fractional"}, {"gate_doppler_hz": (-9.0, 9.0)}, {"normalisation": "sum"},
+    ],
+)  # fmt: skip
+def test_the_reports_method_does_not_take_what_it_ignores(extra):
+    with pytest.raises(ValueError, match=rf"method 'liland2018' has its own {next(iter(extra))}"):
+        Analysis(method="liland2018", **extra)
+    run = {"targets": [{"motion": {"kind": "boulic"}}], "analysis": {"method": "liland2018", **extra}}
+    with pytest.raises(ConfigError, match=rf"analysis: .*method 'liland2018' has its own {next(iter(extra))}"):
+        parse_run(run)
+
+
+@pytest.mark.parametrize("extra", [{}, {"gate_edges": "sharp", "normalisation": "max"}])
+@pytest.mark.parametrize("method", ["standard", "liland2018"])
+def test_an_analysis_can_be_stored_and_made_again(method, extra):
+    analysis = Analysis(method=method, hop=4, **extra)
+    assert Analysis.model_validate_json(analysis.model_dump_json()) == analysis
+
+
+# --- Scene files --------------------------------------------------------------------------------------------------
+
+
+def test_a_faulty_target_is_not_called_a_missing_one_too():
+    with pytest.raises(ConfigError) as caught:
+        parse_run({"targets": [{"motion": {"kind": "boulic"}, "colour": 1}]})
+    assert "targets.0.colour: unknown key" in str(caught.value)
+    assert "at least 1 item" not in str(caught.value)
+    with pytest.raises(ConfigError, match=r"targets: .*at least 1 item"):
+        parse_run({"targets": []})
+
+
+def test_a_motion_file_is_read_once(monkeypatch, walk):
+    import doppelgait.motion.readers as readers
+
+    asked = []
+    monkeypatch.setattr(readers, "read", lambda path, **options: asked.append(path.name) or walk)
+    targets = [{"motion": {"kind": "file", "path": "walk.c3d"}}, {"motion": {"kind": "boulic"}, "bearing_deg": 40}]
+    recording = run_simulation(parse_run({"targets": targets}))
+    assert asked == ["walk.c3d"]
+    assert recording.baseband.sizes["slow_time"] == 1000  # as long as the file's motion, not the model's default
+
+
+# --- Truth --------------------------------------------------------------------------------------------------------
+
+
+def uneven_walk(duration_s):
+    table = {"kind": "boulic", "speed_mps": 1.2, "stride_variation": 0.08}
+    return build_motion(table, duration_s=duration_s, rng=dg.rng(5))
+
+
+def strides(motion, until_s, foot="left_foot"):
+    times = np.array(motion.attrs["footfalls"][foot])
+    times = times[times <= until_s]
+    return (times.size - 1) / (times[-1] - times[0])
+
+
+def test_truth_frequencies_are_those_of_the_observation():
+    motion = uneven_walk(30.0)
+    truth = simulate(Scene([Target(motion, range_m=6.0)], duration_s=4.0), Radar.preset("x4")).truth[0]
+    wanted = np.mean([strides(motion, 4.0, foot) for foot in ("left_foot", "right_foot")])
+    assert truth.stride_frequency_hz == pytest.approx(wanted, rel=1e-12)
+    assert abs(wanted / motion.attrs["stride_frequency_hz"] - 1) > 0.01
+    assert truth.step_frequency_hz == pytest.approx(2 * wanted)
+    assert truth.gait_frequency_hz == pytest.approx(2 * wanted)
+
+
+def test_an_observation_of_less_than_a_stride_takes_the_touchdowns_around_it():
+    motion = uneven_walk(10.0)
+    truth = simulate(Scene([Target(motion)], duration_s=0.3), Radar.preset("x4")).truth[0]
+    feet = [np.array(times) for times in motion.attrs["footfalls"].values()]
+    early = [1 / (t[1] - t[0]) for t in feet] + [2 / (t[2] - t[0]) for t in feet]
+    assert min(early) <= truth.stride_frequency_hz <= max(early)
+
+
+def test_a_motion_without_footfalls_keeps_what_is_known(walk):
+    bare = walk.assign_attrs(footfalls={}, stride_frequency_hz=NAN, step_frequency_hz=NAN, gait_frequency_hz=NAN)
+    truth = simulate(Scene([Target(bare)]), Radar.preset("x4")).truth[0]
+    assert np.isnan([truth.stride_frequency_hz, truth.step_frequency_hz, truth.gait_frequency_hz]).all()
+
+
+# --- Files --------------------------------------------------------------------------------------------------------
+
+
+def test_a_file_appears_when_it_is_complete(tmp_path: Path) -> None:
+    with atomic_path(tmp_path / "a.txt") as partial:
+        partial.write_text("new")
+        assert not (tmp_path / "a.txt").exists()
+    assert os.listdir(tmp_path) == ["a.txt"]
+    assert (tmp_path / "a.txt").read_text() == "new"
+
+
+def write_half(target, fails):
+    with atomic_path(target) as partial:
+        partial.write_text("half")
+        raise fails
+
+
+@pytest.mark.parametrize(("fails", "raises"), [(OSError("disk full"), OutputError), (ValueError("bug"), ValueError)])
+def test_a_failed_write_leaves_the_older_file(tmp_path, fails, raises):
+    target = tmp_path / "a.txt"
+    target.write_text("old")
+    with pytest.raises(raises, match=r"^bug|a\.txt: cannot be written: disk full"):
+        write_half(target, fails)
+    assert os.listdir(tmp_path) == ["a.txt"]
+    assert target.read_text() == "old"
+
+
+def test_a_missing_folder_is_an_output_error(tmp_path):
+    with pytest.raises(OutputError, match="cannot be written"), atomic_path(tmp_path / "no" / "a.txt") as partial:
+        partial.write_text("x")
