@@ -55,5 +55,5 @@ def test_a_data_matrix_that_cannot_fit_is_refused():
     from doppelgait.core.errors import ConfigError
 
     radar = Radar.preset("x4", range_stop_m=5000.0, prf_hz=9000)
-    with pytest.raises(ConfigError, match="more than 2e.09 samples"):
+    with pytest.raises(ConfigError, match=r"more than 2e\+09 samples"):
         simulate(Scene([Target(boulic_walk(speed_mps=1.0, duration_s=30.0))]), radar)

@@ -38,7 +38,8 @@ def within_frame(signature: xr.DataArray) -> tuple[xr.DataArray, float]:
     share = signature.coords["gate_share"].values
     if share.size < MIN_COLUMNS:
         raise AnalysisError(
-            f"the signature has {share.size} column{'s' * (share.size > 1)}, at least {MIN_COLUMNS} are needed; record longer or lower hop"
+            f"the signature has {share.size} column{'s' * (share.size > 1)}, at least {MIN_COLUMNS} are needed; "
+            "record longer or lower hop"
         )
     if share.min() >= 1.0:
         return signature, 1.0
