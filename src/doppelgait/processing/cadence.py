@@ -57,7 +57,7 @@ def _orthonormal_basis(n_columns: int, order: int) -> npt.NDArray[np.float64]:
     """Orthonormal polynomials over the observation, shape (J, order + 1), read only."""
     basis = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, n_columns), order))[0]
     basis.flags.writeable = False
-    return basis
+    return np.asarray(basis, dtype=np.float64)
 
 
 def cadence_map(rows: xr.DataArray, *, padded: bool = True, tapered: bool | None = None) -> xr.DataArray:
