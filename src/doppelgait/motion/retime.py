@@ -28,15 +28,21 @@ def body_centre_m(motion: xr.DataArray) -> FloatArray:
     return np.asarray(values.mean(axis=1))
 
 
+def _net_travel_m(motion: xr.DataArray) -> FloatArray:
+    """Ground-plane displacement of the body centre from the first to the last frame, shape (2,)."""
+    first, last = body_centre_m(motion.isel(time=[0, -1]))[:, :2]
+    return np.asarray(last - first)
+
+
 def travel_heading_rad(motion: xr.DataArray) -> float:
     """Direction of net travel in the ground plane, from +x towards +y; 0 for a body that stays in place."""
-    net = np.diff(body_centre_m(motion)[[0, -1], :2], axis=0)[0]
+    net = _net_travel_m(motion)
     return math.atan2(net[1], net[0]) if math.hypot(*net) > STILL_BELOW_M else 0.0
 
 
 def travel_speed_mps(motion: xr.DataArray) -> float:
     """Net ground speed of the body centre over the whole motion."""
-    net = np.diff(body_centre_m(motion)[[0, -1], :2], axis=0)[0]
+    net = _net_travel_m(motion)
     times = motion.coords["time"].values
     return float(math.hypot(*net) / (times[-1] - times[0]))
 
@@ -77,7 +83,7 @@ def scale_to_height(
             f"{height_m} m; give recorded_height_m"
         )
     factor = height_m / recorded
-    anchor = np.array([*body_centre_m(motion)[0, :2], 0.0])
+    anchor = np.array([*body_centre_m(motion.isel(time=[0]))[0, :2], 0.0])
     scaled = motion.copy()
     if mode == "z_only":
         scaled.values[..., 2] *= factor
@@ -119,10 +125,11 @@ def place(motion: xr.DataArray, *, position_m: tuple[float, float], heading_deg:
     times = motion.coords["time"].values - motion.coords["time"].values[0]
     centre = body_centre_m(motion)
     pivot = np.array([np.interp(at_s, times, centre[:, 0]), np.interp(at_s, times, centre[:, 1])])
-    placed = motion.copy()
-    ground = motion.values[..., :2] - pivot
-    placed.values[..., :2] = ground @ np.array([[cos, sin], [-sin, cos]]) + np.asarray(position_m)
-    return placed
+    x, y = motion.values[..., 0] - pivot[0], motion.values[..., 1] - pivot[1]
+    moved = np.stack(
+        [x * cos - y * sin + position_m[0], x * sin + y * cos + position_m[1], motion.values[..., 2]], axis=-1
+    )
+    return motion.copy(deep=False, data=moved)
 
 
 def resample(motion: xr.DataArray, time_s: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
