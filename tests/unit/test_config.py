@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from pydantic import Field, ValidationError
+from pydantic import Field, ValidationError, model_validator
 
 from doppelgait.core.config import FrozenModel, apply_overrides, canonical_json, line_of_key, read_toml, validate
 from doppelgait.core.errors import ConfigError, DoppelgaitError
@@ -324,3 +324,19 @@ def test_example_files_are_valid():
         table, text = read_toml(path)
         if "targets" in table:
             parse_run(table, where=str(path), text=text)
+
+
+def test_a_fault_across_keys_speaks_for_itself():
+    class Pair(FrozenModel):
+        low: float
+        high: float
+
+        @model_validator(mode="after")
+        def _ordered(self):
+            if self.low > self.high:
+                raise ValueError("low: 3 is above high: 2")
+            return self
+
+    with pytest.raises(ConfigError) as caught:
+        validate(Pair, {"low": 3, "high": 2}, where="pair.toml")
+    assert str(caught.value) == "pair.toml: low: 3 is above high: 2"

@@ -23,6 +23,7 @@ from doppelgait.features.doppler import (
 from doppelgait.features.gait import occupied_rows
 from doppelgait.features.gait_frequency import square_difference
 from doppelgait.features.peaks import local_maxima, refine
+from doppelgait.motion.models import breathing_person, moving_point
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.motion.schema import make_motion
 from doppelgait.pipeline import analyze, result_as_dict, simulate
@@ -459,3 +460,15 @@ def test_the_limb_torso_ratio_searches_at_least_a_quarter_hertz_e38():
     coords = {"cadence": cadence_hz, "doppler": [0.0], "velocity": ("doppler", [0.0])}
     found = limb_torso_ratio(make_array(CADENCE_MAP, row[:, None], coords), np.array([1.0]), 1.0, np.array([True]))
     assert found.amplitude_ratio == pytest.approx(1.0, rel=1e-6)
+
+
+@pytest.mark.parametrize("motion", [breathing_person(duration_s=6.0), moving_point(speed_mps=0.6)])
+@pytest.mark.parametrize("snr_db", [5.0, 20.0, None])
+def test_a_target_without_limb_motion_has_no_gait_frequency(motion, snr_db):
+    recording = simulate(Scene([Target(motion)]), Radar.preset("x4"), rng=np.random.default_rng(1), snr_db=snr_db)
+    found = analyze(recording, gate="truth")[0]
+    assert found.gait_frequency_hz is None
+    assert found.features.step_length_m is None
+    assert found.features.limb_torso_ratio is None
+    assert "gait_frequency:no_modulation" in found.flags
+    assert found.features.torso_velocity_mps is not None, "its speed stands"

@@ -126,3 +126,19 @@ def test_independent_columns_are_60_ms_apart_e38():
 def test_median_is_that_of_numpy(shape, dtype):
     cells = np.random.default_rng(2).random(shape).astype(dtype)
     assert median(cells) == pytest.approx(float(np.median(cells)), rel=1e-7)
+
+
+@pytest.mark.parametrize("span_m", [0.01, 0.03, 0.2])
+def test_floor_of_a_gate_narrower_than_a_bin_e28(span_m):
+    scene = Scene([Target(boulic_walk(speed_mps=1.2, height_m=1.8, duration_s=4.0))])
+    recording = simulate(scene, Radar.preset("x4"), rng=np.random.default_rng(1), snr_db=10.0)
+    analysis = Analysis(gate_span_m=span_m)
+    mu = signature(
+        recording.baseband,
+        truth_gate(recording, recording.truth[0], analysis),
+        analysis,
+        wavelength_m=recording.radar.wavelength_m,
+    )
+    wanted = mu.attrs["n_gate_bins"] * recording.noise_power_v2 * W2
+    # a gate across a bin edge sums parts of two variables: up to 12 % above the law of one
+    assert noise_floor_v2(mu) == pytest.approx(wanted, rel=0.12)

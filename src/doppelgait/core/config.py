@@ -76,7 +76,7 @@ def _own_faults(faults: Sequence[Any]) -> list[Any]:
 def _describe(fault: Any, model: type[BaseModel], text: str, section: tuple[str, ...]) -> str:
     location = (*section, *fault["loc"])
     key = ".".join(str(part) for part in location)
-    place = (key or "the whole section") + line_note(text, location)
+    place = key + line_note(text, location)
     if fault["type"] == "extra_forbidden":
         allowed = ", ".join(sorted(_fields_at(model, fault["loc"][:-1])))
         return f"{place}: unknown key" + (f"; allowed are {allowed}" if allowed else "")
@@ -85,7 +85,9 @@ def _describe(fault: Any, model: type[BaseModel], text: str, section: tuple[str,
     value = fault.get("input")
     shown = repr(value) if not isinstance(value, dict) and len(repr(value)) < 80 else "this value"
     message = fault["msg"].removeprefix("Value error, ")
-    return f"{place}: {shown} is not allowed: {message}" if fault["loc"] else f"{place}: {message}"
+    if not fault["loc"]:  # a check across keys names them itself
+        return f"{place}: {message}" if key else message
+    return f"{place}: {shown} is not allowed: {message}"
 
 
 def _fields_at(model: type[BaseModel], location: Sequence[Any]) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ import xarray as xr
 from doppelgait.core.units import doppler_to_velocity_mps, power_to_db
 from doppelgait.features.doppler import bandwidth_envelope_hz, bandwidth_threshold_hz, single_tone_width_hz
 from doppelgait.features.gait_frequency import GaitFrequency
-from doppelgait.features.harmonics import limb_torso_ratio, peak_ratio
+from doppelgait.features.harmonics import LimbTorsoRatio, limb_torso_ratio, peak_ratio
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -22,6 +22,8 @@ MIN_PERIODS = 1.5
 LOW_PERIODICITY = 0.3
 FEW_PERIODS = 2.0
 OCCUPIED_SIGMAS = 3.0
+NO_GAIT_RATIO = 0.1
+"""A target that oscillates less than this against its own mean (rho) has no gait; walkers and dogs: 0.4 and more."""
 
 FEATURE_UNITS = {
     "torso_velocity_mps": "m/s",
@@ -177,7 +179,12 @@ def extract(evidence: Evidence, *, bandwidth_threshold: float, cpi_s: float, win
         flags.append("doppler_bandwidth:signal_in_too_few_columns")
     frequency_hz = _checked_frequency(evidence.gait, flags)
     mean_row = evidence.aligned.values.mean(axis=0)
-    features, amplitude_ratio = _gait_part(evidence, mean_row, frequency_hz, velocity_mps, bandwidth_hz, flags)
+    rho = _modulation(evidence, mean_row, frequency_hz)
+    if rho.ratio is not None and rho.ratio < NO_GAIT_RATIO:
+        flags.append("gait_frequency:no_modulation")
+        frequency_hz = None
+    whole = GaitFeatures(torso_velocity_mps=velocity_mps, doppler_bandwidth_hz=bandwidth_hz)
+    features = _with_gait(whole, evidence.spectrum, frequency_hz, rho, flags)
     threshold_hz = bandwidth_threshold_hz(
         mean_row, evidence.aligned.coords["doppler"].values, threshold=bandwidth_threshold
     ) - single_tone_width_hz(cpi_s=cpi_s, window_steepness=window_steepness, threshold=bandwidth_threshold)
@@ -186,7 +193,7 @@ def extract(evidence: Evidence, *, bandwidth_threshold: float, cpi_s: float, win
         "salience": evidence.gait.salience,
         "second_candidate_hz": evidence.gait.second_hz,
         "doppler_bandwidth_threshold_hz": threshold_hz,
-        "limb_torso_amplitude_ratio": amplitude_ratio,
+        "limb_torso_amplitude_ratio": rho.amplitude_ratio,
         "main_line_drift_hz": float(evidence.main_line_hz[-1] - evidence.main_line_hz[0]),
     }
     periods = evidence.gait.n_periods if frequency_hz is not None else None
@@ -205,27 +212,29 @@ def _checked_frequency(gait: GaitFrequency, flags: list[str]) -> float | None:
     return gait.frequency_hz
 
 
-def _gait_part(
-    evidence: Evidence, mean_row: FloatArray, frequency_hz: float | None, velocity_mps: float,
-    bandwidth_hz: float | None, flags: list[str],
-) -> tuple[GaitFeatures, float | None]:  # fmt: skip
+def _modulation(evidence: Evidence, mean_row: FloatArray, frequency_hz: float | None) -> LimbTorsoRatio:
+    if frequency_hz is None:
+        return LimbTorsoRatio(None, None)
+    return limb_torso_ratio(evidence.step_doppler, mean_row, frequency_hz, occupied_rows(evidence))
+
+
+def _with_gait(
+    whole: GaitFeatures, spectrum: xr.DataArray, frequency_hz: float | None, rho: LimbTorsoRatio, flags: list[str]
+) -> GaitFeatures:
     if frequency_hz is None:
         flags.append("step_length,harmonic_ratios,limb_torso_ratio:need_a_gait_frequency")
-        return GaitFeatures(torso_velocity_mps=velocity_mps, doppler_bandwidth_hz=bandwidth_hz), None
-    cadence_hz, power = evidence.spectrum.coords["cadence"].values, evidence.spectrum.values
+        return whole
+    cadence_hz, power = spectrum.coords["cadence"].values, spectrum.values
     second, third = (peak_ratio(cadence_hz, power, frequency_hz, h) for h in (2, 3))
     for number, value in ((2, second), (3, third)):
         if value is None:
             flags.append(f"harmonic_ratio_{number}:no_peak_6_db_above_its_surroundings")
-    rho = limb_torso_ratio(evidence.step_doppler, mean_row, frequency_hz, occupied_rows(evidence))
     if rho.ratio is None:
         flags.append("limb_torso_ratio:no_doppler_row_above_the_noise")
-    features = GaitFeatures(
-        torso_velocity_mps=velocity_mps,
-        doppler_bandwidth_hz=bandwidth_hz,
-        step_length_m=abs(velocity_mps) / frequency_hz,
+    return replace(
+        whole,
+        step_length_m=abs(whole.torso_velocity_mps or 0.0) / frequency_hz,
         harmonic_ratio_2=second,
         harmonic_ratio_3=third,
         limb_torso_ratio=rho.ratio,
     )
-    return features, rho.amplitude_ratio

@@ -21,7 +21,8 @@ def noise_floor_v2(signature: xr.DataArray) -> float:
     """Mean noise power in one cell of a signature, estimated from its quiet Doppler rows (E-28).
 
     The third of the rows with the least mean power gives a first value; all rows that agree with it give the second.
-    A cell of pure noise sums N_g exponential variables: its median is (1 - 1/(9 N_g))^3 of its mean (ln 2 for N_g = 1).
+    A cell of pure noise sums N_g exponential variables: its median is (1 - 1/(9 N_g))^3 of its mean (ln 2 up to
+    N_g = 1; a gate of about one bin that moves across bin edges then reads up to 12 % high).
 
     Parameters
     ----------
@@ -39,8 +40,8 @@ def noise_floor_v2(signature: xr.DataArray) -> float:
     open_rows = np.flatnonzero(row_power > 0)
     if not open_rows.size:
         return 0.0
-    n_gate = int(signature.attrs["n_gate_bins"])
-    to_mean = np.log(2.0) if n_gate == 1 else (1.0 - 1.0 / (9.0 * n_gate)) ** 3
+    n_gate = max(1.0, float(signature.attrs["n_gate_bins"]))  # below one bin it is one variable
+    to_mean = np.log(2.0) if n_gate == 1.0 else (1.0 - 1.0 / (9.0 * n_gate)) ** 3
     ordered = open_rows[np.argsort(row_power[open_rows], kind="stable")]
     quiet = ordered[: max(3, int(QUIET_SHARE * ordered.size))]
     floor = median(values.take(quiet, axis=1)) / to_mean
