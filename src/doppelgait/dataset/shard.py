@@ -18,6 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from doppelgait.core.config import canonical_json
 from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning
+from doppelgait.core.labels import axis
 from doppelgait.dataset.motions import recording_of
 from doppelgait.dataset.plan import ExampleSpec, ShardSpec
 from doppelgait.pipeline import run_example, run_simulation
@@ -91,8 +92,8 @@ def build_example(
         sources["baseband"] = _baseband(example, folder)
     stored = {name: sources[name].values.astype(STORED_DTYPES[name]) for name in fields}
     if "signature" in fields:
-        stored["signature_time_s"] = result.signature.coords["time"].values
-        stored["signature_doppler_hz"] = result.signature.coords["doppler"].values
+        stored["signature_time_s"] = axis(result.signature, "time")
+        stored["signature_doppler_hz"] = axis(result.signature, "doppler")
     return index_row(example, made, messages), stored
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.labels import SIGNATURE, check_signal
+from doppelgait.core.labels import SIGNATURE, axis, check_signal
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -29,7 +29,7 @@ def envelopes_hz(signature: xr.DataArray, floor_v2: float) -> tuple[FloatArray, 
     low, high = np.empty((2, signature.shape[0]))
     values = np.ascontiguousarray(signature.values)
     power_quantiles(values, float(threshold), float(floor_v2), *POWER_QUANTILES, low, high)
-    doppler_hz = signature.coords["doppler"].values
+    doppler_hz = axis(signature, "doppler")
     bin_hz = float(doppler_hz[1] - doppler_hz[0])
     return doppler_hz[0] + bin_hz * low, doppler_hz[0] + bin_hz * high
 

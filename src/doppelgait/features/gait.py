@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from doppelgait.core.labels import axis
 from doppelgait.core.units import doppler_to_velocity_mps, power_to_db
 from doppelgait.features.doppler import bandwidth_envelope_hz, bandwidth_threshold_hz, single_tone_width_hz
 from doppelgait.features.gait_frequency import GaitFrequency
@@ -186,7 +187,7 @@ def extract(evidence: Evidence, *, bandwidth_threshold: float, cpi_s: float, win
     whole = GaitFeatures(torso_velocity_mps=velocity_mps, doppler_bandwidth_hz=bandwidth_hz)
     features = _with_gait(whole, evidence.spectrum, frequency_hz, rho, flags)
     threshold_hz = bandwidth_threshold_hz(
-        mean_row, evidence.aligned.coords["doppler"].values, threshold=bandwidth_threshold
+        mean_row, axis(evidence.aligned, "doppler"), threshold=bandwidth_threshold
     ) - single_tone_width_hz(cpi_s=cpi_s, window_steepness=window_steepness, threshold=bandwidth_threshold)
     quality |= {
         "periodicity": evidence.gait.periodicity,
@@ -224,7 +225,7 @@ def _with_gait(
     if frequency_hz is None:
         flags.append("step_length,harmonic_ratios,limb_torso_ratio:need_a_gait_frequency")
         return whole
-    cadence_hz, power = spectrum.coords["cadence"].values, spectrum.values
+    cadence_hz, power = axis(spectrum, "cadence"), spectrum.values
     second, third = (peak_ratio(cadence_hz, power, frequency_hz, h) for h in (2, 3))
     for number, value in ((2, second), (3, third)):
         if value is None:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.labels import CADENCE_SPECTRUM, NORMALISED_SIGNATURE, check_signal, sampling_rate_hz
+from doppelgait.core.labels import CADENCE_SPECTRUM, NORMALISED_SIGNATURE, axis, check_signal, sampling_rate_hz
 from doppelgait.features.peaks import local_maxima, refine
 
 FloatArray = npt.NDArray[np.float64]
@@ -66,9 +66,9 @@ def gait_frequency(spectrum: xr.DataArray, rows: xr.DataArray) -> GaitFrequency:
     """
     check_signal(spectrum, CADENCE_SPECTRUM)
     check_signal(rows, NORMALISED_SIGNATURE)
-    rate_hz = sampling_rate_hz(rows.coords["time"].values)
+    rate_hz = sampling_rate_hz(axis(rows, "time"))
     seconds = rows.sizes["time"] / rate_hz
-    cadence_hz = spectrum.coords["cadence"].values
+    cadence_hz = axis(spectrum, "cadence")
     values = np.asarray(spectrum.values, dtype=np.float64)
     low = int(np.searchsorted(cadence_hz, max(SEARCH_HZ[0], 1.1 / seconds)))
     high = int(np.searchsorted(cadence_hz, SEARCH_HZ[1], side="right")) - 1

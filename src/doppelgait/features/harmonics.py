@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.labels import CADENCE_MAP, CADENCE_SPECTRUM, check_signal
+from doppelgait.core.labels import CADENCE_MAP, CADENCE_SPECTRUM, axis, check_signal
 from doppelgait.features.peaks import local_maxima, refine
 
 FloatArray = npt.NDArray[np.float64]
@@ -38,7 +38,7 @@ def harmonic_ratio(spectrum: xr.DataArray, frequency_hz: float, harmonic: int) -
     """
     check_signal(spectrum, CADENCE_SPECTRUM)
     values = np.asarray(spectrum.values, dtype=np.float64)
-    return peak_ratio(spectrum.coords["cadence"].values, values, frequency_hz, harmonic)
+    return peak_ratio(axis(spectrum, "cadence"), values, frequency_hz, harmonic)
 
 
 def peak_ratio(cadence_hz: FloatArray, values: FloatArray, frequency_hz: float, harmonic: int) -> float | None:
@@ -85,7 +85,7 @@ def limb_torso_ratio(
         None where no row is occupied.
     """
     check_signal(step_doppler, CADENCE_MAP)
-    cadence_hz = step_doppler.coords["cadence"].values
+    cadence_hz = axis(step_doppler, "cadence")
     values = step_doppler.values
     base = mean_spectrum[occupied]
     if not occupied.any() or base.sum() <= 0:

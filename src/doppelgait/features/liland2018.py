@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.labels import CADENCE_SPECTRUM, check_signal
+from doppelgait.core.labels import CADENCE_SPECTRUM, axis, check_signal
 from doppelgait.core.units import doppler_to_velocity_mps
 from doppelgait.features.gait import Extraction, GaitFeatures
 from doppelgait.features.peaks import local_maxima
@@ -69,13 +69,13 @@ def extract(
         harmonic_ratio_3=harmonics[1][0] / step_hz if harmonics[1] else None,
         limb_torso_ratio=total / torso_amplitude if complete else None,
     )
-    seconds = 1.0 / float(spectrum.coords["cadence"].values[1])
+    seconds = 1.0 / float(axis(spectrum, "cadence")[1])
     flags = () if complete else ("harmonics:no_peak_near_the_expected_place",)
     return Extraction(features, step_hz, torso_hz, step_hz * seconds, {**quality, "observation_s": seconds}, flags)
 
 
 def _highest(spectrum: xr.DataArray, low_hz: float, high_hz: float) -> tuple[float, float] | None:
-    cadence_hz = spectrum.coords["cadence"].values
+    cadence_hz = axis(spectrum, "cadence")
     values = np.asarray(spectrum.values, dtype=np.float64)
     peaks = local_maxima(values, first=1, last=values.size - 2)
     peaks = peaks[(cadence_hz[peaks] >= low_hz) & (cadence_hz[peaks] <= high_hz)]

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import MotionError
-from doppelgait.core.labels import MOTION, check_signal
+from doppelgait.core.labels import MOTION, axis, check_signal
 from doppelgait.motion.skeleton import BODY_CENTRE_PARTS
 
 FloatArray = npt.NDArray[np.float64]
@@ -23,14 +23,22 @@ STILL_BELOW_M = 0.2
 
 def body_centre_m(motion: xr.DataArray) -> FloatArray:
     """Mean position of the torso or trunk points, or of all points where none is known; shape (T, 3), m."""
-    central = np.isin(motion.coords["part"].values, BODY_CENTRE_PARTS)
-    values = motion.values[:, central] if central.any() else motion.values
-    return np.asarray(values.mean(axis=1))
+    return _mean_of(motion.values, _central_points(motion))
+
+
+def _central_points(motion: xr.DataArray) -> npt.NDArray[np.int64]:
+    """Numbers of the torso or trunk points, or of all where none is known."""
+    central = [n for n, part in enumerate(axis(motion, "part").tolist()) if part in BODY_CENTRE_PARTS]
+    return np.array(central or range(motion.shape[1]), dtype=np.int64)
+
+
+def _mean_of(values: npt.NDArray[Any], points: npt.NDArray[np.int64]) -> FloatArray:
+    return np.asarray(values[:, points].mean(axis=1))
 
 
 def _net_travel_m(motion: xr.DataArray) -> FloatArray:
     """Ground-plane displacement of the body centre from the first to the last frame, shape (2,)."""
-    first, last = body_centre_m(motion.isel(time=[0, -1]))[:, :2]
+    first, last = _mean_of(motion.values[[0, -1]], _central_points(motion))[:, :2]
     return np.asarray(last - first)
 
 
@@ -43,13 +51,13 @@ def travel_heading_rad(motion: xr.DataArray) -> float:
 def travel_speed_mps(motion: xr.DataArray) -> float:
     """Net ground speed of the body centre over the whole motion."""
     net = _net_travel_m(motion)
-    times = motion.coords["time"].values
+    times = axis(motion, "time")
     return float(math.hypot(*net) / (times[-1] - times[0]))
 
 
 def duration_s(motion: xr.DataArray) -> float:
     """Time from the first to the last frame."""
-    times = motion.coords["time"].values
+    times = axis(motion, "time")
     return float(times[-1] - times[0])
 
 
@@ -83,7 +91,7 @@ def scale_to_height(
             f"{height_m} m; give recorded_height_m"
         )
     factor = height_m / recorded
-    anchor = np.array([*body_centre_m(motion.isel(time=[0]))[0, :2], 0.0])
+    anchor = np.array([*_centre_at(motion, 0.0)[:2], 0.0])
     scaled = motion.copy()
     if mode == "z_only":
         scaled.values[..., 2] *= factor
@@ -94,7 +102,7 @@ def scale_to_height(
 
 
 def _slow_down(motion: xr.DataArray, factor: float) -> xr.DataArray:
-    times = motion.coords["time"].values
+    times = axis(motion, "time")
     slowed = motion.assign_coords(time=times[0] + (times - times[0]) * factor)
     slowed.coords["time"].attrs["units"] = "s"
     slowed.attrs["rate_hz"] = motion.attrs["rate_hz"] / factor
@@ -122,14 +130,23 @@ def place(motion: xr.DataArray, *, position_m: tuple[float, float], heading_deg:
     """
     turn = math.radians(heading_deg) - travel_heading_rad(motion)
     cos, sin = math.cos(turn), math.sin(turn)
-    times = motion.coords["time"].values - motion.coords["time"].values[0]
-    centre = body_centre_m(motion)
-    pivot = np.array([np.interp(at_s, times, centre[:, 0]), np.interp(at_s, times, centre[:, 1])])
+    pivot = _centre_at(motion, at_s)
     x, y = motion.values[..., 0] - pivot[0], motion.values[..., 1] - pivot[1]
-    moved = np.stack(
-        [x * cos - y * sin + position_m[0], x * sin + y * cos + position_m[1], motion.values[..., 2]], axis=-1
-    )
+    moved = np.empty(motion.shape)
+    np.add(x * cos - y * sin, position_m[0], out=moved[..., 0])
+    np.add(x * sin + y * cos, position_m[1], out=moved[..., 1])
+    moved[..., 2] = motion.values[..., 2]
     return motion.copy(deep=False, data=moved)
+
+
+def _centre_at(motion: xr.DataArray, at_s: float) -> FloatArray:
+    """Body centre at a time after the first frame, by linear interpolation; shape (3,)."""
+    times = axis(motion, "time")
+    wanted = times[0] + at_s
+    after = int(np.clip(np.searchsorted(times, wanted), 1, times.size - 1))
+    before, behind = _mean_of(motion.values[after - 1 : after + 1], _central_points(motion))
+    share = np.clip((wanted - times[after - 1]) / (times[after] - times[after - 1]), 0.0, 1.0)
+    return np.asarray(before + share * (behind - before))
 
 
 def resample(motion: xr.DataArray, time_s: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -151,16 +168,9 @@ def resample(motion: xr.DataArray, time_s: npt.ArrayLike) -> tuple[FloatArray, F
     MotionError
         If a time lies outside the motion, or the motion has gaps or too few frames.
     """
-    from doppelgait.core.kernels.spline import positions_and_velocities
-
     spline = fit_spline(motion)
-    wanted = check_times(motion, time_s)
-    shape = (wanted.size, *motion.shape[1:])
-    position, velocity = (
-        np.empty((wanted.size, spline.values.shape[1])),
-        np.empty((wanted.size, spline.values.shape[1])),
-    )
-    positions_and_velocities(spline.values, spline.moments, spline.step_s, wanted, position, velocity)
+    position, velocity = spline.at(check_times(motion, time_s))
+    shape = (position.shape[0], *motion.shape[1:])
     return position.reshape(shape), velocity.reshape(shape)
 
 
@@ -172,6 +182,14 @@ class Spline:
     moments: FloatArray
     step_s: float
 
+    def at(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Values and slopes at times after the first frame, both (I, C)."""
+        from doppelgait.core.kernels.spline import positions_and_velocities
+
+        value, slope = np.empty((2, times_s.size, self.values.shape[1]))
+        positions_and_velocities(self.values, self.moments, self.step_s, times_s, value, slope)
+        return value, slope
+
 
 def fit_spline(motion: xr.DataArray) -> Spline:
     """Cubic (C2, not-a-knot) spline through a motion's frames (E-02).
@@ -181,14 +199,23 @@ def fit_spline(motion: xr.DataArray) -> Spline:
     MotionError
         If the motion has gaps or fewer than 4 frames.
     """
+    return _spline_through(motion, motion.values.reshape(motion.shape[0], -1))
+
+
+def fit_centre(motion: xr.DataArray) -> Spline:
+    """Spline through the body centre (:func:`body_centre_m`), as :func:`fit_spline`; 3 columns."""
+    return _spline_through(motion, body_centre_m(motion))
+
+
+def _spline_through(motion: xr.DataArray, columns: npt.NDArray[Any]) -> Spline:
     from doppelgait.core.kernels.spline import spline_moments
 
-    if motion.sizes["time"] < 4 or not np.isfinite(motion.values).all():
+    if columns.shape[0] < 4 or not np.isfinite(columns).all():
         source = motion.attrs["source"]
         raise MotionError(f"{source}: needs 4 frames or more without gaps to be resampled; clean it first")
-    values = np.ascontiguousarray(motion.values.reshape(motion.sizes["time"], -1), dtype=np.float64)
+    values = np.ascontiguousarray(columns, dtype=np.float64)
     moments = np.empty_like(values)
-    step_s = duration_s(motion) / (motion.sizes["time"] - 1)
+    step_s = duration_s(motion) / (values.shape[0] - 1)
     spline_moments(values, step_s, moments)
     return Spline(values, moments, step_s)
 

@@ -14,6 +14,7 @@ import xarray as xr
 from doppelgait import features as feature_layer
 from doppelgait import processing
 from doppelgait.core.errors import AnalysisError
+from doppelgait.core.labels import axis
 from doppelgait.features import liland2018
 from doppelgait.features.gait import Evidence, Extraction, GaitFeatures
 from doppelgait.features.ground_motion import ground_motion
@@ -44,13 +45,16 @@ class TargetResult:
     gait_frequency_hz, torso_doppler_hz, n_periods : float or None
     quality : mapping
     flags : tuple of str
-    signature, normalised_signature : DataArray (time, doppler)
+    signature : DataArray (time, doppler)
+        With the hop that was asked for.
+    normalised_signature : DataArray (time, doppler)
+        Its columns that the features are taken from: where the hop is finer than the lossless one, every n-th.
     cadence_map : DataArray (cadence, doppler)
     cadence_spectrum : DataArray (cadence)
     mean_doppler_spectrum : ndarray, shape (K,)
         D_1 of the normalised signature.
     main_line_hz : ndarray, shape (J,)
-        Main Doppler line whose mean is ``torso_doppler_hz``.
+        Main Doppler line (straight) at the columns of ``signature``.
     gate_limits : Dataset (time)
     """
 
@@ -135,7 +139,7 @@ def _overlap(gate: xr.Dataset, other: xr.Dataset) -> bool:
 
 def truth_gate(recording: Recording, truth: TargetTruth, analysis: Analysis, error_m: float = 0.0) -> xr.Dataset:
     """Gate around the true range of the body; the report's method adds span by class and the true Doppler band."""
-    slow_time_s = recording.baseband.coords["slow_time"].values
+    slow_time_s = axis(recording.baseband, "slow_time")
     return gate_of_truth(slow_time_s, truth, analysis, wavelength_m=recording.radar.wavelength_m, error_m=error_m)
 
 
@@ -194,7 +198,7 @@ def analyze_signature(mu: xr.DataArray, gate: xr.Dataset, analysis: Analysis, *,
 
 def _geometry(mu: xr.DataArray, extraction: Extraction) -> tuple[dict[str, Any], list[str]]:
     """Ground speed and aspect from the gate's range history (E-34b), and the flags that follow from them."""
-    motion = ground_motion(mu.coords["time"].values, mu.coords["centre_range"].values)
+    motion = ground_motion(axis(mu, "time"), axis(mu, "centre_range"))
     step_m = None
     if motion.ground_speed_mps is not None and extraction.gait_frequency_hz is not None:
         step_m = motion.ground_speed_mps / extraction.gait_frequency_hz
@@ -216,7 +220,8 @@ def _geometry(mu: xr.DataArray, extraction: Extraction) -> tuple[dict[str, Any],
 
 
 def _standard_chain(mu: xr.DataArray, analysis: Analysis) -> tuple[Extraction, dict[str, Any]]:
-    """E-28 to E-38: floor, normalise, align, detrend, cadence, features."""
+    """E-28 to E-38: floor, normalise, align, detrend, cadence, features, on the columns of the lossless hop."""
+    dense, mu = mu, processing.thin(mu)
     floor_v2 = processing.noise_floor_v2(mu)
     normalised = processing.normalise(mu, floor_v2, mode=analysis.normalisation)
     seconds = processing.observation_s(mu)
@@ -241,7 +246,7 @@ def _standard_chain(mu: xr.DataArray, analysis: Analysis) -> tuple[Extraction, d
         cpi_s=analysis.cpi_s,
         window_steepness=analysis.window_steepness,
     )
-    return extraction, _arrays(normalised, step_doppler, spectrum, straight)
+    return extraction, _arrays(normalised, step_doppler, spectrum, main_line.straight_at(straight, mu, dense))
 
 
 def _liland_chain(mu: xr.DataArray, analysis: Analysis) -> tuple[Extraction, dict[str, Any]]:
@@ -252,7 +257,7 @@ def _liland_chain(mu: xr.DataArray, analysis: Analysis) -> tuple[Extraction, dic
     spectrum = processing.cadence_spectrum(step_doppler, power=False)
     extraction = liland2018.extract(
         processing.mean_doppler_spectrum(normalised),
-        mu.coords["doppler"].values,
+        axis(mu, "doppler"),
         spectrum,
         wavelength_m=float(mu.attrs["wavelength_m"]),
         threshold=analysis.bandwidth_threshold,

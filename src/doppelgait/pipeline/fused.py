@@ -19,7 +19,7 @@ from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.pipeline.analyze import TargetResult, analyze_signature, flag_overlaps, gate_of_truth
 from doppelgait.pipeline.simulate import pulse_times_s, target_truth
 from doppelgait.processing import Analysis
-from doppelgait.processing.signature import needed_pulses, signature_of_planes
+from doppelgait.processing.signature import cut_out, signature_of_planes
 from doppelgait.radar.config import Radar
 from doppelgait.radar.recording import TargetTruth
 from doppelgait.radar.simulate import noise_level_v2, scatterer_arrays, warn_of_limits
@@ -78,16 +78,13 @@ def run_fused(
         gate_of_truth(slow_time_s, t, analysis, wavelength_m=radar.wavelength_m, error_m=gate_error_m) for t in truth
     ]
     range_m = radar.range_axis_m()
+    cuts = [cut_out(gate, slow_time_s, range_m, analysis) for gate in gates]
     if rng is not None and noise_v2 > 0:
-        spans = [needed_pulses(gate, slow_time_s, range_m, analysis) for gate in gates]
-        _add_noise(plane_re, plane_im, spans, rng, noise_v2=noise_v2)
+        _add_noise(plane_re, plane_im, [cut.needed_pulses() for cut in cuts], rng, noise_v2=noise_v2)
     results = []
-    for gate, target in zip(gates, truth, strict=True):
-        mu = signature_of_planes(
-            plane_re, plane_im, 0, gate, analysis,
-            slow_time_s=slow_time_s, range_m=range_m, wavelength_m=radar.wavelength_m,
-        )  # fmt: skip
-        results.append(analyze_signature(mu, gate, analysis, label=target.label or None))
+    for cut, target in zip(cuts, truth, strict=True):
+        mu = signature_of_planes(plane_re, plane_im, 0, cut, wavelength_m=radar.wavelength_m)
+        results.append(analyze_signature(mu, cut.gate, analysis, label=target.label or None))
     snr_frame_db = 10 * math.log10(signal_v2 / noise_v2) if noise_v2 > 0 else math.inf
     return FusedExample(flag_overlaps(results), truth, slow_time_s.size, noise_v2, snr_frame_db)
 
@@ -124,13 +121,7 @@ def _add_noise(
     noise_v2: float,
 ) -> None:
     """Add receiver noise to the pulses of every range bin that some gate needs, once."""
-    from doppelgait.core.kernels.noise import add_noise_block, draw_key
+    from doppelgait.core.kernels.noise import add_noise_spans, draw_key
 
-    first = np.min([span[:, 0] for span in spans], axis=0)
-    stop = np.max([span[:, 1] for span in spans], axis=0)
-    key, rms = draw_key(rng), float(np.sqrt(noise_v2))
-    for pair in range(0, plane_re.shape[0], 2):
-        rows = slice(pair, pair + 2)
-        begin, end = int(first[rows].min()), int(stop[rows].max())
-        if begin < end:
-            add_noise_block(plane_re[rows], plane_im[rows], begin, end, pair, begin, key, rms)
+    needed = np.stack([np.min([s[:, 0] for s in spans], axis=0), np.max([s[:, 1] for s in spans], axis=0)], axis=1)
+    add_noise_spans(plane_re, plane_im, needed, draw_key(rng), math.sqrt(noise_v2))

@@ -12,6 +12,7 @@ import xarray as xr
 
 from doppelgait.core.config import canonical_json
 from doppelgait.core.files import atomic_path
+from doppelgait.core.labels import axis
 from doppelgait.pipeline.analyze import TargetResult
 from doppelgait.processing import Analysis
 from doppelgait.radar.recording import Recording
@@ -36,7 +37,7 @@ def result_as_dict(result: TargetResult) -> dict[str, Any]:
 
 def analysis_as_dict(recording: Recording, results: Sequence[TargetResult]) -> dict[str, Any]:
     """The document that ``doppelgait analyze --json`` prints."""
-    slow_time_s = recording.baseband.coords["slow_time"].values
+    slow_time_s = axis(recording.baseband, "slow_time")
     facts = {
         "file": recording.source,
         "n_pulses": int(slow_time_s.size),
@@ -90,7 +91,7 @@ def _write_target(group: Any, result: TargetResult) -> None:
         write_array(group, name, getattr(result, name))
     limits = {name: variable.values for name, variable in result.gate_limits.data_vars.items()}
     gate = group.create_group("gate_limits", track_order=True)
-    for name, values in {"time_s": result.gate_limits.coords["time"].values, **limits}.items():
+    for name, values in {"time_s": axis(result.gate_limits, "time"), **limits}.items():
         gate.create_dataset(str(name), data=values, track_times=False)
 
 

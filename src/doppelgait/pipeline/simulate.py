@@ -10,6 +10,7 @@ import xarray as xr
 
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError
+from doppelgait.core.labels import axis
 from doppelgait.core.units import duration_to_pulses, slow_time_axis_s
 from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.radar.config import Radar
@@ -106,10 +107,10 @@ def pulse_times_s(
 def target_truth(scene: Scene, number: int, scatterers: xr.Dataset, centre: LineOfSight) -> TargetTruth:
     """Truth of one target of a scene, from the same geometry that the radar sees; frequencies over the observation."""
     target = scene.targets[number]
-    own = scatterers.coords["target"].values == number
+    own = axis(scatterers, "target") == number
     rows = scatterers if own.all() else scatterers.isel(scatterer=np.flatnonzero(own))
     motion = scaled_motion(target)
-    observed = motion.isel(time=motion.coords["time"].values <= motion.coords["time"].values[0] + scene.observation_s)
+    observed = motion.isel(time=axis(motion, "time") <= axis(motion, "time")[0] + scene.observation_s)
     facts = motion.attrs
     return TargetTruth(
         label=target.label,
@@ -129,7 +130,7 @@ def target_truth(scene: Scene, number: int, scatterers: xr.Dataset, centre: Line
 def _observed_frequencies_hz(motion: xr.DataArray, observation_s: float) -> dict[str, float]:
     """Stride, step and gait frequency over the observation, from the touchdowns; NaN where nothing is known."""
     whole = {key: motion.attrs[key] for key in ("stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz")}
-    start_s = float(motion.coords["time"].values[0])
+    start_s = float(axis(motion, "time")[0])
     found = [
         _stride_frequency_hz(np.asarray(times_s), start_s, start_s + observation_s)
         for times_s in motion.attrs.get("footfalls", {}).values()

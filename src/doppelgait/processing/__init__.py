@@ -13,11 +13,11 @@ from doppelgait.processing.frame_edge import within_frame
 from doppelgait.processing.gate import gate_bins, make_gate
 from doppelgait.processing.main_line import align, line_order, main_line_hz, needs_alignment
 from doppelgait.processing.normalise import independent_columns, noise_floor_v2, normalise
-from doppelgait.processing.signature import range_doppler, signature
+from doppelgait.processing.signature import range_doppler, signature, thin
 
 __all__ = [
     "Analysis", "align", "cadence_map", "cadence_spectrum", "detrend", "detrend_order", "gate_bins",
     "gaussian_window", "independent_columns", "line_order", "main_line_hz", "make_gate", "mean_doppler_spectrum",
     "needs_alignment", "noise_floor_v2", "normalise", "observation_s", "plan_transform", "range_doppler",
-    "signature", "within_frame",
+    "signature", "thin", "within_frame",
 ]  # fmt: skip

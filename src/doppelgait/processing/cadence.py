@@ -12,6 +12,7 @@ from doppelgait.core.labels import (
     CADENCE_MAP,
     CADENCE_SPECTRUM,
     NORMALISED_SIGNATURE,
+    axis,
     check_signal,
     make_array,
     sampling_rate_hz,
@@ -27,7 +28,7 @@ PADDING = 8
 
 def observation_s(signature: xr.DataArray) -> float:
     """Observed time T_o of a signature: columns times their spacing."""
-    return signature.sizes["time"] / sampling_rate_hz(signature.coords["time"].values)
+    return signature.sizes["time"] / sampling_rate_hz(axis(signature, "time"))
 
 
 def detrend_order(seconds: float) -> int:
@@ -83,13 +84,13 @@ def cadence_map(rows: xr.DataArray, *, padded: bool = True, tapered: bool | None
     n_columns = rows.sizes["time"]
     taper = taper_weights(n_columns, observation_s(rows) > TAPER_FROM_S - 1e-9 if tapered is None else tapered)
     length = fft.next_fast_len(PADDING * n_columns, real=True) if padded else n_columns
-    cadence_hz = np.arange(length // 2 + 1) * sampling_rate_hz(rows.coords["time"].values) / length
+    cadence_hz = np.arange(length // 2 + 1) * sampling_rate_hz(axis(rows, "time")) / length
     cadence_hz = cadence_hz[: np.searchsorted(cadence_hz, MAX_CADENCE_HZ, side="right")]
     magnitude = magnitudes(rows.values, taper / taper.sum(), length, cadence_hz.size)
     coords = {
         "cadence": cadence_hz,
-        "doppler": rows.coords["doppler"].values,
-        "velocity": ("doppler", rows.coords["velocity"].values),
+        "doppler": axis(rows, "doppler"),
+        "velocity": ("doppler", axis(rows, "velocity")),
     }
     return make_array(CADENCE_MAP, magnitude, coords)
 
@@ -123,4 +124,4 @@ def cadence_spectrum(step_doppler: xr.DataArray, *, power: bool = True) -> xr.Da
     check_signal(step_doppler, CADENCE_MAP)
     values = step_doppler.values
     summed = np.einsum("qk,qk->q", values, values) if power else values.sum(axis=1)
-    return make_array(CADENCE_SPECTRUM, summed, {"cadence": step_doppler.coords["cadence"].values})
+    return make_array(CADENCE_SPECTRUM, summed, {"cadence": axis(step_doppler, "cadence")})

@@ -134,6 +134,11 @@ def next_fast_length(n_pulses: int) -> int:
     return min(base << max(0, math.ceil(math.log2(n_pulses / base))) for base in (1, 3, 5) if base <= n_pulses)
 
 
+def lossless_hop(cpi_pulses: int) -> int:
+    """Largest hop that loses nothing: T_d f_p / 12, rounded down. The columns are band-limited by the window (E-23)."""
+    return max(1, cpi_pulses // 12)
+
+
 def plan_transform(analysis: Analysis, *, n_pulses: int, prf_hz: float) -> Transform:
     """Window, transform length, hop and columns for a recording of ``n_pulses`` at ``prf_hz``.
 
@@ -159,7 +164,7 @@ def plan_transform(analysis: Analysis, *, n_pulses: int, prf_hz: float) -> Trans
     n_doppler = analysis.doppler_bins or (cpi_pulses if literal else next_fast_length(cpi_pulses))
     if n_doppler < cpi_pulses:
         raise AnalysisError(f"doppler_bins is {n_doppler}, but a processing interval has {cpi_pulses} pulses: K >= M")
-    hop = analysis.hop or (1 if literal else max(1, math.floor(cpi_pulses / 12)))
+    hop = analysis.hop or (1 if literal else lossless_hop(cpi_pulses))
     half = (cpi_pulses - 1) // 2
     valid = n_pulses if analysis.zero_padded else n_pulses - 2 * half
     return Transform(

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.labels import SIGNATURE, check_signal
+from doppelgait.core.labels import SIGNATURE, axis, check_signal
 
 MIN_SHARE = 0.5
 """A column counts while at least this part of its gate lies inside the frame."""
@@ -35,7 +35,7 @@ def within_frame(signature: xr.DataArray) -> tuple[xr.DataArray, float]:
         If fewer than 8 columns remain.
     """
     check_signal(signature, SIGNATURE)
-    share = signature.coords["gate_share"].values
+    share = axis(signature, "gate_share")
     if share.size < MIN_COLUMNS:
         raise AnalysisError(
             f"the signature has {share.size} column{'s' * (share.size > 1)}, at least {MIN_COLUMNS} are needed; "
@@ -52,5 +52,5 @@ def within_frame(signature: xr.DataArray) -> tuple[xr.DataArray, float]:
             "gate, or record with another range_start_m and range_stop_m"
         )
     kept = signature.isel(time=slice(first, stop))
-    scaled = kept.values / kept.coords["gate_share"].values[:, None].astype(np.float32)
+    scaled = kept.values / axis(kept, "gate_share")[:, None].astype(np.float32)
     return kept.copy(data=scaled), float(share.mean())

@@ -7,6 +7,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import AnalysisError
+from doppelgait.core.labels import axis
 
 GATE_UNITS = {"range_low": "m", "range_high": "m", "doppler_low": "Hz", "doppler_high": "Hz"}
 
@@ -58,7 +59,7 @@ def make_gate(
 def gate_centre_m(gate: xr.Dataset, time_s: npt.ArrayLike) -> npt.NDArray[np.float64]:
     """Range at the middle of the gate at the given times, by linear interpolation."""
     middle = (gate["range_low"].values + gate["range_high"].values) / 2
-    return np.asarray(np.interp(np.asarray(time_s, dtype=float), gate.coords["time"].values, middle))
+    return np.asarray(np.interp(np.asarray(time_s, dtype=float), axis(gate, "time"), middle))
 
 
 def gate_edges_bins(

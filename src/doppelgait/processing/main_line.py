@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from doppelgait.core.labels import axis
 from doppelgait.processing.normalise import median
 
 FloatArray = npt.NDArray[np.float64]
@@ -22,7 +23,7 @@ ALIGN_ABOVE_HZ = 10.0
 def column_peaks_hz(signature: xr.DataArray) -> FloatArray:
     """Doppler of the strongest cell of every column, refined by a parabola through its neighbours; shape (J,), Hz."""
     values = signature.values
-    doppler_hz = signature.coords["doppler"].values
+    doppler_hz = axis(signature, "doppler")
     best = np.clip(values.argmax(axis=1), 1, values.shape[1] - 2)
     around = best + np.arange(best.size) * values.shape[1] + np.array([[-1], [0], [1]])
     left, centre, right = np.log(np.maximum(values.take(around).astype(np.float64), 1e-300))
@@ -79,9 +80,18 @@ def _line_basis(n_columns: int, order: int) -> tuple[FloatArray, FloatArray]:
     return basis, parabola
 
 
+def straight_at(line_hz: FloatArray, signature: xr.DataArray, wanted: xr.DataArray) -> FloatArray:
+    """A straight line through the columns of one signature, at the columns of another; shape (J of ``wanted``,)."""
+    if wanted is signature:
+        return line_hz
+    times_s = axis(signature, "time")
+    slope = (line_hz[-1] - line_hz[0]) / (times_s[-1] - times_s[0])
+    return np.asarray(line_hz[0] + slope * (axis(wanted, "time") - times_s[0]))
+
+
 def bin_width_hz(signature: xr.DataArray) -> float:
     """Width of a Doppler bin."""
-    doppler_hz = signature.coords["doppler"].values
+    doppler_hz = axis(signature, "doppler")
     return float(doppler_hz[1] - doppler_hz[0])
 
 

@@ -9,7 +9,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.labels import NORMALISED_SIGNATURE, SIGNATURE, check_signal
+from doppelgait.core.labels import NORMALISED_SIGNATURE, SIGNATURE, axis, check_signal
 from doppelgait.processing.config import Normalisation
 
 INDEPENDENT_AFTER_S = 0.06
@@ -61,7 +61,7 @@ def median(cells: npt.NDArray[np.floating[Any]]) -> float:
 
 def independent_columns(signature: xr.DataArray) -> float:
     """Number of practically independent columns, J_eff = T_o / 60 ms, at least 1 (E-38)."""
-    times = signature.coords["time"].values
+    times = axis(signature, "time")
     return max(1.0, float(times[-1] - times[0]) / INDEPENDENT_AFTER_S)
 
 
@@ -102,7 +102,7 @@ def _column_scale(
     if mode == "max":
         return np.asarray(excess.max(axis=1))
     if mode == "r4":
-        centre = signature.coords["centre_range"].values
+        centre = axis(signature, "centre_range")
         compensation = (centre.mean() / centre) ** 4
         return np.asarray(compensation * excess.sum(axis=1).mean())
     raise AnalysisError(f"normalisation {mode!r} is not known; allowed are sum, max and r4")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,16 +13,16 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.labels import BASEBAND, RANGE_DOPPLER, SIGNATURE, check_signal, make_array, sampling_rate_hz
+from doppelgait.core.labels import BASEBAND, RANGE_DOPPLER, SIGNATURE, axis, check_signal, make_array, sampling_rate_hz
 from doppelgait.core.units import doppler_axis_hz, doppler_to_velocity_mps
-from doppelgait.processing.config import Analysis, Transform, plan_transform
+from doppelgait.processing.config import Analysis, Transform, lossless_hop, plan_transform
 from doppelgait.processing.gate import gate_centre_m, gate_edges_bins
 
 
 def plan_for(baseband: xr.DataArray, analysis: Analysis) -> tuple[Transform, float]:
     """Transform of a baseband recording and its frame rate in Hz."""
     check_signal(baseband, BASEBAND)
-    return _plan(baseband.coords["slow_time"].values, analysis)
+    return _plan(axis(baseband, "slow_time"), analysis)
 
 
 def _plan(slow_time_s: Any, analysis: Analysis) -> tuple[Transform, float]:
@@ -64,10 +65,10 @@ def range_doppler(
         frames = padded[(part * transform.hop)[:, None] + offsets] * window[None, :, None]
         spectrum = fft.fftshift(fft.fft(frames, transform.n_doppler_bins, axis=1), axes=1)
         coords = {
-            "time": baseband.coords["slow_time"].values[0] + transform.centre_pulses()[part] / prf_hz,
+            "time": axis(baseband, "slow_time")[0] + transform.centre_pulses()[part] / prf_hz,
             "doppler": doppler_hz,
             "velocity": ("doppler", doppler_to_velocity_mps(doppler_hz, wavelength_m)),
-            "range": baseband.coords["range"].values,
+            "range": axis(baseband, "range"),
         }
         power = (spectrum.real**2 + spectrum.imag**2).astype(np.float32)
         yield make_array(RANGE_DOPPLER, power, coords, {"window_energy": float((transform.window**2).sum())})
@@ -101,111 +102,150 @@ def signature(baseband: xr.DataArray, gate: xr.Dataset, analysis: Analysis, *, w
     AnalysisError
         If the gate lies outside the frame all the time.
     """
+    from doppelgait.core.kernels.synthesis import split_planes
+
     check_signal(baseband, BASEBAND)
-    slow_time_s, range_m = baseband.coords["slow_time"].values, baseband.coords["range"].values
-    span = gate_span_bins(gate, slow_time_s, range_m, analysis)
-    used = np.ascontiguousarray(baseband.values[:, span].T)
-    planes = (np.ascontiguousarray(used.real), np.ascontiguousarray(used.imag))
-    return signature_of_planes(
-        *planes, span.start, gate, analysis, slow_time_s=slow_time_s, range_m=range_m, wavelength_m=wavelength_m
-    )
+    cut = cut_out(gate, axis(baseband, "slow_time"), axis(baseband, "range"), analysis)
+    bins = cut.span_bins()
+    plane_re, plane_im = np.empty((2, bins.stop - bins.start, cut.n_pulses), dtype=np.float32)
+    split_planes(np.asarray(baseband.values, dtype=np.complex64), bins.start, plane_re, plane_im)
+    return signature_of_planes(plane_re, plane_im, bins.start, cut, wavelength_m=wavelength_m)
 
 
-def gate_span_bins(gate: xr.Dataset, slow_time_s: Any, range_m: Any, analysis: Analysis) -> slice:
-    """Range bins that the gate ever touches; an :class:`AnalysisError` if none."""
+@dataclass(frozen=True)
+class Cut:
+    """What the gate and the transform take out of one recording.
+
+    Parameters
+    ----------
+    gate : Dataset (time)
+    transform : Transform
+    prf_hz : float
+    n_pulses, n_bins : int
+        Size of the recording, I and N.
+    time_s : ndarray, shape (J,)
+        Times of the columns.
+    low, high : ndarray, shape (J,)
+        Edges of the gate in range bins.
+    frame_m : (float, float)
+        First and last range of the recording.
+    """
+
+    gate: xr.Dataset
+    transform: Transform
+    prf_hz: float
+    n_pulses: int
+    n_bins: int
+    time_s: npt.NDArray[np.float64]
+    low: npt.NDArray[np.float64]
+    high: npt.NDArray[np.float64]
+    frame_m: tuple[float, float]
+
+    def span_bins(self) -> slice:
+        """Range bins that the gate ever touches; an :class:`AnalysisError` if none."""
+        first, stop = max(math.floor(self.low.min()), 0), min(math.ceil(self.high.max()) + 1, self.n_bins)
+        if first >= stop:
+            low, high = self.gate["range_low"].values.min(), self.gate["range_high"].values.max()
+            raise AnalysisError(
+                f"the gate ({low:.2f} to {high:.2f} m) lies outside the frame of {self.frame_m[0]:.2f} "
+                f"to {self.frame_m[1]:.2f} m: nothing to analyse"
+            )
+        return slice(first, stop)
+
+    def needed_pulses(self) -> npt.NDArray[np.int64]:
+        """First and one past the last pulse that the signature may read of every range bin, (N, 2); (I, 0) for none."""
+        columns = np.arange(0, self.time_s.size, NEED_BLOCK)
+        first = np.maximum(np.floor(np.minimum.reduceat(self.low, columns) - 0.5).astype(int) + 1, 0)
+        stop = np.minimum(np.ceil(np.maximum.reduceat(self.high, columns) + 0.5).astype(int), self.n_bins)
+        last = np.minimum(columns + NEED_BLOCK, self.time_s.size) - 1
+        begin = np.maximum(self.transform.first_pulse + self.transform.hop * columns, 0)
+        end = self.transform.first_pulse + self.transform.hop * last + self.transform.window.size
+        spans = np.empty((self.n_bins, 2), dtype=np.int64)
+        spans[:] = (self.n_pulses, 0)
+        for n in range(columns.size):
+            bins = spans[first[n] : max(stop[n], first[n])]
+            np.minimum(bins[:, 0], begin[n], out=bins[:, 0])
+            np.maximum(bins[:, 1], min(end[n], self.n_pulses), out=bins[:, 1])
+        return spans
+
+
+NEED_BLOCK = 32
+"""Columns that :meth:`Cut.needed_pulses` looks at together."""
+
+
+def cut_out(gate: xr.Dataset, slow_time_s: Any, range_m: Any, analysis: Analysis) -> Cut:
+    """Gate and transform of a recording with these axes."""
     transform, prf_hz = _plan(slow_time_s, analysis)
-    low, high = _edges(gate, slow_time_s, range_m, analysis, transform, prf_hz)
-    first, stop = max(math.floor(low.min()), 0), min(math.ceil(high.max()) + 1, range_m.size)
-    if first >= stop:
-        raise AnalysisError(
-            f"the gate ({gate['range_low'].values.min():.2f} to {gate['range_high'].values.max():.2f} m) lies outside "
-            f"the frame of {range_m[0]:.2f} to {range_m[-1]:.2f} m: nothing to analyse"
-        )
-    return slice(first, stop)
-
-
-def needed_pulses(gate: xr.Dataset, slow_time_s: Any, range_m: Any, analysis: Analysis) -> npt.NDArray[np.int64]:
-    """First and one past the last pulse that the signature reads of every range bin, shape (N, 2); (I, 0) for none."""
-    transform, prf_hz = _plan(slow_time_s, analysis)
-    low, high = _edges(gate, slow_time_s, range_m, analysis, transform, prf_hz)
-    first, stop = np.floor(low - 0.5).astype(int) + 1, np.ceil(high + 0.5).astype(int)
-    spans = np.empty((range_m.size, 2), dtype=np.int64)
-    spans[:] = (slow_time_s.size, 0)
-    starts = transform.first_pulse + transform.hop * np.arange(transform.n_columns)
-    for n in range(max(int(first.min()), 0), min(int(stop.max()), range_m.size)):
-        columns = np.flatnonzero((first <= n) & (n < stop))
-        if columns.size:
-            spans[n] = max(starts[columns[0]], 0), min(starts[columns[-1]] + transform.window.size, slow_time_s.size)
-    return spans
-
-
-def _edges(
-    gate: xr.Dataset, slow_time_s: Any, range_m: Any, analysis: Analysis, transform: Transform, prf_hz: float
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     time_s = slow_time_s[0] + transform.centre_pulses() / prf_hz
     spacing_m = float((range_m[-1] - range_m[0]) / (range_m.size - 1))
-    return gate_edges_bins(
+    low, high = gate_edges_bins(
         gate, time_s, first_bin_m=float(range_m[0]), bin_spacing_m=spacing_m, sharp=analysis.sharp_edges
     )
+    frame_m = (float(range_m[0]), float(range_m[-1]))
+    return Cut(gate, transform, prf_hz, slow_time_s.size, range_m.size, time_s, low, high, frame_m)
 
 
 def signature_of_planes(
-    plane_re: npt.NDArray[np.float32], plane_im: npt.NDArray[np.float32], first_bin: int, gate: xr.Dataset,
-    analysis: Analysis, *, slow_time_s: Any, range_m: Any, wavelength_m: float,
+    plane_re: npt.NDArray[np.float32], plane_im: npt.NDArray[np.float32], first_bin: int, cut: Cut, *,
+    wavelength_m: float,
 ) -> xr.DataArray:  # fmt: skip
     """Micro-Doppler signature as :func:`signature`, from the real and imaginary planes of some range bins.
 
     Parameters
     ----------
-    plane_re, plane_im : ndarray, shape (bins, I or more), float32
-        Rows are range bins ``first_bin`` and up; at least those of :func:`gate_span_bins`.
+    plane_re, plane_im : ndarray, shape (bins, I or more), float32, C-contiguous
+        Rows are range bins ``first_bin`` and up; at least those of :meth:`Cut.span_bins`.
     first_bin : int
-    gate : Dataset (time)
-    analysis : Analysis
-    slow_time_s, range_m : ndarray, shape (I,), (N,)
-        Axes of the whole recording.
+    cut : Cut
     wavelength_m : float
     """
     from doppelgait.core.kernels.signature import gated_signature, stage_radices, twiddle_table
 
-    transform, prf_hz = _plan(slow_time_s, analysis)
-    low, high = _edges(gate, slow_time_s, range_m, analysis, transform, prf_hz)
-    time_s = slow_time_s[0] + transform.centre_pulses() / prf_hz
+    transform = cut.transform
     window = np.zeros(transform.n_doppler_bins, dtype=np.float32)
     window[: transform.window.size] = transform.window
     out = np.empty((transform.n_columns, transform.n_doppler_bins), dtype=np.float32)
     gated_signature(
-        plane_re[:, : slow_time_s.size], plane_im[:, : slow_time_s.size], transform.first_pulse, transform.hop,
-        window, low - first_bin, high - first_bin, stage_radices(transform.n_doppler_bins),
-        *twiddle_table(transform.n_doppler_bins), out,
+        plane_re, plane_im, cut.n_pulses, transform.first_pulse, transform.hop, window, cut.low - first_bin,
+        cut.high - first_bin, stage_radices(transform.n_doppler_bins), *twiddle_table(transform.n_doppler_bins), out,
     )  # fmt: skip
-    mu = _label(out, time_s, prf_hz, gate, transform, float(high[0] - low[0]), wavelength_m)
-    inside = np.minimum(high, range_m.size - 0.5) - np.maximum(low, -0.5)
-    return mu.assign_coords(gate_share=("time", np.clip(inside / (high - low), 0.0, 1.0), {"units": "1"}))
+    return _label(out, cut, wavelength_m)
 
 
-def _label(
-    values: npt.NDArray[np.float32], time_s: npt.NDArray[np.float64], prf_hz: float, gate: xr.Dataset,
-    transform: Transform, n_bins: float, wavelength_m: float,
-) -> xr.DataArray:  # fmt: skip
-    doppler_hz = doppler_axis_hz(transform.n_doppler_bins, prf_hz)
-    _close_doppler_band(values, doppler_hz, time_s, gate)
+def _label(values: npt.NDArray[np.float32], cut: Cut, wavelength_m: float) -> xr.DataArray:
+    doppler_hz = doppler_axis_hz(cut.transform.n_doppler_bins, cut.prf_hz)
+    _close_doppler_band(values, doppler_hz, cut.time_s, cut.gate)
+    inside = np.minimum(cut.high, cut.n_bins - 0.5) - np.maximum(cut.low, -0.5)
     coords = {
-        "time": time_s,
+        "time": cut.time_s,
         "doppler": doppler_hz,
         "velocity": ("doppler", doppler_to_velocity_mps(doppler_hz, wavelength_m)),
-        "centre_range": ("time", gate_centre_m(gate, time_s), {"units": "m"}),
+        "centre_range": ("time", gate_centre_m(cut.gate, cut.time_s), {"units": "m"}),
+        "gate_share": ("time", np.clip(inside / (cut.high - cut.low), 0.0, 1.0), {"units": "1"}),
     }
     attrs = {
-        "prf_hz": prf_hz,
+        "prf_hz": cut.prf_hz,
         "wavelength_m": wavelength_m,
-        "cpi_pulses": transform.window.size,
-        "hop": transform.hop,
-        "window_energy": float((transform.window**2).sum()),
-        "n_gate_bins": n_bins,
-        "gate": json.dumps({key: _plain(gate.attrs[key]) for key in ("source", "span_m", "doppler_limited")}),
+        "cpi_pulses": cut.transform.window.size,
+        "hop": cut.transform.hop,
+        "window_energy": float((cut.transform.window**2).sum()),
+        "n_gate_bins": float(cut.high[0] - cut.low[0]),
+        "gate": json.dumps({key: _plain(cut.gate.attrs[key]) for key in ("source", "span_m", "doppler_limited")}),
     }
     return make_array(SIGNATURE, values, coords, attrs)
+
+
+def thin(signature: xr.DataArray) -> xr.DataArray:
+    """Every n-th column of a signature whose hop is finer than the lossless one, else the signature itself.
+
+    What is between them can be interpolated from them (E-23), so features gain nothing from it: they are the same for
+    hop 1 as for the lossless hop where that is a whole multiple.
+    """
+    every = lossless_hop(signature.attrs["cpi_pulses"]) // signature.attrs["hop"]
+    if every <= 1:
+        return signature
+    kept = signature.isel(time=slice(None, None, every))
+    return kept.assign_attrs(hop=signature.attrs["hop"] * every)
 
 
 def _plain(value: Any) -> Any:
@@ -217,7 +257,7 @@ def _close_doppler_band(
 ) -> None:
     if not gate.attrs["doppler_limited"]:
         return
-    times = gate.coords["time"].values
+    times = axis(gate, "time")
     low = np.interp(time_s, times, gate["doppler_low"].values)
     high = np.interp(time_s, times, gate["doppler_high"].values)
     values[(doppler_hz[None, :] < low[:, None]) | (doppler_hz[None, :] > high[:, None])] = 0.0

@@ -12,7 +12,7 @@ import xarray as xr
 from doppelgait.core.config import canonical_json, validate
 from doppelgait.core.errors import DoppelgaitError, RecordingError
 from doppelgait.core.files import atomic_path
-from doppelgait.core.labels import BASEBAND, SCATTERER_VARIABLES, make_array
+from doppelgait.core.labels import BASEBAND, SCATTERER_VARIABLES, axis, make_array
 from doppelgait.radar.config import Radar
 from doppelgait.radar.recording import NAN, Recording, TargetTruth
 
@@ -50,8 +50,8 @@ def _write_hdf5(recording: Recording, path: Path) -> None:
         if recording.seed is not None:
             file.attrs["seed"] = recording.seed
         _put(file, "baseband", recording.baseband.values.astype("<c8"), "V")
-        _put(file, "slow_time_s", recording.baseband.coords["slow_time"].values, "s")
-        _put(file, "range_m", recording.baseband.coords["range"].values, "m")
+        _put(file, "slow_time_s", axis(recording.baseband, "slow_time"), "s")
+        _put(file, "range_m", axis(recording.baseband, "range"), "m")
         for number, truth in enumerate(recording.truth):
             _write_truth(file.create_group(f"truth/{number}", track_order=True), truth)
 
@@ -64,8 +64,8 @@ def _put(group: Any, name: str, values: Any, units: str) -> None:
 def _write_truth(group: Any, truth: TargetTruth) -> None:
     for fact in TRUTH_FACTS:
         group.attrs[fact] = getattr(truth, fact)
-    group.attrs["marker"] = json.dumps([str(m) for m in truth.scatterers.coords["marker"].values])
-    group.attrs["part"] = json.dumps([str(p) for p in truth.scatterers.coords["part"].values])
+    group.attrs["marker"] = json.dumps([str(m) for m in axis(truth.scatterers, "marker")])
+    group.attrs["part"] = json.dumps([str(p) for p in axis(truth.scatterers, "part")])
     for name in CENTRE_ARRAYS:
         _put(group, name, getattr(truth, name), {"m": "m", "mps": "m/s", "rad": "rad"}[name.rsplit("_", 1)[1]])
     for name in (n for n in STORED_VARIABLES if n in truth.scatterers):

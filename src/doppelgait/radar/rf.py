@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from doppelgait.core.labels import axis
 from doppelgait.core.units import range_to_delay_s
 from doppelgait.radar.config import Radar
 from doppelgait.radar.simulate import label_baseband, scatterer_arrays
@@ -88,4 +89,4 @@ def synthesise_rf(scatterers: xr.Dataset, radar: Radar) -> xr.DataArray:
     margin = FILTER_TAPS + int(np.ceil(5.5 * radar.sigma_s * radar.sample_rate_hz))
     frames = sample_rf_frames(scatterers, radar, margin=margin)
     values = down_convert(frames, radar, margin=margin)
-    return label_baseband(values, scatterers.coords["slow_time"].values, radar)
+    return label_baseband(values, axis(scatterers, "slow_time"), radar)

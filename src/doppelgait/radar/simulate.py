@@ -11,7 +11,7 @@ import xarray as xr
 
 from doppelgait.core.config import canonical_json
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning
-from doppelgait.core.labels import BASEBAND, make_array
+from doppelgait.core.labels import BASEBAND, axis, make_array
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS, velocity_to_doppler_hz
 from doppelgait.radar.config import Radar
 from doppelgait.radar.link import echo_amplitude_v, noise_power_v2
@@ -46,7 +46,7 @@ def synthesise(scatterers: xr.Dataset, radar: Radar) -> xr.DataArray:
         radar.transmit_phase_rad,
         out,
     )
-    return label_baseband(out, scatterers.coords["slow_time"].values, radar)
+    return label_baseband(out, axis(scatterers, "slow_time"), radar)
 
 
 def scatterer_arrays(scatterers: xr.Dataset, radar: Radar) -> tuple[Any, Any]:

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.labels import SCATTERER_VARIABLES
-from doppelgait.motion.retime import body_centre_m, check_times, fit_spline, resample
+from doppelgait.core.labels import SCATTERER_VARIABLES, axis
+from doppelgait.motion.retime import check_times, fit_centre, fit_spline, resample
 from doppelgait.scene.rcs import scatterer_rcs_m2
 from doppelgait.scene.target import Scene, Target, placed_motion
 
@@ -95,7 +95,7 @@ def observe(scene: Scene, slow_time_s: npt.ArrayLike, *, angles: bool = True) ->
 
 
 def _target_table(motion: xr.DataArray, number: int, scene: Scene, times: FloatArray, angles: bool) -> xr.Dataset:
-    parts = [str(part) for part in motion.coords["part"].values]
+    parts = [str(part) for part in axis(motion, "part")]
     range_m, approach_mps = ranges_and_velocities(motion, times, scene.radar_position_m)
     rcs = scatterer_rcs_m2(scene.targets[number].rcs_spec, parts, float(motion.attrs["mass_kg"]))
     values = {
@@ -113,7 +113,7 @@ def _target_table(motion: xr.DataArray, number: int, scene: Scene, times: FloatA
         coords={
             "slow_time": ("slow_time", times, {"units": "s"}),
             "target": ("scatterer", np.full(len(parts), number)),
-            "marker": ("scatterer", motion.coords["marker"].values.astype(object)),
+            "marker": ("scatterer", axis(motion, "marker").astype(object)),
             "part": ("scatterer", np.array(parts, dtype=object)),
         },
     )
@@ -145,6 +145,4 @@ def body_track(target: Target, scene: Scene, slow_time_s: npt.ArrayLike) -> Line
 
 
 def _centre_track(motion: xr.DataArray, scene: Scene, times: FloatArray) -> LineOfSight:
-    centre = motion.isel(marker=[0]).copy(data=body_centre_m(motion)[:, None, :])
-    position_m, velocity_mps = resample(centre, times)
-    return line_of_sight(position_m[:, 0], velocity_mps[:, 0], scene.radar_position_m)
+    return line_of_sight(*fit_centre(motion).at(check_times(motion, times)), scene.radar_position_m)

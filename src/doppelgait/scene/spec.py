@@ -12,6 +12,7 @@ from pydantic import Field, field_validator
 
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, MotionError
+from doppelgait.core.labels import axis
 from doppelgait.scene.target import Scene, SceneParameters, Target, TargetParameters
 
 
@@ -96,7 +97,7 @@ def _model_duration_s(spec: SceneSpec, file_motions: Sequence[xr.DataArray]) -> 
     if spec.duration_s is not None:
         # a model scaled dynamically to a smaller height runs faster, so its motion must be longer
         return spec.duration_s * (2.0 if any(t.scaling == "froude" for t in spec.targets) else 1.0)
-    return min((float(np.ptp(m.coords["time"].values)) for m in file_motions), default=DEFAULT_DURATION_S)
+    return min((float(np.ptp(axis(m, "time"))) for m in file_motions), default=DEFAULT_DURATION_S)
 
 
 def build_motion(

@@ -185,6 +185,27 @@ def add_noise_block(
 
 
 @njit(**OPTIONS)
+def add_noise_spans(
+    plane_re: Float32Array, plane_im: Float32Array, spans: npt.NDArray[np.int64], key: int | np.uint64, rms: float
+) -> None:
+    """Add receiver noise where it is needed: values of :func:`add_noise_block` for bins and frames from 0.
+
+    Parameters
+    ----------
+    plane_re, plane_im : ndarray, shape (N, I or more), float32
+        Added to.
+    spans : ndarray, shape (N, 2)
+        First and one past the last frame that every bin needs; two bins of a pair get the frames that either needs.
+    key, rms
+        As for :func:`add_noise_block`.
+    """
+    for pair in range(0, plane_re.shape[0], 2):
+        begin, end = spans[pair : pair + 2, 0].min(), spans[pair : pair + 2, 1].max()
+        if begin < end:
+            add_noise_block(plane_re[pair : pair + 2], plane_im[pair : pair + 2], begin, end, pair, begin, key, rms)
+
+
+@njit(**OPTIONS)
 def add_noise_matrix(matrix: npt.NDArray[Any], key: int | np.uint64, rms: float) -> None:
     """Add receiver noise to a whole data matrix: the values of :func:`add_noise_block` from bin 0 and frame 0.
 

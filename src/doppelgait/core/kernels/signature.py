@@ -1,8 +1,9 @@
 """Gated, windowed, squared short-time Fourier transform, summed over range bins (E-24, E-27).
 
-Many columns of the signature are transformed side by side ("lanes"). The transform is Stockham's, decimation in
-frequency: in the pass with stride s, s times the number of lanes values lie one after the other and take the same
-twiddle factor, so that the innermost loops are long, contiguous and become vector instructions.
+Sixteen columns of the signature are transformed side by side ("lanes"), so that every buffer stays in the first-level
+cache. The transform is Stockham's, decimation in frequency: in the pass with stride s, s times the number of lanes
+values lie one after the other and take the same twiddle factor, so that the innermost loops are long, contiguous and
+become vector instructions. The first pass applies the window, the last one adds squared magnitudes instead of storing.
 """
 
 from __future__ import annotations
@@ -13,24 +14,48 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from numba import njit
+from numba.core.compiler import Compiler
 
-LANES = 32
+LANES = 16
+PADDING = 16
+"""Floats between two buffers: at a distance of whole 4 KiB pages loads would wait for unrelated stores."""
+
+
+class Apart(Compiler):
+    """Compiles a function whose array arguments never overlap, so that its loops need no test for that.
+
+    The tests, of sixteen streams in pairs, cost as much as a pass over sixteen lanes.
+    """
+
+    def define_pipelines(self) -> Any:
+        """Numba's own passes with the arguments marked."""
+        self.state.flags.noalias = True
+        return super().define_pipelines()  # type: ignore[no-untyped-call]
+
+
 OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
+APART: dict[str, Any] = {**OPTIONS, "pipeline_class": Apart}
 
 Float32Array = npt.NDArray[np.float32]
 
+_ROOT_HALF = np.float32(math.sqrt(0.5))
+_U = np.uint64  # unsigned: no test for an index from the end, which would stop vectorising
+_1, _2, _3, _4, _5, _6, _7, _8 = (np.uint64(n) for n in range(1, 9))
+
 
 def stage_radices(n_bins: int) -> npt.NDArray[np.int64]:
-    """Radix of every pass: fours first, a two last; prime factors above 5 take a slow pass of their own."""
-    radices, rest = [], n_bins
-    factor = 4
+    """Radix of every pass: an eight first and a four or a two last where they divide, prime factors between."""
+    first, rest = ([8], n_bins // 8) if n_bins % 8 == 0 else ([], n_bins)
+    last = [4] if rest % 4 == 0 else [2] if rest % 2 == 0 else []
+    rest //= math.prod(last)
+    between, factor = [], 4
     while rest > 1:
         if rest % factor == 0:
-            radices.append(factor)
+            between.append(factor)
             rest //= factor
         else:
             factor = {4: 5, 5: 3, 3: 2, 2: 7}.get(factor, factor + 2)
-    return np.array(radices or [1], dtype=np.int64)
+    return np.array([*first, *between, *last] or [1], dtype=np.int64)
 
 
 def twiddle_table(n_bins: int) -> tuple[Float32Array, Float32Array]:
@@ -40,52 +65,119 @@ def twiddle_table(n_bins: int) -> tuple[Float32Array, Float32Array]:
 
 
 @njit(**OPTIONS)
-def _gather(row, start, hop, spread, out):  # type: ignore[no-untyped-def]
+def _gather(row, n_pulses, start, hop, spread, out):  # type: ignore[no-untyped-def]
     """Pulses start, start + 1, ... by their remainder modulo hop, so that columns lie side by side; zero outside."""
-    n_pulses = row.shape[0]
+    inside = start >= 0 and start + hop * spread <= n_pulses
     for remainder in range(hop):
-        for step in range(spread):
-            i = start + remainder + step * hop
-            out[remainder * spread + step] = row[i] if 0 <= i < n_pulses else np.float32(0.0)
+        to = _U(remainder * spread)
+        if inside:
+            first = _U(start + remainder)
+            for step in range(spread):
+                out[to + _U(step)] = row[first + _U(step * hop)]
+        else:
+            for step in range(spread):
+                i = start + remainder + step * hop
+                out[to + _U(step)] = row[_U(i)] if 0 <= i < n_pulses else np.float32(0.0)
+
+
+@njit(**APART)
+def _first_radix8(xr, xi, place, window, yr, yi, cos, sin):  # type: ignore[no-untyped-def]
+    """First pass, radix 8: the run of lanes of pulse m starts at place[m] and is multiplied by window[m]."""
+    g = _U(place.shape[0] // 8)
+    r = _U(LANES)
+    for group in range(place.shape[0] // 8):
+        p = _U(group)
+        f0, f1, f2, f3 = window[p], window[p + g], window[p + _2 * g], window[p + _3 * g]
+        f4, f5, f6, f7 = window[p + _4 * g], window[p + _5 * g], window[p + _6 * g], window[p + _7 * g]
+        a, b, c, d = _U(place[p]), _U(place[p + g]), _U(place[p + _2 * g]), _U(place[p + _3 * g])
+        e, f, q, h = _U(place[p + _4 * g]), _U(place[p + _5 * g]), _U(place[p + _6 * g]), _U(place[p + _7 * g])
+        w1r, w1i, w2r, w2i = cos[p], sin[p], cos[_2 * p], sin[_2 * p]
+        w3r, w3i, w4r, w4i = cos[_3 * p], sin[_3 * p], cos[_4 * p], sin[_4 * p]
+        w5r, w5i, w6r, w6i = cos[_5 * p], sin[_5 * p], cos[_6 * p], sin[_6 * p]
+        w7r, w7i = cos[_7 * p], sin[_7 * p]
+        for lane in range(LANES):
+            i = _U(lane)
+            to = _8 * p * r + i
+            # four-point transforms of the even and of the odd inputs; turned differences are times -j
+            ar, ai, er, ei = f0 * xr[a + i], f0 * xi[a + i], f4 * xr[e + i], f4 * xi[e + i]
+            cr, ci, gr, gi = f2 * xr[c + i], f2 * xi[c + i], f6 * xr[q + i], f6 * xi[q + i]
+            sr, si, dr, di = ar + er, ai + ei, ar - er, ai - ei
+            tr, ti, ur, ui = cr + gr, ci + gi, ci - gi, gr - cr
+            e0r, e0i, e2r, e2i, e1r, e1i, e3r, e3i = (
+                sr + tr,
+                si + ti,
+                sr - tr,
+                si - ti,
+                dr + ur,
+                di + ui,
+                dr - ur,
+                di - ui,
+            )
+            br, bi, fr, fi = f1 * xr[b + i], f1 * xi[b + i], f5 * xr[f + i], f5 * xi[f + i]
+            vr, vi, hr, hi = f3 * xr[d + i], f3 * xi[d + i], f7 * xr[h + i], f7 * xi[h + i]
+            sr, si, dr, di = br + fr, bi + fi, br - fr, bi - fi
+            tr, ti, ur, ui = vr + hr, vi + hi, vi - hi, hr - vr
+            o0r, o0i, o2r, o2i = sr + tr, si + ti, si - ti, tr - sr
+            zr, zi, kr, ki = dr + ur, di + ui, dr - ur, di - ui
+            o1r, o1i = _ROOT_HALF * (zr + zi), _ROOT_HALF * (zi - zr)
+            o3r, o3i = _ROOT_HALF * (ki - kr), -_ROOT_HALF * (kr + ki)
+            yr[to], yi[to] = e0r + o0r, e0i + o0i
+            sr, si = e1r + o1r, e1i + o1i
+            yr[to + r], yi[to + r] = sr * w1r - si * w1i, sr * w1i + si * w1r
+            sr, si = e2r + o2r, e2i + o2i
+            yr[to + _2 * r], yi[to + _2 * r] = sr * w2r - si * w2i, sr * w2i + si * w2r
+            sr, si = e3r + o3r, e3i + o3i
+            yr[to + _3 * r], yi[to + _3 * r] = sr * w3r - si * w3i, sr * w3i + si * w3r
+            sr, si = e0r - o0r, e0i - o0i
+            yr[to + _4 * r], yi[to + _4 * r] = sr * w4r - si * w4i, sr * w4i + si * w4r
+            sr, si = e1r - o1r, e1i - o1i
+            yr[to + _5 * r], yi[to + _5 * r] = sr * w5r - si * w5i, sr * w5i + si * w5r
+            sr, si = e2r - o2r, e2i - o2i
+            yr[to + _6 * r], yi[to + _6 * r] = sr * w6r - si * w6i, sr * w6i + si * w6r
+            sr, si = e3r - o3r, e3i - o3i
+            yr[to + _7 * r], yi[to + _7 * r] = sr * w7r - si * w7i, sr * w7i + si * w7r
 
 
 @njit(**OPTIONS)
-def _radix4(xr, xi, place, factor, yr, yi, run, n_groups, cos, sin):  # type: ignore[no-untyped-def]
-    """Pass of radix 4; run m of the input starts at place[m] and is multiplied by factor[m]."""
-    step = cos.shape[0] // (4 * n_groups)
-    for p in range(n_groups):
-        w1r, w1i = cos[p * step], sin[p * step]
-        w2r, w2i = cos[2 * p * step], sin[2 * p * step]
-        w3r, w3i = cos[3 * p * step], sin[3 * p * step]
-        fa, fb, fc, fd = factor[p], factor[p + n_groups], factor[p + 2 * n_groups], factor[p + 3 * n_groups]
-        a, b, c, d = place[p], place[p + n_groups], place[p + 2 * n_groups], place[p + 3 * n_groups]
-        ar, ai, br, bi = xr[a : a + run], xi[a : a + run], xr[b : b + run], xi[b : b + run]
-        cr, ci, dr, di = xr[c : c + run], xi[c : c + run], xr[d : d + run], xi[d : d + run]
-        to = 4 * run * p
-        pr, pi, qr, qi = yr[to : to + run], yi[to : to + run], yr[to + run : to + 2 * run], yi[to + run : to + 2 * run]
-        to += 2 * run
-        rr, ri, sr, si = yr[to : to + run], yi[to : to + run], yr[to + run : to + 2 * run], yi[to + run : to + 2 * run]
-        for i in range(run):
-            ar_, ai_, cr_, ci_ = fa * ar[i], fa * ai[i], fc * cr[i], fc * ci[i]
-            br_, bi_, dr_, di_ = fb * br[i], fb * bi[i], fd * dr[i], fd * di[i]
-            even_r, even_i, diff_r, diff_i = ar_ + cr_, ai_ + ci_, ar_ - cr_, ai_ - ci_
-            odd_r, odd_i, turn_r, turn_i = br_ + dr_, bi_ + di_, bi_ - di_, dr_ - br_  # turn is -j (b - d)
-            pr[i] = even_r + odd_r
-            pi[i] = even_i + odd_i
-            er, ei = diff_r + turn_r, diff_i + turn_i
-            qr[i] = er * w1r - ei * w1i
-            qi[i] = er * w1i + ei * w1r
-            fr, fi = even_r - odd_r, even_i - odd_i
-            rr[i] = fr * w2r - fi * w2i
-            ri[i] = fr * w2i + fi * w2r
-            gr, gi = diff_r - turn_r, diff_i - turn_i
-            sr[i] = gr * w3r - gi * w3i
-            si[i] = gr * w3i + gi * w3r
+def _first_any(xr, xi, place, window, yr, yi, radix, cos, sin):  # type: ignore[no-untyped-def]
+    """First pass of any radix: the windowed pulses side by side, then as any other pass."""
+    n_groups = place.shape[0] // radix
+    runs_r, runs_i = np.empty(yr.shape[0], dtype=np.float32), np.empty(yi.shape[0], dtype=np.float32)
+    for m in range(place.shape[0]):
+        for lane in range(LANES):
+            runs_r[m * LANES + lane] = window[m] * xr[place[m] + lane]
+            runs_i[m * LANES + lane] = window[m] * xi[place[m] + lane]
+    _radix_any(runs_r, runs_i, yr, yi, LANES, n_groups, radix, cos, sin)
+
+
+@njit(**APART)
+def _radix4(xr, xi, yr, yi, run, n_groups, cos, sin):  # type: ignore[no-untyped-def]
+    """Pass of radix 4."""
+    step = _U(cos.shape[0] // (4 * n_groups))
+    r, apart = _U(run), _U(n_groups * run)
+    for group in range(n_groups):
+        p = _U(group)
+        turn = p * step
+        w1r, w1i, w2r, w2i = cos[turn], sin[turn], cos[_2 * turn], sin[_2 * turn]
+        w3r, w3i = cos[_3 * turn], sin[_3 * turn]
+        for lane in range(run):
+            a = p * r + _U(lane)
+            to = _4 * p * r + _U(lane)
+            b, c, d = a + apart, a + _2 * apart, a + _3 * apart
+            even_r, even_i, diff_r, diff_i = xr[a] + xr[c], xi[a] + xi[c], xr[a] - xr[c], xi[a] - xi[c]
+            odd_r, odd_i, turn_r, turn_i = xr[b] + xr[d], xi[b] + xi[d], xi[b] - xi[d], xr[d] - xr[b]  # -j (b - d)
+            yr[to], yi[to] = even_r + odd_r, even_i + odd_i
+            sr, si = diff_r + turn_r, diff_i + turn_i
+            yr[to + r], yi[to + r] = sr * w1r - si * w1i, sr * w1i + si * w1r
+            sr, si = even_r - odd_r, even_i - odd_i
+            yr[to + _2 * r], yi[to + _2 * r] = sr * w2r - si * w2i, sr * w2i + si * w2r
+            sr, si = diff_r - turn_r, diff_i - turn_i
+            yr[to + _3 * r], yi[to + _3 * r] = sr * w3r - si * w3i, sr * w3i + si * w3r
 
 
 @njit(**OPTIONS)
-def _radix_any(xr, xi, place, factor, yr, yi, run, n_groups, radix, cos, sin):  # type: ignore[no-untyped-def]
-    """Pass of any radix by its definition; input as for radix 4."""
+def _radix_any(xr, xi, yr, yi, run, n_groups, radix, cos, sin):  # type: ignore[no-untyped-def]
+    """Pass of any radix by its definition."""
     n_bins = cos.shape[0]
     step = n_bins // (radix * n_groups)
     for p in range(n_groups):
@@ -96,90 +188,117 @@ def _radix_any(xr, xi, place, factor, yr, yi, run, n_groups, radix, cos, sin):  
             out_i[:] = 0.0
             for j in range(radix):
                 turn = (k * p * step + j * k * (n_bins // radix)) % n_bins
-                weight = factor[p + j * n_groups]
-                wr, wi = weight * cos[turn], weight * sin[turn]
-                a = place[p + j * n_groups]
+                wr, wi = cos[turn], sin[turn]
+                a = (p + j * n_groups) * run
                 in_r, in_i = xr[a : a + run], xi[a : a + run]
                 for i in range(run):
                     out_r[i] += in_r[i] * wr - in_i[i] * wi
                     out_i[i] += in_r[i] * wi + in_i[i] * wr
 
 
-@njit(**OPTIONS)
-def _add_power(xr, xi, power):  # type: ignore[no-untyped-def]
-    for i in range(power.shape[0]):
-        power[i] += xr[i] * xr[i] + xi[i] * xi[i]
+@njit(**APART)
+def _last_radix4(xr, xi, power):  # type: ignore[no-untyped-def]
+    """Last pass, of radix 4, and the squared magnitudes, without storing the transform."""
+    r = _U(power.shape[0] // 4)
+    for i in range(power.shape[0] // 4):
+        a = _U(i)
+        b, c, d = a + r, a + _2 * r, a + _3 * r
+        even_r, even_i, diff_r, diff_i = xr[a] + xr[c], xi[a] + xi[c], xr[a] - xr[c], xi[a] - xi[c]
+        odd_r, odd_i, turn_r, turn_i = xr[b] + xr[d], xi[b] + xi[d], xi[b] - xi[d], xr[d] - xr[b]
+        sr, si = even_r + odd_r, even_i + odd_i
+        power[a] += sr * sr + si * si
+        sr, si = diff_r + turn_r, diff_i + turn_i
+        power[b] += sr * sr + si * si
+        sr, si = even_r - odd_r, even_i - odd_i
+        power[c] += sr * sr + si * si
+        sr, si = diff_r - turn_r, diff_i - turn_i
+        power[d] += sr * sr + si * si
+
+
+@njit(**APART)
+def _last_radix2(xr, xi, power):  # type: ignore[no-untyped-def]
+    """As for radix 4."""
+    r = _U(power.shape[0] // 2)
+    for i in range(power.shape[0] // 2):
+        a = _U(i)
+        b = a + r
+        sr, si, dr, di = xr[a] + xr[b], xi[a] + xi[b], xr[a] - xr[b], xi[a] - xi[b]
+        power[a] += sr * sr + si * si
+        power[b] += dr * dr + di * di
 
 
 @njit(**OPTIONS)
-def _radix2_add_power(xr, xi, power):  # type: ignore[no-untyped-def]
-    """Last pass of radix 2 and the squared magnitudes, without storing the transform."""
-    half = power.shape[0] // 2
-    ar, ai, br, bi = xr[:half], xi[:half], xr[half:], xi[half:]
-    low, high = power[:half], power[half:]
-    for i in range(half):
-        sr, si, dr, di = ar[i] + br[i], ai[i] + bi[i], ar[i] - br[i], ai[i] - bi[i]
-        low[i] += sr * sr + si * si
-        high[i] += dr * dr + di * di
+def _last(xr, xi, radix, n_groups, power):  # type: ignore[no-untyped-def]
+    """What is left to do: a pass of radix 4 or 2, or none (n_groups is then 1), and the squared magnitudes."""
+    if n_groups == 1:
+        for i in range(power.shape[0]):
+            power[i] += xr[i] * xr[i] + xi[i] * xi[i]
+    elif radix == 4:
+        _last_radix4(xr, xi, power)
+    else:
+        _last_radix2(xr, xi, power)
 
 
 @njit(**OPTIONS)
-def _transform_add_power(  # type: ignore[no-untyped-def]
-    seg_re, seg_im, places, window, ones, radices, cos, sin, ar, ai, br, bi, power
-):
+def _pass(xr, xi, yr, yi, run, n_groups, radix, cos, sin):  # type: ignore[no-untyped-def]
+    if radix == 4:
+        _radix4(xr, xi, yr, yi, run, n_groups, cos, sin)
+    else:
+        _radix_any(xr, xi, yr, yi, run, n_groups, radix, cos, sin)
+
+
+@njit(**OPTIONS)
+def _add_power(xr, xi, places, window, ar, ai, br, bi, radices, cos, sin, power):  # type: ignore[no-untyped-def]
     """Windowed transform of one range bin for all lanes; adds its squared magnitudes to ``power``."""
-    xr, xi, factor, yr, yi, zr, zi = seg_re, seg_im, window, ar, ai, br, bi
-    run, n_groups = LANES, cos.shape[0]
-    for number in range(radices.shape[0]):
-        radix, place = radices[number], places[number]
-        n_groups //= radix
-        if radix == 2 and n_groups == 1 and run > LANES:
-            _radix2_add_power(xr, xi, power)
-            return
-        if radix == 4:
-            _radix4(xr, xi, place, factor, yr, yi, run, n_groups, cos, sin)
+    if radices[0] == 8:
+        _first_radix8(xr, xi, places, window, ar, ai, cos, sin)
+    else:
+        _first_any(xr, xi, places, window, ar, ai, radices[0], cos, sin)
+    run, n_groups = LANES * radices[0], places.shape[0] // radices[0]
+    in_a, number = True, 1
+    while n_groups > 1 and not (n_groups == radices[number] and n_groups in (2, 4)):
+        n_groups //= radices[number]
+        if in_a:  # swapped by hand: exchanging array variables costs as much as a pass
+            _pass(ar, ai, br, bi, run, n_groups, radices[number], cos, sin)
         else:
-            _radix_any(xr, xi, place, factor, yr, yi, run, n_groups, radix, cos, sin)
-        run *= radix
-        xr, xi, yr, yi, zr, zi = yr, yi, zr, zi, yr, yi
-        factor = ones
-    _add_power(xr, xi, power)
-
-
-@njit(**OPTIONS)
-def _run_places(n_bins, hop, spread, radices):  # type: ignore[no-untyped-def]
-    """Where the runs of lanes start in the input of every pass: in the gathered segment, then one after the other."""
-    places = np.empty((radices.shape[0], n_bins), dtype=np.int64)
-    run = LANES
-    for number in range(radices.shape[0]):
-        for m in range(n_bins):
-            places[number, m] = m * run if number else (m % hop) * spread + m // hop
+            _pass(br, bi, ar, ai, run, n_groups, radices[number], cos, sin)
         run *= radices[number]
-    return places
+        in_a, number = not in_a, number + 1
+    if in_a:
+        _last(ar, ai, radices[-1], n_groups, power)
+    else:
+        _last(br, bi, radices[-1], n_groups, power)
 
 
 @njit(**OPTIONS)
-def _gate_weights(low, high, first_column, count, n, weight):  # type: ignore[no-untyped-def]
-    """Share of bin n's cell that lies inside each column's gate; whether it is 1 in all columns."""
-    whole = True
+def _add_weighted(part, low, high, first_column, count, n, power):  # type: ignore[no-untyped-def]
+    """Add power of bin n, weighted by the share of its cell that lies inside each column's gate."""
+    weight = np.empty(LANES, dtype=np.float32)
     for lane in range(LANES):
         j = first_column + min(lane, count - 1)
         weight[lane] = max(0.0, min(high[j], n + 0.5) - max(low[j], n - 0.5))
-        whole = whole and weight[lane] == 1.0
-    return whole
+    for start in range(0, power.shape[0], LANES):
+        for lane in range(LANES):
+            power[_U(start + lane)] += weight[lane] * part[_U(start + lane)]
 
 
 @njit(**OPTIONS)
-def _add_weighted(part, weight, power):  # type: ignore[no-untyped-def]
-    for start in range(0, power.shape[0], LANES):
-        for lane in range(LANES):
-            power[start + lane] += weight[lane] * part[start + lane]
+def _store(power, lane, row):  # type: ignore[no-untyped-def]
+    """One column with its Doppler bins in ascending order, zero Doppler at K // 2."""
+    n_doppler = row.shape[0]
+    below = n_doppler // 2
+    positive, negative = row[below:], row[:below]
+    for k in range(n_doppler - below):
+        positive[k] = power[_U(k * LANES + lane)]
+    for k in range(below):
+        negative[k] = power[_U((k + n_doppler - below) * LANES + lane)]
 
 
 @njit(**OPTIONS)
 def gated_signature(
     plane_re: Float32Array,
     plane_im: Float32Array,
+    n_pulses: int,
     first_pulse: int,
     hop: int,
     window: Float32Array,
@@ -199,8 +318,10 @@ def gated_signature(
 
     Parameters
     ----------
-    plane_re, plane_im : ndarray, shape (N, I), float32
-        Data matrix, one row a range bin; pulses outside 0..I-1 count as zero.
+    plane_re, plane_im : ndarray, shape (N, I or more), float32, C-contiguous
+        Data matrix, one row a range bin.
+    n_pulses : int
+        I; pulses outside 0..I-1 count as zero.
     first_pulse : int
         Pulse i_0 - h at which the window of column 0 starts; may be negative.
     hop : int
@@ -216,30 +337,30 @@ def gated_signature(
     """
     n_columns, n_doppler = out.shape
     spread = LANES + (n_doppler - 1) // hop + 1
-    places = _run_places(n_doppler, hop, spread, radices)
-    ones = np.ones(n_doppler, dtype=np.float32)
-    work = np.empty((6, n_doppler * LANES), dtype=np.float32)
-    ar, ai, br, bi, power, part = work[0], work[1], work[2], work[3], work[4], work[5]
-    weight = np.empty(LANES, dtype=np.float32)
+    places = np.empty(n_doppler, dtype=np.int64)
+    for m in range(n_doppler):
+        places[m] = (m % hop) * spread + m // hop
+    size = n_doppler * LANES
+    work = np.empty((6, size + PADDING), dtype=np.float32)
+    ar, ai, br, bi = work[0, :size], work[1, :size], work[2, :size], work[3, :size]
+    power, part = work[4, :size], work[5, :size]
     seg_re, seg_im = np.empty(hop * spread, dtype=np.float32), np.empty(hop * spread, dtype=np.float32)
     for block in range(0, n_columns, LANES):
         count = min(LANES, n_columns - block)
+        start = first_pulse + block * hop
+        low_min, low_max = low[block : block + count].min(), low[block : block + count].max()
+        high_min, high_max = high[block : block + count].min(), high[block : block + count].max()
         power[:] = 0.0
-        first_bin = max(0, math.floor(low[block : block + count].min() - 0.5) + 1)
-        last_bin = min(plane_re.shape[0], math.ceil(high[block : block + count].max() + 0.5))
+        first_bin = max(0, math.floor(low_min - 0.5) + 1)
+        last_bin = min(plane_re.shape[0], math.ceil(high_max + 0.5))
         for n in range(first_bin, last_bin):
-            whole = _gate_weights(low, high, block, count, n, weight)
-            _gather(plane_re[n], first_pulse + block * hop, hop, spread, seg_re)
-            _gather(plane_im[n], first_pulse + block * hop, hop, spread, seg_im)
-            if not whole:
+            _gather(plane_re[n], n_pulses, start, hop, spread, seg_re)
+            _gather(plane_im[n], n_pulses, start, hop, spread, seg_im)
+            if n - 0.5 >= low_max and n + 0.5 <= high_min:
+                _add_power(seg_re, seg_im, places, window, ar, ai, br, bi, radices, cos, sin, power)
+            else:
                 part[:] = 0.0
-            _transform_add_power(
-                seg_re, seg_im, places, window, ones, radices, cos, sin, ar, ai, br, bi,
-                power if whole else part,
-            )  # fmt: skip
-            if not whole:
-                _add_weighted(part, weight, power)
-        for k in range(n_doppler):
-            shifted = (k + n_doppler // 2) % n_doppler
-            for lane in range(count):
-                out[block + lane, shifted] = power[k * LANES + lane]
+                _add_power(seg_re, seg_im, places, window, ar, ai, br, bi, radices, cos, sin, part)
+                _add_weighted(part, low, high, block, count, n, power)
+        for lane in range(count):
+            _store(power, lane, out[block + lane])

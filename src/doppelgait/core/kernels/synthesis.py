@@ -244,3 +244,26 @@ def add_echoes(
             im,
         )
         _interleave(re, im, lowest, highest, out[frame : min(frame + LANES, n_frames)])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def split_planes(
+    matrix: npt.NDArray[np.complex64], first_bin: int, plane_re: Float32Array, plane_im: Float32Array
+) -> None:
+    """Real and imaginary planes, slow time contiguous, of some range bins of a data matrix.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (I, N), complex64
+    first_bin : int
+        Range bin of row 0 of the planes.
+    plane_re, plane_im : ndarray, shape (bins, I), float32
+        Overwritten.
+    """
+    for begin in range(0, plane_re.shape[1], LANES):  # a block of frames stays in the cache for all bins
+        end = min(begin + LANES, plane_re.shape[1])
+        for n in range(plane_re.shape[0]):
+            for frame in range(begin, end):
+                value = matrix[frame, first_bin + n]
+                plane_re[n, frame] = value.real
+                plane_im[n, frame] = value.imag
