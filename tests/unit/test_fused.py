@@ -57,3 +57,37 @@ def test_a_data_matrix_that_cannot_fit_is_refused():
     radar = Radar.preset("x4", range_stop_m=5000.0, prf_hz=9000)
     with pytest.raises(ConfigError, match=r"more than 2e\+09 samples"):
         simulate(Scene([Target(boulic_walk(speed_mps=1.0, duration_s=30.0))]), radar)
+
+
+def test_features_do_not_depend_on_a_hop_finer_than_the_lossless_one():
+    """Hop 8 at 1000 Hz loses nothing; hops 1, 2 and 4 hold its columns and give the same features to the bit."""
+    radar, scene = Radar.preset("x4"), SCENES["one"]
+    by_hop = {hop: run_fused(scene, radar, Analysis(hop=hop), rng=rng(2)).results[0] for hop in (1, 2, 4, 8)}
+    for hop in (1, 2, 4):
+        one, other = by_hop[hop], by_hop[8]
+        assert one.features == other.features
+        assert one.quality == other.quality
+        np.testing.assert_array_equal(one.signature.values[:: 8 // hop], other.signature.values)
+        assert one.main_line_hz.size == one.signature.sizes["time"]
+        np.testing.assert_allclose(one.main_line_hz[:: 8 // hop], other.main_line_hz, rtol=1e-12)
+    coarse = run_fused(scene, radar, Analysis(hop=16), rng=rng(2)).results[0]
+    assert coarse.features != by_hop[8].features  # a coarser hop is taken as it is
+
+
+def test_noise_reaches_every_cell_that_the_signature_reads():
+    """Of all pulses and bins, those not declared needed may hold anything."""
+    from doppelgait.processing import make_gate
+    from doppelgait.processing.signature import cut_out, signature_of_planes
+
+    slow_time_s, range_m = np.arange(700) / 1000.0, 1.0 + 0.05 * np.arange(60)
+    gate = make_gate(slow_time_s, 3.5 - 1.7 * slow_time_s, span_m=0.9, source="given")
+    for analysis in (Analysis(), Analysis(hop=1), Analysis(method="liland2018")):
+        cut = cut_out(gate, slow_time_s, range_m, analysis)
+        needed = cut.needed_pulses()
+        planes = np.random.default_rng(0).standard_normal((2, 60, 700)).astype(np.float32)
+        expected = signature_of_planes(*planes, 0, cut, wavelength_m=0.04).values
+        for n, (first, stop) in enumerate(needed):
+            planes[:, n, :first] = planes[:, n, max(stop, first) :] = 1e6
+        found = signature_of_planes(*planes, 0, cut, wavelength_m=0.04).values
+        np.testing.assert_array_equal(found, expected)
+        assert (needed[:, 1] - needed[:, 0]).clip(0).sum() < 0.9 * 60 * 700

@@ -8,12 +8,12 @@ from doppelgait.core.kernels.signature import (
     stage_radices,
     twiddle_table,
 )
-from doppelgait.core.kernels.synthesis import SUPPORT_SIGMAS, add_echoes
+from doppelgait.core.kernels.synthesis import SUPPORT_SIGMAS, add_echoes, split_planes
 
 WAVELENGTH_M = 299_792_458 / 7.29e9
 
 
-@pytest.mark.parametrize("k", [1, 2, 3, 7, 49, 101, 108, 121, 128, 143, 160, 512])
+@pytest.mark.parametrize("k", [1, 2, 3, 7, 8, 24, 49, 101, 108, 121, 128, 143, 160, 256, 512])
 def test_radices_multiply_to_the_length(k):
     radices = stage_radices(k)
     assert radices.prod() == k
@@ -60,7 +60,9 @@ def random_baseband():
     return (rng.standard_normal((400, 9)) + 1j * rng.standard_normal((400, 9))).astype(np.complex64)
 
 
-@pytest.mark.parametrize("k", [2, 3, 5, 7, 8, 11, 15, 49, 64, 81, 100, 101, 108, 125, 128, 143, 160, 512])
+@pytest.mark.parametrize(
+    "k", [2, 3, 5, 7, 8, 11, 15, 16, 24, 32, 40, 48, 49, 64, 81, 96, 100, 101, 108, 125, 128, 143, 160, 256, 320, 512]
+)
 def test_transform_of_every_length_equals_numpy_e24(random_baseband, k):
     window = np.hanning(min(k, 101) + 2)[1:-1]
     case = {"first_pulse": 0, "hop": 3, "window": window, "first_bin": 2, "n_gate": 4, "k": k, "n_columns": 40}
@@ -68,7 +70,7 @@ def test_transform_of_every_length_equals_numpy_e24(random_baseband, k):
     assert np.linalg.norm(found - wanted) < 1e-6 * np.linalg.norm(wanted)
 
 
-@pytest.mark.parametrize("n_columns", [1, 2, 31, 32, 33, 64, 65, 100])
+@pytest.mark.parametrize("n_columns", [1, 2, 15, 16, 17, 31, 32, 33, 100])
 @pytest.mark.parametrize("hop", [1, 3])
 def test_any_number_of_columns_e24(random_baseband, n_columns, hop):
     case = {"first_pulse": 0, "hop": hop, "window": np.hanning(33), "first_bin": 1, "n_gate": 3, "k": 40}
@@ -137,3 +139,28 @@ def test_kernels_give_the_same_bytes_every_time(random_baseband):
     case = {"first_pulse": 0, "hop": 3, "window": np.hanning(101), "first_bin": 2, "n_gate": 4, "k": 128}
     first = run(random_baseband, n_columns=40, **case)
     assert first.tobytes() == run(random_baseband, n_columns=40, **case).tobytes()
+
+
+def test_rows_may_be_longer_than_the_record():
+    """Pulses beyond the record count as zero even where the buffers hold an earlier example."""
+    rng = np.random.default_rng(1)
+    y = (rng.standard_normal((70, 4)) + 1j * rng.standard_normal((70, 4))).astype(np.complex64)
+    k, window = 32, np.hanning(27).astype(np.float32)
+    wanted = by_numpy(y, first_pulse=-5, hop=2, window=window, first_bin=1, n_gate=2, k=k, n_columns=40)
+    planes = np.full((2, 4, 96), 1e9, dtype=np.float32)
+    planes[0, :, :70], planes[1, :, :70] = y.real.T, y.imag.T
+    out = np.empty((40, k), np.float32)
+    low = np.full(40, 0.5)
+    padded = np.pad(window, (0, k - window.size))
+    gated_signature(*planes, 70, -5, 2, padded, low, low + 2, stage_radices(k), *twiddle_table(k), out)
+    np.testing.assert_allclose(out, wanted, rtol=1e-5, atol=1e-5 * wanted.max())
+
+
+@pytest.mark.parametrize(("n_frames", "first_bin", "n_bins"), [(1, 0, 1), (31, 2, 3), (33, 0, 7), (100, 6, 1)])
+def test_planes_of_a_data_matrix_are_its_real_and_imaginary_parts(n_frames, first_bin, n_bins):
+    rng = np.random.default_rng(2)
+    matrix = (rng.standard_normal((n_frames, 7)) + 1j * rng.standard_normal((n_frames, 7))).astype(np.complex64)
+    plane_re, plane_im = np.full((2, n_bins, n_frames), np.nan, np.float32)
+    split_planes(matrix, first_bin, plane_re, plane_im)
+    np.testing.assert_array_equal(plane_re, matrix.real.T[first_bin : first_bin + n_bins])
+    np.testing.assert_array_equal(plane_im, matrix.imag.T[first_bin : first_bin + n_bins])

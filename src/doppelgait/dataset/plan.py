@@ -15,10 +15,11 @@ from doppelgait.dataset.motions import check_motion, motion_files, refuse_two_sp
 from doppelgait.dataset.sampling import resolve
 from doppelgait.pipeline import RunSpec, parse_run
 
-DATA_VERSION = 2
+DATA_VERSION = 3
 """What a configuration means in bytes. It is part of every dataset's identity and raised by hand whenever the same
 configuration gives other bytes (a draw, a kernel, a stored type), so that a dataset is never finished with examples of
-another making. 1: first form. 2: compiled kernels for geometry, noise and signature; splits by subject names."""
+another making. 1: first form. 2: compiled kernels for geometry, noise and signature; splits by subject names.
+3: another order of additions in the short-time transform; features from the columns of the lossless hop."""
 
 
 class ExampleSpec(FrozenModel):

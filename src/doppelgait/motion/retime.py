@@ -36,10 +36,10 @@ def _mean_of(values: npt.NDArray[Any], points: npt.NDArray[np.int64]) -> FloatAr
     return np.asarray(values[:, points].mean(axis=1))
 
 
-def _net_travel_m(motion: xr.DataArray) -> FloatArray:
-    """Ground-plane displacement of the body centre from the first to the last frame, shape (2,)."""
-    first, last = _mean_of(motion.values[[0, -1]], _central_points(motion))[:, :2]
-    return np.asarray(last - first)
+def _net_travel_m(motion: xr.DataArray, last: int = -1) -> FloatArray:
+    """Ground-plane displacement of the body centre from the first to another frame, by default the last; shape (2,)."""
+    before, after = _mean_of(motion.values[[0, last]], _central_points(motion))[:, :2]
+    return np.asarray(after - before)
 
 
 def travel_heading_rad(motion: xr.DataArray) -> float:
@@ -48,11 +48,11 @@ def travel_heading_rad(motion: xr.DataArray) -> float:
     return math.atan2(net[1], net[0]) if math.hypot(*net) > STILL_BELOW_M else 0.0
 
 
-def travel_speed_mps(motion: xr.DataArray) -> float:
-    """Net ground speed of the body centre over the whole motion."""
-    net = _net_travel_m(motion)
+def travel_speed_mps(motion: xr.DataArray, *, first_s: float = math.inf) -> float:
+    """Net ground speed of the body centre over the first seconds of a motion, by default all of it."""
     times = axis(motion, "time")
-    return float(math.hypot(*net) / (times[-1] - times[0]))
+    last = int(np.searchsorted(times, times[0] + first_s, side="right")) - 1
+    return float(math.hypot(*_net_travel_m(motion, last)) / (times[last] - times[0]))
 
 
 def duration_s(motion: xr.DataArray) -> float:

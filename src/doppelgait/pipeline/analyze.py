@@ -198,7 +198,8 @@ def analyze_signature(mu: xr.DataArray, gate: xr.Dataset, analysis: Analysis, *,
 
 def _geometry(mu: xr.DataArray, extraction: Extraction) -> tuple[dict[str, Any], list[str]]:
     """Ground speed and aspect from the gate's range history (E-34b), and the flags that follow from them."""
-    motion = ground_motion(axis(mu, "time"), axis(mu, "centre_range"))
+    thinned = processing.thin(mu)
+    motion = ground_motion(axis(thinned, "time"), axis(thinned, "centre_range"))
     step_m = None
     if motion.ground_speed_mps is not None and extraction.gait_frequency_hz is not None:
         step_m = motion.ground_speed_mps / extraction.gait_frequency_hz

@@ -110,7 +110,6 @@ def target_truth(scene: Scene, number: int, scatterers: xr.Dataset, centre: Line
     own = axis(scatterers, "target") == number
     rows = scatterers if own.all() else scatterers.isel(scatterer=np.flatnonzero(own))
     motion = scaled_motion(target)
-    observed = motion.isel(time=axis(motion, "time") <= axis(motion, "time")[0] + scene.observation_s)
     facts = motion.attrs
     return TargetTruth(
         label=target.label,
@@ -118,7 +117,7 @@ def target_truth(scene: Scene, number: int, scatterers: xr.Dataset, centre: Line
         centre_range_m=centre.range_m,
         centre_velocity_mps=centre.radial_velocity_mps,
         centre_aspect_rad=centre.aspect_rad,
-        ground_speed_mps=travel_speed_mps(observed),
+        ground_speed_mps=travel_speed_mps(motion, first_s=scene.observation_s),
         gait=facts["gait"],
         subject=facts["subject"],
         motion=facts["source"],

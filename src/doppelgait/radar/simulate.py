@@ -115,7 +115,8 @@ def warn_of_limits(scatterers: xr.Dataset, radar: Radar) -> None:
             DoppelgaitWarning,
             stacklevel=3,
         )
-    fastest = float(np.abs(scatterers["radial_velocity"].values).max())
+    speeds = scatterers["radial_velocity"].values
+    fastest = max(float(speeds.max()), -float(speeds.min()))
     if fastest >= radar.unambiguous_velocity_mps:
         needed = 2.0 * float(velocity_to_doppler_hz(fastest, radar.wavelength_m)) + 60.0
         warnings.warn(
@@ -125,12 +126,13 @@ def warn_of_limits(scatterers: xr.Dataset, radar: Radar) -> None:
             stacklevel=3,
         )
     ranges = scatterers["range"].values
-    outside = (ranges < radar.range_start_m) | (ranges > radar.range_stop_m)
-    if outside.any():
-        share = f"{100 * outside.mean():.0f} %" if outside.mean() >= 0.005 else "less than 1 %"
+    nearest, farthest = float(ranges.min()), float(ranges.max())
+    if nearest < radar.range_start_m or farthest > radar.range_stop_m:
+        outside = float(((ranges < radar.range_start_m) | (ranges > radar.range_stop_m)).mean())
+        share = f"{100 * outside:.0f} %" if outside >= 0.005 else "less than 1 %"
         warnings.warn(
-            f"outside the frame: {share} of all scatterer samples (ranges {ranges.min():.2f} to "
-            f"{ranges.max():.2f} m) lie outside {radar.range_start_m:g} to {radar.range_stop_m:g} m and are lost; move "
+            f"outside the frame: {share} of all scatterer samples (ranges {nearest:.2f} to "
+            f"{farthest:.2f} m) lie outside {radar.range_start_m:g} to {radar.range_stop_m:g} m and are lost; move "
             "the target or change radar.range_start_m / range_stop_m",
             DoppelgaitWarning,
             stacklevel=3,

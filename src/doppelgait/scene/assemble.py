@@ -113,8 +113,8 @@ def _target_table(motion: xr.DataArray, number: int, scene: Scene, times: FloatA
         coords={
             "slow_time": ("slow_time", times, {"units": "s"}),
             "target": ("scatterer", np.full(len(parts), number)),
-            "marker": ("scatterer", axis(motion, "marker").astype(object)),
-            "part": ("scatterer", np.array(parts, dtype=object)),
+            "marker": ("scatterer", axis(motion, "marker").astype(str)),
+            "part": ("scatterer", np.array(parts)),
         },
     )
 
