@@ -1,194 +1,142 @@
-"""Speed of every stage of one scenario against the obvious NumPy of the equations, in one interleaved run.
+"""Speed, accuracy, growth and start-up of the chain from motion to features, all in one run.
 
 Scenario S: 41 scatterers of a walking person, 5 s at 1000 Hz, X4 decimated to 187 bins, M = 101, K = 128, gate 1.0 m.
-"Obvious NumPy": float64, one scatterer at a time, a loop over frames that transforms the gated bins, the same K.
+Stages are interleaved: every round runs each of them, the obvious NumPy, SciPy and the machine's own floors. Every
+figure comes twice, from the least and from the median time of the rounds; ratios are of minima and of medians.
 
-    python benchmarks/chain.py [--rounds 5] [--json FILE]
+    python benchmarks/chain.py [--rounds 7] [--quick] [--json FILE]
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import platform
-import statistics
-import subprocess
-import sys
-import time
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import xarray as xr
+import report
+import scipy
+from accuracy import measure_accuracy
+from asked import asked_rows
+from clock import total
+from growth import AXES, QUICK_AXES, measure_growth
+from stages import measure_stages
+from startup import measure_startup
+from threadpoolctl import threadpool_limits
+from workers import measure_workers
 
-from doppelgait.core.rng import rng
-from doppelgait.core.units import SPEED_OF_LIGHT_MPS
-from doppelgait.motion.models import boulic_walk
-from doppelgait.motion.schema import make_motion
-from doppelgait.pipeline import analyze
-from doppelgait.pipeline.fused import run_fused
-from doppelgait.processing import Analysis, gate_bins, make_gate, plan_transform, signature
-from doppelgait.radar import Radar, Recording, add_noise, synthesise
-from doppelgait.scene import Scene, Target, assemble, body_track
-
-N_SCATTERERS = 41
-DURATION_S = 5.0
+import doppelgait
 
 
-def scenario() -> tuple[Radar, Scene, Analysis]:
-    """Radar, scene and analysis of scenario S: points between the walker's own make up 41 scatterers."""
-    radar = Radar.preset("x4", range_stop_m=9.6)
-    walk = boulic_walk(speed_mps=1.2, height_m=1.75, duration_s=DURATION_S)
-    pairs = [(a, b) for a in range(17) for b in range(a + 1, 17)][: N_SCATTERERS - 17]
-    between = np.stack([(walk.values[:, a] + walk.values[:, b]) / 2 for a, b in pairs], axis=1)
-    dense = make_motion(
-        np.concatenate([walk.values, between], axis=1),
-        rate_hz=walk.attrs["rate_hz"],
-        markers=[f"m{n}" for n in range(N_SCATTERERS)],
-        parts=[""] * N_SCATTERERS,
-        facts={"mass_kg": 70.0},
-    )
-    scene = Scene([Target(dense, label="human")], duration_s=DURATION_S)
-    return radar, scene, Analysis(doppler_bins=128, hop=1, gate_span_m=1.0)
+def machine() -> dict[str, Any]:
+    """What the figures were measured on."""
+    import numba
 
-
-def obvious_synthesis(table: xr.Dataset, radar: Radar, amplitude_v: Any) -> Any:
-    """E-18, one scatterer at a time."""
-    axis = radar.range_axis_m()
-    sigma_m = SPEED_OF_LIGHT_MPS * radar.sigma_s / 2
-    out = np.zeros((table.sizes["slow_time"], axis.size), dtype=np.complex128)
-    for scatterer in range(table.sizes["scatterer"]):
-        range_m = table["range"].values[:, scatterer]
-        pulse = np.exp(-0.5 * ((axis[None, :] - range_m[:, None]) / sigma_m) ** 2)
-        phase = np.exp(-4j * np.pi * range_m / radar.wavelength_m)
-        out += (amplitude_v[:, scatterer] * phase)[:, None] * pulse
-    return out
-
-
-def obvious_signature(baseband: Any, first_bin: Any, n_bins: int, window: Any, n_doppler: int) -> Any:
-    """E-24 and E-27, a loop over columns."""
-    out = np.empty((first_bin.size, n_doppler))
-    for j in range(first_bin.size):
-        gated = baseband[j : j + window.size, first_bin[j] : first_bin[j] + n_bins]
-        spectrum = np.fft.fft(gated * window[:, None], n_doppler, axis=0)
-        out[j] = np.fft.fftshift((np.abs(spectrum) ** 2).sum(axis=1))
-    return out
-
-
-def obvious_spectrogram(baseband: Any, first_bin: Any, n_bins: int, window: Any) -> Any:
-    """The same number of transforms by SciPy's spectrogram: a gate of fixed place, summed over bins."""
-    from scipy.signal import spectrogram
-
-    gated = np.ascontiguousarray(baseband[:, first_bin[0] : first_bin[0] + n_bins].T)
-    power = spectrogram(
-        gated, window=window.astype(np.float32), nperseg=window.size, noverlap=window.size - 1, nfft=128,
-        detrend=False, return_onesided=False, mode="psd",
-    )[2]  # fmt: skip
-    return power.sum(axis=0)
-
-
-def measure(stages: dict[str, Callable[[], Any]], rounds: int) -> dict[str, float]:
-    """Median seconds of every stage over interleaved rounds, after one warm-up."""
-    seconds: dict[str, list[float]] = {name: [] for name in stages}
-    for number in range(rounds + 1):
-        for name, work in stages.items():
-            began = time.perf_counter()
-            work()
-            if number:
-                seconds[name].append(time.perf_counter() - began)
-    return {name: statistics.median(values) for name, values in seconds.items()}
-
-
-def make_stages() -> dict[str, Callable[[], Any]]:
-    """Every stage as a call without arguments, on data prepared here."""
-    from doppelgait.radar.simulate import scatterer_arrays
-
-    radar, scene, analysis = scenario()
-    times = np.arange(int(DURATION_S * radar.prf_hz)) / radar.prf_hz
-    table = assemble(scene, times)
-    amplitude_v = scatterer_arrays(table, radar)[1]
-    clean = synthesise(table, radar)
-    exact = clean.values.astype(np.complex128)
-    track_m = body_track(scene.targets[0], scene, times).range_m
-    gate = make_gate(times, track_m, span_m=analysis.gate_span_m, source="given")
-    transform = plan_transform(analysis, n_pulses=times.size, prf_hz=radar.prf_hz)
-    centres = transform.centre_pulses()
-    first, n_bins = gate_bins(gate, times[centres], first_bin_m=radar.range_start_m, bin_spacing_m=radar.bin_spacing_m)
-    recording = Recording(clean, radar)
-    lossless = analysis.model_copy(update={"hop": None})
     return {
-        "obvious: synthesis": lambda: obvious_synthesis(table, radar, amplitude_v),
-        "obvious: signature, hop 1": lambda: obvious_signature(exact, first, n_bins, transform.window, 128),
-        "motion -> scatterers": lambda: assemble(scene, times),
-        "synthesis": lambda: synthesise(table, radar),
-        "noise": lambda: add_noise(clean, noise_power_v2=1e-12, rng=rng(1)),
-        "signature, hop 1": lambda: signature(clean, gate, analysis, wavelength_m=radar.wavelength_m),
-        "signature, lossless hop": lambda: signature(clean, gate, lossless, wavelength_m=radar.wavelength_m),
-        "scipy spectrogram of the gate, hop 1": lambda: obvious_spectrogram(
-            clean.values, first, n_bins, transform.window
-        ),
-        "fused example, hop 1": lambda: run_fused(scene, radar, analysis, rng=rng(1)),
-        "fused example, lossless hop": lambda: run_fused(scene, radar, lossless, rng=rng(1)),
-        "analysis with features, hop 1": lambda: analyze(recording, gate=gate, analysis=analysis),
-        "analysis with features, lossless hop": lambda: analyze(recording, gate=gate, analysis=lossless),
+        "machine": platform.machine(),
+        "processor": processor_name(),
+        "processors": os.cpu_count(),
+        "load": os.getloadavg(),
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+        "numba": numba.__version__,
+        "doppelgait": doppelgait.__version__,
     }
 
 
-MEMORY_PROGRAMS = {
-    "imports alone": "import doppelgait.pipeline, doppelgait.motion.models, numba, scipy.fft, scipy.interpolate",
-    "one scenario, simulated and analysed": (
-        "import doppelgait as dg; from doppelgait.processing import Analysis; "
-        "walk = dg.motion.boulic_walk(duration_s=5.0); scene = dg.Scene([dg.Target(walk, label='human')]); "
-        "recording = dg.simulate(scene, dg.Radar.preset('x4'), rng=dg.rng(1)); "
-        "dg.analyze(recording, gate='truth', analysis=Analysis(hop=1))"
-    ),
-}
-"""Programs whose peak memory is measured, each in a process of its own."""
+def processor_name() -> str:
+    """The processor's own name where Linux tells it."""
+    try:
+        with open("/proc/cpuinfo") as facts:
+            return next(line.split(":")[1].strip() for line in facts if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor()
 
 
-def fresh_process_mb(program: str) -> float:
-    """Peak resident memory of a program in a fresh process, MB (Linux)."""
-    report = f"{program}; print([l for l in open('/proc/self/status') if l.startswith('VmHWM')][0].split()[1])"
-    done = subprocess.run([sys.executable, "-c", report], capture_output=True, text=True, check=True)
-    return float(done.stdout) / 1024
+def run_stages(rounds: int) -> dict[str, Any]:
+    result = measure_stages(rounds)
+    report.print_title(f"1. Stages of scenario S, {rounds} interleaved rounds, one thread")
+    report.print_timings(result["seconds"], unit="ms", factor=1e3)
+    report.print_title("Times faster than the obvious NumPy (synthesis + hop-1 signature), or than what stands after /")
+    report.print_ratios(result["ratios"])
+    sizes = result["sizes"]
+    report.print_title(f"Floors (planes {sizes['planes']}, {sizes['transforms, hop 1']} transforms)")
+    report.print_timings(result["floors"])
+    report.print_title("Times slower than the floor")
+    report.print_ratios(result["floor_ratios"])
+    return result
+
+
+def run_accuracy() -> dict[str, float]:
+    result = measure_accuracy()
+    report.print_title("2. Accuracy: relative L2 error against the obvious NumPy in float64")
+    report.print_values(result, "9.1e")
+    return result
+
+
+def run_growth(quick: bool, rounds: int) -> list[dict[str, Any]]:
+    result = measure_growth(QUICK_AXES if quick else AXES, rounds)
+    report.print_title("3. Growth: min, median ms (least ms per unit of what varies, where time should follow it)")
+    report.print_growth(result)
+    return result
+
+
+def run_workers(quick: bool, stages: dict[str, Any]) -> list[dict[str, Any]]:
+    obvious = total(stages["seconds"]["obvious: synthesis"], stages["seconds"]["obvious: signature, hop 1"])
+    counts = [2] if quick else [1, 2, 4] if (os.cpu_count() or 1) >= 4 else [1, 2]
+    result = measure_workers(counts, 1.5 if quick else 4.0, obvious)
+    report.print_title("4. Worker processes: fused examples with noise and features (x: one process of obvious NumPy)")
+    report.print_workers(result)
+    return result
+
+
+def run_startup(rounds: int) -> dict[str, Any]:
+    result = measure_startup(rounds)
+    report.print_title("5. Start-up: processor seconds (user + system) of a fresh process, kernels cached")
+    report.print_timings(result["cpu_s"], unit="s", digits=3)
+    report.print_title("Peak memory of the same processes")
+    report.print_values(result["peak_mb"], "9.0f", "MB")
+    return result
+
+
+def run_all(rounds: int, quick: bool) -> dict[str, Any]:
+    """All sections, printed one after the other."""
+    results: dict[str, Any] = {"machine": machine()}
+    print(", ".join(f"{name} {value}" for name, value in results["machine"].items()))
+    with threadpool_limits(1):
+        results["stages"] = run_stages(rounds)
+        results["accuracy"] = run_accuracy()
+        results["growth"] = run_growth(quick, 2 if quick else 5)
+    results["workers"] = run_workers(quick, results["stages"])
+    results["startup"] = run_startup(1 if quick else 4)
+    results["asked"] = asked_rows(results)
+    report.print_title("6. Asked and measured")
+    report.print_asked(results["asked"])
+    print(f"load average now {os.getloadavg()}")
+    return results
+
+
+def positive(text: str) -> int:
+    number = int(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError("must be 1 or more")
+    return number
 
 
 def main() -> None:
-    """Measure and print."""
+    """Measure, print and write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--json", help="also write the figures to this file")
+    parser.add_argument("--rounds", type=positive, help="rounds of the stages (default 7; 2 with --quick)")
+    parser.add_argument("--quick", action="store_true", help="few rounds, small growth: half a minute")
+    parser.add_argument("--json", metavar="FILE", help="also write all figures to this file")
     arguments = parser.parse_args()
-    seconds = measure(make_stages(), arguments.rounds)
-    print(f"{'stage':40s} {'median ms':>10s}")
-    for name, value in seconds.items():
-        print(f"{name:40s} {1e3 * value:10.2f}")
-    obvious = seconds["obvious: synthesis"] + seconds["obvious: signature, hop 1"]
-    ratios = {
-        "synthesis": seconds["obvious: synthesis"] / seconds["synthesis"],
-        "signature, hop 1": seconds["obvious: signature, hop 1"] / seconds["signature, hop 1"],
-        "signature, hop 1, against SciPy": seconds["scipy spectrogram of the gate, hop 1"]
-        / seconds["signature, hop 1"],
-        "synthesis + signature, hop 1": obvious / (seconds["synthesis"] + seconds["signature, hop 1"]),
-        "synthesis + signature, lossless hop": obvious / (seconds["synthesis"] + seconds["signature, lossless hop"]),
-    }
-    print()
-    for name, ratio in ratios.items():
-        print(f"{name:40s} {ratio:9.1f}x")
-    memory_mb = {name: fresh_process_mb(work) for name, work in MEMORY_PROGRAMS.items()}
-    for name in ("fused example, hop 1", "fused example, lossless hop"):
-        print(f"{name + ', one process':40s} {1 / seconds[name]:9.0f} per second")
-    for name, megabytes in memory_mb.items():
-        print(f"{'peak memory, ' + name:40s} {megabytes:9.0f} MB")
+    results = run_all(arguments.rounds or (2 if arguments.quick else 7), arguments.quick)
     if arguments.json:
-        document = {
-            "machine": platform.machine(),
-            "seconds": seconds,
-            "ratios": ratios,
-            "peak_mb": memory_mb,
-        }
         with open(arguments.json, "w") as handle:
-            json.dump(document, handle, indent=2)
+            json.dump(results, handle, indent=2)
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ import pandas as pd
 
 from doppelgait import __version__
 from doppelgait.core.errors import DatasetError, OutputError
+from doppelgait.core.worker import WORKER_ENVIRONMENT, prepare_worker
 from doppelgait.dataset.card import dataset_card
 from doppelgait.dataset.config import PlanConfig
 from doppelgait.dataset.describe import differences
@@ -26,7 +27,6 @@ from doppelgait.dataset.shard import build_shard, file_sha256, write_atomically
 from doppelgait.features import FEATURE_UNITS
 
 SCHEMA_VERSION = 1
-THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 Progress = Callable[[int, int], None]
 
@@ -121,9 +121,10 @@ def _run(
 def _run_processes(
     shards: list[ShardSpec], arguments: tuple[str, str], workers: int
 ) -> Iterator[tuple[ShardSpec, dict[str, Any]]]:
-    for name in THREAD_VARIABLES:
-        os.environ.setdefault(name, "1")  # one thread per worker: examples are the parallelism
-    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+    for name, value in WORKER_ENVIRONMENT.items():
+        os.environ.setdefault(name, value)
+    spawn = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, mp_context=spawn, initializer=prepare_worker) as pool:
         futures = {pool.submit(build_shard, shard, *arguments): shard for shard in shards}
         try:
             for future in as_completed(futures):

@@ -103,16 +103,8 @@ def _first_radix8(xr, xi, place, window, yr, yi, cos, sin):  # type: ignore[no-u
             cr, ci, gr, gi = f2 * xr[c + i], f2 * xi[c + i], f6 * xr[q + i], f6 * xi[q + i]
             sr, si, dr, di = ar + er, ai + ei, ar - er, ai - ei
             tr, ti, ur, ui = cr + gr, ci + gi, ci - gi, gr - cr
-            e0r, e0i, e2r, e2i, e1r, e1i, e3r, e3i = (
-                sr + tr,
-                si + ti,
-                sr - tr,
-                si - ti,
-                dr + ur,
-                di + ui,
-                dr - ur,
-                di - ui,
-            )
+            e0r, e0i, e2r, e2i = sr + tr, si + ti, sr - tr, si - ti
+            e1r, e1i, e3r, e3i = dr + ur, di + ui, dr - ur, di - ui
             br, bi, fr, fi = f1 * xr[b + i], f1 * xi[b + i], f5 * xr[f + i], f5 * xi[f + i]
             vr, vi, hr, hi = f3 * xr[d + i], f3 * xi[d + i], f7 * xr[h + i], f7 * xi[h + i]
             sr, si, dr, di = br + fr, bi + fi, br - fr, bi - fi
