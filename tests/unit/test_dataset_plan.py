@@ -163,7 +163,7 @@ def with_dog_motion(motion):
             {"kind": "boulic", "speed_mps": {"uniform": [-2, -2]}},
             r"classes\.1\.motion\.speed_mps: -2\.0 is not allowed",
         ),
-        ({"kind": "quadruped", "gait": "walk"}, r"classes\.1\.motion\.gait: 'walk' is not allowed"),
+        ({"kind": "quadruped", "gait": "hop"}, r"classes\.1\.motion\.gait: 'hop' is not allowed"),
         ({"kind": "quadruped", "froude": 9}, r"classes\.1\.motion: speed_mps.*\"froude\": 9"),
         ({"kind": "unicorn"}, r"classes\.1\.motion\.kind: 'unicorn' is not allowed: known are file, .*boulic"),
         ({"speed_mps": 1}, r"classes\.1\.motion: \{\"speed_mps\": 1\} is not allowed: needs kind"),

@@ -6,8 +6,12 @@ import pytest
 from doppelgait.core.errors import ConfigError, MotionError
 from doppelgait.core.labels import SCATTERER_VARIABLES
 from doppelgait.motion.models.boulic import boulic_walk
+from doppelgait.motion.models.quadruped import quadruped_gait
+from doppelgait.motion.paths import TurnAroundPath
+from doppelgait.motion.retime import body_centre_m
 from doppelgait.motion.schema import make_motion
 from doppelgait.pipeline import simulate
+from doppelgait.pipeline.run import load_run
 from doppelgait.radar import Radar
 from doppelgait.scene import (
     RcsSpec,
@@ -20,6 +24,8 @@ from doppelgait.scene import (
     placed_motion,
     scatterer_rcs_m2,
 )
+from doppelgait.scene.companions import leashed_dog, side_by_side
+from doppelgait.scene.spec import build_scene
 
 
 def points(paths, rate_hz=100.0, parts=None, **facts):
@@ -115,6 +121,102 @@ def test_start_position_and_heading():
     placed = placed_motion(scene.targets[0], scene)
     np.testing.assert_allclose(placed.values[0, 0], [3, -1, 1], atol=1e-12)
     np.testing.assert_allclose(placed.values[-1, 0], [3, 1, 1], atol=1e-12)
+
+
+def test_a_target_follows_its_path_from_its_start():
+    motion = points([lambda t: (t, 0 * t, 1 + 0 * t)])
+    arc = {"kind": "arc", "radius_m": 1.0, "turn_deg": 90}
+    scene = Scene([Target(motion, start_position_m=(3.0, -1.0), heading_deg=90.0, path=arc)], duration_s=1.5)
+    placed = placed_motion(scene.targets[0], scene)
+    t = placed.coords["time"].values
+    np.testing.assert_allclose(placed.values[0, 0], [3, -1, 1], atol=1e-9)
+    # a left turn from heading +y: the centre of the circle is 1 m in -x
+    expected = np.stack([2 + np.cos(t), -1 + np.sin(t), np.ones_like(t)], axis=-1)
+    np.testing.assert_allclose(placed.values[:, 0], expected, atol=1e-6)
+    sight = body_track(scene.targets[0], scene, [0.5])
+    assert sight.radial_velocity_mps[0] == pytest.approx(
+        -np.dot([-np.sin(0.5), np.cos(0.5)], [2 + np.cos(0.5), -1 + np.sin(0.5)]) / sight.range_m[0], abs=1e-4
+    )
+
+
+def test_a_path_of_a_scene_file_and_its_mistakes(tmp_path):
+    target = """
+[[targets]]
+motion = { kind = "boulic" }
+start_position_m = [6.0, 0.0]
+heading_deg = 180
+path = { kind = "turn_around", out_m = 2.5, radius_m = 0.5 }
+"""
+    path = tmp_path / "scene.toml"
+    path.write_text("duration_s = 4.0" + target)
+    run = load_run(path)
+    scene = build_scene(run.scene)
+    assert scene.targets[0].path_spec == TurnAroundPath(out_m=2.5, radius_m=0.5)
+    track = body_track(scene.targets[0], scene, [0.5, 3.9])
+    assert track.radial_velocity_mps[0] > 1 > -1 > track.radial_velocity_mps[1]
+    assert type(run).model_validate_json(run.model_dump_json()) == run
+    path.write_text("duration_s = 4.0" + target.replace("out_m = 2.5", "out_m = -1"))
+    with pytest.raises(ConfigError, match=r"targets\.0\.path \(line 6\).*path kind 'turn_around': out_m: -1"):
+        load_run(path)
+    path.write_text("duration_s = 4.0" + target.replace("turn_around", "spiral"))
+    with pytest.raises(ConfigError, match=r"targets\.0\.path.*kind 'spiral' is not allowed: known are straight, arc"):
+        load_run(path)
+
+
+def test_paths_that_do_not_suit_their_target():
+    walk = boulic_walk(duration_s=3.0)
+    with pytest.raises(ConfigError, match="a path needs start_position_m and heading_deg"):
+        Target(walk, path={"kind": "straight"})
+    start = {"start_position_m": (5.0, 0.0), "heading_deg": 180.0}
+    short = Target(walk, path={"kind": "arc", "radius_m": 1, "turn_deg": 90}, **start)
+    with pytest.raises(MotionError, match=r"targets\.0: path kind 'arc': is 1\.57 m long and takes 1\.309 s, but 2 s"):
+        Scene([short], duration_s=2.0)
+    assert Scene([short]).observation_s == pytest.approx(1.308)
+    with pytest.raises(MotionError, match=r"targets\.0: boulic: lasts 3\.000 s on its path, but 4 s are asked for"):
+        Scene([Target(walk, path={"kind": "straight"}, **start)], duration_s=4.0)
+
+
+# --- Companions ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "path",
+    [None, {"kind": "arc", "radius_m": 3.0, "turn_deg": 90}, {"kind": "turn_around", "out_m": 2.0, "radius_m": 2.0}],
+    ids=["none", "arc", "u"],
+)
+def test_a_leashed_dog_keeps_its_place_beside_the_person(path):
+    person = Target(
+        boulic_walk(speed_mps=1.3, duration_s=8.0), label="human", start_position_m=(7, 1), heading_deg=170, path=path
+    )
+    pair = leashed_dog(person, quadruped_gait(speed_mps=1.3, withers_m=0.4, duration_s=9.0), side_m=-0.5, ahead_m=0.0)
+    scene = Scene(pair, duration_s=3.0)
+    assert [t.label for t in scene.targets] == ["human", "dog"]
+    bodies = [body_centre_m(placed_motion(t, scene))[:600, :2] for t in scene.targets]
+    apart = bodies[1] - bodies[0]
+    assert np.hypot(*apart.T).mean() == pytest.approx(0.5, abs=0.02)
+    heading = np.gradient(bodies[0], axis=0)
+    right = (heading[:, 1] * apart[:, 0] - heading[:, 0] * apart[:, 1]) / np.hypot(*heading.T)
+    assert right[5:-5].min() > 0.4
+    if path is None:
+        speeds = [np.hypot(*(b[575] - b[0])) / 2.3 for b in bodies]
+        assert speeds[0] == pytest.approx(speeds[1], rel=0.03)
+
+
+def test_companions_that_cannot_keep_together_are_refused():
+    walk = boulic_walk(speed_mps=1.3, duration_s=4.0)
+    person = Target(walk, start_position_m=(7, 1), heading_deg=170)
+    with pytest.raises(ConfigError, match="needs start_position_m"):
+        side_by_side(Target(walk), Target(walk))
+    with pytest.raises(ConfigError, match=r"speed_mps makes 1\.3 m/s of a motion at .* within 30 %"):
+        leashed_dog(person, quadruped_gait(speed_mps=2.5, duration_s=4.0))
+    with pytest.raises(ConfigError, match="a turn on the spot cannot be made side by side"):
+        side_by_side(
+            Target(walk, start_position_m=(7, 1), heading_deg=1, path={"kind": "turn_around", "out_m": 2}), person
+        )
+    behind = side_by_side(person, Target(walk, label="second"), side_m=0.0, ahead_m=-1.5)
+    scene = Scene(behind)
+    first, second = (body_centre_m(placed_motion(t, scene))[:, :2] for t in scene.targets)
+    np.testing.assert_allclose(np.hypot(*(first - second).T), 1.5, atol=1e-6)
 
 
 def test_default_range_keeps_the_closest_approach_at_2_m():

@@ -36,7 +36,7 @@ def info(
     options: Options = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Say what was read: rate, units, axes, points kept and dropped, gaps, height, speed, stride.
+    """Say what was read: rate, units, axes, points, gaps, height, speed, stride, straight stretches at constant speed.
 
     Example: doppelgait motion info 07_01.c3d
     """
@@ -48,10 +48,19 @@ def info(
         print_json(facts)
         return
     cleaned = facts.pop("cleaned")
+    segments = facts.pop("segments")
     if "refused" in cleaned:
         say(f"warning: cannot be used as a target: {cleaned['refused']}")
     names = [*facts, *(key for key in cleaned if key not in facts and key != "refused")]
     print_table([{"fact": n, "in the file": _plain(facts.get(n)), "cleaned": _plain(cleaned.get(n))} for n in names])
+    _print_segments(segments)
+
+
+def _print_segments(segments: list[dict[str, Any]]) -> None:
+    say(f"straight stretches at constant velocity: {len(segments) or 'none'}")
+    columns = ("start_s", "stop_s", "mean_speed_mps", "heading_deg", "lateral_m", "gait", "stride_frequency_hz")
+    if segments:
+        print_table([{name: _plain(segment[name]) for name in columns} for segment in segments])
 
 
 def _plain(value: Any) -> str:

@@ -121,7 +121,7 @@ def index_row(example: ExampleSpec, made: FusedExample, messages: list[str]) -> 
         "prf_hz": prf_hz,
         "observation_s": made.n_pulses / prf_hz,
         "radar_height_m": example.run.scene.radar_position_m[2],
-        "rcs_total_m2": float(truth.scatterers["rcs"].values[0].sum()),
+        "rcs_total_m2": float(truth.scatterers["rcs"].values.sum(axis=1).mean()),
         "snr_frame_db": made.snr_frame_db,
         "gate_error_m": example.gate_error_m,
         "gate": result.gate,

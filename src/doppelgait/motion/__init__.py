@@ -1,11 +1,45 @@
-"""Motion of people and animals: recordings, models, cleaning and retiming."""
+"""Motion of people and animals: recordings, models, cleaning, segments, loops and paths."""
 
-from doppelgait.motion.models import boulic_walk, breathing_person, moving_point, pendulum, quadruped_gait, rotor
+from doppelgait.motion.follow import follow
+from doppelgait.motion.loop import loop
+from doppelgait.motion.models import (
+    boulic_walk,
+    breathing_person,
+    crawling_person,
+    curtain,
+    fan,
+    human_gait,
+    moving_point,
+    pendulum,
+    quadruped_gait,
+    robot_vacuum,
+    rotor,
+    sample_person,
+)
+from doppelgait.motion.paths import make_path
 from doppelgait.motion.readers import read
 from doppelgait.motion.retime import scale_to_height
 from doppelgait.motion.schema import make_motion
+from doppelgait.motion.segments import find_segments
 
 __all__ = [
-    "boulic_walk", "breathing_person", "make_motion", "moving_point", "pendulum", "quadruped_gait", "read", "rotor",
+    "boulic_walk",
+    "breathing_person",
+    "crawling_person",
+    "curtain",
+    "fan",
+    "find_segments",
+    "follow",
+    "human_gait",
+    "loop",
+    "make_motion",
+    "make_path",
+    "moving_point",
+    "pendulum",
+    "quadruped_gait",
+    "read",
+    "robot_vacuum",
+    "rotor",
+    "sample_person",
     "scale_to_height",
-]  # fmt: skip
+]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +13,9 @@ import xarray as xr
 from doppelgait.core.errors import MotionError
 from doppelgait.motion.gaps import fill_gaps, fill_linear, remove_spikes, runs
 from doppelgait.motion.schema import FACTS, make_motion
-from doppelgait.motion.skeleton import FOOT_PARTS
+from doppelgait.motion.skeleton import DOG_PARTS, FOOT_PARTS, HUMAN_PARTS
+from doppelgait.motion.smooth import can_lowpass, lowpass
+from doppelgait.motion.suspects import find_jumps, repair_swaps, useless_points
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -21,13 +24,8 @@ MIN_MARKERS = 3
 MIN_DURATION_S = 0.5
 STATIONARY_M = 0.03
 MOVING_BODY_M = 0.5
-MIN_RATE_PER_CUTOFF = 3.0
 MAX_MISSING = 0.6
 """Points missing in a larger part of the frames do not count for the centre of the body."""
-FILTER_ORDER = 4
-MEMORY_S, FIT_S, PREDICTION_NOISE_M = 0.1, 1.0, 1e-3
-"""Ends are continued for twice the memory of the prediction, which is fitted to the last second as if it had 1 mm of
-noise: that keeps it from growing."""
 
 
 def clean_motion(
@@ -40,9 +38,10 @@ def clean_motion(
 ) -> xr.DataArray:
     """Prepare a recording for the radar: no gaps, only points of the body, smooth, floor at z = 0.
 
-    Spikes become gaps; points that never show or stand still while the body walks away are dropped; gaps are filled
-    by a cubic spline; the stretch and the points that together give the most complete data are kept; positions are
-    low-passed (E-02) and put on the floor (E-01).
+    Points that exchanged their names get them back; spikes become gaps; longer jumps are only reported; points that
+    never show, stand still while the body walks away, double another point, live short without a name or lie far off
+    are dropped; gaps are filled by a cubic spline; the stretch and the points that together give the most complete data
+    are kept; positions are low-passed (E-02) and put on the floor (E-01).
 
     Parameters
     ----------
@@ -61,7 +60,9 @@ def clean_motion(
     Returns
     -------
     xarray.DataArray
-        Motion without NaN; what was done is in ``attrs["report"]``.
+        Motion without NaN; what was done is in ``attrs["report"]``: ``swaps_repaired``, ``spikes_removed``, ``jumps``
+        (frames of the recording), ``gaps_filled``, ``dropped`` (reason: names), ``parts`` (how many of the points have
+        a known body part; without all of them the radar cross section is split equally) and more.
 
     Raises
     ------
@@ -72,27 +73,29 @@ def clean_motion(
     where, rate = motion.attrs["source"] or "motion", float(motion.attrs["rate_hz"])
     position = np.array(motion.values, dtype=np.float64)
     names, parts = [str(n) for n in motion.marker.values], [str(p) for p in motion.part.values]
-    spikes = remove_spikes(position, rate_hz=rate)
-    dropped = _useless_points(position, parts)
+    mended = _mend(position, names, rate)
+    dropped = useless_points(position, names, parts) | _unmoved_points(position)
     kept = np.array([i for i in range(len(names)) if i not in dropped], dtype=int)
     filled, fill_facts = fill_gaps(position[:, kept], gap_limit=round(gap_limit_s * rate))
-    first, stop, complete = _best_stretch(np.asarray(np.isfinite(filled).all(axis=2)))
+    first, stop, complete = _best_stretch(np.asarray(np.isfinite(filled).all(axis=2)), [names[i] for i in kept])
     dropped |= {int(i): f"not seen throughout (gaps up to {gap_limit_s:g} s are filled)" for i in kept[~complete]}
     kept, filled = kept[complete], filled[first:stop, complete]
     _check_remains(where, len(kept), (stop - first) / rate, min_duration_s, names, dropped)
-    smooth = lowpass(filled, rate_hz=rate, cutoff_hz=lowpass_hz) if _can_lowpass(rate, lowpass_hz) else filled
+    smooth = lowpass(filled, rate_hz=rate, cutoff_hz=lowpass_hz) if can_lowpass(rate, lowpass_hz) else filled
     kept_names, kept_parts = [names[i] for i in kept], [parts[i] for i in kept]
     floor_m = floor_height(smooth, kept_parts) if floor else 0.0
     smooth = smooth - np.array([0.0, 0.0, floor_m])
     report = {
         **motion.attrs["report"],
         **fill_facts,
-        "spikes_removed": spikes,
+        **mended,
+        "jumps": [jump for jump in mended["jumps"] if jump["point"] in kept_names],
         "dropped": _merge(motion.attrs["report"].get("dropped", {}), names, dropped),
         "points_kept": len(kept),
+        "parts": known_parts(kept_parts),
         "kept_from_s": first / rate,
         "kept_to_s": (stop - 1) / rate,
-        "lowpass_hz": lowpass_hz if _can_lowpass(rate, lowpass_hz) else None,
+        "lowpass_hz": lowpass_hz if can_lowpass(rate, lowpass_hz) else None,
         "floor_shift_m": -floor_m,
     }
     facts = {key: motion.attrs[key] for key in FACTS if key in motion.attrs} | {"report": report}
@@ -101,15 +104,28 @@ def clean_motion(
     return make_motion(smooth, rate_hz=rate, markers=kept_names, parts=kept_parts, facts=facts)
 
 
+def _mend(position: FloatArray, names: Sequence[str], rate_hz: float) -> dict[str, Any]:
+    """Undo swaps and remove spikes, in place; what was found, jumps among it."""
+    return {
+        "swaps_repaired": repair_swaps(position, names, rate_hz=rate_hz),
+        "spikes_removed": remove_spikes(position, rate_hz=rate_hz),
+        "jumps": find_jumps(position, names, rate_hz=rate_hz),
+    }
+
+
+def known_parts(parts: Sequence[str]) -> str:
+    """Say "known", "k of n known" or "unknown: equal split": for how many points the body part is known."""
+    known = sum(part in HUMAN_PARTS or part in DOG_PARTS for part in parts)
+    if known == 0:
+        return "unknown: equal split"
+    return "known" if known == len(parts) else f"{known} of {len(parts)} known"
+
+
 def _check_parameters(gap_limit_s: float, lowpass_hz: float | None) -> None:
     if not gap_limit_s >= 0.0:
         raise MotionError(f"gap_limit_s={gap_limit_s!r} is not allowed; it must be 0 s or more")
     if lowpass_hz is not None and not lowpass_hz > 0.0:
         raise MotionError(f"lowpass_hz={lowpass_hz!r} is not allowed; it must be above 0 Hz, or None for no low-pass")
-
-
-def _can_lowpass(rate_hz: float, lowpass_hz: float | None) -> bool:
-    return lowpass_hz is not None and rate_hz >= MIN_RATE_PER_CUTOFF * lowpass_hz
 
 
 def _merge(before: dict[str, list[str]], names: Sequence[str], dropped: dict[int, str]) -> dict[str, list[str]]:
@@ -132,7 +148,7 @@ def _check_remains(
     )
 
 
-def _useless_points(position: FloatArray, parts: Sequence[str]) -> dict[int, str]:
+def _unmoved_points(position: FloatArray) -> dict[int, str]:
     """Points never seen, and points that stand still while the body moves away from them."""
     seen = np.isfinite(position).all(axis=2)
     reasons = {int(i): "never seen" for i in np.flatnonzero(~seen.any(axis=0))}
@@ -181,13 +197,14 @@ def body_centre(position: FloatArray) -> FloatArray:
     return np.asarray(fill_linear(position[:, chosen]).mean(axis=1))
 
 
-def _best_stretch(seen: BoolArray) -> tuple[int, int, BoolArray]:
+def _best_stretch(seen: BoolArray, names: Sequence[str]) -> tuple[int, int, BoolArray]:
     """Stretch without gaps and its points, for the largest number of samples: frames times points.
 
-    Points are given up one by one, the one seen least first; what is complete in the stretch stays all the same.
+    Points are given up one by one, the one seen least first (by name where two are seen as often); what is complete in
+    the stretch stays all the same.
     """
     best, score = (0, 0), -1
-    order = np.argsort(-(~seen).sum(axis=0), kind="stable")
+    order = np.lexsort((np.array(names, dtype=str), seen.sum(axis=0)))
     for given_up in range(max(1, len(order) - MIN_MARKERS + 1)):
         rest = order[given_up:]
         whole = runs(np.asarray(seen[:, rest].all(axis=1))) if rest.size else []
@@ -197,54 +214,6 @@ def _best_stretch(seen: BoolArray) -> tuple[int, int, BoolArray]:
     first, stop = best
     complete = np.asarray(seen[first:stop].all(axis=0)) & (stop > first)
     return first, stop, complete
-
-
-def lowpass(position: FloatArray, *, rate_hz: float, cutoff_hz: float | None) -> FloatArray:
-    """Zero-phase low-pass: a fourth-order Butterworth, forwards and backwards, half power at the cutoff (E-02).
-
-    Before filtering, the ends are continued by linear prediction. The usual point reflection alone bends the path at
-    the ends and spoils the velocity there by a tenth of its peak.
-
-    Parameters
-    ----------
-    position : ndarray, shape (T, P, 3)
-        In m, no NaN.
-    rate_hz : float
-        Frames per second, more than twice the cutoff.
-    cutoff_hz : float or None
-        Frequency at which half the power is left, in Hz; None for no filter.
-    """
-    from scipy.signal import butter, sosfiltfilt
-
-    if cutoff_hz is None:
-        return position
-    # two passes lose 3 dB together where each loses 1.5 dB: pre-warped bilinear corner of one pass
-    widening = (math.sqrt(2.0) - 1.0) ** (-1.0 / (2 * FILTER_ORDER))
-    corner = 2.0 / math.pi * math.atan(math.tan(math.pi * cutoff_hz / rate_hz) * widening)
-    sections = butter(FILTER_ORDER, corner, output="sos")
-    n_edge, memory = round(2 * MEMORY_S * rate_hz), max(4, round(MEMORY_S * rate_hz))
-    flat = position.reshape(len(position), -1)
-    recent = round(FIT_S * rate_hz)
-    before = _continue(flat[::-1][-recent:], n_edge, memory)[::-1]
-    longer = np.concatenate([before, flat, _continue(flat[-recent:], n_edge, memory)])
-    smooth = sosfiltfilt(sections, longer, axis=0, padlen=min(memory, len(longer) - 1))
-    return np.asarray(smooth[n_edge : n_edge + len(flat)], dtype=np.float64).reshape(position.shape)
-
-
-def _continue(recent: FloatArray, n_frames: int, memory: int) -> FloatArray:
-    """Next ``n_frames`` of each column: its straight trend plus the linear prediction of what remains."""
-    steps = np.arange(len(recent) + n_frames) - (len(recent) - 1.0)
-    trend = np.polynomial.polynomial.polyval(steps, np.polynomial.polynomial.polyfit(steps[: len(recent)], recent, 1)).T
-    rest = recent - trend[: len(recent)]
-    memory = min(memory, len(recent) // 3)
-    windows = np.lib.stride_tricks.sliding_window_view(rest, memory + 1, axis=0)
-    past, now = windows[..., :memory], windows[..., memory]
-    normal = np.einsum("tci,tcj->cij", past, past) + len(past) * PREDICTION_NOISE_M**2 * np.eye(memory)
-    weights = np.linalg.solve(normal, np.einsum("tci,tc->ci", past, now)[..., np.newaxis])[..., 0]
-    ahead = list(rest[len(rest) - memory :])
-    for _ in range(n_frames):
-        ahead.append(np.einsum("ic,ci->c", np.array(ahead[-memory:]), weights))
-    return np.asarray(np.array(ahead[memory:]) + trend[len(recent) :], dtype=np.float64)
 
 
 def floor_height(position: FloatArray, parts: Sequence[str]) -> float:
@@ -266,7 +235,9 @@ def floor_height(position: FloatArray, parts: Sequence[str]) -> float:
 
 
 def stature(position: FloatArray, parts: Sequence[str]) -> float:
-    """Height of a person in m: median over time of the highest head point, or of the highest point, above z = 0.
+    """Height of a body in m above z = 0: median over time of the highest point of the head, or of all points.
+
+    An animal is as high as its withers: there the highest point of the trunk counts, which is near them.
 
     Parameters
     ----------
@@ -275,5 +246,6 @@ def stature(position: FloatArray, parts: Sequence[str]) -> float:
     parts : sequence of str, length P
         Body part of each point.
     """
-    head = [i for i, part in enumerate(parts) if part == "head"] or list(range(len(parts)))
-    return float(np.median(position[:, head, 2].max(axis=1)))
+    top = "trunk" if "trunk" in parts else "head"
+    highest = [i for i, part in enumerate(parts) if part == top] or list(range(len(parts)))
+    return float(np.median(position[:, highest, 2].max(axis=1)))

@@ -12,21 +12,21 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import MotionError
-from doppelgait.motion.clean import body_centre, clean_motion, stationary_points
-from doppelgait.motion.gaps import fill_linear, runs
+from doppelgait.motion.clean import clean_motion, stationary_points
+from doppelgait.motion.gaps import fill_linear
 from doppelgait.motion.readers import read
+from doppelgait.motion.segments import Segment, find_segments
+from doppelgait.motion.travel import smooth_path, stride_facts, travel_facts
 
 FloatArray = npt.NDArray[np.float64]
 
-SMOOTHING_S = 0.5
-"""The path of the body centre is averaged over this time: about one step."""
-MIN_TRAVEL_M = 0.5
-"""Below this displacement there is no direction of travel, hence no fore-aft motion and no stride."""
-STRIDE_BAND_HZ = (0.4, 6.0)
+__all__ = ["describe_motion", "describe_recording", "smooth_path"]
 
 
 def describe_recording(path: str | os.PathLike[str], **options: Any) -> dict[str, Any]:
     """Facts of a motion file: as recorded, and under ``"cleaned"`` after cleaning, or there why cleaning refuses it.
+
+    ``"segments"`` are those of the cleaned motion where there is one.
 
     Parameters
     ----------
@@ -45,7 +45,9 @@ def describe_recording(path: str | os.PathLike[str], **options: Any) -> dict[str
         cleaned = describe_motion(clean_motion(raw))
     except MotionError as error:
         cleaned = {"refused": str(error)}
-    return {**describe_motion(raw), "cleaned": cleaned}
+    facts = describe_motion(raw)
+    segments = cleaned.pop("segments", facts["segments"])
+    return {**facts, "segments": segments, "cleaned": cleaned}
 
 
 def describe_motion(motion: xr.DataArray) -> dict[str, Any]:
@@ -61,7 +63,8 @@ def describe_motion(motion: xr.DataArray) -> dict[str, Any]:
     dict
         Lengths in m, speeds in m/s, frequencies in Hz. ``height_m`` is the span of the points (median over time of
         highest minus lowest), ``stature_m`` the height above the floor where it is known. Positions are about the
-        centre of the points that are seen nearly always; its path is averaged over 0.5 s.
+        centre of the points that are seen nearly always; its path is averaged over 0.5 s. ``segments``: the straight
+        stretches at constant velocity (:func:`~doppelgait.motion.segments.find_segments`), one mapping each.
     """
     position = np.asarray(motion.values, dtype=np.float64)
     rate = float(motion.attrs["rate_hz"])
@@ -80,6 +83,36 @@ def describe_motion(motion: xr.DataArray) -> dict[str, Any]:
         **stride_facts(position, rate_hz=rate),
         "points": [str(name) for name in motion.marker.values],
         "points_dropped": {str(k): list(v) for k, v in report.get("dropped", {}).items()},
+        "segments": [_segment_facts(segment, _starts_s(motion)) for segment in find_segments(motion)],
+    }
+    return {key: _plain(value) for key, value in facts.items()}
+
+
+def _starts_s(motion: xr.DataArray) -> float:
+    """Time of the first frame in the file: reading a part and cleaning both begin again at 0."""
+    report = motion.attrs["report"]
+    return float(report.get("read_from_s", 0.0) + report.get("kept_from_s", 0.0))
+
+
+def _segment_facts(segment: Segment, starts_s: float) -> dict[str, Any]:
+    """Plain facts, with times that count from the first frame of the file, as ``start_s`` and ``stop_s`` of read do."""
+    gait = segment.gait
+    facts = {
+        "start_s": starts_s + segment.start_s,
+        "stop_s": starts_s + segment.stop_s,
+        "mean_speed_mps": segment.mean_speed_mps,
+        "straightness": segment.straightness,
+        "lateral_m": segment.lateral_m,
+        "speed_deviation": segment.speed_deviation,
+        "heading_deg": segment.heading_deg,
+        "gait": gait.gait,
+        "stride_frequency_hz": gait.stride_frequency_hz,
+        "step_frequency_hz": gait.step_frequency_hz,
+        "gait_frequency_hz": gait.gait_frequency_hz,
+        "duty_factor": gait.duty_factor,
+        "phases": gait.phases,
+        "footfalls": {foot: [starts_s + t for t in times] for foot, times in gait.footfalls.items()},
+        "stride_from": gait.measured_from,
     }
     return {key: _plain(value) for key, value in facts.items()}
 
@@ -106,109 +139,3 @@ def _size_facts(position: FloatArray) -> dict[str, Any]:
     if not z.size:
         return {"height_m": None, "lowest_point_m": None}
     return {"height_m": float(np.median(np.ptp(z, axis=1))), "lowest_point_m": float(z.min())}
-
-
-def smooth_path(position: FloatArray, *, rate_hz: float) -> FloatArray:
-    """Horizontal path of the body centre, averaged over 0.5 s, shape (T, 2).
-
-    Parameters
-    ----------
-    position : ndarray, shape (T, P, 3)
-        In m, NaN where missing.
-    rate_hz : float
-        Frames per second.
-    """
-    from scipy.ndimage import uniform_filter1d
-
-    path = body_centre(position)[:, :2]
-    width = max(1, round(SMOOTHING_S * rate_hz)) | 1
-    # a straight continuation of the ends: repeating the last value would shorten the path
-    edge = min(width // 2, len(path) - 1)
-    longer = np.pad(path, ((edge, edge), (0, 0)), mode="reflect", reflect_type="odd") if edge else path
-    return np.asarray(uniform_filter1d(longer, width, axis=0, mode="nearest")[edge : edge + len(path)])
-
-
-def travel_facts(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
-    """Where and how straight the body goes: displacement, path, straightness, mean speed.
-
-    Parameters
-    ----------
-    position : ndarray, shape (T, P, 3)
-        In m, NaN where missing.
-    rate_hz : float
-        Frames per second.
-    """
-    path = smooth_path(position, rate_hz=rate_hz)
-    if len(path) < 2 or not np.isfinite(path).all():
-        return {}
-    step = np.diff(path, axis=0)
-    net = path[-1] - path[0]
-    length = float(np.linalg.norm(step, axis=1).sum())
-    along = _principal_direction(path)
-    offset = path - path.mean(axis=0)
-    lateral = offset - np.outer(offset @ along, along)
-    speed = step @ along * rate_hz
-    mean_speed = float(speed.mean())
-    return {
-        "travel_direction": f"{along[0]:+.2f}x{along[1]:+.2f}y".replace("-0.00", "+0.00"),
-        "net_displacement_m": float(np.linalg.norm(net)),
-        "path_length_m": length,
-        "straightness": float(np.linalg.norm(net)) / length if length > 0 else None,
-        "lateral_rms_m": float(np.sqrt((lateral**2).sum(axis=1).mean())),
-        "mean_speed_mps": mean_speed,
-        "speed_cv": float(speed.std() / mean_speed) if mean_speed > 0 else None,
-    }
-
-
-def _principal_direction(path: FloatArray) -> FloatArray:
-    """Unit vector along which the path spreads most, pointing the way the body goes."""
-    offset = path - path.mean(axis=0)
-    along = np.linalg.svd(offset, full_matrices=False)[2][0]
-    return np.asarray(-along if (path[-1] - path[0]) @ along < 0 else along)
-
-
-def stride_facts(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
-    """Stride and step frequency from the fore-aft motion of all points about the centre; None for a standing body.
-
-    The spectra of all points are summed; limbs swing once per stride, so its peak is the stride frequency. A step is
-    half a stride (person; trot and walk of a dog).
-
-    Parameters
-    ----------
-    position : ndarray, shape (T, P, 3)
-        In m, NaN where missing.
-    rate_hz : float
-        Frames per second.
-    """
-    none = {"stride_hz": None, "step_hz": None}
-    position = _while_present(position)
-    if len(position) < rate_hz * 0.8:
-        return none
-    path = smooth_path(position, rate_hz=rate_hz)
-    if not np.isfinite(path).all() or np.linalg.norm(path[-1] - path[0]) < MIN_TRAVEL_M:
-        return none
-    from scipy.signal import detrend
-
-    filled = fill_linear(position)
-    filled = filled[:, np.isfinite(filled).all(axis=(0, 2)) & ~stationary_points(position)]
-    centre = body_centre(position)
-    swing = (filled[:, :, :2] - centre[:, np.newaxis, :2]) @ _principal_direction(path)
-    swing = detrend(swing, axis=0) * np.hanning(len(swing))[:, np.newaxis]
-    n_fft = 1 << math.ceil(math.log2(len(swing) * 16))
-    power = (np.abs(np.fft.rfft(swing, n_fft, axis=0)) ** 2).sum(axis=1)
-    frequency = np.fft.rfftfreq(n_fft, 1.0 / rate_hz)
-    band = (frequency >= STRIDE_BAND_HZ[0]) & (frequency <= STRIDE_BAND_HZ[1])
-    if not power[band].any():
-        return none
-    stride = float(frequency[band][np.argmax(power[band])])
-    return {"stride_hz": stride, "step_hz": 2.0 * stride}
-
-
-def _while_present(position: FloatArray) -> FloatArray:
-    """Longest stretch in which at least half of the points are seen: outside it there is no gait to measure."""
-    seen = np.asarray(np.isfinite(position).all(axis=2))
-    seen = seen[:, seen.any(axis=0)]
-    if not seen.size:
-        return position
-    first, stop = max(runs(seen.mean(axis=1) >= 0.5), key=lambda run: run[1] - run[0], default=(0, 0))
-    return position[first:stop]

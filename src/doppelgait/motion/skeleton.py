@@ -3,7 +3,21 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Literal
+
+from doppelgait.motion.vocabulary import (
+    ANIMAL_STARTS,
+    ANIMAL_WORDS,
+    PERSON_STARTS,
+    PERSON_WORDS,
+    look_up,
+    plain_word,
+    starts_bones,
+    without_end,
+)
+
+Species = Literal["human", "dog"]
 
 HUMAN_PARTS = (
     "head", "torso",
@@ -37,38 +51,18 @@ BOULIC_PARTS = {
 }  # fmt: skip
 """The 17 points of the Boulic walking model. A joint counts to the part above it, as a skin marker there does."""
 
-_MIDLINE = {
-    "head": "head head1 head2 head3 head4",
-    "torso": "c7 cv7 t8 tv8 t10 t12 clav strn ster sternum sxs snj sacr sac sacrum scr vsac rbac rbak lbac lbak bac7 "
-    "neck base pelvis spine mtop mbac",
+_PART_OF = {
+    "human": (
+        {part.replace("_", ""): part for part in HUMAN_PARTS}
+        | PERSON_WORDS
+        | {key.replace("_", ""): part for key, part in BOULIC_PARTS.items()},
+        PERSON_STARTS,
+    ),
+    "dog": ({part.replace("_", ""): part for part in DOG_PARTS} | ANIMAL_WORDS, ANIMAL_STARTS),
 }
-_SIDED = {
-    "head": "fhd bhd hd hdf hdb tempd",
-    "torso": "sho should shoulder sacwand asi asis ias psi psis ips fwt bwt wt hip crest scap saj off",
-    "upper_arm": "upa elb elbow hle hme um1 upperarm arm",
-    "forearm": "frm fra wra wrb wri wrist rsp uhe uls rds forearm",
-    "hand": "fin hm2 hm5 hand finger palm",
-    "thigh": "thi th1 th2 th3 th4 t1 t2 t3 t4 thigh kne knee knein knm knee1 knee2 bar1 fle fme lfc mfc grt ftc fax "
-    "antfem postfem fem wand1",
-    "shank": "tib tb1 tb2 tb3 tib1 shn sha sh1 sh2 ank ankin ankle anm mall lma mma lmal mmal att fal tam ttc ttb bar2 "
-    "sk1 sk2 sk3 sk4 anttib posttib shank wand2",
-    "foot": "hee heel toe toe1 mt1 mt2 mt5 met met1 mtp cal fcc fm1 fm2 fm5 pm1 ft1 ft2 ft3 foot lat",
-}
-_UNSIDED_PARTS = ("head", "torso")
-
-
-def _build_parts() -> dict[str, str]:
-    table = {key.replace("_", ""): part for key, part in BOULIC_PARTS.items()}
-    for part, names in _SIDED.items():
-        for side, letter in (("left", "l"), ("right", "r")):
-            full = part if part in _UNSIDED_PARTS else f"{side}_{part}"
-            table |= {f"{start}{name}": full for name in names.split() for start in (letter, side)}
-    for part, names in _MIDLINE.items():
-        table |= dict.fromkeys(names.split(), part)
-    return table | {name: part for part in HUMAN_PARTS for name in (part.replace("_", ""),)}
-
-
-_PART_OF = _build_parts()
+_ONLY_ANIMALS = re.compile(r"tail|paw|withers|hock|stifle|fetlock|muzzle|snout|hoof")
+MIN_HUMAN_PARTS = 10
+"""So many of the 14 parts of a person must be named before names alone tell that it is one."""
 
 _CMU_SIDED = "FHD BHD SHO UPA ELB FRM WRA WRB FIN FWT BWT THI KNE SHN ANK HEE TOE MT5"
 _PIG_SIDED = "FHD BHD SHO UPA ELB FRA WRA WRB FIN ASI PSI THI KNE TIB ANK HEE TOE"
@@ -88,20 +82,79 @@ def bare_name(marker: str) -> str:
     return marker.rsplit(":", 1)[-1].strip()
 
 
-def part_of(marker: str) -> str:
-    """Body part of a named marker or joint of a person.
+def part_of(name: str, species: Species = "human") -> str:
+    """Body part of a named marker or joint, by this one name alone.
+
+    :func:`parts_of` knows more, because it sees the whole set.
 
     Parameters
     ----------
-    marker : str
-        Name in any case, with or without subject prefix, spaces, dots and underscores (``"liu:LFHD"``, ``"r heel"``).
+    name : str
+        Name in any case, with or without subject prefix, spaces, dots and underscores (``"liu:LFHD"``, ``"r heel"``,
+        ``"UpperLeg_L"``).
+    species : {"human", "dog"}
+        "dog" stands for any four-legged animal.
 
     Returns
     -------
     str
-        One of :data:`HUMAN_PARTS`, or ``""`` when the name is not known.
+        One of :data:`HUMAN_PARTS` or :data:`DOG_PARTS`, or ``""`` when the name is not known.
     """
-    return _PART_OF.get(re.sub(r"[^a-z0-9]", "", bare_name(marker).lower()), "")
+    return _find(plain_word(bare_name(name)), species, starts=False)
+
+
+def _find(word: str, species: Species, *, starts: bool) -> str:
+    words, bones = _PART_OF[species]
+    first, second = (bones, words) if starts else (words, bones)
+    return look_up(word, first) or look_up(word, second) or look_up(without_end(word), words)
+
+
+def guess_species(names: Iterable[str]) -> Species | Literal[""]:
+    """Kind of body that a set of marker or joint names belongs to, ``""`` when they do not tell.
+
+    A tail, a paw, withers, a hock and the like make it a four-legged animal, called "dog" here whatever its species
+    is. Without these, at least 10 of the 14 parts of a person make it a person: joints of a leg alone do not, animals
+    have hips and knees too.
+
+    Parameters
+    ----------
+    names : iterable of str
+        All marker or joint names of one body.
+    """
+    names = list(names)
+    if any(_ONLY_ANIMALS.search(plain_word(bare_name(name))) for name in names):
+        return "dog"
+    return "human" if len(set(_parts(names, "human")) - {""}) >= MIN_HUMAN_PARTS else ""
+
+
+def parts_of(names: Iterable[str]) -> list[str]:
+    """Body part of every marker or joint of one body, ``""`` where a name is not known.
+
+    The species comes from :func:`guess_species`, a person's words are taken where it does not tell. A joint counts to
+    the part above it, whatever it is called: in skeletons whose joints carry the name of the bone that starts there
+    (BVH: ``LeftUpLeg``), ``LeftLeg`` is the knee and counts to the thigh, ``LeftFoot`` is the ankle and counts to the
+    shank, and the end of the foot counts to the foot.
+
+    Parameters
+    ----------
+    names : iterable of str
+        All marker or joint names of one body, with or without a common prefix (``"Skeleton_LThigh1"``).
+    """
+    names = list(names)
+    return _parts(names, guess_species(names) or "human")
+
+
+def _parts(names: Sequence[str], species: Species) -> list[str]:
+    words = [plain_word(name) for name in _without_common_prefix([bare_name(name) for name in names])]
+    starts = starts_bones(set(words))
+    return [_find(word, species, starts=starts) for word in words]
+
+
+def _without_common_prefix(names: list[str]) -> list[str]:
+    first, last = (min(names), max(names)) if names else ("", "")
+    same = next((i for i, (a, b) in enumerate(zip(first, last, strict=False)) if a != b), min(len(first), len(last)))
+    n = max(first.rfind(mark, 0, same) for mark in "_ .-") + 1
+    return [name[n:] for name in names] if len(names) > 1 else names
 
 
 def complete_set(markers: Iterable[str]) -> frozenset[str]:

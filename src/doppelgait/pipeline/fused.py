@@ -62,13 +62,14 @@ def run_fused(
     rng: np.random.Generator | None = None,
     snr_db: float | None = None,
     gate_error_m: float = 0.0,
+    scene_rng: np.random.Generator | None = None,
 ) -> FusedExample:
     """Simulate a scene and analyse every target in its truth gate.
 
     Parameters and errors as for :func:`doppelgait.pipeline.simulate` and :func:`doppelgait.pipeline.analyze`.
     """
     slow_time_s = pulse_times_s(scene, radar, rng=rng, snr_db=snr_db)
-    scatterers, tracks = observe(scene, slow_time_s, angles=False)
+    scatterers, tracks = observe(scene, slow_time_s, angles=False, rng=scene_rng if scene_rng is not None else rng)
     warn_of_limits(scatterers, radar)
     plane_re, plane_im = _planes(radar.n_range_bins, slow_time_s.size)
     signal_v2 = _synthesise(scatterers, radar, plane_re, plane_im)

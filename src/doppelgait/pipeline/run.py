@@ -129,8 +129,8 @@ def run_simulation(spec: RunSpec, *, folder: Path | None = None, angles: bool = 
     angles : bool
         As for :func:`doppelgait.pipeline.simulate`.
     """
-    scene, radar, noise = _inputs(spec, folder)
-    recording = simulate(scene, radar, angles=angles, **noise)
+    scene, radar, drawn = _inputs(spec, folder)
+    recording = simulate(scene, radar, angles=angles, **drawn)
     return Recording(**{**vars(recording), "seed": spec.seed})
 
 
@@ -145,13 +145,14 @@ def run_example(spec: RunSpec, *, folder: Path | None = None, gate_error_m: floa
     gate_error_m : float
         Range error of the gates.
     """
-    scene, radar, noise = _inputs(spec, folder)
-    return run_fused(scene, radar, spec.analysis, gate_error_m=gate_error_m, **noise)
+    scene, radar, drawn = _inputs(spec, folder)
+    return run_fused(scene, radar, spec.analysis, gate_error_m=gate_error_m, **drawn)
 
 
 def _inputs(spec: RunSpec, folder: Path | None) -> tuple[Scene, Radar, dict[str, Any]]:
-    """Scene, radar and noise arguments of a specification; every stream comes from its seed and example number."""
+    """Scene, radar and the random arguments of a specification; every stream comes from its seed and example number."""
     scene = build_scene(spec.scene, folder=folder, rng=generator_for(spec.seed, "motion", spec.example))
     radar = with_lowest_prf(scene, spec.radar, cpi_s=spec.analysis.cpi_s) if spec.auto_prf else spec.radar
     rng = None if spec.noise.kind == "none" else generator_for(spec.seed, "noise", spec.example)
-    return scene, radar, {"rng": rng, "snr_db": spec.noise.snr_db if spec.noise.kind == "snr" else None}
+    snr_db = spec.noise.snr_db if spec.noise.kind == "snr" else None
+    return scene, radar, {"rng": rng, "snr_db": snr_db, "scene_rng": generator_for(spec.seed, "scene", spec.example)}

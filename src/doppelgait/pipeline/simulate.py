@@ -39,6 +39,7 @@ def simulate(
     rng: np.random.Generator | None = None,
     snr_db: float | None = None,
     angles: bool = True,
+    scene_rng: np.random.Generator | None = None,
 ) -> Recording:
     """Simulate what a radar records of a scene, with the truth.
 
@@ -53,6 +54,8 @@ def simulate(
         By default the noise is the radar's thermal noise (E-18).
     angles : bool
         Whether the truth holds every scatterer's aspect angle; without, the simulation is quicker.
+    scene_rng : numpy.random.Generator, optional
+        Source of what the scene itself draws (fluctuation and spread of radar cross sections); ``rng`` by default.
 
     Returns
     -------
@@ -69,7 +72,7 @@ def simulate(
         If a scatterer aliases in Doppler or leaves the frame.
     """
     slow_time_s = pulse_times_s(scene, radar, rng=rng, snr_db=snr_db)
-    scatterers, tracks = observe(scene, slow_time_s, angles=angles)
+    scatterers, tracks = observe(scene, slow_time_s, angles=angles, rng=scene_rng if scene_rng is not None else rng)
     warn_of_limits(scatterers, radar)
     clean = synthesise(scatterers, radar)
     signal_v2 = frame_power_v2(clean)
@@ -117,7 +120,7 @@ def target_truth(scene: Scene, number: int, scatterers: xr.Dataset, centre: Line
         centre_range_m=centre.range_m,
         centre_velocity_mps=centre.radial_velocity_mps,
         centre_aspect_rad=centre.aspect_rad,
-        ground_speed_mps=travel_speed_mps(motion, first_s=scene.observation_s),
+        ground_speed_mps=_ground_speed_mps(motion, scene.observation_s),
         gait=facts["gait"],
         subject=facts["subject"],
         motion=facts["source"],
@@ -126,9 +129,17 @@ def target_truth(scene: Scene, number: int, scatterers: xr.Dataset, centre: Line
     )
 
 
+def _ground_speed_mps(motion: xr.DataArray, observation_s: float) -> float:
+    """Speed along the path that the motion was laid on, else that of its net travel."""
+    path = motion.attrs["report"].get("path")
+    return float(path["mean_speed_mps"]) if path else travel_speed_mps(motion, first_s=observation_s)
+
+
 def _observed_frequencies_hz(motion: xr.DataArray, observation_s: float) -> dict[str, float]:
     """Stride, step and gait frequency over the observation, from the touchdowns; NaN where nothing is known."""
     whole = {key: motion.attrs[key] for key in ("stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz")}
+    if motion.attrs["report"].get("path", {}).get("pause_s", 0.0) > 0:
+        return whole  # already a mean over the time not paused
     start_s = float(axis(motion, "time")[0])
     found = [
         _stride_frequency_hz(np.asarray(times_s), start_s, start_s + observation_s)
@@ -154,5 +165,7 @@ def with_lowest_prf(scene: Scene, radar: Radar, *, cpi_s: float) -> Radar:
     Only for reproducing the report: chosen per recording, the frame rate tells the speed.
     """
     probe_s = slow_time_axis_s(duration_to_pulses(scene.observation_s, PROBE_RATE_HZ), PROBE_RATE_HZ)
-    prf_hz = lowest_prf_hz(assemble(scene, probe_s, angles=False), radar, cpi_s)
+    prf_hz = lowest_prf_hz(
+        assemble(scene, probe_s, angles=False, rng=np.random.default_rng(0)), radar, cpi_s
+    )  # speeds do not depend on what is drawn
     return validate(Radar, {**radar.model_dump(), "prf_hz": prf_hz}, where="radar")

@@ -25,8 +25,8 @@ TRUTH_FACTS = (
     "stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz",
 )  # fmt: skip
 CENTRE_ARRAYS = ("centre_range_m", "centre_velocity_mps", "centre_aspect_rad")
-STORED_VARIABLES = ("range", "radial_velocity", "rcs", "aspect")
-OPTIONAL_VARIABLES = ("aspect",)
+STORED_VARIABLES = ("range", "radial_velocity", "rcs", "path_gain", "aspect")
+OPTIONAL_VARIABLES = ("path_gain", "aspect")
 
 
 def write_recording(recording: Recording, path: str | Path) -> None:
@@ -71,7 +71,7 @@ def _write_truth(group: Any, truth: TargetTruth) -> None:
     for name in (n for n in STORED_VARIABLES if n in truth.scatterers):
         units = SCATTERER_VARIABLES[name]
         values = truth.scatterers[name].values
-        constant = name == "rcs" and bool((values == values[:1]).all())
+        constant = name in ("rcs", "path_gain") and bool((values == values[:1]).all())
         _put(group, name + UNIT_SUFFIX[units], values[:1] if constant else values, units)
 
 

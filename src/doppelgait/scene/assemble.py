@@ -10,7 +10,7 @@ import xarray as xr
 
 from doppelgait.core.labels import SCATTERER_VARIABLES, axis
 from doppelgait.motion.retime import check_times, fit_centre, fit_spline, resample
-from doppelgait.scene.rcs import scatterer_rcs_m2
+from doppelgait.scene.scatterers import scatterers_of
 from doppelgait.scene.target import Scene, Target, placed_motion
 
 FloatArray = npt.NDArray[np.float64]
@@ -60,7 +60,9 @@ def line_of_sight(position_m: FloatArray, velocity_mps: FloatArray, radar_positi
     )
 
 
-def assemble(scene: Scene, slow_time_s: npt.ArrayLike, *, angles: bool = True) -> xr.Dataset:
+def assemble(
+    scene: Scene, slow_time_s: npt.ArrayLike, *, angles: bool = True, rng: np.random.Generator | None = None
+) -> xr.Dataset:
     """Scatterer table of all targets of a scene.
 
     Parameters
@@ -70,6 +72,8 @@ def assemble(scene: Scene, slow_time_s: npt.ArrayLike, *, angles: bool = True) -
         Pulse times from the start of the scene.
     angles : bool
         Whether aspect, azimuth and elevation are in the table; they cost most of its time.
+    rng : numpy.random.Generator, optional
+        Needed where a target's radar cross section fluctuates or has a spread; not touched by those that do not.
 
     Returns
     -------
@@ -81,31 +85,37 @@ def assemble(scene: Scene, slow_time_s: npt.ArrayLike, *, angles: bool = True) -
     ------
     MotionError
         If a motion does not cover the times.
+    ConfigError
+        If a radar cross section needs ``rng`` or joints that are not there.
     """
-    return observe(scene, slow_time_s, angles=angles)[0]
+    return observe(scene, slow_time_s, angles=angles, rng=rng)[0]
 
 
-def observe(scene: Scene, slow_time_s: npt.ArrayLike, *, angles: bool = True) -> tuple[xr.Dataset, list[LineOfSight]]:
+def observe(
+    scene: Scene, slow_time_s: npt.ArrayLike, *, angles: bool = True, rng: np.random.Generator | None = None
+) -> tuple[xr.Dataset, list[LineOfSight]]:
     """Scatterer table of all targets (:func:`assemble`) and the line of sight of every target's body centre."""
     times = np.asarray(slow_time_s, dtype=float)
     motions = [placed_motion(target, scene) for target in scene.targets]
-    tables = [_target_table(m, n, scene, times, angles) for n, m in enumerate(motions)]
+    tables = [_target_table(m, n, scene, times, angles, rng) for n, m in enumerate(motions)]
     table = tables[0] if len(tables) == 1 else xr.concat(tables, dim="scatterer", combine_attrs="override")
     return table, [_centre_track(motion, scene, times) for motion in motions]
 
 
-def _target_table(motion: xr.DataArray, number: int, scene: Scene, times: FloatArray, angles: bool) -> xr.Dataset:
-    parts = [str(part) for part in axis(motion, "part")]
-    range_m, approach_mps = ranges_and_velocities(motion, times, scene.radar_position_m)
-    rcs = scatterer_rcs_m2(scene.targets[number].rcs_spec, parts, float(motion.attrs["mass_kg"]))
+def _target_table(
+    motion: xr.DataArray, number: int, scene: Scene, times: FloatArray, angles: bool, rng: np.random.Generator | None
+) -> xr.Dataset:
+    scatterers = scatterers_of(motion, scene.targets[number].rcs_spec, times, scene.radar_position_m, rng=rng)
+    range_m, approach_mps = ranges_and_velocities(scatterers.motion, times, scene.radar_position_m)
+    parts = [str(part) for part in axis(scatterers.motion, "part")]
     values = {
         "range": range_m,
         "radial_velocity": approach_mps,
-        "rcs": np.broadcast_to(rcs, range_m.shape),
-        "path_gain": np.broadcast_to(1.0, range_m.shape),
+        "rcs": np.broadcast_to(scatterers.rcs_m2, range_m.shape),
+        "path_gain": np.broadcast_to(scatterers.path_gain, range_m.shape),
     }
     if angles:
-        sight = line_of_sight(*resample(motion, times), scene.radar_position_m)
+        sight = line_of_sight(*resample(scatterers.motion, times), scene.radar_position_m)
         values |= {"aspect": sight.aspect_rad, "azimuth": sight.azimuth_rad, "elevation": sight.elevation_rad}
     dims = ("slow_time", "scatterer")
     return xr.Dataset(
@@ -113,7 +123,7 @@ def _target_table(motion: xr.DataArray, number: int, scene: Scene, times: FloatA
         coords={
             "slow_time": ("slow_time", times, {"units": "s"}),
             "target": ("scatterer", np.full(len(parts), number)),
-            "marker": ("scatterer", axis(motion, "marker").astype(str)),
+            "marker": ("scatterer", axis(scatterers.motion, "marker").astype(str)),
             "part": ("scatterer", np.array(parts)),
         },
     )

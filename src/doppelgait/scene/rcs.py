@@ -1,4 +1,4 @@
-"""Radar cross section of the scatterers of a target.
+"""Radar cross section of a target: its total, and the share of every point.
 
 Total: 0.01 m^2 per kilogram of body mass, that is 0.8 m^2 for 80 kg (E-08b; measured 0.37 to 1.9 m^2 for a person of
 91 kg at 4.8 and 9.4 GHz). The same law for people and animals, so that the class is not in the power.
@@ -11,13 +11,22 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError
+from doppelgait.scene.fluctuation import Fluctuation
 
 RCS_PER_MASS_M2_PER_KG = 0.8 / 80.0
 ASSUMED_MASS_KG = 80.0
+
+TYPICAL_RCS_M2 = {"human": 0.8, "dog": 0.2, "cat": 0.045}
+"""Mean total of a person of 80 kg, a dog of 20 kg and a cat of 4.5 kg (E-08b).
+
+The person's is the middle of what was measured all round a man of 91 kg, 0.37 to 1.88 m^2 at 4.8 GHz and 0.50 to
+1.22 m^2 at 9.4 GHz, with the cross section roughly in proportion to body mass (Schultz, Burgener and King 1958). No
+measurement of a dog or a cat at these frequencies is known: theirs are assumed, by the same proportion.
+"""
 
 PART_WEIGHTS = {
     "torso": 0.50, "head": 0.10,
@@ -44,18 +53,49 @@ HEIRS = {
 
 
 class RcsSpec(FrozenModel):
-    """How a target's radar cross section is split over its scatterers.
+    """How a target scatters: its total radar cross section, how that is split, and how it changes with time.
 
     Parameters
     ----------
-    kind : {"auto", "body_parts", "equal"}
-        ``auto``: by body part where every point's part is known, else equal.
+    kind : {"auto", "body_parts", "equal", "ellipsoids"}
+        ``auto``: by body part where every point's part is known, else equal. ``ellipsoids``: one scatterer per body
+        segment whose cross section depends on the direction it is seen from (:mod:`doppelgait.scene.ellipsoids`);
+        needs points whose joints are known.
     total_m2 : float, optional
-        Sum over the scatterers (sigma), m^2; by default 0.01 m^2 per kilogram of body mass.
+        Sum over the scatterers (sigma), m^2; by default 0.01 m^2 per kilogram of body mass. For ellipsoids the mean of
+        the sum over the motion's frames and all horizontal directions.
+    total_spread_db : float
+        Standard deviation of a log-normal factor of mean 1 on the total, drawn once per target, 0 to 10 dB; 2 dB is
+        usual between people.
+    fluctuation : {"none", "swerling1", "swerling3"}
+        Slow independent fluctuation of every scatterer around its mean (:mod:`doppelgait.scene.fluctuation`).
+    correlation_s : float
+        Correlation time of the fluctuation, 0.001 to 100 s.
+    merge_closer_than_m : float, optional
+        Merge points that are closer than this; a quarter wavelength (1.03 cm at 7.29 GHz) keeps them from adding
+        coherently.
+    occlusion : bool
+        Whether the body's ellipsoids hide scatterers behind them; needs points whose joints are known.
     """
 
-    kind: Literal["auto", "body_parts", "equal"] = "auto"
+    kind: Literal["auto", "body_parts", "equal", "ellipsoids"] = "auto"
     total_m2: float | None = Field(default=None, gt=0, le=1e4)
+    total_spread_db: float = Field(default=0.0, ge=0, le=10)
+    fluctuation: Fluctuation = "none"
+    correlation_s: float = Field(default=0.1, ge=1e-3, le=100)
+    merge_closer_than_m: float | None = Field(default=None, gt=0, le=1)
+    occlusion: bool = False
+
+    @model_validator(mode="after")
+    def _merges_points(self) -> RcsSpec:
+        if self.kind == "ellipsoids" and self.merge_closer_than_m is not None:
+            raise ValueError("merge_closer_than_m is for points; kind 'ellipsoids' has one scatterer per segment")
+        return self
+
+    @property
+    def needs_rng(self) -> bool:
+        """Whether something of it is drawn."""
+        return self.total_spread_db > 0 or self.fluctuation != "none"
 
 
 def part_weights(parts: Sequence[str]) -> npt.NDArray[np.float64]:
@@ -89,10 +129,14 @@ def part_weights(parts: Sequence[str]) -> npt.NDArray[np.float64]:
     return np.asarray(weights / weights.sum(), dtype=np.float64)
 
 
+def total_rcs_m2(spec: RcsSpec, mass_kg: float) -> float:
+    """Mean total sigma: as given, or 0.01 m^2 per kilogram (E-08b), of 80 kg where the mass is unknown; m^2."""
+    mass = mass_kg if mass_kg > 0 else ASSUMED_MASS_KG
+    return RCS_PER_MASS_M2_PER_KG * mass if spec.total_m2 is None else spec.total_m2
+
+
 def scatterer_rcs_m2(spec: RcsSpec, parts: Sequence[str], mass_kg: float) -> npt.NDArray[np.float64]:
-    """Mean radar cross section of every scatterer, sigma_l = sigma w_l; shape (L,), m^2."""
+    """Mean radar cross section of every point, sigma_l = sigma w_l (E-08); shape (L,), m^2."""
     by_part = spec.kind == "body_parts" or (spec.kind == "auto" and all(p in PART_WEIGHTS for p in parts))
     weights = part_weights(parts) if by_part else np.full(len(parts), 1.0 / len(parts))
-    mass = mass_kg if mass_kg > 0 else ASSUMED_MASS_KG
-    total = RCS_PER_MASS_M2_PER_KG * mass if spec.total_m2 is None else spec.total_m2
-    return total * weights
+    return total_rcs_m2(spec, mass_kg) * weights

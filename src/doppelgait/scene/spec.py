@@ -79,8 +79,8 @@ def build_scene(spec: SceneSpec, *, folder: Path | None = None, rng: np.random.G
     for number, target in enumerate(spec.targets):
         if number not in motions:
             motions[number] = _target_motion(spec, number, seconds, folder, rng)
-        options = target.model_dump(exclude={"motion", "rcs"})
-        targets.append(Target(motion=motions[number], rcs=target.rcs, **options))
+        options = target.model_dump(exclude={"motion", "rcs", "path"})
+        targets.append(Target(motion=motions[number], rcs=target.rcs, path=target.path, **options))
     return Scene(targets, radar_position_m=spec.radar_position_m, duration_s=spec.duration_s)
 
 
@@ -95,8 +95,10 @@ def _target_motion(
 
 def _model_duration_s(spec: SceneSpec, file_motions: Sequence[xr.DataArray]) -> float:
     if spec.duration_s is not None:
-        # a model scaled dynamically to a smaller height runs faster, so its motion must be longer
-        return spec.duration_s * (2.0 if any(t.scaling == "froude" for t in spec.targets) else 1.0)
+        # a model scaled dynamically to a smaller height runs faster, and a path may be faster than its motion (twice
+        # 30 %: in its speed, and beside a curve), so its motion must be longer
+        froude = 2.0 if any(t.scaling == "froude" for t in spec.targets) else 1.0
+        return spec.duration_s * froude * (1.7 if any(t.path is not None for t in spec.targets) else 1.0)
     return min((float(np.ptp(axis(m, "time"))) for m in file_motions), default=DEFAULT_DURATION_S)
 
 

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, cast
 
 import numpy as np
 import xarray as xr
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from doppelgait.core.config import FrozenModel, validate
-from doppelgait.core.errors import ConfigError
+from doppelgait.core.errors import ConfigError, MotionError
 from doppelgait.core.labels import MOTION, check_signal
+from doppelgait.motion.follow import follow
+from doppelgait.motion.paths import Path, make_path
 from doppelgait.motion.retime import ScalingMode, duration_s, place, scale_to_height, travel_speed_mps
 from doppelgait.scene.rcs import RcsSpec
 
@@ -30,6 +32,15 @@ class TargetParameters(FrozenModel):
     aspect_deg: float = Field(default=0.0, ge=-360, le=360)
     start_position_m: tuple[float, float] | None = None
     heading_deg: float | None = Field(default=None, ge=-360, le=360)
+    path: Path | None = None
+
+    @field_validator("path", mode="before")
+    @classmethod
+    def _of_its_kind(cls, path: Any) -> Any:
+        try:
+            return make_path(path) if isinstance(path, Mapping) else path
+        except ConfigError as error:
+            raise ValueError(str(error)) from None
 
 
 class SceneParameters(FrozenModel):
@@ -76,12 +87,15 @@ class Target:
         Instead of range, bearing and aspect: ground position of the body centre at the start ...
     heading_deg : float, optional
         ... and direction of travel there, from +x towards +y.
+    path : Path or table, optional
+        Way over the ground (:mod:`doppelgait.motion.paths`) in the frame of ``start_position_m`` and ``heading_deg``,
+        which it needs; straight on by default.
 
     Raises
     ------
     ConfigError
-        If a parameter is not allowed, only one of ``start_position_m`` and ``heading_deg`` is given, or both forms are
-        mixed.
+        If a parameter is not allowed, only one of ``start_position_m`` and ``heading_deg`` is given, both forms are
+        mixed, or a path has no start.
     """
 
     motion: xr.DataArray
@@ -94,6 +108,7 @@ class Target:
     aspect_deg: float = 0.0
     start_position_m: tuple[float, float] | None = None
     heading_deg: float | None = None
+    path: Path | Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:
         check_signal(self.motion, MOTION)
@@ -107,11 +122,20 @@ class Target:
         relative = self.range_m is not None or self.bearing_deg != 0 or self.aspect_deg != 0
         if self.start_position_m is not None and relative:
             raise ConfigError("give either start_position_m and heading_deg, or range_m, bearing_deg and aspect_deg")
+        if self.path is not None and self.start_position_m is None:
+            raise ConfigError(
+                "a path needs start_position_m and heading_deg: its origin and the direction of its x axis"
+            )
 
     @property
     def rcs_spec(self) -> RcsSpec:
         """The radar cross section as a model, whichever way it was given."""
         return cast(RcsSpec, self.rcs)
+
+    @property
+    def path_spec(self) -> Path | None:
+        """The path as a model, whichever way it was given."""
+        return cast("Path | None", self.path)
 
 
 @dataclass(frozen=True)
@@ -145,12 +169,19 @@ class Scene:
             raise ConfigError("a scene needs at least one target")
         object.__setattr__(self, "targets", tuple(self.targets))
         for number, target in enumerate(self.targets):
-            lasts = duration_s(scaled_motion(target))
+            lasts = self._lasts_s(number, target)
             if self.duration_s is not None and lasts < self.duration_s - 1e-6:
                 raise ConfigError(
                     f"targets.{number}: its motion ({target.motion.attrs['source']}) lasts {lasts:.3f} s, the scene "
                     f"{self.duration_s} s; lower duration_s to {math.floor(lasts * 100) / 100} or less"
                 )
+
+    def _lasts_s(self, number: int, target: Target) -> float:
+        """Duration of a target's motion; a path that it cannot follow for so long is a fault of the target."""
+        try:
+            return duration_s(_laid(target, wanted_s=self.duration_s))
+        except (ConfigError, MotionError) as error:
+            raise type(error)(f"targets.{number}: {error}") from None
 
     @property
     def observation_s(self) -> float:
@@ -161,14 +192,26 @@ class Scene:
 
 
 def scaled_motion(target: Target) -> xr.DataArray:
-    """The target's motion at its wanted height."""
-    if target.height_m is None:
-        return target.motion
-    return scale_to_height(target.motion, height_m=target.height_m, mode=target.scaling)
+    """The target's motion at its wanted height, on its path if it has one; not yet at its place."""
+    return _laid(target)
+
+
+def _laid(target: Target, *, wanted_s: float | None = None, placed: bool = False) -> xr.DataArray:
+    motion = target.motion
+    if target.height_m is not None:
+        motion = scale_to_height(motion, height_m=target.height_m, mode=target.scaling)
+    if target.path_spec is None:
+        return motion
+    if not placed or target.start_position_m is None or target.heading_deg is None:
+        return follow(motion, target.path_spec, duration_s=wanted_s)
+    position_m, heading_deg = target.start_position_m, target.heading_deg
+    return follow(motion, target.path_spec, start_position_m=position_m, heading_deg=heading_deg, duration_s=wanted_s)
 
 
 def placed_motion(target: Target, scene: Scene) -> xr.DataArray:
     """The target's motion, scaled, turned and moved to its place in the scene's world frame."""
+    if target.path is not None:
+        return _laid(target, wanted_s=scene.duration_s, placed=True)
     motion = scaled_motion(target)
     if target.start_position_m is not None and target.heading_deg is not None:
         return place(motion, position_m=target.start_position_m, heading_deg=target.heading_deg, at_s=0.0)

@@ -1,6 +1,10 @@
-"""Motion from equations: a walking person, a dog in its gaits, and primitives with known answers."""
+"""Motion from equations: people, dogs and cats in their gaits, confusers, and primitives with known answers."""
 
 from doppelgait.motion.models.boulic import BoulicConfig, boulic_points, boulic_walk
+from doppelgait.motion.models.confusers import CurtainConfig, FanConfig, VacuumConfig, curtain, fan, robot_vacuum
+from doppelgait.motion.models.crawl import CrawlConfig, crawling_person
+from doppelgait.motion.models.human import HumanConfig, human_gait
+from doppelgait.motion.models.human_person import Person, sample_person
 from doppelgait.motion.models.primitives import (
     BreathingConfig,
     PendulumConfig,
@@ -18,16 +22,28 @@ __all__ = [
     "MOTION_MODELS",
     "BoulicConfig",
     "BreathingConfig",
+    "CrawlConfig",
+    "CurtainConfig",
+    "FanConfig",
+    "HumanConfig",
     "MotionModel",
     "PendulumConfig",
+    "Person",
     "PointConfig",
     "QuadrupedConfig",
     "RotorConfig",
+    "VacuumConfig",
     "boulic_points",
     "boulic_walk",
     "breathing_person",
+    "crawling_person",
+    "curtain",
+    "fan",
+    "human_gait",
     "moving_point",
     "pendulum",
     "quadruped_gait",
+    "robot_vacuum",
     "rotor",
+    "sample_person",
 ]

@@ -25,6 +25,7 @@ from doppelgait.motion.models.boulic_curves import (
     limb_angles_deg,
     trunk_angles_deg,
 )
+from doppelgait.motion.models.human_chain import POINTS, figure_points
 from doppelgait.motion.models.registry import MOTION_MODELS, MotionModel
 from doppelgait.motion.models.strides import (
     footfall_times_s,
@@ -45,9 +46,6 @@ LENGTHS = {
 }  # fmt: skip
 """Segment lengths as fractions of the stature."""
 LEG_LENGTH = LENGTHS["thigh"] + LENGTHS["shank"]
-
-POINTS = tuple(BOULIC_PARTS)
-"""Names of the points in the published order."""
 
 _FEET = [n for n, name in enumerate(POINTS) if name.endswith(("ankle", "toe"))]
 _SIGNS: dict[Form, OffsetSigns] = {
@@ -213,67 +211,8 @@ def boulic_points(
     trunk = {name: np.radians(angle) for name, angle in trunk_angles_deg(p, q).items()}
     limbs = {name: np.radians(angle) for name, angle in limb_angles_deg(np.stack([p + 0.5, p]), q).items()}
     size = {name: fraction * height_m for name, fraction in LENGTHS.items()}
-    lower, upper = {"base": np.zeros((p.size, 3))}, _spine(p.size, size)
-    for row, (side, sigma) in enumerate((("left", 1.0), ("right", -1.0))):
-        angle = {name: both[row] for name, both in limbs.items()}
-        lower |= {f"{side}_{name}": xyz for name, xyz in _leg(angle, sigma, size).items()}
-        upper |= {f"{side}_{name}": xyz for name, xyz in _arm(angle, sigma, size).items()}
-    halves = _turn_pelvis(_columns(lower), trunk), _turn_upper_body(_columns(upper), trunk)
-    order = [[*lower, *upper].index(name) for name in POINTS]
     offset_m = offset_scale_m * body_offset(p, q, signs=offset_signs)
-    return np.asarray(np.concatenate(halves, axis=1)[:, order] + offset_m[:, None])
-
-
-def _columns(points: dict[str, FloatArray]) -> FloatArray:
-    return np.stack(list(points.values()), axis=1)
-
-
-def _spine(count: int, size: dict[str, float]) -> dict[str, FloatArray]:
-    up = np.array([0.0, 0.0, 1.0])
-    return {
-        "neck": np.tile(size["torso"] * up, (count, 1)),
-        "head": np.tile((size["torso"] + size["head"]) * up, (count, 1)),
-    }
-
-
-def _leg(angle: dict[str, FloatArray], sigma: float, size: dict[str, float]) -> dict[str, FloatArray]:
-    shank = angle["hip"] - angle["knee"]
-    # The foot is a rod at right angles to the shank when the ankle is at zero.
-    foot = shank + angle["ankle"] + np.pi / 2
-    hip = np.tile([0.0, sigma * size["half_hip"], 0.0], (shank.size, 1))
-    knee = hip + size["thigh"] * _hanging(angle["hip"])
-    ankle = knee + size["shank"] * _hanging(shank)
-    return {"hip": hip, "knee": knee, "ankle": ankle, "toe": ankle + size["foot"] * _hanging(foot)}
-
-
-def _arm(angle: dict[str, FloatArray], sigma: float, size: dict[str, float]) -> dict[str, FloatArray]:
-    forearm = angle["shoulder"] + angle["elbow"]
-    shoulder = np.tile([0.0, sigma * size["half_shoulder"], size["torso"]], (forearm.size, 1))
-    elbow = shoulder + size["upper_arm"] * _hanging(angle["shoulder"])
-    return {"shoulder": shoulder, "elbow": elbow, "hand": elbow + size["forearm"] * _hanging(forearm)}
-
-
-def _hanging(angle_rad: FloatArray) -> FloatArray:
-    """Unit vectors that hang straight down at angle 0 and swing forward with it, shape (n, 3)."""
-    return np.stack([np.sin(angle_rad), np.zeros_like(angle_rad), -np.cos(angle_rad)], axis=-1)
-
-
-def _turn_pelvis(xyz: FloatArray, trunk: dict[str, FloatArray]) -> FloatArray:
-    return _rotate(_rotate(xyz, trunk["pelvic_list"], axis=0), -trunk["pelvic_torsion"], axis=2)
-
-
-def _turn_upper_body(xyz: FloatArray, trunk: dict[str, FloatArray]) -> FloatArray:
-    return _rotate(_rotate(xyz, -trunk["trunk_pitch"], axis=1), -trunk["thorax_torsion"], axis=2)
-
-
-def _rotate(xyz: FloatArray, angle_rad: FloatArray, *, axis: int) -> FloatArray:
-    """Right-handed rotation of points (n, k, 3) about a coordinate axis through the origin by n angles."""
-    first, second = (axis + 1) % 3, (axis + 2) % 3
-    cosine, sine = np.cos(angle_rad)[:, None], np.sin(angle_rad)[:, None]
-    turned = xyz.copy()
-    turned[..., first] = cosine * xyz[..., first] - sine * xyz[..., second]
-    turned[..., second] = sine * xyz[..., first] + cosine * xyz[..., second]
-    return turned
+    return np.asarray(figure_points(trunk, limbs, size) + offset_m[:, None])
 
 
 MOTION_MODELS.add("boulic", MotionModel(BoulicConfig, _generate))

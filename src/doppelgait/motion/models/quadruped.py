@@ -1,7 +1,8 @@
-"""A trotting or galloping dog from footfalls: paws that stay where they land, a heaving trunk, jointed limbs.
+"""A dog or cat from footfalls: paws that stay where they land, a heaving trunk, jointed limbs.
 
 A gait is data (:mod:`doppelgait.motion.models.quadruped_gaits`); size and speed set stride length and timing by
-dynamic similarity; the limbs follow from trunk and paws (:mod:`doppelgait.motion.models.quadruped_limbs`).
+dynamic similarity (:mod:`doppelgait.motion.models.quadruped_sizes`); the limbs follow from trunk and paws
+(:mod:`doppelgait.motion.models.quadruped_limbs`).
 """
 
 from __future__ import annotations
@@ -12,16 +13,20 @@ import xarray as xr
 from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel, validate
-from doppelgait.motion.models.quadruped_gaits import (
-    GAITS,
-    GaitName,
+from doppelgait.motion.models.quadruped_gaits import GAITS, Gait, GaitChoice, GaitName, pick_gait
+from doppelgait.motion.models.quadruped_limbs import all_points, crouch
+from doppelgait.motion.models.quadruped_sizes import (
+    BUILDS,
+    Build,
+    BuildName,
     duty_factor,
+    fitted_gait,
+    froude_number,
     froude_speed_mps,
     hip_height_m,
-    mass_from_withers_kg,
+    mass_kg,
     stride_length_m,
 )
-from doppelgait.motion.models.quadruped_limbs import all_points, crouch
 from doppelgait.motion.models.registry import MOTION_MODELS, MotionModel
 from doppelgait.motion.models.strides import (
     footfall_times_s,
@@ -54,12 +59,14 @@ POINTS = tuple(PART_OF_POINT)
 class QuadrupedConfig(FrozenModel):
     """Parameters of :func:`quadruped_gait`."""
 
-    gait: GaitName = "trot"
+    gait: GaitChoice = "trot"
     speed_mps: float | None = Field(None, gt=0)
     froude: float | None = Field(None, gt=0)
-    withers_m: float = Field(0.5, ge=0.2, le=0.9)
+    build: BuildName = "standard"
+    withers_m: float | None = Field(None, ge=0.2, le=0.9)
     start_phase: float = Field(0.0, ge=0, lt=1)
     stride_variation: float = Field(0.0, ge=0, le=0.1)
+    asymmetry: float = Field(0.0, ge=-0.05, le=0.05)
     tail_frequency_hz: float = Field(1.7, ge=0, le=5)
     tail_sweep_deg: float = Field(30.0, ge=0, le=60)
     rate_hz: float = Field(250.0, ge=50, le=10_000)
@@ -68,53 +75,81 @@ class QuadrupedConfig(FrozenModel):
     def _speed_fits_gait_and_size(self) -> QuadrupedConfig:
         if self.speed_mps is not None and self.froude is not None:
             raise ValueError("give speed_mps or froude, not both")
-        low, high, _ = GAITS[self.gait].froude
-        slowest, fastest = (froude_speed_mps(fr, self.withers_m) for fr in (low, high))
+        if self.gait == "auto" and self.speed_mps is None and self.froude is None:
+            raise ValueError("gait: 'auto' goes by the speed: give speed_mps or froude, or name the gait")
+        low, high, _ = GAITS[self.actual_gait].froude
+        slowest, fastest = (froude_speed_mps(fr, self.hip_m) for fr in (low, high))
         if not slowest * (1 - 1e-9) <= self.actual_speed_mps <= fastest * (1 + 1e-9):
             raise ValueError(
-                f"speed_mps: {self.actual_speed_mps:.4g} is not allowed: a dog with withers_m = {self.withers_m:g} "
-                f"goes at {slowest:.3g} to {fastest:.3g} m/s in a {self.gait} (Froude number {low:g} to {high:g})"
+                f"speed_mps: {self.actual_speed_mps:.4g} is not allowed: a {BUILDS[self.build].species} with "
+                f"withers_m = {self.actual_withers_m:g} goes at {slowest:.3g} to {fastest:.3g} m/s in a "
+                f"{self.actual_gait} (Froude number {low:g} to {high:g})"
             )
         return self
+
+    @property
+    def actual_withers_m(self) -> float:
+        """The height of the withers, by default that of the build."""
+        return BUILDS[self.build].withers_m if self.withers_m is None else self.withers_m
+
+    @property
+    def hip_m(self) -> float:
+        """Hip height."""
+        return hip_height_m(BUILDS[self.build], self.actual_withers_m)
+
+    @property
+    def actual_gait(self) -> GaitName:
+        """The gait; where it is ``"auto"`` the one that goes with the speed."""
+        if self.gait != "auto":
+            return self.gait
+        return pick_gait(froude_number(self.actual_speed_mps, self.hip_m))
 
     @property
     def actual_speed_mps(self) -> float:
         """The speed, or that of the Froude number, which is the gait's usual one where neither is given."""
         if self.speed_mps is not None:
             return self.speed_mps
-        usual = GAITS[self.gait].froude[2]
-        return froude_speed_mps(usual if self.froude is None else self.froude, self.withers_m)
+        froude = GAITS[self.actual_gait].froude[2] if self.froude is None else self.froude
+        return froude_speed_mps(froude, self.hip_m)
 
 
 def quadruped_gait(
     *,
-    gait: GaitName = "trot",
+    gait: GaitChoice = "trot",
     speed_mps: float | None = None,
     froude: float | None = None,
-    withers_m: float = 0.5,
+    build: BuildName = "standard",
+    withers_m: float | None = None,
     duration_s: float = 5.0,
     start_phase: float = 0.0,
     stride_variation: float = 0.0,
+    asymmetry: float = 0.0,
     tail_frequency_hz: float = 1.7,
     tail_sweep_deg: float = 30.0,
     rate_hz: float = 250.0,
     rng: np.random.Generator | None = None,
 ) -> xr.DataArray:
-    """Trotting or galloping dog.
+    """Dog or cat that goes straight ahead in one gait.
 
-    Stride length L = c h Fr^0.3 with Fr = V^2/(g h) and hip height h = 0.8 withers heights (Alexander and Jayes 1983;
-    c from one measured dog, assumed for all); stride frequency f = V/L.
+    Stride length L = c h Fr^0.3 with Fr = V^2/(g h) and a dog's hip height h = 0.8 withers heights (Alexander and
+    Jayes 1983; c from one measured dog, assumed for all); stride frequency f = V/L. A paw is on the ground, at rest,
+    for the share 1 - t_swing f of the stride, give or take an offset of the gait, with t_swing = 0.30 s (h/0.46 m)^0.5.
 
     Parameters
     ----------
     gait : str
-        ``"trot"`` (Fr 0.3 to 2.5) or ``"gallop"`` (rotary, Fr 1.2 to 10).
+        ``"walk"`` (lateral sequence, Fr 0.05 to 0.5), ``"pace"`` (0.1 to 1), ``"trot"`` (0.3 to 2.5), ``"canter"``
+        (1 to 5), ``"gallop"`` (rotary, 1.2 to 10), ``"transverse_gallop"`` (1.2 to 10), ``"bound"`` (1 to 6), or
+        ``"auto"``: walk up to Fr 0.5, trot up to 2.5, then gallop.
     speed_mps : float, optional
         Mean forward speed V ...
     froude : float, optional
-        ... or the Froude number that it follows from; without either Fr = 1 in trot and 4 in gallop.
-    withers_m : float
-        Height of the withers when standing, 0.2 to 0.9.
+        ... or the Froude number that it follows from; without either the gait's usual one (trot 1, gallop 4).
+    build : str
+        Proportions, mass and usual size, a key of :data:`doppelgait.motion.models.quadruped_sizes.BUILDS`:
+        ``"standard"``, breeds of dog, ``"cat"``.
+    withers_m : float, optional
+        Height of the withers when standing, 0.2 to 0.9; by default that of the build (standard 0.5).
     duration_s : float
         Time to cover; the last frame is at or just after it.
     start_phase : float
@@ -122,6 +157,9 @@ def quadruped_gait(
     stride_variation : float
         Standard deviation of the stride time relative to its mean, 0 to 0.1; 0.03 to 0.05 is usual. The length of a
         stride stays, so that the speed varies with it.
+    asymmetry : float
+        Strides by which both right feet land late, -0.05 to 0.05. The frequencies of the facts stay those of the
+        gait: f_mu by E-07, although half strides then differ.
     tail_frequency_hz, tail_sweep_deg : float
         The tail swings sideways to this angle either way at its own frequency, 0 to 5 Hz and 0 to 60 degrees: the
         motion as a whole is periodic only where that fits the stride.
@@ -141,17 +179,17 @@ def quadruped_gait(
         If a parameter is outside its range.
     """
     values = {
-        "gait": gait, "speed_mps": speed_mps, "froude": froude, "withers_m": withers_m, "start_phase": start_phase,
-        "stride_variation": stride_variation, "tail_frequency_hz": tail_frequency_hz,
-        "tail_sweep_deg": tail_sweep_deg, "rate_hz": rate_hz,
+        "gait": gait, "speed_mps": speed_mps, "froude": froude, "build": build, "withers_m": withers_m,
+        "start_phase": start_phase, "stride_variation": stride_variation, "asymmetry": asymmetry,
+        "tail_frequency_hz": tail_frequency_hz, "tail_sweep_deg": tail_sweep_deg, "rate_hz": rate_hz,
     }  # fmt: skip
     return _generate(validate(QuadrupedConfig, values, where="quadruped_gait"), duration_s, rng)
 
 
 def _generate(config: QuadrupedConfig, duration_s: float, rng: np.random.Generator | None) -> xr.DataArray:
-    gait, speed_mps, hip_m = GAITS[config.gait], config.actual_speed_mps, hip_height_m(config.withers_m)
-    stride_m = stride_length_m(gait, speed_mps, config.withers_m)
-    duty = {end: duty_factor(getattr(gait, end), speed_mps / stride_m, hip_m) for end in ("hind", "fore")}
+    build, speed_mps, hip_m = BUILDS[config.build], config.actual_speed_mps, config.hip_m
+    gait = fitted_gait(config.actual_gait, build, config.asymmetry)
+    stride_m = stride_length_m(gait, speed_mps, hip_m)
     times_s = sample_times_s(duration_s, config.rate_hz)
     clock = stride_clock(
         times_s[-1],
@@ -162,28 +200,37 @@ def _generate(config: QuadrupedConfig, duration_s: float, rng: np.random.Generat
     )
     phase = phase_at(clock, times_s)
     wag_rad = np.radians(config.tail_sweep_deg) * np.sin(2 * np.pi * config.tail_frequency_hz * times_s)
-    stride = stride_m / hip_m
-    points = all_points(phase, gait, stride=stride, duty=duty, lowered=crouch(gait, stride, duty), wag_rad=wag_rad)
-    position_m = hip_m * np.stack([points[name] for name in POINTS], axis=1)
+    duty = {end: duty_factor(getattr(gait, end), speed_mps / stride_m, hip_m) for end in ("hind", "fore")}
+    position_m = hip_m * _position(phase, gait, build, stride_m / hip_m, duty, wag_rad)
     position_m[:, :, 0] -= stride_m * phase[0]
-    facts = _facts(config, mean_stride_frequency_hz(times_s, phase))
+    facts = _facts(config, gait, mean_stride_frequency_hz(times_s, phase))
     facts["footfalls"] = footfall_times_s(clock, gait.touchdown, times_s[-1])
     parts = list(PART_OF_POINT.values())
     return make_motion(position_m, rate_hz=config.rate_hz, markers=POINTS, parts=parts, facts=facts)
 
 
-def _facts(config: QuadrupedConfig, stride_frequency_hz: float) -> dict[str, object]:
-    gait = GAITS[config.gait]
+def _position(
+    phase: FloatArray, gait: Gait, build: Build, stride: float, duty: dict[str, float], wag_rad: FloatArray
+) -> FloatArray:
+    """All points at given phases, (n, point, 3), in units of the hip height."""
+    lowered = crouch(gait, build, stride, duty)
+    points = all_points(phase, gait, build, stride=stride, duty=duty, lowered=lowered, wag_rad=wag_rad)
+    return np.stack([points[name] for name in POINTS], axis=1)
+
+
+def _facts(config: QuadrupedConfig, gait: Gait, stride_frequency_hz: float) -> dict[str, object]:
+    build = BUILDS[config.build]
     step = {"step_frequency_hz": 2 * stride_frequency_hz} if gait.harmonic == 2 else {}
     return {
-        "source": "quadruped", "kind": "quadruped", "species": "dog", "gait": config.gait,
-        "height_m": config.withers_m,
-        "mass_kg": mass_from_withers_kg(config.withers_m),
+        "source": "quadruped", "kind": "quadruped", "species": build.species, "gait": config.actual_gait,
+        "height_m": config.actual_withers_m,
+        "mass_kg": mass_kg(build, config.actual_withers_m),
         "stride_frequency_hz": stride_frequency_hz,
-        "gait_frequency_hz": gait.fundamental * stride_frequency_hz,
+        "gait_frequency_hz": gait.harmonic * stride_frequency_hz,
         "report": {
-            "mass_kg": "assumed: withers height = 0.175 m (mass / kg)^(1/3)",
-            "proportions": "assumed: those of one measured dog and of breed standards",
+            "mass_kg": f"assumed: {build.mass_kg:.3g} kg at withers_m = {build.withers_m:g}, "
+            "with the cube of the height",
+            "proportions": build.source,
         },
     } | step  # fmt: skip
 

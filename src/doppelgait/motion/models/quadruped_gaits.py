@@ -1,33 +1,18 @@
-"""Gaits of a dog as data, the size and timing rules that hold for all of them, and the path of a paw.
+"""Gaits of a dog as data.
 
 Lengths are in units of the hip height h, phases in cycles after touchdown of the left hind foot, shares in units of
-the stride. Values marked "measured" are summary numbers of one medium-sized dog in motion capture; all others are
-approximations from the literature on dogs and cursorial mammals, and stand here as parameters, assumed.
+the stride. Values marked "measured" are summary numbers of one medium-sized dog in motion capture, in the walk also of
+a Labrador; all others are approximations from the literature on dogs and cursorial mammals, assumed.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-import numpy.typing as npt
-
-FloatArray = npt.NDArray[np.float64]
-GaitName = Literal["trot", "gallop"]
+GaitName = Literal["walk", "pace", "trot", "canter", "gallop", "transverse_gallop", "bound"]
+GaitChoice = Literal["auto", "walk", "pace", "trot", "canter", "gallop", "transverse_gallop", "bound"]
 Extremes = tuple[tuple[float, float], tuple[float, float]]
-
-GRAVITY_MPS2 = 9.81
-HIP_HEIGHT_PER_WITHERS = 0.8
-"""Hip height over withers height, assumed."""
-SWING_TIME_S, SWING_HEIGHT_M = 0.30, 0.46
-"""A swing takes 0.30 s at a hip height of 0.46 m, nearly the same in every gait (measured)."""
-DUTY_LIMITS = (0.15, 0.75)
-LIFT_RAMP = 0.15
-"""Share of the swing in which a paw speeds up after lift-off, and slows down before touchdown."""
-WITHERS_PER_CUBE_ROOT_MASS = 0.175
-"""Withers height in m over the cube root of the mass in kg, assumed: 0.15 to 0.20 over common breeds."""
 
 
 @dataclass(frozen=True)
@@ -78,9 +63,8 @@ class Gait:
     stride_factor : float
         c of the stride length L/h = c Fr^0.3.
     harmonic : int
-        Trunk cycles per stride: 2 when left and right are half a stride apart, else 1.
-    fundamental : int
-        Fundamental of the radar signature over the stride frequency (E-07).
+        Trunk cycles per stride, and fundamental of the radar signature over the stride frequency (E-07): 2 when left
+        and right are half a stride apart, else 1.
     surge, surge_fastest : float
         Amplitude of the trunk's fore-aft motion and the phase at which it is fastest.
     sway : float
@@ -97,7 +81,6 @@ class Gait:
     froude: tuple[float, float, float]
     stride_factor: float
     harmonic: int
-    fundamental: int
     surge: float
     surge_fastest: float
     sway: float
@@ -109,6 +92,38 @@ class Gait:
 
 
 GAITS: dict[str, Gait] = {
+    # Lateral sequence, four beats, each fore foot a sixth of a stride after its hind foot; each girdle vaults over its
+    # limbs (heave measured on the Labrador, limbs as in the pace).
+    "walk": Gait(
+        touchdown={"left_hind": 0.0, "left_fore": 0.17, "right_hind": 0.5, "right_fore": 0.67},
+        froude=(0.05, 0.5, 0.2),
+        stride_factor=2.5,
+        harmonic=2,
+        surge=0.010,
+        surge_fastest=0.33,
+        sway=0.025,
+        neck_deg=4.0,
+        neck_highest=0.20,
+        scapula_deg=((-0.20, 20.0), (1.04, 48.0)),
+        hind=Girdle(0.04, 1.40, 0.08, 0.50, 0.02, 0.018, 0.12, ((0.16, -32.0), (1.03, 36.0))),
+        fore=Girdle(0.04, 1.70, 0.10, 0.52, 0.04, 0.015, 0.28, ((0.28, -55.0), (0.88, 50.0))),
+    ),
+    # Both feet of a side together, the fore foot a little late (measured at Fr 0.2 to 0.5; angles and reach of the
+    # limbs set so that speeds and ranges of their joints come near the measured ones).
+    "pace": Gait(
+        touchdown={"left_hind": 0.0, "left_fore": 0.02, "right_hind": 0.5, "right_fore": 0.52},
+        froude=(0.1, 1.0, 0.4),
+        stride_factor=2.5,
+        harmonic=2,
+        surge=0.012,
+        surge_fastest=0.12,
+        sway=0.025,
+        neck_deg=4.0,
+        neck_highest=0.18,
+        scapula_deg=((-0.20, 20.0), (1.04, 48.0)),
+        hind=Girdle(-0.04, 1.40, 0.08, 0.50, 0.02, 0.018, 0.19, ((0.16, -32.0), (1.03, 36.0))),
+        fore=Girdle(0.02, 1.72, 0.10, 0.52, 0.04, 0.038, 0.25, ((0.28, -55.0), (0.88, 50.0))),
+    ),
     # Diagonal pairs, the forefoot a little before its hind foot (measured), left and right exactly half a stride
     # apart; trunk lowest in the middle of each stance.
     "trot": Gait(
@@ -116,7 +131,6 @@ GAITS: dict[str, Gait] = {
         froude=(0.3, 2.5, 1.0),
         stride_factor=2.5,
         harmonic=2,
-        fundamental=2,
         surge=0.03,
         surge_fastest=0.45,
         sway=0.035,
@@ -126,13 +140,27 @@ GAITS: dict[str, Gait] = {
         hind=Girdle(-0.085, 1.34, 0.14, 0.50, -0.05, 0.0625, 0.19, ((0.15, -31.0), (0.85, 32.0))),
         fore=Girdle(-0.02, 1.69, 0.19, 0.50, 0.07, 0.050, 0.17, ((0.24, -50.0), (0.75, 64.0))),
     ),
+    # Right lead, three beats: left hind, then right hind with left fore, then right fore, then a short suspension.
+    "canter": Gait(
+        touchdown={"left_hind": 0.0, "left_fore": 0.275, "right_hind": 0.275, "right_fore": 0.55},
+        froude=(1.0, 5.0, 2.0),
+        stride_factor=2.6,
+        harmonic=1,
+        surge=0.06,
+        surge_fastest=0.97,
+        sway=0.025,
+        neck_deg=12.0,
+        neck_highest=0.10,
+        scapula_deg=((-0.05, 8.0), (0.72, 63.0)),
+        hind=Girdle(-0.03, 1.34, 0.24, 0.48, 0.0, 0.085, 0.31, ((0.17, -40.0), (0.95, 40.0))),
+        fore=Girdle(0.0, 1.60, 0.28, 0.50, 0.06, 0.080, 0.60, ((0.22, -51.0), (0.76, 68.0))),
+    ),
     # Rotary: right hind, left hind, left fore, right fore, then one gathered suspension (measured).
     "gallop": Gait(
         touchdown={"left_hind": 0.0, "left_fore": 0.163, "right_hind": 0.832, "right_fore": 0.344},
         froude=(1.2, 10.0, 4.0),
         stride_factor=2.7,
         harmonic=1,
-        fundamental=1,
         surge=0.08,
         surge_fastest=0.80,
         sway=0.025,
@@ -142,82 +170,44 @@ GAITS: dict[str, Gait] = {
         hind=Girdle(-0.065, 1.34, 0.34, 0.45, 0.01, 0.125, 0.02, ((0.19, -46.0), (1.04, 47.0))),
         fore=Girdle(-0.03, 1.56, 0.38, 0.50, 0.05, 0.110, 0.41, ((0.20, -53.0), (0.76, 71.0))),
     ),
+    # Right lead both behind and in front: left hind, right hind, left fore, right fore; limbs as in the rotary gallop.
+    "transverse_gallop": Gait(
+        touchdown={"left_hind": 0.0, "left_fore": 0.40, "right_hind": 0.15, "right_fore": 0.55},
+        froude=(1.2, 10.0, 4.0),
+        stride_factor=2.7,
+        harmonic=1,
+        surge=0.08,
+        surge_fastest=0.97,
+        sway=0.025,
+        neck_deg=16.0,
+        neck_highest=0.12,
+        scapula_deg=((-0.05, 2.0), (0.72, 66.0)),
+        hind=Girdle(-0.065, 1.34, 0.34, 0.45, 0.01, 0.125, 0.18, ((0.19, -46.0), (1.04, 47.0))),
+        fore=Girdle(-0.03, 1.56, 0.38, 0.50, 0.05, 0.110, 0.62, ((0.20, -53.0), (0.76, 71.0))),
+    ),
+    # Hind pair and fore pair each at once, left and right alike; limbs as in the rotary gallop.
+    "bound": Gait(
+        touchdown={"left_hind": 0.0, "left_fore": 0.45, "right_hind": 0.0, "right_fore": 0.45},
+        froude=(1.0, 6.0, 2.5),
+        stride_factor=2.7,
+        harmonic=1,
+        surge=0.08,
+        surge_fastest=0.97,
+        sway=0.0,
+        neck_deg=16.0,
+        neck_highest=0.10,
+        scapula_deg=((-0.05, 2.0), (0.72, 66.0)),
+        hind=Girdle(-0.03, 1.34, 0.30, 0.45, 0.01, 0.110, 0.12, ((0.19, -46.0), (1.04, 47.0))),
+        fore=Girdle(0.0, 1.56, 0.34, 0.50, 0.05, 0.100, 0.59, ((0.20, -53.0), (0.76, 71.0))),
+    ),
 }
-"""All gaits; a further one is a further entry."""
+"""All gaits; a further one is a further entry and its name in :data:`GaitName`."""
+
+GAITS_BY_SPEED: tuple[GaitName, ...] = ("walk", "trot", "gallop")
+"""What a dog does as it goes faster; each gait ends where its range of Froude numbers does."""
 
 
-def hip_height_m(withers_m: float) -> float:
-    """Standing height h of the hip joint."""
-    return HIP_HEIGHT_PER_WITHERS * withers_m
-
-
-def froude_speed_mps(froude: float, withers_m: float) -> float:
-    """Speed V of a Froude number Fr = V^2/(g h)."""
-    return math.sqrt(froude * GRAVITY_MPS2 * hip_height_m(withers_m))
-
-
-def stride_length_m(gait: Gait, speed_mps: float, withers_m: float) -> float:
-    """Stride length L = c h Fr^0.3 (dynamic similarity, Alexander and Jayes 1983)."""
-    hip_m = hip_height_m(withers_m)
-    return gait.stride_factor * hip_m * math.pow(speed_mps**2 / (GRAVITY_MPS2 * hip_m), 0.3)
-
-
-def duty_factor(girdle: Girdle, stride_frequency_hz: float, hip_m: float) -> float:
-    """Share of the stride for which a paw is on the ground: 1 - t_swing f, offset by girdle, within limits."""
-    swing_s = SWING_TIME_S * math.sqrt(hip_m / SWING_HEIGHT_M)
-    duty = 1 - swing_s * stride_frequency_hz + girdle.duty_offset
-    return min(max(duty, DUTY_LIMITS[0]), DUTY_LIMITS[1])
-
-
-def mass_from_withers_kg(withers_m: float) -> float:
-    """Body mass of a dog of usual build, assumed: withers = 0.175 m (M / kg)^(1/3)."""
-    return (withers_m / WITHERS_PER_CUBE_ROOT_MASS) ** 3
-
-
-def paw_path(cycles: FloatArray, girdle: Girdle, duty: float) -> tuple[FloatArray, FloatArray]:
-    """Path of a paw over the ground.
-
-    Parameters
-    ----------
-    cycles : ndarray
-        Strides since a touchdown of this paw; any real number.
-    girdle : Girdle
-        Its shape.
-    duty : float
-        Duty factor.
-
-    Returns
-    -------
-    advance : ndarray
-        Distance from the first footfall in strides: constant in stance, one more after each swing. Speed and its
-        rate are continuous; both are zero at lift-off and touchdown.
-    height : ndarray
-        In units of h: zero in stance, highest ``girdle.clearance``.
-    """
-    turn = np.floor(cycles)
-    swing = np.clip((cycles - turn - duty) / (1 - duty), 0.0, 1.0)
-    early, late = 5 * girdle.clearance_at, 5 * (1 - girdle.clearance_at)
-    top = girdle.clearance_at**early * (1 - girdle.clearance_at) ** late
-    height = girdle.clearance / top * swing**early * (1 - swing) ** late
-    return turn + _swing_progress(swing, girdle.swing_peak), height
-
-
-def _swing_progress(share: FloatArray, peak: float) -> FloatArray:
-    """Distance 0..1 over time 0..1 with the highest speed ``peak`` at half time.
-
-    The paw leaves the ground quickly (short ramps up to an even speed) and is fastest as it passes under the body
-    (a bell on top), which keeps the stroke of the limb near the measured one.
-    """
-    even = (1 - peak / 2) / (0.5 - LIFT_RAMP)
-    bell = share / 2 - np.sin(2 * np.pi * share) / (4 * np.pi)
-    return even * _ramped_distance(share, LIFT_RAMP) + (peak - even) * bell
-
-
-def _ramped_distance(share: FloatArray, ramp: float) -> FloatArray:
-    """Distance at speed 1 but for half-cosine ramps of length ``ramp`` at either end of time 0..1."""
-    first = np.minimum(share, ramp)
-    last = np.maximum(share - (1 - ramp), 0.0)
-    cruise = np.clip(share - ramp, 0.0, 1 - 2 * ramp)
-    rise = first / 2 - ramp / (2 * np.pi) * np.sin(np.pi * first / ramp)
-    fall = last / 2 + ramp / (2 * np.pi) * np.sin(np.pi * last / ramp)
-    return np.asarray(rise + cruise + fall)
+def pick_gait(froude: float) -> GaitName:
+    """Gait of a dog at a Froude number: walk up to 0.5, trot up to 2.5, then gallop."""
+    fits = (name for name in GAITS_BY_SPEED if froude <= GAITS[name].froude[1] * (1 + 1e-9))
+    return next(fits, GAITS_BY_SPEED[-1])

@@ -1,7 +1,7 @@
-"""Trunk, neck, tail and limbs of a dog: from the paths of trunk and paws to all points.
+"""Trunk, neck, tail and limbs of a quadruped: from the paths of trunk and paws to all points.
 
 Lengths are in units of the hip height h; x forward, y left, z up. Proportions are those of one measured dog and of
-breed standards, assumed for all dogs.
+breed standards; a build scales them.
 """
 
 from __future__ import annotations
@@ -12,7 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import ConfigError
-from doppelgait.motion.models.quadruped_gaits import Extremes, Gait, paw_path
+from doppelgait.motion.models.quadruped_gaits import Extremes, Gait
+from doppelgait.motion.models.quadruped_paws import paw_path
+from doppelgait.motion.models.quadruped_sizes import Build
 
 FloatArray = npt.NDArray[np.float64]
 Points = dict[str, FloatArray]
@@ -81,7 +83,7 @@ def hanging(angle_rad: FloatArray) -> FloatArray:
     return np.stack([np.sin(angle_rad), np.zeros_like(angle_rad), -np.cos(angle_rad)], axis=-1)
 
 
-def trunk_motion(phase: FloatArray, gait: Gait) -> tuple[FloatArray, FloatArray]:
+def trunk_motion(phase: FloatArray, gait: Gait, build: Build) -> tuple[FloatArray, FloatArray]:
     """Offset of the trunk's centre from uniform motion at standing height, (n, 3), and pitch in rad, (n,).
 
     Each girdle heaves as the gait says; pitch, positive nose up, is what the two heaves make of it.
@@ -94,7 +96,7 @@ def trunk_motion(phase: FloatArray, gait: Gait) -> tuple[FloatArray, FloatArray]
     rate = 2 * np.pi * gait.harmonic
     surge = gait.surge * np.sin(rate * (phase - gait.surge_fastest))
     sway = gait.sway * np.cos(2 * np.pi * (phase - gait.hind.lowest))
-    return np.stack([surge, sway, (hind + fore) / 2], axis=1), np.arcsin((fore - hind) / (2 * GIRDLE_X))
+    return np.stack([surge, sway, (hind + fore) / 2], axis=1), np.arcsin((fore - hind) / (2 * GIRDLE_X * build.trunk))
 
 
 def on_trunk(x: float, y: float, height: float, centre: FloatArray, pitch: FloatArray) -> FloatArray:
@@ -105,39 +107,41 @@ def on_trunk(x: float, y: float, height: float, centre: FloatArray, pitch: Float
     return np.asarray(centre + offset)
 
 
-def paws(phase: FloatArray, gait: Gait, stride: float, duty: dict[str, float]) -> Points:
+def paws(phase: FloatArray, gait: Gait, build: Build, stride: float, duty: dict[str, float]) -> Points:
     """Path of each paw over the ground, the trunk's mean position being ``stride`` times the phase."""
     result = {}
     for side, end in LIMBS:
         girdle, touchdown = getattr(gait, end), gait.touchdown[f"{side}_{end}"]
         advance, height = paw_path(phase - touchdown, girdle, duty[end])
-        middle = girdle.reach + (GIRDLE_X if end == "fore" else -GIRDLE_X)
+        middle = girdle.reach + build.trunk * (GIRDLE_X if end == "fore" else -GIRDLE_X)
         x = middle + stride * (touchdown + duty[end] / 2 + advance)
         y = np.full_like(phase, TRACK_Y if side == "left" else -TRACK_Y)
         result[f"{side}_{end}_paw"] = np.stack([x, y, height], axis=1)
     return result
 
 
-def limb_ends(phase: FloatArray, gait: Gait, stride: float, duty: dict[str, float]) -> Points:
+def limb_ends(phase: FloatArray, gait: Gait, build: Build, stride: float, duty: dict[str, float]) -> Points:
     """Paw, carpus or hock, and the joint at the trunk of all limbs, with the trunk at standing height."""
-    centre, pitch = trunk_motion(phase, gait)
+    centre, pitch = trunk_motion(phase, gait, build)
+    girdle_x = GIRDLE_X * build.trunk
     centre[:, 0] += stride * phase
-    result = paws(phase, gait, stride, duty)
+    result = paws(phase, gait, build, stride, duty)
     for side, end in LIMBS:
         sign = 1.0 if side == "left" else -1.0
         cycles, paw = phase - gait.touchdown[f"{side}_{end}"], result[f"{side}_{end}_paw"]
         foot = hanging(elevation_rad(cycles, getattr(gait, end).foot_deg, duty[end]))
         if end == "hind":
-            result[f"{side}_hock"] = paw - METATARSUS * foot
-            result[f"{side}_hip"] = on_trunk(-GIRDLE_X, sign * HIP_Y, HIP_Z, centre, pitch)
+            result[f"{side}_hock"] = paw - METATARSUS * build.limbs * foot
+            result[f"{side}_hip"] = on_trunk(-girdle_x, sign * HIP_Y, HIP_Z, centre, pitch)
         else:
-            result[f"{side}_carpus"] = paw - MANUS * foot
-            top = on_trunk(GIRDLE_X, sign * SCAPULA_Y, SCAPULA_Z, centre, pitch)
-            result[f"{side}_shoulder"] = top + SCAPULA * hanging(elevation_rad(cycles, gait.scapula_deg, duty[end]))
+            result[f"{side}_carpus"] = paw - MANUS * build.limbs * foot
+            top = on_trunk(girdle_x, sign * SCAPULA_Y, SCAPULA_Z, centre, pitch)
+            scapula = hanging(elevation_rad(cycles, gait.scapula_deg, duty[end]))
+            result[f"{side}_shoulder"] = top + SCAPULA * build.limbs * scapula
     return result
 
 
-def crouch(gait: Gait, stride: float, duty: dict[str, float]) -> float:
+def crouch(gait: Gait, build: Build, stride: float, duty: dict[str, float]) -> float:
     """How far the trunk must be lowered so that every limb reaches its paw all through the stride.
 
     Raises
@@ -145,11 +149,12 @@ def crouch(gait: Gait, stride: float, duty: dict[str, float]) -> float:
     ConfigError
         If no height does: a step too long for the limb, or a limb folded beyond what its joints allow.
     """
-    ends = limb_ends(np.arange(720) / 720, gait, stride, duty)
+    ends = limb_ends(np.arange(720) / 720, gait, build, stride, duty)
     chains = [(f"{side}_hip", f"{side}_hock", FEMUR, TIBIA) for side in ("left", "right")]
     chains += [(f"{side}_shoulder", f"{side}_carpus", HUMERUS, FOREARM) for side in ("left", "right")]
     lower, folded = 0.0, []
-    for top, bottom, first, second in chains:
+    for top, bottom, *links in chains:
+        first, second = (build.limbs * link for link in links)
         line = ends[top] - ends[bottom]
         room = (STRETCH * (first + second)) ** 2 - line[:, 0] ** 2 - line[:, 1] ** 2
         if room.min() <= 0:
@@ -164,6 +169,7 @@ def crouch(gait: Gait, stride: float, duty: dict[str, float]) -> float:
 def all_points(
     phase: FloatArray,
     gait: Gait,
+    build: Build,
     *,
     stride: float,
     duty: dict[str, float],
@@ -178,6 +184,8 @@ def all_points(
         Strides.
     gait : Gait
         What it does.
+    build : Build
+        Its proportions.
     stride : float
         Stride length.
     duty : dict
@@ -187,31 +195,33 @@ def all_points(
     wag_rad : ndarray, shape (n,)
         Angle of the tail to the left.
     """
-    centre, pitch = trunk_motion(phase, gait)
+    centre, pitch = trunk_motion(phase, gait, build)
     centre += np.stack([stride * phase, np.zeros_like(phase), np.full_like(phase, -lowered)], axis=1)
-    points = {name: on_trunk(x, 0.0, z, centre, pitch) for name, (x, z) in TRUNK_POINTS.items()}
-    points |= _head(points["neck_base"], phase, gait) | _tail(points["tail_base"], wag_rad)
-    ends = limb_ends(phase, gait, stride, duty)
+    points = {name: on_trunk(build.trunk * x, 0.0, z, centre, pitch) for name, (x, z) in TRUNK_POINTS.items()}
+    points |= _head(points["neck_base"], phase, gait, build.head)
+    points |= _tail(points["tail_base"], wag_rad, TAIL * build.tail)
+    ends = limb_ends(phase, gait, build, stride, duty)
     for name in [name for name in ends if name.endswith(("hip", "shoulder"))]:
         ends[name] = ends[name] - [0.0, 0.0, lowered]
+    size = build.limbs
     for side in ("left", "right"):
         hip, hock, shoulder, carpus = (ends[f"{side}_{p}"] for p in ("hip", "hock", "shoulder", "carpus"))
-        ends[f"{side}_elbow"] = two_link(shoulder, carpus, HUMERUS, FOREARM, bend=-1.0)
-        ends[f"{side}_knee"] = two_link(hip, hock, FEMUR, TIBIA, bend=1.0)
+        ends[f"{side}_elbow"] = two_link(shoulder, carpus, size * HUMERUS, size * FOREARM, bend=-1.0)
+        ends[f"{side}_knee"] = two_link(hip, hock, size * FEMUR, size * TIBIA, bend=1.0)
     return points | ends
 
 
-def _head(neck_base: FloatArray, phase: FloatArray, gait: Gait) -> Points:
+def _head(neck_base: FloatArray, phase: FloatArray, gait: Gait, size: float) -> Points:
     swing = np.cos(2 * np.pi * gait.harmonic * (phase - gait.neck_highest))
     elevation = np.radians(NECK_DEG + gait.neck_deg * swing)
     along = np.stack([np.cos(elevation), np.zeros_like(elevation), np.sin(elevation)], axis=1)
     skull = math.radians(SKULL_DEG)
-    head = neck_base + NECK * along
-    nose = head + SKULL * np.array([math.cos(skull), 0.0, math.sin(skull)])
-    return {"neck": neck_base + NECK / 2 * along, "head": head, "nose": nose}
+    head = neck_base + size * NECK * along
+    nose = head + size * SKULL * np.array([math.cos(skull), 0.0, math.sin(skull)])
+    return {"neck": neck_base + size * NECK / 2 * along, "head": head, "nose": nose}
 
 
-def _tail(base: FloatArray, wag_rad: FloatArray) -> Points:
+def _tail(base: FloatArray, wag_rad: FloatArray, length: float) -> Points:
     drop = math.radians(TAIL_DEG)
     back = np.stack(
         [
@@ -221,4 +231,4 @@ def _tail(base: FloatArray, wag_rad: FloatArray) -> Points:
         ],
         axis=1,
     )
-    return {"tail_middle": base + TAIL / 2 * back, "tail_tip": base + TAIL * back}
+    return {"tail_middle": base + length / 2 * back, "tail_tip": base + length * back}

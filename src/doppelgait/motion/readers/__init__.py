@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from doppelgait.core.errors import MotionError
-from doppelgait.motion.readers import c3d as _c3d  # noqa: F401  (registers itself)
+from doppelgait.motion.readers import amc, arrays, bvh, c3d, expmap, table, trc  # noqa: F401  (they register themselves)
 from doppelgait.motion.readers.registry import MOTION_READERS, MotionReader, ReadOptions
 
 __all__ = ["MOTION_READERS", "MotionReader", "ReadOptions", "read"]

@@ -17,7 +17,7 @@ from doppelgait.motion.readers.c3d_layout import MAGIC
 from doppelgait.motion.readers.c3d_points import is_measured, pick_subject, sort_points, unique_names
 from doppelgait.motion.readers.registry import MOTION_READERS, MotionReader
 from doppelgait.motion.schema import make_motion
-from doppelgait.motion.skeleton import part_of
+from doppelgait.motion.skeleton import parts_of
 from doppelgait.motion.units import metres_per_unit
 
 FloatArray = npt.NDArray[np.float64]
@@ -27,8 +27,8 @@ MAX_RATE_HZ = 10_000.0
 
 
 def sniff_c3d(path: Path, head: bytes) -> bool:
-    """Whether a file looks like C3D: 0x50 after the block number of its parameters."""
-    return len(head) >= 2 and head[0] >= 1 and head[1] == MAGIC
+    """Whether a file looks like C3D: 0x50 after the block number of its parameters, and no text."""
+    return len(head) >= 2 and head[0] >= 1 and head[1] == MAGIC and b"\0" in head[:512]
 
 
 def read_c3d(
@@ -72,7 +72,7 @@ def read_c3d(
     name, chosen = pick_subject(path, content.labels, kept, subject)
     reasons |= {i: f"belongs to {_who(content.labels[i])}" for i in kept if i not in chosen}
     names = unique_names([content.labels[i] for i in chosen])
-    parts = [part_of(content.labels[i]) for i in chosen]
+    parts = parts_of([content.labels[i] for i in chosen])
     factor, unit_facts = _unit(path, content, chosen, units)
     position = content.position[:, chosen] * factor
     axis_facts = _axis(path, position, parts, content, up_axis)

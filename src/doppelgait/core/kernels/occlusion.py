@@ -1,0 +1,107 @@
+"""Lines of sight against ellipsoids."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def ramp(x: float) -> float:
+    """0 below 0, 1 above 1, between them the polynomial of degree 5 with two continuous derivatives."""
+    x = min(max(x, 0.0), 1.0)
+    return x * x * x * (10.0 + x * (6.0 * x - 15.0))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def sight_amplitudes(
+    points: FloatArray,
+    centre: FloatArray,
+    along: FloatArray,
+    across: FloatArray,
+    semi_axes: FloatArray,
+    passes: BoolArray,
+    radar: FloatArray,
+    edge: float,
+    amplitude: FloatArray,
+) -> None:
+    """Amplitude that the ellipsoids let through from every point to the radar.
+
+    Parameters
+    ----------
+    points : ndarray, shape (I, P, 3)
+    centre, along, across : ndarray, shape (I, S, 3)
+        As in :class:`doppelgait.scene.ellipsoids.Ellipsoids`.
+    semi_axes : ndarray, shape (S, 3)
+    passes : ndarray of bool, shape (P, S)
+        Ellipsoids that never hide the point.
+    radar : ndarray, shape (3,)
+    edge : float
+        Half width of the border between light and shadow.
+    amplitude : ndarray, shape (I, P)
+        Overwritten; 0 to 1.
+    """
+    n_times, n_points = points.shape[0], points.shape[1]
+    n_bodies = centre.shape[1]
+    sight, offset = np.empty(3), np.empty(3)
+    for i in range(n_times):
+        for p in range(n_points):
+            for k in range(3):
+                sight[k] = radar[k] - points[i, p, k]
+            length = math.sqrt(sight[0] ** 2 + sight[1] ** 2 + sight[2] ** 2)
+            for k in range(3):
+                sight[k] /= max(length, 1e-12)
+            through = 1.0
+            for s in range(n_bodies):
+                if passes[p, s] or through == 0.0:
+                    continue
+                ahead, apart = 0.0, 0.0
+                for k in range(3):
+                    offset[k] = points[i, p, k] - centre[i, s, k]
+                    ahead -= offset[k] * sight[k]
+                    apart += offset[k] * offset[k]
+                reach = max(semi_axes[s, 0], semi_axes[s, 1], semi_axes[s, 2]) + 2.0 * edge
+                if ahead < -reach or apart - ahead * ahead > reach * reach:
+                    continue
+                through *= _past_one(offset, sight, length, along[i, s], across[i, s], semi_axes[s], edge)
+            amplitude[i, p] = through
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _past_one(
+    offset: FloatArray,
+    sight: FloatArray,
+    length: float,
+    along: FloatArray,
+    across: FloatArray,
+    semi_axes: FloatArray,
+    edge: float,
+) -> float:
+    """Amplitude past one ellipsoid, from the point of the line of sight where its quadratic form is smallest."""
+    base = 1.0 / semi_axes[1] ** 2
+    wide, long = 1.0 / semi_axes[0] ** 2 - base, 1.0 / semi_axes[2] ** 2 - base
+    offset_wide = offset[0] * across[0] + offset[1] * across[1] + offset[2] * across[2]
+    offset_long = offset[0] * along[0] + offset[1] * along[1] + offset[2] * along[2]
+    sight_wide = sight[0] * across[0] + sight[1] * across[1] + sight[2] * across[2]
+    sight_long = sight[0] * along[0] + sight[1] * along[1] + sight[2] * along[2]
+    both = offset[0] * sight[0] + offset[1] * sight[1] + offset[2] * sight[2]
+    square = base + wide * sight_wide * sight_wide + long * sight_long * sight_long
+    linear = base * both + wide * offset_wide * sight_wide + long * offset_long * sight_long
+    way = min(-linear / square, length)
+    if way <= 0.0:
+        return 1.0
+    near_wide, near_long = offset_wide + way * sight_wide, offset_long + way * sight_long
+    form, steepness = 0.0, 0.0
+    for k in range(3):
+        near = offset[k] + way * sight[k]
+        slope = base * near + wide * near_wide * across[k] + long * near_long * along[k]
+        form += near * slope
+        steepness += slope * slope
+    clearance = (form - 1.0) / max(2.0 * math.sqrt(steepness), 1e-12)
+    return 1.0 - ramp(way / edge) * (1.0 - ramp((clearance + edge) / (2.0 * edge)))

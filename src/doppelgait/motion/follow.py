@@ -1,0 +1,356 @@
+"""Lay a straight, steady gait on a path over the ground: the phase of the gait follows the distance gone."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core.errors import ConfigError, MotionError
+from doppelgait.core.labels import MOTION, axis, check_signal
+from doppelgait.motion.course import (
+    Curve,
+    Pace,
+    Piece,
+    Stop,
+    distance_m,
+    first_time_s,
+    join,
+    point_at,
+    smooth_heading_rad,
+    spot_turn_rad,
+    stillness,
+)
+from doppelgait.motion.paths import Layout, Path, layout_of
+from doppelgait.motion.retime import STILL_BELOW_M, Spline, duration_s, fit_centre, fit_spline
+from doppelgait.motion.schema import FACTS, make_motion
+from doppelgait.motion.skeleton import FOOT_PARTS
+
+FloatArray = npt.NDArray[np.float64]
+
+SPEED_BAND = 0.3
+"""A gait is slowed down or quickened by this share at most: beyond it stride length and posture would change."""
+UNEVEN_M, UNEVEN_SHARE = 0.15, 0.05
+"""A motion is straight and steady if its body stays this near, plus this share of its way, to even straight travel."""
+SUPPORT_STRIDES = 0.12
+"""Share of a stride over which the speed of the feet is averaged to find double support: what it lasts in a walk."""
+_SAMPLES_PER_STRIDE = 400
+_FREQUENCIES = ("stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz")
+
+
+@dataclass(frozen=True)
+class Gait:
+    """A straight motion in the frame that travels with it: x ahead, y left, origin below the mean body centre.
+
+    Parameters
+    ----------
+    motion : DataArray
+        As given.
+    spline : Spline
+        Positions in the frame of the start.
+    speed_mps : float
+        Speed V of the frame.
+    lasts_s : float
+    """
+
+    motion: xr.DataArray
+    spline: Spline
+    speed_mps: float
+    lasts_s: float
+
+    def offsets_m(self, time_s: FloatArray) -> FloatArray:
+        """Points about the origin of the travelling frame, shape (I, P, 3)."""
+        position = self.spline.at(np.ascontiguousarray(time_s))[0].reshape(time_s.size, -1, 3)
+        position[..., 0] -= self.speed_mps * time_s[:, None]
+        return position
+
+
+@dataclass(frozen=True)
+class Course:
+    """A gait's way: curve, pace, and the place beside them."""
+
+    curve: Curve
+    pace: Pace
+    side_m: float
+    ahead_m: float
+    gait_speed_mps: float
+
+    def phase_time_s(self, time_s: FloatArray) -> FloatArray:
+        """Time in the straight motion at which the body has gone as far as it has on its own track (E-02b)."""
+        gone_m = distance_m(self.pace, time_s)
+        if self.side_m == 0:
+            return gone_m / self.gait_speed_mps
+        headings = smooth_heading_rad(self.curve, np.append(gone_m, 0.0) + self.ahead_m)
+        return np.asarray((gone_m - self.side_m * (headings[:-1] - headings[-1])) / self.gait_speed_mps)
+
+
+def follow(
+    motion: xr.DataArray,
+    path: Path,
+    *,
+    start_position_m: tuple[float, float] = (0.0, 0.0),
+    heading_deg: float = 0.0,
+    duration_s: float | None = None,
+) -> xr.DataArray:
+    r"""Motion that follows a path, its feet as still on the ground as curvature allows (E-02b).
+
+    .. math:: x(t) = c(s) + R_z(\psi(s)) [\, x_0(\tau) - V \tau \,], \qquad \tau = s(t) / V
+
+    with c the ground curve, s(t) the distance gone, psi the tangent averaged over 0.5 m and x_0 the straight motion of
+    mean speed V. The phase of the gait is s over its stride length, which stays as it is: at another speed on the path
+    the stride frequency changes in proportion. A foot at rest in the straight motion, at the horizontal distance d
+    from the path's point, moves at d \|d psi / dt\|. Stops are moved to the nearest phase in which the feet are
+    stillest, at most a quarter stride; while the body stands, its posture fades to the mean of the two double-support
+    postures half a stride apart. On a turn on the spot the body turns rigidly. No leaning into curves.
+
+    Parameters
+    ----------
+    motion : DataArray (time, marker, space)
+        Travels straight and steadily, without gaps: a model, a loop or a straight stretch of a recording.
+    path : Path
+        One of the path kinds (:mod:`doppelgait.motion.paths`).
+    start_position_m : (float, float)
+        Ground position of the path's origin. The mean line of the body centre starts on the path, its sway stays.
+    heading_deg : float
+        Direction of the path's x axis, from +x towards +y.
+    duration_s : float, optional
+        Time to cover; by default until the path or the motion ends.
+
+    Returns
+    -------
+    DataArray (time, marker, space)
+        At the motion's frame rate. Positions and velocities are continuous. Footfalls are those of the motion at the
+        times at which its phase passes them; stride, step and gait frequency are means over the time not paused.
+        ``attrs["report"]["path"]`` holds ``kind``, ``length_m``, ``mean_speed_mps``, ``pause_s`` and ``stops_m``.
+
+    Raises
+    ------
+    MotionError
+        If the motion does not travel straight and steadily, is too short, or cannot stop; or the path is too short.
+    ConfigError
+        If the speed on the path is more than 30 % from the motion's, or stops are too close together.
+    """
+    check_signal(motion, MOTION)
+    gait, layout = _straight_gait(motion), layout_of(path)
+    pace = _pace(gait, path, layout)
+    curve = _placed_curve(layout, pace, start_position_m, math.radians(heading_deg))
+    _check_side(curve, path, pace, gait)
+    course = Course(curve, pace, path.side_m, path.ahead_m, gait.speed_mps)
+    rate_hz = float(motion.attrs["rate_hz"])
+    frames = _frame_count(course, gait, path, duration_s, rate_hz)
+    times_s = np.arange(frames) / rate_hz
+    return make_motion(
+        _positions_m(course, gait, times_s),
+        rate_hz=rate_hz,
+        markers=axis(motion, "marker").astype(str).tolist(),
+        parts=axis(motion, "part").astype(str).tolist(),
+        start_s=float(axis(motion, "time")[0]),
+        facts=_facts(course, gait, path, times_s),
+    )
+
+
+def steady_speed_mps(motion: xr.DataArray) -> float:
+    """Speed of a straight, steady motion, over whole strides where they are known.
+
+    Raises
+    ------
+    MotionError
+        If the motion does not travel straight and steadily.
+    """
+    return _straight_gait(motion).speed_mps
+
+
+def _straight_gait(motion: xr.DataArray) -> Gait:
+    """The motion turned to +x with its mean line through the origin; a :class:`MotionError` if it is not straight."""
+    lasts_s = duration_s(motion)
+    centre = fit_centre(motion)
+    times_s = _whole_strides_s(motion, lasts_s)
+    ground_m = centre.at(times_s)[0][:, :2]
+    velocity_mps = (ground_m[-1] - ground_m[0]) / times_s[-1]
+    speed_mps = math.hypot(*velocity_mps)
+    if speed_mps * lasts_s < STILL_BELOW_M:
+        raise MotionError(
+            f"{motion.attrs['source']}: travels {speed_mps * lasts_s:.2f} m in {lasts_s:.2f} s; a path needs a motion "
+            "that travels, such as a walk"
+        )
+    start_m = (ground_m - velocity_mps * times_s[:, None])[:-1].mean(axis=0)
+    along = velocity_mps / speed_mps
+    turn = np.array([[along[0], along[1]], [-along[1], along[0]]])
+    body = motion.copy(deep=True)
+    body.values[..., :2] = (motion.values[..., :2] - start_m) @ turn.T
+    gait = Gait(motion, fit_spline(body), speed_mps, lasts_s)
+    _check_steady(gait, fit_centre(body).values)
+    return gait
+
+
+def _whole_strides_s(motion: xr.DataArray, lasts_s: float) -> FloatArray:
+    """Evenly spaced times from 0 over as many whole strides as there are, or over everything where none is known."""
+    stride_hz = float(motion.attrs["stride_frequency_hz"])
+    strides = math.floor(lasts_s * stride_hz + 1e-6) if stride_hz > 0 else 0
+    last_s = min(strides / stride_hz, lasts_s) if strides else lasts_s
+    return np.linspace(0.0, last_s, _SAMPLES_PER_STRIDE * max(strides, 1) + 1)
+
+
+def _check_steady(gait: Gait, centre_m: FloatArray) -> None:
+    times_s = np.linspace(0.0, gait.lasts_s, len(centre_m))
+    off_m = float(np.hypot(centre_m[:, 0] - gait.speed_mps * times_s, centre_m[:, 1]).max())
+    if off_m > UNEVEN_M + UNEVEN_SHARE * gait.speed_mps * gait.lasts_s:
+        raise MotionError(
+            f"{gait.motion.attrs['source']}: its body is up to {off_m:.2f} m away from straight and even travel; a "
+            "path needs a straight steady stretch: cut one out with start_s and stop_s"
+        )
+
+
+def _pace(gait: Gait, path: Path, layout: Layout) -> Pace:
+    """Pace at the path's speed, with its stops where the gait can stop."""
+    speed_mps = path.speed_mps or gait.speed_mps
+    _check_speed(speed_mps, gait, "speed_mps")
+    if not layout.stops:
+        return Pace(speed_mps)
+    ramp_s = math.pi * speed_mps / (2 * layout.acceleration_mps2)
+    stops = tuple(Stop(_stop_phase_s(gait, s.at_m) * gait.speed_mps, s.pause_s, s.turn_rad) for s in layout.stops)
+    rests_m = [-speed_mps * ramp_s / 2, *(stop.at_m for stop in stops)]
+    gap_m, needs_m = float(np.diff(rests_m).min()), speed_mps * ramp_s
+    if gap_m < needs_m - 1e-9:
+        raise ConfigError(
+            f"path: a stop needs {needs_m / 2:.2f} m to slow down at acceleration_mps2 = {layout.acceleration_mps2:g} "
+            f"and as much to set off, at {speed_mps:.2f} m/s; move the stops apart or raise acceleration_mps2"
+        )
+    return Pace(speed_mps, ramp_s, stops)
+
+
+def _check_speed(speed_mps: float, gait: Gait, what: str) -> None:
+    low, high = ((1 + sign * SPEED_BAND) * gait.speed_mps for sign in (-1, 1))
+    if not low * (1 - 1e-9) <= speed_mps <= high * (1 + 1e-9):
+        raise ConfigError(
+            f"path: {what} makes {speed_mps:.3g} m/s of a motion at {gait.speed_mps:.3g} m/s; allowed are {low:.3g} to "
+            f"{high:.3g} m/s, within 30 %: use a motion of about that speed"
+        )
+
+
+def _stop_phase_s(gait: Gait, at_m: float) -> float:
+    """Time in the motion, within a quarter stride of a distance, at which the feet are stillest."""
+    source, facts = gait.motion.attrs["source"], gait.motion.attrs
+    feet = [n for n, part in enumerate(axis(gait.motion, "part").tolist()) if part in FOOT_PARTS]
+    if not feet or not facts["step_frequency_hz"] > 0:
+        raise MotionError(
+            f"{source}: cannot stop: that needs points on the feet, and a gait of known step frequency whose half "
+            f"strides mirror each other (walk, trot, run), not {facts['gait'] or 'an unknown one'}"
+        )
+    quarter_s, wanted_s = 0.25 / facts["stride_frequency_hz"], at_m / gait.speed_mps
+    if wanted_s + quarter_s > gait.lasts_s:
+        raise MotionError(
+            f"{source}: goes {gait.speed_mps * gait.lasts_s:.2f} m, too short for a stop at {at_m:.2f} m; use a longer "
+            "motion or stop earlier"
+        )
+    step_s = 4 * quarter_s / _SAMPLES_PER_STRIDE
+    quarter, support = _SAMPLES_PER_STRIDE // 4, round(SUPPORT_STRIDES * _SAMPLES_PER_STRIDE / 2)
+    times_s = wanted_s + step_s * np.arange(-quarter - support, quarter + support + 1)
+    velocity = gait.spline.at(np.clip(times_s, 0.0, gait.lasts_s))[1].reshape(times_s.size, -1, 3)[:, feet]
+    # averaged, since a swinging foot is still for a moment where it turns
+    moving = np.convolve(np.sqrt((velocity**2).sum(axis=-1)).sum(axis=1), np.ones(2 * support + 1), mode="valid")
+    return max(float(times_s[support + moving.argmin()]), 0.0)
+
+
+def _placed_curve(layout: Layout, pace: Pace, position_m: tuple[float, float], heading_rad: float) -> Curve:
+    """Curve in the world; a turn on the spot parts its line where the body comes to rest."""
+    pieces = list(layout.pieces)
+    if any(stop.turn_rad for stop in pace.stops):
+        stop = pace.stops[0]
+        pieces = [Piece(stop.at_m), Piece(math.inf, turn_rad=stop.turn_rad)]
+    x, y = layout.start_m
+    cosine, sine = math.cos(heading_rad), math.sin(heading_rad)
+    start_m = (position_m[0] + x * cosine - y * sine, position_m[1] + x * sine + y * cosine)
+    return join(pieces, start_m=start_m, heading_rad=heading_rad + layout.heading_rad)
+
+
+def _check_side(curve: Curve, path: Path, pace: Pace, gait: Gait) -> None:
+    for bend in curve.curvature_per_m:
+        if bend * path.side_m != 0:
+            what = f"side_m = {path.side_m:g} on an arc of radius {1 / abs(bend):.3g} m"
+            _check_speed(pace.speed_mps * (1 - bend * path.side_m), gait, what)
+
+
+def _frame_count(course: Course, gait: Gait, path: Path, wanted_s: float | None, rate_hz: float) -> int:
+    """Frames until the path or the motion ends, or as many as are asked for."""
+    slowest_mps = (1 - SPEED_BAND) ** 2 * gait.speed_mps
+    stops_s = sum(course.pace.ramp_s + stop.pause_s for stop in course.pace.stops)
+    bound_s = gait.lasts_s * gait.speed_mps / slowest_mps + stops_s + 1.0
+    motion_s = float(first_time_s(course.phase_time_s, gait.lasts_s * (1 - 1e-12), stop_s=bound_s)[0])
+    path_s = course.curve.length_m / course.pace.speed_mps
+    if wanted_s is None:
+        return max(math.floor(min(motion_s, path_s) * rate_hz + 1e-6) + 1, 2)
+    last = math.ceil(wanted_s * rate_hz - 1e-6)
+    if last / rate_hz > path_s + 1 / rate_hz:
+        raise MotionError(
+            f"path kind {path.kind!r}: is {course.curve.length_m:.2f} m long and takes {path_s:.3f} s, but "
+            f"{wanted_s:g} s are asked for; lengthen the path or shorten duration_s"
+        )
+    if last / rate_hz > motion_s + 1e-6:
+        raise MotionError(
+            f"{gait.motion.attrs['source']}: lasts {motion_s:.3f} s on its path, but {wanted_s:g} s are asked for; "
+            "shorten duration_s or use a longer motion"
+        )
+    return last + 1
+
+
+def _positions_m(course: Course, gait: Gait, times_s: FloatArray) -> FloatArray:
+    """The motion's points on the course, shape (T, P, 3) (E-02b)."""
+    along_m = distance_m(course.pace, times_s) + course.ahead_m
+    heading = smooth_heading_rad(course.curve, along_m) + spot_turn_rad(course.pace, times_s)
+    offset = gait.offsets_m(np.clip(course.phase_time_s(times_s), 0.0, gait.lasts_s))
+    for number in range(len(course.pace.stops)):
+        still = stillness(course.pace, number, times_s)[:, None, None]
+        offset += still * (_standing_m(course, gait, number) - offset)
+    offset[..., 1] += course.side_m
+    origin = point_at(course.curve, along_m)
+    cosine, sine = np.cos(heading)[:, None], np.sin(heading)[:, None]
+    position = np.empty_like(offset)
+    position[..., 0] = origin[:, :1] + cosine * offset[..., 0] - sine * offset[..., 1]
+    position[..., 1] = origin[:, 1:] + sine * offset[..., 0] + cosine * offset[..., 1]
+    position[..., 2] = offset[..., 2]
+    return position
+
+
+def _standing_m(course: Course, gait: Gait, number: int) -> FloatArray:
+    """Standing posture at a stop: mean of the frozen one and of that half a stride away, shape (P, 3)."""
+    frozen_s = course.pace.stops[number].at_m / gait.speed_mps
+    half_s = 0.5 / gait.motion.attrs["stride_frequency_hz"]
+    other_s = frozen_s + half_s if frozen_s + half_s <= gait.lasts_s else max(frozen_s - half_s, 0.0)
+    return np.asarray(gait.offsets_m(np.array([frozen_s, other_s])).mean(axis=0))
+
+
+def _facts(course: Course, gait: Gait, path: Path, times_s: FloatArray) -> dict[str, object]:
+    facts = {key: gait.motion.attrs[key] for key in FACTS}
+    last_s = float(times_s[-1])
+    rests_s = [course.pace.rest_s(n) for n in range(len(course.pace.stops))]
+    stops = course.pace.stops
+    paused_s = sum(min(max(last_s - rest, 0.0), stop.pause_s) for rest, stop in zip(rests_s, stops, strict=True))
+    end_s = float(course.phase_time_s(times_s[-1:])[0])
+    factor = end_s / (last_s - paused_s)
+    # one and the same pace gives the same numbers to the last digit
+    if not math.isclose(factor, 1.0, rel_tol=1e-9):
+        facts |= {key: factor * facts[key] for key in _FREQUENCIES}
+    length_m = end_s * gait.speed_mps
+    told = {
+        "kind": path.kind, "length_m": length_m, "mean_speed_mps": length_m / last_s, "pause_s": paused_s,
+        "stops_m": [stop.at_m for rest, stop in zip(rests_s, stops, strict=True) if rest <= last_s],
+    }  # fmt: skip
+    facts["report"] = {**facts["report"], "path": told}
+    facts["footfalls"] = _footfalls_s(course, gait, last_s)
+    return facts
+
+
+def _footfalls_s(course: Course, gait: Gait, last_s: float) -> dict[str, list[float]]:
+    """Touchdowns at the times at which the course reaches their phase (E-02b)."""
+    start_s = float(axis(gait.motion, "time")[0])
+    end_s = float(course.phase_time_s(np.array([last_s]))[0])
+    found = {}
+    for foot, touchdowns in gait.motion.attrs["footfalls"].items():
+        phases_s = np.array([t - start_s for t in touchdowns if t - start_s <= end_s + 1e-9], dtype=float)
+        times_s = first_time_s(course.phase_time_s, phases_s, stop_s=last_s) if phases_s.size else phases_s
+        found[foot] = [start_s + float(t) for t in times_s]
+    return found

@@ -1,0 +1,287 @@
+"""A short clip of a gait repeated over whole strides, without a seam in position or velocity."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core.errors import MotionError
+from doppelgait.core.labels import MOTION, axis, check_signal
+from doppelgait.motion.footfalls import find_steps
+from doppelgait.motion.gait import with_gait_facts
+from doppelgait.motion.retime import Spline, fit_spline
+from doppelgait.motion.schema import FACTS, make_motion
+
+FloatArray = npt.NDArray[np.float64]
+
+OVERLAP_STRIDES = 0.15
+"""The end of a cycle fades into its beginning over this part of a stride."""
+SEARCH = 0.12
+"""The cycle may be longer or shorter than whole strides by this part of one."""
+GRID_PER_STRIDE, MOST_STRIDES = 60, 12
+"""Cuts are tried at this spacing, for cycles of up to so many strides: they hold all the variation that shows."""
+UNSEEN_M = 1e-3
+"""A seam below a millimetre is as good as none."""
+PRECISION_FRAMES = 1e-6
+
+
+@dataclass(frozen=True)
+class Seam:
+    """Where a clip is cut, and how well its ends fit.
+
+    Parameters
+    ----------
+    start : float
+        First frame of the cycle.
+    lag : float
+        Length of the cycle in frames.
+    strides : int
+        Whole strides in it.
+    position_m, velocity_mps : float
+        Root mean square over points and overlap of what is left between the two cuts once the advance is taken off.
+    """
+
+    start: float
+    lag: float
+    strides: int
+    position_m: float
+    velocity_mps: float
+
+
+def loop(motion: xr.DataArray, *, duration_s: float) -> xr.DataArray:
+    """Repeat a clip of straight gait over whole strides for as long as asked.
+
+    The clip is cut where pose and velocity after n strides are nearest to those before, n as large as it can be with
+    neither differing more than is usual (the median) between neighbouring strides. With cycle time L and advance D
+    (the mean displacement of all points over one cycle, in the ground plane) the motion is
+    x(t) = q(t mod L) + D t / L, where q is the clip without its advance. At the start of each cycle q fades from what
+    follows the last cycle into the first one, with a weight that has no slope or curvature at its ends: position,
+    velocity and acceleration go on through the seam, and every cycle is the same.
+
+    Parameters
+    ----------
+    motion : xarray.DataArray
+        Motion (time, marker, space) in m, z up, no gaps: one segment at constant velocity, at least 1.2 strides long.
+    duration_s : float
+        Time to cover, above 0; the last frame is at or just after it.
+
+    Returns
+    -------
+    xarray.DataArray
+        Motion with the same points, frame rate and facts, from time 0. ``stride_frequency_hz`` is that of the cycle,
+        exactly; footfalls are repeated; ``report["loop"]`` holds the cut and its residuals beside the median
+        difference of neighbouring strides.
+
+    Raises
+    ------
+    MotionError
+        If the motion has gaps, no known gait cycle, or is shorter than 1.2 strides.
+    """
+    check_signal(motion, MOTION)
+    where = motion.attrs["source"] or "motion"
+    if not (math.isfinite(duration_s) and duration_s > 0):
+        raise MotionError(f"duration_s: {duration_s!r} is not allowed: must be a number above 0 s")
+    if not np.isfinite(motion.values).all():
+        raise MotionError(f"{where}: has gaps, so it cannot be looped; clean it first")
+    known = with_gait_facts(motion)
+    rate = float(motion.attrs["rate_hz"])
+    period = rate / known.attrs["stride_frequency_hz"]
+    overlap = OVERLAP_STRIDES * period
+    if not math.isfinite(period):
+        raise MotionError(
+            f"{where}: shows no gait cycle, so it cannot be looped over whole strides; give a part in which the body "
+            "walks, or set attrs['stride_frequency_hz']"
+        )
+    if motion.sizes["time"] - 1 < period + overlap + 1:
+        raise MotionError(
+            f"{where}: lasts {(motion.sizes['time'] - 1) / rate:.3g} s, but one stride takes {period / rate:.3g} s; a "
+            f"loop needs {(period + overlap + 1) / rate:.3g} s or more"
+        )
+    seam, usual = _best_seam(motion, period, overlap)
+    position = _repeat(motion, seam, overlap, math.ceil(duration_s * rate - 1e-9) + 1)
+    markers, parts = (axis(motion, name).tolist() for name in ("marker", "part"))
+    looped = make_motion(position, rate_hz=rate, markers=markers, parts=parts, facts=_facts(known, seam, usual))
+    touchdowns = _cycle_touchdowns(motion, looped, seam, overlap)
+    return looped.assign_attrs(footfalls=_repeat_times(touchdowns, seam.lag / rate, (len(position) - 1) / rate))
+
+
+def _best_seam(motion: xr.DataArray, period: float, overlap: float) -> tuple[Seam, Seam]:
+    """The cut with the most strides that is no worse than usual, and the median seam after one stride.
+
+    Cuts are tried on a grid of a sixtieth of a stride; the length of the best one is then refined between frames.
+    """
+    curve, rate = fit_spline(motion), float(motion.attrs["rate_hz"])
+    step = max(1, round(period / GRID_PER_STRIDE))
+    position = np.asarray(motion.values[::step], dtype=np.float64)
+    velocity = np.gradient(position, step / rate, axis=0)
+    stride, width = period / step, max(2, math.ceil(overlap / step) + 1)
+    weight_s = period / rate / (2 * math.pi)
+    usual = _median_seam(curve, motion.shape, rate, period, step, width)
+    best: list[Seam] = []
+    for strides in range(1, min(MOST_STRIDES, max(1, int((len(position) - width) // stride))) + 1):
+        lags = range(math.ceil((strides - SEARCH) * stride), math.floor((strides + SEARCH) * stride) + 1)
+        seams = [_seam_at(position, velocity, strides, n, width, weight_s) for n in lags if n + width <= len(position)]
+        if seams:
+            cut = min(seams, key=lambda seam: _cost(seam, weight_s))
+            on_frames = replace(cut, start=cut.start * step, lag=cut.lag * step)
+            best.append(_between_frames(curve, motion.shape, rate, on_frames, step, overlap, weight_s))
+    fitting = [seam for seam in best if _fits(seam, usual, weight_s)]
+    if fitting:
+        return max(fitting, key=lambda seam: seam.strides), usual
+    return min(best, key=lambda seam: _cost(seam, weight_s)), usual
+
+
+def _fits(seam: Seam, usual: Seam, weight_s: float) -> bool:
+    """Whether neither pose nor velocity differs more than is usual between neighbouring strides."""
+    return seam.position_m <= max(usual.position_m, UNSEEN_M) and seam.velocity_mps <= max(
+        usual.velocity_mps, UNSEEN_M / weight_s
+    )
+
+
+def _cost(seam: Seam, weight_s: float) -> float:
+    """Residual of position and velocity in m: a velocity weighs like the position of a swing at the stride rate."""
+    return math.hypot(seam.position_m, weight_s * seam.velocity_mps)
+
+
+def _seam_at(position: FloatArray, velocity: FloatArray, strides: int, lag: int, width: int, weight_s: float) -> Seam:
+    """The best cut of a given length."""
+    until = len(position) - lag
+    apart_m, apart_mps = _apart(position[lag:] - position[:until], velocity[lag:] - velocity[:until], width)
+    n = int(np.argmin(np.hypot(apart_m, weight_s * apart_mps)))
+    return Seam(float(n), float(lag), strides, float(apart_m[n]), float(apart_mps[n]))
+
+
+def _median_seam(curve: Spline, shape: tuple[int, ...], rate_hz: float, period: float, step: int, width: int) -> Seam:
+    """What is usual between neighbouring strides: the median over all cuts one stride apart."""
+    frames = np.arange(0.0, shape[0] - 1 - period, step)
+    before, after = (curve.at(at / rate_hz) for at in (frames, frames + period))
+    moved, change = (
+        b.reshape(frames.size, *shape[1:]) - a.reshape(frames.size, *shape[1:])
+        for a, b in zip(before, after, strict=True)
+    )
+    apart_m, apart_mps = _apart(moved, change, min(width, frames.size))
+    return Seam(0.0, period, 1, float(np.median(apart_m)), float(np.median(apart_mps)))
+
+
+def _apart(moved: FloatArray, change: FloatArray, width: int) -> tuple[FloatArray, FloatArray]:
+    """Root mean square over points and ``width`` frames, for every first frame.
+
+    Of displacements less their ground advance, and of changes in velocity.
+    """
+    moved[..., :2] -= moved[..., :2].mean(axis=(0, 1))
+    advance = _running_mean(moved[..., :2].mean(axis=1), width)
+    squared = _running_mean((moved**2).sum(axis=2).mean(axis=1), width) - (advance**2).sum(axis=1)
+    return np.sqrt(np.maximum(squared, 0.0)), np.sqrt(_running_mean((change**2).sum(axis=2).mean(axis=1), width))
+
+
+def _running_mean(values: FloatArray, width: int) -> FloatArray:
+    return np.asarray(np.lib.stride_tricks.sliding_window_view(values, width, axis=0).mean(axis=-1))
+
+
+def _between_frames(
+    curve: Spline, shape: tuple[int, ...], rate_hz: float, seam: Seam, step: int, overlap: float, weight_s: float
+) -> Seam:
+    """The same cut with its length refined to a fraction of a frame."""
+    from scipy.optimize import minimize_scalar
+
+    frames = seam.start + np.linspace(0.0, overlap, max(3, math.ceil(overlap)))
+    before = [values.reshape(-1, *shape[1:]) for values in curve.at(frames / rate_hz)]
+
+    def at(lag: float) -> Seam:
+        after = [values.reshape(-1, *shape[1:]) for values in curve.at((frames + lag) / rate_hz)]
+        moved = after[0] - before[0]
+        moved[..., :2] -= moved[..., :2].mean(axis=(0, 1))
+        change = after[1] - before[1]
+        apart = [float(np.sqrt((values**2).sum(axis=2).mean())) for values in (moved, change)]
+        return replace(seam, lag=lag, position_m=apart[0], velocity_mps=apart[1])
+
+    latest = shape[0] - 1 - float(frames[-1])
+    bounds = (seam.lag - step, min(seam.lag + step, latest))
+    found = minimize_scalar(
+        lambda lag: _cost(at(float(lag)), weight_s),
+        bounds=bounds,
+        method="bounded",
+        options={"xatol": PRECISION_FRAMES},
+    )
+    return min(at(float(found.x)), at(min(seam.lag, latest)), key=lambda cut: _cost(cut, weight_s))
+
+
+def _repeat(motion: xr.DataArray, seam: Seam, overlap: float, count: int) -> FloatArray:
+    """Positions of ``count`` frames of the endless cycle, shape (count, P, 3)."""
+    rate = float(motion.attrs["rate_hz"])
+    curve = fit_spline(motion)
+
+    def clip(frames: FloatArray) -> FloatArray:
+        latest = motion.sizes["time"] - 1.0
+        return curve.at(np.clip(frames, 0.0, latest) / rate)[0].reshape(frames.size, *motion.shape[1:])
+
+    ends = np.linspace(0.0, overlap, max(3, math.ceil(overlap)))
+    advance = (clip(seam.start + seam.lag + ends) - clip(seam.start + ends)).mean(axis=(0, 1))
+    advance[2] = 0.0
+    total = np.arange(count, dtype=np.float64)
+    into = np.mod(total, seam.lag)
+    position = clip(seam.start + into) + advance * np.floor(total / seam.lag)[:, np.newaxis, np.newaxis]
+    fading = into < overlap
+    share = into[fading] / overlap
+    # no slope and no curvature at either end
+    weight = (share**3 * (10.0 - 15.0 * share + 6.0 * share**2))[:, np.newaxis, np.newaxis]
+    follows = clip(seam.start + seam.lag + into[fading])
+    follows += advance * (np.floor(total[fading] / seam.lag) - 1.0)[:, np.newaxis, np.newaxis]
+    position[fading] = weight * position[fading] + (1.0 - weight) * follows
+    return np.asarray(position)
+
+
+def _facts(known: xr.DataArray, seam: Seam, usual: Seam) -> dict[str, Any]:
+    rate, attrs = float(known.attrs["rate_hz"]), known.attrs
+    stride_hz = seam.strides * rate / seam.lag
+    frequencies = {
+        key: attrs[key] / attrs["stride_frequency_hz"] * stride_hz
+        for key in ("stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz")
+    }
+    report = {
+        "from_s": seam.start / rate,
+        "to_s": (seam.start + seam.lag) / rate,
+        "strides": seam.strides,
+        "seam_position_m": seam.position_m,
+        "seam_velocity_mps": seam.velocity_mps,
+        "usual_position_m": usual.position_m,
+        "usual_velocity_mps": usual.velocity_mps,
+    }
+    return (
+        {key: attrs[key] for key in FACTS if key in attrs}
+        | frequencies
+        | {"report": {**attrs["report"], "loop": report}}
+    )
+
+
+def _cycle_touchdowns(motion: xr.DataArray, looped: xr.DataArray, seam: Seam, overlap: float) -> dict[str, list[float]]:
+    """Touchdowns of one cycle, in s after its beginning: as stated, else as found in the middle one of three cycles."""
+    rate = float(motion.attrs["rate_hz"])
+    lasts_s = seam.lag / rate
+    if motion.attrs["footfalls"]:
+        begins_s = float(axis(motion, "time")[0]) + seam.start / rate
+        times = {foot: np.array(stated) - begins_s for foot, stated in motion.attrs["footfalls"].items()}
+    else:
+        three = make_motion(
+            _repeat(motion, seam, overlap, math.ceil(3 * seam.lag) + 1),
+            rate_hz=rate,
+            markers=axis(looped, "marker").tolist(),
+            parts=axis(looped, "part").tolist(),
+            facts={"species": looped.attrs["species"]},
+        )
+        times = {foot: step.touchdown_s - lasts_s for foot, step in find_steps(three).items()}
+    return {foot: [float(t) for t in found if 0.0 <= t < lasts_s - 1e-9] for foot, found in times.items()}
+
+
+def _repeat_times(times_s: Mapping[str, list[float]], every_s: float, until_s: float) -> dict[str, list[float]]:
+    turns = range(math.floor(until_s / every_s) + 1)
+    return {
+        foot: [t + turn * every_s for turn in turns for t in once if t + turn * every_s <= until_s]
+        for foot, once in times_s.items()
+    }

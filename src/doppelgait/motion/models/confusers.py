@@ -1,0 +1,304 @@
+"""Things in a home that move but do not walk: a robot vacuum cleaner, a curtain, a fan."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+from pydantic import Field, model_validator
+
+from doppelgait.core.config import FrozenModel, validate
+from doppelgait.motion.models.primitives import rotor
+from doppelgait.motion.models.registry import MOTION_MODELS, MotionModel
+from doppelgait.motion.models.strides import sample_times_s
+from doppelgait.motion.schema import make_motion
+
+FloatArray = npt.NDArray[np.float64]
+
+FRAMES_PER_TURN = 16
+"""Fewest frames for one turn of a brush or blade: a spline through them is then right to 1 % of the tip speed."""
+RIM_POINTS = 8
+BRUSH_ARMS = 3
+MASS_KG = {"vacuum": 3.5, "curtain": 1.5, "fan": 3.0}
+"""Masses, assumed; they set the radar cross section where none is given."""
+
+
+class VacuumConfig(FrozenModel):
+    """Parameters of :func:`robot_vacuum`."""
+
+    speed_mps: float = Field(0.3, ge=0, le=1)
+    turn_deg_per_s: float = Field(0.0, ge=-180, le=180)
+    radius_m: float = Field(0.17, ge=0.05, le=0.5)
+    height_m: float = Field(0.09, ge=0.02, le=0.3)
+    brush_hz: float = Field(0.0, ge=0, le=20)
+    brush_radius_m: float = Field(0.07, gt=0, le=0.2)
+    rate_hz: float = Field(250.0, ge=1, le=100_000)
+
+    @model_validator(mode="after")
+    def _frames_follow_the_brush(self) -> VacuumConfig:
+        _check_turns(self.rate_hz, self.brush_hz, "brush_hz")
+        return self
+
+
+class CurtainConfig(FrozenModel):
+    """Parameters of :func:`curtain`."""
+
+    sway_hz: float = Field(0.4, gt=0, le=2)
+    amplitude_m: float = Field(0.05, ge=0, le=0.5)
+    phase_deg: float = Field(120.0, ge=-720, le=720)
+    width_m: float = Field(1.2, gt=0, le=10)
+    drop_m: float = Field(1.8, gt=0, le=5)
+    rail_height_m: float = Field(2.0, gt=0, le=6)
+    columns: int = Field(5, ge=1, le=50)
+    rows: int = Field(4, ge=1, le=50)
+    rate_hz: float = Field(250.0, ge=20, le=100_000)
+
+    @model_validator(mode="after")
+    def _stays_above_the_floor(self) -> CurtainConfig:
+        if self.rail_height_m < self.drop_m:
+            raise ValueError(
+                f"rail_height_m: {self.rail_height_m:g} is not allowed: the curtain would reach through the floor; "
+                f"must be at least drop_m = {self.drop_m:g}"
+            )
+        return self
+
+
+class FanConfig(FrozenModel):
+    """Parameters of :func:`fan`."""
+
+    radius_m: float = Field(0.2, gt=0, le=1)
+    rotation_hz: float = Field(15.0, gt=0, le=60)
+    blades: int = Field(3, ge=3, le=5)
+    hub_height_m: float = Field(1.1, gt=0, le=4)
+    rate_hz: float = Field(1000.0, ge=1, le=100_000)
+
+    @model_validator(mode="after")
+    def _turns_and_stands(self) -> FanConfig:
+        if self.hub_height_m < self.radius_m:
+            raise ValueError(
+                f"hub_height_m: {self.hub_height_m:g} is not allowed: the blades would turn through the floor; "
+                f"must be at least radius_m = {self.radius_m:g}"
+            )
+        _check_turns(self.rate_hz, self.rotation_hz, "rotation_hz")
+        return self
+
+
+def _check_turns(rate_hz: float, rotation_hz: float, key: str) -> None:
+    if rate_hz < FRAMES_PER_TURN * rotation_hz:
+        raise ValueError(
+            f"rate_hz: {rate_hz:g} is not allowed: must be at least {FRAMES_PER_TURN} times {key} = {rotation_hz:g}"
+        )
+
+
+def robot_vacuum(
+    *,
+    speed_mps: float = 0.3,
+    turn_deg_per_s: float = 0.0,
+    radius_m: float = 0.17,
+    height_m: float = 0.09,
+    brush_hz: float = 0.0,
+    brush_radius_m: float = 0.07,
+    duration_s: float = 5.0,
+    rate_hz: float = 250.0,
+) -> xr.DataArray:
+    """Flat round robot on a straight line or an arc, with an optional side brush.
+
+    It starts at the origin along +x and turns at a constant rate w: its centre is on a circle of radius V/w. Its rim
+    turns with it. The three arms of the brush turn about a point of the rim, ahead and to the right; the speed of a
+    tip against that point is 2 pi (f + w/2 pi) r, f the turns per second against the robot.
+
+    Parameters
+    ----------
+    speed_mps : float
+        Speed V of the centre, 0 to 1.
+    turn_deg_per_s : float
+        Rate w of turning to the left, -180 to 180.
+    radius_m, height_m : float
+        Radius of the rim, 0.05 to 0.5, and height of the shell, 0.02 to 0.3; the rim is at half of it.
+    brush_hz : float
+        Turns of the brush per second f, 0 (no brush) to 20.
+    brush_radius_m : float
+        Length r of the brush's arms.
+    duration_s : float
+        Time to cover.
+    rate_hz : float
+        Frames per second, 16 per turn of the brush or more.
+
+    Returns
+    -------
+    xarray.DataArray
+        Motion of ``"centre"``, ``"rim_1"``, ... and ``"brush_1"``, ...
+
+    Raises
+    ------
+    ConfigError
+        If a parameter is outside its range.
+    """
+    options = {name: value for name, value in locals().items() if name != "duration_s"}
+    return _vacuum(validate(VacuumConfig, options, where="robot_vacuum"), duration_s)
+
+
+def curtain(
+    *,
+    sway_hz: float = 0.4,
+    amplitude_m: float = 0.05,
+    phase_deg: float = 120.0,
+    width_m: float = 1.2,
+    drop_m: float = 1.8,
+    rail_height_m: float = 2.0,
+    columns: int = 5,
+    rows: int = 4,
+    duration_s: float = 10.0,
+    rate_hz: float = 250.0,
+) -> xr.DataArray:
+    """Curtain before a window: points that sway along x, a (d/D) sin(2 pi f t - phi y/W), under a rail along y.
+
+    Parameters
+    ----------
+    sway_hz : float
+        Frequency f, above 0 to 2; 0.2 to 0.6 in a draught (assumed).
+    amplitude_m : float
+        Amplitude a of the hem, 0 to 0.5; above it less in proportion to the distance d from the rail.
+    phase_deg : float
+        Lag phi from one side to the other.
+    width_m, drop_m : float
+        Width W and height D of the cloth.
+    rail_height_m : float
+        Height of the rail, at least the drop.
+    columns, rows : int
+        Points across, from side to side, and down, the last row on the hem.
+    duration_s : float
+        Time to cover.
+    rate_hz : float
+        Frames per second.
+
+    Returns
+    -------
+    xarray.DataArray
+        Motion of the points ``"cloth_1_1"`` (column, row), ...
+
+    Raises
+    ------
+    ConfigError
+        If a parameter is outside its range.
+    """
+    options = {name: value for name, value in locals().items() if name != "duration_s"}
+    return _curtain(validate(CurtainConfig, options, where="curtain"), duration_s)
+
+
+def fan(
+    *,
+    radius_m: float = 0.2,
+    rotation_hz: float = 15.0,
+    blades: int = 3,
+    hub_height_m: float = 1.1,
+    duration_s: float = 5.0,
+    rate_hz: float = 1000.0,
+) -> xr.DataArray:
+    """Fan that blows along +x: a rotor in the plane (y, z) and a stand at rest.
+
+    The tips move at 2 pi rotation_hz radius_m, 19 m/s as given, which few radars' frame rates can show.
+
+    Parameters
+    ----------
+    radius_m : float
+        Distance of the blades' tips from the hub, above 0 to 1.
+    rotation_hz : float
+        Turns per second, above 0 to 60.
+    blades : int
+        3 to 5.
+    hub_height_m : float
+        Height of the hub, at least the radius.
+    duration_s : float
+        Time to cover.
+    rate_hz : float
+        Frames per second, 16 per turn or more.
+
+    Returns
+    -------
+    xarray.DataArray
+        Motion of ``"hub"``, ``"blade_1"``, ..., ``"stand"`` (half way up) and ``"foot"``.
+
+    Raises
+    ------
+    ConfigError
+        If a parameter is outside its range.
+    """
+    options = {name: value for name, value in locals().items() if name != "duration_s"}
+    return _fan(validate(FanConfig, options, where="fan"), duration_s)
+
+
+def _vacuum(config: VacuumConfig, duration_s: float, rng: np.random.Generator | None = None) -> xr.DataArray:
+    times_s = sample_times_s(duration_s, config.rate_hz)
+    turn = math.radians(config.turn_deg_per_s)
+    heading = turn * times_s
+    # x = V t sinc, y = V t (1 - cos)/angle: both hold for a straight line too.
+    way, half = config.speed_mps * times_s, heading / 2
+    chord = way * np.sinc(half / np.pi)
+    centre = _xyz(chord * np.cos(half), chord * np.sin(half), config.height_m)
+    points = {"centre": centre}
+    drop = np.array([0.0, 0.0, -config.height_m / 2])
+    for k in range(RIM_POINTS):
+        points[f"rim_{k + 1}"] = centre + drop + _round(heading + 2 * np.pi * k / RIM_POINTS, config.radius_m)
+    hub = centre + drop * 2 + _round(heading - np.pi / 4, config.radius_m)
+    for k in range(BRUSH_ARMS if config.brush_hz > 0 else 0):
+        angle = heading + 2 * np.pi * (config.brush_hz * times_s + k / BRUSH_ARMS)
+        points[f"brush_{k + 1}"] = hub + _round(angle, config.brush_radius_m)
+    rate = {"gait_frequency_hz": BRUSH_ARMS * config.brush_hz} if config.brush_hz > 0 else {}
+    return _motion("vacuum", points, config.rate_hz, height_m=config.height_m, **rate)
+
+
+def _curtain(config: CurtainConfig, duration_s: float, rng: np.random.Generator | None = None) -> xr.DataArray:
+    times_s = sample_times_s(duration_s, config.rate_hz)
+    points = {}
+    for column, across in enumerate(np.linspace(-0.5, 0.5, config.columns) if config.columns > 1 else [0.0]):
+        lag = math.radians(config.phase_deg) * across
+        wave = config.amplitude_m * np.sin(2 * np.pi * config.sway_hz * times_s - lag)
+        for row in range(config.rows):
+            down = (row + 1) / config.rows
+            place = _xyz(down * wave, across * config.width_m, config.rail_height_m - down * config.drop_m)
+            points[f"cloth_{column + 1}_{row + 1}"] = place
+    rate = {"gait_frequency_hz": config.sway_hz} if config.amplitude_m > 0 else {}
+    return _motion("curtain", points, config.rate_hz, height_m=config.rail_height_m, **rate)
+
+
+def _fan(config: FanConfig, duration_s: float, rng: np.random.Generator | None = None) -> xr.DataArray:
+    turning = rotor(
+        radius_m=config.radius_m,
+        rotation_hz=config.rotation_hz,
+        blades=config.blades,
+        plane="yz",
+        hub_height_m=config.hub_height_m,
+        duration_s=duration_s,
+        rate_hz=config.rate_hz,
+    )
+    points = {str(name): turning.values[:, n] for n, name in enumerate(turning.marker.values)}
+    still = np.zeros(turning.shape[0])
+    points |= {"stand": _xyz(still, 0.0, config.hub_height_m / 2), "foot": _xyz(still, 0.0, 0.0)}
+    top_m = config.hub_height_m + config.radius_m
+    return _motion("fan", points, config.rate_hz, height_m=top_m, gait_frequency_hz=turning.attrs["gait_frequency_hz"])
+
+
+def _xyz(x: FloatArray, y: FloatArray | float, z: float) -> FloatArray:
+    return np.stack([x, np.broadcast_to(y, x.shape), np.full_like(x, z)], axis=1)
+
+
+def _round(angle_rad: FloatArray, radius_m: float) -> FloatArray:
+    return radius_m * np.stack([np.cos(angle_rad), np.sin(angle_rad), np.zeros_like(angle_rad)], axis=1)
+
+
+def _motion(kind: str, points: dict[str, FloatArray], rate_hz: float, **facts: object) -> xr.DataArray:
+    return make_motion(
+        np.stack(list(points.values()), axis=1),
+        rate_hz=rate_hz,
+        markers=list(points),
+        parts=[""] * len(points),
+        facts={"source": kind, "kind": kind, "mass_kg": MASS_KG[kind], "report": {"mass_kg": "assumed"}, **facts},
+    )
+
+
+MOTION_MODELS.add("vacuum", MotionModel(VacuumConfig, _vacuum))
+MOTION_MODELS.add("curtain", MotionModel(CurtainConfig, _curtain))
+MOTION_MODELS.add("fan", MotionModel(FanConfig, _fan))

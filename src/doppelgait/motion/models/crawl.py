@@ -1,0 +1,201 @@
+"""A person on hands and knees: a human who moves like a four-legged animal, and low."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+from pydantic import Field, model_validator
+
+from doppelgait.core.config import FrozenModel, validate
+from doppelgait.motion.models.boulic import LENGTHS
+from doppelgait.motion.models.human_chain import POINTS
+from doppelgait.motion.models.quadruped_limbs import two_link
+from doppelgait.motion.models.registry import MOTION_MODELS, MotionModel
+from doppelgait.motion.models.strides import (
+    footfall_times_s,
+    mean_stride_frequency_hz,
+    phase_at,
+    sample_times_s,
+    stride_clock,
+)
+from doppelgait.motion.schema import make_motion
+from doppelgait.motion.skeleton import BOULIC_PARTS
+
+FloatArray = npt.NDArray[np.float64]
+
+TOUCHDOWN = {"right_hand": 0.0, "left_knee": 0.0, "left_hand": 0.5, "right_knee": 0.5}
+"""Phases in cycles at which hands and knees come down: diagonal pairs."""
+DUTY = 0.65
+"""Share of the stride for which a limb is on the floor (assumed)."""
+STRIDE_RATIO = 0.36
+"""Stride length over stride frequency in statures per Hz: 0.8 strides per second at 0.4 m/s and 1.75 m (assumed)."""
+HAND_LIFT = 0.04
+"""Height of the hand in mid-swing over the stature (assumed); knees slide forward on the floor."""
+ARM_STRETCH = 0.95
+"""Largest distance of hand and shoulder over the length of the arm."""
+
+
+class CrawlConfig(FrozenModel):
+    """Parameters of :func:`crawling_person`."""
+
+    speed_mps: float = Field(0.4, ge=0.1, le=0.8)
+    height_m: float = Field(1.75, ge=0.9, le=2.1)
+    mass_kg: float | None = Field(None, gt=0, le=400)
+    start_phase: float = Field(0.0, ge=0, lt=1)
+    stride_variation: float = Field(0.0, ge=0, le=0.1)
+    rate_hz: float = Field(250.0, ge=50, le=10_000)
+
+    @model_validator(mode="after")
+    def _speed_fits_the_limbs(self) -> CrawlConfig:
+        top_mps = (0.36 / DUTY) ** 2 / STRIDE_RATIO * self.height_m
+        if self.speed_mps > top_mps:
+            raise ValueError(
+                f"speed_mps: {self.speed_mps:g} is not allowed: a person of height_m = {self.height_m:g} crawls at "
+                f"{top_mps:.2g} m/s at most"
+            )
+        return self
+
+
+def crawling_person(
+    *,
+    speed_mps: float = 0.4,
+    height_m: float = 1.75,
+    duration_s: float = 5.0,
+    mass_kg: float | None = None,
+    start_phase: float = 0.0,
+    stride_variation: float = 0.0,
+    rate_hz: float = 250.0,
+    rng: np.random.Generator | None = None,
+) -> xr.DataArray:
+    """Person who crawls on hands and knees, diagonal limbs together.
+
+    Stride frequency f = sqrt(V/(0.36 H)) per second, stride length V/f (assumed, as are all proportions of the gait).
+    Hands and knees stand still over the floor for 65 % of a stride; segments keep their lengths.
+
+    Parameters
+    ----------
+    speed_mps : float
+        Mean forward speed V, 0.1 to 0.8.
+    height_m : float
+        Stature H, 0.9 to 2.1.
+    duration_s : float
+        Time to cover; the last frame is at or just after it.
+    mass_kg : float, optional
+        By default that of a body mass index of 23.
+    start_phase : float
+        Cycles, 0 (right hand and left knee come down) to below 1.
+    stride_variation : float
+        Standard deviation of the stride time relative to its mean, 0 to 0.1.
+    rate_hz : float
+        Frames per second, 50 to 10000.
+    rng : numpy.random.Generator, optional
+        Needed when ``stride_variation`` is above 0.
+
+    Returns
+    -------
+    xarray.DataArray
+        Motion (time, marker, space) of the 17 points of the Boulic walk: travels along +x over z = 0.
+
+    Raises
+    ------
+    ConfigError
+        If a parameter is outside its range.
+    """
+    options = {name: value for name, value in locals().items() if name not in ("duration_s", "rng")}
+    return _generate(validate(CrawlConfig, options, where="crawling_person"), duration_s, rng)
+
+
+def _generate(config: CrawlConfig, duration_s: float, rng: np.random.Generator | None) -> xr.DataArray:
+    times_s = sample_times_s(duration_s, config.rate_hz)
+    stride_hz = math.sqrt(config.speed_mps / (STRIDE_RATIO * config.height_m))
+    clock = stride_clock(
+        times_s[-1],
+        period_s=1 / stride_hz,
+        start_phase=config.start_phase,
+        variation=config.stride_variation,
+        rng=rng,
+    )
+    phase = phase_at(clock, times_s)
+    stride_m = config.speed_mps / stride_hz
+    points = crawling_points(phase, stride_m / config.height_m)
+    position_m = config.height_m * np.stack([points[name] for name in POINTS], axis=1)
+    position_m[:, :, 0] -= stride_m * phase[0]
+    facts = _facts(config, mean_stride_frequency_hz(times_s, phase))
+    facts["footfalls"] = footfall_times_s(clock, TOUCHDOWN, times_s[-1])
+    parts = list(BOULIC_PARTS.values())
+    return make_motion(position_m, rate_hz=config.rate_hz, markers=POINTS, parts=parts, facts=facts)
+
+
+def placed(cycles: FloatArray, duty: float) -> tuple[FloatArray, FloatArray]:
+    """Advance in strides of a limb that stands still and swings, and its lift, 0 to 1; cycles after touchdown.
+
+    The swing is x = s^3 (10 - 15 s + 6 s^2), at rest with no acceleration at both ends; the lift sin^2(pi s).
+    """
+    number = np.floor(cycles)
+    share = np.clip((cycles - number - duty) / (1 - duty), 0.0, 1.0)
+    return number + share**3 * (10 - 15 * share + 6 * share**2), np.sin(np.pi * share) ** 2
+
+
+def crawling_points(phase: FloatArray, stride: float) -> dict[str, FloatArray]:
+    """Points of the crawler by name, each (n, 3), in statures; the pelvis is at ``stride`` times the phase.
+
+    Parameters
+    ----------
+    phase : ndarray, shape (n,)
+        Strides.
+    stride : float
+        Stride length.
+    """
+    size, x = LENGTHS, stride * phase
+    reach = ARM_STRETCH * (size["upper_arm"] + size["forearm"])
+    rise = math.sqrt(reach**2 - (DUTY * stride / 2) ** 2) - size["thigh"]
+    along = math.sqrt(size["torso"] ** 2 - rise**2)
+    points = {"base": _xyz(x, 0.0, size["thigh"]), "neck": _xyz(x + along, 0.0, size["thigh"] + rise)}
+    points["head"] = points["neck"] + size["head"] * np.array([math.cos(0.6), 0.0, math.sin(0.6)])
+    for side, sigma in (("left", 1.0), ("right", -1.0)):
+        points |= {f"{side}_{name}": xyz for name, xyz in _arm(points["neck"], phase, stride, side, sigma).items()}
+        points |= {f"{side}_{name}": xyz for name, xyz in _leg(points["base"], phase, stride, side, sigma).items()}
+    return points
+
+
+def _arm(neck: FloatArray, phase: FloatArray, stride: float, side: str, sigma: float) -> dict[str, FloatArray]:
+    shoulder = neck + np.array([0.0, sigma * LENGTHS["half_shoulder"], 0.0])
+    touchdown = TOUCHDOWN[f"{side}_hand"]
+    advance, lift = placed(phase - touchdown, DUTY)
+    ahead = neck[:, 0] - stride * phase
+    hand = _xyz(ahead + stride * (advance + touchdown + DUTY / 2), sigma * LENGTHS["half_shoulder"], HAND_LIFT * lift)
+    elbow = two_link(shoulder, hand, LENGTHS["upper_arm"], LENGTHS["forearm"], bend=-1.0)
+    return {"shoulder": shoulder, "elbow": elbow, "hand": hand}
+
+
+def _leg(base: FloatArray, phase: FloatArray, stride: float, side: str, sigma: float) -> dict[str, FloatArray]:
+    """Leg on its knee: the thigh turns about the hip over the standing knee, which so rises a little at either end."""
+    hip = base + np.array([0.0, sigma * LENGTHS["half_hip"], 0.0])
+    touchdown = TOUCHDOWN[f"{side}_knee"]
+    advance, _ = placed(phase - touchdown, DUTY)
+    ahead = stride * (advance + touchdown + DUTY / 2 - phase)
+    knee = hip + _xyz(ahead, 0.0, -np.sqrt(LENGTHS["thigh"] ** 2 - ahead**2))
+    ankle = knee - [LENGTHS["shank"], 0.0, 0.0]
+    return {"hip": hip, "knee": knee, "ankle": ankle, "toe": ankle - [LENGTHS["foot"], 0.0, 0.0]}
+
+
+def _xyz(x: FloatArray, y: float, z: FloatArray | float) -> FloatArray:
+    return np.stack([x, np.full_like(x, y), np.broadcast_to(z, x.shape)], axis=1)
+
+
+def _facts(config: CrawlConfig, stride_frequency_hz: float) -> dict[str, object]:
+    mass = {"mass_kg": "assumed: body mass index 23 kg/m^2"} if config.mass_kg is None else {}
+    return {
+        "source": "crawl", "kind": "crawl", "species": "human", "gait": "crawl", "height_m": config.height_m,
+        "mass_kg": 23.0 * config.height_m**2 if config.mass_kg is None else config.mass_kg,
+        "stride_frequency_hz": stride_frequency_hz,
+        "step_frequency_hz": 2 * stride_frequency_hz,
+        "gait_frequency_hz": 2 * stride_frequency_hz,
+        "report": {"gait": "assumed: timing and proportions", **mass},
+    }  # fmt: skip
+
+
+MOTION_MODELS.add("crawl", MotionModel(CrawlConfig, _generate))

@@ -1,0 +1,310 @@
+"""A person who walks or runs: the Boulic walk with feet that stand still, arms, differing steps, and a runner."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+from pydantic import Field, model_validator
+
+from doppelgait.core.config import FrozenModel, validate
+from doppelgait.motion.models.boulic_curves import (
+    TOP_RELATIVE_SPEED,
+    body_offset,
+    cycle_duration_s,
+    limb_angles_deg,
+    support_fraction,
+    trunk_angles_deg,
+)
+from doppelgait.motion.models.human_arms import Curves, Hands, swing_arms
+from doppelgait.motion.models.human_chain import POINTS, figure_points
+from doppelgait.motion.models.human_feet import Style, place_feet
+from doppelgait.motion.models.human_person import CHILD_M, Body, segment_lengths
+from doppelgait.motion.models.human_run import (
+    ADULT_M,
+    FASTEST_RUN_MPS,
+    SLOWEST_RUN_MPS,
+    WALK_RUN_MPS,
+    adult_speed_mps,
+    run_duty_factor,
+    run_limbs_deg,
+    run_offset_m,
+    run_sole_deg,
+    run_step_frequency_hz,
+    run_trunk_deg,
+)
+from doppelgait.motion.models.human_variation import step_series
+from doppelgait.motion.models.registry import MOTION_MODELS, MotionModel
+from doppelgait.motion.models.strides import (
+    footfall_times_s,
+    mean_stride_frequency_hz,
+    phase_at,
+    sample_times_s,
+    stride_clock,
+)
+from doppelgait.motion.schema import make_motion
+from doppelgait.motion.skeleton import BOULIC_PARTS
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
+
+FloatArray = npt.NDArray[np.float64]
+GaitName = Literal["auto", "walk", "run"]
+
+BODY_MASS_INDEX = 23.0
+_FEET = [n for n, name in enumerate(POINTS) if name.endswith(("ankle", "toe"))]
+_WHOLE_CYCLE = np.arange(1000) / 1000
+
+
+class HumanConfig(FrozenModel):
+    """Parameters of :func:`human_gait`."""
+
+    gait: GaitName = "auto"
+    speed_mps: float = Field(1.2, gt=0)
+    height_m: float = Field(1.75, ge=0.6, le=2.4)
+    mass_kg: float | None = Field(None, gt=0, le=400)
+    body: Body = "adult"
+    foot_lock: bool = True
+    walk_ratio: float = Field(1.0, ge=0.7, le=1.4)
+    arm_swing: float = Field(1.0, ge=0, le=2)
+    left_hand: Hands = "free"
+    right_hand: Hands = "free"
+    step_time_sd: float = Field(0.0, ge=0, le=0.1)
+    step_length_sd: float = Field(0.0, ge=0, le=0.1)
+    time_asymmetry: float = Field(0.0, ge=-0.4, le=0.4)
+    length_asymmetry: float = Field(0.0, ge=-0.4, le=0.4)
+    start_phase: float = Field(0.0, ge=0, lt=1)
+    rate_hz: float = Field(250.0, ge=50, le=10_000)
+
+    @model_validator(mode="after")
+    def _speed_fits_gait_and_size(self) -> HumanConfig:
+        if self.body == "child" and not CHILD_M[0] <= self.height_m <= CHILD_M[1]:
+            raise ValueError(
+                f"height_m: {self.height_m:g} is not allowed with body = 'child': must be {CHILD_M[0]:g} to "
+                f"{CHILD_M[1]:g} m; use body = 'adult'"
+            )
+        if self.actual_gait == "run" and not self.foot_lock:
+            raise ValueError("foot_lock: False is not allowed for a run; its feet are always placed on the floor")
+        low, high = self.speed_range_mps
+        if not low * (1 - 1e-9) <= self.speed_mps <= high * (1 + 1e-9):
+            raise ValueError(
+                f"speed_mps: {self.speed_mps:g} is not allowed: a person of height_m = {self.height_m:g} goes at "
+                f"{'above 0' if low == 0 else f'{low:.3g}'} to {high:.3g} m/s in a {self.actual_gait}"
+            )
+        return self
+
+    @property
+    def actual_gait(self) -> Literal["walk", "run"]:
+        """The gait; with ``"auto"`` a run above 2 m/s for 1.75 m, at equal Froude number for other statures."""
+        if self.gait != "auto":
+            return self.gait
+        return "run" if adult_speed_mps(self.speed_mps, self.height_m) > WALK_RUN_MPS else "walk"
+
+    @property
+    def speed_range_mps(self) -> tuple[float, float]:
+        """Lowest and highest speed of the gait; 0 is not reached."""
+        if self.actual_gait == "run":
+            scale = math.sqrt(self.height_m / ADULT_M)
+            return SLOWEST_RUN_MPS * scale, FASTEST_RUN_MPS * scale
+        leg_m, tempo = _leg_and_tempo(self)
+        return 0.0, TOP_RELATIVE_SPEED * leg_m * tempo
+
+
+def human_gait(
+    *,
+    gait: GaitName = "auto",
+    speed_mps: float = 1.2,
+    height_m: float = 1.75,
+    duration_s: float = 5.0,
+    mass_kg: float | None = None,
+    body: Body = "adult",
+    foot_lock: bool = True,
+    walk_ratio: float = 1.0,
+    arm_swing: float = 1.0,
+    left_hand: Hands = "free",
+    right_hand: Hands = "free",
+    step_time_sd: float = 0.0,
+    step_length_sd: float = 0.0,
+    time_asymmetry: float = 0.0,
+    length_asymmetry: float = 0.0,
+    start_phase: float = 0.0,
+    rate_hz: float = 250.0,
+    rng: np.random.Generator | None = None,
+) -> xr.DataArray:
+    """Walking or running person.
+
+    A walk is that of Boulic et al. 1990 (:func:`doppelgait.motion.models.boulic.boulic_walk`), and with
+    ``foot_lock=False`` and all else as it is exactly so. A run has a flight phase; see
+    :mod:`doppelgait.motion.models.human_run`.
+
+    Parameters
+    ----------
+    gait : str
+        ``"walk"``, ``"run"`` or ``"auto"``: a run above 2 m/s at 1.75 m, at equal Froude number for others.
+    speed_mps : float
+        Mean forward speed V. Walk: above 0 to 3 leg lengths per second (2.58 m/s at 1.75 m); run: 1.8 to 9 m/s at
+        1.75 m, and as the square root of the stature.
+    height_m : float
+        Stature H, 0.6 to 2.4.
+    duration_s : float
+        Time to cover; the last frame is at or just after it.
+    mass_kg : float, optional
+        By default that of a body mass index of 23.
+    body : str
+        ``"adult"``: Boulic's proportions and times at every stature. ``"child"``, 0.9 to 1.6 m: a child's proportions,
+        and the walk of an adult of 1.75 m at the same Froude number, with times as the square root of the leg.
+    foot_lock : bool
+        Put the feet on the floor so that they stand still; hips and trunk keep their course and knees follow.
+    walk_ratio : float
+        Step length over step frequency, relative to the model's, 0.7 to 1.4; about 8 % between persons.
+    arm_swing : float
+        Swing of shoulders and elbows relative to the gait's own, 0 to 2.
+    left_hand, right_hand : str
+        ``"free"``, ``"pockets"`` or ``"carrying"``.
+    step_time_sd, step_length_sd : float
+        Standard deviation of the time and the length of a step over its mean, 0 to 0.1; healthy adults 0.02 and 0.03.
+    time_asymmetry, length_asymmetry : float
+        (left - right) / mean of the step that the foot's landing ends, -0.4 to 0.4; healthy adults within 0.03.
+    start_phase : float
+        Cycles, 0 (right foot lands) to below 1.
+    rate_hz : float
+        Frames per second, 50 to 10000.
+    rng : numpy.random.Generator, optional
+        Needed when a standard deviation is above 0.
+
+    Returns
+    -------
+    xarray.DataArray
+        Motion (time, marker, space) of the 17 points of the Boulic walk: travels along +x from x = 0 over z = 0.
+
+    Raises
+    ------
+    ConfigError
+        If a parameter is outside its range, or steps are too long for the legs.
+    """
+    options = {name: value for name, value in locals().items() if name not in ("duration_s", "rng")}
+    return _generate(validate(HumanConfig, options, where="human_gait"), duration_s, rng)
+
+
+def _generate(config: HumanConfig, duration_s: float, rng: np.random.Generator | None) -> xr.DataArray:
+    times_s = sample_times_s(duration_s, config.rate_hz)
+    size_m = {name: part * config.height_m for name, part in segment_lengths(config.body, config.height_m).items()}
+    style = _style(config, size_m)
+    clock, way = _clock_and_way(config, style, times_s[-1], rng)
+    phase = phase_at(clock, times_s)
+
+    def advance(cycles: FloatArray, order: int) -> FloatArray:
+        if way is not None:
+            return np.asarray(way(cycles, order))
+        return style.stride_m * (cycles - phase[0]) if order == 0 else np.full_like(cycles, style.stride_m)
+
+    if config.foot_lock:
+        points = style.pose(phase)
+        points[:, :, 0] += advance(phase, 0)[:, None]
+        points = place_feet(points, phase, advance, style, size_m)
+    else:
+        both = style.pose(np.concatenate([_WHOLE_CYCLE, phase]))
+        points = both[_WHOLE_CYCLE.size :]
+        points[:, :, 0] += advance(phase, 0)[:, None]
+        points[:, :, 2] -= both[: _WHOLE_CYCLE.size, _FEET, 2].min()
+    facts = _facts(config, mean_stride_frequency_hz(times_s, phase))
+    facts["footfalls"] = footfall_times_s(clock, {"left_foot": 0.5, "right_foot": 0.0}, times_s[-1])
+    parts = list(BOULIC_PARTS.values())
+    return make_motion(points, rate_hz=config.rate_hz, markers=POINTS, parts=parts, facts=facts)
+
+
+def _clock_and_way(
+    config: HumanConfig, style: Style, end_s: float, rng: np.random.Generator | None
+) -> tuple[tuple[FloatArray, FloatArray], CubicSpline | None]:
+    """Knots of time against phase, and a spline of the way against phase, None where it is a straight line."""
+    varied = {
+        "time_sd": config.step_time_sd, "length_sd": config.step_length_sd,
+        "time_asymmetry": config.time_asymmetry, "length_asymmetry": config.length_asymmetry,
+    }  # fmt: skip
+    if not any(varied.values()):
+        return stride_clock(end_s, period_s=style.period_s, start_phase=config.start_phase), None
+    from scipy.interpolate import CubicSpline
+
+    times_s, phases, way_m = step_series(
+        end_s, stride_s=style.period_s, stride_m=style.stride_m, start_phase=config.start_phase, rng=rng, **varied
+    )
+    return (times_s, phases), CubicSpline(phases, way_m)
+
+
+def _leg_and_tempo(config: HumanConfig) -> tuple[float, float]:
+    """Leg length in m, and how much faster than Boulic's the walk's clock runs: 1, or by Froude number for a child."""
+    lengths = segment_lengths(config.body, config.height_m)
+    leg_m = (lengths["thigh"] + lengths["shank"]) * config.height_m
+    adult = segment_lengths("adult", ADULT_M)
+    adult_m = (adult["thigh"] + adult["shank"]) * ADULT_M
+    return leg_m, 1.0 if config.body == "adult" else math.sqrt(adult_m / leg_m)
+
+
+def _style(config: HumanConfig, size_m: Mapping[str, float]) -> Style:
+    return _run_style(config, size_m) if config.actual_gait == "run" else _walk_style(config, size_m)
+
+
+def _walk_style(config: HumanConfig, size_m: Mapping[str, float]) -> Style:
+    leg_m, tempo = _leg_and_tempo(config)
+    q = config.speed_mps / leg_m / tempo
+    longer = math.sqrt(config.walk_ratio)
+    limbs = _with_arms(config, lambda phase: limb_angles_deg(phase, q))
+
+    def pose(phase: FloatArray) -> FloatArray:
+        trunk = _radians(trunk_angles_deg(phase, q))
+        points = figure_points(trunk, _radians(limbs(np.stack([phase + 0.5, phase]))), size_m)
+        return np.asarray(points + (leg_m * body_offset(phase, q))[:, None])
+
+    stride_m, period_s = 1.346 * math.sqrt(q) * leg_m * longer, cycle_duration_s(q) / tempo * longer
+    duty = support_fraction(q)
+    return Style("walk", stride_m, period_s, duty, walk_sole_deg(q, duty), pose)
+
+
+def walk_sole_deg(q: float, duty: float) -> tuple[float, float, float]:
+    """Angle of the sole when it lands (Boulic's, 30 degrees at most), stands (flat) and leaves (65 degrees at most)."""
+    limbs = limb_angles_deg(np.array([0.0, duty]), q)
+    landing, leaving = limbs["hip"] - limbs["knee"] + limbs["ankle"]
+    return float(np.clip(landing, 0, 30)), 0.0, float(np.clip(leaving, -65, -20))
+
+
+def _run_style(config: HumanConfig, size_m: Mapping[str, float]) -> Style:
+    adult_mps = adult_speed_mps(config.speed_mps, config.height_m)
+    period_s = 2 / run_step_frequency_hz(config.speed_mps, config.height_m) * math.sqrt(config.walk_ratio)
+    duty = run_duty_factor(config.speed_mps, config.height_m)
+    limbs = _with_arms(config, lambda phase: run_limbs_deg(phase, adult_mps, duty))
+    leg_m = size_m["thigh"] + size_m["shank"]
+
+    def pose(phase: FloatArray) -> FloatArray:
+        trunk = _radians(run_trunk_deg(phase, adult_mps))
+        points = figure_points(trunk, _radians(limbs(np.stack([phase + 0.5, phase]))), size_m)
+        return np.asarray(points + run_offset_m(phase, leg_m, period_s, duty)[:, None])
+
+    return Style("run", config.speed_mps * period_s, period_s, duty, run_sole_deg(adult_mps), pose)
+
+
+def _with_arms(config: HumanConfig, curves: Curves) -> Curves:
+    return swing_arms(curves, factor=config.arm_swing, hands=(config.left_hand, config.right_hand))
+
+
+def _radians(angles_deg: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    return {name: np.radians(angle) for name, angle in angles_deg.items()}
+
+
+def _facts(config: HumanConfig, stride_frequency_hz: float) -> dict[str, object]:
+    given = config.mass_kg is not None
+    return {
+        "source": "human", "kind": "human", "species": "human", "gait": config.actual_gait,
+        "height_m": config.height_m,
+        "mass_kg": config.mass_kg if given else BODY_MASS_INDEX * config.height_m**2,
+        "stride_frequency_hz": stride_frequency_hz,
+        "step_frequency_hz": 2 * stride_frequency_hz,
+        "gait_frequency_hz": 2 * stride_frequency_hz,
+        "report": {} if given else {"mass_kg": "assumed: body mass index 23 kg/m^2"},
+    }  # fmt: skip
+
+
+MOTION_MODELS.add("human", MotionModel(HumanConfig, _generate))

@@ -1,0 +1,274 @@
+"""Joint positions as arrays: npz files (as AMASS, with joints) and JSON files."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+import zlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core.errors import MotionError
+from doppelgait.motion.readers.cells import MAX_BYTES
+from doppelgait.motion.readers.frame_times import check_rate
+from doppelgait.motion.readers.points import check_amount, points_to_motion, unit_or_guess
+from doppelgait.motion.readers.registry import MOTION_READERS, MotionReader
+from doppelgait.motion.units import metres_per_unit
+
+FloatArray = npt.NDArray[np.float64]
+
+POSITION_KEYS = ("positions", "joints", "Jtr")
+NAME_KEYS = ("names", "joint_names")
+RATE_KEYS = ("rate_hz", "mocap_framerate", "mocap_frame_rate", "fps")
+UNIT_KEY = "units"
+
+SMPL_PARTS = {
+    "pelvis": "torso", "left_hip": "torso", "right_hip": "torso", "spine1": "torso",
+    "left_knee": "left_thigh", "right_knee": "right_thigh", "spine2": "torso",
+    "left_ankle": "left_shank", "right_ankle": "right_shank", "spine3": "torso",
+    "left_foot": "left_foot", "right_foot": "right_foot", "neck": "torso",
+    "left_collar": "torso", "right_collar": "torso", "head": "head",
+    "left_shoulder": "torso", "right_shoulder": "torso",
+    "left_elbow": "left_upper_arm", "right_elbow": "right_upper_arm",
+    "left_wrist": "left_forearm", "right_wrist": "right_forearm",
+    "left_hand": "left_hand", "right_hand": "right_hand",
+}  # fmt: skip
+"""The 24 joints of SMPL (Loper et al. 2015) in their order, with parts; SMPL-H and SMPL-X share the first 22."""
+SMPL_COUNTS = (22, 24)
+
+
+def sniff_arrays(path: Path, head: bytes) -> bool:
+    """Whether a file looks like npz (a zip archive that starts with a ``.npy``) or like JSON of a motion."""
+    return _is_npz(head) or _is_json(head)
+
+
+def _is_npz(head: bytes) -> bool:
+    length = int.from_bytes(head[26:28], "little")
+    return head[:4] == b"PK\x03\x04" and head[30 : 30 + length].endswith(b".npy")
+
+
+def _is_json(head: bytes) -> bool:
+    """Whether this starts a JSON object with a key of positions or of a frame rate."""
+    text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
+    return text[:1] == b"{" and any(f'"{key}"'.encode() in text for key in (*POSITION_KEYS, *RATE_KEYS))
+
+
+def read_arrays(
+    path: Path,
+    *,
+    key: str | None = None,
+    skeleton: str | None = None,
+    subject: str | None = None,
+    units: str | None = None,
+    up_axis: str | None = None,
+    rate_hz: float | None = None,
+) -> xr.DataArray:
+    """Joint positions of an npz or JSON file, not cleaned.
+
+    The file holds an array (frames, points, 3) under ``positions``, ``joints`` or ``Jtr``, the frame rate under
+    ``rate_hz``, ``mocap_framerate``, ``mocap_frame_rate`` or ``fps``, and, where known, one name per point under
+    ``names`` or ``joint_names`` and the length unit under ``units``. In JSON these are keys of one object, positions
+    are lists by frame, point and axis, and ``null`` is a gap.
+
+    Parameters
+    ----------
+    path : Path
+        An existing file.
+    key : str, optional
+        Name of the array of positions, where it has another.
+    skeleton : str, optional
+        ``"smpl"``: the 22 or 24 points without names are the joints of SMPL, in its order.
+    subject : str, optional
+        Prefix of the wanted names; needed only when several subjects were recorded.
+    units : str, optional
+        ``"mm"``, ``"cm"``, ``"m"``, ``"in"`` or ``"ft"``; default: what the file says, else m or mm with a warning.
+    up_axis : str, optional
+        ``"x"``, ``"y"``, ``"z"``, ``"-x"``, ``"-y"`` or ``"-z"``; default: found.
+    rate_hz : float, optional
+        Frames per second, up to 10000; default: what the file says.
+
+    Returns
+    -------
+    xarray.DataArray
+        Motion (time, marker, space) in m, z up, NaN for gaps; ``attrs["report"]`` tells what was read and left out.
+
+    Raises
+    ------
+    MotionError
+        If the file cannot be read right, names line, key or frame; a file of body-model parameters alone (``poses``,
+        ``trans``) cannot.
+    """
+    with path.open("rb") as file:
+        is_npz = _is_npz(file.read(4096))
+    content = _load_npz(path, key) if is_npz else _load_json(path)
+    position = _positions(path, content, key)
+    check_amount(path, *position.shape[:2])
+    rate = check_rate(path, rate_hz, said="was given") if rate_hz is not None else _rate(path, content)
+    labels = _labels(path, content, position.shape[1], skeleton)
+    unit = unit_or_guess(path, units or _word(path, content, UNIT_KEY), position)
+    return points_to_motion(
+        path,
+        position * metres_per_unit(unit, where=str(path)),
+        labels,
+        file_format="npz" if is_npz else "json",
+        rate_hz=rate,
+        length_unit=unit,
+        up_axis=up_axis,
+        subject=subject,
+        known_parts=SMPL_PARTS,
+    )
+
+
+MOTION_READERS.add("arrays", MotionReader(sniff=sniff_arrays, read=read_arrays, suffixes=(".npz", ".json")))
+
+
+def _load_npz(path: Path, key: str | None) -> dict[str, Any]:
+    """Wanted arrays, and the names of the others with None."""
+    wanted = (*POSITION_KEYS, *NAME_KEYS, *RATE_KEYS, UNIT_KEY, *([key] if key else []))
+    try:
+        with zipfile.ZipFile(path) as archive:
+            size = sum(member.file_size for member in archive.infolist())
+        if size > MAX_BYTES:
+            raise MotionError(f"{path}: unpacks to {size} bytes; files of up to {MAX_BYTES} bytes are read")
+        with np.load(path, allow_pickle=False) as arrays:
+            return {name: arrays[name] if name in wanted else None for name in arrays.files}
+    except (ValueError, EOFError, KeyError, MemoryError, NotImplementedError, zipfile.BadZipFile, zlib.error) as error:
+        reason = str(error).split(". ")[0] or type(error).__name__
+        raise MotionError(
+            f"{path}: is a damaged or unusual npz file ({reason}). Save it again with numpy.savez."
+        ) from None
+
+
+def _load_json(path: Path) -> dict[str, Any]:
+    if path.stat().st_size > MAX_BYTES:
+        raise MotionError(f"{path}: has {path.stat().st_size} bytes; JSON files of up to {MAX_BYTES} bytes are read")
+    try:
+        content = json.loads(path.read_bytes().decode("utf-8-sig"))
+    except json.JSONDecodeError as error:
+        raise MotionError(f"{path}: line {error.lineno}, column {error.colno}: is no JSON ({error.msg})") from None
+    except (UnicodeDecodeError, RecursionError) as error:
+        raise MotionError(f"{path}: is no JSON of a motion ({type(error).__name__}); it must be UTF-8 text") from None
+    if not isinstance(content, dict):
+        raise MotionError(f"{path}: is no JSON object with the keys rate_hz, names, positions and units")
+    return content
+
+
+def _positions(path: Path, content: Mapping[str, Any], key: str | None) -> FloatArray:
+    name = _position_key(path, content, key)
+    array = _as_array(path, name, content[name])
+    if array.ndim != 3 or array.shape[2] != 3:
+        raise MotionError(
+            f"{path}: {name!r} has the shape {array.shape}; it must be (frames, points, 3). Reshape it, or name "
+            "another array: key='...'"
+        )
+    return np.where(np.isfinite(array), array, np.nan)
+
+
+def _position_key(path: Path, content: Mapping[str, Any], key: str | None) -> str:
+    held = ", ".join(content) or "nothing"
+    if key is not None:
+        if key not in content:
+            raise MotionError(f"{path}: has no key {key!r}; it holds {held}")
+        return key
+    found = [name for name in POSITION_KEYS if name in content]
+    if len(found) > 1:
+        raise MotionError(f"{path}: holds {' and '.join(found)}; name the array of positions: key='{found[0]}'")
+    if found:
+        return found[0]
+    if "poses" in content:
+        raise MotionError(
+            f"{path}: holds parameters of the SMPL body model (poses, trans, betas) but no positions, and they cannot "
+            "be posed without that model, which is not part of doppelgait (licence at smpl.is.tue.mpg.de). Compute the "
+            "joints with it, for example with the package smplx, and save them: "
+            "numpy.savez('walk.npz', positions=joints, rate_hz=120), joints (frames, 22 or 24, 3) in m; read that with "
+            "skeleton='smpl'."
+        )
+    raise MotionError(
+        f"{path}: has no array of positions ({', '.join(POSITION_KEYS)}); it holds {held}. Name it: key='...'"
+    )
+
+
+def _as_array(path: Path, name: str, value: Any) -> FloatArray:
+    if isinstance(value, np.ndarray) and value.dtype.kind not in "fiu":
+        raise MotionError(f"{path}: {name!r} holds {value.dtype} values; positions are real numbers")
+    try:
+        if isinstance(value, list):
+            _refuse_text(path, name, value)
+        return np.asarray(value, dtype=np.float64)
+    except (ValueError, TypeError, OverflowError):
+        raise MotionError(f"{path}: {_odd_frame(name, value)}") from None
+
+
+def _refuse_text(path: Path, name: str, frames: Sequence[Any]) -> None:
+    """Text that looks like a number must not pass as one."""
+    for t, frame in enumerate(frames):
+        for p, point in enumerate(frame if isinstance(frame, list) else []):
+            for number in point if isinstance(point, list) else []:
+                if isinstance(number, str | bool):
+                    raise MotionError(
+                        f"{path}: {name}[{t}][{p}] holds {number!r}, no number; write null where a point was not seen"
+                    )
+
+
+def _odd_frame(name: str, frames: Any) -> str:
+    """What is uneven in nested lists."""
+    lengths = [len(frame) if isinstance(frame, list) else -1 for frame in frames] if isinstance(frames, list) else []
+    for t, length in enumerate(lengths):
+        if length != lengths[0] or length < 0:
+            return f"{name}[{t}] holds {max(length, 0)} points, {name}[0] holds {max(lengths[0], 0)}; all must be alike"
+        for p, point in enumerate(frames[t]):
+            if not isinstance(point, list) or len(point) != 3:
+                return f"{name}[{t}][{p}] is no list of x, y and z; write [null, null, null] for a gap"
+    return f"{name!r} is no array of numbers (frames, points, 3)"
+
+
+def _rate(path: Path, content: Mapping[str, Any]) -> float:
+    found = {name: content[name] for name in RATE_KEYS if content.get(name) is not None}
+    if not found:
+        raise MotionError(
+            f"{path}: names no frame rate ({', '.join(RATE_KEYS)}); give it: rate_hz=... (frames per second)"
+        )
+    rates = {name: check_rate(path, _scalar(value), said=f"{name} declares") for name, value in found.items()}
+    if len(set(rates.values())) > 1:
+        said = " and ".join(f"{name}={rate:g}" for name, rate in rates.items())
+        raise MotionError(f"{path}: says {said}; give the true one: rate_hz=...")
+    return next(iter(rates.values()))
+
+
+def _scalar(value: Any) -> Any:
+    return value.item() if isinstance(value, np.ndarray) and value.size == 1 else value
+
+
+def _word(path: Path, content: Mapping[str, Any], name: str) -> str:
+    value = _scalar(content.get(name, ""))
+    if isinstance(value, bytes):
+        value = value.decode("latin-1")
+    if not isinstance(value, str):
+        raise MotionError(f"{path}: {name} is {value!r}; it must be text such as 'm' or 'mm'")
+    return value
+
+
+def _labels(path: Path, content: Mapping[str, Any], n_points: int, skeleton: str | None) -> list[str]:
+    if skeleton not in (None, "smpl"):
+        raise MotionError(f"{path}: skeleton={skeleton!r} is not allowed; allowed is 'smpl'")
+    key = next((name for name in NAME_KEYS if content.get(name) is not None), "")
+    if key and skeleton:
+        raise MotionError(f"{path}: names its points ({key}); leave out skeleton={skeleton!r}")
+    if skeleton:
+        if n_points not in SMPL_COUNTS:
+            raise MotionError(f"{path}: holds {n_points} points; skeleton='smpl' has 22 or 24")
+        return list(SMPL_PARTS)[:n_points]
+    if not key:
+        return [""] * n_points
+    names = content[key].tolist() if isinstance(content[key], np.ndarray) else content[key]
+    if isinstance(names, list):
+        names = [name.decode("utf-8", "replace") if isinstance(name, bytes) else name for name in names]
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names) or len(names) != n_points:
+        count = f"{len(names)} entries" if isinstance(names, list) else "no list"
+        raise MotionError(f"{path}: {key} holds {count} for {n_points} points; it must be one text each")
+    return names

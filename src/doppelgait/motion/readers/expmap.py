@@ -1,0 +1,221 @@
+"""Exponential-map text files (the CMU and Human3.6M motions of motion-prediction studies) with their skeleton."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core.errors import MotionError
+from doppelgait.motion.readers.hierarchy import (
+    REST_POSE_NOTE,
+    Joints,
+    begins_with_rest_pose,
+    forward_kinematics,
+    vector_rotations,
+)
+from doppelgait.motion.readers.joint_points import joint_motion
+from doppelgait.motion.readers.number_table import parse_rows, read_text
+from doppelgait.motion.readers.registry import MOTION_READERS, MotionReader
+
+FloatArray = npt.NDArray[np.float64]
+
+COLUMNS = (99, 117)
+"""Values in a frame: a translation and a rotation vector for each of 32 (Human3.6M) or 38 (CMU) joints."""
+SKELETON = "skeleton.json"
+
+
+@dataclass(frozen=True)
+class ExpmapSkeleton:
+    """What the numbers of a file mean.
+
+    Parameters
+    ----------
+    joint_names : tuple of str, length J
+        In the order of the columns.
+    parents : tuple of int, length J
+        -1 for the root, which comes first.
+    offsets : ndarray, shape (J, 3)
+        From the parent in its frame, in the file's unit.
+    metres_per_unit, frame_rate_hz : float or None
+        None where the skeleton does not say.
+    up_axis : str
+        Axis letter, by default y.
+    """
+
+    joint_names: tuple[str, ...]
+    parents: tuple[int, ...]
+    offsets: FloatArray
+    metres_per_unit: float | None
+    frame_rate_hz: float | None
+    up_axis: str
+
+
+def sniff_expmap(path: Path, head: bytes) -> bool:
+    """Whether a file looks like exponential maps: 99 or 117 numbers with commas between them in its first line."""
+    words = head.removeprefix(b"\xef\xbb\xbf").lstrip().split(b"\n", 1)[0].rstrip(b"\r").split(b",")
+    try:
+        return len(words) in COLUMNS and all(np.isfinite(float(word)) for word in words)
+    except ValueError:
+        return False
+
+
+def read_expmap(
+    path: Path,
+    *,
+    skeleton: str | Path | None = None,
+    units: str | None = None,
+    up_axis: str | None = None,
+    rate_hz: float | None = None,
+) -> xr.DataArray:
+    """Joints of a recording stored as exponential maps, not cleaned.
+
+    A rest pose that was put in front of the recording is left out.
+
+    Parameters
+    ----------
+    path : Path
+        An existing file.
+    skeleton : path-like, optional
+        JSON file with ``joint_names``, ``parents``, ``offsets`` and optionally ``metres_per_unit``,
+        ``frame_rate_hz`` and ``up_axis``; default: ``skeleton.json`` beside the file.
+    units : str, optional
+        ``"mm"``, ``"cm"``, ``"m"``, ``"in"``, ``"ft"`` or ``"cmu"`` (1/0.45 inch); default: what the skeleton says,
+        else found from its size.
+    up_axis : str, optional
+        ``"x"``, ``"y"``, ``"z"``, ``"-x"``, ``"-y"`` or ``"-z"``; default: found.
+    rate_hz : float, optional
+        Frames per second, up to 10000; default: what the skeleton says.
+
+    Returns
+    -------
+    xarray.DataArray
+        Motion (time, marker, space) in m, z up.
+
+    Raises
+    ------
+    MotionError
+        If the file or its skeleton cannot be read right, or the rate is not known.
+    """
+    file = _find_skeleton(path, skeleton)
+    body = read_expmap_skeleton(file)
+    text = read_text(path)
+    n_joints = len(body.parents)
+    columns = text.lstrip().split("\n", 1)[0].count(",") + 1
+    if columns != 3 + 3 * n_joints:
+        raise MotionError(
+            f"{path}: has {columns} columns, its skeleton {file} of {n_joints} joints needs {3 + 3 * n_joints}. Give "
+            "the right one: skeleton='FILE.json'"
+        )
+    values = parse_rows(path, text, 0, n_columns=columns, separator=",")
+    position = expmap_positions(body, values)
+    rest_pose = begins_with_rest_pose(values[:, 3:6], position)
+    rate = body.frame_rate_hz if rate_hz is None else rate_hz
+    if rate is None:
+        raise MotionError(f"{file}: states no frame_rate_hz; give the rate: rate_hz=...")
+    return joint_motion(
+        path,
+        Joints(body.joint_names, body.parents, position[1:] if rest_pose else position),
+        kind="expmap",
+        rate_hz=rate,
+        rate_from="skeleton" if rate_hz is None else "option",
+        unit=body.metres_per_unit if units is None else units,
+        unit_from="skeleton" if units is None else "option",
+        up_axis=up_axis,
+        declared_axis=body.up_axis,
+        report={
+            "skeleton": file.name,
+            "notes": [REST_POSE_NOTE] if rest_pose else [],
+        },
+    )
+
+
+MOTION_READERS.add("expmap", MotionReader(sniff=sniff_expmap, read=read_expmap, suffixes=(".txt",)))
+
+
+def expmap_positions(skeleton: ExpmapSkeleton, values: FloatArray) -> FloatArray:
+    """Positions of all joints in the file's unit and axes, shape (T, J, 3).
+
+    The files were made with row vectors, ``G_j = R_j G_parent``, so that R_j turns columns the other way round.
+
+    Parameters
+    ----------
+    skeleton : ExpmapSkeleton
+        J joints.
+    values : ndarray, shape (T, 3 + 3 J)
+        Translation of the root, then the rotation vector of each joint in rad.
+    """
+    n_joints = len(skeleton.parents)
+    vectors = values[:, 3:].reshape(len(values), n_joints, 3).swapaxes(0, 1)
+    translation = np.repeat(skeleton.offsets[:, np.newaxis], len(values), axis=1)
+    translation[0] = values[:, :3]
+    return forward_kinematics(skeleton.parents, translation, vector_rotations(-vectors))
+
+
+def _find_skeleton(path: Path, skeleton: str | Path | None) -> Path:
+    file = path.with_name(SKELETON) if skeleton is None else Path(skeleton)
+    if not file.is_file():
+        raise MotionError(
+            f"{path}: holds joint angles only; a skeleton with joint_names, parents and offsets is needed, and "
+            f"there is no {file}. Put it there or give it: skeleton='FILE.json'"
+        )
+    return file
+
+
+def read_expmap_skeleton(path: Path) -> ExpmapSkeleton:
+    """Read and check a skeleton in JSON.
+
+    Raises
+    ------
+    MotionError
+        If it is no JSON, or a key is missing or not right; it names the key.
+    """
+    try:
+        content = json.loads(read_text(path))
+    except (OSError, ValueError, RecursionError) as error:
+        raise MotionError(f"{path}: the skeleton cannot be read: {error}") from None
+    if not isinstance(content, dict):
+        raise MotionError(f"{path}: the skeleton must be an object with joint_names, parents and offsets")
+    names = content.get("joint_names")
+    if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
+        raise MotionError(f"{path}: joint_names must be a list of names")
+    parents = content.get("parents")
+    if not isinstance(parents, list) or len(parents) != len(names) or not _is_tree(parents):
+        raise MotionError(
+            f"{path}: parents must hold {len(names)} indices, -1 for the first joint and a smaller index for any other"
+        )
+    offsets = _offsets(path, content.get("offsets"), len(names))
+    up_axis = content.get("up_axis", "y")
+    if up_axis not in ("x", "y", "z"):
+        raise MotionError(f"{path}: up_axis is {up_axis!r}; allowed are 'x', 'y' and 'z'")
+    metres, rate = (_positive(path, content, key) for key in ("metres_per_unit", "frame_rate_hz"))
+    return ExpmapSkeleton(tuple(names), tuple(parents), offsets, metres, rate, up_axis)
+
+
+def _is_tree(parents: list[Any]) -> bool:
+    whole = all(isinstance(parent, int) for parent in parents)
+    return whole and parents[0] == -1 and all(0 <= parent < j for j, parent in enumerate(parents) if j)
+
+
+def _offsets(path: Path, value: object, n_joints: int) -> FloatArray:
+    try:
+        offsets = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        offsets = np.empty(0)
+    if offsets.shape != (n_joints, 3) or not np.isfinite(offsets).all():
+        raise MotionError(f"{path}: offsets must hold three numbers for each of the {n_joints} joints")
+    return offsets
+
+
+def _positive(path: Path, content: dict[str, Any], key: str) -> float | None:
+    value = content.get(key)
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < float("inf"):
+        raise MotionError(f"{path}: {key} is {value!r}; it must be a number above 0")
+    return float(value)

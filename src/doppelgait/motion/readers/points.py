@@ -1,0 +1,176 @@
+"""From the points of a file to a motion: which ones are kept, unit, upward axis, report."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core.errors import DoppelgaitWarning, MotionError
+from doppelgait.motion.axes import body_extent, find_up_axis, turn_z_up
+from doppelgait.motion.clean import MIN_MARKERS
+from doppelgait.motion.readers.c3d_points import is_measured, pick_subject, sort_points, unique_names
+from doppelgait.motion.schema import make_motion
+from doppelgait.motion.skeleton import bare_name, parts_of
+from doppelgait.motion.units import metres_per_unit
+
+FloatArray = npt.NDArray[np.float64]
+
+MIN_FRAMES = 3
+
+
+def check_amount(path: Path, n_frames: int, n_points: int) -> None:
+    """Refuse what is too little for a motion.
+
+    Raises
+    ------
+    MotionError
+        If there are fewer than 3 frames or 3 points.
+    """
+    if n_frames < MIN_FRAMES:
+        raise MotionError(
+            f"{path}: holds {n_frames} frame(s); a motion needs {MIN_FRAMES} or more, because a velocity cannot be "
+            "formed from fewer"
+        )
+    if n_points < MIN_MARKERS:
+        raise MotionError(f"{path}: holds {n_points} point(s); a body needs {MIN_MARKERS} or more")
+
+
+def unit_or_guess(path: Path, name: str, position: FloatArray) -> str:
+    """The named unit; without a name mm or m, whichever makes the body less than 10 m large, with a warning.
+
+    Parameters
+    ----------
+    path : Path
+        For the warning.
+    name : str
+        ``""`` when neither file nor user names a unit.
+    position : ndarray, shape (T, P, 3)
+        In file units, NaN where missing.
+    """
+    if name:
+        return name
+    span = float(np.nan_to_num(body_extent(position)).max())
+    guess = "m" if span < 10.0 else "mm"
+    warnings.warn(
+        f"{path}: names no length unit; its points span {span:.3g}, so {guess} is taken. "
+        "If that is wrong, give the unit: units='mm', 'cm' or 'm'.",
+        DoppelgaitWarning,
+        stacklevel=4,
+    )
+    return guess
+
+
+def points_to_motion(
+    path: Path,
+    position_m: FloatArray,
+    labels: Sequence[str],
+    *,
+    file_format: str,
+    rate_hz: float,
+    length_unit: str,
+    up_axis: str | None,
+    usual_up: str = "z",
+    subject: str | None = None,
+    known_parts: Mapping[str, str] | None = None,
+    notes: Sequence[str] = (),
+) -> xr.DataArray:
+    """Motion of the physical points of one subject, not cleaned.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for messages.
+    position_m : ndarray, shape (T, P, 3)
+        All points of the file in m, in its own axes; NaN in any coordinate is a gap.
+    labels : sequence of str, length P
+        As in the file, subject before a colon.
+    file_format : str
+        For the report.
+    rate_hz : float
+        Frames per second.
+    length_unit : str
+        Unit of most points in the file, for the report.
+    up_axis : str or None
+        One of :data:`~doppelgait.motion.axes.AXES`; None finds it.
+    usual_up : str
+        ``"x"``, ``"y"`` or ``"z"``: taken, with a warning, where the points do not show what is up.
+    subject : str, optional
+        Prefix of the wanted labels.
+    known_parts : mapping, optional
+        Body part by lower-case name, before those of :mod:`doppelgait.motion.skeleton`.
+    notes : sequence of str
+        What was worked around, for the report.
+
+    Returns
+    -------
+    xarray.DataArray
+        Motion (time, marker, space) in m, z up, NaN for gaps.
+
+    Raises
+    ------
+    MotionError
+        If too few points or frames are there, no one subject can be told, or an option is not allowed.
+    """
+    check_amount(path, *position_m.shape[:2])
+    reasons = sort_points(labels, {})
+    kept = [i for i in range(len(labels)) if i not in reasons]
+    if not kept:
+        kinds = ", ".join(sorted(set(reasons.values())))
+        raise MotionError(f"{path}: holds no marker positions: its {len(reasons)} points are {kinds}")
+    name, chosen = pick_subject(path, labels, kept, subject)
+    measured = len(kept) + sum(is_measured(reason) for reason in reasons.values())
+    reasons |= {i: "belongs to another subject or prop" for i in kept if i not in chosen}
+    names, extra = unique_names([labels[i] for i in chosen]), known_parts or {}
+    named = parts_of([labels[i] for i in chosen])
+    parts = [extra.get(bare_name(labels[i]).lower()) or part for i, part in zip(chosen, named, strict=True)]
+    position = position_m[:, chosen].copy()
+    position[np.isnan(position).any(axis=2)] = np.nan
+    axis_facts = _axis(path, position, parts, up_axis, usual_up)
+    report = {
+        "format": file_format,
+        "frame_rate_hz": rate_hz,
+        "n_frames": int(position.shape[0]),
+        "points_in_file": len(labels),
+        "points_measured": measured,
+        "length_unit": length_unit,
+        "metres_per_unit": metres_per_unit(length_unit, where=str(path)),
+        **axis_facts,
+        "dropped": _by_reason(labels, reasons),
+        "notes": list(notes),
+    }
+    return make_motion(
+        turn_z_up(position, axis_facts["up_axis"]),
+        rate_hz=rate_hz,
+        markers=names,
+        parts=parts,
+        facts={"source": path.name, "kind": "recording", "subject": name, "report": report},
+    )
+
+
+def _axis(path: Path, position: FloatArray, parts: list[str], up_axis: str | None, usual: str) -> dict[str, Any]:
+    if up_axis is not None:
+        return {"up_axis": up_axis, "up_axis_from": "option"}
+    facts = find_up_axis(position, parts)
+    if facts["up_axis_from"] == "assumed":
+        # asked again only for the sign of the usual axis
+        facts = {**find_up_axis(position, parts, declared=usual), "up_axis_from": "assumed"}
+        warnings.warn(
+            f"{path}: neither names nor shows which axis points up; {facts['up_axis']} is taken. If that is wrong, "
+            "give it: up_axis='x', 'y', 'z', '-x', '-y' or '-z'.",
+            DoppelgaitWarning,
+            stacklevel=5,
+        )
+    return facts
+
+
+def _by_reason(labels: Sequence[str], reasons: Mapping[int, str]) -> dict[str, list[str]]:
+    table: dict[str, list[str]] = {}
+    for i in sorted(reasons):
+        table.setdefault(reasons[i], []).append(labels[i] or f"point_{i + 1}")
+    return table

@@ -1,0 +1,210 @@
+"""TRC files (Motion Analysis, OpenSim): a text table of marker positions under five header lines."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core.errors import DoppelgaitWarning, MotionError
+from doppelgait.motion.readers.cells import Row, read_lines, to_numbers
+from doppelgait.motion.readers.frame_times import check_rate, last_digit, rate_of_times
+from doppelgait.motion.readers.points import check_amount, points_to_motion, unit_or_guess
+from doppelgait.motion.readers.registry import MOTION_READERS, MotionReader
+from doppelgait.motion.units import metres_per_unit
+
+FloatArray = npt.NDArray[np.float64]
+
+START = b"PathFileType"
+HEADER_LINES = 12
+FIRST = 2
+"""Cells before the first coordinate: frame number and time."""
+
+
+@dataclass(frozen=True)
+class _Content:
+    """Values of the header by lower-case key, one label per point ("" without), data rows."""
+
+    header: dict[str, str]
+    labels: list[str]
+    rows: list[Row]
+
+
+def sniff_trc(path: Path, head: bytes) -> bool:
+    """Whether a file looks like TRC: its first word is PathFileType."""
+    return head.removeprefix(b"\xef\xbb\xbf").lstrip()[: len(START)].lower() == START.lower()
+
+
+def read_trc(
+    path: Path,
+    *,
+    subject: str | None = None,
+    units: str | None = None,
+    up_axis: str | None = None,
+    rate_hz: float | None = None,
+) -> xr.DataArray:
+    """Markers of a TRC file, not cleaned.
+
+    Blank cells and points at exactly 0, 0, 0 are gaps. The times of the frames decide where the header gives another
+    rate; a warning says so.
+
+    Parameters
+    ----------
+    path : Path
+        An existing file.
+    subject : str, optional
+        Prefix of the wanted labels; needed only when several subjects were recorded.
+    units : str, optional
+        ``"mm"``, ``"cm"``, ``"m"``, ``"in"`` or ``"ft"``; default: what the header says.
+    up_axis : str, optional
+        ``"x"``, ``"y"``, ``"z"``, ``"-x"``, ``"-y"`` or ``"-z"``; default: found, y where nothing shows it.
+    rate_hz : float, optional
+        Frames per second, up to 10000; default: what times and header say.
+
+    Returns
+    -------
+    xarray.DataArray
+        Motion (time, marker, space) in m, z up, NaN for gaps; ``attrs["report"]`` tells what was read and left out.
+
+    Raises
+    ------
+    MotionError
+        If the file cannot be read right; names the line.
+    """
+    content = _parse(path)
+    check_amount(path, len(content.rows), len(content.labels))
+    notes = _frame_notes(path, content)
+    rate = check_rate(path, rate_hz, said="was given") if rate_hz is not None else _rate(path, content, notes)
+    titles = [f"{label or f'point {i + 1}'} {axis}" for i, label in enumerate(content.labels) for axis in "XYZ"]
+    columns = range(FIRST, FIRST + len(titles))
+    position = to_numbers(path, content.rows, columns, titles).reshape(len(content.rows), -1, 3)
+    position[(position == 0.0).all(axis=2)] = np.nan
+    unit = unit_or_guess(path, units or content.header.get("units", ""), position)
+    return points_to_motion(
+        path,
+        position * metres_per_unit(unit, where=str(path)),
+        [label or f"unlabelled {i + 1}" for i, label in enumerate(content.labels)],
+        file_format="trc",
+        rate_hz=rate,
+        length_unit=unit,
+        up_axis=up_axis,
+        usual_up="y",
+        subject=subject,
+        notes=notes,
+    )
+
+
+MOTION_READERS.add("trc", MotionReader(sniff=sniff_trc, read=read_trc, suffixes=(".trc",)))
+
+
+def _parse(path: Path) -> _Content:
+    lines = [_split(line) for line in read_lines(path)]
+    at = next((i for i, cells in enumerate(lines[:HEADER_LINES]) if cells and cells[0].lower().startswith("frame")), -1)
+    if at < 1:
+        raise MotionError(
+            f"{path}: has no line that starts with Frame# and Time and names the markers (TRC: the fourth line)"
+        )
+    names = lines[at][FIRST:]
+    axes = _until_blank(lines[at + 1]) if at + 1 < len(lines) else []
+    has_axes = bool(axes) and all(cell[:1].lower() in ("", "x", "y", "z") for cell in axes)
+    first_row = at + 1 + has_axes
+    rows = [(i + 1, cells) for i, cells in enumerate(lines) if i >= first_row and any(cells)]
+    # tabs hold three places for a name, blanks one
+    labels = [name for name in names if name] if "" not in names[:3] else names[::3]
+    while labels and not labels[-1]:
+        labels.pop()
+    named = max(len(labels), sum(1 for cell in axes if cell) // 3 if has_axes else 0)
+    n_points = max(named, _points_in_rows(path, rows, named))
+    return _Content(_header(lines[:at]), labels + [""] * (n_points - len(labels)), _pad(path, rows, named, n_points))
+
+
+def _split(line: str) -> list[str]:
+    return [cell.strip() for cell in (line.split("\t") if "\t" in line else line.split())]
+
+
+def _until_blank(cells: list[str]) -> list[str]:
+    """Cells without the blank ones at the end."""
+    last = max((i for i, cell in enumerate(cells) if cell), default=-1)
+    return cells[: last + 1]
+
+
+def _points_in_rows(path: Path, rows: list[Row], named: int) -> int:
+    """Points of the fullest row: unlabelled ones come after those that the header names."""
+    line, cells = max(rows, key=lambda row: len(_until_blank(row[1])), default=(0, []))
+    extra = len(_until_blank(cells)) - FIRST - 3 * named
+    if extra > 0 and extra % 3:
+        raise MotionError(
+            f"{path}: line {line} has {len(_until_blank(cells))} cells; {FIRST} and three for each of {named} markers "
+            f"are {FIRST + 3 * named}. Correct the line or remove it."
+        )
+    return named + max(extra, 0) // 3
+
+
+def _pad(path: Path, rows: list[Row], named: int, n_points: int) -> list[Row]:
+    """Rows with a cell for every coordinate; a row that lacks cells of named markers is an error."""
+    for line, cells in rows:
+        if len(cells) < FIRST + 3 * named:
+            raise MotionError(
+                f"{path}: line {line} has {len(cells)} cells; {FIRST} and three for each of {named} markers are "
+                f"{FIRST + 3 * named}. Is the file cut off? Correct the line or remove it."
+            )
+    width = FIRST + 3 * n_points
+    return [(line, cells + [""] * (width - len(cells))) for line, cells in rows]
+
+
+def _header(lines: list[list[str]]) -> dict[str, str]:
+    """Values below the line of keys; empty when they do not match it one to one."""
+    at = next((i for i, cells in enumerate(lines) if cells and cells[0].lower() == "datarate"), -1)
+    if at < 0 or at + 1 >= len(lines):
+        return {}
+    keys, values = (_until_blank(lines[i]) for i in (at, at + 1))
+    keys = [key.lower() for key in keys if key]
+    if len(values) != len(keys):
+        # some writers put two tabs between values
+        values = " ".join(values).split()
+    return dict(zip(keys, values, strict=True)) if len(values) == len(keys) else {}
+
+
+def _frame_notes(path: Path, content: _Content) -> list[str]:
+    notes, n_frames = [], len(content.rows)
+    declared = content.header.get("numframes", "")
+    if not content.header:
+        notes.append("values of the header do not match its keys; they were not used")
+    if declared.isdecimal() and int(declared) != n_frames:
+        notes.append(f"declares {declared} frames but holds {n_frames}")
+        _warn(f"{path}: {notes[-1]}; is it cut off? Those are read.")
+    points = content.header.get("nummarkers", "")
+    if points.isdecimal() and int(points) != len(content.labels):
+        notes.append(f"declares {points} markers but holds {len(content.labels)}")
+    return notes
+
+
+def _rate(path: Path, content: _Content, notes: list[str]) -> float:
+    declared = content.header.get("datarate", "")
+    lines = [line for line, _ in content.rows]
+    printed = [cells[1] for _, cells in content.rows]
+    if not any(printed):
+        return check_rate(path, declared or None, said="has no times and declares")
+    time_s = to_numbers(path, content.rows, [1], ["Time"])[:, 0]
+    header_hz = _positive(declared)
+    rate = rate_of_times(path, time_s, lines, digit_s=last_digit(printed, time_s), declared_hz=header_hz)
+    if rate != header_hz:
+        notes.append(f"the header says {declared or 'no rate'} Hz, the times {rate:g} Hz; the times were taken")
+        _warn(f"{path}: {notes[-1]}. If that is wrong, give the rate: rate_hz=...")
+    return rate
+
+
+def _positive(text: str) -> float | None:
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if 0.0 < value < float("inf") else None
+
+
+def _warn(text: str) -> None:
+    warnings.warn(text, DoppelgaitWarning, stacklevel=6)

@@ -1,0 +1,149 @@
+"""Segments of a body found without names: points that keep their distances move together."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int_]
+
+RIGID_M = 0.008
+"""Spread of the distance between two points of one segment: skin moves, but less than this."""
+N_LOOKS = 1000
+"""Frames, evenly spread, at which distances are compared."""
+ROBUST_SD = 1.4826
+"""Standard deviation of normal noise over its median absolute deviation."""
+MIN_SHARED_FRAMES = 10
+FOOT_REACH = 0.15
+"""Feet lie in this lowest part of a body's height."""
+RESTING, SWINGING = 0.35, 1.5
+"""Speeds of a foot over that of the body: below the first in 15 % of the frames, above the second in 5 %."""
+MIN_TRAVEL_M = 1.0
+
+
+def rigid_clusters(position_m: npt.ArrayLike, *, limit_m: float = RIGID_M) -> list[list[int]]:
+    """Groups of two and more points whose mutual distances all stay constant.
+
+    The spread of a distance is 1.4826 times its median absolute deviation from its median. Groups grow by complete
+    linkage: every pair of a group stays within the limit. Parts of a body that do not move against each other come out
+    as one group, and so does a body that stands still.
+
+    Parameters
+    ----------
+    position_m : array_like, shape (T, P, 3)
+        In m, NaN where missing; pairs seen together in fewer than 10 frames count as not rigid.
+    limit_m : float
+        Largest spread of a distance in m, above 0.
+
+    Returns
+    -------
+    list of list of int
+        Indices of the points of every group, rising; largest group first, then by its first point.
+    """
+    from scipy.cluster.hierarchy import fcluster, linkage
+    from scipy.spatial.distance import squareform
+
+    position = np.asarray(position_m, dtype=np.float64)
+    if position.shape[1] < 2:
+        return []
+    spread = distance_spread(position)
+    far = 2.0 * float(np.max(spread[np.isfinite(spread)], initial=limit_m))
+    tree = linkage(squareform(np.where(np.isfinite(spread), spread, far), checks=False), method="complete")
+    labels = fcluster(tree, limit_m, criterion="distance")
+    groups = [[int(i) for i in np.flatnonzero(labels == label)] for label in np.unique(labels)]
+    return sorted((group for group in groups if len(group) > 1), key=lambda group: (-len(group), group[0]))
+
+
+def propose_parts(position_m: npt.ArrayLike, *, rate_hz: float) -> list[str]:
+    """Segments, and the two feet of a walking body, found without names.
+
+    A cluster (:func:`rigid_clusters`) is a foot if it lies in the lowest 15 % of the body's height, rests at times
+    (below 0.35 of the body's speed) and swings at others (above 1.5 of it). If there are just two of them and the body
+    travels by 1 m or more, the one on the left of its way is the left foot. Head, torso and the others are not told
+    apart: heads and trunks are rigid together in many recordings.
+
+    Parameters
+    ----------
+    position_m : array_like, shape (T, P, 3)
+        In m, z up, no NaN.
+    rate_hz : float
+        Frames per second.
+
+    Returns
+    -------
+    list of str, length P
+        ``"left_foot"``, ``"right_foot"``, ``"segment_1"`` (the largest of the others), ``"segment_2"``...; ``""`` for a
+        point that is rigid with no other.
+    """
+    position = np.asarray(position_m, dtype=np.float64)
+    groups = rigid_clusters(position)
+    feet = _feet(position, groups, rate_hz)
+    parts = [""] * position.shape[1]
+    for number, group in enumerate((g for n, g in enumerate(groups) if n not in feet), start=1):
+        for i in group:
+            parts[i] = f"segment_{number}"
+    for n, name in feet.items():
+        for i in groups[n]:
+            parts[i] = name
+    return parts
+
+
+def _feet(position: FloatArray, groups: list[list[int]], rate_hz: float) -> dict[int, str]:
+    """Name of the left and the right foot by index of the group; empty unless just two groups behave like feet."""
+    middle = np.median(position, axis=1)
+    way = middle[-1, :2] - middle[0, :2]
+    travel = float(np.linalg.norm(way))
+    if travel < MIN_TRAVEL_M:
+        return {}
+    body_mps = travel * rate_hz / (len(position) - 1)
+    height = np.median(position[:, :, 2], axis=0)
+    top = height.min() + FOOT_REACH * np.ptp(height)
+    found = [
+        n
+        for n, group in enumerate(groups)
+        if height[group].mean() < top and _walks(position[:, group].mean(axis=1), body_mps, rate_hz)
+    ]
+    if len(found) != 2:
+        return {}
+    left_of_way = np.array([-way[1], way[0]]) / travel
+    offset = [float(np.median((position[:, groups[n], :2].mean(axis=1) - middle[:, :2]) @ left_of_way)) for n in found]
+    return (
+        {found[0]: "left_foot", found[1]: "right_foot"}
+        if offset[0] > offset[1]
+        else {found[0]: "right_foot", found[1]: "left_foot"}
+    )
+
+
+def _walks(path: FloatArray, body_mps: float, rate_hz: float) -> bool:
+    """Whether a point stands and swings by turns."""
+    speed = np.linalg.norm(np.diff(path, axis=0), axis=1) * rate_hz
+    slow, fast = np.percentile(speed, (15, 95))
+    return bool(slow < RESTING * body_mps and fast > SWINGING * body_mps)
+
+
+def distance_spread(position: FloatArray) -> FloatArray:
+    """Robust standard deviation of the distance between every two points over time, in m, shape (P, P).
+
+    Parameters
+    ----------
+    position : ndarray, shape (T, P, 3)
+        In m, NaN where missing. Infinite where two points were not seen together often enough.
+    """
+    looks = np.unique(np.linspace(0, len(position) - 1, min(len(position), N_LOOKS)).round().astype(int))
+    position = position[looks]
+    n_points = position.shape[1]
+    spread = np.zeros((n_points, n_points))
+    for i in range(n_points - 1):
+        apart = np.linalg.norm(position[:, i + 1 :] - position[:, i : i + 1], axis=2)
+        spread[i, i + 1 :] = spread[i + 1 :, i] = _robust_sd(apart)
+    return spread
+
+
+def _robust_sd(values: FloatArray) -> FloatArray:
+    enough = np.isfinite(values).sum(axis=0) >= min(MIN_SHARED_FRAMES, len(values))
+    sd = np.full(values.shape[1], np.inf)
+    if enough.any():
+        chosen = values[:, enough]
+        sd[enough] = ROBUST_SD * np.nanmedian(np.abs(chosen - np.nanmedian(chosen, axis=0)), axis=0)
+    return sd

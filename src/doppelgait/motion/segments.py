@@ -1,0 +1,232 @@
+"""Straight stretches at constant velocity: a long mixed recording becomes several examples."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core.errors import MotionError
+from doppelgait.core.labels import MOTION, axis, check_signal
+from doppelgait.motion.footfalls import is_quadruped
+from doppelgait.motion.gait import GaitFacts, measure_gait
+from doppelgait.motion.travel import smooth_path
+
+FloatArray = npt.NDArray[np.float64]
+
+GRID_S = 0.05
+"""Segments begin and end on this grid."""
+FIRST_WINDOW = 64
+
+
+@dataclass(frozen=True)
+class SegmentLimits:
+    """What counts as straight and as constant.
+
+    Parameters
+    ----------
+    smoothing_s : float
+        The path of the body centre is averaged over this time.
+    lateral_m : float
+        Farthest that the path may lie from the line through its ends, above 0.
+    speed_deviation : float
+        Largest departure of the smoothed speed from its mean, relative to it; above 0, below 1.
+    min_duration_s, min_length_m, min_speed_mps : float
+        Least time, distance and mean speed.
+    """
+
+    smoothing_s: float = 0.5
+    lateral_m: float = 0.12
+    speed_deviation: float = 0.20
+    min_duration_s: float = 1.0
+    min_length_m: float = 1.0
+    min_speed_mps: float = 0.4
+
+
+PERSON = SegmentLimits()
+QUADRUPED = SegmentLimits(smoothing_s=0.35, lateral_m=0.15, speed_deviation=0.25, min_duration_s=0.8, min_length_m=0.6)
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A straight stretch at constant velocity.
+
+    Parameters
+    ----------
+    start_s, stop_s : float
+        First and last frame, on the time axis of the motion.
+    mean_speed_mps : float
+        Distance between its ends over its duration.
+    straightness : float
+        That distance over the length of the smoothed path, 0 to 1.
+    lateral_m : float
+        Farthest from the line through its ends.
+    speed_deviation : float
+        Largest departure of the smoothed speed from its mean, relative to it.
+    heading_deg : float
+        From +x towards +y, -180 to 180.
+    gait : GaitFacts
+        Footfalls, stride and step frequency, name of the gait.
+    """
+
+    start_s: float
+    stop_s: float
+    mean_speed_mps: float
+    straightness: float
+    lateral_m: float
+    speed_deviation: float
+    heading_deg: float
+    gait: GaitFacts
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first to the last frame."""
+        return self.stop_s - self.start_s
+
+
+def find_segments(motion: xr.DataArray, *, limits: SegmentLimits | None = None) -> list[Segment]:
+    """Every straight stretch at constant velocity, longest taken first, none overlapping, in order of time.
+
+    The body centre is the mean of the moving points. Its ground path, averaged over ``smoothing_s``, stays within
+    ``lateral_m`` of the chord of the stretch, its speed within ``speed_deviation`` of the mean speed.
+
+    Parameters
+    ----------
+    motion : xarray.DataArray
+        Motion (time, marker, space) in m, z up; clean it first, gaps are bridged by straight lines.
+    limits : SegmentLimits, optional
+        By default those of a quadruped where the motion has paws or a species other than human, else of a person.
+
+    Returns
+    -------
+    list of Segment
+        Empty when there is none.
+    """
+    check_signal(motion, MOTION)
+    limits = limits or (QUADRUPED if is_quadruped(motion) else PERSON)
+    position = np.asarray(motion.values, dtype=np.float64)
+    rate = float(motion.attrs["rate_hz"])
+    path = smooth_path(position, rate_hz=rate, smoothing_s=limits.smoothing_s)
+    if len(path) < 3 or not np.isfinite(path).all():
+        return []
+    grid = np.arange(0, len(path), max(1, round(GRID_S * rate)))
+    speed = np.linalg.norm(np.gradient(path, 1.0 / rate, axis=0), axis=1)
+    found = _longest_first(path[grid], speed[grid], float(grid[1] if grid.size > 1 else 1) / rate, limits)
+    return [_describe(motion, path, speed, int(grid[a]), int(grid[b])) for a, b in sorted(found)]
+
+
+def crop(motion: xr.DataArray, segment: Segment) -> xr.DataArray:
+    """The part of a motion that a segment spans, as a motion of its own that starts at time 0.
+
+    Gait facts that were measured on the whole are replaced by those of the segment; footfalls that the motion states
+    are kept and shifted.
+
+    Raises
+    ------
+    MotionError
+        If the segment is not inside the motion.
+    """
+    times, rate = axis(motion, "time"), float(motion.attrs["rate_hz"])
+    if segment.start_s < times[0] - 0.5 / rate or segment.stop_s > times[-1] + 0.5 / rate:
+        raise MotionError(
+            f"{motion.attrs['source'] or 'motion'}: the segment from {segment.start_s:g} to {segment.stop_s:g} s is "
+            f"not in this motion, which goes from {times[0]:g} to {times[-1]:g} s; find segments in the same motion"
+        )
+    first, last = (round((t - times[0]) * rate) for t in (segment.start_s, segment.stop_s))
+    part = motion.isel(time=slice(first, last + 1))
+    part = part.assign_coords(time=("time", np.arange(part.sizes["time"]) / rate, motion.time.attrs))
+    start, stop = times[first], times[last]
+    footfalls = {
+        foot: [t - start for t in touchdowns if start <= t <= stop]
+        for foot, touchdowns in motion.attrs["footfalls"].items()
+    }
+    report = {**motion.attrs["report"], "segment_from_s": float(start), "segment_to_s": float(stop)}
+    return part.assign_attrs(footfalls=footfalls, report=report)
+
+
+def _longest_first(path: FloatArray, speed: FloatArray, step_s: float, limits: SegmentLimits) -> list[tuple[int, int]]:
+    """Ends (inclusive) of the longest allowed stretch, then of those before and after it."""
+    found, waiting = [], [(0, len(path))]
+    while waiting:
+        first, stop = waiting.pop()
+        best = _longest(path[first:stop], speed[first:stop], step_s, limits)
+        if best is None:
+            continue
+        a, b = first + best[0], first + best[1]
+        found.append((a, b))
+        waiting += [(first, a), (b + 1, stop)]
+    return found
+
+
+def _longest(path: FloatArray, speed: FloatArray, step_s: float, limits: SegmentLimits) -> tuple[int, int] | None:
+    """Ends of the longest stretch that keeps the limits; None when there is none."""
+    shortest = max(2, math.ceil(limits.min_duration_s / step_s - 1e-9))
+    best: tuple[int, int] | None = None
+    for first in range(len(path)):
+        if len(path) - first <= shortest:
+            break
+        allowed = _allowed_ends(path[first:], speed[first:], step_s, limits)
+        if allowed.size and allowed[-1] >= shortest:
+            best = (first, first + int(allowed[-1]))
+            shortest = int(allowed[-1]) + 1
+    return best
+
+
+def _allowed_ends(path: FloatArray, speed: FloatArray, step_s: float, limits: SegmentLimits) -> npt.NDArray[np.int64]:
+    """Steps after the first sample at which a stretch from there may end.
+
+    Looks at a window that doubles until no longer stretch can be allowed.
+    """
+    reach = FIRST_WINDOW
+    while True:
+        ends, more = _ends_in_window(path[:reach], speed[:reach], step_s, limits)
+        if not more or reach >= len(path):
+            return ends
+        reach *= 2
+
+
+def _ends_in_window(
+    path: FloatArray, speed: FloatArray, step_s: float, limits: SegmentLimits
+) -> tuple[npt.NDArray[np.int64], bool]:
+    """Allowed ends in a window, and whether a longer window could hold more.
+
+    The chord through a point within ``lateral_m`` of a path sample lies in a cone of directions; a chord is straight
+    enough when it lies in the cones of all samples before it. That makes one pass of what is a search over triples.
+    """
+    high, low = np.maximum.accumulate(speed), np.minimum.accumulate(speed)
+    mean = np.cumsum(speed) / np.arange(1, len(speed) + 1)
+    steady = (high <= (1 + limits.speed_deviation) * mean) & (low >= (1 - limits.speed_deviation) * mean)
+    chord = path - path[0]
+    length = np.linalg.norm(chord, axis=1)
+    angle = np.unwrap(np.arctan2(chord[:, 1], chord[:, 0]))
+    # a sample nearer than the limit allows every direction
+    ratio = np.minimum(1.0, limits.lateral_m / np.maximum(length, 1e-12))
+    half = np.where(length > limits.lateral_m, np.arcsin(ratio), np.inf)
+    left, right = np.minimum.accumulate(angle + half), np.maximum.accumulate(angle - half)
+    straight = (angle >= right) & (angle <= left)
+    long_enough = length >= np.maximum(limits.min_length_m, limits.min_speed_mps * step_s * np.arange(len(path)))
+    spread = (1 + limits.speed_deviation) / (1 - limits.speed_deviation)
+    more = bool(left[-1] >= right[-1] and high[-1] <= spread * low[-1])
+    return np.flatnonzero(steady & straight & long_enough), more
+
+
+def _describe(motion: xr.DataArray, path: FloatArray, speed: FloatArray, first: int, last: int) -> Segment:
+    times, rate = axis(motion, "time"), float(motion.attrs["rate_hz"])
+    part, pace = path[first : last + 1], speed[first : last + 1]
+    chord = part[-1] - part[0]
+    distance = float(np.linalg.norm(chord))
+    along = chord / distance
+    offset = part - part[0]
+    return Segment(
+        start_s=float(times[first]),
+        stop_s=float(times[last]),
+        mean_speed_mps=distance * rate / (last - first),
+        straightness=min(1.0, distance / float(np.linalg.norm(np.diff(part, axis=0), axis=1).sum())),
+        lateral_m=float(np.abs(offset[:, 0] * along[1] - offset[:, 1] * along[0]).max()),
+        speed_deviation=float(np.abs(pace / pace.mean() - 1).max()),
+        heading_deg=math.degrees(math.atan2(along[1], along[0])),
+        gait=measure_gait(motion.isel(time=slice(first, last + 1))),
+    )

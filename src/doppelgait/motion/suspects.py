@@ -1,0 +1,242 @@
+"""Points that do what no part of a body does: they jump, exchange names, double another point or lie far away."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int_]
+
+JUMP_M, JUMP_JERK_MPS3 = 0.05, 6_000.0
+"""A step between two frames that is no part of a smooth path: above 5 cm and above what this jerk explains."""
+SWAP_M, SWAP_JERK_MPS3 = 0.02, 1_300.0
+"""Two steps at once that exchange two points may be smaller: one alone could be noise, two that fit cannot."""
+SWAP_RATIO = 0.3
+"""Exchanging two points must take away 70 % of their steps."""
+MAX_BRIDGE_S = 0.1
+"""Paths are not continued across longer gaps."""
+MAX_SWAPS = 200
+SAME_PLACE_M, NEARLY_SAME_PLACE_M = 0.005, 0.02
+"""Two points are one if they are this close, half of the time and 95 % of it."""
+MOVING_M = 0.03
+FAR_M, FAR_FACTOR = 1.5, 4.0
+SHORT_LIVED = 0.2
+N_LOOKS = 200
+"""Frames, evenly spread, at which distances between points are compared."""
+
+
+def repair_swaps(position: FloatArray, names: Sequence[str], *, rate_hz: float) -> list[dict[str, Any]]:
+    """Give two points their paths back where they exchanged names, in place.
+
+    Two points have swapped at a frame if both make a step there (:func:`find_steps`) and exchanging their samples from
+    that frame on takes at least 70 % of both steps away. The names before the frame are taken as the right ones.
+
+    Parameters
+    ----------
+    position : ndarray, shape (T, P, 3)
+        In m, NaN where missing; changed.
+    names : sequence of str, length P
+        Unique point names.
+    rate_hz : float
+        Frames per second.
+
+    Returns
+    -------
+    list of dict
+        ``frame`` and ``points`` (two names) of every swap, in the order of time; 200 at most.
+    """
+    swaps: list[dict[str, Any]] = []
+    step, limit = find_steps(position, rate_hz=rate_hz, floor_m=SWAP_M, jerk_mps3=SWAP_JERK_MPS3)
+    frame = 0
+    while len(swaps) < MAX_SWAPS:
+        pair, frame = _next_swap(position, step, limit, first=frame, rate_hz=rate_hz)
+        if not pair:
+            break
+        position[frame:, pair] = position[frame:, pair[::-1]]
+        step[:, pair], limit[:, pair] = find_steps(
+            position[:, pair], rate_hz=rate_hz, floor_m=SWAP_M, jerk_mps3=SWAP_JERK_MPS3
+        )
+        swaps.append({"frame": frame, "points": sorted(names[i] for i in pair)})
+    return swaps
+
+
+def _next_swap(
+    position: FloatArray, step: FloatArray, limit: FloatArray, *, first: int, rate_hz: float
+) -> tuple[list[int], int]:
+    """The two points that swap first from a frame on, those that gain most if several do, and the frame."""
+    stepping = step[first:] > limit[first:]
+    for frame in (int(k) + first for k in np.flatnonzero(stepping.sum(axis=1) >= 2)):
+        points = np.flatnonzero(stepping[frame - first])
+        rest, before = _exchanged(position[:, points], frame, rate_hz), step[frame, points]
+        least = np.minimum(before[:, np.newaxis], before)
+        fits = np.maximum(rest, rest.T) < SWAP_RATIO * least
+        gain = np.where(fits, before[:, np.newaxis] + before - rest - rest.T, 0.0)
+        np.fill_diagonal(gain, 0.0)
+        if gain.max() > 0.0:
+            i, j = np.unravel_index(int(np.argmax(gain)), gain.shape)
+            return [int(points[i]), int(points[j])], frame
+    return [], len(step)
+
+
+def find_jumps(position: FloatArray, names: Sequence[str], *, rate_hz: float) -> list[dict[str, Any]]:
+    """Steps that are no part of a smooth path; nothing is changed.
+
+    Parameters
+    ----------
+    position : ndarray, shape (T, P, 3)
+        In m, NaN where missing.
+    names : sequence of str, length P
+        Point names.
+    rate_hz : float
+        Frames per second.
+
+    Returns
+    -------
+    list of dict
+        ``frame`` (the first after the step), ``point`` and ``step_m`` of every jump, by frame and name.
+    """
+    step, limit = find_steps(position, rate_hz=rate_hz, floor_m=JUMP_M, jerk_mps3=JUMP_JERK_MPS3)
+    edge = np.full((1, step.shape[1]), -1.0)
+    known = np.concatenate([edge, np.nan_to_num(step, nan=-1.0), edge])
+    # a jump disturbs the velocities beside it: the frames before and after seem to step by half as much
+    peak = (step > limit) & (known[1:-1] > known[:-2]) & (known[1:-1] >= known[2:])
+    found = [{"frame": int(k), "point": names[p], "step_m": round(float(step[k, p]), 4)} for k, p in np.argwhere(peak)]
+    return sorted(found, key=lambda jump: (jump["frame"], jump["point"]))
+
+
+def find_steps(
+    position: FloatArray, *, rate_hz: float, floor_m: float, jerk_mps3: float
+) -> tuple[FloatArray, FloatArray]:
+    """How far every sample lies from where its point was before, but for the mean of the velocities there and here.
+
+    For a path of constant acceleration this is 0, for one of constant jerk j it is ``j t^3 / 2``. A gap of up to 0.1 s
+    is bridged; where a point is not seen in two frames on both sides, the step is NaN.
+
+    Parameters
+    ----------
+    position : ndarray, shape (T, P, 3)
+        In m, NaN where missing.
+    rate_hz : float
+        Frames per second.
+    floor_m : float
+        Least limit, in m.
+    jerk_mps3 : float
+        Jerk that a limit allows, in m/s^3.
+
+    Returns
+    -------
+    step : ndarray, shape (T, P)
+        In m.
+    limit : ndarray, shape (T, P)
+        ``max(floor_m, jerk_mps3 t^3 / 2)``, t the time since the sample before.
+    """
+    last, before, after, gap = _paths(position, rate_hz)
+    step = np.linalg.norm(position - last - gap[..., np.newaxis] * (before + after) / 2, axis=2)
+    return step, np.maximum(floor_m, jerk_mps3 * (gap / rate_hz) ** 3 / 2)
+
+
+def _paths(position: FloatArray, rate_hz: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Where each point was seen last, its way per frame there and from here on, and how many frames ago it was."""
+    n_frames, n_points = position.shape[:2]
+    seen, point = np.isfinite(position).all(axis=2), np.arange(n_points)
+    frames = np.arange(n_frames)[:, np.newaxis]
+    latest = np.maximum.accumulate(np.where(seen, frames, 0), axis=0)
+    previous = np.concatenate([np.zeros((1, n_points), dtype=int), latest[:-1]])
+    gap = (frames - previous).astype(np.float64)
+    gap[(gap > max(1, round(MAX_BRIDGE_S * rate_hz))) | (gap < 1)] = np.nan
+    none = np.full((1, n_points, 3), np.nan)
+    way = np.concatenate([none, np.diff(position, axis=0), none])
+    return position[previous, point], way[previous, point], way[1:], gap
+
+
+def _exchanged(position: FloatArray, frame: int, rate_hz: float) -> FloatArray:
+    """Step [i, j] that is left if from a frame on the path of point i goes on as that of point j; shape (P, P)."""
+    start = max(0, frame - 2 - max(1, round(MAX_BRIDGE_S * rate_hz)))
+    near = position[start : frame + 2]
+    last, before, after, gap = (values[frame - start] for values in _paths(near, rate_hz))
+    frames_ago = gap[:, np.newaxis, np.newaxis]
+    come = last[:, np.newaxis] + frames_ago * (before[:, np.newaxis] + after) / 2
+    return np.asarray(np.linalg.norm(near[frame - start] - come, axis=2))
+
+
+def useless_points(position: FloatArray, names: Sequence[str], parts: Sequence[str]) -> dict[int, str]:
+    """Points that are no part of the body, though they were recorded, and why.
+
+    Unknown points that live short (seen in less than a fifth of the frames in which points of this recording usually
+    are), points that go with another (closer than 5 mm half of the time, than 2 cm 95 % of it; the one that is
+    seen less goes, then the one without a part, then the one whose name sorts last; points at rest cannot be judged),
+    and points that lie farther than 1.5 m and four times the usual from the middle of the body.
+
+    Parameters
+    ----------
+    position : ndarray, shape (T, P, 3)
+        In m, NaN where missing.
+    names : sequence of str, length P
+        Unique point names.
+    parts : sequence of str, length P
+        Body part of each point, ``""`` when unknown.
+
+    Returns
+    -------
+    dict
+        Reason by index of the point.
+    """
+    n_seen = np.isfinite(position).all(axis=2).sum(axis=0)
+    reasons = _short_lived(n_seen, parts)
+    reasons |= {i: why for i, why in _far_points(position).items() if i not in reasons}
+    rank = sorted(range(len(names)), key=lambda i: (i in reasons, -n_seen[i], not parts[i], names[i]))
+    return reasons | {i: why for i, why in _doubles(position, names, rank).items() if i not in reasons}
+
+
+def _short_lived(n_seen: IntArray, parts: Sequence[str]) -> dict[int, str]:
+    usual = float(np.median(n_seen[n_seen > 0])) if (n_seen > 0).any() else 0.0
+    return {
+        i: "short-lived unknown point"
+        for i, part in enumerate(parts)
+        if not part and 0 < n_seen[i] < SHORT_LIVED * usual
+    }
+
+
+def _far_points(position: FloatArray) -> dict[int, str]:
+    position = position[_looks(len(position))]
+    position = position[np.asarray(np.isfinite(position).all(axis=2)).any(axis=1)]
+    if not position.size:
+        return {}
+    middle = np.nanmedian(position, axis=1, keepdims=True)
+    distance = np.linalg.norm(position - middle, axis=2)
+    seen = np.asarray(np.isfinite(distance).sum(axis=0) > 0)
+    typical = np.full(len(seen), np.nan)
+    typical[seen] = np.nanmedian(distance[:, seen], axis=0)
+    limit = max(FAR_M, FAR_FACTOR * float(np.nanmedian(typical)))
+    return {int(i): "far away from the body" for i in np.flatnonzero(typical > limit)}
+
+
+def _doubles(position: FloatArray, names: Sequence[str], rank: Sequence[int]) -> dict[int, str]:
+    """Points of lower rank at the place of one of higher rank."""
+    position = position[_looks(len(position))]
+    reasons: dict[int, str] = {}
+    for n, i in enumerate(rank):
+        others = np.array([j for j in rank[n + 1 :] if j not in reasons], dtype=int)
+        if i in reasons or not others.size:
+            continue
+        apart = np.linalg.norm(position[:, others] - position[:, [i]], axis=2)
+        near = np.flatnonzero((apart < SAME_PLACE_M).sum(axis=0) >= 2)
+        together = [k for k in near if _go_together(position[:, others[k]], apart[:, k])]
+        reasons |= {int(others[k]): f"at the place of {names[i]}" for k in together}
+    return reasons
+
+
+def _go_together(path: FloatArray, apart: FloatArray) -> bool:
+    """Whether a point that moves is nearly always at the place of another, wherever both are seen."""
+    seen = np.isfinite(apart)
+    median, nearly_all = np.percentile(apart[seen], (50, 95))
+    moves = float(np.linalg.norm(np.ptp(path[seen], axis=0))) > MOVING_M
+    return bool(moves and median < SAME_PLACE_M and nearly_all < NEARLY_SAME_PLACE_M)
+
+
+def _looks(n_frames: int) -> IntArray:
+    return np.unique(np.linspace(0, max(0, n_frames - 1), min(n_frames, N_LOOKS)).round().astype(int))

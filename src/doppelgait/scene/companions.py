@@ -1,0 +1,84 @@
+"""Movers that go together: two people side by side, a person with a leashed dog."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import xarray as xr
+
+from doppelgait.core.errors import ConfigError
+from doppelgait.motion.follow import steady_speed_mps
+from doppelgait.motion.paths import StraightPath
+from doppelgait.scene.target import Target, scaled_motion
+
+
+def side_by_side(first: Target, second: Target, *, side_m: float = 0.7, ahead_m: float = 0.0) -> list[Target]:
+    """Two targets that keep together.
+
+    The second follows the first one's path at the first one's speed, at its side: where the path curves, the outer
+    one goes faster (:func:`doppelgait.motion.follow.follow`), so that both stay abreast. Each stops in its own stride,
+    up to half a stride apart from where they would be abreast.
+
+    Parameters
+    ----------
+    first : Target
+        Has ``start_position_m`` and ``heading_deg``; without a path it goes straight.
+    second : Target
+        Its own place and path, if any, give way; its own speed must be within 30 % of what the path asks of it.
+    side_m : float
+        How far the second is to the left of the first, negative to the right.
+    ahead_m : float
+        How far it is ahead along the path, negative behind.
+
+    Returns
+    -------
+    list of Target
+        The first on its path, and the second on its own.
+
+    Raises
+    ------
+    ConfigError
+        If the first has no start, the second's motion does not suit its speed, or the path turns on the spot.
+    MotionError
+        If a motion does not travel straight and steadily, or cannot stop where the path does.
+    """
+    if first.start_position_m is None:
+        raise ConfigError("companions: the first target needs start_position_m and heading_deg")
+    path = first.path_spec or StraightPath()
+    if path.kind == "turn_around" and path.radius_m is None:
+        raise ConfigError("companions: a turn on the spot cannot be made side by side; give the path radius_m")
+    beside = {
+        "speed_mps": path.speed_mps or steady_speed_mps(scaled_motion(replace(first, path=None))),
+        "side_m": path.side_m + side_m,
+        "ahead_m": path.ahead_m + ahead_m,
+    }
+    placed = replace(
+        second,
+        range_m=None,
+        bearing_deg=0.0,
+        aspect_deg=0.0,
+        start_position_m=first.start_position_m,
+        heading_deg=first.heading_deg,
+        path={**path.model_dump(exclude_none=True), **beside},
+    )
+    scaled_motion(placed)  # refuses here what the path asks too much of
+    return [replace(first, path=path), placed]
+
+
+def leashed_dog(
+    person: Target, dog_motion: xr.DataArray, *, side_m: float = -0.5, ahead_m: float = 0.5, label: str = "dog"
+) -> list[Target]:
+    """Person and dog on a leash, which keeps the person's speed and place; see :func:`side_by_side`.
+
+    Parameters
+    ----------
+    person : Target
+        Has ``start_position_m`` and ``heading_deg``.
+    dog_motion : DataArray (time, marker, space)
+        Straight and steady, its speed within 30 % of the person's: for a model, make it with that ``speed_mps``.
+    side_m, ahead_m : float
+        The dog's place: by default to the right and ahead. The leash itself is no scatterer.
+    label : str
+        Label of the dog's target.
+    """
+    return side_by_side(person, Target(dog_motion, label=label), side_m=side_m, ahead_m=ahead_m)

@@ -1,0 +1,138 @@
+"""TRC files and marker tables of the shared test data, and tables that ``motion convert`` writes."""
+
+from __future__ import annotations
+
+import csv
+import warnings
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+import doppelgait.motion.readers.arrays
+import doppelgait.motion.readers.table
+import doppelgait.motion.readers.trc  # noqa: F401  (these register themselves)
+from doppelgait.cli.app import app
+from doppelgait.core.errors import DoppelgaitWarning
+from doppelgait.motion.clean import clean_motion
+from doppelgait.motion.describe import describe_motion, smooth_path
+from doppelgait.motion.readers import MOTION_READERS, read
+
+pytestmark = pytest.mark.shared
+
+FILES = {
+    "accad_run1.txt": "table",
+    "accad_swagger1.txt": "table",
+    "bmc_walk1.trc": "trc",
+    "opensim_moco_markers_walk.trc": "trc",
+}
+SWAGGER = "accad_swagger1.txt"
+"""Its manifest counts the ghost LHEE-1 as a marker in its gaps."""
+
+
+@cache
+def _rows(shared: Path) -> dict[str, dict[str, str]]:
+    with (shared / "data" / "mocap" / "human" / "manifest.csv").open(newline="", encoding="utf-8") as file:
+        return {Path(row["file"]).name: row for row in csv.DictReader(file)}
+
+
+def _path(shared: Path, name: str) -> Path:
+    return shared / "data" / "mocap" / _rows(shared)[name]["file"]
+
+
+def test_tables_name_every_file(shared: Path) -> None:
+    assert set(FILES) == {name for name, row in _rows(shared).items() if row["format"] in ("trc", "accad-txt")}
+
+
+def test_these_readers_take_these_files_and_no_others(shared: Path) -> None:
+    folders = [shared / "data" / "mocap", shared / "data" / "c3d-edge-cases"]
+    files = [path for folder in folders for path in folder.rglob("*") if path.is_file() and path.stat().st_size]
+    assert len(files) > 100
+    for path in files:
+        with path.open("rb") as file:
+            head = file.read(4096)
+        taken = [name for name in ("trc", "table", "arrays", "c3d") if MOTION_READERS[name].sniff(path, head)]
+        expected = FILES.get(path.name) or ("c3d" if path.suffix == ".c3d" else None)
+        assert taken == ([expected] if expected else []), path.name
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_recording_has_the_facts_of_its_manifest(shared: Path, name: str) -> None:
+    row, facts = _rows(shared)[name], describe_motion(read(_path(shared, name), clean=False))
+    assert facts["format"] == FILES[name]
+    assert facts["points_in_file"] == int(row["points_in_file"])
+    assert facts["points_measured"] == int(row["points_measured"])
+    assert facts["n_frames"] == int(row["n_frames"])
+    # the manifest has frames by the last printed time: 120.0008 where 120 explains all of them
+    assert facts["frame_rate_hz"] == pytest.approx(float(row["frame_rate_hz"]), rel=1e-5)
+    assert facts["duration_s"] == pytest.approx(float(row["duration_s"]), abs=1e-3)
+    assert facts["metres_per_unit"] == float(row["metres_per_unit"])
+    assert (facts["up_axis"], facts["up_axis_from"]) == (row["up_axis"], "body parts")
+    assert facts["points_with_gaps"] == int(row["points_with_gaps"])
+    assert facts["points_all_missing"] == int(row["points_all_missing"])
+    assert facts["gap_fraction"] == pytest.approx(float(row["gap_fraction"]), abs=2e-3 if name == SWAGGER else 1e-4)
+    assert facts["height_m"] == pytest.approx(float(row["height_m"]), abs=3e-3)
+    assert facts["lowest_point_m"] == pytest.approx(float(row["lowest_point_m"]), abs=1e-3)
+    assert facts["mean_speed_mps"] == pytest.approx(float(row["mean_speed_mps"]), rel=0.02)
+    assert facts["path_length_m"] == pytest.approx(float(row["path_length_m"]), rel=0.02)
+
+
+@pytest.mark.parametrize("name", sorted(set(FILES) - {"accad_run1.txt"}))
+def test_segment_has_the_speed_and_step_of_its_manifest(shared: Path, name: str) -> None:
+    row, motion = _rows(shared)[name], read(_path(shared, name), clean=False)
+    rate = motion.attrs["rate_hz"]
+    first, last = int(row["seg_start_frame"]), int(row["seg_end_frame"])
+    path = smooth_path(motion.values, rate_hz=rate)
+    speed = float(np.linalg.norm(path[last] - path[first])) * rate / (last - first)
+    assert speed == pytest.approx(float(row["seg_speed_mps"]), rel=0.02)
+    part = read(_path(shared, name), clean=False, start_s=first / rate, stop_s=last / rate)
+    facts = describe_motion(part)
+    assert facts["stride_hz"] == pytest.approx(float(row["stride_hz"]), abs=0.05)
+    assert facts["step_hz"] == pytest.approx(float(row["step_hz"]), abs=0.1)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_coordinates_are_those_in_the_text(shared: Path, name: str) -> None:
+    """Another reader of the same numbers: pandas, told the layout by hand."""
+    trc = FILES[name] == "trc"
+    table = pd.read_csv(_path(shared, name), sep="\t", header=None, skiprows=5 if trc else 1, skip_blank_lines=True)
+    motion = read(_path(shared, name), clean=False)
+    theirs = table.iloc[:, 2:].dropna(axis=1, how="all").to_numpy(float).reshape(len(table), -1, 3)
+    theirs = np.where(theirs == -9999.99, np.nan, theirs) * 1e-3
+    if trc:
+        theirs = np.stack([theirs[..., 0], -theirs[..., 2], theirs[..., 1]], axis=-1)
+    if name == SWAGGER:
+        theirs = np.delete(theirs, 11, axis=1)
+        assert motion.attrs["report"]["dropped"] == {"ghost of marker LHEE": ["LHEE-1"]}
+    np.testing.assert_allclose(motion.values, theirs, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_recording_comes_out_clean(shared: Path, name: str) -> None:
+    raw = read(_path(shared, name), clean=False)
+    clean = clean_motion(raw)
+    assert np.isfinite(clean.values).all()
+    assert clean.sizes["marker"] >= 0.9 * raw.sizes["marker"]
+    assert not (clean.part.values == "").any()
+
+
+@pytest.mark.parametrize(
+    "name", [*FILES, "cmu_07_01.c3d", "btk_coda_walk.c3d", "ktk_optitrack_walk_legs.c3d", "ezc3d_qualisys_walk.c3d"]
+)
+def test_what_convert_writes_reads_back(shared: Path, name: str, tmp_path: Path) -> None:
+    source, out = _path(shared, name), tmp_path / "walk.csv"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DoppelgaitWarning)
+        first = read(source)
+        result = CliRunner().invoke(app, ["motion", "convert", str(source), "-o", str(out)])
+        assert result.exit_code == 0, result.output
+        second = read(out, clean=False)
+    assert list(second.marker.values) == list(first.marker.values)
+    assert list(second.part.values) == list(first.part.values)
+    assert second.attrs["rate_hz"] == pytest.approx(first.attrs["rate_hz"], rel=1e-9)
+    # written with nine significant digits
+    np.testing.assert_allclose(second.values, first.values, rtol=5e-9, atol=1e-15)
+    assert (second.attrs["report"]["up_axis"], second.attrs["report"]["length_unit"]) == ("z", "m")

@@ -1,0 +1,118 @@
+"""What must not change in a scatterer table, for every way to scatter (hypothesis, the same examples every time)."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from doppelgait.core.rng import rng
+from doppelgait.motion.models.boulic import boulic_walk
+from doppelgait.motion.models.quadruped import quadruped_gait
+from doppelgait.scene import RcsSpec, Scene, Target, assemble
+from doppelgait.scene.ellipsoids import ellipsoids_of_frames, seen_rcs_m2, skeleton_of
+from doppelgait.scene.occlusion import own_points, visible_power
+
+WALK, DOG = boulic_walk(duration_s=0.5), quadruped_gait(duration_s=0.5)
+T = np.arange(0, 0.45, 0.05)
+SPECS = {
+    "split": RcsSpec(),
+    "ellipsoids": RcsSpec(kind="ellipsoids"),
+    "ellipsoids, hidden": RcsSpec(kind="ellipsoids", occlusion=True),
+    "points, hidden": RcsSpec(occlusion=True),
+    "merged": RcsSpec(merge_closer_than_m=0.2),
+    "fluctuating": RcsSpec(fluctuation="swerling1", total_spread_db=3.0),
+}
+VARIABLES = ("range", "radial_velocity", "rcs", "path_gain")
+
+every_way = pytest.mark.parametrize("spec", SPECS.values(), ids=list(SPECS))
+both = pytest.mark.parametrize("motion", [WALK, DOG], ids=["person", "dog"])
+
+
+def always(*strategies, examples=8):
+    def wrap(test):
+        return settings(derandomize=True, deadline=None, max_examples=examples)(given(*strategies)(test))
+
+    return wrap
+
+
+def table(motion, spec, start, heading_deg, radar_m):
+    target = Target(motion, rcs=spec, start_position_m=start, heading_deg=heading_deg)
+    return assemble(Scene([target], radar_position_m=radar_m, duration_s=0.45), T, angles=False, rng=rng(1))
+
+
+def assert_same(one, other, order=slice(None)):
+    for name in VARIABLES:
+        np.testing.assert_allclose(one[name].values[:, order], other[name].values, rtol=1e-8, atol=1e-8, err_msg=name)
+
+
+@every_way
+@both
+@always(st.floats(-50, 50), st.floats(-50, 50))
+def test_moving_the_scene_with_the_radar_changes_nothing(motion, spec, east, north):
+    here = table(motion, spec, (4.0, 1.0), 200.0, (0.0, 0.0, 1.2))
+    assert_same(here, table(motion, spec, (4.0 + east, 1.0 + north), 200.0, (east, north, 1.2)))
+
+
+@every_way
+@both
+@always(st.floats(-180, 180))
+def test_turning_the_scene_with_the_radar_changes_nothing(motion, spec, turn_deg):
+    cos, sin = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
+
+    def turned(x, y):
+        return float(cos * x - sin * y), float(sin * x + cos * y)
+
+    here = table(motion, spec, (4.0, 1.0), 20.0, (0.5, -0.3, 1.2))
+    there = table(motion, spec, turned(4.0, 1.0), (20.0 + turn_deg) % 360, (*turned(0.5, -0.3), 1.2))
+    assert_same(here, there)
+
+
+@pytest.mark.parametrize("name", [n for n in SPECS if n not in ("merged", "fluctuating")])
+@both
+@always(st.integers(0, 2**32 - 1), examples=5)
+def test_permuting_the_markers_permutes_the_rows(motion, name, seed):
+    order = np.random.default_rng(seed).permutation(motion.sizes["marker"])
+    here, there = (
+        table(m, SPECS[name], (4.0, 1.0), 200.0, (0.0, 0.0, 1.2)) for m in (motion, motion.isel(marker=order))
+    )
+    # ellipsoids keep the order of the body's segments
+    assert_same(here, there, slice(None) if SPECS[name].kind == "ellipsoids" else order)
+
+
+@both
+@always(st.integers(0, 2**32 - 1), examples=5)
+def test_permuting_the_markers_permutes_what_is_merged(motion, seed):
+    source = np.random.default_rng(seed)
+    order = source.permutation(motion.sizes["marker"])
+    # no distance twice: a body that is its own mirror image leaves the choice to the order
+    motion = motion + source.uniform(-0.02, 0.02, (1, motion.sizes["marker"], 3))
+    here, there = (
+        table(m, SPECS["merged"], (4.0, 1.0), 200.0, (0.0, 0.0, 1.2)) for m in (motion, motion.isel(marker=order))
+    )
+    rows = [{frozenset(name.split("+")) for name in t.coords["marker"].values.tolist()} for t in (here, there)]
+    assert rows[0] == rows[1]
+    np.testing.assert_allclose(np.sort(here["range"].values), np.sort(there["range"].values), rtol=1e-9)
+
+
+@both
+@always(st.floats(1e-3, 1e3))
+def test_another_unit_of_length_scales_areas_by_its_square_and_hides_the_same(motion, unit):
+    other = motion.copy(data=motion.values * unit)
+    other.attrs["height_m"] = motion.attrs["height_m"] * unit
+    radar = np.array([4.0, 2.0, 1.1])
+    one, two = (ellipsoids_of_frames(skeleton_of(m)) for m in (motion, other))
+    np.testing.assert_allclose(seen_rcs_m2(two, unit * radar), unit**2 * seen_rcs_m2(one, radar), rtol=1e-9)
+    gains = [
+        visible_power(m.values, body, own_points(m.values, body), k * radar, edge_m=k * 0.05)
+        for m, body, k in ((motion, one, 1.0), (other, two, unit))
+    ]
+    np.testing.assert_allclose(gains[1], gains[0], atol=1e-9)
+
+
+@both
+@every_way
+def test_the_total_scales_every_row(motion, spec):
+    place = ((4.0, 1.0), 200.0, (0.0, 0.0, 1.2))
+    one, two = (table(motion, spec.model_copy(update={"total_m2": total}), *place) for total in (0.3, 0.9))
+    np.testing.assert_allclose(two["rcs"].values, 3 * one["rcs"].values, rtol=1e-12)
+    np.testing.assert_array_equal(two["path_gain"].values, one["path_gain"].values)

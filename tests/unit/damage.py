@@ -1,0 +1,33 @@
+"""Damaged copies of a file, and what a reader makes of them."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from doppelgait.core.errors import DoppelgaitWarning, MotionError
+from doppelgait.motion.readers import read
+
+
+def damaged_copies(path: Path, *, start: int, count: int, rng: np.random.Generator) -> Iterator[Path]:
+    """The file, cut off or with one byte changed, in turn; nothing before byte ``start`` is touched."""
+    whole = path.read_bytes()
+    copy = path.with_name(f"damaged{path.suffix}")
+    for trial in range(count):
+        at = int(rng.integers(start, len(whole)))
+        copy.write_bytes(whole[:at] + (bytes([int(rng.integers(256))]) + whole[at + 1 :] if trial % 2 else b""))
+        yield copy
+
+
+def read_or_refusal(path: Path) -> tuple[xr.DataArray | None, str]:
+    """The motion, or the text of the MotionError; anything else that is raised is a fault of the reader."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DoppelgaitWarning)
+        try:
+            return read(path, clean=False), ""
+        except MotionError as error:
+            return None, str(error)

@@ -1,0 +1,372 @@
+"""BVH reading on files that these tests write themselves; positions are held against 4x4 matrices, joint by joint."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from doppelgait.core.errors import DoppelgaitWarning, MotionError
+from doppelgait.motion.readers import read
+from doppelgait.motion.readers.bvh import bvh_positions
+from doppelgait.motion.readers.bvh_content import BvhContent, Node, read_bvh_content
+from doppelgait.motion.readers.hierarchy import axis_rotations, euler_rotations, vector_rotations
+from doppelgait.motion.readers.joint_points import skeleton_size
+
+ROTATIONS = "CHANNELS 3 Zrotation Xrotation Yrotation"
+ALL = "CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation"
+PERSON = {
+    # joint: (parent, offset in cm)
+    "Hips": ("", (0, 0, 0)),
+    "Spine": ("Hips", (0, 20, 0)),
+    "Chest": ("Spine", (0, 15, 0)),
+    "Neck": ("Chest", (0, 20, 0)),
+    "Head": ("Neck", (0, 10, 2)),
+    **{
+        side + name: (side + parent if parent not in ("Hips", "Chest") else parent, offset)
+        for side, sign in (("Left", 1), ("Right", -1))
+        for name, parent, offset in (
+            ("UpLeg", "Hips", (9 * sign, -5, 0)),
+            ("Leg", "UpLeg", (0, -42, 0)),
+            ("Foot", "Leg", (0, -40, 0)),
+            ("ToeBase", "Foot", (0, -6, 12)),
+            ("Shoulder", "Chest", (3 * sign, 15, 0)),
+            ("Arm", "Shoulder", (14 * sign, 0, 0)),
+            ("ForeArm", "Arm", (27 * sign, 0, 0)),
+            ("Hand", "ForeArm", (25 * sign, 0, 0)),
+        )
+    },
+}
+
+
+def hierarchy(tree: dict[str, tuple[str, tuple]], name: str, channels: str = ROTATIONS, depth: int = 0) -> str:
+    """Text of a joint and all below it; chains end in End Sites 8 units on."""
+    tab = "\t" * depth
+    children = [child for child, (parent, _) in tree.items() if parent == name]
+    below = "".join(hierarchy(tree, child, channels, depth + 1) for child in children)
+    below = below or f"{tab}\tEnd Site\n{tab}\t{{\n{tab}\t\tOFFSET 0 0 8\n{tab}\t}}\n"
+    word, mine = ("JOINT", channels) if tree[name][0] else ("ROOT", ALL)
+    offset = " ".join(map(str, tree[name][1]))
+    return f"{tab}{word} {name}\n{tab}{{\n{tab}\tOFFSET {offset}\n{tab}\t{mine}\n{below}{tab}}}\n"
+
+
+def rows(values: np.ndarray) -> str:
+    return "".join(" ".join(f"{value:.6f}" for value in row) + " \n" for row in values)
+
+
+def person_values(n_frames: int = 120) -> np.ndarray:
+    """Channel values of a person who walks along z at 1.2 m/s, 120 frames/s, in cm and degrees."""
+    values = np.zeros((n_frames, 6 + 3 * (len(PERSON) - 1)))
+    time = np.arange(n_frames) / 120.0
+    values[:, 1], values[:, 2] = 100.0, 120.0 * time
+    names = list(PERSON)
+    for name, swing in (("LeftUpLeg", 25), ("RightUpLeg", -25), ("LeftLeg", 20), ("RightArm", 20)):
+        values[:, 6 + 3 * (names.index(name) - 1) + 1] = swing * np.sin(2 * np.pi * time + 0.3)
+    return values
+
+
+def write(path: Path, tree: str, values: str, n_frames: int, frame_time: str = "0.0083333") -> Path:
+    text = f"HIERARCHY\n{tree}MOTION\nFrames: {n_frames}\nFrame Time: {frame_time}\n{values}"
+    path.write_text(text, encoding="utf-8", newline="")
+    return path
+
+
+def person(path: Path, values: np.ndarray | None = None) -> Path:
+    values = person_values() if values is None else values
+    return write(path, hierarchy(PERSON, "Hips"), rows(values), len(values))
+
+
+@pytest.fixture
+def walk(tmp_path: Path) -> Path:
+    return person(tmp_path / "walk.bvh")
+
+
+def literal(content: BvhContent) -> np.ndarray:
+    """Positions of all nodes by 4x4 matrices, one joint and frame at a time."""
+    result = np.empty((len(content.values), len(content.nodes), 3))
+    for t, row in enumerate(content.values):
+        rest = list(row)
+        world: list[np.ndarray] = []
+        for j, node in enumerate(content.nodes):
+            local = np.eye(4)
+            local[:3, 3] = node.offset
+            for channel in node.channels:
+                value = rest.pop(0)
+                if channel[0] == "p":
+                    local["xyz".index(channel[1]), 3] = value
+                else:
+                    turn = np.eye(4)
+                    turn[:3, :3] = Rotation.from_euler(channel[1], value, degrees=True).as_matrix()
+                    local = local @ turn
+            world.append(world[node.parent] @ local if node.parent >= 0 else local)
+            result[t, j] = world[j][:3, 3]
+    return result
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_positions_agree_with_a_matrix_walk(seed: int) -> None:
+    draw = np.random.default_rng(seed)
+    nodes = []
+    for j in range(12):
+        turns = list(draw.permutation(["rx", "ry", "rz"]))[: draw.integers(0, 4)]
+        places = [f"p{axis}" for axis in "xyz" if draw.random() < 0.4]
+        offset = tuple(float(x) for x in draw.normal(size=3))
+        nodes.append(Node(f"n{j}", -1 if j == 0 else int(draw.integers(0, j)), offset, [*places, *turns]))
+    values = draw.uniform(-180, 180, (5, sum(len(node.channels) for node in nodes)))
+    content = BvhContent(tuple(nodes), 0.01, values)
+    np.testing.assert_allclose(bvh_positions(content), literal(content), atol=1e-9)
+
+
+def test_rotations_agree_with_scipy() -> None:
+    draw = np.random.default_rng(1)
+    angles = draw.uniform(-4, 4, (20, 3))
+    for axes in ("zyx", "xyz", "yzx", "zxz"):
+        expected = Rotation.from_euler(axes.upper(), angles).as_matrix()
+        np.testing.assert_allclose(euler_rotations(axes, angles), expected, atol=1e-12)
+    for vectors in (angles, angles * 1e-9, np.zeros((2, 3))):
+        np.testing.assert_allclose(vector_rotations(vectors), Rotation.from_rotvec(vectors).as_matrix(), atol=1e-12)
+    np.testing.assert_allclose(axis_rotations("z", np.array(np.pi / 2)) @ [1, 0, 0], [0, 1, 0], atol=1e-15)
+
+
+def test_a_person_is_read(walk: Path) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DoppelgaitWarning)
+        motion = read(walk, clean=False)
+    report = motion.attrs["report"]
+    assert (report["length_unit"], report["up_axis"], motion.attrs["species"]) == ("cm", "y", "human")
+    assert report["points_in_file"] == len(PERSON) + 5
+    assert motion.attrs["rate_hz"] == pytest.approx(120, rel=1e-5)
+    assert motion.sel(marker="Hips").values[:, 2] == pytest.approx(1.0)
+    # y up, walking along z: z becomes x
+    step = np.diff(motion.sel(marker="Hips").values, axis=0)
+    np.testing.assert_allclose(step, np.tile([0.01, 0.0, 0.0], (len(step), 1)), atol=1e-6)
+    assert motion.sel(marker="LeftUpLeg").values[:, 1] == pytest.approx(0.09)
+    assert {"LeftToeBase_End", "Head_End", "RightHand_End"} <= set(motion.marker.values)
+    assert report["dropped"] == {}
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1.0, "cm"), (0.01, "m"), (10.0, "mm"), (1 / 2.54, "in")])
+def test_the_size_of_the_body_tells_the_unit(tmp_path: Path, factor: float, unit: str) -> None:
+    tree = {name: (parent, tuple(x * factor for x in offset)) for name, (parent, offset) in PERSON.items()}
+    values = person_values()
+    values[:, :3] *= factor
+    text = hierarchy(tree, "Hips").replace("OFFSET 0 0 8", f"OFFSET 0 0 {8 * factor}")
+    motion = read(write(tmp_path / "a.bvh", text, rows(values), len(values)), clean=False)
+    assert motion.attrs["report"]["length_unit"] == unit
+    assert motion.sel(marker="Hips").values[0, 2] == pytest.approx(1.0, rel=1e-4)
+
+
+def test_an_unclear_unit_is_said_and_can_be_given(tmp_path: Path) -> None:
+    tree = {"a": ("", (0, 0, 0)), "b": ("a", (0, 1, 0)), "c": ("b", (0, 1, 0))}
+    values = np.tile(np.arange(10.0)[:, None], (1, 12))
+    path = write(tmp_path / "a.bvh", hierarchy(tree, "a"), rows(values), 10)
+    with pytest.warns(DoppelgaitWarning, match="names no length unit.*units="):
+        read(path, clean=False)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        motion = read(path, clean=False, units="cmu", up_axis="z", rate_hz=60.0)
+    assert motion.attrs["report"]["length_unit_from"] == motion.attrs["report"]["up_axis_from"] == "option"
+    np.testing.assert_allclose(motion.sel(marker="a").values[3], 3 * 0.0254 / 0.45)
+    assert motion.attrs["rate_hz"] == 60.0
+
+
+def test_z_up_is_seen_by_the_parts_of_a_person(tmp_path: Path) -> None:
+    tree = {name: (parent, (o[2], o[0], o[1])) for name, (parent, o) in PERSON.items()}
+    values = person_values()
+    values[:, :3] = values[:, [2, 0, 1]]
+    values[:, 6:] = 0.0
+    path = write(tmp_path / "a.bvh", hierarchy(tree, "Hips"), rows(values), len(values))
+    motion = read(path, clean=False)
+    assert motion.attrs["report"]["up_axis"] == "z"
+    assert motion.sel(marker="Hips").values[:, 2] == pytest.approx(1.0)
+
+
+def test_helpers_fixed_root_and_doubles_are_left_out(tmp_path: Path) -> None:
+    tree = {"joint_Root": ("", (0, 0, 0))} | {
+        name: (parent or "joint_Root", (0, 90, 0) if name == "Hips" else offset)
+        for name, (parent, offset) in PERSON.items()
+    }
+    tree |= {"LHipJoint": ("Hips", (0, 0, 0)), "Bip01_HeadNub": ("Head", (0, 9, 0))}
+    tree |= {"Bip01_Footsteps": ("Hips", (0, -90, 0))}
+    names: list[str] = []
+
+    def walk_tree(name: str) -> None:
+        names.append(name)
+        for child, (parent, _) in tree.items():
+            if parent == name:
+                walk_tree(child)
+
+    walk_tree("joint_Root")
+    values = np.zeros((60, 6 + 6 * (len(tree) - 1)))
+    for n, name in enumerate(names[1:]):
+        values[:, 6 + 6 * n : 9 + 6 * n] = tree[name][1]
+    values[:, 6 + 6 * names[1:].index("Hips") + 2] += np.arange(60)
+    path = write(tmp_path / "a.bvh", hierarchy(tree, "joint_Root", ALL), rows(values), 60)
+    dropped = read(path, clean=False).attrs["report"]["dropped"]
+    assert dropped["root node, no joint of the body (by its name)"] == ["joint_Root"]
+    assert set(dropped["rig helper (by its name)"]) == {
+        "Bip01_HeadNub", "Bip01_HeadNub_End", "Bip01_Footsteps", "Bip01_Footsteps_End",
+    }  # fmt: skip
+    assert dropped["same place as Hips"] == ["LHipJoint"]
+    # the same without the telling name: it never moves and bears one joint
+    renamed = write(tmp_path / "b.bvh", hierarchy(tree, "joint_Root", ALL), rows(values), 60)
+    renamed.write_text(renamed.read_text().replace("joint_Root", "Place"))
+    assert read(renamed, clean=False).attrs["report"]["dropped"]["root node, no joint of the body (it never moves)"]
+
+
+def test_hips_that_only_turn_stay(tmp_path: Path) -> None:
+    values = person_values()
+    values[:, :3] = 100.0
+    assert "Hips" in read(person(tmp_path / "a.bvh", values), clean=False).marker.values
+
+
+def test_bones_of_a_rig_push_out_the_rest(tmp_path: Path) -> None:
+    tree = {"Bip01": ("", (0, 0, 0))} | {
+        f"b_{name}": (f"b_{parent}" if parent else "Bip01", offset) for name, (parent, offset) in PERSON.items()
+    }
+    tree["Dog_Armor"] = ("b_Hips", (30, 0, 0))
+    values = np.zeros((30, 6 + 3 * (len(tree) - 1)))
+    values[:, 2] = np.arange(30)
+    motion = read(write(tmp_path / "a.bvh", hierarchy(tree, "Bip01"), rows(values), 30), clean=False)
+    assert motion.attrs["report"]["dropped"]["rig helper (not one of the b_ bones)"] == [
+        "Bip01", "Dog_Armor", "Dog_Armor_End",
+    ]  # fmt: skip
+    assert all(name.startswith("b_") for name in motion.marker.values)
+
+
+def test_a_rest_pose_in_front_is_left_out(tmp_path: Path) -> None:
+    values = person_values()
+    values[:, 4] = 2.0
+    values[0, 3:] = 0.0
+    values[0, 6 + 1 :: 3] = 30.0
+    motion = read(person(tmp_path / "a.bvh", values), clean=False)
+    assert motion.sizes["time"] == len(values) - 1
+    assert "rest pose" in motion.attrs["report"]["notes"][0]
+    smooth = person_values()
+    smooth[1:, 4] = 0.01  # a recording that begins unturned but does not jump keeps its first frame
+    assert read(person(tmp_path / "b.bvh", smooth), clean=False).sizes["time"] == len(smooth)
+
+
+def test_line_ends_blanks_and_names_do_not_matter(walk: Path, tmp_path: Path) -> None:
+    expected = read(walk, clean=False)
+    text = walk.read_text().replace("LeftHand\n", "Left  Händ 手\n")
+    odd = tmp_path / "odd name.txt"
+    odd.write_bytes(b"\xef\xbb\xbf\r\n" + text.replace(" ", "\t").replace("\n", " \r\n").encode() + b"\r\n\r\n")
+    motion = read(odd, clean=False)
+    np.testing.assert_array_equal(motion.values, expected.values)
+    assert "Left Händ 手" in motion.marker.values
+    packed = tmp_path / "packed.bvh"
+    packed.write_text(walk.read_text().replace("\n\t", "\n").replace("Hips\n{", "Hips {"))
+    np.testing.assert_array_equal(read(packed, clean=False).values, expected.values)
+
+
+def damaged(text: str, kind: str) -> str:
+    lines = text.split("\n")
+    first = lines.index("MOTION") + 3
+    if kind == "short row":
+        lines[first + 4] = " ".join(lines[first + 4].split()[:-2])
+    elif kind == "word":
+        lines[first + 4] = lines[first + 4].replace(" ", " x ", 1)
+    elif kind == "nan":
+        lines[first + 4] = "nan " + lines[first + 4].split(" ", 1)[1]
+    elif kind == "inf":
+        lines[first + 4] = "1e999 " + lines[first + 4].split(" ", 1)[1]
+    elif kind == "cut":
+        return text[: text.index(lines[first + 4]) + 30]
+    elif kind == "rows gone":
+        lines = lines[: first + 50]
+    elif kind == "rows more":
+        lines.insert(first, lines[first])
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize(
+    ("kind", "pattern"),
+    [
+        ("short row", r"line {line}: frame 5 holds 64 values, 66 are needed"),
+        ("word", r"line {line}: frame 5 holds 'x', which is no finite number"),
+        ("nan", r"line {line}: frame 5 holds 'nan'"),
+        ("inf", r"line {line}: frame 5 holds '1e999'"),
+        ("cut", r"line {line}: frame 5 holds \d+ values, 66 are needed; the file is cut off"),
+        ("rows gone", r"declares 120 frames but holds 50"),
+        ("rows more", r"declares 120 frames but holds 121"),
+    ],
+)
+def test_damaged_values_are_named_by_line(walk: Path, kind: str, pattern: str) -> None:
+    text = walk.read_text()
+    line = text.split("\n").index("MOTION") + 3 + 5
+    walk.write_text(damaged(text, kind))
+    with pytest.raises(MotionError, match=pattern.format(line=line)) as error:
+        read(walk)
+    assert "walk.bvh" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "pattern"),
+    [
+        ("MOTION\n", "", "no line MOTION"),
+        ("Frames: 120", "Frames: many", "must be numbers"),
+        ("Frames: 120\n", "", "line {line}: 'Frames: N' is needed here"),
+        ("Frame Time: 0.0083333", "Frame Time: 0", "Frame Time of 0 s.*rate_hz"),
+        ("CHANNELS 3 Z", "CHANNELS 4 Z", "line {line}: CHANNELS .* is not right"),
+        ("Zrotation", "Wrotation", "line {line}: CHANNELS"),
+        ("OFFSET 0 20 0", "OFFSET 0 20", "line {line}: OFFSET needs three numbers"),
+        ("OFFSET 0 20 0", "OFFSET 0 inf 0", "line {line}: OFFSET needs three numbers"),
+        ("JOINT Spine", "BONE Spine", "line {line}: 'BONE Spine' is no statement"),
+        ("}\nMOTION", "MOTION", "a '}' is missing"),
+        ("}\nMOTION", "}\n}\nMOTION", "closes nothing"),
+        ("}\nMOTION", "}\nROOT Other\n{\n}\nMOTION", "a second ROOT, 'Other'"),
+    ],
+)
+def test_a_damaged_hierarchy_is_named_by_line(walk: Path, old: str, new: str, pattern: str) -> None:
+    text = walk.read_text()
+    assert old in text
+    walk.write_text(text.replace(old, new, 1))
+    line = text[: text.index(old)].count("\n") + 1
+    with pytest.raises(MotionError, match=pattern.replace("{line}", str(line))):
+        read(walk)
+
+
+def test_every_cut_ends_in_an_error_or_a_motion(walk: Path) -> None:
+    content = walk.read_bytes()
+    for end in [*range(9, 3000, 97), *range(3000, len(content), 4999)]:
+        walk.write_bytes(content[:end])
+        with pytest.raises(MotionError):
+            read(walk)
+
+
+def test_a_static_pose_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(MotionError, match=r"2 frame\(s\), a static pose"):
+        read(person(tmp_path / "a.bvh", person_values(2)))
+
+
+def test_absurd_offsets_are_refused(walk: Path) -> None:
+    walk.write_text(walk.read_text().replace("OFFSET 0 20 0", "OFFSET 0 1.7e308 0"))
+    with pytest.raises(MotionError, match="too large to be those of a body"):
+        read(walk)
+
+
+def test_options_are_checked(walk: Path) -> None:
+    for option, pattern in (
+        ({"rate_hz": 0.0}, "frame rate of 0 Hz"),
+        ({"units": "ell"}, "no known length"),
+        ({"up_axis": "w"}, "up_axis='w' is not allowed"),
+    ):
+        with pytest.raises(MotionError, match=pattern):
+            read(walk, **option)
+
+
+def test_content_comes_back_as_written(walk: Path) -> None:
+    content = read_bvh_content(walk)
+    np.testing.assert_allclose(content.values, person_values(), atol=1e-6)
+    assert content.nodes[0].channels == ["px", "py", "pz", "rz", "rx", "ry"]
+    assert len(content.nodes) == len(PERSON) + 5
+
+
+def test_skeleton_size_is_the_longest_chain() -> None:
+    #      0 -1- 1 -2- 2      and      0 -4- 3 -1- 4,  0 -3- 5
+    parents, lengths = [-1, 0, 1, 0, 3, 0], np.array([0.0, 1, 2, 4, 1, 3])
+    assert skeleton_size(parents, lengths) == 8.0

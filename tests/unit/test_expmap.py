@@ -1,0 +1,160 @@
+"""Exponential-map reading on files that these tests write themselves."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from doppelgait.core.errors import MotionError
+from doppelgait.motion.readers import read
+
+N_JOINTS = 38
+UNIT_M = 0.05
+
+
+def skeleton() -> dict[str, Any]:
+    draw = np.random.default_rng(3)
+    parents = [-1, *(int(draw.integers(max(0, j - 3), j)) for j in range(1, N_JOINTS))]
+    return {
+        "joint_names": [f"j{j}" for j in range(N_JOINTS)],
+        "parents": parents,
+        "offsets": [[0.0, 0.0, 0.0], *draw.normal(size=(N_JOINTS - 1, 3)).round(3).tolist()],
+        "metres_per_unit": UNIT_M,
+        "frame_rate_hz": 100,
+        "up_axis": "y",
+    }
+
+
+def frames(n_frames: int = 30) -> np.ndarray:
+    time = np.arange(n_frames)[:, None] / 100.0
+    draw = np.random.default_rng(4)
+    amplitude, phase = draw.normal(scale=0.6, size=3 * N_JOINTS), draw.uniform(0, 6, 3 * N_JOINTS)
+    place = np.hstack([0 * time, 18 + 0 * time, 20 * time])
+    return np.hstack([place, amplitude * np.sin(2 * np.pi * time + phase)])
+
+
+def write(folder: Path, values: np.ndarray, body: dict[str, Any] | None = None, name: str = "walk.txt") -> Path:
+    (folder / "skeleton.json").write_text(json.dumps(body or skeleton()))
+    path = folder / name
+    path.write_text("\n".join(",".join(f"{x:.9g}" for x in row) for row in values))
+    return path
+
+
+def test_positions_agree_with_a_row_vector_walk(tmp_path: Path) -> None:
+    values, body = frames(), skeleton()
+    motion = read(write(tmp_path, values), clean=False, up_axis="z")
+    for t in (0, 7, 29):
+        turned, place = [], []
+        for j, parent in enumerate(body["parents"]):
+            own = Rotation.from_rotvec(values[t, 3 + 3 * j : 6 + 3 * j]).as_matrix()
+            turned.append(own @ turned[parent] if j else own)
+            place.append(np.array(body["offsets"][j]) @ turned[parent] + place[parent] if j else values[t, :3])
+        np.testing.assert_allclose(motion.values[t], np.array(place) * UNIT_M, atol=1e-7)
+
+
+def test_rate_unit_and_options(tmp_path: Path) -> None:
+    path = write(tmp_path, frames())
+    motion = read(path, clean=False)
+    report = motion.attrs["report"]
+    assert (motion.attrs["rate_hz"], report["metres_per_unit"], report["skeleton"]) == (100.0, UNIT_M, "skeleton.json")
+    other = read(path, clean=False, units="cm", rate_hz=50.0, up_axis="y")
+    np.testing.assert_allclose(other.values, motion.values / 5)
+    assert other.attrs["rate_hz"] == 50.0
+
+
+def test_a_rest_pose_in_front_is_left_out(tmp_path: Path) -> None:
+    values = frames()
+    values[0, 3:] = 0.0
+    motion = read(write(tmp_path, values), clean=False)
+    assert motion.sizes["time"] == 29
+    assert "rest pose" in motion.attrs["report"]["notes"][0]
+    values[:, 3:6] = 0.0
+    assert read(write(tmp_path, values), clean=False).sizes["time"] == 30
+
+
+def test_a_skeleton_is_needed(tmp_path: Path) -> None:
+    path = write(tmp_path, frames())
+    expected = read(path, clean=False).values
+    (tmp_path / "skeleton.json").rename(tmp_path / "body.json")
+    with pytest.raises(MotionError, match=r"walk.txt: holds joint angles only; .*skeleton="):
+        read(path)
+    np.testing.assert_array_equal(read(path, clean=False, skeleton=str(tmp_path / "body.json")).values, expected)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "pattern"),
+    [
+        ("joint_names", [1, 2], "joint_names must be a list of names"),
+        ("joint_names", ["a"], "parents must hold 1 indices"),
+        ("parents", [-1] * N_JOINTS, "parents must hold 38 indices"),
+        ("parents", [0, *range(N_JOINTS - 1)], "parents must hold 38 indices"),
+        ("offsets", [[0, 0]] * N_JOINTS, "offsets must hold three numbers"),
+        ("offsets", "none", "offsets must hold three numbers"),
+        ("metres_per_unit", -1, "metres_per_unit is -1"),
+        ("metres_per_unit", True, "metres_per_unit is True"),
+        ("frame_rate_hz", "fast", "frame_rate_hz is 'fast'"),
+        ("frame_rate_hz", None, "states no frame_rate_hz; give the rate: rate_hz="),
+        ("up_axis", "up", "up_axis is 'up'"),
+    ],
+)
+def test_a_wrong_skeleton_is_named(tmp_path: Path, key: str, value: object, pattern: str) -> None:
+    with pytest.raises(MotionError, match=pattern) as error:
+        read(write(tmp_path, frames(), {**skeleton(), key: value}))
+    assert "skeleton.json" in str(error.value)
+
+
+def test_a_skeleton_that_is_no_json_is_named(tmp_path: Path) -> None:
+    path = write(tmp_path, frames())
+    for text in ("{", "[]", "[" * 100_000):
+        (tmp_path / "skeleton.json").write_text(text)
+        with pytest.raises(MotionError, match=r"skeleton.json: the skeleton (cannot be read|must be an object)"):
+            read(path)
+
+
+@pytest.mark.parametrize(
+    ("row", "pattern"),
+    [
+        (lambda words: words[:-2], "line 5: frame 5 holds 115 values, 117 are needed"),
+        (lambda words: [*words, "1", "2"], "line 5: frame 5 holds 119 values"),
+        (lambda words: ["x", *words[1:]], "line 5: frame 5 holds 'x'"),
+        (lambda words: ["nan", *words[1:]], "line 5: frame 5 holds 'nan'"),
+        (lambda words: [*words[:3], "", *words[4:]], "line 5: frame 5 holds '', which is no finite number"),
+    ],
+)
+def test_damaged_frames_are_named_by_line(tmp_path: Path, row: Any, pattern: str) -> None:
+    path = write(tmp_path, frames())
+    lines = path.read_text().split("\n")
+    lines[4] = ",".join(row(lines[4].split(",")))
+    path.write_text("\n".join(lines))
+    with pytest.raises(MotionError, match=pattern):
+        read(path)
+
+
+def test_values_that_moved_to_another_line_are_refused(tmp_path: Path) -> None:
+    path = write(tmp_path, frames())
+    lines = path.read_text().split("\n")
+    words = lines[4].split(",")
+    lines[4], lines[5] = ",".join(words[:-1]), words[-1] + "," + lines[5]
+    path.write_text("\n".join(lines))
+    with pytest.raises(MotionError, match="line 5: frame 5 holds 116 values"):
+        read(path)
+
+
+def test_another_skeleton_is_refused(tmp_path: Path) -> None:
+    body = skeleton()
+    small = {**body, **{key: body[key][:32] for key in ("joint_names", "parents", "offsets")}}
+    with pytest.raises(MotionError, match=r"has 117 columns, its skeleton .* of 32 joints needs 99"):
+        read(write(tmp_path, frames(), small))
+    assert read(write(tmp_path, frames()[:, :99], small), clean=False).sizes["marker"] == 32
+
+
+def test_other_tables_are_not_taken(tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    path.write_text("\n".join(",".join(["1.5"] * 60) for _ in range(30)))
+    with pytest.raises(MotionError, match="no motion format"):
+        read(path)

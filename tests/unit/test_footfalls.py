@@ -1,0 +1,203 @@
+"""Footfalls and gaits: against the exact footfalls of the models, and of feet made in the test."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+import xarray as xr
+
+from doppelgait.motion.footfalls import find_feet, find_steps
+from doppelgait.motion.gait import measure_gait, name_quadruped_gait, step_and_gait_frequency_hz, with_gait_facts
+from doppelgait.motion.models import boulic_walk, quadruped_gait
+from doppelgait.motion.models.quadruped_gaits import GAITS
+from doppelgait.motion.schema import make_motion
+
+NAMED_LAGS = {
+    # lags lh_lf, lh_rh, lf_rf from tables of gaits (not from the model)
+    "walk": [(0.25, 0.5, 0.5), (0.17, 0.5, 0.5), (0.31 - 0.12, 0.52, 0.48)],
+    "pace": [(0.0, 0.5, 0.5), (0.98, 0.48, 0.51), (0.05, 0.5, 0.5)],
+    "trot": [(0.5, 0.5, 0.5), (0.45, 0.49, 0.46)],
+    "canter": [(0.275, 0.275, 0.275), (0.275, 0.725, 0.725)],
+    "transverse_gallop": [(0.4, 0.15, 0.15), (0.4, 0.85, 0.85)],
+    "gallop": [(0.163, 0.832, 0.181), (0.5, 0.1, 0.9)],
+    "bound": [(0.45, 0.0, 0.0), (0.4, 0.99, 0.02)],
+}
+
+
+@pytest.mark.parametrize("gait", NAMED_LAGS)
+def test_gait_of_known_lags(gait: str) -> None:
+    for lh_lf, lh_rh, lf_rf in NAMED_LAGS[gait]:
+        assert name_quadruped_gait({"lh_lf": lh_lf, "lh_rh": lh_rh, "lf_rf": lf_rf}) == gait
+        # seen in a mirror: left and right change places
+        right_hind_to_fore = (lh_lf + lf_rf - lh_rh) % 1
+        mirrored = {"lh_lf": right_hind_to_fore, "lh_rh": -lh_rh % 1, "lf_rf": -lf_rf % 1}
+        assert name_quadruped_gait(mirrored) == gait
+
+
+@pytest.mark.parametrize("lags", [{"lh_lf": 0.2, "lh_rh": 0.5}, {"lh_lf": 0.2, "lh_rh": 0.5, "lf_rf": 0.1}, {}])
+def test_no_gait_without_all_lags_or_with_one_even_pair(lags: dict[str, float]) -> None:
+    assert name_quadruped_gait(lags) == ""
+
+
+def test_frequencies_by_gait() -> None:
+    assert step_and_gait_frequency_hz("run", 1.4) == (2.8, 2.8)
+    step, gait = step_and_gait_frequency_hz("bound", 2.0)
+    assert np.isnan(step)
+    assert gait == 2.0
+    assert np.isnan(step_and_gait_frequency_hz("", 2.0)).all()
+
+
+def _check_against_truth(motion: xr.DataArray, frames: float) -> None:
+    found, truth = measure_gait(motion), motion.attrs["footfalls"]
+    last_s = float(motion.time.values[-1])
+    assert found.measured_from == "footfalls"
+    assert found.stride_frequency_hz == pytest.approx(motion.attrs["stride_frequency_hz"], rel=0.005)
+    assert set(found.footfalls) == set(truth)
+    for foot, times in found.footfalls.items():
+        # within one stride of the ends a footfall may be cut
+        inner = [t for t in truth[foot] if 0.3 < t < last_s - 0.1]
+        assert len(times) >= len(inner) > 0
+        for t in inner:
+            assert np.abs(np.array(times) - t).min() <= frames / motion.attrs["rate_hz"] + 1e-9
+        assert all(np.abs(np.array(truth[foot]) - t).min() < 0.02 for t in times if t < last_s - 0.02)
+
+
+@pytest.mark.parametrize("speed_mps", [0.5, 0.9, 1.3, 1.7, 2.1, 2.5])
+def test_walker_lands_where_the_model_says(speed_mps: float) -> None:
+    motion = boulic_walk(speed_mps=speed_mps, duration_s=6.0)
+    _check_against_truth(motion, frames=2)
+    assert measure_gait(motion).gait == "walk"
+    assert measure_gait(motion).phases["l_r"] == pytest.approx(0.5, abs=0.01)
+
+
+@pytest.mark.parametrize("gait", GAITS)
+@pytest.mark.parametrize("share", [0.05, 0.5, 0.95])
+def test_dog_lands_where_the_model_says_and_goes_in_its_gait(gait: str, share: float) -> None:
+    low, high, _ = GAITS[gait].froude
+    motion = quadruped_gait(gait=gait, froude=low * (high / low) ** share, duration_s=4.0)
+    _check_against_truth(motion, frames=2)
+    found = measure_gait(motion)
+    assert found.gait == gait
+    touchdown = GAITS[gait].touchdown
+    lags = {"lh_lf": "left_fore", "lh_rh": "right_hind"}
+    for name, foot in lags.items():
+        wrong = found.phases[name] - (touchdown[foot] - touchdown["left_hind"])
+        assert abs((wrong + 0.5) % 1 - 0.5) < 0.02
+
+
+def test_heading_place_and_height_do_not_matter() -> None:
+    motion = quadruped_gait(gait="walk", duration_s=3.0)
+    turn = np.array([[np.cos(2.0), np.sin(2.0), 0], [-np.sin(2.0), np.cos(2.0), 0], [0, 0, 1]])
+    moved = motion.copy(data=motion.values @ turn + np.array([5.0, -7.0, 0.4]))
+    before, after = measure_gait(motion), measure_gait(moved)
+    assert after.gait == before.gait == "walk"
+    assert after.footfalls == before.footfalls
+
+
+def test_noise_of_a_millimetre_after_cleaning_keeps_gait_and_beat() -> None:
+    from doppelgait.motion.clean import clean_motion
+
+    motion = quadruped_gait(gait="trot", duration_s=4.0, rate_hz=120)
+    noisy = motion.copy(data=motion.values + np.random.default_rng(4).normal(0, 1e-3, motion.shape))
+    found = measure_gait(clean_motion(noisy))
+    assert found.gait == "trot"
+    assert found.stride_frequency_hz == pytest.approx(motion.attrs["stride_frequency_hz"], rel=0.005)
+
+
+def _runner(*, duty: float, stride_hz: float = 1.4, speed_mps: float = 3.0) -> xr.DataArray:
+    """Two feet that stand still for ``duty`` of the stride and a body that falls freely while both are in the air."""
+    time_s = np.arange(0, 4.0, 0.005)
+
+    def foot(phase: float) -> npt.NDArray[np.float64]:
+        cycles = time_s * stride_hz - phase
+        swing = np.clip((cycles % 1 - duty) / (1 - duty), 0, 1)
+        return (np.floor(cycles) + swing - np.sin(2 * np.pi * swing) / (2 * np.pi)) * speed_mps / stride_hz
+
+    flight_s = max(0.5 - duty, 0.0) / stride_hz
+    in_step = (time_s * stride_hz - duty) % 0.5 / stride_hz
+    contact = in_step > flight_s
+    rest = np.where(contact, (in_step - flight_s) / (0.5 / stride_hz - flight_s), 0.0)
+    fall = 9.81 / 2 * in_step * (flight_s - in_step)
+    bob = -9.81 / 2 * flight_s * (0.5 / stride_hz - flight_s) / np.pi * np.sin(np.pi * rest)
+    height = 1.0 + np.where(contact, bob, fall)
+    points = np.zeros((time_s.size, 5, 3))
+    points[:, 0, 0], points[:, 1, 0] = foot(0.0), foot(0.5)
+    points[:, 2:, 0] = (speed_mps * time_s)[:, None]
+    points[:, 2:, 2] = height[:, None]
+    points[:, 3, 2] += 0.3
+    # the mean of all points falls like the body only when the feet weigh little: repeat the trunk
+    points = np.concatenate([points, np.repeat(points[:, 2:], 6, axis=1)], axis=1)
+    n_points = points.shape[1]
+    return make_motion(
+        points,
+        rate_hz=200.0,
+        markers=[f"p{n}" for n in range(n_points)],
+        parts=["left_foot", "right_foot", *["torso"] * (n_points - 2)],
+    )
+
+
+def test_run_has_flight_and_walk_has_none() -> None:
+    run, walk = measure_gait(_runner(duty=0.25)), measure_gait(_runner(duty=0.62))
+    assert (run.gait, walk.gait) == ("run", "walk")
+    assert run.stride_frequency_hz == pytest.approx(1.4, rel=0.002)
+    assert run.step_frequency_hz == run.gait_frequency_hz == pytest.approx(2.8, rel=0.002)
+    # feet below half the body's speed: the stance and the slow ends of the swing
+    assert 0.25 < run.duty_factor < 0.5 < 0.62 < walk.duty_factor < 0.75
+
+
+def test_standing_body_has_no_footfalls() -> None:
+    rng = np.random.default_rng(1)
+    still = np.array([0.0, 0.0, 1.0]) * np.arange(6)[:, None] * 0.3 + rng.normal(0, 0.002, (400, 6, 3))
+    motion = make_motion(still, rate_hz=100.0, markers=list("abcdef"), parts=["left_foot", "right_foot", *[""] * 4])
+    found = with_gait_facts(motion)
+    assert found.attrs["gait"] == ""
+    assert np.isnan(found.attrs["stride_frequency_hz"])
+    assert not any(found.attrs["footfalls"].values())
+
+
+def test_feet_without_names_are_the_lowest_points_left_and_right() -> None:
+    named = boulic_walk(duration_s=5.0)
+    bare = named.assign_coords(part=("marker", [""] * named.sizes["marker"])).assign_attrs(species="")
+    markers = named.marker.values
+    feet = {foot: {str(markers[n]) for n in points} for foot, points in find_feet(bare).items()}
+    assert set(feet) == {"left_foot", "right_foot"}
+    assert all(name.startswith(foot.split("_")[0]) for foot, names in feet.items() for name in names)
+    found = measure_gait(bare)
+    assert found.stride_frequency_hz == pytest.approx(named.attrs["stride_frequency_hz"], rel=0.005)
+
+
+def test_stated_facts_stay() -> None:
+    model = quadruped_gait(gait="gallop", duration_s=2.0)
+    filled = with_gait_facts(model)
+    for key in ("gait", "stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz", "footfalls"):
+        assert filled.attrs[key] == model.attrs[key] or np.isnan(model.attrs[key])
+    assert np.isnan(filled.attrs["step_frequency_hz"])  # not defined for a gallop
+    wrong = with_gait_facts(model.assign_attrs(stride_frequency_hz=9.0, gait="trot", gait_frequency_hz=np.nan))
+    assert wrong.attrs["stride_frequency_hz"] == 9.0
+    assert wrong.attrs["gait_frequency_hz"] == 18.0
+
+
+def test_unknown_facts_are_filled() -> None:
+    model = boulic_walk(speed_mps=1.2, duration_s=5.0)
+    nan = float("nan")
+    bare = model.assign_attrs(
+        gait="", footfalls={}, stride_frequency_hz=nan, step_frequency_hz=nan, gait_frequency_hz=nan
+    )
+    filled = with_gait_facts(bare)
+    assert filled.attrs["gait"] == "walk"
+    for key in ("stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz"):
+        assert filled.attrs[key] == pytest.approx(model.attrs[key], rel=0.005)
+    assert filled.attrs["report"]["gait"]["stride_from"] == "footfalls"
+    assert bare.attrs["gait"] == ""
+
+
+def test_a_gap_is_bridged_and_a_foot_never_seen_left_out() -> None:
+    motion = quadruped_gait(gait="trot", duration_s=3.0)
+    values = motion.values.copy()
+    names = [str(name) for name in motion.marker.values]
+    values[200:205, names.index("left_hind_paw")] = np.nan
+    values[:, names.index("right_fore_paw")] = np.nan
+    steps = find_steps(motion.copy(data=values))
+    assert set(steps) == {"left_hind", "right_hind", "left_fore"}
+    assert measure_gait(motion.copy(data=values)).gait == ""

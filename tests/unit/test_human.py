@@ -1,0 +1,369 @@
+import itertools
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_bvp
+
+from doppelgait.core.errors import ConfigError
+from doppelgait.motion.models import MOTION_MODELS, boulic_walk
+from doppelgait.motion.models.boulic import LENGTHS, POINTS
+from doppelgait.motion.models.boulic_curves import support_fraction
+from doppelgait.motion.models.human import HumanConfig, human_gait
+from doppelgait.motion.models.human_feet import FLAT
+from doppelgait.motion.models.human_person import sample_person, segment_lengths
+from doppelgait.motion.models.human_run import run_duty_factor, run_height_m, run_step_frequency_hz
+from doppelgait.motion.models.human_variation import step_series
+
+INDEX = {name: n for n, name in enumerate(POINTS)}
+WALKS = (0.3, 0.8, 1.4, 2.0, 2.57)
+RUNS = (1.9, 2.5, 3.0, 4.0, 5.0, 7.0, 9.0)
+BONES = [("neck", "head", "head"), ("base", "neck", "torso")] + [
+    (f"{side}_{a}", f"{side}_{b}", bone)
+    for side in ("left", "right")
+    for a, b, bone in (
+        ("shoulder", "elbow", "upper_arm"), ("elbow", "hand", "forearm"), ("hip", "knee", "thigh"),
+        ("knee", "ankle", "shank"), ("ankle", "toe", "foot"),
+    )
+]  # fmt: skip
+
+
+def gait(speed_mps, duration_s=4.0, **options):
+    kind = "run" if speed_mps in RUNS else "walk"
+    return human_gait(gait=kind, speed_mps=speed_mps, duration_s=duration_s, **options)
+
+
+def duty(motion, speed_mps):
+    """Share of a stride on the ground, from the laws of the two gaits."""
+    if motion.attrs["gait"] == "run":
+        return run_duty_factor(speed_mps)
+    return support_fraction(speed_mps / (0.491 * 1.75))
+
+
+def points(motion, *names):
+    return motion.values[:, [INDEX[name] for name in names]]
+
+
+def stance_speed_mps(motion, speed_mps):
+    """Speed of what is on the floor: the ankle while the sole is flat, the toe while the heel rises."""
+    landings, share = motion.attrs["footfalls"], duty(motion, speed_mps)
+    stride_s, time = 1 / motion.attrs["stride_frequency_hz"], motion.time.values
+    velocity = np.gradient(motion.values, time, axis=0)
+    speeds = []
+    for side in ("left", "right"):
+        for landed in landings[f"{side}_foot"]:
+            stance = (time - landed) / stride_s / share
+            for joint, first, last in (("ankle", FLAT[0], FLAT[1]), ("toe", FLAT[1], 1.0)):
+                still = (stance > first + 0.02) & (stance < last - 0.02)
+                still[[0, 1, -2, -1]] = False
+                speeds.append(np.linalg.norm(velocity[still, INDEX[f"{side}_{joint}"]], axis=1))
+    return np.concatenate(speeds)
+
+
+@pytest.mark.parametrize(("speed_mps", "height_m"), [(1.2, 1.75), (0.3, 1.2), (0.41, 1.7), (2.4, 1.9)])
+def test_with_all_options_off_it_is_the_boulic_walk_bit_for_bit(speed_mps, height_m):
+    options = {"speed_mps": speed_mps, "height_m": height_m, "start_phase": 0.3, "rate_hz": 200}
+    ours, boulic = human_gait(gait="walk", foot_lock=False, **options), boulic_walk(**options)
+    np.testing.assert_array_equal(ours.values, boulic.values)
+    same = [key for key in boulic.attrs if key not in ("source", "kind")]
+    assert {key: ours.attrs[key] for key in same} == {key: boulic.attrs[key] for key in same}
+
+
+@pytest.mark.parametrize("speed_mps", WALKS + RUNS)
+def test_the_standing_foot_is_still(speed_mps):
+    motion = gait(speed_mps, rate_hz=1000)
+    assert stance_speed_mps(motion, speed_mps).max() < 1e-9
+    if motion.attrs["gait"] == "walk":
+        sliding = gait(speed_mps, rate_hz=1000, foot_lock=False)
+        assert stance_speed_mps(sliding, speed_mps).max() > 0.3, "Boulic's own feet slide"
+
+
+@pytest.mark.parametrize("speed_mps", WALKS + RUNS)
+def test_segments_keep_their_lengths_and_nothing_is_below_the_floor(speed_mps):
+    motion = gait(speed_mps)
+    for a, b, bone in BONES:
+        length_m = np.linalg.norm(np.diff(points(motion, a, b), axis=1), axis=2)
+        np.testing.assert_allclose(length_m, 1.75 * LENGTHS[bone], rtol=0, atol=1e-9, err_msg=f"{a} {b}")
+    assert motion.values[:, :, 2].min() > -1e-12
+
+
+@pytest.mark.parametrize("speed_mps", WALKS + RUNS)
+def test_velocity_is_continuous(speed_mps):
+    # A jump in velocity keeps its size as frames get closer; a smooth motion's steps shrink in proportion.
+    steps = [
+        np.abs(np.diff(gait(speed_mps, 1.5, rate_hz=rate).values, n=2, axis=0)).max() * rate for rate in (1000, 8000)
+    ]
+    assert steps[1] < 0.2 * steps[0]
+
+
+@pytest.mark.parametrize("speed_mps", WALKS + RUNS)
+def test_it_goes_at_its_speed_and_left_is_right_half_a_stride_later(speed_mps):
+    stride_s = 1 / gait(speed_mps).attrs["stride_frequency_hz"]
+    motion = gait(speed_mps, 2 * stride_s, rate_hz=400 / stride_s)
+    way = motion.values[400] - motion.values[0]
+    np.testing.assert_allclose(way, np.tile([speed_mps * stride_s, 0, 0], (17, 1)), atol=1e-9)
+    twin = [name.replace("left", "tmp").replace("right", "left").replace("tmp", "right") for name in POINTS]
+    half = [speed_mps * stride_s / 2, 0, 0]
+    np.testing.assert_allclose(motion.values[200], points(motion, *twin)[0] * [1, -1, 1] + half, atol=1e-9)
+
+
+@pytest.mark.parametrize("speed_mps", [1.4, 3.0])
+def test_footfalls_are_when_the_foot_begins_to_stand(speed_mps):
+    motion = gait(speed_mps, start_phase=0.2, rate_hz=2000)
+    for side in ("left", "right"):
+        x = points(motion, f"{side}_ankle")[:, 0, 0]
+        still = np.abs(np.gradient(x, motion.time)) < 1e-6
+        begins = motion.time.values[1:][still[1:] & ~still[:-1]]
+        expected = [t for t in motion.attrs["footfalls"][f"{side}_foot"] if 0.01 < t < 3.99]
+        np.testing.assert_allclose(begins, expected, atol=0.002)
+
+
+@pytest.mark.parametrize(
+    ("speed_mps", "steps_hz", "share"), [(2.5, 2.625, 0.381), (3, 2.75, 0.35), (4, 2.88, 0.30), (5, 3.0, 0.30)]
+)
+def test_a_run_has_the_usual_timing_and_flight(speed_mps, steps_hz, share):
+    motion = gait(speed_mps, rate_hz=1000)
+    assert motion.attrs["step_frequency_hz"] == pytest.approx(steps_hz, rel=1e-9)
+    toes = points(motion, "left_toe", "right_toe")[:, :, 2].min(axis=1)
+    ankles = points(motion, "left_ankle", "right_ankle")[:, :, 2].min(axis=1)
+    flight = np.minimum(toes, ankles) > 1e-9
+    assert flight.mean() == pytest.approx(1 - 2 * share, abs=0.02)
+    assert 0.05 < flight.mean() / steps_hz < 0.145, "flight of 0.05 to 0.14 s"
+    rise_m = np.ptp(points(motion, "base")[:, 0, 2])
+    assert 0.06 < rise_m < 0.11, "6 to 11 cm"
+    walk = human_gait(gait="walk", speed_mps=2.5, rate_hz=1000)
+    assert points(walk, "left_toe", "right_toe", "left_ankle", "right_ankle")[:, :, 2].min(axis=1).max() < 1e-9
+
+
+def test_the_height_of_a_run_solves_its_equation_of_motion():
+    stride_s, share, g = 0.7, 0.33, 9.81
+    contact_s, step_s = share * stride_s, stride_s / 2
+
+    def force(t, y):
+        push = np.pi * g * step_s / (2 * contact_s) * np.sin(np.pi * t / contact_s) * (t < contact_s)
+        return np.stack([y[1], push - g])
+
+    t = np.unique(np.append(np.linspace(0, step_s, 2001), contact_s))
+    ends = lambda a, b: np.array([a[0], b[0]])  # noqa: E731
+    solved = solve_bvp(force, ends, t, np.zeros((2, t.size)), tol=1e-8)
+    expected = run_height_m(t[:-1] / stride_s, stride_s, share)
+    np.testing.assert_allclose(expected, solved.sol(t[:-1])[0], atol=2e-6)
+    assert solved.sol(0)[1] == pytest.approx(float(solved.sol(step_s)[1]), abs=1e-5), "the next step goes on from there"
+
+
+def test_knees_elbows_and_lean_of_a_runner():
+    for speed_mps, knee_deg in ((3.0, 90), (9.0, 125)):
+        motion = gait(speed_mps)
+        hip, knee, ankle = np.moveaxis(points(motion, "right_hip", "right_knee", "right_ankle"), 1, 0)
+        assert angle_deg(hip - knee, ankle - knee).min() == pytest.approx(180 - knee_deg, abs=15)
+        shoulder, elbow, hand = np.moveaxis(points(motion, "left_shoulder", "left_elbow", "left_hand"), 1, 0)
+        flexion = 180 - angle_deg(shoulder - elbow, hand - elbow)
+        assert 79 < flexion.min() < flexion.max() < 101
+        trunk = np.diff(points(motion, "base", "neck"), axis=1)[:, 0]
+        lean = np.degrees(np.arctan2(trunk[:, 0], trunk[:, 2])).mean()
+        assert 4.9 < lean < 10.1
+
+
+def angle_deg(a, b):
+    return np.degrees(np.arccos((a * b).sum(axis=1) / np.linalg.norm(a, axis=1) / np.linalg.norm(b, axis=1)))
+
+
+def test_auto_runs_above_two_metres_per_second_and_smaller_people_sooner():
+    for height_m, border in ((1.75, 2.0), (1.2, 2.0 * np.sqrt(1.2 / 1.75))):
+        for factor, expected in ((0.99, "walk"), (1.01, "run")):
+            motion = human_gait(speed_mps=factor * border, height_m=height_m, duration_s=0.5)
+            assert motion.attrs["gait"] == expected
+
+
+def test_steps_differ_as_asked():
+    asked = {"time_sd": 0.03, "length_sd": 0.02, "time_asymmetry": 0.1, "length_asymmetry": -0.06}
+    times, phases, way = step_series(10_000, stride_s=1.1, stride_m=1.4, rng=np.random.default_rng(5), **asked)
+    left = np.mod(phases[1:], 1) == 0.5
+    for knots, mean, sd, asymmetry in ((times, 0.55, 0.03, 0.1), (way, 0.7, 0.02, -0.06)):
+        steps = np.diff(knots) / mean
+        # 18,000 steps with correlation 0.5: standard error 0.7 % of a deviation and 0.0004 of a mean.
+        assert steps[left].std() == pytest.approx(sd, rel=0.04)
+        assert steps.mean() == pytest.approx(1.0, abs=0.0015)
+        assert steps[left].mean() - steps[~left].mean() == pytest.approx(asymmetry, abs=0.0015)
+        deviation = steps - np.where(left, steps[left].mean(), steps[~left].mean())
+        assert np.corrcoef(deviation[1:], deviation[:-1])[0, 1] == pytest.approx(0.5, abs=0.03)
+
+
+@pytest.mark.parametrize("speed_mps", [1.3, 3.0])
+def test_the_feet_land_at_the_drawn_steps(speed_mps):
+    options = {"step_time_sd": 0.04, "time_asymmetry": 0.05}
+    motion = gait(speed_mps, 12, rng=np.random.default_rng(6), **options)
+    stride_s = 1 / gait(speed_mps).attrs["stride_frequency_hz"]
+    drawn = step_series(
+        12, stride_s=stride_s, stride_m=1, time_sd=0.04, time_asymmetry=0.05, rng=np.random.default_rng(6)
+    )
+    times = drawn[0][(drawn[0] > -1e-9) & (drawn[0] <= 12)]
+    falls = motion.attrs["footfalls"]
+    np.testing.assert_allclose(np.sort(falls["left_foot"] + falls["right_foot"]), times, atol=1e-9)
+    assert np.std(np.diff(times)) > 0.02 * stride_s / 2
+
+
+def test_step_lengths_on_the_floor_differ_as_asked():
+    motion = human_gait(
+        speed_mps=1.3,
+        duration_s=200,
+        step_length_sd=0.03,
+        length_asymmetry=0.1,
+        rate_hz=100,
+        rng=np.random.default_rng(8),
+    )
+    landed = {}
+    for side in ("left", "right"):
+        for t in motion.attrs["footfalls"][f"{side}_foot"]:
+            frame = int(t * 100 + 0.5) + 15  # 0.15 s later the sole is flat
+            if frame < motion.shape[0]:
+                landed[t] = (side, motion.values[frame, INDEX[f"{side}_ankle"], 0])
+    places = [landed[t] for t in sorted(landed)]
+    left = np.array([b[1] - a[1] for a, b in itertools.pairwise(places) if b[0] == "left"])
+    right = np.array([b[1] - a[1] for a, b in itertools.pairwise(places) if b[0] == "right"])
+    mean = (left.mean() + right.mean()) / 2
+    assert (left.mean() - right.mean()) / mean == pytest.approx(0.1, abs=0.012)
+    assert np.concatenate([left - left.mean(), right - right.mean()]).std() / mean == pytest.approx(0.03, rel=0.15)
+    assert mean * motion.attrs["step_frequency_hz"] == pytest.approx(1.3, rel=0.01)
+
+
+def test_asymmetry_is_exact_in_time():
+    motion = human_gait(speed_mps=1.3, time_asymmetry=0.12, duration_s=10)
+    left, right = (np.array(motion.attrs["footfalls"][f"{side}_foot"]) for side in ("left", "right"))
+    stride = np.diff(right).mean()
+    step_left = np.array([t - right[right < t][-1] for t in left if (right < t).any()])
+    np.testing.assert_allclose(step_left, stride / 2 * (1 + 0.06), atol=1e-9)
+    assert stance_speed_mps(motion.isel(time=slice(0, 2)), 1.3).size == 0
+
+
+def test_standing_feet_stay_still_when_steps_differ():
+    motion = human_gait(
+        speed_mps=1.3, duration_s=8, step_time_sd=0.04, step_length_sd=0.04, time_asymmetry=0.1, length_asymmetry=0.1,
+        rate_hz=1000, rng=np.random.default_rng(1),
+    )  # fmt: skip
+    for side in ("left", "right"):
+        for t in [t for t in motion.attrs["footfalls"][f"{side}_foot"] if t < 7]:
+            flat = points(motion.sel(time=slice(t + 0.14, t + 0.22)), f"{side}_ankle")[:, 0]
+            assert np.ptp(flat, axis=0).max() < 1e-9
+    for a, b, bone in BONES:
+        length_m = np.linalg.norm(np.diff(points(motion, a, b), axis=1), axis=2)
+        np.testing.assert_allclose(length_m, 1.75 * LENGTHS[bone], rtol=0, atol=1e-9)
+
+
+def test_step_series_begins_at_its_phase_and_needs_a_generator():
+    times, phases, way = step_series(5, stride_s=1.1, stride_m=1.4, start_phase=0.37)
+    np.testing.assert_allclose(np.interp(0.37, phases, times), 0, atol=1e-12)
+    np.testing.assert_allclose(np.interp(0.37, phases, way), 0, atol=1e-12)
+    assert times[0] < 0 < 5 < times[-1]
+    with pytest.raises(ConfigError, match=r"step_time_sd = 0\.02"):
+        human_gait(step_time_sd=0.02)
+
+
+def test_arms_swing_less_or_more_and_hands_are_held():
+    def angles(side, **options):
+        """Flexion of the elbow, and angle of the upper arm in the trunk's own frame."""
+        motion = human_gait(speed_mps=1.3, duration_s=3, **options)
+        names = (f"{side}_shoulder", f"{side}_elbow", f"{side}_hand", "base", "neck")
+        shoulder, elbow, hand, base, neck = np.moveaxis(points(motion, *names), 1, 0)
+        return 180 - angle_deg(shoulder - elbow, hand - elbow), angle_deg(elbow - shoulder, base - neck)
+
+    own, _ = angles("left")
+    for factor in (0.0, 0.5, 1.5):
+        flexion, _ = angles("left", arm_swing=factor)
+        assert np.ptp(flexion) == pytest.approx(factor * np.ptp(own), abs=1e-4)
+    _, upper_arm = angles("left", arm_swing=0.0)
+    assert np.ptp(upper_arm) < 1e-4
+    for hand, flexion_deg, share in (("carrying", 90, 0.1), ("pockets", 45, 0.15)):
+        flexion, _ = angles("right", right_hand=hand)
+        assert flexion.mean() == pytest.approx(flexion_deg, abs=0.5)
+        assert np.ptp(flexion) == pytest.approx(share * np.ptp(own), rel=1e-3)
+        np.testing.assert_allclose(angles("left", right_hand=hand)[0], own, atol=1e-6)
+
+
+def test_walk_ratio_trades_step_length_for_frequency():
+    one, long = (human_gait(speed_mps=1.3, walk_ratio=ratio) for ratio in (1.0, 1.21))
+    assert one.attrs["step_frequency_hz"] / long.attrs["step_frequency_hz"] == pytest.approx(1.1, rel=1e-9)
+    seconds = float(long.time[-1])
+    assert (long.values[-1, 0, 0] - long.values[0, 0, 0]) / seconds == pytest.approx(1.3, abs=0.02)
+
+
+def test_a_child_walks_as_an_adult_at_the_same_froude_number():
+    lengths = segment_lengths("child", 1.0)
+    leg_m, adult_m = (lengths["thigh"] + lengths["shank"]) * 1.0, 0.491 * 1.75
+    child = human_gait(speed_mps=1.3 * np.sqrt(leg_m / adult_m), height_m=1.0, body="child")
+    adult = human_gait(speed_mps=1.3)
+    ratio = child.attrs["step_frequency_hz"] / adult.attrs["step_frequency_hz"]
+    assert ratio == pytest.approx(np.sqrt(adult_m / leg_m), rel=1e-6)
+    same = human_gait(speed_mps=1.0, height_m=1.0)
+    quicker = human_gait(speed_mps=1.0, height_m=1.0, body="child")
+    assert quicker.attrs["step_frequency_hz"] > 1.05 * same.attrs["step_frequency_hz"]
+
+
+def test_a_childs_proportions_add_up_and_become_an_adults():
+    for height_m in (0.9, 1.2, 1.6):
+        lengths = segment_lengths("child", height_m)
+        assert sum(lengths[part] for part in ("head", "torso", "thigh", "shank")) == pytest.approx(0.909)
+        walk = human_gait(speed_mps=0.8, height_m=height_m, body="child")
+        thigh = np.diff(points(walk, "left_hip", "left_knee"), axis=1)
+        np.testing.assert_allclose(np.linalg.norm(thigh, axis=2), height_m * lengths["thigh"], atol=1e-9)
+    assert segment_lengths("child", 1.6) == pytest.approx(LENGTHS)
+    assert segment_lengths("child", 0.9)["head"] > 1.3 * LENGTHS["head"]
+
+
+def test_people_are_drawn_as_cited():
+    rng = np.random.default_rng(3)
+    adults = [sample_person(rng) for _ in range(4000)]
+    for sex, mean, sd in (("male", 1.75, 0.07), ("female", 1.62, 0.065)):
+        heights = np.array([p.height_m for p in adults if p.sex == sex])
+        assert (heights.mean(), heights.std()) == (pytest.approx(mean, abs=0.006), pytest.approx(sd, abs=0.004))
+    speeds = np.array([p.speed_mps for p in adults])
+    assert (speeds.mean(), speeds.std()) == (pytest.approx(1.35, abs=0.01), pytest.approx(0.18, abs=0.01))
+    seniors = [sample_person(rng, age_class="senior") for _ in range(2000)]
+    assert np.mean([p.speed_mps for p in seniors]) == pytest.approx(1.15, abs=0.02)
+    children = [sample_person(rng, age_class="child") for _ in range(2000)]
+    six = [p.height_m for p in children if 5.5 < p.age_years < 6.5]
+    assert np.mean(six) == pytest.approx(1.13, abs=0.02)
+    assert min(p.height_m for p in children) >= 0.9
+    for person in [*adults[:25], *seniors[:25], *children[:25]]:
+        motion = human_gait(
+            speed_mps=person.speed_mps, height_m=person.height_m, mass_kg=person.mass_kg, body=person.body,
+            walk_ratio=person.walk_ratio, duration_s=0.5,
+        )  # fmt: skip
+        assert np.isfinite(motion.values).all()
+        assert motion.attrs["mass_kg"] == person.mass_kg
+    assert sample_person(np.random.default_rng(9)) == sample_person(np.random.default_rng(9))
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ({"gait": "walk", "speed_mps": 3}, ["speed_mps", "3", "2.58", "walk"]),
+        ({"gait": "run", "speed_mps": 1.0}, ["speed_mps", "1.8", "9", "run"]),
+        ({"gait": "run", "speed_mps": 3, "foot_lock": False}, ["foot_lock", "run"]),
+        ({"body": "child", "height_m": 1.75}, ["height_m", "1.75", "child", "1.6"]),
+        ({"left_hand": "waving"}, ["left_hand", "waving", "pockets"]),
+        ({"step_time_sd": 0.5}, ["step_time_sd", "0.5", "0.1"]),
+        ({"walk_ratio": 9}, ["walk_ratio", "9", "1.4"]),
+        ({"duration_s": 0}, ["duration_s", "0"]),
+        ({"speed_mps": 2.5, "gait": "walk", "walk_ratio": 1.4, "length_asymmetry": 0.4}, ["too long", "walk_ratio"]),
+    ],
+)
+def test_what_is_out_of_range_is_refused_with_the_value_and_the_range(options, expected):
+    with pytest.raises(ConfigError) as caught:
+        human_gait(**options)
+    for text in expected:
+        assert text in str(caught.value)
+
+
+def test_running_frequency_scales_with_stature():
+    child = run_step_frequency_hz(3.0 * np.sqrt(1.2 / 1.75), 1.2)
+    assert child == pytest.approx(run_step_frequency_hz(3.0) * np.sqrt(1.75 / 1.2))
+
+
+def test_it_is_a_registered_model_whose_name_alone_gives_a_motion():
+    model = MOTION_MODELS["human"]
+    assert model.config is HumanConfig
+    walk = model.generate(model.config(), 5.0, None)
+    np.testing.assert_array_equal(walk, human_gait())
+    facts = walk.attrs
+    assert (facts["species"], facts["gait"], facts["kind"]) == ("human", "walk", "human")
+    assert facts["gait_frequency_hz"] == facts["step_frequency_hz"] == 2 * facts["stride_frequency_hz"]

@@ -1,0 +1,191 @@
+"""Straight stretches at constant velocity, in paths made in the test."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+import xarray as xr
+
+from doppelgait.core.errors import MotionError
+from doppelgait.motion.describe import describe_motion
+from doppelgait.motion.models import boulic_walk, quadruped_gait
+from doppelgait.motion.schema import make_motion
+from doppelgait.motion.segments import PERSON, QUADRUPED, SegmentLimits, crop, find_segments
+from doppelgait.motion.travel import smooth_path
+
+RATE_HZ = 100.0
+
+
+def moving_along(path_m: npt.ArrayLike, *, rate_hz: float = RATE_HZ, species: str = "human") -> xr.DataArray:
+    """A rigid body of four points that follows a ground path (T, 2)."""
+    path = np.asarray(path_m, dtype=float)
+    body = np.array([[0.0, 0.2, 0.5], [0.0, -0.2, 0.5], [0.1, 0.0, 1.0], [-0.1, 0.0, 1.6]])
+    points = np.concatenate([path, np.zeros((len(path), 1))], axis=1)[:, None] + body
+    facts = {"species": species}
+    return make_motion(points, rate_hz=rate_hz, markers=list("abcd"), parts=["torso"] * 4, facts=facts)
+
+
+def legs(*parts: tuple[float, float, float], rate_hz: float = RATE_HZ) -> npt.NDArray[np.float64]:
+    """Path of legs of (duration in s, speed in m/s, heading in degrees)."""
+    steps = [
+        np.tile(speed / rate_hz * np.array([np.cos(np.radians(deg)), np.sin(np.radians(deg))]), (round(s * rate_hz), 1))
+        for s, speed, deg in parts
+    ]
+    return np.concatenate([np.zeros((1, 2)), np.cumsum(np.concatenate(steps), axis=0)])
+
+
+def test_straight_walk_is_one_segment() -> None:
+    (segment,) = find_segments(moving_along(legs((4.0, 1.3, 30.0))))
+    assert (segment.start_s, segment.stop_s) == (0.0, pytest.approx(4.0))
+    assert segment.mean_speed_mps == pytest.approx(1.3)
+    assert segment.heading_deg == pytest.approx(30.0)
+    assert segment.straightness == pytest.approx(1.0)
+    assert segment.lateral_m == pytest.approx(0.0, abs=1e-9)
+    assert segment.speed_deviation == pytest.approx(0.0, abs=1e-9)
+
+
+def test_turns_stops_and_changes_of_speed_divide() -> None:
+    path = legs((3, 1.2, 0), (2, 0.0, 0), (4, 1.2, 0), (3, 1.2, 90), (3, 2.4, 90))
+    found = find_segments(moving_along(path))
+    assert [round(s.mean_speed_mps, 1) for s in found] == [1.2, 1.2, 1.2, 2.4]
+    for segment, (start, stop) in zip(found, [(0, 3), (5, 9), (9, 12), (12, 15)], strict=True):
+        # smoothing and the allowed deviation reach at most 0.35 s past the corners
+        assert segment.start_s == pytest.approx(start, abs=0.35)
+        assert segment.stop_s == pytest.approx(stop, abs=0.35)
+    assert found == sorted(found, key=lambda s: s.start_s)
+    assert all(before.stop_s < after.start_s for before, after in itertools.pairwise(found))
+
+
+@pytest.mark.parametrize(
+    ("path", "why"),
+    [
+        (legs((10, 0.0, 0)), "stands"),
+        (legs((10, 0.35, 0)), "too slow"),
+        (legs((0.9, 2.0, 0)), "too brief"),
+        (0.5 * np.stack([np.cos(np.linspace(0, 25, 1000)), np.sin(np.linspace(0, 25, 1000))], axis=1), "circles"),
+        (np.zeros((2, 2)), "two frames"),
+    ],
+)
+def test_no_segment(path: npt.NDArray[np.float64], why: str) -> None:
+    assert find_segments(moving_along(path)) == [], why
+
+
+def test_quadrupeds_have_their_own_limits() -> None:
+    path = legs((0.9, 1.0, 0))
+    assert find_segments(moving_along(path)) == []
+    assert len(find_segments(moving_along(path, species="dog"))) == 1
+    assert len(find_segments(moving_along(path), limits=QUADRUPED)) == 1
+
+
+def _by_brute_force(motion: xr.DataArray, limits: SegmentLimits) -> list[tuple[int, int]]:
+    """The definition, word by word: all pairs of ends, all samples between them, longest first."""
+    rate = motion.attrs["rate_hz"]
+    path = smooth_path(motion.values, rate_hz=rate, smoothing_s=limits.smoothing_s)
+    speed = np.linalg.norm(np.gradient(path, 1 / rate, axis=0), axis=1)
+    step = round(0.05 * rate)
+    path, speed = path[::step], speed[::step]
+    allowed = []
+    for a in range(len(path)):
+        for b in range(a + 2, len(path)):
+            chord, part = path[b] - path[a], speed[a : b + 1]
+            length, lasts_s = np.hypot(*chord), (b - a) * 0.05
+            if lasts_s < limits.min_duration_s - 1e-9 or length < max(
+                limits.min_length_m, limits.min_speed_mps * lasts_s
+            ):
+                continue
+            offset = path[a : b + 1] - path[a]
+            away = np.abs(offset[:, 0] * chord[1] - offset[:, 1] * chord[0]) / length
+            if away.max() <= limits.lateral_m and np.abs(part / part.mean() - 1).max() <= limits.speed_deviation:
+                allowed.append((a, b))
+    chosen: list[tuple[int, int]] = []
+    for a, b in sorted(allowed, key=lambda ends: (ends[0] - ends[1], ends[0])):
+        if all(b < c or a > d for c, d in chosen):
+            chosen.append((a, b))
+    return sorted(chosen)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_search_agrees_with_brute_force(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    heading = np.cumsum(np.repeat(rng.normal(0, 0.4, 9), 20)) * 0.05 + rng.normal(0, 0.3)
+    speed = np.clip(np.interp(np.arange(180), np.arange(0, 180, 30), rng.uniform(0.0, 2.0, 6)), 0, None)
+    path = np.cumsum(speed[:, None] * np.stack([np.cos(heading), np.sin(heading)], axis=1) / 20, axis=0)
+    motion = moving_along(path, rate_hz=20.0)
+    found = [(round(s.start_s * 20), round(s.stop_s * 20)) for s in find_segments(motion)]
+    assert found == _by_brute_force(motion, PERSON)
+
+
+def test_search_by_brute_force_is_not_idle() -> None:
+    assert _by_brute_force(moving_along(legs((4.0, 1.3, 30.0), rate_hz=20.0), rate_hz=20.0), PERSON) == [(0, 80)]
+
+
+def test_gait_of_each_segment() -> None:
+    (person,) = find_segments(boulic_walk(speed_mps=1.4, duration_s=4.0))
+    assert person.gait.gait == "walk"
+    assert person.gait.stride_frequency_hz == pytest.approx(0.949, rel=0.005)  # 1 / 1.054 s of the model's equation
+    dog_motion = quadruped_gait(gait="gallop", duration_s=4.0)
+    (dog,) = find_segments(dog_motion)
+    assert dog.gait.gait == "gallop"
+    assert dog.mean_speed_mps == pytest.approx(
+        dog_motion.attrs["stride_frequency_hz"] * _stride_m(dog_motion), rel=0.02
+    )
+
+
+def _stride_m(motion: xr.DataArray) -> float:
+    landed = motion.attrs["footfalls"]["left_hind"]
+    paw = motion.values[:, [str(n) for n in motion.marker.values].index("left_hind_paw"), 0]
+    at = np.interp(landed, motion.time.values, paw)
+    return float(np.diff(at).mean())
+
+
+def test_crop_gives_a_motion_of_its_own() -> None:
+    walk = boulic_walk(speed_mps=1.4, duration_s=6.0)
+    still = np.repeat(walk.values[-1:], 500, axis=0)
+    motion = walk.copy(deep=False)
+    motion = make_motion(
+        np.concatenate([walk.values, still]),
+        rate_hz=250.0,
+        markers=walk.marker.values.tolist(),
+        parts=walk.part.values.tolist(),
+        facts={key: walk.attrs[key] for key in ("footfalls", "species", "report", "gait", "source")},
+        start_s=10.0,
+    )
+    motion.attrs["footfalls"] = {foot: [10.0 + t for t in ts] for foot, ts in walk.attrs["footfalls"].items()}
+    (segment,) = find_segments(motion)
+    part = crop(motion, segment)
+    assert part.time.values[0] == 0.0
+    assert part.time.values[-1] == pytest.approx(segment.duration_s)
+    first = round((segment.start_s - 10.0) * 250)
+    np.testing.assert_array_equal(part.values, motion.values[first : first + len(part)])
+    kept = [t - (segment.start_s - 10.0) for t in walk.attrs["footfalls"]["left_foot"]]
+    kept = [t for t in kept if 0 <= t <= segment.duration_s]
+    np.testing.assert_allclose(part.attrs["footfalls"]["left_foot"], kept, atol=1e-9)
+    assert part.attrs["report"]["segment_from_s"] == segment.start_s
+    with pytest.raises(MotionError, match="not in this motion"):
+        crop(part, segment)
+
+
+def test_described_segments_count_from_the_start_of_the_file() -> None:
+    motion = boulic_walk(speed_mps=1.4, duration_s=3.0)
+    later = motion.assign_attrs(report={"read_from_s": 2.0, "kept_from_s": 0.5})
+    (here,), (there,) = describe_motion(motion)["segments"], describe_motion(later)["segments"]
+    assert there["start_s"] - here["start_s"] == 2.5
+    assert there["stop_s"] - here["stop_s"] == 2.5
+    foot = here["footfalls"]["left_foot"]
+    assert there["footfalls"]["left_foot"] == pytest.approx([t + 2.5 for t in foot])
+
+
+def test_the_search_looks_no_farther_than_it_must(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ten minutes in a circle: the samples looked at grow with the length of the recording, not with its square."""
+    from doppelgait.motion import segments
+
+    angle = np.linspace(0, 300, 12_000)
+    circle = moving_along(np.stack([np.cos(angle), np.sin(angle)], axis=1), rate_hz=20.0)
+    seen = []
+    look = segments._ends_in_window
+    monkeypatch.setattr(segments, "_ends_in_window", lambda path, *rest: seen.append(len(path)) or look(path, *rest))
+    find_segments(circle)
+    assert 0 < sum(seen) < 12_000 * 200

@@ -1,0 +1,44 @@
+"""How much the low-pass takes from the fastest points, against the unfiltered model."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+from doppelgait.motion.models import boulic_walk
+from doppelgait.motion.smooth import can_lowpass, lowpass
+
+RATE_HZ = 250.0
+
+
+def peak_speed_mps(path: np.ndarray) -> float:
+    time = np.arange(len(path)) / RATE_HZ
+    inner = np.arange(250, len(path) - 250, 0.25) / RATE_HZ
+    return float(np.linalg.norm(CubicSpline(time, path)(inner, 1), axis=1).max())
+
+
+@pytest.mark.parametrize(("cutoff_hz", "loss"), [(4.0, (0.02, 0.06)), (6.0, (0.0, 0.02)), (12.0, (-0.005, 0.005))])
+def test_loss_of_the_peak_speed_of_a_fast_foot(cutoff_hz: float, loss: tuple[float, float]) -> None:
+    walk = boulic_walk(speed_mps=2.0, height_m=1.75, duration_s=6.0, rate_hz=RATE_HZ)
+    toe = walk.sel(marker="left_toe").values
+    smooth = lowpass(toe[:, np.newaxis], rate_hz=RATE_HZ, cutoff_hz=cutoff_hz)[:, 0]
+    assert loss[0] <= 1.0 - peak_speed_mps(smooth) / peak_speed_mps(toe) <= loss[1]
+
+
+@pytest.mark.parametrize("frequency_hz", [4.0, 8.0, 12.0, 16.0])
+def test_speed_of_an_oscillation_is_lowered_by_the_known_gain(frequency_hz: float) -> None:
+    """Two fourth-order passes that leave half the power at the cutoff: gain 1 / (1 + (sqrt(2) - 1) (tan / tan)^8)."""
+    time = np.arange(2000) / RATE_HZ
+    path = np.zeros((2000, 3))
+    path[:, 0] = 0.1 * np.sin(2 * np.pi * frequency_hz * time)
+    smooth = lowpass(path[:, np.newaxis], rate_hz=RATE_HZ, cutoff_hz=12.0)[:, 0]
+    ratio = np.tan(np.pi * frequency_hz / RATE_HZ) / np.tan(np.pi * 12.0 / RATE_HZ)
+    gain = 1.0 / (1.0 + (np.sqrt(2.0) - 1.0) * ratio**8)
+    assert peak_speed_mps(smooth) / peak_speed_mps(path) == pytest.approx(gain, rel=2e-3)
+
+
+def test_three_frames_per_period_are_needed() -> None:
+    assert can_lowpass(36.0, 12.0)
+    assert not can_lowpass(35.9, 12.0)
+    assert not can_lowpass(100.0, None)
