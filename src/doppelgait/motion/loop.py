@@ -62,7 +62,8 @@ def loop(motion: xr.DataArray, *, duration_s: float) -> xr.DataArray:
     (the mean displacement of all points over one cycle, in the ground plane) the motion is
     x(t) = q(t mod L) + D t / L, where q is the clip without its advance. At the start of each cycle q fades from what
     follows the last cycle into the first one, with a weight that has no slope or curvature at its ends: position,
-    velocity and acceleration go on through the seam, and every cycle is the same.
+    velocity and acceleration go on through the seam, and every cycle is the same. What a point does not come back by,
+    and what the body gains in speed, are taken off evenly along the cycle before.
 
     Parameters
     ----------
@@ -217,21 +218,32 @@ def _repeat(motion: xr.DataArray, seam: Seam, overlap: float, count: int) -> Flo
     rate = float(motion.attrs["rate_hz"])
     curve = fit_spline(motion)
 
-    def clip(frames: FloatArray) -> FloatArray:
-        latest = motion.sizes["time"] - 1.0
-        return curve.at(np.clip(frames, 0.0, latest) / rate)[0].reshape(frames.size, *motion.shape[1:])
+    def clip(frames: FloatArray) -> tuple[FloatArray, FloatArray]:
+        found = curve.at(np.clip(frames, 0.0, motion.sizes["time"] - 1.0) / rate)
+        value, slope = (part.reshape(frames.size, *motion.shape[1:]) for part in found)
+        return value, slope / rate
 
     ends = np.linspace(0.0, overlap, max(3, math.ceil(overlap)))
-    advance = (clip(seam.start + seam.lag + ends) - clip(seam.start + ends)).mean(axis=(0, 1))
-    advance[2] = 0.0
+    later, earlier = clip(seam.start + seam.lag + ends), clip(seam.start + ends)
+    moved = (later[0] - earlier[0]).mean(axis=0)
+    advance = moved.mean(axis=0) * (1.0, 1.0, 0.0)
+    # what a point does not come back by, and what the body gains in speed, are taken off along the whole cycle: within
+    # the overlap alone they would be a jerk
+    astray, faster = moved - advance, (later[1] - earlier[1]).mean(axis=(0, 1)) * (1.0, 1.0, 0.0)
+
+    def cycle(into: FloatArray) -> FloatArray:
+        share = (into / seam.lag)[:, np.newaxis, np.newaxis]
+        gained = faster * seam.lag * (share**2 - share) / 2.0
+        return clip(seam.start + into)[0] - astray * (share - 0.5) - gained
+
     total = np.arange(count, dtype=np.float64)
     into = np.mod(total, seam.lag)
-    position = clip(seam.start + into) + advance * np.floor(total / seam.lag)[:, np.newaxis, np.newaxis]
+    position = cycle(into) + advance * np.floor(total / seam.lag)[:, np.newaxis, np.newaxis]
     fading = into < overlap
     share = into[fading] / overlap
     # no slope and no curvature at either end
     weight = (share**3 * (10.0 - 15.0 * share + 6.0 * share**2))[:, np.newaxis, np.newaxis]
-    follows = clip(seam.start + seam.lag + into[fading])
+    follows = cycle(seam.lag + into[fading])
     follows += advance * (np.floor(total[fading] / seam.lag) - 1.0)[:, np.newaxis, np.newaxis]
     position[fading] = weight * position[fading] + (1.0 - weight) * follows
     return np.asarray(position)
