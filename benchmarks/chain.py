@@ -38,7 +38,7 @@ def machine() -> dict[str, Any]:
         "machine": platform.machine(),
         "processor": processor_name(),
         "processors": os.cpu_count(),
-        "load": os.getloadavg(),
+        "load": os.getloadavg() if hasattr(os, "getloadavg") else None,
         "python": platform.python_version(),
         "numpy": np.__version__,
         "scipy": scipy.__version__,
@@ -115,7 +115,8 @@ def run_all(rounds: int, quick: bool) -> dict[str, Any]:
     results["asked"] = asked_rows(results)
     report.print_title("6. Asked and measured")
     report.print_asked(results["asked"])
-    print(f"load average now {os.getloadavg()}")
+    if hasattr(os, "getloadavg"):  # not on Windows
+        print(f"load average now {os.getloadavg()}")
     return results
 
 

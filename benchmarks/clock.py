@@ -18,7 +18,8 @@ MOST_REPEATS = 8
 def measure(stages: Mapping[str, Work], rounds: int) -> dict[str, Timing]:
     """Least and median seconds of every stage over interleaved rounds, after one call to warm up.
 
-    Work of less than 20 ms is repeated within a round, at most 8 times in a row; every repetition counts.
+    Work of less than 20 ms is repeated within a round, at most 8 times in a row; the median of these is what the round
+    counts, so that short work has no more chances at a lucky minimum than long work.
     """
     for work in stages.values():
         work()
@@ -27,7 +28,7 @@ def measure(stages: Mapping[str, Work], rounds: int) -> dict[str, Timing]:
         for name, work in stages.items():
             once = timed(work)
             again = min(int(SHORT_S / once), MOST_REPEATS - 1)
-            seconds[name] += [once, *(timed(work) for _ in range(again))]
+            seconds[name].append(statistics.median([once, *(timed(work) for _ in range(again))]))
     return {name: timing(values) for name, values in seconds.items()}
 
 

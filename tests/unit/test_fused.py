@@ -91,3 +91,33 @@ def test_noise_reaches_every_cell_that_the_signature_reads():
         found = signature_of_planes(*planes, 0, cut, wavelength_m=0.04).values
         np.testing.assert_array_equal(found, expected)
         assert (needed[:, 1] - needed[:, 0]).clip(0).sum() < 0.9 * 60 * 700
+
+
+def test_a_cropped_signature_is_thinned_from_the_same_columns():
+    """Where the gate leaves the frame the first columns go: before that, hop 1 must pick the columns of hop 8."""
+    radar = Radar.preset("x4", range_start_m=3.0, range_stop_m=6.0)
+    found = {}
+    for hop in (1, 2, 8):
+        with pytest.warns(match="outside the frame"):
+            found[hop] = run_fused(SCENES["one"], radar, Analysis(hop=hop), rng=rng(2)).results[0]
+    assert "gate_leaves_frame" in found[8].flags
+    for hop in (1, 2):
+        assert found[hop].features == found[8].features
+        assert found[hop].main_line_hz.size == found[hop].signature.sizes["time"]
+
+
+def test_a_record_too_short_for_the_features_is_too_short_at_every_hop():
+    from doppelgait.core.errors import AnalysisError
+
+    short = Scene([Target(WALK, label="human")], duration_s=0.15)
+    for hop in (1, 8):
+        with pytest.raises(AnalysisError, match="at least 8 are needed"):
+            run_fused(short, Radar.preset("x4"), Analysis(hop=hop))
+    assert len(run_fused(short, Radar.preset("x4"), Analysis(method="liland2018")).results) == 1
+
+
+def test_a_body_that_is_never_in_the_frame_has_no_snr():
+    radar = Radar.preset("x4", range_start_m=50.0, range_stop_m=55.0)
+    with pytest.warns(match="outside the frame"):
+        recording = simulate(SCENES["one"], radar, rng=rng(0))
+    assert recording.snr_frame_db == -np.inf

@@ -107,3 +107,12 @@ def test_alignment_by_parts_of_bins_is_linear_interpolation_on_a_circle_e29(dtyp
 def test_a_line_through_fewer_columns_than_its_order_goes_through_all_of_them():
     mu = line_signature([10.0, 40.0])
     np.testing.assert_allclose(main_line_hz(mu, order=3), main_line_hz(mu, order=1), atol=1e-9)
+
+
+def test_a_line_of_another_length_is_refused():
+    from doppelgait.core.errors import AnalysisError
+
+    mu = line_signature(np.full(50, 20.0))
+    for size in (10, mu.sizes["time"] + 1):
+        with pytest.raises(AnalysisError, match=rf"line_hz has shape \({size},\)"):
+            align(mu, np.zeros(size))

@@ -345,3 +345,16 @@ def test_noise_without_a_generator_is_refused():
     walker = Target(boulic_walk(speed_mps=1.0, duration_s=0.5))
     with pytest.raises(ConfigError, match="snr_db = 20"):
         simulate(Scene([walker]), Radar.preset("x4"), snr_db=20.0)
+
+
+@pytest.mark.parametrize(
+    "rcs", [0.5, np.arange(1.0, 4.0), np.ones((5, 3)), np.broadcast_to(np.arange(1.0, 4.0), (5, 3))]
+)
+@pytest.mark.parametrize("range_m", [5.0, np.array([1.0, 2.0, 0.05]), np.linspace(1, 9, 15).reshape(5, 3)])
+def test_echo_amplitude_broadcasts_like_its_definition_e14(rcs, range_m):
+    radar = Radar.preset("x4")
+    found = echo_amplitude_v(radar, range_m=range_m, rcs_m2=rcs, path_gain=0.25)
+    power_w = received_power_w(radar, range_m=range_m, rcs_m2=np.asarray(rcs) * 0.25)
+    expected = np.sqrt(2 * 50.0 * power_w) * 10 ** (radar.receiver_gain_db / 20)
+    assert np.shape(found) == np.shape(expected)
+    np.testing.assert_allclose(found, expected, rtol=1e-14)

@@ -138,3 +138,36 @@ def test_scaling_needs_the_recorded_height_e01():
         scale_to_height(motion_of(position), height_m=1.5)
     scaled = scale_to_height(motion_of(position), height_m=1.5, recorded_height_m=0.5)
     assert scaled.values[0, 0, 2] == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize("gap", [slice(1, 4), slice(-3, -1)])
+def test_a_gap_elsewhere_does_not_spread_to_the_whole_motion(gap):
+    motion = swing()
+    motion.values[gap] = np.nan
+    scaled = scale_to_height(motion, height_m=1.5, recorded_height_m=1.0)
+    placed = place(motion, position_m=(2.0, 0.0), heading_deg=30.0, at_s=0.0)
+    for result in (scaled, placed):
+        np.testing.assert_array_equal(np.isnan(result.values), np.isnan(motion.values))
+
+
+@pytest.mark.parametrize("at_s", [0.0, 0.5, 1.0 / 120, 1.234, 359 / 120, 99.0])
+def test_the_body_is_placed_by_interpolating_its_centre(at_s):
+    motion = swing()
+    placed = place(motion, position_m=(2.0, -1.0), heading_deg=0.0, at_s=at_s)
+    times, centre = placed.coords["time"].values, body_centre_m(placed)
+    at = [np.interp(at_s, times, centre[:, axis]) for axis in (0, 1)]
+    np.testing.assert_allclose(at, [2.0, -1.0], atol=1e-12)
+
+
+def test_a_single_frame_can_be_placed_and_scaled():
+    motion = motion_of(np.array([[[0.3, 0.4, 1.0]]]))
+    np.testing.assert_allclose(place(motion, position_m=(2, 1), heading_deg=0, at_s=0).values, [[[2.0, 1.0, 1.0]]])
+    scaled = scale_to_height(motion, height_m=2.0, recorded_height_m=1.0)
+    np.testing.assert_allclose(scaled.values, [[[0.3, 0.4, 2.0]]])
+
+
+def test_travel_speed_over_the_first_seconds():
+    t = np.arange(0, 3, 1 / 120)
+    motion = motion_of(np.stack([t + 0.5 * t**2, 0 * t, 1 + 0 * t], axis=-1)[:, None])
+    assert travel_speed_mps(motion, first_s=1.0) == pytest.approx(1.5)
+    assert travel_speed_mps(motion) == pytest.approx(1 + 0.5 * t[-1])

@@ -140,7 +140,7 @@ def test_an_interval_of_too_few_pulses_is_refused():
 @pytest.mark.parametrize(("duration_s", "hop"), [(0.101, None), (0.15, None), (0.5, 100_000)])
 def test_too_few_columns_are_refused(walk, duration_s, hop):
     recording = simulate(Scene([Target(walk)], duration_s=duration_s), Radar.preset("x4"))
-    with pytest.raises(AnalysisError, match=r"columns?, at least 8 are needed; record longer or lower hop"):
+    with pytest.raises(AnalysisError, match=r"columns?, at least 8 are needed; record longer, or lower hop"):
         dg.analyze(recording, gate="truth", analysis=Analysis(hop=hop))
 
 

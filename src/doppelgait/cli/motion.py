@@ -17,7 +17,10 @@ Start = Annotated[float | None, typer.Option("--start", help="Use the file from 
 Stop = Annotated[float | None, typer.Option("--stop", help="Use the file up to this time, s.")]
 Options = Annotated[
     list[str] | None,
-    typer.Option("--set", help="Reader option KEY=VALUE, such as units=mm, up_axis=y, rate_hz=200, subject=Jim."),
+    typer.Option(
+        "--set",
+        help="Reader option KEY=VALUE, such as units=mm, up_axis=y, rate_hz=200, subject=Jim, segment=2, loop_to_s=5.",
+    ),
 ]
 
 
@@ -60,7 +63,8 @@ def _print_segments(segments: list[dict[str, Any]]) -> None:
     say(f"straight stretches at constant velocity: {len(segments) or 'none'}")
     columns = ("start_s", "stop_s", "mean_speed_mps", "heading_deg", "lateral_m", "gait", "stride_frequency_hz")
     if segments:
-        print_table([{name: _plain(segment[name]) for name in columns} for segment in segments])
+        rows = [{name: _plain(segment[name]) for name in columns} for segment in segments]
+        print_table([{"segment": str(number), **row} for number, row in enumerate(rows, start=1)])
 
 
 def _plain(value: Any) -> str:

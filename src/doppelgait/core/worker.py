@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 KEPT_BYTES = 256 * 2**20
@@ -17,7 +20,25 @@ two make the GNU C library keep freed memory: it would give large arrays back to
 for its pages again, a tenth of its time. Other systems ignore them."""
 
 
+@contextmanager
+def worker_environment() -> Iterator[None]:
+    """Processes started in this context are workers; the caller's own environment is as before afterwards."""
+    before = {name: os.environ.get(name) for name in WORKER_ENVIRONMENT}
+    os.environ.update(WORKER_ENVIRONMENT)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
 def prepare_worker() -> None:
-    """First call in a new worker process: pandas is to do without Arrow, 66 MB that only writing tables needs."""
+    """First call in a new worker process: pandas is to do without Arrow, 66 MB that only writing tables needs.
+
+    Too late where the main script imports pandas, or this package's datasets, at its top: workers import that, too.
+    """
     if "pandas" not in sys.modules:
         sys.modules.setdefault("pyarrow", None)  # type: ignore[arg-type]

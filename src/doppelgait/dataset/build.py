@@ -18,7 +18,7 @@ import pandas as pd
 
 from doppelgait import __version__
 from doppelgait.core.errors import DatasetError, OutputError
-from doppelgait.core.worker import WORKER_ENVIRONMENT, prepare_worker
+from doppelgait.core.worker import prepare_worker, worker_environment
 from doppelgait.dataset.card import dataset_card
 from doppelgait.dataset.config import PlanConfig
 from doppelgait.dataset.describe import differences
@@ -121,11 +121,10 @@ def _run(
 def _run_processes(
     shards: list[ShardSpec], arguments: tuple[str, str], workers: int
 ) -> Iterator[tuple[ShardSpec, dict[str, Any]]]:
-    for name, value in WORKER_ENVIRONMENT.items():
-        os.environ.setdefault(name, value)
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, mp_context=spawn, initializer=prepare_worker) as pool:
-        futures = {pool.submit(build_shard, shard, *arguments): shard for shard in shards}
+        with worker_environment():  # a submission starts a process while fewer than ``workers`` are there
+            futures = {pool.submit(build_shard, shard, *arguments): shard for shard in shards}
         try:
             for future in as_completed(futures):
                 yield futures[future], future.result()

@@ -19,7 +19,8 @@ DATA_VERSION = 3
 """What a configuration means in bytes. It is part of every dataset's identity and raised by hand whenever the same
 configuration gives other bytes (a draw, a kernel, a stored type), so that a dataset is never finished with examples of
 another making. 1: first form. 2: compiled kernels for geometry, noise and signature; splits by subject names.
-3: another order of additions in the short-time transform; features from the columns of the lossless hop."""
+3: another order of operations in amplitudes, tracks, the short-time transform and the cadence map; features from the
+columns of the lossless hop."""
 
 
 class ExampleSpec(FrozenModel):

@@ -234,7 +234,7 @@ def _repeat(motion: xr.DataArray, seam: Seam, overlap: float, count: int) -> Flo
     def cycle(into: FloatArray) -> FloatArray:
         share = (into / seam.lag)[:, np.newaxis, np.newaxis]
         gained = faster * seam.lag * (share**2 - share) / 2.0
-        return clip(seam.start + into)[0] - astray * (share - 0.5) - gained
+        return np.asarray(clip(seam.start + into)[0] - astray * (share - 0.5) - gained)
 
     total = np.arange(count, dtype=np.float64)
     into = np.mod(total, seam.lag)

@@ -142,11 +142,12 @@ def place(motion: xr.DataArray, *, position_m: tuple[float, float], heading_deg:
 def _centre_at(motion: xr.DataArray, at_s: float) -> FloatArray:
     """Body centre at a time after the first frame, by linear interpolation; shape (3,)."""
     times = axis(motion, "time")
-    wanted = times[0] + at_s
-    after = int(np.clip(np.searchsorted(times, wanted), 1, times.size - 1))
-    before, behind = _mean_of(motion.values[after - 1 : after + 1], _central_points(motion))
-    share = np.clip((wanted - times[after - 1]) / (times[after] - times[after - 1]), 0.0, 1.0)
-    return np.asarray(before + share * (behind - before))
+    frame = float(np.interp(times[0] + at_s, times, np.arange(times.size)))
+    before, share = int(frame), frame - int(frame)
+    if share == 0.0:  # a gap in the next frame does not matter then
+        return np.asarray(_mean_of(motion.values[before : before + 1], _central_points(motion))[0])
+    first, second = _mean_of(motion.values[before : before + 2], _central_points(motion))
+    return np.asarray(first + share * (second - first))
 
 
 def resample(motion: xr.DataArray, time_s: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:

@@ -175,9 +175,11 @@ def analyze_signature(mu: xr.DataArray, gate: xr.Dataset, analysis: Analysis, *,
     label : str or None
         Only passed on.
     """
-    chain = _liland_chain if analysis.method == "liland2018" else _standard_chain
-    usable, share = processing.within_frame(mu)
-    extraction, arrays = chain(usable, analysis)
+    liland = analysis.method == "liland2018"
+    usable, share = processing.within_frame(mu if liland else processing.thin(mu))
+    extraction, arrays = (_liland_chain if liland else _standard_chain)(usable, analysis)
+    shown = usable if usable.attrs["hop"] == mu.attrs["hop"] else processing.within_frame(mu)[0]
+    line_hz = arrays.pop("main_line_hz")
     quality, flags = _geometry(usable, extraction)
     if share < 1.0:
         flags.append("gate_leaves_frame")
@@ -190,16 +192,16 @@ def analyze_signature(mu: xr.DataArray, gate: xr.Dataset, analysis: Analysis, *,
         n_periods=extraction.n_periods,
         quality={**extraction.quality, **quality, "gate_inside_frame": share},
         flags=tuple(flags),
-        signature=usable,
+        signature=shown,
         gate_limits=gate,
         **arrays,
+        main_line_hz=main_line.straight_at(line_hz, usable, shown),
     )
 
 
 def _geometry(mu: xr.DataArray, extraction: Extraction) -> tuple[dict[str, Any], list[str]]:
     """Ground speed and aspect from the gate's range history (E-34b), and the flags that follow from them."""
-    thinned = processing.thin(mu)
-    motion = ground_motion(axis(thinned, "time"), axis(thinned, "centre_range"))
+    motion = ground_motion(axis(mu, "time"), axis(mu, "centre_range"))
     step_m = None
     if motion.ground_speed_mps is not None and extraction.gait_frequency_hz is not None:
         step_m = motion.ground_speed_mps / extraction.gait_frequency_hz
@@ -221,8 +223,7 @@ def _geometry(mu: xr.DataArray, extraction: Extraction) -> tuple[dict[str, Any],
 
 
 def _standard_chain(mu: xr.DataArray, analysis: Analysis) -> tuple[Extraction, dict[str, Any]]:
-    """E-28 to E-38: floor, normalise, align, detrend, cadence, features, on the columns of the lossless hop."""
-    dense, mu = mu, processing.thin(mu)
+    """E-28 to E-38: floor, normalise, align, detrend, cadence, features."""
     floor_v2 = processing.noise_floor_v2(mu)
     normalised = processing.normalise(mu, floor_v2, mode=analysis.normalisation)
     seconds = processing.observation_s(mu)
@@ -247,7 +248,7 @@ def _standard_chain(mu: xr.DataArray, analysis: Analysis) -> tuple[Extraction, d
         cpi_s=analysis.cpi_s,
         window_steepness=analysis.window_steepness,
     )
-    return extraction, _arrays(normalised, step_doppler, spectrum, main_line.straight_at(straight, mu, dense))
+    return extraction, _arrays(normalised, step_doppler, spectrum, straight)
 
 
 def _liland_chain(mu: xr.DataArray, analysis: Analysis) -> tuple[Extraction, dict[str, Any]]:

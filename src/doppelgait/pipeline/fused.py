@@ -22,7 +22,7 @@ from doppelgait.processing import Analysis
 from doppelgait.processing.signature import cut_out, signature_of_planes
 from doppelgait.radar.config import Radar
 from doppelgait.radar.recording import TargetTruth
-from doppelgait.radar.simulate import noise_level_v2, scatterer_arrays, warn_of_limits
+from doppelgait.radar.simulate import noise_level_v2, scatterer_arrays, snr_frame_db, warn_of_limits
 from doppelgait.scene import Scene, observe
 
 Float32Array = npt.NDArray[np.float32]
@@ -86,8 +86,7 @@ def run_fused(
     for cut, target in zip(cuts, truth, strict=True):
         mu = signature_of_planes(plane_re, plane_im, 0, cut, wavelength_m=radar.wavelength_m)
         results.append(analyze_signature(mu, cut.gate, analysis, label=target.label or None))
-    snr_frame_db = 10 * math.log10(signal_v2 / noise_v2) if noise_v2 > 0 else math.inf
-    return FusedExample(flag_overlaps(results), truth, slow_time_s.size, noise_v2, snr_frame_db)
+    return FusedExample(flag_overlaps(results), truth, slow_time_s.size, noise_v2, snr_frame_db(signal_v2, noise_v2))
 
 
 def _planes(n_bins: int, n_pulses: int) -> tuple[Float32Array, Float32Array]:

@@ -20,6 +20,7 @@ from doppelgait.radar.simulate import (
     frame_power_v2,
     lowest_prf_hz,
     noise_level_v2,
+    snr_frame_db,
     synthesise,
     warn_of_limits,
 )
@@ -83,7 +84,7 @@ def simulate(
         radar=radar,
         truth=[target_truth(scene, n, scatterers, track) for n, track in enumerate(tracks)],
         noise_power_v2=noise_v2,
-        snr_frame_db=10 * math.log10(signal_v2 / noise_v2) if noise_v2 > 0 else math.inf,
+        snr_frame_db=snr_frame_db(signal_v2, noise_v2),
         source="simulation",
     )
 

@@ -39,8 +39,8 @@ class Analysis(FrozenModel):
     doppler_bins : int, optional
         Transform length K; by default the next 2^a, 3 2^a or 5 2^a not below M.
     hop : int, optional
-        Pulses from column to column of the signature; by default floor(T_d f_p / 12), which loses nothing. A finer
-        one changes no feature (:func:`doppelgait.processing.thin`).
+        Pulses from column to column of the signature; by default floor(T_d f_p / 12), which loses nothing. A divisor
+        of that changes no feature (:func:`doppelgait.processing.thin`).
     gate_span_m : float
         Range extent of the gate, the same for every class (E-26).
     gate_edges : {"fractional", "sharp"}

@@ -39,7 +39,7 @@ def within_frame(signature: xr.DataArray) -> tuple[xr.DataArray, float]:
     if share.size < MIN_COLUMNS:
         raise AnalysisError(
             f"the signature has {share.size} column{'s' * (share.size > 1)}, at least {MIN_COLUMNS} are needed; "
-            "record longer or lower hop"
+            "record longer, or lower hop where it is coarser than the lossless one"
         )
     if share.min() >= 1.0:
         return signature, 1.0

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import axis
 from doppelgait.processing.normalise import median
 
@@ -122,9 +123,18 @@ def align(array: xr.DataArray, line_hz: FloatArray) -> xr.DataArray:
     -------
     DataArray (time, doppler)
         The line is at 0 Hz; column sums are kept.
+
+    Raises
+    ------
+    AnalysisError
+        If the line has another number of columns.
     """
     from doppelgait.core.kernels.features import shift_columns
 
+    if np.shape(line_hz) != (array.sizes["time"],):
+        raise AnalysisError(
+            f"line_hz has shape {np.shape(line_hz)}; it must be ({array.sizes['time']},), one frequency a column"
+        )
     shift = line_hz / bin_width_hz(array)
     whole = np.floor(shift)
     moved = np.empty(array.shape)

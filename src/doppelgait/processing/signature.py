@@ -238,8 +238,8 @@ def _label(values: npt.NDArray[np.float32], cut: Cut, wavelength_m: float) -> xr
 def thin(signature: xr.DataArray) -> xr.DataArray:
     """Every n-th column of a signature whose hop is finer than the lossless one, else the signature itself.
 
-    What is between them can be interpolated from them (E-23), so features gain nothing from it: they are the same for
-    hop 1 as for the lossless hop where that is a whole multiple.
+    What is between them can be interpolated from them (E-23), so features gain nothing from it: they are the same as
+    for the lossless hop where that is a whole multiple of the hop, else those of the largest multiple below.
     """
     every = lossless_hop(signature.attrs["cpi_pulses"]) // signature.attrs["hop"]
     if every <= 1:

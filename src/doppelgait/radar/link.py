@@ -51,16 +51,10 @@ def echo_amplitude_v(
 
     ``path_gain`` is a further two-way power ratio (walls, antenna pattern).
     """
-    one_metre_w = received_power_w(radar, range_m=1.0, rcs_m2=_row(rcs_m2) * _row(path_gain))
+    one_metre_w = received_power_w(radar, range_m=1.0, rcs_m2=np.asarray(rcs_m2) * np.asarray(path_gain))
     square = np.maximum(np.asarray(range_m, dtype=float), MIN_RANGE_M)
     square *= square
-    return np.divide(watt_to_volt(one_metre_w) * db_to_amplitude(radar.receiver_gain_db), square)
-
-
-def _row(values: npt.ArrayLike) -> Any:
-    """The values; of a matrix that is one row repeated (a broadcast view) that row, which saves a pass over memory."""
-    array = np.asarray(values, dtype=float)
-    return array[:1] if array.ndim == 2 and array.strides[0] == 0 else array
+    return watt_to_volt(one_metre_w) * db_to_amplitude(radar.receiver_gain_db) / square
 
 
 def noise_power_v2(radar: Radar) -> float:

@@ -130,8 +130,8 @@ def _read_truth(group: Any, slow_time_s: Any, number: int) -> TargetTruth:
         coords={
             "slow_time": ("slow_time", slow_time_s, {"units": "s"}),
             "target": ("scatterer", np.full(shape[1], number)),
-            "marker": ("scatterer", np.array(markers, dtype=object)),
-            "part": ("scatterer", np.array(parts, dtype=object)),
+            "marker": ("scatterer", np.array(markers, dtype=str)),
+            "part": ("scatterer", np.array(parts, dtype=str)),
         },
     )
     facts = {fact: _plain(group.attrs[fact]) for fact in TRUTH_FACTS}

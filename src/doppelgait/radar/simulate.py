@@ -53,9 +53,14 @@ def scatterer_arrays(scatterers: xr.Dataset, radar: Radar) -> tuple[Any, Any]:
     """Contiguous float64 ranges (m) and echo amplitudes (V) of a scatterer table, both (slow_time, scatterer)."""
     range_m = np.ascontiguousarray(scatterers["range"].values, dtype=np.float64)
     amplitude_v = echo_amplitude_v(
-        radar, range_m=range_m, rcs_m2=scatterers["rcs"].values, path_gain=scatterers["path_gain"].values
+        radar, range_m=range_m, rcs_m2=_row(scatterers["rcs"].values), path_gain=_row(scatterers["path_gain"].values)
     )
     return range_m, np.ascontiguousarray(amplitude_v)
+
+
+def _row(values: Any) -> Any:
+    """The values; of a table that repeats one row (a broadcast view) that row, which saves a pass over memory."""
+    return values[:1] if values.strides[0] == 0 else values
 
 
 def label_baseband(values: Any, slow_time_s: Any, radar: Radar) -> xr.DataArray:
@@ -100,6 +105,13 @@ def noise_level_v2(radar: Radar, signal_v2: float, snr_db: float | None) -> floa
             f"{radar.range_stop_m:g} m; move the targets or change the frame"
         )
     return float(signal_v2 / 10.0 ** (snr_db / 10.0))
+
+
+def snr_frame_db(signal_v2: float, noise_v2: float) -> float:
+    """SNR_frame in dB: inf without noise, -inf where no echo falls into the frame."""
+    if not noise_v2 > 0:
+        return math.inf
+    return 10.0 * math.log10(signal_v2 / noise_v2) if signal_v2 > 0 else -math.inf
 
 
 def warn_of_limits(scatterers: xr.Dataset, radar: Radar) -> None:

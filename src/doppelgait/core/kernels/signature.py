@@ -38,7 +38,9 @@ APART: dict[str, Any] = {**OPTIONS, "pipeline_class": Apart}
 
 Float32Array = npt.NDArray[np.float32]
 
-_ROOT_HALF = np.float32(math.sqrt(0.5))
+_ROOT_HALF, _HALF, _S60 = np.float32(math.sqrt(0.5)), np.float32(0.5), np.float32(math.sqrt(0.75))
+_C72, _S72 = np.float32(math.cos(math.radians(72))), np.float32(math.sin(math.radians(72)))
+_C144, _S144 = np.float32(math.cos(math.radians(144))), np.float32(math.sin(math.radians(144)))
 _U = np.uint64  # unsigned: no test for an index from the end, which would stop vectorising
 _1, _2, _3, _4, _5, _6, _7, _8 = (np.uint64(n) for n in range(1, 9))
 
@@ -130,18 +132,6 @@ def _first_radix8(xr, xi, place, window, yr, yi, cos, sin):  # type: ignore[no-u
             yr[to + _7 * r], yi[to + _7 * r] = sr * w7r - si * w7i, sr * w7i + si * w7r
 
 
-@njit(**OPTIONS)
-def _first_any(xr, xi, place, window, yr, yi, radix, cos, sin):  # type: ignore[no-untyped-def]
-    """First pass of any radix: the windowed pulses side by side, then as any other pass."""
-    n_groups = place.shape[0] // radix
-    runs_r, runs_i = np.empty(yr.shape[0], dtype=np.float32), np.empty(yi.shape[0], dtype=np.float32)
-    for m in range(place.shape[0]):
-        for lane in range(LANES):
-            runs_r[m * LANES + lane] = window[m] * xr[place[m] + lane]
-            runs_i[m * LANES + lane] = window[m] * xi[place[m] + lane]
-    _radix_any(runs_r, runs_i, yr, yi, LANES, n_groups, radix, cos, sin)
-
-
 @njit(**APART)
 def _radix4(xr, xi, yr, yi, run, n_groups, cos, sin):  # type: ignore[no-untyped-def]
     """Pass of radix 4."""
@@ -167,6 +157,67 @@ def _radix4(xr, xi, yr, yi, run, n_groups, cos, sin):  # type: ignore[no-untyped
             yr[to + _3 * r], yi[to + _3 * r] = sr * w3r - si * w3i, sr * w3i + si * w3r
 
 
+@njit(**APART)
+def _radix5(xr, xi, yr, yi, run, n_groups, cos, sin):  # type: ignore[no-untyped-def]
+    """Pass of radix 5: sums and differences of the pairs (1, 4) and (2, 3), then rotations by fifths of a turn."""
+    step = _U(cos.shape[0] // (5 * n_groups))
+    r, apart = _U(run), _U(n_groups * run)
+    for group in range(n_groups):
+        p = _U(group)
+        turn = p * step
+        w1r, w1i, w2r, w2i = cos[turn], sin[turn], cos[_2 * turn], sin[_2 * turn]
+        w3r, w3i, w4r, w4i = cos[_3 * turn], sin[_3 * turn], cos[_4 * turn], sin[_4 * turn]
+        for lane in range(run):
+            a = p * r + _U(lane)
+            to = _5 * p * r + _U(lane)
+            b, c, d, e = a + apart, a + _2 * apart, a + _3 * apart, a + _4 * apart
+            s1r, s1i, d1r, d1i = xr[b] + xr[e], xi[b] + xi[e], xr[b] - xr[e], xi[b] - xi[e]
+            s2r, s2i, d2r, d2i = xr[c] + xr[d], xi[c] + xi[d], xr[c] - xr[d], xi[c] - xi[d]
+            yr[to], yi[to] = xr[a] + s1r + s2r, xi[a] + s1i + s2i
+            ur, ui = xr[a] + _C72 * s1r + _C144 * s2r, xi[a] + _C72 * s1i + _C144 * s2i
+            vr, vi = xr[a] + _C144 * s1r + _C72 * s2r, xi[a] + _C144 * s1i + _C72 * s2i
+            fr, fi = _S72 * d1i + _S144 * d2i, -_S72 * d1r - _S144 * d2r  # -j (sin 72 d1 + sin 144 d2)
+            gr, gi = _S144 * d1i - _S72 * d2i, -_S144 * d1r + _S72 * d2r
+            zr, zi = ur + fr, ui + fi
+            yr[to + r], yi[to + r] = zr * w1r - zi * w1i, zr * w1i + zi * w1r
+            zr, zi = vr + gr, vi + gi
+            yr[to + _2 * r], yi[to + _2 * r] = zr * w2r - zi * w2i, zr * w2i + zi * w2r
+            zr, zi = vr - gr, vi - gi
+            yr[to + _3 * r], yi[to + _3 * r] = zr * w3r - zi * w3i, zr * w3i + zi * w3r
+            zr, zi = ur - fr, ui - fi
+            yr[to + _4 * r], yi[to + _4 * r] = zr * w4r - zi * w4i, zr * w4i + zi * w4r
+
+
+@njit(**APART)
+def _radix3(xr, xi, yr, yi, run, n_groups, cos, sin):  # type: ignore[no-untyped-def]
+    """Pass of radix 3."""
+    step = _U(cos.shape[0] // (3 * n_groups))
+    r, apart = _U(run), _U(n_groups * run)
+    for group in range(n_groups):
+        p = _U(group)
+        turn = p * step
+        w1r, w1i, w2r, w2i = cos[turn], sin[turn], cos[_2 * turn], sin[_2 * turn]
+        for lane in range(run):
+            a = p * r + _U(lane)
+            to = _3 * p * r + _U(lane)
+            b, c = a + apart, a + _2 * apart
+            sr, si, dr, di = xr[b] + xr[c], xi[b] + xi[c], xr[b] - xr[c], xi[b] - xi[c]
+            yr[to], yi[to] = xr[a] + sr, xi[a] + si
+            ur, ui = xr[a] - _HALF * sr, xi[a] - _HALF * si
+            vr, vi = _S60 * di, -_S60 * dr  # -j sin 60 d
+            zr, zi = ur + vr, ui + vi
+            yr[to + r], yi[to + r] = zr * w1r - zi * w1i, zr * w1i + zi * w1r
+            zr, zi = ur - vr, ui - vi
+            yr[to + _2 * r], yi[to + _2 * r] = zr * w2r - zi * w2i, zr * w2i + zi * w2r
+
+
+@njit(**APART)
+def _add_turned(in_r, in_i, wr, wi, out_r, out_i):  # type: ignore[no-untyped-def]
+    for i in range(out_r.shape[0]):
+        out_r[i] += in_r[i] * wr - in_i[i] * wi
+        out_i[i] += in_r[i] * wi + in_i[i] * wr
+
+
 @njit(**OPTIONS)
 def _radix_any(xr, xi, yr, yi, run, n_groups, radix, cos, sin):  # type: ignore[no-untyped-def]
     """Pass of any radix by its definition."""
@@ -182,10 +233,7 @@ def _radix_any(xr, xi, yr, yi, run, n_groups, radix, cos, sin):  # type: ignore[
                 turn = (k * p * step + j * k * (n_bins // radix)) % n_bins
                 wr, wi = cos[turn], sin[turn]
                 a = (p + j * n_groups) * run
-                in_r, in_i = xr[a : a + run], xi[a : a + run]
-                for i in range(run):
-                    out_r[i] += in_r[i] * wr - in_i[i] * wi
-                    out_i[i] += in_r[i] * wi + in_i[i] * wr
+                _add_turned(xr[a : a + run], xi[a : a + run], wr, wi, out_r, out_i)
 
 
 @njit(**APART)
@@ -235,8 +283,24 @@ def _last(xr, xi, radix, n_groups, power):  # type: ignore[no-untyped-def]
 def _pass(xr, xi, yr, yi, run, n_groups, radix, cos, sin):  # type: ignore[no-untyped-def]
     if radix == 4:
         _radix4(xr, xi, yr, yi, run, n_groups, cos, sin)
+    elif radix == 5:
+        _radix5(xr, xi, yr, yi, run, n_groups, cos, sin)
+    elif radix == 3:
+        _radix3(xr, xi, yr, yi, run, n_groups, cos, sin)
     else:
         _radix_any(xr, xi, yr, yi, run, n_groups, radix, cos, sin)
+
+
+@njit(**OPTIONS)
+def _first_any(xr, xi, place, window, yr, yi, radix, cos, sin):  # type: ignore[no-untyped-def]
+    """First pass of any radix: the windowed pulses side by side, then as any other pass."""
+    n_groups = place.shape[0] // radix
+    runs_r, runs_i = np.empty(yr.shape[0], dtype=np.float32), np.empty(yi.shape[0], dtype=np.float32)
+    for m in range(place.shape[0]):
+        for lane in range(LANES):
+            runs_r[m * LANES + lane] = window[m] * xr[place[m] + lane]
+            runs_i[m * LANES + lane] = window[m] * xi[place[m] + lane]
+    _pass(runs_r, runs_i, yr, yi, LANES, n_groups, radix, cos, sin)
 
 
 @njit(**OPTIONS)

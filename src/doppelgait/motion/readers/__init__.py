@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
@@ -25,6 +25,8 @@ def read(
     clean: bool = True,
     start_s: float | None = None,
     stop_s: float | None = None,
+    segment: int | Literal["longest"] | None = None,
+    loop_to_s: float | None = None,
     **options: Any,
 ) -> xr.DataArray:
     """Read a motion recording.
@@ -39,6 +41,11 @@ def read(
     start_s, stop_s : float, optional
         Part of the recording to keep, in s from its first frame, applied before cleaning. The time axis of the
         result starts at 0 again.
+    segment : int or "longest", optional
+        Keep one straight stretch at constant velocity (:func:`~doppelgait.motion.segments.find_segments`): its number,
+        1 for the first, as ``motion info`` lists them, or the longest. Needs ``clean``.
+    loop_to_s : float, optional
+        Repeat what is kept over whole strides up to this time (:func:`~doppelgait.motion.loop.loop`). Needs ``clean``.
     **options
         Options of the reader, for example ``units``, ``up_axis``, ``rate_hz`` and ``subject`` for C3D.
 
@@ -61,10 +68,33 @@ def read(
         raise MotionError(f"{file}: cannot be read: {error.strerror or error}") from None
     motion = _crop(file, motion, start_s, stop_s)
     if not clean:
+        if segment is not None or loop_to_s is not None:
+            raise MotionError(f"{file}: segment and loop_to_s need a cleaned motion; leave out clean = false")
         return motion
     from doppelgait.motion.clean import clean_motion
 
-    return clean_motion(motion)
+    return _looped(_pick_segment(file, clean_motion(motion), segment), loop_to_s)
+
+
+def _pick_segment(path: Path, motion: xr.DataArray, wanted: Any) -> xr.DataArray:
+    from doppelgait.motion.segments import crop, find_segments
+
+    if wanted is None:
+        return motion
+    found = find_segments(motion)
+    if not found:
+        raise MotionError(f"{path}: has no straight stretch at constant velocity; give start_s and stop_s instead")
+    if wanted == "longest":
+        return crop(motion, max(found, key=lambda one: one.duration_s))
+    if isinstance(wanted, bool) or not isinstance(wanted, int) or not 1 <= wanted <= len(found):
+        raise MotionError(f"{path}: segment = {wanted!r} is not allowed; allowed are 'longest' and 1 to {len(found)}")
+    return crop(motion, found[wanted - 1])
+
+
+def _looped(motion: xr.DataArray, loop_to_s: float | None) -> xr.DataArray:
+    from doppelgait.motion.loop import loop
+
+    return motion if loop_to_s is None else loop(motion, duration_s=loop_to_s)
 
 
 def _find_reader(path: Path) -> tuple[str, MotionReader]:
@@ -98,6 +128,7 @@ def _check_options(name: str, reader: MotionReader, options: dict[str, Any]) -> 
     if unknown := sorted(set(options) - set(allowed)):
         raise MotionError(
             f"the {name} reader has no option {', '.join(unknown)}; allowed are clean, start_s, stop_s, "
+            f"segment, loop_to_s, "
             f"{', '.join(allowed)}"
         )
 

@@ -1,0 +1,56 @@
+"""What ``read`` does with a recording after its reader: segments and loops."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from doppelgait.core.errors import MotionError
+from doppelgait.motion import boulic_walk, read
+
+
+@pytest.fixture(scope="module")
+def walk_then_stand(tmp_path_factory):
+    """A marker table: 4 s of walking, 2 s of standing, another 3 s of walking."""
+    walk = boulic_walk(speed_mps=1.3, height_m=1.75, duration_s=7.0, rate_hz=100.0)
+    frames = np.concatenate([np.arange(400), np.full(200, 400), np.arange(400, 700)])
+    names = [f"{marker}_{axis}_m" for marker in walk.marker.values for axis in "xyz"]
+    table = pd.DataFrame(walk.values[frames].reshape(len(frames), -1), columns=names)
+    table.insert(0, "time_s", np.arange(len(frames)) / 100.0)
+    path = tmp_path_factory.mktemp("motion") / "walk.csv"
+    table.to_csv(path, index=False)
+    return path
+
+
+def test_a_mixed_recording_becomes_several_examples(walk_then_stand):
+    first, second = (read(walk_then_stand, segment=number) for number in (1, 2))
+    assert first.sizes["time"] == pytest.approx(400, abs=30)
+    assert second.sizes["time"] == pytest.approx(300, abs=30)
+    assert first.time.values[0] == 0.0
+    longest = read(walk_then_stand, segment="longest")
+    np.testing.assert_array_equal(longest.values, first.values)
+
+
+def test_a_segment_is_looped_over_whole_strides(walk_then_stand):
+    looped = read(walk_then_stand, segment=2, loop_to_s=8.0)
+    assert looped.time.values[-1] == pytest.approx(8.0, abs=0.02)
+    assert looped.attrs["stride_frequency_hz"] == pytest.approx(
+        boulic_walk(speed_mps=1.3, height_m=1.75).attrs["stride_frequency_hz"], rel=0.01
+    )
+    centre = looped.values.mean(axis=1)[:, 0]
+    assert (centre[-1] - centre[0]) / 8.0 == pytest.approx(1.3, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"segment": 3}, "segment = 3 is not allowed; allowed are 'longest' and 1 to 2"),
+        ({"segment": "last"}, "segment = 'last' is not allowed"),
+        ({"segment": True}, "segment = True is not allowed"),
+        ({"segment": 1, "loop_to_s": -1.0}, "duration_s: -1.0 is not allowed"),
+        ({"segment": 1, "clean": False}, "need a cleaned motion"),
+        ({"start_s": 4.2, "stop_s": 5.8, "segment": 1}, "no straight stretch at constant velocity"),
+    ],
+)
+def test_a_wrong_choice_is_one_clear_error(walk_then_stand, options, says):
+    with pytest.raises(MotionError, match=says):
+        read(walk_then_stand, **options)

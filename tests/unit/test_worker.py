@@ -1,0 +1,24 @@
+"""The environment of worker processes."""
+
+import os
+import subprocess
+import sys
+
+from doppelgait.core.worker import WORKER_ENVIRONMENT, worker_environment
+
+
+def test_the_callers_environment_is_as_before(monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "8")
+    monkeypatch.delenv("MALLOC_TRIM_THRESHOLD_", raising=False)
+    with worker_environment():
+        assert {name: os.environ[name] for name in WORKER_ENVIRONMENT} == WORKER_ENVIRONMENT
+    assert os.environ["OMP_NUM_THREADS"] == "8"
+    assert "MALLOC_TRIM_THRESHOLD_" not in os.environ
+
+
+def test_a_prepared_process_works_without_arrow():
+    program = (
+        "from doppelgait.core.worker import prepare_worker; prepare_worker(); import pandas, sys; "
+        "assert sys.modules['pyarrow'] is None; assert len(pandas.DataFrame({'a': [1, 2]})) == 2"
+    )
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
