@@ -11,10 +11,11 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
-from doppelgait.motion.axes import body_extent, find_up_axis, turn_z_up
+from doppelgait.motion.axes import find_up_axis, turn_z_up
 from doppelgait.motion.readers.c3d_content import C3dContent, read_content
 from doppelgait.motion.readers.c3d_layout import MAGIC
 from doppelgait.motion.readers.c3d_points import is_measured, pick_subject, sort_points, unique_names
+from doppelgait.motion.readers.points import by_reason, unit_or_guess
 from doppelgait.motion.readers.registry import MOTION_READERS, MotionReader
 from doppelgait.motion.schema import make_motion
 from doppelgait.motion.skeleton import parts_of
@@ -85,7 +86,7 @@ def read_c3d(
         "points_measured": measured,
         **unit_facts,
         **axis_facts,
-        "dropped": _by_reason(content.labels, reasons),
+        "dropped": by_reason(content.labels, reasons),
         "notes": list(content.notes),
     }
     return make_motion(
@@ -128,8 +129,7 @@ def _unit(
     """Metres per file unit for each point, shape (P, 1), and what to report about it."""
     names = [units] * len(chosen) if units is not None else _declared_units(content, chosen)
     if names is None:
-        guess = _guess_unit(path, content.position[:, chosen])
-        names = [guess] * len(chosen)
+        names = [unit_or_guess(path, "", content.position[:, chosen])] * len(chosen)
     factors = [metres_per_unit(name, where=str(path)) for name in names]
     first = max(set(names), key=names.count)
     facts = {"length_unit": first, "metres_per_unit": metres_per_unit(first, where=str(path))}
@@ -143,19 +143,6 @@ def _declared_units(content: C3dContent, chosen: list[int]) -> list[str] | None:
     if len(content.units) == len(content.labels) > 1:
         return [content.units[i] or units[0] for i in chosen]
     return [units[0]] * len(chosen)
-
-
-def _guess_unit(path: Path, position: FloatArray) -> str:
-    """Mm or m, whichever makes the body less than 10 m large; never silent."""
-    span = float(np.nan_to_num(body_extent(position)).max())
-    guess = "m" if span < 10.0 else "mm"
-    warnings.warn(
-        f"{path}: names no length unit; its points span {span:.3g}, so {guess} is taken. "
-        "If that is wrong, give the unit: units='mm', 'cm' or 'm'.",
-        DoppelgaitWarning,
-        stacklevel=5,
-    )
-    return guess
 
 
 def _axis(
@@ -187,10 +174,3 @@ def _only_subject(content: C3dContent) -> str:
 
 def _who(label: str) -> str:
     return f"subject or prop {label.rsplit(':', 1)[0]!r}" if ":" in label else "no subject"
-
-
-def _by_reason(labels: tuple[str, ...], reasons: dict[int, str]) -> dict[str, list[str]]:
-    table: dict[str, list[str]] = {}
-    for i in sorted(reasons):
-        table.setdefault(reasons[i], []).append(labels[i] or f"point_{i + 1}")
-    return table

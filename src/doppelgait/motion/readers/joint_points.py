@@ -15,6 +15,7 @@ import xarray as xr
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.motion.axes import find_up_axis, turn_z_up
 from doppelgait.motion.readers.hierarchy import Joints
+from doppelgait.motion.readers.points import by_reason
 from doppelgait.motion.schema import make_motion
 from doppelgait.motion.skeleton import guess_species, parts_of
 from doppelgait.motion.units import metres_per_unit
@@ -105,7 +106,7 @@ def joint_motion(
         **unit_facts,
         **axis_facts,
         **(report or {}),
-        "dropped": _by_reason(joints.names, reasons),
+        "dropped": by_reason(joints.names, reasons),
     }
     return make_motion(
         _to_z_up(position, axis_facts["up_axis"]),
@@ -293,13 +294,6 @@ def _unique(names: Sequence[str]) -> list[str]:
             wanted, number = f"{name}_{number}", number + 1
         found.append(wanted)
     return found
-
-
-def _by_reason(names: Sequence[str], reasons: Mapping[int, str]) -> dict[str, list[str]]:
-    table: dict[str, list[str]] = {}
-    for j in sorted(reasons):
-        table.setdefault(reasons[j], []).append(names[j])
-    return table
 
 
 def _warn(text: str) -> None:

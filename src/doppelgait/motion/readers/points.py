@@ -141,7 +141,7 @@ def points_to_motion(
         "length_unit": length_unit,
         "metres_per_unit": metres_per_unit(length_unit, where=str(path)),
         **axis_facts,
-        "dropped": _by_reason(labels, reasons),
+        "dropped": by_reason(labels, reasons),
         "notes": list(notes),
     }
     return make_motion(
@@ -169,7 +169,8 @@ def _axis(path: Path, position: FloatArray, parts: list[str], up_axis: str | Non
     return facts
 
 
-def _by_reason(labels: Sequence[str], reasons: Mapping[int, str]) -> dict[str, list[str]]:
+def by_reason(labels: Sequence[str], reasons: Mapping[int, str]) -> dict[str, list[str]]:
+    """Names of the points left out, by the reason for it."""
     table: dict[str, list[str]] = {}
     for i in sorted(reasons):
         table.setdefault(reasons[i], []).append(labels[i] or f"point_{i + 1}")
