@@ -46,7 +46,7 @@ def test_a_segment_is_looped_over_whole_strides(walk_then_stand):
         ({"segment": 3}, "segment = 3 is not allowed; allowed are 'longest' and 1 to 2"),
         ({"segment": "last"}, "segment = 'last' is not allowed"),
         ({"segment": True}, "segment = True is not allowed"),
-        ({"segment": 1, "loop_to_s": -1.0}, "duration_s: -1.0 is not allowed"),
+        ({"segment": 1, "loop_to_s": -1.0}, "loop_to_s = -1.0 is not allowed"),
         ({"segment": 1, "clean": False}, "need a cleaned motion"),
         ({"start_s": 4.2, "stop_s": 5.8, "segment": 1}, "no straight stretch at constant velocity"),
     ],
@@ -54,3 +54,47 @@ def test_a_segment_is_looped_over_whole_strides(walk_then_stand):
 def test_a_wrong_choice_is_one_clear_error(walk_then_stand, options, says):
     with pytest.raises(MotionError, match=says):
         read(walk_then_stand, **options)
+
+
+def test_exchanged_sides_are_noted(walk_then_stand, tmp_path):
+    """A file whose axes are left-handed, or whose names are exchanged, gives right footfalls for left ones."""
+    assert not any("side" in note for note in read(walk_then_stand).attrs["report"]["notes"])
+    table = pd.read_csv(walk_then_stand)
+    for name in [column for column in table.columns if column.endswith("_y_m")]:
+        table[name] *= -1.0
+    table.to_csv(tmp_path / "mirrored.csv", index=False)
+    assert any("side" in note for note in read(tmp_path / "mirrored.csv").attrs["report"]["notes"])
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"rate_hz": "abc"}, "rate_hz = 'abc' is not allowed; it must be above 0"),
+        ({"start_s": "a"}, "start_s = 'a' is not allowed"),
+        ({"stop_s": float("nan")}, "is not in the recording"),
+        ({"units": 5}, "units = 5 is not allowed; it must be a text"),
+        ({"loop_to_s": 1e9}, "loop_to_s = 1000000000.0 is not allowed; it must be above 0 and up to 3600 s"),
+        ({"loop_to_s": "long"}, "loop_to_s = 'long' is not allowed"),
+        ({"clean": "no"}, "clean = 'no' is not allowed; it must be true or false"),
+    ],
+)
+def test_an_option_of_the_wrong_kind_is_one_clear_error(walk_then_stand, options, says):
+    from doppelgait.motion.describe import describe_recording
+
+    with pytest.raises(MotionError, match=says):
+        read(walk_then_stand, **options)
+    if "clean" not in options:
+        with pytest.raises(MotionError, match=says):
+            describe_recording(walk_then_stand, **options)
+
+
+def test_a_segment_has_the_gait_that_was_measured_in_it(walk_then_stand):
+    from doppelgait.motion.describe import describe_recording
+
+    segment = read(walk_then_stand, segment=1)
+    assert segment.attrs["gait"] == "walk"
+    listed = describe_recording(walk_then_stand)["segments"][0]
+    assert segment.attrs["stride_frequency_hz"] == pytest.approx(listed["stride_frequency_hz"], rel=0.02)
+    assert all(0 <= t <= segment.time.values[-1] for times in segment.attrs["footfalls"].values() for t in times)
+    looped = describe_recording(walk_then_stand, segment=1, loop_to_s=6.0)
+    assert looped["cleaned"]["duration_s"] == pytest.approx(6.0, abs=0.02)

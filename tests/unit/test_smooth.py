@@ -42,3 +42,23 @@ def test_three_frames_per_period_are_needed() -> None:
     assert can_lowpass(36.0, 12.0)
     assert not can_lowpass(35.9, 12.0)
     assert not can_lowpass(100.0, None)
+
+
+@pytest.mark.parametrize("rate_hz", [60.0, 120.0])
+@pytest.mark.parametrize("frame", [2, -2, 15, -15])
+def test_a_jump_near_an_end_stays_where_it_is(rate_hz, frame):
+    """The continuation of the ends must not grow: a step of 0.7 m may ring, not leave the room."""
+    t = np.arange(0, 3, 1 / rate_hz)
+    path = np.stack([1.2 * t, 0.2 * np.sin(2 * np.pi * t), 1 + 0 * t], axis=-1)[:, None]
+    path[frame if frame < 0 else slice(0, frame), :, :] += 0.7
+    smooth = lowpass(path, rate_hz=rate_hz, cutoff_hz=12.0)
+    assert np.abs(smooth - path).max() < 0.7
+
+
+def test_coordinates_beyond_reason_are_refused():
+    from doppelgait.core.errors import MotionError
+    from doppelgait.motion.clean import clean_motion
+
+    walk = boulic_walk(duration_s=2.0)
+    with pytest.raises(MotionError, match=r"a coordinate is 1e\+30 m, at most 10000 m"):
+        clean_motion(walk.copy(data=np.where(walk.values > 1.0, 1e30, walk.values)))

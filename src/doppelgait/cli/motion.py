@@ -28,7 +28,7 @@ def _read(path: Path, start: float | None, stop: float | None, options: list[str
     from doppelgait.core.config import apply_overrides
     from doppelgait.motion.readers import read
 
-    return read(path, start_s=start, stop_s=stop, **apply_overrides({}, options or []))
+    return read(path, **{"start_s": start, "stop_s": stop, **apply_overrides({}, options or [])})
 
 
 @app.command("info")
@@ -46,7 +46,7 @@ def info(
     from doppelgait.core.config import apply_overrides
     from doppelgait.motion.describe import describe_recording
 
-    facts = describe_recording(file, start_s=start, stop_s=stop, **apply_overrides({}, options or []))
+    facts = describe_recording(file, **{"start_s": start, "stop_s": stop, **apply_overrides({}, options or [])})
     if as_json:
         print_json(facts)
         return

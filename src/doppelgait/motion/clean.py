@@ -21,6 +21,7 @@ FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
 MIN_MARKERS = 3
+LARGEST_M = 1e4
 MIN_DURATION_S = 0.5
 STATIONARY_M = 0.03
 MOVING_BODY_M = 0.5
@@ -72,6 +73,7 @@ def clean_motion(
     _check_parameters(gap_limit_s, lowpass_hz)
     where, rate = motion.attrs["source"] or "motion", float(motion.attrs["rate_hz"])
     position = np.array(motion.values, dtype=np.float64)
+    _check_size(where, position)
     names, parts = [str(n) for n in motion.marker.values], [str(p) for p in motion.part.values]
     mended = _mend(position, names, rate)
     dropped = useless_points(position, names, parts) | _unmoved_points(position)
@@ -90,6 +92,7 @@ def clean_motion(
         **fill_facts,
         **mended,
         "jumps": [jump for jump in mended["jumps"] if jump["point"] in kept_names],
+        "notes": [*motion.attrs["report"].get("notes", []), *_side_notes(smooth, kept_parts)],
         "dropped": _merge(motion.attrs["report"].get("dropped", {}), names, dropped),
         "points_kept": len(kept),
         "parts": known_parts(kept_parts),
@@ -119,6 +122,28 @@ def known_parts(parts: Sequence[str]) -> str:
     if known == 0:
         return "unknown: equal split"
     return "known" if known == len(parts) else f"{known} of {len(parts)} known"
+
+
+def _side_notes(position: FloatArray, parts: Sequence[str]) -> list[str]:
+    """A note where the left parts go to the right of the right ones, seen along the way gone."""
+    left = [i for i, part in enumerate(parts) if part.startswith("left_")]
+    right = [i for i, part in enumerate(parts) if part.startswith("right_")]
+    way = position[-1, :, :2].mean(axis=0) - position[0, :, :2].mean(axis=0)
+    if not left or not right or float(np.hypot(*way)) < MOVING_BODY_M:
+        return []
+    apart = (position[:, left, :2].mean(axis=1) - position[:, right, :2].mean(axis=1)).mean(axis=0)
+    if way[0] * apart[1] - way[1] * apart[0] >= 0.0:
+        return []
+    return ["left parts are on the right side of the way gone: walked backwards, mirrored axes or exchanged names"]
+
+
+def _check_size(where: str, position: FloatArray) -> None:
+    seen = np.abs(position[np.isfinite(position)])
+    if seen.size and seen.max() > LARGEST_M:
+        raise MotionError(
+            f"{where}: a coordinate is {seen.max():.3g} m, at most {LARGEST_M:g} m is taken for a motion; give the "
+            "right unit (units=...), or repair the file"
+        )
 
 
 def _check_parameters(gap_limit_s: float, lowpass_hz: float | None) -> None:

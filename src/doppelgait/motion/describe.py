@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ import xarray as xr
 from doppelgait.core.errors import MotionError
 from doppelgait.motion.clean import clean_motion, stationary_points
 from doppelgait.motion.gaps import fill_linear
-from doppelgait.motion.readers import read
+from doppelgait.motion.readers import check_types, read, take_part
 from doppelgait.motion.segments import Segment, find_segments
 from doppelgait.motion.travel import smooth_path, stride_facts, travel_facts
 
@@ -40,11 +41,17 @@ def describe_recording(path: str | os.PathLike[str], **options: Any) -> dict[str
     MotionError
         If the file cannot be read.
     """
+    if "clean" in options:
+        raise MotionError("clean is no option here: the motion is described both as recorded and cleaned")
+    check_types(Path(path), options)
+    part = {"segment": options.pop("segment", None), "loop_to_s": options.pop("loop_to_s", None)}
     raw = read(path, clean=False, **options)
     try:
-        cleaned = describe_motion(clean_motion(raw))
+        motion = clean_motion(raw)
     except MotionError as error:
         cleaned = {"refused": str(error)}
+    else:
+        cleaned = describe_motion(take_part(Path(path), motion, **part))
     facts = describe_motion(raw)
     segments = cleaned.pop("segments", facts["segments"])
     return {**facts, "segments": segments, "cleaned": cleaned}

@@ -15,7 +15,7 @@ from doppelgait.core.errors import MotionError
 from doppelgait.core.labels import MOTION, axis, check_signal
 from doppelgait.motion.footfalls import find_steps
 from doppelgait.motion.gait import with_gait_facts
-from doppelgait.motion.retime import Spline, fit_spline
+from doppelgait.motion.retime import Spline, fit_spline, travel_speed_mps
 from doppelgait.motion.schema import FACTS, make_motion
 
 FloatArray = npt.NDArray[np.float64]
@@ -264,6 +264,7 @@ def _facts(known: xr.DataArray, seam: Seam, usual: Seam) -> dict[str, Any]:
         "seam_velocity_mps": seam.velocity_mps,
         "usual_position_m": usual.position_m,
         "usual_velocity_mps": usual.velocity_mps,
+        "clip_speed_mps": travel_speed_mps(known),
     }
     return (
         {key: attrs[key] for key in FACTS if key in attrs}

@@ -121,8 +121,8 @@ def find_segments(motion: xr.DataArray, *, limits: SegmentLimits | None = None) 
 def crop(motion: xr.DataArray, segment: Segment) -> xr.DataArray:
     """The part of a motion that a segment spans, as a motion of its own that starts at time 0.
 
-    Gait facts that were measured on the whole are replaced by those of the segment; footfalls that the motion states
-    are kept and shifted.
+    Facts that the motion states are kept, its footfalls shifted; what it does not state can be measured in the part
+    (:func:`doppelgait.motion.gait.with_gait_facts`), as ``read(segment=...)`` does.
 
     Raises
     ------

@@ -11,6 +11,7 @@ FloatArray = npt.NDArray[np.float64]
 
 MIN_RATE_PER_CUTOFF = 3.0
 FILTER_ORDER = 4
+MOST_GROWTH = 1.5
 MEMORY_S, FIT_S, PREDICTION_NOISE_M = 0.1, 1.0, 1e-3
 """Ends are continued for twice the memory of the prediction, which is fitted to the last second as if it had 1 mm of
 noise: that keeps it from growing."""
@@ -54,7 +55,11 @@ def lowpass(position: FloatArray, *, rate_hz: float, cutoff_hz: float | None) ->
 
 
 def _continue(recent: FloatArray, n_frames: int, memory: int) -> FloatArray:
-    """Next ``n_frames`` of each column: its straight trend plus the linear prediction of what remains."""
+    """Next ``n_frames`` of each column: its straight trend plus the linear prediction of what remains.
+
+    A jump among the recent frames can make the prediction grow: where it leaves the span of what it was made from, the
+    column is continued by point reflection instead.
+    """
     steps = np.arange(len(recent) + n_frames) - (len(recent) - 1.0)
     trend = np.polynomial.polynomial.polyval(steps, np.polynomial.polynomial.polyfit(steps[: len(recent)], recent, 1)).T
     rest = recent - trend[: len(recent)]
@@ -66,4 +71,7 @@ def _continue(recent: FloatArray, n_frames: int, memory: int) -> FloatArray:
     ahead = list(rest[len(rest) - memory :])
     for _ in range(n_frames):
         ahead.append(np.einsum("ic,ci->c", np.array(ahead[-memory:]), weights))
-    return np.asarray(np.array(ahead[memory:]) + trend[len(recent) :], dtype=np.float64)
+    predicted = np.array(ahead[memory:])
+    reflected = 2.0 * rest[-1] - rest[::-1][1 : n_frames + 1]
+    grows = np.abs(predicted).max(axis=0) > MOST_GROWTH * np.abs(rest).max(axis=0)
+    return np.asarray(np.where(grows, reflected, predicted) + trend[len(recent) :], dtype=np.float64)

@@ -114,7 +114,10 @@ def stride_facts(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
     band = (frequency >= STRIDE_BAND_HZ[0]) & (frequency <= STRIDE_BAND_HZ[1])
     if not power[band].any():
         return none
-    stride = float(frequency[band][np.argmax(power[band])])
+    best = int(np.argmax(power[band]))
+    if best == 0:  # still rising towards slower motion: no stride
+        return none
+    stride = float(frequency[band][best])
     return {"stride_hz": stride, "step_hz": 2.0 * stride}
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import os
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import xarray as xr
@@ -14,7 +14,10 @@ from doppelgait.core.errors import MotionError
 from doppelgait.motion.readers import amc, arrays, bvh, c3d, expmap, table, trc  # noqa: F401  (they register themselves)
 from doppelgait.motion.readers.registry import MOTION_READERS, MotionReader, ReadOptions
 
-__all__ = ["MOTION_READERS", "MotionReader", "ReadOptions", "read"]
+if TYPE_CHECKING:
+    from doppelgait.motion.segments import Segment
+
+__all__ = ["MOTION_READERS", "MotionReader", "ReadOptions", "check_types", "read", "take_part"]
 
 HEAD_BYTES = 4096
 
@@ -62,6 +65,7 @@ def read(
     file = Path(path)
     name, reader = _find_reader(file)
     _check_options(name, reader, options)
+    check_types(file, {"clean": clean, "start_s": start_s, "stop_s": stop_s, "loop_to_s": loop_to_s, **options})
     try:
         motion = reader.read(file, **options)
     except OSError as error:
@@ -73,28 +77,33 @@ def read(
         return motion
     from doppelgait.motion.clean import clean_motion
 
-    return _looped(_pick_segment(file, clean_motion(motion), segment), loop_to_s)
+    return take_part(file, clean_motion(motion), segment=segment, loop_to_s=loop_to_s)
 
 
-def _pick_segment(path: Path, motion: xr.DataArray, wanted: Any) -> xr.DataArray:
-    from doppelgait.motion.segments import crop, find_segments
+def take_part(
+    path: Path, motion: xr.DataArray, *, segment: int | Literal["longest"] | None, loop_to_s: float | None
+) -> xr.DataArray:
+    """One segment of a cleaned motion, with the gait measured in it, looped; the arguments of :func:`read`."""
+    from doppelgait.motion.gait import with_gait_facts
+    from doppelgait.motion.loop import loop
+    from doppelgait.motion.segments import crop
 
-    if wanted is None:
-        return motion
+    if segment is not None:
+        motion = with_gait_facts(crop(motion, _pick_segment(path, motion, segment)))
+    return motion if loop_to_s is None else loop(motion, duration_s=loop_to_s)
+
+
+def _pick_segment(path: Path, motion: xr.DataArray, wanted: Any) -> Segment:
+    from doppelgait.motion.segments import find_segments
+
     found = find_segments(motion)
     if not found:
         raise MotionError(f"{path}: has no straight stretch at constant velocity; give start_s and stop_s instead")
     if wanted == "longest":
-        return crop(motion, max(found, key=lambda one: one.duration_s))
+        return max(found, key=lambda one: one.duration_s)
     if isinstance(wanted, bool) or not isinstance(wanted, int) or not 1 <= wanted <= len(found):
         raise MotionError(f"{path}: segment = {wanted!r} is not allowed; allowed are 'longest' and 1 to {len(found)}")
-    return crop(motion, found[wanted - 1])
-
-
-def _looped(motion: xr.DataArray, loop_to_s: float | None) -> xr.DataArray:
-    from doppelgait.motion.loop import loop
-
-    return motion if loop_to_s is None else loop(motion, duration_s=loop_to_s)
+    return found[wanted - 1]
 
 
 def _find_reader(path: Path) -> tuple[str, MotionReader]:
@@ -131,6 +140,32 @@ def _check_options(name: str, reader: MotionReader, options: dict[str, Any]) -> 
             f"segment, loop_to_s, "
             f"{', '.join(allowed)}"
         )
+
+
+LONGEST_S = 3600.0
+NUMBERS = {
+    "start_s": "a number of seconds",
+    "stop_s": "a number of seconds",
+    "loop_to_s": f"above 0 and up to {LONGEST_S:g} s",
+    "rate_hz": "above 0 and at most 10000 Hz",
+}
+"""Options that are numbers, and what is allowed."""
+WORDS = ("units", "up_axis", "subject", "skeleton", "key")
+
+
+def check_types(path: Path, options: dict[str, Any]) -> None:
+    """One clear error for an option of the wrong kind, whichever reader would meet it; ranges are the readers' own."""
+    for name, value in options.items():
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if name == "clean" and not isinstance(value, bool):
+            raise MotionError(f"{path}: clean = {value!r} is not allowed; it must be true or false")
+        if value is None:
+            continue
+        too_long = name == "loop_to_s" and number and not 0.0 < value <= LONGEST_S
+        if name in NUMBERS and (not number or too_long):
+            raise MotionError(f"{path}: {name} = {value!r} is not allowed; it must be {NUMBERS[name]}")
+        if name in WORDS and not isinstance(value, str | os.PathLike):
+            raise MotionError(f"{path}: {name} = {value!r} is not allowed; it must be a text")
 
 
 def _crop(path: Path, motion: xr.DataArray, start_s: float | None, stop_s: float | None) -> xr.DataArray:
