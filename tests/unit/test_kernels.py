@@ -3,11 +3,8 @@
 import numpy as np
 import pytest
 
-from doppelgait.core.kernels.signature import (
-    gated_signature,
-    stage_radices,
-    twiddle_table,
-)
+from doppelgait.core.kernels.fourier import stage_radices, twiddle_table
+from doppelgait.core.kernels.signature import gated_signature
 from doppelgait.core.kernels.synthesis import SUPPORT_SIGMAS, add_echoes, split_planes
 
 WAVELENGTH_M = 299_792_458 / 7.29e9

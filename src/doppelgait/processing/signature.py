@@ -199,7 +199,8 @@ def signature_of_planes(
     cut : Cut
     wavelength_m : float
     """
-    from doppelgait.core.kernels.signature import gated_signature, stage_radices, twiddle_table
+    from doppelgait.core.kernels.fourier import stage_radices, twiddle_table
+    from doppelgait.core.kernels.signature import gated_signature
 
     transform = cut.transform
     window = np.zeros(transform.n_doppler_bins, dtype=np.float32)
