@@ -1,7 +1,12 @@
 """Gated, windowed, squared short-time Fourier transform, summed over range bins (E-24, E-27).
 
-Sixteen columns of the signature are transformed side by side, so that every buffer stays in the first-level cache.
-The first pass of the transform applies the window, the others are those of :mod:`doppelgait.core.kernels.fourier`.
+Sixteen columns of the signature are transformed side by side ("lanes"), so that every buffer stays in the first-level
+cache. The transform is Stockham's, decimation in frequency: in the pass with stride s, s times the number of lanes
+values (a run) lie one after the other and take the same twiddle factor, so that the innermost loops are long,
+contiguous and become vector instructions. The first pass applies the window, the last one adds squared magnitudes.
+
+All compiled functions are in this one file: Numba keeps compiled code by the content of the outermost function's file,
+and would go on using an old pass after a change to another file.
 """
 
 from __future__ import annotations
@@ -12,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from doppelgait.core.kernels.fourier import APART, OPTIONS, any_pass, at, eight_points, last_pass, put
+from doppelgait.core.kernels.fourier import APART, INLINE, OPTIONS
 
 LANES = 16
 PADDING = 16
@@ -22,6 +27,182 @@ Float32Array = npt.NDArray[np.float32]
 
 _U = np.uint64  # unsigned: no test for an index from the end, which would stop vectorising
 _2, _3, _4, _5, _6, _7, _8 = (np.uint64(n) for n in range(2, 9))
+_ROOT_HALF, _HALF, _S60 = np.float32(math.sqrt(0.5)), np.float32(0.5), np.float32(math.sqrt(0.75))
+_C72, _S72 = np.float32(math.cos(math.radians(72))), np.float32(math.sin(math.radians(72)))
+_C144, _S144 = np.float32(math.cos(math.radians(144))), np.float32(math.sin(math.radians(144)))
+
+
+@njit(**INLINE)
+def _at(re, im, i):  # type: ignore[no-untyped-def]
+    """Value i of a pair of planes."""
+    return complex(re[i], im[i])
+
+
+@njit(**INLINE)
+def _put(re, im, i, z):  # type: ignore[no-untyped-def]
+    """Store a value in a pair of planes."""
+    re[i] = z.real
+    im[i] = z.imag
+
+
+@njit(**INLINE)
+def _turned(z):  # type: ignore[no-untyped-def]
+    """-j z."""
+    return complex(z.imag, -z.real)
+
+
+@njit(**INLINE)
+def _power_of(z):  # type: ignore[no-untyped-def]
+    """Squared magnitude."""
+    return z.real * z.real + z.imag * z.imag
+
+
+@njit(**INLINE)
+def _four_points(a, b, c, d):  # type: ignore[no-untyped-def]
+    """Transform of four values."""
+    even, diff, odd, turn = a + c, a - c, b + d, _turned(b - d)
+    return even + odd, diff + turn, even - odd, diff - turn
+
+
+@njit(**INLINE)
+def _eight_points(a, b, c, d, e, f, g, h):  # type: ignore[no-untyped-def]
+    """Transform of eight values, from those of the even and of the odd ones."""
+    e0, e1, e2, e3 = _four_points(a, c, e, g)
+    o0, o1, o2, o3 = _four_points(b, d, f, h)
+    o1, o2, o3 = _ROOT_HALF * (o1 + _turned(o1)), _turned(o2), _ROOT_HALF * (_turned(o3) - o3)
+    return e0 + o0, e1 + o1, e2 + o2, e3 + o3, e0 - o0, e1 - o1, e2 - o2, e3 - o3
+
+
+@njit(**APART)
+def _radix4(xr, xi, yr, yi, run, n_groups, cos, sin):  # type: ignore[no-untyped-def]
+    """Pass of radix 4."""
+    step = _U(cos.shape[0] // (4 * n_groups))
+    r, apart = _U(run), _U(n_groups * run)
+    for group in range(n_groups):
+        p = _U(group)
+        w1, w2, w3 = _at(cos, sin, p * step), _at(cos, sin, _2 * p * step), _at(cos, sin, _3 * p * step)
+        for lane in range(run):
+            i, to = p * r + _U(lane), _4 * p * r + _U(lane)
+            z0, z1, z2, z3 = _four_points(
+                _at(xr, xi, i), _at(xr, xi, i + apart), _at(xr, xi, i + _2 * apart), _at(xr, xi, i + _3 * apart)
+            )
+            _put(yr, yi, to, z0)
+            _put(yr, yi, to + r, z1 * w1)
+            _put(yr, yi, to + _2 * r, z2 * w2)
+            _put(yr, yi, to + _3 * r, z3 * w3)
+
+
+@njit(**APART)
+def _radix5(xr, xi, yr, yi, run, n_groups, cos, sin):  # type: ignore[no-untyped-def]
+    """Pass of radix 5: sums and differences of the pairs (1, 4) and (2, 3), then rotations by fifths of a turn."""
+    step = _U(cos.shape[0] // (5 * n_groups))
+    r, apart = _U(run), _U(n_groups * run)
+    for group in range(n_groups):
+        p = _U(group)
+        w1, w2 = _at(cos, sin, p * step), _at(cos, sin, _2 * p * step)
+        w3, w4 = _at(cos, sin, _3 * p * step), _at(cos, sin, _4 * p * step)
+        for lane in range(run):
+            i, to = p * r + _U(lane), _5 * p * r + _U(lane)
+            a, b, c = _at(xr, xi, i), _at(xr, xi, i + apart), _at(xr, xi, i + _2 * apart)
+            d, e = _at(xr, xi, i + _3 * apart), _at(xr, xi, i + _4 * apart)
+            s1, d1, s2, d2 = b + e, _turned(b - e), c + d, _turned(c - d)
+            u, v = a + _C72 * s1 + _C144 * s2, a + _C144 * s1 + _C72 * s2
+            f, g = _S72 * d1 + _S144 * d2, _S144 * d1 - _S72 * d2
+            _put(yr, yi, to, a + s1 + s2)
+            _put(yr, yi, to + r, (u + f) * w1)
+            _put(yr, yi, to + _2 * r, (v + g) * w2)
+            _put(yr, yi, to + _3 * r, (v - g) * w3)
+            _put(yr, yi, to + _4 * r, (u - f) * w4)
+
+
+@njit(**APART)
+def _radix3(xr, xi, yr, yi, run, n_groups, cos, sin):  # type: ignore[no-untyped-def]
+    """Pass of radix 3."""
+    step = _U(cos.shape[0] // (3 * n_groups))
+    r, apart = _U(run), _U(n_groups * run)
+    for group in range(n_groups):
+        p = _U(group)
+        w1, w2 = _at(cos, sin, p * step), _at(cos, sin, _2 * p * step)
+        for lane in range(run):
+            i, to = p * r + _U(lane), _3 * p * r + _U(lane)
+            a, b, c = _at(xr, xi, i), _at(xr, xi, i + apart), _at(xr, xi, i + _2 * apart)
+            s, d = b + c, _S60 * _turned(b - c)
+            u = a - _HALF * s
+            _put(yr, yi, to, a + s)
+            _put(yr, yi, to + r, (u + d) * w1)
+            _put(yr, yi, to + _2 * r, (u - d) * w2)
+
+
+@njit(**APART)
+def _add_turned(xr, xi, w, yr, yi):  # type: ignore[no-untyped-def]
+    for i in range(yr.shape[0]):
+        _put(yr, yi, i, _at(yr, yi, i) + _at(xr, xi, i) * w)
+
+
+@njit(**OPTIONS)
+def _radix_any(xr, xi, yr, yi, run, n_groups, radix, cos, sin):  # type: ignore[no-untyped-def]
+    """Pass of any radix by its definition."""
+    n_bins = cos.shape[0]
+    step = n_bins // (radix * n_groups)
+    for p in range(n_groups):
+        for k in range(radix):
+            to = (radix * p + k) * run
+            out_r, out_i = yr[to : to + run], yi[to : to + run]
+            out_r[:] = 0.0
+            out_i[:] = 0.0
+            for j in range(radix):
+                turn = (k * p * step + j * k * (n_bins // radix)) % n_bins
+                i = (p + j * n_groups) * run
+                _add_turned(xr[i : i + run], xi[i : i + run], _at(cos, sin, turn), out_r, out_i)
+
+
+@njit(**OPTIONS)
+def _any_pass(xr, xi, yr, yi, run, n_groups, radix, cos, sin):  # type: ignore[no-untyped-def]
+    """One pass: ``n_groups`` groups of ``radix`` runs from the x planes into the y planes."""
+    if radix == 4:
+        _radix4(xr, xi, yr, yi, run, n_groups, cos, sin)
+    elif radix == 5:
+        _radix5(xr, xi, yr, yi, run, n_groups, cos, sin)
+    elif radix == 3:
+        _radix3(xr, xi, yr, yi, run, n_groups, cos, sin)
+    else:
+        _radix_any(xr, xi, yr, yi, run, n_groups, radix, cos, sin)
+
+
+@njit(**APART)
+def _last_radix4(xr, xi, power):  # type: ignore[no-untyped-def]
+    r = _U(power.shape[0] // 4)
+    for lane in range(power.shape[0] // 4):
+        i = _U(lane)
+        z0, z1, z2, z3 = _four_points(
+            _at(xr, xi, i), _at(xr, xi, i + r), _at(xr, xi, i + _2 * r), _at(xr, xi, i + _3 * r)
+        )
+        power[i] += _power_of(z0)
+        power[i + r] += _power_of(z1)
+        power[i + _2 * r] += _power_of(z2)
+        power[i + _3 * r] += _power_of(z3)
+
+
+@njit(**APART)
+def _last_radix2(xr, xi, power):  # type: ignore[no-untyped-def]
+    r = _U(power.shape[0] // 2)
+    for lane in range(power.shape[0] // 2):
+        i = _U(lane)
+        a, b = _at(xr, xi, i), _at(xr, xi, i + r)
+        power[i] += _power_of(a + b)
+        power[i + r] += _power_of(a - b)
+
+
+@njit(**OPTIONS)
+def _last_pass(xr, xi, radix, n_groups, power):  # type: ignore[no-untyped-def]
+    """What is left to do: a pass of radix 4 or 2, or none (n_groups is then 1), and the squared magnitudes."""
+    if n_groups == 1:
+        for i in range(power.shape[0]):
+            power[i] += _power_of(_at(xr, xi, i))
+    elif radix == 4:
+        _last_radix4(xr, xi, power)
+    else:
+        _last_radix2(xr, xi, power)
 
 
 @njit(**OPTIONS)
@@ -50,23 +231,23 @@ def _first_radix8(xr, xi, place, window, yr, yi, cos, sin):  # type: ignore[no-u
         f4, f5, f6, f7 = window[p + _4 * g], window[p + _5 * g], window[p + _6 * g], window[p + _7 * g]
         a, b, c, d = _U(place[p]), _U(place[p + g]), _U(place[p + _2 * g]), _U(place[p + _3 * g])
         e, f, h, k = _U(place[p + _4 * g]), _U(place[p + _5 * g]), _U(place[p + _6 * g]), _U(place[p + _7 * g])
-        w1, w2, w3, w4 = at(cos, sin, p), at(cos, sin, _2 * p), at(cos, sin, _3 * p), at(cos, sin, _4 * p)
-        w5, w6, w7 = at(cos, sin, _5 * p), at(cos, sin, _6 * p), at(cos, sin, _7 * p)
+        w1, w2, w3, w4 = _at(cos, sin, p), _at(cos, sin, _2 * p), _at(cos, sin, _3 * p), _at(cos, sin, _4 * p)
+        w5, w6, w7 = _at(cos, sin, _5 * p), _at(cos, sin, _6 * p), _at(cos, sin, _7 * p)
         for lane in range(LANES):
             i = _U(lane)
             to = _8 * p * r + i
-            z0, z1, z2, z3, z4, z5, z6, z7 = eight_points(
-                f0 * at(xr, xi, a + i), f1 * at(xr, xi, b + i), f2 * at(xr, xi, c + i), f3 * at(xr, xi, d + i),
-                f4 * at(xr, xi, e + i), f5 * at(xr, xi, f + i), f6 * at(xr, xi, h + i), f7 * at(xr, xi, k + i),
+            z0, z1, z2, z3, z4, z5, z6, z7 = _eight_points(
+                f0 * _at(xr, xi, a + i), f1 * _at(xr, xi, b + i), f2 * _at(xr, xi, c + i), f3 * _at(xr, xi, d + i),
+                f4 * _at(xr, xi, e + i), f5 * _at(xr, xi, f + i), f6 * _at(xr, xi, h + i), f7 * _at(xr, xi, k + i),
             )  # fmt: skip
-            put(yr, yi, to, z0)
-            put(yr, yi, to + r, z1 * w1)
-            put(yr, yi, to + _2 * r, z2 * w2)
-            put(yr, yi, to + _3 * r, z3 * w3)
-            put(yr, yi, to + _4 * r, z4 * w4)
-            put(yr, yi, to + _5 * r, z5 * w5)
-            put(yr, yi, to + _6 * r, z6 * w6)
-            put(yr, yi, to + _7 * r, z7 * w7)
+            _put(yr, yi, to, z0)
+            _put(yr, yi, to + r, z1 * w1)
+            _put(yr, yi, to + _2 * r, z2 * w2)
+            _put(yr, yi, to + _3 * r, z3 * w3)
+            _put(yr, yi, to + _4 * r, z4 * w4)
+            _put(yr, yi, to + _5 * r, z5 * w5)
+            _put(yr, yi, to + _6 * r, z6 * w6)
+            _put(yr, yi, to + _7 * r, z7 * w7)
 
 
 @njit(**OPTIONS)
@@ -78,7 +259,7 @@ def _first_any(xr, xi, place, window, yr, yi, radix, cos, sin):  # type: ignore[
         for lane in range(LANES):
             runs_r[m * LANES + lane] = window[m] * xr[place[m] + lane]
             runs_i[m * LANES + lane] = window[m] * xi[place[m] + lane]
-    any_pass(runs_r, runs_i, yr, yi, LANES, n_groups, radix, cos, sin)
+    _any_pass(runs_r, runs_i, yr, yi, LANES, n_groups, radix, cos, sin)
 
 
 @njit(**OPTIONS)
@@ -93,15 +274,15 @@ def _add_power(xr, xi, places, window, ar, ai, br, bi, radices, cos, sin, power)
     while n_groups > 1 and not (n_groups == radices[number] and n_groups in (2, 4)):
         n_groups //= radices[number]
         if in_a:  # swapped by hand: exchanging array variables costs as much as a pass
-            any_pass(ar, ai, br, bi, run, n_groups, radices[number], cos, sin)
+            _any_pass(ar, ai, br, bi, run, n_groups, radices[number], cos, sin)
         else:
-            any_pass(br, bi, ar, ai, run, n_groups, radices[number], cos, sin)
+            _any_pass(br, bi, ar, ai, run, n_groups, radices[number], cos, sin)
         run *= radices[number]
         in_a, number = not in_a, number + 1
     if in_a:
-        last_pass(ar, ai, radices[-1], n_groups, power)
+        _last_pass(ar, ai, radices[-1], n_groups, power)
     else:
-        last_pass(br, bi, radices[-1], n_groups, power)
+        _last_pass(br, bi, radices[-1], n_groups, power)
 
 
 @njit(**OPTIONS)
