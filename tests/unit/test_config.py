@@ -94,7 +94,7 @@ FAULTS = [
     ("range_m = 5.0", 'scaling = "big"', "targets.0.scaling", "scaling", "'big'", "'uniform', 'froude' or 'z_only'"),
     ("range_m = 5.0", "start_position_m = [1]", "targets.0.start_position_m", "start_position_m", "", "required"),
     ("prf_hz = 900", "prf = 900", "radar", "", "", "prf_hz"),
-    ("prf_hz = 900", "prf_hz = -900", "prf_hz", "", "-900", "greater than 0"),
+    ("prf_hz = 900", "prf_hz = -900", "prf_hz", "", "-900", "greater than or equal to 0.001"),
     ("prf_hz = 900", "prf_hz = 2e9", "prf_hz", "", "2000000000.0", "less than or equal to 1000000"),
     ("prf_hz = 900", 'prf_hz = "fast"', "prf_hz", "", "'fast'", "number"),
     ("prf_hz = 900", "bandwidth_hz = 1e9\npulse_sigma_s = 1e-9", "", "", "", "exactly one of bandwidth_hz and"),
@@ -185,7 +185,7 @@ def test_overrides_change_single_values(scene_file):
         ("targets.one.label=dog", "'one' is not an entry"),
         ("seed.part=3", "--set seed.part=3"),
         ("seed.part.more=3", "'part' is inside a value|names no place"),
-        ("radar.prf_hz=-5", r"prf_hz.*-5.*greater than 0"),
+        ("radar.prf_hz=-5", r"prf_hz.*-5.*greater than or equal to 0.001"),
         ("radar.sped=5", r"sped.*unknown key.*prf_hz"),
         ("nothing=5", "nothing: unknown key; allowed are seed"),
         ("targets.5=5", "targets.5"),
@@ -279,10 +279,10 @@ def test_canonical_json_does_not_depend_on_the_order():
 
 @pytest.mark.parametrize("name", preset_names())
 def test_every_preset_is_a_radar(name):
-    radar, auto = parse_radar(name)
-    assert radar == Radar.preset(name)
-    assert not auto
-    assert parse_radar({"preset": name, "prf_hz": "auto"})[1]
+    found = parse_radar(name)
+    assert found["radar"] == Radar.preset(name)
+    assert not found["auto_prf"]
+    assert parse_radar({"preset": name, "prf_hz": "auto"})["auto_prf"]
 
 
 @pytest.mark.parametrize(

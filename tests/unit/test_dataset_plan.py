@@ -131,7 +131,7 @@ def test_identity_follows_the_motion_files(tmp_path):
     ("changes", "says"),
     [
         ({"target": {"label": "human"}}, "belongs into"),
-        ({"scene": {"gravity": 1}}, "allowed are duration_s"),
+        ({"scene": {"gravity": 1}}, r"scene.gravity: unknown key; allowed are .*duration_s"),
         ({"noise": {"kind": "loud"}}, "noise.kind"),
         ({"analysis": {"hops": 1}}, "analysis.hops"),
         ({"target": {"range_m": -1}}, "targets.0.range_m"),

@@ -80,7 +80,7 @@ def test_unambiguous_velocity_and_averages_of_the_presets_e06_e18():
     assert Radar.preset("x4", prf_hz=624).averages_per_frame == 160
     assert set(preset_names()) >= {"x4", "x4-long", "liland2018"}
     for name in preset_names():
-        assert set(Radar.preset(name).derived()) >= {"wavelength_m", "bin_spacing_m", "n_range_bins"}
+        assert set(Radar.preset(name).derived()) >= {"wavelength_m", "snr_1m2_5m_db", "n_range_bins"}
 
 
 # --- Link budget --------------------------------------------------------------------------------------------------

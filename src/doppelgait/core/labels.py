@@ -69,8 +69,13 @@ SCATTERER_VARIABLES = {
     "elevation": "rad",
     "rcs": "m^2",
     "path_gain": "1",
+    "path_phase": "rad",
 }
-"""Variables of the scatterer table, all (slow_time, scatterer), and their units; the angles may be left out."""
+"""Variables of the scatterer table, all (slow_time, scatterer), and their units.
+
+The angles may be left out. ``path_phase`` is there only where a wall or a reflection turns the phase of an echo by more
+than its ``range`` does: it is added to -4 pi R / lambda.
+"""
 
 
 def make_array(

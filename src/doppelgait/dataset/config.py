@@ -12,7 +12,9 @@ from pydantic import Field, field_validator, model_validator
 
 from doppelgait.core.config import FrozenModel, apply_overrides, read_toml, validate
 from doppelgait.core.errors import ConfigError
+from doppelgait.scene.target import SceneParameters
 
+SCENE_KEYS = tuple(SceneParameters.model_fields)
 SPLITS = ("train", "validation", "test")
 AUTO_PRF_REFUSED = "radar.prf_hz = 'auto' is not allowed in a dataset: it tells the speed to every feature"
 ORACLE_REFUSED = (
@@ -88,9 +90,15 @@ class PlanConfig(FrozenModel):
     dataset : DatasetSection
     classes : list of ClassSection
     scene : table
-        ``duration_s``, ``radar_position_m``.
+        ``duration_s``, ``radar_position_m`` and the radar's orientation.
     target : table
         Placement and radar cross section: keys of a scene file's ``[[targets]]`` without motion and label.
+    background : list
+        Movers that scatter but are no target (a fan, a curtain): ``[[targets]]`` entries of a scene file, motion
+        included.
+    environment, impairments : list
+        As in a scene file. In these and in ``background`` an entry that is drawn as an empty table
+        (``{ choice = [{ kind = "wall", ... }, {}] }``) is left out.
     radar, noise, analysis : table
         As in a scene file. All tables may hold distributions. ``radar.prf_hz = "auto"`` and the oracle gate of
         ``analysis.method = "liland2018"`` are refused: both tell the features what they should find.
@@ -102,6 +110,9 @@ class PlanConfig(FrozenModel):
     target: dict[str, Any] = Field(default_factory=dict)
     radar: dict[str, Any] = Field(default_factory=lambda: {"preset": "x4"})
     noise: dict[str, Any] = Field(default_factory=dict)
+    background: list[Any] | dict[str, Any] = Field(default_factory=list)
+    environment: list[Any] | dict[str, Any] | None = None
+    impairments: list[Any] | dict[str, Any] | None = None
     analysis: dict[str, Any] = Field(default_factory=dict)
 
     @model_validator(mode="after")
@@ -113,11 +124,12 @@ class PlanConfig(FrozenModel):
             raise ValueError(AUTO_PRF_REFUSED)
         if self.analysis.get("method") == "liland2018":
             raise ValueError(ORACLE_REFUSED)
-        for key in ("motion", "label"):
+        for key, place in (("motion", "[[classes]]"), ("label", "[[classes]]"), ("background", "[[background]]")):
             if key in self.target:
-                raise ValueError(f"target.{key}: belongs into [[classes]]")
-        if set(self.scene) - {"duration_s", "radar_position_m"}:
-            raise ValueError("scene: allowed are duration_s and radar_position_m")
+                raise ValueError(f"target.{key}: belongs into {place}")
+        unknown = set(self.scene) - set(SCENE_KEYS)
+        if unknown:
+            raise ValueError(f"scene.{min(unknown)}: unknown key; allowed are {', '.join(SCENE_KEYS)}")
         return self
 
 

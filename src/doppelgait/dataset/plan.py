@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +11,11 @@ from doppelgait.core.config import FrozenModel, canonical_json
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.rng import generator_for
 from doppelgait.dataset.config import AUTO_PRF_REFUSED, ORACLE_REFUSED, SPLITS, DatasetSection, PlanConfig
+from doppelgait.dataset.describe import shorten
 from doppelgait.dataset.motions import check_motion, motion_files, refuse_two_spellings, subject_of
 from doppelgait.dataset.sampling import resolve
 from doppelgait.pipeline import RunSpec, parse_run
+from doppelgait.pipeline.run import TWIN_KEYS
 
 DATA_VERSION = 3
 """What a configuration means in bytes. It is part of every dataset's identity and raised by hand whenever the same
@@ -80,7 +82,7 @@ def plan_examples(plan: PlanConfig, *, folder: Path | None = None) -> list[Examp
         splits = assign_splits(plan.dataset, section.label, list(dict.fromkeys(subjects)))
         for i, (motion, subject) in enumerate(zip(motions, subjects, strict=True)):
             names = {"id": ids[i], "label": section.label, "subject": subject, "split": splits[subject]}
-            examples.append(_resolve_example(plan, motion, number * total + i, names))
+            examples.append(_resolve_example(plan, motion, number * total + i, names, source))
     refuse_two_spellings(motion_files(section.motion for section in plan.classes), source)
     _refuse_two_splits(examples)
     return examples
@@ -100,7 +102,9 @@ def _draw_motion(plan: PlanConfig, class_number: int, index: int, example_id: st
     return dict(motion)
 
 
-def _resolve_example(plan: PlanConfig, motion: dict[str, Any], index: int, names: dict[str, str]) -> ExampleSpec:
+def _resolve_example(
+    plan: PlanConfig, motion: dict[str, Any], index: int, names: dict[str, str], folder: Path
+) -> ExampleSpec:
     """Example of a drawn motion; everything else is drawn by a rule that never sees the class."""
     seed = plan.dataset.seed
 
@@ -110,18 +114,46 @@ def _resolve_example(plan: PlanConfig, motion: dict[str, Any], index: int, names
     try:
         table = {
             **draw(plan.scene, "scene"),
-            "targets": [{**draw(plan.target, "target"), "label": names["label"], "motion": motion}],
+            "targets": [
+                {**draw(plan.target, "target"), "label": names["label"], "motion": motion},
+                *_background(plan, draw),
+            ],
             "radar": draw(plan.radar, "radar"),
             "noise": draw(plan.noise, "noise"),
+            **_conditions(plan, draw),
             "analysis": draw(plan.analysis, "analysis"),
             "seed": seed,
         }
-        run = parse_run(table, where=f"example {names['id']}")
+        run = parse_run(table, where=f"example {names['id']}", folder=folder)
         _refuse_leaks(run)
     except ConfigError as error:
         raise ConfigError(f"class {names['label']!r}: {error}") from None
     error_m = float(generator_for(seed, "gate", index).normal(0.0, plan.dataset.gate_error_sd_m))
     return ExampleSpec(**names, gate_error_m=error_m, run=run.model_copy(update={"example": index}))
+
+
+def _conditions(plan: PlanConfig, draw: Callable[[Any, str], Any]) -> dict[str, Any]:
+    """Environment and impairments of one example; those that the plan leaves out stay the preset's."""
+    return {key: _drawn_list(plan, key, draw) for key in TWIN_KEYS if getattr(plan, key) is not None}
+
+
+def _background(plan: PlanConfig, draw: Callable[[Any, str], Any]) -> list[dict[str, Any]]:
+    """Background movers of one example as targets of a scene file."""
+    movers = _drawn_list(plan, "background", draw)
+    for number, mover in enumerate(movers):
+        if not isinstance(mover, Mapping) or not isinstance(mover.get("motion"), Mapping):
+            raise ConfigError(f"background.{number}: {shorten(mover)} is not allowed: needs motion = {{ kind = ... }}")
+        if mover["motion"].get("kind") == "file":
+            raise ConfigError(f"background.{number}.motion: a recording is not allowed here, it would have no subject")
+    return [{**mover, "background": True} for mover in movers]
+
+
+def _drawn_list(plan: PlanConfig, key: str, draw: Callable[[Any, str], Any]) -> list[Any]:
+    """A list of the plan with every distribution drawn, without the entries drawn as ``{}``."""
+    drawn = draw(getattr(plan, key), key)
+    if not isinstance(drawn, list):
+        raise ConfigError(f"{key}: {shorten(drawn)} is not allowed: must be a list of tables")
+    return [entry for entry in drawn if entry != {}]
 
 
 def _refuse_leaks(run: RunSpec) -> None:
@@ -181,11 +213,24 @@ def plan_shards(plan: PlanConfig, examples: list[ExampleSpec]) -> Iterator[Shard
 
 
 def dataset_id(plan: PlanConfig, folder: Path) -> str:
-    """Identity of the dataset: hash of canonical configuration, motion files and data version; 16 hex digits."""
+    """Identity of the dataset: hash of canonical configuration, source files and data version; 16 hex digits."""
     digest = hashlib.sha256(f"{DATA_VERSION}\n{canonical_json(plan)}\n".encode())
-    for path in motion_files(section.motion for section in plan.classes):
-        try:
-            digest.update(hashlib.sha256((folder / path).read_bytes()).digest())
-        except OSError as error:
-            raise ConfigError(f"motion file {path}: cannot be read: {error}") from None
+    sources = {"motion file": motion_files(s.motion for s in plan.classes), "preset file": _preset_files(plan.radar)}
+    for noun, paths in sources.items():
+        for path in paths:
+            try:
+                digest.update(hashlib.sha256((folder / path).read_bytes()).digest())
+            except OSError as error:
+                raise ConfigError(f"{noun} {path}: cannot be read: {error}") from None
     return digest.hexdigest()[:16]
+
+
+def _preset_files(value: Any) -> Iterator[str]:
+    """Files of sensor twins that a radar table names, under ``preset`` or among its choices."""
+    if isinstance(value, Mapping):
+        value = [inner for key, inner in value.items() if key != "name"]
+    if isinstance(value, list):
+        for inner in value:
+            yield from _preset_files(inner)
+    elif isinstance(value, str) and value.endswith(".toml"):
+        yield value

@@ -8,6 +8,7 @@ import math
 import os
 import traceback
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ import numpy.typing as npt
 import xarray as xr
 from threadpoolctl import threadpool_limits
 
-from doppelgait.core.config import canonical_json
+from doppelgait.core.config import FrozenModel, canonical_json
 from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning
 from doppelgait.core.labels import axis
 from doppelgait.dataset.motions import recording_of
@@ -120,6 +121,8 @@ def index_row(example: ExampleSpec, made: FusedExample, messages: list[str]) -> 
         "motion": canonical_json(target.motion),
         "prf_hz": prf_hz,
         "observation_s": made.n_pulses / prf_hz,
+        "environment": _listed(example.run.environment),
+        "impairments": _listed(example.run.impairments),
         "radar_height_m": example.run.scene.radar_position_m[2],
         "rcs_total_m2": float(truth.scatterers["rcs"].values.sum(axis=1).mean()),
         "snr_frame_db": made.snr_frame_db,
@@ -135,6 +138,11 @@ def index_row(example: ExampleSpec, made: FusedExample, messages: list[str]) -> 
         "warnings": ";".join(messages),
     }
     return {key: None if isinstance(v, float) and not math.isfinite(v) else v for key, v in row.items()}
+
+
+def _listed(specs: Sequence[FrozenModel]) -> str:
+    """Environment or impairments of an example as one line of JSON."""
+    return json.dumps([spec.model_dump(mode="json") for spec in specs], sort_keys=True, separators=(",", ":"))
 
 
 def truth_columns(truth: TargetTruth) -> dict[str, Any]:

@@ -19,6 +19,8 @@ from doppelgait.features.harmonics import LimbTorsoRatio, limb_torso_ratio, peak
 FloatArray = npt.NDArray[np.float64]
 
 MIN_SNR_DB = 0.0
+MAX_HOP_SHARE = 0.5
+"""Columns farther apart than half a processing interval do not resolve the modulation between them: it aliases."""
 MIN_PERIODS = 1.5
 LOW_PERIODICITY = 0.3
 FEW_PERIODS = 2.0
@@ -178,7 +180,7 @@ def extract(evidence: Evidence, *, bandwidth_threshold: float, cpi_s: float, win
     bandwidth_hz = bandwidth_envelope_hz(evidence.signature, evidence.floor_v2)
     if bandwidth_hz is None:
         flags.append("doppler_bandwidth:signal_in_too_few_columns")
-    frequency_hz = _checked_frequency(evidence.gait, flags)
+    frequency_hz = _checked_frequency(evidence, flags)
     mean_row = evidence.aligned.values.mean(axis=0)
     rho = _modulation(evidence, mean_row, frequency_hz)
     if rho.ratio is not None and rho.ratio < NO_GAIT_RATIO:
@@ -201,7 +203,11 @@ def extract(evidence: Evidence, *, bandwidth_threshold: float, cpi_s: float, win
     return Extraction(features, frequency_hz, torso_hz, periods, quality, tuple(flags))
 
 
-def _checked_frequency(gait: GaitFrequency, flags: list[str]) -> float | None:
+def _checked_frequency(evidence: Evidence, flags: list[str]) -> float | None:
+    gait, columns = evidence.gait, evidence.signature.attrs
+    if columns["hop"] > MAX_HOP_SHARE * columns["cpi_pulses"]:
+        flags.append("gait_frequency:columns_do_not_overlap")
+        return None
     if gait.frequency_hz is None:
         flags.append("gait_frequency:no_peak_in_the_cadence_spectrum")
         return None

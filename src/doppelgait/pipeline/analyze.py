@@ -27,6 +27,8 @@ SIDEWAYS_COSINE = 0.6
 """Below this |cos psi| lateral sway, which repeats with the stride, can outweigh the steps (E-33)."""
 FULL_BAND_SHARE = 0.9
 
+GROUND_QUALITY = ("ground_speed_mps", "aspect_deg", "ground_step_length_m")
+
 LILAND_SPAN_M = {"human": 1.0, "dog": 1.5}
 """Gate span by class in the report (its Table 4.1): the label leaks into the signature; for reproduction only."""
 
@@ -76,17 +78,18 @@ class TargetResult:
 
 
 def analyze(
-    recording: Recording, *, gate: GateSource | xr.Dataset = "track", analysis: Analysis | None = None,
-    gate_error_m: float = 0.0,
+    recording: Recording, *, gate: GateSource | tuple[float, float] | xr.Dataset = "track",
+    analysis: Analysis | None = None, gate_error_m: float = 0.0,
 ) -> list[TargetResult]:  # fmt: skip
     """Analyse a recording, simulated or measured.
 
     Parameters
     ----------
     recording : Recording
-    gate : {"track", "truth"} or Dataset
-        ``truth`` takes the body's true range from a simulated recording, and nothing else; a Dataset from
-        :func:`doppelgait.processing.make_gate` is used as it is. ``track`` (the default) is not available yet.
+    gate : {"track", "truth"}, (float, float) or Dataset
+        ``truth`` takes the body's true range from a simulated recording, and nothing else; two numbers are a gate that
+        stays between these ranges, m; a Dataset from :func:`doppelgait.processing.make_gate` is used as it is.
+        ``track`` (the default) is not available yet.
     analysis : Analysis, optional
         Parameters; the defaults of :class:`doppelgait.processing.Analysis`.
     gate_error_m : float
@@ -103,23 +106,33 @@ def analyze(
         If there is no gate to be had, or the recording is too short.
     """
     settings = analysis or Analysis()
+    baseband = processing.remove_clutter(recording.baseband, settings)
+    wavelength_m = recording.radar.wavelength_m
+    if isinstance(gate, tuple):
+        gate = processing.fixed_gate(axis(baseband, "slow_time"), *gate)
     if isinstance(gate, xr.Dataset):
-        return [_analyze_target(recording, gate, settings, None)]
-    if gate == "track":
-        raise AnalysisError(
-            "gate 'track' (finding targets without the truth) is not built yet; for a simulated recording ask for "
-            "the true range with --gate truth (gate='truth'), or pass a gate made with processing.make_gate"
-        )
-    if gate != "truth":
-        raise AnalysisError(f"gate {gate!r} is not known; allowed are 'track', 'truth' or a gate dataset")
-    if not recording.truth:
-        raise AnalysisError(f"{recording.source}: has no truth, so --gate truth is not possible")
+        return [_analyze_target(baseband, wavelength_m, gate, settings, None)]
+    _check_source(recording, gate)
     gates = [truth_gate(recording, truth, settings, gate_error_m) for truth in recording.truth]
     results = [
-        _analyze_target(recording, gate, settings, truth.label or None)
+        _analyze_target(baseband, wavelength_m, gate, settings, truth.label or None)
         for gate, truth in zip(gates, recording.truth, strict=True)
     ]
     return flag_overlaps(results)
+
+
+def _check_source(recording: Recording, gate: str) -> None:
+    if gate == "track":
+        raise AnalysisError(
+            "gate 'track' (finding targets without the truth) is not built yet; give the range where the target is, "
+            "--gate 1.2:2.8 (gate=(1.2, 2.8)), or for a simulated recording ask for the true one with --gate truth"
+        )
+    if gate != "truth":
+        raise AnalysisError(f"gate {gate!r} is not known; allowed are 'track', 'truth', two ranges or a gate dataset")
+    if not recording.truth:
+        raise AnalysisError(
+            f"{recording.source}: has no truth, so --gate truth is not possible; give the range, --gate 1.2:2.8"
+        )
 
 
 def flag_overlaps(results: Sequence[TargetResult]) -> list[TargetResult]:
@@ -157,8 +170,12 @@ def gate_of_truth(
     )
 
 
-def _analyze_target(recording: Recording, gate: xr.Dataset, analysis: Analysis, label: str | None) -> TargetResult:
-    mu = processing.signature(recording.baseband, gate, analysis, wavelength_m=recording.radar.wavelength_m)
+def _analyze_target(
+    baseband: xr.DataArray, wavelength_m: float, gate: xr.Dataset, analysis: Analysis, label: str | None
+) -> TargetResult:
+    in_bursts = processing.burst_pulses_of(baseband) is not None
+    make_signature = processing.burst_signature if in_bursts else processing.signature
+    mu = make_signature(baseband, gate, analysis, wavelength_m=wavelength_m)
     return analyze_signature(mu, gate, analysis, label=label)
 
 
@@ -201,7 +218,10 @@ def analyze_signature(mu: xr.DataArray, gate: xr.Dataset, analysis: Analysis, *,
 
 def _geometry(mu: xr.DataArray, extraction: Extraction) -> tuple[dict[str, Any], list[str]]:
     """Ground speed and aspect from the gate's range history (E-34b), and the flags that follow from them."""
-    motion = ground_motion(axis(mu, "time"), axis(mu, "centre_range"))
+    centre_m = axis(mu, "centre_range")
+    if np.ptp(centre_m) == 0:  # a gate that stays put follows no one
+        return dict.fromkeys(GROUND_QUALITY), list(extraction.flags)
+    motion = ground_motion(axis(mu, "time"), centre_m)
     step_m = None
     if motion.ground_speed_mps is not None and extraction.gait_frequency_hz is not None:
         step_m = motion.ground_speed_mps / extraction.gait_frequency_hz
@@ -214,12 +234,7 @@ def _geometry(mu: xr.DataArray, extraction: Extraction) -> tuple[dict[str, Any],
     width_hz = extraction.features.doppler_bandwidth_hz
     if width_hz is not None and width_hz > FULL_BAND_SHARE * float(mu.attrs["prf_hz"]):
         flags.append("doppler_band_full:aliasing_is_possible")
-    quality = {
-        "ground_speed_mps": motion.ground_speed_mps,
-        "aspect_deg": motion.aspect_deg,
-        "ground_step_length_m": step_m,
-    }
-    return quality, flags
+    return dict(zip(GROUND_QUALITY, (motion.ground_speed_mps, motion.aspect_deg, step_m), strict=True)), flags
 
 
 def _standard_chain(mu: xr.DataArray, analysis: Analysis) -> tuple[Extraction, dict[str, Any]]:

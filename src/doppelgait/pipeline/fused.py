@@ -1,7 +1,8 @@
 """One example without its data matrix: only the range bins that the gates need, in reused buffers.
 
 Gives the same bytes as :func:`doppelgait.pipeline.simulate` followed by :func:`doppelgait.pipeline.analyze` with the
-truth gate, in a fraction of the time. Datasets that do not keep the baseband are built this way.
+truth gate, in a fraction of the time. Datasets that do not keep the baseband are built this way; an
+example with impairments, an environment or another waveform takes the steps one by one.
 """
 
 from __future__ import annotations
@@ -10,20 +11,22 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from threading import local
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
-from doppelgait.pipeline.analyze import TargetResult, analyze_signature, flag_overlaps, gate_of_truth
-from doppelgait.pipeline.simulate import pulse_times_s, target_truth
+from doppelgait.pipeline.analyze import TargetResult, analyze, analyze_signature, flag_overlaps, gate_of_truth
+from doppelgait.pipeline.echoes import Conditions, received
+from doppelgait.pipeline.simulate import pulse_times_s, simulate, target_truth
 from doppelgait.processing import Analysis
 from doppelgait.processing.signature import cut_out, signature_of_planes
 from doppelgait.radar.config import Radar
 from doppelgait.radar.recording import TargetTruth
 from doppelgait.radar.simulate import noise_level_v2, scatterer_arrays, snr_frame_db, warn_of_limits
-from doppelgait.scene import Scene, observe
+from doppelgait.scene import Scene
 
 Float32Array = npt.NDArray[np.float32]
 
@@ -54,6 +57,26 @@ class FusedExample:
     snr_frame_db: float
 
 
+def can_fuse(scene: Scene, radar: Radar, analysis: Analysis, conditions: Conditions) -> bool:
+    """Whether the fused path makes this example: plain echoes of targets, whose samples are range bins, as they are."""
+    background = len(scene.observed_targets) < len(scene.targets)
+    plain = radar.waveform == "impulse" and analysis.clutter == "none"
+    return plain and not (conditions.effects or conditions.faults or background)
+
+
+def run_steps(
+    scene: Scene, radar: Radar, analysis: Analysis, *, gate_error_m: float, snr_db: float | None, **drawn: Any
+) -> FusedExample:
+    """Simulate a scene and analyse every target in its truth gate, one step after the other.
+
+    Parameters as for :func:`doppelgait.pipeline.simulate`.
+    """
+    recording = simulate(scene, radar, snr_db=snr_db, angles=False, **drawn)
+    results = analyze(recording, gate="truth", analysis=analysis, gate_error_m=gate_error_m)
+    n_pulses = recording.baseband.sizes["slow_time"]
+    return FusedExample(results, recording.truth, n_pulses, recording.noise_power_v2, recording.snr_frame_db)
+
+
 def run_fused(
     scene: Scene,
     radar: Radar,
@@ -69,7 +92,10 @@ def run_fused(
     Parameters and errors as for :func:`doppelgait.pipeline.simulate` and :func:`doppelgait.pipeline.analyze`.
     """
     slow_time_s = pulse_times_s(scene, radar, rng=rng, snr_db=snr_db)
-    scatterers, tracks = observe(scene, slow_time_s, angles=False, rng=scene_rng if scene_rng is not None else rng)
+    scatterers, tracks = received(
+        scene, radar, slow_time_s, Conditions(), angles=False, timing_rng=None,
+        scene_rng=scene_rng if scene_rng is not None else rng,
+    )  # fmt: skip
     warn_of_limits(scatterers, radar)
     plane_re, plane_im = _planes(radar.n_range_bins, slow_time_s.size)
     signal_v2 = _synthesise(scatterers, radar, plane_re, plane_im)

@@ -11,24 +11,28 @@ from pydantic import Field
 from doppelgait.core.config import FrozenModel, apply_overrides, line_note, read_toml, validate
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.rng import generator_for
-from doppelgait.pipeline.fused import FusedExample, run_fused
+from doppelgait.pipeline.echoes import Conditions
+from doppelgait.pipeline.fused import FusedExample, can_fuse, run_fused, run_steps
 from doppelgait.pipeline.simulate import simulate, with_lowest_prf
 from doppelgait.processing import Analysis
-from doppelgait.radar.config import Radar, changed_preset
+from doppelgait.radar.config import Radar, changed_preset, preset_table
+from doppelgait.radar.impairments import Impairments
 from doppelgait.radar.recording import Recording
 from doppelgait.scene import Scene
+from doppelgait.scene.environment import Environment
 from doppelgait.scene.spec import SceneSpec, build_scene
 
 AUTO_PRF_START_HZ = 1000.0
 
 
 class NoiseSpec(FrozenModel):
-    """Receiver noise of a run.
+    """Receiver noise of a run, added before every impairment.
 
     Parameters
     ----------
     kind : {"thermal", "snr", "none"}
-        ``thermal``: from the radar's noise figure and bandwidth (E-18). ``snr``: as much as gives ``snr_db``.
+        ``thermal``: from the radar's noise figure and bandwidth (E-18), unless the list of impairments has an entry
+        ``thermal_noise`` of its own. ``snr``: as much as gives ``snr_db``.
     snr_db : float
         Wanted SNR_frame: time mean of the strongest bin's power over the noise power.
     """
@@ -47,6 +51,10 @@ class RunSpec(FrozenModel):
     auto_prf : bool
         Take the lowest frame rate at which nothing aliases (``prf_hz = "auto"``); for reproducing the report only.
     noise : NoiseSpec
+    environment : list
+        Walls, bounces and the like (:mod:`doppelgait.scene.environment`), in order.
+    impairments : list
+        What the receiver does to its samples (:mod:`doppelgait.radar.impairments`), in order.
     analysis : Analysis
     seed : int
         Root of all random streams.
@@ -58,24 +66,31 @@ class RunSpec(FrozenModel):
     radar: Radar
     auto_prf: bool = False
     noise: NoiseSpec = NoiseSpec()
+    environment: Environment = ()
+    impairments: Impairments = ()
     analysis: Analysis = Analysis()
     seed: int = Field(default=0, ge=0)
     example: int = Field(default=0, ge=0)
 
 
-SECTIONS = ("seed", "duration_s", "radar_position_m", "radar", "targets", "noise", "analysis")
+SCENE_KEYS = tuple(SceneSpec.model_fields)
+TWIN_KEYS = ("environment", "impairments")
+SECTIONS = ("seed", *SCENE_KEYS, "radar", "noise", *TWIN_KEYS, "analysis")
 
 
-def parse_run(table: Mapping[str, Any], *, where: str = "scene", text: str = "") -> RunSpec:
+def parse_run(table: Mapping[str, Any], *, where: str = "scene", text: str = "", folder: Path | None = None) -> RunSpec:
     """Run specification from the tables of a scene file.
 
     Parameters
     ----------
     table : mapping
-        Keys ``targets`` (list), ``radar`` (``preset`` and changes, or all parameters), and optionally ``noise``,
-        ``analysis``, ``seed``, ``duration_s``, ``radar_position_m``.
+        Keys ``targets`` (list), ``radar`` (``preset`` and changes, or all parameters), and optionally the other keys
+        of :class:`doppelgait.scene.spec.SceneSpec` and of :class:`RunSpec`. A list ``environment`` or ``impairments``
+        replaces the one of the radar's preset.
     where, text : str
         File name and text for error messages.
+    folder : Path, optional
+        Folder that the path of a preset file starts from; the working folder by default.
 
     Raises
     ------
@@ -86,36 +101,46 @@ def parse_run(table: Mapping[str, Any], *, where: str = "scene", text: str = "")
     if unknown:
         places = ", ".join(key + line_note(text, [key]) for key in unknown)
         raise ConfigError(f"{where}: {places}: unknown key; allowed are {', '.join(SECTIONS)}")
-    radar, auto_prf = parse_radar(table.get("radar", {"preset": "x4"}), where=where, text=text)
-    scene = {key: table[key] for key in ("targets", "radar_position_m", "duration_s") if key in table}
-    rest = {key: table[key] for key in ("noise", "analysis", "seed") if key in table}
+    twin = parse_radar(table.get("radar", {"preset": "x4"}), where=where, text=text, folder=folder)
+    scene = {key: table[key] for key in SCENE_KEYS if key in table}
+    rest = {key: table[key] for key in ("noise", *TWIN_KEYS, "analysis", "seed") if key in table}
     parsed = validate(SceneSpec, scene, where=where, text=text)
-    return validate(RunSpec, {"scene": parsed, "radar": radar, "auto_prf": auto_prf, **rest}, where=where, text=text)
+    return validate(RunSpec, {"scene": parsed, **twin, **rest}, where=where, text=text)
 
 
-def parse_radar(table: Any, *, where: str = "radar", text: str = "") -> tuple[Radar, bool]:
-    """Radar of a ``[radar]`` table, and whether its frame rate is ``"auto"``."""
+def parse_radar(table: Any, *, where: str = "radar", text: str = "", folder: Path | None = None) -> dict[str, Any]:
+    """What a ``[radar]`` table gives a run: ``radar``, ``auto_prf`` and the lists of a sensor twin's preset."""
     if isinstance(table, str):
         table = {"preset": table}
     if not isinstance(table, Mapping):
         raise ConfigError(f"{where}: radar must be a preset's name or a table, not {table!r}")
     values = dict(table)
+    preset = values.pop("preset", None)
     auto_prf = values.get("prf_hz") == "auto"
     if auto_prf:
-        values["prf_hz"] = AUTO_PRF_START_HZ
-    preset = values.pop("preset", None)
+        del values["prf_hz"]
+        values |= {} if preset is not None else {"prf_hz": AUTO_PRF_START_HZ}
+    lists = {}
     if preset is not None:
         try:
-            values = changed_preset(str(preset), values)
+            place = _preset_place(str(preset), folder)
+            values = changed_preset(place, values)
+            lists = {key: value for key, value in preset_table(place).items() if key in TWIN_KEYS}
         except ConfigError as error:
             raise ConfigError(f"{where}: radar.preset{line_note(text, ['radar', 'preset'])}: {error}") from None
-    return validate(Radar, values, where=where, text=text, section=("radar",)), auto_prf
+    radar = validate(Radar, values, where=where, text=text, section=("radar",))
+    return {"radar": radar, "auto_prf": auto_prf, **lists}
+
+
+def _preset_place(preset: str, folder: Path | None) -> str:
+    """Name of a preset, or the path of its file seen from the folder of the scene file."""
+    return str((folder or Path()) / preset) if preset.endswith(".toml") else preset
 
 
 def load_run(path: str | Path, *, overrides: Sequence[str] = ()) -> RunSpec:
     """Run specification of a scene file with ``KEY=VALUE`` overrides put in."""
     table, text = read_toml(path)
-    return parse_run(apply_overrides(table, overrides), where=str(path), text=text)
+    return parse_run(apply_overrides(table, overrides), where=str(path), text=text, folder=Path(path).parent)
 
 
 def run_simulation(spec: RunSpec, *, folder: Path | None = None, angles: bool = True) -> Recording:
@@ -135,7 +160,9 @@ def run_simulation(spec: RunSpec, *, folder: Path | None = None, angles: bool = 
 
 
 def run_example(spec: RunSpec, *, folder: Path | None = None, gate_error_m: float = 0.0) -> FusedExample:
-    """Simulate and analyse what a specification describes, in its truth gates, without making the data matrix.
+    """Simulate and analyse what a specification describes, in its truth gates.
+
+    Where it can be, without making the data matrix (:mod:`doppelgait.pipeline.fused`).
 
     Parameters
     ----------
@@ -146,6 +173,9 @@ def run_example(spec: RunSpec, *, folder: Path | None = None, gate_error_m: floa
         Range error of the gates.
     """
     scene, radar, drawn = _inputs(spec, folder)
+    if not can_fuse(scene, radar, spec.analysis, drawn["conditions"]):
+        return run_steps(scene, radar, spec.analysis, gate_error_m=gate_error_m, **drawn)
+    del drawn["conditions"], drawn["impairments_rng"]
     return run_fused(scene, radar, spec.analysis, gate_error_m=gate_error_m, **drawn)
 
 
@@ -153,6 +183,11 @@ def _inputs(spec: RunSpec, folder: Path | None) -> tuple[Scene, Radar, dict[str,
     """Scene, radar and the random arguments of a specification; every stream comes from its seed and example number."""
     scene = build_scene(spec.scene, folder=folder, rng=generator_for(spec.seed, "motion", spec.example))
     radar = with_lowest_prf(scene, spec.radar, cpi_s=spec.analysis.cpi_s) if spec.auto_prf else spec.radar
-    rng = None if spec.noise.kind == "none" else generator_for(spec.seed, "noise", spec.example)
-    snr_db = spec.noise.snr_db if spec.noise.kind == "snr" else None
-    return scene, radar, {"rng": rng, "snr_db": snr_db, "scene_rng": generator_for(spec.seed, "scene", spec.example)}
+    drawn = {
+        "rng": None if spec.noise.kind == "none" else generator_for(spec.seed, "noise", spec.example),
+        "snr_db": spec.noise.snr_db if spec.noise.kind == "snr" else None,
+        "scene_rng": generator_for(spec.seed, "scene", spec.example),
+        "conditions": Conditions(spec.environment, spec.impairments),
+        "impairments_rng": generator_for(spec.seed, "impairments", spec.example),
+    }
+    return scene, radar, drawn

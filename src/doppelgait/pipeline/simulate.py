@@ -13,18 +13,23 @@ from doppelgait.core.errors import ConfigError
 from doppelgait.core.labels import axis
 from doppelgait.core.units import duration_to_pulses, slow_time_axis_s
 from doppelgait.motion.retime import travel_speed_mps
+from doppelgait.pipeline.echoes import Conditions, of_targets, received
 from doppelgait.radar.config import Radar
+from doppelgait.radar.impairments import apply_impairments
 from doppelgait.radar.recording import Recording, TargetTruth
 from doppelgait.radar.simulate import (
-    add_noise,
+    compress,
     frame_power_v2,
+    label_baseband,
     lowest_prf_hz,
     noise_level_v2,
+    noisy,
     snr_frame_db,
-    synthesise,
+    synthesise_samples,
     warn_of_limits,
 )
-from doppelgait.scene import LineOfSight, Scene, assemble, observe
+from doppelgait.radar.waveforms import waveform_of
+from doppelgait.scene import LineOfSight, Scene, assemble
 from doppelgait.scene.target import scaled_motion
 
 MAX_SAMPLES = 2e9
@@ -39,8 +44,10 @@ def simulate(
     *,
     rng: np.random.Generator | None = None,
     snr_db: float | None = None,
+    conditions: Conditions | None = None,
     angles: bool = True,
     scene_rng: np.random.Generator | None = None,
+    impairments_rng: np.random.Generator | None = None,
 ) -> Recording:
     """Simulate what a radar records of a scene, with the truth.
 
@@ -52,11 +59,17 @@ def simulate(
         Source of the receiver noise. Without it the recording is noise-free.
     snr_db : float, optional
         Wanted SNR_frame: time mean of the strongest bin's power over the noise power, in dB; ``inf`` for no noise.
-        By default the noise is the radar's thermal noise (E-18).
+        The power is that of the targets: no ghosts, background movers or clutter. By default the noise is the radar's
+        thermal noise (E-18).
+    conditions : Conditions, optional
+        Environment and impairments; none by default. Receiver noise comes before the impairments; a ``thermal_noise``
+        among them takes its place.
     angles : bool
         Whether the truth holds every scatterer's aspect angle; without, the simulation is quicker.
     scene_rng : numpy.random.Generator, optional
         Source of what the scene itself draws (fluctuation and spread of radar cross sections); ``rng`` by default.
+    impairments_rng : numpy.random.Generator, optional
+        Source of what the impairments draw; ``rng`` by default.
 
     Returns
     -------
@@ -65,28 +78,56 @@ def simulate(
     Raises
     ------
     ConfigError
-        If ``snr_db`` is given without ``rng``.
+        If ``snr_db`` or impairments are given without a source of random numbers.
 
     Warns
     -----
     DoppelgaitWarning
         If a scatterer aliases in Doppler or leaves the frame.
     """
+    given = conditions or Conditions()
+    source = impairments_rng if impairments_rng is not None else rng
+    timing_rng, fault_rng = source.spawn(2) if source is not None else (None, None)
     slow_time_s = pulse_times_s(scene, radar, rng=rng, snr_db=snr_db)
-    scatterers, tracks = observe(scene, slow_time_s, angles=angles, rng=scene_rng if scene_rng is not None else rng)
+    _check_noise(given, rng=source, snr_db=snr_db)
+    scatterers, tracks = received(
+        scene, radar, slow_time_s, given, angles=angles, timing_rng=timing_rng,
+        scene_rng=scene_rng if scene_rng is not None else rng,
+    )  # fmt: skip
     warn_of_limits(scatterers, radar)
-    clean = synthesise(scatterers, radar)
-    signal_v2 = frame_power_v2(clean)
+    samples = synthesise_samples(scatterers, radar)
+    signal_v2 = _signal_v2(scatterers, samples, radar)
     noise_v2 = noise_level_v2(radar, signal_v2, snr_db) if rng is not None else 0.0
-    noisy = add_noise(clean, noise_power_v2=noise_v2, rng=rng) if rng is not None and noise_v2 > 0 else clean
+    if rng is not None and noise_v2 > 0 and not given.names("thermal_noise"):
+        samples = noisy(samples, noise_power_v2=noise_v2 / waveform_of(radar).noise_gain(radar), rng=rng)
+    if given.faults and fault_rng is not None:
+        samples = apply_impairments(samples, given.faults, radar=radar, rng=fault_rng)
     return Recording(
-        baseband=noisy,
+        baseband=label_baseband(compress(samples, radar), slow_time_s, radar),
         radar=radar,
         truth=[target_truth(scene, n, scatterers, track) for n, track in enumerate(tracks)],
         noise_power_v2=noise_v2,
         snr_frame_db=snr_frame_db(signal_v2, noise_v2),
         source="simulation",
     )
+
+
+def _check_noise(conditions: Conditions, *, rng: np.random.Generator | None, snr_db: float | None) -> None:
+    """Refuse impairments without random numbers, and a wanted SNR beside thermal noise of another level."""
+    if conditions.faults and rng is None:
+        raise ConfigError("impairments draw random numbers: pass rng=doppelgait.rng(SEED)")
+    if snr_db is not None and conditions.names("thermal_noise"):
+        raise ConfigError(
+            f"snr_db = {snr_db:g} and an impairment thermal_noise both say how strong the noise is: leave one out"
+        )
+
+
+def _signal_v2(scatterers: xr.Dataset, samples: npt.NDArray[np.complex64], radar: Radar) -> float:
+    """Signal level of SNR_frame, V^2: of the targets' echoes alone."""
+    own = of_targets(scatterers)
+    if own.sizes["scatterer"] == 0:
+        return 0.0
+    return frame_power_v2(compress(samples if own is scatterers else synthesise_samples(own, radar), radar))
 
 
 def pulse_times_s(
@@ -110,7 +151,7 @@ def pulse_times_s(
 
 def target_truth(scene: Scene, number: int, scatterers: xr.Dataset, centre: LineOfSight) -> TargetTruth:
     """Truth of one target of a scene, from the same geometry that the radar sees; frequencies over the observation."""
-    target = scene.targets[number]
+    target = scene.observed_targets[number]
     own = axis(scatterers, "target") == number
     rows = scatterers if own.all() else scatterers.isel(scatterer=np.flatnonzero(own))
     motion = scaled_motion(target)

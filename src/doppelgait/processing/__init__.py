@@ -1,5 +1,6 @@
 """From complex baseband to micro-Doppler signature and step-Doppler map; simulated and measured data alike."""
 
+from doppelgait.processing.bursts import burst_pulses_of, burst_signature, find_burst_pulses
 from doppelgait.processing.cadence import (
     cadence_map,
     cadence_spectrum,
@@ -8,16 +9,18 @@ from doppelgait.processing.cadence import (
     mean_doppler_spectrum,
     observation_s,
 )
+from doppelgait.processing.clutter import remove_clutter
 from doppelgait.processing.config import Analysis, gaussian_window, plan_transform
 from doppelgait.processing.frame_edge import within_frame
-from doppelgait.processing.gate import gate_bins, make_gate
+from doppelgait.processing.gate import fixed_gate, gate_bins, make_gate
 from doppelgait.processing.main_line import align, line_order, main_line_hz, needs_alignment
 from doppelgait.processing.normalise import independent_columns, noise_floor_v2, normalise
 from doppelgait.processing.signature import range_doppler, signature, thin
 
 __all__ = [
-    "Analysis", "align", "cadence_map", "cadence_spectrum", "detrend", "detrend_order", "gate_bins",
-    "gaussian_window", "independent_columns", "line_order", "main_line_hz", "make_gate", "mean_doppler_spectrum",
-    "needs_alignment", "noise_floor_v2", "normalise", "observation_s", "plan_transform", "range_doppler",
-    "signature", "thin", "within_frame",
+    "Analysis", "align", "burst_pulses_of", "burst_signature", "cadence_map", "cadence_spectrum", "detrend",
+    "detrend_order", "find_burst_pulses", "fixed_gate", "gate_bins", "gaussian_window", "independent_columns",
+    "line_order", "main_line_hz", "make_gate", "mean_doppler_spectrum", "needs_alignment", "noise_floor_v2",
+    "normalise", "observation_s", "plan_transform", "range_doppler", "remove_clutter", "signature", "thin",
+    "within_frame",
 ]  # fmt: skip

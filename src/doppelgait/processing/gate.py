@@ -62,6 +62,31 @@ def gate_centre_m(gate: xr.Dataset, time_s: npt.ArrayLike) -> npt.NDArray[np.flo
     return np.asarray(np.interp(np.asarray(time_s, dtype=float), axis(gate, "time"), middle))
 
 
+def fixed_gate(slow_time_s: npt.ArrayLike, low_m: float, high_m: float) -> xr.Dataset:
+    """Gate that stays where the user says, from ``low_m`` to ``high_m``, for the whole recording.
+
+    Raises
+    ------
+    AnalysisError
+        If the limits are not two rising numbers.
+    """
+    if not -np.inf < low_m < high_m < np.inf:
+        raise AnalysisError(f"gate {low_m:g} to {high_m:g} m: give two rising ranges in m, for example 1.2 to 2.8")
+    times = np.asarray(slow_time_s, dtype=float)[[0, -1]]
+    return make_gate(times, np.full(2, (low_m + high_m) / 2), span_m=high_m - low_m, source="given")
+
+
+def gate_edges_in(
+    range_m: npt.NDArray[np.float64], gate: xr.Dataset, time_s: npt.ArrayLike, *, sharp: bool
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Edges of the gate in bins of a range axis; a recording without range (one bin) is inside it as a whole."""
+    if range_m.size == 1:
+        low = np.full(np.shape(time_s), -0.5)
+        return low, low + 1.0
+    spacing_m = float((range_m[-1] - range_m[0]) / (range_m.size - 1))
+    return gate_edges_bins(gate, time_s, first_bin_m=float(range_m[0]), bin_spacing_m=spacing_m, sharp=sharp)
+
+
 def gate_edges_bins(
     gate: xr.Dataset, time_s: npt.ArrayLike, *, first_bin_m: float, bin_spacing_m: float, sharp: bool
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:

@@ -16,7 +16,7 @@ from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, RANGE_DOPPLER, SIGNATURE, axis, check_signal, make_array, sampling_rate_hz
 from doppelgait.core.units import doppler_axis_hz, doppler_to_velocity_mps
 from doppelgait.processing.config import Analysis, Transform, lossless_hop, plan_transform
-from doppelgait.processing.gate import gate_centre_m, gate_edges_bins
+from doppelgait.processing.gate import gate_centre_m, gate_edges_in
 
 
 def plan_for(baseband: xr.DataArray, analysis: Analysis) -> tuple[Transform, float]:
@@ -177,10 +177,7 @@ def cut_out(gate: xr.Dataset, slow_time_s: Any, range_m: Any, analysis: Analysis
     """Gate and transform of a recording with these axes."""
     transform, prf_hz = _plan(slow_time_s, analysis)
     time_s = slow_time_s[0] + transform.centre_pulses() / prf_hz
-    spacing_m = float((range_m[-1] - range_m[0]) / (range_m.size - 1))
-    low, high = gate_edges_bins(
-        gate, time_s, first_bin_m=float(range_m[0]), bin_spacing_m=spacing_m, sharp=analysis.sharp_edges
-    )
+    low, high = gate_edges_in(range_m, gate, time_s, sharp=analysis.sharp_edges)
     frame_m = (float(range_m[0]), float(range_m[-1]))
     return Cut(gate, transform, prf_hz, slow_time_s.size, range_m.size, time_s, low, high, frame_m)
 

@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import xarray as xr
 
+from doppelgait.core.errors import ConfigError
 from doppelgait.core.units import (
     NOISE_DENSITY_W_PER_HZ,
     REFERENCE_IMPEDANCE_OHM,
@@ -57,8 +59,44 @@ def echo_amplitude_v(
     return watt_to_volt(one_metre_w) * db_to_amplitude(radar.receiver_gain_db) / square
 
 
-def noise_power_v2(radar: Radar) -> float:
-    """Mean square E|w|^2 of the complex receiver noise in one bin: 2 Z0 k T0 F B_n G_rx / N_eff, V^2 (E-18)."""
-    power = NOISE_DENSITY_W_PER_HZ * db_to_power(radar.noise_figure_db) * radar.receiver_bandwidth_hz
+def white_noise_v2(radar: Radar, bandwidth_hz: float) -> float:
+    """Mean square E|w|^2 of complex receiver noise in a bandwidth: 2 Z0 k T0 F B G_rx / N_eff, V^2 (E-18)."""
+    power = NOISE_DENSITY_W_PER_HZ * db_to_power(radar.noise_figure_db) * bandwidth_hz
     volts2 = 2.0 * REFERENCE_IMPEDANCE_OHM * power * db_to_power(radar.receiver_gain_db)
     return float(volts2 / radar.averages_per_frame)
+
+
+def noise_power_v2(radar: Radar) -> float:
+    """Mean square of the complex receiver noise in one range bin, V^2: that of a receiver sample, compressed (E-18)."""
+    from doppelgait.radar.waveforms import waveform_of
+
+    waveform = waveform_of(radar)
+    return waveform.noise_power_v2(radar) * waveform.noise_gain(radar)
+
+
+def scatterer_arrays(scatterers: xr.Dataset, radar: Radar) -> tuple[Any, Any]:
+    """Contiguous float64 ranges (m) and echo amplitudes (V) of a scatterer table, both (slow_time, scatterer)."""
+    range_m = np.ascontiguousarray(scatterers["range"].values, dtype=np.float64)
+    amplitude_v = echo_amplitude_v(
+        radar, range_m=range_m, rcs_m2=_row(scatterers["rcs"].values), path_gain=_row(scatterers["path_gain"].values)
+    )
+    return range_m, np.ascontiguousarray(amplitude_v)
+
+
+def _row(values: Any) -> Any:
+    """The values; of a table that repeats one row (a broadcast view) that row, which saves a pass over memory."""
+    return values[:1] if values.strides[0] == 0 else values
+
+
+def path_phase_rad(scatterers: xr.Dataset) -> npt.NDArray[np.float64] | None:
+    """Extra phase of every echo, (slow_time, scatterer); None where the table has none."""
+    if "path_phase" not in scatterers:
+        return None
+    return np.asarray(scatterers["path_phase"].values, dtype=np.float64)
+
+
+def radial_velocity_mps(scatterers: xr.Dataset) -> npt.NDArray[np.float64]:
+    """Radial velocity of every scatterer, (slow_time, scatterer); a waveform that sweeps cannot do without."""
+    if "radial_velocity" not in scatterers:
+        raise ConfigError("the scatterer table has no radial_velocity, which a waveform that sweeps needs; add it")
+    return np.asarray(scatterers["radial_velocity"].values, dtype=np.float64)

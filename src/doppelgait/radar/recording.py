@@ -77,6 +77,8 @@ class Recording:
         Seed of the run that made it.
     source : str
         File name, or how it was made.
+    notes : sequence of str
+        What its file does not tell and was therefore assumed or taken from options; empty for simulated recordings.
     """
 
     baseband: xr.DataArray
@@ -86,7 +88,15 @@ class Recording:
     snr_frame_db: float = NAN
     seed: int | None = None
     source: str = ""
+    notes: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         check_signal(self.baseband, BASEBAND)
         object.__setattr__(self, "truth", tuple(self.truth))
+        object.__setattr__(self, "notes", tuple(self.notes))
+
+
+def further_facts(baseband: xr.DataArray) -> dict[str, str | int | float]:
+    """Facts on the baseband that have no place of their own in a file, for example the pulses of a burst."""
+    facts = {name: value.item() if isinstance(value, np.generic) else value for name, value in baseband.attrs.items()}
+    return {k: v for k, v in facts.items() if k not in ("units", "radar") and isinstance(v, str | int | float)}

@@ -14,8 +14,13 @@ from doppelgait.core.errors import DoppelgaitError, RecordingError
 from doppelgait.core.files import atomic_path
 from doppelgait.core.labels import BASEBAND, SCATTERER_VARIABLES, axis, make_array
 from doppelgait.radar.config import Radar
-from doppelgait.radar.recording import NAN, Recording, TargetTruth
+from doppelgait.radar.readers import read_recording
+from doppelgait.radar.recording import NAN, Recording, TargetTruth, further_facts
 
+__all__ = ["read_hdf5", "read_recording", "sniff_hdf5", "write_recording"]
+
+SIGNATURE = b"\x89HDF\r\n\x1a\n"
+"""First bytes of an HDF5 file."""
 FORMAT = "doppelgait-recording"
 FORMAT_VERSION = 1
 
@@ -25,8 +30,8 @@ TRUTH_FACTS = (
     "stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz",
 )  # fmt: skip
 CENTRE_ARRAYS = ("centre_range_m", "centre_velocity_mps", "centre_aspect_rad")
-STORED_VARIABLES = ("range", "radial_velocity", "rcs", "path_gain", "aspect")
-OPTIONAL_VARIABLES = ("path_gain", "aspect")
+STORED_VARIABLES = ("range", "radial_velocity", "rcs", "path_gain", "path_phase", "aspect")
+OPTIONAL_VARIABLES = ("path_gain", "path_phase", "aspect")
 
 
 def write_recording(recording: Recording, path: str | Path) -> None:
@@ -49,7 +54,10 @@ def _write_hdf5(recording: Recording, path: Path) -> None:
         file.attrs.update(noise_power_v2=recording.noise_power_v2, snr_frame_db=recording.snr_frame_db)
         if recording.seed is not None:
             file.attrs["seed"] = recording.seed
+        if recording.notes:
+            file.attrs["notes"] = json.dumps(recording.notes)
         _put(file, "baseband", recording.baseband.values.astype("<c8"), "V")
+        file["baseband"].attrs.update(further_facts(recording.baseband))
         _put(file, "slow_time_s", axis(recording.baseband, "slow_time"), "s")
         _put(file, "range_m", axis(recording.baseband, "range"), "m")
         for number, truth in enumerate(recording.truth):
@@ -75,7 +83,21 @@ def _write_truth(group: Any, truth: TargetTruth) -> None:
         _put(group, name + UNIT_SUFFIX[units], values[:1] if constant else values, units)
 
 
-def read_recording(path: str | Path) -> Recording:
+def sniff_hdf5(path: Path) -> bool:
+    """Whether a file is HDF5 and says that it is a doppelgait recording, or is HDF5 so damaged that it says nothing."""
+    with path.open("rb") as file:
+        if file.read(len(SIGNATURE)) != SIGNATURE:
+            return False
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as content:
+            return bool(content.attrs.get("format") == FORMAT)
+    except (OSError, RuntimeError, ValueError, TypeError, LookupError):
+        return True
+
+
+def read_hdf5(path: Path) -> Recording:
     """Read a recording written by :func:`write_recording`.
 
     Raises
@@ -85,13 +107,11 @@ def read_recording(path: str | Path) -> Recording:
     """
     import h5py
 
-    if not Path(path).is_file():
+    if not path.is_file():
         raise RecordingError(f"{path}: no such file")
-    if not h5py.is_hdf5(path):
-        raise RecordingError(f"{path}: is not an HDF5 recording; readable are files written by 'doppelgait simulate'")
     try:
         with h5py.File(path, "r") as file:
-            return _read_hdf5(file, Path(path).name)
+            return _read_hdf5(file, path.name)
     except (OSError, LookupError, ValueError, TypeError, AttributeError, RuntimeError, DoppelgaitError) as error:
         raise RecordingError(f"{path}: is damaged or not a doppelgait recording: {error}") from None
 
@@ -103,7 +123,13 @@ def _read_hdf5(file: Any, source: str) -> Recording:
         raise ValueError(f"format_version is {file.attrs['format_version']}, this program reads up to {FORMAT_VERSION}")
     radar = validate(Radar, json.loads(file.attrs["radar"]), where="radar")
     coords = {"slow_time": file["slow_time_s"][:], "range": file["range_m"][:]}
-    baseband = make_array(BASEBAND, file["baseband"][:].astype(np.complex64), coords, {"radar": canonical_json(radar)})
+    further = {
+        key: value.item() if isinstance(value, np.generic) else value
+        for key, value in file["baseband"].attrs.items()
+        if key != "units"
+    }
+    attrs = {"radar": canonical_json(radar), **further}
+    baseband = make_array(BASEBAND, file["baseband"][:].astype(np.complex64), coords, attrs)
     numbers = sorted(file.get("truth", {}), key=int)
     return Recording(
         baseband=baseband,
@@ -113,6 +139,7 @@ def _read_hdf5(file: Any, source: str) -> Recording:
         snr_frame_db=float(file.attrs.get("snr_frame_db", NAN)),
         seed=int(file.attrs["seed"]) if "seed" in file.attrs else None,
         source=source,
+        notes=[str(note) for note in json.loads(file.attrs.get("notes", "[]"))],
     )
 
 

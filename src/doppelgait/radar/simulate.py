@@ -1,66 +1,94 @@
-"""Scatterer table -> complex baseband data matrix, by the closed form of the down-converted echo (E-18)."""
+"""Scatterer table -> receiver samples -> complex baseband data matrix; receiver noise and its level."""
 
 from __future__ import annotations
 
 import math
-import warnings
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.config import canonical_json
-from doppelgait.core.errors import ConfigError, DoppelgaitWarning
+from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.labels import BASEBAND, axis, make_array
-from doppelgait.core.units import SPEED_OF_LIGHT_MPS, velocity_to_doppler_hz
+from doppelgait.core.units import velocity_to_doppler_hz
 from doppelgait.radar.config import Radar
-from doppelgait.radar.link import echo_amplitude_v, noise_power_v2
+from doppelgait.radar.limits import warn_of_limits
+from doppelgait.radar.link import noise_power_v2, scatterer_arrays
+from doppelgait.radar.waveforms import waveform_of
+
+__all__ = [
+    "add_noise", "compress", "frame_power_v2", "label_baseband", "lowest_prf_hz", "noise_level_v2", "noisy",
+    "scatterer_arrays", "snr_frame_db", "synthesise", "synthesise_samples", "warn_of_limits",
+]  # fmt: skip
 
 
 def synthesise(scatterers: xr.Dataset, radar: Radar) -> xr.DataArray:
-    """Noise-free baseband of all scatterers, sampled directly at the radar's decimated rate.
+    """Noise-free baseband of all scatterers: receiver samples, compressed to range bins.
 
     Parameters
     ----------
     scatterers : Dataset (slow_time, scatterer)
-        Needs ``range``, ``rcs`` and ``path_gain``; any source will do.
+        Needs ``range``, ``rcs`` and ``path_gain``, and ``radial_velocity`` for a waveform that sweeps; ``path_phase``
+        may be there. Any source will do.
     radar : Radar
 
     Returns
     -------
     DataArray (slow_time, range)
-        complex64, V at the receiver output. Superposition of all scatterers; range constant within a frame
-        (stop-and-hop), migration from frame to frame kept.
+        complex64, V at the receiver output. Superposition of all scatterers; migration from frame to frame kept, and
+        within a frame what the waveform says (E-18, :mod:`doppelgait.radar.waveforms`).
     """
-    from doppelgait.core.kernels.synthesis import add_echoes
-
-    range_m, amplitude_v = scatterer_arrays(scatterers, radar)
-    out = np.empty((range_m.shape[0], radar.n_range_bins), dtype=np.complex64)
-    add_echoes(
-        range_m,
-        amplitude_v,
-        radar.range_start_m,
-        radar.bin_spacing_m,
-        radar.sigma_s * SPEED_OF_LIGHT_MPS / 2.0,
-        radar.wavelength_m,
-        radar.transmit_phase_rad,
-        out,
-    )
-    return label_baseband(out, axis(scatterers, "slow_time"), radar)
+    bins = compress(synthesise_samples(scatterers, radar), radar)
+    return label_baseband(bins, axis(scatterers, "slow_time"), radar)
 
 
-def scatterer_arrays(scatterers: xr.Dataset, radar: Radar) -> tuple[Any, Any]:
-    """Contiguous float64 ranges (m) and echo amplitudes (V) of a scatterer table, both (slow_time, scatterer)."""
-    range_m = np.ascontiguousarray(scatterers["range"].values, dtype=np.float64)
-    amplitude_v = echo_amplitude_v(
-        radar, range_m=range_m, rcs_m2=_row(scatterers["rcs"].values), path_gain=_row(scatterers["path_gain"].values)
-    )
-    return range_m, np.ascontiguousarray(amplitude_v)
+def synthesise_samples(scatterers: xr.Dataset, radar: Radar) -> npt.NDArray[np.complex64]:
+    """Noise-free receiver samples of all scatterers.
+
+    Parameters
+    ----------
+    scatterers : Dataset (slow_time, scatterer)
+        As for :func:`synthesise`.
+    radar : Radar
+
+    Returns
+    -------
+    ndarray, shape (I, S)
+        complex64, V. Of impulse, rectangular and lfm radars the range bins themselves, of fmcw the samples of every
+        sweep, of stepped the frequency steps, of cw one sample per frame.
+    """
+    return waveform_of(radar).synthesise(scatterers, radar)
 
 
-def _row(values: Any) -> Any:
-    """The values; of a table that repeats one row (a broadcast view) that row, which saves a pass over memory."""
-    return values[:1] if values.strides[0] == 0 else values
+def compress(samples: npt.NDArray[Any], radar: Radar) -> npt.NDArray[np.complex64]:
+    """Range bins of receiver samples: window and transform for fmcw and stepped, else the samples themselves.
+
+    Parameters
+    ----------
+    samples : ndarray, shape (I, S), complex
+        V.
+    radar : Radar
+
+    Returns
+    -------
+    ndarray, shape (I, N)
+        complex64, V. A point echo keeps its amplitude; noise of mean square s^2 per sample has s^2 times the
+        waveform's ``noise_gain`` per bin.
+
+    Raises
+    ------
+    AnalysisError
+        If there are not as many samples in a row as the radar takes.
+    """
+    waveform = waveform_of(radar)
+    if samples.ndim != 2 or samples.shape[1] != waveform.n_samples(radar):
+        raise AnalysisError(
+            f"receiver samples have the shape {samples.shape}; a radar of waveform {radar.waveform!r} with these "
+            f"parameters takes {waveform.n_samples(radar)} samples a frame, shape (frames, samples)"
+        )
+    return waveform.compress(samples, radar)
 
 
 def label_baseband(values: Any, slow_time_s: Any, radar: Radar) -> xr.DataArray:
@@ -74,17 +102,21 @@ def add_noise(baseband: xr.DataArray, *, noise_power_v2: float, rng: np.random.G
 
     Takes a single 64-bit key from ``rng``; the value in a bin of a frame is a function of (key, frame, bin) only.
     """
+    return baseband.copy(data=noisy(baseband.values, noise_power_v2=noise_power_v2, rng=rng))
+
+
+def noisy(samples: npt.NDArray[Any], *, noise_power_v2: float, rng: np.random.Generator) -> npt.NDArray[np.complex64]:
+    """Receiver samples or range bins with noise, as :func:`add_noise`; a new array."""
     from doppelgait.core.kernels.noise import add_noise_matrix, draw_key
 
-    noisy = np.array(baseband.values, dtype=np.result_type(baseband.dtype, np.complex64), order="C")
-    add_noise_matrix(noisy, draw_key(rng), float(np.sqrt(noise_power_v2)))
-    return baseband.copy(data=noisy)
+    result = np.array(samples, dtype=np.result_type(samples.dtype, np.complex64), order="C")
+    add_noise_matrix(result, draw_key(rng), float(np.sqrt(noise_power_v2)))
+    return result
 
 
-def frame_power_v2(baseband: xr.DataArray) -> float:
-    """Signal level of SNR_frame: time mean of the strongest bin's |y|^2, V^2."""
-    values = baseband.values
-    return float((values.real**2 + values.imag**2).max(axis=1).mean(dtype=np.float64))
+def frame_power_v2(bins: npt.NDArray[Any]) -> float:
+    """Signal level of SNR_frame: time mean of the strongest bin's |y|^2, V^2; of an (I, N) data matrix."""
+    return float((bins.real**2 + bins.imag**2).max(axis=1).mean(dtype=np.float64))
 
 
 def noise_level_v2(radar: Radar, signal_v2: float, snr_db: float | None) -> float:
@@ -114,48 +146,11 @@ def snr_frame_db(signal_v2: float, noise_v2: float) -> float:
     return 10.0 * math.log10(signal_v2 / noise_v2) if signal_v2 > 0 else -math.inf
 
 
-def warn_of_limits(scatterers: xr.Dataset, radar: Radar) -> None:
-    """Warn, naming the values, of scatterers that alias in Doppler or leave the frame, and of sparse range bins.
-
-    Limits: E-06 for Doppler, E-15 for the frame, twice the half-power width of an echo (E-11) for the bins.
-    """
-    if radar.bin_spacing_m > 2.0 * radar.range_resolution_m:
-        warnings.warn(
-            f"sparse range bins: they are {radar.bin_spacing_m:.3g} m apart, but an echo is only "
-            f"{radar.range_resolution_m:.3g} m wide, so that targets between two bins vanish; lower radar.decimation "
-            f"({radar.decimation}) or raise radar.sample_rate_hz",
-            DoppelgaitWarning,
-            stacklevel=3,
-        )
-    speeds = scatterers["radial_velocity"].values
-    fastest = max(float(speeds.max()), -float(speeds.min()))
-    if fastest >= radar.unambiguous_velocity_mps:
-        needed = 2.0 * float(velocity_to_doppler_hz(fastest, radar.wavelength_m)) + 60.0
-        warnings.warn(
-            f"aliasing: a scatterer reaches {fastest:.2f} m/s, but prf_hz = {radar.prf_hz:g} is unambiguous only to "
-            f"{radar.unambiguous_velocity_mps:.2f} m/s; set radar.prf_hz to {np.ceil(needed / 10) * 10:g} or more",
-            DoppelgaitWarning,
-            stacklevel=3,
-        )
-    ranges = scatterers["range"].values
-    nearest, farthest = float(ranges.min()), float(ranges.max())
-    if nearest < radar.range_start_m or farthest > radar.range_stop_m:
-        outside = float(((ranges < radar.range_start_m) | (ranges > radar.range_stop_m)).mean())
-        share = f"{100 * outside:.0f} %" if outside >= 0.005 else "less than 1 %"
-        warnings.warn(
-            f"outside the frame: {share} of all scatterer samples (ranges {nearest:.2f} to "
-            f"{farthest:.2f} m) lie outside {radar.range_start_m:g} to {radar.range_stop_m:g} m and are lost; move "
-            "the target or change radar.range_start_m / range_stop_m",
-            DoppelgaitWarning,
-            stacklevel=3,
-        )
-
-
 def lowest_prf_hz(scatterers: xr.Dataset, radar: Radar, cpi_s: float) -> float:
     """Lowest frame rate at which no scatterer aliases: 2 (max |f_d| + 3 / T_d), rounded up to 1 Hz (E-06).
 
     For reproducing the report only: chosen per recording it tells the speed to every feature.
     """
-    fastest = float(np.abs(scatterers["radial_velocity"].values).max())
+    fastest = float(np.abs(scatterers["radial_velocity"].values).max(initial=0.0))
     doppler_hz = float(velocity_to_doppler_hz(fastest, radar.wavelength_m))
     return float(np.ceil(2.0 * (doppler_hz + 3.0 / cpi_s)))

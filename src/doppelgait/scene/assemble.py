@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -10,10 +11,18 @@ import xarray as xr
 
 from doppelgait.core.labels import SCATTERER_VARIABLES, axis
 from doppelgait.motion.retime import check_times, fit_centre, fit_spline, resample
-from doppelgait.scene.scatterers import scatterers_of
+from doppelgait.radar.link import MIN_RANGE_M
+from doppelgait.scene.rcs import RcsSpec
+from doppelgait.scene.scatterers import Scatterers, scatterers_of
 from doppelgait.scene.target import Scene, Target, placed_motion
 
 FloatArray = npt.NDArray[np.float64]
+
+BACKGROUND = -1
+"""Target number of scatterers that belong to no target."""
+
+TABLE_VARIABLES = ("range", "radial_velocity", "aspect", "azimuth", "elevation", "rcs", "path_gain")
+"""What a scene puts into the scatterer table."""
 
 ASPECT_MIN_SPEED_MPS = 0.05
 """Below this speed a scatterer has no direction of motion, hence no aspect angle (E-04)."""
@@ -60,6 +69,53 @@ def line_of_sight(position_m: FloatArray, velocity_mps: FloatArray, radar_positi
     )
 
 
+def bistatic_line_of_sight(
+    position_m: FloatArray,
+    velocity_mps: FloatArray,
+    *,
+    transmitter_position_m: npt.ArrayLike,
+    receiver_position_m: npt.ArrayLike,
+) -> LineOfSight:
+    """Range, radial velocity and angles of moving points as seen by a radar whose receiver is elsewhere.
+
+    Parameters
+    ----------
+    position_m, velocity_mps : ndarray, shape (..., 3)
+    transmitter_position_m, receiver_position_m : array_like, shape (3,)
+
+    Returns
+    -------
+    LineOfSight
+        Range (R_t + R_r) / 2, half the length of the echo's path; radial velocity -v . (u_t + u_r) / 2, so that the
+        Doppler frequency is 2 / lambda times it (Willis, Bistatic Radar, ch. 6); angles from the transmitter.
+    """
+    sight = line_of_sight(position_m, velocity_mps, transmitter_position_m)
+    back = line_of_sight(position_m, velocity_mps, receiver_position_m)
+    return replace(
+        sight,
+        range_m=(sight.range_m + back.range_m) / 2.0,
+        radial_velocity_mps=(sight.radial_velocity_mps + back.radial_velocity_mps) / 2.0,
+    )
+
+
+def bistatic_spreading(transmitter_range_m: npt.ArrayLike, receiver_range_m: npt.ArrayLike) -> FloatArray:
+    r"""Two-way power gain that turns the monostatic radar equation into the bistatic one.
+
+    The radar equation (E-14) takes :math:`R = (R_t + R_r) / 2` to the power -4; with the gain :math:`(R^2 / (R_t
+    R_r))^2` the echo goes with :math:`R_t^{-2} R_r^{-2}` (Willis, Bistatic Radar, ch. 4). It is 1 for
+    :math:`R_t = R_r`, above 1 otherwise.
+
+    Parameters
+    ----------
+    transmitter_range_m, receiver_range_m : array_like
+        R_t and R_r; as in the radar equation each is taken as at least 0.2 m.
+    """
+    there, back = np.asarray(transmitter_range_m, dtype=float), np.asarray(receiver_range_m, dtype=float)
+    mean = np.maximum((there + back) / 2.0, MIN_RANGE_M)
+    ratio = mean * mean / (np.maximum(there, MIN_RANGE_M) * np.maximum(back, MIN_RANGE_M))
+    return np.asarray(ratio * ratio)
+
+
 def assemble(
     scene: Scene, slow_time_s: npt.ArrayLike, *, angles: bool = True, rng: np.random.Generator | None = None
 ) -> xr.Dataset:
@@ -78,8 +134,15 @@ def assemble(
     Returns
     -------
     Dataset (slow_time, scatterer)
-        The variables of :data:`doppelgait.core.labels.SCATTERER_VARIABLES`, with ``target`` (number), ``marker`` and
-        ``part`` of every scatterer.
+        The variables of :data:`doppelgait.core.labels.SCATTERER_VARIABLES`, with ``target``, ``marker`` and ``part``
+        of every scatterer. ``target`` is the number among the scene's ``observed_targets``, -1 for what belongs to a
+        background mover. An empty room has a table of no scatterers.
+
+        Where the receiver is elsewhere, ``range`` and ``radial_velocity`` are those of
+        :func:`bistatic_line_of_sight`, ``path_gain`` holds :func:`bistatic_spreading` and the occlusion of both ways,
+        angles are those from the transmitter, and the attribute ``bistatic`` is set. The radar cross section is then
+        the monostatic one along the bisector of the two ways to the body centre, which is exact for smooth convex
+        bodies in the limit of short waves (Kell, Proc. IEEE 53, 1965); forward scattering is not modelled.
 
     Raises
     ------
@@ -94,39 +157,100 @@ def assemble(
 def observe(
     scene: Scene, slow_time_s: npt.ArrayLike, *, angles: bool = True, rng: np.random.Generator | None = None
 ) -> tuple[xr.Dataset, list[LineOfSight]]:
-    """Scatterer table of all targets (:func:`assemble`) and the line of sight of every target's body centre."""
+    """Scatterer table (:func:`assemble`) and the line of sight of the body centre of every observed target."""
     times = np.asarray(slow_time_s, dtype=float)
     motions = [placed_motion(target, scene) for target in scene.targets]
-    tables = [_target_table(m, n, scene, times, angles, rng) for n, m in enumerate(motions)]
+    numbers = target_numbers(scene)
+    tables = [
+        _target_table(motion, target.rcs_spec, number, scene, times, angles, rng)
+        for motion, target, number in zip(motions, scene.targets, numbers, strict=True)
+    ] or [_empty_table(scene, times, angles)]
     table = tables[0] if len(tables) == 1 else xr.concat(tables, dim="scatterer", combine_attrs="override")
-    return table, [_centre_track(motion, scene, times) for motion in motions]
+    observed = [motion for motion, number in zip(motions, numbers, strict=True) if number != BACKGROUND]
+    return table, [_centre_track(motion, scene, times) for motion in observed]
+
+
+def target_numbers(scene: Scene) -> list[int]:
+    """Number of every target of a scene in its scatterer table: its place among the observed ones, or -1."""
+    numbers = iter(range(len(scene.targets)))
+    return [BACKGROUND if target.background else next(numbers) for target in scene.targets]
 
 
 def _target_table(
-    motion: xr.DataArray, number: int, scene: Scene, times: FloatArray, angles: bool, rng: np.random.Generator | None
-) -> xr.Dataset:
-    scatterers = scatterers_of(motion, scene.targets[number].rcs_spec, times, scene.radar_position_m, rng=rng)
+    motion: xr.DataArray, rcs: RcsSpec, number: int, scene: Scene, times: FloatArray, angles: bool,
+    rng: np.random.Generator | None,
+) -> xr.Dataset:  # fmt: skip
+    scatterers = _scatterers(motion, rcs, scene, times, rng)
     range_m, approach_mps = ranges_and_velocities(scatterers.motion, times, scene.radar_position_m)
-    parts = [str(part) for part in axis(scatterers.motion, "part")]
+    gain = scatterers.path_gain
+    if scene.receiver_position_m is not None:
+        back_m, back_mps = ranges_and_velocities(scatterers.motion, times, scene.receiver_position_m)
+        gain = gain * bistatic_spreading(range_m, back_m)
+        range_m, approach_mps = (range_m + back_m) / 2.0, (approach_mps + back_mps) / 2.0
     values = {
         "range": range_m,
         "radial_velocity": approach_mps,
         "rcs": np.broadcast_to(scatterers.rcs_m2, range_m.shape),
-        "path_gain": np.broadcast_to(scatterers.path_gain, range_m.shape),
+        "path_gain": np.broadcast_to(gain, range_m.shape),
     }
     if angles:
         sight = line_of_sight(*resample(scatterers.motion, times), scene.radar_position_m)
         values |= {"aspect": sight.aspect_rad, "azimuth": sight.azimuth_rad, "elevation": sight.elevation_rad}
+    parts = np.array([str(part) for part in axis(scatterers.motion, "part")])
+    return _labelled(values, scene, times, number, axis(scatterers.motion, "marker").astype(str), parts)
+
+
+def _empty_table(scene: Scene, times: FloatArray, angles: bool) -> xr.Dataset:
+    """Table of no scatterers, the receiver's view of an empty room."""
+    left_out = () if angles else ("aspect", "azimuth", "elevation")
+    nothing = np.empty((times.size, 0))
+    names = np.empty(0, dtype=str)
+    values = {name: nothing for name in TABLE_VARIABLES if name not in left_out}
+    return _labelled(values, scene, times, BACKGROUND, names, names)
+
+
+def _labelled(
+    values: Mapping[str, FloatArray], scene: Scene, times: FloatArray, number: int,
+    names: npt.NDArray[np.str_], parts: npt.NDArray[np.str_],
+) -> xr.Dataset:  # fmt: skip
     dims = ("slow_time", "scatterer")
     return xr.Dataset(
         {name: (dims, values[name], {"units": unit}) for name, unit in SCATTERER_VARIABLES.items() if name in values},
         coords={
             "slow_time": ("slow_time", times, {"units": "s"}),
-            "target": ("scatterer", np.full(len(parts), number)),
-            "marker": ("scatterer", axis(scatterers.motion, "marker").astype(str)),
-            "part": ("scatterer", np.array(parts)),
+            "target": ("scatterer", np.full(names.size, number)),
+            "marker": ("scatterer", names),
+            "part": ("scatterer", parts),
         },
+        attrs={} if scene.receiver_position_m is None else {"bistatic": True},
     )
+
+
+def _scatterers(
+    motion: xr.DataArray, rcs: RcsSpec, scene: Scene, times: FloatArray, rng: np.random.Generator | None
+) -> Scatterers:
+    """Scatterers of a target, with the occlusion of the ways from the transmitter and to the receiver."""
+    if scene.receiver_position_m is None:
+        return scatterers_of(motion, rcs, times, scene.radar_position_m, rng=rng)
+    lit = rcs.model_copy(update={"occlusion": False})
+    seen = scatterers_of(motion, lit, times, _bisector_point_m(motion, scene, times), rng=rng)
+    if not rcs.occlusion:
+        return seen
+    steady = rcs.model_copy(update={"fluctuation": "none", "total_spread_db": 0.0})  # the drawing is done
+    ends = (scene.radar_position_m, scene.receiver_position_m)
+    there, back = (scatterers_of(motion, steady, times, end).path_gain for end in ends)
+    return replace(seen, path_gain=np.sqrt(there * back))
+
+
+def _bisector_point_m(motion: xr.DataArray, scene: Scene, times: FloatArray) -> FloatArray:
+    """Point between transmitter and receiver to which the bisector at the body centre leads, at its mean ranges.
+
+    The bisector of an angle divides the opposite side as the adjacent sides are to each other: R_t to R_r.
+    """
+    centre_m = fit_centre(motion).at(check_times(motion, times))[0]
+    ends = np.array([scene.radar_position_m, scene.receiver_m])
+    there_m, back_m = np.sqrt(((centre_m - ends[:, None]) ** 2).sum(axis=-1)).mean(axis=-1)
+    return np.asarray(ends[0] + there_m / max(there_m + back_m, 1e-12) * (ends[1] - ends[0]))
 
 
 def ranges_and_velocities(
@@ -155,4 +279,12 @@ def body_track(target: Target, scene: Scene, slow_time_s: npt.ArrayLike) -> Line
 
 
 def _centre_track(motion: xr.DataArray, scene: Scene, times: FloatArray) -> LineOfSight:
-    return line_of_sight(*fit_centre(motion).at(check_times(motion, times)), scene.radar_position_m)
+    position_m, velocity_mps = fit_centre(motion).at(check_times(motion, times))
+    if scene.receiver_position_m is None:
+        return line_of_sight(position_m, velocity_mps, scene.radar_position_m)
+    return bistatic_line_of_sight(
+        position_m,
+        velocity_mps,
+        transmitter_position_m=scene.radar_position_m,
+        receiver_position_m=scene.receiver_position_m,
+    )

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import xarray as xr
-from pydantic import Field, field_validator
+from pydantic import field_validator, model_validator
 
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, MotionError
@@ -42,12 +42,21 @@ class SceneSpec(SceneParameters):
     Parameters
     ----------
     targets : list of TargetSpec
+        None for an empty room, which needs ``duration_s``.
     radar_position_m : (float, float, float)
     duration_s : float, optional
         By default the shortest file motion, or 5 s where all motions are models.
+    radar_azimuth_deg, radar_tilt_deg : float
+    receiver_position_m : (float, float, float), optional
     """
 
-    targets: tuple[TargetSpec, ...] = Field(min_length=1)
+    targets: tuple[TargetSpec, ...] = ()
+
+    @model_validator(mode="after")
+    def _has_duration(self) -> Self:
+        if not self.targets and self.duration_s is None:
+            raise ValueError("targets: must have at least 1 item ([[targets]]), or give duration_s for an empty room")
+        return self
 
 
 DEFAULT_DURATION_S = 5.0
@@ -81,7 +90,7 @@ def build_scene(spec: SceneSpec, *, folder: Path | None = None, rng: np.random.G
             motions[number] = _target_motion(spec, number, seconds, folder, rng)
         options = target.model_dump(exclude={"motion", "rcs", "path"})
         targets.append(Target(motion=motions[number], rcs=target.rcs, path=target.path, **options))
-    return Scene(targets, radar_position_m=spec.radar_position_m, duration_s=spec.duration_s)
+    return Scene(targets, **{name: getattr(spec, name) for name in SceneParameters.model_fields})
 
 
 def _target_motion(

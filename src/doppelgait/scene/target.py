@@ -33,6 +33,7 @@ class TargetParameters(FrozenModel):
     start_position_m: tuple[float, float] | None = None
     heading_deg: float | None = Field(default=None, ge=-360, le=360)
     path: Path | None = None
+    background: bool = False
 
     @field_validator("path", mode="before")
     @classmethod
@@ -48,6 +49,9 @@ class SceneParameters(FrozenModel):
 
     radar_position_m: tuple[float, float, float] = (0.0, 0.0, 1.0)
     duration_s: float | None = Field(default=None, gt=0, le=3600)
+    radar_azimuth_deg: float = Field(default=0.0, ge=-360, le=360)
+    radar_tilt_deg: float = Field(default=0.0, ge=-90, le=90)
+    receiver_position_m: tuple[float, float, float] | None = None
 
 
 def _check_parameters(owner: Any, model: type[FrozenModel]) -> None:
@@ -90,6 +94,9 @@ class Target:
     path : Path or table, optional
         Way over the ground (:mod:`doppelgait.motion.paths`) in the frame of ``start_position_m`` and ``heading_deg``,
         which it needs; straight on by default.
+    background : bool
+        A mover that scatters but is no target: a fan, a curtain. It has no truth and no result, and its scatterers
+        have target number -1.
 
     Raises
     ------
@@ -109,6 +116,7 @@ class Target:
     start_position_m: tuple[float, float] | None = None
     heading_deg: float | None = None
     path: Path | Mapping[str, Any] | None = None
+    background: bool = field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
         check_signal(self.motion, MOTION)
@@ -145,28 +153,37 @@ class Scene:
     Parameters
     ----------
     targets : sequence of Target
-        One or more.
+        None for an empty room, which needs ``duration_s``.
     radar_position_m : (float, float, float)
-        Position of the radar, z up from the floor.
+        Position of the radar (of its transmitter, where the receiver is elsewhere), z up from the floor.
     duration_s : float, optional
         Observation time T_o; the shortest motion by default.
+    radar_azimuth_deg, radar_tilt_deg : float
+        Where the antenna looks (its boresight): azimuth from +x towards +y, -360 to 360 degrees, and tilt up from the
+        horizontal, -90 to 90 degrees. Of no effect for an isotropic antenna.
+    receiver_position_m : (float, float, float), optional
+        Position of the receiver of a bistatic radar; at ``radar_position_m`` by default.
 
     Raises
     ------
     ConfigError
-        If a parameter is not allowed, there is no target, or a motion is shorter than ``duration_s``.
+        If a parameter is not allowed, there is neither a target nor ``duration_s``, or a motion is shorter than
+        ``duration_s``.
     """
 
     targets: Sequence[Target]
     radar_position_m: tuple[float, float, float] = (0.0, 0.0, 1.0)
     duration_s: float | None = None
+    radar_azimuth_deg: float = 0.0
+    radar_tilt_deg: float = 0.0
+    receiver_position_m: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
         _check_parameters(self, SceneParameters)
         if not isinstance(self.targets, Sequence) or not all(isinstance(target, Target) for target in self.targets):
             raise ConfigError("targets: must be a list of Target")
-        if not self.targets:
-            raise ConfigError("a scene needs at least one target")
+        if not self.targets and self.duration_s is None:
+            raise ConfigError("targets: a scene needs at least one target, or duration_s for an empty room")
         object.__setattr__(self, "targets", tuple(self.targets))
         for number, target in enumerate(self.targets):
             lasts = self._lasts_s(number, target)
@@ -189,6 +206,16 @@ class Scene:
         if self.duration_s is not None:
             return self.duration_s
         return min(duration_s(scaled_motion(target)) for target in self.targets)
+
+    @property
+    def observed_targets(self) -> tuple[Target, ...]:
+        """Targets that are no background, in the order of their numbers in the scatterer table."""
+        return tuple(target for target in self.targets if not target.background)
+
+    @property
+    def receiver_m(self) -> tuple[float, float, float]:
+        """Position of the receiver; the radar's, unless it is bistatic."""
+        return self.receiver_position_m if self.receiver_position_m is not None else self.radar_position_m
 
 
 def scaled_motion(target: Target) -> xr.DataArray:

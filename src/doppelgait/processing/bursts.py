@@ -1,0 +1,265 @@
+"""Signature of data that come in bursts: some pulses at a high rate, a pause, the next pulses.
+
+Frames of sensors that sleep in between and microcontrollers that sample and send in turn give such data. A processing
+interval must not cross a pause, so every burst becomes one column.
+"""
+
+from __future__ import annotations
+
+import json
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core.errors import AnalysisError, DoppelgaitWarning
+from doppelgait.core.labels import BASEBAND, SIGNATURE, axis, check_signal, make_array
+from doppelgait.core.units import doppler_axis_hz, doppler_to_velocity_mps
+from doppelgait.processing.config import MIN_CPI_PULSES, Analysis, gaussian_window, next_fast_length
+from doppelgait.processing.gate import gate_centre_m, gate_edges_in
+
+FloatArray = npt.NDArray[np.float64]
+
+PAUSE = 1.5
+"""A step of slow time this many times the usual one is a pause between bursts."""
+UNEVEN = 0.1
+"""Largest deviation of a pause between columns from the usual one that is not worth a warning."""
+
+
+def find_burst_pulses(slow_time_s: npt.ArrayLike) -> int | None:
+    """Pulses in each burst, found from the pauses in the times; None where there is no pause.
+
+    Parameters
+    ----------
+    slow_time_s : array_like, shape (I,)
+        Rising times of the pulses.
+
+    Returns
+    -------
+    int or None
+
+    Raises
+    ------
+    AnalysisError
+        If the bursts have different lengths; a shorter last one is allowed.
+    """
+    times = np.asarray(slow_time_s, dtype=float)
+    steps = np.diff(times)
+    if steps.size < 2 or not (steps > 0).all():
+        return None
+    # The usual step is the shortest third: with two pulses in a burst every other step is a pause.
+    usual = float(np.quantile(steps, 0.3, method="lower"))
+    ends = np.flatnonzero(steps > PAUSE * usual) + 1
+    if not ends.size:
+        return None
+    lengths = np.diff([0, *ends])
+    if (lengths != lengths[0]).any() or times.size - ends[-1] > lengths[0]:
+        found = sorted({int(n) for n in (*lengths, times.size - ends[-1])})
+        raise AnalysisError(
+            f"the bursts of this recording have different lengths ({', '.join(map(str, found))} pulses); pulses are "
+            "missing or burst_pulses must be given"
+        )
+    return int(lengths[0])
+
+
+def burst_pulses_of(baseband: xr.DataArray) -> int | None:
+    """Pulses in each burst of a recording: its attribute ``burst_pulses``, else what its times show, else None."""
+    stated = baseband.attrs.get("burst_pulses")
+    return int(stated) if stated is not None else find_burst_pulses(axis(baseband, "slow_time"))
+
+
+@dataclass(frozen=True)
+class _Bursts:
+    """Slow time in bursts.
+
+    Parameters
+    ----------
+    count, pulses : int
+        Whole bursts J and pulses in each, M.
+    prf_hz, period_s : float
+        Pulses per second within a burst; time from burst to burst (the burst's own with one burst).
+    time_s : ndarray, shape (J,)
+        Middle of every burst.
+    """
+
+    count: int
+    pulses: int
+    prf_hz: float
+    period_s: float
+    time_s: FloatArray
+
+
+def burst_signature(
+    baseband: xr.DataArray,
+    gate: xr.Dataset | None,
+    analysis: Analysis,
+    *,
+    wavelength_m: float,
+    burst_pulses: int | None = None,
+    remove_mean: bool = True,
+) -> xr.DataArray:
+    """Micro-Doppler signature of data in bursts, one column per burst (E-23 to E-27 with M = pulses of a burst).
+
+    ``mu[j, k] = sum_n g[j, n] |sum_m w[m] (Y[jM + m, n] - mean_m) e^{-j 2 pi k m / K}|^2``, g the share of range
+    bin n inside the gate. What is periodic in the columns aliases above half a column per burst period.
+
+    Parameters
+    ----------
+    baseband : DataArray (slow_time, range)
+        V.
+    gate : Dataset (time), optional
+        From :func:`doppelgait.processing.gate.make_gate` or a tracker; None takes every range bin. Data without range
+        (one bin) lie inside any gate as a whole.
+    analysis : Analysis
+        ``window_steepness``, ``doppler_bins`` (K >= M), ``gate_edges`` and ``method`` (K = M by default for
+        ``liland2018``) count; ``cpi_s`` and ``hop`` do not, the burst is the processing interval.
+    wavelength_m : float
+        For the velocity axis.
+    burst_pulses : int, optional
+        Pulses of a burst, 5 or more; by default the attribute of the recording, else found from its times.
+    remove_mean : bool
+        Take the mean of every burst and range bin away first: static echoes and the receiver's offset.
+
+    Returns
+    -------
+    DataArray (time, doppler)
+        float32, V^2, with the coordinates and attributes of :func:`doppelgait.processing.signature`; ``prf_hz`` is
+        that within a burst, ``cpi_pulses`` M, ``hop`` the pulses at that rate from burst to burst.
+
+    Raises
+    ------
+    AnalysisError
+        If there are no bursts, they have fewer than 5 pulses, K < M, or the gate lies outside the frame.
+    """
+    check_signal(baseband, BASEBAND)
+    bursts = _bursts(axis(baseband, "slow_time"), burst_pulses or burst_pulses_of(baseband))
+    low, high, gate_facts = _gate_edges(baseband, gate, analysis, bursts.time_s)
+    window = gaussian_window(bursts.pulses, analysis.window_steepness)
+    power = _gated_power(
+        baseband.values, bursts, window, low, high, n_doppler=_doppler_bins(analysis, bursts), remove_mean=remove_mean
+    )
+    centre_m = None if gate is None else gate_centre_m(gate, bursts.time_s)
+    _close_doppler_band(power, doppler_axis_hz(power.shape[1], bursts.prf_hz), bursts.time_s, gate)
+    coords = _coordinates(bursts, low, high, power.shape[1], ranges_m=axis(baseband, "range"), centre_m=centre_m)
+    velocity_mps = doppler_to_velocity_mps(coords["doppler"], wavelength_m)
+    attrs = {
+        "prf_hz": bursts.prf_hz,
+        "wavelength_m": wavelength_m,
+        "cpi_pulses": bursts.pulses,
+        "hop": max(1, round(bursts.period_s * bursts.prf_hz)),
+        "window_energy": float((window**2).sum()),
+        "n_gate_bins": float(high[0] - low[0]),
+        "gate": json.dumps(gate_facts),
+    }
+    return make_array(SIGNATURE, power, {**coords, "velocity": ("doppler", velocity_mps)}, attrs)
+
+
+def _coordinates(
+    bursts: _Bursts, low: FloatArray, high: FloatArray, n_doppler: int, *, ranges_m: FloatArray,
+    centre_m: FloatArray | None,
+) -> dict[str, Any]:  # fmt: skip
+    inside = np.minimum(high, ranges_m.size - 0.5) - np.maximum(low, -0.5)
+    middle_m = np.full(bursts.count, ranges_m.mean()) if centre_m is None else centre_m
+    return {
+        "time": bursts.time_s,
+        "doppler": doppler_axis_hz(n_doppler, bursts.prf_hz),
+        "centre_range": ("time", middle_m, {"units": "m"}),
+        "gate_share": ("time", np.clip(inside / (high - low), 0.0, 1.0), {"units": "1"}),
+    }
+
+
+def _bursts(slow_time_s: FloatArray, pulses: int | None) -> _Bursts:
+    if pulses is None:
+        raise AnalysisError("the recording has no bursts: its pulses are evenly spaced; use the plain signature")
+    if pulses < MIN_CPI_PULSES:
+        raise AnalysisError(
+            f"a burst has {pulses} pulse{'s' * (pulses != 1)}, at least {MIN_CPI_PULSES} are needed to tell Doppler"
+        )
+    count = slow_time_s.size // pulses
+    if not count:
+        raise AnalysisError(f"the recording has {slow_time_s.size} pulses, less than one burst of {pulses}")
+    times = slow_time_s[: count * pulses].reshape(count, pulses)
+    lengths_s = times[:, -1] - times[:, 0]
+    if not (np.diff(times, axis=1) > 0).all() or np.ptp(lengths_s) > 0.5 * lengths_s.mean() / (pulses - 1):
+        raise AnalysisError(
+            f"slow time does not fall into bursts of {pulses} evenly spaced pulses; pulses are missing or burst_pulses "
+            "is wrong"
+        )
+    middle_s = times.mean(axis=1)
+    periods_s = np.diff(middle_s)
+    prf_hz = float((pulses - 1) / lengths_s.mean())
+    period_s = float(np.median(periods_s)) if count > 1 else pulses / prf_hz
+    uneven = int((np.abs(periods_s - period_s) > UNEVEN * period_s).sum())
+    if uneven:
+        warnings.warn(
+            f"{uneven} of {periods_s.size} pauses between bursts differ from the usual {period_s:.4g} s: bursts are "
+            "missing or late, so frequencies in the rhythm of the columns are off there",
+            DoppelgaitWarning,
+            stacklevel=3,
+        )
+    return _Bursts(count, pulses, prf_hz, period_s, middle_s)
+
+
+def _doppler_bins(analysis: Analysis, bursts: _Bursts) -> int:
+    literal = analysis.method == "liland2018"
+    wanted = analysis.doppler_bins or (bursts.pulses if literal else next_fast_length(bursts.pulses))
+    if wanted < bursts.pulses:
+        raise AnalysisError(f"doppler_bins is {wanted}, but a burst has {bursts.pulses} pulses: K >= M")
+    return wanted
+
+
+def _gate_edges(
+    baseband: xr.DataArray, gate: xr.Dataset | None, analysis: Analysis, time_s: FloatArray
+) -> tuple[FloatArray, FloatArray, dict[str, Any]]:
+    """Gate edges in bins and what is kept about the gate."""
+    ranges_m = axis(baseband, "range")
+    spacing_m = float((ranges_m[-1] - ranges_m[0]) / max(ranges_m.size - 1, 1))
+    if gate is None:
+        low = np.full(time_s.size, -0.5)
+        return (
+            low,
+            low + ranges_m.size,
+            {"source": "frame", "span_m": spacing_m * ranges_m.size, "doppler_limited": False},
+        )
+    low, high = gate_edges_in(ranges_m, gate, time_s, sharp=analysis.sharp_edges)
+    if (high <= -0.5).all() or (low >= ranges_m.size - 0.5).all():
+        raise AnalysisError(
+            f"the gate ({float(gate['range_low'].min()):.2f} to {float(gate['range_high'].max()):.2f} m) lies outside "
+            f"the frame of {ranges_m[0]:.2f} to {ranges_m[-1]:.2f} m: nothing to analyse"
+        )
+    values = {key: gate.attrs[key] for key in ("source", "span_m", "doppler_limited")}
+    return low, high, {key: value.item() if hasattr(value, "item") else value for key, value in values.items()}
+
+
+def _gated_power(
+    samples: npt.NDArray[Any], bursts: _Bursts, window: FloatArray, low: FloatArray, high: FloatArray, *,
+    n_doppler: int, remove_mean: bool,
+) -> npt.NDArray[np.float32]:  # fmt: skip
+    """Power over Doppler of every burst, summed over the range bins by their share inside the gate, (J, K)."""
+    from scipy import fft
+
+    cube = samples[: bursts.count * bursts.pulses].reshape(bursts.count, bursts.pulses, -1)
+    out = np.zeros((bursts.count, n_doppler), dtype=np.float32)
+    for n in range(cube.shape[2]):
+        share = np.clip(np.minimum(high, n + 0.5) - np.maximum(low, n - 0.5), 0.0, 1.0)
+        if not share.any():
+            continue
+        pulses = cube[:, :, n].astype(np.complex128)
+        if remove_mean:
+            pulses -= pulses.mean(axis=1, keepdims=True)
+        spectrum = fft.fftshift(fft.fft(pulses * window, n_doppler, axis=1), axes=1)
+        out += (share[:, None] * (spectrum.real**2 + spectrum.imag**2)).astype(np.float32)
+    return out
+
+
+def _close_doppler_band(
+    values: npt.NDArray[np.float32], doppler_hz: FloatArray, time_s: FloatArray, gate: xr.Dataset | None
+) -> None:
+    if gate is None or not gate.attrs["doppler_limited"]:
+        return
+    times = axis(gate, "time")
+    low, high = (np.interp(time_s, times, gate[name].values) for name in ("doppler_low", "doppler_high"))
+    values[(doppler_hz[None, :] < low[:, None]) | (doppler_hz[None, :] > high[:, None])] = 0.0

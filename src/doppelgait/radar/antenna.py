@@ -1,0 +1,218 @@
+"""Antenna pattern: relative gain by direction, put into the path gain of a scatterer table."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal, Self
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+from pydantic import Field, model_validator
+
+from doppelgait.core.config import FrozenModel
+from doppelgait.core.errors import ConfigError
+from doppelgait.core.units import db_to_power
+
+FloatArray = npt.NDArray[np.float64]
+
+FIELDS_OF_KIND = {
+    "isotropic": (),
+    "cosine": ("hpbw_azimuth_deg", "hpbw_elevation_deg"),
+    "table": ("angle_deg", "azimuth_db", "elevation_db"),
+}
+"""Parameters that each kind of pattern needs; ``floor_db`` may come with ``cosine``."""
+
+
+class Antenna(FrozenModel):
+    r"""Pattern of the antenna relative to its peak gain, the same for transmission and reception.
+
+    The peak gains are ``tx_gain_dbi`` and ``rx_gain_dbi`` of the radar; an echo gets the square of the one-way pattern.
+    Directions are off-boresight angles: the azimuth :math:`\phi` in the plane of the antenna's horizontal axis and the
+    elevation :math:`\epsilon` out of that plane, as of a point at :math:`(\cos\epsilon \cos\phi, \cos\epsilon
+    \sin\phi, \sin\epsilon)` with the boresight along the first axis.
+
+    Parameters
+    ----------
+    kind : {"isotropic", "cosine", "table"}
+        ``isotropic``: the same in all directions. ``cosine``: a main lobe of given width. ``table``: two measured cuts.
+    hpbw_azimuth_deg, hpbw_elevation_deg : float
+        ``cosine``: full half-power beam widths, 1 to 179 degrees. About 65 degrees in both planes suits a small patch
+        antenna like those of X4 modules (assumed: no data sheet at hand).
+    floor_db : float
+        ``cosine``: one-way level of the side and back lobes, -100 to 0 dB; the pattern is nowhere below it. -20 dB is
+        assumed.
+    angle_deg : list of float
+        ``table``: angles of the two cuts, rising, -180 to 180 degrees. Between them gains are interpolated in dB, from
+        the last round the back to the first too.
+    azimuth_db, elevation_db : list of float
+        ``table``: one-way gain of the horizontal and of the vertical cut at these angles, relative to the peak: -300
+        to 0 dB.
+
+    Notes
+    -----
+    ``cosine``: :math:`G = \cos^{q_a}\!\phi \, \cos^{q_e}\!\epsilon` for :math:`|\phi| < 90` degrees, the usual power
+    of a cosine (Balanis, Antenna Theory, directivity of :math:`\cos^q` patterns) in each plane. From
+    :math:`10 q \log_{10}\cos(\mathrm{HPBW} / 2) = -3` follows :math:`q = -3 / (10 \log_{10} \cos(\mathrm{HPBW} / 2))`:
+    both cuts are exactly 3 dB down at half their beam width. :math:`\cos\phi \cos\epsilon` is the cosine of the true
+    off-boresight angle, so that equal widths give a pattern of rotation :math:`\cos^q` of that angle.
+
+    ``table``: the two cuts add in dB, as in 3GPP TR 38.901 (7.3). Like any such sum it knows nothing outside the two
+    planes, and far from both, near straight up or down, it is no more than a guess.
+    """
+
+    kind: Literal["isotropic", "cosine", "table"] = "isotropic"
+    hpbw_azimuth_deg: float | None = Field(default=None, ge=1, le=179)
+    hpbw_elevation_deg: float | None = Field(default=None, ge=1, le=179)
+    floor_db: float = Field(default=-20.0, ge=-100, le=0)
+    angle_deg: tuple[float, ...] | None = Field(default=None, min_length=2, max_length=10_000)
+    azimuth_db: tuple[float, ...] | None = None
+    elevation_db: tuple[float, ...] | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        needed = FIELDS_OF_KIND[self.kind]
+        missing = [name for name in needed if getattr(self, name) is None]
+        if missing:
+            raise ValueError(f"antenna kind {self.kind!r} needs {' and '.join(missing)}")
+        others = {name for names in FIELDS_OF_KIND.values() for name in names if name not in needed}
+        foreign = sorted(name for name in others if getattr(self, name) is not None)
+        if self.kind != "cosine" and self.floor_db != type(self).model_fields["floor_db"].default:
+            foreign.append("floor_db")
+        if foreign:
+            raise ValueError(f"antenna kind {self.kind!r} has no {', '.join(foreign)}: leave out, or change the kind")
+        self._check_cuts()
+        return self
+
+    def _check_cuts(self) -> None:
+        if self.angle_deg is None:
+            return
+        angles = np.array(self.angle_deg)
+        if not (np.diff(angles) > 0).all() or angles[0] < -180 or angles[-1] > 180:
+            raise ValueError("angle_deg must rise from one angle to the next, within -180 to 180")
+        for name in ("azimuth_db", "elevation_db"):
+            cut_db = np.array(getattr(self, name))
+            if cut_db.size != angles.size:
+                raise ValueError(f"{name} has {cut_db.size} values, angle_deg {angles.size}; give one for every angle")
+            if cut_db.min() < -300 or cut_db.max() > 0:
+                raise ValueError(
+                    f"{name} reaches from {cut_db.min():g} to {cut_db.max():g} dB; allowed are -300 to 0 dB relative "
+                    "to the peak, whose gain is tx_gain_dbi and rx_gain_dbi"
+                )
+            if angles[-1] - angles[0] == 360 and cut_db[0] != cut_db[-1]:
+                raise ValueError(f"{name}: {cut_db[0]:g} dB at -180 and {cut_db[-1]:g} dB at 180, which are one angle")
+
+
+def antenna_gain(antenna: Antenna, azimuth_rad: npt.ArrayLike, elevation_rad: npt.ArrayLike) -> FloatArray:
+    """One-way power gain of a direction, relative to the peak.
+
+    Parameters
+    ----------
+    antenna : Antenna
+    azimuth_rad, elevation_rad : array_like
+        Off-boresight angles (:func:`off_boresight`), any azimuth and -pi/2 to pi/2; broadcast against each other.
+
+    Returns
+    -------
+    ndarray
+        0 to 1; see :class:`Antenna` for the equations.
+    """
+    azimuth, elevation = np.broadcast_arrays(np.asarray(azimuth_rad, float), np.asarray(elevation_rad, float))
+    if antenna.kind == "cosine":
+        # a direction behind the antenna has a negative cosine
+        lobe = np.maximum(np.cos(azimuth), 0.0) ** cosine_exponent(antenna.hpbw_azimuth_deg or math.nan)
+        lobe *= np.maximum(np.cos(elevation), 0.0) ** cosine_exponent(antenna.hpbw_elevation_deg or math.nan)
+        return np.asarray(np.maximum(lobe, db_to_power(antenna.floor_db)))
+    if antenna.kind == "table":
+        cuts = ((azimuth, antenna.azimuth_db), (elevation, antenna.elevation_db))
+        return np.asarray(db_to_power(sum(_cut_db(antenna, angle, cut_db) for angle, cut_db in cuts)))
+    return np.ones(azimuth.shape)
+
+
+def cosine_exponent(hpbw_deg: float) -> float:
+    """Exponent q = -3 / (10 lg cos(HPBW / 2)) of a cosine whose power is 3 dB down at half the beam width."""
+    return -3.0 / (10.0 * math.log10(math.cos(math.radians(hpbw_deg) / 2.0)))
+
+
+def _cut_db(antenna: Antenna, angle_rad: FloatArray, cut_db: tuple[float, ...] | None) -> FloatArray:
+    angle_deg, gain_db = np.array(antenna.angle_deg, dtype=float), np.array(cut_db, dtype=float)
+    last = -1 if angle_deg[-1] - angle_deg[0] == 360 else None  # -180 and 180 are one direction
+    return np.asarray(np.interp(np.degrees(angle_rad), angle_deg[:last], gain_db[:last], period=360.0))
+
+
+def off_boresight(
+    azimuth_rad: npt.ArrayLike,
+    elevation_rad: npt.ArrayLike,
+    *,
+    boresight_azimuth_rad: float = 0.0,
+    boresight_tilt_rad: float = 0.0,
+) -> tuple[FloatArray, FloatArray]:
+    r"""Azimuth and elevation in the frame of an antenna that was tilted up and then turned about the vertical.
+
+    Parameters
+    ----------
+    azimuth_rad, elevation_rad : array_like
+        Direction in the world: azimuth from +x towards +y, elevation up.
+    boresight_azimuth_rad, boresight_tilt_rad : float
+        Direction of the boresight, in the same way. The antenna's horizontal axis stays horizontal (no roll).
+
+    Returns
+    -------
+    azimuth_rad, elevation_rad : ndarray
+        -pi to pi and -pi/2 to pi/2, from the exact rotation: with :math:`\delta` the azimuth from the boresight's, t
+        the tilt, :math:`x = \cos\epsilon \cos\delta \cos t + \sin\epsilon \sin t`, :math:`y = \cos\epsilon \sin\delta`,
+        :math:`z = \sin\epsilon \cos t - \cos\epsilon \cos\delta \sin t` are the direction's components forward, to the
+        left and up.
+    """
+    turn = np.asarray(azimuth_rad, dtype=float) - boresight_azimuth_rad
+    elevation = np.asarray(elevation_rad, dtype=float)
+    cos_tilt, sin_tilt = math.cos(boresight_tilt_rad), math.sin(boresight_tilt_rad)
+    level, up = np.cos(elevation), np.sin(elevation)
+    ahead, left = level * np.cos(turn), level * np.sin(turn)
+    forward = ahead * cos_tilt + up * sin_tilt
+    above = up * cos_tilt - ahead * sin_tilt
+    return np.arctan2(left, forward), np.arcsin(np.clip(above, -1.0, 1.0))
+
+
+def apply_antenna(
+    scatterers: xr.Dataset, antenna: Antenna, *, boresight_azimuth_rad: float = 0.0, boresight_tilt_rad: float = 0.0
+) -> xr.Dataset:
+    """Scatterer table with the two-way pattern in its path gain.
+
+    Parameters
+    ----------
+    scatterers : Dataset (slow_time, scatterer)
+        With ``azimuth`` and ``elevation`` (rad) in the world frame. Those are the direction from the transmitter; of a
+        bistatic table the receiver is assumed to see every scatterer as far off its own boresight.
+    antenna : Antenna
+    boresight_azimuth_rad, boresight_tilt_rad : float
+        Where the antenna looks: azimuth from +x towards +y, tilt up.
+
+    Returns
+    -------
+    Dataset
+        A new table whose ``path_gain`` is multiplied by the square of :func:`antenna_gain`, since transmission and
+        reception have the same pattern; the table itself for an isotropic antenna.
+
+    Raises
+    ------
+    ConfigError
+        If the pattern needs angles that are not in the table.
+    """
+    if antenna.kind == "isotropic":
+        return scatterers
+    missing = [name for name in ("azimuth", "elevation") if name not in scatterers.variables]
+    if missing:
+        raise ConfigError(
+            f"radar.antenna.kind = {antenna.kind!r} needs the direction of every scatterer, but the scatterer table "
+            f"has no {' and no '.join(missing)}; assemble it with angles=True, or take antenna kind 'isotropic'"
+        )
+    azimuth_rad, elevation_rad = off_boresight(
+        scatterers["azimuth"].values,
+        scatterers["elevation"].values,
+        boresight_azimuth_rad=boresight_azimuth_rad,
+        boresight_tilt_rad=boresight_tilt_rad,
+    )
+    gain = antenna_gain(antenna, azimuth_rad, elevation_rad)
+    path_gain = scatterers["path_gain"]
+    return scatterers.assign(path_gain=path_gain.copy(data=path_gain.values * (gain * gain)))

@@ -1,0 +1,171 @@
+"""What stands still: the direct path from transmitter to receiver, and the room."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import Annotated, Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field, field_validator, model_validator
+
+from doppelgait.core.config import FrozenModel
+from doppelgait.core.units import db_to_amplitude, dbm_to_watt, watt_to_volt
+from doppelgait.radar.config import Radar
+from doppelgait.radar.impairments.levels import level_to_volt, static_samples, volts_per_unit
+from doppelgait.radar.impairments.registry import IMPAIRMENTS, Impairment, Samples
+from doppelgait.radar.impairments.waveform import check_width, echo_energy_m
+
+CELLS_BEYOND = 3
+"""Resolution cells of clutter before and behind the frame, whose echoes reach into it."""
+SCATTERERS_PER_CELL = 4
+"""So many in a half-power width that their sum is a smooth complex Gaussian process in range."""
+MAX_SCATTERERS = 200_000
+
+Level = tuple[Annotated[float, Field(ge=0, le=1e6)], Annotated[float, Field(ge=-400, le=100)]]
+
+
+class Leakage(FrozenModel):
+    """Direct path from transmitter to receiver: one echo that never moves, of the width the waveform has.
+
+    An X4 shows about 0.06 units at 0 m and a tail of 1.3e-2 units at 0.7 m: two such tables.
+
+    Parameters
+    ----------
+    delay_m : float
+        Range at which it appears: half its path.
+    level_db : float, optional
+        Amplitude of its peak in range, dB re 1 V. Give this or ``isolation_db``.
+    in_units : bool
+        ``level_db`` is re one unit of the sensor's own files (``radar.volts_per_unit``).
+    isolation_db : float, optional
+        Loss from the transmit power to the receiver's input; 34 dB if no level is given (what an X4 shows, assumed).
+    phase_deg : float
+        Phase added to that of the path.
+    """
+
+    kind: Literal["leakage"] = "leakage"
+    delay_m: float = Field(default=0.05, ge=0, le=1e5)
+    level_db: float | None = Field(default=None, ge=-400, le=100)
+    in_units: bool = False
+    isolation_db: float | None = Field(default=None, ge=-100, le=400)
+    phase_deg: float = Field(default=0.0, ge=-360, le=360)
+
+    @model_validator(mode="after")
+    def _one_level(self) -> Leakage:
+        if self.level_db is not None and self.isolation_db is not None:
+            raise ValueError("give level_db or isolation_db, not both")
+        if self.in_units and self.level_db is None:
+            raise ValueError("in_units belongs to level_db, which is not given")
+        return self
+
+
+DEFAULT_ISOLATION_DB = 34.0
+
+
+def leakage_v(spec: Leakage, radar: Radar) -> float:
+    """Amplitude of the direct path at the receiver output: as given, or sqrt(2 Z0 P_t) 10^((G_rx - isolation) / 20)."""
+    if spec.level_db is not None:
+        return level_to_volt(spec.level_db, radar, in_units=spec.in_units, wanted_by="leakage: level_db")
+    loss_db = DEFAULT_ISOLATION_DB if spec.isolation_db is None else spec.isolation_db
+    sent_v = float(watt_to_volt(dbm_to_watt(radar.tx_power_dbm)))
+    return sent_v * float(db_to_amplitude(radar.receiver_gain_db - loss_db))
+
+
+def add_leakage(samples: Samples, spec: Leakage, /, *, radar: Radar, rng: np.random.Generator) -> Samples:
+    """Samples with the direct path added to every pulse."""
+    del rng
+    check_width(samples, radar)
+    row = static_samples(np.array([[spec.delay_m]]), np.array([[leakage_v(spec, radar)]]), radar)
+    phase_rad = math.radians(spec.phase_deg)
+    return samples + row * np.complex64(complex(math.cos(phase_rad), math.sin(phase_rad)))
+
+
+class StaticClutter(FrozenModel):
+    r"""The room: scatterers at rest at all ranges, drawn once for a recording.
+
+    Several scatterers stand in every resolution cell, each of random phase and exponential power, so that |y| is
+    Rayleigh distributed over realisations with the mean square
+
+    .. math:: E|y(R)|^2 = \sum_k E a_k^2\, |p(R - R_k)|^2 \approx \overline{a^2}(R)\, \frac{1}{d} \int |p(r)|^2\,dr
+
+    (p: range response of one echo with peak 1; d: spacing of the scatterers). An empty room before an X4 showed -51 dB
+    (re one unit) at 0.85 m and -60 to -88 dB by 8 m.
+
+    Parameters
+    ----------
+    levels : list of (range_m, level_db), optional
+        Root mean square of \|y\| at rising ranges, dB re 1 V; linear in dB between them, constant outside.
+    in_units : bool
+        Levels are re one unit of the sensor's own files (``radar.volts_per_unit``).
+    rcs_per_metre_m2 : float, optional
+        Instead of levels: mean radar cross section in a metre of range, m^2 (furniture: 0.03 to 0.3); the level follows
+        from the radar equation.
+    """
+
+    kind: Literal["static_clutter"] = "static_clutter"
+    levels: tuple[Level, ...] | None = Field(default=None, min_length=1, max_length=10_000)
+    in_units: bool = False
+    rcs_per_metre_m2: float | None = Field(default=None, ge=0, le=1e6)
+
+    @field_validator("levels")
+    @classmethod
+    def _rising(cls, levels: tuple[Level, ...] | None) -> tuple[Level, ...] | None:
+        for (one_m, _), (other_m, _) in pairwise(levels or ()):
+            if other_m <= one_m:
+                raise ValueError(f"ranges must rise from entry to entry, not go from {one_m:g} to {other_m:g} m")
+        return levels
+
+    @model_validator(mode="after")
+    def _one_way(self) -> StaticClutter:
+        if (self.levels is None) == (self.rcs_per_metre_m2 is None):
+            raise ValueError("give exactly one of levels and rcs_per_metre_m2")
+        if self.in_units and self.levels is None:
+            raise ValueError("in_units belongs to levels, which are not given")
+        return self
+
+
+def add_static_clutter(samples: Samples, spec: StaticClutter, /, *, radar: Radar, rng: np.random.Generator) -> Samples:
+    """Samples with one realisation of the room added to every pulse."""
+    check_width(samples, radar)
+    range_m, spacing_m = clutter_ranges(radar)
+    rms_v = clutter_rms_v(range_m, spec, radar)
+    amplitude_v = rms_v * np.sqrt(rng.standard_exponential(range_m.size) * spacing_m / echo_energy_m(radar))
+    # a place anywhere within a quarter wavelength to either side makes the phase uniform
+    range_m = range_m + rng.uniform(-0.25, 0.25, size=range_m.size) * radar.wavelength_m
+    return samples + static_samples(range_m[None], amplitude_v[None], radar)
+
+
+def clutter_ranges(radar: Radar) -> tuple[npt.NDArray[np.float64], float]:
+    """Ranges of the clutter's scatterers and their spacing, m.
+
+    They begin before range 0 where the frame does not: without them its first cell would get half its power.
+    """
+    cell_m = radar.range_resolution_m
+    span_m = radar.range_stop_m - radar.range_start_m
+    if cell_m < span_m:
+        beyond_m = CELLS_BEYOND * cell_m
+    else:  # one cell holds the whole frame
+        cell_m, beyond_m = span_m / SCATTERERS_PER_CELL, 0.0
+    n_scatterers = math.ceil((span_m + 2.0 * beyond_m) / cell_m * SCATTERERS_PER_CELL)
+    n_scatterers = min(n_scatterers, MAX_SCATTERERS)
+    spacing_m = (span_m + 2.0 * beyond_m) / n_scatterers
+    range_m = radar.range_start_m - beyond_m + spacing_m * (np.arange(n_scatterers) + 0.5)
+    return np.asarray(range_m, dtype=np.float64), spacing_m
+
+
+def clutter_rms_v(range_m: npt.NDArray[np.float64], spec: StaticClutter, radar: Radar) -> npt.NDArray[np.float64]:
+    """Root mean square of the clutter after compression at each range, V."""
+    from doppelgait.radar.link import echo_amplitude_v
+
+    if spec.levels is None:
+        one_m2_v = echo_amplitude_v(radar, range_m=range_m, rcs_m2=1.0)
+        return np.asarray(one_m2_v * math.sqrt(float(spec.rcs_per_metre_m2 or 0.0) * echo_energy_m(radar)))
+    knots_m, levels_db = np.array(spec.levels).T
+    unit_v = volts_per_unit(radar, wanted_by="static_clutter: levels") if spec.in_units else 1.0
+    return np.asarray(db_to_amplitude(np.interp(range_m, knots_m, levels_db)) * unit_v)
+
+
+IMPAIRMENTS.add("leakage", Impairment(Leakage, add_leakage))
+IMPAIRMENTS.add("static_clutter", Impairment(StaticClutter, add_static_clutter))

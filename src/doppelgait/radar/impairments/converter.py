@@ -1,0 +1,185 @@
+"""Analogue-to-digital conversion: a uniform quantiser, and the swept threshold of the X4."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field, model_validator
+
+from doppelgait.core.config import FrozenModel
+from doppelgait.core.errors import ConfigError, DoppelgaitWarning
+from doppelgait.core.units import db_to_amplitude
+from doppelgait.radar.config import Radar
+from doppelgait.radar.impairments.levels import volts_per_unit
+from doppelgait.radar.impairments.registry import IMPAIRMENTS, Impairment, Samples
+
+Parts = npt.NDArray[np.float64]
+
+WARN_CLIPPED = 0.01
+"""Share of clipped values above which a user is told."""
+
+
+class Adc(FrozenModel):
+    r"""Two's complement converter for I and for Q, each of 2^bits levels from -full scale to full scale.
+
+    A sine that reaches full scale less the back-off has the signal-to-quantisation-noise ratio
+    6.02 bits + 1.76 - back-off, dB.
+
+    Parameters
+    ----------
+    bits : int
+        2 to 24.
+    full_scale_v : float, optional
+        Largest voltage of I or Q. Give this or ``backoff_db``.
+    backoff_db : float, optional
+        How far the largest value of I or Q in the recording stays below full scale, as a gain control sets it; 12 dB
+        if neither is given. Negative values clip.
+    """
+
+    kind: Literal["adc"] = "adc"
+    bits: int = Field(default=12, ge=2, le=24)
+    full_scale_v: float | None = Field(default=None, gt=0, le=1e6)
+    backoff_db: float | None = Field(default=None, ge=-60, le=120)
+
+    @model_validator(mode="after")
+    def _one_scale(self) -> Adc:
+        if self.full_scale_v is not None and self.backoff_db is not None:
+            raise ValueError("give full_scale_v or backoff_db, not both")
+        return self
+
+
+DEFAULT_BACKOFF_DB = 12.0
+
+
+def quantise(samples: Samples, spec: Adc, /, *, radar: Radar, rng: np.random.Generator) -> Samples:
+    """Samples on the converter's levels; more than 1 % of clipped values is a warning."""
+    del radar, rng
+    parts = _parts(samples)
+    full_scale_v = spec.full_scale_v or _full_scale_v(parts, spec)
+    if full_scale_v == 0.0:
+        return samples
+    half = 2 ** (spec.bits - 1)
+    codes = np.rint(parts * (half / full_scale_v))
+    clipped = float((np.abs(parts) > full_scale_v).mean()) if parts.size else 0.0
+    _warn_clipped(clipped, f"adc: {full_scale_v:.3g} V full scale", "raise full_scale_v or backoff_db")
+    return _complex(np.clip(codes, -half, half - 1) * (full_scale_v / half))
+
+
+def _parts(samples: Samples) -> Parts:
+    """I and Q side by side, float64."""
+    return np.ascontiguousarray(samples).view(np.float32).astype(np.float64)
+
+
+def _complex(parts: Parts) -> Samples:
+    return parts.astype(np.float32).view(np.complex64)
+
+
+def _full_scale_v(parts: Parts, spec: Adc) -> float:
+    backoff_db = DEFAULT_BACKOFF_DB if spec.backoff_db is None else spec.backoff_db
+    return float(np.abs(parts).max(initial=0.0)) * float(db_to_amplitude(backoff_db))
+
+
+def _warn_clipped(share: float, what: str, cure: str) -> None:
+    if share > WARN_CLIPPED:
+        warnings.warn(f"{what}: {100 * share:.0f} % of the values are clipped; {cure}", DoppelgaitWarning, stacklevel=2)
+
+
+X4_CLOCK_HZ = 243e6
+X4_DUTY = 0.95
+"""Share of a frame's time in which the X4 sends (user guide)."""
+X4_BANDS = {7.29e9: (306, 0.78), 8.748e9: (316, 0.77)}
+"""By carrier: sum of the down-conversion filter's tap sizes, and what it makes of a unit RF sinusoid (X4 driver)."""
+
+
+class X4Counts(FrozenModel):
+    r"""Counters of the XeThru X4, which compares with a swept threshold and counts.
+
+    One count is :math:`d / (1024\,i\,p)` units in RF (i iterations of p pulses per step d of the threshold DAC) and
+    :math:`d / (1024\,i\,p\,\sum|h|)` units in I and Q after the chip's down-conversion filter h. RF stays within
+    +-L, L = (dac_max - dac_min + 1) / 2048 units. The envelope A of a larger RF sinusoid comes out as the fundamental
+    of the clipped one,
+
+    .. math:: A' = \frac{2}{\pi} \left(A \arcsin\frac{L}{A} + L \sqrt{1 - L^2 / A^2}\right),
+
+    and its phase stays. Volts are turned to units by ``radar.volts_per_unit``.
+
+    Parameters
+    ----------
+    iterations, pulses_per_step : int
+        Sweeps per frame, and pulses per threshold.
+    dac_min, dac_max, dac_step : int
+        Thresholds; 0 to 2047, step 1, 2, 4 or 8.
+    prf_div : int
+        Divides 243 MHz to the pulse rate.
+    """
+
+    kind: Literal["x4_counts"] = "x4_counts"
+    iterations: int = Field(default=16, ge=1, le=255)
+    pulses_per_step: int = Field(default=10, ge=1, le=65535)
+    dac_min: int = Field(default=949, ge=0, le=2047)
+    dac_max: int = Field(default=1100, ge=0, le=2047)
+    dac_step: Literal[1, 2, 4, 8] = 1
+    prf_div: int = Field(default=16, ge=4, le=255)
+
+    @model_validator(mode="after")
+    def _window(self) -> X4Counts:
+        if self.dac_max <= self.dac_min:
+            raise ValueError(f"dac_max {self.dac_max} must be larger than dac_min {self.dac_min}")
+        return self
+
+
+def x4_frame_rate_hz(spec: X4Counts) -> float:
+    """Highest frame rate: 0.95 PRF / (iterations pulses_per_step levels), levels = (dac_max - dac_min) / step + 1."""
+    levels = (spec.dac_max - spec.dac_min) // spec.dac_step + 1
+    return X4_DUTY * X4_CLOCK_HZ / spec.prf_div / (spec.iterations * spec.pulses_per_step * levels)
+
+
+def count(samples: Samples, spec: X4Counts, /, *, radar: Radar, rng: np.random.Generator) -> Samples:
+    """Samples as whole counts; an impossible frame rate or more than 1 % of saturated samples is a warning."""
+    del rng
+    unit_v = volts_per_unit(radar, wanted_by="x4_counts")
+    taps, baseband_gain = _band(radar)
+    highest_hz = x4_frame_rate_hz(spec)
+    if radar.prf_hz > highest_hz:
+        warnings.warn(
+            f"x4_counts: {spec.iterations} iterations of {spec.pulses_per_step} pulses allow {highest_hz:.1f} "
+            f"frames/s, but radar.prf_hz is {radar.prf_hz:g}; lower one of them",
+            DoppelgaitWarning,
+            stacklevel=2,
+        )
+    limit = baseband_gain * (spec.dac_max - spec.dac_min + 1) / 2048.0
+    values, saturated = _limit(samples / np.float32(unit_v), limit)
+    _warn_clipped(saturated, f"x4_counts: thresholds {spec.dac_min} to {spec.dac_max}", "widen dac_min to dac_max")
+    step = spec.dac_step / (1024.0 * spec.iterations * spec.pulses_per_step * taps)
+    return _complex(np.rint(_parts(values) / step) * (step * unit_v))
+
+
+def _band(radar: Radar) -> tuple[int, float]:
+    for carrier_hz, band in X4_BANDS.items():
+        if math.isclose(carrier_hz, radar.carrier_hz, rel_tol=0.01):
+            return band
+    raise ConfigError(
+        f"x4_counts: radar.carrier_hz = {radar.carrier_hz:g} is not an X4's: it sends at 7.29e9 or 8.748e9 Hz; take "
+        'kind = "adc" for other radars'
+    )
+
+
+def _limit(values: Samples, limit: float) -> tuple[Samples, float]:
+    """Values with the envelope of a clipped sinusoid where it exceeds ``limit``, and their share."""
+    size = np.abs(values)
+    over = size > limit
+    if not over.any():
+        return values, 0.0
+    ratio = limit / size[over].astype(np.float64)
+    gain = 2.0 / math.pi * (np.arcsin(ratio) + ratio * np.sqrt(1.0 - ratio**2))
+    limited = values.copy()
+    limited[over] *= gain.astype(np.float32)
+    return limited, float(over.mean())
+
+
+IMPAIRMENTS.add("adc", Impairment(Adc, quantise))
+IMPAIRMENTS.add("x4_counts", Impairment(X4Counts, count))

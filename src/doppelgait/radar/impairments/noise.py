@@ -1,0 +1,125 @@
+"""Receiver noise, and bursts of another transmitter."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field, model_validator
+
+from doppelgait.core.config import FrozenModel
+from doppelgait.radar.config import Radar
+from doppelgait.radar.impairments.levels import level_to_volt
+from doppelgait.radar.impairments.registry import IMPAIRMENTS, Impairment, Samples
+from doppelgait.radar.impairments.waveform import noise_gain, sample_noise_v2
+
+
+class ThermalNoise(FrozenModel):
+    """Complex white Gaussian noise of the receiver (E-18); by default the radar's own.
+
+    Parameters
+    ----------
+    noise_figure_db : float, optional
+        Noise figure F to take instead of the radar's.
+    level_db : float, optional
+        Instead of F: root mean square of the complex noise in a range bin, dB re 1 V.
+    in_units : bool
+        ``level_db`` is re one unit of the sensor's own files (``radar.volts_per_unit``).
+    """
+
+    kind: Literal["thermal_noise"] = "thermal_noise"
+    noise_figure_db: float | None = Field(default=None, ge=0, le=100)
+    level_db: float | None = Field(default=None, ge=-400, le=100)
+    in_units: bool = False
+
+    @model_validator(mode="after")
+    def _one_level(self) -> ThermalNoise:
+        if self.noise_figure_db is not None and self.level_db is not None:
+            raise ValueError("give noise_figure_db or level_db, not both")
+        if self.in_units and self.level_db is None:
+            raise ValueError("in_units belongs to level_db, which is not given")
+        return self
+
+
+def noise_power_per_sample_v2(spec: ThermalNoise, radar: Radar) -> float:
+    """Mean square of the noise in a receiver sample, V^2.
+
+    From E-18, or ``level_db`` in a range bin divided by what compression makes of white noise.
+    """
+    if spec.level_db is not None:
+        level_v = level_to_volt(spec.level_db, radar, in_units=spec.in_units, wanted_by="thermal_noise: level_db")
+        return level_v**2 / noise_gain(radar)
+    if spec.noise_figure_db is not None:
+        radar = radar.model_copy(update={"noise_figure_db": spec.noise_figure_db})
+    return sample_noise_v2(radar)
+
+
+def add_thermal_noise(samples: Samples, spec: ThermalNoise, /, *, radar: Radar, rng: np.random.Generator) -> Samples:
+    """Samples with noise; the value in a sample of a pulse is a function of (key, pulse, sample) only."""
+    from doppelgait.core.kernels.noise import add_noise_matrix, draw_key
+
+    noisy = np.array(samples, order="C")
+    add_noise_matrix(noisy, draw_key(rng), float(np.sqrt(noise_power_per_sample_v2(spec, radar))))
+    return noisy
+
+
+Pulses = npt.NDArray[np.int64]
+
+
+class Interference(FrozenModel):
+    """Bursts of another transmitter, which sweeps or pulses on its own clock.
+
+    Bursts begin at random (Poisson). In every pulse that a burst overlaps it hits one run of neighbouring samples at a
+    random place: range bins of a pulse radar, ADC samples of a sweep, where two chirps cross. The samples hit get
+    complex white Gaussian noise. Pulses that a burst does not overlap are untouched.
+
+    Parameters
+    ----------
+    rate_hz : float
+        Mean number of bursts in a second.
+    duration_s : float
+        Length of a burst; one shorter than a pulse interval hits one pulse or two.
+    level_db : float
+        Root mean square in a sample hit, dB re 1 V, after the averaging of a frame.
+    in_units : bool
+        ``level_db`` is re one unit of the sensor's own files (``radar.volts_per_unit``).
+    hit_share : float
+        Share of a pulse's samples that are hit, 0 to 1, at least one sample.
+    """
+
+    kind: Literal["interference"] = "interference"
+    rate_hz: float = Field(default=0.2, ge=0, le=1e5)
+    duration_s: float = Field(default=0.01, gt=0, le=60)
+    level_db: float = Field(default=-90.0, ge=-400, le=100)
+    in_units: bool = False
+    hit_share: float = Field(default=0.05, ge=0, le=1)
+
+
+def add_interference(samples: Samples, spec: Interference, /, *, radar: Radar, rng: np.random.Generator) -> Samples:
+    """Samples with the bursts added."""
+    level_v = level_to_volt(spec.level_db, radar, in_units=spec.in_units, wanted_by="interference: level_db")
+    n_pulses, n_samples = samples.shape
+    pulses = pulses_hit(n_pulses, spec, radar=radar, rng=rng)
+    width = max(1, round(spec.hit_share * n_samples))
+    first = rng.integers(0, n_samples - width + 1, size=pulses.size)
+    columns = first[:, None] + np.arange(width)
+    parts = rng.standard_normal((pulses.size, width, 2)) * (level_v / np.sqrt(2.0))
+    hit = np.array(samples, order="C")
+    hit[pulses[:, None], columns] += parts[..., 0] + 1j * parts[..., 1]
+    return hit
+
+
+def pulses_hit(n_pulses: int, spec: Interference, *, radar: Radar, rng: np.random.Generator) -> Pulses:
+    """Numbers of the pulses, rising, whose interval i/f_p to (i+1)/f_p overlaps a burst."""
+    record_s = n_pulses / radar.prf_hz
+    n_bursts = rng.poisson(spec.rate_hz * (record_s + spec.duration_s))  # those that began before the record count too
+    start_s = rng.uniform(-spec.duration_s, record_s, size=n_bursts)
+    first = np.clip(np.floor(start_s * radar.prf_hz), 0, n_pulses - 1).astype(np.int64)
+    last = np.clip(np.floor((start_s + spec.duration_s) * radar.prf_hz), 0, n_pulses - 1).astype(np.int64)
+    edges = np.bincount(first, minlength=n_pulses + 1) - np.bincount(last + 1, minlength=n_pulses + 1)
+    return np.asarray(np.flatnonzero(np.cumsum(edges[:n_pulses]) > 0), dtype=np.int64)
+
+
+IMPAIRMENTS.add("thermal_noise", Impairment(ThermalNoise, add_thermal_noise))
+IMPAIRMENTS.add("interference", Impairment(Interference, add_interference))

@@ -1,0 +1,130 @@
+"""Frames at the wrong time, and frames that never arrive."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field, model_validator
+
+from doppelgait.core.config import FrozenModel
+from doppelgait.core.errors import ConfigError
+from doppelgait.radar.config import Radar
+from doppelgait.radar.impairments.registry import IMPAIRMENTS, Impairment, Samples, Times
+
+LARGEST_JITTER = 0.1
+"""Largest jitter (standard deviation) over the pulse interval: the order of two pulses changes once in 1e12."""
+
+
+class FrameJitter(FrozenModel):
+    """Pulses that leave early or late, each on its own; for a frame that a host asks for.
+
+    Acts where the scene is observed (:func:`doppelgait.radar.impairments.pulse_times`), and not on the samples.
+
+    Parameters
+    ----------
+    sd_s : float
+        Standard deviation of a pulse's time, at most a tenth of the pulse interval.
+    """
+
+    kind: Literal["frame_jitter"] = "frame_jitter"
+    sd_s: float = Field(default=1e-5, ge=0, le=10)
+
+
+def jitter_times(times_s: Times, spec: FrameJitter, /, *, radar: Radar, rng: np.random.Generator) -> Times:
+    """Times of the pulses plus independent normal errors; too large a jitter is a :class:`ConfigError`."""
+    largest_s = LARGEST_JITTER / radar.prf_hz
+    if spec.sd_s > largest_s:
+        raise ConfigError(
+            f"frame_jitter: sd_s = {spec.sd_s:g} is not allowed with prf_hz = {radar.prf_hz:g}: pulses would change "
+            f"places; at most a tenth of the pulse interval, {largest_s:.3g} s"
+        )
+    return times_s + rng.normal(0.0, spec.sd_s, size=times_s.shape)
+
+
+def keep_samples(samples: Samples, spec: FrameJitter, /, *, radar: Radar, rng: np.random.Generator) -> Samples:
+    """The samples as they are: the jitter is in the times at which the scene was observed."""
+    del spec, radar, rng
+    return samples
+
+
+class DroppedFrames(FrozenModel):
+    """Frames lost on the way to the recorder, alone or in bursts.
+
+    A two-state chain (Gilbert 1960): lost runs are geometric of mean ``mean_length``, and so long between them that
+    the share ``probability`` is lost in the mean.
+
+    Parameters
+    ----------
+    probability : float, optional
+        Share of frames lost, at most mean_length / (1 + mean_length). Give this or ``frames``.
+    frames : list of int, optional
+        The frames lost, counted from 0.
+    mean_length : float
+        Mean number of frames lost in a row, 1 or more.
+    fill : {"repeat", "zero"}
+        What the recorder stores instead: the last frame that arrived (at the start, the first one that does), or 0.
+    """
+
+    kind: Literal["dropped_frames"] = "dropped_frames"
+    probability: float | None = Field(default=None, ge=0, lt=1)
+    frames: tuple[int, ...] | None = Field(default=None, max_length=1_000_000)
+    mean_length: float = Field(default=1.0, ge=1, le=1e6)
+    fill: Literal["repeat", "zero"] = "repeat"
+
+    @model_validator(mode="after")
+    def _one_way(self) -> DroppedFrames:
+        if (self.probability is None) == (self.frames is None):
+            raise ValueError("give exactly one of probability and frames")
+        if self.frames is not None:
+            if self.mean_length != 1:
+                raise ValueError("mean_length belongs to probability; a list of frames needs none")
+            if self.frames and min(self.frames) < 0:
+                raise ValueError(f"frames are counted from 0; {min(self.frames)} is not allowed")
+        largest = self.mean_length / (1.0 + self.mean_length)
+        if self.probability is not None and self.probability > largest:
+            raise ValueError(
+                f"probability {self.probability:g} needs longer bursts than mean_length {self.mean_length:g}: at most "
+                f"{largest:.4g} can be lost; raise mean_length"
+            )
+        return self
+
+
+def drop_frames(samples: Samples, spec: DroppedFrames, /, *, radar: Radar, rng: np.random.Generator) -> Samples:
+    """Samples with the lost frames filled as the recorder does; a listed frame beyond the end is a ConfigError."""
+    del radar
+    lost = lost_frames(samples.shape[0], spec, rng=rng)
+    if not lost.any():
+        return samples
+    if spec.fill == "zero" or lost.all():
+        return np.where(lost[:, None], np.complex64(0), samples)
+    arrived = np.flatnonzero(~lost)
+    latest = np.searchsorted(arrived, np.arange(lost.size), side="right") - 1
+    return np.ascontiguousarray(samples[arrived[np.maximum(latest, 0)]])
+
+
+def lost_frames(n_frames: int, spec: DroppedFrames, *, rng: np.random.Generator) -> npt.NDArray[np.bool_]:
+    """Whether each of ``n_frames`` frames is lost."""
+    lost = np.zeros(n_frames, dtype=bool)
+    if spec.frames is not None:
+        if spec.frames and max(spec.frames) >= n_frames:
+            raise ConfigError(
+                f"dropped_frames: frame {max(spec.frames)} is not in a recording of {n_frames} frames, counted from 0; "
+                "leave it out of frames"
+            )
+        lost[list(spec.frames)] = True
+        return lost
+    if not spec.probability:
+        return lost
+    begin_chance = spec.probability / ((1.0 - spec.probability) * spec.mean_length)
+    state, place = bool(rng.random() < spec.probability), 0
+    while place < n_frames:
+        run = int(rng.geometric(1.0 / spec.mean_length if state else begin_chance))
+        lost[place : place + run] = state
+        state, place = not state, place + run
+    return lost
+
+
+IMPAIRMENTS.add("frame_jitter", Impairment(FrameJitter, keep_samples, jitter_times))
+IMPAIRMENTS.add("dropped_frames", Impairment(DroppedFrames, drop_frames))

@@ -1,0 +1,235 @@
+"""What is told about a plain array: the TOML file beside it, the options, and the axes and radar that follow."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from doppelgait.core.config import FrozenModel, read_toml, validate
+from doppelgait.core.errors import ConfigError, RecordingError
+from doppelgait.core.units import SPEED_OF_LIGHT_MPS, slow_time_axis_s
+from doppelgait.radar.config import GAUSSIAN_WIDTH, PULSE_SIGMA_S, Radar, changed_preset
+
+FloatArray = npt.NDArray[np.float64]
+
+CW_RANGE_STOP_M = 1.0
+"""A continuous wave tells no range: one bin, and a frame that holds just it."""
+
+
+class ArrayFacts(FrozenModel):
+    """What the TOML file beside an array, or the options, tell about it.
+
+    Parameters
+    ----------
+    prf_hz, carrier_hz : float
+        Pulses per second and carrier frequency; those of ``radar`` by default.
+    range_start_m, bin_spacing_m : float
+        Range of the first bin and spacing of the bins; those of ``radar`` by default. One bin needs none.
+    time_first : bool
+        True: one row per pulse. False: one column per pulse.
+    conjugate : bool
+        True: the phase falls when a target approaches, so the values are conjugated.
+    scale_v : float
+        Volts per unit of the values.
+    key : str
+        Name of the matrix in the npz file.
+    radar : mapping
+        Parameters of a :class:`~doppelgait.radar.config.Radar`, or ``preset`` and what differs from it.
+    notes, noise_power_v2, snr_frame_db, seed
+        As in :class:`~doppelgait.radar.recording.Recording`.
+    attributes : mapping
+        Further facts about the baseband, for example ``burst_pulses``.
+    """
+
+    prf_hz: float | None = Field(default=None, ge=1e-6, le=1e6)
+    carrier_hz: float | None = Field(default=None, gt=1e6, lt=1e12)
+    range_start_m: float | None = Field(default=None, ge=-1e3, le=1e6)
+    bin_spacing_m: float | None = Field(default=None, ge=1e-6, le=1e5)
+    time_first: bool = True
+    conjugate: bool | None = None
+    scale_v: float | None = Field(default=None, gt=0)
+    key: str | None = None
+    radar: dict[str, Any] | None = None
+    notes: list[str] | None = None
+    noise_power_v2: float | None = Field(default=None, ge=0)
+    snr_frame_db: float | None = Field(default=None, allow_inf_nan=True)
+    seed: int | None = None
+    attributes: dict[str, str | bool | int | float] = Field(default={})
+
+
+def read_facts(path: Path, options: Mapping[str, Any]) -> ArrayFacts:
+    """Facts about an array from the TOML file of the same stem, where there is one, and the options, which win.
+
+    Raises
+    ------
+    RecordingError
+        If the TOML file is broken, a key is unknown or a value is not allowed.
+    """
+    sidecar = path.with_suffix(".toml")
+    table: dict[str, Any] = {}
+    text = ""
+    try:
+        if sidecar.is_file():
+            table, text = read_toml(sidecar)
+        return validate(ArrayFacts, {**table, **options}, where=str(sidecar if text else path), text=text)
+    except ConfigError as error:
+        raise RecordingError(str(error)) from None
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Axes of an array, the radar they belong to, and what had to be assumed.
+
+    Parameters
+    ----------
+    slow_time_s, range_m : ndarray, shapes (I,), (N,)
+    radar : Radar
+    notes : list of str
+    """
+
+    slow_time_s: FloatArray
+    range_m: FloatArray
+    radar: Radar
+    notes: list[str]
+
+
+def describe(path: Path, facts: ArrayFacts, shape: tuple[int, ...], axes: Mapping[str, Any]) -> Frame:
+    """Axes and radar of a (pulses, range bins) array.
+
+    An entry of ``facts`` counts before an axis in the file, and that before the radar's own parameter.
+
+    Parameters
+    ----------
+    path : Path
+    facts : ArrayFacts
+    shape : tuple of int
+        Pulses and range bins.
+    axes : mapping
+        ``slow_time_s`` and ``range_m`` where the file has them.
+
+    Raises
+    ------
+    RecordingError
+        If something needed is told nowhere (all of it is named), or what is told does not go together.
+    """
+    n_pulses, n_bins = shape
+    stated = _stated_radar(path, facts)
+    slow_time_s = None if facts.prf_hz else _axis(path, axes, "slow_time_s", n_pulses)
+    range_m = None if facts.range_start_m is not None or facts.bin_spacing_m else _axis(path, axes, "range_m", n_bins)
+    told = _tell(facts, stated, slow_time_s, range_m)
+    if n_bins == 1:
+        told = {"range_start_m": 0.0, "bin_spacing_m": CW_RANGE_STOP_M, **told}
+    needed = ("prf_hz", "carrier_hz", "range_start_m", "bin_spacing_m")
+    if missing := [name for name in needed if name not in told]:
+        raise RecordingError(
+            f"{path}: {', '.join(missing)} {'is' if len(missing) == 1 else 'are'} told nowhere; write them into "
+            f"{path.with_suffix('.toml').name} beside it or give them as options (radar='PRESET' tells all four)"
+        )
+    ranges = np.asarray(told["range_start_m"] + told["bin_spacing_m"] * np.arange(n_bins), dtype=np.float64)
+    return Frame(
+        slow_time_axis_s(n_pulses, told["prf_hz"]) if slow_time_s is None else slow_time_s,
+        ranges if range_m is None else range_m,
+        _radar(path, facts, stated, told, n_bins),
+        _notes(facts, told, n_bins),
+    )
+
+
+def _axis(path: Path, axes: Mapping[str, Any], name: str, size: int) -> FloatArray | None:
+    if axes.get(name) is None:
+        return None
+    values = axes[name]
+    if values.shape != (size,) or values.dtype.kind not in "fiu" or not np.isfinite(values).all():
+        raise RecordingError(
+            f"{path}: {name} is {values.dtype} of shape {values.shape}; it must be {size} real numbers"
+        )
+    if size > 1 and not (np.diff(values) > 0).all():
+        raise RecordingError(f"{path}: {name} does not rise from sample to sample")
+    return np.asarray(values, dtype=np.float64)
+
+
+def _stated_radar(path: Path, facts: ArrayFacts) -> Radar | None:
+    if facts.radar is None:
+        return None
+    table = dict(facts.radar)
+    try:
+        if "preset" in table:
+            table = changed_preset(str(table.pop("preset")), table)
+        return validate(Radar, table, where="radar")
+    except ConfigError as error:
+        raise RecordingError(f"{path}: {error}") from None
+
+
+def _tell(
+    facts: ArrayFacts, stated: Radar | None, slow_time_s: FloatArray | None, range_m: FloatArray | None
+) -> dict[str, float]:
+    """Rate, carrier and frame, the strongest word last."""
+    names = ("prf_hz", "carrier_hz", "range_start_m", "bin_spacing_m")
+    told = {name: float(getattr(stated, name)) for name in names} if stated is not None else {}
+    if slow_time_s is not None and "prf_hz" not in told:  # of bursts, the rate inside them
+        told["prf_hz"] = 1.0 / float(np.median(np.diff(slow_time_s)))
+    if range_m is not None:
+        told["range_start_m"] = float(range_m[0])
+        told |= {"bin_spacing_m": float(np.diff(range_m).mean())} if range_m.size > 1 else {}
+    return told | {name: value for name in names if (value := getattr(facts, name)) is not None}
+
+
+def _radar(path: Path, facts: ArrayFacts, stated: Radar | None, told: Mapping[str, float], n_bins: int) -> Radar:
+    """The stated radar with what the recording tells otherwise, or one made of that alone."""
+    table: dict[str, Any] = {name: told[name] for name in ("prf_hz", "carrier_hz")}
+    start_m = max(told["range_start_m"], 0.0)
+    if stated is None:
+        table |= _plain_radar(told, start_m, n_bins)
+    else:
+        table = {**stated.model_dump(), **table}
+        if facts.radar is not None and "preset" in facts.radar:  # a complete radar is taken with its own frame
+            table |= {"range_start_m": start_m, "range_stop_m": start_m + n_bins * stated.bin_spacing_m}
+        if stated.waveform == "cw" and n_bins > 1:
+            raise RecordingError(f"{path}: has {n_bins} range bins, but {stated.name} is a continuous wave with one")
+    try:
+        return validate(Radar, table, where=str(path))
+    except ConfigError as error:
+        raise RecordingError(str(error)) from None
+
+
+def _plain_radar(told: Mapping[str, float], start_m: float, n_bins: int) -> dict[str, Any]:
+    """A radar whose echo is as wide as a range bin (E-11), or a continuous wave for one bin."""
+    if n_bins == 1:
+        return {
+            "name": "continuous wave",
+            "waveform": "cw",
+            "range_start_m": start_m,
+            "range_stop_m": start_m + CW_RANGE_STOP_M,
+        }
+    spacing_m = told["bin_spacing_m"]
+    sigma_s = spacing_m / (SPEED_OF_LIGHT_MPS * math.sqrt(math.log(2)))
+    shortest_s = max(PULSE_SIGMA_S[0], GAUSSIAN_WIDTH[10] / (2.0 * told["carrier_hz"]))
+    return {
+        "name": "unknown",
+        "sample_rate_hz": SPEED_OF_LIGHT_MPS / (2.0 * spacing_m),
+        "range_start_m": start_m,
+        "range_stop_m": start_m + n_bins * spacing_m,
+        "pulse_sigma_s": min(max(sigma_s, shortest_s), PULSE_SIGMA_S[1]),
+    }
+
+
+def _notes(facts: ArrayFacts, told: Mapping[str, float], n_bins: int) -> list[str]:
+    """What neither the array nor its TOML file nor the options tell."""
+    notes = []
+    if facts.conjugate is None:
+        notes.append("conjugate: not told; a rising phase is taken as approaching")
+    if facts.scale_v is None:
+        notes.append("scale_v: not told; the values are taken as V")
+    if facts.radar is not None and "preset" in facts.radar:
+        notes.append(f"radar = {facts.radar['preset']}: pulse, power and antennas are the preset's")
+    elif facts.radar is None and n_bins == 1:
+        notes.append("radar: not told; one range bin is taken as a continuous wave, its range as nothing")
+    elif facts.radar is None:
+        notes.append(f"radar: not told; an echo is taken as one range bin wide ({told['bin_spacing_m']:g} m)")
+    return notes

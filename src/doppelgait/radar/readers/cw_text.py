@@ -1,0 +1,214 @@
+"""Continuous-wave recordings as two text files, ``NAME_RE.txt`` and ``NAME_IM.txt``: one integer per line.
+
+So stored by programs for 24 GHz Doppler modules whose 12-bit converter fills a buffer, sends it and starts again: the
+samples are continuous within a burst only.
+"""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.core.errors import DoppelgaitWarning, RecordingError
+from doppelgait.radar.config import Radar
+from doppelgait.radar.readers.facts import CW_FRAME_M, cw_radar
+from doppelgait.radar.readers.measured import check_number, label_measured
+from doppelgait.radar.recording import Recording
+
+PARTS = ("_RE", "_IM")
+BITS = 12
+MID_CODE = 2 ** (BITS - 1)
+MAX_BYTES = 2**26
+"""Larger text files are no recordings of a Doppler module: 64 MiB is more than an hour at 3000 samples/s."""
+HEAD_BYTES = 256
+
+
+def sniff_cw_text(path: Path) -> bool:
+    """Whether a path is one of such a pair of files, or their common stem."""
+    try:
+        names = _pair(Path(path))
+    except RecordingError:
+        return False
+    return any(name.is_file() and _looks_like_integers(name) for name in names)
+
+
+def _looks_like_integers(path: Path) -> bool:
+    with path.open("rb") as file:
+        words = file.read(HEAD_BYTES).split()
+    return bool(words) and all(word.isdigit() for word in words)
+
+
+def read_cw_text(
+    path: str | Path,
+    *,
+    carrier_hz: float = 24.1e9,
+    sample_rate_hz: float = 3000.0,
+    burst_pulses: int = 128,
+    burst_period_s: float = 0.2,
+    conjugate: bool = True,
+    full_scale_v: float = 1.0,
+) -> Recording:
+    """Read a pair of text files of a continuous-wave Doppler module.
+
+    ``y = (RE - 2048 -+ j (IM - 2048)) full_scale_v / 4096``; the mean stays in, as recorded.
+
+    Parameters
+    ----------
+    path : path-like
+        Either file, or what their names have in common before ``_RE.txt`` and ``_IM.txt``.
+    carrier_hz : float
+        Carrier, 1 MHz to 1 THz; the files do not tell it.
+    sample_rate_hz : float
+        Samples per second within a burst, up to 1 MHz.
+    burst_pulses : int
+        Samples in a burst, 1 or more; they are continuous up to every multiple of it.
+    burst_period_s : float
+        Time from the start of a burst to that of the next, not below the burst's own.
+    conjugate : bool
+        True where RE + j IM turns backwards for an approaching target.
+    full_scale_v : float
+        Voltage of the converter's 4096 steps.
+
+    Returns
+    -------
+    Recording
+        One range bin; ``slow_time`` has the pauses, and the baseband the attribute ``burst_pulses``. A last burst
+        that is not whole is left out, with a warning. Analyse it with
+        :func:`doppelgait.processing.bursts.burst_signature`.
+
+    Raises
+    ------
+    RecordingError
+        If a file is missing, holds something other than integers from 0 to 4095, the two differ in length, an option
+        is not allowed, or there is no whole burst.
+    """
+    file = Path(path)
+    names = _pair(file)
+    rate_hz = check_number(file, "sample_rate_hz", sample_rate_hz, above=0, most=1e6)
+    period_s = check_number(file, "burst_period_s", burst_period_s, above=0, most=3600)
+    scale_v = check_number(file, "full_scale_v", full_scale_v, above=0, most=1e6) / 2**BITS
+    _check_burst(file, burst_pulses, period_s, rate_hz)
+    radar = cw_radar(
+        file,
+        name="continuous-wave Doppler module",
+        carrier_hz=check_number(file, "carrier_hz", carrier_hz, above=0),
+        prf_hz=rate_hz,
+        volts_per_unit=scale_v,
+    )
+    codes = [_read_codes(name) for name in names]
+    if codes[0].size != codes[1].size:
+        raise RecordingError(
+            f"{file}: {names[0].name} holds {codes[0].size} values and {names[1].name} {codes[1].size}; they must be "
+            "equally many. One of them is cut off or belongs to another recording"
+        )
+    _warn_of_clipping(file, codes)
+    count = _whole_bursts(file, codes[0].size, burst_pulses)
+    centred = [(one[: count * burst_pulses] - MID_CODE) * scale_v for one in codes]
+    samples = centred[0] + (-1j if conjugate else 1j) * centred[1]
+    return _label(names[0], samples, radar, burst_pulses=burst_pulses, period_s=period_s, conjugate=conjugate)
+
+
+def _pair(path: Path) -> tuple[Path, Path]:
+    """Paths of the real and the imaginary part."""
+    stem = path.name
+    for part in PARTS:
+        stem = stem.removesuffix(f"{part}.txt")
+    pair = tuple(path.with_name(f"{stem}{part}.txt") for part in PARTS)
+    if not stem or (stem == path.name and not any(one.is_file() for one in pair)):
+        raise RecordingError(f"{path}: no such recording; give NAME_RE.txt or NAME_IM.txt, or NAME for both of them")
+    return pair[0], pair[1]
+
+
+def _check_burst(path: Path, burst_pulses: int, period_s: float, rate_hz: float) -> None:
+    if isinstance(burst_pulses, bool) or not isinstance(burst_pulses, int) or not 1 <= burst_pulses <= 1_000_000:
+        raise RecordingError(f"{path}: burst_pulses = {burst_pulses!r} is not allowed; it must be 1 to 1000000")
+    if period_s < burst_pulses / rate_hz * (1 - 1e-9):
+        raise RecordingError(
+            f"{path}: burst_period_s = {period_s:g} is shorter than a burst of {burst_pulses} samples at {rate_hz:g} "
+            f"Hz, which takes {burst_pulses / rate_hz:.4g} s"
+        )
+
+
+def _read_codes(path: Path) -> npt.NDArray[np.int64]:
+    """Integers of one file, all within the converter's range."""
+    if not path.is_file():
+        raise RecordingError(f"{path}: no such file; both NAME_RE.txt and NAME_IM.txt are needed")
+    if path.stat().st_size > MAX_BYTES:
+        raise RecordingError(f"{path}: has {path.stat().st_size:,} bytes, at most {MAX_BYTES:,} are read")
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from None
+    words = content.split()
+    # Lengths first: a word of five digits or more is out of range, whatever it is, and need not be parsed.
+    if not words or not all(word.isdigit() and len(word) <= 4 for word in words):
+        raise RecordingError(_fault(path, content))
+    codes = np.array(words).astype(np.int64)
+    if codes.max() >= 2**BITS:
+        raise RecordingError(_fault(path, content))
+    return codes
+
+
+def _fault(path: Path, content: bytes) -> str:
+    for number, line in enumerate(content.split(b"\n"), start=1):
+        for word in line.split():
+            if not word.isdigit() or int(word[:9]) >= 2**BITS:
+                shown = word[:20].decode("ascii", "backslashreplace")
+                return f"{path}: line {number} holds {shown!r}; every line must hold an integer from 0 to {2**BITS - 1}"
+    return f"{path}: holds no values" if not content.split() else f"{path}: holds numbers with more than four digits"
+
+
+def _warn_of_clipping(path: Path, codes: list[npt.NDArray[np.int64]]) -> None:
+    clipped = np.isin(codes[0], (0, 2**BITS - 1)) | np.isin(codes[1], (0, 2**BITS - 1))
+    if clipped.any():
+        warnings.warn(
+            f"{path}: {100 * clipped.mean():.2g} % of the samples are clipped (0 or {2**BITS - 1}): the target was too "
+            "near; expect its image and harmonics in Doppler",
+            DoppelgaitWarning,
+            stacklevel=3,
+        )
+
+
+def _whole_bursts(path: Path, n_samples: int, burst_pulses: int) -> int:
+    count, rest = divmod(n_samples, burst_pulses)
+    if not count:
+        raise RecordingError(
+            f"{path}: holds {n_samples} samples, less than one burst of {burst_pulses}; the file is cut off, or "
+            "burst_pulses must be given"
+        )
+    if rest:
+        warnings.warn(
+            f"{path}: the last burst has {rest} of {burst_pulses} samples and is left out",
+            DoppelgaitWarning,
+            stacklevel=3,
+        )
+    return count
+
+
+def _label(
+    path: Path, samples: npt.NDArray[np.complex128], radar: Radar, *, burst_pulses: int, period_s: float,
+    conjugate: bool,
+) -> Recording:  # fmt: skip
+    starts_s = period_s * np.arange(samples.size // burst_pulses)
+    slow_time_s = (starts_s[:, None] + np.arange(burst_pulses) / radar.prf_hz).ravel()
+    start_m, stop_m = CW_FRAME_M
+    notes = [
+        f"the files tell neither carrier nor timing: {radar.carrier_hz / 1e9:g} GHz, {radar.prf_hz:g} samples/s in "
+        f"bursts of {burst_pulses}, one every {period_s:g} s",
+        f"range is not measured: the one bin stands for {start_m:g} to {stop_m:g} m",
+        f"levels: the middle code {MID_CODE} is 0 V and one step {radar.volts_per_unit:.4g} V at the converter, before "
+        "which the gain is unknown",
+        f"RE {'-' if conjugate else '+'} j IM is taken, so that an approaching target has positive Doppler",
+    ]
+    return label_measured(
+        path,
+        samples[:, None],
+        radar=radar,
+        slow_time_s=slow_time_s,
+        range_m=np.array([(start_m + stop_m) / 2]),
+        notes=notes,
+        attrs={"burst_pulses": burst_pulses} if period_s > (burst_pulses + 0.5) / radar.prf_hz else {},
+    )

@@ -1,0 +1,215 @@
+"""RF frames of a XeThru X4 in a MATLAB file, down-converted on reading."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.core.errors import RecordingError
+from doppelgait.core.units import slow_time_axis_s
+from doppelgait.radar.readers.mat5 import list_variables, load_variable
+from doppelgait.radar.readers.measured import check_finite, check_number, check_shape, label_measured, preset_radar
+from doppelgait.radar.recording import Recording
+
+FloatArray = npt.NDArray[np.float64]
+
+HEADERS = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")
+MATRIX = "Data_Matrix"
+AXES = ("range_axis", "range_vector")
+FACTS = ("actual_fps", "bin_length", "frame_start", "baseband", *AXES)
+MAX_VALUES = 1 << 28
+"""RF samples that are read at most: 2 GiB of doubles."""
+SMALLEST = 1e-6
+"""What a rate in Hz or a bin length in m must be above."""
+CARRIER_HZ = 7.29e9
+DECIMATION = 8
+DRIVER_LIGHT_SPEED_MPS = 3e8
+"""The X4 driver's; bin lengths in files come from it."""
+
+
+def sniff_matlab(path: Path) -> bool:
+    """Whether a file begins as MATLAB files of version 5 to 7.3 do."""
+    with path.open("rb") as file:
+        return file.read(len(HEADERS[0])) in HEADERS
+
+
+def read_matlab(
+    path: Path,
+    *,
+    matrix: str | None = None,
+    carrier_hz: float = CARRIER_HZ,
+    radar: str | Path = "x4",
+    prf_hz: float | None = None,
+    range_start_m: float | None = None,
+    bin_spacing_m: float | None = None,
+    filter: Literal["hamming", "chip"] = "hamming",
+) -> Recording:
+    """Recording of X4 RF frames (frames, RF bins) in a MATLAB file (version 5, 7 or 7.3).
+
+    The file holds the frames as ``Data_Matrix``, ``Data_Matrix_1`` ..., in the normalised unit of the driver
+    (1 = 1024 DAC codes), and ``actual_fps``, ``bin_length`` and ``range_axis``, ``range_vector`` or ``frame_start``.
+    The frames are mixed with the carrier, low-passed and thinned to every 8th bin
+    (:func:`~doppelgait.radar.xethru.downconvert.down_convert_frames`, E-17), so that the phase falls with range and
+    an approaching target has positive Doppler.
+
+    Parameters
+    ----------
+    path : Path
+        An existing file.
+    matrix : str, optional
+        Name of the matrix of frames; needed where the file holds several.
+    carrier_hz : float
+        Transmitter's centre frequency, above 0 and below half the sampling rate; the file does not tell it.
+    radar : str or Path
+        Preset, or path of such a file, that stands for the sensor; its ``volts_per_unit`` scales the values to V.
+    prf_hz, range_start_m, bin_spacing_m : float, optional
+        Frames per second, range of the first RF bin and their spacing, instead of what the file says.
+    filter : {"hamming", "chip"}
+        Low-pass of the down-conversion: the host's or the chip's own.
+
+    Returns
+    -------
+    Recording
+        Baseband in V; range axis from the file (the driver counts with c = 3e8 m/s).
+
+    Raises
+    ------
+    RecordingError
+        If the file is damaged, holds no such frames or several, or an option is not allowed.
+    """
+    content = _load(path, matrix)
+    frames = content[MATRIX]
+    rate_hz = _fact(path, content, "actual_fps", prf_hz, "prf_hz")
+    spacing_m = _fact(path, content, "bin_length", bin_spacing_m, "bin_spacing_m")
+    start_m = _start_m(path, content, frames.shape[1], spacing_m, range_start_m)
+    check_number(path, "carrier_hz", carrier_hz, above=0.0)
+    from doppelgait.radar.xethru.downconvert import down_convert_frames
+
+    try:
+        values, range_m = down_convert_frames(
+            frames,
+            carrier_hz=carrier_hz,
+            sample_rate_hz=DRIVER_LIGHT_SPEED_MPS / (2.0 * spacing_m),
+            decimation=DECIMATION,
+            range_start_m=start_m,
+            bin_length_m=spacing_m,
+            filter=filter,
+        )
+    except RecordingError as error:
+        raise RecordingError(f"{path}: {error}") from None
+    made = preset_radar(
+        path, radar, n_range_bins=range_m.size, range_start_m=range_m[0], prf_hz=rate_hz, carrier_hz=carrier_hz
+    )
+    scale_v = made.volts_per_unit or 1.0
+    return label_measured(
+        path,
+        scale_v * values,
+        radar=made,
+        slow_time_s=slow_time_axis_s(len(values), rate_hz),
+        range_m=range_m,
+        notes=_notes(content["name"], carrier_hz, radar, scale_v),
+    )
+
+
+def _notes(name: str, carrier_hz: float, radar: str | Path, scale_v: float) -> list[str]:
+    return [
+        f"frames: {name}, real RF samples, down-converted on reading",
+        f"carrier_hz = {carrier_hz:g}: not in the file",
+        f"radar = {radar}: not in the file; pulse, power and antennas are the preset's",
+        f"1 unit of the file = {scale_v:g} V (volts_per_unit of the preset): not in the file",
+    ]
+
+
+def _load(path: Path, matrix: str | None) -> dict[str, Any]:
+    """The frames under ``MATRIX``, the name they have, and the facts that are there."""
+    if matrix is not None and not isinstance(matrix, str):
+        raise RecordingError(f"{path}: matrix = {matrix!r} is not allowed; it must be the name of a matrix")
+    with path.open("rb") as file:
+        is_hdf5 = file.read(len(HEADERS[1])) == HEADERS[1]
+    try:
+        content = _load_hdf5(path, matrix) if is_hdf5 else _load_v5(path, matrix)
+    except RecordingError:
+        raise
+    except Exception as error:  # the libraries raise nearly anything at damaged bytes
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise RecordingError(f"{path}: is a damaged or unusual MATLAB file ({reason}); save it again") from None
+    frames = content[MATRIX]
+    if frames.ndim != 2 or frames.dtype.kind not in "fiu":
+        raise RecordingError(
+            f"{path}: {content['name']} holds {frames.dtype} values of shape {frames.shape}; RF frames are a matrix of "
+            "real numbers (frames, bins). For complex baseband save it as .npz and see the reader 'arrays'."
+        )
+    check_shape(path, frames)
+    check_finite(path, frames)
+    if np.any(np.asarray(content.get("baseband", 0)) != 0):
+        raise RecordingError(f"{path}: says baseband = 1, but RF frames are read; save baseband as .npz ('arrays')")
+    content[MATRIX] = np.asarray(frames, dtype=np.float64)
+    return content
+
+
+def _load_v5(path: Path, matrix: str | None) -> dict[str, Any]:
+    variables = list_variables(path, max_bytes=8 * MAX_VALUES)
+    name = _pick(path, {name: one.shape for name, one in variables.items()}, matrix)
+    facts = {fact: load_variable(variables[fact]) for fact in FACTS if fact in variables}
+    return {MATRIX: load_variable(variables[name]), "name": name, **facts}
+
+
+def _load_hdf5(path: Path, matrix: str | None) -> dict[str, Any]:
+    """Version 7.3 is HDF5 with the axes of every matrix reversed."""
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        shapes = {name: file[name].shape[::-1] for name in file if isinstance(file[name], h5py.Dataset)}
+        name = _pick(path, shapes, matrix)
+        facts = {fact: file[fact][()].T for fact in FACTS if fact in shapes}
+        return {MATRIX: file[name][()].T, "name": name, **facts}
+
+
+def _pick(path: Path, shapes: dict[str, Any], wanted: str | None) -> str:
+    found = [name for name in shapes if re.fullmatch(rf"{MATRIX}(_\d+)?", name)]
+    if wanted is not None and wanted not in shapes:
+        raise RecordingError(f"{path}: has no matrix {wanted!r}; it holds {', '.join(shapes) or 'nothing'}")
+    if wanted is None and len(found) != 1:
+        held = (
+            f"holds {' and '.join(found)}" if found else f"has no {MATRIX}; it holds {', '.join(shapes) or 'nothing'}"
+        )
+        raise RecordingError(f"{path}: {held}. Name the matrix of RF frames: matrix='{(found or ['NAME'])[0]}'")
+    name = wanted if wanted is not None else found[0]
+    if (size := int(np.prod(shapes[name], dtype=object))) > MAX_VALUES:
+        raise RecordingError(f"{path}: {name} has {size:,} values; up to {MAX_VALUES:,} are read. Save a part of it.")
+    return name
+
+
+def _fact(path: Path, content: dict[str, Any], key: str, given: float | None, option: str) -> float:
+    """A positive number from an option or the file."""
+    if given is not None:
+        return check_number(path, option, given, above=SMALLEST, most=1e6)
+    if key not in content:
+        raise RecordingError(f"{path}: has no {key}; give it: {option}=...")
+    return check_number(path, key, _scalar(content[key]), above=SMALLEST, most=1e6)
+
+
+def _scalar(value: npt.NDArray[Any]) -> Any:
+    return value.ravel()[0].item() if value.size == 1 else value.tolist()
+
+
+def _start_m(path: Path, content: dict[str, Any], n_bins: int, spacing_m: float, given: float | None) -> float:
+    """Range of the first RF bin: the option, the axis or the frame's start."""
+    if given is not None:
+        return check_number(path, "range_start_m", given, above=-1e3, most=1e6)
+    for key in (name for name in AXES if name in content):
+        axis_m = np.asarray(content[key], dtype=np.float64).ravel()
+        wanted = axis_m[:1] + spacing_m * np.arange(n_bins)
+        if axis_m.size != n_bins or not np.allclose(axis_m, wanted, rtol=0.0, atol=0.5 * spacing_m):
+            raise RecordingError(
+                f"{path}: {key} has {axis_m.size} values that are not the ranges of {n_bins} bins, {spacing_m:g} m "
+                "apart; give range_start_m=... and bin_spacing_m=..."
+            )
+        return check_number(path, f"{key}[0]", float(axis_m[0]), above=-1e3, most=1e6)
+    if "frame_start" not in content:
+        raise RecordingError(f"{path}: has no {', '.join(AXES)} or frame_start; give it: range_start_m=...")
+    return check_number(path, "frame_start", _scalar(content["frame_start"]), above=-1e3, most=1e6)

@@ -1,0 +1,118 @@
+"""What every reader of measured recordings does: check options, make the radar, label the baseband."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.core.config import canonical_json
+from doppelgait.core.errors import ConfigError, RecordingError
+from doppelgait.core.labels import BASEBAND, make_array
+from doppelgait.radar.config import Radar
+from doppelgait.radar.recording import Recording
+
+CHECK_ROWS = 4096
+"""Rows that are searched for NaN at a time."""
+
+
+def check_number(path: Path, name: str, value: Any, *, above: float = -math.inf, most: float = math.inf) -> float:
+    """A finite number above ``above`` and up to ``most``; anything else is a :class:`RecordingError`."""
+    number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+    if number and math.isfinite(value) and above < value <= most:
+        return float(value)
+    limits = [f"above {above:g}"] if above > -math.inf else []
+    limits += [f"at most {most:g}"] if most < math.inf else []
+    raise RecordingError(
+        f"{path}: {name} = {value!r} is not allowed; it must be a number"
+        + (f" {' and '.join(limits)}" if limits else "")
+    )
+
+
+def preset_radar(path: Path, preset: str | Path, *, n_range_bins: int, range_start_m: float, **facts: Any) -> Radar:
+    """A preset with what a recording says: its frame, as many range bins as it has, and further parameters.
+
+    The range axis of a file may differ by some tenths of a per cent (drivers count with c = 3e8 m/s) and may begin
+    below 0 m; the axis of the recording counts, the radar's frame describes it.
+
+    Raises
+    ------
+    RecordingError
+        If there is no such preset, or it does not go with the recording.
+    """
+    if not isinstance(preset, str | Path):
+        raise RecordingError(f"{path}: radar = {preset!r} is not allowed; it must be a preset or the path of its file")
+    try:
+        start_m = max(range_start_m, 0.0)
+        spacing_m = Radar.preset(preset).bin_spacing_m
+        frame = {"range_start_m": start_m, "range_stop_m": start_m + n_range_bins * spacing_m}
+        return Radar.preset(preset, **frame, **facts)
+    except ConfigError as error:
+        raise RecordingError(f"{path}: {error}") from None
+
+
+def label_measured(
+    path: Path,
+    values: npt.NDArray[Any],
+    *,
+    radar: Radar,
+    slow_time_s: npt.NDArray[np.float64],
+    range_m: npt.NDArray[np.float64],
+    notes: Sequence[str] = (),
+    attrs: Mapping[str, Any] | None = None,
+) -> Recording:
+    """Recording of measured values.
+
+    Parameters
+    ----------
+    path : Path
+        Its name becomes the source.
+    values : ndarray, shape (I, N)
+        Complex baseband, V.
+    radar : Radar
+    slow_time_s, range_m : ndarray, shapes (I,), (N,)
+        Axes as the file has them.
+    notes : sequence of str
+        What the file does not tell.
+    attrs : mapping, optional
+        Further attributes of the baseband.
+
+    Raises
+    ------
+    RecordingError
+        If a value is NaN or infinite, or there are fewer than two pulses.
+    """
+    check_shape(path, values)
+    check_finite(path, values)
+    coords = {"slow_time": slow_time_s, "range": range_m}
+    facts = {"radar": canonical_json(radar), **(attrs or {})}
+    baseband = make_array(BASEBAND, np.asarray(values, dtype=np.complex64), coords, facts)
+    return Recording(baseband=baseband, radar=radar, source=path.name, notes=notes)
+
+
+def check_shape(path: Path, values: npt.NDArray[Any]) -> None:
+    """Refuse a (pulse, bin) matrix of fewer than two pulses or one range bin."""
+    n_pulses, n_bins = values.shape
+    if n_pulses < 2 or n_bins < 1:
+        raise RecordingError(f"{path}: holds {n_pulses} pulses of {n_bins} range bins; a recording has at least 2 by 1")
+
+
+def check_finite(path: Path, values: npt.NDArray[Any]) -> None:
+    """Refuse NaN and infinity in (pulse, bin) values, or values beyond single precision; say how many and where."""
+    faults, first = 0, (0, 0)
+    for start in range(0, values.shape[0], CHECK_ROWS):
+        rows = values[start : start + CHECK_ROWS]
+        with np.errstate(over="ignore", invalid="ignore"):
+            bad = np.argwhere(~np.isfinite(rows.astype(np.complex64)))
+        if len(bad) and not faults:
+            first = (start + int(bad[0][0]), int(bad[0][1]))
+        faults += len(bad)
+    if faults:
+        raise RecordingError(
+            f"{path}: {faults} of {values.size} values are NaN, infinite or above 3.4e38, the first at pulse "
+            f"{first[0]}, range bin {first[1]} (both from 0); replace or cut them out"
+        )

@@ -1,0 +1,253 @@
+"""Recordings as SigMF: samples in NAME.sigmf-data, what they are in NAME.sigmf-meta (JSON, specification 1.x)."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.core.config import validate
+from doppelgait.core.errors import ConfigError, DoppelgaitWarning, RecordingError
+from doppelgait.core.units import SPEED_OF_LIGHT_MPS
+from doppelgait.radar.config import Radar
+from doppelgait.radar.readers.facts import CW_FRAME_M, cw_radar, radar_of_facts
+from doppelgait.radar.readers.measured import check_number, label_measured
+from doppelgait.radar.readers.sigmf_files import HEAD_BYTES, META, Metadata, read_metadata, read_samples, sigmf_pair
+from doppelgait.radar.readers.sigmf_write import write_sigmf
+from doppelgait.radar.recording import Recording
+
+__all__ = ["read_sigmf", "sniff_sigmf", "write_sigmf"]
+
+FloatArray = npt.NDArray[np.float64]
+
+MAX_ROWS = 100_000_000
+
+
+def sniff_sigmf(path: Path) -> bool:
+    """Whether a path is one of a SigMF pair: its metadata begin as JSON and tell a SigMF data type."""
+    file = Path(path)
+    meta = sigmf_pair(file)[0]
+    if not file.is_file() or not meta.is_file():
+        return False
+    with meta.open("rb") as handle:
+        head = handle.read(HEAD_BYTES)
+    return head.lstrip()[:1] == b"{" and (b'"core:' in head or meta.name.endswith(META))
+
+
+def read_sigmf(
+    path: str | Path,
+    *,
+    carrier_hz: float | None = None,
+    samples_per_pulse: int | None = None,
+    prf_hz: float | None = None,
+    range_start_m: float | None = None,
+    bin_spacing_m: float | None = None,
+    scale_v: float | None = None,
+    channel: int | None = None,
+    conjugate: bool = False,
+    ignore_checksum: bool = False,
+) -> Recording:
+    """Read a SigMF recording: one of :func:`write_sigmf`, or any other with complex samples.
+
+    Without our own keys the samples are those of a continuous-wave radar at ``core:sample_rate``, one range bin, the
+    carrier ``core:frequency``; with ``samples_per_pulse`` they are rows of range bins, one row per pulse.
+
+    Parameters
+    ----------
+    path : path-like
+        ``NAME.sigmf-meta`` or ``NAME.sigmf-data``; the other one lies beside it.
+    carrier_hz : float, optional
+        Carrier, where the file does not tell ``core:frequency``, or tells that of a tuner behind a mixer.
+    samples_per_pulse : int, optional
+        Range bins in a row; foreign files only, as are the next three. 1 by default.
+    prf_hz : float, optional
+        Rows per second, up to 1 MHz; by default ``core:sample_rate`` over ``samples_per_pulse``.
+    range_start_m, bin_spacing_m : float, optional
+        Range of the first bin, 0 m by default, and from bin to bin; the spacing is needed when there are several.
+    scale_v : float, optional
+        Volts of one unit of the samples; by default what the file tells, else 1 V, and for integers that which makes
+        their largest value 1 V.
+    channel : int, optional
+        Which channel, from 0; needed when several are interleaved.
+    conjugate : bool
+        Turn the Doppler axis round, where approaching targets come out negative.
+    ignore_checksum : bool
+        Read samples that do not have the stored SHA-512.
+
+    Returns
+    -------
+    Recording
+        Without truth, which SigMF has no place for; labels of annotations are among its notes.
+
+    Raises
+    ------
+    RecordingError
+        If a file is missing or damaged, the samples are real, or something is needed that is not told.
+    """
+    file = Path(path)
+    meta = read_metadata(file)
+    samples = read_samples(file, meta, channel=channel, ignore_checksum=ignore_checksum)
+    scale = check_number(file, "scale_v", meta.scale_v if scale_v is None else scale_v, above=0, most=1e30)
+    with np.errstate(over="ignore", invalid="ignore"):  # NaN and infinity: found and refused with their place
+        samples = (samples.conj() if conjugate else samples) * np.float32(scale)
+    notes = [*meta.notes(), *(["the samples are conjugated"] if conjugate else [])]
+    if meta.own is not None:
+        given = {"samples_per_pulse": samples_per_pulse, "prf_hz": prf_hz, "range_start_m": range_start_m}
+        refused = [name for name, value in {**given, "bin_spacing_m": bin_spacing_m}.items() if value is not None]
+        if refused:
+            raise RecordingError(f"{file}: tells its own axes; leave out {', '.join(refused)}")
+        return _read_own(file, meta, samples, carrier_hz, notes)
+    carrier = check_number(file, "carrier_hz", _carrier_hz(file, meta) if carrier_hz is None else carrier_hz, above=0)
+    shape = _shape(file, samples.size, 1 if samples_per_pulse is None else samples_per_pulse)
+    rate_hz = check_number(file, "prf_hz", _prf_hz(file, meta, shape[1]) if prf_hz is None else prf_hz, above=0)
+    notes.append(f"levels: one unit of the samples is taken as {scale:.4g} V")
+    rows = samples[: shape[0] * shape[1]].reshape(shape)
+    radar, range_m = _foreign_radar(file, meta, carrier, rate_hz, shape[1], range_start_m, bin_spacing_m, notes)
+    slow_time_s = np.arange(shape[0]) / rate_hz
+    return label_measured(file, rows, radar=radar, slow_time_s=slow_time_s, range_m=range_m, notes=notes)
+
+
+def _read_own(
+    path: Path, meta: Metadata, samples: npt.NDArray[np.complex64], carrier_hz: float | None, notes: list[str]
+) -> Recording:
+    """Recording with the axes and the radar that our own keys tell."""
+    own = meta.own or {}
+    try:
+        range_m = np.asarray(own["doppelgait:range_m"], dtype=np.float64)
+        rows = samples.size // max(range_m.size, 1)
+        slow_time_s = _slow_time_s(meta, own, rows, range_m.size)
+        radar = validate(Radar, dict(own["doppelgait:radar"]), where="doppelgait:radar")
+        attrs = {"burst_pulses": int(own["doppelgait:burst_pulses"])} if "doppelgait:burst_pulses" in own else {}
+    except (LookupError, ValueError, TypeError, OverflowError, ConfigError) as error:
+        raise RecordingError(f"{path}: its doppelgait keys are damaged: {error}") from None
+    if range_m.ndim != 1 or not np.isfinite(range_m).all() or (np.diff(range_m) <= 0).any():
+        raise RecordingError(f"{path}: doppelgait:range_m must be rising numbers")
+    if not np.isfinite(slow_time_s).all() or (np.diff(slow_time_s) <= 0).any():
+        raise RecordingError(
+            f"{path}: times of its pulses do not rise; doppelgait:time_s or doppelgait:prf_hz is wrong"
+        )
+    if samples.size % range_m.size:
+        _warn(f"{path}: its last pulse is not whole and is left out; the file is cut off")
+    if carrier_hz is not None:
+        radar = radar_of_facts(path, **{**radar.model_dump(), "carrier_hz": carrier_hz})
+    values = samples[: rows * range_m.size].reshape(rows, range_m.size)
+    recording = label_measured(
+        path,
+        values,
+        radar=radar,
+        slow_time_s=slow_time_s,
+        range_m=range_m,
+        notes=[*_own_notes(meta), *notes],
+        attrs=attrs,
+    )
+    return replace(recording, **_own_facts(own))
+
+
+def _own_notes(meta: Metadata) -> list[str]:
+    stored = meta.common.get("doppelgait:notes")
+    notes = [note for note in stored if isinstance(note, str)] if isinstance(stored, list) else []
+    if any("doppelgait:target" in one for one in meta.annotations):
+        notes.append("simulated; SigMF holds the labels of its targets, the further truth about them is not stored")
+    return notes
+
+
+def _own_facts(own: dict[str, Any]) -> dict[str, Any]:
+    """Noise power, signal to noise ratio and seed, where they are stored and make sense."""
+    levels = {name: own.get(f"doppelgait:{name}") for name in ("noise_power_v2", "snr_frame_db")}
+    facts: dict[str, Any] = {
+        name: float(value) for name, value in levels.items() if _is_number(value) and value is not None
+    }
+    seed = own.get("doppelgait:seed")
+    return {**facts, "seed": seed} if isinstance(seed, int) and not isinstance(seed, bool) else facts
+
+
+def _slow_time_s(meta: Metadata, own: dict[str, Any], rows: int, n_bins: int) -> FloatArray:
+    """Time of every row: captures begin at ``doppelgait:time_s``, from there rows follow at ``doppelgait:prf_hz``."""
+    if not 0 < rows <= MAX_ROWS:
+        raise ValueError(f"there are {rows} pulses of {n_bins} range bins")
+    prf_hz = float(own["doppelgait:prf_hz"])
+    firsts = [int(capture["core:sample_start"]) for capture in meta.captures]
+    starts_s = np.array([float(capture["doppelgait:time_s"]) for capture in meta.captures])
+    if not firsts or firsts[0] != 0 or any(first % n_bins for first in firsts) or not prf_hz > 0:
+        raise ValueError("captures must begin at whole pulses, the first at 0, and prf_hz be above 0")
+    first_rows = np.array(firsts) // n_bins
+    if (np.diff(first_rows) <= 0).any():
+        raise ValueError("captures must follow one another")
+    row = np.arange(rows)
+    segment = np.searchsorted(first_rows, row, side="right") - 1
+    return np.asarray(starts_s[segment] + (row - first_rows[segment]) / prf_hz, dtype=np.float64)
+
+
+def _carrier_hz(path: Path, meta: Metadata) -> float:
+    found = sorted({float(c["core:frequency"]) for c in meta.captures if _is_number(c.get("core:frequency"))})
+    if len(found) == 1:
+        return found[0]
+    said = f"tells several carriers ({', '.join(f'{one:g}' for one in found)} Hz)" if found else "tells no carrier"
+    raise RecordingError(f"{path}: {said}; give carrier_hz")
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _prf_hz(path: Path, meta: Metadata, n_bins: int) -> float:
+    rate = meta.sample_rate_hz
+    if rate is None:
+        raise RecordingError(f"{path}: tells no core:sample_rate; give prf_hz")
+    if rate / n_bins > 1e6:
+        raise RecordingError(
+            f"{path}: its {rate / n_bins:g} samples/s are more than a slow-time rate can be (1 MHz): these are samples "
+            "within pulses. Give samples_per_pulse and bin_spacing_m, or decimate it first"
+        )
+    return rate / n_bins
+
+
+def _shape(path: Path, n_samples: int, n_bins: int) -> tuple[int, int]:
+    if isinstance(n_bins, bool) or not isinstance(n_bins, int) or not 1 <= n_bins <= max(n_samples // 2, 1):
+        raise RecordingError(
+            f"{path}: samples_per_pulse = {n_bins!r} is not allowed; it must be 1 to {max(n_samples // 2, 1)}, half of "
+            "the samples there are"
+        )
+    if n_samples % n_bins:
+        _warn(
+            f"{path}: {n_samples} samples are not whole pulses of {n_bins}; the last {n_samples % n_bins} are left out"
+        )
+    return n_samples // n_bins, n_bins
+
+
+def _foreign_radar(
+    path: Path, meta: Metadata, carrier_hz: float, prf_hz: float, n_bins: int, range_start_m: float | None,
+    bin_spacing_m: float | None, notes: list[str],
+) -> tuple[Radar, FloatArray]:  # fmt: skip
+    """Radar and range axis of a foreign file; adds to ``notes``."""
+    name = str(meta.common.get("core:hw", "SigMF recording"))[:200]
+    if n_bins == 1:
+        radar = cw_radar(path, name=name, carrier_hz=carrier_hz, prf_hz=prf_hz)
+        start_m, stop_m = CW_FRAME_M
+        notes.append(f"taken as continuous wave: the one range bin stands for {start_m:g} to {stop_m:g} m")
+        return radar, np.array([(start_m + stop_m) / 2])
+    if bin_spacing_m is None:
+        raise RecordingError(f"{path}: SigMF tells no range axis; give bin_spacing_m (and range_start_m if not 0)")
+    spacing_m = check_number(path, "bin_spacing_m", bin_spacing_m, above=0, most=1e4)
+    start_m = check_number(path, "range_start_m", range_start_m or 0.0, above=-1e-9, most=1e6)
+    notes.append("the pulse is not told: its range resolution is taken as one range bin")
+    radar = radar_of_facts(
+        path,
+        name=name,
+        carrier_hz=carrier_hz,
+        prf_hz=prf_hz,
+        sample_rate_hz=SPEED_OF_LIGHT_MPS / (2 * spacing_m),
+        range_start_m=max(start_m, 0.0),
+        range_stop_m=max(start_m, 0.0) + n_bins * spacing_m,
+        pulse_sigma_s=spacing_m / (SPEED_OF_LIGHT_MPS * math.sqrt(math.log(2))),
+    )
+    return radar, np.asarray(start_m + spacing_m * np.arange(n_bins), dtype=np.float64)
+
+
+def _warn(text: str) -> None:
+    warnings.warn(text, DoppelgaitWarning, stacklevel=4)

@@ -1,0 +1,172 @@
+r"""Rectangular pulse and linear chirp (lfm) behind a matched filter, by the closed form of its response.
+
+With x = t - t_0 from the echo's delay and f_d = 2 v / lambda (Richards, Fundamentals of Radar Signal Processing, 2nd
+ed., sections 4.2 and 4.6.4: the ambiguity function of a pulse and of a chirp of slope S = B / T):
+
+.. math:: y = a\, e^{j(\theta + \phi - 4 \pi R / \lambda)} (1 - |x| / T)\, e^{\pi j f_d x}\,
+          \mathrm{sinc}((f_d + S x)(T - |x|)), \quad |x| < T
+
+S = 0 gives the triangle of the rectangular pulse. A chirp's peak stands at x = -f_d / S: an approaching scatterer looks
+nearer by v f_c T / B. Assumed: R and v constant while the pulse passes (stop and hop, R at its middle), a receiver that
+listens while the pulse leaves, no weighting against side lobes (-13 dB for the chirp), and noise that is white from bin
+to bin with the matched filter's bandwidth 1 / T, so that the peak's SNR is E / N0.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+import xarray as xr
+
+from doppelgait.core.units import SPEED_OF_LIGHT_MPS, range_to_delay_s, velocity_to_doppler_hz
+from doppelgait.radar.config import Radar
+from doppelgait.radar.link import path_phase_rad, radial_velocity_mps, scatterer_arrays
+from doppelgait.radar.waveforms import fast_time
+from doppelgait.radar.waveforms.protocol import (
+    Samples,
+    Waveform,
+    check_band,
+    check_sweep_fits,
+    no_coupling,
+    no_gain,
+    unchanged,
+)
+
+RECTANGULAR_WIDTH = 2.0 - math.sqrt(2.0)
+"""Half-power width of the triangle (1 - |x|)^2, in pulse durations."""
+RECTANGULAR_BANDWIDTH = 0.8859
+"""Half-power bandwidth of a rectangular pulse times its duration (E-09)."""
+MAX_PULSE_S = 1e-3
+
+
+def _duration_s(radar: Radar) -> float:
+    return float(radar.sweep_s or math.nan)
+
+
+def _check_pulse(radar: Radar, bandwidth_hz: float) -> None:
+    duration_s = _duration_s(radar)
+    if duration_s > MAX_PULSE_S:
+        raise ValueError(f"sweep_s {duration_s:g} is too long for a pulse; at most {MAX_PULSE_S:g} s are allowed")
+    check_sweep_fits(radar, duration_s)
+    check_band(radar, bandwidth_hz)
+
+
+def check_rectangular(radar: Radar) -> None:
+    """Refuse a pulse that is longer than 1 ms or than a frame, or of less than half a turn of its carrier."""
+    _check_pulse(radar, 1.0 / _duration_s(radar))
+
+
+def check_lfm(radar: Radar) -> None:
+    """Refuse a chirp that is longer than 1 ms or than a frame, reaches below 0 Hz, or hardly sweeps."""
+    bandwidth_hz = float(radar.bandwidth_hz or 0.0)
+    _check_pulse(radar, bandwidth_hz)
+    if bandwidth_hz * _duration_s(radar) < 2.0:
+        raise ValueError(
+            f"bandwidth_hz {bandwidth_hz:g} times sweep_s {_duration_s(radar):g} is below 2: that is no chirp; take "
+            "waveform 'rectangular' or a longer sweep"
+        )
+
+
+def synthesise(scatterers: xr.Dataset, radar: Radar) -> Samples:
+    """Sum of the matched-filter responses of all scatterers."""
+    from doppelgait.core.kernels.matched import add_responses
+
+    range_m, amplitude_v = scatterer_arrays(scatterers, radar)
+    phase_rad = path_phase_rad(scatterers)
+    extra_rad = radar.transmit_phase_rad + (0.0 if phase_rad is None else phase_rad)
+    turns = extra_rad / (2.0 * math.pi) - range_m * (2.0 / radar.wavelength_m)
+    duration_s = _duration_s(radar)
+    doppler_hz = velocity_to_doppler_hz(radial_velocity_mps(scatterers), radar.wavelength_m)
+    first, step = (float(range_to_delay_s(m)) / duration_s for m in (radar.range_start_m, radar.bin_spacing_m))
+    delay = range_to_delay_s(range_m) / duration_s
+    time_bandwidth = float(radar.bandwidth_hz or 0.0) * duration_s
+    out = np.empty((range_m.shape[0], radar.n_range_bins), dtype=np.complex64)
+    add_responses(amplitude_v, turns, delay, doppler_hz * duration_s, first, step, time_bandwidth, out)
+    return out
+
+
+def rectangular_resolution_m(radar: Radar) -> float:
+    """Half-power width of the triangle: (2 - sqrt 2) c T / 2."""
+    return RECTANGULAR_WIDTH * SPEED_OF_LIGHT_MPS * _duration_s(radar) / 2.0
+
+
+@lru_cache(maxsize=64)
+def _half_power_width(time_bandwidth: float) -> float:
+    """Half-power width of a chirp's response in pulse durations; near 0.886 / (B T)."""
+    from scipy.optimize import brentq
+
+    def excess(x: float) -> float:
+        return float((1.0 - x) * np.sinc(time_bandwidth * x * (1.0 - x))) - math.sqrt(0.5)
+
+    return 2.0 * float(brentq(excess, 0.0, min(0.5, 1.0 / time_bandwidth)))
+
+
+def lfm_resolution_m(radar: Radar) -> float:
+    """Half-power width of a compressed chirp, near 0.886 c / (2 B)."""
+    duration_s = _duration_s(radar)
+    width_s = _half_power_width(float(radar.bandwidth_hz or 0.0) * duration_s) * duration_s
+    return width_s * SPEED_OF_LIGHT_MPS / 2.0
+
+
+def noise_bandwidth_hz(radar: Radar) -> float:
+    """Noise bandwidth of the matched filter whose peak keeps the echo's amplitude: 1 / T."""
+    return 1.0 / _duration_s(radar)
+
+
+def coupling_s(radar: Radar) -> float:
+    """Range shift per velocity of a rising chirp: -f_c T / B."""
+    return -radar.carrier_hz * _duration_s(radar) / float(radar.bandwidth_hz or math.nan)
+
+
+def rectangular_figures(radar: Radar) -> dict[str, float]:
+    """Half-power bandwidth (E-09)."""
+    return {"pulse_bandwidth_3db_hz": RECTANGULAR_BANDWIDTH / _duration_s(radar)}
+
+
+def lfm_figures(radar: Radar) -> dict[str, float]:
+    """Slope, time-bandwidth product and range shift of 1 m/s."""
+    bandwidth_hz, duration_s = float(radar.bandwidth_hz or 0.0), _duration_s(radar)
+    return {
+        "sweep_slope_hz_per_s": bandwidth_hz / duration_s,
+        "time_bandwidth_product": bandwidth_hz * duration_s,
+        "coupling_shift_at_1mps_m": coupling_s(radar),
+    }
+
+
+RECTANGULAR = Waveform(
+    check=check_rectangular,
+    n_samples=fast_time.n_range_bins,
+    n_range_bins=fast_time.n_range_bins,
+    first_bin_m=fast_time.first_bin_m,
+    bin_spacing_m=fast_time.bin_spacing_m,
+    synthesise=synthesise,
+    compress=unchanged,
+    resolution_m=rectangular_resolution_m,
+    noise_bandwidth_hz=noise_bandwidth_hz,
+    noise_gain=no_gain,
+    unambiguous_range_m=fast_time.unambiguous_range_m,
+    coupling_s=no_coupling,
+    figures=rectangular_figures,
+    needs=("sweep_s",),
+    takes=("decimation", "noise_bandwidth_hz"),
+)
+
+LFM = Waveform(
+    check=check_lfm,
+    n_samples=fast_time.n_range_bins,
+    n_range_bins=fast_time.n_range_bins,
+    first_bin_m=fast_time.first_bin_m,
+    bin_spacing_m=fast_time.bin_spacing_m,
+    synthesise=synthesise,
+    compress=unchanged,
+    resolution_m=lfm_resolution_m,
+    noise_bandwidth_hz=noise_bandwidth_hz,
+    noise_gain=no_gain,
+    unambiguous_range_m=fast_time.unambiguous_range_m,
+    coupling_s=coupling_s,
+    figures=lfm_figures,
+    needs=("bandwidth_hz", "sweep_s"),
+    takes=("decimation", "noise_bandwidth_hz"),
+)

@@ -1,0 +1,14 @@
+"""XeThru recordings: read and written byte for byte as the vendor's recorder does."""
+
+from doppelgait.radar.xethru.convert import recording_from_xethru
+from doppelgait.radar.xethru.downconvert import down_convert_frames, up_convert_frames
+from doppelgait.radar.xethru.export import write_xethru_recording
+from doppelgait.radar.xethru.reader import XethruRecording, XethruStream, read_xethru, sniff_xethru
+from doppelgait.radar.xethru.records import DATA_TYPES, make_records
+from doppelgait.radar.xethru.writer import Splitting, TimedRecord, write_xethru
+
+__all__ = [
+    "DATA_TYPES", "Splitting", "TimedRecord", "XethruRecording", "XethruStream", "down_convert_frames", "make_records",
+    "read_xethru", "recording_from_xethru", "sniff_xethru", "up_convert_frames", "write_xethru",
+    "write_xethru_recording",
+]  # fmt: skip

@@ -1,0 +1,325 @@
+"""XeThru recordings as :class:`~doppelgait.radar.recording.Recording`: baseband in volts with its axes."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.core.errors import DoppelgaitWarning, RecordingError
+from doppelgait.core.units import slow_time_axis_s
+from doppelgait.radar.readers.measured import check_number, label_measured, preset_radar
+from doppelgait.radar.recording import Recording
+from doppelgait.radar.xethru.downconvert import FrameFilter, down_convert_frames
+from doppelgait.radar.xethru.rate import frame_numbers, measured_rate_hz
+from doppelgait.radar.xethru.reader import XethruRecording, XethruStream, read_xethru
+
+CONVERTIBLE = (
+    "baseband_iq", "baseband_ap", "radar_baseband_float", "radar_baseband_q15", "radar_rf", "radar_rf_normalized",
+    "datafloat",
+)  # fmt: skip
+"""Data types that are, or give, a baseband."""
+RF_DECIMATION = 8
+DRIVER_SPEED_OF_LIGHT_MPS = 3.0e8
+"""The driver's; bin lengths in its files come from it."""
+TYPICAL = {
+    "range_start_m": "0.386 for an X4 frame asked from 0.4 m with an offset of 0.18 m",
+    "bin_spacing_m": "0.05144033 for X4 baseband, 0.00643004 for X4 RF",
+    "carrier_hz": "7.29e9 for the X4's low band, 8.748e9 for its high band",
+    "prf_hz": "17 in the vendor's examples, 500 for gait",
+    "counts_per_unit": "1024 x iterations x pulses_per_step / dac_step, 4194304 for 64 iterations of 64 pulses",
+}
+"""Typical values of the options, for messages."""
+LIMITS = {
+    "range_start_m": (-10.0, 1e6),
+    "bin_spacing_m": (0.0, 1e5),
+    "carrier_hz": (0.0, 1e12),
+    "prf_hz": (0.0, 1e6),
+    "counts_per_unit": (0.0, 1e15),
+}
+HEADER_FIELDS = {
+    "range_start_m": "range_start_m",
+    "bin_spacing_m": "bin_length_m",
+    "carrier_hz": "carrier_hz",
+    "prf_hz": "frame_rate_hz",
+}
+"""Record field that tells what an option would."""
+
+
+@dataclass
+class _Source:
+    """Records of the chosen type, and where each fact came from."""
+
+    path: Path
+    name: str
+    records: npt.NDArray[np.void]
+    time_ms: npt.NDArray[np.int64]
+    options: Mapping[str, float | None]
+    notes: list[str] = field(default_factory=list)
+
+
+def recording_from_xethru(
+    path: str | os.PathLike[str],
+    *,
+    data_type: str | None = None,
+    radar: str = "x4",
+    range_start_m: float | None = None,
+    bin_spacing_m: float | None = None,
+    carrier_hz: float | None = None,
+    prf_hz: float | None = None,
+    kind: Literal["baseband", "rf"] = "baseband",
+    iq: Literal["separate", "interleaved"] = "separate",
+    conjugate: bool = False,
+    filter: FrameFilter = "hamming",
+    counts_per_unit: float | None = None,
+) -> Recording:
+    """Read a XeThru recording as baseband.
+
+    What a record says (range of the first bin, bin length, carrier, frame rate) is taken from there; an option replaces
+    it. Ranges are those of the file, which the driver counts with c = 3e8 m/s. Where no record tells the frame rate it
+    is measured from the times in the meta file.
+
+    Parameters
+    ----------
+    path : path-like
+        Folder, meta file or data file (:func:`~doppelgait.radar.xethru.read_xethru`).
+    data_type : str, optional
+        Which data type to take; needed where the recording holds several that give a baseband.
+    radar : str
+        Preset, or file of one, that stands for the sensor: its ``volts_per_unit`` makes volts of the file's unit
+        (1 = 1024 DAC codes), its pulse and powers describe the radar.
+    range_start_m, bin_spacing_m, carrier_hz, prf_hz : float, optional
+        Range of the first bin (above -10 m), bin spacing, carrier, frames per second. ``datafloat`` records tell none
+        of them.
+    kind : {"baseband", "rf"}
+        What ``datafloat`` values are. RF frames are down-converted
+        (:func:`~doppelgait.radar.xethru.downconvert.down_convert_frames`).
+    iq : {"separate", "interleaved"}
+        Order of ``datafloat`` baseband: all I then all Q, as the driver does by default, or I and Q in turn.
+    conjugate : bool
+        Take I - jQ instead of I + jQ. False is right for the X4, whose driver negates Q: with its filters an
+        approaching target then has positive Doppler.
+    filter : {"hamming", "chip"}
+        Low-pass for RF frames.
+    counts_per_unit : float, optional
+        Counter steps per unit for ``radar_rf`` records, which hold bare counters.
+
+    Returns
+    -------
+    Recording
+        ``notes`` say what the file does not tell and what was taken instead.
+
+    Raises
+    ------
+    RecordingError
+        If it cannot be read, holds no baseband or several, its settings change on the way, or an option is needed or
+        not allowed.
+
+    Warns
+    -----
+    DoppelgaitWarning
+        If frame counters are missing, or a data file is damaged.
+    """
+    given = {
+        "range_start_m": range_start_m, "bin_spacing_m": bin_spacing_m, "carrier_hz": carrier_hz, "prf_hz": prf_hz,
+        "counts_per_unit": counts_per_unit,
+    }  # fmt: skip
+    file = Path(path)
+    _check_words(file, kind=kind, iq=iq, conjugate=conjugate)
+    source = _pick(file, read_xethru(path), data_type, given)
+    is_rf = source.name in ("radar_rf", "radar_rf_normalized") or (source.name == "datafloat" and kind == "rf")
+    rate_hz = _frame_rate_hz(source)
+    facts = _facts(source, rate_hz, needed=("range_start_m", "bin_spacing_m", "carrier_hz", "prf_hz"))
+    values, range_m = _from_rf(source, facts, filter) if is_rf else _from_baseband(source, facts, iq)
+    return _finish(source, facts, np.conj(values) if conjugate else values, range_m, radar)
+
+
+def _check_words(path: Path, **options: Any) -> None:
+    allowed = {"kind": ("baseband", "rf"), "iq": ("separate", "interleaved"), "conjugate": (False, True)}
+    for name, value in options.items():
+        if not any(value is word or (isinstance(word, str) and value == word) for word in allowed[name]):
+            words = " and ".join(repr(word) for word in allowed[name])
+            raise RecordingError(f"{path}: {name} = {value!r} is not allowed; allowed are {words}")
+
+
+def _pick(path: Path, content: XethruRecording, wanted: str | None, options: Mapping[str, float | None]) -> _Source:
+    usable = [name for name, stream in content.streams.items() if name in CONVERTIBLE and len(stream)]
+    held = ", ".join(content.streams)
+    if wanted is not None and wanted not in usable:
+        raise RecordingError(
+            f"{path}: data_type = {wanted!r} is not allowed: the recording holds {held}; those that give a baseband "
+            f"are {', '.join(usable) or 'none'}"
+        )
+    if wanted is None and len(usable) != 1:
+        which = "none of them gives a baseband" if not usable else f"name one: data_type='{usable[0]}'"
+        raise RecordingError(f"{path}: the recording holds {held}; {which}. Readable are {', '.join(CONVERTIBLE)}")
+    name = wanted or usable[0]
+    records, time_ms = _matrix(path, content.streams[name])
+    return _Source(path, name, records, time_ms, options)
+
+
+def _matrix(path: Path, stream: XethruStream) -> tuple[npt.NDArray[np.void], npt.NDArray[np.int64]]:
+    try:
+        records = stream.records
+    except RecordingError as error:
+        raise RecordingError(f"{path}: {error}") from None
+    count = int(records["count"][0])
+    if count < 1 or len(records) < 2:
+        raise RecordingError(f"{path}: holds {len(records)} frames of {count} bins; a recording has at least 2 by 1")
+    return records, stream.time_ms
+
+
+def _frame_rate_hz(source: _Source) -> float | None:
+    """Frame rate from the times of the records; warns of lost frames."""
+    counters = source.records["info" if source.name == "datafloat" else "frame_counter"]
+    numbers, n_lost, n_gaps = frame_numbers(counters)
+    if n_lost:
+        warnings.warn(
+            f"{source.path}: {n_lost:,} frames are lost at {n_gaps:,} places (frame counter); the {len(counters):,} "
+            "that are there are taken as if they followed each other",
+            DoppelgaitWarning,
+            stacklevel=3,
+        )
+    return measured_rate_hz(source.time_ms, numbers)
+
+
+def _facts(source: _Source, measured_hz: float | None, *, needed: tuple[str, ...]) -> dict[str, float]:
+    found: dict[str, float] = {}
+    for option in needed:
+        value = source.options[option]
+        if value is not None:
+            source.notes.append(f"{option} = {value}: given by the user")
+        elif HEADER_FIELDS[option] in (source.records.dtype.names or ()):
+            value = _constant(source, HEADER_FIELDS[option])
+        if option == "prf_hz" and not value and measured_hz is not None:
+            value = measured_hz
+            source.notes.append(f"prf_hz = {value:.6g}: not in the records, measured from their times")
+        if value is not None:
+            above, most = LIMITS[option]
+            found[option] = check_number(source.path, option, value, above=above, most=most)
+    _refuse_missing(source, [option for option in needed if option not in found])
+    return found
+
+
+def _refuse_missing(source: _Source, missing: list[str]) -> None:
+    if missing:
+        wanted = "; ".join(f"{option} ({TYPICAL[option]})" for option in missing)
+        raise RecordingError(
+            f"{source.path}: {source.name} records do not tell {', '.join(missing)}; give {wanted}. The script that "
+            "made the recording knows them."
+        )
+
+
+def _constant(source: _Source, name: str) -> float:
+    """A header field that all records share, as the shortest decimal number that is this float32."""
+    values = np.ascontiguousarray(source.records[name])
+    bits = values.view("<u4")  # so that a damaged NaN is equal to itself
+    changed = np.flatnonzero(bits != bits[0])
+    if changed.size:
+        raise RecordingError(
+            f"{source.path}: {name} changes from {values[0]!s} to {values[changed[0]]!s} at record {changed[0] + 1} of "
+            f"{len(values)}; only recordings with one setting are read"
+        )
+    return float(str(values[0]))
+
+
+def _from_baseband(
+    source: _Source, facts: Mapping[str, float], iq: str
+) -> tuple[npt.NDArray[np.complex64], npt.NDArray[np.float64]]:
+    values = _from_datafloat(source, iq) if source.name == "datafloat" else _from_pairs(source)
+    range_m = facts["range_start_m"] + facts["bin_spacing_m"] * np.arange(values.shape[1], dtype=np.float64)
+    return values, range_m
+
+
+def _from_pairs(source: _Source) -> npt.NDArray[np.complex64]:
+    records = source.records
+    with np.errstate(over="ignore", invalid="ignore"):  # damaged values are refused later, with their place
+        if source.name == "baseband_ap":
+            source.notes.append("amplitude is taken as magnitude in the driver's unit, phase in rad: not in the file")
+            return np.asarray(records["amplitude"] * np.exp(1j * records["phase_rad"]), dtype=np.complex64)
+        values = records["i"] + np.complex64(1j) * records["q"]
+        if source.name == "radar_baseband_q15":
+            source.notes.append("scaling factor is taken as the size of one integer step: not in the file")
+            values = values * records["scale"][:, None]
+    return np.asarray(values, dtype=np.complex64)
+
+
+def _from_datafloat(source: _Source, iq: str) -> npt.NDArray[np.complex64]:
+    values = source.records["values"]
+    if values.shape[1] % 2:
+        raise RecordingError(
+            f"{source.path}: the records hold {values.shape[1]} values, which is odd; baseband has as many I as Q. "
+            "If they are RF frames, give kind='rf'"
+        )
+    source.notes.append(f"values are baseband, I and Q {iq}: not in the file")
+    half = values.shape[1] // 2
+    in_phase, quadrature = (
+        (values[:, :half], values[:, half:]) if iq == "separate" else (values[:, ::2], values[:, 1::2])
+    )
+    result = np.empty((len(values), half), dtype=np.complex64)
+    result.real, result.imag = in_phase, quadrature
+    return result
+
+
+def _from_rf(
+    source: _Source, facts: Mapping[str, float], filter: FrameFilter
+) -> tuple[npt.NDArray[np.complex64], npt.NDArray[np.float64]]:
+    if source.name == "radar_rf":
+        steps = _facts_of_counters(source)
+        frames = source.records["counts"] / steps
+        frames -= frames.mean()  # the middle of the threshold sweep; no antenna passes 0 Hz
+    else:
+        frames = source.records["values"].astype(float)
+    source.notes.append(f"real RF samples, down-converted on reading with the {filter} filter")
+    if "sample_rate_hz" in (source.records.dtype.names or ()):
+        sample_rate_hz = check_number(source.path, "sample_rate_hz", _constant(source, "sample_rate_hz"), above=0.0)
+    else:
+        sample_rate_hz = DRIVER_SPEED_OF_LIGHT_MPS / (2.0 * facts["bin_spacing_m"])
+    try:
+        return down_convert_frames(
+            frames, carrier_hz=facts["carrier_hz"], sample_rate_hz=sample_rate_hz, decimation=RF_DECIMATION,
+            range_start_m=facts["range_start_m"], bin_length_m=facts["bin_spacing_m"], filter=filter,
+        )  # fmt: skip
+    except RecordingError as error:
+        raise RecordingError(f"{source.path}: {error}") from None
+
+
+def _facts_of_counters(source: _Source) -> float:
+    steps = source.options["counts_per_unit"]
+    if steps is None:
+        _refuse_missing(source, ["counts_per_unit"])
+    above, most = LIMITS["counts_per_unit"]
+    source.notes.append(f"counts_per_unit = {steps}: given by the user; the mean of all counters is taken as 0")
+    return check_number(source.path, "counts_per_unit", steps, above=above, most=most)
+
+
+def _finish(
+    source: _Source,
+    facts: Mapping[str, float],
+    values: npt.NDArray[np.complex64],
+    range_m: npt.NDArray[np.float64],
+    radar: str,
+) -> Recording:
+    made = preset_radar(
+        source.path, radar, n_range_bins=range_m.size, range_start_m=float(range_m[0]),
+        prf_hz=facts["prf_hz"], carrier_hz=facts["carrier_hz"],
+    )  # fmt: skip
+    scale_v = made.volts_per_unit or 1.0
+    source.notes.append(f"radar = {radar}: not in the file; pulse, power and antennas are the preset's")
+    source.notes.append(f"1 unit of the file = {scale_v:g} V (volts_per_unit of the preset): not in the file")
+    with np.errstate(over="ignore", invalid="ignore"):
+        volts = np.asarray(scale_v * values, dtype=np.complex64)
+    return label_measured(
+        source.path,
+        volts,
+        radar=made,
+        slow_time_s=slow_time_axis_s(len(volts), facts["prf_hz"]),
+        range_m=range_m,
+        notes=source.notes,
+    )

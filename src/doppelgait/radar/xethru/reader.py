@@ -1,0 +1,362 @@
+"""XeThru recordings from disk: every data type with the time of each record, chained folders followed."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.core.errors import DoppelgaitWarning, RecordingError
+from doppelgait.radar.xethru.meta import MAGIC_BYTES, META_NAME, Meta, parse_meta
+from doppelgait.radar.xethru.records import (
+    DataType,
+    data_type_of_file,
+    data_type_of_mask,
+    iterate,
+    parse_records,
+    record_bytes,
+)
+
+MAX_PARTS = 10_000
+"""Chained folders followed at most."""
+LONGEST_MS = 10 * 366 * 86_400_000
+"""Ten years: no part of a recording starts later than this after the first."""
+HEAD_BYTES = 64
+
+
+@dataclass(frozen=True)
+class XethruStream:
+    """All records of one data type.
+
+    Parameters
+    ----------
+    data_type : DataType
+    blocks : tuple of ndarray
+        Structured arrays in order, one per run of records of equal size; empty for types without a known layout.
+    time_ms : ndarray, shape (n,)
+        Time of each record after the start of the recording, int64; empty when no meta file tells it.
+    lines : tuple of str
+        Of text types: the header line of each file and the rows, without line ends.
+    raw : tuple of bytes
+        Records of types without a known layout, cut as the meta file says.
+    """
+
+    data_type: DataType
+    blocks: tuple[npt.NDArray[np.void], ...] = ()
+    time_ms: npt.NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    lines: tuple[str, ...] = ()
+    raw: tuple[bytes, ...] = ()
+
+    def __len__(self) -> int:
+        return sum(map(len, self.blocks)) + len(self.lines) + len(self.raw)
+
+    def __iter__(self) -> Iterator[np.void]:
+        return iterate(list(self.blocks))
+
+    @property
+    def records(self) -> npt.NDArray[np.void]:
+        """All records in one structured array.
+
+        Raises
+        ------
+        RecordingError
+            If there are none, or they differ in size.
+        """
+        if not self.blocks:
+            raise RecordingError(f"the recording holds no whole record of {self.data_type.name}")
+        if len({block.dtype for block in self.blocks}) > 1:
+            sizes = sorted({block.dtype.itemsize for block in self.blocks})
+            raise RecordingError(
+                f"the records of {self.data_type.name} differ in size ({sizes[0]} to {sizes[-1]} bytes), so that they "
+                "make no matrix; read them one by one"
+            )
+        return self.blocks[0] if len(self.blocks) == 1 else np.concatenate(self.blocks)
+
+
+@dataclass(frozen=True)
+class XethruRecording:
+    """A XeThru recording.
+
+    Parameters
+    ----------
+    path : Path
+        What was read.
+    streams : mapping
+        Records by the name of their data type.
+    user_headers : mapping
+        User header by the name of the data type, where there is one.
+    metas : tuple of Meta
+        Meta files in order: one, more for a recording split over folders, none for a lone data file.
+    """
+
+    path: Path
+    streams: Mapping[str, XethruStream]
+    user_headers: Mapping[str, bytes]
+    metas: tuple[Meta, ...] = ()
+
+    @property
+    def session_id(self) -> str:
+        """Session id, ``""`` without a meta file."""
+        return self.metas[0].session_id if self.metas else ""
+
+    @property
+    def start_ms(self) -> int | None:
+        """Start, ms since 1970-01-01 UTC; None without a meta file."""
+        return self.metas[0].start_ms if self.metas else None
+
+    @property
+    def profile_id(self) -> int:
+        """Radar profile, 0 for raw data."""
+        return self.metas[0].profile_id if self.metas else 0
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """What one data file holds."""
+
+    kind: DataType
+    stream: XethruStream
+    user_header: bytes = b""
+
+
+def sniff_xethru(path: str | os.PathLike[str]) -> bool:
+    """Whether this is a XeThru recording.
+
+    That is a meta file, a folder with one, or a data file by its name that starts with a plausible record.
+
+    Parameters
+    ----------
+    path : path-like
+        A folder, a meta file or a data file. Of a file at most 64 bytes are read.
+    """
+    try:
+        place = _main_path(Path(path))
+        with place.open("rb") as file:
+            head = file.read(HEAD_BYTES)
+        if head.startswith(MAGIC_BYTES):
+            return True
+        kind = data_type_of_file(place.name)
+        if kind is None or not head:
+            return False
+        if not kind.header or (place.parent / META_NAME).is_file():
+            return True
+        fixed = np.dtype(list(kind.header))
+        return len(head) >= fixed.itemsize and _plausible(kind, np.frombuffer(head, fixed, 1)[0], place.stat().st_size)
+    except (OSError, ValueError):
+        return False
+
+
+def _plausible(kind: DataType, first: np.void, n_bytes: int) -> bool:
+    return record_bytes(kind, count=int(first["count"])) <= n_bytes
+
+
+def read_xethru(path: str | os.PathLike[str]) -> XethruRecording:
+    """Read a XeThru recording.
+
+    Parameters
+    ----------
+    path : path-like
+        The folder of a recording (with its meta file, or with the folders ``_0``, ``_1`` ... of a split one), a meta
+        file, or one data file. Of a data file whose meta file stands beside it the times are taken from there.
+
+    Returns
+    -------
+    XethruRecording
+
+    Raises
+    ------
+    RecordingError
+        If there is no such file, it is no XeThru recording, its meta file is damaged, or a data file is missing. A data
+        file that is cut off or damaged is read up to there, with a :class:`DoppelgaitWarning` that says how far.
+    """
+    place = _main_path(Path(path))
+    try:
+        if data_type_of_file(place.name) is not None:
+            return _read_data_file(place)
+        return _read_with_meta(Path(path), _chain(place))
+    except OSError as error:
+        raise RecordingError(f"{place}: cannot be read: {error.strerror or error}") from None
+
+
+def _main_path(path: Path) -> Path:
+    """The file to start from: a folder's meta file, else its first part's, else its only data file."""
+    if not path.is_dir():
+        return path
+    if (path / META_NAME).is_file():
+        return path / META_NAME
+    parts = sorted((p for p in path.glob(f"*/{META_NAME}") if p.is_file()), key=_part_number)
+    if parts:
+        return parts[0]
+    files = sorted(p for p in path.glob("xethru_*") if data_type_of_file(p.name) is not None)
+    return files[0] if len(files) == 1 else path / META_NAME
+
+
+def _part_number(meta: Path) -> tuple[int, str]:
+    number = meta.parent.name.rpartition("_")[2]
+    return (int(number) if number.isascii() and number.isdecimal() and len(number) < 10 else 0, meta.parent.name)
+
+
+def _chain(first: Path) -> list[tuple[Path, Meta]]:
+    """Meta files of a recording in order, from the first one on."""
+    found: list[tuple[Path, Meta]] = []
+    seen: set[Path] = set()
+    place = first
+    while len(found) < MAX_PARTS:
+        if not place.is_file():
+            follows = f"; {found[-1][0]} says that the recording goes on there" if found else ""
+            raise RecordingError(f"{place}: there is no such file{follows}")
+        seen.add(place.resolve())
+        meta = parse_meta(place.read_bytes(), where=str(place))
+        found.append((place, meta))
+        if not meta.next_meta:
+            return found
+        place = _next_place(place, meta.next_meta)
+        if place.resolve() in seen:
+            raise RecordingError(f"{found[-1][0]}: says that the recording goes on in {place}, which came before")
+    raise RecordingError(f"{first}: is split over more than {MAX_PARTS:,} folders")
+
+
+def _next_place(place: Path, following: str) -> Path:
+    relative = Path(following.replace("\\", "/"))
+    folder = Path(os.path.abspath(place.parent))
+    target = Path(os.path.normpath(folder / relative))
+    if relative.is_absolute() or folder.parent not in target.parents:
+        raise RecordingError(f"{place}: says that it goes on in {following!r}; only a folder beside its own is allowed")
+    return target
+
+
+def _read_with_meta(path: Path, chain: Sequence[tuple[Path, Meta]]) -> XethruRecording:
+    pieces = []
+    for place, meta in chain:
+        shift_ms = meta.start_ms - chain[0][1].start_ms
+        if abs(shift_ms) > LONGEST_MS:
+            raise RecordingError(f"{place}: starts {shift_ms / 8.64e7:,.0f} days after {chain[0][0]}; one is damaged")
+        for number, name in enumerate(meta.file_names):
+            pieces.append(_read_listed(place.parent / name, meta, number, shift_ms))
+    return _join(path, pieces, tuple(meta for _, meta in chain))
+
+
+def _read_listed(file: Path, meta: Meta, number: int, shift_ms: int) -> _Piece:
+    entries = meta.records
+    entries = entries[entries["file"] == number]
+    header = entries["data_type"] >> 31 == 1
+    kind = _kind_of_entries(file, entries["data_type"][~header])
+    if not file.is_file():
+        raise RecordingError(
+            f"{file}: there is no such data file; the meta file beside it lists it with this recording"
+        )
+    content = file.read_bytes()
+    first = min(int(entries["size"][header].sum(dtype=np.int64)), len(content))
+    times = entries["time_ms"][~header].astype(np.int64) + shift_ms
+    if kind.text:
+        stream = _text_stream(kind, content[first:], times)
+    elif kind.header:
+        stream = _binary_stream(file, kind, content[first:], times)
+    else:
+        stream = _raw_stream(file, kind, content, entries[~header], times)
+    return _Piece(kind, stream, content[:first])
+
+
+def _kind_of_entries(file: Path, masks: npt.NDArray[np.uint32]) -> DataType:
+    named = data_type_of_file(file.name)
+    kind = data_type_of_mask(int(masks[0])) if masks.size else named
+    if kind is None or np.any(masks != kind.mask) or (named is not None and named != kind):
+        raise RecordingError(
+            f"{file}: the meta file gives its records the data types {sorted({int(m) for m in masks})[:4]}; one known "
+            "type is allowed, the one of its name"
+        )
+    return kind
+
+
+def _binary_stream(file: Path, kind: DataType, content: bytes, times: npt.NDArray[np.int64] | None) -> XethruStream:
+    blocks, used = parse_records(content, kind)
+    count = sum(map(len, blocks))
+    if used < len(content) or (times is not None and count != times.size):
+        of = f"of {times.size:,}" if times is not None else "(how many there were, nothing tells)"
+        _warn(f"{file}: {count:,} records {of} read; after byte {used:,} of {len(content):,} it is cut off or damaged")
+    known = np.empty(0, dtype=np.int64) if times is None else times[:count]
+    return XethruStream(kind, tuple(blocks), time_ms=known)
+
+
+def _text_stream(kind: DataType, content: bytes, times: npt.NDArray[np.int64]) -> XethruStream:
+    lines = tuple(content.decode("utf-8", errors="replace").splitlines())
+    return XethruStream(kind, time_ms=times[: len(lines)], lines=lines)
+
+
+def _raw_stream(
+    file: Path, kind: DataType, content: bytes, entries: npt.NDArray[np.void], times: npt.NDArray[np.int64]
+) -> XethruStream:
+    ends = entries["offset"] + entries["size"].astype(np.int64)
+    whole = np.flatnonzero(ends > len(content))
+    count = int(whole[0]) if whole.size else len(entries)
+    if count < len(entries):
+        _warn(f"{file}: {count:,} records of {len(entries):,} read; it is cut off at byte {len(content):,}")
+    if int(entries["size"][:count].sum(dtype=np.int64)) > len(content):
+        raise RecordingError(f"{file}: its records overlap by the meta file beside it, which is damaged")
+    raw = tuple(content[int(e["offset"]) : int(e["offset"]) + int(e["size"])] for e in entries[:count])
+    return XethruStream(kind, time_ms=times[:count], raw=raw)
+
+
+def _warn(text: str) -> None:
+    warnings.warn(text, DoppelgaitWarning, stacklevel=4)
+
+
+def _read_data_file(file: Path) -> XethruRecording:
+    """One data file, with its times where a good meta file beside it lists it."""
+    if not file.is_file():
+        raise RecordingError(f"{file}: there is no such file")
+    kind = data_type_of_file(file.name)
+    meta, reason = _meta_beside(file)
+    if meta is not None:
+        return _join(file, [_read_listed(file, meta, meta.file_names.index(file.name), 0)], (meta,))
+    content = file.read_bytes()
+    if not content:
+        raise RecordingError(f"{file}: is empty (0 bytes)")
+    if kind is None or not (kind.header or kind.text):
+        raise RecordingError(f"{file}: its records can only be cut with a meta file: {reason}")
+    _warn(f"{file}: read without the times of its records: {reason}")
+    none = np.empty(0, dtype=np.int64)
+    stream = _text_stream(kind, content, none) if kind.text else _binary_stream(file, kind, content, None)
+    if not len(stream):
+        raise RecordingError(f"{file}: holds no whole record of {kind.name}; it is cut off, damaged or of another kind")
+    return _join(file, [_Piece(kind, stream)], ())
+
+
+def _meta_beside(file: Path) -> tuple[Meta | None, str]:
+    place = file.parent / META_NAME
+    if not place.is_file():
+        return None, f"there is no {META_NAME} beside it"
+    try:
+        meta = parse_meta(place.read_bytes(), where=place.name)
+    except RecordingError as error:
+        return None, str(error)
+    return (meta, "") if file.name in meta.file_names else (None, f"the {META_NAME} beside it does not list it")
+
+
+def _join(path: Path, pieces: Sequence[_Piece], metas: tuple[Meta, ...]) -> XethruRecording:
+    streams: dict[str, list[XethruStream]] = {}
+    headers: dict[str, bytes] = {}
+    for piece in pieces:
+        streams.setdefault(piece.kind.name, []).append(piece.stream)
+        if piece.user_header:
+            headers.setdefault(piece.kind.name, piece.user_header)
+    joined = {name: _join_streams(parts) for name, parts in streams.items()}
+    if not any(len(stream) for stream in joined.values()):
+        raise RecordingError(f"{path}: holds no whole record")
+    return XethruRecording(path, joined, headers, metas)
+
+
+def _join_streams(parts: Sequence[XethruStream]) -> XethruStream:
+    timed = all(part.time_ms.size == len(part) for part in parts)
+    return XethruStream(
+        parts[0].data_type,
+        tuple(block for part in parts for block in part.blocks),
+        np.concatenate([part.time_ms for part in parts]) if timed else np.empty(0, dtype=np.int64),
+        tuple(line for part in parts for line in part.lines),
+        tuple(raw for part in parts for raw in part.raw),
+    )

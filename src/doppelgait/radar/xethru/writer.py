@@ -1,0 +1,319 @@
+"""XeThru recordings to disk, byte for byte as the vendor's recorder writes them."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+from pydantic import Field
+
+from doppelgait.core.config import FrozenModel
+from doppelgait.core.errors import OutputError, RecordingError
+from doppelgait.radar.xethru.meta import ENTRY, FILE_CLOSED, META_NAME, RECORD, Meta, pack_meta
+from doppelgait.radar.xethru.records import DataType, data_type
+
+WRITING = ".writing"
+"""Ending of files that are still open."""
+MAX_TIME_MS = 2**32 - 1
+MAX_SESSION_ID = 100
+
+
+@dataclass(frozen=True)
+class TimedRecord:
+    """One record to write.
+
+    Parameters
+    ----------
+    time_ms : int
+        Time after the start of the recording, 0 to 2^32 - 1.
+    data_type : str
+        Name of its data type.
+    content : bytes
+        The record as the data file holds it; of a text type one line with its end.
+    """
+
+    time_ms: int
+    data_type: str
+    content: bytes
+
+
+class Splitting(FrozenModel):
+    """When a new data file or a new folder begins.
+
+    Parameters
+    ----------
+    file_bytes, folder_bytes : int, optional
+        A data file, or all data files of a folder together, are closed with the record that makes them this long.
+    file_ms, folder_ms : int, optional
+        They are closed before the first record that comes this long after they were opened.
+    """
+
+    file_bytes: int | None = Field(default=None, ge=1)
+    file_ms: int | None = Field(default=None, ge=1)
+    folder_bytes: int | None = Field(default=None, ge=1)
+    folder_ms: int | None = Field(default=None, ge=1)
+
+
+NO_SPLITTING = Splitting()
+
+
+@dataclass
+class _DataFile:
+    kind: DataType
+    number: int
+    opened_ms: int
+    stream: IO[bytes]
+    path: Path
+    n_bytes: int = 0
+
+
+@dataclass
+class _Part:
+    """A folder being written: its open data files and its table."""
+
+    folder: Path
+    start: datetime
+    opened_ms: int
+    last_ms: int
+    open_files: dict[str, _DataFile] = field(default_factory=dict)
+    entries: list[tuple[int, int, int, int, int, int, int]] = field(default_factory=list)
+    names: list[str] = field(default_factory=list)
+    n_bytes: int = 0
+
+
+@dataclass(frozen=True)
+class _Job:
+    """What holds for the whole recording."""
+
+    root: Path
+    start_time: datetime
+    session_id: str
+    profile_id: int
+    user_header: bytes
+    splitting: Splitting
+    rename_lag_ms: int
+
+
+def write_xethru(
+    folder: str | os.PathLike[str],
+    records: Iterable[TimedRecord],
+    *,
+    start_time: datetime,
+    session_id: str,
+    stop_ms: int | Sequence[int] | None = None,
+    duration_ms: int | None = None,
+    profile_id: int = 0,
+    user_header: bytes = b"",
+    splitting: Splitting = NO_SPLITTING,
+    rename_lag_ms: int = 0,
+) -> Path:
+    """Write a XeThru recording: data files, and a meta file of version 13.
+
+    Open files end in ``.writing``; each takes its name when it is closed, the meta file last.
+
+    Parameters
+    ----------
+    folder : path-like
+        Where the folder ``xethru_recording_YYYYMMDD_HHMMSS_<session id>`` is made.
+    records : iterable of TimedRecord
+        In the order of time.
+    start_time : datetime
+        With a time zone. The names show it in that zone (the vendor's recorder shows local time), the meta file
+        holds the instant, to the millisecond.
+    session_id : str
+        1 to 100 printable characters that may stand in the name of a folder.
+    stop_ms : int or sequence of int, optional
+        When the last files were closed; the time of the last record by default. Of a recording that is split over
+        folders also one time for each folder.
+    duration_ms : int, optional
+        End of the recording by which the (last) meta file counts its duration; ``stop_ms`` by default.
+    profile_id : int
+        Radar profile, 0 for raw data.
+    user_header : bytes
+        Put at the start of every data file.
+    splitting : Splitting
+        With ``folder_bytes`` or ``folder_ms`` the folder holds folders ``<its name>_0``, ``_1`` ..., each with a meta
+        file that names the next.
+    rename_lag_ms : int
+        Time between the closing of a data file and the moment that stands in its name: a file whose name (the second in
+        which it was opened) is taken gets ``_NNNms``, the millisecond of that moment.
+
+    Returns
+    -------
+    Path
+        The folder that was made.
+
+    Raises
+    ------
+    RecordingError
+        If there is no record, times fall or are out of range, or an argument is not allowed.
+    OutputError
+        If the folder exists already, or cannot be written. Nothing is left behind then.
+    """
+    _check_arguments(start_time, session_id)
+    stops_ms = [stop_ms] if isinstance(stop_ms, int) else list(stop_ms or ())
+    name = f"xethru_recording_{start_time:%Y%m%d_%H%M%S}_{session_id}"
+    job = _Job(Path(folder) / name, start_time, session_id, profile_id, user_header, splitting, rename_lag_ms)
+    if job.root.exists():
+        raise OutputError(f"{job.root}: exists already; take another session id, start time or folder")
+    try:
+        job.root.mkdir(parents=True)
+        _write_parts(job, records, stops_ms, duration_ms)
+    except BaseException as error:
+        with suppress(OSError):
+            shutil.rmtree(job.root)
+        if isinstance(error, OSError):
+            raise OutputError(f"{job.root}: cannot be written: {error}") from None
+        raise
+    return job.root
+
+
+def _check_arguments(start_time: datetime, session_id: str) -> None:
+    if start_time.tzinfo is None:
+        raise RecordingError(f"start_time {start_time} has no time zone; give one, for example datetime.timezone.utc")
+    bad = (
+        not 1 <= len(session_id) <= MAX_SESSION_ID
+        or not session_id.isprintable()
+        or set(session_id) & set('/\\:*?"<>|')
+    )
+    if bad or session_id != session_id.strip(" ."):
+        raise RecordingError(
+            f"session_id {session_id!r} is not allowed: 1 to {MAX_SESSION_ID} printable characters without "
+            '/ \\ : * ? " < > |, and no space or dot at its ends'
+        )
+
+
+def _write_parts(job: _Job, records: Iterable[TimedRecord], stops_ms: Sequence[int], duration_ms: int | None) -> None:
+    part: _Part | None = None
+    number = 0
+    for record in records:
+        _check_record(record, 0 if part is None else part.last_ms)
+        if part is not None and _is_full(part, record.time_ms, job.splitting.folder_bytes, job.splitting.folder_ms):
+            stop = stops_ms[number - 1] if len(stops_ms) >= max(number, 2) else part.last_ms
+            _close_part(job, part, stop_ms=_checked_stop(stop, part), following=_part_name(job, number))
+            part = None
+        if part is None:
+            part, number = _open_part(job, number, record.time_ms), number + 1
+        _write_record(job, part, record)
+    if part is None:
+        raise RecordingError("a XeThru recording needs one record or more; none was given")
+    stop = stops_ms[-1] if stops_ms else part.last_ms
+    _close_part(job, part, stop_ms=_checked_stop(stop, part), duration_ms=duration_ms)
+
+
+def _checked_stop(stop_ms: int, part: _Part) -> int:
+    if not part.last_ms <= stop_ms <= MAX_TIME_MS:
+        raise RecordingError(f"stop_ms {stop_ms} is not allowed: it must be {part.last_ms}, the last record, or later")
+    return stop_ms
+
+
+def _check_record(record: TimedRecord, last_ms: int) -> None:
+    if not last_ms <= record.time_ms <= MAX_TIME_MS:
+        raise RecordingError(
+            f"a record of {record.data_type} has the time {record.time_ms} ms; allowed are {last_ms}, that of the "
+            f"record before it, to {MAX_TIME_MS}"
+        )
+    if not record.content:
+        raise RecordingError(f"a record of {record.data_type} at {record.time_ms} ms has no content")
+
+
+def _is_full(opened: _Part | _DataFile, time_ms: int, limit_bytes: int | None, limit_ms: int | None) -> bool:
+    too_long = limit_bytes is not None and opened.n_bytes >= limit_bytes
+    return too_long or (limit_ms is not None and time_ms - opened.opened_ms >= limit_ms)
+
+
+def _part_name(job: _Job, number: int) -> str:
+    return f"{job.root.name}_{number}"
+
+
+def _open_part(job: _Job, number: int, time_ms: int) -> _Part:
+    split = job.splitting.folder_bytes is not None or job.splitting.folder_ms is not None
+    folder = job.root / _part_name(job, number) if split else job.root
+    folder.mkdir(exist_ok=True)
+    opened_ms = time_ms if number else 0
+    return _Part(folder, job.start_time + timedelta(milliseconds=opened_ms), opened_ms, opened_ms)
+
+
+def _write_record(job: _Job, part: _Part, record: TimedRecord) -> None:
+    kind = data_type(record.data_type)
+    file = part.open_files.get(kind.name)
+    if file is not None and _is_full(file, record.time_ms, None, job.splitting.file_ms):
+        _close_file(job, part, file, part.last_ms)
+        file = None
+    part.last_ms = record.time_ms
+    if file is None:
+        file = _open_file(job, part, kind, record.time_ms)
+    _append(part, file, record.content, record.time_ms, kind.mask)
+    if _is_full(file, record.time_ms, job.splitting.file_bytes, None):
+        _close_file(job, part, file, record.time_ms)
+
+
+def _open_file(job: _Job, part: _Part, kind: DataType, time_ms: int) -> _DataFile:
+    opened = part.start + timedelta(milliseconds=time_ms - part.opened_ms)
+    path = part.folder / f"{kind.base_name}_{opened:%Y%m%d_%H%M%S}{kind.suffix}"
+    number = len(part.names)
+    stream = path.with_name(f"{path.name}.{number}{WRITING}").open("xb")
+    file = _DataFile(kind, number, time_ms, stream, path)
+    part.names.append("")
+    part.open_files[kind.name] = file
+    if job.user_header:
+        _append(part, file, job.user_header, time_ms, ~kind.mask & 0xFFFFFFFF)
+    return file
+
+
+def _append(part: _Part, file: _DataFile, content: bytes, time_ms: int, mask: int) -> None:
+    file.stream.write(content)
+    part.n_bytes += len(content)
+    after_ms = time_ms - part.opened_ms
+    part.entries.append((after_ms, RECORD, mask, len(content), file.number, file.n_bytes, part.n_bytes))
+    file.n_bytes += len(content)
+
+
+def _close_file(job: _Job, part: _Part, file: _DataFile, time_ms: int) -> None:
+    file.stream.close()
+    after_ms = time_ms - part.opened_ms
+    part.entries.append((after_ms, FILE_CLOSED, file.kind.mask, 0, file.number, file.n_bytes, part.n_bytes))
+    path = _free_name(file.path, job.start_time + timedelta(milliseconds=time_ms + job.rename_lag_ms))
+    os.rename(file.stream.name, path)
+    part.names[file.number] = path.name
+    del part.open_files[file.kind.name]
+
+
+def _free_name(path: Path, moment: datetime) -> Path:
+    """The name itself or, where it is taken, with the millisecond of the moment (or the next that is free)."""
+    candidate, millisecond = path, moment.microsecond // 1000
+    while candidate.exists():
+        candidate = path.with_name(f"{path.stem}_{millisecond:03d}ms{path.suffix}")
+        millisecond += 1
+    return candidate
+
+
+def _close_part(job: _Job, part: _Part, *, stop_ms: int, duration_ms: int | None = None, following: str = "") -> None:
+    for file in sorted(part.open_files.values(), key=lambda one: one.kind.bit):
+        _close_file(job, part, file, stop_ms)
+    after_ms = stop_ms - part.opened_ms
+    meta = Meta(
+        start_ms=_epoch_ms(part.start),
+        session_id=job.session_id,
+        entries=np.array(part.entries, dtype=ENTRY),
+        file_names=tuple(part.names),
+        duration_ms=after_ms if duration_ms is None else duration_ms - part.opened_ms,
+        trailer_ms=after_ms,
+        profile_id=job.profile_id,
+        next_meta=f"../{following}/{META_NAME}" if following else "",
+    )
+    place = part.folder / META_NAME
+    writing = place.with_name(place.name + WRITING)
+    writing.write_bytes(pack_meta(meta))
+    os.rename(writing, place)
+
+
+def _epoch_ms(moment: datetime) -> int:
+    return (moment - datetime.fromtimestamp(0, tz=UTC)) // timedelta(milliseconds=1)

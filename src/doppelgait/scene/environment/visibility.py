@@ -1,0 +1,61 @@
+"""How well the radar sees by range: sensitivity time control, blind zone, end of the display."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Annotated, Literal
+
+import numpy as np
+import xarray as xr
+from pydantic import Field, field_validator
+
+from doppelgait.core.config import FrozenModel
+from doppelgait.core.units import db_to_power
+from doppelgait.scene.environment.setting import Setting
+
+RangeGain = tuple[Annotated[float, Field(ge=0, le=1e6)], Annotated[float, Field(ge=-300, le=300)]]
+
+
+class Visibility(FrozenModel):
+    """Receiver gain by range.
+
+    Parameters
+    ----------
+    gain_db : list of [range_m, gain_db]
+        One or more pairs in order of rising range (0 to 1e6 m): two-way power gain of echoes from there, -300 to
+        300 dB. Between two pairs the gain in dB goes straight with range, beyond the ends it stays. An edge is two
+        pairs close to each other: ``[[0.4, -200.0], [0.41, 0.0]]`` is a blind zone up to 0.4 m.
+    """
+
+    kind: Literal["visibility"] = "visibility"
+    gain_db: tuple[RangeGain, ...] = Field(min_length=1, max_length=10_000)
+
+    @field_validator("gain_db")
+    @classmethod
+    def _rises(cls, gain_db: tuple[RangeGain, ...]) -> tuple[RangeGain, ...]:
+        for (range_m, _), (next_m, _) in pairwise(gain_db):
+            if not next_m > range_m:
+                raise ValueError(f"ranges must rise from pair to pair, but {next_m:g} m follows {range_m:g} m")
+        return gain_db
+
+
+def apply_visibility(scatterers: xr.Dataset, spec: Visibility, setting: Setting) -> xr.Dataset:
+    """Scatterer table with the gain of every echo's range in its path gain.
+
+    Parameters
+    ----------
+    scatterers : Dataset (slow_time, scatterer)
+    spec : Visibility
+    setting : Setting
+        Of no effect: the gain knows ranges only.
+
+    Returns
+    -------
+    Dataset
+        ``path_gain`` times 10^(gain_db / 10), with the gain of the apparent range: half the length of the echo's path,
+        which is all that a receiver knows of it. Behind a wall that range is longer, so put ``visibility`` last.
+    """
+    ranges_m, gains_db = np.array(spec.gain_db).T
+    gain = db_to_power(np.interp(scatterers["range"].values, ranges_m, gains_db))
+    path_gain = scatterers["path_gain"]
+    return scatterers.assign(path_gain=path_gain.copy(data=path_gain.values * gain))

@@ -1,0 +1,278 @@
+"""A receiver elsewhere than the transmitter, movers of the background, rooms without targets, the boresight."""
+
+import math
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from doppelgait.core.config import validate
+from doppelgait.core.errors import ConfigError
+from doppelgait.core.labels import axis
+from doppelgait.motion.models.boulic import boulic_walk
+from doppelgait.motion.schema import make_motion
+from doppelgait.radar import Radar
+from doppelgait.radar.link import echo_amplitude_v, received_power_w
+from doppelgait.radar.simulate import synthesise
+from doppelgait.scene import Scene, Target, assemble, body_track, line_of_sight, observe, placed_motion
+from doppelgait.scene.assemble import bistatic_line_of_sight, bistatic_spreading
+from doppelgait.scene.spec import SceneSpec, build_scene
+
+SPEED_OF_LIGHT = 299_792_458.0
+TRANSMITTER, RECEIVER = (0.3, -0.4, 1.2), (2.1, 1.5, 0.7)
+TIMES = np.arange(60) / 50
+VARIABLES = ("range", "radial_velocity", "aspect", "azimuth", "elevation", "rcs", "path_gain")
+BODY = {"kind": "ellipsoids", "occlusion": True}
+
+
+def walker(**options):
+    place = {"start_position_m": (5.0, 0.7), "heading_deg": 160.0}
+    return Target(boulic_walk(duration_s=1.4), **{**place, **options})
+
+
+def point(position_m, velocity_mps, duration_s=1.4):
+    """Motion of one point in a straight line."""
+    t = np.arange(0, duration_s + 0.005, 0.01)[:, None]
+    path = np.asarray(position_m, dtype=float) + np.asarray(velocity_mps, dtype=float) * t
+    return make_motion(path[:, None], rate_hz=100.0, markers=["p"], parts=["torso"])
+
+
+# --- Geometry -----------------------------------------------------------------------------------------------------
+
+
+def test_range_is_constant_on_an_ellipse_and_its_tangent_has_no_doppler():
+    foci, semi_major = 1.7, 4.0  # the foci are the transmitter and the receiver, half their distance
+    semi_minor = math.sqrt(semi_major**2 - foci**2)
+    angle = np.linspace(0.1, 2 * np.pi, 50)
+    ellipse = np.stack([semi_major * np.cos(angle), semi_minor * np.sin(angle), np.zeros(50)], axis=-1)
+    tangent = np.stack([-semi_major * np.sin(angle), semi_minor * np.cos(angle), np.zeros(50)], axis=-1)
+    ends = {"transmitter_position_m": (-foci, 0, 0), "receiver_position_m": (foci, 0, 0)}
+    sight = bistatic_line_of_sight(ellipse, tangent, **ends)
+    np.testing.assert_allclose(sight.range_m, semi_major, rtol=1e-14)
+    np.testing.assert_allclose(sight.radial_velocity_mps, 0.0, atol=1e-12)
+    # along the normal, inwards, it is v cos(beta / 2), beta from the law of cosines at the point
+    normal = -np.stack([semi_minor * np.cos(angle), semi_major * np.sin(angle), np.zeros(50)], axis=-1)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    there = semi_major + foci / semi_major * ellipse[:, 0]  # R_t = a + e x, R_r = a - e x
+    back = 2 * semi_major - there
+    cos_beta = (there**2 + back**2 - (2 * foci) ** 2) / (2 * there * back)
+    sight = bistatic_line_of_sight(ellipse, 1.3 * normal, **ends)
+    np.testing.assert_allclose(sight.radial_velocity_mps, 1.3 * np.sqrt((1 + cos_beta) / 2), rtol=1e-12)
+
+
+def test_table_and_centre_track_follow_the_two_ways():
+    velocity = np.array([-0.9, 0.5, 0.0])
+    motion = point((0, 0, 0.8), velocity)
+    heading = math.degrees(math.atan2(velocity[1], velocity[0]))
+    target = Target(motion, start_position_m=(4.0, 1.0), heading_deg=heading)
+    scene = Scene([target], radar_position_m=TRANSMITTER, receiver_position_m=RECEIVER)
+    table, (track,) = observe(scene, TIMES)
+    position = np.array([4.0, 1.0, 0.8]) + velocity * TIMES[:, None]
+    ways = [position - np.array(end) for end in (TRANSMITTER, RECEIVER)]
+    lengths = [np.sqrt((way**2).sum(axis=-1)) for way in ways]
+    np.testing.assert_allclose(table["range"].values[:, 0], sum(lengths) / 2, rtol=1e-12)
+    closing = -sum((velocity * way).sum(axis=-1) / length for way, length in zip(ways, lengths, strict=True)) / 2
+    np.testing.assert_allclose(table["radial_velocity"].values[:, 0], closing, rtol=1e-9)
+    np.testing.assert_allclose(table["azimuth"].values[:, 0], np.arctan2(ways[0][:, 1], ways[0][:, 0]), rtol=1e-12)
+    np.testing.assert_allclose(np.sin(table["elevation"].values[:, 0]), ways[0][:, 2] / lengths[0], rtol=1e-12)
+    away = (velocity * ways[0]).sum(axis=-1) / lengths[0] / np.linalg.norm(velocity)
+    np.testing.assert_allclose(np.cos(table["aspect"].values[:, 0]), -away, rtol=1e-9)
+    for name, of_table in (("range_m", "range"), ("radial_velocity_mps", "radial_velocity"), ("aspect_rad", "aspect")):
+        np.testing.assert_allclose(getattr(track, name), table[of_table].values[:, 0], rtol=1e-9)
+    np.testing.assert_array_equal(body_track(target, scene, TIMES).range_m, track.range_m)
+
+
+def test_doppler_of_the_echo_is_that_of_both_ways():
+    radar = Radar.preset("x4", prf_hz=2000.0)
+    velocity = np.array([-1.1, 0.0, 0.0])
+    target = Target(point((0, 0, 1.0), velocity), start_position_m=(4.0, 1.0), heading_deg=180.0)
+    scene = Scene([target], radar_position_m=(0, 0, 1.0), receiver_position_m=(1.0, 3.0, 1.0))
+    times = 0.5 + np.arange(-20, 21) / radar.prf_hz
+    echo = synthesise(assemble(scene, times), radar).values
+    strongest = np.abs(echo[20]).argmax()
+    turns = np.unwrap(np.angle(echo[:, strongest])) / (2 * np.pi)
+    doppler_hz = np.polyfit(times, turns, 1)[0]
+    at = np.array([4.0, 1.0, 1.0]) + velocity * 0.5
+    units = [at - end for end in np.array([[0, 0, 1.0], [1.0, 3.0, 1.0]])]
+    along = sum(np.dot(velocity, u) / np.linalg.norm(u) for u in units)
+    assert doppler_hz == pytest.approx(-along / (SPEED_OF_LIGHT / radar.carrier_hz), rel=2e-4)
+
+
+@pytest.mark.parametrize("rcs", ["auto", BODY], ids=["points", "body"])
+def test_transmitter_and_receiver_may_change_places(rcs):
+    target = walker(rcs=rcs)
+    one, other = (
+        assemble(Scene([target], radar_position_m=a, receiver_position_m=b), TIMES)
+        for a, b in ((TRANSMITTER, RECEIVER), (RECEIVER, TRANSMITTER))
+    )
+    for name in ("range", "radial_velocity", "rcs", "path_gain"):
+        np.testing.assert_allclose(one[name].values, other[name].values, rtol=1e-9, atol=1e-12)
+    assert np.abs(one["azimuth"].values - other["azimuth"].values).min() > 0.1
+
+
+@pytest.mark.parametrize("rcs", ["auto", {**BODY, "fluctuation": "swerling3", "total_spread_db": 3.0}])
+def test_a_receiver_at_the_transmitter_is_a_monostatic_radar(rcs):
+    target = walker(rcs=rcs)
+    alone = Scene([target], radar_position_m=TRANSMITTER)
+    both = Scene([target], radar_position_m=TRANSMITTER, receiver_position_m=TRANSMITTER)
+    seen, expected = (observe(s, TIMES, rng=np.random.default_rng(5)) for s in (both, alone))
+    for name in VARIABLES:
+        np.testing.assert_array_equal(seen[0][name].values, expected[0][name].values)
+    for name in ("range_m", "radial_velocity_mps", "aspect_rad", "azimuth_rad", "elevation_rad"):
+        np.testing.assert_array_equal(getattr(seen[1][0], name), getattr(expected[1][0], name))
+    assert seen[0].attrs == {"bistatic": True}
+    assert expected[0].attrs == {}
+
+
+# --- Power --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("there", "back"), [(3.0, 7.0), (7.0, 3.0), (5.0, 5.0), (0.1, 4.0), (0.05, 0.1)])
+def test_echo_has_the_power_of_the_bistatic_radar_equation(there, back):
+    radar = Radar.preset("x4")
+    power_w = received_power_w(radar, range_m=(there + back) / 2, rcs_m2=0.6 * bistatic_spreading(there, back))
+    gain = 10 ** ((radar.tx_gain_dbi + radar.rx_gain_dbi) / 10)
+    near = [max(length, 0.2) for length in (there, back)]  # the far field starts at 0.2 m
+    wavelength = SPEED_OF_LIGHT / radar.carrier_hz
+    expected = 1e-3 * 10 ** (radar.tx_power_dbm / 10) * gain * wavelength**2 * 0.6 / (4 * np.pi) ** 3
+    assert power_w == pytest.approx(expected / near[0] ** 2 / near[1] ** 2, rel=1e-12)
+
+
+def test_amplitudes_of_a_scene_fall_with_both_ways():
+    scene = Scene([walker()], radar_position_m=TRANSMITTER, receiver_position_m=RECEIVER)
+    table = assemble(scene, TIMES)
+    volts = echo_amplitude_v(
+        Radar.preset("x4"), range_m=table["range"].values, rcs_m2=table["rcs"].values,
+        path_gain=table["path_gain"].values,
+    )  # fmt: skip
+    alone = [assemble(Scene([walker()], radar_position_m=end), TIMES) for end in (TRANSMITTER, RECEIVER)]
+    product = alone[0]["range"].values * alone[1]["range"].values
+    constant = volts * product / np.sqrt(table["rcs"].values)
+    np.testing.assert_allclose(constant, constant[0, 0], rtol=1e-12)
+
+
+def test_occlusion_is_that_of_both_ways():
+    target = walker(rcs={"kind": "body_parts", "occlusion": True})
+    scene = Scene([target], radar_position_m=(0.0, 0.0, 1.0), receiver_position_m=(3.0, 6.0, 1.0))
+    table = assemble(scene, TIMES)
+    ways = [assemble(Scene([target], radar_position_m=end), TIMES) for end in ((0.0, 0.0, 1.0), (3.0, 6.0, 1.0))]
+    spreading = bistatic_spreading(ways[0]["range"].values, ways[1]["range"].values)
+    one, other = (way["path_gain"].values for way in ways)
+    np.testing.assert_allclose(table["path_gain"].values, np.sqrt(one * other) * spreading, rtol=1e-9, atol=1e-15)
+    assert (np.abs(one - other) > 0.5).any()
+
+
+def test_a_body_shows_the_cross_section_along_the_bisector():
+    ends = np.array([[0.0, -6.0, 1.0], [0.0, 12.0, 1.0]])
+    target = Target(boulic_walk(duration_s=1.4), rcs="ellipsoids", start_position_m=(60.0, 20.0), heading_deg=100.0)
+    scene = Scene([target], radar_position_m=tuple(ends[0]), receiver_position_m=tuple(ends[1]))
+    centre = placed_motion(target, scene).values[60].mean(axis=0)
+    bisector = sum((end - centre) / np.linalg.norm(end - centre) for end in ends)
+    far = tuple(float(x) for x in centre + 60.0 * bisector / np.linalg.norm(bisector))
+    seen = assemble(scene, TIMES)["rcs"].values
+    along = assemble(Scene([target], radar_position_m=far), TIMES)["rcs"].values
+    np.testing.assert_allclose(seen, along, rtol=0.01)
+    from_transmitter = assemble(Scene([target], radar_position_m=tuple(ends[0])), TIMES)["rcs"].values
+    assert np.abs(from_transmitter / along - 1).max() > 0.1
+
+
+# --- Background ---------------------------------------------------------------------------------------------------
+
+
+def test_background_movers_scatter_but_are_no_targets():
+    fan = Target(point((0, 0, 2.0), (0.3, 0, 0)), start_position_m=(3.0, -2.0), heading_deg=90.0, background=True)
+    people = [walker(label="first"), walker(label="second", start_position_m=(7.0, 0.0))]
+    scene = Scene([people[0], fan, people[1]])
+    table, tracks = observe(scene, TIMES)
+    numbers = axis(table, "target")
+    assert numbers.tolist() == [0] * 17 + [-1] + [1] * 17
+    assert [target.label for target in scene.observed_targets] == ["first", "second"]
+    assert len(tracks) == 2
+    for number, target in enumerate(people):
+        alone, (track,) = observe(Scene([target]), TIMES)
+        np.testing.assert_array_equal(table["range"].values[:, numbers == number], alone["range"].values)
+        np.testing.assert_array_equal(tracks[number].range_m, track.range_m)
+    fan_m = np.array([3.0, -2.0, 2.0]) + np.array([0, 0.3, 0]) * TIMES[:, None] - np.array(scene.radar_position_m)
+    np.testing.assert_allclose(table["range"].values[:, 17], np.linalg.norm(fan_m, axis=-1), rtol=1e-12)
+
+
+def test_a_scene_of_background_only():
+    scene = Scene([walker(background=True)])
+    table, tracks = observe(scene, TIMES, angles=False)
+    assert tracks == []
+    assert scene.observed_targets == ()
+    assert scene.observation_s == pytest.approx(1.4, abs=0.01)
+    assert (axis(table, "target") == -1).all()
+
+
+@pytest.mark.parametrize("angles", [True, False])
+def test_an_empty_room_has_a_table_without_scatterers(angles):
+    scene = Scene([], duration_s=1.5)
+    assert scene.observation_s == 1.5
+    table, tracks = observe(scene, TIMES, angles=angles)
+    filled = assemble(Scene([walker()]), TIMES, angles=angles)
+    assert tracks == []
+    assert table.sizes == {"slow_time": 60, "scatterer": 0}
+    assert set(table.data_vars) == set(filled.data_vars)
+    for name in filled.variables:
+        assert table[name].dims == filled[name].dims
+        assert table[name].attrs == filled[name].attrs
+        assert table[name].dtype.kind == filled[name].dtype.kind
+    np.testing.assert_array_equal(axis(table, "slow_time"), TIMES)
+    assert not synthesise(table, Radar.preset("x4")).values.any()
+
+
+def test_an_empty_room_needs_to_know_for_how_long():
+    with pytest.raises(ConfigError, match="at least one target, or duration_s"):
+        Scene([])
+
+
+# --- Scene files --------------------------------------------------------------------------------------------------
+
+
+def test_a_scene_file_knows_receiver_boresight_and_background():
+    fan = {"motion": {"kind": "boulic"}, "background": True, "range_m": 3.0}
+    keys = {
+        "duration_s": 1.0, "radar_azimuth_deg": 30, "radar_tilt_deg": -10, "receiver_position_m": [1.0, 2.0, 0.5],
+    }  # fmt: skip
+    spec = validate(SceneSpec, {"targets": [{"motion": {"kind": "boulic"}}, fan], **keys})
+    assert SceneSpec.model_validate_json(spec.model_dump_json()) == spec
+    scene = build_scene(spec)
+    assert [target.background for target in scene.targets] == [False, True]
+    assert (scene.radar_azimuth_deg, scene.radar_tilt_deg) == (30, -10)
+    assert scene.receiver_position_m == (1.0, 2.0, 0.5)
+    assert scene.receiver_m == (1.0, 2.0, 0.5)
+    plain = build_scene(validate(SceneSpec, {"targets": [{"motion": {"kind": "boulic"}}], "duration_s": 1.0}))
+    assert (plain.radar_azimuth_deg, plain.radar_tilt_deg, plain.receiver_position_m) == (0.0, 0.0, None)
+    assert plain.receiver_m == plain.radar_position_m
+    empty = build_scene(validate(SceneSpec, {"duration_s": 2.0, "targets": []}))
+    assert empty.targets == ()
+    assert empty.observation_s == 2.0
+    assert build_scene(SceneSpec(duration_s=2.0)).targets == ()
+    with pytest.raises(ConfigError, match=r"^targets: .* at least 1 item .*, or give duration_s"):
+        validate(SceneSpec, {"targets": []})
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("radar_tilt_deg", 91.0),
+        ("radar_azimuth_deg", 400.0),
+        ("receiver_position_m", (1.0, 2.0)),
+        ("receiver_position_m", (1.0, 2.0, math.inf)),
+    ],
+)
+def test_places_of_the_radar_that_make_no_sense_are_refused(key, value):
+    with pytest.raises(ConfigError, match=key):
+        Scene([], duration_s=1.0, **{key: value})
+    with pytest.raises(ValidationError, match=key):
+        SceneSpec(duration_s=1.0, **{key: value})
+
+
+# --- Tilt ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_torso_below_the_radar_has_the_cosine_of_its_depression():
+    sight = line_of_sight(np.array([[1.5, 0.0, 1.0]]), np.array([[-1.0, 0.0, 0.0]]), (0.0, 0.0, 2.0))
+    assert sight.radial_velocity_mps[0] == pytest.approx(math.cos(math.atan2(1.0, 1.5)))
+    assert sight.radial_velocity_mps[0] == pytest.approx(0.83, abs=0.003)  # 17 % low

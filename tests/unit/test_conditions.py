@@ -1,0 +1,224 @@
+"""Environment and impairments from the scene file to the recording, the example and the dataset."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from doppelgait.core.errors import ConfigError
+from doppelgait.core.rng import rng
+from doppelgait.dataset.config import PlanConfig
+from doppelgait.dataset.plan import dataset_id, plan_examples
+from doppelgait.motion import boulic_walk, fan
+from doppelgait.pipeline import analyze, parse_run, run_example, run_simulation, simulate
+from doppelgait.pipeline.echoes import Conditions
+from doppelgait.radar import Radar
+from doppelgait.scene import Scene, Target
+
+WALK = boulic_walk(speed_mps=1.3, height_m=1.7, duration_s=2.0)
+RADAR = Radar.preset("x4")
+CLUTTER = {"kind": "static_clutter", "levels": [[1.0, -60.0], [8.0, -90.0]]}
+WALL = {"kind": "wall", "loss_db": 6.0, "delay_m": 0.2}
+
+SCENE = {
+    "duration_s": 2.0,
+    "noise": {"kind": "none"},
+    "targets": [{"label": "human", "motion": {"kind": "boulic", "speed_mps": 1.3}, "range_m": 5.0}],
+}
+
+
+def run(**changes):
+    return run_simulation(parse_run({**SCENE, **changes})).baseband.values
+
+
+def test_a_wall_takes_off_twice_its_loss_and_delays_the_echo():
+    bare, behind = run(), run(environment=[WALL])
+    lost_db = 10 * np.log10((np.abs(bare) ** 2).sum() / (np.abs(behind) ** 2).sum())
+    # the radar equation at the longer apparent range takes another 4 x 10 log10(5.2 / 5)
+    assert lost_db == pytest.approx(12.0 + 40 * np.log10(5.2 / 5.0), abs=0.35)
+    peaks = [np.abs(values).argmax(axis=1).mean() for values in (bare, behind)]
+    assert (peaks[1] - peaks[0]) * RADAR.bin_spacing_m == pytest.approx(0.2, abs=0.02)
+
+
+def test_the_order_of_the_list_is_the_order_of_the_chain():
+    saturating = {"kind": "adc", "bits": 10, "full_scale_v": 1e-4}
+    loud = {"kind": "dc_leak", "level_db": -40.0}
+    with pytest.warns(UserWarning, match="full scale"):
+        before, after = run(impairments=[loud, saturating]), run(impairments=[saturating, loud])
+    assert np.abs(before.real).max() <= 1.0001e-4
+    assert np.abs(after).max() > 5e-3
+
+
+def test_equal_seeds_give_equal_bytes_and_each_impairment_has_its_own_stream():
+    lists = [CLUTTER, {"kind": "phase_noise"}, {"kind": "iq_imbalance"}]
+    assert run(impairments=lists).tobytes() == run(impairments=lists).tobytes()
+    assert run(impairments=lists, seed=1).tobytes() != run(impairments=lists).tobytes()
+    quiet = {"kind": "phase_noise", "white_rad": 0.0}
+    clutter_only = run(impairments=[CLUTTER, quiet])
+    np.testing.assert_allclose(clutter_only, run(impairments=[CLUTTER]), atol=1e-9)  # its draw did not shift
+
+
+def test_an_empty_list_changes_no_byte():
+    assert run(environment=[], impairments=[]).tobytes() == run().tobytes()
+
+
+def test_frame_jitter_moves_the_scene_and_not_the_axis():
+    table = {**SCENE, "impairments": [{"kind": "frame_jitter", "sd_s": 5e-5}]}
+    jittered, even = run_simulation(parse_run(table)), run_simulation(parse_run(SCENE))
+    assert np.array_equal(jittered.baseband.slow_time, even.baseband.slow_time)
+    bin_ = int(np.abs(even.baseband.values).mean(axis=0).argmax())
+    turned = np.angle(jittered.baseband.values[:, bin_] * np.conj(even.baseband.values[:, bin_]))
+    strong = np.abs(even.baseband.values[:, bin_]) > 0.3 * np.abs(even.baseband.values[:, bin_]).max()
+    # a body at 1.3 m/s turns the phase by 4 pi v / lambda times the jitter: 0.02 rad
+    assert np.std(turned[strong]) == pytest.approx(4 * np.pi * 1.3 / RADAR.wavelength_m * 5e-5, rel=0.4)
+
+
+def test_background_movers_scatter_but_are_neither_truth_nor_signal_nor_result():
+    blades = Target(fan(duration_s=2.0), background=True, rcs={"kind": "equal", "total_m2": 50.0})
+    walker = Target(WALK, label="human", range_m=5.0)
+    alone = simulate(Scene([walker]), RADAR, rng=rng(1), snr_db=20.0)
+    with_fan = simulate(Scene([blades, walker]), Radar.preset("x4", prf_hz=1000), rng=rng(1), snr_db=20.0)
+    assert [truth.label for truth in with_fan.truth] == ["human"]
+    np.testing.assert_allclose(with_fan.truth[0].centre_range_m, alone.truth[0].centre_range_m)
+    assert with_fan.noise_power_v2 == pytest.approx(alone.noise_power_v2, rel=1e-6)
+    assert np.abs(with_fan.baseband.values).max() > 2 * np.abs(alone.baseband.values).max()
+    assert len(analyze(with_fan, gate="truth")) == 1
+
+
+test_background_movers_scatter_but_are_neither_truth_nor_signal_nor_result = pytest.mark.filterwarnings("ignore")(
+    test_background_movers_scatter_but_are_neither_truth_nor_signal_nor_result
+)
+
+
+def test_thermal_noise_in_the_list_replaces_the_runs_own():
+    scene = {**SCENE, "noise": {"kind": "thermal"}, "targets": [], "seed": 2}
+    own = run_simulation(parse_run(scene)).baseband.values
+    twice = run_simulation(parse_run({**scene, "impairments": [{"kind": "thermal_noise"}]})).baseband.values
+    power = [float((np.abs(values) ** 2).mean()) for values in (own, twice)]
+    assert power[1] == pytest.approx(power[0], rel=0.02)  # once, not twice
+    with pytest.raises(ConfigError, match="leave one out"):
+        run_simulation(parse_run({**SCENE, "noise": {"kind": "snr"}, "impairments": [{"kind": "thermal_noise"}]}))
+
+
+def test_impairments_without_random_numbers_are_refused():
+    with pytest.raises(ConfigError, match="pass rng"):
+        simulate(Scene([Target(WALK)]), RADAR, conditions=Conditions(impairments=[CLUTTER]))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"environment": [{"kind": "fog"}]}, r"environment.0.*'fog' is not allowed: known are .*wall"),
+        ({"impairments": [{"kind": "adc", "bitz": 8}]}, r"impairments.0.*bitz: unknown key; allowed are .*bits"),
+        ({"impairments": [{"kind": "static_clutter"}]}, r"impairments.0.*levels"),
+        ({"environment": "wall"}, "environment"),
+    ],
+)
+def test_mistakes_name_the_entry_and_what_is_allowed(changes, message):
+    with pytest.raises(ConfigError, match=message):
+        parse_run({**SCENE, **changes})
+
+
+def test_conditions_say_what_is_wrong_too():
+    with pytest.raises(ConfigError, match=r"conditions: impairments\.0"):
+        Conditions(impairments=[{"kind": "nothing"}])
+
+
+# --- Sensor twins ---
+
+TWIN = """
+carrier_hz = 7.29e9
+sample_rate_hz = 23.328e9
+decimation = 8
+prf_hz = 500
+range_stop_m = 8
+bandwidth_hz = 1.4e9
+
+[[impairments]]
+kind = "dc_leak"
+level_db = -20
+"""
+
+
+def test_a_preset_file_brings_its_lists_unless_the_scene_has_its_own(tmp_path):
+    (tmp_path / "twin.toml").write_text(TWIN)
+    table = {**SCENE, "radar": {"preset": "twin.toml", "prf_hz": 800}}
+    spec = parse_run(table, folder=tmp_path)
+    assert spec.radar.prf_hz == 800
+    assert [fault.kind for fault in spec.impairments] == ["dc_leak"]
+    assert parse_run({**table, "impairments": []}, folder=tmp_path).impairments == ()
+    with pytest.raises(ConfigError, match=r"radar.preset.*twin.toml"):
+        parse_run(table, folder=tmp_path / "elsewhere")
+
+
+# --- Examples and datasets ---
+
+
+def test_an_example_with_conditions_is_what_simulating_and_analysing_gives():
+    spec = parse_run({**SCENE, "noise": {"kind": "snr"}, "environment": [WALL], "impairments": [CLUTTER],
+                      "analysis": {"clutter": "mean"}, "seed": 5})  # fmt: skip
+    made = run_example(spec, gate_error_m=0.1)
+    expected = analyze(run_simulation(spec), gate="truth", analysis=spec.analysis, gate_error_m=0.1)
+    assert made.results[0].features == expected[0].features
+    assert made.results[0].features.torso_velocity_mps == pytest.approx(1.3, rel=0.1)
+
+
+PLAN = {
+    "dataset": {"name": "t", "examples_per_class": 12, "fractions": {"train": 1.0}},
+    "classes": [
+        {"label": "human", "motion": {"kind": "boulic"}},
+        {"label": "dog", "motion": {"kind": "quadruped", "gait": "trot"}},
+    ],
+    "scene": {"duration_s": 1.0, "radar_tilt_deg": {"uniform": [-20, 0]}},
+    "background": [{"motion": {"kind": "curtain"}, "range_m": {"uniform": [3, 6]}}],
+    "environment": [{"choice": [WALL, {}]}],
+    "impairments": [{"kind": "phase_noise", "white_rad": {"uniform": [0.0, 0.01]}}],
+}
+
+
+def test_a_plan_draws_environment_impairments_and_background():
+    examples = plan_examples(PlanConfig.model_validate(PLAN))
+    walls = [len(example.run.environment) for example in examples]
+    assert set(walls) == {0, 1}
+    white = {example.run.impairments[0].white_rad for example in examples}
+    assert len(white) == len(examples)
+    assert max(white) <= 0.01
+    assert len({example.run.scene.radar_tilt_deg for example in examples}) == len(examples)
+    assert all([t.background for t in example.run.scene.targets] == [False, True] for example in examples)
+    again = plan_examples(PlanConfig.model_validate(PLAN))
+    assert [e.run.model_dump_json() for e in again] == [e.run.model_dump_json() for e in examples]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"impairments": [{"kind": "adc", "bits": {"uniform": [2, 3]}}]}, "impairments.0.*bits"),
+        ({"background": [{"range_m": 3}]}, r"background.0.*needs motion"),
+        ({"background": [{"motion": {"kind": "file", "path": "x.c3d"}}]}, "no subject"),
+        ({"target": {"background": True}}, r"target.background: belongs into \[\[background\]\]"),
+        ({"environment": {"choice": [3, 4]}}, "environment: .* must be a list of tables"),
+    ],
+)
+def test_wrong_plans_are_refused(changes, message):
+    with pytest.raises((ConfigError, ValueError), match=message):
+        plan_examples(PlanConfig.model_validate({**PLAN, **changes}))
+
+
+def test_a_preset_file_is_part_of_the_datasets_identity(tmp_path):
+    (tmp_path / "twin.toml").write_text(TWIN)
+    plan = PlanConfig.model_validate({**PLAN, "radar": {"preset": {"choice": ["twin.toml", "x4"]}}})
+    first = dataset_id(plan, tmp_path)
+    kinds = {example.run.radar.prf_hz for example in plan_examples(plan, folder=tmp_path)}
+    assert kinds == {500.0, 1000.0}
+    (tmp_path / "twin.toml").write_text(TWIN.replace("-20", "-21"))
+    assert dataset_id(plan, tmp_path) != first
+
+
+def test_examples_keep_their_conditions_as_json():
+    spec = parse_run({**SCENE, "environment": [WALL], "impairments": [CLUTTER]})
+    dumped = json.loads(spec.model_dump_json())
+    assert dumped["environment"][0]["loss_db"] == 6.0
+    assert dumped["impairments"][0]["levels"] == [[1.0, -60.0], [8.0, -90.0]]
+    assert type(spec).model_validate(dumped) == spec

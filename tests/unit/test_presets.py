@@ -1,0 +1,189 @@
+"""Radar presets: their numbers against the public sources, their files, and files of one's own."""
+
+from __future__ import annotations
+
+import json
+from importlib import resources
+
+import numpy as np
+import pytest
+import xarray as xr
+from typer.testing import CliRunner
+
+from doppelgait.core.errors import ConfigError
+from doppelgait.radar import Radar, echo_amplitude_v, noise_power_v2, preset_names, preset_table, synthesise
+
+C = 299_792_458.0
+WITHOUT_SOURCES = {"x4-long", "liland2018"}
+"""Files that name the source of their values at the top."""
+
+SPEEDS_MPS = {
+    # unambiguous radial speed, wavelength times frame rate / 4
+    "x4": 10.28, "x4-high": 8.567, "x4-17fps": 0.1753, "x4-255fps": 2.62, "x4-512fps": 5.26, "ti-77": 3.09,
+    "ti-60": 6.61, "infineon-60": 4.03, "infineon-24": 9.33, "acconeer-a121": 3.72, "ancortek-5.8": 12.92,
+}  # fmt: skip
+BINS_CM = {
+    "x4": 5.140, "ti-77": 19.53, "ti-60": 8.42, "infineon-60": 7.49, "acconeer-a121": 3.0, "ancortek-5.8": 37.47,
+    "ancortek-24": 19.99, "xband-fmcw": 187.4,
+}  # fmt: skip
+
+
+def test_there_is_a_preset_for_every_sensor():
+    wanted = {*SPEEDS_MPS, *BINS_CM, "x4-long", "liland2018", "xband-cw"}
+    assert set(preset_names()) == wanted
+    assert {Radar.preset(name).waveform for name in preset_names()} == {"impulse", "fmcw", "cw"}
+
+
+@pytest.mark.parametrize("name", SPEEDS_MPS)
+def test_unambiguous_speed_is_that_of_the_sources(name):
+    assert Radar.preset(name).unambiguous_velocity_mps == pytest.approx(SPEEDS_MPS[name], rel=3e-3)
+
+
+@pytest.mark.parametrize("name", BINS_CM)
+def test_range_bins_are_those_of_the_sources(name):
+    assert 100 * Radar.preset(name).bin_spacing_m == pytest.approx(BINS_CM[name], rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "samples", "reach_m"),
+    [("ti-77", 256, 50.0), ("ti-60", 96, 8.08), ("infineon-60", 280, 20.99), ("ancortek-5.8", 128, 47.97),
+     ("ancortek-24", 128, 25.58), ("xband-fmcw", 1008, 1889.0)],
+)  # fmt: skip
+def test_samples_per_sweep_and_unambiguous_range(name, samples, reach_m):
+    derived = Radar.preset(name).derived()
+    assert derived["n_samples"] == samples
+    assert derived["unambiguous_range_m"] == pytest.approx(reach_m, rel=1e-3)
+    assert derived["sweep_slope_hz_per_s"] == pytest.approx(
+        Radar.preset(name).bandwidth_hz * Radar.preset(name).sample_rate_hz / samples
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "bins", "averages"), [("x4-17fps", 91, 4800), ("x4-255fps", 91, 320), ("x4-512fps", 91, 195)]
+)
+def test_x4_frames_and_averages(name, bins, averages):
+    radar = Radar.preset(name)
+    assert radar.n_range_bins == bins
+    assert radar.averages_per_frame == pytest.approx(averages, rel=4e-3)
+    assert radar.derived()["unambiguous_range_m"] == pytest.approx(9.87, abs=5e-3)
+
+
+def test_pulse_of_the_a121_has_its_profiles_width():
+    # profile 5: 0.32 m full width at half maximum of the amplitude, s = width / (2 sqrt(2 ln 2)) in range
+    radar = Radar.preset("acconeer-a121")
+    assert radar.sigma_s * C / 2 * 2.35482 == pytest.approx(0.32, rel=1e-3)
+    assert radar.averages_per_frame == 16
+    assert radar.derived()["unambiguous_range_m"] == pytest.approx(9.6, abs=0.02)
+
+
+@pytest.mark.parametrize("name", [n for n in ("x4", "x4-long", "x4-high", "x4-17fps", "x4-255fps", "x4-512fps")])
+def test_volts_per_unit_puts_the_noise_of_4096_averages_at_minus_105_db(name):
+    radar = Radar.preset(name)
+    bandwidth_hz = 1.5e9 if name == "x4-high" else 1.4e9
+    noise_v2 = 2 * 50 * 4.004e-21 * 10**0.6 * bandwidth_hz * 10 / 4096
+    assert 10 * np.log10(noise_v2 / radar.volts_per_unit**2) == pytest.approx(-105, abs=2e-3)
+    assert noise_power_v2(radar) == pytest.approx(noise_v2 * 4096 / radar.averages_per_frame, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", SPEEDS_MPS | BINS_CM)
+def test_every_preset_shows_a_point_echo_at_its_place(name):
+    radar = Radar.preset(name)
+    place_m = radar.range_axis_m()[radar.n_range_bins // 3]
+    values = {"range": [[place_m]], "rcs": [[1.0]], "path_gain": [[1.0]], "radial_velocity": [[0.0]]}
+    table = xr.Dataset({k: (("slow_time", "scatterer"), v) for k, v in values.items()}, {"slow_time": [0.0]})
+    y = synthesise(table, radar).values[0]
+    assert np.abs(y).argmax() == radar.n_range_bins // 3
+    wanted = echo_amplitude_v(radar, range_m=place_m, rcs_m2=1.0) * np.exp(-4j * np.pi * place_m * radar.carrier_hz / C)
+    assert abs(y[radar.n_range_bins // 3] / wanted - 1) < 1e-4
+
+
+@pytest.mark.parametrize("name", sorted({*SPEEDS_MPS, *BINS_CM, "xband-cw"} - WITHOUT_SOURCES))
+def test_every_value_names_its_source(name):
+    text = (resources.files("doppelgait.radar.presets") / f"{name}.toml").read_text(encoding="utf-8")
+    assert text.startswith("# ")
+    for line in text.splitlines()[1:]:
+        if not line.startswith("name"):
+            key, _, comment = line.partition("#")
+            assert len(comment.strip()) > 5, key
+
+
+def test_derived_quantities_of_the_link_budget():
+    # -80.7 dBm by hand for the X4 (E-14); noise -82.5 dBm + 6 dB + 10 dB gain, 99 averages
+    derived = Radar.preset("x4").derived()
+    assert derived["received_power_1m2_5m_dbm"] == pytest.approx(-80.7, abs=0.05)
+    assert derived["noise_level_dbv"] == pytest.approx(-82.5 + 6 + 10 - 10 * np.log10(99) - 10, abs=0.05)
+    assert derived["snr_1m2_5m_db"] == pytest.approx(-80.7 + 82.5 - 6 + 10 * np.log10(99), abs=0.1)
+    assert derived["velocity_resolution_100ms_mps"] == pytest.approx(0.2056, abs=1e-4)
+    assert "unambiguous_range_m" not in Radar.preset("infineon-24").derived()
+    json.dumps([Radar.preset(name).derived() for name in preset_names()], allow_nan=False)
+
+
+# --- Files of one's own -------------------------------------------------------------------------------------------
+
+TWIN = """
+name = "my X4"
+carrier_hz = 7.29e9
+sample_rate_hz = 23.328e9
+decimation = 8
+prf_hz = 200
+range_stop_m = 5.0
+bandwidth_hz = 1.4e9
+
+[[impairments]]
+kind = "phase_noise"
+drift_rad_per_min = 0.2
+
+[[impairments]]
+kind = "static_clutter"
+
+[[environment]]
+kind = "wall"
+"""
+
+
+def test_a_file_is_a_preset_and_its_lists_are_beside_the_radar(tmp_path):
+    path = tmp_path / "my-x4.toml"
+    path.write_text(TWIN)
+    for name in (path, str(path)):
+        radar = Radar.preset(name, prf_hz=300.0)
+        assert (radar.name, radar.prf_hz, radar.n_range_bins) == ("my X4", 300.0, 98)
+        assert [entry["kind"] for entry in preset_table(name)["impairments"]] == ["phase_noise", "static_clutter"]
+        assert preset_table(name)["environment"] == [{"kind": "wall"}]
+    assert Radar.preset(path, pulse_sigma_s=1e-9).bandwidth_hz is None
+
+
+def test_faults_of_a_file_name_it(tmp_path):
+    path = tmp_path / "wrong.toml"
+    path.write_text(TWIN.replace("prf_hz = 200", "prf_hz = -200"))
+    with pytest.raises(ConfigError, match=r"radar \(preset .*wrong\.toml\): prf_hz: -200 .*greater than or equal"):
+        Radar.preset(path)
+    path.write_text("prf_hz = = 3")
+    with pytest.raises(ConfigError, match=r"wrong\.toml: is not TOML"):
+        Radar.preset(path)
+    with pytest.raises(ConfigError, match=r"absent\.toml: cannot be read"):
+        Radar.preset(tmp_path / "absent.toml")
+    with pytest.raises(ConfigError, match=r"unknown radar preset 'x9'; known are: .*x4-17fps.*or give the path"):
+        preset_table("x9")
+
+
+def test_the_command_shows_every_preset_and_a_file(tmp_path):
+    from doppelgait.cli.radar import app
+
+    path = tmp_path / "my-x4.toml"
+    path.write_text(TWIN)
+    runner = CliRunner()
+    for name in (*preset_names(), str(path)):
+        plain = runner.invoke(app, ["show", name])
+        assert plain.exit_code == 0, plain.output
+        assert "unambiguous_velocity_mps" in plain.output
+        document = json.loads(runner.invoke(app, ["show", name, "--json"]).stdout)
+        assert document["parameters"]["waveform"] == Radar.preset(name).waveform
+        assert document["derived"] == Radar.preset(name).derived()
+    assert "impairments, in this order: phase_noise, static_clutter" in plain.output
+    assert document["impairments"][0]["drift_rad_per_min"] == 0.2
+    assert "77.564 GHz" in runner.invoke(app, ["list"]).stdout
+    shown = runner.invoke(app, ["show", "ti-77"]).stdout.splitlines()
+    rows = {line.split()[0]: line.split()[1:] for line in shown if line.strip()}
+    assert rows["unambiguous_range_m"] == ["49.998", "m"]
+    assert rows["sweep_slope_hz_per_s"][1] == "Hz/s"
+    assert rows["snr_1m2_5m_db"][1] == "dB"

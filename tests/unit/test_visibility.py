@@ -1,0 +1,76 @@
+"""Gain by range: blind zone, sensitivity time control, end of the display."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from pydantic import ValidationError
+
+from doppelgait.scene.environment.setting import Setting
+from doppelgait.scene.environment.visibility import Visibility, apply_visibility
+
+SETTING = Setting(wavelength_m=0.04, radar_position_m=(0.0, 0.0, 1.0), radar_azimuth_rad=0.0)
+
+
+def table(range_m, path_gain):
+    dims = ("slow_time", "scatterer")
+    values = np.atleast_2d(np.asarray(range_m, dtype=float))
+    return xr.Dataset(
+        {
+            "range": (dims, values, {"units": "m"}),
+            "path_gain": (dims, np.broadcast_to(path_gain, values.shape), {"units": "1"}),
+        }
+    )
+
+
+def test_gain_goes_straight_in_db_and_stays_beyond_the_ends():
+    spec = Visibility(gain_db=[[1.0, -20.0], [3.0, 0.0], [5.0, -40.0]])
+    seen = apply_visibility(table([0.2, 1.0, 2.0, 3.0, 4.5, 5.0, 90.0], 0.5), spec, SETTING)
+    level_db = 10 * np.log10(seen["path_gain"].values / 0.5)
+    np.testing.assert_allclose(level_db, [[-20, -20, -10, 0, -30, -40, -40]], atol=1e-9)
+    assert seen["path_gain"].attrs["units"] == "1"
+
+
+def test_every_echo_at_every_time_by_its_own_range():
+    ranges, gains = np.random.default_rng(0).uniform(0, 10, (50, 7)), np.random.default_rng(1).uniform(0, 1, (50, 7))
+    points = [(0.5, -200.0), (0.6, -3.0), (8.0, 0.0)]
+    before = table(ranges, gains)
+    seen = apply_visibility(before, Visibility(gain_db=points), SETTING)
+    for i, k in np.ndindex(ranges.shape):
+        r = ranges[i, k]
+        if r <= 0.5:
+            level_db = -200.0
+        elif r <= 0.6:
+            level_db = -200.0 + 197.0 * (r - 0.5) / 0.1
+        elif r <= 8.0:
+            level_db = -3.0 + 3.0 * (r - 0.6) / 7.4
+        else:
+            level_db = 0.0
+        assert seen["path_gain"].values[i, k] == pytest.approx(gains[i, k] * 10 ** (level_db / 10), rel=1e-9)
+    np.testing.assert_array_equal(before["path_gain"].values, gains)
+    assert seen["range"].identical(before["range"])
+
+
+def test_one_pair_is_the_same_gain_everywhere():
+    seen = apply_visibility(table([0.0, 50.0], 1.0), Visibility(gain_db=[[2.0, 6.0]]), SETTING)
+    np.testing.assert_allclose(seen["path_gain"].values, 10**0.6)
+
+
+def test_a_table_without_scatterers_stays_so():
+    assert apply_visibility(table(np.empty((5, 0)), 1.0), Visibility(gain_db=[[1, 0]]), SETTING).sizes["scatterer"] == 0
+
+
+@pytest.mark.parametrize(
+    ("gain_db", "message"),
+    [
+        ([], "at least 1"),
+        ([[1, 0], [1, -3]], "1 m follows 1 m"),
+        ([[2, 0], [1, -3]], "1 m follows 2 m"),
+        ([[-1, 0]], "greater than or equal to 0"),
+        ([[1, -301]], "-300"),
+        ([[1, 0, 2]], "gain_db"),
+        ([[1, float("-inf")]], "finite"),
+    ],
+)
+def test_tables_that_make_no_sense_are_refused(gain_db, message):
+    with pytest.raises(ValidationError, match=message):
+        Visibility(gain_db=gain_db)

@@ -1,0 +1,533 @@
+"""Every waveform against literal float64 loops, brute-force matched filters and each other."""
+
+from __future__ import annotations
+
+import json
+import time
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from doppelgait.core.errors import AnalysisError, ConfigError, DoppelgaitWarning
+from doppelgait.motion import boulic_walk
+from doppelgait.pipeline import analyze, simulate
+from doppelgait.radar import (
+    WAVEFORMS,
+    Radar,
+    compress,
+    echo_amplitude_v,
+    noise_power_v2,
+    synthesise,
+    synthesise_samples,
+)
+from doppelgait.radar.simulate import warn_of_limits
+from doppelgait.radar.waveforms import waveform_of
+from doppelgait.scene import Scene, Target
+
+C = 299_792_458.0
+
+COMMON = {"carrier_hz": 24e9, "prf_hz": 500.0, "range_stop_m": 9.0, "transmit_phase_rad": 0.4}
+RADARS = {
+    "impulse": Radar(waveform="impulse", sample_rate_hz=3e9, bandwidth_hz=1e9, **COMMON),
+    "rectangular": Radar(waveform="rectangular", sample_rate_hz=3e9, sweep_s=2e-9, **COMMON),
+    "lfm": Radar(waveform="lfm", sample_rate_hz=3e9, sweep_s=1e-6, bandwidth_hz=1e9, **COMMON),
+    "fmcw": Radar(waveform="fmcw", sample_rate_hz=256e3, sweep_s=1e-3, bandwidth_hz=1e9, **COMMON),
+    "stepped": Radar(waveform="stepped", sample_rate_hz=256e3, sweep_s=1e-3, bandwidth_hz=1e9, **COMMON),
+    "cw": Radar(waveform="cw", sample_rate_hz=500.0, **COMMON),
+}
+SWEPT = ("fmcw", "stepped")
+
+
+def changed(radar, **changes):
+    return Radar.model_validate({**radar.model_dump(), **changes})
+
+
+def table_of(range_m, *, velocity_mps=0.0, rcs_m2=1.0, path_phase=None, prf_hz=500.0, target=None):
+    range_m = np.asarray(range_m, dtype=float)
+    values = {"range": range_m, "rcs": rcs_m2, "path_gain": 1.0, "radial_velocity": velocity_mps}
+    if path_phase is not None:
+        values["path_phase"] = path_phase
+    coords = {"slow_time": np.arange(range_m.shape[0]) / prf_hz}
+    if target is not None:
+        coords["target"] = ("scatterer", np.asarray(target))
+    dims = ("slow_time", "scatterer")
+    return xr.Dataset({k: (dims, np.broadcast_to(v, range_m.shape)) for k, v in values.items()}, coords=coords)
+
+
+def crowd(seed=3, pulses=19, scatterers=4, speed_mps=5.0):
+    """Random scatterers with velocities and extra phases; not a multiple of any block length."""
+    rng = np.random.default_rng(seed)
+    shape = (pulses, scatterers)
+    return table_of(
+        rng.uniform(1.0, 8.0, shape),
+        velocity_mps=rng.uniform(-speed_mps, speed_mps, shape),
+        rcs_m2=rng.uniform(0.1, 1.0, shape),
+        path_phase=rng.uniform(-4.0, 4.0, shape),
+    )
+
+
+def rows_of(table, radar):
+    """Every scatterer of every pulse: pulse, range, velocity, amplitude, extra phase."""
+    a = echo_amplitude_v(radar, range_m=table["range"].values, rcs_m2=table["rcs"].values)
+    extra = table["path_phase"].values if "path_phase" in table else np.zeros(a.shape)
+    for i in range(a.shape[0]):
+        for s in range(a.shape[1]):
+            yield i, table["range"].values[i, s], table["radial_velocity"].values[i, s], a[i, s], extra[i, s]
+
+
+def literal_sweep(table, radar, *, chirped):
+    """Samples of each sweep from the phases of what leaves and what comes back, sample by sample."""
+    n = round(radar.sweep_s * radar.sample_rate_hz)
+    u = (np.arange(n) - (n - 1) / 2) / radar.sample_rate_hz
+    slope = radar.bandwidth_hz * radar.sample_rate_hz / n
+    out = np.zeros((table.sizes["slow_time"], n), dtype=complex)
+    for i, r, v, a, extra in rows_of(table, radar):
+        delay = 2 * (r - v * u) / C
+        if chirped:
+            sent = radar.carrier_hz * u + slope * u**2 / 2
+            back = radar.carrier_hz * (u - delay) + slope * (u - delay) ** 2 / 2
+            turns = back - sent
+        else:
+            turns = -(radar.carrier_hz + slope * u) * delay
+        out[i] += a * np.exp(1j * (radar.transmit_phase_rad + extra + 2 * np.pi * turns))
+    return out
+
+
+WINDOWS = {
+    "none": lambda x: np.ones_like(x),
+    "hann": lambda x: np.sin(np.pi * x) ** 2,
+    "hamming": lambda x: 0.08 + 0.92 * np.sin(np.pi * x) ** 2,
+    "blackman": lambda x: 0.42 - 0.5 * np.cos(2 * np.pi * x) + 0.08 * np.cos(4 * np.pi * x),
+}
+
+
+def literal_transform(samples, radar, at_m, *, chirped):
+    """Response at any range: every sample times the conjugate of what a scatterer there would give, window and all."""
+    n = samples.shape[1]
+    u = (np.arange(n) - (n - 1) / 2) / radar.sample_rate_hz
+    slope = radar.bandwidth_hz * radar.sample_rate_hz / n
+    w = WINDOWS[radar.range_window]((np.arange(n) + 0.5) / n)
+    delay = 2 * np.atleast_1d(at_m)[:, None] / C
+    match = np.exp(2j * np.pi * slope * delay * (u - (delay / 2 if chirped else 0.0)))
+    return (samples * w) @ match.T / w.sum()
+
+
+# --- Swept waveforms ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", SWEPT)
+def test_samples_of_a_sweep_are_those_of_the_literal_loop(name):
+    radar, table = RADARS[name], crowd()
+    found = synthesise_samples(table, radar)
+    wanted = literal_sweep(table, radar, chirped=name == "fmcw")
+    assert found.dtype == np.complex64
+    assert found.shape == (19, 256)
+    assert np.abs(found - wanted).max() < 3e-7 * np.abs(wanted).max()
+
+
+def test_the_two_swept_waveforms_differ_by_the_residual_video_phase():
+    table = table_of([[8.0]])
+    fmcw, stepped = (synthesise_samples(table, changed(RADARS[n], sweep_s=1e-5, sample_rate_hz=25.6e6)) for n in SWEPT)
+    delay = 16.0 / C
+    assert np.angle(fmcw[0, 5] / stepped[0, 5]) == pytest.approx(np.pi * 1e9 / 1e-5 * delay**2, abs=2e-6)  # 0.89 rad
+
+
+@pytest.mark.parametrize("window", WINDOWS)
+@pytest.mark.parametrize("name", SWEPT)
+def test_compression_is_the_literal_windowed_transform(name, window):
+    radar = changed(RADARS[name], range_window=window, range_start_m=1.1)
+    samples = synthesise_samples(crowd(), radar)
+    found = compress(samples, radar)
+    axis_m = radar.range_axis_m()
+    spacing_m = C / (2 * 1e9)
+    np.testing.assert_allclose(axis_m, spacing_m * np.arange(8, 61), rtol=1e-12)  # 1.199 m to 8.994 m
+    wanted = literal_transform(samples, radar, axis_m, chirped=name == "fmcw")
+    assert np.abs(found - wanted).max() < 3e-7 * np.abs(wanted).max()
+
+
+def test_many_sweeps_are_compressed_like_one():
+    radar = RADARS["fmcw"]
+    rng = np.random.default_rng(0)
+    samples = (rng.normal(size=(2051, 256)) + 1j * rng.normal(size=(2051, 256))).astype(np.complex64)
+    together = compress(samples, radar)
+    for row in (0, 2047, 2048, 2050):
+        np.testing.assert_array_equal(together[row], compress(samples[row : row + 1], radar)[0])
+
+
+@pytest.mark.parametrize("name", SWEPT)
+def test_a_point_at_4_2_m_stands_there_with_its_amplitude_and_a_width_of_a_hann_window(name):
+    radar = RADARS[name]  # c / 2B = 0.15 m
+    fine_m = np.arange(3.9, 4.5, 1e-4)
+    samples = synthesise_samples(table_of([[4.2]]), radar)
+    profile = np.abs(literal_transform(samples, radar, fine_m, chirped=name == "fmcw")[0])
+    assert fine_m[profile.argmax()] == pytest.approx(4.2, abs=1e-3)
+    assert profile.max() == pytest.approx(float(echo_amplitude_v(radar, range_m=4.2, rcs_m2=1.0)), rel=1e-5)
+    inside = fine_m[profile**2 >= 0.5 * profile.max() ** 2]
+    width_m = inside[-1] - inside[0]
+    assert 0.2155 < width_m < 0.2255  # 1.44 to 1.5 times c / 2B
+    assert radar.range_resolution_m == pytest.approx(width_m, abs=2e-4)
+
+
+@pytest.mark.parametrize(
+    ("window", "cells"), [("none", 0.886), ("hann", 1.441), ("hamming", 1.303), ("blackman", 1.644)]
+)
+def test_resolution_of_the_windows(window, cells):
+    # 0.886 and Harris 1978, table 1: 3 dB widths 1.44, 1.30, 1.68 (Blackman rounded as 0.42, 0.50, 0.08: 1.64)
+    radar = changed(RADARS["fmcw"], range_window=window)
+    assert radar.range_resolution_m / (C / 2e9) == pytest.approx(cells, abs=2e-3)
+
+
+@pytest.mark.parametrize("name", RADARS)
+def test_phase_at_the_peak_falls_by_4_pi_over_lambda_per_metre(name):
+    radar = RADARS[name]
+    wavelength_m = C / 24e9
+    place_m = radar.range_axis_m()[radar.n_range_bins // 2]
+    offsets_m = np.arange(-8, 9) * wavelength_m / 16
+    y = synthesise(table_of(place_m + offsets_m[:, None]), radar).values[:, radar.n_range_bins // 2]
+    wanted = radar.transmit_phase_rad - 4 * np.pi * (place_m + offsets_m) / wavelength_m
+    assert np.abs(np.angle(y * np.exp(-1j * wanted))).max() < 1e-3
+
+
+@pytest.mark.parametrize("name", RADARS)
+@pytest.mark.parametrize("velocity_mps", [1.5, -0.8])
+def test_approaching_is_positive_doppler(name, velocity_mps):
+    radar, pulses = RADARS[name], 256
+    t = np.arange(pulses) / radar.prf_hz
+    table = table_of(4.0 - velocity_mps * t[:, None] + 0.5, velocity_mps=velocity_mps)
+    y = synthesise(table, radar).values.astype(complex)
+    spectrum = (np.abs(np.fft.fft(y, axis=0)) ** 2).sum(axis=1)
+    peak_hz = np.fft.fftfreq(pulses, 1 / radar.prf_hz)[spectrum.argmax()]
+    wanted_hz = 2 * velocity_mps * 24e9 / C  # 240 Hz is below the 250 Hz of this frame rate
+    assert peak_hz == pytest.approx(wanted_hz, abs=1.2 * radar.prf_hz / pulses)
+
+
+@pytest.mark.parametrize(("name", "velocity_mps"), [("fmcw", 2.0), ("fmcw", -2.0), ("stepped", 2.0)])
+def test_range_doppler_coupling_of_a_sweep_is_4_8_cm(name, velocity_mps):
+    # 24 GHz, 2 m/s, 1 ms, 1 GHz: an approaching scatterer looks nearer by f_c v T / B = 4.8 cm
+    radar = RADARS[name]
+    samples = synthesise_samples(table_of([[5.0]], velocity_mps=velocity_mps), radar)
+    fine_m = np.arange(4.8, 5.2, 1e-4)
+    profile = np.abs(literal_transform(samples, radar, fine_m, chirped=name == "fmcw")[0])
+    assert fine_m[profile.argmax()] - 5.0 == pytest.approx(-0.048 * velocity_mps / 2.0, abs=2e-4)
+    assert waveform_of(radar).coupling_s(radar) * velocity_mps == pytest.approx(-0.048 * velocity_mps / 2.0)
+
+
+def test_a_stepped_sweep_with_a_gaussian_taper_is_the_pulse_matrix():
+    pulse = Radar.preset("x4", transmit_phase_rad=0.3)
+    table = table_of([[3.0, 3.07, 5.5], [2.2, 6.0, 4.44]], rcs_m2=np.array([0.3, 1.0, 0.5]))
+    steps, band_hz = 1000, 5e9
+    shape = {"carrier_hz": 7.29e9, "prf_hz": 1000.0, "range_stop_m": 9.664, "transmit_phase_rad": 0.3}
+    link = {name: getattr(pulse, name) for name in ("tx_gain_dbi", "rx_gain_dbi", "receiver_gain_db", "tx_power_dbm")}
+    stepped = Radar(waveform="stepped", bandwidth_hz=band_hz, sweep_s=1e-3, sample_rate_hz=steps * 1e3, **shape, **link)
+    response = synthesise_samples(table, stepped).astype(complex)
+    offset_hz = (np.arange(steps) - (steps - 1) / 2) * band_hz / steps
+    tau = np.sqrt(np.log(10)) / (np.pi * 1.4e9)
+    taper = np.exp(-2 * (np.pi * tau * offset_hz) ** 2)
+    axis_m = pulse.range_axis_m()
+    wanted = (response * taper) @ np.exp(4j * np.pi * offset_hz[:, None] * axis_m / C) / taper.sum()
+    found = synthesise(table, pulse).values
+    assert np.abs(found - wanted).max() < 1e-3 * np.abs(found).max()
+
+
+# --- Pulses behind a matched filter -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("duration_s", "bandwidth_hz", "velocity_mps"), [(4e-9, 0.0, 0.0), (2e-7, 2e8, 3e4), (2e-7, 2e8, -3e4)]
+)
+def test_response_is_that_of_a_brute_force_matched_filter(duration_s, bandwidth_hz, velocity_mps):
+    name = "lfm" if bandwidth_hz else "rectangular"
+    band = {"bandwidth_hz": bandwidth_hz} if bandwidth_hz else {}
+    radar = Radar(waveform=name, sweep_s=duration_s, sample_rate_hz=1e9, carrier_hz=10e9, prf_hz=1000.0,
+                  range_start_m=20.0, range_stop_m=40.0, transmit_phase_rad=0.2, **band)  # fmt: skip
+    range_m = 30.03
+    found = synthesise(table_of([[range_m]], velocity_mps=velocity_mps), radar).values[0]
+    n = 20_000  # samples of the pulse; the integral by the midpoint rule
+    t = (np.arange(n) + 0.5) / n * duration_s - duration_s / 2
+    slope = bandwidth_hz / duration_s
+    doppler_hz = 2 * velocity_mps * 10e9 / C
+    received = np.exp(1j * np.pi * slope * t**2 + 2j * np.pi * doppler_hz * t)  # in its own time
+    wanted = np.zeros(found.size, dtype=complex)
+    for k, at_m in enumerate(radar.range_axis_m()):
+        x = 2 * (at_m - range_m) / C
+        inside = np.abs(t - x) <= duration_s / 2
+        wanted[k] = (received[inside] * np.exp(-1j * np.pi * slope * (t[inside] - x) ** 2)).sum() / n
+    wanted *= float(echo_amplitude_v(radar, range_m=range_m, rcs_m2=1.0))
+    wanted *= np.exp(1j * (0.2 - 4 * np.pi * range_m * 10e9 / C))
+    assert np.abs(found - wanted).max() < 1e-3 * np.abs(wanted).max()
+
+
+@pytest.mark.parametrize("name", ["rectangular", "lfm"])
+@pytest.mark.parametrize("range_start_m", [0.0, 3.3])
+def test_matched_filter_bins_are_those_of_the_literal_loop(name, range_start_m):
+    radar, table = changed(RADARS[name], range_start_m=range_start_m), crowd(speed_mps=50.0)
+    wanted = np.zeros((19, radar.n_range_bins), dtype=complex)
+    slope = (radar.bandwidth_hz or 0.0) / radar.sweep_s
+    for i, r, v, a, extra in rows_of(table, radar):
+        x = 2 * (radar.range_axis_m() - r) / C
+        left = np.maximum(radar.sweep_s - np.abs(x), 0.0)
+        doppler_hz = 2 * v * 24e9 / C
+        phase = 0.4 + extra - 4 * np.pi * r * 24e9 / C + np.pi * doppler_hz * x
+        wanted[i] += a * left / radar.sweep_s * np.sinc((doppler_hz + slope * x) * left) * np.exp(1j * phase)
+    found = synthesise(table, radar).values
+    assert np.abs(found - wanted).max() < 3e-7 * np.abs(wanted).max()
+
+
+def test_widths_of_matched_filter_responses():
+    rectangular = RADARS["rectangular"]
+    assert rectangular.range_resolution_m == pytest.approx((2 - np.sqrt(2)) * C * 2e-9 / 2, rel=1e-12)
+    assert rectangular.derived()["pulse_bandwidth_3db_hz"] == pytest.approx(0.886 / 2e-9, rel=1e-3)
+    assert RADARS["lfm"].range_resolution_m == pytest.approx(0.8859 * C / 2e9, rel=2e-3)
+    for name in ("rectangular", "lfm"):
+        radar = changed(RADARS[name], sample_rate_hz=3e11, range_start_m=3.5, range_stop_m=4.5)
+        level = np.abs(synthesise(table_of([[4.0]]), radar).values[0]) ** 2
+        width_m = (level >= 0.5 * level.max()).sum() * radar.bin_spacing_m
+        assert width_m == pytest.approx(radar.range_resolution_m, abs=2.5 * radar.bin_spacing_m)
+
+
+def test_coupling_of_a_chirp_makes_an_approaching_scatterer_look_nearer():
+    radar = Radar(waveform="lfm", sweep_s=1e-4, bandwidth_hz=1e9, sample_rate_hz=60e9, carrier_hz=24e9, prf_hz=1000.0,
+                  range_start_m=4.8, range_stop_m=5.2)  # fmt: skip
+    level = np.abs(synthesise(table_of([[5.0]], velocity_mps=20.0), radar).values[0])
+    assert radar.range_axis_m()[level.argmax()] - 5.0 == pytest.approx(-0.048, abs=radar.bin_spacing_m)
+
+
+# --- CW -----------------------------------------------------------------------------------------------------------
+
+
+def test_cw_is_the_literal_sum_at_whatever_range():
+    radar, table = RADARS["cw"], crowd()
+    wanted = np.zeros((19, 1), dtype=complex)
+    for i, r, _, a, extra in rows_of(table, radar):
+        wanted[i] += a * np.exp(1j * (0.4 + extra - 4 * np.pi * r * 24e9 / C))
+    found = synthesise(table, radar)
+    assert np.abs(found.values - wanted).max() < 3e-7 * np.abs(wanted).max()
+    assert found.coords["range"].values == pytest.approx([4.5])
+    assert radar.bin_spacing_m == 9.0
+    far = synthesise(table_of([[500.0]]), radar).values
+    assert np.abs(far[0, 0]) == pytest.approx(float(echo_amplitude_v(radar, range_m=500.0, rcs_m2=1.0)), rel=1e-6)
+
+
+def test_cw_is_the_coherent_range_sum_of_pulse_data():
+    t = np.arange(200) / 500
+    table = table_of(np.stack([5 - 0.5 * t, 5.3 + 0.02 * np.sin(30 * t), 4.6 + 0.2 * t], axis=1), velocity_mps=0.0)
+    pulse = synthesise(table, RADARS["impulse"]).values.sum(axis=1)
+    single = synthesise(table, RADARS["cw"]).values[:, 0]
+    assert np.abs(np.vdot(pulse, single)) / (np.linalg.norm(pulse) * np.linalg.norm(single)) > 0.999
+
+
+# --- All of them --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", RADARS)
+def test_a_phase_of_the_path_turns_its_echo_only(name):
+    radar = RADARS[name]
+    rng = np.random.default_rng(1)
+    phases = rng.uniform(-7, 7, (5, 3))
+    ranges, velocities = rng.uniform(2, 7, (5, 3)), rng.uniform(-1, 1, (5, 3))
+    found = synthesise_samples(table_of(ranges, velocity_mps=velocities, path_phase=phases), radar)
+    wanted = sum(
+        np.exp(1j * phases[:, [s]])
+        * synthesise_samples(table_of(ranges[:, [s]], velocity_mps=velocities[:, [s]]), radar).astype(complex)
+        for s in range(3)
+    )
+    assert np.abs(found - wanted).max() < 1e-6 * np.abs(wanted).max()
+    plain = synthesise_samples(table_of(ranges, velocity_mps=velocities), radar)
+    none = synthesise_samples(table_of(ranges, velocity_mps=velocities, path_phase=0.0), radar)
+    np.testing.assert_array_equal(none, plain)
+
+
+@pytest.mark.parametrize("name", RADARS)
+def test_an_echo_on_a_bin_keeps_its_amplitude(name):
+    radar = RADARS[name]
+    place_m = radar.range_axis_m()[radar.n_range_bins // 3]
+    y = np.abs(synthesise(table_of([[place_m]]), radar).values[0])
+    assert y.argmax() == radar.n_range_bins // 3
+    assert y.max() == pytest.approx(float(echo_amplitude_v(radar, range_m=place_m, rcs_m2=1.0)), rel=2e-6)
+
+
+@pytest.mark.parametrize("name", RADARS)
+def test_an_empty_scene_gives_silence_of_the_right_shape(name):
+    radar = RADARS[name]
+    samples = synthesise_samples(table_of(np.empty((7, 0))), radar)
+    assert samples.shape == (7, waveform_of(radar).n_samples(radar))
+    bins = compress(samples, radar)
+    assert bins.shape == (7, radar.n_range_bins)
+    assert bins.dtype == np.complex64
+    assert not bins.any()
+    warn_of_limits(table_of(np.empty((7, 0))), radar)
+
+
+@pytest.mark.parametrize("name", [n for n in RADARS if n not in ("impulse", "cw")])
+@pytest.mark.parametrize("window", ["none", "hann"])
+def test_snr_in_a_bin_is_that_of_the_echos_energy(name, window):
+    # E / N0 with E = P T; a window loses its noise bandwidth, 1.5 bins for Hann (Harris 1978)
+    radar = changed(RADARS[name], range_window=window) if name in SWEPT else RADARS[name]
+    amplitude_v = float(echo_amplitude_v(radar, range_m=5.0, rcs_m2=1.0))
+    energy_j = amplitude_v**2 / (2 * 50) * radar.sweep_s
+    density = 4.004e-21 * 10 ** (radar.noise_figure_db / 10) * 10 ** (radar.receiver_gain_db / 10)
+    wanted = energy_j / density / (1.5 if name in SWEPT and window == "hann" else 1.0)
+    assert amplitude_v**2 / noise_power_v2(radar) == pytest.approx(wanted, rel=1e-9)
+
+
+@pytest.mark.parametrize("window", WINDOWS)
+def test_noise_gain_is_what_compression_does_to_white_noise(window):
+    radar = changed(RADARS["stepped"], range_window=window)
+    rng = np.random.default_rng(7)
+    samples = rng.normal(size=(4000, 256)) + 1j * rng.normal(size=(4000, 256))
+    power = np.mean(np.abs(compress(samples, radar)) ** 2)
+    assert power == pytest.approx(2.0 * waveform_of(radar).noise_gain(radar), rel=0.01)
+
+
+def test_noise_per_sample_and_per_bin():
+    impulse, cw = RADARS["impulse"], RADARS["cw"]
+    assert noise_power_v2(impulse) == waveform_of(impulse).noise_power_v2(impulse)
+    assert noise_power_v2(impulse) == pytest.approx(100 * 4.004e-21 * 10**0.6 * 1e9, rel=1e-9)
+    assert noise_power_v2(cw) == pytest.approx(100 * 4.004e-21 * 10**0.6 * 500, rel=1e-9)
+    assert noise_power_v2(changed(cw, noise_bandwidth_hz=2000.0)) == pytest.approx(4 * noise_power_v2(cw), rel=1e-9)
+    assert RADARS["fmcw"].receiver_bandwidth_hz == 256e3
+
+
+@pytest.fixture(scope="module")
+def walkers():
+    scene = Scene([Target(boulic_walk(speed_mps=1.2, height_m=1.75, duration_s=4.0), range_m=5.8)])
+    shape = {"carrier_hz": 7.29e9, "prf_hz": 700.0, "range_stop_m": 9.0}
+    swept = {"bandwidth_hz": 2e9, "sweep_s": 1e-4, "sample_rate_hz": 2.56e6}  # an echo as wide as the others'
+    forms = {
+        "impulse": Radar(waveform="impulse", bandwidth_hz=1.4e9, sample_rate_hz=2.9e9, **shape),
+        "lfm": Radar(waveform="lfm", bandwidth_hz=1e9, sweep_s=1e-6, sample_rate_hz=2e9, **shape),
+        "fmcw": Radar(waveform="fmcw", **swept, **shape),
+        "stepped": Radar(waveform="stepped", **swept, **shape),
+    }
+    return {name: analyze(simulate(scene, radar), gate="truth")[0] for name, radar in forms.items()}
+
+
+@pytest.mark.parametrize("name", ["lfm", "fmcw", "stepped"])
+def test_a_walk_has_the_same_speed_steps_and_signature_with_every_waveform(walkers, name):
+    one, other = walkers["impulse"].features, walkers[name].features
+    assert other.torso_velocity_mps == pytest.approx(one.torso_velocity_mps, rel=0.01)
+    steps_hz = [f.torso_velocity_mps / f.step_length_m for f in (one, other)]
+    assert steps_hz[1] == pytest.approx(steps_hz[0], rel=0.01)
+    maps = [np.asarray(walkers[n].signature.values, dtype=float).ravel() for n in ("impulse", name)]
+    assert np.corrcoef(*maps)[0, 1] >= 0.99
+
+
+# --- Parameters ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "says"),
+    [
+        (
+            "impulse",
+            {"waveform": "chirp"},
+            r"waveform: 'chirp' .*known are cw, fmcw, impulse, lfm, rectangular, stepped",
+        ),
+        ("impulse", {"sweep_s": 1e-6}, "sweep_s means nothing to waveform 'impulse'"),
+        ("impulse", {"range_window": "none"}, "range_window means nothing to waveform 'impulse'"),
+        ("cw", {"bandwidth_hz": 1e6, "decimation": 2}, "bandwidth_hz and decimation mean nothing to waveform 'cw'"),
+        ("rectangular", {"sweep_s": None}, "waveform 'rectangular' needs sweep_s"),
+        ("rectangular", {"bandwidth_hz": 1e9}, "bandwidth_hz means nothing.*takes decimation"),
+        ("lfm", {"bandwidth_hz": None}, "waveform 'lfm' needs bandwidth_hz"),
+        ("lfm", {"sweep_s": 1e-9}, "below 2: that is no chirp"),
+        ("lfm", {"sweep_s": 2e-3}, r"sweep_s 0.002 is too long for a pulse; at most 0.001"),
+        ("lfm", {"carrier_hz": 4e8}, r"carrier_hz 4e\+08 is below half of bandwidth_hz 1e\+09"),
+        ("fmcw", {"bandwidth_hz": None, "sweep_s": None}, "waveform 'fmcw' needs bandwidth_hz and sweep_s"),
+        ("fmcw", {"noise_bandwidth_hz": 1e6}, "noise_bandwidth_hz means nothing to waveform 'fmcw'"),
+        ("fmcw", {"pulse_sigma_s": 1e-9}, "pulse_sigma_s means nothing"),
+        ("fmcw", {"sweep_levels": 3}, "sweep_levels means nothing"),
+        ("fmcw", {"prf_hz": 1001.0}, r"sweep_s 0.001 is longer than a frame at prf_hz 1001"),
+        ("fmcw", {"range_stop_m": 39.0}, r"range_stop_m 39 lies beyond the unambiguous range of 256 samples.*38.37"),
+        ("fmcw", {"sweep_s": 5e-6}, r"makes 1 samples; 2 to 65,536 are allowed"),
+        ("stepped", {"sample_rate_hz": 1e9}, r"makes 1,000,000 samples"),
+        ("stepped", {"range_start_m": 9.5}, r"range_stop_m 9.0 must be larger than range_start_m 9.5"),
+        ("stepped", {"range_start_m": 4.35, "range_stop_m": 4.4}, "makes 0 range bins"),
+    ],
+)
+def test_what_a_waveform_needs_and_refuses(name, changes, says):
+    from doppelgait.core.config import validate
+
+    with pytest.raises(ConfigError, match=says):
+        validate(Radar, {**RADARS[name].model_dump(), **changes})
+
+
+def test_a_sweep_that_does_not_alias_is_displaced_by_half_a_cell_at_most():
+    tightest = changed(RADARS["fmcw"], prf_hz=1000.0)  # one sweep after the other
+    shift_m = -waveform_of(tightest).coupling_s(tightest) * tightest.unambiguous_velocity_mps
+    assert shift_m == pytest.approx(0.5 * C / 2e9, rel=1e-9)
+
+
+def test_a_cw_radar_needs_no_sampling_rate_and_others_do():
+    assert Radar(waveform="cw", carrier_hz=24e9, prf_hz=2000.0, range_stop_m=5.0).sample_rate_hz == 2000.0
+    with pytest.raises(ValueError, match="sample_rate_hz"):
+        Radar(waveform="stepped", carrier_hz=24e9, prf_hz=2000.0, range_stop_m=5.0)
+
+
+def test_radars_of_older_files_and_of_every_waveform_load_again():
+    old = {k: v for k, v in Radar.preset("x4").model_dump(mode="json").items()
+           if k not in ("waveform", "sweep_s", "range_window", "volts_per_unit", "antenna")}  # fmt: skip
+    assert Radar.model_validate(old) == Radar.preset("x4", volts_per_unit=None)
+    for radar in RADARS.values():
+        assert Radar.model_validate(json.loads(json.dumps(radar.model_dump(mode="json")))) == radar
+    assert set(WAVEFORMS) == set(RADARS)
+
+
+def test_only_an_impulse_radar_has_a_gaussian_pulse():
+    with pytest.raises(ConfigError, match="waveform 'fmcw' has no Gaussian pulse"):
+        RADARS["fmcw"].sigma_s  # noqa: B018
+
+
+@pytest.mark.parametrize("name", RADARS)
+def test_samples_of_another_length_are_refused(name):
+    with pytest.raises(AnalysisError, match=rf"shape \(3, 7\).*waveform '{name}'.* takes \d+ samples a frame"):
+        compress(np.zeros((3, 7), dtype=np.complex64), RADARS[name])
+
+
+def test_a_waveform_that_sweeps_needs_velocities():
+    with pytest.raises(ConfigError, match="no radial_velocity"):
+        synthesise(table_of([[4.0]]).drop_vars("radial_velocity"), RADARS["fmcw"])
+    synthesise(table_of([[4.0]]).drop_vars("radial_velocity"), RADARS["impulse"])
+
+
+def test_limits_are_warned_of():
+    fmcw = RADARS["fmcw"]
+    with pytest.warns(DoppelgaitWarning, match=r"folding: a scatterer is 39.00 m away, beyond.*38.37 m"):
+        warn_of_limits(table_of([[39.0]]), fmcw)
+    with pytest.warns(DoppelgaitWarning, match=r"outside the frame: 100 %.*0 to 9 m"):
+        warn_of_limits(table_of([[20.0]]), fmcw)
+    with pytest.warns(DoppelgaitWarning, match=r"aliasing: .*2\.00 m/s.*prf_hz = 500 .*1\.56 m/s"):
+        warn_of_limits(table_of([[4.0]], velocity_mps=-2.0), fmcw)
+    for name, radar in RADARS.items():
+        warn_of_limits(table_of([[4.0]], velocity_mps=1.0), radar)
+        if name != "cw":
+            warn_of_limits(table_of([[4.0, 400.0]], target=[0, -1]), radar)  # a ghost may lie anywhere
+    warn_of_limits(table_of([[400.0]]), RADARS["cw"])
+
+
+# --- Kernel -------------------------------------------------------------------------------------------------------
+
+
+def test_tones_keep_their_phase_over_a_long_sweep():
+    from doppelgait.core.kernels.tones import add_tones
+
+    rng = np.random.default_rng(2)
+    shape, n = (17, 2), 20_001
+    a, p = rng.uniform(0.5, 1, shape), rng.uniform(-1e5, 1e5, shape)
+    q, r = rng.uniform(-0.5, 0.5, shape), rng.uniform(-1e-5, 1e-5, shape)
+    out = np.empty((17, n), dtype=np.complex64)
+    add_tones(a, p, q, r, out)
+    u = np.arange(n) - (n - 1) / 2
+    for i in (0, 15, 16):
+        wanted = sum(a[i, s] * np.exp(2j * np.pi * (p[i, s] + q[i, s] * u + r[i, s] * u * u)) for s in range(2))
+        assert np.abs(out[i] - wanted).max() < 3e-7
+
+
+@pytest.mark.slow
+def test_a_long_recording_of_a_swept_radar_takes_well_below_a_second():
+    radar = changed(RADARS["fmcw"], sweep_s=1e-3)
+    table = table_of(np.random.default_rng(0).uniform(2, 8, (5000, 41)), velocity_mps=1.0)
+    synthesise(table.isel(slow_time=slice(0, 16)), radar)
+    began = time.perf_counter()
+    synthesise(table, radar)
+    assert time.perf_counter() - began < 2.0  # measured 0.15 s; other work may be running
