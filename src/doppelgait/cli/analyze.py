@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -13,22 +13,29 @@ from doppelgait.cli.output import check_output, number, print_json, print_table,
 if TYPE_CHECKING:
     from doppelgait.pipeline import TargetResult
 
+OPTION_HELP = "What the file does not tell, KEY=VALUE, for example carrier_hz=7.29e9; repeatable."
+
 
 def analyze(
-    recording: Annotated[Path, typer.Argument(help="Recording, .h5.")],
+    recording: Annotated[Path, typer.Argument(help="Recording: our .h5, XeThru, or any format of 'radar formats'.")],
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Results to write, .h5.")] = None,
-    gate: Annotated[str, typer.Option("--gate", help="Where the targets are: track or truth.")] = "track",
+    gate: Annotated[
+        str, typer.Option("--gate", help="Where the targets are: track, truth, or FROM:TO in m.")
+    ] = "track",
     method: Annotated[str, typer.Option("--method", help="standard, or liland2018 for the report's own.")] = "standard",
     changes: Annotated[
         list[str] | None,
         typer.Option("--set", help="Change an analysis parameter, for example cpi_s=0.15; repeatable."),
     ] = None,
+    options: Annotated[list[str] | None, typer.Option("--option", help=OPTION_HELP)] = None,
     figures: Annotated[Path | None, typer.Option("--figures", help="Folder to draw figures into.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Analyse a recording: micro-Doppler signature, step-Doppler map and six gait features per target.
 
     Example: doppelgait analyze walk.h5 --gate truth -o result.h5 --figures figures
+
+    Example: doppelgait analyze xethru_recording_20170913_150437_x --gate 0.4:1.0
     """
     from doppelgait.core.config import apply_overrides, validate
     from doppelgait.pipeline import analysis_as_dict, write_results
@@ -39,8 +46,10 @@ def analyze(
     if output is not None:
         check_output(output, ".h5")
     settings = validate(Analysis, apply_overrides({"method": method}, changes or []), where="analysis")
-    loaded = read_recording(recording)
-    results = run_analysis(loaded, gate=gate, analysis=settings)  # type: ignore[arg-type]
+    loaded = read_recording(recording, **apply_overrides({}, options or []))
+    for note in loaded.notes:
+        say(f"note: {note}")
+    results = run_analysis(loaded, gate=parse_gate(gate), analysis=settings)
     if output is not None:
         write_results(output, loaded, results, settings)
     if figures is not None:
@@ -52,6 +61,19 @@ def analyze(
         print_json(analysis_as_dict(loaded, results))
     else:
         print_features(results)
+
+
+def parse_gate(text: str) -> Any:
+    """Gate of ``--gate``: a name, or two ranges in metres as (low, high)."""
+    from doppelgait.core.errors import ConfigError
+
+    if ":" not in text:
+        return text
+    try:
+        low_m, high_m = (float(part) for part in text.split(":"))
+    except ValueError:
+        raise ConfigError(f"--gate {text}: must be track, truth or FROM:TO in m, for example 1.2:2.8") from None
+    return low_m, high_m
 
 
 def print_features(results: Sequence[TargetResult]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -10,7 +11,7 @@ from matplotlib.figure import Figure
 from doppelgait import viz
 from doppelgait.core.errors import OutputError
 from doppelgait.pipeline import TargetResult
-from doppelgait.processing import Analysis, range_doppler
+from doppelgait.processing import Analysis, range_doppler, remove_clutter
 from doppelgait.radar import Recording
 
 
@@ -22,6 +23,7 @@ def draw_all(recording: Recording, results: Sequence[TargetResult], analysis: An
     OutputError
         If the folder or a file cannot be written.
     """
+    recording = replace(recording, baseband=remove_clutter(recording.baseband, analysis))
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -7,18 +7,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from doppelgait.cli.output import check_output, print_json, say
+from doppelgait.cli.destination import START_TIME, XethruNames, check_destination, write_to
+from doppelgait.cli.output import print_json, say
 
 if TYPE_CHECKING:
     from doppelgait.radar import Recording
 
 HEIGHT_FIELDS = ("height_m", "withers_m")
+OUTPUT_HELP = "Recording to write: .h5, .npz, .sigmf-meta, or a folder for a XeThru recording."
 SET_HELP = "Change the scene, for example radar.prf_hz=900; repeatable. Paths are relative to the scene file."
 
 
 def simulate(
     scene: Annotated[Path | None, typer.Argument(help="Scene file (TOML). Or use --motion.")] = None,
-    output: Annotated[Path, typer.Option("-o", "--output", help="Recording to write, .h5.")] = Path("recording.h5"),
+    output: Annotated[Path, typer.Option("-o", "--output", help=OUTPUT_HELP)] = Path("recording.h5"),
     seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of all random numbers.")] = None,
     changes: Annotated[list[str] | None, typer.Option("--set", help=SET_HELP)] = None,
     motion: Annotated[
@@ -34,6 +36,15 @@ def simulate(
     range_m: Annotated[float | None, typer.Option("--range", help="Ground range at mid-observation, m.")] = None,
     duration: Annotated[float | None, typer.Option("--duration", help="Observation time, s.")] = None,
     snr_db: Annotated[float | None, typer.Option("--snr-db", help="SNR_frame, dB; inf for no noise.")] = None,
+    data_type: Annotated[
+        str | None, typer.Option("--data-type", help="XeThru record: baseband_iq (default), datafloat, radar_rf, ...")
+    ] = None,
+    start_time: Annotated[
+        str | None, typer.Option("--start-time", help=f"Start of a XeThru recording; {START_TIME} by default.")
+    ] = None,
+    session_id: Annotated[
+        str | None, typer.Option("--session-id", help="Session of a XeThru recording; doppelgait_SEED by default.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Simulate what a radar records of a scene.
@@ -41,22 +52,25 @@ def simulate(
     Example: doppelgait simulate walk.toml -o walk.h5 --set radar.prf_hz=900
 
     Example: doppelgait simulate --motion 07_01.c3d --label human --aspect 20 -o walk.h5
+
+    Example: doppelgait simulate walk.toml -o recordings --data-type datafloat
     """
     from doppelgait.core.config import apply_overrides, read_toml
     from doppelgait.core.errors import ConfigError
     from doppelgait.pipeline import parse_run, run_simulation
-    from doppelgait.radar import write_recording
 
-    check_output(output, ".h5")
+    names = XethruNames(data_type, start_time, session_id)
+    check_destination(output, names)
     if (scene is None) == (motion is None):
         raise ConfigError("give either a scene file or --motion FILE_OR_MODEL")
     table, text = read_toml(scene) if scene is not None else (motion_table(str(motion)), "")
     put_options(table, radar=radar, duration=duration, snr_db=snr_db, seed=seed)
     put_target_options(table, label=label, speed=speed, height=height, aspect=aspect, range_m=range_m)
-    spec = parse_run(apply_overrides(table, changes or []), where=str(scene or "--motion"), text=text)
-    recording = run_simulation(spec, folder=scene.resolve().parent if scene is not None else None)
-    write_recording(recording, output)
-    _tell(recording, output, as_json)
+    folder = scene.resolve().parent if scene is not None else None
+    where = str(scene or "--motion")
+    spec = parse_run(apply_overrides(table, changes or []), where=where, text=text, folder=folder)
+    recording = run_simulation(spec, folder=folder)
+    _tell(recording, write_to(recording, output, names), as_json)
 
 
 def _tell(recording: Recording, output: Path, as_json: bool) -> None:

@@ -1,0 +1,74 @@
+"""Real A121 recordings, the vendor's own test data (the shared test data)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from doppelgait.processing import Analysis
+from doppelgait.processing.bursts import burst_signature
+from doppelgait.radar.readers.acconeer import read_acconeer, sniff_acconeer
+
+pytestmark = pytest.mark.shared
+
+BASE_STEP_M = 0.00250227400101721
+
+
+@pytest.fixture(scope="module")
+def folder(shared):
+    return shared / "data" / "radar" / "a121_acconeer"
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "shape", "first_point", "step", "prf_hz", "burst_pulses"),
+    [
+        ("breathing-sitting", {}, (773 * 16, 21), 119, 24, 1372.83, 16),
+        ("presence-default", {"subsweep": 0}, (137 * 16, 3), 120, 48, 3421.57, 16),
+        ("presence-default", {"subsweep": 3}, (137 * 16, 2), 976, 120, 3421.57, 16),
+        ("surface_velocity_default", {}, (44 * 128, 4), 554, 12, 3000.0, None),
+        ("corner-reflector", {"subsweep": 0}, (113, 54), 24, 4, 50.0, None),
+    ],
+)
+def test_all_are_read(folder, name, options, shape, first_point, step, prf_hz, burst_pulses):
+    path = folder / f"{name}.h5"
+    assert sniff_acconeer(path)
+    recording = read_acconeer(path, **options)
+    baseband = recording.baseband
+    assert baseband.shape == shape
+    np.testing.assert_allclose(baseband.range.values, BASE_STEP_M * (first_point + step * np.arange(shape[1])))
+    assert recording.radar.prf_hz == pytest.approx(prf_hz, rel=1e-5)
+    assert baseband.attrs.get("burst_pulses") == burst_pulses
+
+
+def test_frames_keep_the_recorders_time(folder):
+    times = read_acconeer(folder / "breathing-sitting.h5").baseband.slow_time.values
+    np.testing.assert_allclose(np.diff(times[::16]), 0.0499980, atol=1e-6)
+    times = read_acconeer(folder / "presence-default.h5", subsweep=0).baseband.slow_time.values
+    np.testing.assert_allclose(np.diff(times[::16]), 0.0833288, atol=1e-6)
+
+
+def test_the_corner_reflector_is_as_wide_as_profile_1(folder):
+    recording = read_acconeer(folder / "corner-reflector.h5", subsweep=0)
+    ranges_m = recording.baseband.range.values
+    level = np.abs(recording.baseband.values).mean(axis=0)
+    near = (ranges_m > 0.12) & (ranges_m < 0.32)
+    fine_m = np.linspace(0.12, 0.32, 20_001)
+    shape = np.interp(fine_m, ranges_m[near], level[near])
+    above = fine_m[shape > shape.max() / 2]
+    assert np.ptp(above) == pytest.approx(0.04, abs=0.004)  # vendor's constant
+    s_m = 299_792_458 * recording.radar.sigma_s / 2
+    assert 2 * np.sqrt(2 * np.log(2)) * s_m == pytest.approx(0.04)
+    assert 0.15 < fine_m[shape.argmax()] < 0.25
+
+
+def test_signature_of_frames(folder):
+    recording = read_acconeer(folder / "breathing-sitting.h5")
+    mu = burst_signature(
+        recording.baseband, None, Analysis(), wavelength_m=recording.radar.wavelength_m, remove_mean=False
+    )
+    assert mu.shape == (773, 16)
+    assert mu.attrs["hop"] == 69  # 50 ms at 1372.8 Hz
+    assert float(abs(mu.velocity).max()) == pytest.approx(1372.83 * 299_792_458 / 60.5e9 / 4, rel=1e-5)
+    # a sitting person: the power stays in the width of the slowest line, +- 2 of 16 bins
+    slow = np.abs(mu.velocity.values) < 2.5 * 1372.83 / 16 * recording.radar.wavelength_m / 2
+    assert mu.values[:, slow].sum() > 0.95 * mu.values.sum()

@@ -1,0 +1,152 @@
+"""Real X4 frames in MATLAB files: axes, noise, a breathing person; the same through our own file and plain arrays."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import loadmat
+from scipy.signal import firwin
+
+from doppelgait.core.errors import RecordingError
+from doppelgait.radar import Recording, read_recording, write_recording
+from doppelgait.radar.readers import RECORDING_READERS
+from doppelgait.radar.readers.array_writer import write_arrays
+from doppelgait.radar.readers.mat5 import list_variables, load_variable
+
+pytestmark = pytest.mark.shared
+
+RF_BIN_M = 0.00643004
+
+
+@pytest.fixture(scope="module")
+def folder(shared) -> Path:
+    return shared / "data" / "radar" / "x4_rf_giraffe_yin"
+
+
+@pytest.fixture(scope="module")
+def empty_room(folder) -> Path:
+    return folder / "rf_empty_room_two_radars_20220222_143239.mat"
+
+
+@pytest.fixture(scope="module")
+def breathing(folder) -> Recording:
+    return read_recording(folder / "rf_breathing_20220303_131324.mat")
+
+
+def units_of(recording: Recording) -> np.ndarray:
+    assert recording.radar.volts_per_unit
+    return recording.baseband.values / recording.radar.volts_per_unit
+
+
+def frame_noise(values: np.ndarray) -> np.ndarray:
+    """Standard deviation per bin of what changes from frame to frame."""
+    return np.sqrt((np.abs(np.diff(values, axis=0)) ** 2).mean(axis=0) / 2)
+
+
+@pytest.mark.parametrize(
+    ("name", "matrix", "frames", "bins", "first_m", "last_m"),
+    [
+        ("rf_empty_room_two_radars_20220222_143239.mat", "Data_Matrix_1", 338, 1121, 0.694, 7.90),
+        ("rf_empty_room_two_radars_20220222_143239.mat", "Data_Matrix_2", 338, 1121, 0.694, 7.90),
+        ("rf_breathing_20220303_131324.mat", None, 3006, 390, 0.495, 3.00),
+    ],
+)
+def test_frames_rate_and_range_are_those_of_the_manifest(folder, name, matrix, frames, bins, first_m, last_m):
+    recording = read_recording(folder / name, matrix=matrix)
+    range_m = recording.baseband["range"].values
+    assert recording.baseband.shape == (frames, (bins - 27) // 8 + 1)
+    assert recording.radar.prf_hz == pytest.approx(25.04, abs=0.005)
+    assert recording.radar.n_range_bins == range_m.size
+    # 27 taps: the first output lies 13 RF bins behind the start, up to 7 + 13 are left at the end
+    assert range_m[0] - 13 * RF_BIN_M == pytest.approx(first_m, abs=1e-3)
+    assert 13 * RF_BIN_M <= last_m - range_m[-1] <= 22 * RF_BIN_M
+    np.testing.assert_allclose(np.diff(range_m), 8 * RF_BIN_M, atol=1e-7)
+    assert recording.truth == ()
+    assert any("not in the file" in note for note in recording.notes)
+
+
+def test_two_radars_in_one_file_ask_for_a_choice(empty_room):
+    with pytest.raises(RecordingError, match="Data_Matrix_1 and Data_Matrix_2"):
+        read_recording(empty_room)
+
+
+def test_rf_noise_and_least_step_of_the_empty_room(empty_room):
+    variables = list_variables(empty_room, max_bytes=1 << 30)
+    medians = []
+    for name in ("Data_Matrix_1", "Data_Matrix_2"):
+        frames = load_variable(variables[name]).astype(float)
+        counts = frames * 1024 * 4096
+        assert np.abs(counts - np.round(counts)).max() < 0.26  # single precision of values up to 0.06
+        assert np.median(np.abs(counts - np.round(counts))) < 0.01
+        medians.append(np.median(frames.std(axis=0)))
+    assert medians == pytest.approx([1.88e-5, 1.85e-5], rel=0.02)
+
+
+@pytest.mark.parametrize("matrix", ["Data_Matrix_1", "Data_Matrix_2"])
+def test_noise_of_the_empty_room_after_down_conversion(empty_room, matrix):
+    """-105 dB as published, and white noise of the RF frames through 27 taps, no factor 2: sigma sqrt(sum h^2)."""
+    taps = firwin(27, 1 / 16, window="hamming", fs=1.0)
+    rf_noise = np.median(frame_noise(load_variable(list_variables(empty_room, max_bytes=1 << 30)[matrix])))
+    noise = np.median(frame_noise(units_of(read_recording(empty_room, matrix=matrix))))
+    assert 20 * np.log10(noise) == pytest.approx(-105, abs=1.0)
+    assert 20 * np.log10(noise / (rf_noise * np.linalg.norm(taps))) == pytest.approx(0, abs=1.0)
+
+
+def test_volts_of_the_preset_put_the_empty_room_at_the_radar_equations_noise(empty_room):
+    from doppelgait.radar import noise_power_v2
+
+    recording = read_recording(empty_room, matrix="Data_Matrix_2")
+    averages = recording.radar.averages_per_frame
+    assert averages > 1  # frames of the room average 4096 pulses per level
+    noise_v2 = np.median(frame_noise(recording.baseband.values)) ** 2
+    expected_v2 = noise_power_v2(recording.radar) * averages / 4096
+    assert 10 * np.log10(noise_v2 / expected_v2) == pytest.approx(0.0, abs=1.5)
+
+
+def test_the_person_breathes_at_a_quarter_hertz_in_the_phase_of_its_bin(breathing):
+    range_m = breathing.baseband["range"].values
+    column = units_of(breathing)[:, np.abs(range_m - 1.73).argmin()]
+    assert 20 * np.log10(column.std()) == pytest.approx(-56, abs=1.5)
+    phase = np.unwrap(np.angle(column))
+    spectrum = np.abs(np.fft.rfft((phase - phase.mean()) * np.hanning(phase.size), 8 * phase.size))
+    frequency_hz = np.fft.rfftfreq(8 * phase.size, 1 / breathing.radar.prf_hz)
+    band = (frequency_hz > 0.1) & (frequency_hz < 1.0)
+    assert frequency_hz[band][spectrum[band].argmax()] == pytest.approx(0.24, abs=0.01)
+
+
+def test_a_measured_recording_survives_our_own_file_and_plain_arrays(breathing, tmp_path):
+    write_recording(breathing, tmp_path / "a.h5")
+    write_arrays(breathing, tmp_path / "b.npz")
+    for name in ("a.h5", "b.npz"):
+        again = read_recording(tmp_path / name)
+        np.testing.assert_array_equal(again.baseband.values, breathing.baseband.values)
+        np.testing.assert_array_equal(again.baseband["range"], breathing.baseband["range"])
+        np.testing.assert_array_equal(again.baseband["slow_time"], breathing.baseband["slow_time"])
+        assert again.radar == breathing.radar
+        assert again.notes == breathing.notes
+
+
+def test_every_measured_file_is_taken_by_one_reader(shared):
+    radar = shared / "data" / "radar"
+    expected = {
+        "a121_acconeer/*.h5": "acconeer",
+        "cw24_kmkim036/*/*_RE.txt": "cw-text",
+        "x4_baseband_iq_novelda/*/*.dat": "xethru",
+        "x4_datafloat_marcusm111/*/*.dat": "xethru",
+        "x4_rf_giraffe_yin/*.mat": "matlab-rf",
+        "licences/*": None,
+    }
+    for pattern, name in expected.items():
+        paths = sorted(radar.glob(pattern))
+        assert paths, pattern
+        for path in paths:
+            taken = [reader for reader in RECORDING_READERS if RECORDING_READERS[reader].matches(path)]
+            assert taken == ([] if name is None else [name]), path.name
+
+
+def test_scipy_reads_the_same_values(folder):
+    for path in sorted(folder.glob("*.mat")):
+        wanted = loadmat(path)
+        for name, variable in list_variables(path, max_bytes=1 << 30).items():
+            if variable.kind in (6, 7, 8, 9, 10, 11):
+                np.testing.assert_array_equal(load_variable(variable), wanted[name])

@@ -1,0 +1,248 @@
+"""Damaged XeThru files: a good result, what is left of it with a warning, or our own error; never anything else."""
+
+from __future__ import annotations
+
+import shutil
+import struct
+import time
+import tracemalloc
+import warnings
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning, RecordingError
+from doppelgait.radar.xethru import (
+    Splitting,
+    TimedRecord,
+    make_records,
+    read_xethru,
+    recording_from_xethru,
+    sniff_xethru,
+    write_xethru,
+)
+from doppelgait.radar.xethru.meta import META_NAME
+
+START = datetime(2026, 11, 21, 1, 8, 48, tzinfo=UTC)
+HEAD = {"bin_length_m": 0.05144033, "sample_rate_hz": 2.916e9, "carrier_hz": 7.29e9, "range_start_m": 0.4}
+N_MUTATIONS = 2000
+
+
+def good(folder: Path, *, splitting: Splitting | None = None) -> Path:
+    records = []
+    for k in range(8):
+        one = make_records("baseband_iq", **HEAD, frame_counter=k + 1, i=np.arange(5) + k, q=np.arange(5))
+        records.append(TimedRecord(10 * k, "baseband_iq", one.tobytes()))
+        records.append(TimedRecord(10 * k, "vitalsigns", bytes(range(k, k + 9))))
+        records.append(TimedRecord(10 * k, "datastring", f"now;{k}\n".encode()))
+    return write_xethru(
+        folder, records, start_time=START, session_id="S", user_header=b"HI", splitting=splitting or Splitting()
+    )
+
+
+def mutated(content: bytes, rng: np.random.Generator) -> bytes:
+    """Cut off, longer, or some bytes changed to any value or to one that hurts."""
+    choice = rng.integers(4)
+    at = int(rng.integers(len(content)))
+    if choice == 0:
+        return content[:at]
+    if choice == 1:
+        return content[:at] + rng.bytes(int(rng.integers(1, 40))) + content[at:]
+    changed = bytearray(content)
+    for _ in range(int(rng.integers(1, 4))):
+        place = int(rng.integers(len(content)))
+        new = rng.bytes(1) if choice == 2 else bytes([rng.choice([0, 1, 0x7F, 0x80, 0xFF])]) * int(rng.integers(1, 9))
+        changed[place : place + len(new)] = new
+    return bytes(changed)
+
+
+def damaged_files(folder: Path, rng: np.random.Generator, count: int) -> Iterator[Path]:
+    """Each time another file of the folder is damaged; meta files, which can do most harm, more often than the rest."""
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    whole = {path: path.read_bytes() for path in files}
+    metas = [path for path in files if path.name == META_NAME]
+    for _ in range(count):
+        among = metas if rng.random() < 0.5 else files
+        path = among[int(rng.integers(len(among)))]
+        path.write_bytes(mutated(whole[path], rng))
+        yield path
+        path.write_bytes(whole[path])
+
+
+def outcome(path: Path, *, convert: bool) -> str:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.simplefilter("ignore", DoppelgaitWarning)
+        sniff_xethru(path)
+        try:
+            if convert:
+                recording = recording_from_xethru(path, data_type="baseband_iq", prf_hz=100.0)
+                assert np.isfinite(recording.baseband.values).all()
+                assert len(recording.baseband) <= 9
+            else:
+                read_xethru(path)
+        except DoppelgaitError:
+            return "refused"
+        return "read"
+
+
+@pytest.mark.parametrize("splitting", [Splitting(), Splitting(folder_bytes=200)])
+def test_no_damage_raises_anything_else(tmp_path: Path, splitting: Splitting) -> None:
+    folder = good(tmp_path, splitting=splitting)
+    rng = np.random.default_rng(2018)
+    start = time.monotonic()
+    outcomes = [
+        outcome(folder, convert="baseband_iq" in path.name or rng.random() < 0.1)
+        for path in damaged_files(folder, rng, N_MUTATIONS // 2)
+    ]
+    assert min(outcomes.count("read"), outcomes.count("refused")) > N_MUTATIONS // 20
+    assert time.monotonic() - start < 60.0
+
+
+@pytest.mark.parametrize(("name", "count_at"), [("datafloat", 8), ("baseband_iq", 4), ("radar_baseband_q15", 4)])
+def test_no_damage_to_a_lone_data_file_raises_anything_else(tmp_path: Path, name: str, count_at: int) -> None:
+    rng = np.random.default_rng(7)
+    sizes = {"datafloat": 12, "baseband_iq": 24, "radar_baseband_q15": 48}
+    widths = {"datafloat": 4, "baseband_iq": 8, "radar_baseband_q15": 4}
+    whole = b""
+    for _ in range(6):
+        head = bytearray(sizes[name])
+        struct.pack_into("<I", head, count_at, 3)
+        whole += bytes(head) + rng.bytes(3 * widths[name])
+    path = tmp_path / f"xethru_{name}_20261121_010848.dat"
+    for _ in range(N_MUTATIONS // 4):
+        path.write_bytes(mutated(whole, rng))
+        assert outcome(path, convert=False) in ("read", "refused")
+
+
+def test_a_file_that_ends_early_is_read_up_to_there(tmp_path: Path) -> None:
+    folder = good(tmp_path)
+    data = next(folder.glob("*baseband_iq*"))
+    data.write_bytes(data.read_bytes()[:-70])
+    with pytest.warns(DoppelgaitWarning, match=r"6 records of 8 read; after byte 384 of 442"):
+        recording = recording_from_xethru(folder)
+    assert recording.baseband.shape == (6, 5)
+    assert recording.radar.prf_hz == pytest.approx(100.0)
+
+
+def test_a_record_of_absurd_length_ends_the_file(tmp_path: Path) -> None:
+    folder = good(tmp_path)
+    data = next(folder.glob("*baseband_iq*"))
+    content = bytearray(data.read_bytes())
+    struct.pack_into("<I", content, 2 + 3 * 64 + 4, 4_000_000_000)
+    data.write_bytes(content)
+    tracemalloc.start()
+    with pytest.warns(DoppelgaitWarning, match="3 records of 8 read"):
+        assert len(recording_from_xethru(folder).baseband) == 3
+    assert tracemalloc.get_traced_memory()[1] < 30e6
+    tracemalloc.stop()
+
+
+def at(offset: int, layout: str, value: Any) -> Any:
+    def change(content: bytearray) -> bytes:
+        struct.pack_into(layout, content, offset, value)
+        return bytes(content)
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda content: b"", "is empty"),
+        (lambda content: bytes(content[:50]), "cut off"),
+        (lambda content: bytes(content[:-3]), "does not end there with a zero"),
+        (lambda content: bytes(content[:300]), "its table should end"),
+        (at(0, "<I", 7), "is no meta file"),
+        (at(4, "<I", 1), "version 1; read are 12 to 14"),
+        (at(29, "<q", 91), "is no trailer"),
+        (at(29, "<q", 92), "its table should end"),
+        (at(29, "<q", -1), "its table should end"),
+        (at(41, "<q", 10**9), "a name should be at byte"),
+        (at(85, "<I", 4_000_000_000), "its table should end"),
+        (at(91 + 4, "<B", 9), "kind 9"),
+        (at(91 + 13, "<I", 5), "data file 5"),
+        (at(91 + 17, "<q", -5), "offset -5"),
+    ],
+)
+def test_a_damaged_meta_file_is_refused_with_the_reason(tmp_path: Path, change: Any, message: str) -> None:
+    folder = good(tmp_path)
+    meta = folder / META_NAME
+    meta.write_bytes(change(bytearray(meta.read_bytes())))
+    with pytest.raises(RecordingError, match=message) as caught:
+        read_xethru(folder)
+    assert META_NAME in str(caught.value)
+    data = next(folder.glob("*baseband_iq*"))
+    with pytest.warns(DoppelgaitWarning), pytest.raises(RecordingError):  # its user header is no record
+        read_xethru(data)
+
+
+def test_versions_12_to_14_are_read(tmp_path: Path) -> None:
+    meta = good(tmp_path) / META_NAME
+    for version in (12, 14):
+        meta.write_bytes(at(4, "<I", version)(bytearray(meta.read_bytes())))
+        assert read_xethru(meta).metas[0].version == version
+
+
+def test_a_lone_data_file_is_read_though_its_meta_is_damaged(tmp_path: Path) -> None:
+    one = make_records("baseband_iq", **HEAD, frame_counter=1, i=[1], q=[2]).tobytes()
+    timed = [TimedRecord(k, "baseband_iq", one) for k in (0, 10)]
+    folder = write_xethru(tmp_path, timed, start_time=START, session_id="S")
+    (folder / META_NAME).write_bytes(b"broken")
+    data = next(folder.glob("*.dat"))
+    with pytest.warns(DoppelgaitWarning, match="without the times of its records: .*is no meta file"):
+        assert recording_from_xethru(next(folder.glob("*iq*")), prf_hz=100.0).baseband.shape == (2, 1)
+    assert data.exists()
+
+
+def test_missing_files_are_named(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="no such file"):
+        read_xethru(tmp_path / "nothing")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(RecordingError, match="no such file"):
+        read_xethru(tmp_path / "empty")
+    folder = good(tmp_path)
+    next(folder.glob("*vital*")).unlink()
+    with pytest.raises(RecordingError, match=r"xethru_vitalsigns_\d+_\d+\.dat: there is no such data file"):
+        read_xethru(folder)
+
+
+def test_an_empty_data_file(tmp_path: Path) -> None:
+    folder = good(tmp_path)
+    data = next(folder.glob("*baseband_iq*"))
+    data.write_bytes(b"")
+    with pytest.warns(DoppelgaitWarning, match="0 records of 8"), pytest.raises(RecordingError, match="holds"):
+        recording_from_xethru(folder)
+    (folder / META_NAME).unlink()
+    with pytest.raises(RecordingError, match="is empty"):
+        read_xethru(data)
+
+
+def test_a_chain_that_bites_its_tail_or_leaves_is_refused(tmp_path: Path) -> None:
+    folder = good(tmp_path, splitting=Splitting(folder_bytes=250))
+    parts = sorted(folder.iterdir())
+    assert len(parts) == 3
+    last = parts[1] / META_NAME
+    content = last.read_bytes()
+    last.write_bytes(content.replace(b"_S_2/xethru", b"_S_0/xethru"))
+    with pytest.raises(RecordingError, match="which came before"):
+        read_xethru(folder)
+    last.write_bytes(content.replace(b"../xethru_recording_2", b"../../../../../../../"))
+    with pytest.raises(RecordingError, match="only a folder beside its own"):
+        read_xethru(folder)
+    last.write_bytes(content)
+    shutil.rmtree(parts[2])
+    with pytest.raises(RecordingError, match="goes on there"):
+        read_xethru(folder)
+
+
+def test_a_data_file_elsewhere_is_refused(tmp_path: Path) -> None:
+    meta = good(tmp_path) / META_NAME
+    content = meta.read_bytes()
+    meta.write_bytes(content.replace(b"xethru_baseband_iq_", b"../thru_baseband_iq"))
+    with pytest.raises(RecordingError, match="only a file beside the meta file"):
+        read_xethru(meta)
