@@ -1,0 +1,129 @@
+"""Frames that are not what they seem: repeated, blank, lost, hit by another transmitter."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.radar.fit.estimate import Estimate
+
+ComplexArray = npt.NDArray[np.complex128]
+FloatArray = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+MEDIAN_FRAMES = 9
+"""Length of the running median that a burst must stand out of: bursts up to four frames."""
+FALSE_ALARMS = 1e-3
+"""Cells of noise alone expected over the threshold in a whole recording."""
+BUSY_SHARE = 0.03
+"""A bin over the threshold in more frames than this has a mover in it, not interference."""
+
+
+@dataclass(frozen=True)
+class FrameFaults:
+    """Faulty frames of a recording.
+
+    Parameters
+    ----------
+    dropped : ndarray of bool, shape (I,)
+        Frames that repeat the one before exactly, or are all zero.
+    blank : int
+        How many of them are zero.
+    lost : int
+        Frames missing from the time axis: gaps of at least one and a half frame times.
+    probability : Estimate
+        Share of dropped and lost frames.
+    mean_length : float
+        Mean length of a run of dropped frames; 0 without any.
+    """
+
+    dropped: Mask
+    blank: int
+    lost: int
+    probability: Estimate
+    mean_length: float
+
+
+def frame_faults(samples_v: ComplexArray, *, slow_time_s: FloatArray) -> FrameFaults:
+    """Dropped frames by exact repetition or zeros (noise never repeats), lost ones by gaps of the time axis.
+
+    The uncertainty of the probability is binomial, with one more success and failure than seen (Laplace), times the
+    root of the mean run length, as frames are not lost one by one.
+    """
+    blank = ~samples_v.any(axis=1)
+    repeated = np.concatenate([[False], (samples_v[1:] == samples_v[:-1]).all(axis=1)])
+    dropped = blank | repeated
+    steps = np.diff(slow_time_s)
+    lost = int(np.sum(np.maximum(np.round(steps / np.median(steps)) - 1, 0)))
+    runs = int(np.sum(dropped & ~np.concatenate([[False], dropped[:-1]])))
+    length = float(dropped.sum() / runs) if runs else 0.0
+    total, faulty = len(samples_v) + lost, int(dropped.sum()) + lost
+    share = (faulty + 1) / (total + 2)
+    sd = math.sqrt(share * (1 - share) / total * max(length, 1.0))
+    return FrameFaults(dropped, int(blank.sum()), lost, Estimate(faulty / total, sd), length)
+
+
+@dataclass(frozen=True)
+class Bursts:
+    """Interference in an otherwise good recording.
+
+    Parameters
+    ----------
+    frames : ndarray of bool, shape (I,)
+        Frames hit.
+    level_db : float
+        rms level of the cells hit, dB re 1 V; NaN without any.
+    mean_length : float
+        Mean number of frames in a row; 0 without any.
+    share : float
+        Mean share of the bins hit in those frames; 0 without any.
+    """
+
+    frames: Mask
+    level_db: float
+    mean_length: float
+    share: float
+
+
+def bursts(rest_v: ComplexArray, *, noise_power_v2: float, quiet: Mask) -> Bursts:
+    """Frames with cells far over the noise, after a running median that takes out what moves slowly.
+
+    A cell is hit above ln(cells / 1e-3) times the noise power, that is once in 1000 recordings of noise alone; where a
+    bin is more restless than noise, above that many times its own median power. The first and last four frames, where
+    the running median is lopsided, are not looked at.
+
+    Parameters
+    ----------
+    rest_v : ndarray, shape (I, N)
+        What the static part leaves.
+    noise_power_v2 : float
+        Noise power of a cell.
+    quiet : ndarray of bool, shape (N,)
+        Bins without movers; only these are looked at.
+    """
+    nothing = np.zeros(len(rest_v), dtype=bool)
+    if not noise_power_v2 > 0 or not quiet.any():
+        return Bursts(nothing, math.nan, 0.0, 0.0)
+    rest = rest_v[:, quiet]
+    power = np.abs(rest - _running_median(rest.real) - 1j * _running_median(rest.imag)) ** 2
+    floor = np.maximum(np.median(power, axis=0) / math.log(2.0), noise_power_v2)
+    hit: Mask = np.asarray(power > floor * math.log(power.size / FALSE_ALARMS))
+    hit[: MEDIAN_FRAMES // 2] = hit[len(hit) - MEDIAN_FRAMES // 2 :] = False
+    hit &= hit.mean(axis=0) <= BUSY_SHARE
+    frames: Mask = np.asarray(hit.any(axis=1))
+    if not frames.any():
+        return Bursts(nothing, math.nan, 0.0, 0.0)
+    runs = int(np.sum(frames & ~np.concatenate([[False], frames[:-1]])))
+    level = float(10.0 * np.log10(np.mean(power[hit])))
+    return Bursts(frames, level, float(frames.sum() / runs), float(hit[frames].mean()))
+
+
+def _running_median(values: FloatArray) -> FloatArray:
+    """Median of nine frames about each, per bin; the first and last frame are repeated beyond the ends."""
+    half = MEDIAN_FRAMES // 2
+    padded = np.pad(values, ((half, half), (0, 0)), mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, MEDIAN_FRAMES, axis=0)
+    return np.asarray(np.partition(windows, half, axis=-1)[..., half])

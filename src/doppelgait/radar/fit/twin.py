@@ -1,0 +1,268 @@
+"""A recording of an empty room -> the numbers of a sensor twin, each with its uncertainty, and warnings as flags."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.core.errors import AnalysisError
+from doppelgait.core.labels import axis
+from doppelgait.core.units import db_to_power, power_to_db
+from doppelgait.radar.config import Radar
+from doppelgait.radar.fit.clutter import ClutterProfile, Leakage, clutter_profile, leakage
+from doppelgait.radar.fit.estimate import Estimate, level_db
+from doppelgait.radar.fit.frames import Bursts, FrameFaults, bursts, frame_faults
+from doppelgait.radar.fit.noise import NoiseFloor, noise_floor
+from doppelgait.radar.fit.series import SeriesFit, fit_series
+from doppelgait.radar.fit.static import StaticPart, factor_variance, static_part, still_part
+from doppelgait.radar.link import noise_power_v2
+from doppelgait.radar.recording import Recording
+
+ComplexArray = npt.NDArray[np.complex128]
+FloatArray = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+MIN_FRAMES = 32
+MIN_BINS = 8
+MOVER_DB = 4.0
+"""Slow-time variance over the noise floor from which a bin is said to hold a mover; static rooms stay within 1.5 dB."""
+MOVER_BINS = 3
+"""Neighbouring bins that must show it."""
+MAX_PHASE_VARIANCE = 0.05
+"""Above this (rad^2 per frame) the static echoes are too weak for a common phase."""
+
+
+@dataclass(frozen=True)
+class Mover:
+    """A stretch of range in which something moved.
+
+    Parameters
+    ----------
+    start_m, stop_m : float
+        First and last bin.
+    excess_db : float
+        Largest slow-time variance there over the noise floor.
+    """
+
+    start_m: float
+    stop_m: float
+    excess_db: float
+
+
+@dataclass(frozen=True)
+class TwinFit:
+    """What a recording of an empty room says about its radar.
+
+    Parameters
+    ----------
+    source : str
+        File the recording came from.
+    radar : Radar
+        As recorded; its noise figure and gain are the assumed ones.
+    range_m : ndarray, shape (N,)
+        Range of the bins.
+    n_frames, n_used : int
+        Frames, and frames left after taking out dropped ones and interference.
+    duration_s : float
+    noise : NoiseFloor
+        Noise per bin and frame.
+    noise_level_db : Estimate
+        Its level, dB re 1 V.
+    noise_figure_db : Estimate
+        Noise figure that gives this level with the radar's bandwidth, gain and averages (E-18) ...
+    receiver_gain_db : Estimate
+        ... or the receiver gain that does with its own noise figure.
+    echo_v : ndarray, shape (N,)
+        Static echo per bin, V.
+    clutter : ClutterProfile
+        Its mean level over range.
+    leakage : Leakage
+        Direct path and constant.
+    time_s, factor : ndarray, shape (n_used,)
+        Times of the frames used and their common factor: phase and gain against the static echo.
+    phase, gain : SeriesFit or None
+        Common phase, rad, and gain, dB; None where static echoes are too weak to show them.
+    faults : FrameFaults
+        Dropped frames.
+    bursts : Bursts
+        Interference.
+    movers : tuple of Mover
+        Empty for an empty room.
+    flags : tuple of str
+        What to know before the numbers are used.
+    """
+
+    source: str
+    radar: Radar
+    range_m: FloatArray
+    n_frames: int
+    n_used: int
+    duration_s: float
+    noise: NoiseFloor
+    noise_level_db: Estimate
+    noise_figure_db: Estimate
+    receiver_gain_db: Estimate
+    echo_v: ComplexArray
+    clutter: ClutterProfile
+    leakage: Leakage
+    time_s: FloatArray
+    factor: ComplexArray
+    phase: SeriesFit | None
+    gain: SeriesFit | None
+    faults: FrameFaults
+    bursts: Bursts
+    movers: tuple[Mover, ...]
+    flags: tuple[str, ...]
+
+    @property
+    def level_of_unit_db(self) -> float | None:
+        """Level of one unit of the sensor's own files, dB re 1 V; None where the radar does not tell."""
+        unit = self.radar.volts_per_unit
+        return None if unit is None else 20.0 * math.log10(unit)
+
+
+def fit_twin(recording: Recording, *, start_s: float | None = None, stop_s: float | None = None) -> TwinFit:
+    """Fit noise, clutter, phase drift and faults from a recording of an empty room.
+
+    The model is y[i, n] = z_i c_n + w[i, n]: static echoes c times one complex factor per frame, whose angle is the
+    phase and whose size the gain of that frame, plus white Gaussian noise (E-18) that may be correlated between
+    neighbouring bins. Movers, interference and dropped frames are found first and left out.
+
+    Parameters
+    ----------
+    recording : Recording
+        At least 32 frames of at least 8 range bins; nothing should move.
+    start_s, stop_s : float, optional
+        Use only this part of the recording, s of its time axis.
+
+    Returns
+    -------
+    TwinFit
+
+    Raises
+    ------
+    AnalysisError
+        If the recording is too short, has too few range bins, holds values that are not finite, or nothing but zeros.
+    """
+    samples, time_s, range_m = _checked(recording, start_s, stop_s)
+    faults = frame_faults(samples, slow_time_s=time_s)
+    good = ~faults.dropped
+    if int(good.sum()) < MIN_FRAMES:
+        raise AnalysisError(
+            f"{_name(recording)}: only {int(good.sum())} of {len(samples)} frames are neither zero nor a copy of the "
+            f"one before; at least {MIN_FRAMES} are needed: record longer, or check the recorder"
+        )
+    hit, noise, static, movers = _separate(samples[good], range_m)
+    used = np.flatnonzero(good)[~hit.frames]
+    phase, gain = _common_series(static, noise, time_s[used])
+    left_v2 = noise.power_v2.value / used.size
+    level = level_db(noise.power_v2)
+    excess_db = level.value - float(power_to_db(noise_power_v2(recording.radar)))
+    clutter = clutter_profile(
+        static.echo_v, range_m=range_m, noise_power_v2=left_v2, resolution_m=recording.radar.range_resolution_m
+    )
+    fit = TwinFit(
+        source=recording.source, radar=recording.radar, range_m=range_m, n_frames=len(samples), n_used=used.size,
+        duration_s=float(time_s[-1] - time_s[0]), noise=noise, noise_level_db=level,
+        noise_figure_db=Estimate(recording.radar.noise_figure_db + excess_db, level.sd),
+        receiver_gain_db=Estimate(recording.radar.receiver_gain_db + excess_db, level.sd),
+        echo_v=static.echo_v, clutter=clutter,
+        leakage=leakage(static.echo_v, range_m=range_m, noise_power_v2=left_v2),
+        time_s=time_s[used], factor=static.factor, phase=phase, gain=gain,
+        faults=faults, bursts=hit, movers=movers, flags=(),
+    )  # fmt: skip
+    return _flagged(fit)
+
+
+def _checked(
+    recording: Recording, start_s: float | None, stop_s: float | None
+) -> tuple[ComplexArray, FloatArray, FloatArray]:
+    time_s, range_m = axis(recording.baseband, "slow_time"), axis(recording.baseband, "range")
+    chosen = np.ones(time_s.size, dtype=bool)
+    chosen &= time_s >= (-np.inf if start_s is None else start_s)
+    chosen &= time_s <= (np.inf if stop_s is None else stop_s)
+    samples = np.asarray(recording.baseband.values[chosen], dtype=np.complex128)
+    if samples.shape[0] < MIN_FRAMES or samples.shape[1] < MIN_BINS:
+        raise AnalysisError(
+            f"{_name(recording)}: {samples.shape[0]} frames of {samples.shape[1]} range bins are too few to fit a "
+            f"twin: at least {MIN_FRAMES} frames (some hundred are better) and {MIN_BINS} bins are needed"
+        )
+    if not np.isfinite(samples).all():
+        raise AnalysisError(f"{_name(recording)}: holds values that are not finite; cut them out with start_s, stop_s")
+    if not samples.any():
+        raise AnalysisError(f"{_name(recording)}: every sample is zero; was the radar recording?")
+    return samples, np.asarray(time_s[chosen], dtype=np.float64), np.asarray(range_m, dtype=np.float64)
+
+
+def _name(recording: Recording) -> str:
+    return recording.source or "recording"
+
+
+def _separate(samples: ComplexArray, range_m: FloatArray) -> tuple[Bursts, NoiseFloor, StaticPart, tuple[Mover, ...]]:
+    """Interference, noise, static part and movers; two passes, as each hides the others at first."""
+    quiet = np.ones(range_m.size, dtype=bool)
+    kept = np.ones(len(samples), dtype=bool)
+    for _ in range(2):
+        static, noise = _static_and_noise(samples[kept], range_m, quiet)
+        quiet = _without_movers(static.rest_v, noise, range_m)[0]
+        everything = samples - _common_factor(samples, static)[:, None] * static.echo_v
+        hit = bursts(everything, noise_power_v2=noise.power_v2.value, quiet=quiet)
+        kept = ~hit.frames if int((~hit.frames).sum()) >= MIN_FRAMES else kept
+    static, noise = _static_and_noise(samples[kept], range_m, quiet)
+    if not np.array_equal(kept, ~hit.frames):  # too few frames would be left: all are used
+        hit = replace(hit, frames=~kept)
+    return hit, noise, static, _without_movers(static.rest_v, noise, range_m)[1]
+
+
+def _static_and_noise(samples: ComplexArray, range_m: FloatArray, quiet: Mask) -> tuple[StaticPart, NoiseFloor]:
+    static = static_part(samples, bins=quiet if quiet.sum() >= MIN_BINS else None)
+    noise = noise_floor(static, range_m=range_m)
+    variance = factor_variance(static, noise.correlation, noise_power_v2=noise.power_v2.value)
+    if variance > MAX_PHASE_VARIANCE:
+        static = still_part(samples)
+        noise = noise_floor(static, range_m=range_m)
+    return static, noise
+
+
+def _common_factor(samples: ComplexArray, static: StaticPart) -> ComplexArray:
+    energy = float(np.sum(np.abs(static.reference_v) ** 2))
+    if not energy > 0:
+        return np.ones(len(samples), dtype=complex)
+    return np.asarray(samples @ static.reference_v.conj() / energy)
+
+
+def _without_movers(rest: ComplexArray, noise: NoiseFloor, range_m: FloatArray) -> tuple[Mask, tuple[Mover, ...]]:
+    """Bins without movers, and the movers as stretches of range."""
+    excess = np.mean(np.abs(rest) ** 2, axis=0) / max(noise.power_v2.value, np.finfo(float).tiny)
+    busy = excess > float(db_to_power(MOVER_DB))
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], busy.astype(int), [0]])))
+    movers = []
+    for first, stop in zip(edges[::2], edges[1::2], strict=True):
+        if stop - first >= MOVER_BINS:
+            largest_db = float(power_to_db(excess[first:stop].max()))
+            movers.append(Mover(float(range_m[first]), float(range_m[stop - 1]), largest_db))
+        else:
+            busy[first:stop] = False
+    return ~busy, tuple(movers)
+
+
+def _common_series(
+    static: StaticPart, noise: NoiseFloor, time_s: FloatArray
+) -> tuple[SeriesFit | None, SeriesFit | None]:
+    """Phase (rad) and gain (dB) of the frames as drift, walk and jitter."""
+    variance = factor_variance(static, noise.correlation, noise_power_v2=noise.power_v2.value)
+    if not variance <= MAX_PHASE_VARIANCE:
+        return None, None
+    per_gain_db = 20.0 / math.log(10.0)
+    phase = fit_series(np.unwrap(np.angle(static.factor)), time_s=time_s, measurement_variance=variance)
+    gain = per_gain_db * np.log(np.abs(static.factor))
+    return phase, fit_series(gain, time_s=time_s, measurement_variance=per_gain_db**2 * variance)
+
+
+def _flagged(fit: TwinFit) -> TwinFit:
+    from doppelgait.radar.fit.report import flags_of
+
+    return replace(fit, flags=flags_of(fit))

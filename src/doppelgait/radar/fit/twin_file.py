@@ -1,0 +1,211 @@
+"""A fitted twin as a TOML file: radar parameters, then the impairments that make its recordings look real."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable
+from typing import Any
+
+from doppelgait.radar.config import Radar
+from doppelgait.radar.fit.estimate import DB_PER_NEPER, Estimate
+from doppelgait.radar.fit.report import PLAUSIBLE_NOISE_FIGURE_DB
+from doppelgait.radar.fit.twin import TwinFit
+
+SIGNIFICANT = 3.0
+"""Standard deviations from 0 at which a drift, a walk or a constant is put into the twin."""
+
+
+def twin_radar(fit: TwinFit, radar: Radar | None = None) -> Radar:
+    """Radar with the recording's frame rate and range axis and the fitted noise.
+
+    The noise figure is changed where that is plausible (0 to 30 dB), else the receiver gain.
+
+    Parameters
+    ----------
+    fit : TwinFit
+    radar : Radar, optional
+        Where to take the other parameters from; the recording's by default.
+    """
+    base = fit.radar if radar is None else radar
+    start_m = max(float(fit.range_m[0]), 0.0)
+    stop_m = start_m + (fit.range_m.size - 0.5) * base.bin_spacing_m
+    changes: dict[str, Any] = {
+        "name": f"{base.name}, twin", "prf_hz": fit.radar.prf_hz, "range_start_m": start_m, "range_stop_m": stop_m,
+    }  # fmt: skip
+    same = base.model_copy(update={"prf_hz": fit.radar.prf_hz})
+    key, value = _noise_change(fit, same)
+    return Radar.model_validate({**base.model_dump(), **changes, key: value})
+
+
+def _noise_change(fit: TwinFit, radar: Radar) -> tuple[str, float]:
+    from doppelgait.radar.link import noise_power_v2
+
+    excess_db = fit.noise_level_db.value - DB_PER_NEPER * math.log(noise_power_v2(radar))
+    figure_db = radar.noise_figure_db + excess_db
+    low_db, high_db = PLAUSIBLE_NOISE_FIGURE_DB
+    if low_db <= figure_db <= high_db:
+        return "noise_figure_db", figure_db
+    return "receiver_gain_db", radar.receiver_gain_db + excess_db
+
+
+def twin_toml(fit: TwinFit, radar: Radar | None = None) -> str:
+    """Text of a twin file: loads as ``Radar.preset("FILE.toml")``, its ``[[impairments]]`` go into a scene.
+
+    Every value has a comment that says where it comes from.
+
+    Parameters
+    ----------
+    fit : TwinFit
+    radar : Radar, optional
+        Where to take the parameters from that a recording does not tell; the recording's by default.
+
+    Raises
+    ------
+    ConfigError
+        If the fitted values do not make a radar or an impairment.
+    """
+    from doppelgait.radar.impairments import make_impairment
+
+    twin = twin_radar(fit, radar)
+    tables = list(_impairments(fit))
+    for table, _ in tables:
+        make_impairment(table)
+    lines = [*_header(fit), "", *_radar_lines(twin, fit, fit.radar if radar is None else radar)]
+    for table, comments in tables:
+        lines += ["", "[[impairments]]", *(_line(key, value, comments.get(key, "")) for key, value in table.items())]
+    return "\n".join(lines) + "\n"
+
+
+def _header(fit: TwinFit) -> list[str]:
+    lines = [
+        f"# {_one_line(f'Sensor twin fitted from {_origin(fit)}.')}",
+        "# Values with +- carry one standard deviation. Levels are dB re 1 V at the receiver output.",
+        "# Receiver noise is in the radar's own parameters: add no thermal_noise on top.",
+    ]
+    if fit.gain is not None and _matters(fit.gain.white):
+        lines.append(f"# Not modelled: gain jitter of {fit.gain.white.value:.2g} dB from frame to frame.")
+    return [*lines, *(f"# Note: {_one_line(flag)}." for flag in fit.flags)]
+
+
+def _origin(fit: TwinFit) -> str:
+    return f"{fit.source or 'a recording'}, {fit.n_used} of {fit.n_frames} frames, {fit.duration_s:.1f} s"
+
+
+def _fitted(fit: TwinFit, sd: float, unit: str) -> str:
+    return f"fitted from {_origin(fit)}, +-{sd:.2g} {unit}"
+
+
+def _radar_lines(twin: Radar, fit: TwinFit, base: Radar) -> list[str]:
+    key, _ = _noise_change(fit, base.model_copy(update={"prf_hz": fit.radar.prf_hz}))
+    axes = f"axis of {fit.source or 'the recording'}"
+    comments = dict.fromkeys(("prf_hz", "range_start_m", "range_stop_m"), axes)
+    comments[key] = _fitted(fit, fit.noise_level_db.sd, "dB") + "; gives the measured noise per bin and frame"
+    values = twin.model_dump(mode="json", exclude_none=True)
+    nested = {name: value for name, value in values.items() if isinstance(value, dict)}
+    default = f"as {base.name}"
+    lines = [_line(k, v, comments.get(k, default)) for k, v in values.items() if k not in nested]
+    for name, table in nested.items():
+        lines += ["", f"[{name}]", *(_line(k, v, default) for k, v in table.items())]
+    return lines
+
+
+def _impairments(fit: TwinFit) -> Iterable[tuple[dict[str, Any], dict[str, str]]]:
+    """Tables in the order they act, with comments: echoes of the room, their phase, then the recorder's faults."""
+    knots = [[round(r, 4), round(level, 2)] for r, level in zip(fit.clutter.range_m, fit.clutter.level_db, strict=True)]
+    sd_db = float(fit.clutter.sd_db.max())
+    yield (
+        {"kind": "static_clutter", "levels": knots},
+        {"levels": _fitted(fit, sd_db, "dB a knot") + "; holds the direct path too"},
+    )
+    constant = fit.leakage.constant_v
+    if constant.value > SIGNIFICANT * constant.sd:
+        level_db = 2.0 * DB_PER_NEPER * math.log(constant.value)
+        sd = 2.0 * DB_PER_NEPER * constant.sd / constant.value
+        yield {"kind": "dc_leak", "level_db": round(level_db, 2)}, {"level_db": _fitted(fit, sd, "dB")}
+    if fit.phase is not None:
+        yield _phase_table(fit)
+    if fit.bursts.frames.any():
+        yield _interference_table(fit)
+    if fit.faults.probability.value > 0:
+        yield _dropped_table(fit)
+
+
+def _phase_table(fit: TwinFit) -> tuple[dict[str, Any], dict[str, str]]:
+    assert fit.phase is not None
+    drift = fit.phase.drift_per_s.scaled(60.0)
+    walk = fit.phase.walk_per_root_s.scaled(math.sqrt(60.0))
+    rows = {
+        "white_rad": (fit.phase.white, "rad"),
+        "drift_rad_per_min": (drift, "rad/min"),
+        "walk_rad_per_sqrt_min": (walk, "rad/sqrt(min)"),
+    }
+    table = {name: _digits(estimate.value) if _matters(estimate) else 0.0 for name, (estimate, _) in rows.items()}
+    comments = {
+        name: _fitted(fit, estimate.sd, unit)
+        + ("" if _matters(estimate) else f"; {estimate.value:.2g} is not distinguished from 0")
+        for name, (estimate, unit) in rows.items()
+    }
+    return {"kind": "phase_noise", **table}, comments
+
+
+def _interference_table(fit: TwinFit) -> tuple[dict[str, Any], dict[str, str]]:
+    count = float(fit.bursts.frames.sum())
+    runs = count / fit.bursts.mean_length
+    table = {
+        "kind": "interference",
+        "rate_hz": _digits(runs / fit.duration_s),
+        "duration_s": _digits(max(fit.bursts.mean_length - 1.0, 1e-3) / fit.radar.prf_hz),
+        "level_db": round(fit.bursts.level_db, 1),
+        "hit_share": _digits(fit.bursts.share),
+    }
+    comments = {
+        "rate_hz": _fitted(fit, math.sqrt(runs) / fit.duration_s, "Hz"),
+        "duration_s": f"fitted: {fit.bursts.mean_length:.2g} frames in a row, less one for a burst across two frames",
+        "level_db": "fitted: rms of the cells found; those below the threshold are not counted",
+        "hit_share": "fitted: share of the bins found in a frame hit",
+    }
+    return table, comments
+
+
+def _dropped_table(fit: TwinFit) -> tuple[dict[str, Any], dict[str, str]]:
+    repeated = int(fit.faults.dropped.sum()) - fit.faults.blank
+    length = max(fit.faults.mean_length, 1.0)
+    share = min(fit.faults.probability.value, length / (1.0 + length))
+    table = {
+        "kind": "dropped_frames",
+        "probability": _digits(share),
+        "mean_length": _digits(length),
+        "fill": "zero" if fit.faults.blank > repeated else "repeat",
+    }
+    comments = {
+        "probability": _fitted(fit, fit.faults.probability.sd, "of all frames"),
+        "mean_length": "fitted: mean length of the runs",
+        "fill": f"fitted: {repeated} frames repeated, {fit.faults.blank} zero",
+    }
+    return table, comments
+
+
+def _matters(estimate: Estimate) -> bool:
+    return abs(estimate.value) > SIGNIFICANT * estimate.sd
+
+
+def _digits(value: float) -> float:
+    return float(f"{value:.4g}")
+
+
+def _line(key: str, value: Any, comment: str) -> str:
+    text = f"{key} = {_toml(value)}"
+    return f"{text:<40}  # {_one_line(comment)}" if comment else text
+
+
+def _one_line(comment: str) -> str:
+    """A comment without line breaks and control characters, which would end it or are not allowed in TOML."""
+    return " ".join("".join(c if c.isprintable() else " " for c in comment).split())
+
+
+def _toml(value: Any) -> str:
+    """A value in TOML: JSON's text is TOML's for text, numbers, truth values and lists of them."""
+    if isinstance(value, list) and value and isinstance(value[0], list):
+        return "[\n" + "".join(f"    {_toml(row)},\n" for row in value) + "]"
+    return json.dumps(value, ensure_ascii=False)
