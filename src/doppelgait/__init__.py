@@ -20,7 +20,7 @@ _LAZY = {
     "open_dataset": "doppelgait.dataset",
     "rng": "doppelgait.core.rng",
 }
-_SUBPACKAGES = {"core", "dataset", "features", "motion", "pipeline", "processing", "radar", "scene", "viz"}
+_SUBPACKAGES = {"core", "dataset", "features", "motion", "pipeline", "processing", "radar", "scene", "testing", "viz"}
 
 __all__ = ["__version__", *sorted(set(_LAZY) | _SUBPACKAGES)]
 

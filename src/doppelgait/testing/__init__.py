@@ -1,0 +1,1 @@
+"""Checks that other software can be put through."""

@@ -1,0 +1,39 @@
+"""Conformance suite: any simulator of radar echoes against closed forms.
+
+A simulator is a callable ``(scatterers, radar) -> baseband``. It gets a scatterer table, as
+:func:`doppelgait.radar.synthesise` does, and a :class:`doppelgait.radar.Radar`, and returns a DataArray (slow_time,
+range) or a complex array (I, N) on the radar's range axis, in volts. A literal loop for the impulse radar (E-18):
+
+>>> import numpy as np
+>>> from doppelgait.testing.conformance import format_report, run_conformance, suite_radars
+>>> def mine(scatterers, radar):
+...     wavelength_m, spread_m = 299_792_458.0 / radar.carrier_hz, 299_792_458.0 * radar.sigma_s / 2
+...     level_db = radar.tx_power_dbm + radar.tx_gain_dbi + radar.rx_gain_dbi + radar.receiver_gain_db
+...     one_v = np.sqrt(0.1 * 10 ** (level_db / 10) / (4 * np.pi) ** 3) * wavelength_m  # 2 x 50 ohm x 1 mW
+...     bins = np.zeros((scatterers.sizes["slow_time"], radar.n_range_bins), complex)
+...     for n in range(scatterers.sizes["scatterer"]):
+...         row = {name: values.values[:, [n]] for name, values in scatterers.items()}
+...         echo_v = one_v * np.sqrt(row["rcs"] * row["path_gain"]) / row["range"] ** 2
+...         phase = radar.transmit_phase_rad + row.get("path_phase", 0) - 4 * np.pi * row["range"] / wavelength_m
+...         envelope = np.exp(-((radar.range_axis_m() - row["range"]) ** 2) / (2 * spread_m**2))
+...         bins += echo_v * envelope * np.exp(1j * phase)
+...     return bins
+>>> checks = run_conformance(mine, radars=suite_radars("impulse"))
+>>> sorted({check.passed for check in checks}, key=str)  # it has no noise, no converter, no wall and no floor
+[None, True]
+>>> print(format_report(checks[:1]).splitlines()[-1])
+1 checks: 1 passed, 0 failed, 0 not applicable
+
+``python -m doppelgait.testing.conformance`` measures this package's own simulator.
+"""
+
+from doppelgait.testing.conformance.bench import Bench, Noise, Quantise, Simulator, Sweep, TwoRay, Wall
+from doppelgait.testing.conformance.check import Check, format_report
+from doppelgait.testing.conformance.radars import suite_radars
+from doppelgait.testing.conformance.rules import RULES, Rule
+from doppelgait.testing.conformance.run import run_conformance
+
+__all__ = [
+    "RULES", "Bench", "Check", "Noise", "Quantise", "Rule", "Simulator", "Sweep", "TwoRay", "Wall", "format_report",
+    "run_conformance", "suite_radars",
+]  # fmt: skip

@@ -1,0 +1,38 @@
+"""Put this package's simulator through the suite: ``python -m doppelgait.testing.conformance [--json]``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+from doppelgait.core.errors import ConfigError
+from doppelgait.testing.conformance import Check, format_report, run_conformance
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print the table of figures; 0 if all passed, 1 if one failed, 2 for wrong usage."""
+    parser = argparse.ArgumentParser(prog="python -m doppelgait.testing.conformance", description=main.__doc__)
+    parser.add_argument("--json", action="store_true", help="a list of checks in JSON instead of a table")
+    parser.add_argument("--only", action="append", metavar="CHECK", help="this check alone (may be repeated)")
+    given = parser.parse_args(arguments)
+    try:
+        checks = run_conformance(only=given.only)
+    except ConfigError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_code
+    print(json.dumps([_plain(check) for check in checks], indent=1) if given.json else format_report(checks))
+    return int(any(check.passed is False for check in checks))
+
+
+def _plain(check: Check) -> dict[str, Any]:
+    """Fields of a check; JSON has no NaN nor inf."""
+    return {key: None if isinstance(v, float) and not math.isfinite(v) else v for key, v in asdict(check).items()}
+
+
+if __name__ == "__main__":
+    sys.exit(main())

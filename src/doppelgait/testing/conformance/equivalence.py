@@ -1,0 +1,103 @@
+"""Checks that every waveform of a small band shows the same walk as the sum of its scatterers' phasors."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.radar.config import Radar
+from doppelgait.testing.conformance import theory
+from doppelgait.testing.conformance.bench import Bench, Complex, bins_of
+from doppelgait.testing.conformance.radars import narrow_radar
+
+Float = npt.NDArray[np.float64]
+
+SPEED_MPS = 1.2
+DURATION_S = 4.0
+CENTRE_M = 16.0
+CPI = 61
+HOP = 10
+N_DOPPLER = 128
+PADDED = 16
+STEPS_HZ = (0.8, 4.0)
+"""Frequencies that the steps of a walk can have."""
+
+
+def same_signature(bench: Bench, radar: Radar) -> float:
+    """1 minus the correlation of the signature with that of sum a exp(j(theta - 4 pi R / lambda)) (equivalence iii)."""
+    return float(1.0 - np.corrcoef(_shown(bench, radar).ravel(), wanted_signature().ravel())[0, 1])
+
+
+def same_gait(bench: Bench, radar: Radar) -> float:
+    """Larger of the deviations of torso speed and step frequency from those in that sum, % (equivalence iv)."""
+    mine, wanted, prf_hz = _shown(bench, radar), wanted_signature(), narrow_radar(radar.waveform).prf_hz
+    speed = abs(torso_doppler_hz(mine, prf_hz) / torso_doppler_hz(wanted, prf_hz) - 1.0)
+    steps = abs(step_frequency_hz(mine, prf_hz) / step_frequency_hz(wanted, prf_hz) - 1.0)
+    return 100.0 * max(speed, steps)
+
+
+def _shown(bench: Bench, radar: Radar) -> Float:
+    narrow = narrow_radar(radar.waveform)
+    return signature(bins_of(bench, walk(narrow.prf_hz), narrow)[1])
+
+
+@lru_cache(maxsize=1)
+def wanted_signature() -> Float:
+    """Signature of the sum of the walker's phasors; all radars of a small band share carrier, frame rate and levels."""
+    radar = narrow_radar("cw")
+    scene = walk(radar.prf_hz)
+    range_m = scene["range"].values
+    level_v = theory.echo_v(radar, range_m=range_m, gain_m2=scene["rcs"].values * scene["path_gain"].values)
+    phase_rad = radar.transmit_phase_rad - 4.0 * np.pi * range_m / theory.wavelength_m(radar)
+    return signature((level_v * np.exp(1j * phase_rad)).sum(axis=1, keepdims=True))
+
+
+@lru_cache(maxsize=1)
+def walk(prf_hz: float) -> xr.Dataset:
+    """Scatterer table of a person who walks towards the radar."""
+    from doppelgait.motion import boulic_walk
+    from doppelgait.scene import Scene, Target, assemble
+
+    scene = Scene([Target(boulic_walk(speed_mps=SPEED_MPS, duration_s=DURATION_S), range_m=CENTRE_M)])
+    return assemble(scene, np.arange(round(DURATION_S * prf_hz)) / prf_hz, angles=False)
+
+
+def signature(bins: Complex) -> Float:
+    """Share of the power (time, Doppler) in a Hann window of CPI pulses, summed over range; Doppler ascending.
+
+    Every column adds up to 1, which leaves the fall of power with range out.
+    """
+    starts = np.arange(0, bins.shape[0] - CPI + 1, HOP)
+    frames = bins[starts[:, None] + np.arange(CPI)] * np.hanning(CPI)[None, :, None]
+    spectrum = np.fft.fftshift(np.fft.fft(frames, N_DOPPLER, axis=1), axes=1)
+    power = (np.abs(spectrum) ** 2).sum(axis=2)
+    return np.asarray(power / power.sum(axis=1, keepdims=True))
+
+
+def torso_doppler_hz(share: Float, prf_hz: float) -> float:
+    """Peak of the mean Doppler spectrum, between bins by a parabola."""
+    place = _peak(share.mean(axis=0), 1, N_DOPPLER - 1)
+    return float((place - N_DOPPLER // 2) * prf_hz / N_DOPPLER)
+
+
+def step_frequency_hz(share: Float, prf_hz: float) -> float:
+    """Strongest frequency in the width of the spectrum over time, between bins by a parabola.
+
+    The width is the same for steps of the left and the right foot.
+    """
+    doppler = np.arange(N_DOPPLER) - N_DOPPLER // 2
+    width = np.sqrt(share @ doppler**2 - (share @ doppler) ** 2)
+    size = PADDED * width.size
+    spectrum = np.abs(np.fft.rfft((width - width.mean()) * np.hanning(width.size), size))
+    step_hz = prf_hz / HOP / size
+    low, high = (round(limit / step_hz) for limit in STEPS_HZ)
+    return float(_peak(spectrum, low, high) * step_hz)
+
+
+def _peak(values: Float, low: int, high: int) -> float:
+    n = low + int(values[low:high].argmax())
+    left, top, right = values[n - 1 : n + 2]
+    return float(n + 0.5 * (left - right) / (left - 2.0 * top + right))

@@ -1,0 +1,113 @@
+"""Checks of the receiver: noise, signal-to-noise ratio after matched processing, quantisation."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from doppelgait.radar.config import Radar
+from doppelgait.testing.conformance import theory
+from doppelgait.testing.conformance.bench import Bench, Complex, bins_of, complex_of
+from doppelgait.testing.conformance.radars import changed
+from doppelgait.testing.conformance.tables import place_m, table
+
+NOISE_VALUES = 200_000
+SEED = 20180
+MIN_PULSES = 2000
+
+
+def noise_power(bench: Bench, radar: Radar) -> float:
+    """Deviation of the noise's mean square in a range bin from E-18, dB."""
+    power_v2 = float((np.abs(_noise(bench, radar)) ** 2).mean())
+    return abs(10.0 * math.log10(power_v2 / theory.bin_noise_v2(radar))) if power_v2 > 0 else math.inf
+
+
+def noise_whiteness(bench: Bench, radar: Radar) -> float:
+    """Largest of: correlation of noise from pulse to pulse, and |E w^2| / E |w|^2 (0 where I and Q are alike)."""
+    noise = _noise(bench, radar)
+    power_v2 = (np.abs(noise) ** 2).mean()
+    pair = np.abs((noise[1:] * np.conj(noise[:-1])).mean())
+    return float(max(pair, np.abs((noise**2).mean())) / power_v2)
+
+
+def matched_snr(bench: Bench, radar: Radar) -> float:
+    """Deviation of the signal-to-noise ratio after matched processing from E / N0, dB (equivalence v).
+
+    Without a window along sweeps; with noise up to the sampling rate of an impulse radar, whose bins are then summed
+    with the pulse's shape. The other waveforms' bins are matched already.
+    """
+    from scipy.signal import fftconvolve
+
+    radar = _whole_band(radar)
+    range_m = place_m(radar, 0.5)
+    axis_m, bins = bins_of(bench, table(np.array([range_m])), radar)
+    shape = _matched(radar, axis_m[1] - axis_m[0] if axis_m.size > 1 else 1.0)
+    noise_v2 = float((np.abs(fftconvolve(_noise(bench, radar), shape[None], mode="valid")) ** 2).mean())
+    signal_v2 = float((np.abs(fftconvolve(bins, shape[None], mode="same")) ** 2).max())
+    wanted = theory.energy_over_noise_density(radar, range_m=range_m, gain_m2=1.0)
+    return abs(10.0 * math.log10(signal_v2 / noise_v2 / wanted)) if signal_v2 * noise_v2 > 0 else math.inf
+
+
+def _whole_band(radar: Radar) -> Radar:
+    if radar.waveform == "impulse":
+        return changed(radar, noise_bandwidth_hz=radar.sample_rate_hz / radar.decimation)
+    changes = {"range_window": "none"} if radar.waveform in theory.SWEPT else {}
+    return changed(radar, noise_bandwidth_hz=None, **changes)
+
+
+def _matched(radar: Radar, bin_m: float) -> np.ndarray:
+    """Weights of neighbouring bins: the pulse's shape to 5 sigma, or one bin alone."""
+    if radar.waveform != "impulse":
+        return np.ones(1)
+    spread_bins = theory.C_MPS * theory.pulse_sigma_s(radar) / 2.0 / bin_m
+    half = math.ceil(5.0 * spread_bins)
+    return np.asarray(np.exp(-0.5 * (np.arange(-half, half + 1) / spread_bins) ** 2))
+
+
+def _noise(bench: Bench, radar: Radar) -> Complex:
+    assert bench.noise is not None
+    n_bins = theory.range_axis_m(radar).size
+    n_pulses = max(NOISE_VALUES // n_bins, MIN_PULSES)
+    noise = bench.noise(radar, n_pulses=n_pulses, rng=np.random.default_rng(SEED))
+    return complex_of(noise, (n_pulses, n_bins), what=f"noise of waveform {radar.waveform!r}")
+
+
+def quantisation_snr(bench: Bench, radar: Radar) -> float:
+    """Deviation of a complex tone's signal-to-quantisation-noise ratio from 6.02 b + 1.76 - back-off, dB."""
+    del radar
+    errors = [_quantisation_error_db(bench, bits, backoff_db) for bits in (8, 10, 12) for backoff_db in (1.0, 12.0)]
+    return max(errors)
+
+
+def _quantisation_error_db(bench: Bench, bits: int, backoff_db: float) -> float:
+    assert bench.quantise is not None
+    turns = np.arange(65_536) * (math.sqrt(5.0) - 1.0) / 2.0  # never the same phase again
+    tone = (10.0 ** (-backoff_db / 20.0) * np.exp(2j * np.pi * turns)).astype(np.complex64)[:, None]
+    converted = complex_of(bench.quantise(tone, bits=bits, full_scale_v=1.0), tone.shape, what="quantised samples")
+    error_v2 = float((np.abs(converted - tone) ** 2).mean())
+    if not error_v2 > 0:
+        return math.inf
+    found_db = 10.0 * math.log10(float((np.abs(tone) ** 2).mean()) / error_v2)
+    wanted_db = 20.0 * bits * math.log10(2.0) + 10.0 * math.log10(1.5) - backoff_db
+    return abs(found_db - wanted_db)
+
+
+def quantisation_bias(bench: Bench, radar: Radar) -> float:
+    """Largest mean error of a level between two codes under noise of half a step rms, in steps.
+
+    Gaussian noise of s steps leaves exp(-2 pi^2 s^2) / pi of it: 0.0023 (Widrow and Kollar, Quantization Noise, 2008).
+    """
+    del radar
+    assert bench.quantise is not None
+    bits, n = 8, 100_000
+    step_v = 2.0 / 2**bits
+    level = np.linspace(0.0, 1.0, 9)
+    rng = np.random.default_rng(SEED)
+    dither = rng.normal(size=(n, 9)) + 1j * rng.normal(size=(n, 9))
+    samples = (step_v * (level * (1 + 1j) + 0.5 * dither)).astype(np.complex64)
+    converted = complex_of(
+        bench.quantise(samples, bits=bits, full_scale_v=1.0), samples.shape, what="quantised samples"
+    )
+    error = (converted - samples).mean(axis=0) / step_v
+    return float(max(np.abs(error.real).max(), np.abs(error.imag).max()))

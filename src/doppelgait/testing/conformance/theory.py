@@ -1,0 +1,201 @@
+"""Closed forms that the checks compare with, from first principles and the radar's given parameters alone.
+
+Nothing here calls what is tested: no derived property of :class:`Radar`, no other layer.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.radar.config import Radar
+
+Complex = npt.NDArray[np.complex128]
+Float = npt.NDArray[np.float64]
+
+C_MPS = 299_792_458.0
+NOISE_DENSITY_W_PER_HZ = 1.380649e-23 * 290.0
+OHM = 50.0
+VACUUM_F_PER_M = 8.8541878128e-12
+
+SWEPT = ("fmcw", "stepped")
+WAVEFORMS = ("impulse", "rectangular", "lfm", "fmcw", "stepped", "cw")
+
+
+def wavelength_m(radar: Radar) -> float:
+    """Wavelength c / f_c."""
+    return C_MPS / radar.carrier_hz
+
+
+def averages(radar: Radar) -> int:
+    """Pulses averaged in a frame: whole ones, per level of the threshold sweep (E-18)."""
+    return math.floor(radar.pulse_rate_hz / (radar.prf_hz * radar.sweep_levels)) if radar.pulse_rate_hz else 1
+
+
+def pulse_sigma_s(radar: Radar) -> float:
+    """Standard deviation of a Gaussian envelope whose power spectrum exp(-4 pi^2 tau^2 f^2) is L dB down at B/2."""
+    if radar.pulse_sigma_s is not None:
+        return radar.pulse_sigma_s
+    # the level "3 dB" is half power
+    ratio = 2.0 if radar.bandwidth_level_db == 3 else 10.0
+    return math.sqrt(math.log(ratio)) / (math.pi * (radar.bandwidth_hz or math.nan))
+
+
+def n_sweep(radar: Radar) -> int:
+    """Samples or steps of a sweep."""
+    return round((radar.sweep_s or 0.0) * radar.sample_rate_hz)
+
+
+def sweep_time_s(radar: Radar) -> float:
+    """Time that the samples of a sweep take; of a pulse its duration."""
+    return n_sweep(radar) / radar.sample_rate_hz if radar.waveform in SWEPT else float(radar.sweep_s or math.nan)
+
+
+def range_axis_m(radar: Radar) -> Float:
+    """Range bins: every D c / (2 f_s) (E-15), every c / (2 B) counted from 0, or the frame's middle."""
+    start_m, stop_m = radar.range_start_m, radar.range_stop_m
+    if radar.waveform == "cw":
+        return np.array([(start_m + stop_m) / 2.0])
+    if radar.waveform in SWEPT:
+        step_m = C_MPS / (2.0 * (radar.bandwidth_hz or math.nan))
+        first = math.ceil(start_m / step_m - 1e-9)
+        return np.asarray(step_m * np.arange(first, math.ceil(stop_m / step_m - 1e-9)))
+    step_m = radar.decimation * C_MPS / (2.0 * radar.sample_rate_hz)
+    return np.asarray(start_m + step_m * np.arange(math.ceil((stop_m - start_m) / step_m - 1e-9)))
+
+
+def received_w(radar: Radar, *, range_m: Float, gain_m2: Float) -> Float:
+    """Radar equation P_t G_t G_r lambda^2 sigma / ((4 pi)^3 R^4), W; ``gain_m2`` is sigma times the path's gain."""
+    sent_w = 10.0 ** ((radar.tx_power_dbm + radar.tx_gain_dbi + radar.rx_gain_dbi - 30.0) / 10.0)
+    return np.asarray(sent_w * wavelength_m(radar) ** 2 * gain_m2 / ((4.0 * np.pi) ** 3 * range_m**4))
+
+
+def receiver_gain(radar: Radar) -> float:
+    """Power gain of the receiver."""
+    return float(10.0 ** (radar.receiver_gain_db / 10.0))
+
+
+def echo_v(radar: Radar, *, range_m: Float, gain_m2: Float) -> Float:
+    """Envelope of an echo at the receiver's output into 50 ohm: sqrt(2 Z0 P_r G_rx)."""
+    power_w = received_w(radar, range_m=range_m, gain_m2=gain_m2)
+    return np.asarray(np.sqrt(2.0 * OHM * power_w * receiver_gain(radar)))
+
+
+def window(radar: Radar) -> Float:
+    """Window along a sweep, of samples in the middle of S equal parts of the cosine sum (Harris 1978)."""
+    x = (np.arange(n_sweep(radar)) + 0.5) / n_sweep(radar)
+    terms = {"none": (1.0,), "hann": (0.5, 0.5), "hamming": (0.54, 0.46), "blackman": (0.42, 0.5, 0.08)}
+    shape = sum(c * (-1) ** k * np.cos(2.0 * np.pi * k * x) for k, c in enumerate(terms[radar.range_window]))
+    return np.asarray(shape * np.ones_like(x))
+
+
+def noise_figure(radar: Radar) -> float:
+    """Noise factor F."""
+    return float(10.0 ** (radar.noise_figure_db / 10.0))
+
+
+def bin_noise_v2(radar: Radar) -> float:
+    """Mean square of the noise in a bin: 2 Z0 k T0 F B G_rx / N_eff (E-18), of a sweep times sum(w^2) / sum(w)^2."""
+    own_hz = {
+        "impulse": math.sqrt(math.log(10.0)) / (math.pi * pulse_sigma_s(radar)) if radar.waveform == "impulse" else 0.0,
+        "rectangular": 1.0 / (radar.sweep_s or math.inf),
+        "lfm": 1.0 / (radar.sweep_s or math.inf),
+        "fmcw": radar.sample_rate_hz,
+        "stepped": radar.sample_rate_hz,
+        "cw": radar.prf_hz,
+    }
+    width_hz = radar.noise_bandwidth_hz or own_hz[radar.waveform]
+    level_v2 = 2.0 * OHM * NOISE_DENSITY_W_PER_HZ * noise_figure(radar) * width_hz * receiver_gain(radar)
+    if radar.waveform in SWEPT:
+        weights = window(radar)
+        level_v2 *= float((weights**2).sum() / weights.sum() ** 2)
+    return level_v2 / averages(radar)
+
+
+def energy_over_noise_density(radar: Radar, *, range_m: float, gain_m2: float) -> float:
+    """E / N0 of an echo, N_eff pulses averaged: P_r times the integral of the envelope's square, over k T0 F."""
+    if radar.waveform == "impulse":
+        length_s = math.sqrt(math.pi) * pulse_sigma_s(radar)
+    else:
+        length_s = 1.0 / radar.prf_hz if radar.waveform == "cw" else sweep_time_s(radar)
+    power_w = received_w(radar, range_m=np.array(range_m), gain_m2=np.array(gain_m2))
+    return float(power_w * length_s * averages(radar) / (NOISE_DENSITY_W_PER_HZ * noise_figure(radar)))
+
+
+def power_spectrum(radar: Radar) -> tuple[Float, Float]:
+    """Frequencies from the carrier, Hz, and the spectrum behind the receiver, whose transform is the profile.
+
+    The Gaussian of E-11 for an impulse; |S|^2 of the sampled pulse for a matched filter; the window over the band of a
+    sweep.
+    """
+    if radar.waveform == "impulse":
+        tau = pulse_sigma_s(radar)
+        frequency_hz = np.linspace(-1.5, 1.5, 2001) / tau
+        return frequency_hz, np.exp(-2.0 * (np.pi * tau * frequency_hz) ** 2)
+    if radar.waveform in SWEPT:
+        size = n_sweep(radar)
+        step_hz = (radar.bandwidth_hz or math.nan) / size
+        return np.asarray(step_hz * (np.arange(size) - (size - 1) / 2.0)), window(radar)
+    duration_s = sweep_time_s(radar)
+    turns = 0.0 if radar.waveform == "rectangular" else (radar.bandwidth_hz or 0.0) * duration_s
+    size = max(4096, math.ceil(4.0 * turns))
+    x = (np.arange(size) + 0.5) / size - 0.5
+    pulse = np.exp(1j * np.pi * turns * x**2)
+    spectrum = np.abs(np.fft.fftshift(np.fft.fft(pulse, 4 * size))) ** 2  # long enough for delays of two durations
+    return np.asarray((np.arange(4 * size) - 2 * size) / (4.0 * duration_s)), np.asarray(spectrum)
+
+
+def profile(radar: Radar, offset_m: Float) -> Float:
+    """Amplitude of the range profile at offsets from a point echo: |transform of the spectrum|, 1 at 0."""
+    frequency_hz, weight = power_spectrum(radar)
+    delay_s = 2.0 * offset_m.ravel() / C_MPS
+    values = np.array([np.abs((weight * np.exp(2j * np.pi * frequency_hz * one)).sum()) for one in delay_s])
+    return np.asarray(values / weight.sum()).reshape(offset_m.shape)
+
+
+def half_power_width_m(radar: Radar) -> float:
+    """Resolution cell: width of the profile at half power, by bisection."""
+    high = C_MPS * {"impulse": 2.0 * pulse_sigma_s(radar) if radar.waveform == "impulse" else 0.0}.get(
+        radar.waveform, 1.0 / (radar.bandwidth_hz or 1.0 / sweep_time_s(radar))
+    )
+    low = 0.0
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if profile(radar, np.array([middle]))[0] ** 2 > 0.5 else (low, middle)
+    return 2.0 * low
+
+
+def coupling_s(radar: Radar) -> float:
+    """Range shift per approach speed of a rising sweep: -f_c T_c / B; 0 without a sweep."""
+    if radar.waveform not in ("lfm", *SWEPT):
+        return 0.0
+    return -radar.carrier_hz * sweep_time_s(radar) / (radar.bandwidth_hz or math.nan)
+
+
+def permittivity_of(*, permittivity: float, conductivity_s_per_m: float, carrier_hz: float) -> complex:
+    """Complex relative permittivity eps' - j sigma / (2 pi f eps_0)."""
+    return complex(permittivity, -conductivity_s_per_m / (2.0 * math.pi * carrier_hz * VACUUM_F_PER_M))
+
+
+def slab_insertion(cosine: float, *, permittivity: complex, thickness_m: float, wavelength_m: float) -> complex:
+    """Field behind a slab over the field without it, electric field parallel to the slab.
+
+    By the slab's characteristic matrix (Born and Wolf, Principles of Optics, section 1.6).
+    """
+    inside = np.sqrt(permittivity - 1.0 + cosine**2)
+    turn = 2.0 * np.pi * thickness_m / wavelength_m
+    matrix = np.array(
+        [[np.cos(turn * inside), 1j * np.sin(turn * inside) / inside],
+         [1j * inside * np.sin(turn * inside), np.cos(turn * inside)]]
+    )  # fmt: skip
+    front = matrix @ np.array([1.0, cosine])
+    through = 2.0 * cosine / (cosine * front[0] + front[1])
+    return complex(through * np.exp(1j * turn * cosine))
+
+
+def floor_reflection(sin_grazing: Float, *, permittivity: complex) -> Complex:
+    """Fresnel coefficient of a half space for vertical polarisation, the upright field keeping its sign."""
+    root = np.sqrt(permittivity - 1.0 + sin_grazing**2)
+    return np.asarray((permittivity * sin_grazing - root) / (permittivity * sin_grazing + root))
