@@ -1,0 +1,149 @@
+"""Level images of the X-band recordings: how they are displayed, and what is measured on them.
+
+A level image has 256 rows of velocity, row 0 at +4.6 m/s and row 128 at 0, and 624 columns of time, in dB below its own
+maximum, clipped to -30 and -10 dB. The display is that of the source (github.com/AmishaManga/MSc-Micro-Doppler-
+Classification): 20 bursts of 256 sweeps, of each burst the mean over its sweeps taken off and one range bin kept, all
+joined and transformed with a Hann window of 128 sweeps every 8 sweeps to 256 bins.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+
+N_BURSTS, BURST_SWEEPS = 20, 256
+WINDOW_SWEEPS, HOP_SWEEPS, N_ROWS = 128, 8, 256
+N_SWEEPS = N_BURSTS * BURST_SWEEPS
+N_COLUMNS = N_SWEEPS // HOP_SWEEPS - WINDOW_SWEEPS // HOP_SWEEPS
+FLOOR_DB, CEILING_DB = -30.0, -10.0
+EDGE_MPS = 4.6
+PRI_S = 1.68e-3
+"""With a wavelength of 30.9 mm (9.7 GHz) the sweep interval at which the display ends at 4.6 m/s."""
+COLUMN_S = HOP_SWEEPS * PRI_S
+VELOCITY_MPS = np.asarray((N_ROWS // 2 - np.arange(N_ROWS)) * (2.0 * EDGE_MPS / N_ROWS), dtype=np.float64)
+SLOWEST_MPS = 0.4
+"""Nearer to zero than this is the ground."""
+QUIET_MPS = (0.8, 3.4)
+"""Speeds on the far side of zero at which nothing but noise is expected."""
+ENVELOPE_DB = -22.0
+MODULATION_HZ = (0.8, 6.0)
+
+
+def hann(n_samples: int) -> FloatArray:
+    """Hann window without zeros at its ends, of sum 1."""
+    window = np.sin(np.pi * (np.arange(n_samples) + 1.0) / (n_samples + 1.0)) ** 2
+    return np.asarray(window / window.sum())
+
+
+def noise_gain() -> float:
+    """Power of white noise in a pixel over that in a sweep's range bin."""
+    return float((hann(WINDOW_SWEEPS) ** 2).sum())
+
+
+def stitched(baseband: npt.NDArray[np.complexfloating[Any, Any]], bins: npt.ArrayLike) -> npt.NDArray[np.complex128]:
+    """One range bin per burst, joined, without each burst's mean.
+
+    Parameters
+    ----------
+    baseband : ndarray, shape (5120, N)
+        V.
+    bins : array_like, shape (20,)
+        Range bin of every burst.
+
+    Returns
+    -------
+    ndarray, shape (5120,)
+    """
+    bursts = np.asarray(baseband, dtype=np.complex128)[:N_SWEEPS].reshape(N_BURSTS, BURST_SWEEPS, -1)
+    kept = bursts[np.arange(N_BURSTS), :, np.asarray(bins)]
+    return np.asarray((kept - kept.mean(axis=1, keepdims=True)).ravel())
+
+
+def pixel_power(signal: npt.NDArray[np.complex128]) -> FloatArray:
+    """Power of every pixel, V^2, shape (256, 624); approaching, at positive frequency, is above."""
+    starts = HOP_SWEEPS * np.arange(N_COLUMNS)
+    blocks = signal[starts[:, None] + np.arange(WINDOW_SWEEPS)] * hann(WINDOW_SWEEPS)
+    power = np.abs(np.fft.fft(blocks, N_ROWS, axis=1)) ** 2
+    return np.asarray(power[:, (N_ROWS // 2 - np.arange(N_ROWS)) % N_ROWS].T)
+
+
+def displayed_db(power: FloatArray) -> FloatArray:
+    """Levels below the maximum, dB, clipped as displayed."""
+    level_db = 10.0 * np.log10(np.maximum(power / power.max(), 1e-30))
+    return np.asarray(np.clip(level_db, FLOOR_DB, CEILING_DB))
+
+
+def towards(level_db: FloatArray, *, direction: int) -> FloatArray:
+    """The image with the mover's side above: velocities of one going away (-1) change sign."""
+    return level_db if direction > 0 else level_db[(N_ROWS - np.arange(N_ROWS)) % N_ROWS]
+
+
+def torso_speed_mps(level_db: FloatArray) -> float:
+    """Median over time of the mover's strongest speed above 0.4 m/s; where several rows are clipped, their mean."""
+    side = VELOCITY_MPS > SLOWEST_MPS
+    strongest = level_db[side] == level_db[side].max(axis=0)
+    speed_mps = (strongest * VELOCITY_MPS[side, None]).sum(axis=0) / strongest.sum(axis=0)
+    return float(np.median(speed_mps))
+
+
+def envelope_mps(level_db: FloatArray) -> float:
+    """95th percentile over time of the highest speed on the mover's side above -22 dB."""
+    seen = (level_db > ENVELOPE_DB) & (VELOCITY_MPS[:, None] > SLOWEST_MPS)
+    highest = np.where(seen, VELOCITY_MPS[:, None], 0.0).max(axis=0)
+    return float(np.percentile(highest, 95))
+
+
+def modulation_hz(level_db: FloatArray) -> float:
+    """Strongest line between 0.8 and 6 Hz of the modulation spectra of all rows on the mover's side, summed."""
+    rows = level_db[VELOCITY_MPS > SLOWEST_MPS]
+    time = np.linspace(-1.0, 1.0, rows.shape[1])
+    trend = np.polynomial.polynomial.polyvander(time, 2)
+    rows = rows - (trend @ np.linalg.lstsq(trend, rows.T, rcond=None)[0]).T
+    spectrum = (np.abs(np.fft.rfft(rows * np.hanning(rows.shape[1]), 8 * N_COLUMNS, axis=1)) ** 2).sum(axis=0)
+    frequency_hz = np.fft.rfftfreq(8 * N_COLUMNS, COLUMN_S)
+    inside = (frequency_hz >= MODULATION_HZ[0]) & (frequency_hz <= MODULATION_HZ[1])
+    return float(frequency_hz[inside][np.argmax(spectrum[inside])])
+
+
+def noise_db(level_db: FloatArray) -> float:
+    """Mean noise power of a pixel from the share p of quiet pixels above the floor.
+
+    Power of noise is exponentially distributed, so that p = exp(-F / N) with floor F and mean N: N = F / ln(1 / p).
+    """
+    quiet = (QUIET_MPS[0] < -VELOCITY_MPS) & (QUIET_MPS[1] > -VELOCITY_MPS)
+    share = float((level_db[quiet] > FLOOR_DB + 0.5 * (CEILING_DB - FLOOR_DB) / 255).mean())
+    share = min(max(share, 1e-5), 1.0 - 1e-5)
+    return FLOOR_DB - 10.0 * float(np.log10(-np.log(share)))
+
+
+def boundary_step_db(level_db: FloatArray) -> float:
+    """Level near zero Doppler at the joints of bursts less that in the middle of bursts.
+
+    A column's window is centred on a joint every 32 columns, first at column 24.
+    """
+    slow = level_db[np.abs(VELOCITY_MPS) < SLOWEST_MPS / 2.0].mean(axis=0)
+    place = (np.arange(N_COLUMNS) - 24) % (BURST_SWEEPS // HOP_SWEEPS)
+    return float(slow[place == 0].mean() - slow[(place >= 14) & (place <= 18)].mean())
+
+
+def histogram_distance_db(one: FloatArray, other: FloatArray) -> float:
+    """Wasserstein distance of the levels of two images, dB."""
+    from scipy.stats import wasserstein_distance
+
+    return float(wasserstein_distance(one.ravel(), other.ravel()))
+
+
+def profile_distance(one: FloatArray, other: FloatArray, *, ground: bool) -> tuple[float, float]:
+    """Root mean square difference, dB, and correlation of the mean levels against velocity, with or without ground."""
+    rows = np.ones(N_ROWS, dtype=bool) if ground else np.abs(VELOCITY_MPS) > SLOWEST_MPS
+    first, second = one.mean(axis=1)[rows], other.mean(axis=1)[rows]
+    return float(np.sqrt(np.mean((first - second) ** 2))), float(np.corrcoef(first, second)[0, 1])
+
+
+def clipped_shares(level_db: FloatArray) -> tuple[float, float]:
+    """Shares of pixels at the floor and at the ceiling."""
+    return float((level_db <= FLOOR_DB).mean()), float((level_db >= CEILING_DB).mean())

@@ -1,0 +1,305 @@
+"""X-band FMCW recordings of people and dogs beside their simulated twins.
+
+    python studies/xband_twin.py DATA_FOLDER OUT_FOLDER
+
+DATA_FOLDER holds ``decoded_levels.npz``: the levels of published spectrograms (github.com/AmishaManga/MSc-Micro-
+Doppler-Classification), 256 x 624, 0 to 255 for -30 to -10 dB. For every recording a mover of the same torso speed and
+direction is simulated through the radar, and displayed as the source displays (:mod:`xband_measures`). Writes a figure
+for each, and ``xband-twin.md`` with the numbers.
+
+From each recording come its torso speed, its direction and the noise level below the maximum, nothing else. Chosen for
+all alike, by what is usual and by looking at the figures: the range (60 m in the middle), sizes of the movers, their
+radar cross sections and how these fluctuate, the ground's echo, its sway and its reflection, starting phase 0. Printed
+times of the source end at 7 s; here a column is 8 sweeps of 1.68 ms, which is what the velocity axis says too. Left out
+are the figures of two people, of the running person (whose Doppler wraps) and the dog that stops on the way.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+import xband_measures as measures
+from matplotlib.figure import Figure
+from xband_measures import FloatArray
+
+from doppelgait import viz
+from doppelgait.core.errors import DoppelgaitWarning
+from doppelgait.core.labels import axis
+from doppelgait.motion.models import boulic_walk, human_gait, quadruped_gait
+from doppelgait.motion.schema import make_motion
+from doppelgait.pipeline import simulate
+from doppelgait.pipeline.echoes import Conditions
+from doppelgait.radar import Radar, Recording
+from doppelgait.scene import Scene, Target
+from doppelgait.scene.rcs import RcsSpec
+from doppelgait.viz.style import name_axes, new_figure
+
+DATA_FILE = "decoded_levels.npz"
+SEED = 97
+RADAR = Radar.preset("xband-fmcw", carrier_hz=9.7e9, prf_hz=1.0 / measures.PRI_S)
+"""1008 samples at 700 kS/s (1.44 ms) every 1.68 ms: unambiguous to 4.6 m/s, as the figures' axis says."""
+OBSERVATION_S = measures.N_SWEEPS * measures.PRI_S
+RANGE_M = 60.0
+RADAR_HEIGHT_M = 1.2
+GROUND_RCS_M2 = 0.1
+"""Mean radar cross section of the ground in one metre of range."""
+GROUND_PER_M = 4
+SWAY_S, SWAY_M = 0.15, 0.004
+"""Correlation time and mean displacement of the ground's points."""
+FIELD = ({"kind": "ground_bounce", "material": "medium_dry_ground", "roughness_m": 0.02},)
+SPECKLE: dict[str, Any] = {"fluctuation": "swerling1", "correlation_s": 0.08}
+STEP_TIME_SD, STEP_LENGTH_SD, STRIDE_VARIATION = 0.02, 0.03, 0.03
+
+Model = Callable[[float, np.random.Generator], xr.DataArray]
+
+
+def person(speed_mps: float, rng: np.random.Generator) -> xr.DataArray:
+    """Walk with feet on the floor and steps that vary as a healthy adult's."""
+    return human_gait(
+        gait="walk", speed_mps=speed_mps, duration_s=OBSERVATION_S + 1.0, step_time_sd=STEP_TIME_SD,
+        step_length_sd=STEP_LENGTH_SD, rng=rng,
+    )  # fmt: skip
+
+
+def boulic(speed_mps: float, rng: np.random.Generator) -> xr.DataArray:
+    """Walk as published, every step the same."""
+    del rng
+    return boulic_walk(speed_mps=speed_mps, duration_s=OBSERVATION_S + 1.0)
+
+
+def dog(speed_mps: float, rng: np.random.Generator) -> xr.DataArray:
+    """Walk or trot, by the speed, of a dog of 0.5 m at the withers."""
+    return quadruped_gait(
+        gait="auto", speed_mps=speed_mps, duration_s=OBSERVATION_S + 1.0, stride_variation=STRIDE_VARIATION, rng=rng
+    )
+
+
+BODY = RcsSpec(kind="ellipsoids", occlusion=True, total_m2=0.8, **SPECKLE)
+DOG_BODY = RcsSpec(kind="ellipsoids", occlusion=True, total_m2=0.2, **SPECKLE)
+DOG_POINTS = RcsSpec(kind="body_parts", total_m2=0.05, **SPECKLE)
+"""The total is chosen by the three dogs: points have no aspect, and a dog seen from its end is small."""
+MODELS: dict[str, dict[str, tuple[Model, RcsSpec]]] = {
+    "human": {"human": (person, BODY), "boulic": (boulic, BODY)},
+    "dog": {"dog, ellipsoids": (dog, DOG_BODY), "dog, points": (dog, DOG_POINTS)},
+}
+
+
+@dataclass(frozen=True)
+class Pair:
+    """One real figure; direction is 1 towards and -1 away."""
+
+    key: str
+    label: str
+    direction: int
+
+    @property
+    def name(self) -> str:
+        """Name without the class."""
+        return self.key.split("__")[1]
+
+
+PAIRS = (
+    Pair("human__NormalToward", "human", 1),
+    Pair("human__NormalAway", "human", -1),
+    Pair("human__PocketAway", "human", -1),
+    Pair("human__SwingingArmsTowards", "human", 1),
+    Pair("human__TowardPaintgun", "human", 1),
+    Pair("dog__LinkWalkingToward", "dog", 1),
+    Pair("dog__LinkWalkAway2", "dog", -1),
+    Pair("dog__LokiWalkingToward", "dog", 1),
+)
+
+
+def ground(length_m: float, rng: np.random.Generator) -> xr.DataArray:
+    """Points along the radar's look that sway in the wind: Gaussian processes of exponentially distributed size."""
+    count, rate_hz = round(length_m * GROUND_PER_M), 50.0
+    n_frames = round((OBSERVATION_S + 1.0) * rate_hz)
+    reach = round(4 * SWAY_S * rate_hz)
+    kernel = np.exp(-((np.arange(-reach, reach + 1) / (SWAY_S * rate_hz)) ** 2))
+    white = rng.standard_normal((count, n_frames + 2 * reach))
+    smooth = np.array([np.convolve(row, kernel, mode="valid") for row in white]) / np.sqrt((kernel**2).sum())
+    sway_m = smooth * SWAY_M * rng.standard_exponential((count, 1))
+    position_m = np.zeros((n_frames, count, 3))
+    position_m[:, :, 0] = (rng.uniform(-0.5, 0.5, count) * length_m)[None] + sway_m.T
+    position_m[:, :, 2] = 0.3
+    names = [f"tuft{number}" for number in range(count)]
+    facts = {"source": "ground", "kind": "ground", "mass_kg": 1.0, "height_m": 0.3}
+    return make_motion(position_m, rate_hz=rate_hz, markers=names, parts=[""] * count, facts=facts)
+
+
+def scene_of(pair: Pair, motion: xr.DataArray, rcs: RcsSpec, *, speed_mps: float, rng: np.random.Generator) -> Scene:
+    """The mover on a line through the radar, and the ground that it walks over."""
+    aspect_deg = 0.0 if pair.direction > 0 else 180.0
+    mover = Target(motion, label=pair.label, rcs=rcs, range_m=RANGE_M, aspect_deg=aspect_deg)
+    length_m = speed_mps * OBSERVATION_S + 8.0
+    field = ground(length_m, rng)
+    echo = RcsSpec(kind="equal", total_m2=GROUND_RCS_M2 * length_m)
+    around = Target(field, rcs=echo, range_m=RANGE_M, background=True)
+    position_m = (0.0, 0.0, RADAR_HEIGHT_M)
+    return Scene([mover, around], radar_position_m=position_m, duration_s=OBSERVATION_S)
+
+
+def burst_bins(recording: Recording) -> list[int]:
+    """Range bin of the body in the middle of every burst."""
+    range_m, track_m = axis(recording.baseband, "range"), recording.truth[0].centre_range_m
+    middles = measures.BURST_SWEEPS * np.arange(measures.N_BURSTS) + measures.BURST_SWEEPS // 2
+    return [int(np.argmin(np.abs(range_m - track_m[middle]))) for middle in middles]
+
+
+def twin_levels(pair: Pair, model: Model, rcs: RcsSpec, *, speed_mps: float, noise_db: float) -> FloatArray:
+    """Displayed levels of a simulated mover, its noise as far below the maximum as in the recording."""
+    streams = np.random.default_rng([SEED, PAIRS.index(pair)]).spawn(4)
+    scene = scene_of(pair, model(speed_mps, streams[0]), rcs, speed_mps=speed_mps, rng=streams[1])
+    drawn = int(streams[2].integers(2**31))
+
+    def observed(**noise: Any) -> Recording:
+        receiver = Conditions(FIELD, noise.pop("impairments", ()))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DoppelgaitWarning)  # feet and paws alias, as they do in the recordings
+            return simulate(
+                scene, RADAR, conditions=receiver, angles=False, scene_rng=np.random.default_rng(drawn), **noise
+            )
+
+    quiet = observed()
+    bins = burst_bins(quiet)
+    highest_v2 = measures.pixel_power(measures.stitched(quiet.baseband.values, bins)).max()
+    level_db = 10.0 * float(np.log10(highest_v2 / measures.noise_gain())) + noise_db
+    noisy = observed(rng=streams[3], impairments=[{"kind": "thermal_noise", "level_db": level_db}])
+    return measures.displayed_db(measures.pixel_power(measures.stitched(noisy.baseband.values, bins)))
+
+
+def real_levels(data: Path) -> dict[str, FloatArray]:
+    """Levels of the real figures, dB; a clear end where they are not there."""
+    path = data / DATA_FILE
+    if not path.is_file():
+        sys.exit(f"{path}: not there; give the folder with the decoded levels of the X-band figures ({DATA_FILE})")
+    span_db = measures.CEILING_DB - measures.FLOOR_DB
+    with np.load(path) as levels:
+        missing = [pair.key for pair in PAIRS if pair.key not in levels]
+        if missing:
+            sys.exit(f"{path}: has no {', '.join(missing)}; this study needs them all")
+        return {pair.key: measures.FLOOR_DB + levels[pair.key] * (span_db / 255.0) for pair in PAIRS}
+
+
+def draw_pair(pair: Pair, shown: dict[str, FloatArray]) -> Figure:
+    """Real and simulated images side by side, on the same axes and colours."""
+    figure = new_figure(width_in=6.2 * len(shown), height_in=5.2)
+    panels = figure.subplots(1, len(shown), sharex=True, sharey=True, squeeze=False)[0]
+    extent = (0.0, measures.N_COLUMNS * measures.COLUMN_S, -measures.EDGE_MPS, measures.EDGE_MPS)
+    for panel, (title, level_db) in zip(panels, shown.items(), strict=True):
+        image = panel.imshow(
+            level_db, aspect="auto", extent=extent, cmap="jet", vmin=measures.FLOOR_DB, vmax=measures.CEILING_DB,
+            interpolation="nearest",
+        )  # fmt: skip
+        name_axes(panel, title=f"{pair.key.replace('__', ' ')}: {title}", x="time (s)", y="velocity (m/s)")
+    figure.colorbar(image, ax=list(panels), label="level (dB below the maximum)")
+    return figure
+
+
+def facts_of(level_db: FloatArray) -> list[float]:
+    """Torso, envelope, their ratio, modulation, floor and ceiling shares in percent, noise, step at joints."""
+    torso, envelope = measures.torso_speed_mps(level_db), measures.envelope_mps(level_db)
+    floor, ceiling = measures.clipped_shares(level_db)
+    return [
+        torso, envelope, envelope / torso, measures.modulation_hz(level_db), 100 * floor, 100 * ceiling,
+        measures.noise_db(level_db), measures.boundary_step_db(level_db),
+    ]  # fmt: skip
+
+
+def distances(one: FloatArray, other: FloatArray) -> list[float]:
+    """Histogram distance, and root mean square and correlation of the profiles, without and with the ground."""
+    return [
+        measures.histogram_distance_db(one, other),
+        *measures.profile_distance(one, other, ground=False),
+        *measures.profile_distance(one, other, ground=True),
+    ]
+
+
+DISTANCES = ("histogram dB", "profile dB", "correlation", "profile dB, all v", "correlation, all v")
+FACTS = ("torso m/s", "envelope m/s", "ratio", "modulation Hz", "floor %", "ceiling %", "noise dB", "joints dB")
+
+
+def table(head: tuple[str, ...], rows: list[tuple[str, list[float]]]) -> str:
+    """Markdown table of numbers with two decimals."""
+    lines = ["| | " + " | ".join(head) + " |", "| --- |" + " ---: |" * len(head)]
+    lines += [f"| {name} | " + " | ".join(f"{value:.2f}" for value in values) + " |" for name, values in rows]
+    return "\n".join(lines)
+
+
+def mean_distances(name: str, some: dict[str, FloatArray], others: dict[str, FloatArray]) -> tuple[str, list[float]]:
+    """Mean of the distances of all images from all others, a recording and its own twin left out."""
+    rows = [distances(a, b) for one, a in some.items() for other, b in others.items() if one != other]
+    return f"{name} ({len(rows)})", list(np.mean(rows, axis=0))
+
+
+def baselines(real: dict[str, FloatArray], twins: dict[str, FloatArray]) -> list[tuple[str, list[float]]]:
+    """What the distances are to be held against: within and between the classes."""
+
+    def of(images: dict[str, FloatArray], label: str) -> dict[str, FloatArray]:
+        return {pair.key: images[pair.key] for pair in PAIRS if pair.label == label}
+
+    return [
+        mean_distances(f"{one[0]} {one[1]}, {other[0]} {other[1]}", of(one[2], one[1]), of(other[2], other[1]))
+        for one, other in (
+            (("real", "human", real), ("real", "human", real)),
+            (("real", "dog", real), ("real", "dog", real)),
+            (("real", "human", real), ("real", "dog", real)),
+            (("simulated", "human", twins), ("real", "human", real)),
+            (("simulated", "human", twins), ("real", "dog", real)),
+            (("simulated", "dog", twins), ("real", "dog", real)),
+            (("simulated", "dog", twins), ("real", "human", real)),
+        )
+    ]
+
+
+def compare(pair: Pair, own: FloatArray, out: Path) -> dict[str, FloatArray]:
+    """Twins of one recording by model, and their figure; the mover's side above."""
+    speed_mps, noise_db = measures.torso_speed_mps(own), measures.noise_db(own)
+    twins = {
+        name: measures.towards(
+            twin_levels(pair, model, rcs, speed_mps=speed_mps, noise_db=noise_db), direction=pair.direction
+        )
+        for name, (model, rcs) in MODELS[pair.label].items()
+    }
+    titled = {"real": own, **{f"simulated ({name})": twin for name, twin in twins.items()}}
+    turned = {title: measures.towards(levels, direction=pair.direction) for title, levels in titled.items()}
+    viz.save_figure(draw_pair(pair, turned), out / f"xband-{pair.key.replace('__', '-')}.png")
+    return twins
+
+
+def main(data: Path, out: Path) -> None:
+    """Simulate, draw, measure, write."""
+    begun_s = time.perf_counter()
+    real = real_levels(data)
+    out.mkdir(parents=True, exist_ok=True)
+    real = {pair.key: measures.towards(real[pair.key], direction=pair.direction) for pair in PAIRS}
+    facts: list[tuple[str, list[float]]] = []
+    apart: list[tuple[str, list[float]]] = []
+    first: dict[str, FloatArray] = {}
+    for pair in PAIRS:
+        own = real[pair.key]
+        twins = compare(pair, own, out)
+        first[pair.key] = next(iter(twins.values()))
+        facts += [(f"{pair.name}: {name}", facts_of(image)) for name, image in {"real": own, **twins}.items()]
+        apart += [(f"{pair.name}: {name}", distances(own, twin)) for name, twin in twins.items()]
+    apart += baselines(real, first)
+    text = table(FACTS, facts) + "\n\n" + table(DISTANCES, apart) + "\n"
+    (out / "xband-twin.md").write_text(text, encoding="utf-8")
+    print(text + f"\n{time.perf_counter() - begun_s:.0f} s")
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("data", type=Path, help=f"folder with {DATA_FILE}")
+    parser.add_argument("out", type=Path, help="folder for figures and table; made if missing")
+    arguments = parser.parse_args()
+    main(arguments.data, arguments.out)
