@@ -21,6 +21,7 @@ import scipy
 from accuracy import measure_accuracy
 from asked import asked_rows
 from clock import total
+from conditions import measure_conditions
 from growth import AXES, QUICK_AXES, measure_growth
 from stages import measure_stages
 from startup import measure_startup
@@ -77,9 +78,18 @@ def run_accuracy() -> dict[str, float]:
     return result
 
 
+def run_conditions(rounds: int) -> dict[str, Any]:
+    result = measure_conditions(rounds)
+    report.print_title("3. Impairments, environment and waveforms on scenario S")
+    report.print_timings(result["seconds"], unit="ms", factor=1e3)
+    report.print_title("Times the synthesis by the impulse radar")
+    report.print_ratios(result["ratios"])
+    return result
+
+
 def run_growth(quick: bool, rounds: int) -> list[dict[str, Any]]:
     result = measure_growth(QUICK_AXES if quick else AXES, rounds)
-    report.print_title("3. Growth: min, median ms (least ms per unit of what varies, where time should follow it)")
+    report.print_title("4. Growth: min, median ms (least ms per unit of what varies, where time should follow it)")
     report.print_growth(result)
     return result
 
@@ -88,14 +98,14 @@ def run_workers(quick: bool, stages: dict[str, Any]) -> list[dict[str, Any]]:
     obvious = total(stages["seconds"]["obvious: synthesis"], stages["seconds"]["obvious: signature, hop 1"])
     counts = [2] if quick else [1, 2, 4] if (os.cpu_count() or 1) >= 4 else [1, 2]
     result = measure_workers(counts, 1.5 if quick else 4.0, obvious)
-    report.print_title("4. Worker processes: fused examples with noise and features (x: one process of obvious NumPy)")
+    report.print_title("5. Worker processes: fused examples with noise and features (x: one process of obvious NumPy)")
     report.print_workers(result)
     return result
 
 
 def run_startup(rounds: int) -> dict[str, Any]:
     result = measure_startup(rounds)
-    report.print_title("5. Start-up: processor seconds (user + system) of a fresh process, kernels cached")
+    report.print_title("6. Start-up: processor seconds (user + system) of a fresh process, kernels cached")
     report.print_timings(result["cpu_s"], unit="s", digits=3)
     report.print_title("Peak memory of the same processes")
     report.print_values(result["peak_mb"], "9.0f", "MB")
@@ -109,11 +119,12 @@ def run_all(rounds: int, quick: bool) -> dict[str, Any]:
     with threadpool_limits(1):
         results["stages"] = run_stages(rounds)
         results["accuracy"] = run_accuracy()
+        results["conditions"] = run_conditions(2 if quick else 5)
         results["growth"] = run_growth(quick, 2 if quick else 5)
     results["workers"] = run_workers(quick, results["stages"])
     results["startup"] = run_startup(1 if quick else 4)
     results["asked"] = asked_rows(results)
-    report.print_title("6. Asked and measured")
+    report.print_title("7. Asked and measured")
     report.print_asked(results["asked"])
     if hasattr(os, "getloadavg"):  # not on Windows
         print(f"load average now {os.getloadavg()}")
