@@ -126,9 +126,13 @@ def test_analyze_draws_figures(recorded):
     assert all(p.stat().st_size > 5000 for p in (recorded / "figures").glob("*.png"))
 
 
-def test_the_default_gate_asks_for_an_explicit_truth(recorded):
-    done = run("analyze", "rec.h5", cwd=recorded, code=2)
-    assert "--gate truth" in done.stderr
+def test_the_default_gate_finds_targets_without_the_truth(recorded):
+    found = json.loads(run("analyze", "rec.h5", "--json", cwd=recorded).stdout)["targets"]
+    true = json.loads(run("analyze", "rec.h5", "--gate", "truth", "--json", cwd=recorded).stdout)["targets"]
+    assert found
+    assert all(target["gate"] == "track" and target["label"] is None for target in found)
+    speed = true[0]["features"]["torso_velocity_mps"]
+    assert any(abs(target["features"]["torso_velocity_mps"] - speed) < 0.1 for target in found)
 
 
 def test_the_reports_method_can_be_asked_for(recorded):

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, make_array
-from doppelgait.processing import Analysis, remove_clutter
+from doppelgait.processing import Analysis, fixed_gate, make_gate, remove_clutter
+from doppelgait.processing.clutter import clutter_gain, share_removed, torso_share_removed, without_clutter
 
 PRF_HZ = 100.0
 TIME_S = np.arange(4000) / PRF_HZ
@@ -56,3 +58,96 @@ def test_exponential_follows_a_drift_that_the_mean_leaves():
 def test_exponential_starts_without_a_transient_from_zero():
     kept = remove_clutter(tone(5.0, clutter=1000.0), Analysis(clutter="exponential")).values
     assert np.abs(kept[:, 0]).max() < 1.1
+
+
+def measured_gain(doppler_hz, kind, **settings):
+    kept = without_clutter(tone(doppler_hz, clutter=0.0), kind=kind, **settings).values[:, 0]
+    return np.sqrt((np.abs(kept if kind == "mean" else kept[2400:]) ** 2).mean())
+
+
+@pytest.mark.parametrize("doppler_hz", [0.01, 0.0625, 0.4, 3.0, 14.6, 33.0, -3.0])
+@pytest.mark.parametrize("kind", ["none", "mean", "exponential", "mti"])
+def test_the_gain_of_a_tone_is_the_closed_form(kind, doppler_hz):
+    expected = clutter_gain(doppler_hz, kind=kind, prf_hz=PRF_HZ, n_pulses=TIME_S.size)
+    assert measured_gain(doppler_hz, kind) == pytest.approx(float(expected), rel=2e-3, abs=1e-5)
+
+
+def test_mti_is_the_butterworth_high_pass():
+    f_hz = np.array([0.3, 3.0, 30.0])
+    analogue = 1 / np.sqrt(1 + (3.0 / f_hz) ** 4)  # far below half the frame rate the bilinear transform is exact
+    np.testing.assert_allclose(clutter_gain(f_hz, kind="mti", prf_hz=1e5), analogue, rtol=1e-3)
+    assert clutter_gain(0.0, kind="mti", prf_hz=1e3) == 0.0
+
+
+@pytest.mark.parametrize("kind", ["mean", "exponential", "mti"])
+def test_static_clutter_is_improved_by_50_db_and_a_slow_torso_loses_less_than_1_db(kind):
+    torso_hz = 2 * 0.3 / 0.0411  # 0.3 m/s at 7.29 GHz
+    clutter = tone(0.0, clutter=1e3) - tone(0.0, clutter=0.0)
+    left_v2 = (np.abs(without_clutter(clutter.assign_attrs(units="V"), kind=kind).values[:, 0]) ** 2).mean()
+    gain_v2 = measured_gain(torso_hz, kind) ** 2
+    improvement_db = 10 * np.log10(gain_v2 * 1e6 / max(left_v2, 1e-30))
+    assert improvement_db > 50
+    assert -10 * np.log10(gain_v2) < (0.1 if kind != "mti" else 0.02)
+
+
+def test_mti_takes_off_what_sways_and_the_mean_does_not():
+    swaying = tone(0.3)
+    left = {kind: np.abs(without_clutter(swaying, kind=kind).values[1000:, 0]).mean() for kind in ("mean", "mti")}
+    assert left["mti"] == pytest.approx(0.01, rel=0.02)  # (f / f_c)^2
+    assert left["mean"] == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_gain_that_depends_on_the_recording_needs_its_length_and_mti_a_frame_rate():
+    with pytest.raises(AnalysisError, match="n_pulses"):
+        clutter_gain(1.0, kind="mean", prf_hz=PRF_HZ)
+    slow = make_array(BASEBAND, np.ones((50, 1), complex), {"slow_time": np.arange(50) / 5.0, "range": [1.0]})
+    with pytest.raises(AnalysisError, match="more than 6 frames per second"):
+        without_clutter(slow, kind="mti")
+
+
+def crossing(doppler_hz, clutter_v):
+    """A body that moves through the bins at 0.2 m/s with a Doppler shift of its own, before clutter."""
+    range_m = np.arange(0.0, 10.0, 0.05)
+    place_m = 1.0 + 0.2 * TIME_S
+    envelope = np.exp(-((range_m - place_m[:, None]) ** 2) / (2 * 0.05**2))
+    body = envelope * np.exp(2j * np.pi * doppler_hz * TIME_S)[:, None]
+    room = clutter_v * np.exp(1j * np.arange(range_m.size))
+    values = (body + room).astype(np.complex64)
+    baseband = make_array(BASEBAND, values, {"slow_time": TIME_S, "range": range_m})
+    return baseband, make_gate(TIME_S, place_m, span_m=1.0, source="track")
+
+
+@pytest.mark.parametrize("clutter_v", [0.0, 30.0])
+@pytest.mark.parametrize("doppler_hz", [2.0, 4.0, 20.0])
+def test_the_share_that_mti_takes_from_a_body_is_that_of_its_gain(doppler_hz, clutter_v):
+    before, gate = crossing(doppler_hz, clutter_v)
+    share = share_removed(before, without_clutter(before, kind="mti"), gate)
+    expected = 1 - clutter_gain(doppler_hz, kind="mti", prf_hz=PRF_HZ) ** 2
+    assert float(share.mean()) == pytest.approx(float(expected), abs=0.03)
+    assert share.dims == ("time",)
+    assert share.sizes["time"] == 400
+    assert share.coords["time"].values[:2] == pytest.approx([0.045, 0.145])
+
+
+def test_the_mean_takes_nothing_from_a_body_that_moves_and_no_answer_is_given_for_one_that_stays():
+    before, gate = crossing(5.0, 30.0)
+    assert float(share_removed(before, without_clutter(before, kind="mean"), gate).max()) < 0.02
+    stays = fixed_gate(TIME_S, 2.0, 3.0)
+    assert np.isnan(share_removed(before, without_clutter(before, kind="mean"), stays).values).all()
+
+
+def test_a_crossing_that_stands_at_0_hz_is_said_to_be_lost():
+    before, gate = crossing(0.0, 30.0)
+    assert float(share_removed(before, without_clutter(before, kind="mti"), gate).median()) > 0.8
+
+
+def test_a_crossing_torso_is_lost_where_its_range_stands_still():
+    wavelength_m, times = 0.0411, np.linspace(0.0, 5.0, 501)
+    range_m = np.hypot(5.0, 1.0 * (times - 2.5))  # 1 m/s at 90 degrees
+    gate = make_gate(times, range_m, span_m=1.6, source="track")
+    found = torso_share_removed(gate, [0.0, 2.5, 2.8], kind="mti", wavelength_m=wavelength_m, prf_hz=1000.0)
+    doppler_hz = 2 / wavelength_m * np.array([2.5, 0.0, 0.3]) / np.hypot(5.0, [2.5, 0.0, 0.3])
+    np.testing.assert_allclose(found, 1 / (1 + (doppler_hz / 3.0) ** 4), rtol=0.02, atol=1e-6)
+    assert found[1] > 0.99
+    slow = torso_share_removed(gate, [2.8], kind="exponential", wavelength_m=wavelength_m, prf_hz=1000.0)
+    assert slow < 0.01

@@ -15,6 +15,12 @@ if TYPE_CHECKING:
 
 OPTION_HELP = "What the file does not tell, KEY=VALUE, for example carrier_hz=7.29e9; repeatable."
 
+SHOWN_QUALITY = {
+    "track_range_m": "m", "start_s": "s", "stop_s": "s", "n_pieces": "1", "ground_speed_mps": "m/s",
+    "aspect_deg": "deg", "breathing_rate_hz": "Hz",
+}  # fmt: skip
+"""Diagnostics worth a row of the feature table, with their units."""
+
 
 def analyze(
     recording: Annotated[Path, typer.Argument(help="Recording: our .h5, XeThru, or any format of 'radar formats'.")],
@@ -25,7 +31,9 @@ def analyze(
     method: Annotated[str, typer.Option("--method", help="standard, or liland2018 for the report's own.")] = "standard",
     changes: Annotated[
         list[str] | None,
-        typer.Option("--set", help="Change an analysis parameter, for example cpi_s=0.15; repeatable."),
+        typer.Option(
+            "--set", help="Change a parameter, for example cpi_s=0.15 or tracking.detector.pfa=1e-4; repeatable."
+        ),
     ] = None,
     options: Annotated[list[str] | None, typer.Option("--option", help=OPTION_HELP)] = None,
     figures: Annotated[Path | None, typer.Option("--figures", help="Folder to draw figures into.")] = None,
@@ -33,23 +41,25 @@ def analyze(
 ) -> None:
     """Analyse a recording: micro-Doppler signature, step-Doppler map and six gait features per target.
 
-    Example: doppelgait analyze walk.h5 --gate truth -o result.h5 --figures figures
+    Example: doppelgait analyze walk.h5 -o result.h5 --figures figures
 
     Example: doppelgait analyze xethru_recording_20170913_150437_x --gate 0.4:1.0
     """
     from doppelgait.core.config import apply_overrides, validate
-    from doppelgait.pipeline import analysis_as_dict, write_results
+    from doppelgait.pipeline import Tracking, analysis_as_dict, write_results
     from doppelgait.pipeline import analyze as run_analysis
     from doppelgait.processing import Analysis
     from doppelgait.radar import read_recording
 
     if output is not None:
         check_output(output, ".h5")
-    settings = validate(Analysis, apply_overrides({"method": method}, changes or []), where="analysis")
+    table = apply_overrides({"method": method}, changes or [])
+    tracking = validate(Tracking, table.pop("tracking", {}), where="tracking")
+    settings = validate(Analysis, table, where="analysis")
     loaded = read_recording(recording, **apply_overrides({}, options or []))
     for note in loaded.notes:
         say(f"note: {note}")
-    results = run_analysis(loaded, gate=parse_gate(gate), analysis=settings)
+    results = run_analysis(loaded, gate=parse_gate(gate), analysis=settings, tracking=tracking)
     if output is not None:
         write_results(output, loaded, results, settings)
     if figures is not None:
@@ -80,6 +90,9 @@ def print_features(results: Sequence[TargetResult]) -> None:
     """Feature table, one column a target, with flags."""
     from doppelgait.features import FEATURE_UNITS
 
+    if not results:
+        print("no target found")
+        return
     names = [f"{n}: {r.label or 'target'}" for n, r in enumerate(results)]
     values = [
         {**r.features.as_dict(), "gait_frequency_hz": r.gait_frequency_hz, "n_periods": r.n_periods} for r in results
@@ -88,6 +101,11 @@ def print_features(results: Sequence[TargetResult]) -> None:
     rows = [
         {"feature": key, "unit": unit, **{name: number(v[key]) for name, v in zip(names, values, strict=True)}}
         for key, unit in units.items()
+    ]
+    rows += [
+        {"feature": key, "unit": unit, **{n: number(r.quality.get(key)) for n, r in zip(names, results, strict=True)}}
+        for key, unit in SHOWN_QUALITY.items()
+        if any(r.quality.get(key) is not None for r in results)
     ]
     print_table(rows)
     for name, result in zip(names, results, strict=True):

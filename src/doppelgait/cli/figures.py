@@ -56,7 +56,7 @@ def _figures(recording: Recording, results: Sequence[TargetResult], analysis: An
             ),
         )
         yield from _target_figures(prefix, recording, result, analysis)
-        if number < len(recording.truth):
+        if result.gate == "truth" and number < len(recording.truth):
             yield from _truth_figures(prefix, recording, number, result)
 
 

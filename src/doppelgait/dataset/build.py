@@ -223,12 +223,15 @@ def _finish(
     )
 
 
+TEXT_COLUMNS = ("truth_gait", "quality_gait_decision")
+
+
 def make_index(records: Iterable[dict[str, Any]]) -> pd.DataFrame:
     """Index table of all shards, one row per example, numbers as float64 with NaN for unknown."""
     rows = [{**row, "shard_sha256": record["sha256"]} for record in records for row in record["rows"]]
     table = pd.DataFrame(rows)
-    numeric = ("feature_", "quality_", "truth_")
-    for name in [c for c in table.columns if c != "truth_gait"]:
+    numeric = ("feature_", "quality_", "truth_", "sd_", "extended_")
+    for name in [c for c in table.columns if c not in TEXT_COLUMNS]:
         if name.startswith(numeric) or name.endswith(("_hz", "_db")):
             table[name] = pd.to_numeric(table[name]).astype("float64")
     return table

@@ -17,12 +17,12 @@ from doppelgait.dataset.sampling import resolve
 from doppelgait.pipeline import RunSpec, parse_run
 from doppelgait.pipeline.run import TWIN_KEYS
 
-DATA_VERSION = 3
+DATA_VERSION = 4
 """What a configuration means in bytes. It is part of every dataset's identity and raised by hand whenever the same
 configuration gives other bytes (a draw, a kernel, a stored type), so that a dataset is never finished with examples of
 another making. 1: first form. 2: compiled kernels for geometry, noise and signature; splits by subject names.
 3: another order of operations in amplitudes, tracks, the short-time transform and the cadence map; features from the
-columns of the lossless hop."""
+columns of the lossless hop. 4: gait frequency by limbs, harmonics and a decision between step and stride."""
 
 
 class ExampleSpec(FrozenModel):

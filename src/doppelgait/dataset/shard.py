@@ -134,6 +134,8 @@ def index_row(example: ExampleSpec, made: FusedExample, messages: list[str]) -> 
         "torso_doppler_hz": result.torso_doppler_hz,
         "n_periods": result.n_periods,
         **{f"quality_{k}": v for k, v in result.quality.items()},
+        **{f"sd_{k}": v for k, v in result.standard_deviation.items()},
+        **{f"extended_{k}": v for k, v in result.extended.items()},
         "flags": ";".join(result.flags),
         "warnings": ";".join(messages),
     }

@@ -13,7 +13,7 @@ import xarray as xr
 from doppelgait.core.labels import axis
 from doppelgait.core.units import doppler_to_velocity_mps, power_to_db
 from doppelgait.features.doppler import bandwidth_envelope_hz, bandwidth_threshold_hz, single_tone_width_hz
-from doppelgait.features.gait_frequency import GaitFrequency
+from doppelgait.features.gait_frequency import GaitFrequency, settle
 from doppelgait.features.harmonics import LimbTorsoRatio, limb_torso_ratio, peak_ratio
 
 FloatArray = npt.NDArray[np.float64]
@@ -22,8 +22,12 @@ MIN_SNR_DB = 0.0
 MAX_HOP_SHARE = 0.5
 """Columns farther apart than half a processing interval do not resolve the modulation between them: it aliases."""
 MIN_PERIODS = 1.5
-LOW_PERIODICITY = 0.3
+LOW_CONFIDENCE = 0.7
+"""Measured at all noise levels and views: 84 % of the models' estimates reach it and 96 % of those are within 5 %; of
+recorded movers that were not looked at before 67 % and 87 % (a periodicity of 0.3: 25 % and 80 %)."""
 FEW_PERIODS = 2.0
+CLOSE_MARGIN = 0.25
+"""Below this margin the decision for the step instead of the stride is said to be close."""
 OCCUPIED_SIGMAS = 3.0
 NO_GAIT_RATIO = 0.1
 """A target that oscillates less than this against its own mean (rho) has no gait; walkers and dogs: 0.4 and more."""
@@ -174,6 +178,8 @@ def extract(evidence: Evidence, *, bandwidth_threshold: float, cpi_s: float, win
     if not snr_db > MIN_SNR_DB:
         return Extraction(GaitFeatures(), None, None, None, quality, ("no_signal",))
     flags: list[str] = []
+    gait = settle(evidence.gait, evidence.spectrum, evidence.aligned, evidence.excess, evidence.floor_v2)
+    evidence = replace(evidence, gait=gait)
     torso_hz = float(evidence.main_line_hz.mean())
     wavelength_m = float(evidence.signature.attrs["wavelength_m"])
     velocity_mps = float(doppler_to_velocity_mps(torso_hz, wavelength_m))
@@ -192,15 +198,26 @@ def extract(evidence: Evidence, *, bandwidth_threshold: float, cpi_s: float, win
         mean_row, axis(evidence.aligned, "doppler"), threshold=bandwidth_threshold
     ) - single_tone_width_hz(cpi_s=cpi_s, window_steepness=window_steepness, threshold=bandwidth_threshold)
     quality |= {
-        "periodicity": evidence.gait.periodicity,
-        "salience": evidence.gait.salience,
-        "second_candidate_hz": evidence.gait.second_hz,
+        **_gait_quality(gait),
         "doppler_bandwidth_threshold_hz": threshold_hz,
         "limb_torso_amplitude_ratio": rho.amplitude_ratio,
         "main_line_drift_hz": float(evidence.main_line_hz[-1] - evidence.main_line_hz[0]),
     }
     periods = evidence.gait.n_periods if frequency_hz is not None else None
     return Extraction(features, frequency_hz, torso_hz, periods, quality, tuple(flags))
+
+
+def _gait_quality(gait: GaitFrequency) -> dict[str, Any]:
+    return {
+        "periodicity": gait.periodicity,
+        "salience": gait.salience,
+        "second_candidate_hz": gait.second_hz,
+        "limb_relative_hz": gait.limb_relative_hz,
+        "gait_decision": gait.decision,
+        "gait_margin": gait.margin,
+        "gait_confidence": gait.confidence,
+        "gait_uncertainty_hz": gait.uncertainty_hz,
+    }
 
 
 def _checked_frequency(evidence: Evidence, flags: list[str]) -> float | None:
@@ -214,8 +231,10 @@ def _checked_frequency(evidence: Evidence, flags: list[str]) -> float | None:
     if (gait.n_periods or 0.0) < MIN_PERIODS:
         flags.append(f"gait_frequency:fewer_than_{MIN_PERIODS}_periods_observed")
         return None
-    if (gait.periodicity or 0.0) < LOW_PERIODICITY or (gait.n_periods or 0.0) < FEW_PERIODS:
+    if (gait.confidence or 0.0) < LOW_CONFIDENCE or (gait.n_periods or 0.0) < FEW_PERIODS:
         flags.append("low_confidence")
+    if gait.decision == "doubled" and (gait.margin or 0.0) < CLOSE_MARGIN:
+        flags.append("gait_frequency:step_or_stride_is_a_close_decision")
     return gait.frequency_hz
 
 

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.labels import CADENCE_SPECTRUM, NORMALISED_SIGNATURE, axis, check_signal, sampling_rate_hz
+from doppelgait.features.autocorrelation import square_difference
+from doppelgait.features.decision import SEARCH, Candidate, decide, near_lag, power_spectrum, refine_on_harmonics
+from doppelgait.features.limbs import Rows, detrended, group_size, grouped, limb_rows, slowed, summed_rows
 from doppelgait.features.peaks import local_maxima, refine
 
 FloatArray = npt.NDArray[np.float64]
@@ -19,8 +23,10 @@ SALIENCE_HZ = (0.5, 20.0)
 LAG_TOLERANCE = 0.12
 TRUST_LAG_FROM = 0.6
 LONGEST_LAG_SHARE = 0.7
-LAG_BLOCK = 32
-"""Columns in one block of the autocorrelation."""
+AGREEMENT = 0.08
+"""The limbs' own spectrum agrees with an estimate when its highest peak is this near."""
+CONFIDENCE_WEIGHTS = (-1.85, 0.57, 1.57, 2.42, 0.25, -35.1)
+"""Of 1, margin, periodicity, agreement of the limbs' peak (0 or 1), periods up to 10 and relative uncertainty."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +45,19 @@ class GaitFrequency:
         Observed periods f_mu T_o.
     second_hz : float or None
         Next largest peak of the spectrum.
+    limb_relative_hz : float or None
+        Largest peak of the spectrum of the limbs relative to the torso, the second opinion of E-33 step 4.
+    decision : str or None
+        ``as_found``, ``doubled`` or ``no_limbs`` (:class:`doppelgait.features.decision.Decision`); None where it was
+        not asked for.
+    margin : float or None
+        How clearly the limbs speak for the decision: |n(T/2)| over the greater of |n(T/2)| and n(T), 0 to 1.
+    candidates : tuple of Candidate
+        Half, once and twice the strongest repetition with their scores.
+    confidence : float or None
+        Share of estimates as good as this one that were within 5 % in the study of models and recorded movers, 0 to 1.
+    uncertainty_hz : float or None
+        Standard deviation to expect if the multiple is right.
     """
 
     frequency_hz: float | None = None
@@ -46,6 +65,12 @@ class GaitFrequency:
     salience: float | None = None
     n_periods: float | None = None
     second_hz: float | None = None
+    limb_relative_hz: float | None = None
+    decision: str | None = None
+    margin: float | None = None
+    candidates: tuple[Candidate, ...] = ()
+    confidence: float | None = None
+    uncertainty_hz: float | None = None
 
 
 def gait_frequency(spectrum: xr.DataArray, rows: xr.DataArray) -> GaitFrequency:
@@ -88,37 +113,105 @@ def gait_frequency(spectrum: xr.DataArray, rows: xr.DataArray) -> GaitFrequency:
     )
 
 
-def square_difference(rows: FloatArray, first: int = 0, last: int | None = None) -> FloatArray:
-    """Normalised square-difference autocorrelation of the rows at the lags first..last, by default all (E-33).
+def settle(
+    first: GaitFrequency, spectrum: xr.DataArray, aligned: xr.DataArray, excess: xr.DataArray, floor_v2: float
+) -> GaitFrequency:
+    """f_mu from the strongest repetition: step or stride, exact frequency, and how far to trust it.
 
-    ``n(tau) = 2 sum_j sum_k v_j v_{j+tau} / sum_j sum_k (v_j^2 + v_{j+tau}^2)``; 1 at lag 0.
+    Parameters
+    ----------
+    first : GaitFrequency
+        From :func:`gait_frequency`: the strongest repetition of the signature as a whole.
+    spectrum : DataArray (cadence)
+        The spectrum that gave it.
+    aligned : DataArray (time, doppler)
+        Normalised signature, not detrended, aligned to its main line if that drifts.
+    excess : DataArray (time, doppler)
+        mu - nu of the same cells, V^2.
+    floor_v2 : float
+        Noise floor nu.
+
+    Returns
+    -------
+    GaitFrequency
+        Without a first estimate, ``first`` itself. Else the multiple is that of
+        :func:`doppelgait.features.decision.decide`, the exact frequency that of the harmonics of the whole signature
+        and of the limbs together.
     """
-    n_columns = rows.shape[0]
-    lags = np.arange(first, n_columns if last is None else last + 1)
-    energy = np.cumsum(np.einsum("jk,jk->j", rows, rows))
-    head = energy[n_columns - 1 - lags]
-    tail = energy[-1] - np.where(lags > 0, energy[lags - 1], 0.0)
-    total = head + tail
-    products = _lag_products(rows, first, lags.size)
-    return np.asarray(np.divide(2.0 * products, total, out=np.zeros(lags.size), where=total > 0))
-
-
-def _lag_products(rows: FloatArray, first: int, count: int) -> FloatArray:
-    """Sum of v_j v_{j+tau} over time and rows at ``count`` lags from ``first`` on.
-
-    Blocks of columns times the columns that the lags reach from there are small matrix products; their sum holds a
-    lag on each of its diagonals. For the few lags of one search this is less work than transforming all rows.
-    """
-    n_columns = rows.shape[0]
-    gram = np.zeros((LAG_BLOCK, LAG_BLOCK + count - 1))
-    for start in range(0, n_columns - first, LAG_BLOCK):
-        early = rows[start : min(start + LAG_BLOCK, n_columns)]
-        late = rows[start + first : start + first + gram.shape[1]]
-        gram[: early.shape[0], : late.shape[0]] += early @ late.T
-    diagonal = np.lib.stride_tricks.as_strided(
-        gram, (LAG_BLOCK, count), (gram.strides[0] + gram.strides[1], gram.strides[1]), writeable=False
+    if first.frequency_hz is None or first.n_periods is None:
+        return first
+    slow = slowed(aligned)
+    limbs = limb_rows(slow, _cell_noise(aligned, excess, floor_v2))
+    found = decide(first.frequency_hz, square_difference(limbs.values), limbs.rate_hz)
+    seconds, cadence_hz = first.n_periods / first.frequency_hz, axis(spectrum, "cadence")
+    power = np.asarray(spectrum.values, dtype=np.float64)
+    limb_hz, limb_power = power_spectrum(limbs)
+    exact_hz, width_hz = refine_on_harmonics(first.frequency_hz, [(cadence_hz, power), (limb_hz, limb_power)])
+    multiple = found.frequency_hz / first.frequency_hz
+    frequency_hz = multiple * exact_hz
+    return _rated(
+        first,
+        frequency_hz=frequency_hz,
+        periodicity=_periodicity(slow, frequency_hz),
+        salience=_salience(power, cadence_hz, frequency_hz, seconds),
+        n_periods=frequency_hz * seconds,
+        limb_relative_hz=_highest_peak_hz(limb_hz, limb_power, seconds),
+        decision=found.code,
+        margin=found.margin,
+        candidates=found.candidates,
+        uncertainty_hz=multiple * width_hz if math.isfinite(width_hz) else None,
     )
-    return np.asarray(diagonal.sum(axis=0))
+
+
+def _rated(first: GaitFrequency, **found: Any) -> GaitFrequency:
+    settled = replace(first, **found)
+    return replace(settled, confidence=_confidence(settled))
+
+
+def _cell_noise(aligned: xr.DataArray, excess: xr.DataArray, floor_v2: float) -> FloatArray:
+    """Standard deviation of the noise in a cell of each column that :func:`slowed` leaves; shape (J',).
+
+    Columns that are averaged overlap nearly whole, so that their noise is one and the same.
+    """
+    cell_v2 = floor_v2 / math.sqrt(max(1.0, float(excess.attrs["n_gate_bins"])))
+    size = group_size(sampling_rate_hz(axis(aligned, "time")))
+    total_v2 = grouped(np.einsum("jk->j", np.maximum(excess.values, 0.0)).astype(np.float64), size)
+    weight = grouped(np.einsum("jk->j", aligned.values), size)
+    return cell_v2 * np.divide(weight, total_v2, out=np.zeros(total_v2.size), where=total_v2 > 0)
+
+
+def _periodicity(slow: Rows, frequency_hz: float) -> float:
+    """Autocorrelation n of the whole signature at one period."""
+    wide = summed_rows(slow, slow.bin_hz)
+    lag = slow.rate_hz / frequency_hz
+    count = min(wide.values.shape[0] - 1, math.ceil(1.1 * lag) + 1)
+    found = near_lag(square_difference(detrended(wide.values, slow.rate_hz), 0, count), lag)
+    return found if found is not None else 0.0
+
+
+def _highest_peak_hz(frequency_hz: FloatArray, power: FloatArray, seconds: float) -> float | None:
+    low, high = np.searchsorted(frequency_hz, [max(SEARCH_HZ[0], 1.1 / seconds), SEARCH_HZ[1]])
+    peaks = local_maxima(power, first=int(low), last=int(high) - 1)
+    if not peaks.size:
+        return None
+    return refine(power, int(peaks[np.argmax(power[peaks])]))[0] * float(frequency_hz[1])
+
+
+def _confidence(settled: GaitFrequency) -> float:
+    """Logistic fit to which estimates were within 5 %, on models and half A of the recorded movers."""
+    frequency_hz = settled.frequency_hz or math.inf
+    agrees = abs((settled.limb_relative_hz or 0.0) / frequency_hz - 1.0) < AGREEMENT
+    relative = (settled.uncertainty_hz or 0.0) / frequency_hz
+    spread = min(relative, SEARCH) if math.isfinite(relative) else SEARCH
+    terms = (
+        1.0,
+        settled.margin or 0.0,
+        min(max(settled.periodicity or 0.0, 0.0), 1.0),
+        float(agrees),
+        min(settled.n_periods or 0.0, 10.0),
+        spread,
+    )
+    return 1.0 / (1.0 + math.exp(-sum(w * x for w, x in zip(CONFIDENCE_WEIGHTS, terms, strict=True))))
 
 
 def _refine_by_lag(frequency_hz: float, rows: FloatArray, rate_hz: float) -> tuple[float, float]:

@@ -2,84 +2,33 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait import features as feature_layer
 from doppelgait import processing
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import axis
-from doppelgait.features import liland2018
-from doppelgait.features.gait import Evidence, Extraction, GaitFeatures
-from doppelgait.features.ground_motion import ground_motion
-from doppelgait.processing import Analysis, main_line
+from doppelgait.pipeline.target import TargetResult, analyze_gated, analyze_signature
+from doppelgait.pipeline.tracked import Tracking, track_targets
+from doppelgait.processing import Analysis
 from doppelgait.radar.recording import Recording, TargetTruth
 
+__all__ = ["TargetResult", "analyze", "analyze_signature", "flag_overlaps", "gate_of_truth", "truth_gate"]
+
 GateSource = Literal["truth", "track"]
-
-SIDEWAYS_COSINE = 0.6
-"""Below this |cos psi| lateral sway, which repeats with the stride, can outweigh the steps (E-33)."""
-FULL_BAND_SHARE = 0.9
-
-GROUND_QUALITY = ("ground_speed_mps", "aspect_deg", "ground_step_length_m")
 
 LILAND_SPAN_M = {"human": 1.0, "dog": 1.5}
 """Gate span by class in the report (its Table 4.1): the label leaks into the signature; for reproduction only."""
 
 
-@dataclass(frozen=True)
-class TargetResult:
-    """What the analysis says about one target.
-
-    Parameters
-    ----------
-    label : str or None
-        Class as stated by the recording's truth; None for measured recordings.
-    gate : str
-        Where the gate came from: ``"truth"``, ``"track"`` or ``"given"``.
-    features : GaitFeatures
-    gait_frequency_hz, torso_doppler_hz, n_periods : float or None
-    quality : mapping
-    flags : tuple of str
-    signature : DataArray (time, doppler)
-        With the hop that was asked for.
-    normalised_signature : DataArray (time, doppler)
-        Its columns that the features are taken from: where the hop is finer than the lossless one, every n-th.
-    cadence_map : DataArray (cadence, doppler)
-    cadence_spectrum : DataArray (cadence)
-    mean_doppler_spectrum : ndarray, shape (K,)
-        D_1 of the normalised signature.
-    main_line_hz : ndarray, shape (J,)
-        Main Doppler line (straight) at the columns of ``signature``.
-    gate_limits : Dataset (time)
-    """
-
-    label: str | None
-    gate: str
-    features: GaitFeatures
-    gait_frequency_hz: float | None
-    torso_doppler_hz: float | None
-    n_periods: float | None
-    quality: Mapping[str, Any]
-    flags: tuple[str, ...]
-    signature: xr.DataArray
-    normalised_signature: xr.DataArray
-    cadence_map: xr.DataArray
-    cadence_spectrum: xr.DataArray
-    mean_doppler_spectrum: npt.NDArray[np.float64]
-    main_line_hz: npt.NDArray[np.float64]
-    gate_limits: xr.Dataset
-
-
 def analyze(
     recording: Recording, *, gate: GateSource | tuple[float, float] | xr.Dataset = "track",
-    analysis: Analysis | None = None, gate_error_m: float = 0.0,
+    analysis: Analysis | None = None, tracking: Tracking | None = None, gate_error_m: float = 0.0,
 ) -> list[TargetResult]:  # fmt: skip
     """Analyse a recording, simulated or measured.
 
@@ -89,16 +38,19 @@ def analyze(
     gate : {"track", "truth"}, (float, float) or Dataset
         ``truth`` takes the body's true range from a simulated recording, and nothing else; two numbers are a gate that
         stays between these ranges, m; a Dataset from :func:`doppelgait.processing.make_gate` is used as it is.
-        ``track`` (the default) is not available yet.
+        ``track`` (the default) finds and follows moving bodies without any truth, and people who keep still by their
+        breath; static clutter is taken off then even if ``analysis`` does not ask for it.
     analysis : Analysis, optional
         Parameters; the defaults of :class:`doppelgait.processing.Analysis`.
+    tracking : Tracking, optional
+        Parameters of ``track``.
     gate_error_m : float
         Constant range error added to a truth gate, as a tracker would have.
 
     Returns
     -------
     list of TargetResult
-        One per target of the truth, or one for a given gate.
+        One per target of the truth or per track (none where nothing was found), or one for a given gate.
 
     Raises
     ------
@@ -106,32 +58,30 @@ def analyze(
         If there is no gate to be had, or the recording is too short.
     """
     settings = analysis or Analysis()
+    if isinstance(gate, str) and gate == "track":
+        return flag_overlaps(track_targets(recording, settings, tracking or Tracking()))
     baseband = processing.remove_clutter(recording.baseband, settings)
     wavelength_m = recording.radar.wavelength_m
     if isinstance(gate, tuple):
         gate = processing.fixed_gate(axis(baseband, "slow_time"), *gate)
     if isinstance(gate, xr.Dataset):
-        return [_analyze_target(baseband, wavelength_m, gate, settings, None)]
+        return [analyze_gated(baseband, wavelength_m, gate, settings, None)]
     _check_source(recording, gate)
     gates = [truth_gate(recording, truth, settings, gate_error_m) for truth in recording.truth]
     results = [
-        _analyze_target(baseband, wavelength_m, gate, settings, truth.label or None)
+        analyze_gated(baseband, wavelength_m, gate, settings, truth.label or None)
         for gate, truth in zip(gates, recording.truth, strict=True)
     ]
     return flag_overlaps(results)
 
 
 def _check_source(recording: Recording, gate: str) -> None:
-    if gate == "track":
-        raise AnalysisError(
-            "gate 'track' (finding targets without the truth) is not built yet; give the range where the target is, "
-            "--gate 1.2:2.8 (gate=(1.2, 2.8)), or for a simulated recording ask for the true one with --gate truth"
-        )
     if gate != "truth":
         raise AnalysisError(f"gate {gate!r} is not known; allowed are 'track', 'truth', two ranges or a gate dataset")
     if not recording.truth:
         raise AnalysisError(
-            f"{recording.source}: has no truth, so --gate truth is not possible; give the range, --gate 1.2:2.8"
+            f"{recording.source}: has no truth, so --gate truth is not possible; take --gate track, or give the range, "
+            "--gate 1.2:2.8"
         )
 
 
@@ -146,8 +96,14 @@ def flag_overlaps(results: Sequence[TargetResult]) -> list[TargetResult]:
 
 
 def _overlap(gate: xr.Dataset, other: xr.Dataset) -> bool:
-    below = gate["range_low"].values < other["range_high"].values
-    return bool((below & (other["range_low"].values < gate["range_high"].values)).any())
+    times, others = axis(gate, "time"), axis(other, "time")
+    both = times[(times >= others[0]) & (times <= others[-1])]
+
+    def limit(limits: xr.Dataset, name: str) -> npt.NDArray[np.float64]:
+        return np.asarray(np.interp(both, axis(limits, "time"), limits[name].values))
+
+    below = limit(gate, "range_low") < limit(other, "range_high")
+    return bool((below & (limit(other, "range_low") < limit(gate, "range_high"))).any())
 
 
 def truth_gate(recording: Recording, truth: TargetTruth, analysis: Analysis, error_m: float = 0.0) -> xr.Dataset:
@@ -168,128 +124,3 @@ def gate_of_truth(
     return processing.make_gate(
         slow_time_s, truth.centre_range_m + error_m, span_m=span_m, doppler_hz=band_hz, source="truth"
     )
-
-
-def _analyze_target(
-    baseband: xr.DataArray, wavelength_m: float, gate: xr.Dataset, analysis: Analysis, label: str | None
-) -> TargetResult:
-    in_bursts = processing.burst_pulses_of(baseband) is not None
-    make_signature = processing.burst_signature if in_bursts else processing.signature
-    mu = make_signature(baseband, gate, analysis, wavelength_m=wavelength_m)
-    return analyze_signature(mu, gate, analysis, label=label)
-
-
-def analyze_signature(mu: xr.DataArray, gate: xr.Dataset, analysis: Analysis, *, label: str | None) -> TargetResult:
-    """Result of one target from its signature: everything after the short-time transform.
-
-    Parameters
-    ----------
-    mu : DataArray (time, doppler)
-        Signature, V^2.
-    gate : Dataset (time)
-        The gate that gave it.
-    analysis : Analysis
-    label : str or None
-        Only passed on.
-    """
-    liland = analysis.method == "liland2018"
-    usable, share = processing.within_frame(mu if liland else processing.thin(mu))
-    extraction, arrays = (_liland_chain if liland else _standard_chain)(usable, analysis)
-    shown = usable if usable.attrs["hop"] == mu.attrs["hop"] else processing.within_frame(mu)[0]
-    line_hz = arrays.pop("main_line_hz")
-    quality, flags = _geometry(usable, extraction)
-    if share < 1.0:
-        flags.append("gate_leaves_frame")
-    return TargetResult(
-        label=label,
-        gate=str(gate.attrs["source"]),
-        features=extraction.features,
-        gait_frequency_hz=extraction.gait_frequency_hz,
-        torso_doppler_hz=extraction.torso_doppler_hz,
-        n_periods=extraction.n_periods,
-        quality={**extraction.quality, **quality, "gate_inside_frame": share},
-        flags=tuple(flags),
-        signature=shown,
-        gate_limits=gate,
-        **arrays,
-        main_line_hz=main_line.straight_at(line_hz, usable, shown),
-    )
-
-
-def _geometry(mu: xr.DataArray, extraction: Extraction) -> tuple[dict[str, Any], list[str]]:
-    """Ground speed and aspect from the gate's range history (E-34b), and the flags that follow from them."""
-    centre_m = axis(mu, "centre_range")
-    if np.ptp(centre_m) == 0:  # a gate that stays put follows no one
-        return dict.fromkeys(GROUND_QUALITY), list(extraction.flags)
-    motion = ground_motion(axis(mu, "time"), centre_m)
-    step_m = None
-    if motion.ground_speed_mps is not None and extraction.gait_frequency_hz is not None:
-        step_m = motion.ground_speed_mps / extraction.gait_frequency_hz
-    flags = list(extraction.flags)
-    sideways = motion.aspect_deg is not None and abs(math.cos(math.radians(motion.aspect_deg))) < SIDEWAYS_COSINE
-    if sideways and extraction.gait_frequency_hz is not None:
-        flags.append("aspect_beyond_53_deg:gait_frequency_may_be_the_stride")
-        if "low_confidence" not in flags:
-            flags.append("low_confidence")
-    width_hz = extraction.features.doppler_bandwidth_hz
-    if width_hz is not None and width_hz > FULL_BAND_SHARE * float(mu.attrs["prf_hz"]):
-        flags.append("doppler_band_full:aliasing_is_possible")
-    return dict(zip(GROUND_QUALITY, (motion.ground_speed_mps, motion.aspect_deg, step_m), strict=True)), flags
-
-
-def _standard_chain(mu: xr.DataArray, analysis: Analysis) -> tuple[Extraction, dict[str, Any]]:
-    """E-28 to E-38: floor, normalise, align, detrend, cadence, features."""
-    floor_v2 = processing.noise_floor_v2(mu)
-    normalised = processing.normalise(mu, floor_v2, mode=analysis.normalisation)
-    seconds = processing.observation_s(mu)
-    peaks_hz, bin_hz = main_line.column_peaks_hz(mu), main_line.bin_width_hz(mu)  # found once for all lines
-    straight = main_line.line_through(peaks_hz, bin_hz, order=1, tapered=True)
-    excess = mu.copy(deep=False, data=mu.values - np.float32(floor_v2))
-    aligned = normalised
-    if main_line.drifts(main_line.line_through(peaks_hz, bin_hz, order=1)):
-        line = main_line.line_through(peaks_hz, bin_hz, order=processing.line_order(seconds))
-        aligned, excess = processing.align(normalised, line), processing.align(excess, line)
-    rows = processing.detrend(aligned, order=processing.detrend_order(seconds))
-    step_doppler = processing.cadence_map(rows)
-    spectrum = processing.cadence_spectrum(step_doppler)
-    evidence = Evidence(
-        signature=mu, floor_v2=floor_v2, main_line_hz=straight, excess=excess, aligned=aligned,
-        step_doppler=step_doppler, spectrum=spectrum, gait=feature_layer.gait_frequency(spectrum, rows),
-        observation_s=seconds, n_independent=processing.independent_columns(mu),
-    )  # fmt: skip
-    extraction = feature_layer.extract(
-        evidence,
-        bandwidth_threshold=analysis.bandwidth_threshold,
-        cpi_s=analysis.cpi_s,
-        window_steepness=analysis.window_steepness,
-    )
-    return extraction, _arrays(normalised, step_doppler, spectrum, straight)
-
-
-def _liland_chain(mu: xr.DataArray, analysis: Analysis) -> tuple[Extraction, dict[str, Any]]:
-    """The report's chain: columns over their maximum, mean removed, plain transform, sum over Doppler."""
-    normalised = processing.normalise(mu, 0.0, mode="max")
-    rows = processing.detrend(normalised, order=0)
-    step_doppler = processing.cadence_map(rows, padded=False, tapered=False)
-    spectrum = processing.cadence_spectrum(step_doppler, power=False)
-    extraction = liland2018.extract(
-        processing.mean_doppler_spectrum(normalised),
-        axis(mu, "doppler"),
-        spectrum,
-        wavelength_m=float(mu.attrs["wavelength_m"]),
-        threshold=analysis.bandwidth_threshold,
-    )
-    line = np.full(mu.sizes["time"], extraction.torso_doppler_hz)
-    return extraction, _arrays(normalised, step_doppler, spectrum, line)
-
-
-def _arrays(
-    normalised: xr.DataArray, step_doppler: xr.DataArray, spectrum: xr.DataArray, line: npt.NDArray[np.float64]
-) -> dict[str, Any]:
-    return {
-        "normalised_signature": normalised,
-        "cadence_map": step_doppler,
-        "cadence_spectrum": spectrum,
-        "mean_doppler_spectrum": processing.mean_doppler_spectrum(normalised),
-        "main_line_hz": line,
-    }

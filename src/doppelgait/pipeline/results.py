@@ -32,6 +32,9 @@ def result_as_dict(result: TargetResult) -> dict[str, Any]:
         "n_periods": _json_number(result.n_periods),
         "quality": {name: _json_number(value) for name, value in result.quality.items()},
         "flags": list(result.flags),
+        "standard_deviation": {name: _json_number(value) for name, value in result.standard_deviation.items()},
+        "extended": {name: _json_number(value) for name, value in result.extended.items()},
+        **({"pieces": [result_as_dict(piece) for piece in result.pieces]} if result.pieces else {}),
     }
 
 
@@ -85,7 +88,9 @@ def _write_target(group: Any, result: TargetResult) -> None:
     numbers = {**plain["features"], **{k: plain[k] for k in ("gait_frequency_hz", "torso_doppler_hz", "n_periods")}}
     for name, value in numbers.items():
         group.attrs[name] = math.nan if value is None else value
-    group.attrs["quality"] = canonical_json(plain["quality"])
+    for name in ("quality", "standard_deviation", "extended"):
+        group.attrs[name] = canonical_json(plain[name])
+    group.attrs["pieces"] = json.dumps(plain.get("pieces", []))
     group.attrs["flags"] = json.dumps(plain["flags"])
     for name in ("signature", "cadence_map", "cadence_spectrum"):
         write_array(group, name, getattr(result, name))

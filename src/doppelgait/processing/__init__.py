@@ -9,8 +9,15 @@ from doppelgait.processing.cadence import (
     mean_doppler_spectrum,
     observation_s,
 )
-from doppelgait.processing.clutter import remove_clutter
+from doppelgait.processing.clutter import (
+    clutter_gain,
+    remove_clutter,
+    share_removed,
+    torso_share_removed,
+    without_clutter,
+)
 from doppelgait.processing.config import Analysis, gaussian_window, plan_transform
+from doppelgait.processing.detect import Detector, find_scans
 from doppelgait.processing.frame_edge import within_frame
 from doppelgait.processing.gate import fixed_gate, gate_bins, make_gate
 from doppelgait.processing.main_line import align, line_order, main_line_hz, needs_alignment
@@ -18,9 +25,9 @@ from doppelgait.processing.normalise import independent_columns, noise_floor_v2,
 from doppelgait.processing.signature import range_doppler, signature, thin
 
 __all__ = [
-    "Analysis", "align", "burst_pulses_of", "burst_signature", "cadence_map", "cadence_spectrum", "detrend",
-    "detrend_order", "find_burst_pulses", "fixed_gate", "gate_bins", "gaussian_window", "independent_columns",
-    "line_order", "main_line_hz", "make_gate", "mean_doppler_spectrum", "needs_alignment", "noise_floor_v2",
-    "normalise", "observation_s", "plan_transform", "range_doppler", "remove_clutter", "signature", "thin",
-    "within_frame",
+    "Analysis", "Detector", "align", "burst_pulses_of", "burst_signature", "cadence_map", "cadence_spectrum",
+    "clutter_gain", "detrend", "detrend_order", "find_burst_pulses", "find_scans", "fixed_gate", "gate_bins",
+    "gaussian_window", "independent_columns", "line_order", "main_line_hz", "make_gate", "mean_doppler_spectrum",
+    "needs_alignment", "noise_floor_v2", "normalise", "observation_s", "plan_transform", "range_doppler",
+    "remove_clutter", "share_removed", "signature", "thin", "torso_share_removed", "within_frame", "without_clutter",
 ]  # fmt: skip

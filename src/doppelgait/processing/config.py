@@ -32,7 +32,7 @@ class Analysis(FrozenModel):
         ``liland2018`` takes the report's own choices: hop 1, K = M, zero padding at the ends, columns divided by
         their maximum, the cadence spectrum's highest peak, gate span by class, sharp gate edges and Doppler gate from
         the truth; it does not go together with the parameters that say otherwise.
-    clutter : {"none", "mean", "exponential"}
+    clutter : {"none", "mean", "exponential", "mti"}
         How static clutter is taken off first (:func:`doppelgait.processing.remove_clutter`).
     clutter_time_s : float
         Time constant of ``exponential``.
@@ -56,10 +56,12 @@ class Analysis(FrozenModel):
         What columns are divided by: sum or maximum over Doppler, or multiplied by range^4 (E-28).
     bandwidth_threshold : float
         t_mu of the threshold form of the micro-Doppler bandwidth (E-35).
+    extended : bool
+        Whether the further features and the standard deviations are made too; not by ``liland2018``.
     """
 
     method: Method = "standard"
-    clutter: Literal["none", "mean", "exponential"] = "none"
+    clutter: Literal["none", "mean", "exponential", "mti"] = "none"
     clutter_time_s: float = Field(default=2.0, gt=0, le=3600)
     cpi_s: float = Field(default=0.1, gt=0, le=10)
     window_steepness: float = Field(default=0.4, gt=0, le=10)
@@ -70,6 +72,7 @@ class Analysis(FrozenModel):
     gate_doppler_hz: tuple[float, float] | None = None
     normalisation: Normalisation = "sum"
     bandwidth_threshold: float = Field(default=0.04, gt=0, lt=1)
+    extended: bool = True
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -1,0 +1,163 @@
+"""Doppler rows of the limbs relative to the torso, in which steps show and the body's sway does not (E-33 step 4)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core.labels import NORMALISED_SIGNATURE, axis, check_signal, sampling_rate_hz
+
+FloatArray = npt.NDArray[np.float64]
+
+TORSO_BAND_HZ = 40.0
+"""The torso line is the centroid of the cells within this of the main line."""
+TORSO_SMOOTHING_S = 0.06
+"""Standard deviation of the Gaussian that smooths the torso line."""
+TORSO_WIDTH_HZ = 30.0
+"""Rows nearer to the torso line than this show the torso: a single line is 14 Hz wide (E-35), swinging hips more."""
+COLUMN_RATE_HZ = 40.0
+"""Columns are averaged down to no less than this rate: a signature of T_d = 0.1 s holds nothing above 15 Hz."""
+ROW_WIDTH_HZ = 16.0
+CLIPPED_MEAN, CLIPPED_SD = 0.399, 0.584
+"""Mean and standard deviation of max(x, 0) for a standard normal x: what noise leaves above the floor."""
+OCCUPIED_SIGMAS = 3.0
+INDEPENDENT_AFTER_S = 0.06
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Doppler rows over time, as plain numbers.
+
+    Parameters
+    ----------
+    values : ndarray, shape (J, K)
+    doppler_hz : ndarray, shape (K,)
+    rate_hz : float
+        Columns per second.
+    """
+
+    values: FloatArray
+    doppler_hz: FloatArray
+    rate_hz: float
+
+    @property
+    def bin_hz(self) -> float:
+        """Spacing of the rows."""
+        return float(self.doppler_hz[1] - self.doppler_hz[0])
+
+
+def slowed(normalised: xr.DataArray) -> Rows:
+    """Rows of a normalised signature whose columns are averaged in groups, to no less than 40 a second."""
+    check_signal(normalised, NORMALISED_SIGNATURE)
+    rate_hz = sampling_rate_hz(axis(normalised, "time"))
+    group = group_size(rate_hz)
+    return Rows(grouped(normalised.values, group) / group, axis(normalised, "doppler"), rate_hz / group)
+
+
+def group_size(rate_hz: float) -> int:
+    """Columns in one group of :func:`slowed`."""
+    return max(1, int(rate_hz / COLUMN_RATE_HZ))
+
+
+def grouped(values: FloatArray, size: int) -> FloatArray:
+    """Sums over groups along the first axis; what is left over at its end is dropped."""
+    stop = values.shape[0] // size * size
+    total = values[0:stop:size].copy()
+    for first in range(1, size):  # strided views added up: faster than a sum over an axis of three
+        total += values[first:stop:size]
+    return total
+
+
+def torso_line_hz(rows: Rows) -> FloatArray:
+    """Doppler of the torso in every column: power-squared centroid about the main line, smoothed (E-33 step 4).
+
+    Parameters
+    ----------
+    rows : Rows
+        Normalised signature whose main line does not drift.
+
+    Returns
+    -------
+    ndarray, shape (J,)
+        ``t[j] = sum F u^2 / sum u^2`` over the cells within 40 Hz of the median column peak, circular in Doppler, then
+        a Gaussian of 60 ms standard deviation. A column without power there has the median.
+    """
+    from scipy.ndimage import gaussian_filter1d
+
+    middle = int(np.median(rows.values.argmax(axis=1)))
+    reach = min(int(TORSO_BAND_HZ / rows.bin_hz), (rows.doppler_hz.size - 1) // 2)
+    offset = np.arange(-reach, reach + 1)
+    power = rows.values.take(middle + offset, axis=1, mode="wrap") ** 2
+    total = power.sum(axis=1)
+    centroid_hz = np.divide(power @ (offset * rows.bin_hz), total, out=np.zeros(total.size), where=total > 0)
+    return np.asarray(rows.doppler_hz[middle] + gaussian_filter1d(centroid_hz, TORSO_SMOOTHING_S * rows.rate_hz))
+
+
+def limb_rows(rows: Rows, noise: FloatArray) -> Rows:
+    """Rows beyond 30 Hz of the torso line, cleaned of noise, in amplitude, detrended; Doppler relative to the torso.
+
+    Parameters
+    ----------
+    rows : Rows
+        Normalised signature whose main line does not drift.
+    noise : ndarray, shape (J,)
+        Standard deviation of the noise in one cell of each column, in the units of ``rows``.
+
+    Returns
+    -------
+    Rows
+        Every column shifted by its torso line; one standard deviation of noise taken off every cell; rows whose mean
+        does not stand 3 standard deviations above what noise leaves are 0; neighbours summed to 16 Hz; square root, so
+        that the weak echoes of fast limbs count beside the strong ones of slow ones.
+    """
+    from doppelgait.core.kernels.features import shift_columns
+
+    zero, bin_hz = int(np.abs(rows.doppler_hz).argmin()), rows.bin_hz
+    shift = torso_line_hz(rows) / bin_hz
+    whole = np.floor(shift)
+    moved = np.empty(rows.values.shape)
+    shift_columns(
+        np.ascontiguousarray(rows.values), whole.astype(np.int64) % rows.doppler_hz.size, shift - whole, moved
+    )
+    torso = int(TORSO_WIDTH_HZ / bin_hz)
+    limbs = moved * _occupied(moved, noise, seconds=noise.size / rows.rate_hz)
+    limbs -= noise[:, None]
+    np.maximum(limbs, 0.0, out=limbs)
+    sides = [slice(0, max(zero - torso, 0)), slice(zero + torso + 1, None)]
+    wide = [summed_rows(Rows(limbs[:, side], rows.doppler_hz[side], rows.rate_hz), bin_hz) for side in sides]
+    values = detrended(np.sqrt(np.concatenate([side.values for side in wide], axis=1)), rows.rate_hz)
+    return Rows(values, np.concatenate([side.doppler_hz for side in wide]), rows.rate_hz)
+
+
+def _occupied(limbs: FloatArray, noise: FloatArray, *, seconds: float) -> FloatArray:
+    """1 for rows above the noise, 0 for others; as E-38, for rows that were clipped at the floor."""
+    independent = max(1.0, seconds / INDEPENDENT_AFTER_S)
+    excess = limbs.mean(axis=0) - CLIPPED_MEAN * noise.mean()
+    spread = CLIPPED_SD * float(np.sqrt((noise**2).mean() / independent))
+    return np.asarray(excess > OCCUPIED_SIGMAS * spread, dtype=np.float64)
+
+
+def summed_rows(rows: Rows, bin_hz: float) -> Rows:
+    """Neighbouring rows summed, to about 16 Hz each."""
+    size = min(max(1, round(ROW_WIDTH_HZ / bin_hz)), max(rows.values.shape[1], 1))
+    values = np.ascontiguousarray(grouped(rows.values.T, size).T)
+    return Rows(values, grouped(rows.doppler_hz, size) / size, rows.rate_hz)
+
+
+def detrended(values: FloatArray, rate_hz: float) -> FloatArray:
+    """Rows less their least-squares polynomial of order round(1.2 T_o), 1 to 6 (E-31)."""
+    order = int(np.clip(round(1.2 * values.shape[0] / rate_hz), 1, 6))
+    basis = _orthonormal_basis(values.shape[0], order)
+    return np.asarray(values - basis @ (basis.T @ values))
+
+
+@lru_cache(maxsize=4)
+def _orthonormal_basis(n_columns: int, order: int) -> FloatArray:
+    """Orthonormal polynomials over the observation, shape (J, order + 1), read only."""
+    basis = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, n_columns), order))[0]
+    basis.flags.writeable = False
+    return np.asarray(basis, dtype=np.float64)

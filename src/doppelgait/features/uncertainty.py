@@ -1,0 +1,266 @@
+"""How far each feature may be off: standard deviations from the scatter between gait periods.
+
+The record is cut into blocks of one gait period. What repeats in every period cancels; what is left (noise, uneven
+strides, glints) differs from block to block, and that scatter gives the error of a mean over the blocks. Only the
+constants below were set by simulation (``studies/feature_quality.py``: walking and running people, dogs in seven gaits,
+SNR 5 to 30 dB, 2 to 6 s, within 30 degrees of the line of sight), on other movers than those of its table.
+
+The figures hold where the gait frequency is the right one and not its half or double. They say how much a value would
+scatter from one record to the next; they do not contain what noise hides from every record alike, such as feet too weak
+to widen the bandwidth.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.features.observed import SEEN_SHARE, TIME_SHARES, FloatArray, Observed
+
+if TYPE_CHECKING:
+    from doppelgait.features.gait import Evidence, Extraction
+
+CAUCHY_TUNING = 2.385
+VELOCITY_BLOCK_S = 0.5
+"""Block length where there is no gait frequency."""
+VELOCITY_FACTOR = 1.5
+"""The strongest cell of a column is not the body's centre: errors are this much larger than the scatter."""
+VELOCITY_LEAST_MPS, VELOCITY_RIPPLE_SHARE = 0.01, 0.05
+FREQUENCY_LEAST_SHARE = 0.003
+RATIO_END_SHARE = 0.1
+"""What an unfinished period at the ends may do to rho, of the share that it has in the record."""
+HARMONIC_FACTOR = 2.0
+MIN_BLOCKS = 3
+GROUPS = 8
+"""Groups of periods of which the bandwidth's jackknife leaves out one at a time."""
+HARMONICS = np.arange(1.0, 4.0)
+
+UNCERTAIN_SHARE = {
+    "gait_frequency_hz": 0.05,
+    "step_length_m": 0.1,
+    "torso_velocity_mps": 0.2,
+    "doppler_bandwidth_hz": 0.2,
+    "limb_torso_ratio": 0.2,
+}
+"""A standard deviation above this share of the value is flagged."""
+
+
+def uncertainties(evidence: Evidence, extraction: Extraction) -> dict[str, float | None]:
+    """:func:`uncertainties_of` of one target's evidence and extraction."""
+    return uncertainties_of(Observed(evidence, extraction))
+
+
+def uncertainties_of(observed: Observed) -> dict[str, float | None]:
+    """Standard deviation of the six features and of the gait frequency, each in the unit of its value.
+
+    Parameters
+    ----------
+    observed : Observed
+
+    Returns
+    -------
+    dict
+        By the feature's name and ``gait_frequency_hz``; None where the feature is None or fewer than three periods
+        were seen. Always None for ``harmonic_ratio_3``: its error could not be predicted within a factor of two.
+    """
+    extraction, features = observed.extraction, observed.extraction.features
+    found: dict[str, float | None] = dict.fromkeys((*features.as_dict(), "gait_frequency_hz"))
+    if observed.lacks(()) is not None:
+        return found
+    found["torso_velocity_mps"] = velocity_sd_mps(observed)
+    if observed.lacks(("gait_frequency",)) is not None:
+        return found
+    if features.doppler_bandwidth_hz is not None:
+        found["doppler_bandwidth_hz"] = bandwidth_sd_hz(observed)
+    periods = _periods(observed)
+    if periods is None:
+        return found
+    found["gait_frequency_hz"] = frequency_sd_hz(periods)
+    found["step_length_m"] = _step_length_sd_m(extraction, found)
+    if features.limb_torso_ratio is not None:
+        found["limb_torso_ratio"] = ratio_sd(periods)
+    if features.harmonic_ratio_2 is not None:
+        found["harmonic_ratio_2"] = harmonic_ratio_sd(periods, 2)
+    return {name: value if value is not None and math.isfinite(value) else None for name, value in found.items()}
+
+
+def uncertainty_flags(extraction: Extraction, sd: dict[str, float | None]) -> tuple[str, ...]:
+    """Flags for features that are known only roughly: a standard deviation above a share of the value.
+
+    5 % for the gait frequency, 10 % for the step length, 20 % for velocity, bandwidth and limb-torso ratio.
+    """
+    values = {**extraction.features.as_dict(), "gait_frequency_hz": extraction.gait_frequency_hz}
+    flags = []
+    for name, share in UNCERTAIN_SHARE.items():
+        value, spread = values[name], sd.get(name)
+        if value is not None and spread is not None and spread > share * abs(value):
+            flags.append(f"{name}:uncertain_by_more_than_{100 * share:.0f}_per_cent")
+    return tuple(flags)
+
+
+def _edges(observed: Observed, seconds: float) -> npt.NDArray[np.int64]:
+    """Ends of whole blocks of this length, in the middle of the record; columns."""
+    n_columns = observed.power_v2.shape[0]
+    length = seconds * observed.rate_hz
+    count = int(n_columns / length + 1e-9)
+    first = (n_columns - count * length) / 2.0
+    return np.asarray(np.rint(first + length * np.arange(count + 1)), dtype=np.int64)
+
+
+def velocity_sd_mps(observed: Observed) -> float | None:
+    """Standard deviation of v_m: that of a robust mean of dependent columns (E-34).
+
+    The line is an M-estimate with Cauchy weights, tapered in time. Its variance is the sum over blocks of the squared
+    sum of the influence in a block, over the squared sum of the influence's slope: independent blocks, any dependence
+    within them (the sandwich form, Huber 1967, for clusters). A share of the torso's own swing and 1 cm/s are added.
+    """
+    residual = _peaks_mps(observed) - observed.line_mps
+    scale = max(1.4826 * float(np.median(np.abs(residual))), observed.bin_mps / 4.0)
+    square = (residual / (CAUCHY_TUNING * scale)) ** 2
+    taper = 1.0 - np.linspace(-1.0, 1.0, residual.size) ** 2 + 1e-3
+    influence = taper * residual / (1.0 + square)
+    slope = float((taper * (1.0 - square) / (1.0 + square) ** 2).sum())
+    known = observed.extraction.gait_frequency_hz
+    edges = _edges(observed, VELOCITY_BLOCK_S if known is None else 1.0 / known)
+    starts = np.concatenate([[0], edges[1:-1]])  # what is left at the ends belongs to the blocks there
+    if starts.size < MIN_BLOCKS or slope <= 0:
+        return None
+    sums = np.add.reduceat(influence, starts)
+    sandwich_mps = math.sqrt(float((sums**2).sum()) * sums.size / (sums.size - 2)) / slope
+    ripple = observed.torso_ripple_mps
+    ripple_mps = math.sqrt(float(np.mean(ripple**2))) if np.isfinite(ripple).all() else 0.0
+    return math.hypot(VELOCITY_FACTOR * sandwich_mps, VELOCITY_RIPPLE_SHARE * ripple_mps, VELOCITY_LEAST_MPS)
+
+
+def _peaks_mps(observed: Observed) -> FloatArray:
+    """Velocity of the strongest cell of every column, refined by a parabola in dB; shape (J,)."""
+    values = observed.power_v2
+    best = np.clip(values.argmax(axis=1), 1, values.shape[1] - 2)
+    around = best + np.arange(best.size) * values.shape[1] + np.array([[-1], [0], [1]])
+    left, centre, right = np.log(np.maximum(values.take(around).astype(np.float64), 1e-300))
+    bend = left - 2.0 * centre + right
+    offset = np.divide(0.5 * (left - right), bend, out=np.zeros_like(bend), where=bend < 0)
+    return np.asarray(observed.velocity_mps[best] + np.clip(offset, -0.5, 0.5) * observed.bin_mps)
+
+
+def bandwidth_sd_hz(observed: Observed) -> float | None:
+    """Standard deviation of B_mu: jackknife over groups of periods (E-35), and the rounding to Doppler bins."""
+    edges = _edges(observed, 1.0 / observed.frequency_hz)
+    if edges.size - 1 < MIN_BLOCKS or observed.seen.mean() < SEEN_SHARE:
+        return None
+    n_groups = min(edges.size - 1, GROUPS)
+    block = np.searchsorted(edges, np.flatnonzero(observed.seen), side="right") - 1
+    group = np.where((block >= 0) & (block < edges.size - 1), block * n_groups // (edges.size - 1), -1)
+    low, high = (edge[observed.seen] for edge in observed.edges_mps)
+    without = _left_out(high, group, n_groups, TIME_SHARES[1]) - _left_out(low, group, n_groups, TIME_SHARES[0])
+    scatter_mps = math.sqrt((n_groups - 1) / n_groups * float(((without - without.mean()) ** 2).sum()))
+    return math.hypot(scatter_mps, observed.bin_mps / math.sqrt(6.0)) / observed.mps_per_hz
+
+
+def _left_out(values: FloatArray, group: npt.NDArray[np.int64], n_groups: int, share: float) -> FloatArray:
+    """Quantile of the values without one group, for each group; shape (n_groups,)."""
+    order = np.argsort(values)
+    ordered, member = values[order], group[order]
+    quantiles = np.empty(n_groups)
+    for g in range(n_groups):
+        kept = ordered[member != g]
+        place = share * (kept.size - 1)
+        below = int(place)
+        above = min(below + 1, kept.size - 1)
+        quantiles[g] = kept[below] + (place - below) * (kept[above] - kept[below]) if kept.size else np.nan
+    return quantiles
+
+
+@dataclass(frozen=True)
+class Periods:
+    """Fourier coefficients of every gait period by itself.
+
+    Parameters
+    ----------
+    harmonics : ndarray, shape (B, 3, K+)
+        Complex amplitude of the first three harmonics of f_mu in every Doppler row above the noise.
+    means : ndarray, shape (B, K+)
+    centre_s : ndarray, shape (B,)
+        Time of the middle of every period.
+    frequency_hz : float
+        f_mu.
+    """
+
+    harmonics: npt.NDArray[np.complex128]
+    means: FloatArray
+    centre_s: FloatArray
+    frequency_hz: float
+
+
+def _periods(observed: Observed) -> Periods | None:
+    frequency_hz, rate_hz = observed.frequency_hz, observed.rate_hz
+    length = int(rate_hz / frequency_hz)
+    starts = np.minimum(_edges(observed, 1.0 / frequency_hz)[:-1], observed.aligned.shape[0] - length)
+    if starts.size < MIN_BLOCKS or length < 2 * HARMONICS.size + 1 or not observed.occupied.size:
+        return None
+    columns = starts[:, None] + np.arange(length)
+    rows = observed.occupied_columns[columns]
+    means = np.einsum("bjk->bk", rows) / length
+    rows -= means[:, None]
+    angle = -2.0 * np.pi * frequency_hz / rate_hz * HARMONICS[:, None] * columns[:, None, :]
+    parts = np.concatenate([np.cos(angle), np.sin(angle)], axis=1) @ rows / length
+    harmonics = parts[:, : HARMONICS.size] + 1j * parts[:, HARMONICS.size :]
+    return Periods(harmonics, means, (starts + length / 2.0) / rate_hz, frequency_hz)
+
+
+def _phase_parts(periods: Periods) -> tuple[FloatArray, FloatArray]:
+    """Imaginary part of every harmonic against its mean over the periods, and the real part's mean; (B, 3), (3,)."""
+    mean = periods.harmonics.mean(axis=0)
+    against = np.einsum("bhk,hk->bh", periods.harmonics, mean.conj())
+    return against.imag, against.real.mean(axis=0)
+
+
+def frequency_sd_hz(periods: Periods) -> float:
+    """Standard deviation of f_mu from how unevenly the periods follow each other.
+
+    Every period is early or late by a phase, the least-squares shift of its first three harmonics against their mean.
+    The increments of that phase from period to period, independent of each other, add up to the error of a frequency
+    that counts periods from the first to the last: ``f rms(increment) / (2 pi sqrt(B - 1))``; and 0.3 % is added.
+    """
+    imaginary, real = _phase_parts(periods)
+    phase_rad = imaginary @ HARMONICS / float(HARMONICS**2 @ real)
+    step_rad = math.sqrt(float(np.mean(np.diff(phase_rad) ** 2)))
+    share = step_rad / (2.0 * math.pi * math.sqrt(phase_rad.size - 1))
+    return periods.frequency_hz * math.hypot(share, FREQUENCY_LEAST_SHARE)
+
+
+def ratio_sd(periods: Periods) -> float:
+    """Standard deviation of rho: scatter of the ratio of single periods, over the root of their number (E-38).
+
+    What an unfinished period at the ends may change is added: a tenth of the ratio over the number of periods.
+    """
+    energy = (np.abs(periods.harmonics) ** 2).sum(axis=(1, 2))
+    ratio = np.sqrt(4.0 * energy / (periods.means**2).sum(axis=1))
+    ends = RATIO_END_SHARE * float(ratio.mean()) / ratio.size
+    return math.hypot(float(ratio.std(ddof=1)) / math.sqrt(ratio.size), ends)
+
+
+def harmonic_ratio_sd(periods: Periods, harmonic: int) -> float:
+    """Standard deviation of beta: how well the phases of a harmonic and of f_mu lie on straight lines (E-37)."""
+    imaginary, real = _phase_parts(periods)
+    time_s = periods.centre_s - periods.centre_s.mean()
+    spread = 0.0
+    for h in (1, harmonic):
+        phase_rad = imaginary[:, h - 1] / (h * real[h - 1])  # of the fundamental
+        slope = float(time_s @ phase_rad / (time_s @ time_s))
+        residual = phase_rad - phase_rad.mean() - slope * time_s
+        spread += float(residual @ residual) / (time_s.size - 2) / float(time_s @ time_s)
+    return HARMONIC_FACTOR * harmonic * math.sqrt(spread) / (2.0 * math.pi * periods.frequency_hz)
+
+
+def _step_length_sd_m(extraction: Extraction, sd: dict[str, float | None]) -> float | None:
+    """From L_m = v_m / f_mu: relative variances add (E-36)."""
+    length_m, frequency_hz = extraction.features.step_length_m, extraction.gait_frequency_hz
+    velocity_sd, frequency_sd = sd["torso_velocity_mps"], sd["gait_frequency_hz"]
+    if length_m is None or frequency_hz is None or velocity_sd is None or frequency_sd is None:
+        return None
+    return math.hypot(velocity_sd, length_m * frequency_sd) / frequency_hz

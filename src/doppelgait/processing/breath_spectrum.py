@@ -1,0 +1,146 @@
+"""Slow-time spectra of range bins, and lines in them that stand above both sides."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+
+PADDING = 4
+BACKGROUND_HZ = (0.1, 2.0)
+"""Band whose median is a window's own level: wide against a breath's line."""
+SIDE_CELLS = (2.0, 6.0)
+"""A line's sides lie so far from it, in cells of 1 / window."""
+LEAST_LOWER_CELL = 0.75
+BREATHS_IN_WINDOW = 3.0
+
+
+@dataclass(frozen=True)
+class BreathSpectrum:
+    """Spectra of all windows.
+
+    Parameters
+    ----------
+    frequency_hz : ndarray, shape (F,)
+        From 0.
+    power : ndarray, shape (W, F, N)
+        Power at plus and minus each frequency, over the window's own level in that bin.
+    mean_power : ndarray, shape (F, N)
+        Median over the windows of the power as it is.
+    starts : ndarray, shape (W,)
+        First sample of every window.
+    window_pulses, fft_length : int
+    rate_hz : float
+        Samples a second.
+    """
+
+    frequency_hz: FloatArray
+    power: FloatArray
+    mean_power: FloatArray
+    starts: npt.NDArray[np.int64]
+    window_pulses: int
+    fft_length: int
+    rate_hz: float
+
+    @property
+    def window_s(self) -> float:
+        """Length of a window."""
+        return self.window_pulses / self.rate_hz
+
+    def only(self, window: int, chosen: int) -> BreathSpectrum:
+        """One bin in one window."""
+        return replace(
+            self, power=self.power[window : window + 1, :, chosen : chosen + 1], starts=self.starts[window : window + 1]
+        )
+
+
+def breath_spectrum(series: ComplexArray, rate_hz: float, *, window_s: float) -> BreathSpectrum:
+    """Spectra of half-overlapping windows, tapered by Hann's window after a straight line is taken off.
+
+    Parameters
+    ----------
+    series : ndarray, shape (I, N)
+    rate_hz : float
+    window_s : float
+        A recording below 1.5 windows is one window.
+    """
+    total = series.shape[0]
+    length = round(window_s * rate_hz)
+    count = 1 if total < 1.5 * length else 1 + round((total - length) / (length / 2.0))
+    length = min(length, total) if count > 1 else total
+    starts = np.round(np.linspace(0, total - length, count)).astype(np.int64)
+    fft_length = PADDING * length
+    frequency_hz = np.arange(fft_length // 2) * (rate_hz / fft_length)
+    taper = np.hanning(length + 2)[1:-1, None]
+    place = np.linspace(-1.0, 1.0, length)[:, None]
+    powers = []
+    for start in starts:
+        part = series[start : start + length]
+        flat = part - part.mean(axis=0) - place * (part * place).mean(axis=0) / (place**2).mean()
+        both = np.abs(np.fft.fft(flat * taper, fft_length, axis=0)) ** 2
+        power = both[: frequency_hz.size].copy()
+        power[1:] += both[: -frequency_hz.size : -1]
+        powers.append(power)
+    plain = np.stack(powers)
+    level = _level(plain, frequency_hz)
+    return BreathSpectrum(frequency_hz, plain / level, np.median(plain, axis=0), starts, length, fft_length, rate_hz)
+
+
+def line_ratio(spectrum: BreathSpectrum, *, low_hz: float, high_hz: float) -> FloatArray:
+    """Mean power of the windows over the level about each frequency.
+
+    The level is the highest of three medians: over the wide band, and over the cells on either side of the line (a
+    harmonic or a second line hardly moves them), brought to the mean of gamma-distributed values. Where the lower side
+    holds less than a cell, below three breaths in a window, and outside the band, the ratio is 0.
+
+    Returns
+    -------
+    ndarray, shape (F, N)
+    """
+    mean = spectrum.power.mean(axis=0)
+    near, far = (round(cells * PADDING) for cells in SIDE_CELLS)
+    least = round(LEAST_LOWER_CELL * PADDING)
+    f = spectrum.frequency_hz
+    first = max(low_hz, BREATHS_IN_WINDOW / spectrum.window_s)
+    ratio = np.zeros_like(mean)
+    wide = np.median(mean[_background(f)], axis=0)
+    for k in np.flatnonzero((f >= first - 1e-9) & (f <= high_hz + 1e-9)):
+        lower = np.median(mean[max(least, k - far) : k - near + 1], axis=0)
+        upper = np.median(mean[k + near : k + far + 1], axis=0)
+        ratio[k] = mean[k] / np.maximum(np.maximum(lower, upper), np.maximum(wide, 1e-300))
+    return np.asarray(ratio * median_over_mean(2 * spectrum.starts.size))
+
+
+def threshold(spectrum: BreathSpectrum, false_alarm: float, *, low_hz: float, high_hz: float) -> float:
+    """Ratio that white noise exceeds anywhere, in any bin, with the given chance.
+
+    Sum of 2 W exponential variables against the level of 2 W n, n independent cells in the wide band: F distribution
+    with (4 W, 4 W n / 2) degrees of freedom (a median is worth about half its values), over so many independent cells
+    as the band and the bins hold. The level of the sides makes it rarer.
+    """
+    from scipy.stats import f as f_distribution
+
+    windows = spectrum.starts.size
+    cells = 1.5 * max(high_hz - low_hz, 1.0 / spectrum.window_s) * spectrum.window_s * spectrum.power.shape[2]
+    single = -np.expm1(np.log1p(-false_alarm) / cells)
+    background = _background(spectrum.frequency_hz).sum() / (1.5 * PADDING)
+    return float(f_distribution.isf(single, 4 * windows, 2 * windows * background))
+
+
+def median_over_mean(count: int) -> float:
+    """Median over mean of a sum of ``count`` exponential variables."""
+    return float((1.0 - 1.0 / (9.0 * count)) ** 3)
+
+
+def _level(power: FloatArray, frequency_hz: FloatArray) -> FloatArray:
+    """Level of every window and bin, shape (W, 1, N): the median over a wide band, never 0."""
+    level = np.median(power[:, _background(frequency_hz)], axis=1, keepdims=True)
+    return np.asarray(np.maximum(level, 1e-300 + 1e-12 * power.max(axis=1, keepdims=True)))
+
+
+def _background(frequency_hz: FloatArray) -> npt.NDArray[np.bool_]:
+    return np.asarray((frequency_hz >= BACKGROUND_HZ[0]) & (frequency_hz <= BACKGROUND_HZ[1]))

@@ -1,0 +1,331 @@
+"""People who sit or stand still, found by their breath in the slow-time phase of range bins."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+from pydantic import Field, model_validator
+
+from doppelgait.core.config import FrozenModel
+from doppelgait.core.errors import AnalysisError
+from doppelgait.core.labels import BASEBAND, axis, check_signal, sampling_rate_hz
+from doppelgait.processing.breath_spectrum import BreathSpectrum, breath_spectrum, line_ratio, threshold
+from doppelgait.processing.common_gain import without_common_gain
+from doppelgait.processing.displacement import displacement_of
+
+FloatArray = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+
+WORKING_RATE_HZ = 10.0
+"""Pulses are averaged down to about this rate."""
+LEAST_RATE_HZ = 3.0
+SHORTEST_S = 10.0
+COHERENT = 0.8
+"""Two places whose motion agrees so far are one breath: an echo by a second way, or what it shadows."""
+WINDOW_FALSE_ALARM = 1e-3
+NAN = float("nan")
+
+
+class BreathingSettings(FrozenModel):
+    """How breathing is looked for.
+
+    Parameters
+    ----------
+    low_hz, high_hz : float
+        Band of rates, breaths per second. Below three breaths in a window nothing is found.
+    window_s : float
+        Length of a processing window; windows overlap by half. A shorter recording is one window.
+    false_alarm : float
+        Chance of a target in a recording of white noise, at most; drifting echoes give more.
+    gap_m : float
+        Bins with a breath that are not further apart are one person.
+    extent_m : float
+        Within this distance of a stronger person, a weaker one of the same rate or of a multiple of it is that person.
+    largest_displacement_m : float
+        What moves to and fro further is no breath.
+    least_share : float
+        Least share of the slow motion that is at the rate and its double; irregular motion has less.
+    """
+
+    low_hz: float = Field(default=0.1, gt=0, le=5)
+    high_hz: float = Field(default=0.7, gt=0, le=5)
+    window_s: float = Field(default=30.0, ge=10, le=600)
+    false_alarm: float = Field(default=1e-3, gt=0, lt=1)
+    gap_m: float = Field(default=0.2, ge=0, le=10)
+    extent_m: float = Field(default=1.0, ge=0, le=100)
+    largest_displacement_m: float = Field(default=0.03, gt=0, le=1)
+    least_share: float = Field(default=0.4, ge=0, le=1)
+
+    @model_validator(mode="after")
+    def _band(self) -> BreathingSettings:
+        if self.low_hz >= self.high_hz:
+            raise ValueError(f"low_hz {self.low_hz:g} must be below high_hz {self.high_hz:g}")
+        return self
+
+
+@dataclass(frozen=True)
+class BreathingTarget:
+    """One person who breathes.
+
+    Parameters
+    ----------
+    range_m : float
+        Centre of the bins within 6 dB of that with the strongest breath.
+    rate_hz : float
+        Breaths per second, median over the windows with a breath.
+    displacement_m : float
+        Amplitude (half of peak to peak) of the motion along the range at that rate; NaN where the phase turns too
+        little or too noisily to tell what of the bin moves.
+    snr_db : float
+        Power at the rate over the power beside it, in the spectra of all windows.
+    confidence : float
+        0 to 1: share of the windows with a breath, times the share of the motion between 0.05 Hz and the end of the
+        band that is at the rate and its double.
+    start_s, stop_s : float
+        From the first to the last window of the longest run with a breath.
+    """
+
+    range_m: float
+    rate_hz: float
+    displacement_m: float
+    snr_db: float
+    confidence: float
+    start_s: float
+    stop_s: float
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """A cluster of bins and what its strongest bin does in the windows with a breath."""
+
+    target: BreathingTarget
+    power: float
+    motion: FloatArray
+
+
+@dataclass(frozen=True)
+class _Look:
+    """What is looked at: slow series (I, N) with its axes and spectra."""
+
+    series: ComplexArray
+    times: FloatArray
+    range_m: FloatArray
+    spectrum: BreathSpectrum
+    ratio: FloatArray
+    limit: float
+    wavelength_m: float
+    settings: BreathingSettings
+
+
+def find_breathing(
+    baseband: xr.DataArray, *, wavelength_m: float, settings: BreathingSettings | None = None
+) -> list[BreathingTarget]:
+    """Find people who stay where they are and breathe.
+
+    Pulses are averaged to about 10 Hz and frames divided by the gain that distant bins have in common (jitter and drift
+    of the clock), so that static echoes do not seem to breathe. Each bin's spectrum, both signs of Doppler together, is
+    averaged over windows of 30 s, each divided by the window's own level in that bin: episodes of body motion count
+    little. A breath is a line that stands above what is at lower *and* at higher frequencies: the slope of a drift is
+    none. The threshold is a quantile of the F distribution for all bins and rates together. Neighbouring bins are one
+    person; multiples of the rate, and places that move as a stronger one does, belong to that one. Displacement and
+    rate come from the phase about the centre of the arc that the strongest bin describes.
+
+    Parameters
+    ----------
+    baseband : DataArray (slow_time, range)
+        10 s or more at 3 Hz or more, static echoes still in it (:func:`remove_clutter` would take the scale of the
+        displacement, and slow breaths).
+    wavelength_m : float
+        Above 0.
+    settings : BreathingSettings, optional
+
+    Returns
+    -------
+    list of BreathingTarget
+        The strongest breath first.
+
+    Raises
+    ------
+    AnalysisError
+        If the recording is shorter than 10 s, below 3 Hz, not finite, or the wavelength is not above 0.
+    """
+    given = settings or BreathingSettings()
+    values, times, range_m = _slow_series(baseband, wavelength_m)
+    series = without_common_gain(values, range_m)
+    spectrum = breath_spectrum(series, sampling_rate_hz(times), window_s=given.window_s)
+    ratio = line_ratio(spectrum, low_hz=given.low_hz, high_hz=given.high_hz)
+    limit = threshold(spectrum, given.false_alarm, low_hz=given.low_hz, high_hz=given.high_hz)
+    look = _Look(series, times, range_m, spectrum, ratio, limit, wavelength_m, given)
+    groups = _clusters(ratio.max(axis=0) > limit, range_m, given.gap_m)
+    found = [candidate for candidate in (_candidate(look, bins) for bins in groups) if candidate is not None]
+    return _persons(found, given.extent_m, 1.0 / spectrum.window_s)
+
+
+def _slow_series(baseband: xr.DataArray, wavelength_m: float) -> tuple[ComplexArray, FloatArray, FloatArray]:
+    """Baseband averaged to about 10 Hz, its times and ranges."""
+    check_signal(baseband, BASEBAND)
+    times, range_m = axis(baseband, "slow_time"), axis(baseband, "range")
+    if not (math.isfinite(wavelength_m) and wavelength_m > 0):
+        raise AnalysisError(f"wavelength_m = {wavelength_m:g} is not allowed: it must be above 0 m")
+    rate_hz = sampling_rate_hz(times)
+    if times.size / rate_hz < SHORTEST_S or rate_hz < LEAST_RATE_HZ:
+        raise AnalysisError(
+            f"breathing needs {SHORTEST_S:g} s or more at {LEAST_RATE_HZ:g} Hz or more; this recording has "
+            f"{times.size / rate_hz:.3g} s at {rate_hz:.4g} Hz"
+        )
+    if not np.isfinite(baseband.values).all():
+        raise AnalysisError("the baseband has values that are not finite; take those pulses out or fill them")
+    group = max(1, int(rate_hz / WORKING_RATE_HZ))
+    count = times.size // group
+    values = baseband.values[: count * group].reshape(count, group, -1).mean(axis=1, dtype=np.complex128)
+    return np.asarray(values), times[: count * group].reshape(count, group).mean(axis=1), range_m
+
+
+def _clusters(breathes: npt.NDArray[np.bool_], range_m: FloatArray, gap_m: float) -> list[npt.NDArray[np.int64]]:
+    """Bins with a breath, in groups of neighbours."""
+    bins = np.flatnonzero(breathes)
+    return np.split(bins, np.flatnonzero(np.diff(range_m[bins]) > gap_m) + 1) if bins.size else []
+
+
+def _candidate(look: _Look, bins: npt.NDArray[np.int64]) -> _Candidate | None:
+    """Rate, displacement and time span of one cluster, from its strongest bin; None if it is no breath."""
+    spectrum, settings = look.spectrum, look.settings
+    bins, line = _grown(look, bins)
+    powers = spectrum.mean_power[line, bins]
+    best = int(np.argmax(powers))
+    chosen, line_hz = int(bins[best]), float(spectrum.frequency_hz[line])
+    breathes = _windows_with_breath(spectrum, chosen, line_hz, settings)
+    rate_hz, share, displacement_m = _of_windows(look, chosen, line_hz, spectrum.starts[breathes])
+    if share < settings.least_share or displacement_m > settings.largest_displacement_m:
+        return None
+    strong = powers >= powers[best] / 4.0
+    run = _longest_run(breathes)
+    target = BreathingTarget(
+        range_m=float(np.average(look.range_m[bins[strong]], weights=powers[strong])),
+        rate_hz=rate_hz,
+        displacement_m=displacement_m,
+        snr_db=float(10.0 * np.log10(look.ratio[:, chosen].max())),
+        confidence=float(breathes.mean() * share),
+        start_s=float(look.times[spectrum.starts[run[0]]]),
+        stop_s=float(look.times[spectrum.starts[run[1]] + spectrum.window_pulses - 1]),
+    )
+    return _Candidate(target, float(powers[best]), _whole_motion(look.series[:, chosen], target, spectrum))
+
+
+def _grown(look: _Look, bins: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.int64], int]:
+    """Cluster with the bins about it that show a quarter of the ratio asked for at its rate, and its line.
+
+    The strongest echo of a body is not always the one with the steadiest line.
+    """
+    frequency_hz = look.spectrum.frequency_hz
+    line = int(np.argmax(look.ratio[:, bins].max(axis=1)))
+    near = np.abs(frequency_hz - frequency_hz[line]) <= 1.5 / look.spectrum.window_s
+    weak = look.ratio[near].max(axis=0) >= look.limit / 4.0
+    reach_m = look.settings.extent_m / 2.0
+    low_m, high_m = look.range_m[bins[0]] - reach_m, look.range_m[bins[-1]] + reach_m
+    member = weak & (look.range_m >= low_m) & (look.range_m <= high_m)
+    member[bins] = True
+    return np.flatnonzero(member), line
+
+
+def _of_windows(look: _Look, chosen: int, line_hz: float, starts: npt.NDArray[np.int64]) -> tuple[float, float, float]:
+    """Median rate over windows, mean share of the motion at it, and the median of the known displacements."""
+    rows = []
+    for start in starts:
+        part = look.series[start : start + look.spectrum.window_pulses, chosen]
+        motion, known = displacement_of(part, wavelength_m=look.wavelength_m)
+        rate_hz, share, amplitude_m = _strongest_rate(motion, line_hz, look.spectrum, look.settings)
+        rows.append((rate_hz, share, amplitude_m if known else NAN))
+    rates, shares, amplitudes = np.array(rows).T
+    told = amplitudes[np.isfinite(amplitudes)]
+    displacement_m = float(np.median(told)) if told.size else NAN
+    return float(np.median(rates)), float(shares.mean()), displacement_m
+
+
+def _windows_with_breath(
+    spectrum: BreathSpectrum, chosen: int, rate_hz: float, settings: BreathingSettings
+) -> npt.NDArray[np.bool_]:
+    """Windows in which the bin shows a line within 1.5 cells of the rate; the strongest one at least."""
+    single = np.stack(
+        [
+            line_ratio(spectrum.only(number, chosen), low_hz=settings.low_hz, high_hz=settings.high_hz)[:, 0]
+            for number in range(spectrum.starts.size)
+        ]
+    )
+    near = np.abs(spectrum.frequency_hz - rate_hz) <= 1.5 / spectrum.window_s
+    strongest = single[:, near].max(axis=1)
+    one = threshold(spectrum.only(0, chosen), WINDOW_FALSE_ALARM, low_hz=settings.low_hz, high_hz=settings.high_hz)
+    return np.asarray((strongest > one) | (strongest == strongest.max()))
+
+
+def _strongest_rate(
+    motion: FloatArray, line_hz: float, spectrum: BreathSpectrum, settings: BreathingSettings
+) -> tuple[float, float, float]:
+    """Rate of a real motion, share of its slow power at it and its double, and amplitude at it.
+
+    The rate is that of the line, or half of it: a swing beyond a wide arc shows its double most.
+    """
+    t = np.arange(motion.size) - (motion.size - 1) / 2.0
+    taper = np.hanning(motion.size + 2)[1:-1]
+    flat = motion - np.polynomial.Polynomial.fit(t, motion, 1)(t)
+    power = np.abs(np.fft.rfft(flat * taper, spectrum.fft_length)) ** 2
+    frequency_hz = np.fft.rfftfreq(spectrum.fft_length, 1.0 / spectrum.rate_hz)
+    reach_hz = 1.5 / spectrum.window_s
+    band = (np.abs(frequency_hz - line_hz) <= reach_hz) | (np.abs(frequency_hz - line_hz / 2.0) <= reach_hz)
+    band &= (frequency_hz >= max(settings.low_hz, 2.0 / spectrum.window_s)) & (frequency_hz <= settings.high_hz)
+    peak = int(np.argmax(np.where(band, power, 0.0)))
+    peak = min(max(peak, 1), power.size - 2)
+    left, top, right = np.log(np.maximum(power[peak - 1 : peak + 2], 1e-300))
+    bend = left - 2.0 * top + right
+    offset = float(np.clip(0.5 * (left - right) / bend, -0.5, 0.5)) if bend < 0 else 0.0
+    rate_hz = (peak + offset) * float(frequency_hz[1])
+    slow = (frequency_hz >= 0.05) & (frequency_hz <= max(settings.high_hz, 2.2 * rate_hz))
+    own = np.zeros_like(slow)
+    for multiple in (1.0, 2.0):
+        own |= np.abs(frequency_hz - multiple * rate_hz) <= 2.0 / spectrum.window_s
+    share = float(power[own & slow].sum() / max(power[slow].sum(), 1e-300))
+    top_power = math.exp(top - 0.25 * (left - right) * offset)
+    return rate_hz, share, 2.0 * math.sqrt(top_power) / float(taper.sum())
+
+
+def _longest_run(found: npt.NDArray[np.bool_]) -> tuple[int, int]:
+    """First and last window of the longest run; a single window missing does not end it."""
+    places = np.flatnonzero(found)
+    runs = np.split(places, np.flatnonzero(np.diff(places) > 2) + 1)
+    longest = max(runs, key=lambda run: int(run[-1] - run[0]))
+    return int(longest[0]), int(longest[-1])
+
+
+def _whole_motion(series: ComplexArray, target: BreathingTarget, spectrum: BreathSpectrum) -> FloatArray:
+    """Both quadratures of a bin about its rate (plus and minus half of it) for the whole recording, shape (2, I)."""
+    frequency_hz = np.abs(np.fft.fftfreq(series.size, 1.0 / spectrum.rate_hz))
+    inside = np.abs(frequency_hz - target.rate_hz) <= 0.5 * target.rate_hz
+    moving = np.fft.ifft(np.where(inside, np.fft.fft(series - series.mean()), 0.0))
+    return np.stack([moving.real, moving.imag])
+
+
+def _persons(found: list[_Candidate], extent_m: float, cell_hz: float) -> list[BreathingTarget]:
+    """Candidates without those that a stronger one explains."""
+    kept: list[_Candidate] = []
+    for candidate in sorted(found, key=lambda one: -one.power):
+        if not any(_is_part_of(candidate, other, extent_m, cell_hz) for other in kept):
+            kept.append(candidate)
+    return [candidate.target for candidate in kept]
+
+
+def _is_part_of(weak: _Candidate, strong: _Candidate, extent_m: float, cell_hz: float) -> bool:
+    multiple = round(weak.target.rate_hz / strong.target.rate_hz)
+    near = abs(weak.target.range_m - strong.target.range_m) <= extent_m
+    if near and multiple >= 1 and abs(weak.target.rate_hz - multiple * strong.target.rate_hz) <= multiple * cell_hz:
+        return True
+    return _coherence(weak.motion, strong.motion) >= COHERENT
+
+
+def _coherence(one: FloatArray, other: FloatArray) -> float:
+    """Correlation of the main directions of two motions in the complex plane, 0 to 1."""
+    first, second = (np.linalg.svd(motion, full_matrices=False)[2][0] for motion in (one, other))
+    return float(abs(first @ second))

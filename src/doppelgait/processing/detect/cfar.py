@@ -1,0 +1,201 @@
+"""Constant false-alarm rate: threshold factors in closed form, and the window along range."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.core.errors import AnalysisError
+
+Power = npt.NDArray[np.floating[Any]]
+Mask = npt.NDArray[np.bool_]
+
+MIN_TRAINING = 4
+"""Fewest training cells from which a level is taken."""
+
+
+def ca_factor(n_training: int, pfa: float, *, n_summed: int = 1) -> float:
+    r"""Threshold over the mean of ``n_training`` cells of noise (cell averaging).
+
+    .. math:: \alpha = N (P_{fa}^{-1/N} - 1)
+
+    for exponential cells. The ratio of two means of Gamma variables has an F distribution with
+    :math:`(2 n_g, 2 n_g N)` degrees of freedom, of which this is the case :math:`n_g = 1`.
+
+    Parameters
+    ----------
+    n_training : int
+        N, independent cells.
+    pfa : float
+        False-alarm probability of a cell, between 0 and 1.
+    n_summed : int
+        n_g: independent cells that are summed in each cell.
+    """
+    if n_summed == 1:
+        return n_training * math.expm1(-math.log(pfa) / n_training)
+    from scipy.stats import f
+
+    return float(f.isf(pfa, 2 * n_summed, 2 * n_summed * n_training))
+
+
+def os_pfa(factor: float, n_training: int, rank: int, *, n_summed: int = 1) -> float:
+    r"""False-alarm probability of a threshold ``factor`` times the ``rank``-th smallest of N cells (Rohling, 1983).
+
+    .. math:: P_{fa} = \prod_{i=0}^{k-1} \frac{N - i}{N - i + \alpha}
+
+    for exponential cells; for sums of :math:`n_g` the integral of :math:`P(x > \alpha z)` over the distribution of the
+    ordered cell: with :math:`z = F^{-1}(u)`, u is a Beta(k, N - k + 1) variable.
+
+    Parameters
+    ----------
+    factor : float
+        alpha, at least 0.
+    n_training, rank : int
+        N independent cells and k, 1 to N.
+    n_summed : int
+        n_g: independent cells that are summed in each cell.
+    """
+    if n_summed == 1:
+        left = n_training - np.arange(rank)
+        return float(np.prod(left / (left + factor)))
+    from scipy import stats
+
+    nodes, weights = np.polynomial.legendre.leggauss(400)
+    share = (nodes + 1.0) / 2.0
+    density = stats.beta.pdf(share, rank, n_training - rank + 1)
+    false_alarm = stats.gamma.sf(factor * stats.gamma.ppf(share, n_summed), n_summed)
+    return float(np.sum(weights / 2.0 * density * false_alarm))
+
+
+@lru_cache(maxsize=512)
+def os_factor(n_training: int, rank: int, pfa: float, *, n_summed: int = 1) -> float:
+    """Threshold over the ``rank``-th smallest of ``n_training`` cells of noise: :func:`os_pfa` solved for alpha.
+
+    Raises
+    ------
+    AnalysisError
+        If the rank is not 1 to N, or there is no factor below 1e9: too few cells for so low a probability.
+    """
+    from scipy.optimize import brentq
+
+    if not 1 <= rank <= n_training:
+        raise AnalysisError(f"rank {rank} of {n_training} cells: the rank must be 1 to the number of cells")
+    if os_pfa(1e9, n_training, rank, n_summed=n_summed) > pfa:
+        raise AnalysisError(
+            f"a false-alarm probability of {pfa:g} is out of reach with cell {rank} of {n_training}: "
+            "raise pfa, or lengthen the window"
+        )
+
+    def excess(log_factor: float) -> float:
+        found = os_pfa(math.exp(log_factor), n_training, rank, n_summed=n_summed)
+        return math.log(max(found, 1e-300) / pfa)  # underflows for large factors
+
+    return math.exp(float(brentq(excess, math.log(1e-6), math.log(1e9), xtol=1e-12, rtol=1e-12)))
+
+
+@dataclass(frozen=True)
+class RangeWindow:
+    """Training cells of a CFAR window along range, the same on both sides of a cell.
+
+    Parameters
+    ----------
+    first, reach, step : int
+        Distances in bins: of the nearest cell, beyond the guard; of the farthest; from one to the next.
+    """
+
+    first: int
+    reach: int
+    step: int
+
+    @property
+    def distances(self) -> range:
+        """Distances of the training cells on one side."""
+        return range(self.first, self.reach + 1, self.step)
+
+
+def range_window(*, bin_spacing_m: float, window_m: float, guard_m: float, resolution_m: float) -> RangeWindow:
+    """Window of cells from ``guard_m`` to ``window_m`` away, about ``resolution_m`` apart."""
+    return RangeWindow(
+        first=math.floor(guard_m / bin_spacing_m + 1e-9) + 1,
+        reach=math.floor(window_m / bin_spacing_m + 1e-9),
+        step=max(1, round(resolution_m / bin_spacing_m)),
+    )
+
+
+def ca_mask(power_v2: Power, window: RangeWindow, pfa: float) -> Mask:
+    """Cells above their cell-averaged threshold along the last axis (range); see :func:`ca_factor`.
+
+    Parameters
+    ----------
+    power_v2 : ndarray, shape (..., N)
+        Cells of one exponential variable each.
+    window : RangeWindow
+        At the ends of the frame only the side that is there counts; a cell with fewer than four training cells is
+        never above.
+    pfa : float
+
+    Returns
+    -------
+    ndarray of bool, shape (..., N)
+    """
+    total = np.zeros(power_v2.shape, dtype=power_v2.dtype)
+    for here, there in _pairs(window, power_v2.shape[-1]):
+        total[..., here] += power_v2[..., there]
+    counts = training_counts(window, power_v2.shape[-1])
+    factor = [ca_factor(int(n), pfa) / n if n >= MIN_TRAINING else 0.0 for n in counts]
+    return np.asarray((power_v2 > total * np.array(factor, dtype=power_v2.dtype)) & (counts >= MIN_TRAINING))
+
+
+def os_mask(power_v2: Power, window: RangeWindow, pfa: float, *, rank_share: float) -> Mask:
+    """Cells above their ordered-statistic threshold along the last axis (range); see :func:`os_factor`.
+
+    A cell is above alpha times the k-th smallest training cell just when k of them are below its alpha-th part: they
+    are counted and never sorted.
+
+    Parameters
+    ----------
+    power_v2 : ndarray, shape (..., N)
+        Cells of one exponential variable each.
+    window : RangeWindow
+        Ends of the frame as for :func:`ca_mask`.
+    pfa : float
+    rank_share : float
+        k / N, rounded up to whole cells.
+
+    Returns
+    -------
+    ndarray of bool, shape (..., N)
+    """
+    counts = training_counts(window, power_v2.shape[-1])
+    ranks = np.maximum(np.ceil(rank_share * counts - 1e-9), 1).astype(int)
+    factor = [
+        os_factor(int(n), int(k), pfa) if n >= MIN_TRAINING else np.inf for n, k in zip(counts, ranks, strict=True)
+    ]
+    part = power_v2 / np.array(factor, dtype=power_v2.dtype)
+    below = np.zeros(power_v2.shape, dtype=np.uint16)
+    for here, there in _pairs(window, power_v2.shape[-1]):
+        below[..., here] += power_v2[..., there] < part[..., here]
+    return np.asarray(below >= ranks)
+
+
+def training_counts(window: RangeWindow, n_bins: int) -> npt.NDArray[np.int64]:
+    """Number of training cells of every range bin, fewer at the ends of the frame; shape (N,)."""
+    counts = np.zeros(n_bins, dtype=np.int64)
+    for here, _ in _pairs(window, n_bins):
+        counts[here] += 1
+    return counts
+
+
+def _pairs(window: RangeWindow, n_bins: int) -> Iterator[tuple[slice, slice]]:
+    """Slices of cells and of their training cells, distance by distance."""
+    for distance in window.distances:
+        if distance < n_bins:
+            near, far = slice(0, n_bins - distance), slice(distance, n_bins)
+            yield near, far
+            yield far, near

@@ -1,0 +1,260 @@
+"""Cells above the threshold -> clusters, one per body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+LIMB_SHARE = 0.3
+"""A limb away from its torso in Doppler has less than this share of the torso's power."""
+IN_PLANE = np.zeros((3, 3, 3), dtype=bool)
+IN_PLANE[1] = True
+"""Cells touch within a scan, diagonally too, and never from scan to scan."""
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Cells of clusters, one entry each.
+
+    Parameters
+    ----------
+    scan, doppler, range_bin : ndarray of int64, shape (C,)
+        Where.
+    cluster : ndarray of int64, shape (C,)
+        Which cluster, 0 and up; every number occurs.
+    """
+
+    scan: IntArray
+    doppler: IntArray
+    range_bin: IntArray
+    cluster: IntArray
+
+    @property
+    def n_clusters(self) -> int:
+        """Number of clusters."""
+        return int(self.cluster.max(initial=-1)) + 1
+
+    def regrouped(self, group: IntArray) -> Cells:
+        """The cells with clusters put together: cluster i becomes part of ``group[i]``, or goes where that is -1."""
+        wanted = group[self.cluster]
+        kept = wanted >= 0
+        _, numbers = np.unique(wanted[kept], return_inverse=True)
+        return Cells(self.scan[kept], self.doppler[kept], self.range_bin[kept], numbers.astype(np.int64))
+
+
+def find_clusters(mask: Mask, *, join_bins: int, join_doppler_bins: int) -> Cells:
+    """Connected groups of cells, after dilation; the Doppler axis is a ring.
+
+    Parameters
+    ----------
+    mask : ndarray of bool, shape (J, K, N)
+        Cells that may belong to a body.
+    join_bins, join_doppler_bins : int
+        Size of the dilating box along range and Doppler, odd: cells are joined when fewer bins than that lie between
+        them on each axis.
+
+    Returns
+    -------
+    Cells
+    """
+    from scipy import ndimage
+
+    grown = ndimage.maximum_filter1d(mask.view(np.uint8), join_bins, axis=2, mode="constant")
+    grown = ndimage.maximum_filter1d(grown, join_doppler_bins, axis=1, mode="wrap")
+    labels, count = ndimage.label(grown, structure=IN_PLANE)
+    scan, doppler, range_bin = np.nonzero(mask)
+    group = _around_the_ring(labels, count)
+    cells = Cells(scan, doppler, range_bin, group[labels[scan, doppler, range_bin]])
+    return cells.regrouped(np.arange(count + 1))
+
+
+def _around_the_ring(labels: npt.NDArray[np.signedinteger[Any]], count: int) -> IntArray:
+    """Number of the group of every label, where labels that meet across the ends of the Doppler axis are one."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    first, last = labels[:, 0], labels[:, -1]
+    both = (first > 0) & (last > 0)
+    if not both.any():
+        return np.arange(count + 1)
+    pairs = (first[both], last[both])
+    graph = coo_array((np.ones(pairs[0].size), pairs), shape=(count + 1, count + 1))
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+
+
+def only_bodies(
+    cells: Cells, peak: Mask, power_v2: npt.NDArray[np.floating[Any]], floor_v2: FloatArray, *, min_snr: float
+) -> Cells:
+    """Clusters that hold a peak, or whose cells have a sum of power over noise of at least ``min_snr``.
+
+    Parameters
+    ----------
+    cells : Cells
+    peak : ndarray of bool, shape (J, K, N)
+    power_v2 : ndarray, shape (J, K, N)
+    floor_v2 : ndarray, shape (N,)
+    min_snr : float
+    """
+    place = (cells.scan, cells.doppler, cells.range_bin)
+    snr = power_v2[place] / np.maximum(floor_v2[cells.range_bin], 1e-300)
+    kept = _sums(cells.cluster, snr, cells.n_clusters) >= min_snr
+    kept[cells.cluster[peak[place]]] = True
+    return cells.regrouped(np.where(kept, np.arange(kept.size), -1))
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What every cluster looks like; arrays of one value per cluster, positions in bins.
+
+    Parameters
+    ----------
+    scan : ndarray of int64
+    power, snr : ndarray
+        Sum of the cells' power above the noise, V^2, and over the noise of one cell.
+    range_bin, doppler_bin : ndarray
+        Power-weighted centre. Doppler bins may lie outside 0..K-1 where a cluster reaches round the ring.
+    range_spread, doppler_spread : ndarray
+        Power-weighted standard deviation about it.
+    range_box, doppler_box : ndarray, shape (n, 2)
+        Edges of the cells that hold all but the wanted share of the power on either side.
+    n_cells : ndarray of int64
+    """
+
+    scan: IntArray
+    power: FloatArray
+    snr: FloatArray
+    range_bin: FloatArray
+    doppler_bin: FloatArray
+    range_spread: FloatArray
+    doppler_spread: FloatArray
+    range_box: FloatArray
+    doppler_box: FloatArray
+    n_cells: IntArray
+
+
+def shape_of(
+    cells: Cells, power_v2: npt.NDArray[np.floating[Any]], floor_v2: FloatArray, *, box_quantile: float
+) -> Shape:
+    """Centre, box and power of every cluster.
+
+    Parameters
+    ----------
+    cells : Cells
+    power_v2 : ndarray, shape (J, K, N)
+    floor_v2 : ndarray, shape (N,)
+        Noise of a cell.
+    box_quantile : float
+        Share of the power left out on either side of a box.
+    """
+    n, (_, n_doppler, n_bins) = cells.n_clusters, power_v2.shape
+    level = power_v2[cells.scan, cells.doppler, cells.range_bin].astype(np.float64)
+    noise = floor_v2[cells.range_bin]
+    weight = np.maximum(level - noise, 1e-3 * level)
+    along_range = _profile(cells.cluster, cells.range_bin, weight, n, n_bins)
+    along_doppler = _profile(cells.cluster, cells.doppler, weight, n, n_doppler)
+    range_bin, range_spread, range_box = _moments(along_range, box_quantile)
+    start, unrolled = _unroll(along_doppler)
+    doppler_bin, doppler_spread, doppler_box = _moments(unrolled, box_quantile)
+    turns = n_doppler * np.floor((start + doppler_bin + 0.5) / n_doppler)
+    scan = np.zeros(n, dtype=np.int64)
+    scan[cells.cluster] = cells.scan
+    return Shape(
+        scan=scan,
+        power=_sums(cells.cluster, weight, n),
+        snr=_sums(cells.cluster, weight / np.maximum(noise, 1e-300), n),
+        range_bin=range_bin,
+        doppler_bin=start + doppler_bin - turns,
+        range_spread=range_spread,
+        doppler_spread=doppler_spread,
+        range_box=range_box,
+        doppler_box=doppler_box + (start - turns)[:, None],
+        n_cells=np.bincount(cells.cluster, minlength=n),
+    )
+
+
+def _profile(cluster: IntArray, place: IntArray, weight: FloatArray, n: int, size: int) -> FloatArray:
+    """Power of every cluster along one axis, shape (n, size)."""
+    return _sums(cluster * size + place, weight, n * size).reshape(n, size)
+
+
+def _sums(number: IntArray, weight: FloatArray, n: int) -> FloatArray:
+    """Sum of the weights of every number below n."""
+    return np.asarray(np.bincount(number, weight, n), dtype=np.float64)
+
+
+def _moments(profile: FloatArray, quantile: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Centre, standard deviation and edges of profiles of power, in bins."""
+    bins = np.arange(profile.shape[1])
+    share = profile / profile.sum(axis=1, keepdims=True)
+    centre = share @ bins
+    spread = np.sqrt(np.maximum(share @ bins**2 - centre**2, 0.0))
+    below = np.cumsum(share, axis=1)
+    low = (below <= quantile).sum(axis=1) - 0.5
+    high = (below < 1.0 - quantile - 1e-12).sum(axis=1) + 0.5
+    return centre, spread, np.stack([low, high], axis=1)
+
+
+def _unroll(profile: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Profiles around a ring, cut where they are emptiest: bin at which each now starts, and the profiles from there.
+
+    What does not reach both ends of the axis is left as it is.
+    """
+    start = np.zeros(profile.shape[0])
+    unrolled = profile.copy()
+    for row in np.flatnonzero((profile[:, 0] > 0) & (profile[:, -1] > 0)):
+        near = profile[row] + np.roll(profile[row], 1) + np.roll(profile[row], -1)
+        start[row] = np.argmin(near)
+        unrolled[row] = np.roll(profile[row], -int(start[row]))
+    return start, unrolled
+
+
+def merge_groups(shape: Shape, *, range_bins: float, gap_bins: float, limb_gap_bins: float, n_doppler: int) -> IntArray:
+    """For every cluster the one that it is part of: the strongest of its scan that it belongs to, or itself.
+
+    Parameters
+    ----------
+    shape : Shape
+    range_bins : float
+        Centres closer than this are near.
+    gap_bins : float
+        Largest gap between the Doppler boxes of near clusters that are one body, on the ring of ``n_doppler`` bins.
+    limb_gap_bins : float
+        Largest gap for one that is a limb: weaker by far, and moving the same way.
+    n_doppler : int
+
+    Returns
+    -------
+    ndarray of int64, one per cluster
+        Clusters do not chain: each is near the leader itself, so that a row of bodies stays several.
+    """
+    group = np.arange(shape.power.size)
+    order = np.lexsort((-shape.power, shape.scan))
+    still = n_doppler // 2
+    leaders: list[int] = []
+    for number in order:
+        if leaders and shape.scan[leaders[0]] != shape.scan[number]:
+            leaders = []
+        for leader in leaders:
+            gap = _ring_gap(shape.doppler_box[leader], shape.doppler_box[number], n_doppler)
+            same_way = (shape.doppler_bin[leader] - still) * (shape.doppler_bin[number] - still) > 0
+            is_limb = same_way and shape.power[number] < LIMB_SHARE * shape.power[leader]
+            near = abs(shape.range_bin[leader] - shape.range_bin[number]) < range_bins
+            if near and gap <= (limb_gap_bins if is_limb else gap_bins):
+                group[number] = leader
+                break
+        else:
+            leaders.append(int(number))
+    return group
+
+
+def _ring_gap(one: FloatArray, other: FloatArray, n_doppler: int) -> float:
+    """Gap between two intervals on a ring, in bins; negative or 0 where they meet."""
+    turns = n_doppler * np.arange(-1, 2)
+    return float(np.maximum(other[0] + turns - one[1], one[0] - other[1] - turns).min())

@@ -1,0 +1,101 @@
+"""How bodies are found in range-Doppler maps."""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from doppelgait.core.config import FrozenModel
+
+Threshold = Literal["noise_map", "os_cfar", "ca_cfar"]
+ClutterKind = Literal["none", "mean", "exponential", "mti"]
+
+
+class Detector(FrozenModel):
+    """Parameters of the detector; the defaults suit an impulse radar with cells of 5 cm that looks at people and dogs.
+
+    Parameters
+    ----------
+    method : {"noise_map", "os_cfar", "ca_cfar"}
+        What a cell is compared with: the noise floor of its range bin over time and Doppler, or the cells around it in
+        range at the same Doppler, ordered (OS) or averaged (CA).
+    clutter : {"none", "mean", "exponential", "mti"}
+        What is taken off first (:func:`doppelgait.processing.clutter.without_clutter`); harmless where the baseband has
+        been through it already.
+    cpi_s : float
+        Coherent processing interval of a scan T_d.
+    hop_s : float
+        Time from scan to scan.
+    window_steepness : float
+        sigma_w of the Gaussian window (E-23).
+    pfa : float
+        False-alarm probability of a cell that may belong to a body.
+    peak_pfa : float
+        That of a cell which makes a body of its cluster by itself: not above ``pfa``.
+    min_snr : float
+        A cluster without such a cell is a body too if the power of its cells over the noise of one adds up to this.
+        At 50 noise alone does so about 10 times a minute (1 kHz, 188 range bins, the other defaults), and
+        has a cell above ``peak_pfa`` as often.
+    dynamic_range_db : float
+        Cells this far below the strongest Doppler cell of the same range bin and scan are its side lobes (43.8 dB for
+        sigma_w = 0.4) and no body's.
+    slow_mps : float
+        Below this speed, the half width of a Doppler line, a cell is also compared with what is in it nearly all the
+        time (lower quartile of the scans), so that what is left of static clutter is no body. A body that keeps as
+        still for half of the recording or more goes with it. 0 to leave that out.
+    near_m : float
+        Range bins nearer than this hold the direct path between the antennas and are not looked at, unless there is
+        only one bin.
+    window_m, guard_m : float
+        Half length of the CFAR window in range, and how much of it next to the cell is left out: a body must fit into
+        the guard.
+    rank : float
+        Place of the ordered statistic among the cells of the window, as a share.
+    resolution_m : float
+        Cells of the CFAR window are taken this far apart, so that their noise is independent.
+    join_range_m, join_doppler_hz : float
+        Gaps up to this, in both axes, are bridged: the dilation before connected components.
+    merge_range_m : float
+        Clusters with centres closer than this in range, and Doppler boxes not further apart than
+        ``merge_velocity_mps``, are one body.
+    merge_velocity_mps : float
+        See ``merge_range_m``.
+    limb_velocity_mps : float
+        The same for a cluster that is much weaker and moves the same way: the foot that swings.
+    box_quantile : float
+        Share of a cluster's power left out on either side of its box.
+    min_cells : int
+        Fewest cells of a body.
+    """
+
+    method: Threshold = "noise_map"
+    clutter: ClutterKind = "mean"
+    cpi_s: float = Field(default=0.1, gt=0, le=10)
+    hop_s: float = Field(default=0.1, gt=0, le=10)
+    window_steepness: float = Field(default=0.4, gt=0, le=10)
+    pfa: float = Field(default=1e-3, gt=0, le=0.1)
+    peak_pfa: float = Field(default=1e-6, gt=0, le=0.1)
+    min_snr: float = Field(default=50.0, gt=0, le=1e9)
+    dynamic_range_db: float = Field(default=40.0, gt=0, le=200)
+    slow_mps: float = Field(default=0.5, ge=0, le=10)
+    near_m: float = Field(default=0.4, ge=0, le=1e4)
+    window_m: float = Field(default=2.0, gt=0, le=100)
+    guard_m: float = Field(default=0.75, ge=0, le=100)
+    rank: float = Field(default=0.6, gt=0, le=1)
+    resolution_m: float = Field(default=0.09, gt=0, le=10)
+    join_range_m: float = Field(default=0.36, ge=0, le=10)
+    join_doppler_hz: float = Field(default=55.0, ge=0, le=1e4)
+    merge_range_m: float = Field(default=0.8, ge=0, le=10)
+    merge_velocity_mps: float = Field(default=0.5, ge=0, le=20)
+    limb_velocity_mps: float = Field(default=3.0, ge=0, le=20)
+    box_quantile: float = Field(default=0.01, ge=0, lt=0.5)
+    min_cells: int = Field(default=2, ge=1, le=100_000)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.peak_pfa > self.pfa:
+            raise ValueError(f"peak_pfa {self.peak_pfa:g} must not be above pfa {self.pfa:g}")
+        if self.guard_m >= self.window_m:
+            raise ValueError(f"guard_m {self.guard_m:g} must be below window_m {self.window_m:g}")
+        return self

@@ -1,0 +1,130 @@
+"""Range-Doppler maps of a recording, scan by scan."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core.labels import axis, sampling_rate_hz
+from doppelgait.core.units import doppler_axis_hz, doppler_to_velocity_mps
+from doppelgait.processing.config import Analysis, Transform
+from doppelgait.processing.detect.config import Detector
+from doppelgait.processing.detect.noise_map import noise_map
+from doppelgait.processing.signature import plan_for
+
+FloatArray = npt.NDArray[np.float64]
+
+BLOCK_SCANS = 600
+"""Scans that share one noise map: a minute at 10 Hz."""
+TRANSFORM_SCANS = 64
+"""Scans that are transformed together, which keeps the complex spectra small."""
+
+
+@dataclass(frozen=True)
+class Maps:
+    """Range-Doppler maps of some scans, in power per cell: the mean of noise is its variance.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (J,)
+    doppler_hz, velocity_mps : ndarray, shape (K,)
+    range_m : ndarray, shape (N,)
+    power_v2 : ndarray of float32, shape (J, K, N)
+    floor_v2 : ndarray, shape (N,)
+        Noise floor of every range bin.
+    """
+
+    time_s: FloatArray
+    doppler_hz: FloatArray
+    velocity_mps: FloatArray
+    range_m: FloatArray
+    power_v2: npt.NDArray[np.float32]
+    floor_v2: FloatArray
+
+    @property
+    def bin_spacing_m(self) -> float:
+        """Distance of range bins; infinite for a radar without range resolution."""
+        size = self.range_m.size
+        return float(self.range_m[-1] - self.range_m[0]) / (size - 1) if size > 1 else math.inf
+
+    @property
+    def velocity_spacing_mps(self) -> float:
+        """Distance of Doppler bins as a velocity."""
+        return float(self.velocity_mps[1] - self.velocity_mps[0])
+
+
+def maps_of(baseband: xr.DataArray, settings: Detector, *, wavelength_m: float) -> Iterator[Maps]:
+    """Maps of a recording in blocks of about a minute, each with its own noise map.
+
+    Parameters
+    ----------
+    baseband : DataArray (slow_time, range)
+        Without static clutter.
+    settings : Detector
+    wavelength_m : float
+
+    Raises
+    ------
+    AnalysisError
+        If the recording is too short or too slow for a processing interval.
+    """
+    hop = max(1, round(settings.hop_s * sampling_rate_hz(axis(baseband, "slow_time"))))
+    analysis = Analysis(cpi_s=settings.cpi_s, hop=hop, window_steepness=settings.window_steepness)
+    transform, prf_hz = plan_for(baseband, analysis)
+    doppler_hz = doppler_axis_hz(transform.n_doppler_bins, prf_hz)
+    times_s = axis(baseband, "slow_time")[0] + transform.centre_pulses() / prf_hz
+    n_blocks = math.ceil(transform.n_columns / BLOCK_SCANS)
+    for scans in np.array_split(np.arange(transform.n_columns), n_blocks):
+        power = power_per_cell(baseband.values, transform, scans)
+        yield Maps(
+            time_s=times_s[scans],
+            doppler_hz=doppler_hz,
+            velocity_mps=doppler_to_velocity_mps(doppler_hz, wavelength_m),
+            range_m=axis(baseband, "range"),
+            power_v2=power,
+            floor_v2=noise_map(power),
+        )
+
+
+def power_per_cell(
+    values: npt.NDArray[np.complex64], transform: Transform, scans: npt.NDArray[np.int64]
+) -> npt.NDArray[np.float32]:
+    """Power of every range-Doppler cell of some scans over sum(w^2), so that white noise keeps its variance (E-24).
+
+    Parameters
+    ----------
+    values : ndarray, shape (I, N)
+    transform : Transform
+    scans : ndarray of int64, shape (J,)
+
+    Returns
+    -------
+    ndarray of float32, shape (J, K, N)
+        Doppler ascending, 0 at K // 2.
+    """
+    from scipy import fft
+
+    window = (transform.window / np.sqrt((transform.window**2).sum())).astype(np.float32)[:, None]
+    n_doppler, size = transform.n_doppler_bins, window.shape[0]
+    power = np.empty((scans.size, n_doppler, values.shape[1]), dtype=np.float32)
+    first_half = n_doppler - n_doppler // 2
+    for start in range(0, scans.size, TRANSFORM_SCANS):
+        part = scans[start : start + TRANSFORM_SCANS]
+        frames = np.zeros((part.size, n_doppler, values.shape[1]), dtype=np.complex64)
+        for row, pulse in enumerate(transform.first_pulse + transform.hop * part):
+            np.multiply(values[pulse : pulse + size], window, out=frames[row, :size])
+        spectrum = fft.fft(frames, axis=1, overwrite_x=True)
+        out = power[start : start + part.size]
+        _square(spectrum[:, :first_half], out[:, n_doppler // 2 :])
+        _square(spectrum[:, first_half:], out[:, : n_doppler // 2])
+    return power
+
+
+def _square(values: npt.NDArray[np.complex64], out: npt.NDArray[np.float32]) -> None:
+    np.multiply(values.real, values.real, out=out)
+    out += values.imag**2

@@ -1,0 +1,176 @@
+"""Baseband -> scans: range-Doppler maps at about 10 Hz, and the bodies found in each."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core.errors import AnalysisError
+from doppelgait.core.labels import BASEBAND, check_signal
+from doppelgait.core.units import db_to_power
+from doppelgait.processing.bursts import burst_pulses_of
+from doppelgait.processing.clutter import without_clutter
+from doppelgait.processing.detect.cfar import MIN_TRAINING, RangeWindow, ca_mask, os_mask, range_window, training_counts
+from doppelgait.processing.detect.cluster import Shape, find_clusters, merge_groups, only_bodies, shape_of
+from doppelgait.processing.detect.config import Detector
+from doppelgait.processing.detect.maps import Maps, maps_of
+from doppelgait.processing.detect.noise_map import noise_factor, residue_map
+from doppelgait.processing.detections import Detection, Scan
+
+FloatArray = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+RANGE_SD_M, RANGE_SPREAD_SHARE = 0.045, 0.3
+VELOCITY_SD_MPS, VELOCITY_SPREAD_SHARE = 0.05, 0.25
+"""Error of a centre: a part that is always there, and a share of the spread of its power (limbs come and go)."""
+NO_RANGE_SD_M = 1000.0
+"""Standard deviation of the range that a radar without range resolution measures: it says nothing."""
+
+
+def find_scans(baseband: xr.DataArray, settings: Detector | None = None, *, wavelength_m: float) -> list[Scan]:
+    """Bodies in every coherent processing interval of a recording.
+
+    Static clutter is taken off, range-Doppler maps are made (E-24), cells above the threshold are joined to clusters,
+    and clusters that are one body to one detection. A radar without range resolution (one range bin) gives one
+    detection per cluster in Doppler, with the range of its bin and a standard deviation of 1 km.
+
+    Parameters
+    ----------
+    baseband : DataArray (slow_time, range)
+        At a constant frame rate.
+    settings : Detector, optional
+    wavelength_m : float
+
+    Returns
+    -------
+    list of Scan
+        In the order of time; a scan without bodies has no detections. Velocities lie within +-lambda f_p / 4 and boxes
+        may reach beyond; who aliases is found at another velocity.
+
+    Raises
+    ------
+    AnalysisError
+        If the recording is in bursts, too short or too slow for a processing interval, or its range frame too short
+        for the CFAR window.
+    """
+    check_signal(baseband, BASEBAND)
+    chosen = settings or Detector()
+    if burst_pulses_of(baseband) is not None:
+        raise AnalysisError(
+            "bodies cannot be found yet in a recording that comes in bursts: a processing interval must not cross a "
+            "pause; give the range where the target is, --gate 1.2:2.8 (gate=(1.2, 2.8))"
+        )
+    still = without_clutter(baseband, kind=chosen.clutter)
+    return [scan for maps in maps_of(still, chosen, wavelength_m=wavelength_m) for scan in _scans_of(maps, chosen)]
+
+
+def _scans_of(maps: Maps, settings: Detector) -> list[Scan]:
+    mask, peak = detected_cells(maps, settings)
+    shape = _bodies(maps, mask, peak, settings)
+    found: list[list[Detection]] = [[] for _ in maps.time_s]
+    for number in range(shape.power.size):
+        found[shape.scan[number]].append(_detection(maps, shape, number))
+    return [Scan(float(t), tuple(detections)) for t, detections in zip(maps.time_s, found, strict=True)]
+
+
+def detected_cells(maps: Maps, settings: Detector) -> tuple[Mask, Mask]:
+    """Cells that may belong to a body, and the stronger ones that each body must have; both shape (J, K, N)."""
+    power = maps.power_v2
+    least = np.maximum(
+        power.max(axis=1, keepdims=True) * np.float32(1.0 / db_to_power(settings.dynamic_range_db)),
+        np.finfo(np.float32).tiny,
+    )
+    above = power > least
+    if maps.range_m.size > 1:
+        above &= maps.range_m >= settings.near_m
+    slow = np.abs(maps.velocity_mps) < settings.slow_mps
+    residue = residue_map(power[:, slow])
+    masks = []
+    for pfa in (settings.pfa, settings.peak_pfa):
+        mask = _threshold(maps, settings, pfa) & above
+        mask[:, slow] &= power[:, slow] > noise_factor(pfa) * residue
+        masks.append(mask)
+    return masks[0], masks[1] & masks[0]
+
+
+def _threshold(maps: Maps, settings: Detector, pfa: float) -> Mask:
+    if settings.method == "noise_map":
+        return np.asarray(maps.power_v2 > (noise_factor(pfa) * maps.floor_v2).astype(np.float32))
+    window = _window(maps, settings)
+    if settings.method == "os_cfar":
+        return os_mask(maps.power_v2, window, pfa, rank_share=settings.rank)
+    return ca_mask(maps.power_v2, window, pfa)
+
+
+def _window(maps: Maps, settings: Detector) -> RangeWindow:
+    """CFAR window in range bins; an :class:`AnalysisError` where some bins have hardly any training cells."""
+    window = range_window(
+        bin_spacing_m=maps.bin_spacing_m,
+        window_m=settings.window_m,
+        guard_m=settings.guard_m,
+        resolution_m=settings.resolution_m,
+    )
+    if training_counts(window, maps.range_m.size).min() < MIN_TRAINING:
+        raise AnalysisError(
+            f"method {settings.method!r} compares cells along range, and a frame of {maps.range_m.size} range bins "
+            f"holds no window from {settings.guard_m:g} to {settings.window_m:g} m; take method 'noise_map'"
+        )
+    return window
+
+
+def _bodies(maps: Maps, mask: Mask, peak: Mask, settings: Detector) -> Shape:
+    """Clusters put together to bodies."""
+    doppler_spacing_hz = float(maps.doppler_hz[1] - maps.doppler_hz[0])
+    cells = find_clusters(
+        mask,
+        join_bins=_odd(settings.join_range_m / maps.bin_spacing_m),
+        join_doppler_bins=_odd(settings.join_doppler_hz / doppler_spacing_hz),
+    )
+    cells = only_bodies(cells, peak, maps.power_v2, maps.floor_v2, min_snr=settings.min_snr)
+    shape = shape_of(cells, maps.power_v2, maps.floor_v2, box_quantile=settings.box_quantile)
+    group = merge_groups(
+        shape,
+        range_bins=settings.merge_range_m / maps.bin_spacing_m,
+        gap_bins=settings.merge_velocity_mps / maps.velocity_spacing_mps,
+        limb_gap_bins=settings.limb_velocity_mps / maps.velocity_spacing_mps,
+        n_doppler=maps.velocity_mps.size,
+    )
+    sizes = np.bincount(group, shape.n_cells, group.size)
+    cells = cells.regrouped(np.where(sizes[group] >= settings.min_cells, group, -1))
+    return shape_of(cells, maps.power_v2, maps.floor_v2, box_quantile=settings.box_quantile)
+
+
+def _odd(size_bins: float) -> int:
+    """The odd number next to a size, at least 3: touching cells are always joined."""
+    return max(3, 2 * round((size_bins - 1.0) / 2.0) + 1)
+
+
+def _detection(maps: Maps, shape: Shape, number: int) -> Detection:
+    to_m = maps.bin_spacing_m if maps.range_m.size > 1 else 0.0
+    to_mps = maps.velocity_spacing_mps
+    low_m, high_m = maps.range_m[0] + to_m * shape.range_box[number]
+    low_mps, high_mps = maps.velocity_mps[0] + to_mps * shape.doppler_box[number]
+    snr = max(float(shape.snr[number]), 1.0)
+    range_sd_m = _centre_sd(to_m * shape.range_spread[number], to_m, snr, RANGE_SD_M, RANGE_SPREAD_SHARE)
+    return Detection(
+        range_m=float(maps.range_m[0] + to_m * shape.range_bin[number]),
+        velocity_mps=float(maps.velocity_mps[0] + to_mps * shape.doppler_bin[number]),
+        power_v2=float(shape.power[number]),
+        range_sd_m=range_sd_m if to_m else NO_RANGE_SD_M,
+        velocity_sd_mps=_centre_sd(
+            to_mps * shape.doppler_spread[number], to_mps, snr, VELOCITY_SD_MPS, VELOCITY_SPREAD_SHARE
+        ),
+        range_low_m=float(low_m),
+        range_high_m=float(high_m),
+        velocity_low_mps=float(low_mps),
+        velocity_high_mps=float(high_mps),
+        n_cells=int(shape.n_cells[number]),
+    )
+
+
+def _centre_sd(spread: float, cell: float, snr: float, always: float, share: float) -> float:
+    """Standard deviation of a centre: constant, limbs that come and go, and noise on a cell's width (Cramer-Rao)."""
+    return math.sqrt(always**2 + (share * spread) ** 2 + cell**2 / snr)

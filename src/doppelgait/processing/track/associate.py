@@ -1,0 +1,156 @@
+"""Which detection belongs to which track: global nearest neighbour and joint probabilistic data association."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+
+MAX_EVENTS = 20_000
+"""Largest number of joint events that is enumerated; a cluster with more takes its best assignment."""
+
+
+class Associations(NamedTuple):
+    """Who gets what in one scan.
+
+    Parameters
+    ----------
+    assigned : ndarray of int, shape (T,)
+        Detection of each track in the single best assignment, -1 for none.
+    weights : ndarray, shape (T, D + 1)
+        Probability of each detection for each track; in the last column that of none. Rows sum to 1.
+    """
+
+    assigned: npt.NDArray[np.int64]
+    weights: FloatArray
+
+
+def gate_threshold(probability: float) -> float:
+    """Quantile of the chi-square distribution of two degrees of freedom: -2 ln(1 - P)."""
+    return -2.0 * math.log1p(-probability)
+
+
+def associate(
+    log_likelihood: FloatArray, *, detection_probability: float, gate_probability: float, clutter_density: float,
+    association: str = "auto",
+) -> Associations:  # fmt: skip
+    """Assign the detections of one scan to tracks.
+
+    Parameters
+    ----------
+    log_likelihood : ndarray, shape (T, D)
+        ln N(z_d; z_hat_t, S_t) where detection d lies in the gate of track t, -inf elsewhere.
+    detection_probability, gate_probability : float
+        P_D and P_G.
+    clutter_density : float
+        False detections per scan and unit of measurement space, in the unit that the densities are in.
+    association : {"auto", "gnn", "jpda"}
+        See :class:`doppelgait.processing.track.Tracker`.
+    """
+    tracks, detections = log_likelihood.shape
+    assigned = np.full(tracks, -1, dtype=np.int64)
+    weights = np.zeros((tracks, detections + 1))
+    weights[:, -1] = 1.0
+    gain = log_likelihood + math.log(detection_probability / clutter_density)  # of a hit, against clutter
+    miss = math.log1p(-detection_probability * gate_probability)
+    for rows, columns in clusters(np.isfinite(gain)):
+        part = gain[np.ix_(rows, columns)]
+        chosen = best_assignment(part, miss)
+        assigned[rows] = [columns[c] if c >= 0 else -1 for c in chosen]
+        shared = len(rows) > 1
+        soft = association == "jpda" or (association == "auto" and shared)
+        table = joint_probabilities(part, miss) if soft and _n_events(part) <= MAX_EVENTS else _hard(part, chosen)
+        weights[np.ix_(rows, [*columns, detections])] = table
+    return Associations(assigned, weights)
+
+
+def clusters(in_gate: npt.NDArray[np.bool_]) -> list[tuple[list[int], list[int]]]:
+    """Connected groups of tracks and detections; tracks without any detection are in none."""
+    wanted = {t: {d for d, inside in enumerate(row) if inside} for t, row in enumerate(in_gate.tolist())}
+    found: list[tuple[list[int], list[int]]] = []
+    for track, own in wanted.items():
+        if not own:
+            continue
+        rows, columns, rest = [track], set(own), []
+        for group in found:  # every group that shares a detection becomes one with this track
+            if columns.isdisjoint(group[1]):
+                rest.append(group)
+            else:
+                rows, columns = rows + group[0], columns.union(group[1])
+        found = [*rest, (sorted(rows), sorted(columns))]
+    return sorted(found)
+
+
+def best_assignment(gain: FloatArray, miss: float) -> list[int]:
+    """Assignment of the largest total gain (Hungarian method), -1 where a track is better left without.
+
+    Parameters
+    ----------
+    gain : ndarray, shape (T, D)
+        Log weight of each pair, -inf where not allowed.
+    miss : float
+        Log weight of a track without detection.
+    """
+    tracks, detections = gain.shape
+    if tracks == 1:
+        best = int(gain[0].argmax())
+        return [best if gain[0, best] > miss else -1]
+    from scipy.optimize import linear_sum_assignment
+
+    forbidden = np.full((tracks, tracks), -np.inf)
+    np.fill_diagonal(forbidden, miss)
+    padded = np.hstack([gain, forbidden])
+    # scipy refuses a matrix in which -inf leaves no complete assignment; here the misses always give one
+    _, columns = linear_sum_assignment(padded, maximize=True)
+    return [int(c) if c < detections else -1 for c in columns]
+
+
+def joint_probabilities(gain: FloatArray, miss: float) -> FloatArray:
+    """Marginal association probabilities over all joint events (Fortmann, Bar-Shalom, Scheffe 1983).
+
+    In an event every track takes one detection of its gate or none and no detection is taken twice; its weight is the
+    product of P_D N / lambda over the hits and of 1 - P_D P_G over the misses.
+
+    Parameters
+    ----------
+    gain : ndarray, shape (T, D)
+        ln(P_D N / lambda), -inf outside the gate.
+    miss : float
+        ln(1 - P_D P_G).
+
+    Returns
+    -------
+    ndarray, shape (T, D + 1)
+        Rows sum to 1; the last column is "none".
+    """
+    tracks, detections = gain.shape
+    finite = gain[np.isfinite(gain)]
+    top = max(float(finite.max()), miss) if finite.size else miss  # scale, so that nothing overflows
+    factors = np.hstack([np.exp(gain - top), np.full((tracks, 1), math.exp(miss - top))])
+    table = np.zeros((tracks, detections + 1))
+
+    def extend(track: int, taken: tuple[int, ...], weight: float) -> None:
+        if track == tracks:
+            table[range(tracks), taken] += weight
+            return
+        for column in np.flatnonzero(factors[track]):
+            if column == detections or column not in taken:
+                extend(track + 1, (*taken, int(column)), weight * factors[track, column])
+
+    extend(0, (), 1.0)
+    return np.asarray(table / table.sum(axis=1, keepdims=True))
+
+
+def _n_events(gain: FloatArray) -> float:
+    """Upper limit of the number of joint events."""
+    return float(np.prod(np.isfinite(gain).sum(axis=1) + 1.0))
+
+
+def _hard(gain: FloatArray, chosen: list[int]) -> FloatArray:
+    table = np.zeros((gain.shape[0], gain.shape[1] + 1))
+    table[range(len(chosen)), chosen] = 1.0  # -1 is the last column: none
+    return table

@@ -1,0 +1,188 @@
+"""Kalman filter of range and radial velocity, written out for two states, and its fixed-interval smoother.
+
+A body at range R with radial velocity v, positive when approaching, moves by dR/dt = -v. A detection measures both with
+independent errors, so the measurement matrix is the identity.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class Gaussian(NamedTuple):
+    """Mean and covariance of range and radial velocity."""
+
+    range_m: float
+    velocity_mps: float
+    range_m2: float
+    cross_m2ps: float
+    velocity_m2ps2: float
+
+
+class Model(NamedTuple):
+    """Motion over one interval: R -> R - carry_s v, v -> keep v, and the covariance of what is added."""
+
+    carry_s: float
+    keep: float
+    range_m2: float
+    cross_m2ps: float
+    velocity_m2ps2: float
+
+
+class Innovation(NamedTuple):
+    """Measured less predicted, its covariance, its normalised square and its log density."""
+
+    range_m: float
+    velocity_mps: float
+    range_m2: float
+    cross_m2ps: float
+    velocity_m2ps2: float
+    nis: float
+    log_likelihood: float
+
+
+def constant_velocity(interval_s: float, *, acceleration_noise_m2ps3: float) -> Model:
+    """Constant velocity disturbed by white acceleration of spectral density q.
+
+    The covariance is q [[dt^3/3, -dt^2/2], [-dt^2/2, dt]]; the sign is that of dR/dt = -v (Bar-Shalom, Li,
+    Kirubarajan, Estimation with Applications to Tracking and Navigation, section 6.2.2).
+    """
+    q, dt = acceleration_noise_m2ps3, interval_s
+    return Model(dt, 1.0, q * dt**3 / 3, -q * dt**2 / 2, q * dt)
+
+
+def resting(interval_s: float, *, time_constant_s: float, velocity_sd_mps: float) -> Model:
+    """A body that comes to rest and creeps about: its velocity is an Ornstein-Uhlenbeck process around 0.
+
+    Parameters
+    ----------
+    interval_s : float
+    time_constant_s : float
+        tau: v decays with exp(-dt/tau).
+    velocity_sd_mps : float
+        Standard deviation of v in the long run, s. With a = exp(-dt/tau) the added covariance is
+        s^2 [[tau^2 (2 dt/tau - 3 + 4 a - a^2), -tau (1 - a)^2], [-tau (1 - a)^2, 1 - a^2]].
+    """
+    tau, variance = time_constant_s, velocity_sd_mps**2
+    keep = math.exp(-interval_s / tau)
+    range_m2 = variance * tau**2 * (2 * interval_s / tau - 3 + 4 * keep - keep**2)
+    return Model(tau * (1 - keep), keep, range_m2, -variance * tau * (1 - keep) ** 2, variance * (1 - keep**2))
+
+
+def predict(state: Gaussian, model: Model) -> Gaussian:
+    """State after an interval: F x, F P F' + Q with F = [[1, -carry], [0, keep]]."""
+    carry, keep = model.carry_s, model.keep
+    return Gaussian(
+        state.range_m - carry * state.velocity_mps,
+        keep * state.velocity_mps,
+        state.range_m2 - 2 * carry * state.cross_m2ps + carry**2 * state.velocity_m2ps2 + model.range_m2,
+        keep * (state.cross_m2ps - carry * state.velocity_m2ps2) + model.cross_m2ps,
+        keep**2 * state.velocity_m2ps2 + model.velocity_m2ps2,
+    )
+
+
+def innovation(
+    predicted: Gaussian,
+    *,
+    range_m: float,
+    velocity_mps: float,
+    range_sd_m: float,
+    velocity_sd_mps: float,
+    velocity_span_mps: float | None = None,
+) -> Innovation:
+    """A measurement against the prediction.
+
+    Parameters
+    ----------
+    predicted : Gaussian
+    range_m, velocity_mps, range_sd_m, velocity_sd_mps : float
+        Measurement and its standard deviations.
+    velocity_span_mps : float, optional
+        Unambiguous velocity lambda f_p / 2: the difference is taken modulo this, nearest to 0.
+    """
+    y_r, y_v = range_m - predicted.range_m, velocity_mps - predicted.velocity_mps
+    if velocity_span_mps is not None:
+        y_v -= velocity_span_mps * round(y_v / velocity_span_mps)
+    s_rr, s_rv = predicted.range_m2 + range_sd_m**2, predicted.cross_m2ps
+    s_vv = predicted.velocity_m2ps2 + velocity_sd_mps**2
+    determinant = s_rr * s_vv - s_rv**2
+    nis = (y_r**2 * s_vv - 2 * y_r * y_v * s_rv + y_v**2 * s_rr) / determinant
+    return Innovation(y_r, y_v, s_rr, s_rv, s_vv, nis, -0.5 * (nis + math.log(determinant)) - math.log(2 * math.pi))
+
+
+def update(predicted: Gaussian, measured: Innovation) -> Gaussian:
+    """State after a measurement: x + K y, K = P S^-1; as H = I, the covariance is K times that of the measurement."""
+    p_rr, p_rv, p_vv = predicted.range_m2, predicted.cross_m2ps, predicted.velocity_m2ps2
+    s_rr, s_rv, s_vv = measured.range_m2, measured.cross_m2ps, measured.velocity_m2ps2
+    determinant = s_rr * s_vv - s_rv**2
+    k_rr, k_rv = (p_rr * s_vv - p_rv * s_rv) / determinant, (p_rv * s_rr - p_rr * s_rv) / determinant
+    k_vr, k_vv = (p_rv * s_vv - p_vv * s_rv) / determinant, (p_vv * s_rr - p_rv * s_rv) / determinant
+    return Gaussian(
+        predicted.range_m + k_rr * measured.range_m + k_rv * measured.velocity_mps,
+        predicted.velocity_mps + k_vr * measured.range_m + k_vv * measured.velocity_mps,
+        k_rr * (s_rr - p_rr),
+        k_rv * (s_vv - p_vv),
+        k_vv * (s_vv - p_vv),
+    )
+
+
+def mixture(states: Sequence[Gaussian], weights: Sequence[float]) -> Gaussian:
+    """The Gaussian with the mean and covariance of a mixture; weights sum to 1."""
+    r = sum(w * s.range_m for w, s in zip(weights, states, strict=True))
+    v = sum(w * s.velocity_mps for w, s in zip(weights, states, strict=True))
+    rr = rv = vv = 0.0
+    for w, s in zip(weights, states, strict=True):
+        d_r, d_v = s.range_m - r, s.velocity_mps - v
+        rr += w * (s.range_m2 + d_r * d_r)
+        rv += w * (s.cross_m2ps + d_r * d_v)
+        vv += w * (s.velocity_m2ps2 + d_v * d_v)
+    return Gaussian(r, v, rr, rv, vv)
+
+
+def smooth(filtered: Sequence[Gaussian], predicted: Sequence[Gaussian], models: Sequence[Model]) -> list[Gaussian]:
+    """Fixed-interval smoother of Rauch, Tung and Striebel (AIAA J. 3, 1965, 1445).
+
+    Parameters
+    ----------
+    filtered : sequence of Gaussian, length n
+        States after each scan.
+    predicted : sequence of Gaussian, length n
+        States before each scan; the first is not used.
+    models : sequence of Model, length n
+        Model that led to each prediction; the first is not used.
+
+    Returns
+    -------
+    list of Gaussian, length n
+        States given all scans; the last is the filtered one.
+    """
+    states = list(filtered)
+    for n in range(len(states) - 2, -1, -1):
+        states[n] = _one_back(filtered[n], predicted[n + 1], models[n + 1], states[n + 1])
+    return states
+
+
+def _one_back(filtered: Gaussian, predicted: Gaussian, model: Model, after: Gaussian) -> Gaussian:
+    """One step of the smoother: x + C (x_after - x_predicted), P + C (P_after - P_predicted) C', C = P F' P_pred^-1."""
+    transition = np.array([[1.0, -model.carry_s], [0.0, model.keep]])
+    before_cov, predicted_cov = covariance(filtered), covariance(predicted)
+    determinant = predicted.range_m2 * predicted.velocity_m2ps2 - predicted.cross_m2ps**2
+    adjugate = np.array(
+        [[predicted.velocity_m2ps2, -predicted.cross_m2ps], [-predicted.cross_m2ps, predicted.range_m2]]
+    )
+    gain = before_cov @ transition.T @ adjugate / determinant
+    mean = np.array(filtered[:2]) + gain @ (np.array(after[:2]) - np.array(predicted[:2]))
+    cov = before_cov + gain @ (covariance(after) - predicted_cov) @ gain.T
+    return Gaussian(float(mean[0]), float(mean[1]), float(cov[0, 0]), float(cov[0, 1]), float(cov[1, 1]))
+
+
+def covariance(state: Gaussian) -> FloatArray:
+    """Covariance matrix, shape (2, 2)."""
+    return np.array([[state.range_m2, state.cross_m2ps], [state.cross_m2ps, state.velocity_m2ps2]])

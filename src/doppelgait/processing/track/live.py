@@ -1,0 +1,186 @@
+"""A track while it is followed: its history scan by scan, and what a finished one looks like."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.processing.detections import Detection
+from doppelgait.processing.track.config import Tracker
+from doppelgait.processing.track.kalman import Gaussian, Model, smooth
+
+FloatArray = npt.NDArray[np.float64]
+
+BOX_MEMORY = 0.9
+"""Forgetting factor of the extent per detection."""
+NIS_EXPECTED = 2.0
+"""Mean of the normalised innovation squared of a consistent filter with two measurements."""
+
+MEASURED, SHARED, MISSED = "measured", "shared", "missed"
+
+
+class Step(NamedTuple):
+    """One scan of a track: ``box`` holds the detection's limits less its centre (range low, high; velocity ...)."""
+
+    time_s: float
+    model: Model
+    predicted: Gaussian
+    filtered: Gaussian
+    outcome: str
+    nis: float = float("nan")
+    box: tuple[float, float, float, float] | None = None
+    power_v2: float = float("nan")
+
+
+@dataclass(eq=False)
+class Live:
+    """A track that is being followed; of one ``family`` are those started by the same detection."""
+
+    steps: list[Step]
+    family: int
+    hits: int = 0
+    confirmed_at_s: float | None = None
+    twin_since_s: float | None = None
+    last_sign_s: float = float("-inf")
+    last_own: Step = field(init=False)
+    last_speed_mps: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Count the first detection."""
+        self.hits, self.last_own, self.last_sign_s = 1, self.steps[0], self.steps[0].time_s
+        self.last_speed_mps = self.state.velocity_mps
+
+    @property
+    def state(self) -> Gaussian:
+        """State after the last scan."""
+        return self.steps[-1].filtered
+
+    def add(self, step: Step, *, share_s: float) -> None:
+        """Put a scan to the history; a shared detection is a sign of life for a while after the last own one."""
+        again = self.steps[-1].outcome == MEASURED
+        self.steps.append(step)
+        if step.outcome == MEASURED:
+            self.hits, self.last_own = self.hits + 1, step
+            self.last_speed_mps = step.filtered.velocity_mps if again else self.last_speed_mps
+        if step.outcome == MEASURED or (step.outcome == SHARED and step.time_s - self.last_own.time_s <= share_s):
+            self.last_sign_s = step.time_s
+
+    def is_slow(self, settings: Tracker) -> bool:
+        """Whether the body was slow enough when last seen to have come to rest since.
+
+        A single detection between misses does not change what was known: it may be clutter in a grown gate.
+        """
+        return abs(self.last_speed_mps) < settings.rest_speed_mps
+
+
+@dataclass(frozen=True)
+class Track:
+    """One body over time, from its first to its last detection, smoothed over all of them.
+
+    Parameters
+    ----------
+    times_s : ndarray, shape (T,)
+        Scans.
+    range_m, velocity_mps : ndarray, shape (T,)
+        Smoothed; velocity positive when approaching.
+    range_sd_m, velocity_sd_mps : ndarray, shape (T,)
+        Their standard deviations.
+    measured : ndarray of bool, shape (T,)
+        Scans with a detection of its own.
+    shared : ndarray of bool, shape (T,)
+        Scans in which it was inside another body's detection.
+    range_low_m, range_high_m, velocity_low_mps, velocity_high_mps : ndarray, shape (T,)
+        Extent: the boxes of its detections, filtered with forgetting, about the smoothed centre.
+    confirmed_at_s : float
+        When a tracker that runs along would have said so.
+    mean_nis : float
+        Mean normalised innovation squared; about 2 for a consistent filter.
+    mean_power_v2 : float
+        Mean power of its detections.
+    """
+
+    times_s: FloatArray
+    range_m: FloatArray
+    velocity_mps: FloatArray
+    range_sd_m: FloatArray
+    velocity_sd_mps: FloatArray
+    measured: npt.NDArray[np.bool_]
+    shared: npt.NDArray[np.bool_]
+    range_low_m: FloatArray
+    range_high_m: FloatArray
+    velocity_low_mps: FloatArray
+    velocity_high_mps: FloatArray
+    confirmed_at_s: float
+    mean_nis: float
+    mean_power_v2: float
+
+    @property
+    def first_s(self) -> float:
+        """Time of the first detection."""
+        return float(self.times_s[0])
+
+    @property
+    def last_s(self) -> float:
+        """Time of the last detection."""
+        return float(self.times_s[-1])
+
+    @property
+    def detected_share(self) -> float:
+        """Share of its scans with a detection of its own; those inside another body's detection do not count."""
+        return float(self.measured.sum() / np.count_nonzero(~self.shared | self.measured))
+
+    @property
+    def confidence(self) -> float:
+        """From 0 to 1: ``detected_share``, times 2 / ``mean_nis`` where the detections jump more than expected."""
+        surprise = self.mean_nis / NIS_EXPECTED if np.isfinite(self.mean_nis) else 1.0
+        return self.detected_share / max(1.0, surprise)
+
+
+def finished(live: Live) -> Track:
+    """The track of a confirmed :class:`Live`, cut after its last own detection and smoothed."""
+    stop = max(n for n, step in enumerate(live.steps) if step.outcome == MEASURED) + 1
+    steps = live.steps[:stop]
+    states = np.array(smooth([s.filtered for s in steps], [s.predicted for s in steps], [s.model for s in steps]))
+    boxes = states[:, [0, 0, 1, 1]] + _filtered_boxes(steps)
+    innovations = [s.nis for s in steps if np.isfinite(s.nis)]
+    assert live.confirmed_at_s is not None
+    return Track(
+        times_s=np.array([s.time_s for s in steps]),
+        range_m=states[:, 0],
+        velocity_mps=states[:, 1],
+        range_sd_m=np.sqrt(states[:, 2]),
+        velocity_sd_mps=np.sqrt(states[:, 4]),
+        measured=np.array([s.outcome == MEASURED for s in steps]),
+        shared=np.array([s.outcome == SHARED for s in steps]),
+        range_low_m=boxes[:, 0],
+        range_high_m=boxes[:, 1],
+        velocity_low_mps=boxes[:, 2],
+        velocity_high_mps=boxes[:, 3],
+        confirmed_at_s=live.confirmed_at_s,
+        mean_nis=float(np.mean(innovations)) if innovations else float("nan"),
+        mean_power_v2=float(np.mean([s.power_v2 for s in steps if s.outcome == MEASURED])),
+    )
+
+
+def _filtered_boxes(steps: list[Step]) -> FloatArray:
+    """Box about the centre, shape (T, 4): weighted mean of those so far, each worth 0.9 times its follower."""
+    boxes = np.zeros((len(steps), 4))
+    total, weight = np.zeros(4), 0.0
+    for n, step in enumerate(steps):
+        if step.box is not None:
+            total, weight = BOX_MEMORY * total + np.array(step.box), BOX_MEMORY * weight + 1.0
+        boxes[n] = total / weight
+    return boxes
+
+
+def box_of(detection: Detection) -> tuple[float, float, float, float]:
+    """Limits of a detection less its centre."""
+    return (
+        detection.range_low_m - detection.range_m,
+        detection.range_high_m - detection.range_m,
+        detection.velocity_low_mps - detection.velocity_mps,
+        detection.velocity_high_mps - detection.velocity_mps,
+    )

@@ -1,0 +1,202 @@
+"""How well tracks agree with a reference: OSPA, GOSPA, overlap of gates, purity and identity switches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core.labels import axis
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class Gospa(NamedTuple):
+    """GOSPA at one moment; ``distance`` is the p-th root of the sum of the other parts."""
+
+    distance: float
+    localisation: float
+    missed: float
+    false: float
+    n_missed: int
+    n_false: int
+
+
+def ospa(found: npt.ArrayLike, reference: npt.ArrayLike, *, cutoff: float = 1.0, order: float = 2.0) -> float:
+    """Optimal subpattern assignment distance (Schuhmacher, Vo, Vo, IEEE Trans. Signal Process. 56, 2008, 3447).
+
+    Parameters
+    ----------
+    found, reference : array_like, shape (M,) and (N,), or (M, D) and (N, D)
+        Points; NaN rows are left out.
+    cutoff : float
+        c, in the unit of the points.
+    order : float
+        p, 1 or more.
+
+    Returns
+    -------
+    float
+        ((min over assignments of sum min(d, c)^p + c^p |M - N|) / max(M, N))^(1/p); 0 for two empty sets.
+    """
+    a, b = _points(found), _points(reference)
+    n = max(len(a), len(b))
+    if n == 0:
+        return 0.0
+    near = np.minimum(_distances(a, b), cutoff) ** order
+    rows, columns = _assign(near)
+    total = near[rows, columns].sum() + cutoff**order * (n - len(rows))
+    return float((total / n) ** (1 / order))
+
+
+def gospa(found: npt.ArrayLike, reference: npt.ArrayLike, *, cutoff: float = 1.0, order: float = 2.0) -> Gospa:
+    """Generalised OSPA with alpha = 2 (Rahmathullah, Garcia-Fernandez, Svensson, FUSION 2017, Proposition 1).
+
+    Parameters
+    ----------
+    found, reference, cutoff, order
+        As in :func:`ospa`.
+
+    Returns
+    -------
+    Gospa
+        ``localisation`` is sum d^p over the pairs nearer than the cutoff, ``missed`` and ``false`` are c^p/2 for every
+        point without partner.
+    """
+    a, b = _points(found), _points(reference)
+    near = np.minimum(_distances(a, b), cutoff) ** order
+    rows, columns = _assign(near)
+    pairs = near[rows, columns]
+    pairs = pairs[pairs < cutoff**order]
+    n_missed, n_false = len(b) - len(pairs), len(a) - len(pairs)
+    half = cutoff**order / 2
+    localisation = float(pairs.sum())
+    total = localisation + half * (n_missed + n_false)
+    return Gospa(total ** (1 / order), localisation, half * n_missed, half * n_false, n_missed, n_false)
+
+
+def range_iou(gate: xr.Dataset, reference: xr.Dataset) -> FloatArray:
+    """Intersection over union of the ranges of two gates at each time of the reference.
+
+    Returns
+    -------
+    ndarray, shape (T,)
+        0 where the gate has not started or has ended.
+    """
+    times_s, own_s = axis(reference, "time"), axis(gate, "time")
+    low, high = (np.interp(times_s, own_s, gate[name].values) for name in ("range_low", "range_high"))
+    ref_low, ref_high = reference["range_low"].values, reference["range_high"].values
+    both = np.maximum(np.minimum(high, ref_high) - np.maximum(low, ref_low), 0.0)
+    either = (high - low) + (ref_high - ref_low) - both
+    inside = (times_s >= own_s[0] - 1e-9) & (times_s <= own_s[-1] + 1e-9)
+    return np.asarray(np.where(inside, both / either, 0.0))
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Tracks against reference tracks over all times.
+
+    Parameters
+    ----------
+    gospa, ospa : float
+        Mean over time.
+    rms : float
+        Of the matched pairs' distances.
+    completeness : ndarray, shape (N,)
+        Share of each reference track's time that is matched.
+    purity : ndarray, shape (M,)
+        Largest share of each track's time that is matched with one and the same reference; below a half, the track is
+        false.
+    owner : ndarray of int, shape (M,)
+        That reference; -1 for a track that is never matched.
+    switches : int
+        How often a reference track changes the track that it is matched with.
+    first_match : ndarray of int, shape (N,)
+        Time index of each reference's first match; -1 for none.
+    """
+
+    gospa: float
+    ospa: float
+    rms: float
+    completeness: FloatArray
+    purity: FloatArray
+    owner: npt.NDArray[np.int64]
+    switches: int
+    first_match: npt.NDArray[np.int64]
+
+
+def agreement(found: npt.ArrayLike, reference: npt.ArrayLike, *, cutoff: float = 1.0, order: float = 2.0) -> Agreement:
+    """Compare tracks with reference tracks.
+
+    Parameters
+    ----------
+    found : array_like, shape (T, M)
+        One value (a range) per time and track; NaN where a track is not.
+    reference : array_like, shape (T, N)
+        The same for what is compared with.
+    cutoff, order : float
+        As in :func:`ospa`; no pair further apart than the cutoff is matched.
+    """
+    tracks, truths = (np.atleast_2d(np.asarray(values, dtype=float)) for values in (found, reference))
+    matches = np.full(truths.shape, -1, dtype=np.int64)
+    before: dict[int, int] = {}
+    for t in range(len(truths)):
+        pairs = _matched(tracks[t], truths[t], cutoff=cutoff, order=order, before=before)
+        before.update(pairs)
+        for truth, own in pairs.items():
+            matches[t, truth] = own
+    errors = [tracks[t, own] - truths[t, n] for (t, n), own in np.ndenumerate(matches) if own >= 0]
+    present, lasting = np.isfinite(truths).sum(axis=0), np.isfinite(tracks).sum(axis=0)
+    moments = list(zip(tracks, truths, strict=True))
+    counts = np.array([[(column == m).sum() for m in range(tracks.shape[1])] for column in matches.T])
+    counts = np.vstack([np.zeros(tracks.shape[1]), counts.reshape(truths.shape[1], tracks.shape[1])])
+    return Agreement(
+        gospa=float(np.mean([gospa(a, b, cutoff=cutoff, order=order).distance for a, b in moments])),
+        ospa=float(np.mean([ospa(a, b, cutoff=cutoff, order=order) for a, b in moments])),
+        rms=float(np.sqrt(np.mean(np.square(errors)))) if errors else float("nan"),
+        completeness=(matches >= 0).sum(axis=0) / np.maximum(present, 1),
+        purity=counts.max(axis=0) / np.maximum(lasting, 1),
+        owner=counts.argmax(axis=0) - 1,
+        switches=sum(_changes(column[column >= 0]) for column in matches.T),
+        first_match=np.where((matches >= 0).any(axis=0), (matches >= 0).argmax(axis=0), -1),
+    )
+
+
+def _matched(
+    tracks: FloatArray, truths: FloatArray, *, cutoff: float, order: float, before: dict[int, int]
+) -> dict[int, int]:
+    """Track of each reference at one time; pairs of before stay together while they are near (as in CLEAR MOT)."""
+    cost = np.abs(tracks[:, None] - truths[None, :])
+    kept = {n: m for n, m in before.items() if cost[m, n] < cutoff}
+    rest_n = [n for n in range(truths.size) if n not in kept and np.isfinite(truths[n])]
+    rest_m = [m for m in range(tracks.size) if m not in kept.values() and np.isfinite(tracks[m])]
+    near = np.minimum(cost[np.ix_(rest_m, rest_n)], cutoff) ** order
+    rows, columns = _assign(near)
+    new = {rest_n[c]: rest_m[r] for r, c in zip(rows, columns, strict=True) if near[r, c] < cutoff**order}
+    return {**kept, **new}
+
+
+def _changes(sequence: npt.NDArray[np.int64]) -> int:
+    return int(np.count_nonzero(np.diff(sequence)))
+
+
+def _points(values: npt.ArrayLike) -> FloatArray:
+    points = np.asarray(values, dtype=float)
+    points = points.reshape(len(points), -1) if points.size else np.zeros((0, 1))
+    return points[np.isfinite(points).all(axis=1)]
+
+
+def _distances(a: FloatArray, b: FloatArray) -> FloatArray:
+    if not (len(a) and len(b)):
+        return np.zeros((len(a), len(b)))
+    return np.asarray(np.linalg.norm(a[:, None, :] - b[None, :, :], axis=-1))
+
+
+def _assign(cost: FloatArray) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    from scipy.optimize import linear_sum_assignment
+
+    rows, columns = linear_sum_assignment(cost)
+    return rows, columns

@@ -1,0 +1,321 @@
+"""From scans to tracks: start, confirm, follow, pass each other, rest, end."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from doppelgait.core.errors import AnalysisError
+from doppelgait.processing.detections import Detection, Scan
+from doppelgait.processing.track import kalman
+from doppelgait.processing.track.associate import Associations, associate, gate_threshold
+from doppelgait.processing.track.config import Tracker
+from doppelgait.processing.track.kalman import Gaussian, Innovation, Model
+from doppelgait.processing.track.live import MEASURED, MISSED, SHARED, Live, Step, Track, box_of, finished
+
+LEAST_SPAN_MPS = 2.0
+"""A radar whose unambiguous velocities span less tells nothing of a walker's velocity."""
+NO_VELOCITY_SD_MPS = 3.0
+"""Standard deviation of a velocity that is not told: about 0, as fast as people and pets go."""
+BOX_MARGIN_M = 0.2
+BOX_MARGIN_MPS = 0.3
+TWIN_RANGE_M = 0.4
+TWIN_VELOCITY_MPS = 0.4
+
+
+def track(
+    scans: Sequence[Scan], settings: Tracker | None = None, *, velocity_span_mps: float | None = None
+) -> list[Track]:
+    """Follow bodies through the detections of a recording.
+
+    A Kalman filter of range and radial velocity per body, joint association, smoothing at the end. Nothing else is
+    known of a body than its detections; all of them are treated alike.
+
+    Parameters
+    ----------
+    scans : sequence of Scan
+        In the order of time; about ten a second.
+    settings : Tracker, optional
+        The defaults of :class:`Tracker`.
+    velocity_span_mps : float, optional
+        Unambiguous velocity lambda f_p / 2, above 0. Where it is below 16 m/s or so the velocities of fast bodies are
+        folded: a track is then started for every unfolded velocity and the one that the ranges follow survives. Below
+        2 m/s velocities are not used. By default they are taken as they are.
+
+    Returns
+    -------
+    list of Track
+        In the order of their first detection; empty where nothing was confirmed.
+
+    Raises
+    ------
+    AnalysisError
+        If times do not rise, or a detection is not finite.
+    """
+    options = settings or Tracker()
+    _check(scans)
+    if velocity_span_mps is not None and velocity_span_mps < LEAST_SPAN_MPS:
+        scans, velocity_span_mps = [_without_velocity(scan) for scan in scans], None
+    live: list[Live] = []
+    ended: list[Live] = []
+    family = itertools.count()
+    for scan in scans:
+        live = _after_scan(live, scan, options, velocity_span_mps)
+        for new in _starts(live, scan, options, velocity_span_mps):
+            number = next(family)
+            live += [Live([step], number) for step in new]
+        _confirm(live, scan.time_s, options)
+        over = [one for one in live if _is_over(one, live, scan.time_s, options)]
+        ended += over
+        live = [one for one in live if one not in over]
+    return _chosen([one for one in [*ended, *live] if one.confirmed_at_s is not None], options)
+
+
+def _check(scans: Sequence[Scan]) -> None:
+    times_s = np.array([scan.time_s for scan in scans])
+    if not (np.isfinite(times_s).all() and (np.diff(times_s) > 0).all()):
+        raise AnalysisError("scans must be in the order of time, one at a time; sort them by time_s")
+    for scan in scans:
+        for d in scan.detections:
+            values = (d.range_m, d.velocity_mps, d.range_sd_m, d.velocity_sd_mps)
+            if not (all(map(math.isfinite, values)) and d.range_sd_m > 0 and d.velocity_sd_mps > 0):
+                raise AnalysisError(
+                    f"detection at {scan.time_s:g} s: range {d.range_m:g} m, velocity {d.velocity_mps:g} m/s with "
+                    f"standard deviations {d.range_sd_m:g} m and {d.velocity_sd_mps:g} m/s; all must be finite, "
+                    "standard deviations above 0 (a radar without range cannot be tracked in range)"
+                )
+
+
+def _without_velocity(scan: Scan) -> Scan:
+    blind = tuple(
+        Detection(d.range_m, 0.0, d.power_v2, d.range_sd_m, NO_VELOCITY_SD_MPS, d.range_low_m, d.range_high_m,
+                  -NO_VELOCITY_SD_MPS, NO_VELOCITY_SD_MPS, d.n_cells)
+        for d in scan.detections
+    )  # fmt: skip
+    return Scan(scan.time_s, blind)
+
+
+def _after_scan(live: list[Live], scan: Scan, options: Tracker, span_mps: float | None) -> list[Live]:
+    """Predict, associate and update every track; the confirmed ones choose first."""
+    free = list(scan.detections)
+    groups = (
+        [one for one in live if one.confirmed_at_s is not None],
+        [one for one in live if one.confirmed_at_s is None],
+    )
+    for confirmed, group in zip((True, False), groups, strict=True):
+        if not group:
+            continue
+        models = [_model(one, scan.time_s, options) for one in group]
+        predictions = [kalman.predict(one.state, model) for one, model in zip(group, models, strict=True)]
+        measured = [[_innovation(p, d, options, span_mps) for d in free] for p in predictions]
+        chosen = _associate(measured, options, "gnn" if not confirmed else options.association)
+        steps = [
+            _step(scan.time_s, models[n], predictions[n], free, measured[n], chosen, n, options)
+            for n in range(len(group))
+        ]
+        if confirmed:
+            steps = _second_chance(steps, chosen, free, options, span_mps)
+        for one, step in zip(group, steps, strict=True):
+            one.add(step, share_s=options.share_s)
+        taken = {int(d) for d in chosen.assigned if d >= 0}
+        free = [d for n, d in enumerate(free) if n not in taken]
+    return live
+
+
+def _model(one: Live, time_s: float, options: Tracker) -> Model:
+    """Motion to the next scan: constant velocity, or rest for a body that was slow and is not seen any more."""
+    interval_s = time_s - one.steps[-1].time_s
+    if one.confirmed_at_s is not None and one.steps[-1].outcome == MISSED and one.is_slow(options):
+        return kalman.resting(
+            interval_s,
+            time_constant_s=options.rest_time_constant_s,
+            velocity_sd_mps=options.rest_velocity_sd_mps,
+        )
+    return kalman.constant_velocity(interval_s, acceleration_noise_m2ps3=options.acceleration_noise_m2ps3)
+
+
+def _innovation(predicted: Gaussian, d: Detection, options: Tracker, span_mps: float | None) -> Innovation:
+    return kalman.innovation(
+        predicted,
+        range_m=d.range_m,
+        velocity_mps=d.velocity_mps,
+        range_sd_m=max(d.range_sd_m, options.range_sd_min_m),
+        velocity_sd_mps=max(d.velocity_sd_mps, options.velocity_sd_min_mps),
+        velocity_span_mps=span_mps,
+    )
+
+
+def _associate(measured: list[list[Innovation]], options: Tracker, association: str) -> Associations:
+    limit = gate_threshold(options.gate_probability)
+    table = [[i.log_likelihood if i.nis <= limit else -math.inf for i in row] for row in measured]
+    return associate(
+        np.array(table, dtype=float).reshape(len(measured), len(measured[0]) if measured else 0),
+        detection_probability=options.detection_probability,
+        gate_probability=options.gate_probability,
+        clutter_density=options.clutter_per_m_mps,
+        association=association,
+    )
+
+
+def _step(
+    time_s: float, model: Model, predicted: Gaussian, detections: list[Detection], measured: list[Innovation],
+    chosen: Associations, number: int, options: Tracker,
+) -> Step:  # fmt: skip
+    """One track after one scan; the best assignment says whose a detection is, the weights what it does."""
+    own, weights = int(chosen.assigned[number]), chosen.weights[number]
+    parts = [(kalman.update(predicted, measured[d]), weights[d]) for d in np.flatnonzero(weights[:-1])]
+    if weights[-1] > 0:
+        parts.append((predicted, weights[-1]))
+    state = parts[0][0] if len(parts) == 1 else kalman.mixture(*zip(*parts, strict=True))
+    if own < 0:
+        return Step(time_s, model, predicted, state, SHARED if len(parts) > 1 else MISSED)
+    detection = detections[own]
+    return Step(
+        time_s, model, predicted, state, MEASURED, measured[own].nis, box_of(detection), detection.power_v2
+    )  # fmt: skip
+
+
+def _second_chance(
+    steps: list[Step], chosen: Associations, detections: list[Detection], options: Tracker, span_mps: float | None
+) -> list[Step]:
+    """Tracks inside the box of a detection that is not theirs.
+
+    A box that nobody took and that holds one track alone is this body after all, its centre drawn aside by a limb.
+    A box that holds several tracks, one of them without a detection of its own, is that of bodies that pass each other:
+    its centre is nobody's, and every one of them is measured only as well as the box is wide.
+    """
+    inside = {m: [n for n, s in enumerate(steps) if _covers(d, s.predicted, span_mps)]
+              for m, d in enumerate(detections)}  # fmt: skip
+    steps = list(steps)
+    owners = {int(m): n for n, m in enumerate(chosen.assigned) if m >= 0}
+    for m, tracks in sorted(inside.items(), key=lambda item: len(item[1])):
+        lost = [n for n in tracks if chosen.assigned[n] < 0 and steps[n].outcome != MEASURED]
+        if not lost:
+            continue
+        if m not in owners and len(tracks) == 1:
+            owners[m] = lost[0]
+            steps[lost[0]] = _wide_step(steps[lost[0]], detections[m], options, span_mps, MEASURED)
+            chosen.assigned[lost[0]] = m
+            continue
+        for n in {*lost, *([owners[m]] if m in owners else [])}:
+            steps[n] = _wide_step(steps[n], detections[m], options, span_mps, SHARED if n in lost else MEASURED)
+    return steps
+
+
+def _wide_step(step: Step, d: Detection, options: Tracker, span_mps: float | None, outcome: str) -> Step:
+    """A scan in which a body is somewhere in a box: measured with half its width as standard deviation."""
+    half_m, half_mps = (d.range_high_m - d.range_low_m) / 2, (d.velocity_high_mps - d.velocity_low_mps) / 2
+    measured = kalman.innovation(
+        step.predicted,
+        range_m=d.range_m,
+        velocity_mps=d.velocity_mps,
+        range_sd_m=max(d.range_sd_m, options.range_sd_min_m, half_m),
+        velocity_sd_mps=max(d.velocity_sd_mps, options.velocity_sd_min_mps, half_mps),
+        velocity_span_mps=span_mps,
+    )
+    state = kalman.update(step.predicted, measured)
+    if outcome == SHARED:
+        return step._replace(filtered=state, outcome=SHARED)
+    return step._replace(
+        filtered=state, outcome=MEASURED, nis=measured.nis, box=step.box or box_of(d), power_v2=d.power_v2
+    )
+
+
+def _covers(d: Detection, predicted: Gaussian, span_mps: float | None) -> bool:
+    """Whether a detection's box holds a predicted place and velocity."""
+    if not d.range_low_m - BOX_MARGIN_M <= predicted.range_m <= d.range_high_m + BOX_MARGIN_M:
+        return False
+    middle, half = (d.velocity_low_mps + d.velocity_high_mps) / 2, (d.velocity_high_mps - d.velocity_low_mps) / 2
+    off = predicted.velocity_mps - middle
+    if span_mps is not None:
+        off -= span_mps * round(off / span_mps)
+    return abs(off) <= half + BOX_MARGIN_MPS
+
+
+def _starts(live: list[Live], scan: Scan, options: Tracker, span_mps: float | None) -> list[list[Step]]:
+    """First steps of new tracks: the strongest first, none near a track; one for each unfolded velocity."""
+    ranges_m = [one.state.range_m for one in live]
+    new = []
+    for d in sorted(scan.detections, key=lambda d: -d.power_v2):
+        if any(abs(d.range_m - r) < options.separation_m for r in ranges_m):
+            continue
+        ranges_m.append(d.range_m)
+        new.append([_first_step(scan.time_s, d, v, options) for v in _unfolded(d.velocity_mps, options, span_mps)])
+    return new
+
+
+def _first_step(time_s: float, d: Detection, velocity_mps: float, options: Tracker) -> Step:
+    range_sd_m = max(d.range_sd_m, options.range_sd_min_m)
+    velocity_sd_mps = max(d.velocity_sd_mps, options.velocity_sd_min_mps, options.start_velocity_sd_mps)
+    state = Gaussian(d.range_m, velocity_mps, range_sd_m**2, 0.0, velocity_sd_mps**2)
+    stay = Model(0.0, 1.0, 0.0, 0.0, 0.0)
+    return Step(time_s, stay, state, state, MEASURED, box=box_of(d), power_v2=d.power_v2)
+
+
+def _unfolded(velocity_mps: float, options: Tracker, span_mps: float | None) -> list[float]:
+    """All velocities up to the fastest that a folded one may stand for; at least the folded one."""
+    if span_mps is None:
+        return [velocity_mps]
+    most = math.ceil((options.fastest_mps + abs(velocity_mps)) / span_mps)
+    candidates = (velocity_mps + zone * span_mps for zone in range(-most, most + 1))
+    return [v for v in candidates if abs(v) <= max(options.fastest_mps, abs(velocity_mps))]
+
+
+def _confirm(live: list[Live], time_s: float, options: Tracker) -> None:
+    for one in live:
+        hits = sum(step.outcome == MEASURED for step in one.steps[-options.confirm_scans :])
+        if one.confirmed_at_s is None and hits >= options.confirm_hits and not _has_rival(one, live):
+            one.confirmed_at_s = time_s
+
+
+def _has_rival(one: Live, live: list[Live]) -> bool:
+    """Whether another unfolding of the same first detection was confirmed, or has more hits."""
+    family = [other for other in live if other is not one and other.family == one.family]
+    return any(other.confirmed_at_s is not None or other.hits > one.hits for other in family)
+
+
+def _is_over(one: Live, live: list[Live], time_s: float, options: Tracker) -> bool:
+    if one.confirmed_at_s is None:
+        recent = one.steps[-options.confirm_scans :]
+        misses = sum(step.outcome != MEASURED for step in recent)
+        rival = any(o.family == one.family and o.confirmed_at_s is not None for o in live)
+        return rival or misses > options.confirm_scans - options.confirm_hits
+    limit_s = max(options.rest_s, options.delete_s) if one.is_slow(options) else options.delete_s
+    return time_s - one.last_sign_s > limit_s or _is_twin(one, live, time_s, options)
+
+
+def _is_twin(one: Live, live: list[Live], time_s: float, options: Tracker) -> bool:
+    """Whether a track with more hits has been at the same place with the same velocity, on one detection, for long."""
+    if not any(_doubles(one, other) for other in live):
+        one.twin_since_s = None
+        return False
+    one.twin_since_s = time_s if one.twin_since_s is None else one.twin_since_s
+    return time_s - one.twin_since_s >= options.twin_s - 1e-9
+
+
+def _doubles(one: Live, other: Live) -> bool:
+    """Whether ``one`` now only repeats ``other``; of two equals it is the younger one."""
+    if other is one or other.confirmed_at_s is None or other.steps[-1].time_s != one.steps[-1].time_s:
+        return False
+    if (other.hits, -other.steps[0].time_s, -other.family) < (one.hits, -one.steps[0].time_s, -one.family):
+        return False
+    a, b = one.state, other.state
+    near = abs(a.range_m - b.range_m) < TWIN_RANGE_M and abs(a.velocity_mps - b.velocity_mps) < TWIN_VELOCITY_MPS
+    return near and one.steps[-1].outcome != MEASURED
+
+
+def _chosen(found: list[Live], options: Tracker) -> list[Track]:
+    """The tracks of movers that last, the best ``max_targets`` of them, in the order of their first detection."""
+    lasting = [one for one in found if one.last_own.time_s - one.steps[0].time_s >= options.min_duration_s - 1e-9]
+    tracks = [finished(one) for one in lasting]
+    movers = [one for one in tracks if not _is_still(one, options)]
+    best = sorted(movers, key=lambda one: -int(one.measured.sum()))[: options.max_targets]
+    return sorted(best, key=lambda one: one.first_s)
+
+
+def _is_still(one: Track, options: Tracker) -> bool:
+    half_mps = float(np.median(one.velocity_high_mps - one.velocity_low_mps)) / 2
+    return float(np.ptp(one.range_m)) < options.still_travel_m and half_mps < options.still_velocity_mps

@@ -1,0 +1,345 @@
+"""How often the gait frequency is right: models and recorded movers, many aspects, times and noise levels.
+
+    python studies/gait_frequency.py [--mocap FOLDER] [--examples N] [--processes P] [--out TABLE.csv]
+
+Every example is one mover on a straight way, seen by the preset ``x4-long`` in the truth gate. Receiver noise is set so
+that the signature has the wanted SNR_mu: the median over time of the strongest clean cell of a column, over the mean
+noise floor. Recorded movers are all straight stretches of the folder's recordings in which the footfalls give a gait,
+once as recorded and once looped to 5 s; every second file, in the order of their names, belongs to half A (used while
+the method was chosen), the others to half B (not looked at before).
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import warnings
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from doppelgait.core.errors import DoppelgaitError
+from doppelgait.motion.gait import with_gait_facts
+from doppelgait.motion.loop import loop
+from doppelgait.motion.models import boulic_walk, human_gait, quadruped_gait
+from doppelgait.motion.models.quadruped_gaits import GAITS
+from doppelgait.motion.readers import read
+from doppelgait.motion.retime import travel_speed_mps
+from doppelgait.motion.segments import crop, find_segments
+from doppelgait.pipeline import simulate
+from doppelgait.pipeline.analyze import analyze_signature, truth_gate
+from doppelgait.processing import Analysis, signature
+from doppelgait.radar import Radar
+from doppelgait.radar.recording import Recording
+from doppelgait.radar.simulate import noisy
+from doppelgait.scene import Scene, Target
+
+SNR_MU_DB = (math.inf, 20.0, 10.0, 5.0, 0.0)
+REPORT_SNR_DB = (math.inf, 10.0)
+SPEEDS_MPS = (0.4, 4.0)
+GRAVITY_MPS2 = 9.81
+HIP_SHARE = 0.8
+"""Hip height over withers height of a standing dog."""
+SIDE_VIEW_SHARE = 0.15
+"""Share of the examples at 60 to 80 degrees; the others are at 0 to 60."""
+LOOPED_S = 5.0
+MIN_PERIODS = 2.0
+MARGIN_M = 2.0
+
+
+@dataclass(frozen=True)
+class Example:
+    """One mover as the radar sees it.
+
+    Parameters
+    ----------
+    number : int
+        Also the seed of everything that the example draws.
+    source : str
+        ``model``, ``recorded`` or ``looped``.
+    label : str
+    half : str
+        ``A`` or ``B`` for recorded movers.
+    mover : tuple
+        Model and parameters, or file and number of the stretch.
+    aspect_deg, seconds : float
+    """
+
+    number: int
+    source: str
+    label: str
+    half: str
+    mover: tuple[Any, ...]
+    aspect_deg: float
+    seconds: float
+
+
+def model_examples(count: int, *, first: int = 0) -> list[Example]:
+    """Examples of the models: a third people of the full model, a sixth walkers of the plain one, half dogs."""
+    return [_model_example(number) for number in range(first, first + count)]
+
+
+def _model_example(number: int) -> Example:
+    rng = np.random.default_rng([7, number])
+    kind = ("human", "boulic", "dog", "human", "dog", "dog")[number % 6]
+    side_view = rng.random() < SIDE_VIEW_SHARE
+    aspect_deg = float(rng.uniform(60, 80) if side_view else rng.uniform(0, 60))
+    if rng.random() < 0.3:
+        aspect_deg = 180.0 - aspect_deg
+    seconds = float(rng.uniform(2.0, 8.0))
+    make = {"human": _person, "boulic": _plain_walker, "dog": _dog}[kind]
+    mover = make(rng, number)
+    return Example(number, "model", "dog" if kind == "dog" else "human", "", mover, aspect_deg, seconds)
+
+
+def _person(rng: np.random.Generator, number: int) -> tuple[Any, ...]:
+    height_m = float(rng.uniform(1.5, 1.95))
+    gait = "walk" if number % 12 < 6 else "run"
+    speed = rng.uniform(0.4, 2.0) if gait == "walk" else rng.uniform(2.1, 4.0)
+    return "human", {
+        "gait": gait, "height_m": height_m, "speed_mps": float(speed), "start_phase": float(rng.random()),
+        "step_time_sd": float(rng.uniform(0, 0.03)), "step_length_sd": float(rng.uniform(0, 0.03)),
+        "time_asymmetry": float(rng.uniform(-0.05, 0.05)), "length_asymmetry": float(rng.uniform(-0.05, 0.05)),
+        "arm_swing": float(rng.uniform(0.3, 1.3)),
+    }  # fmt: skip
+
+
+def _plain_walker(rng: np.random.Generator, number: int) -> tuple[Any, ...]:
+    height_m, speed = float(rng.uniform(1.5, 1.95)), float(rng.uniform(0.4, 2.0))
+    return "boulic", {
+        "height_m": height_m, "speed_mps": speed, "start_phase": float(rng.random()),
+        "stride_variation": float(rng.uniform(0, 0.03)),
+    }  # fmt: skip
+
+
+def _dog(rng: np.random.Generator, number: int) -> tuple[Any, ...]:
+    gait = list(GAITS)[number // 2 % len(GAITS)]
+    withers_m = float(rng.uniform(0.25, 0.65))
+    hip_m = HIP_SHARE * withers_m
+    lowest, highest = (math.sqrt(froude * GRAVITY_MPS2 * hip_m) for froude in GAITS[gait].froude[:2])
+    speed = float(rng.uniform(max(lowest, SPEEDS_MPS[0]) * 1.01, min(highest, SPEEDS_MPS[1]) * 0.99))
+    return "quadruped", {
+        "gait": gait, "withers_m": withers_m, "speed_mps": speed, "start_phase": float(rng.random()),
+        "stride_variation": float(rng.uniform(0, 0.04)), "asymmetry": float(rng.uniform(-0.02, 0.02)),
+        "tail_frequency_hz": float(rng.uniform(0, 3)),
+    }  # fmt: skip
+
+
+MODELS = {"human": human_gait, "boulic": boulic_walk, "quadruped": quadruped_gait}
+
+
+def recorded_examples(folder: Path, *, first: int, aspects_deg: tuple[float, ...] = (0, 25, 45, 60)) -> list[Example]:
+    """Every usable stretch of every recording, as it is and looped, at each aspect."""
+    examples: list[Example] = []
+    files = sorted(path for kind in ("human", "dog") for path in (folder / kind).rglob("*") if path.is_file())
+    for place, path in enumerate(files):
+        label, half = path.relative_to(folder).parts[0], "AB"[place % 2]
+        for stretch, motion in stretches(path).items():
+            for source, seconds in (("recorded", math.inf), ("looped", LOOPED_S)):
+                long_enough = min(_duration_s(motion), seconds) * motion.attrs["gait_frequency_hz"] >= MIN_PERIODS
+                for aspect_deg in aspects_deg if long_enough else ():
+                    mover = (str(path), stretch)
+                    examples.append(Example(first + len(examples), source, label, half, mover, aspect_deg, seconds))
+    return examples
+
+
+@lru_cache(maxsize=256)
+def stretches(path: Path) -> dict[int, xr.DataArray]:
+    """Straight stretches of a recording whose footfalls give a gait; empty where it cannot be read."""
+    try:
+        motion = read(path)
+        found = {n: with_gait_facts(crop(motion, s)) for n, s in enumerate(find_segments(motion), start=1)}
+    except (DoppelgaitError, ValueError):
+        return {}
+    return {n: m for n, m in found.items() if _gait_is_known(m)}
+
+
+def _gait_is_known(motion: xr.DataArray) -> bool:
+    source = motion.attrs["report"].get("gait", {}).get("stride_from")
+    return source == "footfalls" and bool(motion.attrs["gait"]) and motion.attrs["gait_frequency_hz"] > 0
+
+
+def _duration_s(motion: xr.DataArray) -> float:
+    times = motion.coords["time"].values
+    return float(times[-1] - times[0])
+
+
+def motion_of(example: Example) -> xr.DataArray:
+    """The mover's motion."""
+    if example.source == "model":
+        model, parameters = example.mover
+        return MODELS[model](**parameters, duration_s=example.seconds + 0.1, rng=np.random.default_rng(example.number))
+    path, stretch = example.mover
+    motion = stretches(Path(path))[stretch]
+    return motion if example.source == "recorded" else loop(motion, duration_s=LOOPED_S)
+
+
+def observe(example: Example) -> Recording:
+    """The noise-free recording, of no more range than the mover takes."""
+    motion = motion_of(example)
+    seconds = min(example.seconds, _duration_s(motion))
+    target = Target(motion, label=example.label, aspect_deg=example.aspect_deg)
+    scene = Scene([target], duration_s=seconds)
+    reach_m = travel_speed_mps(motion) * seconds
+    stop_m = min(40.0, 5.0 + reach_m + 2 * MARGIN_M)
+    return simulate(scene, Radar.preset("x4-long", range_stop_m=stop_m), angles=False)
+
+
+def signatures(
+    example: Example, recording: Recording, analysis: Analysis, levels_db: tuple[float, ...]
+) -> Iterator[tuple[float, xr.DataArray]]:
+    """Signature at each SNR_mu."""
+    truth = recording.truth[0]
+    gate = truth_gate(recording, truth, analysis)
+    wavelength_m = recording.radar.wavelength_m
+    clean = signature(recording.baseband, gate, analysis, wavelength_m=wavelength_m)
+    top_v2 = float(np.median(clean.values.max(axis=1)))
+    cell_gain = clean.attrs["window_energy"] * clean.attrs["n_gate_bins"]
+    for place, snr_db in enumerate(levels_db):
+        if math.isinf(snr_db):
+            yield snr_db, clean
+            continue
+        noise_v2 = top_v2 / 10 ** (snr_db / 10) / cell_gain
+        rng = np.random.default_rng([11, example.number, place])
+        values = noisy(recording.baseband.values, noise_power_v2=noise_v2, rng=rng)
+        baseband = recording.baseband.copy(deep=False, data=values)
+        yield snr_db, signature(baseband, gate, analysis, wavelength_m=wavelength_m)
+
+
+def run_example(example: Example) -> list[dict[str, Any]]:
+    """One row for each method and noise level; none where the mover cannot be observed."""
+    warnings.simplefilter("ignore")
+    try:
+        recording = observe(example)
+    except DoppelgaitError:
+        return []
+    truth = recording.truth[0]
+    facts = {
+        **{name: getattr(example, name) for name in ("number", "source", "label", "half", "aspect_deg")},
+        "gait": truth.gait, "speed_mps": truth.ground_speed_mps, "truth_hz": truth.gait_frequency_hz,
+        "seconds": recording.baseband.sizes["slow_time"] / recording.radar.prf_hz,
+    }  # fmt: skip
+    rows = []
+    # a hop of 8 pulses moves the report's estimate by nothing that its bin of 1 / T_o shows, at an eighth the time
+    methods = (("standard", Analysis(), SNR_MU_DB), ("liland2018", Analysis(method="liland2018", hop=8), REPORT_SNR_DB))
+    for method, analysis, levels in methods:
+        for snr_db, mu in signatures(example, recording, analysis, levels):
+            gate = truth_gate(recording, truth, analysis)
+            result = analyze_signature(mu, gate, analysis, label=example.label)
+            rows.append({**facts, "method": method, "snr_mu_db": snr_db, **_found(result)})
+    return rows
+
+
+def _found(result: Any) -> dict[str, Any]:
+    names = ("periodicity", "confidence", "decision", "uncertainty_hz", "margin", "limb_relative_hz", "aspect_deg")
+    quality = {name: result.quality.get(f"gait_{name}", result.quality.get(name)) for name in names}
+    return {
+        "found_hz": result.gait_frequency_hz, **{f"q_{name}": value for name, value in quality.items()},
+        "low_confidence": "low_confidence" in result.flags, "flags": " ".join(result.flags),
+    }  # fmt: skip
+
+
+def run_all(examples: list[Example], *, processes: int) -> pd.DataFrame:
+    """All rows of all examples."""
+    if processes == 1:
+        return pd.DataFrame([row for example in examples for row in run_example(example)])
+    with ProcessPoolExecutor(processes) as pool:
+        return pd.DataFrame([row for rows in pool.map(run_example, examples, chunksize=4) for row in rows])
+
+
+def tables(rows: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
+    """Shares within 2 and 5 %, of nulls and of wrong octaves, by what was varied; n in every row."""
+    rows = rated(rows)
+    by = ["method", "snr_mu_db", "who", "label"]
+    yield "by view", _shares(rows[rows["periods"] >= 5], [*by, "view"])
+    yield "by periods, to 45 degrees", _shares(rows[rows["view"] == "0-45"], [*by, "observed"])
+    few = rows[(rows["view"] == "0-45") & (rows["periods"] >= 3) & rows["snr_mu_db"].isin([math.inf, 10.0])]
+    yield "by gait, to 45 degrees, 3 periods and more", _shares(few, [*by, "gait"])
+    own = rows[rows["method"] == "standard"]
+    yield "by decision", _shares(own, ["snr_mu_db", "who", "q_decision"])
+    level = pd.cut(own["q_confidence"], [0.0, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 1.0])
+    yield "by confidence", _shares(own.assign(level=level.astype(str)), ["who", "level"])
+    yield "acceptance", acceptance(own)
+
+
+def rated(rows: pd.DataFrame) -> pd.DataFrame:
+    """The rows with error, periods, groups of views and periods."""
+    ratio = rows["found_hz"].astype(float) / rows["truth_hz"]
+    aspect_deg = np.minimum(rows["aspect_deg"], 180.0 - rows["aspect_deg"])
+    periods = rows["truth_hz"] * rows["seconds"]
+    octave = (np.abs(np.log2(ratio)) > 0.9) & (np.abs(np.log2(ratio)) < 1.1)
+    return rows.assign(
+        error=np.abs(ratio - 1.0), octave=octave, null=ratio.isna(), angle_deg=aspect_deg, periods=periods,
+        view=pd.cut(aspect_deg, [-1, 45, 55, 65, 90], labels=["0-45", "45-55", "55-65", "65-80"]).astype(str),
+        observed=pd.cut(periods, [0, 3, 5, 1e3], labels=["2-3", "3-5", "5-"]).astype(str),
+        who=rows["source"] + np.where(rows["half"] == "", "", " " + rows["half"]),
+    )  # fmt: skip
+
+
+def _shares(rows: pd.DataFrame, by: list[str]) -> pd.DataFrame:
+    marks = rows.assign(within_2=rows["error"] < 0.02, within_5=rows["error"] < 0.05, within_10=rows["error"] < 0.1)
+    grouped = marks.groupby(by, observed=True, dropna=False)
+    shares = grouped[["within_2", "within_5", "within_10", "octave", "null"]].mean().mul(100).round(1)
+    shares.insert(0, "n", grouped.size())
+    return shares
+
+
+def acceptance(rows: pd.DataFrame) -> pd.DataFrame:
+    """The demands on f_mu, what was reached, and n, for the models and both halves of the recorded movers."""
+    found = []
+    for who in sorted(set(rows["who"])):
+        for name, bad, most in demands(rows[rows["who"] == who]):
+            share = round(100.0 * float(bad.mean()), 2) if len(bad) else math.nan
+            met = "-" if math.isnan(share) else "met" if share <= most else "not met"
+            found.append((who, name, len(bad), share, most, met))
+    names = ["who", "demand", "n", "percent", "at most", "result"]
+    return pd.DataFrame(found, columns=names).set_index(["who", "demand"])
+
+
+def demands(rows: pd.DataFrame) -> Iterator[tuple[str, pd.Series, float]]:
+    """Name, which of the examples that count fail, and the percentage allowed."""
+    fails, off_2, off_5 = (~(rows["error"] <= most) for most in (0.1, 0.02, 0.05))
+    angle, snr, seconds, periods = rows["angle_deg"], rows["snr_mu_db"], rows["seconds"], rows["periods"]
+    front, wide = angle <= 30, (angle <= 45) & (periods >= 5)
+    people = (rows["label"] == "human") & angle.between(60, 75) & (seconds >= 3) & (snr == 20)
+    yield "fails, to 30 deg, >= 10 dB, >= 2 s", fails[front & (snr >= 10) & (seconds >= 2)], 1.0
+    yield "fails, to 30 deg, >= 10 dB, >= 3 periods", fails[front & (snr >= 10) & (periods >= 3)], 0.5
+    yield "fails, 40-50 deg, 20 dB, >= 3 s", fails[angle.between(40, 50) & (snr == 20) & (seconds >= 3)], 3.0
+    yield "fails, to 30 deg, 5 dB, >= 2 s", fails[front & (snr == 5) & (seconds >= 2)], 3.0
+    yield "people fail, 60-75 deg, >= 3 s, 20 dB", fails[people], 15.0
+    estimated = (angle >= 60) & (seconds >= 3) & ~rows["null"]
+    yield "beyond 60 deg, >= 3 s, not flagged", ~rows["low_confidence"][estimated], 5.0
+    yield "off by 2 %, to 45 deg, >= 5 periods, no noise", off_2[wide & np.isinf(snr)], 1.0
+    yield "off by 5 %, to 45 deg, >= 5 periods, 10 dB", off_5[wide & (snr == 10)], 5.0
+    yield "octave, to 45 deg, >= 5 periods, >= 10 dB", rows["octave"][wide & (snr >= 10)], 0.5
+
+
+def main() -> None:
+    """Run the study and print its tables."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
+    parser.add_argument("--mocap", type=Path, help="folder with human/ and dog/ recordings")
+    parser.add_argument("--examples", type=int, default=1400, help="examples of the models")
+    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--out", type=Path, help="all rows, as CSV")
+    given = parser.parse_args()
+    examples = model_examples(given.examples)
+    if given.mocap:
+        examples += recorded_examples(given.mocap, first=len(examples))
+    rows = run_all(examples, processes=given.processes)
+    if given.out:
+        rows.to_csv(given.out, index=False)
+    print(f"{len(examples)} examples, {rows['number'].nunique()} observed, {len(rows)} estimates; shares in %")
+    with pd.option_context("display.width", 200, "display.max_rows", None):
+        for title, table in tables(rows):
+            print(f"\n{title}\n{table.to_string()}")
+
+
+if __name__ == "__main__":
+    main()

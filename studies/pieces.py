@@ -1,0 +1,157 @@
+"""How well range tracks are cut into pieces, and down to which level a breath is found.
+
+    python studies/pieces.py [--trials 50] [--seed 1]
+
+Prints three tables. Tracks are made here, at 10 Hz: legs back and forth at 0.8 to 1.6 m/s with sudden turns,
+speeds that swing or jump, straight walks past the radar. Their errors are Gaussian, of a standard deviation and a
+correlation time that are given: a tracker's output has correlated ones. Breaths are those of the simulated chest at 2 m
+before the preset x4-17fps, with white noise; the level is that of one frame in the strongest bin.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.core.rng import rng
+from doppelgait.motion import breathing_person
+from doppelgait.pipeline import simulate
+from doppelgait.processing.breathing import find_breathing
+from doppelgait.processing.pieces import Piece, find_pieces
+from doppelgait.radar import Radar
+from doppelgait.scene import Scene, Target
+
+FloatArray = npt.NDArray[np.float64]
+TOLERANCE_S = 0.3
+STEP_S = 0.1
+LEG_S = 2.8
+
+
+def errors(source: np.random.Generator, n: int, *, sd_m: float, memory_s: float) -> FloatArray:
+    """First-order Markov errors of a standard deviation and correlation time."""
+    keep = float(np.exp(-STEP_S / memory_s)) if memory_s > 0 else 0.0
+    drawn, found = source.normal(0.0, sd_m, n), np.empty(n)
+    found[0] = drawn[0]
+    for k in range(1, n):
+        found[k] = keep * found[k - 1] + np.sqrt(1 - keep**2) * drawn[k]
+    return found
+
+
+def legs(source: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Times and ranges of four legs, and the times of the three turns."""
+    times = np.arange(0, 4 * LEG_S, STEP_S)
+    speeds = source.uniform(0.8, 1.6, 4) * np.array([1, -1, 1, -1])
+    corners = np.concatenate([[7.0], 7.0 - np.cumsum(speeds * LEG_S)])
+    return times, np.interp(times, LEG_S * np.arange(5), corners), LEG_S * np.arange(1, 4)
+
+
+def change_points_s(pieces: tuple[Piece, ...]) -> list[float]:
+    """Middles between pieces."""
+    return [(left.stop_s + right.start_s) / 2 for left, right in pairwise(pieces)]
+
+
+def offsets_s(found: list[float], true: FloatArray) -> list[float]:
+    """Distances of the change points found to the nearest free true ones, within the tolerance."""
+    free, offsets = list(found), []
+    for wanted in true:
+        near = [f for f in free if abs(f - wanted) <= TOLERANCE_S]
+        if near:
+            best = min(near, key=lambda f: abs(f - wanted))
+            free.remove(best)
+            offsets.append(abs(best - wanted))
+    return offsets
+
+
+def turns_table(trials: int, seed: int) -> None:
+    """F1 on four legs."""
+    print("\n| error (m) | memory (s) | turns | F1 | median offset (s) |\n|---|---|---|---|---|")
+    for sd_m in (0.03, 0.065, 0.1, 0.15):
+        for memory_s in (0.0, 0.3):
+            offsets: list[float] = []
+            found_all = true_all = 0
+            for trial in range(trials):
+                source = rng(seed + trial)
+                times, clean, true = legs(source)
+                track = clean + errors(source, times.size, sd_m=sd_m, memory_s=memory_s)
+                found = change_points_s(find_pieces(times, track, range_sd_m=max(sd_m, 0.05)))
+                offsets += offsets_s(found, true)
+                found_all, true_all = found_all + len(found), true_all + true.size
+            f1 = 2 * len(offsets) / (found_all + true_all)
+            print(f"| {sd_m:g} | {memory_s:g} | {true_all} | {f1:.3f} | {np.median(offsets):.2f} |")
+
+
+def cut_share(track: Callable[[FloatArray, float], FloatArray], *, trials: int, seed: int, seconds: float) -> float:
+    """Share of tracks that are cut, errors 0.065 m."""
+    times = np.arange(0, seconds, STEP_S)
+    cut = 0
+    for trial in range(trials):
+        source = rng(seed + trial)
+        clean = track(times, float(source.uniform(0, 2 * np.pi)))
+        cut += len(find_pieces(times, clean + source.normal(0, 0.065, times.size))) > 1
+    return cut / trials
+
+
+def shapes_table(trials: int, seed: int) -> None:
+    """What is cut and what not."""
+    shapes: dict[str, tuple[Callable[[FloatArray, float], FloatArray], float]] = {}
+    for period_s in (3.0, 5.0, 8.0, 12.0):
+        w = 2 * np.pi / period_s
+        shapes[f"speed 1.2 m/s swinging by 0.3 m/s^2, period {period_s:g} s"] = (
+            lambda t, phase, w=w: 18 - 1.2 * t + 0.3 / w**2 * np.cos(w * t + phase), 12.0,
+        )  # fmt: skip
+    for near_m in (1.5, 4.0):
+        shapes[f"straight past the radar at {near_m:g} m, 1.4 m/s"] = (
+            lambda t, phase, near_m=near_m: np.hypot(near_m, 1.4 * (t - 2.5)), 5.0,
+        )  # fmt: skip
+    for jump_mps in (0.3, 0.5, 0.6, 0.8, 1.0, 1.2):
+        shapes[f"speed jumps by {jump_mps:g} m/s"] = (
+            lambda t, phase, jump_mps=jump_mps: 14 - 0.5 * t - jump_mps * np.maximum(t - 4, 0), 8.0,
+        )  # fmt: skip
+    print("\n| track | share cut |\n|---|---|")
+    for name, (track, seconds) in shapes.items():
+        print(f"| {name} | {cut_share(track, trials=trials, seed=seed, seconds=seconds):.2f} |")
+
+
+def breath_table(trials: int, seed: int) -> None:
+    """Share found and error of the rate against the level."""
+    radar = Radar.preset("x4-17fps")
+    print(
+        "\n| seconds | SNR of a frame (dB) | found | others | rms rate error | within 2 % |\n|---|---|---|---|---|---|"
+    )
+    for seconds in (20.0, 60.0, 120.0):
+        motion = breathing_person(breathing_hz=0.25, amplitude_m=0.005, duration_s=seconds + 2, rate_hz=50)
+        scene = Scene([Target(motion, label="human", range_m=2.0)], duration_s=seconds)
+        clean = simulate(scene, radar, rng=rng(0), snr_db=float("inf")).baseband
+        power = float((np.abs(clean.values) ** 2).mean(axis=0).max())
+        for snr_db in (10, 3, 0, -3, -6, -9, -12):
+            off, others = [], 0
+            for trial in range(trials):
+                source = rng(seed + trial)
+                pair = source.standard_normal((2, *clean.shape)) * np.sqrt(power / 2 / 10 ** (snr_db / 10))
+                noisy = clean.copy(data=(clean.values + pair[0] + 1j * pair[1]).astype(np.complex64))
+                people = find_breathing(noisy, wavelength_m=radar.wavelength_m)
+                near = [person for person in people if abs(person.range_m - 2.0) < 0.2]
+                off += [near[0].rate_hz / 0.25 - 1] if near else []
+                others += len(people) - len(near[:1])
+            rms = f"{100 * np.sqrt(np.mean(np.square(off))):.2f} %" if off else "-"
+            good = f"{np.mean(np.abs(off) < 0.02):.2f}" if off else "-"
+            print(f"| {seconds:g} | {snr_db} | {len(off) / trials:.2f} | {others} | {rms} | {good} |")
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--trials", type=int, default=50)
+    parser.add_argument("--seed", type=int, default=1)
+    given = parser.parse_args()
+    turns_table(given.trials, given.seed)
+    shapes_table(given.trials, given.seed)
+    breath_table(given.trials, given.seed)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,159 @@
+"""Threshold factors and windows against closed forms, counted noise and literal loops."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import ndimage, stats
+
+from doppelgait.core.errors import AnalysisError
+from doppelgait.processing.detect import ca_factor, noise_factor, os_factor, os_pfa
+from doppelgait.processing.detect.cfar import RangeWindow, ca_mask, os_mask, range_window, training_counts
+
+SHORT = RangeWindow(first=3, reach=6, step=1)
+"""Eight training cells about the middle of 13."""
+
+
+def exponential(shape, seed):
+    return np.random.default_rng(seed).standard_exponential(shape, dtype=np.float32)
+
+
+def assert_probability(hits, n, expected, confidence=0.999):
+    """The count lies within an interval of a binomial variable."""
+    low, high = stats.binom.interval(confidence, n, expected)
+    assert low <= hits <= high, (hits / n, expected)
+
+
+@pytest.mark.parametrize(("pfa", "published"), [(1e-2, 4.953), (1e-3, 7.710)])
+def test_cell_averaging_factor(pfa, published):
+    assert ca_factor(32, pfa) == pytest.approx(published, abs=6e-4)
+    assert (1.0 + ca_factor(7, pfa) / 7) ** -7 == pytest.approx(pfa)
+
+
+@pytest.mark.parametrize(
+    ("n_summed", "pfa", "published"), [(4, 1e-3, 3.397), (4, 1e-6, 5.737), (20, 1e-3, 1.860), (20, 1e-6, 2.499)]
+)
+def test_cell_averaging_factor_of_summed_cells(n_summed, pfa, published):
+    assert ca_factor(32, pfa, n_summed=n_summed) == pytest.approx(published, abs=6e-4)
+
+
+@pytest.mark.parametrize(("pfa", "published"), [(1e-2, 3.838), (1e-3, 6.086)])
+def test_ordered_statistic_factor(pfa, published):
+    factor = os_factor(32, 24, pfa)
+    assert factor == pytest.approx(published, abs=6e-4)
+    product = 1.0
+    for i in range(24):
+        product *= (32 - i) / (32 - i + factor)
+    assert product == pytest.approx(pfa, rel=1e-9)
+
+
+def test_ordered_statistic_of_summed_cells_by_counting():
+    generator, n_training, rank, n_summed = np.random.default_rng(5), 12, 8, 3
+    factor = os_factor(n_training, rank, 2e-2, n_summed=n_summed)
+    training = np.sort(generator.gamma(n_summed, size=(300_000, n_training)), axis=1)[:, rank - 1]
+    hits = np.count_nonzero(generator.gamma(n_summed, size=300_000) > factor * training)
+    assert_probability(hits, 300_000, 2e-2)
+
+
+def test_the_integral_for_sums_agrees_with_the_product_for_single_cells():
+    shares = np.linspace(0.0, 1.0, 200_001)[1:-1]  # Pfa by a plain Riemann sum over the ordered cell's quantile
+    density = stats.beta.pdf(shares, 10, 7)
+    expected = np.mean(density * stats.gamma.sf(4.0 * stats.gamma.ppf(shares, 2), 2))
+    assert os_pfa(4.0, 16, 10, n_summed=2) == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.parametrize("pfa", [1e-2, 1e-3])
+@pytest.mark.parametrize(
+    "mask", [lambda x, p: ca_mask(x, SHORT, p), lambda x, p: os_mask(x, SHORT, p, rank_share=0.7)], ids=["ca", "os"]
+)
+def test_false_alarms_in_noise_are_as_designed(mask, pfa):
+    hits = total = 0
+    for seed in range(4):  # one cell of every window, so that all are independent
+        cells = exponential((300_000, 13), seed)
+        hits += int(np.count_nonzero(mask(cells, pfa)[:, 6]))
+        total += 300_000
+    assert_probability(hits, total, pfa, confidence=0.95)
+
+
+@pytest.mark.parametrize("pfa", [1e-2, 1e-4])
+def test_false_alarms_above_a_known_floor(pfa):
+    cells = 3.7 * exponential(2_000_000, 12)
+    assert_probability(int(np.count_nonzero(cells > 3.7 * noise_factor(pfa))), cells.size, pfa, confidence=0.95)
+    sums = np.random.default_rng(2).gamma(5, size=1_000_000)
+    assert_probability(int(np.count_nonzero(sums > 5 * noise_factor(pfa, n_summed=5))), sums.size, pfa)
+
+
+@pytest.mark.parametrize("snr_db", [0.0, 10.0, 16.0])
+def test_a_swerling_1_cell_is_detected_as_often_as_in_closed_form(snr_db):
+    snr, n = 10 ** (snr_db / 10), 200_000
+    generator = np.random.default_rng(3)
+    echo = np.sqrt(snr / 2) * generator.standard_normal((2, n)) + np.sqrt(0.5) * generator.standard_normal((2, n))
+    power = (echo**2).sum(axis=0)
+    pfa = 1e-4
+    assert_probability(int(np.count_nonzero(power > noise_factor(pfa))), n, pfa ** (1 / (1 + snr)))
+    cells = exponential((n, 13), 8)
+    cells[:, 6] = power
+    expected = (1 + ca_factor(8, pfa) / 8 / (1 + snr)) ** -8
+    assert_probability(int(np.count_nonzero(ca_mask(cells, SHORT, pfa)[:, 6])), n, expected)
+
+
+def test_masks_are_those_of_a_literal_loop():
+    window = RangeWindow(first=3, reach=9, step=2)
+    cells = exponential((5, 40), 4)
+    cells[2, 18:21] *= 40
+    ca, os = ca_mask(cells, window, 1e-2), os_mask(cells, window, 1e-2, rank_share=0.6)
+    for row in range(5):
+        for n in range(40):
+            places = [n + sign * d for d in (3, 5, 7, 9) for sign in (-1, 1) if 0 <= n + sign * d < 40]
+            training = sorted(cells[row, places].astype(float))
+            rank = int(np.ceil(0.6 * len(training)))
+            assert ca[row, n] == (cells[row, n] > ca_factor(len(training), 1e-2) * np.mean(training))
+            assert os[row, n] == (cells[row, n] > os_factor(len(training), rank, 1e-2) * training[rank - 1])
+            assert training_counts(window, 40)[n] == len(training)
+    assert ca[2].any()
+    assert os[2].any()
+
+
+def test_a_window_starts_beyond_its_guard():
+    window = range_window(bin_spacing_m=0.05, window_m=2.0, guard_m=0.75, resolution_m=0.09)
+    assert list(window.distances) == list(range(16, 41, 2))  # 0.80 to 2.00 m in steps of 0.10 m
+
+
+def test_cells_without_enough_training_are_never_above():
+    cells = np.ones((1, 12), dtype=np.float32)
+    cells[0, [0, 5]] = 1e30  # 3 to 6 away: bins 3 to 6 from the first, only 2 and 8 to 11 from the other
+    np.testing.assert_array_equal(training_counts(SHORT, 12)[[0, 5]], [4, 7])
+    assert ca_mask(cells, SHORT, 1e-1)[0, 5]
+    assert os_mask(cells, SHORT, 1e-1, rank_share=0.5)[0, 5]
+    few = RangeWindow(first=3, reach=5, step=1)
+    assert training_counts(few, 12)[0] == 3
+    assert not ca_mask(cells, few, 1e-1)[0, 0]
+    assert not os_mask(cells, few, 1e-1, rank_share=0.5)[0, 0]
+
+
+def body_in_noise():
+    """Exponential noise of mean 1 and a body of 12 range bins by 24 Doppler bins, 20 dB above it (K, N)."""
+    cells = exponential((128, 188), 9)
+    cells[70:94, 90:102] *= 100
+    return cells
+
+
+def test_a_small_window_is_masked_by_the_body_itself_and_a_wide_guard_is_not():
+    cells = body_in_noise()
+    outer, inner = (ndimage.uniform_filter(cells, size) * np.prod(size) for size in ((57, 25), (13, 9)))
+    n_training = 57 * 25 - 13 * 9
+    assert n_training == 1308  # guard 4 x 6 and training 8 x 22 on either side in range and Doppler
+    small_guard = cells > (outer - inner) / n_training * ca_factor(n_training, 1e-3)
+    window = range_window(bin_spacing_m=0.0514, window_m=2.0, guard_m=0.75, resolution_m=0.09)
+    along_range = os_mask(cells, window, 1e-3, rank_share=0.6)
+    body = (slice(70, 94), slice(90, 102))
+    assert small_guard[body].mean() < 0.6
+    assert along_range[body].mean() > 0.85
+    assert (cells > noise_factor(1e-3))[body].mean() == pytest.approx(1e-3 ** (1 / 100), abs=0.05)
+
+
+def test_what_cannot_be_had_is_refused():
+    with pytest.raises(AnalysisError, match="rank 9 of 8"):
+        os_factor(8, 9, 1e-3)
+    with pytest.raises(AnalysisError, match="out of reach"):
+        os_factor(4, 1, 1e-12)

@@ -1,0 +1,237 @@
+"""Pieces of a range track: change points, what is not cut, motion over ground."""
+
+from __future__ import annotations
+
+from itertools import combinations, pairwise
+
+import numpy as np
+import pytest
+
+from doppelgait.core.errors import AnalysisError
+from doppelgait.core.rng import rng
+from doppelgait.features.piece_motion import piece_motion
+from doppelgait.processing.partition import best_knots
+from doppelgait.processing.pieces import PieceSettings, find_pieces
+
+SD_M = 0.065
+
+
+def change_points(pieces):
+    return [(left.stop_s + right.start_s) / 2 for left, right in pairwise(pieces)]
+
+
+def legs(source, *, n=4, leg_s=2.8, sd_m=SD_M):
+    """Back and forth at one speed a leg, turns at once; 10 Hz."""
+    times = np.arange(0, n * leg_s, 0.1)
+    speeds = source.uniform(0.8, 1.6, n) * (-1.0) ** np.arange(n)
+    corners = np.concatenate([[7.0], 7.0 - np.cumsum(speeds * leg_s)])
+    track = np.interp(times, leg_s * np.arange(n + 1), corners)
+    return times, track + source.normal(0, sd_m, times.size), leg_s * np.arange(1, n), speeds
+
+
+def matched(found, true, tolerance_s=0.3):
+    """Hits when every true change point takes the nearest free one within the tolerance."""
+    left, hits = list(found), 0
+    for wanted in true:
+        near = [f for f in left if abs(f - wanted) <= tolerance_s]
+        if near:
+            left.remove(min(near, key=lambda f: abs(f - wanted)))
+            hits += 1
+    return hits
+
+
+@pytest.mark.parametrize("sd_m", [0.03, 0.1])
+def test_turns_of_four_legs_are_found(sd_m):
+    hits = found_all = true_all = 0
+    for seed in range(17):
+        times, track, true, _ = legs(rng(seed), sd_m=sd_m)
+        found = change_points(find_pieces(times, track, range_sd_m=max(sd_m, 0.05)))
+        hits, found_all, true_all = hits + matched(found, true), found_all + len(found), true_all + len(true)
+    assert true_all >= 48
+    assert 2 * hits / (found_all + true_all) >= 0.95
+
+
+def test_a_piece_tells_velocity_and_leaves_out_what_lies_beside_a_turn():
+    times, track, true, speeds = legs(rng(3), sd_m=1e-4)
+    pieces = find_pieces(times, track)
+    assert len(pieces) == 4
+    for piece, speed in zip(pieces, speeds, strict=True):
+        assert piece.radial_velocity_mps == pytest.approx(speed, abs=2e-3)
+        assert piece.curvature_mps2 == pytest.approx(0, abs=5e-3)
+        assert piece.residual_m < 5e-4
+    for left, right, turn_s in zip(pieces[:-1], pieces[1:], true, strict=True):
+        assert left.stop_s == pytest.approx(turn_s - 0.35, abs=0.051)
+        assert right.start_s == pytest.approx(turn_s + 0.35, abs=0.051)
+    assert (pieces[0].start_s, pieces[-1].stop_s) == (times[0], times[-1])
+    assert [piece.usable for piece in pieces] == [True, True, True, True]
+
+
+@pytest.mark.parametrize("period_s", [3, 5, 8])
+def test_a_sinusoidal_speed_is_not_cut(period_s):
+    """Up to 0.3 m/s^2: speed 1.2 + A sin(w t), A w = 0.3."""
+    times = np.arange(0, 12, 0.1)
+    w = 2 * np.pi / period_s
+    for seed in range(5):
+        track = 18 - 1.2 * times + 0.3 / w**2 * np.cos(w * times + seed) + rng(seed).normal(0, SD_M, times.size)
+        assert len(find_pieces(times, track)) == 1
+
+
+@pytest.mark.parametrize("aspect_deg", [0, 30, 60, 90, 150])
+@pytest.mark.parametrize("range_m", [1.5, 4.0])
+def test_a_straight_walk_past_the_radar_is_one_piece(aspect_deg, range_m):
+    """Constant velocity over ground, whatever the radial velocity does: R^2 is a parabola."""
+    times = np.linspace(-2.5, 2.5, 51)
+    along, across = 1.4 * np.cos(np.radians(aspect_deg)) * times, 1.4 * np.sin(np.radians(aspect_deg)) * times
+    near = range_m if aspect_deg > 30 and aspect_deg < 150 else range_m + 3.0
+    clean = np.sqrt((near - along) ** 2 + across**2 + 0.09)
+    for seed in range(4):
+        (piece,) = find_pieces(times, clean + rng(seed).normal(0, SD_M, times.size))
+        assert piece.usable
+    (piece,) = find_pieces(times, clean)
+    velocity = 1.4 * np.cos(np.radians(aspect_deg)) * near / np.hypot(near, 0.3)
+    assert piece.radial_velocity_mps == pytest.approx(velocity, abs=1e-6)
+    assert piece.curvature_mps2 == pytest.approx((1.4**2 - velocity**2) / np.hypot(near, 0.3), abs=1e-6)
+    assert piece.residual_m < 1e-6
+
+
+def test_a_line_model_would_cut_the_walk_past_the_radar():
+    """What the parabola is for: two lines fit the 90 degree track better than one by more than the penalty."""
+    times = np.arange(-2.5, 2.5, 0.1)
+    track = np.hypot(1.5, 1.4 * times)
+    one = np.polyfit(times, track, 1, full=True)[1][0]
+    two = sum(np.polyfit(times[half], track[half], 1, full=True)[1][0] for half in (times < 0, times >= 0))
+    assert one - two > 3 * SD_M**2 * np.log(50)
+    assert len(find_pieces(times, track)) == 1
+
+
+@pytest.mark.parametrize("jump_mps", [1.0, 1.4])
+def test_a_sudden_change_of_speed_is_cut(jump_mps):
+    """One that the merging of 0.15 m/s and the slow changes of 0.3 m/s^2 do not cover."""
+    times = np.arange(0, 8, 0.1)
+    for seed in range(8):
+        track = 12 - 0.5 * times - jump_mps * np.maximum(times - 4, 0) + rng(seed).normal(0, SD_M, times.size)
+        assert change_points(find_pieces(times, track)) == [pytest.approx(4.0, abs=0.4)]
+
+
+def test_neighbours_of_nearly_one_speed_are_joined():
+    times = np.arange(0, 8, 0.1)
+    track = 12 - 0.5 * times - 0.12 * np.maximum(times - 4, 0)
+    sharp = PieceSettings(smooth_mps2=0.01, same_speed_mps=0.0)
+    assert len(find_pieces(times, track, range_sd_m=0.005, settings=sharp)) == 2
+    joined = sharp.model_copy(update={"same_speed_mps": 0.15})
+    assert len(find_pieces(times, track, range_sd_m=0.005, settings=joined)) == 1
+
+
+def test_who_stops_stands_still_and_a_short_rest_is_too_short():
+    times = np.arange(0, 9, 0.1)
+    track = np.interp(times, [0, 3, 6, 9], [8.0, 4.4, 4.4, 0.8]) + rng(1).normal(0, 0.03, times.size)
+    assert [piece.reason for piece in find_pieces(times, track)] == ["", "stands_still", ""]
+    track = np.interp(times, [0, 4, 5.2, 9], [8.0, 3.2, 3.2, 7.0])
+    assert [piece.reason for piece in find_pieces(times, track)] == ["", "too_short", ""]
+
+
+def test_no_piece_reaches_across_a_gap_and_uneven_times_do_not_matter():
+    times = np.concatenate([np.arange(0, 3, 0.1), np.arange(4, 7, 0.1)])
+    pieces = find_pieces(times, 10 - 1.2 * times)
+    assert [(round(p.start_s, 3), round(p.stop_s, 3)) for p in pieces] == [(0, 2.9), (4, 6.9)]
+    uneven = np.sort(rng(2).uniform(0, 6, 60))
+    track = np.interp(uneven, [0, 3, 6], [6.0, 2.4, 6.0])
+    assert change_points(find_pieces(uneven, track)) == [pytest.approx(3.0, abs=0.3)]
+
+
+def test_faulty_tracks_are_refused_and_short_ones_have_no_pieces():
+    assert find_pieces([], []) == ()
+    assert find_pieces([0.0, 0.1], [3.0, 3.0]) == ()
+    assert [piece.reason for piece in find_pieces([0.0, 0.1, 0.2], [3.0, 2.9, 2.8])] == ["too_short"]
+    with pytest.raises(AnalysisError, match="as many times as ranges"):
+        find_pieces([0, 1, 2], [3, 3])
+    with pytest.raises(AnalysisError, match="rising times"):
+        find_pieces([0, 2, 1], [3, 3, 3])
+    with pytest.raises(AnalysisError, match="above 0 m; the least of these is -1 m"):
+        find_pieces([0, 1, 2], [3, -1, 3])
+    with pytest.raises(AnalysisError, match="range_sd_m = 0"):
+        find_pieces([0, 1, 2], [3, 3, 3], range_sd_m=0)
+
+
+def path_cost(times, ranges, knots, *, sd_m, smooth_mps2, penalty):
+    """Least cost of one partition by dense least squares over start value, piece velocities and all departures."""
+    n, value, noise = times.size, ranges**2, 2 * ranges * sd_m
+    starts = [0, *knots]
+    size = 1 + 2 * len(starts) + n - 1  # s_0; s' and s'' of every piece; a departure a step
+    place, speed = np.zeros((n, size)), np.zeros(size)
+    place[0, 0] = 1
+    rows, wanted = [place[0] / noise[0]], [value[0] / noise[0]]
+    for k in range(1, n):
+        if k - 1 in starts:
+            p = 1 + 2 * starts.index(k - 1)
+            speed = np.eye(size)[p]
+            rows += [np.eye(size)[p] / (2 * ranges[k - 1] * 3.0), np.eye(size)[p + 1] / (2 * 3.0**2)]
+            wanted += [0, 0]
+        dt = times[k] - times[k - 1]
+        departure = np.eye(size)[1 + 2 * len(starts) + k - 1]
+        kick = departure * 2 * ranges[k] * smooth_mps2 * np.sqrt(0.1 * dt)
+        place[k] = place[k - 1] + dt * speed + dt**2 / 2 * np.eye(size)[p + 1] + dt / 2 * kick
+        speed = speed + dt * np.eye(size)[p + 1] + kick
+        rows += [place[k] / noise[k], departure]
+        wanted += [value[k] / noise[k], 0]
+    rows, wanted = np.array(rows), np.array(wanted)
+    solution = np.linalg.lstsq(rows, wanted, rcond=None)[0]
+    return float(((rows @ solution - wanted) ** 2).sum()) + penalty * len(knots)
+
+
+def short_track(seed):
+    """14 ranges at uneven times, with none to two corners."""
+    source = rng(seed)
+    times = np.cumsum(source.uniform(0.08, 0.12, 14))
+    corners = times[0] + np.sort(source.uniform(0.2, 1.1, seed % 3))
+    track = 6 + source.normal(0, 1) * times + source.normal(0, 0.03, 14)
+    return times, track + sum(source.normal(0, 4) * np.maximum(times - c, 0) for c in corners)
+
+
+COSTS = {"smooth_mps2": 0.5, "penalty": 5.0}
+
+
+@pytest.mark.parametrize("seed", range(9))
+def test_no_other_partition_costs_less(seed):
+    """All partitions of a short track, each solved by dense least squares."""
+    times, track = short_track(seed)
+
+    def allowed(knots):
+        return all(times[b] - times[a] >= 0.3 for a, b in pairwise([0, *knots, 13]))
+
+    all_knots = [k for size in range(4) for k in combinations(range(1, 13), size) if allowed(k)]
+    costs = {k: path_cost(times, track, k, sd_m=0.05, **COSTS) for k in all_knots}
+    found, cost = best_knots(times, track, range_sd_m=0.05, min_piece_s=0.3, **COSTS)
+    assert tuple(found) == min(costs, key=costs.get)
+    assert cost == pytest.approx(min(costs.values()), rel=1e-4)
+
+
+def test_the_oracle_meets_tracks_with_and_without_change_points():
+    """So that agreement with it says something."""
+    tracks = [short_track(seed) for seed in range(9)]
+    counts = {len(best_knots(*track, range_sd_m=0.05, min_piece_s=0.3, **COSTS)[0]) for track in tracks}
+    assert {0, 1, 2} <= counts
+
+
+@pytest.mark.parametrize(
+    ("aspect_deg", "visibility"),
+    [(10, "clear"), (50, "clear"), (60, "limbs_only"), (120, "limbs_only"), (85, "hidden")],
+)
+def test_motion_over_ground_of_a_piece(aspect_deg, visibility):
+    """The piece is straight motion; the track before it is not."""
+    times = np.arange(0, 8, 0.1)
+    t = np.maximum(times, 3.0) - 5.45  # middle of 3.0 to 7.9 s
+    angle = np.radians(aspect_deg)
+    track = np.hypot(6 - 1.3 * np.cos(angle) * t, 1.3 * np.sin(angle) * t)
+    found = piece_motion(times, track, start_s=3.0, stop_s=7.9)
+    assert found.ground_speed_mps == pytest.approx(1.3, rel=0.01)
+    assert found.aspect_deg == pytest.approx(aspect_deg, abs=1)
+    assert found.visibility == visibility
+
+
+def test_a_short_piece_has_no_aspect_and_an_empty_one_is_refused():
+    times = np.arange(0, 5, 0.1)
+    found = piece_motion(times, 8 - times, start_s=0, stop_s=2)
+    assert (found.ground_speed_mps, found.aspect_deg, found.visibility) == (None, None, "unknown")
+    with pytest.raises(AnalysisError, match="from 7 to 9 s holds 0 ranges"):
+        piece_motion(times, 8 - times, start_s=7, stop_s=9)

@@ -1,0 +1,125 @@
+"""Targets found without the truth, against the truth."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from doppelgait.core.errors import DoppelgaitWarning
+from doppelgait.core.rng import rng
+from doppelgait.motion import boulic_walk, quadruped_gait
+from doppelgait.motion.models.primitives import breathing_person
+from doppelgait.pipeline import analyze, result_as_dict, simulate
+from doppelgait.pipeline.echoes import Conditions
+from doppelgait.processing import Analysis
+from doppelgait.radar import Radar
+from doppelgait.scene import Scene, Target
+
+RADAR = Radar.preset("x4")
+WALK = boulic_walk(speed_mps=1.2, height_m=1.75, duration_s=4.5)
+ROOM = Conditions(
+    impairments=[
+        {"kind": "static_clutter", "in_units": True, "levels": [[0.8, -60.0], [8.0, -85.0]]},
+        {"kind": "phase_noise", "white_rad": 0.003},
+    ]
+)
+
+
+class Untold:
+    """A truth that nobody may look at."""
+
+    def __iter__(self):
+        raise AssertionError("the truth was read")
+
+    __len__ = __getitem__ = __bool__ = __iter__
+
+
+def recording_of(*targets, seed=3, snr_db=20.0, conditions=ROOM, radar=RADAR):
+    made = simulate(Scene(list(targets)), radar, rng=rng(seed), snr_db=snr_db, conditions=conditions)
+    told = made.truth
+    blind = replace(made)
+    object.__setattr__(blind, "truth", Untold())
+    return blind, replace(made, truth=told)
+
+
+def test_a_walker_is_found_in_clutter_with_the_features_of_the_true_gate():
+    blind, told = recording_of(Target(WALK, label="human", range_m=4.5))
+    found, true = analyze(blind), analyze(told, gate="truth", analysis=Analysis(clutter="mean"))[0]
+    assert len(found) == 1
+    (result,) = found
+    assert result.gate == "track"
+    assert result.label is None
+    assert result.features.torso_velocity_mps == pytest.approx(true.features.torso_velocity_mps, abs=0.03)
+    assert result.gait_frequency_hz == pytest.approx(true.gait_frequency_hz, rel=0.02)
+    truth = told.truth[0]
+    times = result.gate_limits["time"].values
+    centre = (result.gate_limits["range_low"].values + result.gate_limits["range_high"].values) / 2
+    apart = centre - np.interp(times, told.baseband.slow_time.values, truth.centre_range_m)
+    assert np.sqrt((apart**2).mean()) < 0.15
+    assert times[-1] - times[0] > 0.85 * 4.5
+
+
+@pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")
+def test_two_who_pass_each_other_are_two():
+    trot = quadruped_gait(gait="trot", withers_m=0.5, duration_s=4.5)
+    blind, told = recording_of(
+        Target(WALK, range_m=5.0), Target(trot, range_m=5.0, aspect_deg=180.0, bearing_deg=5.0), snr_db=25.0
+    )
+    velocities = sorted(result.features.torso_velocity_mps for result in analyze(blind))
+    true = sorted(float(truth.centre_velocity_mps.mean()) for truth in told.truth)
+    assert len(velocities) == 2
+    np.testing.assert_allclose(velocities, true, atol=0.12)
+
+
+@pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")
+def test_an_empty_room_holds_nobody():
+    empty = Scene([], duration_s=12.0)
+    for seed in range(2):
+        made = simulate(empty, RADAR, rng=rng(seed), conditions=ROOM)
+        assert analyze(made) == []
+
+
+def test_one_who_stops_and_goes_on_is_analysed_piece_by_piece():
+    path = {"kind": "stop_and_go", "stops": [{"at_m": 3.6, "pause_s": 3.0}]}
+    walk = boulic_walk(speed_mps=1.2, height_m=1.75, duration_s=20.0)
+    target = Target(walk, start_position_m=(9.0, 0.0), heading_deg=180.0, path=path)
+    made = simulate(Scene([target], duration_s=10.5), RADAR, rng=rng(1), snr_db=25.0, conditions=ROOM)
+    found = analyze(made)
+    assert len(found) == 1
+    pieces = found[0].pieces
+    assert len(pieces) == 2
+    assert all(piece.features.torso_velocity_mps == pytest.approx(1.2, abs=0.12) for piece in pieces)
+    speed_mps = np.abs(made.truth[0].centre_velocity_mps)
+    for piece in pieces:  # the pause is in neither
+        times = made.baseband.slow_time.values
+        inside = (times >= piece.quality["start_s"]) & (times <= piece.quality["stop_s"])
+        assert speed_mps[inside].min() > 0.3
+    assert found[0].quality["n_pieces"] == 2
+
+
+def test_one_who_sits_is_found_by_the_breath():
+    radar = Radar.preset("x4-17fps")
+    sitter = Target(breathing_person(duration_s=40.0, breathing_hz=0.25), range_m=2.0)
+    made = simulate(Scene([sitter]), radar, rng=rng(1))
+    with pytest.warns(DoppelgaitWarning, match="only people who keep still"):
+        found = analyze(made)
+    assert len(found) == 1
+    quality = found[0].quality
+    assert quality["breathing_rate_hz"] == pytest.approx(0.25, rel=0.02)
+    true = float(made.truth[0].centre_range_m.mean())
+    assert quality["track_range_m"] == pytest.approx(true, abs=0.2)
+    assert found[0].gait_frequency_hz is None
+    assert any(flag.startswith("keeps_still") for flag in found[0].flags)
+    assert math.isfinite(result_as_dict(found[0])["quality"]["breathing_rate_hz"])
+
+
+def test_a_clutter_choice_is_kept_and_mean_is_the_default():
+    blind, _ = recording_of(Target(WALK, range_m=4.5))
+    as_asked = analyze(blind, analysis=Analysis(clutter="exponential"))[0]
+    by_default = analyze(blind)[0]
+    named = analyze(blind, analysis=Analysis(clutter="mean"))[0]
+    assert by_default.features == named.features
+    assert as_asked.features != named.features
