@@ -222,3 +222,35 @@ def test_examples_keep_their_conditions_as_json():
     assert dumped["environment"][0]["loss_db"] == 6.0
     assert dumped["impairments"][0]["levels"] == [[1.0, -60.0], [8.0, -90.0]]
     assert type(spec).model_validate(dumped) == spec
+
+
+# --- Labels and edges ---
+
+
+@pytest.mark.parametrize(("noise", "kind"), [("thermal", "level"), ("none", "level"), ("thermal", "figure")])
+def test_the_recorded_noise_is_that_of_the_list(noise, kind):
+    own = {"kind": "thermal_noise", **({"level_db": -60.0} if kind == "level" else {"noise_figure_db": 16.0})}
+    made = run_simulation(parse_run({**SCENE, "noise": {"kind": noise}, "targets": [], "impairments": [own]}))
+    measured = float((np.abs(made.baseband.values) ** 2).mean())
+    assert made.noise_power_v2 == pytest.approx(measured, rel=0.02)
+
+
+def test_clutter_does_not_fold_into_the_other_end_of_a_frame():
+    radar = Radar.preset("ti-60")
+    profile = {"kind": "static_clutter", "levels": [[0.5, -40.0], [8.0, -90.0]]}
+    empty = Scene([], duration_s=3.0 / radar.prf_hz)
+    power = np.mean(
+        [
+            (np.abs(simulate(empty, radar, impairments_rng=rng(seed), conditions=Conditions(impairments=[profile]))
+             .baseband.values[0]) ** 2)
+            for seed in range(200)
+        ],
+        axis=0,
+    )  # fmt: skip
+    far = int(np.argmin(np.abs(radar.range_axis_m() - 7.5)))  # clear of the window's own reach over the end
+    assert 10 * np.log10(power[far]) == pytest.approx(np.interp(7.5, [0.5, 8.0], [-40.0, -90.0]), abs=2.5)
+
+
+def test_there_is_one_floor():
+    with pytest.raises(ConfigError, match="twice"):
+        parse_run({**SCENE, "environment": [{"kind": "ground_bounce"}, {"kind": "ground_bounce"}]})

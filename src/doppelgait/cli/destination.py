@@ -42,6 +42,7 @@ def check_destination(path: Path, names: XethruNames) -> None:
     check_output(path, suffix)
     if not suffix:
         _start(names)
+        _check_type(names.data_type)
 
 
 def write_to(recording: Recording, path: Path, names: XethruNames) -> Path:
@@ -61,6 +62,15 @@ def write_to(recording: Recording, path: Path, names: XethruNames) -> Path:
     writers = {".h5": write_recording, ".npz": write_arrays, ".sigmf-meta": write_sigmf}
     writers[suffix](recording, path)
     return path
+
+
+def _check_type(data_type: str | None) -> None:
+    from doppelgait.core.errors import ConfigError
+    from doppelgait.radar.xethru.convert import CONVERTIBLE
+
+    allowed = [name for name in CONVERTIBLE if name != "radar_rf"]  # counters, whose scale only Python can give
+    if data_type is not None and data_type not in allowed:
+        raise ConfigError(f"--data-type {data_type}: is not allowed; writable are {', '.join(allowed)}")
 
 
 def _start(names: XethruNames) -> datetime:

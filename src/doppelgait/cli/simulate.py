@@ -37,7 +37,8 @@ def simulate(
     duration: Annotated[float | None, typer.Option("--duration", help="Observation time, s.")] = None,
     snr_db: Annotated[float | None, typer.Option("--snr-db", help="SNR_frame, dB; inf for no noise.")] = None,
     data_type: Annotated[
-        str | None, typer.Option("--data-type", help="XeThru record: baseband_iq (default), datafloat, radar_rf, ...")
+        str | None,
+        typer.Option("--data-type", help="XeThru record: baseband_iq (default), datafloat, radar_rf_normalized, ..."),
     ] = None,
     start_time: Annotated[
         str | None, typer.Option("--start-time", help=f"Start of a XeThru recording; {START_TIME} by default.")
@@ -130,6 +131,8 @@ def put_target_options(
     """
     from doppelgait.core.errors import ConfigError
 
+    if all(option is None for option in (label, speed, height, aspect, range_m)):
+        return
     targets = table.get("targets")
     if not isinstance(targets, list) or not targets or not isinstance(targets[0], dict):
         raise ConfigError("targets: a scene needs at least one [[targets]] entry")

@@ -63,7 +63,7 @@ def analyze(
     baseband = processing.remove_clutter(recording.baseband, settings)
     wavelength_m = recording.radar.wavelength_m
     if isinstance(gate, tuple):
-        gate = processing.fixed_gate(axis(baseband, "slow_time"), *gate)
+        gate = processing.fixed_gate(axis(baseband, "slow_time"), *_within(axis(baseband, "range"), *gate))
     if isinstance(gate, xr.Dataset):
         return [analyze_gated(baseband, wavelength_m, gate, settings, None)]
     _check_source(recording, gate)
@@ -73,6 +73,19 @@ def analyze(
         for gate, truth in zip(gates, recording.truth, strict=True)
     ]
     return flag_overlaps(results)
+
+
+def _within(range_m: npt.NDArray[np.float64], low_m: float, high_m: float) -> tuple[float, float]:
+    """A fixed gate cut to the cells of the frame; one beside it is an error that says where the frame is."""
+    if range_m.size == 1 or not low_m < high_m:
+        return low_m, high_m
+    half_m = float(range_m[1] - range_m[0]) / 2
+    first_m, last_m = float(range_m[0]) - half_m, float(range_m[-1]) + half_m
+    if high_m <= first_m or low_m >= last_m:
+        raise AnalysisError(
+            f"gate {low_m:g} to {high_m:g} m: lies outside the recorded frame, {first_m:.2f} to {last_m:.2f} m"
+        )
+    return max(low_m, first_m), min(high_m, last_m)
 
 
 def _check_source(recording: Recording, gate: str) -> None:

@@ -15,7 +15,7 @@ from doppelgait.core.units import duration_to_pulses, slow_time_axis_s
 from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.pipeline.echoes import Conditions, of_targets, received
 from doppelgait.radar.config import Radar
-from doppelgait.radar.impairments import apply_impairments
+from doppelgait.radar.impairments import ThermalNoise, apply_impairments, noise_power_per_sample_v2
 from doppelgait.radar.recording import Recording, TargetTruth
 from doppelgait.radar.simulate import (
     compress,
@@ -98,7 +98,10 @@ def simulate(
     samples = synthesise_samples(scatterers, radar)
     signal_v2 = _signal_v2(scatterers, samples, radar)
     noise_v2 = noise_level_v2(radar, signal_v2, snr_db) if rng is not None else 0.0
-    if rng is not None and noise_v2 > 0 and not given.names("thermal_noise"):
+    own_noise = [spec for spec in given.faults if isinstance(spec, ThermalNoise)]
+    if own_noise:
+        noise_v2 = sum(noise_power_per_sample_v2(s, radar) for s in own_noise) * waveform_of(radar).noise_gain(radar)
+    elif rng is not None and noise_v2 > 0:
         samples = noisy(samples, noise_power_v2=noise_v2 / waveform_of(radar).noise_gain(radar), rng=rng)
     if given.faults and fault_rng is not None:
         samples = apply_impairments(samples, given.faults, radar=radar, rng=fault_rng)

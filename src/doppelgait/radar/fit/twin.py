@@ -181,6 +181,11 @@ def _checked(
     recording: Recording, start_s: float | None, stop_s: float | None
 ) -> tuple[ComplexArray, FloatArray, FloatArray]:
     time_s, range_m = axis(recording.baseband, "slow_time"), axis(recording.baseband, "range")
+    if "burst_pulses" in recording.baseband.attrs:
+        raise AnalysisError(
+            f"{recording.source}: comes in bursts, whose pauses would count as lost frames; a twin is fitted to "
+            "unbroken recordings only: record without pauses"
+        )
     chosen = np.ones(time_s.size, dtype=bool)
     chosen &= time_s >= (-np.inf if start_s is None else start_s)
     chosen &= time_s <= (np.inf if stop_s is None else stop_s)

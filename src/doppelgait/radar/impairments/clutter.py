@@ -152,7 +152,21 @@ def clutter_ranges(radar: Radar) -> tuple[npt.NDArray[np.float64], float]:
     n_scatterers = min(n_scatterers, MAX_SCATTERERS)
     spacing_m = (span_m + 2.0 * beyond_m) / n_scatterers
     range_m = radar.range_start_m - beyond_m + spacing_m * (np.arange(n_scatterers) + 0.5)
-    return np.asarray(range_m, dtype=np.float64), spacing_m
+    return _that_stay(np.asarray(range_m, dtype=np.float64), radar), spacing_m
+
+
+def _that_stay(range_m: npt.NDArray[np.float64], radar: Radar) -> npt.NDArray[np.float64]:
+    """Ranges without those that a folding waveform would show at the other end of the frame."""
+    from doppelgait.radar.waveforms import waveform_of
+
+    waveform = waveform_of(radar)
+    end_m = waveform.unambiguous_range_m(radar)
+    if not waveform.folds or not math.isfinite(end_m):
+        return range_m
+    reach_m = CELLS_BEYOND * radar.range_resolution_m
+    appears_m = range_m % end_m
+    near = (appears_m > radar.range_start_m - reach_m) & (appears_m < radar.range_stop_m + reach_m)
+    return range_m[((range_m >= 0) & (range_m < end_m)) | ~near]
 
 
 def clutter_rms_v(range_m: npt.NDArray[np.float64], spec: StaticClutter, radar: Radar) -> npt.NDArray[np.float64]:

@@ -35,11 +35,11 @@ class PhaseNoise(FrozenModel):
     ----------
     white_rad : float
         Standard deviation of the common phase, independent from frame to frame. 0.004 by default: two X4 before an
-        empty room showed 0.0034 and 0.0053 at 25 frames/s.
+        empty room showed 0.003 and 0.005 at 25 frames/s.
     jitter_s : float
         Start jitter of the frames as the receiver sees it, after averaging; adds to ``white_rad`` in power.
     drift_rad_per_min : float
-        Rate of a linear drift; 0.1 to 1 in size is usual (the same two X4: 0.1).
+        Rate of a linear drift; 0.1 to 1 in size is usual.
     walk_rad_per_sqrt_min : float
         Random walk of the common phase: its standard deviation after one minute.
     density_dbc_per_hz : float, optional

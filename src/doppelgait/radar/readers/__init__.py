@@ -28,6 +28,10 @@ for _name, _module, _sniff, _read, _suffixes in (
     RECORDING_READERS.add(_name, RecordingReader(f"{_where}:{_sniff}", f"{_where}:{_read}", _suffixes))
 
 
+SWITCHES = {"conjugate", "time_first", "ignore_checksum"}
+"""Options that are true or false."""
+
+
 def read_recording(path: str | os.PathLike[str], *, format: str | None = None, **options: Any) -> Recording:
     """Read a radar recording, simulated or measured.
 
@@ -96,3 +100,6 @@ def _check_options(path: Path, name: str, reader: Callable[..., Any], options: M
     if unknown := sorted(set(options) - set(allowed)):
         said = f"allowed are {', '.join(allowed)}" if allowed else "it has none"
         raise RecordingError(f"{path}: the {name} reader has no option {', '.join(unknown)}; {said}")
+    for switch in SWITCHES & set(options):
+        if not isinstance(options[switch], bool):
+            raise RecordingError(f"{path}: option {switch} = {options[switch]!r} is not allowed: must be true or false")

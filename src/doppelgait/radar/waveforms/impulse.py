@@ -99,5 +99,13 @@ IMPULSE = Waveform(
     unambiguous_range_m=fast_time.unambiguous_range_m,
     coupling_s=no_coupling,
     figures=figures,
-    takes=("bandwidth_hz", "bandwidth_level_db", "pulse_sigma_s", "decimation", "noise_bandwidth_hz", "sweep_levels"),
+    takes=(
+        "bandwidth_hz",
+        "bandwidth_level_db",
+        "pulse_sigma_s",
+        "decimation",
+        "noise_bandwidth_hz",
+        "sweep_levels",
+        "pulse_rate_hz",
+    ),
 )

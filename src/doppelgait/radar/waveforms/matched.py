@@ -150,7 +150,7 @@ RECTANGULAR = Waveform(
     coupling_s=no_coupling,
     figures=rectangular_figures,
     needs=("sweep_s",),
-    takes=("decimation", "noise_bandwidth_hz"),
+    takes=("decimation", "noise_bandwidth_hz", "pulse_rate_hz"),
 )
 
 LFM = Waveform(
@@ -168,5 +168,5 @@ LFM = Waveform(
     coupling_s=coupling_s,
     figures=lfm_figures,
     needs=("bandwidth_hz", "sweep_s"),
-    takes=("decimation", "noise_bandwidth_hz"),
+    takes=("decimation", "noise_bandwidth_hz", "pulse_rate_hz"),
 )

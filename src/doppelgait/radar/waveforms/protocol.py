@@ -23,6 +23,7 @@ CHOSEN = {
     "range_window": "hann",
     "noise_bandwidth_hz": None,
     "sweep_levels": 1,
+    "pulse_rate_hz": None,
 }
 """Parameters that not every waveform has, and the values that count as not given."""
 

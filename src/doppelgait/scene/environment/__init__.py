@@ -83,6 +83,9 @@ def check_order(effects: Sequence[FrozenModel]) -> tuple[FrozenModel, ...]:
     Images are made from the places of the scatterers, which a wall's delay would falsify, and they cross walls and
     fade with range themselves.
     """
+    floors = [spec for spec in effects if isinstance(spec, GroundBounce)]
+    if len(floors) > 1:
+        raise ConfigError("environment: 'ground_bounce' is there twice, but there is one floor; leave one out")
     changed = ""
     for spec in effects:
         if not _effect_of(spec).makes_images:

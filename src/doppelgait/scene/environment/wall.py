@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+import warnings
 from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
 import xarray as xr
 from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel
+from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.core.labels import axis
 from doppelgait.core.units import db_to_power
 from doppelgait.scene.environment.materials import Material, relative_permittivity
@@ -110,6 +113,7 @@ def apply_wall(scatterers: xr.Dataset, spec: Wall, setting: Setting) -> xr.Datas
     normal_rad = _normal_rad(spec, setting)
     toward_m = direct.along(normal_rad)
     behind = toward_m > (spec.range_m if spec.range_m is not None else -math.inf)
+    _warn_of_crossing(behind, spec)
     if spec.material is None:
         return _measured(scatterers, spec, behind)
     permittivity = relative_permittivity(spec.material, wavelength_m=setting.wavelength_m)
@@ -128,6 +132,16 @@ def apply_wall(scatterers: xr.Dataset, spec: Wall, setting: Setting) -> xr.Datas
         path_gain=np.where(behind, scatterers["path_gain"].values * gain, scatterers["path_gain"].values),
         path_phase=phase_of(scatterers) + np.where(behind, rest_rad, 0.0),
     )
+
+
+def _warn_of_crossing(behind: npt.NDArray[np.bool_], spec: Wall) -> None:
+    if (behind.any(axis=0) & ~behind.all(axis=0)).any():
+        warnings.warn(
+            f"wall at {spec.range_m} m: a scatterer is in front of it at one time and behind it at another; its range "
+            "and level jump there; move the wall or the target",
+            DoppelgaitWarning,
+            stacklevel=4,
+        )
 
 
 def wall_insertion(
