@@ -83,11 +83,13 @@ def draw_range_time(
 ) -> ScalarMappable:
     """The map and gate limits of :func:`range_time` on given axes."""
     checked(baseband, BASEBAND)
-    level_db = amplitude_to_db(baseband.values).T
+    level_db, range_m = amplitude_to_db(baseband.values).T, baseband.coords["range"].values
+    if range_m.size == 1:  # a radar without range: one band, as high as the axis
+        level_db, range_m = np.repeat(level_db, 2, axis=0), range_m + np.array([-0.25, 0.25])
     image = draw_map(
         axes,
         x=baseband.coords["slow_time"].values,
-        y=baseband.coords["range"].values,
+        y=range_m,
         level_db=level_db,
         limits_db=level_limits_db(level_db, db_range),
     )
