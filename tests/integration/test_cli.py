@@ -276,3 +276,12 @@ def test_demo_makes_figures_and_a_table(tmp_path):
 
 def test_the_example_scene_of_the_repository_runs(tmp_path):
     run("simulate", REPOSITORY / "examples" / "walk.toml", "-o", "walk.h5", cwd=tmp_path)
+
+
+def test_an_empty_room_needs_no_target(tmp_path):
+    (tmp_path / "room.toml").write_text('duration_s = 1\n[radar]\npreset = "x4"\n')
+    run("simulate", "room.toml", "-o", "room.h5", "--seed", "2", cwd=tmp_path)
+    assert "no target found" in run("analyze", "room.h5", cwd=tmp_path).stdout
+    assert (
+        "needs at least one" in run("simulate", "room.toml", "--speed", "1", "-o", "x.h5", cwd=tmp_path, code=2).stderr
+    )

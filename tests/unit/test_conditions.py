@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
+from datetime import UTC, datetime
 
 import numpy as np
 import pytest
 
-from doppelgait.core.errors import ConfigError
+from doppelgait.core.errors import AnalysisError, ConfigError, DoppelgaitWarning, RecordingError
 from doppelgait.core.rng import rng
 from doppelgait.dataset.config import PlanConfig
 from doppelgait.dataset.plan import dataset_id, plan_examples
 from doppelgait.motion import boulic_walk, fan
 from doppelgait.pipeline import analyze, parse_run, run_example, run_simulation, simulate
 from doppelgait.pipeline.echoes import Conditions
-from doppelgait.radar import Radar
+from doppelgait.radar import Radar, read_recording, write_arrays
+from doppelgait.radar.fit import fit_twin
+from doppelgait.radar.xethru import write_xethru_recording
 from doppelgait.scene import Scene, Target
 
 WALK = boulic_walk(speed_mps=1.3, height_m=1.7, duration_s=2.0)
@@ -75,6 +79,7 @@ def test_frame_jitter_moves_the_scene_and_not_the_axis():
     assert np.std(turned[strong]) == pytest.approx(4 * np.pi * 1.3 / RADAR.wavelength_m * 5e-5, rel=0.4)
 
 
+@pytest.mark.filterwarnings("ignore")
 def test_background_movers_scatter_but_are_neither_truth_nor_signal_nor_result():
     blades = Target(fan(duration_s=2.0), background=True, rcs={"kind": "equal", "total_m2": 50.0})
     walker = Target(WALK, label="human", range_m=5.0)
@@ -85,11 +90,6 @@ def test_background_movers_scatter_but_are_neither_truth_nor_signal_nor_result()
     assert with_fan.noise_power_v2 == pytest.approx(alone.noise_power_v2, rel=1e-6)
     assert np.abs(with_fan.baseband.values).max() > 2 * np.abs(alone.baseband.values).max()
     assert len(analyze(with_fan, gate="truth")) == 1
-
-
-test_background_movers_scatter_but_are_neither_truth_nor_signal_nor_result = pytest.mark.filterwarnings("ignore")(
-    test_background_movers_scatter_but_are_neither_truth_nor_signal_nor_result
-)
 
 
 def test_thermal_noise_in_the_list_replaces_the_runs_own():
@@ -254,3 +254,42 @@ def test_clutter_does_not_fold_into_the_other_end_of_a_frame():
 def test_there_is_one_floor():
     with pytest.raises(ConfigError, match="twice"):
         parse_run({**SCENE, "environment": [{"kind": "ground_bounce"}, {"kind": "ground_bounce"}]})
+
+
+def test_a_target_that_walks_through_a_wall_is_told():
+    wall = {"kind": "wall", "material": "concrete", "thickness_m": 0.2, "range_m": 5.0}
+    with pytest.warns(DoppelgaitWarning, match=r"wall at 5.0 m: .* in front of it at one time and behind it"):
+        run(environment=[wall])
+
+
+def test_a_fixed_gate_is_cut_to_the_frame_and_refused_beside_it():
+    made = run_simulation(parse_run(SCENE))
+    (whole,), (wider,) = analyze(made, gate=(0.0, 9.6)), analyze(made, gate=(-3.0, 30.0))
+    assert wider.features.torso_velocity_mps == pytest.approx(whole.features.torso_velocity_mps, abs=1e-3)
+    with pytest.raises(AnalysisError, match=r"outside the recorded frame, -0.03 to 9.64 m"):
+        analyze(made, gate=(12.0, 14.0))
+
+
+def test_only_impulse_radars_are_written_as_xethru(tmp_path):
+    made = run_simulation(parse_run({**SCENE, "duration_s": 0.1, "radar": {"preset": "ti-77"}}))
+    with pytest.raises(RecordingError, match=r"'fmcw': write .h5"):
+        write_xethru_recording(made, tmp_path, start_time=datetime(2020, 1, 1, tzinfo=UTC), session_id="s")
+
+
+def test_a_pulse_rate_means_nothing_to_a_sweep():
+    with pytest.raises(ConfigError, match="pulse_rate_hz means nothing to waveform 'fmcw'"):
+        Radar.preset("ti-60", pulse_rate_hz=1e8)
+
+
+def test_bursts_are_no_lost_frames():
+    made = run_simulation(parse_run({**SCENE, "targets": [], "noise": {"kind": "thermal"}, "duration_s": 0.2}))
+    in_bursts = replace(made, baseband=made.baseband.assign_attrs(burst_pulses=16))
+    with pytest.raises(AnalysisError, match="comes in bursts"):
+        fit_twin(in_bursts)
+
+
+def test_switches_of_readers_are_true_or_false(tmp_path):
+    write_arrays(run_simulation(parse_run({**SCENE, "duration_s": 0.1})), tmp_path / "walk.npz")
+    with pytest.raises(RecordingError, match="conjugate = 'no' is not allowed: must be true or false"):
+        read_recording(tmp_path / "walk.npz", conjugate="no")
+    assert read_recording(tmp_path / "walk.npz", conjugate=False).baseband.sizes["range"] == 188
