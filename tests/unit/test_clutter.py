@@ -9,6 +9,7 @@ from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.processing import Analysis, fixed_gate, make_gate, remove_clutter
 from doppelgait.processing.clutter import clutter_gain, share_removed, torso_share_removed, without_clutter
+from doppelgait.processing.common_phase import without_common_phase
 
 PRF_HZ = 100.0
 TIME_S = np.arange(4000) / PRF_HZ
@@ -72,6 +73,83 @@ def test_the_gain_of_a_tone_is_the_closed_form(kind, doppler_hz):
     assert measured_gain(doppler_hz, kind) == pytest.approx(float(expected), rel=2e-3, abs=1e-5)
 
 
+@pytest.mark.parametrize("doppler_hz", [0.0025, 0.01, 0.0125, 0.02, 0.03, 0.0625, 0.4, 5.0, 33.0])
+def test_the_median_is_a_notch_like_the_mean(doppler_hz):
+    """Slower than one turn in the recording the median depends on where in the turn it began: mean over that."""
+    starts = np.exp(1j * np.linspace(0, 2 * np.pi, 32, endpoint=False))
+    values = (np.exp(2j * np.pi * doppler_hz * TIME_S)[:, None] * starts).astype(np.complex64)
+    baseband = make_array(BASEBAND, values, {"slow_time": TIME_S, "range": np.arange(32) / 10})
+    found = np.sqrt((np.abs(without_clutter(baseband, kind="median").values) ** 2).mean())
+    expected = clutter_gain(doppler_hz, kind="median", prf_hz=PRF_HZ, n_pulses=TIME_S.size)
+    assert found == pytest.approx(float(expected), abs=0.04)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.3, 0.45])
+def test_who_stands_for_a_while_leaves_no_echo_in_the_median(share):
+    clutter, body = 3.0 - 1.0j, 2.0j
+    stands = np.abs(TIME_S - 20.0) < share * 20.0
+    values = np.repeat((clutter + body * stands)[:, None], 2, axis=1).astype(np.complex64)
+    baseband = make_array(BASEBAND, values, {"slow_time": TIME_S, "range": [1.0, 1.1]})
+    np.testing.assert_allclose(without_clutter(baseband, kind="median").values[:, 0], body * stands, atol=1e-5)
+    ghost = without_clutter(baseband, kind="mean").values[~stands, 0]
+    np.testing.assert_allclose(ghost, -body * stands.mean(), atol=1e-5)
+
+
+def room(phase_rad, clutter_v, body_v=0.0, seed=0):
+    """Static echoes in every bin, noise of 1 V^2, a body that walks through, and the phase of the clock."""
+    generator = np.random.default_rng(seed)
+    range_m = 1.0 + 0.05 * np.arange(120)
+    parts = generator.standard_normal((2, TIME_S.size, range_m.size)) / np.sqrt(2)
+    place_m = 6.0 - 0.1 * TIME_S
+    envelope = body_v * np.exp(-((range_m - place_m[:, None]) ** 2) / (2 * 0.05**2))
+    body = envelope * np.exp(2j * np.pi * 4.87 * TIME_S)[:, None]
+    still = clutter_v * np.exp(2j * np.pi * generator.random(range_m.size))
+    values = (still + body + parts[0] + 1j * parts[1]) * np.exp(1j * np.broadcast_to(phase_rad, TIME_S.shape))[:, None]
+    return make_array(BASEBAND, values.astype(np.complex64), {"slow_time": TIME_S, "range": range_m}), body
+
+
+@pytest.mark.parametrize("drift_rad_per_min", [0.1, 1.0, 400.0])
+def test_the_phase_of_a_clock_is_taken_out_down_to_the_noise(drift_rad_per_min):
+    steps = 0.5 / np.sqrt(60 * PRF_HZ) * np.random.default_rng(9).standard_normal(TIME_S.size)
+    baseband, _ = room(drift_rad_per_min * TIME_S / 60 + np.cumsum(steps), 100.0)
+    steady = without_common_phase(baseband)
+    left_v2 = steady.values.var(axis=0)
+    # 1 V^2 of noise, and the error of the phase: at least 75 bins are 0.75 m away or more, each with 40 dB
+    assert left_v2.mean() == pytest.approx(1.0 + 0.5 / 75, abs=0.01)
+    assert baseband.values.var(axis=0).mean() > 20
+    assert np.abs(steady.values.mean(axis=0)) == pytest.approx(100.0, rel=0.01)
+
+
+def test_a_weak_reference_is_summed_over_frames_and_spares_what_it_would_spoil():
+    levels_v = np.full(120, 3.0)
+    levels_v[:3], levels_v[3:6] = 300.0, 20.0
+    baseband, _ = room(1.0 * TIME_S / 40, levels_v)
+    steady = without_common_phase(baseband).values
+    # 105 bins far off hold 9 V^2 each: 5 frames of them are ten times the echo of 20 V, which gains 400 / 2 / 4700
+    assert steady[:, 3:6].var(axis=0).mean() == pytest.approx(1.04, abs=0.06)
+    assert baseband.values[:, 3:6].var(axis=0).mean() > 20
+    np.testing.assert_array_equal(steady[:, :3], baseband.values[:, :3])  # 10 frames of them are nothing to 300 V
+
+
+def test_a_body_keeps_its_phase_where_the_clock_is_good():
+    baseband, body = room(0.0, 100.0, body_v=30.0)
+    changed = without_common_phase(baseband).values - baseband.values
+    inside = np.abs(body) > 10.0
+    assert np.abs(changed[inside]).max() < 0.15 * 130.0 / np.sqrt(2 * 75)  # the phase's own error, five times its sd
+    seen = (without_clutter(without_common_phase(baseband), kind="median").values * body.conj())[inside].mean()
+    assert abs(seen) == pytest.approx((np.abs(body[inside]) ** 2).mean(), rel=0.02)
+
+
+def test_a_body_is_never_its_own_reference():
+    baseband, _ = room(0.0, 0.0, body_v=300.0)  # nothing stands still
+    np.testing.assert_array_equal(without_common_phase(baseband).values, baseband.values)
+    baseband, _ = room(0.0, 300.0 * (np.arange(120) > 100), body_v=30.0)  # it walks away from the only thing that does
+    beside = slice(100, 120)
+    np.testing.assert_array_equal(without_common_phase(baseband).values[:, beside], baseband.values[:, beside])
+    near = baseband.isel(range=slice(0, 25))  # no bin is 1.5 m away
+    assert without_common_phase(near) is near
+
+
 def test_mti_is_the_butterworth_high_pass():
     f_hz = np.array([0.3, 3.0, 30.0])
     analogue = 1 / np.sqrt(1 + (3.0 / f_hz) ** 4)  # far below half the frame rate the bilinear transform is exact
@@ -79,7 +157,7 @@ def test_mti_is_the_butterworth_high_pass():
     assert clutter_gain(0.0, kind="mti", prf_hz=1e3) == 0.0
 
 
-@pytest.mark.parametrize("kind", ["mean", "exponential", "mti"])
+@pytest.mark.parametrize("kind", ["mean", "median", "exponential", "mti"])
 def test_static_clutter_is_improved_by_50_db_and_a_slow_torso_loses_less_than_1_db(kind):
     torso_hz = 2 * 0.3 / 0.0411  # 0.3 m/s at 7.29 GHz
     clutter = tone(0.0, clutter=1e3) - tone(0.0, clutter=0.0)
@@ -98,8 +176,9 @@ def test_mti_takes_off_what_sways_and_the_mean_does_not():
 
 
 def test_a_gain_that_depends_on_the_recording_needs_its_length_and_mti_a_frame_rate():
-    with pytest.raises(AnalysisError, match="n_pulses"):
-        clutter_gain(1.0, kind="mean", prf_hz=PRF_HZ)
+    for kind in ("mean", "median"):
+        with pytest.raises(AnalysisError, match=f"{kind}.*n_pulses"):
+            clutter_gain(1.0, kind=kind, prf_hz=PRF_HZ)
     slow = make_array(BASEBAND, np.ones((50, 1), complex), {"slow_time": np.arange(50) / 5.0, "range": [1.0]})
     with pytest.raises(AnalysisError, match="more than 6 frames per second"):
         without_clutter(slow, kind="mti")

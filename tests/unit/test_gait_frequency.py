@@ -226,3 +226,29 @@ def test_square_difference_of_a_cosine_is_its_own_cosine():
     t = np.arange(400) / 40.0
     values = np.stack([np.cos(2 * np.pi * 2 * t), np.sin(2 * np.pi * 2 * t)], axis=1)
     np.testing.assert_allclose(square_difference(values), np.cos(2 * np.pi * 2 * t), atol=1e-9)
+
+
+# --- Limbs that repeat while the body as a whole does not ----------------------------------------------------------
+
+
+@pytest.mark.parametrize(("periodicity", "by_limbs"), [(0.2, True), (0.39, True), (0.41, False), (0.8, False)])
+@pytest.mark.parametrize("wrong", [0.27, 0.62, 1.4])
+def test_limbs_replace_a_strongest_line_that_does_not_repeat(wrong, periodicity, by_limbs):
+    normalised, excess = drawn(stride_hz=1.35, alike=True)
+    _, spectrum = first_estimate(normalised)
+    wrong_hz = wrong * 2.7
+    first = GaitFrequency(frequency_hz=wrong_hz, periodicity=periodicity, n_periods=5 * wrong_hz)
+    found = settle(first, spectrum, normalised, excess, 0.0)
+    assert (found.decision == "limbs") == by_limbs
+    assert (abs(found.frequency_hz / 2.7 - 1) < 0.02) == by_limbs
+
+
+def test_limbs_that_are_noise_replace_nothing():
+    normalised, excess = drawn(stride_hz=1.35, alike=True, noise=0.05, torso=1.0)
+    blank = np.abs(DOPPLER_HZ - 60.0) > 45.0
+    noise = np.random.default_rng(3).gamma(32.0, 1 / 32.0, (normalised.sizes["time"], int(blank.sum())))
+    excess.values[:, blank] = 0.05 * (noise - 1.0)
+    normalised.values[:, blank] = np.maximum(excess.values[:, blank], 0.0)
+    _, spectrum = first_estimate(normalised)
+    first = GaitFrequency(frequency_hz=1.0, periodicity=0.1, n_periods=5.0)
+    assert settle(first, spectrum, normalised, excess, 0.05).decision != "limbs"

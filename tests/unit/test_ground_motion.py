@@ -45,6 +45,17 @@ def test_three_seconds_are_needed_and_a_standing_body_has_no_aspect():
     assert ground_motion(TIMES_S, bent_wrongly).aspect_deg is None
 
 
+@pytest.mark.parametrize("gate", ["truth", "track"])
+def test_a_recording_of_three_seconds_is_long_enough(gate):
+    scene = Scene([Target(boulic_walk(speed_mps=1.2, duration_s=3.0), aspect_deg=75.0)], duration_s=3.0)
+    (result,) = analyze(simulate(scene, Radar.preset("x4"), rng=rng(1), snr_db=20.0), gate=gate)
+    assert result.quality["ground_speed_mps"] == pytest.approx(1.2, rel=0.15)
+    assert "low_confidence" in result.flags
+    short = Scene([Target(boulic_walk(speed_mps=1.2, duration_s=2.5), aspect_deg=75.0)], duration_s=2.5)
+    (result,) = analyze(simulate(short, Radar.preset("x4"), rng=rng(1), snr_db=20.0), gate=gate)
+    assert result.quality["ground_speed_mps"] is None
+
+
 @pytest.mark.parametrize("motion", [boulic_walk(speed_mps=1.2), quadruped_gait(gait="trot", withers_m=0.5)])
 @pytest.mark.parametrize("aspect_deg", [20.0, 75.0])
 def test_a_side_view_is_flagged_and_its_ground_speed_given(motion, aspect_deg):

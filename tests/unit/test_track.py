@@ -185,6 +185,28 @@ def test_shadow_of_a_standing_body_is_no_mover() -> None:
     assert len(track(on_the_spot)) == 1
 
 
+def test_what_changes_its_range_without_a_doppler_shift_is_no_mover() -> None:
+    """Drifting clutter: narrow, at 0 m/s, and now here and now there. A robot is as narrow and moves."""
+    places = np.interp(TIMES, [0, 2, 2.5, 4, 4.5, 6], [1.0, 1.0, 1.3, 1.3, 1.6, 1.6])
+    sure = {"velocity_sd_mps": 0.05}
+    drifts = [Scan(float(t), (seen(float(r), 0.0, half_mps=0.3, **sure),)) for t, r in zip(TIMES, places, strict=True)]
+    assert track(drifts) == []
+    assert len(track(drifts, Tracker(still_speed_mps=0.0))) == 1
+    robot = [Scan(float(t), (seen(float(4 - 0.2 * t), 0.2, half_mps=0.3, **sure),)) for t in TIMES]
+    assert len(track(robot)) == 1
+
+
+def test_who_stands_most_of_the_time_is_a_mover_all_the_same() -> None:
+    speed = np.interp(TIMES, [0, 1.2, 1.5], [1.2, 1.2, 0.0])
+    ranges = 6 - np.concatenate([[0], np.cumsum((speed[1:] + speed[:-1]) / 2 * 0.1)])
+    scans = [
+        Scan(float(t), (seen(float(r), float(v), half_mps=0.3 + 0.8 * v),))
+        for t, r, v in zip(TIMES, ranges, speed, strict=True)
+    ]
+    (one,) = track(scans)
+    assert np.median(np.abs(one.velocity_mps)) < 0.1
+
+
 def test_at_most_as_many_as_asked_for() -> None:
     rng = np.random.default_rng(10)
     scans = scans_of([(walk(9, 1.2), 1.2), (walk(1.5, -0.2), -0.2)], rng)

@@ -15,6 +15,8 @@ from doppelgait.motion.models.primitives import breathing_person
 from doppelgait.pipeline import analyze, result_as_dict, simulate
 from doppelgait.pipeline.echoes import Conditions
 from doppelgait.processing import Analysis
+from doppelgait.processing.clutter import without_clutter
+from doppelgait.processing.detect import Detector, find_scans
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
 
@@ -100,6 +102,33 @@ def test_one_who_stops_and_goes_on_is_analysed_piece_by_piece():
     assert found[0].quality["n_pieces"] == 2
 
 
+DRIFTING = Conditions(
+    impairments=[
+        {"kind": "static_clutter", "in_units": True, "levels": [[0.8, -60.0], [8.0, -70.0]]},
+        {"kind": "phase_noise", "white_rad": 0.003, "drift_rad_per_min": 1.0, "walk_rad_per_sqrt_min": 0.5},
+    ]
+)
+
+
+@pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")
+def test_a_drifting_clock_makes_nobody_of_an_empty_room():
+    made = simulate(Scene([], duration_s=12.0), RADAR, rng=rng(0), conditions=DRIFTING)
+    assert analyze(made) == []
+    as_it_is = without_clutter(made.baseband, kind="mean")
+    scans = find_scans(as_it_is, Detector(clutter="none"), wavelength_m=RADAR.wavelength_m)
+    assert sum(len(scan.detections) for scan in scans) > 50
+
+
+def test_a_walker_before_a_drifting_clock_has_the_features_of_a_good_one_and_no_flag():
+    """The clutter alone moves with the clock; it must not count as a body that clutter removal took."""
+    with_drift, told = recording_of(Target(WALK, label="human", range_m=4.5), conditions=DRIFTING)
+    (result,) = analyze(with_drift)
+    true = analyze(told, gate="truth", analysis=Analysis(clutter="mti"))[0]
+    assert result.gait_frequency_hz == pytest.approx(true.gait_frequency_hz, rel=0.02)
+    assert result.features.torso_velocity_mps == pytest.approx(true.features.torso_velocity_mps, abs=0.03)
+    assert result.quality["clutter_share_removed"] < 0.05
+
+
 def test_one_who_sits_is_found_by_the_breath():
     radar = Radar.preset("x4-17fps")
     sitter = Target(breathing_person(duration_s=40.0, breathing_hz=0.25), range_m=2.0)
@@ -116,10 +145,10 @@ def test_one_who_sits_is_found_by_the_breath():
     assert math.isfinite(result_as_dict(found[0])["quality"]["breathing_rate_hz"])
 
 
-def test_a_clutter_choice_is_kept_and_mean_is_the_default():
+def test_a_clutter_choice_is_kept_and_median_is_the_default():
     blind, _ = recording_of(Target(WALK, range_m=4.5))
     as_asked = analyze(blind, analysis=Analysis(clutter="exponential"))[0]
     by_default = analyze(blind)[0]
-    named = analyze(blind, analysis=Analysis(clutter="mean"))[0]
+    named = analyze(blind, analysis=Analysis(clutter="median"))[0]
     assert by_default.features == named.features
     assert as_asked.features != named.features

@@ -23,6 +23,9 @@ SALIENCE_HZ = (0.5, 20.0)
 LAG_TOLERANCE = 0.12
 TRUST_LAG_FROM = 0.6
 LONGEST_LAG_SHARE = 0.7
+WHOLE_IS_CLEAR, LIMBS_ARE_CLEAR = 0.4, 0.25
+"""The limbs' peak replaces the strongest repetition if the whole repeats less than the first, the limbs at least as
+the second says (normalised autocorrelation at one period)."""
 AGREEMENT = 0.08
 """The limbs' own spectrum agrees with an estimate when its highest peak is this near."""
 CONFIDENCE_WEIGHTS = (-1.85, 0.57, 1.57, 2.42, 0.25, -35.1)
@@ -48,8 +51,8 @@ class GaitFrequency:
     limb_relative_hz : float or None
         Largest peak of the spectrum of the limbs relative to the torso, the second opinion of E-33 step 4.
     decision : str or None
-        ``as_found``, ``doubled`` or ``no_limbs`` (:class:`doppelgait.features.decision.Decision`); None where it was
-        not asked for.
+        ``as_found``, ``doubled`` or ``no_limbs`` (:class:`doppelgait.features.decision.Decision`); ``limbs`` where the
+        limbs alone gave the strongest repetition; None where it was not asked for.
     margin : float or None
         How clearly the limbs speak for the decision: |n(T/2)| over the greater of |n(T/2)| and n(T), 0 to 1.
     candidates : tuple of Candidate
@@ -142,12 +145,16 @@ def settle(
         return first
     slow = slowed(aligned)
     limbs = limb_rows(slow, _cell_noise(aligned, excess, floor_v2))
-    found = decide(first.frequency_hz, square_difference(limbs.values), limbs.rate_hz)
+    repeats = square_difference(limbs.values)
     seconds, cadence_hz = first.n_periods / first.frequency_hz, axis(spectrum, "cadence")
     power = np.asarray(spectrum.values, dtype=np.float64)
     limb_hz, limb_power = power_spectrum(limbs)
-    exact_hz, width_hz = refine_on_harmonics(first.frequency_hz, [(cadence_hz, power), (limb_hz, limb_power)])
-    multiple = found.frequency_hz / first.frequency_hz
+    limb_peak_hz = _highest_peak_hz(limb_hz, limb_power, seconds)
+    by_limbs = _limbs_know_better(first, limb_peak_hz, repeats, limbs.rate_hz)
+    start_hz = limb_peak_hz if by_limbs and limb_peak_hz is not None else first.frequency_hz
+    found = decide(start_hz, repeats, limbs.rate_hz)
+    exact_hz, width_hz = refine_on_harmonics(start_hz, [(cadence_hz, power), (limb_hz, limb_power)])
+    multiple = found.frequency_hz / start_hz
     frequency_hz = multiple * exact_hz
     return _rated(
         first,
@@ -155,12 +162,24 @@ def settle(
         periodicity=_periodicity(slow, frequency_hz),
         salience=_salience(power, cadence_hz, frequency_hz, seconds),
         n_periods=frequency_hz * seconds,
-        limb_relative_hz=_highest_peak_hz(limb_hz, limb_power, seconds),
-        decision=found.code,
+        limb_relative_hz=limb_peak_hz,
+        decision="limbs" if by_limbs else found.code,
         margin=found.margin,
         candidates=found.candidates,
         uncertainty_hz=multiple * width_hz if math.isfinite(width_hz) else None,
     )
+
+
+def _limbs_know_better(first: GaitFrequency, limb_hz: float | None, repeats: FloatArray, rate_hz: float) -> bool:
+    """Whether the limbs repeat at their own peak and the body as a whole does not repeat at its.
+
+    A runner's trunk rises and falls and drifts across more Doppler than its step shows, so that the strongest line of
+    the whole can lie anywhere below it; the limbs, relative to the torso, still repeat.
+    """
+    if limb_hz is None or first.frequency_hz is None or (first.periodicity or 0.0) >= WHOLE_IS_CLEAR:
+        return False
+    own, other = near_lag(repeats, rate_hz / limb_hz), near_lag(repeats, rate_hz / first.frequency_hz)
+    return own is not None and own >= LIMBS_ARE_CLEAR and (other is None or own > other)
 
 
 def _rated(first: GaitFrequency, **found: Any) -> GaitFrequency:

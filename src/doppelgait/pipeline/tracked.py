@@ -20,6 +20,7 @@ from doppelgait.pipeline.target import TargetResult, analyze_gated
 from doppelgait.processing import Analysis
 from doppelgait.processing.breathing import BreathingSettings, BreathingTarget, find_breathing
 from doppelgait.processing.clutter import share_removed, torso_share_removed
+from doppelgait.processing.common_phase import without_common_phase
 from doppelgait.processing.config import MIN_CPI_PULSES
 from doppelgait.processing.detect import Detector, find_scans
 from doppelgait.processing.pieces import PieceSettings, find_pieces
@@ -63,18 +64,18 @@ def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) 
     recording : Recording
         Its truth is not looked at.
     analysis : Analysis
-        ``clutter = "none"`` counts as ``"mean"`` unless it was given explicitly.
+        ``clutter = "none"`` counts as ``"median"`` unless it was given explicitly.
     tracking : Tracking
     """
-    raw, wavelength_m = recording.baseband, recording.radar.wavelength_m
+    raw, wavelength_m = without_common_phase(recording.baseband), recording.radar.wavelength_m
     if "clutter" not in analysis.model_fields_set:
-        analysis = analysis.model_copy(update={"clutter": "mean"})
+        analysis = analysis.model_copy(update={"clutter": "median"})
     clean = processing.remove_clutter(raw, analysis)
     tracks = _tracks(raw, wavelength_m, tracking)
     moving = [_follow(raw, clean, wavelength_m, found, analysis, tracking) for found in tracks]
     still = [
         _still_result(clean, wavelength_m, person, analysis)
-        for person in _breathing(raw, wavelength_m, tracking)
+        for person in _breathing(recording.baseband, wavelength_m, tracking)
         if not any(_is_near(person, found) for found in tracks)
     ]
     return moving + still
@@ -91,7 +92,7 @@ def _tracks(raw: xr.DataArray, wavelength_m: float, tracking: Tracking) -> list[
             stacklevel=4,
         )
         return []
-    scans = find_scans(raw, tracking.detector, wavelength_m=wavelength_m)
+    scans = find_scans(raw, tracking.detector, wavelength_m=wavelength_m, in_phase=True)
     return track(scans, tracking.tracker, velocity_span_mps=wavelength_m * prf_hz / 2)
 
 

@@ -32,7 +32,7 @@ class Analysis(FrozenModel):
         ``liland2018`` takes the report's own choices: hop 1, K = M, zero padding at the ends, columns divided by
         their maximum, the cadence spectrum's highest peak, gate span by class, sharp gate edges and Doppler gate from
         the truth; it does not go together with the parameters that say otherwise.
-    clutter : {"none", "mean", "exponential", "mti"}
+    clutter : {"none", "mean", "median", "exponential", "mti"}
         How static clutter is taken off first (:func:`doppelgait.processing.remove_clutter`).
     clutter_time_s : float
         Time constant of ``exponential``.
@@ -61,7 +61,7 @@ class Analysis(FrozenModel):
     """
 
     method: Method = "standard"
-    clutter: Literal["none", "mean", "exponential", "mti"] = "none"
+    clutter: Literal["none", "mean", "median", "exponential", "mti"] = "none"
     clutter_time_s: float = Field(default=2.0, gt=0, le=3600)
     cpi_s: float = Field(default=0.1, gt=0, le=10)
     window_steepness: float = Field(default=0.4, gt=0, le=10)

@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from doppelgait.core.config import FrozenModel
 
 Threshold = Literal["noise_map", "os_cfar", "ca_cfar"]
-ClutterKind = Literal["none", "mean", "exponential", "mti"]
+ClutterKind = Literal["none", "mean", "median", "exponential", "mti"]
 
 
 class Detector(FrozenModel):
@@ -20,7 +20,7 @@ class Detector(FrozenModel):
     method : {"noise_map", "os_cfar", "ca_cfar"}
         What a cell is compared with: the noise floor of its range bin over time and Doppler, or the cells around it in
         range at the same Doppler, ordered (OS) or averaged (CA).
-    clutter : {"none", "mean", "exponential", "mti"}
+    clutter : {"none", "mean", "median", "exponential", "mti"}
         What is taken off first (:func:`doppelgait.processing.clutter.without_clutter`); harmless where the baseband has
         been through it already.
     cpi_s : float
@@ -70,7 +70,7 @@ class Detector(FrozenModel):
     """
 
     method: Threshold = "noise_map"
-    clutter: ClutterKind = "mean"
+    clutter: ClutterKind = "median"
     cpi_s: float = Field(default=0.1, gt=0, le=10)
     hop_s: float = Field(default=0.1, gt=0, le=10)
     window_steepness: float = Field(default=0.4, gt=0, le=10)

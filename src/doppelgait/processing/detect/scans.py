@@ -13,6 +13,7 @@ from doppelgait.core.labels import BASEBAND, check_signal
 from doppelgait.core.units import db_to_power
 from doppelgait.processing.bursts import burst_pulses_of
 from doppelgait.processing.clutter import without_clutter
+from doppelgait.processing.common_phase import without_common_phase
 from doppelgait.processing.detect.cfar import MIN_TRAINING, RangeWindow, ca_mask, os_mask, range_window, training_counts
 from doppelgait.processing.detect.cluster import Shape, find_clusters, merge_groups, only_bodies, shape_of
 from doppelgait.processing.detect.config import Detector
@@ -30,12 +31,15 @@ NO_RANGE_SD_M = 1000.0
 """Standard deviation of the range that a radar without range resolution measures: it says nothing."""
 
 
-def find_scans(baseband: xr.DataArray, settings: Detector | None = None, *, wavelength_m: float) -> list[Scan]:
+def find_scans(
+    baseband: xr.DataArray, settings: Detector | None = None, *, wavelength_m: float, in_phase: bool = False
+) -> list[Scan]:
     """Bodies in every coherent processing interval of a recording.
 
-    Static clutter is taken off, range-Doppler maps are made (E-24), cells above the threshold are joined to clusters,
-    and clusters that are one body to one detection. A radar without range resolution (one range bin) gives one
-    detection per cluster in Doppler, with the range of its bin and a standard deviation of 1 km.
+    The common phase of the frames and static clutter are taken off, range-Doppler maps are made (E-24), cells above the
+    threshold are joined to clusters, and clusters that are one body to one detection. A radar without range resolution
+    (one range bin) gives one detection per cluster in Doppler, with the range of its bin and a standard deviation of
+    1 km.
 
     Parameters
     ----------
@@ -43,6 +47,9 @@ def find_scans(baseband: xr.DataArray, settings: Detector | None = None, *, wave
         At a constant frame rate.
     settings : Detector, optional
     wavelength_m : float
+    in_phase : bool
+        Whether the common phase has been taken off already
+        (:func:`doppelgait.processing.common_phase.without_common_phase`).
 
     Returns
     -------
@@ -63,8 +70,9 @@ def find_scans(baseband: xr.DataArray, settings: Detector | None = None, *, wave
             "bodies cannot be found yet in a recording that comes in bursts: a processing interval must not cross a "
             "pause; give the range where the target is, --gate 1.2:2.8 (gate=(1.2, 2.8))"
         )
-    still = without_clutter(baseband, kind=chosen.clutter)
-    return [scan for maps in maps_of(still, chosen, wavelength_m=wavelength_m) for scan in _scans_of(maps, chosen)]
+    steady = baseband if in_phase or chosen.clutter == "none" else without_common_phase(baseband)
+    moving = without_clutter(steady, kind=chosen.clutter)
+    return [scan for maps in maps_of(moving, chosen, wavelength_m=wavelength_m) for scan in _scans_of(maps, chosen)]
 
 
 def _scans_of(maps: Maps, settings: Detector) -> list[Scan]:

@@ -50,8 +50,12 @@ class Tracker(FrozenModel):
         Shortest time from first to last detection of a track that counts.
     still_travel_m, still_velocity_mps : float
         A track that never moves further in range than the one, with detections no wider in velocity than twice the
-        other (median), is no mover and does not count: where somebody stood for a while, the mean that was taken off
-        as clutter leaves an echo at all other times. Someone who only breathes goes with it. 0 keeps all.
+        other (median), is no mover and does not count: where somebody stood for half of a recording, the clutter that
+        was taken off leaves an echo at all other times. Someone who only breathes goes with it. 0 keeps all.
+    still_speed_mps : float
+        Nor does one count that is not faster than this (median) and nearly never (a tenth of the time) wider in
+        velocity than twice ``still_velocity_mps``: what changes its range has a Doppler shift, but for strong clutter
+        before a clock that drifts.
     max_targets : int, optional
         At most so many tracks, those with the most detections; all by default.
     fastest_mps : float
@@ -79,6 +83,7 @@ class Tracker(FrozenModel):
     min_duration_s: float = Field(default=0.8, ge=0, le=60)
     still_travel_m: float = Field(default=0.3, ge=0, le=10)
     still_velocity_mps: float = Field(default=0.6, ge=0, le=10)
+    still_speed_mps: float = Field(default=0.1, ge=0, le=10)
     max_targets: int | None = Field(default=None, ge=1, le=100)
     fastest_mps: float = Field(default=8.0, gt=0, le=50)
 

@@ -317,5 +317,8 @@ def _chosen(found: list[Live], options: Tracker) -> list[Track]:
 
 
 def _is_still(one: Track, options: Tracker) -> bool:
-    half_mps = float(np.median(one.velocity_high_mps - one.velocity_low_mps)) / 2
-    return float(np.ptp(one.range_m)) < options.still_travel_m and half_mps < options.still_velocity_mps
+    half_mps = (one.velocity_high_mps - one.velocity_low_mps) / 2
+    stays = np.ptp(one.range_m) < options.still_travel_m and np.median(half_mps) < options.still_velocity_mps
+    slow = np.median(np.abs(one.velocity_mps)) < options.still_speed_mps
+    narrow = np.quantile(half_mps, 0.9) < options.still_velocity_mps
+    return options.still_travel_m > 0 and bool(stays or (slow and narrow))

@@ -1,0 +1,128 @@
+"""The phase that whole frames share: the clock of a radar, seen on what stands still."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core.labels import BASEBAND, axis, check_signal, sampling_rate_hz
+
+Values = npt.NDArray[np.complex64]
+ComplexArray = npt.NDArray[np.complex128]
+FloatArray = npt.NDArray[np.float64]
+
+ZONE_M = 0.75
+"""Zones of range nearer than this to a zone do not count for it: they may show the same body."""
+LEAST_WEIGHT = 1e3
+"""Power of the static echoes over their own fluctuation that makes a reference; its phase is good to 0.02 rad."""
+MARGIN = 10.0
+"""So much more of it than a bin's own static echo has: the error of the phase then adds a twentieth of its noise."""
+BLOCK_S = 0.1
+"""So long the phase of a clock hardly changes."""
+LEAST_VARIANCE = 1e-14
+"""Variance of |y| over its power that rounding leaves of an echo that never changes."""
+TINY = float(np.finfo(np.float32).tiny)
+
+
+def without_common_phase(baseband: xr.DataArray) -> xr.DataArray:
+    r"""Baseband with every range bin turned back by the phase that the bins elsewhere have in common.
+
+    A clock that drifts turns the static echoes of all ranges alike, and what no longer stands still looks like a body.
+    The phase of frame i for the bins of a zone of 0.75 m is
+
+    .. math:: \varphi_i = \arg \sum_m w_m y_{i,m} \bar c_m, \qquad w_m = 1 / \mathrm{var}\,|y_m|
+
+    over the bins m of all zones but this and its neighbours, so that a body's own motion is never in its own reference.
+    A common phase leaves :math:`|y_m|` as it is and a body does not: hence the weights. The static echoes :math:`c_m`
+    are means over blocks that were aligned one to the next, so that the phase may drift by any number of turns. The
+    weight of a reference :math:`S = \sum w_m |c_m|^2` must be 1000, and ten times that of the echo it corrects: the
+    error of its phase, of variance 1 / 2S, turns a static echo into noise. Where a frame has less, so many frames are
+    summed that it gets there, 0.1 s at most; bins with a weaker reference, and those that vary more with it than
+    without, are left as they are.
+
+    Parameters
+    ----------
+    baseband : DataArray (slow_time, range)
+        Static echoes still in it.
+
+    Returns
+    -------
+    DataArray (slow_time, range)
+        The same object for a frame of less than 1.5 m or a recording of less than 0.2 s.
+    """
+    check_signal(baseband, BASEBAND)
+    block = max(round(BLOCK_S * sampling_rate_hz(axis(baseband, "slow_time"))), 1)
+    range_m = axis(baseband, "range")
+    if range_m[-1] - range_m[0] < 2 * ZONE_M or baseband.sizes["slow_time"] < 2 * block:
+        return baseband
+    return baseband.copy(data=_turned_back(baseband.values, range_m, block))
+
+
+def _turned_back(values: Values, range_m: FloatArray, block: int) -> Values:
+    zone = ((range_m - range_m[0]) / ZONE_M).astype(np.int64)
+    member = (zone[:, None] == np.arange(zone[-1] + 1)).astype(np.float32)
+    far = (np.abs(np.subtract.outer(np.arange(zone[-1] + 1), np.arange(zone[-1] + 1))) > 1).astype(np.float32)
+    power, variance = _moments(np.abs(values))
+    weight = 1.0 / np.maximum(variance, LEAST_VARIANCE * power + TINY)
+    static = _static_echo(block_means(values, block), weight, (member @ far)[:, zone])
+    own = weight * np.abs(static) ** 2
+    wanted = np.maximum(LEAST_WEIGHT, MARGIN * own) / np.maximum(own @ member @ far, TINY)[zone]
+    sums = values @ ((weight / weight.max() * static.conj())[:, None] * member).astype(np.complex64) @ far
+    turned = values.copy()
+    for number in range(zone[-1] + 1):
+        bins = slice(*np.searchsorted(zone, [number, number + 1]))
+        served = wanted[bins] <= block
+        if served.any():
+            pulses = math.ceil(wanted[bins][served].max())
+            _turn_back(turned[:, bins], served, _running_sum(sums[:, number], pulses))
+    return turned
+
+
+def _turn_back(values: Values, served: npt.NDArray[np.bool_], pointer: Values) -> None:
+    """Turn some bins back, in place, by the phase of a pointer; only those that vary less for it."""
+    turn = (pointer.conj() / np.maximum(np.abs(pointer), TINY)).astype(np.complex64)
+    trial = np.asarray(values * turn[:, None], dtype=np.complex64)
+    better = served & (_moments(trial)[1] < _moments(values)[1])
+    values[:, better] = trial[:, better]
+
+
+def _running_sum(values: Values, pulses: int) -> Values:
+    """Sum over so many values about each; over fewer at both ends."""
+    if pulses == 1:
+        return values
+    total = np.concatenate([[0.0], np.cumsum(values, dtype=np.complex128)])
+    place = np.arange(values.size)
+    stop = np.minimum(place + pulses - pulses // 2, values.size)
+    return np.asarray(total[stop] - total[np.maximum(place - pulses // 2, 0)], dtype=np.complex64)
+
+
+def block_means(values: Values, block_pulses: int) -> ComplexArray:
+    """Means over whole blocks of pulses, shape (K, N); a rest shorter than a block is left out.
+
+    Parameters
+    ----------
+    values : ndarray, shape (I, N)
+    block_pulses : int
+        1 to I.
+    """
+    n_blocks = values.shape[0] // block_pulses
+    blocks = values[: n_blocks * block_pulses].reshape(n_blocks, block_pulses, -1)
+    return np.asarray(blocks.mean(axis=1, dtype=np.complex128))
+
+
+def _static_echo(blocks: ComplexArray, weight: FloatArray, far: npt.NDArray[np.float32]) -> ComplexArray:
+    """Mean of every bin over the blocks, after each block was turned to the one before by what the far bins say."""
+    steps = (blocks[1:] * blocks[:-1].conj() * weight) @ far
+    phase_rad = np.cumsum(np.angle(steps), axis=0)
+    return np.asarray((blocks[0] + (blocks[1:] * np.exp(-1j * phase_rad)).sum(axis=0)) / blocks.shape[0])
+
+
+def _moments(values: npt.NDArray[np.float32] | Values) -> tuple[FloatArray, FloatArray]:
+    """Power of the mean and variance of every column."""
+    mean = values.mean(axis=0, dtype=np.complex128 if np.iscomplexobj(values) else np.float64)
+    rest = values - mean.astype(values.dtype)
+    variance = np.einsum("in,in->n", rest, rest.conj()).real / values.shape[0]
+    return np.abs(mean) ** 2, np.asarray(variance, dtype=np.float64)
