@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.stats import ks_2samp
@@ -10,8 +12,10 @@ from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.dataset.config import DatasetSection, PlanConfig, load_plan, plan_names
 from doppelgait.dataset.describe import differences, shorten
-from doppelgait.dataset.plan import assign_splits, dataset_id, plan_examples, plan_shards
+from doppelgait.dataset.identity import dataset_id
+from doppelgait.dataset.plan import check_examples, nuisance_of, plan_dataset
 from doppelgait.dataset.sampling import resolve
+from doppelgait.dataset.splits import assign_splits, groups_of
 
 
 def draw(value, example=0, key="k"):
@@ -73,8 +77,13 @@ def plan(**changes):
     return validate(PlanConfig, table, where="plan")
 
 
+def examples_of(config, folder=None):
+    laid_out = plan_dataset(config, folder=folder)
+    return [laid_out.example(n) for n in range(len(laid_out.examples))]
+
+
 def test_every_example_is_resolved_and_its_subject_is_in_one_split():
-    examples = plan_examples(plan())
+    examples = examples_of(plan())
     assert len(examples) == 40
     assert len({e.id for e in examples}) == 40
     assert len({e.run.example for e in examples}) == 40
@@ -82,7 +91,7 @@ def test_every_example_is_resolved_and_its_subject_is_in_one_split():
     assert len(set(speeds)) == 20
     by_subject = {}
     for e in examples:
-        by_subject.setdefault(e.subject, set()).add(e.split)
+        by_subject.setdefault(e.group, set()).add(e.split)
     assert all(len(splits) == 1 for splits in by_subject.values())
     for label in ("human", "dog"):
         splits = [e.split for e in examples if e.label == label]
@@ -90,24 +99,24 @@ def test_every_example_is_resolved_and_its_subject_is_in_one_split():
 
 
 def test_planning_twice_gives_the_same_and_another_seed_another_plan():
-    assert plan_examples(plan()) == plan_examples(plan())
+    assert examples_of(plan()) == examples_of(plan())
     other = plan(dataset={"name": "small", "examples_per_class": 20, "seed": 7})
-    assert plan_examples(other)[0].run.scene != plan_examples(plan())[0].run.scene
+    assert examples_of(other)[0].run.scene != examples_of(plan())[0].run.scene
 
 
 def test_shards_hold_each_example_once_and_one_split_each():
-    examples = plan_examples(plan())
-    shards = list(plan_shards(plan(), examples))
-    assert sorted(e.id for s in shards for e in s.examples) == sorted(e.id for e in examples)
+    laid_out = plan_dataset(plan())
+    shards = list(laid_out.shards())
+    assert sorted(e for s in shards for e in s.examples) == sorted(laid_out.examples)
     assert all({e.split for e in s.examples} == {s.split} for s in shards)
     assert all(len(s.examples) <= 7 for s in shards)
-    assert all(len({e.label for e in s.examples}) == 2 for s in shards)
+    assert all(len({e.class_number for e in s.examples}) == 2 for s in shards)
 
 
 def test_too_few_subjects_for_a_split_are_refused():
     section = validate(DatasetSection, {"name": "x", "examples_per_class": 2})
-    with pytest.raises(DatasetError, match="'dog' has 2 subjects, too few"):
-        assign_splits(section, "dog", ["a", "b"])
+    with pytest.raises(DatasetError, match=r"'dog' has 2 subjects, too few .*none is in test"):
+        assign_splits(section, {"dog": ["a", "b"]})
 
 
 def test_identity_follows_the_configuration_only(tmp_path):
@@ -140,15 +149,15 @@ def test_identity_follows_the_motion_files(tmp_path):
 )
 def test_wrong_plans_are_refused_with_the_key(changes, says):
     with pytest.raises(ConfigError, match=says):
-        plan_examples(plan(**changes))
+        examples_of(plan(**changes))
 
 
 @pytest.mark.parametrize("wrap", [lambda value: value, lambda value: {"choice": [value]}], ids=["plain", "drawn"])
 def test_leaks_are_refused_however_they_are_written(wrap):
     with pytest.raises(ConfigError, match="'auto' is not allowed in a dataset: it tells the speed"):
-        plan_examples(plan(radar={"preset": "x4", "prf_hz": wrap("auto")}))
+        examples_of(plan(radar={"preset": "x4", "prf_hz": wrap("auto")}))
     with pytest.raises(ConfigError, match="'liland2018' is not allowed in a dataset: its gate"):
-        plan_examples(plan(analysis={"method": wrap("liland2018")}))
+        examples_of(plan(analysis={"method": wrap("liland2018")}))
 
 
 def with_dog_motion(motion):
@@ -183,7 +192,7 @@ def with_dog_motion(motion):
 def test_a_wrong_motion_is_refused_while_planning(tmp_path, motion, says):
     (tmp_path / "a.c3d").touch()
     with pytest.raises(ConfigError, match=rf"class 'dog': example dog-000000: {says}"):
-        plan_examples(with_dog_motion(motion), folder=tmp_path)
+        check_examples(plan_dataset(with_dog_motion(motion), folder=tmp_path))
 
 
 def files(tmp_path, *names):
@@ -198,13 +207,13 @@ def test_all_examples_of_a_recording_are_in_one_split_beside_draws_of_a_model(tm
         dataset={"name": "small", "examples_per_class": 60},
         classes=[{"label": "dog", "motion": {"choice": [recorded, recorded, {"kind": "quadruped"}]}}],
     )
-    examples = plan_examples(mixed, folder=tmp_path)
+    examples = examples_of(mixed, folder=tmp_path)
     splits = {}
     for e in examples:
         motion = e.run.scene.targets[0].motion
         wanted = f"file/{motion['path']}" if motion["kind"] == "file" else f"model/{e.id}"
-        assert e.subject == wanted
-        splits.setdefault(e.subject, set()).add(e.split)
+        assert e.rows[0].subject == wanted
+        splits.setdefault(e.group, set()).add(e.split)
     assert all(len(found) == 1 for found in splits.values())
     of_files = [found for subject, found in splits.items() if subject.startswith("file/")]
     assert len(of_files) == 6
@@ -215,25 +224,28 @@ def test_all_examples_of_a_recording_are_in_one_split_beside_draws_of_a_model(tm
 def test_too_few_recordings_for_a_split_name_the_class(tmp_path):
     two = plan(classes=[{"label": "dog", "motion": files(tmp_path, "a.c3d", "b.c3d")}])
     with pytest.raises(DatasetError, match=r"class 'dog' has 2 subjects, too few .*name more recordings"):
-        plan_examples(two, folder=tmp_path)
+        examples_of(two, folder=tmp_path)
 
 
-def test_a_recording_cannot_be_in_two_splits_through_two_classes(tmp_path):
+def test_a_recording_is_in_one_split_even_if_two_classes_take_it(tmp_path):
     names = [f"{n}.c3d" for n in range(12)]
     classes = [
         {"label": "a", "motion": files(tmp_path, *names)},
         {"label": "b", "motion": files(tmp_path, *names[:8])},
     ]
     shared = plan(dataset={"name": "small", "examples_per_class": 80}, classes=classes)
-    with pytest.raises(DatasetError, match=r"file/\d\.c3d: is in \w+ for class 'a' and in \w+ for class 'b'"):
-        plan_examples(shared, folder=tmp_path)
+    found = {}
+    for entry in plan_dataset(shared, folder=tmp_path).examples:
+        found.setdefault(entry.subjects[0], set()).add(entry.split)
+    assert len(found) == 12
+    assert all(len(splits) == 1 for splits in found.values())
 
 
 def test_a_recording_cannot_be_two_subjects_through_two_spellings(tmp_path):
     names = [f"{n}.c3d" for n in range(8)]
     twice = {**files(tmp_path, *names), "path": {"choice": [*names, "./0.c3d"]}}
     with pytest.raises(ConfigError, match=r"'\./0\.c3d' and '0\.c3d' are the same file"):
-        plan_examples(plan(classes=[{"label": "a", "motion": twice}]), folder=tmp_path)
+        examples_of(plan(classes=[{"label": "a", "motion": twice}]), folder=tmp_path)
 
 
 def test_labels_that_give_the_same_ids_are_refused():
@@ -268,13 +280,18 @@ def test_built_in_plans_load_and_an_unknown_name_lists_them(tmp_path):
 
 def test_home_alarm_keeps_every_nuisance_outside_the_classes():
     loaded, _ = load_plan("home-alarm", overrides=["dataset.examples_per_class=40"])
-    assert all(set(section.model_dump()) == {"label", "motion"} for section in loaded.classes)
-    examples = plan_examples(loaded)
+    assert all(set(section.model_dump()) == {"label", "motion", "examples"} for section in loaded.classes)
+    examples = examples_of(loaded)
     assert {e.run.radar.prf_hz for e in examples} == {1300.0}
     assert {e.run.scene.duration_s for e in examples} == {2.5}
     assert {e.run.analysis.gate_span_m for e in examples} == {1.6}
-    variation = {e.run.scene.targets[0].motion["stride_variation"] for e in examples}
-    assert variation == {0.02}
+    motions = [e.run.scene.targets[0].motion for e in examples]
+    spread = {name: [m.get("stride_variation", m.get("step_time_sd")) for m in motions[at]] for name, at in HALVES}
+    assert all(0 <= value <= 0.03 for values in spread.values() for value in values)
+    assert ks_2samp(spread["human"], spread["dog"]).pvalue > 1e-3  # strides vary by one law
+
+
+HALVES = (("human", slice(0, 40)), ("dog", slice(40, 80)))
 
 
 NUISANCES = {
@@ -291,7 +308,7 @@ NUISANCES = {
 @pytest.fixture(scope="module")
 def many_examples():
     loaded, _ = load_plan("home-alarm", overrides=["dataset.examples_per_class=1500"])
-    examples = plan_examples(loaded)
+    examples = examples_of(loaded)
     return [[e for e in examples if e.label == label] for label in ("human", "dog")]
 
 
@@ -305,3 +322,158 @@ def test_a_nuisance_has_the_same_law_for_every_class(many_examples, name):
 def test_the_comparison_of_laws_sees_a_gate_error_that_grows_with_the_class(many_examples):
     people, dogs = ([e.gate_error_m for e in of_class] for of_class in many_examples)
     assert ks_2samp(people, 2 * np.array(dogs)).pvalue < 1e-9
+
+
+def test_subjects_who_share_a_scene_share_a_group():
+    groups = groups_of([("a", "b"), ("c",), ("b", "d"), ("e", "f"), ("f",)])
+    assert groups["a"] == groups["b"] == groups["d"]
+    assert groups["e"] == groups["f"]
+    assert len({groups["a"], groups["c"], groups["e"]}) == 3
+
+
+def section(**changes):
+    return validate(DatasetSection, {"name": "x", "examples_per_class": 2, **changes}, where="dataset")
+
+
+def subjects(count):
+    return [f"model/{n}" for n in range(count)]
+
+
+def test_a_stable_split_moves_nobody_when_subjects_are_added_and_keeps_the_shares():
+    stable = section(split={"strategy": "stable"})
+    before, after = (assign_splits(stable, {"dog": subjects(count)}) for count in (400, 1000))
+    assert all(after[name] == split for name, split in before.items())
+    share = sum(split == "train" for split in after.values()) / len(after)
+    assert share == pytest.approx(0.7, abs=4 * (0.7 * 0.3 / 1000) ** 0.5)
+    ranked = [assign_splits(section(), {"dog": subjects(count)}) for count in (400, 1000)]
+    assert any(ranked[1][name] != split for name, split in ranked[0].items())  # exact shares cost that
+
+
+def test_subjects_by_hand_and_one_source_left_out():
+    names = [*subjects(40), "person/cmu-07", "person/cmu-08", "file/rex.bvh"]
+    by_hand = section(split={"subjects": {"test": ["cmu-*"], "train": ["rex.bvh"]}})
+    splits = assign_splits(by_hand, {"a": names})
+    assert [splits[name] for name in names[-3:]] == ["test", "test", "train"]
+    left_out = section(fractions={"train": 0.8, "validation": 0.2}, split={"sources": {"recording": "test"}})
+    splits = assign_splits(left_out, {"a": names})
+    assert {splits[name] for name in names[-3:]} == {"test"}
+    assert "test" not in {splits[name] for name in names[:-3]}
+    with pytest.raises(DatasetError, match=r"'b' has 40 subjects.*none is in test"):
+        assign_splits(left_out, {"a": names, "b": subjects(40)})
+
+
+def test_a_leaky_split_is_refused_and_names_the_groups():
+    torn = section(split={"subjects": {"test": ["cmu-*"], "train": ["cmu-07"]}})
+    with pytest.raises(DatasetError, match=r"in two splits person/cmu-07: test and train"):
+        assign_splits(torn, {"a": ["person/cmu-07", "person/cmu-08", *subjects(20)]})
+    with pytest.raises(DatasetError, match=r"'rex' fits nobody; there are model/0, model/1"):
+        assign_splits(section(split={"subjects": {"test": ["rex"]}}), {"a": subjects(20)})
+
+
+def test_sources_say_who_is_in_a_recording_and_on_what_terms(tmp_path):
+    motion = files(tmp_path, *(f"cmu_{who:02d}_{take}.c3d" for who in range(8) for take in "ab"))
+    whose = plan(
+        dataset={"name": "small", "examples_per_class": 60},
+        classes=[{"label": "human", "motion": motion}],
+        sources=[{"files": "cmu*", "subject": r"cmu_(\d+)_", "licence": "CC-BY-NC-4.0", "citation": "X"}],
+    )
+    examples = examples_of(whose, folder=tmp_path)
+    assert {e.rows[0].subject for e in examples} == {f"person/{n:02d}" for n in range(8)}
+    assert {e.rows[0].licence for e in examples} == {"CC-BY-NC-4.0"}
+    splits = {}
+    for e in examples:
+        splits.setdefault(e.rows[0].subject, set()).add(e.split)
+    assert all(len(found) == 1 for found in splits.values())
+    wrong = plan(classes=whose.model_dump()["classes"], sources=[{"files": "*", "subject": "dog_(.)"}])
+    with pytest.raises(ConfigError, match=r"sources\.0\.subject: 'dog_\(\.\)' finds no subject in 'cmu_"):
+        plan_dataset(wrong, folder=tmp_path)
+    with pytest.raises(ConfigError, match="needs a group in round brackets"):
+        plan(sources=[{"files": "*", "subject": "cmu"}])
+
+
+COMPANION = {"label": "dog", "motion": {"kind": "quadruped"}, "range_m": 4.0}
+
+
+def test_companions_are_rows_of_their_own_in_the_split_of_their_scene():
+    with_dog = plan(companions=[{"choice": [COMPANION, {}]}])
+    examples = examples_of(with_dog)
+    counts = [len(e.rows) for e in examples]
+    assert 5 < counts.count(2) < 35
+    pair = next(e for e in examples if len(e.rows) == 2)
+    assert [row.id for row in pair.rows] == [pair.id, f"{pair.id}-c1"]
+    assert [t.label for t in pair.run.scene.targets] == [row.label for row in pair.rows]
+    laid_out = plan_dataset(with_dog)
+    assert all(len(entry.subjects) == len(e.rows) for entry, e in zip(laid_out.examples, examples, strict=True))
+    with pytest.raises(ConfigError, match=r"companions\.0: .* is not allowed: needs label and motion"):
+        plan_dataset(plan(companions=[{"label": "dog"}]))
+
+
+def test_nobody_is_a_class_with_a_gate_and_without_an_echo():
+    nobody = plan(
+        classes=[{"label": "human", "motion": {"kind": "boulic"}}, {"label": "empty", "motion": "none"}],
+        noise={"kind": "thermal"},
+    )
+    found = [e for e in examples_of(nobody) if e.label == "empty"]
+    assert {e.rows[0].source for e in found} == {"none"}
+    speeds = [e.run.scene.targets[0].motion["speed_mps"] for e in found]
+    assert 0.4 <= min(speeds) < 0.8 < 1.6 < max(speeds) <= 2.0
+    assert all(e.run.scene.targets[0].rcs.total_m2 < 1e-20 for e in found)
+    with pytest.raises(ConfigError, match=r"noise\.kind: \"snr\" is not allowed with motion = 'none'"):
+        plan(classes=[{"label": "empty", "motion": "none"}], noise={"kind": "snr"})
+
+
+def test_a_cycle_takes_its_values_in_turn():
+    speeds = [0.8, 1.0, 1.2]
+    turns = plan(classes=[{"label": "a", "motion": {"kind": "boulic", "speed_mps": {"cycle": speeds}}}])
+    assert [e.run.scene.targets[0].motion["speed_mps"] for e in examples_of(turns)][:7] == [*speeds, *speeds, 0.8]
+    with pytest.raises(ConfigError, match="needs at least one value"):
+        draw({"cycle": []})
+
+
+def test_a_class_can_say_its_own_number_of_examples():
+    classes = [
+        {"label": "a", "motion": {"kind": "boulic"}, "examples": 30},
+        {"label": "b", "motion": {"kind": "boulic"}},
+    ]
+    assert [e.label for e in examples_of(plan(classes=classes))] == ["a"] * 30 + ["b"] * 20
+
+
+def test_numbers_beyond_the_plan_go_on_without_end_and_repeat_no_draw():
+    from doppelgait.dataset.resolve import class_of, resolve_example
+
+    config = plan()
+    beyond = [resolve_example(config, n, Path()) for n in range(40, 60)]
+    assert [e.label for e in beyond[:4]] == ["human", "dog", "human", "dog"]
+    assert len({e.id for e in [*examples_of(config), *beyond]}) == 60
+    assert class_of(config, 41) == (1, 20)
+
+
+def test_what_is_no_motion_is_drawn_from_one_law_for_every_class():
+    config, folder = load_plan("home-alarm", overrides=["dataset.examples_per_class=300"])
+    laid_out = plan_dataset(config, folder=folder)
+    values = [nuisance_of(laid_out.example(n)) for n in range(600)]
+    assert not [key for key in values[0] if "motion" in key or "label" in key]
+    varied = [key for key in values[0] if len({v[key] for v in values}) > 1]
+    assert set(varied) == {
+        "gate_error_m", "target.rcs.total_m2", "target.range_m", "target.bearing_deg", "target.aspect_deg",
+        "scene.radar_position_m.2", "noise.snr_db",
+    }  # fmt: skip
+    for key in varied:
+        assert ks_2samp([v[key] for v in values[:300]], [v[key] for v in values[300:]]).pvalue > 1e-3, key
+
+
+@pytest.mark.parametrize(
+    ("field", "says"),
+    [
+        ({"name": "signature", "dtype": "tiny"}, "dtype"),
+        ({"name": "baseband", "dtype": "half"}, "'half' is not allowed for baseband"),
+        ({"name": "baseband", "hop": 2}, "would alias"),
+        ({"name": "cadence_map", "hop": 2}, "no columns in time"),
+        ("range", "name"),
+    ],
+)
+def test_wrong_fields_are_refused(field, says):
+    with pytest.raises(ConfigError, match=says):
+        section(fields=[field])
+    with pytest.raises(ConfigError, match="names a field twice"):
+        section(fields=["signature", {"name": "signature"}])

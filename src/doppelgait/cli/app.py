@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from doppelgait import __version__
-from doppelgait.cli import analyze, dataset, demo, motion, radar, simulate
+from doppelgait.cli import analyze, dataset, dataset_use, demo, motion, radar, simulate
 from doppelgait.cli.output import say, show_warnings_plainly
 from doppelgait.core.errors import DoppelgaitError
 
@@ -24,6 +24,11 @@ app = typer.Typer(
 app.add_typer(motion.app, name="motion")
 app.add_typer(dataset.app, name="dataset")
 app.add_typer(radar.app, name="radar")
+dataset.app.command("status")(dataset_use.status)
+dataset.app.command("verify")(dataset_use.verify)
+dataset.app.command("card")(dataset_use.card)
+dataset.app.command("export")(dataset_use.export)
+dataset.app.command("import")(dataset_use.import_recordings)
 app.command("simulate")(simulate.simulate)
 app.command("analyze")(analyze.analyze)
 app.command("demo")(demo.demo)
@@ -59,6 +64,9 @@ def main() -> None:
             raise
         say(f"error: {error}")
         sys.exit(error.exit_code)
+    except KeyboardInterrupt as stop:
+        say(f"\n{stop}" if str(stop) else "\nstopped")
+        sys.exit(130)
     except BrokenPipeError:
         sys.stderr.close()
         sys.exit(1)

@@ -109,6 +109,14 @@ def _lines(what: str) -> Callable[[int, int], None]:
     return advance
 
 
+def duration_text(seconds: float) -> str:
+    """A time for people: seconds, minutes or hours."""
+    for unit, length in (("h", 3600.0), ("min", 60.0)):
+        if seconds >= 2 * length:
+            return f"{seconds / length:.1f} {unit}"
+    return f"{seconds:.0f} s"
+
+
 def check_output(path: Path, suffix: str) -> Path:
     """Path of a file to write; wrong ending or missing folder is an error before any work is done."""
     if path.suffix.lower() != suffix:

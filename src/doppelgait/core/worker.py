@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
+import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from multiprocessing.connection import Connection
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 KEPT_BYTES = 256 * 2**20
@@ -35,10 +38,26 @@ def worker_environment() -> Iterator[None]:
                 os.environ[name] = value
 
 
-def prepare_worker() -> None:
-    """First call in a new worker process: pandas is to do without Arrow, 66 MB that only writing tables needs.
+def prepare_worker(alive: Connection | None = None) -> None:
+    """First call in a new worker process: Ctrl-C is the main process's alone, and pandas is to do without Arrow.
 
-    Too late where the main script imports pandas, or this package's datasets, at its top: workers import that, too.
+    Arrow is 66 MB that only writing tables needs. Too late for that where the main script imports pandas, or this
+    package's datasets, at its top: workers import that, too.
+
+    Parameters
+    ----------
+    alive : Connection, optional
+        Reading end of a pipe whose writing end only the main process holds. The worker ends at once when that closes:
+        when the main process says so or is gone, however it went.
     """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     if "pandas" not in sys.modules:
         sys.modules.setdefault("pyarrow", None)  # type: ignore[arg-type]
+    if alive is not None:
+        threading.Thread(target=_end_with, args=(alive,), daemon=True).start()
+
+
+def _end_with(alive: Connection) -> None:
+    with suppress(OSError, EOFError):
+        alive.recv_bytes()
+    os._exit(1)

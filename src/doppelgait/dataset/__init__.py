@@ -1,10 +1,14 @@
-"""Datasets: plan, build, open."""
+"""Datasets: plan, build, verify, import, open, stream, export."""
 
 from doppelgait.dataset.build import BuildReport, build_dataset
 from doppelgait.dataset.config import PlanConfig, load_plan, plan_names
+from doppelgait.dataset.example import Example
+from doppelgait.dataset.feature_matrix import Features
 from doppelgait.dataset.open import Dataset, open_dataset
-from doppelgait.dataset.plan import plan_examples
+from doppelgait.dataset.plan import plan_dataset
+from doppelgait.dataset.stream import ExampleStream, stream_examples
 
 __all__ = [
-    "BuildReport", "Dataset", "PlanConfig", "build_dataset", "load_plan", "open_dataset", "plan_examples", "plan_names",
+    "BuildReport", "Dataset", "Example", "ExampleStream", "Features", "PlanConfig", "build_dataset", "load_plan",
+    "open_dataset", "plan_dataset", "plan_names", "stream_examples",
 ]  # fmt: skip

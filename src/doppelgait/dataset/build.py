@@ -1,34 +1,38 @@
-"""Build a dataset: shards in parallel, resumable; then the index, the description and the card."""
+"""Build a dataset: shards by any executor, resumable, in parts if wanted; then what makes it a dataset."""
 
 from __future__ import annotations
 
 import json
-import multiprocessing
-import os
 import platform
+import signal
+import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
 from doppelgait import __version__
-from doppelgait.core.errors import DatasetError, OutputError
-from doppelgait.core.worker import prepare_worker, worker_environment
-from doppelgait.dataset.card import dataset_card
+from doppelgait.core.errors import ConfigError, DatasetError, OutputError
 from doppelgait.dataset.config import PlanConfig
 from doppelgait.dataset.describe import differences
-from doppelgait.dataset.plan import DATA_VERSION, ShardSpec, dataset_id, plan_examples, plan_shards
-from doppelgait.dataset.shard import build_shard, file_sha256, write_atomically
-from doppelgait.features import FEATURE_UNITS
+from doppelgait.dataset.executors import check_executor, run_shards
+from doppelgait.dataset.finish import Totals, count_shards, describe, finish_dataset, make_index, write_description
+from doppelgait.dataset.identity import DATA_VERSION, dataset_id
+from doppelgait.dataset.lock import PATTERN, Part, build_lock
+from doppelgait.dataset.plan import Plan, Shard, check_examples, plan_dataset
+from doppelgait.dataset.shard import BuildContext, build_shard, file_sha256
 
-SCHEMA_VERSION = 1
+__all__ = ["BuildReport", "build_dataset", "finished_record", "make_index"]
 
 Progress = Callable[[int, int], None]
+
+CHECKED_EXAMPLES = 200
+"""Examples drawn before anything is written, spread over the plan, so that a wrong one shows early."""
+RELEASE = (__version__, DATA_VERSION)
 
 
 @dataclass(frozen=True)
@@ -40,12 +44,20 @@ class BuildReport:
     directory : Path
     dataset_id : str
     n_examples, n_built, n_reused : int
-        Examples in the dataset; of these made now; of these found built.
+        Examples that are there; of these made now; of these found built. Of a part while others are missing: its own.
+    n_rows : int
+        Rows of the index, one per target; 0 while shards of other parts are missing.
+    n_failed : int
+        Examples that failed and are not in the dataset; the next build tries them again.
     failures : list of dict
-        Examples that failed and are not in the dataset, with reason and specification; the next build tries them again.
+        The first 100 of them: id, reason and specification. All are in the records beside the shards.
+    missing : int
+        Shards of other parts that are not there yet; the dataset is finished at 0.
+    too_many_failed : bool
+        Whether more failed than ``max_failed_share`` allows.
     seconds : float
     bytes : int
-        Size of all shards.
+        Size of the shards.
     """
 
     directory: Path
@@ -53,188 +65,259 @@ class BuildReport:
     n_examples: int
     n_built: int
     n_reused: int
+    n_rows: int
+    n_failed: int
     failures: list[dict[str, Any]]
+    missing: int
+    too_many_failed: bool
     seconds: float
     bytes: int
 
 
+@dataclass(frozen=True)
+class _Job:
+    """A dataset that is being built here."""
+
+    target: Path
+    plan: Plan
+    identity: str
+    shards: Sequence[Shard]
+    own: Sequence[Shard]
+    part: Part | None
+    max_failed_share: float
+
+
+@dataclass
+class _Tally:
+    """Examples of own shards, and own shards that need no other look."""
+
+    built: int = 0
+    reused: int = 0
+    failed: int = 0
+    bytes: int = 0
+
+
 def build_dataset(
-    plan: PlanConfig, directory: str | Path, *, folder: Path | None = None, workers: int | None = None,
+    config: PlanConfig, directory: str | Path, *, folder: Path | None = None, executor: str = "processes",
+    workers: int | None = None, part: str | None = None, max_failed_share: float = 0.0,
     on_progress: Progress | None = None,
 ) -> BuildReport:  # fmt: skip
     """Build a dataset, or finish one that was begun; shards that are whole and without failures are not made again.
 
     Parameters
     ----------
-    plan : PlanConfig
+    config : PlanConfig
     directory : path
         Folder of the dataset; made if missing.
     folder : Path, optional
         Folder that relative motion paths start from.
+    executor : str
+        ``serial``, ``processes``, ``dask`` or ``dask://HOST:PORT``, see
+        :func:`doppelgait.dataset.executors.run_shards`. The result's bytes do not depend on it.
     workers : int, optional
-        Processes; the number of processors by default. The result's bytes do not depend on it.
+        Processes; the number of processors by default.
+    part : str, optional
+        ``I/N``: only every N-th shard from the I-th, for the I-th of N jobs that share the folder. Whichever job
+        finds all shards there finishes the dataset; a build without ``part`` does, too.
+    max_failed_share : float
+        Share of examples that may fail in a complete dataset, from 0 to 1.
     on_progress : callable, optional
-        Called with (examples done, examples in total).
+        Called with (examples done, examples in total), of this part.
 
     Raises
     ------
     DatasetError
-        If the folder holds a dataset of another configuration, or the plan cannot be split.
+        If the folder holds a dataset of another configuration, another build is at work in it, the plan cannot be
+        split, or workers die again and again.
     OutputError
-        If the folder cannot be written.
+        If the folder cannot be written or the disk is full; what was built is kept.
     ConfigError
-        If the plan gives examples that are not allowed; nothing is written then.
+        If the plan gives examples that are not allowed, nothing is written then; if there is no such executor or part.
+    KeyboardInterrupt
+        On Ctrl-C and on a request to terminate, with a text that says how to go on; what was built is kept.
     """
     began = time.monotonic()
-    target, source = Path(directory), folder or Path.cwd()
-    shards = list(plan_shards(plan, plan_examples(plan, folder=source)))
-    identity = dataset_id(plan, source)
-    _prepare(target, plan, identity)
-    records = {s.name: record for s in shards if (record := finished_record(target, s)) is not None}
-    reused = sum(len(record["rows"]) for record in records.values())
-    missing = [s for s in shards if s.name not in records]
-    total = sum(len(s.examples) for s in shards)
-    done = reused
-    for shard, record in _run(missing, target, source, workers or os.cpu_count() or 1):
-        records[shard.name] = record
-        done += len(shard.examples)
-        _log(target, {"shard": shard.name, "examples": len(shard.examples), "seconds": time.monotonic() - began})
-        if on_progress is not None:
-            on_progress(done, total)
-    return _finish(target, plan, identity, [records[s.name] for s in shards], reused, began)
-
-
-def _run(
-    shards: list[ShardSpec], target: Path, source: Path, workers: int
-) -> Iterator[tuple[ShardSpec, dict[str, Any]]]:
-    arguments = (str(target / "shards"), str(source))
+    check_executor(executor)
+    chosen = None if part is None else Part.parse(part)
+    if not 0 <= max_failed_share <= 1:
+        raise ConfigError(f"max_failed_share = {max_failed_share}: is not allowed; must be from 0 to 1")
+    job = _lay_out(config, Path(directory).absolute(), (folder or Path.cwd()).absolute(), chosen, max_failed_share)
     try:
-        if workers <= 1 or len(shards) <= 1:
-            for shard in shards:
-                yield shard, build_shard(shard, *arguments)
-        else:
-            yield from _run_processes(shards, arguments, min(workers, len(shards)))
+        _refuse_foreign(job)
+        job.target.mkdir(parents=True, exist_ok=True)
+        with _stoppable(job.target), build_lock(job.target, chosen):
+            tally = _build_missing(job, executor, workers, on_progress)
+            missing, totals = _finish_if_all(job)
     except OSError as error:
-        raise OutputError(f"{target}: cannot be written: {error}; what was built so far is kept") from None
+        raise OutputError(f"{job.target}: cannot be written: {error}; what was built so far is kept") from None
+    return _report(job, tally, missing, totals, began)
 
 
-def _run_processes(
-    shards: list[ShardSpec], arguments: tuple[str, str], workers: int
-) -> Iterator[tuple[ShardSpec, dict[str, Any]]]:
-    spawn = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=spawn, initializer=prepare_worker) as pool:
-        with worker_environment():  # a submission starts a process while fewer than ``workers`` are there
-            futures = {pool.submit(build_shard, shard, *arguments): shard for shard in shards}
+def _lay_out(config: PlanConfig, target: Path, source: Path, part: Part | None, max_failed_share: float) -> _Job:
+    plan = plan_dataset(config, folder=source)
+    check_examples(plan, most=CHECKED_EXAMPLES)
+    shards = tuple(plan.shards())
+    own = shards if part is None else shards[part.number - 1 :: part.among]
+    return _Job(target, plan, dataset_id(plan.config, source), shards, own, part, max_failed_share)
+
+
+def _refuse_foreign(job: _Job) -> None:
+    """Nothing but this dataset may be in the folder."""
+    description = job.target / "dataset.json"
+    if description.is_file():
         try:
-            for future in as_completed(futures):
-                yield futures[future], future.result()
-        except BaseException:
-            pool.shutdown(wait=True, cancel_futures=True)
-            raise
+            _refuse_other(job, json.loads(description.read_text()))
+        except ValueError as error:
+            raise DatasetError(f"{description}: is damaged: {error}; delete the folder or choose another") from None
+    elif job.target.is_dir() and any(not (p.match("*.partial") or p.match(PATTERN)) for p in job.target.iterdir()):
+        raise DatasetError(f"{job.target}: is not empty and holds no dataset; choose another folder")
 
 
-def _prepare(target: Path, plan: PlanConfig, identity: str) -> None:
-    description = target / "dataset.json"
-    try:
-        if description.is_file():
-            _refuse_other(target, json.loads(description.read_text()), plan, identity)
-        elif target.is_dir() and any(p.name != "dataset.json.partial" for p in target.iterdir()):
-            raise DatasetError(f"{target}: is not empty and holds no dataset; choose another folder with -o")
-        target.mkdir(parents=True, exist_ok=True)
-        write_atomically(description, _describe(plan, identity, complete=False))
-        (target / "shards").mkdir(exist_ok=True)
-        for leftover in (target / "shards").glob("*.partial"):
-            leftover.unlink()
-    except ValueError as error:
-        raise DatasetError(f"{description}: is damaged: {error}; delete the folder or choose another with -o") from None
-    except OSError as error:
-        raise OutputError(f"{target}: cannot be written: {error}") from None
-
-
-def _refuse_other(target: Path, found: dict[str, Any], plan: PlanConfig, identity: str) -> None:
-    if found.get("id") == identity:
+def _refuse_other(job: _Job, found: dict[str, Any]) -> None:
+    if found.get("id") == job.identity:
         return
-    changes = list(differences(found.get("config", {}), plan.model_dump(mode="json")))
+    changes = list(differences(found.get("config", {}), job.plan.config.model_dump(mode="json")))
     shown = "; ".join(changes[:6]) + (f"; and {len(changes) - 6} more" if len(changes) > 6 else "")
-    reason = shown or "other motion files or another data version"
     raise DatasetError(
-        f"{target}: holds dataset {found.get('id')} of another configuration ({reason}); "
-        "build into another folder with -o, or delete this one"
+        f"{job.target}: holds dataset {found.get('id')} of another configuration "
+        f"({shown or 'other motion files or another data version'}); build into another folder, or delete this one"
     )
 
 
-def _describe(plan: PlanConfig, identity: str, *, complete: bool) -> bytes:
-    description = {
-        "id": identity,
-        "name": plan.dataset.name,
-        "complete": complete,
-        "schema_version": SCHEMA_VERSION,
-        "data_version": DATA_VERSION,
-        "classes": {c.label: number for number, c in enumerate(plan.classes)},
-        "features": FEATURE_UNITS,
-        "fields": {name: FIELD_FACTS[name] for name in plan.dataset.fields},
-        "config": plan.model_dump(mode="json"),
-        "doppelgait_version": __version__,
-    }
-    return (json.dumps(description, indent=2) + "\n").encode()
+def _build_missing(job: _Job, executor: str, workers: int | None, on_progress: Progress | None) -> _Tally:
+    """Build those of the own shards that are not there."""
+    began, tally = time.monotonic(), _Tally()
+    _refuse_foreign(job)  # again, now that nobody else can write
+    missing = [shard for shard in job.own if not _counted(tally, finished_record(job.target, shard), shard)]
+    if not missing and (job.target / "dataset.json").is_file():
+        return tally
+    counts = count_shards(shard.name for shard in job.shards)
+    write_description(job.target, describe(job.plan.config, job.identity, counts, complete=False))
+    (job.target / "shards").mkdir(exist_ok=True)
+    _sweep(job)
+    context = BuildContext(job.plan.config, str(job.plan.folder), str(job.target))
+    done, total = tally.reused, sum(len(shard.examples) for shard in job.own)
+    work = partial(_build_one, context=context, release=RELEASE)
+    try:
+        with closing(run_shards(work, missing, executor=executor, workers=workers)) as results:
+            for shard, made in results:
+                _count_made(tally, job.target, shard, made, began)
+                done += len(shard.examples)
+                if on_progress is not None:
+                    on_progress(done, total)
+    finally:
+        _sweep(job)
+    return tally
 
 
-FIELD_FACTS = {
-    "signature": {"dims": ["time", "doppler"], "units": "V^2", "dtype": "float32"},
-    "cadence_map": {"dims": ["cadence", "doppler"], "units": "1", "dtype": "float32"},
-    "baseband": {"dims": ["slow_time", "range"], "units": "V", "dtype": "complex64"},
-}
+def _build_one(shard: Shard, *, context: BuildContext, release: tuple[str, int]) -> dict[str, Any]:
+    """Build a shard where a worker is; only counts travel back, the record is in the folder."""
+    if release != RELEASE:
+        raise DatasetError(f"a worker has doppelgait {RELEASE}, this build {release}; install the same everywhere")
+    try:
+        record = build_shard(shard, context)
+    except (OSError, RuntimeError) as error:  # HDF5 says RuntimeError where a file cannot be closed
+        raise OutputError(f"{context.directory}: shard {shard.name} cannot be written: {_line(error)}; what was built "
+                          "so far is kept") from None  # fmt: skip
+    return {"failed": len(record["failures"]), "bytes": record["bytes"]}
 
 
-def finished_record(target: Path, shard: ShardSpec) -> dict[str, Any] | None:
+def _line(error: Exception) -> str:
+    return " ".join(str(error).split())
+
+
+def _counted(tally: _Tally, record: dict[str, Any] | None, shard: Shard) -> bool:
+    if record is None:
+        return False
+    tally.reused += len(shard.examples)
+    tally.bytes += record["bytes"]
+    return True
+
+
+def _count_made(tally: _Tally, target: Path, shard: Shard, made: dict[str, Any], began: float) -> None:
+    if not (target / "shards" / f"{shard.name}.json").is_file():
+        raise DatasetError(f"{target}: shard {shard.name} was built and is not here; every worker must see this folder")
+    tally.built += len(shard.examples) - made["failed"]
+    tally.failed += made["failed"]
+    tally.bytes += made["bytes"]
+    seconds = round(time.monotonic() - began, 3)
+    _log(target, {"shard": shard.name, "examples": len(shard.examples), "failed": made["failed"], "seconds": seconds})
+
+
+def finished_record(target: Path, shard: Shard) -> dict[str, Any] | None:
     """Record of a shard that is built, whole and without failed examples, else None."""
+    record = _whole_record(target, shard)
+    return None if record is None or record["failures"] else record
+
+
+def _whole_record(target: Path, shard: Shard) -> dict[str, Any] | None:
+    """Record of a shard that is built and whole, else None."""
     path = target / "shards" / f"{shard.name}.h5"
     try:
         record: dict[str, Any] = json.loads(path.with_suffix(".json").read_text())
-        known = {row["id"] for row in record["rows"]}
+        known = {row["scene_id"] for row in record["rows"]} | {failure["id"] for failure in record["failures"]}
         whole = known == {e.id for e in shard.examples} and file_sha256(path) == record["sha256"]
-    except (OSError, ValueError, KeyError):
+    except (OSError, ValueError, KeyError, TypeError):
         return None
     return record if whole else None
 
 
-def _finish(
-    target: Path, plan: PlanConfig, identity: str, records: list[dict[str, Any]], reused: int, began: float
-) -> BuildReport:
-    index = make_index(records)
-    failures = [failure for record in records for failure in record["failures"]]
-    partial = target / "index.parquet.partial"
-    try:
-        index.to_parquet(partial, index=False)
-        os.replace(partial, target / "index.parquet")
-        write_atomically(target / "README.md", dataset_card(plan, identity, index).encode())
-        write_atomically(target / "dataset.json", _describe(plan, identity, complete=not failures))
-    except OSError as error:
-        raise OutputError(f"{target}: cannot be written: {error}; the shards are whole, run the build again") from None
+def _finish_if_all(job: _Job) -> tuple[int, Totals | None]:
+    """Finish the dataset if the shards of all parts are there, else say how many are not."""
+    own = {shard.name for shard in job.own}
+    missing = sum(shard.name not in own and _whole_record(job.target, shard) is None for shard in job.shards)
+    if missing:
+        return missing, None
+    names = [shard.name for shard in job.shards]
+    arguments = (job.target, job.plan.config, job.identity, names)
+    return 0, finish_dataset(*arguments, max_failed_share=job.max_failed_share)
+
+
+def _report(job: _Job, tally: _Tally, missing: int, totals: Totals | None, began: float) -> BuildReport:
+    planned = sum(len(shard.examples) for shard in (job.shards if totals else job.own))
+    failed = totals.n_failed if totals else tally.failed
     return BuildReport(
-        directory=target,
-        dataset_id=identity,
-        n_examples=len(index),
-        n_built=len(index) - reused,
-        n_reused=reused,
-        failures=failures,
+        directory=job.target,
+        dataset_id=job.identity,
+        n_examples=planned - failed,
+        n_built=tally.built,
+        n_reused=tally.reused,
+        n_rows=totals.rows if totals else 0,
+        n_failed=failed,
+        failures=totals.failures if totals else [],
+        missing=missing,
+        too_many_failed=failed > job.max_failed_share * planned,
         seconds=time.monotonic() - began,
-        bytes=sum(record["bytes"] for record in records),
+        bytes=totals.bytes if totals else tally.bytes,
     )
 
 
-TEXT_COLUMNS = ("truth_gait", "quality_gait_decision")
+def _sweep(job: _Job) -> None:
+    """Remove half-written files: all of the folder, or those of the own shards where other parts may be at work."""
+    own = {shard.name for shard in job.own}
+    for leftover in job.target.rglob("*.partial"):
+        if job.part is None or leftover.name.partition(".")[0] in own:
+            leftover.unlink(missing_ok=True)
 
 
-def make_index(records: Iterable[dict[str, Any]]) -> pd.DataFrame:
-    """Index table of all shards, one row per example, numbers as float64 with NaN for unknown."""
-    rows = [{**row, "shard_sha256": record["sha256"]} for record in records for row in record["rows"]]
-    table = pd.DataFrame(rows)
-    numeric = ("feature_", "quality_", "truth_", "sd_", "extended_")
-    for name in [c for c in table.columns if c not in TEXT_COLUMNS]:
-        if name.startswith(numeric) or name.endswith(("_hz", "_db")):
-            table[name] = pd.to_numeric(table[name]).astype("float64")
-    return table
+@contextmanager
+def _stoppable(target: Path) -> Iterator[None]:
+    """Ctrl-C and a request to terminate end the block in order and say how to go on."""
+
+    def stop(number: int, frame: Any) -> None:
+        raise KeyboardInterrupt
+
+    in_main = threading.current_thread() is threading.main_thread()
+    before = signal.signal(signal.SIGTERM, stop) if in_main else None
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(
+            f"{target}: stopped; what was built is kept, the same command goes on with it"
+        ) from None
+    finally:
+        if in_main:
+            signal.signal(signal.SIGTERM, before)
 
 
 def _log(target: Path, entry: dict[str, Any]) -> None:

@@ -12,6 +12,7 @@ from pydantic import Field, field_validator, model_validator
 
 from doppelgait.core.config import FrozenModel, apply_overrides, read_toml, validate
 from doppelgait.core.errors import ConfigError
+from doppelgait.dataset.describe import shorten
 from doppelgait.scene.target import SceneParameters
 
 SCENE_KEYS = tuple(SceneParameters.model_fields)
@@ -23,6 +24,88 @@ ORACLE_REFUSED = (
 )
 
 
+class FieldSpec(FrozenModel):
+    """An array to keep beside the features of every row.
+
+    Parameters
+    ----------
+    name : str
+        A key of :data:`doppelgait.dataset.fields.FIELDS`.
+    dtype : {"full", "half"}
+        ``full``: single precision. ``half`` (signature and cadence map): 10 log10 in float16, half the size, off by
+        at most 1.5 % of the value.
+    hop : int
+        Keep every ``hop``-th column (or pulse).
+    """
+
+    name: Literal["signature", "cadence_map", "baseband", "truth_range_m", "truth_radial_velocity_mps"]
+    dtype: Literal["full", "half"] = "full"
+    hop: int = Field(default=1, ge=1, le=10_000)
+
+    @model_validator(mode="after")
+    def _can_be(self) -> Self:
+        if self.dtype == "half" and self.name not in ("signature", "cadence_map"):
+            raise ValueError(f"dtype: 'half' is not allowed for {self.name}; it is for signature and cadence_map")
+        if self.hop > 1 and self.name == "cadence_map":
+            raise ValueError("hop: a cadence map has no columns in time; leave it out")
+        if self.hop > 1 and self.name == "baseband":
+            raise ValueError("hop: every n-th pulse of the baseband would alias; leave it out, or lower radar.prf_hz")
+        return self
+
+
+class SplitSection(FrozenModel):
+    """``[dataset.split]``: who goes where. A subject, and all who share a scene with it, is in one split.
+
+    Parameters
+    ----------
+    strategy : {"stratified", "stable"}
+        ``stratified``: the shares hold exactly for every class. ``stable``: every subject by a hash of its own name,
+        so that subjects added later move no other; the shares hold on average.
+    sources : table
+        Leave one source out: ``{ recording = "test" }`` puts every recorded subject into test; ``model`` and
+        ``recording`` are the sources.
+    subjects : table
+        Subjects by hand: ``{ test = ["cmu-07", "dog-*"] }``, names with ``*`` and ``?``.
+    """
+
+    strategy: Literal["stratified", "stable"] = "stratified"
+    sources: dict[Literal["model", "recording"], Literal["train", "validation", "test"]] = Field(default_factory=dict)
+    subjects: dict[Literal["train", "validation", "test"], tuple[str, ...]] = Field(default_factory=dict)
+
+
+class SourceSection(FrozenModel):
+    r"""``[[sources]]``: whose motion files these are, and on what terms. The first entry that fits a file counts.
+
+    Parameters
+    ----------
+    files : str
+        Motion files as written in the plan, with ``*``; ``**`` is not needed, ``*`` goes through folders.
+    subject : str, optional
+        Regular expression; its first group in a file's path is the person or animal (``"cmu_(\d+)_"``). By default
+        every file is a subject of its own.
+    licence : str
+        Name of the licence, SPDX where there is one. Empty: unknown. Unknown and non-commercial ones block a release.
+    citation : str
+        What users of the dataset must cite.
+    """
+
+    files: str = Field(min_length=1)
+    subject: str | None = None
+    licence: str = ""
+    citation: str = ""
+
+    @field_validator("subject")
+    @classmethod
+    def _has_a_group(cls, subject: str | None) -> str | None:
+        try:
+            groups = 1 if subject is None else re.compile(subject).groups
+        except re.error as error:
+            raise ValueError(f"is no regular expression: {error}") from None
+        if groups < 1:
+            raise ValueError("needs a group in round brackets: what it matches names the subject")
+        return subject
+
+
 class DatasetSection(FrozenModel):
     """``[dataset]``: size, seed, splits and what is kept.
 
@@ -32,23 +115,41 @@ class DatasetSection(FrozenModel):
     seed : int
         Root of every random stream.
     examples_per_class : int
+        Of a class that does not say its own number.
     fractions : table
         Share of the subjects of every class in train, validation and test; sums to 1.
+    split : SplitSection
     shard_size : int
         Examples in one shard file: the unit of work, of resume and of hashing.
+    gate : {"truth", "track"}
+        ``truth``: around the true range of the body plus an error that knows no class. ``track``: found as in a
+        measured recording; a target that no track follows has no features and the flag ``not_tracked``.
     gate_error_sd_m : float
-        Standard deviation of the range error of the gate, the same for every class.
+        Standard deviation of the range error of the truth gate, the same for every class.
     fields : list
-        Arrays to keep beside the features.
+        Arrays to keep beside the features: names, or tables (:class:`FieldSpec`).
     """
 
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")
     seed: int = Field(default=2018, ge=0)
     examples_per_class: int = Field(ge=1, le=10_000_000)
     fractions: dict[str, float] = Field(default_factory=lambda: {"train": 0.7, "validation": 0.15, "test": 0.15})
+    split: SplitSection = SplitSection()
     shard_size: int = Field(default=50, ge=1, le=100_000)
+    gate: Literal["truth", "track"] = "truth"
     gate_error_sd_m: float = Field(default=0.2, ge=0, le=1)
-    fields: tuple[Literal["signature", "cadence_map", "baseband"], ...] = ("signature",)
+    fields: tuple[FieldSpec, ...] = (FieldSpec(name="signature"),)
+
+    @field_validator("fields", mode="before")
+    @classmethod
+    def _by_name(cls, fields: Any) -> Any:
+        if not isinstance(fields, list | tuple):
+            return fields
+        specs = [{"name": f} if isinstance(f, str) else f for f in fields]
+        names = [f.get("name") if isinstance(f, dict) else f.name for f in specs]
+        if len(set(names)) < len(names):
+            raise ValueError(f"names a field twice: {', '.join(map(str, names))}")
+        return specs
 
     @field_validator("fractions")
     @classmethod
@@ -66,13 +167,18 @@ class ClassSection(FrozenModel):
     Parameters
     ----------
     label : str
-    motion : table
+    motion : table or "none"
         As in a scene file, with distributions: ``{ kind = "boulic", speed_mps = { uniform = [0.6, 2.0] } }``; a
-        ``{ choice = [...] }`` of several such tables mixes sources.
+        ``{ choice = [...] }`` of several such tables mixes sources. ``{ kind = "folder", path = "dogs" }`` takes the
+        straight stretches of all motion files of a folder in turn (:mod:`doppelgait.dataset.folders`). ``"none"`` is
+        nobody: an empty room, whatever is in the background; the gate follows a body that is not there.
+    examples : int, optional
+        ``dataset.examples_per_class`` by default.
     """
 
     label: str = Field(min_length=1)
     motion: dict[str, Any]
+    examples: int | None = Field(default=None, ge=1, le=10_000_000)
 
     @field_validator("label")
     @classmethod
@@ -80,6 +186,11 @@ class ClassSection(FrozenModel):
         if not re.fullmatch(r"[A-Za-z0-9 _.-]+", label):
             raise ValueError("may hold letters, digits, space and _ . - only")
         return label
+
+    @field_validator("motion", mode="before")
+    @classmethod
+    def _none(cls, motion: Any) -> Any:
+        return {"kind": "none"} if motion == "none" else motion
 
 
 class PlanConfig(FrozenModel):
@@ -93,11 +204,16 @@ class PlanConfig(FrozenModel):
         ``duration_s``, ``radar_position_m`` and the radar's orientation.
     target : table
         Placement and radar cross section: keys of a scene file's ``[[targets]]`` without motion and label.
+    companions : list
+        Further targets of every scene, with label, motion and place: ``[[targets]]`` entries of a scene file. Each is
+        a row of its own with its own label and subject, in the split of its scene.
     background : list
         Movers that scatter but are no target (a fan, a curtain): ``[[targets]]`` entries of a scene file, motion
         included.
+    sources : list of SourceSection
+        Whose the motion files are.
     environment, impairments : list
-        As in a scene file. In these and in ``background`` an entry that is drawn as an empty table
+        As in a scene file. In these, in ``companions`` and in ``background`` an entry that is drawn as an empty table
         (``{ choice = [{ kind = "wall", ... }, {}] }``) is left out.
     radar, noise, analysis : table
         As in a scene file. All tables may hold distributions. ``radar.prf_hz = "auto"`` and the oracle gate of
@@ -110,6 +226,8 @@ class PlanConfig(FrozenModel):
     target: dict[str, Any] = Field(default_factory=dict)
     radar: dict[str, Any] = Field(default_factory=lambda: {"preset": "x4"})
     noise: dict[str, Any] = Field(default_factory=dict)
+    sources: tuple[SourceSection, ...] = ()
+    companions: list[Any] | dict[str, Any] = Field(default_factory=list)
     background: list[Any] | dict[str, Any] = Field(default_factory=list)
     environment: list[Any] | dict[str, Any] | None = None
     impairments: list[Any] | dict[str, Any] | None = None
@@ -127,10 +245,20 @@ class PlanConfig(FrozenModel):
         for key, place in (("motion", "[[classes]]"), ("label", "[[classes]]"), ("background", "[[background]]")):
             if key in self.target:
                 raise ValueError(f"target.{key}: belongs into {place}")
+        nobody = [c.label for c in self.classes if c.motion.get("kind") == "none"]
+        if nobody and self.noise.get("kind", "thermal") != "thermal":
+            raise ValueError(
+                f"noise.kind: {shorten(self.noise['kind'])} is not allowed with motion = 'none' (class {nobody[0]!r}): "
+                "an SNR needs somebody; use 'thermal'"
+            )
         unknown = set(self.scene) - set(SCENE_KEYS)
         if unknown:
             raise ValueError(f"scene.{min(unknown)}: unknown key; allowed are {', '.join(SCENE_KEYS)}")
         return self
+
+    def examples_of(self, section: ClassSection) -> int:
+        """Number of examples of a class."""
+        return section.examples or self.dataset.examples_per_class
 
 
 def plan_names() -> list[str]:

@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
-from doppelgait.core.config import validate
+from pydantic import Field
+
+from doppelgait.core.config import FrozenModel, validate
 from doppelgait.core.errors import ConfigError
+from doppelgait.dataset.config import SourceSection
 from doppelgait.dataset.describe import shorten
+
+NOBODY = "none"
+"""Motion kind of an example without a target."""
+PHANTOM_SPEED_MPS = {"uniform": [0.4, 2.0]}
+"""How fast the gate of an example without a target moves, unless the plan says so."""
 
 
 def recording_of(motion: Mapping[str, Any]) -> str:
@@ -17,10 +27,43 @@ def recording_of(motion: Mapping[str, Any]) -> str:
     return str(motion["path"]) if motion["kind"] == "file" else ""
 
 
-def subject_of(motion: Mapping[str, Any], example_id: str) -> str:
-    """Subject of an example: the recording, since who is in it is known only by reading; a model's draw is its own."""
+def source_entry(recording: str, sources: Sequence[SourceSection]) -> SourceSection | None:
+    """The first entry of ``[[sources]]`` that fits a recording."""
+    return next((entry for entry in sources if fnmatchcase(recording, entry.files)), None)
+
+
+def subject_of(motion: Mapping[str, Any], row_id: str, sources: Sequence[SourceSection] = ()) -> str:
+    """Whose motion it is: as ``[[sources]]`` says, else the recording; a model's draw is its own subject.
+
+    Raises
+    ------
+    ConfigError
+        If the expression of the source does not match.
+    """
     recording = recording_of(motion)
-    return f"file/{recording}" if recording else f"model/{example_id}"
+    if not recording:
+        return f"model/{row_id}"
+    entry = source_entry(recording, sources)
+    if entry is None or entry.subject is None:
+        return f"file/{recording}"
+    match = re.search(entry.subject, recording)
+    if match is None or not match[1]:
+        raise ConfigError(
+            f"sources.{list(sources).index(entry)}.subject: {entry.subject!r} finds no subject in {recording!r}"
+        )
+    return f"person/{match[1]}"
+
+
+class Phantom(FrozenModel):
+    """Options of motion ``none``.
+
+    Parameters
+    ----------
+    speed_mps : float
+        Speed of the gate over ground.
+    """
+
+    speed_mps: float = Field(ge=0, le=10)
 
 
 def check_motion(motion: Any, folder: Path, *, key: str) -> None:
@@ -48,8 +91,10 @@ def check_motion(motion: Any, folder: Path, *, key: str) -> None:
     options = {name: value for name, value in motion.items() if name != "kind"}
     if kind == "file":
         _check_file(options, folder, key)
+    elif kind == NOBODY:
+        validate(Phantom, options, section=tuple(key.split(".")))
     elif kind not in MOTION_MODELS:
-        known = ", ".join(["file", *MOTION_MODELS])
+        known = ", ".join(["file", "folder", NOBODY, *MOTION_MODELS])
         raise ConfigError(f"{key}.kind: {kind!r} is not allowed: known are {known}")
     else:
         try:
@@ -101,11 +146,12 @@ def motion_files(motions: Iterable[Mapping[str, Any]]) -> list[str]:
 
 
 def _strings(value: Any) -> list[str]:
-    """The text, or every text that a ``choice`` can give."""
+    """The text, or every text that a ``choice`` or ``cycle`` can give."""
     if isinstance(value, str):
         return [value]
-    if isinstance(value, Mapping) and isinstance(value.get("choice"), list):
-        return [text for entry in value["choice"] for text in _strings(entry)]
+    if isinstance(value, Mapping):
+        lists = [value.get(name) for name in ("choice", "cycle")]
+        return [text for entries in lists if isinstance(entries, list) for e in entries for text in _strings(e)]
     return []
 
 

@@ -1,23 +1,38 @@
-"""Open a dataset: its index, features ready for scikit-learn, and arrays."""
+"""Open a dataset: its index, features ready for scikit-learn, labelled examples and batches."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
 from doppelgait.core.errors import DatasetError
-from doppelgait.features import FEATURE_UNITS
+from doppelgait.dataset.batches import batches_of
+from doppelgait.dataset.config import SPLITS
+from doppelgait.dataset.example import Example, carrier_of, label_arrays, plain_row
+from doppelgait.dataset.feature_matrix import Features, feature_matrix, nearest
+from doppelgait.dataset.fields import decode
+from doppelgait.dataset.identity import SCHEMA_VERSION
+from doppelgait.dataset.shard_files import ShardFiles
+
+if TYPE_CHECKING:
+    from doppelgait.dataset.torch_data import TorchExamples
+
+Array = npt.NDArray[Any]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Dataset:
     """A built dataset, or a part of it.
+
+    ``len(dataset)`` counts its rows, ``for example in dataset`` reads them in order.
 
     Parameters
     ----------
@@ -25,55 +40,195 @@ class Dataset:
     description : dict
         ``dataset.json``: identity, classes, fields, configuration.
     index : pandas.DataFrame
-        One row per example.
+        One row per example and target.
+    files : ShardFiles
+        Reader of its arrays, shared by all parts.
     """
 
     directory: Path
     description: dict[str, Any]
     index: pd.DataFrame
+    files: ShardFiles = field(repr=False)
 
     def __len__(self) -> int:
         return len(self.index)
 
-    def __getitem__(self, split: str) -> Dataset:
-        """The examples of one split."""
-        known = sorted(self.index["split"].unique())
-        if split not in known:
-            raise DatasetError(f"{self.directory}: no split {split!r}; there are {', '.join(known)}")
-        return self.select(f"split == {split!r}")
+    def __iter__(self) -> Iterator[Example]:
+        return map(self.example, range(len(self)))
+
+    @overload
+    def __getitem__(self, key: Literal["train", "validation", "test"]) -> Dataset: ...
+    @overload
+    def __getitem__(self, key: str) -> Any: ...
+    def __getitem__(self, key: str) -> Dataset | Example:
+        """The examples of one split, or the example of an id.
+
+        Raises
+        ------
+        DatasetError
+            If there is neither such a split nor such an id here.
+        """
+        if key in SPLITS:
+            known = sorted(self.index["split"].unique())
+            if key not in known:
+                raise DatasetError(f"{self.directory}: no split {key!r}; there are {', '.join(known) or 'none'}")
+            return self._part((self.index["split"] == key).to_numpy(dtype=bool))
+        found = np.flatnonzero((self.index["id"] == key).to_numpy(dtype=bool)) if isinstance(key, str) else np.empty(0)
+        if found.size == 0:
+            hint = nearest(str(key), self.index["id"])
+            raise DatasetError(f"{self.directory}: {key!r} is neither a split nor the id of an example here{hint}")
+        return self.example(int(found[0]))
+
+    def _part(self, chosen: npt.NDArray[np.bool_]) -> Dataset:
+        return Dataset(self.directory, self.description, self.index[chosen].reset_index(drop=True), self.files)
 
     def select(self, query: str) -> Dataset:
-        """The examples that fulfil a pandas query, for example ``"truth_aspect_deg < 30 and label == 'dog'"``."""
-        return Dataset(self.directory, self.description, self.index.query(query).reset_index(drop=True))
+        """The examples that fulfil a pandas query, for example ``"truth_aspect_deg < 30 and label == 'dog'"``.
 
-    def features(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.str_], npt.NDArray[np.str_]]:
-        """Features, labels and groups for scikit-learn.
+        Raises
+        ------
+        DatasetError
+            If the query names no column of the index or is no condition.
+        """
+        try:
+            chosen = self.index.eval(query)
+        except pd.errors.UndefinedVariableError as error:
+            name = str(error).split("'")[1]
+            hint = nearest(name, map(str, self.index.columns))
+            raise DatasetError(f"select {query!r}: no column {name!r}{hint}") from None
+        except (
+            Exception
+        ) as error:  # the query is the user's program: whatever is wrong with it is an error of the query
+            reason = str(error).partition("\n")[0] or type(error).__name__
+            raise DatasetError(f"select {query!r}: is no query: {reason}") from None
+        if not isinstance(chosen, pd.Series) or not pd.api.types.is_bool_dtype(chosen):
+            raise DatasetError(f'select {query!r}: is no condition; compare columns, as in "snr_frame_db > 10"')
+        return self._part(chosen.fillna(False).to_numpy(dtype=bool))
+
+    def features(self, names: str | Sequence[str] = "six", *, without_flags: Sequence[str] = ()) -> Features:
+        """Features, labels and groups for scikit-learn: ``X, y, groups = dataset.features()``.
+
+        Parameters
+        ----------
+        names : {"six", "extended"} or list of str
+            ``six``: the feature set F in the order of :data:`doppelgait.features.FEATURE_UNITS`. ``extended``: these,
+            the gait frequency and all of ``extended_*``. A list: columns of the index; only so can what an analysis
+            does not know (``truth_*``) or what tells no class (``snr_frame_db``) get among the features.
+        without_flags : sequence of str
+            Leave out rows with one of these flags; ``*`` fits anything, for example ``"*:uncertain_by_*"``.
+
+        Raises
+        ------
+        DatasetError
+            If a column is missing or holds no numbers.
+        """
+        return feature_matrix(self.index, names, without_flags)
+
+    def array(self, field: str, number: int) -> Array:
+        """Array of the ``number``-th example of this part, in linear units.
+
+        A target that no track follows has an empty one.
+        """
+        self.check_fields([field])
+        values = self.stored(number, field)
+        if values is None:
+            raise DatasetError(f"{self.directory}: {self.index['id'].iloc[number]} has no {field}")
+        return decode(values, self.description["fields"][field])
+
+    def shape(self, number: int, name: str) -> tuple[int, ...] | None:
+        """Shape of :meth:`stored`, without reading it."""
+        shards, rows = self._places
+        return self.files.shape(shards[number], name, rows[number])
+
+    def example(self, number: int) -> Example:
+        """The ``number``-th example of this part with all of its arrays, labelled."""
+        row = plain_row(self.index.iloc[number].to_dict())
+        fields = self.description["fields"]
+        carrier_hz = carrier_of(self.description, row) if fields else float("nan")
+        return Example(row, label_arrays(fields, row, partial(self.stored, number), carrier_hz=carrier_hz))
+
+    def stored(self, number: int, name: str) -> Array | None:
+        """Array or axis of the ``number``-th example by its name in the shard, as stored; None where there is none."""
+        shards, rows = self._places
+        return self.files.read(shards[number], name, rows[number])
+
+    @cached_property
+    def _places(self) -> tuple[list[str], list[int]]:
+        """Shard and row of every example: a list gives them a hundred times as fast as a table."""
+        return self.index["shard"].tolist(), self.index["row"].tolist()
+
+    def check_fields(self, fields: Sequence[str]) -> None:
+        """A :class:`DatasetError` unless the dataset keeps all of these fields."""
+        known: Mapping[str, Any] = self.description["fields"]
+        for name in fields:
+            if name not in known:
+                raise DatasetError(f"{self.directory}: keeps no {name!r}; it keeps {', '.join(known) or 'no arrays'}")
+
+    def class_numbers(self) -> npt.NDArray[np.int64]:
+        """Number of every row's class, as in ``dataset.json``."""
+        return self.index["label"].map(self.description["classes"]).to_numpy(dtype=np.int64)
+
+    def batches(
+        self, fields: Sequence[str] = ("signature",), batch_size: int = 32, rng: np.random.Generator | None = None,
+        *, shuffle: bool = True,
+    ) -> Iterator[dict[str, Array]]:  # fmt: skip
+        """Batches of arrays, each example once.
+
+        Parameters
+        ----------
+        fields : sequence of str
+        batch_size : int
+            The last batch may be smaller.
+        rng : Generator, optional
+            For the order; needed to shuffle.
+        shuffle : bool
+            In a random order (:func:`doppelgait.dataset.batches.shuffled_rows`), else in that of the index.
+
+        Yields
+        ------
+        dict
+            For each field an array (batch, ...) in linear units, ``label`` (class numbers) and ``number`` (rows of this
+            part).
+
+        Raises
+        ------
+        DatasetError
+            If a field is not kept, ``rng`` is missing, or arrays of a batch differ in shape.
+        """
+        return batches_of(self, fields, batch_size, rng, shuffle=shuffle)
+
+    def torch(
+        self, fields: Sequence[str] = ("signature",), *, transform: Callable[[Any], Any] | None = None,
+        target: Literal["label", "index"] = "label",
+    ) -> TorchExamples:  # fmt: skip
+        """The examples as a ``torch.utils.data.Dataset`` for any number of workers.
+
+        Parameters
+        ----------
+        fields : sequence of str
+        transform : callable, optional
+            Applied to what is returned for the fields.
+        target : {"label", "index"}
+            Number of the class, as in ``dataset.json``, or of the row in this part.
 
         Returns
         -------
-        X : ndarray, shape (n, 6)
-            The six features in the order of :data:`doppelgait.features.FEATURE_UNITS`; NaN where undetermined.
-        y : ndarray of str, shape (n,)
-        groups : ndarray of str, shape (n,)
-            Subjects: keep each in one fold.
+        torch.utils.data.Dataset
+            Items are ``(tensor, target)`` for one field, ``({field: tensor}, target)`` for several.
+
+        Raises
+        ------
+        DatasetError
+            If torch is not installed, or a field is not kept.
         """
-        columns = [f"feature_{name}" for name in FEATURE_UNITS]
-        X = self.index[columns].to_numpy(dtype=np.float64)
-        return X, self.index["label"].to_numpy(dtype=str), self.index["subject"].to_numpy(dtype=str)
+        from doppelgait.dataset.torch_data import TorchExamples
 
-    def array(self, field: str, number: int) -> npt.NDArray[Any]:
-        """Stored array of the ``number``-th example of this part."""
-        import h5py
+        self.check_fields(fields)
+        return TorchExamples(self._slim(), tuple(fields), transform, target)
 
-        if field not in self.description["fields"]:
-            raise DatasetError(
-                f"{self.directory}: keeps no {field!r}; it keeps {', '.join(self.description['fields'])}"
-            )
-        row = self.index.iloc[number]
-        with h5py.File(self.directory / "shards" / f"{row['shard']}.h5", "r") as file:
-            stored = file[field]
-            values = stored[int(row["row"])] if isinstance(stored, h5py.Dataset) else stored[str(row["row"])][:]
-        return np.asarray(values)
+    def _slim(self) -> Dataset:
+        """The same examples with no more than reading their arrays needs: what workers get."""
+        return Dataset(self.directory, self.description, self.index[["id", "label", "shard", "row"]], self.files)
 
 
 def open_dataset(directory: str | Path) -> Dataset:
@@ -82,16 +237,21 @@ def open_dataset(directory: str | Path) -> Dataset:
     Raises
     ------
     DatasetError
-        If the folder holds none, or it is not finished.
+        If the folder holds none, it is not finished, or a newer version of doppelgait made it.
     """
     folder = Path(directory)
+    for name in ("dataset.json", "index.parquet"):
+        if not (folder / name).is_file():
+            raise DatasetError(f"{folder}: no finished dataset here ({name} is missing); build it first")
     try:
         description = json.loads((folder / "dataset.json").read_text())
+        version = int(description["schema_version"])
+        if version > SCHEMA_VERSION:
+            raise DatasetError(
+                f"{folder}: has schema version {version}, this doppelgait reads up to {SCHEMA_VERSION}; install a "
+                "newer doppelgait"
+            )
         index = pd.read_parquet(folder / "index.parquet")
-    except FileNotFoundError as error:
-        raise DatasetError(
-            f"{folder}: no finished dataset here ({error.filename} is missing); build it first"
-        ) from None
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, KeyError, TypeError) as error:
         raise DatasetError(f"{folder}: is damaged: {error}") from None
-    return Dataset(folder, description, index)
+    return Dataset(folder, description, index, ShardFiles(folder / "shards"))

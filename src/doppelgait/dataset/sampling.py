@@ -12,6 +12,7 @@ from doppelgait.core.errors import ConfigError
 from doppelgait.core.rng import generator_for
 
 Drawer = Callable[[list[Any], np.random.Generator], Any]
+CYCLE = "cycle"
 
 
 def _uniform(values: list[Any], rng: np.random.Generator) -> float:
@@ -59,7 +60,7 @@ DISTRIBUTIONS: dict[str, Drawer] = {
     "choice": _choice,
 }
 """``{ uniform = [low, high] }``, ``{ log_uniform = [low, high] }``, ``{ normal = [mean, sd] }`` (cut at 3 sd),
-``{ choice = [a, b, ...] }``."""
+``{ choice = [a, b, ...] }``. Beside these ``{ cycle = [a, b, ...] }`` takes the values in turn, by example number."""
 
 
 def resolve(value: Any, *, seed: int, example: int, key: str) -> Any:
@@ -85,6 +86,12 @@ def resolve(value: Any, *, seed: int, example: int, key: str) -> Any:
         If a distribution's numbers are not allowed; the message names the key.
     """
     if isinstance(value, Mapping):
+        if len(value) == 1 and CYCLE in value:
+            entries = value[CYCLE]
+            if not isinstance(entries, list) or not entries:
+                raise ConfigError(f"{key}: cycle = {entries}: needs at least one value")
+            turn = entries[example % len(entries)]
+            return resolve(turn, seed=seed, example=example, key=f"{key}.{CYCLE}")
         if len(value) == 1 and next(iter(value)) in DISTRIBUTIONS:
             ((name, numbers),) = value.items()
             try:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from copy import deepcopy
+from functools import lru_cache
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self
@@ -242,8 +244,13 @@ class Radar(FrozenModel):
 
 def preset_names() -> list[str]:
     """Names of all presets."""
+    return list(_built_in_names())
+
+
+@lru_cache(maxsize=1)
+def _built_in_names() -> tuple[str, ...]:
     folder = resources.files("doppelgait.radar.presets")
-    return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
+    return tuple(sorted(e.name.removesuffix(".toml") for e in folder.iterdir() if e.name.endswith(".toml")))
 
 
 def changed_preset(name: str | Path, changes: Mapping[str, Any]) -> dict[str, Any]:
@@ -277,5 +284,11 @@ def preset_table(name: str | Path) -> dict[str, Any]:
             f"unknown radar preset {str(name)!r}; known are: {', '.join(preset_names())}; or give the path of a file "
             "that ends in .toml"
         )
+    return deepcopy(_built_in(str(name)))
+
+
+@lru_cache(maxsize=64)
+def _built_in(name: str) -> dict[str, Any]:
+    """Table of a preset that comes with the package, parsed once: planning asks for it for every example."""
     with resources.as_file(resources.files("doppelgait.radar.presets") / f"{name}.toml") as path:
         return read_toml(path)[0]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Self
 
@@ -133,7 +135,20 @@ def _read_file(options: dict[str, Any], folder: Path | None) -> xr.DataArray:
     path = options.pop("path", None)
     if not isinstance(path, str) or not path:
         raise ConfigError('kind "file" needs path = "..."')
+    file = (folder or Path()) / path
     try:
-        return read((folder or Path()) / path, **options)
+        stamp = file.stat().st_mtime_ns, file.stat().st_size
+    except OSError:
+        return read(file, **options)  # which says what is wrong with it
+    try:
+        return _read_once(file, stamp, json.dumps(options, sort_keys=True))
     except TypeError as error:
         raise MotionError(f"{path}: {error}") from None
+
+
+@lru_cache(maxsize=64)
+def _read_once(file: Path, stamp: tuple[int, int], options: str) -> xr.DataArray:
+    """Motion of a file as it is now; examples of a dataset take the same few files again and again."""
+    from doppelgait.motion.readers import read
+
+    return read(file, **json.loads(options))

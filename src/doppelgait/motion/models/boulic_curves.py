@@ -9,13 +9,17 @@ Source: Boulic et al. 1990; Chen 2011.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from itertools import pairwise
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import ConfigError
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PchipInterpolator
 
 FloatArray = npt.NDArray[np.float64]
 OffsetSigns = Literal["continuous", "published", "pendulum"]
@@ -156,6 +160,12 @@ def joint_knots(relative_speed: float) -> dict[str, Knots]:
 
 def periodic_pchip(knots: Knots, phase: FloatArray) -> FloatArray:
     """Shape-preserving cubic (Fritsch-Carlson) through knots that repeat every cycle."""
+    return np.asarray(_pchip(tuple(knots))(np.mod(phase, 1.0)))
+
+
+@lru_cache(maxsize=256)
+def _pchip(knots: tuple[tuple[float, float], ...]) -> PchipInterpolator:
+    """The curve; a motion asks for the same few again and again."""
     from scipy.interpolate import PchipInterpolator
 
     one = sorted((float(np.mod(p, 1.0)), float(value)) for p, value in knots)
@@ -165,4 +175,4 @@ def periodic_pchip(knots: Knots, phase: FloatArray) -> FloatArray:
     # Slopes depend on the neighbours alone: two periods on either side are as good as infinitely many.
     x = np.array([[p + turn for p, _ in kept] for turn in range(-2, 3)]).ravel()
     y = np.tile([value for _, value in kept], 5)
-    return np.asarray(PchipInterpolator(x, y)(np.mod(phase, 1.0)))
+    return PchipInterpolator(x, y)

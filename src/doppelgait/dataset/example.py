@@ -1,0 +1,191 @@
+"""One example of a dataset: its row of the index and its arrays, labelled as everywhere in the library."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core.errors import ConfigError, DatasetError
+from doppelgait.core.labels import COORDINATE_UNITS
+from doppelgait.core.units import carrier_to_wavelength_m, doppler_to_velocity_mps
+from doppelgait.dataset.fields import AXIS_UNITS, decode
+from doppelgait.dataset.sampling import resolve
+from doppelgait.features import FEATURE_UNITS
+from doppelgait.pipeline.run import parse_radar
+from doppelgait.radar.config import Radar
+
+Stored = Callable[[str], npt.NDArray[Any] | None]
+"""Array by its name in a shard, as stored; None where there is none."""
+
+
+@dataclass(frozen=True)
+class Example:
+    """One example.
+
+    Parameters
+    ----------
+    row : dict
+        Its row of the index, None for unknown.
+    arrays : dict
+        Labelled arrays by field name, in linear units.
+    """
+
+    row: dict[str, Any]
+    arrays: dict[str, xr.DataArray]
+
+    @property
+    def id(self) -> str:
+        """Identifier in the dataset."""
+        return str(self.row["id"])
+
+    @property
+    def label(self) -> str:
+        """Class."""
+        return str(self.row["label"])
+
+    @property
+    def features(self) -> dict[str, float]:
+        """The six features by name, NaN where undetermined."""
+        return {name: _number(self.row.get(f"feature_{name}")) for name in FEATURE_UNITS}
+
+    @property
+    def signature(self) -> xr.DataArray:
+        """Micro-Doppler signature (time, doppler), V^2."""
+        return self._array("signature")
+
+    @property
+    def cadence_map(self) -> xr.DataArray:
+        """Step-Doppler map (cadence, doppler)."""
+        return self._array("cadence_map")
+
+    @property
+    def baseband(self) -> xr.DataArray:
+        """Data matrix (slow_time, range), complex64, V."""
+        return self._array("baseband")
+
+    def _array(self, name: str) -> xr.DataArray:
+        if name not in self.arrays:
+            raise DatasetError(
+                f"{self.id}: the dataset keeps no {name}; it keeps {', '.join(self.arrays) or 'no arrays'}"
+            )
+        return self.arrays[name]
+
+
+def _number(value: Any) -> float:
+    return math.nan if value is None else float(value)
+
+
+def label_arrays(
+    fields: Mapping[str, Mapping[str, Any]], row: Mapping[str, Any], stored: Stored, *, carrier_hz: float
+) -> dict[str, xr.DataArray]:
+    """Labelled arrays of one example.
+
+    Parameters
+    ----------
+    fields : mapping
+        ``fields`` of ``dataset.json``: dims, units and scale of each.
+    row : mapping
+        Its row of the index.
+    stored : callable
+        Gives an array by its name in a shard.
+    carrier_hz : float
+        For the velocity axis; NaN where unknown, which the axis then is, too.
+
+    Returns
+    -------
+    dict
+        A field that the row does not have (a target that was not tracked) is left out. A shard of schema version 1 has
+        axes for its signature only; other arrays come without.
+    """
+    arrays = {}
+    for name, facts in fields.items():
+        values = stored(name)
+        if values is None or values.size == 0:
+            continue
+        coords = _coordinates(name, facts["dims"], values.shape, stored)
+        attrs: dict[str, Any] = {"units": facts["units"]}
+        if "doppler" in coords:
+            wavelength_m = carrier_to_wavelength_m(carrier_hz)
+            velocity_mps = doppler_to_velocity_mps(coords["doppler"][1], wavelength_m)
+            coords["velocity"] = ("doppler", velocity_mps, {"units": COORDINATE_UNITS["velocity"]})
+            attrs |= {"prf_hz": float(row["prf_hz"]), "wavelength_m": float(wavelength_m)}
+        arrays[name] = xr.DataArray(decode(values, facts), dims=facts["dims"], coords=coords, name=name, attrs=attrs)
+    return arrays
+
+
+def axis_name(field: str, dim: str) -> str | None:
+    """Name of the axis of a field in a shard, None for a dimension without (``scatterer``)."""
+    return f"{field}_{dim}_{AXIS_UNITS[dim]}" if dim in AXIS_UNITS else None
+
+
+def _coordinates(field: str, dims: list[str], shape: tuple[int, ...], stored: Stored) -> dict[str, tuple[Any, ...]]:
+    coords: dict[str, tuple[Any, ...]] = {}
+    for dim, size in zip(dims, shape, strict=True):
+        name = axis_name(field, dim)
+        values = None if name is None else stored(name)
+        if values is not None and values.shape == (size,):
+            coords[dim] = (dim, values, {"units": COORDINATE_UNITS[dim]})
+    return coords
+
+
+def carrier_of(description: Mapping[str, Any], row: Mapping[str, Any]) -> float:
+    """Carrier frequency of a row, Hz; NaN where the dataset does not tell."""
+    if "carrier_hz" in row:
+        return _number(row["carrier_hz"])
+    try:
+        return radar_of(description, row).carrier_hz
+    except (ConfigError, DatasetError):
+        return math.nan
+
+
+def radar_of(description: Mapping[str, Any], row: Mapping[str, Any]) -> Radar:
+    """Radar of a simulated row, drawn once more from the dataset's configuration.
+
+    Parameters
+    ----------
+    description : mapping
+        ``dataset.json``.
+    row : mapping
+        A row of the index.
+
+    Raises
+    ------
+    DatasetError
+        If the dataset was not simulated from a plan.
+    ConfigError
+        If the plan names a preset's file that is not in the working folder.
+    """
+    config = description.get("config") or {}
+    number = _number_in_plan(config, str(row["scene_id"]))
+    if number is None or description.get("origin", "simulated") != "simulated":
+        raise DatasetError(f"{row['id']}: the dataset does not tell its radar; only simulated ones do")
+    table = resolve(config.get("radar", {}), seed=config["dataset"]["seed"], example=number, key="radar")
+    radar: Radar = parse_radar(table, where="dataset.json", folder=Path())["radar"]
+    return radar
+
+
+def _number_in_plan(config: Mapping[str, Any], scene_id: str) -> int | None:
+    """Number of an example among all of its plan, from its id: the classes follow each other."""
+    label, _, within = scene_id.rpartition("-")
+    first = 0
+    for section in config.get("classes", ()):
+        if str(section["label"]).replace(" ", "_") == label and within.isdigit():
+            return first + int(within)
+        first += section.get("examples") or config["dataset"]["examples_per_class"]
+    return None
+
+
+def plain_row(row: Mapping[Any, Any]) -> dict[str, Any]:
+    """Row of the index as plain Python values, None for unknown: what JSON can hold."""
+    plain = {}
+    for name, value in row.items():
+        value = value.item() if isinstance(value, np.generic) else value
+        plain[str(name)] = None if value is None or (isinstance(value, float) and not math.isfinite(value)) else value
+    return plain

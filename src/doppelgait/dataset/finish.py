@@ -1,0 +1,295 @@
+"""From finished shards to a dataset: description, index, lists of the splits, card."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from doppelgait import __version__
+from doppelgait.core.config import validate
+from doppelgait.core.errors import DatasetError
+from doppelgait.dataset.config import SPLITS, PlanConfig
+from doppelgait.dataset.fields import facts_of
+from doppelgait.dataset.identity import DATA_VERSION, SCHEMA_VERSION
+from doppelgait.features import FEATURE_UNITS
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import pyarrow as pa
+
+Record = Mapping[str, Any]
+
+ROWS_AT_A_TIME = 4096
+"""Rows of a group in the index file: what is in memory of it at a time."""
+FAILURES_KEPT = 100
+LONG_COLUMNS = ("motion", "environment", "impairments", "shard_sha256", "warnings")
+"""Columns that neither card nor lists need; the longest texts of all."""
+TEXT, NUMBER, INTEGER = "string", "float64", "int64"
+TEXT_COLUMNS = ("truth_gait", "quality_gait_decision")
+"""Columns that are text even where every row is without."""
+
+
+@dataclass
+class Totals:
+    """What the finished shards hold.
+
+    Parameters
+    ----------
+    rows, bytes, n_failed : int
+        Rows of the index, size of the shards, examples that failed.
+    failures : list of dict
+        The first of them: id, reason, spec.
+    columns : dict
+        Kind of every column of the index: ``string``, ``float64`` or ``int64``.
+    labels : list of str
+    """
+
+    rows: int = 0
+    bytes: int = 0
+    n_failed: int = 0
+    failures: list[dict[str, Any]] = field(default_factory=list)
+    columns: dict[str, str] = field(default_factory=dict)
+    labels: list[str] = field(default_factory=list)
+
+
+def describe(
+    config: PlanConfig, identity: str, shards: Mapping[str, int], *, complete: bool, labels: Sequence[str] = ()
+) -> dict[str, Any]:
+    """Content of ``dataset.json``.
+
+    Parameters
+    ----------
+    config : PlanConfig
+    identity : str
+    shards : mapping
+        Number of planned shards of every split.
+    complete : bool
+        Whether every planned example is there.
+    labels : sequence of str
+        Found in the rows; those of companions that are no class of their own get the numbers after the classes.
+    """
+    known = [section.label for section in config.classes]
+    return {
+        "id": identity,
+        "name": config.dataset.name,
+        "complete": complete,
+        "origin": "simulated",
+        "schema_version": SCHEMA_VERSION,
+        "data_version": DATA_VERSION,
+        "classes": {label: n for n, label in enumerate([*known, *sorted(set(labels) - set(known))])},
+        "features": FEATURE_UNITS,
+        "fields": facts_of(config.dataset.fields),
+        "shards": dict(shards),
+        "n_examples": sum(config.examples_of(section) for section in config.classes),
+        "config": config.model_dump(mode="json"),
+        "doppelgait_version": __version__,
+    }
+
+
+def finish_dataset(
+    target: Path, config: PlanConfig, identity: str, names: Sequence[str], *, max_failed_share: float = 0.0
+) -> Totals:
+    """Write index, split lists, card and description of a folder whose shards are all there; the description last.
+
+    Parameters
+    ----------
+    target : Path
+    config : PlanConfig
+    identity : str
+    names : sequence of str
+        All shards, in the order of the plan.
+    max_failed_share : float
+        The dataset counts as complete up to this share of failed examples.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be written; what was there before is then as it was.
+    """
+    import pandas as pd
+
+    totals = tally(read_records(target, names))
+    write_index(target / "index.parquet", read_records(target, names), totals.columns)
+    kept = [name for name in totals.columns if name not in LONG_COLUMNS]
+    index = pd.read_parquet(target / "index.parquet", columns=kept)
+    write_splits(target / "splits", index)
+    _write_card(target, config, identity, index)
+    planned = sum(config.examples_of(section) for section in config.classes)
+    complete = totals.n_failed <= max_failed_share * planned
+    write_description(target, describe(config, identity, count_shards(names), complete=complete, labels=totals.labels))
+    return totals
+
+
+def _write_card(target: Path, config: PlanConfig, identity: str, index: pd.DataFrame) -> None:
+    from doppelgait.dataset.card import dataset_card
+
+    write_file(target / "README.md", dataset_card(config, identity, index).encode())
+
+
+def card_of(directory: str | Path) -> str:
+    """Card of a dataset; of a half-built one, made of the shards that are there.
+
+    Raises
+    ------
+    DatasetError
+        If the folder holds no dataset, or nothing that a card can be made of.
+    """
+    from doppelgait.dataset.card import dataset_card
+
+    folder = Path(directory)
+    description = read_description(folder)
+    written = folder / "README.md"
+    if description.get("complete") and written.is_file():
+        return written.read_text()
+    if description.get("origin") != "simulated":
+        raise DatasetError(f"{folder}: has no card and was not simulated; import it again")
+    config = validate(PlanConfig, description["config"], where=str(folder / "dataset.json"))
+    names = [name for name in shard_names(description["shards"]) if (folder / "shards" / f"{name}.json").is_file()]
+    return dataset_card(config, str(description["id"]), make_index(read_records(folder, names)))
+
+
+def read_description(folder: Path) -> dict[str, Any]:
+    """``dataset.json`` of a folder.
+
+    Raises
+    ------
+    DatasetError
+        If there is none, or it is damaged.
+    """
+    path = folder / "dataset.json"
+    try:
+        description = json.loads(path.read_text())
+    except FileNotFoundError:
+        raise DatasetError(f"{folder}: holds no dataset, dataset.json is missing") from None
+    except (OSError, ValueError) as error:
+        raise DatasetError(f"{path}: cannot be read: {error}") from None
+    if not isinstance(description, dict):
+        raise DatasetError(f"{path}: is damaged: holds no table")
+    return description
+
+
+def write_description(target: Path, description: Mapping[str, Any]) -> None:
+    """Write ``dataset.json``."""
+    write_file(target / "dataset.json", (json.dumps(description, indent=2) + "\n").encode())
+
+
+def write_splits(folder: Path, index: pd.DataFrame) -> None:
+    """Write the ids of every split that has rows, one per line, in the order of the index."""
+    folder.mkdir(exist_ok=True)
+    for split in SPLITS:
+        ids: Iterable[str] = index["id"][index["split"] == split] if len(index) else ()
+        write_file(folder / f"{split}.txt", "".join(f"{name}\n" for name in ids).encode())
+
+
+def count_shards(names: Iterable[str]) -> dict[str, int]:
+    """Number of shards of every split, from their names."""
+    counts: dict[str, int] = {}
+    for name in names:
+        split = name.partition("-")[0]
+        counts[split] = counts.get(split, 0) + 1
+    return counts
+
+
+def shard_names(counts: Mapping[str, int]) -> list[str]:
+    """Names of all shards, from the number of every split."""
+    return [f"{split}-{n:05d}-of-{count:05d}" for split, count in counts.items() for n in range(count)]
+
+
+def read_records(target: Path, names: Iterable[str]) -> Iterator[Record]:
+    """Records of shards, one in memory at a time."""
+    for name in names:
+        yield json.loads((target / "shards" / f"{name}.json").read_text())
+
+
+def tally(records: Iterable[Record]) -> Totals:
+    """Counts, first failures and columns of many records."""
+    totals, labels = Totals(), set()
+    for record in records:
+        totals.rows += len(record["rows"])
+        totals.bytes += record["bytes"]
+        totals.n_failed += len(record["failures"])
+        totals.failures += record["failures"][: FAILURES_KEPT - len(totals.failures)]
+        for row in record["rows"]:
+            labels.add(row["label"])
+            for name, value in row.items():
+                if isinstance(value, str) and totals.columns.get(name) != TEXT:
+                    totals.columns[name] = TEXT
+                elif name not in totals.columns:
+                    totals.columns[name] = TEXT if name in TEXT_COLUMNS else INTEGER if name == "row" else NUMBER
+    totals.columns["shard_sha256"] = TEXT
+    totals.labels = sorted(labels)
+    return totals
+
+
+def make_index(records: Iterable[Record]) -> pd.DataFrame:
+    """Index table of all shards, one row per target, numbers as float64 with NaN for unknown."""
+    kept = list(records)
+    columns = tally(kept).columns
+    frame: pd.DataFrame = _table(list(_rows(kept)), columns).to_pandas()
+    return frame
+
+
+def write_index(path: Path, records: Iterable[Record], columns: Mapping[str, str]) -> None:
+    """Write the index as Parquet, :data:`ROWS_AT_A_TIME` rows in memory at a time.
+
+    Parameters
+    ----------
+    path : Path
+    records : iterable of dict
+    columns : mapping
+        Kind of every column, from :func:`tally`.
+    """
+    import pyarrow.parquet as pq
+
+    rows = _rows(records)
+    with appearing(path) as partial, pq.ParquetWriter(partial, _table([], columns).schema) as writer:
+        while part := list(islice(rows, ROWS_AT_A_TIME)):
+            writer.write_table(_table(part, columns))
+
+
+def _rows(records: Iterable[Record]) -> Iterator[dict[str, Any]]:
+    for record in records:
+        for row in record["rows"]:
+            yield {**row, "shard_sha256": record["sha256"]}
+
+
+def _table(rows: Sequence[Mapping[str, Any]], columns: Mapping[str, str]) -> pa.Table:
+    import pyarrow as pa
+
+    arrays = []
+    for name, kind in columns.items():
+        values = [row.get(name) for row in rows]
+        if kind == NUMBER:
+            values = [None if v is None else float(v) for v in values]
+        arrays.append(pa.array(values, type=pa.type_for_alias(kind)))
+    return pa.Table.from_arrays(arrays, names=list(columns))
+
+
+@contextmanager
+def appearing(path: Path) -> Iterator[Path]:
+    """Where to write a file that is then complete under its name, or not there.
+
+    The name is this process's own: two parts that finish a dataset at the same time do not meet.
+    """
+    partial = path.with_name(f"{path.name}.{platform.node()}-{os.getpid()}.partial")
+    try:
+        yield partial
+        with partial.open("rb+") as handle:
+            os.fsync(handle.fileno())
+        os.replace(partial, path)
+    except BaseException:
+        partial.unlink(missing_ok=True)
+        raise
+
+
+def write_file(path: Path, content: bytes) -> None:
+    """Write a small file so that it is complete or as it was before."""
+    with appearing(path) as partial:
+        partial.write_bytes(content)

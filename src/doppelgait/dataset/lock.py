@@ -1,0 +1,188 @@
+"""One build at a time in a dataset's folder; the parts of one partition may go on side by side."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import platform
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from doppelgait.core.errors import ConfigError, DatasetError
+
+PATTERN = "build*.lock"
+WRITING_SECONDS = 2.0
+"""How long a lock may stay empty: its process has made it and not yet written into it."""
+_held: set[Path] = set()
+
+
+class Part(NamedTuple):
+    """The ``number``-th of ``among`` parts of a dataset's shards, from 1."""
+
+    number: int
+    among: int
+
+    @classmethod
+    def parse(cls, text: str) -> Part:
+        """Part of a text like ``3/16``.
+
+        Raises
+        ------
+        ConfigError
+            If it is not I/N with whole numbers, I from 1 to N.
+        """
+        number, _, among = text.partition("/")
+        if not (number.isdecimal() and among.isdecimal() and 1 <= int(number) <= int(among)):
+            raise ConfigError(f"part {text!r}: is not allowed; give I/N, the number of the part from 1 to N: 3/16")
+        return cls(int(number), int(among))
+
+
+@dataclass(frozen=True)
+class Holder:
+    """Who holds a lock.
+
+    Parameters
+    ----------
+    path : Path
+        File of the lock.
+    pid : int
+    host, since : str
+    part : Part or None
+    begun : str
+        What the system says of the process's start, so that another process of the same number is known as another;
+        empty where the system does not say.
+    """
+
+    path: Path
+    pid: int
+    host: str
+    since: str
+    part: Part | None
+    begun: str
+
+    @property
+    def alive(self) -> bool:
+        """False if that process is surely gone; one of another host cannot be asked."""
+        if self.host != platform.node():
+            return True
+        if self.pid == os.getpid():
+            return self.path in _held
+        return _is_running(self.pid) and _begun(self.pid) in ("", self.begun)
+
+    def __str__(self) -> str:
+        of = "" if self.part is None else f" (part {self.part.number}/{self.part.among})"
+        return f"process {self.pid} on {self.host}{of}, since {self.since}"
+
+
+@contextmanager
+def build_lock(directory: Path, part: Part | None = None) -> Iterator[None]:
+    """Hold the folder, or a part of it, for the length of the block; a lock that a dead process left is taken over.
+
+    Raises
+    ------
+    DatasetError
+        If another build is at work here; it is named.
+    OSError
+        If the folder cannot be written.
+    """
+    name = "build.lock" if part is None else f"build-{part.number}-of-{part.among}.lock"
+    path = (directory / name).resolve()
+    _take(path, part)
+    _held.add(path)
+    try:
+        for other in running_builds(directory):
+            mine = other.path.resolve() == path and other.pid == os.getpid()
+            if not mine and not _side_by_side(part, other.part):
+                raise _busy(directory, other)
+        yield
+    finally:
+        _held.discard(path)
+        path.unlink(missing_ok=True)
+
+
+def running_builds(directory: Path) -> list[Holder]:
+    """Builds that are at work in a folder, as far as their locks tell."""
+    found = (read_lock(path) for path in sorted(directory.glob(PATTERN)))
+    return [holder for holder in found if holder is not None and holder.alive]
+
+
+def read_lock(path: Path) -> Holder | None:
+    """Who holds a lock; None if it is gone or was never written to its end."""
+    end = time.monotonic() + WRITING_SECONDS
+    while True:
+        try:
+            table = json.loads(path.read_text())
+            part = None if table["part"] is None else Part(*table["part"])
+            return Holder(path, int(table["pid"]), table["host"], table["since"], part, table["begun"])
+        except FileNotFoundError:
+            return None
+        except (ValueError, KeyError, TypeError):
+            if time.monotonic() > end:
+                return None
+            time.sleep(0.05)
+
+
+def _take(path: Path, part: Part | None) -> None:
+    content = json.dumps(_own(part)).encode()
+    while True:
+        try:
+            handle = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o644)
+            break
+        except FileExistsError:
+            holder = read_lock(path)
+            if holder is not None and holder.alive:
+                raise _busy(path.parent, holder) from None
+            path.unlink(missing_ok=True)
+    try:
+        os.write(handle, content)
+    except OSError:
+        path.unlink(missing_ok=True)
+        raise
+    finally:
+        os.close(handle)
+
+
+def _own(part: Part | None) -> dict[str, Any]:
+    since = datetime.now(UTC).isoformat(timespec="seconds")
+    pid = os.getpid()
+    return {"pid": pid, "host": platform.node(), "since": since, "part": part, "begun": _begun(pid)}
+
+
+def _side_by_side(part: Part | None, other: Part | None) -> bool:
+    return part is not None and other is not None and part.among == other.among
+
+
+def _busy(directory: Path, holder: Holder) -> DatasetError:
+    hint = "" if holder.host == platform.node() else f"; if that process is gone, delete {holder.path}"
+    return DatasetError(f"{directory}: is being built by {holder}; wait for it or stop it{hint}")
+
+
+def _is_running(pid: int) -> bool:
+    if os.name == "nt":
+        kernel = ctypes.windll.kernel32  # type: ignore[attr-defined,unused-ignore]
+        process = kernel.OpenProcess(0x00100000, False, pid)  # the right to wait for it
+        gone = not process or kernel.WaitForSingleObject(process, 0) == 0
+        if process:
+            kernel.CloseHandle(process)
+        return not gone
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True
+
+
+def _begun(pid: int) -> str:
+    """Start of a process in ticks of the system's clock; empty where the system does not tell."""
+    with suppress(OSError):
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        return "ended" if fields[0] == "Z" else fields[19]
+    return ""

@@ -1,0 +1,223 @@
+"""One example of a plan with every distribution drawn: a pure function of configuration and number."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from doppelgait.core.config import FrozenModel
+from doppelgait.core.errors import ConfigError
+from doppelgait.core.rng import generator_for
+from doppelgait.dataset.config import AUTO_PRF_REFUSED, ORACLE_REFUSED, ClassSection, PlanConfig
+from doppelgait.dataset.describe import shorten
+from doppelgait.dataset.motions import NOBODY, PHANTOM_SPEED_MPS, check_motion, source_entry, subject_of
+from doppelgait.dataset.sampling import resolve
+from doppelgait.pipeline import RunSpec, parse_run
+from doppelgait.pipeline.run import TWIN_KEYS
+
+UNSEEN_M2 = 1e-30
+"""Radar cross section of the body whose gate an empty room takes: 300 dB below a person."""
+
+Draw = Callable[[Any, str], Any]
+
+
+class RowSpec(FrozenModel):
+    """One target of an example, one row of the index.
+
+    Parameters
+    ----------
+    id : str
+    label, subject : str
+        The subject is ``person/NAME`` where ``[[sources]]`` says who it is, ``file/PATH`` for another recording,
+        ``model/ID`` for a draw of a model's parameters or nobody.
+    source : {"model", "recording", "none"}
+    recording, licence : str
+        Motion file and what ``[[sources]]`` says of it; empty for models.
+    """
+
+    id: str
+    label: str
+    subject: str
+    source: str
+    recording: str = ""
+    licence: str = ""
+
+
+class ExampleSpec(FrozenModel):
+    """One planned example: no distribution left.
+
+    Parameters
+    ----------
+    id : str
+        Of the scene; its first row has the same.
+    split, group : str
+        Empty where the example belongs to no built dataset.
+    gate_error_m : float
+        Range error of the truth gates.
+    rows : tuple of RowSpec
+        One per target, in the order of the scene's; one for nobody.
+    run : RunSpec
+    """
+
+    id: str
+    split: str
+    group: str
+    gate_error_m: float
+    rows: tuple[RowSpec, ...]
+    run: RunSpec
+
+    @property
+    def label(self) -> str:
+        """Class of the first row."""
+        return self.rows[0].label
+
+
+def class_of(plan: PlanConfig, number: int) -> tuple[int, int]:
+    """Class number and number within the class of an example; beyond the plan the classes take turns."""
+    rest = number
+    for place, section in enumerate(plan.classes):
+        count = plan.examples_of(section)
+        if rest < count:
+            return place, rest
+        rest -= count
+    place = rest % len(plan.classes)
+    return place, plan.examples_of(plan.classes[place]) + rest // len(plan.classes)
+
+
+def example_id(label: str, number: int) -> str:
+    """Identifier of the ``number``-th example of a class."""
+    return f"{label.replace(' ', '_')}-{number:06d}"
+
+
+def rows_of(plan: PlanConfig, number: int, folder: Path) -> tuple[tuple[RowSpec, ...], list[dict[str, Any]]]:
+    """Rows of an example and the targets that they are, motion drawn, placement not."""
+    place, within = class_of(plan, number)
+    section, name = plan.classes[place], example_id(plan.classes[place].label, within)
+    key = f"classes.{place}.motion"
+    motion = _motion(plan, section.motion, number, key="motion", shown=key, folder=folder)
+    targets = [{"label": section.label, "motion": motion}, *_companions(plan, number, folder)]
+    rows = []
+    for count, target in enumerate(targets):
+        row_id = name if count == 0 else f"{name}-c{count}"
+        rows.append(_row(plan, row_id, str(target["label"]), target["motion"]))
+    return tuple(rows), targets
+
+
+def _row(plan: PlanConfig, row_id: str, label: str, motion: Mapping[str, Any]) -> RowSpec:
+    subject = subject_of(motion, row_id, plan.sources)
+    if motion["kind"] != "file":
+        source = "none" if motion["kind"] == NOBODY else "model"
+        return RowSpec(id=row_id, label=label, subject=subject, source=source)
+    path = str(motion["path"])
+    entry = source_entry(path, plan.sources)
+    licence = "" if entry is None else entry.licence
+    return RowSpec(id=row_id, label=label, subject=subject, source="recording", recording=path, licence=licence)
+
+
+def _motion(plan: PlanConfig, table: Any, number: int, *, key: str, shown: str, folder: Path) -> dict[str, Any]:
+    motion = resolve(table, seed=plan.dataset.seed, example=number, key=key)
+    if isinstance(motion, Mapping) and motion.get("kind") == NOBODY and "speed_mps" not in motion:
+        speed = resolve(PHANTOM_SPEED_MPS, seed=plan.dataset.seed, example=number, key=f"{key}.speed_mps")
+        motion = {**motion, "speed_mps": speed}
+    check_motion(motion, folder, key=shown)
+    return dict(motion)
+
+
+def _companions(plan: PlanConfig, number: int, folder: Path) -> list[dict[str, Any]]:
+    found = []
+    for place, entry in enumerate(_drawn_list(plan, "companions", number)):
+        if not isinstance(entry, Mapping) or not entry.get("label") or not isinstance(entry.get("motion"), Mapping):
+            raise ConfigError(f"companions.{place}: {shorten(entry)} is not allowed: needs label and motion")
+        check_motion(entry["motion"], folder, key=f"companions.{place}.motion")
+        found.append(dict(entry))
+    return found
+
+
+def resolve_example(
+    plan: PlanConfig, number: int, folder: Path, *, split: str = "", group: str = ""
+) -> ExampleSpec:  # fmt: skip
+    """Example of a plan with every distribution drawn.
+
+    Parameters
+    ----------
+    plan : PlanConfig
+        With its folders expanded.
+    number : int
+        From 0. Beyond the plan's own examples the classes take turns, without end.
+    folder : Path
+        Folder that relative paths start from.
+    split, group : str
+        As planned; they change nothing else.
+
+    Raises
+    ------
+    ConfigError
+        If a drawn value is not allowed or a motion file is missing; the message names class, example and key.
+    """
+    section = plan.classes[class_of(plan, number)[0]]
+    name = example_id(section.label, class_of(plan, number)[1])
+    try:
+        rows, targets = rows_of(plan, number, folder)
+        run = _run_spec(plan, section, number, targets, name, folder)
+    except ConfigError as error:
+        raise ConfigError(f"class {section.label!r}: example {name}: {error}") from None
+    error_m = float(generator_for(plan.dataset.seed, "gate", number).normal(0.0, plan.dataset.gate_error_sd_m))
+    return ExampleSpec(id=name, split=split, group=group, gate_error_m=error_m, rows=rows, run=run)
+
+
+def _run_spec(
+    plan: PlanConfig, section: ClassSection, number: int, targets: list[dict[str, Any]], name: str, folder: Path
+) -> RunSpec:
+    """Everything but the motions is drawn by a rule that never sees the class."""
+    seed = plan.dataset.seed
+
+    def draw(table: Any, key: str) -> Any:
+        return resolve(table, seed=seed, example=number, key=key)
+
+    first = {**draw(plan.target, "target"), **targets[0]}
+    if section.motion.get("kind") == NOBODY or targets[0]["motion"]["kind"] == NOBODY:
+        first |= {"motion": _phantom(targets[0]["motion"]), "rcs": {"kind": "equal", "total_m2": UNSEEN_M2}}
+    table = {
+        **draw(plan.scene, "scene"),
+        "targets": [first, *targets[1:], *_background(plan, number)],
+        "radar": draw(plan.radar, "radar"),
+        "noise": draw(plan.noise, "noise"),
+        **{key: _drawn_list(plan, key, number) for key in TWIN_KEYS if getattr(plan, key) is not None},
+        "analysis": draw(plan.analysis, "analysis"),
+        "seed": seed,
+    }
+    run = parse_run(table, where="", folder=folder)
+    _refuse_leaks(run)
+    return run.model_copy(update={"example": number})
+
+
+def _phantom(motion: Mapping[str, Any]) -> dict[str, Any]:
+    return {"kind": "point", "speed_mps": motion["speed_mps"]}
+
+
+def _background(plan: PlanConfig, number: int) -> list[dict[str, Any]]:
+    """Background movers of one example as targets of a scene file."""
+    movers = _drawn_list(plan, "background", number)
+    for place, mover in enumerate(movers):
+        if not isinstance(mover, Mapping) or not isinstance(mover.get("motion"), Mapping):
+            raise ConfigError(f"background.{place}: {shorten(mover)} is not allowed: needs motion = {{ kind = ... }}")
+        if mover["motion"].get("kind") == "file":
+            raise ConfigError(f"background.{place}.motion: a recording is not allowed here, it would have no subject")
+    return [{**mover, "background": True} for mover in movers]
+
+
+def _drawn_list(plan: PlanConfig, key: str, number: int) -> list[Any]:
+    """A list of the plan with every distribution drawn, without the entries drawn as ``{}``."""
+    drawn = resolve(getattr(plan, key), seed=plan.dataset.seed, example=number, key=key)
+    if not isinstance(drawn, list):
+        raise ConfigError(f"{key}: {shorten(drawn)} is not allowed: must be a list of tables")
+    return [entry for entry in drawn if entry != {}]
+
+
+def _refuse_leaks(run: RunSpec) -> None:
+    """What a plan may not hold, in whichever way it was written: here every distribution is drawn."""
+    if run.auto_prf:
+        raise ConfigError(AUTO_PRF_REFUSED)
+    if run.analysis.method == "liland2018":
+        raise ConfigError(ORACLE_REFUSED)

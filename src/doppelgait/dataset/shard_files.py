@@ -1,0 +1,114 @@
+"""Arrays of shard files by row, with a bounded number of files open in each process and thread."""
+
+from __future__ import annotations
+
+import os
+from collections import OrderedDict
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from threading import local
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.core.errors import DatasetError
+
+MAX_OPEN = 128
+"""Shard files that one reader keeps open."""
+
+
+class ShardFiles:
+    """Reader of a folder of shard files.
+
+    It can be pickled and survives a fork: each process and thread opens files of its own, since HDF5 handles must not
+    be shared. At most :data:`MAX_OPEN` files stay open, the one unused for longest is closed first.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder ``shards`` of a dataset.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._local = local()
+
+    def __reduce__(self) -> tuple[type[ShardFiles], tuple[Path]]:
+        return ShardFiles, (self.folder,)
+
+    def read(self, shard: str, name: str, row: int) -> npt.NDArray[Any] | None:
+        """Array ``name`` of one row of a shard, as stored.
+
+        Returns
+        -------
+        ndarray or None
+            None where the shard or the row has no such array.
+
+        Raises
+        ------
+        DatasetError
+            If the file is missing or damaged, or has no such row.
+        """
+        with self._faults_named(shard, name, row):
+            found, one_row = self._find(shard, name, row)
+            return None if found is None else np.asarray(found[row] if one_row else found[:])
+
+    def shape(self, shard: str, name: str, row: int) -> tuple[int, ...] | None:
+        """Shape of what :meth:`read` gives, without reading it."""
+        with self._faults_named(shard, name, row):
+            found, one_row = self._find(shard, name, row)
+            return None if found is None else tuple(found.shape[1:] if one_row else found.shape)
+
+    @contextmanager
+    def _faults_named(self, shard: str, name: str, row: int) -> Iterator[None]:
+        try:
+            yield
+        except (OSError, KeyError, IndexError, ValueError, RuntimeError) as error:
+            self.close()
+            raise DatasetError(
+                f"{self._path(shard)}: {name} of row {row} cannot be read: {error}; check the folder with "
+                "dataset verify, build it again to replace what is missing or damaged"
+            ) from None
+
+    def _find(self, shard: str, name: str, row: int) -> tuple[Any, bool]:
+        """HDF5 dataset that holds an array, None where there is none, and whether the array is one row of it."""
+        import h5py
+
+        file, known = self._opened(shard)
+        if name not in known:
+            known[name] = file.get(name)
+        found = known[name]
+        if found is None or isinstance(found, h5py.Dataset):
+            return found, True
+        return found.get(str(row)), False
+
+    def _opened(self, shard: str) -> tuple[Any, dict[str, Any]]:
+        import h5py
+
+        files = self._files()
+        if shard in files:
+            files.move_to_end(shard)
+            return files[shard]
+        files[shard] = (h5py.File(self._path(shard), "r", rdcc_nbytes=0), {})  # a row is read once in a while
+        if len(files) > MAX_OPEN:
+            files.popitem(last=False)[1][0].close()
+        return files[shard]
+
+    def _files(self) -> OrderedDict[str, tuple[Any, dict[str, Any]]]:
+        """Files of this process and thread; after a fork the parent's are left to the parent."""
+        if getattr(self._local, "pid", None) != os.getpid():
+            self._local.pid = os.getpid()
+            self._local.files = OrderedDict()
+        files: OrderedDict[str, tuple[Any, dict[str, Any]]] = self._local.files
+        return files
+
+    def _path(self, shard: str) -> Path:
+        return self.folder / f"{shard}.h5"
+
+    def close(self) -> None:
+        """Close the files of this process and thread; reading opens them again."""
+        files = self._files()
+        while files:
+            files.popitem()[1][0].close()

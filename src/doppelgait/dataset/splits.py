@@ -1,0 +1,145 @@
+"""Who goes into which split: subjects, and all who share a scene with them, stay together."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
+from fnmatch import fnmatchcase
+
+from doppelgait.core.errors import DatasetError
+from doppelgait.dataset.config import SPLITS, DatasetSection
+
+SHOWN_NAMES = 4
+
+
+def groups_of(scenes: Iterable[Sequence[str]]) -> dict[str, str]:
+    """Group of every subject: subjects that share a scene share a group, named after the first of them in order.
+
+    Parameters
+    ----------
+    scenes : iterable of sequence of str
+        Subjects of each scene.
+    """
+    parent: dict[str, str] = {}
+
+    def root(name: str) -> str:
+        while parent[name] != name:
+            parent[name] = parent[parent[name]]
+            name = parent[name]
+        return name
+
+    for subjects in scenes:
+        for subject in subjects:
+            parent.setdefault(subject, subject)
+        roots = sorted({root(subject) for subject in subjects})
+        for other in roots[1:]:
+            parent[other] = roots[0]
+    return {name: root(name) for name in parent}
+
+
+def source_of(subject: str) -> str:
+    """``model`` or ``recording``, from the name of a subject."""
+    return "model" if subject.startswith("model/") else "recording"
+
+
+def assign_splits(dataset: DatasetSection, members: Mapping[str, Sequence[str]]) -> dict[str, str]:
+    """Split of every group.
+
+    Groups that ``split.subjects`` or ``split.sources`` name come first; the others by ``split.strategy`` at the
+    planned fractions.
+
+    Parameters
+    ----------
+    dataset : DatasetSection
+    members : mapping
+        Groups of every class, by label; a group may be in several classes.
+
+    Raises
+    ------
+    DatasetError
+        If a split with a share above 0 would hold nobody of a class, a name fits nobody or two splits, or a group
+        that two classes share cannot be in one split.
+    """
+    names = list(dict.fromkeys(name for groups in members.values() for name in groups))
+    splits = _by_hand(dataset, names)
+    for groups in members.values():
+        free = [name for name in groups if name not in splits]
+        chosen = _stable(dataset, free) if dataset.split.strategy == "stable" else _ranked(dataset, free)
+        splits.update(chosen)
+    for label, groups in members.items():
+        _refuse_empty(dataset, label, {splits[name] for name in groups}, len(groups), set(splits.values()))
+    return splits
+
+
+def _by_hand(dataset: DatasetSection, names: Sequence[str]) -> dict[str, str]:
+    """Splits that the plan states by name or by source."""
+    splits = {name: s for name in names if (s := dataset.split.sources.get(source_of(name))) is not None}  # type: ignore[call-overload]
+    named: dict[str, str] = {}
+    for split, patterns in dataset.split.subjects.items():
+        for pattern in patterns:
+            found = [name for name in names if fnmatchcase(_bare(name), pattern) or fnmatchcase(name, pattern)]
+            if not found:
+                raise DatasetError(
+                    f"dataset.split.subjects.{split}: {pattern!r} fits nobody; {_some('there are', names)}"
+                )
+            torn = [name for name in found if named.get(name, split) != split]
+            if torn:
+                raise DatasetError(
+                    f"dataset.split.subjects: {_some('in two splits', torn)}: {named[torn[0]]} and {split}; a subject "
+                    "can be in one only"
+                )
+            named |= dict.fromkeys(found, split)
+    return splits | named
+
+
+def _bare(name: str) -> str:
+    return name.partition("/")[2]
+
+
+def _some(text: str, names: Sequence[str]) -> str:
+    more = f" and {len(names) - SHOWN_NAMES} more" if len(names) > SHOWN_NAMES else ""
+    return f"{text} {', '.join(names[:SHOWN_NAMES])}{more}"
+
+
+def _share_of(dataset: DatasetSection, name: str) -> float:
+    """A number from 0 to 1 that belongs to a seed and a name."""
+    digest = hashlib.sha256(f"{dataset.seed}/{name}".encode()).digest()
+    return int.from_bytes(digest[:8], "big") / 2**64
+
+
+def _ranked(dataset: DatasetSection, names: Sequence[str]) -> dict[str, str]:
+    """Ranked by the hash of seed and name, then cut at the planned fractions."""
+    ranked = sorted(names, key=lambda name: _share_of(dataset, name))
+    splits: dict[str, str] = {}
+    done, share = 0, 0.0
+    for split in SPLITS:
+        share += dataset.fractions.get(split, 0.0)
+        end = round(share * len(ranked))
+        splits.update(dict.fromkeys(ranked[done:end], split))
+        done = end
+    return splits
+
+
+def _stable(dataset: DatasetSection, names: Sequence[str]) -> dict[str, str]:
+    """Each by its own hash against the planned fractions."""
+    wanted = [split for split in SPLITS if dataset.fractions.get(split)]
+    splits = {}
+    for name in names:
+        place, share = _share_of(dataset, name), 0.0
+        for split in wanted:
+            share += dataset.fractions[split]
+            if place < share or split == wanted[-1]:
+                splits[name] = split
+                break
+    return splits
+
+
+def _refuse_empty(dataset: DatasetSection, label: str, found: set[str], count: int, used: set[str]) -> None:
+    """Every class must be in every split that is asked for or that another class is in."""
+    wanted = used | {split for split, fraction in dataset.fractions.items() if fraction}
+    missing = [split for split in SPLITS if split in wanted - found]
+    if missing:
+        raise DatasetError(
+            f"class {label!r} has {count} subjects, too few or of the wrong source: none is in {', '.join(missing)}; "
+            "plan more examples, name more recordings, or change dataset.fractions or dataset.split"
+        )

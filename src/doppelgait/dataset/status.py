@@ -1,0 +1,186 @@
+"""How far a dataset is, and what exactly is in it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from doppelgait.core.errors import DatasetError
+from doppelgait.dataset.finish import read_description, shard_names
+from doppelgait.dataset.lock import PATTERN, read_lock, running_builds
+from doppelgait.dataset.shard import file_sha256
+
+__all__ = ["ShardStatus", "Status", "dataset_hash", "dataset_status", "read_description"]
+
+
+@dataclass(frozen=True)
+class ShardStatus:
+    """State of one shard.
+
+    Parameters
+    ----------
+    name : str
+    state : {"done", "missing", "damaged"}
+        ``missing``: never finished. ``damaged``: the file is not what its record says; the next build makes it again.
+    n_examples, n_rows, n_failed, bytes : int
+        0 for shards that are not done.
+    """
+
+    name: str
+    state: Literal["done", "missing", "damaged"]
+    n_examples: int = 0
+    n_rows: int = 0
+    n_failed: int = 0
+    bytes: int = 0
+
+
+@dataclass(frozen=True)
+class Status:
+    """State of a dataset's folder.
+
+    Parameters
+    ----------
+    directory : Path
+    dataset_id, name : str
+    complete : bool
+        Whether its description says so.
+    planned : int
+        Examples of the plan.
+    shards : tuple of ShardStatus
+    running : tuple of str
+        Builds that are at work in the folder.
+    partial : tuple of str
+        Half-written files of running builds.
+    removed : tuple of str
+        Half-written files and locks of dead builds; they were removed.
+    """
+
+    directory: Path
+    dataset_id: str
+    name: str
+    complete: bool
+    planned: int
+    shards: tuple[ShardStatus, ...]
+    running: tuple[str, ...]
+    partial: tuple[str, ...]
+    removed: tuple[str, ...]
+
+    def count(self, state: str) -> int:
+        """Number of shards in a state."""
+        return sum(shard.state == state for shard in self.shards)
+
+    @property
+    def n_examples(self) -> int:
+        """Examples in shards that are done."""
+        return sum(shard.n_examples for shard in self.shards)
+
+    @property
+    def n_failed(self) -> int:
+        """Examples that failed, in shards that are done."""
+        return sum(shard.n_failed for shard in self.shards)
+
+
+def dataset_status(directory: str | Path, *, quick: bool = False) -> Status:
+    """How far a dataset is; half-written files are removed where no build is at work.
+
+    Parameters
+    ----------
+    directory : path
+    quick : bool
+        Compare sizes only; by default every shard is read and hashed.
+
+    Raises
+    ------
+    DatasetError
+        If the folder holds no dataset, or its description is damaged.
+    """
+    folder = Path(directory)
+    description = read_description(folder)
+    running = running_builds(folder)
+    names = shard_names(description.get("shards") or _counts_found(folder))
+    removed = () if running else tuple(_clean(folder))
+    return Status(
+        directory=folder,
+        dataset_id=str(description.get("id")),
+        name=str(description.get("name")),
+        complete=bool(description.get("complete")),
+        planned=int(description.get("n_examples", 0)),
+        shards=tuple(_shard_status(folder, name, quick=quick) for name in names),
+        running=tuple(str(holder) for holder in running),
+        partial=tuple(str(path.relative_to(folder)) for path in sorted(folder.rglob("*.partial"))),
+        removed=removed,
+    )
+
+
+def _counts_found(folder: Path) -> dict[str, int]:
+    """Number of shards of every split, from the names of those that are there."""
+    found = (path.stem.split("-") for path in sorted((folder / "shards").glob("*-*-of-*.h5")))
+    return {split: int(count) for split, _, _, count in (parts for parts in found if len(parts) == 4)}
+
+
+def _clean(folder: Path) -> Iterator[str]:
+    for path in sorted([*folder.rglob("*.partial"), *folder.glob(PATTERN)]):
+        holder = read_lock(path) if path.suffix == ".lock" else None
+        if holder is None or not holder.alive:
+            path.unlink(missing_ok=True)
+            yield str(path.relative_to(folder))
+
+
+def _shard_status(folder: Path, name: str, *, quick: bool) -> ShardStatus:
+    path = folder / "shards" / f"{name}.h5"
+    try:
+        record = json.loads(path.with_suffix(".json").read_text())
+        size = os.stat(path).st_size
+        whole = size == record["bytes"] and (quick or file_sha256(path) == record["sha256"])
+        examples = {row["scene_id"] for row in record["rows"]}
+        counts = (len(examples), len(record["rows"]), len(record["failures"]))
+    except FileNotFoundError as error:
+        record_only = str(error.filename) == str(path)
+        return ShardStatus(name, "damaged" if record_only else "missing")
+    except (OSError, ValueError, KeyError, TypeError):
+        return ShardStatus(name, "damaged")
+    return ShardStatus(name, "done", *counts, size) if whole else ShardStatus(name, "damaged")
+
+
+def dataset_hash(directory: str | Path) -> str:
+    """SHA-256 of what a dataset says and holds: two builds made the same dataset if it is the same.
+
+    Of the description, the rows of the index (not the bytes of its file, which depend on the version of the Parquet
+    writer), the lists of the splits, and every shard file. The log and the card are not in it.
+
+    Raises
+    ------
+    DatasetError
+        If the dataset is not finished.
+    """
+    folder = Path(directory)
+    digest = hashlib.sha256()
+    try:
+        for path in (folder / "dataset.json", *sorted((folder / "splits").glob("*.txt"))):
+            digest.update(f"{path.name}\n{file_sha256(path)}\n".encode())
+        for line in _index_lines(folder / "index.parquet"):
+            digest.update(line)
+        for name in shard_names(read_description(folder)["shards"]):
+            digest.update(f"{name}\n{file_sha256(folder / 'shards' / f'{name}.h5')}\n".encode())
+    except FileNotFoundError as error:
+        raise DatasetError(
+            f"{folder}: no finished dataset here ({error.filename} is missing); build it first"
+        ) from None
+    return digest.hexdigest()
+
+
+def _index_lines(path: Path) -> Iterator[bytes]:
+    """Columns and rows of the index, each as a line of JSON."""
+    import pyarrow.parquet as pq
+
+    with pq.ParquetFile(path) as file:
+        kinds = [[field.name, str(field.type).removeprefix("large_")] for field in file.schema_arrow]
+        yield json.dumps(kinds).encode()
+        for batch in file.iter_batches(4096):
+            for row in batch.to_pylist():
+                yield json.dumps(list(row.values())).encode()

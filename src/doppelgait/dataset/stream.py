@@ -1,0 +1,183 @@
+"""Examples simulated while they are used: no disk, no end."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from threadpoolctl import threadpool_limits
+
+from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitError, DoppelgaitWarning
+from doppelgait.dataset.config import PlanConfig
+from doppelgait.dataset.example import Example, label_arrays
+from doppelgait.dataset.fields import facts_of
+from doppelgait.dataset.folders import expand_folders
+from doppelgait.dataset.plan import Plan
+from doppelgait.dataset.resolve import resolve_example
+from doppelgait.dataset.shard import build_example
+
+if TYPE_CHECKING:
+    from doppelgait.dataset.torch_data import TorchStream
+
+MAX_FAILURES = 10
+"""Failures in a row after which a stream ends with an error: then it is the plan."""
+
+
+@dataclass(frozen=True)
+class ExampleStream:
+    """Endless examples of a plan, in the order of their numbers; every iteration starts anew.
+
+    Parameters
+    ----------
+    config : PlanConfig
+        With its folders expanded.
+    folder : Path
+        Folder that relative motion paths start from.
+    start : int
+        First number.
+    step : int
+        From one number to the next.
+    """
+
+    config: PlanConfig
+    folder: Path
+    start: int
+    step: int = 1
+
+    def __iter__(self) -> Iterator[Example]:
+        return (example for _, example in self.numbered())
+
+    def numbered(self) -> Iterator[tuple[int, Example]]:
+        """Examples with their numbers; a scene of several targets gives one example each.
+
+        An example that fails is left out with a :class:`DoppelgaitWarning`.
+
+        Raises
+        ------
+        ConfigError
+            If the plan draws a value that is not allowed.
+        DatasetError
+            If :data:`MAX_FAILURES` examples in a row fail.
+        """
+        number, failed = self.start, 0
+        while True:
+            try:
+                made = self._simulate(number)
+                failed = 0
+            except ConfigError:
+                raise
+            except DoppelgaitError as error:
+                made, failed = [], failed + 1
+                if failed == MAX_FAILURES:
+                    raise DatasetError(
+                        f"{failed} examples in a row failed, the last is number {number}: {error}"
+                    ) from None
+                warnings.warn(DoppelgaitWarning(f"example number {number} failed: {error}; left out"), stacklevel=2)
+            for example in made:
+                yield number, example
+            number += self.step
+
+    def _simulate(self, number: int) -> list[Example]:
+        settings = self.config.dataset
+        spec = resolve_example(self.config, number, self.folder)
+        with threadpool_limits(1):  # as in a build: the bytes of a matrix product depend on the number of threads
+            made = build_example(spec, settings.fields, self.folder, gate=settings.gate)
+        facts, carrier_hz = facts_of(settings.fields), spec.run.radar.carrier_hz
+        return [Example(row, label_arrays(facts, row, arrays.get, carrier_hz=carrier_hz)) for row, arrays in made]
+
+    def class_number(self, label: str) -> int:
+        """Number of a class, in the order of the plan."""
+        labels = [section.label for section in self.config.classes]
+        if label not in labels:
+            raise DatasetError(
+                f"{label!r} is the label of a companion and no class of the plan; add a class of this name"
+            )
+        return labels.index(label)
+
+    def part(self, number: int, count: int) -> ExampleStream:
+        """The share of one of ``count`` workers: all shares together are this stream, nothing twice."""
+        if not 0 <= number < count:
+            raise DatasetError(f"worker: ({number}, {count}) is not allowed; it must be (k, n) with k from 0 to n - 1")
+        return replace(self, start=self.start + number * self.step, step=self.step * count)
+
+    def torch(
+        self, fields: Sequence[str] = ("signature",), *, transform: Callable[[Any], Any] | None = None,
+        target: Literal["label", "index"] = "label",
+    ) -> TorchStream:  # fmt: skip
+        """The stream as a ``torch.utils.data.IterableDataset``, whose numbers the workers of a loader share.
+
+        Parameters
+        ----------
+        fields : sequence of str
+        transform : callable, optional
+            Applied to what is returned for the fields.
+        target : {"label", "index"}
+            Number of the class in the order of the plan, or number of the example.
+
+        Returns
+        -------
+        torch.utils.data.IterableDataset
+            Items as from :meth:`doppelgait.dataset.Dataset.torch`.
+
+        Raises
+        ------
+        DatasetError
+            If torch is not installed, or the plan does not keep a field.
+        """
+        known = [spec.name for spec in self.config.dataset.fields]
+        for name in fields:
+            if name not in known:
+                raise DatasetError(f"fields: the plan keeps no {name!r}; it keeps {', '.join(known) or 'no arrays'}")
+        from doppelgait.dataset.torch_data import TorchStream
+
+        return TorchStream(self, tuple(fields), transform, target)
+
+
+def stream_examples(
+    plan: PlanConfig | Plan, *, folder: Path | None = None, seed: int | None = None,
+    worker: tuple[int, int] = (0, 1), start: int | None = None,
+) -> ExampleStream:  # fmt: skip
+    """Simulate the examples of a plan one after the other, without end and without a disk.
+
+    The example of a number is the same as in the built dataset. By default the stream starts behind those, so that
+    training on it never sees what a built test split holds; there the classes take turns. People and animals of
+    recordings come again, though: leave out by ``example.row["subject"]`` whom you test on.
+
+    Parameters
+    ----------
+    plan : PlanConfig or Plan
+    folder : Path, optional
+        Folder that relative motion paths start from; that of the plan or the working folder by default.
+    seed : int, optional
+        Instead of the plan's.
+    worker : (int, int)
+        (k, n): the k-th of n equal shares.
+    start : int, optional
+        First number, 0 or larger; the first beyond the plan by default.
+
+    Returns
+    -------
+    ExampleStream
+        Its examples carry no split and no group.
+
+    Raises
+    ------
+    ConfigError
+        If the seed or a folder of the plan is not allowed.
+    DatasetError
+        If ``worker`` or ``start`` is not allowed, or a folder holds nothing usable.
+    """
+    source = folder or (plan.folder if isinstance(plan, Plan) else Path())
+    config = plan.config if isinstance(plan, Plan) else expand_folders(plan, source)
+    if seed is not None:
+        if seed < 0:
+            raise ConfigError(f"seed: {seed} is not allowed; it must be 0 or larger")
+        config = config.model_copy(update={"dataset": config.dataset.model_copy(update={"seed": seed})})
+    planned = sum(config.examples_of(section) for section in config.classes)
+    first = planned if start is None else start
+    if first < 0:
+        raise DatasetError(f"start: {first} is not allowed; it must be 0 or larger")
+    return ExampleStream(config, source, first).part(*worker)

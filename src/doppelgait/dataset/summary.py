@@ -1,0 +1,168 @@
+"""What a plan will make: counts, subjects, size and time, before anything is built."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from doppelgait.core.config import canonical_json
+from doppelgait.core.files import atomic_path
+from doppelgait.dataset.config import SPLITS
+from doppelgait.dataset.motions import source_entry
+from doppelgait.dataset.plan import Plan, Shard
+from doppelgait.dataset.shard import BuildContext, build_planned, build_shard
+from doppelgait.dataset.splits import source_of
+
+PILOT_EXAMPLES = 8
+ROW_BYTES = 5000
+"""An index row and its copy in the shard's record."""
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class PlanSummary:
+    """What a plan will make.
+
+    Parameters
+    ----------
+    name, dataset_id : str
+    n_examples, n_shards : int
+    counts : list of dict
+        ``class`` and the number of examples in each split.
+    subjects : list of dict
+        ``class`` and the number of subjects in each split, those of models and recordings apart.
+    files : list of dict
+        Motion files with the number of examples made from each, licence and subject.
+    n_checked : int
+        Examples that were drawn in full to see whether they are allowed.
+    estimate : dict
+        From a pilot of a few examples, nothing where none was made: ``seconds_per_example`` of one processor,
+        ``bytes_per_example``, ``total_bytes``, ``total_seconds`` with all ``processors``.
+    """
+
+    name: str
+    dataset_id: str
+    n_examples: int
+    n_shards: int
+    counts: list[dict[str, Any]]
+    subjects: list[dict[str, Any]]
+    files: list[dict[str, Any]]
+    n_checked: int
+    estimate: dict[str, float]
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self)
+
+
+def summarise(plan: Plan, identity: str, *, n_checked: int, pilot: int = PILOT_EXAMPLES) -> PlanSummary:
+    """Summary of a plan.
+
+    Parameters
+    ----------
+    plan : Plan
+    identity : str
+        Of :func:`doppelgait.dataset.identity.dataset_id`.
+    n_checked : int
+        As from :func:`doppelgait.dataset.plan.check_examples`.
+    pilot : int
+        Examples to make for the estimate of size and time; 0 for none.
+
+    Raises
+    ------
+    DoppelgaitError
+        If an example of the pilot cannot be made.
+    """
+    shards = list(plan.shards())
+    return PlanSummary(
+        name=plan.config.dataset.name,
+        dataset_id=identity,
+        n_examples=len(plan.examples),
+        n_shards=len(shards),
+        counts=_by_class_and_split(plan),
+        subjects=_subjects(plan),
+        files=_files(plan),
+        n_checked=n_checked,
+        estimate=_estimate(plan, shards, pilot) if pilot else {},
+    )
+
+
+def _by_class_and_split(plan: Plan) -> list[dict[str, Any]]:
+    counts = Counter((entry.class_number, entry.split) for entry in plan.examples)
+    return [
+        {"class": section.label, **{split: counts[number, split] for split in SPLITS}}
+        for number, section in enumerate(plan.config.classes)
+    ]
+
+
+def _subjects(plan: Plan) -> list[dict[str, Any]]:
+    """Number of different subjects of each class, source and split."""
+    seen = {
+        (entry.class_number, source_of(entry.subjects[0]), entry.split, entry.subjects[0]) for entry in plan.examples
+    }
+    counts = Counter((number, source, split) for number, source, split, _ in seen)
+    return [
+        {"class": section.label, "source": source, **{split: counts[number, source, split] for split in SPLITS}}
+        for number, section in enumerate(plan.config.classes)
+        for source in ("model", "recording")
+        if any(counts[number, source, split] for split in SPLITS)
+    ]
+
+
+def _files(plan: Plan) -> list[dict[str, Any]]:
+    """Motion files and how many examples take each; none where all motion comes from models."""
+    if all(source_of(subject) == "model" for entry in plan.examples for subject in entry.subjects):
+        return []
+    rows = (row for n in range(len(plan.examples)) for row in plan.example(n).rows if row.recording)
+    counts = Counter((row.recording, row.subject) for row in rows)
+    found = []
+    for (recording, subject), count in sorted(counts.items()):
+        entry = source_entry(recording, plan.config.sources)
+        licence = entry.licence if entry is not None and entry.licence else "unknown"
+        found.append({"file": recording, "subject": subject, "examples": count, "licence": licence})
+    return found
+
+
+def _estimate(plan: Plan, shards: list[Shard], pilot: int) -> dict[str, float]:
+    """Time and size of a few examples spread over the plan, and what follows for the whole."""
+    total = len(plan.examples)
+    count = min(pilot, total)
+    entries = tuple(plan.examples[place * total // count] for place in range(count))
+    with tempfile.TemporaryDirectory() as directory:
+        (Path(directory) / "shards").mkdir()
+        context = BuildContext(plan.config, str(plan.folder), directory)
+        build_planned(entries[0], context)  # the first one loads the compiled kernels
+        began = time.process_time()
+        record = build_shard(Shard("pilot", shards[0].split, entries), context)
+        seconds = (time.process_time() - began) / count
+        size = record["bytes"] / count
+    processors = os.cpu_count() or 1
+    return {
+        "pilot_examples": count,
+        "pilot_failures": len(record["failures"]),
+        "seconds_per_example": seconds,
+        "bytes_per_example": size,
+        "total_bytes": (size + ROW_BYTES) * total,
+        "processors": processors,
+        "total_seconds": seconds * total / processors,
+    }
+
+
+def write_specs(plan: Plan, path: Path) -> None:
+    """Every example with its distributions drawn, one line of JSON each.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written; nothing is left of it then.
+    """
+    with atomic_path(path) as partial, partial.open("w", encoding="utf-8") as handle:
+        for number in range(len(plan.examples)):
+            handle.write(canonical_json(plan.example(number)) + "\n")

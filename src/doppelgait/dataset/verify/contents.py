@@ -1,0 +1,129 @@
+"""What is in a dataset's folder, finished or not, and the plan that it was made from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from doppelgait.core.config import validate
+from doppelgait.core.errors import DatasetError, DoppelgaitError
+from doppelgait.dataset.config import PlanConfig
+from doppelgait.dataset.finish import shard_names
+from doppelgait.dataset.identity import DATA_VERSION, SCHEMA_VERSION
+from doppelgait.dataset.open import Dataset
+from doppelgait.dataset.plan import Plan, plan_dataset
+from doppelgait.dataset.resolve import ExampleSpec
+from doppelgait.dataset.shard_files import ShardFiles
+from doppelgait.dataset.status import read_description
+
+MOST_DRAWN = 2000
+"""Examples whose distributions are drawn again, at most."""
+
+
+@dataclass(frozen=True)
+class Contents:
+    """A dataset as it lies there.
+
+    Parameters
+    ----------
+    directory : Path
+    description : dict
+        ``dataset.json``.
+    index : DataFrame
+        Rows of the shards that are whole: of the index, or of the shards' records where there is no index.
+    has_index : bool
+    failed : mapping
+        Reason by id of the examples that could not be made.
+    plan : Plan or None
+    no_plan : str
+        Why there is no plan.
+    """
+
+    directory: Path
+    description: Mapping[str, Any]
+    index: pd.DataFrame
+    has_index: bool
+    failed: Mapping[str, str]
+    plan: Plan | None
+    no_plan: str
+
+    @cached_property
+    def dataset(self) -> Dataset:
+        """The dataset opened, with the rows that are here."""
+        return Dataset(self.directory, dict(self.description), self.index, ShardFiles(self.directory / "shards"))
+
+    @property
+    def measured(self) -> bool:
+        """Whether it was imported from recordings of a radar."""
+        return self.description.get("origin") == "imported"
+
+    @property
+    def unlike(self) -> str:
+        """Why this version cannot make the same bytes again; empty if it can."""
+        version = self.description.get("data_version")
+        if version == DATA_VERSION:
+            return ""
+        return f"made with data version {version}, this doppelgait makes {DATA_VERSION}"
+
+    def drawn(self, rng: np.random.Generator, *, most: int = MOST_DRAWN) -> list[ExampleSpec]:
+        """Examples that are in the index, drawn again: all, or ``most`` at random, as many of every class."""
+        if self.plan is None:
+            return []
+        present = set(self.index["scene_id"])
+        chosen: list[int] = []
+        entries = [entry for entry in self.plan.examples if entry.id in present]
+        numbers = {entry.class_number for entry in entries}
+        for number in sorted(numbers):
+            members = [entry.number for entry in entries if entry.class_number == number]
+            count = min(most // len(numbers), len(members))
+            chosen += sorted(int(n) for n in rng.choice(members, count, replace=False))
+        return [self.plan.example(number) for number in chosen]
+
+
+def known_description(directory: Path) -> dict[str, Any]:
+    """``dataset.json`` if this version can read the dataset.
+
+    Raises
+    ------
+    DatasetError
+        If there is none, it is damaged, or its schema version is another one.
+    """
+    description = read_description(directory)
+    version = description.get("schema_version")
+    if version != SCHEMA_VERSION:
+        raise DatasetError(
+            f"{directory}: has schema version {version}, verify needs {SCHEMA_VERSION}; "
+            "use the doppelgait that made it, or build it again"
+        )
+    missing = [key for key in ("id", "shards", "classes", "fields", "config") if key not in description]
+    if missing:
+        raise DatasetError(f"{directory / 'dataset.json'}: is damaged: {', '.join(missing)} missing")
+    return description
+
+
+def planned_shards(description: Mapping[str, Any]) -> list[str]:
+    """Names of all shards that the dataset should have."""
+    return shard_names(description["shards"])
+
+
+def plan_of(description: Mapping[str, Any], folder: Path) -> tuple[Plan | None, str]:
+    """The plan that a dataset was made from, or why there is none."""
+    if description.get("origin") == "imported":
+        return None, "imported recordings have no plan"
+    try:
+        return plan_dataset(validate(PlanConfig, description["config"], where="dataset.json"), folder=folder), ""
+    except DoppelgaitError as error:
+        return None, f"no plan: {error}"
+
+
+def plain(values: pd.Series | None) -> list[Any]:
+    """Values of a column as plain Python values, None for unknown."""
+    if values is None:
+        return []
+    return [None if value is None or value != value else value for value in values.tolist()]

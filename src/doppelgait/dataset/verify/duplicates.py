@@ -1,0 +1,191 @@
+"""Identical and near-identical signatures in different splits."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.dataset.config import SPLITS
+from doppelgait.dataset.fields import decode
+from doppelgait.dataset.verify.contents import Contents
+from doppelgait.dataset.verify.report import Check, some
+from doppelgait.features import FEATURE_UNITS
+
+Float32Array = npt.NDArray[np.float32]
+
+SHAPE = (24, 32)
+"""Cells in time and Doppler that signatures are averaged into for a first comparison."""
+ALIKE = 0.999
+CANDIDATE = 0.98
+"""From this likeness of the small pictures on two signatures are compared in full."""
+MOST_CANDIDATES = 2000
+BLOCK = 2048
+MOST_COMPARED = 60_000
+"""Rows that are compared for likeness; of more, a random choice. For identity all are."""
+
+Pair = tuple[float, int, int]
+
+
+def check_duplicates(contents: Contents, rng: np.random.Generator, tick: Callable[[], None]) -> Check:
+    """No two signatures of different splits may be the same, or the same but for level and rounding.
+
+    Identical: equal bytes, of all rows. Near-identical: a correlation above 0.999 of amplitudes (square root of the
+    power, mean removed), found among pairs whose small pictures in dB, above the median level, correlate above 0.98.
+    Amplitudes weigh the body's lines, not the noise: other noise on the same echoes at 30 dB is still near-identical.
+    Rooms without anybody look alike by right and are compared for identity only. Without stored signatures equal
+    features are looked for.
+    """
+    splits = contents.index["split"].to_numpy(dtype=str)
+    if len(set(splits)) < 2:
+        return Check("duplicates", "skipped", "rows of one split only")
+    if "signature" not in contents.description["fields"]:
+        return _check_features(contents, splits)
+    count = len(splits)
+    chosen = np.sort(rng.choice(count, min(count, MOST_COMPARED), replace=False))
+    digests, pictures = _read(contents, set(chosen.tolist()), tick)
+    same = _equal(digests, splits)
+    somebody = (contents.index["source"] != "none").to_numpy(dtype=bool)
+    rows = np.array([n for n in chosen if somebody[n] and n in pictures], dtype=np.int64)
+    candidates = _candidates(rows, pictures, splits)
+    near = sorted(_confirmed(contents, candidates, set(same)), reverse=True)
+    numbers = {
+        "rows": count, "compared_for_likeness": len(rows), "candidates": len(candidates),
+        "identical": len(same), "near_identical": len(near),
+        "most_alike": max((value for value, *_ in candidates), default=None),
+    }  # fmt: skip
+    return _check(contents, same, near, numbers)
+
+
+def _check(contents: Contents, same: Sequence[tuple[int, int]], near: Sequence[Pair], numbers: dict[str, Any]) -> Check:
+    pairs = [(first, second, "identical") for first, second in same]
+    pairs += [(first, second, f"{value:.5f}") for value, first, second in near]
+    if pairs:
+        ids, splits = contents.index["id"].to_numpy(dtype=str), contents.index["split"].to_numpy(dtype=str)
+        listed = [f"{ids[a]} ({splits[a]}) and {ids[b]} ({splits[b]}) {how}" for a, b, how in pairs]
+        return Check("duplicates", "failed", f"in different splits: {some(listed)}", numbers)
+    words = f"no identical ones among {numbers['rows']} signatures, no near-identical ones in different splits"
+    if numbers["compared_for_likeness"] < numbers["rows"]:
+        words += f" among {numbers['compared_for_likeness']} of them"
+    return Check("duplicates", "passed", words, numbers)
+
+
+def _check_features(contents: Contents, splits: npt.NDArray[np.str_]) -> Check:
+    columns = [f"feature_{name}" for name in FEATURE_UNITS]
+    values = contents.index[columns].to_numpy(dtype=np.float64)
+    known = np.isfinite(values[:, :2]).all(axis=1)
+    digests = {int(n): values[n].tobytes() for n in np.flatnonzero(known)}
+    same = _equal(digests, splits)
+    numbers = {"rows": len(digests), "compared_for_likeness": len(digests), "identical": len(same)}
+    found = _check(contents, same, [], numbers)
+    words = found.summary.replace("signatures", "rows' features").replace(
+        ", no near-identical ones in different splits", ""
+    )
+    return Check(found.name, found.status, f"no signatures are kept; of the features: {words}", numbers)
+
+
+def _read(
+    contents: Contents, chosen: set[int], tick: Callable[[], None]
+) -> tuple[dict[int, bytes], dict[int, Float32Array]]:
+    """Hash of every row's signature, and small pictures of the chosen rows."""
+    files, facts = contents.dataset.files, contents.description["fields"]["signature"]
+    shards, rows = contents.index["shard"].tolist(), contents.index["row"].tolist()
+    digests: dict[int, bytes] = {}
+    pictures: dict[int, Float32Array] = {}
+    last = None
+    for number, (shard, row) in enumerate(zip(shards, rows, strict=True)):
+        if shard != last:
+            tick()
+            last = shard
+        stored = files.read(shard, "signature", int(row))
+        if stored is None or stored.size == 0:
+            continue
+        digests[number] = hashlib.blake2b(stored.tobytes(), digest_size=16).digest()
+        if number in chosen:
+            pictures[number] = picture(decode(stored, facts))
+    files.close()
+    return digests, pictures
+
+
+def picture(power: npt.NDArray[Any]) -> Float32Array:
+    """Signature averaged into :data:`SHAPE` cells, in dB above their median, mean removed, norm 1; flat."""
+    small = _averaged(_averaged(np.asarray(power, dtype=np.float32), SHAPE[0]).T, SHAPE[1]).T
+    level = np.maximum(small, max(float(np.median(small)), 1e-37))
+    return _unit(10.0 * np.log10(level).ravel())
+
+
+def _averaged(values: npt.NDArray[Any], count: int) -> npt.NDArray[Any]:
+    """Rows averaged into ``count`` parts; rows taken again where there are fewer."""
+    size = values.shape[0]
+    starts = np.arange(count) * size // count
+    if size < count:
+        return np.asarray(values[starts])
+    sums = np.add.reduceat(values, starts, axis=0)
+    return np.asarray(sums / np.diff(np.append(starts, size))[:, None])
+
+
+def _unit(values: npt.NDArray[Any]) -> Float32Array:
+    centred = values - values.mean()
+    norm = float(np.linalg.norm(centred))
+    return np.asarray(centred / norm if norm > 0 else centred, dtype=np.float32)
+
+
+def _equal(digests: dict[int, bytes], splits: npt.NDArray[np.str_]) -> list[tuple[int, int]]:
+    """First pair of rows in different splits of every digest that occurs in more than one."""
+    first: dict[tuple[bytes, str], int] = {}
+    for number, digest in digests.items():
+        first.setdefault((digest, str(splits[number])), number)
+    places: dict[bytes, list[int]] = {}
+    for (digest, _), number in first.items():
+        places.setdefault(digest, []).append(number)
+    return [(numbers[0], numbers[1]) for numbers in places.values() if len(numbers) > 1]
+
+
+def _candidates(
+    rows: npt.NDArray[np.int64], pictures: dict[int, Float32Array], splits: npt.NDArray[np.str_]
+) -> list[Pair]:
+    """Of every row the likeliest one in each later split, where alike enough for a look; the likeliest first."""
+    found: list[Pair] = []
+    parts = {split: rows[splits[rows] == split] for split in SPLITS}
+    for place, split in enumerate(SPLITS):
+        for other in SPLITS[place + 1 :]:
+            if len(parts[split]) and len(parts[other]):
+                found += _nearest(parts[other], parts[split], pictures)
+    return sorted(found, reverse=True)[:MOST_CANDIDATES]
+
+
+def _nearest(
+    rows: npt.NDArray[np.int64], others: npt.NDArray[np.int64], pictures: dict[int, Float32Array]
+) -> Iterator[Pair]:
+    """Nearest of ``others`` to each of ``rows``, a block of products at a time."""
+    table = np.stack([pictures[int(n)] for n in others])
+    for start in range(0, len(rows), BLOCK):
+        block = rows[start : start + BLOCK]
+        left = np.stack([pictures[int(n)] for n in block])
+        best, where = np.full(len(block), -np.inf, dtype=np.float32), np.zeros(len(block), dtype=np.int64)
+        for begin in range(0, len(others), BLOCK):
+            likeness = left @ table[begin : begin + BLOCK].T
+            top = likeness.argmax(axis=1)
+            value = likeness[np.arange(len(block)), top]
+            where = np.where(value > best, top + begin, where)
+            best = np.maximum(value, best)
+        for n in np.flatnonzero(best > CANDIDATE):
+            yield float(best[n]), int(others[where[n]]), int(block[n])
+
+
+def _confirmed(contents: Contents, candidates: Sequence[Pair], same: set[tuple[int, int]]) -> Iterator[Pair]:
+    """Candidates that are alike in full; identical ones are known already."""
+    dataset = contents.dataset
+    for _, first, second in candidates:
+        if (first, second) in same or (second, first) in same:
+            continue
+        one, two = (np.sqrt(np.maximum(dataset.array("signature", n), 0.0)) for n in (first, second))
+        if one.shape != two.shape:
+            continue
+        likeness = float(_unit(one.ravel()) @ _unit(two.ravel()))
+        if likeness > ALIKE:
+            yield likeness, first, second
+    dataset.files.close()

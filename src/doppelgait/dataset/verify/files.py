@@ -1,0 +1,190 @@
+"""Files of a dataset: shards against their records and the index, lists of the splits, leftovers."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from doppelgait.dataset.config import SPLITS
+from doppelgait.dataset.lock import running_builds
+from doppelgait.dataset.shard import file_sha256
+from doppelgait.dataset.verify.contents import plain
+from doppelgait.dataset.verify.report import Check, some
+
+
+@dataclass(frozen=True)
+class ShardFindings:
+    """What the shards are like.
+
+    Parameters
+    ----------
+    whole, missing : tuple of str
+        Shards that are what their records say; shards of which nothing is there.
+    damaged, unlisted : dict
+        Why, by shard: not what its record says; not what the index says.
+    failed : dict
+        Reason by id of the examples that could not be made.
+    """
+
+    whole: tuple[str, ...]
+    missing: tuple[str, ...]
+    damaged: dict[str, str]
+    unlisted: dict[str, str]
+    failed: dict[str, str]
+
+
+def look_at_shards(
+    directory: Path, names: Sequence[str], index: pd.DataFrame | None, tick: Callable[[], None]
+) -> ShardFindings:
+    """Hash every shard and compare it with its record, and the record with the index; one shard in memory at a time."""
+    findings = ShardFindings((), (), {}, {}, {})
+    places = {} if index is None else index.groupby("shard", sort=False).indices
+    whole, missing = [], []
+    for name in names:
+        tick()
+        path = directory / "shards" / f"{name}.h5"
+        if not path.exists() and not path.with_suffix(".json").exists():
+            missing.append(name)
+            if len(places.get(name, ())):
+                findings.unlisted[name] = "the index has rows of it, the shard is not there"
+            continue
+        record, reason = _record(path)
+        if record is None:
+            findings.damaged[name] = reason
+            continue
+        whole.append(name)
+        findings.failed.update({f["id"]: f["reason"] for f in record["failures"]})
+        if index is not None:
+            difference = _difference(index.iloc[places.get(name, [])], record)
+            if difference:
+                findings.unlisted[name] = difference
+    if index is not None:
+        for name in sorted(set(map(str, places)) - set(names)):
+            findings.unlisted[name] = "the index has rows of it, the plan has no such shard"
+        if not findings.unlisted and not _in_order(places, names):
+            findings.unlisted["index.parquet"] = "its rows are in another order than the shards"
+    return ShardFindings(tuple(whole), tuple(missing), findings.damaged, findings.unlisted, findings.failed)
+
+
+def _in_order(places: Mapping[Any, Any], names: Sequence[str]) -> bool:
+    rows = np.concatenate([places[name] for name in names if name in places] or [np.empty(0, dtype=int)])
+    return bool(np.array_equal(rows, np.arange(rows.size)))
+
+
+def _record(path: Path) -> tuple[dict[str, Any] | None, str]:
+    """Record of a shard that is what its record says, or why it is not."""
+    try:
+        record = json.loads(path.with_suffix(".json").read_text())
+        if file_sha256(path) != record["sha256"]:
+            return None, "the file is not the one that its record describes (another hash)"
+        reason = _inside(path, record)
+    except FileNotFoundError as error:
+        return None, f"{Path(error.filename).name} is missing"
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        return None, f"cannot be read: {error}"
+    return (None, reason) if reason else (record, "")
+
+
+def _inside(path: Path, record: Mapping[str, Any]) -> str:
+    """How a shard file and its record differ; empty if they do not."""
+    import h5py
+
+    rows = record["rows"]
+    with h5py.File(path, "r") as file:
+        ids = [text.decode() for text in file["id"][:]]
+        split = str(file.attrs["split"])
+    if ids != [row["id"] for row in rows]:
+        return "holds other ids than its record"
+    if [row["row"] for row in rows] != list(range(len(ids))) or {row["shard"] for row in rows} - {path.stem}:
+        return "its record counts the rows in another way"
+    if {row["split"] for row in rows} - {split} or not path.stem.startswith(f"{split}-"):
+        return f"is of split {split} and has rows of another"
+    return ""
+
+
+def _difference(part: pd.DataFrame, record: Mapping[str, Any]) -> str:
+    """First thing in which rows of the index differ from a record; empty if nothing does."""
+    rows = record["rows"]
+    ids = [row["id"] for row in rows]
+    if part["id"].tolist() != ids:
+        return f"the index has rows {some(part['id'].tolist()) or 'none'} of it, the shard {some(ids) or 'none'}"
+    if len(part) and set(part["shard_sha256"]) != {record["sha256"]}:
+        return "the index has another hash of it"
+    for column in dict.fromkeys(name for row in rows for name in row):
+        expected = [row.get(column) for row in rows]
+        found = plain(part[column]) if column in part.columns else [None] * len(rows)
+        if found != expected:
+            place = next(n for n, (a, b) in enumerate(zip(found, expected, strict=True)) if a != b)
+            return f"{column} of {ids[place]} is {found[place]} in the index, {expected[place]} in the shard's record"
+    return ""
+
+
+def check_shards(findings: ShardFindings, *, complete: bool) -> Check:
+    """Shards against their records; missing ones are no damage while the dataset is not complete."""
+    total = len(findings.whole) + len(findings.missing) + len(findings.damaged)
+    numbers = {
+        "shards": total, "whole": len(findings.whole), "missing": list(findings.missing), "damaged": findings.damaged
+    }  # fmt: skip
+    parts = [f"{len(findings.whole)} of {total} shards are there and whole"]
+    if findings.damaged:
+        parts.append("damaged: " + some([f"{name} ({reason})" for name, reason in findings.damaged.items()]))
+    if findings.missing:
+        words = "missing, though the dataset says it is complete" if complete else "not built yet"
+        parts.append(f"{words}: {some(findings.missing)}")
+    wrong = bool(findings.damaged) or (complete and bool(findings.missing))
+    return Check("shards", "failed" if wrong else "passed", "; ".join(parts), numbers)
+
+
+def check_index(findings: ShardFindings, index: pd.DataFrame | None, reason: str) -> Check:
+    """Index against the records, value by value."""
+    if index is None:
+        status: Any = "failed" if reason else "skipped"
+        return Check("index", status, reason or "no index.parquet yet; the rows are those of the shards' records")
+    numbers = {"rows": len(index), "columns": len(index.columns), "different": findings.unlisted}
+    if findings.unlisted:
+        listed = some([f"{name}: {difference}" for name, difference in findings.unlisted.items()])
+        return Check("index", "failed", listed, numbers)
+    return Check("index", "passed", f"{len(index)} rows, each value as in the shards' records", numbers)
+
+
+def check_split_lists(directory: Path, index: pd.DataFrame | None) -> Check:
+    """``splits/*.txt`` against the index."""
+    if index is None:
+        return Check("splits", "skipped", "no index.parquet yet, so no lists")
+    wrong, counts = [], {}
+    for split in SPLITS:
+        path = directory / "splits" / f"{split}.txt"
+        ids = index["id"][index["split"] == split].tolist() if len(index) else []
+        counts[split] = len(ids)
+        try:
+            found = path.read_text().splitlines()
+        except OSError:
+            wrong.append(f"splits/{split}.txt cannot be read")
+            continue
+        if found != ids:
+            other = sorted(set(found) ^ set(ids))
+            wrong.append(f"splits/{split}.txt differs from the index: {some(other) if other else 'another order'}")
+    known = set(index["split"]) - set(SPLITS) if len(index) else set()
+    wrong += [f"the index has a split {name!r}" for name in sorted(known)]
+    listed = ", ".join(f"{split} {count}" for split, count in counts.items())
+    return Check(
+        "splits", "failed" if wrong else "passed", "; ".join(wrong) or f"lists as in the index: {listed}", counts
+    )
+
+
+def check_leftovers(directory: Path) -> Check:
+    """Files that do not belong there: half-written ones, shards of no plan."""
+    running = [str(holder) for holder in running_builds(directory)]
+    found = sorted(str(path.relative_to(directory)) for path in directory.rglob("*.partial"))
+    numbers = {"partial": found, "running": running}
+    if running:
+        return Check("leftovers", "skipped", f"a build is at work here: {some(running)}", numbers)
+    if found:
+        return Check("leftovers", "failed", f"half-written files: {some(found)}; run dataset status", numbers)
+    return Check("leftovers", "passed", "no half-written file", numbers)

@@ -1,0 +1,210 @@
+"""A random part of a dataset made again from its plan, and its SNR measured from signal and noise kept apart."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from doppelgait.core.errors import DoppelgaitWarning
+from doppelgait.dataset.fields import decode
+from doppelgait.dataset.plan import PlannedExample
+from doppelgait.dataset.shard import Arrays, BuildContext, build_planned
+from doppelgait.dataset.verify.contents import Contents
+from doppelgait.dataset.verify.report import Check, some
+from doppelgait.dataset.verify.truth import SNR_TOLERANCE_DB
+from doppelgait.features import FEATURE_UNITS
+
+LEAST_PER_CLASS = 3
+ARRAY_TOLERANCE, HALF_TOLERANCE = 1e-4, 2e-2
+"""Relative L2 of an array. Single precision keeps 6e-8 and sums over thousands of pulses about 1e-6; float16 of
+10 log10 has steps of up to 3 % of the power, so that a cell on an edge moves by as much."""
+FEATURE_TOLERANCE = 1e-2
+MOST_OTHER = 0.05
+"""Share of rows whose features may be off by more: a decision between two nearly equal candidates can turn over."""
+NAMES = ("label", "split", "subject", "group", "source", "recording", "motion")
+
+
+@dataclass(frozen=True)
+class Difference:
+    """How a row made again differs from the one that is there.
+
+    Parameters
+    ----------
+    id : str
+    identical : bool
+        Every byte of every array and every value of the row.
+    array_l2, feature : float
+        Relative L2 of the worst array over its tolerance; largest relative difference of a feature.
+    reason : str
+        A difference that no rounding explains: another label or shape, or it cannot be made.
+    """
+
+    id: str
+    identical: bool
+    array_l2: float = 0.0
+    feature: float = 0.0
+    reason: str = ""
+
+
+def choose(contents: Contents, share: float, rng: np.random.Generator) -> list[PlannedExample]:
+    """A random share of the examples that are there, at least three of every class."""
+    if contents.plan is None or not share > 0:
+        return []
+    present = set(contents.index["scene_id"])
+    chosen: list[PlannedExample] = []
+    for number in range(len(contents.plan.config.classes)):
+        members = [e for e in contents.plan.examples if e.class_number == number and e.id in present]
+        count = min(len(members), max(LEAST_PER_CLASS, math.ceil(share * len(members))))
+        chosen += [members[n] for n in sorted(rng.choice(len(members), count, replace=False))] if members else []
+    return chosen
+
+
+def check_resimulation(contents: Contents, chosen: Sequence[PlannedExample], tick: Callable[[], None]) -> Check:
+    """Examples made again: identical bytes, or equal within tolerances that another processor or library needs.
+
+    Fails where an array is off by more than a relative L2 of 1e-4 (2e-2 in half precision), where features of more
+    than 5 % of the rows are off by more than 1 %, or where an id, label, subject or shape is another one.
+    """
+    if contents.plan is None or contents.unlike or not chosen:
+        reason = contents.no_plan or contents.unlike or "none was asked for, or none is there"
+        return Check("re-simulation", "skipped", f"nothing made again: {reason}")
+    context = BuildContext(contents.plan.config, str(contents.plan.folder), str(contents.directory))
+    found: list[Difference] = []
+    for entry in chosen:
+        tick()
+        found += _of_example(contents, entry, context)
+    return _judge(found, len(chosen), str(contents.description.get("doppelgait_version")))
+
+
+def _of_example(contents: Contents, entry: PlannedExample, context: BuildContext) -> list[Difference]:
+    rows = contents.index[contents.index["scene_id"] == entry.id]
+    try:
+        made = build_planned(entry, context)
+    except Exception as error:  # as in a build: whatever stops one example is a finding, not the end
+        return [Difference(entry.id, False, reason=f"cannot be made again: {error}")]
+    if [row["id"] for row, _ in made] != rows["id"].tolist():
+        return [Difference(entry.id, False, reason="has other rows")]
+    return [_compare(contents, rows.iloc[n], row, arrays) for n, (row, arrays) in enumerate(made)]
+
+
+def _compare(contents: Contents, there: pd.Series, row: dict[str, Any], arrays: Arrays) -> Difference:
+    equal_row = all(_same(there.get(name), value) for name, value in row.items())
+    other = [name for name in NAMES if not _same(there.get(name), row[name])]
+    feature = max(_relative(row[name], there.get(name)) for name in _feature_columns())
+    files, worst, equal_arrays = contents.dataset.files, 0.0, True
+    for name, values in arrays.items():
+        stored = files.read(str(there["shard"]), name, int(there["row"]))
+        if stored is None or stored.shape != values.shape:
+            return Difference(row["id"], False, reason=f"{name} has another shape")
+        if stored.dtype == values.dtype and stored.tobytes() == values.tobytes():
+            continue
+        equal_arrays = False
+        worst = max(worst, _array_difference(stored, values, contents.description["fields"].get(name, {})))
+    files.close()
+    reason = f"{other[0]} is {there.get(other[0])}, made again {row[other[0]]}" if other else ""
+    return Difference(row["id"], equal_row and equal_arrays, worst, feature, reason)
+
+
+def _feature_columns() -> list[str]:
+    return [*(f"feature_{name}" for name in FEATURE_UNITS), "gait_frequency_hz"]
+
+
+def _same(there: Any, made: Any) -> bool:
+    """Equal, unknown being None or NaN."""
+    if there is None or there != there:
+        return made is None
+    return bool(there == made)
+
+
+def _relative(made: Any, there: Any) -> float:
+    """Relative difference of two numbers; infinite where only one of them is known."""
+    unknown = (made is None, there is None or there != there)
+    if any(unknown):
+        return 0.0 if all(unknown) else math.inf
+    size = max(abs(made), abs(there))
+    return float(abs(made - there) / size) if size > 0 else 0.0
+
+
+def _array_difference(stored: npt.NDArray[Any], made: npt.NDArray[Any], facts: dict[str, Any]) -> float:
+    """Relative L2 in linear units, over the tolerance of the precision."""
+    tolerance = HALF_TOLERANCE if facts.get("scale") == "db" else ARRAY_TOLERANCE
+    one, two = decode(stored, facts), decode(made, facts)
+    size = float(np.linalg.norm(one))
+    return float(np.linalg.norm(two - one)) / (size if size > 0 else 1.0) / tolerance
+
+
+def _judge(found: Sequence[Difference], n_examples: int, version: str) -> Check:
+    identical = sum(difference.identical for difference in found)
+    reasons = [f"{d.id}: {d.reason}" for d in found if d.reason]
+    off = [f"{d.id}: array off by {d.array_l2:.1f} times the tolerance" for d in found if d.array_l2 > 1]
+    turned = [f"{d.id}: features off by {100 * d.feature:.2g} %" for d in found if d.feature > FEATURE_TOLERANCE]
+    if len(turned) > MOST_OTHER * len(found):
+        off += turned
+    numbers = {
+        "examples": n_examples, "rows": len(found), "identical": identical,
+        "worst_array_over_tolerance": max(d.array_l2 for d in found), "features_off": len(turned),
+        "largest_feature_difference": max((d.feature for d in found if math.isfinite(d.feature)), default=0.0),
+    }  # fmt: skip
+    if reasons or off:
+        return Check("re-simulation", "failed", some([*reasons, *off]), numbers)
+    if identical == len(found):
+        return Check("re-simulation", "passed", f"{n_examples} examples made again: identical bytes", numbers)
+    words = (
+        f"{n_examples} examples made again: {identical} of {len(found)} rows identical, the others within the "
+        f"tolerances of another processor or library (made with doppelgait {version})"
+    )
+    return Check("re-simulation", "passed", words, numbers)
+
+
+def check_measured_snr(contents: Contents, chosen: Sequence[PlannedExample], tick: Callable[[], None]) -> Check:
+    """SNR_frame of a few examples from the echoes and the noise, each simulated apart, against the index.
+
+    Signal: time mean of the strongest range bin's power without noise. Noise: mean power of what the noise adds, in all
+    bins. Both without impairments, as the definition says; within 0.1 dB.
+    """
+    if contents.plan is None or contents.unlike:
+        return Check("measured SNR", "skipped", contents.no_plan or contents.unlike)
+    few = [entry for number in sorted({e.class_number for e in chosen}) for entry in _first(chosen, number)]
+    known = contents.index.drop_duplicates("scene_id").set_index("scene_id")["snr_frame_db"]
+    errors = {}
+    for entry in few:
+        tick()
+        stated = known.get(entry.id)
+        if stated is not None and stated == stated:
+            errors[entry.id] = _snr_db(contents, entry) - float(stated)
+    if not errors:
+        return Check("measured SNR", "skipped", "no example to measure, or none with a known SNR")
+    wrong = [f"{name} by {error:+.1f} dB" for name, error in errors.items() if not abs(error) <= SNR_TOLERANCE_DB]
+    numbers = {"examples": len(errors), "largest_error_db": max(abs(error) for error in errors.values())}
+    if wrong:
+        return Check("measured SNR", "failed", f"SNR_frame of the index is off: {some(wrong)}", numbers)
+    words = f"{len(errors)} examples: SNR_frame as in the index, off by {numbers['largest_error_db']:.2f} dB at most"
+    return Check("measured SNR", "passed", words, numbers)
+
+
+def _first(chosen: Sequence[PlannedExample], class_number: int) -> list[PlannedExample]:
+    return [entry for entry in chosen if entry.class_number == class_number][:LEAST_PER_CLASS]
+
+
+def _snr_db(contents: Contents, entry: PlannedExample) -> float:
+    import warnings
+
+    from doppelgait.pipeline import run_simulation
+
+    assert contents.plan is not None
+    run = contents.plan.example(entry.number).run.model_copy(update={"impairments": ()})
+    quiet = run.model_copy(update={"noise": run.noise.model_copy(update={"kind": "none"})})
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DoppelgaitWarning)
+        both, echoes = (
+            run_simulation(spec, folder=contents.plan.folder, angles=False).baseband.values for spec in (run, quiet)
+        )
+    signal_v2 = float(np.mean(np.max(np.abs(echoes) ** 2, axis=1)))
+    noise_v2 = float(np.mean(np.abs(both - echoes) ** 2))
+    return 10.0 * math.log10(signal_v2 / noise_v2) if signal_v2 > 0 and noise_v2 > 0 else math.nan

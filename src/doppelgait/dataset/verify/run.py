@@ -1,0 +1,162 @@
+"""All checks of a dataset, one after the other."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from doppelgait.core.errors import ConfigError
+from doppelgait.dataset.finish import make_index, read_records
+from doppelgait.dataset.verify.contents import Contents, known_description, plan_of, planned_shards
+from doppelgait.dataset.verify.duplicates import check_duplicates
+from doppelgait.dataset.verify.files import (
+    ShardFindings,
+    check_index,
+    check_leftovers,
+    check_shards,
+    check_split_lists,
+    look_at_shards,
+)
+from doppelgait.dataset.verify.leaks import check_groups
+from doppelgait.dataset.verify.movers import check_movers
+from doppelgait.dataset.verify.nuisance import check_nuisance
+from doppelgait.dataset.verify.planned import check_balance, check_identity, check_rows
+from doppelgait.dataset.verify.report import Check, Progress, Verification
+from doppelgait.dataset.verify.resimulate import check_measured_snr, check_resimulation, choose
+from doppelgait.dataset.verify.sheets import draw_sheets
+from doppelgait.dataset.verify.truth import check_aspect, check_gait_frequency, check_snr, check_velocity
+
+
+class _Steps:
+    """Steps of a verification: shards read twice, examples made again."""
+
+    def __init__(self, total: int, on_progress: Progress | None) -> None:
+        self.done, self.total, self.on_progress = 0, total, on_progress
+
+    def __call__(self) -> None:
+        self.done += 1
+        self.total = max(self.total, self.done)
+        if self.on_progress is not None:
+            self.on_progress(self.done, self.total)
+
+
+def verify_dataset(
+    directory: str | Path, *, folder: Path | None = None, share: float = 0.01, rng: np.random.Generator,
+    on_progress: Progress | None = None, figures: Path | None = None,
+) -> Verification:  # fmt: skip
+    """Check a dataset: files, plan, a part made again, truth against features, leaks; if unfinished, what is there.
+
+    Nothing in the dataset's folder is changed.
+
+    Parameters
+    ----------
+    directory : path
+    folder : Path, optional
+        Folder that relative motion paths of the plan start from; the working folder by default.
+    share : float
+        Share of the examples to make again, from 0 to 1; at least three of every class, none at 0.
+    rng : Generator
+        Chooses these and all other samples, folds and permutations.
+    on_progress : callable, optional
+        Called with (steps done, steps in total).
+    figures : Path, optional
+        Folder for a page of signatures for every class and one of the features.
+
+    Returns
+    -------
+    Verification
+
+    Raises
+    ------
+    DatasetError
+        If the folder holds no dataset, its description is damaged or of another schema version.
+    ConfigError
+        If the share is not from 0 to 1.
+    OutputError
+        If a figure cannot be written.
+    """
+    if not 0 <= share <= 1:
+        raise ConfigError(f"share = {share}: is not allowed; must be from 0 to 1")
+    began, target = time.monotonic(), Path(directory)
+    description = known_description(target)
+    steps = _Steps(2 * len(planned_shards(description)), on_progress)
+    contents, checks, n_missing = _open(target, description, folder or Path.cwd(), steps)
+    checks += _checks(contents, n_missing, share, rng, steps)
+    pages = draw_sheets(contents, figures, rng) if figures is not None else []
+    return Verification(
+        directory=target,
+        dataset_id=str(description["id"]),
+        complete=bool(description.get("complete")),
+        checks=tuple(checks),
+        figures=tuple(pages),
+        seconds=time.monotonic() - began,
+    )
+
+
+def _open(
+    target: Path, description: dict[str, Any], folder: Path, tick: Callable[[], None]
+) -> tuple[Contents, list[Check], int]:
+    """Contents of the whole shards, the checks of the files, and the number of shards that are not there."""
+    index, reason = _read_index(target)
+    names = planned_shards(description)
+    findings = look_at_shards(target, names, index, tick)
+    complete = bool(description.get("complete"))
+    if index is None and complete and not reason:
+        reason = "index.parquet is missing, though the dataset says it is complete"
+    checks = [
+        check_shards(findings, complete=complete),
+        check_index(findings, index, reason),
+        check_split_lists(target, index),
+        check_leftovers(target),
+    ]
+    plan, no_plan = plan_of(description, folder)
+    rows = _rows(target, findings, index)
+    contents = Contents(target, description, rows, index is not None, findings.failed, plan, no_plan)
+    return contents, checks, len(findings.missing) + len(findings.damaged)
+
+
+def _read_index(target: Path) -> tuple[pd.DataFrame | None, str]:
+    """The index, or why it cannot be read; neither where there is none."""
+    path = target / "index.parquet"
+    if not path.exists():
+        return None, ""
+    try:
+        return pd.read_parquet(path), ""
+    except (OSError, ValueError) as error:
+        return None, f"index.parquet cannot be read: {' '.join(str(error).split())}"
+
+
+def _rows(target: Path, findings: ShardFindings, index: pd.DataFrame | None) -> pd.DataFrame:
+    if index is None:
+        return make_index(read_records(target, findings.whole))
+    return index[index["shard"].isin(findings.whole)].reset_index(drop=True)
+
+
+def _checks(
+    contents: Contents, n_missing: int, share: float, rng: np.random.Generator, steps: _Steps
+) -> Iterator[Check]:
+    yield check_identity(contents)
+    if not len(contents.index):
+        yield Check("rows", "skipped", "no row is there: nothing else can be checked")
+        return
+    for_sample, for_draws, for_pairs, for_guess = rng.spawn(4)
+    chosen = choose(contents, share, for_sample)
+    steps.total += len(chosen)
+    drawn = contents.drawn(for_draws)
+    yield check_rows(contents)
+    yield check_balance(contents, missing_shards=n_missing)
+    yield check_resimulation(contents, chosen, steps)
+    yield check_measured_snr(contents, chosen, steps)
+    yield check_velocity(contents.index)
+    yield check_gait_frequency(contents.index)
+    yield check_snr(contents.index, drawn)
+    yield check_aspect(contents.index, drawn)
+    yield check_movers(contents)
+    yield check_groups(contents)
+    yield check_duplicates(contents, for_pairs, steps)
+    yield check_nuisance(contents, drawn, for_guess)

@@ -1,0 +1,139 @@
+"""Features against truth, class by class: wrong labels, units or levels show as a class that is off as a whole.
+
+A check of one class fails where fewer than :data:`LEAST_SHARE` of its rows are within the tolerance, at a level of
+significance of 0.1 % (one-sided binomial test), so that single wrong estimates or a handful of rows never fail it, and
+a wrong sign, unit, label or truth, which hits nearly every row, always does from seven rows on. Whether an estimator is
+good is another question; :mod:`doppelgait.features` says how often each is right (the gait frequency: 96 % of those
+that are not flagged are within 5 %).
+
+Tolerances: the torso velocity 0.15 m/s, a cell of Doppler at 0.1 s and 24 GHz or a quarter of one at 7 GHz and the
+body's own swing, and 10 % for a main line that is not the body's centre; the gait frequency 10 %, five
+times its resolution at five periods and far from the factor of two of a mistaken step. The SNR 0.1 dB: it is set, not
+estimated. The aspect 10 degrees from that of the
+body's straight path: the rise and fall of a walker's centre tilts its velocity by 8 degrees in the mean.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from doppelgait.dataset.resolve import ExampleSpec
+from doppelgait.dataset.verify.report import Check
+
+FloatArray = npt.NDArray[np.float64]
+
+LEAST_SHARE = 2.0 / 3.0
+LEVEL = 1e-3
+VELOCITY_TOLERANCE_MPS, VELOCITY_TOLERANCE_SHARE = 0.15, 0.1
+FREQUENCY_TOLERANCE_SHARE = 0.1
+FREQUENCY_LEAST_SNR_DB = 10.0
+SNR_TOLERANCE_DB = 0.1
+ASPECT_TOLERANCE_DEG = 10.0
+SHOWN_DB = 3.0
+"""A row shows something from this signature SNR on. Noise alone stays below 0 dB in gates of many range bins."""
+
+
+def off_as_a_whole(hits: int, rows: int, least: float = LEAST_SHARE) -> bool:
+    """Whether fewer than ``least`` of many rows hit, beyond chance."""
+    from scipy.special import bdtr
+
+    return rows > 0 and bool(bdtr(hits, rows, least) < LEVEL)
+
+
+def judge(name: str, table: pd.DataFrame, what: str, *, extra: str = "") -> Check:
+    """A check of many rows with columns ``label``, ``inside`` (bool) and ``error``, class by class."""
+    if table.empty:
+        return Check(name, "skipped", f"no row to compare: {what}")
+    numbers: dict[str, Any] = {}
+    wrong, parts = [], []
+    for label, part in table.groupby("label"):
+        hits, rows = int(part["inside"].sum()), len(part)
+        rms = float(np.sqrt(np.mean(np.square(part["error"]))))
+        numbers[str(label)] = {"rows": rows, "share_inside": hits / rows, "rms": rms}
+        parts.append(f"{label} {100 * hits / rows:.0f} % of {rows}{extra.format(rms=rms)}")
+        if off_as_a_whole(hits, rows):
+            wrong.append(str(label))
+    summary = f"{what}: {', '.join(parts)}"
+    return Check(name, "failed", f"off as a whole: {', '.join(wrong)}; {summary}", numbers) if wrong else Check(
+        name, "passed", summary, numbers
+    )  # fmt: skip
+
+
+def column(index: pd.DataFrame, name: str) -> FloatArray:
+    """A column of numbers, NaN where it is not there."""
+    values = index[name] if name in index else pd.Series(np.nan, index=index.index)
+    return np.asarray(pd.to_numeric(values).to_numpy(dtype=np.float64, na_value=np.nan))
+
+
+def check_velocity(index: pd.DataFrame) -> Check:
+    """Torso velocity against the mean radial velocity of the body's centre, in rows that show something."""
+    truth, found = column(index, "truth_radial_velocity_mps"), column(index, "feature_torso_velocity_mps")
+    error = np.abs(found - truth)
+    table = pd.DataFrame({"label": index["label"], "error": error})
+    table["inside"] = error <= VELOCITY_TOLERANCE_MPS + VELOCITY_TOLERANCE_SHARE * np.abs(truth)
+    known = np.isfinite(error) & (column(index, "quality_snr_mu_db") >= SHOWN_DB)
+    return judge("torso velocity", table[known], "within 0.15 m/s + 10 % of the truth", extra=" (rms {rms:.2f} m/s)")
+
+
+def check_gait_frequency(index: pd.DataFrame) -> Check:
+    """Gait frequency against the truth, in rows of 10 dB and more that are not flagged."""
+    truth, found = column(index, "truth_gait_frequency_hz"), column(index, "gait_frequency_hz")
+    with np.errstate(divide="ignore", invalid="ignore"):
+        error = np.abs(found / truth - 1.0)
+    sure = ~index["flags"].fillna("").astype(str).str.contains("low_confidence").to_numpy(dtype=bool)
+    known = np.isfinite(error) & sure & (column(index, "quality_snr_mu_db") >= FREQUENCY_LEAST_SNR_DB)
+    table = pd.DataFrame({"label": index["label"], "error": error, "inside": error <= FREQUENCY_TOLERANCE_SHARE})
+    what = "within 10 % of the truth where not flagged and 10 dB or more"
+    return judge("gait frequency", table[known], what)
+
+
+def check_snr(index: pd.DataFrame, drawn: Sequence[ExampleSpec]) -> Check:
+    """SNR_frame of the index against what the plan asks for; of plans that give a level of noise, nothing."""
+    asked = {e.id: e.run.noise.snr_db for e in drawn if e.run.noise.kind == "snr"}
+    if not asked:
+        return Check("planned SNR", "skipped", "the plan sets no SNR")
+    rows = index[index["scene_id"].isin(list(asked)) & (index["source"] != "none")]
+    error = np.abs(column(rows, "snr_frame_db") - np.array([asked[name] for name in rows["scene_id"]]))
+    table = pd.DataFrame({"label": rows["label"], "error": error, "inside": error <= SNR_TOLERANCE_DB})
+    return judge("planned SNR", table, "SNR_frame within 0.1 dB of the plan")
+
+
+def check_aspect(index: pd.DataFrame, drawn: Sequence[ExampleSpec]) -> Check:
+    """Aspect angle against the plan's, for bodies that walk straight through the place that the plan says."""
+    table = []
+    first = index[index["id"] == index["scene_id"]].drop_duplicates("id")
+    rows: dict[str, Any] = {row["id"]: row for row in first.to_dict("records")}
+    for example in drawn:
+        target = example.run.scene.targets[0]
+        placed = target.start_position_m is None and target.path is None and example.rows[0].source != "none"
+        if example.id not in rows or not placed:
+            continue
+        row = rows[example.id]
+        found, expected = float(row["truth_aspect_deg"]), expected_aspect_deg(example, row)
+        if math.isfinite(found) and math.isfinite(expected):
+            table.append({"label": row["label"], "error": abs(found - expected)})
+    frame = pd.DataFrame(table, columns=["label", "error"])
+    frame["inside"] = frame["error"] <= ASPECT_TOLERANCE_DEG
+    return judge("aspect", frame, "within 10 degrees of the planned path's", extra=" (rms {rms:.1f} degrees)")
+
+
+def expected_aspect_deg(example: ExampleSpec, row: Mapping[str, Any]) -> float:
+    """Mean aspect of a point that goes straight through the planned place at mid-time, half the body's height up.
+
+    The angle between the velocity and the line to the radar, E-04, at 41 times.
+    """
+    target = example.run.scene.targets[0]
+    range_m = target.range_m or float(row["truth_range_m"])
+    turn = math.radians(180.0 + target.aspect_deg)
+    along_m = float(row["truth_ground_speed_mps"]) * float(row["observation_s"]) * np.linspace(-0.5, 0.5, 41)
+    x, y = range_m + along_m * math.cos(turn), along_m * math.sin(turn)
+    height = float(row["truth_height_m"]) / 2.0 if row["truth_height_m"] == row["truth_height_m"] else 0.5
+    up = height - example.run.scene.radar_position_m[2]
+    cosine = -(x * math.cos(turn) + y * math.sin(turn)) / np.sqrt(x**2 + y**2 + up**2)
+    return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))).mean())

@@ -1,0 +1,39 @@
+"""Small plans for the tests of building, and what a folder must be like whatever happened to its build."""
+
+from __future__ import annotations
+
+from doppelgait.core.config import validate
+from doppelgait.dataset.config import PlanConfig
+from doppelgait.dataset.status import dataset_hash, dataset_status
+
+
+def tiny_plan(**changes):
+    """24 examples of 1 s in 8 shards."""
+    table = {
+        "dataset": {
+            "name": "tiny",
+            "examples_per_class": 12,
+            "shard_size": 3,
+            "fractions": {"train": 0.5, "test": 0.5},
+        },
+        "classes": [
+            {"label": "human", "motion": {"kind": "boulic", "speed_mps": {"uniform": [0.9, 1.4]}}},
+            {"label": "dog", "motion": {"kind": "quadruped", "gait": "trot"}},
+        ],
+        "scene": {"duration_s": 1.0},
+        "target": {"range_m": {"uniform": [4, 5]}},
+        "noise": {"kind": "snr", "snr_db": {"uniform": [10, 20]}},
+    }
+    dataset = {**table["dataset"], **changes.pop("dataset", {})}
+    return validate(PlanConfig, {**table, "dataset": dataset, **changes}, where="plan")
+
+
+def check_whole(folder, expected_hash):
+    """Everything is there, nothing else is, and it is what it should be."""
+    status = dataset_status(folder)
+    assert status.count("done") == len(status.shards) == 8
+    assert (status.n_examples, status.planned, status.n_failed, status.complete) == (24, 24, 0, True)
+    assert (status.running, status.partial, status.removed) == ((), (), ())
+    assert not list(folder.rglob("*.partial"))
+    assert not list(folder.glob("*.lock"))
+    assert dataset_hash(folder) == expected_hash

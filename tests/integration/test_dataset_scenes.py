@@ -1,0 +1,185 @@
+"""Scenes of a plan beyond one target in its truth gate: companions, nobody, tracks, folders of recordings."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from doppelgait.core.config import validate
+from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitWarning
+from doppelgait.dataset.config import PlanConfig, load_plan
+from doppelgait.dataset.fields import decode
+from doppelgait.dataset.folders import expand_folders
+from doppelgait.dataset.plan import plan_dataset
+from doppelgait.dataset.shard import BuildContext, build_planned, build_shard
+from doppelgait.pipeline import run_simulation
+
+
+def plan(**changes):
+    dataset = {"name": "scenes", "examples_per_class": 8, "fractions": {"train": 1.0}, **changes.pop("dataset", {})}
+    table = {
+        "dataset": dataset,
+        "classes": [{"label": "human", "motion": {"kind": "human", "speed_mps": {"uniform": [0.8, 1.5]}}}],
+        "scene": {"duration_s": 2.5},
+        "target": {"range_m": 5.0},
+        "radar": {"preset": "x4"},
+        **changes,
+    }
+    return validate(PlanConfig, table, where="plan")
+
+
+def rows_of(config, number=0, folder=Path()):
+    laid_out = plan_dataset(config, folder=folder)
+    context = BuildContext(laid_out.config, str(folder), "")
+    return build_planned(laid_out.examples[number], context)
+
+
+def test_targets_of_one_scene_are_rows_with_their_own_label_signature_and_truth():
+    dog = {"label": "dog", "motion": {"kind": "quadruped", "gait": "trot"}, "range_m": 8.0, "aspect_deg": 180.0}
+    (person, mine), (other, its) = rows_of(plan(companions=[dog]))
+    assert [person["label"], other["label"]] == ["human", "dog"]
+    assert person["scene_id"] == other["scene_id"] == person["id"]
+    assert person["split"] == other["split"]
+    assert person["truth_gait"] == "walk"
+    assert other["truth_gait"] == "trot"
+    assert person["feature_torso_velocity_mps"] > 0.5  # the person comes
+    assert other["feature_torso_velocity_mps"] < -0.5  # the dog goes
+    assert not np.array_equal(mine["signature"], its["signature"])
+
+
+def test_nobody_gives_a_row_of_noise_without_features_or_truth():
+    nobody = plan(classes=[{"label": "empty", "motion": "none"}], noise={"kind": "thermal"})
+    ((row, stored),) = rows_of(nobody)
+    assert (row["source"], row["motion_kind"], row["motion"]) == ("none", "none", "")
+    assert row["truth_ground_speed_mps"] is None
+    assert row["truth_gait_frequency_hz"] is None
+    assert row["snr_frame_db"] is None
+    assert row["gait_frequency_hz"] is None
+    levels = stored["signature"]
+    # of independent exponential cells over a few range bins, the largest is nowhere far above the mean
+    assert levels.max() / levels.mean() < 10
+    assert np.corrcoef(levels[:-12].ravel(), levels[12:].ravel())[0, 1] < 0.05  # and nothing lasts
+
+
+def test_a_track_gate_gives_the_features_of_the_body_without_its_truth():
+    truth = rows_of(plan(noise={"kind": "snr", "snr_db": 20.0}))[0][0]
+    tracked = rows_of(plan(dataset={"gate": "track"}, noise={"kind": "snr", "snr_db": 20.0}))[0][0]
+    assert (truth["gate"], tracked["gate"]) == ("truth", "track")
+    assert tracked["feature_torso_velocity_mps"] == pytest.approx(truth["feature_torso_velocity_mps"], rel=0.05)
+    assert tracked["gait_frequency_hz"] == pytest.approx(truth["gait_frequency_hz"], rel=0.05)
+
+
+def test_a_target_that_no_track_follows_is_a_row_without_features(tmp_path):
+    lost = plan(dataset={"gate": "track", "fields": ["signature"]}, noise={"kind": "snr", "snr_db": -40.0})
+    ((row, stored),) = rows_of(lost)
+    assert row["flags"] == "not_tracked"
+    assert row["truth_ground_speed_mps"] > 0.7
+    assert row["feature_torso_velocity_mps"] is None
+    assert stored["signature"].size == 0
+    laid_out = plan_dataset(lost)
+    (tmp_path / "shards").mkdir()
+    (shard,) = laid_out.shards()
+    record = build_shard(shard, BuildContext(laid_out.config, str(tmp_path), str(tmp_path)))
+    assert not record["failures"]
+    assert json.loads((tmp_path / "shards" / f"{shard.name}.json").read_text()) == record
+
+
+def test_kept_arrays_have_axes_and_equal_the_simulation():
+    fields = [
+        {"name": "signature", "dtype": "half", "hop": 2}, "cadence_map", "baseband",
+        {"name": "truth_range_m", "hop": 10}, "truth_radial_velocity_mps",
+    ]  # fmt: skip
+    config = plan(dataset={"fields": fields})
+    ((_, stored),) = rows_of(config)
+    recording = run_simulation(plan_dataset(config).example(0).run)
+    assert np.array_equal(stored["baseband"], recording.baseband.values)
+    scatterers = recording.truth[0].scatterers
+    assert np.array_equal(stored["truth_range_m"], scatterers["range"].values[::10].astype("f4"))
+    assert np.array_equal(stored["truth_radial_velocity_mps"], scatterers["radial_velocity"].values.astype("f4"))
+    assert stored["baseband_range_m"].size == stored["baseband"].shape[1]
+    assert stored["truth_range_m_slow_time_s"].size == stored["truth_range_m"].shape[0]
+    assert stored["signature_time_s"].size == stored["signature"].shape[0]
+    assert stored["signature_doppler_hz"].size == stored["signature"].shape[1]
+    assert stored["cadence_map_cadence_hz"].size == stored["cadence_map"].shape[0]
+    ((_, full),) = rows_of(plan())
+    half = decode(stored["signature"], {"scale": "db"})
+    assert np.allclose(half, full["signature"][::2], rtol=0.015)
+
+
+def folder_plan(path="walks", **options):
+    return plan(
+        classes=[{"label": "human", "motion": {"kind": "folder", "path": path, **options}}],
+        dataset={"examples_per_class": 6},
+    )
+
+
+@pytest.fixture
+def walks(tmp_path):
+    """Three takes of a model written as tables: 6 s, 3 s and 1.4 s, and a file that is no motion."""
+    from doppelgait.motion.models import boulic_walk
+
+    (tmp_path / "walks").mkdir()
+    for number, seconds in enumerate((6.0, 3.0, 1.4)):
+        motion = boulic_walk(speed_mps=1.2 + 0.1 * number, duration_s=seconds)
+        names = [f"{m}_{a}_m" for m in motion.marker.values for a in "xyz"]
+        header = ",".join(["time_s", *names])
+        table = np.column_stack([motion.time.values, motion.values.reshape(motion.sizes["time"], -1)])
+        np.savetxt(tmp_path / "walks" / f"take_{number}.csv", table, delimiter=",", header=header, comments="")
+    (tmp_path / "walks" / "notes.txt").write_text("no motion")
+    return tmp_path
+
+
+def test_a_folder_gives_its_straight_stretches_in_turn_and_loops_short_ones(walks):
+    with pytest.warns(DoppelgaitWarning, match=r"1 of 4 files are left out: walks/notes\.txt"):
+        expanded = expand_folders(folder_plan(), walks)
+    tables = expanded.classes[0].motion["cycle"]
+    assert [t["path"] for t in tables] == [f"walks/take_{n}.csv" for n in range(3)]
+    assert ["loop_to_s" in t for t in tables] == [False, False, True]
+    with pytest.warns(DoppelgaitWarning):
+        unlooped = expand_folders(folder_plan(loop=False, pattern="*"), walks)
+    assert len(unlooped.classes[0].motion["cycle"]) == 2
+    laid_out = plan_dataset(folder_plan(pattern="*.csv"), folder=walks)
+    assert [e.subjects[0] for e in laid_out.examples] == 2 * [f"file/walks/take_{n}.csv" for n in range(3)]
+    ((row, _),) = rows_of(folder_plan(pattern="*.csv"), number=1, folder=walks)
+    assert row["truth_ground_speed_mps"] == pytest.approx(1.3, rel=0.03)
+    assert row["recording"] == "walks/take_1.csv"
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "says"),
+    [
+        ({"path": "runs"}, ConfigError, r"classes\.0\.motion\.path: 'runs' is not allowed: there is no such folder"),
+        ({"patern": "*"}, ConfigError, r"patern: unknown key; allowed are .*pattern"),
+        ({"pattern": "*.txt"}, DatasetError, r"has no straight stretch of gait .* in 1 files: .*no motion format"),
+        ({"min_duration_s": 50}, DatasetError, r"has no straight stretch of gait"),
+    ],
+)
+def test_wrong_folders_are_refused(walks, options, error, says):
+    with pytest.raises(error, match=says):
+        plan_dataset(folder_plan(**options), folder=walks)
+
+
+def test_a_folder_needs_a_duration(walks):
+    config = folder_plan().model_copy(update={"scene": {}})
+    with pytest.raises(ConfigError, match=r"scene\.duration_s: null is not allowed with a folder"):
+        plan_dataset(config, folder=walks)
+
+
+@pytest.mark.shared
+def test_the_report_plan_takes_a_folder_of_real_people_and_dogs(shared):
+    config, _ = load_plan("liland2018")
+    with pytest.warns(DoppelgaitWarning, match="files are left out"):
+        laid_out = plan_dataset(config, folder=shared / "data" / "mocap")
+    labels = [laid_out.config.classes[e.class_number].label for e in laid_out.examples]
+    assert {label: labels.count(label) for label in labels} == {"human": 148, "dog": 40, "walker": 21}
+    people = {s for e in laid_out.examples if e.class_number == 0 for s in e.subjects}
+    dogs = {s for e in laid_out.examples if e.class_number == 1 for s in e.subjects}
+    assert len(people) > 45
+    assert len(dogs) > 15
+    context = BuildContext(laid_out.config, str(shared / "data" / "mocap"), "")
+    ((row, _),) = build_planned(laid_out.examples[150], context)
+    assert row["label"] == "dog"
+    assert row["feature_torso_velocity_mps"] == pytest.approx(row["truth_radial_velocity_mps"], abs=0.15)

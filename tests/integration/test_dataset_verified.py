@@ -1,0 +1,421 @@
+"""A small dataset, honest and tampered with: every check is seen to pass and to fail."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+
+from doppelgait.core.config import validate
+from doppelgait.core.errors import ConfigError, DatasetError, OutputError
+from doppelgait.dataset.build import build_dataset, make_index
+from doppelgait.dataset.config import PlanConfig
+from doppelgait.dataset.finish import write_splits
+from doppelgait.dataset.shard import file_sha256
+from doppelgait.dataset.verify import verify_dataset
+
+N = 30
+
+
+def small_plan(**changes):
+    table = {
+        "dataset": {"name": "small", "examples_per_class": N, "shard_size": 20, "seed": 3},
+        "classes": [
+            {"label": "human", "motion": {"kind": "boulic", "speed_mps": {"uniform": [0.9, 1.6]}}},
+            {"label": "dog", "motion": {"kind": "quadruped", "gait": "trot", "froude": {"uniform": [0.4, 1.2]}}},
+        ],
+        "scene": {"duration_s": 1.6},
+        "radar": {"preset": "x4", "prf_hz": 900},
+        "target": {
+            "range_m": {"uniform": [4, 5]},
+            "aspect_deg": {"uniform": [-30, 30]},
+            "rcs": {"total_m2": {"log_uniform": [0.2, 1.0]}},
+        },
+        "noise": {"kind": "snr", "snr_db": {"uniform": [12, 25]}},
+        **changes,
+    }
+    return validate(PlanConfig, table, where="plan")
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("verified") / "small"
+    build_dataset(small_plan(), folder, executor="serial")
+    return folder
+
+
+@pytest.fixture
+def copy(built, tmp_path):
+    return shutil.copytree(built, tmp_path / "copy")
+
+
+def verify(directory, **options):
+    return verify_dataset(directory, **{"share": 0.0, "rng": np.random.default_rng(7), **options})
+
+
+def failed(verification):
+    return {check.name for check in verification.checks if check.status == "failed"}
+
+
+def tamper(folder, rows=None, arrays=None):
+    """Change rows and arrays of all shards, and make hashes, records, index and lists agree with it."""
+    records = []
+    for path in sorted((folder / "shards").glob("*.json")):
+        record, shard = json.loads(path.read_text()), path.with_suffix(".h5")
+        for row in record["rows"] if rows else ():
+            rows(row)
+        if arrays:
+            with h5py.File(shard, "r+") as file:
+                arrays(file, record["rows"])
+        record |= {"sha256": file_sha256(shard), "bytes": shard.stat().st_size}
+        path.write_text(json.dumps(record))
+        records.append(record)
+    order = list(dict.fromkeys(pd.read_parquet(folder / "index.parquet")["shard"]))
+    index = make_index(sorted(records, key=lambda record: order.index(record["shard"])))
+    index.to_parquet(folder / "index.parquet", index=False)
+    write_splits(folder / "splits", index)
+
+
+def states(folder):
+    return {
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
+
+
+# an honest dataset
+
+
+def test_an_honest_dataset_passes_every_check_and_is_left_as_it_was(built):
+    before, seen = states(built), []
+    found = verify(built, share=0.01, on_progress=lambda *step: seen.append(step))
+    assert {check.name: check.status for check in found.checks if check.status != "passed"} == {}
+    assert found.passed
+    assert found.complete
+    assert states(built) == before
+    assert found.check("re-simulation").summary == "6 examples made again: identical bytes"
+    assert found.check("re-simulation").numbers["identical"] == 6
+    assert found.check("class balance").numbers["counts"]["dog"] == {"train": 21, "validation": 5, "test": 4}
+    assert seen[-1][0] == seen[-1][1]
+    json.dumps(found.as_dict(), allow_nan=False)
+
+
+@pytest.mark.slow
+def test_every_class_has_a_page(built, tmp_path):
+    found = verify(built, figures=tmp_path / "pages" / "new")
+    names = ["signatures-dog.png", "signatures-human.png", "features.png"]
+    assert [path.name for path in found.figures] == names
+    assert sorted(path.name for path in (tmp_path / "pages" / "new").iterdir()) == sorted(names)
+    assert all(path.stat().st_size > 50_000 for path in found.figures)
+    (tmp_path / "file").write_text("no folder")
+    with pytest.raises(OutputError, match="file: cannot be written"):
+        verify(built, figures=tmp_path / "file")
+
+
+def test_the_same_generator_finds_the_same(built):
+    one, two = (verify(built) for _ in range(2))
+    assert one.checks == two.checks
+
+
+# files
+
+
+def test_a_half_built_dataset_is_checked_as_far_as_it_is_there(copy):
+    for path in (copy / "shards").glob("validation-*"):
+        path.unlink()
+    (copy / "index.parquet").unlink()
+    shutil.rmtree(copy / "splits")
+    description = json.loads((copy / "dataset.json").read_text())
+    (copy / "dataset.json").write_text(json.dumps({**description, "complete": False}))
+    found = verify(copy)
+    assert found.passed
+    assert not found.complete
+    assert "not built yet: validation-00000-of-00001" in found.check("shards").summary
+    skipped = {check.name for check in found.checks if check.status == "skipped"}
+    assert skipped == {"index", "splits", "class balance", "re-simulation", "measured SNR"}
+    assert found.check("torso velocity").numbers["dog"]["rows"] == 25
+
+
+def test_an_empty_beginning_is_no_failure(copy):
+    for path in (copy / "shards").iterdir():
+        path.unlink()
+    (copy / "index.parquet").unlink()
+    description = json.loads((copy / "dataset.json").read_text())
+    (copy / "dataset.json").write_text(json.dumps({**description, "complete": False}))
+    found = verify(copy)
+    assert found.passed
+    assert "no row is there" in found.check("rows").summary
+
+
+def test_damage_is_named_and_the_rest_is_checked(copy):
+    shards = sorted((copy / "shards").glob("train-*.h5"))
+    content = bytearray(shards[0].read_bytes())
+    content[len(content) // 2] ^= 1
+    shards[0].write_bytes(content)
+    shards[1].with_suffix(".json").unlink()
+    (copy / "shards" / "train-00002-of-00003.h5.partial").write_bytes(b"half")
+    found = verify(copy)
+    assert failed(found) == {"shards", "leftovers"}
+    words = found.check("shards").summary
+    assert "train-00000-of-00003 (the file is not the one that its record describes" in words
+    assert "train-00001-of-00003 (train-00001-of-00003.json is missing)" in words
+    assert "train-00002-of-00003.h5.partial" in found.check("leftovers").summary
+    assert found.check("duplicates").status == "passed"
+
+
+def test_a_complete_dataset_may_miss_no_shard_and_no_index(copy):
+    for path in (copy / "shards").glob("test-*"):
+        path.unlink()
+    found = verify(copy)
+    assert failed(found) >= {"shards", "index"}
+    assert "missing, though the dataset says it is complete: test-00000-of-00001" in found.check("shards").summary
+    (copy / "index.parquet").unlink()
+    assert "index.parquet is missing, though" in verify(copy).check("index").summary
+    (copy / "index.parquet").write_bytes(b"no parquet")
+    assert "cannot be read" in verify(copy).check("index").summary
+
+
+def test_a_changed_value_of_the_index_is_found(copy):
+    index = pd.read_parquet(copy / "index.parquet")
+    index.loc[3, "feature_torso_velocity_mps"] += 1e-9
+    index.to_parquet(copy / "index.parquet", index=False)
+    found = verify(copy)
+    assert failed(found) == {"index"}
+    assert f"feature_torso_velocity_mps of {index.loc[3, 'id']} is" in found.check("index").summary
+
+
+def test_another_order_and_a_missing_row_of_the_index_are_found(copy):
+    index = pd.read_parquet(copy / "index.parquet")
+    pd.concat([index[20:], index[:20]]).to_parquet(copy / "index.parquet", index=False)
+    assert "another order" in verify(copy).check("index").summary
+    index.drop(index=5).to_parquet(copy / "index.parquet", index=False)
+    found = verify(copy)
+    assert failed(found) >= {"index", "splits", "class balance"}
+    assert index.loc[5, "id"] in found.check("class balance").summary
+    assert index.loc[5, "id"] in found.check("splits").summary
+
+
+def test_a_list_of_a_split_must_be_that_of_the_index(copy):
+    path = copy / "splits" / "test.txt"
+    path.write_text("\n".join(["human-999999", *path.read_text().splitlines()[1:]]) + "\n")
+    found = verify(copy)
+    assert failed(found) == {"splits"}
+    assert "human-999999" in found.check("splits").summary
+
+
+def test_a_changed_configuration_is_another_identity(copy):
+    description = json.loads((copy / "dataset.json").read_text())
+    description["config"]["noise"]["snr_db"] = {"uniform": [12, 26]}
+    (copy / "dataset.json").write_text(json.dumps(description))
+    found = verify(copy, share=0.01)
+    assert {"identity", "re-simulation", "planned SNR"} <= failed(found)
+    assert description["id"] in found.check("identity").summary
+
+
+def test_what_cannot_be_verified_is_one_clear_error(copy, tmp_path):
+    with pytest.raises(DatasetError, match=r"dataset\.json is missing"):
+        verify(tmp_path / "nothing")
+    with pytest.raises(ConfigError, match="share = 2"):
+        verify(copy, share=2)
+    description = json.loads((copy / "dataset.json").read_text())
+    (copy / "dataset.json").write_text(json.dumps({**description, "schema_version": 9}))
+    with pytest.raises(DatasetError, match="has schema version 9"):
+        verify(copy)
+
+
+def test_another_data_version_is_not_made_again_and_says_so(copy):
+    description = json.loads((copy / "dataset.json").read_text())
+    (copy / "dataset.json").write_text(json.dumps({**description, "data_version": 4}))
+    found = verify(copy, share=0.01)
+    assert found.passed
+    for name in ("identity", "re-simulation", "measured SNR"):
+        assert "data version 4" in found.check(name).summary
+        assert found.check(name).status == "skipped"
+
+
+def test_failed_examples_are_named_and_too_many_of_a_class_fail(tmp_path):
+    (tmp_path / "broken.c3d").write_bytes(b"not a C3D file")
+    walk = {"kind": "boulic", "speed_mps": {"uniform": [0.9, 1.6]}}
+    mixed = {"cycle": [walk, {"kind": "file", "path": "broken.c3d"}, walk, walk]}
+    classes = [small_plan().model_dump()["classes"][1], {"label": "human", "motion": mixed}]
+    split = {"subjects": {"train": ["broken.c3d"]}}
+    plan = small_plan(dataset={"name": "lossy", "examples_per_class": 12, "split": split}, classes=classes)
+    build_dataset(plan, tmp_path / "d", folder=tmp_path, executor="serial")
+    found = verify(tmp_path / "d", folder=tmp_path)
+    assert failed(found) == {"class balance"}
+    words = found.check("class balance").summary
+    assert "3 examples failed" in words
+    assert "broken.c3d" in words
+    assert words.endswith("of human in train more than 5 %")
+    elsewhere = verify(tmp_path / "d", folder=tmp_path / "d")
+    for name in ("identity", "rows", "class balance"):
+        assert elsewhere.check(name).status == "skipped"
+        assert "there is no such file" in elsewhere.check(name).summary
+
+
+# made again
+
+
+def test_rounding_of_another_processor_is_within_tolerance_and_said_so(copy):
+    def shake(file, rows):
+        file["signature"][...] = file["signature"][:] * np.float32(1 + 1e-6)
+
+    tamper(copy, rows=lambda row: row.update(gait_frequency_hz=row["gait_frequency_hz"] * (1 + 1e-9)), arrays=shake)
+    check = verify(copy, share=0.01).check("re-simulation")
+    assert check.status == "passed"
+    assert "0 of 6 rows identical" in check.summary
+    assert 0 < check.numbers["worst_array_over_tolerance"] < 0.1
+
+
+def test_other_arrays_are_found_when_made_again(copy):
+    def louder(file, rows):
+        file["signature"][...] = file["signature"][:] * np.float32(1.01)
+
+    tamper(copy, arrays=louder)
+    check = verify(copy, share=0.01).check("re-simulation")
+    assert check.status == "failed"
+    assert check.numbers["worst_array_over_tolerance"] == pytest.approx(0.01 / 1.01 / 1e-4, rel=0.01)
+
+
+def test_other_features_are_found_when_made_again(copy):
+    tamper(copy, rows=lambda row: row.update(feature_torso_velocity_mps=1.05 * row["feature_torso_velocity_mps"]))
+    check = verify(copy, share=0.01).check("re-simulation")
+    assert check.status == "failed"
+    assert check.numbers["features_off"] == 6
+    assert check.numbers["largest_feature_difference"] == pytest.approx(0.05 / 1.05)
+
+
+def test_swapped_labels_are_found_in_every_row_and_when_made_again(copy):
+    swapped = {"human": "dog", "dog": "human"}
+    tamper(copy, rows=lambda row: row.update(label=swapped[row["label"]]))
+    found = verify(copy, share=0.01)
+    assert {"rows", "re-simulation"} <= failed(found)
+    assert found.check("rows").numbers["different"] == 2 * N
+    assert "label is" in found.check("re-simulation").summary
+
+
+# truth
+
+
+@pytest.mark.parametrize(
+    ("column", "change", "name"),
+    [
+        ("feature_torso_velocity_mps", lambda v: -v, "torso velocity"),
+        ("truth_gait_frequency_hz", lambda v: 2 * v, "gait frequency"),
+        ("snr_frame_db", lambda v: v + 3, "planned SNR"),
+        ("truth_aspect_deg", lambda v: v + 20, "aspect"),
+        ("quality_snr_mu_db", lambda v: v - 60, "movers"),
+    ],
+)
+def test_a_class_that_is_off_as_a_whole_fails_by_name(copy, column, change, name):
+    def dogs(row):
+        if row["label"] == "dog" and row[column] is not None:
+            row[column] = change(row[column])
+
+    tamper(copy, rows=dogs)
+    found = verify(copy)
+    assert failed(found) == {name}
+    assert "dog" in found.check(name).summary.partition(":")[2].partition(";")[0]
+
+
+def test_a_wrong_snr_is_found_by_measuring_it(copy):
+    tamper(copy, rows=lambda row: row.update(snr_frame_db=row["snr_frame_db"] + 3))
+    check = verify(copy, share=0.01).check("measured SNR")
+    assert check.status == "failed"
+    assert check.numbers["largest_error_db"] == pytest.approx(3, abs=0.05)
+
+
+def test_a_dataset_of_nothing_but_noise_fails(tmp_path):
+    plan = small_plan(
+        dataset={"name": "noise", "examples_per_class": 12}, target={"rcs": {"total_m2": 1e-20}}, noise={}
+    )
+    build_dataset(plan, tmp_path / "noise", executor="serial")
+    found = verify(tmp_path / "noise")
+    assert "movers" in failed(found)
+    words = found.check("movers").summary
+    assert "human declares motion, but only 0 % of 12" in words
+    assert "dog declares motion, but only 0 % of 12" in words
+
+
+def test_an_empty_room_is_allowed_and_judged_without_the_level_of_echoes(tmp_path):
+    classes = [*small_plan().model_dump()["classes"][:1], {"label": "nobody", "motion": "none"}]
+    plan = small_plan(dataset={"name": "room", "examples_per_class": 12}, classes=classes, noise={})
+    build_dataset(plan, tmp_path / "room", executor="serial")
+    found = verify(tmp_path / "room")
+    assert failed(found) == set()
+    assert found.check("movers").numbers["nobody"]["share_seen"] == 0
+    assert set(found.check("nuisance").numbers) == {"all classes"}
+
+
+# leaks
+
+
+def test_one_recording_in_two_splits_is_named(copy):
+    def share(row):
+        row.update(recording="walk-07.bvh" if row["id"].endswith("-000003") or row["split"] == "test" else "")
+
+    ids = pd.read_parquet(copy / "index.parquet").set_index("id")["split"]
+    assert ids["human-000003"] != "test"
+    tamper(copy, rows=share)
+    found = verify(copy)
+    assert failed(found) == {"groups"}
+    assert "recordings in more than one split: walk-07.bvh (test, train)" in found.check("groups").summary
+
+
+def copied(source, target, *, scale=1.0, noise=0.0):
+    """The signature of one row in the place of another's."""
+
+    def change(file, rows):
+        for number, row in enumerate(rows):
+            if row["id"] == target:
+                shaken = 1 + noise * np.random.default_rng(0).standard_normal(source.shape)
+                file["signature"][number] = (source * scale * shaken).astype(np.float32)
+
+    return change
+
+
+@pytest.mark.parametrize(("scale", "noise", "how"), [(1.0, 0.0, "identical"), (3.0, 0.02, "0.999")])
+def test_a_signature_in_two_splits_is_found_identical_or_louder(copy, scale, noise, how):
+    index = pd.read_parquet(copy / "index.parquet")
+    first, last = index[index["split"] == "train"].iloc[4], index[index["split"] == "test"].iloc[2]
+    with h5py.File(copy / "shards" / f"{first['shard']}.h5") as file:
+        source = file["signature"][first["row"]]
+    tamper(copy, arrays=copied(source, last["id"], scale=scale, noise=noise))
+    found = verify(copy)
+    assert failed(found) == {"duplicates"}
+    assert f"{first['id']} (train) and {last['id']} (test) {how}" in found.check("duplicates").summary
+
+
+# nuisance
+
+
+def test_a_plan_that_leaves_the_radar_cross_section_to_the_model_tells_the_class(tmp_path):
+    plan = small_plan(target={"range_m": {"uniform": [4, 5]}, "aspect_deg": {"uniform": [-30, 30]}})
+    build_dataset(plan, tmp_path / "leaky", executor="serial")
+    found = verify(tmp_path / "leaky")
+    assert failed(found) == {"nuisance"}
+    check = found.check("nuisance")
+    assert "most telling: rcs_total_m2 (dog 0." in check.summary
+    assert check.numbers["classes"]["accuracy"] > 0.95
+    assert check.numbers["classes"]["p_value"] < 1e-3
+
+
+def test_imported_recordings_are_warned_of_and_have_no_plan(copy):
+    def measured(row):
+        row.update(source="measured", prf_hz=900.0 if row["label"] == "dog" else 1000.0)
+
+    tamper(copy, rows=measured)
+    description = json.loads((copy / "dataset.json").read_text())
+    (copy / "dataset.json").write_text(json.dumps({**description, "origin": "imported", "config": {}}))
+    found = verify(copy)
+    assert found.passed
+    assert found.check("nuisance").status == "warning"
+    assert "prf_hz (dog 900, human 1e+03; alone 1.00)" in found.check("nuisance").summary
+    assert found.check("class balance").numbers["counts"]["dog/train"] == 21
+    assert found.check("identity").status == "skipped"

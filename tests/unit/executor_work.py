@@ -1,0 +1,66 @@
+"""Work for the tests of the executors: light modules only, since every worker process imports this."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+from doppelgait.core.errors import OutputError
+from doppelgait.core.worker import WORKER_ENVIRONMENT
+
+
+class FakeShard(NamedTuple):
+    name: str
+
+
+def shards(count):
+    return [FakeShard(f"train-{n:05d}-of-{count:05d}") for n in range(count)]
+
+
+def started(shard, folder, seconds=0.0):
+    """Leave a file with the process number, then take some time."""
+    (Path(folder) / shard.name).write_text(str(os.getpid()))
+    time.sleep(seconds)
+    return {"shard": shard.name, "pid": os.getpid()}
+
+
+def quick_then_slow(shard, folder):
+    """The first two shards are done at once, any other takes a minute."""
+    return started(shard, folder, 0.0 if shard.name < "train-00002" else 60.0)
+
+
+def killed_once(shard, folder):
+    """Die at the first attempt at every shard."""
+    mark = Path(folder) / shard.name
+    if not mark.exists():
+        mark.write_text("")
+        os.kill(os.getpid(), signal.SIGKILL)
+    return {"shard": shard.name, "pid": os.getpid()}
+
+
+def killed_always(shard):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def no_space(shard):
+    raise OutputError(f"{shard.name}: No space left on device")
+
+
+def surroundings(shard):
+    return {
+        "environment": {name: os.environ.get(name) for name in WORKER_ENVIRONMENT},
+        "arrow": sys.modules.get("pyarrow", "absent") is None,
+    }
+
+
+if __name__ == "__main__":
+    from doppelgait.dataset.executors import run_shards
+
+    folder, executor = sys.argv[1:]
+    for _ in run_shards(partial(started, folder=folder, seconds=60.0), shards(4), executor=executor, workers=2):
+        pass

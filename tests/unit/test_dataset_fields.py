@@ -1,0 +1,41 @@
+"""Stored arrays: precision, hops and what comes back."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from doppelgait.dataset.config import FieldSpec
+from doppelgait.dataset.fields import DB_FLOOR, decode, encode, facts_of
+
+
+def test_full_precision_comes_back_as_it_was():
+    values = np.random.default_rng(0).random((7, 5)).astype(np.float32)
+    spec = FieldSpec(name="signature")
+    facts = facts_of([spec])["signature"]
+    assert facts == {"dims": ["time", "doppler"], "units": "V^2", "dtype": "float32", "scale": "linear", "hop": 1}
+    assert np.array_equal(decode(encode(values, spec), facts), values)
+
+
+@pytest.mark.parametrize("level", [1e-16, 1e-13, 1e-6, 1.0])
+def test_half_precision_is_within_what_is_promised_and_half_the_size(level):
+    values = (level * np.random.default_rng(1).chisquare(2, (400, 64))).astype(np.float32)
+    spec = FieldSpec(name="signature", dtype="half")
+    stored = encode(values, spec)
+    assert stored.nbytes * 2 == values.nbytes
+    back = decode(stored, facts_of([spec])["signature"])
+    error = np.abs(back / values - 1)
+    assert error.max() < 0.015
+    assert back.dtype == np.float32
+
+
+def test_silence_stays_silence():
+    spec = FieldSpec(name="cadence_map", dtype="half")
+    stored = encode(np.array([[0.0, 1.0]]), spec)
+    assert stored[0, 0] == DB_FLOOR
+    assert decode(stored, facts_of([spec])["cadence_map"]).tolist() == [[0.0, 1.0]]
+
+
+def test_a_hop_keeps_every_nth_column():
+    values = np.arange(20.0).reshape(10, 2)
+    assert encode(values, FieldSpec(name="signature", hop=3))[:, 0].tolist() == [0.0, 6.0, 12.0, 18.0]

@@ -1,0 +1,666 @@
+"""Import of recordings with labels: the table of labels, parts of recordings, splits, rows, folders, identity."""
+
+from __future__ import annotations
+
+import errno
+import json
+import math
+import shutil
+import warnings
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+
+from doppelgait.core.config import validate
+from doppelgait.core.errors import AnalysisError, ConfigError, DatasetError, DoppelgaitWarning, OutputError
+from doppelgait.core.labels import BASEBAND, make_array
+from doppelgait.core.rng import rng
+from doppelgait.dataset import open_dataset
+from doppelgait.dataset.importing import ImportConfig, folder, import_dataset, read_labels, run
+from doppelgait.dataset.importing.config import parse_gate
+from doppelgait.dataset.importing.examples import labelled_result
+from doppelgait.dataset.importing.files import files_of, find_recordings, recording_sha256
+from doppelgait.dataset.importing.splits import plan_entries
+from doppelgait.dataset.importing.windows import cut
+from doppelgait.dataset.licences import blocked_recordings
+from doppelgait.motion import boulic_walk, quadruped_gait
+from doppelgait.pipeline import TargetResult, analyze, simulate
+from doppelgait.processing import Analysis
+from doppelgait.radar import Radar, Recording, read_recording, write_recording
+from doppelgait.radar.readers.array_writer import write_arrays
+from doppelgait.scene import Scene, Target
+
+LIGHT_MPS = 299_792_458.0
+CARRIER_HZ, PRF_HZ, BIN_M = 7.29e9, 250.0, 0.0514
+RADAR = Radar.preset("x4", prf_hz=PRF_HZ, range_start_m=1.0, range_stop_m=1.0 + 20 * BIN_M)
+GATE = ImportConfig(gate=(1.0, 2.0), analysis=Analysis(cpi_s=0.1))
+
+
+def point(velocity_mps=0.5, seconds=2.0, *, seed=0):
+    """Recording of a point that approaches, with noise 20 dB below it; made by hand, not by the simulator."""
+    times_s = np.arange(round(seconds * PRF_HZ)) / PRF_HZ
+    ranges_m = 1.0 + BIN_M * np.arange(20)
+    range_m = 1.5 + velocity_mps * (seconds / 2 - times_s) * 0.1  # phase as told, range nearly still
+    phase = 4 * np.pi * velocity_mps * times_s * CARRIER_HZ / LIGHT_MPS
+    noise = np.random.default_rng(seed).normal(size=(2, times_s.size, 20)) * 0.05
+    echo = np.exp(1j * phase)[:, None] * np.exp(-(((ranges_m - range_m[:, None]) / 0.1) ** 2))
+    values = (echo + noise[0] + 1j * noise[1]).astype(np.complex64)
+    baseband = make_array(BASEBAND, values, {"slow_time": times_s, "range": ranges_m}, {"radar": "{}"})
+    return Recording(baseband, RADAR, source="point")
+
+
+@pytest.fixture
+def recordings(tmp_path):
+    """Four recordings; speeds as in the names."""
+    place = tmp_path / "recordings"
+    (place / "day 2").mkdir(parents=True)
+    for seed, (name, speed) in enumerate((("slow1", 0.4), ("slow2", 0.5), ("fast1", 1.1), ("day 2/fast2", 1.2))):
+        write_recording(point(speed, seed=seed), place / f"{name}.h5")
+    return place
+
+
+LABELS = """file,label,subject,licence,citation
+slow1.h5,slow,anna,CC-BY-4.0,"Doe, J. 2020"
+slow2.h5,slow,ben,CC-BY-4.0,
+fast1.h5,fast,anna,CC-BY-4.0,"Doe, J. 2020"
+day 2/fast2.h5,fast,ben,CC-BY-4.0,
+"""
+
+
+def write(place, text, *, encoding="utf-8"):
+    path = place.parent / "labels.csv"
+    path.write_bytes(text.encode(encoding))
+    return path
+
+
+def entries_of(place, text, **options):
+    return read_labels(write(place, text), place, **options)
+
+
+# --- The table of labels ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
+@pytest.mark.parametrize(("encoding", "end"), [("utf-8", "\n"), ("utf-8-sig", "\r\n"), ("utf-16", "\r\n")])
+def test_tables_of_spreadsheets_are_read_alike(recordings, delimiter, encoding, end):
+    lines = ["File,LABEL,subject,start_s,Zimmer,", "slow1.h5,a,Jürgen,0.5,3,", "", ",,,,,", "fast1.h5,b,,,,,"]
+    text = end.join(line.replace(",", delimiter) for line in lines)
+    found = read_labels(write(recordings, text, encoding=encoding), recordings)
+    assert [(e.line, e.recording, e.label, e.subject, e.start_s) for e in found] == [
+        (2, "slow1.h5", "a", "Jürgen", 0.5), (5, "fast1.h5", "b", "", None)
+    ]  # fmt: skip
+    assert [e.further for e in found] == [{"meta_zimmer": "3"}, {"meta_zimmer": ""}]
+    assert all(e.gate == "track" for e in found)
+
+
+def test_quoted_cells_keep_delimiters_and_lines_are_counted_as_in_the_file(recordings):
+    text = 'file,label,citation\n"slow1.h5","a","Doe, J.\n2020"\nslow2.h5,a,x\nabsent.h5,a,x\n'
+    with pytest.raises(ConfigError, match=r"labels\.csv: line 5, file: 'absent\.h5'"):
+        entries_of(recordings, text)
+    found = entries_of(recordings, text.replace("absent", "fast1"))
+    assert found[0].citation == "Doe, J.\n2020"
+    assert [e.line for e in found] == [2, 4, 5]
+
+
+def test_a_line_with_everything(recordings):
+    text = (
+        "file;label;subject;split;start_s;stop_s;gate;nobody;licence;citation;session;option.prf_hz;option.format;"
+        "truth_gait_frequency_hz;truth_gait;meta_gate\n"
+        "slow1.h5;big dog;rex;train;0.5;1.5;1.2:2.8;no;MIT;me;s1;1e3;doppelgait;1.85;trot;4\n"
+    )
+    (entry,) = entries_of(recordings, text)
+    assert (entry.label, entry.subject, entry.split, entry.session) == ("big dog", "rex", "train", "s1")
+    assert (entry.start_s, entry.stop_s, entry.gate, entry.nobody) == (0.5, 1.5, (1.2, 2.8), False)
+    assert entry.options == {"prf_hz": 1000.0, "format": "doppelgait"}
+    assert entry.further == {"truth_gait_frequency_hz": 1.85, "truth_gait": "trot", "meta_gate": "4"}
+
+
+MISTAKES = [
+    ("", r"is empty; the first line names the columns"),
+    ("file,label\n", r"no line after"),
+    ("path,label\nx,a\n", r"line 1 names no column 'file'; it names path, label"),
+    ("file,label,label\nslow1.h5,a,b\n", r"column 'label' twice"),
+    ("file,label,,subject\nslow1.h5,a,b,c\n", r"column 3 has no name"),
+    ("file,label,subjct\nslow1.h5,a,b\n", r"line 1, column 'subjct'.*call it subject, or meta_subjct"),
+    ("file,label,start\nslow1.h5,a,3\n", r"column 'start'.*call it start_s"),
+    ("file,label,license\nslow1.h5,a,MIT\n", r"column 'license'.*call it licence"),
+    ("file,label\nslow1.h5,a,b\n", r"line 2 has 3 cells, the first line names 2"),
+    ("file,label,subject\nslow1.h5,a\n", r"line 2 has 2 cells, the first line names 3"),
+    ('file,label\n"slow1.h5,a\n', r"line 2 is no CSV"),
+    ("file,label\nslow1.h5,\n", r"line 2, label: '' is not allowed"),
+    ("file,label\nslow1.h5,a/b\n", r"line 2, label: 'a/b' is not allowed"),
+    ("file,label\n,a\n", r"line 2, file: .*is empty"),
+    ("file,label\nslow3.h5,a\n", r"line 2, file: 'slow3\.h5': is not in .*near in spelling: slow"),
+    ("file,label\nday 3/*.h5,a\n", r"line 2, file: 'day 3/\*\.h5': is not in"),
+    ("file,label\n../x.h5,a\n", r"line 2, file: '\.\./x\.h5' is not allowed: it must be in"),
+    ("file,label\n/etc/passwd,a\n", r"line 2, file: '/etc/passwd' is not allowed"),
+    ("file,label\n" + "x" * 5000 + ",a\n", r"line 2, file: .*is not in"),
+    ("file,label\na**/x,a\n", r"line 2, file: 'a\*\*/x'"),
+    ("file,label\nslow1\0.h5,a\n", r"line 2, file: .*is not in"),
+    ("file,label,start_s\nslow1.h5,a,-1\n", r"line 2, start_s: '-1' is not allowed; it must be 0 s or more"),
+    ("file;label;start_s\nslow1.h5;a;0,5\n", r"line 2, start_s: '0,5' .*decimal point"),
+    ("file,label,stop_s\nslow1.h5,a,nan\n", r"line 2, stop_s: 'nan'"),
+    ("file,label,start_s,stop_s\nslow1.h5,a,2,1\n", r"line 2, stop_s: 1 is not allowed; it must be after start_s = 2"),
+    ("file,label,split\nslow1.h5,a,valid\n", r"line 2, split: 'valid' .*train, validation, test"),
+    ("file,label,split\nslow1.h5,a,\n", r"line 2, split: '' is not allowed"),
+    ("file,label,gate\nslow1.h5,a,2.8:1.2\n", r"line 2, gate: '2\.8:1\.2' .*two rising ranges"),
+    ("file,label,gate\nslow1.h5,a,truth\n", r"line 2, gate: 'truth' .*track or FROM:TO"),
+    ("file,label,nobody\nslow1.h5,a,maybe\n", r"line 2, nobody: 'maybe' .*yes, no"),
+    ("file,label,truth_speed_mps\nslow1.h5,a,quick\n", r"line 2, truth_speed_mps: 'quick'"),
+    ("file,label\nslow1.h5,a\nslow2.h5,a\nslow1.h5,b\n", r"line 4, file: 'slow1\.h5' is already in line 2"),
+    ("file,label\nslow*.h5,a\nslow1.h5,a\n", r"line 3, file: 'slow1\.h5' is already in line 2"),
+    (
+        "file,label,start_s,stop_s\nslow1.h5,a,1,2\nslow1.h5,b,0,1.5\n",
+        r"line 3, file: 'slow1\.h5' is 'b' and in line 2 'a' at the same time",
+    ),
+]
+
+
+@pytest.mark.parametrize(("text", "says"), MISTAKES, ids=range(len(MISTAKES)))
+def test_every_mistake_is_named(recordings, text, says):
+    with pytest.raises(ConfigError, match=says) as caught:
+        entries_of(recordings, text)
+    assert "labels.csv" in str(caught.value)
+
+
+def test_all_mistakes_of_a_table_come_together(recordings):
+    with pytest.raises(ConfigError, match=r"line 2, label: .*; line 3, stop_s: .*; line 4, file: ") as caught:
+        entries_of(recordings, "file,label,stop_s\nslow1.h5,,\nslow1.h5,a,0\nno.h5,a,\n" + "no.h5,a,\n" * 20)
+    assert str(caught.value).endswith("and 15 more")
+
+
+def test_text_that_is_no_utf8_and_absent_files_are_named(recordings):
+    path = recordings.parent / "labels.csv"
+    path.write_bytes("file,label,subject\nslow1.h5,a,J\u00fcrgen\n".encode("cp1252"))
+    with pytest.raises(ConfigError, match=r"line 2 is no UTF-8 text; save it as CSV in UTF-8"):
+        read_labels(path, recordings)
+    with pytest.raises(ConfigError, match=r"none\.csv: cannot be read: No such file"):
+        read_labels(recordings / "none.csv", recordings)
+
+
+def test_parts_that_do_not_meet_and_other_gates_are_allowed(recordings):
+    text = "file,label,start_s,stop_s,gate\nslow1.h5,a,0,1,\nslow1.h5,b,1,2,\nslow1.h5,b,1.5,2,\nslow1.h5,c,0,1,1:2\n"
+    assert [e.label for e in entries_of(recordings, text)] == ["a", "b", "b", "c"]
+
+
+def test_labels_near_in_spelling_are_told(recordings):
+    with pytest.warns(DoppelgaitWarning, match=r"labels 'human' \(line 2\) and 'humam' \(line 4\) are near"):
+        entries_of(recordings, "file,label\nslow1.h5,human\nslow2.h5,human\nfast1.h5,humam\n")
+    with pytest.warns(DoppelgaitWarning, match="'Dog'"):
+        entries_of(recordings, "file,label\nslow1.h5,dog\nfast1.h5,Dog\n")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        entries_of(recordings, "file,label\nslow1.h5,human\nslow2.h5,dog\nfast1.h5,cat\n")
+
+
+def test_a_pattern_names_many_and_a_pair_once(tmp_path):
+    for name in ("b_RE.txt", "b_IM.txt", "a_IM.txt", "a_RE.txt", "c.sigmf-data", "c.sigmf-meta", "d.npz", "d.toml"):
+        (tmp_path / name).write_text("1")
+    assert find_recordings(tmp_path, "*") == ["a_RE.txt", "b_RE.txt", "c.sigmf-meta", "d.npz"]
+    assert find_recordings(tmp_path, "b_IM.txt") == ["b_RE.txt"]
+    assert [p.name for p in files_of(tmp_path / "a_RE.txt")] == ["a_IM.txt", "a_RE.txt"]
+    assert [p.name for p in files_of(tmp_path / "d.npz")] == ["d.npz", "d.toml"]
+    before = recording_sha256(tmp_path, "a_RE.txt")
+    (tmp_path / "b_IM.txt").write_text("2")
+    assert recording_sha256(tmp_path, "a_RE.txt") == before
+    (tmp_path / "a_IM.txt").write_text("2")
+    assert recording_sha256(tmp_path, "a_RE.txt") != before
+
+
+def test_names_with_signs_of_patterns_and_backslashes_are_found(tmp_path):
+    (tmp_path / "sub").mkdir()
+    for name in ("x[1].h5", "sub/y.h5"):
+        (tmp_path / name).write_text("1")
+    assert find_recordings(tmp_path, "x[1].h5") == ["x[1].h5"]
+    assert find_recordings(tmp_path, "sub\\y.h5") == ["sub/y.h5"]
+
+
+@pytest.mark.parametrize("value", ["1:2:3", "a:b", "", 3, None, (1,), "2:1", "-1:1", "0:inf", "nan:1"])
+def test_what_is_no_gate(value):
+    with pytest.raises(ValueError, match="must be"):
+        parse_gate(value)
+
+
+@pytest.mark.parametrize(
+    ("table", "says"),
+    [
+        ({"gate": "truth"}, r"gate: 'truth' is not allowed: must be track or FROM:TO"),
+        ({"fields": ["truth_range_m"]}, r"fields: .*'truth_range_m' is none of signature, cadence_map, baseband"),
+        ({"fields": ["signature", "signature"]}, r"names a field twice"),
+        ({"hop_s": 1}, r"give window_s, too"),
+        ({"window_s": 0}, r"window_s: 0 is not allowed"),
+        ({"split": "val"}, r"split: 'val' is not allowed: must be one of train, validation, test"),
+        ({"split": {"train": 0.5}}, r"shares must sum to 1"),
+        ({"split": {"training": 1.0}}, r"must be one of"),
+        ({"analysis": {"cpi": 1}}, r"analysis\.cpi: unknown key"),
+    ],
+)
+def test_wrong_settings_are_named(table, says):
+    with pytest.raises(ConfigError, match=says):
+        validate(ImportConfig, table)
+
+
+# --- Splits -------------------------------------------------------------------------------------------------------
+
+
+def planned(place, text, config=GATE):
+    return plan_entries(entries_of(place, text), config, "labels.csv")
+
+
+def test_everything_is_test_unless_told(recordings):
+    assert {one.split for one in planned(recordings, LABELS)} == {"test"}
+    assert {one.split for one in planned(recordings, LABELS, ImportConfig(split="train"))} == {"train"}
+    assert [one.id for one in planned(recordings, LABELS)] == [
+        "slow-000000", "slow-000001", "fast-000000", "fast-000001"
+    ]  # fmt: skip
+
+
+def test_the_column_counts_and_tears_nobody(recordings):
+    text = "file,label,subject,split\nslow1.h5,a,x,train\nslow2.h5,a,y,test\nfast1.h5,b,x,train\n"
+    assert [one.split for one in planned(recordings, text)] == ["train", "test", "train"]
+    torn = text + "day 2/fast2.h5,b,x,test\n"
+    with pytest.raises(ConfigError, match=r"line 5, split: 'test' is not allowed: subject 'x' is in train already"):
+        planned(recordings, torn)
+    with pytest.raises(ConfigError, match=r"split = 'train': is not allowed, because labels.csv has a column split"):
+        planned(recordings, text, ImportConfig(split="train"))
+
+
+def test_a_recording_is_in_one_split_and_joins_its_subjects(recordings):
+    windows = "file,label,split,start_s,stop_s\nslow1.h5,a,train,0,1\nslow1.h5,a,test,{start},2\n"
+    for start in (0.5, 1):
+        with pytest.raises(ConfigError, match=r"line 3, split: 'test' .*recording 'slow1\.h5' is in train already"):
+            planned(recordings, windows.format(start=start))
+    shared = (
+        "file,label,subject,split,start_s,stop_s\nslow1.h5,a,x,train,0,1\nslow1.h5,a,y,train,1,2\nslow2.h5,a,y,test,,\n"
+    )
+    with pytest.raises(ConfigError, match=r"line 4, split: 'test' is not allowed: subject 'y' is in train already"):
+        planned(recordings, shared)
+    groups = {one.group for one in planned(recordings, shared.replace("test", "train"))}
+    assert groups == {"person/x"}
+
+
+def test_shares_keep_subjects_whole_and_refuse_too_few(tmp_path):
+    place = tmp_path / "r"
+    place.mkdir()
+    lines = ["file,label,subject"]
+    for n in range(40):
+        (place / f"{n}.h5").write_text("")
+        lines.append(f"{n}.h5,{'ab'[n % 2]},s{n // 4}")
+    found = planned(place, "\n".join(lines), ImportConfig(split={"train": 0.7, "test": 0.3}))
+    of_subject = {}
+    for one in found:
+        of_subject.setdefault(one.subject, set()).add(one.split)
+    assert len(of_subject) == 10
+    assert all(len(splits) == 1 for splits in of_subject.values())
+    assert sum(splits == {"train"} for splits in of_subject.values()) == 7
+    few = "file,label,subject\n0.h5,a,s\n1.h5,a,s\n"
+    with pytest.raises(DatasetError, match=r"labels\.csv: class 'a' has 1 subjects.*record more subjects"):
+        planned(place, few, ImportConfig(split={"train": 0.5, "test": 0.5}))
+
+
+# --- Parts of a recording -----------------------------------------------------------------------------------------
+
+
+def counted(times_s, **attrs):
+    """Recording whose n-th pulse has the value n."""
+    values = np.arange(len(times_s))[:, None] * np.ones((1, 2))
+    attrs = {"radar": "{}", **attrs}
+    coords = {"slow_time": np.asarray(times_s, dtype=float), "range": [1.0, 1.1]}
+    return Recording(make_array(BASEBAND, values.astype(np.complex64), coords, attrs), RADAR)
+
+
+def pulses(part):
+    return part.recording.baseband.values[:, 0].real.astype(int)
+
+
+@pytest.mark.parametrize("begin_s", [0.0, 7.3])
+def test_windows_hold_the_pulses_of_their_time(begin_s):
+    recording = counted(begin_s + np.arange(1000) / 100.0)
+    parts = cut(recording, start_s=1.0, stop_s=8.0, window_s=2.0, step_s=1.5)
+    assert [(p.start_s, p.stop_s) for p in parts] == [(1.0, 3.0), (2.5, 4.5), (4.0, 6.0), (5.5, 7.5)]
+    for part in parts:
+        expected = [n for n in range(1000) if part.start_s - 1e-6 <= n / 100.0 < part.stop_s - 1e-6]
+        np.testing.assert_array_equal(pulses(part), expected)
+        assert part.recording.baseband.slow_time.values[0] == 0.0
+
+
+def test_a_recording_is_cut_into_all_that_fit():
+    recording = counted(np.arange(1000) / 100.0)
+    assert len(cut(recording, window_s=2.5, step_s=2.5)) == 4
+    assert len(cut(recording, window_s=10.0, step_s=1.0)) == 1
+    assert len(cut(recording, window_s=0.1, step_s=0.1)) == 100
+    (whole,) = cut(replace(recording, truth=["what a simulation knows"]))
+    assert whole.recording.truth == ()
+    assert (whole.start_s, whole.stop_s) == (0.0, pytest.approx(10.0))
+    assert pulses(whole).size == 1000
+
+
+def test_bursts_are_not_cut():
+    times_s = (0.2 * np.arange(15)[:, None] + np.arange(8)[None, :] / 3000.0).ravel()
+    parts = cut(counted(times_s, burst_pulses=8), window_s=1.0, step_s=1.0)
+    assert [pulses(p).tolist() for p in parts] == [list(range(n, n + 40)) for n in (0, 40, 80)]
+    assert parts[0].recording.baseband.attrs["burst_pulses"] == 8
+
+
+@pytest.mark.parametrize(
+    ("limits", "says"),
+    [
+        ({"stop_s": 10.5}, r"stop_s = 10\.5: the recording lasts 10 s"),
+        ({"start_s": 10.0}, r"start_s = 10: the recording lasts 10 s"),
+        ({"window_s": 11.0, "step_s": 1.0}, r"lasts 10 s, less than a window of 11 s"),
+        ({"start_s": 5, "window_s": 6.0, "step_s": 1.0}, r"lasts 5 s, less than a window"),
+        ({"start_s": 1.0, "stop_s": 1.01}, r"holds 1 pulses, at least 2"),
+    ],
+)
+def test_parts_that_are_not_there_are_refused(limits, says):
+    with pytest.raises(AnalysisError, match=says):
+        cut(counted(np.arange(1000) / 100.0), **limits)
+
+
+# --- The dataset --------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def imported(recordings):
+    target = recordings.parent / "mine"
+    fields = ("signature", {"name": "baseband"})
+    config = ImportConfig(gate=(1.0, 2.0), fields=fields, shard_size=3)
+    return import_dataset(recordings, write(recordings, LABELS), target, config=config), target, recordings
+
+
+def test_rows_are_what_the_analysis_says_of_each_recording(imported):
+    report, target, recordings = imported
+    assert (report.n_recordings, report.n_rows, report.n_failed, report.n_not_tracked) == (4, 4, 0, 0)
+    assert report.counts == {"slow": 2, "fast": 2}
+    dataset = open_dataset(target)
+    assert dataset.index["id"].tolist() == ["slow-000000", "slow-000001", "fast-000000", "fast-000001"]
+    for example, speed in zip(dataset, (0.4, 0.5, 1.1, 1.2), strict=True):
+        (alone,) = analyze(read_recording(recordings / example.row["recording"]), gate=(1.0, 2.0))
+        assert example.features["torso_velocity_mps"] == pytest.approx(speed, abs=0.03)
+        for name, value in alone.features.as_dict().items():
+            np.testing.assert_equal(example.features[name], math.nan if value is None else value)
+        np.testing.assert_array_equal(example.signature.values, alone.signature.values)
+        np.testing.assert_allclose(example.signature.coords["velocity"], alone.signature.coords["velocity"])
+        np.testing.assert_array_equal(
+            example.baseband.values, read_recording(recordings / example.row["recording"]).baseband.values
+        )
+    X, y, groups = dataset.features()
+    assert X.shape == (4, 6)
+    assert y.tolist() == ["slow", "slow", "fast", "fast"]
+    assert groups.tolist() == ["person/anna", "person/ben", "person/anna", "person/ben"]
+    assert dataset.class_numbers().tolist() == [0, 0, 1, 1]
+
+
+def test_the_folder_is_like_that_of_a_built_dataset(imported):
+    report, target, recordings = imported
+    description = json.loads((target / "dataset.json").read_text())
+    assert description["id"] == report.dataset_id
+    assert (description["origin"], description["schema_version"], description["complete"]) == ("imported", 2, True)
+    assert description["shards"] == {"test": 2}
+    assert (target / "splits" / "test.txt").read_text().split() == open_dataset(target).index["id"].tolist()
+    index = pd.read_parquet(target / "index.parquet")
+    for name in ("test-00000-of-00002", "test-00001-of-00002"):
+        record = json.loads((target / "shards" / f"{name}.json").read_text())
+        with h5py.File(target / "shards" / f"{name}.h5") as file:
+            ids = [text.decode() for text in file["id"][:]]
+        assert ids == [row["id"] for row in record["rows"]] == index["id"][index["shard"] == name].tolist()
+        assert set(index["shard_sha256"][index["shard"] == name]) == {record["sha256"]}
+    assert index["source"].unique().tolist() == ["measured"]
+    assert index["recording"].tolist()[3] == "day 2/fast2.h5"
+    assert index["snr_frame_db"].isna().all()
+    assert not [c for c in index if c.startswith("truth_")]
+    assert [json.loads(line)["rows"] for line in (target / "build.jsonl").read_text().splitlines()] == [1] * 4
+    everything = b"".join(p.read_bytes() for p in target.rglob("*") if p.is_file())
+    assert str(recordings).encode() not in everything
+    assert not list(target.parent.glob("*.partial"))
+
+
+def test_the_card_tells_sources_and_what_blocks_a_release(imported, recordings):
+    _, target, _ = imported
+    card = (target / "README.md").read_text()
+    assert "Doe, J. 2020" in card
+    assert "CC-BY-4.0: 4 recordings" in card
+    assert "Not for release" not in card
+    assert blocked_recordings(open_dataset(target).index) == []
+    other = target.with_name("unknown")
+    import_dataset(recordings, write(recordings, "file,label\nslow1.h5,a\nfast1.h5,b\n"), other, config=GATE)
+    card = (other / "README.md").read_text()
+    assert "**Not for release**: 2 of 2 recordings" in card
+    assert "licence unknown: 2 recordings" in card
+    assert blocked_recordings(open_dataset(other).index) == [
+        "fast1.h5 (licence unknown)", "slow1.h5 (licence unknown)"
+    ]  # fmt: skip
+
+
+def test_the_same_again_changes_nothing_and_anything_else_is_refused(imported):
+    report, target, recordings = imported
+    config = ImportConfig(gate=(1.0, 2.0), fields=("signature", "baseband"), shard_size=3)
+    before = {p: (p.read_bytes(), p.stat().st_mtime_ns) for p in target.rglob("*") if p.is_file()}
+    again = import_dataset(recordings, recordings.parent / "labels.csv", target, config=config)
+    assert again.was_there
+    assert replace(again, was_there=False, seconds=0.0) == replace(report, seconds=0.0)
+    assert {p: (p.read_bytes(), p.stat().st_mtime_ns) for p in target.rglob("*") if p.is_file()} == before
+    elsewhere = import_dataset(recordings, recordings.parent / "labels.csv", target.with_name("b"), config=config)
+    assert elsewhere.dataset_id == report.dataset_id
+    for path in sorted((target / "shards").iterdir()):
+        assert path.read_bytes() == (target.with_name("b") / "shards" / path.name).read_bytes()
+    with pytest.raises(DatasetError, match=r"holds imported dataset .* of other recordings, labels or settings"):
+        import_dataset(recordings, recordings.parent / "labels.csv", target, config=GATE)
+    write(recordings, LABELS.replace("ben", "ken"))
+    with pytest.raises(DatasetError, match=r"of other recordings"):
+        import_dataset(recordings, recordings.parent / "labels.csv", target, config=config)
+    write(recordings, LABELS)
+    assert import_dataset(recordings, recordings.parent / "labels.csv", target, config=config).was_there
+    write_recording(point(0.41), recordings / "slow1.h5")
+    with pytest.raises(DatasetError, match=r"of other recordings"):
+        import_dataset(recordings, recordings.parent / "labels.csv", target, config=config)
+
+
+def test_clutter_said_by_hand_is_another_import(recordings):
+    labels = write(recordings, LABELS)
+    plain, said = (ImportConfig(analysis=Analysis(**table)) for table in ({}, {"clutter": "none"}))
+    hashes = {"a": "1"}
+    assert run.import_id(labels, hashes, plain) != run.import_id(labels, hashes, said)
+
+
+def test_what_is_in_the_way_is_left_alone(recordings):
+    labels = write(recordings, LABELS)
+    target = recordings.parent / "mine"
+    target.mkdir()
+    (target / "thesis.txt").write_text("dear")
+    with pytest.raises(DatasetError, match=r"mine: is not empty"):
+        import_dataset(recordings, labels, target, config=GATE)
+    assert [p.name for p in target.iterdir()] == ["thesis.txt"]
+    (target / "thesis.txt").unlink()
+    (recordings.parent / "mine.partial").mkdir()
+    with pytest.raises(DatasetError, match=r"another import runs here or was interrupted; delete it"):
+        import_dataset(recordings, labels, target, config=GATE)
+    (recordings.parent / "mine.partial").rmdir()
+    assert import_dataset(recordings, labels, target, config=GATE).n_rows == 4  # an empty folder is taken
+    with pytest.raises(ConfigError, match="no such folder of recordings"):
+        import_dataset(recordings / "none", labels, target, config=GATE)
+    (target / "dataset.json").write_text("{")
+    with pytest.raises(DatasetError, match="is damaged"):
+        import_dataset(recordings, labels, target, config=GATE)
+
+
+def test_a_full_disk_and_an_interruption_leave_nothing(recordings, monkeypatch):
+    labels, target = write(recordings, LABELS), recordings.parent / "mine"
+    kept = folder.write_shard
+
+    def full(path, *arguments):
+        kept(path, *arguments)
+        raise OSError(errno.ENOSPC, "No space left on device", str(path))
+
+    monkeypatch.setattr(folder, "write_shard", full)
+    with pytest.raises(OutputError, match=r"mine: cannot be written: .*No space left.*nothing is left"):
+        import_dataset(recordings, labels, target, config=GATE)
+    assert sorted(p.name for p in recordings.parent.iterdir()) == ["labels.csv", "recordings"]
+    monkeypatch.setattr(folder, "write_shard", kept)
+
+    def interrupted(done, total):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        import_dataset(recordings, labels, target, config=GATE, on_progress=interrupted)
+    assert sorted(p.name for p in recordings.parent.iterdir()) == ["labels.csv", "recordings"]
+
+
+def test_damaged_recordings_are_failures_with_reasons(recordings):
+    content = (recordings / "slow2.h5").read_bytes()
+    (recordings / "slow2.h5").write_bytes(content[: len(content) // 2])
+    (recordings / "fast1.h5").write_bytes(b"")
+    (recordings / "a.txt").write_text("hello")
+    text = LABELS + "a.txt,fast,cleo,,\n"
+    report = import_dataset(recordings, write(recordings, text), recordings.parent / "mine", config=GATE)
+    assert (report.n_rows, report.n_failed) == (2, 3)
+    reasons = {failure["id"]: failure["reason"] for failure in report.failures}
+    assert set(reasons) == {"slow-000001", "fast-000000", "fast-000002"}
+    assert reasons["slow-000001"].startswith("slow2.h5: ")
+    assert "is empty" in reasons["fast-000000"]
+    assert "no recording format" in reasons["fast-000002"]
+    assert json.loads(report.failures[0]["spec"])["line"] == 3
+    description = json.loads((recordings.parent / "mine" / "dataset.json").read_text())
+    assert (description["complete"], description["n_examples"]) == (False, 5)
+    assert "**Incomplete**: 3 " in (recordings.parent / "mine" / "README.md").read_text()
+    assert open_dataset(recordings.parent / "mine").index["id"].tolist() == ["slow-000000", "fast-000001"]
+    again = import_dataset(recordings, recordings.parent / "labels.csv", recordings.parent / "mine", config=GATE)
+    assert again.was_there
+    assert again.failures == report.failures
+
+
+def test_when_nothing_can_be_imported_nothing_is_written(recordings):
+    (recordings / "slow1.h5").write_bytes(b"")
+    with pytest.raises(DatasetError, match=r"none of 1 recordings can be imported; the first, a-000000: .*is empty"):
+        import_dataset(recordings, write(recordings, "file,label\nslow1.h5,a\n"), recordings.parent / "m", config=GATE)
+    assert not (recordings.parent / "m").exists()
+
+
+def test_an_internal_error_of_one_recording_is_its_failure(recordings, monkeypatch):
+    from doppelgait.dataset.importing import examples
+
+    def broken(recording, **options):
+        if float(np.abs(recording.baseband.values[5, 10])) == broken.mark:
+            raise ZeroDivisionError("oops")
+        return analyze(recording, **options)
+
+    broken.mark = float(np.abs(read_recording(recordings / "slow2.h5").baseband.values[5, 10]))
+    monkeypatch.setattr(examples, "analyze", broken)
+    report = import_dataset(recordings, write(recordings, LABELS), recordings.parent / "m", config=GATE)
+    assert report.n_rows == 3
+    assert report.failures[0]["reason"] == "internal error: ZeroDivisionError: oops"
+
+
+def test_windows_of_a_recording_stay_together(recordings):
+    text = "file,label,subject,start_s,stop_s,truth_gait_frequency_hz\nslow1.h5,a,x,0.5,,1.5\nfast1.h5,b,y,,,\n"
+    config = ImportConfig(gate=(1.0, 2.0), window_s=0.75, hop_s=0.5, split={"train": 1.0})
+    report = import_dataset(recordings, write(recordings, text), recordings.parent / "m", config=config)
+    index = open_dataset(recordings.parent / "m").index
+    assert report.n_rows == 5
+    assert index["id"].tolist() == [
+        "a-000000-w0000", "a-000000-w0001", "b-000000-w0000", "b-000000-w0001", "b-000000-w0002"
+    ]  # fmt: skip
+    assert index["window_start_s"].tolist() == [0.5, 1.0, 0.0, 0.5, 1.0]
+    np.testing.assert_allclose(index["observation_s"], 0.75)
+    assert index.groupby("scene_id")["split"].nunique().max() == 1
+    assert index["truth_gait_frequency_hz"].tolist()[:2] == [1.5, 1.5]
+    assert index["truth_gait_frequency_hz"].isna().tolist() == [False, False, True, True, True]
+    np.testing.assert_allclose(index["feature_torso_velocity_mps"], [0.4] * 2 + [1.1] * 3, atol=0.05)
+    short = config.model_copy(update={"window_s": 1.75, "hop_s": None})
+    report = import_dataset(recordings, write(recordings, text), recordings.parent / "n", config=short)
+    assert (report.n_rows, report.n_failed) == (1, 1)
+    assert "lasts 1.5 s, less than a window of 1.75 s" in report.failures[0]["reason"]
+
+
+def test_formats_and_options_of_the_reader_are_passed_on(recordings):
+    write_arrays(point(0.7), recordings / "array.npz")
+    (recordings / "array.toml").unlink()
+    text = "file,label,option.radar,option.prf_hz,option.carrier_hz\narray.npz,a,x4,{prf},\nslow1.h5,b,,,\n"
+    report = import_dataset(
+        recordings, write(recordings, text.format(prf=PRF_HZ)), recordings.parent / "m", config=GATE
+    )
+    assert report.n_failed == 0, report.failures
+    first = open_dataset(recordings.parent / "m").index.iloc[0]
+    assert first["prf_hz"] == pytest.approx(PRF_HZ)
+    assert first["notes"]
+    wrong = "file,label,option.colour\narray.npz,a,red\nslow1.h5,b,\n"
+    report = import_dataset(recordings, write(recordings, wrong), recordings.parent / "n", config=GATE)
+    assert "no option colour" in report.failures[0]["reason"]
+
+
+# --- Whose is the label -------------------------------------------------------------------------------------------
+
+
+def result(**quality):
+    base = object.__new__(TargetResult)
+    object.__setattr__(base, "quality", quality)
+    return base
+
+
+def test_the_label_goes_to_the_track_with_the_most_sure_seconds():
+    long = result(track_confidence=0.8, track_start_s=0.0, track_stop_s=5.0)
+    short = result(track_confidence=1.0, track_start_s=1.0, track_stop_s=4.0)
+    faint = result(track_confidence=0.1, track_start_s=0.0, track_stop_s=10.0)
+    still = result(breathing_confidence=0.99)
+    assert labelled_result([still, short, faint, long]) is long
+    assert labelled_result([still, result(breathing_confidence=0.5)]) is still
+    assert labelled_result([still, faint]) is faint
+    assert labelled_result([]) is None
+
+
+@pytest.fixture(scope="module")
+def tracked(tmp_path_factory):
+    """A walker, a walker and a dog, and an empty room, found without the truth that their files hold."""
+    place = tmp_path_factory.mktemp("tracked")
+    walk = boulic_walk(speed_mps=1.2, height_m=1.75, duration_s=4.5)
+    dog = quadruped_gait(gait="trot", withers_m=0.5, duration_s=4.5)
+    radar = Radar.preset("x4")
+    scenes = {
+        "one": Scene([Target(walk, label="truth", range_m=6.5)]),
+        "two": Scene(
+            [Target(walk, label="truth", range_m=5.0), Target(dog, range_m=5.0, aspect_deg=180.0, bearing_deg=5.0)]
+        ),
+        "empty": Scene([], duration_s=3.0),
+    }
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DoppelgaitWarning)
+        for seed, (name, scene) in enumerate(scenes.items()):
+            noise = {} if name == "empty" else {"snr_db": 25.0}
+            write_recording(simulate(scene, radar, rng=rng(seed), **noise), place / f"{name}.h5")
+    return place
+
+
+def test_targets_are_found_and_who_is_missing_stays_a_row(tracked, tmp_path):
+    text = "file,label,nobody\none.h5,human,\ntwo.h5,human,\nempty.h5,human,\nempty.h5,empty,yes\n"
+    (tmp_path / "labels.csv").write_text(text.replace("empty.h5,human", "copy.h5,human"))
+    shutil.copy(tracked / "empty.h5", tracked / "copy.h5")
+    report = import_dataset(tracked, tmp_path / "labels.csv", tmp_path / "m")
+    assert (report.n_rows, report.n_failed, report.n_not_tracked) == (4, 0, 1), report.failures
+    dataset = open_dataset(tmp_path / "m")
+    index = dataset.index.set_index("recording")
+    assert index["n_tracks"].tolist()[2:] == [0, 0]
+    assert index.loc["one.h5", "n_tracks"] == 1
+    assert "several_tracks" not in index.loc["one.h5", "flags"]
+    assert index.loc["one.h5", "feature_torso_velocity_mps"] == pytest.approx(1.2, abs=0.1)
+    assert index.loc["two.h5", "n_tracks"] >= 2
+    assert "several_tracks:the_label_went_to_the_surest" in index.loc["two.h5", "flags"].split(";")
+    assert index.loc["copy.h5", "flags"] == "not_tracked"
+    assert index.loc["empty.h5", "flags"] == "nobody:nothing_found"
+    assert index["source"].tolist() == ["measured"] * 3 + ["none"]
+    X, _, _ = dataset.features()
+    assert np.isnan(X[2:]).all()
+    assert dataset.array("signature", 2).size == 0
+    assert not [c for c in dataset.index if c.startswith("truth_")]  # the files' truth is not looked at
+    card = (tmp_path / "m" / "README.md").read_text()
+    assert "4 rows: targets were found and followed" in card
+
+
+def test_rows_without_any_target_still_have_the_columns_of_features(tracked, tmp_path):
+    (tmp_path / "labels.csv").write_text("file,label\nempty.h5,human\n")
+    import_dataset(tracked, tmp_path / "labels.csv", tmp_path / "m")
+    X, _, _ = open_dataset(tmp_path / "m").features()
+    assert X.shape == (1, 6)
+    assert np.isnan(X).all()

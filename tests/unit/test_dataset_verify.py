@@ -1,0 +1,353 @@
+"""Parts of the verification on tables made by hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.stats import pearsonr
+from sklearn.metrics import balanced_accuracy_score
+
+from doppelgait.dataset.verify import chance, duplicates, truth
+from doppelgait.dataset.verify.contents import Contents
+from doppelgait.dataset.verify.leaks import check_groups
+from doppelgait.dataset.verify.movers import check_movers
+from doppelgait.dataset.verify.nuisance import rounded
+from doppelgait.dataset.verify.report import Check, Verification, some
+
+
+def contents(index, **description):
+    described = {"fields": {}, "classes": {}, "config": {}, **description}
+    return Contents(Path("nowhere"), described, pd.DataFrame(index), True, {}, None, "no plan")
+
+
+# truth
+
+
+def walkers(n=40, **changes):
+    speed = np.linspace(0.5, 2.0, n)
+    table = {
+        "label": ["human", "dog"] * (n // 2),
+        "truth_radial_velocity_mps": speed,
+        "feature_torso_velocity_mps": speed + 0.02,
+        "truth_gait_frequency_hz": 1.0 + speed,
+        "gait_frequency_hz": 1.01 * (1.0 + speed),
+        "quality_snr_mu_db": np.full(n, 15.0),
+        "flags": [""] * n,
+        "source": ["model"] * n,
+    }
+    return pd.DataFrame({**table, **changes})
+
+
+def test_honest_features_pass_and_their_rms_is_right():
+    found = truth.check_velocity(walkers())
+    assert found.status == "passed"
+    assert found.numbers["dog"]["rms"] == pytest.approx(0.02)
+    assert found.numbers["dog"] == {"rows": 20, "share_inside": 1.0, "rms": pytest.approx(0.02)}
+    assert truth.check_gait_frequency(walkers()).status == "passed"
+
+
+def test_a_class_whose_sign_is_wrong_fails_and_the_other_does_not():
+    table = walkers()
+    table.loc[table["label"] == "dog", "feature_torso_velocity_mps"] *= -1
+    found = truth.check_velocity(table)
+    assert found.status == "failed"
+    assert found.summary.startswith("off as a whole: dog;")
+    assert found.numbers["human"]["share_inside"] == 1.0
+
+
+def test_single_wrong_estimates_do_not_fail_a_class():
+    table = walkers()
+    table.loc[:7, "gait_frequency_hz"] *= 2
+    assert truth.check_gait_frequency(table).status == "passed"
+    table["gait_frequency_hz"] *= 0.5
+    assert truth.check_gait_frequency(table).status == "failed"
+
+
+def test_flagged_and_noisy_gait_frequencies_are_not_judged():
+    table = walkers(gait_frequency_hz=np.full(40, 9.0), flags=["x;low_confidence"] * 40)
+    assert truth.check_gait_frequency(table).status == "skipped"
+    assert truth.check_gait_frequency(table.assign(flags="", quality_snr_mu_db=9.9)).status == "skipped"
+    assert truth.check_gait_frequency(table.assign(flags="")).status == "failed"
+
+
+@pytest.mark.parametrize(("hits", "rows", "off"), [(0, 6, False), (0, 7, True), (20, 40, False), (15, 40, True)])
+def test_off_as_a_whole_is_the_binomial_tail_below_a_thousandth(hits, rows, off):
+    from math import comb
+
+    tail = sum(comb(rows, k) * (2 / 3) ** k * (1 / 3) ** (rows - k) for k in range(hits + 1))
+    assert (tail < 1e-3) == off
+    assert truth.off_as_a_whole(hits, rows) == off
+
+
+# movers
+
+
+def test_a_class_that_declares_motion_and_is_only_noise_fails_with_its_name():
+    table = walkers()
+    assert check_movers(contents(table)).status == "passed"
+    table.loc[table["label"] == "dog", "quality_snr_mu_db"] = -2.0
+    found = check_movers(contents(table))
+    assert found.status == "failed"
+    assert "noise instead of motion: dog declares motion, but only 0 % of 20 rows" in found.summary
+
+
+def test_targets_that_no_track_follows_are_not_seen():
+    found = check_movers(contents(walkers(quality_snr_mu_db=np.full(40, np.nan))))
+    assert found.status == "failed"
+
+
+def test_a_class_of_nobody_may_be_noise_and_one_with_a_mover_is_a_warning():
+    table = walkers()
+    table.loc[table["label"] == "dog", ["source", "quality_snr_mu_db"]] = ["none", -2.0]
+    assert check_movers(contents(table)).status == "passed"
+    table["quality_snr_mu_db"] = 15.0
+    found = check_movers(contents(table))
+    assert found.status == "warning"
+    assert "dog declares nobody, but something moves in 100 %" in found.summary
+    table["feature_torso_velocity_mps"] = 0.0  # a wall, not a mover
+    assert check_movers(contents(table)).status == "passed"
+
+
+# leaks
+
+
+def people(**changes):
+    table = {
+        "scene_id": ["a", "b", "c", "d"],
+        "subject": ["person/1", "person/2", "person/3", "person/4"],
+        "group": ["person/1", "person/2", "person/3", "person/4"],
+        "recording": ["1.bvh", "2.bvh", "3.bvh", "4.bvh"],
+        "split": ["train", "train", "test", "test"],
+        "source": ["recording"] * 4,
+        "motion": ["{}"] * 4,
+    }
+    return pd.DataFrame({**table, **changes})
+
+
+def test_everyone_in_one_split_passes():
+    assert check_groups(contents(people())).status == "passed"
+
+
+@pytest.mark.parametrize("key", ["subject", "group", "recording", "scene_id"])
+def test_whoever_is_in_two_splits_is_named(key):
+    table = people()
+    table.loc[2, key] = table.loc[0, key]
+    found = check_groups(contents(table))
+    assert found.status == "failed"
+    assert f"{table.loc[0, key]} (test, train)" in found.summary
+
+
+def test_model_walkers_with_the_same_parameters_in_two_splits_are_a_warning():
+    found = check_groups(contents(people(source="model", recording="", motion=["x", "y", "x", "z"])))
+    assert found.status == "warning"
+    assert found.numbers["same_walkers"] == 2
+
+
+# duplicates
+
+
+def test_a_picture_ignores_level_and_tells_shapes_apart():
+    rng = np.random.default_rng(0)
+    power = rng.exponential(size=(200, 130))
+    power[:, 60:64] += 500 * (1 + np.sin(np.arange(200) / 9))[:, None]
+    one = duplicates.picture(power)
+    assert one @ one == pytest.approx(1, abs=1e-5)
+    assert one @ duplicates.picture(7.0 * power) == pytest.approx(1, abs=1e-5)
+    other = power.copy()
+    other[:, 60:64] = rng.exponential(size=(200, 4))
+    assert one @ duplicates.picture(other) < 0.5
+    assert duplicates.picture(np.zeros((3, 5))) @ one == 0
+
+
+def test_averages_are_those_of_the_parts():
+    values = np.arange(20.0).reshape(10, 2)
+    expected = [part.mean(axis=0) for part in np.array_split(values, 5)]
+    assert np.allclose(duplicates._averaged(values, 5), expected)
+    assert np.allclose(duplicates._averaged(values[:2], 4)[:, 0], [0, 0, 2, 2])
+
+
+def test_the_blocked_search_finds_the_nearest_of_a_brute_force(monkeypatch):
+    monkeypatch.setattr(duplicates, "BLOCK", 7)
+    monkeypatch.setattr(duplicates, "CANDIDATE", -1.0)
+    rng = np.random.default_rng(1)
+    pictures = {n: duplicates._unit(rng.normal(size=12)) for n in range(60)}
+    rows, others = np.arange(40, 60), np.arange(40)
+    found = {second: (value, first) for value, first, second in duplicates._nearest(rows, others, pictures)}
+    for row in rows:
+        likeness = [pearsonr(pictures[int(row)], pictures[int(n)])[0] for n in others]
+        assert found[row][1] == int(np.argmax(likeness))
+        assert found[row][0] == pytest.approx(max(likeness), abs=1e-5)
+
+
+def test_equal_features_in_two_splits_are_found_where_no_signature_is_kept():
+    rng = np.random.default_rng(2)
+    names = [f"feature_{name}" for name in duplicates.FEATURE_UNITS]
+    table = pd.DataFrame(rng.normal(size=(6, 6)), columns=names)
+    table["split"], table["id"], table["source"] = ["train"] * 3 + ["test"] * 3, list("abcdef"), "model"
+    arguments = (np.random.default_rng(3), lambda: None)
+    assert duplicates.check_duplicates(contents(table), *arguments).status == "passed"
+    table.loc[1, names] = table.loc[0, names]  # both in train: no leak
+    assert duplicates.check_duplicates(contents(table), *arguments).status == "passed"
+    table.loc[4, names] = table.loc[0, names]
+    found = duplicates.check_duplicates(contents(table), *arguments)
+    assert found.status == "failed"
+    assert "a (train) and e (test) identical" in found.summary
+
+
+# chance
+
+
+def parameters(n, *, leak=0.0, seed=0, per_group=1):
+    rng = np.random.default_rng(seed)
+    label = rng.integers(0, 2, n // per_group).repeat(per_group)
+    table = pd.DataFrame({"a": rng.normal(size=n) + leak * label, "b": rng.normal(size=n)})
+    table["c"] = rng.choice(["wall", "door"], n)
+    groups = np.arange(n // per_group).repeat(per_group)
+    return table.assign(label=np.where(label, "dog", "human"), group=[f"g{n}" for n in groups])
+
+
+def test_parameters_that_know_no_class_are_at_chance():
+    found = [chance.guess_classes(parameters(80, seed=n), np.random.default_rng(n)) for n in range(6)]
+    assert not any(guess.leaks for guess in found)
+    assert np.mean([guess.accuracy for guess in found]) == pytest.approx(0.5, abs=0.07)
+
+
+def test_a_telling_parameter_is_found_and_named():
+    found = chance.guess_classes(parameters(160, leak=3.0), np.random.default_rng(0))
+    assert found.leaks
+    assert found.accuracy > 0.85
+    assert found.telling[0][0] == "a"
+    assert found.telling[0][1] > 0.85 > 0.7 > found.telling[1][1]
+
+
+def test_a_value_that_only_one_class_has_is_found():
+    table = parameters(120).drop(columns="a")
+    table["wall"] = np.where(table["label"] == "dog", None, "brick")
+    found = chance.guess_classes(table, np.random.default_rng(0))
+    assert found.leaks
+    assert found.telling[0][0] == "wall"
+
+
+def test_rows_of_one_group_are_one_observation():
+    """Each group has values of its own: rows of a group in two folds would give its class away."""
+    together, apart = [], []
+    for seed in range(6):
+        values = np.random.default_rng(seed).normal(size=(2, 20)).repeat(6, axis=1)
+        table = parameters(120, per_group=6, seed=seed).assign(a=values[0], b=values[1])
+        together.append(chance.guess_classes(table, np.random.default_rng(seed)).accuracy)
+        split_up = table.assign(group=[f"g{n}" for n in range(len(table))])
+        apart.append(chance.guess_classes(split_up, np.random.default_rng(seed)).accuracy)
+    assert np.mean(together) < 0.58
+    assert np.mean(apart) > 0.7
+
+
+def test_too_few_groups_are_not_judged():
+    found = chance.guess_classes(parameters(16, per_group=4), np.random.default_rng(0))
+    assert "5 are needed" in found.reason
+    assert not found.leaks
+    assert found.as_dict()["accuracy"] is None
+
+
+def test_permutations_keep_groups_together_and_counts():
+    rng = np.random.default_rng(0)
+    groups = np.array([0, 0, 1, 2, 2, 2, 3, 3])
+    labels = np.array([0, 0, 1, 1, 1, 1, 0, 1])  # the last group has both
+    seen = set()
+    for _ in range(200):
+        drawn = chance.permuted(labels, groups, rng)
+        pure = [drawn[groups == n] for n in range(3)]
+        assert all(len(set(part)) == 1 for part in pure)
+        assert sorted(part[0] for part in pure) == [0, 1, 1]
+        assert sorted(drawn[6:]) == [0, 1]
+        seen.add(tuple(drawn))
+    assert len(seen) == 6
+
+
+def test_balanced_accuracy_is_that_of_scikit_learn():
+    rng = np.random.default_rng(0)
+    labels, guesses = rng.integers(0, 3, (50, 4)), rng.integers(0, 3, (50, 4))
+    labels[:, 3] = rng.integers(0, 2, 50)  # the third class does not occur
+    guesses[:, 3] = rng.integers(0, 2, 50)
+    expected = [balanced_accuracy_score(labels[:, n], guesses[:, n]) for n in range(4)]
+    assert chance.balanced_accuracy(labels, guesses, 3) == pytest.approx(expected)
+
+
+def test_many_columns_of_labels_are_scored_as_each_alone():
+    table = parameters(60, leak=1.0)
+    cells = chance.cells_of([table[name] for name in "abc"])
+    rng = np.random.default_rng(0)
+    folds, labels = rng.integers(0, 5, 60), rng.integers(0, 2, (60, 7))
+    together = chance.scores(cells, folds, labels)
+    assert together == pytest.approx([chance.scores(cells, folds, labels[:, [n]])[0] for n in range(7)])
+
+
+def test_likelihoods_of_one_parameter_are_those_counted_by_hand():
+    column = pd.Series(["x"] * 6 + ["y"] * 4 + ["x", "y"])
+    labels = np.array([0, 0, 0, 0, 0, 1, 1, 1, 1, 0])
+    test = np.array([False] * 10 + [True] * 2)
+    levels = chance._levels(chance.cells_of([column]), test, labels[:, None], 2)[:, :, 0]
+    in_x, in_y = np.array([5, 1]), np.array([1, 3])  # of class 0, of class 1
+    n, share = np.array([6, 4]), np.array([0.6, 0.4])
+    ratio_x = np.log((in_x + 2 * share[0]) / (n + 2) / share[0])
+    ratio_y = np.log((in_y + 2 * share[1]) / (n + 2) / share[1])
+    g = 2 * (in_x @ ratio_x + in_y @ ratio_y)
+    weight = max(0.0, 1 - 2 / g)
+    assert weight > 0
+    assert levels[:, 0] == pytest.approx(weight * ratio_x, abs=1e-4)
+    assert levels[:, 1] == pytest.approx(weight * ratio_y, abs=1e-4)
+
+
+def test_two_parameters_that_tell_only_together_are_found():
+    rng = np.random.default_rng(0)
+    table = parameters(200).assign(a=rng.normal(size=200))
+    table["b"] = np.where((table["label"] == "dog") == (table["a"] > 0), 1.0, -1.0) * rng.uniform(size=200)
+    found = chance.guess_classes(table, np.random.default_rng(1))
+    assert found.leaks
+    assert max(value for _, value in found.telling) < 0.65
+
+
+def test_bins_are_quantiles_and_missing_values_have_their_own():
+    column = pd.Series([*np.arange(99.0), np.nan])
+    codes = chance.bins_of(column, 3)
+    assert np.bincount(codes).tolist() == [1, 33, 33, 33]
+    assert chance.bins_of(pd.Series(["b", None, "a", "b"]), 3).tolist() == [2, 0, 1, 2]
+    assert chance.bins_of(pd.Series([5.0, 5.0, 7.0]), 6).tolist() == [1, 1, 2]
+
+
+def test_chance_is_called_chance_as_often_as_it_should(monkeypatch):
+    """P-values of tables without a leak are uniform or, for ties, larger."""
+    monkeypatch.setattr(chance, "PERMUTATIONS", 49)
+    p = np.array([chance.guess_classes(parameters(50, seed=n), np.random.default_rng(n)).p_value for n in range(200)])
+    assert np.mean(p <= 0.1) < 0.17  # 0.1 + 3.3 standard deviations
+    assert np.mean(p <= 0.5) < 0.62
+    assert np.mean(p <= 0.5) > 0.2
+
+
+def test_rounding_of_a_level_tells_no_class():
+    values = pd.Series([0.5, 0.5 * (1 + 1e-7), -1234567.0, 0.0, np.nan, 1e-30])
+    found = rounded(values)
+    assert found[0] == found[1]
+    assert found[2] == pytest.approx(-1234600.0, rel=1e-12)
+    assert found[3] == 0
+    assert np.isnan(found[4])
+    assert found[5] == pytest.approx(1e-30, rel=1e-12)
+    assert rounded(pd.Series([0.5, 0.5001])).nunique() == 2
+
+
+# report
+
+
+def test_a_warning_and_a_skipped_check_do_not_fail_a_verification():
+    checks = (Check("a", "passed", ""), Check("b", "warning", ""), Check("c", "skipped", ""))
+    assert Verification(Path("d"), "x", True, checks, (), 0.0).passed
+    failed = Verification(Path("d"), "x", True, (*checks, Check("e", "failed", "no")), (Path("f.png"),), 0.0)
+    assert not failed.passed
+    assert failed.as_dict()["passed"] is False
+    assert failed.as_dict()["figures"] == ["f.png"]
+
+
+def test_long_lists_are_cut():
+    assert some([str(n) for n in range(7)]) == "0, 1, 2, 3, 4 and 2 more"
