@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import os
+import platform
 import traceback
 import warnings
 from collections.abc import Mapping, Sequence
@@ -79,7 +81,7 @@ def build_shard(shard: Shard, context: BuildContext) -> dict[str, Any]:
             rows.append({**row, "shard": shard.name, "row": len(arrays)})
             arrays.append(stored)
     path = Path(context.directory) / "shards" / f"{shard.name}.h5"
-    partial = path.with_suffix(".h5.partial")
+    partial = _partial(path)
     try:
         write_shard(partial, shard.split, [row["id"] for row in rows], arrays)
         record = {
@@ -201,7 +203,8 @@ def write_shard(path: Path, split: str, ids: list[str], arrays: Sequence[Arrays]
     """One dataset per field, (row, ...), one chunk per row; or one per row where shapes differ."""
     import h5py
 
-    with h5py.File(path, "w", track_order=True) as file:
+    image = io.BytesIO()  # a full disk then meets one plain write, not the middle of HDF5
+    with h5py.File(image, "w", track_order=True) as file:
         file.attrs["split"] = split
         file.create_dataset("id", data=np.array(ids, dtype=h5py.string_dtype()), track_times=False)
         for name in dict.fromkeys(name for entry in arrays for name in entry):
@@ -214,12 +217,13 @@ def write_shard(path: Path, split: str, ids: list[str], arrays: Sequence[Arrays]
                 continue
             for number, value in values.items():
                 file.create_dataset(f"{name}/{number}", data=value, **({} if value.size == 0 else options))
+    path.write_bytes(image.getbuffer())
     _sync(path)
 
 
 def write_atomically(path: Path, content: bytes) -> None:
     """Write a small file so that it is complete or absent."""
-    partial = path.with_name(path.name + ".partial")
+    partial = _partial(path)
     try:
         partial.write_bytes(content)
         _sync(partial)
@@ -227,6 +231,11 @@ def write_atomically(path: Path, content: bytes) -> None:
     except BaseException:
         partial.unlink(missing_ok=True)
         raise
+
+
+def _partial(path: Path) -> Path:
+    """Name to write to first; a worker left over from a killed build must not write into that of its successor."""
+    return path.with_name(f"{path.name}.{platform.node()}-{os.getpid()}.partial")
 
 
 def _sync(path: Path) -> None:
