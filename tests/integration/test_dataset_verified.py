@@ -15,7 +15,7 @@ from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
 from doppelgait.dataset.build import build_dataset, make_index
 from doppelgait.dataset.config import PlanConfig
-from doppelgait.dataset.finish import write_splits
+from doppelgait.dataset.finish import contents_sha256, write_splits
 from doppelgait.dataset.shard import file_sha256
 from doppelgait.dataset.verify import verify_dataset
 
@@ -62,8 +62,11 @@ def failed(verification):
     return {check.name for check in verification.checks if check.status == "failed"}
 
 
-def tamper(folder, rows=None, arrays=None):
-    """Change rows and arrays of all shards, and make hashes, records, index and lists agree with it."""
+def tamper(folder, rows=None, arrays=None, *, restate=True):
+    """Change rows and arrays of all shards, and make hashes, records, index and lists agree with it.
+
+    ``restate``: the hash of the contents, too, so that the other checks show what they find.
+    """
     records = []
     for path in sorted((folder / "shards").glob("*.json")):
         record, shard = json.loads(path.read_text()), path.with_suffix(".h5")
@@ -79,6 +82,11 @@ def tamper(folder, rows=None, arrays=None):
     index = make_index(sorted(records, key=lambda record: order.index(record["shard"])))
     index.to_parquet(folder / "index.parquet", index=False)
     write_splits(folder / "splits", index)
+    if restate:
+        description = json.loads((folder / "dataset.json").read_text())
+        if "contents_sha256" in description:
+            description["contents_sha256"] = contents_sha256(folder, order)
+            (folder / "dataset.json").write_text(json.dumps(description))
 
 
 def states(folder):
@@ -138,7 +146,7 @@ def test_a_half_built_dataset_is_checked_as_far_as_it_is_there(copy):
     assert not found.complete
     assert "not built yet: validation-00000-of-00001" in found.check("shards").summary
     skipped = {check.name for check in found.checks if check.status == "skipped"}
-    assert skipped == {"index", "splits", "class balance", "re-simulation", "measured SNR"}
+    assert skipped == {"contents", "index", "splits", "class balance", "re-simulation", "measured SNR"}
     assert found.check("torso velocity").numbers["dog"]["rows"] == 25
 
 
@@ -419,3 +427,25 @@ def test_imported_recordings_are_warned_of_and_have_no_plan(copy):
     assert "prf_hz (dog 900, human 1e+03; alone 1.00)" in found.check("nuisance").summary
     assert found.check("class balance").numbers["counts"]["dog/train"] == 21
     assert found.check("identity").status == "skipped"
+
+
+def test_rows_changed_after_the_end_are_noticed_even_where_everything_else_agrees(copy):
+    def one(row):
+        if row["id"] == "dog-000000":
+            row["feature_doppler_bandwidth_hz"] = 999.0
+
+    tamper(copy, rows=one, restate=False)
+    found = verify(copy)
+    assert found.check("contents").status == "failed"
+    assert "changed after the dataset was finished" in found.check("contents").summary
+
+
+def test_a_fact_that_the_plan_does_not_give_fails_though_one_row_only(copy):
+    def one(row):
+        if row["id"] == "dog-000000":
+            row["truth_range_m"] = 1.0
+
+    tamper(copy, rows=one)
+    found = verify(copy, share=1.0)
+    assert found.check("re-simulation").status == "failed"
+    assert "dog-000000: truth_range_m is 1.0" in found.check("re-simulation").summary

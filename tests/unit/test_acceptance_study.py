@@ -77,7 +77,7 @@ def test_the_report_is_compared_cell_by_cell(tables: ModuleType) -> None:
     assert table.loc["liland2018", "1.5 s"] == "45 (21), n 20"
     assert table.loc["standard", "1 s"] == "5 (7), n 20"
     worse, near = tables.report_demands(pd.concat([report, ours])).to_dict("records")
-    assert worse["reached"] == "2 cells worse, 1 the same (0 %), of 3"
+    assert worse["reached"] == "2 cells worse, 1 the same, of 3"
     assert worse["met?"] == "not met"
     # 35 against 35 and 45 against 21; 5 s is not asked for
     assert (near["reached"], near["met?"]) == ("24.0", "not met")
@@ -224,6 +224,13 @@ def test_ratio_repeats_by_hand(errors: ModuleType) -> None:
     assert longer["single within %"] == 50
     assert noisier["of the mean %"] == pytest.approx(100 * (2.6 / 3.0 - 1), abs=5e-3)
     assert noisier["met?"] == "not met"
+
+
+def test_every_row_counts_for_its_gait_and_its_class(errors: ModuleType) -> None:
+    found = errors.with_classes(pd.DataFrame({"gait": ["dog trot", "dog walk", "human walk"], "rho": [1.0, 2.0, 3.0]}))
+    assert found.groupby("gait")["rho"].sum().to_dict() == {
+        "dog all": 3.0, "dog trot": 1.0, "dog walk": 2.0, "human all": 3.0, "human walk": 3.0,
+    }  # fmt: skip
 
 
 def test_true_bandwidths_of_an_example(errors: ModuleType) -> None:

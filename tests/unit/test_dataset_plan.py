@@ -13,6 +13,7 @@ from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.dataset.config import DatasetSection, PlanConfig, load_plan, plan_names
 from doppelgait.dataset.describe import differences, shorten
 from doppelgait.dataset.identity import dataset_id
+from doppelgait.dataset.licences import blocks_release
 from doppelgait.dataset.plan import check_examples, nuisance_of, plan_dataset
 from doppelgait.dataset.sampling import resolve
 from doppelgait.dataset.splits import assign_splits, groups_of
@@ -197,7 +198,7 @@ def test_a_wrong_motion_is_refused_while_planning(tmp_path, motion, says):
 
 def files(tmp_path, *names):
     for name in names:
-        (tmp_path / name).touch()
+        (tmp_path / name).write_text(name)
     return {"kind": "file", "path": {"choice": list(names)}}
 
 
@@ -477,3 +478,74 @@ def test_wrong_fields_are_refused(field, says):
         section(fields=[field])
     with pytest.raises(ConfigError, match="names a field twice"):
         section(fields=["signature", {"name": "signature"}])
+
+
+def test_companions_are_placed_by_the_law_of_the_targets_and_never_beside_nobody():
+    config = plan(
+        target={"range_m": {"uniform": [4, 6]}, "rcs": {"total_m2": {"log_uniform": [0.1, 1.6]}}},
+        companions=[{"label": "dog", "motion": {"kind": "quadruped"}}],
+        classes=[{"label": "human", "motion": {"kind": "boulic"}}, {"label": "empty", "motion": "none"}],
+        noise={"kind": "thermal"},
+    )
+    examples = examples_of(config)
+    pairs = [e.run.scene.targets for e in examples if len(e.rows) == 2]
+    assert len(pairs) == 20
+    assert all(len(e.rows) == 1 for e in examples if e.label == "empty")
+    assert all(4 <= t.range_m <= 6 for pair in pairs for t in pair)
+    assert all(mine.range_m != its.range_m for mine, its in pairs)
+
+
+def leaky(**changes):
+    from doppelgait.dataset.verify.nuisance import refuse_leaks
+
+    config = plan(dataset={"name": "x", "examples_per_class": 60}, **changes)
+    refuse_leaks(examples_of(config), np.random.default_rng(0))
+
+
+def test_a_leaky_plan_is_refused_with_the_parameters_names():
+    honest = {"range_m": {"uniform": [4, 6]}, "rcs": {"total_m2": 0.5}}
+    leaky(target=honest)
+    near = {"label": "human", "motion": {"kind": "boulic"}, "range_m": {"uniform": [2.5, 3]}}
+    with pytest.raises(DatasetError, match=r"told by nuisance parameters alone.*target\.range_m"):
+        leaky(target=honest, companions=[near])
+
+
+def test_a_cycle_turns_alike_in_every_class():
+    fan = {"motion": {"kind": "fan"}, "range_m": 7.0}
+    config = plan(
+        dataset={"name": "x", "examples_per_class": 20}, background=[{"cycle": [*[{}] * 20, *[fan] * 20]}],
+        target={"range_m": 5.0},
+    )  # fmt: skip
+    counts = [len(e.run.scene.targets) for e in examples_of(config)]
+    assert counts[:20] == counts[20:]
+
+
+def test_copies_of_a_file_are_one_subject_or_refused(tmp_path):
+    motion = files(tmp_path, *(f"{n}.c3d" for n in range(8)))
+    (tmp_path / "1.c3d").write_text("0.c3d")
+    config = plan(classes=[{"label": "a", "motion": motion}])
+    with pytest.raises(ConfigError, match=r"motion files '0\.c3d' and '1\.c3d' hold the same"):
+        plan_dataset(config, folder=tmp_path)
+    one = plan(
+        dataset={"name": "x", "examples_per_class": 60}, classes=[{"label": "a", "motion": motion}],
+        sources=[{"files": "[01].c3d", "subject": "(.)"}, {"files": "1.c3d", "subject": "(.)"}],
+    )  # fmt: skip
+    with pytest.raises(ConfigError, match="hold the same"):
+        plan_dataset(one, folder=tmp_path)
+    same = plan(
+        dataset={"name": "x", "examples_per_class": 60}, classes=[{"label": "a", "motion": motion}],
+        sources=[{"files": "[01].c3d", "subject": "([.]c3d)"}],
+    )  # fmt: skip
+    plan_dataset(same, folder=tmp_path)
+
+
+@pytest.mark.parametrize("licence", ["CC0-1.0", "CC-BY-4.0", "CC BY 4.0", "cc-by-sa-4.0", "MIT", "Apache-2.0", "own"])
+def test_licences_that_allow_it_do_not_block_a_release(licence):
+    assert not blocks_release(licence)
+
+
+@pytest.mark.parametrize(
+    "licence", ["", "unknown", "CC-BY-NC-4.0", "CC BY-ND 4.0", "proprietary", "research use only", "none found", "TODO"]
+)
+def test_all_other_licences_block_a_release(licence):
+    assert blocks_release(licence)

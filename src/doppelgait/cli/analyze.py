@@ -48,6 +48,7 @@ def analyze(
     from doppelgait.core.config import apply_overrides, validate
     from doppelgait.pipeline import Tracking, analysis_as_dict, write_results
     from doppelgait.pipeline import analyze as run_analysis
+    from doppelgait.pipeline.tracked import with_clutter_off
     from doppelgait.processing import Analysis
     from doppelgait.radar import read_recording
 
@@ -59,6 +60,8 @@ def analyze(
     loaded = read_recording(recording, **apply_overrides({}, options or []))
     for note in loaded.notes:
         say(f"note: {note}")
+    if gate == "track":
+        settings = with_clutter_off(settings)  # said here, so that files and figures state and show what was done
     results = run_analysis(loaded, gate=parse_gate(gate), analysis=settings, tracking=tracking)
     if output is not None:
         write_results(output, loaded, results, settings)

@@ -21,6 +21,8 @@ MotionFolder = Annotated[
     typer.Option("--motion-folder", help="Where the motion files of the plan are; by default beside the plan file."),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+LEAKS_LOOKED_AT = 1000
+"""From this many examples a plan is judged whether its nuisance parameters tell the class."""
 ALL_CHECKED = 20_000
 """Up to this many examples are drawn in full by ``dataset plan``; of larger plans as many, evenly spread."""
 
@@ -52,14 +54,17 @@ def plan_command(
 
     Example: doppelgait dataset plan home-alarm --set dataset.examples_per_class=50000
     """
+    from doppelgait.core.rng import rng
     from doppelgait.dataset.identity import dataset_id
     from doppelgait.dataset.plan import check_examples, plan_dataset
     from doppelgait.dataset.summary import summarise, write_specs
+    from doppelgait.dataset.verify.nuisance import refuse_leaks
 
     loaded, folder = _load(plan, changes, motion_folder)
     with progress("reading motion files", quiet=as_json) as on_progress:
         laid_out = plan_dataset(loaded, folder=folder, on_progress=on_progress)
     checked = check_examples(laid_out, most=ALL_CHECKED)
+    refuse_leaks(_some(laid_out), rng(0))
     summary = summarise(laid_out, dataset_id(laid_out.config, folder), n_checked=checked, pilot=pilot)
     if specs is not None:
         write_specs(laid_out, specs)
@@ -68,6 +73,13 @@ def plan_command(
         print_json(summary.as_dict())
     else:
         _print_summary(summary)
+
+
+def _some(laid_out: Any) -> list[Any]:
+    """Up to :data:`LEAKS_LOOKED_AT` examples, evenly spread."""
+    total = len(laid_out.examples)
+    count = min(total, LEAKS_LOOKED_AT)
+    return [laid_out.example(place * total // count) for place in range(count)]
 
 
 def _print_summary(summary: Any) -> None:
@@ -80,7 +92,7 @@ def _print_summary(summary: Any) -> None:
     print()
     print(
         f"{summary.name}: {summary.n_examples} examples in {summary.n_shards} shards, id {summary.dataset_id}; "
-        f"{summary.n_checked} were drawn in full and are allowed"
+        f"{summary.n_checked} were drawn in full, their values are allowed and do not tell the class"
     )
     if summary.estimate:
         from doppelgait.cli.output import duration_text

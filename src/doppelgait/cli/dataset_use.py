@@ -10,6 +10,7 @@ import typer
 from doppelgait.cli.output import print_json, print_table, progress, say
 
 Directory = Annotated[Path, typer.Argument(help="Folder of a dataset.")]
+SHOWN_FAILURES = 10
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
@@ -94,7 +95,9 @@ def verify(
         print_json(found.as_dict())
     else:
         print_table([{"check": c.name, "result": c.status, "found": c.summary} for c in found.checks])
-        print(f"{directory}: {'passed' if found.passed else 'FAILED'}, {found.seconds:.1f} s")
+        skipped = sum(check.status == "skipped" for check in found.checks)
+        rest = f", {skipped} checks skipped: not proven by them" if skipped else ""
+        print(f"{directory}: {'passed' if found.passed else 'FAILED'}{rest}, {found.seconds:.1f} s")
         if found.figures:
             say(f"{figures}: {', '.join(path.name for path in found.figures)}")
     if not found.passed:
@@ -167,6 +170,6 @@ def import_recordings(
             f"target, id {report.dataset_id}" + ("; it was there already" if report.was_there else "")
         )
     if report.n_failed:
-        first = report.failures[0]
-        say(f"error: {report.n_failed} recordings failed; the first is {first['id']}: {first['reason']}")
+        reasons = "".join(f"\n  {f['id']}: {f['reason']}" for f in report.failures[:SHOWN_FAILURES])
+        say(f"error: {report.n_failed} recordings failed and are left out:{reasons}")
         raise typer.Exit(1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import platform
@@ -123,8 +124,17 @@ def finish_dataset(
     _write_card(target, config, identity, index)
     planned = sum(config.examples_of(section) for section in config.classes)
     complete = totals.n_failed <= max_failed_share * planned
-    write_description(target, describe(config, identity, count_shards(names), complete=complete, labels=totals.labels))
+    description = describe(config, identity, count_shards(names), complete=complete, labels=totals.labels)
+    write_description(target, {**description, "contents_sha256": contents_sha256(target, names)})
     return totals
+
+
+def contents_sha256(target: Path, names: Iterable[str]) -> str:
+    """SHA-256 over the records of all shards, which hold every row and the hash of every array file."""
+    digest = hashlib.sha256()
+    for name in names:
+        digest.update(hashlib.sha256((target / "shards" / f"{name}.json").read_bytes()).digest())
+    return digest.hexdigest()
 
 
 def _write_card(target: Path, config: PlanConfig, identity: str, index: pd.DataFrame) -> None:

@@ -7,13 +7,18 @@ from collections.abc import Iterable
 
 import pandas as pd
 
-NON_COMMERCIAL = re.compile(r"\bnc\b|non[ -]?commercial|research[ -]only|academic|no[ -]?redistribution|\bnd\b", re.I)
-"""Words of licences under which a dataset made from a file must not be handed on freely."""
+FREE = re.compile(
+    r"(cc0|cc[ -]by|cc[ -]by[ -]sa|odc[ -]by|odbl|pddl|mit|isc|unlicense|bsd[ -][0-4][ -]clause|apache([ -]2\.0)?"
+    r"|cdla[ -](permissive|sharing)|public domain|own)([ -][0-9.]+)?",
+    re.IGNORECASE,
+)
+"""Licences under which what is made from a file may be handed on, as SPDX writes them, and ``own`` recordings. Every
+other text blocks a release: nobody can list all the ways of saying no."""
 
 
 def blocks_release(licence: str) -> bool:
-    """Whether a licence keeps what is made from a file from being released: non-commercial, or not known."""
-    return not licence.strip() or NON_COMMERCIAL.search(licence.replace("_", " ").replace("-", " ")) is not None
+    """Whether a licence keeps what is made from a file from being released: all that are not known to allow it."""
+    return FREE.fullmatch(licence.strip()) is None
 
 
 def licences_of(index: pd.DataFrame) -> pd.DataFrame:

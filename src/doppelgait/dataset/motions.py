@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import inspect
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -89,12 +90,14 @@ def check_motion(motion: Any, folder: Path, *, key: str) -> None:
         raise ConfigError(f"{key}: {shorten(motion)} is not allowed: {needs}")
     kind = motion["kind"]
     options = {name: value for name, value in motion.items() if name != "kind"}
+    if kind == "folder":
+        raise ConfigError(f"{key}.kind: a folder is allowed in [[classes]] only; name a file")
     if kind == "file":
         _check_file(options, folder, key)
     elif kind == NOBODY:
         validate(Phantom, options, section=tuple(key.split(".")))
     elif kind not in MOTION_MODELS:
-        known = ", ".join(["file", "folder", NOBODY, *MOTION_MODELS])
+        known = ", ".join(["file", NOBODY, *MOTION_MODELS])
         raise ConfigError(f"{key}.kind: {kind!r} is not allowed: known are {known}")
     else:
         try:
@@ -162,3 +165,21 @@ def refuse_two_spellings(paths: Iterable[str], folder: Path) -> None:
         first = seen.setdefault((folder / path).resolve(), path)
         if first != path:
             raise ConfigError(f"motion files {first!r} and {path!r} are the same file; write its path in one way")
+
+
+def refuse_copies(paths: Iterable[str], folder: Path, sources: Sequence[SourceSection]) -> None:
+    """A :class:`ConfigError` if files of equal content would be different subjects, perhaps in two splits."""
+    by_size: dict[int, list[str]] = {}
+    for path in paths:
+        if (folder / path).is_file():
+            by_size.setdefault((folder / path).stat().st_size, []).append(path)
+    seen: dict[str, str] = {}
+    for path in (path for group in by_size.values() if len(group) > 1 for path in group):
+        first = seen.setdefault(hashlib.sha256((folder / path).read_bytes()).hexdigest(), path)
+        if subject_of({"kind": "file", "path": first}, "", sources) != subject_of(
+            {"kind": "file", "path": path}, "", sources
+        ):
+            raise ConfigError(
+                f"motion files {first!r} and {path!r} hold the same; leave one out, or give both one subject in "
+                "[[sources]]"
+            )

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from doppelgait.core.errors import ConfigError
 from doppelgait.dataset.config import SPLITS, PlanConfig
 from doppelgait.dataset.folders import Progress, expand_folders
-from doppelgait.dataset.motions import motion_files, refuse_two_spellings
+from doppelgait.dataset.motions import motion_files, refuse_copies, refuse_two_spellings
 from doppelgait.dataset.resolve import ExampleSpec, class_of, example_id, resolve_example, rows_of
 from doppelgait.dataset.splits import assign_splits, groups_of
 
@@ -105,6 +105,7 @@ def plan_dataset(config: PlanConfig, *, folder: Path | None = None, on_progress:
     expanded = expand_folders(config, source, on_progress=on_progress)
     files = motion_files([*(s.motion for s in expanded.classes), {"companions": expanded.companions}])
     refuse_two_spellings(files, source)
+    refuse_copies(files, source, expanded.sources)
     scenes = [subjects for place in range(len(expanded.classes)) for subjects in _subjects(expanded, place, source)]
     groups = groups_of(scenes)
     members: dict[str, list[str]] = {section.label: [] for section in expanded.classes}
@@ -166,12 +167,19 @@ def check_examples(plan: Plan, *, most: int | None = None) -> int:
     return count
 
 
-def nuisance_of(example: ExampleSpec) -> dict[str, Any]:
-    """All drawn values of an example but the motion: what must not tell the class; dotted keys, numbers and texts."""
+def nuisance_of(example: ExampleSpec, row: int = 0) -> dict[str, Any]:
+    """All drawn values of a row but its motion: what must not tell the class; dotted keys, numbers and texts.
+
+    Parameters
+    ----------
+    example : ExampleSpec
+    row : int
+        Which target; movers in the background count with their motion, other targets do not.
+    """
     run = example.run.model_dump(mode="json", exclude={"seed", "example"})
-    first = dict(run["scene"].pop("targets")[0])
-    for name in ("motion", "label"):
-        first.pop(name)
+    targets = run["scene"].pop("targets")
+    own = {name: value for name, value in targets[row].items() if name not in ("motion", "label")}
+    background = [target for target in targets if target["background"]]
     flat: dict[str, Any] = {"gate_error_m": example.gate_error_m}
 
     def walk(value: Any, key: str) -> None:
@@ -184,6 +192,6 @@ def nuisance_of(example: ExampleSpec) -> dict[str, Any]:
         elif value is not None:
             flat[key] = value
 
-    for key, value in {"target": first, **run}.items():
+    for key, value in {"target": own, "background": background, **run}.items():
         walk(value, key)
     return flat

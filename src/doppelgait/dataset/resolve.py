@@ -96,7 +96,8 @@ def rows_of(plan: PlanConfig, number: int, folder: Path) -> tuple[tuple[RowSpec,
     section, name = plan.classes[place], example_id(plan.classes[place].label, within)
     key = f"classes.{place}.motion"
     motion = _motion(plan, section.motion, number, key="motion", shown=key, folder=folder)
-    targets = [{"label": section.label, "motion": motion}, *_companions(plan, number, folder)]
+    alone = motion["kind"] == NOBODY  # a row of nobody must not show somebody
+    targets = [{"label": section.label, "motion": motion}, *([] if alone else _companions(plan, number, folder))]
     rows = []
     for count, target in enumerate(targets):
         row_id = name if count == 0 else f"{name}-c{count}"
@@ -116,12 +117,17 @@ def _row(plan: PlanConfig, row_id: str, label: str, motion: Mapping[str, Any]) -
 
 
 def _motion(plan: PlanConfig, table: Any, number: int, *, key: str, shown: str, folder: Path) -> dict[str, Any]:
-    motion = resolve(table, seed=plan.dataset.seed, example=number, key=key)
+    motion = _draw(plan, table, number, key)
     if isinstance(motion, Mapping) and motion.get("kind") == NOBODY and "speed_mps" not in motion:
-        speed = resolve(PHANTOM_SPEED_MPS, seed=plan.dataset.seed, example=number, key=f"{key}.speed_mps")
+        speed = _draw(plan, PHANTOM_SPEED_MPS, number, f"{key}.speed_mps")
         motion = {**motion, "speed_mps": speed}
     check_motion(motion, folder, key=shown)
     return dict(motion)
+
+
+def _draw(plan: PlanConfig, value: Any, number: int, key: str) -> Any:
+    """A value of the plan drawn for an example; cycles turn by the number within the class, alike in every class."""
+    return resolve(value, seed=plan.dataset.seed, example=number, key=key, turn=class_of(plan, number)[1])
 
 
 def _companions(plan: PlanConfig, number: int, folder: Path) -> list[dict[str, Any]]:
@@ -130,7 +136,8 @@ def _companions(plan: PlanConfig, number: int, folder: Path) -> list[dict[str, A
         if not isinstance(entry, Mapping) or not entry.get("label") or not isinstance(entry.get("motion"), Mapping):
             raise ConfigError(f"companions.{place}: {shorten(entry)} is not allowed: needs label and motion")
         check_motion(entry["motion"], folder, key=f"companions.{place}.motion")
-        found.append(dict(entry))
+        placement = _draw(plan, plan.target, number, f"companions.{place}.target")
+        found.append({**placement, **entry})
     return found
 
 
@@ -173,7 +180,7 @@ def _run_spec(
     seed = plan.dataset.seed
 
     def draw(table: Any, key: str) -> Any:
-        return resolve(table, seed=seed, example=number, key=key)
+        return _draw(plan, table, number, key)
 
     first = {**draw(plan.target, "target"), **targets[0]}
     if section.motion.get("kind") == NOBODY or targets[0]["motion"]["kind"] == NOBODY:
@@ -209,7 +216,7 @@ def _background(plan: PlanConfig, number: int) -> list[dict[str, Any]]:
 
 def _drawn_list(plan: PlanConfig, key: str, number: int) -> list[Any]:
     """A list of the plan with every distribution drawn, without the entries drawn as ``{}``."""
-    drawn = resolve(getattr(plan, key), seed=plan.dataset.seed, example=number, key=key)
+    drawn = _draw(plan, getattr(plan, key), number, key)
     if not isinstance(drawn, list):
         raise ConfigError(f"{key}: {shorten(drawn)} is not allowed: must be a list of tables")
     return [entry for entry in drawn if entry != {}]

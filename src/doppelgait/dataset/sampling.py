@@ -63,7 +63,7 @@ DISTRIBUTIONS: dict[str, Drawer] = {
 ``{ choice = [a, b, ...] }``. Beside these ``{ cycle = [a, b, ...] }`` takes the values in turn, by example number."""
 
 
-def resolve(value: Any, *, seed: int, example: int, key: str) -> Any:
+def resolve(value: Any, *, seed: int, example: int, key: str, turn: int | None = None) -> Any:
     """Draw every distribution inside a value of a plan.
 
     Parameters
@@ -75,6 +75,8 @@ def resolve(value: Any, *, seed: int, example: int, key: str) -> Any:
         Number of the example.
     key : str
         Dotted key of the value; names its stream and appears in errors.
+    turn : int, optional
+        Place in a ``cycle``; the number of the example by default.
 
     Returns
     -------
@@ -90,16 +92,16 @@ def resolve(value: Any, *, seed: int, example: int, key: str) -> Any:
             entries = value[CYCLE]
             if not isinstance(entries, list) or not entries:
                 raise ConfigError(f"{key}: cycle = {entries}: needs at least one value")
-            turn = entries[example % len(entries)]
-            return resolve(turn, seed=seed, example=example, key=f"{key}.{CYCLE}")
+            entry = entries[(example if turn is None else turn) % len(entries)]
+            return resolve(entry, seed=seed, example=example, key=f"{key}.{CYCLE}", turn=turn)
         if len(value) == 1 and next(iter(value)) in DISTRIBUTIONS:
             ((name, numbers),) = value.items()
             try:
                 drawn = DISTRIBUTIONS[name](numbers, generator_for(seed, "plan", example, key))
             except ConfigError as error:
                 raise ConfigError(f"{key}: {error}") from None
-            return resolve(drawn, seed=seed, example=example, key=f"{key}.{name}")
-        return {k: resolve(v, seed=seed, example=example, key=f"{key}.{k}") for k, v in value.items()}
+            return resolve(drawn, seed=seed, example=example, key=f"{key}.{name}", turn=turn)
+        return {k: resolve(v, seed=seed, example=example, key=f"{key}.{k}", turn=turn) for k, v in value.items()}
     if isinstance(value, list):
-        return [resolve(v, seed=seed, example=example, key=f"{key}.{n}") for n, v in enumerate(value)]
+        return [resolve(v, seed=seed, example=example, key=f"{key}.{n}", turn=turn) for n, v in enumerate(value)]
     return value

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from threadpoolctl import threadpool_limits
 
 from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitError, DoppelgaitWarning
-from doppelgait.dataset.config import PlanConfig
+from doppelgait.dataset.config import PlanConfig, load_plan
 from doppelgait.dataset.example import Example, label_arrays
 from doppelgait.dataset.fields import facts_of
 from doppelgait.dataset.folders import expand_folders
@@ -137,7 +137,7 @@ class ExampleStream:
 
 
 def stream_examples(
-    plan: PlanConfig | Plan, *, folder: Path | None = None, seed: int | None = None,
+    plan: PlanConfig | Plan | str | Path, *, folder: Path | None = None, seed: int | None = None,
     worker: tuple[int, int] = (0, 1), start: int | None = None,
 ) -> ExampleStream:  # fmt: skip
     """Simulate the examples of a plan one after the other, without end and without a disk.
@@ -148,7 +148,8 @@ def stream_examples(
 
     Parameters
     ----------
-    plan : PlanConfig or Plan
+    plan : PlanConfig, Plan, path or name
+        A path is that of a plan file, a name that of a built-in plan.
     folder : Path, optional
         Folder that relative motion paths start from; that of the plan or the working folder by default.
     seed : int, optional
@@ -170,6 +171,9 @@ def stream_examples(
     DatasetError
         If ``worker`` or ``start`` is not allowed, or a folder holds nothing usable.
     """
+    if isinstance(plan, str | Path):
+        plan, beside = load_plan(plan)
+        folder = folder or beside
     source = folder or (plan.folder if isinstance(plan, Plan) else Path())
     config = plan.config if isinstance(plan, Plan) else expand_folders(plan, source)
     if seed is not None:

@@ -233,7 +233,7 @@ def _checked_frequency(evidence: Evidence, flags: list[str]) -> float | None:
         return None
     if (gait.confidence or 0.0) < LOW_CONFIDENCE or (gait.n_periods or 0.0) < FEW_PERIODS:
         flags.append("low_confidence")
-    if gait.decision == "doubled" and (gait.margin or 0.0) < CLOSE_MARGIN:
+    if gait.decision in ("doubled", "limbs_doubled") and (gait.margin or 0.0) < CLOSE_MARGIN:
         flags.append("gait_frequency:step_or_stride_is_a_close_decision")
     return gait.frequency_hz
 

@@ -26,6 +26,7 @@ LONGEST_LAG_SHARE = 0.7
 WHOLE_IS_CLEAR, LIMBS_ARE_CLEAR = 0.4, 0.25
 """The limbs' peak replaces the strongest repetition if the whole repeats less than the first, the limbs at least as
 the second says (normalised autocorrelation at one period)."""
+LIMBS_CODES = {"as_found": "limbs", "doubled": "limbs_doubled"}
 AGREEMENT = 0.08
 """The limbs' own spectrum agrees with an estimate when its highest peak is this near."""
 CONFIDENCE_WEIGHTS = (-1.85, 0.57, 1.57, 2.42, 0.25, -35.1)
@@ -51,8 +52,8 @@ class GaitFrequency:
     limb_relative_hz : float or None
         Largest peak of the spectrum of the limbs relative to the torso, the second opinion of E-33 step 4.
     decision : str or None
-        ``as_found``, ``doubled`` or ``no_limbs`` (:class:`doppelgait.features.decision.Decision`); ``limbs`` where the
-        limbs alone gave the strongest repetition; None where it was not asked for.
+        ``as_found``, ``doubled`` or ``no_limbs`` (:class:`doppelgait.features.decision.Decision`); ``limbs`` and
+        ``limbs_doubled`` where the limbs alone gave the strongest repetition; None where it was not asked for.
     margin : float or None
         How clearly the limbs speak for the decision: |n(T/2)| over the greater of |n(T/2)| and n(T), 0 to 1.
     candidates : tuple of Candidate
@@ -163,7 +164,7 @@ def settle(
         salience=_salience(power, cadence_hz, frequency_hz, seconds),
         n_periods=frequency_hz * seconds,
         limb_relative_hz=limb_peak_hz,
-        decision="limbs" if by_limbs else found.code,
+        decision=LIMBS_CODES.get(found.code, found.code) if by_limbs else found.code,
         margin=found.margin,
         candidates=found.candidates,
         uncertainty_hz=multiple * width_hz if math.isfinite(width_hz) else None,

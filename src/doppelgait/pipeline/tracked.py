@@ -56,6 +56,13 @@ class Tracking(FrozenModel):
     breathing: BreathingSettings = BreathingSettings()
 
 
+def with_clutter_off(analysis: Analysis) -> Analysis:
+    """The parameters that ``gate = "track"`` works with: clutter off by the median unless ``clutter`` is given."""
+    if "clutter" in analysis.model_fields_set:
+        return analysis
+    return analysis.model_copy(update={"clutter": "median"})
+
+
 def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) -> list[TargetResult]:
     """Results of all bodies that are found in a recording, those that move first, in the order of their appearance.
 
@@ -68,8 +75,7 @@ def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) 
     tracking : Tracking
     """
     raw, wavelength_m = without_common_phase(recording.baseband), recording.radar.wavelength_m
-    if "clutter" not in analysis.model_fields_set:
-        analysis = analysis.model_copy(update={"clutter": "median"})
+    analysis = with_clutter_off(analysis)
     clean = processing.remove_clutter(raw, analysis)
     tracks = _tracks(raw, wavelength_m, tracking)
     moving = [_follow(raw, clean, wavelength_m, found, analysis, tracking) for found in tracks]

@@ -120,7 +120,7 @@ def _mti_sections(cutoff_hz: float, prf_hz: float) -> FloatArray:
     if not 0.0 < cutoff_hz < prf_hz / 2.0:
         raise AnalysisError(
             f"clutter removal 'mti' at {cutoff_hz:g} Hz needs more than {2 * cutoff_hz:g} frames per second, and the "
-            f"recording has {prf_hz:g}; take 'mean' or 'exponential'"
+            f"recording has {prf_hz:g}; take 'mean', 'median' or 'exponential'"
         )
     return np.asarray(butter(MTI_ORDER, cutoff_hz, "highpass", fs=prf_hz, output="sos"))
 

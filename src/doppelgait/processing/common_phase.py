@@ -15,6 +15,7 @@ ComplexArray = npt.NDArray[np.complex128]
 FloatArray = npt.NDArray[np.float64]
 
 ZONE_M = 0.75
+ZONE_BINS = 5
 """Zones of range nearer than this to a zone do not count for it: they may show the same body."""
 LEAST_WEIGHT = 1e3
 """Power of the static echoes over their own fluctuation that makes a reference; its phase is good to 0.02 rad."""
@@ -31,17 +32,18 @@ def without_common_phase(baseband: xr.DataArray) -> xr.DataArray:
     r"""Baseband with every range bin turned back by the phase that the bins elsewhere have in common.
 
     A clock that drifts turns the static echoes of all ranges alike, and what no longer stands still looks like a body.
-    The phase of frame i for the bins of a zone of 0.75 m is
+    The phase of frame i for the bins of a zone of 0.75 m, or of five bins where they are wide, is
 
     .. math:: \varphi_i = \arg \sum_m w_m y_{i,m} \bar c_m, \qquad w_m = 1 / \mathrm{var}\,|y_m|
 
-    over the bins m of all zones but this and its neighbours, so that a body's own motion is never in its own reference.
-    A common phase leaves :math:`|y_m|` as it is and a body does not: hence the weights. The static echoes :math:`c_m`
-    are means over blocks that were aligned one to the next, so that the phase may drift by any number of turns. The
-    weight of a reference :math:`S = \sum w_m |c_m|^2` must be 1000, and ten times that of the echo it corrects: the
-    error of its phase, of variance 1 / 2S, turns a static echo into noise. Where a frame has less, so many frames are
-    summed that it gets there, 0.1 s at most; bins with a weaker reference, and those that vary more with it than
-    without, are left as they are.
+    over the bins m of all zones but this and its neighbours, so that a body's own motion is not in its own reference.
+    A common phase leaves :math:`|y_m|` as it is and a body that goes from cell to cell does not: hence the weights. One
+    that stays in its cell and breathes is a reference for others where there is next to no clutter. The static echoes
+    :math:`c_m` are means over blocks that were aligned one to the next, so that the phase may drift by any number of
+    turns. The weight of a reference :math:`S = \sum w_m |c_m|^2` must be 1000, and ten times that of the echo it
+    corrects: the error of its phase, of variance 1 / 2S, turns a static echo into noise. Where a frame has less, so
+    many frames are summed that it gets there, 0.1 s at most; bins with a weaker reference, and those that vary more
+    with it than without, are left as they are.
 
     Parameters
     ----------
@@ -54,15 +56,16 @@ def without_common_phase(baseband: xr.DataArray) -> xr.DataArray:
         The same object for a frame of less than 1.5 m or a recording of less than 0.2 s.
     """
     check_signal(baseband, BASEBAND)
-    block = max(round(BLOCK_S * sampling_rate_hz(axis(baseband, "slow_time"))), 1)
     range_m = axis(baseband, "range")
-    if range_m[-1] - range_m[0] < 2 * ZONE_M or baseband.sizes["slow_time"] < 2 * block:
+    zone_m = max(ZONE_M, ZONE_BINS * float(range_m[1] - range_m[0])) if range_m.size > 1 else ZONE_M
+    block = max(round(BLOCK_S * sampling_rate_hz(axis(baseband, "slow_time"))), 1)
+    if range_m[-1] - range_m[0] < 2 * zone_m or baseband.sizes["slow_time"] < 2 * block:
         return baseband
-    return baseband.copy(data=_turned_back(baseband.values, range_m, block))
+    return baseband.copy(data=_turned_back(baseband.values, range_m, block, zone_m))
 
 
-def _turned_back(values: Values, range_m: FloatArray, block: int) -> Values:
-    zone = ((range_m - range_m[0]) / ZONE_M).astype(np.int64)
+def _turned_back(values: Values, range_m: FloatArray, block: int, zone_m: float) -> Values:
+    zone = ((range_m - range_m[0]) / zone_m).astype(np.int64)
     member = (zone[:, None] == np.arange(zone[-1] + 1)).astype(np.float32)
     far = (np.abs(np.subtract.outer(np.arange(zone[-1] + 1), np.arange(zone[-1] + 1))) > 1).astype(np.float32)
     power, variance = _moments(np.abs(values))

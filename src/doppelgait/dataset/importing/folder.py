@@ -16,6 +16,7 @@ from doppelgait.dataset.config import SPLITS
 from doppelgait.dataset.fields import facts_of
 from doppelgait.dataset.finish import (
     Totals,
+    contents_sha256,
     count_shards,
     read_records,
     tally,
@@ -158,7 +159,8 @@ def finish(
     write_splits(folder / "splits", index)
     card = import_card(index, name=name, identity=identity, config=config, labels=labels, n_failed=totals.n_failed)
     write_file(folder / "README.md", card.encode())
-    write_description(folder, _describe(names, planned, name, identity, config, totals))
+    description = _describe(names, planned, name, identity, config, totals)
+    write_description(folder, {**description, "contents_sha256": contents_sha256(folder, names)})
     return totals
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from doppelgait.core.errors import DatasetError
 from doppelgait.dataset.plan import nuisance_of
 from doppelgait.dataset.resolve import ExampleSpec
 from doppelgait.dataset.verify.chance import Guess, guess_classes
@@ -29,7 +30,7 @@ def check_nuisance(contents: Contents, drawn: Sequence[ExampleSpec], rng: np.ran
     0.55 (of two classes; as far above chance for more) and fewer than 0.1 % of permutations of the labels over the
     groups do as well (:mod:`doppelgait.dataset.verify.chance`). Imported recordings are as they are: a warning only.
     """
-    index = contents.index[contents.index["id"] == contents.index["scene_id"]]
+    index = contents.index
     table = nuisance_table(index, drawn) if drawn else _measured(_some_rows(index, rng))
     findings = [
         (words, guess_classes(part, rng))
@@ -90,8 +91,7 @@ def _some_rows(index: pd.DataFrame, rng: np.random.Generator) -> pd.DataFrame:
 
 def nuisance_table(index: pd.DataFrame, drawn: Sequence[ExampleSpec]) -> pd.DataFrame:
     """Nuisance parameters of examples that were drawn again, and what the index states of them."""
-    flat = pd.DataFrame([nuisance_of(example) for example in drawn], index=[example.id for example in drawn])
-    flat["noise.snr_db"] = [e.run.noise.snr_db if e.run.noise.kind == "snr" else np.nan for e in drawn]
+    flat = drawn_table(drawn).drop(columns=["label", "group"])
     rows = index.drop_duplicates("id").set_index("id").loc[flat.index]
     stated = _measured(rows).rename(
         columns=lambda name: name if name in ("label", "group", "nobody") else f"index.{name}"
@@ -99,6 +99,36 @@ def nuisance_table(index: pd.DataFrame, drawn: Sequence[ExampleSpec]) -> pd.Data
     if (flat["noise.kind"] == "snr").all():
         stated["index.snr_frame_db"] = rows["snr_frame_db"]  # of a thermal level of noise the motion is a part of it
     return pd.concat([stated, flat], axis=1)
+
+
+def drawn_table(drawn: Sequence[ExampleSpec]) -> pd.DataFrame:
+    """Label, group and nuisance parameters of every row of resolved examples, by its identifier."""
+    records, names = [], []
+    for example in drawn:
+        snr_db = example.run.noise.snr_db if example.run.noise.kind == "snr" else np.nan
+        for number, row in enumerate(example.rows):
+            stated = {"label": row.label, "group": example.group, **nuisance_of(example, number)}
+            records.append({**stated, "noise.snr_db": snr_db})
+            names.append(row.id)
+    return pd.DataFrame(records, index=names)
+
+
+def refuse_leaks(drawn: Sequence[ExampleSpec], rng: np.random.Generator) -> None:
+    """A :class:`DatasetError` if the drawn nuisance parameters of a plan tell its classes; nothing is simulated.
+
+    Parameters
+    ----------
+    drawn : sequence of ExampleSpec
+    rng : Generator
+        Folds and permutations.
+    """
+    movers = [e for e in drawn if all(row.source != "none" for row in e.rows)]
+    table = _varying(drawn_table(movers)) if movers else pd.DataFrame({"label": []})
+    if table["label"].nunique() < 2 or len(table.columns) < 3:
+        return
+    guess = guess_classes(table, rng)
+    if guess.leaks:
+        raise DatasetError(f"{_words('classes', guess, table)}; draw them by one law for every class")
 
 
 def _measured(rows: pd.DataFrame) -> pd.DataFrame:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from doppelgait.core.errors import ConfigError
-from doppelgait.dataset.finish import make_index, read_records
+from doppelgait.dataset.finish import contents_sha256, make_index, read_records
 from doppelgait.dataset.verify.contents import Contents, known_description, plan_of, planned_shards
 from doppelgait.dataset.verify.duplicates import check_duplicates
 from doppelgait.dataset.verify.files import (
@@ -110,6 +110,9 @@ def _open(
         reason = "index.parquet is missing, though the dataset says it is complete"
     checks = [
         check_shards(findings, complete=complete),
+        _check_contents(
+            target, description, names if complete and not (findings.missing or findings.damaged) else None
+        ),
         check_index(findings, index, reason),
         check_split_lists(target, index),
         check_leftovers(target),
@@ -118,6 +121,20 @@ def _open(
     rows = _rows(target, findings, index)
     contents = Contents(target, description, rows, index is not None, findings.failed, plan, no_plan)
     return contents, checks, len(findings.missing) + len(findings.damaged)
+
+
+def _check_contents(target: Path, description: dict[str, Any], names: Sequence[str] | None) -> Check:
+    """The records, and with them every row and array, are those that the dataset was finished with."""
+    stated = description.get("contents_sha256")
+    if stated is None or names is None:
+        return Check("contents", "skipped", "not complete, or of a version that kept no hash of its contents")
+    try:
+        found = contents_sha256(target, names)
+    except OSError as error:
+        return Check("contents", "failed", f"a shard's record cannot be read: {error}")
+    if found != stated:
+        return Check("contents", "failed", "rows were changed after the dataset was finished: build it again")
+    return Check("contents", "passed", f"{stated[:16]}, as when the dataset was finished")
 
 
 def _read_index(target: Path) -> tuple[pd.DataFrame | None, str]:
