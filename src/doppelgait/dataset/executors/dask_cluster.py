@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +23,8 @@ MAX_QUEUED = 256
 CONNECT_SECONDS = 20
 LOOK_SECONDS = 20
 """How often to look whether a cluster of this machine has workers at all: Dask gives up one that dies as it starts."""
+RESULT_SECONDS = 20.0
+"""How long a record may take from its worker to here."""
 PRELOAD = "from doppelgait.core import worker; worker.prepare_worker()"
 
 
@@ -62,7 +64,9 @@ def run_dask(work: Work, shards: Sequence[Shard], address: str, workers: int) ->
                 if not running:
                     return
                 for future in _finished(client, running, is_local=not address):
-                    yield running.pop(future), future.result()
+                    with suppress(TimeoutError):  # its worker died with the record: Dask makes the shard again
+                        record = future.result(timeout=RESULT_SECONDS)
+                        yield running.pop(future), record
         except KilledWorker:
             raise WorkersLostError from None
         except (FutureCancelledError, FuturesCancelledError):
