@@ -112,7 +112,7 @@ def test_a_failing_example_is_recorded_and_the_others_are_kept(tmp_path):
         {"label": "ghost", "motion": {"kind": "file", "path": {"choice": names}}},
     ]
     for name in names:
-        (tmp_path / name).write_bytes(b"not a C3D file")
+        (tmp_path / name).write_text(f"not a C3D file: {name}")
     report = build_dataset(small_plan(classes=classes), tmp_path / "d", folder=tmp_path, workers=1)
     assert (report.n_examples, report.n_built, report.n_reused) == (4, 4, 0)
     assert len(report.failures) == 4

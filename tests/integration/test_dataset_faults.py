@@ -359,7 +359,7 @@ def test_a_folder_without_the_right_to_write_is_one_error(tmp_path):
 def test_motion_files_that_vanish_during_the_build_are_failures_of_their_examples(tmp_path):
     names = [f"broken{n}.c3d" for n in range(4)]
     for name in names:
-        (tmp_path / name).write_bytes(b"not a C3D file")
+        (tmp_path / name).write_text(f"not a C3D file: {name}")
     classes = [
         {"label": "human", "motion": {"kind": "boulic"}},
         {"label": "ghost", "motion": {"kind": "file", "path": {"choice": names}}},

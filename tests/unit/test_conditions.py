@@ -12,7 +12,8 @@ import pytest
 from doppelgait.core.errors import AnalysisError, ConfigError, DoppelgaitWarning, RecordingError
 from doppelgait.core.rng import rng
 from doppelgait.dataset.config import PlanConfig
-from doppelgait.dataset.plan import dataset_id, plan_examples
+from doppelgait.dataset.identity import dataset_id
+from doppelgait.dataset.plan import plan_dataset
 from doppelgait.motion import boulic_walk, fan
 from doppelgait.pipeline import analyze, parse_run, run_example, run_simulation, simulate
 from doppelgait.pipeline.echoes import Conditions
@@ -31,6 +32,11 @@ SCENE = {
     "noise": {"kind": "none"},
     "targets": [{"label": "human", "motion": {"kind": "boulic", "speed_mps": 1.3}, "range_m": 5.0}],
 }
+
+
+def examples_of(plan, folder=None):
+    laid_out = plan_dataset(plan, folder=folder)
+    return [laid_out.example(number) for number in range(len(laid_out.examples))]
 
 
 def run(**changes):
@@ -179,7 +185,7 @@ PLAN = {
 
 
 def test_a_plan_draws_environment_impairments_and_background():
-    examples = plan_examples(PlanConfig.model_validate(PLAN))
+    examples = examples_of(PlanConfig.model_validate(PLAN))
     walls = [len(example.run.environment) for example in examples]
     assert set(walls) == {0, 1}
     white = {example.run.impairments[0].white_rad for example in examples}
@@ -187,7 +193,7 @@ def test_a_plan_draws_environment_impairments_and_background():
     assert max(white) <= 0.01
     assert len({example.run.scene.radar_tilt_deg for example in examples}) == len(examples)
     assert all([t.background for t in example.run.scene.targets] == [False, True] for example in examples)
-    again = plan_examples(PlanConfig.model_validate(PLAN))
+    again = examples_of(PlanConfig.model_validate(PLAN))
     assert [e.run.model_dump_json() for e in again] == [e.run.model_dump_json() for e in examples]
 
 
@@ -203,14 +209,14 @@ def test_a_plan_draws_environment_impairments_and_background():
 )
 def test_wrong_plans_are_refused(changes, message):
     with pytest.raises((ConfigError, ValueError), match=message):
-        plan_examples(PlanConfig.model_validate({**PLAN, **changes}))
+        examples_of(PlanConfig.model_validate({**PLAN, **changes}))
 
 
 def test_a_preset_file_is_part_of_the_datasets_identity(tmp_path):
     (tmp_path / "twin.toml").write_text(TWIN)
     plan = PlanConfig.model_validate({**PLAN, "radar": {"preset": {"choice": ["twin.toml", "x4"]}}})
     first = dataset_id(plan, tmp_path)
-    kinds = {example.run.radar.prf_hz for example in plan_examples(plan, folder=tmp_path)}
+    kinds = {example.run.radar.prf_hz for example in examples_of(plan, folder=tmp_path)}
     assert kinds == {500.0, 1000.0}
     (tmp_path / "twin.toml").write_text(TWIN.replace("-20", "-21"))
     assert dataset_id(plan, tmp_path) != first
