@@ -13,7 +13,7 @@ def use_widest_vectors() -> None:
     then takes 1.3 times as long, the synthesis 1.8 times. The setting is Numba's and counts for all it compiles in
     this process; whoever sets ``NUMBA_CPU_FEATURES`` is left alone.
     """
-    from llvmlite.binding import get_host_cpu_features
+    from llvmlite.binding import get_host_cpu_features  # type: ignore[import-untyped]
     from numba import config
 
     features = get_host_cpu_features()
