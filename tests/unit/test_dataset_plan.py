@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from scipy.stats import ks_2samp
 
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, DatasetError
+from doppelgait.dataset.build import _lay_out
 from doppelgait.dataset.config import DatasetSection, PlanConfig, load_plan, plan_names
 from doppelgait.dataset.describe import differences, shorten
 from doppelgait.dataset.identity import dataset_id
@@ -508,6 +510,17 @@ def test_a_leaky_plan_is_refused_with_the_parameters_names():
     near = {"label": "human", "motion": {"kind": "boulic"}, "range_m": {"uniform": [2.5, 3]}}
     with pytest.raises(DatasetError, match=r"told by nuisance parameters alone.*target\.range_m"):
         leaky(target=honest, companions=[near])
+
+
+def test_a_leaky_plan_is_built_with_a_warning(tmp_path):
+    honest = {"range_m": {"uniform": [4, 6]}, "rcs": {"total_m2": 0.5}}
+    near = {"label": "human", "motion": {"kind": "boulic"}, "range_m": {"uniform": [2.5, 3]}}
+    for companions, told in ([], False), ([near], True):
+        config = plan(dataset={"name": "x", "examples_per_class": 60}, target=honest, companions=companions)
+        with warnings.catch_warnings(record=True) as seen:
+            warnings.simplefilter("always")
+            _lay_out(config, tmp_path / "x", tmp_path, None, 0.0)
+        assert any("target.range_m" in str(w.message) and "learns these" in str(w.message) for w in seen) is told
 
 
 def test_a_cycle_turns_alike_in_every_class():

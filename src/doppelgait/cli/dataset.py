@@ -56,7 +56,7 @@ def plan_command(
     """
     from doppelgait.core.rng import rng
     from doppelgait.dataset.identity import dataset_id
-    from doppelgait.dataset.plan import check_examples, plan_dataset
+    from doppelgait.dataset.plan import check_examples, plan_dataset, spread
     from doppelgait.dataset.summary import summarise, write_specs
     from doppelgait.dataset.verify.nuisance import refuse_leaks
 
@@ -64,7 +64,7 @@ def plan_command(
     with progress("reading motion files", quiet=as_json) as on_progress:
         laid_out = plan_dataset(loaded, folder=folder, on_progress=on_progress)
     checked = check_examples(laid_out, most=ALL_CHECKED)
-    refuse_leaks(_some(laid_out), rng(0))
+    refuse_leaks(list(spread(laid_out, LEAKS_LOOKED_AT)), rng(0))
     summary = summarise(laid_out, dataset_id(laid_out.config, folder), n_checked=checked, pilot=pilot)
     if specs is not None:
         write_specs(laid_out, specs)
@@ -73,13 +73,6 @@ def plan_command(
         print_json(summary.as_dict())
     else:
         _print_summary(summary)
-
-
-def _some(laid_out: Any) -> list[Any]:
-    """Up to :data:`LEAKS_LOOKED_AT` examples, evenly spread."""
-    total = len(laid_out.examples)
-    count = min(total, LEAKS_LOOKED_AT)
-    return [laid_out.example(place * total // count) for place in range(count)]
 
 
 def _print_summary(summary: Any) -> None:

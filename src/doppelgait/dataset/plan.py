@@ -160,11 +160,15 @@ def check_examples(plan: Plan, *, most: int | None = None) -> int:
     ConfigError
         Naming class, example and key.
     """
+    return sum(1 for _ in spread(plan, most))
+
+
+def spread(plan: Plan, most: int | None = None) -> Iterator[ExampleSpec]:
+    """Up to ``most`` examples of a plan (all by default), evenly spread, drawn one by one."""
     total = len(plan.examples)
     count = total if most is None else min(most, total)
     for place in range(count):
-        plan.example(place * total // count)
-    return count
+        yield plan.example(place * total // count)
 
 
 def nuisance_of(example: ExampleSpec, row: int = 0) -> dict[str, Any]:

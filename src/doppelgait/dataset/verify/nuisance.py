@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from doppelgait.core.errors import DatasetError
+from doppelgait.core.errors import DatasetError, DoppelgaitWarning
 from doppelgait.dataset.plan import nuisance_of
 from doppelgait.dataset.resolve import ExampleSpec
 from doppelgait.dataset.verify.chance import Guess, guess_classes
@@ -129,6 +130,16 @@ def refuse_leaks(drawn: Sequence[ExampleSpec], rng: np.random.Generator) -> None
     guess = guess_classes(table, rng)
     if guess.leaks:
         raise DatasetError(f"{_words('classes', guess, table)}; draw them by one law for every class")
+
+
+def warn_of_leaks(drawn: Sequence[ExampleSpec], rng: np.random.Generator) -> None:
+    """A warning of what :func:`refuse_leaks` refuses, for a build that somebody may want all the same."""
+    try:
+        refuse_leaks(drawn, rng)
+    except DatasetError as error:
+        warnings.warn(
+            f"{error}; the dataset is built, but what learns from it learns these", DoppelgaitWarning, stacklevel=3
+        )
 
 
 def _measured(rows: pd.DataFrame) -> pd.DataFrame:
