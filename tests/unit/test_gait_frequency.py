@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from doppelgait.core.kernels.periodicity import add_between
 from doppelgait.core.labels import NORMALISED_SIGNATURE, make_array
 from doppelgait.features.autocorrelation import square_difference
-from doppelgait.features.decision import _between, decide, near_lag, power_spectrum, refine_on_harmonics
+from doppelgait.features.decision import decide, near_lag, power_spectrum, refine_on_harmonics
 from doppelgait.features.gait_frequency import GaitFrequency, gait_frequency, settle
 from doppelgait.features.limbs import Rows, grouped, limb_rows, slowed, torso_line_hz
 from doppelgait.processing import cadence_map, cadence_spectrum, detrend, detrend_order
@@ -190,8 +191,9 @@ def test_the_power_spectrum_is_that_of_the_rows():
 
 def test_a_parabola_is_met_between_its_samples():
     x = np.arange(30.0)
-    place = np.array([[3.25, 8.5], [20.9, 11.0]])
-    np.testing.assert_allclose(_between(3.0 - 0.1 * (x - 7.3) ** 2, place), 3.0 - 0.1 * (place - 7.3) ** 2)
+    place, found = np.array([3.25, 8.5, 20.9, 11.0]), np.ones(4)
+    add_between(3.0 - 0.1 * (x - 7.3) ** 2, place, 0.5, found)
+    np.testing.assert_allclose(found, 1.0 + 0.5 * (3.0 - 0.1 * (place - 7.3) ** 2))
 
 
 @pytest.mark.parametrize("frequency_hz", [0.93, 1.87, 3.3])

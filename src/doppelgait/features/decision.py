@@ -14,7 +14,7 @@ from doppelgait.features.limbs import Rows
 FloatArray = npt.NDArray[np.float64]
 
 HIGHEST_HZ = 8.0
-LAG_TOLERANCE = 0.05
+LAG_TOLERANCE, NEAR_POINTS = 0.05, 9
 N_HARMONICS = 6
 HIGHEST_HARMONIC_HZ = 14.0
 LOWEST_HZ = 0.5
@@ -111,11 +111,13 @@ def decide(frequency_hz: float, autocorrelation: FloatArray, rate_hz: float) -> 
 
 def near_lag(autocorrelation: FloatArray, lag: float) -> float | None:
     """Largest value within 5 % of a lag (which may lie between samples); None where the record is too short."""
+    from doppelgait.core.kernels.periodicity import highest_between
+
     last = autocorrelation.size - 1
     if lag > last:
         return None
-    around = np.linspace(lag * (1.0 - LAG_TOLERANCE), min(lag * (1.0 + LAG_TOLERANCE), last), 9)
-    return float(np.interp(around, np.arange(last + 1), autocorrelation).max())
+    low, high = lag * (1.0 - LAG_TOLERANCE), min(lag * (1.0 + LAG_TOLERANCE), last)
+    return highest_between(autocorrelation, low, high, NEAR_POINTS)
 
 
 def power_spectrum(rows: Rows) -> tuple[FloatArray, FloatArray]:
@@ -153,32 +155,27 @@ def refine_on_harmonics(frequency_hz: float, spectra: list[tuple[FloatArray, Flo
         Frequency in Hz, from a parabola through the top, and the distance in Hz at which that parabola has fallen by
         2 %; NaN where the sum has no top within 6 %.
     """
+    from doppelgait.core.kernels.periodicity import add_between
+
     trial_hz = frequency_hz * np.linspace(1.0 - SEARCH, 1.0 + SEARCH, FINE_STEPS)
     total = np.zeros(FINE_STEPS)
     for axis_hz, power in spectra:
-        counted = float(power[axis_hz > LOWEST_HZ].sum())
+        counted = float(power[np.searchsorted(axis_hz, LOWEST_HZ, side="right") :].sum())
         highest = min(HIGHEST_HARMONIC_HZ, float(axis_hz[-1]) / (1.0 + SEARCH))
         n = min(N_HARMONICS, int(highest / frequency_hz))
         if counted > 0 and n > 0:
-            harmonics = np.multiply.outer(np.arange(1, n + 1), trial_hz / float(axis_hz[1]))
-            total += _between(power, harmonics).sum(axis=0) / counted
+            for harmonic in range(1, n + 1):
+                add_between(power, harmonic * trial_hz / float(axis_hz[1]), 1.0 / counted, total)
     best = int(total.argmax())
     if not 0 < best < FINE_STEPS - 1 or not total.any():
         return frequency_hz, math.nan
     near = slice(max(best - TOP, 0), best + TOP + 1)
-    bend, slope, height = np.polyfit(trial_hz[near] - trial_hz[best], total[near], 2)
+    step_hz = float(trial_hz[1] - trial_hz[0])
+    powers = np.vander(np.arange(near.start, min(near.stop, FINE_STEPS)) - float(best), 3)
+    fitted = np.linalg.solve(powers.T @ powers, powers.T @ total[near])
+    bend, slope, height = fitted / (step_hz**2, step_hz, 1.0)
     if bend >= 0 or height <= 0:
         return float(trial_hz[best]), math.nan
-    reach_hz = float(trial_hz[1] - trial_hz[0]) * TOP
+    reach_hz = step_hz * TOP
     offset_hz = float(np.clip(-slope / (2.0 * bend), -reach_hz, reach_hz))
     return float(trial_hz[best]) + offset_hz, math.sqrt(WIDTH_DROP * float(height) / float(-bend))
-
-
-def _between(values: FloatArray, place: FloatArray) -> FloatArray:
-    """Values between samples by the cubic of Catmull and Rom: straight lines would put kinks where the tops are."""
-    whole = np.clip(place.astype(np.int64), 1, values.size - 3)
-    x = place - whole
-    before, left, right, after = (values.take(whole + k) for k in (-1, 0, 1, 2))
-    bend = 2.0 * before - 5.0 * left + 4.0 * right - after
-    twist = 3.0 * (left - right) + after - before
-    return np.asarray(left + 0.5 * x * (right - before + x * (bend + x * twist)))

@@ -9,11 +9,12 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.labels import SIGNATURE, axis, check_signal
+from doppelgait.features.peaks import quantile
 
 FloatArray = npt.NDArray[np.float64]
 
 POWER_QUANTILES = (0.01, 0.99)
-TIME_PERCENTILES = (5.0, 95.0)
+TIME_SHARES = (0.05, 0.95)
 DETECTION_SIGMAS = 4.0
 
 
@@ -39,11 +40,15 @@ def bandwidth_envelope_hz(signature: xr.DataArray, floor_v2: float) -> float | N
 
     None where less than half of the columns stand above the noise.
     """
-    low, high = envelopes_hz(signature, floor_v2)
-    seen = np.isfinite(low)
+    return bandwidth_of_hz(*envelopes_hz(signature, floor_v2))
+
+
+def bandwidth_of_hz(low_hz: FloatArray, high_hz: FloatArray) -> float | None:
+    """:func:`bandwidth_envelope_hz` from the envelopes."""
+    seen = np.isfinite(low_hz)
     if seen.mean() < 0.5:
         return None
-    return float(np.percentile(high[seen], TIME_PERCENTILES[1]) - np.percentile(low[seen], TIME_PERCENTILES[0]))
+    return quantile(high_hz[seen], TIME_SHARES[1]) - quantile(low_hz[seen], TIME_SHARES[0])
 
 
 def bandwidth_threshold_hz(mean_spectrum: FloatArray, doppler_hz: FloatArray, *, threshold: float) -> float:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,10 @@ import xarray as xr
 
 from doppelgait.core.labels import axis
 from doppelgait.core.units import doppler_to_velocity_mps, power_to_db
-from doppelgait.features.doppler import bandwidth_envelope_hz, bandwidth_threshold_hz, single_tone_width_hz
+from doppelgait.features.doppler import bandwidth_of_hz, bandwidth_threshold_hz, envelopes_hz, single_tone_width_hz
 from doppelgait.features.gait_frequency import GaitFrequency, settle
 from doppelgait.features.harmonics import LimbTorsoRatio, limb_torso_ratio, peak_ratio
+from doppelgait.features.peaks import quantile
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -70,12 +72,11 @@ class GaitFeatures:
 
     def vector(self) -> FloatArray:
         """The features in order, NaN for None, shape (6,)."""
-        values = [getattr(self, f.name) for f in fields(self)]
-        return np.array([np.nan if v is None else v for v in values], dtype=np.float64)
+        return np.array([np.nan if v is None else v for v in self.as_dict().values()], dtype=np.float64)
 
     def as_dict(self) -> dict[str, float | None]:
         """The features by name."""
-        return asdict(self)
+        return {name: getattr(self, name) for name in FEATURE_UNITS}
 
 
 @dataclass(frozen=True)
@@ -138,10 +139,27 @@ class Evidence:
     observation_s: float
     n_independent: float
 
+    # what several features need, made once; .values of an xarray object costs more than many of the sums made of them
+    @cached_property
+    def envelopes_hz(self) -> tuple[FloatArray, FloatArray]:
+        """Lower and upper Doppler envelope (E-35); shapes (J,)."""
+        return envelopes_hz(self.signature, self.floor_v2)
+
+    @cached_property
+    def mean_row(self) -> FloatArray:
+        """Time mean of the aligned normalised signature, D_1; shape (K,)."""
+        return np.asarray(np.einsum("jk->k", self.aligned.values) / self.aligned.shape[0])
+
+    @cached_property
+    def occupied(self) -> npt.NDArray[np.bool_]:
+        """Doppler rows that stand above the noise, K+ (E-38); shape (K,)."""
+        return occupied_rows(self)
+
 
 def snr_mu_db(signature: xr.DataArray, floor_v2: float) -> float:
     """Signature SNR: median over time of the strongest cell above the floor, over the floor, dB; inf without noise."""
-    peak = float(np.median(signature.values.max(axis=1)))
+    cells = signature.values
+    peak = quantile(cells[np.arange(cells.shape[0]), cells.argmax(axis=1)], 0.5)  # max along rows takes twice as long
     if peak <= floor_v2:
         return -np.inf
     return float(power_to_db((peak - floor_v2) / floor_v2)) if floor_v2 > 0 else np.inf
@@ -179,23 +197,21 @@ def extract(evidence: Evidence, *, bandwidth_threshold: float, cpi_s: float, win
         return Extraction(GaitFeatures(), None, None, None, quality, ("no_signal",))
     flags: list[str] = []
     gait = settle(evidence.gait, evidence.spectrum, evidence.aligned, evidence.excess, evidence.floor_v2)
-    evidence = replace(evidence, gait=gait)
     torso_hz = float(evidence.main_line_hz.mean())
     wavelength_m = float(evidence.signature.attrs["wavelength_m"])
     velocity_mps = float(doppler_to_velocity_mps(torso_hz, wavelength_m))
-    bandwidth_hz = bandwidth_envelope_hz(evidence.signature, evidence.floor_v2)
+    bandwidth_hz = bandwidth_of_hz(*evidence.envelopes_hz)
     if bandwidth_hz is None:
         flags.append("doppler_bandwidth:signal_in_too_few_columns")
-    frequency_hz = _checked_frequency(evidence, flags)
-    mean_row = evidence.aligned.values.mean(axis=0)
-    rho = _modulation(evidence, mean_row, frequency_hz)
+    frequency_hz = _checked_frequency(gait, evidence.signature.attrs, flags)
+    rho = _modulation(evidence, frequency_hz)
     if rho.ratio is not None and rho.ratio < NO_GAIT_RATIO:
         flags.append("gait_frequency:no_modulation")
         frequency_hz = None
     whole = GaitFeatures(torso_velocity_mps=velocity_mps, doppler_bandwidth_hz=bandwidth_hz)
     features = _with_gait(whole, evidence.spectrum, frequency_hz, rho, flags)
     threshold_hz = bandwidth_threshold_hz(
-        mean_row, axis(evidence.aligned, "doppler"), threshold=bandwidth_threshold
+        evidence.mean_row, axis(evidence.aligned, "doppler"), threshold=bandwidth_threshold
     ) - single_tone_width_hz(cpi_s=cpi_s, window_steepness=window_steepness, threshold=bandwidth_threshold)
     quality |= {
         **_gait_quality(gait),
@@ -203,7 +219,7 @@ def extract(evidence: Evidence, *, bandwidth_threshold: float, cpi_s: float, win
         "limb_torso_amplitude_ratio": rho.amplitude_ratio,
         "main_line_drift_hz": float(evidence.main_line_hz[-1] - evidence.main_line_hz[0]),
     }
-    periods = evidence.gait.n_periods if frequency_hz is not None else None
+    periods = gait.n_periods if frequency_hz is not None else None
     return Extraction(features, frequency_hz, torso_hz, periods, quality, tuple(flags))
 
 
@@ -220,8 +236,7 @@ def _gait_quality(gait: GaitFrequency) -> dict[str, Any]:
     }
 
 
-def _checked_frequency(evidence: Evidence, flags: list[str]) -> float | None:
-    gait, columns = evidence.gait, evidence.signature.attrs
+def _checked_frequency(gait: GaitFrequency, columns: Mapping[Any, Any], flags: list[str]) -> float | None:
     if columns["hop"] > MAX_HOP_SHARE * columns["cpi_pulses"]:
         flags.append("gait_frequency:columns_do_not_overlap")
         return None
@@ -238,10 +253,10 @@ def _checked_frequency(evidence: Evidence, flags: list[str]) -> float | None:
     return gait.frequency_hz
 
 
-def _modulation(evidence: Evidence, mean_row: FloatArray, frequency_hz: float | None) -> LimbTorsoRatio:
+def _modulation(evidence: Evidence, frequency_hz: float | None) -> LimbTorsoRatio:
     if frequency_hz is None:
         return LimbTorsoRatio(None, None)
-    return limb_torso_ratio(evidence.step_doppler, mean_row, frequency_hz, occupied_rows(evidence))
+    return limb_torso_ratio(evidence.step_doppler, evidence.mean_row, frequency_hz, evidence.occupied)
 
 
 def _with_gait(

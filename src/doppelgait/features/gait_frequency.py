@@ -20,7 +20,7 @@ FloatArray = npt.NDArray[np.float64]
 
 SEARCH_HZ = (0.5, 8.0)
 SALIENCE_HZ = (0.5, 20.0)
-LAG_TOLERANCE = 0.12
+LAG_TOLERANCE, LAG_MARGIN = 0.12, 0.1
 TRUST_LAG_FROM = 0.6
 LONGEST_LAG_SHARE = 0.7
 WHOLE_IS_CLEAR, LIMBS_ARE_CLEAR = 0.4, 0.25
@@ -146,11 +146,11 @@ def settle(
         return first
     slow = slowed(aligned)
     limbs = limb_rows(slow, _cell_noise(aligned, excess, floor_v2))
-    repeats = square_difference(limbs.values)
     seconds, cadence_hz = first.n_periods / first.frequency_hz, axis(spectrum, "cadence")
     power = np.asarray(spectrum.values, dtype=np.float64)
     limb_hz, limb_power = power_spectrum(limbs)
     limb_peak_hz = _highest_peak_hz(limb_hz, limb_power, seconds)
+    repeats = _repeats(limbs, min(first.frequency_hz, limb_peak_hz or math.inf))
     by_limbs = _limbs_know_better(first, limb_peak_hz, repeats, limbs.rate_hz)
     start_hz = limb_peak_hz if by_limbs and limb_peak_hz is not None else first.frequency_hz
     found = decide(start_hz, repeats, limbs.rate_hz)
@@ -169,6 +169,12 @@ def settle(
         candidates=found.candidates,
         uncertainty_hz=multiple * width_hz if math.isfinite(width_hz) else None,
     )
+
+
+def _repeats(limbs: Rows, lowest_hz: float) -> FloatArray:
+    """Autocorrelation of the limbs up to twice the longest period that is looked at, or to the end of the record."""
+    longest = math.ceil(2.0 * (1.0 + LAG_MARGIN) * limbs.rate_hz / lowest_hz) + 1
+    return square_difference(limbs.values, 0, min(longest, limbs.values.shape[0] - 1))
 
 
 def _limbs_know_better(first: GaitFrequency, limb_hz: float | None, repeats: FloatArray, rate_hz: float) -> bool:

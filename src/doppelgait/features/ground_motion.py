@@ -14,6 +14,7 @@ ENDS_S = 0.4
 which begins and ends with a scan, 2.7 s."""
 ITERATIONS = 4
 CAUCHY_TUNING = 2.385
+LEAST_SCALE_M = 1e-6
 
 
 @dataclass(frozen=True)
@@ -50,16 +51,15 @@ def ground_motion(time_s: npt.ArrayLike, range_m: npt.ArrayLike) -> GroundMotion
     ranges = np.asarray(range_m, dtype=np.float64)
     if times[-1] - times[0] < MIN_OBSERVATION_S - ENDS_S:
         return GroundMotion()
-    middle = times - (times[0] + times[-1]) / 2.0
-    basis = np.stack([np.ones_like(middle), middle, middle**2], axis=1)
-    square = ranges**2
-    weight: npt.NDArray[np.float64] = np.asarray(1.0 / ranges)
-    solution: npt.NDArray[np.float64] = np.zeros(3)
-    for _ in range(ITERATIONS):
-        solution = np.asarray(np.linalg.lstsq(basis * weight[:, None], square * weight, rcond=None)[0])
-        residual = (square - basis @ solution) / ranges
-        scale = max(1.4826 * float(np.median(np.abs(residual))), 1e-6)
-        weight = np.asarray(1.0 / (ranges * np.sqrt(1.0 + (residual / (CAUCHY_TUNING * scale)) ** 2)))
+    from doppelgait.core.kernels.robust import robust_fit
+
+    half_s = float(times[-1] - times[0]) / 2.0
+    middle = (times - (times[0] + times[-1]) / 2.0) / half_s
+    basis = np.stack([np.ones_like(middle), middle, middle**2])
+    square, solution = ranges**2, np.empty(3)
+    # its first line goes through all points: the first weights are 1 / R^2 alone
+    robust_fit(basis, square, 1.0 / square, ranges, LEAST_SCALE_M, CAUCHY_TUNING, ITERATIONS, square.copy(), solution)
+    solution /= half_s ** np.arange(3)
     if solution[2] <= 0 or solution[0] <= 0:
         return GroundMotion()
     speed = math.sqrt(solution[2])

@@ -9,7 +9,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.labels import CADENCE_MAP, CADENCE_SPECTRUM, axis, check_signal
-from doppelgait.features.peaks import local_maxima, refine
+from doppelgait.features.peaks import local_maxima, quantile, refine
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -49,8 +49,9 @@ def peak_ratio(cadence_hz: FloatArray, values: FloatArray, frequency_hz: float, 
     if not peaks.size:
         return None
     best = int(peaks[np.argmax(values[peaks])])
-    around = values[np.abs(cadence_hz - expected) <= frequency_hz / 2.0]
-    if values[best] < MIN_SNR * np.median(around):
+    low, high = np.searchsorted(cadence_hz, [expected - frequency_hz, expected + frequency_hz])
+    around = values[low:high][np.abs(cadence_hz[low:high] - expected) <= frequency_hz / 2.0]
+    if values[best] < MIN_SNR * quantile(around, 0.5):
         return None
     return refine(values, best)[0] * float(cadence_hz[1] - cadence_hz[0]) / frequency_hz
 
@@ -90,26 +91,30 @@ def limb_torso_ratio(
     base = mean_spectrum[occupied]
     if not occupied.any() or base.sum() <= 0:
         return LimbTorsoRatio(None, None)
-    noise = _between_harmonics_power(values, cadence_hz, frequency_hz)[occupied]
+    noise = _between_harmonics_power(values, occupied, cadence_hz, frequency_hz)
     energy, amplitude = 0.0, 0.0
     for harmonic in (1, 2, 3):
         expected = harmonic * frequency_hz
-        near = np.abs(cadence_hz - expected) <= max(NEAR_SHARE * expected, NEAR_HZ)
-        if not near.any():
+        near = np.flatnonzero(np.abs(cadence_hz - expected) <= max(NEAR_SHARE * expected, NEAR_HZ))
+        if not near.size:
             continue
-        peak = values[near].max(axis=0)[occupied]
+        peak = values[near[0] : near[-1] + 1].max(axis=0)[occupied]
         energy += float(np.maximum(peak**2 - 2.0 * noise, 0.0).sum())
         amplitude += float(2.0 * peak.sum())
     return LimbTorsoRatio(float(np.sqrt(4.0 * energy / (base**2).sum())), amplitude / float(base.sum()))
 
 
-def _between_harmonics_power(values: FloatArray, cadence_hz: FloatArray, frequency_hz: float) -> FloatArray:
+def _between_harmonics_power(
+    values: FloatArray, occupied: npt.NDArray[np.bool_], cadence_hz: FloatArray, frequency_hz: float
+) -> FloatArray:
+    """Mean noise power of the occupied rows from its median between the harmonics; shape (K+,)."""
     phase = np.mod(cadence_hz / frequency_hz, 1.0)
     between = (cadence_hz > frequency_hz) & (cadence_hz < 4.0 * frequency_hz) & (np.abs(phase - 0.5) <= 0.2)
+    rows = np.flatnonzero(occupied)
     if not between.any():
-        return np.zeros(values.shape[1])
+        return np.zeros(rows.size)
     # medians along the contiguous axis: partitioning one column at a time through memory takes four times as long
-    cells = np.ascontiguousarray(values[between].T)
+    cells = np.ascontiguousarray(values[between].take(rows, axis=1).T)
     np.square(cells, out=cells)
     middle = cells.shape[1] // 2
     cells.partition(middle, axis=1)

@@ -115,6 +115,7 @@ def limb_rows(rows: Rows, noise: FloatArray) -> Rows:
         that the weak echoes of fast limbs count beside the strong ones of slow ones.
     """
     from doppelgait.core.kernels.features import shift_columns
+    from doppelgait.core.kernels.periodicity import limb_amplitudes
 
     zero, bin_hz = int(np.abs(rows.doppler_hz).argmin()), rows.bin_hz
     shift = torso_line_hz(rows) / bin_hz
@@ -123,27 +124,39 @@ def limb_rows(rows: Rows, noise: FloatArray) -> Rows:
     shift_columns(
         np.ascontiguousarray(rows.values), whole.astype(np.int64) % rows.doppler_hz.size, shift - whole, moved
     )
+    occupied = _occupied(moved, noise, seconds=noise.size / rows.rate_hz)
     torso = int(TORSO_WIDTH_HZ / bin_hz)
-    limbs = moved * _occupied(moved, noise, seconds=noise.size / rows.rate_hz)
-    limbs -= noise[:, None]
-    np.maximum(limbs, 0.0, out=limbs)
-    sides = [slice(0, max(zero - torso, 0)), slice(zero + torso + 1, None)]
-    wide = [summed_rows(Rows(limbs[:, side], rows.doppler_hz[side], rows.rate_hz), bin_hz) for side in sides]
-    values = detrended(np.sqrt(np.concatenate([side.values for side in wide], axis=1)), rows.rate_hz)
-    return Rows(values, np.concatenate([side.doppler_hz for side in wide]), rows.rate_hz)
+    below = _groups(0, max(zero - torso, 0), bin_hz)
+    above = _groups(min(zero + torso + 1, rows.doppler_hz.size), rows.doppler_hz.size, bin_hz)
+    starts, stops = np.concatenate([below[0], above[0]]), np.concatenate([below[1], above[1]])
+    amplitude = np.empty((noise.size, starts.size))
+    limb_amplitudes(moved, occupied, noise, starts, stops, amplitude)
+    centre_hz = (rows.doppler_hz[starts] + rows.doppler_hz[stops - 1]) / 2.0
+    return Rows(detrended(amplitude, rows.rate_hz), centre_hz, rows.rate_hz)
 
 
-def _occupied(limbs: FloatArray, noise: FloatArray, *, seconds: float) -> FloatArray:
-    """1 for rows above the noise, 0 for others; as E-38, for rows that were clipped at the floor."""
+def _groups(first: int, stop: int, bin_hz: float) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """First row of every group of about 16 Hz and one past its last; what is left over is dropped."""
+    size = min(_group_rows(bin_hz), max(stop - first, 1))
+    starts = first + size * np.arange((stop - first) // size)
+    return starts, starts + size
+
+
+def _group_rows(bin_hz: float) -> int:
+    return max(1, round(ROW_WIDTH_HZ / bin_hz))
+
+
+def _occupied(limbs: FloatArray, noise: FloatArray, *, seconds: float) -> npt.NDArray[np.bool_]:
+    """Which rows stand above the noise; as E-38, for rows that were clipped at the floor."""
     independent = max(1.0, seconds / INDEPENDENT_AFTER_S)
     excess = limbs.mean(axis=0) - CLIPPED_MEAN * noise.mean()
     spread = CLIPPED_SD * float(np.sqrt((noise**2).mean() / independent))
-    return np.asarray(excess > OCCUPIED_SIGMAS * spread, dtype=np.float64)
+    return np.asarray(excess > OCCUPIED_SIGMAS * spread)
 
 
 def summed_rows(rows: Rows, bin_hz: float) -> Rows:
     """Neighbouring rows summed, to about 16 Hz each."""
-    size = min(max(1, round(ROW_WIDTH_HZ / bin_hz)), max(rows.values.shape[1], 1))
+    size = min(_group_rows(bin_hz), max(rows.values.shape[1], 1))
     values = np.ascontiguousarray(grouped(rows.values.T, size).T)
     return Rows(values, grouped(rows.doppler_hz, size) / size, rows.rate_hz)
 

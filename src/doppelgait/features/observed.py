@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.labels import axis, sampling_rate_hz
-from doppelgait.features.doppler import envelopes_hz
+from doppelgait.features.autocorrelation import square_difference
+from doppelgait.features.peaks import quantile
 
 if TYPE_CHECKING:
     from doppelgait.features.gait import Evidence, Extraction
@@ -26,6 +27,8 @@ NEAR_REACH_MPS = 1.6
 """Bands of the power shares: 20 and 80 Hz at 7.29 GHz, stated as velocities to hold for any carrier."""
 TIME_SHARES = (0.05, 0.95)
 CADENCE_HZ = (0.5, 20.0)
+MIN_PERIODS_OF_HALVES = 2.0
+"""From here on the half of f_mu is told apart from the polynomial that has been removed."""
 SMOOTHED_OVER_S = 0.04
 """Standard deviation of the Gaussian that smooths the torso's line (E-33)."""
 
@@ -57,7 +60,12 @@ class Observed:
 
     def lacks(self, needs: tuple[str, ...]) -> str | None:
         """Reason why one of these cannot be had, or None; a signal is always needed."""
-        return next((REASONS[need] for need in ("signal", *needs) if not getattr(self, f"has_{need}")), None)
+        if not self.has_signal:
+            return REASONS["signal"]
+        for need in needs:
+            if not getattr(self, f"has_{need}"):
+                return REASONS[need]
+        return None
 
     @cached_property
     def has_signal(self) -> bool:
@@ -88,7 +96,7 @@ class Observed:
     @cached_property
     def power_v2(self) -> npt.NDArray[Any]:
         """The signature, shape (J, K)."""
-        return np.asarray(self.evidence.signature.values)
+        return np.ascontiguousarray(self.evidence.signature.values)
 
     @cached_property
     def aligned(self) -> FloatArray:
@@ -98,14 +106,12 @@ class Observed:
     @cached_property
     def mean_row(self) -> FloatArray:
         """Time mean of the aligned normalised signature, D_1; shape (K,)."""
-        return np.asarray(np.einsum("jk->k", self.aligned) / self.aligned.shape[0])
+        return self.evidence.mean_row
 
     @cached_property
     def occupied(self) -> npt.NDArray[np.int64]:
         """Numbers of the Doppler rows whose mean power stands above the noise, K+ (E-38)."""
-        from doppelgait.features.gait import occupied_rows
-
-        return np.flatnonzero(occupied_rows(self.evidence))
+        return np.flatnonzero(self.evidence.occupied)
 
     @cached_property
     def occupied_columns(self) -> FloatArray:
@@ -152,7 +158,7 @@ class Observed:
     @cached_property
     def edges_mps(self) -> tuple[FloatArray, FloatArray]:
         """Lower and upper envelope (E-35), NaN in columns without power above the noise; shapes (J,)."""
-        low_hz, high_hz = envelopes_hz(self.evidence.signature, self.evidence.floor_v2)
+        low_hz, high_hz = self.evidence.envelopes_hz
         return low_hz * self.mps_per_hz, high_hz * self.mps_per_hz
 
     @cached_property
@@ -197,34 +203,27 @@ class Observed:
         return np.asarray((centre_m / centre_m.mean()) ** 4)
 
     @cached_property
-    def near_line(self) -> tuple[FloatArray, FloatArray]:
-        """Power above the noise and velocity relative to the main line of the cells about it, shapes (J, 2 h + 1)."""
-        values, line = self.power_v2, self.line_mps
-        reach = int(np.ceil(NEAR_REACH_MPS / self.bin_mps)) + 1
-        reach = min(reach, (values.shape[1] - 1) // 2)
-        centre = np.rint((line - self.velocity_mps[0]) / self.bin_mps).astype(np.int64)
-        rows = centre[:, None] + np.arange(-reach, reach + 1)
-        relative = self.velocity_mps[0] + rows * self.bin_mps - line[:, None]
-        flat = rows % values.shape[1] + values.shape[1] * np.arange(values.shape[0])[:, None]
-        cells = values.take(flat).astype(np.float64)
-        cells -= self.evidence.floor_v2
-        return cells, relative
+    def about_line(self) -> FloatArray:
+        """Of every column: power within 0.4 and 1.6 m/s of the main line, V^2, and sum and moment of the squared power
+        within 0.8 m/s of it, V^4 and V^4 bins (:func:`doppelgait.core.kernels.columns.sums_about_line`); (4, J).
+        """
+        from doppelgait.core.kernels.columns import sums_about_line
 
-    def _power_within_v2(self, reach_mps: float) -> FloatArray:
-        """Power of every column within a velocity of the main line, cells at the edge in part, range taken out."""
-        power, relative = self.near_line
-        share = np.clip((reach_mps - np.abs(relative)) / self.bin_mps + 0.5, 0.0, 1.0)
-        return np.asarray(np.einsum("jk,jk->j", power, share) * self.range_weight)
+        found = np.empty((4, self.power_v2.shape[0]))
+        line = (self.line_mps - self.velocity_mps[0]) / self.bin_mps
+        reaches = np.array([TORSO_BAND_MPS, NEAR_REACH_MPS, TORSO_REACH_MPS]) / self.bin_mps
+        sums_about_line(self.power_v2, float(self.evidence.floor_v2), line, reaches, *found)
+        return found
 
     @cached_property
     def torso_power_v2(self) -> FloatArray:
-        """Power above the noise within 0.4 m/s of the main line, range taken out; shape (J,)."""
-        return self._power_within_v2(TORSO_BAND_MPS)
+        """Power above the noise within 0.4 m/s of the main line, cells at the edge in part, range taken out; (J,)."""
+        return np.asarray(self.about_line[0] * self.range_weight)
 
     @cached_property
     def near_power_v2(self) -> FloatArray:
-        """Power above the noise within 1.6 m/s of the main line, range taken out; shape (J,)."""
-        return self._power_within_v2(NEAR_REACH_MPS)
+        """The same within 1.6 m/s; shape (J,)."""
+        return np.asarray(self.about_line[1] * self.range_weight)
 
     @cached_property
     def total_power_v2(self) -> FloatArray:
@@ -241,15 +240,14 @@ class Observed:
         """
         from scipy.ndimage import gaussian_filter1d
 
-        power, relative = self.near_line
-        weight = np.where(np.abs(relative) <= TORSO_REACH_MPS, np.maximum(power, 0.0), 0.0) ** 2
-        total = weight.sum(axis=1)
+        total, moment = self.about_line[2:]
         found = total > 0
         if found.mean() < SEEN_SHARE:
             return np.full(found.size, np.nan)
         column = np.flatnonzero(found)
-        centroid = np.einsum("jk,jk->j", weight, relative)[column] / total[column]
-        filled = np.interp(np.arange(found.size), column, centroid)
+        filled = moment[column] / total[column] * self.bin_mps
+        if column.size < found.size:
+            filled = np.interp(np.arange(found.size), column, filled)
         return np.asarray(gaussian_filter1d(filled, SMOOTHED_OVER_S * self.rate_hz, mode="nearest"))
 
     @cached_property
@@ -258,6 +256,18 @@ class Observed:
         line = self.torso_line_mps
         basis = slow_basis(line.size, 1 if self.evidence.observation_s < 1.3 else self._slow_order)
         return np.asarray(line - basis @ (basis.T @ line))
+
+    @cached_property
+    def ripple_parts(self) -> tuple[list[int], FloatArray]:
+        """Orders of f_mu / 2 that were fitted to the torso's swing, and their cosine and sine, shape (2, orders)."""
+        ripple = self.torso_ripple_mps
+        phase = np.exp(1j * np.pi * self.frequency_hz / self.rate_hz * np.arange(ripple.size))
+        halves = self.frequency_hz * self.evidence.observation_s >= MIN_PERIODS_OF_HALVES
+        orders = [1, 2, 3, 4] if halves else [2, 4]
+        powers = [phase, phase * phase, phase * phase * phase, (phase * phase) ** 2]
+        turning = np.stack([powers[order - 1] for order in orders])
+        basis = np.concatenate([turning.real, turning.imag])
+        return orders, np.linalg.solve(basis @ basis.T, basis @ ripple).reshape(2, -1)
 
     @property
     def _slow_order(self) -> int:
@@ -276,7 +286,7 @@ class Observed:
         cadence_hz, power = self.cadence
         off = np.abs(np.mod(cadence_hz / self.frequency_hz, 1.0) - 0.5) <= 0.2
         found = power[off & (cadence_hz > self.frequency_hz) & (cadence_hz < 4.0 * self.frequency_hz)]
-        return float(np.median(found)) if found.size else 0.0
+        return quantile(found, 0.5) if found.size else 0.0
 
 
 def limits(values: FloatArray) -> tuple[float, float]:
@@ -308,11 +318,5 @@ def likeness_at(rows: FloatArray, lag: float) -> float | None:
     whole = int(np.floor(lag))
     if whole < 1 or whole + 1 >= rows.shape[0]:
         return None
-    flat = rows.reshape(rows.shape[0], -1)
-    energy = np.einsum("jk,jk->j", flat, flat)  # no BLAS: its threads cost more than these few sums
-    values = []
-    for tau in (whole, whole + 1):
-        total = float(energy[:-tau].sum() + energy[tau:].sum())
-        product = float(np.einsum("jk,jk->", flat[:-tau], flat[tau:]))
-        values.append(2.0 * product / total if total > 0 else 0.0)
-    return values[0] + (lag - whole) * (values[1] - values[0])
+    values = square_difference(rows.reshape(rows.shape[0], -1), whole, whole + 1)
+    return float(values[0] + (lag - whole) * (values[1] - values[0]))

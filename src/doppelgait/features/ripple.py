@@ -10,8 +10,6 @@ from doppelgait.features.registry import FEATURES, Feature
 TORSO_LINE = "ours: torso line of E-33 about the main line"
 MIN_PERIODS_OF_PAIRS = 3.0
 """Pairs of periods can be told apart only where this many single periods are seen."""
-MIN_PERIODS_OF_HALVES = 2.0
-"""From here on the half of f_mu is told apart from the polynomial that has been removed."""
 MIN_LIKENESS = 0.1
 
 
@@ -34,14 +32,8 @@ def ripple_at_half_mps(observed: Observed) -> float | None:
 
 def _component_mps(observed: Observed, number: int) -> float:
     """One of f/2, f, 3f/2, 2f, all fitted together, so that the leakage of one does not read as another."""
-    ripple = observed.torso_ripple_mps
-    phase = np.exp(1j * np.pi * observed.frequency_hz / observed.rate_hz * np.arange(ripple.size))
-    halves = observed.frequency_hz * observed.evidence.observation_s >= MIN_PERIODS_OF_HALVES
-    orders = [1, 2, 3, 4] if halves else [2, 4]
-    turning = np.stack([phase**order for order in orders])
-    basis = np.concatenate([turning.real, turning.imag])
-    amplitude = np.linalg.solve(basis @ basis.T, basis @ ripple).reshape(2, -1)[:, orders.index(number)]
-    return float(np.sqrt(0.5 * np.sum(amplitude**2)))
+    orders, amplitude = observed.ripple_parts
+    return float(np.sqrt(0.5 * np.sum(amplitude[:, orders.index(number)] ** 2)))
 
 
 def alternate_likeness(observed: Observed) -> float | None:

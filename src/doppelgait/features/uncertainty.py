@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.features.observed import SEEN_SHARE, TIME_SHARES, FloatArray, Observed
+from doppelgait.features.peaks import quantile
 
 if TYPE_CHECKING:
     from doppelgait.features.gait import Evidence, Extraction
@@ -119,7 +120,7 @@ def velocity_sd_mps(observed: Observed) -> float | None:
     within them (the sandwich form, Huber 1967, for clusters). A share of the torso's own swing and 1 cm/s are added.
     """
     residual = _peaks_mps(observed) - observed.line_mps
-    scale = max(1.4826 * float(np.median(np.abs(residual))), observed.bin_mps / 4.0)
+    scale = max(1.4826 * quantile(np.abs(residual), 0.5), observed.bin_mps / 4.0)
     square = (residual / (CAUCHY_TUNING * scale)) ** 2
     taper = 1.0 - np.linspace(-1.0, 1.0, residual.size) ** 2 + 1e-3
     influence = taper * residual / (1.0 + square)
@@ -138,13 +139,12 @@ def velocity_sd_mps(observed: Observed) -> float | None:
 
 def _peaks_mps(observed: Observed) -> FloatArray:
     """Velocity of the strongest cell of every column, refined by a parabola in dB; shape (J,)."""
+    from doppelgait.core.kernels.columns import peak_offsets
+
     values = observed.power_v2
-    best = np.clip(values.argmax(axis=1), 1, values.shape[1] - 2)
-    around = best + np.arange(best.size) * values.shape[1] + np.array([[-1], [0], [1]])
-    left, centre, right = np.log(np.maximum(values.take(around).astype(np.float64), 1e-300))
-    bend = left - 2.0 * centre + right
-    offset = np.divide(0.5 * (left - right), bend, out=np.zeros_like(bend), where=bend < 0)
-    return np.asarray(observed.velocity_mps[best] + np.clip(offset, -0.5, 0.5) * observed.bin_mps)
+    best, offset = values.argmax(axis=1), np.empty(values.shape[0])
+    peak_offsets(values, best, offset)
+    return np.asarray(observed.velocity_mps[best] + offset * observed.bin_mps)
 
 
 def bandwidth_sd_hz(observed: Observed) -> float | None:
@@ -163,15 +163,11 @@ def bandwidth_sd_hz(observed: Observed) -> float | None:
 
 def _left_out(values: FloatArray, group: npt.NDArray[np.int64], n_groups: int, share: float) -> FloatArray:
     """Quantile of the values without one group, for each group; shape (n_groups,)."""
-    order = np.argsort(values)
-    ordered, member = values[order], group[order]
-    quantiles = np.empty(n_groups)
-    for g in range(n_groups):
-        kept = ordered[member != g]
-        place = share * (kept.size - 1)
-        below = int(place)
-        above = min(below + 1, kept.size - 1)
-        quantiles[g] = kept[below] + (place - below) * (kept[above] - kept[below]) if kept.size else np.nan
+    from doppelgait.core.kernels.periodicity import quantiles_without
+
+    order, quantiles = np.argsort(values), np.empty(n_groups)
+    counts = np.bincount(group[group >= 0], minlength=n_groups)
+    quantiles_without(values[order], group[order], counts, share, quantiles)
     return quantiles
 
 
@@ -197,19 +193,18 @@ class Periods:
 
 
 def _periods(observed: Observed) -> Periods | None:
+    from doppelgait.core.kernels.periodicity import period_harmonics
+
     frequency_hz, rate_hz = observed.frequency_hz, observed.rate_hz
     length = int(rate_hz / frequency_hz)
     starts = np.minimum(_edges(observed, 1.0 / frequency_hz)[:-1], observed.aligned.shape[0] - length)
     if starts.size < MIN_BLOCKS or length < 2 * HARMONICS.size + 1 or not observed.occupied.size:
         return None
-    columns = starts[:, None] + np.arange(length)
-    rows = observed.occupied_columns[columns]
-    means = np.einsum("bjk->bk", rows) / length
-    rows -= means[:, None]
-    angle = -2.0 * np.pi * frequency_hz / rate_hz * HARMONICS[:, None] * columns[:, None, :]
-    parts = np.concatenate([np.cos(angle), np.sin(angle)], axis=1) @ rows / length
-    harmonics = parts[:, : HARMONICS.size] + 1j * parts[:, HARMONICS.size :]
-    return Periods(harmonics, means, (starts + length / 2.0) / rate_hz, frequency_hz)
+    shape = (starts.size, HARMONICS.size, observed.occupied.size)
+    real, imaginary, means = np.empty(shape), np.empty(shape), np.empty((shape[0], shape[2]))
+    turn_rad = 2.0 * math.pi * frequency_hz / rate_hz
+    period_harmonics(observed.occupied_columns, starts, length, turn_rad, real, imaginary, means)
+    return Periods(real + 1j * imaginary, means, (starts + length / 2.0) / rate_hz, frequency_hz)
 
 
 def _phase_parts(periods: Periods) -> tuple[FloatArray, FloatArray]:

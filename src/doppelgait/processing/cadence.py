@@ -16,6 +16,7 @@ from doppelgait.core.labels import (
     check_signal,
     make_array,
     sampling_rate_hz,
+    with_values,
 )
 from doppelgait.processing.narrow_band import magnitudes
 
@@ -50,7 +51,7 @@ def detrend(normalised: xr.DataArray, *, order: int) -> xr.DataArray:
     values = normalised.values
     basis = _orthonormal_basis(values.shape[0], order)
     trend = basis @ (basis.T @ values)
-    return normalised.copy(deep=False, data=np.subtract(values, trend, out=trend))
+    return with_values(normalised, np.subtract(values, trend, out=trend))
 
 
 @lru_cache(maxsize=4)
@@ -87,12 +88,7 @@ def cadence_map(rows: xr.DataArray, *, padded: bool = True, tapered: bool | None
     cadence_hz = np.arange(length // 2 + 1) * sampling_rate_hz(axis(rows, "time")) / length
     cadence_hz = cadence_hz[: np.searchsorted(cadence_hz, MAX_CADENCE_HZ, side="right")]
     magnitude = magnitudes(rows.values, taper / taper.sum(), length, cadence_hz.size)
-    coords = {
-        "cadence": cadence_hz,
-        "doppler": axis(rows, "doppler"),
-        "velocity": ("doppler", axis(rows, "velocity")),
-    }
-    return make_array(CADENCE_MAP, magnitude, coords)
+    return make_array(CADENCE_MAP, magnitude, {"cadence": cadence_hz}, like=rows)
 
 
 def taper_weights(n_columns: int, tapered: bool) -> npt.NDArray[np.float64]:
@@ -124,4 +120,4 @@ def cadence_spectrum(step_doppler: xr.DataArray, *, power: bool = True) -> xr.Da
     check_signal(step_doppler, CADENCE_MAP)
     values = step_doppler.values
     summed = np.einsum("qk,qk->q", values, values) if power else values.sum(axis=1)
-    return make_array(CADENCE_SPECTRUM, summed, {"cadence": axis(step_doppler, "cadence")})
+    return make_array(CADENCE_SPECTRUM, summed, {}, like=step_doppler)

@@ -9,7 +9,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.labels import axis
+from doppelgait.core.labels import axis, with_values
 from doppelgait.processing.normalise import median
 
 FloatArray = npt.NDArray[np.float64]
@@ -23,14 +23,12 @@ ALIGN_ABOVE_HZ = 10.0
 
 def column_peaks_hz(signature: xr.DataArray) -> FloatArray:
     """Doppler of the strongest cell of every column, refined by a parabola through its neighbours; shape (J,), Hz."""
-    values = signature.values
-    doppler_hz = axis(signature, "doppler")
-    best = np.clip(values.argmax(axis=1), 1, values.shape[1] - 2)
-    around = best + np.arange(best.size) * values.shape[1] + np.array([[-1], [0], [1]])
-    left, centre, right = np.log(np.maximum(values.take(around).astype(np.float64), 1e-300))
-    bend = left - 2.0 * centre + right
-    offset = np.divide(0.5 * (left - right), bend, out=np.zeros_like(bend), where=bend < 0)
-    return np.asarray(doppler_hz[best] + np.clip(offset, -0.5, 0.5) * (doppler_hz[1] - doppler_hz[0]))
+    from doppelgait.core.kernels.columns import peak_offsets
+
+    values, doppler_hz = np.ascontiguousarray(signature.values), axis(signature, "doppler")
+    best, offset = values.argmax(axis=1), np.empty(values.shape[0])
+    peak_offsets(values, best, offset)
+    return np.asarray(doppler_hz[best] + offset * (doppler_hz[1] - doppler_hz[0]))
 
 
 def main_line_hz(signature: xr.DataArray, *, order: int, tapered: bool = False) -> FloatArray:
@@ -56,29 +54,22 @@ def main_line_hz(signature: xr.DataArray, *, order: int, tapered: bool = False) 
 
 def line_through(peaks_hz: FloatArray, bin_hz: float, *, order: int, tapered: bool = False) -> FloatArray:
     """The line of :func:`main_line_hz` through given column peaks, so that several lines share one search for them."""
-    basis, parabola = _line_basis(peaks_hz.size, min(order, peaks_hz.size - 1))
-    taper = parabola if tapered else 1.0
+    from doppelgait.core.kernels.robust import robust_fit
+
+    basis, parabola, ones = _line_basis(peaks_hz.size, min(order, peaks_hz.size - 1))
     line: FloatArray = np.full(peaks_hz.size, median(peaks_hz))
-    for _ in range(ITERATIONS):
-        residual = peaks_hz - line
-        scale = max(1.4826 * median(np.abs(residual)), bin_hz / 4.0)
-        residual /= CAUCHY_TUNING * scale
-        residual *= residual
-        residual += 1.0
-        weighted = basis * (taper / residual)
-        # normal equations: the Legendre basis is so nearly orthogonal that they lose nothing here
-        line = np.linalg.solve(weighted @ basis.T, weighted @ peaks_hz) @ basis
+    taper, coefficients = parabola if tapered else ones, np.empty(basis.shape[0])
+    robust_fit(basis, peaks_hz, taper, ones, bin_hz / 4.0, CAUCHY_TUNING, ITERATIONS, line, coefficients)
     return line
 
 
 @lru_cache(maxsize=8)
-def _line_basis(n_columns: int, order: int) -> tuple[FloatArray, FloatArray]:
-    """Legendre polynomials over the observation, shape (order + 1, J), and the parabola that tapers it; read only."""
+def _line_basis(n_columns: int, order: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Legendre polynomials over the observation, shape (order + 1, J), the parabola that tapers it, and ones."""
     position = np.linspace(-1.0, 1.0, n_columns)
     basis = np.ascontiguousarray(np.polynomial.legendre.legvander(position, order).T, dtype=np.float64)
     parabola = 1.0 - position**2 + 1e-3
-    basis.flags.writeable = parabola.flags.writeable = False
-    return basis, parabola
+    return basis, parabola, np.ones(n_columns)
 
 
 def straight_at(line_hz: FloatArray, signature: xr.DataArray, wanted: xr.DataArray) -> FloatArray:
@@ -139,4 +130,4 @@ def align(array: xr.DataArray, line_hz: FloatArray) -> xr.DataArray:
     whole = np.floor(shift)
     moved = np.empty(array.shape)
     shift_columns(np.ascontiguousarray(array.values), whole.astype(np.int64) % moved.shape[1], shift - whole, moved)
-    return array.copy(deep=False, data=moved)
+    return with_values(array, moved)

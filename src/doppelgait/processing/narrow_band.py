@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from threading import local
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +17,10 @@ WIDTH = 14
 LOWEST_OVERSAMPLING = 2.0
 BLOCK = 16
 """Outputs of a kernel that one small matrix product forms."""
+GROUP = 64
+"""Rows that are worked on together, so that all buffers stay in the second-level cache."""
+
+_buffers = local()
 
 
 def magnitudes(rows: FloatArray, weights: FloatArray, length: int, n_kept: int) -> FloatArray:
@@ -87,32 +93,56 @@ def _onto_coarse_grid(
 
 def _interpolated(rows: FloatArray, weights: FloatArray, length: int, between: int, n_kept: int) -> FloatArray:
     """Steps (2) and (3) of :func:`magnitudes`: transform of ``length``, ``between`` lines for each of its own."""
-    from scipy import fft
+    from doppelgait.core.kernels.cadence import magnitudes_of_parts
 
     n_columns, n_rows = rows.shape
     band, shape_factor = _line_band(between, length / n_columns)
-    centre = n_columns // 2  # the kernel needs time 0 in the middle of the record; magnitudes do not care
-    sharper = (weights / _kernel_transform((np.arange(n_columns) - centre) / length, shape_factor))[:, None]
-    circular = np.empty((length, n_rows))
-    np.multiply(rows[centre:], sharper[centre:], out=circular[: n_columns - centre])
-    circular[n_columns - centre : length - centre] = 0.0
-    np.multiply(rows[:centre], sharper[:centre], out=circular[length - centre :])
+    # the kernel needs time 0 in the middle of the record; magnitudes do not care
+    sharper = weights / _kernel_transform((np.arange(n_columns) - n_columns // 2) / length, shape_factor)
     n_blocks = -(-n_kept // (between * BLOCK))
-    half = WIDTH // 2 - 1
-    lines = fft.rfft(circular, axis=0)[: n_blocks * BLOCK + WIDTH - half]
-    # real parts, then imaginary parts of all rows: the kernel is real, and halves are quicker to square than pairs
-    grid = np.zeros((n_blocks * BLOCK + WIDTH, 2 * n_rows))
-    grid[:half, :n_rows], grid[:half, n_rows:] = lines.real[half:0:-1], -lines.imag[half:0:-1]
-    kept = slice(half, half + lines.shape[0])
-    grid[kept, :n_rows], grid[kept, n_rows:] = lines.real, lines.imag
-    fine = np.empty((between * BLOCK, 2 * n_rows))
-    found = np.empty((n_blocks, between * BLOCK, n_rows))
-    for block in range(n_blocks):
-        np.matmul(band, grid[block * BLOCK : (block + 1) * BLOCK + WIDTH], out=fine)
-        fine *= fine
-        np.add(fine[:, :n_rows], fine[:, n_rows:], out=found[block])
-    np.sqrt(found, out=found)  # np.abs of complex numbers guards against overflow and takes four times as long
-    return found.reshape(-1, n_rows)[:n_kept]
+    found = np.empty((n_kept, n_rows))
+    for first in range(0, n_rows, GROUP):
+        few = slice(first, min(first + GROUP, n_rows))
+        grid = _coarse_lines(rows[:, few], sharper, length, n_blocks * BLOCK + WIDTH)
+        overlapping = np.lib.stride_tricks.as_strided(
+            grid, (n_blocks, BLOCK + WIDTH, grid.shape[1]), (BLOCK * grid.strides[0], *grid.strides), writeable=False
+        )
+        fine = _buffer("fine", (n_blocks, between * BLOCK, grid.shape[1]))
+        np.matmul(band, overlapping, out=fine)
+        magnitudes_of_parts(fine.reshape(-1, grid.shape[1]), found[:, few])
+    return found
+
+
+def _coarse_lines(rows: FloatArray, weights: FloatArray, length: int, n_grid: int) -> FloatArray:
+    """Transform of the weighted rows with time 0 in their middle, from line -(W / 2 - 1) on, zero beyond its end.
+
+    Real parts, then imaginary parts of all rows, shape (n_grid, 2 K): the kernel is real.
+    """
+    n_columns, n_rows = rows.shape
+    centre, half = n_columns // 2, WIDTH // 2 - 1
+    circular = _buffer("circular", (n_rows, length))  # rows side by side: their transforms take half the time
+    np.multiply(rows[centre:].T, weights[centre:], out=circular[:, : n_columns - centre])
+    circular[:, n_columns - centre : length - centre] = 0.0
+    np.multiply(rows[:centre].T, weights[:centre], out=circular[:, length - centre :])
+    lines = _buffer("lines", (n_rows, length // 2 + 1), np.complex128)
+    np.fft.rfft(circular, axis=1, out=lines)
+    kept = lines[:, : n_grid - half].T
+    grid = _buffer("grid", (n_grid, 2 * n_rows))
+    grid[half : half + kept.shape[0], :n_rows] = kept.real
+    grid[half : half + kept.shape[0], n_rows:] = kept.imag
+    grid[half + kept.shape[0] :] = 0.0
+    np.copyto(grid[:half, :n_rows], kept.real[half:0:-1])
+    np.negative(kept.imag[half:0:-1], out=grid[:half, n_rows:])
+    return grid
+
+
+def _buffer(name: str, shape: tuple[int, ...], dtype: type = np.float64) -> npt.NDArray[Any]:
+    """Memory of this thread that is used again: the first touch of fresh memory takes longer than the transforms."""
+    held, size = getattr(_buffers, name, None), math.prod(shape)
+    if held is None or held.size < size:
+        held = np.empty(size, dtype=dtype)
+        setattr(_buffers, name, held)
+    return np.asarray(held[:size].reshape(shape))
 
 
 @lru_cache(maxsize=16)

@@ -13,7 +13,16 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.labels import BASEBAND, RANGE_DOPPLER, SIGNATURE, axis, check_signal, make_array, sampling_rate_hz
+from doppelgait.core.labels import (
+    BASEBAND,
+    RANGE_DOPPLER,
+    SIGNATURE,
+    axis,
+    check_signal,
+    make_array,
+    sampling_rate_hz,
+    with_values,
+)
 from doppelgait.core.units import doppler_axis_hz, doppler_to_velocity_mps
 from doppelgait.processing.config import Analysis, Transform, lossless_hop, plan_transform
 from doppelgait.processing.gate import gate_centre_m, gate_edges_in
@@ -243,7 +252,7 @@ def thin(signature: xr.DataArray) -> xr.DataArray:
     if every <= 1:
         return signature
     kept = signature.isel(time=slice(None, None, every))
-    return kept.assign_attrs(hop=signature.attrs["hop"] * every)
+    return with_values(kept, np.ascontiguousarray(kept.values), attrs={"hop": signature.attrs["hop"] * every})
 
 
 def _plain(value: Any) -> Any:

@@ -39,7 +39,7 @@ def shift_columns(
             out[j, k] = values[j, k - wrap - 1] * lower + values[j, k - wrap] * upper
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
 def power_quantiles(
     values: npt.NDArray[np.floating[Any]],
     threshold: float,
@@ -66,21 +66,28 @@ def power_quantiles(
         Overwritten; NaN where no cell exceeds the threshold.
     """
     n_columns, n_bins = values.shape
-    total = np.empty(n_bins)
     for j in range(n_columns):
-        running = 0.0
+        column, total = values[j], 0.0
         for k in range(n_bins):
-            value = np.float64(values[j, k])
-            if value > threshold:
-                running += value - floor
-            total[k] = running
-        if running <= 0.0:
+            total += _above(column[k], threshold, floor)
+        if total <= 0.0:
             low[j] = high[j] = np.nan
             continue
-        k = 0
-        for share, out in ((low_share, low), (high_share, high)):
-            wanted = share * running
-            while total[k] < wanted:
-                k += 1
-            before = total[k - 1] if k > 0 else 0.0
-            out[j] = k + ((wanted - before) / (total[k] - before) - 0.5 if total[k] > before else 0.0)
+        k, before, here = 0, 0.0, _above(column[0], threshold, floor)
+        while before + here < low_share * total and k < n_bins - 1:
+            before += here
+            k += 1
+            here = _above(column[k], threshold, floor)
+        low[j] = k + (low_share * total - before) / here - 0.5
+        k, beyond, here = n_bins - 1, 0.0, _above(column[n_bins - 1], threshold, floor)
+        while beyond + here <= (1.0 - high_share) * total and k > 0:  # from the other end: most power is between
+            beyond += here
+            k -= 1
+            here = _above(column[k], threshold, floor)
+        high[j] = k + 0.5 - ((1.0 - high_share) * total - beyond) / here
+
+
+@njit(nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"}, inline="always")
+def _above(value, threshold, floor):  # type: ignore[no-untyped-def]
+    """Power of a cell above the floor, 0 unless it exceeds the threshold."""
+    return np.float64(value) - floor if value > threshold else 0.0

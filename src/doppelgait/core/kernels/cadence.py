@@ -1,0 +1,24 @@
+"""The last pass of the step-Doppler map (E-30)."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def magnitudes_of_parts(parts: npt.NDArray[np.float64], out: npt.NDArray[np.float64]) -> None:
+    """Magnitude of complex numbers whose real parts stand left and whose imaginary parts stand right in a row.
+
+    Parameters
+    ----------
+    parts : ndarray, shape (Q or more, 2 K), C-contiguous
+    out : ndarray, shape (Q, K)
+        Overwritten.
+    """
+    n_rows = out.shape[1]
+    for q in range(out.shape[0]):
+        real, imaginary, row = parts[q, :n_rows], parts[q, n_rows:], out[q]
+        for k in range(n_rows):
+            row[k] = np.sqrt(real[k] * real[k] + imaginary[k] * imaginary[k])

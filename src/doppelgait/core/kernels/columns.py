@@ -1,0 +1,110 @@
+"""Passes over the columns of a signature for what several features need of them (E-28, E-29, E-33, E-38)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+FloatArray = npt.NDArray[np.float64]
+AnyFloatArray = npt.NDArray[np.floating[Any]]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+def excess_columns(values: AnyFloatArray, floor: float, out: FloatArray, sums: FloatArray) -> None:
+    """Cells less the floor, 0 where that is negative, and the sum of every column (E-28).
+
+    Parameters
+    ----------
+    values : ndarray, shape (J, K)
+    floor : float
+    out : ndarray, shape (J, K)
+        Overwritten.
+    sums : ndarray, shape (J,)
+        Overwritten.
+    """
+    for j in range(values.shape[0]):
+        total, column, excess = 0.0, values[j], out[j]
+        for k in range(values.shape[1]):
+            cell = max(np.float64(column[k]) - floor, 0.0)
+            excess[k] = cell
+            total += cell
+        sums[j] = total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def peak_offsets(values: AnyFloatArray, best: npt.NDArray[np.int64], offset: FloatArray) -> None:
+    """Top of the parabola in the logarithm through the strongest cell of every column and its neighbours.
+
+    Parameters
+    ----------
+    values : ndarray, shape (J, K)
+    best : ndarray, shape (J,)
+        Strongest cell; moved to 1..K - 2 here.
+    offset : ndarray, shape (J,)
+        Overwritten: bins from ``best``, -1/2 to 1/2.
+    """
+    for j in range(best.size):
+        k = min(max(best[j], 1), values.shape[1] - 2)
+        best[j] = k
+        left = np.log(max(np.float64(values[j, k - 1]), 1e-300))
+        centre = np.log(max(np.float64(values[j, k]), 1e-300))
+        right = np.log(max(np.float64(values[j, k + 1]), 1e-300))
+        bend = left - 2.0 * centre + right
+        offset[j] = min(max(0.5 * (left - right) / bend, -0.5), 0.5) if bend < 0 else 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def sums_about_line(
+    values: AnyFloatArray,
+    floor: float,
+    line: FloatArray,
+    reaches: FloatArray,
+    torso: FloatArray,
+    near: FloatArray,
+    weight: FloatArray,
+    moment: FloatArray,
+) -> None:
+    r"""Power about the main line, cells at the edge in part, and the centroid of its square, not yet divided.
+
+    With :math:`p = v - \nu` and the distance x of a cell's centre from the line, bins: :math:`\sum p\,
+    \min(\max(r - |x| + 1/2, 0), 1)` for two reaches r, and :math:`\sum \max(p, 0)^2` and :math:`\sum x \max(p, 0)^2`
+    over the cells with :math:`|x|` up to the third. The Doppler axis is circular.
+
+    Parameters
+    ----------
+    values : ndarray, shape (J, K)
+    floor : float
+        nu.
+    line : ndarray, shape (J,)
+        Main line in bins from the first.
+    reaches : ndarray, shape (3,)
+        Of ``torso``, ``near`` and the centroid, bins.
+    torso, near, weight, moment : ndarray, shape (J,)
+        Overwritten.
+    """
+    n_columns, n_bins = values.shape
+    half = min(int(np.ceil(reaches[1])) + 1, (n_bins - 1) // 2)
+    for j in range(n_columns):
+        centre = int(np.rint(line[j]))
+        torso[j] = near[j] = weight[j] = moment[j] = 0.0
+        for bin_number in range(centre - half, centre + half + 1):
+            distance = bin_number - line[j]
+            power = np.float64(values[j, bin_number % n_bins]) - floor
+            torso[j] += power * min(max(reaches[0] - abs(distance) + 0.5, 0.0), 1.0)
+            near[j] += power * min(max(reaches[1] - abs(distance) + 0.5, 0.0), 1.0)
+            if abs(distance) <= reaches[2] and power > 0.0:
+                weight[j] += power * power
+                moment[j] += power * power * distance
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def row_means(values: AnyFloatArray, out: FloatArray) -> None:
+    """Mean of every Doppler row over time; ``values`` has shape (J, K), ``out`` (K,)."""
+    out[:] = 0.0
+    for j in range(values.shape[0]):
+        for k in range(values.shape[1]):
+            out[k] += values[j, k]
+    out /= values.shape[0]

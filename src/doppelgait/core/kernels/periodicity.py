@@ -1,0 +1,229 @@
+"""Sums over lags and harmonics: how a signature repeats (E-33)."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+def lag_products(rows: FloatArray, first: int, out: FloatArray) -> None:
+    r"""Products of columns some lags apart, summed over time and rows (E-33).
+
+    .. math:: o_i = \sum_j \sum_k v_{j,k}\, v_{j + m + i,\, k}
+
+    Parameters
+    ----------
+    rows : ndarray, shape (J, K), C-contiguous
+    first : int
+        m.
+    out : ndarray, shape (number of lags,)
+        Overwritten.
+    """
+    n_columns, n_rows = rows.shape
+    out[:] = 0.0
+    for j in range(n_columns - first):
+        column, count, i = rows[j], min(out.size, n_columns - first - j), 0
+        while i + 4 <= count:  # four at a time, so that each value of this column is loaded once for them
+            later = j + first + i
+            a, b, c, d = rows[later], rows[later + 1], rows[later + 2], rows[later + 3]
+            of_a = of_b = of_c = of_d = 0.0
+            for k in range(n_rows):
+                value = column[k]
+                of_a += value * a[k]
+                of_b += value * b[k]
+                of_c += value * c[k]
+                of_d += value * d[k]
+            out[i] += of_a
+            out[i + 1] += of_b
+            out[i + 2] += of_c
+            out[i + 3] += of_d
+            i += 4
+        while i < count:
+            a, of_a = rows[j + first + i], 0.0
+            for k in range(n_rows):
+                of_a += column[k] * a[k]
+            out[i] += of_a
+            i += 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+def square_difference(rows: FloatArray, first: int, out: FloatArray) -> None:
+    r"""Normalised square-difference autocorrelation at some lags (E-33).
+
+    .. math:: n_i = 2 \sum_j \sum_k v_{j,k} v_{j+m+i,k} \Big/ \sum_j \sum_k (v_{j,k}^2 + v_{j+m+i,k}^2)
+
+    Parameters
+    ----------
+    rows : ndarray, shape (J, K), C-contiguous
+    first : int
+        m.
+    out : ndarray, shape (number of lags,)
+        Overwritten; 0 where the denominator is.
+    """
+    n_columns = rows.shape[0]
+    until = np.zeros(n_columns + 1)
+    for j in range(n_columns):
+        column, energy = rows[j], 0.0
+        for k in range(rows.shape[1]):
+            energy += column[k] * column[k]
+        until[j + 1] = until[j] + energy
+    lag_products(rows, first, out)
+    for i in range(out.size):
+        lag = first + i
+        total = until[n_columns - lag] + (until[n_columns] - until[lag])
+        out[i] = 2.0 * out[i] / total if total > 0.0 else 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+def period_harmonics(
+    rows: FloatArray,
+    starts: npt.NDArray[np.int64],
+    length: int,
+    turn_rad: float,
+    real: FloatArray,
+    imaginary: FloatArray,
+    means: FloatArray,
+) -> None:
+    r"""Fourier coefficients of stretches of the record, each without its mean.
+
+    .. math:: c_{b,h,k} = \frac{1}{L} \sum_{j=s_b}^{s_b+L-1} (v_{j,k} - \bar v_{b,k})\, e^{-i (h+1) \theta j}
+
+    Parameters
+    ----------
+    rows : ndarray, shape (J, K)
+    starts : ndarray, shape (B,)
+        s.
+    length : int
+        L.
+    turn_rad : float
+        theta.
+    real, imaginary : ndarray, shape (B, H, K)
+        Overwritten with c.
+    means : ndarray, shape (B, K)
+        Overwritten with the means.
+    """
+    n_rows = rows.shape[1]
+    real[:], imaginary[:], means[:] = 0.0, 0.0, 0.0
+    centred = np.empty(n_rows)
+    for b in range(starts.size):
+        mean = means[b]
+        for j in range(starts[b], starts[b] + length):
+            column = rows[j]
+            for k in range(n_rows):
+                mean[k] += column[k] / length
+        for j in range(starts[b], starts[b] + length):
+            for k in range(n_rows):
+                centred[k] = (rows[j, k] - mean[k]) / length
+            turn = complex(np.cos(turn_rad * j), -np.sin(turn_rad * j))
+            wave = turn
+            for h in range(real.shape[1]):
+                re, im, cosine, sine = real[b, h], imaginary[b, h], wave.real, wave.imag
+                for k in range(n_rows):
+                    re[k] += cosine * centred[k]
+                    im[k] += sine * centred[k]
+                wave *= turn
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def quantiles_without(
+    ordered: FloatArray, member: npt.NDArray[np.int64], counts: npt.NDArray[np.int64], share: float, out: FloatArray
+) -> None:
+    """Quantile of sorted values without one group of them, for each group.
+
+    Parameters
+    ----------
+    ordered : ndarray, shape (N,)
+        Rising.
+    member : ndarray, shape (N,)
+        Group of every value; below 0 for none.
+    counts : ndarray, shape (G,)
+        Values in every group.
+    share : float
+        0 to 1; between two values the quantile is interpolated.
+    out : ndarray, shape (G,)
+        Overwritten; NaN where a group holds all values.
+    """
+    for g in range(counts.size):
+        n_kept = ordered.size - counts[g]
+        out[g] = np.nan
+        place, seen, below = share * (n_kept - 1), 0, 0.0
+        for i in range(ordered.size):
+            if member[i] == g:
+                continue
+            if seen == int(place):
+                below = ordered[i]
+                out[g] = below
+            elif seen == int(place) + 1:
+                out[g] = below + (place - int(place)) * (ordered[i] - below)
+                break
+            seen += 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def add_between(values: FloatArray, place: FloatArray, weight: float, out: FloatArray) -> None:
+    """Add weighted values between samples, by the cubic of Catmull and Rom.
+
+    Parameters
+    ----------
+    values : ndarray, shape (Q,), Q at least 4
+    place : ndarray, shape (N,)
+        In samples.
+    weight : float
+    out : ndarray, shape (N,)
+        Added to.
+    """
+    for n in range(place.size):
+        whole = min(max(int(place[n]), 1), values.size - 3)
+        x = place[n] - whole
+        before, left, right, after = values[whole - 1], values[whole], values[whole + 1], values[whole + 2]
+        bend = 2.0 * before - 5.0 * left + 4.0 * right - after
+        twist = 3.0 * (left - right) + after - before
+        out[n] += weight * (left + 0.5 * x * (right - before + x * (bend + x * twist)))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def highest_between(values: FloatArray, low: float, high: float, count: int) -> float:
+    """Largest of ``count`` values on straight lines between samples, at even steps from ``low`` to ``high``."""
+    last, best = values.size - 1, -np.inf
+    for n in range(count):
+        place = min(max(low + n * (high - low) / (count - 1), 0.0), float(last))
+        left = min(int(place), max(last - 1, 0))
+        best = max(best, values[left] + (place - left) * (values[min(left + 1, last)] - values[left]))
+    return float(best)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def limb_amplitudes(
+    moved: FloatArray,
+    occupied: npt.NDArray[np.bool_],
+    noise: FloatArray,
+    starts: npt.NDArray[np.int64],
+    stops: npt.NDArray[np.int64],
+    out: FloatArray,
+) -> None:
+    """Amplitude of groups of rows after the noise is taken off every cell (E-33 step 4).
+
+    Parameters
+    ----------
+    moved : ndarray, shape (J, K)
+        Power, the torso's line at zero Doppler.
+    occupied : ndarray, shape (K,)
+        Rows that count.
+    noise : ndarray, shape (J,)
+        Taken off every cell, which is then 0 or more.
+    starts, stops : ndarray, shape (G,)
+        First row of every group and one past its last.
+    out : ndarray, shape (J, G)
+        Overwritten with square roots.
+    """
+    for j in range(moved.shape[0]):
+        for g in range(starts.size):
+            total = 0.0
+            for k in range(starts[g], stops[g]):
+                if occupied[k]:
+                    total += max(moved[j, k] - noise[j], 0.0)
+            out[j, g] = np.sqrt(total)

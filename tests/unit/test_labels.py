@@ -1,0 +1,84 @@
+"""Labelled arrays: made, given new values, and read."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from doppelgait.core.errors import AnalysisError
+from doppelgait.core.labels import CADENCE_MAP, MOTION, NORMALISED_SIGNATURE, SIGNATURE, axis, make_array, with_values
+
+TIME_S, DOPPLER_HZ = np.linspace(0.0, 1.0, 5), np.array([-10.0, 0.0, 10.0])
+
+
+def signature():
+    coords = {
+        "time": TIME_S,
+        "doppler": DOPPLER_HZ,
+        "velocity": ("doppler", 0.02 * DOPPLER_HZ),
+        "centre_range": ("time", TIME_S + 2.0, {"units": "m"}),
+    }
+    return make_array(SIGNATURE, np.arange(15.0).reshape(5, 3), coords, {"hop": 8})
+
+
+def test_an_array_is_the_one_that_xarray_makes_of_the_same_parts():
+    made = signature()
+    wanted = xr.DataArray(
+        np.arange(15.0).reshape(5, 3),
+        dims=("time", "doppler"),
+        coords={
+            "time": ("time", TIME_S, {"units": "s"}),
+            "doppler": ("doppler", DOPPLER_HZ, {"units": "Hz"}),
+            "velocity": ("doppler", 0.02 * DOPPLER_HZ, {"units": "m/s"}),
+            "centre_range": ("time", TIME_S + 2.0, {"units": "m"}),
+        },
+        name="signature",
+        attrs={"units": "V^2", "hop": 8},
+    )
+    xr.testing.assert_identical(made, wanted)
+    xr.testing.assert_identical(made.sel(time=0.25, doppler=10.0), wanted.sel(time=0.25, doppler=10.0))
+    xr.testing.assert_identical(made.isel(time=slice(1, 3)) + 1.0, wanted.isel(time=slice(1, 3)) + 1.0)
+
+
+def test_new_values_share_the_coordinates_and_leave_the_old_array_alone():
+    old = signature()
+    new = with_values(old, np.zeros((5, 3)), schema=NORMALISED_SIGNATURE, attrs={"normalisation": "sum"})
+    assert (new.name, new.attrs) == ("normalised_signature", {"units": "1", "hop": 8, "normalisation": "sum"})
+    assert (old.name, old.attrs) == ("signature", {"units": "V^2", "hop": 8})
+    assert old.values.any()
+    xr.testing.assert_identical(new.coords.to_dataset(), old.coords.to_dataset())
+    assert with_values(old, np.zeros((5, 3))).attrs == old.attrs
+    with pytest.raises(ValueError, match="dimension"):
+        with_values(old, np.zeros(5))
+
+
+def test_coordinates_can_be_taken_from_a_like_array():
+    cadence_hz = np.array([0.0, 0.5])
+    made = make_array(CADENCE_MAP, np.zeros((2, 3)), {"cadence": cadence_hz}, like=signature())
+    assert set(made.coords) == {"cadence", "doppler", "velocity"}
+    np.testing.assert_array_equal(axis(made, "doppler"), DOPPLER_HZ)
+    np.testing.assert_array_equal(made.sel(cadence=0.5, doppler=-10.0), 0.0)
+
+
+def test_a_coordinate_of_another_length_is_refused():
+    with pytest.raises(ValueError, match="coordinate 'time'"):
+        make_array(SIGNATURE, np.zeros((4, 3)), {"time": TIME_S, "doppler": DOPPLER_HZ})
+
+
+def test_a_missing_coordinate_is_named():
+    with pytest.raises(AnalysisError, match="'velocity' along 'doppler' is missing"):
+        make_array(SIGNATURE, np.zeros((5, 3)), {"time": TIME_S, "doppler": DOPPLER_HZ})
+
+
+def test_axes_are_those_of_the_coordinates_numbers_and_names():
+    array = signature()
+    for name in ("time", "doppler", "velocity", "centre_range"):
+        np.testing.assert_array_equal(axis(array, name), array.coords[name].values)
+        assert axis(array.to_dataset(), name).dtype == np.float64
+    coords = {"time": TIME_S, "marker": ["head", "toe"], "space": ["x", "y", "z"], "part": ("marker", ["a", "b"])}
+    motion = make_array(MOTION, np.zeros((5, 2, 3)), coords)
+    assert axis(motion, "marker").tolist() == ["head", "toe"]
+    assert axis(motion, "marker").dtype == motion.coords["marker"].dtype
+    with pytest.raises(KeyError):
+        axis(array, "range")
