@@ -92,16 +92,19 @@ def test_alignment_by_whole_bins_is_a_circular_shift_e29():
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_alignment_by_parts_of_bins_is_linear_interpolation_on_a_circle_e29(dtype):
+def test_alignment_by_parts_of_bins_is_cubic_convolution_on_a_circle_e29(dtype):
     bin_hz = PRF_HZ / K
     line_hz = np.array([0.0, 0.25, -0.25, 5.5, -70.9, 63.999, 127.5, 300.1]) * bin_hz
     mu = line_signature(np.zeros(8))
     mu = mu.copy(data=np.random.default_rng(1).random(mu.shape).astype(dtype))
     found = align(mu, line_hz).values
     for j, shift in enumerate(line_hz / bin_hz):
-        at = (np.arange(K) + shift) % K
-        wanted = np.interp(at, np.arange(K + 1), np.append(mu.values[j], mu.values[j, 0]))
-        np.testing.assert_allclose(found[j], wanted, atol=1e-12)
+        far = np.abs(np.arange(K)[:, None] + shift - np.arange(K))
+        far = np.minimum(far % K, -far % K)  # on the circle
+        near = np.where(far < 1, 1.5 * far**3 - 2.5 * far**2 + 1, -0.5 * far**3 + 2.5 * far**2 - 4 * far + 2)
+        wanted = np.where(far < 2, near, 0.0) @ mu.values[j].astype(np.float64)
+        np.testing.assert_allclose(found[j], wanted, atol=1e-11)
+    np.testing.assert_allclose(found.sum(axis=1), mu.values.sum(axis=1, dtype=np.float64), rtol=1e-9)
 
 
 def test_a_line_through_fewer_columns_than_its_order_goes_through_all_of_them():

@@ -21,7 +21,7 @@ configuration gives other bytes (a draw, a kernel, a stored type), so that a dat
 another making. 1: first form. 2: compiled kernels for geometry, noise and signature; splits by subject names.
 3: another order of operations in amplitudes, tracks, the short-time transform and the cadence map; features from the
 columns of the lossless hop. 4: gait frequency by limbs, harmonics and a decision between step and stride. 5: rows by
-target, splits by groups."""
+target, splits by groups. 6: alignment by cubic convolution; the last bits of features."""
 
 
 def dataset_id(plan: PlanConfig, folder: Path) -> str:

@@ -103,7 +103,7 @@ def drifts(straight_hz: FloatArray) -> bool:
 
 
 def align(array: xr.DataArray, line_hz: FloatArray) -> xr.DataArray:
-    """Shift every column by minus the line, circularly, with linear interpolation between Doppler bins (E-29).
+    """Shift every column by minus the line, circularly, with cubic convolution between Doppler bins (E-29).
 
     Parameters
     ----------

@@ -18,7 +18,12 @@ def shift_columns(
 ) -> None:
     r"""Shift every column downwards in Doppler, circularly, by whole bins and a part of one.
 
-    .. math:: o_{j,k} = (1 - p_j)\, v_{j,\,(k + w_j) \bmod K} + p_j\, v_{j,\,(k + w_j + 1) \bmod K}
+    .. math:: o_{j,k} = \sum_{m=-1}^{2} c_m(p_j)\, v_{j,\,(k + w_j + m) \bmod K}
+
+    with Keys' cubic convolution, :math:`c_{-1} = -\tfrac{1}{2} p (1 - p)^2`,
+    :math:`c_0 = 1 - \tfrac{5}{2} p^2 + \tfrac{3}{2} p^3`, :math:`c_1(p) = c_0(1 - p)`, :math:`c_2(p) = c_{-1}(1 - p)`
+    (IEEE Trans. ASSP 29, 1981). The weights sum to 1, so column sums are kept; between two bins it lowers a narrow line
+    far less than a straight line between them would. Beside a step it overshoots by up to 7 % of it.
 
     Parameters
     ----------
@@ -29,14 +34,15 @@ def shift_columns(
         Overwritten.
     """
     n_columns, n_bins = values.shape
+    row = np.empty(n_bins + 3)
     for j in range(n_columns):
-        upper, lower = part[j], 1.0 - part[j]
-        wrap = n_bins - 1 - whole[j]
-        for k in range(wrap):
-            out[j, k] = values[j, whole[j] + k] * lower + values[j, whole[j] + k + 1] * upper
-        out[j, wrap] = values[j, n_bins - 1] * lower + values[j, 0] * upper
-        for k in range(wrap + 1, n_bins):
-            out[j, k] = values[j, k - wrap - 1] * lower + values[j, k - wrap] * upper
+        p, q = part[j], 1.0 - part[j]
+        before, after = -0.5 * p * q * q, -0.5 * q * p * p
+        here, there = 1.0 - 2.5 * p * p + 1.5 * p * p * p, 1.0 - 2.5 * q * q + 1.5 * q * q * q
+        for k in range(n_bins + 3):
+            row[k] = values[j, (k + whole[j] - 1 + n_bins) % n_bins]
+        for k in range(n_bins):
+            out[j, k] = before * row[k] + here * row[k + 1] + there * row[k + 2] + after * row[k + 3]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
