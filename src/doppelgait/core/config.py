@@ -21,7 +21,7 @@ from doppelgait.core.errors import ConfigError
 class FrozenModel(BaseModel):
     """Base of all parameter models: immutable, unknown keys forbidden, no NaN or infinity, text is no number."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
     @field_validator("*", mode="before")
     @classmethod

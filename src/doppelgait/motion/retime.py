@@ -11,7 +11,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import MotionError
-from doppelgait.core.labels import MOTION, axis, check_signal
+from doppelgait.core.labels import MOTION, axis, check_signal, with_values
 from doppelgait.motion.skeleton import BODY_CENTRE_PARTS
 
 FloatArray = npt.NDArray[np.float64]
@@ -136,7 +136,7 @@ def place(motion: xr.DataArray, *, position_m: tuple[float, float], heading_deg:
     np.add(x * cos - y * sin, position_m[0], out=moved[..., 0])
     np.add(x * sin + y * cos, position_m[1], out=moved[..., 1])
     moved[..., 2] = motion.values[..., 2]
-    return motion.copy(deep=False, data=moved)
+    return with_values(motion, moved)
 
 
 def _centre_at(motion: xr.DataArray, at_s: float) -> FloatArray:

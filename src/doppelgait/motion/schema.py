@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -71,10 +72,13 @@ def make_motion(
     if unknown:
         raise KeyError(f"unknown motion facts: {sorted(unknown)}")
     values = np.asarray(position_m, dtype=np.float64)
-    coords = {
-        "time": start_s + np.arange(values.shape[0]) / rate_hz,
-        "marker": list(markers),
-        "space": list(SPACE),
-        "part": ("marker", list(parts)),
-    }
-    return make_array(MOTION, values, coords, {**FACTS, **(facts or {}), "rate_hz": float(rate_hz)})
+    time_s = start_s + np.arange(values.shape[0]) / rate_hz
+    known = {**FACTS, **(facts or {}), "rate_hz": float(rate_hz)}
+    return make_array(MOTION, values, {"time": time_s}, known, like=_names(tuple(markers), tuple(parts)))
+
+
+@lru_cache(maxsize=64)
+def _names(markers: tuple[str, ...], parts: tuple[str, ...]) -> xr.DataArray:
+    """Names of points as coordinates of no frames; a model asks for the same again and again."""
+    coords = {"time": np.empty(0), "marker": list(markers), "space": list(SPACE), "part": ("marker", list(parts))}
+    return make_array(MOTION, np.empty((0, len(markers), len(SPACE))), coords)

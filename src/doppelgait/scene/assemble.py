@@ -214,13 +214,16 @@ def _labelled(
     names: npt.NDArray[np.str_], parts: npt.NDArray[np.str_],
 ) -> xr.Dataset:  # fmt: skip
     dims = ("slow_time", "scatterer")
+    columns = {"target": np.full(names.size, number), "marker": names, "part": parts}
     return xr.Dataset(
-        {name: (dims, values[name], {"units": unit}) for name, unit in SCATTERER_VARIABLES.items() if name in values},
+        {
+            name: xr.Variable(dims, values[name], {"units": unit}, fastpath=True)
+            for name, unit in SCATTERER_VARIABLES.items()
+            if name in values
+        },
         coords={
-            "slow_time": ("slow_time", times, {"units": "s"}),
-            "target": ("scatterer", np.full(names.size, number)),
-            "marker": ("scatterer", names),
-            "part": ("scatterer", parts),
+            "slow_time": xr.Variable("slow_time", times, {"units": "s"}, fastpath=True),
+            **{name: xr.Variable("scatterer", column, fastpath=True) for name, column in columns.items()},
         },
         attrs={} if scene.receiver_position_m is None else {"bistatic": True},
     )

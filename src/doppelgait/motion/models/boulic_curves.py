@@ -11,15 +11,13 @@ from __future__ import annotations
 import math
 from functools import lru_cache
 from itertools import pairwise
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import ConfigError
-
-if TYPE_CHECKING:
-    from scipy.interpolate import PchipInterpolator
+from doppelgait.motion.models.curves import Curve, periodic_pchip_curve
 
 FloatArray = npt.NDArray[np.float64]
 OffsetSigns = Literal["continuous", "published", "pendulum"]
@@ -160,19 +158,14 @@ def joint_knots(relative_speed: float) -> dict[str, Knots]:
 
 def periodic_pchip(knots: Knots, phase: FloatArray) -> FloatArray:
     """Shape-preserving cubic (Fritsch-Carlson) through knots that repeat every cycle."""
-    return np.asarray(_pchip(tuple(knots))(np.mod(phase, 1.0)))
+    return _pchip(tuple(knots))(np.mod(phase, 1.0))
 
 
 @lru_cache(maxsize=256)
-def _pchip(knots: tuple[tuple[float, float], ...]) -> PchipInterpolator:
+def _pchip(knots: tuple[tuple[float, float], ...]) -> Curve:
     """The curve; a motion asks for the same few again and again."""
-    from scipy.interpolate import PchipInterpolator
-
     one = sorted((float(np.mod(p, 1.0)), float(value)) for p, value in knots)
     kept = [one[0]] + [b for a, b in pairwise(one) if b[0] - a[0] > SAME_KNOT]
     if kept[0][0] + 1 - kept[-1][0] <= SAME_KNOT:
         kept.pop()
-    # Slopes depend on the neighbours alone: two periods on either side are as good as infinitely many.
-    x = np.array([[p + turn for p, _ in kept] for turn in range(-2, 3)]).ravel()
-    y = np.tile([value for _, value in kept], 5)
-    return PchipInterpolator(x, y)
+    return periodic_pchip_curve(*zip(*kept, strict=True))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,7 @@ from doppelgait.motion.models.boulic_curves import (
     support_fraction,
     trunk_angles_deg,
 )
+from doppelgait.motion.models.curves import Curve, cubic_spline
 from doppelgait.motion.models.human_arms import Curves, Hands, swing_arms
 from doppelgait.motion.models.human_chain import POINTS, figure_points
 from doppelgait.motion.models.human_feet import Style, place_feet
@@ -48,9 +49,6 @@ from doppelgait.motion.models.strides import (
 )
 from doppelgait.motion.schema import make_motion
 from doppelgait.motion.skeleton import BOULIC_PARTS
-
-if TYPE_CHECKING:
-    from scipy.interpolate import CubicSpline
 
 FloatArray = npt.NDArray[np.float64]
 GaitName = Literal["auto", "walk", "run"]
@@ -199,7 +197,7 @@ def _generate(config: HumanConfig, duration_s: float, rng: np.random.Generator |
 
     def advance(cycles: FloatArray, order: int) -> FloatArray:
         if way is not None:
-            return np.asarray(way(cycles, order))
+            return way(cycles, order)
         return style.stride_m * (cycles - phase[0]) if order == 0 else np.full_like(cycles, style.stride_m)
 
     if config.foot_lock:
@@ -219,7 +217,7 @@ def _generate(config: HumanConfig, duration_s: float, rng: np.random.Generator |
 
 def _clock_and_way(
     config: HumanConfig, style: Style, end_s: float, rng: np.random.Generator | None
-) -> tuple[tuple[FloatArray, FloatArray], CubicSpline | None]:
+) -> tuple[tuple[FloatArray, FloatArray], Curve | None]:
     """Knots of time against phase, and a spline of the way against phase, None where it is a straight line."""
     varied = {
         "time_sd": config.step_time_sd, "length_sd": config.step_length_sd,
@@ -227,12 +225,10 @@ def _clock_and_way(
     }  # fmt: skip
     if not any(varied.values()):
         return stride_clock(end_s, period_s=style.period_s, start_phase=config.start_phase), None
-    from scipy.interpolate import CubicSpline
-
     times_s, phases, way_m = step_series(
         end_s, stride_s=style.period_s, stride_m=style.stride_m, start_phase=config.start_phase, rng=rng, **varied
     )
-    return (times_s, phases), CubicSpline(phases, way_m)
+    return (times_s, phases), cubic_spline(phases, way_m)
 
 
 def _leg_and_tempo(config: HumanConfig) -> tuple[float, float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -11,8 +11,17 @@ from doppelgait.motion.skeleton import BOULIC_PARTS
 
 FloatArray = npt.NDArray[np.float64]
 
+Place = tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike]
+
 POINTS = tuple(BOULIC_PARTS)
 """Names of the points in the published order."""
+
+_SIDES = ("left", "right")
+_LOWER = [POINTS.index(n) for n in ("base", *(f"{s}_{p}" for s in _SIDES for p in ("hip", "knee", "ankle", "toe")))]
+_UPPER = [
+    POINTS.index(n) for n in ("neck", "head", *(f"{s}_{p}" for s in _SIDES for p in ("shoulder", "elbow", "hand")))
+]
+"""Points that turn with the pelvis, and those that turn with the upper body, in the order they are made in."""
 
 
 def figure_points(
@@ -35,63 +44,69 @@ def figure_points(
         Metres in the order of :data:`POINTS`; x forward, y left, z up.
     """
     count = limbs_rad["hip"].shape[1]
-    lower, upper = {"base": np.zeros((count, 3))}, _spine(count, size_m)
-    for row, (side, sigma) in enumerate((("left", 1.0), ("right", -1.0))):
-        angle = {name: both[row] for name, both in limbs_rad.items()}
-        lower |= {f"{side}_{name}": xyz for name, xyz in _leg(angle, sigma, size_m).items()}
-        upper |= {f"{side}_{name}": xyz for name, xyz in _arm(angle, sigma, size_m).items()}
-    halves = _turn_pelvis(_columns(lower), trunk_rad), _turn_upper_body(_columns(upper), trunk_rad)
-    order = [[*lower, *upper].index(name) for name in POINTS]
-    return np.asarray(np.concatenate(halves, axis=1)[:, order])
+    lower, upper = (
+        _columns(_pelvis_and_legs(limbs_rad, size_m), count),
+        _columns(_spine_and_arms(limbs_rad, size_m), count),
+    )
+    _rotate(lower, trunk_rad["pelvic_list"], axis=0)
+    _rotate(lower, -trunk_rad["pelvic_torsion"], axis=2)
+    _rotate(upper, -trunk_rad["trunk_pitch"], axis=1)
+    _rotate(upper, -trunk_rad["thorax_torsion"], axis=2)
+    result = np.empty((count, len(POINTS), 3))
+    result[:, _LOWER], result[:, _UPPER] = lower.T, upper.T
+    return result
 
 
-def _columns(points: dict[str, FloatArray]) -> FloatArray:
-    return np.stack(list(points.values()), axis=1)
+def _columns(points: Sequence[Place], count: int) -> FloatArray:
+    """Coordinates of points as (3, k, n): whole columns are turned at a time."""
+    found = np.empty((3, len(points), count))
+    for number, point in enumerate(points):
+        for row, part in zip(found[:, number], point, strict=True):
+            row[...] = part
+    return found
 
 
-def _spine(count: int, size: Mapping[str, float]) -> dict[str, FloatArray]:
-    up = np.array([0.0, 0.0, 1.0])
-    return {
-        "neck": np.tile(size["torso"] * up, (count, 1)),
-        "head": np.tile((size["torso"] + size["head"]) * up, (count, 1)),
-    }
-
-
-def _leg(angle: dict[str, FloatArray], sigma: float, size: Mapping[str, float]) -> dict[str, FloatArray]:
-    shank = angle["hip"] - angle["knee"]
+def _pelvis_and_legs(limbs: Mapping[str, FloatArray], size: Mapping[str, float]) -> list[Place]:
+    """Base of the spine, then hip, knee, ankle and toe of the left and the right side."""
+    found: list[Place] = [(0.0, 0.0, 0.0)]
+    shank = limbs["hip"] - limbs["knee"]
     # The foot is a rod at right angles to the shank when the ankle is at zero.
-    foot = shank + angle["ankle"] + np.pi / 2
-    hip = np.tile([0.0, sigma * size["half_hip"], 0.0], (shank.size, 1))
-    knee = hip + size["thigh"] * _hanging(angle["hip"])
-    ankle = knee + size["shank"] * _hanging(shank)
-    return {"hip": hip, "knee": knee, "ankle": ankle, "toe": ankle + size["foot"] * _hanging(foot)}
+    foot = shank + limbs["ankle"] + np.pi / 2
+    links = ((limbs["hip"], size["thigh"]), (shank, size["shank"]), (foot, size["foot"]))
+    x, z = _hanging((0.0, 0.0), links)
+    for row, beside in enumerate((size["half_hip"], -size["half_hip"])):
+        found += [(0.0, beside, 0.0), *((x_k[row], beside, z_k[row]) for x_k, z_k in zip(x, z, strict=True))]
+    return found
 
 
-def _arm(angle: dict[str, FloatArray], sigma: float, size: Mapping[str, float]) -> dict[str, FloatArray]:
-    forearm = angle["shoulder"] + angle["elbow"]
-    shoulder = np.tile([0.0, sigma * size["half_shoulder"], size["torso"]], (forearm.size, 1))
-    elbow = shoulder + size["upper_arm"] * _hanging(angle["shoulder"])
-    return {"shoulder": shoulder, "elbow": elbow, "hand": elbow + size["forearm"] * _hanging(forearm)}
+def _spine_and_arms(limbs: Mapping[str, FloatArray], size: Mapping[str, float]) -> list[Place]:
+    """Neck and head, then shoulder, elbow and hand of the left and the right side."""
+    top = size["torso"]
+    found: list[Place] = [(0.0, 0.0, top), (0.0, 0.0, top + size["head"])]
+    links = ((limbs["shoulder"], size["upper_arm"]), (limbs["shoulder"] + limbs["elbow"], size["forearm"]))
+    x, z = _hanging((0.0, top), links)
+    for row, beside in enumerate((size["half_shoulder"], -size["half_shoulder"])):
+        found += [(0.0, beside, top), *((x_k[row], beside, z_k[row]) for x_k, z_k in zip(x, z, strict=True))]
+    return found
 
 
-def _hanging(angle_rad: FloatArray) -> FloatArray:
-    """Unit vectors that hang straight down at angle 0 and swing forward with it, shape (n, 3)."""
-    return np.stack([np.sin(angle_rad), np.zeros_like(angle_rad), -np.cos(angle_rad)], axis=-1)
+def _hanging(
+    start: tuple[float, float], links: Sequence[tuple[FloatArray, float]]
+) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Ends (x, z) of links one below the other that hang straight down at angle 0 and swing forward with it."""
+    ends_x, ends_z = [], []
+    x, z = (np.asarray(part) for part in start)
+    for angle_rad, length in links:
+        x, z = x + length * np.sin(angle_rad), z - length * np.cos(angle_rad)
+        ends_x.append(x)
+        ends_z.append(z)
+    return ends_x, ends_z
 
 
-def _turn_pelvis(xyz: FloatArray, trunk: Mapping[str, FloatArray]) -> FloatArray:
-    return _rotate(_rotate(xyz, trunk["pelvic_list"], axis=0), -trunk["pelvic_torsion"], axis=2)
-
-
-def _turn_upper_body(xyz: FloatArray, trunk: Mapping[str, FloatArray]) -> FloatArray:
-    return _rotate(_rotate(xyz, -trunk["trunk_pitch"], axis=1), -trunk["thorax_torsion"], axis=2)
-
-
-def _rotate(xyz: FloatArray, angle_rad: FloatArray, *, axis: int) -> FloatArray:
-    """Right-handed rotation of points (n, k, 3) about a coordinate axis through the origin by n angles."""
+def _rotate(xyz: FloatArray, angle_rad: FloatArray, *, axis: int) -> None:
+    """Right-handed rotation of points (3, k, n), in place, about a coordinate axis through the origin by n angles."""
     first, second = (axis + 1) % 3, (axis + 2) % 3
-    cosine, sine = np.cos(angle_rad)[:, None], np.sin(angle_rad)[:, None]
-    turned = xyz.copy()
-    turned[..., first] = cosine * xyz[..., first] - sine * xyz[..., second]
-    turned[..., second] = sine * xyz[..., first] + cosine * xyz[..., second]
-    return turned
+    cosine, sine = np.cos(angle_rad), np.sin(angle_rad)
+    turned = cosine * xyz[first] - sine * xyz[second]
+    xyz[second] = sine * xyz[first] + cosine * xyz[second]
+    xyz[first] = turned

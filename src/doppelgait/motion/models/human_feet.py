@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import ConfigError
+from doppelgait.motion.models.columns import columns
 from doppelgait.motion.models.human_chain import POINTS
 from doppelgait.motion.models.quadruped_limbs import two_link
 
@@ -89,18 +90,19 @@ def place_feet(
     ConfigError
         If the step is too long for the legs.
     """
-    cycle = np.floor(phase[0]) + _GRID
-    whole = style.pose(cycle)
+    cycle, leg = np.floor(phase[0]) + _GRID, _leg_phases(style.duty)
+    poses = style.pose(np.concatenate([cycle, *(leg - offset for offset in OFFSET.values())]))
+    whole, *of_legs = np.split(poses, [cycle.size, cycle.size + leg.size])
     whole[:, :, 0] += advance(cycle, 0)[:, None]
     reach_m = STRETCH * (size_m["thigh"] + size_m["shank"])
+    # Frames and a whole cycle in one go: the hips must not be higher between the frames' phases than legs reach.
+    count, every, both = phase.size, np.concatenate([phase, cycle]), np.concatenate([points_m, whole])
     rise_m, result = np.inf, points_m.copy()
-    for side in OFFSET:
-        foot = make_foot(style, side, size_m)
+    for side, pose in zip(OFFSET, of_legs, strict=True):
         hip, ankle, toe = (_number(side, joint) for joint in ("hip", "ankle", "toe"))
-        place, pitch = ankle_and_pitch(foot, _rows(points_m, side), phase, advance)
-        over_cycle, _ = ankle_and_pitch(foot, _rows(whole, side), cycle, advance)
-        result[:, ankle], result[:, toe] = place, place + size_m["foot"] * _level(pitch)
-        rise_m = min(rise_m, _highest(points_m[:, hip], place, reach_m), _highest(whole[:, hip], over_cycle, reach_m))
+        place, pitch = ankle_and_pitch(make_foot(style, side, pose, size_m), _rows(both, side), every, advance)
+        result[:, ankle], result[:, toe] = place[:count], place[:count] + size_m["foot"] * _level(pitch[:count])
+        rise_m = min(rise_m, _highest(both[:, hip], place, reach_m))
     legs = [_number(side, joint) for side in OFFSET for joint in ("ankle", "toe")]
     result[:, [n for n in range(len(POINTS)) if n not in legs], 2] += rise_m
     for side in OFFSET:
@@ -125,7 +127,7 @@ def _highest(hip: FloatArray, ankle: FloatArray, reach_m: float) -> float:
 
 
 def _level(pitch_rad: FloatArray) -> FloatArray:
-    return np.stack([np.cos(pitch_rad), np.zeros_like(pitch_rad), np.sin(pitch_rad)], axis=1)
+    return columns(np.cos(pitch_rad), 0.0, np.sin(pitch_rad))
 
 
 @dataclass(frozen=True)
@@ -157,12 +159,16 @@ class Foot:
     leaving: tuple[FloatArray, FloatArray]
 
 
-def make_foot(style: Style, side: str, size_m: Mapping[str, float]) -> Foot:
-    """Foot of a gait, its print placed so that the trunk need be lowered least."""
-    duty, around = style.duty, np.array([0.0, -_NUDGE, _NUDGE])
-    stance = duty * np.arange(100) / 99
-    cycles = np.concatenate([stance, around, duty + around])
-    points = style.pose(cycles - OFFSET[side])
+def _leg_phases(duty: float) -> FloatArray:
+    """Stance in a hundred steps, then touchdown and lift-off with a neighbour on either side each."""
+    around = np.array([0.0, -_NUDGE, _NUDGE])
+    return np.concatenate([duty * np.arange(100) / 99, around, duty + around])
+
+
+def make_foot(style: Style, side: str, points: FloatArray, size_m: Mapping[str, float]) -> Foot:
+    """Foot of a gait that takes ``points`` at :func:`_leg_phases`, its print placed so that the trunk sinks least."""
+    duty, cycles = style.duty, _leg_phases(style.duty)
+    stance = cycles[:100]
     roll = partial(_roll, duty=duty, sole_rad=np.radians(style.sole_deg), foot_m=size_m["foot"])
     error = roll(cycles) - _rows(points, side)
     hip = points[:100, _number(side, "hip")] + style.stride_m * np.outer(stance, [1, 0, 0])
@@ -174,15 +180,29 @@ def make_foot(style: Style, side: str, size_m: Mapping[str, float]) -> Foot:
 
 def _rows(points: FloatArray, side: str) -> FloatArray:
     ankle, toe = (points[:, _number(side, joint)] for joint in ("ankle", "toe"))
-    return np.column_stack([ankle, np.arctan2(toe[:, 2] - ankle[:, 2], toe[:, 0] - ankle[:, 0])])
+    pitch = np.arctan2(toe[:, 2] - ankle[:, 2], toe[:, 0] - ankle[:, 0])
+    return columns(ankle[:, 0], ankle[:, 1], ankle[:, 2], pitch)
 
 
 def _best_print(hip: FloatArray, roll: FloatArray, side_m: float, reach_m: float) -> float:
-    """Place of the footprint along the way for which the hip can be highest all through stance."""
-    places = np.linspace(-0.5, 1.0, 301)[:, None] * reach_m
-    room = reach_m**2 - (places + roll[:, 0] - hip[:, 0]) ** 2 - (side_m - hip[:, 1]) ** 2
-    highest = np.where(room > 0, roll[:, 2] + np.sqrt(np.maximum(room, 0.0)) - hip[:, 2], -np.inf).min(axis=1)
-    return float(places[np.argmax(highest), 0])
+    """Place of the footprint along the way for which the hip can be highest all through stance.
+
+    The height is concave in the place, as the least of arcs of circles: a coarse look tells where to look closely.
+    """
+    places = np.linspace(-0.5, 1.0, 301) * reach_m
+    room_m2 = reach_m**2 - (side_m - hip[:, 1]) ** 2
+
+    def highest(asked: FloatArray) -> FloatArray:
+        room = room_m2 - (asked[:, None] + roll[:, 0] - hip[:, 0]) ** 2
+        heights = np.where(room > 0, roll[:, 2] + np.sqrt(np.maximum(room, 0.0)) - hip[:, 2], -np.inf)
+        return np.asarray(heights.min(axis=1))
+
+    coarse = highest(places[::10])
+    if np.isneginf(coarse).all():
+        return float(places[np.argmax(highest(places))])
+    near = 10 * int(np.argmax(coarse))
+    places = places[max(near - 10, 0) : near + 11]
+    return float(places[np.argmax(highest(places))])
 
 
 def _roll(cycles: FloatArray, *, duty: float, sole_rad: FloatArray, foot_m: float) -> FloatArray:
@@ -192,8 +212,8 @@ def _roll(cycles: FloatArray, *, duty: float, sole_rad: FloatArray, foot_m: floa
     early = np.maximum(1 - cycles / down, 0.0) ** 2
     late = np.maximum((cycles - up) / (duty - up), 0.0) ** 2
     heel = standing + (leaving - standing) * late
-    lifted = foot_m * np.stack([1 - np.cos(heel), np.zeros_like(heel), -np.sin(heel)], axis=1)
-    return np.column_stack([lifted, heel + (landing - standing) * early])
+    pitch = heel + (landing - standing) * early
+    return columns(foot_m * (1 - np.cos(heel)), 0.0, -foot_m * np.sin(heel), pitch)
 
 
 def ankle_and_pitch(foot: Foot, own: FloatArray, phase: FloatArray, advance: Advance) -> tuple[FloatArray, FloatArray]:
@@ -232,7 +252,7 @@ def ankle_and_pitch(foot: Foot, own: FloatArray, phase: FloatArray, advance: Adv
 def _clear_of_the_floor(rows: FloatArray, share: FloatArray, foot_m: float) -> FloatArray:
     """Raise a foot in swing where it would go through the floor, smoothly, and not at the ends of the swing."""
     rounding = CLEARANCE_M * 16 * (share * (1 - share)) ** 2
-    lifted = rows.copy()
+    lifted = rows.copy(order="K")
     for point_m in (0.0, foot_m):
         depth = -lifted[:, 2] - point_m * np.sin(rows[:, 3])
         lifted[:, 2] += (depth + np.hypot(depth, rounding)) / 2
@@ -240,7 +260,7 @@ def _clear_of_the_floor(rows: FloatArray, share: FloatArray, foot_m: float) -> F
 
 
 def _forward(way_m: FloatArray) -> FloatArray:
-    return np.outer(way_m, [1.0, 0.0, 0.0, 0.0])
+    return columns(way_m, 0.0, 0.0, 0.0)
 
 
 def _correction(

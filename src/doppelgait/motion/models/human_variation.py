@@ -8,14 +8,13 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import ConfigError
-from doppelgait.motion.models.strides import LARGEST_DEVIATION
+from doppelgait.motion.models.curves import cubic_spline
+from doppelgait.motion.models.strides import LARGEST_DEVIATION, autoregressive
 
 FloatArray = npt.NDArray[np.float64]
 Steps = tuple[FloatArray, FloatArray, FloatArray]
 """Touchdowns: times in s, phases in cycles (a left one at every half, a right one at every whole), way done in m."""
 
-STEP_CORRELATION = 0.5
-"""Lag-one correlation of successive steps, assumed."""
 _MARGIN = 5
 """Touchdowns before the first and after the last frame, so that the ends of the splines do not show."""
 
@@ -82,17 +81,10 @@ def _sums(steps: FloatArray) -> FloatArray:
 def _deviations(sd: float, count: int, rng: np.random.Generator | None) -> FloatArray:
     if sd == 0 or rng is None:
         return np.zeros(count)
-    from scipy.signal import lfilter
-
-    noise = rng.standard_normal(count) * math.sqrt(1 - STEP_CORRELATION**2)
-    noise[0] /= math.sqrt(1 - STEP_CORRELATION**2)
-    series = lfilter([1.0], [1.0, -STEP_CORRELATION], noise)
-    return np.asarray(sd * np.clip(series, -LARGEST_DEVIATION, LARGEST_DEVIATION))
+    return sd * autoregressive(count, rng)
 
 
 def _begin_at(start_phase: float, times: FloatArray, phases: FloatArray, way: FloatArray) -> Steps:
     """Shift time and way so that both are 0 at the start phase."""
-    from scipy.interpolate import CubicSpline
-
-    inside = CubicSpline(times, phases).solve(start_phase, extrapolate=False)
-    return times - float(inside[0]), phases, way - float(CubicSpline(phases, way)(start_phase))
+    start_s, start_m = cubic_spline(times, phases).where(start_phase), cubic_spline(phases, way)(start_phase)
+    return times - float(start_s), phases, way - float(start_m)

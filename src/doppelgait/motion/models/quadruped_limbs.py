@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import ConfigError
+from doppelgait.motion.models.columns import columns
 from doppelgait.motion.models.quadruped_gaits import Extremes, Gait
 from doppelgait.motion.models.quadruped_paws import paw_path
 from doppelgait.motion.models.quadruped_sizes import Build
@@ -62,7 +63,7 @@ def two_link(start: FloatArray, end: FloatArray, first: float, second: float, *,
     along = (distance**2 + first**2 - second**2) / (2 * distance)
     aside = np.sqrt(np.maximum(first**2 - along**2, 0.0))
     # The bend lies in the plane of the limb and of the direction of travel: across the chain, not sideways.
-    across = np.stack([-line[:, 2], np.zeros(len(line)), line[:, 0]], axis=1)
+    across = columns(-line[:, 2], 0.0, line[:, 0])
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     return np.asarray(start + line / distance * along + bend * across * aside)
 
@@ -72,19 +73,19 @@ def elevation_rad(cycles: FloatArray, extremes_deg: Extremes, duty: float) -> Fl
     (low_at, low), (high_at, high) = extremes_deg
     since_low = np.mod(cycles - duty - low_at * (1 - duty), 1.0)
     rise = (high_at - low_at) * (1 - duty)
-    wave = np.where(
-        since_low < rise, -np.cos(np.pi * since_low / rise), np.cos(np.pi * (since_low - rise) / (1 - rise))
-    )
+    rises = since_low < rise
+    wave = np.cos(np.where(rises, np.pi * since_low / rise, np.pi * (since_low - rise) / (1 - rise)))
+    np.negative(wave, out=wave, where=rises)
     return np.radians((low + high) / 2 + (high - low) / 2 * wave)
 
 
 def hanging(angle_rad: FloatArray) -> FloatArray:
     """Unit vectors that point down at angle 0 and swing forward with it, shape (n, 3)."""
-    return np.stack([np.sin(angle_rad), np.zeros_like(angle_rad), -np.cos(angle_rad)], axis=-1)
+    return columns(np.sin(angle_rad), 0.0, -np.cos(angle_rad))
 
 
-def trunk_motion(phase: FloatArray, gait: Gait, build: Build) -> tuple[FloatArray, FloatArray]:
-    """Offset of the trunk's centre from uniform motion at standing height, (n, 3), and pitch in rad, (n,).
+def trunk_motion(phase: FloatArray, gait: Gait, build: Build) -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
+    """Offset of the trunk's centre from uniform motion at standing height, (n, 3); cosine and sine of its pitch, (n,).
 
     Each girdle heaves as the gait says; pitch, positive nose up, is what the two heaves make of it.
     """
@@ -96,15 +97,18 @@ def trunk_motion(phase: FloatArray, gait: Gait, build: Build) -> tuple[FloatArra
     rate = 2 * np.pi * gait.harmonic
     surge = gait.surge * np.sin(rate * (phase - gait.surge_fastest))
     sway = gait.sway * np.cos(2 * np.pi * (phase - gait.hind.lowest))
-    return np.stack([surge, sway, (hind + fore) / 2], axis=1), np.arcsin((fore - hind) / (2 * GIRDLE_X * build.trunk))
+    pitch = np.arcsin((fore - hind) / (2 * GIRDLE_X * build.trunk))
+    return columns(surge, sway, (hind + fore) / 2), (np.cos(pitch), np.sin(pitch))
 
 
-def on_trunk(x: float, y: float, height: float, centre: FloatArray, pitch: FloatArray) -> FloatArray:
-    """Path of a point fixed to the trunk, given where it is when the dog stands with its trunk's middle at x = 0."""
+def on_trunk(x: float, y: float, height: float, centre: FloatArray, turn: tuple[FloatArray, FloatArray]) -> FloatArray:
+    """Path of a point fixed to the trunk, given where it is when the dog stands with its trunk's middle at x = 0.
+
+    ``turn`` is cosine and sine of the trunk's pitch.
+    """
     z = height - TRUNK_Z
-    cosine, sine = np.cos(pitch), np.sin(pitch)
-    offset = np.stack([x * cosine - z * sine, np.full_like(pitch, y), TRUNK_Z + x * sine + z * cosine], axis=1)
-    return np.asarray(centre + offset)
+    cosine, sine = turn
+    return np.asarray(centre + columns(x * cosine - z * sine, y, TRUNK_Z + x * sine + z * cosine))
 
 
 def paws(phase: FloatArray, gait: Gait, build: Build, stride: float, duty: dict[str, float]) -> Points:
@@ -115,14 +119,13 @@ def paws(phase: FloatArray, gait: Gait, build: Build, stride: float, duty: dict[
         advance, height = paw_path(phase - touchdown, girdle, duty[end])
         middle = girdle.reach + build.trunk * (GIRDLE_X if end == "fore" else -GIRDLE_X)
         x = middle + stride * (touchdown + duty[end] / 2 + advance)
-        y = np.full_like(phase, TRACK_Y if side == "left" else -TRACK_Y)
-        result[f"{side}_{end}_paw"] = np.stack([x, y, height], axis=1)
+        result[f"{side}_{end}_paw"] = columns(x, TRACK_Y if side == "left" else -TRACK_Y, height)
     return result
 
 
 def limb_ends(phase: FloatArray, gait: Gait, build: Build, stride: float, duty: dict[str, float]) -> Points:
     """Paw, carpus or hock, and the joint at the trunk of all limbs, with the trunk at standing height."""
-    centre, pitch = trunk_motion(phase, gait, build)
+    centre, turn = trunk_motion(phase, gait, build)
     girdle_x = GIRDLE_X * build.trunk
     centre[:, 0] += stride * phase
     result = paws(phase, gait, build, stride, duty)
@@ -132,10 +135,10 @@ def limb_ends(phase: FloatArray, gait: Gait, build: Build, stride: float, duty: 
         foot = hanging(elevation_rad(cycles, getattr(gait, end).foot_deg, duty[end]))
         if end == "hind":
             result[f"{side}_hock"] = paw - METATARSUS * build.limbs * foot
-            result[f"{side}_hip"] = on_trunk(-girdle_x, sign * HIP_Y, HIP_Z, centre, pitch)
+            result[f"{side}_hip"] = on_trunk(-girdle_x, sign * HIP_Y, HIP_Z, centre, turn)
         else:
             result[f"{side}_carpus"] = paw - MANUS * build.limbs * foot
-            top = on_trunk(girdle_x, sign * SCAPULA_Y, SCAPULA_Z, centre, pitch)
+            top = on_trunk(girdle_x, sign * SCAPULA_Y, SCAPULA_Z, centre, turn)
             scapula = hanging(elevation_rad(cycles, gait.scapula_deg, duty[end]))
             result[f"{side}_shoulder"] = top + SCAPULA * build.limbs * scapula
     return result
@@ -195,9 +198,9 @@ def all_points(
     wag_rad : ndarray, shape (n,)
         Angle of the tail to the left.
     """
-    centre, pitch = trunk_motion(phase, gait, build)
-    centre += np.stack([stride * phase, np.zeros_like(phase), np.full_like(phase, -lowered)], axis=1)
-    points = {name: on_trunk(build.trunk * x, 0.0, z, centre, pitch) for name, (x, z) in TRUNK_POINTS.items()}
+    centre, turn = trunk_motion(phase, gait, build)
+    centre += columns(stride * phase, 0.0, -lowered)
+    points = {name: on_trunk(build.trunk * x, 0.0, z, centre, turn) for name, (x, z) in TRUNK_POINTS.items()}
     points |= _head(points["neck_base"], phase, gait, build.head)
     points |= _tail(points["tail_base"], wag_rad, TAIL * build.tail)
     ends = limb_ends(phase, gait, build, stride, duty)
@@ -214,7 +217,7 @@ def all_points(
 def _head(neck_base: FloatArray, phase: FloatArray, gait: Gait, size: float) -> Points:
     swing = np.cos(2 * np.pi * gait.harmonic * (phase - gait.neck_highest))
     elevation = np.radians(NECK_DEG + gait.neck_deg * swing)
-    along = np.stack([np.cos(elevation), np.zeros_like(elevation), np.sin(elevation)], axis=1)
+    along = columns(np.cos(elevation), 0.0, np.sin(elevation))
     skull = math.radians(SKULL_DEG)
     head = neck_base + size * NECK * along
     nose = head + size * SKULL * np.array([math.cos(skull), 0.0, math.sin(skull)])
@@ -223,12 +226,5 @@ def _head(neck_base: FloatArray, phase: FloatArray, gait: Gait, size: float) -> 
 
 def _tail(base: FloatArray, wag_rad: FloatArray, length: float) -> Points:
     drop = math.radians(TAIL_DEG)
-    back = np.stack(
-        [
-            -math.cos(drop) * np.cos(wag_rad),
-            math.cos(drop) * np.sin(wag_rad),
-            np.full_like(wag_rad, math.sin(drop)),
-        ],
-        axis=1,
-    )
+    back = columns(-math.cos(drop) * np.cos(wag_rad), math.cos(drop) * np.sin(wag_rad), math.sin(drop))
     return {"tail_middle": base + length / 2 * back, "tail_tip": base + length * back}

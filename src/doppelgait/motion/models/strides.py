@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import ConfigError
+from doppelgait.motion.models.curves import cubic_spline
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -71,13 +72,14 @@ def stride_clock(
     if variation > 0:
         if rng is None:
             raise ConfigError(f"stride_variation: {variation!r} needs a random generator (rng=dg.rng(seed)), or set 0")
-        deviation = variation * _autoregressive(deviation.size, rng)
+        deviation = variation * autoregressive(deviation.size, rng)
     lengths_s = period_s * (1 + deviation)
     times_s = np.concatenate([-np.cumsum(lengths_s[_MARGIN - 1 :: -1])[::-1], [0.0], np.cumsum(lengths_s[_MARGIN:])])
     return times_s, start_phase + np.arange(-_MARGIN, ahead + 1.0)
 
 
-def _autoregressive(count: int, rng: np.random.Generator) -> FloatArray:
+def autoregressive(count: int, rng: np.random.Generator) -> FloatArray:
+    """First-order autoregressive numbers of unit variance, within :data:`LARGEST_DEVIATION`."""
     noise = rng.standard_normal(count)
     values = np.empty(count)
     values[0] = noise[0]
@@ -89,25 +91,22 @@ def _autoregressive(count: int, rng: np.random.Generator) -> FloatArray:
 
 def phase_at(clock: tuple[FloatArray, FloatArray], times_s: npt.ArrayLike) -> FloatArray:
     """Phase in cycles at given times: a cubic spline through the clock, hence with continuous rate."""
-    from scipy.interpolate import CubicSpline
-
-    return np.asarray(CubicSpline(*clock)(np.asarray(times_s, dtype=float)))
+    return cubic_spline(*clock)(times_s)
 
 
 def footfall_times_s(
     clock: tuple[FloatArray, FloatArray], touchdown_phase: Mapping[str, float], end_s: float
 ) -> dict[str, list[float]]:
     """Times in [0, ``end_s``] at which each foot lands; ``touchdown_phase`` in cycles by name of the foot."""
-    from scipy.interpolate import CubicSpline
-
-    spline = CubicSpline(*clock)
+    spline = cubic_spline(*clock)
     first, last = (float(p) for p in spline([0.0, end_s]))
-    footfalls = {}
-    for foot, offset in touchdown_phase.items():
-        numbers = np.arange(math.ceil(first - offset - 1e-9), math.floor(last - offset + 1e-9) + 1)
-        roots = [spline.solve(offset + number, extrapolate=False) for number in numbers]
-        footfalls[foot] = [min(max(float(root[0]), 0.0), end_s) for root in roots]
-    return footfalls
+    phases = [
+        offset + np.arange(math.ceil(first - offset - 1e-9), math.floor(last - offset + 1e-9) + 1)
+        for offset in touchdown_phase.values()
+    ]
+    found_s = np.clip(spline.where(np.concatenate(phases)), 0.0, end_s) if phases else np.empty(0)
+    parts = np.split(found_s, np.cumsum([part.size for part in phases])[:-1])
+    return {foot: part.tolist() for foot, part in zip(touchdown_phase, parts, strict=True)}
 
 
 def mean_stride_frequency_hz(times_s: FloatArray, phase: FloatArray) -> float:
