@@ -1,0 +1,52 @@
+"""``doppelgait reproduce``: the figures and tables of Liland (2018), made again and judged."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from doppelgait.cli.output import print_table, progress, say
+
+
+def reproduce(
+    output: Annotated[Path, typer.Argument(help="Folder to make, or one of an earlier run to replace.")],
+    only: Annotated[
+        list[str] | None, typer.Option("--only", help="Make this one only, for example fig-4.13; repeatable.")
+    ] = None,
+    motion_folder: Annotated[
+        Path | None,
+        typer.Option("--motion-folder", help="Folder with human/ and dog/: real recordings in place of models."),
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Root of what is random in the scenarios.")] = 2018,
+    quiet: Annotated[bool, typer.Option("--quiet", help="No progress.")] = False,
+) -> None:
+    """Make the figures and tables of Liland (2018) again, on one page beside what the report says.
+
+    Example: doppelgait reproduce report --motion-folder MOCAP
+
+    Example: doppelgait reproduce some --only fig-4.13 --only table-3.2
+    """
+    from doppelgait.reproduce.run import reproduce as make_all
+
+    with progress("figures and tables", quiet=quiet) as on_progress:
+        outcomes = make_all(output, only=only or (), motion_folder=motion_folder, seed=seed, progress=on_progress)
+    print_table(
+        [
+            {
+                "number": one.entry.number,
+                "agree": one.count(True),
+                "differ": one.count(False),
+                "not stated": one.count(None),
+                "seconds": f"{one.seconds:.1f}",
+                "title": one.entry.title if one.made else f"NOT MADE: {one.error}",
+            }
+            for one in outcomes
+        ]
+    )
+    say(f"page: {output / 'index.html'}")
+    failed = [one.entry.number for one in outcomes if one.made is None]
+    if failed:
+        say(f"error: {', '.join(failed)} could not be made of these motions; the page says why")
+        raise typer.Exit(1)

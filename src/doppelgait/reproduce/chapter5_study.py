@@ -1,0 +1,300 @@
+"""Chapter 5 of the report: step length against speed, and the six features of all scenarios (Figs. 5.8 and 5.9)."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from doppelgait.features import FEATURE_UNITS
+from doppelgait.reproduce.drawing import LINE, panels
+from doppelgait.reproduce.entry import Entry, Made, Reading
+from doppelgait.reproduce.material import RUNS
+from doppelgait.reproduce.scenarios import METHOD_NAMES, METHODS, WRONG, all_scenarios, study
+from doppelgait.reproduce.separation import cohens_d, is_wrong, line_through, roc_area, separation_table
+from doppelgait.viz.style import legend_below, name_axes, quantity_label
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from doppelgait.reproduce.material import Material
+    from doppelgait.reproduce.movers import Mover
+
+GROUP_COLOURS = {
+    "recorded person": "#0072b2", "model person": "#56b4e9", "Boulic walker": "#009e73",
+    "recorded dog": "#d55e00", "model dog": "#e69f00",
+}  # fmt: skip
+WALKERS, PEOPLE = "Boulic walker", ("recorded person", "model person")
+COMPARED = (*FEATURE_UNITS, "gait_frequency_hz")
+CLASSES = ("human", "dog")
+NEAR_M = 0.15
+"""This near to the line through the people a step length is as the line says."""
+LONG_M = 1.5
+"""Steps longer than this are called wrong in the report."""
+NEAR_RATIO = 0.1
+SPEED_OFF_MPS, SLOW_MPS = 0.3, 0.1
+FEWEST_STRIDES = 1.2
+"""Shorter recorded stretches show no repetition at all."""
+
+
+def table_of(material: Material) -> pd.DataFrame:
+    """Feature table of the study: two rows a scenario, one by method; speeds and step lengths without their sign."""
+
+    def make() -> pd.DataFrame:
+        people, dogs = (_recordings(movers) for movers in (material.people(), material.dogs()))
+        found = study(all_scenarios(people, dogs, seed=material.seed), material.radar())
+        unsigned = {name: found[name].abs() for name in ("torso_velocity_mps", "step_length_m")}
+        wrong = is_wrong(found, WRONG)
+        return found.assign(**unsigned, wrong=wrong)
+
+    table = material.once("study", make)
+    counts = table.drop_duplicates("number")["group"].value_counts(sort=False)
+    material.note("scenarios: " + ", ".join(f"{count} {group}" for group, count in counts.items()))
+    return table
+
+
+def _recordings(movers: list[Mover]) -> dict[str, xr.DataArray]:
+    """Motions of the recorded movers whose stride is known and seen more than once, by name."""
+    return {
+        one.name: one.motion for one in movers
+        if one.real and one.seconds * float(one.motion.attrs["stride_frequency_hz"]) >= FEWEST_STRIDES
+    }  # fmt: skip
+
+
+def counted(table: pd.DataFrame) -> str:
+    """Scenarios by group, in words."""
+    sizes = table[table["method"] == METHODS[0]].groupby("group", sort=False).size()
+    words = [f"{size} {group}{'' if size == 1 else 's'}" for group, size in sizes.items()]
+    return ", ".join(words).replace("persons", "people")
+
+
+def make_step_length(material: Material) -> Made:
+    """Fig. 5.8."""
+    table = table_of(material)
+    figure, axes = panels(2, height_in=5.6)
+    for letter, panel, method in zip("ab", axes, METHODS, strict=True):
+        part = table[table["method"] == method]
+        _scatter(panel, part, "torso_velocity_mps", "step_length_m")
+        slope, offset = _line(part)
+        speeds = np.array([0.3, float(part["torso_velocity_mps"].max())])
+        panel.plot(speeds, offset + slope * speeds, color=LINE, lw=1.2, ls="--", label="line through the people")
+        panel.axhline(LONG_M, color="#606060", lw=0.8, ls=":")
+        panel.set(xlim=(0.0, None), ylim=(0.0, 3.0))
+        name_axes(panel, title=f"({letter}) {METHOD_NAMES[method]}", x="|v_m| (m/s)", y="step length L_m (m)")
+    legend_below(figure, axes[0])
+    return Made(figure, _length_readings(table), _length_judgement(table), table)
+
+
+def _scatter(axes: Axes, part: pd.DataFrame, x: str, y: str) -> None:
+    for group, colour in GROUP_COLOURS.items():
+        chosen = part[part["group"] == group]
+        if len(chosen):
+            axes.scatter(chosen[x], chosen[y], s=13, color=colour, alpha=0.75, lw=0, label=f"{group} ({len(chosen)})")
+    axes.grid(color="#e8e8e8", lw=0.6)
+    axes.set_axisbelow(True)
+
+
+def _line(part: pd.DataFrame) -> tuple[float, float]:
+    people = part[part["label"] == "human"]
+    return line_through(people["torso_velocity_mps"], people["step_length_m"])
+
+
+def _off_the_line(part: pd.DataFrame, label: str) -> pd.Series:
+    """Step lengths less those of the line through the people at the same speed."""
+    slope, offset = _line(part)
+    chosen = part[part["label"] == label]
+    return chosen["step_length_m"] - offset - slope * chosen["torso_velocity_mps"]
+
+
+def _on_the_line(part: pd.DataFrame) -> float:
+    """Share of the people, of those with a step length, whose steps are as the line says."""
+    return float(_off_the_line(part, "human").dropna().abs().le(NEAR_M).mean())
+
+
+def _length_readings(table: pd.DataFrame) -> list[Reading]:
+    readings = []
+    for method in METHODS:
+        part, name = table[table["method"] == method], METHOD_NAMES[method]
+        people = np.asarray(part.loc[part["label"] == "human", ["torso_velocity_mps", "step_length_m"]].corr())
+        long_steps = part[part["step_length_m"] > LONG_M]
+        readings += [
+            Reading(f"slope of the line through the people, {name}", _line(part)[0], "s"),
+            Reading(f"people within {NEAR_M} m of it, {name}", 100.0 * _on_the_line(part), "%"),
+            Reading(f"correlation of step length and speed, people, {name}", float(people[0, 1]), "1"),
+            *_off_readings(part, name),
+            Reading(f"steps longer than {LONG_M} m, {name}", float(len(long_steps)), "1"),
+            Reading("of these, share with a wrong step frequency",
+                    float(long_steps["wrong"].mean()) if len(long_steps) else math.nan, "1", 1.0, 0.05,
+                    "a runner's step and a dog's stride are as long as that"),
+        ]  # fmt: skip
+        readings += [_speed_reading(part, name), *wrong_readings(part, name)]
+    return readings
+
+
+def _speed_reading(part: pd.DataFrame, name: str) -> Reading:
+    error_mps = (part["torso_velocity_mps"] - part["true_velocity_mps"].abs()).abs()
+    still = int((part["torso_velocity_mps"] < SLOW_MPS).sum())
+    return Reading(
+        f"speeds off by more than {SPEED_OFF_MPS} m/s, {name}", 100.0 * float((error_mps > SPEED_OFF_MPS).mean()), "%",
+        note=f"of {len(part)}" + (f"; {still} near 0, where a standing foot outshines the torso" if still else ""),
+    )  # fmt: skip
+
+
+def _off_readings(part: pd.DataFrame, name: str) -> list[Reading]:
+    """How far dogs lie below the line through the people, by kind of gait, and whether that tells them apart."""
+    people_m, dogs_m = (_off_the_line(part, label) for label in CLASSES)
+    asymmetric = part.loc[dogs_m.index, "gait"].isin(RUNS)
+    kinds = {"walk, pace, trot": dogs_m[~asymmetric], "canter, gallop, bound": dogs_m[asymmetric]}
+    readings = [
+        Reading(f"dogs' length below people's at the same speed, {kind}, {name}", -float(off_m.median()), "m",
+                note=f"median of {len(off_m)}, ROC area {roc_area(people_m, off_m):.2f}")
+        for kind, off_m in kinds.items() if len(off_m)
+    ]  # fmt: skip
+    readings.append(
+        Reading(f"ROC area of people against dogs by that length, {name}", roc_area(people_m, dogs_m), "1",
+                note=f"Cohen's d {cohens_d(people_m, dogs_m):.2f}")
+    )  # fmt: skip
+    return readings
+
+
+def wrong_readings(part: pd.DataFrame, name: str) -> list[Reading]:
+    """Share of wrong step frequencies of one method: of all, by class, and beyond what its bin can tell."""
+    part = part[part["true_gait_frequency_hz"].notna()]
+    beyond = is_wrong(part, WRONG, bins=1.0)
+    readings = [
+        Reading(
+            f"step frequencies off by more than {100 * WRONG:.0f} %, {name}", 100.0 * float(part["wrong"].mean()), "%",
+            note=f"{int(part['wrong'].sum())} of {len(part)}",
+        )
+    ]  # fmt: skip
+    readings += [
+        Reading(
+            f"the same, {group}",
+            100.0 * float(rows["wrong"].mean()),
+            "%",
+            note=f"{int(rows['wrong'].sum())} of {len(rows)}",
+        )
+        for group, rows in part.groupby("group", sort=False)
+    ]
+    readings.append(
+        Reading(f"off by more than {100 * WRONG:.0f} % and a bin of 1 / T_o, {name}", 100.0 * float(beyond.mean()), "%",
+                note=f"{int(beyond.sum())} of {len(part)}")
+    )  # fmt: skip
+    return readings
+
+
+def _length_judgement(table: pd.DataFrame) -> str:
+    report = table[table["method"] == METHODS[0]]
+    ours = table[table["method"] == METHODS[1]]
+    near = [100.0 * _on_the_line(part) for part in (report, ours)]
+    left_out = table.attrs.get("left_out", {})
+    words = (
+        f"{'Agrees' if near[0] > 50.0 else 'Differs'}: step length grows in a straight line with speed for most people "
+        f"({near[0]:.0f} % within {NEAR_M} m by the report's method, {near[1]:.0f} % by ours). Dogs that walk, pace or "
+        "trot take shorter steps at the same speed; in a canter, gallop or bound f_m is the stride's, and so is the "
+        "length. Steps above 1.5 m are not always wrong: runners and galloping dogs have them. "
+        f"Scenarios: {counted(table)}"
+    )
+    return words + (f"; {len(left_out)} could not be observed." if left_out else ".")
+
+
+def make_features(material: Material) -> Made:
+    """Fig. 5.9."""
+    table = table_of(material)
+    figure = _feature_panels(table)
+    separation = separation_table(table, COMPARED, classes=CLASSES)
+    separation["method"] = separation["method"].map(METHOD_NAMES)
+    return Made(figure, _feature_readings(table, separation), _feature_judgement(table, separation), separation)
+
+
+def _feature_panels(table: pd.DataFrame) -> Figure:
+    """Every feature against the number of the scenario, the report's method on the left, ours on the right."""
+    figure, axes = panels(2, len(FEATURE_UNITS), width_in=12.0, height_in=16.0)
+    for row, name in enumerate(FEATURE_UNITS):
+        for column, method in enumerate(METHODS):
+            panel, part = axes[2 * row + column], table[table["method"] == method]
+            _scatter(panel, part, "number", name)
+            panel.set_ylim(*_shown(part[name]))
+            letter = "abcdef"[row]
+            title = f"({letter}) {METHOD_NAMES[method]}" if row == 0 else f"({letter})"
+            name_axes(panel, title=title, x="scenario" if row == len(FEATURE_UNITS) - 1 else "", y=quantity_label(name))
+    legend_below(figure, axes[0])
+    return figure
+
+
+def _shown(values: pd.Series) -> tuple[float, float]:
+    """Limits that hold all but the outermost 1 % at either end; from 0 unless that leaves most of the axis empty."""
+    known = values.dropna()
+    if known.empty:
+        return 0.0, 1.0
+    low, high = (float(known.quantile(share)) for share in (0.01, 0.99))
+    return (0.85 * low if low > 0.5 * high else 0.0), 1.15 * max(high, 1e-9)
+
+
+def _feature_readings(table: pd.DataFrame, separation: pd.DataFrame) -> list[Reading]:
+    readings = []
+    for method in METHODS:
+        part, name = table[table["method"] == method], METHOD_NAMES[method]
+        walkers, people = part[part["group"] == WALKERS], part[part["group"].isin(PEOPLE)]
+        rho, width = "limb_torso_ratio", "doppler_bandwidth_hz"
+        readings += [
+            Reading(f"rho of the walkers over that of the other people, medians, {name}",
+                    float(walkers[rho].median() / people[rho].median()), "1"),
+            Reading(f"rho of people over that of dogs, medians, {name}", _ratio(part, rho), "1"),
+            Reading(f"B_mu of the walkers over that of other people at their speeds, medians, {name}",
+                    float(walkers[width].median() / _as_fast(people, walkers)[width].median()), "1"),
+            *(
+                Reading(f"beta_{place} within {NEAR_RATIO} of {place + 1}, {name}",
+                        100.0 * float((part[column].dropna() - (place + 1)).abs().le(NEAR_RATIO).mean()), "%",
+                        note=f"known in {int(part[column].notna().sum())} of {len(part)}")
+                for place, column in ((1, "harmonic_ratio_2"), (2, "harmonic_ratio_3"))
+            ),
+        ]  # fmt: skip
+    for row in separation.to_dict("records"):
+        readings.append(
+            Reading(f"ROC area of people against dogs by {row['feature']}, {row['method']}", row["roc_area"], "1",
+                    note=f"Cohen's d {row['cohens_d']:.2f}")
+        )  # fmt: skip
+    return readings
+
+
+def _ratio(part: pd.DataFrame, name: str) -> float:
+    return float(part.loc[part["label"] == "human", name].median() / part.loc[part["label"] == "dog", name].median())
+
+
+def _as_fast(people: pd.DataFrame, walkers: pd.DataFrame) -> pd.DataFrame:
+    speeds = walkers["torso_velocity_mps"]
+    return people[people["torso_velocity_mps"].between(speeds.min(), speeds.max())]
+
+
+def _feature_judgement(table: pd.DataFrame, separation: pd.DataFrame) -> str:
+    report = table[table["method"] == METHODS[0]]
+    told = separation.assign(apart=(separation["roc_area"] - 0.5).abs()).sort_values("apart")
+    best = told[told["method"] == METHOD_NAMES[METHODS[0]]].iloc[-1]
+    higher = _ratio(report, "limb_torso_ratio") > 1.0
+    return (
+        f"By the report's method rho is {'higher' if higher else 'not higher'} for people than for dogs, as it "
+        f"{'expected' if higher else 'did not expect'}; its rho adds up rows and so depends on the frame rate of the "
+        f"scenario. {'No single feature tells' if best['apart'] < 0.45 else 'One feature nearly tells'} the classes "
+        f"apart; the best is {best['feature']} (ROC area {best['roc_area']:.2f}), and v_m is of use only together with "
+        "the step frequency, as the report says."
+    )
+
+
+ENTRIES = (
+    Entry(
+        "fig-5.8", "Step length against speed, people and dogs",
+        "Step length grows linearly with speed for most targets; values above 1.5 m are wrong estimates of f_m; the "
+        "dog's step is far shorter for its speed.", make_step_length,
+    ),
+    Entry(
+        "fig-5.9", "The six features of all scenarios",
+        "v_m alone tells nothing; B_mu follows it and is high for the walkers; beta_1 and beta_2 are mostly 2 and 3; "
+        "rho is higher for the walkers and expected to be higher for people than for pets, of which there was one.",
+        make_features,
+    ),
+)  # fmt: skip

@@ -1,0 +1,133 @@
+"""Drawing that chapters 4 and 5 and the appendix share: the report's spectra in amplitude, as it draws them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.core.labels import axis
+from doppelgait.viz.maps import DOPPLER_LABEL
+from doppelgait.viz.style import ACCENT, name_axes, new_figure
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FloatArray = npt.NDArray[np.float64]
+
+LINE = "#1f3b57"
+SHADE = "#9ecae1"
+TRUE_COLOUR = "#009e73"
+MAX_CADENCE_HZ = 20.0
+NAMES = ("f_m", "f₂", "f₃")
+
+
+def panels(across: int, down: int = 1, *, width_in: float = 12.0, height_in: float = 4.4) -> tuple[Figure, list[Axes]]:
+    """Figure with a grid of axes, row by row."""
+    figure = new_figure(width_in=width_in, height_in=height_in)
+    return figure, list(figure.subplots(down, across, squeeze=False).flat)
+
+
+def draw_cadence_amplitude(
+    axes: Axes, spectrum: xr.DataArray, found_hz: Sequence[float | None], *, true_hz: float | None = None,
+    max_cadence_hz: float = MAX_CADENCE_HZ, title: str = "",
+) -> None:  # fmt: skip
+    """D_g over cadence with the peaks that were taken for f_m, f_2 and f_3.
+
+    Parameters
+    ----------
+    axes : Axes
+    spectrum : DataArray (cadence)
+    found_hz : sequence of float or None
+        f_m, f_2, f_3; None for one that was not found.
+    true_hz : float, optional
+        True fundamental: dotted, with its harmonics.
+    max_cadence_hz : float
+    title : str
+    """
+    cadence_hz, values = axis(spectrum, "cadence"), np.asarray(spectrum.values, dtype=np.float64)
+    axes.plot(cadence_hz, values, color=LINE, lw=1.3, marker=".", ms=3)
+    axes.set(xlim=(0.0, min(max_cadence_hz, float(cadence_hz[-1]))), ylim=(0.0, 1.22 * float(values.max())))
+    if true_hz is not None and np.isfinite(true_hz):
+        for harmonic in (1, 2, 3):
+            label = "true f and its harmonics" if harmonic == 1 else None
+            axes.axvline(harmonic * true_hz, color=TRUE_COLOUR, lw=1.0, ls=":", zorder=0, label=label)
+        axes.legend(fontsize=8.5, frameon=False, loc="upper right")
+    for name, value in zip(NAMES, found_hz, strict=False):
+        if value is not None and np.isfinite(value):
+            level = float(np.interp(value, cadence_hz, values))
+            axes.plot([value], [level], marker="o", color=ACCENT, ms=5, ls="none")
+            axes.annotate(
+                f"{name}\n{value:.2f} Hz", (value, level), xytext=(3, 5), textcoords="offset points", fontsize=8.5,
+                color=ACCENT,
+            )  # fmt: skip
+    axes.grid(color="#e8e8e8", lw=0.6)
+    name_axes(axes, title=title, x="step frequency (Hz)", y="D_g (1)")
+
+
+def draw_mean_doppler(
+    axes: Axes, values: npt.ArrayLike, doppler_hz: npt.ArrayLike, *, peak_hz: float | None = None,
+    threshold: float | None = None, normalised: bool = False, title: str = "",
+) -> None:  # fmt: skip
+    """D_1 over Doppler, as it is with its peak, or over its maximum with the threshold of the bandwidth.
+
+    Parameters
+    ----------
+    axes : Axes
+    values, doppler_hz : array_like, shape (K,)
+    peak_hz : float, optional
+        f_d: marked with its height A_fd.
+    threshold : float, optional
+        t_mu, drawn with the band from the first to the last crossing.
+    normalised : bool
+        Divide by the maximum.
+    title : str
+    """
+    level, frequency = np.asarray(values, dtype=np.float64), np.asarray(doppler_hz, dtype=np.float64)
+    if normalised:
+        level = level / level.max()
+    axes.plot(frequency, level, color=LINE, lw=1.3)
+    axes.set(xlim=_occupied_hz(level, frequency), ylim=(0.0, 1.2 * float(level.max())))
+    if peak_hz is not None:
+        height = float(np.interp(peak_hz, frequency, level))
+        axes.plot([peak_hz], [height], marker="o", color=ACCENT, ms=5, ls="none")
+        axes.annotate(
+            f"f_d = {peak_hz:.0f} Hz, A_fd = {height:.2f}", (peak_hz, height), xytext=(0, 6),
+            textcoords="offset points", ha="center", fontsize=9, color=ACCENT,
+        )  # fmt: skip
+    if threshold is not None:
+        first, last = band_hz(level, frequency, threshold)
+        axes.axhline(threshold * float(level.max()), color="#606060", lw=1.0, ls="--")
+        axes.axvspan(first, last, color=SHADE, alpha=0.35, lw=0, zorder=0)
+        axes.annotate(
+            f"B_µ = {last - first:.0f} Hz", ((first + last) / 2, 1.1 * float(level.max())), ha="center", fontsize=9,
+            color=LINE,
+        )  # fmt: skip
+    axes.grid(color="#e8e8e8", lw=0.6)
+    name_axes(axes, title=title, x=DOPPLER_LABEL, y="D_1 / max D_1 (1)" if normalised else "D_1 (1)")
+
+
+def _occupied_hz(level: FloatArray, doppler_hz: FloatArray) -> tuple[float, float]:
+    """Part of the Doppler axis that holds more than 0.3 % of the maximum, 0 Hz and a margin."""
+    first, last = band_hz(level, doppler_hz, 0.003)
+    margin = 0.15 * (last - first) + 30.0
+    return max(min(first, 0.0) - margin, float(doppler_hz[0])), min(max(last, 0.0) + margin, float(doppler_hz[-1]))
+
+
+def band_hz(level: FloatArray, doppler_hz: FloatArray, threshold: float) -> tuple[float, float]:
+    """First and last Doppler at which a spectrum reaches a share of its maximum."""
+    above = np.flatnonzero(level >= threshold * level.max())
+    return float(doppler_hz[above[0]]), float(doppler_hz[above[-1]])
+
+
+def numbered_marks(axes: Axes, places: Mapping[str, tuple[float, float]]) -> None:
+    """Numbers in circles at places of the axes' data, as the report points at parts of a figure."""
+    for name, place in places.items():
+        axes.annotate(
+            name, place, fontsize=10, ha="center", va="center", color="black",
+            bbox={"boxstyle": "circle,pad=0.25", "fc": "white", "ec": ACCENT, "lw": 1.4, "alpha": 0.9},
+        )  # fmt: skip

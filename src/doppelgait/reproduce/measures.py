@@ -1,0 +1,159 @@
+"""Numbers read off windows, signatures and cadence spectra, as one would read them off the report's figures."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core.labels import axis, sampling_rate_hz
+
+FloatArray = npt.NDArray[np.float64]
+
+FINE = 1 << 16
+"""Length of the zero-padded transform in which side lobes are looked for."""
+NEAR = 0.15
+"""A harmonic is looked for within this share of its expected place."""
+HARMONICS = (1, 2, 3)
+
+
+def printed_window(n_pulses: int, steepness: float) -> FloatArray:
+    """Window of the report's Eq. 4.4 as printed, half a sample off its centre; shape (M,)."""
+    m = np.arange(1, n_pulses + 1)
+    return np.asarray(np.exp(-0.5 * ((m - n_pulses / 2) / (steepness * n_pulses / 2)) ** 2))
+
+
+def side_lobe_db(window: npt.ArrayLike) -> float:
+    """Highest side lobe of a real window below the peak of its main lobe, dB (negative).
+
+    The main lobe ends at the first minimum of the magnitude of the zero-padded transform.
+    """
+    weights = np.asarray(window, dtype=np.float64)
+    magnitude = np.abs(np.fft.rfft(weights, FINE))
+    first_minimum = int(np.flatnonzero(np.diff(magnitude) > 0)[0])
+    return float(20.0 * np.log10(magnitude[first_minimum:].max() / magnitude[0]))
+
+
+def half_power_width_bins(window: npt.ArrayLike) -> float:
+    """Full width of the main lobe at half power, in bins of 1 / T_d."""
+    weights = np.asarray(window, dtype=np.float64)
+    power = np.abs(np.fft.rfft(weights, FINE)) ** 2
+    below = int(np.flatnonzero(power < 0.5 * power[0])[0])
+    part = (power[below - 1] - 0.5 * power[0]) / (power[below - 1] - power[below])
+    return float(2.0 * (below - 1 + part) * weights.size / FINE)
+
+
+def upper_envelope_hz(signature: xr.DataArray, level: float) -> FloatArray:
+    """Highest Doppler of every column whose power reaches a share of the column's maximum; shape (J,)."""
+    values, doppler_hz = signature.values, axis(signature, "doppler")
+    reached = values >= level * values.max(axis=1, keepdims=True)
+    last = values.shape[1] - 1 - np.argmax(reached[:, ::-1], axis=1)
+    return np.asarray(doppler_hz[last], dtype=np.float64)
+
+
+def find_peaks(values: npt.ArrayLike, rate_hz: float, *, smoothing_s: float) -> npt.NDArray[np.int64]:
+    """Places of the peaks of a curve that rise over half its usual height (5th to 95th percentile), both ends counted.
+
+    Parameters
+    ----------
+    values : array_like, shape (J,)
+    rate_hz : float
+        Samples per second.
+    smoothing_s : float
+        Standard deviation of a Gaussian that smooths the curve first.
+    """
+    from scipy import signal
+    from scipy.ndimage import gaussian_filter1d
+
+    smooth = gaussian_filter1d(np.asarray(values, dtype=np.float64), smoothing_s * rate_hz, mode="nearest")
+    low, high = np.quantile(smooth, [0.05, 0.95])
+    padded = np.concatenate([[smooth.min()], smooth, [smooth.min()]])  # a record may begin or end in a step
+    found = signal.find_peaks(padded, prominence=0.5 * (high - low), height=0.5 * (low + high))[0]
+    return np.asarray(found - 1, dtype=np.int64)
+
+
+def main_frequency_hz(values: npt.ArrayLike, rate_hz: float) -> float:
+    """Frequency of the strongest oscillation of a curve: highest bin of the zero-padded spectrum without its trend."""
+    from scipy.signal import detrend
+
+    curve = detrend(np.asarray(values, dtype=np.float64)) * np.hanning(len(np.asarray(values)))
+    magnitude = np.abs(np.fft.rfft(curve, FINE))
+    first = int(np.ceil(1.5 * FINE / curve.size))  # below 1.5 periods there is only drift
+    return float((first + int(magnitude[first:].argmax())) * rate_hz / FINE)
+
+
+def torso_line_hz(signature: xr.DataArray, *, reach_hz: float) -> FloatArray:
+    """Power-weighted mean Doppler of every column within a reach of the strongest row of all; shape (J,)."""
+    doppler_hz = axis(signature, "doppler")
+    middle_hz = doppler_hz[int(signature.values.mean(axis=0).argmax())]
+    near = np.abs(doppler_hz - middle_hz) <= reach_hz
+    power = signature.values[:, near].astype(np.float64) ** 2
+    return np.asarray(power @ doppler_hz[near] / np.maximum(power.sum(axis=1), 1e-300))
+
+
+def share_near_lines(signature: xr.DataArray, lines_hz: npt.ArrayLike, line_time_s: npt.ArrayLike, *,
+                     reach_hz: float) -> float:  # fmt: skip
+    """Share of a signature's power that lies within a reach of one of several Doppler lines.
+
+    Parameters
+    ----------
+    signature : DataArray (time, doppler)
+    lines_hz : array_like, shape (I, L)
+    line_time_s : array_like, shape (I,)
+    reach_hz : float
+    """
+    times, doppler_hz = np.asarray(line_time_s), axis(signature, "doppler")
+    nearest = np.abs(times[None, :] - axis(signature, "time")[:, None]).argmin(axis=1)
+    distance = np.abs(doppler_hz[None, :, None] - np.asarray(lines_hz)[nearest][:, None, :]).min(axis=2)
+    values = signature.values.astype(np.float64)
+    return float(values[distance <= reach_hz].sum() / values.sum())
+
+
+def prominence_db(spectrum: xr.DataArray, frequency_hz: float, harmonic: int) -> float:
+    """How far a harmonic stands out of an amplitude spectrum D_g: its peak over the median from half a fundamental
+    before it to half a fundamental behind it, dB.
+
+    Parameters
+    ----------
+    spectrum : DataArray (cadence)
+        Amplitudes.
+    frequency_hz : float
+        True fundamental.
+    harmonic : int
+        1 for f_m, 2 for f_2, 3 for f_3.
+
+    Returns
+    -------
+    float
+        0 dB and about: no peak; the peak is the largest value within 15 % of the fundamental of the expected place.
+    """
+    cadence_hz, values = axis(spectrum, "cadence"), np.asarray(spectrum.values, dtype=np.float64)
+    off_hz = np.abs(cadence_hz - harmonic * frequency_hz)
+    near, around = off_hz <= NEAR * frequency_hz, off_hz <= 0.5 * frequency_hz
+    if not near.any() or not values[around].any():
+        return math.nan
+    return float(20.0 * np.log10(values[near].max() / np.median(values[around])))
+
+
+def side_lobe_of_cadence_db(spectrum: xr.DataArray, frequency_hz: float) -> float:
+    """Highest value of D_g between f_m and f_2 (0.3 to 0.7 of the way) below the peak of f_m, dB."""
+    cadence_hz, values = axis(spectrum, "cadence"), np.asarray(spectrum.values, dtype=np.float64)
+    phase = cadence_hz / frequency_hz
+    between, near = (phase >= 1.3) & (phase <= 1.7), np.abs(phase - 1.0) <= NEAR
+    if not between.any() or not near.any():
+        return math.nan
+    return float(20.0 * np.log10(values[between].max() / values[near].max()))
+
+
+def column_level_rise_db(signature: xr.DataArray) -> float:
+    """Level of the last tenth of a signature's columns over that of the first tenth, by their mean maximum, dB."""
+    top = signature.values.max(axis=1)
+    count = max(1, top.size // 10)
+    return float(10.0 * np.log10(top[-count:].mean() / top[:count].mean()))
+
+
+def columns_per_second(signature: xr.DataArray) -> float:
+    """Column rate of a signature, Hz."""
+    return sampling_rate_hz(axis(signature, "time"))

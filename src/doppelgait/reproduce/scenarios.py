@@ -1,0 +1,223 @@
+"""The study of chapter 5: 148 people, 21 Boulic walkers and dogs head-on, by the report's method and by ours.
+
+The report had 148 recorded people, one recorded dog and the walkers. Here people and dogs come from the motion folder
+as far as they are there and from models otherwise. Radar, frame rate (the lowest that keeps each scenario from
+aliasing), radar cross sections and heights of people are the report's; so is its best case: no noise, no clutter,
+straight to or from the radar, gates from the truth.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from doppelgait.core.errors import DoppelgaitError
+from doppelgait.core.labels import axis
+from doppelgait.core.rng import generator_for
+from doppelgait.motion.models import boulic_walk, human_gait, quadruped_gait, sample_person
+from doppelgait.motion.models.quadruped_gaits import GAITS, GaitName
+from doppelgait.motion.models.quadruped_sizes import BUILDS, froude_speed_mps, hip_height_m
+from doppelgait.motion.retime import travel_speed_mps
+from doppelgait.pipeline import analyze, simulate, with_lowest_prf
+from doppelgait.processing import Analysis
+from doppelgait.radar import Radar
+from doppelgait.scene import Scene, Target
+from doppelgait.scene.rcs import RcsSpec
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from doppelgait.pipeline import TargetResult
+    from doppelgait.radar.recording import Recording
+
+N_PEOPLE, N_WALKERS, N_DOGS = 148, 21, 200
+"""Scenarios: of the report's, 148 people and 21 walkers; dogs by the hundred where it had one."""
+RCS_M2 = {"human": 1.0, "dog": 0.2}
+"""The report's Table 3.2; its columns are normalised, so that nothing of it stays."""
+PERSON_M = 1.8
+LONGEST_S = 5.0
+SHORTEST_S = 1.0
+RECORDED_M = (3.0, 6.0)
+"""Distance that a recording room holds: a model is observed for as long as it takes for so much, 1 to 5 s."""
+AWAY_EVERY = 3
+"""Every third goes away from the radar, the others come."""
+WALKER_CYCLES = 5
+RUNNER_SHARE = 0.35
+DOG_GAITS: tuple[GaitName, ...] = ("walk", "pace", "trot", "canter", "gallop", "bound")
+REPORT_HOP_S = 0.005
+"""Columns of the report's method; it takes every frame, which changes nothing that its bin of 1 / T_o shows."""
+WRONG = 0.10
+"""A step frequency this far off, relative to the true one, is wrong."""
+
+METHODS = ("liland2018", "standard")
+METHOD_NAMES = {"liland2018": "the report's method", "standard": "ours"}
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One mover that goes straight to or from the radar.
+
+    Parameters
+    ----------
+    group : str
+        "recorded person", "model person", "Boulic walker", "recorded dog" or "model dog".
+    label : str
+        "human" or "dog".
+    name : str
+        Where the motion comes from.
+    motion : DataArray
+    seconds : float
+        Observation time T_o.
+    away : bool
+    """
+
+    group: str
+    label: str
+    name: str
+    motion: xr.DataArray
+    seconds: float
+    away: bool = False
+
+
+def all_scenarios(
+    people: Mapping[str, xr.DataArray], dogs: Mapping[str, xr.DataArray], *, seed: int,
+    counts: tuple[int, int, int] = (N_PEOPLE, N_WALKERS, N_DOGS),
+) -> list[Scenario]:  # fmt: skip
+    """The scenarios of the study.
+
+    Parameters
+    ----------
+    people, dogs : mapping of name to DataArray (time, marker, space)
+        Recorded stretches, straight and steady; taken first, as long as they are.
+    seed : int
+    counts : (int, int, int)
+        People, walkers and dogs; recordings beyond are left out.
+    """
+    n_people, n_walkers, n_dogs = counts
+    found = [_recorded("human", name, motion) for name, motion in list(people.items())[:n_people]]
+    found += [_model_person(seed, number) for number in range(n_people - len(found))]
+    found += [_walker(mps) for mps in np.linspace(0.5, 2.5, n_walkers)]
+    recorded = [_recorded("dog", name, motion) for name, motion in list(dogs.items())[:n_dogs]]
+    found += recorded + [_model_dog(seed, number) for number in range(n_dogs - len(recorded))]
+    return [replace(one, away=number % AWAY_EVERY == AWAY_EVERY - 1) for number, one in enumerate(found)]
+
+
+def _recorded(label: str, name: str, motion: xr.DataArray) -> Scenario:
+    seconds = min(float(np.ptp(axis(motion, "time"))), LONGEST_S)
+    return Scenario(f"recorded {'person' if label == 'human' else 'dog'}", label, name, motion, seconds)
+
+
+def _model_person(seed: int, number: int) -> Scenario:
+    """Someone as people come, who walks at 0.7 to 1.4 of the preferred speed or runs."""
+    rng = generator_for(seed, "motion", number, "person")
+    person = sample_person(rng)
+    runs = rng.random() < RUNNER_SHARE
+    low, high = (2.3, 4.5) if runs else (0.7 * person.speed_mps, min(1.4 * person.speed_mps, 1.9))
+    speed_mps = float(rng.uniform(low, high))
+    seconds = _seconds_recorded(speed_mps, rng)
+    motion = human_gait(
+        gait="run" if runs else "walk", speed_mps=speed_mps, height_m=person.height_m,
+        walk_ratio=float(np.clip(person.walk_ratio, 0.7, 1.4)), step_time_sd=0.02, step_length_sd=0.02,
+        start_phase=float(rng.random()), duration_s=seconds + 0.1, rng=rng,
+    )  # fmt: skip
+    return Scenario("model person", "human", f"person {number}", motion, seconds)
+
+
+def _walker(speed_mps: float) -> Scenario:
+    motion = boulic_walk(speed_mps=float(speed_mps), height_m=PERSON_M, duration_s=20.0)
+    seconds = WALKER_CYCLES / float(motion.attrs["stride_frequency_hz"])
+    return Scenario("Boulic walker", "human", f"Boulic walker {speed_mps:.1f} m/s", motion, seconds)
+
+
+def _model_dog(seed: int, number: int) -> Scenario:
+    """A dog of 0.25 to 0.65 m in one gait after another, its Froude number within the middle of the gait's range."""
+    rng = generator_for(seed, "motion", number, "dog")
+    gait = DOG_GAITS[number % len(DOG_GAITS)]
+    slowest, fastest, usual = GAITS[gait].froude
+    low, high = math.sqrt(slowest * usual), math.sqrt(usual * fastest)
+    withers_m, froude = float(rng.uniform(0.25, 0.65)), float(rng.uniform(low, high))
+    speed_mps = froude_speed_mps(froude, hip_height_m(BUILDS["standard"], withers_m))
+    seconds = _seconds_recorded(speed_mps, rng)
+    motion = quadruped_gait(
+        gait=gait, speed_mps=speed_mps, withers_m=withers_m, stride_variation=0.02,
+        start_phase=float(rng.random()), duration_s=seconds + 0.1, rng=rng,
+    )  # fmt: skip
+    return Scenario("model dog", "dog", f"{gait} {number}", motion, seconds)
+
+
+def _seconds_recorded(speed_mps: float, rng: np.random.Generator) -> float:
+    return float(np.clip(rng.uniform(*RECORDED_M) / speed_mps, SHORTEST_S, LONGEST_S))
+
+
+def observe(scenario: Scenario, radar: Radar) -> Recording:
+    """The noise-free recording of a scenario, at the lowest frame rate at which it does not alias."""
+    height_m = PERSON_M if scenario.group == "recorded person" else None
+    target = Target(
+        scenario.motion, label=scenario.label, rcs=RcsSpec(kind="equal", total_m2=RCS_M2[scenario.label]),
+        height_m=height_m, aspect_deg=180.0 if scenario.away else 0.0,
+    )  # fmt: skip
+    scene = Scene([target], duration_s=scenario.seconds)
+    way_m = travel_speed_mps(scenario.motion) * scenario.seconds * (1.0 if height_m is None else 1.5)
+    framed = radar.model_copy(update={"range_stop_m": math.ceil(max(5.0 + way_m / 2, way_m + 2.0) + 3.0)})
+    return simulate(scene, with_lowest_prf(scene, framed, cpi_s=0.1), angles=False)
+
+
+def study(
+    scenarios: Sequence[Scenario], radar: Radar, *, on_progress: Callable[[int, int], None] | None = None
+) -> pd.DataFrame:
+    """Features of every scenario by both methods.
+
+    Parameters
+    ----------
+    scenarios : sequence of Scenario
+    radar : Radar
+        Its frame rate and the end of its frame are set for each scenario.
+    on_progress : callable, optional
+        Called with (scenarios done, scenarios in total).
+
+    Returns
+    -------
+    DataFrame
+        Two rows a scenario, one by method, with what is true and the six features; a scenario that cannot be observed
+        is left out, and ``attrs["left_out"]`` says which and why.
+    """
+    import pandas as pd
+
+    rows: list[dict[str, Any]] = []
+    left_out: dict[str, str] = {}
+    for number, scenario in enumerate(scenarios):
+        try:
+            rows += _rows(number, scenario, observe(scenario, radar))
+        except DoppelgaitError as error:
+            left_out[scenario.name] = str(error)
+        if on_progress is not None:
+            on_progress(number + 1, len(scenarios))
+    table = pd.DataFrame(rows)
+    table.attrs["left_out"] = left_out
+    return table
+
+
+def _rows(number: int, scenario: Scenario, recording: Recording) -> list[dict[str, Any]]:
+    truth, prf_hz = recording.truth[0], recording.radar.prf_hz
+    facts = {
+        "number": number, "group": scenario.group, "label": scenario.label, "motion": scenario.name,
+        "gait": truth.gait, "away": scenario.away, "observation_s": scenario.seconds, "prf_hz": prf_hz,
+        "true_velocity_mps": float(truth.centre_velocity_mps.mean()), "true_gait_frequency_hz": truth.gait_frequency_hz,
+    }  # fmt: skip
+    report = Analysis(method="liland2018", hop=max(1, round(REPORT_HOP_S * prf_hz)))
+    return [
+        {**facts, "method": method, **_found(analyze(recording, gate="truth", analysis=analysis)[0])}
+        for method, analysis in zip(METHODS, (report, Analysis(extended=False)), strict=True)
+    ]
+
+
+def _found(result: TargetResult) -> dict[str, Any]:
+    numbers = {"gait_frequency_hz": result.gait_frequency_hz, **result.features.as_dict()}
+    return {name: math.nan if value is None else value for name, value in numbers.items()} | {
+        "flagged": "low_confidence" in result.flags
+    }
