@@ -20,7 +20,10 @@ _LAZY = {
     "open_dataset": "doppelgait.dataset",
     "rng": "doppelgait.core.rng",
 }
-_SUBPACKAGES = {"core", "dataset", "features", "motion", "pipeline", "processing", "radar", "scene", "testing", "viz"}
+_SUBPACKAGES = {
+    "classify", "core", "dataset", "features", "motion", "pipeline", "processing", "radar", "reproduce", "scene",
+    "testing", "viz",
+}  # fmt: skip
 
 __all__ = ["__version__", *sorted(set(_LAZY) | _SUBPACKAGES)]
 

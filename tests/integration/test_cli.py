@@ -71,7 +71,13 @@ def test_help_loads_no_science():
     assert loaded.stdout.strip() == "[]"
 
 
-@pytest.mark.parametrize("command", [["motion", "info"], ["simulate"], ["analyze"], ["dataset", "build"], ["demo"]])
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["motion", "info"], ["simulate"], ["analyze"], ["dataset", "build"], ["demo"], ["evaluate"], ["classify"],
+        ["reproduce"],
+    ],
+)  # fmt: skip
 def test_every_command_has_help_with_an_example(command):
     assert "Example: doppelgait" in run(*command, "--help").stdout
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from doppelgait import __version__
-from doppelgait.cli import analyze, dataset, dataset_use, demo, motion, radar, simulate
+from doppelgait.cli import analyze, classify, dataset, dataset_use, demo, evaluate, motion, radar, reproduce, simulate
 from doppelgait.cli.output import say, show_warnings_plainly
 from doppelgait.core.errors import DoppelgaitError
 
@@ -31,6 +31,9 @@ dataset.app.command("export")(dataset_use.export)
 dataset.app.command("import")(dataset_use.import_recordings)
 app.command("simulate")(simulate.simulate)
 app.command("analyze")(analyze.analyze)
+app.command("evaluate")(evaluate.evaluate)
+app.command("classify")(classify.classify)
+app.command("reproduce")(reproduce.reproduce)
 app.command("demo")(demo.demo)
 
 _debug = False

@@ -1,0 +1,31 @@
+"""Train, score, keep and use classifiers of datasets; nothing here is imported before it is used."""
+
+from importlib import import_module
+from typing import Any
+
+_HOME = {
+    "Decision": "decide",
+    "Evaluation": "evaluate",
+    "Model": "model",
+    "Patch": "patches",
+    "classify": "decide",
+    "evaluate": "evaluate",
+    "levels": "patches",
+    "load_model": "model_file",
+    "patch": "patches",
+    "save_model": "model_file",
+    "train_network": "network",
+    "write_report": "report",
+}
+
+__all__ = sorted(_HOME)
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOME:
+        return getattr(import_module(f"doppelgait.classify.{_HOME[name]}"), name)
+    raise AttributeError(f"module 'doppelgait.classify' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,0 +1,283 @@
+"""Rows of one or two datasets as inputs of a model, with labels and groups; nothing that an analysis cannot know."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+import xarray as xr
+
+from doppelgait.classify.learned import FloatArray, Inputs, IntArray
+from doppelgait.classify.patches import Levels, Patch, levels
+from doppelgait.core.errors import DatasetError
+from doppelgait.core.units import SPEED_OF_LIGHT_MPS
+from doppelgait.dataset.config import SPLITS
+from doppelgait.dataset.example import carrier_of, label_arrays, plain_row
+from doppelgait.dataset.feature_matrix import feature_columns
+from doppelgait.dataset.open import Dataset
+from doppelgait.dataset.verify.contents import Contents, plan_of
+from doppelgait.dataset.verify.nuisance import MEASURED, UNSEEN, nuisance_table, rounded
+
+VELOCITY, SPEED = "torso_velocity_mps", "torso_speed_mps"
+"""A model sees the magnitude of the torso's velocity, so that a body that goes is the body that comes."""
+BANDWIDTH, WIDTH = "doppler_bandwidth_hz", "doppler_bandwidth_mps"
+"""A model sees the Doppler bandwidth as radial velocities, so that it does not depend on the carrier."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Rows to learn from and to be tested on.
+
+    Parameters
+    ----------
+    datasets : tuple of Dataset
+        The dataset, and the other one to test on if there is one.
+    index : DataFrame
+        Their rows, one after the other.
+    origin, place : ndarray of int, shape (n,)
+        Which dataset a row is of, and its number there.
+    classes : tuple of str
+    labels : ndarray of int, shape (n,)
+        Numbers of the classes.
+    groups : ndarray of str, shape (n,)
+        Movers, or scenes that movers share.
+    """
+
+    datasets: tuple[Dataset, ...]
+    index: pd.DataFrame
+    origin: IntArray
+    place: IntArray
+    classes: tuple[str, ...]
+    labels: IntArray
+    groups: npt.NDArray[np.str_]
+
+    def __len__(self) -> int:
+        return len(self.labels)
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """What a model sees of the rows.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, d) or (n,)
+        Features, NaN for unknown; or levels of signatures, None for none.
+    names : tuple of str
+        Of the features; none for signatures.
+    note : str
+        What the reader must know of them; empty for nothing.
+    """
+
+    values: Inputs
+    names: tuple[str, ...]
+    note: str = ""
+
+
+def rows_of(dataset: Dataset, other: Dataset | None = None) -> Rows:
+    """Rows of a dataset, and of another one to test on.
+
+    Raises
+    ------
+    DatasetError
+        If there are fewer than two classes, the other dataset has further ones, or it is the same dataset.
+    """
+    datasets = (dataset,) if other is None else (dataset, other)
+    if other is not None and other.description.get("id") == dataset.description.get("id"):
+        raise DatasetError(f"--test {other.directory}: is the dataset to learn from; leave --test out")
+    known = [label for label in dataset.description["classes"] if (dataset.index["label"] == label).any()]
+    if len(known) < 2:
+        raise DatasetError(
+            f"{dataset.directory}: has the class {known[0]!r} alone" if known else f"{dataset.directory}: has no rows"
+        )
+    index = pd.concat([part.index for part in datasets], ignore_index=True)
+    further = sorted(set(index["label"].unique()) - set(known))
+    if further and other is not None:
+        raise DatasetError(
+            f"--test {other.directory}: has the classes {', '.join(further)}, which {dataset.directory} does not have; "
+            f"a model of it knows {', '.join(known)}"
+        )
+    group = "group" if "group" in index else "subject"
+    return Rows(
+        datasets=datasets,
+        index=index,
+        origin=np.repeat(np.arange(len(datasets)), [len(part) for part in datasets]),
+        place=np.concatenate([np.arange(len(part)) for part in datasets]),
+        classes=tuple(known),
+        labels=index["label"].map({label: number for number, label in enumerate(known)}).to_numpy(dtype=np.int64),
+        groups=_group_names(datasets, group),
+    )
+
+
+def _group_names(datasets: tuple[Dataset, ...], column: str) -> npt.NDArray[np.str_]:
+    """Groups by name; a model's draw is another body in every dataset, a recording is the same one."""
+    names = [part.index[column].to_numpy(dtype=str) for part in datasets]
+    marked = [
+        np.array([f"{number}:{name}" if number and name.startswith("model/") else name for name in part], dtype=str)
+        for number, part in enumerate(names)
+    ]
+    return np.concatenate(marked)
+
+
+def table_of(rows: Rows, features: str, *, patch: Patch | None = None, motion_folder: Path | None = None) -> Table:
+    """What a model sees of the rows.
+
+    Parameters
+    ----------
+    rows : Rows
+    features : {"six", "extended", "speed", "nuisance", "nothing", "signature"}
+        ``nuisance``: the parameters that ``dataset verify`` looks at, which must not tell the class.
+    patch : Patch, optional
+        Of ``signature``.
+    motion_folder : Path, optional
+        Of ``nuisance``: where the motion files of the plan are, without which it cannot be drawn again; the working
+        folder by default.
+
+    Raises
+    ------
+    DatasetError
+        If a dataset lacks the features or keeps no signatures.
+    """
+    if features == "signature":
+        return Table(_signatures(rows, patch or Patch()), ())
+    if features == "nothing":
+        return Table(np.zeros((len(rows), 0)), ())
+    if features == "nuisance":
+        return nuisances_of(rows, motion_folder or Path.cwd())
+    names = _feature_names(rows.datasets, "six" if features == "speed" else features)
+    values = feature_values({name: rows.index[column] for name, column in names.items()}, _wavelengths_m(rows))
+    if features == "speed":
+        values = {SPEED: values[SPEED]}
+    return Table(np.column_stack(list(values.values())), tuple(values))
+
+
+def feature_values(columns: Mapping[str, Any], wavelength_m: FloatArray) -> dict[str, FloatArray]:
+    """Values of features as a model sees them.
+
+    Parameters
+    ----------
+    columns : mapping
+        Values (n,) by feature name.
+    wavelength_m : ndarray, shape (n,)
+        Of the carrier; NaN for unknown.
+
+    Returns
+    -------
+    dict
+        Unknown and infinite values are NaN; the torso's velocity is its magnitude, ``torso_speed_mps``, and the
+        Doppler bandwidth a span of radial velocities, ``doppler_bandwidth_mps``.
+    """
+    found = {}
+    for name, column in columns.items():
+        values = pd.to_numeric(pd.Series(column), errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
+        values = np.where(np.isfinite(values), values, np.nan)
+        if name == VELOCITY:
+            found[SPEED] = np.abs(values)
+        elif name == BANDWIDTH:
+            found[WIDTH] = values * wavelength_m / 2.0  # E-05
+        else:
+            found[name] = values
+    return found
+
+
+def _wavelengths_m(rows: Rows) -> FloatArray:
+    """Wavelength of every row's carrier; NaN where a dataset does not tell."""
+    carriers = [
+        pd.to_numeric(part.index["carrier_hz"], errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
+        if "carrier_hz" in part.index
+        else np.array([carrier_of(part.description, plain_row(row)) for row in part.index.to_dict("records")])
+        for part in rows.datasets
+    ]
+    return np.asarray(SPEED_OF_LIGHT_MPS / np.concatenate(carriers), dtype=np.float64)
+
+
+def _feature_names(datasets: tuple[Dataset, ...], names: str) -> dict[str, str]:
+    """Columns by feature, which every dataset must have."""
+    columns = feature_columns(datasets[0].index, names)
+    for part in datasets:
+        missing = [name for name, column in columns.items() if column not in part.index]
+        if missing:
+            raise DatasetError(
+                f"{part.directory}: has no feature {missing[0]!r}"
+                + (f" and {len(missing) - 1} more of the set {names!r}" if len(missing) > 1 else "")
+                + "; build or import it with the same analysis, or choose other --models"
+            )
+    if names == "extended" and not any(column.startswith("extended_") for column in columns):
+        raise DatasetError(f"{datasets[0].directory}: has no extended features; it was built without them")
+    return columns
+
+
+def _signatures(rows: Rows, patch: Patch) -> Inputs:
+    for part in rows.datasets:
+        part.check_fields(["signature"])
+    values = np.empty(len(rows), dtype=object)
+    for number, (origin, place) in enumerate(zip(rows.origin.tolist(), rows.place.tolist(), strict=True)):
+        values[number] = levels_of(signature_of(rows.datasets[origin], place), patch)
+    return values
+
+
+def signature_of(dataset: Dataset, number: int) -> xr.DataArray | None:
+    """Signature of a row of a dataset and nothing else of it; None where it has none."""
+    row = plain_row(dataset.index.iloc[number].to_dict())
+    facts = {"signature": dataset.description["fields"]["signature"]}
+    carrier_hz = carrier_of(dataset.description, row)
+    return label_arrays(facts, row, partial(dataset.stored, number), carrier_hz=carrier_hz).get("signature")
+
+
+def levels_of(signature: xr.DataArray | None, patch: Patch) -> Levels | None:
+    """Levels of a signature that has two columns or more, else None."""
+    return None if signature is None or signature.sizes["time"] < 2 else levels(signature, patch)
+
+
+def nuisances_of(rows: Rows, motion_folder: Path) -> Table:
+    """Nuisance parameters of all rows, as ``dataset verify`` takes them: as the plan drew them and the index states.
+
+    Of a dataset without a plan, or whose motion files are not there, what the index states alone, and the note says so.
+    Of two datasets those that both have. Texts become numbers; parameters that are the same everywhere are left out,
+    and, where a class is an empty room, the levels of echoes that it does not have.
+    """
+    found = [_nuisance_part(part, motion_folder) for part in rows.datasets]
+    parts, notes = [part for part, _ in found], [note for _, note in found if note]
+    shared = [name for name in parts[0].columns if all(name in part for part in parts)]
+    table = pd.concat([part[shared] for part in parts], ignore_index=True)
+    if (rows.index["source"] == "none").any():
+        shared = [name for name in shared if not str(name).removeprefix("index.").startswith(UNSEEN)]
+    encoded = {str(name): _encoded(table[name]) for name in shared}
+    kept = {name: values for name, values in encoded.items() if np.unique(values[~np.isnan(values)]).size > 1}
+    values = np.column_stack(list(kept.values())) if kept else np.zeros((len(rows), 0))
+    return Table(values, tuple(kept), "; ".join(notes))
+
+
+def _nuisance_part(dataset: Dataset, motion_folder: Path) -> tuple[pd.DataFrame, str]:
+    """Nuisance parameters of a dataset, and why they are no more than those of the index; empty if they are all."""
+    plan, reason = plan_of(dataset.description, motion_folder)
+    contents = Contents(dataset.directory, dataset.description, dataset.index, True, {}, plan, reason)
+    drawn = contents.drawn(np.random.default_rng(0), most=10 * len(dataset) + 100)
+    if not drawn:
+        stated = dataset.index[[name for name in MEASURED if name in dataset.index]].add_prefix("index.")
+        return stated, f"nuisance of {dataset.directory}: only {', '.join(map(str, stated))} ({reason})"
+    found = nuisance_table(dataset.index, drawn).drop(columns=["label", "group", "nobody"])
+    return found.reindex(dataset.index["id"]), ""
+
+
+def _encoded(values: pd.Series) -> FloatArray:
+    if pd.api.types.is_bool_dtype(values) or pd.api.types.is_numeric_dtype(values):
+        return np.asarray(rounded(values.astype(np.float64)).to_numpy(), dtype=np.float64)
+    codes = pd.factorize(values.where(values.isna(), values.astype(str)), sort=True)[0]
+    return np.where(codes < 0, np.nan, codes.astype(np.float64))
+
+
+def split_of(rows: Rows, name: str) -> IntArray:
+    """Rows of the first dataset in a split."""
+    if name not in SPLITS:
+        raise DatasetError(f"split {name!r} is not known; allowed are {', '.join(SPLITS)}")
+    return np.flatnonzero((rows.index["split"] == name).to_numpy(dtype=bool) & (rows.origin == 0))
+
+
+Progress = Callable[[int, int], None]

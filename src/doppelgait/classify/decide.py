@@ -1,0 +1,225 @@
+"""Recording or results -> one decision per target: a class with its calibrated probability, or an abstention."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from doppelgait.classify.data import feature_values, levels_of
+from doppelgait.classify.learned import Network
+from doppelgait.classify.model import Model, blocking_flag
+from doppelgait.classify.result_file import is_result_file, read_columns
+from doppelgait.core.config import validate
+from doppelgait.core.errors import AnalysisError, DoppelgaitWarning
+from doppelgait.dataset.feature_matrix import feature_columns
+from doppelgait.dataset.rows import result_columns
+from doppelgait.pipeline import TargetResult, Tracking, analyze
+from doppelgait.processing import Analysis
+from doppelgait.radar import Recording, read_recording
+
+SAME_RATE = 0.02
+"""A carrier or pulse rate within this share of those learnt is the same."""
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What a model says about one target.
+
+    Parameters
+    ----------
+    target : int
+        Number among the results.
+    label : str
+        The most likely class, also of an abstention.
+    probability : float
+        Calibrated, of that class, were all classes equally frequent.
+    probabilities : mapping
+        Of every class.
+    abstained : bool
+        Whether no decision is given.
+    reason : str
+        Why; empty for a decision.
+    alarm : bool or None
+        Whether it triggers the alarm that detects 95 % of people; None where the model has none. An abstention by a
+        flag or by features outside what was learnt does not keep it from triggering.
+    flags : tuple of str
+        Of the analysis.
+    quality : mapping
+        Range, times and SNR of the target, as far as known.
+    """
+
+    target: int
+    label: str
+    probability: float
+    probabilities: Mapping[str, float]
+    abstained: bool
+    reason: str
+    alarm: bool | None
+    flags: tuple[str, ...]
+    quality: Mapping[str, Any]
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {**vars(self), "probabilities": dict(self.probabilities), "flags": list(self.flags),
+                "quality": dict(self.quality)}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What there is of a target.
+
+    Parameters
+    ----------
+    columns : mapping
+        As in the index of a dataset.
+    signature : DataArray (time, doppler)
+        With the attribute ``wavelength_m``.
+    """
+
+    columns: Mapping[str, Any]
+    signature: xr.DataArray
+
+    @property
+    def flags(self) -> tuple[str, ...]:
+        """Flags of its analysis."""
+        return tuple(flag for flag in str(self.columns.get("flags") or "").split(";") if flag)
+
+
+def classify(
+    source: str | Path | Recording | Sequence[TargetResult], model: Model, *, gate: Any = "track",
+    analysis: Analysis | None = None, tracking: Tracking | None = None,
+) -> list[Decision]:  # fmt: skip
+    """Classify every target of a recording.
+
+    Parameters
+    ----------
+    source : path, Recording or sequence of TargetResult
+        A recording, or what :func:`doppelgait.analyze` made of it, also as a file (``analyze -o``).
+    model : Model
+    gate, analysis, tracking
+        As :func:`doppelgait.analyze` takes them, for recordings; by default the analysis that the model learnt from.
+
+    Returns
+    -------
+    list of Decision
+        One per target; none where nothing was found.
+
+    Raises
+    ------
+    AnalysisError
+        As :func:`doppelgait.analyze`; or if results lack what the model looks at.
+    RecordingError
+        If a file cannot be read.
+    """
+    if isinstance(source, str | Path):
+        if is_result_file(source):
+            stored, parameters = read_columns(source)
+            _warn_of_settings(parameters, model)
+            return [decide(Seen(*found), model, number) for number, found in enumerate(stored)]
+        source = read_recording(source)
+    if isinstance(source, Recording):
+        settings = analysis or analysis_of(model)
+        _warn_of_settings(settings.model_dump(mode="json"), model)
+        _warn_of_radar(source, model)
+        source = analyze(source, gate=gate, analysis=settings, tracking=tracking)
+    return [decide(Seen(result_columns(r), r.signature), model, number) for number, r in enumerate(source)]
+
+
+def analysis_of(model: Model) -> Analysis:
+    """Parameters of the analysis that a model learnt from."""
+    return validate(Analysis, model.facts.analysis, where=f"model {model.facts.name}")
+
+
+def decide(seen: Seen, model: Model, number: int) -> Decision:
+    """Decision about one target.
+
+    Raises
+    ------
+    AnalysisError
+        If what the model looks at is not there.
+    """
+    values, outside = _inputs(seen, model, number)
+    probability = model.probability(values)[0]
+    best = int(probability.argmax())
+    reason = _reason(seen, model, float(probability[best]), outside)
+    threshold = model.facts.alarm_threshold
+    alarm = None
+    if model.facts.alarm is not None and threshold is not None:
+        alarm = bool(probability[model.facts.classes.index(model.facts.alarm)] >= threshold)
+    return Decision(
+        target=number, label=model.facts.classes[best], probability=float(probability[best]),
+        probabilities={name: float(p) for name, p in zip(model.facts.classes, probability, strict=True)},
+        abstained=bool(reason), reason=reason, alarm=alarm, flags=seen.flags, quality=_quality(seen),
+    )  # fmt: skip
+
+
+def _inputs(seen: Seen, model: Model, number: int) -> tuple[Any, list[str]]:
+    """What the model looks at, and what of it lies outside what was learnt."""
+    if isinstance(model.learned, Network):
+        values = np.empty(1, dtype=object)
+        values[0] = levels_of(seen.signature, model.learned.patch)
+        return values, []
+    columns = {**_six(), "gait_frequency_hz": "gait_frequency_hz"}
+    columns |= {name: name for name in model.facts.names if name.startswith("extended_")}
+    missing = [name for name in columns.values() if name not in seen.columns]
+    if missing:
+        raise AnalysisError(
+            f"target {number}: has no {missing[0]}, which {model.facts.name} looks at; analyse with extended = true "
+            "and the standard method"
+        )
+    wavelength_m = np.array([float(seen.signature.attrs["wavelength_m"])])
+    found = feature_values({name: [seen.columns[column]] for name, column in columns.items()}, wavelength_m)
+    row = np.array([found[name][0] for name in model.facts.names])
+    return row[None], model.outside(row)
+
+
+def _six() -> dict[str, str]:
+    import pandas as pd
+
+    return feature_columns(pd.DataFrame(), "six")
+
+
+def _reason(seen: Seen, model: Model, probability: float, outside: Sequence[str]) -> str:
+    """Why no decision is given; empty if one is."""
+    flag = blocking_flag(seen.flags, model.facts.blocking)
+    if flag is not None:
+        return f"flag {flag}"
+    if outside:
+        return "; ".join(outside)
+    if probability < model.facts.abstain_below:
+        return f"probability {probability:.2f} is below {model.facts.abstain_below:g}"
+    return ""
+
+
+SHOWN_QUALITY = ("track_range_m", "start_s", "stop_s", "observation_s", "snr_mu_db", "breathing_rate_hz")
+
+
+def _quality(seen: Seen) -> dict[str, Any]:
+    found = {name: seen.columns.get(f"quality_{name}") for name in SHOWN_QUALITY}
+    return {name: float(value) for name, value in found.items() if value is not None and np.isfinite(value)}
+
+
+def _warn_of_settings(found: Mapping[str, Any], model: Model) -> None:
+    """Say where the analysis differs from the one learnt from; clutter is taken off as the room needs it."""
+    expected = analysis_of(model).model_dump(mode="json")
+    ignored = ("clutter", "clutter_time_s", "hop")
+    other = [name for name, value in expected.items() if name not in ignored and found.get(name, value) != value]
+    if other:
+        words = ", ".join(f"{name} {found[name]} instead of {expected[name]}" for name in other)
+        warnings.warn(f"the analysis is not that of the model: {words}", DoppelgaitWarning, stacklevel=3)
+
+
+def _warn_of_radar(recording: Recording, model: Model) -> None:
+    """Say where the radar is none that was learnt from."""
+    radar = recording.radar
+    for name, value in (("carrier_hz", radar.carrier_hz), ("prf_hz", radar.prf_hz)):
+        low, high = model.facts.conditions.get(name, (value, value))
+        if not low * (1 - SAME_RATE) <= value <= high * (1 + SAME_RATE):
+            learnt = f"{low:.6g}" if low == high else f"{low:.6g} to {high:.6g}"
+            warnings.warn(f"{name} {value:.6g}: the model learnt from {learnt}", DoppelgaitWarning, stacklevel=3)

@@ -1,0 +1,289 @@
+"""Train models on a dataset and score them on what they did not learn from, beside chance, nuisances and speed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from doppelgait import __version__
+from doppelgait.classify.calibrate import Calibration, calibrate, class_weights, detection_threshold
+from doppelgait.classify.data import Rows, Table, rows_of, table_of
+from doppelgait.classify.document import answers_table, document_of
+from doppelgait.classify.learned import FloatArray
+from doppelgait.classify.model import BLOCKING, Facts, Model, blocking_flag
+from doppelgait.classify.scorecard import ALARM_CLASS, DETECTED_SHARE, Answers
+from doppelgait.classify.training import BASELINES, MODELS, Kind, Part, fit, kind_of
+from doppelgait.classify.validate import Fold, cross_validation, hold_back, leave_out, own_splits, refuse_shared
+from doppelgait.core.errors import ConfigError, DatasetError
+from doppelgait.core.rng import rng
+from doppelgait.dataset.open import Dataset
+
+SHUFFLES = 5
+"""Of a feature, to see what a model makes of it."""
+LEAST_PROBABILITY = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """What an evaluation found.
+
+    Parameters
+    ----------
+    document : dict
+        All scores, for JSON; None for unknown.
+    answers : DataFrame
+        One line per tested row: id, label, and of every model the probabilities, the class and whether it is decided.
+    best : str
+        The model that told the held rows best.
+    models : dict
+        Trained models by name, as scored; after a cross-validation trained on all rows, and only if asked for.
+    """
+
+    document: dict[str, Any]
+    answers: pd.DataFrame
+    best: str
+    models: dict[str, Model]
+
+
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """One model over all folds."""
+
+    answers: Answers
+    models: list[Model]
+    held_loss: float
+    importance: dict[str, float]
+
+
+def evaluate(
+    dataset: Dataset, *, other: Dataset | None = None, models: Sequence[str] | None = None, n_folds: int | None = None,
+    left_out: str | None = None, motion_folder: Path | None = None, seed: int = 0, keep: bool = False,
+    on_progress: Callable[[int, int], None] | None = None,
+) -> Evaluation:  # fmt: skip
+    """Train and score models.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Learnt from; tested on its own split ``test`` unless one of the next is given.
+    other : Dataset, optional
+        Tested on instead, all rows but those of movers that are learnt from.
+    models : sequence of str, optional
+        Of :data:`doppelgait.classify.training.MODELS`; by default all that the dataset has the inputs for. Chance,
+        nuisance parameters and speed alone come with them always.
+    n_folds : int, optional
+        Cross-validation over all rows in so many folds, movers kept together.
+    left_out : str, optional
+        Leave one value of this column out at a time, for example ``source``.
+    motion_folder : Path, optional
+        Where the motion files of the plan are, which the nuisance parameters are drawn from.
+    seed : int
+        Of folds, training and bootstrap.
+    keep : bool
+        After a cross-validation train each model once more, on all rows.
+    on_progress : callable, optional
+        Called with (models trained, models to train).
+
+    Returns
+    -------
+    Evaluation
+
+    Raises
+    ------
+    DatasetError
+        If there is one class alone, nothing to test on, or the other dataset lacks features or has further classes.
+    ConfigError
+        If models or options are not known or do not go together.
+    """
+    rows = rows_of(dataset, other)
+    folds, notes = _folds(rows, n_folds, left_out, seed)
+    refuse_shared(rows, folds)
+    tables, skipped = _tables(rows, models, motion_folder)
+    if not any(name in MODELS for name in tables):
+        raise DatasetError(f"{dataset.directory}: no model can be trained: {'; '.join(skipped)}")
+    whole = [*folds, _whole(rows, seed)] if keep and (n_folds or left_out) else folds
+    runs: dict[str, _Run] = {}
+    for number, (name, table) in enumerate(tables.items()):
+        tick = _tick(on_progress, number * len(whole), len(tables) * len(whole))
+        runs[name] = _run(rows, table, name, whole, seed, tick)
+    best = min((name for name in runs if name in MODELS), key=lambda name: runs[name].held_loss)
+    answers = {name: run.answers for name, run in runs.items()}
+    document = document_of(rows, folds, answers, [*notes, *skipped], seed=seed)
+    for name, run in runs.items():
+        document["models"][name]["held_log_loss"] = run.held_loss if np.isfinite(run.held_loss) else None
+        document["models"][name]["importance"] = run.importance
+    document["best_on_held_rows"] = best
+    kept = {name: run.models[-1] for name, run in runs.items() if len(folds) == 1 or len(whole) > len(folds)}
+    return Evaluation(document, answers_table(rows, answers), best, kept)
+
+
+def _folds(rows: Rows, n_folds: int | None, left_out: str | None, seed: int) -> tuple[list[Fold], list[str]]:
+    given = [name for name, value in (("--cv", n_folds), ("--leave-out", left_out)) if value is not None]
+    given += ["--test"] if len(rows.datasets) > 1 else []
+    if len(given) > 1:
+        raise ConfigError(f"{' and '.join(given)}: take one of them")
+    if n_folds is not None:
+        return cross_validation(rows, n_folds, seed=seed), []
+    if left_out is not None:
+        return leave_out(rows, left_out, seed=seed)
+    fold, notes = own_splits(rows, seed=seed)
+    return [fold], notes
+
+
+def _whole(rows: Rows, seed: int) -> Fold:
+    train, held = hold_back(rows, np.arange(len(rows)), seed)
+    return Fold("all rows", train, held, np.empty(0, dtype=np.int64))
+
+
+def _tables(rows: Rows, models: Sequence[str] | None, motion_folder: Path | None) -> tuple[dict[str, Table], list[str]]:
+    """Inputs of the baselines and of every model; those that cannot be had are skipped unless they were asked for."""
+    from doppelgait.classify.network import NO_TORCH, torch_is_there
+
+    made: dict[str, Table] = {}
+    tables, skipped = {}, []
+    for name in [*BASELINES, *(MODELS if models is None else dict.fromkeys(models))]:
+        kind = kind_of(name)
+        try:
+            if kind.learner == "network" and not torch_is_there():
+                raise DatasetError(NO_TORCH)
+            if kind.features not in made:
+                made[kind.features] = table_of(rows, kind.features, motion_folder=motion_folder)
+        except DatasetError as error:
+            if models is not None and name in models:
+                raise
+            skipped.append(f"{name} left out: {error}")
+            continue
+        tables[name] = made[kind.features]
+    return tables, [*(part.note for part in made.values() if part.note), *skipped]
+
+
+def _tick(on_progress: Callable[[int, int], None] | None, done: int, total: int) -> Callable[[int], None]:
+    return lambda number: on_progress(done + number, total) if on_progress is not None else None
+
+
+def _run(rows: Rows, table: Table, name: str, folds: Sequence[Fold], seed: int, tick: Callable[[int], None]) -> _Run:
+    """Train on every fold, answer for its test rows."""
+    models, parts, losses, importance = [], [], [], []
+    for number, fold in enumerate(folds):
+        model = learn(rows, table, name, fold, seed=seed)
+        models.append(model)
+        if fold.test.size:
+            parts.append(_answers(rows, table, model, fold))
+            importance.append(_importance(rows, table, model, fold, seed) if name in MODELS else {})
+        held = model.probability(table.values[fold.held])[np.arange(fold.held.size), rows.labels[fold.held]]
+        losses.append(float(-np.log(np.maximum(held, LEAST_PROBABILITY)).mean()) if held.size else np.inf)
+        tick(number + 1)
+    mean = {key: float(np.mean([part[key] for part in importance])) for key in importance[0]}
+    return _Run(_joined(rows, parts, [f for f in folds if f.test.size]), models, float(np.mean(losses)), mean)
+
+
+def learn(rows: Rows, table: Table, name: str, fold: Fold, *, seed: int) -> Model:
+    """Train a model on a fold, calibrate it and set its alarm on the held rows.
+
+    Parameters
+    ----------
+    rows : Rows
+    table : Table
+        What the model sees of the rows.
+    name : str
+        Of a model or a baseline.
+    fold : Fold
+        Its test rows are not looked at.
+    seed : int
+    """
+    kind, n_classes = kind_of(name), len(rows.classes)
+    train, held = (Part(table.values[part], rows.labels[part]) for part in (fold.train, fold.held))
+    learned = fit(kind, train, held, n_classes=n_classes, seed=seed)
+    calibration = Calibration(1.0, np.zeros(n_classes), 0)
+    if kind.learner != "majority" and held.labels.size:
+        calibration = calibrate(learned.log_probability(held.values), held.labels)
+    threshold = _alarm_threshold(rows, calibration(learned.log_probability(held.values)), held)
+    spans = _spans(train.values, table.names)
+    return Model(_facts(rows, table, name, kind, fold, seed, threshold), learned, calibration, *spans)
+
+
+def _alarm_threshold(rows: Rows, probability: FloatArray, held: Part) -> float | None:
+    if ALARM_CLASS not in rows.classes:
+        return None
+    number = rows.classes.index(ALARM_CLASS)
+    found = detection_threshold(probability[:, number], held.labels == number, DETECTED_SHARE)
+    return found if np.isfinite(found) else None
+
+
+def _spans(values: Any, names: tuple[str, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Lowest and highest value of every feature, NaN where it is never known, and how often it is unknown."""
+    if not names:
+        return np.zeros(0), np.zeros(0), np.zeros(0)
+    unknown = np.isnan(values).mean(axis=0)
+    known = unknown < 1
+    lowest, highest = np.full(len(names), np.nan), np.full(len(names), np.nan)
+    lowest[known], highest[known] = np.nanmin(values[:, known], axis=0), np.nanmax(values[:, known], axis=0)
+    return lowest, highest, unknown
+
+
+def _facts(rows: Rows, table: Table, name: str, kind: Kind, fold: Fold, seed: int, threshold: float | None) -> Facts:
+    first = rows.datasets[0].description
+    learnt = rows.index.iloc[fold.train]
+    conditions = {}
+    for column in ("carrier_hz", "prf_hz", "observation_s"):
+        known = pd.to_numeric(learnt[column], errors="coerce").dropna() if column in learnt else pd.Series(dtype=float)
+        if len(known):
+            conditions[column] = (float(known.min()), float(known.max()))
+    config = first.get("config") or {}
+    return Facts(
+        name=name, features=kind.features, names=table.names, classes=rows.classes, dataset_id=str(first["id"]),
+        dataset_name=str(first.get("name", "")), version=__version__, n_train=fold.train.size, n_held=fold.held.size,
+        seed=seed, analysis=dict(config.get("analysis") or {}), conditions=conditions,
+        alarm=ALARM_CLASS if ALARM_CLASS in rows.classes else None, alarm_threshold=threshold,
+    )  # fmt: skip
+
+
+def _answers(rows: Rows, table: Table, model: Model, fold: Fold) -> Answers:
+    values = table.values[fold.test]
+    probability = model.probability(values)
+    index = rows.index.iloc[fold.test]
+    blocked = _blocked(index) | model.beyond(values).any(axis=1)
+    threshold = np.nan if model.facts.alarm_threshold is None else model.facts.alarm_threshold
+    return Answers(
+        index, rows.labels[fold.test], rows.groups[fold.test], rows.classes, probability,
+        np.full(fold.test.size, threshold), ~blocked & (probability.max(axis=1) >= model.facts.abstain_below),
+    )  # fmt: skip
+
+
+def _blocked(index: pd.DataFrame) -> Any:
+    texts = index["flags"].fillna("").tolist()
+    return np.array([blocking_flag(text.split(";"), BLOCKING) is not None for text in texts], dtype=bool)
+
+
+def _joined(rows: Rows, parts: Sequence[Answers], folds: Sequence[Fold]) -> Answers:
+    """Answers of all folds in the order of the rows."""
+    order = np.argsort(np.concatenate([fold.test for fold in folds]), kind="stable")
+    names = ("labels", "groups", "probability", "threshold", "decided")
+    joined = {name: np.concatenate([getattr(part, name) for part in parts])[order] for name in names}
+    return Answers(index=pd.concat([part.index for part in parts]).iloc[order], classes=rows.classes, **joined)
+
+
+def _importance(rows: Rows, table: Table, model: Model, fold: Fold, seed: int) -> dict[str, float]:
+    """How much the log loss of the test rows rises where a feature is shuffled among them, mean of 5; largest first."""
+    values, labels = table.values[fold.test], rows.labels[fold.test]
+    weights = class_weights(labels, len(rows.classes))
+
+    def loss(inputs: Any) -> float:
+        told = model.probability(inputs)[np.arange(labels.size), labels]
+        return float(-(weights * np.log(np.maximum(told, LEAST_PROBABILITY))).mean())
+
+    generator, whole = rng(seed), loss(values) if table.names else 0.0
+    lost = {}
+    for number, name in enumerate(table.names):
+        found = []
+        for _ in range(SHUFFLES):
+            shuffled = values.copy()
+            shuffled[:, number] = generator.permutation(shuffled[:, number])
+            found.append(loss(shuffled) - whole)
+        lost[name] = float(np.mean(found))
+    return dict(sorted(lost.items(), key=lambda entry: -entry[1]))

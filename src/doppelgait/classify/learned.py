@@ -1,0 +1,175 @@
+"""What was learnt, as plain arrays that give the classes' probabilities without scikit-learn or torch.
+
+A model is scored, kept and used in this form alone: what a report says holds for what is loaded later, with whatever
+versions of the libraries that trained it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.classify.patches import Levels, Patch, covering
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+Inputs = npt.NDArray[Any]
+"""Features (n, d), float64 with NaN for unknown; or levels (n,), objects, None for unknown."""
+
+PICTURES_AT_A_TIME = 32
+
+
+def log_softmax(scores: FloatArray) -> FloatArray:
+    """Logarithm of probabilities from scores (n, n_classes)."""
+    shifted = scores - scores.max(axis=1, keepdims=True)
+    return np.asarray(shifted - np.log(np.exp(shifted).sum(axis=1, keepdims=True)))
+
+
+@dataclass(frozen=True, eq=False)
+class Constant:
+    """The same answer for everything.
+
+    Parameters
+    ----------
+    log_share : ndarray, shape (n_classes,)
+    """
+
+    log_share: FloatArray
+
+    def log_probability(self, values: Inputs) -> FloatArray:
+        """Shape (n, n_classes)."""
+        return np.tile(self.log_share, (len(values), 1))
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """Logistic regression on standardised features; an unknown one is its median, and some tell that they are unknown.
+
+    Parameters
+    ----------
+    median : ndarray, shape (d,)
+    told : ndarray of int, shape (m,)
+        Features with a column of their own that says whether they are unknown.
+    mean, scale : ndarray, shape (d + m,)
+    weight : ndarray, shape (n_classes, d + m)
+    bias : ndarray, shape (n_classes,)
+    """
+
+    median: FloatArray
+    told: IntArray
+    mean: FloatArray
+    scale: FloatArray
+    weight: FloatArray
+    bias: FloatArray
+
+    def log_probability(self, values: Inputs) -> FloatArray:
+        """Shape (n, n_classes)."""
+        unknown = np.isnan(values)
+        filled = np.where(unknown, self.median, values)
+        columns = np.hstack([filled, unknown[:, self.told].astype(np.float64)])
+        return log_softmax((columns - self.mean) / self.scale @ self.weight.T + self.bias)
+
+
+@dataclass(frozen=True, eq=False)
+class Trees:
+    """Boosted decision trees, all nodes in one list; children stand behind their parent.
+
+    Parameters
+    ----------
+    feature : ndarray of int, shape (n_nodes,)
+        What a node looks at; -1 in a leaf.
+    threshold, value : ndarray, shape (n_nodes,)
+        Up to the threshold it goes left; what a leaf adds.
+    unknown_left : ndarray of int, shape (n_nodes,)
+        1 where an unknown feature goes left.
+    left, right : ndarray of int, shape (n_nodes,)
+    root : ndarray of int, shape (n_rounds, n_scores)
+        First node of every tree; one score for two classes, else one per class.
+    start : ndarray, shape (n_scores,)
+        Scores before the first tree.
+    """
+
+    feature: IntArray
+    threshold: FloatArray
+    value: FloatArray
+    unknown_left: IntArray
+    left: IntArray
+    right: IntArray
+    root: IntArray
+    start: FloatArray
+
+    def log_probability(self, values: Inputs) -> FloatArray:
+        """Shape (n, n_classes)."""
+        node = np.tile(self.root.ravel(), (len(values), 1))
+        rows = np.arange(len(values))[:, None]
+        while (inner := self.feature[node] >= 0).any():
+            seen = values[rows, np.maximum(self.feature[node], 0)]
+            goes_left = np.where(np.isnan(seen), self.unknown_left[node] > 0, seen <= self.threshold[node])
+            node = np.where(inner, np.where(goes_left, self.left[node], self.right[node]), node)
+        scores = self.start + self.value[node].reshape(len(values), *self.root.shape).sum(axis=1)
+        if scores.shape[1] == 1:
+            scores = np.hstack([np.zeros_like(scores), scores])
+        return log_softmax(scores)
+
+
+@dataclass(frozen=True, eq=False)
+class Network:
+    """Convolutions 3 x 3, each with 2 x 2 maximum, scale, bias and rectifier; the mean of the picture; a linear layer.
+
+    The answer is the mean log-probability of pictures that cover a signature and of their mirror images in velocity:
+    who comes and who goes are told apart by nothing else.
+
+    Parameters
+    ----------
+    kernels : tuple of ndarray of float32, shape (n_out, n_in, 3, 3)
+    scales, biases : tuple of ndarray of float32, shape (n_out,)
+    weight : ndarray of float32, shape (n_classes, n_last)
+    bias : ndarray of float32, shape (n_classes,)
+    patch : Patch
+    """
+
+    kernels: tuple[Levels, ...]
+    scales: tuple[Levels, ...]
+    biases: tuple[Levels, ...]
+    weight: Levels
+    bias: Levels
+    patch: Patch
+
+    def log_probability(self, values: Inputs) -> FloatArray:
+        """Shape (n, n_classes); all classes alike where there is no signature."""
+        n_classes = self.bias.size
+        pictures = [covering(whole, self.patch) for whole in values if whole is not None]
+        answers = np.zeros((len(values), n_classes))
+        present = np.flatnonzero([whole is not None for whole in values])
+        if present.size:
+            owner = np.repeat(present, [len(part) for part in pictures])
+            stacked = np.concatenate(pictures)
+            found = self.of_pictures(stacked) + self.of_pictures(stacked[:, ::-1])
+            np.add.at(answers, owner, found)
+            answers[present] /= 2.0 * np.bincount(owner, minlength=len(values))[present, None]
+        return log_softmax(answers)
+
+    def of_pictures(self, pictures: Levels) -> FloatArray:
+        """Log-probabilities of pictures (n, n_velocity, n_time); shape (n, n_classes)."""
+        parts = [
+            log_softmax(self._scores(pictures[first : first + PICTURES_AT_A_TIME]).astype(np.float64))
+            for first in range(0, len(pictures), PICTURES_AT_A_TIME)
+        ]
+        return np.concatenate(parts)
+
+    def _scores(self, pictures: Levels) -> Levels:
+        layer = pictures[:, None]
+        for kernel, scale, bias in zip(self.kernels, self.scales, self.biases, strict=True):
+            padded = np.pad(layer, ((0, 0), (0, 0), (1, 1), (1, 1)))
+            windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3), axis=(2, 3))
+            layer = np.moveaxis(np.tensordot(windows, kernel, axes=((1, 4, 5), (1, 2, 3))), -1, 1)
+            n, channels, height, width = layer.shape
+            layer = layer.reshape(n, channels, height // 2, 2, width // 2, 2).max(axis=(3, 5))
+            layer = np.maximum(layer * scale[:, None, None] + bias[:, None, None], 0.0)
+        return np.asarray(layer.mean(axis=(2, 3)) @ self.weight.T + self.bias, dtype=np.float32)
+
+
+Learned = Constant | Linear | Trees | Network

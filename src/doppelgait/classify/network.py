@@ -1,0 +1,215 @@
+"""A small convolutional network for signatures; the only module of this package that needs torch, and only to train."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from pydantic import Field
+
+from doppelgait.classify.calibrate import class_weights
+from doppelgait.classify.learned import FloatArray, Inputs, Network
+from doppelgait.classify.patches import Levels, Patch, cut
+from doppelgait.classify.training import Part
+from doppelgait.core.config import FrozenModel
+from doppelgait.core.errors import DatasetError
+
+NO_TORCH = "torch is not installed, which signature-network needs to train: pip install 'doppelgait[torch]'"
+CHANNELS = (8, 16, 32, 64)
+NORM_EPSILON = 1e-5
+AT_A_TIME = 256
+
+
+class Training(FrozenModel):
+    """How a network learns, and how its examples are varied.
+
+    Parameters
+    ----------
+    most_epochs, most_pictures, patience : int
+        It stops when the held rows have not been told better for ``patience`` epochs, or after so many epochs or
+        pictures, and takes the best state.
+    batch_size : int
+    learning_rate, weight_decay : float
+        Of AdamW.
+    dropout : float
+    gain_db : float
+        Levels are shifted by up to so much.
+    noise_db : float
+        Noise is added that raises the floor by up to so much.
+    flip : bool
+        Half of the pictures are mirrored in velocity: a body that comes becomes one that goes.
+    """
+
+    most_epochs: int = Field(default=60, ge=1)
+    most_pictures: int = Field(default=60_000, ge=1)
+    patience: int = Field(default=12, ge=1)
+    batch_size: int = Field(default=32, ge=2)
+    learning_rate: float = Field(default=1e-3, gt=0)
+    weight_decay: float = Field(default=1e-3, ge=0)
+    dropout: float = Field(default=0.3, ge=0, lt=1)
+    gain_db: float = Field(default=3.0, ge=0)
+    noise_db: float = Field(default=10.0, ge=0)
+    flip: bool = True
+
+
+def torch_is_there() -> bool:
+    """Whether torch can be imported; it is not."""
+    from importlib.util import find_spec
+
+    return find_spec("torch") is not None
+
+
+def train_network(
+    train: Part, held: Part, *, n_classes: int, seed: int, spec: Patch | None = None, settings: Training | None = None
+) -> Network:
+    """Train a network on signatures.
+
+    Parameters
+    ----------
+    train : Part
+        Levels (:func:`doppelgait.classify.levels`) of every signature, an object array with None for none, and class
+        numbers.
+    held : Part
+        Rows of other movers that say when to stop; without any, all epochs are done.
+    n_classes : int
+    seed : int
+        Same seed, same rows, same machine: same network.
+    spec : Patch, optional
+        What the levels were made with.
+    settings : Training, optional
+
+    Returns
+    -------
+    Network
+        In plain arrays, which need no torch.
+
+    Raises
+    ------
+    DatasetError
+        If torch is not installed, or no row has a signature.
+    """
+    try:
+        import torch
+    except ImportError:
+        raise DatasetError(NO_TORCH) from None
+
+    spec, settings = spec or Patch(), settings or Training()
+    train, held = _with_signature(train), _with_signature(held)
+    if not train.labels.size:
+        raise DatasetError("no row to learn from has a signature")
+    rng = np.random.default_rng(seed)
+    weights = class_weights(train.labels, n_classes)
+    with _fixed(torch, seed):
+        device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+        model = _model(torch, n_classes, settings.dropout).to(device, memory_format=torch.channels_last)
+        optimiser = torch.optim.AdamW(model.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay)
+        best, best_loss, since = model.state_dict(), np.inf, 0
+        for _ in range(min(settings.most_epochs, -(-settings.most_pictures // train.labels.size))):
+            _epoch(torch, model, optimiser, device, train, weights, rng, spec, settings)
+            loss = _loss(torch, model, device, held, n_classes, spec) if held.labels.size else -np.inf
+            if loss <= best_loss:
+                best, best_loss, since = copy.deepcopy(model.state_dict()), loss, 0
+            else:
+                since += 1
+            if since >= settings.patience:
+                break
+    return _plain(best, spec)
+
+
+def _with_signature(part: Part) -> Part:
+    present = np.array([whole is not None for whole in part.values], dtype=bool)
+    return Part(part.values[present], part.labels[present])
+
+
+@contextmanager
+def _fixed(torch: Any, seed: int) -> Iterator[None]:
+    """Torch draws from this seed and works in a fixed order; afterwards its settings are as they were.
+
+    One thread: two are 1.4 times as fast on two idle processors, and 50 times slower on busy ones, where they wait for
+    each other.
+    """
+    threads = torch.get_num_threads()
+    with torch.random.fork_rng(), torch.backends.cudnn.flags(enabled=True, benchmark=False, deterministic=True):
+        torch.manual_seed(seed)
+        torch.set_num_threads(1)
+        try:
+            yield
+        finally:
+            torch.set_num_threads(threads)
+
+
+def _model(torch: Any, n_classes: int, dropout: float) -> Any:
+    nn, layers, n_in = torch.nn, [], 1
+    for n_out in CHANNELS:
+        layers += [nn.Conv2d(n_in, n_out, 3, padding=1, bias=False), nn.MaxPool2d(2)]
+        layers += [nn.BatchNorm2d(n_out, eps=NORM_EPSILON), nn.ReLU()]
+        n_in = n_out
+    layers += [nn.AdaptiveAvgPool2d(1), nn.Flatten(), nn.Dropout(dropout), nn.Linear(n_in, n_classes)]
+    return nn.Sequential(*layers)
+
+
+def _epoch(
+    torch: Any, model: Any, optimiser: Any, device: Any, train: Part, weights: FloatArray, rng: np.random.Generator,
+    spec: Patch, settings: Training,
+) -> None:  # fmt: skip
+    model.train()
+    order = rng.permutation(train.labels.size)
+    for first in range(0, order.size, settings.batch_size):
+        rows = order[first : first + settings.batch_size]
+        if rows.size < 2:  # batch normalisation needs two
+            continue
+        pictures = torch.from_numpy(varied(train.values[rows], rng, spec, settings)).to(device)
+        labels = torch.from_numpy(train.labels[rows]).to(device)
+        each = torch.nn.functional.cross_entropy(model(pictures[:, None]), labels, reduction="none")
+        loss = (each * torch.from_numpy(weights[rows]).to(each)).mean()
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+
+
+def varied(values: Inputs, rng: np.random.Generator, spec: Patch, settings: Training) -> Levels:
+    """A random piece of every signature, mirrored or not, its gain and noise floor changed; (n, n_velocity, n_time)."""
+    pictures = []
+    for whole in values:
+        spare = whole.shape[1] - spec.n_time
+        start = int(rng.integers(min(spare, 0), max(spare, 0) + 1))
+        picture = cut(whole, start, spec)
+        pictures.append(picture[::-1] if settings.flip and rng.random() < 0.5 else picture)
+    stacked = np.stack(pictures)
+    shape = (len(stacked), 1, 1)
+    gain = rng.uniform(-settings.gain_db, settings.gain_db, shape) / spec.range_db
+    power = 10.0 ** ((np.where(stacked > 0, stacked + gain, 0.0)) * spec.range_db / 10.0)
+    raised = 10.0 ** (rng.uniform(0.0, settings.noise_db, shape) / 10.0) - 1.0
+    noisy = (power + raised * rng.gamma(4.0, 0.25, stacked.shape)) / (1.0 + raised)
+    return np.clip(10.0 * np.log10(noisy) / spec.range_db, 0.0, 1.0).astype(np.float32)
+
+
+def _loss(torch: Any, model: Any, device: Any, held: Part, n_classes: int, spec: Patch) -> float:
+    """Mean negative log-likelihood of the middle of the held signatures, every class weighing the same."""
+    model.eval()
+    weights, total = class_weights(held.labels, n_classes), 0.0
+    for first in range(0, held.labels.size, AT_A_TIME):
+        rows = slice(first, first + AT_A_TIME)
+        pictures = np.stack([cut(whole, (whole.shape[1] - spec.n_time) // 2, spec) for whole in held.values[rows]])
+        with torch.no_grad():
+            scores = model(torch.from_numpy(pictures)[:, None].to(device))
+        each = torch.nn.functional.cross_entropy(scores.cpu(), torch.from_numpy(held.labels[rows]), reduction="none")
+        total += float((each.double() * torch.from_numpy(weights[rows])).sum())
+    return total / held.labels.size
+
+
+def _plain(state: Mapping[str, Any], spec: Patch) -> Network:
+    """The network as plain arrays, batch normalisation as one scale and one bias."""
+    arrays = {name: values.cpu().contiguous().numpy() for name, values in state.items()}
+    kernels, scales, biases = [], [], []
+    for number in range(len(CHANNELS)):
+        norm = f"{4 * number + 2}"
+        scale = arrays[f"{norm}.weight"] / np.sqrt(arrays[f"{norm}.running_var"] + NORM_EPSILON)
+        kernels.append(arrays[f"{4 * number}.weight"])
+        scales.append(scale)
+        biases.append(arrays[f"{norm}.bias"] - arrays[f"{norm}.running_mean"] * scale)
+    last = f"{4 * len(CHANNELS) + 3}"
+    return Network(tuple(kernels), tuple(scales), tuple(biases), arrays[f"{last}.weight"], arrays[f"{last}.bias"], spec)

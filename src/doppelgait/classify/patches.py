@@ -1,0 +1,179 @@
+"""Signatures of any radar as pictures of one kind: dB over their own noise floor, on a fixed grid of velocities."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+from pydantic import Field
+
+from doppelgait.core.config import FrozenModel
+from doppelgait.core.errors import AnalysisError
+from doppelgait.core.labels import axis
+
+FloatArray = npt.NDArray[np.float64]
+Levels = npt.NDArray[np.float32]
+
+QUIET_SHARE = 1.0 / 3.0
+"""Of the Doppler rows: those of least power give the noise floor."""
+
+
+class Patch(FrozenModel):
+    """The picture that a network looks at.
+
+    Parameters
+    ----------
+    velocity_mps : float
+        The rows reach from minus to plus this radial velocity. 6.4 m/s takes in the feet of a running person and most
+        of a galloping dog's.
+    n_velocity : int
+        Rows; 64 of 0.2 m/s are the resolution of T_d = 0.1 s at 7.29 GHz.
+    column_s : float
+        Time from column to column; 1/32 s holds cadences up to 16 Hz.
+    n_time : int
+        Columns.
+    range_db : float
+        Levels from the noise floor, or from so far below the peak if that is higher, become 0 to 1 over this range.
+    """
+
+    velocity_mps: float = Field(default=6.4, gt=0, le=100)
+    n_velocity: int = Field(default=64, ge=16, le=1024, multiple_of=16)
+    column_s: float = Field(default=1.0 / 32.0, gt=0, le=10)
+    n_time: int = Field(default=64, ge=16, le=4096, multiple_of=16)
+    range_db: float = Field(default=40.0, gt=0, le=120)
+
+    @property
+    def edges_mps(self) -> FloatArray:
+        """Edges of the rows, shape (n_velocity + 1,)."""
+        return np.linspace(-self.velocity_mps, self.velocity_mps, self.n_velocity + 1)
+
+
+def patch(signature: xr.DataArray, spec: Patch | None = None) -> Levels:
+    """The middle of a signature as one picture.
+
+    Parameters
+    ----------
+    signature : DataArray (time, doppler)
+        Power in any linear unit, with the coordinate ``velocity`` (m/s, approaching positive) along ``doppler``: as
+        :func:`doppelgait.analyze`, a dataset or :func:`doppelgait.pipeline.spectrogram.signature_of_levels` give it.
+    spec : Patch, optional
+
+    Returns
+    -------
+    ndarray of float32, shape (n_velocity, n_time)
+        See :func:`levels`; a shorter signature lies in the middle, 0 (the noise floor) around it.
+
+    Raises
+    ------
+    AnalysisError
+        If it is no signature with even axes and known velocities.
+    """
+    spec = spec or Patch()
+    whole = levels(signature, spec)
+    return cut(whole, (whole.shape[1] - spec.n_time) // 2, spec)
+
+
+def levels(signature: xr.DataArray, spec: Patch | None = None) -> Levels:
+    """A whole signature on the grid of a picture.
+
+    The power is averaged over cells of velocity and time (finer or coarser axes, other pulse rates and carriers give
+    the same picture), then taken in dB over the noise floor or over ``range_db`` below the peak, whichever is higher,
+    and divided by ``range_db``. Noise floor: mean power of the third of the Doppler rows with the least, emptied rows
+    left out. Peak: median over time of the strongest cell. So the picture knows no gain.
+
+    Parameters
+    ----------
+    signature : DataArray (time, doppler)
+    spec : Patch, optional
+
+    Returns
+    -------
+    ndarray of float32, shape (n_velocity, J)
+        0 at the floor and where the radar sees no such velocity, 1 at ``range_db`` above and higher.
+
+    Raises
+    ------
+    AnalysisError
+        As :func:`patch`.
+    """
+    spec = spec or Patch()
+    power, times_s, rows_mps = _checked(signature)
+    floor = _floor(power)
+    over_velocity = _averages(power, rows_mps, spec.edges_mps)
+    column_s = float(times_s[-1] - times_s[0]) / (times_s.size - 1)
+    begin_s = float(times_s[0]) - column_s / 2.0
+    count = max(1, int(times_s.size * column_s / spec.column_s + 1e-6))
+    edges_s: FloatArray = np.asarray(begin_s + spec.column_s * np.arange(count + 1), dtype=np.float64)
+    cells = _averages(over_velocity.T, times_s, edges_s)
+    known = np.nan_to_num(cells)
+    peak = float(np.median(known.max(axis=0)))
+    lowest = max(floor, peak * 10.0 ** (-spec.range_db / 10.0))
+    if not lowest > 0:
+        return np.zeros(known.shape, dtype=np.float32)
+    with np.errstate(divide="ignore"):
+        level_db = 10.0 * np.log10(known / lowest)
+    return np.asarray(np.clip(level_db / spec.range_db, 0.0, 1.0), dtype=np.float32)
+
+
+def cut(whole: Levels, start: int, spec: Patch) -> Levels:
+    """Columns ``start`` to ``start + n_time`` of levels, 0 where there are none; shape (n_velocity, n_time)."""
+    picture = np.zeros((spec.n_velocity, spec.n_time), dtype=np.float32)
+    first, stop = max(start, 0), min(start + spec.n_time, whole.shape[1])
+    if stop > first:
+        picture[:, first - start : stop - start] = whole[:, first:stop]
+    return picture
+
+
+def covering(whole: Levels, spec: Patch) -> Levels:
+    """Pictures that cover levels: the middle if one holds all, else evenly spread, at least half overlapping.
+
+    Returns
+    -------
+    ndarray of float32, shape (n, n_velocity, n_time)
+    """
+    spare = whole.shape[1] - spec.n_time
+    if spare <= 0:
+        return cut(whole, spare // 2, spec)[None]
+    count = 1 + -(-2 * spare // spec.n_time)
+    starts = np.linspace(0, spare, count).round().astype(int)
+    return np.stack([cut(whole, int(start), spec) for start in starts])
+
+
+def _checked(signature: xr.DataArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Power (J, K) and the two axes, even and rising."""
+    if not isinstance(signature, xr.DataArray) or signature.dims != ("time", "doppler"):
+        raise AnalysisError("a patch is made of a signature: a DataArray with the dimensions (time, doppler)")
+    if "velocity" not in signature.coords or "time" not in signature.coords:
+        raise AnalysisError("a patch needs the coordinates time and velocity of its signature")
+    power = np.asarray(signature.values, dtype=np.float64)
+    axes = [np.asarray(axis(signature, name), dtype=np.float64) for name in ("time", "velocity")]
+    for name, values in zip(("time", "velocity"), axes, strict=True):
+        steps = np.diff(values)
+        if values.size < 2 or not (np.isfinite(values).all() and steps.min() > 0):
+            raise AnalysisError(f"a patch needs a {name} axis of two rising values or more; the carrier must be known")
+        if steps.max() > 1.05 * steps.min():
+            raise AnalysisError(
+                f"a patch needs an even {name} axis; its steps are {steps.min():.4g} to {steps.max():.4g}"
+            )
+    if not np.isfinite(power).all() or power.min() < 0:
+        raise AnalysisError("a patch needs finite power of 0 or more in every cell; levels in dB are no power")
+    return power, axes[0], axes[1]
+
+
+def _floor(power: FloatArray) -> float:
+    """Mean power of the quietest rows that hold any."""
+    rows = np.sort(power.mean(axis=0))
+    rows = rows[rows > 0]
+    return float(rows[: max(1, int(QUIET_SHARE * rows.size))].mean()) if rows.size else 0.0
+
+
+def _averages(values: FloatArray, centres: FloatArray, edges: FloatArray) -> FloatArray:
+    """Averages along the last axis between edges, of cells around even centres; NaN where there are no cells."""
+    width = float(centres[-1] - centres[0]) / (centres.size - 1)
+    place = np.clip((edges - centres[0]) / width + 0.5, 0.0, float(centres.size))  # in cells from the first one's edge
+    summed = np.concatenate([np.zeros((*values.shape[:-1], 1)), np.cumsum(values, axis=-1)], axis=-1)
+    below = np.minimum(place.astype(np.int64), centres.size - 1)
+    total = summed[..., below] + (place - below) * values[..., below]
+    covered = np.diff(place)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(np.where(covered > 1e-9, np.diff(total, axis=-1) / covered, np.nan))

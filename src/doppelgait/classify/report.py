@@ -1,0 +1,208 @@
+"""An evaluation as a folder: one page with figures and tables, the scores, every answer, and the plan of the data."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from doppelgait.classify.evaluate import Evaluation
+from doppelgait.core.errors import ConfigError, OutputError
+from doppelgait.core.files import atomic_path
+
+STYLE = """body { font-family: sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; color: #222; }
+table { border-collapse: collapse; margin: 1rem 0; } th, td { padding: .25rem .7rem; text-align: right; }
+th { border-bottom: 1px solid #888; } td:first-child, th:first-child { text-align: left; }
+tr.baseline { color: #777; } img { max-width: 100%; } figure { margin: 1.5rem 0; } figcaption { color: #444; }
+pre { background: #f4f4f4; padding: 1rem; overflow-x: auto; } .note { color: #a00; }"""
+
+
+def check_folder(folder: Path) -> Path:
+    """Folder of a report; a dataset's folder is refused, and one that cannot be made.
+
+    Raises
+    ------
+    ConfigError
+        If it holds a dataset or is a file.
+    OutputError
+        If it cannot be made.
+    """
+    if (folder / "dataset.json").exists():
+        raise ConfigError(f"-o {folder}: holds a dataset; give another folder for the report")
+    if folder.exists() and not folder.is_dir():
+        raise ConfigError(f"-o {folder}: is a file; give a folder")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"-o {folder}: cannot be made: {error.strerror}") from None
+    return folder
+
+
+def write_report(found: Evaluation, folder: str | Path) -> list[Path]:
+    """Write ``index.html`` with its figures, ``scores.json``, ``answers.csv`` and ``plan.json``.
+
+    Parameters
+    ----------
+    found : Evaluation
+    folder : path
+        Made if it is not there; files of an older report are replaced.
+
+    Returns
+    -------
+    list of Path
+        The page last.
+
+    Raises
+    ------
+    ConfigError, OutputError
+        If the folder cannot be used.
+    """
+    from doppelgait.classify.figures import figures_of
+    from doppelgait.viz import save_figure
+
+    target, document = check_folder(Path(folder)), found.document
+    written, pictures = [], []
+    for name, words, figure in figures_of(document):
+        written.append(save_figure(figure, target / f"{name}.png"))
+        pictures.append((f"{name}.png", words))
+    plans = {
+        part["name"]: part["config"] for part in (document["dataset"], document["test_dataset"]) if part is not None
+    }
+    texts = {
+        "scores.json": json.dumps(document, indent=1, allow_nan=False) + "\n",
+        "answers.csv": found.answers.to_csv(index=False, lineterminator="\n"),
+        "plan.json": json.dumps(document["dataset"]["config"], indent=1, allow_nan=False) + "\n",
+        "index.html": page(document, pictures, plans),
+    }
+    for name, text in texts.items():
+        with atomic_path(target / name) as partial:
+            partial.write_text(text, encoding="utf-8", newline="\n")
+        written.append(target / name)
+    return written
+
+
+def page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]], plans: Mapping[str, Any]) -> str:
+    """The page as HTML."""
+    data, other = document["dataset"], document["test_dataset"]
+    tested = ", ".join(f"{count} {name}" for name, count in document["tested"].items())
+    parts = [
+        f"<h1>{escape(str(data['name']))}: classification</h1>",
+        f"<p>Learnt from {_dataset(data)}; tested on {_dataset(other) if other else 'rows of it'}: {escape(tested)}. "
+        f"Nobody who is tested was learnt from. doppelgait {escape(document['doppelgait_version'])}, seed "
+        f"{document['seed']}.</p>",
+        *(f'<p class="note">{escape(note)}</p>' for note in document["notes"]),
+        _table(_score_rows(document), baselines={n for n, m in document["models"].items() if m["kind"]["baseline"]}),
+        "<p>Balanced accuracy with its 95 % interval over movers (bootstrap; exact where there are few movers or no "
+        "errors). <i>Decided</i>: rows that the model does not abstain from, and its balanced accuracy among them. "
+        "Grey: what a score must be compared with: the most frequent class (chance); the parameters that must not tell "
+        "the class (nuisance); the speed alone.</p>",
+        *_alarm(document),
+        *(
+            f'<figure><img src="{escape(name)}" alt="{escape(words)}"><figcaption>{escape(words)}</figcaption></figure>'
+            for name, words in pictures
+        ),
+        *_breakdowns(document),
+        "<h2>Who learnt, who was tested</h2>",
+        _table(_fold_rows(document)),
+        *(
+            f"<h2>Plan of {escape(str(name))}</h2><pre>{escape(json.dumps(plan, indent=1))}</pre>"
+            for name, plan in plans.items()
+        ),
+    ]
+    head = f"<meta charset='utf-8'><title>{escape(str(data['name']))}: classification</title><style>{STYLE}</style>"
+    return f"<!doctype html>\n<html lang='en'><head>{head}</head>\n<body>\n" + "\n".join(parts) + "\n</body></html>\n"
+
+
+def _dataset(facts: Mapping[str, Any]) -> str:
+    name, identity = escape(str(facts["name"])), escape(str(facts["id"]))
+    return f"{name} ({facts['n_rows']} rows, {escape(facts['origin'])}, id {identity})"
+
+
+def _table(rows: Sequence[Mapping[str, Any]], baselines: Iterable[str] = ()) -> str:
+    if not rows:
+        return ""
+    grey = set(baselines)
+    head = "".join(f"<th>{escape(name)}</th>" for name in rows[0])
+    lines = [
+        f'<tr{" class=baseline" if next(iter(row.values())) in grey else ""}>'
+        + "".join(f"<td>{escape(str(value))}</td>" for value in row.values()) + "</tr>"
+        for row in rows
+    ]  # fmt: skip
+    return f"<table><tr>{head}</tr>{''.join(lines)}</table>"
+
+
+def _score_rows(document: Mapping[str, Any]) -> list[dict[str, str]]:
+    return [{str(key): text for key, text in row.items()} for row in score_table(document)]
+
+
+def score_table(document: Mapping[str, Any]) -> list[dict[str, str]]:
+    """One row per model, in words: what the page and the command line show."""
+    rows = []
+    for name, model in document["models"].items():
+        found, decided = model["balanced_accuracy"], model["decided"]
+        curves = [curve["auc"] for curve in model["roc"].values() if curve["auc"] is not None]
+        rows.append({
+            "model": name,
+            "balanced accuracy": with_interval(found),
+            **{f"recall {label}": number(share["value"]) for label, share in model["recall"].items()},
+            "AUC": number(sum(curves) / len(curves) if curves else None),
+            "Brier": number(model["brier"]),
+            "ECE": number(model["expected_calibration_error"]),
+            "decided": f"{number(decided['share'], 2)}: {number(decided['balanced_accuracy']['value'])}",
+        })  # fmt: skip
+    return rows
+
+
+def alarm_table(document: Mapping[str, Any]) -> list[dict[str, str]]:
+    """Who triggers an alarm that detects 95 % of people, by model; empty where there is no such class."""
+    rows = []
+    for name, model in document["models"].items():
+        alarm = model["alarm"]
+        for kind, words in (("held", "held rows"), ("curve", "its own curve")):
+            if alarm is not None and kind in alarm:
+                shares = {label: with_interval(share) for label, share in alarm[kind].items()}
+                rows.append({"model": name, "threshold from": words, **shares})
+    return rows
+
+
+def _alarm(document: Mapping[str, Any]) -> list[str]:
+    rows = alarm_table(document)
+    if not rows:
+        return []
+    return [
+        "<h2>As an alarm</h2><p>Share of every class that triggers where the threshold is set for 95 % of people: by "
+        "the rows held back for calibration, as in use, and read off the ROC curve of the tested rows.</p>",
+        _table(rows, baselines={n for n, m in document["models"].items() if m["kind"]["baseline"]}),
+    ]
+
+
+def _breakdowns(document: Mapping[str, Any]) -> list[str]:
+    best, parts = document["best_on_held_rows"], []
+    for column, models in document["breakdowns"].items():
+        rows = [
+            {column: entry["value"], "is": entry["label"], "rows": entry["n"], "movers": entry["movers"],
+             "share right": f"{number(entry['share_value'])} ({number(entry['low'])} to {number(entry['high'])})"}
+            for entry in models[best]
+        ]  # fmt: skip
+        parts += [f"<h2>{escape(best)} by {escape(column)}</h2>", _table(rows)]
+    return parts
+
+
+def _fold_rows(document: Mapping[str, Any]) -> list[dict[str, Any]]:
+    rows = []
+    for fold in document["folds"]:
+        words = {key: f"{fold[key]['n']} of {fold[key]['movers']} movers" for key in ("train", "held", "test")}
+        rows.append({"fold": fold["name"], **words})
+    return rows
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """A share for people; ``-`` for None."""
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+def with_interval(found: Mapping[str, Any]) -> str:
+    """A share with its interval."""
+    return f"{number(found['value'])} ({number(found['low'])} to {number(found['high'])})"

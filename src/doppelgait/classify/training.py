@@ -1,0 +1,156 @@
+"""Models by name: what each looks at and how it learns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from doppelgait.classify.calibrate import class_weights
+from doppelgait.classify.learned import Constant, Inputs, IntArray, Learned, Linear, Trees
+from doppelgait.core.errors import ConfigError, DatasetError
+
+
+class Part(NamedTuple):
+    """Rows to learn from: inputs and class numbers."""
+
+    values: Inputs
+    labels: IntArray
+
+
+class Kind(NamedTuple):
+    """What a model looks at, and how it learns."""
+
+    features: str
+    learner: str
+
+
+MODELS = {
+    "six-logistic": Kind("six", "logistic"),
+    "six-boosting": Kind("six", "boosting"),
+    "extended-logistic": Kind("extended", "logistic"),
+    "extended-boosting": Kind("extended", "boosting"),
+    "signature-network": Kind("signature", "network"),
+}
+BASELINES = {
+    "chance": Kind("nothing", "majority"),
+    "nuisance": Kind("nuisance", "boosting"),
+    "speed": Kind("speed", "boosting"),
+}
+"""What stands beside every score: the most frequent class; what must not tell; and the speed alone."""
+
+BOOSTING = {
+    "max_iter": 150, "learning_rate": 0.08, "max_leaf_nodes": 15, "min_samples_leaf": 10, "l2_regularization": 1.0,
+    "early_stopping": False,
+}  # fmt: skip
+"""Chosen once, before any test set was looked at."""
+
+
+def kind_of(name: str) -> Kind:
+    """Model of a name; an unknown one is a :class:`ConfigError`."""
+    found = {**MODELS, **BASELINES}.get(name)
+    if found is None:
+        raise ConfigError(f"model {name!r} is not known; allowed are {', '.join(MODELS)}")
+    return found
+
+
+def fit(kind: Kind, train: Part, held: Part, *, n_classes: int, seed: int) -> Learned:
+    """Train a model.
+
+    Parameters
+    ----------
+    kind : Kind
+    train : Part
+        At least one row of every class.
+    held : Part
+        Rows of other movers; only the network looks at them, to stop in time. May be empty.
+    n_classes : int
+    seed : int
+        Same seed, same rows, same machine: same model.
+
+    Raises
+    ------
+    DatasetError
+        If torch is needed and missing.
+    """
+    learn: Callable[..., Learned] = _LEARNERS[kind.learner]
+    return learn(train, held, n_classes, seed)
+
+
+def _majority(train: Part, held: Part, n_classes: int, seed: int) -> Constant:
+    """Certain of the most frequent class; the first of them if there are several."""
+    shares = np.full(n_classes, 1e-9)
+    shares[np.bincount(train.labels, minlength=n_classes).argmax()] = 1.0
+    return Constant(np.log(shares / shares.sum()))
+
+
+def _logistic(train: Part, held: Part, n_classes: int, seed: int) -> Linear:
+    from sklearn.impute import SimpleImputer
+    from sklearn.linear_model import LogisticRegression
+    from sklearn.preprocessing import StandardScaler
+
+    imputer = SimpleImputer(strategy="median", add_indicator=True, keep_empty_features=True)
+    scaler, model = StandardScaler(), LogisticRegression(max_iter=2000)
+    columns = scaler.fit_transform(imputer.fit_transform(train.values))
+    model.fit(columns, train.labels, sample_weight=class_weights(train.labels, n_classes))
+    weight, bias = model.coef_, model.intercept_
+    if n_classes == 2:
+        weight, bias = np.vstack([np.zeros_like(weight), weight]), np.array([0.0, bias[0]])
+    told = np.asarray(imputer.indicator_.features_, dtype=np.int64)
+    return Linear(imputer.statistics_, told, scaler.mean_, scaler.scale_, weight, bias)
+
+
+def _boosting(train: Part, held: Part, n_classes: int, seed: int) -> Learned:
+    from sklearn.ensemble import HistGradientBoostingClassifier
+    from threadpoolctl import threadpool_limits
+
+    known = np.flatnonzero(~np.isnan(train.values).all(axis=0))  # scikit-learn has no bins for what is never known
+    if not known.size:
+        return _majority(train, held, n_classes, seed)
+    model, values = HistGradientBoostingClassifier(**BOOSTING, random_state=seed), train.values[:, known]
+    with threadpool_limits(1):  # of some thousand rows, threads that wait for each other take longer than one
+        model.fit(values, train.labels, sample_weight=class_weights(train.labels, n_classes))
+        expected = model.predict_proba(values)
+    found = _trees_of(model, known)
+    if not np.allclose(np.exp(found.log_probability(train.values)), expected, atol=1e-9):
+        raise DatasetError("this version of scikit-learn keeps its trees in another way; install another one")
+    return found
+
+
+def _trees_of(model: Any, columns: IntArray) -> Trees:
+    """Nodes of all trees in one list, of a model that saw these columns.
+
+    The names are scikit-learn's own and may change; what comes out is compared to its answers.
+    """
+    trees = [[tree.nodes for tree in one_round] for one_round in model._predictors]
+    nodes = [part for one_round in trees for part in one_round]
+    first = np.cumsum([0, *(part.size for part in nodes[:-1])])
+    shift = np.repeat(first, [part.size for part in nodes])
+    every = np.concatenate(nodes)
+    leaf = every["is_leaf"] > 0
+
+    def whole(values: Any) -> IntArray:
+        return np.where(leaf, 0, values).astype(np.int64)
+
+    return Trees(
+        feature=np.where(leaf, -1, columns[np.where(leaf, 0, every["feature_idx"])]),
+        threshold=np.where(leaf, 0.0, every["num_threshold"]),
+        value=np.where(leaf, every["value"], 0.0),
+        unknown_left=whole(every["missing_go_to_left"]),
+        left=whole(every["left"].astype(np.int64) + shift),
+        right=whole(every["right"].astype(np.int64) + shift),
+        root=first.reshape(len(trees), len(trees[0])).astype(np.int64),
+        start=np.ravel(model._baseline_prediction).astype(np.float64),
+    )
+
+
+def _network(train: Part, held: Part, n_classes: int, seed: int) -> Learned:
+    from doppelgait.classify.network import train_network
+
+    return train_network(train, held, n_classes=n_classes, seed=seed)
+
+
+_LEARNERS: dict[str, Callable[..., Learned]] = {
+    "majority": _majority, "logistic": _logistic, "boosting": _boosting, "network": _network,
+}  # fmt: skip

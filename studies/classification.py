@@ -1,0 +1,260 @@
+"""People and dogs told apart: learnt from models, tested on motion capture, under every condition.
+
+    python studies/classification.py MOTION_FOLDER OUT_FOLDER [--quick]
+
+MOTION_FOLDER holds recordings in its folders ``human`` and ``dog``, with subjects named as in :data:`SOURCES`. Datasets
+are built into OUT_FOLDER (and found there by the next run) after ``plans/evidence.toml``; the report is
+``classification.md`` with its figures. The charter's conditions (:func:`easy`) were written down before any score.
+
+What learns: six features, all features, the network on signatures if torch is there; beside them chance, the nuisance
+parameters alone and the speed alone. Tested on are all straight stretches of all recordings, each several times.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from doppelgait.classify.evaluate import Evaluation, evaluate
+from doppelgait.classify.scorecard import CONDITIONS, bin_edges, condition_values
+from doppelgait.classify.scores import balanced_accuracy, balanced_interval, share_interval
+from doppelgait.core.config import validate
+from doppelgait.core.rng import rng
+from doppelgait.dataset import build_dataset, load_plan, open_dataset
+from doppelgait.dataset.config import PlanConfig
+from doppelgait.dataset.open import Dataset
+from doppelgait.viz.style import new_figure
+
+PLAN = Path(__file__).parent / "plans" / "evidence.toml"
+DURATIONS_S = (1.0, 2.0, 4.0, 8.0)
+MAIN_S = 4.0
+SIZES = {"models": {MAIN_S: 1500}, "mocap": {MAIN_S: 500}}
+"""Examples of a class; of the other durations a third and a half of it."""
+SOURCES = [
+    {"files": "human/*/cmu_*", "subject": r"/(cmu_\d+)_", "licence": ""},
+    {"files": "human/*/bandai2_*", "subject": "/(bandai2)_", "licence": ""},
+    {"files": "dog/*", "subject": "dog/([a-z]+)-", "licence": ""},
+]
+"""Who is who in the recordings; a file of none of these is a subject of its own."""
+CLASSES = [
+    {"label": "human", "motion": {"kind": "folder", "path": "human"}},
+    {"label": "dog", "motion": {"kind": "folder", "path": "dog"}},
+]
+LEAST_PERIODS, WIDEST_DEG, LEAST_SNR_DB = 3.0, 30.0, 15.0
+MODELS_ON_AXES = ("six-boosting", "extended-boosting", "signature-network", "speed")
+
+
+def easy(index: pd.DataFrame) -> pd.Series:
+    """Rows under the charter's conditions: 3 periods or more, within 30 degrees, SNR_mu of 15 dB or more."""
+    aspect = CONDITIONS[1]
+    _, aspect_deg = condition_values(index, aspect)
+    periods = index["truth_gait_frequency_hz"] * index["observation_s"]
+    near = pd.Series(aspect_deg <= WIDEST_DEG, index=index.index)
+    return (periods >= LEAST_PERIODS) & near & (index["quality_snr_mu_db"] >= LEAST_SNR_DB)
+
+
+def dataset(kind: str, duration_s: float, folder: Path, out: Path, *, share: float, clean: bool = False) -> Dataset:
+    """Build, or finish, or find one of the datasets."""
+    size = SIZES[kind][MAIN_S]
+    if duration_s != MAIN_S or clean:
+        size //= 3 if kind == "models" else 2
+    plan, base = load_plan(PLAN, overrides=[
+        f"scene.duration_s={duration_s}", f"dataset.examples_per_class={max(int(size * share), 20)}",
+    ])  # fmt: skip
+    if kind == "mocap":
+        table = plan.model_dump(mode="python")
+        table["dataset"].update(name="evidence-mocap", seed=2019, fractions={"test": 1.0})
+        table.update(classes=CLASSES, sources=SOURCES)
+        if clean:
+            table["noise"] = {"kind": "none"}
+        plan, base = validate(PlanConfig, table, where="evidence-mocap"), folder
+    target = out / f"{kind}-{duration_s:g}s{'-clean' if clean else ''}"
+    report = build_dataset(plan, target, folder=base, max_failed_share=0.02)
+    print(f"{target.name}: {report.n_rows} rows, {report.n_built} made in {report.seconds:.0f} s", flush=True)
+    return open_dataset(target)
+
+
+def joined(found: Evaluation, tested: Dataset) -> pd.DataFrame:
+    """The index of the tested rows with every model's answer: ``right:NAME`` and ``NAME:human``."""
+    answers = found.answers.set_index("id")
+    index = tested.index.set_index("id").loc[answers.index]
+    for name in found.document["models"]:
+        index[f"right:{name}"] = answers[f"{name}:class"] == answers["label"]
+        index[f"p:{name}"] = answers[f"{name}:human"]
+    return index
+
+
+def score(index: pd.DataFrame, name: str) -> dict[str, Any]:
+    """Balanced accuracy and shares right of some rows, with intervals that count movers, not rows."""
+    labels = (index["label"] == "dog").to_numpy(dtype=np.int64)
+    right = index[f"right:{name}"].to_numpy(dtype=bool)
+    groups = index["subject"].to_numpy(dtype=str)
+    if not right.size:
+        return {"n": 0}
+    found = balanced_interval(labels, right, groups, 2, rng(0))
+    shares = {
+        label: (float(right[labels == n].mean()), int((labels == n).sum()))
+        for n, label in enumerate(("human", "dog"))
+        if (labels == n).any()
+    }
+    return {
+        "n": right.size,
+        "value": balanced_accuracy(labels, right, 2),
+        "low": found.low,
+        "high": found.high,
+        **shares,
+    }
+
+
+def percent(value: float) -> str:
+    """A share in percent."""
+    return "" if not np.isfinite(value) else f"{100 * value:.1f}"
+
+
+def main_table(parts: dict[str, pd.DataFrame], names: Sequence[str]) -> list[str]:
+    """Balanced accuracy of every model in several sets of rows."""
+    lines = ["| model | " + " | ".join(parts) + " |", "| --- " * (len(parts) + 1) + "|"]
+    for name in names:
+        cells = []
+        for rows in parts.values():
+            found = score(rows, name)
+            if not found["n"]:
+                cells.append("none")
+                continue
+            cells.append(
+                f"**{percent(found['value'])}** ({percent(found['low'])}-{percent(found['high'])}); people "
+                f"{percent(found.get('human', (np.nan,))[0])}, dogs {percent(found.get('dog', (np.nan,))[0])}"
+            )
+        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    return lines
+
+
+def by_column(index: pd.DataFrame, columns: Sequence[str], names: Sequence[str]) -> list[str]:
+    """Share right of every value of some columns, for several models; exact intervals of the first model."""
+    lines = [f"| {' | '.join(columns)} | rows | {' | '.join(names)} | interval of {names[0]} |"]
+    lines.append("| --- " * (len(columns) + len(names) + 2) + "|")
+    for values, rows in index.groupby(list(columns), observed=True, dropna=False):
+        shares = [percent(float(rows[f"right:{name}"].mean())) for name in names]
+        low, high = share_interval(
+            rows[f"right:{names[0]}"].to_numpy(dtype=bool), rows["recording"].to_numpy(dtype=str)
+        )
+        words = " | ".join(map(str, values))
+        lines.append(f"| {words} | {len(rows)} | {' | '.join(shares)} | {percent(low)}-{percent(high)} |")
+    return lines
+
+
+def speed_bins(index: pd.DataFrame) -> pd.DataFrame:
+    """The index with the ground speed in steps of half a metre per second."""
+    step = np.floor(index["truth_ground_speed_mps"] / 0.5) * 0.5
+    return index.assign(speed=[f"{low:.1f}-{low + 0.5:.1f} m/s" for low in step])
+
+
+def draw_curves(main: pd.DataFrame, by_time: dict[float, pd.DataFrame], names: Sequence[str]) -> Figure:
+    """Balanced accuracy against SNR, aspect and observation time, with intervals of the first model's."""
+    figure = new_figure(width_in=13.0, height_in=4.0)
+    panels = figure.subplots(1, 3, sharey=True)
+    for panel, condition in zip(panels, (CONDITIONS[0], CONDITIONS[1]), strict=False):
+        _, values = condition_values(main, condition)
+        edges = bin_edges(values, condition.step)
+        middle = (edges[:-1] + edges[1:]) / 2
+        sets = [main[(values >= low) & (values < high)] for low, high in itertools.pairwise(edges)]
+        draw_lines(panel, middle.tolist(), sets, names)
+        panel.set_xlabel(condition.words)
+    draw_lines(panels[2], list(by_time), list(by_time.values()), names)
+    panels[2].set_xlabel("observation time (s)")
+    panels[0].set_ylabel("balanced accuracy")
+    panels[0].legend(fontsize=8, loc="lower right")
+    return figure
+
+
+def draw_lines(panel: Any, places: list[float], sets: list[pd.DataFrame], names: Sequence[str]) -> None:
+    """One line a model, with bars for the first."""
+    for number, name in enumerate(names):
+        found = [score(rows, name) if len(rows) >= 10 else {"n": 0} for rows in sets]
+        known = [(x, f) for x, f in zip(places, found, strict=True) if f["n"] and {"human", "dog"} <= set(f)]
+        x, y = [x for x, _ in known], np.array([f["value"] for _, f in known])
+        if number == 0:
+            bars = np.array([[f["value"] - f["low"], f["high"] - f["value"]] for _, f in known]).T
+            panel.errorbar(x, y, yerr=np.clip(bars, 0, None), marker="o", capsize=3, label=name)
+        else:
+            panel.plot(x, y, marker="o", label=name)
+    panel.set_ylim(0.4, 1.02)
+    panel.grid(alpha=0.3)
+
+
+def errors_in_common(index: pd.DataFrame, name: str) -> list[str]:
+    """What is wrong more often than its share: medians of conditions and flags of right and wrong rows."""
+    wrong = index[~index[f"right:{name}"]]
+    lines = [f"{len(wrong)} of {len(index)} rows wrong by {name}.", "", "| | wrong | right |", "| --- | --- | --- |"]
+    right = index[index[f"right:{name}"]]
+    for column in (
+        "quality_snr_mu_db", "truth_aspect_deg", "truth_ground_speed_mps", "truth_gait_frequency_hz",
+        "quality_gait_confidence", "feature_limb_torso_ratio",
+    ):  # fmt: skip
+        low, high = wrong[column].abs().median(), right[column].abs().median()
+        lines.append(f"| median of {column} | {low:.2f} | {high:.2f} |")
+    missing = [part["feature_step_length_m"].isna().mean() for part in (wrong, right)]
+    lines.append(f"| no gait frequency, % | {percent(missing[0])} | {percent(missing[1])} |")
+    counts = wrong.groupby(["label", "recording"]).size().sort_values(ascending=False).head(8)
+    lines += ["", "Most errors: " + "; ".join(f"{place[1]} ({place[0]}) {n}" for place, n in counts.items())]
+    return lines
+
+
+def report(folder: Path, out: Path, *, share: float) -> list[str]:
+    """Build, train, test; the lines of the report."""
+    began = time.monotonic()
+    learnt = {s: dataset("models", s, folder, out, share=share) for s in DURATIONS_S}
+    tested = {s: dataset("mocap", s, folder, out, share=share) for s in DURATIONS_S}
+    clean = dataset("mocap", MAIN_S, folder, out, share=share, clean=True)
+    built = time.monotonic()
+    found = {s: evaluate(learnt[s], other=tested[s]) for s in DURATIONS_S}
+    by_time = {s: joined(found[s], tested[s]) for s in DURATIONS_S}
+    silent = joined(evaluate(learnt[MAIN_S], other=clean), clean)
+    apart_found = evaluate(tested[MAIN_S], left_out="subject")
+    apart = joined(apart_found, tested[MAIN_S])
+    main, names = by_time[MAIN_S], list(found[MAIN_S].document["models"])
+    shown = [name for name in MODELS_ON_AXES if name in names]
+    draw_curves(main, by_time, shown).savefig(out / "classification-curves.png", dpi=110)
+    lines = ["# People and dogs told apart", "", f"{len(main)} rows tested, of {main['subject'].nunique()} movers.", ""]
+    lines += ["## Learnt from models, tested on motion capture", ""]
+    lines += main_table({"charter's conditions": main[easy(main)], "all rows": main, "no noise": silent}, names)
+    lines += ["", f"Rows under the charter's conditions: {int(easy(main).sum())}.", "", "By animal there:", ""]
+    lines += by_column(main[easy(main) & (main["label"] == "dog")], ["subject", "truth_gait"], shown)
+    lines += ["", "By gait and speed there:", ""]
+    lines += by_column(speed_bins(main[easy(main)]), ["label", "truth_gait", "speed"], shown)
+    lines += ["", "## Motion capture in training, each subject left out in turn", ""]
+    names_apart = [name for name in names if f"right:{name}" in apart]
+    lines += main_table({"charter's conditions": apart[easy(apart)], "all rows": apart}, names_apart)
+    lines += ["", "## Observation time (all rows)", ""]
+    lines += main_table({f"{s:g} s": rows for s, rows in by_time.items()}, names)
+    lines += ["", "## What the errors have in common (charter's conditions, then all)", ""]
+    best = shown[1] if len(shown) > 1 else shown[0]
+    lines += [*errors_in_common(main[easy(main)], best), "", *errors_in_common(main, best)]
+    done = time.monotonic()
+    return [*lines, "", f"Datasets {built - began:.0f} s, training and scores {done - built:.0f} s."]
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("motion_folder", type=Path)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--quick", action="store_true", help="a twentieth of the examples")
+    options = parser.parse_args(arguments)
+    options.out.mkdir(parents=True, exist_ok=True)
+    lines = report(options.motion_folder.absolute(), options.out, share=0.05 if options.quick else 1.0)
+    (options.out / "classification.md").write_text("\n".join(lines) + "\n")
+    print("\n".join(lines))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

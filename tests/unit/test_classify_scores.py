@@ -1,0 +1,156 @@
+"""Scores against hand-computed values, scikit-learn and SciPy; calibration; intervals that know movers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+from sklearn import metrics
+
+from doppelgait.classify import scores
+from doppelgait.classify.calibrate import calibrate, class_weights, detection_threshold
+from doppelgait.classify.learned import log_softmax
+
+
+def test_balanced_accuracy_and_confusion_by_hand():
+    labels = np.array([0, 0, 0, 0, 1, 1])
+    guesses = np.array([0, 0, 0, 1, 1, 0])
+    right = guesses == labels
+    assert scores.balanced_accuracy(labels, right, 2) == pytest.approx((3 / 4 + 1 / 2) / 2)
+    assert scores.confusion(labels, guesses, 2).tolist() == [[3, 1], [1, 1]]
+    assert scores.recalls(labels, right, 3)[:2].tolist() == [0.75, 0.5]
+    assert np.isnan(scores.recalls(labels, right, 3)[2])
+
+
+def test_against_sklearn():
+    rng = np.random.default_rng(3)
+    labels, groups = rng.integers(0, 3, 400), rng.integers(0, 90, 400).astype(str)
+    probability = rng.dirichlet([1, 1, 1], 400)
+    probability[:, 1] = np.round(probability[:, 1], 1)  # ties
+    guesses, weights = probability.argmax(axis=1), rng.random(400)
+    assert scores.balanced_accuracy(labels, guesses == labels, 3) == pytest.approx(
+        metrics.balanced_accuracy_score(labels, guesses)
+    )
+    assert np.array_equal(scores.confusion(labels, guesses, 3), metrics.confusion_matrix(labels, guesses))
+    for positive, weight in ((labels == 1, None), (labels == 1, weights)):
+        expected = metrics.roc_auc_score(positive, probability[:, 1], sample_weight=weight)
+        assert scores.auc(probability[:, 1], positive, weight) == pytest.approx(expected)
+    false, true = scores.roc(probability[:, 1], labels == 1)
+    expected = metrics.roc_curve(labels == 1, probability[:, 1], drop_intermediate=False)
+    assert np.allclose(false, expected[0])
+    assert np.allclose(true, expected[1])
+    low, high = scores.auc_interval(probability[:, 1], labels == 1, groups, rng)
+    assert low < scores.auc(probability[:, 1], labels == 1) < high
+    two = probability[:, :2] / probability[:, :2].sum(axis=1, keepdims=True)
+    assert scores.brier(two, labels % 2, weights) == pytest.approx(
+        metrics.brier_score_loss(labels % 2, two[:, 1], sample_weight=weights)
+    )
+
+
+def test_auc_of_one_kind_is_unknown():
+    assert np.isnan(scores.auc(np.array([0.1, 0.2]), np.array([True, True])))
+
+
+@pytest.mark.parametrize(("hits", "n"), [(0, 7), (7, 7), (3, 11), (150, 152)])
+def test_exact_interval_has_the_tails_it_says(hits, n):
+    low, high = scores.clopper_pearson(hits, n)
+    if hits:
+        assert binom.sf(hits - 1, n, low) == pytest.approx(0.025)
+    else:
+        assert low == 0
+    if hits < n:
+        assert binom.cdf(hits, n, high) == pytest.approx(0.025)
+    else:
+        assert high == 1
+
+
+def test_an_interval_counts_movers_not_rows():
+    right = np.array([True] * 90 + [False] * 10)
+    alone, herd = np.arange(100).astype(str), np.repeat(np.arange(10), 10).astype(str)
+    assert scores.share_interval(right, alone) == pytest.approx(scores.clopper_pearson(90, 100))
+    assert scores.share_interval(right, herd) == pytest.approx(scores.clopper_pearson(9, 10))
+
+
+def test_no_error_is_no_certainty():
+    labels, groups = np.repeat([0, 1], 30), np.arange(60).astype(str)
+    found = scores.balanced_interval(labels, np.ones(60, dtype=bool), groups, 2, np.random.default_rng(0))
+    assert found.method == "exact"
+    assert found.low == pytest.approx(scores.clopper_pearson(30, 30, 0.975)[0])
+    assert found.high == 1
+
+
+def test_bootstrap_over_movers_covers_as_often_as_it_says():
+    """Rows of a mover are all right or all wrong: an interval over rows would cover about half as often."""
+    rng, hits, trials = np.random.default_rng(1), 0, 80
+    labels, groups = np.repeat([0, 1], 200), np.repeat(np.arange(80), 5).astype(str)
+    for _ in range(trials):
+        right = (rng.random(80) < 0.8).repeat(5)
+        found = scores.balanced_interval(labels, right, groups, 2, rng)
+        assert found.method == "bootstrap"
+        hits += found.low <= 0.8 <= found.high
+    assert hits / trials > 0.88
+
+
+def test_groups_of_two_classes_are_drawn_whole():
+    labels, groups = np.array([0, 1, 0, 1, 0, 1]), np.array(["a", "a", "b", "b", "c", "d"])
+    weights = scores.group_weights(labels, groups, np.random.default_rng(0), count=200)
+    assert np.array_equal(weights[:, 0], weights[:, 1])
+    assert np.array_equal(weights[:, 2], weights[:, 3])
+    assert (weights[:, 0] + weights[:, 2] == 2).all()  # among those with both classes
+    assert (weights[:, 4] == 1).all()
+    assert (weights[:, 5] == 1).all()
+
+
+def test_calibration_error_by_hand():
+    confidence = np.array([0.99, 0.98, 0.52, 0.51])
+    right = np.array([True, False, True, True])
+    bins = scores.reliability(confidence, right, np.ones(4), 0.5)
+    assert [(b["n"], b["accuracy"]) for b in bins] == [(2, 1.0), (2, 0.5)]
+    assert scores.expected_calibration_error(bins) == pytest.approx(0.5 * (1 - 0.515) + 0.5 * (0.985 - 0.5))
+
+
+def test_calibration_undoes_a_known_distortion():
+    rng = np.random.default_rng(0)
+    truth = rng.normal(size=20_000) * 2
+    labels = (rng.random(truth.size) < 1 / (1 + np.exp(-truth))).astype(np.int64)
+    distorted = log_softmax(np.column_stack([np.zeros_like(truth), 3.0 * truth + 1.5]))
+    found = calibrate(distorted, labels)
+    assert found.slope == pytest.approx(1 / 3, rel=0.05)
+    assert found.shift[1] == pytest.approx(-0.5, abs=0.08)
+
+
+def test_calibration_weighs_classes_alike_and_leaves_few_rows_alone():
+    labels = np.array([0] * 900 + [1] * 100)
+    uninformed = np.full((1000, 2), np.log(0.5))
+    assert calibrate(uninformed, labels)(uninformed)[0] == pytest.approx([0.5, 0.5], abs=0.005)
+    few = calibrate(uninformed[:5], np.array([0, 0, 0, 0, 1]))
+    assert (few.slope, few.n_rows) == (1.0, 0)
+
+
+def test_calibration_of_separated_rows_stays_finite():
+    scores_ = log_softmax(np.column_stack([np.zeros(40), np.repeat([-30.0, 30.0], 20)]))
+    found = calibrate(scores_, np.repeat([0, 1], 20))(scores_)
+    assert 0.9 < found[0, 0] < 0.99  # Platt's targets: 21 of 22
+    assert found[0, 0] == pytest.approx(21 / 22, abs=0.01)
+
+
+def test_three_classes_are_calibrated_too():
+    rng = np.random.default_rng(0)
+    truth = rng.normal(size=(6000, 3)) * 1.5
+    labels = np.array([rng.choice(3, p=p) for p in np.exp(log_softmax(truth))])
+    found = calibrate(log_softmax(2.0 * truth + [0.0, 1.0, -1.0]), labels)
+    assert found.slope == pytest.approx(0.5, rel=0.08)
+    assert found.shift == pytest.approx([0.0, -0.5, 0.5], abs=0.15)
+
+
+def test_class_weights():
+    weights = class_weights(np.array([0, 0, 0, 2]), 3)
+    assert weights.tolist() == pytest.approx([2 / 3, 2 / 3, 2 / 3, 2.0])
+
+
+def test_detection_threshold_by_hand():
+    probability = np.array([0.9, 0.8, 0.7, 0.1, 0.95])
+    positive = np.array([True, True, True, True, False])
+    assert detection_threshold(probability, positive, 0.75) == 0.7
+    assert detection_threshold(probability, positive, 0.95) == 0.1
+    assert np.isnan(detection_threshold(probability, np.zeros(5, dtype=bool), 0.95))
