@@ -176,16 +176,3 @@ def test_described_segments_count_from_the_start_of_the_file() -> None:
     assert there["stop_s"] - here["stop_s"] == 2.5
     foot = here["footfalls"]["left_foot"]
     assert there["footfalls"]["left_foot"] == pytest.approx([t + 2.5 for t in foot])
-
-
-def test_the_search_looks_no_farther_than_it_must(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ten minutes in a circle: the samples looked at grow with the length of the recording, not with its square."""
-    from doppelgait.motion import segments
-
-    angle = np.linspace(0, 300, 12_000)
-    circle = moving_along(np.stack([np.cos(angle), np.sin(angle)], axis=1), rate_hz=20.0)
-    seen = []
-    look = segments._ends_in_window
-    monkeypatch.setattr(segments, "_ends_in_window", lambda path, *rest: seen.append(len(path)) or look(path, *rest))
-    find_segments(circle)
-    assert 0 < sum(seen) < 12_000 * 200

@@ -188,6 +188,21 @@ def test_a_motion_file_is_read_once(monkeypatch, walk):
     assert recording.baseband.sizes["slow_time"] == 1000  # as long as the file's motion, not the model's default
 
 
+def test_motions_are_kept_up_to_a_number_of_bytes(monkeypatch, walk, tmp_path):
+    import doppelgait.motion.readers as readers
+    from doppelgait.scene import spec
+
+    asked = []
+    monkeypatch.setattr(readers, "read", lambda path, **options: asked.append(options["segment"]) or walk)
+    monkeypatch.setattr(spec, "KEPT_BYTES", 2 * walk.nbytes)
+    monkeypatch.setattr(spec, "_read_before", type(spec._read_before)())
+    (tmp_path / "walk.c3d").write_bytes(b"x")
+    for segment in (1, 2, 1, 3, 1, 2):  # 3 drops 2, the one that was not used for longest; 2 drops 3
+        build_motion({"kind": "file", "path": "walk.c3d", "segment": segment}, duration_s=1.0, folder=tmp_path)
+    assert asked == [1, 2, 3, 2]
+    assert len(spec._read_before) == 2
+
+
 # --- Truth --------------------------------------------------------------------------------------------------------
 
 

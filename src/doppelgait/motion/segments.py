@@ -19,7 +19,6 @@ FloatArray = npt.NDArray[np.float64]
 
 GRID_S = 0.05
 """Segments begin and end on this grid."""
-FIRST_WINDOW = 64
 
 
 @dataclass(frozen=True)
@@ -163,54 +162,14 @@ def _longest_first(path: FloatArray, speed: FloatArray, step_s: float, limits: S
 
 def _longest(path: FloatArray, speed: FloatArray, step_s: float, limits: SegmentLimits) -> tuple[int, int] | None:
     """Ends of the longest stretch that keeps the limits; None when there is none."""
+    from doppelgait.core.kernels.stretch import longest_stretch
+
     shortest = max(2, math.ceil(limits.min_duration_s / step_s - 1e-9))
-    best: tuple[int, int] | None = None
-    for first in range(len(path)):
-        if len(path) - first <= shortest:
-            break
-        allowed = _allowed_ends(path[first:], speed[first:], step_s, limits)
-        if allowed.size and allowed[-1] >= shortest:
-            best = (first, first + int(allowed[-1]))
-            shortest = int(allowed[-1]) + 1
-    return best
-
-
-def _allowed_ends(path: FloatArray, speed: FloatArray, step_s: float, limits: SegmentLimits) -> npt.NDArray[np.int64]:
-    """Steps after the first sample at which a stretch from there may end.
-
-    Looks at a window that doubles until no longer stretch can be allowed.
-    """
-    reach = FIRST_WINDOW
-    while True:
-        ends, more = _ends_in_window(path[:reach], speed[:reach], step_s, limits)
-        if not more or reach >= len(path):
-            return ends
-        reach *= 2
-
-
-def _ends_in_window(
-    path: FloatArray, speed: FloatArray, step_s: float, limits: SegmentLimits
-) -> tuple[npt.NDArray[np.int64], bool]:
-    """Allowed ends in a window, and whether a longer window could hold more.
-
-    The chord through a point within ``lateral_m`` of a path sample lies in a cone of directions; a chord is straight
-    enough when it lies in the cones of all samples before it. That makes one pass of what is a search over triples.
-    """
-    high, low = np.maximum.accumulate(speed), np.minimum.accumulate(speed)
-    mean = np.cumsum(speed) / np.arange(1, len(speed) + 1)
-    steady = (high <= (1 + limits.speed_deviation) * mean) & (low >= (1 - limits.speed_deviation) * mean)
-    chord = path - path[0]
-    length = np.linalg.norm(chord, axis=1)
-    angle = np.unwrap(np.arctan2(chord[:, 1], chord[:, 0]))
-    # a sample nearer than the limit allows every direction
-    ratio = np.minimum(1.0, limits.lateral_m / np.maximum(length, 1e-12))
-    half = np.where(length > limits.lateral_m, np.arcsin(ratio), np.inf)
-    left, right = np.minimum.accumulate(angle + half), np.maximum.accumulate(angle - half)
-    straight = (angle >= right) & (angle <= left)
-    long_enough = length >= np.maximum(limits.min_length_m, limits.min_speed_mps * step_s * np.arange(len(path)))
-    spread = (1 + limits.speed_deviation) / (1 - limits.speed_deviation)
-    more = bool(left[-1] >= right[-1] and high[-1] <= spread * low[-1])
-    return np.flatnonzero(steady & straight & long_enough), more
+    first, last = longest_stretch(
+        np.ascontiguousarray(path), np.ascontiguousarray(speed), step_s, limits.lateral_m, limits.speed_deviation,
+        limits.min_length_m, limits.min_speed_mps, shortest,
+    )  # fmt: skip
+    return None if first < 0 else (first, last)
 
 
 def _describe(motion: xr.DataArray, path: FloatArray, speed: FloatArray, first: int, last: int) -> Segment:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections import OrderedDict
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
 from pathlib import Path
+from threading import Lock
 from typing import Any, Self
 
 import numpy as np
@@ -16,6 +17,12 @@ from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, MotionError
 from doppelgait.core.labels import axis
 from doppelgait.scene.target import Scene, SceneParameters, Target, TargetParameters
+
+KEPT_BYTES = 128 * 2**20
+"""Of motions read before; some three hundred stretches of motion capture."""
+
+_read_before: OrderedDict[tuple[Path, tuple[int, int], str], xr.DataArray] = OrderedDict()
+_reading = Lock()
 
 
 class TargetSpec(TargetParameters):
@@ -146,9 +153,15 @@ def _read_file(options: dict[str, Any], folder: Path | None) -> xr.DataArray:
         raise MotionError(f"{path}: {error}") from None
 
 
-@lru_cache(maxsize=64)
 def _read_once(file: Path, stamp: tuple[int, int], options: str) -> xr.DataArray:
-    """Motion of a file as it is now; examples of a dataset take the same few files again and again."""
+    """Motion of a file as it is now; examples of a dataset take the same stretches of the same files in turn."""
     from doppelgait.motion.readers import read
 
-    return read(file, **json.loads(options))
+    key = (file, stamp, options)
+    with _reading:
+        if key not in _read_before:
+            _read_before[key] = read(file, **json.loads(options))
+            while len(_read_before) > 1 and sum(motion.nbytes for motion in _read_before.values()) > KEPT_BYTES:
+                _read_before.popitem(last=False)
+        _read_before.move_to_end(key)
+        return _read_before[key]

@@ -1,0 +1,82 @@
+"""The longest straight stretch at constant velocity of a ground path: a search over all pairs of ends."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def longest_stretch(
+    path: FloatArray,
+    speed: FloatArray,
+    step_s: float,
+    lateral_m: float,
+    speed_deviation: float,
+    min_length_m: float,
+    min_speed_mps: float,
+    shortest: int,
+) -> tuple[int, int]:
+    """Ends (inclusive) of the first longest stretch that keeps the limits.
+
+    The chord through a point within ``lateral_m`` of a path sample lies in a cone of directions; a chord is straight
+    enough when it lies in the cones of all samples before it. That makes one pass of what is a search over triples.
+
+    Parameters
+    ----------
+    path : ndarray, shape (T, 2)
+        m.
+    speed : ndarray, shape (T,)
+        m/s.
+    step_s : float
+        Time between samples.
+    lateral_m, speed_deviation, min_length_m, min_speed_mps
+        As in :class:`doppelgait.motion.segments.SegmentLimits`.
+    shortest : int
+        Fewest steps, 1 or more.
+
+    Returns
+    -------
+    first, last : int
+        -1, -1 when there is none.
+    """
+    best_first, best_last = -1, -1
+    for first in range(path.shape[0]):
+        if path.shape[0] - first <= shortest:
+            break
+        steps = _steps_allowed(
+            path[first:], speed[first:], step_s, lateral_m, speed_deviation, min_length_m, min_speed_mps
+        )
+        if steps >= shortest:
+            best_first, best_last, shortest = first, first + steps, steps + 1
+    return best_first, best_last
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _steps_allowed(path, speed, step_s, lateral_m, deviation, min_length_m, min_speed_mps):  # type: ignore[no-untyped-def]
+    """Steps from the first sample to the last one at which a stretch may end; -1 if there is none."""
+    spread = (1.0 + deviation) / (1.0 - deviation)
+    high, low, total = -math.inf, math.inf, 0.0
+    left, right = math.inf, -math.inf
+    before, turned, last = 0.0, 0.0, -1
+    for step in range(path.shape[0]):
+        high, low, total = max(high, speed[step]), min(low, speed[step]), total + speed[step]
+        x, y = path[step, 0] - path[0, 0], path[step, 1] - path[0, 1]
+        length, raw = math.sqrt(x * x + y * y), math.atan2(y, x)
+        turned -= 2.0 * math.pi * np.rint((raw - before) / (2.0 * math.pi))  # no jump from pi to -pi
+        before, angle = raw, raw + turned
+        if length > lateral_m:  # a nearer sample allows every direction
+            half = math.asin(lateral_m / length)
+            left, right = min(left, angle + half), max(right, angle - half)
+        if left < right or high > spread * low:
+            break  # neither mends later
+        mean = total / (step + 1)
+        steady = high <= (1.0 + deviation) * mean and low >= (1.0 - deviation) * mean
+        if steady and right <= angle <= left and length >= max(min_length_m, min_speed_mps * step_s * step):
+            last = step
+    return last
