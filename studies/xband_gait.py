@@ -47,7 +47,10 @@ RANGE_M = (0.0, 120.0)
 """Not told by the source; no feature depends on it."""
 ANALYSIS = Analysis(cpi_s=measures.WINDOW_SWEEPS * measures.PRI_S, window_steepness=0.37)
 """A Gaussian window of this steepness has the 3 dB width of the Hann window of the images."""
-TIME_S = measures.PRI_S * (measures.WINDOW_SWEEPS / 2 + measures.HOP_SWEEPS * np.arange(measures.N_COLUMNS))
+TIME_S: measures.FloatArray = np.asarray(
+    measures.PRI_S * (measures.WINDOW_SWEEPS / 2 + measures.HOP_SWEEPS * np.arange(measures.N_COLUMNS)),
+    dtype=np.float64,
+)
 
 
 def levels_of(data: Path) -> dict[str, measures.FloatArray]:
@@ -76,11 +79,14 @@ class Entry:
     one_sided : bool
         Empty the side on which the mover is not, as a detector's Doppler gate would; the side is that of the torso
         velocity found without.
+    clipped : bool
+        Whether the levels end where the display ends; only simulated ones can do without.
     """
 
     highest_db: float | None = HIGHEST_DB
     blank_below_mps: float = measures.SLOWEST_MPS
     one_sided: bool = False
+    clipped: bool = True
 
 
 ENTRIES = {
@@ -92,18 +98,27 @@ ENTRIES = {
 
 
 def signature_of(image: Image, level_db: measures.FloatArray, entry: Entry = ENTRIES["as described"]) -> xr.DataArray:
-    """The image as a signature."""
+    """The image as a signature, cut and turned as its reading says."""
     velocity_mps = measures.VELOCITY_MPS
     if image.from_mps is not None:
         below = int((velocity_mps < image.from_mps).sum())
         velocity_mps = np.r_[velocity_mps[-below:] + 2 * measures.EDGE_MPS, velocity_mps[:-below]]
         level_db = np.roll(level_db, below, axis=0)
     shown = (image.until_s or np.inf) >= TIME_S
+    return displayed_signature(level_db[:, shown], entry, time_s=TIME_S[shown], velocity_mps=velocity_mps)
+
+
+def displayed_signature(
+    level_db: measures.FloatArray, entry: Entry = ENTRIES["as described"], *, time_s: measures.FloatArray = TIME_S,
+    velocity_mps: measures.FloatArray = measures.VELOCITY_MPS,
+) -> xr.DataArray:  # fmt: skip
+    """Levels as displayed (velocity, time) as a signature."""
     return signature_of_levels(
-        level_db[:, shown].T, time_s=TIME_S[shown], velocity_mps=velocity_mps,
+        level_db.T, time_s=time_s, velocity_mps=velocity_mps,
         wavelength_m=carrier_to_wavelength_m(9.7e9), prf_hz=1.0 / measures.PRI_S, cpi_pulses=measures.WINDOW_SWEEPS,
-        hop=measures.HOP_SWEEPS, range_m=RANGE_M, floor_db=measures.FLOOR_DB, ceiling_db=measures.CEILING_DB,
-        highest_db=entry.highest_db, blank_below_mps=entry.blank_below_mps,
+        hop=measures.HOP_SWEEPS, range_m=RANGE_M, floor_db=measures.FLOOR_DB if entry.clipped else None,
+        ceiling_db=measures.CEILING_DB if entry.clipped else None,
+        highest_db=entry.highest_db if entry.clipped else None, blank_below_mps=entry.blank_below_mps,
     )  # fmt: skip
 
 

@@ -119,7 +119,7 @@ PAIRS = (
 )
 
 
-def ground(length_m: float, rng: np.random.Generator) -> xr.DataArray:
+def ground(length_m: float, rng: np.random.Generator, *, sway_m: float = SWAY_M) -> xr.DataArray:
     """Points along the radar's look that sway in the wind: Gaussian processes of exponentially distributed size."""
     count, rate_hz = round(length_m * GROUND_PER_M), 50.0
     n_frames = round((OBSERVATION_S + 1.0) * rate_hz)
@@ -127,9 +127,9 @@ def ground(length_m: float, rng: np.random.Generator) -> xr.DataArray:
     kernel = np.exp(-((np.arange(-reach, reach + 1) / (SWAY_S * rate_hz)) ** 2))
     white = rng.standard_normal((count, n_frames + 2 * reach))
     smooth = np.array([np.convolve(row, kernel, mode="valid") for row in white]) / np.sqrt((kernel**2).sum())
-    sway_m = smooth * SWAY_M * rng.standard_exponential((count, 1))
+    displaced_m = smooth * sway_m * rng.standard_exponential((count, 1))
     position_m = np.zeros((n_frames, count, 3))
-    position_m[:, :, 0] = (rng.uniform(-0.5, 0.5, count) * length_m)[None] + sway_m.T
+    position_m[:, :, 0] = (rng.uniform(-0.5, 0.5, count) * length_m)[None] + displaced_m.T
     position_m[:, :, 2] = 0.3
     names = [f"tuft{number}" for number in range(count)]
     facts = {"source": "ground", "kind": "ground", "mass_kg": 1.0, "height_m": 0.3}
@@ -148,9 +148,9 @@ def scene_of(pair: Pair, motion: xr.DataArray, rcs: RcsSpec, *, speed_mps: float
     return Scene([mover, around], radar_position_m=position_m, duration_s=OBSERVATION_S)
 
 
-def burst_bins(recording: Recording) -> list[int]:
-    """Range bin of the body in the middle of every burst."""
-    range_m, track_m = axis(recording.baseband, "range"), recording.truth[0].centre_range_m
+def burst_bins(recording: Recording, *, error_m: float = 0.0) -> list[int]:
+    """Range bin of the body, or of a place so far behind it, in the middle of every burst."""
+    range_m, track_m = axis(recording.baseband, "range"), recording.truth[0].centre_range_m + error_m
     middles = measures.BURST_SWEEPS * np.arange(measures.N_BURSTS) + measures.BURST_SWEEPS // 2
     return [int(np.argmin(np.abs(range_m - track_m[middle]))) for middle in middles]
 

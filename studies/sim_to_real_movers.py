@@ -1,0 +1,314 @@
+"""Random people, dogs and larger animals for the sensor twins of :mod:`sim_to_real_xband` and :mod:`sim_to_real_cw`.
+
+One law for every class in all that is not the motion: speed, direction, place, cross section, noise. A speed is drawn
+first and sizes are drawn until the gait exists at it, so that the classes share the law of speeds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from gait_frequency import stretches
+from xband_measures import FloatArray
+
+from doppelgait.core.config import validate
+from doppelgait.core.errors import ConfigError, DoppelgaitError
+from doppelgait.core.labels import axis
+from doppelgait.motion.loop import loop
+from doppelgait.motion.models import MOTION_MODELS, human_gait, quadruped_gait
+from doppelgait.motion.models.quadruped_gaits import GAITS
+from doppelgait.motion.models.quadruped_sizes import BUILDS
+from doppelgait.motion.retime import fit_spline, travel_speed_mps
+from doppelgait.motion.schema import make_motion
+from doppelgait.scene.rcs import RcsSpec
+
+CLASSES = ("human", "dog")
+ATTEMPTS = 40
+SPARE = 1.6
+"""A motion is made longer by this factor, for it is run faster or slower on the way."""
+USUAL_DOG_M = 0.4
+"""Without variation; a larger one cannot walk at 0.4 m/s."""
+LARGE_M, SMALL_M = (1.2, 1.7), 0.6
+"""Withers of a cow or a horse, and of the dog that is made so large at equal Froude number."""
+SLOWEST_LARGE_MPS = 0.85
+"""Nothing so large walks slower by the model; below it dogs stand in, so that the law of speeds stays."""
+BONES_PER_POINT, FLESH_M = 3, 0.08
+RATE_HZ = 150.0
+
+
+@dataclass(frozen=True)
+class Mover:
+    """A motion, the size it is to be scaled to, and whose it is.
+
+    Parameters
+    ----------
+    motion : DataArray
+        Motion (time, marker, space).
+    label : str
+        ``human`` or ``dog``; a larger animal counts as ``dog``.
+    subject : str
+        Empty for a model, whose every draw is its own.
+    """
+
+    motion: xr.DataArray
+    label: str
+    subject: str = ""
+
+
+def draw_speed_mps(rng: np.random.Generator, low_mps: float, high_mps: float) -> float:
+    """Speed of any mover: uniform in its logarithm."""
+    return float(np.exp(rng.uniform(math.log(low_mps), math.log(high_mps))))
+
+
+def person(speed_mps: float, seconds: float, rng: np.random.Generator, *, varied: bool) -> xr.DataArray:
+    """Walking or running person; with ``varied`` of any size and style, else as the model has it."""
+    style: dict[str, Any] = {"start_phase": float(rng.random())}
+    if varied:
+        hands = ("free", "free", "pockets", "carrying")
+        style |= {
+            "height_m": float(np.clip(rng.normal(1.70, 0.10), 1.4, 2.0)),
+            "walk_ratio": float(np.clip(np.exp(0.08 * rng.standard_normal()), 0.75, 1.3)),
+            "arm_swing": float(rng.uniform(0.2, 1.4)),
+            "left_hand": hands[rng.integers(4)], "right_hand": hands[rng.integers(4)],
+            "step_time_sd": float(rng.uniform(0, 0.04)), "step_length_sd": float(rng.uniform(0, 0.04)),
+            "time_asymmetry": float(rng.uniform(-0.05, 0.05)), "length_asymmetry": float(rng.uniform(-0.05, 0.05)),
+        }  # fmt: skip
+    return human_gait(speed_mps=speed_mps, duration_s=seconds, rng=rng, rate_hz=RATE_HZ, **style)
+
+
+def dog(
+    speed_mps: float, seconds: float, rng: np.random.Generator, *, varied: bool, withers_m: float | None = None
+) -> xr.DataArray:
+    """Dog in a gait that goes with its speed; with ``varied`` of any size, build and gait that is possible."""
+    style: dict[str, Any] = {"start_phase": float(rng.random()), "gait": "auto", "withers_m": USUAL_DOG_M}
+    if varied:
+        breeds = [name for name, build in BUILDS.items() if build.species == "dog"]
+        style |= {
+            "build": breeds[rng.integers(len(breeds))], "withers_m": float(rng.uniform(0.25, 0.75)),
+            "gait": "auto" if rng.random() < 0.6 else list(GAITS)[rng.integers(len(GAITS))],
+            "stride_variation": float(rng.uniform(0, 0.04)), "asymmetry": float(rng.uniform(-0.03, 0.03)),
+            "tail_frequency_hz": float(rng.uniform(0, 3)), "tail_sweep_deg": float(rng.uniform(0, 45)),
+        }  # fmt: skip
+    style |= {} if withers_m is None else {"withers_m": withers_m}
+    return quadruped_gait(speed_mps=speed_mps, duration_s=seconds, rng=rng, rate_hz=RATE_HZ, **style)
+
+
+def crawler(speed_mps: float, seconds: float, rng: np.random.Generator) -> xr.DataArray:
+    """Person on hands and knees."""
+    model = MOTION_MODELS["crawl"]
+    options = {
+        "speed_mps": speed_mps, "height_m": float(rng.uniform(1.5, 1.9)), "start_phase": float(rng.random()),
+        "rate_hz": RATE_HZ,
+    }  # fmt: skip
+    return model.generate(validate(model.config, options), seconds, rng)
+
+
+Maker = Callable[..., xr.DataArray]
+MAKERS: dict[str, Maker] = {"human": person, "dog": dog}
+
+
+def until_possible(make: Callable[[], xr.DataArray]) -> xr.DataArray:
+    """The first draw that is a possible gait.
+
+    Raises
+    ------
+    ConfigError
+        If none of many is.
+    """
+    for _ in range(ATTEMPTS - 1):
+        try:
+            return make()
+        except ConfigError:
+            continue
+    return make()
+
+
+def model_mover(
+    label: str, speed_mps: float, seconds: float, rng: np.random.Generator, *, varied: bool = True, large: bool = False
+) -> Mover:
+    """A mover of a model that lasts long enough for :func:`hurried`.
+
+    Parameters
+    ----------
+    label : str
+    speed_mps : float
+    seconds : float
+        Wanted at the end.
+    rng : numpy.random.Generator
+    varied : bool
+        Sizes, gaits and unevenness at random.
+    large : bool
+        A dog as large as a cow or a horse, where such a one can be so slow.
+    """
+    if not (large and speed_mps > SLOWEST_LARGE_MPS):
+        motion = until_possible(lambda: MAKERS[label](speed_mps, SPARE * seconds, rng, varied=varied))
+        return Mover(motion, label)
+
+    def animal() -> xr.DataArray:
+        withers_m = float(rng.uniform(*LARGE_M))
+        factor = withers_m / SMALL_M
+        slow_mps = speed_mps / math.sqrt(factor)
+        return _enlarged(dog(slow_mps, SPARE * seconds, rng, varied=varied, withers_m=SMALL_M), factor)
+
+    return Mover(until_possible(animal), label)
+
+
+def _enlarged(motion: xr.DataArray, factor: float) -> xr.DataArray:
+    """Dynamically similar: lengths times the factor, times with its square root, frame rate as it was."""
+    slower = math.sqrt(factor)
+    times_s = axis(motion, "time")
+    wanted_s = np.arange(0.0, float(times_s[-1]), 1.0 / RATE_HZ)
+    position_m = factor * _at(motion, wanted_s / slower)
+    return _like(motion, position_m, height_m=float(motion.attrs["height_m"]) * factor)
+
+
+def _at(motion: xr.DataArray, times_s: FloatArray) -> FloatArray:
+    found = fit_spline(motion).at(times_s)[0]
+    return np.asarray(found.reshape(times_s.size, *motion.shape[1:]))
+
+
+def _like(motion: xr.DataArray, position_m: FloatArray, *, height_m: float) -> xr.DataArray:
+    facts = {key: motion.attrs[key] for key in ("source", "kind", "species", "gait", "mass_kg")}
+    return make_motion(
+        position_m, rate_hz=RATE_HZ, markers=axis(motion, "marker").tolist(), parts=axis(motion, "part").tolist(),
+        facts={**facts, "height_m": height_m},
+    )  # fmt: skip
+
+
+def hurried(motion: xr.DataArray, seconds: float, pace: Callable[[FloatArray], FloatArray]) -> xr.DataArray:
+    """The motion run through at another pace from moment to moment, for as long as asked.
+
+    Parameters
+    ----------
+    motion : DataArray
+    seconds : float
+    pace : callable
+        Pace at times (s), 1 for the motion's own; positive or 0.
+
+    Raises
+    ------
+    ConfigError
+        If the motion ends before.
+    """
+    times_s = np.arange(0.0, seconds + 1.0 / RATE_HZ, 1.0 / RATE_HZ)
+    own_s = np.concatenate([[0.0], np.cumsum(pace(times_s)[:-1])]) / RATE_HZ
+    if own_s[-1] > float(axis(motion, "time")[-1]):
+        raise ConfigError(f"a motion of {float(axis(motion, 'time')[-1]):.1f} s is too short for {own_s[-1]:.1f} s")
+    return _like(motion, _at(motion, own_s), height_m=float(motion.attrs["height_m"]))
+
+
+def drifting(
+    rng: np.random.Generator, seconds: float, *, most: float, starts: bool
+) -> Callable[[FloatArray], FloatArray]:
+    """Pace that drifts by up to ``most`` either way of 1, and half of the time rises from rest with ``starts``."""
+    slope, swing, phase = rng.uniform(-most, most), rng.uniform(0, most / 3), rng.uniform(0, 2 * np.pi)
+    rest_s, rise_s, from_rest = rng.uniform(0, 0.3 * seconds), rng.uniform(0.5, 1.5), rng.random() < 0.5
+
+    def pace(times_s: FloatArray) -> FloatArray:
+        steady = 1.0 + slope * (2.0 * times_s / seconds - 1.0) + swing * np.sin(2 * np.pi * times_s / seconds + phase)
+        risen = np.clip((times_s - rest_s) / rise_s, 0.0, 1.0) if starts and from_rest else 1.0
+        return np.asarray(steady * risen)
+
+    return pace
+
+
+@lru_cache(maxsize=4)
+def recorded_stretches(folder: Path, seconds: float) -> dict[str, tuple[Mover, ...]]:
+    """Straight stretches of all recordings of a folder by class, looped to last so long; subjects by file name."""
+    found: dict[str, list[Mover]] = {label: [] for label in CLASSES}
+    for label in CLASSES:
+        for path in sorted(p for p in (folder / label).rglob("*") if p.is_file() and "manifest" not in p.name):
+            for motion in stretches(path).values():
+                try:
+                    looped = loop(motion, duration_s=SPARE * seconds)
+                except (DoppelgaitError, ValueError):
+                    continue
+                found[label].append(Mover(looped, label, subject_of(path)))
+    return {label: tuple(movers) for label, movers in found.items()}
+
+
+def subject_of(path: Path) -> str:
+    """Who is in a motion file: the folder of a dog, the subject's number of a CMU file, else the file."""
+    if path.parent.name in ("mann-bvh", "tencent-bvh"):
+        return path.parent.name
+    parts = path.stem.replace("cmu_", "").split("_")
+    return f"cmu-{parts[0]}" if parts[0].isdigit() else path.stem
+
+
+def recorded_mover(movers: Sequence[Mover], rng: np.random.Generator) -> Mover:
+    """One of the recorded stretches, of another size by up to a tenth."""
+    chosen = movers[int(rng.integers(len(movers)))]
+    size = float(rng.uniform(0.9, 1.1))
+    times_s = np.arange(0.0, float(axis(chosen.motion, "time")[-1]), 1.0 / RATE_HZ)
+    scaled = _like(chosen.motion, size * _at(chosen.motion, times_s), height_m=size * chosen.motion.attrs["height_m"])
+    return Mover(scaled, chosen.label, chosen.subject)
+
+
+def speed_of(mover: Mover, seconds: float) -> float:
+    """Mean speed over ground within a time."""
+    return float(travel_speed_mps(mover.motion, first_s=seconds))
+
+
+def draw_rcs(rng: np.random.Generator, *, random: bool, speckle: bool, total_m2: float) -> RcsSpec:
+    """Cross section of a mover, whatever its class.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        The same number of draws in any case.
+    random : bool
+        Points or ellipsoids, total from 0.05 to 1.6 m^2; else ellipsoids of ``total_m2``.
+    speckle : bool
+        Every part fluctuates on its own.
+    total_m2 : float
+    """
+    points, hidden = rng.random() < 0.5, rng.random() < 0.7
+    drawn_m2, correlation_s = (float(np.exp(rng.uniform(*np.log(ends)))) for ends in ((0.05, 1.6), (0.03, 0.3)))
+    fluctuates = speckle and (rng.random() < 0.8 or not random)
+    around: dict[str, Any] = {"total_m2": drawn_m2 if random else total_m2}
+    if fluctuates:
+        around |= {"fluctuation": "swerling1", "correlation_s": correlation_s if random else 0.08}
+    if random and points:
+        return RcsSpec(kind="auto", **around)
+    return RcsSpec(kind="ellipsoids", occlusion=hidden or not random, **around)
+
+
+def fleshed(motion: xr.DataArray, rng: np.random.Generator, *, per_bone: int = 5) -> xr.DataArray:
+    """Points all along the bones and up to 8 cm beside them instead of the joints alone.
+
+    Bones are pairs of points whose distance stays the same within 2 %, each point with its nearest ones.
+    """
+    position_m = motion.values
+    some = position_m[:: max(1, len(position_m) // 40)]
+    apart_m = np.linalg.norm(some[:, :, None] - some[:, None], axis=-1)
+    length_m = apart_m.mean(axis=0)
+    rigid = (apart_m.std(axis=0) < 0.02 * length_m) & (length_m > 0.03)
+    nearest = np.argsort(np.where(rigid, length_m, np.inf), axis=1)[:, :BONES_PER_POINT]
+    pairs = [(one, int(two)) for one, row in enumerate(nearest) for two in row if rigid[one, two] and one < two]
+    share = rng.random((len(pairs), per_bone, 1))
+    ends = np.array(pairs)
+    along_m = [
+        position_m[:, ends[:, 0]] * (1.0 - part) + position_m[:, ends[:, 1]] * part for part in np.moveaxis(share, 1, 0)
+    ]
+    beside_m = rng.uniform(-FLESH_M, FLESH_M, (len(pairs) * per_bone, 3))
+    parts = axis(motion, "part").tolist()
+    return make_motion(
+        np.concatenate(along_m, axis=1) + beside_m, rate_hz=RATE_HZ,
+        markers=[f"point{number}" for number in range(len(beside_m))],
+        parts=[parts[one] for _ in range(per_bone) for one, _ in pairs],
+        facts={key: motion.attrs[key] for key in ("source", "kind", "species", "gait", "mass_kg", "height_m")},
+    )  # fmt: skip
+
+
+def fitting_rcs(rcs: RcsSpec, mover: Mover) -> RcsSpec:
+    """The same for points where the body is recorded markers, whose joints are not known."""
+    if rcs.kind != "ellipsoids" or mover.subject.startswith("model-"):
+        return rcs
+    return rcs.model_copy(update={"kind": "auto", "occlusion": False})
