@@ -139,3 +139,18 @@ def test_lowest_lines_are_those_of_the_full_transform_to_rounding(n_columns, len
         high = 1e3 * np.cos(2 * np.pi * (0.4 * length) * np.arange(n_columns) / length)[:, None] * np.ones((1, 2))
         wanted = np.abs(np.fft.rfft(high, length, axis=0)[:n_kept])
         np.testing.assert_allclose(magnitudes(high, np.ones(n_columns), length, n_kept), wanted, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("n_columns", "n_rows", "length"), [(22, 64, 176), (100, 70, 800), (613, 128, 4904)])
+def test_memory_that_is_used_again_leaves_nothing_behind(n_columns, n_rows, length):
+    from doppelgait.processing import narrow_band
+
+    rng = np.random.default_rng(n_columns)
+    rows, weights = rng.normal(size=(n_columns, n_rows)), rng.random(n_columns)
+    for n_kept in (length // 2 + 1, length // 8):
+        for name in ("circular", "lines", "grid", "fine"):
+            held = getattr(narrow_band._buffers, name, np.empty(0))
+            held[:] = np.nan
+        found = narrow_band.magnitudes(rows, weights, length, n_kept)
+        wanted = np.abs(np.fft.rfft(rows * weights[:, None], length, axis=0))[:n_kept]
+        np.testing.assert_allclose(found, wanted, atol=1e-9 * wanted.max())

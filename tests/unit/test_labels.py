@@ -49,7 +49,7 @@ def test_new_values_share_the_coordinates_and_leave_the_old_array_alone():
     assert old.values.any()
     xr.testing.assert_identical(new.coords.to_dataset(), old.coords.to_dataset())
     assert with_values(old, np.zeros((5, 3))).attrs == old.attrs
-    with pytest.raises(ValueError, match="dimension"):
+    with pytest.raises(ValueError, match="do not fit"):
         with_values(old, np.zeros(5))
 
 
@@ -82,3 +82,26 @@ def test_axes_are_those_of_the_coordinates_numbers_and_names():
     assert axis(motion, "marker").dtype == motion.coords["marker"].dtype
     with pytest.raises(KeyError):
         axis(array, "range")
+
+
+def test_an_edit_of_one_array_reaches_no_other():
+    from doppelgait.motion.models import boulic_walk
+
+    first = boulic_walk(speed_mps=1.2, height_m=1.75, duration_s=1.0)
+    parts = first.coords["part"].values.copy()
+    first.coords["part"][:] = "leg"
+    first.coords["marker"].attrs["edited"] = True
+    second = boulic_walk(speed_mps=1.2, height_m=1.75, duration_s=1.0)
+    np.testing.assert_array_equal(second.coords["part"].values, parts)
+    assert "edited" not in second.coords["marker"].attrs
+    made = signature()
+    new = with_values(made, made.values + 1.0)
+    new.coords["velocity"].values[0] = 99.0
+    new.coords["velocity"].attrs["units"] = "knots"
+    assert made.coords["velocity"].values[0] == pytest.approx(-0.2)
+    assert made.coords["velocity"].attrs == {"units": "m/s"}
+
+
+def test_values_of_another_shape_are_refused():
+    with pytest.raises(ValueError, match=r"\(4, 3\) do not fit .*\(5, 3\)"):
+        with_values(signature(), np.zeros((4, 3)))

@@ -114,7 +114,7 @@ def make_array(
         indexes |= {name: index} if index is not None else {}
     if like is not None:
         wanted = [name for name in (*schema.dims, *schema.extra) if name not in coords]
-        variables |= {name: like.coords.variables[name] for name in wanted}
+        variables |= {name: _own_copy(like.coords.variables[name]) for name in wanted}
         indexes |= {name: like.xindexes[name] for name in wanted if name in like.xindexes}
     array = xr.Variable(schema.dims, np.asarray(values), {"units": schema.units, **(attrs or {})})
     for name, variable in variables.items():
@@ -130,7 +130,7 @@ def with_values(
     schema: Schema | None = None,
     attrs: Mapping[str, Any] | None = None,
 ) -> xr.DataArray:
-    """New values of the same shape on the coordinates of an array, which both then share.
+    """New values of the same shape on copies of the coordinates of an array.
 
     Parameters
     ----------
@@ -142,9 +142,17 @@ def with_values(
         Further attributes.
     """
     facts = {**array.attrs, **({"units": schema.units} if schema is not None else {}), **(attrs or {})}
+    if values.shape != array.shape:
+        raise ValueError(f"values of shape {values.shape} do not fit coordinates of shape {array.shape}")
     variable = xr.Variable(array.dims, values, facts)
     name = array.name if schema is None else schema.name
-    return _assembled(variable, dict(array.coords.variables), array.xindexes, name)
+    coords = {name: _own_copy(coordinate) for name, coordinate in array.coords.variables.items()}
+    return _assembled(variable, coords, array.xindexes, name)
+
+
+def _own_copy(coordinate: xr.Variable) -> xr.Variable:
+    """Coordinate that may be edited without changing the array that it came from; the values of an index are fixed."""
+    return coordinate.copy(deep=not isinstance(coordinate, xr.IndexVariable))
 
 
 def _assembled(variable: xr.Variable, coords: dict[Any, Any], indexes: Mapping[Any, Any], name: Any) -> xr.DataArray:

@@ -60,7 +60,7 @@ def ground_motion(time_s: npt.ArrayLike, range_m: npt.ArrayLike) -> GroundMotion
     # its first line goes through all points: the first weights are 1 / R^2 alone
     robust_fit(basis, square, 1.0 / square, ranges, LEAST_SCALE_M, CAUCHY_TUNING, ITERATIONS, square.copy(), solution)
     solution /= half_s ** np.arange(3)
-    if solution[2] <= 0 or solution[0] <= 0:
+    if not (solution[2] > 0 and solution[0] > 0):  # NaN, too: of fewer than three times, or an unknown range
         return GroundMotion()
     speed = math.sqrt(solution[2])
     approach = -solution[1] / (2.0 * math.sqrt(solution[0]))

@@ -56,7 +56,9 @@ def echo_amplitude_v(
     one_metre_w = received_power_w(radar, range_m=1.0, rcs_m2=np.asarray(rcs_m2) * np.asarray(path_gain))
     square = np.maximum(np.asarray(range_m, dtype=float), MIN_RANGE_M)
     square *= square
-    return watt_to_volt(one_metre_w) * db_to_amplitude(radar.receiver_gain_db) / square
+    one_metre_v = watt_to_volt(one_metre_w) * db_to_amplitude(radar.receiver_gain_db)
+    fits = np.broadcast_shapes(np.shape(one_metre_v), square.shape) == square.shape
+    return np.divide(one_metre_v, square, out=square if fits and square.ndim else None)
 
 
 def white_noise_v2(radar: Radar, bandwidth_hz: float) -> float:

@@ -12,7 +12,7 @@ FloatArray = npt.NDArray[np.float64]
 AnyFloatArray = npt.NDArray[np.floating[Any]]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
 def excess_columns(values: AnyFloatArray, floor: float, out: FloatArray, sums: FloatArray) -> None:
     """Cells less the floor, 0 where that is negative, and the sum of every column (E-28).
 

@@ -39,13 +39,15 @@ def shift_columns(
         p, q = part[j], 1.0 - part[j]
         before, after = -0.5 * p * q * q, -0.5 * q * p * p
         here, there = 1.0 - 2.5 * p * p + 1.5 * p * p * p, 1.0 - 2.5 * q * q + 1.5 * q * q * q
+        at = (whole[j] - 1 + n_bins) % n_bins
         for k in range(n_bins + 3):
-            row[k] = values[j, (k + whole[j] - 1 + n_bins) % n_bins]
+            row[k] = values[j, at]
+            at = at + 1 if at + 1 < n_bins else 0
         for k in range(n_bins):
             out[j, k] = before * row[k] + here * row[k + 1] + there * row[k + 2] + after * row[k + 3]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
 def power_quantiles(
     values: npt.NDArray[np.floating[Any]],
     threshold: float,
@@ -93,7 +95,7 @@ def power_quantiles(
         high[j] = k + 0.5 - ((1.0 - high_share) * total - beyond) / here
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"}, inline="always")
+@njit(nogil=True, error_model="numpy", fastmath={"contract", "nsz"}, inline="always")
 def _above(value, threshold, floor):  # type: ignore[no-untyped-def]
     """Power of a cell above the floor, 0 unless it exceeds the threshold."""
     return np.float64(value) - floor if value > threshold else 0.0

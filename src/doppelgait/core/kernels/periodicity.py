@@ -9,7 +9,7 @@ from numba import njit
 FloatArray = npt.NDArray[np.float64]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
 def lag_products(rows: FloatArray, first: int, out: FloatArray) -> None:
     r"""Products of columns some lags apart, summed over time and rows (E-33).
 
@@ -50,7 +50,7 @@ def lag_products(rows: FloatArray, first: int, out: FloatArray) -> None:
             i += 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
 def square_difference(rows: FloatArray, first: int, out: FloatArray) -> None:
     r"""Normalised square-difference autocorrelation at some lags (E-33).
 
@@ -78,7 +78,7 @@ def square_difference(rows: FloatArray, first: int, out: FloatArray) -> None:
         out[i] = 2.0 * out[i] / total if total > 0.0 else 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
 def period_harmonics(
     rows: FloatArray,
     starts: npt.NDArray[np.int64],
