@@ -353,6 +353,10 @@ BROKEN = [
     (lambda a: a.pop("model"), "model"),
     (lambda a: a.update(lowest=np.array(["a"] * 6)), "not numbers"),
     (lambda a: a.update({"calibration.slope": np.array([np.nan])}), "calibration"),
+    (lambda a: a["value"].__setitem__(0, np.nan), "value holds NaN"),
+    (lambda a: put_text(a, lambda d: d["facts"].update(names=["step", *d["facts"]["names"][1:]])), "m.npz.*'step'"),
+    (lambda a: put_text(a, lambda d: d["facts"].update(alarm="cat")), "none of its classes"),
+    (lambda a: put_text(a, lambda d: d["facts"].update(alarm_threshold=float("nan"))), "alarm_threshold"),
     (lambda a: put_text(a, lambda d: d.update(learned="eval")), "no model of doppelgait"),
     (lambda a: put_text(a, lambda d: d.update(format_version=99)), "newer doppelgait"),
     (lambda a: put_text(a, lambda d: d.update(format="other")), "does not say so"),
@@ -366,6 +370,20 @@ def test_a_file_that_was_tampered_with_is_refused(found, tmp_path, change, says)
     path = save_model(found.models["six-boosting"], tmp_path / "m.npz")
     rewritten(path, change)
     with pytest.raises(DatasetError, match=says):
+        load_model(path)
+
+
+@pytest.mark.parametrize(("name", "value"), [("weight", np.nan), ("scale", 0.0), ("scale", -1.0), ("bias", np.inf)])
+def test_weights_that_are_no_numbers_are_refused(found, tmp_path, name, value):
+    path = save_model(found.models["six-logistic"], tmp_path / "m.npz")
+    rewritten(path, lambda arrays: arrays[name].ravel().__setitem__(0, value))
+    with pytest.raises(DatasetError, match=f"m.npz.*{name} holds"):
+        load_model(path)
+
+
+def test_a_model_of_nuisances_cannot_be_used(found, tmp_path):
+    path = save_model(found.models["nuisance"], tmp_path / "m.npz")
+    with pytest.raises(DatasetError, match=r"m\.npz.*looks at the feature 'index\.prf_hz'"):
         load_model(path)
 
 
@@ -404,7 +422,15 @@ def test_foreign_and_truncated_files_are_refused(found, tmp_path):
 
 def a_target(**changes):
     columns = {f"feature_{name}": 1.0 for name in SIX} | {"gait_frequency_hz": 2.0, "flags": ""}
-    return Seen(columns | changes, xr.DataArray(np.ones((3, 3)), attrs={"wavelength_m": C / 7.29e9}))
+    columns |= {"quality_observation_s": 2.4}
+    return Seen(columns | changes, a_signature(7.29e9, 1100.0))
+
+
+def a_signature(carrier_hz, prf_hz, *, stated=True):
+    doppler_hz = (np.arange(64) - 32) * prf_hz / 64
+    coords = {"doppler": doppler_hz, "velocity": ("doppler", doppler_hz * C / carrier_hz / 2)}
+    attrs = {"wavelength_m": C / carrier_hz} if stated else {}
+    return xr.DataArray(np.ones((3, 64)), dims=("time", "doppler"), coords=coords, attrs=attrs)
 
 
 def test_decision_and_abstentions(found):
@@ -427,6 +453,47 @@ def test_decision_and_abstentions(found):
     assert lost.reason == "limb_torso_ratio is unknown, which was not learnt"
     assert decide(a_target(feature_step_length_m=0.5), model, 0).alarm
     json.dumps(sure.as_dict(), allow_nan=False)
+    assert (sure.quality["carrier_hz"], sure.quality["prf_hz"]) == pytest.approx((7.29e9, 1100))
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_another_radar_is_no_decision_and_no_alarm(found, stated):
+    """Of every model; where a signature does not state its carrier, its axes tell it."""
+    for name in (*FEATURE_MODELS, "chance"):
+        model = found.models[name]
+        assert set(model.facts.conditions) == {"carrier_hz", "prf_hz", "observation_s"}
+        other = Seen(a_target(feature_step_length_m=0.5).columns, a_signature(24.1e9, 3000.0, stated=stated))
+        said = decide(other, model, 0)
+        assert said.abstained
+        assert said.alarm is None
+        assert "carrier_hz 2.41e+10 is outside what was learnt, 7.29e+09" in said.reason
+        assert "prf_hz 3000 is outside what was learnt, 9" in said.reason
+        assert said.as_dict()["reason"] == said.reason
+    near = Seen(other.columns, a_signature(7.4e9, 1300.0, stated=stated))
+    assert "is outside" not in decide(near, model, 0).reason
+
+
+def test_too_short_unknown_and_too_few_columns_are_no_decision(found):
+    model = found.models["six-logistic"]
+    short = decide(a_target(feature_step_length_m=2.2, quality_observation_s=1.5), model, 0)
+    assert short.reason == "observation_s 1.5 is outside what was learnt, 2.5"
+    unknown = Seen(a_target().columns, xr.DataArray(np.ones((3, 3)), dims=("time", "doppler")))
+    assert "carrier_hz is not known; learnt was 7.29e+09" in decide(unknown, found.models["chance"], 0).reason
+    flag = "gait_frequency:columns_do_not_overlap"
+    older = replace(model, facts=model.facts.model_copy(update={"blocking": ("no_signal",)}))
+    for each in (model, older):
+        assert decide(a_target(feature_step_length_m=2.2, flags=flag), each, 0).reason == f"flag {flag}"
+
+
+def test_a_test_on_another_radar_is_said_and_not_decided():
+    other = made_up(seed=7, identity="b", carrier_hz=24.1e9)
+    document = evaluate(made_up(), other=other, models=["six-logistic"]).document
+    outside = document["outside_conditions"]["carrier_hz"]
+    assert (outside["n"], outside["of"]) == (240, 240)
+    assert (outside["learnt"], outside["tested"]) == (pytest.approx([7.29e9] * 2), pytest.approx([24.1e9] * 2))
+    assert any("carrier_hz: 240 of 240 tested rows have 2.41e+10, outside" in note for note in document["notes"])
+    assert document["models"]["six-logistic"]["decided"]["n"] == 0
+    assert not evaluate(made_up(), models=["six-logistic"]).document["outside_conditions"]
 
 
 def test_an_unknown_feature_is_no_error_and_a_missing_column_is(found):
@@ -465,8 +532,65 @@ def test_a_report_of_a_built_dataset(tiny, tmp_path):
     first = {p.name: p.read_bytes() for p in (tmp_path / "out").iterdir() if p.suffix != ".png"}
     write_report(evaluate(tiny, models=FEATURE_MODELS), tmp_path / "out")
     assert first == {p.name: p.read_bytes() for p in (tmp_path / "out").iterdir() if p.suffix != ".png"}
-    with pytest.raises(ConfigError, match="holds a dataset"):
-        write_report(result, tiny.directory)
+    (tmp_path / "out" / "mine.txt").write_text("mine")
+    for folder in (tiny.directory, tmp_path / "out"):
+        before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+        with pytest.raises(ConfigError, match="which no run of evaluate wrote"):
+            write_report(result, folder)
+        assert before == {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_a_report_that_fails_leaves_the_older_one(tiny, tmp_path, monkeypatch):
+    result = evaluate(tiny, models=["six-logistic"])
+    write_report(result, tmp_path / "out")
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    monkeypatch.setattr("doppelgait.classify.report.page", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        write_report(result, tmp_path / "out")
+    assert before == {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+
+
+def test_the_page_shows_both_plans_of_one_name(tmp_path):
+    one, other = made_up(), made_up(seed=7, identity="b")
+    other.description["config"] = {"analysis": {"cpi_s": 0.7}}
+    page = write_report(evaluate(one, other=other, models=["six-logistic"]), tmp_path / "out")[-1].read_text()
+    learnt, tested = page.index("Plan, learnt: made-up, id a"), page.index("Plan, tested: made-up, id b")
+    assert learnt < page.index("&quot;cpi_s&quot;: 0.1") < tested < page.index("&quot;cpi_s&quot;: 0.7")
+
+
+def test_one_class_tested_has_recalls_and_no_balanced_accuracy(tmp_path):
+    other = made_up(seed=7, identity="b")
+    other = replace(other, index=other.index[other.index["label"] == "dog"].reset_index(drop=True))
+    found = evaluate(made_up(), other=other, models=["six-logistic"])
+    model = found.document["models"]["six-logistic"]
+    assert model["balanced_accuracy"] == {
+        "value": None, "low": None, "high": None, "interval": "not all classes are tested"
+    }  # fmt: skip
+    assert model["recall"]["dog"]["value"] > 0.5
+    assert all(entry["value"] is None for entry in found.document["conditions"]["snr"]["models"]["six-logistic"])
+    assert "not all classes are tested" in write_report(found, tmp_path / "out")[-1].read_text()
+
+
+def few_movers():
+    """So few movers that none can be held back."""
+    return made_up(8, per_mover=1, split=(0.75, 0.0), seed=1)
+
+
+def test_without_held_rows_nothing_is_the_best(tmp_path):
+    with pytest.raises(ConfigError, match=r"--save: no rows can be held back to choose among six-logistic, six-boost"):
+        evaluate(few_movers(), models=FEATURE_MODELS, keep=True)
+    found = evaluate(few_movers(), models=FEATURE_MODELS)
+    assert found.best is None
+    assert found.document["best_on_held_rows"] is None
+    assert "six-logistic, six-boosting: not calibrated" in " ".join(found.document["notes"])
+    assert "not calibrated" in write_report(found, tmp_path / "out")[-1].read_text()
+    assert evaluate(few_movers(), models=["six-logistic"], keep=True).best == "six-logistic"
+
+
+def test_an_alarm_says_how_many_people_it_rests_on(found):
+    facts, index = found.models["six-logistic"].facts, made_up().index
+    people = index[(index["split"] == "validation") & (index["label"] == "human")]["group"].nunique()
+    assert facts.alarm_people == people > 5
 
 
 def test_nuisances_are_those_of_verify(tiny):
@@ -492,6 +616,7 @@ def test_recording_results_and_file_give_the_same(found, recording, tmp_path):
     for other in (two, three):
         assert other[0].probabilities == pytest.approx(one[0].probabilities)
         assert (other[0].reason, other[0].flags) == (one[0].reason, one[0].flags)
+        assert other[0].quality["prf_hz"] == pytest.approx(1300)
     assert one[0].quality["observation_s"] == pytest.approx(2.4, abs=0.1)
 
 
@@ -499,9 +624,9 @@ def test_another_radar_or_analysis_is_warned_of(found, recording):
     model = found.models["six-boosting"]
     changed = model.facts.model_copy(update={"conditions": {"prf_hz": (200.0, 300.0)}, "analysis": {"cpi_s": 0.2}})
     with pytest.warns(DoppelgaitWarning) as said:
-        classify(recording, replace(model, facts=changed), gate="truth", analysis=Analysis())
+        decisions = classify(recording, replace(model, facts=changed), gate="truth", analysis=Analysis())
+    assert "prf_hz 1300 is outside what was learnt, 200 to 300" in decisions[0].reason
     texts = " ".join(str(entry.message) for entry in said)
-    assert "prf_hz 1300: the model learnt from 200 to 300" in texts
     assert "cpi_s 0.1 instead of 0.2" in texts
 
 

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from doppelgait.cli.classify import classify
 from doppelgait.cli.evaluate import evaluate
-from doppelgait.core.errors import ConfigError, DatasetError, RecordingError
+from doppelgait.core.errors import AnalysisError, ConfigError, DatasetError, RecordingError
 from doppelgait.pipeline import parse_run, run_simulation
 from doppelgait.radar import write_recording
 
@@ -71,10 +71,15 @@ def test_a_recording_is_classified(folder):
 
 def test_mistakes_are_one_clear_error(folder, tmp_path_factory, tmp_path):
     dataset = built(tmp_path_factory, tiny_plan())
-    with pytest.raises(ConfigError, match=r"must end in \.npz"):
-        run("evaluate", dataset, "-o", tmp_path / "r", "--save", tmp_path / "m.pkl")
-    with pytest.raises(ConfigError, match="holds a dataset"):
+    for name, says in (("m.pkl", r"must end in \.npz"), ("no/m.npz", "does not exist"), ("r/m.npz", "the report")):
+        with pytest.raises(ConfigError, match=rf"^--save .*{says}"):
+            run("evaluate", dataset, "-o", tmp_path / "r", "--save", tmp_path / name)
+    with pytest.raises(ConfigError, match="which no run of evaluate wrote"):
         run("evaluate", dataset, "-o", dataset)
+    with pytest.raises(ConfigError, match="--models: model 'six-svm' is not known"):
+        run("evaluate", dataset, "-o", tmp_path / "r", "--models", "six-svm")
+    with pytest.raises(ConfigError, match=r"the folder .* does not exist"):
+        run("evaluate", dataset, "-o", tmp_path / "a" / "b")
     with pytest.raises(ConfigError, match="from 2 to 6"):
         run("evaluate", dataset, "-o", tmp_path / "r", "--cv", 7)
     with pytest.raises(DatasetError, match="no finished dataset"):
@@ -83,3 +88,26 @@ def test_mistakes_are_one_clear_error(folder, tmp_path_factory, tmp_path):
         run("classify", folder / "walk.h5", "--model", folder / "walk.h5")
     with pytest.raises(RecordingError):
         run("classify", folder / "none.h5", "--model", folder / "m.npz")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_is_no_recording_is_one_clear_error(folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(RecordingError):
+        run("classify", ".", "--model", folder / "m.npz")
+
+
+@pytest.mark.shared
+def test_a_dog_before_another_radar_is_no_decision(folder, shared):
+    """24 GHz, continuous wave: it was called human, decided, alarm."""
+    recording = next((shared / "data/radar/cw24_kmkim036/211122").glob("*_RE.txt"))
+    with pytest.raises(AnalysisError, match=r"has one range bin.*--gate 0:10"):
+        run("classify", recording, "--model", folder / "m.npz")
+    found = json.loads(run("classify", recording, "--model", folder / "m.npz", "--gate", "0:10", "--json"))
+    (target,) = found["targets"]
+    assert target["abstained"]
+    assert target["alarm"] is None
+    for words in ("columns_do_not_overlap", "carrier_hz 2.41e+10 is outside", "prf_hz 3000 is outside"):
+        assert words in target["reason"]
+    assert found["model"]["calibrated"] is False
+    assert "alarm_people" in found["model"]

@@ -80,6 +80,13 @@ def test_what_no_reader_takes_is_refused_with_the_known_formats(tmp_path):
         read_recording(tmp_path / "absent.npz")
 
 
+def test_a_folder_without_a_name_is_refused_like_any_other(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for place in (".", "/"):
+        with pytest.raises(RecordingError, match="no recording"):
+            read_recording(place)
+
+
 def test_two_readers_for_one_file_are_an_error_and_format_settles_it(tmp_path, monkeypatch):
     write_recording(measured(), tmp_path / "a.h5")
     own = RECORDING_READERS["doppelgait"]

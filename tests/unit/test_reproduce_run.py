@@ -17,7 +17,7 @@ from doppelgait.cli.reproduce import reproduce as command
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning, MotionError, OutputError
 from doppelgait.reproduce import run as module
 from doppelgait.reproduce.catalogue import all_entries, pick, place_of
-from doppelgait.reproduce.entry import Entry, Made, Reading, judged
+from doppelgait.reproduce.entry import KINDS, Entry, Made, Reading, judged, verdict
 from doppelgait.reproduce.material import Material
 from doppelgait.reproduce.run import reproduce
 from doppelgait.viz.style import new_axes
@@ -37,6 +37,7 @@ def _draw(material):
         Reading("width", 3.0, "m", 1.0, 0.5),
         Reading("lost", math.nan, "s", 1.0, 0.5),
         Reading("free", 2.0, "1"),
+        Reading("chosen", 4.0, "1", 4.0, given=True),
     ]
     table = pd.DataFrame({"n": range(40), "x": [0.5] * 40})
     return Made(figure, readings, "Differs & is <said>.", table)
@@ -98,6 +99,20 @@ def test_a_judgement_names_what_differs():
     good, bad = Reading("one", 1.0, "1", 1.0), Reading("two", 1.0, "1", 2.0)
     assert judged([good], "it is so.") == "Agrees: it is so."
     assert judged([good, bad], "it is so.") == "Differs in: two. it is so."
+    chosen = Reading("three", 1.0, "1", 1.0, given=True)
+    assert judged([chosen], "it is so.") == "Set as stated: it is so."
+
+
+def test_what_was_set_as_stated_is_no_agreement():
+    chosen, missed = (Reading("n", ours, "1", 17.0, given=True) for ours in (17.0, 16.0))
+    free, good, bad = Reading("f", 1.0, "1"), Reading("g", 1.0, "1", 1.0), Reading("b", 1.0, "1", 2.0)
+    assert [one.kind for one in (good, chosen, bad, free)] == list(KINDS)
+    assert chosen.agrees is None
+    assert (missed.kind, missed.agrees) == ("differs", False)  # set, and yet not as stated: a fault
+    assert [verdict(some) for some in ([good, chosen, free], [chosen, free], [free], [])] == [
+        "Agrees", "Set as stated", "Not compared", "Not compared",
+    ]  # fmt: skip
+    assert [verdict(some) for some in ([good, bad], [chosen, bad], [bad])] == ["Differs in part", "Differs", "Differs"]
 
 
 def test_every_figure_of_chapters_2_and_3_is_there_once_and_in_order():
@@ -133,7 +148,9 @@ def test_a_run_writes_page_numbers_figures_and_tables(few, tmp_path):
     assert len(pd.read_csv(tmp_path / "out/tables/fig-9.1.csv")) == 40
     document = json.loads((tmp_path / "out/readings.json").read_text())
     first, second, third = document["entries"]
-    assert [reading["agrees"] for reading in first["readings"]] == [True, False, False, None]
+    assert [reading["agrees"] for reading in first["readings"]] == [True, False, False, None, None]
+    assert [reading["kind"] for reading in first["readings"]][-2:] == ["not stated", "set"]
+    assert [reading["given"] for reading in first["readings"]] == [False] * 4 + [True]
     assert first["readings"][2]["ours"] is None
     assert first["figure"] == "figures/fig-9.1.png"
     assert second["error"] == "no such gait here"
@@ -165,6 +182,7 @@ def test_the_page_shows_each_number_beside_what_is_stated_and_asks_nothing_of_th
     assert "<td>width</td>" in text.replace("\n", "")
     assert "1 agree<" in text
     assert "2 differ<" in text
+    assert "1 were set<" in text
     assert "for 1 it states none" in text
     assert "1 of them could not be made" in text
     assert "no such gait here" in text
@@ -275,9 +293,9 @@ def test_the_command_prints_a_table_and_fails_where_an_entry_could_not_be_made(f
     app.command()(command)
     good = CliRunner().invoke(app, [str(tmp_path / "out"), "--only", "table-9.1", "--quiet"])
     assert good.exit_code == 0, good.output
-    assert re.search(r"table-9\.1 +0 +0 +0 +\d+\.\d +A table", good.output)
+    assert re.search(r"table-9\.1 +0 +0 +0 +0 +\d+\.\d +A table", good.output)
     bad = CliRunner().invoke(app, [str(tmp_path / "out"), "--quiet"])
     assert bad.exit_code == 1
-    assert re.search(r"fig-9\.2 +0 +0 +0 +\d+\.\d +NOT MADE: no such gait here", bad.output)
-    assert re.search(r"fig-9\.1 +1 +2 +1 ", bad.output)
+    assert re.search(r"fig-9\.2 +0 +0 +0 +0 +\d+\.\d +NOT MADE: no such gait here", bad.output)
+    assert re.search(r"fig-9\.1 +1 +1 +2 +1 ", bad.output)
     assert "error: fig-9.2 could not be made" in bad.output

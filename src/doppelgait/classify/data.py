@@ -151,7 +151,7 @@ def table_of(rows: Rows, features: str, *, patch: Patch | None = None, motion_fo
     if features == "nuisance":
         return nuisances_of(rows, motion_folder or Path.cwd())
     names = _feature_names(rows.datasets, "six" if features == "speed" else features)
-    values = feature_values({name: rows.index[column] for name, column in names.items()}, _wavelengths_m(rows))
+    values = feature_values({name: rows.index[column] for name, column in names.items()}, wavelengths_m(rows))
     if features == "speed":
         values = {SPEED: values[SPEED]}
     return Table(np.column_stack(list(values.values())), tuple(values))
@@ -186,7 +186,7 @@ def feature_values(columns: Mapping[str, Any], wavelength_m: FloatArray) -> dict
     return found
 
 
-def _wavelengths_m(rows: Rows) -> FloatArray:
+def wavelengths_m(rows: Rows) -> FloatArray:
     """Wavelength of every row's carrier; NaN where a dataset does not tell."""
     carriers = [
         pd.to_numeric(part.index["carrier_hz"], errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from doppelgait.classify.conditions import conditions_of_target, outside_conditions, wavelength_of
 from doppelgait.classify.data import feature_values, levels_of
 from doppelgait.classify.learned import Network
-from doppelgait.classify.model import Model, blocking_flag
+from doppelgait.classify.model import BLOCKING, Model, blocking_flag
 from doppelgait.classify.result_file import is_result_file, read_columns
 from doppelgait.core.config import validate
 from doppelgait.core.errors import AnalysisError, DoppelgaitWarning
@@ -22,9 +23,6 @@ from doppelgait.dataset.rows import result_columns
 from doppelgait.pipeline import TargetResult, Tracking, analyze
 from doppelgait.processing import Analysis
 from doppelgait.radar import Recording, read_recording
-
-SAME_RATE = 0.02
-"""A carrier or pulse rate within this share of those learnt is the same."""
 
 
 @dataclass(frozen=True)
@@ -46,12 +44,13 @@ class Decision:
     reason : str
         Why; empty for a decision.
     alarm : bool or None
-        Whether it triggers the alarm that detects 95 % of people; None where the model has none. An abstention by a
-        flag or by features outside what was learnt does not keep it from triggering.
+        Whether it triggers the alarm that detects 95 % of people; None where the model has none or the radar is
+        not one that was learnt from, for which no threshold holds. An abstention by a flag or by features outside what
+        was learnt does not keep it from triggering.
     flags : tuple of str
         Of the analysis.
     quality : mapping
-        Range, times and SNR of the target, as far as known.
+        Range, times and SNR of the target, carrier and pulse rate, as far as known.
     """
 
     target: int
@@ -79,7 +78,7 @@ class Seen:
     columns : mapping
         As in the index of a dataset.
     signature : DataArray (time, doppler)
-        With the attribute ``wavelength_m``.
+        With the attribute ``wavelength_m``, or the coordinate ``velocity`` along ``doppler``.
     """
 
     columns: Mapping[str, Any]
@@ -89,6 +88,11 @@ class Seen:
     def flags(self) -> tuple[str, ...]:
         """Flags of its analysis."""
         return tuple(flag for flag in str(self.columns.get("flags") or "").split(";") if flag)
+
+    @property
+    def conditions(self) -> dict[str, float]:
+        """Carrier, pulse rate and observation time; NaN for unknown."""
+        return conditions_of_target(self.columns, self.signature)
 
 
 def classify(
@@ -122,13 +126,27 @@ def classify(
             stored, parameters = read_columns(source)
             _warn_of_settings(parameters, model)
             return [decide(Seen(*found), model, number) for number, found in enumerate(stored)]
-        source = read_recording(source)
+        source = read_recording(Path(source).resolve() if Path(source).is_dir() else source)
     if isinstance(source, Recording):
         settings = analysis or analysis_of(model)
         _warn_of_settings(settings.model_dump(mode="json"), model)
-        _warn_of_radar(source, model)
-        source = analyze(source, gate=gate, analysis=settings, tracking=tracking)
+        source = _analyzed(source, gate, settings, tracking)
     return [decide(Seen(result_columns(r), r.signature), model, number) for number, r in enumerate(source)]
+
+
+def _analyzed(recording: Recording, gate: Any, settings: Analysis, tracking: Tracking | None) -> list[TargetResult]:
+    """Targets; of one range bin, in which nobody can be followed, the error says what gate takes all of it."""
+    try:
+        return analyze(recording, gate=gate, analysis=settings, tracking=tracking)
+    except AnalysisError as error:
+        radar = recording.radar
+        if recording.baseband.sizes["range"] > 1 or not isinstance(gate, str) or gate != "track":
+            raise
+        low_m, high_m = radar.range_start_m, radar.range_stop_m
+        raise AnalysisError(
+            f"{recording.source}: has one range bin, in which nobody can be followed; take all of it, "
+            f"--gate {low_m:g}:{high_m:g} (gate=({low_m:g}, {high_m:g}))"
+        ) from error
 
 
 def analysis_of(model: Model) -> Analysis:
@@ -147,10 +165,11 @@ def decide(seen: Seen, model: Model, number: int) -> Decision:
     values, outside = _inputs(seen, model, number)
     probability = model.probability(values)[0]
     best = int(probability.argmax())
-    reason = _reason(seen, model, float(probability[best]), outside)
+    elsewhere = outside_conditions(seen.conditions, model.facts.conditions)
+    reason = _reason(seen, model, float(probability[best]), [*elsewhere, *outside])
     threshold = model.facts.alarm_threshold
     alarm = None
-    if model.facts.alarm is not None and threshold is not None:
+    if model.facts.alarm is not None and threshold is not None and not elsewhere:
         alarm = bool(probability[model.facts.classes.index(model.facts.alarm)] >= threshold)
     return Decision(
         target=number, label=model.facts.classes[best], probability=float(probability[best]),
@@ -173,7 +192,7 @@ def _inputs(seen: Seen, model: Model, number: int) -> tuple[Any, list[str]]:
             f"target {number}: has no {missing[0]}, which {model.facts.name} looks at; analyse with extended = true "
             "and the standard method"
         )
-    wavelength_m = np.array([float(seen.signature.attrs["wavelength_m"])])
+    wavelength_m = np.array([wavelength_of(seen.signature)])
     found = feature_values({name: [seen.columns[column]] for name, column in columns.items()}, wavelength_m)
     row = np.array([found[name][0] for name in model.facts.names])
     return row[None], model.outside(row)
@@ -187,12 +206,10 @@ def _six() -> dict[str, str]:
 
 def _reason(seen: Seen, model: Model, probability: float, outside: Sequence[str]) -> str:
     """Why no decision is given; empty if one is."""
-    flag = blocking_flag(seen.flags, model.facts.blocking)
-    if flag is not None:
-        return f"flag {flag}"
-    if outside:
-        return "; ".join(outside)
-    if probability < model.facts.abstain_below:
+    flag = blocking_flag(seen.flags, (*model.facts.blocking, *BLOCKING))  # ours hold for older models too
+    if flag is not None or outside:
+        return "; ".join([*([] if flag is None else [f"flag {flag}"]), *outside])
+    if not probability >= model.facts.abstain_below:
         return f"probability {probability:.2f} is below {model.facts.abstain_below:g}"
     return ""
 
@@ -201,7 +218,9 @@ SHOWN_QUALITY = ("track_range_m", "start_s", "stop_s", "observation_s", "snr_mu_
 
 
 def _quality(seen: Seen) -> dict[str, Any]:
-    found = {name: seen.columns.get(f"quality_{name}") for name in SHOWN_QUALITY}
+    found = {name: seen.columns.get(f"quality_{name}") for name in SHOWN_QUALITY} | {
+        name: value for name, value in seen.conditions.items() if name != "observation_s"
+    }
     return {name: float(value) for name, value in found.items() if value is not None and np.isfinite(value)}
 
 
@@ -213,13 +232,3 @@ def _warn_of_settings(found: Mapping[str, Any], model: Model) -> None:
     if other:
         words = ", ".join(f"{name} {found[name]} instead of {expected[name]}" for name in other)
         warnings.warn(f"the analysis is not that of the model: {words}", DoppelgaitWarning, stacklevel=3)
-
-
-def _warn_of_radar(recording: Recording, model: Model) -> None:
-    """Say where the radar is none that was learnt from."""
-    radar = recording.radar
-    for name, value in (("carrier_hz", radar.carrier_hz), ("prf_hz", radar.prf_hz)):
-        low, high = model.facts.conditions.get(name, (value, value))
-        if not low * (1 - SAME_RATE) <= value <= high * (1 + SAME_RATE):
-            learnt = f"{low:.6g}" if low == high else f"{low:.6g} to {high:.6g}"
-            warnings.warn(f"{name} {value:.6g}: the model learnt from {learnt}", DoppelgaitWarning, stacklevel=3)

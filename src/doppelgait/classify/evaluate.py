@@ -11,7 +11,8 @@ import numpy as np
 import pandas as pd
 
 from doppelgait import __version__
-from doppelgait.classify.calibrate import Calibration, calibrate, class_weights, detection_threshold
+from doppelgait.classify.calibrate import LEAST_ROWS, Calibration, calibrate, class_weights, detection_threshold
+from doppelgait.classify.conditions import beyond, conditions_of_rows, conditions_outside, learnt_conditions, span_words
 from doppelgait.classify.data import Rows, Table, rows_of, table_of
 from doppelgait.classify.document import answers_table, document_of
 from doppelgait.classify.learned import FloatArray
@@ -38,15 +39,15 @@ class Evaluation:
         All scores, for JSON; None for unknown.
     answers : DataFrame
         One line per tested row: id, label, and of every model the probabilities, the class and whether it is decided.
-    best : str
-        The model that told the held rows best.
+    best : str or None
+        The model that told the held rows best, or the only one; None where no rows are held back to choose by.
     models : dict
         Trained models by name, as scored; after a cross-validation trained on all rows, and only if asked for.
     """
 
     document: dict[str, Any]
     answers: pd.DataFrame
-    best: str
+    best: str | None
     models: dict[str, Model]
 
 
@@ -58,6 +59,10 @@ class _Run:
     models: list[Model]
     held_loss: float
     importance: dict[str, float]
+
+    @property
+    def calibrated(self) -> bool:
+        return all(model.calibration.n_rows > 0 for model in self.models)
 
 
 def evaluate(
@@ -98,7 +103,7 @@ def evaluate(
     DatasetError
         If there is one class alone, nothing to test on, or the other dataset lacks features or has further classes.
     ConfigError
-        If models or options are not known or do not go together.
+        If models or options are not known or do not go together; or if a model is to be kept and none can be chosen.
     """
     rows = rows_of(dataset, other)
     folds, notes = _folds(rows, n_folds, left_out, seed)
@@ -107,19 +112,64 @@ def evaluate(
     if not any(name in MODELS for name in tables):
         raise DatasetError(f"{dataset.directory}: no model can be trained: {'; '.join(skipped)}")
     whole = [*folds, _whole(rows, seed)] if keep and (n_folds or left_out) else folds
+    if keep:
+        _check_choice(tables, whole)
     runs: dict[str, _Run] = {}
     for number, (name, table) in enumerate(tables.items()):
         tick = _tick(on_progress, number * len(whole), len(tables) * len(whole))
         runs[name] = _run(rows, table, name, whole, seed, tick)
-    best = min((name for name in runs if name in MODELS), key=lambda name: runs[name].held_loss)
+    best = _best(runs)
     answers = {name: run.answers for name, run in runs.items()}
-    document = document_of(rows, folds, answers, [*notes, *skipped], seed=seed)
+    outside = _outside(rows, folds)
+    said = [*notes, *skipped, *_notes(runs, outside)]
+    document = document_of(rows, folds, answers, said, seed=seed)
     for name, run in runs.items():
         document["models"][name]["held_log_loss"] = run.held_loss if np.isfinite(run.held_loss) else None
+        document["models"][name]["calibrated"] = run.calibrated
         document["models"][name]["importance"] = run.importance
-    document["best_on_held_rows"] = best
+    document |= {"best_on_held_rows": best, "outside_conditions": outside}
     kept = {name: run.models[-1] for name, run in runs.items() if len(folds) == 1 or len(whole) > len(folds)}
     return Evaluation(document, answers_table(rows, answers), best, kept)
+
+
+def _check_choice(tables: dict[str, Table], folds: Sequence[Fold]) -> None:
+    """Refuse to keep the best of several models where there is nothing to choose by."""
+    names = [name for name in tables if name in MODELS]
+    if len(names) > 1 and not all(fold.held.size for fold in folds):
+        raise ConfigError(
+            f"--save: no rows can be held back to choose among {', '.join(names)}: a class has too few movers; "
+            "name the one model to keep (--models), or give more data"
+        )
+
+
+def _best(runs: dict[str, _Run]) -> str | None:
+    trained = [name for name in runs if name in MODELS]
+    best = min(trained, key=lambda name: runs[name].held_loss)
+    return best if len(trained) == 1 or np.isfinite(runs[best].held_loss) else None
+
+
+def _outside(rows: Rows, folds: Sequence[Fold]) -> dict[str, dict[str, Any]]:
+    """Conditions of tested rows that lie outside those learnt, of all folds together."""
+    found = conditions_of_rows(rows)
+    all_of_them: dict[str, dict[str, Any]] = {}
+    for fold in folds:
+        for name, part in conditions_outside(found, fold.train, fold.test).items():
+            before = all_of_them.setdefault(name, {**part, "n": 0, "of": sum(f.test.size for f in folds)})
+            before["n"] += part["n"]
+            for key in ("learnt", "tested"):
+                before[key] = [min(before[key][0], part[key][0]), max(before[key][1], part[key][1])]
+    return all_of_them
+
+
+def _notes(runs: dict[str, _Run], outside: dict[str, dict[str, Any]]) -> list[str]:
+    """What the reader must know of calibration and of conditions that were not learnt."""
+    bare = [name for name, run in runs.items() if name in MODELS and not run.calibrated]
+    said = [f"{', '.join(bare)}: not calibrated, a class has fewer than {LEAST_ROWS} held rows"] if bare else []
+    return said + [
+        f"{name}: {part['n']} of {part['of']} tested rows have {span_words(*part['tested'])}, outside what was "
+        f"learnt, {span_words(*part['learnt'])}: no decision there; other scores count them"
+        for name, part in outside.items()
+    ]
 
 
 def _folds(rows: Rows, n_folds: int | None, left_out: str | None, seed: int) -> tuple[list[Fold], list[str]]:
@@ -204,7 +254,16 @@ def learn(rows: Rows, table: Table, name: str, fold: Fold, *, seed: int) -> Mode
         calibration = calibrate(learned.log_probability(held.values), held.labels)
     threshold = _alarm_threshold(rows, calibration(learned.log_probability(held.values)), held)
     spans = _spans(train.values, table.names)
-    return Model(_facts(rows, table, name, kind, fold, seed, threshold), learned, calibration, *spans)
+    facts = _facts(rows, table, name, kind, fold, seed).model_copy(
+        update={"alarm_threshold": threshold, "alarm_people": None if threshold is None else _people(rows, fold)}
+    )
+    return Model(facts, learned, calibration, *spans)
+
+
+def _people(rows: Rows, fold: Fold) -> int:
+    """Movers of the alarm class among the held rows."""
+    member = rows.labels[fold.held] == rows.classes.index(ALARM_CLASS)
+    return int(np.unique(rows.groups[fold.held][member]).size)
 
 
 def _alarm_threshold(rows: Rows, probability: FloatArray, held: Part) -> float | None:
@@ -226,20 +285,15 @@ def _spans(values: Any, names: tuple[str, ...]) -> tuple[FloatArray, FloatArray,
     return lowest, highest, unknown
 
 
-def _facts(rows: Rows, table: Table, name: str, kind: Kind, fold: Fold, seed: int, threshold: float | None) -> Facts:
+def _facts(rows: Rows, table: Table, name: str, kind: Kind, fold: Fold, seed: int) -> Facts:
     first = rows.datasets[0].description
-    learnt = rows.index.iloc[fold.train]
-    conditions = {}
-    for column in ("carrier_hz", "prf_hz", "observation_s"):
-        known = pd.to_numeric(learnt[column], errors="coerce").dropna() if column in learnt else pd.Series(dtype=float)
-        if len(known):
-            conditions[column] = (float(known.min()), float(known.max()))
     config = first.get("config") or {}
     return Facts(
         name=name, features=kind.features, names=table.names, classes=rows.classes, dataset_id=str(first["id"]),
         dataset_name=str(first.get("name", "")), version=__version__, n_train=fold.train.size, n_held=fold.held.size,
-        seed=seed, analysis=dict(config.get("analysis") or {}), conditions=conditions,
-        alarm=ALARM_CLASS if ALARM_CLASS in rows.classes else None, alarm_threshold=threshold,
+        seed=seed, analysis=dict(config.get("analysis") or {}), 
+        conditions=learnt_conditions(conditions_of_rows(rows), fold.train),
+        alarm=ALARM_CLASS if ALARM_CLASS in rows.classes else None,
     )  # fmt: skip
 
 
@@ -248,6 +302,8 @@ def _answers(rows: Rows, table: Table, model: Model, fold: Fold) -> Answers:
     probability = model.probability(values)
     index = rows.index.iloc[fold.test]
     blocked = _blocked(index) | model.beyond(values).any(axis=1)
+    for name, found in conditions_of_rows(rows).items():
+        blocked |= beyond(found[fold.test], name, model.facts.conditions)
     threshold = np.nan if model.facts.alarm_threshold is None else model.facts.alarm_threshold
     return Answers(
         index, rows.labels[fold.test], rows.groups[fold.test], rows.classes, probability,

@@ -15,16 +15,16 @@ MODEL_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#8c564b
 BASELINE_COLOUR = "#888888"
 BASELINE_STYLES = {"chance": ":", "nuisance": "--", "speed": "-."}
 MOST_FEATURES = 15
+ALONE = "a class that is there alone"
 
 Document = Mapping[str, Any]
 
 
 def figures_of(document: Document) -> Iterator[tuple[str, str, Figure]]:
     """Name, words and figure, one after the other."""
-    best = document["best_on_held_rows"]
     yield "scores", "Balanced accuracy of every model with its 95 % interval; dotted: chance.", score_bars(document)
     yield "confusion", "Rows by class and by what they were taken for.", confusion_maps(document)
-    for name in document["models"][best]["roc"]:
+    for name in next(iter(document["models"].values()))["roc"]:
         yield (
             f"roc-{_slug(name)}",
             f"{name} against all others: detected against falsely detected.",
@@ -39,7 +39,7 @@ def figures_of(document: Document) -> Iterator[tuple[str, str, Figure]]:
         words = document["conditions"][condition]["words"]
         yield (
             f"accuracy-{condition}",
-            f"Balanced accuracy against {words}, with 95 % intervals.",
+            f"Balanced accuracy against {words}, with 95 % intervals; hollow: recall of {ALONE}.",
             condition_curves(document, condition),
         )
     for name, model in document["models"].items():
@@ -72,14 +72,27 @@ def score_bars(document: Document) -> Figure:
     figure, axes = new_axes(width_in=8.0, height_in=1.2 + 0.42 * len(models))
     for place, (name, model) in enumerate(reversed(models.items())):
         found = model["balanced_accuracy"]
+        if found["value"] is None:
+            _hollow(axes, [(share["value"], place) for share in _known(model["recall"])], looks[name]["color"])
+            continue
         axes.plot([found["low"], found["high"]], [place, place], color=looks[name]["color"], lw=2.5)
         axes.plot([found["value"]], [place], "o", color=looks[name]["color"], ms=7)
     axes.set_yticks(range(len(models)), labels=list(reversed(models)))
     axes.axvline(1.0 / len(document["classes"]), color="black", ls=":", lw=1.0)
     axes.set_xlim(0.0, 1.02)
     _grid(axes)
-    name_axes(axes, title="Balanced accuracy", x="balanced accuracy", y="")
+    name_axes(axes, title="Balanced accuracy", x=f"balanced accuracy (hollow: recall of {ALONE})", y="")
     return figure
+
+
+def _known(recall: Mapping[str, Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    return [share for share in recall.values() if share["value"] is not None]
+
+
+def _hollow(axes: Axes, points: Sequence[tuple[float, float]], colour: str) -> None:
+    """Recalls, which are no balanced accuracy."""
+    for x, y in points:
+        axes.plot([x], [y], "D", mfc="none", color=colour, ms=6)
 
 
 def confusion_maps(document: Document) -> Figure:
@@ -150,9 +163,14 @@ def condition_curves(document: Document, condition: str) -> Figure:
     for number, (name, bins) in enumerate(facts["models"].items()):
         step = bins[0]["to"] - bins[0]["from"]
         shift = step * (number - (count - 1) / 2.0) * 0.5 / max(count, 1)
-        x = np.array([(entry["from"] + entry["to"]) / 2.0 for entry in bins]) + shift
-        y = np.array([entry["value"] for entry in bins])
-        spread = np.abs(np.array([[entry["low"], entry["high"]] for entry in bins]).T - y)
+        middle = {id(entry): (entry["from"] + entry["to"]) / 2.0 + shift for entry in bins}
+        whole = [entry for entry in bins if entry["value"] is not None]
+        for entry in bins:
+            if entry["value"] is None:
+                shares = [(middle[id(entry)], share["value"]) for share in _known(entry["recall"])]
+                _hollow(axes, shares, looks[name]["color"])
+        x, y = np.array([middle[id(entry)] for entry in whole]), np.array([entry["value"] for entry in whole])
+        spread = np.abs(np.array([[entry["low"], entry["high"]] for entry in whole]).reshape(-1, 2).T - y)
         axes.errorbar(x, y, yerr=spread, lw=1.4, elinewidth=0.8, marker="o", ms=4, label=name, **looks[name])
     for entry in next(iter(facts["models"].values())):
         axes.text((entry["from"] + entry["to"]) / 2.0, 0.01, f"n = {entry['n']}", fontsize=8, ha="center", va="bottom")

@@ -18,9 +18,10 @@ from doppelgait.core.config import FrozenModel
 ABSTAIN_BELOW = 0.8
 BLOCKING = (
     "no_signal", "not_tracked", "keeps_still:*", "no_steady_piece:*", "aspect_beyond_75_deg:*", "gates_overlap",
-    "clutter_removal_took_*", "doppler_band_full:*",
+    "clutter_removal_took_*", "doppler_band_full:*", "*:columns_do_not_overlap",
 )  # fmt: skip
-"""Flags with which no decision is given, * for anything: nothing seen, no gait in it, another body's echo in it."""
+"""Flags with which no decision is given, * for anything: nothing seen, no gait in it, another body's echo in it,
+or the columns are too few to show one."""
 OUTSIDE = 0.25
 """A feature may lie outside what was learnt by this share of its span there."""
 RARELY = 0.01
@@ -54,6 +55,8 @@ class Facts(FrozenModel):
         The class that must be detected, where there is one.
     alarm_threshold : float or None
         Probability of that class from which on 95 % of the held rows of it are detected.
+    alarm_people : int or None
+        Movers of that class among the held rows, which the threshold rests on; None if not known.
     blocking : tuple of str
         Flags with which no decision is given.
     """
@@ -72,7 +75,8 @@ class Facts(FrozenModel):
     conditions: dict[str, tuple[float, float]]
     abstain_below: float = Field(default=ABSTAIN_BELOW, ge=0, le=1)
     alarm: str | None = None
-    alarm_threshold: float | None = None
+    alarm_threshold: float | None = Field(default=None, ge=0, le=1)
+    alarm_people: int | None = Field(default=None, ge=0)
     blocking: tuple[str, ...] = BLOCKING
 
 
@@ -137,6 +141,13 @@ class Model:
             else:
                 found.append(f"{name} {values[n]:.3g} is outside what was learnt, {learnt}")
         return found
+
+
+def rests_on(facts: Facts) -> str:
+    """What an alarm threshold rests on, in words; empty where there is no threshold or it is not known."""
+    if facts.alarm_threshold is None or facts.alarm_people is None:
+        return ""
+    return f"the alarm threshold rests on {facts.alarm_people} movers of class {facts.alarm} that were held back"
 
 
 def blocking_flag(flags: Iterable[str], patterns: Sequence[str]) -> str | None:

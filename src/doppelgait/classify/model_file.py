@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -14,12 +14,14 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.classify.calibrate import Calibration
+from doppelgait.classify.data import BANDWIDTH, SPEED, VELOCITY, WIDTH
 from doppelgait.classify.learned import Constant, Learned, Linear, Network, Trees
 from doppelgait.classify.model import Facts, Model
 from doppelgait.classify.patches import Patch
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.files import atomic_path
+from doppelgait.features import FEATURE_UNITS
 
 FORMAT = "doppelgait-model"
 FORMAT_VERSION = 1
@@ -27,6 +29,8 @@ SUFFIX = ".npz"
 MOST_BYTES = 256_000_000
 """Of all arrays together: no model of ours is nearly as large."""
 KINDS: dict[str, type[Any]] = {"constant": Constant, "linear": Linear, "trees": Trees}
+FEATURES = {SPEED, WIDTH, "gait_frequency_hz", *FEATURE_UNITS} - {VELOCITY, BANDWIDTH}
+"""What the analysis of a recording gives; besides these, the extended features that are registered."""
 INTEGERS = {"told", "feature", "unknown_left", "left", "right", "root"}
 
 Arrays = dict[str, npt.NDArray[Any]]
@@ -150,10 +154,36 @@ def _check(model: Model) -> None:
         _same(getattr(model, name).shape, (n_features,), name)
     if not (0 < model.calibration.slope < np.inf and np.isfinite(model.calibration.shift).all()):
         raise ValueError("its calibration is no number above 0")
+    if model.facts.alarm is not None and model.facts.alarm not in model.facts.classes:
+        raise ValueError(f"its alarm is for {model.facts.alarm!r}, which is none of its classes")
+    _check_features(model)
+    _check_numbers(vars(model.learned))
     checks: dict[type, Callable[..., None]] = {
         Constant: _check_constant, Linear: _check_linear, Trees: _check_trees, Network: _check_network
     }  # fmt: skip
     checks[type(model.learned)](model.learned, n_classes, n_features)
+
+
+def _check_features(model: Model) -> None:
+    """Refuse a model that looks at what no analysis gives, such as the nuisance parameters of a plan."""
+    from doppelgait.features.extended import feature_table
+
+    given = FEATURES | {f"extended_{name}" for name, _, _ in feature_table()}
+    wrong = [name for name in model.facts.names if name not in given]
+    if wrong:
+        raise ValueError(
+            f"looks at the feature {wrong[0]!r}, which no analysis gives; it gives the six features, gait_frequency_hz "
+            "and the registered extended features"
+        )
+
+
+def _check_numbers(parts: Mapping[str, Any]) -> None:
+    """Refuse NaN and infinity in what is learnt; a threshold of a tree may be infinite."""
+    for name, values in parts.items():
+        for array in values if isinstance(values, tuple) else (values,):
+            wrong = np.isnan if name == "threshold" else lambda numbers: ~np.isfinite(numbers)
+            if isinstance(array, np.ndarray) and wrong(array).any():
+                raise ValueError(f"{name} holds NaN or infinity")
 
 
 def _same(found: tuple[int, ...], expected: tuple[int, ...], name: str) -> None:
@@ -172,6 +202,8 @@ def _check_linear(learned: Any, n_classes: int, n_features: int) -> None:
     _same(learned.bias.shape, (n_classes,), "bias")
     for name in ("mean", "scale"):
         _same(getattr(learned, name).shape, (columns,), name)
+    if not (learned.scale > 0).all():
+        raise ValueError("scale holds numbers that are not above 0")
     if learned.told.size and not (learned.told.min() >= 0 and learned.told.max() < n_features):
         raise ValueError("told names features that are not there")
 

@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from doppelgait.classify.evaluate import Evaluation
-from doppelgait.core.errors import ConfigError, OutputError
-from doppelgait.core.files import atomic_path
+from doppelgait.core.own_folder import PAGE, check_out, complete_folder
+
+FORMAT, FORMAT_VERSION = "doppelgait-evaluation", 1
+LISTING = "report.json"
 
 STYLE = """body { font-family: sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; color: #222; }
 table { border-collapse: collapse; margin: 1rem 0; } th, td { padding: .25rem .7rem; text-align: right; }
@@ -20,34 +22,25 @@ pre { background: #f4f4f4; padding: 1rem; overflow-x: auto; } .note { color: #a0
 
 
 def check_folder(folder: Path) -> Path:
-    """Folder of a report; a dataset's folder is refused, and one that cannot be made.
+    """Folder of a report to be; nothing is made.
 
     Raises
     ------
     ConfigError
-        If it holds a dataset or is a file.
-    OutputError
-        If it cannot be made.
+        If the folder above does not exist, it is a file, or it holds anything that is not of an earlier report.
     """
-    if (folder / "dataset.json").exists():
-        raise ConfigError(f"-o {folder}: holds a dataset; give another folder for the report")
-    if folder.exists() and not folder.is_dir():
-        raise ConfigError(f"-o {folder}: is a file; give a folder")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"-o {folder}: cannot be made: {error.strerror}") from None
+    check_out(folder, listing=LISTING, file_format=FORMAT, command="evaluate")
     return folder
 
 
 def write_report(found: Evaluation, folder: str | Path) -> list[Path]:
-    """Write ``index.html`` with its figures, ``scores.json``, ``answers.csv`` and ``plan.json``.
+    """Write ``index.html`` with its figures, ``scores.json``, ``answers.csv``, ``plan.json`` and a list of them.
 
     Parameters
     ----------
     found : Evaluation
     folder : path
-        Made if it is not there; files of an older report are replaced.
+        It appears complete or not at all; an older report is replaced.
 
     Returns
     -------
@@ -57,33 +50,37 @@ def write_report(found: Evaluation, folder: str | Path) -> list[Path]:
     Raises
     ------
     ConfigError, OutputError
-        If the folder cannot be used.
+        If the folder cannot be used; what was there before is untouched.
     """
     from doppelgait.classify.figures import figures_of
     from doppelgait.viz import save_figure
 
     target, document = check_folder(Path(folder)), found.document
-    written, pictures = [], []
-    for name, words, figure in figures_of(document):
-        written.append(save_figure(figure, target / f"{name}.png"))
-        pictures.append((f"{name}.png", words))
-    plans = {
-        part["name"]: part["config"] for part in (document["dataset"], document["test_dataset"]) if part is not None
-    }
+    with complete_folder(target) as partial:
+        pictures = []
+        for name, words, figure in figures_of(document):
+            save_figure(figure, partial / f"{name}.png")
+            pictures.append((f"{name}.png", words))
+        texts = _texts(found, pictures)
+        for name, text in texts.items():
+            (partial / name).write_text(text, encoding="utf-8", newline="\n")
+    return [target / name for name in [*(name for name, _ in pictures), *texts]]
+
+
+def _texts(found: Evaluation, pictures: Sequence[tuple[str, str]]) -> dict[str, str]:
+    """All files but the figures, by name; the page last."""
+    document = found.document
     texts = {
         "scores.json": json.dumps(document, indent=1, allow_nan=False) + "\n",
         "answers.csv": found.answers.to_csv(index=False, lineterminator="\n"),
         "plan.json": json.dumps(document["dataset"]["config"], indent=1, allow_nan=False) + "\n",
-        "index.html": page(document, pictures, plans),
     }
-    for name, text in texts.items():
-        with atomic_path(target / name) as partial:
-            partial.write_text(text, encoding="utf-8", newline="\n")
-        written.append(target / name)
-    return written
+    listing = {"format": FORMAT, "format_version": FORMAT_VERSION, "files": sorted([*texts, *dict(pictures)])}
+    texts[LISTING] = json.dumps(listing, indent=1) + "\n"
+    return {**texts, PAGE: page(document, pictures)}
 
 
-def page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]], plans: Mapping[str, Any]) -> str:
+def page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]]) -> str:
     """The page as HTML."""
     data, other = document["dataset"], document["test_dataset"]
     tested = ", ".join(f"{count} {name}" for name, count in document["tested"].items())
@@ -106,13 +103,17 @@ def page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]], plans
         *_breakdowns(document),
         "<h2>Who learnt, who was tested</h2>",
         _table(_fold_rows(document)),
-        *(
-            f"<h2>Plan of {escape(str(name))}</h2><pre>{escape(json.dumps(plan, indent=1))}</pre>"
-            for name, plan in plans.items()
-        ),
+        *(_plan(part, role) for part, role in ((data, "learnt"), (other, "tested")) if part is not None),
     ]
     head = f"<meta charset='utf-8'><title>{escape(str(data['name']))}: classification</title><style>{STYLE}</style>"
     return f"<!doctype html>\n<html lang='en'><head>{head}</head>\n<body>\n" + "\n".join(parts) + "\n</body></html>\n"
+
+
+def _plan(facts: Mapping[str, Any], role: str) -> str:
+    title = f"<h2>Plan, {role}: {escape(str(facts['name']))}, id {escape(str(facts['id']))}</h2>"
+    if facts["config"] is None:
+        return f"{title}<p>It has no plan ({escape(facts['origin'])}).</p>"
+    return f"{title}<pre>{escape(json.dumps(facts['config'], indent=1))}</pre>"
 
 
 def _dataset(facts: Mapping[str, Any]) -> str:
@@ -179,7 +180,7 @@ def _alarm(document: Mapping[str, Any]) -> list[str]:
 
 
 def _breakdowns(document: Mapping[str, Any]) -> list[str]:
-    best, parts = document["best_on_held_rows"], []
+    best, parts = _shown(document), []
     for column, models in document["breakdowns"].items():
         rows = [
             {column: entry["value"], "is": entry["label"], "rows": entry["n"], "movers": entry["movers"],
@@ -188,6 +189,12 @@ def _breakdowns(document: Mapping[str, Any]) -> list[str]:
         ]  # fmt: skip
         parts += [f"<h2>{escape(best)} by {escape(column)}</h2>", _table(rows)]
     return parts
+
+
+def _shown(document: Mapping[str, Any]) -> str:
+    """The model that details are shown of: the best, or the first trained where none can be called so."""
+    trained = [name for name, model in document["models"].items() if not model["kind"]["baseline"]]
+    return str(document["best_on_held_rows"] or trained[0])
 
 
 def _fold_rows(document: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -204,5 +211,7 @@ def number(value: float | None, digits: int = 3) -> str:
 
 
 def with_interval(found: Mapping[str, Any]) -> str:
-    """A share with its interval."""
+    """A share with its interval; why there is none where not all classes are tested."""
+    if found["value"] is None and "interval" in found:
+        return str(found["interval"])
     return f"{number(found['value'])} ({number(found['low'])} to {number(found['high'])})"

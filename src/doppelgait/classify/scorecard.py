@@ -21,6 +21,8 @@ DETECTED_SHARE = 0.95
 MOST_POINTS = 200
 """Of a ROC curve."""
 MOST_BINS = 12
+NOT_ALL = "not all classes are tested"
+"""In place of an interval where there is no balanced accuracy, only recalls."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +102,8 @@ def _positives(classes: Sequence[str]) -> list[str]:
 def _balanced(answers: Answers, chosen: scores.Bools, seed: int) -> dict[str, Any]:
     labels, right = answers.labels[chosen], answers.right[chosen]
     n_classes = len(answers.classes)
+    if np.unique(labels).size < n_classes:
+        return {"value": None, "low": None, "high": None, "interval": NOT_ALL}
     found = scores.balanced_interval(labels, right, answers.groups[chosen], n_classes, rng(seed))
     value = scores.balanced_accuracy(labels, right, n_classes)
     return {"value": value, "low": found.low, "high": found.high, "interval": found.method}
@@ -219,7 +223,7 @@ def bin_edges(values: FloatArray, step: float) -> FloatArray:
 
 
 def curve(answers: Answers, values: FloatArray, edges: FloatArray, *, seed: int) -> list[dict[str, Any]]:
-    """Balanced accuracy in every bin that has rows, with its interval and the share right of each class."""
+    """Balanced accuracy in every bin with rows of all classes, with its interval; recalls of every class there is."""
     found = []
     for low, high in pairwise(edges.tolist()):
         inside = (values >= low) & (values < high)

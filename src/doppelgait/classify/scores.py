@@ -41,9 +41,8 @@ def recalls(labels: IntArray, right: Bools, n_classes: int) -> FloatArray:
 
 
 def balanced_accuracy(labels: IntArray, right: Bools, n_classes: int) -> float:
-    """Mean of the recalls of the classes that occur; NaN without rows."""
-    found = recalls(labels, right, n_classes)
-    return float(np.nanmean(found)) if labels.size else float("nan")
+    """Mean of the recalls of all classes; NaN where one does not occur: the recall of one alone is no accuracy."""
+    return float(recalls(labels, right, n_classes).mean())
 
 
 def clopper_pearson(hits: float, n: float, level: float = LEVEL) -> tuple[float, float]:

@@ -51,7 +51,7 @@ def kind_of(name: str) -> Kind:
     """Model of a name; an unknown one is a :class:`ConfigError`."""
     found = {**MODELS, **BASELINES}.get(name)
     if found is None:
-        raise ConfigError(f"model {name!r} is not known; allowed are {', '.join(MODELS)}")
+        raise ConfigError(f"--models: model {name!r} is not known; allowed are {', '.join(MODELS)}")
     return found
 
 

@@ -35,21 +35,28 @@ def classify(
     Example: doppelgait classify walk.h5 --model home-alarm-model.npz
     """
     from doppelgait.classify.decide import classify as run_classification
+    from doppelgait.classify.model import rests_on
     from doppelgait.classify.model_file import load_model
     from doppelgait.classify.result_file import is_result_file
 
     loaded = load_model(model)
+    facts = loaded.facts
     if is_result_file(recording):
         _refuse_settings(gate, changes, options)
         decisions = run_classification(recording, loaded)
     else:
         decisions = _of_recording(recording, loaded, gate, changes or [], options or [])
     if as_json:
-        facts = loaded.facts
-        about = {"file": str(model), "name": facts.name, "classes": list(facts.classes), "dataset": facts.dataset_name}
+        about = {"file": str(model), "name": facts.name, "classes": list(facts.classes), "dataset": facts.dataset_name,
+                 "calibrated": loaded.calibration.n_rows > 0, "alarm_threshold": facts.alarm_threshold,
+                 "alarm_people": facts.alarm_people}  # fmt: skip
         print_json({"file": str(recording), "model": about, "targets": [decision.as_dict() for decision in decisions]})
     else:
         _print(decisions)
+        if decisions and not loaded.calibration.n_rows:
+            say(f"note: {model}: its probabilities are not calibrated")
+        if decisions and rests_on(facts):
+            say(f"note: {rests_on(facts)}")
 
 
 def _of_recording(path: Path, model: Model, gate: str, changes: list[str], options: list[str]) -> list[Decision]:
@@ -62,7 +69,8 @@ def _of_recording(path: Path, model: Model, gate: str, changes: list[str], optio
     table = apply_overrides(model.facts.analysis, changes)
     tracking = validate(Tracking, table.pop("tracking", {}), where="tracking")
     settings = validate(Analysis, table, where="analysis")
-    loaded = read_recording(path, **apply_overrides({}, options))
+    # resolved: a reader looks at the name, and "." has none
+    loaded = read_recording(path.resolve() if path.is_dir() else path, **apply_overrides({}, options))
     for note in loaded.notes:
         say(f"note: {note}")
     return run_classification(loaded, model, gate=parse_gate(gate), analysis=settings, tracking=tracking)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from doppelgait.cli.output import check_output, print_json, print_table, progress, say
+from doppelgait.cli.output import print_json, print_table, progress, say
 
 
 def evaluate(
@@ -28,7 +28,8 @@ def evaluate(
         typer.Option("--leave-out", help="Leave one value of this column out at a time: source, subject, ..."),
     ] = None,
     save: Annotated[
-        Path | None, typer.Option("--save", help="Keep the best model (by rows held back, not tested), .npz.")
+        Path | None,
+        typer.Option("--save", help="Keep the best model (by rows held back, not tested), .npz."),
     ] = None,
     motion_folder: Annotated[
         Path | None, typer.Option("--motion-folder", help="Where the motion files of the plan are.")
@@ -41,12 +42,13 @@ def evaluate(
     Example: doppelgait evaluate home-alarm -o report --save home-alarm-model.npz
     """
     from doppelgait.classify.evaluate import evaluate as run_evaluation
-    from doppelgait.classify.model_file import SUFFIX, save_model
+    from doppelgait.classify.model_file import save_model
     from doppelgait.classify.report import alarm_table, check_folder, score_table, write_report
+    from doppelgait.classify.training import BASELINES
     from doppelgait.dataset import open_dataset
 
     if save is not None:
-        check_output(save, SUFFIX)
+        _check_save(save, output)
     check_folder(output)
     with progress("training", quiet=as_json) as on_progress:
         found = run_evaluation(
@@ -54,7 +56,7 @@ def evaluate(
             left_out=left_out, motion_folder=motion_folder, seed=seed, keep=save is not None, on_progress=on_progress,
         )  # fmt: skip
     page = write_report(found, output)[-1]
-    if save is not None:
+    if save is not None and found.best is not None:
         save_model(found.models[found.best], save)
     if as_json:
         print_json(found.document)
@@ -65,5 +67,22 @@ def evaluate(
     for note in found.document["notes"]:
         say(f"note: {note}")
     say(f"report: {page}")
-    if save is not None:
-        say(f"model: {save}: {found.best}, the best on the rows held back")
+    if save is not None and found.best is not None:
+        chosen = "the best on the rows held back" if len(found.models) - len(BASELINES) > 1 else "the one trained"
+        say(f"model: {save}: {found.best}, {chosen}")
+
+
+def _check_save(save: Path, output: Path) -> None:
+    """Refuse, before any work is done, a name for the model that cannot be written."""
+    from doppelgait.classify.model_file import SUFFIX
+    from doppelgait.core.errors import ConfigError
+
+    folder = save.resolve().parent
+    if save.suffix.lower() != SUFFIX:
+        raise ConfigError(f"--save {save}: must end in {SUFFIX}")
+    if folder == output.resolve() or output.resolve() in folder.parents:
+        raise ConfigError(f"--save {save}: lies in the folder of the report, which a later one replaces; put it beside")
+    if not folder.is_dir():
+        raise ConfigError(f"--save {save}: the folder {save.parent} does not exist; make it first")
+    if save.is_dir():
+        raise ConfigError(f"--save {save}: is a folder; give a file")

@@ -36,9 +36,10 @@ def reproduce(
         [
             {
                 "number": one.entry.number,
-                "agree": one.count(True),
-                "differ": one.count(False),
-                "not stated": one.count(None),
+                "agree": one.count_kind("agrees"),
+                "set": one.count_kind("set"),
+                "differ": one.count_kind("differs"),
+                "not stated": one.count_kind("not stated"),
                 "seconds": f"{one.seconds:.1f}",
                 "title": one.entry.title if one.made else f"NOT MADE: {one.error}",
             }

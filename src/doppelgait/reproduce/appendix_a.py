@@ -12,9 +12,9 @@ from doppelgait.processing import Analysis
 from doppelgait.reproduce.chapter4_features import HARMONIC_NAMES, bin_hz, found_hz
 from doppelgait.reproduce.chapter5 import number
 from doppelgait.reproduce.drawing import MAX_CADENCE_HZ, draw_cadence_amplitude, panels
-from doppelgait.reproduce.entry import Entry, Made, Reading
+from doppelgait.reproduce.entry import Entry, Made, Reading, judged
 from doppelgait.reproduce.material import STEEPNESS, THRESHOLD
-from doppelgait.reproduce.measures import HARMONICS, prominence_db
+from doppelgait.reproduce.measures import CLEAR_DB, HARMONICS, prominence_db
 from doppelgait.viz.cadence import draw_step_doppler
 from doppelgait.viz.maps import DOPPLER_LABEL
 from doppelgait.viz.signatures import draw_signature
@@ -32,8 +32,10 @@ BEST_S = (0.3, 0.1)
 MOST_HOP = 5
 """Frames from column to column; the report's one takes five times as long and changes prominences by less than 0.1 dB,
 since the window of an interval T_d lets no modulation faster than 12 / T_d through."""
-CLEAR_DB = 6.0
-"""A peak stands out where it is twice the median about it."""
+REFERENCE_S = 0.1
+"""The report's own T_d, with which shorter ones are compared."""
+SAME_DB = 1.0
+"""Prominences this near to each other are the same."""
 
 
 def _result(material: Material, cpi_s: float) -> tuple[TargetResult, float]:
@@ -82,33 +84,40 @@ def make_interval(cpi_s: float, material: Material) -> Made:
     readings = [
         Reading(f"prominence of {name}", level, "dB") for name, level in zip(HARMONIC_NAMES, levels, strict=True)
     ]
+    readings += _stated_readings(cpi_s, summary(material))
     found = number(found_hz(result)[0])
     readings.append(
         Reading("f_m as found", found, "Hz", note=f"true {true_hz:.3f} Hz; a bin is {bin_hz(result):.3f} Hz")
     )
     right_step = abs(found - true_hz) <= 0.6 * bin_hz(result)
     table = summary(material) if cpi_s == INTERVALS_S[0] else None
-    return Made(figure, readings, _judgement(cpi_s, levels, right_step, summary(material)), table)
+    seen = [name for name, level in zip(HARMONIC_NAMES, levels, strict=True) if level >= CLEAR_DB]
+    text = (
+        f"{', '.join(seen) or 'no peak'} stand{'s' if len(seen) < 2 else ''} out by {CLEAR_DB:g} dB or more, and f_m "
+        f"as found is {'right' if right_step else 'wrong'}."
+    )
+    return Made(figure, readings, judged(readings, text), table)
 
 
-def _judgement(cpi_s: float, levels: list[float], right_step: bool, table: pd.DataFrame) -> str:
-    """Whether the peaks stand out where the report says that they do."""
-    clear = [level >= CLEAR_DB for level in levels]
-    least = table.set_index("T_d (s)")["least (dB)"]
-    seen = "all three peaks stand out" if all(clear) else f"{sum(clear)} of three peaks stand out" if any(clear) else (
-        "no peak stands out"
-    )  # fmt: skip
-    words = f"{seen} by {CLEAR_DB:g} dB or more, and f_m is {'right' if right_step else 'wrong'}"
-    if cpi_s in BEST_S:
-        rank = int((least > least[cpi_s]).sum()) + 1
-        verdict = "Differs" if not (all(clear) and right_step) else "Agrees" if rank <= 2 else "Agrees in part"
-        return f"{verdict}: {words}; by the least prominent of the three it is number {rank} of the six."
-    if cpi_s > max(BEST_S):
-        verdict = "Agrees" if not right_step else "Agrees in part" if not all(clear) else "Differs"
-        return f"{verdict}: {words}. So long an interval averages over steps, which the window then smears."
-    gain_db = float(least[cpi_s] - least[0.1])
-    verdict = "Agrees" if gain_db < 1.0 else "Differs"
-    return f"{verdict}: {words}; against 0.1 s the least prominent peak changes by {gain_db:+.1f} dB."
+def _stated_readings(cpi_s: float, table: pd.DataFrame) -> list[Reading]:
+    """What the report says of every peak with this T_d, as yes (1) or no (0)."""
+    levels = table.set_index("T_d (s)")[[f"{name} (dB)" for name in HARMONIC_NAMES]]
+    readings = []
+    for name in HARMONIC_NAMES:
+        column = levels[f"{name} (dB)"]
+        if cpi_s > max(BEST_S):
+            words, is_so, stated = "detected", column[cpi_s] >= CLEAR_DB, 0.0
+            note = f"detected: stands out by {CLEAR_DB:g} dB"
+        elif cpi_s in BEST_S:
+            rank = int((column > column[cpi_s]).sum()) + 1
+            words, is_so, stated = "among the two most prominent of the six T_d", rank <= len(BEST_S), 1.0
+            note = f"number {rank} of the six"
+        else:
+            gain_db = float(column[cpi_s] - column[REFERENCE_S])
+            words, is_so, stated = f"more prominent than with {REFERENCE_S:g} s", gain_db > SAME_DB, 0.0
+            note = f"{gain_db:+.1f} dB; more: by over {SAME_DB:g} dB"
+        readings.append(Reading(f"{name} {words} (1: yes)", float(is_so), "1", stated, note=note))
+    return readings
 
 
 STATED = {

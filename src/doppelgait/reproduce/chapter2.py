@@ -10,7 +10,7 @@ from doppelgait import viz
 from doppelgait.core.labels import axis
 from doppelgait.core.units import velocity_to_doppler_hz
 from doppelgait.radar import Radar
-from doppelgait.reproduce.entry import Entry, Made, Reading
+from doppelgait.reproduce.entry import Entry, Made, Reading, judged
 from doppelgait.reproduce.gait_lines import part_line
 from doppelgait.reproduce.material import Material
 from doppelgait.reproduce.points import point_table, slow_time_signal
@@ -57,11 +57,11 @@ def make_2_6(material: Material) -> Made:
                 "its section 5.1 has 6 m/s for 300 Hz: that is the whole span from -3.1 to 3.1 m/s (E-06)"),
         Reading("highest speed measured without aliasing, in steps of 0.125 m/s", highest_mps, "m/s"),
     ]  # fmt: skip
-    verdict = (
-        "The line and the limits of +-150 Hz agree. They are +-3.08 m/s; the 6 m/s that the report takes from them for "
+    text = (
+        "shifts beyond +-150 Hz alias. The limits are +-3.08 m/s; the 6 m/s that the report takes from them for "
         "300 frames a second is the width of the whole band, so a walking person's feet alias there."
     )
-    return Made(figure, readings, verdict)
+    return Made(figure, readings, judged(readings, text))
 
 
 def _measured_doppler_hz(radar: Radar, velocity_mps: float) -> float:
@@ -90,8 +90,8 @@ def make_2_15(material: Material) -> Made:
     _name_points(panels[1], names, front_m)
     panels[0].set_title("from the side", fontsize=11.5, loc="left")
     panels[1].set_title("from the front", fontsize=11.5, loc="left")
-    readings = [Reading("points of the walker", len(names), "1", 17.0)]
-    return Made(figure, readings, "Agrees: 17 points, one for every joint and end of the limbs that the report lists.")
+    readings = [Reading("points of the walker", len(names), "1", 17.0, given=True)]
+    return Made(figure, readings, judged(readings, "one point for every joint and end of the limbs, as published."))
 
 
 def _name_points(panel: Axes, names: list[str], points_m: FloatArray) -> None:
@@ -123,8 +123,8 @@ def make_2_16(material: Material) -> Made:
     torso_hz = part_line(viz.scatterer_doppler(rows, wavelength_m=wavelength_m), "torso")
     readings = [
         Reading("right ankle, highest shift", float(ankle_hz[peak]), "Hz", 300.0, 10.0, "read off an axis, \u2248"),
-        Reading("right ankle, highest radial velocity", float(ankle_hz[peak] * wavelength_m / 2), "m/s", 6.17, 0.2,
-                "the same as 300 Hz"),
+        Reading("right ankle, highest radial velocity", float(ankle_hz[peak] * wavelength_m / 2), "m/s",
+                note="the report: 6.17 m/s, the same number as its 300 Hz"),
         Reading("right ankle at its contact with the ground", float(ankle_hz[0]), "Hz", 0.0, 10.0,
                 "the published curves bring the foot down while it still moves and let it slip in stance"),
         Reading("right ankle, lowest shift", float(ankle_hz.min()), "Hz", note="the report: slightly negative"),
@@ -133,11 +133,11 @@ def make_2_16(material: Material) -> Made:
                 note="the report: in mid-swing"),
         Reading("torso, mean", float(torso_hz.mean()), "Hz"),
     ]  # fmt: skip
-    verdict = (
-        f"Agrees in the peak: {ankle_hz[peak]:.0f} Hz in the swing, with the torso near 100 Hz. The ankle rests "
-        "only a tenth of a second after its contact: Boulic's curves do not lock the foot to the floor."
+    text = (
+        f"the ankle peaks at {ankle_hz[peak]:.0f} Hz in the swing, the torso has {torso_hz.mean():.0f} Hz. The ankle "
+        "rests only a tenth of a second after its contact: Boulic's curves do not lock the foot to the floor."
     )
-    return Made(figure, readings, verdict)
+    return Made(figure, readings, judged(readings, text))
 
 
 def _mark_ankle(axes: Axes, time_s: FloatArray, ankle_hz: FloatArray) -> None:

@@ -33,18 +33,18 @@ def make_2_18(material: Material) -> Made:
         Reading("points of the body", dog.motion.sizes["marker"], "1", note="the report's dog carries 24 markers"),
         *[
             Reading(f"phase between left and right {pair} paw", _phase_deg(dog, lines, pair), "deg", 0.0,
-                    TOGETHER_TOLERANCE_DEG, _gait_note(dog))
+                    TOGETHER_TOLERANCE_DEG, _gait_note(dog), not dog.real)
             for pair in ("fore", "hind")
         ],
         Reading("stride frequency", float(dog.motion.attrs["stride_frequency_hz"]), "Hz"),
     ]  # fmt: skip
-    verdict = (
-        "Agrees: left and right move together. With left and right together it is a bound, which the report calls a "
-        "gallop; its stride is the period of everything, so one pair of paws swings once a stride."
+    text = (
+        "with left and right together it is a bound, which the report calls a gallop; its stride is the period of "
+        "everything, so one pair of paws swings once a stride."
         if dog.gait == "bound"
-        else f"The recording at hand is a {dog.gait}, in which left and right are out of step; the report's dog bounds."
+        else f"the recording at hand is a {dog.gait}, in which left and right are out of step; the report's dog bounds."
     )
-    return Made(figure, readings, verdict)
+    return Made(figure, readings, judged(readings, text))
 
 
 def _phase_deg(dog: Mover, lines: xr.DataArray, pair: str) -> float:
@@ -63,7 +63,8 @@ def make_2_19(material: Material) -> Made:
     left_m, right_m = (part_line(range_m, f"{side}_hind_paw") for side in ("left", "right"))
     phase = phase_between_deg(left_m, right_m, stride_hz=truth.stride_frequency_hz, rate_hz=DOG_PRF_HZ)
     readings = [
-        Reading("phase between the hind paws", phase, "deg", 0.0, TOGETHER_TOLERANCE_DEG, _gait_note(dog)),
+        Reading("phase between the hind paws", phase, "deg", 0.0, TOGETHER_TOLERANCE_DEG, _gait_note(dog),
+                not dog.real),
         Reading("trunk nearer to the radar than the hind paws, mean", float((left_m - trunk_m).mean()), "m",
                 note="the report: the marker on the trunk lies ahead of them"),
         Reading("hind paw about its straight line (rms)", departure(left_m), "m"),
@@ -91,9 +92,10 @@ def make_2_20(material: Material) -> Made:
     variation_hz = [float(np.std(line)) for line in (trunk_hz, torso_hz)]
     readings = [
         Reading("radial velocity of the trunk, mean", float(trunk_hz.mean() * wavelength_m / 2), "m/s", 3.0, 0.3,
-                f"{'' if dog.real else CHOSEN + '; '}section 5.3.2 has 263 Hz, 5.4 m/s, for the same recording"),
+                f"{'' if dog.real else CHOSEN + '; '}section 5.3.2 has 263 Hz, 5.4 m/s, for the same recording",
+                not dog.real),
         Reading("hind paws, smallest shift", max(float(np.abs(line).min()) for line in paws_hz), "Hz", 0.0, 10.0,
-                "at rest on the ground"),
+                "at rest on the ground", not dog.real),
         Reading("hind paws, highest shift", max(float(line.max()) for line in paws_hz), "Hz"),
         Reading("trunk, rms variation", variation_hz[0], "Hz", note=_relative(trunk_hz)),
         Reading("torso of a person, rms variation", variation_hz[1], "Hz", note=_relative(torso_hz)),
@@ -101,8 +103,9 @@ def make_2_20(material: Material) -> Made:
                 note="in Hz, as the figures show it"),
     ]  # fmt: skip
     text = (
-        f"the paws come to rest on the ground and the trunk varies by {variation_hz[0]:.0f} Hz. The report's two "
-        "speeds for its one recording, 3 m/s here and 263 Hz (5.4 m/s) in chapter 5, cannot both be right."
+        f"the hind paws come down to {readings[1].ours:.1f} Hz, and the trunk varies by {variation_hz[0]:.0f} "
+        "Hz. The report's two speeds for its one recording, 3 m/s here and 263 Hz (5.4 m/s) in chapter 5, cannot both "
+        "be right."
     )
     return Made(figure, readings, judged(readings, text))
 

@@ -36,12 +36,15 @@ def make_2_12(material: Material) -> Made:
     steps = sum(start_s + 1e-6 < time <= start_s + cycle_s + 1e-6 for time in landings)
     readings = [
         Reading("points of the body", motion.sizes["marker"], "1", note="the report's person carries 41 markers"),
-        Reading("steps in the gait cycle", steps, "1", 2.0),
+        Reading("steps in the gait cycle", steps, "1", 2.0, given=not person.real),
         Reading("right foot against the body, last view minus first", right_m[ends[1]] - right_m[ends[0]], "m", 0.0,
-                0.05, "the same place to within the size of a dot"),
+                0.05, "the same place to within the size of a dot", not person.real),
         Reading("right foot ahead of the left in the first view", right_m[ends[0]] - left_m[ends[0]], "m"),
     ]  # fmt: skip
-    text = f"the right foot lands ahead of the left, and after {steps} steps is back at its place against the body."
+    text = (
+        f"the right foot lands {readings[3].ours:.2f} m before the left, and after {steps} steps is within "
+        f"{abs(readings[2].ours):.2f} m of its place against the body."
+    )
     return Made(figure, readings, judged(readings, text))
 
 
@@ -54,7 +57,9 @@ def make_2_13(material: Material) -> Made:
     left_m, right_m, torso_m = (part_line(range_m, part) for part in ("left_foot", "right_foot", "torso"))
     phase = phase_between_deg(left_m, right_m, stride_hz=truth.stride_frequency_hz, rate_hz=1000.0)
     readings = [
-        Reading("phase between left and right foot", phase, "deg", 180.0, OPPOSITE_TOLERANCE_DEG),
+        Reading(
+            "phase between left and right foot", phase, "deg", 180.0, OPPOSITE_TOLERANCE_DEG, given=not person.real
+        ),
         Reading("right foot about its straight line (rms)", departure(right_m), "m"),
         Reading("torso about its straight line (rms)", departure(torso_m), "m", note="the report: very little"),
         Reading("both feet together swing farthest of all parts (1: yes)", float(_feet_farthest(range_m)), "1", 1.0),
@@ -90,7 +95,7 @@ def make_2_14(material: Material) -> Made:
     feet_hz = [highest_hz.pop(f"{side}_foot") for side in ("left", "right")]
     torso_hz = part_line(doppler_hz, "torso")
     readings = [
-        Reading("wavelength", wavelength_m, "m", 0.0411, 5e-5, "printed with four decimals"),
+        Reading("wavelength", wavelength_m, "m", 0.0411, 5e-5, "of the radar as set", given=True),
         Reading("torso, mean", float(torso_hz.mean()), "Hz"),
         Reading("torso, rms variation", float(np.std(torso_hz)), "Hz", note="the report: little"),
         Reading("feet, highest", max(feet_hz), "Hz"),

@@ -83,11 +83,12 @@ def make_3_14(material: Material) -> Made:
                 note=f"R⁻⁴ alone: {_expected_db(centre_m, radar.prf_hz):.1f} dB; the points interfere"),
         Reading("stronger when nearer (1: yes)", float(rises_db > 0), "1", 1.0),
     ]  # fmt: skip
-    verdict = (
-        "The picture agrees: lines towards the radar, brighter the nearer. Its numbers do not fit together: the frame "
-        "rate is above the range of Table 5.1, and 162 bins reach far enough only if every 8th sample is kept."
+    text = (
+        f"from {centre_m[0]:.1f} to {centre_m[-1]:.1f} m the echo changes by {rises_db:+.1f} dB. The report's numbers "
+        "do not fit together: the frame rate is above the range of Table 5.1, and 162 bins reach far enough only if "
+        "every 8th sample is kept."
     )
-    return Made(_two_panels(recording, dog.gait or "dog"), readings, verdict)
+    return Made(_two_panels(recording, dog.gait or "dog"), readings, judged(readings, text))
 
 
 def make_3_15(material: Material) -> Made:
@@ -111,15 +112,19 @@ def make_3_15(material: Material) -> Made:
     power = (np.abs(recording.baseband.values) ** 2).sum(axis=1)
     rises_db = _gain_db(power, radar.prf_hz)
     readings = [
-        Reading("times that the ranges cross", float(crossings.size), "1", 1.0),
+        Reading("times that the ranges cross", float(crossings.size), "1", 1.0, note="placed so", given=True),
         Reading("they cross at", float(crossings[0] / radar.prf_hz) if crossings.size else float("nan"), "s"),
         *[Reading(f"radial velocity, {name}", float(truth.centre_velocity_mps.mean()), "m/s")
           for name, truth in zip(("first", "second"), recording.truth, strict=True)],
         Reading("echo at the end over that at the start", rises_db, "dB"),
         Reading("stronger when nearer (1: yes)", float(rises_db > 0), "1", 1.0),
     ]  # fmt: skip
-    text = f"two sets of lines that cross, and {rises_db:.0f} dB more power when the two are near."
+    text = f"the two sets of lines cross {_times(crossings.size)}; the echo changes by {rises_db:+.0f} dB to the end."
     return Made(_two_panels(recording, "two people"), readings, judged(readings, text))
+
+
+def _times(count: int) -> str:
+    return "once" if count == 1 else f"{count} times"
 
 
 def _speed_mps(mover: Mover) -> float:
@@ -142,12 +147,14 @@ def make_table_3_2(material: Material) -> Made:
             "scatterers": scatterers.sizes["scatterer"], "mass (kg)": mass_kg,
             "in datasets (m²)": RCS_PER_MASS_M2_PER_KG * mass_kg,
         })  # fmt: skip
-        readings.append(Reading(f"sum of the scatterers, {mover.label}", total_m2, "m²", RCS_M2[mover.label], 1e-9))
-    verdict = (
-        "Agrees: every scatterer takes an equal share of the report's total. As the totals are a label in disguise, "
+        readings.append(
+            Reading(f"sum of the scatterers, {mover.label}", total_m2, "m²", RCS_M2[mover.label], 1e-9, given=True)
+        )
+    text = (
+        "every scatterer takes an equal share of the report's total. As the totals are a label in disguise, "
         "datasets take 0.01 m² per kilogram for people and dogs alike, shared out by body part (E-08)."
     )
-    return Made(None, readings, verdict, pd.DataFrame(rows))
+    return Made(None, readings, judged(readings, text), pd.DataFrame(rows))
 
 
 def make_table_3_3(material: Material) -> Made:
@@ -176,8 +183,11 @@ def make_table_3_3(material: Material) -> Made:
                 "0.265 for the Gaussian pulse as printed (E-11), 0.886 for a rectangular one"),
         Reading("width of a line times T_d", width_hz * cpi_s, "1", note="the report: proportional; 0.886 unweighted"),
     ]  # fmt: skip
-    verdict = "The scales agree but for the pulse: for the report's Gaussian, B = 1/τ is almost four times too much."
-    return Made(None, readings, verdict, table)
+    text = (
+        f"for the report's Gaussian pulse B = 1/τ is {1.0 / readings[0].ours:.1f} times too much; the other three "
+        "scales are inverse to each other by definition."
+    )
+    return Made(None, readings, judged(readings, text), table)
 
 
 ENTRIES = (

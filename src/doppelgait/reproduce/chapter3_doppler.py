@@ -10,7 +10,7 @@ from doppelgait.core.rng import generator_for
 from doppelgait.core.units import doppler_to_velocity_mps, power_to_db
 from doppelgait.radar import Radar, add_noise, noise_power_v2, synthesise
 from doppelgait.reproduce.chapter3_pulse import first_null, spectrum
-from doppelgait.reproduce.entry import Entry, Made, Reading
+from doppelgait.reproduce.entry import Entry, Made, Reading, judged
 from doppelgait.reproduce.material import Material
 from doppelgait.reproduce.points import point_table, slow_time_signal
 from doppelgait.viz.style import ACCENT, legend_below, name_axes, new_figure
@@ -57,12 +57,13 @@ def make_3_11(material: Material) -> Made:
     legend_below(figure, figure.axes[0])
     measured_hz = periods[CPI_FRAMES] * PRF_HZ / (CPI_FRAMES - 1)
     readings = [
-        Reading("Doppler shift by the phase steps", measured_hz, "Hz", SHIFT_3_11_HZ, 0.05),
+        Reading("Doppler shift by the phase steps", measured_hz, "Hz", SHIFT_3_11_HZ, 0.05, given=True),
         Reading("periods in 10 frames", periods[10], "1", note="the report: less than one"),
         Reading("less than one period in 10 frames (1: yes)", float(periods[10] < 1), "1", 1.0),
         Reading("periods in 31 frames", periods[CPI_FRAMES], "1", 2.0, 0.5, "the report: about two"),
     ]
-    return Made(figure, readings, "Agrees: 10 frames at 300 Hz hold less than one period of 24 Hz, 31 frames over two.")
+    text = f"of 24 Hz 10 frames at 300 Hz hold {periods[10]:.2f} periods, 31 frames {periods[CPI_FRAMES]:.2f}."
+    return Made(figure, readings, judged(readings, text))
 
 
 def make_3_12(material: Material) -> Made:
@@ -93,18 +94,18 @@ def make_3_12(material: Material) -> Made:
     own = _power_at(signal, fine_hz)
     places = [_peak_near_hz(fine_hz, own, shift_hz) for shift_hz in shifts_hz]
     readings = [
-        Reading("wall, at shift", places[0], "Hz", 0.0, 0.5),
-        Reading("movers, largest error of the shift", float(np.abs(np.array(places) - shifts_hz).max()), "Hz", 0.0, 0.5,
-                "against 2 v / λ; half a bin of 1 / T_d"),
+        Reading("wall, at shift", places[0], "Hz", 0.0, 0.5, given=True),
+        Reading("movers, largest error of the shift", float(np.abs(np.array(places) - shifts_hz).max()), "Hz",
+                note="against 2 v / λ; half a bin of 1 / T_d is 0.5 Hz"),
         Reading("period of the spectrum", _period_hz(signal), "Hz", PRF_HZ / 2, 1.0,
                 "the report's text: periodic with f_p / 2; half of the period lies on either side of 0 (E-06)"),
         Reading("wall over the median of the noise", float(-np.median(level_db)), "dB"),
     ]  # fmt: skip
-    verdict = (
-        "Agrees in what is seen where: noise everywhere, the wall at 0 Hz, who recedes at negative and who approaches "
+    text = (
+        "noise is everywhere, the wall at 0 Hz, who recedes at negative and who approaches "
         "at positive shifts. The spectrum repeats after f_p = 300 Hz, not after f_p/2."
     )
-    return Made(figure, readings, verdict)
+    return Made(figure, readings, judged(readings, text))
 
 
 def _power_at(signal: npt.ArrayLike, frequency_hz: FloatArray) -> FloatArray:
@@ -159,11 +160,12 @@ def make_3_13(material: Material) -> Made:
         Reading("smallest spacing with two peaks, in phase", smallest_spacing_hz(radar), "Hz",
                 note="in phase in the middle, as drawn here; the report does not say where its phase is zero"),
     ]  # fmt: skip
-    verdict = (
-        "Agrees: 72 and 24 Hz are apart, at 14 Hz the peaks run into each other, 5 Hz is one peak. Two points in phase "
+    counts = ", ".join(f"{seen[letter][0]} at {spacing:.0f} Hz" for letter, spacing in SPACINGS_3_13_HZ.items())
+    text = (
+        f"peaks are {counts}; at 14 Hz they run into each other (a dip of {seen['c'][1]:.1f} dB). Two points in phase "
         "need more than the 10 Hz of the Rayleigh criterion, which is for powers added."
     )
-    return Made(figure, readings, verdict)
+    return Made(figure, readings, judged(readings, text))
 
 
 def count_and_dip(power: FloatArray) -> tuple[int, float]:

@@ -9,7 +9,7 @@ from doppelgait.core.units import power_to_db
 from doppelgait.radar import Radar, synthesise, synthesise_rf
 from doppelgait.radar.rf import down_convert, sample_rf_frames
 from doppelgait.reproduce.chapter3_pulse import spectrum
-from doppelgait.reproduce.entry import Entry, Made, Reading
+from doppelgait.reproduce.entry import Entry, Made, Reading, judged
 from doppelgait.reproduce.material import Material
 from doppelgait.reproduce.points import point_table
 from doppelgait.viz.style import ACCENT, legend_below, name_axes, new_figure
@@ -45,17 +45,17 @@ def make_3_9(material: Material) -> Made:
     apart_m = float(np.diff(synthesise(table, full).coords["range"].values).mean())
     readings = [
         Reading("distance of the samples at 23.328 GS/s", apart_m * 1000, "mm", SPEED_OF_LIGHT / 2 / 23.328e6, 1e-3,
-                "the report's Eq. 3.21, c t_s / 2"),
+                "the report's Eq. 3.21, c t_s / 2", given=True),
         Reading("length of chapter 4's frame of 1189 bins at 23 GS/s", 1189 * SPEED_OF_LIGHT / 2 / 23e9, "m"),
-        Reading("strongest bin less true range", (peak_m - RANGE_M) * 1000, "mm", 0.0, full.bin_spacing_m * 500,
-                "within half a bin"),
+        Reading("strongest bin less true range", (peak_m - RANGE_M) * 1000, "mm",
+                note=f"half a bin is {full.bin_spacing_m * 500:.2f} mm"),
         Reading("bins after keeping every 8th", kept.n_range_bins, "1"),
     ]  # fmt: skip
-    verdict = (
-        "Agrees, with two repairs: a frame lasts 2 r_span/c, not r_span/c (E-10), and the first sample lies at r_min, "
+    text = (
+        "two repairs are made: a frame lasts 2 r_span/c, not r_span/c (E-10), and the first sample lies at r_min, "
         "not one sample later (E-15). All other recordings here keep every 8th sample, which changes no signature."
     )
-    return Made(figure, readings, verdict)
+    return Made(figure, readings, judged(readings, text))
 
 
 def make_3_10(material: Material) -> Made:
@@ -87,19 +87,19 @@ def make_3_10(material: Material) -> Made:
     closed, sampled = synthesise(table, radar).values, synthesise_rf(table, radar).values
     readings = [
         Reading("highest power before, at frequency", _highest_ghz(before_hz[positive], before[positive]), "GHz",
-                radar.carrier_hz / 1e9, 0.01, "the carrier"),
+                radar.carrier_hz / 1e9, 0.01, "the carrier", given=True),
         Reading("highest power after, at frequency", _highest_ghz(after_hz, after), "GHz", 0.0, 0.01),
         Reading("highest power left beyond 7 GHz", float(power_to_db(after[image].max())), "dB"),
         Reading("the same as printed, without a filter", float(power_to_db(printed[image].max())), "dB"),
         Reading("down-converted frame against the closed form, largest error",
                 float(np.abs(closed - sampled).max() / np.abs(closed).max()), "1", note="of the highest sample"),
     ]  # fmt: skip
-    verdict = (
-        "The shift to 0 Hz agrees. As printed (Eq. 3.27a) the product is with the real part only: the spectrum stays "
-        "symmetrical, so approaching and receding could not be told apart, and an image stays at 8.7 GHz; the complex "
-        "product and a low-pass (E-17) give what the report's Eq. 3.28 assumes."
+    text = (
+        "the echo is shifted to 0 Hz. As printed (Eq. 3.27a) the product is with the real part only: the spectrum "
+        "stays symmetrical, so approaching and receding could not be told apart, and an image stays at 8.7 GHz; the "
+        "complex product and a low-pass (E-17) give what the report's Eq. 3.28 assumes."
     )
-    return Made(figure, readings, verdict)
+    return Made(figure, readings, judged(readings, text))
 
 
 def _highest_ghz(frequency_hz: FloatArray, power: FloatArray) -> float:

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.units import power_to_db
-from doppelgait.reproduce.entry import Entry, Made, Reading
+from doppelgait.reproduce.entry import Entry, Made, Reading, judged
 from doppelgait.reproduce.material import Material
 from doppelgait.viz.style import ACCENT, legend_below, name_axes, new_figure
 
@@ -66,11 +66,11 @@ def make_3_4(material: Material) -> Made:
                 0.05, "1 / τ is half the width between the nulls; the half-power width is 0.886 / τ (E-09)"),
         Reading("highest side lobe", float(power_to_db(beyond.max())), "dB"),
     ]  # fmt: skip
-    verdict = (
-        "The main lobe between -1/τ and 1/τ agrees. The report then gives the half-power bandwidth twice: as 1/τ, "
+    text = (
+        f"the main lobe ends at ±{null:.2f}/τ. The report then gives the half-power bandwidth twice: as 1/τ, "
         "which is 13 % too much, and as A τ / √2, which is the level of the spectrum there and no bandwidth."
     )
-    return Made(figure, readings, verdict)
+    return Made(figure, readings, judged(readings, text))
 
 
 def make_3_5(material: Material) -> Made:
@@ -98,8 +98,8 @@ def make_3_5(material: Material) -> Made:
         Reading("half-power width of a line, in 1 / T_d", half_power_width(frequency_hz, power) * count * interval_s,
                 "1", note="the report: proportional to 1 / T_d"),
     ]  # fmt: skip
-    verdict = "Agrees: lines a repetition frequency apart, as wide as 1/T_d, under the spectrum of a single pulse."
-    return Made(figure, readings, verdict)
+    text = f"lines lie {readings[0].ours:.2f} f_p apart, {readings[1].ours:.2f} / T_d from peak to null."
+    return Made(figure, readings, judged(readings, text))
 
 
 def _line_places(frequency_hz: FloatArray, power: FloatArray, *, within: float) -> FloatArray:
@@ -135,17 +135,17 @@ def make_3_8(material: Material) -> Made:
     legend_below(figure, right)
     width_hz = half_power_width(frequency_hz, power)
     readings = [
-        Reading("highest power, at frequency", float(frequency_hz[power.argmax()]) / 1e9, "GHz", 7.2, 0.01),
+        Reading("highest power, at frequency", float(frequency_hz[power.argmax()]) / 1e9, "GHz", 7.2, 0.01, given=True),
         Reading("half-power bandwidth", width_hz / 1e9, "GHz", 1.0, 0.05,
                 "the printed pulse exp(-t²/2τ²) has √ln2 / (π τ) = 0.265 / τ (E-11)"),
         Reading("pulse width that gives 1 GHz", sigma_s * width_hz, "ns", note="an X4 has 0.345 ns"),
         Reading("half-power width in range of an echo", radar.range_resolution_m, "m"),
     ]  # fmt: skip
-    verdict = (
-        "The carrier agrees, the bandwidth does not: with the pulse as printed and τ = 1 ns it is 265 MHz, a quarter "
-        "of the 1 GHz stated, so the report's range resolution is 25 cm and not 7 cm."
+    text = (
+        "with the pulse as printed and τ = 1 ns it is 265 MHz, a quarter of the 1 GHz stated, so the report's range "
+        "resolution is 25 cm and not 7 cm."
     )
-    return Made(figure, readings, verdict)
+    return Made(figure, readings, judged(readings, text))
 
 
 ENTRIES = (

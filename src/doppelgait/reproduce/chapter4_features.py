@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from doppelgait import viz
 from doppelgait.core.labels import axis
 from doppelgait.core.units import doppler_to_velocity_mps
 from doppelgait.processing import cadence_map
-from doppelgait.reproduce.chapter4 import TORSO_HZ, TORSO_READ_HZ, verdict, walk
+from doppelgait.reproduce.chapter4 import TORSO_HZ, TORSO_READ_HZ, walk
 from doppelgait.reproduce.drawing import MAX_CADENCE_HZ, draw_cadence_amplitude, draw_mean_doppler, panels
-from doppelgait.reproduce.entry import Entry, Made, Reading
+from doppelgait.reproduce.entry import Entry, Made, Reading, judged
 from doppelgait.reproduce.material import THRESHOLD
 from doppelgait.reproduce.measures import HARMONICS, prominence_db
 from doppelgait.viz.style import new_axes
@@ -20,6 +22,8 @@ if TYPE_CHECKING:
     from doppelgait.reproduce.material import Material
 
 HARMONIC_NAMES = ("f_m", "f_2", "f_3")
+RATIO_BIN = 0.1
+"""Bin of 1 / T_o over f_m in the report's five gait cycles, which are ten steps."""
 
 
 def found_hz(result: TargetResult) -> list[float | None]:
@@ -52,18 +56,19 @@ def make_step_doppler(material: Material) -> Made:
     readings = [
         Reading("Doppler of the strongest constant row", torso_hz, "Hz", TORSO_HZ, TORSO_READ_HZ),
         Reading(
-            "v_m from it", float(doppler_to_velocity_mps(torso_hz, wavelength_m)), "m/s", 2.0,
-            float(doppler_to_velocity_mps(TORSO_READ_HZ, wavelength_m)),
-            f"true mean {recording.truth[0].centre_velocity_mps.mean():.2f} m/s; a row is "
+            "v_m from it", float(doppler_to_velocity_mps(torso_hz, wavelength_m)), "m/s",
+            note="the report: about 2 m/s, the same number as its 100 Hz; true mean "
+            f"{recording.truth[0].centre_velocity_mps.mean():.2f} m/s; a row is "
             f"{float(doppler_to_velocity_mps(recording.radar.prf_hz / constant.size, wavelength_m)):.2f} m/s wide",
         ),
         Reading("largest value at 0 Hz over the largest at the step frequency",
                 float(constant.max() / at_step.max()), "1", note="the report: much higher; it gives no number"),
+        Reading("constant part above the step frequency (1: yes)", float(constant.max() > at_step.max()), "1", 1.0),
     ]  # fmt: skip
     return Made(
         figure, readings,
-        f"{verdict(readings)}: the constant part stands near +100 Hz, the step frequency and its harmonics are "
-        "columns at even distances beside it.",
+        judged(readings, f"the constant part stands at {torso_hz:+.0f} Hz and is {readings[2].ours:.1f} times as high "
+               "as what there is at the step frequency."),
     )  # fmt: skip
 
 
@@ -81,7 +86,7 @@ def make_cadence_spectrum(material: Material) -> Made:
                 note=f"true {true_hz:.3f} Hz, a bin is {bin_hz(result):.3f} Hz"),
         *(
             Reading(f"{name} / f_m", float("nan") if value is None or step is None else value / step, "1", float(h),
-                    bin_hz(result) / (step or 1.0))
+                    RATIO_BIN, "within a bin of 1 / T_o")
             for h, name, value in zip(HARMONICS[1:], HARMONIC_NAMES[1:], found_hz(result)[1:], strict=True)
         ),
         *(
@@ -91,8 +96,9 @@ def make_cadence_spectrum(material: Material) -> Made:
     ]  # fmt: skip
     return Made(
         figure, readings,
-        f"{verdict(readings)}: three clear peaks at once, twice and three times the step frequency. Once the mean is "
-        "taken off every row there is no peak of f_0 left, unlike what the report's text says of its figure.",
+        judged(readings, f"the peaks stand out by {', '.join(f'{one.ours:.0f}' for one in readings[-3:])} dB. Once the "
+               "mean is taken off every row there is no peak of f_0 left, unlike what the report's text says of its "
+               "figure."),
     )  # fmt: skip
 
 
@@ -117,8 +123,9 @@ def make_first_column(material: Material) -> Made:
     ]  # fmt: skip
     return Made(
         figure, readings,
-        f"{verdict(readings)}: one peak of the torso near 100 Hz. Its height is below 1 because the torso is not the "
-        "strongest part in every column; the report's heights (0.79 for its dog) fit this normalisation only.",
+        f"{judged(readings, '')}the highest value lies at {readings[0].ours:.0f} Hz. Its height is below 1 because "
+        "the torso is not the strongest part in every column; the report's heights (0.79 for its dog) fit this "
+        "normalisation only.",
     )  # fmt: skip
 
 
@@ -133,7 +140,7 @@ def make_bandwidth(material: Material) -> Made:
     doppler_hz = recording.truth[0].doppler_hz(recording.radar.wavelength_m)
     ours = material.result(material.walker(), method="standard", prf_hz=1000.0)
     readings = [
-        Reading("threshold t_mu", THRESHOLD, "1", 0.04, 0.0),
+        Reading("threshold t_mu", THRESHOLD, "1", 0.04, 0.0, given=True),
         Reading("B_mu by the report's method", float(result.features.doppler_bandwidth_hz or float("nan")), "Hz",
                 note=f"true span of all points {doppler_hz.max() - doppler_hz.min():.0f} Hz"),
         Reading("B_mu by ours (edges of the signature)", float(ours.features.doppler_bandwidth_hz or float("nan")),
@@ -141,8 +148,8 @@ def make_bandwidth(material: Material) -> Made:
     ]  # fmt: skip
     return Made(
         figure, readings,
-        "As in the report. The band comes near the true span here because all 17 points are equally strong; what a "
-        "weak foot reaches for moments only is averaged away.",
+        judged(readings, f"the band of {readings[1].ours:.0f} Hz compares with a true span of {np.ptp(doppler_hz):.0f} "
+               "Hz; all 17 points are equally strong here, and what a foot reaches for moments only is averaged away."),
     )  # fmt: skip
 
 

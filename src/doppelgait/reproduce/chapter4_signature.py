@@ -10,9 +10,9 @@ import xarray as xr
 
 from doppelgait import viz
 from doppelgait.core.labels import axis
-from doppelgait.reproduce.chapter4 import ENVELOPE, TORSO_HZ, TORSO_READ_HZ, verdict, walk
+from doppelgait.reproduce.chapter4 import ENVELOPE, TORSO_HZ, TORSO_READ_HZ, walk
 from doppelgait.reproduce.drawing import numbered_marks, panels
-from doppelgait.reproduce.entry import Entry, Made, Reading
+from doppelgait.reproduce.entry import Entry, Made, Reading, judged
 from doppelgait.reproduce.measures import (
     columns_per_second,
     find_peaks,
@@ -77,8 +77,8 @@ def make_lines_and_signature(material: Material) -> Made:
     ]  # fmt: skip
     return Made(
         figure, readings,
-        f"{verdict(readings)}: the signature follows the true lines within the width of the window, the torso "
-        "strongest, the legs as saw teeth above and below it.",
+        judged(readings, f"{100.0 * readings[1].ours:.0f} % of the signature's power lies within {LINE_REACH_HZ:g} Hz "
+               "of a true line, about the width of the window."),
     )  # fmt: skip
 
 
@@ -100,7 +100,7 @@ def make_five_cycles(material: Material) -> Made:
     swing = main_frequency_hz(torso_hz, rate_hz)
     readings = [
         Reading("steps: peaks of the upper edge", float(steps.size), "1", 10.0, 0.0),
-        Reading("gait cycles in the observation", observed_s * truth.stride_frequency_hz, "1", 5.0, 0.01),
+        Reading("gait cycles in the observation", observed_s * truth.stride_frequency_hz, "1", 5.0, 0.01, given=True),
         Reading("oscillation of the main line over the gait frequency", swing / truth.stride_frequency_hz, "1", 2.0,
                 0.1, "a line oscillates at whole multiples; a tenth is what a record of five cycles resolves"),
         Reading("mean of the main line", float(torso_hz.mean()), "Hz", TORSO_HZ, TORSO_READ_HZ),
@@ -108,8 +108,9 @@ def make_five_cycles(material: Material) -> Made:
     ]  # fmt: skip
     return Made(
         figure, readings,
-        f"{verdict(readings)}: ten steps in five gait cycles, and a main line that oscillates twice a cycle. Labels "
-        "as in the report: 1 main line, 2 gait cycle, 3 step, 4 bandwidth, 5 width of the main line, 6 zero Doppler.",
+        judged(readings, f"{steps.size} steps in {readings[1].ours:.0f} gait cycles, and a main line that oscillates "
+               f"{readings[2].ours:.1f} times a cycle. Labels as in the report: 1 main line, 2 gait cycle, 3 step, "
+               "4 bandwidth, 5 width of the main line, 6 zero Doppler."),
     )  # fmt: skip
 
 

@@ -10,12 +10,12 @@ import numpy as np
 
 from doppelgait.core.labels import axis
 from doppelgait.motion.retime import travel_speed_mps
-from doppelgait.reproduce.chapter4 import ENVELOPE, verdict
-from doppelgait.reproduce.chapter4_features import bin_hz, found_hz
+from doppelgait.reproduce.chapter4 import ENVELOPE
+from doppelgait.reproduce.chapter4_features import HARMONIC_NAMES, bin_hz, found_hz
 from doppelgait.reproduce.drawing import draw_cadence_amplitude, draw_mean_doppler, panels
-from doppelgait.reproduce.entry import Entry, Made, Reading
+from doppelgait.reproduce.entry import Entry, Made, Reading, judged
 from doppelgait.reproduce.material import STEEPNESS, THRESHOLD
-from doppelgait.reproduce.measures import side_lobe_of_cadence_db
+from doppelgait.reproduce.measures import CLEAR_DB, HARMONICS, prominence_db, side_lobe_of_cadence_db
 from doppelgait.viz.body import draw_part_lines, part_lines
 from doppelgait.viz.maps import DOPPLER_LABEL, doppler_limits_hz
 from doppelgait.viz.signatures import draw_signature
@@ -34,6 +34,8 @@ PRF_HZ = 1300.0
 """Upper end of the report's frame rates, for all four: nothing aliases, and their spectra have equal bins."""
 SLOW_WALKER_MPS, FAST_WALKER_MPS = 0.8, 2.4
 NAMES = ("person, slow", "person, fast", "walker, slow", "walker, fast")
+SAME = 0.25
+"""Heights called much the same may lie this far apart."""
 NAN = math.nan
 REPORT_RADAR = {
     "carrier_hz": ("carrier frequency f_c", 7.29, "GHz", 1e9),
@@ -91,7 +93,7 @@ def make_radar_table(material: Material) -> Made:
     """Table 5.1."""
     radar = material.radar()
     readings = [
-        Reading(words, float(getattr(radar, name)) / scale, unit, value, 1e-9)
+        Reading(words, float(getattr(radar, name)) / scale, unit, value, 1e-9, given=True)
         for name, (words, value, unit, scale) in REPORT_RADAR.items()
     ]
     readings += [
@@ -103,8 +105,8 @@ def make_radar_table(material: Material) -> Made:
     ]  # fmt: skip
     return Made(
         None, readings,
-        "The parameters agree. Two things that the report concludes from them do not: 300 Hz is unambiguous to 3.1 m/s "
-        "only, and a pulse of 1 ns has a quarter of the bandwidth stated.",
+        judged(readings, f"the parameters themselves were set. Of what the report concludes from them, 300 Hz is "
+               f"unambiguous to {readings[-2].ours:.1f} m/s, and a pulse of 1 ns has {readings[-1].ours:.3f} GHz."),
     )  # fmt: skip
 
 
@@ -113,11 +115,13 @@ def make_analysis_table(material: Material) -> Made:
     result = four(material)[0][3]
     cpi_s = result.signature.attrs["cpi_pulses"] / PRF_HZ
     readings = [
-        Reading("coherent processing interval T_d", cpi_s, "s", 0.1, 1.0 / PRF_HZ, "an odd number of frames"),
-        Reading("steepness sigma_w", STEEPNESS, "1", 0.4, 0.0),
-        Reading("threshold t_mu", THRESHOLD, "1", 0.04, 0.0),
+        Reading(
+            "coherent processing interval T_d", cpi_s, "s", 0.1, 1.0 / PRF_HZ, "an odd number of frames", given=True
+        ),
+        Reading("steepness sigma_w", STEEPNESS, "1", 0.4, 0.0, given=True),
+        Reading("threshold t_mu", THRESHOLD, "1", 0.04, 0.0, given=True),
     ]
-    return Made(None, readings, f"{verdict(readings)}: these are the parameters of all figures of this chapter.")
+    return Made(None, readings, judged(readings, "these are the parameters of all figures of this chapter."))
 
 
 def make_ranges(material: Material) -> Made:
@@ -136,13 +140,13 @@ def make_ranges(material: Material) -> Made:
     readings = [
         Reading("points of the recorded person", float(counts[0]), "1", 50.0, 20.0,
                 "the report: 30 to 70" + ("" if movers[0].real else "; a model of 17 points stands in")),
-        Reading("points of the walker", float(counts[1]), "1", 17.0, 0.0),
+        Reading("points of the walker", float(counts[1]), "1", 17.0, 0.0, given=True),
         *(Reading(f"swing of the feet about the body, {name}", swing, "m")
           for name, swing in zip(("person", "walker"), swings, strict=True)),
     ]  # fmt: skip
     return Made(
         figure, readings,
-        "Agrees: both show feet and arms that oscillate about the straight line of the torso."
+        judged(readings, f"the feet swing about the body by {swings[0]:.2f} m (person) and {swings[1]:.2f} m (walker).")
         + ("" if movers[0].real else " Without recordings a model stands in for the person and has no more points than "
            "the walker; --motion-folder brings the dense bundle of lines of a real one."),
     )  # fmt: skip
@@ -179,13 +183,16 @@ def make_signatures(material: Material) -> Made:
                 float((result.normalised_signature.values >= ENVELOPE).mean()), "1")
         for name, _, _, result in results
     ]  # fmt: skip
-    lines = [reading.ours for reading in readings[:4]]
-    agrees = lines[1] > lines[0] and lines[3] > lines[2]
-    return Made(
-        figure, readings,
-        ("Agrees: " if agrees else "Differs: ") + "the main line of the fast ones "
-        + ("lies" if agrees else "does not lie") + " at a higher Doppler than that of the slow ones.",
-    )  # fmt: skip
+    readings += _faster("main line at a higher Doppler for the faster", [reading.ours for reading in readings[:4]])
+    return Made(figure, readings, judged(readings, "the main lines of slow and fast are compared, pair by pair."))
+
+
+def _faster(words: str, values: list[float]) -> list[Reading]:
+    """Whether a number is higher for the fast person than for the slow one, and for the fast walker."""
+    return [
+        Reading(f"{words}, {kind} (1: yes)", float(values[slow + 1] > values[slow]), "1", 1.0)
+        for kind, slow in (("person", 0), ("walker", 2))
+    ]
 
 
 def make_step_spectra(material: Material) -> Made:
@@ -204,23 +211,40 @@ def make_step_spectra(material: Material) -> Made:
             Reading(f"f_m, {name}", number(found_hz(result)[0]), "Hz",
                     note=f"true {true_hz:.2f} Hz; a bin is {bin_hz(result):.2f} Hz")
         )  # fmt: skip
-        readings.append(
-            Reading(f"side lobes between f_m and f_2, {name}",
-                    side_lobe_of_cadence_db(result.cadence_spectrum, true_hz), "dB")
-        )  # fmt: skip
+    sides = [side_lobe_of_cadence_db(one[3].cadence_spectrum, one[2].truth[0].gait_frequency_hz) for one in results]
+    readings += [Reading(f"side lobes between f_m and f_2, {name}", side, "dB")
+                 for name, side in zip(NAMES, sides, strict=True)]  # fmt: skip
+    readings += [
+        Reading(f"side lobes of the {NAMES[walker]} below those of the {NAMES[person]} (1: yes)",
+                float(sides[walker] < sides[person]), "1", 1.0)
+        for walker in (2, 3) for person in (0, 1)
+    ]  # fmt: skip
+    readings += _hidden_harmonics(results[1])
     slow, fast = (results[n][2].truth[0].gait_frequency_hz for n in (2, 3))
     readings.append(
         Reading("step frequency of the fast walker over that of the slow one", fast / slow, "1", 1.0, 0.02,
                 "the published model's stride rate goes with the root of the speed; the report seems to have held it")
     )  # fmt: skip
-    sides = [reading.ours for reading in readings if reading.name.startswith("side lobes")]
-    lower = np.mean(sides[2:]) < np.mean(sides[:2])
     return Made(
         figure, readings,
-        f"{'Agrees' if lower else 'Differs'} in the side lobes, which are {'lower' if lower else 'not lower'} for the "
-        "walkers: a rectangular record has side lobes of -13.3 dB however long it is, what changes is how far off they "
-        "are. Differs in the walkers' step frequency: in the published model it rises with speed.",
+        judged(readings, "a rectangular record has side lobes of -13.3 dB however long it is, what changes is how far "
+               "off they are. In the published model the walkers' step frequency rises with speed."),
     )  # fmt: skip
+
+
+def _hidden_harmonics(fast: tuple[str, Mover, Recording, TargetResult]) -> list[Reading]:
+    """Prominence of f_2 and f_3 of the fast person, and whether each is hidden, as the report says of its own."""
+    name, _, recording, result = fast
+    true_hz = recording.truth[0].gait_frequency_hz
+    readings = []
+    for harmonic, words in list(zip(HARMONICS, HARMONIC_NAMES, strict=True))[1:]:
+        level_db = prominence_db(result.cadence_spectrum, true_hz, harmonic)
+        readings += [
+            Reading(f"prominence of {words}, {name}", level_db, "dB"),
+            Reading(f"{words} hidden, {name} (1: yes)", float(level_db < CLEAR_DB), "1", 1.0,
+                    note=f"hidden: stands out by less than {CLEAR_DB:g} dB"),
+        ]  # fmt: skip
+    return readings
 
 
 def make_torso_lines(material: Material) -> Made:
@@ -235,13 +259,23 @@ def make_torso_lines(material: Material) -> Made:
     readings = [Reading(f"f_d, {name}", number(result.torso_doppler_hz), "Hz") for name, _, _, result in results]
     heights = [float(result.quality["torso_amplitude"]) for *_, result in results]
     readings += [Reading(f"A_fd, {name}", height, "1") for name, height in zip(NAMES, heights, strict=True)]
-    readings.append(Reading("largest over smallest A_fd", max(heights) / min(heights), "1"))
-    near = max(heights) / min(heights) < 1.25
+    readings.append(
+        Reading(
+            "largest over smallest A_fd",
+            max(heights) / min(heights),
+            "1",
+            note="the report: much the same",
+        )
+    )
+    readings.append(
+        Reading(f"A_fd much the same, within {100 * SAME:.0f} % of each other (1: yes)",
+                float(max(heights) / min(heights) <= 1.0 + SAME), "1", 1.0, note="the report gives no number for it")
+    )  # fmt: skip
+    readings += _faster("f_d higher for the faster", [reading.ours for reading in readings[:4]])
     return Made(
         figure, readings,
-        "f_d agrees: lower for the slow ones. "
-        + ("The heights are close to each other, as in the report."
-           if near else "The heights lie further apart than the report found them.")
+        judged(readings, f"the heights differ by a factor of {max(heights) / min(heights):.2f}; the report calls its "
+               "own much the same.")
         + " They say how steady the torso's line is, since every column was divided by its maximum; the equal radar "
         "cross section that the report gives as the reason has no part in it.",
     )  # fmt: skip
@@ -261,12 +295,8 @@ def make_bandwidths(material: Material) -> Made:
         Reading(f"B_mu, {name}", width, "Hz", note=f"true span of the points {_span_hz(recording):.0f} Hz")
         for width, (name, _, recording, _) in zip(widths, results, strict=True)
     ]  # fmt: skip
-    rises = widths[1] > widths[0] and widths[3] > widths[2]
-    return Made(
-        figure,
-        readings,
-        f"{'Agrees' if rises else 'Differs'}: the bandwidth {'grows' if rises else 'does not grow'} with the speed.",
-    )
+    readings += _faster("B_mu larger for the faster", widths)
+    return Made(figure, readings, judged(readings, "the bandwidths of slow and fast are compared, pair by pair."))
 
 
 ENTRIES = (
@@ -292,7 +322,8 @@ ENTRIES = (
     Entry(
         "fig-5.4", "Step-Doppler spectra of the four",
         "The walkers have lower side lobes, for they are observed over more gait cycles; for the people the harmonics "
-        "hardly stand out. f_m is the same for both walkers, since the model is said to keep its step frequency.",
+        "hardly stand out, least for the fast one. f_m is the same for both walkers, since the model is said to keep "
+        "its step frequency.",
         make_step_spectra,
     ),
     Entry(

@@ -15,7 +15,7 @@ from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.reproduce.chapter4_features import bin_hz, found_hz
 from doppelgait.reproduce.chapter5 import number
 from doppelgait.reproduce.drawing import draw_cadence_amplitude, draw_mean_doppler
-from doppelgait.reproduce.entry import Entry, Made, Reading
+from doppelgait.reproduce.entry import Entry, Made, Reading, judged
 from doppelgait.reproduce.material import RUNS, THRESHOLD
 from doppelgait.reproduce.movers import Mover
 from doppelgait.viz.body import draw_part_lines, part_lines
@@ -68,8 +68,8 @@ def make_ranges(material: Material) -> Made:
     ]  # fmt: skip
     return Made(
         figure, readings,
-        "Agrees in what is to be seen: the body travels in a straight line and the paws swing about it. Which dog it "
-        "is, and its speed, are another matter.",
+        judged(readings, f"the body keeps to a straight line within {readings[2].ours:.2f} m. It is another dog than "
+               "the report's, so there is no number to compare."),
     )  # fmt: skip
 
 
@@ -83,31 +83,39 @@ def make_features(material: Material) -> Made:
     first, second, _ = found_hz(result)
     other = "another dog" if dog.real else "a model stands in for the dog"
     readings = [
-        Reading("f_m by the report's method", number(first), "Hz", 2.98, 0.005,
-                f"true stride frequency {stride_hz:.2f} Hz, a bin is {bin_hz(result):.2f} Hz; {other}"),
-        Reading("f_2 by the report's method", number(second), "Hz", 6.05, 0.005, "pair rate, twice the stride's"),
+        Reading("f_m by the report's method", number(first), "Hz",
+                note=f"the report: 2.98 Hz; true stride frequency {stride_hz:.2f} Hz, a bin is {bin_hz(result):.2f} "
+                     f"Hz; {other}"),
+        Reading("f_2 by the report's method", number(second), "Hz", note="the report: 6.05 Hz"),
         Reading("f_m by ours", number(ours.gait_frequency_hz), "Hz"),
         Reading("f_m over the stride frequency", number(first) / stride_hz, "1",
-                note="1: the fundamental of a gallop is the stride, not the step"),
-        Reading("B_mu", number(result.features.doppler_bandwidth_hz), "Hz", 607.0, 1000.0 / 101.0,
-                "one of its bins"),
-        Reading("A_fd", float(result.quality["torso_amplitude"]), "1", 0.79, 0.005),
-        Reading("f_d", number(result.torso_doppler_hz), "Hz", REPORT_DOPPLER_HZ, PRF_HZ / 149.0,
-                "the speed was taken from it" if not dog.real else "another dog at another speed"),
+                note="1: what was found is the stride"),
+        Reading("B_mu", number(result.features.doppler_bandwidth_hz), "Hz", note="the report: 607 Hz"),
+        Reading("A_fd", float(result.quality["torso_amplitude"]), "1", note="the report: 0.79"),
+        Reading("f_d", number(result.torso_doppler_hz), "Hz",
+                note="the report: 263 Hz; " + ("another dog at another speed" if dog.real else "the speed was taken "
+                                               "from it")),
         Reading("speed that 263 Hz stand for",
                 float(doppler_to_velocity_mps(REPORT_DOPPLER_HZ, recording.radar.wavelength_m)), "m/s", 3.0, 0.5,
                 "the report reads about 3 m/s off its Fig. 2.20 for the same dog: its numbers contradict each other"),
     ]  # fmt: skip
-    at_stride = math.isclose(number(first), stride_hz, abs_tol=0.6 * bin_hz(result))
-    return Made(
-        figure, readings,
-        "Another dog, hence other numbers. "
-        + ("The highest peak is at the stride frequency here, too: " if at_stride else
-           "The highest peak is not at the stride frequency here; but ")
-        + "in a gallop left and right are no mirror images, so that the signature repeats with the stride. The report "
-        "calls its 2.98 Hz an error for 6.05 Hz; 2.98 Hz is very probably the right fundamental and 6.05 Hz its "
-        "second harmonic.",
-    )  # fmt: skip
+    return Made(figure, readings, judged(readings, _whose_peak(number(first), stride_hz, bin_hz(result))))
+
+
+def _whose_peak(found: float, stride_hz: float, width_hz: float) -> str:
+    """What the highest peak here says, and does not say, about the report's 2.98 Hz."""
+    if math.isclose(found, stride_hz, abs_tol=0.6 * width_hz):
+        return (
+            "another dog, hence its f_m, f_2, B_mu, A_fd and f_d are not compared. The highest peak here is at the "
+            "stride frequency, with which a gallop repeats. The report calls its 2.98 Hz an error for 6.05 Hz; by "
+            "this dog it may be the stride, and 6.05 Hz its second harmonic, but the report's recording is not at "
+            "hand to tell."
+        )
+    return (
+        f"another dog, hence its f_m, f_2, B_mu, A_fd and f_d are not compared. The highest peak here, {found:.2f} "
+        f"Hz, is not at the stride frequency of {stride_hz:.2f} Hz, so this dog does not tell whether the 2.98 Hz "
+        "that the report calls an error is the stride of its own."
+    )
 
 
 def _five_panels(recording: Recording, result: TargetResult) -> Figure:

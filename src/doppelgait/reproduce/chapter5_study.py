@@ -10,7 +10,7 @@ import pandas as pd
 
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.reproduce.drawing import LINE, panels
-from doppelgait.reproduce.entry import Entry, Made, Reading
+from doppelgait.reproduce.entry import Entry, Made, Reading, judged
 from doppelgait.reproduce.material import RUNS
 from doppelgait.reproduce.scenarios import METHOD_NAMES, METHODS, WRONG, all_scenarios, study
 from doppelgait.reproduce.separation import cohens_d, is_wrong, line_through, roc_area, separation_table
@@ -86,7 +86,8 @@ def make_step_length(material: Material) -> Made:
         panel.set(xlim=(0.0, None), ylim=(0.0, 3.0))
         name_axes(panel, title=f"({letter}) {METHOD_NAMES[method]}", x="|v_m| (m/s)", y="step length L_m (m)")
     legend_below(figure, axes[0])
-    return Made(figure, _length_readings(table), _length_judgement(table), table)
+    readings = _length_readings(table)
+    return Made(figure, readings, judged(readings, _length_words(table)), table)
 
 
 def _scatter(axes: Axes, part: pd.DataFrame, x: str, y: str) -> None:
@@ -127,10 +128,20 @@ def _length_readings(table: pd.DataFrame) -> list[Reading]:
             Reading(f"correlation of step length and speed, people, {name}", float(people[0, 1]), "1"),
             *_off_readings(part, name),
             Reading(f"steps longer than {LONG_M} m, {name}", float(len(long_steps)), "1"),
-            Reading("of these, share with a wrong step frequency",
+            Reading(f"of these, share with a wrong step frequency, {name}",
                     float(long_steps["wrong"].mean()) if len(long_steps) else math.nan, "1", 1.0, 0.05,
                     "a runner's step and a dog's stride are as long as that"),
         ]  # fmt: skip
+        if method == METHODS[0]:
+            readings.append(
+                Reading(
+                    f"most people within {NEAR_M} m of the line, {name} (1: yes)",
+                    float(_on_the_line(part) > 0.5),
+                    "1",
+                    1.0,
+                    note="more than half of them",
+                )
+            )
         readings += [_speed_reading(part, name), *wrong_readings(part, name)]
     return readings
 
@@ -187,17 +198,16 @@ def wrong_readings(part: pd.DataFrame, name: str) -> list[Reading]:
     return readings
 
 
-def _length_judgement(table: pd.DataFrame) -> str:
+def _length_words(table: pd.DataFrame) -> str:
     report = table[table["method"] == METHODS[0]]
     ours = table[table["method"] == METHODS[1]]
     near = [100.0 * _on_the_line(part) for part in (report, ours)]
     left_out = table.attrs.get("left_out", {})
     words = (
-        f"{'Agrees' if near[0] > 50.0 else 'Differs'}: step length grows in a straight line with speed for most people "
-        f"({near[0]:.0f} % within {NEAR_M} m by the report's method, {near[1]:.0f} % by ours). Dogs that walk, pace or "
-        "trot take shorter steps at the same speed; in a canter, gallop or bound f_m is the stride's, and so is the "
-        "length. Steps above 1.5 m are not always wrong: runners and galloping dogs have them. "
-        f"Scenarios: {counted(table)}"
+        f"{near[0]:.0f} % of the people lie within {NEAR_M} m of one straight line by the report's method, "
+        f"{near[1]:.0f} % by ours. Dogs that walk, pace or trot take shorter steps at the same speed; in a canter, "
+        "gallop or bound f_m is the stride's, and so is the length. Steps above 1.5 m are not always wrong: runners "
+        f"and galloping dogs have them. Scenarios: {counted(table)}"
     )
     return words + (f"; {len(left_out)} could not be observed." if left_out else ".")
 
@@ -208,7 +218,8 @@ def make_features(material: Material) -> Made:
     figure = _feature_panels(table)
     separation = separation_table(table, COMPARED, classes=CLASSES)
     separation["method"] = separation["method"].map(METHOD_NAMES)
-    return Made(figure, _feature_readings(table, separation), _feature_judgement(table, separation), separation)
+    readings = _feature_readings(table, separation)
+    return Made(figure, readings, judged(readings, _feature_words(table, separation)), separation)
 
 
 def _feature_panels(table: pd.DataFrame) -> Figure:
@@ -254,12 +265,27 @@ def _feature_readings(table: pd.DataFrame, separation: pd.DataFrame) -> list[Rea
                 for place, column in ((1, "harmonic_ratio_2"), (2, "harmonic_ratio_3"))
             ),
         ]  # fmt: skip
+    readings += _stated_readings(readings, METHOD_NAMES[METHODS[0]])
     for row in separation.to_dict("records"):
         readings.append(
             Reading(f"ROC area of people against dogs by {row['feature']}, {row['method']}", row["roc_area"], "1",
                     note=f"Cohen's d {row['cohens_d']:.2f}")
         )  # fmt: skip
     return readings
+
+
+def _stated_readings(readings: list[Reading], name: str) -> list[Reading]:
+    """What the report says in words of its own features, by the numbers read off them."""
+    ours = {reading.name: reading.ours for reading in readings}
+    said = {
+        "rho higher for the walkers": ours[f"rho of the walkers over that of the other people, medians, {name}"] > 1.0,
+        "rho higher for people than for dogs": ours[f"rho of people over that of dogs, medians, {name}"] > 1.0,
+        "B_mu high for the walkers":
+            ours[f"B_mu of the walkers over that of other people at their speeds, medians, {name}"] > 1.0,
+        "beta_1 mostly 2": ours[f"beta_1 within {NEAR_RATIO} of 2, {name}"] > 50.0,
+        "beta_2 mostly 3": ours[f"beta_2 within {NEAR_RATIO} of 3, {name}"] > 50.0,
+    }  # fmt: skip
+    return [Reading(f"{words}, {name} (1: yes)", float(is_so), "1", 1.0) for words, is_so in said.items()]
 
 
 def _ratio(part: pd.DataFrame, name: str) -> float:
@@ -271,17 +297,16 @@ def _as_fast(people: pd.DataFrame, walkers: pd.DataFrame) -> pd.DataFrame:
     return people[people["torso_velocity_mps"].between(speeds.min(), speeds.max())]
 
 
-def _feature_judgement(table: pd.DataFrame, separation: pd.DataFrame) -> str:
+def _feature_words(table: pd.DataFrame, separation: pd.DataFrame) -> str:
     report = table[table["method"] == METHODS[0]]
     told = separation.assign(apart=(separation["roc_area"] - 0.5).abs()).sort_values("apart")
     best = told[told["method"] == METHOD_NAMES[METHODS[0]]].iloc[-1]
     higher = _ratio(report, "limb_torso_ratio") > 1.0
     return (
-        f"By the report's method rho is {'higher' if higher else 'not higher'} for people than for dogs, as it "
-        f"{'expected' if higher else 'did not expect'}; its rho adds up rows and so depends on the frame rate of the "
-        f"scenario. {'No single feature tells' if best['apart'] < 0.45 else 'One feature nearly tells'} the classes "
-        f"apart; the best is {best['feature']} (ROC area {best['roc_area']:.2f}), and v_m is of use only together with "
-        "the step frequency, as the report says."
+        f"by the report's method rho is {'higher' if higher else 'not higher'} for people than for dogs; its rho adds "
+        "up rows and so depends on the frame rate of the scenario. "
+        f"{'No single feature tells' if best['apart'] < 0.45 else 'One feature nearly tells'} the classes apart; the "
+        f"best is {best['feature']} (ROC area {best['roc_area']:.2f})."
     )
 
 

@@ -15,10 +15,10 @@ from doppelgait.motion import loop
 from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.pipeline import analyze, simulate
 from doppelgait.processing import Analysis
-from doppelgait.reproduce.chapter4 import ENVELOPE, verdict
+from doppelgait.reproduce.chapter4 import ENVELOPE
 from doppelgait.reproduce.chapter5 import number
 from doppelgait.reproduce.drawing import panels
-from doppelgait.reproduce.entry import Entry, Made, Reading
+from doppelgait.reproduce.entry import Entry, Made, Reading, judged
 from doppelgait.reproduce.material import RCS_M2
 from doppelgait.reproduce.measures import torso_line_hz, upper_envelope_hz
 from doppelgait.reproduce.scenarios import WRONG
@@ -66,12 +66,14 @@ def make_aspect(material: Material) -> Made:
         Reading("f_d along the line of sight", number(views[0.0].torso_doppler_hz), "Hz"),
         Reading("B_mu across", widths[90.0], "Hz"),
         Reading("B_mu along", widths[0.0], "Hz"),
-        Reading("B_mu across over along", widths[90.0] / widths[0.0], "1"),
+        Reading("B_mu across over along", widths[90.0] / widths[0.0], "1", note="the report: far smaller envelopes"),
+        Reading("B_mu smaller across than along (1: yes)", float(widths[90.0] < widths[0.0]), "1", 1.0),
     ]
     return Made(
         figure, readings,
-        f"{verdict(readings)}: across the line of sight the main line is at 0 Hz and the limbs' Doppler all but gone. "
-        "The report's caption repeats that of Fig. 5.1; its text says what is shown.",
+        judged(readings, f"across the line of sight the main line is at {readings[0].ours:.0f} Hz and B_mu is "
+               f"{readings[4].ours:.2f} of that along it. The report's caption repeats that of Fig. 5.1; its text says "
+               "what is shown."),
     )  # fmt: skip
 
 
@@ -114,10 +116,12 @@ def make_directions(material: Material) -> Made:
         figure.axes[0].axvspan(start_s, stop_s, ymin=0.97, color=LINE_COLOURS[0], lw=0)
     still_hz = STILL_MPS * 2.0 / recording.radar.wavelength_m
     line_hz = torso_line_hz(report.normalised_signature, reach_hz=PRF_HZ)
+    changes = sign_changes(line_hz, still_hz)
     report_hz, error = number(report.gait_frequency_hz), (pieces["f_m (Hz)"] / true_hz - 1.0).abs().max()
     readings = [
-        Reading("changes of direction that the main line shows", float(sign_changes(line_hz, still_hz)), "1",
+        Reading("changes of direction that the main line shows", float(changes), "1",
                 note=f"true {sign_changes(recording.truth[0].centre_velocity_mps, STILL_MPS)}"),
+        Reading("main line changes sign (1: yes)", float(changes > 0), "1", 1.0),
         Reading("f_m of the whole by the report's method", report_hz, "Hz", note=f"true {true_hz:.2f} Hz"),
         Reading("pieces of steady motion found by ours", float(len(pieces)), "1", note=f"{LEGS} lanes are walked"),
         Reading("pieces whose f_m is known", float(pieces["f_m (Hz)"].notna().sum()), "1"),
@@ -126,9 +130,9 @@ def make_directions(material: Material) -> Made:
     wrong = not abs(report_hz / true_hz - 1.0) < WRONG
     return Made(
         figure, readings,
-        f"Agrees: the main line changes sign with the direction. The report's method takes the whole and finds "
-        f"{report_hz:.2f} Hz, {'wrong' if wrong else 'right all the same'}; ours divides the observation by itself "
-        "(bars at the top), as the report proposes, and without any truth.",
+        judged(readings, f"the main line changes sign {changes} times. The report's method takes the whole and finds "
+               f"{report_hz:.2f} Hz, {'wrong' if wrong else 'right all the same'}; ours divides the observation by "
+               "itself (bars at the top), as the report proposes, and without any truth."),
         pieces,
     )  # fmt: skip
 

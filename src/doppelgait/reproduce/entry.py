@@ -12,6 +12,10 @@ if TYPE_CHECKING:
 
     from doppelgait.reproduce.material import Material
 
+KINDS = ("agrees", "set", "differs", "not stated")
+"""What a number may be beside the report's: within its tolerance; set here as the report has it; outside; or nothing
+to compare it with."""
+
 
 @dataclass(frozen=True)
 class Reading:
@@ -33,6 +37,9 @@ class Reading:
         agreement is asked for by None.
     note : str
         Why they differ, or where the number comes from.
+    given : bool
+        Set as the report has it, or a fact of the model that stands in: that it is as stated shows nothing, so it never
+        counts as agreeing. It still differs where it is not as stated.
     """
 
     name: str
@@ -41,19 +48,44 @@ class Reading:
     stated: float | None = None
     tolerance: float | None = None
     note: str = ""
+    given: bool = False
+
+    @property
+    def kind(self) -> str:
+        """One of `KINDS`."""
+        if self.stated is None:
+            return "not stated"
+        if not abs(self.ours - self.stated) <= (self.tolerance or 0.0):
+            return "differs"
+        return "set" if self.given else "agrees"
 
     @property
     def agrees(self) -> bool | None:
-        """Whether the number lies within the tolerance; None where the report states none."""
-        if self.stated is None:
-            return None
-        return bool(abs(self.ours - self.stated) <= (self.tolerance or 0.0))
+        """Whether the number lies within the tolerance; None where the report states none or the number was set."""
+        return {"agrees": True, "differs": False}.get(self.kind)
+
+
+def verdict(readings: Sequence[Reading]) -> str:
+    """What the readings say of an entry as a whole, in words that begin a judgement.
+
+    Returns
+    -------
+    str
+        "Agrees" if every number compared with the report does, "Differs in part" or "Differs" if some or all do not;
+        "Set as stated" if all that the report states was set here, "Not compared" if it states no number.
+    """
+    kinds = {reading.kind for reading in readings}
+    if "differs" in kinds:
+        return "Differs in part" if "agrees" in kinds else "Differs"
+    if "agrees" in kinds:
+        return "Agrees"
+    return "Set as stated" if "set" in kinds else "Not compared"
 
 
 def judged(readings: Sequence[Reading], text: str) -> str:
-    """A judgement that begins with whether all readings agree, for entries whose motion may be anybody's."""
-    differing = [reading.name for reading in readings if reading.agrees is False]
-    return f"{'Differs in: ' + ', '.join(differing) + '. ' if differing else 'Agrees: '}{text}"
+    """A judgement that begins with the verdict on the readings and names those that differ."""
+    differing = [reading.name for reading in readings if reading.kind == "differs"]
+    return f"{'Differs in: ' + '; '.join(differing) + '. ' if differing else verdict(readings) + ': '}{text}"
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,8 @@ FINE = 1 << 16
 NEAR = 0.15
 """A harmonic is looked for within this share of its expected place."""
 HARMONICS = (1, 2, 3)
+CLEAR_DB = 6.0
+"""A peak stands out where it is twice the median about it."""
 
 
 def printed_window(n_pulses: int, steepness: float) -> FloatArray:

@@ -40,9 +40,9 @@ class Outcome:
         """Numbers read, none if it could not be made."""
         return self.made.readings if self.made else ()
 
-    def count(self, agrees: bool | None) -> int:
-        """Readings that agree (True), differ (False) or have nothing to be compared with (None)."""
-        return sum(reading.agrees is agrees for reading in self.readings)
+    def count_kind(self, kind: str) -> int:
+        """Readings of one of `KINDS`."""
+        return sum(reading.kind == kind for reading in self.readings)
 
     @property
     def figure_path(self) -> str | None:
@@ -74,11 +74,11 @@ class Outcome:
 
 def _reading_as_dict(reading: Reading) -> dict[str, Any]:
     plain = {name: _finite(value) for name, value in vars(reading).items()}
-    return {**plain, "agrees": reading.agrees}
+    return {**plain, "agrees": reading.agrees, "kind": reading.kind}
 
 
 def _finite(value: str | float | None) -> str | float | None:
-    """Texts as they are, numbers as plain floats, what is no finite number as None."""
-    if value is None or isinstance(value, str):
+    """Texts and truths as they are, numbers as plain floats, what is no finite number as None."""
+    if value is None or isinstance(value, (str, bool)):
         return value
     return float(value) if math.isfinite(value) else None

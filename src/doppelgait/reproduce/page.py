@@ -7,7 +7,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from doppelgait import __version__
-from doppelgait.reproduce.entry import Reading
+from doppelgait.reproduce.entry import KINDS, Reading
 from doppelgait.reproduce.outcome import Outcome
 
 if TYPE_CHECKING:
@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 SHOWN_ROWS = 30
 """Rows of a table shown on the page; the whole of it is beside the page."""
-WORDS = {True: "agrees", False: "differs", None: "not stated"}
-CLASSES = {True: "yes", False: "no", None: "none"}
+CLASSES = {"agrees": "yes", "set": "set", "differs": "no", "not stated": "none"}
+"""Style of a reading by its kind."""
 
 STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; color: #1b1b1b; max-width: 74rem; margin: 1.5rem auto; padding: 0 1rem; }
@@ -27,6 +27,7 @@ table { border-collapse: collapse; margin: .6rem 0; } th, td { padding: .2rem .7
 vertical-align: top; border-bottom: 1px solid #eee; } th { font-weight: 600; } td.number { text-align: right;
 font-variant-numeric: tabular-nums; white-space: nowrap; }
 .wide { overflow-x: auto; } .yes { color: #00693e; } .no { color: #b3001b; font-weight: 600; } .none { color: #666; }
+.set { color: #7a5b00; }
 .how { color: #555; font-size: .9rem; } .error { color: #b3001b; } nav a { margin-right: .7rem; white-space: nowrap; }
 """
 
@@ -60,7 +61,7 @@ def heading(number: str) -> str:
 
 
 def _introduction(outcomes: Sequence[Outcome], recordings: bool) -> str:
-    agree, differ, unstated = (sum(one.count(kind) for one in outcomes) for kind in (True, False, None))
+    agree, given, differ, unstated = (sum(one.count_kind(kind) for one in outcomes) for kind in KINDS)
     failed = sum(one.made is None for one in outcomes)
     motion = (
         "People and dogs are real recordings as far as the motion folder has them."
@@ -71,7 +72,8 @@ def _introduction(outcomes: Sequence[Outcome], recordings: bool) -> str:
         f"<p>Made by doppelgait {escape(__version__)} in {sum(one.seconds for one in outcomes):.0f} s: {len(outcomes)} "
         f"figures and tables{f', {failed} of them could not be made' if failed else ''}. {motion} "
         f'Of the numbers read, <span class="yes">{agree} agree</span> with what the report states, '
-        f'<span class="no">{differ} differ</span>, and for {unstated} it states none. '
+        f'<span class="no">{differ} differ</span>, <span class="set">{given} were set</span> as the report has them or '
+        f"follow from the model that stands in, and for {unstated} it states none. "
         "What a number is compared with, and how closely, comes from the report's text; notes say why some differ. "
         'All numbers are in <a href="readings.json">readings.json</a>.</p>'
     )
@@ -104,7 +106,7 @@ def _readings(readings: Sequence[Reading]) -> str:
     head = "<tr><th>quantity</th><th>here</th><th>report</th><th>within</th><th></th><th></th></tr>"
     rows = "\n".join(
         f"<tr><td>{escape(one.name)}</td>{_cell(one.ours, one.unit)}{_cell(one.stated, one.unit)}"
-        f'{_cell(one.tolerance, one.unit)}<td class="{CLASSES[one.agrees]}">{WORDS[one.agrees]}</td>'
+        f'{_cell(one.tolerance, one.unit)}<td class="{CLASSES[one.kind]}">{one.kind}</td>'
         f"<td>{escape(one.note)}</td></tr>"
         for one in readings
     )

@@ -11,15 +11,16 @@ from pathlib import Path
 
 from doppelgait import __version__
 from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning
+from doppelgait.core.own_folder import PAGE, check_out, complete_folder
 from doppelgait.reproduce.catalogue import all_entries, pick
 from doppelgait.reproduce.entry import Entry, Made
-from doppelgait.reproduce.folder import FORMAT, PAGE, READINGS, check_out, complete_folder
 from doppelgait.reproduce.material import Material
 from doppelgait.reproduce.outcome import Outcome
 from doppelgait.reproduce.page import page
 from doppelgait.viz.style import save_figure
 
-FORMAT_VERSION = 1
+FORMAT, FORMAT_VERSION = "doppelgait-reproduction", 1
+READINGS = "readings.json"
 
 
 def reproduce(
@@ -54,7 +55,7 @@ def reproduce(
     OutputError
         If the folder cannot be written; what was there before is untouched.
     """
-    check_out(out)
+    check_out(out, listing=READINGS, file_format=FORMAT, command="reproduce")
     entries = pick(all_entries(), only)
     material = Material(seed=seed, motion_folder=motion_folder)
     outcomes = []

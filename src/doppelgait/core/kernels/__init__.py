@@ -11,9 +11,9 @@ def use_widest_vectors() -> None:
 
     LLVM keeps to half of them (256 of 512 bits) on several Intel processors, for fear of their clock; the signature
     then takes 1.3 times as long, the synthesis 1.8 times. The setting is Numba's and counts for all it compiles in
-    this process; whoever sets ``NUMBA_CPU_FEATURES``, ``NUMBA_CPU_NAME`` or ``NUMBA_ENABLE_AVX`` is left alone. It comes
-    too late where something was compiled before: the kernels are slower then, their bytes the same, since none of them
-    leaves the order of a sum to the compiler.
+    this process; whoever sets ``NUMBA_CPU_FEATURES``, ``NUMBA_CPU_NAME`` or ``NUMBA_ENABLE_AVX`` is left alone. It
+    comes too late where something was compiled before: the kernels are slower then, their bytes the same, since none
+    of them leaves the order of a sum to the compiler.
     """
     from numba import config
     from numba.core.codegen import get_host_cpu_features

@@ -56,6 +56,10 @@ def read_recording(path: str | os.PathLike[str], *, format: str | None = None, *
         If there is no such file, no reader or several take it, an option is not allowed, or it cannot be read right.
     """
     file = Path(path)
+    if not file.name:  # "." has no name to look for the other files of a recording by
+        file = file.resolve()
+    if not file.name:
+        raise RecordingError(f"{path}: is no recording; give a file, or the folder of a XeThru recording")
     try:
         if file.is_file():
             check_hdf5(file)

@@ -1,4 +1,4 @@
-"""The output folder: it appears complete or not at all, and replaces nothing but an earlier one of its kind."""
+"""Output folders that appear complete or not at all, and replace nothing but an earlier one of their kind."""
 
 from __future__ import annotations
 
@@ -11,12 +11,21 @@ from pathlib import Path
 
 from doppelgait.core.errors import ConfigError, OutputError
 
-FORMAT = "doppelgait-reproduction"
-PAGE, READINGS = "index.html", "readings.json"
+PAGE = "index.html"
 
 
-def check_out(out: Path) -> None:
+def check_out(out: Path, *, listing: str, file_format: str, command: str) -> None:
     """Refuse, before any work is done, a place that cannot become the output folder or holds something else.
+
+    Parameters
+    ----------
+    out : Path
+    listing : str
+        Name of the JSON file in it that lists under ``files`` what else there is beside it and the page.
+    file_format : str
+        What that file has under ``format``.
+    command : str
+        Who writes such folders, for the error.
 
     Raises
     ------
@@ -27,20 +36,20 @@ def check_out(out: Path) -> None:
         raise ConfigError(f"{out}: the folder {out.resolve().parent} does not exist; make it first")
     if out.exists() and not out.is_dir():
         raise ConfigError(f"{out}: is a file; give a folder that does not exist yet")
-    foreign = _foreign(out)
+    foreign = _foreign(out, listing, file_format)
     if foreign:
         raise ConfigError(
-            f"{out}: holds {foreign[0]}{' and more' if len(foreign) > 1 else ''}, which no run of reproduce wrote; "
-            "give another folder"
+            f"{out}: holds {foreign[0]}{' and more' if len(foreign) > 1 else ''}, which no run of "
+            f"{command} wrote; give another folder"
         )
 
 
-def _foreign(out: Path) -> list[str]:
-    """Files of a folder that are not those that its ``readings.json`` lists."""
+def _foreign(out: Path, listing: str, file_format: str) -> list[str]:
+    """Files of a folder that are not those that its listing names."""
     present = [path.relative_to(out).as_posix() for path in out.rglob("*") if not path.is_dir()] if out.exists() else []
     try:
-        document = json.loads((out / READINGS).read_text(encoding="utf-8"))
-        ours = {PAGE, READINGS, *document["files"]} if document["format"] == FORMAT else set()
+        document = json.loads((out / listing).read_text(encoding="utf-8"))
+        ours = {PAGE, listing, *document["files"]} if document["format"] == file_format else set()
     except (OSError, ValueError, KeyError, TypeError):
         ours = set()
     return sorted(set(present) - ours)
