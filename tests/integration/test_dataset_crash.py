@@ -18,8 +18,8 @@ from doppelgait.dataset.status import dataset_hash, dataset_status
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks worker processes up in /proc")
 
-MOMENTS = 20
-WAYS = {3: "main, processes", 9: "main, processes", 16: "main, processes", 6: "worker", 13: "worker", 19: "worker"}
+MOMENTS = 12
+WAYS = {2: "main, processes", 8: "main, processes", 5: "worker", 11: "worker"}
 """Which kills are not of a process that builds alone."""
 
 
@@ -109,7 +109,7 @@ def done_after_a_kill(folder):
 
 
 @pytest.mark.slow
-def test_twenty_kills_lose_nothing_and_change_nothing(tmp_path, start, reference):
+def test_twelve_kills_lose_nothing_and_change_nothing(tmp_path, start, reference):
     expected, seconds = reference
     rng = np.random.default_rng(2018)
     safe, hits = {}, 0
@@ -130,7 +130,7 @@ def test_twenty_kills_lose_nothing_and_change_nothing(tmp_path, start, reference
         check_whole(folder, expected)
     print("examples that were safe after each kill:", safe, "workers killed:", hits)
     assert hits >= 1
-    assert sum(0 < count < 24 for count in safe.values()) >= 10, "the kills missed the work"
+    assert sum(0 < count < 24 for count in safe.values()) > 5, "the kills missed the work"
 
 
 @pytest.mark.slow
