@@ -258,3 +258,23 @@ def test_home_alarm_stays_inside_the_frame_and_never_aliases(tmp_path):
     index = open_dataset(tmp_path).index
     assert report.failures == []
     assert set(index["warnings"]) == {""}
+
+
+def test_examples_that_overlap_in_one_process_keep_their_one_blas_thread():
+    import numpy as np
+    from threadpoolctl import threadpool_info, threadpool_limits
+
+    from doppelgait.dataset.shard import _one_blas_thread
+
+    def threads():
+        return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+    assert np.ones(2) @ np.ones(2) == 2
+    with threadpool_limits(2, user_api="blas"):
+        first, second = _one_blas_thread(), _one_blas_thread()
+        first.__enter__()
+        second.__enter__()
+        first.__exit__(None, None, None)
+        assert threads() == {1}
+        second.__exit__(None, None, None)
+        assert threads() == {2}

@@ -9,10 +9,12 @@ import os
 import platform
 import traceback
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -33,6 +35,10 @@ from doppelgait.pipeline.fused import FusedExample
 from doppelgait.radar.recording import Recording
 
 Arrays = Mapping[str, npt.NDArray[Any]]
+
+_limiting = Lock()
+_limits: list[Any] = []
+"""The limit that holds, then one entry for everybody who needs it."""
 
 
 @dataclass(frozen=True)
@@ -118,8 +124,28 @@ def build_planned(entry: PlannedExample, context: BuildContext) -> list[tuple[di
     folder = Path(context.folder)
     example = resolve_example(context.config, entry.number, folder, split=entry.split, group=entry.group)
     settings = context.config.dataset
-    with _threads().limit(limits=1):  # the bytes of a matrix product depend on the number of threads
+    with _one_blas_thread():
         return build_example(example, settings.fields, folder, gate=settings.gate)
+
+
+@contextmanager
+def _one_blas_thread() -> Iterator[None]:
+    """One thread in all matrix products of this process, whose bytes depend on their number, until nobody needs it.
+
+    A cluster's worker may begin an example while one that it was told to give up still runs: the first of them to end
+    must not give the other its threads back.
+    """
+    with _limiting:
+        if not _limits:
+            _limits.append(_threads().limit(limits=1))
+        _limits.append(None)
+    try:
+        yield
+    finally:
+        with _limiting:
+            _limits.pop()
+            if len(_limits) == 1:
+                _limits.pop().restore_original_limits()
 
 
 @lru_cache(maxsize=1)
