@@ -233,6 +233,7 @@ def write_shard(path: Path, split: str, ids: list[str], arrays: Sequence[Arrays]
     with h5py.File(image, "w", track_order=True) as file:
         file.attrs["split"] = split
         file.create_dataset("id", data=np.array(ids, dtype=h5py.string_dtype()), track_times=False)
+        file.flush()
         for name in dict.fromkeys(name for entry in arrays for name in entry):
             values = {number: entry[name] for number, entry in enumerate(arrays) if name in entry}
             options = {"compression": "gzip", "compression_opts": 1, "shuffle": True, "track_times": False}
@@ -240,9 +241,11 @@ def write_shard(path: Path, split: str, ids: list[str], arrays: Sequence[Arrays]
                 shape = next(iter(values.values())).shape
                 chunks = {} if 0 in shape else {"chunks": (1, *shape), **options}
                 file.create_dataset(name, data=np.stack(list(values.values())), **chunks)
+                file.flush()  # in this order, and not when Python gets round to closing them: the bytes are the same
                 continue
             for number, value in values.items():
                 file.create_dataset(f"{name}/{number}", data=value, **({} if value.size == 0 else options))
+                file.flush()
     path.write_bytes(image.getbuffer())
     _sync(path)
 
