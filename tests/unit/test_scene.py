@@ -335,6 +335,21 @@ def test_truth_is_the_geometry_that_the_radar_saw():
     )
 
 
+def test_the_body_to_draw_stands_where_the_radar_saw_it():
+    walk = Target(boulic_walk(speed_mps=1.3, height_m=1.8, duration_s=2.0), label="human", aspect_deg=50.0)
+    scene = Scene([walk], radar_position_m=(0.3, -0.2, 1.4), radar_azimuth_deg=12.0, radar_tilt_deg=-5.0)
+    recording = simulate(scene, Radar.preset("x4"))
+    truth = recording.truth[0]
+    assert (recording.radar_azimuth_deg, recording.radar_tilt_deg) == (12.0, -5.0)
+    times = truth.body.coords["time"].values
+    assert 50.0 < (times.size - 1) / times[-1] <= 60.0
+    range_m = np.linalg.norm(truth.body.values - np.array(recording.radar_position_m), axis=2)
+    pulses = np.searchsorted(recording.baseband.coords["slow_time"].values, times)
+    np.testing.assert_allclose(range_m, truth.scatterers["range"].values[pulses], atol=2e-6)
+    assert list(truth.body.coords["part"].values) == list(truth.scatterers.coords["part"].values)
+    assert simulate(scene, Radar.preset("x4"), angles=False).truth[0].body is None
+
+
 def test_truth_of_a_target_that_is_scaled_dynamically_e01():
     motion = boulic_walk(speed_mps=1.2, height_m=1.8, duration_s=3.0)
     recording = simulate(Scene([Target(motion, height_m=1.2, scaling="froude")], duration_s=2.0), Radar.preset("x4"))

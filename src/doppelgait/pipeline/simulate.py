@@ -29,11 +29,13 @@ from doppelgait.radar.simulate import (
     warn_of_limits,
 )
 from doppelgait.radar.waveforms import waveform_of
-from doppelgait.scene import LineOfSight, Scene, assemble
+from doppelgait.scene import LineOfSight, Scene, assemble, body_at
 from doppelgait.scene.target import scaled_motion
 
 MAX_SAMPLES = 2e9
 """Largest data matrix: 16 GB of complex64."""
+BODY_RATE_HZ = 60.0
+"""Positions a second, at most, of the bodies that the truth keeps to be drawn: what a screen shows."""
 PROBE_RATE_HZ = 500.0
 """Rate at which a scene's speeds are looked up for the lowest frame rate."""
 
@@ -65,7 +67,8 @@ def simulate(
         Environment and impairments; none by default. Receiver noise comes before the impairments; a ``thermal_noise``
         among them takes its place.
     angles : bool
-        Whether the truth holds every scatterer's aspect angle; without, the simulation is quicker.
+        Whether the truth holds every scatterer's aspect angle and the bodies to draw; without, the simulation is
+        quicker.
     scene_rng : numpy.random.Generator, optional
         Source of what the scene itself draws (fluctuation and spread of radar cross sections); ``rng`` by default.
     impairments_rng : numpy.random.Generator, optional
@@ -105,13 +108,17 @@ def simulate(
         samples = noisy(samples, noise_power_v2=noise_v2 / waveform_of(radar).noise_gain(radar), rng=rng)
     if given.faults and fault_rng is not None:
         samples = apply_impairments(samples, given.faults, radar=radar, rng=fault_rng)
+    drawn = slow_time_s[:: math.ceil(radar.prf_hz / BODY_RATE_HZ)] if angles else None
     return Recording(
         baseband=label_baseband(compress(samples, radar), slow_time_s, radar),
         radar=radar,
-        truth=[target_truth(scene, n, scatterers, track) for n, track in enumerate(tracks)],
+        truth=[target_truth(scene, n, scatterers, track, drawn_s=drawn) for n, track in enumerate(tracks)],
         noise_power_v2=noise_v2,
         snr_frame_db=snr_frame_db(signal_v2, noise_v2),
         source="simulation",
+        radar_position_m=scene.radar_position_m,
+        radar_azimuth_deg=scene.radar_azimuth_deg,
+        radar_tilt_deg=scene.radar_tilt_deg,
     )
 
 
@@ -152,8 +159,14 @@ def pulse_times_s(
     return slow_time_s
 
 
-def target_truth(scene: Scene, number: int, scatterers: xr.Dataset, centre: LineOfSight) -> TargetTruth:
-    """Truth of one target of a scene, from the same geometry that the radar sees; frequencies over the observation."""
+def target_truth(
+    scene: Scene, number: int, scatterers: xr.Dataset, centre: LineOfSight,
+    *, drawn_s: npt.NDArray[np.float64] | None = None,
+) -> TargetTruth:  # fmt: skip
+    """Truth of one target of a scene, from the same geometry that the radar sees; frequencies over the observation.
+
+    Its body is there at the times ``drawn_s``, if they are given.
+    """
     target = scene.observed_targets[number]
     own = axis(scatterers, "target") == number
     rows = scatterers if own.all() else scatterers.isel(scatterer=np.flatnonzero(own))
@@ -171,6 +184,7 @@ def target_truth(scene: Scene, number: int, scatterers: xr.Dataset, centre: Line
         motion=facts["source"],
         height_m=facts["height_m"],
         **_observed_frequencies_hz(motion, scene.observation_s),
+        body=None if drawn_s is None else body_at(target, scene, drawn_s),
     )
 
 

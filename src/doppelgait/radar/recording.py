@@ -36,6 +36,9 @@ class TargetTruth:
         Stature or withers height, NaN when unknown.
     stride_frequency_hz, step_frequency_hz, gait_frequency_hz : float
         Means over the observation, NaN when unknown (E-07).
+    body : DataArray (time, marker, space), optional
+        Where the points of the body are, to be drawn: at most 60 positions a second, in the frame of the scene, whose
+        floor is at z = 0.
     """
 
     label: str
@@ -51,6 +54,7 @@ class TargetTruth:
     stride_frequency_hz: float = NAN
     step_frequency_hz: float = NAN
     gait_frequency_hz: float = NAN
+    body: xr.DataArray | None = None
 
     def doppler_hz(self, wavelength_m: float) -> npt.NDArray[np.float64]:
         """True Doppler shift of every scatterer, shape (I, L): 2 v_r / lambda (E-05)."""
@@ -79,6 +83,10 @@ class Recording:
         File name, or how it was made.
     notes : sequence of str
         What its file does not tell and was therefore assumed or taken from options; empty for simulated recordings.
+    radar_position_m : (float, float, float), optional
+        Place of the radar in the frame of the scene; None for measured recordings.
+    radar_azimuth_deg, radar_tilt_deg : float
+        Where its antenna looks: from +x towards +y, and up from the horizontal.
     """
 
     baseband: xr.DataArray
@@ -89,6 +97,9 @@ class Recording:
     seed: int | None = None
     source: str = ""
     notes: Sequence[str] = ()
+    radar_position_m: tuple[float, float, float] | None = None
+    radar_azimuth_deg: float = 0.0
+    radar_tilt_deg: float = 0.0
 
     def __post_init__(self) -> None:
         check_signal(self.baseband, BASEBAND)

@@ -12,7 +12,7 @@ import xarray as xr
 from doppelgait.core.config import canonical_json, validate
 from doppelgait.core.errors import DoppelgaitError, RecordingError
 from doppelgait.core.files import atomic_path
-from doppelgait.core.labels import BASEBAND, SCATTERER_VARIABLES, axis, make_array
+from doppelgait.core.labels import BASEBAND, MOTION, SCATTERER_VARIABLES, SPACE, axis, make_array
 from doppelgait.radar.config import Radar
 from doppelgait.radar.readers import read_recording
 from doppelgait.radar.recording import NAN, Recording, TargetTruth, further_facts
@@ -29,6 +29,7 @@ TRUTH_FACTS = (
     "label", "gait", "subject", "motion", "ground_speed_mps", "height_m",
     "stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz",
 )  # fmt: skip
+POSE = ("radar_position_m", "radar_azimuth_deg", "radar_tilt_deg")
 CENTRE_ARRAYS = ("centre_range_m", "centre_velocity_mps", "centre_aspect_rad")
 STORED_VARIABLES = ("range", "radial_velocity", "rcs", "path_gain", "path_phase", "aspect")
 OPTIONAL_VARIABLES = ("path_gain", "path_phase", "aspect")
@@ -60,6 +61,8 @@ def _write_hdf5(recording: Recording, path: Path) -> None:
         file["baseband"].attrs.update(further_facts(recording.baseband))
         _put(file, "slow_time_s", axis(recording.baseband, "slow_time"), "s")
         _put(file, "range_m", axis(recording.baseband, "range"), "m")
+        if recording.radar_position_m is not None:
+            file.attrs.update({name: getattr(recording, name) for name in POSE})
         for number, truth in enumerate(recording.truth):
             _write_truth(file.create_group(f"truth/{number}", track_order=True), truth)
 
@@ -81,6 +84,11 @@ def _write_truth(group: Any, truth: TargetTruth) -> None:
         values = truth.scatterers[name].values
         constant = name in ("rcs", "path_gain") and bool((values == values[:1]).all())
         _put(group, name + UNIT_SUFFIX[units], values[:1] if constant else values, units)
+    if truth.body is not None:
+        group.attrs["body_marker"] = json.dumps([str(m) for m in axis(truth.body, "marker")])
+        group.attrs["body_part"] = json.dumps([str(p) for p in axis(truth.body, "part")])
+        _put(group, "body_time_s", axis(truth.body, "time"), "s")
+        _put(group, "body_position_m", truth.body.values.astype("<f4"), "m")
 
 
 def sniff_hdf5(path: Path) -> bool:
@@ -131,6 +139,9 @@ def _read_hdf5(file: Any, source: str) -> Recording:
     attrs = {"radar": canonical_json(radar), **further}
     baseband = make_array(BASEBAND, file["baseband"][:].astype(np.complex64), coords, attrs)
     numbers = sorted(file.get("truth", {}), key=int)
+    pose = {name: np.asarray(file.attrs[name]).tolist() for name in POSE if name in file.attrs}
+    if "radar_position_m" in pose:
+        pose["radar_position_m"] = tuple(pose["radar_position_m"])
     return Recording(
         baseband=baseband,
         radar=radar,
@@ -140,6 +151,7 @@ def _read_hdf5(file: Any, source: str) -> Recording:
         seed=int(file.attrs["seed"]) if "seed" in file.attrs else None,
         source=source,
         notes=[str(note) for note in json.loads(file.attrs.get("notes", "[]"))],
+        **pose,
     )
 
 
@@ -162,7 +174,17 @@ def _read_truth(group: Any, slow_time_s: Any, number: int) -> TargetTruth:
         },
     )
     facts = {fact: _plain(group.attrs[fact]) for fact in TRUTH_FACTS}
-    return TargetTruth(scatterers=scatterers, **{name: group[name][:] for name in CENTRE_ARRAYS}, **facts)
+    centre = {name: group[name][:] for name in CENTRE_ARRAYS}
+    return TargetTruth(scatterers=scatterers, body=_read_body(group), **centre, **facts)
+
+
+def _read_body(group: Any) -> xr.DataArray | None:
+    """Body of a target; recordings of versions that kept none have none."""
+    if "body_position_m" not in group:
+        return None
+    markers, parts = (np.array(json.loads(group.attrs[f"body_{key}"]), dtype=str) for key in ("marker", "part"))
+    coords = {"time": group["body_time_s"][:], "marker": markers, "space": list(SPACE), "part": ("marker", parts)}
+    return make_array(MOTION, group["body_position_m"][:].astype(np.float32), coords)
 
 
 def _plain(value: Any) -> Any:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.labels import SCATTERER_VARIABLES, axis
+from doppelgait.core.labels import MOTION, SCATTERER_VARIABLES, SPACE, axis, make_array
 from doppelgait.motion.retime import check_times, fit_centre, fit_spline, resample
 from doppelgait.radar.link import MIN_RANGE_M
 from doppelgait.scene.rcs import RcsSpec
@@ -279,6 +279,15 @@ def ranges_and_velocities(
 def body_track(target: Target, scene: Scene, slow_time_s: npt.ArrayLike) -> LineOfSight:
     """Line of sight of the target's body centre at the pulse times, each array of shape (I,)."""
     return _centre_track(placed_motion(target, scene), scene, np.asarray(slow_time_s, dtype=float))
+
+
+def body_at(target: Target, scene: Scene, time_s: npt.ArrayLike) -> xr.DataArray:
+    """Points of a target's body in the frame of the scene at times from its start, float32 (time, marker, space), m."""
+    times, motion = np.asarray(time_s, dtype=float), placed_motion(target, scene)
+    coords = {"time": times, "marker": axis(motion, "marker"), "space": list(SPACE), "part": axis(motion, "part")}
+    return make_array(
+        MOTION, resample(motion, times)[0].astype(np.float32), {**coords, "part": ("marker", coords["part"])}
+    )
 
 
 def _centre_track(motion: xr.DataArray, scene: Scene, times: FloatArray) -> LineOfSight:
