@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import re
 import subprocess
 import sys
+import warnings
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pandas as pd
 import pytest
+
+from doppelgait.cli.app import main
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
@@ -39,7 +44,8 @@ heading_deg = 0
 """
 
 
-def run(*arguments, cwd=None, code=0):
+def run_process(*arguments, cwd=None, code=0):
+    """The command in a process of its own."""
     done = subprocess.run(
         [sys.executable, "-c", "from doppelgait.cli.app import main; main()", *map(str, arguments)],
         capture_output=True, text=True, cwd=cwd, timeout=120, check=False,
@@ -48,6 +54,37 @@ def run(*arguments, cwd=None, code=0):
     assert done.returncode == code, done.stderr + done.stdout
     assert "Traceback" not in done.stderr
     return done
+
+
+def run(*arguments, cwd=None, code=0):
+    """The same in this process, which has the libraries loaded: the second or two of a start are not paid each time."""
+    out, err = io.StringIO(), io.StringIO()
+    argv = ["doppelgait", *map(str, arguments)]
+    with pytest.MonkeyPatch.context() as patched, warnings.catch_warnings():
+        warnings.resetwarnings()
+        patched.setattr(sys, "argv", argv)
+        patched.setenv("COLUMNS", "200")
+        patched.chdir(cwd or Path.cwd())
+        with redirect_stdout(out), redirect_stderr(err):
+            status = _exit_status()
+    done = subprocess.CompletedProcess(argv, status, out.getvalue(), err.getvalue())
+    assert done.returncode == code, done.stderr + done.stdout
+    return done
+
+
+def _exit_status():
+    """Exit status of the command; anything but a way out fails the test with its traceback."""
+    try:
+        main()
+    except SystemExit as end:
+        return end.code or 0
+    return 0
+
+
+def test_in_a_process_of_its_own_the_command_says_the_same(recorded):
+    for arguments, code in ((("radar", "show", "x4"), 0), (("radar", "show", "x9"), 2)):
+        alone, here = run_process(*arguments, cwd=recorded, code=code), run(*arguments, cwd=recorded, code=code)
+        assert (alone.stdout, alone.stderr) == (here.stdout, here.stderr)
 
 
 @pytest.fixture(scope="module")
