@@ -1,10 +1,11 @@
 # make dataset   set everything up and build the home-alarm dataset from gait models
 # make test      set everything up and run every check
+# make docs      build the documentation site into docs/_build/html, warnings are errors
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: dataset test benchmark clean
+.PHONY: dataset test docs docs-links benchmark clean
 
 dataset: $(VENV)/.installed
 	$(BIN)/doppelgait dataset build home-alarm -o home-alarm
@@ -15,6 +16,13 @@ test: $(VENV)/.installed-test
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/pytest -n auto
+
+docs: $(VENV)/.installed-docs
+	$(BIN)/sphinx-build -W --keep-going -q -b html docs docs/_build/html
+	@echo "documentation: docs/_build/html/index.html"
+
+docs-links: $(VENV)/.installed-docs
+	$(BIN)/sphinx-build -q -b linkcheck docs docs/_build/links
 
 benchmark: $(VENV)/.installed
 	$(BIN)/python benchmarks/chain.py
@@ -32,5 +40,9 @@ $(VENV)/.installed-test: pyproject.toml $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --editable ".[test]"
 	touch $@
 
+$(VENV)/.installed-docs: pyproject.toml $(VENV)/.installed
+	$(BIN)/python -m pip install --quiet --editable ".[docs]"
+	touch $@
+
 clean:
-	rm -rf $(VENV) home-alarm demo build dist
+	rm -rf $(VENV) home-alarm demo build dist docs/_build docs/auto_gallery

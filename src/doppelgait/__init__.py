@@ -22,7 +22,7 @@ _LAZY = {
 }
 _SUBPACKAGES = {
     "classify", "core", "dataset", "features", "motion", "pipeline", "processing", "radar", "reproduce", "scene",
-    "testing", "viz",
+    "testing", "viewer", "viz",
 }  # fmt: skip
 
 __all__ = ["__version__", *sorted(set(_LAZY) | _SUBPACKAGES)]

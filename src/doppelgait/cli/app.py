@@ -8,7 +8,20 @@ from typing import Annotated
 import typer
 
 from doppelgait import __version__
-from doppelgait.cli import analyze, classify, dataset, dataset_use, demo, evaluate, motion, radar, reproduce, simulate
+from doppelgait.cli import (
+    analyze,
+    classify,
+    dataset,
+    dataset_use,
+    demo,
+    evaluate,
+    listen,
+    motion,
+    radar,
+    reproduce,
+    simulate,
+    view,
+)
 from doppelgait.cli.output import say, show_warnings_plainly
 from doppelgait.core.errors import DoppelgaitError
 
@@ -34,6 +47,8 @@ app.command("analyze")(analyze.analyze)
 app.command("evaluate")(evaluate.evaluate)
 app.command("classify")(classify.classify)
 app.command("reproduce")(reproduce.reproduce)
+app.command("view")(view.view)
+app.command("listen")(listen.listen)
 app.command("demo")(demo.demo)
 
 _debug = False

@@ -163,7 +163,7 @@ def radar_of(description: Mapping[str, Any], row: Mapping[str, Any]) -> Radar:
         If the plan names a preset's file that is not in the working folder.
     """
     config = description.get("config") or {}
-    number = _number_in_plan(config, str(row["scene_id"]))
+    number = number_in_plan(config, str(row["scene_id"]))
     if number is None or description.get("origin", "simulated") != "simulated":
         raise DatasetError(f"{row['id']}: the dataset does not tell its radar; only simulated ones do")
     table = resolve(config.get("radar", {}), seed=config["dataset"]["seed"], example=number, key="radar")
@@ -171,7 +171,7 @@ def radar_of(description: Mapping[str, Any], row: Mapping[str, Any]) -> Radar:
     return radar
 
 
-def _number_in_plan(config: Mapping[str, Any], scene_id: str) -> int | None:
+def number_in_plan(config: Mapping[str, Any], scene_id: str) -> int | None:
     """Number of an example among all of its plan, from its id: the classes follow each other."""
     label, _, within = scene_id.rpartition("-")
     first = 0

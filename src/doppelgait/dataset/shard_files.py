@@ -91,6 +91,7 @@ class ShardFiles:
         if shard in files:
             files.move_to_end(shard)
             return files[shard]
+        self._check_inside(shard)
         files[shard] = (h5py.File(self._path(shard), "r", rdcc_nbytes=0), {})  # a row is read once in a while
         if len(files) > MAX_OPEN:
             files.popitem(last=False)[1][0].close()
@@ -103,6 +104,11 @@ class ShardFiles:
             self._local.files = OrderedDict()
         files: OrderedDict[str, tuple[Any, dict[str, Any]]] = self._local.files
         return files
+
+    def _check_inside(self, shard: str) -> None:
+        """Refuse a shard that an index or a link puts anywhere but into the folder: it is no part of the dataset."""
+        if self._path(shard).resolve().parent != self.folder.resolve():
+            raise ValueError("it lies outside the folder of the dataset")
 
     def _path(self, shard: str) -> Path:
         return self.folder / f"{shard}.h5"

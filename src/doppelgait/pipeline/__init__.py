@@ -2,13 +2,13 @@
 
 from doppelgait.pipeline.analyze import TargetResult, analyze, truth_gate
 from doppelgait.pipeline.echoes import Conditions
-from doppelgait.pipeline.results import analysis_as_dict, result_as_dict, write_results
+from doppelgait.pipeline.results import analysis_as_dict, read_results, result_as_dict, write_results
 from doppelgait.pipeline.run import NoiseSpec, RunSpec, load_run, parse_radar, parse_run, run_example, run_simulation
 from doppelgait.pipeline.simulate import simulate, with_lowest_prf
 from doppelgait.pipeline.tracked import Tracking
 
 __all__ = [
     "Conditions", "NoiseSpec", "RunSpec", "TargetResult", "Tracking", "analysis_as_dict", "analyze", "load_run",
-    "parse_radar", "parse_run", "result_as_dict", "run_example", "run_simulation", "simulate", "truth_gate",
-    "with_lowest_prf", "write_results",
+    "parse_radar", "parse_run", "read_results", "result_as_dict", "run_example", "run_simulation", "simulate",
+    "truth_gate", "with_lowest_prf", "write_results",
 ]  # fmt: skip

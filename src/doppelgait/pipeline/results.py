@@ -5,16 +5,31 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.config import canonical_json
+from doppelgait.core.config import canonical_json, validate
+from doppelgait.core.errors import AnalysisError, DoppelgaitError
 from doppelgait.core.files import atomic_path
-from doppelgait.core.labels import axis
+from doppelgait.core.labels import (
+    CADENCE_MAP,
+    CADENCE_SPECTRUM,
+    COORDINATE_UNITS,
+    SIGNATURE,
+    Schema,
+    axis,
+    make_array,
+)
+from doppelgait.core.units import doppler_to_velocity_mps
+from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline.analyze import TargetResult
 from doppelgait.processing import Analysis
+from doppelgait.radar.config import Radar
 from doppelgait.radar.recording import Recording
 
 FORMAT = "doppelgait-result"
@@ -94,6 +109,7 @@ def _write_target(group: Any, result: TargetResult) -> None:
     group.attrs["flags"] = json.dumps(plain["flags"])
     for name in ("signature", "cadence_map", "cadence_spectrum"):
         write_array(group, name, getattr(result, name))
+    group.create_dataset("main_line_hz", data=result.main_line_hz, track_times=False)
     limits = {name: variable.values for name, variable in result.gate_limits.data_vars.items()}
     gate = group.create_group("gate_limits", track_order=True)
     for name, values in {"time_s": axis(result.gate_limits, "time"), **limits}.items():
@@ -119,3 +135,149 @@ def write_array(group: Any, name: str, array: xr.DataArray) -> None:
 def plain_attributes(attrs: Mapping[Any, Any]) -> dict[str, Any]:
     """Attributes that HDF5 can hold."""
     return {str(key): value for key, value in attrs.items() if isinstance(value, str | int | float)}
+
+
+@dataclass(frozen=True)
+class StoredTarget:
+    """One target of a result file.
+
+    Parameters
+    ----------
+    facts : dict
+        As of :func:`result_as_dict`.
+    signature : DataArray (time, doppler)
+    cadence_map : DataArray (cadence, doppler)
+    cadence_spectrum : DataArray (cadence)
+    gate_limits : Dataset (time)
+    main_line_hz : ndarray, shape (J,), or None
+        At the columns of the signature; files of older versions have none.
+    """
+
+    facts: dict[str, Any]
+    signature: xr.DataArray
+    cadence_map: xr.DataArray
+    cadence_spectrum: xr.DataArray
+    gate_limits: xr.Dataset
+    main_line_hz: npt.NDArray[np.float64] | None
+
+
+@dataclass(frozen=True)
+class StoredResults:
+    """What a result file holds.
+
+    Parameters
+    ----------
+    source : str
+        Recording that was analysed.
+    radar : Radar
+    analysis : Analysis
+    targets : tuple of StoredTarget
+    """
+
+    source: str
+    radar: Radar
+    analysis: Analysis
+    targets: tuple[StoredTarget, ...]
+
+
+STORED_ARRAYS: dict[str, Schema] = {
+    "signature": SIGNATURE,
+    "cadence_map": CADENCE_MAP,
+    "cadence_spectrum": CADENCE_SPECTRUM,
+}
+STORED_NUMBERS = ("gait_frequency_hz", "torso_doppler_hz", "n_periods")
+
+
+def sniff_results(path: str | Path) -> bool:
+    """Whether a file is HDF5 and says that it holds results."""
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            return bool(file.attrs.get("format") == FORMAT)
+    except (OSError, RuntimeError, ValueError, TypeError, LookupError):
+        return False
+
+
+def read_results(path: str | Path) -> StoredResults:
+    """Read a file of :func:`write_results`.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    StoredResults
+        Arrays with their dimensions and velocity as coordinates; those along time beside it are not stored.
+
+    Raises
+    ------
+    AnalysisError
+        If the file is missing, is no result file, or is damaged.
+    """
+    import h5py
+
+    if not Path(path).is_file():
+        raise AnalysisError(f"{path}: no such file")
+    try:
+        with h5py.File(path, "r") as file:
+            return _read_hdf5(file)
+    except (OSError, LookupError, ValueError, TypeError, AttributeError, RuntimeError, DoppelgaitError) as error:
+        raise AnalysisError(
+            f"{path}: is damaged or no result of doppelgait analyze: {error}; analyse the recording again"
+        ) from None
+
+
+def _read_hdf5(file: Any) -> StoredResults:
+    if file.attrs.get("format") != FORMAT:
+        raise ValueError(f"attribute format is {file.attrs.get('format')!r}, must be {FORMAT!r}")
+    if int(file.attrs["format_version"]) > FORMAT_VERSION:
+        raise ValueError(f"format_version is {file.attrs['format_version']}, this program reads up to {FORMAT_VERSION}")
+    numbers = sorted(file.get("targets", {}), key=int)
+    return StoredResults(
+        source=str(file.attrs["source"]),
+        radar=validate(Radar, json.loads(file.attrs["radar"]), where="radar"),
+        analysis=validate(Analysis, json.loads(file.attrs["analysis"]), where="analysis"),
+        targets=tuple(_read_target(file[f"targets/{number}"]) for number in numbers),
+    )
+
+
+def _read_target(group: Any) -> StoredTarget:
+    features = {name: _stored_number(group.attrs[name]) for name in FEATURE_UNITS}
+    facts = {
+        "label": str(group.attrs["label"]) or None,
+        "gate": str(group.attrs["gate"]),
+        "features": features,
+        **{name: _stored_number(group.attrs[name]) for name in STORED_NUMBERS},
+        **{name: json.loads(group.attrs[name]) for name in ("quality", "flags", "standard_deviation", "extended")},
+    }
+    pieces = json.loads(group.attrs["pieces"])
+    gate = group["gate_limits"]
+    limits = {name: ("time", gate[name][:]) for name in gate if name != "time_s"}
+    line = group["main_line_hz"][:] if "main_line_hz" in group else None
+    arrays = {name: _read_array(group, name, schema) for name, schema in STORED_ARRAYS.items()}
+    if line is not None and line.shape != (arrays["signature"].sizes["time"],):
+        raise ValueError(f"main_line_hz has shape {line.shape}, the signature {arrays['signature'].shape}")
+    return StoredTarget(
+        facts={**facts, **({"pieces": pieces} if pieces else {})},
+        gate_limits=xr.Dataset(limits, coords={"time": ("time", gate["time_s"][:], {"units": "s"})}),
+        main_line_hz=line,
+        **arrays,
+    )
+
+
+def _stored_number(value: Any) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _read_array(group: Any, name: str, schema: Schema) -> xr.DataArray:
+    stored = group[name]
+    attrs = {key: value.item() if isinstance(value, np.generic) else value for key, value in stored.attrs.items()}
+    if json.loads(attrs.pop("dims")) != list(schema.dims):
+        raise ValueError(f"{name} has dimensions {stored.attrs['dims']}, must be {schema.dims}")
+    coords: dict[str, Any] = {dim: group[f"{dim}{AXIS_SUFFIX[COORDINATE_UNITS[dim]]}"][:] for dim in schema.dims}
+    if "doppler" in coords:
+        wavelength_m = float(group["signature"].attrs["wavelength_m"])
+        coords["velocity"] = ("doppler", doppler_to_velocity_mps(coords["doppler"], wavelength_m))
+    return make_array(schema, stored[:], coords, attrs)

@@ -1,0 +1,139 @@
+"""``doppelgait listen``: recording -> the sound of its Doppler signal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from doppelgait.cli.analyze import OPTION_HELP, parse_gate
+from doppelgait.cli.output import check_output, print_json, say
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from doppelgait.pipeline import Tracking
+    from doppelgait.processing import Analysis
+    from doppelgait.radar import Recording
+
+    LabelledGate = tuple[str | None, xr.Dataset]
+
+DEEP_HZ = 250.0
+"""A sound that ends below this is next to inaudible."""
+
+
+class Ears(StrEnum):
+    """What the two channels hold."""
+
+    iq = "iq"
+    sides = "sides"
+
+
+def listen(
+    recording: Annotated[Path, typer.Argument(help="Recording: our .h5, XeThru, or any format of 'radar formats'.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Sound to write, .wav.")],
+    gate: Annotated[
+        str, typer.Option("--gate", help="Where the targets are: track, truth, or FROM:TO in m.")
+    ] = "track",
+    target: Annotated[int, typer.Option("--target", min=0, help="Which of the targets, from 0.")] = 0,
+    pitch: Annotated[
+        float | None,
+        typer.Option("--pitch", help="Multiply every Doppler frequency, same duration; by default 4, or what fits."),
+    ] = None,
+    channels: Annotated[
+        Ears,
+        typer.Option("--channels", help="iq: I left, Q right; sides: what approaches left, what recedes right."),
+    ] = Ears.iq,
+    changes: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="Change a parameter of the analysis, for example clutter=mean; repeatable."),
+    ] = None,
+    options: Annotated[list[str] | None, typer.Option("--option", help=OPTION_HELP)] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Make the Doppler signal of one target audible: a stereo WAV file as long as the recording.
+
+    What stands still is taken off first, as 'analyze --gate track' does, whatever the gate; --set clutter=none keeps
+    it.
+
+    Example: doppelgait listen walk.h5 -o walk.wav
+
+    Example: doppelgait listen walk.h5 -o walk.wav --gate truth --pitch 6 --channels sides
+    """
+    from doppelgait.core.config import apply_overrides, validate
+    from doppelgait.core.files import atomic_path
+    from doppelgait.pipeline import Tracking
+    from doppelgait.pipeline.tracked import with_clutter_off
+    from doppelgait.processing import Analysis
+    from doppelgait.processing.sound import doppler_sound, plan_sound, write_wav
+    from doppelgait.radar import read_recording
+
+    check_output(output, ".wav")
+    table = apply_overrides({}, changes or [])
+    tracking = validate(Tracking, table.pop("tracking", {}), where="tracking")
+    settings = with_clutter_off(validate(Analysis, table, where="analysis"))
+    loaded = read_recording(recording, **apply_overrides({}, options or []))
+    for note in loaded.notes:
+        say(f"note: {note}")
+    factor, _ = plan_sound(loaded.radar.prf_hz, pitch)
+    _tell_if_deep(loaded.radar.prf_hz, factor)
+    found = _gates(loaded, gate, settings, tracking)
+    label, limits = _pick(found, target, str(recording))
+    rate_hz, samples = doppler_sound(loaded.baseband, limits, settings, pitch=pitch, channels=channels.value)
+    with atomic_path(output) as partial:
+        write_wav(str(partial), rate_hz, samples)
+    facts = {
+        "file": str(output),
+        "rate_hz": rate_hz,
+        "duration_s": samples.shape[0] / rate_hz,
+        "pitch": factor,
+        "channels": channels.value,
+        "target": target,
+        "label": label,
+        "n_targets": len(found),
+    }
+    if as_json:
+        print_json(facts)
+    else:
+        name = label or "target"
+        say(f"{output}: {name} ({target} of {len(found)}), {facts['duration_s']:.1f} s, pitch {factor:g}")
+
+
+def _tell_if_deep(prf_hz: float, pitch: float) -> None:
+    highest_hz = pitch * prf_hz / 2.0
+    if highest_hz < DEEP_HZ:
+        say(
+            f"note: at {prf_hz:g} frames per second and pitch {pitch:g} nothing is above {highest_hz:.0f} Hz, too deep "
+            f"for most ears and speakers; try --pitch {math.ceil(4.0 * DEEP_HZ / prf_hz)}"
+        )
+
+
+def _gates(recording: Recording, gate: str, settings: Analysis, tracking: Tracking) -> list[LabelledGate]:
+    """Label and gate of every target; a gate that is known beforehand needs no analysis."""
+    from doppelgait.core.labels import axis
+    from doppelgait.pipeline import analyze, truth_gate
+    from doppelgait.processing import fixed_gate
+
+    asked = parse_gate(gate)
+    if isinstance(asked, tuple):
+        return [(None, fixed_gate(axis(recording.baseband, "slow_time"), *asked))]
+    if asked == "truth" and recording.truth:
+        return [(truth.label or None, truth_gate(recording, truth, settings)) for truth in recording.truth]
+    results = analyze(recording, gate=asked, analysis=settings, tracking=tracking)
+    return [(result.label, result.gate_limits) for result in results]
+
+
+def _pick(found: Sequence[LabelledGate], number: int, source: str) -> LabelledGate:
+    """The target with a number; an error that says which there are."""
+    from doppelgait.core.errors import AnalysisError
+
+    if not found:
+        raise AnalysisError(f"{source}: no target found, so there is nothing to hear; give a range, --gate 1.2:2.8")
+    if number >= len(found):
+        allowed = "0" if len(found) == 1 else f"0 to {len(found) - 1}"
+        raise AnalysisError(f"--target {number}: must be {allowed}; {source} has no more targets")
+    return found[number]

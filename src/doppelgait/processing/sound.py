@@ -1,0 +1,228 @@
+"""The Doppler signal of a target as sound: what the first radar operators heard."""
+
+from __future__ import annotations
+
+import math
+import wave
+from collections.abc import Iterator
+from fractions import Fraction
+from typing import IO, Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core.errors import AnalysisError
+from doppelgait.core.labels import BASEBAND, axis, check_signal, sampling_rate_hz
+from doppelgait.processing.bursts import burst_pulses_of
+from doppelgait.processing.clutter import remove_clutter
+from doppelgait.processing.common_phase import without_common_phase
+from doppelgait.processing.config import Analysis
+from doppelgait.processing.gate import gate_edges_in
+from doppelgait.processing.pitch import continued, stretched
+
+Channels = Literal["iq", "sides"]
+Values = npt.NDArray[np.complex64]
+FloatArray = npt.NDArray[np.float64]
+
+AUDIO_RATES_HZ = (8000, 16000, 24000, 48000)
+"""Rates of a sound file; the lowest that holds the Doppler band is taken."""
+USUAL_PITCH = 4.0
+"""The torso of a walker, 60 Hz at 7.29 GHz and 1.2 m/s, is at 240 Hz then: small speakers begin at about 200."""
+PITCH_LIMITS = (0.1, 5000.0)
+HEADROOM_DB = 1.0
+"""The loudest sample lies so far below full scale."""
+FADE_S = 0.005
+"""At both ends of the sound, and where a track begins and ends."""
+WINDOW_S, WINDOW_PULSES = 0.1, 16
+"""Frames of the pitch shift: the processing interval of the analysis, or so many pulses if that takes longer."""
+BLOCK_PULSES = 1 << 15
+MOST_STEPS = 500
+"""Largest denominator of a change of rate: exact to 4 us per second and better."""
+HALF_FILTER = 32
+"""Samples of the lower rate on either side that a change of rate looks at."""
+FULL_SCALE = 32767
+
+
+def doppler_signal(baseband: xr.DataArray, gate: xr.Dataset, analysis: Analysis | None = None) -> Values:
+    r"""Complex Doppler signal of the target in a gate: one number per pulse.
+
+    .. math:: d_i = \sum_n g_{i,n} \, y_{i,n} \, e^{-j \theta n}, \qquad
+              \theta = \arg \sum_{i,n} g_{i,n} g_{i,n+1} \, y_{i,n+1} \bar y_{i,n}
+
+    with g the share of range bin n inside the gate at pulse i. The bins of one echo differ in phase only by a ramp,
+    :math:`\theta` per bin, the same for all echoes: 0 for an impulse radar whose carrier is removed exactly (E-17,
+    E-18) and for a sweep whose time counts from its middle, :math:`\pi` for one whose time counts from its first
+    sample, and whatever an inexact carrier leaves of itself. Without the ramp they add in phase: every scatterer keeps
+    its amplitude and its Doppler frequency, whichever bins it goes through. The sum along range is one line of the
+    echo's spectrum, so d is what a CW radar at the carrier would receive, were it to hear the gate alone. (Turning
+    every bin by a constant leaves all Doppler frequencies as they are.) The signature sums powers instead, which have
+    no sound; the spectra agree where echoes do not overlap both in range and in Doppler.
+
+    Parameters
+    ----------
+    baseband : DataArray (slow_time, range)
+        V.
+    gate : Dataset (time)
+        From :func:`doppelgait.processing.make_gate` or a tracker. Before its first and after its last time the signal
+        is 0.
+    analysis : Analysis, optional
+        For ``clutter``. With ``source = "track"`` the phase that whole frames share is taken off before, as the
+        analysis does.
+
+    Returns
+    -------
+    ndarray of complex64, shape (I,)
+        V.
+
+    Raises
+    ------
+    AnalysisError
+        If the recording comes in bursts, or the gate lies outside the frame all the time.
+    """
+    check_signal(baseband, BASEBAND)
+    if burst_pulses_of(baseband) is not None:
+        raise AnalysisError("the pulses of this recording come in bursts, with pauses between them: it has no sound")
+    if gate.attrs["source"] == "track":
+        baseband = without_common_phase(baseband)
+    time_s, range_m = axis(baseband, "slow_time"), axis(baseband, "range")
+    low, high = gate_edges_in(range_m, gate, time_s, sharp=False)
+    first, stop = max(math.floor(low.min()), 0), min(math.ceil(high.max()) + 1, range_m.size)
+    if first >= stop:
+        raise AnalysisError(
+            f"the gate lies outside the frame of {range_m[0]:.2f} to {range_m[-1]:.2f} m: nothing to hear"
+        )
+    clean = remove_clutter(baseband.isel(range=slice(first, stop)), analysis or Analysis())
+    parts = list(_gated(clean.values, low - first, high - first))
+    ramp = sum(complex(np.vdot(part[:, :-1], part[:, 1:])) for part in parts) if stop - first > 1 else 0.0
+    turn = np.exp(-1j * np.angle(ramp) * np.arange(stop - first))
+    return np.concatenate([part @ turn for part in parts]).astype(np.complex64) * _present(gate, time_s)
+
+
+def _gated(values: Values, low: FloatArray, high: FloatArray) -> Iterator[Values]:
+    """Pulses times the share of each range bin inside the gate, in blocks."""
+    bins = np.arange(values.shape[1])
+    for first in range(0, values.shape[0], BLOCK_PULSES):
+        rows = slice(first, first + BLOCK_PULSES)
+        inside = np.minimum(high[rows, None], bins + 0.5) - np.maximum(low[rows, None], bins - 0.5)
+        yield values[rows] * np.clip(inside, 0.0, 1.0).astype(np.float32)
+
+
+def _present(gate: xr.Dataset, time_s: FloatArray) -> npt.NDArray[np.float32]:
+    """1 while the gate has times, and a short way to 0 before and after."""
+    first_s, last_s = (float(t) for t in axis(gate, "time")[[0, -1]])
+    beside_s = np.maximum(np.maximum(first_s - time_s, time_s - last_s), 0.0)
+    return (0.5 + 0.5 * np.cos(np.pi * np.minimum(beside_s / FADE_S, 1.0))).astype(np.float32)
+
+
+def doppler_sound(
+    baseband: xr.DataArray, gate: xr.Dataset, analysis: Analysis | None = None, *, pitch: float | None = None,
+    channels: Channels = "iq",
+) -> tuple[int, npt.NDArray[np.int16]]:  # fmt: skip
+    """Stereo sound of the target in a gate, as long as the recording.
+
+    Parameters
+    ----------
+    baseband, gate, analysis
+        As for :func:`doppler_signal`.
+    pitch : float, optional
+        What every Doppler frequency is multiplied by, the duration unchanged
+        (:func:`doppelgait.processing.pitch.stretched`), 0.1 to 5000. By default 4, or as much as the audio rate
+        allows, but no less than 1: a walker's torso is then well audible at 7 GHz.
+    channels : {"iq", "sides"}
+        ``iq``: left is the real part and right the imaginary part, so that left + j right is the complex signal again.
+        ``sides``: left is what approaches (positive Doppler frequencies) and right what recedes, which ears can tell
+        apart.
+
+    Returns
+    -------
+    rate_hz : int
+        8000, 16000, 24000 or 48000: the lowest that holds the whole Doppler band times the pitch. Of a frame rate above
+        48 kHz the Doppler frequencies up to 24 kHz are kept.
+    samples : ndarray of int16, shape (n, 2)
+        Its loudest sample is 1 dB below full scale; faded over 5 ms at both ends.
+
+    Raises
+    ------
+    AnalysisError
+        As :func:`doppler_signal`, or if the band times the pitch does not fit into the highest audio rate.
+    """
+    prf_hz = sampling_rate_hz(axis(baseband, "slow_time"))
+    factor, rate_hz = plan_sound(prf_hz, pitch)
+    signal = doppler_signal(baseband, gate, analysis)
+    ratio = Fraction(rate_hz / (factor * prf_hz)).limit_denominator(MOST_STEPS)
+    heard = _resampled(signal, ratio)
+    if factor != 1.0:
+        frame_s = max(WINDOW_S, WINDOW_PULSES / prf_hz)
+        heard = stretched(heard, factor, window_samples=round(frame_s * rate_hz / factor))
+    heard = _fitted(heard, round(signal.size / prf_hz * rate_hz))
+    stereo = _sides(heard) if channels == "sides" else np.stack([heard.real, heard.imag], axis=1)
+    return rate_hz, _levelled(stereo, round(FADE_S * rate_hz))
+
+
+def plan_sound(prf_hz: float, pitch: float | None = None) -> tuple[float, int]:
+    """Pitch and audio rate of :func:`doppler_sound` for a frame rate, with its error."""
+    highest_hz = AUDIO_RATES_HZ[-1]
+    most = highest_hz / min(prf_hz, highest_hz)
+    factor = min(USUAL_PITCH, most) if pitch is None else pitch
+    if not PITCH_LIMITS[0] <= factor <= PITCH_LIMITS[1]:
+        raise AnalysisError(f"pitch {factor:g}: must be {PITCH_LIMITS[0]:g} to {PITCH_LIMITS[1]:g}")
+    if factor > most * (1 + 1e-9):
+        raise AnalysisError(
+            f"pitch {factor:g}: Doppler frequencies reach {min(prf_hz, highest_hz) / 2:g} Hz at {prf_hz:g} frames per "
+            f"second, and {factor:g} times that passes the {highest_hz // 2} Hz that sound can hold; at most "
+            f"{math.floor(most * 100) / 100:g} here"
+        )
+    return factor, next((rate for rate in AUDIO_RATES_HZ if rate >= factor * prf_hz * (1 - 1e-9)), highest_hz)
+
+
+def _resampled(signal: Values, ratio: Fraction) -> Values:
+    """Signal at another rate, without images and aliases; 0.9 of the narrower band is as it was."""
+    from scipy.signal import firwin, resample_poly
+
+    up, down = ratio.numerator, ratio.denominator
+    most = max(up, down)
+    low_pass: Any = firwin(2 * HALF_FILTER * most + 1, 1.0 / most, window=("kaiser", 8.0)) if most > 1 else np.ones(1)
+    steps = math.ceil(HALF_FILTER * most / (up * down))  # so many times ``down`` samples are looked at beyond the ends
+    made = resample_poly(continued(signal, steps * down, steps * down), up, down, window=low_pass)
+    return np.asarray(made[steps * up : made.size - steps * up], dtype=np.complex64)
+
+
+def _fitted(values: Values, count: int) -> Values:
+    return np.pad(values[:count], (0, max(count - values.size, 0)))
+
+
+def _sides(signal: Values) -> npt.NDArray[np.float32]:
+    """Positive frequencies left and negative ones right, each as a real signal: Re(z +- j H z) / 2, H of Hilbert."""
+    from scipy.fft import next_fast_len
+    from scipy.signal import hilbert
+
+    quarter = hilbert(signal.imag, next_fast_len(signal.size))[: signal.size].imag
+    return np.asarray(np.stack([signal.real - quarter, signal.real + quarter], axis=1) / 2, dtype=np.float32)
+
+
+def _levelled(stereo: npt.NDArray[np.float32], fade: int) -> npt.NDArray[np.int16]:
+    fade = min(fade, stereo.shape[0] // 2)
+    if fade:
+        rise = 0.5 - 0.5 * np.cos(np.pi * np.arange(fade, dtype=np.float32) / fade)
+        stereo[:fade] *= rise[:, None]
+        stereo[-fade:] *= rise[::-1, None]
+    peak = float(np.abs(stereo).max(initial=0.0))
+    scale = FULL_SCALE * 10 ** (-HEADROOM_DB / 20) / peak if peak > 0 else 0.0
+    return np.round(stereo * scale).astype(np.int16)
+
+
+def write_wav(file: str | IO[bytes], rate_hz: int, samples: npt.NDArray[np.int16]) -> None:
+    """Write a WAV file, 16 bits a sample.
+
+    Parameters
+    ----------
+    file : str or binary file
+    rate_hz : int
+    samples : ndarray of int16, shape (n, channels)
+    """
+    with wave.open(file, "wb") as sound:
+        sound.setnchannels(samples.shape[1])
+        sound.setsampwidth(2)
+        sound.setframerate(rate_hz)
+        sound.writeframes(samples.astype("<i2").tobytes())

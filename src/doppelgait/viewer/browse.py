@@ -1,0 +1,234 @@
+"""Dataset browser: counts, rows, scatter and contact sheet of the rows that a request's filters mean."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.core.errors import ConfigError, DatasetError
+from doppelgait.dataset import Dataset
+from doppelgait.dataset.config import SPLITS
+from doppelgait.dataset.example import plain_row
+from doppelgait.features import FEATURE_UNITS
+from doppelgait.viewer.columns import Columns
+from doppelgait.viewer.examples import ExampleRuns
+from doppelgait.viewer.filters import Filters, parse_query
+from doppelgait.viewer.payload import pack
+from doppelgait.viewer.query import Pairs, whole_of
+from doppelgait.viewer.sheet import thumbnails
+
+if TYPE_CHECKING:
+    from doppelgait.viewer.run import Run
+
+Rows = npt.NDArray[np.int64]
+
+FILTERED = (
+    ("label",), ("split",), ("truth_ground_speed_mps", "quality_ground_speed_mps"),
+    ("snr_frame_db", "quality_snr_mu_db"), ("truth_aspect_deg", "quality_aspect_deg"),
+)  # fmt: skip
+"""Filters that are there from the start; of each the first column that is known; measured data know no truth."""
+SHOWN = (*(f"feature_{name}" for name in FEATURE_UNITS), "gait_frequency_hz", "flags")
+"""Columns of the table behind the id and the columns of the filters."""
+MOST_POINTS = 5000
+MOST_ROWS = 500
+MOST_THUMBNAILS = 96
+
+
+class Browser:
+    """Answers about an open dataset; it reads arrays only for the contact sheet and an opened example.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    """
+
+    def __init__(self, dataset: Dataset) -> None:
+        self.dataset = dataset
+        self.columns = Columns(dataset.index)
+        self.classes = list(dataset.description["classes"])
+        self._runs = ExampleRuns(dataset)
+
+    def summary(self) -> dict[str, Any]:
+        """What the dataset is and what can be filtered, sorted and drawn."""
+        description = self.dataset.description
+        return {
+            "name": description["name"],
+            "id": description["id"],
+            "origin": description.get("origin", "simulated"),
+            "complete": description.get("complete", True),
+            "n_rows": len(self.dataset),
+            "classes": self.classes,
+            "splits": self.splits,
+            "fields": list(description["fields"]),
+            "balance": self._counts(np.arange(len(self.dataset))),
+            "columns": [self._column_facts(name) for name in self.columns.kinds],
+            "filters": self.filtered,
+            "shown": self.shown,
+            "flags": self.columns.flag_counts(),
+        }
+
+    def _column_facts(self, name: str) -> dict[str, Any]:
+        """Facts of a column; classes and splits come in their own order, not by alphabet."""
+        facts = self.columns.facts(name)
+        own = {"label": self.classes, "split": list(SPLITS)}.get(name)
+        return facts if own is None else {**facts, "values": [value for value in own if value in facts["values"]]}
+
+    @property
+    def splits(self) -> list[str]:
+        """Splits that have rows."""
+        there = self.columns.codes("split")[1]
+        return [split for split in SPLITS if split in there]
+
+    @property
+    def filtered(self) -> list[str]:
+        """Columns whose filters are shown from the start."""
+        kinds = self.columns.kinds
+        return [name for choice in FILTERED if (name := next((n for n in choice if n in kinds), "")) != ""]
+
+    @property
+    def shown(self) -> list[str]:
+        """Columns of the table."""
+        return ["id", *self.filtered, *(name for name in SHOWN if name in self.columns.kinds)]
+
+    def rows(self, query: Pairs) -> dict[str, Any]:
+        """One page of the table."""
+        filters, parameters = parse_query(query, self.columns, ("sort", "descending", "offset", "limit"))
+        offset = whole_of(parameters, "offset", 0, least=0, most=10**9)
+        limit = whole_of(parameters, "limit", 50, least=1, most=MOST_ROWS)
+        found = self._sorted(filters, parameters)
+        extra = [*filters.values, *filters.limits, *([parameters["sort"]] if "sort" in parameters else [])]
+        shown = list(dict.fromkeys([*self.shown, *extra]))
+        page = found[offset : offset + limit]
+        records = self.dataset.index[shown].iloc[page].to_dict("records")
+        rows = [{"number": int(n), **plain_row(record)} for n, record in zip(page, records, strict=True)]
+        return {"n_matching": found.size, "offset": offset, "columns": shown, "rows": rows}
+
+    def balance(self, query: Pairs) -> dict[str, Any]:
+        """Matching rows of every class in every split."""
+        filters, _ = parse_query(query, self.columns)
+        found = filters.rows(self.columns)
+        return {"n_matching": found.size, "splits": self.splits, "counts": self._counts(found)}
+
+    def scatter(self, query: Pairs) -> bytes:
+        """Two number columns of the matching rows that know both."""
+        filters, parameters = parse_query(query, self.columns, ("x", "y"))
+        x, y = (self._axis_column(parameters, key) for key in ("x", "y"))
+        found = filters.rows(self.columns)
+        known = found[np.isfinite(self.columns.numbers(x)[found]) & np.isfinite(self.columns.numbers(y)[found])]
+        numbers = self._class_numbers
+        drawn = even_choice(known, numbers[known], self._lots[known], MOST_POINTS)
+        facts = {
+            "x": self.columns.facts(x),
+            "y": self.columns.facts(y),
+            "classes": self.classes,
+            "n_matching": int(found.size),
+            "n_known": int(known.size),
+        }
+        return pack(facts, {
+            "x": self.columns.numbers(x)[drawn].astype(np.float32),
+            "y": self.columns.numbers(y)[drawn].astype(np.float32),
+            "class": numbers[drawn].astype(np.min_scalar_type(max(len(self.classes) - 1, 0))),
+            "row": drawn.astype(np.int32),
+        })  # fmt: skip
+
+    def sheet(self, query: Pairs) -> bytes:
+        """Small signatures of one page of the matching rows."""
+        filters, parameters = parse_query(query, self.columns, ("sort", "descending", "offset", "limit"))
+        offset = whole_of(parameters, "offset", 0, least=0, most=10**9)
+        limit = whole_of(parameters, "limit", 24, least=1, most=MOST_THUMBNAILS)
+        found = self._sorted(filters, parameters)
+        page = found[offset : offset + limit]
+        facts, arrays = thumbnails(self.dataset, page)
+        chosen = self.dataset.index.iloc[page]
+        named = {"ids": chosen["id"].tolist(), "labels": chosen["label"].tolist(), "captions": self._captions(page)}
+        return pack({**named, **facts, "n_matching": int(found.size), "offset": offset}, arrays)
+
+    def row_id(self, number: int) -> dict[str, Any]:
+        """Id and class of a row.
+
+        Raises
+        ------
+        ConfigError
+            If there is no such row.
+        """
+        if not 0 <= number < len(self.dataset):
+            raise ConfigError(f"row: {number} is not allowed; this dataset has rows 0 to {len(self.dataset) - 1}")
+        row = self.dataset.index.iloc[number]
+        return {"id": str(row["id"]), "label": str(row["label"])}
+
+    def run(self, example_id: str) -> Run:
+        """An example opened (:class:`doppelgait.viewer.examples.ExampleRuns`)."""
+        return self._runs.run(example_id)
+
+    def _sorted(self, filters: Filters, parameters: dict[str, str]) -> Rows:
+        """Matching rows in the order asked for; unknown values last either way, equal ones as in the index."""
+        descending = whole_of(parameters, "descending", 0, least=0, most=1)
+        found = filters.rows(self.columns)
+        if "sort" not in parameters:
+            return found[::-1] if descending else found
+        name = self.columns.of_kind(parameters["sort"], "number", "category", "text", key="sort")
+        keys = self.columns.order(name)[found]
+        return found[np.argsort(-keys if descending else keys, kind="stable")]
+
+    def _axis_column(self, parameters: dict[str, str], key: str) -> str:
+        if key not in parameters:
+            raise ConfigError(f"{key}: is missing; name a number column")
+        return self.columns.of_kind(parameters[key], "number", key=key)
+
+    @cached_property
+    def _lots(self) -> npt.NDArray[np.int64]:
+        """Lot of every row, always the same, so that a filter does not change which of its points are shown."""
+        return np.random.default_rng(0).permutation(len(self.dataset))
+
+    @property
+    def _class_numbers(self) -> npt.NDArray[np.int64]:
+        """Place of every row's class among the classes of the dataset; shape (rows,)."""
+        codes, labels = self.columns.codes("label")
+        strange = [label for label in labels if label not in self.classes]
+        if strange:
+            raise DatasetError(f"{self.dataset.directory}: dataset.json knows no class {strange[0]!r}; it is damaged")
+        return np.array([self.classes.index(label) for label in labels], dtype=np.int64)[codes]
+
+    def _counts(self, rows: Rows) -> dict[str, list[int]]:
+        """Rows of every class, one number per split."""
+        codes, known = self.columns.codes("split")
+        n_splits = len(known)
+        both = np.bincount(
+            self._class_numbers[rows] * n_splits + codes[rows], minlength=len(self.classes) * n_splits
+        ).reshape(len(self.classes), n_splits)
+        places = [known.index(split) for split in self.splits]
+        return {label: both[number, places].tolist() for number, label in enumerate(self.classes)}
+
+    def _captions(self, page: Rows) -> list[str]:
+        """What tells one example of a class from another, of each row of a page."""
+        facts = [self.columns.facts(name) for name in self.filtered[2:]]
+        captions = []
+        for number in page:
+            values = ((self.columns.numbers(fact["name"])[number], fact["unit"]) for fact in facts)
+            captions.append(", ".join(f"{value:.3g} {unit}" for value, unit in values if np.isfinite(value)))
+        return captions
+
+
+def even_choice(rows: Rows, classes: Rows, lots: Rows, most: int) -> Rows:
+    """Up to ``most`` rows, the same for the same rows: of every class its share, by lot.
+
+    Every n-th row will not do: classes take turns in an index, and so do the values of a plan's ``cycle``.
+
+    Parameters
+    ----------
+    rows, classes, lots : ndarray, shape (n,)
+        Rising row numbers, their class and their lot; of every class the lowest lots are taken.
+    most : int
+    """
+    if rows.size <= most:
+        return rows
+    order = np.lexsort((lots, classes))
+    count = np.bincount(classes)
+    last = np.cumsum(count)
+    first = last - count
+    share = last * most // rows.size - first * most // rows.size
+    within = np.arange(rows.size) - first[classes[order]]
+    return np.sort(rows[order[within < share[classes[order]]]])

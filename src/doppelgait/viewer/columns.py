@@ -1,0 +1,163 @@
+"""Columns of a dataset's index as the browser needs them: kind, words, numbers, codes and flags, each made once."""
+
+from __future__ import annotations
+
+from fnmatch import fnmatchcase
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from doppelgait.core.errors import ConfigError
+from doppelgait.dataset.feature_matrix import nearest, unit_of
+
+NOT_OFFERED = (
+    "motion", "environment", "impairments", "warnings", "notes", "citation", "shard", "row", "shard_sha256",
+    "recording_sha256",
+)  # fmt: skip
+"""Long texts, and where the arrays lie."""
+MOST_VALUES = 200
+"""A text column with more values than this is no category: names, mostly."""
+UNKNOWN = "(none)"
+"""Value of a category in rows that do not know it."""
+GROUPS = {
+    "truth_": "truth", "feature_": "six features", "extended_": "extended features", "quality_": "quality",
+    "sd_": "standard deviation",
+}  # fmt: skip
+"""Beginning of a column's name, and what such columns are."""
+
+OWN_WORDS = {"label": ("class", ""), "snr_frame_db": ("SNR of the frame", "dB"), "rcs_total_m2": ("total RCS", "m²")}
+"""Words and unit of columns whose names tell less."""
+
+
+class Columns:
+    """What can be shown, filtered, sorted and drawn of an index.
+
+    Parameters
+    ----------
+    index : DataFrame
+        Index of a dataset.
+    """
+
+    def __init__(self, index: pd.DataFrame) -> None:
+        self.index = index
+        self._numbers: dict[str, npt.NDArray[np.float64]] = {}
+        self._codes: dict[str, tuple[npt.NDArray[np.int64], list[str]]] = {}
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+    @cached_property
+    def kinds(self) -> dict[str, str]:
+        """``number``, ``category`` or ``text`` of every column that is offered, in the order of the index.
+
+        A column in which no row knows a value is not offered.
+        """
+        kinds = {}
+        for name in (str(c) for c in self.index.columns if c not in NOT_OFFERED):
+            if pd.api.types.is_numeric_dtype(self.index[name]):
+                if np.isfinite(self.numbers(name)).any():
+                    kinds[name] = "number"
+            elif name == "flags" or not self.index[name].isna().all():
+                kinds[name] = "category" if name != "flags" and self._has_few_values(name) else "text"
+        return kinds
+
+    def _has_few_values(self, name: str) -> bool:
+        """Whether a text column is a category; the first rows tell it of most that are none."""
+        if self.index[name].iloc[: 10 * MOST_VALUES].nunique() > MOST_VALUES:
+            return False
+        return len(self.codes(name)[1]) <= MOST_VALUES
+
+    def facts(self, name: str) -> dict[str, Any]:
+        """Name, words, unit and group of a column, and its limits or values."""
+        facts: dict[str, Any] = {"name": name, **words_of(name), "kind": self.kinds[name]}
+        if facts["kind"] == "number":
+            values = self.numbers(name)
+            known = values[np.isfinite(values)]
+            facts |= {"low": float(known.min()), "high": float(known.max())}
+        elif facts["kind"] == "category":
+            facts["values"] = self.values(name)
+        return facts
+
+    def numbers(self, name: str) -> npt.NDArray[np.float64]:
+        """Values of a number column, NaN for unknown; shape (rows,)."""
+        if name not in self._numbers:
+            self._numbers[name] = self.index[name].to_numpy(dtype=np.float64, na_value=np.nan)
+        return self._numbers[name]
+
+    def codes(self, name: str) -> tuple[npt.NDArray[np.int64], list[str]]:
+        """Place of every row's text among the sorted different ones, and these; unknown counts as the empty text."""
+        if name not in self._codes:
+            codes, values = pd.factorize(self.index[name].fillna("").astype(str), sort=True)
+            self._codes[name] = codes.astype(np.int64), [str(value) for value in values]
+        return self._codes[name]
+
+    def values(self, name: str) -> list[str]:
+        """Different texts of a column as they are shown, by place."""
+        return [value or UNKNOWN for value in self.codes(name)[1]]
+
+    def of_kind(self, name: str, *kinds: str, key: str) -> str:
+        """``name`` if it is a column of one of these kinds.
+
+        Raises
+        ------
+        ConfigError
+            Naming the parameter ``key``, if it is not.
+        """
+        if self.kinds.get(name) not in kinds:
+            known = (column for column, kind in self.kinds.items() if kind in kinds)
+            raise ConfigError(f"{key}: {name!r} is no {' or '.join(kinds)} column here{nearest(name, known)}")
+        return name
+
+    def flag_counts(self) -> dict[str, int]:
+        """Number of rows with each flag, the most frequent first."""
+        codes, texts = self._flag_texts
+        counts: dict[str, int] = {}
+        for text, count in zip(texts, np.bincount(codes, minlength=len(texts)).tolist(), strict=True):
+            for flag in filter(None, text.split(";")):
+                counts[flag] = counts.get(flag, 0) + count
+        return dict(sorted(counts.items(), key=lambda entry: (-entry[1], entry[0])))
+
+    def flagged(self, pattern: str) -> npt.NDArray[np.bool_]:
+        """Rows with a flag that fits a pattern, in which ``*`` stands for anything; shape (rows,)."""
+        codes, texts = self._flag_texts
+        fits = [any(fnmatchcase(flag, pattern) for flag in filter(None, text.split(";"))) for text in texts]
+        return np.asarray(np.array(fits, dtype=bool)[codes])
+
+    @property
+    def _flag_texts(self) -> tuple[npt.NDArray[np.int64], list[str]]:
+        if "flags" in self.index:
+            return self.codes("flags")
+        return np.zeros(len(self), dtype=np.int64), [""]
+
+    def order(self, name: str) -> npt.NDArray[np.float64]:
+        """What rows are sorted by: numbers, or places in the alphabet; unknown is NaN. Shape (rows,)."""
+        if self.kinds[name] == "number":
+            return self.numbers(name)
+        codes, values = self.codes(name)
+        places = codes.astype(np.float64)
+        if values and not values[0]:
+            places[codes == 0] = np.nan
+        return places
+
+
+def words_of(name: str) -> dict[str, str]:
+    """Words, unit and group of a column, from its name.
+
+    Returns
+    -------
+    dict
+        ``words``, ``unit`` (empty for a pure number or a text) and ``group``.
+    """
+    from doppelgait.viz.style import quantity
+
+    if name in OWN_WORDS:
+        words, unit = OWN_WORDS[name]
+        return {"words": words, "unit": unit, "group": "example"}
+    beginning = next((prefix for prefix in GROUPS if name.startswith(prefix)), "")
+    bare = name.removeprefix(beginning)
+    words, unit = quantity(bare)
+    known = unit if unit_of(bare) != "1" else ""
+    return {"words": words, "unit": known, "group": GROUPS.get(beginning, "example")}

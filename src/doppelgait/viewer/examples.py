@@ -1,0 +1,199 @@
+"""An example of a dataset opened: its stored arrays, and its recording simulated again."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from doppelgait import processing
+from doppelgait.core.config import validate
+from doppelgait.core.errors import DatasetError, DoppelgaitError, DoppelgaitWarning
+from doppelgait.dataset import Dataset, Example, PlanConfig
+from doppelgait.dataset.example import number_in_plan, plain_row
+from doppelgait.dataset.feature_matrix import nearest
+from doppelgait.dataset.identity import DATA_VERSION
+from doppelgait.dataset.resolve import ExampleSpec, resolve_example
+from doppelgait.dataset.rows import truth_columns
+from doppelgait.features import FEATURE_UNITS
+from doppelgait.pipeline import run_simulation
+from doppelgait.pipeline.analyze import truth_gate
+from doppelgait.processing import Analysis
+from doppelgait.radar.recording import Recording
+from doppelgait.viewer.run import Run, TargetView, harmonics_of
+from doppelgait.viewer.settings import Settings
+
+FACT_TOLERANCE = 1e-2
+"""A fact of the truth that differs by more, relatively, was not made by the motion files that are here now."""
+
+
+class ExampleRuns:
+    """Opens examples of a dataset.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    folder : Path, optional
+        Folder that the plan's relative motion paths start from; the working folder by default.
+    """
+
+    def __init__(self, dataset: Dataset, folder: Path | None = None) -> None:
+        self.dataset = dataset
+        self.folder = folder or Path()
+
+    def run(self, example_id: str) -> Run:
+        """What is stored of an example, and its recording where it can be simulated again.
+
+        Parameters
+        ----------
+        example_id : str
+            Of a row; in a simulated dataset all targets of its scene are shown.
+
+        Raises
+        ------
+        DatasetError
+            If there is no such row.
+        """
+        rows = self._rows(example_id)
+        first = plain_row(self.dataset.index.iloc[rows[0]].to_dict())
+        gate = "track" if first.get("gate") == "track" else "truth"
+        notes = tuple(filter(None, str(first.get("warnings") or "").split(";")))
+        run = Run(example_id, "example", Settings(gate=gate), notes=notes)
+        run.stored = lambda: [self._view(int(row), place, run) for place, row in enumerate(rows)]
+        try:
+            spec = self._spec(first)
+        except DoppelgaitError as error:
+            run.reason = str(error)
+            return run
+        run.settings = replace(run.settings, analysis=spec.run.analysis)
+        run.load = lambda: self._simulated(spec, first)
+        return run
+
+    def _rows(self, example_id: str) -> list[int]:
+        """Numbers of the rows of an example's scene; of a measured one only its own, as the others are later."""
+        index = self.dataset.index
+        found = np.flatnonzero((index["id"] == example_id).to_numpy(dtype=bool))
+        if not found.size:
+            raise DatasetError(f"example: no {example_id!r} in this dataset{nearest(example_id, index['id'])}")
+        if self.dataset.description.get("origin") == "imported" or "scene_id" not in index:
+            return [int(found[0])]
+        scene = index["scene_id"].iloc[found[0]]
+        return [int(row) for row in np.flatnonzero((index["scene_id"] == scene).to_numpy(dtype=bool))]
+
+    @cached_property
+    def _plan(self) -> PlanConfig:
+        return validate(PlanConfig, self.dataset.description["config"], where="dataset.json")
+
+    def _spec(self, row: dict[str, Any]) -> ExampleSpec:
+        """The example with every distribution drawn; an error says why it cannot be simulated again."""
+        description = self.dataset.description
+        if description.get("origin", "simulated") != "simulated":
+            raise DatasetError("the dataset keeps arrays of measured recordings, not the recordings themselves")
+        version = description.get("data_version")
+        if version != DATA_VERSION:
+            raise DatasetError(
+                f"the dataset was made with data version {version}, this doppelgait makes {DATA_VERSION}: simulated "
+                "again it would not be the same; build it again to see its recordings"
+            )
+        number = number_in_plan(description["config"], str(row["scene_id"]))
+        if number is None:
+            raise DatasetError(f"{row['scene_id']}: is not in the plan of dataset.json")
+        return resolve_example(self._plan, number, self.folder)
+
+    def _simulated(self, spec: ExampleSpec, row: dict[str, Any]) -> Recording:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DoppelgaitWarning)  # those of the build are among the notes
+            recording = run_simulation(spec.run, folder=self.folder)
+        if row.get("source") != "none":
+            _check_same(truth_columns(recording.truth[0]), row)
+        return recording
+
+    def _view(self, row: int, place: int, run: Run) -> TargetView:
+        """One target as its row and the stored arrays tell it; only its gate comes from the simulation."""
+        example = self.dataset.example(row)
+        signature = example.arrays.get("signature")
+        cadence = _cadence(example, run.settings.analysis)
+        line_hz = None if signature is None else processing.main_line_hz(signature, order=1, tapered=True)
+        view = stored_view(example)
+        return replace(
+            view,
+            signature=signature,
+            cadence_map=cadence,
+            cadence_spectrum=None if cadence is None else processing.cadence_spectrum(cadence),
+            main_line_hz=line_hz,
+            gate_limits=_gate(run, place, view, example.row.get("gate_error_m")),
+        )
+
+
+def stored_view(example: Example) -> TargetView:
+    """What the row of an example tells."""
+    row = example.row
+    features = {name: row.get(f"feature_{name}") for name in FEATURE_UNITS}
+    gait_frequency_hz = row.get("gait_frequency_hz")
+    return TargetView(
+        label=example.label,
+        gate=str(row.get("gate") or ""),
+        features=features,
+        gait_frequency_hz=gait_frequency_hz,
+        torso_doppler_hz=row.get("torso_doppler_hz"),
+        harmonics_hz=harmonics_of(features, gait_frequency_hz),
+        quality=_beginning(row, "quality_"),
+        standard_deviation=_beginning(row, "sd_"),
+        extended=_beginning(row, "extended_"),
+        flags=tuple(filter(None, str(row.get("flags") or "").split(";"))),
+        truth=_truth(row),
+    )
+
+
+def _beginning(row: dict[str, Any], prefix: str) -> dict[str, Any]:
+    return {name.removeprefix(prefix): value for name, value in row.items() if name.startswith(prefix)}
+
+
+def _truth(row: dict[str, Any]) -> dict[str, Any] | None:
+    """True values by the names of the features and frequencies; None for what was measured, and for nobody."""
+    known = _beginning(row, "truth_")
+    velocity_mps, frequency_hz = known.pop("radial_velocity_mps", None), known.get("gait_frequency_hz")
+    if velocity_mps is None:
+        return None
+    step_m = abs(velocity_mps) / frequency_hz if frequency_hz else None
+    ratios = {"harmonic_ratio_2": 2.0, "harmonic_ratio_3": 3.0} if frequency_hz else {}
+    return {"torso_velocity_mps": velocity_mps, "step_length_m": step_m, **ratios, **known}
+
+
+def _cadence(example: Example, analysis: Analysis) -> xr.DataArray | None:
+    """The stored step-Doppler map, else that of the stored signature (E-28 to E-31); None without both.
+
+    The noise floor is the one that the row tells; the coordinates that it was estimated with are not stored.
+    """
+    signature, floor_v2 = example.arrays.get("signature"), example.row.get("quality_noise_floor_v2")
+    if "cadence_map" in example.arrays or signature is None or floor_v2 is None:
+        return example.arrays.get("cadence_map")
+    seconds = processing.observation_s(signature)
+    rows = processing.normalise(signature, floor_v2, mode=analysis.normalisation)
+    if processing.needs_alignment(signature):
+        rows = processing.align(rows, processing.main_line_hz(signature, order=processing.line_order(seconds)))
+    return processing.cadence_map(processing.detrend(rows, order=processing.detrend_order(seconds)))
+
+
+def _gate(run: Run, place: int, view: TargetView, gate_error_m: float | None) -> xr.Dataset | None:
+    """Truth gate that the example was made with; None where the recording cannot be had, or the gate was a track's."""
+    recording = run.recording if view.gate == "truth" else None
+    if recording is None or place >= len(recording.truth):
+        return None
+    return truth_gate(recording, recording.truth[place], run.settings.analysis, gate_error_m or 0.0)
+
+
+def _check_same(truth: dict[str, Any], row: dict[str, Any]) -> None:
+    """A DatasetError where the truth is another one than when the dataset was built: a motion file has changed."""
+    for name in ("truth_range_m", "truth_ground_speed_mps", "truth_radial_velocity_mps"):
+        made, there = truth[name], row.get(name)
+        if there is None or not np.isclose(made, there, rtol=FACT_TOLERANCE, atol=1e-6):
+            raise DatasetError(
+                f"{row['id']}: {name} is {there} in the dataset, simulated again {made:.4g}; its motion file is not "
+                "the one that the dataset was built from"
+            )

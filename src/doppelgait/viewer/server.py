@@ -1,0 +1,90 @@
+"""Start and end of the viewer's server."""
+
+from __future__ import annotations
+
+import secrets
+import socket
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from doppelgait.core.errors import ConfigError, DoppelgaitError
+
+if TYPE_CHECKING:
+    from doppelgait.viewer.settings import Settings
+    from doppelgait.viewer.source import Opened
+
+ADDRESS = "127.0.0.1"
+TOKEN_BYTES = 24
+END_S = 1
+"""How long requests that are being answered may take when the server ends."""
+NO_SERVER = "the viewer needs starlette and uvicorn, which are not installed: pip install 'doppelgait[viewer]'"
+
+
+def serve(
+    opened: Opened | None, *, settings: Settings | None = None, port: int = 0,
+    on_ready: Callable[[str], None] = lambda url: None,
+) -> None:  # fmt: skip
+    """Serve the viewer on this computer, and to no other, until it is interrupted.
+
+    Parameters
+    ----------
+    opened : Opened or None
+        From :func:`doppelgait.viewer.source.open_path`; None for "Try it" alone.
+    settings : Settings, optional
+    port : int
+        Where to listen; 0 for any free one.
+    on_ready : callable
+        Gets the address of the page as soon as it can be asked for.
+
+    Raises
+    ------
+    DoppelgaitError
+        If starlette or uvicorn are not installed.
+    ConfigError
+        If the port cannot be taken.
+    """
+    check_installed()
+    import uvicorn
+
+    from doppelgait.viewer.app import make_app
+
+    token = secrets.token_urlsafe(TOKEN_BYTES)
+    with listening(port) as listener:
+        taken = int(listener.getsockname()[1])
+        app = make_app(opened, token=token, port=taken, settings=settings)
+        config = uvicorn.Config(
+            app, access_log=False, server_header=False, log_level="critical", ws="none", lifespan="on",
+            timeout_graceful_shutdown=END_S,
+        )  # fmt: skip
+        on_ready(f"http://{ADDRESS}:{taken}/{token}/")
+        try:
+            uvicorn.Server(config).run(sockets=[listener])
+        except KeyboardInterrupt:  # how a viewer is ended
+            return
+
+
+def check_installed() -> None:
+    """A DoppelgaitError that tells what to install, unless the server's packages are there."""
+    from importlib.util import find_spec
+
+    if any(find_spec(name) is None for name in ("starlette", "uvicorn")):
+        raise DoppelgaitError(NO_SERVER)
+
+
+def listening(port: int) -> socket.socket:
+    """Socket that listens on this computer's own address alone.
+
+    Raises
+    ------
+    ConfigError
+        If the port is taken or not allowed.
+    """
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind((ADDRESS, port))
+        listener.listen()
+    except (OSError, OverflowError) as error:
+        listener.close()
+        raise ConfigError(f"--port {port}: cannot be taken: {error}; leave it out for any free port") from None
+    return listener

@@ -1,0 +1,170 @@
+// Step-Doppler (cadence-velocity) map and, on the same cadence axis, the cadence spectrum with its marked peaks.
+
+import { drawLine, drawPicture, makeChart, MARGINS, withEdge } from "./chart.js";
+import { themeColours } from "./canvas.js";
+import { FONT } from "./axes.js";
+import { makeBar, makeTones } from "./levels.js";
+import { cellAt, edges, levelDb, paint, valueAt } from "./picture.js";
+import { element, fixed, makePanel, words } from "./ui.js";
+
+const PEAK = "#35d0ff";
+const NAMES = { f_mu: "f", "2nd": "2f", "3rd": "3f" };
+
+export function makeCadence({ session, band }) {
+  const panel = makePanel("cadence", "Step-Doppler");
+  const below = makeBelow(panel);
+  const picture = element("canvas");
+  const bar = makeBar(panel.tools, session);
+  const tonesOf = makeTones(session);
+  let shown = null; // {image, codes, spectrum, arrays}
+  const map = makeChart(panel, "cadence", {
+    label: "Step-Doppler map: cadence against Doppler",
+    margins: { ...MARGINS, bottom: 10 }, // the spectrum below has the same cadence axis, with its numbers
+    read: readMap,
+    view: () =>
+      shown && {
+        x: { limits: [0, reach()], name: "cadence", unit: "Hz", labels: false },
+        y: { limits: band() ?? edges(shown.image.y), name: "Doppler", unit: "Hz" },
+        second: shown.image.y.second,
+      },
+    draw: drawMap,
+  });
+  const spectrum = makeChart(below, "spectrum", {
+    label: "Cadence spectrum with its peaks",
+    read: readSpectrum,
+    view: () =>
+      shown?.spectrum && {
+        x: { limits: [0, reach()], name: "cadence", unit: "Hz" },
+        y: { limits: spectrumLimits(), name: "level", unit: "dB" },
+      },
+    draw: drawSpectrum,
+  });
+  return { node: panel.node, show, say: panel.say, redraw, destroy };
+
+  function show(target, arrays) {
+    shown = target && {
+      image: target.cadence_map,
+      codes: arrays[target.cadence_map.array],
+      spectrum: target.cadence_spectrum,
+      arrays,
+    };
+    redraw();
+  }
+
+  function redraw() {
+    bar(shown?.image ?? null);
+    if (shown) paint(picture, shown.codes, [shown.image.x.n, shown.image.y.n], tonesOf(shown.image));
+    map.redraw();
+    spectrum.redraw();
+  }
+
+  /** Right end of the cadence axis: what shows three harmonics, 8 Hz or more. */
+  function reach() {
+    const peaks = shown.spectrum?.peaks ?? [];
+    const wanted = Math.max(8, 3.6 * (peaks.length ? peaks[0].hz : 0));
+    return Math.min(wanted, edges(shown.image.x)[1]);
+  }
+
+  function inReach() {
+    const { x, db } = shown.spectrum;
+    const count = Math.min(x.n, Math.floor((reach() - x.first) / x.step) + 2);
+    return shown.arrays[db].subarray(0, count);
+  }
+
+  function spectrumLimits() {
+    const known = inReach().filter(Number.isFinite);
+    if (!known.length) return [-40, 0];
+    const top = known.reduce((a, b) => Math.max(a, b), -Infinity);
+    const low = known.reduce((a, b) => Math.min(a, b), Infinity);
+    const span = Math.min(Math.max(top - low, 10), 60);
+    return [top - span - 1, top + 0.3 * span];
+  }
+
+  function drawMap(context) {
+    drawPicture(context, map, picture, shown.image);
+    for (const peak of shown.spectrum?.peaks ?? []) drawTick(context, peak);
+  }
+
+  function drawTick(context, { hz, name }) {
+    const at = map.x(hz);
+    withEdge(context, PEAK, 1.5, () => {
+      context.beginPath();
+      context.moveTo(at, map.box.top);
+      context.lineTo(at, map.box.top + 9);
+      context.stroke();
+    });
+    label(context, name, at, map.box.top + 12, PEAK, "rgba(0, 0, 0, 0.7)");
+  }
+
+  function label(context, name, x, y, colour, edge) {
+    context.font = FONT;
+    context.textAlign = "center";
+    context.textBaseline = "top";
+    context.lineWidth = 3;
+    context.strokeStyle = edge;
+    context.strokeText(NAMES[name] ?? words(name), x, y);
+    context.fillStyle = colour;
+    context.fillText(NAMES[name] ?? words(name), x, y);
+  }
+
+  function drawSpectrum(context) {
+    const colours = themeColours();
+    context.fillStyle = colours.plot;
+    context.fillRect(0, 0, spectrum.box.right, spectrum.box.bottom);
+    const values = inReach();
+    const { x, peaks } = shown.spectrum;
+    context.strokeStyle = colours.text;
+    context.lineWidth = 1.2;
+    drawLine(context, spectrum, values.length, (n) => [valueAt(x, n), values[n]]);
+    for (const { hz, name } of peaks) {
+      const at = spectrum.x(hz);
+      const cell = cellAt(x, hz);
+      const top = cell === null ? spectrum.box.top : spectrum.y(values[Math.min(cell, values.length - 1)]);
+      context.strokeStyle = colours.accent;
+      context.setLineDash([2, 2]);
+      context.beginPath();
+      context.moveTo(at, spectrum.box.bottom);
+      context.lineTo(at, top);
+      context.stroke();
+      context.setLineDash([]);
+      context.fillStyle = colours.accent;
+      context.beginPath();
+      context.arc(at, top, 3, 0, 2 * Math.PI);
+      context.fill();
+      label(context, name, at, Math.max(top - 18, spectrum.box.top + 1), colours.accent, colours.plot);
+    }
+  }
+
+  function readMap(cadence, doppler) {
+    const { image, codes } = shown;
+    const [column, row] = [cellAt(image.x, cadence), cellAt(image.y, doppler)];
+    if (column === null || row === null) return `${fixed(cadence, 3)} Hz · ${fixed(doppler, 2)} Hz`;
+    const hertz = valueAt(image.y, row);
+    const speed = image.y.second ? ` · ${fixed(hertz * image.y.second.scale, 3)} m/s` : "";
+    const level = `${fixed(levelDb(image, codes, column, row), 2)} ${image.unit}`;
+    return `cadence ${fixed(valueAt(image.x, column), 3)} Hz · ${fixed(hertz, 2)} Hz${speed} · ${level}`;
+  }
+
+  function readSpectrum(cadence) {
+    const { x, db } = shown.spectrum;
+    const cell = cellAt(x, cadence);
+    if (cell === null) return `${fixed(cadence, 3)} Hz`;
+    return `cadence ${fixed(valueAt(x, cell), 3)} Hz · ${fixed(shown.arrays[db][cell], 2)} dB`;
+  }
+
+  function destroy() {
+    map.destroy();
+    spectrum.destroy();
+  }
+}
+
+/** A second plot in the panel, for the spectrum, with its own read-out in the same header. */
+function makeBelow(panel) {
+  const hover = element("output", { id: "hover-spectrum", class: "hover" });
+  const [body, top] = [element("div", { class: "plot spectrum" }), element("div", { class: "plot" })];
+  panel.hover.after(hover);
+  panel.body.className = "stacked";
+  panel.body.append(top, body);
+  panel.body = top;
+  return { body, hover };
+}

@@ -1,0 +1,162 @@
+// A chart: axes around a picture, lines over it, a cursor, and the value under the mouse.
+
+import { drawAxes, linear } from "./axes.js";
+import { makeLayers, themeColours } from "./canvas.js";
+import { edges } from "./picture.js";
+
+/** Margins of all charts: the time axes of two panels above each other begin and end in the same columns. */
+export const MARGINS = { left: 58, right: 58, top: 4, bottom: 36 };
+export const CURSOR = "#ffffff";
+
+/**
+ * Chart on a panel's body. `view()` gives `{x, y, second?}` as `drawAxes` takes them, or null while there is nothing;
+ * `draw(context, chart)` paints inside the frame; `drawOver(context, chart)` what moves. `read(x, y)` gives the text for
+ * the mouse at data coordinates; `drag(x)` is called for a click or drag.
+ */
+export function makeChart(panel, id, { label, view, draw, drawOver = () => {}, read, drag = null, margins = MARGINS }) {
+  let mouse = null;
+  const chart = { box: null, x: null, y: null, view: null, redraw, redrawOverlay, destroy };
+  const layers = makeLayers(panel.body, id, { label, draw: drawBase, drawOverlay });
+  const canvas = layers.overlay;
+  canvas.addEventListener("pointermove", onMove);
+  canvas.addEventListener("pointerleave", onLeave);
+  canvas.addEventListener("pointerdown", onDown);
+  if (drag) canvas.classList.add("seekable");
+  return chart;
+
+  function redraw() {
+    layers.redraw();
+    readOut();
+  }
+
+  function redrawOverlay() {
+    layers.redrawOverlay();
+    if (mouse) readOut();
+  }
+
+  function drawBase(context, { width, height }) {
+    chart.view = view();
+    if (!chart.view) return;
+    const box = { left: margins.left, top: margins.top, right: width - margins.right, bottom: height - margins.bottom };
+    chart.box = box;
+    chart.x = linear(chart.view.x.limits, [box.left, box.right]);
+    chart.y = linear(chart.view.y.limits, [box.bottom, box.top]);
+    inside(context, () => {
+      context.fillStyle = themeColours().line; // where there are no data
+      context.fillRect(box.left, box.top, box.right - box.left, box.bottom - box.top);
+      draw(context, chart);
+    });
+    drawAxes(context, box, chart.view, themeColours());
+  }
+
+  function drawOverlay(context) {
+    if (!chart.view) return;
+    inside(context, () => {
+      drawOver(context, chart);
+      if (mouse) drawCross(context);
+    });
+  }
+
+  function inside(context, paint) {
+    const { left, top, right, bottom } = chart.box;
+    context.save();
+    context.beginPath();
+    context.rect(left, top, right - left, bottom - top);
+    context.clip();
+    paint();
+    context.restore();
+  }
+
+  function drawCross(context) {
+    context.strokeStyle = "rgba(255, 255, 255, 0.45)";
+    context.lineWidth = 1;
+    context.beginPath();
+    context.moveTo(chart.box.left, mouse.y);
+    context.lineTo(chart.box.right, mouse.y);
+    context.moveTo(mouse.x, chart.box.top);
+    context.lineTo(mouse.x, chart.box.bottom);
+    context.stroke();
+  }
+
+  function place(event) {
+    const { left, top } = canvas.getBoundingClientRect();
+    return { x: event.clientX - left, y: event.clientY - top };
+  }
+
+  function onMove(event) {
+    if (!chart.box) return;
+    const at = place(event);
+    const { left, right, top, bottom } = chart.box;
+    mouse = at.x >= left && at.x <= right && at.y >= top && at.y <= bottom ? at : null;
+    if (drag && event.buttons === 1 && canvas.hasPointerCapture(event.pointerId)) drag(chart.x.invert(at.x));
+    readOut();
+    layers.redrawOverlay();
+  }
+
+  function onLeave() {
+    mouse = null;
+    readOut();
+    layers.redrawOverlay();
+  }
+
+  function onDown(event) {
+    if (!drag || !chart.box || event.button !== 0) return;
+    canvas.setPointerCapture(event.pointerId);
+    drag(chart.x.invert(place(event).x));
+  }
+
+  function readOut() {
+    panel.hover.textContent = mouse && chart.view ? read(chart.x.invert(mouse.x), chart.y.invert(mouse.y)) : "";
+  }
+
+  function destroy() {
+    layers.destroy();
+  }
+}
+
+/** Draw a painted picture (a canvas with one pixel a cell) where its axes lie. */
+export function drawPicture(context, chart, picture, image) {
+  const [x0, x1] = edges(image.x).map(chart.x);
+  const [y0, y1] = edges(image.y).map(chart.y);
+  // cells larger than a pixel keep their edges; smaller ones are averaged
+  context.imageSmoothingEnabled = picture.width > x1 - x0;
+  context.drawImage(picture, x0, y1, x1 - x0, y0 - y1);
+}
+
+/** A line through points given in data coordinates; it breaks where a value is unknown. */
+export function drawLine(context, chart, count, pointAt) {
+  let open = false;
+  context.beginPath();
+  for (let n = 0; n < count; n += 1) {
+    const [x, y] = pointAt(n);
+    if (!Number.isFinite(y)) {
+      open = false;
+      continue;
+    }
+    if (open) context.lineTo(chart.x(x), chart.y(y));
+    else context.moveTo(chart.x(x), chart.y(y));
+    open = true;
+  }
+  context.stroke();
+}
+
+/** Stroke twice, dark (or as `edge` says) and wide below, so that a line is seen on any colour. */
+export function withEdge(context, colour, width, stroke, edge = "rgba(0, 0, 0, 0.55)") {
+  context.lineWidth = width + 1.4;
+  context.strokeStyle = edge;
+  stroke();
+  context.lineWidth = width;
+  context.strokeStyle = colour;
+  stroke();
+}
+
+/** The time cursor. */
+export function drawCursor(context, chart, time) {
+  const at = Math.round(chart.x(time)) + 0.5;
+  withEdge(context, CURSOR, 1.5, () => {
+    context.beginPath();
+    context.moveTo(at, chart.box.top);
+    context.lineTo(at, chart.box.bottom);
+    context.stroke();
+  });
+}

@@ -1,0 +1,84 @@
+// Table of a target's features with deviation, unit and truth; its flags in words; quality and further features.
+
+import { element, fixed, makePanel, significant, words } from "./ui.js";
+
+const UNITS = { mps: "m/s", hz: "Hz", m: "m", s: "s", db: "dB", deg: "°", m2: "m²", kg: "kg" };
+
+/** Words and unit of a column from its name: "ground speed", "m/s". */
+export function quantity(name) {
+  const [, stem, suffix] = /^(.*)_([a-z0-9]+)$/.exec(name) ?? [];
+  return stem && suffix in UNITS ? [words(stem), UNITS[suffix]] : [words(name), ""];
+}
+
+export function makeFeatures({ session }) {
+  const panel = makePanel("features", "Features");
+  panel.body.className = "feature-body";
+  return { node: panel.node, show, say: panel.say };
+
+  function show(target) {
+    panel.heading.textContent = target ? `Features of ${target.label || "the target"}` : "Features";
+    panel.body.replaceChildren(...(target ? contents(target) : []).filter(Boolean));
+  }
+
+  function contents(target) {
+    const truth = target.truth ?? {};
+    const named = session.feature_names;
+    const rows = named.map(([key, name, unit]) => featureRow(name, unit, target, key, truth));
+    const known = new Set(named.map(([key]) => key));
+    return [
+      element(
+        "table",
+        { id: "features", class: "features" },
+        element("thead", {}, row("th", ["feature", "value", "± sd", "unit", "truth"])),
+        element("tbody", {}, rows),
+      ),
+      flagList(target.flags ?? []),
+      details("Truth of this target", Object.entries(truth).filter(([key]) => !known.has(key))),
+      details("Quality", Object.entries(target.quality ?? {})),
+      details("Further features", Object.entries(target.extended ?? {}), target.standard_deviation),
+    ];
+  }
+
+  function featureRow(name, unit, target, key, truth) {
+    const value = target.features[key];
+    const deviation = target.standard_deviation?.[key];
+    const cells = [name, significant(value), significant(deviation, 2), unit === "1" ? "" : unit];
+    const node = row("td", [...cells, truthText(truth[key], value)]);
+    if (value === null || value === undefined) node.title = "not determined; the flags below say why";
+    return node;
+  }
+
+  function truthText(truth, value) {
+    if (truth === null || truth === undefined) return "–";
+    if (typeof truth !== "number") return String(truth);
+    if (!Number.isFinite(value) || truth === 0) return significant(truth);
+    const off = Math.round((100 * (value - truth)) / Math.abs(truth));
+    return `${significant(truth)} (${off > 0 ? "+" : ""}${fixed(off, 0)} %)`;
+  }
+}
+
+function flagList(flags) {
+  if (!flags.length) return element("p", { class: "flags none" }, "No flags: nothing speaks against these values.");
+  return element("ul", { class: "flags", "aria-label": "Flags" }, flags.map((flag) => element("li", {}, words(flag))));
+}
+
+function details(title, pairs, deviations = {}) {
+  if (!pairs.length) return null;
+  const rows = pairs.map(([key, value]) => {
+    const [name, unit] = quantity(key);
+    const sd = deviations?.[key];
+    return row("td", [name, textOf(value) + (Number.isFinite(sd) ? ` ± ${significant(sd, 2)}` : ""), unit]);
+  });
+  return element("details", {}, element("summary", {}, title), element("table", {}, element("tbody", {}, rows)));
+}
+
+function textOf(value) {
+  if (typeof value === "number") return significant(value, 4);
+  if (value === null || value === undefined) return "–";
+  if (typeof value === "object") return JSON.stringify(value);
+  return words(value === true ? "yes" : value === false ? "no" : value);
+}
+
+function row(tag, cells) {
+  return element("tr", {}, cells.map((cell, n) => element(n === 0 ? "th" : tag, {}, cell)));
+}

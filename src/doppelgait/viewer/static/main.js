@@ -1,0 +1,88 @@
+// Start of the page: what the server holds, as tabs.
+
+import { getJson } from "./api.js";
+import { refreshTheme } from "./canvas.js";
+import { makeHelp } from "./keyboard.js";
+import * as state from "./state.js";
+import { clearError, element, showError } from "./ui.js";
+
+const TABS = {
+  recording: { words: "Recording", show: showRecording },
+  dataset: { words: "Dataset", show: async (...given) => (await import("./dataset_page.js")).show(...given) },
+  try: { words: "Try it", show: async (...given) => (await import("./try_page.js")).show(...given) },
+};
+let shown = null; // {name, page} of the open tab
+let opening = 0;
+
+async function showRecording(container, session) {
+  const { showRun } = await import("./run_page.js");
+  return showRun(container, {}, session);
+}
+
+/** Tabs that this session has: what was opened, and "Try it". */
+function tabsOf(session) {
+  const opened = { recording: "recording", result: "recording", dataset: "dataset" }[session.kind];
+  return [opened, "try"].filter(Boolean);
+}
+
+async function openTab(session, names) {
+  const wanted = state.get("tab");
+  const name = names.includes(wanted) ? wanted : names[0];
+  for (const tab of document.querySelectorAll("#tabs button")) tab.setAttribute("aria-selected", String(tab.dataset.tab === name));
+  if (shown?.name === name) return;
+  const mine = ++opening;
+  shown?.page?.destroy?.();
+  clearError();
+  const container = document.getElementById("page");
+  container.replaceChildren();
+  shown = { name, page: null };
+  try {
+    const page = await TABS[name].show(container, session);
+    if (mine === opening) shown.page = page;
+    else page?.destroy?.();
+  } catch (error) {
+    showError(error);
+  }
+}
+
+function makeTabs(session, names) {
+  const make = (name) =>
+    element(
+      "button",
+      { id: `tab-${name}`, type: "button", role: "tab", "data-tab": name, onclick: () => state.set({ tab: name === names[0] ? null : name }, { push: true }) },
+      TABS[name].words,
+    );
+  document.getElementById("tabs").replaceChildren(...names.map(make));
+}
+
+function followTheme() {
+  const select = document.getElementById("theme");
+  const apply = () => {
+    const chosen = state.get("theme", "");
+    select.value = ["light", "dark"].includes(chosen) ? chosen : "";
+    if (select.value) document.documentElement.dataset.theme = select.value;
+    else delete document.documentElement.dataset.theme;
+    refreshTheme();
+  };
+  select.onchange = () => state.set({ theme: select.value });
+  state.subscribe((names) => names.has("theme") && apply());
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", refreshTheme);
+  apply();
+}
+
+async function start() {
+  followTheme();
+  makeHelp(document.getElementById("help-dialog"), document.getElementById("help"));
+  const session = await getJson("api/session");
+  document.getElementById("name").textContent = session.path_name ?? "";
+  document.title = `${session.path_name || session.name || "viewer"} · doppelgait`;
+  const names = tabsOf(session);
+  makeTabs(session, names);
+  state.subscribe((changed) => changed.has("tab") && openTab(session, names));
+  await openTab(session, names);
+}
+
+start().catch((error) => {
+  document.getElementById("page").replaceChildren();
+  showError(error);
+});

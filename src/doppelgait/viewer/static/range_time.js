@@ -1,0 +1,99 @@
+// Range against time, with the gates of the targets.
+
+import { drawCursor, drawLine, drawPicture, makeChart, MARGINS, withEdge } from "./chart.js";
+import { makeBar, makeTones } from "./levels.js";
+import { cellAt, edges, levelDb, paint, valueAt } from "./picture.js";
+import { element, fixed, makePanel } from "./ui.js";
+
+/** Colours of the gates by number of the target; none of them occurs in the maps. */
+export const GATE_COLOURS = ["#35d0ff", "#9cff57", "#ffffff", "#ff9cf5", "#ffe14d", "#b9a7ff"];
+
+export function gateColour(number) {
+  return GATE_COLOURS[number % GATE_COLOURS.length];
+}
+
+const BEYOND_S = 0.25; // a gate has a value a processing interval, and so ends before the recording does
+
+/** Limits of a target's gate in m at a time, from its nearest column; null without a gate or beyond its ends. */
+export function gateAt(target, arrays, time) {
+  if (!target?.gate_limits) return null;
+  const { time: times, low, high } = target.gate_limits;
+  const [at, count] = [arrays[times], arrays[times].length];
+  if (!count) return null;
+  if (time < at[0] - BEYOND_S || time > at[count - 1] + BEYOND_S) return null;
+  const share = count > 1 ? (time - at[0]) / (at[count - 1] - at[0]) : 0;
+  let n = Math.min(Math.max(Math.round(share * (count - 1)), 0), count - 1);
+  while (n > 0 && Math.abs(at[n - 1] - time) < Math.abs(at[n] - time)) n -= 1;
+  while (n < count - 1 && Math.abs(at[n + 1] - time) < Math.abs(at[n] - time)) n += 1;
+  return [arrays[low][n], arrays[high][n]];
+}
+
+export function makeRangeTime({ session, clock }) {
+  const panel = makePanel("range-time", "Range against time");
+  const picture = element("canvas");
+  const bar = makeBar(panel.tools, session);
+  const tonesOf = makeTones(session);
+  let shown = null; // {image, codes, recording}
+  let targets = null; // {targets, arrays, selected}
+  const chart = makeChart(panel, "range-time", {
+    label: "Range against time; click to move the time cursor",
+    margins: { ...MARGINS, bottom: 10 }, // the signature below has the same time axis, with its numbers
+    drag: (time) => clock.seek(time),
+    read,
+    view: () =>
+      shown && {
+        x: { limits: [clock.start, clock.stop], name: "time", unit: "s", labels: false },
+        y: { limits: edges(shown.image.y), name: "range", unit: "m" },
+      },
+    draw,
+    drawOver: (context) => drawCursor(context, chart, clock.time),
+  });
+  return { node: panel.node, show, showTargets, redraw, tick: chart.redrawOverlay, destroy: chart.destroy };
+
+  function show({ facts, arrays }) {
+    const image = facts.range_time;
+    shown = image && { image, codes: arrays[image.array], facts, arrays };
+    panel.say(image ? null : facts.reason || "No picture of range against time: this radar has one range bin.");
+    redraw();
+  }
+
+  function showTargets(next) {
+    targets = next;
+    chart.redraw();
+  }
+
+  function redraw() {
+    bar(shown?.image ?? null);
+    if (shown) paint(picture, shown.codes, [shown.image.x.n, shown.image.y.n], tonesOf(shown.image));
+    chart.redraw();
+  }
+
+  function draw(context) {
+    drawPicture(context, chart, picture, shown.image);
+    for (const [number, target] of (targets?.targets ?? []).entries()) drawGate(context, target, number);
+  }
+
+  function drawGate(context, target, number) {
+    if (!target.gate_limits) return;
+    const { arrays, selected } = targets;
+    const times = arrays[target.gate_limits.time];
+    context.globalAlpha = number === selected ? 1 : 0.6;
+    for (const side of ["low", "high"]) {
+      const values = arrays[target.gate_limits[side]];
+      withEdge(context, gateColour(number), number === selected ? 1.6 : 1, () =>
+        drawLine(context, chart, times.length, (n) => [times[n], values[n]]),
+      );
+    }
+    context.globalAlpha = 1;
+  }
+
+  function read(time, range) {
+    const { image, codes } = shown;
+    const [column, row] = [cellAt(image.x, time), cellAt(image.y, range)];
+    if (column === null || row === null) return `${fixed(time, 3)} s · ${fixed(range, 3)} m`;
+    const level = levelDb(image, codes, column, row);
+    const at = `${fixed(valueAt(image.x, column), 3)} s · ${fixed(valueAt(image.y, row), 3)} m`;
+    return `${at} · ${fixed(level, 2)} ${image.unit}`;
+  }
+}
+

@@ -1,0 +1,148 @@
+// Micro-Doppler signature, with the main line, the pieces, and the true Doppler of the body parts.
+
+import { drawCursor, drawLine, drawPicture, makeChart, withEdge } from "./chart.js";
+import { makeBar, makeTones } from "./levels.js";
+import { cellAt, levelDb, paint, valueAt } from "./picture.js";
+import * as state from "./state.js";
+import { element, fixed, makePanel } from "./ui.js";
+
+const MAIN_LINE = "#35d0ff";
+const PIECE = "#ffe14d";
+const DASHES = [[], [5, 3], [2, 3], [7, 3, 2, 3]];
+const EXTRAS = [["main-line", "main line", MAIN_LINE], ["pieces", "pieces", PIECE]];
+
+export function makeSignature({ session, clock, band }) {
+  const panel = makePanel("signature", "Micro-Doppler signature");
+  const parts = element("fieldset", { id: "parts", class: "parts" }, element("legend", {}, "Lines over the signature"));
+  const picture = element("canvas");
+  const bar = makeBar(panel.tools, session);
+  const tonesOf = makeTones(session);
+  let truth = { list: [], arrays: {} };
+  let shown = null; // {image, codes, target, arrays}
+  const chart = makeChart(panel, "signature", {
+    label: "Micro-Doppler signature; click to move the time cursor",
+    drag: (time) => clock.seek(time),
+    read,
+    view: () =>
+      shown && {
+        x: { limits: [clock.start, clock.stop], name: "time", unit: "s" },
+        y: { limits: band(), name: "Doppler", unit: "Hz" },
+        second: shown.image.y.second,
+      },
+    draw,
+    drawOver: (context) => drawCursor(context, chart, clock.time),
+  });
+  panel.node.append(parts);
+  return { node: panel.node, showTruth, show, say: panel.say, redraw, tick: chart.redrawOverlay, destroy: chart.destroy };
+
+  function showTruth({ facts, arrays }) {
+    truth = { list: facts.truth ?? [], arrays };
+    makeSwitches();
+    chart.redraw();
+  }
+
+  /** Show a target's signature; null for none. */
+  function show(target, arrays) {
+    shown = target && { image: target.signature, codes: arrays[target.signature.array], target, arrays };
+    redraw();
+  }
+
+  function redraw() {
+    bar(shown?.image ?? null);
+    if (shown) paint(picture, shown.codes, [shown.image.x.n, shown.image.y.n], tonesOf(shown.image));
+    chart.redraw();
+  }
+
+  function chosen() {
+    return new Set((state.get("lines") ?? "main-line").split(",").filter(Boolean));
+  }
+
+  function makeSwitches() {
+    const groups = [...new Set(truth.list.flatMap((one) => one.doppler?.parts ?? []))];
+    const lines = groups.map((group) => [group.replaceAll(" ", "-"), group, session.part_colours[group] ?? "#808080"]);
+    const whole = lines.every(([key]) => chosen().has(key));
+    const every = element("button", { type: "button", onclick: () => choose(lines, !whole) }, whole ? "none" : "all");
+    parts.replaceChildren(
+      element("legend", {}, "Lines over the signature"),
+      ...EXTRAS.map(makeSwitch),
+      element("span", { class: "group" }, groups.length ? "true Doppler:" : "no truth in this recording"),
+      ...lines.map(makeSwitch),
+      ...(groups.length ? [every] : []),
+    );
+  }
+
+  function makeSwitch([key, words, colour]) {
+    const box = element("input", { type: "checkbox", value: key, onchange: () => toggle(key, box.checked) });
+    box.checked = chosen().has(key);
+    const swatch = element("i", { class: "swatch" });
+    swatch.style.background = colour;
+    return element("label", {}, box, swatch, words);
+  }
+
+  function toggle(key, on) {
+    const keys = chosen();
+    if (on) keys.add(key);
+    else keys.delete(key);
+    keep(keys);
+  }
+
+  function choose(lines, on) {
+    const keys = chosen();
+    for (const [key] of lines) keys[on ? "add" : "delete"](key);
+    keep(keys);
+  }
+
+  function keep(keys) {
+    state.set({ lines: [...keys].join(",") || "none" });
+    makeSwitches();
+    chart.redraw();
+  }
+
+  function draw(context) {
+    drawPicture(context, chart, picture, shown.image);
+    const keys = chosen();
+    for (const [number, one] of truth.list.entries()) {
+      if (one.doppler) drawTruth(context, one.doppler, number, keys);
+    }
+    if (keys.has("pieces")) drawPieces(context, shown.target.pieces ?? []);
+    if (keys.has("main-line") && shown.target.main_line) drawMainLine(context);
+  }
+
+  function drawTruth(context, { time, parts: groups, values }, number, keys) {
+    const hertz = truth.arrays[values];
+    context.setLineDash(DASHES[number % DASHES.length]);
+    for (const [row, group] of groups.entries()) {
+      if (!keys.has(group.replaceAll(" ", "-"))) continue;
+      const stroke = () => drawLine(context, chart, time.n, (n) => [valueAt(time, n), hertz[row * time.n + n]]);
+      withEdge(context, session.part_colours[group] ?? "#808080", 1.6, stroke, "rgba(255, 255, 255, 0.4)");
+    }
+    context.setLineDash([]);
+  }
+
+  function drawMainLine(context) {
+    const hertz = shown.arrays[shown.target.main_line];
+    context.setLineDash([6, 4]);
+    withEdge(context, MAIN_LINE, 1.6, () =>
+      drawLine(context, chart, hertz.length, (n) => [valueAt(shown.image.x, n), hertz[n]]),
+    );
+    context.setLineDash([]);
+  }
+
+  function drawPieces(context, pieces) {
+    const { top, bottom } = chart.box;
+    for (const [start, stop] of pieces) {
+      const [from, to] = [chart.x(start), chart.x(stop)];
+      withEdge(context, PIECE, 1.5, () => context.strokeRect(from + 1, top + 2, to - from - 2, bottom - top - 4));
+    }
+  }
+
+  function read(time, doppler) {
+    const { image, codes } = shown;
+    const [column, row] = [cellAt(image.x, time), cellAt(image.y, doppler)];
+    const hertz = row === null ? doppler : valueAt(image.y, row);
+    const speed = image.y.second ? ` · ${fixed(hertz * image.y.second.scale, 3)} m/s` : "";
+    const at = `${fixed(column === null ? time : valueAt(image.x, column), 3)} s · ${fixed(hertz, 2)} Hz${speed}`;
+    if (column === null || row === null) return `${at} · no column here: a whole CPI must lie in the recording`;
+    return `${at} · ${fixed(levelDb(image, codes, column, row), 2)} ${image.unit}`;
+  }
+}

@@ -1,0 +1,138 @@
+"""What is shown of the targets: signature, step-Doppler map, cadence spectrum, features and gate."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core.errors import AnalysisError
+from doppelgait.core.labels import axis
+from doppelgait.viewer.images import MOST, axis_facts, block_of, doppler_facts, image_facts, level_db
+from doppelgait.viewer.payload import pack
+from doppelgait.viewer.query import Gate
+from doppelgait.viewer.run import Run, TargetView
+
+Arrays = dict[str, npt.NDArray[Any]]
+
+MOST_GATE_POINTS = 2000
+HARMONIC_NAMES = ("2nd", "3rd")
+NO_TARGET = "no target was found: nothing moves steadily or breathes in this recording; try a gate of your own"
+
+
+def targets_payload(run: Run, gate: Gate | None) -> bytes:
+    """Payload of ``api/targets``; of a run that cannot be analysed so, the reason."""
+    arrays: Arrays = {}
+    try:
+        targets, notes = run.targets(gate), run.warnings(gate)
+    except AnalysisError as error:
+        return pack({"targets": [], "reason": str(error), "notes": []}, {})
+    shown = [_target(number, view, run, gate, arrays) for number, view in enumerate(targets)]
+    return pack({"targets": shown, "reason": None if shown else NO_TARGET, "notes": notes}, arrays)
+
+
+def _target(number: int, view: TargetView, run: Run, gate: Gate | None, arrays: Arrays) -> dict[str, Any]:
+    prefix = f"target_{number}_"
+    return {
+        "number": number,
+        "label": view.label,
+        "gate": view.gate,
+        "features": {
+            **view.features,
+            "gait_frequency_hz": view.gait_frequency_hz,
+            "torso_doppler_hz": view.torso_doppler_hz,
+        },
+        "standard_deviation": view.standard_deviation,
+        "quality": view.quality,
+        "extended": view.extended,
+        "flags": view.flags,
+        "truth": view.truth,
+        "signature": _signature(view.signature, f"{prefix}signature", arrays),
+        "main_line": _main_line(view, f"{prefix}main_line", arrays),
+        "cadence_map": _cadence_map(view.cadence_map, f"{prefix}cadence_map", arrays),
+        "cadence_spectrum": _spectrum(view, f"{prefix}cadence_spectrum", run.analysis(gate).method, arrays),
+        "gate_limits": _gate_limits(view.gate_limits, prefix, arrays),
+        "pieces": view.pieces,
+    }
+
+
+def _wavelength_m(array: xr.DataArray) -> float:
+    """Wavelength that the velocity axis was made with; NaN without such an axis."""
+    doppler_hz = axis(array, "doppler")
+    furthest = int(np.abs(doppler_hz).argmax())
+    if "velocity" not in array.coords or doppler_hz[furthest] == 0:
+        return float("nan")
+    return float(2.0 * axis(array, "velocity")[furthest] / doppler_hz[furthest])
+
+
+def _signature(signature: xr.DataArray | None, name: str, arrays: Arrays) -> dict[str, Any] | None:
+    if signature is None or signature.size == 0:
+        return None
+    facts, arrays[name] = image_facts(
+        name,
+        signature.values,
+        axis_facts("time", "s", axis(signature, "time")),
+        doppler_facts(axis(signature, "doppler"), _wavelength_m(signature)),
+        unit="dB re 1 V²" if signature.attrs.get("units") == "V^2" else "dB re 1",
+    )
+    return facts
+
+
+def _main_line(view: TargetView, name: str, arrays: Arrays) -> str | None:
+    """Main line at the columns of the picture: at the middle of every block of columns."""
+    if view.main_line_hz is None or view.signature is None or view.signature.size == 0:
+        return None
+    block = block_of(view.signature.sizes["time"], MOST[0])
+    at = np.arange(0, view.main_line_hz.size, block) + (block - 1) / 2
+    arrays[name] = np.interp(at, np.arange(view.main_line_hz.size), view.main_line_hz).astype(np.float32)
+    return name
+
+
+def _cadence_map(cadence_map: xr.DataArray | None, name: str, arrays: Arrays) -> dict[str, Any] | None:
+    if cadence_map is None or cadence_map.size == 0:
+        return None
+    facts, arrays[name] = image_facts(
+        name,
+        np.square(cadence_map.values),
+        axis_facts("cadence", "Hz", axis(cadence_map, "cadence")),
+        doppler_facts(axis(cadence_map, "doppler"), _wavelength_m(cadence_map)),
+        unit="dB re 1",
+    )
+    return facts
+
+
+def _spectrum(view: TargetView, name: str, method: str, arrays: Arrays) -> dict[str, Any] | None:
+    """Cadence spectrum in dB with its peaks; the report's own is a sum of magnitudes."""
+    spectrum = view.cadence_spectrum
+    if spectrum is None or spectrum.size == 0:
+        return None
+    values = np.square(spectrum.values) if method == "liland2018" else spectrum.values
+    arrays[name] = level_db(values).astype(np.float32)
+    return {
+        "x": axis_facts("cadence", "Hz", axis(spectrum, "cadence")),
+        "db": name,
+        "unit": "dB re 1",
+        "peaks": list(_peaks(view)),
+    }
+
+
+def _peaks(view: TargetView) -> Iterator[dict[str, Any]]:
+    if view.gait_frequency_hz is not None:
+        yield {"hz": view.gait_frequency_hz, "name": "f_mu"}
+    for name, hz in zip(HARMONIC_NAMES, view.harmonics_hz, strict=False):
+        if hz is not None:
+            yield {"hz": hz, "name": name}
+
+
+def _gate_limits(gate: xr.Dataset | None, prefix: str, arrays: Arrays) -> dict[str, Any] | None:
+    if gate is None:
+        return None
+    times_s = axis(gate, "time")
+    chosen = np.unique(np.linspace(0, times_s.size - 1, min(times_s.size, MOST_GATE_POINTS)).round().astype(int))
+    lines = {"time": times_s, "low": gate["range_low"].values, "high": gate["range_high"].values}
+    for key, values in lines.items():
+        arrays[f"{prefix}gate_{key}"] = values[chosen].astype(np.float32)
+    return {key: f"{prefix}gate_{key}" for key in lines}

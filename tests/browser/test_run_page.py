@@ -1,0 +1,338 @@
+"""The page of one recording in a real browser: what it shows, and that it moves, reads and keeps what it should."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from doppelgait.pipeline import analyze, parse_run, run_simulation
+from doppelgait.pipeline.tracked import with_clutter_off
+from doppelgait.processing import Analysis, range_doppler, remove_clutter
+from doppelgait.radar import read_recording
+from doppelgait.radar.recordings import write_recording
+
+DURATION_S = 2.5
+WALK = {
+    "seed": 7,
+    "duration_s": DURATION_S,
+    "radar_position_m": [0.0, 0.0, 1.0],
+    "radar": {"preset": "x4", "prf_hz": 800},
+    "noise": {"kind": "snr", "snr_db": 25},
+    "targets": [{"label": "human", "motion": {"kind": "boulic", "speed_mps": 1.2}, "range_m": 4.0, "aspect_deg": 0}],
+}
+LEFT, RIGHT, TOP = 58, 58, 4
+"""Margins of the charts in pixels; below, 36, or 10 where the numbers of the axis stand under the next picture."""
+READY = ".run:not(.loading)"
+# colours counted and summed up: two pictures are the same if both numbers are
+LOOK = """(id) => {
+  const canvas = document.getElementById(id);
+  const pixels = new Uint32Array(canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data.buffer);
+  let hash = 0;
+  for (const pixel of pixels) hash = (Math.imul(hash, 31) + pixel) | 0;
+  return [hash, new Set(pixels).size];
+}"""
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("run_page") / "walk.h5"
+    write_recording(run_simulation(parse_run(WALK)), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def url(walk: Path, serve: Callable[..., str]) -> str:
+    return serve(walk)
+
+
+def opened(page: Any, url: str, query: str = "") -> Any:
+    page.goto(url + query)
+    page.wait_for_selector(READY)
+    until(lambda: look(page, "range-doppler")[1] > 20, "no range-Doppler picture")
+    return page
+
+
+def look(page: Any, name: str) -> tuple[int, int]:
+    """Fingerprint of a canvas and how many colours are in it."""
+    hashed, colours = page.evaluate(LOOK, f"canvas-{name}")
+    return hashed, colours
+
+
+def until(condition: Callable[[], bool], otherwise: str, *, seconds: float = 8.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, otherwise
+        time.sleep(0.03)
+
+
+def settled(page: Any, name: str) -> tuple[int, int]:
+    """Fingerprint of a canvas once it stays the same for a while."""
+    seen = [look(page, name)]
+    while len(seen) < 4 or len(set(seen[-4:])) > 1:
+        time.sleep(0.05)
+        seen.append(look(page, name))
+        assert len(seen) < 100, f"{name} does not come to rest"
+    return seen[-1]
+
+
+def text(page: Any, selector: str) -> str:
+    return str(page.text_content(selector)).replace("\N{MINUS SIGN}", "-")
+
+
+def seconds(page: Any) -> float:
+    return float(text(page, "#time"))
+
+
+def read_at(page: Any, name: str, x: float, y: float) -> tuple[dict[str, float], tuple[float, float]]:
+    """Numbers of a panel's read-out by unit, with the mouse at shares of its axes; and these shares, to the pixel."""
+    box = page.locator(f"#canvas-{name}").bounding_box()
+    width, height = box["width"] - LEFT - RIGHT, box["height"] - TOP - (10 if name in ("range-time", "cadence") else 36)
+    at_x, at_y = round(x * width), round(y * height)
+    page.mouse.move(box["x"] + LEFT + at_x, box["y"] + TOP + height - at_y)
+    found = re.findall(r"(-?[\d.]+) (dB|Hz|m/s|m|s)\b", text(page, f"#hover-{name}"))
+    return {unit: float(number) for number, unit in reversed(found)}, (at_x / width, at_y / height)
+
+
+def is_under(read: float, share: float, axis: Any) -> bool:
+    """Whether a cell of an axis that fills a picture is the one at a share of it, to a pixel of 100 or more."""
+    values = np.asarray(axis, dtype=float)
+    step = values[1] - values[0]
+    expected = values[0] - step / 2 + share * step * values.size
+    return bool(abs(read - expected) <= 0.51 * step + 0.01 * step * values.size)
+
+
+def test_shows_every_panel_and_the_features_of_the_analysis(page: Any, url: str, walk: Path) -> None:
+    opened(page, url)
+    for name in ("range-time", "signature", "range-doppler", "cadence", "spectrum", "scene"):
+        assert look(page, name)[1] > 20, name
+    (result,) = analyze(read_recording(walk), gate="track")
+    shown = {row.split("\t")[0]: row.split("\t")[1] for row in page.inner_text("#features tbody").split("\n")}
+    assert float(shown["torso velocity"]) == pytest.approx(result.features.torso_velocity_mps, rel=5e-3)
+    assert float(shown["gait frequency"]) == pytest.approx(result.gait_frequency_hz, rel=5e-3)
+    assert "800 Hz" in text(page, "#facts")
+    upper, lower = (page.locator(f"#canvas-{name}").bounding_box() for name in ("range-time", "signature"))
+    assert (upper["x"], upper["width"]) == (lower["x"], lower["width"]), "one time axis for both"
+    true_mps = float(np.mean(read_recording(walk).truth[0].centre_velocity_mps))
+    assert page.inner_text("#features tbody tr >> nth=0").split("\t")[4].startswith(f"{true_mps:.2f} (")
+
+
+def test_play_moves_the_cursor_and_what_follows_it(page: Any, url: str) -> None:
+    opened(page, url)
+    moving = ("scene", "range-doppler", "range-time-overlay", "signature-overlay")
+    still = ("range-time", "signature", "cadence")
+    before = {name: look(page, name) for name in (*moving, *still)}
+    page.click("#play")
+    assert page.get_attribute("#play", "aria-pressed") == "true"
+    until(lambda: seconds(page) > 0.7, "the clock does not run")
+    page.click("#play")
+    after = {name: look(page, name) for name in (*moving, *still)}
+    assert [name for name in moving if after[name] == before[name]] == []
+    assert [name for name in still if after[name] != before[name]] == []
+    assert float(text(page, "#fps")) > 5
+    stopped = seconds(page)
+    time.sleep(0.1)
+    assert seconds(page) == stopped
+
+
+def test_scrub_and_click_seek(page: Any, url: str) -> None:
+    opened(page, url)
+    page.fill("#scrub", "1.5")
+    assert seconds(page) == pytest.approx(1.5, abs=0.002)
+    until(lambda: "t=1.5" in page.url, "the time is not in the address")
+    for name in ("signature", "range-time"):
+        box = page.locator(f"#canvas-{name}").bounding_box()
+        x = 400.0 if name == "signature" else 200.0
+        page.mouse.click(box["x"] + x, box["y"] + 40)
+        expected = DURATION_S * (x - LEFT) / (box["width"] - LEFT - RIGHT)
+        assert seconds(page) == pytest.approx(expected, abs=0.01), name
+
+
+def test_hover_values_equal_the_file(page: Any, url: str, walk: Path) -> None:
+    opened(page, url, "?clutter=kept&t=1.2&band=all")
+    recording = read_recording(walk)
+    (result,) = analyze(recording, gate="track")
+    for x, y in ((0.3, 0.4), (0.62, 0.55), (0.5, 0.2)):
+        _compare(page, recording, result, x, y)
+
+
+def _compare(page: Any, recording: Any, result: Any, x: float, y: float) -> None:
+    """Read-outs of the four pictures at one place, and the same cells of the arrays that they were made from."""
+    baseband, signature = recording.baseband, result.signature
+    read, (across, up) = read_at(page, "range-time", x, y)
+    assert read["s"] == pytest.approx(DURATION_S * across, abs=0.002)
+    assert is_under(read["m"], up, baseband.range)
+    cell = baseband.sel(slow_time=read["s"], range=read["m"], method="nearest")
+    assert read["dB"] == pytest.approx(20 * np.log10(abs(complex(cell))), abs=0.05)
+
+    read, (across, up) = read_at(page, "signature", x, y)
+    assert read["s"] == pytest.approx(DURATION_S * across, abs=0.02)
+    assert is_under(read["Hz"], up, signature.doppler)
+    column = signature.sel(time=read["s"], doppler=read["Hz"], method="nearest")
+    assert read["dB"] == pytest.approx(10 * np.log10(float(column)), abs=0.05)
+    assert read["m/s"] == pytest.approx(float(column.velocity), abs=2e-3)
+
+    read, (across, up) = read_at(page, "range-doppler", x, y)
+    assert read["s"] == pytest.approx(1.2, abs=0.01)
+    assert is_under(read["m"], across, baseband.range)
+    assert is_under(read["Hz"], up, signature.doppler)
+    cell = _map(recording, read["s"]).sel(range=read["m"], doppler=read["Hz"], method="nearest")
+    assert read["dB"] == pytest.approx(10 * np.log10(float(cell)), abs=0.05)
+
+    read, _ = read_at(page, "cadence", x, y)
+    cadence_hz = float(re.search(r"cadence ([\d.]+)", text(page, "#hover-cadence")).group(1))
+    doppler_hz = float(re.search(r"· (-?[\d.]+) Hz", text(page, "#hover-cadence")).group(1))
+    cell = result.cadence_map.sel(cadence=cadence_hz, doppler=doppler_hz, method="nearest")
+    assert read["dB"] == pytest.approx(20 * np.log10(float(cell)), abs=0.05)
+
+
+def _map(recording: Any, time_s: float) -> Any:
+    """Range-Doppler map at a time, straight from the processing layer."""
+    analysis = with_clutter_off(Analysis())
+    baseband = remove_clutter(recording.baseband, analysis)
+    blocks = range_doppler(baseband, analysis, wavelength_m=recording.radar.wavelength_m)
+    nearest = [block.sel(time=time_s, method="nearest") for block in blocks]
+    return min(nearest, key=lambda one: abs(float(one.time) - time_s))
+
+
+def test_lines_colours_and_levels_change_the_pictures(page: Any, url: str) -> None:
+    opened(page, url)
+    pictures = ("range-time", "signature", "range-doppler", "cadence")
+
+    def changed(act: Callable[[], Any]) -> set[str]:
+        before = {name: look(page, name) for name in pictures}
+        act()
+        time.sleep(0.15)
+        return {name for name in pictures if look(page, name) != before[name]}
+
+    assert changed(lambda: page.check("#parts input[value=torso]")) == {"signature"}
+    assert changed(lambda: page.uncheck("#parts input[value=main-line]")) == {"signature"}
+    assert changed(lambda: page.select_option("#map", "gray")) == set(pictures)
+    assert changed(lambda: page.locator("#db-low").fill("-25") or page.press("#db-low", "Enter")) == set(pictures)
+    assert changed(lambda: page.select_option("#band", "all")) == {"signature", "range-doppler", "cadence"}
+    with page.expect_response(lambda answer: "clutter=kept" in answer.url):
+        page.select_option("#clutter", "kept")
+    light = look(page, "spectrum")
+    page.select_option("#theme", "dark")
+    until(lambda: look(page, "spectrum") != light, "the theme changes nothing")
+
+
+def test_keys(page: Any, url: str) -> None:
+    opened(page, url)
+    page.keyboard.press("ArrowRight")
+    step = seconds(page)
+    assert 0 < step < 0.1
+    page.keyboard.press("Shift+ArrowRight")
+    assert seconds(page) == pytest.approx(11 * step, abs=0.002)
+    page.keyboard.press("End")
+    assert seconds(page) == pytest.approx(DURATION_S, abs=0.002)
+    page.keyboard.press("Home")
+    assert seconds(page) == 0
+    page.keyboard.press("+")
+    assert page.input_value("#speed") == "2"
+    page.keyboard.press("l")
+    assert not page.is_checked("#loop")
+    page.keyboard.press("Space")
+    assert page.get_attribute("#play", "aria-pressed") == "true"
+    until(lambda: page.get_attribute("#play", "aria-pressed") == "false", "without a loop it ends at the end")
+    assert seconds(page) == pytest.approx(DURATION_S, abs=0.002)
+    page.keyboard.press("?")
+    assert page.is_visible("#help-dialog")
+    page.keyboard.press("Escape")
+    assert not page.is_visible("#help-dialog")
+    page.focus("#db-low")
+    page.keyboard.press("l")
+    assert not page.is_checked("#loop"), "a key typed into a number is no command"
+
+
+def test_the_address_restores_what_was_chosen(page: Any, url: str) -> None:
+    opened(page, url)
+    page.select_option("#map", "viridis")
+    page.check("#parts input[value=left-leg]")
+    page.select_option("#speed", "0.5")
+    page.fill("#scrub", "2")
+    page.select_option("#gate", "truth")
+    page.wait_for_selector(READY)
+    until(lambda: all(key in page.url for key in ("map=", "lines=", "t=2", "speed=", "gate=truth")), page.url)
+    wanted = settled(page, "signature"), settled(page, "scene")
+    opened(page, page.url)
+    assert page.input_value("#map") == "viridis"
+    assert page.input_value("#speed") == "0.5"
+    assert page.input_value("#gate") == "truth"
+    assert page.is_checked("#parts input[value=left-leg]")
+    assert seconds(page) == 2
+    assert (settled(page, "signature"), settled(page, "scene")) == wanted
+
+
+def test_a_gate_of_ones_own(page: Any, url: str) -> None:
+    opened(page, url)
+    before = look(page, "signature")
+    page.select_option("#gate", "own")
+    page.fill("#gate-from", "1")
+    page.fill("#gate-to", "1.4")
+    page.press("#gate-to", "Enter")
+    until(lambda: "gate=1%3A1.4" in page.url, page.url)
+    until(lambda: look(page, "signature") != before, "the gate changes nothing")
+    page.wait_for_selector(READY)
+    assert "(given)" in text(page, "#target option")
+    page.fill("#gate-to", "0.5")
+    page.press("#gate-to", "Enter")
+    assert "gate=1%3A1.4" in page.url, "a gate that ends before it begins is not asked for"
+
+
+def test_the_scene_turns_zooms_and_names_what_is_under_the_mouse(page: Any, url: str) -> None:
+    opened(page, url)
+    first = settled(page, "scene")
+    box = page.locator("#canvas-scene").bounding_box()
+    page.mouse.move(box["x"] + 100, box["y"] + 100)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 180, box["y"] + 120, steps=3)
+    page.mouse.up()
+    until(lambda: look(page, "scene") != first, "dragging does not turn")
+    turned = look(page, "scene")
+    page.mouse.wheel(0, 300)
+    until(lambda: look(page, "scene") != turned, "the wheel does not zoom")
+    page.click("button[data-view=all]")
+    until(lambda: look(page, "scene") == first, "everything in view is not where it began")
+    page.click("button[data-view=body]")
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    for dy in range(0, 120, 6):  # up along the middle of the body, to its head at last
+        page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2 - dy)
+        if "range" in text(page, "#hover-scene"):
+            break
+    found = re.search(r"human: .* at \((.*)\) m · range ([\d.]+) m", text(page, "#hover-scene"))
+    assert found, text(page, "#hover-scene")
+    place = np.array([float(part) for part in found.group(1).split(",")])
+    assert float(found.group(2)) == pytest.approx(np.linalg.norm(place - [0, 0, 1]), abs=0.02)
+
+
+def test_fits_a_narrow_window(page: Any, url: str) -> None:
+    page.set_viewport_size({"width": 400, "height": 800})
+    opened(page, url)
+    assert page.evaluate("document.documentElement.scrollWidth") <= 400
+    assert page.locator("#canvas-signature").bounding_box()["width"] > 350
+
+
+@pytest.mark.shared
+def test_a_real_recording_says_what_it_does_not_have(page: Any, serve: Callable[..., str], shared: Path) -> None:
+    folder = shared / "data/radar/x4_baseband_iq_novelda/xethru_recording_20170913_150437_baseband_recording"
+    opened(page, serve(folder, "--set", "cpi_s=1"))  # 17 frames a second: a longer interval
+    assert look(page, "range-time")[1] > 20
+    assert "only simulated recordings" in text(page, ".panel-scene .empty")
+    assert "no target was found" in text(page, ".panel-signature .empty")
+    assert page.locator("#gate option[value=truth]").count() == 0
+    before = look(page, "range-time-overlay")
+    page.click("#play")
+    until(lambda: seconds(page) > 0.3, "the clock does not run")
+    page.click("#play")
+    assert look(page, "range-time-overlay") != before
+    page.select_option("#gate", "own")
+    page.fill("#gate-from", "0.5")
+    page.fill("#gate-to", "2")
+    page.press("#gate-to", "Enter")
+    until(lambda: look(page, "signature")[1] > 20, "no signature for the gate")

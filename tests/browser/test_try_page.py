@@ -1,0 +1,120 @@
+"""The page "Try it" in Chromium: a slider redraws, mistakes stand beside the form, the sound follows the cursor."""
+
+from __future__ import annotations
+
+import tomllib
+
+import pytest
+from playwright.sync_api import expect
+
+from doppelgait.pipeline import parse_run
+
+SLOW = 60_000
+START = "?duration_s=2&radar=x4-255fps&range_m=3"
+PIXELS = """(id) => {
+  const canvas = document.getElementById(id);
+  const data = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+  let sum = 0;
+  for (let n = 0; n < data.length; n += 1) sum = (sum * 31 + data[n]) % 4294967296;
+  return sum;
+}"""
+DRAG = """([id, value]) => {
+  const slider = document.getElementById(id);
+  slider.value = value;
+  slider.dispatchEvent(new Event("input", { bubbles: true }));
+}"""
+
+
+@pytest.fixture
+def try_page(page, serve):
+    page.goto(serve() + START)
+    expect(page.locator("#features")).to_contain_text("torso", timeout=SLOW)
+    expect(page.locator(".run.loading")).to_have_count(0, timeout=SLOW)
+    return page
+
+
+def settled(page):
+    """Wait until a change has been drawn."""
+    expect(page.locator("#try-status")).to_contain_text("redrawn", timeout=SLOW)
+    expect(page.locator(".busy")).to_have_count(0, timeout=SLOW)
+
+
+def test_a_slider_redraws_and_the_last_position_wins(try_page):
+    page = try_page
+    before = [page.evaluate(PIXELS, f"canvas-{name}") for name in ("signature", "range-time", "cadence")]
+    for value in ("0.8", "1.0", "1.3", "1.6"):
+        page.evaluate(DRAG, ["try-speed_mps", value])
+    assert page.input_value("#try-speed_mps-number") == "1.6"
+    settled(page)
+    after = [page.evaluate(PIXELS, f"canvas-{name}") for name in ("signature", "range-time", "cadence")]
+    assert all(new != old for new, old in zip(after, before, strict=True))
+    asked = [url.partition("speed_mps=")[2].partition("&")[0] for url in page.requested if "/api/scene" in url]
+    assert asked[-1] == "1.6"
+    assert len(asked) <= 3, "while one simulation ran, the positions between were not to be asked for"
+    assert "speed_mps=1.6" in page.url
+    expect(page.locator("#features")).to_contain_text("torso")
+
+
+def test_another_mover_has_its_own_controls_and_an_example_fills_them(try_page):
+    page = try_page
+    page.select_option("#try-who", "dog")
+    settled(page)
+    expect(page.locator("#try-height_m")).to_be_hidden()
+    expect(page.locator("#try-withers_m")).to_be_visible()
+    assert page.input_value("#try-speed_mps") == "2"
+    page.get_by_role("button", name="person and dog side by side").click()
+    expect(page.locator("#target option")).to_have_count(2, timeout=SLOW)
+    assert page.input_value("#try-who") == "person"
+    assert "company=dog" in page.url
+
+
+def test_the_scene_file_is_what_is_shown(try_page):
+    page = try_page
+    page.evaluate("() => { navigator.clipboard.writeText = () => Promise.reject(new Error('closed')); }")
+    page.click("#try-copy")
+    spec = parse_run(tomllib.loads(page.input_value("#try-toml")))
+    assert spec.scene.duration_s == 2.0
+    assert spec.scene.targets[0].range_m == 3.0
+    assert spec.radar.prf_hz == 255.0
+
+
+def test_a_mistake_stands_beside_the_form_and_goes(browser, serve):
+    page = browser.new_page()  # the console of a page tells every answer 400
+    page.goto(serve() + START + "&who=dog")
+    expect(page.locator("#features")).to_contain_text("torso", timeout=SLOW)
+    page.select_option("#try-gait", "gallop")
+    page.fill("#try-speed_mps-number", "0.5")
+    expect(page.locator("#try-status")).to_contain_text("2.17 to 6.26 m/s in a gallop", timeout=SLOW)
+    page.fill("#try-speed_mps-number", "3")
+    expect(page.locator("#try-status")).to_contain_text("redrawn", timeout=SLOW)
+    page.close()
+
+
+def test_the_sound_follows_the_cursor(try_page):
+    page = try_page
+    times = """() => new Promise((done) => requestAnimationFrame(() => setTimeout(() => {
+      const audio = document.getElementById("sound-audio");
+      done([audio.currentTime, Number(document.getElementById("time").textContent), audio.paused]);
+    })))"""
+    page.select_option("#speed", "0.5")
+    page.click("#sound")
+    page.wait_for_timeout(100)
+    expect(page.locator("#sound")).not_to_have_attribute("aria-busy", "true", timeout=SLOW)
+    page.click("#play")
+    page.wait_for_timeout(1200)
+    drifts = []
+    for _ in range(5):
+        page.wait_for_timeout(100)
+        heard_s, cursor_s, paused = page.evaluate(times)
+        assert not paused
+        drifts.append(abs(heard_s - cursor_s))
+    assert sorted(drifts)[2] < 0.05, drifts
+    page.click("#play")
+    page.evaluate(DRAG, ["scrub", "0.7"])
+    heard_s, _, paused = page.evaluate(times)
+    assert paused
+    assert heard_s == pytest.approx(0.7, abs=0.05)
+    assert any("/api/sound" in url for url in page.requested)
+    page.select_option("#sound-pitch", "2")
+    page.wait_for_timeout(100)
+    assert "pitch=2" in [url for url in page.requested if "/api/sound" in url][-1]

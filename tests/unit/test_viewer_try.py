@@ -1,0 +1,138 @@
+"""What "Try it" offers, what it simulates, mistakes in one sentence, and the scene file."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from starlette.testclient import TestClient
+
+from doppelgait.core.errors import ConfigError
+from doppelgait.pipeline import load_run, run_simulation
+from doppelgait.radar import Radar
+from doppelgait.viewer.app import make_app
+from doppelgait.viewer.try_controls import all_controls
+from doppelgait.viewer.try_it import chosen, controls, run_of, scene_table, scene_toml
+
+SHORT = {"duration_s": "2", "radar": "x4-255fps", "range_m": "3"}
+
+
+def test_controls_say_all_that_a_page_needs():
+    found = controls()
+    assert json.loads(json.dumps(found)) is not None
+    assert found[0]["name"] == "who"
+    for control in found:
+        assert control["words"]
+        assert control["help"].endswith(".")
+        if control["kind"] == "choice":
+            assert control["default"] in dict(control["values"])
+        else:
+            for own in ({}, *control["by_who"].values()):
+                low, high, default = (own.get(key, control[key]) for key in ("low", "high", "default"))
+                assert low <= default <= high
+
+
+def test_radars_are_those_that_can_show_a_gait():
+    radars = next(control.values for control in all_controls() if control.name == "radar")
+    assert {"x4", "infineon-60", "xband-cw"} <= set(radars)
+    assert "x4-17fps" not in radars
+    assert all(Radar.preset(name).prf_hz > 200 for name in radars)
+
+
+@pytest.mark.parametrize("who", ["person", "dog", "cat", "fan", "curtain", "vacuum"])
+def test_every_mover_can_be_simulated_as_it_stands(who):
+    run = run_of({"who": who, **SHORT})
+    recording = run.needed_recording()
+    assert recording.baseband.sizes["slow_time"] == 510
+    assert [truth.label for truth in recording.truth] == ["human" if who == "person" else who]
+    assert np.abs(recording.baseband.values).max() > 0
+
+
+def test_what_is_asked_for_is_what_is_analysed():
+    given = {"who": "dog", "speed_mps": "2", "withers_m": "0.6", "aspect_deg": "180", "cpi_s": "0.15"}
+    run = run_of({**given, **SHORT, "radar": "x4-512fps"})
+    truth = run.needed_recording().truth[0]
+    assert (truth.height_m, truth.gait) == (0.6, "trot")
+    assert truth.ground_speed_mps == pytest.approx(2.0, rel=0.03)
+    target = run.targets(None)[0]
+    assert target.gate == "truth"
+    assert target.signature.attrs["cpi_pulses"] == 77  # 0.15 s at 512 Hz, odd
+    assert target.features["torso_velocity_mps"] == pytest.approx(-2.0, rel=0.1)  # receding
+
+
+def test_two_go_side_by_side_a_metre_apart():
+    run = run_of({"company": "dog", "aspect_deg": "30", **SHORT})
+    bodies = [truth.body.mean("marker").values for truth in run.needed_recording().truth]
+    apart = bodies[1][:, :2] - bodies[0][:, :2]
+    assert np.hypot(*apart.T) == pytest.approx(1.0, abs=0.25)  # centres of the points, which legs move
+    way = bodies[0][-1, :2] - bodies[0][0, :2]
+    assert abs(apart.mean(axis=0) @ way) < 0.15 * np.hypot(*way)  # beside, not behind
+    assert [target.label for target in run.targets(None)] == ["human", "dog"]
+
+
+def test_the_same_values_give_the_same_data_and_the_seed_another():
+    first, again, other = (run_of({"seed": seed, **SHORT}).needed_recording() for seed in ("3", "3", "4"))
+    assert np.array_equal(first.baseband.values, again.baseband.values)
+    assert not np.array_equal(first.baseband.values, other.baseband.values)
+
+
+def test_noise_can_be_off():
+    assert np.isinf(run_of({"noise": "off", **SHORT}).needed_recording().snr_frame_db)
+    assert run_of({"snr_db": "10", **SHORT}).needed_recording().snr_frame_db == pytest.approx(10.0, abs=0.5)
+
+
+def test_warnings_become_notes():
+    assert not run_of({"range_m": "3", "duration_s": "2"}).notes
+    notes = run_of({"speed_mps": "4", **SHORT}).notes
+    assert any(note.startswith("aliasing") for note in notes)
+    assert any(note.startswith("outside the frame") for note in notes)
+
+
+@pytest.mark.parametrize(("given", "says"), [
+    ({"who": "dog", "gait": "gallop", "speed_mps": "0.5"}, r"^speed_mps: 0\.5 .* 2\.17 to 6\.26 m/s in a gallop"),
+    ({"gait": "run", "speed_mps": "0.5"}, r"^speed_mps: 0\.5 .* 1\.8 to 9 m/s in a run"),
+    ({"speed_mps": "11"}, r"^speed_mps: '11' is not allowed; it must be a number from 0\.3 to 10$"),
+    ({"who": "vacuum", "speed_mps": "2"}, r"from 0\.05 to 1$"),
+    ({"speed_mps": "nan"}, r"from 0\.3 to 10$"),
+    ({"seed": "1.5"}, r"^seed: '1\.5' .* whole number"),
+    ({"who": "cow"}, r"^who: 'cow' is not allowed; it must be one of person, dog, cat"),
+    ({"gait": "trot"}, r"^gait: 'trot' is not allowed; it must be one of auto, walk, run$"),
+    ({"who": "dog", "height_m": "1.7"}, r"^height_m: is not for who = dog; it is for person$"),
+    ({"radar": "../../etc/passwd"}, r"^radar: .* must be one of acconeer-a121, "),
+    ({"mass_kg": "80"}, r"^mass_kg: is no control"),
+])  # fmt: skip
+def test_a_mistake_is_one_sentence_that_says_what_is_allowed(given, says):
+    with pytest.raises(ConfigError, match=says):
+        run_of(given)
+
+
+@pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")
+@pytest.mark.parametrize("given", [
+    {"aspect_deg": "-20", "snr_db": "12.5"},
+    {"who": "dog", "gait": "trot", "speed_mps": "2", "company": "person", "noise": "off"},
+    {"who": "fan", "rotation_hz": "2.5"},
+])  # fmt: skip
+def test_the_scene_file_gives_the_same_baseband(tmp_path, given):
+    parameters = {**given, **SHORT}
+    (tmp_path / "scene.toml").write_text(scene_toml(scene_table(parameters)), encoding="utf-8")
+    again = run_simulation(load_run(tmp_path / "scene.toml"))
+    assert np.array_equal(again.baseband.values, run_of(parameters).needed_recording().baseband.values)
+
+
+def test_defaults_go_with_the_mover():
+    assert chosen({})["speed_mps"] == 1.2
+    assert chosen({"who": "cat"})["withers_m"] == 0.25
+    assert "height_m" not in chosen({"who": "cat"})
+
+
+def test_the_server_gives_the_scene_file_or_the_mistake():
+    with TestClient(make_app(None, token="t", port=8000), base_url="http://127.0.0.1:8000") as client:
+        answer = client.get("/t/api/scene", params={"try": "1", **SHORT})
+        assert answer.status_code == 200
+        assert answer.json()["toml"].startswith("# doppelgait simulate")
+        wrong = client.get("/t/api/scene", params={"try": "1", "speed_mps": "11"})
+        assert (wrong.status_code, list(wrong.json())) == (400, ["error"])
+        assert client.get("/t/api/scene").status_code == 400
+        sound = client.get("/t/api/sound", params={"try": "1", **SHORT, "channels": "sides"})
+        assert (sound.status_code, sound.content[:4]) == (200, b"RIFF")

@@ -1,0 +1,81 @@
+"""A viewer's server in a thread, and what the tests ask it over a real socket."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import threading
+import time
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import uvicorn
+
+from doppelgait.viewer.app import make_app
+from doppelgait.viewer.server import listening
+
+TOKEN = "token-of-this-test"
+
+
+@dataclass
+class Answer:
+    status: int
+    headers: dict
+    body: bytes
+
+
+@dataclass
+class Client:
+    """Asks the viewer on a port of this computer."""
+
+    port: int
+
+    def ask(self, path, *, method="GET", host=None, **headers):
+        """Answer to a request for a whole path; ``host=""`` sends no Host header."""
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=60)
+        connection.putrequest(method, path, skip_host=True, skip_accept_encoding=True)
+        for name, value in {"Host": f"127.0.0.1:{self.port}" if host is None else host, **headers}.items():
+            if value:
+                connection.putheader(name.replace("_", "-"), value)
+        connection.endheaders()
+        answer = connection.getresponse()
+        body = answer.read()
+        connection.close()
+        return Answer(answer.status, {k.lower(): v for k, v in answer.getheaders()}, body)
+
+    def get(self, path):
+        """Answer of ``api/PATH``."""
+        return self.ask(f"/{TOKEN}/api/{path}")
+
+    def facts(self, path):
+        """JSON, or the header of a payload."""
+        answer = self.get(path)
+        assert answer.status == 200, answer.body
+        if answer.body[:4] != b"DGV1":
+            return json.loads(answer.body)
+        return json.loads(answer.body[8 : 8 + int.from_bytes(answer.body[4:8], "little")])
+
+    def fault(self, path, status=400):
+        """Reason of a refusal."""
+        answer = self.get(path)
+        assert answer.status == status, (path, answer.status, answer.body[:500])
+        document = json.loads(answer.body)
+        assert set(document) == {"error"}
+        return document["error"]
+
+
+@contextmanager
+def served(opened, settings=None):
+    """Client of a viewer that has something open, or nothing."""
+    with listening(0) as listener:
+        port = listener.getsockname()[1]
+        app = make_app(opened, token=TOKEN, port=port, settings=settings)
+        server = uvicorn.Server(uvicorn.Config(app, log_level="critical", server_header=False))
+        thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
+        thread.start()
+        while not server.started:
+            assert thread.is_alive()
+            time.sleep(0.01)
+        yield Client(port)
+        server.should_exit = True
+        thread.join(timeout=10)
