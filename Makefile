@@ -11,14 +11,15 @@ dataset: $(VENV)/.installed
 	$(BIN)/doppelgait dataset build home-alarm -o home-alarm
 
 test: $(VENV)/.installed-test
-	$(BIN)/ruff check src tests benchmarks studies
-	$(BIN)/ruff format --check src tests benchmarks studies
+	$(BIN)/ruff check src tests benchmarks studies docs
+	$(BIN)/ruff format --check src tests benchmarks studies docs
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/pytest -n auto
 
 docs: $(VENV)/.installed-docs
 	$(BIN)/sphinx-build -W --keep-going -q -b html docs docs/_build/html
+	$(BIN)/python docs/check_links.py docs/_build/html
 	@echo "documentation: docs/_build/html/index.html"
 
 docs-links: $(VENV)/.installed-docs
@@ -45,4 +46,4 @@ $(VENV)/.installed-docs: pyproject.toml $(VENV)/.installed
 	touch $@
 
 clean:
-	rm -rf $(VENV) home-alarm demo build dist docs/_build docs/auto_gallery
+	rm -rf $(VENV) home-alarm demo build dist docs/_build docs/auto_gallery docs/reference

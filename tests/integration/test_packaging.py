@@ -82,6 +82,6 @@ def test_the_wheel_works_in_an_environment_of_its_own(built, tmp_path):
     place = run("python", "-c", "import doppelgait; print(doppelgait.__file__)")
     assert Path(place.strip()).is_relative_to(environment)
     run("doppelgait", "simulate", "--motion", "boulic", "--label", "human", "--duration", "2", "-o", "walk.h5")
-    assert "torso_velocity_mps" in run("doppelgait", "analyze", "walk.h5", "--gate", "truth")
-    assert "home-alarm" in run("doppelgait", "dataset", "plan", "home-alarm")
+    assert (tmp_path / "walk.h5").stat().st_size > 1_000_000
+    assert "7.29" in run("doppelgait", "radar", "show", "x4")
     assert "doppelgait[viewer]" in run("doppelgait", "view", "walk.h5", "--no-browser", code=2)
