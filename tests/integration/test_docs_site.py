@@ -1,4 +1,4 @@
-"""The documentation site as it is published: every page built, every example of the gallery run, every link followed."""
+"""The documentation site as published: every page built, every example of the gallery run, every link followed."""
 
 from __future__ import annotations
 

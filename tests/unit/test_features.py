@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, CADENCE_MAP, CADENCE_SPECTRUM, NORMALISED_SIGNATURE, SIGNATURE, make_array
@@ -18,6 +19,7 @@ from doppelgait.features.doppler import (
     bandwidth_envelope_hz,
     bandwidth_threshold_hz,
     envelopes_hz,
+    noise_quantile,
     single_tone_width_hz,
 )
 from doppelgait.features.gait import occupied_rows
@@ -308,11 +310,18 @@ def test_envelope_is_the_1_and_99_per_cent_quantile_of_the_power_above_the_noise
     assert np.abs(low - doppler_hz[50]).max() <= 5.0
     assert np.abs(high - doppler_hz[148]).max() <= 5.0
     assert bandwidth_envelope_hz(mu, 0.01) == pytest.approx(98 * 5.0, abs=5.0)
-    # cells below nu + 4 std(nu) = 2 nu do not count
+    # cells that noise alone reaches do not count
     faint = mu.copy(data=np.where(mu.values > 0.5, mu.values, 0.0199))
     assert bandwidth_envelope_hz(faint, 0.01) == bandwidth_envelope_hz(mu, 0.01)
     strong = mu.copy(data=np.where(mu.values > 0.5, mu.values, 0.5))
     assert bandwidth_envelope_hz(strong, 0.01) > 150 * 5.0
+
+
+@pytest.mark.parametrize("n_bins", [1.0, 1.37, 4.0])
+def test_noise_passes_the_envelopes_threshold_as_seldom_with_few_bins_as_with_many(n_bins):
+    noise = np.random.default_rng(5).gamma(n_bins, 1 / n_bins, 4_000_000)
+    expected = 4_000_000 * stats.norm.sf(4.0)  # 127
+    assert abs((noise > noise_quantile(n_bins)).sum() - expected) < 4 * np.sqrt(expected)
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
@@ -321,7 +330,8 @@ def test_envelopes_are_those_of_the_cumulative_power_e35(dtype):
     values[7], values[8, :-1], values[9, 1:] = 0.0, 0.0, 0.0
     coords = {"time": np.arange(200) / RATE_HZ, **doppler_coords(64)}
     found = envelopes_hz(make_array(SIGNATURE, values, coords, {"n_gate_bins": 16}), 0.3)
-    power = np.where(values > 0.6, values.astype(float) - 0.3, 0.0)
+    threshold = 0.3 * stats.gamma.isf(stats.norm.sf(4.0), 16) / 16
+    power = np.where(values > threshold, values.astype(float) - 0.3, 0.0)
     share = power.cumsum(axis=1) / np.maximum(power.sum(axis=1, keepdims=True), 1e-300)
     for limits, quantile in zip(found, (0.01, 0.99), strict=True):
         for j in range(200):

@@ -380,6 +380,40 @@ def test_noise_gain_is_what_compression_does_to_white_noise(window):
     assert power == pytest.approx(2.0 * waveform_of(radar).noise_gain(radar), rel=0.01)
 
 
+@pytest.mark.parametrize("window", WINDOWS)
+def test_independent_bins_are_what_averages_the_noise_of_a_sum(window):
+    # a sum over n independent exponential variables has the variance mean^2 / n
+    radar = changed(RADARS["fmcw"], range_window=window)
+    rng = np.random.default_rng(8)
+    samples = rng.normal(size=(6000, 256)) + 1j * rng.normal(size=(6000, 256))
+    power = np.abs(compress(samples, radar)) ** 2
+    sums = power.mean(axis=1) / power.mean()
+    assert waveform_of(radar).independent_bins(radar) == pytest.approx(1 / (sums.var() * power.shape[1]), rel=0.06)
+    assert waveform_of(changed(radar, range_window="hann")).independent_bins(radar) <= 1.0
+
+
+def test_the_independent_bins_of_a_hann_window_are_18_of_35():
+    # w^2 of Hann has the spectrum 1, 2/3, 1/6: 1 / (1 + 2 (4/9 + 1/36))
+    hann = changed(RADARS["stepped"], range_window="hann")
+    assert waveform_of(hann).independent_bins(hann) == pytest.approx(18 / 35, rel=1e-12)
+    assert waveform_of(RADARS["impulse"]).independent_bins(RADARS["impulse"]) == 1.0
+
+
+def test_bandwidth_with_few_bins_in_the_gate_is_that_of_the_walk_and_not_of_the_noise():
+    radar = changed(
+        RADARS["fmcw"], bandwidth_hz=250e6, prf_hz=2000.0, sweep_s=2e-4, sample_rate_hz=1e6, range_stop_m=15.0
+    )
+    scene = Scene([Target(boulic_walk(speed_mps=1.0, height_m=1.75, duration_s=2.5), range_m=6.0)])
+    found = {
+        snr_db: analyze(simulate(scene, radar, rng=np.random.default_rng(1), snr_db=snr_db), gate="truth")[0]
+        for snr_db in (60.0, 15.0, 9.0, 6.0)
+    }
+    clean = found[60.0].features.doppler_bandwidth_hz
+    # noise hides the faint ends of the swings, as it does for pulses; it must not make them wider
+    assert all(0.6 * clean < each.features.doppler_bandwidth_hz < 1.05 * clean for each in found.values())
+    assert found[6.0].signature.attrs["n_gate_bins"] == pytest.approx(18 / 35 * 1.6 / radar.bin_spacing_m, rel=1e-6)
+
+
 def test_noise_per_sample_and_per_bin():
     impulse, cw = RADARS["impulse"], RADARS["cw"]
     assert noise_power_v2(impulse) == waveform_of(impulse).noise_power_v2(impulse)

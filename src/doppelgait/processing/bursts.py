@@ -19,7 +19,7 @@ from doppelgait.core.errors import AnalysisError, DoppelgaitWarning
 from doppelgait.core.labels import BASEBAND, SIGNATURE, axis, check_signal, make_array
 from doppelgait.core.units import doppler_axis_hz, doppler_to_velocity_mps
 from doppelgait.processing.config import MIN_CPI_PULSES, Analysis, gaussian_window, next_fast_length
-from doppelgait.processing.gate import gate_centre_m, gate_edges_in
+from doppelgait.processing.gate import bin_share, gate_centre_m, gate_edges_in
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -151,7 +151,7 @@ def burst_signature(
         "cpi_pulses": bursts.pulses,
         "hop": max(1, round(bursts.period_s * bursts.prf_hz)),
         "window_energy": float((window**2).sum()),
-        "n_gate_bins": float(high[0] - low[0]),
+        "n_gate_bins": float(high[0] - low[0]) * bin_share(baseband),
         "gate": json.dumps(gate_facts),
     }
     return make_array(SIGNATURE, power, {**coords, "velocity": ("doppler", velocity_mps)}, attrs)

@@ -117,3 +117,8 @@ def gate_bins(
     low = gate_centre_m(gate, time_s) - gate.attrs["span_m"] / 2
     first = np.ceil((low - first_bin_m) / bin_spacing_m - 1e-9).astype(np.int64)
     return first, int(np.floor(gate.attrs["span_m"] / bin_spacing_m + 1e-9)) + 1
+
+
+def bin_share(baseband: xr.DataArray) -> float:
+    """Independent noise values per range bin, as the radar's recording tells; 1 where it tells nothing."""
+    return float(baseband.attrs.get("independent_bin_share", 1.0))

@@ -25,7 +25,7 @@ from doppelgait.core.labels import (
 )
 from doppelgait.core.units import doppler_axis_hz, doppler_to_velocity_mps
 from doppelgait.processing.config import Analysis, Transform, lossless_hop, plan_transform
-from doppelgait.processing.gate import gate_centre_m, gate_edges_in
+from doppelgait.processing.gate import bin_share, gate_centre_m, gate_edges_in
 
 
 def plan_for(baseband: xr.DataArray, analysis: Analysis) -> tuple[Transform, float]:
@@ -114,7 +114,7 @@ def signature(baseband: xr.DataArray, gate: xr.Dataset, analysis: Analysis, *, w
     from doppelgait.core.kernels.synthesis import split_planes
 
     check_signal(baseband, BASEBAND)
-    cut = cut_out(gate, axis(baseband, "slow_time"), axis(baseband, "range"), analysis)
+    cut = cut_out(gate, axis(baseband, "slow_time"), axis(baseband, "range"), analysis, bin_share=bin_share(baseband))
     bins = cut.span_bins()
     plane_re, plane_im = np.empty((2, bins.stop - bins.start, cut.n_pulses), dtype=np.float32)
     split_planes(np.asarray(baseband.values, dtype=np.complex64), bins.start, plane_re, plane_im)
@@ -138,6 +138,8 @@ class Cut:
         Edges of the gate in range bins.
     frame_m : (float, float)
         First and last range of the recording.
+    bin_share : float
+        Independent noise values per range bin; less than 1 where a window over the sweep joins neighbouring bins.
     """
 
     gate: xr.Dataset
@@ -149,6 +151,7 @@ class Cut:
     low: npt.NDArray[np.float64]
     high: npt.NDArray[np.float64]
     frame_m: tuple[float, float]
+    bin_share: float = 1.0
 
     def span_bins(self) -> slice:
         """Range bins that the gate ever touches; an :class:`AnalysisError` if none."""
@@ -182,13 +185,13 @@ NEED_BLOCK = 32
 """Columns that :meth:`Cut.needed_pulses` looks at together."""
 
 
-def cut_out(gate: xr.Dataset, slow_time_s: Any, range_m: Any, analysis: Analysis) -> Cut:
+def cut_out(gate: xr.Dataset, slow_time_s: Any, range_m: Any, analysis: Analysis, *, bin_share: float = 1.0) -> Cut:
     """Gate and transform of a recording with these axes."""
     transform, prf_hz = _plan(slow_time_s, analysis)
     time_s = slow_time_s[0] + transform.centre_pulses() / prf_hz
     low, high = gate_edges_in(range_m, gate, time_s, sharp=analysis.sharp_edges)
     frame_m = (float(range_m[0]), float(range_m[-1]))
-    return Cut(gate, transform, prf_hz, slow_time_s.size, range_m.size, time_s, low, high, frame_m)
+    return Cut(gate, transform, prf_hz, slow_time_s.size, range_m.size, time_s, low, high, frame_m, bin_share)
 
 
 def signature_of_planes(
@@ -236,7 +239,7 @@ def _label(values: npt.NDArray[np.float32], cut: Cut, wavelength_m: float) -> xr
         "cpi_pulses": cut.transform.window.size,
         "hop": cut.transform.hop,
         "window_energy": float((cut.transform.window**2).sum()),
-        "n_gate_bins": float(cut.high[0] - cut.low[0]),
+        "n_gate_bins": float(cut.high[0] - cut.low[0]) * cut.bin_share,
         "gate": json.dumps({key: _plain(cut.gate.attrs[key]) for key in ("source", "span_m", "doppler_limited")}),
     }
     return make_array(SIGNATURE, values, coords, attrs)

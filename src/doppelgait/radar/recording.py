@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from doppelgait.core.config import canonical_json
 from doppelgait.core.labels import BASEBAND, check_signal
 from doppelgait.core.units import velocity_to_doppler_hz
 from doppelgait.radar.config import Radar
@@ -105,6 +106,14 @@ class Recording:
         check_signal(self.baseband, BASEBAND)
         object.__setattr__(self, "truth", tuple(self.truth))
         object.__setattr__(self, "notes", tuple(self.notes))
+
+
+def baseband_facts(radar: Radar) -> dict[str, str | float]:
+    """What a baseband array says of the radar that made it: all of it as JSON, and how its window joins range bins."""
+    from doppelgait.radar.waveforms import waveform_of
+
+    share = waveform_of(radar).independent_bins(radar)
+    return {"radar": canonical_json(radar), **({"independent_bin_share": share} if share < 1.0 else {})}
 
 
 def further_facts(baseband: xr.DataArray) -> dict[str, str | int | float]:

@@ -15,7 +15,7 @@ from doppelgait.core.files import atomic_path
 from doppelgait.core.labels import BASEBAND, MOTION, SCATTERER_VARIABLES, SPACE, axis, make_array
 from doppelgait.radar.config import Radar
 from doppelgait.radar.readers import read_recording
-from doppelgait.radar.recording import NAN, Recording, TargetTruth, further_facts
+from doppelgait.radar.recording import NAN, Recording, TargetTruth, baseband_facts, further_facts
 
 __all__ = ["read_hdf5", "read_recording", "sniff_hdf5", "write_recording"]
 
@@ -136,7 +136,7 @@ def _read_hdf5(file: Any, source: str) -> Recording:
         for key, value in file["baseband"].attrs.items()
         if key != "units"
     }
-    attrs = {"radar": canonical_json(radar), **further}
+    attrs = {**baseband_facts(radar), **further}
     baseband = make_array(BASEBAND, file["baseband"][:].astype(np.complex64), coords, attrs)
     numbers = sorted(file.get("truth", {}), key=int)
     pose = {name: np.asarray(file.attrs[name]).tolist() for name in POSE if name in file.attrs}

@@ -9,13 +9,13 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.config import canonical_json
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.labels import BASEBAND, axis, make_array
 from doppelgait.core.units import velocity_to_doppler_hz
 from doppelgait.radar.config import Radar
 from doppelgait.radar.limits import warn_of_limits
 from doppelgait.radar.link import noise_power_v2, scatterer_arrays
+from doppelgait.radar.recording import baseband_facts
 from doppelgait.radar.waveforms import waveform_of
 
 __all__ = [
@@ -94,7 +94,7 @@ def compress(samples: npt.NDArray[Any], radar: Radar) -> npt.NDArray[np.complex6
 def label_baseband(values: Any, slow_time_s: Any, radar: Radar) -> xr.DataArray:
     """Data matrix with its axes and the radar that made it."""
     coords = {"slow_time": slow_time_s, "range": radar.range_axis_m()}
-    return make_array(BASEBAND, values, coords, {"radar": canonical_json(radar)})
+    return make_array(BASEBAND, values, coords, baseband_facts(radar))
 
 
 def add_noise(baseband: xr.DataArray, *, noise_power_v2: float, rng: np.random.Generator) -> xr.DataArray:

@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.config import canonical_json
 from doppelgait.core.errors import ConfigError, RecordingError
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.radar.config import Radar
-from doppelgait.radar.recording import Recording
+from doppelgait.radar.recording import Recording, baseband_facts
 
 CHECK_ROWS = 4096
 """Rows that are searched for NaN at a time."""
@@ -89,7 +88,7 @@ def label_measured(
     check_shape(path, values)
     check_finite(path, values)
     coords = {"slow_time": slow_time_s, "range": range_m}
-    facts = {"radar": canonical_json(radar), **(attrs or {})}
+    facts = {**baseband_facts(radar), **(attrs or {})}
     baseband = make_array(BASEBAND, np.asarray(values, dtype=np.complex64), coords, facts)
     return Recording(baseband=baseband, radar=radar, source=path.name, notes=notes)
 

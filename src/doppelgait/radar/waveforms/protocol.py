@@ -59,6 +59,8 @@ class Waveform:
         Apparent range shift per radial velocity, in s: -f_c T_c / B for frequency-swept waveforms, else 0.
     figures : callable
         Further derived quantities by name.
+    independent_bins : callable
+        Independent noise values per range bin, 1 where the noise of neighbouring bins has nothing in common.
     folds : bool
         Whether ``synthesise`` shows echoes from beyond the unambiguous range at a wrong one, instead of losing them.
     needs, takes : tuple of str
@@ -78,6 +80,7 @@ class Waveform:
     unambiguous_range_m: Callable[[Radar], float]
     coupling_s: Callable[[Radar], float]
     figures: Callable[[Radar], dict[str, float]]
+    independent_bins: Callable[[Radar], float] = lambda radar: 1.0
     folds: bool = False
     needs: tuple[str, ...] = ()
     takes: tuple[str, ...] = ()

@@ -27,7 +27,7 @@ from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.radar.config import Radar
 from doppelgait.radar.link import path_phase_rad, radial_velocity_mps, scatterer_arrays
 from doppelgait.radar.waveforms.protocol import Samples, Waveform, check_band, check_sweep_fits
-from doppelgait.radar.waveforms.windows import half_power_bins, noise_ratio, range_window
+from doppelgait.radar.waveforms.windows import half_power_bins, independent_share, noise_ratio, range_window
 
 MAX_SAMPLES = 65_536
 ROWS = 2048
@@ -170,6 +170,11 @@ def noise_gain(radar: Radar) -> float:
     return noise_ratio(radar.range_window, n_samples(radar))
 
 
+def independent_bins(radar: Radar) -> float:
+    """Independent noise values per range bin."""
+    return independent_share(radar.range_window, n_samples(radar))
+
+
 def coupling_s(radar: Radar) -> float:
     """Range shift per velocity by range-Doppler coupling of a rising sweep: -f_c T_c / B."""
     return -radar.carrier_hz / slope_hz_per_s(radar)
@@ -198,6 +203,7 @@ FMCW = Waveform(
     unambiguous_range_m=unambiguous_range_m,
     coupling_s=coupling_s,
     figures=figures,
+    independent_bins=independent_bins,
     folds=True,
     needs=("bandwidth_hz", "sweep_s"),
     takes=("range_window",),
@@ -217,6 +223,7 @@ STEPPED = Waveform(
     unambiguous_range_m=unambiguous_range_m,
     coupling_s=coupling_s,
     figures=figures,
+    independent_bins=independent_bins,
     folds=True,
     needs=("bandwidth_hz", "sweep_s"),
     takes=("range_window", "noise_bandwidth_hz"),

@@ -47,6 +47,19 @@ def noise_ratio(name: str, n_samples: int) -> float:
 
 
 @lru_cache(maxsize=64)
+def independent_share(name: str, n_samples: int) -> float:
+    r"""Independent noise values per bin: the window makes neighbouring bins share noise.
+
+    .. math:: \Big(\sum_k |r_k|^2\Big)^{-1}, \quad r_k = \sum_n w_n^2 e^{-j 2 \pi k n / S} / \sum_n w_n^2
+
+    is by how much less the power of a sum over many bins is averaged than over independent ones: 1 without a window,
+    18/35 for Hann.
+    """
+    spectrum = np.fft.fft(range_window(name, n_samples) ** 2)
+    return float(np.abs(spectrum[0]) ** 2 / (np.abs(spectrum) ** 2).sum())
+
+
+@lru_cache(maxsize=64)
 def half_power_bins(name: str, n_samples: int) -> float:
     """Width of a tone's main line at half power, in bins of a transform of the window's length."""
     from scipy.optimize import brentq
