@@ -77,6 +77,18 @@ def until(page, script, wanted):
         page.wait_for_timeout(30)
 
 
+def point_with_a_name(page, pattern):
+    """Place of a point under the mouse that is named; the points may move until all has been drawn."""
+    deadline = time.monotonic() + 60.0
+    while not re.search(pattern, page.text_content("#hover-scatter")):
+        assert time.monotonic() < deadline, page.text_content("#hover-scatter")
+        x, y = page.evaluate(COLOURED)
+        page.mouse.move(x - 30, y)
+        page.mouse.move(x, y)
+        page.wait_for_timeout(300)
+    return x, y
+
+
 def wait_for_count(page, count):
     until(page, "document.getElementById('n-matching')?.textContent", f"{count} of {2 * N_EACH} rows")
     until(page, "document.querySelectorAll('#rows tr:not(.none)').length", min(count, 50))  # the first page
@@ -119,10 +131,7 @@ def test_filters_narrow_table_and_counts_and_stay_in_the_address(opened, index):
 
 def test_a_point_of_the_scatter_is_named_and_opens_and_back_returns(opened, index):
     opened.select_option("#scatter-y", "snr_frame_db")
-    opened.wait_for_load_state("networkidle")
-    x, y = opened.evaluate(COLOURED)
-    opened.mouse.move(x, y)
-    until(opened, r"/-\d{6}: /.test(document.getElementById('hover-scatter').textContent)", True)
+    x, y = point_with_a_name(opened, r"-\d{6}: .* m/s, .* dB")
     name, *values = re.fullmatch(r"(.*): (.*) m/s, (.*) dB", opened.text_content("#hover-scatter")).groups()
     row = index.set_index("id").loc[name]
     expected = (row.feature_torso_velocity_mps, row.snr_frame_db)
