@@ -87,6 +87,7 @@ def test_a_running_dask_cluster_that_loses_a_worker_in_the_middle(tmp_path, refe
 
 
 @pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGKILL")
 def test_a_lost_dask_scheduler_is_one_error_and_the_rest_is_built_later(tmp_path, reference, dask_cluster):
     from distributed import Client
 

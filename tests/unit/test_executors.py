@@ -82,6 +82,7 @@ def test_an_error_of_the_work_is_the_callers(executor):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("executor", SEVERAL)
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGKILL")
 def test_killed_workers_lose_nothing(tmp_path, executor):
     planned = shards(8)
     results = list(run_shards(partial(killed_once, folder=str(tmp_path)), planned, executor=executor, workers=2))
@@ -90,6 +91,7 @@ def test_killed_workers_lose_nothing(tmp_path, executor):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("executor", SEVERAL)
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGKILL")
 def test_workers_that_always_die_end_the_build_with_one_error(executor, monkeypatch):
     monkeypatch.setattr("doppelgait.dataset.executors.losses.MAX_LOSSES", 1 if executor == "dask" else 5)
     with pytest.raises(DatasetError, match=r"died .*what was built"):
