@@ -11,6 +11,8 @@ import pytest
 from doppelgait.dataset import PlanConfig, build_dataset
 
 N_EACH = 30
+TRACKED = 50
+"""Row whose gate followed a track."""
 WALK = {"kind": "boulic", "speed_mps": {"uniform": [0.8, 1.6]}}
 TROT = {"kind": "quadruped", "gait": "trot", "froude": {"uniform": [0.4, 1.0]}}
 
@@ -49,6 +51,9 @@ def folder(tmp_path_factory):
     })  # fmt: skip
     path = tmp_path_factory.mktemp("browsed") / "dataset"
     build_dataset(plan, path, executor="serial")
+    index = pd.read_parquet(path / "index.parquet")
+    index.loc[TRACKED, "gate"] = "track"  # as in a plan with such gates, whose limits are not stored
+    index.to_parquet(path / "index.parquet")
     return path
 
 
@@ -117,16 +122,70 @@ def test_filters_narrow_table_and_counts_and_stay_in_the_address(opened, index):
     opened.wait_for_timeout(350)  # the address follows a little later
     opened.reload()
     wait_for_count(opened, len(wanted))
+    opened.go_back()
+    wait_for_count(opened, N_EACH)
+    opened.go_forward()
+    wait_for_count(opened, len(wanted))
     assert opened.is_checked("input[name=label][value=dog]")
     opened.click("th[data-column=snr_frame_db] button")
     wait_for_rows(opened, wanted.sort_values("snr_frame_db").id.tolist())
     opened.click("th[data-column=snr_frame_db] button")
     wait_for_rows(opened, wanted.sort_values("snr_frame_db", ascending=False).id.tolist())
-    opened.fill("#filter-text", "nobody")
-    opened.press("#filter-text", "Enter")
+    opened.type("#filter-text", "nobody")
     wait_for_count(opened, 0)
+    assert opened.evaluate("document.activeElement.id") == "filter-text"
     opened.click("#clear-filters")
     wait_for_count(opened, 60)
+    words = opened.eval_on_selector_all("#filter-flag option", "options => options.map((one) => one.textContent)")
+    assert any("no peak 6 dB above" in text for text in words)
+
+    opened.fill("input[name='snr_frame_db.min']", "10")
+    opened.fill("input[name='snr_frame_db.max']", "5")
+    opened.press("input[name='snr_frame_db.max']", "Tab")
+    wait_for_count(opened, 60)
+    assert opened.is_visible(".fault:has-text('The first limit is above the second: not used.')")
+    assert opened.get_attribute("input[name='snr_frame_db.min']", "aria-invalid") == "true"
+    assert not [url for url in opened.requested if "snr_frame_db.min=10&snr_frame_db.max=5" in url]
+    opened.evaluate(
+        "import(document.querySelector('script[type=module]').src.replace('main.js', 'ui.js'))"
+        ".then((ui) => ui.showError(new Error('an old mistake')))"
+    )
+    assert opened.is_visible("#error")
+    opened.check("input[name=label][value=dog]")
+    wait_for_count(opened, N_EACH)
+    assert not opened.is_visible("#error")
+    assert opened.is_visible(".fault:has-text('not used')")  # the form keeps what is not used yet
+
+
+def test_a_link_asks_for_what_the_dataset_knows_and_leads_to_neighbours(page, serve, folder, index):
+    asked = ("f.bogus=1", "f.label=cat", "f.label=dog", "f.text=G-0", "f.text=b", "f.snr_frame_db.min=abc",
+             "f.truth_ground_speed_mps.min=9", "f.truth_ground_speed_mps.max=1", "f.constructor=1", "f.__proto__=1",
+             "sort=nonsense", "offset=1e9")  # fmt: skip
+    page.goto(f"{serve(folder)}?{'&'.join(asked)}")
+    wait_for_count(page, N_EACH)
+    assert ids(page) == index.id[index.label == "dog"].tolist()
+    left_out = page.text_content("#left-out").partition(": ")[2].split(", ")
+    assert left_out == [
+        "bogus=1", "label=cat", "text=b", "snr_frame_db.min=abc", "truth_ground_speed_mps.min=9",
+        "truth_ground_speed_mps.max=1", "constructor=1", "__proto__=1", "sort=nonsense",
+    ]  # fmt: skip
+    page.goto(f"{serve(folder)}?offset=1e9")
+    wait_for_rows(page, index.id.tolist()[50:])
+    assert not page.is_visible("#left-out")
+    chosen = index[index.label == "dog"].sort_values("snr_frame_db").id.tolist()
+    page.goto(f"{serve(folder)}?f.label=dog&sort=snr_frame_db&example={chosen[-2]}")
+    page.click("#example-next")
+    until(page, "document.getElementById('example-id').textContent", chosen[-1])
+    until(page, "document.getElementById('example-previous').disabled", False)
+    assert page.is_disabled("#example-next")
+    page.goto(f"{serve(folder)}?example={index.id[TRACKED - 1]}&at=3")  # the last row of a page, with a wrong place
+    page.wait_for_selector("#example-next:enabled")
+    assert not page.is_visible("#gate-note")
+    page.click("#example-next")
+    until(page, "document.getElementById('example-id').textContent", index.id[TRACKED])
+    page.wait_for_selector("#gate-note:has-text('followed a track')")
+    page.select_option("#gate", "truth")
+    assert not page.is_visible("#gate-note")
 
 
 def test_a_point_of_the_scatter_is_named_and_opens_and_back_returns(opened, index):
@@ -160,10 +219,20 @@ def test_the_contact_sheet_shows_signatures_and_leads_from_one_to_the_next(opene
     until(opened, "document.getElementById('example-id').textContent", index.id[4])
     opened.click("#back")
     opened.wait_for_selector("#sheet canvas")
+    opened.click("#page-next")
+    until(opened, "document.querySelector('#sheet .card').dataset.id", index.id[24])
+    opened.go_back()
+    until(opened, "document.querySelector('#sheet .card').dataset.id", index.id[0])
+    opened.evaluate("history.go(-4)")  # behind the sheet, the two examples and the way back from them
+    opened.wait_for_selector("#rows tr")
 
 
 def test_the_browser_fits_a_narrow_screen(opened):
-    opened.set_viewport_size({"width": 400, "height": 800})
+    opened.eval_on_selector("#balance tbody th", "cell => { cell.textContent = 'dog'.repeat(40); }")
+    for width in (1440, 400):
+        opened.set_viewport_size({"width": width, "height": 800})
+        over = "document.getElementById('balance').getBoundingClientRect().right"
+        assert opened.evaluate(f"{over} <= document.querySelector('.panel-balance').getBoundingClientRect().right")
     for view in ("#view-sheet", "#view-table"):
         opened.click(view)
         opened.wait_for_selector({"#view-sheet": "#sheet canvas", "#view-table": "#rows tr"}[view])

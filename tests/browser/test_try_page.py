@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from urllib.parse import parse_qs, urlsplit
 
 import pytest
 from playwright.sync_api import expect
@@ -82,11 +83,40 @@ def test_a_mistake_stands_beside_the_form_and_goes(browser, serve):
     page = browser.new_page()  # the console of a page tells every answer 400
     page.goto(serve() + START + "&who=dog")
     expect(page.locator("#features")).to_contain_text("torso", timeout=SLOW)
+    assert page.get_attribute("#try-range_m", "max") == "5"  # what this radar sees
     page.select_option("#try-gait", "gallop")
+    assert page.input_value("#try-speed_mps-number") == "2.2"  # 2 m/s is no gallop
+    assert page.get_attribute("#try-speed_mps", "min") == "2.2"
     page.fill("#try-speed_mps-number", "0.5")
     expect(page.locator("#try-status")).to_contain_text("2.17 to 6.26 m/s in a gallop", timeout=SLOW)
+    expect(page.locator("#try-copy")).to_be_disabled()
     page.fill("#try-speed_mps-number", "3")
     expect(page.locator("#try-status")).to_contain_text("redrawn", timeout=SLOW)
+    expect(page.locator("#try-copy")).to_be_enabled()
+    page.fill("#try-speed_mps-number", "12")  # the slider goes to its end
+    expect(page.locator("#try-status")).to_contain_text("'12' is not allowed", timeout=SLOW)
+    page.fill("#try-speed_mps-number", "")  # empty is no number: not that end either
+    page.wait_for_timeout(400)  # the address follows within 300 ms
+    assert "speed_mps=12" in page.url
+    page.locator("#try-speed_mps-number").blur()
+    assert page.input_value("#try-speed_mps-number") == "12"
+    page.close()
+
+
+def test_gate_and_target_of_a_recording_stay_with_it(browser, serve):
+    page = browser.new_page()
+    asked = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.route("**/api/session", lambda route: route.fulfill(json={**route.fetch().json(), "kind": "recording"}))
+    page.goto(serve() + START + "&gate=4:6&target=1&t=0.5&clutter=kept&piece=0")
+    expect(page.locator("#tab-recording")).to_have_attribute("aria-selected", "true")
+    page.click("#tab-try")
+    expect(page.locator("#features")).to_contain_text("torso", timeout=SLOW)
+    names = {"gate", "target", "t", "clutter", "piece"}
+    assert not names & set(parse_qs(urlsplit(page.url).query))
+    runs = [parse_qs(urlsplit(url).query) for url in asked if "try=1" in url and "/api/targets" in url]
+    assert runs
+    assert not any("gate" in run or "target" in run for run in runs)
     page.close()
 
 

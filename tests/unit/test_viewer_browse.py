@@ -6,6 +6,9 @@ import json
 import shutil
 from collections import Counter
 from dataclasses import replace
+from decimal import Decimal
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -14,11 +17,17 @@ from tiny_dataset import WALK, built, mixed_plan, tiny_plan
 
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.labels import axis
-from doppelgait.dataset import Dataset, PlanConfig, build_dataset, open_dataset
+from doppelgait.dataset import Dataset, Example, PlanConfig, build_dataset, open_dataset
 from doppelgait.dataset.shard_files import ShardFiles
 from doppelgait.pipeline import analyze
 from doppelgait.viewer.browse import MOST_POINTS, Browser, even_choice
+from doppelgait.viewer.examples import stored_view
+from doppelgait.viewer.payload import as_json
+from doppelgait.viewer.places import without_folders, without_places
+from doppelgait.viewer.query import single, whole_of
+from doppelgait.viewer.settings import Settings
 from doppelgait.viewer.sheet import strongest
+from doppelgait.viewer.source import Opened
 
 N_ROWS = 3000
 FLAGS = ("", "low_confidence", "step_length_m:uncertain", "low_confidence;harmonic_ratio_2:no_peak")
@@ -311,6 +320,148 @@ def test_why_there_is_no_recording_is_told_and_the_arrays_are_shown(tiny):
         assert view.gate_limits is None
 
 
+def replanned(dataset, **sections):
+    """Browser of a dataset whose plan was tampered with."""
+    config = dataset.description["config"]
+    return changed(dataset, config={**config, **{name: {**config[name], **facts} for name, facts in sections.items()}})
+
+
+@pytest.mark.parametrize("sections", [
+    {"scene": {"duration_s": 3600.0}},
+    {"scene": {"duration_s": 400.0}, "radar": {"prf_hz": 1.0}},
+    {"radar": {"range_stop_m": 5000.0}},
+    {"radar": {"prf_hz": 100_000.0, "pulse_rate_hz": 1e9}, "scene": {"duration_s": 10.0}},
+])  # fmt: skip
+def test_what_is_too_large_is_not_simulated(tiny, monkeypatch, sections):
+    def never(*arguments, **options):
+        raise AssertionError("was simulated")
+
+    monkeypatch.setattr("doppelgait.viewer.examples.run_simulation", never)
+    run = replanned(tiny, **sections).run("human-000002")
+    assert run.recording is None
+    assert "too large to simulate here" in run.reason
+    assert run.targets(None)[0].signature is not None
+    with pytest.raises(AssertionError, match="was simulated"):
+        _ = Browser(tiny).run("human-000002").recording
+
+
+def test_nothing_of_a_dataset_is_simulated_before_it_is_asked_for(tiny, monkeypatch):
+    pytest.importorskip("starlette")
+    from doppelgait.viewer.app import _prepare
+    from doppelgait.viewer.reference import Shelf
+
+    asked = []
+    monkeypatch.setattr(Browser, "run", lambda self, example_id: asked.append(example_id))
+    opened = Opened("dataset", "tiny", "tiny", browser=Browser(tiny))
+    _prepare(Shelf(opened), opened, Settings())
+    assert asked == []
+
+
+def moved_by(dataset, motion, **facts):
+    """Browser of a dataset in which a motion file moves the people."""
+    config = dataset.description["config"]
+    classes = [{**config["classes"][0], "motion": motion}, *config["classes"][1:]]
+    description = {**dataset.description, "config": {**config, "classes": classes, **facts}}
+    return lambda folder: Browser(replace(dataset, description=description), folder).run("human-000002")
+
+
+@pytest.fixture
+def motion_folder(tmp_path):
+    (tmp_path / "motions").mkdir()
+    for name in ("motions/in.bvh", "out.bvh"):
+        (tmp_path / name).write_text("secret")
+    (tmp_path / "motions" / "linked.bvh").symlink_to(tmp_path / "out.bvh")
+    return tmp_path / "motions"
+
+
+@pytest.mark.parametrize("path", [
+    "{outside}", "../out.bvh", "a/../../out.bvh", "linked.bvh", "//host/share/a.bvh", "\\\\host\\a.bvh", "C:\\a.bvh",
+    "C:a.bvh", "..\\out.bvh",
+])  # fmt: skip
+@pytest.mark.parametrize("form", ["path", "choice", "skeleton", "companion", "preset"])
+def test_files_outside_the_motion_folder_are_not_opened(tiny, motion_folder, monkeypatch, path, form):
+    opened = []
+    monkeypatch.setattr("doppelgait.viewer.examples.resolve_example", lambda *arguments: opened.append(arguments))
+    name = path.format(outside=motion_folder.parent / "out.bvh")
+    file, walk = {"kind": "file", "path": name}, tiny.description["config"]["classes"][0]["motion"]
+    opener = {
+        "path": lambda: moved_by(tiny, file),
+        "choice": lambda: moved_by(tiny, {"kind": "file", "path": {"choice": [name]}}),
+        "skeleton": lambda: moved_by(tiny, {"kind": "file", "path": "in.bvh", "skeleton": name}),
+        "companion": lambda: moved_by(tiny, walk, companions=[{"label": "dog", "motion": {"choice": [file]}}]),
+        "preset": lambda: moved_by(tiny, walk, radar={"preset": {"choice": [f"{name}.toml"]}}),
+    }[form]()
+    if (path, form) == ("linked.bvh", "preset"):
+        return  # links to nothing
+    run = opener(motion_folder)
+    assert (run.load, opened) == (None, [])
+    assert "lies outside of --motion-folder" in run.reason
+    assert str(motion_folder.parent) not in run.reason
+    run = opener(None)
+    assert (run.load, opened) == (None, [])
+    assert "start the viewer with --motion-folder FOLDER" in run.reason
+
+
+def test_files_in_the_motion_folder_are_opened(tiny, motion_folder):
+    run = moved_by(tiny, {"kind": "file", "path": "in.bvh"})(motion_folder)
+    assert run.recording is None
+    assert "in.bvh" in run.reason
+    assert "motion-folder" not in run.reason  # it was read, and is no motion
+    assert str(motion_folder) not in run.reason
+    assert moved_by(tiny, {"kind": "boulic", "speed_mps": 1.2})(None).load is not None
+
+
+def test_the_page_does_not_learn_where_folders_are(tiny, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    opened = SimpleNamespace(browser=Browser(tiny, tmp_path / "motions"))
+    text = f"{tiny.directory}/shards/a.h5: no {tmp_path}/motions/x in {tmp_path}, ./y, or /"
+    wanted = f"{tiny.directory.name}/shards/a.h5: no motions/x in {tmp_path.name}, ./y, or /"
+    assert without_places(text, opened) == wanted
+    assert without_places(f"in {tmp_path}", None) == f"in {tmp_path.name}"
+    monkeypatch.chdir(tiny.directory.parent)
+    assert without_folders(f"{tiny.directory.name}: is", Path(tiny.directory.name)) == f"{tiny.directory.name}: is"
+
+
+def odd_index():
+    """Columns of kinds that no index of ours has, and of names that are parameters."""
+    index = made_up_index(60)
+    return index.assign(**{
+        "parts": [[n, n] for n in range(60)], "raw": b"x", "day": pd.Timestamp("2026-01-01"),
+        "exact": [Decimal(n) for n in range(60)], "subject": "model/one", "many": [f"v{n % 41}" for n in range(60)],
+        "few": [f"v{n % 40}" for n in range(60)], "limit": np.arange(60), "sort": "a", "snr_frame_db.min": 1.0,
+        "feature_step_length_m": "long", "flags": [["a"]] * 60, "warnings": [np.array(["a", "b"])] * 60,
+    })  # fmt: skip
+
+
+def test_columns_of_other_kinds_and_names_do_no_harm(tmp_path):
+    browser = browser_of(odd_index(), tmp_path)
+    columns = {column["name"]: column for column in browser.summary()["columns"]}
+    assert not {"limit", "sort", "snr_frame_db.min"} & set(columns)
+    kinds = {name: columns[name]["kind"] for name in ("id", "subject", "many", "few", "parts", "label", "raw")}
+    assert kinds == {
+        "id": "text", "subject": "text", "many": "text", "few": "category", "parts": "text", "label": "category",
+        "raw": "category",
+    }  # fmt: skip
+    assert columns["day"]["values"] == ["2026-01-01 00:00:00"]
+    for name in ("parts", "raw", "day", "exact", "flags"):
+        answer = json.loads(as_json(browser.rows([("sort", name), ("limit", "3")])))
+        assert len(answer["rows"]) == 3
+    assert answer["rows"][0]["flags"] == ["a"]
+    row = odd_index().iloc[0].to_dict()
+    view = stored_view(Example({**row, "feature_step_length_m": "long", "sd_x": "y"}, {}))
+    assert (view.features["step_length_m"], view.standard_deviation, view.flags) == (None, {"x": None}, ())
+    assert json.loads(as_json([b"x", Decimal("1.5"), pd.Timestamp("2026-01-01"), pd.NaT])) == [
+        "b'x'", "1.5", "2026-01-01 00:00:00", "NaT",
+    ]  # fmt: skip
+
+
+def test_parameters_that_are_missing_or_too_many_are_named():
+    with pytest.raises(ConfigError, match="row: is missing; it must be a whole number from 0 to 9"):
+        whole_of({}, "row", -1, least=0, most=9)
+    with pytest.raises(ConfigError, match="'x' is not known here: this address takes no parameters"):
+        single([("x", "1")], ())
+
+
 def test_damaged_and_missing_shards_are_told_in_a_sentence(tiny, tmp_path):
     folder = tmp_path / "copy"
     shutil.copytree(tiny.directory, folder)
@@ -322,7 +473,7 @@ def test_damaged_and_missing_shards_are_told_in_a_sentence(tiny, tmp_path):
     for name, reason, codes in zip(tiny.index.shard, facts["reasons"], arrays["thumbnails"], strict=True):
         assert (reason is None) == (name not in shards[:2])
         assert codes.any() == (reason is None)
-        assert reason is None or "cannot be read" in reason
+        assert reason is None or ("cannot be read" in reason and str(tmp_path) not in reason)
     for shard in shards[:2]:
         name = tiny.index.id[tiny.index.shard == shard].iloc[0]
         with pytest.raises(DatasetError, match=f"{shard}.h5.*cannot be read.*build it again"):

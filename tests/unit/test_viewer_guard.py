@@ -54,11 +54,20 @@ def test_page_and_files_are_given_to_who_knows_the_token(viewer, host):
 
 @pytest.mark.parametrize(
     "path",
-    ["/", "//", "/api/session", "/static/main.js", "/wrong/", f"/{TOKEN}", f"/{TOKEN}x/", f"/{TOKEN[:-1]}/",
+    ["/", "//", "/api/session", "/static/main.js", "/wrong/", "/wrong", f"/{TOKEN}x", f"/{TOKEN}x/", f"/{TOKEN[:-1]}/",
      f"/x/../{TOKEN}/", f"//{TOKEN}/", f"/{TOKEN.upper()}/", "/%C3%A9/"],
 )  # fmt: skip
 def test_wrong_token_is_refused(viewer, path):
     assert refused(viewer.ask(path), 403)
+
+
+def test_the_address_without_its_last_slash_leads_to_the_page(viewer):
+    answer = viewer.ask(f"/{TOKEN}")
+    assert (answer.status, answer.headers["location"]) == (307, f"/{TOKEN}/")
+    assert {name: answer.headers.get(name) for name in HEADERS} == HEADERS
+    assert viewer.ask(f"/{TOKEN}?tab=try").headers["location"] == f"/{TOKEN}/?tab=try"
+    assert refused(viewer.ask(f"/{TOKEN}", host="rebound.example"), 403)
+    assert refused(viewer.ask(f"/{TOKEN}", method="POST"), 405)
 
 
 @pytest.mark.parametrize(

@@ -61,7 +61,8 @@ def recording():
 
 @pytest.fixture(scope="module")
 def run(recording):
-    return Run("walk", "recording", Settings(gate="truth"), load=lambda: recording)
+    asked = Settings(gate="truth", analysis=Analysis(clutter="none"))
+    return Run("walk", "recording", asked, load=lambda: recording)
 
 
 def test_arrays_come_back_as_they_were():

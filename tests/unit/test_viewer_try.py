@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 from viewer_client import served
 
+from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError
+from doppelgait.motion.models.registry import MOTION_MODELS
 from doppelgait.pipeline import load_run, run_simulation
 from doppelgait.radar import Radar
 from doppelgait.viewer.try_controls import all_controls
 from doppelgait.viewer.try_it import chosen, controls, run_of, scene_table, scene_toml
+from doppelgait.viewer.try_limits import Limit
 
 SHORT = {"duration_s": "2", "radar": "x4-255fps", "range_m": "3"}
 
@@ -91,6 +94,8 @@ def test_warnings_become_notes():
 
 @pytest.mark.parametrize(("given", "says"), [
     ({"who": "dog", "gait": "gallop", "speed_mps": "0.5"}, r"^speed_mps: 0\.5 .* 2\.17 to 6\.26 m/s in a gallop"),
+    ({"range_m": "12"}, r"^range_m: 12 .* radar x4 sees 0 to 9\.66 m; take x4-long or come nearer$"),
+    ({"range_m": "5.1", "radar": "x4-255fps"}, r"^range_m: 5\.1 .* x4-255fps sees 0\.386 to 5\.06 m; "),
     ({"gait": "run", "speed_mps": "0.5"}, r"^speed_mps: 0\.5 .* 1\.8 to 9 m/s in a run"),
     ({"speed_mps": "11"}, r"^speed_mps: '11' is not allowed; it must be a number from 0\.3 to 10$"),
     ({"who": "vacuum", "speed_mps": "2"}, r"from 0\.05 to 1$"),
@@ -124,6 +129,90 @@ def test_defaults_go_with_the_mover():
     assert chosen({})["speed_mps"] == 1.2
     assert chosen({"who": "cat"})["withers_m"] == 0.25
     assert "height_m" not in chosen({"who": "cat"})
+
+
+@pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")
+@pytest.mark.parametrize("speed", ["0.3", "1.6", "1.9", "2.6", "4", "6.5", "9"])
+def test_at_every_speed_the_page_has_features(speed):
+    velocity_mps = run_of({"speed_mps": speed}).targets(None)[0].features["torso_velocity_mps"]
+    assert velocity_mps == pytest.approx(float(speed), rel=0.1, abs=0.05)
+
+
+@pytest.mark.parametrize("given", [
+    {"range_m": "1"},
+    {"range_m": "1", "aspect_deg": "80", "company": "dog"},
+    {"range_m": "1.2", "aspect_deg": "-90", "company": "person"},  # the second one passes between
+    {"range_m": "4", "aspect_deg": "10", "speed_mps": "3"},
+    {"range_m": "3", "aspect_deg": "170", "speed_mps": "5", "company": "dog"},
+    {"range_m": "1", "radar": "acconeer-a121"},  # sees from 1.385 m
+])  # fmt: skip
+@pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")
+def test_nobody_comes_nearer_than_a_metre_and_the_page_says_so(given):
+    low = 1.385 if given.get("radar") else 1.0
+    run = run_of({**given, "noise": "off"})
+    ways = [truth.body.mean("marker").values[:, :2] for truth in run.needed_recording().truth]
+    radar = run.needed_recording().radar_position_m
+    nearest = min(np.hypot(*(way - radar[:2]).T).min() for way in ways)
+    assert low - 0.25 < nearest < low + 0.25  # legs move the mean of the points; no farther than needed
+    assert run.notes[0].startswith(f"range: {scene_table(given)['targets'][0]['range_m']:g} m in the middle")
+
+
+def test_a_range_that_is_far_enough_stays():
+    for given in ({"range_m": "3.4"}, {"range_m": "1", "who": "fan"}, {"range_m": "15", "radar": "xband-cw"}):
+        assert scene_table(given)["targets"][0]["range_m"] == float(given["range_m"])
+    assert scene_table({"range_m": "1", "who": "fan", "radar": "acconeer-a121"})["targets"][0]["range_m"] == 1.4
+
+
+@pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")
+def test_the_band_of_a_fan_goes_with_its_rotation():
+    bands = [run_of({"who": "fan", "rotation_hz": hz}).targets(None)[0].features["doppler_bandwidth_hz"] for hz in "36"]
+    assert bands[0] > 200
+    assert bands[1] == pytest.approx(2 * bands[0], rel=0.1)
+
+
+def limits_of(name, **values):
+    control = next(control for control in all_controls() if control.name == name)
+    fits = [limit for limit in control.limits if limit.applies(values)]
+    scales = [float(values[limit.size]) ** limit.power if limit.size else 1.0 for limit in fits]
+    lows = [limit.low * scale for limit, scale in zip(fits, scales, strict=True) if limit.low is not None]
+    highs = [limit.high * scale for limit, scale in zip(fits, scales, strict=True) if limit.high is not None]
+    return max(lows), min(highs)
+
+
+def motions(given):
+    table = scene_table({key: str(value) for key, value in given.items()})
+    for motion in (target["motion"] for target in table["targets"]):
+        model = MOTION_MODELS[motion["kind"]]
+        validate(model.config, {key: value for key, value in motion.items() if key != "kind"}, where="motion")
+
+
+@pytest.mark.parametrize("given", [
+    {"who": "person", "gait": "run", "height_m": 1.3},
+    {"who": "person", "gait": "walk", "height_m": 2.0},
+    {"who": "person", "gait": "auto", "height_m": 0.9},
+    {"who": "dog", "gait": "gallop", "withers_m": 0.3},
+    {"who": "dog", "gait": "auto", "withers_m": 0.7},
+    {"who": "cat", "gait": "trot", "withers_m": 0.2},
+    {"who": "cat", "gait": "auto", "withers_m": 0.2, "company": "dog"},
+])  # fmt: skip
+def test_the_limits_of_the_speed_are_those_of_the_models(given):
+    low, high = limits_of("speed_mps", **given)
+    own = next(control for control in all_controls() if control.name == "speed_mps").by_who.get(given["who"], {})
+    compared = 0
+    for inside, outside in ((low * 1.001, low * 0.999), (high * 0.999, high * 1.001)):
+        if own.get("low", 0.3) <= min(inside, outside) and max(inside, outside) <= own.get("high", 10.0):
+            motions({**given, "speed_mps": inside})
+            with pytest.raises(ConfigError, match="speed_mps"):
+                motions({**given, "speed_mps": outside})
+            compared += 1
+    assert compared
+
+
+def test_the_limits_of_the_range_are_those_of_the_frame():
+    assert limits_of("range_m", radar="x4") == (0.0, 9.664)
+    limits = next(control["limits"] for control in controls() if control["name"] == "range_m")
+    assert {"when": {"radar": "xband-cw"}, "low": 0.0, "high": None, "size": "", "power": 1.0} in limits
+    assert Limit({"radar": "x4"}).applies({"radar": "x4", "who": "fan"})
 
 
 def test_the_server_gives_the_scene_file_or_the_mistake():

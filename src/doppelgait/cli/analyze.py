@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from doppelgait.cli.output import check_output, number, print_json, print_table, say
+from doppelgait.cli.output import check_output, number, print_json, print_table, reader_options, say
 
 if TYPE_CHECKING:
     from doppelgait.pipeline import TargetResult
@@ -57,7 +57,8 @@ def analyze(
     table = apply_overrides({"method": method}, changes or [])
     tracking = validate(Tracking, table.pop("tracking", {}), where="tracking")
     settings = validate(Analysis, table, where="analysis")
-    loaded = read_recording(recording, **apply_overrides({}, options or []))
+    with reader_options():
+        loaded = read_recording(recording, **apply_overrides({}, options or []))
     for note in loaded.notes:
         say(f"note: {note}")
     if gate == "track":

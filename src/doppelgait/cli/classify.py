@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from doppelgait.cli.analyze import OPTION_HELP, parse_gate
-from doppelgait.cli.output import number, print_json, print_table, say
+from doppelgait.cli.output import number, print_json, print_table, reader_options, say
 
 if TYPE_CHECKING:
     from doppelgait.classify.decide import Decision
@@ -70,7 +70,8 @@ def _of_recording(path: Path, model: Model, gate: str, changes: list[str], optio
     tracking = validate(Tracking, table.pop("tracking", {}), where="tracking")
     settings = validate(Analysis, table, where="analysis")
     # resolved: a reader looks at the name, and "." has none
-    loaded = read_recording(path.resolve() if path.is_dir() else path, **apply_overrides({}, options))
+    with reader_options():
+        loaded = read_recording(path.resolve() if path.is_dir() else path, **apply_overrides({}, options))
     for note in loaded.notes:
         say(f"note: {note}")
     return run_classification(loaded, model, gate=parse_gate(gate), analysis=settings, tracking=tracking)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from doppelgait.cli.analyze import OPTION_HELP, parse_gate
-from doppelgait.cli.output import check_output, print_json, say
+from doppelgait.cli.output import check_output, print_json, reader_options, say
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -76,7 +76,8 @@ def listen(
     table = apply_overrides({}, changes or [])
     tracking = validate(Tracking, table.pop("tracking", {}), where="tracking")
     settings = with_clutter_off(validate(Analysis, table, where="analysis"))
-    loaded = read_recording(recording, **apply_overrides({}, options or []))
+    with reader_options():
+        loaded = read_recording(recording, **apply_overrides({}, options or []))
     for note in loaded.notes:
         say(f"note: {note}")
     factor, _ = plan_sound(loaded.radar.prf_hz, pitch)

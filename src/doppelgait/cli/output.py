@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 import time
 import warnings
@@ -11,7 +12,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from doppelgait.core.errors import ConfigError, DoppelgaitWarning
+from doppelgait.core.errors import ConfigError, DoppelgaitWarning, RecordingError
+
+ASKS = re.compile(r"\bgive (?!a |one )|name it,|(?=\b[a-z_]+ must be given)")
+"""Where a reader's message begins to ask for options: ``give subsweep=0 to 3``, ``give carrier_hz``."""
+WANTED = re.compile(r"\b(?P<name>[a-z][a-z_]*) ?= ?(?P<value>'[^']*'|\.\.\.|\w+)|\b(?P<bare>[a-z]+(?:_[a-z]+)+)")
 
 
 def print_json(document: Any) -> None:
@@ -38,6 +43,25 @@ def print_table(rows: Sequence[Mapping[str, Any]]) -> None:
 def number(value: float | None, digits: int = 3) -> str:
     """A number for people; ``-`` for None."""
     return "-" if value is None else f"{value:.{digits}g}" if abs(value) >= 1e4 else f"{value:.{digits}f}"
+
+
+@contextmanager
+def reader_options() -> Iterator[None]:
+    """Errors of a reader that ask for an option, with how this is given to a command."""
+    try:
+        yield
+    except RecordingError as error:
+        text = str(error)
+        asks = ASKS.search(text)
+        wanted = dict.fromkeys(_as_option(match) for match in WANTED.finditer(text, asks.end())) if asks else {}
+        if not wanted:
+            raise
+        raise RecordingError(f"{text}; here: {' '.join(wanted)}") from None
+
+
+def _as_option(match: re.Match[str]) -> str:
+    value = (match["value"] or "...").strip("'")
+    return f"--option {match['name'] or match['bare']}={value}"
 
 
 def show_warnings_plainly() -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from doppelgait.cli.output import check_output, number, print_json, print_table, say
+from doppelgait.cli.output import check_output, number, print_json, print_table, reader_options, say
 
 if TYPE_CHECKING:
     from doppelgait.radar.fit import TwinFit
@@ -38,7 +38,9 @@ def fit(
     from doppelgait.radar.readers import read_recording
 
     check_output(output, ".toml")
-    found = fit_twin(read_recording(empty, **_reader_options(options or [], preset)), start_s=start, stop_s=stop)
+    with reader_options():
+        recording = read_recording(empty, **_reader_options(options or [], preset))
+    found = fit_twin(recording, start_s=start, stop_s=stop)
     with atomic_path(output) as partial:
         partial.write_text(twin_toml(found), encoding="utf-8")
     if figures is not None:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from doppelgait.cli.analyze import OPTION_HELP
-from doppelgait.cli.output import say
+from doppelgait.cli.output import reader_options, say
+from doppelgait.core.errors import ConfigError
 
 
 def view(
@@ -31,6 +33,12 @@ def view(
         ),
     ] = None,
     options: Annotated[list[str] | None, typer.Option("--option", help=OPTION_HELP)] = None,
+    motion_folder: Annotated[
+        Path | None,
+        typer.Option(
+            "--motion-folder", help="Where the motion files of a dataset's plan are; without, none is opened."
+        ),
+    ] = None,
     port: Annotated[int, typer.Option("--port", min=0, max=65535, help="Port; 0 for any free one.")] = 0,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Only print the address.")] = False,
 ) -> None:
@@ -47,8 +55,11 @@ def view(
     from doppelgait.viewer.source import open_path
 
     check_installed()
-    settings = parse_settings(gate, changes or [], options or [])
-    opened = None if path is None else open_path(path, settings)
+    if motion_folder is not None and not motion_folder.is_dir():
+        raise ConfigError(f"--motion-folder {motion_folder}: no such folder")
+    settings = replace(parse_settings(gate, changes or [], options or []), motion_folder=motion_folder)
+    with reader_options():
+        opened = None if path is None else open_path(path, settings)
     run = None if opened is None else opened.run
     for note in (*run.notes, *run.recording.notes) if run is not None and run.recording is not None else ():
         say(f"note: {note}")

@@ -20,6 +20,7 @@ from doppelgait.dataset.example import Example, carrier_of, label_arrays, plain_
 from doppelgait.dataset.feature_matrix import Features, feature_matrix, nearest
 from doppelgait.dataset.fields import decode
 from doppelgait.dataset.identity import SCHEMA_VERSION
+from doppelgait.dataset.intact import check_description, check_index
 from doppelgait.dataset.shard_files import ShardFiles
 
 if TYPE_CHECKING:
@@ -237,12 +238,14 @@ def open_dataset(directory: str | Path) -> Dataset:
     Raises
     ------
     DatasetError
-        If the folder holds none, it is not finished, or a newer version of doppelgait made it.
+        If the folder holds none, it is not finished or damaged, or a newer version of doppelgait made it.
     """
     folder = Path(directory)
     for name in ("dataset.json", "index.parquet"):
         if not (folder / name).is_file():
             raise DatasetError(f"{folder}: no finished dataset here ({name} is missing); build it first")
+        if (folder / name).resolve().parent != folder.resolve():
+            raise DatasetError(f"{folder}: {name} is a link that leads out of the folder; put the file itself there")
     try:
         description = json.loads((folder / "dataset.json").read_text())
         version = int(description["schema_version"])
@@ -251,7 +254,9 @@ def open_dataset(directory: str | Path) -> Dataset:
                 f"{folder}: has schema version {version}, this doppelgait reads up to {SCHEMA_VERSION}; install a "
                 "newer doppelgait"
             )
+        check_description(description)
         index = pd.read_parquet(folder / "index.parquet")
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        check_index(index, description["classes"])
+    except (OSError, ValueError, KeyError, TypeError, OverflowError, NotImplementedError, RecursionError) as error:
         raise DatasetError(f"{folder}: is damaged: {error}") from None
     return Dataset(folder, description, index, ShardFiles(folder / "shards"))

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import DatasetError
+from doppelgait.core.own_hdf5 import own_member
 
 MAX_OPEN = 128
 """Shard files that one reader keeps open."""
@@ -49,7 +50,7 @@ class ShardFiles:
         Raises
         ------
         DatasetError
-            If the file is missing or damaged, or has no such row.
+            If the file is missing or damaged, has no such row, or takes values from another file.
         """
         with self._faults_named(shard, name, row):
             found, one_row = self._find(shard, name, row)
@@ -78,11 +79,11 @@ class ShardFiles:
 
         file, known = self._opened(shard)
         if name not in known:
-            known[name] = file.get(name)
+            known[name] = own_member(file, name)
         found = known[name]
         if found is None or isinstance(found, h5py.Dataset):
             return found, True
-        return found.get(str(row)), False
+        return own_member(found, str(row)), False
 
     def _opened(self, shard: str) -> tuple[Any, dict[str, Any]]:
         import h5py
@@ -106,8 +107,11 @@ class ShardFiles:
         return files
 
     def _check_inside(self, shard: str) -> None:
-        """Refuse a shard that an index or a link puts anywhere but into the folder: it is no part of the dataset."""
-        if self._path(shard).resolve().parent != self.folder.resolve():
+        """Refuse a shard that an index or a link puts anywhere but into the folder: it is no part of the dataset.
+
+        The folder of shards may be no link either; that of the whole dataset may.
+        """
+        if self._path(shard).resolve().parent != self.folder.parent.resolve() / self.folder.name:
             raise ValueError("it lies outside the folder of the dataset")
 
     def _path(self, shard: str) -> Path:

@@ -25,6 +25,7 @@ from doppelgait.core.labels import (
     axis,
     make_array,
 )
+from doppelgait.core.own_hdf5 import check_own
 from doppelgait.core.units import doppler_to_velocity_mps
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline.analyze import TargetResult
@@ -214,7 +215,7 @@ def read_results(path: str | Path) -> StoredResults:
     Raises
     ------
     AnalysisError
-        If the file is missing, is no result file, or is damaged.
+        If the file is missing, is no result file, is damaged, or takes values from another file.
     """
     import h5py
 
@@ -234,6 +235,7 @@ def _read_hdf5(file: Any) -> StoredResults:
         raise ValueError(f"attribute format is {file.attrs.get('format')!r}, must be {FORMAT!r}")
     if int(file.attrs["format_version"]) > FORMAT_VERSION:
         raise ValueError(f"format_version is {file.attrs['format_version']}, this program reads up to {FORMAT_VERSION}")
+    check_own(file)
     numbers = sorted(file.get("targets", {}), key=int)
     return StoredResults(
         source=str(file.attrs["source"]),

@@ -24,6 +24,9 @@ SIDEWAYS_COSINE = 0.6
 """Below this |cos psi| lateral sway, which repeats with the stride, can outweigh the steps (E-33)."""
 FULL_BAND_SHARE = 0.9
 
+ALIGNED = "aligned"
+"""Attribute of a step-Doppler map: whether its Doppler is measured from the main line (E-29) or from 0 Hz."""
+
 GROUND_QUALITY = ("ground_speed_mps", "aspect_deg", "ground_step_length_m")
 
 
@@ -46,6 +49,7 @@ class TargetResult:
     normalised_signature : DataArray (time, doppler)
         Its columns that the features are taken from: where the hop is finer than the lossless one, every n-th.
     cadence_map : DataArray (cadence, doppler)
+        Its attribute ``aligned`` says whether Doppler is measured from the main line.
     cadence_spectrum : DataArray (cadence)
     mean_doppler_spectrum : ndarray, shape (K,)
         D_1 of the normalised signature.
@@ -171,6 +175,7 @@ def _standard_chain(mu: xr.DataArray, analysis: Analysis) -> tuple[Extraction, d
         aligned, excess = processing.align(normalised, line), processing.align(excess, line)
     rows = processing.detrend(aligned, order=processing.detrend_order(seconds))
     step_doppler = processing.cadence_map(rows)
+    step_doppler.attrs[ALIGNED] = aligned is not normalised
     spectrum = processing.cadence_spectrum(step_doppler)
     evidence = Evidence(
         signature=mu, floor_v2=floor_v2, main_line_hz=straight, excess=excess, aligned=aligned,

@@ -81,8 +81,7 @@ def doppler_signal(baseband: xr.DataArray, gate: xr.Dataset, analysis: Analysis 
         If the recording comes in bursts, or the gate lies outside the frame all the time.
     """
     check_signal(baseband, BASEBAND)
-    if burst_pulses_of(baseband) is not None:
-        raise AnalysisError("the pulses of this recording come in bursts, with pauses between them: it has no sound")
+    _check_steady(baseband)
     if gate.attrs["source"] == "track":
         baseband = without_common_phase(baseband)
     time_s, range_m = axis(baseband, "slow_time"), axis(baseband, "range")
@@ -97,6 +96,19 @@ def doppler_signal(baseband: xr.DataArray, gate: xr.Dataset, analysis: Analysis 
     ramp = sum(complex(np.vdot(part[:, :-1], part[:, 1:])) for part in parts) if stop - first > 1 else 0.0
     turn = np.exp(-1j * np.angle(ramp) * np.arange(stop - first))
     return np.concatenate([part @ turn for part in parts]).astype(np.complex64) * _present(gate, time_s)
+
+
+def why_silent(baseband: xr.DataArray) -> str | None:
+    """Why a recording (slow_time, range) has no sound, whatever the gate; None where it has."""
+    if burst_pulses_of(baseband) is not None:
+        return "the pulses of this recording come in bursts, with pauses between them: it has no sound"
+    return None
+
+
+def _check_steady(baseband: xr.DataArray) -> None:
+    reason = why_silent(baseband)
+    if reason is not None:
+        raise AnalysisError(reason)
 
 
 def _gated(values: Values, low: FloatArray, high: FloatArray) -> Iterator[Values]:
@@ -147,6 +159,7 @@ def doppler_sound(
     AnalysisError
         As :func:`doppler_signal`, or if the band times the pitch does not fit into the highest audio rate.
     """
+    _check_steady(baseband)  # before the rate: the mean rate of bursts means nothing
     prf_hz = sampling_rate_hz(axis(baseband, "slow_time"))
     factor, rate_hz = plan_sound(prf_hz, pitch)
     signal = doppler_signal(baseband, gate, analysis)

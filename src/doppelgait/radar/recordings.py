@@ -13,6 +13,7 @@ from doppelgait.core.config import canonical_json, validate
 from doppelgait.core.errors import DoppelgaitError, RecordingError
 from doppelgait.core.files import atomic_path
 from doppelgait.core.labels import BASEBAND, MOTION, SCATTERER_VARIABLES, SPACE, axis, make_array
+from doppelgait.core.own_hdf5 import check_own
 from doppelgait.radar.config import Radar
 from doppelgait.radar.readers import read_recording
 from doppelgait.radar.recording import NAN, Recording, TargetTruth, baseband_facts, further_facts
@@ -111,7 +112,7 @@ def read_hdf5(path: Path) -> Recording:
     Raises
     ------
     RecordingError
-        If the file is missing, is not such a recording, or is damaged.
+        If the file is missing, is not such a recording, is damaged, or takes values from another file.
     """
     import h5py
 
@@ -129,6 +130,7 @@ def _read_hdf5(file: Any, source: str) -> Recording:
         raise ValueError(f"attribute format is {file.attrs.get('format')!r}, must be {FORMAT!r}")
     if int(file.attrs["format_version"]) > FORMAT_VERSION:
         raise ValueError(f"format_version is {file.attrs['format_version']}, this program reads up to {FORMAT_VERSION}")
+    check_own(file)
     radar = validate(Radar, json.loads(file.attrs["radar"]), where="radar")
     coords = {"slow_time": file["slow_time_s"][:], "range": file["range_m"][:]}
     further = {

@@ -21,6 +21,7 @@ from doppelgait.core.errors import ConfigError, DoppelgaitError
 from doppelgait.viewer.doppler_panel import MOST_PER_REQUEST, range_doppler_payload
 from doppelgait.viewer.guard import Guard
 from doppelgait.viewer.payload import as_json
+from doppelgait.viewer.places import without_places
 from doppelgait.viewer.query import Pairs, single, whole_of
 from doppelgait.viewer.recording_panel import recording_payload
 from doppelgait.viewer.reference import Reference, Shelf, parse_reference
@@ -75,7 +76,11 @@ def make_app(opened: Opened | None, *, token: str, port: int, settings: Settings
     ]
     app = Starlette(
         routes=routes,
-        exception_handlers={DoppelgaitError: _on_error, HTTPException: _on_http_error, Exception: _on_fault},
+        exception_handlers={
+            DoppelgaitError: partial(_on_error, opened=opened),
+            HTTPException: _on_http_error,
+            Exception: _on_fault,
+        },
         lifespan=partial(_lifespan, shelf=shelf, lock=lock, opened=opened, settings=chosen),
     )
     app.router.redirect_slashes = False
@@ -85,9 +90,9 @@ def make_app(opened: Opened | None, *, token: str, port: int, settings: Settings
 def _run_routes(shelf: Shelf, lock: anyio.Lock) -> list[Route]:
     table: dict[str, tuple[Callable[[Run, Reference], bytes], tuple[str, ...], str]] = {
         "recording": (_recording, ("clutter",), PAYLOAD),
-        "targets": (lambda run, reference: targets_payload(run, reference.gate), (), PAYLOAD),
-        "range-doppler": (_range_doppler, ("from", "count", "target"), PAYLOAD),
-        "sound": (_sound, ("target", "pitch", "channels"), WAV),
+        "targets": (_targets, ("clutter", "piece"), PAYLOAD),
+        "range-doppler": (_range_doppler, ("clutter", "from", "count", "target"), PAYLOAD),
+        "sound": (_sound, ("clutter", "target", "pitch", "channels"), WAV),
         "scene": (_scene, (), JSON),
     }
     return [
@@ -97,20 +102,21 @@ def _run_routes(shelf: Shelf, lock: anyio.Lock) -> list[Route]:
 
 
 def _recording(run: Run, reference: Reference) -> bytes:
-    clutter = reference.further.get("clutter", "removed")
-    if clutter not in ("kept", "removed"):
-        raise ConfigError(f"clutter: {clutter!r} is not allowed; it must be kept or removed")
-    return recording_payload(run, reference.gate, clutter=clutter)
+    return recording_payload(run, reference.gate, clutter=reference.clutter)
+
+
+def _targets(run: Run, reference: Reference) -> bytes:
+    return targets_payload(run, reference.gate, reference.clutter, piece=reference.piece)
 
 
 def _range_doppler(run: Run, reference: Reference) -> bytes:
     start = whole_of(reference.further, "from", 0, least=0, most=10**9)
     count = whole_of(reference.further, "count", 64, least=1, most=MOST_PER_REQUEST)
-    return range_doppler_payload(run, reference.gate, start=start, count=count)
+    return range_doppler_payload(run, reference.gate, start=start, count=count, clutter=reference.clutter)
 
 
 def _sound(run: Run, reference: Reference) -> bytes:
-    return sound_wav(run, reference.gate, reference.further)
+    return sound_wav(run, reference.gate, reference.further, reference.clutter)
 
 
 def _scene(run: Run, reference: Reference) -> bytes:
@@ -229,22 +235,24 @@ async def _lifespan(
 
 
 def _prepare(shelf: Shelf, opened: Opened | None, settings: Settings) -> None:
-    """Analyse what was opened; an error is told when the page asks for it."""
+    """Analyse what was opened; an error is told when the page asks for it.
+
+    Of a dataset nothing: what its plan makes a simulation do is left until somebody opens an example.
+    """
     session_facts(opened, settings)
-    with suppress(DoppelgaitError):
-        shelf.run(Reference(_likely(opened), None, {})).targets(None)
+    if opened is None or opened.browser is None:
+        with suppress(DoppelgaitError):
+            shelf.run(Reference(_likely(opened), None, {})).targets(None)
 
 
 def _likely(opened: Opened | None) -> tuple[str | tuple[str, str], ...]:
-    """Key of the run that the page will ask for first: what was opened, the first example, or "Try it"."""
-    if opened is None:
-        return ("try",)
-    return () if opened.browser is None else ("example", opened.browser.row_id(0)["id"])
+    """Key of the run that the page will ask for first: what was opened, or "Try it"."""
+    return ("try",) if opened is None else ()
 
 
-async def _on_error(request: Request, error: Exception) -> Response:
-    """What a parameter or the data do not allow, in the words of the library."""
-    return _error(400 if isinstance(error, ConfigError) else 422, str(error))
+async def _on_error(request: Request, error: Exception, *, opened: Opened | None) -> Response:
+    """What a parameter or the data do not allow, in the words of the library, without this computer's folders."""
+    return _error(400 if isinstance(error, ConfigError) else 422, without_places(str(error), opened))
 
 
 async def _on_http_error(request: Request, error: Exception) -> Response:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from doppelgait.viewer.columns import Columns
 from doppelgait.viewer.examples import ExampleRuns
 from doppelgait.viewer.filters import Filters, parse_query
 from doppelgait.viewer.payload import pack
+from doppelgait.viewer.places import without_folders
 from doppelgait.viewer.query import Pairs, whole_of
 from doppelgait.viewer.sheet import thumbnails
 
@@ -43,13 +45,20 @@ class Browser:
     Parameters
     ----------
     dataset : Dataset
+    motion_folder : Path, optional
+        Where the plan's motion files are; without, no file is used.
     """
 
-    def __init__(self, dataset: Dataset) -> None:
+    def __init__(self, dataset: Dataset, motion_folder: Path | None = None) -> None:
         self.dataset = dataset
         self.columns = Columns(dataset.index)
         self.classes = list(dataset.description["classes"])
-        self._runs = ExampleRuns(dataset)
+        self._runs = ExampleRuns(dataset, motion_folder)
+
+    @property
+    def folders(self) -> tuple[Path, ...]:
+        """Folders that the page must not learn."""
+        return self._runs.folders
 
     def summary(self) -> dict[str, Any]:
         """What the dataset is and what can be filtered, sorted and drawn."""
@@ -142,6 +151,7 @@ class Browser:
         found = self._sorted(filters, parameters)
         page = found[offset : offset + limit]
         facts, arrays = thumbnails(self.dataset, page)
+        facts["reasons"] = [reason and without_folders(reason, *self.folders) for reason in facts["reasons"]]
         chosen = self.dataset.index.iloc[page]
         named = {"ids": chosen["id"].tolist(), "labels": chosen["label"].tolist(), "captions": self._captions(page)}
         return pack({**named, **facts, "n_matching": int(found.size), "offset": offset}, arrays)

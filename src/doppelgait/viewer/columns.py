@@ -18,8 +18,12 @@ NOT_OFFERED = (
     "recording_sha256",
 )  # fmt: skip
 """Long texts, and where the arrays lie."""
-MOST_VALUES = 200
-"""A text column with more values than this is no category: names, mostly."""
+MOST_VALUES = 40
+"""A text column with more values than this is no category: all of them must fit into an address."""
+NAMES = ("id", "scene_id", "group", "subject", "recording")
+"""Whose or which one it is: no category either, however few there are."""
+RESERVED = ("sort", "descending", "offset", "limit", "x", "y", "text", "flag", "no_flag")
+"""Parameters of the requests: a column of such a name could not be told from them."""
 UNKNOWN = "(none)"
 """Value of a category in rows that do not know it."""
 GROUPS = {
@@ -56,17 +60,19 @@ class Columns:
         A column in which no row knows a value is not offered.
         """
         kinds = {}
-        for name in (str(c) for c in self.index.columns if c not in NOT_OFFERED):
+        for name in filter(_can_be_offered, self.index.columns):
             if pd.api.types.is_numeric_dtype(self.index[name]):
                 if np.isfinite(self.numbers(name)).any():
                     kinds[name] = "number"
             elif name == "flags" or not self.index[name].isna().all():
-                kinds[name] = "category" if name != "flags" and self._has_few_values(name) else "text"
+                kinds[name] = "category" if self._is_category(name) else "text"
         return kinds
 
-    def _has_few_values(self, name: str) -> bool:
+    def _is_category(self, name: str) -> bool:
         """Whether a text column is a category; the first rows tell it of most that are none."""
-        if self.index[name].iloc[: 10 * MOST_VALUES].nunique() > MOST_VALUES:
+        if name in ("label", "split"):
+            return True
+        if name in (*NAMES, "flags") or _texts(self.index[name].iloc[: 10 * MOST_VALUES]).nunique() > MOST_VALUES:
             return False
         return len(self.codes(name)[1]) <= MOST_VALUES
 
@@ -90,7 +96,7 @@ class Columns:
     def codes(self, name: str) -> tuple[npt.NDArray[np.int64], list[str]]:
         """Place of every row's text among the sorted different ones, and these; unknown counts as the empty text."""
         if name not in self._codes:
-            codes, values = pd.factorize(self.index[name].fillna("").astype(str), sort=True)
+            codes, values = pd.factorize(_texts(self.index[name]), sort=True)
             self._codes[name] = codes.astype(np.int64), [str(value) for value in values]
         return self._codes[name]
 
@@ -141,6 +147,17 @@ class Columns:
         if values and not values[0]:
             places[codes == 0] = np.nan
         return places
+
+
+def _can_be_offered(name: Any) -> bool:
+    return isinstance(name, str) and name not in (*NOT_OFFERED, *RESERVED) and not name.endswith((".min", ".max"))
+
+
+def _texts(column: pd.Series[Any]) -> pd.Series[str]:
+    """Values of a column as texts, whatever they are; unknown ones are empty."""
+    if isinstance(column.dtype, pd.StringDtype):
+        return column.fillna("")
+    return column.astype(object).where(column.notna(), "").map(str)
 
 
 def words_of(name: str) -> dict[str, str]:

@@ -20,6 +20,7 @@ from doppelgait.viewer.images import DEEPEST_DB, axis_facts, doppler_facts, enco
 from doppelgait.viewer.payload import pack
 from doppelgait.viewer.query import Gate
 from doppelgait.viewer.run import Run
+from doppelgait.viewer.settings import Clutter
 
 MOST_FRAMES = 600
 MOST_PER_REQUEST = 256
@@ -49,7 +50,9 @@ class Frames:
     shown_db: tuple[float, float]
 
 
-def range_doppler_payload(run: Run, gate: Gate | None, *, start: int, count: int) -> bytes:
+def range_doppler_payload(
+    run: Run, gate: Gate | None, *, start: int, count: int, clutter: Clutter | None = None
+) -> bytes:
     """Payload of ``api/range-doppler``.
 
     Raises
@@ -60,8 +63,8 @@ def range_doppler_payload(run: Run, gate: Gate | None, *, start: int, count: int
     reason = why_none(run)
     if reason is not None:
         return pack({"frames": None, "reason": reason}, {})
-    baseband = run.clean_baseband(gate)
-    analysis = frame_analysis(baseband, run.analysis(gate))
+    baseband = run.clean_baseband(gate, clutter)
+    analysis = frame_analysis(baseband, run.analysis(gate, clutter))
     wavelength_m = run.needed_recording().radar.wavelength_m
     frames = run.keep(f"frames, {analysis.clutter}", lambda: plan_frames(baseband, analysis, wavelength_m))
     if start >= frames.columns.size:
@@ -79,6 +82,7 @@ def range_doppler_payload(run: Run, gate: Gate | None, *, start: int, count: int
         "shown_db": frames.shown_db,
         "unit": "dB re 1 V²",
         "cpi_s": analysis.cpi_s,
+        "clutter": analysis.clutter,
         "frames": "frames",
         "reason": None,
     }

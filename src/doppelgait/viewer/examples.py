@@ -25,6 +25,8 @@ from doppelgait.pipeline import run_simulation
 from doppelgait.pipeline.analyze import truth_gate
 from doppelgait.processing import Analysis
 from doppelgait.radar.recording import Recording
+from doppelgait.viewer.places import without_folders
+from doppelgait.viewer.plan_limits import check_files, check_size
 from doppelgait.viewer.run import Run, TargetView, harmonics_of
 from doppelgait.viewer.settings import Settings
 
@@ -39,12 +41,12 @@ class ExampleRuns:
     ----------
     dataset : Dataset
     folder : Path, optional
-        Folder that the plan's relative motion paths start from; the working folder by default.
+        Folder with the plan's motion files; without, no file is used, and examples that need one have no recording.
     """
 
     def __init__(self, dataset: Dataset, folder: Path | None = None) -> None:
         self.dataset = dataset
-        self.folder = folder or Path()
+        self.folder = folder
 
     def run(self, example_id: str) -> Run:
         """What is stored of an example, and its recording where it can be simulated again.
@@ -62,17 +64,27 @@ class ExampleRuns:
         rows = self._rows(example_id)
         first = plain_row(self.dataset.index.iloc[rows[0]].to_dict())
         gate = "track" if first.get("gate") == "track" else "truth"
-        notes = tuple(filter(None, str(first.get("warnings") or "").split(";")))
+        notes = tuple(filter(None, _text(first.get("warnings")).split(";")))
         run = Run(example_id, "example", Settings(gate=gate), notes=notes)
         run.stored = lambda: [self._view(int(row), place, run) for place, row in enumerate(rows)]
         try:
             spec = self._spec(first)
+            check_size(spec.run)
         except DoppelgaitError as error:
-            run.reason = str(error)
+            run.reason = self.told(error)
             return run
         run.settings = replace(run.settings, analysis=spec.run.analysis)
         run.load = lambda: self._simulated(spec, first)
         return run
+
+    def told(self, error: Exception) -> str:
+        """What an error says, without where on this computer the folders are."""
+        return without_folders(str(error), *self.folders)
+
+    @property
+    def folders(self) -> tuple[Path, ...]:
+        """Folders that the page must not learn."""
+        return self.dataset.directory, *(() if self.folder is None else (self.folder,))
 
     def _rows(self, example_id: str) -> list[int]:
         """Numbers of the rows of an example's scene; of a measured one only its own, as the others are later."""
@@ -87,7 +99,7 @@ class ExampleRuns:
 
     @cached_property
     def _plan(self) -> PlanConfig:
-        return validate(PlanConfig, self.dataset.description["config"], where="dataset.json")
+        return validate(PlanConfig, self.dataset.description.get("config") or {}, where="dataset.json")
 
     def _spec(self, row: dict[str, Any]) -> ExampleSpec:
         """The example with every distribution drawn; an error says why it cannot be simulated again."""
@@ -100,15 +112,20 @@ class ExampleRuns:
                 f"the dataset was made with data version {version}, this doppelgait makes {DATA_VERSION}: simulated "
                 "again it would not be the same; build it again to see its recordings"
             )
-        number = number_in_plan(description["config"], str(row["scene_id"]))
+        plan, scene_id = self._plan, str(row.get("scene_id"))
+        number = number_in_plan(description["config"], scene_id)
         if number is None:
-            raise DatasetError(f"{row['scene_id']}: is not in the plan of dataset.json")
-        return resolve_example(self._plan, number, self.folder)
+            raise DatasetError(f"{scene_id}: is not in the plan of dataset.json")
+        check_files(plan, number, self.folder)
+        return resolve_example(plan, number, self.folder or Path())
 
     def _simulated(self, spec: ExampleSpec, row: dict[str, Any]) -> Recording:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DoppelgaitWarning)  # those of the build are among the notes
-            recording = run_simulation(spec.run, folder=self.folder)
+            try:
+                recording = run_simulation(spec.run, folder=self.folder)
+            except DoppelgaitError as error:
+                raise DatasetError(self.told(error)) from None
         if row.get("source") != "none":
             _check_same(truth_columns(recording.truth[0]), row)
         return recording
@@ -126,28 +143,41 @@ class ExampleRuns:
             cadence_map=cadence,
             cadence_spectrum=None if cadence is None else processing.cadence_spectrum(cadence),
             main_line_hz=line_hz,
-            gate_limits=_gate(run, place, view, example.row.get("gate_error_m")),
+            gate_limits=_gate(run, place, view, _number(example.row.get("gate_error_m"))),
         )
 
 
 def stored_view(example: Example) -> TargetView:
     """What the row of an example tells."""
     row = example.row
-    features = {name: row.get(f"feature_{name}") for name in FEATURE_UNITS}
-    gait_frequency_hz = row.get("gait_frequency_hz")
+    features = {name: _number(row.get(f"feature_{name}")) for name in FEATURE_UNITS}
+    gait_frequency_hz = _number(row.get("gait_frequency_hz"))
     return TargetView(
         label=example.label,
-        gate=str(row.get("gate") or ""),
+        gate=_text(row.get("gate")),
         features=features,
         gait_frequency_hz=gait_frequency_hz,
-        torso_doppler_hz=row.get("torso_doppler_hz"),
+        torso_doppler_hz=_number(row.get("torso_doppler_hz")),
         harmonics_hz=harmonics_of(features, gait_frequency_hz),
         quality=_beginning(row, "quality_"),
-        standard_deviation=_beginning(row, "sd_"),
-        extended=_beginning(row, "extended_"),
-        flags=tuple(filter(None, str(row.get("flags") or "").split(";"))),
+        standard_deviation=_numbers(row, "sd_"),
+        extended=_numbers(row, "extended_"),
+        flags=tuple(filter(None, _text(row.get("flags")).split(";"))),
         truth=_truth(row),
     )
+
+
+def _number(value: Any) -> float | None:
+    """A number of an index; None for unknown, and where a column holds something else."""
+    return value if isinstance(value, int | float) else None
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else ""
+
+
+def _numbers(row: dict[str, Any], prefix: str) -> dict[str, float | None]:
+    return {name: _number(value) for name, value in _beginning(row, prefix).items()}
 
 
 def _beginning(row: dict[str, Any], prefix: str) -> dict[str, Any]:
@@ -157,7 +187,10 @@ def _beginning(row: dict[str, Any], prefix: str) -> dict[str, Any]:
 def _truth(row: dict[str, Any]) -> dict[str, Any] | None:
     """True values by the names of the features and frequencies; None for what was measured, and for nobody."""
     known = _beginning(row, "truth_")
-    velocity_mps, frequency_hz = known.pop("radial_velocity_mps", None), known.get("gait_frequency_hz")
+    velocity_mps, frequency_hz = (
+        _number(known.pop("radial_velocity_mps", None)),
+        _number(known.get("gait_frequency_hz")),
+    )
     if velocity_mps is None:
         return None
     step_m = abs(velocity_mps) / frequency_hz if frequency_hz else None
@@ -170,7 +203,7 @@ def _cadence(example: Example, analysis: Analysis) -> xr.DataArray | None:
 
     The noise floor is the one that the row tells; the coordinates that it was estimated with are not stored.
     """
-    signature, floor_v2 = example.arrays.get("signature"), example.row.get("quality_noise_floor_v2")
+    signature, floor_v2 = example.arrays.get("signature"), _number(example.row.get("quality_noise_floor_v2"))
     if "cadence_map" in example.arrays or signature is None or floor_v2 is None:
         return example.arrays.get("cadence_map")
     seconds = processing.observation_s(signature)

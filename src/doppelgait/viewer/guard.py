@@ -66,6 +66,9 @@ class Guard:
             await _refuse(guarded, *fault)
             return
         inner = scope["path"].removeprefix(f"/{self.token.decode()}")
+        if not inner:
+            await _redirect(guarded, f"/{self.token.decode()}/".encode(), scope["query_string"])
+            return
         await self.app({**scope, "path": inner, "raw_path": inner.encode(), "root_path": ""}, receive, guarded)
 
     def fault(self, scope: Message) -> tuple[int, str] | None:
@@ -79,7 +82,7 @@ class Guard:
             return 403, "the Host header must name this computer and the port of this server"
         if self._is_foreign(headers):
             return 403, "requests from other sites are refused"
-        first = scope["path"].split("/")[1].encode() if scope["path"].count("/") > 1 else b""
+        first = scope["path"].partition("/")[2].partition("/")[0].encode()
         if not hmac.compare_digest(first, self.token):
             return 403, "the token is missing or wrong; take the address that the command printed"
         return None
@@ -101,6 +104,13 @@ def _with_headers(send: Send) -> Send:
         await send(message)
 
     return guarded
+
+
+async def _redirect(send: Send, place: bytes, query: bytes) -> None:
+    """To the page from its address without the last slash, from which the page's own links would lead nowhere."""
+    headers = [(b"location", place + (b"?" + query if query else b"")), (b"content-length", b"0")]
+    await send({"type": "http.response.start", "status": 307, "headers": headers})
+    await send({"type": "http.response.body", "body": b""})
 
 
 async def _refuse(send: Send, status: int, reason: str) -> None:

@@ -49,7 +49,7 @@ def pack(facts: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> by
 
 
 def as_json(value: Any) -> bytes:
-    """JSON in UTF-8; what is no finite number becomes null, NumPy's numbers and arrays become plain ones."""
+    """JSON in UTF-8; what is no finite number becomes null, NumPy's numbers and arrays plain ones, all else text."""
     return json.dumps(_plain(value), ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode()
 
 
@@ -59,5 +59,10 @@ def _plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
     if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist())
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+        plain = value.tolist()
+        return str(plain) if isinstance(plain, np.generic) else _plain(plain)
+    if value is None or isinstance(value, str | int):
+        return value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return str(value)

@@ -20,11 +20,13 @@ def single(query: Pairs, allowed: Collection[str]) -> dict[str, str]:
     """
     found: dict[str, str] = {}
     for key, value in query:
+        if not allowed:
+            raise ConfigError(f"{key!r} is not known here: this address takes no parameters")
         if key not in allowed:
             from doppelgait.dataset.feature_matrix import nearest
 
-            known = ", ".join(allowed) or "none"
-            raise ConfigError(f"{key!r} is not known here{nearest(key, list(allowed))}; allowed are {known}")
+            hint = nearest(key, list(allowed))
+            raise ConfigError(f"{key!r} is not known here{hint}; allowed are {', '.join(allowed)}")
         if key in found:
             raise ConfigError(f"{key}: comes twice; give it once")
         found[key] = value
@@ -50,13 +52,15 @@ def number_of(key: str, value: str, *, least: float = -math.inf, most: float = m
 
 
 def whole_of(parameters: Mapping[str, str], key: str, default: int, *, least: int, most: int) -> int:
-    """A whole number between two limits.
+    """A whole number between two limits; a ``default`` outside of them stands for none.
 
     Raises
     ------
     ConfigError
-        Naming the parameter ``key``, if it is none.
+        Naming the parameter ``key``, if it is none, or missing without a default.
     """
+    if key not in parameters and not least <= default <= most:
+        raise ConfigError(f"{key}: is missing; it must be a whole number from {least} to {most}")
     value = parameters.get(key, str(default))
     plain = value.isascii() and value.isdigit() and len(value) <= 12
     if not plain or not least <= int(value) <= most:

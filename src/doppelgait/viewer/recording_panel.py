@@ -10,11 +10,14 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.labels import axis
+from doppelgait.processing import burst_pulses_of
+from doppelgait.processing.sound import why_silent
 from doppelgait.radar.recording import Recording, TargetTruth
 from doppelgait.viewer.images import axis_facts, image_facts
 from doppelgait.viewer.payload import pack
 from doppelgait.viewer.query import Gate
 from doppelgait.viewer.run import Run
+from doppelgait.viewer.settings import Clutter
 
 Arrays = dict[str, npt.NDArray[Any]]
 
@@ -25,23 +28,23 @@ TRUTH_FACTS = (
 )  # fmt: skip
 
 
-def recording_payload(run: Run, gate: Gate | None, *, clutter: str) -> bytes:
+def recording_payload(run: Run, gate: Gate | None, *, clutter: Clutter | None = None) -> bytes:
     """Payload of ``api/recording``.
 
     Parameters
     ----------
     run : Run
     gate : str, (float, float) or None
-        Decides how clutter is taken off.
-    clutter : {"kept", "removed"}
-        Whether range against time shows what stands still, or, as the analysis has it, only what moves.
+    clutter : {"kept", "removed"}, optional
+        Whether range against time shows what stands still, or only what moves; by default as it is analysed in that
+        gate.
     """
     recording = run.recording
     if recording is None:
         known = {"name": run.name, "kind": run.kind, "facts": [], "notes": run.notes, "reason": run.reason}
         empty = dict.fromkeys(("duration_s", "start_s", "prf_hz", "wavelength_m", "range_time", "scene"))
-        return pack({**known, **empty, "bodies": [], "truth": []}, {})
-    baseband = run.clean_baseband(gate) if clutter == "removed" else recording.baseband
+        return pack({**known, **empty, "bodies": [], "truth": [], "no_sound": run.reason}, {})
+    baseband = run.clean_baseband(gate, clutter)
     times_s = axis(baseband, "slow_time")
     arrays: Arrays = {}
     facts: dict[str, Any] = {
@@ -50,11 +53,12 @@ def recording_payload(run: Run, gate: Gate | None, *, clutter: str) -> bytes:
         "facts": list(_facts(recording)),
         "notes": [*run.notes, *recording.notes],
         "reason": None,
-        "duration_s": times_s.size / recording.radar.prf_hz,
+        "duration_s": duration_s(recording),
         "start_s": times_s[0],
         "prf_hz": recording.radar.prf_hz,
         "wavelength_m": recording.radar.wavelength_m,
-        "clutter": run.analysis(gate).clutter if clutter == "removed" else "none",
+        "clutter": run.analysis(gate, clutter).clutter,
+        "no_sound": why_silent(recording.baseband),
         "range_time": _range_time(baseband, arrays),
         "scene": _scene(recording),
         "bodies": [
@@ -68,11 +72,9 @@ def recording_payload(run: Run, gate: Gate | None, *, clutter: str) -> bytes:
 def _facts(recording: Recording) -> Iterator[tuple[str, str]]:
     radar, baseband = recording.radar, recording.baseband
     range_m = axis(baseband, "range")
-    n_pulses = baseband.sizes["slow_time"]
     yield "radar", radar.name or radar.waveform
     yield "carrier", f"{radar.carrier_hz / 1e9:.4g} GHz"
-    yield "frame rate", f"{radar.prf_hz:.4g} Hz"
-    yield "duration", f"{n_pulses / radar.prf_hz:.2f} s, {n_pulses} frames"
+    yield from _time_facts(recording)
     if range_m.size > 1:
         yield "range", f"{range_m[0]:.2f} to {range_m[-1]:.2f} m, {range_m.size} bins"
     yield "unambiguous speed", f"± {radar.wavelength_m * radar.prf_hz / 4:.3g} m/s"
@@ -80,6 +82,28 @@ def _facts(recording: Recording) -> Iterator[tuple[str, str]]:
         yield "SNR in a frame", f"{recording.snr_frame_db:.1f} dB"
     if recording.seed is not None:
         yield "seed", str(recording.seed)
+
+
+def _time_facts(recording: Recording) -> Iterator[tuple[str, str]]:
+    """Rate and number of frames; of a recording in bursts, of the bursts and of the frames in them."""
+    times_s, prf_hz = axis(recording.baseband, "slow_time"), recording.radar.prf_hz
+    pulses = burst_pulses_of(recording.baseband)
+    if pulses is None:
+        yield "frame rate", f"{prf_hz:.4g} Hz"
+        yield "duration", f"{duration_s(recording):.2f} s, {times_s.size} frames"
+        return
+    starts_s = times_s[::pulses]
+    yield "frame rate", f"{prf_hz:.4g} Hz within a burst"
+    yield "bursts", f"{starts_s.size} of {pulses} frames"
+    if starts_s.size > 1:
+        yield "burst rate", f"{1 / np.median(np.diff(starts_s)):.4g} Hz"
+    yield "duration", f"{duration_s(recording):.2f} s, {times_s.size} frames"
+
+
+def duration_s(recording: Recording) -> float:
+    """Time from the first frame to the end of the last, pauses between bursts and all."""
+    times_s = axis(recording.baseband, "slow_time")
+    return float(times_s[-1] - times_s[0]) + 1.0 / recording.radar.prf_hz
 
 
 def _range_time(baseband: xr.DataArray, arrays: Arrays) -> dict[str, Any] | None:

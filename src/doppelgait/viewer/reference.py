@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import get_args
 
 from doppelgait.core.errors import ConfigError
 from doppelgait.viewer.query import Gate, Pairs, gate_of, single
 from doppelgait.viewer.run import Run
+from doppelgait.viewer.settings import Clutter
 from doppelgait.viewer.source import Opened
 
 MOST_RUNS = 4
@@ -26,11 +28,17 @@ class Reference:
         None: whatever the run shows first.
     further : dict
         Parameters of the endpoint itself.
+    clutter : {"kept", "removed"}, optional
+        None: as the run has it.
+    piece : (int, int), optional
+        Number of a target and of its piece to show.
     """
 
     key: tuple[str | tuple[str, str], ...]
     gate: Gate | None
     further: dict[str, str]
+    clutter: Clutter | None = None
+    piece: tuple[int, int] | None = None
 
 
 def parse_reference(query: Pairs, names: Sequence[str] = ()) -> Reference:
@@ -54,10 +62,32 @@ def parse_reference(query: Pairs, names: Sequence[str] = ()) -> Reference:
         raise ConfigError("try: must be 1, and does not go together with example")
     gate = gate_of(found["gate"]) if "gate" in found else None
     further = {key: value for key, value in found.items() if key in names}
+    key: tuple[str | tuple[str, str], ...] = ("example", found["example"]) if "example" in found else ()
     if trying:
-        chosen = sorted((key, value) for key, value in found.items() if key in own)
-        return Reference(("try", *chosen), gate, further)
-    return Reference(("example", found["example"]) if "example" in found else (), gate, further)
+        key = ("try", *sorted((name, value) for name, value in found.items() if name in own))
+    return Reference(key, gate, further, clutter=_clutter_of(further), piece=_piece_of(further))
+
+
+def _clutter_of(further: dict[str, str]) -> Clutter | None:
+    text = further.pop("clutter", None)
+    for known in get_args(Clutter):
+        if text == known:
+            chosen: Clutter = known
+            return chosen
+    if text is None:
+        return None
+    raise ConfigError(f"clutter: {text!r} is not allowed; it must be {' or '.join(get_args(Clutter))}")
+
+
+def _piece_of(further: dict[str, str]) -> tuple[int, int] | None:
+    """Target and piece of ``piece=T:K``."""
+    text = further.pop("piece", None)
+    if text is None:
+        return None
+    target, colon, piece = text.partition(":")
+    if not colon or not all(part.isascii() and part.isdigit() and len(part) <= 6 for part in (target, piece)):
+        raise ConfigError(f"piece: {text!r} is not allowed; it must be TARGET:PIECE, for example 0:2")
+    return int(target), int(piece)
 
 
 def _control_names() -> list[str]:

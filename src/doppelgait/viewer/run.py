@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Literal, TypeVar
 
@@ -17,17 +17,22 @@ from doppelgait.pipeline import TargetResult, analyze
 from doppelgait.pipeline.results import StoredTarget
 from doppelgait.pipeline.tracked import with_clutter_off
 from doppelgait.processing import Analysis, remove_clutter
-from doppelgait.radar.recording import Recording, TargetTruth
+from doppelgait.radar.recording import Recording
 from doppelgait.viewer.query import Gate
-from doppelgait.viewer.settings import Settings
+from doppelgait.viewer.settings import Clutter, Settings
+from doppelgait.viewer.truth import Span, Truths, span_of, truths_of
 
 T = TypeVar("T")
 Kind = Literal["recording", "result", "example", "try"]
 STORED_FACTS = (
     "label", "gate", "features", "gait_frequency_hz", "torso_doppler_hz", "quality", "standard_deviation", "extended",
 )  # fmt: skip
-MOST_ANALYSES = 4
-"""Analyses of one run, by gate, that are kept."""
+TRACK_FACTS = (
+    "track_start_s", "track_stop_s", "track_confirmed_at_s", "track_confidence", "track_range_m", "n_pieces",
+)  # fmt: skip
+"""Quality of the whole track, said of each of its pieces."""
+MOST_ANALYSES = 2
+"""Analyses of one run, by gate and clutter, that are kept: those of a minute at 1 kHz take 150 MB each."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +60,10 @@ class TargetView:
         What is true of the features and frequencies, by their names.
     pieces : tuple of (float, float)
         Start and stop of the pieces of steady motion, s.
+    piece : int, optional
+        The piece that this is about, None where it is about the whole recording.
+    piece_views : tuple of TargetView
+        What is shown of each piece.
     """
 
     label: str | None
@@ -73,7 +82,13 @@ class TargetView:
     main_line_hz: npt.NDArray[np.float64] | None = None
     gate_limits: xr.Dataset | None = None
     truth: Mapping[str, Any] | None = None
-    pieces: tuple[tuple[float, float], ...] = ()
+    pieces: tuple[Span, ...] = ()
+    piece: int | None = None
+    piece_views: tuple[TargetView, ...] = ()
+
+
+Analysed = tuple[list[TargetView], list[str]]
+"""Targets, and what their analysis warned of."""
 
 
 @dataclass(eq=False)
@@ -103,7 +118,7 @@ class Run:
     reason: str = ""
     stored: Callable[[], Sequence[TargetView]] | None = None
     notes: tuple[str, ...] = ()
-    _analyses: dict[Gate, tuple[list[TargetView], list[str]]] = field(default_factory=dict, repr=False)
+    _analyses: dict[tuple[Gate, str], Analysed] = field(default_factory=dict, repr=False)
     _kept: dict[str, Any] = field(default_factory=dict, repr=False)
 
     @cached_property
@@ -128,14 +143,26 @@ class Run:
             raise AnalysisError(f"{self.name}: there is no recording to take it from: {self.reason}")
         return self.recording
 
-    def analysis(self, gate: Gate | None) -> Analysis:
-        """Parameters that targets in a gate are analysed with."""
-        known = self.settings.analysis
-        return with_clutter_off(known) if (gate or self.settings.gate) == "track" else known
+    def analysis(self, gate: Gate | None, clutter: Clutter | None = None) -> Analysis:
+        """Parameters that targets in a gate are analysed with.
 
-    def clean_baseband(self, gate: Gate | None) -> xr.DataArray:
+        Of a recording static clutter is taken off, by the median, unless the user said how; what "Try it" simulates has
+        none; an example of a dataset is analysed as the dataset was.
+        """
+        known = self.settings.analysis
+        if clutter == "kept":
+            return known.model_copy(update={"clutter": "none"})
+        if clutter == "removed":
+            return known if known.clutter != "none" else known.model_copy(update={"clutter": "median"})
+        if self.kind == "try":
+            return known.model_copy(update={"clutter": known.clutter})  # as if it was asked for: tracking keeps it
+        if self.kind == "recording" or (gate or self.settings.gate) == "track":
+            return with_clutter_off(known)
+        return known
+
+    def clean_baseband(self, gate: Gate | None, clutter: Clutter | None = None) -> xr.DataArray:
         """Baseband without clutter, as it is analysed."""
-        analysis = self.analysis(gate)
+        analysis = self.analysis(gate, clutter)
         return self.keep(
             f"baseband, {analysis.clutter}", lambda: remove_clutter(self.needed_recording().baseband, analysis)
         )
@@ -147,7 +174,7 @@ class Run:
         kept: T = self._kept[name]
         return kept
 
-    def targets(self, gate: Gate | None) -> list[TargetView]:
+    def targets(self, gate: Gate | None, clutter: Clutter | None = None) -> list[TargetView]:
         """Targets in a gate; in None those that were stored, or those in the gate that is shown first.
 
         Raises
@@ -155,28 +182,32 @@ class Run:
         DoppelgaitError
             If there is no recording to analyse, or it cannot be analysed so.
         """
-        if gate is None and self.stored is not None:
+        if self.shows_stored(gate):
             return self.stored_targets
-        return self._analysis_in(gate or self.settings.gate)[0]
+        return self._analysis_in(gate or self.settings.gate, clutter)[0]
 
-    def warnings(self, gate: Gate | None) -> list[str]:
+    def shows_stored(self, gate: Gate | None) -> bool:
+        """Whether targets in a gate are those that were stored."""
+        return gate is None and self.stored is not None
+
+    def warnings(self, gate: Gate | None, clutter: Clutter | None = None) -> list[str]:
         """What the analysis of :meth:`targets` warned of."""
-        if gate is None and self.stored is not None:
-            return []
-        return self._analysis_in(gate or self.settings.gate)[1]
+        return [] if self.shows_stored(gate) else self._analysis_in(gate or self.settings.gate, clutter)[1]
 
-    def _analysis_in(self, gate: Gate) -> tuple[list[TargetView], list[str]]:
-        if gate not in self._analyses:
+    def _analysis_in(self, gate: Gate, clutter: Clutter | None) -> Analysed:
+        done = self.analysis(gate, clutter)
+        key = (gate, str(done.clutter))
+        if key not in self._analyses:
             while len(self._analyses) >= MOST_ANALYSES:
                 self._analyses.pop(next(iter(self._analyses)))
-            self._analyses[gate] = with_warnings(lambda: self._analysed(gate))
-        return self._analyses[gate]
+            self._analyses[key] = with_warnings(lambda: self._analysed(gate, done))
+        return self._analyses[key]
 
-    def _analysed(self, gate: Gate) -> list[TargetView]:
-        recording, known = self.needed_recording(), self.settings
+    def _analysed(self, gate: Gate, analysis: Analysis) -> list[TargetView]:
+        recording = self.needed_recording()
         given: Any = gate
-        results = analyze(recording, gate=given, analysis=self.analysis(gate), tracking=known.tracking)
-        return [view_of(result, truth_for(recording, number, result)) for number, result in enumerate(results)]
+        results = analyze(recording, gate=given, analysis=analysis, tracking=self.settings.tracking)
+        return [view_of(result, truths) for result, truths in zip(results, truths_of(recording, results), strict=True)]
 
 
 def with_warnings(make: Callable[[], T]) -> tuple[T, list[str]]:
@@ -188,15 +219,31 @@ def with_warnings(make: Callable[[], T]) -> tuple[T, list[str]]:
     return made, list(dict.fromkeys(texts))
 
 
-def truth_for(recording: Recording, number: int, result: TargetResult) -> TargetTruth | None:
-    """Truth that a result is to be compared with: of the same number for a truth gate, of the only body otherwise."""
-    if result.gate == "truth" and number < len(recording.truth):
-        return recording.truth[number]
-    return recording.truth[0] if len(recording.truth) == 1 else None
+def view_of(result: TargetResult, truths: Truths) -> TargetView:
+    """What is shown of an analysed target: of a tracked one its longest piece, and its other pieces beside.
+
+    Parameters
+    ----------
+    result : TargetResult
+    truths : callable
+        Gives what is true of the target from a start to a stop; None where nothing is known.
+    """
+    spans = tuple(span_of(piece) for piece in result.pieces)
+    shown = replace(_view(result, truths), pieces=spans)
+    if not spans:
+        return shown
+    facts = {key: value for key, value in result.quality.items() if key in TRACK_FACTS}
+    views = tuple(
+        replace(
+            _view(piece, truths), pieces=spans, piece=number, gate_limits=result.gate_limits,
+            quality={**piece.quality, **facts},
+        )
+        for number, piece in enumerate(result.pieces)
+    )  # fmt: skip
+    return replace(shown, piece=spans.index(span_of(result)), piece_views=views)
 
 
-def view_of(result: TargetResult, truth: TargetTruth | None) -> TargetView:
-    """What is shown of an analysed target."""
+def _view(result: TargetResult, truths: Truths) -> TargetView:
     features = result.features.as_dict()
     return TargetView(
         label=result.label,
@@ -214,30 +261,46 @@ def view_of(result: TargetResult, truth: TargetTruth | None) -> TargetView:
         cadence_spectrum=result.cadence_spectrum,
         main_line_hz=result.main_line_hz,
         gate_limits=result.gate_limits,
-        truth=None if truth is None else true_values(truth),
-        pieces=tuple(_piece_span(piece) for piece in result.pieces),
+        truth=truths(*span_of(result)),
     )
 
 
 def view_of_stored(target: StoredTarget) -> TargetView:
-    """What is shown of a target of a result file."""
+    """What is shown of a target of a result file; of its pieces that are not the longest no arrays are stored."""
     facts = target.facts
-    spans = [piece["quality"] for piece in facts.get("pieces", ())]
-    return TargetView(
-        **{key: facts[key] for key in STORED_FACTS},
-        flags=tuple(facts["flags"]),
-        harmonics_hz=harmonics_of(facts["features"], facts["gait_frequency_hz"]),
+    pieces = facts.get("pieces", ())
+    spans = tuple(_stored_span(piece) for piece in pieces)
+    shown = replace(
+        _stored_facts(facts),
         signature=target.signature,
         cadence_map=target.cadence_map,
         cadence_spectrum=target.cadence_spectrum,
         main_line_hz=target.main_line_hz,
         gate_limits=target.gate_limits,
-        pieces=tuple((float(span["start_s"]), float(span["stop_s"])) for span in spans),
+        pieces=spans,
+    )
+    if not spans:
+        return shown
+    longest = replace(shown, piece=spans.index(_stored_span(facts)))
+    views = tuple(
+        longest
+        if number == longest.piece
+        else replace(_stored_facts(piece), gate_limits=target.gate_limits, pieces=spans, piece=number)
+        for number, piece in enumerate(pieces)
+    )
+    return replace(longest, piece_views=views)
+
+
+def _stored_facts(facts: Mapping[str, Any]) -> TargetView:
+    return TargetView(
+        **{key: facts[key] for key in STORED_FACTS},
+        flags=tuple(facts["flags"]),
+        harmonics_hz=harmonics_of(facts["features"], facts["gait_frequency_hz"]),
     )
 
 
-def _piece_span(piece: TargetResult) -> tuple[float, float]:
-    return float(piece.quality["start_s"]), float(piece.quality["stop_s"])
+def _stored_span(facts: Mapping[str, Any]) -> Span:
+    return float(facts["quality"]["start_s"]), float(facts["quality"]["stop_s"])
 
 
 def harmonics_of(
@@ -247,22 +310,3 @@ def harmonics_of(
     ratios = (features.get("harmonic_ratio_2"), features.get("harmonic_ratio_3"))
     second, third = (None if r is None or gait_frequency_hz is None else r * gait_frequency_hz for r in ratios)
     return second, third
-
-
-def true_values(truth: TargetTruth) -> dict[str, Any]:
-    """What a simulation knows of the features and frequencies, by their names; the rest under names of its own."""
-    radial_mps = float(np.mean(truth.centre_velocity_mps))
-    steps = truth.gait_frequency_hz > 0
-    return {
-        "torso_velocity_mps": radial_mps,
-        "step_length_m": abs(radial_mps) / truth.gait_frequency_hz if steps else None,
-        "harmonic_ratio_2": 2.0 if steps else None,
-        "harmonic_ratio_3": 3.0 if steps else None,
-        "gait_frequency_hz": truth.gait_frequency_hz,
-        "step_frequency_hz": truth.step_frequency_hz,
-        "stride_frequency_hz": truth.stride_frequency_hz,
-        "ground_speed_mps": truth.ground_speed_mps,
-        "height_m": truth.height_m,
-        "label": truth.label,
-        "gait": truth.gait,
-    }

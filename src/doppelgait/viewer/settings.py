@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from pathlib import Path
+from typing import Any, Literal
 
 from doppelgait.core.config import apply_overrides, validate
 from doppelgait.pipeline import Tracking
 from doppelgait.processing import Analysis
 from doppelgait.viewer.query import Gate, gate_of
+
+Clutter = Literal["kept", "removed"]
+"""What a request may ask of what stands still."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +30,8 @@ class Settings:
     tracking : Tracking
     options : mapping
         What a recording's file does not tell.
+    motion_folder : Path, optional
+        Where the motion files of a dataset's plan are; without, none is opened.
     """
 
     gate: Gate = "track"
@@ -33,6 +39,7 @@ class Settings:
     tracking: Tracking = field(default_factory=Tracking)
     options: Mapping[str, Any] = field(default_factory=dict)
     gate_asked: bool = False
+    motion_folder: Path | None = None
 
 
 def parse_settings(gate: str | None, changes: Sequence[str], options: Sequence[str]) -> Settings:

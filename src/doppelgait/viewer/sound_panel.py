@@ -7,14 +7,15 @@ from collections.abc import Mapping
 from typing import get_args
 
 from doppelgait.core.errors import AnalysisError, ConfigError
-from doppelgait.processing.sound import Channels, doppler_sound, write_wav
+from doppelgait.processing.sound import Channels, doppler_sound, why_silent, write_wav
 from doppelgait.viewer.query import Gate, number_of, whole_of
 from doppelgait.viewer.run import Run
+from doppelgait.viewer.settings import Clutter
 
 MOST_PITCH = 1e6
 
 
-def sound_wav(run: Run, gate: Gate | None, parameters: Mapping[str, str]) -> bytes:
+def sound_wav(run: Run, gate: Gate | None, parameters: Mapping[str, str], clutter: Clutter | None = None) -> bytes:
     """WAV file of one target, as long as the recording.
 
     Parameters
@@ -24,6 +25,7 @@ def sound_wav(run: Run, gate: Gate | None, parameters: Mapping[str, str]) -> byt
     parameters : mapping
         ``target`` (number, the first by default), ``pitch`` and ``channels`` as for
         :func:`doppelgait.processing.sound.doppler_sound`.
+    clutter : {"kept", "removed"}, optional
 
     Raises
     ------
@@ -37,12 +39,15 @@ def sound_wav(run: Run, gate: Gate | None, parameters: Mapping[str, str]) -> byt
     if channels not in get_args(Channels):
         raise ConfigError(f"channels: {channels!r} is not allowed; it must be {' or '.join(get_args(Channels))}")
     baseband = run.needed_recording().baseband
-    targets = run.targets(gate)
+    silent = why_silent(baseband)
+    if silent is not None:  # said at once: no analysis changes it
+        raise AnalysisError(silent)
+    targets = run.targets(gate, clutter)
     number = whole_of(parameters, "target", 0, least=0, most=max(len(targets) - 1, 0))
     limits = targets[number].gate_limits if targets else None
     if limits is None:
         raise AnalysisError(f"{run.name}: there is no target with a gate to listen to")
-    rate_hz, samples = doppler_sound(baseband, limits, run.analysis(gate), pitch=pitch, channels=channels)
+    rate_hz, samples = doppler_sound(baseband, limits, run.analysis(gate, clutter), pitch=pitch, channels=channels)
     file = io.BytesIO()
     write_wav(file, rate_hz, samples)
     return file.getvalue()

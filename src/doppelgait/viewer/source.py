@@ -63,7 +63,7 @@ def open_path(path: str | Path, settings: Settings) -> Opened:
         raise RecordingError(f"{place}: no such file or folder")
     name = place.resolve().name
     if place.is_dir() and any((place / file).exists() for file in DATASET_FILES):
-        return _open_dataset(place, name)
+        return _open_dataset(place, name, settings)
     from doppelgait.pipeline.results import sniff_results
 
     if sniff_results(place):
@@ -71,14 +71,14 @@ def open_path(path: str | Path, settings: Settings) -> Opened:
     return Opened("recording", name, name, run=_recording_run(place, name, settings))
 
 
-def _open_dataset(place: Path, name: str) -> Opened:
+def _open_dataset(place: Path, name: str, settings: Settings) -> Opened:
     from doppelgait.dataset import open_dataset
     from doppelgait.viewer.browse import Browser
 
     dataset = open_dataset(place)
     if not len(dataset):
         raise ConfigError(f"{place}: the dataset has no rows, so there is nothing to look at")
-    return Opened("dataset", str(dataset.description["name"]), name, browser=Browser(dataset))
+    return Opened("dataset", str(dataset.description["name"]), name, browser=Browser(dataset, settings.motion_folder))
 
 
 def _result_run(place: Path, name: str, settings: Settings) -> Run:
@@ -97,6 +97,8 @@ def _recording_run(place: Path, name: str, settings: Settings) -> Run:
     recording, said = with_warnings(lambda: read_recording(place, **settings.options))
     if settings.gate == "truth" and not recording.truth:
         raise ConfigError(f"--gate truth: {name} has no truth; take --gate track, or give the range, --gate 1.2:2.8")
+    if isinstance(settings.gate, tuple):
+        _check_inside(settings.gate, recording)
     if not settings.gate_asked and not can_track(recording):
         settings = replace(settings, gate=all_ranges_m(recording))
     notes = tuple(text.replace(f"{place}", name) for text in said)  # the page does not learn where the file is
@@ -106,6 +108,16 @@ def _recording_run(place: Path, name: str, settings: Settings) -> Run:
 def can_track(recording: Recording) -> bool:
     """Whether bodies can be followed: there are ranges, and no pauses between the pulses."""
     return recording.baseband.sizes["range"] > 1 and burst_pulses_of(recording.baseband) is None
+
+
+def _check_inside(gate_m: tuple[float, float], recording: Recording) -> None:
+    """A gate of which nothing lies in the frame would show a page without targets."""
+    first_m, last_m = all_ranges_m(recording)
+    if recording.baseband.sizes["range"] > 1 and (gate_m[1] <= first_m or gate_m[0] >= last_m):
+        raise ConfigError(
+            f"--gate {gate_m[0]:g}:{gate_m[1]:g}: lies outside the recorded frame, {first_m:.2f} to {last_m:.2f} m; "
+            "take ranges inside, or --gate track"
+        )
 
 
 def all_ranges_m(recording: Recording) -> tuple[float, float]:

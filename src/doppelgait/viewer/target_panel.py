@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.errors import AnalysisError
+from doppelgait import processing
+from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.labels import axis
+from doppelgait.pipeline.target import ALIGNED
 from doppelgait.viewer.images import MOST, axis_facts, block_of, doppler_facts, image_facts, level_db
 from doppelgait.viewer.payload import pack
 from doppelgait.viewer.query import Gate
 from doppelgait.viewer.run import Run, TargetView
+from doppelgait.viewer.settings import Clutter
 
 Arrays = dict[str, npt.NDArray[Any]]
 
@@ -23,18 +26,50 @@ HARMONIC_NAMES = ("2nd", "3rd")
 NO_TARGET = "no target was found: nothing moves steadily or breathes in this recording; try a gate of your own"
 
 
-def targets_payload(run: Run, gate: Gate | None) -> bytes:
-    """Payload of ``api/targets``; of a run that cannot be analysed so, the reason."""
+def targets_payload(
+    run: Run, gate: Gate | None, clutter: Clutter | None = None, *, piece: tuple[int, int] | None = None
+) -> bytes:
+    """Payload of ``api/targets``; of a run that cannot be analysed so, the reason.
+
+    Parameters
+    ----------
+    run : Run
+    gate : str, (float, float) or None
+    clutter : {"kept", "removed"}, optional
+    piece : (int, int), optional
+        Number of a target, and of the piece of steady motion to show of it instead of its longest.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such target, or no such piece of it.
+    """
     arrays: Arrays = {}
+    # What was stored is as it was stored, whatever is asked for.
+    done = run.analysis(gate, None if run.shows_stored(gate) else clutter)
     try:
-        targets, notes = run.targets(gate), run.warnings(gate)
+        targets, notes = run.targets(gate, clutter), run.warnings(gate, clutter)
     except AnalysisError as error:
-        return pack({"targets": [], "reason": str(error), "notes": []}, {})
-    shown = [_target(number, view, run, gate, arrays) for number, view in enumerate(targets)]
-    return pack({"targets": shown, "reason": None if shown else NO_TARGET, "notes": notes}, arrays)
+        return pack({"targets": [], "reason": str(error), "notes": [], "clutter": done.clutter}, {})
+    views = targets if piece is None else with_piece(targets, *piece)
+    shown = [_target(number, view, done.method, arrays) for number, view in enumerate(views)]
+    reason = None if shown else NO_TARGET
+    return pack({"targets": shown, "reason": reason, "notes": notes, "clutter": done.clutter}, arrays)
 
 
-def _target(number: int, view: TargetView, run: Run, gate: Gate | None, arrays: Arrays) -> dict[str, Any]:
+def with_piece(targets: Sequence[TargetView], number: int, piece: int) -> list[TargetView]:
+    """The targets, of one of which another piece is shown."""
+    if number >= len(targets):
+        known = f"there are targets 0 to {len(targets) - 1}" if targets else "there is no target"
+        raise ConfigError(f"piece: {number}:{piece} is not allowed; {known}")
+    views = targets[number].piece_views
+    if piece >= len(views):
+        known = f"target {number} has pieces 0 to {len(views) - 1}" if views else f"target {number} is shown as a whole"
+        raise ConfigError(f"piece: {number}:{piece} is not allowed; {known}")
+    return [*targets[:number], views[piece], *targets[number + 1 :]]
+
+
+def _target(number: int, view: TargetView, method: str, arrays: Arrays) -> dict[str, Any]:
     prefix = f"target_{number}_"
     return {
         "number": number,
@@ -52,10 +87,13 @@ def _target(number: int, view: TargetView, run: Run, gate: Gate | None, arrays: 
         "truth": view.truth,
         "signature": _signature(view.signature, f"{prefix}signature", arrays),
         "main_line": _main_line(view, f"{prefix}main_line", arrays),
+        "aligned": is_aligned(view, method),
+        "cadence_band_hz": _band_hz(view.cadence_map),
         "cadence_map": _cadence_map(view.cadence_map, f"{prefix}cadence_map", arrays),
-        "cadence_spectrum": _spectrum(view, f"{prefix}cadence_spectrum", run.analysis(gate).method, arrays),
+        "cadence_spectrum": _spectrum(view, f"{prefix}cadence_spectrum", method, arrays),
         "gate_limits": _gate_limits(view.gate_limits, prefix, arrays),
         "pieces": view.pieces,
+        "piece": view.piece,
     }
 
 
@@ -89,6 +127,24 @@ def _main_line(view: TargetView, name: str, arrays: Arrays) -> str | None:
     at = np.arange(0, view.main_line_hz.size, block) + (block - 1) / 2
     arrays[name] = np.interp(at, np.arange(view.main_line_hz.size), view.main_line_hz).astype(np.float32)
     return name
+
+
+def is_aligned(view: TargetView, method: str) -> bool | None:
+    """Whether the Doppler of the step-Doppler map is measured from the main line; None where it is not known."""
+    if method == "liland2018" or view.cadence_map is None:
+        return None if view.cadence_map is None else False
+    if ALIGNED in view.cadence_map.attrs:
+        return bool(view.cadence_map.attrs[ALIGNED])
+    if view.signature is None or view.signature.sizes["time"] < 2:
+        return None
+    return processing.needs_alignment(view.signature)  # stored by an older version, or in a dataset
+
+
+def _band_hz(cadence_map: xr.DataArray | None) -> tuple[float, float] | None:
+    """Rows of the step-Doppler map that are worth looking at, as in its figure."""
+    from doppelgait.viz.maps import doppler_limits_hz
+
+    return None if cadence_map is None or cadence_map.size == 0 else doppler_limits_hz(cadence_map**2)
 
 
 def _cadence_map(cadence_map: xr.DataArray | None, name: str, arrays: Arrays) -> dict[str, Any] | None:

@@ -11,6 +11,7 @@ from doppelgait.core.errors import ConfigError
 from doppelgait.motion.models.quadruped_gaits import GaitName
 from doppelgait.radar.config import preset_names
 from doppelgait.viewer.query import number_of
+from doppelgait.viewer.try_limits import Limit, range_limits, speed_limits
 
 Value = str | float | int
 
@@ -41,6 +42,8 @@ class Control:
         Other limits and defaults by mover.
     values_by_who : mapping
         Values that a mover has, where it does not have all.
+    limits : tuple of Limit
+        What other controls leave of the limits.
     """
 
     name: str
@@ -56,6 +59,7 @@ class Control:
     who: tuple[str, ...] = tuple(MOVERS)
     by_who: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     values_by_who: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    limits: tuple[Limit, ...] = ()
 
     def default_for(self, who: str) -> Value:
         """Default of a mover."""
@@ -89,12 +93,14 @@ class Control:
 @cache
 def all_controls() -> tuple[Control, ...]:
     """All controls in the order of the page; ``who`` comes first."""
+    radars = {name: name for name in preset_names() if name not in TOO_SLOW}
     gaits = {"auto": "by speed", "run": "run", **{name: name.replace("_", " ") for name in get_args(GaitName)}}
     return (
         Control("who", "who", "What moves in front of the radar.", "choice", default="person", values=MOVERS),
         Control(
             "speed_mps", "speed", "Speed over the floor; the gait sets how slow and how fast it can be.", unit="m/s",
             low=0.3, high=10.0, step=0.05, default=1.2, who=(*LEGGED, "vacuum"),
+            limits=speed_limits(),
             by_who={
                 "dog": {"default": 2.0, "high": 9.0},
                 "cat": {"default": 0.8, "low": 0.2, "high": 6.0},
@@ -129,14 +135,15 @@ def all_controls() -> tuple[Control, ...]:
         Control(
             "aspect_deg", "aspect", "Direction of travel: 0 towards the radar, 90 across, 180 away.", unit="°",
             low=-180.0, high=180.0, step=1.0, default=0.0,
+            by_who={"fan": {"default": 60.0}},  # towards the radar the blades turn across the line of sight
         ),
         Control(
-            "range_m", "range", "Distance from the radar in the middle of the time.", unit="m",
-            low=1.0, high=15.0, step=0.1, default=4.0,
+            "range_m", "range", "Distance from the radar in the middle of the time; more where a mover came too near.",
+            unit="m", low=1.0, high=15.0, step=0.1, default=4.0, limits=range_limits(radars),
         ),
         Control(
             "radar", "radar", "Sensor: its carrier sets the Doppler scale, its frame rate the highest speed.", "choice",
-            default="x4", values={name: name for name in preset_names() if name not in TOO_SLOW},
+            default="x4", values=radars,
         ),
         Control(
             "noise", "noise", "Receiver noise at the SNR below, or none.", "choice",

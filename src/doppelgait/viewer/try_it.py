@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
@@ -13,9 +12,9 @@ from doppelgait.pipeline import parse_run, run_simulation
 from doppelgait.viewer.run import Run
 from doppelgait.viewer.settings import Settings
 from doppelgait.viewer.try_controls import MOVERS, Value, all_controls
+from doppelgait.viewer.try_limits import BUILD_OF, COMPANY_M, SIZE_OF
+from doppelgait.viewer.try_place import beside, middle_range_m, moved_note
 
-BESIDE_M = 1.0
-"""Way between two movers."""
 STEP_TIME_SD, STEP_LENGTH_SD, STRIDE_VARIATION = 0.02, 0.03, 0.02
 """How unlike the steps of healthy adults are, and the strides of an animal."""
 LABELS = {"person": "human"}
@@ -70,29 +69,19 @@ def scene_table(parameters: Mapping[str, str]) -> dict[str, Any]:
 
 
 def _targets(values: Mapping[str, Value]) -> list[dict[str, Any]]:
-    range_m, aspect_deg = float(values["range_m"]), float(values["aspect_deg"])
+    range_m, aspect_deg = middle_range_m(values), float(values["aspect_deg"])
     who = str(values["who"])
     first = {"label": _label(who), "range_m": range_m, "aspect_deg": aspect_deg, "motion": MOTIONS[who](values)}
     company = values.get("company", "nobody")
     if company == "nobody":
         return [first]
     kind = str(company)
-    size = {"height_m": 1.75} if kind == "person" else {"withers_m": 0.5}
-    motion = MOTIONS[kind]({"speed_mps": values["speed_mps"], "gait": "auto", **size})
-    return [first, {"label": _label(kind), **_beside(range_m, aspect_deg), "motion": motion}]
+    motion = MOTIONS[kind]({"speed_mps": values["speed_mps"], "gait": "auto", SIZE_OF[kind]: COMPANY_M[kind]})
+    return [first, {"label": _label(kind), **beside(range_m, aspect_deg), "motion": motion}]
 
 
 def _label(who: str) -> str:
     return LABELS.get(who, who)
-
-
-def _beside(range_m: float, aspect_deg: float) -> dict[str, float]:
-    """Place of a second mover, to the side of the first and on a parallel way."""
-    heading = math.radians(180.0 + aspect_deg)
-    x, y = range_m - BESIDE_M * math.sin(heading), BESIDE_M * math.cos(heading)
-    bearing_deg = math.degrees(math.atan2(y, x))
-    turned = (aspect_deg - bearing_deg + 180.0) % 360.0 - 180.0
-    return {"range_m": round(math.hypot(x, y), 4), "bearing_deg": round(bearing_deg, 3), "aspect_deg": round(turned, 3)}
 
 
 def _person(values: Mapping[str, Value]) -> dict[str, Value]:
@@ -100,17 +89,17 @@ def _person(values: Mapping[str, Value]) -> dict[str, Value]:
     return {"kind": "human", **given, "step_time_sd": STEP_TIME_SD, "step_length_sd": STEP_LENGTH_SD}
 
 
-def _animal(build: str) -> Callable[[Mapping[str, Value]], dict[str, Value]]:
+def _animal(who: str) -> Callable[[Mapping[str, Value]], dict[str, Value]]:
     def motion(values: Mapping[str, Value]) -> dict[str, Value]:
         given = {name: values[name] for name in ("gait", "speed_mps", "withers_m")}
-        return {"kind": "quadruped", "build": build, **given, "stride_variation": STRIDE_VARIATION}
+        return {"kind": "quadruped", "build": BUILD_OF[who], **given, "stride_variation": STRIDE_VARIATION}
 
     return motion
 
 
 MOTIONS: Mapping[str, Callable[[Mapping[str, Value]], dict[str, Value]]] = {
     "person": _person,
-    "dog": _animal("standard"),
+    "dog": _animal("dog"),
     "cat": _animal("cat"),
     "fan": lambda values: {"kind": "fan", "rotation_hz": values["rotation_hz"]},
     "curtain": lambda values: {"kind": "curtain"},
@@ -126,7 +115,7 @@ def run_of(parameters: Mapping[str, str]) -> Run:
     ----------
     parameters : mapping
         Values by the name of a control, as text; defaults where they are left out. Warnings of the simulation
-        (aliasing, a target that leaves the frame) become notes of the run.
+        (aliasing, a target that leaves the frame) become notes of the run, as does a range that had to be another.
 
     Raises
     ------
@@ -142,9 +131,12 @@ def run_of(parameters: Mapping[str, str]) -> Run:
     except DoppelgaitError as error:
         raise ConfigError(_plain(str(error))) from None
     notes = dict.fromkeys(str(one.message) for one in caught if issubclass(one.category, DoppelgaitWarning))
-    who = MOVERS[chosen(parameters)["who"]]  # type: ignore[index]
+    values = chosen(parameters)
     settings = Settings(gate=GATE, analysis=spec.analysis)
-    return Run(name=f"Try it: {who}", kind="try", settings=settings, load=lambda: recording, notes=tuple(notes))
+    return Run(
+        name=f"Try it: {MOVERS[str(values['who'])]}", kind="try", settings=settings, load=lambda: recording,
+        notes=(*moved_note(values), *notes),
+    )  # fmt: skip
 
 
 def _plain(text: str) -> str:

@@ -23,6 +23,7 @@ from doppelgait.viz.maps import (
 from doppelgait.viz.style import LINE_COLOURS, name_axes, new_axes
 
 CADENCE_LABEL = "cadence (Hz)"
+FROM_LINE_LABEL = "Doppler from the main line (Hz)"
 
 
 def step_doppler(
@@ -60,10 +61,20 @@ def step_doppler(
     image = draw_step_doppler(
         axes, cadence_map, gait_frequency_hz=gait_frequency_hz, max_cadence_hz=max_cadence_hz, db_range=db_range
     )
-    name_axes(axes, title=title, x=CADENCE_LABEL, y=DOPPLER_LABEL)
+    name_axes(axes, title=title, x=CADENCE_LABEL, y=step_doppler_label(cadence_map))
     velocity_axis(axes, wavelength_m(cadence_map))
     colour_bar(image, axes, quantity="magnitude", reference="1")
     return figure
+
+
+def step_doppler_label(cadence_map: xr.DataArray) -> str:
+    """Name of a map's Doppler axis: columns that were moved onto the main line are measured from there."""
+    return FROM_LINE_LABEL if from_main_line(cadence_map) else DOPPLER_LABEL
+
+
+def from_main_line(cadence_map: xr.DataArray) -> bool:
+    """Whether a map's Doppler is measured from the main line; maps of older result files do not tell."""
+    return bool(cadence_map.attrs.get("aligned", False))
 
 
 def draw_step_doppler(

@@ -11,7 +11,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from doppelgait.viz.cadence import CADENCE_LABEL, draw_step_doppler
+from doppelgait.viz.cadence import CADENCE_LABEL, draw_step_doppler, from_main_line, step_doppler_label
 from doppelgait.viz.maps import (
     DOPPLER_LABEL,
     checked_signature,
@@ -114,9 +114,9 @@ def _cadence_panel(
 ) -> None:
     image = draw_step_doppler(
         axes, cadence_map, gait_frequency_hz=gait_frequency_hz, max_cadence_hz=None, db_range=None,
-        doppler_hz=limits_hz,
+        doppler_hz=None if from_main_line(cadence_map) else limits_hz,
     )  # fmt: skip
-    name_axes(axes, title="Step-Doppler map", x=CADENCE_LABEL, y=DOPPLER_LABEL)
+    name_axes(axes, title="Step-Doppler map", x=CADENCE_LABEL, y=step_doppler_label(cadence_map))
     velocity_axis(axes, wavelength_m(cadence_map), label="(m/s)")
     colour_bar(image, axes, quantity="magnitude", reference="1")
 

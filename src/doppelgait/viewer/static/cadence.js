@@ -4,19 +4,22 @@ import { drawLine, drawPicture, makeChart, MARGINS, withEdge } from "./chart.js"
 import { themeColours } from "./canvas.js";
 import { FONT } from "./axes.js";
 import { makeBar, makeTones } from "./levels.js";
-import { cellAt, edges, levelDb, paint, valueAt } from "./picture.js";
+import { cellAt, edges, levelDb, occupied, paint, valueAt } from "./picture.js";
+import * as state from "./state.js";
 import { element, fixed, makePanel, words } from "./ui.js";
 
+const TITLE = "Step-Doppler";
 const PEAK = "#35d0ff";
+const FROM_LINE = "from main line"; // what the Doppler axis counts from where the signature was aligned
 const NAMES = { f_mu: "f", "2nd": "2f", "3rd": "3f" };
 
 export function makeCadence({ session, band }) {
-  const panel = makePanel("cadence", "Step-Doppler");
+  const panel = makePanel("cadence", TITLE);
   const below = makeBelow(panel);
   const picture = element("canvas");
   const bar = makeBar(panel.tools, session);
   const tonesOf = makeTones(session);
-  let shown = null; // {image, codes, spectrum, arrays}
+  let shown = null; // {image, codes, spectrum, arrays, own}
   const map = makeChart(panel, "cadence", {
     label: "Step-Doppler map: cadence against Doppler",
     margins: { ...MARGINS, bottom: 10 }, // the spectrum below has the same cadence axis, with its numbers
@@ -24,8 +27,8 @@ export function makeCadence({ session, band }) {
     view: () =>
       shown && {
         x: { limits: [0, reach()], name: "cadence", unit: "Hz", labels: false },
-        y: { limits: band() ?? edges(shown.image.y), name: "Doppler", unit: "Hz" },
-        second: shown.image.y.second,
+        y: { limits: dopplerLimits(), name: shown.own ? FROM_LINE : "Doppler", unit: "Hz" },
+        second: shown.own && shown.image.y.second ? { ...shown.image.y.second, name: FROM_LINE } : shown.image.y.second,
       },
     draw: drawMap,
   });
@@ -47,8 +50,21 @@ export function makeCadence({ session, band }) {
       codes: arrays[target.cadence_map.array],
       spectrum: target.cadence_spectrum,
       arrays,
+      own: target.aligned ? ownBand(target, arrays) : null,
     };
+    panel.heading.textContent = shown?.own ? `${TITLE} about the main line` : TITLE;
     redraw();
+  }
+
+  /** Band of a map whose Doppler counts from the main line: that of the signature is another. */
+  function ownBand({ cadence_band_hz: given, cadence_map: image }, arrays) {
+    return given ?? image.band_hz ?? occupied(image, arrays[image.array]);
+  }
+
+  function dopplerLimits() {
+    const whole = edges(shown.image.y);
+    if (!shown.own) return band() ?? whole;
+    return state.get("band") === "all" ? whole : shown.own;
   }
 
   function redraw() {
@@ -142,7 +158,8 @@ export function makeCadence({ session, band }) {
     const hertz = valueAt(image.y, row);
     const speed = image.y.second ? ` · ${fixed(hertz * image.y.second.scale, 3)} m/s` : "";
     const level = `${fixed(levelDb(image, codes, column, row), 2)} ${image.unit}`;
-    return `cadence ${fixed(valueAt(image.x, column), 3)} Hz · ${fixed(hertz, 2)} Hz${speed} · ${level}`;
+    const where = shown.own ? ` ${FROM_LINE}` : "";
+    return `cadence ${fixed(valueAt(image.x, column), 3)} Hz · ${fixed(hertz, 2)} Hz${speed}${where} · ${level}`;
   }
 
   function readSpectrum(cadence) {

@@ -9,7 +9,8 @@ export const MARGINS = { left: 58, right: 58, top: 4, bottom: 36 };
 export const CURSOR = "#ffffff";
 
 /**
- * Chart on a panel's body. `view()` gives `{x, y, second?}` as `drawAxes` takes them, or null while there is nothing;
+ * Chart on a panel's body. `view()` gives `{x, y, second?}` as `drawAxes` takes them (and other `margins`, where they
+ * depend on what is shown), or null while there is nothing;
  * `draw(context, chart)` paints inside the frame; `drawOver(context, chart)` what moves. `read(x, y)` gives the text for
  * the mouse at data coordinates; `drag(x)` is called for a click or drag.
  */
@@ -37,7 +38,8 @@ export function makeChart(panel, id, { label, view, draw, drawOver = () => {}, r
   function drawBase(context, { width, height }) {
     chart.view = view();
     if (!chart.view) return;
-    const box = { left: margins.left, top: margins.top, right: width - margins.right, bottom: height - margins.bottom };
+    const { left, top, right, bottom } = chart.view.margins ?? margins;
+    const box = { left, top, right: width - right, bottom: height - bottom };
     chart.box = box;
     chart.x = linear(chart.view.x.limits, [box.left, box.right]);
     chart.y = linear(chart.view.y.limits, [box.bottom, box.top]);

@@ -1,9 +1,10 @@
 // What to show: target, gate, colour map, range of levels, part of the Doppler axis, static clutter.
 
 import * as state from "./state.js";
-import { element, field, fillSelect } from "./ui.js";
+import { element, field, fillSelect, span, words } from "./ui.js";
 
 const GATE_WORDS = { track: "tracked", truth: "true range" };
+const STORED = ["result", "example"]; // kinds of runs that show what was stored until a gate is chosen
 const OWN = "own";
 const LEVEL_TITLE = "Levels at the ends of the colours, in dB relative to the strongest of each picture; empty: chosen by the picture";
 
@@ -15,21 +16,25 @@ export function makeControls(session) {
   const auto = element("button", { type: "button", title: "Levels as each picture chooses them", onclick: () => state.set({ lo: null, hi: null }) }, "auto");
   const map = makeSelect("map", "map", Object.keys(session.colour_maps).map((name) => [name, name]), session.default_map);
   const band = makeSelect("band", "band", [["occupied", "occupied"], ["all", "whole band"]], "occupied");
-  const clutter = makeSelect("clutter", "clutter", [["removed", "removed"], ["kept", "kept"]], "removed");
+  const clutter = element("select", { id: "clutter", onchange: () => state.set({ clutter: clutter.value }) });
+  const piece = element("select", { id: "piece", onchange: () => state.set({ piece: piece.value }) });
+  const pieces = field("piece", piece, "Stretch of steady motion that the signature, the map and the features come from");
+  pieces.hidden = true;
   const gate = makeGate(session);
   const node = element(
     "div",
     { class: "controls", role: "group", "aria-label": "What to show" },
     field("target", target),
+    pieces,
     gate.node,
-    field("static clutter", clutter, "What stands still, in the picture of range against time"),
+    field("static clutter", clutter, "What stands still: in all pictures, the features and the sound"),
     field("Doppler", band),
     field("colours", map),
     element("span", { class: "field", title: LEVEL_TITLE }, "levels ", low, " to ", high, " dB ", auto),
   );
   const stop = state.subscribe(restore);
   restore();
-  return { node, fillTargets, fillGates: gate.fill, destroy: stop };
+  return { node, fillTargets, fillPieces, fillGates: gate.fill, fillClutter, destroy: stop };
 
   function fillTargets(targets, selected) {
     const choices = targets.map((one) => [one.number, `${one.number + 1} of ${targets.length}: ${one.label || "target"} (${one.gate})`]);
@@ -37,8 +42,27 @@ export function makeControls(session) {
     target.disabled = choices.length < 2;
   }
 
+  /** Pieces of the chosen target; nothing to choose where there is one. */
+  function fillPieces(chosen) {
+    const list = chosen?.pieces ?? [];
+    pieces.hidden = list.length < 2 || !Number.isInteger(chosen.piece);
+    if (pieces.hidden) return;
+    const name = (number) => `${chosen.number}:${number}`;
+    const choices = list.map((ends, number) => [name(number), `${number + 1} of ${list.length}: ${span(ends)}`]);
+    fillSelect(piece, choices, name(chosen.piece));
+  }
+
+  /** How clutter was treated; results are as they were stored, and there is nothing to choose. */
+  function fillClutter({ kind, duration_s: duration, clutter: done }) {
+    const stored = duration === null || (STORED.includes(kind) && !state.get("gate"));
+    clutter.disabled = stored;
+    if (stored) return fillSelect(clutter, [["", "as stored"]], "");
+    const removed = done && done !== "none" ? `removed (${words(done)})` : "removed";
+    fillSelect(clutter, [["removed", removed], ["kept", "kept"]], done === "none" ? "kept" : "removed");
+  }
+
   function restore() {
-    for (const select of [map, band, clutter]) select.restore();
+    for (const select of [map, band]) select.restore();
     for (const input of [low, high]) input.value = state.get(input.name, "");
     gate.restore();
   }
@@ -75,10 +99,10 @@ function makeGate(session) {
 
   /** Gates of a recording: those of a stored result can only be chosen where its recording is there. */
   function fill({ kind, truth, duration_s: duration }) {
-    const first = { recording: session.default_gate, try: "truth" }[kind] ?? "as stored";
+    const first = STORED.includes(kind) ? "as stored" : kind === "try" ? "truth" : session.default_gate;
     const others = ["track", ...(truth?.length ? ["truth"] : [])].filter((gate) => gate !== first);
-    const words = [first, ...others].map((gate, n) => [n ? gate : "", GATE_WORDS[gate] ?? gate]);
-    choices = duration === null ? words.slice(0, 1) : [...words, [OWN, "fixed"]];
+    const named = [first, ...others].map((gate, n) => [n ? gate : "", GATE_WORDS[gate] ?? gate]);
+    choices = duration === null ? named.slice(0, 1) : [...named, [OWN, "fixed"]];
     restore();
   }
 

@@ -1,15 +1,15 @@
 // The dataset browser: filters beside counts, scatter, table and contact sheet; an example opens in the same place.
 
 import { getJson, getPayload, isAborted } from "./api.js";
+import * as asked from "./asked.js";
 import { makeBalance } from "./balance.js";
 import { makeFilters, addColumns } from "./filters.js";
 import { makeScatter } from "./scatter.js";
 import { makeSheet, SHEET_PAGE } from "./sheet.js";
 import * as state from "./state.js";
-import { counted, drawPages, makeTable } from "./table.js";
+import { counted, drawPages, lastPage, makeTable } from "./table.js";
 import { clearError, element, field, showError } from "./ui.js";
 
-const FILTER = "f."; // in the page's address filters stand apart from the other choices
 const TABLE_PAGE = 50;
 const STANDARD_AXES = ["feature_torso_velocity_mps", "feature_step_length_m"];
 
@@ -21,41 +21,48 @@ export async function show(container, session) {
   container.replaceChildren(list, opened);
   const parts = layout(list, facts);
   const numbers = facts.columns.filter((column) => column.kind === "number").map((column) => column.name);
-  const filters = makeFilters(parts.side, facts, session.class_colours, onFilters);
+  const filters = makeFilters(parts.side, facts, session.class_colours, asked.setFilters);
   const balance = makeBalance(parts.figures, session.class_colours);
   const scatter = makeScatter(parts.figures, facts, session.class_colours, { onAxes: (axes) => state.set(axes), onOpen });
   const table = makeTable(parts.table, facts, session.class_colours, { onSort, onOpen });
   const sheet = makeSheet(parts.sheet, session, { onOpen });
   const sorting = makeSorting(parts.tools, facts, onSort);
   const stop = state.subscribe(changed);
-  let ids = []; // of the page of the list, for going from one example to the next
   let example = null;
   let listed = false;
+  checkAddress();
   await follow();
   return { destroy };
 
-  function onFilters(pairs) {
-    const changes = { offset: null };
-    for (const [name] of ownFilters()) changes[FILTER + name] = null;
-    for (const [name, value] of pairs) (changes[FILTER + name] ??= []).push(value);
-    state.set(changes);
-  }
-
   function onSort(name, descending) {
-    state.set({ sort: name, descending: name && descending ? 1 : null, offset: null });
+    state.set({ sort: name, descending: name && descending ? 1 : null, offset: null }, { push: true });
   }
 
-  function onOpen(id) {
+  /** Open an example; `place` is its place in the list where that is known. */
+  function onOpen(id, place = null) {
     // the targets of a scene are one run; the number of a companion stands at the end of its id
     const companion = facts.origin === "simulated" ? /-c(\d+)$/.exec(id) : null;
-    state.set({ example: id, target: companion?.[1] ?? null, t: null }, { push: true });
+    state.set({ example: id, at: place, target: companion?.[1] ?? null, piece: null, t: null }, { push: true });
+  }
+
+  /** Leave out of the address what this dataset does not know, and say so. */
+  function checkAddress() {
+    const out = asked.takeOutUnknown(facts);
+    parts.leftOut.hidden = !out.length;
+    parts.leftOut.textContent = `Not known to this dataset, or contradictory, and so left out: ${out.join(", ")}`;
   }
 
   function changed(names) {
+    const filtered = [...names].some(asked.isFilter);
+    if (filtered || names.has("sort")) checkAddress();
+    const paged = ["sort", "descending", "offset", "view"].some((name) => names.has(name));
     if (names.has("example")) follow();
-    if (state.get("example")) return;
-    if ([...names].some((name) => name.startsWith(FILTER))) refresh();
-    else if (["sort", "descending", "offset", "view"].some((name) => names.has(name))) loadPage();
+    if (state.get("example")) {
+      if (filtered || paged) listed = false; // the list is made anew when the reader comes back to it
+      return;
+    }
+    if (filtered) refresh();
+    else if (paged) loadPage();
     if (names.has("x") || names.has("y")) loadScatter();
     if (names.has("map")) sheet.recolour();
   }
@@ -79,15 +86,16 @@ export async function show(container, session) {
     const { showExample } = await import("./example_page.js");
     if (state.get("example") !== id) return;
     example ??= showExample(opened, session, { onBack, onOpen });
-    example.open(id, ids);
+    example.open(id);
   }
 
   function onBack() {
-    state.set({ example: null, target: null, gate: null, t: null }, { push: true });
+    state.set({ example: null, at: null, target: null, piece: null, gate: null, t: null }, { push: true });
   }
 
   async function refresh() {
-    const wanted = ownFilters();
+    clearError(); // what it spoke of may be mended now
+    const wanted = asked.filters();
     // a form that says this already keeps its focus
     if (!listed || !sameFilters(filters.read(), wanted)) filters.show(wanted);
     listed = true;
@@ -96,7 +104,7 @@ export async function show(container, session) {
 
   function loadBalance() {
     return guarded(async () => {
-      const answer = await getJson("api/balance", query());
+      const answer = await getJson("api/balance", asked.query());
       parts.count.textContent = `${counted(answer.n_matching)} of ${counted(facts.n_rows)} rows`;
       balance.draw(answer);
     });
@@ -108,23 +116,29 @@ export async function show(container, session) {
     const standard = [...new Set(order.filter((name) => numbers.includes(name)))];
     standard.push(standard[0]); // for a dataset with one number
     const [x, y] = ["x", "y"].map((axis, n) => (numbers.includes(state.get(axis)) ? state.get(axis) : standard[n]));
-    return guarded(async () => scatter.draw(await getPayload("api/scatter", { ...query(), x, y })));
+    return guarded(async () => scatter.draw(await getPayload("api/scatter", { ...asked.query(), x, y })));
   }
 
   function loadPage() {
+    clearError();
     const asSheet = state.get("view") === "sheet";
     const size = asSheet ? SHEET_PAGE : TABLE_PAGE;
-    const offset = Math.floor(Math.max(state.getNumber("offset", 0), 0) / size) * size;
-    const [sort, descending] = [state.get("sort"), state.get("descending") ? 1 : null];
-    sorting.show(sort, descending);
+    const wanted = Math.min(Math.max(state.getNumber("offset", 0), 0), lastPage(facts.n_rows, size));
+    const params = { ...asked.listed(), offset: Math.floor(wanted / size) * size, limit: size };
+    sorting.show(params.sort, params.descending);
     parts.showView(asSheet);
     return guarded(async () => {
-      const asked = { ...query(), sort, descending, offset, limit: size };
-      const answer = asSheet ? await getPayload("api/sheet", asked, { key: "page" }) : await getJson("api/rows", asked, { key: "page" });
+      const answer = await (asSheet ? getPayload("api/sheet", params, { key: "page" }) : getJson("api/rows", params, { key: "page" }));
+      const { n_matching: total, offset } = asSheet ? answer.facts : answer;
+      const last = lastPage(total, size);
+      if (offset > last) { // an address of other times, or of other filters
+        state.set({ offset: last || null }, { quiet: true });
+        await loadPage();
+        return;
+      }
       if (asSheet) sheet.draw(answer);
-      else table.draw(answer, sort, Boolean(descending));
-      ids = asSheet ? answer.facts.ids : answer.rows.map((row) => row.id);
-      drawPages(parts.pages, asSheet ? answer.facts : answer, size, (to) => state.set({ offset: to || null }));
+      else table.draw(answer, params.sort, Boolean(params.descending));
+      drawPages(parts.pages, { n_matching: total, offset }, size, (to) => state.set({ offset: to || null }, { push: true }));
     });
   }
 
@@ -145,21 +159,9 @@ export async function show(container, session) {
   }
 }
 
-/** Filters in force, as the server takes them. */
-function ownFilters() {
-  const own = state.entries().filter(([name]) => name.startsWith(FILTER));
-  return own.map(([name, value]) => [name.slice(FILTER.length), value]);
-}
-
 function sameFilters(one, other) {
   const [first, second] = [one, other].map((pairs) => JSON.stringify(pairs.map((pair) => pair.join("=")).sort()));
   return first === second;
-}
-
-function query() {
-  const params = {};
-  for (const [name, value] of ownFilters()) (params[name] ??= []).push(value);
-  return params;
 }
 
 function layout(list, facts) {
@@ -169,7 +171,7 @@ function layout(list, facts) {
   const table = element("div", { class: "table-frame", tabindex: 0, role: "region", "aria-label": "Rows" });
   const sheet = element("div", { class: "sheet-frame", hidden: true });
   const views = [["table", "Table"], ["sheet", "Contact sheet"]].map(([view, text]) => element(
-    "button", { type: "button", id: `view-${view}`, onclick: () => state.set({ view: view === "table" ? null : view }) }, text,
+    "button", { type: "button", id: `view-${view}`, onclick: () => state.set({ view: view === "table" ? null : view }, { push: true }) }, text,
   ));
   const rows = element(
     "section", { class: "panel panel-rows", "aria-label": "Rows" },
@@ -178,10 +180,11 @@ function layout(list, facts) {
   );
   const title = element("h1", {}, facts.name, " ", element("small", {}, facts.origin), " ", count);
   const warning = facts.complete ? null : element("p", { class: "warning" }, "Some of the planned examples could not be made.");
-  const main = element("div", { class: "dataset-main" }, title, warning, figures, rows);
+  const leftOut = element("p", { id: "left-out", class: "warning", role: "status", hidden: true });
+  const main = element("div", { class: "dataset-main" }, title, warning, leftOut, figures, rows);
   const narrow = matchMedia("(max-width: 760px)").matches; // there the filters would push everything off the screen
   list.append(element("details", { class: "dataset-filters panel", open: !narrow }, element("summary", {}, "Filters"), side), main);
-  return { side, figures, tools, count, pages, table, sheet, main, showView };
+  return { side, figures, tools, count, leftOut, pages, table, sheet, main, showView };
 
   function showView(asSheet) {
     table.hidden = asSheet;

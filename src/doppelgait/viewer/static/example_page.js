@@ -1,36 +1,80 @@
 // An example of the dataset, opened: the page of its run below a bar that leads back and on.
 
+import { getJson, isAborted } from "./api.js";
+import { neighboursOf } from "./neighbours.js";
 import { showRun } from "./run_page.js";
-import { element } from "./ui.js";
+import * as state from "./state.js";
+import { element, showError } from "./ui.js";
 
-/** Bar and run in `container`; `open(id, ids)` shows an example, `ids` are those of the list that it came from. */
+const TRACKED = "The gate followed a track, which the dataset does not keep: no gate is drawn.";
+const ANEW = "Choose another gate than “as stored” to analyse the example anew, with its gate.";
+
+/** Bar and run in `container`; `open(id)` shows an example, `onOpen(id, place)` is called for the one before or behind it. */
 export function showExample(container, session, { onBack, onOpen }) {
   const name = element("strong", { id: "example-id" });
   const step = (id, text) => element("button", { type: "button", id }, text);
   const [back, previous, next] = [step("back", "← all rows"), step("example-previous", "previous"), step("example-next", "next")];
   const bar = element("div", { class: "example-bar" }, back, name, previous, next);
+  const note = element("p", { id: "gate-note", class: "faint example-note", hidden: true });
   const holder = element("div", {});
   // a gate of one's own is analysed anew; without one the stored arrays are shown
-  const gates = session.dataset.origin === "simulated" ? ["stored", "track", "truth"] : ["stored"];
+  const simulated = session.dataset.origin === "simulated";
+  const gates = simulated ? ["stored", "track", "truth"] : ["stored"];
   const own = { ...session, gates, default_gate: "stored" };
-  container.replaceChildren(bar, holder);
+  const gateColumn = session.dataset.columns.find((column) => column.name === "gate");
+  container.replaceChildren(bar, note, holder);
   let run = null;
+  let shown = null; // id
+  let tracked = false;
   back.onclick = onBack;
+  const stop = state.subscribe((names) => names.has("gate") && drawNote());
   return { open, destroy };
 
-  function open(id, ids) {
+  function open(id) {
+    shown = id;
     name.textContent = id;
-    const place = ids.indexOf(id);
-    for (const [button, to] of [[previous, ids[place - 1]], [next, place < 0 ? undefined : ids[place + 1]]]) {
-      button.disabled = to === undefined;
-      button.onclick = () => onOpen(to);
-    }
+    tracked = false;
+    drawNote();
+    follow({});
     if (run) run.update({ example: id });
     else run = showRun(holder, { example: id }, own);
+    guarded(id, () => neighboursOf(id, state.getNumber("at")), follow);
+    if (gateColumn?.values?.includes("track")) guarded(id, () => isTracked(id), (found) => { tracked = found; drawNote(); });
+  }
+
+  /** Let the buttons lead to the neighbours; what is not known leads nowhere. */
+  function follow({ place, previous: before, next: behind }) {
+    for (const [button, to, where] of [[previous, before, place - 1], [next, behind, place + 1]]) {
+      button.disabled = to === undefined;
+      button.onclick = () => onOpen(to, where);
+    }
+    if (place !== undefined) state.set({ at: place }, { quiet: true });
+  }
+
+  function drawNote() {
+    note.hidden = !tracked || Boolean(state.get("gate"));
+    note.textContent = simulated ? `${TRACKED} ${ANEW}` : TRACKED;
+  }
+
+  async function guarded(id, ask, take) {
+    try {
+      const answer = await ask();
+      if (shown === id) take(answer);
+    } catch (error) {
+      if (!isAborted(error) && shown === id) showError(error);
+    }
   }
 
   function destroy() {
+    shown = null;
+    stop();
     run?.destroy();
     container.replaceChildren();
   }
+}
+
+/** Whether the gate of an example was a track's; a part of another id may be this id. */
+async function isTracked(id) {
+  const { rows } = await getJson("api/rows", { gate: "track", text: id, limit: 500 }, { key: "tracked" });
+  return rows.some((row) => row.id === id);
 }

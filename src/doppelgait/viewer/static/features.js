@@ -1,7 +1,9 @@
 // Table of a target's features with deviation, unit and truth; its flags in words; quality and further features.
 
-import { element, fixed, makePanel, significant, words } from "./ui.js";
+import { element, fixed, flagWords, makePanel, shownPiece, significant, span, words } from "./ui.js";
 
+/** Least true value that a deviation is given in per cent of, by unit: below it a share says nothing. */
+const LEAST = { "m/s": 0.1, Hz: 0.2, m: 0.05, 1: 0.02 };
 const UNITS = { mps: "m/s", hz: "Hz", m: "m", s: "s", db: "dB", deg: "°", m2: "m²", kg: "kg" };
 
 /** Words and unit of a column from its name: "ground speed", "m/s". */
@@ -16,7 +18,8 @@ export function makeFeatures({ session }) {
   return { node: panel.node, show, say: panel.say };
 
   function show(target) {
-    panel.heading.textContent = target ? `Features of ${target.label || "the target"}` : "Features";
+    const title = target ? `Features of ${target.label || "the target"}` : "Features";
+    panel.heading.textContent = [title, span(shownPiece(target))].filter(Boolean).join(", ");
     panel.body.replaceChildren(...(target ? contents(target) : []).filter(Boolean));
   }
 
@@ -41,25 +44,34 @@ export function makeFeatures({ session }) {
 
   function featureRow(name, unit, target, key, truth) {
     const value = target.features[key];
-    const deviation = target.standard_deviation?.[key];
-    const cells = [name, significant(value), significant(deviation, 2), unit === "1" ? "" : unit];
-    const node = row("td", [...cells, truthText(truth[key], value)]);
+    const deviation = deviationOf(target, key);
+    const cells = [words(name), significant(value), significant(deviation, 2), unit === "1" ? "" : unit];
+    const node = row("td", [...cells, compared(truth[key], { value, deviation, unit })]);
     if (value === null || value === undefined) node.title = "not determined; the flags below say why";
     return node;
   }
+}
 
-  function truthText(truth, value) {
-    if (truth === null || truth === undefined) return "–";
-    if (typeof truth !== "number") return String(truth);
-    if (!Number.isFinite(value) || truth === 0) return significant(truth);
-    const off = Math.round((100 * (value - truth)) / Math.abs(truth));
-    return `${significant(truth)} (${off > 0 ? "+" : ""}${fixed(off, 0)} %)`;
-  }
+/** Standard deviation of a feature; the torso's Doppler has that of its velocity, in Hz. */
+function deviationOf({ features, standard_deviation: known }, key) {
+  if (key !== "torso_doppler_hz" || Number.isFinite(known?.[key])) return known?.[key];
+  const deviation = (known?.torso_velocity_mps ?? NaN) * Math.abs(features.torso_doppler_hz / features.torso_velocity_mps);
+  return Number.isFinite(deviation) ? deviation : null;
+}
+
+/** The true value and, in per cent of it, how far off the found one is; no share of what is next to zero. */
+export function compared(truth, { value, deviation = null, unit = "" }) {
+  if (truth === null || truth === undefined) return "–";
+  if (typeof truth !== "number") return words(truth);
+  const least = Math.max(LEAST[unit] ?? 1e-6, deviation ?? 0);
+  if (!Number.isFinite(value) || Math.abs(truth) < least) return significant(truth);
+  const off = Math.round((100 * (value - truth)) / Math.abs(truth));
+  return `${significant(truth)} (${off > 0 ? "+" : ""}${fixed(off, 0)} %)`;
 }
 
 function flagList(flags) {
   if (!flags.length) return element("p", { class: "flags none" }, "No flags: nothing speaks against these values.");
-  return element("ul", { class: "flags", "aria-label": "Flags" }, flags.map((flag) => element("li", {}, words(flag))));
+  return element("ul", { class: "flags", "aria-label": "Flags" }, flags.map((flag) => element("li", {}, flagWords(flag))));
 }
 
 function details(title, pairs, deviations = {}) {

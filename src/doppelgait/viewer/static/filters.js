@@ -1,8 +1,9 @@
 // Filter form of the dataset browser. What is chosen leaves as [name, value] pairs, exactly what the server takes.
 
-import { element, significant, words } from "./ui.js";
+import { element, flagWords, significant } from "./ui.js";
 
 const USUAL = 8; // values of a category that are all shown as switches; more become a list to choose from
+const TYPING_MS = 250; // after this pause what has been typed is meant
 
 /** Form in `container`; `onChange(pairs)` is called whenever the reader has changed something. */
 export function makeFilters(container, facts, colours, onChange) {
@@ -87,14 +88,30 @@ function valuesOf(pairs, name) {
 }
 
 function textFilter(changed) {
+  let waiting = null;
   const input = element("input", {
-    type: "search", id: "filter-text", placeholder: "part of the id", autocomplete: "off", onchange: changed,
+    type: "search", id: "filter-text", placeholder: "part of the id", autocomplete: "off", onchange: now, oninput: soon,
   });
   return {
     node: labelled("id", input),
     read: () => (input.value ? [["text", input.value]] : []),
-    show: (pairs) => { input.value = valuesOf(pairs, "text")[0] ?? ""; },
+    show,
   };
+
+  function now() {
+    clearTimeout(waiting);
+    changed();
+  }
+
+  function soon() {
+    clearTimeout(waiting);
+    waiting = setTimeout(() => input.isConnected && changed(), TYPING_MS);
+  }
+
+  function show(pairs) {
+    clearTimeout(waiting);
+    input.value = valuesOf(pairs, "text")[0] ?? "";
+  }
 }
 
 function categoryFilter(column, colours, changed) {
@@ -142,23 +159,48 @@ function longCategoryFilter(column, changed) {
 function numberFilter(column, changed) {
   const [low, high] = [["min", "at least", column.low], ["max", "at most", column.high]].map(([side, sense, end]) =>
     element("input", {
-      type: "number", step: "any", name: `${column.name}.${side}`, placeholder: significant(end), onchange: changed,
+      type: "number", step: "any", name: `${column.name}.${side}`, placeholder: significant(end), onchange,
       "aria-label": `${columnWords(column)}, ${sense}`,
     }));
   const pair = element("div", { class: "pair" }, low, "to", high);
+  const fault = element("p", { class: "fault", role: "status", hidden: true });
   return {
-    node: element("fieldset", { class: "filter" }, element("legend", {}, columnWords(column)), pair),
-    read: () => [low, high].filter((input) => input.value !== "").map((input) => [input.name, input.value]),
-    show: (pairs) => { for (const input of [low, high]) input.value = valuesOf(pairs, input.name)[0] ?? ""; },
+    node: element("fieldset", { class: "filter" }, element("legend", {}, columnWords(column)), pair, fault),
+    read: () => (reason() ? [] : [low, high].filter((input) => input.value !== "").map((input) => [input.name, input.value])),
+    show,
     focus: () => low.focus(),
   };
+
+  function onchange() {
+    mark();
+    changed();
+  }
+
+  function show(pairs) {
+    for (const input of [low, high]) input.value = valuesOf(pairs, input.name)[0] ?? "";
+    mark();
+  }
+
+  /** Why these limits cannot be used, or null. */
+  function reason() {
+    if (low.validity.badInput || high.validity.badInput) return "This is no number";
+    const crossed = low.value !== "" && high.value !== "" && low.valueAsNumber > high.valueAsNumber;
+    return crossed ? "The first limit is above the second" : null;
+  }
+
+  function mark() {
+    const found = reason();
+    fault.textContent = found ? `${found}: not used.` : "";
+    fault.hidden = !found;
+    for (const input of [low, high]) input.setAttribute("aria-invalid", String(Boolean(found)));
+  }
 }
 
 // One list each for what a row has and what it has not; further ones and patterns can come by the address.
 function flagFilter(counts, changed) {
   const keys = ["flag", "no_flag"];
   const choices = [["", "any"], ["*", "any flag at all"]];
-  choices.push(...Object.entries(counts).map(([flag, count]) => [flag, `${words(flag)} (${count})`]));
+  choices.push(...Object.entries(counts).map(([flag, count]) => [flag, `${flagWords(flag)} (${count})`]));
   const selects = keys.map((key) => element(
     "select", { id: `filter-${key}`, onchange: changed }, choices.map(([value, text]) => element("option", { value }, text)),
   ));

@@ -11,6 +11,8 @@ const TABS = {
   dataset: { words: "Dataset", show: async (...given) => (await import("./dataset_page.js")).show(...given) },
   try: { words: "Try it", show: async (...given) => (await import("./try_page.js")).show(...given) },
 };
+/** Choices that mean something else, or nothing, in another tab. */
+const OF_ONE_RUN = ["gate", "target", "piece", "clutter", "t"];
 let shown = null; // {name, page} of the open tab
 let opening = 0;
 
@@ -49,10 +51,16 @@ function makeTabs(session, names) {
   const make = (name) =>
     element(
       "button",
-      { id: `tab-${name}`, type: "button", role: "tab", "data-tab": name, onclick: () => state.set({ tab: name === names[0] ? null : name }, { push: true }) },
+      { id: `tab-${name}`, type: "button", role: "tab", "data-tab": name, onclick: () => change(name, names) },
       TABS[name].words,
     );
   document.getElementById("tabs").replaceChildren(...names.map(make));
+}
+
+function change(name, names) {
+  if (name === shown?.name) return;
+  const dropped = Object.fromEntries(OF_ONE_RUN.map((key) => [key, null]));
+  state.set({ ...dropped, tab: name === names[0] ? null : name }, { push: true });
 }
 
 function followTheme() {

@@ -10,7 +10,7 @@ import { element, fixed, makePanel, showError } from "./ui.js";
 const CHUNK = 32;
 const AHEAD = 2; // chunks asked for before the cursor reaches them
 
-export function makeRangeDoppler({ session, clock, band }) {
+export function makeRangeDoppler({ session, clock, widest }) {
   const panel = makePanel("range-doppler", "Range-Doppler");
   const picture = element("canvas");
   const bar = makeBar(panel.tools, session);
@@ -26,7 +26,7 @@ export function makeRangeDoppler({ session, clock, band }) {
     view: () =>
       image && {
         x: { limits: edges(image.x), name: "range", unit: "m" },
-        y: { limits: band() ?? edges(image.y), name: "Doppler", unit: "Hz" },
+        y: { limits: widest() ?? edges(image.y), name: "Doppler", unit: "Hz" },
         second: image.y.second,
       },
     draw,
@@ -129,11 +129,19 @@ export function makeRangeDoppler({ session, clock, band }) {
     context.font = "11px system-ui, sans-serif";
     context.textAlign = "right";
     const label = `CPI at ${fixed(valueAt(image.time, drawn), 2)} s`;
-    context.lineWidth = 3;
-    context.strokeStyle = "rgba(0, 0, 0, 0.7)";
-    context.strokeText(label, chart.box.right - 6, chart.box.top + 15);
+    const { left, right, top } = chart.box;
+    const width = context.measureText(label).width + 10;
+    const end = isGated(right - width) ? left + width : right;
+    context.fillStyle = "rgba(0, 0, 0, 0.6)";
+    context.fillRect(end - width, top, width, 20);
     context.fillStyle = "#fff";
-    context.fillText(label, chart.box.right - 6, chart.box.top + 15);
+    context.fillText(label, end - 5, top + 14);
+  }
+
+  /** Whether the gate of a target at the cursor reaches beyond a pixel, to the right. */
+  function isGated(from) {
+    const gates = (targets?.targets ?? []).map((target) => gateAt(target, targets.arrays, clock.time));
+    return gates.some((gate) => gate && chart.x(gate[1]) > from);
   }
 
   function drawGate(context, [low, high], number) {

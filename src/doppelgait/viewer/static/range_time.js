@@ -8,6 +8,9 @@ import { element, fixed, makePanel } from "./ui.js";
 /** Colours of the gates by number of the target; none of them occurs in the maps. */
 export const GATE_COLOURS = ["#35d0ff", "#9cff57", "#ffffff", "#ff9cf5", "#ffe14d", "#b9a7ff"];
 
+/** Margins while the signature below has the same time axis, with its numbers. */
+const ABOVE = { ...MARGINS, bottom: 10 };
+
 export function gateColour(number) {
   return GATE_COLOURS[number % GATE_COLOURS.length];
 }
@@ -37,12 +40,12 @@ export function makeRangeTime({ session, clock }) {
   let targets = null; // {targets, arrays, selected}
   const chart = makeChart(panel, "range-time", {
     label: "Range against time; click to move the time cursor",
-    margins: { ...MARGINS, bottom: 10 }, // the signature below has the same time axis, with its numbers
     drag: (time) => clock.seek(time),
     read,
     view: () =>
       shown && {
-        x: { limits: [clock.start, clock.stop], name: "time", unit: "s", labels: false },
+        margins: isAlone() ? MARGINS : ABOVE,
+        x: { limits: [clock.start, clock.stop], name: "time", unit: "s", labels: isAlone() },
         y: { limits: edges(shown.image.y), name: "range", unit: "m" },
       },
     draw,
@@ -60,6 +63,11 @@ export function makeRangeTime({ session, clock }) {
   function showTargets(next) {
     targets = next;
     chart.redraw();
+  }
+
+  /** Whether no signature stands below, once that is known. */
+  function isAlone() {
+    return targets !== null && !targets.targets[targets.selected]?.signature;
   }
 
   function redraw() {

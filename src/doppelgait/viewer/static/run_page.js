@@ -12,8 +12,9 @@ import { makeRangeTime } from "./range_time.js";
 import { makeScene } from "./scene.js";
 import { makeSignature } from "./signature.js";
 import * as state from "./state.js";
+import { makeStatus } from "./status.js";
 import { makeTransport, restoreClock } from "./transport.js";
-import { clearError, element, showError } from "./ui.js";
+import { clearError, element, fixed, showError } from "./ui.js";
 
 /**
  * Show a run in a container.
@@ -23,21 +24,25 @@ import { clearError, element, showError } from "./ui.js";
  */
 export function showRun(container, reference, session) {
   const clock = makeClock();
-  const page = { session, clock, band: () => band() };
+  const page = { session, clock, band: () => band(), widest: () => widest() };
   const panels = {
     rangeTime: makeRangeTime(page), signature: makeSignature(page), scene: makeScene(page),
     rangeDoppler: makeRangeDoppler(page), cadence: makeCadence(page), features: makeFeatures(page),
   };
   const transport = makeTransport(clock);
   const controls = makeControls(session);
+  const status = makeStatus();
   const facts = element("dl", { id: "facts", class: "facts", "aria-label": "The recording" });
   const notes = element("ul", { class: "notes", "aria-label": "Notes" });
   const warnings = element("ul", { class: "notes", "aria-label": "Warnings of the analysis" });
+  controls.node.append(status.node);
   const node = element("div", { class: "run" }, transport.node, controls.node, facts, notes, warnings, layout(panels));
   let targets = { targets: [], arrays: {}, selected: 0 };
-  let doppler = null; // limits of all Doppler axes
+  let recorded = null; // facts of the recording
+  let bands = []; // occupied part of the Doppler axis, by target
   let restored = false; // whether the time has been taken from the address
   let job = 0; // number of the newest load; answers to older ones are dropped
+  let waiting = 0; // loads on their way
   const endings = [
     clock.subscribe(tick), state.subscribe(changed), listenToKeys(clock, moveTarget), controls.destroy, clock.destroy,
   ];
@@ -49,33 +54,53 @@ export function showRun(container, reference, session) {
 
   function update(next) {
     reference = next;
+    state.set({ piece: null }, { quiet: true }); // one of another run
     return load();
   }
 
   async function load() {
     const mine = ++job;
     clearError();
-    node.classList.add("loading");
-    const results = loadTargets(mine); // at the same time: the analysis takes longest
-    const recording = await loadRecording(mine);
-    await results;
+    recorded = null;
+    // at the same time: the analysis takes longest
+    await busy(Promise.all([loadRecording(mine), loadTargets(mine)]));
     if (mine !== job) return;
-    if (recording && recording.facts.duration_s === null) withoutRecording();
-    node.classList.remove("loading");
+    if (recorded?.duration_s === null) withoutRecording();
+    sound?.refuse(silence());
     sound?.renew();
+  }
+
+  /** The page says what it waits for until all that is on its way has come. */
+  async function busy(work) {
+    node.classList.add("loading");
+    if (!waiting++) status.begin(waitingFor);
+    await work;
+    if (--waiting) return;
+    node.classList.remove("loading");
+    status.end();
+  }
+
+  function waitingFor() {
+    if (!recorded) return reference.try ? "simulating" : "reading";
+    return recorded.duration_s === null ? "reading the result" : `analysing ${fixed(recorded.duration_s, 0)} s`;
   }
 
   async function loadRecording(mine) {
     try {
-      const recording = await getPayload("api/recording", { ...named(), ...clutter() });
-      if (mine !== job) return null;
+      const recording = await getPayload("api/recording", named());
+      if (mine !== job) return;
       showRecording(recording);
       panels.rangeDoppler.load(named(), recording.facts.reason);
-      return recording;
     } catch (error) {
       if (!isAborted(error)) showError(error);
-      return null;
     }
+  }
+
+  /** Why there is nothing to hear; null where there is. */
+  function silence() {
+    if (recorded?.no_sound) return recorded.no_sound;
+    if (recorded?.duration_s === null) return "A result has no recording to listen to.";
+    return targets.targets.some((target) => target.gate_limits) ? null : "There is no target with a gate to listen to.";
   }
 
   /** Results without their recording: the signature says how long they are. */
@@ -84,29 +109,27 @@ export function showRun(container, reference, session) {
     if (signature) setTime(...edges(signature.x));
   }
 
-  /** Parameters of the run and its gate. */
+  /** Parameters of the run, and of how it is analysed. */
   function named() {
-    return { ...reference, gate: state.get("gate") };
+    return { ...reference, gate: state.get("gate"), clutter: state.get("clutter") };
   }
 
   async function loadTargets(mine) {
     try {
-      const answer = await getPayload("api/targets", named());
+      const answer = await getPayload("api/targets", { ...named(), piece: state.get("piece") });
       if (mine === job) showTargets(answer);
     } catch (error) {
       if (!isAborted(error) && mine === job) withoutTargets(error.message);
     }
   }
 
-  function clutter() {
-    return { clutter: state.get("clutter") === "kept" ? "kept" : "removed" };
-  }
-
   function showRecording(recording) {
-    const { start_s: start, duration_s: duration } = recording.facts;
+    recorded = recording.facts;
+    const { start_s: start, duration_s: duration } = recorded;
     if (duration !== null) setTime(start, start + duration);
     showFacts(recording.facts);
     controls.fillGates(recording.facts);
+    controls.fillClutter(recording.facts);
     panels.rangeTime.show(recording);
     panels.scene.show(recording);
     panels.signature.showTruth(recording);
@@ -131,7 +154,6 @@ export function showRun(container, reference, session) {
   function showTargets({ facts: { targets: found, reason, notes: said }, arrays }) {
     targets = { targets: found, arrays, selected: 0 };
     list(warnings, said ?? []);
-    clearError();
     if (!found.length) withoutTargets(reason ?? "No target was found.");
     else select();
     performance.mark("targets-shown");
@@ -139,7 +161,6 @@ export function showRun(container, reference, session) {
 
   function withoutTargets(reason) {
     targets = { targets: [], arrays: {}, selected: 0 };
-    doppler = null;
     select();
     for (const panel of [panels.signature, panels.cadence, panels.features]) panel.say(reason);
   }
@@ -151,7 +172,8 @@ export function showRun(container, reference, session) {
     const target = targets.targets[targets.selected] ?? null;
     const { arrays } = targets;
     controls.fillTargets(targets.targets, targets.selected);
-    doppler = target?.signature ? occupied(target.signature, arrays[target.signature.array]) : null;
+    controls.fillPieces(target);
+    bands = targets.targets.map(({ signature }) => (signature ? occupied(signature, arrays[signature.array]) : null));
     showOrSay(panels.signature, target?.signature, "The signature of this target was not kept.", target, arrays);
     showOrSay(panels.cadence, target?.cadence_map, "The step-Doppler map of this target was not kept.", target, arrays);
     showOrSay(panels.features, target, null, target, arrays);
@@ -165,7 +187,14 @@ export function showRun(container, reference, session) {
 
   function band() {
     const signature = targets.targets[targets.selected]?.signature;
-    return state.get("band") === "all" && signature ? edges(signature.y) : doppler;
+    return state.get("band") === "all" && signature ? edges(signature.y) : bands[targets.selected] ?? null;
+  }
+
+  /** Band in which every target is seen. */
+  function widest() {
+    const known = state.get("band") === "all" ? [band()] : bands;
+    const [lows, highs] = [0, 1].map((end) => known.filter(Boolean).map((one) => one[end]));
+    return lows.length ? [Math.min(...lows), Math.max(...highs)] : null;
   }
 
   function moveTarget(by) {
@@ -182,28 +211,25 @@ export function showRun(container, reference, session) {
   }
 
   function changed(names) {
-    if (names.has("gate")) load();
+    if (names.has("gate") || names.has("clutter")) {
+      if (!names.has("piece")) state.set({ piece: null }, { quiet: true }); // there may be others now
+      load();
+    } else if (names.has("piece")) busy(loadTargets(job));
     else if (names.has("target")) select();
-    if (names.has("clutter")) loadRangeTime();
     if (["map", "lo", "hi", "band"].some((name) => names.has(name))) redraw();
     if (names.has("t")) clock.seek(state.getNumber("t", clock.start));
   }
 
-  async function loadRangeTime() {
-    try {
-      panels.rangeTime.show(await getPayload("api/recording", { ...named(), ...clutter() }));
-    } catch (error) {
-      if (!isAborted(error)) showError(error);
-    }
-  }
-
   async function hangSound() {
     const { attachSound } = await import("./sound.js");
-    if (node.isConnected) sound = attachSound(transport, clock, named);
+    if (!node.isConnected) return;
+    sound = attachSound(transport, clock, named);
+    if (!waiting) sound.refuse(silence());
   }
 
   function destroy() {
     job += 1;
+    status.end();
     sound?.destroy();
     for (const end of endings) end();
     for (const panel of Object.values(panels)) panel.destroy?.();

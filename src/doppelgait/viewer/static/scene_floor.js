@@ -69,7 +69,10 @@ function drawMetres(context, camera, { x, y }, colours) {
 
 function text(context, camera, point, words) {
   const place = camera.project(point);
-  if (place) context.fillText(words, place.x, place.y);
+  if (!place) return;
+  const [half, width] = [context.measureText(words).width / 2 + 2, context.canvas.clientWidth];
+  const inside = place.x > 0 && place.x < width; // then all of the text is to be
+  context.fillText(words, inside ? Math.min(Math.max(place.x, half), width - half) : place.x, place.y);
 }
 
 /** Arc on the floor at a slant range from the radar; none below its height. */

@@ -3,7 +3,7 @@
 import { table as colourTable } from "./levels.js";
 import { dot } from "./filters.js";
 import { paint } from "./picture.js";
-import { element, fixed, significant, words } from "./ui.js";
+import { element, fixed, significant } from "./ui.js";
 
 export const SHEET_PAGE = 24;
 
@@ -23,20 +23,20 @@ export function makeSheet(container, session, { onOpen }) {
     const cards = facts.ids.map((id, n) => {
       const reason = facts.reasons[n];
       const codes = reason || !image ? null : arrays[image.array].subarray(n * size, (n + 1) * size);
-      return card(id, facts.labels[n], facts.captions[n], reason, codes, [columns, rows]);
+      return card({ id, label: facts.labels[n], caption: facts.captions[n], reason }, facts.offset + n, codes, [columns, rows]);
     });
     grid.replaceChildren(...cards);
     note.textContent = image ? axesText(image) : cards.length ? "" : "No row fits these filters.";
     recolour();
   }
 
-  function card(id, label, caption, reason, codes, shape) {
+  function card({ id, label, caption, reason }, place, codes, shape) {
     const canvas = codes ? element("canvas", { role: "img", "aria-label": `Signature of ${id}` }) : null;
     if (canvas) drawn.push({ canvas, codes, shape });
     const colour = session.class_colours[label];
     return element(
-      "button", { type: "button", class: "card", "data-id": id, title: id, onclick: () => onOpen(id) },
-      canvas ?? element("span", { class: "missing" }, words(reason ?? "not shown")),
+      "button", { type: "button", class: "card", "data-id": id, title: id, onclick: () => onOpen(id, place) },
+      canvas ?? element("span", { class: "missing" }, reason ?? "not shown"),
       element("span", { class: "card-id" }, colour ? dot(colour) : null, id),
       element("small", {}, caption),
     );

@@ -4,11 +4,13 @@ import { drawCursor, drawLine, drawPicture, makeChart, withEdge } from "./chart.
 import { makeBar, makeTones } from "./levels.js";
 import { cellAt, levelDb, paint, valueAt } from "./picture.js";
 import * as state from "./state.js";
-import { element, fixed, makePanel } from "./ui.js";
+import { bodyOf } from "./truth.js";
+import { element, fixed, makePanel, shownPiece, span } from "./ui.js";
 
 const MAIN_LINE = "#35d0ff";
 const PIECE = "#ffe14d";
 const DASHES = [[], [5, 3], [2, 3], [7, 3, 2, 3]];
+const OTHER_BODY = 0.3; // opacity of the true Doppler of bodies that are not the chosen target
 const EXTRAS = [["main-line", "main line", MAIN_LINE], ["pieces", "pieces", PIECE]];
 
 export function makeSignature({ session, clock, band }) {
@@ -44,7 +46,16 @@ export function makeSignature({ session, clock, band }) {
   /** Show a target's signature; null for none. */
   function show(target, arrays) {
     shown = target && { image: target.signature, codes: arrays[target.signature.array], target, arrays };
+    panel.heading.textContent = title(target);
     redraw();
+  }
+
+  /** A long track is analysed in pieces, and the picture is that of one. */
+  function title(target) {
+    const piece = shownPiece(target);
+    if (!piece) return "Micro-Doppler signature";
+    const which = target.pieces.length > 1 ? `piece ${target.piece + 1} of ${target.pieces.length}, ` : "";
+    return `Micro-Doppler signature, ${which}${span(piece)}`;
   }
 
   function redraw() {
@@ -101,10 +112,13 @@ export function makeSignature({ session, clock, band }) {
   function draw(context) {
     drawPicture(context, chart, picture, shown.image);
     const keys = chosen();
+    const own = bodyOf(shown.target, shown.arrays, truth);
     for (const [number, one] of truth.list.entries()) {
+      context.globalAlpha = number === own ? 1 : OTHER_BODY;
       if (one.doppler) drawTruth(context, one.doppler, number, keys);
     }
-    if (keys.has("pieces")) drawPieces(context, shown.target.pieces ?? []);
+    context.globalAlpha = 1;
+    if (keys.has("pieces")) drawPieces(context, shown.target);
     if (keys.has("main-line") && shown.target.main_line) drawMainLine(context);
   }
 
@@ -128,12 +142,14 @@ export function makeSignature({ session, clock, band }) {
     context.setLineDash([]);
   }
 
-  function drawPieces(context, pieces) {
+  function drawPieces(context, { pieces, piece }) {
     const { top, bottom } = chart.box;
-    for (const [start, stop] of pieces) {
+    for (const [number, [start, stop]] of (pieces ?? []).entries()) {
       const [from, to] = [chart.x(start), chart.x(stop)];
+      context.setLineDash(number === (piece ?? number) ? [] : [4, 4]); // dashed: another than the one shown
       withEdge(context, PIECE, 1.5, () => context.strokeRect(from + 1, top + 2, to - from - 2, bottom - top - 4));
     }
+    context.setLineDash([]);
   }
 
   function read(time, doppler) {

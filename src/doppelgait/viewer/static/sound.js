@@ -8,8 +8,11 @@ const PITCHES = [["", "auto"], ["1", "1 ×"], ["2", "2 ×"], ["4", "4 ×"], ["8"
 const EARS = [["", "I | Q"], ["sides", "approaching | receding"]];
 const MOST_DRIFT_S = 0.04;
 
+const TITLE = "Hear the Doppler signal of the target while playing";
+
 /**
  * Hang the sound into a transport; `named()` gives the parameters that name the run and its gate as they are now.
+ * `refuse(reason)` puts the button out of use, with the reason beside it; null puts it back.
  *
  * The clock leads: the sound plays, pauses, seeks and changes its speed with it, and is set right where it drifts.
  */
@@ -17,7 +20,7 @@ export function attachSound(transport, clock, named) {
   const audio = element("audio", { id: "sound-audio" });
   const button = element(
     "button",
-    { id: "sound", type: "button", "aria-pressed": "false", title: "Hear the Doppler signal of the target while playing", onclick: toggle },
+    { id: "sound", type: "button", "aria-pressed": "false", title: TITLE, onclick: toggle },
     "Sound",
   );
   const pitch = choice("pitch", PITCHES);
@@ -33,8 +36,8 @@ export function attachSound(transport, clock, named) {
   transport.node.append(...nodes);
   show();
   audio.preservesPitch = false;
-  const stops = [clock.subscribe(follow), state.subscribe((names) => ["target", "gate", "pitch", "ears"].some((name) => names.has(name)) && renew())];
-  return { renew, destroy, audio };
+  const stops = [clock.subscribe(follow), state.subscribe((names) => ["target", "pitch", "ears"].some((name) => names.has(name)) && renew())];
+  return { renew, refuse, destroy, audio };
 
   function choice(name, choices) {
     const select = element("select", { id: `sound-${name}`, onchange: () => state.set({ [name]: select.value }) });
@@ -47,6 +50,13 @@ export function attachSound(transport, clock, named) {
     show();
     if (on) renew();
     else audio.pause();
+  }
+
+  function refuse(reason) {
+    if (reason && on) toggle();
+    button.disabled = Boolean(reason);
+    button.title = reason ?? TITLE;
+    button.setAttribute("aria-description", reason ?? "");
   }
 
   function show() {

@@ -50,7 +50,8 @@ export function subscribe(listener) {
 }
 
 function tell(names) {
-  for (const listener of [...listeners]) listener(names);
+  // one listener may end another: the page of the tab that is left must not follow
+  for (const listener of [...listeners]) if (listeners.has(listener)) listener(names);
 }
 
 function write(push) {

@@ -1,9 +1,9 @@
 // Table of the dataset browser: one page of rows, sorted by the server.
 
 import { columnWords, dot } from "./filters.js";
-import { element, significant, words } from "./ui.js";
+import { element, flagWords, significant } from "./ui.js";
 
-/** Table in `container`; `onSort(column, descending)`, `onOpen(id)`. `draw(answer, sort, descending)` shows a page. */
+/** Table in `container`; `onSort(column, descending)`, `onOpen(id, place)`. `draw(answer, sort, descending)` shows a page. */
 export function makeTable(container, facts, colours, { onSort, onOpen }) {
   const byName = new Map(facts.columns.map((column) => [column.name, column]));
   const head = element("tr");
@@ -13,7 +13,7 @@ export function makeTable(container, facts, colours, { onSort, onOpen }) {
 
   function draw(answer, sort, descending) {
     head.replaceChildren(...answer.columns.map((name) => heading(name, sort, descending)));
-    body.replaceChildren(...answer.rows.map((row) => line(row, answer.columns)));
+    body.replaceChildren(...answer.rows.map((row, n) => line(row, answer.columns, answer.offset + n)));
     if (!answer.rows.length) body.append(emptyLine(answer.columns.length));
   }
 
@@ -29,27 +29,27 @@ export function makeTable(container, facts, colours, { onSort, onOpen }) {
     return element("th", { scope: "col", class: column.kind, "aria-sort": order, "data-column": name }, button);
   }
 
-  function line(row, columns) {
+  function line(row, columns, place) {
     const cells = columns.map((name) => cell(row[name], name));
     return element(
       "tr",
-      { tabindex: 0, "data-id": row.id, onclick: () => onOpen(row.id), onkeydown: (event) => onKey(event, row.id) },
+      { tabindex: 0, "data-id": row.id, onclick: () => onOpen(row.id, place), onkeydown: (event) => onKey(event, row.id, place) },
       cells,
     );
   }
 
-  function onKey(event, id) {
+  function onKey(event, id, place) {
     if (event.key !== "Enter") return;
     event.preventDefault();
-    onOpen(id);
+    onOpen(id, place);
   }
 
   function cell(value, name) {
     const kind = byName.get(name)?.kind ?? "text";
-    if (name === "flags") return element("td", { class: "flag-list", title: words(value ?? "").replaceAll(";", "\n") }, short(value));
+    if (name === "flags") return element("td", { class: "flag-list", title: (value ?? "").split(";").map(flagWords).join("\n") }, short(value));
     const text = typeof value === "number" ? significant(value, 4) : value ?? "–";
     const spot = name === "label" && colours[value] ? dot(colours[value]) : null;
-    return element("td", { class: kind }, spot, text);
+    return element("td", { class: kind, title: kind === "number" ? null : text }, spot, text);
   }
 }
 
@@ -57,7 +57,6 @@ export function makeTable(container, facts, colours, { onSort, onOpen }) {
 export function drawPages(container, answer, size, onPage) {
   const total = answer.n_matching;
   const [first, last] = [total ? answer.offset + 1 : 0, Math.min(answer.offset + size, total)];
-  const end = Math.floor(Math.max(total - 1, 0) / size) * size;
   const step = (name, offset, disabled) => element(
     "button", { type: "button", id: `page-${name}`, disabled, onclick: () => onPage(Math.max(offset, 0)) }, name,
   );
@@ -65,8 +64,13 @@ export function drawPages(container, answer, size, onPage) {
   container.replaceChildren(
     step("first", 0, atStart), step("previous", answer.offset - size, atStart),
     element("output", {}, `${counted(Math.min(first, last))}–${counted(last)} of ${counted(total)}`),
-    step("next", answer.offset + size, atEnd), step("last", end, atEnd),
+    step("next", answer.offset + size, atEnd), step("last", lastPage(total, size), atEnd),
   );
+}
+
+/** First row of the last page. */
+export function lastPage(total, size) {
+  return Math.floor(Math.max(total - 1, 0) / size) * size;
 }
 
 /** A count with thin spaces between thousands. */
@@ -80,6 +84,6 @@ function emptyLine(columns) {
 
 // The quantity tells enough in a narrow column; the reason stands in the title.
 function short(flags) {
-  const names = (flags ?? "").split(";").filter(Boolean).map((flag) => words(flag.split(":")[0]));
+  const names = (flags ?? "").split(";").filter(Boolean).map((flag) => flagWords(flag.split(":")[0]));
   return [...new Set(names)].join(", ");
 }

@@ -37,8 +37,15 @@ export function makeTryForm(controls, state, changed) {
 
   function edited(row) {
     if (row === who) rows.slice(1).forEach((one) => one.adapt(who.value(), null));
+    bound(row);
     keep();
     changed();
+  }
+
+  /** Limits of each control as the others stand; another than the one in hand also moves into them. */
+  function bound(inHand, moves = true) {
+    const given = Object.fromEntries(rows.filter((row) => row.fits(who.value())).map((row) => [row.name, row.value()]));
+    for (const row of rows) row.bound(given, moves && row !== inHand);
   }
 
   function keep() {
@@ -48,12 +55,14 @@ export function makeTryForm(controls, state, changed) {
 
   function take(given) {
     put((name) => given[name]);
+    bound(null);
     keep();
     changed();
   }
 
   function read() {
     put((name) => state.get(name));
+    bound(null, false); // what a link asks for is refused rather than changed
   }
 
   function put(get) {
@@ -75,7 +84,7 @@ function makeRow(control, edited) {
   const input = control.kind === "choice" ? makeChoice(control, id) : makeNumbers(control, id);
   const label = element("label", { for: id }, control.words);
   const node = element("div", { class: "try-row", title: control.help }, label, ...input.nodes);
-  const row = { name: control.name, node, value: input.value, fits, standard, adapt };
+  const row = { name: control.name, node, value: input.value, fits, standard, adapt, bound };
   node.addEventListener("input", (event) => {
     input.follow(event.target);
     edited(row);
@@ -95,6 +104,33 @@ function makeRow(control, edited) {
     input.limit(who, control.by_who[who] ?? {});
     input.put(value ?? standard(who));
   }
+
+  function bound(given, moves) {
+    if (!control.limits.length) return;
+    const [low, high] = limitsOf(control, given);
+    input.limit(null, { low, high });
+    if (moves) input.put(Math.min(Math.max(Number(input.value()), low), high));
+  }
+}
+
+/** Limits of a control while the others have these values, inwards to whole steps. */
+function limitsOf(control, given) {
+  const own = control.by_who[given.who] ?? {};
+  let low = own.low ?? control.low;
+  let high = own.high ?? control.high;
+  for (const limit of control.limits) {
+    if (!Object.entries(limit.when).every(([name, value]) => given[name] === value)) continue;
+    const scale = limit.size ? Number(given[limit.size]) ** limit.power : 1;
+    low = Math.max(low, limit.low === null ? low : inwards(limit.low * scale, control.step, Math.ceil));
+    high = Math.min(high, limit.high === null ? high : inwards(limit.high * scale, control.step, Math.floor));
+  }
+  return [low, Math.max(low, high)];
+}
+
+function inwards(value, step, round) {
+  const steps = value / step;
+  const whole = Math.abs(steps - Math.round(steps)) < 1e-6 ? Math.round(steps) : round(steps);
+  return Number((whole * step).toFixed(6));
 }
 
 function makeChoice(control, id) {
@@ -112,17 +148,20 @@ function makeChoice(control, id) {
   }
 }
 
-/** A slider, and the number itself beside it. */
+/** A slider, and the number itself beside it; while the number is empty the last one holds. */
 function makeNumbers(control, id) {
   const limits = { min: control.low, max: control.high, step: control.step };
   const slider = element("input", { id, type: "range", ...limits });
   const number = element("input", { id: `${id}-number`, type: "number", ...limits, "aria-label": control.words });
   const unit = element("span", { class: "unit" }, control.unit);
-  return { nodes: [slider, number, unit], value: () => (number.value === "" ? slider.value : number.value), follow, limit, put };
+  let last = String(control.default);
+  number.addEventListener("change", () => { if (number.value === "") put(last); });
+  return { nodes: [slider, number, unit], value: () => last, follow, limit, put };
 
   function follow(moved) {
     if (moved === slider) number.value = slider.value;
     else if (number.value !== "") slider.value = number.value;
+    last = number.value || last;
   }
 
   function limit(who, own) {
@@ -130,6 +169,7 @@ function makeNumbers(control, id) {
   }
 
   function put(value) {
+    last = String(value);
     slider.value = value;
     number.value = value;
   }

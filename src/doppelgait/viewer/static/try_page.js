@@ -18,7 +18,7 @@ export async function show(container, session) {
   let busy = false;
   let ended = false;
   let scene = "";
-  const copy = element("button", { id: "try-copy", type: "button", onclick: copyScene }, "copy as scene file");
+  const copy = element("button", { id: "try-copy", type: "button", disabled: true, onclick: copyScene }, "copy as scene file");
   copy.title = "A file for the command: doppelgait simulate scene.toml -o recording.h5";
   form.node.append(element("div", { class: "try-foot" }, copy, status));
   container.replaceChildren(element("div", { class: "try" }, form.node, below));
@@ -45,17 +45,24 @@ export async function show(container, session) {
     try {
       const answer = await getJson("api/scene", reference);
       if (ended) return;
-      scene = answer.toml;
+      offer(answer.toml);
       if (run) await run.update(reference);
       else run = showRun(below, reference, session);
       say(first ? "" : `redrawn in ${Math.round(performance.now() - began)} ms`);
       first = false;
       for (const note of answer.notes) status.append(element("span", { class: "note" }, note));
     } catch (error) {
-      if (!isAborted(error)) say(error.message, "fault");
+      if (isAborted(error)) return;
+      offer(""); // what was copied would be the run before
+      say(error.message, "fault");
     } finally {
       container.classList.remove("busy");
     }
+  }
+
+  function offer(toml) {
+    scene = toml;
+    copy.disabled = toml === "";
   }
 
   function say(words, kind = "") {

@@ -69,14 +69,35 @@ export function fixed(value, decimals = 2) {
   return value < 0 && Number(text) !== 0 ? MINUS + text : text;
 }
 
-/** Number with about three significant figures. */
+/** Number with about three significant figures; what rounding alone keeps from zero is zero. */
 export function significant(value, digits = 3) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
+  if (Math.abs(value) < 5e-7) return "0";
   const places = value === 0 ? 0 : Math.max(0, digits - 1 - Math.floor(Math.log10(Math.abs(value))));
   return fixed(value, Math.min(places, 6));
 }
 
-/** `"no_peak_found"` as words. */
+const SPELLED = { db: "dB", doppler: "Doppler", snr: "SNR", rcs: "RCS", cpi: "CPI", prf: "PRF", hz: "Hz" };
+
+/** `"no_peak_6_db_above"` as words: names and units are spelled as they are elsewhere. */
 export function words(name) {
-  return String(name).replaceAll("_", " ").replaceAll(":", ": ").replaceAll(",", ", ").replace(/ {2,}/g, " ");
+  const spaced = String(name).replaceAll("_", " ").replaceAll(":", ": ").replaceAll(",", ", ").replace(/ {2,}/g, " ");
+  return spaced.replace(/\b(db|doppler|snr|rcs|cpi|prf|hz)\b/g, (word) => SPELLED[word]);
+}
+
+/** A flag, `"quantities:reason"`, as words: the quantities go without the unit that their names end in. */
+export function flagWords(flag) {
+  const [names, ...reasons] = String(flag).split(":");
+  const quantities = names.split(",").map((name) => name.replace(/_(mps|hz|m|s|db|deg|m2|kg)$/, ""));
+  return words([quantities.join(","), ...reasons].join(":"));
+}
+
+/** Start and end of a span, "12.0–24.5 s"; nothing where there is none. */
+export function span(ends) {
+  return ends ? `${fixed(ends[0], 1)}–${fixed(ends[1], 1)} s` : "";
+}
+
+/** Span in s of the piece that a target's pictures and numbers come from; null for the whole recording. */
+export function shownPiece(target) {
+  return target?.pieces?.[target.piece ?? -1] ?? null;
 }

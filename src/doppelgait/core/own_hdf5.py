@@ -1,0 +1,71 @@
+"""HDF5 files of strangers: what is read from one lies in it.
+
+HDF5 has three ways to make a file show what lies in another one: links, datasets with external storage (the bytes of
+any file become numbers) and virtual datasets. We write none of them, so a file that has one is not as we wrote it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+def own_member(group: Any, name: str) -> Any:
+    """Dataset or group of an open HDF5 group, which must hold it itself.
+
+    Parameters
+    ----------
+    group : h5py.Group
+    name : str
+        Of a direct member.
+
+    Returns
+    -------
+    h5py.Dataset, h5py.Group or None
+        None where there is none.
+
+    Raises
+    ------
+    ValueError
+        If it is a link, or its values lie elsewhere.
+    """
+    import h5py
+
+    key = name.encode()
+    if "/" in name:  # every part of a path could be a link
+        raise ValueError(f"{name!r} is not allowed as a name")
+    if not group.id.links.exists(key):
+        return None
+    if group.id.links.get_info(key).type != h5py.h5l.TYPE_HARD:
+        raise ValueError(f"{name!r} is a link, which is not followed: it may lead to another file")
+    found = group[name]
+    _check_values(found, name)
+    return found
+
+
+def check_own(file: Any) -> None:
+    """Check that an open HDF5 file holds all of its groups and datasets itself; reads no values.
+
+    Parameters
+    ----------
+    file : h5py.File
+
+    Raises
+    ------
+    ValueError
+        Naming the first that is a link or whose values lie elsewhere.
+    """
+    import h5py
+
+    found: list[tuple[str, int]] = []
+    file.id.links.visit(lambda name, link: found.append((name.decode(errors="replace"), link.type)), info=True)
+    for name, kind in found:
+        if kind != h5py.h5l.TYPE_HARD:
+            raise ValueError(f"{name!r} is a link, which is not followed: it may lead to another file")
+        _check_values(file[name], name)
+
+
+def _check_values(found: Any, name: str) -> None:
+    import h5py
+
+    if isinstance(found, h5py.Dataset) and (found.external or found.is_virtual):
+        raise ValueError(f"the values of {name!r} lie in another file, which is not read")
