@@ -248,6 +248,11 @@ def test_lines_colours_and_levels_change_the_pictures(page: Any, url: str) -> No
     light = look(page, "spectrum")
     page.select_option("#theme", "dark")
     until(lambda: look(page, "spectrum") != light, "the theme changes nothing")
+    chosen = settled(page, "spectrum")
+    page.select_option("#theme", "")
+    until(lambda: settled(page, "spectrum") == light, "the system's theme does not come back")
+    page.emulate_media(color_scheme="dark")
+    until(lambda: settled(page, "spectrum") == chosen, "the system's dark theme is not followed")
 
 
 def test_keys(page: Any, url: str) -> None:

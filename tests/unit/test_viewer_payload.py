@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from viewer_client import walking_scene
 
 from doppelgait.pipeline import analyze, parse_run, run_simulation
 from doppelgait.processing import Analysis, gaussian_window
@@ -17,20 +18,7 @@ from doppelgait.viewer.run import Run
 from doppelgait.viewer.settings import Settings
 from doppelgait.viewer.target_panel import targets_payload
 
-SCENE = {
-    "seed": 4,
-    "duration_s": 1.6,
-    "radar_position_m": [0.0, 0.0, 1.0],
-    "radar": {"preset": "x4"},
-    "targets": [
-        {
-            "label": "human",
-            "motion": {"kind": "boulic", "speed_mps": 1.3, "height_m": 1.75},
-            "start_position_m": [5.0, 0.3],
-            "heading_deg": 180.0,
-        }
-    ],
-}
+SCENE = walking_scene(1.6)
 
 
 def unpack(body):

@@ -15,7 +15,7 @@ pytest.importorskip("uvicorn")
 
 from tiny_dataset import built, tiny_plan
 from typer.testing import CliRunner
-from viewer_client import served
+from viewer_client import served, walking_scene
 
 from doppelgait.cli.output import reader_options
 from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitError, RecordingError
@@ -28,20 +28,7 @@ from doppelgait.viewer.query import gate_of, number_of, single, whole_of
 from doppelgait.viewer.settings import parse_settings
 from doppelgait.viewer.source import all_ranges_m, can_track, open_path
 
-SCENE = {
-    "seed": 4,
-    "duration_s": 1.2,
-    "radar_position_m": [0.0, 0.0, 1.0],
-    "radar": {"preset": "x4"},
-    "targets": [
-        {
-            "label": "human",
-            "motion": {"kind": "boulic", "speed_mps": 1.3, "height_m": 1.75},
-            "start_position_m": [5.0, 0.3],
-            "heading_deg": 180.0,
-        }
-    ],
-}
+SCENE = walking_scene(1.2)
 RUN_ADDRESSES = ("recording", "targets", "range-doppler", "sound")
 DATASET_ADDRESSES = ("dataset", "rows", "balance", "scatter", "sheet", "row-id")
 

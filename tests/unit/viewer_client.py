@@ -17,6 +17,18 @@ from doppelgait.viewer.server import listening
 TOKEN = "token-of-this-test"
 
 
+def walking_scene(duration_s):
+    """Scene file's tables of a person who comes nearer."""
+    person = {
+        "label": "human",
+        "motion": {"kind": "boulic", "speed_mps": 1.3, "height_m": 1.75},
+        "start_position_m": [5.0, 0.3],
+        "heading_deg": 180.0,
+    }
+    radar = {"radar_position_m": [0.0, 0.0, 1.0], "radar": {"preset": "x4"}}
+    return {"seed": 4, "duration_s": duration_s, **radar, "targets": [person]}
+
+
 @dataclass
 class Answer:
     status: int

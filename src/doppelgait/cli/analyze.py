@@ -15,6 +15,12 @@ if TYPE_CHECKING:
 
 OPTION_HELP = "What the file does not tell, KEY=VALUE, for example carrier_hz=7.29e9; repeatable."
 
+Changes = Annotated[
+    list[str] | None,
+    typer.Option("--set", help="Change a parameter, for example cpi_s=0.15 or tracking.detector.pfa=1e-4; repeatable."),
+]
+ReaderOptions = Annotated[list[str] | None, typer.Option("--option", help=OPTION_HELP)]
+
 SHOWN_QUALITY = {
     "track_range_m": "m", "start_s": "s", "stop_s": "s", "n_pieces": "1", "ground_speed_mps": "m/s",
     "aspect_deg": "deg", "breathing_rate_hz": "Hz",
@@ -29,13 +35,8 @@ def analyze(
         str, typer.Option("--gate", help="Where the targets are: track, truth, or FROM:TO in m.")
     ] = "track",
     method: Annotated[str, typer.Option("--method", help="standard, or liland2018 for the report's own.")] = "standard",
-    changes: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", help="Change a parameter, for example cpi_s=0.15 or tracking.detector.pfa=1e-4; repeatable."
-        ),
-    ] = None,
-    options: Annotated[list[str] | None, typer.Option("--option", help=OPTION_HELP)] = None,
+    changes: Changes = None,
+    options: ReaderOptions = None,
     figures: Annotated[Path | None, typer.Option("--figures", help="Folder to draw figures into.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from doppelgait.cli.analyze import OPTION_HELP, parse_gate
+from doppelgait.cli.analyze import ReaderOptions, parse_gate
 from doppelgait.cli.output import number, print_json, print_table, reader_options, say
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ def classify(
         list[str] | None,
         typer.Option("--set", help="Change a parameter of the model's analysis, or tracking...; repeatable."),
     ] = None,
-    options: Annotated[list[str] | None, typer.Option("--option", help=OPTION_HELP)] = None,
+    options: ReaderOptions = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Say what every target of a recording is: class and calibrated probability, or an abstention with its reason.

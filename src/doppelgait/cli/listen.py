@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from doppelgait.cli.analyze import OPTION_HELP, parse_gate
+from doppelgait.cli.analyze import ReaderOptions, parse_gate
 from doppelgait.cli.output import check_output, print_json, reader_options, say
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def listen(
         list[str] | None,
         typer.Option("--set", help="Change a parameter of the analysis, for example clutter=mean; repeatable."),
     ] = None,
-    options: Annotated[list[str] | None, typer.Option("--option", help=OPTION_HELP)] = None,
+    options: ReaderOptions = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Make the Doppler signal of one target audible: a stereo WAV file as long as the recording.

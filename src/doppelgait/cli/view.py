@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from doppelgait.cli.analyze import OPTION_HELP
+from doppelgait.cli.analyze import Changes, ReaderOptions
 from doppelgait.cli.output import reader_options, say
 from doppelgait.core.errors import ConfigError
 
@@ -26,13 +26,8 @@ def view(
             "recording cannot be tracked.",
         ),
     ] = None,
-    changes: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", help="Change a parameter, for example cpi_s=0.15 or tracking.detector.pfa=1e-4; repeatable."
-        ),
-    ] = None,
-    options: Annotated[list[str] | None, typer.Option("--option", help=OPTION_HELP)] = None,
+    changes: Changes = None,
+    options: ReaderOptions = None,
     motion_folder: Annotated[
         Path | None,
         typer.Option(

@@ -65,16 +65,16 @@ function change(name, names) {
 
 function followTheme() {
   const select = document.getElementById("theme");
+  const dark = matchMedia("(prefers-color-scheme: dark)");
   const apply = () => {
     const chosen = state.get("theme", "");
     select.value = ["light", "dark"].includes(chosen) ? chosen : "";
-    if (select.value) document.documentElement.dataset.theme = select.value;
-    else delete document.documentElement.dataset.theme;
+    document.documentElement.dataset.theme = select.value || (dark.matches ? "dark" : "light");
     refreshTheme();
   };
   select.onchange = () => state.set({ theme: select.value });
   state.subscribe((names) => names.has("theme") && apply());
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", refreshTheme);
+  dark.addEventListener("change", apply);
   apply();
 }
 
