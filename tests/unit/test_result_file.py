@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import h5py
 import numpy as np
 import pytest
 import xarray as xr
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.pipeline import analyze, parse_run, read_results, result_as_dict, run_simulation, write_results
+from doppelgait.pipeline import (
+    analysis_as_dict,
+    analyze,
+    parse_run,
+    read_results,
+    result_as_dict,
+    run_simulation,
+    write_results,
+)
 from doppelgait.pipeline.results import sniff_results
 from doppelgait.processing import Analysis
 
@@ -107,3 +117,14 @@ def test_what_is_no_result_file(written, tmp_path):
         assert not sniff_results(path)
         with pytest.raises(AnalysisError, match=path.name):
             read_results(path)
+
+
+def test_pauses_between_bursts_count_as_observed():
+    recording = run_simulation(parse_run({"duration_s": 0.1, "targets": [{"motion": {"kind": "boulic"}}]}))
+    assert analysis_as_dict(recording, [])["recording"]["observation_s"] == pytest.approx(0.1, rel=1e-9)
+    n = recording.baseband.sizes["slow_time"]
+    paused = recording.baseband.coords["slow_time"].values + 0.4 * (np.arange(n) >= n // 2)
+    bursts = replace(
+        recording, baseband=recording.baseband.assign_coords(slow_time=("slow_time", paused, {"units": "s"}))
+    )
+    assert analysis_as_dict(bursts, [])["recording"]["observation_s"] == pytest.approx(0.5, rel=1e-9)

@@ -61,7 +61,7 @@ def analysis_as_dict(recording: Recording, results: Sequence[TargetResult]) -> d
         "file": recording.source,
         "n_pulses": int(slow_time_s.size),
         "n_range_bins": int(recording.baseband.sizes["range"]),
-        "observation_s": float(slow_time_s.size / recording.radar.prf_hz),
+        "observation_s": recording.observation_s,
         "snr_frame_db": _json_number(recording.snr_frame_db),
         "noise_power_v2": _json_number(recording.noise_power_v2),
         "seed": recording.seed,

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.config import canonical_json
-from doppelgait.core.labels import BASEBAND, check_signal
+from doppelgait.core.labels import BASEBAND, axis, check_signal
 from doppelgait.core.units import velocity_to_doppler_hz
 from doppelgait.radar.config import Radar
 
@@ -106,6 +106,12 @@ class Recording:
         check_signal(self.baseband, BASEBAND)
         object.__setattr__(self, "truth", tuple(self.truth))
         object.__setattr__(self, "notes", tuple(self.notes))
+
+    @property
+    def observation_s(self) -> float:
+        """Time from the first pulse to the end of the last, T_o, pauses between bursts and all."""
+        times_s = axis(self.baseband, "slow_time")
+        return float(times_s[-1] - times_s[0]) + 1.0 / self.radar.prf_hz
 
 
 def baseband_facts(radar: Radar) -> dict[str, str | float]:

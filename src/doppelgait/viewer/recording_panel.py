@@ -53,7 +53,7 @@ def recording_payload(run: Run, gate: Gate | None, *, clutter: Clutter | None = 
         "facts": list(_facts(recording)),
         "notes": [*run.notes, *recording.notes],
         "reason": None,
-        "duration_s": duration_s(recording),
+        "duration_s": recording.observation_s,
         "start_s": times_s[0],
         "prf_hz": recording.radar.prf_hz,
         "wavelength_m": recording.radar.wavelength_m,
@@ -90,20 +90,14 @@ def _time_facts(recording: Recording) -> Iterator[tuple[str, str]]:
     pulses = burst_pulses_of(recording.baseband)
     if pulses is None:
         yield "frame rate", f"{prf_hz:.4g} Hz"
-        yield "duration", f"{duration_s(recording):.2f} s, {times_s.size} frames"
+        yield "duration", f"{recording.observation_s:.2f} s, {times_s.size} frames"
         return
     starts_s = times_s[::pulses]
     yield "frame rate", f"{prf_hz:.4g} Hz within a burst"
     yield "bursts", f"{starts_s.size} of {pulses} frames"
     if starts_s.size > 1:
         yield "burst rate", f"{1 / np.median(np.diff(starts_s)):.4g} Hz"
-    yield "duration", f"{duration_s(recording):.2f} s, {times_s.size} frames"
-
-
-def duration_s(recording: Recording) -> float:
-    """Time from the first frame to the end of the last, pauses between bursts and all."""
-    times_s = axis(recording.baseband, "slow_time")
-    return float(times_s[-1] - times_s[0]) + 1.0 / recording.radar.prf_hz
+    yield "duration", f"{recording.observation_s:.2f} s, {times_s.size} frames"
 
 
 def _range_time(baseband: xr.DataArray, arrays: Arrays) -> dict[str, Any] | None:
