@@ -19,7 +19,11 @@ _LAZY = {
     "Analysis": "doppelgait.processing",
     "open_dataset": "doppelgait.dataset",
     "rng": "doppelgait.core.rng",
+    "plugin": "doppelgait.core.plugins",
 }
+PLUGIN_ROOMS: tuple[str, ...] = ()
+"""Modules in which the groups of plug-ins are declared (:mod:`doppelgait.core.plugins`)."""
+
 _SUBPACKAGES = {
     "classify", "core", "dataset", "features", "motion", "pipeline", "processing", "radar", "reproduce", "scene",
     "testing", "viewer", "viz",

@@ -1,0 +1,227 @@
+"""One way to plug in: a function or small object, its frozen parameters, one decorator.
+
+A package adds its own by importing this decorator in a module and naming that module as an entry point of the group
+``doppelgait.plugins``. Every group of plug-ins is a :class:`Group` in the room that uses it.
+"""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import import_module
+from importlib.metadata import entry_points, packages_distributions, version
+from typing import Annotated, Any, Generic, TypeVar
+
+from pydantic import BeforeValidator, SerializeAsAny
+
+from doppelgait.core.config import FrozenModel, validate
+from doppelgait.core.errors import ConfigError, DoppelgaitWarning
+
+T = TypeVar("T")
+
+ENTRY_POINTS = "doppelgait.plugins"
+"""Entry-point group of other packages: each entry is a module that registers plug-ins when it is imported."""
+
+
+@dataclass(frozen=True)
+class Plugin(Generic[T]):
+    """A plug-in of one group.
+
+    Parameters
+    ----------
+    group, name : str
+    run : callable or object
+        What the group calls; its contract is in the docstring of the group's :class:`Group`.
+    parameters : type of FrozenModel, optional
+        Its parameters; None for a plug-in without.
+    version : str
+        Raise it when the same parameters give other numbers.
+    package : str
+        Top-level package that it comes from.
+    facts : mapping
+        What the group must know besides, for example a feature's unit.
+    """
+
+    group: str
+    name: str
+    run: T
+    parameters: type[FrozenModel] | None = None
+    version: str = "1"
+    package: str = "doppelgait"
+    facts: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def identity(self) -> dict[str, str]:
+        """Name, version and package release, as a dataset's identity records a plug-in of another package."""
+        releases = packages_distributions().get(self.package, [])
+        release = version(releases[0]) if releases else ""
+        return {"group": self.group, "name": self.name, "version": self.version, "package": self.package,
+                "release": release}  # fmt: skip
+
+
+_REGISTERED: dict[str, dict[str, Plugin[Any]]] = {}
+_GROUPS: dict[str, Group[Any]] = {}
+_LOADED: set[str] = set()
+
+
+def plugin(
+    group: str, name: str | None = None, *, parameters: type[FrozenModel] | None = None, version: str = "1",
+    **facts: Any,
+) -> Callable[[T], T]:  # fmt: skip
+    """Register the decorated function, class or object as a plug-in.
+
+    Parameters
+    ----------
+    group : str
+        ``impairment``, ``waveform``, ``feature``, ...: a key of :func:`plugin_groups`.
+    name : str, optional
+        By default the value of the field ``kind`` of ``parameters``.
+    parameters : type of FrozenModel, optional
+        Frozen model of the plug-in's parameters.
+    version : str
+        Raise it when the same parameters give other numbers; it is part of a dataset's identity.
+    **facts
+        What the group must know besides; see the group.
+
+    Raises
+    ------
+    ConfigError
+        If the name is missing or taken.
+    """
+    if name is None and parameters is not None and "kind" in parameters.model_fields:
+        name = parameters.model_fields["kind"].default
+    if not isinstance(name, str) or not name:
+        raise ConfigError(f"plugin({group!r}): needs a name, or parameters with a field kind that has a default")
+    package = str(sys._getframe(1).f_globals.get("__name__", "")).partition(".")[0]
+
+    def register(item: T) -> T:
+        known = _REGISTERED.setdefault(group, {})
+        if name in known:
+            raise ConfigError(f"the {group.replace('_', ' ')} {name!r} is registered twice: by {known[name].package} "
+                              f"and by {package}")  # fmt: skip
+        known[name] = Plugin(group, name, item, parameters, version, package, facts)
+        return item
+
+    return register
+
+
+class Group(Generic[T]):
+    """Plug-ins of one kind by name: those of doppelgait and of installed packages.
+
+    Parameters
+    ----------
+    name : str
+        As in the decorator, for example ``impairment``.
+    built_in : sequence of str
+        Modules of doppelgait that register this group's plug-ins; imported on first use.
+    noun : str, optional
+        For messages; by default the name with spaces.
+    """
+
+    def __init__(self, name: str, built_in: Sequence[str] = (), *, noun: str | None = None) -> None:
+        self.name = name
+        self.noun = noun or name.replace("_", " ")
+        self._built_in = tuple(built_in)
+        self._complete = False
+        _GROUPS[name] = self
+
+    def _plugins(self) -> dict[str, Plugin[T]]:
+        known = _REGISTERED.setdefault(self.name, {})
+        if not self._complete:
+            self._complete = True  # a module imported here may look its own group up
+            for module in self._built_in:
+                import_module(module)
+            _load_packages()
+        return known
+
+    def __getitem__(self, name: str) -> Plugin[T]:
+        found = self._plugins()
+        if name not in found:
+            raise ConfigError(f"unknown {self.noun} {name!r}; known are: {', '.join(sorted(found))}")
+        return found[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._plugins()
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(sorted(self._plugins()))
+
+    def __len__(self) -> int:
+        return len(self._plugins())
+
+    def values(self) -> list[Plugin[T]]:
+        """All plug-ins, in the order of their names."""
+        found = self._plugins()
+        return [found[name] for name in sorted(found)]
+
+    def of(self, parameters: FrozenModel) -> Plugin[T]:
+        """Plug-in that a parameter model belongs to, by its field ``kind``."""
+        found = self[str(getattr(parameters, "kind", None))]
+        if found.parameters is None or not isinstance(parameters, found.parameters):
+            raise ConfigError(f"{self.noun} {found.name!r} takes {found.parameters}, not {type(parameters).__name__}")
+        return found
+
+    def parse(self, value: Any) -> FrozenModel:
+        """Parameters from a table with ``kind``, a plug-in's name, or a parameter model, which is only checked.
+
+        Raises
+        ------
+        ConfigError
+            If the kind or a parameter is not allowed.
+        """
+        if isinstance(value, FrozenModel):
+            self.of(value)
+            return value
+        table = {"kind": value} if isinstance(value, str) else value
+        kind = table.get("kind") if isinstance(table, Mapping) else None
+        if not isinstance(kind, str) or kind not in self:
+            raise ConfigError(f"{self.noun} kind {kind!r} is not allowed: known are {', '.join(self)}")
+        model = self[kind].parameters
+        if model is None:
+            raise ConfigError(f"{self.noun} {kind!r} has no parameters")
+        return validate(model, table, where=f"{self.noun} kind {kind!r}")
+
+    def field(self) -> Any:
+        """Type of a model's field that takes a table or a parameter model of this group."""
+
+        def parse(value: Any) -> Any:
+            try:
+                return self.parse(value)
+            except ConfigError as error:
+                raise ValueError(str(error)) from None
+
+        return Annotated[SerializeAsAny[FrozenModel], BeforeValidator(parse)]
+
+
+def plugin_groups() -> dict[str, Group[Any]]:
+    """All groups of plug-ins by name; those of rooms that were not imported yet are imported."""
+    from doppelgait import PLUGIN_ROOMS
+
+    for module in PLUGIN_ROOMS:
+        import_module(module)
+    return dict(sorted(_GROUPS.items()))
+
+
+def foreign_plugins() -> list[Plugin[Any]]:
+    """Plug-ins that do not come with doppelgait."""
+    _load_packages()
+    found = [item for known in _REGISTERED.values() for item in known.values()]
+    return sorted((item for item in found if item.package != "doppelgait"), key=lambda p: (p.group, p.name))
+
+
+def _load_packages() -> None:
+    """Import the plug-in modules of installed packages, once; one that fails is a warning and is left out."""
+    for entry in entry_points(group=ENTRY_POINTS):
+        if entry.value in _LOADED:
+            continue
+        _LOADED.add(entry.value)
+        try:
+            entry.load()
+        except Exception as error:
+            warnings.warn(
+                f"plug-ins of {entry.name!r} ({entry.value}) cannot be loaded and are left out: {error}",
+                DoppelgaitWarning,
+                stacklevel=2,
+            )
