@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-SHARED = Path(__file__).resolve().parents[2] / "shared"
+from checkout import SHARED
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -1,10 +1,10 @@
 """The twelve closed-form tests of docs/theory.md, and a lone scatterer against the radar equation."""
 
-import literal
 import numpy as np
 import pytest
 import xarray as xr
 
+import literal
 from doppelgait.core.labels import BASEBAND, SIGNATURE, make_array
 from doppelgait.features import gait_frequency, harmonic_ratio, limb_torso_ratio
 from doppelgait.motion.models.boulic import boulic_walk

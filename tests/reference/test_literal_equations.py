@@ -1,10 +1,10 @@
 """The package against the literal float64 loops of literal.py."""
 
-import literal
 import numpy as np
 import pytest
 import xarray as xr
 
+import literal
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.processing import (
     Analysis,

@@ -1,0 +1,341 @@
+"""Configuration: every fault is one ConfigError that names key, line, value and what is allowed."""
+
+import pytest
+from pydantic import Field, ValidationError, model_validator
+
+from checkout import ROOT
+from doppelgait.core.config import FrozenModel, apply_overrides, canonical_json, line_of_key, read_toml, validate
+from doppelgait.core.errors import ConfigError, DoppelgaitError
+from doppelgait.core.registry import Registry
+from doppelgait.pipeline import load_run, parse_radar, parse_run
+from doppelgait.processing import Analysis
+from doppelgait.radar import Radar, preset_names
+
+SCENE = """\
+seed = 3
+duration_s = 2.0
+
+[radar]
+preset = "x4"
+prf_hz = 900
+
+[noise]
+kind = "snr"
+snr_db = 15.0
+
+[analysis]
+cpi_s = 0.1
+gate_span_m = 1.2
+
+[[targets]]
+label = "human"
+range_m = 5.0
+[targets.motion]
+kind = "boulic"
+speed_mps = 1.1
+
+[[targets]]
+label = "child"
+range_m = 6.0
+motion = { kind = "boulic", speed_mps = 0.9, height_m = 1.2 }
+"""
+
+
+@pytest.fixture
+def scene_file(tmp_path):
+    def write(old="", new=""):
+        assert old in SCENE
+        path = tmp_path / "scene.toml"
+        path.write_text(SCENE.replace(old, new, 1) if old else SCENE)
+        return path
+
+    return write
+
+
+def fault(path, *overrides):
+    with pytest.raises(ConfigError) as caught:
+        load_run(path, overrides=overrides)
+    return str(caught.value)
+
+
+def line_in(text, needle):
+    return next(n for n, row in enumerate(text.splitlines(), start=1) if needle in row)
+
+
+def test_a_good_file_gives_a_run(scene_file):
+    run = load_run(scene_file())
+    assert run.seed == 3
+    assert run.radar.prf_hz == 900
+    assert run.radar.carrier_hz == 7.29e9
+    assert run.noise.snr_db == 15
+    assert run.analysis.gate_span_m == 1.2
+    assert [t.label for t in run.scene.targets] == ["human", "child"]
+    assert run.scene.targets[0].motion == {"kind": "boulic", "speed_mps": 1.1}
+
+
+# (old, new, dotted key, text of the faulty line or "", value or "", what is allowed)
+FAULTS = [
+    ("cpi_s = 0.1", "cpi = 0.1", "analysis.cpi", "cpi = 0.1", "", "cpi_s"),
+    ("cpi_s = 0.1", 'cpi_s = "long"', "analysis.cpi_s", "cpi_s =", "'long'", "number"),
+    ("cpi_s = 0.1", "cpi_s = -0.1", "analysis.cpi_s", "cpi_s =", "-0.1", "greater than 0"),
+    ("cpi_s = 0.1", "cpi_s = nan", "analysis.cpi_s", "cpi_s =", "nan", "finite"),
+    ("cpi_s = 0.1", 'method = "best"', "analysis.method", "method =", "'best'", "'standard' or 'liland2018'"),
+    ("cpi_s = 0.1", "doppler_bins = 12.5", "analysis.doppler_bins", "doppler_bins", "12.5", "integer"),
+    ("cpi_s = 0.1", "hop = 0", "analysis.hop", "hop = 0", "0", "greater than or equal to 1"),
+    ("cpi_s = 0.1", "gate_doppler_hz = [50, -50]", "analysis", "[analysis]", "", "must rise"),
+    ("snr_db = 15.0", "snr_db = 1000", "noise.snr_db", "snr_db =", "1000", "less than or equal to 200"),
+    ('kind = "snr"', 'kind = "pink"', "noise.kind", 'kind = "pink"', "'pink'", "'thermal', 'snr' or 'none'"),
+    ("seed = 3", "seed = -3", "seed", "seed =", "-3", "greater than or equal to 0"),
+    ("duration_s = 2.0", "duration_s = 0", "duration_s", "duration_s", "0", "greater than 0"),
+    ("range_m = 6.0", "range_m = -6.0", "targets.1.range_m", "range_m = -6.0", "-6.0", "greater than 0"),
+    ("range_m = 5.0", "height_m = 9", "targets.0.height_m", "height_m = 9", "9", "less than or equal to 5"),
+    ("range_m = 5.0", "colour = 9", "targets.0.colour", "colour = 9", "", "aspect_deg"),
+    ("range_m = 5.0", 'scaling = "big"', "targets.0.scaling", "scaling", "'big'", "'uniform', 'froude' or 'z_only'"),
+    ("range_m = 5.0", "start_position_m = [1]", "targets.0.start_position_m", "start_position_m", "", "required"),
+    ("prf_hz = 900", "prf = 900", "radar", "", "", "prf_hz"),
+    ("prf_hz = 900", "prf_hz = -900", "prf_hz", "", "-900", "greater than or equal to 0.001"),
+    ("prf_hz = 900", "prf_hz = 2e9", "prf_hz", "", "2000000000.0", "less than or equal to 1000000"),
+    ("prf_hz = 900", 'prf_hz = "fast"', "prf_hz", "", "'fast'", "number"),
+    ("prf_hz = 900", "bandwidth_hz = 1e9\npulse_sigma_s = 1e-9", "", "", "", "exactly one of bandwidth_hz and"),
+    ("prf_hz = 900", "range_stop_m = 0", "range_stop_m", "", "0", "greater than 0"),
+    ('preset = "x4"', 'preset = "x5"', "preset", "", "'x5'", "x4-long"),
+    ("seed = 3", "sed = 3", "sed", "", "", "seed"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "key", "line", "value", "allowed"), FAULTS)
+def test_a_fault_names_file_key_value_and_what_is_allowed(scene_file, old, new, key, line, value, allowed):
+    path = scene_file(old, new)
+    message = fault(path)
+    assert str(path) in message
+    assert key in message
+    assert value in message
+    assert allowed in message
+    if line:
+        assert f"(line {line_in(path.read_text(), line)})" in message
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line"),
+    [
+        ("prf_hz = 900", "prf = 900", "prf = 900"),
+        ("prf_hz = 900", "prf_hz = -900", "prf_hz ="),
+        ('preset = "x4"', 'preset = "x5"', "preset ="),
+        ("seed = 3", "sed = 3", "sed ="),
+    ],
+)
+def test_the_line_is_named_for_the_radar_and_for_unknown_sections_too(scene_file, old, new, line):
+    path = scene_file(old, new)
+    assert f"line {line_in(path.read_text(), line)}" in fault(path)
+
+
+def test_all_faults_come_in_one_message(scene_file):
+    message = fault(scene_file("cpi_s = 0.1", "cpi_s = -1\nhop = 0"), "noise.snr_db=999", "seed=-1")
+    for key in ("analysis.cpi_s", "analysis.hop", "noise.snr_db", "seed"):
+        assert key in message
+
+
+@pytest.mark.parametrize("value", ['"900"', "true"])
+def test_numbers_are_strict(scene_file, value):
+    assert "prf_hz" in fault(scene_file("prf_hz = 900", f"prf_hz = {value}"))
+
+
+def test_a_motion_needs_a_kind_that_exists(scene_file):
+    assert "kind" in fault(scene_file('kind = "boulic"\n', ""))
+    from doppelgait.pipeline import run_simulation
+
+    run = load_run(scene_file('kind = "boulic"\n', 'kind = "moonwalk"\n'))
+    with pytest.raises(ConfigError, match=r"targets\.0\.motion.*moonwalk.*boulic"):
+        run_simulation(run)
+    run = load_run(scene_file("speed_mps = 1.1", "speed_mps = 11"))
+    with pytest.raises(ConfigError, match=r"targets\.0\.motion.*speed_mps.*11"):
+        run_simulation(run)
+
+
+# --- Overrides ----------------------------------------------------------------------------------------------------
+
+
+def test_overrides_change_single_values(scene_file):
+    run = load_run(
+        scene_file(),
+        overrides=[
+            "radar.prf_hz=1300",
+            "targets.1.label=dog",
+            "analysis.gate_doppler_hz=[-100, 300]",
+            "noise.kind=none",
+            "targets.0.motion.speed_mps=0.7",
+            "analysis.hop=5",
+        ],
+    )
+    assert run.radar.prf_hz == 1300
+    assert run.scene.targets[1].label == "dog"
+    assert run.analysis.gate_doppler_hz == (-100, 300)
+    assert run.noise.kind == "none"
+    assert run.scene.targets[0].motion["speed_mps"] == 0.7
+    assert run.analysis.hop == 5
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("radar.prf_hz", r"--set radar\.prf_hz: must be KEY=VALUE"),
+        ("=3", "must be KEY=VALUE"),
+        ("targets.7.label=dog", r"'7' is not an entry of that list \(0 to 1\)"),
+        ("targets.one.label=dog", "'one' is not an entry"),
+        ("seed.part=3", "--set seed.part=3"),
+        ("seed.part.more=3", "'part' is inside a value|names no place"),
+        ("radar.prf_hz=-5", r"prf_hz.*-5.*greater than or equal to 0.001"),
+        ("radar.sped=5", r"sped.*unknown key.*prf_hz"),
+        ("nothing=5", "nothing: unknown key; allowed are seed"),
+        ("targets.5=5", "targets.5"),
+    ],
+)
+def test_wrong_overrides_are_explained(scene_file, override, message):
+    with pytest.raises(ConfigError, match=message):
+        load_run(scene_file(), overrides=[override])
+
+
+def test_overrides_do_not_change_the_table_given():
+    table = {"a": {"b": [1, 2]}}
+    assert apply_overrides(table, ["a.b.1=5", "a.c=text", "d.e=true"]) == {
+        "a": {"b": [1, 5], "c": "text"},
+        "d": {"e": True},
+    }
+    assert table == {"a": {"b": [1, 2]}}
+
+
+# --- Files --------------------------------------------------------------------------------------------------------
+
+
+def test_missing_broken_and_binary_files_are_named(tmp_path):
+    with pytest.raises(ConfigError, match=r"none\.toml: cannot be read"):
+        read_toml(tmp_path / "none.toml")
+    (tmp_path / "broken.toml").write_text("a = \n")
+    with pytest.raises(ConfigError, match=r"broken\.toml: is not TOML.*line 1"):
+        read_toml(tmp_path / "broken.toml")
+    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ConfigError, match=r"binary\.toml: cannot be read"):
+        read_toml(tmp_path / "binary.toml")
+    with pytest.raises(ConfigError, match="cannot be read"):
+        read_toml(tmp_path)
+    with pytest.raises(ConfigError, match="targets"):
+        parse_run({})
+
+
+@pytest.mark.parametrize(
+    ("keys", "line"),
+    [
+        (["seed"], "seed = 3"),
+        (["noise", "snr_db"], "snr_db = 15.0"),
+        (["radar", "prf_hz"], "prf_hz = 900"),
+        (["noise", "kind"], 'kind = "snr"'),
+        (["targets", "motion", "speed_mps"], "speed_mps = 1.1"),
+        (["noise"], "[noise]"),
+    ],
+)
+def test_line_of_a_key(keys, line):
+    assert line_of_key(SCENE, keys) == line_in(SCENE, line)
+
+
+def test_line_of_a_key_that_is_not_there():
+    assert line_of_key(SCENE, ["radar", "colour"]) is None
+    assert line_of_key("", ["seed"]) is None
+    assert line_of_key('# seed = 1\nseed = 2  # seed = "x"\n', ["seed"]) == 2
+
+
+# --- Models -------------------------------------------------------------------------------------------------------
+
+
+class Inner(FrozenModel):
+    size_m: float = Field(gt=0)
+
+
+class Outer(FrozenModel):
+    inner: Inner = Inner(size_m=1.0)
+    many: tuple[Inner, ...] = ()
+
+
+def test_models_are_frozen_and_forbid_unknown_keys():
+    model = validate(Outer, {"inner": {"size_m": 2.0}})
+    with pytest.raises(ValidationError):
+        model.inner = Inner(size_m=3.0)
+    with pytest.raises(ConfigError, match=r"here: inner\.colour: unknown key; allowed are size_m"):
+        validate(Outer, {"inner": {"size_m": 2.0, "colour": 1}}, where="here")
+    with pytest.raises(ConfigError, match=r"many\.1\.size_m: is required"):
+        validate(Outer, {"many": [{"size_m": 1}, {}]})
+    with pytest.raises(ConfigError, match=r"many\.0\.x: unknown key; allowed are size_m"):
+        validate(Outer, {"many": [{"size_m": 1, "x": 2}]})
+    assert issubclass(ConfigError, DoppelgaitError)
+
+
+def test_canonical_json_does_not_depend_on_the_order():
+    assert canonical_json({"b": 1, "a": [1.5, None]}) == '{"a":[1.5,null],"b":1}'
+    one, two = Analysis(cpi_s=0.2, hop=3), Analysis(hop=3, cpi_s=0.2)
+    assert canonical_json(one) == canonical_json(two)
+    radar = Radar.preset("x4")
+    assert Radar.model_validate_json(canonical_json(radar)) == radar
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_every_preset_is_a_radar(name):
+    found = parse_radar(name)
+    assert found["radar"] == Radar.preset(name)
+    assert not found["auto_prf"]
+    assert parse_radar({"preset": name, "prf_hz": "auto"})["auto_prf"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"prf_hz": 1e6}, r"prf_hz 1000000.0 leaves no whole pulse.*: at most 15187500.0 / 152"),
+        ({"range_start_m": 12.0}, r"range_stop_m 9.664 must be larger than range_start_m 12"),
+        ({"decimation": 0}, r"decimation: 0 .*greater than or equal to 1"),
+        ({"bandwidth_level_db": 6}, r"bandwidth_level_db: 6 .*3 or 10"),
+        ({"carrier_hz": float("inf")}, r"carrier_hz: inf .*finite"),
+        ({"noise_figure_db": -1.0}, r"noise_figure_db: -1.0"),
+    ],
+)
+def test_radar_parameters_are_checked(changes, message):
+    with pytest.raises(ConfigError, match=message):
+        Radar.preset("x4", **changes)
+
+
+def test_presets_can_be_changed_between_the_two_ways_to_give_the_pulse():
+    assert Radar.preset("x4", pulse_sigma_s=1e-9).bandwidth_hz is None
+    assert Radar.preset("liland2018", bandwidth_hz=1e9).pulse_sigma_s is None
+
+
+def test_registry_names_what_exists():
+    registry: Registry[int] = Registry("doppelgait.no_such_group", "colour")
+    registry.add("red", 1)
+    registry.register("blue")(2)
+    assert list(registry) == ["blue", "red"]
+    assert "red" in registry
+    with pytest.raises(ConfigError, match=r"unknown colour 'green'; known are: blue, red"):
+        registry["green"]
+    with pytest.raises(ConfigError, match="twice"):
+        registry.add("red", 3)
+
+
+def test_example_files_are_valid():
+    folder = ROOT / "examples"
+    for path in folder.glob("*.toml"):
+        table, text = read_toml(path)
+        if "targets" in table:
+            parse_run(table, where=str(path), text=text)
+
+
+def test_a_fault_across_keys_speaks_for_itself():
+    class Pair(FrozenModel):
+        low: float
+        high: float
+
+        @model_validator(mode="after")
+        def _ordered(self):
+            if self.low > self.high:
+                raise ValueError("low: 3 is above high: 2")
+            return self
+
+    with pytest.raises(ConfigError) as caught:
+        validate(Pair, {"low": 3, "high": 2}, where="pair.toml")
+    assert str(caught.value) == "pair.toml: low: 3 is above high: 2"

@@ -1,0 +1,222 @@
+"""npz and JSON joint positions that these tests write themselves."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import doppelgait.motion.readers.arrays  # noqa: F401  (registers itself)
+from damage import damaged_copies, read_or_refusal
+from doppelgait.core.errors import DoppelgaitWarning, MotionError
+from doppelgait.motion.readers import read
+from doppelgait.motion.readers.arrays import SMPL_PARTS
+from doppelgait.motion.skeleton import HUMAN_PARTS
+from walking_body import NAMES, walking_body, y_up
+
+BODY_M = walking_body()
+
+
+def write(path: Path, **content: Any) -> Path:
+    """One file, npz or JSON by its ending; entries that are None are left out."""
+    content = {"positions": BODY_M, "names": NAMES, "rate_hz": 100.0, "units": "m", **content}
+    content = {name: value for name, value in content.items() if value is not None}
+    if path.suffix == ".npz":
+        np.savez_compressed(path, **content)
+    else:
+        plain = {name: np.asarray(v).tolist() if isinstance(v, np.ndarray) else v for name, v in content.items()}
+        path.write_text(json.dumps(plain))
+    return path
+
+
+@pytest.fixture(params=["w.npz", "w.json"])
+def file(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    return tmp_path / request.param
+
+
+@pytest.mark.parametrize(("unit", "metres"), [("mm", 1e-3), ("cm", 1e-2), ("m", 1.0), ("in", 0.0254)])
+def test_units_give_the_same_motion(file: Path, unit: str, metres: float) -> None:
+    motion = read(write(file, positions=BODY_M / metres, units=unit), clean=False)
+    np.testing.assert_allclose(motion.values, BODY_M, atol=1e-12)
+    assert (list(motion.marker.values), motion.attrs["rate_hz"]) == (NAMES, 100.0)
+    report = motion.attrs["report"]
+    assert (report["format"], report["length_unit"], report["up_axis"]) == (file.suffix[1:], unit, "z")
+    other = read(write(file, positions=BODY_M / metres, units=None), clean=False, units=unit)
+    np.testing.assert_allclose(other.values, BODY_M, atol=1e-12)
+
+
+def test_axes_are_found(file: Path) -> None:
+    motion = read(write(file, positions=y_up(BODY_M)), clean=False)
+    np.testing.assert_allclose(motion.values, BODY_M, atol=1e-12)
+    assert motion.attrs["report"]["up_axis"] == "y"
+
+
+def test_no_unit_is_guessed_aloud(file: Path) -> None:
+    with pytest.warns(DoppelgaitWarning, match=r"names no length unit.*so m is taken"):
+        motion = read(write(file, units=None), clean=False)
+    np.testing.assert_allclose(motion.values, BODY_M, atol=1e-12)
+
+
+@pytest.mark.parametrize("position_key", ["positions", "joints", "Jtr"])
+@pytest.mark.parametrize("rate_key", ["rate_hz", "mocap_framerate", "mocap_frame_rate", "fps"])
+def test_keys(file: Path, position_key: str, rate_key: str) -> None:
+    content = {"positions": None, "rate_hz": None, position_key: BODY_M, rate_key: 120}
+    motion = read(write(file, **content), clean=False)
+    assert motion.attrs["rate_hz"] == 120.0
+    np.testing.assert_allclose(motion.values, BODY_M, atol=1e-12)
+
+
+def test_another_key_and_rate(file: Path) -> None:
+    write(file, markers=BODY_M + 1.0, rate_hz=100.0)
+    motion = read(file, clean=False, key="markers", rate_hz=50.0)
+    np.testing.assert_allclose(motion.values, BODY_M + 1.0, atol=1e-12)
+    assert motion.attrs["rate_hz"] == 50.0
+    with pytest.raises(MotionError, match=r"has no key 'dots'; it holds .*markers"):
+        read(file, clean=False, key="dots")
+
+
+def test_gaps(file: Path) -> None:
+    body: Any = BODY_M.copy()
+    body[3, 2, 1] = np.nan
+    if file.suffix == ".json":
+        body = body.tolist()
+        body[3][2] = [None, None, None]
+    motion = read(write(file, positions=body), clean=False)
+    assert np.argwhere(np.isnan(motion.values).any(axis=2)).tolist() == [[3, 2]]
+    assert np.isnan(motion.values[3, 2]).all()
+
+
+def smpl_body(n_joints: int) -> np.ndarray:
+    """A column of joints, the head highest, that moves along x."""
+    height = {"foot": 0.05, "ankle": 0.1, "knee": 0.5, "hip": 0.9, "head": 1.6, "neck": 1.5}
+    z = [next((h for word, h in height.items() if word in name), 1.1) for name in list(SMPL_PARTS)[:n_joints]]
+    body = np.zeros((30, n_joints, 3))
+    body[:, :, 0] = 0.01 * np.arange(30)[:, None]
+    body[:, :, 2] = z
+    return body
+
+
+@pytest.mark.parametrize("n_joints", [22, 24])
+def test_smpl_joints_only_when_asked(file: Path, n_joints: int) -> None:
+    write(file, positions=smpl_body(n_joints), names=None)
+    motion = read(file, clean=False, skeleton="smpl")
+    assert list(motion.marker.values) == list(SMPL_PARTS)[:n_joints]
+    assert motion.part.sel(marker="left_wrist").item() == "left_forearm"
+    assert motion.attrs["report"]["up_axis_from"] == "body parts"
+    bare = read(file, clean=False, up_axis="z")
+    assert list(bare.marker.values) == [f"point_{i + 1}" for i in range(n_joints)]
+    assert set(bare.part.values.tolist()) == {""}
+
+
+def test_smpl_joints_are_those_of_the_published_order() -> None:
+    # parents of the SMPL tree (Loper et al. 2015): every joint follows the one that carries it
+    parents = [-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21]
+    names = list(SMPL_PARTS)
+    chains = {
+        "left_foot": ["left_foot", "left_ankle", "left_knee", "left_hip", "pelvis"],
+        "right_hand": [
+            "right_hand", "right_wrist", "right_elbow", "right_shoulder", "right_collar",
+            "spine3", "spine2", "spine1", "pelvis",
+        ],
+        "head": ["head", "neck", "spine3", "spine2", "spine1", "pelvis"],
+    }  # fmt: skip
+    for start, chain in chains.items():
+        found, at = [], names.index(start)
+        while at >= 0:
+            found.append(names[at])
+            at = parents[at]
+        assert found == chain
+    assert set(SMPL_PARTS.values()) <= set(HUMAN_PARTS)
+
+
+def test_smpl_is_refused_where_it_cannot_be(file: Path) -> None:
+    write(file, positions=smpl_body(24)[:, :23], names=None)
+    with pytest.raises(MotionError, match="holds 23 points; skeleton='smpl' has 22 or 24"):
+        read(file, clean=False, skeleton="smpl")
+    with pytest.raises(MotionError, match="skeleton='bones' is not allowed"):
+        read(file, clean=False, skeleton="bones")
+    with pytest.raises(MotionError, match=r"names its points \(names\); leave out skeleton"):
+        read(write(file), clean=False, skeleton="smpl")
+
+
+def test_body_model_parameters_alone_are_refused_with_the_way_out(tmp_path: Path) -> None:
+    path = tmp_path / "amass.npz"
+    np.savez(
+        path,
+        poses=np.zeros((50, 156)),
+        trans=np.zeros((50, 3)),
+        betas=np.zeros(16),
+        mocap_framerate=120.0,
+        gender="male",
+    )
+    with pytest.raises(MotionError, match=r"SMPL body model.*cannot be posed without that model.*smplx.*numpy\.savez"):
+        read(path)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ({"rate_hz": None}, "names no frame rate .*rate_hz="),
+        ({"rate_hz": 0.0}, "rate_hz declares a frame rate of 0.0 Hz"),
+        ({"rate_hz": "fast"}, "rate_hz declares a frame rate of 'fast' Hz"),
+        ({"fps": 60.0}, "says rate_hz=100 and fps=60; give the true one"),
+        ({"units": "furlong"}, "'furlong' is no known length; give it: units="),
+        ({"units": 3.0}, "units is 3.0; it must be text"),
+        ({"names": NAMES[:-1]}, "names holds 15 entries for 16 points"),
+        ({"positions": BODY_M[:, :, :2]}, r"'positions' has the shape \(40, 16, 2\)"),
+        ({"positions": BODY_M.reshape(40, -1)}, r"'positions' has the shape \(40, 48\)"),
+        ({"positions": BODY_M[:, :1], "names": ["a"]}, r"holds 1 point\(s\)"),
+        ({"positions": BODY_M[:2]}, r"holds 2 frame\(s\)"),
+        ({"joints": BODY_M}, "holds positions and joints; name the array of positions: key="),
+        ({"positions": None, "dots": BODY_M}, "has no array of positions.*it holds .*dots.*key="),
+    ],
+)
+def test_what_is_wrong_is_named(file: Path, content: dict[str, Any], message: str) -> None:
+    with pytest.raises(MotionError, match=message) as error:
+        read(write(file, **content), clean=False)
+    assert file.name in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('{"rate_hz": 10,\n "positions": [[1, 2}', "line 2, column"),
+        ('{"rate_hz": 10, "positions": [[[0,0,0]],[[0,0,0]],[[0,0,0],[1,1,1]]]}', r"positions\[2\] holds 2 points"),
+        (
+            '{"rate_hz": 10, "positions": [[[0,0,0]],[[0,0]],[[0,0,0]]]}',
+            r"positions\[1\]\[0\] is no list of x, y and z",
+        ),
+        ('{"rate_hz": 10, "positions": [[[0,0,"1.5"]]]}', r"positions\[0\]\[0\] holds '1.5', no number"),
+        ('{"rate_hz": 10, "positions": {"a": 1}}', "'positions' is no array of numbers"),
+        ('{"rate_hz": 10, "positions": null}', "'positions' has the shape"),
+        ('{"positions": ' + "[" * 100_000, "no JSON"),
+    ],
+)
+def test_damaged_json(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "w.json"
+    path.write_text(text)
+    with pytest.raises(MotionError, match=message):
+        read(path, clean=False)
+
+
+def test_pickled_objects_are_never_loaded(tmp_path: Path) -> None:
+    path = tmp_path / "w.npz"
+    np.savez(path, positions=np.array([{"a": 1}], dtype=object), rate_hz=10.0)
+    with pytest.raises(MotionError, match="damaged or unusual npz"):
+        read(path, clean=False)
+    np.savez(path, positions=BODY_M, rate_hz=100.0, units="m", extra=np.array([{"a": 1}], dtype=object))
+    assert read(path, clean=False).sizes["marker"] == 16
+
+
+def test_any_cut_and_any_changed_byte_is_read_or_refused(file: Path) -> None:
+    whole = write(file, positions=BODY_M[:6])
+    rng = np.random.default_rng(1)
+    read_count = 0
+    for copy in damaged_copies(whole, start=60, count=300, rng=rng):
+        motion, refusal = read_or_refusal(copy)
+        assert copy.name in refusal or (motion is not None and motion.sizes["time"] == 6)
+        read_count += motion is not None
+    assert 0 < read_count < 300

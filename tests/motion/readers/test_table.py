@@ -1,0 +1,271 @@
+"""Delimited marker tables that these tests write themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import doppelgait.motion.readers.table
+from damage import damaged_copies, read_or_refusal
+from doppelgait.core.errors import DoppelgaitWarning, MotionError
+from doppelgait.motion.readers import read
+from walking_body import NAMES, walking_body
+
+METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254, "ft": 0.3048}
+BODY_M = walking_body()
+FORMS = {
+    "NAME_x_UNIT": "{name}_{axis}_{unit}",
+    "NAME X (UNIT)": "{name} {Axis} ({unit})",
+    "NAME.x [UNIT]": "{name}.{axis} [{unit}]",
+    "NAME:X_UNIT": "{name}:{Axis}_{unit}",
+}
+
+
+def titles(form: str, *, unit: str = "m", names: Sequence[str] = NAMES) -> list[str]:
+    return [form.format(name=n, axis=a, Axis=a.upper(), unit=unit) for n in names for a in "xyz"]
+
+
+def write_table(
+    path: Path, position: np.ndarray, head: Sequence[str], *, separator: str = ",", time: str | None = "time_s"
+) -> Path:
+    """Write positions (T, P, 3) at 100 Hz below the column names ``head``."""
+    table = pd.DataFrame(position.reshape(len(position), -1))
+    table.columns = pd.Index(head)
+    if time:
+        table.insert(0, time, np.arange(len(position)) * (10.0 if "ms" in time else 0.01))
+    table.to_csv(path, index=False, sep=separator, float_format="%.9g")
+    return path
+
+
+def edited(path: Path, line: int, old: str, new: str) -> Path:
+    """Change one line, counted from 1."""
+    lines = path.read_text().split("\n")
+    assert old in lines[line - 1]
+    lines[line - 1] = lines[line - 1].replace(old, new, 1)
+    path.write_text("\n".join(lines))
+    return path
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("unit", METRES)
+def test_units_in_names_give_the_same_motion(tmp_path: Path, form: str, unit: str, separator: str) -> None:
+    head = titles(FORMS[form], unit=unit)
+    motion = read(write_table(tmp_path / "w.csv", BODY_M / METRES[unit], head, separator=separator), clean=False)
+    np.testing.assert_allclose(motion.values, BODY_M, atol=1e-8)
+    assert (list(motion.marker.values), motion.attrs["rate_hz"]) == (NAMES, 100.0)
+    report = motion.attrs["report"]
+    assert (report["metres_per_unit"], report["up_axis"], report["format"]) == (METRES[unit], "z", "table")
+
+
+@pytest.mark.parametrize("form", ["{name}_{axis}", "{name}:{Axis}", "{name} {Axis}"])
+def test_units_given_where_names_hold_none(tmp_path: Path, form: str) -> None:
+    path = write_table(tmp_path / "w.csv", BODY_M * 100, titles(form))
+    np.testing.assert_allclose(read(path, clean=False, units="cm").values, BODY_M, atol=1e-8)
+    with pytest.raises(MotionError, match=r"'LFHD.[xX]' names no length unit; give it: units="):
+        read(path, clean=False)
+
+
+def test_units_in_names_win_over_the_option(tmp_path: Path) -> None:
+    path = write_table(tmp_path / "w.csv", BODY_M * 1e3, titles("{name}_{axis}_mm"))
+    with pytest.warns(DoppelgaitWarning, match="column names give mm; units=m was not used"):
+        motion = read(path, clean=False, units="m")
+    np.testing.assert_allclose(motion.values, BODY_M, atol=1e-8)
+
+
+def test_each_column_has_its_own_unit(tmp_path: Path) -> None:
+    head = [n + "_m" if n[-1] == "z" else n + "_mm" for n in titles("{name}_{axis}")]
+    path = write_table(tmp_path / "w.csv", BODY_M * [1e3, 1e3, 1.0], head)
+    np.testing.assert_allclose(read(path, clean=False).values, BODY_M, atol=1e-8)
+
+
+def test_two_rows_of_names(tmp_path: Path) -> None:
+    names = "Frame,Time," + ",".join(f"Jim:{name},," for name in NAMES)
+    axes = ",," + ",".join("X,Y,Z" for _ in NAMES)
+    rows = [f"{k + 1},{k / 100:.2f}," + ",".join(f"{v:.6f}" for v in frame.ravel()) for k, frame in enumerate(BODY_M)]
+    (tmp_path / "w.csv").write_text("\n".join([names, axes, *rows]) + "\n")
+    motion = read(tmp_path / "w.csv", clean=False, units="m")
+    np.testing.assert_allclose(motion.values, BODY_M, atol=1e-6)
+    assert (list(motion.marker.values), motion.attrs["subject"]) == (NAMES, "Jim")
+    assert motion.attrs["report"]["notes"] == []
+
+
+def accad(path: Path, position_mm: np.ndarray) -> Path:
+    head = "\t".join(["Field", "Time", *titles("{name}:{Axis}")])
+    rows = [
+        f"{k + 1}\t{k / 120:.4f}\t" + "\t".join("-9999.99" if np.isnan(v) else f"{v:.5g}" for v in frame.ravel())
+        for k, frame in enumerate(position_mm)
+    ]
+    path.write_bytes("\r\n".join([head, *rows, ""]).encode())
+    return path
+
+
+def test_accad_text_is_in_mm_and_marks_gaps(tmp_path: Path) -> None:
+    body = walking_body(rate_hz=120.0) * 1e3
+    body[5:8, 3] = np.nan
+    motion = read(accad(tmp_path / "run.txt", body), clean=False)
+    np.testing.assert_allclose(motion.values, body * 1e-3, atol=0.06e-3)
+    assert motion.attrs["rate_hz"] == 120.0
+    with pytest.raises(MotionError, match=r"would span 0.00167 m if it is in mm.*give the true unit"):
+        read(accad(tmp_path / "metres.txt", body * 1e-3), clean=False)
+
+
+def test_missing_value_and_blank_cells(tmp_path: Path) -> None:
+    body = BODY_M.copy()
+    body[4, 2] = 999.0
+    body[6, 3] = np.nan
+    body[8, 5, 1] = 999.0  # one coordinate alone is a coordinate
+    path = write_table(tmp_path / "w.csv", body, titles("{name}_{axis}_m"))
+    lost = np.isnan(read(path, clean=False, missing=999).values).any(axis=2)
+    assert np.argwhere(lost).tolist() == [[4, 2], [6, 3]]
+    with pytest.raises(MotionError, match="missing='gone' is no number"):
+        read(path, clean=False, missing="gone")
+
+
+def test_decimal_comma(tmp_path: Path) -> None:
+    path = write_table(tmp_path / "w.csv", BODY_M, titles("{name}_{axis}_m"), separator=";")
+    path.write_text(path.read_text().replace(".", ","))
+    motion = read(path, clean=False)
+    np.testing.assert_allclose(motion.values, BODY_M, atol=1e-8)
+    assert motion.attrs["rate_hz"] == 100.0
+
+
+def test_milliseconds_frames_and_other_columns(tmp_path: Path) -> None:
+    path = write_table(tmp_path / "w.csv", BODY_M, titles("{name}_{axis}_m"), time="time_ms")
+    table = pd.read_csv(path)
+    table.insert(0, "Frame", range(len(table)))
+    table["emg"] = "strong"
+    table["LTOE_x_velocity"] = 1.0
+    table.to_csv(path, index=False)
+    motion = read(path, clean=False)
+    assert motion.attrs["rate_hz"] == 100.0
+    assert motion.attrs["report"]["notes"] == ["columns left out: emg, LTOE_x_velocity"]
+    assert list(motion.marker.values) == NAMES
+
+
+def test_no_time_needs_the_rate(tmp_path: Path) -> None:
+    path = write_table(tmp_path / "w.csv", BODY_M, titles("{name}_{axis}_m"), time=None)
+    with pytest.raises(MotionError, match=r"has no column of times.*rate_hz="):
+        read(path, clean=False)
+    assert read(path, clean=False, rate_hz=200.0).attrs["rate_hz"] == 200.0
+
+
+def test_names_that_repeat_are_numbered(tmp_path: Path) -> None:
+    names = [*NAMES[:-1], NAMES[0]]
+    head = titles("{name}_{axis}_m", names=names)
+    path = tmp_path / "w.csv"
+    rows = [",".join(f"{v:.9g}" for v in frame.ravel()) for frame in BODY_M]
+    path.write_text("\n".join([",".join(head), *rows]))
+    motion = read(path, clean=False, rate_hz=100.0)
+    assert list(motion.marker.values) == [*NAMES[:-1], "LFHD_2"]
+    np.testing.assert_allclose(motion.values, BODY_M, atol=1e-8)
+
+
+def test_names_with_underscores_and_axis_letters(tmp_path: Path) -> None:
+    names = ["left_x", "my_y_z", "T8_2", *NAMES[3:]]
+    motion = read(write_table(tmp_path / "w.csv", BODY_M, titles("{name}_{axis}_m", names=names)), clean=False)
+    assert list(motion.marker.values) == names
+
+
+def test_header_longer_than_the_head_of_the_file(tmp_path: Path) -> None:
+    names = [f"{'long' * 80}{i}" for i in range(len(NAMES))]
+    first = "Time," + ",".join(f"{name},," for name in names)
+    second = "," + ",".join("X,Y,Z" for _ in names)
+    rows = [f"{k / 100}," + ",".join(f"{v:.6f}" for v in frame.ravel()) for k, frame in enumerate(BODY_M)]
+    (tmp_path / "w.csv").write_text("\n".join([first, second, *rows]))
+    assert list(read(tmp_path / "w.csv", clean=False, units="m").marker.values) == names
+
+
+@pytest.mark.parametrize(
+    ("line", "old", "new", "message"),
+    [
+        (5, ",1.7", ",tall", r"line 5, column 'LFHD_z_m': 'tall\d*' is no number"),
+        (5, "0.03,", ",", "line 5 has no time.*rate_hz="),
+        (5, "0.03,", "soon,", "line 5, column 'time_s': 'soon' is no number"),
+        (5, "0.03,", "0.02,", "line 5: the time does not increase"),
+        (5, "0.03,", "0.035,", "line [56]: the time steps by 0.0[01]5 s, the frames are mostly 0.01 s apart"),
+        (5, "0.03,", '"0.03,', "line 5: a quoted cell is damaged"),
+        (1, "LFHD_y_m", "LFHD_q_m", "line 1: point 'LFHD' has no y column"),
+        (1, "time_s", "time_ms", "its times step by 1e-05 s"),
+    ],
+)
+def test_a_damaged_cell_has_one_clear_error(tmp_path: Path, line: int, old: str, new: str, message: str) -> None:
+    path = edited(write_table(tmp_path / "w.csv", BODY_M, titles("{name}_{axis}_m")), line, old, new)
+    with pytest.raises(MotionError, match=message) as error:
+        read(path, clean=False)
+    assert "w.csv" in str(error.value)
+
+
+def test_ragged_row(tmp_path: Path) -> None:
+    path = write_table(tmp_path / "w.csv", BODY_M, titles("{name}_{axis}_m"))
+    lines = path.read_text().split("\n")
+    lines[6] = lines[6].rsplit(",", 1)[0]
+    lines[8] += ",1.0"
+    path.write_text("\n".join(lines))
+    with pytest.raises(MotionError, match=r"w\.csv: line 7 has 48 cells, its header names 49 columns"):
+        read(path, clean=False)
+    lines[6] += ",1.0"
+    path.write_text("\n".join(lines))
+    with pytest.raises(MotionError, match="line 9 has 50 cells"):
+        read(path, clean=False)
+
+
+def test_a_dropped_frame_is_named_by_its_line(tmp_path: Path) -> None:
+    path = write_table(tmp_path / "w.csv", BODY_M, titles("{name}_{axis}_m"))
+    lines = path.read_text().split("\n")
+    del lines[20]
+    path.write_text("\n".join(lines))
+    with pytest.raises(MotionError, match=r"line 21: the time steps by 0.02 s, the frames are mostly 0.01 s apart"):
+        read(path, clean=False)
+    assert read(path, clean=False, rate_hz=100.0).sizes["time"] == len(BODY_M) - 1
+
+
+def test_wrong_units_words(tmp_path: Path) -> None:
+    path = write_table(tmp_path / "w.csv", BODY_M, titles("{name}_{axis}_furlong"))
+    with pytest.raises(MotionError, match="column 'LFHD_x_furlong' names the unit 'furlong', which is no known length"):
+        read(path, clean=False)
+    path = write_table(tmp_path / "w.csv", BODY_M, titles("{name}_{axis}"))
+    with pytest.raises(MotionError, match="'furlong' is no known length; give it: units="):
+        read(path, clean=False, units="furlong")
+
+
+def test_one_point_and_two_frames_are_no_motion(tmp_path: Path) -> None:
+    path = write_table(tmp_path / "w.csv", BODY_M[:, :1], titles("{name}_{axis}_m", names=["LTOE"]))
+    with pytest.raises(MotionError, match=r"holds 1 point\(s\); a body needs 3"):
+        read(path, clean=False)
+    path = write_table(tmp_path / "w.csv", BODY_M[:2], titles("{name}_{axis}_m"))
+    with pytest.raises(MotionError, match=r"holds 2 frame\(s\)"):
+        read(path, clean=False)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "8.8,15.7,-31.7\n" * 5,
+        "HIERARCHY\nROOT Hips\n{\n\tOFFSET 0 0 0\n\tCHANNELS 3 Xposition Yposition Zposition\n}\n",
+        ":FULLY-SPECIFIED\n:DEGREES\n1\nroot 1 2 3 4 5 6\n",
+        "file,class,speed_mps\na,b,1.0\n",
+        "PathFileType\t4\n",
+        '{"positions": [], "LFHD_x_m": 0}',
+        "max,x,y\n1,2,3\n",
+    ],
+)
+def test_other_text_is_not_taken(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "other.txt"
+    path.write_text(text)
+    assert not doppelgait.motion.readers.table.sniff_table(path, path.read_bytes()[:4096])
+
+
+def test_any_cut_and_any_changed_byte_is_read_or_refused(tmp_path: Path) -> None:
+    whole = write_table(tmp_path / "w.csv", BODY_M[:6], titles("{name}_{axis}_m"))
+    rng = np.random.default_rng(1)
+    read_count = 0
+    for copy in damaged_copies(whole, start=40, count=300, rng=rng):
+        motion, refusal = read_or_refusal(copy)
+        assert copy.name in refusal or (motion is not None and motion.sizes["time"] <= 6)
+        read_count += motion is not None
+    assert 0 < read_count < 300

@@ -1,0 +1,223 @@
+"""TRC reading on files that these tests write themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import doppelgait.motion.readers.trc  # noqa: F401  (registers itself)
+from damage import damaged_copies, read_or_refusal
+from doppelgait.core.errors import DoppelgaitWarning, MotionError
+from doppelgait.motion.readers import read
+from walking_body import NAMES, walking_body, y_up
+
+METRES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
+BODY_M = walking_body()
+
+
+def write_trc(
+    path: Path,
+    position: np.ndarray,
+    *,
+    names: Sequence[str] = NAMES,
+    rate: str = "100.00",
+    unit: str = "mm",
+    times: Sequence[str] | None = None,
+    edit: Callable[[list[str]], Any] = lambda lines: None,
+) -> Path:
+    """Write positions (T, P, 3) in file units; ``edit`` changes the lines, the first frame being lines[6]."""
+    n_frames, n_points = position.shape[:2]
+    axes = [f"{axis}{i + 1}" for i in range(n_points) for axis in "XYZ"]
+    lines = [
+        f"PathFileType\t4\t(X/Y/Z)\t{path.name}",
+        "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
+        "\t".join([rate, rate, str(n_frames), str(len(names)), unit, rate, "1", str(n_frames)]),
+        "Frame#\tTime\t" + "\t\t\t".join(names) + "\t\t",
+        "\t\t" + "\t".join(axes),
+        "",
+    ]
+    for k, frame in enumerate(position):
+        cells = ["" if np.isnan(value) else f"{value:.7g}" for value in frame.ravel()]
+        lines.append("\t".join([str(k + 1), times[k] if times else f"{k / 100:.3f}", *cells]))
+    edit(lines)
+    path.write_text("\r\n".join(lines) + "\r\n", encoding="utf-8")
+    return path
+
+
+def change(line: int, cell: int, text: str) -> Callable[[list[str]], None]:
+    """Editor that puts ``text`` into a cell."""
+
+    def edit(lines: list[str]) -> None:
+        cells = lines[line].split("\t")
+        cells[cell] = text
+        lines[line] = "\t".join(cells)
+
+    return edit
+
+
+@pytest.mark.parametrize("unit", METRES)
+def test_units_give_the_same_motion(tmp_path: Path, unit: str) -> None:
+    path = write_trc(tmp_path / "walk.trc", y_up(BODY_M) / METRES[unit], unit=unit)
+    motion = read(path, clean=False)
+    np.testing.assert_allclose(motion.values, BODY_M, atol=1e-6)
+    assert list(motion.marker.values) == NAMES
+    report = motion.attrs["report"]
+    assert (report["format"], report["metres_per_unit"], report["up_axis"]) == ("trc", METRES[unit], "y")
+    assert (motion.attrs["rate_hz"], report["notes"]) == (100.0, [])
+    assert (motion.part.sel(marker="LTOE").item(), motion.part.sel(marker="RFHD").item()) == ("left_foot", "head")
+
+
+def test_z_up_is_seen_and_can_be_overridden(tmp_path: Path) -> None:
+    path = write_trc(tmp_path / "walk.trc", BODY_M * 1e3)
+    np.testing.assert_allclose(read(path, clean=False).values, BODY_M, atol=1e-6)
+    turned = read(path, clean=False, up_axis="y")
+    np.testing.assert_allclose(turned.values[..., 2], BODY_M[..., 1], atol=1e-6)
+    assert turned.attrs["report"]["up_axis_from"] == "option"
+
+
+def test_y_is_taken_where_nothing_shows_what_is_up(tmp_path: Path) -> None:
+    ball = np.random.default_rng(0).normal(size=(1, 12, 3)) + np.zeros((10, 1, 1))
+    path = write_trc(tmp_path / "ball.trc", ball * 1e3, names=[f"P{i}" for i in range(12)])
+    with pytest.warns(DoppelgaitWarning, match="which axis points up; y is taken"):
+        motion = read(path, clean=False)
+    np.testing.assert_allclose(motion.values[..., 2], ball[..., 1], atol=1e-6)
+
+
+def test_blanks_zeros_and_unlabelled_columns(tmp_path: Path) -> None:
+    body = y_up(BODY_M)
+    body[3:6, 2] = np.nan
+    body[7, 4] = 0.0
+    extra = np.full((len(body), 1, 3), np.nan)
+    extra[4] = 0.7
+    path = write_trc(tmp_path / "walk.trc", np.concatenate([body, extra], axis=1) * 1e3)
+    motion = read(path, clean=False)
+    lost = np.isnan(motion.values).any(axis=2)
+    assert np.argwhere(lost).tolist() == [[3, 2], [4, 2], [5, 2], [7, 4]]
+    report = motion.attrs["report"]
+    assert report["dropped"] == {"unlabelled point": ["unlabelled 17"]}
+    assert (report["points_in_file"], report["points_measured"], motion.sizes["marker"]) == (17, 17, 16)
+
+
+def test_columns_beyond_those_of_the_header_are_unlabelled_points(tmp_path: Path) -> None:
+    def add(lines: list[str]) -> None:
+        lines[9] += "\t1.0\t2.0\t3.0"
+
+    report = read(write_trc(tmp_path / "w.trc", y_up(BODY_M) * 1e3, edit=add), clean=False).attrs["report"]
+    assert report["dropped"] == {"unlabelled point": ["unlabelled 17"]}
+
+
+def test_names_that_repeat_are_numbered_and_subjects_cut_off(tmp_path: Path) -> None:
+    names = [f"Jim:{name}" for name in NAMES]
+    names[5] = names[4]
+    motion = read(write_trc(tmp_path / "w.trc", y_up(BODY_M) * 1e3, names=names), clean=False)
+    assert list(motion.marker.values)[4:6] == ["LSHO", "LSHO_2"]
+    assert motion.attrs["subject"] == "Jim"
+
+
+def test_header_values_apart_by_blanks_or_two_tabs(tmp_path: Path) -> None:
+    def edit(lines: list[str]) -> None:
+        lines[2] = "  100.0\t\t  100.0\t\t   40\t\t     16\t\t cm\t  100.0\t      1\t    40"
+
+    motion = read(write_trc(tmp_path / "walk.trc", y_up(BODY_M) * 1e2, edit=edit), clean=False)
+    np.testing.assert_allclose(motion.values, BODY_M, atol=1e-6)
+
+
+def test_times_decide_where_the_header_gives_another_rate(tmp_path: Path) -> None:
+    path = write_trc(tmp_path / "walk.trc", y_up(BODY_M) * 1e3, rate="60.00")
+    with pytest.warns(DoppelgaitWarning, match=r"the header says 60\.00 Hz, the times 100 Hz"):
+        motion = read(path, clean=False)
+    assert motion.attrs["rate_hz"] == 100.0
+    assert "60.00" in motion.attrs["report"]["notes"][0]
+    assert read(path, clean=False, rate_hz=50.0).attrs["rate_hz"] == 50.0
+
+
+@pytest.mark.parametrize("rate_hz", [59.94, 100.0, 120.0, 150.0, 239.76])
+def test_printed_times_give_the_rate(tmp_path: Path, rate_hz: float) -> None:
+    times = [f"{k / rate_hz:.4f}" for k in range(40)]
+    path = write_trc(tmp_path / "walk.trc", y_up(BODY_M) * 1e3, rate=f"{rate_hz:g}", times=times)
+    assert read(path, clean=False).attrs["rate_hz"] == rate_hz
+
+
+def test_no_times_at_all_leaves_the_rate_of_the_header(tmp_path: Path) -> None:
+    path = write_trc(tmp_path / "walk.trc", y_up(BODY_M) * 1e3, rate="240", times=[""] * 40)
+    assert read(path, clean=False).attrs["rate_hz"] == 240.0
+
+
+def test_fewer_frames_than_declared_are_said(tmp_path: Path) -> None:
+    path = write_trc(tmp_path / "w.trc", y_up(BODY_M) * 1e3, edit=lambda lines: lines.pop())
+    with pytest.warns(DoppelgaitWarning, match="declares 40 frames but holds 39"):
+        assert read(path, clean=False).sizes["time"] == 39
+
+
+def test_no_unit_is_guessed_aloud(tmp_path: Path) -> None:
+    path = write_trc(tmp_path / "w.trc", y_up(BODY_M) * 1e3, unit="")
+    with pytest.warns(DoppelgaitWarning, match=r"names no length unit.*mm is taken"):
+        motion = read(path, clean=False)
+    np.testing.assert_allclose(motion.values, BODY_M, atol=1e-6)
+
+
+def ragged(lines: list[str]) -> None:
+    lines[10] = lines[10].rsplit("\t", 1)[0]
+
+
+def one_too_many(lines: list[str]) -> None:
+    lines[10] += "\t5.0"
+
+
+def jump(lines: list[str]) -> None:
+    del lines[20]
+    lines[2] = lines[2].replace("\t40\t", "\t39\t")
+
+
+FAULTS: dict[str, tuple[Callable[[list[str]], Any], str]] = {
+    "ragged row": (ragged, "line 11 has 49 cells; 2 and three for each of 16 markers are 50"),
+    "long row": (one_too_many, "line 11 has 51 cells"),
+    "text": (change(12, 3, "12,5"), "line 13, column 'LFHD Y': '12,5' is no number"),
+    "no time": (change(12, 1, ""), "line 13 has no time.*rate_hz="),
+    "time stands": (change(12, 1, "0.050"), "line 13: the time does not increase.*rate_hz="),
+    "dropped frame": (jump, r"line 21: the time steps by 0.02 s, the frames are mostly 0.01 s apart"),
+    "unit": (change(2, 4, "furlong"), "'furlong' is no known length; give it: units="),
+    "no names": (change(3, 0, "Bild"), "no line that starts with Frame#"),
+    "no rate": (
+        lambda lines: [change(k, 1, "")(lines) for k in range(6, 46)] + [change(2, 0, "fast")(lines)],
+        "'fast'",
+    ),
+    "one frame": (lambda lines: lines.__delitem__(slice(7, None)), "holds 1 frame"),
+    "no frames": (lambda lines: lines.__delitem__(slice(5, None)), "holds 0 frame"),
+}
+
+
+@pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")
+@pytest.mark.parametrize("fault", FAULTS)
+def test_damage_has_one_clear_error(tmp_path: Path, fault: str) -> None:
+    edit, text = FAULTS[fault]
+    path = write_trc(tmp_path / "walk.trc", y_up(BODY_M) * 1e3, edit=edit)
+    with pytest.raises(MotionError, match=text) as error:
+        read(path, clean=False)
+    assert "walk.trc" in str(error.value)
+
+
+def test_one_marker_is_no_body(tmp_path: Path) -> None:
+    with pytest.raises(MotionError, match=r"holds 1 point\(s\); a body needs 3"):
+        read(write_trc(tmp_path / "walk.trc", BODY_M[:, :1], names=["LTOE"]), clean=False)
+
+
+@pytest.mark.parametrize("rate_hz", [0.0, -5.0, 1e6, float("nan"), "fast", True])
+def test_impossible_rates_are_refused(tmp_path: Path, rate_hz: Any) -> None:
+    with pytest.raises(MotionError, match="above 0 and at most 10000"):
+        read(write_trc(tmp_path / "walk.trc", y_up(BODY_M) * 1e3), clean=False, rate_hz=rate_hz)
+
+
+def test_any_cut_and_any_changed_byte_is_read_or_refused(tmp_path: Path) -> None:
+    whole = write_trc(tmp_path / "walk.trc", y_up(BODY_M[:6]) * 1e3)
+    rng = np.random.default_rng(1)
+    read_count = 0
+    for copy in damaged_copies(whole, start=20, count=300, rng=rng):
+        motion, refusal = read_or_refusal(copy)
+        assert copy.name in refusal or (motion is not None and motion.sizes["time"] <= 6)
+        read_count += motion is not None
+    assert 0 < read_count < 300

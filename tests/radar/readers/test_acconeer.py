@@ -1,0 +1,227 @@
+"""Files of Acconeer's exploration tool, made here with h5py after the vendor's layout."""
+
+from __future__ import annotations
+
+import json
+
+import h5py
+import numpy as np
+import pytest
+
+from doppelgait.core.errors import DoppelgaitWarning, RecordingError
+from doppelgait.processing import Analysis
+from doppelgait.processing.bursts import burst_signature
+from doppelgait.radar.readers.acconeer import read_acconeer, sniff_acconeer
+from recording_damage import outcomes
+
+C = 299_792_458.0
+LAMBDA_M = C / 60.5e9
+STEP_M = 0.0025
+
+
+def subsweep(**changes):
+    return {
+        "start_point": 200, "num_points": 6, "step_length": 24, "profile": "PROFILE_3", "hwaas": 8,
+        "receiver_gain": 16, "enable_tx": True, "prf": "PRF_15_6_MHz", **changes,
+    }  # fmt: skip
+
+
+def write_file(
+    path, values=None, *, subsweeps=None, config=None, metadata=None, ticks=None, sensor="1", root="sessions/session_0",
+    generation="a121", place="group_0/entry_0", ticks_per_second=1_000_000, **marked,
+):  # fmt: skip
+    """Frames (frames, sweeps, points) of complex numbers as a file."""
+    subsweeps = subsweeps or [subsweep()]
+    n_points = sum(one["num_points"] for one in subsweeps)
+    if values is None:
+        rng = np.random.default_rng(0)
+        values = rng.integers(-300, 300, (9, 16, n_points)) + 1j * rng.integers(-300, 300, (9, 16, n_points))
+    per_frame = values.shape[1]
+    settings = {
+        "sweep_rate": None, "frame_rate": 20.0, "continuous_sweep_mode": False, "sweeps_per_frame": per_frame,
+        "subsweeps": subsweeps, **(config or {}),
+    }  # fmt: skip
+    pairs = np.empty(values.shape, dtype=[("real", "<i2"), ("imag", "<i2")])
+    pairs["real"], pairs["imag"] = np.round(values.real), np.round(values.imag)
+    ticks = 7_000_000 + 50_000 * np.arange(len(values)) if ticks is None else ticks
+    facts = {"base_step_length_m": STEP_M, "max_sweep_rate": 2000.0, **(metadata or {})}
+    with h5py.File(path, "w") as file:
+        file["generation"] = generation
+        file["server_info"] = json.dumps({"ticks_per_second": ticks_per_second})
+        n_group = int(place.split("/")[0].removeprefix("group_"))
+        file[f"{root}/session_config"] = json.dumps({"groups": [{"1": settings, "3": settings}] * (n_group + 1)})
+        node = file.create_group(f"{root}/{place}")
+        node["sensor_id"] = int(sensor)
+        node["metadata"] = json.dumps(facts)
+        node["result/frame"] = pairs
+        node["result/tick"] = np.asarray(ticks, dtype=np.int64)
+        for name, flags in marked.items():
+            node[f"result/{name}"] = flags
+    return path
+
+
+def test_values_axes_and_times(tmp_path):
+    rng = np.random.default_rng(1)
+    values = rng.integers(-32768, 32767, (3, 4, 6)) + 1j * rng.integers(-32768, 32767, (3, 4, 6))
+    recording = read_acconeer(write_file(tmp_path / "a.h5", values))
+    np.testing.assert_allclose(recording.baseband.values, values.reshape(12, 6).conj() / 32768, rtol=1e-6)
+    np.testing.assert_allclose(recording.baseband.range.values, 0.5 + 0.06 * np.arange(6))
+    np.testing.assert_allclose(recording.radar.range_axis_m(), 0.5 + 0.06 * np.arange(6))
+    expected = [0.05 * frame + sweep / 2000.0 for frame in range(3) for sweep in range(4)]
+    np.testing.assert_allclose(recording.baseband.slow_time.values, expected, atol=1e-12)
+    assert recording.baseband.attrs["burst_pulses"] == 4
+    assert recording.radar.prf_hz == 2000.0
+    assert recording.radar.carrier_hz == 60.5e9
+    assert any("its highest for these settings, 2000 Hz" in note for note in recording.notes)
+
+
+@pytest.mark.parametrize(("profile", "fwhm_m"), [(1, 0.04), (2, 0.07), (3, 0.14), (4, 0.19), (5, 0.32)])
+def test_an_echo_is_as_wide_as_its_profile(tmp_path, profile, fwhm_m):
+    radar = read_acconeer(write_file(tmp_path / "a.h5", subsweeps=[subsweep(profile=f"PROFILE_{profile}")])).radar
+    # amplitude of the echo of E-18, half a width away from its centre
+    s_m = C * radar.sigma_s / 2
+    assert np.exp(-((fwhm_m / 2) ** 2) / (2 * s_m**2)) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("conjugate", [True, False])
+def test_an_approaching_target_is_positive(tmp_path, conjugate):
+    # the vendor's phase grows with distance: + 4 pi R / lambda, here with R falling by 0.8 m/s
+    times = 0.05 * np.arange(9)[:, None, None] + np.arange(16)[None, :, None] / 3000.0
+    phase = 4 * np.pi / LAMBDA_M * (1.0 - 0.8 * times)
+    values = 2000 * np.exp(1j * phase) * np.array([0.2, 1.0, 0.3, 0, 0, 0])
+    path = write_file(tmp_path / "a.h5", values, config={"sweep_rate": 3000.0})
+    recording = read_acconeer(path, conjugate=conjugate)
+    mu = burst_signature(recording.baseband, None, Analysis(doppler_bins=256), wavelength_m=LAMBDA_M, remove_mean=False)
+    found = mu.velocity.values[mu.values.argmax(axis=1)]
+    np.testing.assert_allclose(found, 0.8 if conjugate else -0.8, atol=0.02)
+    assert mu.sizes["time"] == 9
+
+
+def test_continuous_sweeps_are_evenly_spaced(tmp_path):
+    config = {"sweep_rate": 1000.0, "continuous_sweep_mode": True, "frame_rate": None}
+    ticks = 16_016 * np.arange(9)  # 16 sweeps take 16.016 ms by the recorder's clock
+    recording = read_acconeer(write_file(tmp_path / "a.h5", config=config, ticks=ticks))
+    np.testing.assert_allclose(recording.baseband.slow_time.values, np.arange(144) / 1000.0)
+    assert "burst_pulses" not in recording.baseband.attrs
+    assert any("ticks it is 999.001 Hz" in note for note in recording.notes)
+
+
+def test_one_sweep_a_frame_runs_at_the_frame_rate(tmp_path):
+    values = np.ones((50, 1, 6)) * (3 + 4j)
+    ticks = np.round(1000 + 33.3 * np.arange(50))  # whole milliseconds
+    recording = read_acconeer(write_file(tmp_path / "a.h5", values, ticks=ticks, ticks_per_second=1000))
+    assert recording.radar.prf_hz == pytest.approx(1000 / 33.3, rel=1e-3)
+    steps = np.diff(recording.baseband.slow_time.values)
+    np.testing.assert_allclose(steps, steps[0], rtol=1e-9)
+    assert "burst_pulses" not in recording.baseband.attrs
+
+
+def test_late_frames_keep_their_times(tmp_path):
+    ticks = 50_000 * np.array([0, 1, 2, 3, 5, 6, 7, 8, 9])
+    with pytest.warns(DoppelgaitWarning, match="frames came late or are missing"):
+        recording = read_acconeer(write_file(tmp_path / "a.h5", ticks=ticks))
+    np.testing.assert_allclose(recording.baseband.slow_time.values[::16], ticks / 1e6)
+
+
+def test_ticks_that_wrap(tmp_path):
+    ticks = (2**32 - 120_000 + 50_000 * np.arange(9)) % 2**32
+    recording = read_acconeer(write_file(tmp_path / "a.h5", ticks=ticks, config={"frame_rate": None}))
+    np.testing.assert_allclose(recording.baseband.slow_time.values[::16], 0.05 * np.arange(9))
+
+
+def test_ticks_of_no_use(tmp_path):
+    recording = read_acconeer(write_file(tmp_path / "a.h5", ticks=np.zeros(9)))
+    np.testing.assert_allclose(recording.baseband.slow_time.values[::16], np.arange(9) / 20.0)
+    with pytest.raises(RecordingError, match="no frame rate is stored"):
+        read_acconeer(write_file(tmp_path / "a.h5", ticks=np.zeros(9), config={"frame_rate": None}))
+
+
+def test_subsweeps_follow_one_another(tmp_path):
+    subsweeps = [subsweep(num_points=2), subsweep(num_points=3, start_point=400, step_length=40, profile="PROFILE_5")]
+    values = np.arange(2 * 3 * 5).reshape(2, 3, 5) * (1 + 0j)
+    path = write_file(tmp_path / "a.h5", values, subsweeps=subsweeps)
+    second = read_acconeer(path, subsweep=1)
+    np.testing.assert_allclose(second.baseband.values * 32768, values.reshape(6, 5)[:, 2:])
+    np.testing.assert_allclose(second.baseband.range.values, [1.0, 1.1, 1.2])
+    assert read_acconeer(path, subsweep=0).baseband.shape == (6, 2)
+    with pytest.raises(RecordingError, match=r"several subsweeps; give subsweep=0 to 1 \(0: profile 3, 2 points"):
+        read_acconeer(path)
+    with pytest.raises(RecordingError, match="subsweep = 2 is not allowed"):
+        read_acconeer(path, subsweep=2)
+
+
+def test_groups_entries_and_sessions(tmp_path):
+    path = write_file(tmp_path / "a.h5", place="group_1/entry_2", sensor="3", root="sessions/session_1")
+    assert read_acconeer(path, session=1, group=1, entry=2).baseband.shape == (144, 6)
+    with pytest.raises(RecordingError, match="holds no session_0; there is session_1"):
+        read_acconeer(path)
+    with pytest.raises(RecordingError, match="holds no entry_0; there is entry_2"):
+        read_acconeer(path, session=1, group=1)
+    with pytest.raises(RecordingError, match="group = -1"):
+        read_acconeer(path, group=-1)
+    older = write_file(tmp_path / "b.h5", root="session")
+    assert sniff_acconeer(older)
+    assert read_acconeer(older).baseband.shape == (144, 6)
+
+
+def test_saturation_is_told(tmp_path):
+    flags = np.arange(9) < 2
+    with pytest.warns(DoppelgaitWarning, match="saturation in 2 of 9 frames"):
+        recording = read_acconeer(write_file(tmp_path / "a.h5", data_saturated=flags, frame_delayed=flags))
+    assert any("2 of 9 frames as late" in note for note in recording.notes)
+
+
+@pytest.mark.parametrize(
+    ("how", "message"),
+    [
+        ({"generation": "a111"}, "generation 'a111'; only 'a121'"),
+        ({"config": {"sweeps_per_frame": 7}}, r"shape \(9, 16, 6\), its configuration says \(frames, 7, 6\)"),
+        ({"config": {"sweep_rate": -3}}, "sweep_rate is -3"),
+        ({"config": {"sweep_rate": 200.0}}, "take longer than from one frame to the next"),
+        ({"metadata": {"max_sweep_rate": 0.0}}, "give sweep_rate_hz"),
+        ({"metadata": {"base_step_length_m": "x"}}, "base_step_length_m is 'x'"),
+        ({"subsweeps": [subsweep(profile="PROFILE_9")]}, "profile is 'PROFILE_9'"),
+        ({"subsweeps": [subsweep(step_length=0)]}, "step_length is 0"),
+        ({"sensor": "2"}, "does not name sensor 2"),
+        ({"ticks": np.arange(4)}, "4 ticks for 9 frames"),
+        ({"values": np.ones((1, 1, 6))}, "a single sweep"),
+    ],
+)
+def test_what_cannot_be_read_is_named(tmp_path, how, message):
+    path = write_file(tmp_path / "a.h5", **how)
+    with pytest.raises(RecordingError, match=message):
+        read_acconeer(path)
+
+
+def test_a_given_sweep_rate_counts(tmp_path):
+    recording = read_acconeer(write_file(tmp_path / "a.h5", metadata={"max_sweep_rate": None}), sweep_rate_hz=800.0)
+    assert recording.radar.prf_hz == 800.0
+    with pytest.raises(RecordingError, match="sweep_rate_hz = 0"):
+        read_acconeer(tmp_path / "a.h5", sweep_rate_hz=0)
+
+
+def test_a_missing_step_is_taken_from_the_vendor(tmp_path):
+    recording = read_acconeer(write_file(tmp_path / "a.h5", metadata={"base_step_length_m": None}))
+    assert recording.baseband.range.values[0] == pytest.approx(0.5)
+    assert any("0.0025 m is taken" in note for note in recording.notes)
+
+
+def test_what_it_is_not(tmp_path):
+    other = tmp_path / "other.h5"
+    with h5py.File(other, "w") as file:
+        file["generation"] = "a121"
+    (tmp_path / "text.h5").write_text("sessions")
+    assert not any(sniff_acconeer(one) for one in (other, tmp_path / "text.h5", tmp_path / "none.h5", tmp_path))
+    with pytest.raises(RecordingError, match="no HDF5 file"):
+        read_acconeer(tmp_path / "text.h5")
+    with pytest.raises(RecordingError, match="no such file"):
+        read_acconeer(tmp_path / "none.h5")
+    with pytest.raises(RecordingError, match="is damaged or no recording"):
+        read_acconeer(other)
+
+
+def test_damaged_copies(tmp_path):
+    path = write_file(tmp_path / "a.h5")
+    read, refused = outcomes(read_acconeer, path, path.read_bytes(), count=300, seed=2)
+    assert read > 50
+    assert refused > 50

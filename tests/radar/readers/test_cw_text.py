@@ -1,0 +1,152 @@
+"""Pairs of text files of continuous-wave modules, written here by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from doppelgait.core.errors import DoppelgaitWarning, RecordingError
+from doppelgait.processing import Analysis
+from doppelgait.processing.bursts import burst_signature
+from doppelgait.radar.readers.cw_text import read_cw_text, sniff_cw_text
+from recording_damage import outcomes
+
+
+def write_pair(folder, re, im, name="walk"):
+    for part, values in (("RE", re), ("IM", im)):
+        (folder / f"{name}_{part}.txt").write_text("".join(f"{int(v)}\n" for v in values))
+    return folder / f"{name}_RE.txt"
+
+
+def codes(count, seed=0):
+    return np.random.default_rng(seed).integers(1, 4095, size=(2, count))
+
+
+def test_values_and_times(tmp_path):
+    re, im = codes(3 * 128)
+    recording = read_cw_text(write_pair(tmp_path, re, im))
+    values = recording.baseband.values[:, 0]
+    assert recording.baseband.shape == (384, 1)
+    np.testing.assert_allclose(values.real, (re - 2048) / 4096, atol=1e-7)
+    np.testing.assert_allclose(values.imag, -(im - 2048) / 4096, atol=1e-7)
+    times = recording.baseband.slow_time.values
+    assert times[[0, 1, 127, 128, 383]] == pytest.approx([0, 1 / 3000, 127 / 3000, 0.2, 0.4 + 127 / 3000])
+    assert recording.baseband.attrs["burst_pulses"] == 128
+    assert recording.baseband.range.values.tolist() == recording.radar.range_axis_m().tolist() == [5.0]
+    assert recording.radar.waveform == "cw"
+    assert (recording.radar.carrier_hz, recording.radar.prf_hz) == (24.1e9, 3000.0)
+    assert recording.source == "walk_RE.txt"
+    assert any("24.1 GHz" in note for note in recording.notes)
+
+
+def test_an_approaching_target_is_positive(tmp_path):
+    # what the module records: RE + j IM turns backwards while the range falls by 1 m/s: -2 v / lambda
+    times = (0.2 * np.arange(4)[:, None] + np.arange(128) / 3000).ravel()
+    doppler_hz = 2 * 1.0 * 24.1e9 / 299_792_458
+    turning = np.exp(-2j * np.pi * doppler_hz * times)
+    path = write_pair(tmp_path, np.round(2048 + 900 * turning.real), np.round(2048 + 900 * turning.imag))
+    for conjugate, sign in ((True, 1.0), (False, -1.0)):
+        recording = read_cw_text(path, conjugate=conjugate)
+        mu = burst_signature(recording.baseband, None, Analysis(), wavelength_m=recording.radar.wavelength_m)
+        assert mu.velocity.values[mu.values.argmax(axis=1)] == pytest.approx(sign, abs=0.08)
+
+
+def test_options(tmp_path):
+    re, im = codes(40)
+    recording = read_cw_text(
+        write_pair(tmp_path, re, im), carrier_hz=10.525e9, sample_rate_hz=1000, burst_pulses=20, burst_period_s=0.5,
+        conjugate=False, full_scale_v=3.3,
+    )  # fmt: skip
+    np.testing.assert_allclose(
+        recording.baseband.values[:, 0], ((re - 2048) + 1j * (im - 2048)) * 3.3 / 4096, atol=1e-6
+    )
+    assert recording.baseband.slow_time.values[20] == 0.5
+    assert recording.radar.volts_per_unit == pytest.approx(3.3 / 4096)
+    even = read_cw_text(write_pair(tmp_path, re, im), burst_pulses=20, burst_period_s=20 / 3000)
+    assert "burst_pulses" not in even.baseband.attrs
+    np.testing.assert_allclose(even.baseband.slow_time.values, np.arange(40) / 3000)
+
+
+def test_either_file_or_the_stem(tmp_path):
+    path = write_pair(tmp_path, *codes(128))
+    stem, other = tmp_path / "walk", tmp_path / "walk_IM.txt"
+    first = read_cw_text(path)
+    for one in (stem, other, str(path)):
+        assert read_cw_text(one).baseband.identical(first.baseband)
+    assert all(sniff_cw_text(one) for one in (path, stem, other))
+
+
+def test_what_it_is_not(tmp_path):
+    assert not sniff_cw_text(tmp_path / "walk")
+    (tmp_path / "notes.txt").write_text("12\n13\n")
+    assert not sniff_cw_text(tmp_path / "notes.txt")
+    (tmp_path / "a_RE.txt").write_text("time,value\n1,2\n")
+    assert not sniff_cw_text(tmp_path / "a_RE.txt")
+    assert not sniff_cw_text(tmp_path)
+
+
+def test_clipping_is_told(tmp_path):
+    re, im = codes(256)
+    re[:10], im[5:20] = 4095, 0  # samples 0 to 19
+    with pytest.warns(DoppelgaitWarning, match="7.8 % of the samples are clipped"):
+        read_cw_text(write_pair(tmp_path, re, im))
+
+
+def test_a_last_burst_that_is_not_whole_is_left_out(tmp_path):
+    with pytest.warns(DoppelgaitWarning, match="the last burst has 44 of 128"):
+        recording = read_cw_text(write_pair(tmp_path, *codes(300)))
+    assert recording.baseband.sizes["slow_time"] == 256
+
+
+@pytest.mark.parametrize(
+    ("re", "im", "message"),
+    [
+        ("1\n" * 128, "1\n" * 127, "walk_RE.txt holds 128 values and walk_IM.txt 127"),
+        ("1\n" * 64, "1\n" * 64, "64 samples, less than one burst"),
+        ("1\n" * 3 + "4096\n", "1\n" * 4, "walk_RE.txt: line 4 holds '4096'; every line must hold an integer from 0"),
+        ("1\n", "-3\n", "walk_IM.txt: line 1 holds '-3'"),
+        ("1\n2.5\n", "1\n1\n", "line 2 holds '2.5'"),
+        ("1\nabc\n", "1\n1\n", "line 2 holds 'abc'"),
+        ("1\n99999999999999999999999\n", "1\n1\n", "line 2 holds '99999999999999999999"),
+        ("00001\n", "1\n", "more than four digits"),
+        ("\n \n", "1\n", "holds no values"),
+        ("1\n", None, "walk_IM.txt: no such file"),
+    ],
+)
+def test_damage_is_named(tmp_path, re, im, message):
+    for part, text in (("RE", re), ("IM", im)):
+        if text is not None:
+            (tmp_path / f"walk_{part}.txt").write_text(text)
+    with pytest.raises(RecordingError, match=message):
+        read_cw_text(tmp_path / "walk_RE.txt")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"burst_pulses": 0}, "burst_pulses = 0"),
+        ({"burst_pulses": 12.5}, "burst_pulses = 12.5"),
+        ({"burst_period_s": 0.01}, "burst_period_s = 0.01 is shorter than a burst of 128 samples"),
+        ({"sample_rate_hz": 0}, "sample_rate_hz = 0"),
+        ({"carrier_hz": 5.0}, "carrier_hz"),
+        ({"full_scale_v": float("nan")}, "full_scale_v = nan"),
+    ],
+)
+def test_options_are_checked(tmp_path, options, message):
+    path = write_pair(tmp_path, *codes(256))
+    with pytest.raises(RecordingError, match=message):
+        read_cw_text(path, **options)
+    with pytest.raises(TypeError):
+        read_cw_text(path, units="V")
+
+
+def test_a_missing_recording_is_named(tmp_path):
+    with pytest.raises(RecordingError, match=r"no such recording; give NAME_RE\.txt"):
+        read_cw_text(tmp_path / "walk")
+
+
+def test_damaged_copies(tmp_path):
+    path = write_pair(tmp_path, *codes(3 * 128))
+    read, refused = outcomes(read_cw_text, path, path.read_bytes(), count=300, seed=1)
+    assert read > 0
+    assert refused > 200

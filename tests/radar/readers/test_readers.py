@@ -1,0 +1,619 @@
+"""Recordings of other programs: how a reader is picked, X4 frames in MATLAB files, plain arrays, damaged files."""
+
+import io
+import warnings
+import zipfile
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.io import loadmat, savemat, whosmat
+from scipy.signal import firwin
+
+from damage import damaged_copies
+from doppelgait.core.errors import ConfigError, OutputError, RecordingError
+from doppelgait.core.labels import BASEBAND, make_array
+from doppelgait.radar import Radar, Recording, TargetTruth, read_recording, write_recording
+from doppelgait.radar.readers import RECORDING_READERS, RecordingReader
+from doppelgait.radar.readers.array_writer import write_arrays
+from doppelgait.radar.readers.mat5 import list_variables, load_variable
+from doppelgait.radar.readers.registry import load_function
+
+LIGHT_MPS = 299_792_458.0
+BIN_M = 0.00643004
+"""RF bin of the X4, with its driver's speed of light."""
+CARRIER_HZ = 7.29e9
+RF_RATE_HZ = 3e8 / (2 * BIN_M)
+
+
+def random_baseband(shape, seed=1):
+    rng = np.random.default_rng(seed)
+    return (rng.normal(size=shape) + 1j * rng.normal(size=shape)).astype(np.complex64)
+
+
+def measured(shape=(20, 8), **facts):
+    radar = Radar.preset("x4", prf_hz=25, range_start_m=0.5, range_stop_m=0.5 + shape[1] * 0.0514)
+    coords = {"slow_time": np.arange(shape[0]) / 25.0, "range": 0.45 + 0.05144 * np.arange(shape[1])}
+    baseband = make_array(BASEBAND, random_baseband(shape), coords, {"radar": "{}"})
+    return Recording(baseband, radar, source="x", **facts)
+
+
+# --- Which reader -------------------------------------------------------------------------------------------------
+
+
+def test_every_declared_reader_exists_and_takes_its_options_by_name():
+    assert {"acconeer", "arrays", "cw-text", "doppelgait", "matlab-rf", "sigmf", "xethru"} <= set(RECORDING_READERS)
+    for name in RECORDING_READERS:
+        reader = RECORDING_READERS[name]
+        assert callable(load_function(reader.sniff))
+        assert callable(reader.reader())
+
+
+def test_a_reader_that_cannot_be_loaded_is_named():
+    for reference in ("doppelgait.radar.no_such_module:read", "doppelgait.radar.recordings:no_such", "nonsense"):
+        with pytest.raises(ConfigError, match="cannot be loaded"):
+            load_function(reference)
+
+
+def test_content_decides_not_the_name(tmp_path):
+    recording = measured()
+    write_recording(recording, tmp_path / "a.mat")
+    write_arrays(recording, tmp_path / "b.npz")
+    (tmp_path / "b.npz").rename(tmp_path / "c.h5")
+    (tmp_path / "b.toml").rename(tmp_path / "c.toml")
+    for name in ("a.mat", "c.h5"):
+        again = read_recording(tmp_path / name)
+        np.testing.assert_array_equal(again.baseband.values, recording.baseband.values)
+        assert again.source == name
+
+
+def test_what_no_reader_takes_is_refused_with_the_known_formats(tmp_path):
+    (tmp_path / "notes.txt").write_text("hello there")
+    with pytest.raises(RecordingError, match=r"notes\.txt.*no recording format.*doppelgait \(\.h5\).*matlab-rf"):
+        read_recording(tmp_path / "notes.txt")
+    (tmp_path / "empty.npz").write_bytes(b"")
+    with pytest.raises(RecordingError, match="is empty"):
+        read_recording(tmp_path / "empty.npz")
+    with pytest.raises(RecordingError, match="no such file"):
+        read_recording(tmp_path / "absent.npz")
+
+
+def test_a_folder_without_a_name_is_refused_like_any_other(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for place in (".", "/"):
+        with pytest.raises(RecordingError, match="no recording"):
+            read_recording(place)
+
+
+def test_two_readers_for_one_file_are_an_error_and_format_settles_it(tmp_path, monkeypatch):
+    write_recording(measured(), tmp_path / "a.h5")
+    own = RECORDING_READERS["doppelgait"]
+    monkeypatch.setitem(RECORDING_READERS._items, "twin", RecordingReader(own.sniff, own.read, (".h5",)))
+    with pytest.raises(RecordingError, match=r"could be doppelgait or twin.*format='doppelgait'"):
+        read_recording(tmp_path / "a.h5")
+    assert read_recording(tmp_path / "a.h5", format="twin").source == "a.h5"
+
+
+def test_a_wrong_format_or_option_is_refused_with_what_is_allowed(tmp_path):
+    write_arrays(measured(), tmp_path / "a.npz")
+    with pytest.raises(RecordingError, match=r"format = 'wav' is not known; known are: .*arrays"):
+        read_recording(tmp_path / "a.npz", format="wav")
+    with pytest.raises(RecordingError, match=r"the arrays reader has no option prf; allowed are radar, prf_hz"):
+        read_recording(tmp_path / "a.npz", prf=3)
+    with pytest.raises(RecordingError, match=r"a\.npz"):
+        read_recording(tmp_path / "a.npz", format="doppelgait")
+    with pytest.raises(RecordingError, match="no such file"):
+        read_recording(tmp_path / "b" / "c.npz", format="arrays")
+
+
+def test_our_own_file_keeps_notes_and_further_facts_of_the_baseband(tmp_path):
+    recording = measured(notes=["carrier_hz = 7.29e9: not in the file", "µ"])
+    recording.baseband.attrs.update(burst_pulses=128, gap_s=0.15, sensor="A")
+    write_recording(recording, tmp_path / "a.h5")
+    again = read_recording(tmp_path / "a.h5")
+    assert again.notes == recording.notes
+    assert {k: again.baseband.attrs[k] for k in ("burst_pulses", "gap_s", "sensor")} == {
+        "burst_pulses": 128, "gap_s": 0.15, "sensor": "A"
+    }  # fmt: skip
+    assert isinstance(again.baseband.attrs["burst_pulses"], int)
+
+
+def test_our_own_file_keeps_the_phase_of_a_path_in_the_truth(tmp_path):
+    recording = measured()
+    dims, shape = ("slow_time", "scatterer"), (20, 2)
+    names = ("range", "radial_velocity", "rcs", "path_gain", "path_phase", "aspect")
+    values = {name: (dims, np.random.default_rng(n).uniform(size=shape)) for n, name in enumerate(names)}
+    coords = {
+        "slow_time": recording.baseband["slow_time"].values,
+        "target": ("scatterer", [0, 0]),
+        "marker": ("scatterer", ["a", "b"]),
+        "part": ("scatterer", ["torso", "head"]),
+    }
+    truth = TargetTruth("human", xr.Dataset(values, coords), *(np.zeros(20),) * 3)
+    write_recording(replace(recording, truth=[truth]), tmp_path / "a.h5")
+    again = read_recording(tmp_path / "a.h5").truth[0].scatterers
+    for name in names:
+        np.testing.assert_array_equal(again[name], truth.scatterers[name])
+
+
+# --- X4 frames in MATLAB files ------------------------------------------------------------------------------------
+
+
+def rf_frames(range_m, *, n_bins=400, start_m=0.7, amplitude=1.0):
+    """Samples of ``a g(t - t0) cos(2 pi f_c (t - t0))`` for one target, E-16 written out; t counts with c = 3e8."""
+    time_s = 2 * (start_m + BIN_M * np.arange(n_bins)) / 3e8
+    delay_s = 2 * np.asarray(range_m)[:, None] / 3e8
+    envelope = np.exp(-0.5 * ((time_s - delay_s) / 0.35e-9) ** 2)
+    return amplitude * envelope * np.cos(2 * np.pi * CARRIER_HZ * (time_s - delay_s))
+
+
+def matlab_content(frames, *, start_m=0.7, **changes):
+    content = {
+        "Data_Matrix": frames,
+        "actual_fps": 25.0,
+        "bin_length": BIN_M,
+        "frame_start": start_m,
+        "range_axis": start_m + BIN_M * np.arange(frames.shape[1]),
+        "subject": "no one",
+    }
+    return {key: value for key, value in {**content, **changes}.items() if value is not None}
+
+
+@pytest.fixture
+def moving_target(tmp_path):
+    """1 unit strong at 1.5 m, approaching at 0.1 m/s, 40 frames at 25 Hz."""
+    range_m = 1.5 - 0.1 * np.arange(40) / 25.0
+    savemat(tmp_path / "rf.mat", matlab_content(rf_frames(range_m)))
+    return tmp_path / "rf.mat", range_m
+
+
+def test_an_approaching_target_in_rf_frames_has_its_range_strength_and_positive_doppler(moving_target):
+    path, range_m = moving_target
+    recording = read_recording(path)
+    baseband, axis_m = recording.baseband.values, recording.baseband["range"].values
+    scale_v = recording.radar.volts_per_unit or 1.0
+    np.testing.assert_allclose(np.diff(axis_m), 8 * BIN_M)
+    peak = np.abs(baseband).argmax(axis=1)
+    assert np.abs(axis_m[peak] - range_m).max() <= 4 * BIN_M * 1.01  # half a bin
+    at_peak = np.abs(baseband).max() / scale_v
+    taps = firwin(27, 1 / 16, window="hamming", fs=1.0)  # an envelope as short as the filter loses a little
+    through = (taps * np.exp(-0.5 * (np.arange(-13, 14) / RF_RATE_HZ / 0.35e-9) ** 2)).sum() / 2
+    assert at_peak == pytest.approx(through, rel=0.03)
+    column = baseband[:, np.bincount(peak).argmax()]
+    slope_hz = np.polyfit(np.arange(40) / 25.0, np.unwrap(np.angle(column)), 1)[0] / (2 * np.pi)
+    assert slope_hz == pytest.approx(2 * 0.1 * CARRIER_HZ / 3e8, rel=0.02)
+    # E-18: every bin of an echo has the phase -4 pi R / lambda; far from the peak other things show
+    turned = baseband / np.exp(-4j * np.pi * range_m * CARRIER_HZ / 3e8)[:, None]
+    assert np.abs(np.angle(turned[np.abs(baseband) > 0.1 * np.abs(baseband).max()])).max() < 0.01
+
+
+def test_rate_axes_radar_and_notes_of_a_matlab_recording(moving_target):
+    recording = read_recording(moving_target[0])
+    assert recording.truth == ()
+    assert np.isnan(recording.noise_power_v2)
+    assert recording.source == "rf.mat"
+    np.testing.assert_allclose(recording.baseband["slow_time"], np.arange(40) / 25.0)
+    assert recording.baseband["range"].values[0] == pytest.approx(0.7 + 13 * BIN_M)  # centre of 27 taps
+    assert recording.baseband.sizes["range"] == recording.radar.n_range_bins == (400 - 27) // 8 + 1
+    assert recording.radar.prf_hz == 25.0
+    assert any("carrier_hz = 7.29e+09" in note for note in recording.notes)
+    other = read_recording(moving_target[0], carrier_hz=8.748e9, prf_hz=50, range_start_m=1.0, radar="liland2018")
+    assert other.radar.carrier_hz == 8.748e9
+    assert other.baseband["slow_time"].values[1] == pytest.approx(0.02)
+    assert other.baseband["range"].values[0] == pytest.approx(1.0 + 13 * BIN_M)
+
+
+def test_values_are_scaled_by_the_presets_volts_per_unit(moving_target, monkeypatch):
+    from doppelgait.radar.readers import matlab
+
+    def scaled(unit_v):
+        def with_unit(*args, **kwargs):
+            return preset_radar(*args, **kwargs, volts_per_unit=unit_v)
+
+        monkeypatch.setattr(matlab, "preset_radar", with_unit)
+        return np.abs(read_recording(moving_target[0]).baseband.values).max()
+
+    preset_radar = matlab.preset_radar
+    assert scaled(3e-3) / scaled(1.0) == pytest.approx(3e-3)
+
+
+def test_version_7_3_reads_as_version_5(moving_target, tmp_path):
+    content = matlab_content(rf_frames(moving_target[1]), subject=None)
+    path = tmp_path / "v73.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, value in content.items():
+            file[name] = np.atleast_2d(value).T  # MATLAB stores columns first
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64, Created on: Thu Jan  1 00:00:00 2026 HDF5 schema 1.00 .")
+    xr.testing.assert_identical(read_recording(path).baseband, read_recording(moving_target[0]).baseband)
+
+
+@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize("dtype", ["f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "c16"])
+def test_matrices_of_every_number_class_read_as_scipy_reads_them(tmp_path, dtype, packed):
+    values = (np.arange(-6, 15).reshape(3, 7) * 11).astype("f8").astype(dtype, casting="unsafe")
+    values = values * (1 - 2j) if dtype == "c16" else values
+    content = {"a": values, "some_longer_name": values[:, :2], "text": "abc", "s": {"x": 1.0}, "one": 4.0}
+    savemat(tmp_path / "m.mat", content, do_compression=packed, oned_as="row")
+    found = list_variables(tmp_path / "m.mat", max_bytes=1 << 20)
+    assert {name: one.shape for name, one in found.items()} == {
+        name: shape for name, shape, _ in whosmat(tmp_path / "m.mat") if name != "text"
+    } | {"text": (1, 3)}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        wanted = loadmat(tmp_path / "m.mat")
+    for name in ("a", "some_longer_name", "one"):
+        again = load_variable(found[name])
+        np.testing.assert_array_equal(again, wanted[name])
+        assert again.dtype == wanted[name].dtype
+
+
+def test_one_of_several_matrices_is_picked_by_name(tmp_path):
+    frames = rf_frames([1.5, 1.5])
+    content = matlab_content(frames, Data_Matrix=None, Data_Matrix_1=frames, Data_Matrix_2=2 * frames)
+    savemat(tmp_path / "two.mat", content)
+    with pytest.raises(RecordingError, match=r"holds Data_Matrix_1 and Data_Matrix_2.*matrix='Data_Matrix_1'"):
+        read_recording(tmp_path / "two.mat")
+    first, second = (read_recording(tmp_path / "two.mat", matrix=f"Data_Matrix_{n}").baseband.values for n in (1, 2))
+    np.testing.assert_allclose(second, 2 * first, rtol=1e-6, atol=1e-30)
+    with pytest.raises(RecordingError, match=r"has no matrix 'x'; it holds .*Data_Matrix_1"):
+        read_recording(tmp_path / "two.mat", matrix="x")
+
+
+FRAMES = rf_frames([1.5, 1.5])
+
+
+@pytest.mark.parametrize(
+    ("changes", "options", "said"),
+    [
+        ({"Data_Matrix": None, "other": 1.0}, {}, r"has no Data_Matrix; it holds .*other"),
+        ({"actual_fps": None}, {}, r"has no actual_fps; give it: prf_hz=\.\.\."),
+        ({"actual_fps": 0.0}, {}, r"actual_fps = 0\.0 is not allowed; it must be a number above 1e-06"),
+        ({"actual_fps": [1.0, 2.0]}, {}, r"actual_fps = "),
+        ({"bin_length": None}, {}, r"has no bin_length; give it: bin_spacing_m=\.\.\."),
+        ({"range_axis": None, "frame_start": None}, {}, r"or frame_start; give it: range_start_m=\.\.\."),
+        ({"range_axis": np.arange(7.0)}, {}, r"range_axis has 7 values that are not the ranges of 400 bins"),
+        ({"range_axis": 2 * BIN_M * np.arange(400.0)}, {}, r"are not the ranges of 400 bins, 0\.00643004 m apart"),
+        ({"Data_Matrix": FRAMES + 0j}, {}, r"Data_Matrix holds complex128 values.*'arrays'"),
+        ({"Data_Matrix": np.zeros((2, 20)), "range_axis": None}, {}, r"rf\.mat: RF frames of 20 samples"),
+        ({"Data_Matrix": FRAMES[:1]}, {}, r"holds 1 pulses of 400 range bins"),
+        ({"Data_Matrix": np.where(np.arange(400) == 7, np.nan, FRAMES)}, {}, r"2 of 800 values are NaN.*bin 7"),
+        ({"baseband": 1.0}, {}, r"baseband = 1"),
+        ({}, {"carrier_hz": 12e9}, r"carrier_hz 1\.2e\+10 is not allowed"),
+        ({}, {"carrier_hz": "7"}, r"carrier_hz = '7' is not allowed; it must be a number"),
+        ({}, {"prf_hz": -1}, r"prf_hz = -1 is not allowed"),
+        ({}, {"radar": "x5"}, r"unknown radar preset 'x5'"),
+        ({}, {"matrix": 1}, r"matrix = 1 is not allowed"),
+        ({}, {"filter": "box"}, r"filter 'box' is not allowed"),
+    ],
+)
+def test_what_a_matlab_file_lacks_or_says_wrong_is_named(tmp_path, changes, options, said):
+    savemat(tmp_path / "rf.mat", matlab_content(FRAMES, **changes))
+    with pytest.raises(RecordingError, match=said):
+        read_recording(tmp_path / "rf.mat", **options)
+
+
+# --- Plain arrays -------------------------------------------------------------------------------------------------
+
+FACTS = "prf_hz = 100\ncarrier_hz = 24e9\nrange_start_m = 0.2\nbin_spacing_m = 0.04\n"
+VALUES = np.round(random_baseband((12, 5)) * 100).astype(np.complex64)
+
+
+def layouts():
+    pairs = np.stack([VALUES.real, VALUES.imag], axis=-1)
+    return {
+        "complex": ({"baseband": VALUES}, ""),
+        "only array": ({"anything": VALUES.astype(np.complex128)}, ""),
+        "i and q": ({"i": VALUES.real, "q": VALUES.imag}, ""),
+        "integers": ({"i": VALUES.real.astype(np.int16), "q": VALUES.imag.astype(np.int16)}, ""),
+        "last axis": ({"baseband": pairs.astype(np.int32)}, ""),
+        "columns": ({"baseband": VALUES.T}, "time_first = false\n"),
+        "conjugate": ({"baseband": VALUES.conj()}, "conjugate = true\n"),
+        "scaled": ({"baseband": VALUES * 8}, "scale_v = 0.125\n"),
+        "fortran": ({"baseband": np.asfortranarray(VALUES)}, ""),
+        "by name": ({"a": VALUES, "b": 2 * VALUES}, 'key = "a"\n'),
+        "big endian": ({"baseband": VALUES.astype(">c8")}, ""),
+    }
+
+
+@pytest.mark.parametrize("name", layouts())
+def test_every_layout_of_an_array_is_the_same_recording(tmp_path, name):
+    arrays, further = layouts()[name]
+    np.savez(tmp_path / "a.npz", **arrays)
+    (tmp_path / "a.toml").write_text(FACTS + further)
+    recording = read_recording(tmp_path / "a.npz")
+    np.testing.assert_array_equal(recording.baseband.values, VALUES)
+    np.testing.assert_allclose(recording.baseband["slow_time"], np.arange(12) / 100)
+    np.testing.assert_allclose(recording.baseband["range"], 0.2 + 0.04 * np.arange(5))
+    assert (recording.radar.carrier_hz, recording.radar.prf_hz) == (24e9, 100)
+    assert recording.radar.range_axis_m() == pytest.approx(recording.baseband["range"].values)
+    assert recording.radar.range_resolution_m == pytest.approx(0.04)
+    assert any("radar: not told" in note for note in recording.notes)
+
+
+def test_options_need_no_toml_file_and_win_over_one(tmp_path):
+    np.save(tmp_path / "a.npy", VALUES)
+    told = {"prf_hz": 50, "carrier_hz": 60e9, "range_start_m": -0.1, "bin_spacing_m": 0.02}
+    recording = read_recording(tmp_path / "a.npy", **told)
+    np.testing.assert_allclose(recording.baseband["range"], -0.1 + 0.02 * np.arange(5))
+    (tmp_path / "a.toml").write_text(FACTS + "conjugate = true\n")
+    other = read_recording(tmp_path / "a.npy", prf_hz=200, conjugate=False)
+    assert (other.radar.prf_hz, other.radar.carrier_hz) == (200, 24e9)
+    np.testing.assert_array_equal(other.baseband.values, VALUES)
+
+
+def test_a_list_of_pulses_is_a_continuous_wave(tmp_path):
+    np.save(tmp_path / "complex.npy", VALUES[:, 0])
+    np.save(tmp_path / "pairs.npy", np.stack([VALUES[:, 0].real, VALUES[:, 0].imag], axis=-1))
+    for name in ("complex.npy", "pairs.npy"):
+        recording = read_recording(tmp_path / name, prf_hz=3000, carrier_hz=24.1e9)
+        np.testing.assert_array_equal(recording.baseband.values, VALUES[:, :1])
+        assert recording.baseband["range"].values == [0.0]
+        assert recording.radar.wavelength_m == pytest.approx(LIGHT_MPS / 24.1e9)
+        assert recording.radar.waveform == "cw"
+        assert any("continuous wave" in note for note in recording.notes)
+
+
+def test_a_preset_tells_what_the_file_does_not(tmp_path):
+    np.save(tmp_path / "a.npy", VALUES)
+    recording = read_recording(tmp_path / "a.npy", radar="x4")
+    x4 = Radar.preset("x4")
+    assert (recording.radar.carrier_hz, recording.radar.n_range_bins) == (x4.carrier_hz, 5)
+    np.testing.assert_allclose(recording.baseband["range"], x4.range_axis_m()[:5])
+    (tmp_path / "a.toml").write_text('range_start_m = 0.4\n[radar]\npreset = "x4"\nprf_hz = 17\n')
+    told = read_recording(tmp_path / "a.npy")
+    assert told.radar.prf_hz == 17
+    assert told.baseband["slow_time"].values[1] == pytest.approx(1 / 17)
+    np.testing.assert_allclose(told.baseband["range"], 0.4 + x4.bin_spacing_m * np.arange(5))
+
+
+def test_a_continuous_wave_preset_takes_one_range_bin(tmp_path):
+    np.save(tmp_path / "a.npy", VALUES)
+    np.save(tmp_path / "b.npy", VALUES[:, 0])
+    with pytest.raises(RecordingError, match=r"has 5 range bins, but .* is a continuous wave with one"):
+        read_recording(tmp_path / "a.npy", radar="xband-cw")
+    assert read_recording(tmp_path / "b.npy", radar="xband-cw").radar.waveform == "cw"
+
+
+def test_axes_in_the_file_are_taken_as_they_are(tmp_path):
+    bursts_s = np.concatenate([0.2 * n + np.arange(4) / 3000 for n in range(3)])
+    range_m = np.array([0.1, 0.2, 0.31, 0.4, 0.5])
+    np.savez(tmp_path / "a.npz", baseband=VALUES, slow_time_s=bursts_s, range_m=range_m)
+    recording = read_recording(tmp_path / "a.npz", carrier_hz=24e9)
+    np.testing.assert_array_equal(recording.baseband["slow_time"], bursts_s)
+    np.testing.assert_array_equal(recording.baseband["range"], range_m)
+    assert recording.radar.prf_hz == pytest.approx(3000)
+    np.savez(tmp_path / "b.npz", baseband=VALUES, slow_time_s=bursts_s[::-1], range_m=range_m)
+    with pytest.raises(RecordingError, match="slow_time_s does not rise"):
+        read_recording(tmp_path / "b.npz", carrier_hz=24e9)
+    np.savez(tmp_path / "c.npz", baseband=VALUES, range_m=range_m[:4])
+    with pytest.raises(RecordingError, match=r"range_m is float64 of shape \(4,\); it must be 5 real numbers"):
+        read_recording(tmp_path / "c.npz", carrier_hz=24e9, prf_hz=3)
+
+
+def test_all_that_is_not_told_is_named_at_once(tmp_path):
+    np.save(tmp_path / "a.npy", VALUES)
+    with pytest.raises(RecordingError, match=r"carrier_hz, range_start_m, bin_spacing_m are told nowhere.*a\.toml"):
+        read_recording(tmp_path / "a.npy", prf_hz=100)
+    with pytest.raises(RecordingError, match="carrier_hz is told nowhere"):
+        read_recording(tmp_path / "a.npy", prf_hz=100, range_start_m=0, bin_spacing_m=0.1)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("prf = 100\n", r"a\.toml: prf \(line 1\): unknown key; allowed are .*prf_hz"),
+        ("\nprf_hz = -4\n", r"a\.toml: prf_hz \(line 2\): -4 is not allowed"),
+        ('time_first = "yes please"\n', r"time_first"),
+        ("prf_hz = \n", r"a\.toml: is not TOML"),
+        ('[radar]\npreset = "x5"\n', r"unknown radar preset 'x5'"),
+        ('[radar]\npreset = "x4"\ncarrier = 3\n', r"radar: carrier: unknown key"),
+        ("scale_v = 0\n", r"scale_v"),
+    ],
+)
+def test_faults_of_the_toml_file_are_named_with_their_line(tmp_path, text, said):
+    np.save(tmp_path / "a.npy", VALUES)
+    (tmp_path / "a.toml").write_text(text)
+    with pytest.raises(RecordingError, match=said):
+        read_recording(tmp_path / "a.npy", carrier_hz=24e9)
+
+
+def holding(**arrays):
+    return lambda path: np.savez(path, **arrays)
+
+
+WITH_FAULTS = np.where((np.arange(12)[:, None] == 3) & (np.arange(5) >= 2), np.nan, VALUES)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "said"),
+    [
+        ({"baseband": WITH_FAULTS}, r"3 of 60 values are NaN.*pulse 3, range bin 2 "),
+        ({"baseband": VALUES.astype(complex) * 1e300}, r"60 of 60 values are NaN, infinite or above 3\.4e38"),
+        ({"baseband": VALUES.real}, r"holds real values of shape \(12, 5\).*I and Q along a last axis of 2"),
+        ({"baseband": VALUES[None]}, r"has the shape \(1, 12, 5\)"),
+        ({"baseband": VALUES[:1]}, r"holds 1 pulses of 5 range bins"),
+        ({"baseband": VALUES[:, :0]}, r"holds 12 pulses of 0 range bins"),
+        ({"baseband": np.array(["a"] * 4)}, r"holds <U1 values"),
+        ({"a": VALUES, "b": VALUES}, r"has no array 'baseband'.*it holds a, b: key='NAME'"),
+        ({"i": VALUES.real, "q": VALUES.imag[:3]}, r"i is float32 of shape \(12, 5\) and q float32 of shape \(3, 5\)"),
+        ({"i": VALUES, "q": VALUES}, r"both must be real"),
+        ({"baseband": np.array([{"a": 1}], dtype=object)}, r"holds Python objects, which are never unpickled"),
+    ],
+)
+def test_arrays_that_are_no_baseband_are_refused(tmp_path, arrays, said):
+    np.savez(tmp_path / "a.npz", **arrays)
+    (tmp_path / "a.toml").write_text(FACTS)
+    with pytest.raises(RecordingError, match=said):
+        read_recording(tmp_path / "a.npz")
+
+
+def header_only(shape):
+    stream = io.BytesIO()
+    np.lib.format.write_array_header_1_0(stream, {"descr": "<c8", "fortran_order": False, "shape": shape})
+    return stream.getvalue()
+
+
+def test_a_header_that_promises_more_than_there_is_takes_no_memory(tmp_path):
+    (tmp_path / "a.toml").write_text(FACTS)
+    for shape, said in (((10**6, 10**6), "8,000,000,000,000 bytes; up to"), ((10**4, 10**4), "should hold 800000000")):
+        (tmp_path / "a.npy").write_bytes(header_only(shape))
+        with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+            archive.writestr("baseband.npy", header_only(shape))
+        for name in ("a.npy", "a.npz"):
+            with pytest.raises(RecordingError, match=said):
+                read_recording(tmp_path / name)
+
+
+def test_objects_are_never_unpickled(tmp_path):
+    class Bomb:
+        def __reduce__(self):
+            return (open, (str(tmp_path / "exploded"), "w"))
+
+    np.save(tmp_path / "a.npy", np.array([Bomb()], dtype=object), allow_pickle=True)
+    (tmp_path / "a.toml").write_text(FACTS)
+    with pytest.raises(RecordingError, match="never unpickled"):
+        read_recording(tmp_path / "a.npy")
+    assert not (tmp_path / "exploded").exists()
+
+
+def test_written_arrays_read_back_identically(tmp_path):
+    recording = measured(notes=['a note with "quotes", ümlaut, a\ttab and \x7f'], noise_power_v2=1e-13, seed=7)
+    recording.baseband.attrs.update(burst_pulses=4, sensor='the "left" one')
+    write_arrays(recording, tmp_path / "a.npz")
+    again = read_recording(tmp_path / "a.npz")
+    np.testing.assert_array_equal(again.baseband.values, recording.baseband.values)
+    for name in ("slow_time", "range"):
+        np.testing.assert_array_equal(again.baseband[name].values, recording.baseband[name].values)
+    assert again.radar == recording.radar
+    assert (again.notes, again.noise_power_v2, again.seed) == (recording.notes, 1e-13, 7)
+    assert np.isnan(again.snr_frame_db)
+    assert {k: again.baseband.attrs[k] for k in ("burst_pulses", "sensor")} == {
+        "burst_pulses": 4, "sensor": 'the "left" one'
+    }  # fmt: skip
+    write_arrays(replace(recording, snr_frame_db=np.inf), tmp_path / "a.npz")  # replaces its own
+    assert read_recording(tmp_path / "a.npz").snr_frame_db == np.inf
+    with np.load(tmp_path / "a.npz") as plain:
+        assert plain["baseband"].dtype == np.complex64
+
+
+def test_a_foreign_toml_file_is_never_overwritten(tmp_path):
+    (tmp_path / "scene.toml").write_text("[[targets]]\n")
+    with pytest.raises(OutputError, match=r"scene\.toml: is there and is no description of arrays"):
+        write_arrays(measured(), tmp_path / "scene.npz")
+    assert (tmp_path / "scene.toml").read_text() == "[[targets]]\n"
+    with pytest.raises(OutputError, match=r"must end in \.npz"):
+        write_arrays(measured(), tmp_path / "a.h5")
+    with pytest.raises(OutputError, match="cannot be written"):
+        write_arrays(measured(), tmp_path / "no" / "a.npz")
+    assert [entry.name for entry in tmp_path.iterdir()] == ["scene.toml"]
+
+
+# --- Damage -------------------------------------------------------------------------------------------------------
+
+
+def make_npz(path):
+    write_arrays(measured(), path.with_suffix(".npz"))
+    return path.with_suffix(".npz")
+
+
+def make_compressed(path):
+    make_npz(path)
+    recording = measured()
+    np.savez_compressed(path.with_suffix(".npz"), baseband=recording.baseband.values)
+    (path.parent / "damaged.toml").write_text(FACTS)
+    return path.with_suffix(".npz")
+
+
+def make_npy(path):
+    np.save(path.with_suffix(".npy"), VALUES)
+    (path.parent / "damaged.toml").write_text(FACTS)
+    return path.with_suffix(".npy")
+
+
+def make_mat(path):
+    savemat(path.with_suffix(".mat"), matlab_content(FRAMES[:, :60]))
+    return path.with_suffix(".mat")
+
+
+def make_packed_mat(path):
+    savemat(path.with_suffix(".mat"), matlab_content(FRAMES[:, :60]), do_compression=True)
+    return path.with_suffix(".mat")
+
+
+def make_v73(path):
+    with h5py.File(path.with_suffix(".mat"), "w", userblock_size=512) as file:
+        for name, value in matlab_content(FRAMES[:, :60], subject=None).items():
+            file[name] = np.atleast_2d(value).T
+    with path.with_suffix(".mat").open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file")
+    return path.with_suffix(".mat")
+
+
+def make_own(path):
+    write_recording(measured(notes=["n"]), path.with_suffix(".h5"))
+    return path.with_suffix(".h5")
+
+
+@pytest.mark.parametrize(
+    "make",
+    [make_npz, make_compressed, make_npy, make_mat, make_packed_mat, make_v73, make_own],
+    ids=lambda f: f.__name__,
+)
+def test_damaged_files_are_read_or_refused_by_name(tmp_path, make):
+    path = make(tmp_path / "whole")
+    if (tmp_path / "whole.toml").is_file():
+        (tmp_path / "damaged.toml").write_bytes((tmp_path / "whole.toml").read_bytes())
+    read, refusals = 0, []
+    for copy in damaged_copies(path, start=1, count=150, rng=np.random.default_rng(11)):
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                recording = read_recording(copy)
+            assert np.isfinite(recording.baseband.values).all()
+            read += 1
+        except RecordingError as error:
+            refusals.append(str(error))
+    assert all("damaged" in text for text in refusals)
+    assert len(refusals) > 50
+    assert read > 0
+
+
+def heap_objects(content):
+    """Places of the objects of the first global heap ("HDF5 File Format Specification" III.E), the last being free."""
+    at = content.index(b"GCOL")
+    end = at + int.from_bytes(content[at + 8 : at + 16], "little")
+    places = []
+    at += 16
+    while at < end:
+        places.append(at)
+        n_bytes = int.from_bytes(content[at + 8 : at + 16], "little")
+        at += 16 + (n_bytes + 7) // 8 * 8 if content[at] else n_bytes
+    return places
+
+
+@pytest.mark.parametrize("damage", ["free rest of no length", "length that leads back"])
+def test_a_heap_that_would_keep_the_hdf5_library_busy_for_ever_is_refused(tmp_path, damage):
+    content = bytearray(make_own(tmp_path / "whole").read_bytes())
+    places = heap_objects(content)
+    at, n_bytes = (places[-1], 0) if damage.startswith("free") else (places[0], 2**64 - 16)
+    content[at + 8 : at + 16] = n_bytes.to_bytes(8, "little")
+    (tmp_path / "loop.h5").write_bytes(content)
+    for options in ({}, {"format": "doppelgait"}):
+        with pytest.raises(RecordingError, match=r"loop\.h5: is a damaged HDF5 file: its heap at byte \d+ has no end"):
+            read_recording(tmp_path / "loop.h5", **options)
+
+
+def test_a_damaged_toml_file_is_refused_by_name(tmp_path):
+    np.savez(tmp_path / "damaged.npz", baseband=VALUES)
+    (tmp_path / "whole.toml").write_text(FACTS + '[radar]\npreset = "x4"\n')
+    refusals = []
+    for copy in damaged_copies(tmp_path / "whole.toml", start=0, count=150, rng=np.random.default_rng(12)):
+        try:
+            read_recording(copy.with_suffix(".npz"))
+        except RecordingError as error:
+            refusals.append(str(error))
+    assert all("damaged" in text for text in refusals)
+    assert len(refusals) > 50

@@ -1,0 +1,277 @@
+"""SigMF pairs, our own and foreign ones, against the specification's rules and the sigmf package where it is there."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+
+import numpy as np
+import pytest
+
+from doppelgait.core.errors import DoppelgaitWarning, OutputError, RecordingError
+from doppelgait.core.labels import BASEBAND, make_array
+from doppelgait.radar import Radar
+from doppelgait.radar.readers.sigmf import read_sigmf, sniff_sigmf, write_sigmf
+from doppelgait.radar.recording import Recording, TargetTruth
+from recording_damage import outcomes
+
+RADAR = Radar(
+    carrier_hz=7.29e9, prf_hz=500.0, sample_rate_hz=2.9e9, range_start_m=1.0, range_stop_m=1.4, bandwidth_hz=1.4e9
+)
+
+
+def make_recording(rows=40, slow_time_s=None, truth=(), **attrs):
+    rng = np.random.default_rng(0)
+    range_m = RADAR.range_axis_m() + 0.003  # the axis counts, not what the radar's parameters say
+    times = 0.25 + np.arange(rows) / 500.0 if slow_time_s is None else slow_time_s
+    values = rng.normal(size=(times.size, range_m.size)) + 1j * rng.normal(size=(times.size, range_m.size))
+    baseband = make_array(BASEBAND, values.astype(np.complex64), {"slow_time": times, "range": range_m}, attrs)
+    return Recording(
+        baseband=baseband, radar=RADAR, truth=truth, noise_power_v2=2.5e-9, seed=7, source="made", notes=("assumed x",)
+    )
+
+
+def foreign(folder, values, *, datatype="cf32_le", rate_hz=1000.0, frequency=24e9, **changes):
+    """A pair of another program's; ``values`` as they stand in the file."""
+    data = folder / "other.sigmf-data"
+    data.write_bytes(values.tobytes())
+    meta = {
+        "global": {"core:datatype": datatype, "core:version": "1.0.0", "core:sample_rate": rate_hz, **changes},
+        "captures": [{"core:sample_start": 0, "core:frequency": frequency}],
+        "annotations": [{"core:sample_start": 0, "core:label": "walk"}],
+    }
+    for key in [key for key, value in meta["global"].items() if value is None]:
+        del meta["global"][key]
+    path = folder / "other.sigmf-meta"
+    path.write_text(json.dumps(meta))
+    return path
+
+
+@pytest.mark.parametrize("name", ["walk", "walk.sigmf-meta", "walk.sigmf-data"])
+def test_round_trip(tmp_path, name):
+    recording = make_recording()
+    write_sigmf(recording, tmp_path / name)
+    for ending in ("sigmf-meta", "sigmf-data"):
+        path = tmp_path / f"walk.{ending}"
+        assert sniff_sigmf(path)
+        again = read_sigmf(path)
+        assert np.array_equal(again.baseband.values, recording.baseband.values)
+        assert np.array_equal(again.baseband.range.values, recording.baseband.range.values)
+        np.testing.assert_allclose(again.baseband.slow_time.values, recording.baseband.slow_time.values, atol=1e-12)
+        assert again.radar == recording.radar
+        assert (again.noise_power_v2, again.seed) == (2.5e-9, 7)
+        assert np.isnan(again.snr_frame_db)
+        assert again.notes[0] == "assumed x"
+
+
+def test_the_files_keep_the_specification(tmp_path):
+    recording = make_recording()
+    write_sigmf(recording, tmp_path / "walk")
+    content = (tmp_path / "walk.sigmf-data").read_bytes()
+    flat = recording.baseband.values.ravel()
+    assert content == np.stack([flat.real, flat.imag], axis=1).astype("<f4").tobytes()  # pulse by pulse, I then Q
+    meta = json.loads((tmp_path / "walk.sigmf-meta").read_text())
+    assert set(meta) == {"global", "captures", "annotations"}
+    assert meta["global"]["core:datatype"] == "cf32_le"
+    assert meta["global"]["core:sha512"] == hashlib.sha512(content).hexdigest()
+    assert meta["global"]["core:sample_rate"] == pytest.approx(500.0 * recording.baseband.sizes["range"])
+    assert meta["captures"] == [{"core:sample_start": 0, "core:frequency": 7.29e9, "doppelgait:time_s": 0.25}]
+    own = {"name": "doppelgait", "version": "1.0.0", "optional": True}
+    assert meta["global"]["core:extensions"] == [own]
+
+
+def test_the_sigmf_package_takes_them(tmp_path):
+    sigmf = pytest.importorskip("sigmf")
+    times = (0.1 * np.arange(4)[:, None] + np.arange(10) / 500.0).ravel()
+    recording = make_recording(slow_time_s=times, burst_pulses=10)
+    for datatype in ("cf32_le", "ci16_le"):
+        write_sigmf(recording, tmp_path / datatype, datatype=datatype)
+        theirs = sigmf.fromfile(str(tmp_path / f"{datatype}.sigmf-meta"))  # checks the checksum
+        theirs.validate()
+        samples = theirs.read_samples().reshape(recording.baseband.shape)
+        scale = theirs.get_global_info()["doppelgait:scale_v"]
+        if datatype == "ci16_le":  # it gives integers as fractions of 2^15
+            np.testing.assert_allclose(samples * 2**15 * scale, recording.baseband.values, atol=scale)
+        else:
+            assert np.array_equal(samples, recording.baseband.values)
+        assert len(theirs.get_captures()) == 4
+
+
+def test_the_sigmf_package_writes_what_is_read(tmp_path):
+    sigmf = pytest.importorskip("sigmf")
+    values = np.exp(1j * np.arange(50)).astype(np.complex64)
+    values.tofile(tmp_path / "x.sigmf-data")
+    theirs = sigmf.SigMFFile(
+        data_file=str(tmp_path / "x.sigmf-data"),
+        global_info={"core:datatype": "cf32_le", "core:sample_rate": 3000.0, "core:version": "1.0.0"},
+    )
+    theirs.add_capture(0, metadata={"core:frequency": 10.525e9})
+    theirs.tofile(str(tmp_path / "x.sigmf-meta"))
+    recording = read_sigmf(tmp_path / "x.sigmf-meta")
+    assert np.array_equal(recording.baseband.values[:, 0], values)
+    assert (recording.radar.carrier_hz, recording.radar.prf_hz) == (10.525e9, 3000.0)
+
+
+def test_sixteen_bit(tmp_path):
+    recording = make_recording()
+    write_sigmf(recording, tmp_path / "walk", datatype="ci16_le")
+    flat = recording.baseband.values.ravel()
+    largest = max(np.abs(flat.real).max(), np.abs(flat.imag).max())
+    assert (tmp_path / "walk.sigmf-data").stat().st_size == 4 * flat.size
+    np.testing.assert_allclose(
+        read_sigmf(tmp_path / "walk.sigmf-meta").baseband.values.ravel(), flat, atol=largest / 32767
+    )
+    with pytest.raises(RecordingError, match="datatype = 'cf64'"):
+        write_sigmf(recording, tmp_path / "walk", datatype="cf64")
+
+
+def test_pauses_are_captures(tmp_path):
+    times = (0.1 * np.arange(4)[:, None] + np.arange(10) / 500.0).ravel()
+    recording = make_recording(slow_time_s=times, burst_pulses=10)
+    write_sigmf(recording, tmp_path / "walk")
+    meta = json.loads((tmp_path / "walk.sigmf-meta").read_text())
+    n = recording.baseband.sizes["range"]
+    assert [c["core:sample_start"] for c in meta["captures"]] == [0, 10 * n, 20 * n, 30 * n]
+    again = read_sigmf(tmp_path / "walk.sigmf-meta")
+    np.testing.assert_allclose(again.baseband.slow_time.values, times, atol=1e-12)
+    assert again.baseband.attrs["burst_pulses"] == 10
+
+
+def test_labels_are_kept_and_the_truth_is_not(tmp_path):
+    recording = make_recording()
+    nothing = np.zeros(40)
+    truth = [TargetTruth(label, None, nothing, nothing, nothing, gait="trot") for label in ("human", "dog")]
+    write_sigmf(make_recording(truth=truth), tmp_path / "walk")
+    meta = json.loads((tmp_path / "walk.sigmf-meta").read_text())
+    assert [one["core:label"] for one in meta["annotations"]] == ["human", "dog"]
+    assert meta["annotations"][0]["core:sample_count"] == recording.baseband.size
+    again = read_sigmf(tmp_path / "walk.sigmf-meta")
+    assert again.truth == ()
+    assert "annotated: human, dog" in again.notes
+    assert any("truth" in note for note in again.notes)
+
+
+@pytest.mark.parametrize(
+    ("datatype", "dtype", "unit"),
+    [
+        ("cf32_le", "<f4", 1.0), ("cf32_be", ">f4", 1.0), ("cf64_le", "<f8", 1.0), ("ci16_le", "<i2", 2.0**-15),
+        ("ci16_be", ">i2", 2.0**-15), ("ci8", "i1", 2.0**-7), ("ci32_le", "<i4", 2.0**-31),
+    ],
+)  # fmt: skip
+def test_foreign_samples(tmp_path, datatype, dtype, unit):
+    pairs = np.random.default_rng(1).integers(-100, 100, (30, 2)).astype(dtype)
+    recording = read_sigmf(foreign(tmp_path, pairs, datatype=datatype))
+    np.testing.assert_allclose(recording.baseband.values[:, 0], (pairs[:, 0] + 1j * pairs[:, 1]) * unit, rtol=1e-6)
+    np.testing.assert_allclose(recording.baseband.slow_time.values, np.arange(30) / 1000.0)
+    assert recording.radar.waveform == "cw"
+    assert recording.radar.carrier_hz == 24e9
+    assert "annotated: walk" in recording.notes
+
+
+def test_unsigned_samples_have_their_zero_in_the_middle(tmp_path):
+    pairs = np.array([[0, 255], [128, 128]], dtype="u1")
+    values = read_sigmf(foreign(tmp_path, pairs, datatype="cu8")).baseband.values[:, 0]
+    np.testing.assert_allclose(values, [-1 + 127j / 128, 0])
+
+
+def test_options_of_foreign_files(tmp_path):
+    pairs = np.arange(60, dtype="<f4").reshape(30, 2)
+    path = foreign(tmp_path, pairs, rate_hz=None)
+    flat = pairs[:, 0] + 1j * pairs[:, 1]
+    with pytest.raises(RecordingError, match="no core:sample_rate; give prf_hz"):
+        read_sigmf(path)
+    with pytest.raises(RecordingError, match="no range axis; give bin_spacing_m"):
+        read_sigmf(path, samples_per_pulse=5, prf_hz=200.0)
+    recording = read_sigmf(
+        path, samples_per_pulse=5, prf_hz=200.0, bin_spacing_m=0.1, range_start_m=2.0, carrier_hz=7e9, conjugate=True,
+        scale_v=0.5,
+    )  # fmt: skip
+    np.testing.assert_allclose(recording.baseband.values, 0.5 * flat.reshape(6, 5).conj())
+    np.testing.assert_allclose(recording.baseband.range.values, [2.0, 2.1, 2.2, 2.3, 2.4])
+    np.testing.assert_allclose(recording.radar.range_axis_m(), [2.0, 2.1, 2.2, 2.3, 2.4])
+    assert recording.radar.range_resolution_m == pytest.approx(0.1)
+    assert (recording.radar.carrier_hz, recording.radar.prf_hz) == (7e9, 200.0)
+    rated = foreign(tmp_path, pairs, rate_hz=1000.0)
+    assert read_sigmf(rated, samples_per_pulse=5, bin_spacing_m=0.1).radar.prf_hz == 200.0
+    with pytest.warns(DoppelgaitWarning, match="not whole pulses of 7; the last 2 are left out"):
+        assert read_sigmf(rated, samples_per_pulse=7, bin_spacing_m=0.1).baseband.shape == (4, 7)
+
+
+def test_channels(tmp_path):
+    pairs = np.arange(24, dtype="<f4")  # two channels: I Q I Q
+    path = foreign(tmp_path, pairs, **{"core:num_channels": 2})
+    with pytest.raises(RecordingError, match="holds 2 channels; give channel = 0 to 1"):
+        read_sigmf(path)
+    np.testing.assert_allclose(read_sigmf(path, channel=1).baseband.values[:2, 0], [2 + 3j, 6 + 7j])
+
+
+def test_a_checksum_guards_the_samples(tmp_path):
+    write_sigmf(make_recording(), tmp_path / "walk")
+    data = tmp_path / "walk.sigmf-data"
+    data.write_bytes(data.read_bytes()[:-20])
+    with pytest.raises(RecordingError, match="core:sha512"):
+        read_sigmf(data)
+    with pytest.warns(DoppelgaitWarning) as told:
+        recording = read_sigmf(data, ignore_checksum=True)
+    assert recording.baseband.sizes["slow_time"] == 39
+    assert "not whole" in str(told[0].message)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"datatype": "rf32_le"}, "real samples: they cannot tell approaching from receding"),
+        ({"datatype": "cx9"}, "core:datatype is 'cx9'"),
+        ({"core:version": "0.0.2"}, "is SigMF 0.0.2; only 1.x"),
+        ({"rate_hz": 20e6}, "samples within pulses. Give samples_per_pulse"),
+        ({"rate_hz": -1}, "core:sample_rate is -1"),
+        ({"frequency": None}, "tells no carrier; give carrier_hz"),
+        ({"core:num_channels": 0}, "core:num_channels is 0"),
+        ({"core:dataset": "../x.bin"}, "must be the name of a file in the same folder"),
+        ({"core:trailing_bytes": 4}, "stand among other bytes"),
+    ],
+)
+def test_what_cannot_be_read_is_named(tmp_path, changes, message):
+    path = foreign(tmp_path, np.ones(20, dtype="<f4"), **changes)
+    with pytest.raises(RecordingError, match=message):
+        read_sigmf(path)
+
+
+def test_more_refusals(tmp_path):
+    path = foreign(tmp_path, np.array([1, np.nan] * 10, dtype="<f4"))
+    with pytest.raises(RecordingError, match="NaN"):
+        read_sigmf(path)
+    (tmp_path / "other.sigmf-data").unlink()
+    with pytest.raises(RecordingError, match=r"holds the samples of other\.sigmf-meta"):
+        read_sigmf(path)
+    for text, message in (("[1]", "damaged or no SigMF"), ("{", "damaged or no SigMF"), ("[" * 100_000, "damaged")):
+        path.write_text(text)
+        with pytest.raises(RecordingError, match=message):
+            read_sigmf(path)
+    with pytest.raises(RecordingError, match="no such file; a SigMF recording is a pair"):
+        read_sigmf(tmp_path / "none.sigmf-data")
+    with pytest.raises(RecordingError, match="archives are not read"):
+        read_sigmf(tmp_path / "none.sigmf")
+    write_sigmf(make_recording(), tmp_path / "walk")
+    with pytest.raises(RecordingError, match="tells its own axes; leave out prf_hz"):
+        read_sigmf(tmp_path / "walk.sigmf-meta", prf_hz=3.0)
+    with pytest.raises(OutputError):
+        write_sigmf(make_recording(), tmp_path / "no" / "walk")
+
+
+def test_what_it_is_not(tmp_path):
+    (tmp_path / "a.json").write_text("{}")
+    (tmp_path / "b.sigmf-data").write_bytes(b"1234")
+    assert not any(sniff_sigmf(tmp_path / name) for name in ("a.json", "b.sigmf-data", "none", "."))
+
+
+@pytest.mark.parametrize("part", ["meta", "data"])
+def test_damaged_copies(tmp_path, part):
+    write_sigmf(make_recording(rows=30), tmp_path / "walk")
+    path = tmp_path / f"walk.sigmf-{part}"
+    read, refused = outcomes(read_sigmf, path, path.read_bytes(), count=300, seed=3)
+    assert read + refused == 300
+    assert refused > 100
+    if part == "data":
+        again = outcomes(lambda p: read_sigmf(p, ignore_checksum=True), path, path.read_bytes(), count=200, seed=4)
+        assert sum(again) == 200

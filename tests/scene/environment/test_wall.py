@@ -1,0 +1,335 @@
+"""Materials, slabs and walls (ITU-R P.2040), against transfer matrices, sums of reflections and published values."""
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize_scalar
+
+from doppelgait.core.errors import ConfigError, DoppelgaitWarning
+from doppelgait.scene.environment import Setting, Wall, apply_environment, make_effect
+from doppelgait.scene.environment.materials import MATERIALS, Dielectric, relative_permittivity
+from doppelgait.scene.environment.slab import (
+    insertion_coefficient,
+    interface_reflection,
+    sampled,
+    slab_delay_m,
+    slab_reflection,
+    slab_transmission,
+    te_share,
+)
+from echo_table import C_MPS, LAMBDA_M, echo_table, echoes
+
+K = 2 * np.pi / LAMBDA_M
+ANGLES_DEG = np.array([0.0, 12.0, 30.0, 47.0, 63.0, 80.0])
+COSINES = np.cos(np.radians(ANGLES_DEG))
+SLAB = {"permittivity": 5.24 - 0.54j, "thickness_m": 0.043, "wavelength_m": LAMBDA_M}
+SETTING = Setting(LAMBDA_M, (0.0, 0.0, 1.0), 0.0)
+
+
+def film(permittivity, thickness_m, angle_deg, mode):
+    """Reflection and transmission of a film by its characteristic matrix (Born and Wolf, 1.6)."""
+    cosine = np.cos(np.radians(angle_deg))
+    index_cosine = np.sqrt(complex(permittivity - np.sin(np.radians(angle_deg)) ** 2))
+    outside, inside = (cosine, index_cosine) if mode == "te" else (1 / cosine, permittivity / index_cosine)
+    beta = K * thickness_m * index_cosine
+    m = np.array([[np.cos(beta), 1j * np.sin(beta) / inside], [1j * inside * np.sin(beta), np.cos(beta)]])
+    front = m @ np.array([1.0, outside])
+    t = 2 * outside / (outside * front[0] + front[1])
+    r = (outside * front[0] - front[1]) / (outside * front[0] + front[1])
+    return (r if mode == "te" else -r), t  # its tm coefficient is of the tangential field, ours of the upright one
+
+
+# --- Materials ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "real", "conductivity"),
+    [
+        ("concrete", 5.24, 0.25766), ("brick", 3.91, 0.033826), ("plasterboard", 2.73, 0.066978),
+        ("wood", 1.99, 0.049528), ("glass", 6.31, 0.068299), ("chipboard", 2.58, 0.12044),
+    ],
+)  # fmt: skip
+def test_materials_at_9_ghz_are_those_of_another_programs_table(name, real, conductivity):
+    # MATLAB's buildingMaterialPermittivity, documented example at 9 GHz
+    eps = relative_permittivity(name, wavelength_m=C_MPS / 9e9)
+    assert eps.real == pytest.approx(real, rel=1e-3)
+    assert -eps.imag * 9 / 17.98 == pytest.approx(conductivity, rel=1e-4)
+
+
+def test_ground_permittivity_falls_with_frequency_as_f_to_b():
+    low, high = (relative_permittivity("medium_dry_ground", wavelength_m=C_MPS / f) for f in (2e9, 8e9))
+    assert high.real / low.real == pytest.approx(4.0**-0.1)
+    assert high.imag / low.imag == pytest.approx(4.0**0.63)
+
+
+def test_own_material_and_its_loss():
+    eps = relative_permittivity(Dielectric(permittivity=4.0, conductivity_s_per_m=0.1), wavelength_m=C_MPS / 5e9)
+    assert eps == pytest.approx(4.0 - 1j * 0.1 / (2 * np.pi * 5e9 * 8.8541878e-12), rel=3e-4)
+
+
+def test_band_of_a_material():
+    with pytest.warns(DoppelgaitWarning, match=r"floorboard: .* 50 to 100 GHz, the carrier is 7.29 GHz"):
+        relative_permittivity("floorboard", wavelength_m=LAMBDA_M)
+    with pytest.raises(ConfigError, match=r"wet_ground: .* 1 to 10 GHz, the carrier is 24 GHz"):
+        relative_permittivity("wet_ground", wavelength_m=C_MPS / 24e9)
+    with pytest.raises(ConfigError, match="'gold' is not known; known are concrete"):
+        relative_permittivity("gold", wavelength_m=LAMBDA_M)
+    assert {"concrete", "glass", "very_dry_ground"} <= set(MATERIALS)
+
+
+# --- Slabs --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mode", ["te", "tm"])
+def test_slab_equals_the_characteristic_matrix(mode):
+    r = slab_reflection(COSINES, mode=mode, **SLAB)
+    t = slab_transmission(COSINES, mode=mode, **SLAB)
+    expected = [film(SLAB["permittivity"], SLAB["thickness_m"], angle, mode) for angle in ANGLES_DEG]
+    np.testing.assert_allclose(r, [one[0] for one in expected], rtol=1e-9)
+    np.testing.assert_allclose(t, [one[1] for one in expected], rtol=1e-9)
+
+
+@pytest.mark.parametrize("mode", ["te", "tm"])
+def test_slab_equals_the_sum_of_its_internal_reflections(mode):
+    eps, angle = 3.0 - 0.2j, np.radians(35.0)
+    cosine, inside = np.cos(angle), np.sqrt(eps - np.sin(angle) ** 2)
+    r = interface_reflection(cosine, permittivity=eps, mode=mode)
+    through = np.exp(-1j * K * 0.02 * inside)
+    sums = [(1 - r**2) * through * (r * through) ** (2 * n) for n in range(60)]
+    back = [-r * (1 - r**2) * through**2 * (r * through) ** (2 * n) for n in range(60)]
+    options = {"permittivity": eps, "thickness_m": 0.02, "wavelength_m": LAMBDA_M, "mode": mode}
+    np.testing.assert_allclose(slab_transmission(cosine, **options), np.sum(sums), rtol=1e-12)
+    np.testing.assert_allclose(slab_reflection(cosine, **options), r + np.sum(back), rtol=1e-12)
+
+
+@pytest.mark.parametrize("mode", ["te", "tm"])
+@pytest.mark.parametrize("thickness_m", [0.003, 0.0173, 0.21])
+def test_a_lossless_slab_keeps_the_energy(mode, thickness_m):
+    options = {"permittivity": 4.1 + 0j, "thickness_m": thickness_m, "wavelength_m": LAMBDA_M, "mode": mode}
+    power = np.abs(slab_reflection(COSINES, **options)) ** 2 + np.abs(slab_transmission(COSINES, **options)) ** 2
+    np.testing.assert_allclose(power, 1.0, rtol=1e-12)
+
+
+def test_a_lossless_half_wave_slab_is_clear():
+    options = {"permittivity": 4.0 + 0j, "thickness_m": LAMBDA_M / 4, "wavelength_m": LAMBDA_M, "mode": "te"}
+    assert slab_transmission(1.0, **options) == pytest.approx(-1.0)
+    assert abs(slab_reflection(1.0, **options)) < 1e-12
+    quarter = slab_reflection(1.0, **{**options, "thickness_m": LAMBDA_M / 8})
+    assert quarter == pytest.approx(-(4 - 1) / (4 + 1))  # (1 - n^2) / (1 + n^2)
+
+
+def test_interface_signs_brewster_and_reciprocity():
+    n = 2.0
+    assert interface_reflection(1.0, permittivity=4.0, mode="te") == pytest.approx((1 - n) / (1 + n))
+    assert interface_reflection(1.0, permittivity=4.0, mode="tm") == pytest.approx((n - 1) / (n + 1))
+    assert interface_reflection(0.0, permittivity=4.0, mode="tm") == pytest.approx(-1.0, abs=1e-5)
+    brewster = np.cos(np.arctan(n))
+    assert abs(interface_reflection(brewster, permittivity=4.0, mode="tm")) < 1e-12
+    assert interface_reflection(brewster, permittivity=4.0, mode="te") == pytest.approx((1 - n**2) / (1 + n**2))
+    inside = np.sqrt(1 - (1 - COSINES**2) / 4)  # Snell
+    for mode in ("te", "tm"):  # seen from the other medium: the opposite
+        other = interface_reflection(inside, permittivity=0.25, mode=mode)
+        np.testing.assert_allclose(other, -interface_reflection(COSINES, permittivity=4.0, mode=mode), atol=1e-12)
+
+
+def test_no_slab_no_change_and_metal_stops_all():
+    air = {"permittivity": 1 + 0j, "thickness_m": 0.3, "wavelength_m": LAMBDA_M}
+    for mode in ("te", "tm"):
+        np.testing.assert_allclose(insertion_coefficient(COSINES, mode=mode, **air), 1.0, rtol=1e-12)
+    metal = relative_permittivity("metal", wavelength_m=LAMBDA_M)
+    options = {"permittivity": metal, "thickness_m": 0.001, "wavelength_m": LAMBDA_M}
+    np.testing.assert_allclose(slab_reflection(COSINES, mode="te", **options), -1.0, rtol=1e-3)
+    np.testing.assert_allclose(slab_reflection(COSINES, mode="tm", **options), 1.0, rtol=5e-3)
+    assert np.all(np.isfinite(slab_transmission(np.array([0.0, 1.0]), mode="tm", **options)))
+
+
+@pytest.mark.parametrize(
+    ("material", "thickness_m", "loss_db", "delay_cm"),
+    [
+        ("plasterboard", 0.0125, 0.8, 0.8), ("chipboard", 0.020, 2.8, 1.2), ("wood", 0.040, 2.1, 1.6),
+        ("glass", 0.004, 3.3, 0.6), ("brick", 0.115, 3.7, 11.2), ("concrete", 0.200, 32.7, 25.8),
+    ],
+)  # fmt: skip
+def test_table_of_walls_at_7_29_ghz(material, thickness_m, loss_db, delay_cm):
+    eps = relative_permittivity(material, wavelength_m=LAMBDA_M)
+    t = slab_transmission(1.0, permittivity=eps, thickness_m=thickness_m, wavelength_m=LAMBDA_M, mode="te")
+    assert -20 * np.log10(abs(t)) == pytest.approx(loss_db, abs=0.1)
+    assert 100 * slab_delay_m(1.0, permittivity=eps, thickness_m=thickness_m) == pytest.approx(delay_cm, abs=0.05)
+
+
+def test_delay_at_an_angle_is_that_of_the_refracted_way():
+    eps, d, wall_m, far_m, aside_m = 3.91, 0.115, 2.0, 6.0, 2.4
+
+    def way(x, y):  # crosses the faces x and x + y aside
+        rest = far_m - wall_m - d
+        return np.hypot(wall_m, x) + np.sqrt(eps) * np.hypot(d, y) + np.hypot(rest, aside_m - x - y)
+
+    shortest = minimize_scalar(
+        lambda x: minimize_scalar(lambda y: way(x, y), bounds=(0, 0.2), method="bounded", options={"xatol": 1e-12}).fun,
+        bounds=(0, aside_m),
+        method="bounded",
+        options={"xatol": 1e-12},
+    ).fun  # Fermat
+    straight = np.hypot(far_m, aside_m)
+    delay = slab_delay_m(far_m / straight, permittivity=eps + 0j, thickness_m=d)
+    assert delay == pytest.approx(shortest - straight, rel=3e-3)
+
+
+@pytest.mark.parametrize("thickness_m", [0.004, 0.3])
+@pytest.mark.parametrize("mode", ["te", "tm"])
+def test_many_rays_by_fewer_values(mode, thickness_m):
+    cosines = np.random.default_rng(1).uniform(0.1, 1.0, (300, 400))
+    options = {"permittivity": 6.31 - 0.13j, "thickness_m": thickness_m, "wavelength_m": LAMBDA_M, "mode": mode}
+    calls = []
+
+    def coefficient(c):
+        calls.append(c.size)
+        return insertion_coefficient(c, **options)
+
+    quick = sampled(coefficient, cosines, thickness_m=thickness_m, wavelength_m=LAMBDA_M)
+    np.testing.assert_allclose(quick, insertion_coefficient(cosines, **options), rtol=0, atol=3e-5)
+    assert calls[0] < cosines.size / 10
+    few = cosines[:1, :5]
+    np.testing.assert_array_equal(
+        sampled(coefficient, few, thickness_m=thickness_m, wavelength_m=LAMBDA_M), insertion_coefficient(few, **options)
+    )
+
+
+def test_share_of_te_from_the_fields_themselves():
+    rng = np.random.default_rng(5)
+    for azimuth, elevation in rng.uniform(-1.3, 1.3, (20, 2)):
+        u = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+        up = np.array([0, 0, 1.0]) - u[2] * u
+        across = np.cross(u, [1.0, 0, 0])
+        expected = (up @ across / np.linalg.norm(up) / np.linalg.norm(across)) ** 2
+        assert te_share(*(3.0 * u)) == pytest.approx(expected, abs=1e-9)
+    assert te_share(np.array(2.0), np.array(0.0), np.array(0.0)) == 1.0
+
+
+# --- The wall of a scene ------------------------------------------------------------------------------------------
+
+
+def places(n=7, seed=2):
+    """Points in front of and behind a wall at x = 3."""
+    rng = np.random.default_rng(seed)
+    return rng.uniform([1.0, -2.0, 0.0], [6.0, 2.0, 2.0], (1, n, 3))
+
+
+@pytest.mark.parametrize("material", ["brick", "concrete", "glass"])
+def test_whole_phase_and_level_behind_a_wall_are_those_of_t_squared(material):
+    position = np.array([[[5.0, 0.0, 1.0], [5.0, 2.5, 1.0], [2.0, 0.5, 1.4]]])
+    table = echo_table(position, SETTING.radar_position_m)
+    d = 0.08
+    after = apply_environment(table, [Wall(material=material, thickness_m=d, range_m=3.0)], SETTING)
+    eps = relative_permittivity(material, wavelength_m=LAMBDA_M)
+    angles = np.degrees(np.arctan2([0.0, 2.5], 5.0))  # level rays: purely te
+    exact = [film(eps, d, angle, "te")[1] * np.exp(1j * K * d * np.cos(np.radians(angle))) for angle in angles]
+    before, seen = echoes(table)[0], echoes(after)[0]
+    lengthening = (table["range"] / after["range"]).values[0, :2] ** 2  # the radar equation, at the apparent range
+    np.testing.assert_allclose(seen[:2], before[:2] * np.array(exact) ** 2 * lengthening, rtol=1e-9)
+    assert after["range"].values[0, 0] == pytest.approx(5.0 + (np.sqrt(eps.real) - 1) * d)
+    assert seen[2] == before[2]
+    assert after["range"].values[0, 2] == table["range"].values[0, 2]
+
+
+def test_wall_touches_only_what_is_behind_it():
+    table = echo_table(places(40), SETTING.radar_position_m)
+    table["path_phase"] = (("slow_time", "scatterer"), np.full((1, 40), 0.3), {"units": "rad"})
+    after = apply_environment(table, [Wall(material="brick", thickness_m=0.1, range_m=3.0)], SETTING)
+    front = places(40)[0, :, 0] < 3.0
+    assert 5 < front.sum() < 35
+    for name in table:
+        before, then = table[name].values[0], after[name].values[0]
+        assert np.array_equal(before[front], then[front])
+        if name in ("range", "path_gain", "path_phase"):
+            assert (before[~front] != then[~front]).all()
+        else:
+            assert np.array_equal(before[~front], then[~front])
+    assert (after["path_gain"].values[0][~front] < 1).all()
+    assert after["slow_time"].equals(table["slow_time"])
+
+
+def test_wall_turns_with_the_boresight_or_stands_where_it_is_told():
+    turn = 0.7
+    rotation = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
+    wall = Wall(material="wood", thickness_m=0.04, range_m=3.0, polarisation="horizontal")
+    straight = apply_environment(echo_table(places(), (0, 0, 1.0)), [wall], SETTING)
+    turned = echo_table(places() @ rotation.T, (0, 0, 1.0))
+    by_boresight = apply_environment(turned, [wall], Setting(LAMBDA_M, (0, 0, 1.0), turn))
+    told = wall.model_copy(update={"normal_azimuth_deg": np.degrees(turn)})
+    by_itself = apply_environment(turned, [told], SETTING)
+    for other in (by_boresight, by_itself):
+        for name in ("range", "path_gain", "path_phase"):
+            np.testing.assert_allclose(other[name].values, straight[name].values, rtol=1e-9, atol=1e-9)
+
+
+def test_tm_crosses_more_easily_than_te():
+    table = echo_table(np.array([[[3.0, 4.0, 1.0]]]), SETTING.radar_position_m)  # 53 degrees
+    gains = [
+        apply_environment(table, [Wall(material="wood", thickness_m=0.01, polarisation=p)], SETTING)["path_gain"].item()
+        for p in ("vertical", "horizontal")
+    ]
+    eps = relative_permittivity("wood", wavelength_m=LAMBDA_M)
+    expected = [abs(film(eps, 0.01, np.degrees(np.arctan2(4, 3)), mode)[1]) for mode in ("te", "tm")]
+    np.testing.assert_allclose(gains, np.array(expected) ** 4, rtol=1e-9)
+    assert gains[1] > gains[0]
+
+
+@pytest.mark.parametrize("polarisation", ["vertical", "horizontal"])
+def test_oblique_rays_cross_by_their_te_and_tm_parts(polarisation):
+    position = places(12) + np.array([0.0, 0.0, 1.5])  # rays that rise
+    turn = 0.3
+    wall = Wall(material="glass", thickness_m=0.01, normal_azimuth_deg=np.degrees(turn), polarisation=polarisation)
+    after = apply_environment(echo_table(position, SETTING.radar_position_m), [wall], SETTING)
+    normal, eps = np.array([np.cos(turn), np.sin(turn), 0.0]), relative_permittivity("glass", wavelength_m=LAMBDA_M)
+    for n, place in enumerate(position[0] - SETTING.radar_position_m):
+        u = place / np.linalg.norm(place)
+        level = np.cross([0.0, 0.0, 1.0], u)
+        field = level if polarisation == "horizontal" else np.cross(u, level)
+        field /= np.linalg.norm(field)
+        te = np.cross(u, normal) / np.linalg.norm(np.cross(u, normal))
+        tm = np.cross(u, te)
+        angle = np.degrees(np.arccos(u @ normal))
+        t_te, t_tm = (film(eps, 0.01, angle, mode)[1] for mode in ("te", "tm"))
+        copolar = t_te * (field @ te) ** 2 + t_tm * (field @ tm) ** 2
+        assert after["path_gain"].values[0, n] == pytest.approx(abs(copolar) ** 4, rel=1e-9)
+
+
+def test_measured_wall_without_and_with_a_place():
+    table = echo_table(places(), SETTING.radar_position_m)
+    everywhere = apply_environment(table.drop_vars(["azimuth", "elevation"]), [Wall(loss_db=10, delay_m=0.2)], SETTING)
+    np.testing.assert_allclose(everywhere["path_gain"], 0.01, rtol=1e-12)  # 10 dB each way
+    np.testing.assert_allclose(everywhere["range"], table["range"] + 0.2)
+    assert "path_phase" not in everywhere
+    behind = places()[0, :, 0] > 3.0
+    placed = apply_environment(table, [Wall(loss_db=10, delay_m=0.2, range_m=3.0)], SETTING)
+    np.testing.assert_allclose(placed["path_gain"].values[0], np.where(behind, 0.01, 1.0))
+    np.testing.assert_allclose(placed["range"].values[0], table["range"].values[0] + 0.2 * behind)
+
+
+def test_radial_velocity_stays_minus_the_rate_of_the_range():
+    t = np.arange(400) / 500
+    x = np.stack([4.0 + 0.3 * np.sin(5 * t), 2.0 * np.sin(3 * t), 1.0 + 0.2 * np.cos(4 * t)], axis=-1)[:, None]
+    v = np.stack([1.5 * np.cos(5 * t), 6.0 * np.cos(3 * t), -0.8 * np.sin(4 * t)], axis=-1)[:, None]
+    table = echo_table(x, SETTING.radar_position_m, t, velocity_mps=v)
+    after = apply_environment(table, [Wall(material="concrete", thickness_m=0.3)], SETTING)
+    rate = np.gradient(after["range"].values[:, 0], t)
+    np.testing.assert_allclose(after["radial_velocity"].values[2:-2, 0], -rate[2:-2], atol=1e-3)
+    assert np.abs(after["radial_velocity"] - table["radial_velocity"]).max() > 0.02
+
+
+@pytest.mark.parametrize(
+    ("table", "text"),
+    [
+        ({}, "give either material and thickness_m, or loss_db"),
+        ({"material": "brick"}, "material and thickness_m belong together"),
+        ({"material": "brick", "thickness_m": 0.1, "loss_db": 3}, "give either material"),
+        ({"delay_m": 0.1}, "delay_m needs loss_db"),
+        ({"loss_db": -1}, "loss_db: -1 is not allowed"),
+        ({"material": "gold", "thickness_m": 0.1}, "material: 'gold' is not allowed: must be concrete, brick"),
+        ({"material": {"permittivity": 0.5}, "thickness_m": 0.1}, "permittivity: 0.5 is not allowed"),
+        ({"loss_db": 3, "polarisation": "left"}, "polarisation: 'left' is not allowed"),
+    ],
+)
+def test_walls_that_are_refused(table, text):
+    with pytest.raises(ConfigError, match="environment kind 'wall'.*" + text):
+        make_effect({"kind": "wall", **table})

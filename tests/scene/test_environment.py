@@ -1,0 +1,105 @@
+"""Lists of environment effects: tables and models, order, errors, what comes after what."""
+
+import numpy as np
+import pytest
+
+from doppelgait.core.config import FrozenModel, canonical_json, validate
+from doppelgait.core.errors import ConfigError
+from doppelgait.core.labels import SCATTERER_VARIABLES
+from doppelgait.scene.environment import (
+    ENVIRONMENT,
+    Environment,
+    GroundBounce,
+    Setting,
+    Visibility,
+    Wall,
+    WallGhost,
+    apply_environment,
+    make_effect,
+    needs_angles,
+)
+from echo_table import LAMBDA_M, echo_table
+
+SETTING = Setting(LAMBDA_M, (0.0, 0.0, 1.0))
+
+
+class Room(FrozenModel):
+    """Anything that holds effects."""
+
+    environment: Environment = ()
+
+
+TABLES = [
+    {"kind": "ground_bounce", "material": "wood", "roughness_m": 0.002},
+    {"kind": "wall_ghost", "material": {"permittivity": 4.0}, "thickness_m": 0.1, "side_m": 2.0},
+    {"kind": "wall", "material": "brick", "thickness_m": 0.115, "range_m": 2.5},
+    {"kind": "visibility", "gain_db": [[0.0, -6.0], [10.0, -6.0]]},
+]
+
+
+def test_a_list_takes_tables_and_models_and_survives_json():
+    room = Room(environment=TABLES)
+    assert [type(effect) for effect in room.environment] == [GroundBounce, WallGhost, Wall, Visibility]
+    again = Room(environment=room.environment)
+    assert again == room
+    assert Room.model_validate_json(canonical_json(room)) == room
+    assert '"thickness_m":0.115' in canonical_json(room)
+    assert set(ENVIRONMENT) >= {"wall", "ground_bounce", "wall_ghost", "visibility"}
+
+
+@pytest.mark.parametrize(
+    ("effects", "text"),
+    [
+        ([{"kind": "wal"}], r"environment.0: .*environment kind 'wal' is not allowed: known are ground_bounce"),
+        ([{"material": "brick"}], "environment kind None is not allowed"),
+        ([TABLES[0], {"kind": "wall", "loss": 3}], r"environment.1: .*'wall': loss: unknown key; allowed are delay_m"),
+        ([{"kind": "wall_ghost", "material": "wood", "thickness_m": 0.1}], "give either side_m"),
+        ([{**TABLES[1], "position_m": [1, 2]}], "belong together"),
+        ([{**TABLES[1], "material": "gold"}], r"'gold' is not allowed: must be concrete, brick.*permittivity"),
+        ([{**TABLES[0], "roughness_m": -1}], "roughness_m: -1 is not allowed"),
+        ([TABLES[2], TABLES[0]], "'ground_bounce' comes after 'wall', but reflections must come first"),
+        ([TABLES[3], TABLES[1]], "'wall_ghost' comes after 'visibility'"),
+        ([Room()], "is no environment effect"),
+        ([3], "environment.0: 3 is not allowed"),
+    ],
+)
+def test_lists_that_are_refused(effects, text):
+    with pytest.raises(ConfigError, match=text):
+        validate(Room, {"environment": effects})
+
+
+def test_effects_act_in_order_and_none_is_the_table_itself():
+    table = echo_table([[[4.0, 0.5, 1.0], [2.0, 0.0, 1.5]]], SETTING.radar_position_m)
+    assert apply_environment(table, [], SETTING) is table
+    near = Visibility(gain_db=[(4.0, 0.0), (4.2, -40.0)])
+    delay = Wall(loss_db=0.0, delay_m=0.3)
+    first = apply_environment(table, [near, delay], SETTING)["path_gain"].values[0]
+    last = apply_environment(table, [delay, near], SETTING)["path_gain"].values[0]
+    np.testing.assert_allclose(first, [10 ** (-0.1 * 40 * (np.hypot(4, 0.5) - 4) / 0.2), 1.0])
+    np.testing.assert_allclose(last, [1e-4, 1.0])  # the wall took it beyond the edge
+
+
+def test_effects_leave_the_table_that_they_get_alone():
+    table = echo_table([[[4.0, 0.5, 1.0], [2.0, 0.0, 1.5]]], SETTING.radar_position_m)
+    before = table.copy(deep=True)
+    after = apply_environment(table, Room(environment=TABLES).environment, SETTING)
+    assert before.identical(table)
+    assert after.sizes["scatterer"] == 10
+    assert all(after[name].attrs["units"] == SCATTERER_VARIABLES[name] for name in after)
+
+
+def test_order_is_checked_where_no_model_did():
+    table = echo_table([[[4.0, 0.5, 1.0]]], SETTING.radar_position_m)
+    with pytest.raises(ConfigError, match="move 'ground_bounce' before 'wall'"):
+        apply_environment(table, [Wall(loss_db=1), GroundBounce()], SETTING)
+    with pytest.raises(ConfigError, match="is no environment effect"):
+        apply_environment(table, [Room()], SETTING)
+
+
+def test_which_effects_need_angles():
+    assert not needs_angles([])
+    assert not needs_angles([Wall(loss_db=3), Visibility(gain_db=[(0, 0)])])
+    assert needs_angles([Wall(loss_db=3, range_m=2)])
+    assert needs_angles([Wall(material="wood", thickness_m=0.1)])
+    assert needs_angles([Wall(loss_db=3), make_effect({"kind": "ground_bounce"})])
+    assert needs_angles([WallGhost(material="wood", thickness_m=0.1, side_m=1.0)])

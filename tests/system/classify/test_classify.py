@@ -1,0 +1,637 @@
+"""Models trained, scored, kept and used on small made-up datasets: who may see what, and what is refused."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from sklearn.ensemble import HistGradientBoostingClassifier
+from sklearn.impute import SimpleImputer
+from sklearn.linear_model import LogisticRegression
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
+from threadpoolctl import threadpool_limits
+
+from doppelgait.classify.calibrate import class_weights
+from doppelgait.classify.data import rows_of, table_of
+from doppelgait.classify.decide import Seen, classify, decide
+from doppelgait.classify.evaluate import evaluate, learn
+from doppelgait.classify.model_file import load_model, save_model
+from doppelgait.classify.report import write_report
+from doppelgait.classify.training import BOOSTING, Kind, Part, fit
+from doppelgait.classify.validate import cross_validation, leave_out, own_splits, refuse_shared
+from doppelgait.core.errors import AnalysisError, ConfigError, DatasetError, DoppelgaitWarning
+from doppelgait.dataset import open_dataset
+from doppelgait.dataset.open import Dataset
+from doppelgait.features import FEATURE_UNITS
+from doppelgait.pipeline import analyze, parse_run, run_simulation, write_results
+from doppelgait.processing import Analysis
+from tiny_dataset import built, mixed_plan, tiny_plan
+
+SIX = tuple(FEATURE_UNITS)
+C = 299_792_458.0
+FEATURE_MODELS = ["six-logistic", "six-boosting"]
+
+
+def made_up(
+    n=240, *, seed=0, classes=("human", "dog"), apart=4.0, per_mover=2, split=(0.6, 0.2), identity="a", **columns
+):
+    """A dataset of an index alone: the step length tells the classes, nothing else does, a tenth of it is unknown."""
+    rng = np.random.default_rng(seed)
+    movers = rng.permutation(n // per_mover)
+    labels = np.repeat(np.array(classes)[np.arange(n // per_mover) % len(classes)], per_mover)
+    share = np.repeat(movers / (n // per_mover), per_mover)
+    index = pd.DataFrame({
+        "id": [f"e{k}" for k in range(n)],
+        "scene_id": [f"e{k}" for k in range(n)],
+        "label": labels,
+        "split": np.where(share < split[0], "train", np.where(share < sum(split), "validation", "test")),
+        "group": np.repeat([f"recording/{identity}-{k}" for k in range(n // per_mover)], per_mover),
+        "source": "recording",
+        "prf_hz": rng.uniform(900, 1300, n),
+        "carrier_hz": 7.29e9,
+        "observation_s": 2.5,
+        "flags": "",
+        "gait_frequency_hz": rng.normal(2, 0.3, n),
+        "quality_snr_mu_db": rng.uniform(0, 30, n),
+        "truth_ground_speed_mps": labels == classes[0],
+        "truth_seed": np.arange(n) + 1000.0 * (labels == classes[0]),
+        **{f"feature_{name}": rng.normal(1, 0.3, n) for name in SIX},
+        "extended_swing_duty": rng.normal(0, 1, n),
+        **columns,
+    })  # fmt: skip
+    index["feature_step_length_m"] += apart * 0.3 * pd.factorize(index["label"])[0]
+    index.loc[rng.random(n) < 0.1, "feature_step_length_m"] = np.nan
+    numbers = {name: number for number, name in enumerate(classes)}
+    description = {"id": identity, "name": "made-up", "origin": "imported", "classes": numbers, "fields": {},
+                   "config": {"analysis": {"cpi_s": 0.1}}}  # fmt: skip
+    return Dataset(None, description, index, None)
+
+
+@pytest.fixture(scope="module")
+def found():
+    return evaluate(made_up(), models=[*FEATURE_MODELS, "extended-boosting"], keep=True)
+
+
+# --- what is learnt ---
+
+
+def test_no_truth_and_no_seed_is_a_feature():
+    rows = rows_of(made_up())
+    for features in ("six", "extended", "speed", "nuisance"):
+        names = table_of(rows, features).names
+        assert names
+        assert not [name for name in names if "truth" in name or "seed" in name or name in ("id", "group", "label")]
+    assert table_of(rows, "six").names == ("torso_speed_mps", "doppler_bandwidth_mps", *SIX[2:])
+    assert table_of(rows, "speed").names == ("torso_speed_mps",)
+
+
+def test_who_comes_is_who_goes():
+    one, other = made_up(), made_up()
+    other.index["feature_torso_velocity_mps"] *= -1
+    assert np.array_equal(table_of(rows_of(one), "six").values, table_of(rows_of(other), "six").values, equal_nan=True)
+
+
+def test_another_carrier_changes_nothing():
+    """At 24 GHz the same body has a Doppler bandwidth 24 / 7.29 times as wide, in hertz."""
+    one, other = made_up(), made_up()
+    other.index["feature_doppler_bandwidth_hz"] *= 24.0 / 7.29
+    other.index["carrier_hz"] = 24e9
+    tables = [table_of(rows_of(dataset), "six").values for dataset in (one, other)]
+    assert np.allclose(*tables, equal_nan=True, rtol=1e-12)
+    assert tables[0][0, 1] == pytest.approx(one.index["feature_doppler_bandwidth_hz"][0] * C / 7.29e9 / 2)
+
+
+@pytest.mark.parametrize("classes", [("human", "dog"), ("human", "dog", "cat")])
+def test_plain_form_answers_as_sklearn_does(classes):
+    rows = rows_of(made_up(classes=classes))
+    values, labels = table_of(rows, "six").values.copy(), rows.labels
+    values[0] = np.nan
+    values[:, 3] = np.nan  # never known
+    train, nobody = Part(values[:150], labels[:150]), Part(values[:0], labels[:0])
+    weights = class_weights(train.labels, len(classes))
+    boosting = HistGradientBoostingClassifier(**BOOSTING, random_state=4)
+    known = [0, 1, 2, 4, 5]
+    with threadpool_limits(1):
+        boosting.fit(train.values[:, known], train.labels, sample_weight=weights)
+        expected = boosting.predict_proba(values[:, known])
+    found = fit(Kind("six", "boosting"), train, nobody, n_classes=len(classes), seed=4)
+    assert np.allclose(np.exp(found.log_probability(values)), expected, atol=1e-12)
+    logistic = make_pipeline(
+        SimpleImputer(strategy="median", add_indicator=True, keep_empty_features=True),
+        StandardScaler(),
+        LogisticRegression(max_iter=2000),
+    )
+    logistic.fit(train.values, train.labels, logisticregression__sample_weight=weights)
+    found = fit(Kind("six", "logistic"), train, nobody, n_classes=len(classes), seed=4)
+    assert np.allclose(np.exp(found.log_probability(values)), logistic.predict_proba(values), atol=1e-9)
+
+
+def test_scores_of_a_dataset_that_can_be_told(found):
+    models = found.document["models"]
+    assert list(models) == ["chance", "nuisance", "speed", *FEATURE_MODELS, "extended-boosting"]
+    assert models["chance"]["balanced_accuracy"]["value"] == 0.5
+    for name in FEATURE_MODELS:
+        assert models[name]["balanced_accuracy"]["value"] > 0.8
+        assert models[name]["alarm"]["held"]["dog"]["value"] < 0.5
+        assert next(iter(models[name]["importance"])) == "step_length_m"
+    for name in ("nuisance", "speed"):
+        bounds = models[name]["balanced_accuracy"]
+        assert bounds["low"] <= 0.5 <= bounds["high"]
+        assert models[name]["alarm"]["held"]["dog"]["value"] > 0.5
+    assert found.best in [*FEATURE_MODELS, "extended-boosting"]
+    json.dumps(found.document, allow_nan=False)
+
+
+def test_answers_agree_with_the_scores(found):
+    table, model = found.answers, found.document["models"]["six-logistic"]
+    shares = (table["six-logistic:class"] == table["label"]).groupby(table["label"]).mean()
+    assert model["balanced_accuracy"]["value"] == pytest.approx(shares.mean())
+    assert model["decided"]["n"] == table["six-logistic:decided"].sum()
+    best = table[["six-logistic:human", "six-logistic:dog"]].max(axis=1)
+    decided = table["six-logistic:decided"]
+    assert (best[decided] >= 0.8).all()
+    assert ((best >= 0.8) & ~decided).sum() <= 3  # outside what was learnt
+
+
+def test_shuffled_labels_give_chance():
+    dataset = made_up(600)
+    movers = dataset.index["group"].unique()
+    dealt = dict(zip(movers, np.random.default_rng(5).permutation(["human", "dog"] * (len(movers) // 2)), strict=True))
+    dataset.index["label"] = dataset.index["group"].map(dealt)
+    for model in evaluate(dataset, models=FEATURE_MODELS).document["models"].values():
+        assert model["balanced_accuracy"]["low"] <= 0.5 <= model["balanced_accuracy"]["high"]
+
+
+def test_a_plan_that_gives_the_class_away_is_seen():
+    dataset = made_up()
+    dataset.index["prf_hz"] += 500.0 * (dataset.index["label"] == "dog")
+    nuisance = evaluate(dataset, models=["six-logistic"]).document["models"]["nuisance"]
+    assert nuisance["balanced_accuracy"]["value"] > 0.95
+
+
+def test_nuisances_without_a_plan_are_those_of_the_index_and_it_is_said():
+    dataset = made_up(gate_error_m=np.random.default_rng(0).normal(size=240))
+    table = table_of(rows_of(dataset), "nuisance")
+    assert table.names == ("index.prf_hz", "index.gate_error_m")  # the observation time is the same everywhere
+    assert "only index.prf_hz, index.observation_s, index.gate_error_m (imported recordings have no plan)" in table.note
+    both = table_of(rows_of(dataset, made_up(identity="b")), "nuisance")
+    assert both.names == ("index.prf_hz",)
+    assert len(both.values) == 480
+
+
+def test_three_classes():
+    document = evaluate(made_up(360, classes=("human", "dog", "cat")), models=FEATURE_MODELS).document
+    model = document["models"]["six-boosting"]
+    assert set(model["roc"]) == set(model["recall"]) == {"human", "dog", "cat"}
+    assert model["balanced_accuracy"]["value"] > 0.6
+    assert set(model["alarm"]["held"]) == {"human", "dog", "cat"}
+
+
+def test_accuracy_falls_where_the_signal_does():
+    dataset = made_up(800)
+    loud = dataset.index["quality_snr_mu_db"] > 15
+    noise = np.random.default_rng(0).normal(0, 3, len(dataset))
+    dataset.index["feature_step_length_m"] += np.where(loud, 0, noise)
+    bins = evaluate(dataset, models=["six-boosting"]).document["conditions"]["snr"]["models"]["six-boosting"]
+    assert [entry["from"] for entry in bins] == [0, 5, 10, 15, 20, 25]
+    assert np.mean([b["value"] for b in bins[3:]]) > np.mean([b["value"] for b in bins[:3]]) + 0.15
+    assert sum(entry["n"] for entry in bins) == len(dataset.index[dataset.index["split"] == "test"])
+
+
+def test_conditions_that_are_not_known_are_said():
+    dataset = made_up()
+    del dataset.index["truth_ground_speed_mps"]
+    notes = " ".join(evaluate(dataset, models=["six-logistic"]).document["notes"])
+    assert "line of sight (°): none of truth_aspect_deg, quality_aspect_deg is known" in notes
+
+
+# --- who is on which side ---
+
+
+def test_movers_stay_on_one_side():
+    rows = rows_of(made_up())
+    fold, _ = own_splits(rows, seed=0)
+    for each in [fold, *cross_validation(rows, 4, seed=0)]:
+        sides = [set(rows.groups[part]) for part in (each.train, each.held, each.test)]
+        assert all(sides)
+        assert sum(map(len, sides)) == len(set.union(*sides))
+    tested = np.sort(np.concatenate([f.test for f in cross_validation(rows, 4, seed=0)]))
+    assert np.array_equal(tested, np.arange(len(rows)))
+
+
+def test_a_dataset_that_was_split_by_row_is_refused():
+    dataset = made_up()
+    dataset.index["split"] = np.resize(["train", "test"], len(dataset))
+    rows = rows_of(dataset)
+    with pytest.raises(DatasetError, match="is learnt from and tested on"):
+        refuse_shared(rows, [own_splits(rows, seed=0)[0]])
+    with pytest.raises(DatasetError, match="is learnt from and tested on"):
+        evaluate(dataset, models=["six-logistic"])
+
+
+def test_cross_validation_and_leaving_out():
+    dataset = made_up(200, subject=np.resize(["rex", "rex", "ada", "ada", "bo", "bo", "cy", "cy"], 200))
+    document = evaluate(dataset, models=["six-logistic"], n_folds=4).document
+    assert sum(document["tested"].values()) == 200
+    assert len(document["folds"]) == 4
+    rows = rows_of(dataset)
+    dataset.index["source"] = np.where(rows.labels == 0, "model", "recording")
+    with pytest.raises(ConfigError, match="a class has nothing else to learn from"):
+        leave_out(rows_of(dataset), "source", seed=0)
+    dataset.index["source"] = np.resize(["model"] * 4 + ["recording"] * 4, 200)
+    folds, notes = leave_out(rows_of(dataset), "source", seed=0)
+    assert [fold.name for fold in folds] == ["without model", "without recording"]
+    assert not notes
+    kept = evaluate(dataset, models=["six-logistic"], left_out="source", keep=True)
+    assert [fold["name"] for fold in kept.document["folds"]] == ["without model", "without recording"]
+    assert kept.models["six-logistic"].facts.n_train + kept.models["six-logistic"].facts.n_held == 200
+
+
+def test_another_dataset_to_test_on():
+    dataset, other = made_up(identity="a"), made_up(seed=7, identity="b")
+    document = evaluate(dataset, other=other, models=["six-logistic"]).document
+    assert sum(document["tested"].values()) == len(other)
+    assert document["models"]["six-logistic"]["balanced_accuracy"]["value"] > 0.8
+    learnt = dataset.index.loc[dataset.index["split"] == "train", "group"].iloc[0]
+    other.index.loc[:9, "group"] = learnt
+    document = evaluate(dataset, other=other, models=["six-logistic"]).document
+    assert sum(document["tested"].values()) == len(other) - 10
+    assert "10 of 240 rows of the test dataset left out" in document["notes"][0]
+
+
+def test_the_same_motion_under_another_name_is_not_tested():
+    dataset, other = (made_up(identity=name, motion=[f"{name}{k}" for k in range(240)]) for name in "ab")
+    first = dataset.index.loc[dataset.index["split"] == "train", "motion"].iloc[0]
+    other.index.loc[4:6, "motion"] = first
+    fold, notes = own_splits(rows_of(dataset, other), seed=0)
+    assert not set(fold.test) & {244, 245, 246}
+    assert fold.test.size == 237
+    assert "3 of 240 rows" in notes[0]
+
+
+def test_without_validation_some_of_train_is_held_back():
+    document = evaluate(made_up(split=(0.8, 0.0)), models=["six-logistic"]).document
+    assert document["folds"][0]["held"]["n"] > 20
+    assert "held back for calibration" in document["notes"][0]
+
+
+def wrong_datasets():
+    one = made_up(classes=("dog", "dog"))
+    one.description["classes"] = {"dog": 0}
+    untested, lacking, cats = made_up(split=(0.7, 0.3)), made_up(identity="b"), made_up(identity="b")
+    del lacking.index["feature_limb_torso_ratio"]
+    cats.index["label"] = cats.index["label"].replace("dog", "cat")
+    return [
+        (one, {}, "has the class 'dog' alone"),
+        (untested, {}, "no rows in the split test"),
+        (made_up(), {"other": lacking}, "has no feature 'limb_torso_ratio'"),
+        (made_up(), {"other": cats}, "has the classes cat"),
+        (made_up(), {"other": made_up()}, "is the dataset to learn from"),
+        (made_up(), {"models": ["six-svm"]}, "model 'six-svm' is not known"),
+        (made_up(), {"n_folds": 1}, "must be from 2 to 60"),
+        (made_up(), {"left_out": "colour"}, "no such column"),
+        (made_up(), {"left_out": "source"}, "has 1 values"),
+        (made_up(), {"left_out": "source", "n_folds": 3}, "take one of them"),
+        (made_up(), {"models": ["signature-network"]}, "torch|keeps no 'signature'"),
+    ]
+
+
+@pytest.mark.parametrize(("dataset", "options", "says"), wrong_datasets())
+def test_what_cannot_be_scored_is_one_clear_error(dataset, options, says):
+    with pytest.raises((DatasetError, ConfigError), match=says):
+        evaluate(dataset, **{"models": ["six-logistic"], **options})
+
+
+# --- kept and loaded ---
+
+
+def test_a_kept_model_answers_the_same(found, tmp_path):
+    rows = rows_of(made_up(seed=9))
+    for name in ("chance", "speed", *FEATURE_MODELS, "extended-boosting"):
+        model = found.models[name]
+        again = load_model(save_model(model, tmp_path / "m.npz"))
+        assert again.facts == model.facts
+        values = table_of(rows, model.facts.features).values
+        assert np.array_equal(again.probability(values), model.probability(values))
+        first = (tmp_path / "m.npz").read_bytes()
+        save_model(again, tmp_path / "m.npz")
+        assert (tmp_path / "m.npz").read_bytes() == first
+    assert found.models["six-logistic"].facts.analysis == {"cpi_s": 0.1}
+
+
+def rewritten(path, change):
+    with np.load(path) as archive:
+        arrays = dict(archive)
+    change(arrays)
+    np.savez(path, **arrays)
+
+
+def put_text(arrays, change):
+    document = json.loads(arrays["model"].tobytes())
+    change(document)
+    arrays["model"] = np.frombuffer(json.dumps(document).encode(), dtype=np.uint8)
+
+
+def loop(arrays):
+    inner = np.flatnonzero(arrays["feature"] >= 0)
+    arrays["left"][inner[0]] = inner[0]
+
+
+BROKEN = [
+    (lambda a: a.update(threshold=np.array([print], dtype=object)), "pickle|Object"),
+    (loop, "lead nowhere or back"),
+    (lambda a: a["right"].__setitem__(0, 10**6), "lead nowhere or back"),
+    (lambda a: a["feature"].__setitem__(0, 6), "not there"),
+    (lambda a: a.update(value=a["value"][:-1]), "shape"),
+    (lambda a: a.pop("start"), "start"),
+    (lambda a: a.pop("model"), "model"),
+    (lambda a: a.update(lowest=np.array(["a"] * 6)), "not numbers"),
+    (lambda a: a.update({"calibration.slope": np.array([np.nan])}), "calibration"),
+    (lambda a: a["value"].__setitem__(0, np.nan), "value holds NaN"),
+    (lambda a: put_text(a, lambda d: d["facts"].update(names=["step", *d["facts"]["names"][1:]])), "m.npz.*'step'"),
+    (lambda a: put_text(a, lambda d: d["facts"].update(alarm="cat")), "none of its classes"),
+    (lambda a: put_text(a, lambda d: d["facts"].update(alarm_threshold=float("nan"))), "alarm_threshold"),
+    (lambda a: put_text(a, lambda d: d.update(learned="eval")), "no model of doppelgait"),
+    (lambda a: put_text(a, lambda d: d.update(format_version=99)), "newer doppelgait"),
+    (lambda a: put_text(a, lambda d: d.update(format="other")), "does not say so"),
+    (lambda a: put_text(a, lambda d: d["facts"].update(abstain_below=7)), "abstain_below"),
+    (lambda a: put_text(a, lambda d: d["facts"].update(classes=["human", "dog", "cat"])), "shape"),
+]
+
+
+@pytest.mark.parametrize(("change", "says"), BROKEN)
+def test_a_file_that_was_tampered_with_is_refused(found, tmp_path, change, says):
+    path = save_model(found.models["six-boosting"], tmp_path / "m.npz")
+    rewritten(path, change)
+    with pytest.raises(DatasetError, match=says):
+        load_model(path)
+
+
+@pytest.mark.parametrize(("name", "value"), [("weight", np.nan), ("scale", 0.0), ("scale", -1.0), ("bias", np.inf)])
+def test_weights_that_are_no_numbers_are_refused(found, tmp_path, name, value):
+    path = save_model(found.models["six-logistic"], tmp_path / "m.npz")
+    rewritten(path, lambda arrays: arrays[name].ravel().__setitem__(0, value))
+    with pytest.raises(DatasetError, match=f"m.npz.*{name} holds"):
+        load_model(path)
+
+
+def test_a_model_of_nuisances_cannot_be_used(found, tmp_path):
+    path = save_model(found.models["nuisance"], tmp_path / "m.npz")
+    with pytest.raises(DatasetError, match=r"m\.npz.*looks at the feature 'index\.prf_hz'"):
+        load_model(path)
+
+
+class Bomb:
+    """What a pickle would run."""
+
+    def __reduce__(self):
+        return (exec, ("raise SystemExit('ran')",))
+
+
+def test_foreign_and_truncated_files_are_refused(found, tmp_path):
+    path = save_model(found.models["six-boosting"], tmp_path / "m.npz")
+    whole = path.read_bytes()
+    np.savez(tmp_path / "bomb.npz", model=np.array([Bomb()], dtype=object))
+    (tmp_path / "pickle.npz").write_bytes(np.array([Bomb()], dtype=object).dumps())
+    (tmp_path / "text.npz").write_text("model")
+    np.savez(tmp_path / "other.npz", x=np.zeros(3))
+    for size in (0, 10, len(whole) // 2, len(whole) - 30):
+        (tmp_path / f"cut{size}.npz").write_bytes(whole[:size])
+    for file in sorted(tmp_path.glob("*.npz")):
+        if file != path:
+            with pytest.raises(DatasetError, match="no model of doppelgait, or damaged"):
+                load_model(file)
+    with pytest.raises(DatasetError, match="cannot be read"):
+        load_model(tmp_path / "missing.npz")
+    with zipfile.ZipFile(tmp_path / "large.npz", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("model.npy", b"0" * 300_000_000)
+    with pytest.raises(DatasetError, match="holds 300 MB"):
+        load_model(tmp_path / "large.npz")
+    with pytest.raises(ConfigError, match="must end in"):
+        save_model(found.models["six-boosting"], tmp_path / "m.pkl")
+
+
+# --- decisions ---
+
+
+def a_target(**changes):
+    columns = {f"feature_{name}": 1.0 for name in SIX} | {"gait_frequency_hz": 2.0, "flags": ""}
+    columns |= {"quality_observation_s": 2.4}
+    return Seen(columns | changes, a_signature(7.29e9, 1100.0))
+
+
+def a_signature(carrier_hz, prf_hz, *, stated=True):
+    doppler_hz = (np.arange(64) - 32) * prf_hz / 64
+    coords = {"doppler": doppler_hz, "velocity": ("doppler", doppler_hz * C / carrier_hz / 2)}
+    attrs = {"wavelength_m": C / carrier_hz} if stated else {}
+    return xr.DataArray(np.ones((3, 64)), dims=("time", "doppler"), coords=coords, attrs=attrs)
+
+
+def test_decision_and_abstentions(found):
+    model = found.models["six-logistic"]
+    sure = decide(a_target(feature_step_length_m=2.2), model, 0)
+    assert (sure.label, sure.abstained, sure.reason) == ("dog", False, "")
+    assert sure.probability == max(sure.probabilities.values()) > 0.9
+    assert not sure.alarm
+    unsure = decide(a_target(feature_step_length_m=1.45), model, 1)
+    assert unsure.abstained
+    assert unsure.reason.startswith("probability 0.")
+    for flag in ("no_signal", "aspect_beyond_75_deg:gait_is_hidden", "clutter_removal_took_30_per_cent:a_torso"):
+        blocked = decide(a_target(feature_step_length_m=2.2, flags=f"harmonic_ratio_3:none;{flag}"), model, 0)
+        assert blocked.abstained
+        assert blocked.reason == f"flag {flag}"
+    far = decide(a_target(feature_step_length_m=9.0), model, 0)
+    assert far.abstained
+    assert far.reason.startswith("step_length_m 9 is outside what was learnt, ")
+    lost = decide(a_target(feature_step_length_m=2.2, feature_limb_torso_ratio=None), model, 0)
+    assert lost.reason == "limb_torso_ratio is unknown, which was not learnt"
+    assert decide(a_target(feature_step_length_m=0.5), model, 0).alarm
+    json.dumps(sure.as_dict(), allow_nan=False)
+    assert (sure.quality["carrier_hz"], sure.quality["prf_hz"]) == pytest.approx((7.29e9, 1100))
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_another_radar_is_no_decision_and_no_alarm(found, stated):
+    """Of every model; where a signature does not state its carrier, its axes tell it."""
+    for name in (*FEATURE_MODELS, "chance"):
+        model = found.models[name]
+        assert set(model.facts.conditions) == {"carrier_hz", "prf_hz", "observation_s"}
+        other = Seen(a_target(feature_step_length_m=0.5).columns, a_signature(24.1e9, 3000.0, stated=stated))
+        said = decide(other, model, 0)
+        assert said.abstained
+        assert said.alarm is None
+        assert "carrier_hz 2.41e+10 is outside what was learnt, 7.29e+09" in said.reason
+        assert "prf_hz 3000 is outside what was learnt, 9" in said.reason
+        assert said.as_dict()["reason"] == said.reason
+    near = Seen(other.columns, a_signature(7.4e9, 1300.0, stated=stated))
+    assert "is outside" not in decide(near, model, 0).reason
+
+
+def test_too_short_unknown_and_too_few_columns_are_no_decision(found):
+    model = found.models["six-logistic"]
+    short = decide(a_target(feature_step_length_m=2.2, quality_observation_s=1.5), model, 0)
+    assert short.reason == "observation_s 1.5 is outside what was learnt, 2.5"
+    unknown = Seen(a_target().columns, xr.DataArray(np.ones((3, 3)), dims=("time", "doppler")))
+    assert "carrier_hz is not known; learnt was 7.29e+09" in decide(unknown, found.models["chance"], 0).reason
+    flag = "gait_frequency:columns_do_not_overlap"
+    older = replace(model, facts=model.facts.model_copy(update={"blocking": ("no_signal",)}))
+    for each in (model, older):
+        assert decide(a_target(feature_step_length_m=2.2, flags=flag), each, 0).reason == f"flag {flag}"
+
+
+def test_a_test_on_another_radar_is_said_and_not_decided():
+    other = made_up(seed=7, identity="b", carrier_hz=24.1e9)
+    document = evaluate(made_up(), other=other, models=["six-logistic"]).document
+    outside = document["outside_conditions"]["carrier_hz"]
+    assert (outside["n"], outside["of"]) == (240, 240)
+    assert (outside["learnt"], outside["tested"]) == (pytest.approx([7.29e9] * 2), pytest.approx([24.1e9] * 2))
+    assert any("carrier_hz: 240 of 240 tested rows have 2.41e+10, outside" in note for note in document["notes"])
+    assert document["models"]["six-logistic"]["decided"]["n"] == 0
+    assert not evaluate(made_up(), models=["six-logistic"]).document["outside_conditions"]
+
+
+def test_an_unknown_feature_is_no_error_and_a_missing_column_is(found):
+    assert decide(a_target(feature_step_length_m=None), found.models["six-boosting"], 0).label in ("human", "dog")
+    with pytest.raises(AnalysisError, match="target 3: has no extended_swing_duty"):
+        decide(a_target(), found.models["extended-boosting"], 3)
+
+
+# --- built datasets, recordings and results ---
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory):
+    return open_dataset(built(tmp_path_factory, tiny_plan()))
+
+
+@pytest.fixture(scope="module")
+def recording():
+    return run_simulation(parse_run({
+        "seed": 3, "duration_s": 2.5, "radar": {"preset": "x4", "prf_hz": 1300},
+        "targets": [{"label": "human", "motion": {"kind": "boulic", "speed_mps": 1.2}, "start_position_m": [6, 0],
+                     "heading_deg": 180}],
+    }, where="test"))  # fmt: skip
+
+
+def test_a_report_of_a_built_dataset(tiny, tmp_path):
+    result = evaluate(tiny, models=FEATURE_MODELS)
+    files = {path.name for path in write_report(result, tmp_path / "out")}
+    assert {"index.html", "scores.json", "answers.csv", "plan.json", "confusion.png", "roc-human.png"} <= files
+    page = (tmp_path / "out" / "index.html").read_text()
+    for name in [*FEATURE_MODELS, "chance", "nuisance", "speed"]:
+        assert f"<td>{name}</td>" in page
+    assert all(name in page for name in files if name.endswith(".png"))
+    assert json.loads((tmp_path / "out" / "plan.json").read_text()) == tiny.description["config"]
+    assert json.loads((tmp_path / "out" / "scores.json").read_text()) == result.document
+    first = {p.name: p.read_bytes() for p in (tmp_path / "out").iterdir() if p.suffix != ".png"}
+    write_report(evaluate(tiny, models=FEATURE_MODELS), tmp_path / "out")
+    assert first == {p.name: p.read_bytes() for p in (tmp_path / "out").iterdir() if p.suffix != ".png"}
+    (tmp_path / "out" / "mine.txt").write_text("mine")
+    for folder in (tiny.directory, tmp_path / "out"):
+        before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+        with pytest.raises(ConfigError, match="which no run of evaluate wrote"):
+            write_report(result, folder)
+        assert before == {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_a_report_that_fails_leaves_the_older_one(tiny, tmp_path, monkeypatch):
+    result = evaluate(tiny, models=["six-logistic"])
+    write_report(result, tmp_path / "out")
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    monkeypatch.setattr("doppelgait.classify.report.page", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        write_report(result, tmp_path / "out")
+    assert before == {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+
+
+def test_the_page_shows_both_plans_of_one_name(tmp_path):
+    one, other = made_up(), made_up(seed=7, identity="b")
+    other.description["config"] = {"analysis": {"cpi_s": 0.7}}
+    page = write_report(evaluate(one, other=other, models=["six-logistic"]), tmp_path / "out")[-1].read_text()
+    learnt, tested = page.index("Plan, learnt: made-up, id a"), page.index("Plan, tested: made-up, id b")
+    assert learnt < page.index("&quot;cpi_s&quot;: 0.1") < tested < page.index("&quot;cpi_s&quot;: 0.7")
+
+
+def test_one_class_tested_has_recalls_and_no_balanced_accuracy(tmp_path):
+    other = made_up(seed=7, identity="b")
+    other = replace(other, index=other.index[other.index["label"] == "dog"].reset_index(drop=True))
+    found = evaluate(made_up(), other=other, models=["six-logistic"])
+    model = found.document["models"]["six-logistic"]
+    assert model["balanced_accuracy"] == {
+        "value": None, "low": None, "high": None, "interval": "not all classes are tested"
+    }  # fmt: skip
+    assert model["recall"]["dog"]["value"] > 0.5
+    assert all(entry["value"] is None for entry in found.document["conditions"]["snr"]["models"]["six-logistic"])
+    assert "not all classes are tested" in write_report(found, tmp_path / "out")[-1].read_text()
+
+
+def few_movers():
+    """So few movers that none can be held back."""
+    return made_up(8, per_mover=1, split=(0.75, 0.0), seed=1)
+
+
+def test_without_held_rows_nothing_is_the_best(tmp_path):
+    with pytest.raises(ConfigError, match=r"--save: no rows can be held back to choose among six-logistic, six-boost"):
+        evaluate(few_movers(), models=FEATURE_MODELS, keep=True)
+    found = evaluate(few_movers(), models=FEATURE_MODELS)
+    assert found.best is None
+    assert found.document["best_on_held_rows"] is None
+    assert "six-logistic, six-boosting: not calibrated" in " ".join(found.document["notes"])
+    assert "not calibrated" in write_report(found, tmp_path / "out")[-1].read_text()
+    assert evaluate(few_movers(), models=["six-logistic"], keep=True).best == "six-logistic"
+
+
+def test_an_alarm_says_how_many_people_it_rests_on(found):
+    facts, index = found.models["six-logistic"].facts, made_up().index
+    people = index[(index["split"] == "validation") & (index["label"] == "human")]["group"].nunique()
+    assert facts.alarm_people == people > 5
+
+
+def test_nuisances_are_those_of_verify(tiny):
+    table = table_of(rows_of(tiny), "nuisance")
+    assert "target.range_m" in table.names or any("range" in name for name in table.names)
+    assert len(table.values) == len(tiny)
+    assert not np.isnan(table.values[:, table.names.index("index.rcs_total_m2")]).any()
+
+
+def test_a_dataset_of_one_class_in_training_is_refused(tmp_path_factory):
+    with pytest.raises(DatasetError, match="no rows in the split test"):
+        evaluate(open_dataset(built(tmp_path_factory, mixed_plan())), models=["six-logistic"])
+
+
+def test_recording_results_and_file_give_the_same(found, recording, tmp_path):
+    facts = found.models["six-boosting"].facts
+    model = replace(found.models["six-boosting"], facts=facts.model_copy(update={"conditions": {}}))
+    results = analyze(recording, gate="truth")
+    write_results(tmp_path / "r.h5", recording, results, Analysis())
+    one = classify(recording, model, gate="truth")
+    two, three = classify(results, model), classify(tmp_path / "r.h5", model)
+    assert len(one) == 1
+    for other in (two, three):
+        assert other[0].probabilities == pytest.approx(one[0].probabilities)
+        assert (other[0].reason, other[0].flags) == (one[0].reason, one[0].flags)
+        assert other[0].quality["prf_hz"] == pytest.approx(1300)
+    assert one[0].quality["observation_s"] == pytest.approx(2.4, abs=0.1)
+
+
+def test_another_radar_or_analysis_is_warned_of(found, recording):
+    model = found.models["six-boosting"]
+    changed = model.facts.model_copy(update={"conditions": {"prf_hz": (200.0, 300.0)}, "analysis": {"cpi_s": 0.2}})
+    with pytest.warns(DoppelgaitWarning) as said:
+        decisions = classify(recording, replace(model, facts=changed), gate="truth", analysis=Analysis())
+    assert "prf_hz 1300 is outside what was learnt, 200 to 300" in decisions[0].reason
+    texts = " ".join(str(entry.message) for entry in said)
+    assert "cpi_s 0.1 instead of 0.2" in texts
+
+
+def test_learning_is_the_same_twice():
+    rows = rows_of(made_up())
+    table, fold = table_of(rows, "six"), own_splits(rows, seed=0)[0]
+    one, two = (learn(rows, table, "six-boosting", fold, seed=3).probability(table.values) for _ in range(2))
+    assert np.array_equal(one, two)

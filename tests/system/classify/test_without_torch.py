@@ -1,0 +1,34 @@
+"""Without torch everything but training a network works, and one line says what to install."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+
+from doppelgait.classify import network
+from doppelgait.classify.evaluate import evaluate
+from doppelgait.classify.training import Part
+from doppelgait.core.errors import DatasetError
+from doppelgait.dataset import open_dataset
+from tiny_dataset import built, tiny_plan
+
+
+@pytest.fixture
+def _no_torch(monkeypatch):
+    monkeypatch.setitem(sys.modules, "torch", None)
+    monkeypatch.setattr(network, "torch_is_there", lambda: False)
+
+
+@pytest.mark.usefixtures("_no_torch")
+def test_all_others_run_and_the_line_says_what_to_do(tmp_path_factory):
+    dataset = open_dataset(built(tmp_path_factory, tiny_plan()))
+    document = evaluate(dataset).document
+    assert "signature-network" not in document["models"]
+    assert "extended-boosting" in document["models"]
+    assert any("pip install 'doppelgait[torch]'" in note for note in document["notes"])
+    with pytest.raises(DatasetError, match="pip install 'doppelgait"):
+        evaluate(dataset, models=["signature-network"])
+    with pytest.raises(DatasetError, match="pip install 'doppelgait"):
+        network.train_network(Part(np.empty(0, dtype=object), np.empty(0, int)), None, n_classes=2, seed=0)

@@ -1,0 +1,152 @@
+"""Builds whose main process or worker is killed at random moments: nothing lost, nothing half, the same dataset."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from checkout import SUPPORT
+from dataset_plans import check_whole, tiny_plan
+from doppelgait.dataset.build import build_dataset
+from doppelgait.dataset.status import dataset_hash, dataset_status
+
+pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks worker processes up in /proc")
+
+MOMENTS = 12
+WAYS = {2: "main, processes", 8: "main, processes", 5: "worker", 11: "worker"}
+"""Which kills are not of a process that builds alone."""
+
+
+@pytest.fixture(scope="module")
+def start():
+    """Start a build in a process of its own, which is ready at once."""
+    server = multiprocessing.get_context("forkserver")
+    server.set_forkserver_preload(["crash_work"])
+    with pytest.MonkeyPatch.context() as change:
+        change.setenv("PYTHONPATH", str(SUPPORT), prepend=os.pathsep)  # the server does not take sys.path
+        from multiprocessing.forkserver import ensure_running
+
+        ensure_running()
+
+    def begin(folder, executor):
+        from crash_work import build
+
+        process = server.Process(target=build, args=(folder, executor))
+        process.start()
+        return process
+
+    return begin
+
+
+def wait_for_work(process, folder, finished=0):
+    """Wait until a build has begun with its first shard and finished so many; the machine may be slow or busy."""
+    shards = folder / "shards"
+    while process.exitcode is None:
+        if any(shards.glob("*")) and sum(1 for _ in shards.glob("*.json")) >= finished:
+            return
+        time.sleep(0.002)
+
+
+@pytest.fixture(scope="module")
+def reference(start, tmp_path_factory):
+    """Hash of the dataset, and how long each executor is at work on a shard."""
+    seconds = {}
+    for executor in ("serial", "serial", "processes"):  # the first one waits for the server, too
+        folder = tmp_path_factory.mktemp("whole") / "d"
+        process = start(folder, executor)
+        wait_for_work(process, folder)
+        began = time.monotonic()
+        process.join()
+        assert process.exitcode == 0
+        seconds[executor] = (time.monotonic() - began) / 8
+    return dataset_hash(folder), seconds
+
+
+def workers_of(pid):
+    """Worker processes of a process; not the helper that looks after shared resources."""
+    found = []
+    for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
+        command = Path(f"/proc/{child}/cmdline").read_bytes()
+        if b"spawn_main" in command:
+            found.append(int(child))
+    return found
+
+
+def kill_main(process, seconds):
+    process.join(seconds)
+    process.kill()
+    process.join()
+    time.sleep(0.5)  # its workers notice
+
+
+def kill_worker(process, rng, seconds):
+    """Returns whether there was a worker to kill."""
+    process.join(seconds)
+    workers = workers_of(process.pid) if process.exitcode is None else []
+    if workers:
+        os.kill(int(rng.choice(workers)), signal.SIGKILL)
+    process.join()
+    assert process.exitcode == 0
+    return bool(workers)
+
+
+def done_after_a_kill(folder):
+    """Examples that are safe, after a look that removes what is half written."""
+    if not (folder / "dataset.json").exists():
+        return 0
+    status = dataset_status(folder)
+    assert status.running == ()
+    assert status.count("damaged") == 0
+    assert not list(folder.rglob("*.partial"))
+    assert not list(folder.glob("*.lock"))
+    return status.n_examples
+
+
+@pytest.mark.slow
+def test_twelve_kills_lose_nothing_and_change_nothing(tmp_path, start, reference):
+    expected, seconds = reference
+    rng = np.random.default_rng(2018)
+    safe, hits = {}, 0
+    for number in range(MOMENTS):
+        folder, way = tmp_path / str(number), WAYS.get(number)
+        executor = "serial" if way is None else "processes"
+        finished, moment = int(rng.integers(0, 8)), rng.uniform(0.0, seconds[executor])
+        process = start(folder, executor)
+        wait_for_work(process, folder, finished)
+        if way == "worker":
+            hits += kill_worker(process, rng, moment)
+        else:
+            kill_main(process, moment)
+        safe[number] = done_after_a_kill(folder)
+        assert way != "worker" or safe[number] == 24
+        report = build_dataset(tiny_plan(), folder, executor="serial")
+        assert (report.n_reused, report.n_built) == (safe[number], 24 - safe[number])
+        check_whole(folder, expected)
+    print("examples that were safe after each kill:", safe, "workers killed:", hits)
+    assert hits >= 1
+    assert sum(0 < count < 24 for count in safe.values()) > 5, "the kills missed the work"
+
+
+@pytest.mark.slow
+def test_one_folder_whose_builds_are_killed_again_and_again(tmp_path, start, reference):
+    expected, seconds = reference
+    rng = np.random.default_rng(7)
+    folder, safe = tmp_path / "d", [0]
+    for number in range(6):
+        process = start(folder, "serial")
+        if number == 3:
+            wait_for_work(process, folder, finished=1)  # on a busy machine all kills might come before the work
+        kill_main(process, rng.uniform(0.2, 4.0) * seconds["serial"])
+        safe.append(done_after_a_kill(folder))
+        assert safe[-1] >= safe[-2]
+    assert safe[-1] > 0, "the kills came before the work"
+    report = build_dataset(tiny_plan(), folder, executor="serial")
+    assert report.n_reused == safe[-1]
+    check_whole(folder, expected)

@@ -1,0 +1,158 @@
+"""Executors: the same results from each, killed workers, early ends, bounded queues, clear errors."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from checkout import SUPPORT
+from doppelgait.core.errors import ConfigError, DatasetError, OutputError
+from doppelgait.core.worker import WORKER_ENVIRONMENT
+from doppelgait.dataset.executors import check_executor, run_shards
+from executor_work import killed_always, killed_once, no_space, quick_then_slow, shards, started, surroundings
+
+LOCAL = ["serial", "processes", "dask"]
+SEVERAL = ["processes", "dask"]
+
+
+@pytest.fixture(autouse=True)
+def _dask_where_it_is(request):
+    if "dask" in request.node.name and "missing" not in request.node.name:
+        pytest.importorskip("distributed")
+
+
+def alive(pid):
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except FileNotFoundError:
+        return False
+    return state != "Z"
+
+
+def wait_until(condition, seconds=30.0):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+def pids_in(folder):
+    return [int(text) for p in folder.glob("train-*") if (text := p.read_text())]
+
+
+@pytest.mark.parametrize("executor", LOCAL)
+def test_every_shard_comes_once_with_its_own_result(tmp_path, executor):
+    planned = shards(9)
+    results = list(run_shards(partial(started, folder=str(tmp_path)), planned, executor=executor, workers=2))
+    assert sorted(shard.name for shard, _ in results) == [shard.name for shard in planned]
+    assert all(record["shard"] == shard.name for shard, record in results)
+    pids = {record["pid"] for _, record in results}
+    assert (pids == {os.getpid()}) == (executor == "serial")
+    assert not any(alive(pid) for pid in pids - {os.getpid()})
+
+
+@pytest.mark.parametrize("executor", LOCAL)
+def test_no_shard_is_no_work(executor):
+    assert list(run_shards(no_space, [], executor=executor, workers=2)) == []
+
+
+def test_one_process_is_this_one(tmp_path):
+    ((_, record),) = run_shards(partial(started, folder=str(tmp_path)), shards(1), executor="processes", workers=4)
+    assert record["pid"] == os.getpid()
+
+
+@pytest.mark.parametrize("executor", SEVERAL)
+def test_workers_have_one_thread_and_no_arrow(executor):
+    for _, found in run_shards(surroundings, shards(2), executor=executor, workers=2):
+        assert found == {"environment": WORKER_ENVIRONMENT, "arrow": True}
+    assert os.environ.get("MALLOC_TRIM_THRESHOLD_") != WORKER_ENVIRONMENT["MALLOC_TRIM_THRESHOLD_"]
+
+
+@pytest.mark.parametrize("executor", LOCAL)
+def test_an_error_of_the_work_is_the_callers(executor):
+    with pytest.raises(OutputError, match="No space left"):
+        list(run_shards(no_space, shards(3), executor=executor, workers=2))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("executor", SEVERAL)
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGKILL")
+def test_killed_workers_lose_nothing(tmp_path, executor):
+    planned = shards(8)
+    results = list(run_shards(partial(killed_once, folder=str(tmp_path)), planned, executor=executor, workers=2))
+    assert sorted(shard.name for shard, _ in results) == [shard.name for shard in planned]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("executor", SEVERAL)
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGKILL")
+def test_workers_that_always_die_end_the_build_with_one_error(executor, monkeypatch):
+    monkeypatch.setattr("doppelgait.dataset.executors.losses.MAX_LOSSES", 1 if executor == "dask" else 5)
+    with pytest.raises(DatasetError, match=r"died .*what was built"):
+        list(run_shards(killed_always, shards(2), executor=executor, workers=2))
+
+
+def test_only_a_few_shards_are_under_way_at_a_time(tmp_path):
+    results = run_shards(partial(started, folder=str(tmp_path)), shards(60), executor="processes", workers=2)
+    next(results)
+    time.sleep(1.0)
+    assert len(pids_in(tmp_path)) <= 4
+    results.close()
+
+
+@pytest.mark.parametrize("executor", SEVERAL)
+def test_a_caller_that_stops_early_ends_the_workers_at_once(tmp_path, executor):
+    results = run_shards(partial(quick_then_slow, folder=str(tmp_path)), shards(9), executor=executor, workers=2)
+    next(results)
+    next(results)
+    wait_until(lambda: len(pids_in(tmp_path)) == 4)
+    pids = set(pids_in(tmp_path)) - {os.getpid()}
+    began = time.monotonic()
+    results.close()
+    assert time.monotonic() - began < 20.0
+    assert pids
+    assert not any(alive(pid) for pid in pids)
+
+
+@pytest.mark.parametrize("executor", SEVERAL)
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks processes up in /proc")
+def test_workers_end_with_a_killed_main_process(tmp_path, executor):
+    main = subprocess.Popen([sys.executable, str(SUPPORT / "executor_work.py"), str(tmp_path), executor])
+    try:
+        wait_until(lambda: len(pids_in(tmp_path)) >= 2)
+        pids = pids_in(tmp_path)
+        assert all(alive(pid) for pid in pids)
+    finally:
+        main.send_signal(signal.SIGKILL)
+        main.wait()
+    wait_until(lambda: not any(alive(pid) for pid in pids), seconds=10.0)
+
+
+@pytest.mark.parametrize("name", ["slurm", "", "dask://", "dask://nohost", "dask://:8786", "Dask", "processes:4"])
+def test_an_unknown_name_lists_the_known_ones(name):
+    with pytest.raises(ConfigError, match=r"is unknown; known are serial, processes, dask, dask://HOST:PORT"):
+        run_shards(no_space, shards(1), executor=name)
+
+
+def test_known_names_pass():
+    for name in ("serial", "processes", "dask", "dask://10.0.0.1:8786"):
+        check_executor(name)
+
+
+def test_missing_dask_is_one_error_with_the_remedy(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(ConfigError, match=r"pip install 'doppelgait\[dask\]'"):
+        list(run_shards(no_space, shards(1), executor="dask"))
+
+
+def test_a_dask_scheduler_that_is_not_there_is_one_error(monkeypatch):
+    monkeypatch.setattr("doppelgait.dataset.executors.dask_cluster.CONNECT_SECONDS", 1)
+    with pytest.raises(ConfigError, match=r"dask://127\.0\.0\.1:9: no Dask scheduler answers there"):
+        list(run_shards(no_space, shards(1), executor="dask://127.0.0.1:9"))

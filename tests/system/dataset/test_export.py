@@ -1,0 +1,387 @@
+"""Exported datasets, each read back with the plain reader of its form."""
+
+from __future__ import annotations
+
+import csv
+import errno
+import hashlib
+import io
+import json
+import resource
+import shutil
+import sys
+import tarfile
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from doppelgait.core.errors import DatasetError, OutputError
+from doppelgait.dataset import export, open_dataset
+from doppelgait.dataset.export import FORMS, export_dataset, refuse_unreleasable
+from doppelgait.dataset.export.rows import PLACES, file_name
+from doppelgait.dataset.open import Dataset
+from doppelgait.radar import Radar
+from doppelgait.radar.readers.sigmf import read_sigmf
+from tiny_dataset import built, mixed_plan, tiny_plan
+
+INSTALLED = [form for form in FORMS if form != "zarr"]
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    return open_dataset(built(tmp_path_factory, tiny_plan()))
+
+
+@pytest.fixture(scope="module")
+def mixed(tmp_path_factory):
+    return open_dataset(built(tmp_path_factory, mixed_plan()))
+
+
+def changed(dataset, folder, row, **values):
+    """Copy of a dataset with values of one row of its index changed."""
+    shutil.copytree(dataset.directory, folder)
+    index = pd.read_parquet(folder / "index.parquet")
+    for name, value in values.items():
+        index.loc[row, name] = value
+    index.to_parquet(folder / "index.parquet", index=False)
+    return open_dataset(folder)
+
+
+def expected_table(dataset):
+    table = dataset.index.drop(columns=list(PLACES))
+    numbers = table["label"].map({"human": 0, "dog": 1})
+    table.insert(3, "class_number", numbers)
+    return table
+
+
+# ---- tables
+
+
+def test_csv_is_the_index(dataset, tmp_path):
+    export_dataset(dataset, tmp_path / "out", form="csv")
+    expected = expected_table(dataset)
+    with (tmp_path / "out" / "index.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == list(expected)
+    for place, row in enumerate(rows):
+        for name, text in row.items():
+            value = expected[name].iloc[place]
+            assert (text == "" and (pd.isna(value) or value == "")) or type(value)(text) == value
+
+
+def test_parquet_of_features(dataset, tmp_path):
+    export_dataset(dataset, tmp_path / "out", form="parquet")
+    expected = expected_table(dataset)
+    for split in ("train", "test"):
+        found = pd.read_parquet(tmp_path / "out" / f"{split}.parquet")
+        pd.testing.assert_frame_equal(found, expected[expected["split"] == split].reset_index(drop=True))
+    schema = pq.read_schema(tmp_path / "out" / "train.parquet")
+    assert schema.field("feature_torso_velocity_mps").metadata[b"unit"] == b"m/s"
+    assert schema.field("feature_limb_torso_ratio").metadata[b"unit"] == b"1"
+    assert json.loads(schema.metadata[b"doppelgait"])["classes"] == {"human": 0, "dog": 1}
+    assert schema.equals(pq.read_schema(tmp_path / "out" / "test.parquet"))
+
+
+def test_parquet_with_arrays(dataset, tmp_path, monkeypatch):
+    monkeypatch.setattr("doppelgait.dataset.export.tables.ROW_GROUP", 4)
+    fields = ["signature", "baseband", "truth_range_m"]
+    export_dataset(dataset, tmp_path / "out", form="parquet", fields=fields)
+    table = pq.read_table(tmp_path / "out" / "test.parquet")
+    assert table.num_rows == 6
+    assert table.schema.field("signature_values").metadata[b"unit"] == b"V^2"
+    for row in table.to_pylist():
+        example = dataset[row["id"]]
+        for name in fields:
+            values = np.array(row[f"{name}_values"], dtype=np.float32).reshape(row[f"{name}_shape"])
+            values = values.view(np.complex64)[..., 0] if name == "baseband" else values
+            assert np.array_equal(values, example.arrays[name].values)
+        assert np.array_equal(row["signature_doppler_hz"], example.signature.doppler.values)
+        assert row["truth_range_m"] == example.row["truth_range_m"]  # the column of the index, beside the array
+
+
+def test_parquet_keeps_types_where_a_split_has_no_values(dataset, tmp_path):
+    """The types of a column do not depend on what a split happens to hold."""
+    empty = Dataset(dataset.directory, dataset.description, dataset.index.copy(), dataset.files)
+    gait = empty.index["truth_gait"].astype(object)  # as a table of older pandas has it
+    empty.index["truth_gait"] = gait.where(empty.index["split"] != "test", None)
+    export_dataset(empty, tmp_path / "out", form="parquet")
+    types = [pq.read_schema(tmp_path / "out" / f"{s}.parquet").field("truth_gait").type for s in ("train", "test")]
+    assert types[0] == types[1]
+    assert pa.types.is_large_string(types[0]) or pa.types.is_string(types[0])
+
+
+# ---- webdataset
+
+
+def members(path):
+    with tarfile.open(path) as tar:
+        return {m.name: tar.extractfile(m).read() for m in tar.getmembers()}
+
+
+def test_webdataset_by_plain_tarfile(dataset, tmp_path, monkeypatch):
+    monkeypatch.setattr("doppelgait.dataset.export.webdataset.EXAMPLES_PER_TAR", 4)
+    export_dataset(dataset, tmp_path / "out", form="webdataset")
+    assert sorted(p.name for p in (tmp_path / "out").glob("*.tar")) == [
+        "test-000000.tar", "test-000001.tar", "train-000000.tar", "train-000001.tar",
+    ]  # fmt: skip
+    files = {name: data for path in (tmp_path / "out").glob("*.tar") for name, data in members(path).items()}
+    assert len([name for name in files if name.endswith(".cls")]) == len(dataset)
+    for example in dataset:
+        for name, array in example.arrays.items():
+            assert np.array_equal(np.load(io.BytesIO(files[f"{example.id}.{name}.npy"])), array.values)
+        doppler_hz = np.load(io.BytesIO(files[f"{example.id}.signature_doppler_hz.npy"]))
+        assert np.array_equal(doppler_hz, example.signature.doppler.values)
+        row = {k: v for k, v in example.row.items() if k not in PLACES}
+        found = json.loads(files[f"{example.id}.json"])
+        assert found == row | {"class_number": {"human": 0, "dog": 1}[example.label]}
+        assert files[f"{example.id}.cls"] == str(found["class_number"]).encode()
+
+
+def test_webdataset_gives_the_same_bytes_again(dataset, tmp_path):
+    hashes = []
+    for name in ("one", "two"):
+        export_dataset(dataset, tmp_path / name, form="webdataset", fields=["signature"])
+        content = b"".join(path.read_bytes() for path in sorted((tmp_path / name).glob("*.tar")))
+        hashes.append(hashlib.sha256(content).hexdigest())
+    assert hashes[0] == hashes[1]
+
+
+def test_webdataset_by_its_own_package(dataset, tmp_path):
+    webdataset = pytest.importorskip("webdataset")
+    export_dataset(dataset["train"], tmp_path / "out", form="webdataset", fields=["signature"])
+    url = str(tmp_path / "out" / "train-000000.tar")
+    samples = list(webdataset.WebDataset(url, shardshuffle=False).decode())
+    assert [s["__key__"] for s in samples] == list(dataset["train"].index["id"])
+    for sample in samples:
+        assert np.array_equal(sample["signature.npy"], dataset[sample["__key__"]].signature.values)
+        assert sample["json"]["label"] == ("human", "dog")[sample["cls"]]
+
+
+def test_names_of_files_are_unique_and_have_one_dot_less():
+    ids = ["a.b-1", "a_b-1", "a%2Eb-1", "a b-1", "ä/b~c"]
+    names = [file_name(i) for i in ids]
+    assert len(set(names)) == len(ids)
+    assert not any(set(name) & set("./~ ") for name in names)
+    assert file_name("human-000001") == "human-000001"
+
+
+# ---- zarr
+
+
+def test_zarr_by_xarray(dataset, tmp_path, monkeypatch):
+    pytest.importorskip("zarr")
+    import xarray as xr
+
+    monkeypatch.setattr("doppelgait.dataset.export.zarr_store.EXAMPLES_PER_FILE", 4)
+    export_dataset(dataset, tmp_path / "out", form="zarr", fields=["signature", "baseband", "truth_range_m"])
+    store = tmp_path / "out" / "dataset.zarr"
+    assert json.loads((store / "zarr.json").read_text())["zarr_format"] == 3
+    expected = expected_table(dataset)
+    for split in ("train", "test"):
+        part = dataset[split]
+        index = xr.open_zarr(store, group=f"{split}/index", consolidated=False, chunks=None)
+        for name in expected:
+            values = expected.loc[expected["split"] == split, name]
+            if pd.api.types.is_numeric_dtype(values):
+                np.testing.assert_array_equal(index[name].values, values.to_numpy())
+            else:
+                assert list(map(str, index[name].values)) == list(values.fillna(""))
+        for field in ("signature", "baseband"):
+            found = xr.open_zarr(store, group=f"{split}/{field}", consolidated=False, chunks=None)
+            for number, example in enumerate(part):
+                array = example.arrays[field]
+                assert found[field].dims == ("example", *array.dims)
+                assert found[field].attrs["units"] == array.attrs["units"]
+                assert np.array_equal(found[field].values[number], array.values)
+                assert str(found["id"].values[number]) == example.id
+                for dim in array.dims:
+                    assert np.array_equal(found[dim].values, array[dim].values)
+                    assert found[dim].attrs["units"] == array[dim].attrs["units"]
+        for example in part:  # people and dogs have different numbers of scatterers
+            one = xr.open_zarr(store, group=f"{split}/truth_range_m/{example.id}", consolidated=False, chunks=None)
+            assert np.array_equal(one["truth_range_m"].values, example.arrays["truth_range_m"].values)
+            assert np.array_equal(one["slow_time"].values, example.arrays["truth_range_m"].slow_time.values)
+
+
+def test_zarr_of_axes_that_differ(dataset, tmp_path, monkeypatch):
+    pytest.importorskip("zarr")
+    import xarray as xr
+
+    def shifted(self, number, name, original=Dataset.stored):
+        values = original(self, number, name)
+        return values + number if name == "signature_time_s" else values
+
+    monkeypatch.setattr(Dataset, "stored", shifted)
+    export_dataset(dataset["train"], tmp_path / "out", form="zarr", fields=["signature"])
+    store = tmp_path / "out" / "dataset.zarr"
+    found = xr.open_zarr(store, group="train/signature", consolidated=False, chunks=None)
+    assert found["time_s"].dims == ("example", "time")
+    for number, example in enumerate(dataset["train"]):
+        assert np.array_equal(found["time_s"].values[number], example.signature.time.values)
+
+
+def test_without_zarr_one_error(dataset, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "zarr", None)
+    with pytest.raises(DatasetError, match=r"zarr is not installed; .*doppelgait\[zarr\]"):
+        export_dataset(dataset, tmp_path / "out", form="zarr")
+    assert not list(tmp_path.iterdir())
+
+
+# ---- sigmf
+
+
+def test_sigmf_by_our_reader(dataset, tmp_path):
+    export_dataset(dataset["test"], tmp_path / "out", form="sigmf")
+    assert len(list((tmp_path / "out").rglob("*.sigmf-meta"))) == 6
+    for example in dataset["test"]:
+        found = read_sigmf(tmp_path / "out" / "test" / f"{example.id}.sigmf-meta")
+        assert np.array_equal(found.baseband.values, example.baseband.values)
+        np.testing.assert_allclose(found.baseband.slow_time.values, example.baseband.slow_time.values, atol=1e-12)
+        assert np.array_equal(found.baseband.range.values, example.baseband.range.values)
+        assert found.radar == Radar.preset("x4")
+        assert found.snr_frame_db == pytest.approx(example.row["snr_frame_db"])
+
+
+def test_sigmf_by_its_own_package(dataset, tmp_path):
+    sigmf = pytest.importorskip("sigmf")
+    export_dataset(dataset["test"], tmp_path / "out", form="sigmf")
+    example = dataset["test"].example(0)
+    found = sigmf.sigmffile.fromfile(str(tmp_path / "out" / "test" / example.id))
+    found.validate()
+    assert np.array_equal(found.read_samples().reshape(example.baseband.shape), example.baseband.values)
+    assert [a["core:label"] for a in found.get_annotations()] == [example.label]
+
+
+def test_sigmf_has_one_recording_per_scene(mixed, tmp_path):
+    export_dataset(mixed, tmp_path / "out", form="sigmf")
+    paths = sorted((tmp_path / "out").rglob("*.sigmf-meta"))
+    assert [path.name.partition(".")[0] for path in paths] == sorted(set(mixed.index["scene_id"]))
+    assert len(mixed) == 2 * len(paths) == 8
+    for path in paths:
+        meta = json.loads(path.read_text())
+        assert [a["core:label"] for a in meta["annotations"]] == ["human", "dog"]
+        rows = mixed.index[mixed.index["scene_id"] == path.name.partition(".")[0]]
+        assert meta["global"]["doppelgait:prf_hz"] == pytest.approx(rows["prf_hz"].iloc[0])
+
+
+# ---- all forms
+
+
+@pytest.mark.parametrize("form", INSTALLED)
+def test_description_goes_with_every_form(dataset, tmp_path, form):
+    calls = []
+    report = export_dataset(dataset["train"], tmp_path / "out", form=form, on_progress=lambda *c: calls.append(c))
+    description = json.loads((tmp_path / "out" / "dataset.json").read_text())
+    assert description["export"]["rows"] == {"train": 6}
+    assert description["export"]["form"] == form
+    assert {k: v for k, v in description.items() if k != "export"} == dataset.description
+    assert (tmp_path / "out" / "source-card.md").read_text() == (dataset.directory / "README.md").read_text()
+    assert calls[-1] == (6, 6)
+    files = [p for p in (tmp_path / "out").rglob("*") if p.is_file()]
+    assert (report.n_rows, report.n_files, report.bytes) == (6, len(files), sum(p.stat().st_size for p in files))
+
+
+@pytest.mark.parametrize("form", INSTALLED)
+def test_nothing_is_overwritten(dataset, tmp_path, form):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "mine.txt").write_text("mine")
+    with pytest.raises(DatasetError, match="is there already; nothing is overwritten"):
+        export_dataset(dataset, tmp_path / "out", form=form)
+    assert [p.name for p in (tmp_path / "out").iterdir()] == ["mine.txt"]
+    (tmp_path / "new.partial").mkdir()
+    with pytest.raises(DatasetError, match="another export runs here or was interrupted"):
+        export_dataset(dataset, tmp_path / "new", form=form)
+    assert (tmp_path / "new.partial").is_dir()
+
+
+@pytest.mark.parametrize("form", INSTALLED)
+def test_full_disk_is_one_error_and_leaves_nothing(dataset, tmp_path, form):
+    """A limit on the size of files stands for the disk: writing fails in the middle of a file."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    size = 8_000
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
+    try:
+        with pytest.raises(OutputError, match=r"out: cannot be written: \[Errno.*; nothing is left of the export"):
+            export_dataset(dataset, tmp_path / "out", form=form)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("form", list(FORMS))
+def test_error_in_the_last_step_leaves_nothing(dataset, tmp_path, form, monkeypatch):
+    if form == "zarr":
+        pytest.importorskip("zarr")
+
+    def full(*arguments):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(export, "_describe", full)
+    with pytest.raises(OutputError, match="No space left on device"):
+        export_dataset(dataset["test"], tmp_path / "out", form=form)
+    assert not list(tmp_path.iterdir())
+
+
+def test_interrupted_export_leaves_nothing(dataset, tmp_path):
+    def stop(done, total):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        export_dataset(dataset, tmp_path / "out", form="webdataset", on_progress=stop)
+    assert not list(tmp_path.iterdir())
+
+
+def test_folder_that_cannot_be_made(dataset, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match="cannot be written"):
+        export_dataset(dataset, tmp_path / "file" / "out", form="csv")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"form": "hdf4"}, "form: 'hdf4' is not allowed; known are parquet, csv, webdataset, zarr, sigmf"),
+        ({"form": "csv", "fields": ["signature"]}, "csv holds no arrays only, not 'signature'"),
+        ({"form": "sigmf", "fields": ["signature"]}, "sigmf holds baseband only, not 'signature'"),
+        ({"form": "sigmf", "fields": []}, "sigmf needs the baseband"),
+        ({"form": "parquet", "fields": ["envelope"]}, "keeps no 'envelope'"),
+    ],
+)
+def test_wrong_requests(dataset, tmp_path, options, message):
+    with pytest.raises(DatasetError, match=message):
+        export_dataset(dataset, tmp_path / "out", **options)
+    with pytest.raises(DatasetError, match="nothing to export"):
+        export_dataset(dataset.select("prf_hz < 0"), tmp_path / "out", form="csv")
+    assert not list(tmp_path.iterdir())
+
+
+# ---- licences
+
+
+@pytest.mark.parametrize("licence", ["CC-BY-NC-4.0", "", "for research only"])
+def test_release_is_refused_by_name(dataset, tmp_path, licence):
+    blocked = changed(dataset, tmp_path / "copy", 1, source="recording", recording="dogs/rex.bvh", licence=licence)
+    named = licence or "licence unknown"
+    with pytest.raises(DatasetError, match=rf"cannot be released, .*: dogs/rex.bvh \({named}\); state"):
+        export_dataset(blocked, tmp_path / "out", form="csv", release=True)
+    export_dataset(blocked, tmp_path / "out", form="csv")
+    assert (tmp_path / "out" / "index.csv").is_file()
+
+
+def test_release_of_models_and_free_recordings(dataset, tmp_path):
+    refuse_unreleasable(dataset)
+    free = changed(dataset, tmp_path / "copy", 1, source="recording", recording="dogs/rex.bvh", licence="CC-BY-4.0")
+    refuse_unreleasable(free)
+
+
+def test_release_counts_everybody_in_a_scene(mixed, tmp_path):
+    """The echo of a companion is in the signature of the other, so leaving out its row does not help."""
+    row = int(np.flatnonzero(mixed.index["label"] == "dog")[0])
+    scene = mixed.index["scene_id"][row]
+    blocked = changed(mixed, tmp_path / "copy", row, source="recording", recording="rex.bvh", licence="CC-BY-NC-4.0")
+    with pytest.raises(DatasetError, match=r"rex\.bvh"):
+        refuse_unreleasable(blocked.select("label == 'human'"))
+    refuse_unreleasable(blocked.select(f"scene_id != '{scene}'"))

@@ -1,0 +1,442 @@
+"""Full disks, locks, interruptions, bad sources: one clear error each, and what was built stays valid."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import platform
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+import doppelgait.dataset.build as build
+import doppelgait.dataset.lock as lock
+from checkout import SUPPORT
+from dataset_plans import check_whole, tiny_plan
+from doppelgait.core.errors import ConfigError, DatasetError, OutputError
+from doppelgait.dataset.build import build_dataset
+from doppelgait.dataset.lock import Part, build_lock, running_builds
+from doppelgait.dataset.status import dataset_hash, dataset_status
+
+LINUX = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="needs Linux")
+
+
+def mini_plan(**changes):
+    """4 examples in 2 shards."""
+    return tiny_plan(dataset={"examples_per_class": 2, "shard_size": 2}, **changes)
+
+
+@pytest.fixture(scope="module")
+def mini_hash(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("mini")
+    build_dataset(mini_plan(), folder, executor="serial")
+    return dataset_hash(folder)
+
+
+@pytest.fixture(scope="module")
+def tiny_hash(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("tiny")
+    build_dataset(tiny_plan(), folder, executor="serial")
+    return dataset_hash(folder)
+
+
+def leftovers(folder):
+    return [*folder.rglob("*.partial"), *folder.glob("*.lock")]
+
+
+class FullDisk:
+    """Stands for ``os.fsync``: the disk is full from the ``number``-th file on."""
+
+    def __init__(self, number):
+        self.number, self.calls = number, 0
+
+    def __call__(self, handle):
+        self.calls += 1
+        if self.calls > self.number:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def test_a_disk_that_is_full_at_any_file_is_one_error_and_loses_nothing(tmp_path, monkeypatch, mini_hash):
+    endless = FullDisk(10**6)
+    monkeypatch.setattr(os, "fsync", endless)
+    build_dataset(mini_plan(), tmp_path / "whole", executor="serial")
+    files = 2 * 2 + len(["description", "index", "train", "validation", "test", "card", "description"])
+    assert endless.calls == files
+    for number in range(files):
+        folder = tmp_path / str(number)
+        monkeypatch.setattr(os, "fsync", FullDisk(number))
+        with pytest.raises(OutputError, match=r"cannot be written: .*No space left.*kept"):
+            build_dataset(mini_plan(), folder, executor="serial")
+        assert leftovers(folder) == []
+        monkeypatch.setattr(os, "fsync", endless)
+        if (folder / "dataset.json").exists():
+            assert not dataset_status(folder).complete
+            assert dataset_status(folder).count("damaged") == 0
+        report = build_dataset(mini_plan(), folder, executor="serial")
+        assert report.n_reused == 2 * min(2, max(0, (number - 1) // 2))
+        assert dataset_hash(folder) == mini_hash
+
+
+@pytest.mark.parametrize("place", ["_log", "build_lock"])
+def test_a_full_disk_at_log_and_lock_is_one_error(tmp_path, monkeypatch, mini_hash, place):
+    def full(*arguments):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as change:
+        change.setattr(*((build, "_log", full) if place == "_log" else (os, "write", full)))
+        with pytest.raises(OutputError, match=r"cannot be written: .*No space left"):
+            build_dataset(mini_plan(), tmp_path / "d", executor="serial")
+    assert leftovers(tmp_path / "d") == []
+    build_dataset(mini_plan(), tmp_path / "d", executor="serial")
+    assert dataset_hash(tmp_path / "d") == mini_hash
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A file system of 700 kB, and a function that makes it large enough."""
+    place = tmp_path / "disk"
+    place.mkdir()
+
+    def mount(options, *what):
+        command = ["mount", *(("-t", "tmpfs") if what else ()), "-o", options, *what, str(place)]
+        return subprocess.run(command, capture_output=True, check=False).returncode
+
+    if not sys.platform.startswith("linux") or mount("size=700k", "tmpfs") != 0:
+        pytest.skip("no right to mount a tmpfs here")
+    try:
+        yield place, lambda: mount("remount,size=16m")
+    finally:
+        subprocess.run(["umount", "-l", str(place)], check=True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("executor", ["serial", "processes"])
+def test_a_disk_that_is_really_full(small_disk, tiny_hash, executor):
+    place, enlarge = small_disk
+    with pytest.raises(OutputError, match=r"cannot be written: .*(No space left|file write failed)") as caught:
+        build_dataset(tiny_plan(), place / "d", executor=executor, workers=2)
+    assert "\n" not in str(caught.value)
+    assert leftovers(place / "d") == []
+    found = dataset_status(place / "d")
+    assert 0 < found.count("done") < 8
+    assert found.count("damaged") == 0
+    enlarge()
+    assert build_dataset(tiny_plan(), place / "d", executor="serial").n_reused == found.n_examples
+    check_whole(place / "d", tiny_hash)
+
+
+LIMITED = """
+import resource, sys
+from doppelgait.core.errors import OutputError
+from doppelgait.dataset.build import build_dataset
+from dataset_plans import tiny_plan
+if __name__ == "__main__":
+    resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
+    try:
+        build_dataset(tiny_plan(), sys.argv[1], executor="processes", workers=2)
+    except OutputError as error:
+        print(error)
+"""
+
+
+def script(tmp_path, text):
+    path = tmp_path / "script.py"
+    path.write_text(text)
+    places = [os.environ.get("PYTHONPATH"), str(SUPPORT)]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, places))}
+    return {"args": [sys.executable, str(path), str(tmp_path / "d")], "env": environment, "text": True}
+
+
+@LINUX
+@pytest.mark.slow
+def test_files_that_may_not_be_that_large(tmp_path, tiny_hash):
+    done = subprocess.run(**script(tmp_path, LIMITED), capture_output=True, check=True, timeout=120)
+    assert "cannot be written" in done.stdout
+    assert "File too large" in done.stdout or "file write failed" in done.stdout
+    assert len(done.stdout.splitlines()) == 1
+    assert "Traceback" not in done.stderr
+    assert leftovers(tmp_path / "d") == []
+    build_dataset(tiny_plan(), tmp_path / "d", executor="serial")
+    check_whole(tmp_path / "d", tiny_hash)
+
+
+STOPPED = """
+import sys
+from doppelgait.dataset.build import build_dataset
+from dataset_plans import tiny_plan
+if __name__ == "__main__":
+    try:
+        print("begun", flush=True)
+        build_dataset(tiny_plan(), sys.argv[1], executor=sys.argv[2], workers=2,
+                      on_progress=lambda *done: print("done", *done, flush=True))
+    except KeyboardInterrupt as stop:
+        print("said", stop)
+        sys.exit(130)
+"""
+
+
+@LINUX
+@pytest.mark.slow
+@pytest.mark.parametrize("executor", ["serial", "processes", "dask"])
+@pytest.mark.parametrize("request_to_stop", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_and_terminate_leave_a_state_to_go_on_from(tmp_path, tiny_hash, executor, request_to_stop):
+    if executor == "dask":
+        pytest.importorskip("distributed")
+    arguments = script(tmp_path, STOPPED)
+    arguments["args"].append(executor)
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "start_new_session": True}
+    with subprocess.Popen(**arguments, **pipes) as process:
+        lines = iter(process.stdout.readline, "")
+        assert next(lines) == "begun\n"
+        assert next(lines) == "done 3 24\n"
+        if request_to_stop == signal.SIGINT:
+            os.killpg(process.pid, request_to_stop)  # as a terminal does: to the workers, too
+        else:
+            process.send_signal(request_to_stop)
+        rest, complaints = process.communicate(timeout=60)
+        assert process.returncode == 130
+    assert rest.splitlines()[-1].startswith(f"said {tmp_path / 'd'}: stopped; what was built is kept, the same command")
+    assert "Traceback" not in complaints
+    assert leftovers(tmp_path / "d") == []
+    found = dataset_status(tmp_path / "d")
+    assert (found.removed, found.running, found.count("damaged")) == ((), (), 0)
+    assert 3 <= found.n_examples < 24
+    assert build_dataset(tiny_plan(), tmp_path / "d", executor="serial").n_reused == found.n_examples
+    check_whole(tmp_path / "d", tiny_hash)
+
+
+def hold(folder, *, pid, host=None, part=None, begun=""):
+    """Lock as that process would have left it."""
+    folder.mkdir(exist_ok=True)
+    name = "build.lock" if part is None else f"build-{part[0]}-of-{part[1]}.lock"
+    host = platform.node() if host is None else host
+    table = {"pid": pid, "host": host, "since": "2018-07-01T12:00:00+00:00", "part": part, "begun": begun}
+    (folder / name).write_text(json.dumps(table))
+    return folder / name
+
+
+def dead_pid():
+    process = subprocess.Popen([sys.executable, "-c", ""])
+    process.wait()
+    return process.pid
+
+
+def test_a_folder_that_another_process_builds_is_refused(tmp_path):
+    path = hold(tmp_path / "d", pid=os.getppid(), begun=lock._begun(os.getppid()))
+    with pytest.raises(DatasetError, match=rf"is being built by process {os.getppid()} on .*; wait for it or stop it$"):
+        build_dataset(mini_plan(), tmp_path / "d", executor="serial")
+    assert list((tmp_path / "d").iterdir()) == [path]
+
+
+def test_a_folder_that_another_host_builds_is_refused_with_the_way_out(tmp_path):
+    path = hold(tmp_path / "d", pid=dead_pid(), host="node17")
+    with pytest.raises(DatasetError, match=r"on node17, since .*; if that process is gone, delete .*build\.lock$"):
+        build_dataset(mini_plan(), tmp_path / "d", executor="serial")
+    assert path.exists()
+    path.unlink()
+    assert build_dataset(mini_plan(), tmp_path / "d", executor="serial").n_built == 4
+
+
+def test_the_lock_of_a_dead_process_is_taken_over(tmp_path):
+    hold(tmp_path / "d", pid=dead_pid())
+    assert build_dataset(mini_plan(), tmp_path / "d", executor="serial").n_built == 4
+    assert leftovers(tmp_path / "d") == []
+
+
+@LINUX
+def test_the_lock_of_a_dead_process_whose_number_lives_on_is_taken_over(tmp_path):
+    for pid in (os.getppid(), os.getpid()):
+        hold(tmp_path / "d", pid=pid, begun="1")
+        assert running_builds(tmp_path / "d") == []
+        build_dataset(mini_plan(), tmp_path / "d", executor="serial")
+
+
+@LINUX
+def test_a_process_that_is_dead_and_not_yet_reaped_holds_nothing(tmp_path):
+    process = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    hold(tmp_path, pid=process.pid, begun=lock._begun(process.pid))
+    assert len(running_builds(tmp_path)) == 1
+    process.kill()
+    while lock._begun(process.pid) != "ended":
+        time.sleep(0.01)
+    assert running_builds(tmp_path) == []
+    process.wait()
+    process.stdin.close()
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", "{}"])
+def test_a_lock_that_was_never_written_is_taken_over(tmp_path, monkeypatch, content):
+    monkeypatch.setattr(lock, "WRITING_SECONDS", 0.1)
+    (tmp_path / "build.lock").write_text(content)
+    with build_lock(tmp_path):
+        assert len(running_builds(tmp_path)) == 1
+    assert leftovers(tmp_path) == []
+
+
+def test_parts_of_one_partition_go_side_by_side_and_nothing_else(tmp_path):
+    with build_lock(tmp_path, Part(1, 3)):
+        with build_lock(tmp_path, Part(2, 3)):
+            assert len(running_builds(tmp_path)) == 2
+        for other in (Part(1, 3), Part(2, 4), None):
+            with pytest.raises(DatasetError, match=r"part 1/3"), build_lock(tmp_path, other):
+                pass
+        assert [holder.part for holder in running_builds(tmp_path)] == [Part(1, 3)]
+    with build_lock(tmp_path), pytest.raises(DatasetError, match="being built"), build_lock(tmp_path, Part(1, 3)):
+        pass
+    assert leftovers(tmp_path) == []
+
+
+def test_status_of_a_folder_at_work_removes_nothing(tmp_path):
+    seen = []
+
+    def look(done, total):
+        (tmp_path / "shards" / "test-00000-of-00001.h5.partial").write_text("being written")
+        with pytest.raises(DatasetError, match="is being built by"):
+            build_dataset(mini_plan(), tmp_path, executor="serial")
+        seen.append(dataset_status(tmp_path, quick=True))
+
+    build_dataset(mini_plan(), tmp_path, executor="serial", on_progress=look)
+    assert [len(found.running) for found in seen] == [1, 1]
+    assert seen[0].partial == ("shards/test-00000-of-00001.h5.partial",)
+    assert seen[0].removed == ()
+    assert [(found.count("done"), found.complete) for found in seen] == [(1, False), (2, False)]
+
+
+def test_status_tells_done_missing_and_damaged_and_cleans_up_after_the_dead(tmp_path):
+    build_dataset(tiny_plan(), tmp_path, executor="serial")
+    shards = tmp_path / "shards"
+    names = sorted(path.stem for path in shards.glob("*.h5"))
+    shards.joinpath(f"{names[0]}.h5").unlink()
+    shards.joinpath(f"{names[1]}.json").unlink()
+    shards.joinpath(f"{names[2]}.json").write_text("{")
+    whole = shards.joinpath(f"{names[3]}.h5").read_bytes()
+    shards.joinpath(f"{names[3]}.h5").write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]))
+    shards.joinpath(f"{names[4]}.h5").write_bytes(whole[:-1])
+    shards.joinpath(f"{names[5]}.h5.partial").write_bytes(b"half")
+    hold(tmp_path, pid=dead_pid())
+    quick, full = dataset_status(tmp_path, quick=True), dataset_status(tmp_path)
+    states = {shard.name: shard.state for shard in full.shards}
+    assert [states[name] for name in names[:6]] == ["damaged", "missing", "damaged", "damaged", "damaged", "done"]
+    assert {shard.name: shard.state for shard in quick.shards} == {**states, names[3]: "done"}
+    assert set(quick.removed) == {"build.lock", f"shards/{names[5]}.h5.partial"}
+    assert full.removed == ()
+    assert full.n_examples == 9
+    assert build_dataset(tiny_plan(), tmp_path, executor="serial").n_built == 15
+
+
+def test_status_of_what_is_no_dataset(tmp_path):
+    (tmp_path / "mine.partial").write_text("a thesis")
+    with pytest.raises(DatasetError, match=r"holds no dataset, dataset\.json is missing"):
+        dataset_status(tmp_path)
+    with pytest.raises(DatasetError, match="holds no dataset"):
+        dataset_status(tmp_path / "nowhere")
+    (tmp_path / "dataset.json").write_text("[1]")
+    with pytest.raises(DatasetError, match="is damaged"):
+        dataset_status(tmp_path)
+    assert (tmp_path / "mine.partial").exists()
+
+
+def test_a_folder_that_cannot_be_written_is_one_error(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match="cannot be written"):
+        build_dataset(mini_plan(), tmp_path / "file" / "d", executor="serial")
+    if sys.platform.startswith("linux"):
+        with pytest.raises(OutputError, match="cannot be written"):
+            build_dataset(mini_plan(), "/proc/d", executor="serial")
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write anywhere")
+def test_a_folder_without_the_right_to_write_is_one_error(tmp_path):
+    (tmp_path / "d").mkdir(mode=0o500)
+    with pytest.raises(OutputError, match="Permission denied"):
+        build_dataset(mini_plan(), tmp_path / "d", executor="serial")
+
+
+def test_motion_files_that_vanish_during_the_build_are_failures_of_their_examples(tmp_path):
+    names = [f"broken{n}.c3d" for n in range(4)]
+    for name in names:
+        (tmp_path / name).write_text(f"not a C3D file: {name}")
+    classes = [
+        {"label": "human", "motion": {"kind": "boulic"}},
+        {"label": "ghost", "motion": {"kind": "file", "path": {"choice": names}}},
+    ]
+
+    def vanish(done, total):
+        for name in names:
+            (tmp_path / name).unlink(missing_ok=True)
+
+    plan = tiny_plan(dataset={"examples_per_class": 4, "shard_size": 2}, classes=classes)
+    report = build_dataset(plan, tmp_path / "d", folder=tmp_path, executor="serial", on_progress=vanish)
+    assert (report.n_examples, report.n_failed, report.too_many_failed) == (4, 4, True)
+    assert any("there is no such file" in failure["reason"] for failure in report.failures)
+    assert all(failure["id"].startswith("ghost-") and failure["spec"] for failure in report.failures)
+
+
+def test_numbers_that_are_none_are_refused_or_recorded_with_the_reason(tmp_path, monkeypatch):
+    import doppelgait.dataset.shard as shard
+
+    with pytest.raises(ConfigError, match="speed_mps"):
+        build_dataset(
+            mini_plan(classes=[{"label": "human", "motion": {"kind": "boulic", "speed_mps": float("nan")}}]),
+            tmp_path / "refused", executor="serial",
+        )  # fmt: skip
+    assert not (tmp_path / "refused").exists()
+    real = shard.build_example
+
+    def diverges(example, *arguments, **options):
+        if example.id == "dog-000001":
+            raise FloatingPointError("invalid value encountered in sqrt")
+        return real(example, *arguments, **options)
+
+    monkeypatch.setattr(shard, "build_example", diverges)
+    report = build_dataset(mini_plan(), tmp_path / "d", executor="serial")
+    (failure,) = report.failures
+    assert failure["id"] == "dog-000001"
+    assert "invalid value encountered in sqrt" in failure["reason"]
+    assert json.loads(failure["spec"])["id"] == "dog-000001"
+    assert len(failure["reason"].splitlines()) == 1
+
+
+@pytest.mark.parametrize(("share", "complete"), [(0.0, False), (0.24, False), (0.25, True), (1.0, True)])
+def test_the_share_that_may_fail(tmp_path, monkeypatch, share, complete):
+    import doppelgait.dataset.shard as shard
+
+    real = shard.build_example
+
+    def one_fails(example, *arguments, **options):
+        if example.id == "dog-000001":
+            raise DatasetError("no luck")
+        return real(example, *arguments, **options)
+
+    monkeypatch.setattr(shard, "build_example", one_fails)
+    report = build_dataset(mini_plan(), tmp_path, executor="serial", max_failed_share=share)
+    assert report.too_many_failed is not complete
+    assert json.loads((tmp_path / "dataset.json").read_text())["complete"] is complete
+    assert (report.n_rows, report.n_failed) == (3, 1)
+    with pytest.raises(ConfigError, match="max_failed_share"):
+        build_dataset(mini_plan(), tmp_path, executor="serial", max_failed_share=1.1)
+
+
+def test_another_configuration_is_refused_with_the_difference_before_anything_is_touched(tmp_path, mini_hash):
+    build_dataset(mini_plan(), tmp_path, executor="serial")
+    with pytest.raises(DatasetError, match=r"another configuration \(scene\.duration_s: 1\.0 -> 2\.0\); build into"):
+        build_dataset(mini_plan(scene={"duration_s": 2.0}), tmp_path, executor="serial", part="1/2")
+    assert leftovers(tmp_path) == []
+    assert dataset_hash(tmp_path) == mini_hash
+
+
+def test_a_worker_of_another_version_builds_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr(build, "RELEASE", ("0.0.1", 1))
+    work = build._build_one
+    with pytest.raises(DatasetError, match=r"a worker has doppelgait .*install the same everywhere"):
+        work(None, context=None, release=("0.0.2", 1))
+
+
+def test_a_shard_that_does_not_arrive_is_one_error(tmp_path, monkeypatch):
+    monkeypatch.setattr(build, "build_shard", lambda *a: {"failures": [], "bytes": 0})
+    with pytest.raises(DatasetError, match="every worker must see this folder"):
+        build_dataset(mini_plan(), tmp_path, executor="serial")

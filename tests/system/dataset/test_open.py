@@ -1,0 +1,456 @@
+"""Opened datasets against plain h5py, pandas and NumPy."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import pickle
+import shutil
+import sys
+from fnmatch import fnmatchcase
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+
+from doppelgait import viz
+from doppelgait.core.errors import DatasetError
+from doppelgait.core.labels import BASEBAND, CADENCE_MAP, SIGNATURE, check_signal
+from doppelgait.dataset import open_dataset, shard_files
+from doppelgait.dataset.batches import POOL_SHARDS, shuffled_rows
+from doppelgait.dataset.example import carrier_of, label_arrays, radar_of
+from doppelgait.dataset.feature_matrix import unit_of
+from doppelgait.features import FEATURE_UNITS
+from doppelgait.features.extended import feature_table
+from tiny_dataset import built, mixed_plan, sum_signatures, tiny_plan
+
+X4_WAVELENGTH_M = 299_792_458.0 / 7.29e9
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return built(tmp_path_factory, tiny_plan())
+
+
+@pytest.fixture(scope="module")
+def mixed(tmp_path_factory):
+    return open_dataset(built(tmp_path_factory, mixed_plan()))
+
+
+@pytest.fixture(scope="module")
+def dataset(folder):
+    return open_dataset(folder)
+
+
+def stored(folder, index, number, name):
+    """What plain h5py finds for a row."""
+    row = index.iloc[number]
+    with h5py.File(folder / "shards" / f"{row['shard']}.h5") as file:
+        found = file[name]
+        return found[int(row["row"])] if isinstance(found, h5py.Dataset) else found[str(row["row"])][:]
+
+
+def test_index_and_parts(folder, dataset):
+    plain = pd.read_parquet(folder / "index.parquet")
+    pd.testing.assert_frame_equal(dataset.index, plain)
+    assert len(dataset) == len(plain) == 12
+    for split in ("train", "test"):
+        ids = (folder / "splits" / f"{split}.txt").read_text().split()
+        assert list(dataset[split].index["id"]) == ids
+    assert len(dataset["train"]) == 6
+
+
+def test_example_is_what_h5py_reads_with_the_librarys_labels(folder, dataset):
+    index = pd.read_parquet(folder / "index.parquet")
+    axes = {
+        "time": "time_s",
+        "doppler": "doppler_hz",
+        "cadence": "cadence_hz",
+        "slow_time": "slow_time_s",
+        "range": "range_m",
+    }
+    units = {"time": "s", "doppler": "Hz", "cadence": "Hz", "slow_time": "s", "range": "m", "velocity": "m/s"}
+    for number in (0, 5, 11):
+        example = dataset[index["id"][number]]
+        assert (example.id, example.label) == (index["id"][number], index["label"][number])
+        assert set(example.arrays) == set(dataset.description["fields"])
+        for name, array in example.arrays.items():
+            assert np.array_equal(array.values, stored(folder, index, number, name))
+            assert array.name == name
+            for dim in set(array.dims) - {"scatterer"}:
+                assert np.array_equal(array[dim].values, stored(folder, index, number, f"{name}_{axes[dim]}"))
+                assert array[dim].attrs["units"] == units[dim]
+        doppler_hz = stored(folder, index, number, "signature_doppler_hz")
+        np.testing.assert_allclose(example.signature.velocity.values, doppler_hz * X4_WAVELENGTH_M / 2, rtol=1e-12)
+        check_signal(example.signature, SIGNATURE)
+        check_signal(example.cadence_map, CADENCE_MAP)
+        check_signal(example.baseband, BASEBAND)
+        for name, value in example.features.items():
+            assert value == pytest.approx(index[f"feature_{name}"][number], nan_ok=True)
+        assert example.row["snr_frame_db"] == index["snr_frame_db"][number]
+
+
+def test_signature_and_features_fit_together(dataset):
+    """The strongest Doppler row of a stored signature is near the torso's, so row and array belong together."""
+    for example in dataset:
+        power = example.signature.mean("time")
+        strongest_hz = float(power.doppler.values[power.values.argmax()])
+        assert strongest_hz == pytest.approx(example.row["torso_doppler_hz"], abs=25.0)
+
+
+def test_example_goes_into_the_figures_unchanged(dataset):
+    example = dataset.example(0)
+    for figure in (
+        viz.signature(example.signature),
+        viz.step_doppler(example.cadence_map),
+        viz.range_time(example.baseband),
+    ):
+        assert figure.axes
+
+
+def test_half_precision_and_hop_are_undone(mixed):
+    for number in range(len(mixed)):
+        raw = stored(mixed.directory, mixed.index, number, "signature")
+        assert raw.dtype == np.float16
+        expected = 10.0 ** (raw.astype(np.float64) / 10.0)
+        values = mixed.array("signature", number)
+        assert values.dtype == np.float32
+        np.testing.assert_allclose(values, expected, rtol=1e-6)
+        assert np.array_equal(mixed.example(number).signature.values, values)
+
+
+def test_radar_is_that_of_the_example(mixed):
+    assert set(mixed.index["prf_hz"]) == {800.0, 1000.0}
+    for _, row in mixed.index.iterrows():
+        radar = radar_of(mixed.description, row)
+        assert (radar.prf_hz, radar.carrier_hz) == (row["prf_hz"], 7.29e9)
+
+
+def test_radar_of_a_later_class():
+    radar = {"preset": "x4", "prf_hz": {"cycle": [800, 900, 1000, 1100, 1200]}}  # by the number in the plan
+    classes = [{"label": "human", "examples": 2}, {"label": "big dog"}]
+    description = {"config": {"dataset": {"seed": 1, "examples_per_class": 3}, "classes": classes, "radar": radar}}
+    names = ["human-000000", "human-000001", "big_dog-000000", "big_dog-000001", "big_dog-000002"]
+    found = [radar_of(description, {"id": name, "scene_id": name}).prf_hz for name in names]
+    assert found == [800.0, 900.0, 1000.0, 1100.0, 1200.0]
+
+
+@pytest.mark.parametrize("description", [{}, {"config": {}}, {"origin": "imported", "config": {"classes": []}}])
+def test_radar_that_no_plan_tells(description):
+    row = {"id": "walk-1", "scene_id": "walk-1", "prf_hz": 500.0}
+    with pytest.raises(DatasetError, match="walk-1: the dataset does not tell its radar"):
+        radar_of(description, row)
+    assert np.isnan(carrier_of(description, row))
+    assert carrier_of(description, row | {"carrier_hz": 24e9}) == 24e9
+
+
+def test_iteration_gives_every_example_in_order(dataset):
+    assert [example.id for example in dataset["test"]] == list(dataset["test"].index["id"])
+
+
+def test_missing_arrays_are_left_out_and_named():
+    fields = {
+        "signature": {"dims": ["time", "doppler"], "units": "V^2", "scale": "linear"},
+        "baseband": {"dims": ["slow_time", "range"], "units": "V", "scale": "linear"},
+    }
+    nothing = {"signature": np.empty((0, 0), np.float32)}  # a target that no track follows
+    assert label_arrays(fields, {"prf_hz": 1000.0}, nothing.get, carrier_hz=7.29e9) == {}
+
+
+def test_field_that_is_not_kept(dataset, mixed):
+    with pytest.raises(DatasetError, match="keeps no cadence_map; it keeps signature, baseband"):
+        _ = mixed.example(0).cadence_map
+    with pytest.raises(DatasetError, match="keeps no 'envelope'; it keeps signature, cadence_map"):
+        dataset.array("envelope", 0)
+
+
+# ---- features
+
+
+def test_six_features_for_scikit_learn(dataset):
+    X, y, groups = dataset["train"].features()
+    index = dataset["train"].index
+    assert X.shape == (6, 6)
+    np.testing.assert_array_equal(X, index[[f"feature_{name}" for name in FEATURE_UNITS]].to_numpy())
+    assert list(y) == list(index["label"])
+    assert list(groups) == list(index["group"])
+    found = dataset.features()
+    assert found.names == tuple(FEATURE_UNITS)
+    assert found.units == tuple(FEATURE_UNITS.values())
+    assert list(found.ids) == list(dataset.index["id"])
+    assert len(found) == 12
+
+
+def test_groups_keep_a_scene_together(mixed):
+    groups = mixed.features().groups
+    assert list(groups) == list(mixed.index["group"])
+    assert len(set(groups)) < mixed.index["subject"].nunique()
+    for _, rows in mixed.index.groupby("scene_id"):
+        assert len(set(groups[rows.index])) == 1
+
+
+def test_undetermined_features_are_nan(dataset):
+    flagged = dataset.index["flags"].str.contains("step_length,.*:need_a_gait_frequency")
+    column = dataset.features().X[:, list(FEATURE_UNITS).index("step_length_m")]
+    assert 0 < flagged.sum() < 12
+    assert np.array_equal(np.isnan(column), flagged.to_numpy())
+
+
+def test_scikit_learn_takes_them(dataset):
+    from sklearn.model_selection import GroupKFold, cross_val_score
+    from sklearn.neighbors import KNeighborsClassifier
+
+    X, y, groups = dataset.features(["feature_torso_velocity_mps", "feature_doppler_bandwidth_hz"])
+    scores = cross_val_score(KNeighborsClassifier(3), X, y, groups=groups, cv=GroupKFold(3))
+    assert scores.shape == (3,)
+    assert np.isfinite(scores).all()
+
+
+def test_extended_features_hold_nothing_that_only_a_simulation_knows(dataset):
+    found = dataset.features("extended")
+    names = [name for name in dataset.index.columns if name.startswith("extended_")]
+    assert found.names == (*FEATURE_UNITS, "gait_frequency_hz", *names)
+    assert len(names) > 20
+    assert not [
+        n for n in found.names if n.startswith(("truth", "snr", "rcs", "radar", "gate", "prf", "quality", "sd_"))
+    ]
+    units = {f"extended_{name}": unit for name, unit, _ in feature_table()}
+    assert {name: unit for name, unit in zip(found.names, found.units, strict=True) if name in units} == units
+
+
+def test_named_columns(dataset):
+    found = dataset.features(["snr_frame_db", "truth_aspect_deg", "rcs_total_m2"])
+    np.testing.assert_array_equal(
+        found.X, dataset.index[["snr_frame_db", "truth_aspect_deg", "rcs_total_m2"]].to_numpy()
+    )
+    assert found.units == ("dB", "deg", "m^2")
+    assert unit_of("extended_limb_share") == "1"
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (["truth_aspct_deg"], "no column 'truth_aspct_deg'; near in spelling: truth_aspect_deg"),
+        (["label"], "label: holds .* values, which are no feature"),
+        ("seven", "'seven' is not allowed; it must be 'six', 'extended' or a list"),
+        ([], "is not allowed"),
+    ],
+)
+def test_wrong_feature_names(dataset, names, message):
+    with pytest.raises(DatasetError, match=message):
+        dataset.features(names)
+
+
+def test_rows_without_flags(dataset):
+    patterns = ["harmonic_ratio_2:*", "*:uncertain_by_*"]
+    keep = [
+        not any(fnmatchcase(flag, p) for flag in flags.split(";") for p in patterns) for flags in dataset.index["flags"]
+    ]
+    assert 0 < sum(keep) < len(keep)
+    assert list(dataset.features(without_flags=patterns).ids) == list(dataset.index["id"][keep])
+
+
+# ---- queries and keys
+
+
+def test_select(dataset):
+    part = dataset.select("truth_range_m < 3.5 and label == 'dog'")
+    index = dataset.index
+    assert list(part.index["id"]) == list(index["id"][(index["truth_range_m"] < 3.5) & (index["label"] == "dog")])
+    assert 0 < len(part) < 6
+    number = list(index["id"]).index(part.index["id"][0])
+    assert np.array_equal(part.array("signature", 0), dataset.array("signature", number))
+    assert len(dataset.select("prf_hz < 0")) == 0
+
+
+@pytest.mark.parametrize(
+    ("query", "message"),
+    [
+        ("truth_aspct_deg < 30", "no column 'truth_aspct_deg'; near in spelling: truth_aspect_deg"),
+        ("label ==", "is no query"),
+        ("label < 3", "is no query"),
+        ("truth_range_m + 1", "is no condition"),
+        ("label = 'dog'", "is no condition"),
+        ("", "is no query"),
+    ],
+)
+def test_wrong_query_is_one_error(dataset, query, message):
+    with pytest.raises(DatasetError, match=message):
+        dataset.select(query)
+
+
+@pytest.mark.parametrize(
+    ("key", "message"),
+    [
+        ("validation", "no split 'validation'; there are test, train"),
+        ("humn-000001", "neither a split nor the id of an example here; near in spelling: human-000001"),
+        (3, "neither a split nor the id"),
+    ],
+)
+def test_wrong_key(dataset, key, message):
+    with pytest.raises(DatasetError, match=message):
+        dataset[key]
+
+
+# ---- versions and damage
+
+
+def edited(folder, target, **changes):
+    """Copy of a dataset with entries of its description changed."""
+    shutil.copytree(folder, target)
+    description = json.loads((target / "dataset.json").read_text()) | changes
+    (target / "dataset.json").write_text(json.dumps(description))
+    return target
+
+
+def test_newer_schema_is_refused(folder, tmp_path):
+    with pytest.raises(DatasetError, match="schema version 99, this doppelgait reads up to 2; install a newer"):
+        open_dataset(edited(folder, tmp_path / "new", schema_version=99))
+
+
+def test_first_schema_is_read(folder, tmp_path):
+    """Version 1: no group, no licence, no scale, axes for the signature only."""
+    facts = {"dims": ["time", "doppler"], "units": "V^2", "dtype": "float32"}
+    cadence = {"dims": ["cadence", "doppler"], "units": "1", "dtype": "float32"}
+    old = edited(folder, tmp_path / "old", schema_version=1, fields={"signature": facts, "cadence_map": cadence})
+    index = pd.read_parquet(old / "index.parquet").drop(columns=["group", "licence"])
+    index.to_parquet(old / "index.parquet", index=False)
+    for path in (old / "shards").glob("*.h5"):
+        with h5py.File(path, "a") as file:
+            for name in ("cadence_map_cadence_hz", "cadence_map_doppler_hz"):
+                del file[name]
+    dataset, now = open_dataset(old), open_dataset(folder)
+    example = dataset["human-000002"]
+    assert np.array_equal(example.signature.values, now["human-000002"].signature.values)
+    assert np.array_equal(example.signature.velocity.values, now["human-000002"].signature.velocity.values)
+    assert not example.cadence_map.coords
+    assert list(dataset.features().groups) == list(index["subject"])
+
+
+@pytest.mark.parametrize("name", ["dataset.json", "index.parquet"])
+def test_missing_and_damaged_files(folder, tmp_path, name):
+    copy = edited(folder, tmp_path / "copy")
+    (copy / name).write_bytes(b"{")
+    with pytest.raises(DatasetError, match=r"copy: is damaged"):
+        open_dataset(copy)
+    (copy / name).unlink()
+    with pytest.raises(DatasetError, match=f"no finished dataset here .*{name}"):
+        open_dataset(copy)
+
+
+def test_damaged_shard_is_named(folder, tmp_path):
+    copy = edited(folder, tmp_path / "copy")
+    dataset = open_dataset(copy)
+    path = copy / "shards" / f"{dataset.index['shard'][0]}.h5"
+    path.write_bytes(path.read_bytes()[:5000])
+    with pytest.raises(DatasetError, match=rf"{path.name}: signature of row 0 cannot be read: .*dataset verify"):
+        dataset.array("signature", 0)
+    path.unlink()
+    with pytest.raises(DatasetError, match=f"{path.name}: signature of row 0 cannot be read"):
+        dataset.array("signature", 0)
+
+
+# ---- batches and files
+
+
+def test_batches_hold_every_example_once(dataset):
+    seen = []
+    for batch in dataset.batches(["signature", "baseband"], 5, np.random.default_rng(1)):
+        assert set(batch) == {"signature", "baseband", "label", "number"}
+        for place, number in enumerate(batch["number"]):
+            assert np.array_equal(batch["signature"][place], dataset.array("signature", number))
+            assert np.array_equal(batch["baseband"][place], dataset.array("baseband", number))
+            assert batch["label"][place] == dataset.description["classes"][dataset.index["label"][number]]
+        seen.extend(batch["number"])
+    assert sorted(seen) == list(range(12))
+    assert seen != sorted(seen)
+
+
+def test_order_of_batches(dataset):
+    def order(**options):
+        return [n for batch in dataset.batches(batch_size=4, **options) for n in batch["number"]]
+
+    assert order(rng=np.random.default_rng(1)) == order(rng=np.random.default_rng(1))
+    assert order(rng=np.random.default_rng(1)) != order(rng=np.random.default_rng(2))
+    assert order(shuffle=False) == list(range(12))
+
+
+def test_wrong_batches(dataset, mixed):
+    with pytest.raises(DatasetError, match="shuffling needs rng"):
+        dataset.batches()
+    with pytest.raises(DatasetError, match="batch_size: 0 is not allowed"):
+        dataset.batches(batch_size=0, shuffle=False)
+    with pytest.raises(DatasetError, match="keeps no 'envelope'"):
+        dataset.batches(["envelope"], shuffle=False)
+    with pytest.raises(DatasetError, match=r"signature: human-000000 has the shape .*, human-000001 .*one shape"):
+        next(mixed.select("label == 'human'").batches(shuffle=False))
+
+
+def test_shuffle_opens_every_shard_once():
+    n_shards, rows = 5 * POOL_SHARDS + 3, 7
+    index = pd.DataFrame({"shard": np.repeat([f"s{n}" for n in range(n_shards)], rows)})
+    order = shuffled_rows(index, np.random.default_rng(3))
+    assert sorted(order) == list(range(n_shards * rows))
+    pools = [set(index["shard"][order[k : k + POOL_SHARDS * rows]]) for k in range(0, len(order), POOL_SHARDS * rows)]
+    assert [len(pool) for pool in pools] == [POOL_SHARDS] * 5 + [3]
+    assert len(set.union(*pools)) == n_shards
+
+
+def test_shuffle_of_few_shards_is_uniform():
+    index = pd.DataFrame({"shard": np.repeat(["a", "b", "c"], 4)})
+    rng = np.random.default_rng(0)
+    counts = np.zeros((12, 12))
+    for _ in range(4000):
+        counts[np.arange(12), shuffled_rows(index, rng)] += 1
+    chi_square = ((counts - 4000 / 12) ** 2 / (4000 / 12)).sum()
+    assert 60 < chi_square < 200  # 121 degrees of freedom: 5 sigma are 78
+
+
+def open_shards(folder):
+    links = [os.path.realpath(f"/proc/self/fd/{n}") for n in os.listdir("/proc/self/fd")]
+    return [path for path in links if path.startswith(str(folder)) and path.endswith(".h5")]
+
+
+@pytest.mark.skipif(not os.path.isdir("/proc/self/fd"), reason="needs /proc")
+def test_open_files_are_bounded(folder, monkeypatch):
+    monkeypatch.setattr(shard_files, "MAX_OPEN", 2)
+    dataset = open_dataset(folder)
+    already = len(open_shards(folder.resolve()))
+    for number in range(len(dataset)):
+        dataset.array("signature", number)
+        assert len(open_shards(folder.resolve())) - already <= 2
+    assert dataset.index["shard"].nunique() == 4
+    dataset.files.close()
+    assert len(open_shards(folder.resolve())) == already
+
+
+@pytest.mark.parametrize("method", ["fork", "spawn"])
+def test_reads_in_other_processes(dataset, method):
+    if method not in multiprocessing.get_all_start_methods():
+        pytest.skip(f"no {method} here")
+    expected = sum_signatures(dataset)  # files are open in this process
+    with multiprocessing.get_context(method).Pool(2) as pool:
+        assert pool.map(sum_signatures, [dataset] * 4) == [expected] * 4
+    assert sum_signatures(pickle.loads(pickle.dumps(dataset))) == expected
+
+
+@pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="no fork here")
+def test_a_forked_process_leaves_open_files_to_its_parent(dataset):
+    expected = sum_signatures(dataset)
+    assert dataset.files._files()
+    fork = multiprocessing.get_context("fork")
+    answers = fork.SimpleQueue()
+    process = fork.Process(target=lambda: answers.put((len(dataset.files._files()), sum_signatures(dataset))))
+    process.start()
+    assert answers.get() == (0, expected)
+    process.join()
+    assert sum_signatures(dataset) == expected
+
+
+def test_without_torch_one_error(dataset, monkeypatch):
+    monkeypatch.setitem(sys.modules, "torch", None)
+    monkeypatch.delitem(sys.modules, "doppelgait.dataset.torch_data", raising=False)
+    with pytest.raises(DatasetError, match="torch is not installed"):
+        dataset.torch()

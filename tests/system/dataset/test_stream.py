@@ -1,0 +1,160 @@
+"""Examples simulated while they are used, against the built dataset."""
+
+from __future__ import annotations
+
+from itertools import islice
+
+import numpy as np
+import pytest
+
+from doppelgait.core.errors import AnalysisError, ConfigError, DatasetError, DoppelgaitWarning
+from doppelgait.dataset import open_dataset, plan_dataset, stream
+from doppelgait.dataset.stream import MAX_FAILURES, stream_examples
+from tiny_dataset import TROT, built, mixed_plan, tiny_plan
+
+PLAN = tiny_plan(fields=["signature"])
+
+
+def same(one, other):
+    return one.id == other.id and all(np.array_equal(one.arrays[k].values, other.arrays[k].values) for k in one.arrays)
+
+
+def ids(examples, count):
+    return [example.id for example in islice(examples, count)]
+
+
+@pytest.fixture
+def light(monkeypatch):
+    """Names of the examples alone: nothing is simulated."""
+
+    def row_only(spec, fields, folder, *, gate):
+        return [({"id": spec.id, "label": spec.label, "prf_hz": 1000.0, "subject": spec.rows[0].subject}, {})]
+
+    monkeypatch.setattr(stream, "build_example", row_only)
+
+
+@pytest.mark.parametrize("plan", [tiny_plan(), mixed_plan()], ids=["tiny", "mixed"])
+def test_planned_numbers_give_the_built_examples(tmp_path_factory, plan):
+    dataset = open_dataset(built(tmp_path_factory, plan))
+    places = {"shard", "row", "shard_sha256", "split", "group"}
+    for example in islice(stream_examples(plan, start=0), len(dataset)):
+        kept = dataset[example.id]
+        assert set(example.arrays) == set(kept.arrays)
+        for name, array in example.arrays.items():
+            assert array.dtype == kept.arrays[name].dtype
+            assert array.identical(kept.arrays[name])
+        for name, value in example.row.items():
+            assert name in places or value == kept.row[name] or (value in (None, "") and kept.row[name] in (None, ""))
+
+
+def test_goes_on_beyond_the_plan_with_the_classes_in_turn(light):
+    assert ids(stream_examples(PLAN, start=10), 6) == [
+        "dog-000004", "dog-000005", "human-000006", "dog-000006", "human-000007", "dog-000007",
+    ]  # fmt: skip
+
+
+def test_starts_behind_the_plan(light):
+    planned = {example.id for example in plan_dataset(PLAN).examples}
+    assert ids(stream_examples(PLAN), 2) == ["human-000006", "dog-000006"]
+    assert not planned & set(ids(stream_examples(PLAN), 50))
+
+
+def test_iterates_anew_each_time(light):
+    examples = stream_examples(PLAN, start=3)
+    assert ids(examples, 5) == ids(examples, 5)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 5])
+def test_workers_share_the_stream(light, count):
+    serial = ids(stream_examples(PLAN, start=2), 30)
+    shares = [ids(stream_examples(PLAN, start=2, worker=(k, count)), 30 // count) for k in range(count)]
+    assert [shares[n % count][n // count] for n in range(30)] == serial
+
+
+def test_shares_of_shares_are_the_stream_too(light):
+    """Several machines, each with several workers."""
+    serial = ids(stream_examples(PLAN), 24)
+    parts = [stream_examples(PLAN, worker=(k, 2)).part(j, 3) for k in range(2) for j in range(3)]
+    assert sorted(name for part in parts for name in ids(part, 4)) == sorted(serial)
+
+
+def test_arrays_do_not_depend_on_the_worker():
+    serial = list(islice(stream_examples(PLAN), 4))
+    for k in range(2):
+        share = list(islice(stream_examples(PLAN, worker=(k, 2)), 2))
+        assert all(same(a, b) for a, b in zip(share, serial[k::2], strict=True))
+
+
+def test_seed_makes_another_stream():
+    one, two = (next(iter(stream_examples(PLAN, seed=seed))) for seed in (1, 2))
+    assert one.id == two.id
+    assert not same(one, two)
+    assert same(one, next(iter(stream_examples(tiny_plan(fields=["signature"], seed=1)))))
+
+
+def test_takes_a_plan_that_is_laid_out(light):
+    assert ids(stream_examples(plan_dataset(PLAN)), 3) == ids(stream_examples(PLAN), 3)
+
+
+def test_failed_examples_are_left_out_with_a_warning(light, monkeypatch):
+    works = stream.build_example
+
+    def sometimes(spec, *arguments, **options):
+        if spec.run.example % 3 == 0:
+            raise AnalysisError("the target is nowhere")
+        return works(spec, *arguments, **options)
+
+    monkeypatch.setattr(stream, "build_example", sometimes)
+    with pytest.warns(DoppelgaitWarning) as caught:
+        found = ids(stream_examples(PLAN), 4)
+    assert [str(w.message) for w in caught] == [
+        f"example number {n} failed: the target is nowhere; left out" for n in (12, 15)
+    ]
+    assert found == ["dog-000006", "human-000007", "human-000008", "dog-000008"]
+
+
+def test_a_plan_that_always_fails_ends_the_stream(monkeypatch):
+    def never(*arguments, **options):
+        raise AnalysisError("the target is nowhere")
+
+    monkeypatch.setattr(stream, "build_example", never)
+    with (
+        pytest.warns(DoppelgaitWarning) as caught,
+        pytest.raises(
+            DatasetError, match=f"{MAX_FAILURES} examples in a row failed, the last is number 21: the target"
+        ),
+    ):
+        next(iter(stream_examples(PLAN)))
+    assert len(caught) == MAX_FAILURES - 1
+
+
+def test_value_that_is_not_allowed_ends_the_stream():
+    plan = PLAN.model_copy(update={"target": {"range_m": -3.0}})
+    with pytest.raises(ConfigError, match=r"human-000006: .*range_m"):
+        next(iter(stream_examples(plan)))
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"worker": (2, 2)}, DatasetError, r"worker: \(2, 2\) is not allowed"),
+        ({"worker": (0, 0)}, DatasetError, r"worker: \(0, 0\) is not allowed"),
+        ({"start": -1}, DatasetError, "start: -1 is not allowed"),
+        ({"seed": -1}, ConfigError, "seed: -1 is not allowed"),
+    ],
+)
+def test_wrong_requests(options, error, message):
+    with pytest.raises(error, match=message):
+        stream_examples(PLAN, **options)
+
+
+def test_class_numbers_and_labels_without_a_class():
+    examples = stream_examples(PLAN.model_copy(update={"companions": [{"label": "cat", "motion": TROT}]}))
+    assert [examples.class_number(label) for label in ("human", "dog")] == [0, 1]
+    with pytest.raises(DatasetError, match="'cat' is the label of a companion and no class"):
+        examples.class_number("cat")
+
+
+def test_field_that_the_plan_does_not_keep():
+    with pytest.raises(DatasetError, match="keeps no 'baseband'; it keeps signature"):
+        stream_examples(PLAN).torch(["baseband"])

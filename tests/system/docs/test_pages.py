@@ -1,0 +1,257 @@
+"""The pages made from the code say all that the code has, and the equations that docstrings cite are there."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import json
+import pkgutil
+import re
+import sys
+from contextlib import contextmanager
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+import doppelgait
+from checkout import ROOT
+from doppelgait.cli.app import app
+from doppelgait.core.config import FrozenModel
+from doppelgait.core.errors import DoppelgaitError
+from tiny_dataset import built, mixed_plan, tiny_plan
+
+DOCS = ROOT / "docs"
+PAGES = sorted(path for path in DOCS.glob("**/*.md") if not {"_build", "reference"} & set(path.relative_to(DOCS).parts))
+LABEL = re.compile(r"(?<![\w.-])E-\d\d[a-z]?\b")
+INTERNAL = {
+    "FrozenModel", "PathPlace", "TargetParameters", "SceneParameters",  # bases of what users write
+    "RowSpec", "ExampleSpec", "Phantom", "_Lists", "RunSpec",  # what configurations are resolved to
+    "Facts", "Patch", "Training",  # inside a model file
+    "Splitting",  # an argument of a Python function
+}  # fmt: skip
+"""Models whose keys no user writes into a file."""
+
+SAID_BY_THEIR_NAME = {"analysis", "at_m", "classes", "dataset", "label", "name", "pause_s", "split", "tracking"}
+"""Keys without words of their own: tables of another section, or told by the section's first line."""
+
+pytestmark = pytest.mark.skipif(not DOCS.is_dir(), reason="the documentation is not part of a wheel")
+
+
+@pytest.fixture(scope="module")
+def pages():
+    sys.path.insert(0, str(DOCS / "_ext"))
+    pytest.importorskip("sphinx")
+    try:
+        yield importlib.import_module("reference_pages").pages()
+    finally:
+        sys.path.remove(str(DOCS / "_ext"))
+
+
+def cited():
+    """Labels in docstrings, words below constants and messages of the package."""
+    found = set()
+    for path in (ROOT / "src").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                found |= set(LABEL.findall(node.value))
+    return found
+
+
+def defined():
+    return [label for page in PAGES for label in re.findall(r"\\tag\{(E-[^}]*)\}", page.read_text())]
+
+
+def test_every_cited_equation_is_there_once_and_every_equation_is_cited():
+    labels = defined()
+    assert len(labels) == len(set(labels))
+    assert set(labels) == cited()
+    assert len(labels) >= 40
+
+
+def test_comments_and_pages_cite_only_what_is_there():
+    labels = set(defined())
+    for path in [*PAGES, *(ROOT / "src").rglob("*.py")]:
+        assert set(LABEL.findall(path.read_text())) <= labels, path
+
+
+def help_of(words):
+    return CliRunner().invoke(app, [*words, "--help"], env={"COLUMNS": "200"}).output
+
+
+def listed(text):
+    """Commands that a help text names below "Commands:"."""
+    after = text.partition("Commands:")[2]
+    return re.findall(r"^  ([a-z][\w-]*) ", after, flags=re.MULTILINE)
+
+
+def test_every_command_and_option_of_the_help_is_on_the_page(pages):
+    sections = dict(re.findall(r"^## (.*?)\n(.*?)(?=^## |\Z)", pages["commands.md"], flags=re.MULTILINE | re.DOTALL))
+    commands = []
+    for word in listed(help_of([])):
+        below = listed(help_of([word]))
+        commands += [[word, name] for name in below] if below else [[word]]
+    assert len(commands) >= 19
+    for words in commands:
+        section = sections.pop(f"doppelgait {' '.join(words)}")
+        heads = re.findall(r"^  (-.*?)(?:  |<|$)", help_of(words).partition("Options:")[2], flags=re.MULTILINE)
+        options = {flag for head in heads for flag in re.findall(r"--?[a-z][\w-]*", head)} - {"--help", "-h"}
+        cells = re.findall(r"^\| (`-.*?) \|", section, flags=re.MULTILINE)
+        assert {flag for cell in cells for flag in re.findall(r"`(.*?)`", cell)} == options, words
+    assert set(sections) == {"doppelgait"}
+
+
+@contextmanager
+def suppress_missing(package):
+    """Go on where a module says that this package is not installed."""
+    try:
+        yield
+    except DoppelgaitError as error:
+        if f"{package} is not installed" not in str(error):
+            raise
+
+
+def models():
+    """Every parameter model of the package; modules for torch have none, and are not there without it."""
+    for module in pkgutil.walk_packages(doppelgait.__path__, "doppelgait."):
+        if "__main__" not in module.name:
+            with suppress_missing("torch"):
+                importlib.import_module(module.name)
+    found, new = set(), {FrozenModel}
+    while new:
+        found |= new
+        new = {kind for one in new for kind in one.__subclasses__() if kind.__module__.startswith("doppelgait")} - found
+    return found
+
+
+def test_every_key_of_every_model_is_on_a_page_with_words(pages):
+    from setting_pages import groups, parameter_words
+
+    shown = {model for _, _, tables in groups().values() for _, model in tables}
+    assert {model.__name__ for model in models() - shown} == INTERNAL
+    for name, (_, _, tables) in groups().items():
+        sections = re.split(r"^## ", pages[f"configuration/{name}.md"], flags=re.MULTILINE)[1:]
+        assert len(sections) == len(tables)
+        for section, (heading, model) in zip(sections, tables, strict=True):
+            assert section.startswith(heading + "\n")
+            assert re.findall(r"^\| `(\w+)` \|", section, flags=re.MULTILINE) == list(model.model_fields)
+            assert set(model.model_fields) - set(parameter_words(model)) <= SAID_BY_THEIR_NAME, model
+
+
+def test_a_key_has_its_unit_default_limits_and_words(pages):
+    row = next(line for line in pages["configuration/radar.md"].split("\n") if line.startswith("| `tx_power_dbm`"))
+    cells = [cell.strip() for cell in row.strip("|").split("|")]
+    assert cells[1:5] == ["number", "dBm", "`0`", "≥\u00a0-200, ≤\u00a0200"]
+    assert cells[5].startswith("Peak power P_t")
+
+
+def test_every_public_name_is_documented_once(pages):
+    from api_pages import PACKAGES
+
+    documented = re.findall(
+        r"^\.\. auto(?:class|function|data|exception):: (\S+)", "\n".join(pages.values()), re.MULTILINE
+    )
+    assert len(documented) == len(set(documented))
+    assert "doppelgait.scene.Scene" in documented, "by its package, not by the short name in the top package"
+    initials = (ROOT / "src" / "doppelgait").rglob("__init__.py")
+    listing = {".".join(p.parent.relative_to(ROOT / "src").parts) for p in initials if "\n__all__ = " in p.read_text()}
+    assert listing - {"doppelgait.viewer"} == set(PACKAGES)
+    for place in PACKAGES:
+        module = importlib.import_module(place)
+        for name in set(module.__all__) - {"__version__"}:
+            full, listed_here = f"{place}.{name}", pages[f"api/{place}.rst"]
+            is_package = f"{place}.{name}" in sys.modules and full not in documented
+            assert full in documented or is_package or re.search(rf"\.{name}`", listed_here), full
+
+
+def test_names_in_the_glossary_exist():
+    source = "\n".join(path.read_text() for path in (ROOT / "src").rglob("*.py"))
+    words = set(re.findall(r"\w+", source))
+    rows = [line.split("|")[2] for line in (DOCS / "glossary.md").read_text().split("\n") if line.startswith("| $")]
+    names = {
+        name for cell in rows for quoted in re.findall(r"`([^`]*)`", cell) for name in re.findall(r"[a-z]\w+", quoted)
+    }
+    assert len(names) >= 40
+    assert names <= words
+
+
+def test_the_dataset_is_read_without_us_as_the_page_says(tmp_path_factory, monkeypatch):
+    """Stacked rows in full precision, and rows of several shapes in half."""
+    code = re.search(r"```python\n(.*?)```", (DOCS / "dataset-format.md").read_text(), flags=re.DOTALL)
+    for plan in (tiny_plan(), mixed_plan()):
+        folder = built(tmp_path_factory, plan)
+        monkeypatch.chdir(folder.parent)
+        names: dict = {}
+        exec(code.group(1).replace('Path("home-alarm")', f"Path({folder.name!r})"), names)
+        assert "doppelgait" not in code.group(1)
+        example = doppelgait.open_dataset(folder)[names["row"].id]
+        np.testing.assert_allclose(names["signature"], example.signature.values, rtol=1e-6)
+        np.testing.assert_array_equal(names["doppler_hz"], example.signature["doppler"].values)
+        assert names["signature"].shape == (names["time_s"].size, names["doppler_hz"].size)
+        assert list(names["features"].columns) == [f"feature_{name}" for name in names["about"]["features"]]
+        assert names["row"].id in names["train"] or names["row"].split != "train"
+
+
+def test_every_column_field_and_key_of_a_dataset_is_on_the_page(tmp_path_factory, pages):
+    folder = built(tmp_path_factory, tiny_plan())
+    page = (DOCS / "dataset-format.md").read_text() + pages["fields.md"] + pages["extended.md"]
+    named = set(re.findall(r"`([^`\n]*)`", page))
+    for column in pd.read_parquet(folder / "index.parquet").columns:
+        family = f"{column.partition('_')[0]}_*"
+        assert column in named or family in {"feature_*", "sd_*"} & named, column
+    assert set(json.loads((folder / "dataset.json").read_text())) <= named
+    with h5py.File(next((folder / "shards").glob("*.h5"))) as shard:
+        assert set(shard) - {"id"} <= named
+
+
+def test_links_between_pages_lead_somewhere():
+    """On GitHub as in the built pages: files, and headings in them."""
+    for page in [ROOT / "README.md", *PAGES]:
+        for target in re.findall(r"\]\(([^)\s]+)\)", re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)):
+            if target.startswith("http"):
+                continue
+            name, _, anchor = target.partition("#")
+            file = (page.parent / name).resolve() if name else page
+            made = {"reference", "auto_gallery"} & set(file.parts)
+            assert made or file.exists(), f"{page.name}: {target}"
+            if anchor and not made and file.suffix == ".md":
+                assert anchor in {_anchor(line) for line in file.read_text().split("\n") if line.startswith("#")}, (
+                    target
+                )
+
+
+def _anchor(heading):
+    words = re.sub(r"[^\w\- ]", "", heading.lstrip("#").strip().lower())
+    return words.replace(" ", "-")
+
+
+def test_publishing_keeps_the_versions_and_names_the_newest(tmp_path):
+    publish = _script(DOCS / "publish.py")
+    html, site = tmp_path / "html", tmp_path / "site"
+    html.mkdir()
+    site.mkdir()
+    with pytest.raises(SystemExit, match=r"no index\.html"):
+        publish(html, site, version="0.1.0", base="/d/")
+    (html / "index.html").write_text("first")
+    for version in ("0.9.0", "0.10.0", "1.0.0.dev1", "0.9.0"):
+        publish(html, site, version=version, base="/d/")
+    versions = json.loads((site / "versions.json").read_text())
+    assert [entry["version"] for entry in versions] == ["1.0.0.dev1", "0.10.0", "0.9.0"]
+    assert [entry["url"] for entry in versions if entry["preferred"]] == ["/d/0.10.0/"]
+    assert "0.10.0/" in (site / "index.html").read_text()
+    assert sorted(path.name for path in site.iterdir()) == [
+        "0.10.0",
+        "0.9.0",
+        "1.0.0.dev1",
+        "index.html",
+        "versions.json",
+    ]
+
+
+def _script(path):
+    spec = importlib.util.spec_from_file_location("publish", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.publish

@@ -1,0 +1,174 @@
+"""Files of strangers: nothing in an HDF5 file of ours is read from another file."""
+
+from __future__ import annotations
+
+import shutil
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+
+from doppelgait.core.errors import AnalysisError, DatasetError, RecordingError
+from doppelgait.core.own_hdf5 import check_own, own_member
+from doppelgait.dataset import open_dataset
+from doppelgait.pipeline import analyze, parse_run, run_simulation, write_results
+from doppelgait.pipeline.results import read_results
+from doppelgait.processing import Analysis
+from doppelgait.radar import read_recording, write_recording
+from tiny_dataset import built, tiny_plan
+
+WAYS = ("external", "virtual", "external link", "soft link")
+
+
+def led_out(group, name, way, outside):
+    """Put something in the place of a dataset that shows what lies in another file."""
+    shape, dtype = group[name].shape, group[name].dtype
+    values = group[name][:]
+    del group[name]
+    if way == "external":
+        raw = outside.with_suffix(".raw")
+        raw.write_bytes(values.tobytes())
+        group.create_dataset(name, shape, dtype, external=[(str(raw), 0, values.nbytes)])
+    elif way == "external link":
+        group[name] = h5py.ExternalLink(str(outside), "/secret")
+    elif way == "soft link":
+        group[name] = h5py.SoftLink(f"/{outside.stem}")
+    else:
+        layout = h5py.VirtualLayout(shape, dtype)
+        layout[:] = h5py.VirtualSource(str(outside), "secret", shape=shape, dtype=dtype)
+        group.create_virtual_dataset(name, layout)
+    if way != "external":
+        with h5py.File(outside, "w") as file:
+            file["secret"] = values
+    if way == "soft link":
+        group.file[outside.stem] = h5py.ExternalLink(str(outside), "/secret")
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """A recording and its results."""
+    folder = tmp_path_factory.mktemp("own")
+    walker = {"label": "human", "motion": {"kind": "boulic", "speed_mps": 1.2}, "range_m": 4.0}
+    recording = run_simulation(parse_run({"targets": [walker], "duration_s": 0.8, "radar": {"preset": "x4"}}))
+    write_recording(recording, folder / "walk.h5")
+    write_results(folder / "result.h5", recording, analyze(recording, gate="truth"), Analysis())
+    return folder
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize(
+    ("file", "name", "read", "error"),
+    [("walk.h5", "baseband", read_recording, RecordingError),
+     ("walk.h5", "truth/0/range_m", read_recording, RecordingError),
+     ("result.h5", "targets/0/signature", read_results, AnalysisError)],
+)  # fmt: skip
+def test_recordings_and_results_hold_their_values_themselves(files, tmp_path, file, name, read, error, way):
+    path = tmp_path / file
+    shutil.copy(files / file, path)
+    read(path)
+    with h5py.File(path, "a") as content:
+        led_out(content, name, way, tmp_path / "outside.h5")
+    with pytest.raises(error, match=r"is a link, which is not followed|lie in another file, which is not read"):
+        read(path)
+
+
+@pytest.fixture
+def copy(tmp_path_factory, tmp_path):
+    """A dataset that may be changed."""
+    shutil.copytree(built(tmp_path_factory, tiny_plan()), tmp_path / "copy")
+    return tmp_path / "copy"
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_shards_hold_their_values_themselves(copy, tmp_path, way):
+    dataset = open_dataset(copy)
+    with h5py.File(copy / "shards" / f"{dataset.index['shard'][0]}.h5", "a") as file:
+        led_out(file, "signature", way, tmp_path / "outside.h5")
+        truth = file["truth_range_m"]
+        assert isinstance(truth, h5py.Group)  # one dataset a row, as they differ in length
+        led_out(truth, "0", way, tmp_path / "further.h5")
+    for name in ("signature", "truth_range_m"):
+        with pytest.raises(DatasetError, match=r"is a link, which is not followed|lie in another file"):
+            dataset.array(name, 0)
+    assert dataset.array("baseband", 0).size
+
+
+def test_parts_of_a_dataset_are_no_links_out_of_its_folder(copy, tmp_path):
+    (tmp_path / "linked").symlink_to(copy)
+    assert open_dataset(tmp_path / "linked").array("signature", 0).size  # the whole of it may lie anywhere
+    (copy / "shards").rename(tmp_path / "elsewhere")
+    (copy / "shards").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(DatasetError, match="outside the folder of the dataset"):
+        open_dataset(copy).array("signature", 0)
+    for name in ("dataset.json", "index.parquet"):
+        (copy / name).rename(tmp_path / name)
+        (copy / name).symlink_to(tmp_path / name)
+        with pytest.raises(DatasetError, match=f"{name} is a link that leads out of the folder"):
+            open_dataset(copy)
+        (copy / name).unlink()
+        (tmp_path / name).rename(copy / name)
+
+
+def test_groups_that_hold_themselves_and_names_with_slashes(tmp_path):
+    with h5py.File(tmp_path / "loop.h5", "w") as file:
+        file["inner/values"] = np.arange(3)
+        file["inner/again"] = file["inner"]
+        check_own(file)
+        assert own_member(file, "nothing") is None
+        assert own_member(file["inner"], "values")[:].tolist() == [0, 1, 2]
+        with pytest.raises(ValueError, match="not allowed as a name"):
+            own_member(file, "inner/values")
+
+
+# ---- damaged descriptions and indexes: one error that names what
+
+
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"name": None}, "name must be a text"),
+    ({"id": 3}, "id must be a text"),
+    ({"classes": ["human", "dog"]}, "classes must be a table"),
+    ({"classes": {"human": "0", "dog": 1}}, "classes.human must be a whole number"),
+    ({"fields": ["signature"]}, "fields must be a table"),
+    ({"fields": {"signature": 3}}, "fields.signature must be a table"),
+    ({"fields": {"signature": {"dims": "time", "units": "1", "dtype": "half"}}}, "fields.signature.dims"),
+    ({"config": 3}, "config must be a table"),
+    ({"config": {"classes": 3}}, "config.classes must be a list"),
+    ({"config": {"classes": [{"label": "a"}]}}, "config.dataset must be a table"),
+    ({"config": {"classes": [{"label": "a", "examples": "x"}], "dataset": {}}}, "numbers of examples"),
+])  # fmt: skip
+def test_a_damaged_description_is_named(copy, changes, words):
+    import json
+
+    description = json.loads((copy / "dataset.json").read_text())
+    description = {key: value for key, value in {**description, **changes}.items() if value is not None}
+    (copy / "dataset.json").write_text(json.dumps(description))
+    with pytest.raises(DatasetError, match=r"is damaged: dataset\.json: ") as caught:
+        open_dataset(copy)
+    assert words in str(caught.value)
+
+
+def without(name):
+    return lambda index: index.drop(columns=[name])
+
+
+def with_column(name, make):
+    return lambda index: index.assign(**{name: [make(n) for n in range(len(index))]})
+
+
+@pytest.mark.parametrize(("change", "words"), [
+    *[(without(name), f"no column '{name}'") for name in ("id", "label", "split", "shard", "row")],
+    (with_column("id", lambda n: [n]), "column 'id' must hold a text"),
+    (with_column("id", lambda n: b"x"), "column 'id' must hold a text"),
+    (with_column("id", lambda n: pd.Timestamp(n)), "column 'id' must hold a text"),
+    (with_column("id", lambda n: None if n == 3 else f"{n}"), "column 'id' must hold a text"),
+    (with_column("row", lambda n: n - 1), "column 'row' must hold a whole number from 0"),
+    (with_column("row", lambda n: n + 0.5), "column 'row' must hold a whole number from 0"),
+    (with_column("split", lambda n: "holdout"), "split 'holdout' is not one of train, validation, test"),
+    (with_column("label", lambda n: "cow"), "label 'cow' is not one of human, dog"),
+])  # fmt: skip
+def test_a_damaged_index_is_named(copy, change, words):
+    change(pd.read_parquet(copy / "index.parquet")).to_parquet(copy / "index.parquet")
+    with pytest.raises(DatasetError, match=r"is damaged: index\.parquet: ") as caught:
+        open_dataset(copy)
+    assert words in str(caught.value)

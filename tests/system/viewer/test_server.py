@@ -1,0 +1,343 @@
+"""What the viewer opens, which parameters each address takes, and how it starts."""
+
+from __future__ import annotations
+
+import json
+import socket
+import subprocess
+import sys
+
+import pandas as pd
+import pytest
+
+pytest.importorskip("starlette")
+pytest.importorskip("uvicorn")
+
+from typer.testing import CliRunner
+
+from doppelgait.cli.output import reader_options
+from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitError, RecordingError
+from doppelgait.dataset import open_dataset
+from doppelgait.pipeline import analyze, parse_run, run_simulation, write_results
+from doppelgait.processing import Analysis
+from doppelgait.radar import read_recording, write_recording, write_sigmf
+from doppelgait.viewer import server
+from doppelgait.viewer.query import gate_of, number_of, single, whole_of
+from doppelgait.viewer.settings import parse_settings
+from doppelgait.viewer.source import all_ranges_m, can_track, open_path
+from tiny_dataset import built, tiny_plan
+from viewer_client import served, walking_scene
+
+SCENE = walking_scene(1.2)
+RUN_ADDRESSES = ("recording", "targets", "range-doppler", "sound")
+DATASET_ADDRESSES = ("dataset", "rows", "balance", "scatter", "sheet", "row-id")
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """Folder with a recording and its result."""
+    folder = tmp_path_factory.mktemp("viewer")
+    recording = run_simulation(parse_run(SCENE, where="scene"))
+    write_recording(recording, folder / "walk.h5")
+    write_results(folder / "result.h5", recording, analyze(recording, gate="truth"), Analysis())
+    return folder
+
+
+@pytest.fixture(scope="module")
+def walk(files):
+    settings = parse_settings("truth", [], [])
+    with served(open_path(files / "walk.h5", settings), settings) as client:
+        yield client
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return built(tmp_path_factory, tiny_plan())
+
+
+@pytest.fixture(scope="module")
+def dataset(folder):
+    with served(open_path(folder, parse_settings(None, [], []))) as client:
+        yield client
+
+
+def test_recording_is_opened(walk):
+    session = walk.facts("session")
+    assert (session["kind"], session["name"], session["gates"]) == ("recording", "walk.h5", ["track", "truth"])
+    assert session["default_gate"] == "truth"
+    assert len(session["colour_maps"]["magma"]) == 256 * 6
+    for address in ("recording", "targets", "range-doppler"):
+        for gate in ("truth", "track", "3:6"):
+            assert walk.facts(f"{address}?gate={gate}")["clutter"] == "median", (address, gate)
+        assert walk.facts(f"{address}?clutter=kept")["clutter"] == "none"
+        assert walk.facts(f"{address}?clutter=removed")["clutter"] == "median"
+    assert walk.get("sound?clutter=kept").body != walk.get("sound").body
+    assert walk.facts("targets")["targets"][0]["gate"] == "truth"
+    assert walk.facts("targets?gate=3:6")["targets"][0]["gate"] == "given"
+    assert "outside the recorded frame" in walk.facts("targets?gate=90:91")["reason"]
+    assert walk.facts("range-doppler?from=2&count=3")["count"] == 3
+    sound = walk.get("sound?pitch=4&channels=sides")
+    assert (sound.status, sound.body[:4]) == (200, b"RIFF")
+
+
+def test_result_is_opened(files, walk):
+    opened = open_path(files / "result.h5", parse_settings(None, [], []))
+    with served(opened) as client:
+        assert client.facts("session")["kind"] == "result"
+        shown, expected = client.facts("targets")["targets"][0], walk.facts("targets?clutter=kept")["targets"][0]
+        for name in ("features", "flags", "quality", "signature", "cadence_map", "cadence_spectrum"):
+            assert shown[name] == expected[name], name
+        assert "holds no recording" in client.facts("recording")["reason"]
+        assert "holds no recording" in client.facts("range-doppler")["reason"]
+        assert "holds no recording" in client.facts("targets?gate=track")["reason"]
+        client.fault("sound", 422)
+
+
+def test_dataset_is_opened(dataset):
+    assert dataset.facts("session")["kind"] == "dataset"
+    for path in ("dataset", "rows", "balance", "row-id?row=0", "sheet?limit=2"):
+        dataset.facts(path)
+    dataset.facts("scatter?x=feature_torso_velocity_mps&y=feature_step_length_m")
+    example = dataset.facts("row-id?row=0")["id"]
+    assert dataset.facts(f"targets?example={example}")["targets"]
+    assert "name a run" in dataset.fault("targets")
+    assert "nobody-1" in dataset.fault("recording?example=nobody-1", 422)
+
+
+def test_nothing_is_opened():
+    with served(None) as client:
+        assert client.facts("session")["kind"] == "none"
+        for path in DATASET_ADDRESSES:
+            assert "no dataset is open" in client.fault(f"{path}?row=0" if path == "row-id" else path)
+        assert "no dataset is open" in client.fault("recording?example=a")
+        assert "no recording is open" in client.fault("recording")
+
+
+@pytest.mark.parametrize("path", [*RUN_ADDRESSES, "session"])
+def test_parameters_of_a_run_are_checked(walk, path):
+    assert "'frobnicate' is not known" in walk.fault(f"{path}?frobnicate=1")
+    assert "'../x' is not known" in walk.fault(f"{path}?../x=1")
+    if path == "session":
+        return
+    assert "gate: comes twice" in walk.fault(f"{path}?gate=truth&gate=truth")
+    for gate in ("", "nearby", "2:1", "1:nan", "1:inf", "1:2:3", ":", "1e999:2", "%D9%A1:%D9%A2x"):
+        assert "gate: " in walk.fault(f"{path}?gate={gate}")
+    assert "try: " in walk.fault(f"{path}?try=2")
+    assert "try: " in walk.fault(f"{path}?try=1&example=a")
+    assert "no dataset is open" in walk.fault(f"{path}?example=../../etc/passwd")
+
+
+@pytest.mark.parametrize(
+    ("path", "named"),
+    [("recording?clutter=some", "clutter"), ("range-doppler?clutter=", "clutter"), ("targets?clutter=Kept", "clutter"),
+     ("range-doppler?from=-1", "from"), ("range-doppler?from=1e3", "from"),
+     ("range-doppler?from=999999", "from"), ("range-doppler?from=9999999999999999", "from"),
+     ("range-doppler?count=0", "count"), ("range-doppler?count=257", "count"), ("range-doppler?count=", "count"),
+     ("sound?target=1", "target"), ("sound?pitch=nan", "pitch"), ("sound?pitch=-1", "pitch"),
+     ("sound?channels=mono", "channels"), ("sound?from=1", "from"), ("sound?piece=0:0", "piece"),
+     ("targets?piece=0", "piece"), ("targets?piece=0:x", "piece"), ("targets?piece=5:0", "targets 0 to 0"),
+     ("targets?piece=0:0", "shown as a whole")],
+)  # fmt: skip
+def test_parameters_of_an_address_are_checked(walk, path, named):
+    assert named in walk.fault(path)
+
+
+@pytest.mark.parametrize("path", DATASET_ADDRESSES)
+def test_parameters_of_a_dataset_are_checked(dataset, path):
+    assert "frobnicate" in dataset.fault(f"{path}?frobnicate=1&row=0" if path == "row-id" else f"{path}?frobnicate=1")
+    for value in ("-1", "1.5", "9" * 20, "x"):
+        if path == "row-id":
+            assert "row" in dataset.fault(f"row-id?row={value}")
+        elif path in ("rows", "sheet"):
+            assert "offset" in dataset.fault(f"{path}?offset={value}")
+            assert "limit" in dataset.fault(f"{path}?limit={value}")
+
+
+def test_values_are_checked():
+    assert single([("a", "1")], ["a", "b"]) == {"a": "1"}
+    assert gate_of("1.5:2") == (1.5, 2.0)
+    assert number_of("p", "2e1", least=0, most=20) == 20.0
+    assert whole_of({}, "n", 3, least=0, most=5) == 3
+    for bad in ("", "٣", "+1", "1_0", " 1", "6"):
+        with pytest.raises(ConfigError, match="n: "):
+            whole_of({"n": bad}, "n", 3, least=0, most=5)
+
+
+def test_other_formats_are_opened(files, walk):
+    write_sigmf(read_recording(files / "walk.h5"), files / "walk.sigmf-meta")
+    with served(open_path(files / "walk.sigmf-meta", parse_settings("3:6", [], []))) as client:
+        shown, expected = client.facts("recording?clutter=kept"), walk.facts("recording?clutter=kept")
+        assert shown["range_time"]["db"] == pytest.approx(expected["range_time"]["db"], abs=1e-4)
+        assert (shown["bodies"], shown["scene"]) == ([], None)
+        assert client.facts("session")["gates"] == ["track"]
+        assert client.facts("targets")["targets"][0]["truth"] is None
+
+
+def test_what_cannot_be_opened(files, tmp_path):
+    settings = parse_settings(None, [], [])
+    with pytest.raises(RecordingError, match="no such file"):
+        open_path(tmp_path / "nothing.h5", settings)
+    (tmp_path / "dataset.json").write_text("{}")
+    with pytest.raises(DatasetError, match="no finished dataset"):
+        open_path(tmp_path, settings)
+    torn = tmp_path / "torn.h5"
+    torn.write_bytes((files / "result.h5").read_bytes()[:5000])
+    with pytest.raises(DoppelgaitError, match=r"torn\.h5"):
+        open_path(torn, settings)
+    with pytest.raises(ConfigError, match="gate"):
+        parse_settings("nearby", [], [])
+    with pytest.raises(ConfigError, match=r"--gate 50:60: lies outside the recorded frame, -0\.03 to 9\.\d+ m"):
+        open_path(files / "walk.h5", parse_settings("50:60", [], []))
+
+
+def test_what_cannot_be_tracked_is_shown_whole(files):
+    recording = open_path(files / "walk.h5", parse_settings(None, [], [])).run.recording
+    assert can_track(recording)
+    low_m, high_m = all_ranges_m(recording)
+    range_m = recording.baseband["range"].values
+    assert (low_m, high_m) == pytest.approx((range_m[0] - 0.0257, range_m[-1] + 0.0257), abs=1e-4)
+
+
+@pytest.mark.parametrize("way", ["../../walk", "{outside}", "linked"])
+def test_arrays_outside_the_dataset_are_refused(files, folder, tmp_path, way):
+    """An index that was tampered with, and a link among the shards."""
+    import shutil
+
+    copy = tmp_path / "copy"
+    shutil.copytree(folder, copy)
+    shard = pd.read_parquet(folder / "index.parquet")["shard"].iloc[0]
+    outside = tmp_path / "walk.h5"
+    shutil.copy(folder / "shards" / f"{shard}.h5", outside)
+    (copy / "shards" / "linked.h5").symlink_to(outside)
+    index = pd.read_parquet(copy / "index.parquet")
+    index["shard"] = way.format(outside=str(outside.with_suffix("")))
+    index.to_parquet(copy / "index.parquet")
+    with pytest.raises(DatasetError, match="outside the folder"):
+        open_dataset(copy).array("signature", 0)
+    with served(open_path(copy, parse_settings(None, [], []))) as client:
+        assert "outside the folder" in client.fault(f"targets?example={index['id'].iloc[0]}", 422)
+    assert open_dataset(folder).array("signature", 0).size
+
+
+def test_address_is_this_computer_alone_and_ports_are_not_shared():
+    with server.listening(0) as listener:
+        address, port = listener.getsockname()
+        assert address == "127.0.0.1"
+        with pytest.raises(ConfigError, match=f"--port {port}: cannot be taken"):
+            server.listening(port)
+        if sys.platform == "linux":  # where all of 127/8 is this computer
+            with socket.socket() as other, pytest.raises(OSError, match="refused"):
+                other.connect(("127.0.0.2", port))
+
+
+def test_missing_packages_are_named(monkeypatch):
+    import importlib.util
+
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(DoppelgaitError, match=r"doppelgait\[viewer\]"):
+        server.serve(None)
+
+
+def test_command_prints_the_address_and_ends_when_interrupted(files):
+    import urllib.request
+
+    start = "from doppelgait.cli.app import main; main()"
+    command = [sys.executable, "-c", start, "view", str(files / "walk.h5"), "--gate", "truth", "--no-browser"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    url = process.stdout.readline().strip()
+    assert len(url.split("/")[-2]) >= 32
+    with urllib.request.urlopen(f"{url}api/recording") as answer:
+        assert answer.read(4) == b"DGV1"
+    process.send_signal(2)
+    out, err = process.communicate(timeout=20)
+    assert (process.returncode, out, err) == (0, "", "")
+
+
+def test_command_says_what_is_wrong_before_it_starts(files):
+    from typer import Typer
+
+    from doppelgait.cli.view import view
+
+    app = Typer()
+    app.command()(view)
+    cases = {
+        "no truth": ["--gate", "truth"],
+        "no such file": [],
+    }
+    (files / "bare.h5").unlink(missing_ok=True)
+    for match, options in cases.items():
+        path = files / "bare.h5" if match == "no such file" else _without_truth(files)
+        found = CliRunner().invoke(app, [str(path), *options])
+        assert isinstance(found.exception, DoppelgaitError)
+        assert match in str(found.exception)
+
+
+def _without_truth(files):
+    from dataclasses import replace
+
+    path = files / "untold.h5"
+    write_recording(replace(read_recording(files / "walk.h5"), truth=()), path)
+    return path
+
+
+def test_readers_ask_for_options_in_the_words_of_the_command(files):
+    """A recording whose file does not tell the carrier."""
+    write_sigmf(read_recording(files / "walk.h5"), files / "mute.sigmf-meta")
+    place = files / "mute.sigmf-meta"
+    told = json.loads(place.read_text())
+    told["global"] = {key: value for key, value in told["global"].items() if "doppelgait" not in key}
+    told["captures"] = [{"core:sample_start": 0}]
+    place.write_text(json.dumps(told))
+    from doppelgait.cli.app import app
+
+    for command in (["view"], ["analyze"], ["listen", "-o", str(files / "a.wav")]):
+        found = CliRunner().invoke(app, [command[0], str(place), *command[1:]])
+        assert isinstance(found.exception, RecordingError), found.output
+        assert "; here: --option carrier_hz=..." in str(found.exception), command
+
+
+@pytest.mark.parametrize(
+    ("said", "wanted"),
+    [("holds several subsweeps; give subsweep=0 to 3 (0: profile 1)", "--option subsweep=0"),
+     ("2 channels; give channel = 0 to 1", "--option channel=0"), ("If RF, give kind='rf'", "--option kind=rf"),
+     ("apart; give range_start_m=... and bin_spacing_m=...", "--option range_start_m=... --option bin_spacing_m=..."),
+     ("name it, format='arrays'", "--option format=arrays"),
+     ("burst_pulses must be given", "--option burst_pulses=..."),
+     ("is no recording; give a file, or the folder", None), ("has no option start_s; allowed are stop_s", None)],
+)  # fmt: skip
+def test_options_that_readers_ask_for(said, wanted):
+    with pytest.raises(RecordingError) as caught, reader_options():
+        raise RecordingError(f"walk.h5: {said}")
+    assert str(caught.value) == f"walk.h5: {said}" + (f"; here: {wanted}" if wanted else "")
+
+
+REAL = {
+    "x4_baseband_iq_novelda/xethru_recording_20170913_150437_baseband_recording": "track",
+    "a121_acconeer/breathing-sitting.h5": "0.2677",
+    "a121_acconeer/surface_velocity_default.h5": "track",
+    "cw24_kmkim036/211118/211118_kkm_1_1_RE.txt": "0:10",
+}
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize("name", REAL)
+def test_measured_recordings_are_opened(shared, name):
+    opened = open_path(shared / "data" / "radar" / name, parse_settings(None, [], []))
+    with served(opened) as client:
+        session, recording = client.facts("session"), client.facts("recording")
+        assert session["default_gate"].startswith(REAL[name])
+        assert "/" not in json.dumps(recording["notes"]).replace("frames/s", "").replace("samples/s", "")
+        assert recording["reason"] is None
+        assert (recording["no_sound"] is None) == (session["default_gate"] == "track")
+        targets, frames = client.facts("targets"), client.facts("range-doppler")
+        assert (targets["targets"] == []) == (targets["reason"] is not None)
+        assert ("frames" in frames["arrays"]) == (frames["reason"] is None)
+        assert (recording["range_time"] is None) == ("cw24" in name)
+        if session["default_gate"] != "track":
+            columns = targets["targets"][0]["signature"]["x"]
+            assert columns["n"] > 1
+            assert columns["first"] >= recording["start_s"]
+            last_s = columns["first"] + (columns["n"] - 1) * columns["step"]
+            assert last_s < recording["start_s"] + recording["duration_s"] < last_s + columns["step"]
+            assert "in bursts" in client.fault("sound?pitch=5000", 422)
+            assert "bursts" in dict(recording["facts"])

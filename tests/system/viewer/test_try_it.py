@@ -1,0 +1,225 @@
+"""What "Try it" offers, what it simulates, mistakes in one sentence, and the scene file."""
+
+from __future__ import annotations
+
+import json
+from urllib.parse import urlencode
+
+import numpy as np
+import pytest
+
+from doppelgait.core.config import validate
+from doppelgait.core.errors import ConfigError
+from doppelgait.motion.models.registry import MOTION_MODELS
+from doppelgait.pipeline import load_run, run_simulation
+from doppelgait.radar import Radar
+from doppelgait.viewer.try_controls import all_controls
+from doppelgait.viewer.try_it import chosen, controls, run_of, scene_table, scene_toml
+from doppelgait.viewer.try_limits import Limit
+from viewer_client import served
+
+SHORT = {"duration_s": "2", "radar": "x4-255fps", "range_m": "3"}
+
+
+def test_controls_say_all_that_a_page_needs():
+    found = controls()
+    assert json.loads(json.dumps(found)) is not None
+    assert found[0]["name"] == "who"
+    for control in found:
+        assert control["words"]
+        assert control["help"].endswith(".")
+        if control["kind"] == "choice":
+            assert control["default"] in dict(control["values"])
+        else:
+            for own in ({}, *control["by_who"].values()):
+                low, high, default = (own.get(key, control[key]) for key in ("low", "high", "default"))
+                assert low <= default <= high
+
+
+def test_radars_are_those_that_can_show_a_gait():
+    radars = next(control.values for control in all_controls() if control.name == "radar")
+    assert {"x4", "infineon-60", "xband-cw"} <= set(radars)
+    assert "x4-17fps" not in radars
+    assert all(Radar.preset(name).prf_hz > 200 for name in radars)
+
+
+@pytest.mark.parametrize("who", ["person", "dog", "cat", "fan", "curtain", "vacuum"])
+def test_every_mover_can_be_simulated_as_it_stands(who):
+    run = run_of({"who": who, **SHORT})
+    recording = run.needed_recording()
+    assert recording.baseband.sizes["slow_time"] == 510
+    assert [truth.label for truth in recording.truth] == ["human" if who == "person" else who]
+    assert np.abs(recording.baseband.values).max() > 0
+
+
+def test_what_is_asked_for_is_what_is_analysed():
+    given = {"who": "dog", "speed_mps": "2", "withers_m": "0.6", "aspect_deg": "180", "cpi_s": "0.15"}
+    run = run_of({**given, **SHORT, "radar": "x4-512fps"})
+    truth = run.needed_recording().truth[0]
+    assert (truth.height_m, truth.gait) == (0.6, "trot")
+    assert truth.ground_speed_mps == pytest.approx(2.0, rel=0.03)
+    target = run.targets(None)[0]
+    assert target.gate == "truth"
+    assert target.signature.attrs["cpi_pulses"] == 77  # 0.15 s at 512 Hz, odd
+    assert target.features["torso_velocity_mps"] == pytest.approx(-2.0, rel=0.1)  # receding
+
+
+def test_two_go_side_by_side_a_metre_apart():
+    run = run_of({"company": "dog", "aspect_deg": "30", **SHORT})
+    bodies = [truth.body.mean("marker").values for truth in run.needed_recording().truth]
+    apart = bodies[1][:, :2] - bodies[0][:, :2]
+    assert np.hypot(*apart.T) == pytest.approx(1.0, abs=0.25)  # centres of the points, which legs move
+    way = bodies[0][-1, :2] - bodies[0][0, :2]
+    assert abs(apart.mean(axis=0) @ way) < 0.15 * np.hypot(*way)  # beside, not behind
+    assert [target.label for target in run.targets(None)] == ["human", "dog"]
+
+
+def test_the_same_values_give_the_same_data_and_the_seed_another():
+    first, again, other = (run_of({"seed": seed, **SHORT}).needed_recording() for seed in ("3", "3", "4"))
+    assert np.array_equal(first.baseband.values, again.baseband.values)
+    assert not np.array_equal(first.baseband.values, other.baseband.values)
+
+
+def test_noise_can_be_off():
+    assert np.isinf(run_of({"noise": "off", **SHORT}).needed_recording().snr_frame_db)
+    assert run_of({"snr_db": "10", **SHORT}).needed_recording().snr_frame_db == pytest.approx(10.0, abs=0.5)
+
+
+def test_warnings_become_notes():
+    assert not run_of({"range_m": "3", "duration_s": "2"}).notes
+    notes = run_of({"speed_mps": "4", **SHORT}).notes
+    assert any(note.startswith("aliasing") for note in notes)
+    assert any(note.startswith("outside the frame") for note in notes)
+
+
+@pytest.mark.parametrize(("given", "says"), [
+    ({"who": "dog", "gait": "gallop", "speed_mps": "0.5"}, r"^speed_mps: 0\.5 .* 2\.17 to 6\.26 m/s in a gallop"),
+    ({"range_m": "12"}, r"^range_m: 12 .* radar x4 sees 0 to 9\.66 m; take x4-long or come nearer$"),
+    ({"range_m": "5.1", "radar": "x4-255fps"}, r"^range_m: 5\.1 .* x4-255fps sees 0\.386 to 5\.06 m; "),
+    ({"gait": "run", "speed_mps": "0.5"}, r"^speed_mps: 0\.5 .* 1\.8 to 9 m/s in a run"),
+    ({"speed_mps": "11"}, r"^speed_mps: '11' is not allowed; it must be a number from 0\.3 to 10$"),
+    ({"who": "vacuum", "speed_mps": "2"}, r"from 0\.05 to 1$"),
+    ({"speed_mps": "nan"}, r"from 0\.3 to 10$"),
+    ({"seed": "1.5"}, r"^seed: '1\.5' .* whole number"),
+    ({"who": "cow"}, r"^who: 'cow' is not allowed; it must be one of person, dog, cat"),
+    ({"gait": "trot"}, r"^gait: 'trot' is not allowed; it must be one of auto, walk, run$"),
+    ({"who": "dog", "height_m": "1.7"}, r"^height_m: is not for who = dog; it is for person$"),
+    ({"radar": "../../etc/passwd"}, r"^radar: .* must be one of acconeer-a121, "),
+    ({"mass_kg": "80"}, r"^mass_kg: is no control"),
+])  # fmt: skip
+def test_a_mistake_is_one_sentence_that_says_what_is_allowed(given, says):
+    with pytest.raises(ConfigError, match=says):
+        run_of(given)
+
+
+@pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")
+@pytest.mark.parametrize("given", [
+    {"aspect_deg": "-20", "snr_db": "12.5"},
+    {"who": "dog", "gait": "trot", "speed_mps": "2", "company": "person", "noise": "off"},
+    {"who": "fan", "rotation_hz": "2.5"},
+])  # fmt: skip
+def test_the_scene_file_gives_the_same_baseband(tmp_path, given):
+    parameters = {**given, **SHORT}
+    (tmp_path / "scene.toml").write_text(scene_toml(scene_table(parameters)), encoding="utf-8")
+    again = run_simulation(load_run(tmp_path / "scene.toml"))
+    assert np.array_equal(again.baseband.values, run_of(parameters).needed_recording().baseband.values)
+
+
+def test_defaults_go_with_the_mover():
+    assert chosen({})["speed_mps"] == 1.2
+    assert chosen({"who": "cat"})["withers_m"] == 0.25
+    assert "height_m" not in chosen({"who": "cat"})
+
+
+@pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")
+@pytest.mark.parametrize("speed", ["0.3", "1.6", "1.9", "2.6", "4", "6.5", "9"])
+def test_at_every_speed_the_page_has_features(speed):
+    velocity_mps = run_of({"speed_mps": speed}).targets(None)[0].features["torso_velocity_mps"]
+    assert velocity_mps == pytest.approx(float(speed), rel=0.1, abs=0.05)
+
+
+@pytest.mark.parametrize("given", [
+    {"range_m": "1"},
+    {"range_m": "1", "aspect_deg": "80", "company": "dog"},
+    {"range_m": "1.2", "aspect_deg": "-90", "company": "person"},  # the second one passes between
+    {"range_m": "4", "aspect_deg": "10", "speed_mps": "3"},
+    {"range_m": "3", "aspect_deg": "170", "speed_mps": "5", "company": "dog"},
+    {"range_m": "1", "radar": "acconeer-a121"},  # sees from 1.385 m
+])  # fmt: skip
+@pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")
+def test_nobody_comes_nearer_than_a_metre_and_the_page_says_so(given):
+    low = 1.385 if given.get("radar") else 1.0
+    run = run_of({**given, "noise": "off"})
+    ways = [truth.body.mean("marker").values[:, :2] for truth in run.needed_recording().truth]
+    radar = run.needed_recording().radar_position_m
+    nearest = min(np.hypot(*(way - radar[:2]).T).min() for way in ways)
+    assert low - 0.25 < nearest < low + 0.25  # legs move the mean of the points; no farther than needed
+    assert run.notes[0].startswith(f"range: {scene_table(given)['targets'][0]['range_m']:g} m in the middle")
+
+
+def test_a_range_that_is_far_enough_stays():
+    for given in ({"range_m": "3.4"}, {"range_m": "1", "who": "fan"}, {"range_m": "15", "radar": "xband-cw"}):
+        assert scene_table(given)["targets"][0]["range_m"] == float(given["range_m"])
+    assert scene_table({"range_m": "1", "who": "fan", "radar": "acconeer-a121"})["targets"][0]["range_m"] == 1.4
+
+
+@pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")
+def test_the_band_of_a_fan_goes_with_its_rotation():
+    bands = [run_of({"who": "fan", "rotation_hz": hz}).targets(None)[0].features["doppler_bandwidth_hz"] for hz in "36"]
+    assert bands[0] > 200
+    assert bands[1] == pytest.approx(2 * bands[0], rel=0.1)
+
+
+def limits_of(name, **values):
+    control = next(control for control in all_controls() if control.name == name)
+    fits = [limit for limit in control.limits if limit.applies(values)]
+    scales = [float(values[limit.size]) ** limit.power if limit.size else 1.0 for limit in fits]
+    lows = [limit.low * scale for limit, scale in zip(fits, scales, strict=True) if limit.low is not None]
+    highs = [limit.high * scale for limit, scale in zip(fits, scales, strict=True) if limit.high is not None]
+    return max(lows), min(highs)
+
+
+def motions(given):
+    table = scene_table({key: str(value) for key, value in given.items()})
+    for motion in (target["motion"] for target in table["targets"]):
+        model = MOTION_MODELS[motion["kind"]]
+        validate(model.config, {key: value for key, value in motion.items() if key != "kind"}, where="motion")
+
+
+@pytest.mark.parametrize("given", [
+    {"who": "person", "gait": "run", "height_m": 1.3},
+    {"who": "person", "gait": "walk", "height_m": 2.0},
+    {"who": "person", "gait": "auto", "height_m": 0.9},
+    {"who": "dog", "gait": "gallop", "withers_m": 0.3},
+    {"who": "dog", "gait": "auto", "withers_m": 0.7},
+    {"who": "cat", "gait": "trot", "withers_m": 0.2},
+    {"who": "cat", "gait": "auto", "withers_m": 0.2, "company": "dog"},
+])  # fmt: skip
+def test_the_limits_of_the_speed_are_those_of_the_models(given):
+    low, high = limits_of("speed_mps", **given)
+    own = next(control for control in all_controls() if control.name == "speed_mps").by_who.get(given["who"], {})
+    compared = 0
+    for inside, outside in ((low * 1.001, low * 0.999), (high * 0.999, high * 1.001)):
+        if own.get("low", 0.3) <= min(inside, outside) and max(inside, outside) <= own.get("high", 10.0):
+            motions({**given, "speed_mps": inside})
+            with pytest.raises(ConfigError, match="speed_mps"):
+                motions({**given, "speed_mps": outside})
+            compared += 1
+    assert compared
+
+
+def test_the_limits_of_the_range_are_those_of_the_frame():
+    assert limits_of("range_m", radar="x4") == (0.0, 9.664)
+    limits = next(control["limits"] for control in controls() if control["name"] == "range_m")
+    assert {"when": {"radar": "xband-cw"}, "low": 0.0, "high": None, "size": "", "power": 1.0} in limits
+    assert Limit({"radar": "x4"}).applies({"radar": "x4", "who": "fan"})
+
+
+def test_the_server_gives_the_scene_file_or_the_mistake():
+    short = urlencode({"try": "1", **SHORT})
+    with served(None) as client:
+        assert client.facts(f"scene?{short}")["toml"].startswith("# doppelgait simulate")
+        assert "speed_mps" in client.fault("scene?try=1&speed_mps=11")
+        assert "try" in client.fault("scene")
+        sound = client.get(f"sound?{short}&channels=sides")
+        assert (sound.status, sound.body[:4]) == (200, b"RIFF")

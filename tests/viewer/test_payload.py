@@ -1,0 +1,170 @@
+"""What the viewer sends, taken apart again and compared with the arrays that it was made of."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from doppelgait.pipeline import analyze, parse_run, run_simulation
+from doppelgait.processing import Analysis, gaussian_window
+from doppelgait.viewer.doppler_panel import MOST_FRAMES, range_doppler_payload
+from doppelgait.viewer.images import axis_facts, block_maxima, image_facts
+from doppelgait.viewer.payload import as_json, pack
+from doppelgait.viewer.recording_panel import recording_payload
+from doppelgait.viewer.run import Run
+from doppelgait.viewer.settings import Settings
+from doppelgait.viewer.target_panel import targets_payload
+from viewer_client import unpack, walking_scene
+
+SCENE = walking_scene(1.6)
+
+
+def levels_of(image, arrays):
+    """Levels in dB of a picture."""
+    low, high = image["db"]
+    return low + arrays[image["array"]] * (high - low) / 65535
+
+
+@pytest.fixture(scope="module")
+def recording():
+    return run_simulation(parse_run(SCENE, where="scene"))
+
+
+@pytest.fixture(scope="module")
+def run(recording):
+    asked = Settings(gate="truth", analysis=Analysis(clutter="none"))
+    return Run("walk", "recording", asked, load=lambda: recording)
+
+
+def test_arrays_come_back_as_they_were():
+    sent = {
+        "bytes": np.arange(5, dtype=np.uint8),
+        "numbers": np.arange(6, dtype=">f4").reshape(2, 3),
+        "turned": np.arange(6, dtype=np.int32).reshape(2, 3).T,
+        "none": np.empty((0, 2), dtype=np.int32),
+    }
+    facts, arrays = unpack(pack({"name": "Åse"}, sent))
+    assert facts["name"] == "Åse"
+    for name, array in sent.items():
+        np.testing.assert_array_equal(arrays[name], array)
+    with pytest.raises(ValueError, match="complex64"):
+        pack({}, {"signal": np.zeros(2, dtype=np.complex64)})
+
+
+def test_json_has_no_nan():
+    sent = {"a": float("nan"), "b": [np.inf, np.float32(0.5)], "c": np.array([1, 2]), "d": (None, "x")}
+    assert json.loads(as_json(sent)) == {"a": None, "b": [None, 0.5], "c": [1, 2], "d": [None, "x"]}
+
+
+def test_picture_keeps_levels_and_peaks():
+    rng = np.random.default_rng(1)
+    levels = rng.normal(-60.0, 5.0, (1000, 40))
+    levels[777, 13], levels[3, 3] = -10.0, -np.inf
+    x, y = axis_facts("time", "s", 2.0 + 0.01 * np.arange(1000)), axis_facts("range", "m", 0.5 * np.arange(40))
+    whole, codes = image_facts("a", 10 ** (levels / 10), x, y, unit="dB re 1")
+    finite = np.isfinite(levels)
+    np.testing.assert_allclose(levels_of(whole, {"a": codes})[finite], levels[finite], atol=0.005)
+    assert codes[3, 3] == 0
+    assert (whole["x"], whole["y"], whole["db"][1]) == (x, y, -10.0)
+
+    small, codes = image_facts("a", 10 ** (levels / 10), x, y, unit="dB re 1", most=(300, 7))
+    assert codes.shape == (small["x"]["n"], small["y"]["n"]) == (250, 7)
+    column, row = np.unravel_index(codes.argmax(), codes.shape)
+    axes = [(small["x"], column, 2.0 + 7.77), (small["y"], row, 6.5)]
+    for axis, place, true in axes:
+        assert abs(axis["first"] + place * axis["step"] - true) <= axis["step"] / 2
+    assert small["x"]["first"] == pytest.approx(2.0 + 0.015)
+    assert (small["x"]["block"], small["y"]["block"]) == (4, 6)
+
+
+def test_blocks_are_maxima_of_what_they_cover():
+    levels = np.random.default_rng(2).normal(size=(7, 5))
+    found = block_maxima(levels, 3, 2)
+    by_hand = [[levels[i : i + 3, k : k + 2].max() for k in (0, 2, 4)] for i in (0, 3, 6)]
+    np.testing.assert_array_equal(found, by_hand)
+
+
+def test_empty_and_flat_pictures_have_a_range():
+    x, y = axis_facts("time", "s", [0.0]), axis_facts("range", "m", [1.0, 2.0])
+    for levels in (np.full((1, 2), -np.inf), np.full((1, 2), -30.0)):
+        facts, _ = image_facts("a", 10 ** (levels / 10), x, y, unit="dB re 1")
+        assert facts["db"][0] < facts["db"][1]
+        assert x["step"] == 0.0
+
+
+def test_recording_has_the_files_own_levels(run, recording):
+    facts, arrays = unpack(recording_payload(run, None, clutter="kept"))
+    expected = 20 * np.log10(np.abs(recording.baseband.values))
+    shown = expected > facts["range_time"]["db"][0]
+    np.testing.assert_allclose(levels_of(facts["range_time"], arrays)[shown], expected[shown], atol=0.01)
+    assert facts["duration_s"] == pytest.approx(1.6)
+    assert facts["scene"]["radar_position_m"] == [0.0, 0.0, 1.0]
+    truth = facts["truth"][0]
+    np.testing.assert_allclose(arrays[truth["range"]], recording.truth[0].centre_range_m, atol=1e-5)
+
+
+def test_recording_has_bodies_and_true_doppler(run, recording):
+    facts, arrays = unpack(recording_payload(run, None, clutter="kept"))
+    body, doppler = facts["bodies"][0], facts["truth"][0]["doppler"]
+    np.testing.assert_allclose(arrays[body["points"]], recording.truth[0].body.values, atol=1e-4)
+    assert len(body["parts"]) == arrays[body["points"]].shape[1] > arrays[body["bones"]].max()
+    scatterers = recording.truth[0].scatterers
+    torso = np.isin(scatterers["part"].values, ["torso"])
+    mean_hz = scatterers["radial_velocity"].values[:, torso].mean(axis=1) * 2 / recording.radar.wavelength_m
+    line = arrays[doppler["values"]][doppler["parts"].index("torso")]
+    np.testing.assert_allclose(line, mean_hz, atol=0.01)
+
+
+def test_targets_show_what_the_analysis_found(run, recording):
+    facts, arrays = unpack(targets_payload(run, None))
+    (expected,) = analyze(recording, gate="truth")
+    target = facts["targets"][0]
+    assert target["features"]["torso_velocity_mps"] == expected.features.torso_velocity_mps
+    assert target["truth"]["torso_velocity_mps"] == pytest.approx(recording.truth[0].centre_velocity_mps.mean())
+    assert facts["reason"] is None
+    level = 10 * np.log10(expected.signature.values)
+    shown = level > target["signature"]["db"][0]
+    np.testing.assert_allclose(levels_of(target["signature"], arrays)[shown], level[shown], atol=0.01)
+    second = target["signature"]["y"]["second"]["scale"]
+    assert second == pytest.approx(recording.radar.wavelength_m / 2)
+    np.testing.assert_allclose(arrays[target["main_line"]], expected.main_line_hz, atol=1e-3)
+    spectrum = target["cadence_spectrum"]
+    np.testing.assert_allclose(arrays[spectrum["db"]], 10 * np.log10(expected.cadence_spectrum.values), atol=1e-3)
+    assert spectrum["peaks"][0] == {"hz": expected.gait_frequency_hz, "name": "f_mu"}
+    gate = target["gate_limits"]
+    at_s = expected.gate_limits["time"].values
+    drawn = np.interp(at_s, arrays[gate["time"]], arrays[gate["low"]])
+    np.testing.assert_allclose(drawn, expected.gate_limits["range_low"].values, atol=0.01)
+
+
+def test_frames_are_transforms_of_the_samples(run, recording):
+    facts, arrays = unpack(range_doppler_payload(run, None, start=40, count=3))
+    time, doppler = facts["time"], facts["doppler"]
+    window = gaussian_window(101, Analysis().window_steepness)
+    low, high = facts["db"]
+    for n in range(3):
+        centre = round((time["first"] + (40 + n) * time["step"]) * recording.radar.prf_hz)
+        pulses = np.arange(centre - 50, centre + 51)
+        for row in (30, 64, 80):
+            f = doppler["first"] + row * doppler["step"]
+            turn = np.exp(-2j * np.pi * f * np.arange(101) / recording.radar.prf_hz)
+            power = np.abs((window * turn) @ recording.baseband.values[pulses]) ** 2
+            shown = low + arrays["frames"][n, :, row] * (high - low) / 65535
+            np.testing.assert_allclose(shown, 10 * np.log10(power), atol=0.02)
+
+
+def test_chunks_of_frames_fit_together(run):
+    whole, one = (unpack(range_doppler_payload(run, None, start=s, count=c)) for s, c in ((0, 6), (4, 2)))
+    assert whole[0]["db"] == one[0]["db"]
+    assert whole[0]["time"] == one[0]["time"]
+    np.testing.assert_array_equal(whole[1]["frames"][4:], one[1]["frames"])
+    assert whole[0]["time"]["n"] <= MOST_FRAMES
+
+
+def test_a_run_without_a_recording_says_why():
+    run = Run("a", "result", reason="it was not kept", stored=lambda: [])
+    for body in (recording_payload(run, None, clutter="removed"), range_doppler_payload(run, None, start=0, count=1)):
+        assert unpack(body)[0]["reason"] == "it was not kept"
+    assert "it was not kept" in unpack(targets_payload(run, "track"))[0]["reason"]

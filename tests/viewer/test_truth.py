@@ -1,0 +1,228 @@
+"""Which body a target is compared with, over which times, and how pieces and bursts are shown."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from doppelgait import viz
+from doppelgait.core.errors import AnalysisError, ConfigError
+from doppelgait.core.labels import CADENCE_MAP, make_array
+from doppelgait.pipeline import analyze, parse_run, read_results, run_simulation, write_results
+from doppelgait.processing import Analysis, fixed_gate, make_gate
+from doppelgait.processing.sound import doppler_sound
+from doppelgait.radar.recording import TargetTruth
+from doppelgait.viewer.recording_panel import recording_payload
+from doppelgait.viewer.run import MOST_ANALYSES, Run, view_of_stored
+from doppelgait.viewer.settings import Settings
+from doppelgait.viewer.target_panel import is_aligned, targets_payload, with_piece
+from doppelgait.viewer.truth import true_values, truths_of
+from viewer_client import unpack
+
+TIMES_S = np.arange(0.0, 10.0, 0.01)
+WAVELENGTH_M = 0.04
+
+
+def body(range_m, velocity_mps=1.0, **facts):
+    known = {"label": "human", "gait": "walk", "gait_frequency_hz": 2.0, **facts}
+    line_m, line_mps = (np.broadcast_to(values, TIMES_S.shape) for values in (range_m, velocity_mps))
+    return TargetTruth(
+        scatterers=None, centre_range_m=line_m, centre_velocity_mps=line_mps, centre_aspect_rad=0 * line_m, **known
+    )
+
+
+def found(range_m, start_s=0.0, stop_s=9.99, gate="track"):
+    """What matching looks at of a result whose gate has its middle at these ranges."""
+    middle_m = np.broadcast_to(range_m, TIMES_S.shape)
+    chosen = (start_s <= TIMES_S) & (stop_s >= TIMES_S)
+    limits = make_gate(TIMES_S[chosen], middle_m[chosen], span_m=1.0, source=gate)
+    return SimpleNamespace(gate=gate, gate_limits=limits, quality={"start_s": start_s, "stop_s": stop_s})
+
+
+def truths(bodies, results):
+    """Truth of every result over its own times."""
+    recording = SimpleNamespace(
+        baseband=xr.DataArray(np.zeros(TIMES_S.size), {"slow_time": TIMES_S}, ["slow_time"]),
+        radar=SimpleNamespace(wavelength_m=WAVELENGTH_M),
+        truth=bodies,
+    )
+    spans = [(one.quality["start_s"], one.quality["stop_s"]) for one in results]
+    return [of(*span) for of, span in zip(truths_of(recording, results), spans, strict=True)]
+
+
+def labels(bodies, results):
+    return [None if one is None else one["label"] for one in truths(bodies, results)]
+
+
+def test_tracks_are_compared_with_the_body_that_they_follow():
+    human, dog = body(7.0 - 0.4 * TIMES_S), body(2.0 + 0.3 * TIMES_S, label="dog")
+    # the dog's track comes first; one ghost lies 2 m behind the human, another nearer to him than 0.8 m
+    tracks = [found(2.1 + 0.3 * TIMES_S), found(7.1 - 0.4 * TIMES_S), found(9.0 - 0.4 * TIMES_S)]
+    assert labels([human, dog], tracks) == ["dog", "human", None]
+    assert labels([human], tracks) == [None, "human", None]
+    assert labels([human], [found(7.6 - 0.4 * TIMES_S), found(6.9 - 0.4 * TIMES_S)]) == [None, "human"]
+    assert labels([human], [found(7.9 - 0.4 * TIMES_S)]) == [None]
+    # a body that was lost and found again has two tracks, one after the other
+    lost = [found(7.1 - 0.4 * TIMES_S, 0.0, 4.0), found(7.2 - 0.4 * TIMES_S, 5.0, 9.9)]
+    assert labels([human, dog], lost) == ["human", "human"]
+
+
+def test_other_gates_are_of_their_body():
+    human, dog = body(3.0), body(3.1, label="dog")
+    assert labels([human, dog], [found(3.0, gate="truth"), found(3.1, gate="truth")]) == ["human", "dog"]
+    assert labels([human, body(7.0)], [found(3.3, gate="given")]) == ["human"]
+    assert labels([human, dog], [found(3.3, gate="given")]) == [None]
+    assert labels([human], [found(6.0, gate="given")]) == [None]
+
+
+def test_truth_is_that_of_the_times_shown():
+    velocity_mps = np.where(TIMES_S < 4.0, 1.0, -2.0)
+    human = body(5.0, velocity_mps)
+    early, late = truths([human], [found(5.0, 0.0, 3.9)]), truths([human], [found(5.0, 4.5, 9.0)])
+    assert (early[0]["torso_velocity_mps"], late[0]["torso_velocity_mps"]) == (1.0, -2.0)
+    assert (early[0]["step_length_m"], late[0]["step_length_m"]) == (0.5, 1.0)
+    assert late[0]["torso_doppler_hz"] == pytest.approx(2 * -2.0 / WAVELENGTH_M)
+    assert late[0]["harmonic_ratio_3"] == 3.0
+
+
+@pytest.mark.parametrize("gait", ["", "stand"])
+def test_what_does_not_step_has_no_truth_of_a_gait(gait):
+    values = true_values(body(3.0, -1e-12, label="fan", gait=gait), WAVELENGTH_M, TIMES_S >= 0)
+    assert (values["torso_velocity_mps"], values["torso_doppler_hz"]) == (0.0, 0.0)
+    for name in ("step_length_m", "harmonic_ratio_2", "harmonic_ratio_3", "gait_frequency_hz"):
+        assert values[name] is None
+
+
+TURNS = {
+    "seed": 5,
+    "duration_s": 9.0,
+    "radar": {"preset": "x4"},
+    "noise": {"kind": "snr", "snr_db": 25.0},
+    "targets": [
+        {
+            "label": "human",
+            "path": {"kind": "polyline", "points_m": [[6.0, 0.5], [2.0, 0.5], [2.0, -2.0], [7.0, -3.0]]},
+            "motion": {"kind": "boulic", "speed_mps": 1.1, "height_m": 1.75},
+            "start_position_m": [0.0, 0.0],
+            "heading_deg": 0.0,
+        }
+    ],
+}
+
+
+@pytest.fixture(scope="module")
+def recording():
+    return run_simulation(parse_run(TURNS, where="scene"))
+
+
+@pytest.fixture(scope="module")
+def run(recording):
+    return Run("turns", "recording", load=lambda: recording)
+
+
+def test_each_piece_can_be_shown(run, recording):
+    (result,) = analyze(recording, gate="track")
+    assert len(result.pieces) > 1
+    times_s = recording.baseband["slow_time"].values
+    shown = unpack(targets_payload(run, None))[0]["targets"][0]
+    for number, piece in enumerate(result.pieces):
+        facts, _ = unpack(targets_payload(run, None, piece=(0, number)))
+        target = facts["targets"][0]
+        span = piece.quality["start_s"], piece.quality["stop_s"]
+        assert target["pieces"][number] == list(span)
+        assert target["piece"] == number
+        assert target["features"]["torso_velocity_mps"] == piece.features.torso_velocity_mps
+        assert target["quality"]["n_pieces"] == len(result.pieces)
+        columns = target["signature"]["x"]
+        assert span[0] <= columns["first"] <= columns["first"] + (columns["n"] - 1) * columns["step"] <= span[1]
+        inside = (times_s >= span[0]) & (times_s <= span[1])
+        expected_mps = recording.truth[0].centre_velocity_mps[inside].mean()
+        assert target["truth"]["torso_velocity_mps"] == pytest.approx(expected_mps, abs=1e-5)
+        longest = span[1] - span[0] == max(stop - start for start, stop in target["pieces"])
+        assert (shown["piece"] == number) == longest
+        assert (shown["features"] == target["features"]) == longest
+    with pytest.raises(ConfigError, match=f"pieces 0 to {len(result.pieces) - 1}"):
+        targets_payload(run, None, piece=(0, len(result.pieces)))
+
+
+def test_pieces_of_a_result_file_are_told_as_far_as_they_are_stored(recording, tmp_path):
+    write_results(tmp_path / "r.h5", recording, analyze(recording, gate="track"), Analysis())
+    (stored,) = read_results(tmp_path / "r.h5").targets
+    view = view_of_stored(stored)
+    assert view.piece is not None
+    assert is_aligned(view, "standard") == bool(stored.cadence_map.attrs["aligned"])
+    for number, piece in enumerate(stored.facts["pieces"]):
+        (shown,) = with_piece([view], 0, number)
+        assert (shown.piece, shown.features) == (number, piece["features"])
+        assert (shown.signature is None) == (number != view.piece)
+
+
+def test_map_of_moved_columns_says_so(run):
+    """The line of the walker drifts in the second piece, where he walks past the radar, and not in the first."""
+    for number in range(2):
+        facts, arrays = unpack(targets_payload(run, None, piece=(0, number)))
+        target = facts["targets"][0]
+        line_hz = arrays[target["main_line"]]
+        drifts = abs(line_hz[-1] - line_hz[0]) > 10.0
+        assert (target["aligned"], drifts) == (number == 1, number == 1)
+        low_hz, high_hz = target["cadence_band_hz"]
+        image = target["cadence_map"]
+        levels = arrays[image["array"]].max(axis=0)
+        strongest_hz = image["y"]["first"] + int(levels.argmax()) * image["y"]["step"]
+        assert low_hz <= strongest_hz <= high_hz
+
+
+@pytest.mark.parametrize(("aligned", "label"), [(True, "Doppler from the main line (Hz)"), (False, "Doppler (Hz)")])
+def test_figure_names_the_axis_that_the_map_has(aligned, label):
+    doppler_hz = np.linspace(-100.0, 100.0, 32)
+    coords = {"cadence": np.linspace(0.0, 10.0, 40), "doppler": doppler_hz, "velocity": ("doppler", 0.02 * doppler_hz)}
+    values = np.random.default_rng(1).random((40, 32))
+    figure = viz.step_doppler(make_array(CADENCE_MAP, values, coords, {"aligned": aligned}))
+    assert figure.axes[0].get_ylabel() == label
+
+
+def test_only_the_last_two_analyses_are_kept(recording):
+    run = Run("turns", "recording", Settings(gate=(1.0, 3.0)), load=lambda: recording)
+    for low_m in (1.0, 2.0, 3.0, 4.0):
+        run.targets((low_m, low_m + 1.0))
+    assert MOST_ANALYSES == 2
+    assert [gate for gate, _ in run._analyses] == [(3.0, 4.0), (4.0, 5.0)]
+
+
+def test_bursts_last_until_the_last_one(recording):
+    """16 of every 64 pulses, as of a sensor that sleeps in between."""
+    chosen = np.flatnonzero(np.arange(recording.baseband.sizes["slow_time"]) % 64 < 16)
+    baseband = recording.baseband.isel(slow_time=chosen)
+    rest = replace(recording, baseband=baseband, truth=())
+    facts, _ = unpack(recording_payload(Run("bursts", "recording", load=lambda: rest), None))
+    prf_hz, n_bursts = recording.radar.prf_hz, -(-recording.baseband.sizes["slow_time"] // 64)
+    assert facts["duration_s"] == pytest.approx((chosen[-1] + 1) / prf_hz)
+    told = dict(facts["facts"])
+    assert told["bursts"] == f"{n_bursts} of 16 frames"
+    assert told["burst rate"] == f"{prf_hz / 64:.4g} Hz"
+    assert "in bursts" in facts["no_sound"]
+    with pytest.raises(AnalysisError, match="in bursts"):  # and nothing about a pitch that a mean rate would not allow
+        doppler_sound(baseband, fixed_gate(baseband["slow_time"], 1.0, 3.0), pitch=4000.0)
+    assert unpack(recording_payload(Run("all", "recording", load=lambda: recording), None))[0]["no_sound"] is None
+
+
+def test_clutter_is_what_the_user_asked_for(recording):
+    """Of a recording, static echoes are off unless it was said otherwise; "Try it" has none."""
+
+    def done(kind, clutter=None, gate="truth"):
+        return Run("a", kind, load=lambda: recording).analysis(gate, clutter).clutter
+
+    for gate in ("truth", "track", (1.0, 3.0)):
+        assert done("recording", gate=gate) == "median"
+        assert done("recording", gate=gate, clutter="kept") == "none"
+        assert done("try", gate=gate) == "none"
+        assert done("try", gate=gate, clutter="removed") == "median"
+    assert done("recording", clutter="removed") == "median"
+    run = Run("a", "recording", Settings(analysis=Analysis(clutter="mti")), load=lambda: recording)
+    assert [run.analysis("truth", asked).clutter for asked in (None, "removed", "kept")] == ["mti", "mti", "none"]
+    run = Run("a", "recording", Settings(analysis=Analysis(clutter="none")), load=lambda: recording)
+    assert [run.analysis("track", asked).clutter for asked in (None, "removed")] == ["none", "median"]
