@@ -9,7 +9,7 @@ from command_pages import commands_page
 from setting_pages import groups, settings_page
 
 from doppelgait.cli.app import app
-from doppelgait.dataset.fields import AXIS_UNITS, FIELDS
+from doppelgait.dataset.shard_files import AXIS_UNITS, FIELDS
 from doppelgait.features.extended import feature_table
 
 

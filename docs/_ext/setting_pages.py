@@ -117,7 +117,7 @@ def _plan_models() -> list[tuple[str, type[BaseModel]]]:
     config = "doppelgait.dataset.config"
     return _models(
         f"{config}:PlanConfig", f"{config}:DatasetSection", f"{config}:FieldSpec", f"{config}:SplitSection",
-        f"{config}:ClassSection", f"{config}:SourceSection", "doppelgait.dataset.folders:FolderMotion",
+        f"{config}:ClassSection", f"{config}:SourceSection", "doppelgait.dataset.motions:FolderMotion",
         "doppelgait.dataset.importing.config:ImportConfig",
     )  # fmt: skip
 

@@ -21,7 +21,7 @@ _LAZY = {
     "rng": "doppelgait.core.rng",
     "plugin": "doppelgait.core.plugins",
 }
-PLUGIN_ROOMS: tuple[str, ...] = ()
+PLUGIN_ROOMS: tuple[str, ...] = ("doppelgait.dataset.export",)
 """Modules in which the groups of plug-ins are declared (:mod:`doppelgait.core.plugins`)."""
 
 _SUBPACKAGES = {

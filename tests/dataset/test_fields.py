@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from doppelgait.dataset.config import FieldSpec
-from doppelgait.dataset.fields import DB_FLOOR, decode, encode, facts_of
+from doppelgait.dataset.shard_files import DB_FLOOR, decode, encode, facts_of
 
 
 def test_full_precision_comes_back_as_it_was():

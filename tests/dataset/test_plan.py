@@ -12,12 +12,11 @@ from scipy.stats import ks_2samp
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.dataset.build import _lay_out
-from doppelgait.dataset.config import DatasetSection, PlanConfig, load_plan, plan_names
-from doppelgait.dataset.describe import differences, shorten
-from doppelgait.dataset.identity import dataset_id
-from doppelgait.dataset.licences import blocks_release
+from doppelgait.dataset.card import blocks_release
+from doppelgait.dataset.config import DatasetSection, PlanConfig, differences, load_plan, plan_names, shorten
+from doppelgait.dataset.finish import dataset_id
 from doppelgait.dataset.plan import check_examples, nuisance_of, plan_dataset
-from doppelgait.dataset.sampling import resolve
+from doppelgait.dataset.resolve import resolve
 from doppelgait.dataset.splits import assign_splits, groups_of
 
 
@@ -498,7 +497,7 @@ def test_companions_are_placed_by_the_law_of_the_targets_and_never_beside_nobody
 
 
 def leaky(**changes):
-    from doppelgait.dataset.verify.nuisance import refuse_leaks
+    from doppelgait.dataset.verify.leakage import refuse_leaks
 
     config = plan(dataset={"name": "x", "examples_per_class": 60}, **changes)
     refuse_leaks(examples_of(config), np.random.default_rng(0))

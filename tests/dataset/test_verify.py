@@ -10,12 +10,10 @@ import pytest
 from scipy.stats import pearsonr
 from sklearn.metrics import balanced_accuracy_score
 
-from doppelgait.dataset.verify import chance, duplicates, truth
-from doppelgait.dataset.verify.contents import Contents
-from doppelgait.dataset.verify.leaks import check_groups
-from doppelgait.dataset.verify.movers import check_movers
-from doppelgait.dataset.verify.nuisance import rounded
-from doppelgait.dataset.verify.report import Check, Verification, some
+from doppelgait.dataset.verify import duplicates, leakage, truth
+from doppelgait.dataset.verify.contents import Check, Contents, Verification, some
+from doppelgait.dataset.verify.leakage import check_groups, rounded
+from doppelgait.dataset.verify.truth import check_movers
 
 
 def contents(index, **description):
@@ -197,7 +195,7 @@ def test_equal_features_in_two_splits_are_found_where_no_signature_is_kept():
     assert "a (train) and e (test) identical" in found.summary
 
 
-# chance
+# leakage
 
 
 def parameters(n, *, leak=0.0, seed=0, per_group=1):
@@ -210,13 +208,13 @@ def parameters(n, *, leak=0.0, seed=0, per_group=1):
 
 
 def test_parameters_that_know_no_class_are_at_chance():
-    found = [chance.guess_classes(parameters(80, seed=n), np.random.default_rng(n)) for n in range(6)]
+    found = [leakage.guess_classes(parameters(80, seed=n), np.random.default_rng(n)) for n in range(6)]
     assert not any(guess.leaks for guess in found)
     assert np.mean([guess.accuracy for guess in found]) == pytest.approx(0.5, abs=0.07)
 
 
 def test_a_telling_parameter_is_found_and_named():
-    found = chance.guess_classes(parameters(160, leak=3.0), np.random.default_rng(0))
+    found = leakage.guess_classes(parameters(160, leak=3.0), np.random.default_rng(0))
     assert found.leaks
     assert found.accuracy > 0.85
     assert found.telling[0][0] == "a"
@@ -226,7 +224,7 @@ def test_a_telling_parameter_is_found_and_named():
 def test_a_value_that_only_one_class_has_is_found():
     table = parameters(120).drop(columns="a")
     table["wall"] = np.where(table["label"] == "dog", None, "brick")
-    found = chance.guess_classes(table, np.random.default_rng(0))
+    found = leakage.guess_classes(table, np.random.default_rng(0))
     assert found.leaks
     assert found.telling[0][0] == "wall"
 
@@ -237,15 +235,15 @@ def test_rows_of_one_group_are_one_observation():
     for seed in range(6):
         values = np.random.default_rng(seed).normal(size=(2, 20)).repeat(6, axis=1)
         table = parameters(120, per_group=6, seed=seed).assign(a=values[0], b=values[1])
-        together.append(chance.guess_classes(table, np.random.default_rng(seed)).accuracy)
+        together.append(leakage.guess_classes(table, np.random.default_rng(seed)).accuracy)
         split_up = table.assign(group=[f"g{n}" for n in range(len(table))])
-        apart.append(chance.guess_classes(split_up, np.random.default_rng(seed)).accuracy)
+        apart.append(leakage.guess_classes(split_up, np.random.default_rng(seed)).accuracy)
     assert np.mean(together) < 0.58
     assert np.mean(apart) > 0.7
 
 
 def test_too_few_groups_are_not_judged():
-    found = chance.guess_classes(parameters(16, per_group=4), np.random.default_rng(0))
+    found = leakage.guess_classes(parameters(16, per_group=4), np.random.default_rng(0))
     assert "5 are needed" in found.reason
     assert not found.leaks
     assert found.as_dict()["accuracy"] is None
@@ -257,7 +255,7 @@ def test_permutations_keep_groups_together_and_counts():
     labels = np.array([0, 0, 1, 1, 1, 1, 0, 1])  # the last group has both
     seen = set()
     for _ in range(200):
-        drawn = chance.permuted(labels, groups, rng)
+        drawn = leakage.permuted(labels, groups, rng)
         pure = [drawn[groups == n] for n in range(3)]
         assert all(len(set(part)) == 1 for part in pure)
         assert sorted(part[0] for part in pure) == [0, 1, 1]
@@ -272,23 +270,23 @@ def test_balanced_accuracy_is_that_of_scikit_learn():
     labels[:, 3] = rng.integers(0, 2, 50)  # the third class does not occur
     guesses[:, 3] = rng.integers(0, 2, 50)
     expected = [balanced_accuracy_score(labels[:, n], guesses[:, n]) for n in range(4)]
-    assert chance.balanced_accuracy(labels, guesses, 3) == pytest.approx(expected)
+    assert leakage.balanced_accuracy(labels, guesses, 3) == pytest.approx(expected)
 
 
 def test_many_columns_of_labels_are_scored_as_each_alone():
     table = parameters(60, leak=1.0)
-    cells = chance.cells_of([table[name] for name in "abc"])
+    cells = leakage.cells_of([table[name] for name in "abc"])
     rng = np.random.default_rng(0)
     folds, labels = rng.integers(0, 5, 60), rng.integers(0, 2, (60, 7))
-    together = chance.scores(cells, folds, labels)
-    assert together == pytest.approx([chance.scores(cells, folds, labels[:, [n]])[0] for n in range(7)])
+    together = leakage.scores(cells, folds, labels)
+    assert together == pytest.approx([leakage.scores(cells, folds, labels[:, [n]])[0] for n in range(7)])
 
 
 def test_likelihoods_of_one_parameter_are_those_counted_by_hand():
     column = pd.Series(["x"] * 6 + ["y"] * 4 + ["x", "y"])
     labels = np.array([0, 0, 0, 0, 0, 1, 1, 1, 1, 0])
     test = np.array([False] * 10 + [True] * 2)
-    levels = chance._levels(chance.cells_of([column]), test, labels[:, None], 2)[:, :, 0]
+    levels = leakage._levels(leakage.cells_of([column]), test, labels[:, None], 2)[:, :, 0]
     in_x, in_y = np.array([5, 1]), np.array([1, 3])  # of class 0, of class 1
     n, share = np.array([6, 4]), np.array([0.6, 0.4])
     ratio_x = np.log((in_x + 2 * share[0]) / (n + 2) / share[0])
@@ -304,23 +302,23 @@ def test_two_parameters_that_tell_only_together_are_found():
     rng = np.random.default_rng(0)
     table = parameters(200).assign(a=rng.normal(size=200))
     table["b"] = np.where((table["label"] == "dog") == (table["a"] > 0), 1.0, -1.0) * rng.uniform(size=200)
-    found = chance.guess_classes(table, np.random.default_rng(1))
+    found = leakage.guess_classes(table, np.random.default_rng(1))
     assert found.leaks
     assert max(value for _, value in found.telling) < 0.65
 
 
 def test_bins_are_quantiles_and_missing_values_have_their_own():
     column = pd.Series([*np.arange(99.0), np.nan])
-    codes = chance.bins_of(column, 3)
+    codes = leakage.bins_of(column, 3)
     assert np.bincount(codes).tolist() == [1, 33, 33, 33]
-    assert chance.bins_of(pd.Series(["b", None, "a", "b"]), 3).tolist() == [2, 0, 1, 2]
-    assert chance.bins_of(pd.Series([5.0, 5.0, 7.0]), 6).tolist() == [1, 1, 2]
+    assert leakage.bins_of(pd.Series(["b", None, "a", "b"]), 3).tolist() == [2, 0, 1, 2]
+    assert leakage.bins_of(pd.Series([5.0, 5.0, 7.0]), 6).tolist() == [1, 1, 2]
 
 
 def test_chance_is_called_chance_as_often_as_it_should(monkeypatch):
     """P-values of tables without a leak are uniform or, for ties, larger."""
-    monkeypatch.setattr(chance, "PERMUTATIONS", 49)
-    p = np.array([chance.guess_classes(parameters(50, seed=n), np.random.default_rng(n)).p_value for n in range(200)])
+    monkeypatch.setattr(leakage, "PERMUTATIONS", 49)
+    p = np.array([leakage.guess_classes(parameters(50, seed=n), np.random.default_rng(n)).p_value for n in range(200)])
     assert np.mean(p <= 0.1) < 0.17  # 0.1 + 3.3 standard deviations
     assert np.mean(p <= 0.5) < 0.62
     assert np.mean(p <= 0.5) > 0.2

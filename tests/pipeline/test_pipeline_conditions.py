@@ -12,7 +12,7 @@ import pytest
 from doppelgait.core.errors import AnalysisError, ConfigError, DoppelgaitWarning, RecordingError
 from doppelgait.core.rng import rng
 from doppelgait.dataset.config import PlanConfig
-from doppelgait.dataset.identity import dataset_id
+from doppelgait.dataset.finish import dataset_id
 from doppelgait.dataset.plan import plan_dataset
 from doppelgait.motion import boulic_walk, fan
 from doppelgait.pipeline import analyze, parse_run, run_example, run_simulation, simulate

@@ -18,11 +18,10 @@ from doppelgait.classify.patches import Levels, Patch, levels
 from doppelgait.core.errors import DatasetError
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.dataset.config import SPLITS
-from doppelgait.dataset.example import carrier_of, label_arrays, plain_row
-from doppelgait.dataset.feature_matrix import feature_columns
+from doppelgait.dataset.example import carrier_of, feature_columns, label_arrays, plain_row
 from doppelgait.dataset.open import Dataset
 from doppelgait.dataset.verify.contents import Contents, plan_of
-from doppelgait.dataset.verify.nuisance import MEASURED, UNSEEN, nuisance_table, rounded
+from doppelgait.dataset.verify.leakage import MEASURED, UNSEEN, nuisance_table, rounded
 
 VELOCITY, SPEED = "torso_velocity_mps", "torso_speed_mps"
 """A model sees the magnitude of the torso's velocity, so that a body that goes is the body that comes."""

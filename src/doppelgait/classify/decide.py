@@ -18,8 +18,8 @@ from doppelgait.classify.model import BLOCKING, Model, blocking_flag
 from doppelgait.classify.result_file import is_result_file, read_columns
 from doppelgait.core.config import validate
 from doppelgait.core.errors import AnalysisError, DoppelgaitWarning
-from doppelgait.dataset.feature_matrix import feature_columns
-from doppelgait.dataset.rows import result_columns
+from doppelgait.dataset.example import feature_columns
+from doppelgait.dataset.shard import result_columns
 from doppelgait.pipeline import TargetResult, Tracking, analyze
 from doppelgait.processing import Analysis
 from doppelgait.radar import Recording, read_recording

@@ -55,10 +55,10 @@ def plan_command(
     Example: doppelgait dataset plan home-alarm --set dataset.examples_per_class=50000
     """
     from doppelgait.core.rng import rng
-    from doppelgait.dataset.identity import dataset_id
+    from doppelgait.dataset.finish import dataset_id
     from doppelgait.dataset.plan import check_examples, plan_dataset, spread
     from doppelgait.dataset.summary import summarise, write_specs
-    from doppelgait.dataset.verify.nuisance import refuse_leaks
+    from doppelgait.dataset.verify.leakage import refuse_leaks
 
     loaded, folder = _load(plan, changes, motion_folder)
     with progress("reading motion files", quiet=as_json) as on_progress:

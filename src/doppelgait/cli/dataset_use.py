@@ -107,7 +107,10 @@ def verify(
 def export(
     directory: Directory,
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder to make.")],
-    form: Annotated[str, typer.Option("--form", help="parquet, csv, webdataset, zarr or sigmf.")] = "parquet",
+    form: Annotated[str, typer.Option("--form", help="One of dataset forms: parquet, csv, zarr, ...")] = "parquet",
+    changes: Annotated[
+        list[str] | None, typer.Option("--set", help="Parameter of the form, for example examples_per_tar=500.")
+    ] = None,
     fields: Annotated[
         list[str] | None, typer.Option("--field", help="Array to write, repeatable; by default what the form holds.")
     ] = None,
@@ -119,6 +122,7 @@ def export(
 
     Example: doppelgait dataset export home-alarm -o tars --form webdataset --select "split == 'train'"
     """
+    from doppelgait.core.config import apply_overrides
     from doppelgait.dataset import open_dataset
     from doppelgait.dataset.export import export_dataset
 
@@ -126,11 +130,30 @@ def export(
     if select is not None:
         chosen = chosen.select(select)
     with progress("exporting", quiet=as_json) as on_progress:
-        report = export_dataset(chosen, output, form=form, fields=fields, release=release, on_progress=on_progress)
+        table = {**apply_overrides({}, changes or []), "kind": form}
+        report = export_dataset(chosen, output, form=table, fields=fields, release=release, on_progress=on_progress)
     if as_json:
         print_json({**vars(report), "directory": str(report.directory)})
     else:
         print(f"{output}: {report.n_rows} rows as {form}, {report.n_files} files, {report.bytes / 1e6:.1f} MB")
+
+
+def forms(as_json: AsJson = False) -> None:
+    """List the forms that a dataset can be exported in, with their parameters.
+
+    Example: doppelgait dataset forms
+    """
+    from doppelgait.dataset.export import EXPORTERS
+
+    rows = []
+    for exporter in EXPORTERS.values():
+        fields = {} if exporter.parameters is None else exporter.parameters.model_fields
+        parameters = [f"{name}={field.default}" for name, field in fields.items() if name != "kind"]
+        allowed = exporter.facts.get("allowed")
+        arrays = "all" if allowed is None else ", ".join(allowed) or "none"
+        rows.append({"form": exporter.name, "arrays": arrays, "parameters": ", ".join(parameters),
+                     "package": exporter.package})  # fmt: skip
+    print_json(rows) if as_json else print_table(rows)
 
 
 def import_recordings(

@@ -2,8 +2,7 @@
 
 from doppelgait.dataset.build import BuildReport, build_dataset
 from doppelgait.dataset.config import PlanConfig, load_plan, plan_names
-from doppelgait.dataset.example import Example
-from doppelgait.dataset.feature_matrix import Features
+from doppelgait.dataset.example import Example, Features
 from doppelgait.dataset.open import Dataset, open_dataset
 from doppelgait.dataset.plan import plan_dataset
 from doppelgait.dataset.stream import ExampleStream, stream_examples

@@ -18,11 +18,18 @@ from typing import Any
 from doppelgait import __version__
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
 from doppelgait.core.rng import rng
-from doppelgait.dataset.config import PlanConfig
-from doppelgait.dataset.describe import differences
+from doppelgait.dataset.config import PlanConfig, differences
 from doppelgait.dataset.executors import check_executor, run_shards
-from doppelgait.dataset.finish import Totals, count_shards, describe, finish_dataset, make_index, write_description
-from doppelgait.dataset.identity import DATA_VERSION, dataset_id
+from doppelgait.dataset.finish import (
+    DATA_VERSION,
+    Totals,
+    count_shards,
+    dataset_id,
+    describe,
+    finish_dataset,
+    make_index,
+    write_description,
+)
 from doppelgait.dataset.lock import PATTERN, Part, build_lock
 from doppelgait.dataset.plan import Plan, Shard, plan_dataset, spread
 from doppelgait.dataset.shard import BuildContext, build_shard, file_sha256
@@ -156,7 +163,7 @@ def build_dataset(
 
 def _lay_out(config: PlanConfig, target: Path, source: Path, part: Part | None, max_failed_share: float) -> _Job:
     plan = plan_dataset(config, folder=source)
-    from doppelgait.dataset.verify.nuisance import warn_of_leaks
+    from doppelgait.dataset.verify.leakage import warn_of_leaks
 
     drawn = list(spread(plan, CHECKED_EXAMPLES))
     if not (target / "dataset.json").is_file():

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from importlib import resources
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -12,8 +14,37 @@ from pydantic import Field, field_validator, model_validator
 
 from doppelgait.core.config import FrozenModel, apply_overrides, read_toml, validate
 from doppelgait.core.errors import ConfigError
-from doppelgait.dataset.describe import shorten
 from doppelgait.scene.target import SceneParameters
+
+SHOWN_LENGTH = 60
+"""Characters of a value in a message."""
+_TAIL = 20
+_ABSENT = object()
+
+
+def shorten(value: Any) -> str:
+    """JSON of a value with the middle left out where it is longer than :data:`SHOWN_LENGTH`."""
+    text = json.dumps(value, ensure_ascii=False, default=str)
+    if len(text) <= SHOWN_LENGTH:
+        return text
+    return f"{text[: SHOWN_LENGTH - _TAIL - 3]}...{text[-_TAIL:]}"
+
+
+def differences(old: Any, new: Any, key: str = "") -> Iterator[str]:
+    """Dotted keys whose values differ, each as ``key: old -> new``; ``absent`` where one side has no such key."""
+    if isinstance(old, dict) and isinstance(new, dict):
+        for name in sorted(set(old) | set(new)):
+            yield from differences(old.get(name, _ABSENT), new.get(name, _ABSENT), f"{key}.{name}" if key else name)
+    elif isinstance(old, list) and isinstance(new, list):
+        for number, (before, after) in enumerate(zip_longest(old, new, fillvalue=_ABSENT)):
+            yield from differences(before, after, f"{key}.{number}")
+    elif old != new:
+        yield f"{key}: {_shown(old)} -> {_shown(new)}"
+
+
+def _shown(value: Any) -> str:
+    return "absent" if value is _ABSENT else shorten(value)
+
 
 SCENE_KEYS = tuple(SceneParameters.model_fields)
 SPLITS = ("train", "validation", "test")
@@ -30,7 +61,7 @@ class FieldSpec(FrozenModel):
     Parameters
     ----------
     name : str
-        A key of :data:`doppelgait.dataset.fields.FIELDS`.
+        A key of :data:`doppelgait.dataset.shard_files.FIELDS`.
     dtype : {"full", "half"}
         ``full``: single precision. ``half`` (signature and cadence map): 10 log10 in float16, half the size, off by
         at most 1.5 % of the value.
@@ -170,7 +201,7 @@ class ClassSection(FrozenModel):
     motion : table or "none"
         As in a scene file, with distributions: ``{ kind = "boulic", speed_mps = { uniform = [0.6, 2.0] } }``; a
         ``{ choice = [...] }`` of several such tables mixes sources. ``{ kind = "folder", path = "dogs" }`` takes the
-        straight stretches of all motion files of a folder in turn (:mod:`doppelgait.dataset.folders`). ``"none"`` is
+        straight stretches of all motion files of a folder in turn (:mod:`doppelgait.dataset.motions`). ``"none"`` is
         nobody: an empty room, whatever is in the background; the gate follows a body that is not there.
     examples : int, optional
         ``dataset.examples_per_class`` by default.

@@ -14,17 +14,162 @@ import numpy.typing as npt
 import pandas as pd
 
 from doppelgait.core.errors import DatasetError
-from doppelgait.dataset.batches import batches_of
 from doppelgait.dataset.config import SPLITS
-from doppelgait.dataset.example import Example, carrier_of, label_arrays, plain_row
-from doppelgait.dataset.feature_matrix import Features, feature_matrix, nearest
-from doppelgait.dataset.fields import decode
-from doppelgait.dataset.identity import SCHEMA_VERSION
-from doppelgait.dataset.intact import check_description, check_index
-from doppelgait.dataset.shard_files import ShardFiles
+from doppelgait.dataset.example import Example, Features, carrier_of, feature_matrix, label_arrays, nearest, plain_row
+from doppelgait.dataset.finish import SCHEMA_VERSION
+from doppelgait.dataset.shard_files import MAX_OPEN, ShardFiles, decode
 
 if TYPE_CHECKING:
     from doppelgait.dataset.torch_data import TorchExamples
+
+
+TEXT_COLUMNS = ("id", "label", "split", "shard")
+
+
+def check_description(description: Any) -> None:
+    """Check what ``dataset.json`` holds.
+
+    Raises
+    ------
+    ValueError
+        Naming the key that is missing or of another kind than it must be.
+    """
+    if not isinstance(description, Mapping):
+        raise ValueError("dataset.json: must be a table")
+    for key, kind, words in (
+        ("name", str, "a text"), ("id", str, "a text"), ("schema_version", int, "a whole number"),
+        ("classes", Mapping, "a table of class numbers"), ("fields", Mapping, "a table of arrays"),
+    ):  # fmt: skip
+        if not isinstance(description.get(key), kind) or isinstance(description[key], bool):
+            raise ValueError(f"dataset.json: {key} must be {words}")
+    if description.get("origin", "simulated") == "simulated":
+        _check_plan(description.get("config") or {})
+    for label, number in description["classes"].items():
+        if not isinstance(number, int) or isinstance(number, bool):
+            raise ValueError(f"dataset.json: classes.{label} must be a whole number")
+    for name, facts in description["fields"].items():
+        _check_field(name, facts)
+
+
+def _check_plan(config: Any) -> None:
+    """What finds an example in its plan; the rest of it counts only when one is simulated again."""
+    if not isinstance(config, Mapping):
+        raise ValueError("dataset.json: config must be a table")
+    sections = config.get("classes", [])
+    if not isinstance(sections, list) or not all(isinstance(one, Mapping) and "label" in one for one in sections):
+        raise ValueError("dataset.json: config.classes must be a list of tables with label")
+    numbers = config.get("dataset", {} if not sections else None)
+    if not isinstance(numbers, Mapping):
+        raise ValueError("dataset.json: config.dataset must be a table")
+    counts = [one.get("examples") for one in sections] + [numbers.get(key) for key in ("examples_per_class", "seed")]
+    if not all(count is None or (isinstance(count, int) and count >= 0) for count in counts):
+        raise ValueError("dataset.json: seed and numbers of examples in config must be whole numbers")
+
+
+def _check_field(name: str, facts: Any) -> None:
+    if not isinstance(facts, Mapping):
+        raise ValueError(f"dataset.json: fields.{name} must be a table with dims, units and dtype")
+    dims = facts.get("dims")
+    if not isinstance(dims, list) or not all(isinstance(dim, str) for dim in dims):
+        raise ValueError(f"dataset.json: fields.{name}.dims must be a list of texts")
+    for key in ("units", "dtype"):
+        if not isinstance(facts.get(key), str):
+            raise ValueError(f"dataset.json: fields.{name}.{key} must be a text")
+
+
+def check_index(index: pd.DataFrame, classes: Mapping[str, int]) -> None:
+    """Check the columns of an index that tell which example is what, and where its arrays lie.
+
+    Parameters
+    ----------
+    index : DataFrame
+    classes : mapping
+        Of ``dataset.json``.
+
+    Raises
+    ------
+    ValueError
+        Naming the column.
+    """
+    missing = [name for name in (*TEXT_COLUMNS, "row") if name not in index]
+    if missing and len(index):
+        raise ValueError(f"index.parquet: has no column {missing[0]!r}")
+    if not index.columns.is_unique:
+        raise ValueError("index.parquet: two columns have the same name")
+    if not len(index):
+        return
+    for name in TEXT_COLUMNS:
+        if index[name].isna().any() or pd.api.types.infer_dtype(index[name]) not in ("string", "categorical"):
+            raise ValueError(f"index.parquet: column {name!r} must hold a text in every row")
+    if not pd.api.types.is_integer_dtype(index["row"]) or index["row"].isna().any() or (index["row"] < 0).any():
+        raise ValueError("index.parquet: column 'row' must hold a whole number from 0 in every row")
+    for name, known in (("split", SPLITS), ("label", classes)):
+        strange = sorted(set(index[name].unique()) - set(known))
+        if strange:
+            raise ValueError(f"index.parquet: {name} {strange[0]!r} is not one of {', '.join(known)}")
+
+
+POOL_SHARDS = MAX_OPEN // 2
+"""Shards whose rows are shuffled together."""
+
+
+def shuffled_rows(index: pd.DataFrame, rng: np.random.Generator) -> npt.NDArray[np.int64]:
+    """Rows of an index in a random order that opens every shard file once.
+
+    The shards are put in random order; the rows of :data:`POOL_SHARDS` of them at a time are shuffled together. A
+    dataset of that many shards or fewer is shuffled as a whole. Shards hold all classes in turn, so a pool is mixed.
+
+    Parameters
+    ----------
+    index : DataFrame
+    rng : Generator
+
+    Returns
+    -------
+    ndarray of int, shape (n,)
+    """
+    codes, shards = pd.factorize(index["shard"])
+    place_of_shard = rng.permutation(len(shards))
+    pool = place_of_shard[codes] // POOL_SHARDS
+    order = rng.permutation(len(index))
+    return order[np.argsort(pool[order], kind="stable")]
+
+
+def batches_of(
+    dataset: Dataset, fields: Sequence[str], batch_size: int, rng: np.random.Generator | None, *, shuffle: bool
+) -> Iterator[dict[str, npt.NDArray[Any]]]:
+    """Batches of a dataset; see :meth:`doppelgait.dataset.Dataset.batches`."""
+    dataset.check_fields(fields)
+    if batch_size < 1:
+        raise DatasetError(f"batch_size: {batch_size} is not allowed; it must be 1 or larger")
+    if shuffle and rng is None:
+        raise DatasetError("batches: shuffling needs rng, for example numpy.random.default_rng(1); or shuffle=False")
+    rows = shuffled_rows(dataset.index, rng) if shuffle and rng is not None else np.arange(len(dataset))
+    return _read(dataset, fields, batch_size, rows)
+
+
+def _read(
+    dataset: Dataset, fields: Sequence[str], batch_size: int, rows: npt.NDArray[np.int64]
+) -> Iterator[dict[str, npt.NDArray[Any]]]:
+    numbers = dataset.class_numbers()
+    for first in range(0, len(rows), batch_size):
+        part = rows[first : first + batch_size]
+        arrays = {name: stack(dataset, name, part) for name in fields}
+        yield {**arrays, "label": numbers[part], "number": part}
+
+
+def stack(dataset: Dataset, field: str, rows: npt.NDArray[np.int64]) -> npt.NDArray[Any]:
+    """Arrays of some rows as one array (row, ...); different shapes are a :class:`DatasetError`."""
+    values = [dataset.array(field, int(row)) for row in rows]
+    for row, value in zip(rows, values, strict=True):
+        if value.shape != values[0].shape:
+            first, other = (dataset.index["id"].iloc[int(place)] for place in (rows[0], row))
+            raise DatasetError(
+                f"{field}: {first} has the shape {values[0].shape}, {other} {value.shape}; select examples of one "
+                "shape, or read them one by one"
+            )
+    return np.stack(values)
+
 
 Array = npt.NDArray[Any]
 
@@ -183,7 +328,7 @@ class Dataset:
         rng : Generator, optional
             For the order; needed to shuffle.
         shuffle : bool
-            In a random order (:func:`doppelgait.dataset.batches.shuffled_rows`), else in that of the index.
+            In a random order (:func:`doppelgait.dataset.open.shuffled_rows`), else in that of the index.
 
         Yields
         ------

@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 
 from doppelgait.core.errors import ConfigError
 from doppelgait.dataset.config import SPLITS, PlanConfig
-from doppelgait.dataset.folders import Progress, expand_folders
-from doppelgait.dataset.motions import motion_files, refuse_copies, refuse_two_spellings
+from doppelgait.dataset.motions import Progress, expand_folders, motion_files, refuse_copies, refuse_two_spellings
 from doppelgait.dataset.resolve import ExampleSpec, class_of, example_id, resolve_example, rows_of
 from doppelgait.dataset.splits import assign_splits, groups_of
 

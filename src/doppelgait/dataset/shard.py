@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import math
 import os
 import platform
 import traceback
@@ -21,18 +22,179 @@ import numpy as np
 import numpy.typing as npt
 from threadpoolctl import ThreadpoolController
 
-from doppelgait.core.config import canonical_json
+from doppelgait.core.config import FrozenModel, canonical_json
 from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning
 from doppelgait.core.labels import axis
 from doppelgait.dataset.config import FieldSpec, PlanConfig
-from doppelgait.dataset.fields import AXIS_UNITS, FIELDS, encode
-from doppelgait.dataset.matching import match_tracks, strongest_track
 from doppelgait.dataset.plan import PlannedExample, Shard
-from doppelgait.dataset.resolve import ExampleSpec, resolve_example
-from doppelgait.dataset.rows import index_rows
+from doppelgait.dataset.resolve import ExampleSpec, RowSpec, resolve_example
+from doppelgait.dataset.shard_files import AXIS_UNITS, FIELDS, encode
+from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline import TargetResult, analyze, run_example, run_simulation
 from doppelgait.pipeline.fused import FusedExample
-from doppelgait.radar.recording import Recording
+from doppelgait.radar.recording import Recording, TargetTruth
+
+MOST_APART_M = 1.0
+"""A track that is farther from the body than this, in the mean, is of something else."""
+LEAST_SHARE = 0.3
+"""Part of the observation that a track must cover."""
+
+
+def match_tracks(
+    results: Sequence[TargetResult], truths: Sequence[TargetTruth], observation_s: float
+) -> list[TargetResult | None]:
+    """Result of every target: the nearest track to its body, each track used once, nearest pairs first.
+
+    Parameters
+    ----------
+    results : sequence of TargetResult
+        With gates from tracks.
+    truths : sequence of TargetTruth
+    observation_s : float
+    """
+    found: list[TargetResult | None] = [None] * len(truths)
+    pairs = sorted(
+        (distance_m, number, place)
+        for number, truth in enumerate(truths)
+        for place, result in enumerate(results)
+        if (distance_m := _distance_m(result, truth, observation_s)) <= MOST_APART_M
+    )
+    used: set[int] = set()
+    for _, number, place in pairs:
+        if found[number] is None and place not in used:
+            found[number] = results[place]
+            used.add(place)
+    return found
+
+
+def _distance_m(result: TargetResult, truth: TargetTruth, observation_s: float) -> float:
+    """Mean distance between the middle of a gate and the body; infinite where the track is too short."""
+    times_s = axis(result.gate_limits, "time")
+    if times_s.size < 2 or times_s[-1] - times_s[0] < LEAST_SHARE * observation_s:
+        return float("inf")
+    middle_m = (result.gate_limits["range_low"].values + result.gate_limits["range_high"].values) / 2.0
+    true_times_s = np.linspace(0.0, observation_s, truth.centre_range_m.size, endpoint=False)
+    return float(np.abs(middle_m - np.interp(times_s, true_times_s, truth.centre_range_m)).mean())
+
+
+def strongest_track(results: Sequence[TargetResult]) -> list[TargetResult | None]:
+    """For an empty room: the track that is surest to be something, if there is any."""
+    tracked = [result for result in results if "track_confidence" in result.quality]
+    return [max(tracked, key=lambda result: float(result.quality["track_confidence"]), default=None)]
+
+
+NOTHING = {
+    **{f"feature_{name}": None for name in FEATURE_UNITS},
+    **dict.fromkeys(("gait_frequency_hz", "torso_doppler_hz", "n_periods")),
+}
+"""Columns of a row without a target; they are there even if no row has one."""
+
+
+def index_rows(
+    example: ExampleSpec, made: FusedExample, results: Sequence[TargetResult | None], messages: Sequence[str]
+) -> list[dict[str, Any]]:
+    """Rows of an example, one per target; None for unknown.
+
+    Parameters
+    ----------
+    example : ExampleSpec
+    made : FusedExample
+        Truth and levels.
+    results : sequence of TargetResult or None
+        One per row; None where no track follows the target.
+    messages : sequence of str
+        Warnings of simulation and analysis.
+    """
+    scene = _scene_columns(example, made)
+    rows = []
+    for number, (row, result) in enumerate(zip(example.rows, results, strict=True)):
+        truth = made.truth[number]
+        columns = {
+            **_identity_columns(example, row, number),
+            **scene,
+            "rcs_total_m2": float(truth.scatterers["rcs"].values.sum(axis=1).mean()),
+            **(truth_columns(truth) if row.source != "none" else dict.fromkeys(truth_columns(truth))),
+            **(result_columns(result) if result is not None else {"gate": "track", **NOTHING, "flags": "not_tracked"}),
+            "warnings": ";".join(messages),
+        }
+        rows.append({key: _plain(value) for key, value in columns.items()})
+    return rows
+
+
+def _identity_columns(example: ExampleSpec, row: RowSpec, number: int) -> dict[str, Any]:
+    motion = example.run.scene.targets[number].motion
+    return {
+        "id": row.id,
+        "scene_id": example.id,
+        "label": row.label,
+        "split": example.split,
+        "subject": row.subject,
+        "group": example.group,
+        "source": row.source,
+        "recording": row.recording,
+        "licence": row.licence,
+        "motion_kind": "none" if row.source == "none" else motion["kind"],
+        "motion": "" if row.source == "none" else canonical_json(motion),
+    }
+
+
+def _scene_columns(example: ExampleSpec, made: FusedExample) -> dict[str, Any]:
+    prf_hz = example.run.radar.prf_hz
+    nobody = all(row.source == "none" for row in example.rows)
+    return {
+        "carrier_hz": example.run.radar.carrier_hz,
+        "prf_hz": prf_hz,
+        "observation_s": made.n_pulses / prf_hz,
+        "environment": _listed(example.run.environment),
+        "impairments": _listed(example.run.impairments),
+        "radar_height_m": example.run.scene.radar_position_m[2],
+        "snr_frame_db": None if nobody else made.snr_frame_db,
+        "gate_error_m": example.gate_error_m,
+    }
+
+
+def result_columns(result: TargetResult) -> dict[str, Any]:
+    """Columns of an analysed target, simulated or measured: features, their spread, diagnostics and flags."""
+    return {
+        "gate": result.gate,
+        **{f"feature_{k}": v for k, v in result.features.as_dict().items()},
+        "gait_frequency_hz": result.gait_frequency_hz,
+        "torso_doppler_hz": result.torso_doppler_hz,
+        "n_periods": result.n_periods,
+        **{f"quality_{k}": v for k, v in result.quality.items()},
+        **{f"sd_{k}": v for k, v in result.standard_deviation.items()},
+        **{f"extended_{k}": v for k, v in result.extended.items()},
+        "flags": ";".join(result.flags),
+    }
+
+
+def _listed(specs: Sequence[FrozenModel]) -> str:
+    """Environment or impairments of an example as one line of JSON."""
+    return json.dumps([spec.model_dump(mode="json") for spec in specs], sort_keys=True, separators=(",", ":"))
+
+
+def truth_columns(truth: TargetTruth) -> dict[str, Any]:
+    """Columns of the index that only a simulation knows; their names begin with ``truth_``."""
+    aspect_rad = truth.centre_aspect_rad[np.isfinite(truth.centre_aspect_rad)]  # unknown while the body stands still
+    return {
+        "truth_gait": truth.gait,
+        "truth_height_m": truth.height_m,
+        "truth_ground_speed_mps": truth.ground_speed_mps,
+        "truth_radial_velocity_mps": float(truth.centre_velocity_mps.mean()),
+        "truth_range_m": float(truth.centre_range_m.mean()),
+        "truth_aspect_deg": float(np.degrees(aspect_rad.mean())) if aspect_rad.size else math.nan,
+        "truth_gait_frequency_hz": truth.gait_frequency_hz,
+        "truth_step_frequency_hz": truth.step_frequency_hz,
+        "truth_stride_frequency_hz": truth.stride_frequency_hz,
+    }
+
+
+def _plain(value: Any) -> Any:
+    """JSON has no NaN and no infinity; both are unknown."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
 
 Arrays = Mapping[str, npt.NDArray[Any]]
 

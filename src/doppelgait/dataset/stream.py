@@ -13,11 +13,11 @@ from threadpoolctl import threadpool_limits
 from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitError, DoppelgaitWarning
 from doppelgait.dataset.config import PlanConfig, load_plan
 from doppelgait.dataset.example import Example, label_arrays
-from doppelgait.dataset.fields import facts_of
-from doppelgait.dataset.folders import expand_folders
+from doppelgait.dataset.motions import expand_folders
 from doppelgait.dataset.plan import Plan
 from doppelgait.dataset.resolve import resolve_example
 from doppelgait.dataset.shard import build_example
+from doppelgait.dataset.shard_files import facts_of
 
 if TYPE_CHECKING:
     from doppelgait.dataset.torch_data import TorchStream

@@ -69,7 +69,7 @@ def summarise(plan: Plan, identity: str, *, n_checked: int, pilot: int = PILOT_E
     ----------
     plan : Plan
     identity : str
-        Of :func:`doppelgait.dataset.identity.dataset_id`.
+        Of :func:`doppelgait.dataset.finish.dataset_id`.
     n_checked : int
         As from :func:`doppelgait.dataset.plan.check_examples`.
     pilot : int

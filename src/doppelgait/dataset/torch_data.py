@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -18,11 +18,40 @@ except ImportError:
     raise DatasetError("torch is not installed; install it, or use batches() without it") from None
 
 if TYPE_CHECKING:
-    from doppelgait.dataset.open import Dataset
-    from doppelgait.dataset.stream import ExampleStream
+    from doppelgait.dataset.example import Example
 
 Transform = Callable[[Any], Any]
 Item = tuple[Any, int]
+
+
+class StoredExamples(Protocol):
+    """What :class:`TorchExamples` needs of a :class:`doppelgait.dataset.Dataset`."""
+
+    def __len__(self) -> int: ...
+
+    def array(self, field: str, number: int) -> npt.NDArray[Any]:
+        """Read a stored array of a row."""
+        ...
+
+    def class_numbers(self) -> npt.NDArray[np.int64]:
+        """Return the class of every row."""
+        ...
+
+
+class NumberedExamples(Protocol):
+    """What :class:`TorchStream` needs of an :class:`doppelgait.dataset.ExampleStream`."""
+
+    def numbered(self) -> Iterator[tuple[int, Example]]:
+        """Yield examples with their numbers."""
+        ...
+
+    def part(self, number: int, count: int) -> NumberedExamples:
+        """Return the share of one of several workers."""
+        ...
+
+    def class_number(self, label: str) -> int:
+        """Return the number of a class."""
+        ...
 
 
 def as_item(arrays: Mapping[str, npt.NDArray[Any]], transform: Transform | None, target: int) -> Item:
@@ -44,7 +73,11 @@ class TorchExamples(MapDataset[Item]):  # type: ignore[misc, unused-ignore]  # t
     """Map-style dataset; every worker opens files of its own. See :meth:`doppelgait.dataset.Dataset.torch`."""
 
     def __init__(
-        self, dataset: Dataset, fields: tuple[str, ...], transform: Transform | None, target: Literal["label", "index"]
+        self,
+        dataset: StoredExamples,
+        fields: tuple[str, ...],
+        transform: Transform | None,
+        target: Literal["label", "index"],
     ) -> None:
         check_request(fields, target)
         self.dataset, self.fields, self.transform = dataset, fields, transform
@@ -64,7 +97,7 @@ class TorchStream(IterableDataset[Item]):  # type: ignore[misc, unused-ignore]  
     """Endless dataset; the workers of a loader share its numbers. See :meth:`ExampleStream.torch`."""
 
     def __init__(
-        self, stream: ExampleStream, fields: tuple[str, ...], transform: Transform | None,
+        self, stream: NumberedExamples, fields: tuple[str, ...], transform: Transform | None,
         target: Literal["label", "index"],
     ) -> None:  # fmt: skip
         check_request(fields, target)

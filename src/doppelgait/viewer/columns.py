@@ -11,7 +11,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from doppelgait.core.errors import ConfigError
-from doppelgait.dataset.feature_matrix import nearest, unit_of
+from doppelgait.dataset.example import nearest, unit_of
 
 NOT_OFFERED = (
     "motion", "environment", "impairments", "warnings", "notes", "citation", "shard", "row", "shard_sha256",

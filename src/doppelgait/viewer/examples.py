@@ -15,11 +15,10 @@ from doppelgait import processing
 from doppelgait.core.config import validate
 from doppelgait.core.errors import DatasetError, DoppelgaitError, DoppelgaitWarning
 from doppelgait.dataset import Dataset, Example, PlanConfig
-from doppelgait.dataset.example import number_in_plan, plain_row
-from doppelgait.dataset.feature_matrix import nearest
-from doppelgait.dataset.identity import DATA_VERSION
+from doppelgait.dataset.example import nearest, number_in_plan, plain_row
+from doppelgait.dataset.finish import DATA_VERSION
 from doppelgait.dataset.resolve import ExampleSpec, resolve_example
-from doppelgait.dataset.rows import truth_columns
+from doppelgait.dataset.shard import truth_columns
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline import run_simulation
 from doppelgait.pipeline.analyze import truth_gate

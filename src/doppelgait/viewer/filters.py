@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import ConfigError
-from doppelgait.dataset.feature_matrix import nearest
+from doppelgait.dataset.example import nearest
 from doppelgait.viewer.columns import Columns
 from doppelgait.viewer.query import Pairs, number_of
 

@@ -8,8 +8,7 @@ from typing import Any
 
 from doppelgait.core.errors import DatasetError
 from doppelgait.dataset import PlanConfig
-from doppelgait.dataset.resolve import class_of
-from doppelgait.dataset.sampling import resolve
+from doppelgait.dataset.resolve import class_of, resolve
 from doppelgait.pipeline.run import RunSpec
 from doppelgait.radar.waveforms import waveform_of
 from doppelgait.scene.spec import DEFAULT_DURATION_S

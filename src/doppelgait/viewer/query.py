@@ -23,7 +23,7 @@ def single(query: Pairs, allowed: Collection[str]) -> dict[str, str]:
         if not allowed:
             raise ConfigError(f"{key!r} is not known here: this address takes no parameters")
         if key not in allowed:
-            from doppelgait.dataset.feature_matrix import nearest
+            from doppelgait.dataset.example import nearest
 
             hint = nearest(key, list(allowed))
             raise ConfigError(f"{key!r} is not known here{hint}; allowed are {', '.join(allowed)}")

@@ -19,13 +19,12 @@ from doppelgait.core.errors import AnalysisError, ConfigError, DatasetError, Dop
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.core.rng import rng
 from doppelgait.dataset import open_dataset
+from doppelgait.dataset.card import blocked_recordings
 from doppelgait.dataset.importing import ImportConfig, folder, import_dataset, read_labels, run
 from doppelgait.dataset.importing.config import parse_gate
-from doppelgait.dataset.importing.examples import labelled_result
-from doppelgait.dataset.importing.files import files_of, find_recordings, recording_sha256
+from doppelgait.dataset.importing.examples import cut, labelled_result
+from doppelgait.dataset.importing.labels import files_of, find_recordings, recording_sha256
 from doppelgait.dataset.importing.splits import plan_entries
-from doppelgait.dataset.importing.windows import cut
-from doppelgait.dataset.licences import blocked_recordings
 from doppelgait.motion import boulic_walk, quadruped_gait
 from doppelgait.pipeline import TargetResult, analyze, simulate
 from doppelgait.processing import Analysis

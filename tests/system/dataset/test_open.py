@@ -19,9 +19,8 @@ from doppelgait import viz
 from doppelgait.core.errors import DatasetError
 from doppelgait.core.labels import BASEBAND, CADENCE_MAP, SIGNATURE, check_signal
 from doppelgait.dataset import open_dataset, shard_files
-from doppelgait.dataset.batches import POOL_SHARDS, shuffled_rows
-from doppelgait.dataset.example import carrier_of, label_arrays, radar_of
-from doppelgait.dataset.feature_matrix import unit_of
+from doppelgait.dataset.example import carrier_of, label_arrays, radar_of, unit_of
+from doppelgait.dataset.open import POOL_SHARDS, shuffled_rows
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.features.extended import feature_table
 from tiny_dataset import built, mixed_plan, sum_signatures, tiny_plan

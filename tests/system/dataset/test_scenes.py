@@ -11,10 +11,10 @@ import pytest
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitWarning
 from doppelgait.dataset.config import PlanConfig, load_plan
-from doppelgait.dataset.fields import decode
-from doppelgait.dataset.folders import expand_folders
+from doppelgait.dataset.motions import expand_folders
 from doppelgait.dataset.plan import plan_dataset
 from doppelgait.dataset.shard import BuildContext, build_planned, build_shard
+from doppelgait.dataset.shard_files import decode
 from doppelgait.pipeline import run_simulation
 
 

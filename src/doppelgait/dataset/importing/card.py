@@ -5,9 +5,8 @@ from __future__ import annotations
 import pandas as pd
 
 from doppelgait import __version__
-from doppelgait.dataset.card import counts_table, feature_table, markdown_table
+from doppelgait.dataset.card import counts_table, feature_table, licences_of, markdown_table
 from doppelgait.dataset.importing.config import ImportConfig
-from doppelgait.dataset.licences import licences_of
 
 CARD = """---
 pretty_name: {name}

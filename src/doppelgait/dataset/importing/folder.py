@@ -13,8 +13,9 @@ from typing import Any
 from doppelgait import __version__
 from doppelgait.core.errors import DatasetError
 from doppelgait.dataset.config import SPLITS
-from doppelgait.dataset.fields import facts_of
 from doppelgait.dataset.finish import (
+    DATA_VERSION,
+    SCHEMA_VERSION,
     Totals,
     contents_sha256,
     count_shards,
@@ -25,12 +26,12 @@ from doppelgait.dataset.finish import (
     write_index,
     write_splits,
 )
-from doppelgait.dataset.identity import DATA_VERSION, SCHEMA_VERSION
 from doppelgait.dataset.importing.card import import_card
 from doppelgait.dataset.importing.config import ImportConfig
 from doppelgait.dataset.importing.examples import Imported
 from doppelgait.dataset.importing.splits import PlannedEntry
 from doppelgait.dataset.shard import file_sha256, write_shard
+from doppelgait.dataset.shard_files import facts_of
 from doppelgait.features import FEATURE_UNITS
 
 

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import codecs
+import csv
+import hashlib
+import io
 import math
 import re
 import warnings
@@ -16,8 +20,216 @@ from doppelgait.core.config import apply_overrides
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning
 from doppelgait.dataset.config import SPLITS
 from doppelgait.dataset.importing.config import Gate, parse_gate
-from doppelgait.dataset.importing.files import find_recordings
-from doppelgait.dataset.importing.table import LabelTable, read_table
+from doppelgait.dataset.shard import file_sha256
+from doppelgait.radar.xethru.meta import META_NAME
+
+PAIRS = (("_RE.txt", "_IM.txt"), (".sigmf-meta", ".sigmf-data"))
+WITH_SIDECAR = (".npy", ".npz")
+"""Arrays, whose meaning stands in a TOML file of the same stem."""
+
+
+def find_recordings(folder: Path, pattern: str) -> list[str]:
+    """Recordings of a folder that a name or a pattern with ``*``, ``?`` and ``**`` means.
+
+    Parameters
+    ----------
+    folder : Path
+    pattern : str
+        Relative to the folder; a backslash may stand for a slash.
+
+    Returns
+    -------
+    list of str
+        Relative paths with slashes, sorted. Files of one recording (a pair, an array and its TOML) count once.
+
+    Raises
+    ------
+    ConfigError
+        If nothing is there, or it is outside the folder.
+    """
+    name = pattern if _exists(folder / pattern) else pattern.replace("\\", "/")
+    if Path(name).is_absolute() or ".." in Path(name).parts:
+        raise ConfigError(f"{pattern!r} is not allowed: it must be in {folder}, written from there")
+    found = [folder / name] if _exists(folder / name) else []
+    if not found and any(sign in name for sign in "*?["):
+        try:
+            found = sorted(folder.glob(name))
+        except ValueError as error:
+            raise ConfigError(f"{pattern!r} is no pattern: {error}; ** must stand alone between slashes") from None
+    if not found:
+        raise ConfigError(f"{pattern!r}: is not in {folder}{_near(folder, name)}")
+    return sorted({_main_of(path).relative_to(folder).as_posix() for path in found})
+
+
+def _main_of(path: Path) -> Path:
+    """The file that a recording is called by, whichever of its files was named."""
+    for main, other in PAIRS:
+        partner = path.with_name(path.name.removesuffix(other) + main)
+        if path.name.endswith(other) and partner.is_file():
+            return partner
+    if path.suffix == ".toml":
+        return next((path.with_suffix(end) for end in WITH_SIDECAR if path.with_suffix(end).is_file()), path)
+    return path
+
+
+def _exists(path: Path) -> bool:
+    try:
+        return path.exists()
+    except (OSError, ValueError):  # too long for a name, or with a zero byte
+        return False
+
+
+def _near(folder: Path, name: str) -> str:
+    place = (folder / name).parent
+    if not _exists(place) or not place.is_dir():
+        place = folder
+    names = sorted(path.name for path in place.iterdir())
+    close = get_close_matches(Path(name).name, names, n=3, cutoff=0.6)
+    return f"; near in spelling: {', '.join(close)}" if close else f"; {len(names)} others are there"
+
+
+def files_of(path: Path) -> tuple[Path, ...]:
+    """All files that a recording consists of, by the names that its format gives them."""
+    if path.is_dir():
+        return tuple(sorted(inner for inner in path.rglob("*") if inner.is_file()))
+    for pair in PAIRS:
+        for end in pair:
+            if path.name.endswith(end):
+                both = (path.with_name(path.name.removesuffix(end) + other) for other in pair)
+                return tuple(sorted(one for one in both if one.is_file()))
+    if path.suffix in WITH_SIDECAR and path.with_suffix(".toml").is_file():
+        return path, path.with_suffix(".toml")
+    meta = path.with_name(META_NAME)
+    if path.suffix == ".dat" and meta.is_file():
+        return tuple(sorted({path, meta})) if path != meta else tuple(sorted(path.parent.glob("xethru_*.dat")))
+    return (path,)
+
+
+def recording_sha256(folder: Path, recording: str) -> str:
+    """SHA-256 of names and bytes of all files of a recording, hex; a file that cannot be read counts as such."""
+    digest = hashlib.sha256()
+    for path in files_of(folder / recording):
+        try:
+            content = file_sha256(path)
+        except OSError:
+            content = "unreadable"
+        digest.update(f"{path.relative_to(folder).as_posix()}\n{content}\n".encode())
+    return digest.hexdigest()
+
+
+DELIMITERS = ",;\t"
+
+
+@dataclass(frozen=True)
+class LabelTable:
+    """Lines of a file of labels.
+
+    Parameters
+    ----------
+    name : str
+        Of the file, for messages.
+    columns : tuple of str
+        In the file's order, in small letters.
+    rows : tuple of (int, dict)
+        Line in the file and cells by column, stripped; empty lines are left out.
+    """
+
+    name: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[int, dict[str, str]], ...]
+
+
+def read_table(path: Path, *, needed: tuple[str, ...]) -> LabelTable:
+    """Table of a CSV file whose first line names the columns.
+
+    Parameters
+    ----------
+    path : Path
+    needed : tuple of str
+        Columns that must be there; they also tell which delimiter is the right one.
+
+    Raises
+    ------
+    ConfigError
+        If the file cannot be read, is no text, has no such columns, or a line has more or fewer cells than the first.
+    """
+    text = _text(path)
+    lines = _cells(path, text, _delimiter(path, text, needed))
+    if not lines:
+        raise ConfigError(f"{path}: is empty; the first line names the columns: {','.join(needed)},subject,...")
+    _, header = lines[0]
+    width = max((n for n, name in enumerate(header, start=1) if name), default=0)
+    columns = tuple(name.lower() for name in header[:width])
+    _check_header(path, columns, needed)
+    rows = []
+    for line, cells in lines[1:]:
+        while len(cells) > width and not cells[-1]:
+            cells.pop()  # delimiters at the end, as spreadsheets leave them
+        if len(cells) != width:
+            raise ConfigError(
+                f"{path}: line {line} has {len(cells)} cells, the first line names {width} columns; put text that "
+                "holds the delimiter between double quotes"
+            )
+        rows.append((line, dict(zip(columns, cells, strict=True))))
+    if not rows:
+        raise ConfigError(f"{path}: has no line after that of the columns")
+    return LabelTable(path.name, columns, tuple(rows))
+
+
+def _text(path: Path) -> str:
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from None
+    wide = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    try:
+        return content.decode("utf-16" if wide else "utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content[: error.start].count(b"\n") + 1
+        raise ConfigError(
+            f"{path}: line {line} is no {'UTF-16' if wide else 'UTF-8'} text; save it as CSV in UTF-8"
+        ) from None
+
+
+def _delimiter(path: Path, text: str, needed: tuple[str, ...]) -> str:
+    """The delimiter that splits the first line into the needed columns; else the one that gives most columns."""
+    found = {one: _cells(path, text, one, most=1) for one in DELIMITERS}
+    headers = {one: lines[0][1] if lines else [] for one, lines in found.items()}
+    fitting = [one for one, header in headers.items() if set(needed) <= {name.lower() for name in header}]
+    return fitting[0] if fitting else max(headers, key=lambda one: len(headers[one]))
+
+
+def _cells(path: Path, text: str, delimiter: str, *, most: int | None = None) -> list[tuple[int, list[str]]]:
+    """Lines that hold anything, with their numbers; a line is numbered by its start."""
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, skipinitialspace=True, strict=True)
+    lines: list[tuple[int, list[str]]] = []
+    before = 0
+    try:
+        for cells in reader:
+            stripped = [cell.strip() for cell in cells]
+            if any(stripped):
+                lines.append((before + 1, stripped))
+            before = reader.line_num
+            if most is not None and len(lines) >= most:
+                break
+    except csv.Error as error:
+        raise ConfigError(f"{path}: line {before + 1} is no CSV: {error}") from None
+    return lines
+
+
+def _check_header(path: Path, columns: tuple[str, ...], needed: tuple[str, ...]) -> None:
+    shown = ", ".join(name or "(no name)" for name in columns)
+    for name in needed:
+        if name not in columns:
+            raise ConfigError(
+                f"{path}: line 1 names no column {name!r}; it names {shown}; {' and '.join(needed)} are needed"
+            )
+    for place, name in enumerate(columns):
+        if not name:
+            raise ConfigError(f"{path}: column {place + 1} has no name in line 1; name it or delete it")
+        if name in columns[:place]:
+            raise ConfigError(f"{path}: line 1 names the column {name!r} twice")
+
 
 COLUMNS = (
     "file", "label", "subject", "split", "start_s", "stop_s", "gate", "nobody", "licence", "citation", "session",

@@ -14,13 +14,11 @@ from typing import Any
 
 from doppelgait.core.config import canonical_json
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
-from doppelgait.dataset.finish import Totals, read_records, shard_names, tally
-from doppelgait.dataset.identity import DATA_VERSION
+from doppelgait.dataset.finish import DATA_VERSION, Totals, read_records, shard_names, tally
 from doppelgait.dataset.importing.config import ImportConfig
 from doppelgait.dataset.importing.examples import import_entry, make_reader
-from doppelgait.dataset.importing.files import recording_sha256
 from doppelgait.dataset.importing.folder import ShardWriter, config_as_dict, finish, log, new_folder
-from doppelgait.dataset.importing.labels import read_labels
+from doppelgait.dataset.importing.labels import read_labels, recording_sha256
 from doppelgait.dataset.importing.splits import PlannedEntry, plan_entries
 
 Progress = Callable[[int, int], None]

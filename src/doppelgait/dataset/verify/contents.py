@@ -1,12 +1,12 @@
-"""What is in a dataset's folder, finished or not, and the plan that it was made from."""
+"""What a verification looks at, and what it found."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -14,13 +14,82 @@ import pandas as pd
 from doppelgait.core.config import validate
 from doppelgait.core.errors import DatasetError, DoppelgaitError
 from doppelgait.dataset.config import PlanConfig
-from doppelgait.dataset.finish import shard_names
-from doppelgait.dataset.identity import DATA_VERSION, SCHEMA_VERSION
+from doppelgait.dataset.finish import DATA_VERSION, SCHEMA_VERSION, shard_names
 from doppelgait.dataset.open import Dataset
 from doppelgait.dataset.plan import Plan, plan_dataset
 from doppelgait.dataset.resolve import ExampleSpec
 from doppelgait.dataset.shard_files import ShardFiles
 from doppelgait.dataset.status import read_description
+
+Progress = Callable[[int, int], None]
+Status = Literal["passed", "warning", "failed", "skipped"]
+
+SHOWN_NAMES = 5
+
+
+@dataclass(frozen=True)
+class Check:
+    """One check.
+
+    Parameters
+    ----------
+    name : str
+    status : {"passed", "warning", "failed", "skipped"}
+        ``warning``: worth a look, the dataset stays valid. ``skipped``: could not be checked; the summary says why.
+    summary : str
+        What was found, in one line.
+    numbers : dict
+        The figures behind it, for JSON.
+    """
+
+    name: str
+    status: Status
+    summary: str
+    numbers: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What a verification found.
+
+    Parameters
+    ----------
+    directory : Path
+    dataset_id : str
+    complete : bool
+        Whether the dataset says that it is.
+    checks : tuple of Check
+    figures : tuple of Path
+    seconds : float
+    """
+
+    directory: Path
+    dataset_id: str
+    complete: bool
+    checks: tuple[Check, ...]
+    figures: tuple[Path, ...]
+    seconds: float
+
+    @property
+    def passed(self) -> bool:
+        """Whether no check failed."""
+        return all(check.status != "failed" for check in self.checks)
+
+    def check(self, name: str) -> Check:
+        """The check of a name."""
+        return next(check for check in self.checks if check.name == name)
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        figures = [str(path) for path in self.figures]
+        return {**asdict(self), "directory": str(self.directory), "figures": figures, "passed": self.passed}
+
+
+def some(names: Sequence[str]) -> str:
+    """The first few of many names."""
+    more = f" and {len(names) - SHOWN_NAMES} more" if len(names) > SHOWN_NAMES else ""
+    return f"{', '.join(map(str, names[:SHOWN_NAMES]))}{more}"
+
 
 MOST_DRAWN = 2000
 """Examples whose distributions are drawn again, at most."""

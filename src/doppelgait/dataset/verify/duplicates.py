@@ -10,9 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.dataset.config import SPLITS
-from doppelgait.dataset.fields import decode
-from doppelgait.dataset.verify.contents import Contents
-from doppelgait.dataset.verify.report import Check, some
+from doppelgait.dataset.shard_files import decode
+from doppelgait.dataset.verify.contents import Check, Contents, some
 from doppelgait.features import FEATURE_UNITS
 
 Float32Array = npt.NDArray[np.float32]

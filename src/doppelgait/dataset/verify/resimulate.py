@@ -12,11 +12,10 @@ import numpy.typing as npt
 import pandas as pd
 
 from doppelgait.core.errors import DoppelgaitWarning
-from doppelgait.dataset.fields import decode
 from doppelgait.dataset.plan import PlannedExample
 from doppelgait.dataset.shard import Arrays, BuildContext, build_planned
-from doppelgait.dataset.verify.contents import Contents
-from doppelgait.dataset.verify.report import Check, some
+from doppelgait.dataset.shard_files import decode
+from doppelgait.dataset.verify.contents import Check, Contents, some
 from doppelgait.dataset.verify.truth import SNR_TOLERANCE_DB
 from doppelgait.features import FEATURE_UNITS
 

@@ -1,0 +1,206 @@
+"""Datasets in other forms: tables, WebDataset, Zarr, SigMF."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from doppelgait.core.config import FrozenModel
+from doppelgait.core.errors import DatasetError, OutputError
+from doppelgait.core.plugins import Group
+from doppelgait.dataset.card import blocked_recordings
+from doppelgait.dataset.config import SPLITS
+from doppelgait.dataset.example import axis_name
+from doppelgait.dataset.open import Dataset
+
+__all__ = ["EXPORTERS", "ExportReport", "export_dataset", "refuse_unreleasable"]
+
+Progress = Callable[[int, int], None]
+Exporter = Callable[["Dataset", Path, tuple[str, ...], Any, Callable[[int], None]], None]
+"""Writes (dataset, empty folder, fields, parameters, done): calls ``done`` with the number of rows done since."""
+
+EXPORTERS: Group[Exporter] = Group("exporter", built_in=("doppelgait.dataset.exporters",), noun="form")
+"""Forms that datasets can be exported in.
+
+Facts of an exporter: ``allowed``, the fields that it can hold (by default all); ``default``, the fields where none are
+named (by default all that the dataset keeps); ``least``, the number of fields that it needs (by default 0).
+"""
+
+SHOWN_FILES = 8
+
+
+@dataclass(frozen=True)
+class ExportReport:
+    """What an export wrote.
+
+    Parameters
+    ----------
+    directory : Path
+    form : str
+    n_rows, n_files, bytes : int
+        Rows of the dataset, files written and their size.
+    """
+
+    directory: Path
+    form: str
+    n_rows: int
+    n_files: int
+    bytes: int
+
+
+def export_dataset(
+    dataset: Dataset, destination: str | Path, *, form: str | Mapping[str, Any] | FrozenModel,
+    fields: Sequence[str] | None = None, release: bool = False, on_progress: Progress | None = None,
+) -> ExportReport:  # fmt: skip
+    """Write a dataset, or a part of it, in another form; the folder appears complete or not at all.
+
+    Next to the data are ``dataset.json``, with what was exported under ``export``, and ``source-card.md``, the card of
+    the source dataset. Arrays are in linear units and single precision.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    destination : path-like
+        Folder to make; it must not be there yet.
+    form : str, table or parameter model
+        Name of an exporter (``parquet``, ``csv``, ``webdataset``, ``zarr``, ``sigmf`` or a plug-in's), or a table with
+        ``kind`` and its parameters: ``{"kind": "webdataset", "examples_per_tar": 500}``.
+    fields : sequence of str, optional
+        Arrays to write; by default none into tables, the baseband into SigMF and all into the others.
+    release : bool
+        The export is meant for others: refuse it where a licence of its sources does not allow that.
+    on_progress : callable, optional
+        Called with (rows done, rows in total).
+
+    Raises
+    ------
+    ConfigError
+        If the form is not known or a parameter is not allowed.
+    DatasetError
+        If a field is not known, the destination is there, there is nothing to export, or ``release`` is
+        asked for and a licence is non-commercial or unknown.
+    OutputError
+        If it cannot be written; nothing is left of it then.
+    """
+    target = Path(destination)
+    parameters = EXPORTERS.parse(form)
+    exporter = EXPORTERS.of(parameters)
+    name, allowed, known = exporter.name, exporter.facts.get("allowed"), dataset.description["fields"]
+    if fields is None:
+        fields = exporter.facts.get("default", tuple(known))
+    for field in fields:
+        if allowed is not None and field not in allowed:
+            raise DatasetError(f"fields: {name} holds {' and '.join(allowed) or 'no arrays'} only, not {field!r}")
+    dataset.check_fields(fields)
+    chosen = tuple(dict.fromkeys(fields))
+    if len(chosen) < exporter.facts.get("least", 0):
+        raise DatasetError(f"fields: {name} needs {' and '.join(allowed or known)}")
+    if len(dataset) == 0:
+        raise DatasetError(f"{dataset.directory}: nothing is selected, so there is nothing to export")
+    if release:
+        refuse_unreleasable(dataset)
+    done = 0
+
+    def count(rows: int) -> None:
+        nonlocal done
+        done += rows
+        if on_progress is not None:
+            on_progress(done, len(dataset))
+
+    with _new_folder(target) as partial:
+        exporter.run(dataset, partial, chosen, parameters, count)
+        counts = {str(split): int(n) for split, n in dataset.index["split"].value_counts().sort_index().items()}
+        export = {"form": name, "fields": chosen, "rows": counts}
+        text = json.dumps({**dataset.description, "export": export}, indent=2)
+        (partial / "dataset.json").write_text(text + "\n", encoding="utf-8")
+        card = dataset.directory / "README.md"
+        if card.is_file():
+            shutil.copyfile(card, partial / "source-card.md")
+    files = [path for path in target.rglob("*") if path.is_file()]
+    return ExportReport(target, name, len(dataset), len(files), sum(path.stat().st_size for path in files))
+
+
+def refuse_unreleasable(dataset: Dataset) -> None:
+    """A :class:`DatasetError` that names every recording of a dataset that its licence keeps from being handed on.
+
+    Everybody who is in a scene counts, selected or not: the echoes of all are in its arrays.
+    """
+    whole = pd.read_parquet(dataset.directory / "index.parquet")
+    names = blocked_recordings(whole[whole["scene_id"].isin(dataset.index["scene_id"])])
+    if names:
+        more = f" and {len(names) - SHOWN_FILES} more" if len(names) > SHOWN_FILES else ""
+        raise DatasetError(
+            f"{dataset.directory}: cannot be released, since recordings have a non-commercial or unknown licence: "
+            f"{', '.join(names[:SHOWN_FILES])}{more}; state their licences under [[sources]], or leave them out"
+        )
+
+
+@contextmanager
+def _new_folder(target: Path) -> Iterator[Path]:
+    """Folder beside ``target`` that takes its name when the block ends well and is removed if not."""
+    partial = target.with_name(target.name + ".partial")
+    if target.exists():
+        raise DatasetError(f"{target}: is there already; nothing is overwritten, choose another folder")
+    try:
+        partial.mkdir(parents=True)
+    except FileExistsError:
+        raise DatasetError(f"{partial}: another export runs here or was interrupted; delete it and try again") from None
+    except OSError as error:
+        raise OutputError(f"{target}: cannot be written: {error}") from None
+    try:
+        yield partial
+        partial.rename(target)
+    except (OSError, OutputError) as error:
+        cause = (
+            error.__context__ if isinstance(error, OutputError) else error
+        )  # the writer of a form named its own file
+        raise OutputError(f"{target}: cannot be written: {cause}; nothing is left of the export") from None
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+PLACES = ("shard", "row", "shard_sha256")
+"""Columns that say where a row's arrays are in the dataset itself."""
+
+
+def splits_of(dataset: Dataset) -> Iterator[tuple[str, npt.NDArray[np.int64]]]:
+    """Splits that have rows, and those rows."""
+    for split in SPLITS:
+        rows = np.flatnonzero((dataset.index["split"] == split).to_numpy(dtype=bool))
+        if rows.size:
+            yield split, rows
+
+
+def flat_index(dataset: Dataset) -> pd.DataFrame:
+    """The index without places in shard files, with ``class_number`` behind the label."""
+    table = dataset.index.drop(columns=[name for name in PLACES if name in dataset.index])
+    table.insert(list(table.columns).index("label") + 1, "class_number", dataset.class_numbers())
+    return table
+
+
+def arrays_of(dataset: Dataset, row: int, fields: tuple[str, ...]) -> dict[str, npt.NDArray[np.generic]]:
+    """Arrays of a row in linear units and their axes by name; a field without axes in its shard comes alone."""
+    arrays: dict[str, npt.NDArray[np.generic]] = {}
+    for name in fields:
+        arrays[name] = dataset.array(name, row)
+        for dim in dataset.description["fields"][name]["dims"]:
+            axis = axis_name(name, dim)
+            values = None if axis is None else dataset.stored(row, axis)
+            if axis is not None and values is not None:
+                arrays[axis] = values
+    return arrays
+
+
+def file_name(example_id: str) -> str:
+    """Name for the files of an example: its id, with everything but letters, digits, ``_`` and ``-`` escaped."""
+    return quote(example_id, safe="").replace(".", "%2E").replace("~", "%7E")

@@ -1,0 +1,331 @@
+"""The built-in exporters: Parquet, CSV, WebDataset, Zarr, SigMF."""
+
+from __future__ import annotations
+
+import io
+import json
+import tarfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+import xarray as xr
+from pydantic import Field
+
+from doppelgait.core.config import FrozenModel
+from doppelgait.core.errors import DatasetError
+from doppelgait.core.labels import COORDINATE_UNITS
+from doppelgait.core.plugins import plugin
+from doppelgait.dataset.example import axis_name, plain_row, radar_of, unit_of
+from doppelgait.dataset.export import arrays_of, file_name, flat_index, splits_of
+from doppelgait.dataset.open import Dataset, stack
+from doppelgait.dataset.shard_files import AXIS_UNITS
+from doppelgait.radar.readers.sigmf_write import write_sigmf
+from doppelgait.radar.recording import Recording, TargetTruth
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+
+VALUES = "_values"
+
+
+class Csv(FrozenModel):
+    """One CSV table without arrays."""
+
+    kind: Literal["csv"] = "csv"
+
+
+class Parquet(FrozenModel):
+    """One Parquet file per split.
+
+    Parameters
+    ----------
+    rows_per_group : int
+        Rows of a group of a file with arrays, which are in memory together.
+    """
+
+    kind: Literal["parquet"] = "parquet"
+    rows_per_group: int = Field(default=100, ge=1, le=1_000_000)
+
+
+class WebDataset(FrozenModel):
+    """Tar files in which the files of an example follow each other and share a name.
+
+    Parameters
+    ----------
+    examples_per_tar : int
+    """
+
+    kind: Literal["webdataset"] = "webdataset"
+    examples_per_tar: int = Field(default=1000, ge=1, le=1_000_000)
+
+
+class Zarr(FrozenModel):
+    """A Zarr store, version 3 of the format.
+
+    Parameters
+    ----------
+    examples_per_file : int
+        Examples in one file (a Zarr shard); each is a chunk of its own in it.
+    """
+
+    kind: Literal["zarr"] = "zarr"
+    examples_per_file: int = Field(default=64, ge=1, le=1_000_000)
+
+
+class Sigmf(FrozenModel):
+    """One SigMF recording per scene."""
+
+    kind: Literal["sigmf"] = "sigmf"
+
+
+@plugin("exporter", parameters=Csv, allowed=(), default=())
+def write_csv(
+    dataset: Dataset, folder: Path, fields: tuple[str, ...], parameters: Csv, done: Callable[[int], None]
+) -> None:
+    """``index.csv``: one line per row with a header; empty for unknown; every number as exactly as it is."""
+    table = flat_index(dataset)
+    table.to_csv(folder / "index.csv", index=False, lineterminator="\n")
+    done(len(table))
+
+
+@plugin("exporter", parameters=Parquet, default=())
+def write_parquet(
+    dataset: Dataset, folder: Path, fields: tuple[str, ...], parameters: Parquet, done: Callable[[int], None]
+) -> None:
+    """One ``SPLIT.parquet`` per split: the index, and every field as a list ``FIELD_values`` with its ``FIELD_shape``.
+
+    Rows of an array follow each other (C order); a complex number is two numbers, so that its shape ends with 2. Axes
+    are lists, too. Units stand in the metadata of the columns, the description of the fields in that of the file.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    table = flat_index(dataset)
+    schema = pa.Schema.from_pandas(table, preserve_index=False)  # of all: a column empty in one split has its type
+    size = parameters.rows_per_group
+    for split, rows in splits_of(dataset):
+        writer = None
+        try:
+            for part in [rows[first : first + size] for first in range(0, rows.size, size)] if fields else [rows]:
+                group = pa.Table.from_pandas(table.iloc[part], schema=schema, preserve_index=False)
+                for name, column in _array_columns(dataset, part, fields).items():
+                    group = group.append_column(name, column)
+                group = _with_units(group, dataset)
+                writer = writer or pq.ParquetWriter(folder / f"{split}.parquet", group.schema, compression="zstd")
+                writer.write_table(group)
+                done(len(part))
+        finally:
+            if writer is not None:
+                writer.close()
+
+
+def _array_columns(dataset: Dataset, rows: npt.NDArray[np.int64], fields: tuple[str, ...]) -> dict[str, pa.ListArray]:
+    import pyarrow as pa
+
+    found = [arrays_of(dataset, int(row), fields) for row in rows] if fields else []
+    columns: dict[str, Any] = {}
+    for name in dict.fromkeys(name for arrays in found for name in arrays):
+        values = [arrays.get(name, np.empty(0)) for arrays in found]
+        values = [  # complex numbers as pairs along a new last axis
+            np.ascontiguousarray(v)[..., None].view(v.real.dtype) if v.dtype.kind == "c" else v for v in values
+        ]
+        offsets = np.concatenate([[0], np.cumsum([v.size for v in values])]).astype(np.int32)
+        column = pa.ListArray.from_arrays(offsets, np.concatenate([v.ravel() for v in values]))
+        columns[f"{name}{VALUES}" if name in fields else name] = column
+        if name in fields:
+            columns[f"{name}_shape"] = pa.array([v.shape for v in values], type=pa.list_(pa.int64()))
+    return columns
+
+
+def _with_units(table: pa.Table, dataset: Dataset) -> pa.Table:
+    """Table with the unit of every column of numbers in its metadata."""
+    import pyarrow as pa
+
+    fields = dataset.description["fields"]
+    shapes = {f"{name}_shape" for name in fields}
+    columns = []
+    for column in table.schema:
+        number = pa.types.is_floating(column.type) or (pa.types.is_list(column.type) and column.name not in shapes)
+        field = column.name.removesuffix(VALUES)
+        unit = fields[field]["units"] if field in fields and field != column.name else unit_of(column.name)
+        columns.append(column.with_metadata({"unit": unit}) if number else column)
+    facts = json.dumps({"id": dataset.description["id"], "classes": dataset.description["classes"], "fields": fields})
+    return table.cast(pa.schema(columns, metadata={**(table.schema.metadata or {}), b"doppelgait": facts.encode()}))
+
+
+@plugin("exporter", parameters=WebDataset)
+def write_webdataset(
+    dataset: Dataset, folder: Path, fields: tuple[str, ...], parameters: WebDataset, done: Callable[[int], None]
+) -> None:
+    """``SPLIT-NNNNNN.tar``; of every example ``ID.FIELD.npy``, its axes, ``ID.json`` (its row) and ``ID.cls``.
+
+    The same dataset gives the same bytes: no time, no user. Dots of an id are escaped: the first one ends the key.
+    """
+    table, numbers = flat_index(dataset), dataset.class_numbers()
+    for split, rows in splits_of(dataset):
+        for tar_number, first in enumerate(range(0, rows.size, parameters.examples_per_tar)):
+            with tarfile.open(folder / f"{split}-{tar_number:06d}.tar", "w", format=tarfile.PAX_FORMAT) as tar:
+                for row in rows[first : first + parameters.examples_per_tar]:
+                    key = file_name(str(table["id"].iat[row]))
+                    for name, values in arrays_of(dataset, int(row), fields).items():
+                        buffer = io.BytesIO()
+                        np.save(buffer, values, allow_pickle=False)
+                        _add(tar, f"{key}.{name}.npy", buffer.getvalue())
+                    facts = plain_row(table.iloc[row].to_dict())
+                    _add(tar, f"{key}.json", json.dumps(facts, allow_nan=False).encode())
+                    _add(tar, f"{key}.cls", str(numbers[row]).encode())
+                    done(1)
+
+
+def _add(tar: tarfile.TarFile, name: str, content: bytes) -> None:
+    entry = tarfile.TarInfo(name)  # time 0, no user and no group
+    entry.size = len(content)
+    tar.addfile(entry, io.BytesIO(content))
+
+
+@plugin("exporter", parameters=Zarr)
+def write_zarr(
+    dataset: Dataset, folder: Path, fields: tuple[str, ...], parameters: Zarr, done: Callable[[int], None]
+) -> None:
+    """``dataset.zarr`` with the groups ``SPLIT/index`` and ``SPLIT/FIELD``.
+
+    Every column of the index is an array (example). A field is an array (example, ...) with the dimensions of the
+    library and its axes beside it: a coordinate of its dimension where all examples of the split share it, else an
+    array (example, ...) with the unit in its name. Where the shapes of a field differ in a split, every example has a
+    group ``SPLIT/FIELD/ID`` instead.
+
+    Raises
+    ------
+    DatasetError
+        If zarr is not installed.
+    """
+    try:
+        import zarr
+    except ImportError:
+        raise DatasetError("zarr is not installed; install it with pip install 'doppelgait[zarr]'") from None
+    table = flat_index(dataset)
+    root = zarr.create_group(folder / "dataset.zarr", zarr_format=3)
+    for split, rows in splits_of(dataset):
+        index = root.create_group(f"{split}/index")
+        for name in table.columns:
+            _write_column(index, str(name), table[name].iloc[rows])
+        for name in fields:
+            group = root.create_group(f"{split}/{name}")
+            if len({dataset.shape(int(row), name) for row in rows}) == 1:
+                _write_stacked(group, dataset, name, rows, parameters.examples_per_file)
+            else:
+                _write_ragged(group, dataset, name, rows)
+        done(rows.size)
+
+
+def _write_column(group: Any, name: str, values: pd.Series[Any]) -> None:
+    if pd.api.types.is_numeric_dtype(values):
+        attributes = {"units": unit_of(name)} if pd.api.types.is_float_dtype(values) else {}
+        _whole(group, name, values.to_numpy(), ("example",), attributes)
+    else:
+        texts = values.fillna("").to_numpy(dtype=object).astype(np.dtypes.StringDType())
+        _whole(group, name, texts, ("example",), {})
+
+
+def _write_stacked(
+    group: Any, dataset: Dataset, field: str, rows: npt.NDArray[np.int64], examples_per_file: int
+) -> None:
+    _write_column(group, "id", dataset.index["id"].iloc[rows])
+    facts = dataset.description["fields"][field]
+    for dim in facts["dims"]:
+        axes = [values for row in rows if (values := _axis(dataset, field, dim, int(row))) is not None]
+        if len(axes) < rows.size:
+            continue  # scatterers have no axis
+        attributes = {"units": COORDINATE_UNITS[dim]}
+        if all(np.array_equal(values, axes[0]) for values in axes):
+            _whole(group, dim, axes[0], (dim,), attributes)
+        else:
+            _whole(group, f"{dim}_{AXIS_UNITS[dim]}", np.stack(axes), ("example", dim), attributes)
+    target: Any = None
+    for first in range(0, rows.size, examples_per_file):
+        block = stack(dataset, field, rows[first : first + examples_per_file])
+        if target is None:
+            shape = block.shape[1:]
+            target = group.create_array(
+                field, shape=(rows.size, *shape), dtype=block.dtype, chunks=(1, *shape),
+                shards=(examples_per_file, *shape), dimension_names=("example", *facts["dims"]),
+                attributes={"units": facts["units"]},
+            )  # fmt: skip
+        target[first : first + len(block)] = block
+
+
+def _write_ragged(group: Any, dataset: Dataset, field: str, rows: npt.NDArray[np.int64]) -> None:
+    facts = dataset.description["fields"][field]
+    for row in map(int, rows):
+        own = group.create_group(file_name(str(dataset.index["id"].iat[row])))
+        for dim in facts["dims"]:
+            axis = _axis(dataset, field, dim, row)
+            if axis is not None:
+                _whole(own, dim, axis, (dim,), {"units": COORDINATE_UNITS[dim]})
+        _whole(own, field, dataset.array(field, row), tuple(facts["dims"]), {"units": facts["units"]})
+
+
+def _axis(dataset: Dataset, field: str, dim: str, row: int) -> npt.NDArray[Any] | None:
+    name = axis_name(field, dim)
+    return None if name is None else dataset.stored(row, name)
+
+
+def _whole(
+    group: Any, name: str, values: npt.NDArray[Any], dims: tuple[str, ...], attributes: dict[str, str]
+) -> None:  # fmt: skip
+    """Write a small array as one chunk."""
+    array = group.create_array(
+        name,
+        shape=values.shape,
+        dtype=values.dtype,
+        chunks=tuple(max(1, n) for n in values.shape),
+        dimension_names=dims,
+        attributes=attributes,
+    )
+    array[...] = values
+
+
+@plugin("exporter", parameters=Sigmf, allowed=("baseband",), default=("baseband",), least=1)
+def write_sigmf_folder(
+    dataset: Dataset, folder: Path, fields: tuple[str, ...], parameters: Sigmf, done: Callable[[int], None]
+) -> None:
+    """``SPLIT/SCENE.sigmf-meta`` and ``.sigmf-data``: the baseband of every scene, its targets as annotations.
+
+    Raises
+    ------
+    DatasetError
+        If the dataset does not tell the radar of a scene.
+    """
+    nothing = np.empty(0)
+    description = dataset.description
+    for split, rows in splits_of(dataset):
+        (folder / split).mkdir()
+        scenes = dataset.index["scene_id"].iloc[rows]
+        for scene_id, members in scenes.groupby(scenes, sort=False).groups.items():
+            examples = [dataset.example(int(number)) for number in members]
+            first = examples[0]
+            if not {"slow_time", "range"} <= set(first.baseband.coords):
+                raise DatasetError(f"{first.id}: its baseband has no axes; build the dataset again with this version")
+            annotated = [  # what SigMF keeps of a target: label, gait, subject and kind of motion
+                TargetTruth(
+                    label=example.label, scatterers=xr.Dataset(), centre_range_m=nothing, centre_velocity_mps=nothing,
+                    centre_aspect_rad=nothing, gait=example.row.get("truth_gait") or "",
+                    subject=example.row.get("subject") or "", motion=example.row.get("motion_kind") or "",
+                )
+                for example in examples
+            ]  # fmt: skip
+            recording = Recording(
+                baseband=first.baseband,
+                radar=radar_of(description, first.row),
+                truth=annotated,
+                snr_frame_db=float(np.nan if first.row.get("snr_frame_db") is None else first.row["snr_frame_db"]),
+                seed=description["config"]["dataset"]["seed"],
+                source=f"dataset {description['name']} {description['id']}, {scene_id}",
+            )
+            write_sigmf(recording, folder / split / file_name(str(scene_id)))
+            done(len(examples))

@@ -1,0 +1,405 @@
+"""Leakage tests: subjects in two splits, and classes that nuisance parameters predict.
+
+The classifier is a Bayes classifier on cells: quantile bins of every parameter and coarser ones of every pair, their
+log-likelihood ratios added up. Each parameter and pair counts by how much of its G statistic exceeds twice its degrees
+of freedom, so that those without any say stay silent. Cells do not depend on the labels; learning is counting, and a
+thousand permutations of the labels, each learned anew, are a few matrix products.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from doppelgait.core.errors import DatasetError, DoppelgaitWarning
+from doppelgait.dataset.plan import nuisance_of
+from doppelgait.dataset.resolve import ExampleSpec
+from doppelgait.dataset.verify.contents import Check, Contents, some
+
+Float32Array = npt.NDArray[np.float32]
+IntArray = npt.NDArray[np.int64]
+
+FOLDS = 5
+BINS, PAIR_BINS = 6, 3
+MOST_PAIRED = 40
+"""Of more parameters no pairs are looked at."""
+PRIOR_ROWS = 2.0
+"""Rows that every class is given beforehand, spread as all rows are."""
+ABOVE_CHANCE = 0.1
+"""Allowed part of the way from chance to certainty: 0.55 balanced accuracy of two classes, 0.4 of three."""
+LEVEL = 1e-3
+PERMUTATIONS = 1000
+"""1 in 1001 is below the level: none of them may do as well."""
+AT_A_TIME = 100
+LEAST_GROUPS = 5
+
+
+@dataclass(frozen=True)
+class Guess:
+    """How well classes were guessed.
+
+    Parameters
+    ----------
+    n_rows, n_parameters : int
+    accuracy, allowed : float
+        Mean balanced accuracy of the folds, and what is allowed; NaN where nothing could be judged.
+    p_value : float
+        Share of permutations that do as well, this one counted.
+    telling : tuple of (str, float)
+        Parameters by the balanced accuracy that each gives alone, largest first.
+    reason : str
+        Why nothing could be judged.
+    """
+
+    n_rows: int
+    n_parameters: int
+    accuracy: float
+    allowed: float
+    p_value: float = 1.0
+    telling: tuple[tuple[str, float], ...] = ()
+    reason: str = ""
+
+    @property
+    def leaks(self) -> bool:
+        """Whether the classes can be told, beyond chance."""
+        return self.accuracy > self.allowed and self.p_value < LEVEL
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        known = {**asdict(self), "telling": dict(self.telling)}
+        return {name: None if value != value else value for name, value in known.items()}
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Cells of the rows of a table.
+
+    Parameters
+    ----------
+    members : ndarray of float32, shape (n, n_cells)
+        1 in the cell of every term that a row is in.
+    starts : ndarray of int, shape (n_terms,)
+        First cell of every term: a parameter or a pair.
+    """
+
+    members: Float32Array
+    starts: IntArray
+
+
+def guess_classes(table: pd.DataFrame, rng: np.random.Generator) -> Guess:
+    """Guess ``label`` from all other columns but ``group``, in folds that keep groups together.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Numbers and texts; a missing value is a value.
+    rng : Generator
+        For folds and permutations.
+    """
+    names = [str(name) for name in table.columns if name not in ("label", "group")]
+    labels, _ = pd.factorize(table["label"], sort=True)
+    groups, _ = pd.factorize(table["group"])
+    n_classes = int(labels.max()) + 1
+    allowed = 1.0 / n_classes + ABOVE_CHANCE * (1.0 - 1.0 / n_classes)
+    fewest = min(len(set(groups[labels == n].tolist())) for n in range(n_classes))
+    if fewest < LEAST_GROUPS:
+        words = f"too few groups: {fewest} in the smallest class, {LEAST_GROUPS} are needed"
+        return Guess(len(table), len(names), float("nan"), allowed, reason=words)
+    folds = rng.permutation(int(groups.max()) + 1)[groups] % FOLDS
+    columns = [table[name] for name in names]
+    cells = cells_of(columns)
+    accuracy = float(scores(cells, folds, labels[:, None])[0])
+    better = 0
+    for start in range(0, PERMUTATIONS, AT_A_TIME):
+        count = min(AT_A_TIME, PERMUTATIONS - start)
+        drawn = np.column_stack([permuted(labels, groups, rng) for _ in range(count)])
+        better += int((scores(cells, folds, drawn) >= accuracy - 1e-12).sum())
+    alone = [
+        (name, float(scores(cells_of([c]), folds, labels[:, None])[0])) for name, c in zip(names, columns, strict=True)
+    ]
+    telling = sorted(alone, key=lambda entry: -entry[1])
+    return Guess(len(table), len(names), accuracy, allowed, (better + 1) / (PERMUTATIONS + 1), tuple(telling))
+
+
+def cells_of(columns: Sequence[pd.Series]) -> Cells:
+    """Cells of every column and, of up to :data:`MOST_PAIRED`, of every pair."""
+    terms = [bins_of(column, BINS) for column in columns]
+    if len(columns) <= MOST_PAIRED:
+        coarse = [bins_of(column, PAIR_BINS) for column in columns]
+        terms += [one * (PAIR_BINS + 1) + two for one, two in combinations(coarse, 2)]
+    parts, starts, first = [], [], 0
+    for term in terms:
+        _, place = np.unique(term, return_inverse=True)
+        parts.append((place[:, None] == np.arange(place.max() + 1)).astype(np.float32))
+        starts.append(first)
+        first += parts[-1].shape[1]
+    return Cells(np.hstack(parts), np.array(starts, dtype=np.int64))
+
+
+def bins_of(column: pd.Series, count: int) -> IntArray:
+    """Quantile bin of every value, from 1; 0 where it is missing. Few different values have a bin each."""
+    if pd.api.types.is_bool_dtype(column) or pd.api.types.is_numeric_dtype(column):
+        values = column.to_numpy(dtype=np.float64, na_value=np.nan)
+    else:
+        codes, _ = pd.factorize(column.where(column.isna(), column.astype(str)), sort=True)
+        values = np.where(codes < 0, np.nan, codes.astype(np.float64))
+    known = ~np.isnan(values)
+    edges = np.unique(values[known])[1:]
+    if edges.size >= count:
+        edges = np.unique(np.quantile(values[known], np.arange(1, count) / count))
+    return np.where(known, 1 + np.searchsorted(edges, values, side="right"), 0)
+
+
+def scores(cells: Cells, folds: IntArray, labels: IntArray) -> npt.NDArray[np.float64]:
+    """Mean balanced accuracy of the folds, each guessed from the others, for each column of labels (n, n_columns)."""
+    n_classes = int(labels.max()) + 1
+    found = []
+    for fold in range(FOLDS):
+        test = folds == fold
+        if test.any() and not test.all():
+            levels = _levels(cells, test, labels[~test], n_classes)
+            found.append(balanced_accuracy(labels[test], levels.argmax(axis=0), n_classes))
+    return np.asarray(np.mean(found, axis=0))
+
+
+def _levels(cells: Cells, test: npt.NDArray[np.bool_], labels: IntArray, n_classes: int) -> Float32Array:
+    """Log-likelihood ratio of every class against all rows, for the rows of a fold; shape (n_classes, n_test, P)."""
+    train = cells.members[~test]
+    spread = (train.mean(axis=0) + 1e-6)[:, None]
+    ratios, strength = [], np.zeros((len(cells.starts), labels.shape[1]), dtype=np.float32)
+    for number in range(n_classes):
+        member = (labels == number).astype(np.float32)
+        counts = train.T @ member
+        ratio = np.log((counts + PRIOR_ROWS * spread) / (member.sum(axis=0) + PRIOR_ROWS) / spread)
+        strength += 2.0 * np.add.reduceat(counts * ratio, cells.starts, axis=0)
+        ratios.append(ratio)
+    sizes = np.diff(np.append(cells.starts, cells.members.shape[1]))
+    freedom = ((sizes - 1) * (n_classes - 1))[:, None]
+    weight = np.maximum(1.0 - 2.0 * freedom / np.maximum(strength, 1e-9), 0.0).repeat(sizes, axis=0)
+    return np.stack([cells.members[test] @ (weight * ratio).astype(np.float32) for ratio in ratios])
+
+
+def balanced_accuracy(labels: IntArray, guesses: IntArray, n_classes: int) -> npt.NDArray[np.float64]:
+    """Mean over the classes that occur of the share of their rows that is right, for each column."""
+    hits, present = np.zeros(labels.shape[1]), np.zeros(labels.shape[1])
+    for number in range(n_classes):
+        member = labels == number
+        count = member.sum(axis=0)
+        hits += (member & (guesses == number)).sum(axis=0) / np.maximum(count, 1)
+        present += count > 0
+    return np.asarray(hits / present)
+
+
+def permuted(labels: IntArray, groups: IntArray, rng: np.random.Generator) -> IntArray:
+    """Labels permuted over groups: among groups of one label each, and within groups of several."""
+    n_groups = int(groups.max()) + 1
+    low, high = np.full(n_groups, labels.max()), np.zeros(n_groups, dtype=labels.dtype)
+    np.minimum.at(low, groups, labels)
+    np.maximum.at(high, groups, labels)
+    given = low.copy()
+    given[low == high] = rng.permutation(low[low == high])
+    pure = (low == high)[groups]
+    drawn = np.where(pure, given[groups], labels)
+    for group in np.flatnonzero(low != high):
+        members = np.flatnonzero(groups == group)
+        drawn[members] = rng.permutation(labels[members])
+    return drawn
+
+
+KINDS = {"group": "groups", "subject": "subjects", "recording": "recordings", "scene_id": "scenes"}
+
+
+def check_groups(contents: Contents) -> Check:
+    """No group, subject, recording or scene may be in two splits; whoever shares a scene is then in one split, too.
+
+    Walkers of models with the same parameters in two splits are a warning: the plan draws nothing, so that training
+    and test meet the same body.
+    """
+    index = contents.index
+    torn: dict[str, list[str]] = {}
+    for key in KINDS:
+        named = index[index[key].fillna("").astype(str) != ""] if key in index else index.iloc[:0]
+        found = _in_two_splits(named, key)
+        if found:
+            torn[key] = found
+    numbers = {"in_two_splits": torn, "groups": int(index["group"].nunique())}
+    if torn:
+        words = "; ".join(f"{KINDS[key]} in more than one split: {some(names)}" for key, names in torn.items())
+        return Check("groups", "failed", words, numbers)
+    same = _same_walkers(index)
+    if same:
+        words = f"{same} rows of models have the parameters of a row in another split; draw their parameters"
+        return Check("groups", "warning", words, {**numbers, "same_walkers": same})
+    return Check("groups", "passed", f"{numbers['groups']} groups, each in one split", numbers)
+
+
+def _in_two_splits(rows: pd.DataFrame, key: str) -> list[str]:
+    """Names in more than one split, each with the splits."""
+    splits = rows.groupby(key)["split"].unique()
+    return [f"{name} ({', '.join(sorted(found))})" for name, found in splits.items() if len(found) > 1]
+
+
+def _same_walkers(index: pd.DataFrame) -> int:
+    models = index[index["source"] == "model"]
+    return int((models.groupby("motion")["split"].transform("nunique") > 1).sum()) if len(models) else 0
+
+
+MEASURED = ("prf_hz", "observation_s", "rcs_total_m2", "gate_error_m", "radar_height_m")
+UNSEEN = ("target.rcs", "rcs_total_m2", "snr_frame_db")
+"""Levels of echoes that an empty room does not have; a class of nobody is judged by the other parameters."""
+MOST_ROWS = 2000
+SHOWN_PARAMETERS = 3
+
+
+def check_nuisance(contents: Contents, drawn: Sequence[ExampleSpec], rng: np.random.Generator) -> Check:
+    """Classes must not be told by PRF, range, bearing, aspect, level, noise, gate error and the like.
+
+    A classifier learns the class from these values, as the plan drew them and as the index states them, and is scored
+    in folds that keep groups together. The check fails where the mean balanced accuracy of the folds exceeds
+    0.55 (of two classes; as far above chance for more) and fewer than 0.1 % of permutations of the labels over the
+    groups do as well (:mod:`doppelgait.dataset.verify.leakage`). Imported recordings are as they are: a warning only.
+    """
+    index = contents.index
+    table = nuisance_table(index, drawn) if drawn else _measured(_some_rows(index, rng))
+    findings = [
+        (words, guess_classes(part, rng))
+        for words, part in _questions(table)
+        if part["label"].nunique() > 1 and len(part.columns) > 2
+    ]
+    if not findings:
+        return Check("nuisance", "skipped", "one class, or no nuisance parameter that differs")
+    numbers = {words: guess.as_dict() for words, guess in findings}
+    told = [_words(words, guess, table) for words, guess in findings if guess.leaks]
+    if told:
+        return Check("nuisance", "warning" if contents.measured else "failed", "; ".join(told), numbers)
+    unclear = [f"{words}: {guess.reason}" for words, guess in findings if guess.reason]
+    if len(unclear) == len(findings):
+        return Check("nuisance", "skipped", "; ".join(unclear), numbers)
+    listed = "; ".join(
+        f"{words} from {guess.n_parameters} parameters of {guess.n_rows} rows: balanced accuracy {guess.accuracy:.2f} "
+        f"(p = {guess.p_value:.2g})"
+        for words, guess in findings
+        if not guess.reason
+    )
+    return Check("nuisance", "passed", f"{listed}{'; not judged: ' + '; '.join(unclear) if unclear else ''}", numbers)
+
+
+def _questions(table: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
+    """Movers among each other by all parameters, and all classes by those that an empty room has, too."""
+    nobody = table["nobody"].to_numpy(dtype=bool)
+    table = table.drop(columns="nobody")
+    movers = _varying(table[~nobody])
+    if not nobody.any():
+        return [("classes", movers)]
+    seen = [name for name in table.columns if not str(name).removeprefix("index.").startswith(UNSEEN)]
+    return [("classes of movers", movers), ("all classes", _varying(table[seen]))]
+
+
+def _varying(table: pd.DataFrame) -> pd.DataFrame:
+    """Label, group and the parameters that differ by more than rounding: no radar sees the sixth digit of a level."""
+    table = table.apply(lambda values: rounded(values) if pd.api.types.is_float_dtype(values) else values)
+    kept = [name for name in table.columns if name in ("label", "group") or table[name].nunique(dropna=False) > 1]
+    return table[kept]
+
+
+def rounded(values: pd.Series) -> pd.Series:
+    """Numbers to five significant digits, which makes one of what was summed up in another order."""
+    numbers = values.to_numpy(dtype=np.float64)
+    known = np.isfinite(numbers) & (numbers != 0)
+    unit = 10.0 ** (np.floor(np.log10(np.abs(numbers[known]))) - 4.0)
+    numbers = numbers.copy()
+    numbers[known] = np.round(numbers[known] / unit) * unit
+    return pd.Series(numbers, index=values.index)
+
+
+def _some_rows(index: pd.DataFrame, rng: np.random.Generator) -> pd.DataFrame:
+    if len(index) <= MOST_ROWS:
+        return index
+    return index.iloc[np.sort(rng.choice(len(index), MOST_ROWS, replace=False))]
+
+
+def nuisance_table(index: pd.DataFrame, drawn: Sequence[ExampleSpec]) -> pd.DataFrame:
+    """Nuisance parameters of examples that were drawn again, and what the index states of them."""
+    flat = drawn_table(drawn).drop(columns=["label", "group"])
+    rows = index.drop_duplicates("id").set_index("id").loc[flat.index]
+    stated = _measured(rows).rename(
+        columns=lambda name: name if name in ("label", "group", "nobody") else f"index.{name}"
+    )
+    if (flat["noise.kind"] == "snr").all():
+        stated["index.snr_frame_db"] = rows["snr_frame_db"]  # of a thermal level of noise the motion is a part of it
+    return pd.concat([stated, flat], axis=1)
+
+
+def drawn_table(drawn: Sequence[ExampleSpec]) -> pd.DataFrame:
+    """Label, group and nuisance parameters of every row of resolved examples, by its identifier."""
+    records, names = [], []
+    for example in drawn:
+        snr_db = example.run.noise.snr_db if example.run.noise.kind == "snr" else np.nan
+        for number, row in enumerate(example.rows):
+            stated = {"label": row.label, "group": example.group, **nuisance_of(example, number)}
+            records.append({**stated, "noise.snr_db": snr_db})
+            names.append(row.id)
+    return pd.DataFrame(records, index=names)
+
+
+def refuse_leaks(drawn: Sequence[ExampleSpec], rng: np.random.Generator) -> None:
+    """A :class:`DatasetError` if the drawn nuisance parameters of a plan tell its classes; nothing is simulated.
+
+    Parameters
+    ----------
+    drawn : sequence of ExampleSpec
+    rng : Generator
+        Folds and permutations.
+    """
+    movers = [e for e in drawn if all(row.source != "none" for row in e.rows)]
+    table = _varying(drawn_table(movers)) if movers else pd.DataFrame({"label": []})
+    if table["label"].nunique() < 2 or len(table.columns) < 3:
+        return
+    guess = guess_classes(table, rng)
+    if guess.leaks:
+        raise DatasetError(f"{_words('classes', guess, table)}; draw them by one law for every class")
+
+
+def warn_of_leaks(drawn: Sequence[ExampleSpec], rng: np.random.Generator) -> None:
+    """A warning of what :func:`refuse_leaks` refuses, for a build that somebody may want all the same."""
+    try:
+        refuse_leaks(drawn, rng)
+    except DatasetError as error:
+        warnings.warn(
+            f"{error}; the dataset is built, but what learns from it learns these", DoppelgaitWarning, stacklevel=3
+        )
+
+
+def _measured(rows: pd.DataFrame) -> pd.DataFrame:
+    kept = rows[["label", "group", *(name for name in MEASURED if name in rows)]].copy()
+    return kept.assign(nobody=(rows["source"] == "none").to_numpy(dtype=bool))
+
+
+def _words(words: str, guess: Guess, table: pd.DataFrame) -> str:
+    telling = [_parameter(name, alone, table) for name, alone in guess.telling[:SHOWN_PARAMETERS]]
+    return (
+        f"{words} are told by nuisance parameters alone: balanced accuracy {guess.accuracy:.2f} (allowed "
+        f"{guess.allowed:.2f}), p = {guess.p_value:.1g}; most telling: {', '.join(telling)}"
+    )
+
+
+def _parameter(name: str, alone: float, table: pd.DataFrame) -> str:
+    """Name of a parameter and what it is like in every class: the median of numbers, else the commonest value."""
+    per_class: list[str] = []
+    for label, part in table.groupby("label")[name]:
+        known: Any = part.dropna()
+        if known.empty:
+            value = "none"
+        elif pd.api.types.is_numeric_dtype(known):
+            value = f"{float(known.median()):.3g}"
+        else:
+            value = str(known.mode().iloc[0])
+        per_class.append(f"{label} {value}")
+    return f"{name.removeprefix('index.')} ({', '.join(per_class)}; alone {alone:.2f})"
