@@ -16,11 +16,11 @@ from xband_measures import FloatArray
 
 from doppelgait.classify.calibrate import Calibration, calibrate
 from doppelgait.classify.learned import Inputs as Values
-from doppelgait.classify.learned import Learned
+from doppelgait.classify.learned import Learned, Part
 from doppelgait.classify.network import Training, train_network
 from doppelgait.classify.patches import Patch
 from doppelgait.classify.scores import auc, balanced_accuracy, clopper_pearson
-from doppelgait.classify.training import Kind, Part, fit
+from doppelgait.classify.training import Kind, fit
 
 Bools = npt.NDArray[np.bool_]
 

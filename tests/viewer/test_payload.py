@@ -9,10 +9,8 @@ import pytest
 
 from doppelgait.pipeline import analyze, parse_run, run_simulation
 from doppelgait.processing import Analysis, gaussian_window
-from doppelgait.viewer.doppler_panel import MOST_FRAMES, range_doppler_payload
-from doppelgait.viewer.images import axis_facts, block_maxima, image_facts
-from doppelgait.viewer.payload import as_json, pack
-from doppelgait.viewer.recording_panel import recording_payload
+from doppelgait.viewer.payload import as_json, axis_facts, block_maxima, image_facts, pack
+from doppelgait.viewer.recording_panel import MOST_FRAMES, range_doppler_payload, recording_payload
 from doppelgait.viewer.run import Run
 from doppelgait.viewer.settings import Settings
 from doppelgait.viewer.target_panel import targets_payload

@@ -103,6 +103,12 @@ def rows_of(dataset: Dataset, other: Dataset | None = None) -> Rows:
             f"a model of it knows {', '.join(known)}"
         )
     group = "group" if "group" in index else "subject"
+    # Groups by name; a model's draw is another body in every dataset, a recording is the same one.
+    names = [part.index[group].to_numpy(dtype=str) for part in datasets]
+    marked = [
+        np.array([f"{number}:{name}" if number and name.startswith("model/") else name for name in part], dtype=str)
+        for number, part in enumerate(names)
+    ]
     return Rows(
         datasets=datasets,
         index=index,
@@ -110,18 +116,8 @@ def rows_of(dataset: Dataset, other: Dataset | None = None) -> Rows:
         place=np.concatenate([np.arange(len(part)) for part in datasets]),
         classes=tuple(known),
         labels=index["label"].map({label: number for number, label in enumerate(known)}).to_numpy(dtype=np.int64),
-        groups=_group_names(datasets, group),
+        groups=np.concatenate(marked),
     )
-
-
-def _group_names(datasets: tuple[Dataset, ...], column: str) -> npt.NDArray[np.str_]:
-    """Groups by name; a model's draw is another body in every dataset, a recording is the same one."""
-    names = [part.index[column].to_numpy(dtype=str) for part in datasets]
-    marked = [
-        np.array([f"{number}:{name}" if number and name.startswith("model/") else name for name in part], dtype=str)
-        for number, part in enumerate(names)
-    ]
-    return np.concatenate(marked)
 
 
 def table_of(rows: Rows, features: str, *, patch: Patch | None = None, motion_folder: Path | None = None) -> Table:

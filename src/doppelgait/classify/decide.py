@@ -171,11 +171,20 @@ def decide(seen: Seen, model: Model, number: int) -> Decision:
     alarm = None
     if model.facts.alarm is not None and threshold is not None and not elsewhere:
         alarm = bool(probability[model.facts.classes.index(model.facts.alarm)] >= threshold)
+    found = {name: seen.columns.get(f"quality_{name}") for name in SHOWN_QUALITY} | {
+        name: value for name, value in seen.conditions.items() if name != "observation_s"
+    }
     return Decision(
-        target=number, label=model.facts.classes[best], probability=float(probability[best]),
+        target=number,
+        label=model.facts.classes[best],
+        probability=float(probability[best]),
         probabilities={name: float(p) for name, p in zip(model.facts.classes, probability, strict=True)},
-        abstained=bool(reason), reason=reason, alarm=alarm, flags=seen.flags, quality=_quality(seen),
-    )  # fmt: skip
+        abstained=bool(reason),
+        reason=reason,
+        alarm=alarm,
+        flags=seen.flags,
+        quality={name: float(value) for name, value in found.items() if value is not None and np.isfinite(value)},
+    )
 
 
 def _inputs(seen: Seen, model: Model, number: int) -> tuple[Any, list[str]]:
@@ -184,7 +193,9 @@ def _inputs(seen: Seen, model: Model, number: int) -> tuple[Any, list[str]]:
         values = np.empty(1, dtype=object)
         values[0] = levels_of(seen.signature, model.learned.patch)
         return values, []
-    columns = {**_six(), "gait_frequency_hz": "gait_frequency_hz"}
+    import pandas as pd
+
+    columns = {**feature_columns(pd.DataFrame(), "six"), "gait_frequency_hz": "gait_frequency_hz"}
     columns |= {name: name for name in model.facts.names if name.startswith("extended_")}
     missing = [name for name in columns.values() if name not in seen.columns]
     if missing:
@@ -198,12 +209,6 @@ def _inputs(seen: Seen, model: Model, number: int) -> tuple[Any, list[str]]:
     return row[None], model.outside(row)
 
 
-def _six() -> dict[str, str]:
-    import pandas as pd
-
-    return feature_columns(pd.DataFrame(), "six")
-
-
 def _reason(seen: Seen, model: Model, probability: float, outside: Sequence[str]) -> str:
     """Why no decision is given; empty if one is."""
     flag = blocking_flag(seen.flags, (*model.facts.blocking, *BLOCKING))  # ours hold for older models too
@@ -215,13 +220,6 @@ def _reason(seen: Seen, model: Model, probability: float, outside: Sequence[str]
 
 
 SHOWN_QUALITY = ("track_range_m", "start_s", "stop_s", "observation_s", "snr_mu_db", "breathing_rate_hz")
-
-
-def _quality(seen: Seen) -> dict[str, Any]:
-    found = {name: seen.columns.get(f"quality_{name}") for name in SHOWN_QUALITY} | {
-        name: value for name, value in seen.conditions.items() if name != "observation_s"
-    }
-    return {name: float(value) for name, value in found.items() if value is not None and np.isfinite(value)}
 
 
 def _warn_of_settings(found: Mapping[str, Any], model: Model) -> None:

@@ -15,10 +15,10 @@ from doppelgait.classify.calibrate import LEAST_ROWS, Calibration, calibrate, cl
 from doppelgait.classify.conditions import beyond, conditions_of_rows, conditions_outside, learnt_conditions, span_words
 from doppelgait.classify.data import Rows, Table, rows_of, table_of
 from doppelgait.classify.document import answers_table, document_of
-from doppelgait.classify.learned import FloatArray
+from doppelgait.classify.learned import FloatArray, Part
 from doppelgait.classify.model import BLOCKING, Facts, Model, blocking_flag
 from doppelgait.classify.scorecard import ALARM_CLASS, DETECTED_SHARE, Answers
-from doppelgait.classify.training import BASELINES, MODELS, Kind, Part, fit, kind_of
+from doppelgait.classify.training import BASELINES, MODELS, fit, kind_of
 from doppelgait.classify.validate import Fold, cross_validation, hold_back, leave_out, own_splits, refuse_shared
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.rng import rng
@@ -113,7 +113,13 @@ def evaluate(
         raise DatasetError(f"{dataset.directory}: no model can be trained: {'; '.join(skipped)}")
     whole = [*folds, _whole(rows, seed)] if keep and (n_folds or left_out) else folds
     if keep:
-        _check_choice(tables, whole)
+        # Refuse to keep the best of several models where there is nothing to choose by.
+        names = [name for name in tables if name in MODELS]
+        if len(names) > 1 and not all(fold.held.size for fold in whole):
+            raise ConfigError(
+                f"--save: no rows can be held back to choose among {', '.join(names)}: a class has too few movers; "
+                "name the one model to keep (--models), or give more data"
+            )
     runs: dict[str, _Run] = {}
     for number, (name, table) in enumerate(tables.items()):
         tick = _tick(on_progress, number * len(whole), len(tables) * len(whole))
@@ -130,16 +136,6 @@ def evaluate(
     document |= {"best_on_held_rows": best, "outside_conditions": outside}
     kept = {name: run.models[-1] for name, run in runs.items() if len(folds) == 1 or len(whole) > len(folds)}
     return Evaluation(document, answers_table(rows, answers), best, kept)
-
-
-def _check_choice(tables: dict[str, Table], folds: Sequence[Fold]) -> None:
-    """Refuse to keep the best of several models where there is nothing to choose by."""
-    names = [name for name in tables if name in MODELS]
-    if len(names) > 1 and not all(fold.held.size for fold in folds):
-        raise ConfigError(
-            f"--save: no rows can be held back to choose among {', '.join(names)}: a class has too few movers; "
-            "name the one model to keep (--models), or give more data"
-        )
 
 
 def _best(runs: dict[str, _Run]) -> str | None:
@@ -254,7 +250,23 @@ def learn(rows: Rows, table: Table, name: str, fold: Fold, *, seed: int) -> Mode
         calibration = calibrate(learned.log_probability(held.values), held.labels)
     threshold = _alarm_threshold(rows, calibration(learned.log_probability(held.values)), held)
     spans = _spans(train.values, table.names)
-    facts = _facts(rows, table, name, kind, fold, seed).model_copy(
+    first = rows.datasets[0].description
+    config = first.get("config") or {}
+    facts = Facts(
+        name=name,
+        features=kind.features,
+        names=table.names,
+        classes=rows.classes,
+        dataset_id=str(first["id"]),
+        dataset_name=str(first.get("name", "")),
+        version=__version__,
+        n_train=fold.train.size,
+        n_held=fold.held.size,
+        seed=seed,
+        analysis=dict(config.get("analysis") or {}),
+        conditions=learnt_conditions(conditions_of_rows(rows), fold.train),
+        alarm=ALARM_CLASS if ALARM_CLASS in rows.classes else None,
+    ).model_copy(
         update={"alarm_threshold": threshold, "alarm_people": None if threshold is None else _people(rows, fold)}
     )
     return Model(facts, learned, calibration, *spans)
@@ -285,23 +297,14 @@ def _spans(values: Any, names: tuple[str, ...]) -> tuple[FloatArray, FloatArray,
     return lowest, highest, unknown
 
 
-def _facts(rows: Rows, table: Table, name: str, kind: Kind, fold: Fold, seed: int) -> Facts:
-    first = rows.datasets[0].description
-    config = first.get("config") or {}
-    return Facts(
-        name=name, features=kind.features, names=table.names, classes=rows.classes, dataset_id=str(first["id"]),
-        dataset_name=str(first.get("name", "")), version=__version__, n_train=fold.train.size, n_held=fold.held.size,
-        seed=seed, analysis=dict(config.get("analysis") or {}), 
-        conditions=learnt_conditions(conditions_of_rows(rows), fold.train),
-        alarm=ALARM_CLASS if ALARM_CLASS in rows.classes else None,
-    )  # fmt: skip
-
-
 def _answers(rows: Rows, table: Table, model: Model, fold: Fold) -> Answers:
     values = table.values[fold.test]
     probability = model.probability(values)
     index = rows.index.iloc[fold.test]
-    blocked = _blocked(index) | model.beyond(values).any(axis=1)
+    texts = index["flags"].fillna("").tolist()
+    blocked = np.array(
+        [blocking_flag(text.split(";"), BLOCKING) is not None for text in texts], dtype=bool
+    ) | model.beyond(values).any(axis=1)
     for name, found in conditions_of_rows(rows).items():
         blocked |= beyond(found[fold.test], name, model.facts.conditions)
     threshold = np.nan if model.facts.alarm_threshold is None else model.facts.alarm_threshold
@@ -309,11 +312,6 @@ def _answers(rows: Rows, table: Table, model: Model, fold: Fold) -> Answers:
         index, rows.labels[fold.test], rows.groups[fold.test], rows.classes, probability,
         np.full(fold.test.size, threshold), ~blocked & (probability.max(axis=1) >= model.facts.abstain_below),
     )  # fmt: skip
-
-
-def _blocked(index: pd.DataFrame) -> Any:
-    texts = index["flags"].fillna("").tolist()
-    return np.array([blocking_flag(text.split(";"), BLOCKING) is not None for text in texts], dtype=bool)
 
 
 def _joined(rows: Rows, parts: Sequence[Answers], folds: Sequence[Fold]) -> Answers:

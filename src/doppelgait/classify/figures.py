@@ -26,7 +26,7 @@ def figures_of(document: Document) -> Iterator[tuple[str, str, Figure]]:
     yield "confusion", "Rows by class and by what they were taken for.", confusion_maps(document)
     for name in next(iter(document["models"].values()))["roc"]:
         yield (
-            f"roc-{_slug(name)}",
+            f"roc-{''.join(c if c.isalnum() else '-' for c in name)}",
             f"{name} against all others: detected against falsely detected.",
             roc_curves(document, name),
         )
@@ -49,10 +49,6 @@ def figures_of(document: Document) -> Iterator[tuple[str, str, Figure]]:
                 f"{name}: rise of the log loss where a feature is shuffled.",
                 importance_bars(name, model["importance"]),
             )
-
-
-def _slug(text: str) -> str:
-    return "".join(c if c.isalnum() else "-" for c in text)
 
 
 def _looks(document: Document) -> dict[str, dict[str, Any]]:

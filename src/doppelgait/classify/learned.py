@@ -7,7 +7,7 @@ versions of the libraries that trained it.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,13 @@ Inputs = npt.NDArray[Any]
 """Features (n, d), float64 with NaN for unknown; or levels (n,), objects, None for unknown."""
 
 PICTURES_AT_A_TIME = 32
+
+
+class Part(NamedTuple):
+    """Rows to train on: inputs and class numbers."""
+
+    values: Inputs
+    labels: IntArray
 
 
 def log_softmax(scores: FloatArray) -> FloatArray:

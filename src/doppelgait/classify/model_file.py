@@ -105,7 +105,21 @@ def load_model(path: str | Path) -> Model:
         slope, shift = float(arrays["calibration.slope"][0]), arrays["calibration.shift"]
         calibration = Calibration(slope, shift, int(document["calibration_rows"]))
         model = Model(facts, learned, calibration, arrays["lowest"], arrays["highest"], arrays["unknown"])
-        _check(model)
+        # A ValueError unless all parts fit together, so that no answer can fail or never end.
+        n_classes, n_features = len(model.facts.classes), len(model.facts.names)
+        _same(model.calibration.shift.shape, (n_classes,), "calibration.shift")
+        for name in ("lowest", "highest", "unknown"):
+            _same(getattr(model, name).shape, (n_features,), name)
+        if not (0 < model.calibration.slope < np.inf and np.isfinite(model.calibration.shift).all()):
+            raise ValueError("its calibration is no number above 0")
+        if model.facts.alarm is not None and model.facts.alarm not in model.facts.classes:
+            raise ValueError(f"its alarm is for {model.facts.alarm!r}, which is none of its classes")
+        _check_features(model)
+        _check_numbers(vars(model.learned))
+        checks: dict[type, Callable[..., None]] = {
+            Constant: _check_constant, Linear: _check_linear, Trees: _check_trees, Network: _check_network
+        }  # fmt: skip
+        checks[type(model.learned)](model.learned, n_classes, n_features)
     except OSError as error:
         raise DatasetError(f"{path}: cannot be read: {error.strerror or error}") from None
     except ConfigError as error:
@@ -144,24 +158,6 @@ def _learned(kind: str, arrays: Arrays, patch: Any) -> Learned:
     known = KINDS[kind]
     learned: Learned = known(**{part.name: arrays[part.name] for part in fields(known)})
     return learned
-
-
-def _check(model: Model) -> None:
-    """A ValueError unless all parts fit together, so that no answer can fail or never end."""
-    n_classes, n_features = len(model.facts.classes), len(model.facts.names)
-    _same(model.calibration.shift.shape, (n_classes,), "calibration.shift")
-    for name in ("lowest", "highest", "unknown"):
-        _same(getattr(model, name).shape, (n_features,), name)
-    if not (0 < model.calibration.slope < np.inf and np.isfinite(model.calibration.shift).all()):
-        raise ValueError("its calibration is no number above 0")
-    if model.facts.alarm is not None and model.facts.alarm not in model.facts.classes:
-        raise ValueError(f"its alarm is for {model.facts.alarm!r}, which is none of its classes")
-    _check_features(model)
-    _check_numbers(vars(model.learned))
-    checks: dict[type, Callable[..., None]] = {
-        Constant: _check_constant, Linear: _check_linear, Trees: _check_trees, Network: _check_network
-    }  # fmt: skip
-    checks[type(model.learned)](model.learned, n_classes, n_features)
 
 
 def _check_features(model: Model) -> None:

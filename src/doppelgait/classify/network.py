@@ -11,9 +11,8 @@ import numpy as np
 from pydantic import Field
 
 from doppelgait.classify.calibrate import class_weights
-from doppelgait.classify.learned import FloatArray, Inputs, Network
+from doppelgait.classify.learned import FloatArray, Inputs, Network, Part
 from doppelgait.classify.patches import Levels, Patch, cut
-from doppelgait.classify.training import Part
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import DatasetError
 
@@ -104,7 +103,13 @@ def train_network(
     weights = class_weights(train.labels, n_classes)
     with _fixed(torch, seed):
         device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
-        model = _model(torch, n_classes, settings.dropout).to(device, memory_format=torch.channels_last)
+        nn, layers, n_in = torch.nn, [], 1
+        for n_out in CHANNELS:
+            layers += [nn.Conv2d(n_in, n_out, 3, padding=1, bias=False), nn.MaxPool2d(2)]
+            layers += [nn.BatchNorm2d(n_out, eps=NORM_EPSILON), nn.ReLU()]
+            n_in = n_out
+        layers += [nn.AdaptiveAvgPool2d(1), nn.Flatten(), nn.Dropout(settings.dropout), nn.Linear(n_in, n_classes)]
+        model = nn.Sequential(*layers).to(device, memory_format=torch.channels_last)
         optimiser = torch.optim.AdamW(model.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay)
         best, best_loss, since = model.state_dict(), np.inf, 0
         for _ in range(min(settings.most_epochs, -(-settings.most_pictures // train.labels.size))):
@@ -139,16 +144,6 @@ def _fixed(torch: Any, seed: int) -> Iterator[None]:
             yield
         finally:
             torch.set_num_threads(threads)
-
-
-def _model(torch: Any, n_classes: int, dropout: float) -> Any:
-    nn, layers, n_in = torch.nn, [], 1
-    for n_out in CHANNELS:
-        layers += [nn.Conv2d(n_in, n_out, 3, padding=1, bias=False), nn.MaxPool2d(2)]
-        layers += [nn.BatchNorm2d(n_out, eps=NORM_EPSILON), nn.ReLU()]
-        n_in = n_out
-    layers += [nn.AdaptiveAvgPool2d(1), nn.Flatten(), nn.Dropout(dropout), nn.Linear(n_in, n_classes)]
-    return nn.Sequential(*layers)
 
 
 def _epoch(

@@ -98,7 +98,10 @@ def levels(signature: xr.DataArray, spec: Patch | None = None) -> Levels:
     """
     spec = spec or Patch()
     power, times_s, rows_mps = _checked(signature)
-    floor = _floor(power)
+    # Mean power of the quietest rows that hold any.
+    rows = np.sort(power.mean(axis=0))
+    rows = rows[rows > 0]
+    floor = float(rows[: max(1, int(QUIET_SHARE * rows.size))].mean()) if rows.size else 0.0
     over_velocity = _averages(power, rows_mps, spec.edges_mps)
     column_s = float(times_s[-1] - times_s[0]) / (times_s.size - 1)
     begin_s = float(times_s[0]) - column_s / 2.0
@@ -158,13 +161,6 @@ def _checked(signature: xr.DataArray) -> tuple[FloatArray, FloatArray, FloatArra
     if not np.isfinite(power).all() or power.min() < 0:
         raise AnalysisError("a patch needs finite power of 0 or more in every cell; levels in dB are no power")
     return power, axes[0], axes[1]
-
-
-def _floor(power: FloatArray) -> float:
-    """Mean power of the quietest rows that hold any."""
-    rows = np.sort(power.mean(axis=0))
-    rows = rows[rows > 0]
-    return float(rows[: max(1, int(QUIET_SHARE * rows.size))].mean()) if rows.size else 0.0
 
 
 def _averages(values: FloatArray, centres: FloatArray, edges: FloatArray) -> FloatArray:

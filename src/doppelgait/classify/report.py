@@ -84,13 +84,20 @@ def page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]]) -> st
     """The page as HTML."""
     data, other = document["dataset"], document["test_dataset"]
     tested = ", ".join(f"{count} {name}" for name, count in document["tested"].items())
+    rows = []
+    for fold in document["folds"]:
+        words = {key: f"{fold[key]['n']} of {fold[key]['movers']} movers" for key in ("train", "held", "test")}
+        rows.append({"fold": fold["name"], **words})
     parts = [
         f"<h1>{escape(str(data['name']))}: classification</h1>",
         f"<p>Learnt from {_dataset(data)}; tested on {_dataset(other) if other else 'rows of it'}: {escape(tested)}. "
         f"Nobody who is tested was learnt from. doppelgait {escape(document['doppelgait_version'])}, seed "
         f"{document['seed']}.</p>",
         *(f'<p class="note">{escape(note)}</p>' for note in document["notes"]),
-        _table(_score_rows(document), baselines={n for n, m in document["models"].items() if m["kind"]["baseline"]}),
+        _table(
+            [{str(key): text for key, text in row.items()} for row in score_table(document)],
+            baselines={n for n, m in document["models"].items() if m["kind"]["baseline"]},
+        ),
         "<p>Balanced accuracy with its 95 % interval over movers (bootstrap; exact where there are few movers or no "
         "errors). <i>Decided</i>: rows that the model does not abstain from, and its balanced accuracy among them. "
         "Grey: what a score must be compared with: the most frequent class (chance); the parameters that must not tell "
@@ -102,7 +109,7 @@ def page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]]) -> st
         ),
         *_breakdowns(document),
         "<h2>Who learnt, who was tested</h2>",
-        _table(_fold_rows(document)),
+        _table(rows),
         *(_plan(part, role) for part, role in ((data, "learnt"), (other, "tested")) if part is not None),
     ]
     head = f"<meta charset='utf-8'><title>{escape(str(data['name']))}: classification</title><style>{STYLE}</style>"
@@ -132,10 +139,6 @@ def _table(rows: Sequence[Mapping[str, Any]], baselines: Iterable[str] = ()) -> 
         for row in rows
     ]  # fmt: skip
     return f"<table><tr>{head}</tr>{''.join(lines)}</table>"
-
-
-def _score_rows(document: Mapping[str, Any]) -> list[dict[str, str]]:
-    return [{str(key): text for key, text in row.items()} for row in score_table(document)]
 
 
 def score_table(document: Mapping[str, Any]) -> list[dict[str, str]]:
@@ -180,7 +183,9 @@ def _alarm(document: Mapping[str, Any]) -> list[str]:
 
 
 def _breakdowns(document: Mapping[str, Any]) -> list[str]:
-    best, parts = _shown(document), []
+    # The model that details are shown of: the best, or the first trained where none can be called so.
+    trained = [name for name, model in document["models"].items() if not model["kind"]["baseline"]]
+    best, parts = str(document["best_on_held_rows"] or trained[0]), []
     for column, models in document["breakdowns"].items():
         rows = [
             {column: entry["value"], "is": entry["label"], "rows": entry["n"], "movers": entry["movers"],
@@ -189,20 +194,6 @@ def _breakdowns(document: Mapping[str, Any]) -> list[str]:
         ]  # fmt: skip
         parts += [f"<h2>{escape(best)} by {escape(column)}</h2>", _table(rows)]
     return parts
-
-
-def _shown(document: Mapping[str, Any]) -> str:
-    """The model that details are shown of: the best, or the first trained where none can be called so."""
-    trained = [name for name, model in document["models"].items() if not model["kind"]["baseline"]]
-    return str(document["best_on_held_rows"] or trained[0])
-
-
-def _fold_rows(document: Mapping[str, Any]) -> list[dict[str, Any]]:
-    rows = []
-    for fold in document["folds"]:
-        words = {key: f"{fold[key]['n']} of {fold[key]['movers']} movers" for key in ("train", "held", "test")}
-        rows.append({"fold": fold["name"], **words})
-    return rows
 
 
 def number(value: float | None, digits: int = 3) -> str:

@@ -8,15 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from doppelgait.classify.calibrate import class_weights
-from doppelgait.classify.learned import Constant, Inputs, IntArray, Learned, Linear, Trees
+from doppelgait.classify.learned import Constant, IntArray, Learned, Linear, Part, Trees
 from doppelgait.core.errors import ConfigError, DatasetError
-
-
-class Part(NamedTuple):
-    """Rows to learn from: inputs and class numbers."""
-
-    values: Inputs
-    labels: IntArray
 
 
 class Kind(NamedTuple):
@@ -112,17 +105,7 @@ def _boosting(train: Part, held: Part, n_classes: int, seed: int) -> Learned:
     with threadpool_limits(1):  # of some thousand rows, threads that wait for each other take longer than one
         model.fit(values, train.labels, sample_weight=class_weights(train.labels, n_classes))
         expected = model.predict_proba(values)
-    found = _trees_of(model, known)
-    if not np.allclose(np.exp(found.log_probability(train.values)), expected, atol=1e-9):
-        raise DatasetError("this version of scikit-learn keeps its trees in another way; install another one")
-    return found
-
-
-def _trees_of(model: Any, columns: IntArray) -> Trees:
-    """Nodes of all trees in one list, of a model that saw these columns.
-
-    The names are scikit-learn's own and may change; what comes out is compared to its answers.
-    """
+    # Nodes of all trees in one list, of a model that saw these columns.
     trees = [[tree.nodes for tree in one_round] for one_round in model._predictors]
     nodes = [part for one_round in trees for part in one_round]
     first = np.cumsum([0, *(part.size for part in nodes[:-1])])
@@ -133,8 +116,8 @@ def _trees_of(model: Any, columns: IntArray) -> Trees:
     def whole(values: Any) -> IntArray:
         return np.where(leaf, 0, values).astype(np.int64)
 
-    return Trees(
-        feature=np.where(leaf, -1, columns[np.where(leaf, 0, every["feature_idx"])]),
+    found = Trees(
+        feature=np.where(leaf, -1, known[np.where(leaf, 0, every["feature_idx"])]),
         threshold=np.where(leaf, 0.0, every["num_threshold"]),
         value=np.where(leaf, every["value"], 0.0),
         unknown_left=whole(every["missing_go_to_left"]),
@@ -143,6 +126,9 @@ def _trees_of(model: Any, columns: IntArray) -> Trees:
         root=first.reshape(len(trees), len(trees[0])).astype(np.int64),
         start=np.ravel(model._baseline_prediction).astype(np.float64),
     )
+    if not np.allclose(np.exp(found.log_probability(train.values)), expected, atol=1e-9):
+        raise DatasetError("this version of scikit-learn keeps its trees in another way; install another one")
+    return found
 
 
 def _network(train: Part, held: Part, n_classes: int, seed: int) -> Learned:

@@ -1,12 +1,14 @@
-"""The viewer's server: which address gives what."""
+"""Who may ask the viewer's server, and what every answer says to the browser."""
 
 from __future__ import annotations
 
+import hmac
 import traceback
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterable, MutableMapping
 from contextlib import asynccontextmanager, nullcontext, suppress
 from functools import partial
 from importlib import resources
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import anyio
@@ -18,17 +20,11 @@ from starlette.responses import Response
 from starlette.routing import Route
 
 from doppelgait.core.errors import ConfigError, DoppelgaitError
-from doppelgait.viewer.doppler_panel import MOST_PER_REQUEST, range_doppler_payload
-from doppelgait.viewer.guard import Guard
-from doppelgait.viewer.payload import as_json
-from doppelgait.viewer.places import without_places
-from doppelgait.viewer.query import Pairs, single, whole_of
-from doppelgait.viewer.recording_panel import recording_payload
-from doppelgait.viewer.reference import Reference, Shelf, parse_reference
+from doppelgait.viewer.payload import as_json, without_folders
+from doppelgait.viewer.recording_panel import MOST_PER_REQUEST, range_doppler_payload, recording_payload, sound_wav
 from doppelgait.viewer.run import Run
-from doppelgait.viewer.session import session_facts
-from doppelgait.viewer.settings import Settings
-from doppelgait.viewer.sound_panel import sound_wav
+from doppelgait.viewer.settings import Pairs, Settings, single, whole_of
+from doppelgait.viewer.source import Reference, Shelf, parse_reference, session_facts
 from doppelgait.viewer.target_panel import targets_payload
 
 if TYPE_CHECKING:
@@ -36,6 +32,117 @@ if TYPE_CHECKING:
 
     from doppelgait.viewer.browse import Browser
     from doppelgait.viewer.source import Opened
+
+Message = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[Message]]
+Send = Callable[[Message], Awaitable[None]]
+App = Callable[[Message, Receive, Send], Awaitable[None]]
+Headers = Iterable[tuple[bytes, bytes]]
+
+MOST_URL_BYTES = 4096
+METHODS = ("GET", "HEAD")
+POLICY = "; ".join(
+    (
+        "default-src 'none'", "script-src 'self'", "style-src 'self'", "img-src 'self' blob: data:",
+        "media-src 'self' blob:", "connect-src 'self'", "base-uri 'none'", "form-action 'none'",
+        "frame-ancestors 'none'",
+    )
+)  # fmt: skip
+"""Content security policy: nothing from elsewhere, no text that becomes script."""
+ANSWER_HEADERS = (
+    (b"content-security-policy", POLICY.encode()),
+    (b"x-content-type-options", b"nosniff"),
+    (b"referrer-policy", b"no-referrer"),
+    (b"cache-control", b"no-store"),
+    (b"cross-origin-resource-policy", b"same-origin"),
+)
+
+
+class Guard:
+    """ASGI middleware that lets through only what the page that this server gave out asks for.
+
+    A page of another site can make the browser ask any port of this computer, and make a name of its own mean
+    127.0.0.1 (DNS rebinding): so the host must be a name of this computer, and the secret token the first part of the
+    path; it is taken off before the request goes on.
+
+    Parameters
+    ----------
+    app : ASGI application
+    token : str
+        Secret of this start, random.
+    port : int
+        Where the server listens.
+    """
+
+    def __init__(self, app: App, *, token: str, port: int) -> None:
+        self.app = app
+        self.token = token.encode()
+        self.hosts = tuple(f"{name}:{port}".encode() for name in ("127.0.0.1", "localhost"))
+
+    async def __call__(self, scope: Message, receive: Receive, send: Send) -> None:
+        """Refuse a request or pass it on."""
+        if scope["type"] != "http":
+            if scope["type"] == "lifespan":
+                await self.app(scope, receive, send)
+            return  # no web sockets: the server closes them when nothing answers
+        guarded = _with_headers(send)
+        fault = self.fault(scope)
+        if fault is not None:
+            await _refuse(guarded, *fault)
+            return
+        inner = scope["path"].removeprefix(f"/{self.token.decode()}")
+        if not inner:
+            await _redirect(guarded, f"/{self.token.decode()}/".encode(), scope["query_string"])
+            return
+        await self.app({**scope, "path": inner, "raw_path": inner.encode(), "root_path": ""}, receive, guarded)
+
+    def fault(self, scope: Message) -> tuple[int, str] | None:
+        """Status and reason of a refusal, None for a request that may pass."""
+        headers = list(scope["headers"])
+        if len(scope.get("raw_path") or scope["path"].encode()) + len(scope["query_string"]) > MOST_URL_BYTES:
+            return 414, f"the address is longer than {MOST_URL_BYTES} bytes"
+        if scope["method"] not in METHODS:
+            return 405, f"{scope['method']} is not allowed; this server only gives: {', '.join(METHODS)}"
+        if _values(headers, b"host") not in [[host] for host in self.hosts]:
+            return 403, "the Host header must name this computer and the port of this server"
+        own = [b"http://" + host for host in self.hosts]
+        origins, sites = _values(headers, b"origin"), _values(headers, b"sec-fetch-site")
+        if any(origin not in own for origin in origins) or any(s not in (b"same-origin", b"none") for s in sites):
+            return 403, "requests from other sites are refused"
+        first = scope["path"].partition("/")[2].partition("/")[0].encode()
+        if not hmac.compare_digest(first, self.token):
+            return 403, "the token is missing or wrong; take the address that the command printed"
+        return None
+
+
+def _values(headers: Headers, name: bytes) -> list[bytes]:
+    return [value.lower() for key, value in headers if key.lower() == name]
+
+
+def _with_headers(send: Send) -> Send:
+    async def guarded(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            message = {**message, "headers": [*message.get("headers", ()), *ANSWER_HEADERS]}
+        await send(message)
+
+    return guarded
+
+
+async def _redirect(send: Send, place: bytes, query: bytes) -> None:
+    """To the page from its address without the last slash, from which the page's own links would lead nowhere."""
+    headers = [(b"location", place + (b"?" + query if query else b"")), (b"content-length", b"0")]
+    await send({"type": "http.response.start", "status": 307, "headers": headers})
+    await send({"type": "http.response.body", "body": b""})
+
+
+async def _refuse(send: Send, status: int, reason: str) -> None:
+    body = as_json({"error": reason})
+    headers = [(b"content-type", b"application/json"), (b"content-length", str(len(body)).encode())]
+    if status == 405:
+        headers.append((b"allow", ", ".join(METHODS).encode()))
+    await send({"type": "http.response.start", "status": status, "headers": headers})
+    await send({"type": "http.response.body", "body": body})
+
 
 T = TypeVar("T")
 Endpoint = Callable[[Request], Awaitable[Response]]
@@ -67,27 +174,6 @@ def make_app(opened: Opened | None, *, token: str, port: int, settings: Settings
     """
     chosen = settings or Settings()
     shelf, lock = Shelf(opened), anyio.Lock()
-    routes = [
-        Route("/", _page),
-        Route("/static/{name}", _static),
-        Route("/api/session", _answer(partial(_session, opened, chosen), JSON)),
-        *_run_routes(shelf, lock),
-        *_dataset_routes(opened),
-    ]
-    app = Starlette(
-        routes=routes,
-        exception_handlers={
-            DoppelgaitError: partial(_on_error, opened=opened),
-            HTTPException: _on_http_error,
-            Exception: _on_fault,
-        },
-        lifespan=partial(_lifespan, shelf=shelf, lock=lock, opened=opened, settings=chosen),
-    )
-    app.router.redirect_slashes = False
-    return Guard(app, token=token, port=port)
-
-
-def _run_routes(shelf: Shelf, lock: anyio.Lock) -> list[Route]:
     table: dict[str, tuple[Callable[[Run, Reference], bytes], tuple[str, ...], str]] = {
         "recording": (_recording, ("clutter",), PAYLOAD),
         "targets": (_targets, ("clutter", "piece"), PAYLOAD),
@@ -95,10 +181,29 @@ def _run_routes(shelf: Shelf, lock: anyio.Lock) -> list[Route]:
         "sound": (_sound, ("clutter", "target", "pitch", "channels"), WAV),
         "scene": (_scene, (), JSON),
     }
-    return [
-        Route(f"/api/{name}", _run_answer(make, names, media, shelf, lock))
-        for name, (make, names, media) in table.items()
+    routes = [
+        Route("/", _page),
+        Route("/static/{name}", _static),
+        Route("/api/session", _answer(partial(_session, opened, chosen), JSON)),
+        *(
+            [
+                Route(f"/api/{name}", _run_answer(make, names, media, shelf, lock))
+                for name, (make, names, media) in table.items()
+            ]
+        ),
+        *_dataset_routes(opened),
     ]
+    app = Starlette(
+        routes=routes,
+        exception_handlers={
+            DoppelgaitError: partial(_on_error, folders=opened.folders if opened else ()),
+            HTTPException: _on_http_error,
+            Exception: _on_fault,
+        },
+        lifespan=partial(_lifespan, shelf=shelf, lock=lock, opened=opened, settings=chosen),
+    )
+    app.router.redirect_slashes = False
+    return Guard(app, token=token, port=port)
 
 
 def _recording(run: Run, reference: Reference) -> bytes:
@@ -242,17 +347,13 @@ def _prepare(shelf: Shelf, opened: Opened | None, settings: Settings) -> None:
     session_facts(opened, settings)
     if opened is None or opened.browser is None:
         with suppress(DoppelgaitError):
-            shelf.run(Reference(_likely(opened), None, {})).targets(None)
+            # Key of the run that the page will ask for first: what was opened, or "Try it".
+            shelf.run(Reference(("try",) if opened is None else (), None, {})).targets(None)
 
 
-def _likely(opened: Opened | None) -> tuple[str | tuple[str, str], ...]:
-    """Key of the run that the page will ask for first: what was opened, or "Try it"."""
-    return ("try",) if opened is None else ()
-
-
-async def _on_error(request: Request, error: Exception, *, opened: Opened | None) -> Response:
+async def _on_error(request: Request, error: Exception, *, folders: tuple[Path, ...]) -> Response:
     """What a parameter or the data do not allow, in the words of the library, without this computer's folders."""
-    return _error(400 if isinstance(error, ConfigError) else 422, without_places(str(error), opened))
+    return _error(400 if isinstance(error, ConfigError) else 422, without_folders(str(error), *folders))
 
 
 async def _on_http_error(request: Request, error: Exception) -> Response:

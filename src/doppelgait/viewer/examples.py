@@ -1,11 +1,12 @@
-"""An example of a dataset opened: its stored arrays, and its recording simulated again."""
+"""What the plan of somebody's dataset may make the viewer do: no huge simulations, no files but those of one folder."""
 
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property
-from pathlib import Path
+from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
 import numpy as np
@@ -17,17 +18,114 @@ from doppelgait.core.errors import DatasetError, DoppelgaitError, DoppelgaitWarn
 from doppelgait.dataset import Dataset, Example, PlanConfig
 from doppelgait.dataset.example import nearest, number_in_plan, plain_row
 from doppelgait.dataset.finish import DATA_VERSION
-from doppelgait.dataset.resolve import ExampleSpec, resolve_example
+from doppelgait.dataset.resolve import ExampleSpec, class_of, resolve, resolve_example
 from doppelgait.dataset.shard import truth_columns
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline import run_simulation
 from doppelgait.pipeline.analyze import truth_gate
+from doppelgait.pipeline.run import RunSpec
 from doppelgait.processing import Analysis
 from doppelgait.radar.recording import Recording
-from doppelgait.viewer.places import without_folders
-from doppelgait.viewer.plan_limits import check_files, check_size
+from doppelgait.radar.waveforms import waveform_of
+from doppelgait.scene.spec import DEFAULT_DURATION_S
+from doppelgait.viewer.payload import without_folders
 from doppelgait.viewer.run import Run, TargetView, harmonics_of
 from doppelgait.viewer.settings import Settings
+
+MOST_SAMPLES = 24_000_000
+"""Pulses times samples per pulse, and pulses times scatterers: 60 s at 1 kHz with 400 range bins."""
+MOST_SECONDS = 300.0
+BODY_SCATTERERS = 40
+"""Scatterers of one body, about the most that a motion has."""
+PATHS_PER_EFFECT = 3
+"""Further echoes of every scatterer that an entry of the environment may bring."""
+PATH_KEYS = ("path", "skeleton")
+"""Options of a motion file that name a file."""
+
+
+def check_size(run: RunSpec) -> None:
+    """Refuse what would take minutes and gigabytes to simulate.
+
+    Raises
+    ------
+    DatasetError
+        If an example has more samples than :data:`MOST_SAMPLES`, or is too long.
+    """
+    scene, radar = run.scene, run.radar
+    seconds = scene.duration_s if scene.duration_s is not None else DEFAULT_DURATION_S
+    pulses = seconds * radar.prf_hz
+    samples = max(radar.n_range_bins, waveform_of(radar).n_samples(radar))
+    scatterers = len(scene.targets) * BODY_SCATTERERS * (1 + PATHS_PER_EFFECT * len(run.environment))
+    if seconds > MOST_SECONDS or pulses * max(samples, scatterers) > MOST_SAMPLES:
+        raise DatasetError(
+            f"too large to simulate here ({seconds:g} s, {pulses:,.0f} pulses of {samples:,} samples, about "
+            f"{scatterers:,} scatterers); up to {MOST_SECONDS:g} s and {MOST_SAMPLES:,} samples are simulated"
+        )
+
+
+def check_files(plan: PlanConfig, number: int, folder: Path | None) -> None:
+    """Refuse an example that takes files from anywhere but the folder that the user named.
+
+    Parameters
+    ----------
+    plan : PlanConfig
+        As the dataset tells it.
+    number : int
+        Of the example.
+    folder : Path or None
+        None where the user named no folder: then no file is used.
+
+    Raises
+    ------
+    DatasetError
+        Naming the file.
+    """
+    motion = resolve(
+        plan.classes[class_of(plan, number)[0]].motion,
+        seed=plan.dataset.seed, example=number, key="motion", turn=class_of(plan, number)[1],
+    )  # fmt: skip
+    named = [
+        *_motion_files([motion, plan.companions, plan.background]),
+        *[(text, "preset") for text in _texts(plan.radar.get("preset")) if text.endswith(".toml")],
+    ]
+    for name, start in named:
+        if folder is None:
+            raise DatasetError(
+                f"its simulation needs {_last(name)!r}, which is no part of the dataset: start the viewer with "
+                "--motion-folder FOLDER to see its recording"
+            )
+        # Whether a path is no relative one on some system: looking whether //HOST/... exists already asks that host.
+        windows = PureWindowsPath(name)
+        if (bool(windows.drive or windows.root) or PurePosixPath(name).is_absolute() or ".." in windows.parts) or not (
+            Path(name) if start == "skeleton" else folder / name
+        ).resolve().is_relative_to(folder.resolve()):
+            raise DatasetError(f"{_last(name)!r} of its plan lies outside of --motion-folder and is not opened")
+
+
+def _motion_files(value: Any) -> Iterator[tuple[str, str]]:
+    """Files that a motion, or one of the choices of a motion, names, each with its key."""
+    if isinstance(value, Mapping):
+        if "file" in _texts(value.get("kind")):
+            for key in PATH_KEYS:
+                yield from ((text, key) for text in _texts(value.get(key)))
+        value = list(value.values())
+    if isinstance(value, list | tuple):
+        for inner in value:
+            yield from _motion_files(inner)
+
+
+def _texts(value: Any) -> list[str]:
+    """All texts in a value: the value, or the choices of a distribution."""
+    if isinstance(value, Mapping):
+        value = list(value.values())
+    if isinstance(value, list | tuple):
+        return [text for inner in value for text in _texts(inner)]
+    return [value] if isinstance(value, str) else []
+
+
+def _last(name: str) -> str:
+    return PureWindowsPath(name).name or name
+
 
 FACT_TOLERANCE = 1e-2
 """A fact of the truth that differs by more, relatively, was not made by the motion files that are here now."""

@@ -1,14 +1,17 @@
-"""What the server answers with: a JSON header and binary arrays in one body."""
+"""Answers of the server: JSON header and binary arrays, images, errors without folders."""
 
 from __future__ import annotations
 
 import json
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
+from doppelgait.core.units import doppler_to_velocity_mps, power_to_db
 
 MAGIC = b"DGV1"
 ALIGNMENT = 8
@@ -66,3 +69,147 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return str(value)
+
+
+def without_folders(text: str, *folders: Path) -> str:
+    """Text with some folders, as given or in full, and the working folder by their last name.
+
+    Parameters
+    ----------
+    text : str
+    *folders : Path
+    """
+    forms = {str(form): folder.resolve().name for folder in (*folders, Path()) for form in (folder, folder.resolve())}
+    for form in sorted(forms, key=len, reverse=True):  # a folder before those around it
+        if len(form) > 1:  # neither "." nor "/"
+            text = text.replace(form, forms[form])
+    return text
+
+
+FloatArray = npt.NDArray[np.floating[Any]]
+
+CODES = 65535
+DEEPEST_DB = 160.0
+"""Levels this far below the highest and deeper are shown as one: steps of 160 dB / 65535 keep 0.01 dB."""
+MOST = (2000, 600)
+MEDIAN_OF = 500_000
+"""Cells of a picture that its median is taken from, about."""
+AUTO_DB_RANGE = (20.0, 40.0)
+"""Smallest and largest range of levels that is shown at first, as in the figures."""
+Axis = dict[str, Any]
+
+
+def level_db(power: npt.ArrayLike) -> FloatArray:
+    """Level in dB of powers, in their own precision; 0 and below give -inf."""
+    return np.asarray(power_to_db(np.maximum(np.asarray(power), 0.0)))
+
+
+def axis_facts(name: str, unit: str, values: npt.ArrayLike) -> Axis:
+    """Uniform axis as the page takes it: first value, step and number.
+
+    Parameters
+    ----------
+    name, unit : str
+    values : array_like, shape (n,)
+        Even; of one value the step is 0.
+    """
+    axis = np.asarray(values, dtype=np.float64)
+    step = float((axis[-1] - axis[0]) / (axis.size - 1)) if axis.size > 1 else 0.0
+    return {"name": name, "unit": unit, "first": float(axis[0]), "step": step, "n": int(axis.size), "block": 1}
+
+
+def doppler_facts(doppler_hz: npt.ArrayLike, wavelength_m: float) -> Axis:
+    """Doppler axis with the radial velocity as its second scale; without one where the wavelength is not known."""
+    axis = axis_facts("Doppler", "Hz", doppler_hz)
+    if math.isfinite(wavelength_m):
+        scale = float(doppler_to_velocity_mps(1.0, wavelength_m))
+        axis["second"] = {"name": "velocity", "unit": "m/s", "scale": scale}
+    return axis
+
+
+def image_facts(
+    name: str, power: FloatArray, x: Axis, y: Axis, *, unit: str, most: tuple[int, int] = MOST
+) -> tuple[dict[str, Any], npt.NDArray[np.uint16]]:
+    """Picture of levels.
+
+    Parameters
+    ----------
+    name : str
+        Name of its array in the payload.
+    power : ndarray, shape (x.n, y.n)
+        Its levels, 10 log10, are shown; 0, negative powers and NaN as the lowest.
+    x, y : dict
+        Axes from :func:`axis_facts`.
+    unit : str
+        Of the levels, with their reference.
+    most : (int, int)
+        Most columns and rows; more are put together in blocks, of which the strongest cell stays.
+
+    Returns
+    -------
+    facts : dict
+        ``array``, ``x``, ``y``, ``db`` (levels of code 0 and 65535), ``shown_db`` (what to show at first) and ``unit``.
+    codes : ndarray of uint16, shape (x.n, y.n)
+    """
+    blocks = [block_of(size, limit) for size, limit in zip(power.shape, most, strict=True)]
+    strongest = level_db(
+        block_maxima(power, *blocks)
+    )  # of the powers: a logarithm of every cell takes ten times as long
+    low, high = level_span_db(strongest)
+    facts = {
+        "array": name,
+        "x": _in_blocks(x, blocks[0]),
+        "y": _in_blocks(y, blocks[1]),
+        "db": [low, high],
+        "shown_db": shown_range_db(level_db(some_of(power)), high),
+        "unit": unit,
+    }
+    return facts, encode(strongest, low, high)
+
+
+def block_of(size: int, most: int) -> int:
+    """Cells that are put together so that no more than ``most`` blocks are left."""
+    return max(1, math.ceil(size / most))
+
+
+def some_of(values: FloatArray) -> FloatArray:
+    """Every so many-th column of a large array, enough for its median."""
+    return values[:: max(1, values.size // MEDIAN_OF)]
+
+
+def block_maxima(values: FloatArray, columns: int, rows: int) -> FloatArray:
+    """Strongest cell of every block of ``columns`` times ``rows`` cells; the last blocks may hold fewer."""
+    for axis, block in enumerate((columns, rows)):
+        if block > 1:
+            values = np.maximum.reduceat(values, np.arange(0, values.shape[axis], block), axis=axis)
+    return values
+
+
+def _in_blocks(axis: Axis, block: int) -> Axis:
+    """Axis of the centres of blocks."""
+    if block == 1:
+        return axis
+    first = axis["first"] + (block - 1) / 2 * axis["step"]
+    return {**axis, "first": first, "step": block * axis["step"], "n": math.ceil(axis["n"] / block), "block": block}
+
+
+def level_span_db(levels_db: FloatArray) -> tuple[float, float]:
+    """Lowest and highest finite level, at most 160 dB apart; -1 and 0 dB where none is finite."""
+    finite = levels_db[np.isfinite(levels_db)]
+    if not finite.size:
+        return -1.0, 0.0
+    high = float(finite.max())
+    return max(min(float(finite.min()), high - 1.0), high - DEEPEST_DB), high
+
+
+def shown_range_db(levels_db: FloatArray, high_db: float) -> list[float]:
+    """Levels to show at first: from 3 dB below their median, so that noise is dark, but 20 to 40 dB."""
+    finite = levels_db[np.isfinite(levels_db)]
+    noise_db = float(np.median(finite)) - 3.0 if finite.size else -math.inf
+    return [high_db - float(np.clip(high_db - noise_db, *AUTO_DB_RANGE)), high_db]
+
+
+def encode(levels_db: FloatArray, low_db: float, high_db: float) -> npt.NDArray[np.uint16]:
+    """Codes 0 to 65535 of levels from ``low_db`` to ``high_db``; what lies outside is clipped, NaN is 0."""
+    scaled = (levels_db - np.float64(low_db)) * (CODES / (high_db - low_db))
+    return np.asarray(np.rint(np.clip(np.nan_to_num(scaled, nan=0.0), 0.0, CODES)), dtype=np.uint16)

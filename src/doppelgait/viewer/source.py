@@ -1,20 +1,25 @@
-"""What is opened: a recording, a result file or a dataset, told apart by what it holds."""
+"""What is open, and which run a request refers to."""
 
 from __future__ import annotations
 
+from collections import OrderedDict
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Any, Literal, get_args
 
+import numpy as np
+
+from doppelgait import __version__
 from doppelgait.core.errors import ConfigError, RecordingError
 from doppelgait.core.labels import axis
+from doppelgait.features import FEATURE_UNITS
 from doppelgait.processing import burst_pulses_of
 from doppelgait.radar.recording import Recording
+from doppelgait.viewer.browse import Browser
 from doppelgait.viewer.run import Run, view_of_stored, with_warnings
-from doppelgait.viewer.settings import Settings
-
-if TYPE_CHECKING:
-    from doppelgait.viewer.browse import Browser
+from doppelgait.viewer.settings import Clutter, Gate, Pairs, Settings, gate_of, single
 
 DATASET_FILES = ("dataset.json", "index.parquet")
 
@@ -41,6 +46,11 @@ class Opened:
     run: Run | None = None
     browser: Browser | None = None
 
+    @property
+    def folders(self) -> tuple[Path, ...]:
+        """Folders that the page must not learn."""
+        return () if self.browser is None else self.browser.folders
+
 
 def open_path(path: str | Path, settings: Settings) -> Opened:
     """Open a recording, a result or a dataset.
@@ -63,35 +73,24 @@ def open_path(path: str | Path, settings: Settings) -> Opened:
         raise RecordingError(f"{place}: no such file or folder")
     name = place.resolve().name
     if place.is_dir() and any((place / file).exists() for file in DATASET_FILES):
-        return _open_dataset(place, name, settings)
+        from doppelgait.dataset import open_dataset
+
+        dataset = open_dataset(place)
+        if not len(dataset):
+            raise ConfigError(f"{place}: the dataset has no rows, so there is nothing to look at")
+        return Opened(
+            "dataset", str(dataset.description["name"]), name, browser=Browser(dataset, settings.motion_folder)
+        )
     from doppelgait.pipeline.results import sniff_results
 
     if sniff_results(place):
-        return Opened("result", name, name, run=_result_run(place, name, settings))
-    return Opened("recording", name, name, run=_recording_run(place, name, settings))
+        from doppelgait.pipeline.results import read_results
 
-
-def _open_dataset(place: Path, name: str, settings: Settings) -> Opened:
-    from doppelgait.dataset import open_dataset
-    from doppelgait.viewer.browse import Browser
-
-    dataset = open_dataset(place)
-    if not len(dataset):
-        raise ConfigError(f"{place}: the dataset has no rows, so there is nothing to look at")
-    return Opened("dataset", str(dataset.description["name"]), name, browser=Browser(dataset, settings.motion_folder))
-
-
-def _result_run(place: Path, name: str, settings: Settings) -> Run:
-    from doppelgait.pipeline.results import read_results
-
-    read = read_results(place)
-    views = [view_of_stored(target) for target in read.targets]
-    reason = f"a result holds no recording; open {read.source or 'the recording'} to see range, bodies and sound"
-    shown = Settings(gate=settings.gate, analysis=read.analysis, tracking=settings.tracking)
-    return Run(name, "result", shown, reason=reason, stored=lambda: views)
-
-
-def _recording_run(place: Path, name: str, settings: Settings) -> Run:
+        read = read_results(place)
+        views = [view_of_stored(target) for target in read.targets]
+        reason = f"a result holds no recording; open {read.source or 'the recording'} to see range, bodies and sound"
+        shown = Settings(gate=settings.gate, analysis=read.analysis, tracking=settings.tracking)
+        return Opened("result", name, name, run=Run(name, "result", shown, reason=reason, stored=lambda: views))
     from doppelgait.radar import read_recording
 
     recording, said = with_warnings(lambda: read_recording(place, **settings.options))
@@ -102,7 +101,7 @@ def _recording_run(place: Path, name: str, settings: Settings) -> Run:
     if not settings.gate_asked and not can_track(recording):
         settings = replace(settings, gate=all_ranges_m(recording))
     notes = tuple(text.replace(f"{place}", name) for text in said)  # the page does not learn where the file is
-    return Run(name, "recording", settings, load=lambda: recording, notes=notes)
+    return Opened("recording", name, name, run=Run(name, "recording", settings, load=lambda: recording, notes=notes))
 
 
 def can_track(recording: Recording) -> bool:
@@ -127,3 +126,192 @@ def all_ranges_m(recording: Recording) -> tuple[float, float]:
         return recording.radar.range_start_m, recording.radar.range_stop_m
     half_m = float(range_m[1] - range_m[0]) / 2
     return float(range_m[0]) - half_m, float(range_m[-1]) + half_m
+
+
+MOST_RUNS = 4
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A run, its gate, and the parameters that are left.
+
+    Parameters
+    ----------
+    key : tuple
+        Names the run: ``()`` is the opened one.
+    gate : str, (float, float) or None
+        None: whatever the run shows first.
+    further : dict
+        Parameters of the endpoint itself.
+    clutter : {"kept", "removed"}, optional
+        None: as the run has it.
+    piece : (int, int), optional
+        Number of a target and of its piece to show.
+    """
+
+    key: tuple[str | tuple[str, str], ...]
+    gate: Gate | None
+    further: dict[str, str]
+    clutter: Clutter | None = None
+    piece: tuple[int, int] | None = None
+
+
+def parse_reference(query: Pairs, names: Sequence[str] = ()) -> Reference:
+    """Reference to a run: nothing for what was opened, ``example=ID``, or ``try=1`` with the controls' values.
+
+    Parameters
+    ----------
+    query : sequence of (str, str)
+    names : sequence of str
+        Parameters of the endpoint itself.
+
+    Raises
+    ------
+    ConfigError
+        If a parameter is unknown, comes twice, or the run is named in two ways.
+    """
+    trying = any(key == "try" for key, _ in query)
+    own = _control_names() if trying else []
+    found = single(query, ["example", "try", "gate", *names, *own])
+    if trying and (found["try"] != "1" or "example" in found):
+        raise ConfigError("try: must be 1, and does not go together with example")
+    gate = gate_of(found["gate"]) if "gate" in found else None
+    further = {key: value for key, value in found.items() if key in names}
+    key: tuple[str | tuple[str, str], ...] = ("example", found["example"]) if "example" in found else ()
+    if trying:
+        key = ("try", *sorted((name, value) for name, value in found.items() if name in own))
+    return Reference(key, gate, further, clutter=_clutter_of(further), piece=_piece_of(further))
+
+
+def _clutter_of(further: dict[str, str]) -> Clutter | None:
+    text = further.pop("clutter", None)
+    for known in get_args(Clutter):
+        if text == known:
+            chosen: Clutter = known
+            return chosen
+    if text is None:
+        return None
+    raise ConfigError(f"clutter: {text!r} is not allowed; it must be {' or '.join(get_args(Clutter))}")
+
+
+def _piece_of(further: dict[str, str]) -> tuple[int, int] | None:
+    """Target and piece of ``piece=T:K``."""
+    text = further.pop("piece", None)
+    if text is None:
+        return None
+    target, colon, piece = text.partition(":")
+    if not colon or not all(part.isascii() and part.isdigit() and len(part) <= 6 for part in (target, piece)):
+        raise ConfigError(f"piece: {text!r} is not allowed; it must be TARGET:PIECE, for example 0:2")
+    return int(target), int(piece)
+
+
+def _control_names() -> list[str]:
+    from doppelgait.viewer.try_it import controls
+
+    return [str(control["name"]) for control in controls()]
+
+
+class Shelf:
+    """The opened run and the last few others; for one thread at a time.
+
+    Parameters
+    ----------
+    opened : Opened or None
+    """
+
+    def __init__(self, opened: Opened | None) -> None:
+        self.opened = opened
+        self._runs: OrderedDict[tuple[str | tuple[str, str], ...], Run] = OrderedDict()
+
+    def run(self, reference: Reference) -> Run:
+        """The run that is meant.
+
+        Raises
+        ------
+        DoppelgaitError
+            If there is none, or it cannot be made.
+        """
+        if not reference.key:
+            if self.opened is None or self.opened.run is None:
+                raise ConfigError("no recording is open; name a run with example=ID (of an open dataset) or try=1")
+            return self.opened.run
+        if reference.key not in self._runs:
+            self._runs[reference.key] = self._made(reference)
+            while len(self._runs) > MOST_RUNS:
+                self._runs.popitem(last=False)
+        self._runs.move_to_end(reference.key)
+        return self._runs[reference.key]
+
+    def _made(self, reference: Reference) -> Run:
+        kind, *rest = reference.key
+        if kind == "try":
+            from doppelgait.viewer.try_it import run_of
+
+            return run_of(dict(item for item in rest if isinstance(item, tuple)))
+        if self.opened is None or self.opened.browser is None:
+            raise ConfigError("example: no dataset is open; start the viewer with the folder of one")
+        return self.opened.browser.run(str(rest[0]))
+
+
+COLOUR_MAPS = ("magma", "viridis", "inferno", "cividis", "gray", "turbo")
+KNOWN_CLASSES = ("human", "dog", "cat")
+
+
+def session_facts(opened: Opened | None, settings: Settings) -> dict[str, Any]:
+    """Content of ``api/session``."""
+    from doppelgait.viewer.try_it import controls
+
+    browser = None if opened is None else opened.browser
+    run = None if opened is None else opened.run
+    summary = None if browser is None else browser.summary()
+    classes = sorted({*KNOWN_CLASSES, *(summary["classes"] if summary else ())})
+    from doppelgait.viz.style import quantity
+
+    further = {"gait_frequency_hz": "Hz", "torso_doppler_hz": "Hz"}
+    return {
+        "version": __version__,
+        "kind": "none" if opened is None else opened.kind,
+        "name": "" if opened is None else opened.name,
+        "path_name": "" if opened is None else opened.path_name,
+        **_looks(tuple(classes)),
+        "gates": gates_of(run),
+        "default_gate": gate_text(settings.gate if run is None else run.settings.gate),
+        "feature_names": [(name, quantity(name)[0], unit) for name, unit in {**FEATURE_UNITS, **further}.items()],
+        "dataset": summary,
+        "try_controls": controls(),
+    }
+
+
+def gates_of(run: Run | None) -> list[str]:
+    """Named gates that can be asked for without an error."""
+    if run is None or run.recording is None:
+        return []
+    named = {"track": can_track(run.recording), "truth": bool(run.recording.truth)}
+    return [name for name, possible in named.items() if possible]
+
+
+def gate_text(gate: Gate) -> str:
+    """Gate as a request has it."""
+    return gate if isinstance(gate, str) else f"{gate[0]:g}:{gate[1]:g}"
+
+
+@cache
+def _looks(classes: tuple[str, ...]) -> dict[str, Any]:
+    """Colours of maps, body parts and classes, the same as in the figures."""
+    from doppelgait.viz.body import PART_COLOURS
+    from doppelgait.viz.style import MAP_COLOURS, class_colours
+
+    return {
+        "colour_maps": {name: _colour_table(name) for name in COLOUR_MAPS},
+        "default_map": MAP_COLOURS,
+        "part_colours": dict(PART_COLOURS),
+        "class_colours": class_colours(classes),
+    }
+
+
+def _colour_table(name: str) -> str:
+    """256 colours as one text of hexadecimal digits."""
+    from matplotlib import colormaps
+
+    table: bytes = colormaps[name](np.arange(256), bytes=True)[:, :3].tobytes()
+    return table.hex()

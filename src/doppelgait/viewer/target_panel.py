@@ -13,11 +13,9 @@ from doppelgait import processing
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.labels import axis
 from doppelgait.pipeline.target import ALIGNED
-from doppelgait.viewer.images import MOST, axis_facts, block_of, doppler_facts, image_facts, level_db
-from doppelgait.viewer.payload import pack
-from doppelgait.viewer.query import Gate
+from doppelgait.viewer.payload import MOST, axis_facts, block_of, doppler_facts, image_facts, level_db, pack
 from doppelgait.viewer.run import Run, TargetView
-from doppelgait.viewer.settings import Clutter
+from doppelgait.viewer.settings import Clutter, Gate
 
 Arrays = dict[str, npt.NDArray[Any]]
 
@@ -71,6 +69,9 @@ def with_piece(targets: Sequence[TargetView], number: int, piece: int) -> list[T
 
 def _target(number: int, view: TargetView, method: str, arrays: Arrays) -> dict[str, Any]:
     prefix = f"target_{number}_"
+    # Rows of the step-Doppler map that are worth looking at, as in its figure.
+    from doppelgait.viz.maps import doppler_limits_hz
+
     return {
         "number": number,
         "label": view.label,
@@ -88,7 +89,9 @@ def _target(number: int, view: TargetView, method: str, arrays: Arrays) -> dict[
         "signature": _signature(view.signature, f"{prefix}signature", arrays),
         "main_line": _main_line(view, f"{prefix}main_line", arrays),
         "aligned": is_aligned(view, method),
-        "cadence_band_hz": _band_hz(view.cadence_map),
+        "cadence_band_hz": None
+        if view.cadence_map is None or view.cadence_map.size == 0
+        else doppler_limits_hz(view.cadence_map**2),
         "cadence_map": _cadence_map(view.cadence_map, f"{prefix}cadence_map", arrays),
         "cadence_spectrum": _spectrum(view, f"{prefix}cadence_spectrum", method, arrays),
         "gate_limits": _gate_limits(view.gate_limits, prefix, arrays),
@@ -138,13 +141,6 @@ def is_aligned(view: TargetView, method: str) -> bool | None:
     if view.signature is None or view.signature.sizes["time"] < 2:
         return None
     return processing.needs_alignment(view.signature)  # stored by an older version, or in a dataset
-
-
-def _band_hz(cadence_map: xr.DataArray | None) -> tuple[float, float] | None:
-    """Rows of the step-Doppler map that are worth looking at, as in its figure."""
-    from doppelgait.viz.maps import doppler_limits_hz
-
-    return None if cadence_map is None or cadence_map.size == 0 else doppler_limits_hz(cadence_map**2)
 
 
 def _cadence_map(cadence_map: xr.DataArray | None, name: str, arrays: Arrays) -> dict[str, Any] | None:

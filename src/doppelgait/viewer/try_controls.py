@@ -1,17 +1,158 @@
-"""What can be set in "Try it": words, units, limits, and what is taken for a start."""
+"""Controls of Try it: limits, allowed values and where the target walks."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
+from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError
-from doppelgait.motion.models.quadruped_gaits import GaitName
+from doppelgait.motion.models.human import HumanConfig
+from doppelgait.motion.models.quadruped_gaits import GAITS, GAITS_BY_SPEED, GaitName
+from doppelgait.motion.models.quadruped_sizes import BUILDS, froude_speed_mps, hip_height_m
+from doppelgait.radar import Radar
 from doppelgait.radar.config import preset_names
-from doppelgait.viewer.query import number_of
-from doppelgait.viewer.try_limits import Limit, range_limits, speed_limits
+from doppelgait.viewer.settings import number_of
+
+BUILD_OF = {"dog": "standard", "cat": "cat"}
+"""Build of the animals, by mover."""
+SIZE_OF = {"person": "height_m", "dog": "withers_m", "cat": "withers_m"}
+COMPANY_M = {"person": 1.75, "dog": 0.5}
+"""Size of a second mover."""
+
+
+@dataclass(frozen=True)
+class Limit:
+    """Limits ``low`` to ``high`` of a control while other controls have the values ``when``.
+
+    Parameters
+    ----------
+    when : mapping
+        Values by name of a control; all must be so.
+    low, high : float, optional
+        None where there is no limit.
+    size, power : str, float
+        Control whose value, to this power, multiplies both; "" for none.
+    """
+
+    when: Mapping[str, str]
+    low: float | None = None
+    high: float | None = None
+    size: str = ""
+    power: float = 1.0
+
+    def applies(self, values: Mapping[str, Any]) -> bool:
+        """Whether the other controls have these values."""
+        return all(values.get(name) == value for name, value in self.when.items())
+
+
+@cache
+def speed_limits() -> tuple[Limit, ...]:
+    """Limits of the speed in every gait of every mover, and beside a second mover."""
+    found = []
+    for who, size in SIZE_OF.items():
+        for gait, low, high, power in _gaits(who):
+            found.append(Limit({"who": who, "gait": gait}, low, high, size, power))
+    for kind, size_m in COMPANY_M.items():
+        _, low, high, power = next(_gaits(kind))
+        found.append(Limit({"company": kind}, low * size_m**power, high * size_m**power))
+    return tuple(found)
+
+
+def _gaits(who: str) -> Iterator[tuple[str, float, float, float]]:
+    """Gait, slowest and fastest at a size of 1 m, and the power of the size that they go by; "auto" comes first."""
+    if who == "person":
+        run = _human_mps("run")
+        yield "auto", 0.0, run[1], 0.5
+        yield "walk", *_human_mps("walk"), 1.0
+        yield "run", *run, 0.5
+        return
+    hip_m = hip_height_m(BUILDS[BUILD_OF[who]], 1.0)
+    slowest, fastest = GAITS[GAITS_BY_SPEED[0]].froude[0], GAITS[GAITS_BY_SPEED[-1]].froude[1]
+    yield "auto", froude_speed_mps(slowest, hip_m), froude_speed_mps(fastest, hip_m), 0.5
+    for gait in get_args(GaitName):
+        low, high, _ = GAITS[gait].froude
+        yield gait, froude_speed_mps(low, hip_m), froude_speed_mps(high, hip_m), 0.5
+
+
+def _human_mps(gait: Literal["walk", "run"]) -> tuple[float, float]:
+    allowed_mps = {"walk": 0.5, "run": 3.0}[gait]
+    return validate(HumanConfig, {"gait": gait, "speed_mps": allowed_mps, "height_m": 1.0}, where="").speed_range_mps
+
+
+def seen_m(radar: str) -> tuple[float, float | None]:
+    """Nearest and farthest range that a preset sees, m; continuous wave has no farthest."""
+    preset = Radar.preset(radar)
+    return (0.0, None) if preset.waveform == "cw" else (preset.range_start_m, preset.range_stop_m)
+
+
+def range_limits(radars: Mapping[str, str]) -> tuple[Limit, ...]:
+    """Limits of the range by radar."""
+    return tuple(Limit({"radar": name}, *seen_m(name)) for name in radars)
+
+
+NEAREST_M = 1.0
+"""Nearer a body fills the beam, and the moment of passing holds all the power that the SNR is measured by."""
+BESIDE_M = 1.0
+"""Way between two movers."""
+STEP_M = 0.1
+
+
+def middle_range_m(values: Mapping[str, Any]) -> float:
+    """Range in the middle of the time: what was asked for, or the next farther that keeps all movers away enough.
+
+    Raises
+    ------
+    ConfigError
+        If the radar does not see that far.
+    """
+    asked_m, (start_m, stop_m) = float(values["range_m"]), seen_m(str(values["radar"]))
+    if stop_m is not None and asked_m > stop_m:
+        raise ConfigError(
+            f"range_m: {asked_m:g} is not allowed: the radar {values['radar']} sees {start_m:.3g} to {stop_m:.3g} m; "
+            "take x4-long or come nearer"
+        )
+    allowed_m, steps = max(NEAREST_M, start_m), 0
+    while nearest_m(values, asked_m + steps * STEP_M) < allowed_m - 1e-9:
+        steps += 1
+    return round(asked_m + steps * STEP_M, 4)
+
+
+def nearest_m(values: Mapping[str, Any], range_m: float) -> float:
+    """Least distance of the movers' ways from the radar, m, if they are at a range in the middle of the time."""
+    half_m = float(values.get("speed_mps", 0.0)) * float(values["duration_s"]) / 2.0
+    heading = math.radians(180.0 + float(values["aspect_deg"]))
+    sides = [0.0] if values.get("company", "nobody") == "nobody" else [0.0, BESIDE_M]
+    found = []
+    for side_m in sides:
+        along_m, across_m = range_m * math.cos(heading), side_m - range_m * math.sin(heading)
+        found.append(math.hypot(max(abs(along_m) - half_m, 0.0), across_m))
+    return min(found)
+
+
+def moved_note(values: Mapping[str, Any]) -> tuple[str, ...]:
+    """Sentence that says that the movers stand elsewhere than asked for; none if they do not."""
+    asked_m, taken_m = float(values["range_m"]), middle_range_m(values)
+    if taken_m == asked_m:
+        return ()
+    allowed_m = max(NEAREST_M, seen_m(str(values["radar"]))[0])
+    return (
+        f"range: {taken_m:g} m in the middle of the time instead of {asked_m:g} m, so that nobody comes nearer to the "
+        f"radar than {allowed_m:.3g} m",
+    )
+
+
+def beside(range_m: float, aspect_deg: float) -> dict[str, float]:
+    """Place of a second mover, to the side of the first and on a parallel way."""
+    heading = math.radians(180.0 + aspect_deg)
+    x, y = range_m - BESIDE_M * math.sin(heading), BESIDE_M * math.cos(heading)
+    bearing_deg = math.degrees(math.atan2(y, x))
+    turned = (aspect_deg - bearing_deg + 180.0) % 360.0 - 180.0
+    return {"range_m": round(math.hypot(x, y), 4), "bearing_deg": round(bearing_deg, 3), "aspect_deg": round(turned, 3)}
+
 
 Value = str | float | int
 
@@ -94,33 +235,47 @@ class Control:
 def all_controls() -> tuple[Control, ...]:
     """All controls in the order of the page; ``who`` comes first."""
     radars = {name: name for name in preset_names() if name not in TOO_SLOW}
-    return (*_gait_controls(), *_body_controls(), *_place_controls(radars), *_radar_controls(radars), *_run_controls())
-
-
-def _gait_controls() -> tuple[Control, ...]:
-    """Who moves, how fast and how."""
+    # Who moves, how fast and how.
     gaits = {"auto": "by speed", "run": "run", **{name: name.replace("_", " ") for name in get_args(GaitName)}}
     return (
-        Control("who", "who", "What moves in front of the radar.", "choice", default="person", values=MOVERS),
-        Control(
-            "speed_mps", "speed", "Speed over the floor; the gait sets how slow and how fast it can be.", unit="m/s",
-            low=0.3, high=10.0, step=0.05, default=1.2, who=(*LEGGED, "vacuum"),
-            limits=speed_limits(),
-            by_who={
-                "dog": {"default": 2.0, "high": 9.0},
-                "cat": {"default": 0.8, "low": 0.2, "high": 6.0},
-                "vacuum": {"default": 0.3, "low": 0.05, "high": 1.0},
-            },
+        *(
+            Control("who", "who", "What moves in front of the radar.", "choice", default="person", values=MOVERS),
+            Control(
+                "speed_mps",
+                "speed",
+                "Speed over the floor; the gait sets how slow and how fast it can be.",
+                unit="m/s",
+                low=0.3,
+                high=10.0,
+                step=0.05,
+                default=1.2,
+                who=(*LEGGED, "vacuum"),
+                limits=speed_limits(),
+                by_who={
+                    "dog": {"default": 2.0, "high": 9.0},
+                    "cat": {"default": 0.8, "low": 0.2, "high": 6.0},
+                    "vacuum": {"default": 0.3, "low": 0.05, "high": 1.0},
+                },
+            ),
+            Control(
+                "gait",
+                "gait",
+                "How it moves its legs; 'by speed' takes the gait that goes with speed and size.",
+                "choice",
+                default="auto",
+                values=gaits,
+                who=LEGGED,
+                values_by_who={
+                    "person": ("auto", "walk", "run"),
+                    **{animal: ("auto", *get_args(GaitName)) for animal in ("dog", "cat")},
+                },
+            ),
         ),
-        Control(
-            "gait", "gait", "How it moves its legs; 'by speed' takes the gait that goes with speed and size.", "choice",
-            default="auto", values=gaits, who=LEGGED,
-            values_by_who={
-                "person": ("auto", "walk", "run"),
-                **{animal: ("auto", *get_args(GaitName)) for animal in ("dog", "cat")},
-            },
-        ),
-    )  # fmt: skip
+        *_body_controls(),
+        *_place_controls(radars),
+        *_radar_controls(radars),
+        *_run_controls(),
+    )
 
 
 def _body_controls() -> tuple[Control, ...]:

@@ -11,9 +11,17 @@ from doppelgait.core.errors import ConfigError, DoppelgaitError, DoppelgaitWarni
 from doppelgait.pipeline import parse_run, run_simulation
 from doppelgait.viewer.run import Run
 from doppelgait.viewer.settings import Settings
-from doppelgait.viewer.try_controls import MOVERS, Value, all_controls
-from doppelgait.viewer.try_limits import BUILD_OF, COMPANY_M, SIZE_OF
-from doppelgait.viewer.try_place import beside, middle_range_m, moved_note
+from doppelgait.viewer.try_controls import (
+    BUILD_OF,
+    COMPANY_M,
+    MOVERS,
+    SIZE_OF,
+    Value,
+    all_controls,
+    beside,
+    middle_range_m,
+    moved_note,
+)
 
 STEP_TIME_SD, STEP_LENGTH_SD, STRIDE_VARIATION = 0.02, 0.03, 0.02
 """How unlike the steps of healthy adults are, and the strides of an animal."""
@@ -129,7 +137,10 @@ def run_of(parameters: Mapping[str, str]) -> Run:
             warnings.simplefilter("always", DoppelgaitWarning)
             recording = run_simulation(spec)
     except DoppelgaitError as error:
-        raise ConfigError(_plain(str(error))) from None
+        # Message without the places in a scene file that the page does not show.
+        text = str(error)
+        head, mark, rest = text.rpartition("': ")
+        raise ConfigError(rest if mark and head.startswith("targets.") else text) from None
     notes = dict.fromkeys(str(one.message) for one in caught if issubclass(one.category, DoppelgaitWarning))
     values = chosen(parameters)
     settings = Settings(gate=GATE, analysis=spec.analysis)
@@ -137,12 +148,6 @@ def run_of(parameters: Mapping[str, str]) -> Run:
         name=f"Try it: {MOVERS[str(values['who'])]}", kind="try", settings=settings, load=lambda: recording,
         notes=(*moved_note(values), *notes),
     )  # fmt: skip
-
-
-def _plain(text: str) -> str:
-    """Message without the places in a scene file that the page does not show."""
-    head, mark, rest = text.rpartition("': ")
-    return rest if mark and head.startswith("targets.") else text
 
 
 def scene_answer(run: Run, parameters: Mapping[str, str]) -> dict[str, Any]:

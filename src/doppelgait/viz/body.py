@@ -127,7 +127,14 @@ def draw_part_lines(axes: Axes, lines: PartLines, *, width: float = THIN, bold: 
     ``bold=0`` leaves the bold lines out. Targets after the first are dashed.
     """
     for number in dict.fromkeys(lines.target.tolist() if bold else ()):
-        _draw_bold(axes, lines, number, bold, first=number == 0)
+        first = number == 0
+        names = [bold_name(part) if lines.target[n] == number else None for n, part in enumerate(lines.parts)]
+        for name in dict.fromkeys(name for name in names if name):
+            chosen = [n for n, other in enumerate(names) if other == name]
+            axes.plot(
+                lines.time_s, mean_ignoring_nan(lines.values, chosen), color=part_colour(lines.parts[chosen[0]]),
+                lw=bold, ls=_dash(number), label=f"{name} (mean)" if first else None, zorder=3,
+            )  # fmt: skip
     labelled: set[str] = set()
     for column, part in enumerate(lines.parts):
         group = part_group(part)
@@ -136,16 +143,6 @@ def draw_part_lines(axes: Axes, lines: PartLines, *, width: float = THIN, bold: 
         axes.plot(
             lines.time_s, lines.values[:, column], color=PART_COLOURS[group], lw=width, alpha=0.8,
             ls=_dash(int(lines.target[column])), label=label,
-        )  # fmt: skip
-
-
-def _draw_bold(axes: Axes, lines: PartLines, number: int, width: float, *, first: bool) -> None:
-    names = [bold_name(part) if lines.target[n] == number else None for n, part in enumerate(lines.parts)]
-    for name in dict.fromkeys(name for name in names if name):
-        chosen = [n for n, other in enumerate(names) if other == name]
-        axes.plot(
-            lines.time_s, mean_ignoring_nan(lines.values, chosen), color=part_colour(lines.parts[chosen[0]]),
-            lw=width, ls=_dash(number), label=f"{name} (mean)" if first else None, zorder=3,
         )  # fmt: skip
 
 

@@ -100,17 +100,14 @@ def draw_step_doppler(
     axes.set(xlim=(0.0, float(shown.coords["cadence"].values[-1])), ylim=limits_hz)
     if gait_frequency_hz is not None:
         for number, name in ((1, "f"), (2, "2f"), (3, "3f")):
-            _tick_above(axes, number * gait_frequency_hz, name)
+            cadence_hz = number * gait_frequency_hz
+            if cadence_hz < axes.get_xlim()[1]:
+                axes.axvline(cadence_hz, ymin=0.94, color=LINE_COLOURS[0], lw=1.6)
+                axes.annotate(
+                    name, (cadence_hz, 0.93), xycoords=("data", "axes fraction"), color=LINE_COLOURS[0], fontsize=9,
+                    ha="center", va="top",
+                )  # fmt: skip
     return image
-
-
-def _tick_above(axes: Axes, cadence_hz: float, name: str) -> None:
-    if cadence_hz < axes.get_xlim()[1]:
-        axes.axvline(cadence_hz, ymin=0.94, color=LINE_COLOURS[0], lw=1.6)
-        axes.annotate(
-            name, (cadence_hz, 0.93), xycoords=("data", "axes fraction"), color=LINE_COLOURS[0], fontsize=9,
-            ha="center", va="top",
-        )  # fmt: skip
 
 
 def cadence_reach_hz(max_cadence_hz: float | None, gait_frequency_hz: float | None) -> float:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
@@ -157,7 +155,16 @@ def stick_frames(
     times_s = motion.coords["time"].values[frames]
     parts = [str(part) for part in motion.coords["part"].values]
     for axes, points_m, time_s in zip(panels, side_m, times_s, strict=True):
-        _draw_body(axes, points_m, parts)
+        # Points, large for torso and feet; the parts of every limb joined from the body outwards.
+        for group in dict.fromkeys(part_group(part) for part in parts):
+            chosen = [n for n, part in enumerate(parts) if part_group(part) == group]
+            colour = part_colour(parts[chosen[0]])
+            sizes = [LARGE if bold_name(parts[n]) else SMALL for n in chosen]
+            axes.scatter(points_m[chosen, 0], points_m[chosen, 1], s=sizes, color=colour, lw=0, label=group)
+            limb = sorted({parts[n] for n in chosen} & LIMB_PARTS, key=limb_rank)
+            joints = [points_m[[n for n in chosen if parts[n] == part]].mean(axis=0) for part in limb]
+            if len(joints) > 1:
+                axes.plot(*np.transpose(joints), color=colour, lw=1.3, alpha=0.7, zorder=1)
         axes.set_title(f"{time_s - times_s[0]:.2f} s", fontsize=10)
     figure.suptitle(f"{title}, from {times_s[0]:.2f} s", fontsize=11.5, x=0.01, ha="left")
     legend_below(figure, panels[0], columns=8)
@@ -220,16 +227,3 @@ def _panels(side_m: FloatArray, n_frames: int) -> tuple[Figure, list[Axes]]:
         axes.set_xlabel("along the path (m)" if last else "", fontsize=9)
         axes.set_ylabel("" if number % across else "height (m)", fontsize=9)
     return figure, panels[:n_frames]
-
-
-def _draw_body(axes: Axes, points_m: FloatArray, parts: Sequence[str]) -> None:
-    """Points, large for torso and feet; the parts of every limb joined from the body outwards."""
-    for group in dict.fromkeys(part_group(part) for part in parts):
-        chosen = [n for n, part in enumerate(parts) if part_group(part) == group]
-        colour = part_colour(parts[chosen[0]])
-        sizes = [LARGE if bold_name(parts[n]) else SMALL for n in chosen]
-        axes.scatter(points_m[chosen, 0], points_m[chosen, 1], s=sizes, color=colour, lw=0, label=group)
-        limb = sorted({parts[n] for n in chosen} & LIMB_PARTS, key=limb_rank)
-        joints = [points_m[[n for n in chosen if parts[n] == part]].mean(axis=0) for part in limb]
-        if len(joints) > 1:
-            axes.plot(*np.transpose(joints), color=colour, lw=1.3, alpha=0.7, zorder=1)

@@ -78,35 +78,32 @@ def overview(
     above, below = figure.subfigures(2, 1, height_ratios=(1.1, 1.0), squeeze=False)[:, 0]
     limits_hz = doppler_limits_hz(checked_signature(signature))
     left, right = above.subplots(1, 2)
-    _range_panel(left, baseband, gate)
-    _signature_panel(right, signature, main_line_hz, limits_hz)
+    image = draw_range_time(left, baseband, tracks=gate, db_range=None)
+    name_axes(left, title="Range against time", x="time (s)", y="range (m)")
+    colour_bar(image, left, quantity="magnitude", reference="1 V")
+    if gate is not None:
+        left.legend(fontsize=8.5, loc="upper right", framealpha=0.6, labelcolor="black")
+    signature_image = draw_signature(right, signature, main_line_hz=main_line_hz, doppler_hz=limits_hz)
+    name_axes(right, title="Micro-Doppler signature", x="time (s)", y=DOPPLER_LABEL)
+    velocity_axis(right, wavelength_m(signature))
+    colour_bar(signature_image, right, quantity="power", reference=reference_of(signature))
     left, middle, right = below.subplots(1, 3, width_ratios=(1.15, 1.15, 0.9))
     _cadence_panel(left, cadence_map, gait_frequency_hz, limits_hz)
+    ratios = [features.get(f"harmonic_ratio_{number}") for number in (2, 3)]
     draw_cadence_spectrum(
-        middle, cadence_spectrum, gait_frequency_hz=gait_frequency_hz,
-        harmonics_hz=_harmonics_hz(gait_frequency_hz, features), max_cadence_hz=None, db_range=40.0,
+        middle,
+        cadence_spectrum,
+        gait_frequency_hz=gait_frequency_hz,
+        harmonics_hz=[
+            None if gait_frequency_hz is None or ratio is None else ratio * gait_frequency_hz for ratio in ratios
+        ],
+        max_cadence_hz=None,
+        db_range=40.0,
         amplitude=amplitude,
-    )  # fmt: skip
+    )
     name_axes(middle, title="Cadence spectrum", x=CADENCE_LABEL, y=LEVEL_LABEL)
     _draw_features(right, {**features, "gait_frequency_hz": gait_frequency_hz}, flags)
     return figure
-
-
-def _range_panel(axes: Axes, baseband: xr.DataArray, gate: xr.Dataset | Mapping[str, xr.Dataset] | None) -> None:
-    image = draw_range_time(axes, baseband, tracks=gate, db_range=None)
-    name_axes(axes, title="Range against time", x="time (s)", y="range (m)")
-    colour_bar(image, axes, quantity="magnitude", reference="1 V")
-    if gate is not None:
-        axes.legend(fontsize=8.5, loc="upper right", framealpha=0.6, labelcolor="black")
-
-
-def _signature_panel(
-    axes: Axes, signature: xr.DataArray, main_line_hz: npt.ArrayLike | None, limits_hz: tuple[float, float]
-) -> None:
-    image = draw_signature(axes, signature, main_line_hz=main_line_hz, doppler_hz=limits_hz)
-    name_axes(axes, title="Micro-Doppler signature", x="time (s)", y=DOPPLER_LABEL)
-    velocity_axis(axes, wavelength_m(signature))
-    colour_bar(image, axes, quantity="power", reference=reference_of(signature))
 
 
 def _cadence_panel(
@@ -119,11 +116,6 @@ def _cadence_panel(
     name_axes(axes, title="Step-Doppler map", x=CADENCE_LABEL, y=step_doppler_label(cadence_map))
     velocity_axis(axes, wavelength_m(cadence_map), label="(m/s)")
     colour_bar(image, axes, quantity="magnitude", reference="1")
-
-
-def _harmonics_hz(frequency_hz: float | None, features: Mapping[str, float | None]) -> list[float | None]:
-    ratios = [features.get(f"harmonic_ratio_{number}") for number in (2, 3)]
-    return [None if frequency_hz is None or ratio is None else ratio * frequency_hz for ratio in ratios]
 
 
 def _draw_features(axes: Axes, values: Mapping[str, float | None], flags: Sequence[str]) -> None:

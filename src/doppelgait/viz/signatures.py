@@ -124,20 +124,23 @@ def draw_signature(
     if truth_doppler is not None:
         draw_part_lines(axes, part_lines(truth_doppler), width=0.8, bold=0.0)
     if main_line_hz is not None:
+        values = np.asarray(main_line_hz, dtype=np.float64)
+        count = signature.sizes["time"]
+        if values.shape not in ((), (count,)):
+            raise AnalysisError(
+                f"main_line_hz has shape {values.shape}; it must be one number or ({count},), one a column"
+            )
         axes.plot(
-            signature.coords["time"].values, _line(signature, main_line_hz), color=MAIN_LINE[truth_doppler is not None],
-            lw=1.6, ls="--", label="main line", path_effects=[withStroke(linewidth=3.0, foreground="black", alpha=0.6)],
-        )  # fmt: skip
+            signature.coords["time"].values,
+            np.broadcast_to(values, (count,)),
+            color=MAIN_LINE[truth_doppler is not None],
+            lw=1.6,
+            ls="--",
+            label="main line",
+            path_effects=[withStroke(linewidth=3.0, foreground="black", alpha=0.6)],
+        )
     axes.set(xlim=width_s, ylim=limits_hz)
     return image
-
-
-def _line(signature: xr.DataArray, line_hz: npt.ArrayLike) -> npt.NDArray[np.float64]:
-    values = np.asarray(line_hz, dtype=np.float64)
-    count = signature.sizes["time"]
-    if values.shape not in ((), (count,)):
-        raise AnalysisError(f"main_line_hz has shape {values.shape}; it must be one number or ({count},), one a column")
-    return np.broadcast_to(values, (count,))
 
 
 def signature_normalisation(

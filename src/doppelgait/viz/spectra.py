@@ -170,32 +170,32 @@ def mean_doppler_spectrum(
     axes.grid(color="#e0e0e0", lw=0.6)
     axes.set(xlim=(float(axis_hz[0]), float(axis_hz[-1])), ylim=level_axis_db(level_db, db_range))
     if bandwidth_hz is not None:
-        _shade(axes, bandwidth_hz if isinstance(bandwidth_hz, tuple) else densest_band_hz(power, axis_hz, bandwidth_hz))
+        edges_hz = bandwidth_hz if isinstance(bandwidth_hz, tuple) else densest_band_hz(power, axis_hz, bandwidth_hz)
+        axes.axvspan(*edges_hz, color=SHADE, alpha=0.45, lw=0, zorder=0)
+        axes.annotate(
+            f"bandwidth {edges_hz[1] - edges_hz[0]:.0f} Hz", (sum(edges_hz) / 2.0, 0.03),
+            xycoords=("data", "axes fraction"), ha="center", va="bottom", fontsize=9, color=LINE,
+        )  # fmt: skip
     if threshold is not None:
-        _mark_threshold(axes, threshold)
+        threshold_level_db = float(power_to_db(threshold))
+        axes.axhline(threshold_level_db, color="#606060", lw=1.0, ls="--")
+        axes.annotate(
+            f"threshold {threshold:g} ({threshold_level_db:.1f} dB)",
+            (0.99, threshold_level_db),
+            xycoords=("axes fraction", "data"),
+            xytext=(0, 3),
+            textcoords="offset points",
+            ha="right",
+            va="bottom",
+            fontsize=9,
+            color="#404040",
+        )
     if torso_doppler_hz is not None:
         level = float(np.interp(torso_doppler_hz, axis_hz, level_db))
         _mark_peak(axes, torso_doppler_hz, level, f"torso {torso_doppler_hz:.1f} Hz")
     velocity_axis(axes, wavelength_m, above=True)
     name_axes(axes, title=title, x=DOPPLER_LABEL, y=LEVEL_LABEL)
     return figure
-
-
-def _shade(axes: Axes, edges_hz: tuple[float, float]) -> None:
-    axes.axvspan(*edges_hz, color=SHADE, alpha=0.45, lw=0, zorder=0)
-    axes.annotate(
-        f"bandwidth {edges_hz[1] - edges_hz[0]:.0f} Hz", (sum(edges_hz) / 2.0, 0.03),
-        xycoords=("data", "axes fraction"), ha="center", va="bottom", fontsize=9, color=LINE,
-    )  # fmt: skip
-
-
-def _mark_threshold(axes: Axes, threshold: float) -> None:
-    level_db = float(power_to_db(threshold))
-    axes.axhline(level_db, color="#606060", lw=1.0, ls="--")
-    axes.annotate(
-        f"threshold {threshold:g} ({level_db:.1f} dB)", (0.99, level_db), xycoords=("axes fraction", "data"),
-        xytext=(0, 3), textcoords="offset points", ha="right", va="bottom", fontsize=9, color="#404040",
-    )  # fmt: skip
 
 
 def densest_band_hz(power: FloatArray, doppler_hz: FloatArray, width_hz: float) -> tuple[float, float]:

@@ -21,9 +21,10 @@ from doppelgait.classify.calibrate import class_weights
 from doppelgait.classify.data import rows_of, table_of
 from doppelgait.classify.decide import Seen, classify, decide
 from doppelgait.classify.evaluate import evaluate, learn
+from doppelgait.classify.learned import Part
 from doppelgait.classify.model_file import load_model, save_model
 from doppelgait.classify.report import write_report
-from doppelgait.classify.training import BOOSTING, Kind, Part, fit
+from doppelgait.classify.training import BOOSTING, Kind, fit
 from doppelgait.classify.validate import cross_validation, leave_out, own_splits, refuse_shared
 from doppelgait.core.errors import AnalysisError, ConfigError, DatasetError, DoppelgaitWarning
 from doppelgait.dataset import open_dataset

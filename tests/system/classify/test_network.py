@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from doppelgait.classify.data import rows_of, table_of
+from doppelgait.classify.learned import Part
 from doppelgait.classify.model_file import load_model, save_model
 from doppelgait.classify.patches import Patch
-from doppelgait.classify.training import Part
 from doppelgait.core.errors import DatasetError
 from tiny_dataset import built, tiny_plan
 

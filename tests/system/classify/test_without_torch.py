@@ -9,7 +9,7 @@ import pytest
 
 from doppelgait.classify import network
 from doppelgait.classify.evaluate import evaluate
-from doppelgait.classify.training import Part
+from doppelgait.classify.learned import Part
 from doppelgait.core.errors import DatasetError
 from doppelgait.dataset import open_dataset
 from tiny_dataset import built, tiny_plan

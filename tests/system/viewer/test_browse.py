@@ -8,7 +8,6 @@ from collections import Counter
 from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -19,13 +18,10 @@ from doppelgait.core.labels import axis
 from doppelgait.dataset import Dataset, Example, PlanConfig, build_dataset, open_dataset
 from doppelgait.dataset.shard_files import ShardFiles
 from doppelgait.pipeline import analyze
-from doppelgait.viewer.browse import MOST_POINTS, Browser, even_choice
+from doppelgait.viewer.browse import MOST_POINTS, Browser, even_choice, strongest
 from doppelgait.viewer.examples import stored_view
-from doppelgait.viewer.payload import as_json
-from doppelgait.viewer.places import without_folders, without_places
-from doppelgait.viewer.query import single, whole_of
-from doppelgait.viewer.settings import Settings
-from doppelgait.viewer.sheet import strongest
+from doppelgait.viewer.payload import as_json, without_folders
+from doppelgait.viewer.settings import Settings, single, whole_of
 from doppelgait.viewer.source import Opened
 from tiny_dataset import WALK, built, mixed_plan, tiny_plan
 
@@ -348,7 +344,7 @@ def test_what_is_too_large_is_not_simulated(tiny, monkeypatch, sections):
 def test_nothing_of_a_dataset_is_simulated_before_it_is_asked_for(tiny, monkeypatch):
     pytest.importorskip("starlette")
     from doppelgait.viewer.app import _prepare
-    from doppelgait.viewer.reference import Shelf
+    from doppelgait.viewer.source import Shelf
 
     asked = []
     monkeypatch.setattr(Browser, "run", lambda self, example_id: asked.append(example_id))
@@ -413,11 +409,11 @@ def test_files_in_the_motion_folder_are_opened(tiny, motion_folder):
 
 def test_the_page_does_not_learn_where_folders_are(tiny, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    opened = SimpleNamespace(browser=Browser(tiny, tmp_path / "motions"))
+    browser = Browser(tiny, tmp_path / "motions")
     text = f"{tiny.directory}/shards/a.h5: no {tmp_path}/motions/x in {tmp_path}, ./y, or /"
     wanted = f"{tiny.directory.name}/shards/a.h5: no motions/x in {tmp_path.name}, ./y, or /"
-    assert without_places(text, opened) == wanted
-    assert without_places(f"in {tmp_path}", None) == f"in {tmp_path.name}"
+    assert without_folders(text, *browser.folders) == wanted
+    assert without_folders(f"in {tmp_path}") == f"in {tmp_path.name}"
     monkeypatch.chdir(tiny.directory.parent)
     assert without_folders(f"{tiny.directory.name}: is", Path(tiny.directory.name)) == f"{tiny.directory.name}: is"
 

@@ -22,8 +22,7 @@ from doppelgait.pipeline import analyze, parse_run, run_simulation, write_result
 from doppelgait.processing import Analysis
 from doppelgait.radar import read_recording, write_recording, write_sigmf
 from doppelgait.viewer import server
-from doppelgait.viewer.query import gate_of, number_of, single, whole_of
-from doppelgait.viewer.settings import parse_settings
+from doppelgait.viewer.settings import gate_of, number_of, parse_settings, single, whole_of
 from doppelgait.viewer.source import all_ranges_m, can_track, open_path
 from tiny_dataset import built, tiny_plan
 from viewer_client import served, walking_scene

@@ -13,9 +13,8 @@ from doppelgait.core.errors import ConfigError
 from doppelgait.motion.models.registry import MOTION_MODELS
 from doppelgait.pipeline import load_run, run_simulation
 from doppelgait.radar import Radar
-from doppelgait.viewer.try_controls import all_controls
+from doppelgait.viewer.try_controls import Limit, all_controls
 from doppelgait.viewer.try_it import chosen, controls, run_of, scene_table, scene_toml
-from doppelgait.viewer.try_limits import Limit
 from viewer_client import served
 
 SHORT = {"duration_s": "2", "radar": "x4-255fps", "range_m": "3"}

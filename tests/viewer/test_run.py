@@ -17,10 +17,9 @@ from doppelgait.processing import Analysis, fixed_gate, make_gate
 from doppelgait.processing.sound import doppler_sound
 from doppelgait.radar.recording import TargetTruth
 from doppelgait.viewer.recording_panel import recording_payload
-from doppelgait.viewer.run import MOST_ANALYSES, Run, view_of_stored
+from doppelgait.viewer.run import MOST_ANALYSES, Run, true_values, truths_of, view_of_stored
 from doppelgait.viewer.settings import Settings
 from doppelgait.viewer.target_panel import is_aligned, targets_payload, with_piece
-from doppelgait.viewer.truth import true_values, truths_of
 from viewer_client import unpack
 
 TIMES_S = np.arange(0.0, 10.0, 0.01)
