@@ -125,7 +125,7 @@ def signature_work(case: Case) -> dict[str, Work]:
 
 def whole_work(case: Case) -> dict[str, Work]:
     """Whole examples: fused with noise and features, and the analysis of a recording."""
-    recording = Recording(synthesise(case.table, case.radar), case.radar)
+    recording = Recording.from_baseband(synthesise(case.table, case.radar), case.radar)
     work: dict[str, Work] = {}
     for name, hop in (("hop 1", 1), ("lossless hop", None)):
         settings = case.analysis.model_copy(update={"hop": hop})

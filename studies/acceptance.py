@@ -20,7 +20,7 @@ import time
 import warnings
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -252,7 +252,7 @@ def tracked(trial: Trial, recording: Recording) -> Iterator[dict[str, Any]]:
     noise_v2 = noise_for(trial, recording)
     rng = np.random.default_rng([25, trial.example.number])
     values = noisy(recording.baseband.values, noise_power_v2=noise_v2, rng=rng)
-    seen = replace(recording, baseband=recording.baseband.copy(deep=False, data=values), truth=())
+    seen = recording.with_baseband(recording.baseband.copy(deep=False, data=values), truth=())
     results = analyze(seen, gate="track", analysis=STANDARD)
     middle_m = float(np.median(recording.truth[0].centre_range_m))
     nearest = min(results, key=lambda r: abs(float(r.gate_limits["range_low"].median()) - middle_m), default=None)

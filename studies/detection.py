@@ -19,7 +19,6 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.labels import axis
 from doppelgait.core.rng import rng
 from doppelgait.motion.models import quadruped_gait
 from doppelgait.motion.models.human import human_gait
@@ -89,9 +88,7 @@ def movers(*, quick: bool) -> Iterator[Mover]:
 def observe(label: str, target: Target) -> Mover:
     """Noise-free recording of one mover, and the level of its signature."""
     recording = simulate(Scene([target], duration_s=OBSERVATION_S), RADAR, angles=False)
-    gate = make_gate(
-        axis(recording.baseband, "slow_time"), recording.truth[0].centre_range_m, span_m=1.0, source="truth"
-    )
+    gate = make_gate(recording.slow_time_s, recording.truth[0].centre_range_m, span_m=1.0, source="truth")
     mu = signature(recording.baseband, gate, Analysis(), wavelength_m=RADAR.wavelength_m)
     cell_noise = float(mu.attrs["window_energy"] * mu.attrs["n_gate_bins"])
     return Mover(label, recording, float(np.median(mu.values.max(axis=1))), cell_noise)
@@ -114,7 +111,7 @@ def complex_noise(generator: np.random.Generator, shape: tuple[int, ...], power_
 
 def true_boxes(recording: Recording, times_s: FloatArray, cpi_s: float) -> tuple[FloatArray, FloatArray]:
     """Lowest and highest range and velocity of any scatterer in every processing interval; (J, 2) each."""
-    pulses = axis(recording.baseband, "slow_time")
+    pulses = recording.slow_time_s
     table = recording.truth[0].scatterers
     first = np.searchsorted(pulses, times_s - cpi_s / 2.0)
     stop = np.searchsorted(pulses, times_s + cpi_s / 2.0)
@@ -151,10 +148,10 @@ def score_scans(mover: Mover, scans: list[Scan]) -> list[Score]:
     """Compare all scans of a recording in which the body is wholly in the frame with the truth."""
     times_s = np.array([scan.time_s for scan in scans])
     ranges_m, velocities_mps = true_boxes(mover.recording, times_s, 0.1)
-    pulses, truth = axis(mover.recording.baseband, "slow_time"), mover.recording.truth[0]
+    pulses, truth = mover.recording.slow_time_s, mover.recording.truth[0]
     centre_m = np.interp(times_s, pulses, truth.centre_range_m)
     centre_mps = np.interp(times_s, pulses, truth.centre_velocity_mps)
-    frame_m = axis(mover.recording.baseband, "range")[[0, -1]]
+    frame_m = mover.recording.range_m[[0, -1]]
     return [
         score_scan(scan, ranges_m[n], velocities_mps[n], centre_m[n], centre_mps[n])
         for n, scan in enumerate(scans)

@@ -70,7 +70,7 @@ def facts(example: Example, recording: Recording) -> dict[str, Any]:
         "truth_hz": truth.gait_frequency_hz, "true_step_m": abs(velocity_mps) / truth.gait_frequency_hz,
         "true_ground_step_m": truth.ground_speed_mps / truth.gait_frequency_hz,
         "span_hz": float(np.ptp(doppler_hz)), "envelope_hz": float(high - low),
-        "seconds": recording.baseband.sizes["slow_time"] / recording.radar.prf_hz,
+        "seconds": recording.n_pulses / recording.radar.prf_hz,
     }  # fmt: skip
 
 

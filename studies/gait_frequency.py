@@ -224,7 +224,7 @@ def run_example(example: Example) -> list[dict[str, Any]]:
     facts = {
         **{name: getattr(example, name) for name in ("number", "source", "label", "half", "aspect_deg")},
         "gait": truth.gait, "speed_mps": truth.ground_speed_mps, "truth_hz": truth.gait_frequency_hz,
-        "seconds": recording.baseband.sizes["slow_time"] / recording.radar.prf_hz,
+        "seconds": recording.n_pulses / recording.radar.prf_hz,
     }  # fmt: skip
     rows = []
     # a hop of 8 pulses moves the report's estimate by nothing that its bin of 1 / T_o shows, at an eighth the time

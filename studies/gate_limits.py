@@ -12,7 +12,6 @@ import argparse
 import time
 import warnings
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -53,7 +52,7 @@ def print_weakest(draws: int) -> None:
         for run in range(runs):
             rng = np.random.default_rng([SEED, 3, kind_number, run])
             recording = walk_past(kind, X4, float(rng.uniform(0.0, 45.0)), rng)
-            times_s = axis(recording.baseband, "slow_time")
+            times_s = recording.slow_time_s
             truth = truth_of(recording)
             for n, level_db in enumerate(SWEEP_DB):
                 best = own_track(tracks_in(spoilt(recording.baseband, level_db, rng), X4), truth, 0)
@@ -162,7 +161,7 @@ def print_torso(draws: int) -> None:
         for run in range(4 * draws):
             rng = np.random.default_rng([SEED, 5, case, run])
             recording = crossing_at_90(rng, seconds, slowest_mps, fastest_mps)
-            cluttered = replace(recording, baseband=spoilt(recording.baseband, 20.0, rng))
+            cluttered = recording.with_baseband(spoilt(recording.baseband, 20.0, rng))
             for kind, found in rows.items():
                 results = analyze(cluttered, analysis=Analysis(clutter=kind, extended=False))
                 flags = [f for r in results for one in (r, *r.pieces) for f in one.flags]

@@ -13,7 +13,7 @@ import argparse
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -92,7 +92,7 @@ def truth_of(recording: Recording) -> Truth:
     """True ranges and velocities of all bodies."""
     ranges = np.transpose([one.centre_range_m for one in recording.truth])
     velocities = np.transpose([one.centre_velocity_mps for one in recording.truth])
-    return Truth(axis(recording.baseband, "slow_time"), ranges, velocities)
+    return Truth(recording.slow_time_s, ranges, velocities)
 
 
 def tracks_in(baseband: xr.DataArray, radar: Radar, detector: Detector | None = None) -> list[Track]:
@@ -135,9 +135,9 @@ def seven(result: TargetResult | None) -> FloatArray:
 def pairs_of(recording: Recording, kind: str, radar: str, level_db: float, rng: Rng) -> Iterator[Pair]:
     """The track gate against the truth gate of the same time and data, and against the truth gate without clutter."""
     state = rng.bit_generator.state
-    cluttered = replace(recording, baseband=spoilt(recording.baseband, level_db, rng))
+    cluttered = recording.with_baseband(spoilt(recording.baseband, level_db, rng))
     rng.bit_generator.state = state  # the same noise without the clutter
-    bare = replace(recording, baseband=spoilt(recording.baseband, level_db, rng, clutter_db=None))
+    bare = recording.with_baseband(spoilt(recording.baseband, level_db, rng, clutter_db=None))
     found = [r for r in analyze(cluttered, analysis=Analysis(extended=False)) if _is_of(r, recording)]
     best = max(found, key=lambda r: float(np.ptp(axis(r.gate_limits, "time"))), default=None)
     whole = analyze(bare, gate="truth", analysis=Analysis(extended=False))[0]
@@ -157,7 +157,7 @@ def _is_of(result: TargetResult, recording: Recording) -> bool:
     """Whether a result's gate follows the body: nearer than 0.8 m for most of its time."""
     gate = result.gate_limits
     centre_m = (gate["range_low"].values + gate["range_high"].values) / 2
-    times_s = axis(recording.baseband, "slow_time")
+    times_s = recording.slow_time_s
     true_m = np.interp(axis(gate, "time"), times_s, recording.truth[0].centre_range_m)
     return bool(np.median(np.abs(centre_m - true_m)) < 0.8)
 

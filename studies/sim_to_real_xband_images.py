@@ -27,7 +27,6 @@ from xband_measures import FloatArray
 
 from doppelgait.classify.patches import Patch
 from doppelgait.core.errors import DoppelgaitWarning
-from doppelgait.core.labels import axis
 from doppelgait.pipeline import simulate
 from doppelgait.pipeline.analyze import analyze_signature
 from doppelgait.pipeline.echoes import Conditions
@@ -175,7 +174,7 @@ def _ground_echo(place: Place, bins: list[int], speed_mps: float, rng: np.random
     recording = simulate(scene, GROUND_RADAR, angles=False, scene_rng=rng)
     sweeps_s = measures.PRI_S * np.arange(measures.N_SWEEPS)
     used = sorted(set(bins))
-    smooth = CubicSpline(axis(recording.baseband, "slow_time"), recording.baseband.values[:, used])(sweeps_s)
+    smooth = CubicSpline(recording.slow_time_s, recording.baseband.values[:, used])(sweeps_s)
     return measures.stitched(smooth, [used.index(one) for one in bins])
 
 

@@ -23,7 +23,6 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from doppelgait import viz
-from doppelgait.core.labels import axis
 from doppelgait.motion.models import quadruped_gait
 from doppelgait.motion.models.human import human_gait
 from doppelgait.pipeline import simulate
@@ -270,7 +269,7 @@ def run_all(name: str, runs: int, settings: Tracker) -> tuple[dict[str, list[Ver
     for number in range(runs):
         rng = np.random.default_rng([SEED, list(SCENES).index(name), number])
         recording = simulate(SCENES[name](rng), RADAR, angles=False)
-        truth = _truth_of(recording.truth, axis(recording.baseband, "slow_time"))
+        truth = _truth_of(recording.truth, recording.slow_time_s)
         cases = {"drawn": draw_scans(truth, rng)} if truth.range_m.size else {}
         for level_db in LEVELS_DB if truth.range_m.size else LEVELS_DB[:1]:
             baseband = noisy_copy(recording.baseband, level_db, rng)

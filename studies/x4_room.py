@@ -27,7 +27,6 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from doppelgait import viz
-from doppelgait.core.labels import axis
 from doppelgait.motion.models.primitives import breathing_person
 from doppelgait.pipeline import simulate
 from doppelgait.pipeline.echoes import Conditions
@@ -99,12 +98,13 @@ def drawn_room(twin: Path, *, frames: int, seed: int) -> Recording:
     specs = [make_impairment(table) for table in [{"kind": "thermal_noise"}, *tables]]
     nothing = np.zeros((frames, radar.n_range_bins), dtype=np.complex64)
     samples = apply_impairments(nothing, specs, radar=radar, rng=np.random.default_rng(seed))
-    return Recording(label_baseband(samples, np.arange(frames) / radar.prf_hz, radar), radar, source=twin.name)
+    baseband = label_baseband(samples, np.arange(frames) / radar.prf_hz, radar)
+    return Recording.from_baseband(baseband, radar, source=twin.name)
 
 
 def drawn_person(twin: Path, like: Recording, *, amplitude_m: float, seed: int) -> Recording:
     """A breathing person through a twin, in the frame and for the time of a recording."""
-    range_m, time_s = axis(like.baseband, "range"), axis(like.baseband, "slow_time")
+    range_m, time_s = like.range_m, like.slow_time_s
     frame = {"range_start_m": float(range_m[0]), "range_stop_m": float(range_m[-1]) + 0.03}
     radar = Radar.preset(str(twin), **frame)
     motion = breathing_person(
@@ -120,7 +120,7 @@ def drawn_person(twin: Path, like: Recording, *, amplitude_m: float, seed: int) 
 
 def person(recording: Recording, *, start_s: float = 0.0) -> Person:
     """Where the bins vary most near the person, how much, and how fast, from a time on."""
-    range_m, times_s = axis(recording.baseband, "range"), axis(recording.baseband, "slow_time")
+    range_m, times_s = recording.range_m, recording.slow_time_s
     chosen = times_s >= start_s
     values, time_s = recording.baseband.values[chosen].astype(complex), times_s[chosen]
     level_db = 20.0 * np.log10(values.std(axis=0)) - unit_db(recording.radar)

@@ -33,7 +33,6 @@ from xband_measures import FloatArray
 
 from doppelgait import viz
 from doppelgait.core.errors import DoppelgaitWarning
-from doppelgait.core.labels import axis
 from doppelgait.motion.models import boulic_walk, human_gait, quadruped_gait
 from doppelgait.motion.schema import make_motion
 from doppelgait.pipeline import simulate
@@ -150,7 +149,7 @@ def scene_of(pair: Pair, motion: xr.DataArray, rcs: RcsSpec, *, speed_mps: float
 
 def burst_bins(recording: Recording, *, error_m: float = 0.0) -> list[int]:
     """Range bin of the body, or of a place so far behind it, in the middle of every burst."""
-    range_m, track_m = axis(recording.baseband, "range"), recording.truth[0].centre_range_m + error_m
+    range_m, track_m = recording.range_m, recording.truth[0].centre_range_m + error_m
     middles = measures.BURST_SWEEPS * np.arange(measures.N_BURSTS) + measures.BURST_SWEEPS // 2
     return [int(np.argmin(np.abs(range_m - track_m[middle]))) for middle in middles]
 

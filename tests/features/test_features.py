@@ -251,7 +251,7 @@ def test_an_empty_room_gives_no_features(noise_power_v2):
     y = make_array(BASEBAND, np.zeros((3000, 60), np.complex64), coords)
     y = add_noise(y, noise_power_v2=noise_power_v2, rng=np.random.default_rng(0))
     gate = make_gate([0, 3], [1.5, 1.5], span_m=1.6, source="given")
-    result = analyze(Recording(y, Radar.preset("x4")), gate=gate)[0]
+    result = analyze(Recording.from_baseband(y, Radar.preset("x4")), gate=gate)[0]
     assert result.flags == ("no_signal",)
     assert np.isnan(result.features.vector()).all()
     assert result_as_dict(result)["features"]["torso_velocity_mps"] is None
@@ -441,7 +441,7 @@ def test_gates_that_cannot_be_had_are_explained(walkers_of_3_s):
         np.zeros((300, 20), np.complex64),
         {"slow_time": np.arange(300) / 1000, "range": np.arange(20) * 0.05},
     )
-    recording = Recording(empty, Radar.preset("x4"), source="measured.h5")
+    recording = Recording.from_baseband(empty, Radar.preset("x4"), source="measured.h5")
     assert analyze(recording) == []
     with pytest.raises(AnalysisError, match=r"measured\.h5: has no truth"):
         analyze(recording, gate="truth")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -289,7 +288,7 @@ def test_a_pulse_rate_means_nothing_to_a_sweep():
 
 def test_bursts_are_no_lost_frames():
     made = run_simulation(parse_run({**SCENE, "targets": [], "noise": {"kind": "thermal"}, "duration_s": 0.2}))
-    in_bursts = replace(made, baseband=made.baseband.assign_attrs(burst_pulses=16))
+    in_bursts = made.with_baseband(made.baseband.assign_attrs(burst_pulses=16))
     with pytest.raises(AnalysisError, match="comes in bursts"):
         fit_twin(in_bursts)
 

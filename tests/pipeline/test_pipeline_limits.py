@@ -185,7 +185,7 @@ def test_a_motion_file_is_read_once(monkeypatch, walk):
     targets = [{"motion": {"kind": "file", "path": "walk.c3d"}}, {"motion": {"kind": "boulic"}, "bearing_deg": 40}]
     recording = run_simulation(parse_run({"targets": targets}))
     assert asked == ["walk.c3d"]
-    assert recording.baseband.sizes["slow_time"] == 1000  # as long as the file's motion, not the model's default
+    assert recording.n_pulses == 1000  # as long as the file's motion, not the model's default
 
 
 def test_motions_are_kept_up_to_a_number_of_bytes(monkeypatch, walk, tmp_path):

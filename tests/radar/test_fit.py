@@ -66,7 +66,7 @@ def room(
 
 def recording(samples: np.ndarray, radar: Radar = RADAR, range_m: np.ndarray = RANGE_M) -> Recording:
     coords = {"slow_time": np.arange(len(samples)) / radar.prf_hz, "range": range_m}
-    return Recording(make_array(BASEBAND, samples.astype(np.complex64), coords), radar, source="room.h5")
+    return Recording.from_baseband(make_array(BASEBAND, samples.astype(np.complex64), coords), radar, source="room.h5")
 
 
 def compared(fit: TwinFit) -> dict[str, tuple[Estimate, float]]:

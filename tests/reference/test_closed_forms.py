@@ -474,7 +474,7 @@ class Untouchable:
 
 
 def without_truth(recording):
-    bare = Recording(recording.baseband, recording.radar)
+    bare = Recording.from_baseband(recording.baseband, recording.radar)
     object.__setattr__(bare, "truth", Untouchable())
     return bare
 

@@ -225,7 +225,7 @@ def test_the_torso_of_the_map_is_a_mean_over_a_step(material):
     found = numbers(made(material, chapter4, "fig-4.5"))["Doppler of the strongest cell, mean over a whole step"]
     assert (found.stated, found.tolerance) == (100.0, 15.0)
     recording, _ = chapter4.walk(material)
-    middle = recording.baseband.sizes["slow_time"] // 2
+    middle = recording.n_pulses // 2
     window = np.exp(-0.5 * ((np.arange(101) - 50) / (0.4 * 50)) ** 2)
     strongest = []
     for frame in range(middle, middle + round(1000 / recording.truth[0].gait_frequency_hz), 5):  # finer than there

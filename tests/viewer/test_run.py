@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from doppelgait import viz
 from doppelgait.core.errors import AnalysisError, ConfigError
@@ -45,7 +43,7 @@ def found(range_m, start_s=0.0, stop_s=9.99, gate="track"):
 def truths(bodies, results):
     """Truth of every result over its own times."""
     recording = SimpleNamespace(
-        baseband=xr.DataArray(np.zeros(TIMES_S.size), {"slow_time": TIMES_S}, ["slow_time"]),
+        slow_time_s=TIMES_S,
         radar=SimpleNamespace(wavelength_m=WAVELENGTH_M),
         truth=bodies,
     )
@@ -194,11 +192,11 @@ def test_only_the_last_two_analyses_are_kept(recording):
 
 def test_bursts_last_until_the_last_one(recording):
     """16 of every 64 pulses, as of a sensor that sleeps in between."""
-    chosen = np.flatnonzero(np.arange(recording.baseband.sizes["slow_time"]) % 64 < 16)
+    chosen = np.flatnonzero(np.arange(recording.n_pulses) % 64 < 16)
     baseband = recording.baseband.isel(slow_time=chosen)
-    rest = replace(recording, baseband=baseband, truth=())
+    rest = recording.with_baseband(baseband, truth=())
     facts, _ = unpack(recording_payload(Run("bursts", "recording", load=lambda: rest), None))
-    prf_hz, n_bursts = recording.radar.prf_hz, -(-recording.baseband.sizes["slow_time"] // 64)
+    prf_hz, n_bursts = recording.radar.prf_hz, -(-recording.n_pulses // 64)
     assert facts["duration_s"] == pytest.approx((chosen[-1] + 1) / prf_hz)
     told = dict(facts["facts"])
     assert told["bursts"] == f"{n_bursts} of 16 frames"

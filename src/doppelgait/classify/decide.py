@@ -140,7 +140,7 @@ def _analyzed(recording: Recording, gate: Any, settings: Analysis, tracking: Tra
         return analyze(recording, gate=gate, analysis=settings, tracking=tracking)
     except AnalysisError as error:
         radar = recording.radar
-        if recording.baseband.sizes["range"] > 1 or not isinstance(gate, str) or gate != "track":
+        if recording.n_range_bins > 1 or not isinstance(gate, str) or gate != "track":
             raise
         low_m, high_m = radar.range_start_m, radar.range_stop_m
         raise AnalysisError(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -23,7 +22,7 @@ def draw_all(recording: Recording, results: Sequence[TargetResult], analysis: An
     OutputError
         If the folder or a file cannot be written.
     """
-    recording = replace(recording, baseband=remove_clutter(recording.baseband, analysis))
+    recording = recording.with_baseband(remove_clutter(recording.baseband, analysis))
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -115,13 +115,12 @@ def _tell_if_deep(prf_hz: float, pitch: float) -> None:
 
 def _gates(recording: Recording, gate: str, settings: Analysis, tracking: Tracking) -> list[LabelledGate]:
     """Label and gate of every target; a gate that is known beforehand needs no analysis."""
-    from doppelgait.core.labels import axis
     from doppelgait.pipeline import analyze, truth_gate
     from doppelgait.processing import fixed_gate
 
     asked = parse_gate(gate)
     if isinstance(asked, tuple):
-        return [(None, fixed_gate(axis(recording.baseband, "slow_time"), *asked))]
+        return [(None, fixed_gate(recording.slow_time_s, *asked))]
     if asked == "truth" and recording.truth:
         return [(truth.label or None, truth_gate(recording, truth, settings)) for truth in recording.truth]
     results = analyze(recording, gate=asked, analysis=settings, tracking=tracking)

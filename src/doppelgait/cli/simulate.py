@@ -77,8 +77,8 @@ def simulate(
 def _tell(recording: Recording, output: Path, as_json: bool) -> None:
     facts = {
         "file": str(output),
-        "n_pulses": recording.baseband.sizes["slow_time"],
-        "n_range_bins": recording.baseband.sizes["range"],
+        "n_pulses": recording.n_pulses,
+        "n_range_bins": recording.n_range_bins,
         "prf_hz": recording.radar.prf_hz,
         "seed": recording.seed,
         "targets": [truth.label for truth in recording.truth],

@@ -319,9 +319,9 @@ def write_sigmf_folder(
                 )
                 for example in examples
             ]  # fmt: skip
-            recording = Recording(
-                baseband=first.baseband,
-                radar=radar_of(description, first.row),
+            recording = Recording.from_baseband(
+                first.baseband,
+                radar_of(description, first.row),
                 truth=annotated,
                 snr_frame_db=float(np.nan if first.row.get("snr_frame_db") is None else first.row["snr_frame_db"]),
                 seed=description["config"]["dataset"]["seed"],

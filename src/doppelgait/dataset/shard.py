@@ -355,7 +355,7 @@ def _simulate(
             return made, made.results, run_simulation(example.run, folder=folder, angles=False)
     recording = run_simulation(example.run, folder=folder, angles=False)
     tracked = analyze(recording, gate="track", analysis=example.run.analysis)
-    n_pulses = recording.baseband.sizes["slow_time"]
+    n_pulses = recording.n_pulses
     made = FusedExample(tracked, recording.truth, n_pulses, recording.noise_power_v2, recording.snr_frame_db)
     if example.rows[0].source == "none" and len(example.rows) == 1:
         return made, strongest_track(tracked), recording

@@ -121,7 +121,7 @@ def _overlap(gate: xr.Dataset, other: xr.Dataset) -> bool:
 
 def truth_gate(recording: Recording, truth: TargetTruth, analysis: Analysis, error_m: float = 0.0) -> xr.Dataset:
     """Gate around the true range of the body; the report's method adds span by class and the true Doppler band."""
-    slow_time_s = axis(recording.baseband, "slow_time")
+    slow_time_s = recording.slow_time_s
     return gate_of_truth(slow_time_s, truth, analysis, wavelength_m=recording.radar.wavelength_m, error_m=error_m)
 
 

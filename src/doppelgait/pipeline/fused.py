@@ -73,7 +73,7 @@ def run_steps(
     """
     recording = simulate(scene, radar, snr_db=snr_db, angles=False, **drawn)
     results = analyze(recording, gate="truth", analysis=analysis, gate_error_m=gate_error_m)
-    n_pulses = recording.baseband.sizes["slow_time"]
+    n_pulses = recording.n_pulses
     return FusedExample(results, recording.truth, n_pulses, recording.noise_power_v2, recording.snr_frame_db)
 
 
@@ -125,7 +125,7 @@ def _planes(n_bins: int, n_pulses: int) -> tuple[Float32Array, Float32Array]:
 
 def _synthesise(scatterers: xr.Dataset, radar: Radar, plane_re: Float32Array, plane_im: Float32Array) -> float:
     """Write all echoes into the planes; returns the signal level of SNR_frame, V^2."""
-    from doppelgait.core.kernels.power import strongest_power
+    from doppelgait.core.kernels.planes import strongest_power
     from doppelgait.core.kernels.synthesis import echo_planes
 
     range_m, amplitude_v = scatterer_arrays(scatterers, radar)
@@ -147,7 +147,7 @@ def _add_noise(
     noise_v2: float,
 ) -> None:
     """Add receiver noise to the pulses of every range bin that some gate needs, once."""
-    from doppelgait.core.kernels.noise import add_noise_spans, draw_key
+    from doppelgait.core.kernels.noise import copy_noise_spans, draw_key
 
     needed = np.stack([np.min([s[:, 0] for s in spans], axis=0), np.max([s[:, 1] for s in spans], axis=0)], axis=1)
-    add_noise_spans(plane_re, plane_im, needed, draw_key(rng), math.sqrt(noise_v2))
+    copy_noise_spans(plane_re, plane_im, needed, 0, draw_key(rng), math.sqrt(noise_v2), plane_re, plane_im)

@@ -56,11 +56,11 @@ def result_as_dict(result: TargetResult) -> dict[str, Any]:
 
 def analysis_as_dict(recording: Recording, results: Sequence[TargetResult]) -> dict[str, Any]:
     """The document that ``doppelgait analyze --json`` prints."""
-    slow_time_s = axis(recording.baseband, "slow_time")
+    slow_time_s = recording.slow_time_s
     facts = {
         "file": recording.source,
         "n_pulses": int(slow_time_s.size),
-        "n_range_bins": int(recording.baseband.sizes["range"]),
+        "n_range_bins": int(recording.n_range_bins),
         "observation_s": recording.observation_s,
         "snr_frame_db": _json_number(recording.snr_frame_db),
         "noise_power_v2": _json_number(recording.noise_power_v2),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -156,7 +157,7 @@ def run_simulation(spec: RunSpec, *, folder: Path | None = None, angles: bool = 
     """
     scene, radar, drawn = _inputs(spec, folder)
     recording = simulate(scene, radar, angles=angles, **drawn)
-    return Recording(**{**vars(recording), "seed": spec.seed})
+    return replace(recording, seed=spec.seed)
 
 
 def run_example(spec: RunSpec, *, folder: Path | None = None, gate_error_m: float = 0.0) -> FusedExample:

@@ -109,9 +109,9 @@ def simulate(
     if given.faults and fault_rng is not None:
         samples = apply_impairments(samples, given.faults, radar=radar, rng=fault_rng)
     drawn = slow_time_s[:: math.ceil(radar.prf_hz / BODY_RATE_HZ)] if angles else None
-    return Recording(
-        baseband=label_baseband(compress(samples, radar), slow_time_s, radar),
-        radar=radar,
+    return Recording.from_baseband(
+        label_baseband(compress(samples, radar), slow_time_s, radar),
+        radar,
         truth=[target_truth(scene, n, scatterers, track, drawn_s=drawn) for n, track in enumerate(tracks)],
         noise_power_v2=noise_v2,
         snr_frame_db=snr_frame_db(signal_v2, noise_v2),

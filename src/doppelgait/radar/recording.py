@@ -1,16 +1,19 @@
-"""A radar recording: baseband, the radar, and (simulated ones only) the truth about every target."""
+"""A radar recording: samples, the radar, and (simulated ones only) the truth about every target."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.config import canonical_json
-from doppelgait.core.labels import BASEBAND, axis, check_signal
+from doppelgait.core.labels import BASEBAND, axis, check_signal, make_array
+from doppelgait.core.samples import Samples
 from doppelgait.core.units import velocity_to_doppler_hz
 from doppelgait.radar.config import Radar
 
@@ -63,15 +66,21 @@ class TargetTruth:
         return np.asarray(values, dtype=np.float64)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Recording:
     """One recording.
 
     Parameters
     ----------
-    baseband : DataArray (slow_time, range)
-        complex64, V.
+    samples : Samples, shape (pulses, range bins)
+        Complex baseband, V. The recording's own: it cannot be changed any more.
     radar : Radar
+    slow_time_s : ndarray, shape (pulses,)
+        Times of the pulses.
+    range_m : ndarray, shape (range bins,)
+        Ranges of the bins.
+    facts : mapping
+        Further facts on the samples that a file states, for example ``burst_pulses``.
     truth : sequence of TargetTruth
         Empty for measured recordings.
     noise_power_v2 : float
@@ -83,15 +92,22 @@ class Recording:
     source : str
         File name, or how it was made.
     notes : sequence of str
-        What its file does not tell and was therefore assumed or taken from options; empty for simulated recordings.
+        What its file does not state and was therefore assumed or taken from options; empty for simulated recordings.
     radar_position_m : (float, float, float), optional
         Place of the radar in the frame of the scene; None for measured recordings.
     radar_azimuth_deg, radar_tilt_deg : float
         Where its antenna looks: from +x towards +y, and up from the horizontal.
+
+    See Also
+    --------
+    Recording.from_baseband : a recording from a labelled complex array.
     """
 
-    baseband: xr.DataArray
+    samples: Samples
     radar: Radar
+    slow_time_s: npt.NDArray[np.float64]
+    range_m: npt.NDArray[np.float64]
+    facts: Mapping[str, Any] = field(default_factory=dict)
     truth: Sequence[TargetTruth] = ()
     noise_power_v2: float = NAN
     snr_frame_db: float = NAN
@@ -103,19 +119,73 @@ class Recording:
     radar_tilt_deg: float = 0.0
 
     def __post_init__(self) -> None:
-        check_signal(self.baseband, BASEBAND)
+        object.__setattr__(self, "samples", self.samples.freeze())
         object.__setattr__(self, "truth", tuple(self.truth))
         object.__setattr__(self, "notes", tuple(self.notes))
 
+    @classmethod
+    def from_baseband(cls, baseband: xr.DataArray, radar: Radar, **facts: Any) -> Recording:
+        """Recording of a labelled complex array (slow_time, range), in V, such as a measurement.
+
+        Parameters
+        ----------
+        baseband : DataArray (slow_time, range)
+            Its attributes besides the units are kept as ``facts``.
+        radar : Radar
+        **facts
+            Further parameters of :class:`Recording`.
+
+        Raises
+        ------
+        AnalysisError
+            If the array is no baseband.
+        """
+        check_signal(baseband, BASEBAND)
+        further = {name: value for name, value in baseband.attrs.items() if name not in ("units", "radar")}
+        slow_time_s, range_m = axis(baseband, "slow_time"), axis(baseband, "range")
+        return cls(Samples(baseband.values), radar, slow_time_s, range_m, facts=further, **facts)
+
+    def with_baseband(self, baseband: xr.DataArray, **changes: Any) -> Recording:
+        """The same recording with other samples, and further changes of its parameters."""
+        kept = {item.name: getattr(self, item.name) for item in fields(self)}
+        for name in ("samples", "radar", "slow_time_s", "range_m", "facts"):
+            del kept[name]
+        return Recording.from_baseband(baseband, self.radar, **{**kept, **changes})
+
+    @cached_property
+    def baseband(self) -> xr.DataArray:
+        """Samples as a labelled complex64 array (slow_time, range), V, that cannot be changed; made on first access."""
+        matrix = self.samples.matrix.view()
+        matrix.flags.writeable = False
+        coords = {"slow_time": self.slow_time_s, "range": self.range_m}
+        return make_array(BASEBAND, matrix, coords, {**baseband_facts(self.radar), **self.facts})
+
+    @property
+    def n_pulses(self) -> int:
+        """Number of pulses, I."""
+        return self.samples.shape[0]
+
+    @property
+    def n_range_bins(self) -> int:
+        """Number of range bins, N."""
+        return self.samples.shape[1]
+
     @property
     def observation_s(self) -> float:
-        """Time from the first pulse to the end of the last, T_o, pauses between bursts and all."""
-        times_s = axis(self.baseband, "slow_time")
-        return float(times_s[-1] - times_s[0]) + 1.0 / self.radar.prf_hz
+        """Time from the first pulse to the end of the last, T_o, with the pauses between bursts."""
+        return float(self.slow_time_s[-1] - self.slow_time_s[0]) + 1.0 / self.radar.prf_hz
+
+    @property
+    def independent_bin_share(self) -> float:
+        """Independent noise values per range bin; less than 1 where a window over the sweep joins bins."""
+        from doppelgait.radar.waveforms import waveform_of
+
+        share = self.facts.get("independent_bin_share")
+        return waveform_of(self.radar).independent_bins(self.radar) if share is None else float(share)
 
 
 def baseband_facts(radar: Radar) -> dict[str, str | float]:
-    """What a baseband array says of the radar that made it: all of it as JSON, and how its window joins range bins."""
+    """Attributes of a baseband array: its radar as JSON, and independent noise values per range bin if below 1."""
     from doppelgait.radar.waveforms import waveform_of
 
     share = waveform_of(radar).independent_bins(radar)

@@ -60,8 +60,8 @@ def _write_hdf5(recording: Recording, path: Path) -> None:
             file.attrs["notes"] = json.dumps(recording.notes)
         _put(file, "baseband", recording.baseband.values.astype("<c8"), "V")
         file["baseband"].attrs.update(further_facts(recording.baseband))
-        _put(file, "slow_time_s", axis(recording.baseband, "slow_time"), "s")
-        _put(file, "range_m", axis(recording.baseband, "range"), "m")
+        _put(file, "slow_time_s", recording.slow_time_s, "s")
+        _put(file, "range_m", recording.range_m, "m")
         if recording.radar_position_m is not None:
             file.attrs.update({name: getattr(recording, name) for name in POSE})
         for number, truth in enumerate(recording.truth):
@@ -144,9 +144,9 @@ def _read_hdf5(file: Any, source: str) -> Recording:
     pose = {name: np.asarray(file.attrs[name]).tolist() for name in POSE if name in file.attrs}
     if "radar_position_m" in pose:
         pose["radar_position_m"] = tuple(pose["radar_position_m"])
-    return Recording(
-        baseband=baseband,
-        radar=radar,
+    return Recording.from_baseband(
+        baseband,
+        radar,
         truth=[_read_truth(file[f"truth/{number}"], coords["slow_time"], int(number)) for number in numbers],
         noise_power_v2=float(file.attrs.get("noise_power_v2", NAN)),
         snr_frame_db=float(file.attrs.get("snr_frame_db", NAN)),

@@ -132,7 +132,7 @@ def make_range_doppler(material: Material) -> Made:
 def _strongest_hz(material: Material) -> float:
     """Doppler of the strongest cell of range-Doppler maps, mean over one whole step in the middle of the walk."""
     recording, _ = walk(material)
-    middle = recording.baseband.sizes["slow_time"] // 2
+    middle = recording.n_pulses // 2
     step_frames = recording.radar.prf_hz / recording.truth[0].gait_frequency_hz
     frames = [middle + round(step_frames * n / STEP_COLUMNS) for n in range(STEP_COLUMNS)]
 

@@ -100,7 +100,7 @@ def _facts(recording: Recording) -> Iterator[tuple[str, str]]:
 
 def _time_facts(recording: Recording) -> Iterator[tuple[str, str]]:
     """Rate and number of frames; of a recording in bursts, of the bursts and of the frames in them."""
-    times_s, prf_hz = axis(recording.baseband, "slow_time"), recording.radar.prf_hz
+    times_s, prf_hz = recording.slow_time_s, recording.radar.prf_hz
     pulses = burst_pulses_of(recording.baseband)
     if pulses is None:
         yield "frame rate", f"{prf_hz:.4g} Hz"

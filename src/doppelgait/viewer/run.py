@@ -55,7 +55,7 @@ def truths_of(recording: Recording, results: Sequence[TargetResult]) -> list[Tru
     recording : Recording
     results : sequence of TargetResult
     """
-    times_s = axis(recording.baseband, "slow_time")
+    times_s = recording.slow_time_s
     # Number of the body of every result.
     found: list[int | None] = [None] * len(results)
     pairs = []

@@ -13,7 +13,6 @@ import numpy as np
 
 from doppelgait import __version__
 from doppelgait.core.errors import ConfigError, RecordingError
-from doppelgait.core.labels import axis
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.processing import burst_pulses_of
 from doppelgait.radar.recording import Recording
@@ -106,13 +105,13 @@ def open_path(path: str | Path, settings: Settings) -> Opened:
 
 def can_track(recording: Recording) -> bool:
     """Whether bodies can be followed: there are ranges, and no pauses between the pulses."""
-    return recording.baseband.sizes["range"] > 1 and burst_pulses_of(recording.baseband) is None
+    return recording.n_range_bins > 1 and burst_pulses_of(recording.baseband) is None
 
 
 def _check_inside(gate_m: tuple[float, float], recording: Recording) -> None:
     """A gate of which nothing lies in the frame would show a page without targets."""
     first_m, last_m = all_ranges_m(recording)
-    if recording.baseband.sizes["range"] > 1 and (gate_m[1] <= first_m or gate_m[0] >= last_m):
+    if recording.n_range_bins > 1 and (gate_m[1] <= first_m or gate_m[0] >= last_m):
         raise ConfigError(
             f"--gate {gate_m[0]:g}:{gate_m[1]:g}: lies outside the recorded frame, {first_m:.2f} to {last_m:.2f} m; "
             "take ranges inside, or --gate track"
@@ -121,7 +120,7 @@ def _check_inside(gate_m: tuple[float, float], recording: Recording) -> None:
 
 def all_ranges_m(recording: Recording) -> tuple[float, float]:
     """A gate around all range cells, m."""
-    range_m = axis(recording.baseband, "range")
+    range_m = recording.range_m
     if range_m.size == 1:
         return recording.radar.range_start_m, recording.radar.range_stop_m
     half_m = float(range_m[1] - range_m[0]) / 2

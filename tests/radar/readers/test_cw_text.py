@@ -95,7 +95,7 @@ def test_clipping_is_told(tmp_path):
 def test_a_last_burst_that_is_not_whole_is_left_out(tmp_path):
     with pytest.warns(DoppelgaitWarning, match="the last burst has 44 of 128"):
         recording = read_cw_text(write_pair(tmp_path, *codes(300)))
-    assert recording.baseband.sizes["slow_time"] == 256
+    assert recording.n_pulses == 256
 
 
 @pytest.mark.parametrize(

@@ -37,7 +37,7 @@ def measured(shape=(20, 8), **facts):
     radar = Radar.preset("x4", prf_hz=25, range_start_m=0.5, range_stop_m=0.5 + shape[1] * 0.0514)
     coords = {"slow_time": np.arange(shape[0]) / 25.0, "range": 0.45 + 0.05144 * np.arange(shape[1])}
     baseband = make_array(BASEBAND, random_baseband(shape), coords, {"radar": "{}"})
-    return Recording(baseband, radar, source="x", **facts)
+    return Recording.from_baseband(baseband, radar, source="x", **facts)
 
 
 # --- Which reader -------------------------------------------------------------------------------------------------
@@ -196,7 +196,7 @@ def test_rate_axes_radar_and_notes_of_a_matlab_recording(moving_target):
     assert recording.source == "rf.mat"
     np.testing.assert_allclose(recording.baseband["slow_time"], np.arange(40) / 25.0)
     assert recording.baseband["range"].values[0] == pytest.approx(0.7 + 13 * BIN_M)  # centre of 27 taps
-    assert recording.baseband.sizes["range"] == recording.radar.n_range_bins == (400 - 27) // 8 + 1
+    assert recording.n_range_bins == recording.radar.n_range_bins == (400 - 27) // 8 + 1
     assert recording.radar.prf_hz == 25.0
     assert any("carrier_hz = 7.29e+09" in note for note in recording.notes)
     other = read_recording(moving_target[0], carrier_hz=8.748e9, prf_hz=50, range_start_m=1.0, radar="liland2018")

@@ -26,8 +26,8 @@ def make_recording(rows=40, slow_time_s=None, truth=(), **attrs):
     times = 0.25 + np.arange(rows) / 500.0 if slow_time_s is None else slow_time_s
     values = rng.normal(size=(times.size, range_m.size)) + 1j * rng.normal(size=(times.size, range_m.size))
     baseband = make_array(BASEBAND, values.astype(np.complex64), {"slow_time": times, "range": range_m}, attrs)
-    return Recording(
-        baseband=baseband, radar=RADAR, truth=truth, noise_power_v2=2.5e-9, seed=7, source="made", notes=("assumed x",)
+    return Recording.from_baseband(
+        baseband, RADAR, truth=truth, noise_power_v2=2.5e-9, seed=7, source="made", notes=("assumed x",)
     )
 
 
@@ -74,7 +74,7 @@ def test_the_files_keep_the_specification(tmp_path):
     assert set(meta) == {"global", "captures", "annotations"}
     assert meta["global"]["core:datatype"] == "cf32_le"
     assert meta["global"]["core:sha512"] == hashlib.sha512(content).hexdigest()
-    assert meta["global"]["core:sample_rate"] == pytest.approx(500.0 * recording.baseband.sizes["range"])
+    assert meta["global"]["core:sample_rate"] == pytest.approx(500.0 * recording.n_range_bins)
     assert meta["captures"] == [{"core:sample_start": 0, "core:frequency": 7.29e9, "doppelgait:time_s": 0.25}]
     own = {"name": "doppelgait", "version": "1.0.0", "optional": True}
     assert meta["global"]["core:extensions"] == [own]
@@ -130,7 +130,7 @@ def test_pauses_are_captures(tmp_path):
     recording = make_recording(slow_time_s=times, burst_pulses=10)
     write_sigmf(recording, tmp_path / "walk")
     meta = json.loads((tmp_path / "walk.sigmf-meta").read_text())
-    n = recording.baseband.sizes["range"]
+    n = recording.n_range_bins
     assert [c["core:sample_start"] for c in meta["captures"]] == [0, 10 * n, 20 * n, 30 * n]
     again = read_sigmf(tmp_path / "walk.sigmf-meta")
     np.testing.assert_allclose(again.baseband.slow_time.values, times, atol=1e-12)
@@ -213,7 +213,7 @@ def test_a_checksum_guards_the_samples(tmp_path):
         read_sigmf(data)
     with pytest.warns(DoppelgaitWarning) as told:
         recording = read_sigmf(data, ignore_checksum=True)
-    assert recording.baseband.sizes["slow_time"] == 39
+    assert recording.n_pulses == 39
     assert "not whole" in str(told[0].message)
 
 

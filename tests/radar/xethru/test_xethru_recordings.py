@@ -46,7 +46,7 @@ def simulated(preset: str, *, prf_hz: float = 500.0, n_pulses: int = 200) -> Rec
     rng = np.random.default_rng(3)
     values = values + 1e-5 * (rng.normal(size=values.shape) + 1j * rng.normal(size=values.shape))
     baseband = make_array(BASEBAND, values.astype(np.complex64), {"slow_time": time_s, "range": range_m})
-    return Recording(baseband=baseband, radar=radar)
+    return Recording.from_baseband(baseband, radar)
 
 
 def there_and_back(recording: Recording, folder: Path, preset: str, name: str, **options: Any) -> Recording:
@@ -110,7 +110,7 @@ def test_q15_is_right_to_half_a_step(tmp_path: Path, preset: str) -> None:
 
 def test_q15_of_silence(tmp_path: Path, preset: str) -> None:
     recording = simulated(preset, n_pulses=4)
-    silent = Recording(baseband=recording.baseband * np.complex64(0), radar=recording.radar)
+    silent = Recording.from_baseband(recording.baseband * np.complex64(0), recording.radar)
     silent.baseband.attrs["units"] = "V"
     assert np.all(there_and_back(silent, tmp_path, preset, "radar_baseband_q15").baseband.values == 0)
 
@@ -307,9 +307,9 @@ def test_what_cannot_be_written(tmp_path: Path, preset: str) -> None:
     bent = recording.baseband.assign_coords(range=recording.baseband.range.values**1.01)
     with pytest.raises(RecordingError, match="not uniform"):
         write_xethru_recording(
-            Recording(baseband=bent, radar=recording.radar), tmp_path, start_time=START, session_id="S"
+            Recording.from_baseband(bent, recording.radar), tmp_path, start_time=START, session_id="S"
         )
-    loud = Recording(baseband=(1e3 * recording.baseband).assign_attrs(units="V"), radar=recording.radar)
+    loud = Recording.from_baseband((1e3 * recording.baseband).assign_attrs(units="V"), recording.radar)
     with pytest.warns(DoppelgaitWarning, match="clipped"):
         write_xethru_recording(
             loud, tmp_path, data_type="radar_rf", counts_per_unit=1e6, start_time=START, session_id="S"

@@ -48,7 +48,7 @@ def point(velocity_mps=0.5, seconds=2.0, *, seed=0):
     echo = np.exp(1j * phase)[:, None] * np.exp(-(((ranges_m - range_m[:, None]) / 0.1) ** 2))
     values = (echo + noise[0] + 1j * noise[1]).astype(np.complex64)
     baseband = make_array(BASEBAND, values, {"slow_time": times_s, "range": ranges_m}, {"radar": "{}"})
-    return Recording(baseband, RADAR, source="point")
+    return Recording.from_baseband(baseband, RADAR, source="point")
 
 
 @pytest.fixture
@@ -308,7 +308,7 @@ def counted(times_s, **attrs):
     values = np.arange(len(times_s))[:, None] * np.ones((1, 2))
     attrs = {"radar": "{}", **attrs}
     coords = {"slow_time": np.asarray(times_s, dtype=float), "range": [1.0, 1.1]}
-    return Recording(make_array(BASEBAND, values.astype(np.complex64), coords, attrs), RADAR)
+    return Recording.from_baseband(make_array(BASEBAND, values.astype(np.complex64), coords, attrs), RADAR)
 
 
 def pulses(part):

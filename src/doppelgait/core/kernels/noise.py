@@ -185,24 +185,41 @@ def add_noise_block(
 
 
 @njit(**OPTIONS)
-def add_noise_spans(
-    plane_re: Float32Array, plane_im: Float32Array, spans: npt.NDArray[np.int64], key: int | np.uint64, rms: float
+def copy_noise_spans(
+    source_re: Float32Array,
+    source_im: Float32Array,
+    spans: npt.NDArray[np.int64],
+    first_bin: int,
+    key: int | np.uint64,
+    rms: float,
+    plane_re: Float32Array,
+    plane_im: Float32Array,
 ) -> None:
-    """Add receiver noise where it is needed: values of :func:`add_noise_block` for bins and frames from 0.
+    """Copy what is needed of planes and add receiver noise to it: values of :func:`add_noise_block`.
 
     Parameters
     ----------
-    plane_re, plane_im : ndarray, shape (N, I or more), float32
-        Added to.
+    source_re, source_im : ndarray, shape (N, I or more), float32
     spans : ndarray, shape (N, 2)
         First and one past the last frame that every bin needs; two bins of a pair get the frames that either needs.
+    first_bin : int
+        Bin of row 0.
     key, rms
         As for :func:`add_noise_block`.
+    plane_re, plane_im : ndarray, shape of the source, float32
+        Overwritten within the spans; may be the source.
     """
-    for pair in range(0, plane_re.shape[0], 2):
-        begin, end = spans[pair : pair + 2, 0].min(), spans[pair : pair + 2, 1].max()
-        if begin < end:
-            add_noise_block(plane_re[pair : pair + 2], plane_im[pair : pair + 2], begin, end, pair, begin, key, rms)
+    n_bins = source_re.shape[0]
+    row = 0
+    while row < n_bins:
+        end = min(row + 2 - (first_bin + row) % 2, n_bins)  # up to the end of the pair that shares random words
+        begin, stop = spans[row:end, 0].min(), spans[row:end, 1].max()
+        if begin < stop:
+            for n in range(row, end):
+                plane_re[n, begin:stop] = source_re[n, begin:stop]
+                plane_im[n, begin:stop] = source_im[n, begin:stop]
+            add_noise_block(plane_re[row:end], plane_im[row:end], begin, stop, first_bin + row, begin, key, rms)
+        row = end
 
 
 @njit(**OPTIONS)

@@ -187,8 +187,19 @@ def echo_planes(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _interleave(plane_re, plane_im, lowest, highest, out):  # type: ignore[no-untyped-def]
-    """Transpose planes to frames of (re, im) pairs; rows outside lowest..highest-1 are known to be zero."""
+def join_planes(
+    plane_re: Float32Array, plane_im: Float32Array, lowest: int, highest: int, out: npt.NDArray[np.complex64]
+) -> None:
+    """Transpose planes to a matrix of complex samples; the reverse of :func:`split_planes`.
+
+    Parameters
+    ----------
+    plane_re, plane_im : ndarray, shape (bins, I or more), float32, C-contiguous
+    lowest, highest : int
+        Rows of the planes from and up to, outside of which they are known to be zero.
+    out : ndarray, shape (I, bins), complex64, C-contiguous
+        Overwritten.
+    """
     width = plane_re.shape[1]
     re = plane_re.reshape(-1)
     im = plane_im.reshape(-1)
@@ -243,7 +254,7 @@ def add_echoes(
             re,
             im,
         )
-        _interleave(re, im, lowest, highest, out[frame : min(frame + LANES, n_frames)])
+        join_planes(re, im, lowest, highest, out[frame : min(frame + LANES, n_frames)])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -7,7 +7,7 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -121,7 +121,7 @@ def cut(
 
 
 def _blocks(recording: Recording) -> _Blocks:
-    times_s = axis(recording.baseband, "slow_time").astype(np.float64)
+    times_s = recording.slow_time_s.astype(np.float64)
     pulses = burst_pulses_of(recording.baseband) or 1
     starts_s = times_s[: times_s.size // pulses * pulses : pulses] - times_s[0]
     if starts_s.size < 2:
@@ -138,7 +138,7 @@ def _part(recording: Recording, blocks: _Blocks, start_s: float, stop_s: float) 
         raise AnalysisError(f"{start_s:g} to {stop_s:g} s: holds {times_s.size} pulses, at least 2 are needed")
     coords = {"slow_time": times_s - times_s[0], "range": axis(whole, "range")}
     baseband = make_array(BASEBAND, whole.values[chosen], coords, whole.attrs)
-    return Part(start_s, stop_s, replace(recording, baseband=baseband, truth=()))
+    return Part(start_s, stop_s, recording.with_baseband(baseband, truth=()))
 
 
 Arrays = dict[str, npt.NDArray[Any]]

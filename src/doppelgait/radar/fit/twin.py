@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.labels import axis
 from doppelgait.core.units import db_to_power, power_to_db
 from doppelgait.radar.config import Radar
 from doppelgait.radar.fit.clutter import ClutterProfile, Leakage, clutter_profile, leakage
@@ -180,7 +179,7 @@ def fit_twin(recording: Recording, *, start_s: float | None = None, stop_s: floa
 def _checked(
     recording: Recording, start_s: float | None, stop_s: float | None
 ) -> tuple[ComplexArray, FloatArray, FloatArray]:
-    time_s, range_m = axis(recording.baseband, "slow_time"), axis(recording.baseband, "range")
+    time_s, range_m = recording.slow_time_s, recording.range_m
     if "burst_pulses" in recording.baseband.attrs:
         raise AnalysisError(
             f"{recording.source}: comes in bursts, whose pauses would count as lost frames; a twin is fitted to "

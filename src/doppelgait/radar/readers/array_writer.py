@@ -13,7 +13,6 @@ import numpy as np
 
 from doppelgait.core.errors import OutputError
 from doppelgait.core.files import atomic_path
-from doppelgait.core.labels import axis
 from doppelgait.radar.recording import Recording, further_facts
 
 FIRST_LINE = "# Radar recording, written by doppelgait: what the arrays beside it are."
@@ -51,8 +50,8 @@ def write_arrays(recording: Recording, path: str | os.PathLike[str]) -> None:
             np.savez(
                 file,
                 baseband=recording.baseband.values.astype("<c8"),
-                slow_time_s=axis(recording.baseband, "slow_time"),
-                range_m=axis(recording.baseband, "range"),
+                slow_time_s=recording.slow_time_s,
+                range_m=recording.range_m,
             )
 
 

@@ -90,7 +90,7 @@ def label_measured(
     coords = {"slow_time": slow_time_s, "range": range_m}
     facts = {**baseband_facts(radar), **(attrs or {})}
     baseband = make_array(BASEBAND, np.asarray(values, dtype=np.complex64), coords, facts)
-    return Recording(baseband=baseband, radar=radar, source=path.name, notes=notes)
+    return Recording.from_baseband(baseband, radar, source=path.name, notes=notes)
 
 
 def check_shape(path: Path, values: npt.NDArray[Any]) -> None:

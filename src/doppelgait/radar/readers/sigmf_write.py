@@ -14,7 +14,6 @@ import numpy.typing as npt
 from doppelgait import __version__
 from doppelgait.core.errors import RecordingError
 from doppelgait.core.files import atomic_path
-from doppelgait.core.labels import axis
 from doppelgait.radar.readers.sigmf_files import sigmf_pair
 from doppelgait.radar.recording import Recording
 
@@ -70,7 +69,7 @@ def _encode(values: npt.NDArray[Any], datatype: str) -> tuple[bytes, float]:
 
 
 def _metadata(recording: Recording, datatype: str, checksum: str, scale_v: float) -> dict[str, Any]:
-    slow_time_s, range_m = axis(recording.baseband, "slow_time"), axis(recording.baseband, "range")
+    slow_time_s, range_m = recording.slow_time_s, recording.range_m
     firsts, prf_hz = _stretches(slow_time_s, recording.radar.prf_hz)
     common = {
         "core:datatype": datatype,

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
-from doppelgait.core.labels import axis, sampling_rate_hz
+from doppelgait.core.labels import sampling_rate_hz
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.radar.recording import Recording
 from doppelgait.radar.xethru.convert import CONVERTIBLE, TYPICAL
@@ -128,11 +128,11 @@ def _prepare(recording: Recording, name: str, *, conjugate: bool, counts_per_uni
 
 def _head(recording: Recording, name: str) -> dict[str, float]:
     radar = recording.radar
-    range_m = axis(recording.baseband, "range")
+    range_m = recording.range_m
     spacing_m = radar.bin_spacing_m if range_m.size == 1 else float((range_m[-1] - range_m[0]) / (range_m.size - 1))
     if np.abs(range_m - range_m[0] - spacing_m * np.arange(range_m.size)).max() > 1e-3 * spacing_m:
         raise RecordingError("the range axis is not uniform; a XeThru file tells one bin length for all bins")
-    rate_hz = sampling_rate_hz(axis(recording.baseband, "slow_time"))
+    rate_hz = sampling_rate_hz(recording.slow_time_s)
     decimation = radar.decimation if name in RF_FRAMES else 1
     return {
         "bin_length_m": spacing_m / decimation,
@@ -144,7 +144,7 @@ def _head(recording: Recording, name: str) -> dict[str, float]:
 
 
 def _timed_records(frames: _Frames) -> Iterator[TimedRecord]:
-    slow_time_s = axis(frames.recording.baseband, "slow_time")
+    slow_time_s = frames.recording.slow_time_s
     times_ms = np.rint(1000.0 * (slow_time_s - slow_time_s[0])).astype(np.int64)
     for first in range(0, len(times_ms), CHUNK_FRAMES):
         records = _records(frames, slice(first, first + CHUNK_FRAMES), first)
