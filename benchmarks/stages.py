@@ -100,13 +100,13 @@ def synthesis_work(case: Case, full: Case, planes: Any, full_planes: Any) -> dic
         "synthesis, data matrix, full rate": lambda: synthesise(full.table, full.radar),
         "synthesis, reused matrix, full rate": lambda: fill_matrix(full, full_matrix),
         "synthesis, planes, full rate": lambda: fill_planes(full, full_planes),
-        "noise, whole matrix": lambda: add_noise(clean, noise_power_v2=NOISE_V2, rng=rng(1)),
+        "noise, whole matrix": lambda: add_noise(clean, noise_power_v2=NOISE_V2, rng=np.random.default_rng(1)),
     }
 
 
 def signature_work(case: Case) -> dict[str, Work]:
     """Signature from the data matrix and from planes, and the features of a signature that exists."""
-    noisy = add_noise(synthesise(case.table, case.radar), noise_power_v2=NOISE_V2, rng=rng(1))
+    noisy = add_noise(synthesise(case.table, case.radar), noise_power_v2=NOISE_V2, rng=np.random.default_rng(1))
     planes = np.ascontiguousarray(np.stack([noisy.values.real.T, noisy.values.imag.T]))
     work: dict[str, Work] = {}
     for name, hop in (("hop 1", 1), ("lossless hop", None)):

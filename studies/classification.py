@@ -30,7 +30,6 @@ from doppelgait.classify.evaluate import Evaluation, evaluate
 from doppelgait.classify.scorecard import CONDITIONS, bin_edges, condition_values
 from doppelgait.classify.scores import balanced_accuracy, balanced_interval, share_interval
 from doppelgait.core.config import validate
-from doppelgait.core.rng import rng
 from doppelgait.dataset import build_dataset, load_plan, open_dataset
 from doppelgait.dataset.config import PlanConfig
 from doppelgait.dataset.open import Dataset
@@ -107,7 +106,7 @@ def score(index: pd.DataFrame, name: str) -> dict[str, Any]:
     groups = index["subject"].to_numpy(dtype=str)
     if not right.size:
         return {"n": 0}
-    found = balanced_interval(labels, right, groups, 2, rng(0))
+    found = balanced_interval(labels, right, groups, 2, np.random.default_rng(0))
     shares = {
         label: (float(right[labels == n].mean()), int((labels == n).sum()))
         for n, label in enumerate(("human", "dog"))

@@ -222,7 +222,9 @@ def print_boxes(all_movers: list[Mover], methods: list[Threshold]) -> None:
                     score
                     for n, mover in enumerate(all_movers)
                     if mover.label == label
-                    for score in score_scans(mover, found_in(spoilt(mover, level_db, rng(SEED + n)), method))
+                    for score in score_scans(
+                        mover, found_in(spoilt(mover, level_db, np.random.default_rng(SEED + n)), method)
+                    )
                 ]
                 print(f"| {method} | {label} | {level_db:.0f} | {summary(scores)} |")
 
@@ -243,7 +245,7 @@ def print_weakest(all_movers: list[Mover], methods: list[Threshold]) -> None:
             for level_db in SWEEP_DB:
                 scores = [
                     s for n, m in enumerate(chosen)
-                    for s in score_scans(m, found_in(spoilt(m, level_db, rng(SEED + n)), method))
+                    for s in score_scans(m, found_in(spoilt(m, level_db, np.random.default_rng(SEED + n)), method))
                 ]  # fmt: skip
                 if np.mean([s.found for s in scores]) < 0.9:
                     break

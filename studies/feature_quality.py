@@ -26,6 +26,7 @@ import pandas as pd
 
 import doppelgait.features as feature_layer
 from doppelgait.core.errors import DoppelgaitError
+from doppelgait.core.rng import Streams
 from doppelgait.features.extended import extended_features
 from doppelgait.features.uncertainty import uncertainties
 from doppelgait.motion.models import boulic_walk, human_gait, quadruped_gait
@@ -110,7 +111,7 @@ def observe(number: int, repeat: int, snr_db: float) -> dict[str, Any]:
     try:
         motion = MODELS[kind](**parameters, start_phase=phase, duration_s=seconds + 0.1, rng=rng)
         scene = Scene([Target(motion, label=kind, aspect_deg=aspect_deg)], duration_s=seconds)
-        truth = run_fused(scene, radar, Analysis(hop=8), rng=rng, snr_db=snr_db).truth[0]
+        truth = run_fused(scene, radar, Analysis(hop=8), rng=Streams(int(rng.integers(2**31))), snr_db=snr_db).truth[0]
     except DoppelgaitError:
         return facts
     return {**facts, **_measured(*_last), **_true(truth)}

@@ -19,6 +19,7 @@ import xarray as xr
 from gates import MOVERS, SEED, SPAN_M, X4, own_track, spoilt, tracks_in, truth_of, walk_past
 
 from doppelgait.core.labels import axis
+from doppelgait.core.rng import Streams
 from doppelgait.motion.models.confusers import fan
 from doppelgait.motion.models.human import human_gait
 from doppelgait.pipeline import analyze, simulate
@@ -111,7 +112,7 @@ def print_false(minutes: int) -> None:
     for number, (name, (movers, impairments)) in enumerate(rooms().items()):
         count, found, before = 0, [], 0
         for minute in range(minutes):
-            rng = np.random.default_rng([SEED, 4, number, minute])
+            rng = Streams(int(np.random.default_rng([SEED, 4, number, minute]).integers(2**31)))
             made = simulate(Scene(movers, duration_s=60.0), X4, rng=rng, angles=False,
                             conditions=Conditions(impairments=impairments))  # fmt: skip
             scans = find_scans(made.baseband, wavelength_m=X4.wavelength_m)

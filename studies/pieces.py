@@ -74,7 +74,7 @@ def turns_table(trials: int, seed: int) -> None:
             offsets: list[float] = []
             found_all = true_all = 0
             for trial in range(trials):
-                source = rng(seed + trial)
+                source = np.random.default_rng(seed + trial)
                 times, clean, true = legs(source)
                 track = clean + errors(source, times.size, sd_m=sd_m, memory_s=memory_s)
                 found = change_points_s(find_pieces(times, track, range_sd_m=max(sd_m, 0.05)))
@@ -89,7 +89,7 @@ def cut_share(track: Callable[[FloatArray, float], FloatArray], *, trials: int, 
     times = np.arange(0, seconds, STEP_S)
     cut = 0
     for trial in range(trials):
-        source = rng(seed + trial)
+        source = np.random.default_rng(seed + trial)
         clean = track(times, float(source.uniform(0, 2 * np.pi)))
         cut += len(find_pieces(times, clean + source.normal(0, 0.065, times.size))) > 1
     return cut / trials
@@ -130,7 +130,7 @@ def breath_table(trials: int, seed: int) -> None:
         for snr_db in (10, 3, 0, -3, -6, -9, -12):
             off, others = [], 0
             for trial in range(trials):
-                source = rng(seed + trial)
+                source = np.random.default_rng(seed + trial)
                 pair = source.standard_normal((2, *clean.shape)) * np.sqrt(power / 2 / 10 ** (snr_db / 10))
                 noisy = clean.copy(data=(clean.values + pair[0] + 1j * pair[1]).astype(np.complex64))
                 people = find_breathing(noisy, wavelength_m=radar.wavelength_m)

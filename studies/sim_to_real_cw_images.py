@@ -20,6 +20,7 @@ from xband_measures import FloatArray
 from doppelgait.classify.patches import Patch
 from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.core.labels import axis
+from doppelgait.core.rng import Streams
 from doppelgait.pipeline import TargetResult, analyze
 from doppelgait.pipeline.echoes import Conditions, received
 from doppelgait.processing import Analysis
@@ -143,7 +144,14 @@ def recording_of(plan: Plan, number: int, mocap: Path | None = None) -> tuple[Re
     scene = Scene([target], radar_position_m=(0.0, 0.0, place.height_m), duration_s=SECONDS)
     floor = ({"kind": "ground_bounce", "material": "concrete"},) if plan.bounce and place.reflects else ()
     drawn = streams[3].spawn(3)
-    table, _ = received(scene, RADAR, TIMES_S, Conditions(floor, ()), angles=False, scene_rng=drawn[0], timing_rng=None)
+    table, _ = received(
+        scene,
+        RADAR,
+        TIMES_S,
+        Conditions(environment=floor),
+        angles=False,
+        streams=Streams(int(drawn[0].integers(2**31))),
+    )
     samples = _converted(plan, place, synthesise_samples(table, RADAR), drawn[1], drawn[2])
     recording = label_measured(
         Path("synthetic"), samples, radar=RADAR, slow_time_s=TIMES_S, range_m=np.array([5.0]),
@@ -164,7 +172,7 @@ def _converted(plan: Plan, place: Place, samples: Any, noise: np.random.Generato
     faults.append({"kind": "adc", "bits": 12, "full_scale_v": 1.0})
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DoppelgaitWarning)  # it clips on purpose
-        return apply_impairments(samples, Conditions((), faults).faults, radar=RADAR, rng=rng)
+        return apply_impairments(samples, Conditions(impairments=faults).impairments, radar=RADAR, rng=rng)
 
 
 def features_of(result: TargetResult) -> dict[str, float]:

@@ -27,6 +27,7 @@ from xband_measures import FloatArray
 
 from doppelgait.classify.patches import Patch
 from doppelgait.core.errors import DoppelgaitWarning
+from doppelgait.core.rng import Streams
 from doppelgait.pipeline import simulate
 from doppelgait.pipeline.analyze import analyze_signature
 from doppelgait.pipeline.echoes import Conditions
@@ -160,7 +161,13 @@ def _mover_echo(
         mover.motion, rcs=movers.fitting_rcs(rcs, mover), range_m=place.range_m, aspect_deg=place.aspect_deg
     )
     scene = Scene([target], radar_position_m=(0.0, 0.0, place.height_m), duration_s=twin.OBSERVATION_S)
-    recording = simulate(scene, RADAR, conditions=Conditions(field, ()), angles=False, scene_rng=rng)
+    recording = simulate(
+        scene,
+        RADAR,
+        rng=Streams(int(rng.integers(2**31))),
+        conditions=Conditions(noise={"kind": "none"}, environment=field),
+        angles=False,
+    )
     bins = twin.burst_bins(recording, error_m=place.gate_error_m)
     return measures.stitched(recording.baseband.values, bins), bins
 
@@ -171,7 +178,13 @@ def _ground_echo(place: Place, bins: list[int], speed_mps: float, rng: np.random
     echo = RcsSpec(kind="equal", total_m2=place.ground_m2 * length_m)
     around = Target(twin.ground(length_m, rng, sway_m=place.sway_m), rcs=echo, range_m=place.range_m)
     scene = Scene([around], radar_position_m=(0.0, 0.0, place.height_m), duration_s=twin.OBSERVATION_S)
-    recording = simulate(scene, GROUND_RADAR, angles=False, scene_rng=rng)
+    recording = simulate(
+        scene,
+        GROUND_RADAR,
+        rng=Streams(int(rng.integers(2**31))),
+        conditions=Conditions(noise={"kind": "none"}),
+        angles=False,
+    )
     sweeps_s = measures.PRI_S * np.arange(measures.N_SWEEPS)
     used = sorted(set(bins))
     smooth = CubicSpline(recording.slow_time_s, recording.baseband.values[:, used])(sweeps_s)

@@ -27,6 +27,7 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from doppelgait import viz
+from doppelgait.core.rng import Streams
 from doppelgait.motion.models.primitives import breathing_person
 from doppelgait.pipeline import simulate
 from doppelgait.pipeline.echoes import Conditions
@@ -113,9 +114,7 @@ def drawn_person(twin: Path, like: Recording, *, amplitude_m: float, seed: int) 
     target = Target(motion, label="human", range_m=PERSON_M + CHEST_FORWARD_M)
     scene = Scene([target], radar_position_m=(0.0, 0.0, CHEST_HEIGHT_M), duration_s=float(time_s[-1]))
     tables = tomllib.loads(twin.read_text(encoding="utf-8"))["impairments"]
-    return simulate(
-        scene, radar, rng=np.random.default_rng(seed), conditions=Conditions(impairments=tables), angles=False
-    )
+    return simulate(scene, radar, rng=Streams(seed), conditions=Conditions(impairments=tables), angles=False)
 
 
 def person(recording: Recording, *, start_s: float = 0.0) -> Person:

@@ -20,7 +20,7 @@ import argparse
 import sys
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,6 +33,7 @@ from xband_measures import FloatArray
 
 from doppelgait import viz
 from doppelgait.core.errors import DoppelgaitWarning
+from doppelgait.core.rng import Streams
 from doppelgait.motion.models import boulic_walk, human_gait, quadruped_gait
 from doppelgait.motion.schema import make_motion
 from doppelgait.pipeline import simulate
@@ -158,21 +159,19 @@ def twin_levels(pair: Pair, model: Model, rcs: RcsSpec, *, speed_mps: float, noi
     """Displayed levels of a simulated mover, its noise as far below the maximum as in the recording."""
     streams = np.random.default_rng([SEED, PAIRS.index(pair)]).spawn(4)
     scene = scene_of(pair, model(speed_mps, streams[0]), rcs, speed_mps=speed_mps, rng=streams[1])
-    drawn = int(streams[2].integers(2**31))
+    drawn = Streams(int(streams[2].integers(2**31)))
 
-    def observed(**noise: Any) -> Recording:
-        receiver = Conditions(FIELD, noise.pop("impairments", ()))
+    def observed(impairments: Sequence[dict[str, Any]] = ()) -> Recording:
+        receiver = Conditions(noise={"kind": "none"}, environment=FIELD, impairments=impairments)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DoppelgaitWarning)  # feet and paws alias, as they do in the recordings
-            return simulate(
-                scene, RADAR, conditions=receiver, angles=False, scene_rng=np.random.default_rng(drawn), **noise
-            )
+            return simulate(scene, RADAR, rng=drawn, conditions=receiver, angles=False)
 
     quiet = observed()
     bins = burst_bins(quiet)
     highest_v2 = measures.pixel_power(measures.stitched(quiet.baseband.values, bins)).max()
     level_db = 10.0 * float(np.log10(highest_v2 / measures.noise_gain())) + noise_db
-    noisy = observed(rng=streams[3], impairments=[{"kind": "thermal_noise", "level_db": level_db}])
+    noisy = observed([{"kind": "thermal_noise", "level_db": level_db}])
     return measures.displayed_db(measures.pixel_power(measures.stitched(noisy.baseband.values, bins)))
 
 

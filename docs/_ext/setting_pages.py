@@ -81,7 +81,7 @@ def _models(*places: str) -> list[tuple[str, type[BaseModel]]]:
 def _scene_models() -> list[tuple[str, type[BaseModel]]]:
     return _models(
         "doppelgait.scene.spec:SceneSpec", "doppelgait.scene.spec:TargetSpec", "doppelgait.scene.rcs:RcsSpec",
-        "doppelgait.pipeline.run:NoiseSpec",
+        "doppelgait.pipeline.echoes:Noise",
     )  # fmt: skip
 
 

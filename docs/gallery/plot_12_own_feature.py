@@ -35,7 +35,7 @@ FEATURES.add(
 # It is now computed with every analysis, is stored in every dataset (column ``extended_quick_time_share``) and is
 # seen by the classifiers ``extended-*``.
 
-rng = dg.rng(4)
+rng = np.random.default_rng(4)
 radar = dg.Radar.preset("x4", prf_hz=1300)
 rows = []
 for _ in range(25):
@@ -43,7 +43,7 @@ for _ in range(25):
     dog = dg.motion.quadruped_gait(gait="auto", froude=rng.uniform(0.2, 1.2), withers_m=0.5, duration_s=2.5)
     for motion, label in ((person, "human"), (dog, "dog")):
         scene = dg.Scene(targets=[dg.Target(motion, label=label, range_m=5.0)])
-        result = dg.analyze(dg.simulate(scene, radar, rng=rng, snr_db=20), gate="truth")[0]
+        result = dg.analyze(dg.simulate(scene, radar, rng=dg.Streams(4, len(rows)), snr_db=20), gate="truth")[0]
         rows.append({"label": label, **result.features.as_dict(), **result.extended})
 table = pd.DataFrame(rows)
 figure = viz.feature_scatter(table, x="torso_velocity_mps", y="quick_time_share", title="Time with quick limbs")

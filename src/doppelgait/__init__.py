@@ -18,6 +18,8 @@ _LAZY = {
     "analyze": "doppelgait.pipeline",
     "Analysis": "doppelgait.processing",
     "open_dataset": "doppelgait.dataset",
+    "Conditions": "doppelgait.pipeline",
+    "Streams": "doppelgait.core.rng",
     "rng": "doppelgait.core.rng",
     "plugin": "doppelgait.core.plugins",
 }

@@ -1,7 +1,7 @@
 """Configuration: every fault is one ConfigError that names key, line, value and what is allowed."""
 
 import pytest
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from checkout import ROOT
 from doppelgait.core.config import FrozenModel, apply_overrides, canonical_json, line_of_key, read_toml, validate
@@ -257,8 +257,10 @@ class Outer(FrozenModel):
 
 def test_models_are_frozen_and_forbid_unknown_keys():
     model = validate(Outer, {"inner": {"size_m": 2.0}})
-    with pytest.raises(ValidationError):
+    with pytest.raises(ValueError, match="frozen"):
         model.inner = Inner(size_m=3.0)
+    with pytest.raises(ConfigError, match=r"Outer: inner\.colour: unknown key; allowed are size_m"):
+        Outer(inner={"size_m": 2.0, "colour": 1})
     with pytest.raises(ConfigError, match=r"here: inner\.colour: unknown key; allowed are size_m"):
         validate(Outer, {"inner": {"size_m": 2.0, "colour": 1}}, where="here")
     with pytest.raises(ConfigError, match=r"many\.1\.size_m: is required"):

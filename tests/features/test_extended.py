@@ -6,6 +6,7 @@ import pytest
 import doppelgait.features as feature_layer
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.registry import Registry
+from doppelgait.core.rng import Streams
 from doppelgait.features import Extraction, GaitFeatures, extended
 from doppelgait.features.extended import assess, feature_table, measure_extended
 from doppelgait.features.observed import Observed, likeness_at, limits
@@ -216,7 +217,7 @@ def test_features_of_other_packages_and_values_that_are_not_finite(monkeypatch):
 def walker_mu():
     motion = boulic_walk(height_m=1.75, speed_mps=1.3, duration_s=4.1)
     scene = Scene([Target(motion, range_m=5.0)], duration_s=4.0)
-    recording = simulate(scene, Radar.preset("x4"), rng=np.random.default_rng(3), snr_db=20.0)
+    recording = simulate(scene, Radar.preset("x4"), rng=Streams(3), snr_db=20.0)
     return analyze(recording, gate="truth", analysis=Analysis(doppler_bins=127))[0].signature
 
 

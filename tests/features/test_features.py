@@ -6,6 +6,7 @@ from scipy import stats
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, CADENCE_MAP, CADENCE_SPECTRUM, NORMALISED_SIGNATURE, SIGNATURE, make_array
+from doppelgait.core.rng import Streams
 from doppelgait.features import (
     FEATURE_UNITS,
     Evidence,
@@ -143,7 +144,7 @@ def walked(speed_mps, seconds, *, snr_db=18.0, seed=0, height_m=1.75, k=None, **
     recording = simulate(
         Scene([Target(motion, label="human", **place)]),
         Radar.preset("x4"),
-        rng=np.random.default_rng(seed),
+        rng=Streams(seed),
         snr_db=snr_db,
     )
     return analyze(recording, gate="truth", analysis=Analysis(doppler_bins=k))[0], recording.truth[0]
@@ -474,7 +475,7 @@ def test_the_limb_torso_ratio_searches_at_least_a_quarter_hertz_e38():
 @pytest.mark.parametrize("motion", [breathing_person(duration_s=6.0), moving_point(speed_mps=0.6)])
 @pytest.mark.parametrize("snr_db", [5.0, 20.0, None])
 def test_a_target_without_limb_motion_has_no_gait_frequency(motion, snr_db):
-    recording = simulate(Scene([Target(motion)]), Radar.preset("x4"), rng=np.random.default_rng(1), snr_db=snr_db)
+    recording = simulate(Scene([Target(motion)]), Radar.preset("x4"), rng=Streams(1), snr_db=snr_db)
     found = analyze(recording, gate="truth")[0]
     assert found.gait_frequency_hz is None
     assert found.features.step_length_m is None

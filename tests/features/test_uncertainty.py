@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import doppelgait.features as feature_layer
+from doppelgait.core.rng import Streams
 from doppelgait.features import Extraction, GaitFeatures
 from doppelgait.features.observed import Observed
 from doppelgait.features.uncertainty import (
@@ -162,7 +163,7 @@ def observations(monkeypatch, count=24):
             speed_mps=1.2, duration_s=4.1, start_phase=n / count, step_time_sd=0.02, step_length_sd=0.02, rng=rng
         )
         scene = Scene([Target(motion, aspect_deg=10.0)], duration_s=4.0)
-        truth = run_fused(scene, radar, Analysis(hop=8), rng=rng, snr_db=15.0).truth[0]
+        truth = run_fused(scene, radar, Analysis(hop=8), rng=Streams(20, n), snr_db=15.0).truth[0]
         sd = uncertainties(*kept[-1])
         found = kept[-1][1]
         yield (

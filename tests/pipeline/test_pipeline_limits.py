@@ -84,7 +84,7 @@ def test_a_scene_holds_targets_only(walk):
 def test_a_seed_is_a_whole_number_from_0(seed):
     with pytest.raises(ConfigError, match=r"seed: .* not allowed; it must be an integer, 0 or larger"):
         dg.rng(seed)
-    assert dg.rng(np.int64(3)).integers(1 << 30) == dg.rng(3).integers(1 << 30)
+    assert dg.rng(np.int64(3)) == dg.rng(3)
 
 
 # --- Radar --------------------------------------------------------------------------------------------------------
@@ -151,7 +151,7 @@ def test_too_few_columns_are_refused(walk, duration_s, hop):
     ],
 )  # fmt: skip
 def test_the_reports_method_does_not_take_what_it_ignores(extra):
-    with pytest.raises(ValueError, match=rf"method 'liland2018' has its own {next(iter(extra))}"):
+    with pytest.raises(ConfigError, match=rf"method 'liland2018' has its own {next(iter(extra))}"):
         Analysis(method="liland2018", **extra)
     run = {"targets": [{"motion": {"kind": "boulic"}}], "analysis": {"method": "liland2018", **extra}}
     with pytest.raises(ConfigError, match=rf"analysis: .*method 'liland2018' has its own {next(iter(extra))}"):

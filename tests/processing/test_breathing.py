@@ -51,7 +51,7 @@ def find(values, **settings):
 @pytest.mark.parametrize(("seconds", "rate_hz"), [(20, 0.3), (40, 0.15), (120, 0.25), (120, 0.55)])
 def test_one_person_before_a_room(seconds, rate_hz):
     times = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
-    source = rng(1)
+    source = np.random.default_rng(1)
     body = echo(times, range_m=1.75, amplitude_v=30, rate_hz=rate_hz, swing_m=0.003)
     (person,) = find(room(source) + body + noise(source, times.size))
     assert person.rate_hz == pytest.approx(rate_hz, rel=0.01)
@@ -65,7 +65,7 @@ def test_a_large_swing_is_one_breath_at_its_rate_and_not_its_double():
     """12 mm at 7.29 GHz turn the phase by 3.7 rad either way: J_2 > J_1, the spectrum's strongest line is not at f."""
     times = np.arange(round(60 * RATE_HZ)) / RATE_HZ
     body = echo(times, range_m=1.75, amplitude_v=30, rate_hz=0.22, swing_m=0.012)
-    (person,) = find(body + noise(rng(2), times.size))
+    (person,) = find(body + noise(np.random.default_rng(2), times.size))
     assert person.rate_hz == pytest.approx(0.22, rel=0.01)
     assert person.displacement_m == pytest.approx(0.012, rel=0.05)
 
@@ -74,7 +74,7 @@ def test_two_people_are_two_also_at_nearly_one_rate():
     times = np.arange(round(90 * RATE_HZ)) / RATE_HZ
     near = echo(times, range_m=1.2, amplitude_v=30, rate_hz=0.25, swing_m=0.004)
     far = echo(times, range_m=2.6, amplitude_v=10, rate_hz=0.27, swing_m=0.002, phase=1.0)
-    people = find(near + far + noise(rng(3), times.size))
+    people = find(near + far + noise(np.random.default_rng(3), times.size))
     assert [round(person.range_m, 1) for person in people] == [1.2, 2.6]
     assert [person.rate_hz for person in people] == pytest.approx([0.25, 0.27], rel=0.02)
 
@@ -83,14 +83,14 @@ def test_an_echo_by_a_second_way_is_no_second_person():
     times = np.arange(round(60 * RATE_HZ)) / RATE_HZ
     direct = echo(times, range_m=1.2, amplitude_v=30, rate_hz=0.25, swing_m=0.002)
     detour = echo(times, range_m=2.9, amplitude_v=8, rate_hz=0.25, swing_m=0.002)
-    (person,) = find(direct + detour + noise(rng(4), times.size))
+    (person,) = find(direct + detour + noise(np.random.default_rng(4), times.size))
     assert person.range_m == pytest.approx(1.2, abs=0.03)
 
 
 def test_a_person_who_first_moves_is_found_once_still():
     """Half a minute of irregular motion by centimetres, then a minute of breath."""
     times = np.arange(round(90 * RATE_HZ)) / RATE_HZ
-    source = rng(5)
+    source = np.random.default_rng(5)
     still = echo(times, range_m=1.75, amplitude_v=30, rate_hz=0.25, swing_m=0.004)
     wander = np.cumsum(source.normal(0, 0.004, times.size))[:, None]
     moved = np.where(times[:, None] < 30, still * np.exp(-4j * np.pi * wander / WAVE_M), still)
@@ -102,7 +102,7 @@ def test_a_person_who_first_moves_is_found_once_still():
 
 def test_white_noise_and_a_static_room_do_not_breathe():
     for seed in range(12):
-        source = rng(seed)
+        source = np.random.default_rng(seed)
         assert find(noise(source, 510) + (seed % 2) * room(source)) == []
 
 
@@ -110,7 +110,7 @@ def test_common_drift_and_jitter_are_no_breath_in_any_bin():
     """The clock's phase turns all static echoes alike, here even at a breath's rate."""
     times = np.arange(round(40 * RATE_HZ))[:, None] / RATE_HZ
     for seed in range(4):
-        source = rng(seed)
+        source = np.random.default_rng(seed)
         jitter = 0.004 * source.standard_normal(times.shape)
         walk = np.cumsum(0.3 / np.sqrt(60 * RATE_HZ) * source.standard_normal(times.shape), axis=0)
         for phase in (jitter, walk, 0.05 * np.sin(2 * np.pi * 0.25 * times) + 0.3 * times / 60):
@@ -119,7 +119,7 @@ def test_common_drift_and_jitter_are_no_breath_in_any_bin():
 
 def test_a_breath_is_found_through_a_clock_that_breathes_too():
     times = np.arange(round(60 * RATE_HZ)) / RATE_HZ
-    source = rng(6)
+    source = np.random.default_rng(6)
     common = np.exp(0.05j * np.sin(2 * np.pi * 0.4 * times))[:, None]
     body = echo(times, range_m=2.5, amplitude_v=20, rate_hz=0.25, swing_m=0.003)
     (person,) = find((room(source) + body) * common + noise(source, times.size))
@@ -131,9 +131,9 @@ def test_a_walk_through_the_room_and_a_wide_swing_are_no_breath():
     times = np.arange(round(40 * RATE_HZ)) / RATE_HZ
     walk = 20 * np.exp(-4j * np.pi * (3 - 0.06 * times) / WAVE_M)[:, None]
     walk = walk * np.exp(-((RANGE_M - (3 - 0.06 * times)[:, None]) ** 2) / (2 * 0.052**2))
-    assert find(walk + noise(rng(7), times.size)) == []
+    assert find(walk + noise(np.random.default_rng(7), times.size)) == []
     swing = echo(times, range_m=1.75, amplitude_v=30, rate_hz=0.3, swing_m=0.05)
-    assert find(swing + noise(rng(8), times.size)) == []
+    assert find(swing + noise(np.random.default_rng(8), times.size)) == []
 
 
 @pytest.mark.parametrize(("snr_db", "tolerance"), [(10, 0.005), (-6, 0.02)])
@@ -145,7 +145,7 @@ def test_rate_of_the_simulated_chest(snr_db, tolerance):
     clean = simulate(scene, radar, rng=rng(0), snr_db=float("inf")).baseband
     power = (np.abs(clean.values) ** 2).mean(axis=0).max()
     for seed in range(3):
-        added = noise(rng(seed), *clean.shape) * np.sqrt(power / 10 ** (snr_db / 10))
+        added = noise(np.random.default_rng(seed), *clean.shape) * np.sqrt(power / 10 ** (snr_db / 10))
         noisy = clean.copy(data=(clean.values + added).astype(np.complex64))
         (person,) = find_breathing(noisy, wavelength_m=radar.wavelength_m)
         assert person.rate_hz == pytest.approx(0.25, rel=tolerance)
@@ -155,16 +155,16 @@ def test_rate_of_the_simulated_chest(snr_db, tolerance):
 def test_fast_recordings_are_averaged_down():
     times = np.arange(20_000) / 1000.0
     body = echo(times, range_m=1.0, amplitude_v=3, rate_hz=0.3, swing_m=0.004)[:, :20]
-    found = find_breathing(labelled(body + noise(rng(9), 20_000, 20), 1000.0), wavelength_m=WAVE_M)
+    found = find_breathing(labelled(body + noise(np.random.default_rng(9), 20_000, 20), 1000.0), wavelength_m=WAVE_M)
     assert [person.rate_hz for person in found] == [pytest.approx(0.3, rel=0.01)]
 
 
 def test_what_cannot_be_looked_at_is_refused():
     with pytest.raises(AnalysisError, match=r"10 s or more at 3 Hz or more; this recording has 5 s at 17 Hz"):
-        find(noise(rng(0), 85))
+        find(noise(np.random.default_rng(0), 85))
     with pytest.raises(AnalysisError, match="wavelength_m = 0"):
-        find_breathing(labelled(noise(rng(0), 340)), wavelength_m=0.0)
-    broken = noise(rng(0), 340)
+        find_breathing(labelled(noise(np.random.default_rng(0), 340)), wavelength_m=0.0)
+    broken = noise(np.random.default_rng(0), 340)
     broken[3, 3] = np.nan
     with pytest.raises(AnalysisError, match="not finite"):
         find(broken)
@@ -187,13 +187,13 @@ def test_displacement_is_positive_away_and_in_metres():
     found, known = displacement_of(values, wavelength_m=WAVE_M)
     assert known
     np.testing.assert_allclose(found, true - true.mean(), atol=1e-9)
-    found, known = displacement_of(values + 3 * noise(rng(1), 600, 1)[:, 0], wavelength_m=WAVE_M)
+    found, known = displacement_of(values + 3 * noise(np.random.default_rng(1), 600, 1)[:, 0], wavelength_m=WAVE_M)
     assert not known
 
 
 def test_the_common_gain_leaves_a_body_alone_and_takes_the_clock_out():
     times = np.arange(600) / RATE_HZ
-    source = rng(2)
+    source = np.random.default_rng(2)
     body = echo(times, range_m=1.75, amplitude_v=30, rate_hz=0.25, swing_m=0.004)
     alone = body + noise(source, 600)
     np.testing.assert_array_equal(without_common_gain(alone, RANGE_M), alone)
@@ -208,7 +208,7 @@ def test_the_common_gain_leaves_a_body_alone_and_takes_the_clock_out():
 
 def test_spectrum_and_threshold_hold_on_white_noise():
     """Chance of a cell above the threshold by count; median over mean of gamma variables by draws."""
-    source = rng(3)
+    source = np.random.default_rng(3)
     spectrum = breath_spectrum(noise(source, 510, 1500), RATE_HZ, window_s=30)
     ratio = line_ratio(spectrum, low_hz=0.1, high_hz=0.7)
     limit = threshold(breath_spectrum(noise(source, 510, 1), RATE_HZ, window_s=30), 0.05, low_hz=0.1, high_hz=0.7)
@@ -219,7 +219,7 @@ def test_spectrum_and_threshold_hold_on_white_noise():
 
 
 def test_windows_overlap_by_half_and_cover_the_recording():
-    spectrum = breath_spectrum(noise(rng(4), 1200, 2), 10.0, window_s=30)
+    spectrum = breath_spectrum(noise(np.random.default_rng(4), 1200, 2), 10.0, window_s=30)
     assert spectrum.starts.tolist() == [0, 150, 300, 450, 600, 750, 900]
     assert spectrum.window_s == 30
-    assert breath_spectrum(noise(rng(4), 400, 2), 10.0, window_s=30).window_s == 40
+    assert breath_spectrum(noise(np.random.default_rng(4), 400, 2), 10.0, window_s=30).window_s == 40

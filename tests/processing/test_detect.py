@@ -6,9 +6,8 @@ import itertools
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
-from doppelgait.core.errors import AnalysisError
+from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.core.rng import rng
 from doppelgait.motion import boulic_walk
@@ -284,6 +283,6 @@ def test_what_cannot_be_analysed_is_refused():
     with pytest.raises(AnalysisError, match="bursts"):
         find_scans(bursts, wavelength_m=WAVELENGTH_M)
     for wrong in ({"peak_pfa": 1e-2}, {"guard_m": 2.5}, {"threshold": 3}):
-        with pytest.raises(ValidationError):
+        with pytest.raises(ConfigError):
             Detector(**wrong)
     assert noise_factor(1e-6) == pytest.approx(6 * np.log(10))

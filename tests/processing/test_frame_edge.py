@@ -22,7 +22,7 @@ def noise_signature(centre_m):
     """Signature of noise alone in a gate that moves as given, in a frame of 0 to 9.6 m."""
     slow_time_s, range_m = np.arange(4000) / 1000, 0.0514 * np.arange(188)
     silent = make_array(BASEBAND, np.zeros((4000, 188), np.complex64), {"slow_time": slow_time_s, "range": range_m})
-    noisy = add_noise(silent, noise_power_v2=POWER_V2, rng=rng(3))
+    noisy = add_noise(silent, noise_power_v2=POWER_V2, rng=np.random.default_rng(3))
     track = np.broadcast_to(centre_m, slow_time_s.shape).astype(float)
     gate = make_gate(slow_time_s, track, span_m=1.6, source="given")
     return signature(noisy, gate, Analysis(), wavelength_m=WAVELENGTH_M)

@@ -5,6 +5,7 @@ import pytest
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, SIGNATURE, make_array
+from doppelgait.core.rng import Streams
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.pipeline import simulate, truth_gate
 from doppelgait.processing import (
@@ -60,7 +61,7 @@ def test_floor_is_not_raised_by_a_line_e28(n_gate):
 @pytest.mark.parametrize("snr_db", [0.0, 10.0, 20.0, 30.0])
 def test_floor_under_a_walker_e28(snr_db):
     scene = Scene([Target(boulic_walk(speed_mps=1.2, height_m=1.8, duration_s=4.0))])
-    recording = simulate(scene, Radar.preset("x4"), rng=np.random.default_rng(1), snr_db=snr_db)
+    recording = simulate(scene, Radar.preset("x4"), rng=Streams(1), snr_db=snr_db)
     gate = truth_gate(recording, recording.truth[0], Analysis())
     mu = signature(recording.baseband, gate, Analysis(), wavelength_m=recording.radar.wavelength_m)
     wanted = mu.attrs["n_gate_bins"] * recording.noise_power_v2 * W2
@@ -131,7 +132,7 @@ def test_median_is_that_of_numpy(shape, dtype):
 @pytest.mark.parametrize("span_m", [0.01, 0.03, 0.2])
 def test_floor_of_a_gate_narrower_than_a_bin_e28(span_m):
     scene = Scene([Target(boulic_walk(speed_mps=1.2, height_m=1.8, duration_s=4.0))])
-    recording = simulate(scene, Radar.preset("x4"), rng=np.random.default_rng(1), snr_db=10.0)
+    recording = simulate(scene, Radar.preset("x4"), rng=Streams(1), snr_db=10.0)
     analysis = Analysis(gate_span_m=span_m)
     mu = signature(
         recording.baseband,

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.rng import rng
 from doppelgait.features.piece_motion import piece_motion
 from doppelgait.processing.partition import best_knots
 from doppelgait.processing.pieces import PieceSettings, find_pieces
@@ -44,7 +43,7 @@ def matched(found, true, tolerance_s=0.3):
 def test_turns_of_four_legs_are_found(sd_m):
     hits = found_all = true_all = 0
     for seed in range(17):
-        times, track, true, _ = legs(rng(seed), sd_m=sd_m)
+        times, track, true, _ = legs(np.random.default_rng(seed), sd_m=sd_m)
         found = change_points(find_pieces(times, track, range_sd_m=max(sd_m, 0.05)))
         hits, found_all, true_all = hits + matched(found, true), found_all + len(found), true_all + len(true)
     assert true_all >= 48
@@ -52,7 +51,7 @@ def test_turns_of_four_legs_are_found(sd_m):
 
 
 def test_a_piece_tells_velocity_and_leaves_out_what_lies_beside_a_turn():
-    times, track, true, speeds = legs(rng(3), sd_m=1e-4)
+    times, track, true, speeds = legs(np.random.default_rng(3), sd_m=1e-4)
     pieces = find_pieces(times, track)
     assert len(pieces) == 4
     for piece, speed in zip(pieces, speeds, strict=True):
@@ -72,7 +71,12 @@ def test_a_sinusoidal_speed_is_not_cut(period_s):
     times = np.arange(0, 12, 0.1)
     w = 2 * np.pi / period_s
     for seed in range(5):
-        track = 18 - 1.2 * times + 0.3 / w**2 * np.cos(w * times + seed) + rng(seed).normal(0, SD_M, times.size)
+        track = (
+            18
+            - 1.2 * times
+            + 0.3 / w**2 * np.cos(w * times + seed)
+            + np.random.default_rng(seed).normal(0, SD_M, times.size)
+        )
         assert len(find_pieces(times, track)) == 1
 
 
@@ -85,7 +89,7 @@ def test_a_straight_walk_past_the_radar_is_one_piece(aspect_deg, range_m):
     near = range_m if aspect_deg > 30 and aspect_deg < 150 else range_m + 3.0
     clean = np.sqrt((near - along) ** 2 + across**2 + 0.09)
     for seed in range(4):
-        (piece,) = find_pieces(times, clean + rng(seed).normal(0, SD_M, times.size))
+        (piece,) = find_pieces(times, clean + np.random.default_rng(seed).normal(0, SD_M, times.size))
         assert piece.usable
     (piece,) = find_pieces(times, clean)
     velocity = 1.4 * np.cos(np.radians(aspect_deg)) * near / np.hypot(near, 0.3)
@@ -109,7 +113,12 @@ def test_a_sudden_change_of_speed_is_cut(jump_mps):
     """One that the merging of 0.15 m/s and the slow changes of 0.3 m/s^2 do not cover."""
     times = np.arange(0, 8, 0.1)
     for seed in range(8):
-        track = 12 - 0.5 * times - jump_mps * np.maximum(times - 4, 0) + rng(seed).normal(0, SD_M, times.size)
+        track = (
+            12
+            - 0.5 * times
+            - jump_mps * np.maximum(times - 4, 0)
+            + np.random.default_rng(seed).normal(0, SD_M, times.size)
+        )
         assert change_points(find_pieces(times, track)) == [pytest.approx(4.0, abs=0.4)]
 
 
@@ -124,7 +133,7 @@ def test_neighbours_of_nearly_one_speed_are_joined():
 
 def test_who_stops_stands_still_and_a_short_rest_is_too_short():
     times = np.arange(0, 9, 0.1)
-    track = np.interp(times, [0, 3, 6, 9], [8.0, 4.4, 4.4, 0.8]) + rng(1).normal(0, 0.03, times.size)
+    track = np.interp(times, [0, 3, 6, 9], [8.0, 4.4, 4.4, 0.8]) + np.random.default_rng(1).normal(0, 0.03, times.size)
     assert [piece.reason for piece in find_pieces(times, track)] == ["", "stands_still", ""]
     track = np.interp(times, [0, 4, 5.2, 9], [8.0, 3.2, 3.2, 7.0])
     assert [piece.reason for piece in find_pieces(times, track)] == ["", "too_short", ""]
@@ -134,7 +143,7 @@ def test_no_piece_reaches_across_a_gap_and_uneven_times_do_not_matter():
     times = np.concatenate([np.arange(0, 3, 0.1), np.arange(4, 7, 0.1)])
     pieces = find_pieces(times, 10 - 1.2 * times)
     assert [(round(p.start_s, 3), round(p.stop_s, 3)) for p in pieces] == [(0, 2.9), (4, 6.9)]
-    uneven = np.sort(rng(2).uniform(0, 6, 60))
+    uneven = np.sort(np.random.default_rng(2).uniform(0, 6, 60))
     track = np.interp(uneven, [0, 3, 6], [6.0, 2.4, 6.0])
     assert change_points(find_pieces(uneven, track)) == [pytest.approx(3.0, abs=0.3)]
 
@@ -181,7 +190,7 @@ def path_cost(times, ranges, knots, *, sd_m, smooth_mps2, penalty):
 
 def short_track(seed):
     """14 ranges at uneven times, with none to two corners."""
-    source = rng(seed)
+    source = np.random.default_rng(seed)
     times = np.cumsum(source.uniform(0.08, 0.12, 14))
     corners = times[0] + np.sort(source.uniform(0.2, 1.1, seed % 3))
     track = 6 + source.normal(0, 1) * times + source.normal(0, 0.03, 14)

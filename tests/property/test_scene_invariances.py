@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from doppelgait.core.rng import rng
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.motion.models.quadruped import quadruped_gait
 from doppelgait.scene import RcsSpec, Scene, Target, assemble
@@ -37,7 +36,9 @@ def always(*strategies, examples=8):
 
 def table(motion, spec, start, heading_deg, radar_m):
     target = Target(motion, rcs=spec, start_position_m=start, heading_deg=heading_deg)
-    return assemble(Scene([target], radar_position_m=radar_m, duration_s=0.45), T, angles=False, rng=rng(1))
+    return assemble(
+        Scene([target], radar_position_m=radar_m, duration_s=0.45), T, angles=False, rng=np.random.default_rng(1)
+    )
 
 
 def assert_same(one, other, order=slice(None)):

@@ -9,6 +9,7 @@ import pytest
 import xarray as xr
 
 from doppelgait.core.errors import ConfigError, DoppelgaitError, DoppelgaitWarning, OutputError, RecordingError
+from doppelgait.core.rng import Streams
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.motion.schema import make_motion
 from doppelgait.pipeline import analyze, simulate, write_results
@@ -158,7 +159,7 @@ def recording():
         Target(boulic_walk(speed_mps=v, height_m=1.8, duration_s=1.0), label=label, bearing_deg=b)
         for v, label, b in ((1.2, "human", 0.0), (0.8, "", 20.0))
     ]
-    made = simulate(Scene(walkers), Radar.preset("x4"), rng=np.random.default_rng(4), snr_db=20.0)
+    made = simulate(Scene(walkers), Radar.preset("x4"), rng=Streams(4), snr_db=20.0)
     return replace(made, seed=4)
 
 

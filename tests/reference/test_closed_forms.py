@@ -6,6 +6,7 @@ import xarray as xr
 
 import literal
 from doppelgait.core.labels import BASEBAND, SIGNATURE, make_array
+from doppelgait.core.rng import Streams
 from doppelgait.features import gait_frequency, harmonic_ratio, limb_torso_ratio
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.motion.retime import resample, scale_to_height
@@ -395,7 +396,7 @@ def test_09_transform_length_hop_and_decimation_do_not_change_the_features(walke
     scene = Scene([Target(walker)])
     frame = {"range_start_m": 1.0, "range_stop_m": 9.0}
     plain = simulate(scene, Radar.preset("x4", **frame))
-    noisy = simulate(scene, Radar.preset("x4", **frame), rng=np.random.default_rng(1), snr_db=15.0)
+    noisy = simulate(scene, Radar.preset("x4", **frame), rng=Streams(1), snr_db=15.0)
     for recording in (plain, noisy):
         reference = main_features(recording, doppler_bins=512, hop=10)
         for k in (101, 256, 512):
@@ -452,7 +453,7 @@ def test_11_the_same_trajectory_backwards_in_time(walker, snr_db):
 
     def analysed(motion, aspect_deg, seed):
         scene = Scene([Target(motion, aspect_deg=aspect_deg)])
-        return analyze(simulate(scene, radar, rng=np.random.default_rng(seed), snr_db=snr_db), gate="truth")[0]
+        return analyze(simulate(scene, radar, rng=Streams(seed), snr_db=snr_db), gate="truth")[0]
 
     forth, back = analysed(walker, 0.0, 1), analysed(backwards, 180.0, 2)
     assert forth.features.torso_velocity_mps > 1.0
@@ -512,5 +513,5 @@ def test_12c_the_label_changes_no_feature(walker):
     results = []
     for label in ("human", "dog", ""):
         scene = Scene([Target(walker, label=label)])
-        results.append(analyze(simulate(scene, radar, rng=np.random.default_rng(3)), gate="truth")[0])
+        results.append(analyze(simulate(scene, radar, rng=Streams(3)), gate="truth")[0])
     assert results[0].features == results[1].features == results[2].features

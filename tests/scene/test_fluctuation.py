@@ -5,7 +5,6 @@ import pytest
 from scipy import stats
 
 from doppelgait.core.errors import ConfigError
-from doppelgait.core.rng import rng
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.scene import RcsSpec, Scene, Target, assemble, observe
 from doppelgait.scene.fluctuation import fluctuation_factor, spread_factor
@@ -17,7 +16,7 @@ T = np.arange(0, 1.0, 0.01)
 
 @pytest.mark.parametrize("kind", sorted(LAW))
 def test_the_law_is_the_swerling_one(kind):
-    found = fluctuation_factor(kind, [0.0, 0.333], 20_000, correlation_s=0.1, rng=rng(1))
+    found = fluctuation_factor(kind, [0.0, 0.333], 20_000, correlation_s=0.1, rng=np.random.default_rng(1))
     for sample in found:
         assert stats.kstest(sample, LAW[kind].cdf).pvalue > 0.01
         assert sample.mean() == pytest.approx(1.0, abs=0.02)
@@ -30,20 +29,22 @@ def test_the_law_is_the_swerling_one(kind):
 @pytest.mark.parametrize("kind", sorted(LAW))
 def test_autocovariance_falls_to_1_over_e_at_the_correlation_time(kind):
     lag_s = np.array([0.0, 0.03, 0.06, 0.12])
-    found = fluctuation_factor(kind, 0.017 + lag_s, 100_000, correlation_s=0.06, rng=rng(2))
+    found = fluctuation_factor(kind, 0.017 + lag_s, 100_000, correlation_s=0.06, rng=np.random.default_rng(2))
     centred = found - 1.0
     covariance = (centred[0] * centred).mean(axis=1) / (centred[0] ** 2).mean()
     np.testing.assert_allclose(covariance, np.exp(-((lag_s / 0.06) ** 2)), atol=0.02)
 
 
 def test_stationary_at_every_phase_of_the_grid_that_it_is_made_on():
-    found = fluctuation_factor("swerling1", np.linspace(0, 0.1, 9), 100_000, correlation_s=0.1, rng=rng(3))
+    found = fluctuation_factor(
+        "swerling1", np.linspace(0, 0.1, 9), 100_000, correlation_s=0.1, rng=np.random.default_rng(3)
+    )
     np.testing.assert_allclose(found.mean(axis=1), 1.0, atol=0.015)
     np.testing.assert_allclose(found.var(axis=1), 1.0, atol=0.05)
 
 
 def test_scatterers_fluctuate_independently():
-    found = fluctuation_factor("swerling1", np.arange(2000) * 1.0, 4, correlation_s=0.1, rng=rng(4))
+    found = fluctuation_factor("swerling1", np.arange(2000) * 1.0, 4, correlation_s=0.1, rng=np.random.default_rng(4))
     correlation = np.corrcoef(found.T)[~np.eye(4, dtype=bool)]
     assert np.abs(correlation).max() < 4 / 2000**0.5
 
@@ -51,21 +52,23 @@ def test_scatterers_fluctuate_independently():
 def test_smooth_no_clicks_from_pulse_to_pulse():
     """Mean square slope of the Gaussian process is 1 / T_c^2, so that of the exponential factor is 4 / (2 T_c^2)."""
     step_s = 1e-4
-    found = fluctuation_factor("swerling1", np.arange(3) * step_s, 50_000, correlation_s=0.1, rng=rng(5))
+    found = fluctuation_factor(
+        "swerling1", np.arange(3) * step_s, 50_000, correlation_s=0.1, rng=np.random.default_rng(5)
+    )
     slope = np.diff(found, axis=0) / step_s
     assert (slope**2).mean() == pytest.approx(2 / 0.1**2, rel=0.05)
     assert np.abs(np.diff(slope, axis=0)).max() < 0.1 * np.abs(slope).max()
 
 
 def test_a_time_does_not_depend_on_the_others():
-    all_of_them = fluctuation_factor("swerling3", T, 3, correlation_s=0.1, rng=rng(6))
-    some = fluctuation_factor("swerling3", T[[40, 7]], 3, correlation_s=0.1, rng=rng(6))
+    all_of_them = fluctuation_factor("swerling3", T, 3, correlation_s=0.1, rng=np.random.default_rng(6))
+    some = fluctuation_factor("swerling3", T[[40, 7]], 3, correlation_s=0.1, rng=np.random.default_rng(6))
     np.testing.assert_array_equal(some, all_of_them[[40, 7]])
-    assert fluctuation_factor("swerling1", [], 3, correlation_s=0.1, rng=rng(6)).shape == (0, 3)
+    assert fluctuation_factor("swerling1", [], 3, correlation_s=0.1, rng=np.random.default_rng(6)).shape == (0, 3)
 
 
 def test_spread_is_log_normal_with_mean_1():
-    source = rng(7)
+    source = np.random.default_rng(7)
     found = np.array([spread_factor(2.0, source) for _ in range(40_000)])
     assert found.mean() == pytest.approx(1.0, abs=0.01)
     assert (10 * np.log10(found)).std() == pytest.approx(2.0, rel=0.02)
@@ -73,7 +76,9 @@ def test_spread_is_log_normal_with_mean_1():
 
 def rcs_of(spec, seed=None, walkers=1, **scene):
     targets = [Target(WALK, rcs=spec) for _ in range(walkers)]
-    return assemble(Scene(targets, **scene), T, angles=False, rng=None if seed is None else rng(seed))["rcs"].values
+    return assemble(
+        Scene(targets, **scene), T, angles=False, rng=None if seed is None else np.random.default_rng(seed)
+    )["rcs"].values
 
 
 def test_the_scene_fluctuates_around_the_split():
@@ -100,6 +105,6 @@ def test_what_is_drawn_needs_a_source_and_nothing_else_touches_it():
     for spec in (RcsSpec(fluctuation="swerling1"), RcsSpec(total_spread_db=2.0)):
         with pytest.raises(ConfigError, match="needs rng"):
             rcs_of(spec)
-    source = rng(9)
+    source = np.random.default_rng(9)
     observe(Scene([Target(WALK, rcs=RcsSpec(kind="ellipsoids", occlusion=True))]), T, rng=source)
-    assert source.integers(2**63) == rng(9).integers(2**63)
+    assert source.integers(2**63) == np.random.default_rng(9).integers(2**63)

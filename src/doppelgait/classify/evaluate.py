@@ -21,7 +21,6 @@ from doppelgait.classify.scorecard import ALARM_CLASS, DETECTED_SHARE, Answers
 from doppelgait.classify.training import BASELINES, MODELS, fit, kind_of
 from doppelgait.classify.validate import Fold, cross_validation, hold_back, leave_out, own_splits, refuse_shared
 from doppelgait.core.errors import ConfigError, DatasetError
-from doppelgait.core.rng import rng
 from doppelgait.dataset.open import Dataset
 
 SHUFFLES = 5
@@ -331,7 +330,7 @@ def _importance(rows: Rows, table: Table, model: Model, fold: Fold, seed: int) -
         told = model.probability(inputs)[np.arange(labels.size), labels]
         return float(-(weights * np.log(np.maximum(told, LEAST_PROBABILITY))).mean())
 
-    generator, whole = rng(seed), loss(values) if table.names else 0.0
+    generator, whole = np.random.default_rng(seed), loss(values) if table.names else 0.0
     lost = {}
     for number, name in enumerate(table.names):
         found = []

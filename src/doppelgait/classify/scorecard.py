@@ -14,7 +14,6 @@ import pandas as pd
 from doppelgait.classify import scores
 from doppelgait.classify.calibrate import class_weights
 from doppelgait.classify.learned import FloatArray, IntArray
-from doppelgait.core.rng import rng
 
 ALARM_CLASS = "human"
 DETECTED_SHARE = 0.95
@@ -104,7 +103,7 @@ def _balanced(answers: Answers, chosen: scores.Bools, seed: int) -> dict[str, An
     n_classes = len(answers.classes)
     if np.unique(labels).size < n_classes:
         return {"value": None, "low": None, "high": None, "interval": NOT_ALL}
-    found = scores.balanced_interval(labels, right, answers.groups[chosen], n_classes, rng(seed))
+    found = scores.balanced_interval(labels, right, answers.groups[chosen], n_classes, np.random.default_rng(seed))
     value = scores.balanced_accuracy(labels, right, n_classes)
     return {"value": value, "low": found.low, "high": found.high, "interval": found.method}
 
@@ -127,7 +126,7 @@ def _roc(answers: Answers, name: str, seed: int) -> dict[str, Any]:
     probability, positive = answers.probability[:, number], answers.labels == number
     if not 0 < positive.sum() < positive.size:
         return {"auc": float("nan"), "low": None, "high": None, "false": [], "true": []}
-    low, high = scores.auc_interval(probability, positive, answers.groups, rng(seed)) or (None, None)
+    low, high = scores.auc_interval(probability, positive, answers.groups, np.random.default_rng(seed)) or (None, None)
     false, true = scores.roc(probability, positive)
     kept = np.unique(np.linspace(0, false.size - 1, MOST_POINTS).round().astype(int))
     area = scores.auc(probability, positive)

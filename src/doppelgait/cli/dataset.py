@@ -54,7 +54,8 @@ def plan_command(
 
     Example: doppelgait dataset plan home-alarm --set dataset.examples_per_class=50000
     """
-    from doppelgait.core.rng import rng
+    import numpy as np
+
     from doppelgait.dataset.finish import dataset_id
     from doppelgait.dataset.plan import check_examples, plan_dataset, spread
     from doppelgait.dataset.summary import summarise, write_specs
@@ -64,7 +65,7 @@ def plan_command(
     with progress("reading motion files", quiet=as_json) as on_progress:
         laid_out = plan_dataset(loaded, folder=folder, on_progress=on_progress)
     checked = check_examples(laid_out, most=ALL_CHECKED)
-    refuse_leaks(list(spread(laid_out, LEAKS_LOOKED_AT)), rng(0))
+    refuse_leaks(list(spread(laid_out, LEAKS_LOOKED_AT)), np.random.default_rng(0))
     summary = summarise(laid_out, dataset_id(laid_out.config, folder), n_checked=checked, pilot=pilot)
     if specs is not None:
         write_specs(laid_out, specs)

@@ -84,12 +84,18 @@ def verify(
 
     Example: doppelgait dataset verify home-alarm --figures pages
     """
-    from doppelgait.core.rng import rng
+    import numpy as np
+
     from doppelgait.dataset.verify import verify_dataset
 
     with progress("verifying", quiet=as_json) as on_progress:
         found = verify_dataset(
-            directory, folder=motion_folder, share=resimulate, rng=rng(seed), on_progress=on_progress, figures=figures
+            directory,
+            folder=motion_folder,
+            share=resimulate,
+            rng=np.random.default_rng(seed),
+            on_progress=on_progress,
+            figures=figures,
         )
     if as_json:
         print_json(found.as_dict())

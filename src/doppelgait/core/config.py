@@ -11,15 +11,37 @@ import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator
 
 from doppelgait.core.errors import ConfigError
 
+if TYPE_CHECKING:
+    from pydantic._internal._model_construction import ModelMetaclass as _Checked
+else:
 
-class FrozenModel(BaseModel):
+    class _Checked(type(BaseModel)):
+        """Makes a model that Python code calls raise :class:`ConfigError`, and take its main fields by position."""
+
+        def __call__(cls, *values: Any, **data: Any) -> Any:
+            if len(values) > len(cls.POSITIONAL):
+                raise TypeError(f"{cls.__name__} takes {len(cls.POSITIONAL)} positional arguments, not {len(values)}")
+            for name, value in zip(cls.POSITIONAL, values, strict=False):
+                if name in data:
+                    raise TypeError(f"{cls.__name__} got {name} twice")
+                data[name] = value
+            try:
+                return super().__call__(**data)
+            except ValidationError as error:
+                raise ConfigError(f"{cls.__name__}: {_list_faults(error, cls)}") from None
+
+
+class FrozenModel(BaseModel, metaclass=_Checked):
     """Base of all parameter models: immutable, unknown keys forbidden, no NaN or infinity, text is no number."""
+
+    POSITIONAL: ClassVar[tuple[str, ...]] = ()
+    """Fields that Python code may give by position."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
@@ -57,9 +79,14 @@ def validate(
     try:
         return model.model_validate(dict(data))
     except ValidationError as error:
-        lines = [_describe(fault, model, text, section) for fault in _own_faults(error.errors())]
         prefix = f"{where}: " if where else ""
-        raise ConfigError(prefix + "; ".join(lines)) from None
+        raise ConfigError(prefix + _list_faults(error, model, text, section)) from None
+
+
+def _list_faults(
+    error: ValidationError, model: type[BaseModel], text: str = "", section: tuple[str, ...] = ()
+) -> str:  # fmt: skip
+    return "; ".join(_describe(fault, model, text, section) for fault in _own_faults(error.errors()))
 
 
 def _own_faults(faults: Sequence[Any]) -> list[Any]:

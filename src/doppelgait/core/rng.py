@@ -4,51 +4,90 @@ from __future__ import annotations
 
 import operator
 import zlib
+from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
 from doppelgait.core.errors import ConfigError
 
-PURPOSES = ("plan", "motion", "scene", "noise", "gate", "impairments", "split")
+PURPOSES = ("plan", "motion", "scene", "noise", "gate", "impairments", "split", "batches")
 """What streams are for. The position in this tuple is part of the stream's key: append only."""
 
 
-def rng(seed: int) -> np.random.Generator:
-    """Generator for a single run, from an integer seed (0 or larger).
+@dataclass(frozen=True)
+class Streams:
+    """All random streams of one example, independent of each other and of the order in which they are used.
+
+    Parameters
+    ----------
+    seed : int
+        Root of all streams, 0 or larger; as ``seed`` in a scene file and ``--seed`` of the command line.
+    example : int
+        Number of the example in a dataset, 0 or larger.
+
+    Raises
+    ------
+    ConfigError
+        If the seed or the example is no integer or below 0.
+
+    Examples
+    --------
+    >>> from doppelgait.core.rng import Streams
+    >>> first, again = Streams(2018).generator("noise"), Streams(2018).generator("noise")
+    >>> bool(first.integers(100) == again.integers(100))
+    True
+    """
+
+    seed: int
+    example: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("seed", "example"):
+            value = getattr(self, name)
+            try:
+                number = operator.index(value)
+            except TypeError:
+                number = -1
+            if number < 0:
+                raise ConfigError(f"{name}: {value!r} is not allowed; it must be an integer, 0 or larger")
+            object.__setattr__(self, name, number)
+
+    def generator(self, purpose: str, key: str = "") -> np.random.Generator:
+        """Independent generator of one purpose, from its beginning.
+
+        Parameters
+        ----------
+        purpose : str
+            One of :data:`PURPOSES`.
+        key : str
+            Further name, such as the dotted key of a parameter: adding a parameter then shifts no other.
+
+        Returns
+        -------
+        numpy.random.Generator
+            The same stream for the same values, whatever else was sampled before or in whichever process.
+        """
+        name = (zlib.crc32(key.encode()),) if key else ()
+        spawn_key = (PURPOSES.index(purpose), self.example, *name)
+        return np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=spawn_key))
+
+
+def rng(seed: int) -> Streams:
+    """Random streams of a single run; the same bytes as ``seed`` in a scene file and ``--seed``.
 
     Raises
     ------
     ConfigError
         If the seed is no integer or below 0.
     """
-    try:
-        number = operator.index(seed)
-    except TypeError:
-        number = -1
-    if number < 0:
-        raise ConfigError(f"seed: {seed!r} is not allowed; it must be an integer, 0 or larger")
-    return np.random.default_rng(number)
+    return Streams(seed)
 
 
-def generator_for(root_seed: int, purpose: str, index: int, key: str = "") -> np.random.Generator:
-    """Independent generator of one purpose of one example.
+RandomSource: TypeAlias = "Streams | np.random.Generator"
+"""What a function takes that samples of one purpose: streams, or a generator to continue."""
 
-    Parameters
-    ----------
-    root_seed : int
-        Seed of the whole dataset, 0 or larger.
-    purpose : str
-        One of :data:`PURPOSES`.
-    index : int
-        Number of the example, 0 or larger.
-    key : str
-        Further name, such as the dotted key of a drawn parameter: adding a parameter then shifts no other.
 
-    Returns
-    -------
-    numpy.random.Generator
-        The same stream for the same values, whatever else was drawn before or in whichever process.
-    """
-    name = (zlib.crc32(key.encode()),) if key else ()
-    spawn_key = (PURPOSES.index(purpose), index, *name)
-    return np.random.default_rng(np.random.SeedSequence(root_seed, spawn_key=spawn_key))
+def as_generator(source: RandomSource, purpose: str) -> np.random.Generator:
+    """Generator of a purpose; a generator is returned as it is, to continue where it stands."""
+    return source.generator(purpose) if isinstance(source, Streams) else source

@@ -15,9 +15,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from doppelgait import __version__
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
-from doppelgait.core.rng import rng
 from doppelgait.dataset.config import PlanConfig, differences
 from doppelgait.dataset.executors import check_executor, run_shards
 from doppelgait.dataset.finish import (
@@ -167,7 +168,7 @@ def _lay_out(config: PlanConfig, target: Path, source: Path, part: Part | None, 
 
     drawn = list(spread(plan, CHECKED_EXAMPLES))
     if not (target / "dataset.json").is_file():
-        warn_of_leaks(drawn, rng(0))
+        warn_of_leaks(drawn, np.random.default_rng(0))
     shards = tuple(plan.shards())
     own = shards if part is None else shards[part.number - 1 :: part.among]
     return _Job(target, plan, dataset_id(plan.config, source), shards, own, part, max_failed_share)

@@ -14,6 +14,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from doppelgait.core.errors import DatasetError
+from doppelgait.core.rng import RandomSource, as_generator
 from doppelgait.dataset.config import SPLITS
 from doppelgait.dataset.example import Example, Features, carrier_of, feature_matrix, label_arrays, nearest, plain_row
 from doppelgait.dataset.finish import SCHEMA_VERSION
@@ -136,15 +137,17 @@ def shuffled_rows(index: pd.DataFrame, rng: np.random.Generator) -> npt.NDArray[
 
 
 def batches_of(
-    dataset: Dataset, fields: Sequence[str], batch_size: int, rng: np.random.Generator | None, *, shuffle: bool
+    dataset: Dataset, fields: Sequence[str], batch_size: int, rng: RandomSource | None, *, shuffle: bool
 ) -> Iterator[dict[str, npt.NDArray[Any]]]:
     """Batches of a dataset; see :meth:`doppelgait.dataset.Dataset.batches`."""
     dataset.check_fields(fields)
     if batch_size < 1:
         raise DatasetError(f"batch_size: {batch_size} is not allowed; it must be 1 or larger")
     if shuffle and rng is None:
-        raise DatasetError("batches: shuffling needs rng, for example numpy.random.default_rng(1); or shuffle=False")
-    rows = shuffled_rows(dataset.index, rng) if shuffle and rng is not None else np.arange(len(dataset))
+        raise DatasetError("batches: shuffling needs rng, for example doppelgait.rng(1); or shuffle=False")
+    rows = np.arange(len(dataset))
+    if shuffle and rng is not None:
+        rows = shuffled_rows(dataset.index, as_generator(rng, "batches"))
     return _read(dataset, fields, batch_size, rows)
 
 
@@ -315,7 +318,7 @@ class Dataset:
         return self.index["label"].map(self.description["classes"]).to_numpy(dtype=np.int64)
 
     def batches(
-        self, fields: Sequence[str] = ("signature",), batch_size: int = 32, rng: np.random.Generator | None = None,
+        self, fields: Sequence[str] = ("signature",), batch_size: int = 32, rng: RandomSource | None = None,
         *, shuffle: bool = True,
     ) -> Iterator[dict[str, Array]]:  # fmt: skip
         """Batches of arrays, each example once.
@@ -325,7 +328,7 @@ class Dataset:
         fields : sequence of str
         batch_size : int
             The last batch may be smaller.
-        rng : Generator, optional
+        rng : Streams or numpy.random.Generator, optional
             For the order; needed to shuffle.
         shuffle : bool
             In a random order (:func:`doppelgait.dataset.open.shuffled_rows`), else in that of the index.

@@ -11,7 +11,7 @@ import numpy as np
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError
-from doppelgait.core.rng import generator_for
+from doppelgait.core.rng import Streams
 from doppelgait.dataset.config import AUTO_PRF_REFUSED, ORACLE_REFUSED, ClassSection, PlanConfig, shorten
 from doppelgait.dataset.motions import NOBODY, PHANTOM_SPEED_MPS, check_motion, source_entry, subject_of
 from doppelgait.pipeline import RunSpec, parse_run
@@ -103,7 +103,7 @@ def resolve(value: Any, *, seed: int, example: int, key: str, turn: int | None =
         if len(value) == 1 and next(iter(value)) in DISTRIBUTIONS:
             ((name, numbers),) = value.items()
             try:
-                drawn = DISTRIBUTIONS[name](numbers, generator_for(seed, "plan", example, key))
+                drawn = DISTRIBUTIONS[name](numbers, Streams(seed, example).generator("plan", key))
             except ConfigError as error:
                 raise ConfigError(f"{key}: {error}") from None
             return resolve(drawn, seed=seed, example=example, key=f"{key}.{name}", turn=turn)
@@ -266,7 +266,7 @@ def resolve_example(
         run = _run_spec(plan, section, number, targets, name, folder)
     except ConfigError as error:
         raise ConfigError(f"class {section.label!r}: example {name}: {error}") from None
-    error_m = float(generator_for(plan.dataset.seed, "gate", number).normal(0.0, plan.dataset.gate_error_sd_m))
+    error_m = float(Streams(plan.dataset.seed, number).generator("gate").normal(0.0, plan.dataset.gate_error_sd_m))
     return ExampleSpec(id=name, split=split, group=group, gate_error_m=error_m, rows=rows, run=run)
 
 

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, cast
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
+from pydantic import Field
 
-from doppelgait.core.config import FrozenModel, validate
+from doppelgait.core.config import FrozenModel
 from doppelgait.core.labels import axis
+from doppelgait.core.rng import Streams
 from doppelgait.radar.antenna import apply_antenna
 from doppelgait.radar.config import Radar
 from doppelgait.radar.impairments import Impairments, pulse_times
@@ -22,17 +22,29 @@ from doppelgait.scene.environment import Environment, Setting, apply_environment
 FloatArray = npt.NDArray[np.float64]
 
 
-class _Lists(FrozenModel):
-    environment: Environment = ()
-    impairments: Impairments = ()
+class Noise(FrozenModel):
+    """Receiver noise, added before every impairment.
+
+    Parameters
+    ----------
+    kind : {"thermal", "snr", "none"}
+        ``thermal``: from the radar's noise figure and bandwidth (E-18), unless the list of impairments has an entry
+        ``thermal_noise`` of its own. ``snr``: as much as gives ``snr_db``.
+    snr_db : float
+        Wanted SNR_frame: time mean of the strongest bin's power over the noise power.
+    """
+
+    kind: Literal["thermal", "snr", "none"] = "thermal"
+    snr_db: float = Field(default=20.0, ge=-100, le=200)
 
 
-@dataclass(frozen=True)
-class Conditions:
+class Conditions(FrozenModel):
     """What stands between an ideal recording and a real one.
 
     Parameters
     ----------
+    noise : Noise
+        Receiver noise; thermal by default.
     environment : sequence of models or tables
         Walls, bounces and the like (:mod:`doppelgait.scene.environment`), reflections first.
     impairments : sequence of models or tables
@@ -44,33 +56,18 @@ class Conditions:
         If a kind or a parameter is not allowed.
     """
 
-    environment: Sequence[FrozenModel | Mapping[str, Any]] = ()
-    impairments: Sequence[FrozenModel | Mapping[str, Any]] = ()
+    noise: Noise = Noise()
+    environment: Environment = ()
+    impairments: Impairments = ()
 
-    def __post_init__(self) -> None:
-        lists = {"environment": self.environment, "impairments": self.impairments}
-        checked = validate(_Lists, lists, where="conditions")
-        for name in lists:
-            object.__setattr__(self, name, getattr(checked, name))
-
-    @property
-    def effects(self) -> tuple[FrozenModel, ...]:
-        """The environment as models, whichever way it was given."""
-        return cast("tuple[FrozenModel, ...]", self.environment)
-
-    @property
-    def faults(self) -> tuple[FrozenModel, ...]:
-        """The impairments as models, whichever way they were given."""
-        return cast("tuple[FrozenModel, ...]", self.impairments)
-
-    def names(self, kind: str) -> bool:
+    def has_impairment(self, kind: str) -> bool:
         """Whether an impairment of this kind is among them."""
-        return any(getattr(spec, "kind", "") == kind for spec in self.faults)
+        return any(getattr(spec, "kind", "") == kind for spec in self.impairments)
 
 
 def received(
     scene: Scene, radar: Radar, slow_time_s: FloatArray, conditions: Conditions, *, angles: bool,
-    scene_rng: np.random.Generator | None, timing_rng: np.random.Generator | None,
+    streams: Streams | None,
 ) -> tuple[xr.Dataset, list[LineOfSight]]:  # fmt: skip
     """Scatterer table as the receiver gets it, and the centre tracks of the targets.
 
@@ -83,17 +80,21 @@ def received(
     conditions : Conditions
     angles : bool
         Whether the table must hold angles; environment and antenna have them made where they need them.
-    scene_rng, timing_rng : numpy.random.Generator or None
-        Sources of what the scene and the frame times draw.
+    streams : Streams or None
+        Of the radar cross sections (``scene``) and of the frame times (``impairments``).
     """
-    times_s = _frame_times_s(slow_time_s, radar, conditions, timing_rng)
+    times_s = slow_time_s
+    if conditions.impairments and streams is not None:
+        timing_rng, _ = streams.generator("impairments").spawn(2)
+        times_s = pulse_times(slow_time_s, conditions.impairments, radar=radar, rng=timing_rng)
     patterned = radar.antenna.kind != "isotropic"
-    angles = angles or patterned or needs_angles(conditions.effects)
+    angles = angles or patterned or needs_angles(conditions.environment)
+    scene_rng = None if streams is None else streams.generator("scene")
     scatterers, tracks = observe(scene, times_s, angles=angles, rng=scene_rng)
-    if conditions.effects:
+    if conditions.environment:
         azimuth_rad = math.radians(scene.radar_azimuth_deg)
         setting = Setting(radar.wavelength_m, scene.radar_position_m, azimuth_rad)
-        scatterers = apply_environment(scatterers, conditions.effects, setting)
+        scatterers = apply_environment(scatterers, conditions.environment, setting)
     if patterned:
         scatterers = apply_antenna(
             scatterers,
@@ -104,14 +105,6 @@ def received(
     if times_s is not slow_time_s:
         scatterers = scatterers.assign_coords(slow_time=("slow_time", slow_time_s, {"units": "s"}))
     return scatterers, tracks
-
-
-def _frame_times_s(
-    slow_time_s: FloatArray, radar: Radar, conditions: Conditions, rng: np.random.Generator | None
-) -> FloatArray:
-    if not conditions.faults or rng is None:
-        return slow_time_s
-    return pulse_times(slow_time_s, conditions.faults, radar=radar, rng=rng)
 
 
 def of_targets(scatterers: xr.Dataset) -> xr.Dataset:

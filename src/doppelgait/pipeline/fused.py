@@ -11,15 +11,15 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from threading import local
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from doppelgait.core.rng import Streams
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.pipeline.analyze import TargetResult, analyze, analyze_signature, flag_overlaps, gate_of_truth
-from doppelgait.pipeline.echoes import Conditions, received
+from doppelgait.pipeline.echoes import Conditions, Noise, received
 from doppelgait.pipeline.simulate import pulse_times_s, simulate, target_truth
 from doppelgait.processing import Analysis
 from doppelgait.processing.signature import cut_out, signature_of_planes
@@ -61,17 +61,17 @@ def can_fuse(scene: Scene, radar: Radar, analysis: Analysis, conditions: Conditi
     """Whether the fused path makes this example: plain echoes of targets, whose samples are range bins, as they are."""
     background = len(scene.observed_targets) < len(scene.targets)
     plain = radar.waveform == "impulse" and analysis.clutter == "none"
-    return plain and not (conditions.effects or conditions.faults or background)
+    return plain and not (conditions.environment or conditions.impairments or background)
 
 
 def run_steps(
-    scene: Scene, radar: Radar, analysis: Analysis, *, gate_error_m: float, snr_db: float | None, **drawn: Any
+    scene: Scene, radar: Radar, analysis: Analysis, *, gate_error_m: float, rng: Streams, conditions: Conditions
 ) -> FusedExample:
     """Simulate a scene and analyse every target in its truth gate, one step after the other.
 
     Parameters as for :func:`doppelgait.pipeline.simulate`.
     """
-    recording = simulate(scene, radar, snr_db=snr_db, angles=False, **drawn)
+    recording = simulate(scene, radar, rng=rng, conditions=conditions, angles=False)
     results = analyze(recording, gate="truth", analysis=analysis, gate_error_m=gate_error_m)
     n_pulses = recording.n_pulses
     return FusedExample(results, recording.truth, n_pulses, recording.noise_power_v2, recording.snr_frame_db)
@@ -82,24 +82,24 @@ def run_fused(
     radar: Radar,
     analysis: Analysis,
     *,
-    rng: np.random.Generator | None = None,
+    rng: Streams | None = None,
+    noise: Noise | None = None,
     snr_db: float | None = None,
     gate_error_m: float = 0.0,
-    scene_rng: np.random.Generator | None = None,
 ) -> FusedExample:
     """Simulate a scene and analyse every target in its truth gate.
 
     Parameters and errors as for :func:`doppelgait.pipeline.simulate` and :func:`doppelgait.pipeline.analyze`.
     """
+    if snr_db is None and noise is not None and noise.kind == "snr":
+        snr_db = noise.snr_db
+    noiseless = rng is None or (snr_db is None and noise is not None and noise.kind == "none")
     slow_time_s = pulse_times_s(scene, radar, rng=rng, snr_db=snr_db)
-    scatterers, tracks = received(
-        scene, radar, slow_time_s, Conditions(), angles=False, timing_rng=None,
-        scene_rng=scene_rng if scene_rng is not None else rng,
-    )  # fmt: skip
+    scatterers, tracks = received(scene, radar, slow_time_s, Conditions(), angles=False, streams=rng)
     warn_of_limits(scatterers, radar)
     plane_re, plane_im = _planes(radar.n_range_bins, slow_time_s.size)
     signal_v2 = _synthesise(scatterers, radar, plane_re, plane_im)
-    noise_v2 = noise_level_v2(radar, signal_v2, snr_db) if rng is not None else 0.0
+    noise_v2 = 0.0 if noiseless else noise_level_v2(radar, signal_v2, snr_db)
     truth = [target_truth(scene, number, scatterers, track) for number, track in enumerate(tracks)]
     gates = [
         gate_of_truth(slow_time_s, t, analysis, wavelength_m=radar.wavelength_m, error_m=gate_error_m) for t in truth
@@ -107,7 +107,7 @@ def run_fused(
     range_m = radar.range_axis_m()
     cuts = [cut_out(gate, slow_time_s, range_m, analysis) for gate in gates]
     if rng is not None and noise_v2 > 0:
-        _add_noise(plane_re, plane_im, [cut.needed_pulses() for cut in cuts], rng, noise_v2=noise_v2)
+        _add_noise(plane_re, plane_im, [cut.needed_pulses() for cut in cuts], rng.generator("noise"), noise_v2=noise_v2)
     results = []
     for cut, target in zip(cuts, truth, strict=True):
         mu = signature_of_planes(plane_re, plane_im, 0, cut, wavelength_m=radar.wavelength_m)

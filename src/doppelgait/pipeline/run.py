@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from pydantic import Field
 
 from doppelgait.core.config import FrozenModel, apply_overrides, line_note, read_toml, validate
 from doppelgait.core.errors import ConfigError
-from doppelgait.core.rng import generator_for
-from doppelgait.pipeline.echoes import Conditions
+from doppelgait.core.rng import Streams
+from doppelgait.pipeline.echoes import Conditions, Noise
 from doppelgait.pipeline.fused import FusedExample, can_fuse, run_fused, run_steps
 from doppelgait.pipeline.simulate import simulate, with_lowest_prf
 from doppelgait.processing import Analysis
@@ -26,22 +26,6 @@ from doppelgait.scene.spec import SceneSpec, build_scene
 AUTO_PRF_START_HZ = 1000.0
 
 
-class NoiseSpec(FrozenModel):
-    """Receiver noise of a run, added before every impairment.
-
-    Parameters
-    ----------
-    kind : {"thermal", "snr", "none"}
-        ``thermal``: from the radar's noise figure and bandwidth (E-18), unless the list of impairments has an entry
-        ``thermal_noise`` of its own. ``snr``: as much as gives ``snr_db``.
-    snr_db : float
-        Wanted SNR_frame: time mean of the strongest bin's power over the noise power.
-    """
-
-    kind: Literal["thermal", "snr", "none"] = "thermal"
-    snr_db: float = Field(default=20.0, ge=-100, le=200)
-
-
 class RunSpec(FrozenModel):
     """Everything that makes one recording and its analysis.
 
@@ -51,7 +35,7 @@ class RunSpec(FrozenModel):
     radar : Radar
     auto_prf : bool
         Take the lowest frame rate at which nothing aliases (``prf_hz = "auto"``); for reproducing the report only.
-    noise : NoiseSpec
+    noise : Noise
     environment : list
         Walls, bounces and the like (:mod:`doppelgait.scene.environment`), in order.
     impairments : list
@@ -66,7 +50,7 @@ class RunSpec(FrozenModel):
     scene: SceneSpec
     radar: Radar
     auto_prf: bool = False
-    noise: NoiseSpec = NoiseSpec()
+    noise: Noise = Noise()
     environment: Environment = ()
     impairments: Impairments = ()
     analysis: Analysis = Analysis()
@@ -155,8 +139,8 @@ def run_simulation(spec: RunSpec, *, folder: Path | None = None, angles: bool = 
     angles : bool
         As for :func:`doppelgait.pipeline.simulate`.
     """
-    scene, radar, drawn = _inputs(spec, folder)
-    recording = simulate(scene, radar, angles=angles, **drawn)
+    scene, radar, streams, conditions = _inputs(spec, folder)
+    recording = simulate(scene, radar, angles=angles, rng=streams, conditions=conditions)
     return replace(recording, seed=spec.seed)
 
 
@@ -173,22 +157,16 @@ def run_example(spec: RunSpec, *, folder: Path | None = None, gate_error_m: floa
     gate_error_m : float
         Range error of the gates.
     """
-    scene, radar, drawn = _inputs(spec, folder)
-    if not can_fuse(scene, radar, spec.analysis, drawn["conditions"]):
-        return run_steps(scene, radar, spec.analysis, gate_error_m=gate_error_m, **drawn)
-    del drawn["conditions"], drawn["impairments_rng"]
-    return run_fused(scene, radar, spec.analysis, gate_error_m=gate_error_m, **drawn)
+    scene, radar, streams, conditions = _inputs(spec, folder)
+    if not can_fuse(scene, radar, spec.analysis, conditions):
+        return run_steps(scene, radar, spec.analysis, gate_error_m=gate_error_m, rng=streams, conditions=conditions)
+    return run_fused(scene, radar, spec.analysis, gate_error_m=gate_error_m, rng=streams, noise=conditions.noise)
 
 
-def _inputs(spec: RunSpec, folder: Path | None) -> tuple[Scene, Radar, dict[str, Any]]:
-    """Scene, radar and the random arguments of a specification; every stream comes from its seed and example number."""
-    scene = build_scene(spec.scene, folder=folder, rng=generator_for(spec.seed, "motion", spec.example))
+def _inputs(spec: RunSpec, folder: Path | None) -> tuple[Scene, Radar, Streams, Conditions]:
+    """Scene, radar, random streams and conditions of a specification."""
+    streams = Streams(spec.seed, spec.example)
+    scene = build_scene(spec.scene, folder=folder, rng=streams.generator("motion"))
     radar = with_lowest_prf(scene, spec.radar, cpi_s=spec.analysis.cpi_s) if spec.auto_prf else spec.radar
-    drawn = {
-        "rng": None if spec.noise.kind == "none" else generator_for(spec.seed, "noise", spec.example),
-        "snr_db": spec.noise.snr_db if spec.noise.kind == "snr" else None,
-        "scene_rng": generator_for(spec.seed, "scene", spec.example),
-        "conditions": Conditions(spec.environment, spec.impairments),
-        "impairments_rng": generator_for(spec.seed, "impairments", spec.example),
-    }
-    return scene, radar, drawn
+    conditions = Conditions(noise=spec.noise, environment=spec.environment, impairments=spec.impairments)
+    return scene, radar, streams, conditions

@@ -11,6 +11,7 @@ import xarray as xr
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.labels import axis
+from doppelgait.core.rng import Streams
 from doppelgait.core.units import duration_to_pulses, slow_time_axis_s
 from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.pipeline.echoes import Conditions, of_targets, received
@@ -44,12 +45,10 @@ def simulate(
     scene: Scene,
     radar: Radar,
     *,
-    rng: np.random.Generator | None = None,
-    snr_db: float | None = None,
+    rng: Streams | None = None,
     conditions: Conditions | None = None,
+    snr_db: float | None = None,
     angles: bool = True,
-    scene_rng: np.random.Generator | None = None,
-    impairments_rng: np.random.Generator | None = None,
 ) -> Recording:
     """Simulate what a radar records of a scene, with the truth.
 
@@ -57,22 +56,18 @@ def simulate(
     ----------
     scene : Scene
     radar : Radar
-    rng : numpy.random.Generator, optional
-        Source of the receiver noise. Without it the recording is noise-free.
-    snr_db : float, optional
-        Wanted SNR_frame: time mean of the strongest bin's power over the noise power, in dB; ``inf`` for no noise.
-        The power is that of the targets: no ghosts, background movers or clutter. By default the noise is the radar's
-        thermal noise (E-18).
+    rng : Streams, optional
+        Random streams, for example ``dg.rng(2018)``: the recording is then that of ``seed = 2018`` in a scene file.
+        Without them the recording is noise-free, and nothing random is allowed.
     conditions : Conditions, optional
-        Environment and impairments; none by default. Receiver noise comes before the impairments; a ``thermal_noise``
-        among them takes its place.
+        Receiver noise, environment and impairments; thermal noise alone (E-18) by default. Receiver noise comes before
+        the impairments; a ``thermal_noise`` among them takes its place.
+    snr_db : float, optional
+        Wanted SNR_frame instead of ``conditions.noise``: time mean of the strongest bin's power over the noise power,
+        in dB; ``inf`` for no noise. The power is that of the targets: no ghosts, background movers or clutter.
     angles : bool
         Whether the truth holds every scatterer's aspect angle and the bodies to draw; without, the simulation is
         quicker.
-    scene_rng : numpy.random.Generator, optional
-        Source of what the scene itself draws (fluctuation and spread of radar cross sections); ``rng`` by default.
-    impairments_rng : numpy.random.Generator, optional
-        Source of what the impairments draw; ``rng`` by default.
 
     Returns
     -------
@@ -88,26 +83,33 @@ def simulate(
     DoppelgaitWarning
         If a scatterer aliases in Doppler or leaves the frame.
     """
+    if rng is not None and not isinstance(rng, Streams):
+        raise ConfigError(f"rng: {type(rng).__name__} is not allowed; pass rng=doppelgait.rng(SEED)")
     given = conditions or Conditions()
-    source = impairments_rng if impairments_rng is not None else rng
-    timing_rng, fault_rng = source.spawn(2) if source is not None else (None, None)
+    noiseless = rng is None or (snr_db is None and given.noise.kind == "none")
+    if snr_db is None and given.noise.kind == "snr":
+        snr_db = given.noise.snr_db
     slow_time_s = pulse_times_s(scene, radar, rng=rng, snr_db=snr_db)
-    _check_noise(given, rng=source, snr_db=snr_db)
-    scatterers, tracks = received(
-        scene, radar, slow_time_s, given, angles=angles, timing_rng=timing_rng,
-        scene_rng=scene_rng if scene_rng is not None else rng,
-    )  # fmt: skip
+    if given.impairments and rng is None:
+        raise ConfigError("impairments draw random numbers: pass rng=doppelgait.rng(SEED)")
+    if snr_db is not None and given.has_impairment("thermal_noise"):
+        raise ConfigError(
+            f"snr_db = {snr_db:g} and an impairment thermal_noise both set the noise level: leave one out"
+        )
+    scatterers, tracks = received(scene, radar, slow_time_s, given, angles=angles, streams=rng)
     warn_of_limits(scatterers, radar)
     samples = synthesise_samples(scatterers, radar)
     signal_v2 = _signal_v2(scatterers, samples, radar)
-    noise_v2 = noise_level_v2(radar, signal_v2, snr_db) if rng is not None else 0.0
-    own_noise = [spec for spec in given.faults if isinstance(spec, ThermalNoise)]
+    noise_v2 = 0.0 if noiseless else noise_level_v2(radar, signal_v2, snr_db)
+    own_noise = [spec for spec in given.impairments if isinstance(spec, ThermalNoise)]
     if own_noise:
         noise_v2 = sum(noise_power_per_sample_v2(s, radar) for s in own_noise) * waveform_of(radar).noise_gain(radar)
     elif rng is not None and noise_v2 > 0:
-        samples = noisy(samples, noise_power_v2=noise_v2 / waveform_of(radar).noise_gain(radar), rng=rng)
-    if given.faults and fault_rng is not None:
-        samples = apply_impairments(samples, given.faults, radar=radar, rng=fault_rng)
+        power_v2 = noise_v2 / waveform_of(radar).noise_gain(radar)
+        samples = noisy(samples, noise_power_v2=power_v2, rng=rng.generator("noise"))
+    if given.impairments and rng is not None:
+        _, impairments_rng = rng.generator("impairments").spawn(2)
+        samples = apply_impairments(samples, given.impairments, radar=radar, rng=impairments_rng)
     drawn = slow_time_s[:: math.ceil(radar.prf_hz / BODY_RATE_HZ)] if angles else None
     return Recording.from_baseband(
         label_baseband(compress(samples, radar), slow_time_s, radar),
@@ -122,16 +124,6 @@ def simulate(
     )
 
 
-def _check_noise(conditions: Conditions, *, rng: np.random.Generator | None, snr_db: float | None) -> None:
-    """Refuse impairments without random numbers, and a wanted SNR beside thermal noise of another level."""
-    if conditions.faults and rng is None:
-        raise ConfigError("impairments draw random numbers: pass rng=doppelgait.rng(SEED)")
-    if snr_db is not None and conditions.names("thermal_noise"):
-        raise ConfigError(
-            f"snr_db = {snr_db:g} and an impairment thermal_noise both say how strong the noise is: leave one out"
-        )
-
-
 def _signal_v2(scatterers: xr.Dataset, samples: npt.NDArray[np.complex64], radar: Radar) -> float:
     """Signal level of SNR_frame, V^2: of the targets' echoes alone."""
     own = of_targets(scatterers)
@@ -140,9 +132,7 @@ def _signal_v2(scatterers: xr.Dataset, samples: npt.NDArray[np.complex64], radar
     return frame_power_v2(compress(samples if own is scatterers else synthesise_samples(own, radar), radar))
 
 
-def pulse_times_s(
-    scene: Scene, radar: Radar, *, rng: np.random.Generator | None, snr_db: float | None
-) -> npt.NDArray[np.float64]:
+def pulse_times_s(scene: Scene, radar: Radar, *, rng: Streams | None, snr_db: float | None) -> npt.NDArray[np.float64]:
     """Pulse times of a scene; a :class:`ConfigError` where the scene is too short or noise has no source."""
     if snr_db is not None and rng is None and not math.isinf(snr_db):
         raise ConfigError(f"snr_db = {snr_db} asks for noise, which needs rng: pass rng=doppelgait.rng(SEED)")

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.signal import find_peaks
 
-from doppelgait.core.rng import generator_for
+from doppelgait.core.rng import Streams
 from doppelgait.core.units import doppler_to_velocity_mps, power_to_db
 from doppelgait.radar import Radar, add_noise, noise_power_v2, synthesise
 from doppelgait.reproduce.chapter3_pulse import first_null, spectrum
@@ -74,7 +74,7 @@ def make_3_12(material: Material) -> Made:
         radar, frames, range_m=RANGE_M, rcs_m2=[WALL_M2, *MOVERS_3_12.values()],
         velocity_mps=doppler_to_velocity_mps(shifts_hz, radar.wavelength_m),
     )  # fmt: skip
-    rng = generator_for(material.seed, "noise", 0, "fig-3.12")
+    rng = Streams(material.seed).generator("noise", "fig-3.12")
     baseband = add_noise(synthesise(table, radar), noise_power_v2=noise_power_v2(radar), rng=rng)
     signal = baseband.sel(range=RANGE_M, method="nearest").values * np.hanning(frames)
     shown_hz = np.linspace(-PRF_HZ, PRF_HZ, 4001)

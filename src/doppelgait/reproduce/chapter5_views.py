@@ -10,7 +10,7 @@ import pandas as pd
 
 from doppelgait import viz
 from doppelgait.core.labels import axis
-from doppelgait.core.rng import generator_for
+from doppelgait.core.rng import Streams
 from doppelgait.motion import loop
 from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.pipeline import analyze, simulate
@@ -82,9 +82,8 @@ def to_and_fro(material: Material) -> tuple[Recording, TargetResult, TargetResul
     person = material.person()
 
     def make() -> tuple[Recording, TargetResult, TargetResult]:
-        rng = generator_for(material.seed, "noise", 0)
         scene, radar = lanes(person.motion), material.radar(prf_hz=PRF_HZ)
-        noisy = simulate(scene, radar, rng=rng, snr_db=SNR_DB, angles=False)
+        noisy = simulate(scene, radar, rng=Streams(material.seed), snr_db=SNR_DB, angles=False)
         report = analyze(noisy, gate="truth", analysis=Analysis(method="liland2018", hop=5))[0]
         tracks = analyze(noisy, gate="track", analysis=Analysis(extended=False))
         ours = max(tracks, key=lambda one: axis(one.gate_limits, "time").size)

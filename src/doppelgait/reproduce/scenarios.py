@@ -18,7 +18,7 @@ import xarray as xr
 
 from doppelgait.core.errors import DoppelgaitError
 from doppelgait.core.labels import axis
-from doppelgait.core.rng import generator_for
+from doppelgait.core.rng import Streams
 from doppelgait.motion.models import boulic_walk, human_gait, quadruped_gait, sample_person
 from doppelgait.motion.models.quadruped_gaits import GAITS, GaitName
 from doppelgait.motion.models.quadruped_sizes import BUILDS, froude_speed_mps, hip_height_m
@@ -114,7 +114,7 @@ def _recorded(label: str, name: str, motion: xr.DataArray) -> Scenario:
 
 def _model_person(seed: int, number: int) -> Scenario:
     """Someone as people come, who walks at 0.7 to 1.4 of the preferred speed or runs."""
-    rng = generator_for(seed, "motion", number, "person")
+    rng = Streams(seed, number).generator("motion", "person")
     person = sample_person(rng)
     runs = rng.random() < RUNNER_SHARE
     low, high = (2.3, 4.5) if runs else (0.7 * person.speed_mps, min(1.4 * person.speed_mps, 1.9))
@@ -136,7 +136,7 @@ def _walker(speed_mps: float) -> Scenario:
 
 def _model_dog(seed: int, number: int) -> Scenario:
     """A dog of 0.25 to 0.65 m in one gait after another, its Froude number within the middle of the gait's range."""
-    rng = generator_for(seed, "motion", number, "dog")
+    rng = Streams(seed, number).generator("motion", "dog")
     gait = DOG_GAITS[number % len(DOG_GAITS)]
     slowest, fastest, usual = GAITS[gait].froude
     low, high = math.sqrt(slowest * usual), math.sqrt(usual * fastest)

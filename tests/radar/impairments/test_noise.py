@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from doppelgait.core.labels import BASEBAND, make_array
-from doppelgait.core.rng import PURPOSES, generator_for, rng
+from doppelgait.core.rng import PURPOSES, Streams, rng
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.pipeline import parse_run, run_simulation, simulate
 from doppelgait.radar import Radar, add_noise, noise_power_v2, write_recording
@@ -83,7 +83,7 @@ def scene():
 def test_requested_snr_is_met_e18(scene, snr_db):
     radar = Radar.preset("x4")
     clean = simulate(scene, radar).baseband.values.astype(np.complex128)
-    recording = simulate(scene, radar, rng=np.random.default_rng(2), snr_db=snr_db)
+    recording = simulate(scene, radar, rng=rng(2), snr_db=snr_db)
     added = recording.baseband.values - clean
     signal = (np.abs(clean) ** 2).max(axis=1).mean()
     measured_db = 10 * np.log10(signal / np.mean(np.abs(added) ** 2))
@@ -97,24 +97,24 @@ def test_thermal_noise_is_the_default_and_no_generator_means_no_noise(scene):
     clean = simulate(scene, radar)
     assert clean.noise_power_v2 == 0
     assert clean.snr_frame_db == np.inf
-    thermal = simulate(scene, radar, rng=np.random.default_rng(3))
+    thermal = simulate(scene, radar, rng=rng(3))
     added = thermal.baseband.values.astype(np.complex128) - clean.baseband.values
     assert np.mean(np.abs(added) ** 2) == pytest.approx(noise_power_v2(radar), rel=0.01)
-    endless = simulate(scene, radar, rng=np.random.default_rng(3), snr_db=np.inf)
+    endless = simulate(scene, radar, rng=rng(3), snr_db=np.inf)
     assert endless.baseband.values.tobytes() == clean.baseband.values.tobytes()
 
 
 def test_streams_depend_on_seed_purpose_and_index_alone():
-    def draw(*key):
-        return generator_for(*key).standard_normal(8).tobytes()
+    def draw(seed, purpose, example):
+        return Streams(seed, example).generator(purpose).standard_normal(8).tobytes()
 
     keys = [(seed, purpose, index) for seed in (0, 1, 7) for purpose in PURPOSES for index in (0, 1, 2)]
     draws = {key: draw(*key) for key in keys}
     assert len(set(draws.values())) == len(keys)
     assert all(draw(*key) == draws[key] for key in reversed(keys))
-    assert rng(3).standard_normal(4).tobytes() == rng(3).standard_normal(4).tobytes()
+    assert rng(3) == Streams(3) == Streams(3, example=0)
     with pytest.raises(ValueError, match="tuple"):
-        generator_for(0, "colour", 0)
+        Streams(0).generator("colour")
 
 
 RUN = {

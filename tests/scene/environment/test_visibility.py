@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 import xarray as xr
-from pydantic import ValidationError
 
+from doppelgait.core.errors import ConfigError
 from doppelgait.scene.environment.setting import Setting
 from doppelgait.scene.environment.visibility import Visibility, apply_visibility
 
@@ -72,5 +72,5 @@ def test_a_table_without_scatterers_stays_so():
     ],
 )
 def test_tables_that_make_no_sense_are_refused(gain_db, message):
-    with pytest.raises(ValidationError, match=message):
+    with pytest.raises(ConfigError, match=message):
         Visibility(gain_db=gain_db)

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import ConfigError
+from doppelgait.core.rng import RandomSource, as_generator
 from doppelgait.motion.models.curves import cubic_spline
 from doppelgait.motion.models.strides import LARGEST_DEVIATION, autoregressive
 
@@ -29,7 +30,7 @@ def step_series(
     length_sd: float = 0.0,
     time_asymmetry: float = 0.0,
     length_asymmetry: float = 0.0,
-    rng: np.random.Generator | None = None,
+    rng: RandomSource | None = None,
 ) -> Steps:
     """Touchdowns of both feet from well before time 0 to well after ``duration_s``.
 
@@ -46,7 +47,7 @@ def step_series(
         autoregressive sequence with correlation 0.5, drawn one apart from the other, within 3 deviations.
     time_asymmetry, length_asymmetry : float
         (left - right) / mean of the step; a left step ends when the left foot lands.
-    rng : numpy.random.Generator, optional
+    rng : Streams or numpy.random.Generator, optional
         Needed when a standard deviation is above 0.
 
     Returns
@@ -64,12 +65,13 @@ def step_series(
             f"step_time_sd = {time_sd:g}, step_length_sd = {length_sd:g} need a random generator "
             "(rng=dg.rng(seed)), or set both 0"
         )
+    source = None if rng is None else as_generator(rng, "motion")
     shortest = 1 - LARGEST_DEVIATION * time_sd - abs(time_asymmetry) / 2
     count = 2 * _MARGIN + math.ceil(2 * duration_s / (stride_s * shortest)) + 1
     first = math.floor(2 * start_phase) - _MARGIN
     left = np.where(np.arange(first + 1, first + count) % 2, 0.5, -0.5)
-    times = _sums(stride_s / 2 * (1 + time_asymmetry * left + _deviations(time_sd, count - 1, rng)))
-    way = _sums(stride_m / 2 * (1 + length_asymmetry * left + _deviations(length_sd, count - 1, rng)))
+    times = _sums(stride_s / 2 * (1 + time_asymmetry * left + _deviations(time_sd, count - 1, source)))
+    way = _sums(stride_m / 2 * (1 + length_asymmetry * left + _deviations(length_sd, count - 1, source)))
     phases = (first + np.arange(count)) / 2
     return _begin_at(start_phase, times, phases, way)
 

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import ConfigError
+from doppelgait.core.rng import RandomSource, as_generator
 from doppelgait.motion.models.curves import cubic_spline
 
 FloatArray = npt.NDArray[np.float64]
@@ -40,7 +41,7 @@ def stride_clock(
     period_s: float,
     start_phase: float = 0.0,
     variation: float = 0.0,
-    rng: np.random.Generator | None = None,
+    rng: RandomSource | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Knots of the clock that says how many strides are done at a time.
 
@@ -54,7 +55,7 @@ def stride_clock(
         Phase in cycles at time 0.
     variation : float
         Standard deviation of the relative stride time; its sequence is first-order autoregressive.
-    rng : numpy.random.Generator, optional
+    rng : Streams or numpy.random.Generator, optional
         Needed when ``variation`` is above 0.
 
     Returns
@@ -72,7 +73,7 @@ def stride_clock(
     if variation > 0:
         if rng is None:
             raise ConfigError(f"stride_variation: {variation!r} needs a random generator (rng=dg.rng(seed)), or set 0")
-        deviation = variation * autoregressive(deviation.size, rng)
+        deviation = variation * autoregressive(deviation.size, as_generator(rng, "motion"))
     lengths_s = period_s * (1 + deviation)
     times_s = np.concatenate([-np.cumsum(lengths_s[_MARGIN - 1 :: -1])[::-1], [0.0], np.cumsum(lengths_s[_MARGIN:])])
     return times_s, start_phase + np.arange(-_MARGIN, ahead + 1.0)

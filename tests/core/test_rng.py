@@ -1,0 +1,80 @@
+"""One seed, one recording: from a scene file, the command line and Python."""
+
+import tomllib
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import doppelgait as dg
+from doppelgait.cli.app import app
+from doppelgait.core.errors import ConfigError
+from doppelgait.pipeline import load_run, run_simulation
+from doppelgait.radar import read_recording
+
+SCENE = """
+seed = 2018
+duration_s = 0.4
+[radar]
+preset = "x4"
+prf_hz = 600
+[[targets]]
+label = "human"
+motion = { kind = "boulic", speed_mps = 1.2, stride_variation = 0.02 }
+rcs = { fluctuation = "swerling1", total_spread_db = 2.0 }
+[[impairments]]
+kind = "frame_jitter"
+sd_s = 1e-5
+[[impairments]]
+kind = "phase_noise"
+[[environment]]
+kind = "visibility"
+gain_db = [[1.0, 0.0], [20.0, -6.0]]
+"""
+
+
+@pytest.fixture
+def scene_file(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE)
+    return path
+
+
+def in_python(seed):
+    streams, table = dg.rng(seed), tomllib.loads(SCENE)
+    motion = dg.motion.boulic_walk(speed_mps=1.2, stride_variation=0.02, duration_s=0.4, rng=streams)
+    scene = dg.Scene([dg.Target(motion, label="human", rcs=table["targets"][0]["rcs"])], duration_s=0.4)
+    conditions = dg.Conditions(environment=table["environment"], impairments=table["impairments"])
+    return dg.simulate(scene, dg.Radar.preset("x4", prf_hz=600), rng=streams, conditions=conditions)
+
+
+def test_the_same_seed_gives_the_same_bytes_from_toml_command_line_and_python(scene_file, tmp_path):
+    from_toml = run_simulation(load_run(scene_file)).baseband.values
+    assert in_python(2018).baseband.values.tobytes() == from_toml.tobytes()
+    assert in_python(2019).baseband.values.tobytes() != from_toml.tobytes()
+
+    out = tmp_path / "recording.h5"
+    for seed in (2018, 2019):
+        made = CliRunner().invoke(app, ["simulate", str(scene_file), "--seed", str(seed), "-o", str(out)])
+        assert made.exit_code == 0, made.output
+        assert (read_recording(out).baseband.values.tobytes() == from_toml.tobytes()) == (seed == 2018)
+
+
+def test_streams_of_a_seed_do_not_depend_on_what_was_sampled_before():
+    streams = dg.Streams(3, example=7)
+    first = streams.generator("noise").standard_normal(4)
+    streams.generator("motion").standard_normal(100)
+    np.testing.assert_array_equal(streams.generator("noise").standard_normal(4), first)
+    assert not np.array_equal(dg.Streams(3, example=8).generator("noise").standard_normal(4), first)
+
+
+@pytest.mark.parametrize("wrong", [{"seed": -1}, {"seed": 1.5}, {"seed": 1, "example": -1}, {"seed": "1"}])
+def test_seed_and_example_are_checked(wrong):
+    with pytest.raises(ConfigError, match="must be an integer, 0 or larger"):
+        dg.Streams(**wrong)
+
+
+def test_a_generator_is_refused_where_streams_are_needed():
+    scene = dg.Scene([dg.Target(dg.motion.boulic_walk(speed_mps=1.2, duration_s=0.5))])
+    with pytest.raises(ConfigError, match=r"pass rng=doppelgait\.rng\(SEED\)"):
+        dg.simulate(scene, dg.Radar.preset("x4"), rng=np.random.default_rng(1))
