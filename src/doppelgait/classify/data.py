@@ -15,10 +15,11 @@ import xarray as xr
 
 from doppelgait.classify.learned import FloatArray, Inputs, IntArray
 from doppelgait.classify.patches import Levels, Patch, levels
+from doppelgait.core.config import json_value
 from doppelgait.core.errors import DatasetError
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.dataset.config import SPLITS
-from doppelgait.dataset.example import carrier_of, feature_columns, label_arrays, plain_row
+from doppelgait.dataset.example import carrier_of, feature_columns, label_arrays
 from doppelgait.dataset.open import Dataset
 from doppelgait.dataset.verify.contents import Contents, plan_of
 from doppelgait.dataset.verify.leakage import MEASURED, UNSEEN, nuisance_table, rounded
@@ -186,7 +187,7 @@ def wavelengths_m(rows: Rows) -> FloatArray:
     carriers = [
         pd.to_numeric(part.index["carrier_hz"], errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
         if "carrier_hz" in part.index
-        else np.array([carrier_of(part.description, plain_row(row)) for row in part.index.to_dict("records")])
+        else np.array([carrier_of(part.description, json_value(row)) for row in part.index.to_dict("records")])
         for part in rows.datasets
     ]
     return np.asarray(SPEED_OF_LIGHT_MPS / np.concatenate(carriers), dtype=np.float64)
@@ -219,7 +220,7 @@ def _signatures(rows: Rows, patch: Patch) -> Inputs:
 
 def signature_of(dataset: Dataset, number: int) -> xr.DataArray | None:
     """Signature of a row of a dataset and nothing else of it; None where it has none."""
-    row = plain_row(dataset.index.iloc[number].to_dict())
+    row = json_value(dataset.index.iloc[number].to_dict())
     facts = {"signature": dataset.description["fields"]["signature"]}
     carrier_hz = carrier_of(dataset.description, row)
     return label_arrays(facts, row, partial(dataset.stored, number), carrier_hz=carrier_hz).get("signature")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -24,6 +23,7 @@ from doppelgait.classify.scorecard import (
 )
 from doppelgait.classify.training import BASELINES, kind_of
 from doppelgait.classify.validate import Fold
+from doppelgait.core.config import json_value
 
 
 def document_of(
@@ -59,7 +59,7 @@ def document_of(
         "breakdowns": _breakdowns(answers),
         "notes": said,
     }
-    plain: dict[str, Any] = plain_numbers(document)
+    plain: dict[str, Any] = json_value(document)
     return plain
 
 
@@ -126,14 +126,3 @@ def answers_table(rows: Rows, answers: Mapping[str, Answers]) -> pd.DataFrame:
         columns[f"{name}:class"] = np.array(rows.classes)[found.guesses]
         columns[f"{name}:decided"] = found.decided
     return pd.DataFrame({key: np.asarray(values) for key, values in columns.items()})
-
-
-def plain_numbers(value: Any) -> Any:
-    """The same without NaN and infinity, which JSON does not have: None."""
-    if isinstance(value, Mapping):
-        return {str(key): plain_numbers(inner) for key, inner in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain_numbers(inner) for inner in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    return None if isinstance(value, float) and not math.isfinite(value) else value

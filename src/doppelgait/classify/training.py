@@ -10,6 +10,7 @@ import numpy as np
 from doppelgait.classify.calibrate import class_weights
 from doppelgait.classify.learned import Constant, IntArray, Learned, Linear, Part, Trees
 from doppelgait.core.errors import ConfigError, DatasetError
+from doppelgait.core.worker import one_blas_thread
 
 
 class Kind(NamedTuple):
@@ -96,13 +97,12 @@ def _logistic(train: Part, held: Part, n_classes: int, seed: int) -> Linear:
 
 def _boosting(train: Part, held: Part, n_classes: int, seed: int) -> Learned:
     from sklearn.ensemble import HistGradientBoostingClassifier
-    from threadpoolctl import threadpool_limits
 
     known = np.flatnonzero(~np.isnan(train.values).all(axis=0))  # scikit-learn has no bins for what is never known
     if not known.size:
         return _majority(train, held, n_classes, seed)
     model, values = HistGradientBoostingClassifier(**BOOSTING, random_state=seed), train.values[:, known]
-    with threadpool_limits(1):  # of some thousand rows, threads that wait for each other take longer than one
+    with one_blas_thread():  # of some thousand rows, threads that wait for each other take longer than one
         model.fit(values, train.labels, sample_weight=class_weights(train.labels, n_classes))
         expected = model.predict_proba(values)
     # Nodes of all trees in one list, of a model that saw these columns.

@@ -7,12 +7,14 @@ and what is allowed.
 from __future__ import annotations
 
 import json
+import math
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, get_args
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator
 
 from doppelgait.core.errors import ConfigError
@@ -221,6 +223,20 @@ def _set_key(table: dict[str, Any], key: str, value: Any, override: str) -> None
         node[parts[-1]] = value
     else:
         raise ConfigError(f"--set {override}: {key!r} names no place in the configuration")
+
+
+def json_value(value: Any) -> Any:
+    """Convert to what JSON holds: numbers that are not finite become None, NumPy values plain ones, others text."""
+    if isinstance(value, Mapping):
+        return {str(key): json_value(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [json_value(inner) for inner in value]
+    if isinstance(value, np.ndarray | np.generic):
+        plain = value.tolist()
+        return str(plain) if isinstance(plain, np.generic) else json_value(plain)
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, str | int) else str(value)
 
 
 def canonical_json(value: BaseModel | Mapping[str, Any]) -> str:

@@ -1,23 +1,32 @@
-"""Files that appear complete or not at all."""
+"""Files that appear complete or not at all, and their hashes."""
 
 from __future__ import annotations
 
+import hashlib
 import os
+import platform
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from itertools import count
 from pathlib import Path
 
 from doppelgait.core.errors import OutputError
 
+_NUMBERS = count()
+
 
 @contextmanager
-def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Path beside ``path`` to write to; it takes the name ``path`` when the block ends well and is removed if not.
+def atomic_path(path: str | os.PathLike[str], *, os_errors: bool = False) -> Iterator[Path]:
+    """Write a file atomically: complete under its name, or absent.
+
+    The block writes to a path next to it, which then takes its name; no other process or thread writes to that path.
 
     Parameters
     ----------
     path : path-like
         File to make or replace.
+    os_errors : bool
+        Raise what the system raises, for a caller that reports it in words of its own.
 
     Yields
     ------
@@ -30,12 +39,33 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         If the file cannot be written (no folder, no right, disk full); an older file of that name is then untouched.
     """
     target = Path(path)
-    partial = target.with_name(target.name + ".partial")
+    partial = target.with_name(f"{target.name}.{platform.node()}-{os.getpid()}-{next(_NUMBERS)}.partial")
     try:
         yield partial
+        sync_file(partial)
         os.replace(partial, target)
     except OSError as error:
+        if os_errors:
+            raise
         raise OutputError(f"{target}: cannot be written: {error}") from None
     finally:
         with suppress(OSError):
             partial.unlink()
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Write a small file so that it is complete or as it was before; errors are those of the system."""
+    with atomic_path(path, os_errors=True) as partial:
+        partial.write_bytes(content)
+
+
+def sync_file(path: Path) -> None:
+    """Wait until a file is on the disk."""
+    with path.open("rb+") as handle:
+        os.fsync(handle.fileno())
+
+
+def file_sha256(path: Path) -> str:
+    """SHA-256 of a file, hex."""
+    with path.open("rb") as handle:
+        return hashlib.file_digest(handle, "sha256").hexdigest()

@@ -1,4 +1,4 @@
-"""What a worker process of a parallel job needs to be quick and small."""
+"""What parallel jobs need: small worker processes, and bytes that do not depend on the number of threads."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import lru_cache
 from multiprocessing.connection import Connection
+from typing import Any
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 KEPT_BYTES = 256 * 2**20
@@ -36,6 +38,40 @@ def worker_environment() -> Iterator[None]:
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
+
+
+_limiting = threading.Lock()
+_limits: list[Any] = []
+"""The limit that holds, then one entry for everybody who needs it."""
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Run all matrix products of this process in one thread until nobody needs it: their bytes depend on the number.
+
+    Right in threads, too: a cluster's worker may begin an example while one that it was told to give up still runs; the
+    first of them to end must not give the other its threads back.
+    """
+    with _limiting:
+        if not _limits:
+            _limits.append(_blas().limit(limits=1))
+        _limits.append(None)
+    try:
+        yield
+    finally:
+        with _limiting:
+            _limits.pop()
+            if len(_limits) == 1:
+                _limits.pop().restore_original_limits()
+
+
+@lru_cache(maxsize=1)
+def _blas() -> Any:
+    """Controller of all BLAS of this process; finding them takes 5 ms, so once. SciPy's must be loaded to be found."""
+    import scipy.linalg  # noqa: F401
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
 
 
 def prepare_worker(alive: Connection | None = None) -> None:

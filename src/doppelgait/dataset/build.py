@@ -19,6 +19,7 @@ import numpy as np
 
 from doppelgait import __version__
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
+from doppelgait.core.files import file_sha256
 from doppelgait.dataset.config import PlanConfig, differences
 from doppelgait.dataset.executors import check_executor, run_shards
 from doppelgait.dataset.finish import (
@@ -33,7 +34,7 @@ from doppelgait.dataset.finish import (
 )
 from doppelgait.dataset.lock import PATTERN, Part, build_lock
 from doppelgait.dataset.plan import Plan, Shard, plan_dataset, spread
-from doppelgait.dataset.shard import BuildContext, build_shard, file_sha256
+from doppelgait.dataset.shard import BuildContext, build_shard
 
 __all__ = ["BuildReport", "build_dataset", "finished_record", "make_index"]
 

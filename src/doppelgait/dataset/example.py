@@ -282,12 +282,3 @@ def number_in_plan(config: Mapping[str, Any], scene_id: str) -> int | None:
             return first + int(within)
         first += section.get("examples") or config["dataset"]["examples_per_class"]
     return None
-
-
-def plain_row(row: Mapping[Any, Any]) -> dict[str, Any]:
-    """Row of the index as plain Python values, None for unknown: what JSON can hold."""
-    plain = {}
-    for name, value in row.items():
-        value = value.item() if isinstance(value, np.generic) else value
-        plain[str(name)] = None if value is None or (isinstance(value, float) and not math.isfinite(value)) else value
-    return plain

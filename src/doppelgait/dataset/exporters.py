@@ -15,11 +15,11 @@ import pandas as pd
 import xarray as xr
 from pydantic import Field
 
-from doppelgait.core.config import FrozenModel
+from doppelgait.core.config import FrozenModel, json_value
 from doppelgait.core.errors import DatasetError
 from doppelgait.core.labels import COORDINATE_UNITS
 from doppelgait.core.plugins import plugin
-from doppelgait.dataset.example import axis_name, plain_row, radar_of, unit_of
+from doppelgait.dataset.example import axis_name, radar_of, unit_of
 from doppelgait.dataset.export import arrays_of, file_name, flat_index, splits_of
 from doppelgait.dataset.open import Dataset, stack
 from doppelgait.dataset.shard_files import AXIS_UNITS
@@ -176,7 +176,7 @@ def write_webdataset(
                         buffer = io.BytesIO()
                         np.save(buffer, values, allow_pickle=False)
                         _add(tar, f"{key}.{name}.npy", buffer.getvalue())
-                    facts = plain_row(table.iloc[row].to_dict())
+                    facts = json_value(table.iloc[row].to_dict())
                     _add(tar, f"{key}.json", json.dumps(facts, allow_nan=False).encode())
                     _add(tar, f"{key}.cls", str(numbers[row]).encode())
                     done(1)

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import platform
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -16,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from doppelgait import __version__
 from doppelgait.core.config import canonical_json, validate
 from doppelgait.core.errors import ConfigError, DatasetError
+from doppelgait.core.files import atomic_path, write_atomically
 from doppelgait.dataset.config import SPLITS, PlanConfig
 from doppelgait.dataset.motions import motion_files
 from doppelgait.dataset.shard_files import facts_of
@@ -194,7 +192,7 @@ def contents_sha256(target: Path, names: Iterable[str]) -> str:
 def _write_card(target: Path, config: PlanConfig, identity: str, index: pd.DataFrame) -> None:
     from doppelgait.dataset.card import dataset_card
 
-    write_file(target / "README.md", dataset_card(config, identity, index).encode())
+    write_atomically(target / "README.md", dataset_card(config, identity, index).encode())
 
 
 def card_of(directory: str | Path) -> str:
@@ -241,7 +239,7 @@ def read_description(folder: Path) -> dict[str, Any]:
 
 def write_description(target: Path, description: Mapping[str, Any]) -> None:
     """Write ``dataset.json``."""
-    write_file(target / "dataset.json", (json.dumps(description, indent=2) + "\n").encode())
+    write_atomically(target / "dataset.json", (json.dumps(description, indent=2) + "\n").encode())
 
 
 def write_splits(folder: Path, index: pd.DataFrame) -> None:
@@ -249,7 +247,7 @@ def write_splits(folder: Path, index: pd.DataFrame) -> None:
     folder.mkdir(exist_ok=True)
     for split in SPLITS:
         ids: Iterable[str] = index["id"][index["split"] == split] if len(index) else ()
-        write_file(folder / f"{split}.txt", "".join(f"{name}\n" for name in ids).encode())
+        write_atomically(folder / f"{split}.txt", "".join(f"{name}\n" for name in ids).encode())
 
 
 def count_shards(names: Iterable[str]) -> dict[str, int]:
@@ -313,7 +311,7 @@ def write_index(path: Path, records: Iterable[Record], columns: Mapping[str, str
     import pyarrow.parquet as pq
 
     rows = _rows(records)
-    with appearing(path) as partial, pq.ParquetWriter(partial, _table([], columns).schema) as writer:
+    with atomic_path(path, os_errors=True) as partial, pq.ParquetWriter(partial, _table([], columns).schema) as writer:
         while part := list(islice(rows, ROWS_AT_A_TIME)):
             writer.write_table(_table(part, columns))
 
@@ -334,26 +332,3 @@ def _table(rows: Sequence[Mapping[str, Any]], columns: Mapping[str, str]) -> pa.
             values = [None if v is None else float(v) for v in values]
         arrays.append(pa.array(values, type=pa.type_for_alias(kind)))
     return pa.Table.from_arrays(arrays, names=list(columns))
-
-
-@contextmanager
-def appearing(path: Path) -> Iterator[Path]:
-    """Where to write a file that is then complete under its name, or not there.
-
-    The name is this process's own: two parts that finish a dataset at the same time do not meet.
-    """
-    partial = path.with_name(f"{path.name}.{platform.node()}-{os.getpid()}.partial")
-    try:
-        yield partial
-        with partial.open("rb+") as handle:
-            os.fsync(handle.fileno())
-        os.replace(partial, path)
-    except BaseException:
-        partial.unlink(missing_ok=True)
-        raise
-
-
-def write_file(path: Path, content: bytes) -> None:
-    """Write a small file so that it is complete or as it was before."""
-    with appearing(path) as partial:
-        partial.write_bytes(content)

@@ -13,10 +13,11 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from doppelgait.core.config import json_value
 from doppelgait.core.errors import DatasetError
 from doppelgait.core.rng import RandomSource, as_generator
 from doppelgait.dataset.config import SPLITS
-from doppelgait.dataset.example import Example, Features, carrier_of, feature_matrix, label_arrays, nearest, plain_row
+from doppelgait.dataset.example import Example, Features, carrier_of, feature_matrix, label_arrays, nearest
 from doppelgait.dataset.finish import SCHEMA_VERSION
 from doppelgait.dataset.shard_files import MAX_OPEN, ShardFiles, decode
 
@@ -291,7 +292,7 @@ class Dataset:
 
     def example(self, number: int) -> Example:
         """The ``number``-th example of this part with all of its arrays, labelled."""
-        row = plain_row(self.index.iloc[number].to_dict())
+        row = json_value(self.index.iloc[number].to_dict())
         fields = self.description["fields"]
         carrier_hz = carrier_of(self.description, row) if fields else float("nan")
         return Example(row, label_arrays(fields, row, partial(self.stored, number), carrier_hz=carrier_hz))

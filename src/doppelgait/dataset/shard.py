@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
 import json
 import math
-import os
-import platform
 import traceback
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
-from threading import Lock
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from threadpoolctl import ThreadpoolController
 
-from doppelgait.core.config import FrozenModel, canonical_json
+from doppelgait.core.config import FrozenModel, canonical_json, json_value
 from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning
+from doppelgait.core.files import atomic_path, file_sha256, write_atomically
 from doppelgait.core.labels import axis
+from doppelgait.core.worker import one_blas_thread
 from doppelgait.dataset.config import FieldSpec, PlanConfig
 from doppelgait.dataset.plan import PlannedExample, Shard
 from doppelgait.dataset.resolve import ExampleSpec, RowSpec, resolve_example
@@ -117,7 +112,7 @@ def index_rows(
             **(result_columns(result) if result is not None else {"gate": "track", **NOTHING, "flags": "not_tracked"}),
             "warnings": ";".join(messages),
         }
-        rows.append({key: _plain(value) for key, value in columns.items()})
+        rows.append(json_value(columns))
     return rows
 
 
@@ -189,18 +184,7 @@ def truth_columns(truth: TargetTruth) -> dict[str, Any]:
     }
 
 
-def _plain(value: Any) -> Any:
-    """JSON has no NaN and no infinity; both are unknown."""
-    if isinstance(value, np.generic):
-        value = value.item()
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
 Arrays = Mapping[str, npt.NDArray[Any]]
-
-_limiting = Lock()
-_limits: list[Any] = []
-"""The limit that holds, then one entry for everybody who needs it."""
 
 
 @dataclass(frozen=True)
@@ -249,8 +233,7 @@ def build_shard(shard: Shard, context: BuildContext) -> dict[str, Any]:
             rows.append({**row, "shard": shard.name, "row": len(arrays)})
             arrays.append(stored)
     path = Path(context.directory) / "shards" / f"{shard.name}.h5"
-    partial = _partial(path)
-    try:
+    with atomic_path(path, os_errors=True) as partial:
         write_shard(partial, shard.split, [row["id"] for row in rows], arrays)
         record = {
             "shard": shard.name,
@@ -259,10 +242,6 @@ def build_shard(shard: Shard, context: BuildContext) -> dict[str, Any]:
             "rows": rows,
             "failures": failures,
         }
-        os.replace(partial, path)
-    except BaseException:
-        partial.unlink(missing_ok=True)
-        raise
     write_atomically(path.with_suffix(".json"), json.dumps(record, allow_nan=False).encode())
     return record
 
@@ -286,36 +265,8 @@ def build_planned(entry: PlannedExample, context: BuildContext) -> list[tuple[di
     folder = Path(context.folder)
     example = resolve_example(context.config, entry.number, folder, split=entry.split, group=entry.group)
     settings = context.config.dataset
-    with _one_blas_thread():
+    with one_blas_thread():
         return build_example(example, settings.fields, folder, gate=settings.gate)
-
-
-@contextmanager
-def _one_blas_thread() -> Iterator[None]:
-    """One thread in all matrix products of this process, whose bytes depend on their number, until nobody needs it.
-
-    A cluster's worker may begin an example while one that it was told to give up still runs: the first of them to end
-    must not give the other its threads back.
-    """
-    with _limiting:
-        if not _limits:
-            _limits.append(_threads().limit(limits=1))
-        _limits.append(None)
-    try:
-        yield
-    finally:
-        with _limiting:
-            _limits.pop()
-            if len(_limits) == 1:
-                _limits.pop().restore_original_limits()
-
-
-@lru_cache(maxsize=1)
-def _threads() -> ThreadpoolController:
-    """Controller of all BLAS of this process; finding them takes 5 ms, so once. SciPy's must be loaded to be found."""
-    import scipy.linalg  # noqa: F401
-
-    return ThreadpoolController()
 
 
 def build_example(
@@ -409,32 +360,3 @@ def write_shard(path: Path, split: str, ids: list[str], arrays: Sequence[Arrays]
                 file.create_dataset(f"{name}/{number}", data=value, **({} if value.size == 0 else options))
                 file.flush()
     path.write_bytes(image.getbuffer())
-    _sync(path)
-
-
-def write_atomically(path: Path, content: bytes) -> None:
-    """Write a small file so that it is complete or absent."""
-    partial = _partial(path)
-    try:
-        partial.write_bytes(content)
-        _sync(partial)
-        os.replace(partial, path)
-    except BaseException:
-        partial.unlink(missing_ok=True)
-        raise
-
-
-def _partial(path: Path) -> Path:
-    """Name to write to first; a worker left over from a killed build must not write into that of its successor."""
-    return path.with_name(f"{path.name}.{platform.node()}-{os.getpid()}.partial")
-
-
-def _sync(path: Path) -> None:
-    with path.open("rb+") as handle:
-        os.fsync(handle.fileno())
-
-
-def file_sha256(path: Path) -> str:
-    """SHA-256 of a file, hex."""
-    with path.open("rb") as handle:
-        return hashlib.file_digest(handle, "sha256").hexdigest()

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Literal
 
 from doppelgait.core.errors import DatasetError
+from doppelgait.core.files import file_sha256
 from doppelgait.dataset.finish import read_description, shard_names
 from doppelgait.dataset.lock import PATTERN, read_lock, running_builds
-from doppelgait.dataset.shard import file_sha256
 
 __all__ = ["ShardStatus", "Status", "dataset_hash", "dataset_status", "read_description"]
 

@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from threadpoolctl import threadpool_limits
-
 from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitError, DoppelgaitWarning
+from doppelgait.core.worker import one_blas_thread
 from doppelgait.dataset.config import PlanConfig, load_plan
 from doppelgait.dataset.example import Example, label_arrays
 from doppelgait.dataset.motions import expand_folders
@@ -83,7 +82,7 @@ class ExampleStream:
     def _simulate(self, number: int) -> list[Example]:
         settings = self.config.dataset
         spec = resolve_example(self.config, number, self.folder)
-        with threadpool_limits(1):  # as in a build: the bytes of a matrix product depend on the number of threads
+        with one_blas_thread():
             made = build_example(spec, settings.fields, self.folder, gate=settings.gate)
         facts, carrier_hz = facts_of(settings.fields), spec.run.radar.carrier_hz
         return [Example(row, label_arrays(facts, row, arrays.get, carrier_hz=carrier_hz)) for row, arrays in made]

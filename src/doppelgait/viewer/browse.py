@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from doppelgait.core.config import json_value
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.labels import axis
 from doppelgait.dataset import Dataset
 from doppelgait.dataset.config import SPLITS
-from doppelgait.dataset.example import plain_row
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.viewer.columns import Columns, Filters, parse_query
 from doppelgait.viewer.examples import ExampleRuns
@@ -111,7 +111,7 @@ class Browser:
         shown = list(dict.fromkeys([*self.shown, *extra]))
         page = found[offset : offset + limit]
         records = self.dataset.index[shown].iloc[page].to_dict("records")
-        rows = [{"number": int(n), **plain_row(record)} for n, record in zip(page, records, strict=True)]
+        rows = [{"number": int(n), **json_value(record)} for n, record in zip(page, records, strict=True)]
         return {"n_matching": found.size, "offset": offset, "columns": shown, "rows": rows}
 
     def balance(self, query: Pairs) -> dict[str, Any]:

@@ -13,10 +13,10 @@ import numpy as np
 import xarray as xr
 
 from doppelgait import processing
-from doppelgait.core.config import validate
+from doppelgait.core.config import json_value, validate
 from doppelgait.core.errors import DatasetError, DoppelgaitError, DoppelgaitWarning
 from doppelgait.dataset import Dataset, Example, PlanConfig
-from doppelgait.dataset.example import nearest, number_in_plan, plain_row
+from doppelgait.dataset.example import nearest, number_in_plan
 from doppelgait.dataset.finish import DATA_VERSION
 from doppelgait.dataset.resolve import ExampleSpec, class_of, resolve, resolve_example
 from doppelgait.dataset.shard import truth_columns
@@ -159,7 +159,7 @@ class ExampleRuns:
             If there is no such row.
         """
         rows = self._rows(example_id)
-        first = plain_row(self.dataset.index.iloc[rows[0]].to_dict())
+        first = json_value(self.dataset.index.iloc[rows[0]].to_dict())
         gate = "track" if first.get("gate") == "track" else "truth"
         notes = tuple(filter(None, _text(first.get("warnings")).split(";")))
         run = Run(example_id, "example", Settings(gate=gate), notes=notes)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait.core.config import json_value
 from doppelgait.core.units import doppler_to_velocity_mps, power_to_db
 
 MAGIC = b"DGV1"
@@ -53,22 +54,7 @@ def pack(facts: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> by
 
 def as_json(value: Any) -> bytes:
     """JSON in UTF-8; what is no finite number becomes null, NumPy's numbers and arrays plain ones, all else text."""
-    return json.dumps(_plain(value), ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode()
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.ndarray | np.generic):
-        plain = value.tolist()
-        return str(plain) if isinstance(plain, np.generic) else _plain(plain)
-    if value is None or isinstance(value, str | int):
-        return value
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return str(value)
+    return json.dumps(json_value(value), ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode()
 
 
 def without_folders(text: str, *folders: Path) -> str:

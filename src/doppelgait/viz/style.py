@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import io
-import os
 from collections.abc import Iterable
-from contextlib import suppress
 from pathlib import Path
 from typing import Literal
 
@@ -13,7 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from doppelgait.core.errors import AnalysisError, OutputError
+from doppelgait.core.errors import AnalysisError
+from doppelgait.core.files import atomic_path
 
 DPI = 110
 MAP_COLOURS = "magma"
@@ -124,12 +123,6 @@ def save_figure(figure: Figure, path: str | Path, *, dpi: float | None = None) -
         raise AnalysisError(f"{target}: figures are written as PNG; end the name in .png")
     image = io.BytesIO()
     figure.savefig(image, format="png", dpi=dpi or figure.dpi, metadata={"Software": None})
-    partial = target.with_name(target.name + ".partial")
-    try:
+    with atomic_path(target) as partial:
         partial.write_bytes(image.getvalue())
-        os.replace(partial, target)
-    except OSError as error:
-        with suppress(OSError):
-            partial.unlink()
-        raise OutputError(f"{target}: cannot be written: {error}") from None
     return target

@@ -9,11 +9,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from doppelgait.core import files
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
+from doppelgait.core.files import file_sha256
 from doppelgait.dataset import build_dataset, load_plan, open_dataset
 from doppelgait.dataset.config import PlanConfig
-from doppelgait.dataset.shard import file_sha256
 from doppelgait.motion import boulic_walk
 
 
@@ -197,13 +198,11 @@ def test_a_class_added_to_the_plan_is_refused_in_few_words(built):
 
 
 def test_a_full_disk_is_one_error_and_keeps_what_was_built(tmp_path, monkeypatch):
-    import doppelgait.dataset.shard as shard
-
     def no_space(path):
         raise OSError(28, "No space left on device")
 
-    real = shard._sync
-    monkeypatch.setattr(shard, "_sync", lambda path: no_space(path) if path.name.startswith("t") else real(path))
+    real = files.sync_file
+    monkeypatch.setattr(files, "sync_file", lambda path: no_space(path) if path.name.startswith("t") else real(path))
     with pytest.raises(OutputError, match="No space left"):
         build_dataset(small_plan(), tmp_path, workers=1)
     monkeypatch.undo()
@@ -264,14 +263,14 @@ def test_examples_that_overlap_in_one_process_keep_their_one_blas_thread():
     import numpy as np
     from threadpoolctl import threadpool_info, threadpool_limits
 
-    from doppelgait.dataset.shard import _one_blas_thread
+    from doppelgait.core.worker import one_blas_thread
 
     def threads():
         return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
 
     assert np.ones(2) @ np.ones(2) == 2
     with threadpool_limits(2, user_api="blas"):
-        first, second = _one_blas_thread(), _one_blas_thread()
+        first, second = one_blas_thread(), one_blas_thread()
         first.__enter__()
         second.__enter__()
         first.__exit__(None, None, None)

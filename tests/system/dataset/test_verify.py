@@ -13,10 +13,10 @@ import pytest
 
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
+from doppelgait.core.files import file_sha256
 from doppelgait.dataset.build import build_dataset, make_index
 from doppelgait.dataset.config import PlanConfig
 from doppelgait.dataset.finish import contents_sha256, write_splits
-from doppelgait.dataset.shard import file_sha256
 from doppelgait.dataset.verify import verify_dataset
 
 N = 30

@@ -14,12 +14,13 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from threadpoolctl import threadpool_limits
 
+from doppelgait.core.config import json_value
 from doppelgait.core.errors import AnalysisError, DoppelgaitError, DoppelgaitWarning
 from doppelgait.core.labels import BASEBAND, axis, make_array
+from doppelgait.core.worker import one_blas_thread
 from doppelgait.dataset.config import FieldSpec
-from doppelgait.dataset.example import axis_name, plain_row
+from doppelgait.dataset.example import axis_name
 from doppelgait.dataset.importing.config import ImportConfig
 from doppelgait.dataset.importing.splits import PlannedEntry
 from doppelgait.dataset.shard import NOTHING, result_columns
@@ -209,7 +210,7 @@ def import_entry(planned: PlannedEntry, read: Reader, folder: Path, config: Impo
     for number, part in enumerate(parts):
         name = planned.id if config.window_s is None else f"{planned.id}-w{number:04d}"
         try:
-            with threadpool_limits(1), _messages(folder) as messages:  # as for built examples: bytes depend on threads
+            with one_blas_thread(), _messages(folder) as messages:
                 results = analyze(part.recording, gate=entry.gate, analysis=config.analysis, tracking=config.tracking)
             result = labelled_result(results)
             stored = _stored(result, part.recording, config.fields)
@@ -223,7 +224,7 @@ def import_entry(planned: PlannedEntry, read: Reader, folder: Path, config: Impo
             **_outcome_columns(planned, results, result),
             "warnings": _joined((*told, *messages)),
         }
-        made.rows.append(plain_row(columns))
+        made.rows.append(json_value(columns))
         made.arrays.append(stored)
     return made
 

@@ -12,6 +12,7 @@ from typing import Any
 
 from doppelgait import __version__
 from doppelgait.core.errors import DatasetError
+from doppelgait.core.files import file_sha256, write_atomically
 from doppelgait.dataset.config import SPLITS
 from doppelgait.dataset.finish import (
     DATA_VERSION,
@@ -22,7 +23,6 @@ from doppelgait.dataset.finish import (
     read_records,
     tally,
     write_description,
-    write_file,
     write_index,
     write_splits,
 )
@@ -30,7 +30,7 @@ from doppelgait.dataset.importing.card import import_card
 from doppelgait.dataset.importing.config import ImportConfig
 from doppelgait.dataset.importing.examples import Imported
 from doppelgait.dataset.importing.splits import PlannedEntry
-from doppelgait.dataset.shard import file_sha256, write_shard
+from doppelgait.dataset.shard import write_shard
 from doppelgait.dataset.shard_files import facts_of
 from doppelgait.features import FEATURE_UNITS
 
@@ -120,7 +120,7 @@ class ShardWriter:
         record = json.loads(path.with_suffix(".json").read_text())
         rows = [{**row, "shard": name} for row in record.pop("rows")]
         path.rename(self.folder / f"{name}.h5")
-        write_file(self.folder / f"{name}.json", json.dumps({"shard": name, **record, "rows": rows}).encode())
+        write_atomically(self.folder / f"{name}.json", json.dumps({"shard": name, **record, "rows": rows}).encode())
         path.with_suffix(".json").unlink()
 
 
@@ -159,7 +159,7 @@ def finish(
     index = pd.read_parquet(folder / "index.parquet")
     write_splits(folder / "splits", index)
     card = import_card(index, name=name, identity=identity, config=config, labels=labels, n_failed=totals.n_failed)
-    write_file(folder / "README.md", card.encode())
+    write_atomically(folder / "README.md", card.encode())
     description = _describe(names, planned, name, identity, config, totals)
     write_description(folder, {**description, "contents_sha256": contents_sha256(folder, names)})
     return totals

@@ -18,9 +18,9 @@ from typing import Any
 
 from doppelgait.core.config import apply_overrides
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning
+from doppelgait.core.files import file_sha256
 from doppelgait.dataset.config import SPLITS
 from doppelgait.dataset.importing.config import Gate, parse_gate
-from doppelgait.dataset.shard import file_sha256
 from doppelgait.radar.xethru.meta import META_NAME
 
 PAIRS = (("_RE.txt", "_IM.txt"), (".sigmf-meta", ".sigmf-data"))

@@ -14,10 +14,10 @@ import pandas as pd
 
 from doppelgait.core.config import validate
 from doppelgait.core.errors import DoppelgaitError
+from doppelgait.core.files import file_sha256
 from doppelgait.dataset.config import SPLITS, PlanConfig
 from doppelgait.dataset.finish import count_shards, dataset_id
 from doppelgait.dataset.lock import running_builds
-from doppelgait.dataset.shard import file_sha256
 from doppelgait.dataset.shard_files import facts_of
 from doppelgait.dataset.verify.contents import Check, Contents, plain, some
 

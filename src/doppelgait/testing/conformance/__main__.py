@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
-from typing import Any
 
+from doppelgait.core.config import json_value
 from doppelgait.core.errors import ConfigError
-from doppelgait.testing.conformance import Check, format_report, run_conformance
+from doppelgait.testing.conformance import format_report, run_conformance
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -25,13 +24,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ConfigError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
-    print(json.dumps([_plain(check) for check in checks], indent=1) if given.json else format_report(checks))
+    print(
+        json.dumps([json_value(asdict(check)) for check in checks], indent=1) if given.json else format_report(checks)
+    )
     return int(any(check.passed is False for check in checks))
-
-
-def _plain(check: Check) -> dict[str, Any]:
-    """Fields of a check; JSON has no NaN nor inf."""
-    return {key: None if isinstance(v, float) and not math.isfinite(v) else v for key, v in asdict(check).items()}
 
 
 if __name__ == "__main__":
