@@ -15,7 +15,7 @@ import xarray as xr
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.motion.models import boulic_walk
 from doppelgait.motion.schema import make_motion
-from doppelgait.processing import Analysis, make_gate
+from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.signature import Cut, cut_out
 from doppelgait.radar import Radar
 from doppelgait.radar.simulate import scatterer_arrays
@@ -79,7 +79,7 @@ def prepare(radar: Radar, scene: Scene, analysis: Analysis) -> Case:
     slow_time_s = np.arange(round(scene.observation_s * radar.prf_hz)) / radar.prf_hz
     table = assemble(scene, slow_time_s, angles=False)
     track_m = body_track(scene.targets[0], scene, slow_time_s).range_m
-    gate = make_gate(slow_time_s, track_m, span_m=analysis.gate_span_m, source="given")
+    gate = Gate.around(slow_time_s, track_m, span_m=analysis.gate_span_m, source="given")
     return Case(radar, scene, analysis, slow_time_s, table, gate, *scatterer_arrays(table, radar))
 
 

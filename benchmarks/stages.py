@@ -22,7 +22,7 @@ from doppelgait.core.rng import rng
 from doppelgait.pipeline import analyze
 from doppelgait.pipeline.analyze import analyze_signature
 from doppelgait.pipeline.fused import run_fused
-from doppelgait.processing import Analysis, gate_bins, signature
+from doppelgait.processing import Analysis, signature
 from doppelgait.processing.signature import signature_of_planes
 from doppelgait.radar import Recording, add_noise, synthesise
 from doppelgait.scene import assemble
@@ -66,7 +66,7 @@ def sharp_gate(case: Case) -> tuple[Any, int]:
     """First bin of the gate in every hop-1 column and its number of bins, without fractions at the edges."""
     radar = case.radar
     geometry = {"first_bin_m": radar.range_start_m, "bin_spacing_m": radar.bin_spacing_m}
-    return gate_bins(case.gate, case.cut(1).time_s, **geometry)
+    return case.gate.whole_bins(case.cut(1).time_s, **geometry)
 
 
 def peer_work(case: Case) -> dict[str, Work]:

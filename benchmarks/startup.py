@@ -12,12 +12,12 @@ from typing import Any
 from clock import timing
 
 RECORDING = (
-    "import doppelgait as dg; from doppelgait.processing import Analysis, signature; "
+    "import doppelgait as dg; from doppelgait.processing import Analysis, Gate, signature; "
     "walk = dg.motion.boulic_walk(duration_s=5.0); scene = dg.Scene([dg.Target(walk, label='human')]); "
     "recording = dg.simulate(scene, dg.Radar.preset('x4'), rng=dg.rng(1)); "
 )
 SIGNATURE = (
-    "gate = dg.pipeline.truth_gate(recording, recording.truth[0], Analysis()); "
+    "gate = Gate.from_truth(recording.truth[0], recording.baseband['slow_time'].values, Analysis()); "
     "signature(recording.baseband, gate, Analysis(), wavelength_m=recording.radar.wavelength_m)"
 )
 PROGRAMS = {

@@ -37,8 +37,8 @@ from doppelgait.features import GaitFeatures
 from doppelgait.motion.loop import loop
 from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.pipeline import analyze, simulate
-from doppelgait.pipeline.analyze import TargetResult, analyze_signature, truth_gate
-from doppelgait.processing import Analysis
+from doppelgait.pipeline.analyze import TargetResult, analyze_signature
+from doppelgait.processing import Analysis, Gate
 from doppelgait.radar import Radar
 from doppelgait.radar.recording import Recording
 from doppelgait.radar.simulate import noisy
@@ -229,7 +229,9 @@ def rows_of(
     trial: Trial, recording: Recording, method: str, analysis: Analysis, levels_db: tuple[float, ...]
 ) -> Iterator[dict[str, Any]]:
     """Results of one method."""
-    gate = truth_gate(recording, recording.truth[0], analysis)
+    gate = Gate.from_truth(
+        recording.truth[0], recording.slow_time_s, analysis, wavelength_m=recording.radar.wavelength_m
+    )
     for level_db, mu in signatures(trial.example, recording, analysis, levels_db):
         result = analyze_signature(mu, gate, analysis, label=trial.example.label)
         yield {"method": method, "snr_mu_db": level_db, **found_in(result)}
@@ -255,7 +257,7 @@ def tracked(trial: Trial, recording: Recording) -> Iterator[dict[str, Any]]:
     seen = recording.with_baseband(recording.baseband.copy(deep=False, data=values), truth=())
     results = analyze(seen, gate="track", analysis=STANDARD)
     middle_m = float(np.median(recording.truth[0].centre_range_m))
-    nearest = min(results, key=lambda r: abs(float(r.gate_limits["range_low"].median()) - middle_m), default=None)
+    nearest = min(results, key=lambda r: abs(float(np.median(r.gate.low_m)) - middle_m), default=None)
     yield {"method": "standard", "snr_mu_db": trial.levels_db[0], "tracks": len(results), **found_in(nearest)}
 
 
@@ -273,7 +275,7 @@ def relabelled(trial: Trial, recording: Recording, analysis: Analysis = EXTENDED
     level_db = trial.levels_db[0]
     bits = []
     for seen in (recording, other):
-        gate = truth_gate(seen, seen.truth[0], analysis)
+        gate = Gate.from_truth(seen.truth[0], seen.slow_time_s, analysis, wavelength_m=seen.radar.wavelength_m)
         _, mu = next(iter(signatures(trial.example, seen, analysis, (level_db,))))
         result = analyze_signature(mu, gate, analysis, label=seen.truth[0].label)
         further = np.array([np.nan if v is None else v for v in result.extended.values()])

@@ -24,7 +24,7 @@ from doppelgait.motion.models import quadruped_gait
 from doppelgait.motion.models.human import human_gait
 from doppelgait.pipeline import simulate
 from doppelgait.pipeline.echoes import Conditions
-from doppelgait.processing import Analysis, make_gate, signature
+from doppelgait.processing import Analysis, Gate, signature
 from doppelgait.processing.detect import Detector, find_scans
 from doppelgait.processing.detect.config import Threshold
 from doppelgait.processing.detections import Detection, Scan
@@ -88,7 +88,7 @@ def movers(*, quick: bool) -> Iterator[Mover]:
 def observe(label: str, target: Target) -> Mover:
     """Noise-free recording of one mover, and the level of its signature."""
     recording = simulate(Scene([target], duration_s=OBSERVATION_S), RADAR, angles=False)
-    gate = make_gate(recording.slow_time_s, recording.truth[0].centre_range_m, span_m=1.0, source="truth")
+    gate = Gate.around(recording.slow_time_s, recording.truth[0].centre_range_m, span_m=1.0, source="truth")
     mu = signature(recording.baseband, gate, Analysis(), wavelength_m=RADAR.wavelength_m)
     cell_noise = float(mu.attrs["window_energy"] * mu.attrs["n_gate_bins"])
     return Mover(label, recording, float(np.median(mu.values.max(axis=1))), cell_noise)

@@ -27,8 +27,9 @@ from acceptance_tables import FAILURE, markdown
 from gait_frequency import SNR_MU_DB, Example, model_examples, observe, recorded_examples, signatures
 
 from doppelgait.core.errors import DoppelgaitError
-from doppelgait.pipeline.analyze import analyze_signature, truth_gate
-from doppelgait.processing import Analysis
+from doppelgait.core.labels import axis
+from doppelgait.pipeline.analyze import analyze_signature
+from doppelgait.processing import Analysis, Gate
 from doppelgait.radar.recording import Recording
 
 RHO_BINS = 512
@@ -77,7 +78,12 @@ def facts(example: Example, recording: Recording) -> dict[str, Any]:
 def estimates(example: Example, recording: Recording) -> Iterator[dict[str, Any]]:
     """Features of every method at every level."""
     for method, analysis, levels_db in RUNS:
-        gate = truth_gate(recording, recording.truth[0], analysis)
+        gate = Gate.from_truth(
+            recording.truth[0],
+            axis(recording.baseband, "slow_time"),
+            analysis,
+            wavelength_m=recording.radar.wavelength_m,
+        )
         for level_db, mu in signatures(example, recording, analysis, levels_db):
             result = analyze_signature(mu, gate, analysis, label=example.label)
             features = result.features

@@ -34,8 +34,8 @@ from doppelgait.motion.readers import read
 from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.motion.segments import crop, find_segments
 from doppelgait.pipeline import simulate
-from doppelgait.pipeline.analyze import analyze_signature, truth_gate
-from doppelgait.processing import Analysis, signature
+from doppelgait.pipeline.analyze import analyze_signature
+from doppelgait.processing import Analysis, Gate, signature
 from doppelgait.radar import Radar
 from doppelgait.radar.recording import Recording
 from doppelgait.radar.simulate import noisy
@@ -197,7 +197,7 @@ def signatures(
 ) -> Iterator[tuple[float, xr.DataArray]]:
     """Signature at each SNR_mu."""
     truth = recording.truth[0]
-    gate = truth_gate(recording, truth, analysis)
+    gate = Gate.from_truth(truth, recording.slow_time_s, analysis, wavelength_m=recording.radar.wavelength_m)
     wavelength_m = recording.radar.wavelength_m
     clean = signature(recording.baseband, gate, analysis, wavelength_m=wavelength_m)
     top_v2 = float(np.median(clean.values.max(axis=1)))
@@ -231,7 +231,7 @@ def run_example(example: Example) -> list[dict[str, Any]]:
     methods = (("standard", Analysis(), SNR_MU_DB), ("liland2018", Analysis(method="liland2018", hop=8), REPORT_SNR_DB))
     for method, analysis, levels in methods:
         for snr_db, mu in signatures(example, recording, analysis, levels):
-            gate = truth_gate(recording, truth, analysis)
+            gate = Gate.from_truth(truth, recording.slow_time_s, analysis, wavelength_m=recording.radar.wavelength_m)
             result = analyze_signature(mu, gate, analysis, label=example.label)
             rows.append({**facts, "method": method, "snr_mu_db": snr_db, **_found(result)})
     return rows

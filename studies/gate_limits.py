@@ -24,7 +24,7 @@ from doppelgait.motion.models.confusers import fan
 from doppelgait.motion.models.human import human_gait
 from doppelgait.pipeline import analyze, simulate
 from doppelgait.pipeline.echoes import Conditions
-from doppelgait.processing import Analysis, make_gate
+from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.clutter import ClutterKind, torso_share_removed, without_clutter
 from doppelgait.processing.detect import Detector, find_scans
 from doppelgait.processing.track import track
@@ -183,7 +183,7 @@ def losses_db(recording: Recording, kind: ClutterKind) -> list[float]:
     before = torso_of(recording)
     after = without_clutter(before, kind=kind)
     truth, times_s = recording.truth[0], axis(before, "slow_time")
-    gate = make_gate(times_s, truth.centre_range_m, span_m=SPAN_M, source="truth")
+    gate = Gate.around(times_s, truth.centre_range_m, span_m=SPAN_M, source="truth")
     energy = (np.abs(before.values) ** 2).sum(axis=1)
     left = (np.abs(after.values) ** 2).sum(axis=1)
     share = torso_share_removed(

@@ -29,14 +29,13 @@ from doppelgait.core.labels import axis
 from doppelgait.motion.models import quadruped_gait
 from doppelgait.motion.models.human import human_gait
 from doppelgait.motion.retime import travel_speed_mps
-from doppelgait.pipeline import TargetResult, analyze, simulate, truth_gate
+from doppelgait.pipeline import TargetResult, analyze, simulate
 from doppelgait.pipeline.target import analyze_gated
-from doppelgait.processing import Analysis, make_gate, remove_clutter
+from doppelgait.processing import Analysis, Gate, remove_clutter
 from doppelgait.processing.clutter import without_clutter
 from doppelgait.processing.common_phase import without_common_phase
 from doppelgait.processing.detect import Detector, find_scans
-from doppelgait.processing.gate import gate_edges_in
-from doppelgait.processing.track import Track, crop, gate_of, track
+from doppelgait.processing.track import Track, track
 from doppelgait.radar import Radar
 from doppelgait.radar.recording import Recording
 from doppelgait.radar.simulate import synthesise
@@ -139,26 +138,24 @@ def pairs_of(recording: Recording, kind: str, radar: str, level_db: float, rng: 
     rng.bit_generator.state = state  # the same noise without the clutter
     bare = recording.with_baseband(spoilt(recording.baseband, level_db, rng, clutter_db=None))
     found = [r for r in analyze(cluttered, analysis=Analysis(extended=False)) if _is_of(r, recording)]
-    best = max(found, key=lambda r: float(np.ptp(axis(r.gate_limits, "time"))), default=None)
+    best = max(found, key=lambda r: float(np.ptp(r.gate.time_s)), default=None)
     whole = analyze(bare, gate="truth", analysis=Analysis(extended=False))[0]
     yield Pair(radar, kind, level_db, "whole", seven(best), seven(whole))
     if best is not None:
         settings = Analysis(clutter="median", extended=False)
         clean = remove_clutter(without_common_phase(cluttered.baseband), settings)
-        gate = truth_gate(recording, recording.truth[0], settings)
-        times_s = axis(gate, "time")
-        start_s, stop_s = (best.quality[key] for key in ("start_s", "stop_s"))
-        gate = gate.isel(time=np.flatnonzero((times_s >= start_s - 1e-9) & (times_s <= stop_s + 1e-9)))
-        true = analyze_gated(crop(clean, gate), recording.radar.wavelength_m, gate, settings, None)
+        gate = Gate.from_truth(recording.truth[0], recording.slow_time_s, settings)
+        gate = gate.during(best.quality["start_s"], best.quality["stop_s"])
+        true = analyze_gated(gate.crop(clean), recording.radar.wavelength_m, gate, settings, None)
         yield Pair(radar, kind, level_db, "gate", seven(best), seven(true))
 
 
 def _is_of(result: TargetResult, recording: Recording) -> bool:
     """Whether a result's gate follows the body: nearer than 0.8 m for most of its time."""
-    gate = result.gate_limits
-    centre_m = (gate["range_low"].values + gate["range_high"].values) / 2
+    gate = result.gate
+    centre_m = (gate.low_m + gate.high_m) / 2
     times_s = recording.slow_time_s
-    true_m = np.interp(axis(gate, "time"), times_s, recording.truth[0].centre_range_m)
+    true_m = np.interp(gate.time_s, times_s, recording.truth[0].centre_range_m)
     return bool(np.median(np.abs(centre_m - true_m)) < 0.8)
 
 
@@ -218,9 +215,9 @@ def share_inside(baseband: xr.DataArray, gate: xr.Dataset | None) -> tuple[float
     total = power.sum()
     if gate is None:
         return np.nan, 0.0
-    part = crop(baseband, gate)
+    part = gate.crop(baseband)
     bins = np.arange(part.sizes["range"])
-    low, high = gate_edges_in(axis(part, "range"), gate, axis(part, "slow_time"), sharp=False)
+    low, high = gate.edges(axis(part, "range"), axis(part, "slow_time"), sharp=False)
     # a cell at the edge counts by the share of it that is inside (E-27)
     inside = np.clip(np.minimum(bins + 0.5, high[:, None]) - np.maximum(bins - 0.5, low[:, None]), 0.0, 1.0)
     energy = np.abs(part.values).astype(np.float64) ** 2
@@ -247,9 +244,9 @@ def print_energy(draws: int) -> None:
             for level_db, found in rows.items():
                 tracks = tracks_in(spoilt(recording.baseband, level_db, rng), X4)
                 for number, baseband in enumerate(lone):
-                    true = make_gate(truth.slow_time_s, truth.range_m[:, number], span_m=SPAN_M, source="truth")
+                    true = Gate.around(truth.slow_time_s, truth.range_m[:, number], span_m=SPAN_M, source="truth")
                     best = own_track(tracks, truth, number)
-                    gate = None if best is None else gate_of(best, span_m=SPAN_M, slow_time_s=truth.slow_time_s)
+                    gate = None if best is None else Gate.from_track(best, span_m=SPAN_M, time_s=truth.slow_time_s)
                     found.append((share_inside(baseband, true)[0], *share_inside(baseband, gate)))
         for level_db, found in rows.items():
             table = 100 * np.array(found)
@@ -286,13 +283,13 @@ def draw_gates(name: str, run: int) -> Figure:
     top_db = float(level_db.max())
     axes.pcolormesh(times_s[::20], range_m, level_db.T, vmin=top_db - 40, vmax=top_db, cmap="Greys", rasterized=True)
     for number, truth in enumerate(recording.truth):
-        gate = make_gate(times_s, truth.centre_range_m, span_m=SPAN_M, source="truth")
-        for edge in ("range_low", "range_high"):
-            label = "truth gate" if edge == "range_low" and number == 0 else None
-            axes.plot(times_s, gate[edge], color="black", lw=1, ls="--", label=label)
+        gate = Gate.around(times_s, truth.centre_range_m, span_m=SPAN_M, source="truth")
+        for edge, limit_m in (("low", gate.low_m), ("high", gate.high_m)):
+            label = "truth gate" if edge == "low" and number == 0 else None
+            axes.plot(times_s, limit_m, color="black", lw=1, ls="--", label=label)
     for number, one in enumerate(tracks_in(baseband, X4)):
-        gate = gate_of(one, span_m=SPAN_M, slow_time_s=times_s)
-        axes.fill_between(axis(gate, "time"), gate["range_low"], gate["range_high"], color=f"C{number}", alpha=0.3,
+        gate = Gate.from_track(one, span_m=SPAN_M, time_s=times_s)
+        axes.fill_between(gate.time_s, gate.low_m, gate.high_m, color=f"C{number}", alpha=0.3,
                           lw=0, label=f"track gate {number + 1}")  # fmt: skip
     axes.set_xlim(times_s[0], times_s[-1])
     name_axes(axes, title=f"{name}, SNR_frame 20 dB", x="time (s)", y="range (m)")

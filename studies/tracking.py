@@ -26,10 +26,10 @@ from doppelgait import viz
 from doppelgait.motion.models import quadruped_gait
 from doppelgait.motion.models.human import human_gait
 from doppelgait.pipeline import simulate
-from doppelgait.processing import make_gate
+from doppelgait.processing import Gate
 from doppelgait.processing.detect.scans import find_scans
 from doppelgait.processing.detections import Detection, Scan
-from doppelgait.processing.track import Track, Tracker, gate_of, track
+from doppelgait.processing.track import Track, Tracker, track
 from doppelgait.processing.track.metrics import agreement, range_iou
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
@@ -196,8 +196,8 @@ def judge(tracks: list[Track], truth: Truth, scans: list[Scan]) -> Verdict:
 
 def _iou(tracks: list[Track], truth: Truth, number: int) -> tuple[float, float]:
     """Mean overlap of the tracks' gates with the true one over all times, and the share of time with a gate."""
-    reference = make_gate(truth.slow_time_s, truth.range_m[:, number], span_m=SPAN_M, source="truth")
-    each = [range_iou(gate_of(t, span_m=SPAN_M, slow_time_s=truth.slow_time_s), reference) for t in tracks]
+    reference = Gate.around(truth.slow_time_s, truth.range_m[:, number], span_m=SPAN_M, source="truth")
+    each = [range_iou(Gate.from_track(t, span_m=SPAN_M, time_s=truth.slow_time_s), reference) for t in tracks]
     best = np.max(each, axis=0) if each else np.zeros(truth.slow_time_s.size)
     inside = np.zeros(best.size, dtype=bool)
     for one in tracks:

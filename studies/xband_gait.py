@@ -34,7 +34,7 @@ from doppelgait.core.labels import axis
 from doppelgait.core.units import carrier_to_wavelength_m
 from doppelgait.pipeline import TargetResult, analyze
 from doppelgait.pipeline.analyze import analyze_signature
-from doppelgait.pipeline.spectrogram import gate_of, signature_of_levels
+from doppelgait.pipeline.spectrogram import gate_of_levels, signature_of_levels
 from doppelgait.processing import Analysis
 from doppelgait.radar.readers.cw_text import read_cw_text
 from doppelgait.viz.style import name_axes, new_figure
@@ -125,11 +125,11 @@ def displayed_signature(
 def gait_of(image: Image, level_db: measures.FloatArray, entry: Entry = ENTRIES["as described"]) -> TargetResult:
     """Features of one image."""
     mu = signature_of(image, level_db, entry)
-    found = analyze_signature(mu, gate_of(mu), ANALYSIS, label=image.label)
+    found = analyze_signature(mu, gate_of_levels(mu), ANALYSIS, label=image.label)
     if not entry.one_sided:
         return found
     own_side = axis(mu, "velocity") * (found.features.torso_velocity_mps or 0.0) > 0
-    return analyze_signature(mu * own_side.astype(np.float32), gate_of(mu), ANALYSIS, label=image.label)
+    return analyze_signature(mu * own_side.astype(np.float32), gate_of_levels(mu), ANALYSIS, label=image.label)
 
 
 def step_times_s(result: TargetResult) -> measures.FloatArray:

@@ -32,7 +32,7 @@ print(recording.baseband.sizes, recording.baseband.dtype, f"{recording.snr_frame
 # the gate comes from the true range (``gate="truth"``); without it the body is detected and tracked.
 
 result = dg.analyze(recording, gate="truth")[0]
-figure = viz.range_time(recording.baseband, tracks=result.gate_limits)
+figure = viz.range_time(recording.baseband, tracks=result.gate.limits)
 
 # %%
 # **The signature.** Over it the true Doppler shift of every point, 2 v/λ. The torso is the strong line near 60 Hz;
@@ -47,7 +47,7 @@ figure = viz.signature(result.signature, truth_doppler=truth)
 features = result.features.as_dict()
 figure = viz.overview(
     recording.baseband, signature=result.signature, cadence_map=result.cadence_map,
-    cadence_spectrum=result.cadence_spectrum, features=features, gate=result.gate_limits,
+    cadence_spectrum=result.cadence_spectrum, features=features, gate=result.gate.limits,
     main_line_hz=result.main_line_hz, gait_frequency_hz=result.gait_frequency_hz, title="A walking person",
 )  # fmt: skip
 for name, value in features.items():

@@ -42,7 +42,7 @@ figure = viz.range_time(recording.baseband, title="As recorded")
 cleared = dg.processing.remove_clutter(recording.baseband, dg.Analysis(clutter="median"))
 found = dg.analyze(recording, gate="track")
 figure = viz.range_time(
-    cleared, tracks={f"found {n + 1}": result.gate_limits for n, result in enumerate(found)}, title="Clutter taken off"
+    cleared, tracks={f"found {n + 1}": result.gate.limits for n, result in enumerate(found)}, title="Clutter taken off"
 )
 
 # %%

@@ -14,7 +14,7 @@ from doppelgait.features.registry import FEATURES, Feature
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.pipeline import analyze, simulate
 from doppelgait.pipeline.analyze import analyze_signature
-from doppelgait.processing import Analysis, make_gate
+from doppelgait.processing import Analysis, Gate
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
 from exact_signatures import RATE_HZ, T, block, evidence_of, extended_of, extraction_of, line_at
@@ -225,7 +225,7 @@ def assessed(mu, monkeypatch):
     kept = []
     extract = feature_layer.extract
     monkeypatch.setattr(feature_layer, "extract", lambda e, **k: kept.append((e, extract(e, **k))) or kept[0][1])
-    gate = make_gate([0, 4], [8, 3], span_m=1.6, source="given")
+    gate = Gate.around([0, 4], [8, 3], span_m=1.6, source="given")
     analyze_signature(mu, gate, Analysis(doppler_bins=127), label=None)
     monkeypatch.undo()
     return assess(*kept[0])

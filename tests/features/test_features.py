@@ -30,7 +30,7 @@ from doppelgait.motion.models import breathing_person, moving_point
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.motion.schema import make_motion
 from doppelgait.pipeline import analyze, result_as_dict, simulate
-from doppelgait.processing import Analysis, cadence_map, cadence_spectrum, detrend, make_gate, signature
+from doppelgait.processing import Analysis, Gate, cadence_map, cadence_spectrum, detrend, signature
 from doppelgait.radar import Radar, Recording, add_noise, synthesise
 from doppelgait.scene import Scene, Target, assemble
 
@@ -251,7 +251,7 @@ def test_an_empty_room_gives_no_features(noise_power_v2):
     coords = {"slow_time": np.arange(3000) / 1000, "range": np.arange(60) * 0.0514}
     y = make_array(BASEBAND, np.zeros((3000, 60), np.complex64), coords)
     y = add_noise(y, noise_power_v2=noise_power_v2, rng=np.random.default_rng(0))
-    gate = make_gate([0, 3], [1.5, 1.5], span_m=1.6, source="given")
+    gate = Gate.around([0, 3], [1.5, 1.5], span_m=1.6, source="given")
     result = analyze(Recording.from_baseband(y, Radar.preset("x4")), gate=gate)[0]
     assert result.flags == ("no_signal",)
     assert np.isnan(result.features.vector()).all()
@@ -270,7 +270,7 @@ def single_tone_signature(doppler_bins=4096):
     scene = Scene([Target(motion, range_m=5.0)], duration_s=2.5)
     radar = Radar.preset("x4", pulse_sigma_s=1e-8)  # no widening by migration
     y = synthesise(assemble(scene, np.arange(2500) / 1000), radar)
-    gate = make_gate([0, 2.5], [5.0, 5.0], span_m=1.6, source="given")
+    gate = Gate.around([0, 2.5], [5.0, 5.0], span_m=1.6, source="given")
     return signature(y, gate, Analysis(doppler_bins=doppler_bins), wavelength_m=WAVELENGTH_M)
 
 

@@ -93,16 +93,14 @@ def test_chain_has_the_choices_of_the_report(recording):
 def test_gates_leak_the_label_and_the_truth_as_in_the_report(recording):
     result = analyze(recording, gate="truth", analysis=Analysis(method="liland2018"))[0]
     doppler_hz = recording.truth[0].doppler_hz(WAVELENGTH_M)
-    limits = result.gate_limits
-    assert limits.attrs["span_m"] == 1.0  # 1.5 for a dog
-    assert limits["doppler_low"].values[0] == pytest.approx(doppler_hz.min())
-    assert limits["doppler_high"].values[0] == pytest.approx(doppler_hz.max())
+    assert result.gate.span_m == 1.0  # 1.5 for a dog
+    assert result.gate.doppler_hz == pytest.approx((doppler_hz.min(), doppler_hz.max()))
     outside = result.signature.coords["doppler"].values > doppler_hz.max()
     assert not result.signature.values[:, outside].any()
     assert '"truth"' in result.signature.attrs["gate"]
     dog = simulate(Scene([Target(boulic_walk(speed_mps=1.2, duration_s=0.5), label="dog")]), Radar.preset("x4"))
-    assert analyze(dog, gate="truth", analysis=Analysis(method="liland2018"))[0].gate_limits.attrs["span_m"] == 1.5
-    assert analyze(dog, gate="truth")[0].gate_limits.attrs["span_m"] == 1.6
+    assert analyze(dog, gate="truth", analysis=Analysis(method="liland2018"))[0].gate.span_m == 1.5
+    assert analyze(dog, gate="truth")[0].gate.span_m == 1.6
 
 
 def test_ratio_grows_with_the_number_of_doppler_bins_as_found_e38(recording):

@@ -76,11 +76,11 @@ def test_features_do_not_depend_on_a_hop_finer_than_the_lossless_one():
 
 def test_noise_reaches_every_cell_that_the_signature_reads():
     """Of all pulses and bins, those not declared needed may hold anything."""
-    from doppelgait.processing import make_gate
+    from doppelgait.processing import Gate
     from doppelgait.processing.signature import cut_out, signature_of_planes
 
     slow_time_s, range_m = np.arange(700) / 1000.0, 1.0 + 0.05 * np.arange(60)
-    gate = make_gate(slow_time_s, 3.5 - 1.7 * slow_time_s, span_m=0.9, source="given")
+    gate = Gate.around(slow_time_s, 3.5 - 1.7 * slow_time_s, span_m=0.9, source="given")
     for analysis in (Analysis(), Analysis(hop=1), Analysis(method="liland2018")):
         cut = cut_out(gate, slow_time_s, range_m, analysis)
         needed = cut.needed_pulses()

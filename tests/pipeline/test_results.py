@@ -60,8 +60,7 @@ def test_results_come_back_as_they_were(written, recording, name):
             np.testing.assert_array_equal(found.values, expected.values)
             assert found.attrs["units"] == expected.attrs["units"]
         np.testing.assert_array_equal(target.main_line_hz, result.main_line_hz)
-        for limit in result.gate_limits.data_vars:
-            np.testing.assert_array_equal(target.gate_limits[limit], result.gate_limits[limit])
+        assert target.gate == result.gate
 
 
 def test_files_of_older_versions_have_no_main_line(written, tmp_path):
@@ -90,7 +89,7 @@ DAMAGE = {
         file["targets/0"].pop("main_line_hz"), file.__setitem__("targets/0/main_line_hz", np.zeros(3))
     ),
     "flags": lambda file: file["targets/0"].attrs.modify("flags", "["),
-    "gate_limits": lambda file: file["targets/0"].pop("gate_limits"),
+    "gate": lambda file: file["targets/0"].pop("gate"),
     "a": lambda file: file["targets"].move("0", "a"),
 }  # fmt: skip
 

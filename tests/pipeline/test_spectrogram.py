@@ -21,7 +21,7 @@ from doppelgait.core.errors import AnalysisError
 from doppelgait.motion.models import boulic_walk
 from doppelgait.pipeline import analyze, simulate
 from doppelgait.pipeline.analyze import analyze_signature
-from doppelgait.pipeline.spectrogram import gate_of, signature_of_levels
+from doppelgait.pipeline.spectrogram import gate_of_levels, signature_of_levels
 from doppelgait.processing import Analysis
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
@@ -78,8 +78,8 @@ def test_a_falling_velocity_axis_is_turned_round() -> None:
 def test_gait_of_a_clipped_image(torso_hz: float, step_hz: float) -> None:
     level_db = np.clip(walker_db(torso_hz=torso_hz, step_hz=step_hz), -30.0, -10.0)
     mu = signature_of(level_db, floor_db=-30.0, ceiling_db=-10.0, highest_db=0.0)
-    found = analyze_signature(mu, gate_of(mu), ANALYSIS, label=None)
-    assert found.gate == "given"
+    found = analyze_signature(mu, gate_of_levels(mu), ANALYSIS, label=None)
+    assert found.gate.source == "given"
     assert found.gait_frequency_hz == pytest.approx(step_hz, rel=0.01)
     assert found.features.torso_velocity_mps == pytest.approx(torso_hz * 0.015, abs=0.02)  # half a row
     assert found.features.step_length_m == pytest.approx(abs(torso_hz) * 0.015 / step_hz, rel=0.02)
@@ -100,7 +100,7 @@ def test_through_levels_and_back_nothing_changes() -> None:
         wavelength_m=radar.wavelength_m, prf_hz=radar.prf_hz, cpi_pulses=mu.attrs["cpi_pulses"], hop=mu.attrs["hop"],
         range_m=(4.0, 8.0), n_gate_bins=mu.attrs["n_gate_bins"],
     )  # fmt: skip
-    found = analyze_signature(again, gate_of(again), settings, label="human")
+    found = analyze_signature(again, gate_of_levels(again), settings, label="human")
     np.testing.assert_allclose(found.features.vector(), direct.features.vector(), rtol=1e-4)
     assert found.gait_frequency_hz == pytest.approx(direct.gait_frequency_hz, rel=1e-5)
     assert found.flags == direct.flags
@@ -194,9 +194,9 @@ def test_gaps_in_the_levels_are_refused() -> None:
 
 
 def test_the_gate_is_the_one_stated() -> None:
-    gate = gate_of(signature_of(noise(-20.0), range_m=(2.0, 9.0)))
-    assert (float(gate["range_low"][0]), float(gate["range_high"][-1])) == pytest.approx((2.0, 9.0))
-    assert gate.attrs["source"] == "given"
+    gate = gate_of_levels(signature_of(noise(-20.0), range_m=(2.0, 9.0)))
+    assert (float(gate.low_m[0]), float(gate.high_m[-1])) == pytest.approx((2.0, 9.0))
+    assert gate.source == "given"
 
 
 @pytest.fixture(scope="module")
@@ -219,7 +219,7 @@ def test_study_turns_the_axis_of_the_runner(study: ModuleType) -> None:
 def test_study_marks_the_fastest_moments(study: ModuleType) -> None:
     level_db = np.clip(walker_db(torso_hz=82.0, step_hz=1.9), -30.0, -10.0)
     mu = signature_of(level_db, floor_db=-30.0)
-    times_s = study.step_times_s(analyze_signature(mu, gate_of(mu), ANALYSIS, label=None))
+    times_s = study.step_times_s(analyze_signature(mu, gate_of_levels(mu), ANALYSIS, label=None))
     fastest = (np.arange(1, 7) + 0.5) / 1.9  # 1 - cos is largest half a period after 0
     np.testing.assert_allclose([times_s[np.abs(times_s - t).argmin()] for t in fastest], fastest, atol=0.03)
     assert times_s.size == pytest.approx((TIME_S[-1] - TIME_S[0]) * 1.9, abs=1)

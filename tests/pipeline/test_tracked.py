@@ -52,13 +52,13 @@ def test_a_walker_is_found_in_clutter_with_the_features_of_the_true_gate():
     found, true = analyze(blind), analyze(told, gate="truth", analysis=Analysis(clutter="mean"))[0]
     assert len(found) == 1
     (result,) = found
-    assert result.gate == "track"
+    assert result.gate.source == "track"
     assert result.label is None
     assert result.features.torso_velocity_mps == pytest.approx(true.features.torso_velocity_mps, abs=0.03)
     assert result.gait_frequency_hz == pytest.approx(true.gait_frequency_hz, rel=0.02)
     truth = told.truth[0]
-    times = result.gate_limits["time"].values
-    centre = (result.gate_limits["range_low"].values + result.gate_limits["range_high"].values) / 2
+    times = result.gate.time_s
+    centre = (result.gate.low_m + result.gate.high_m) / 2
     apart = centre - np.interp(times, told.baseband.slow_time.values, truth.centre_range_m)
     assert np.sqrt((apart**2).mean()) < 0.15
     assert times[-1] - times[0] > 0.85 * 4.5

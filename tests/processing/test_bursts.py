@@ -9,7 +9,7 @@ import pytest
 
 from doppelgait.core.errors import AnalysisError, DoppelgaitWarning
 from doppelgait.core.labels import BASEBAND, make_array
-from doppelgait.processing import Analysis, make_gate, noise_floor_v2, normalise, signature, thin
+from doppelgait.processing import Analysis, Gate, noise_floor_v2, normalise, signature, thin
 from doppelgait.processing.bursts import burst_pulses_of, burst_signature, find_burst_pulses
 
 PRF_HZ = 3000.0
@@ -83,7 +83,7 @@ def test_a_burst_is_one_column_of_the_plain_signature(edges):
     times = np.arange(101) / 1000.0
     ranges = 1.0 + 0.25 * np.arange(12)
     values = rng.normal(size=(101, 12)) + 1j * rng.normal(size=(101, 12))
-    gate = make_gate(times, np.linspace(2.0, 2.3, 101), span_m=1.1, doppler_hz=(-200.0, 300.0), source="given")
+    gate = Gate.around(times, np.linspace(2.0, 2.3, 101), span_m=1.1, doppler_hz=(-200.0, 300.0), source="given")
     analysis = Analysis(gate_edges=edges, doppler_bins=160)
     plain = signature(labelled(values, times, ranges), gate, analysis, wavelength_m=LAMBDA_M)
     burst = burst_signature(
@@ -112,7 +112,7 @@ def test_without_a_gate_every_range_bin_counts():
 def test_data_without_range_lie_inside_any_gate():
     times = burst_times()
     baseband = labelled(np.exp(2j * np.pi * 300.0 * times), times)
-    gate = make_gate([0.0], [80.0], span_m=1.0, doppler_hz=(0.0, 500.0), source="given")
+    gate = Gate.around([0.0], [80.0], span_m=1.0, doppler_hz=(0.0, 500.0), source="given")
     gated, whole = (burst_signature(baseband, one, Analysis(), wavelength_m=LAMBDA_M) for one in (gate, None))
     inside = (whole.doppler.values >= 0) & (whole.doppler.values <= 500)
     assert np.array_equal(gated.values, np.where(inside, whole.values, 0.0))
@@ -186,7 +186,7 @@ def test_even_pulses_and_a_gate_outside_are_refused():
     with pytest.raises(AnalysisError, match="no bursts"):
         burst_signature(labelled(np.ones(500), even), None, Analysis(), wavelength_m=LAMBDA_M)
     times = burst_times()
-    outside = make_gate([0.0], [50.0], span_m=1.0, source="given")
+    outside = Gate.around([0.0], [50.0], span_m=1.0, source="given")
     values = np.ones((times.size, 3))
-    with pytest.raises(AnalysisError, match=r"49\.50 to 50\.50 m\) lies outside the frame of 1\.00 to 3\.00"):
+    with pytest.raises(AnalysisError, match=r"49\.5 to 50\.5 m: lies outside the recorded frame, 0\.50 to 3\.50"):
         burst_signature(labelled(values, times, np.array([1.0, 2.0, 3.0])), outside, Analysis(), wavelength_m=LAMBDA_M)

@@ -7,7 +7,7 @@ import pytest
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, make_array
-from doppelgait.processing import Analysis, fixed_gate, make_gate, remove_clutter
+from doppelgait.processing import Analysis, Gate, remove_clutter
 from doppelgait.processing.clutter import clutter_gain, share_removed, torso_share_removed, without_clutter
 from doppelgait.processing.common_phase import without_common_phase
 
@@ -193,7 +193,7 @@ def crossing(doppler_hz, clutter_v):
     room = clutter_v * np.exp(1j * np.arange(range_m.size))
     values = (body + room).astype(np.complex64)
     baseband = make_array(BASEBAND, values, {"slow_time": TIME_S, "range": range_m})
-    return baseband, make_gate(TIME_S, place_m, span_m=1.0, source="track")
+    return baseband, Gate.around(TIME_S, place_m, span_m=1.0, source="track")
 
 
 @pytest.mark.parametrize("clutter_v", [0.0, 30.0])
@@ -211,7 +211,7 @@ def test_the_share_that_mti_takes_from_a_body_is_that_of_its_gain(doppler_hz, cl
 def test_the_mean_takes_nothing_from_a_body_that_moves_and_no_answer_is_given_for_one_that_stays():
     before, gate = crossing(5.0, 30.0)
     assert float(share_removed(before, without_clutter(before, kind="mean"), gate).max()) < 0.02
-    stays = fixed_gate(TIME_S, 2.0, 3.0)
+    stays = Gate.fixed(2.0, 3.0, time_s=TIME_S)
     assert np.isnan(share_removed(before, without_clutter(before, kind="mean"), stays).values).all()
 
 
@@ -223,7 +223,7 @@ def test_a_crossing_that_stands_at_0_hz_is_said_to_be_lost():
 def test_a_crossing_torso_is_lost_where_its_range_stands_still():
     wavelength_m, times = 0.0411, np.linspace(0.0, 5.0, 501)
     range_m = np.hypot(5.0, 1.0 * (times - 2.5))  # 1 m/s at 90 degrees
-    gate = make_gate(times, range_m, span_m=1.6, source="track")
+    gate = Gate.around(times, range_m, span_m=1.6, source="track")
     found = torso_share_removed(gate, [0.0, 2.5, 2.8], kind="mti", wavelength_m=wavelength_m, prf_hz=1000.0)
     doppler_hz = 2 / wavelength_m * np.array([2.5, 0.0, 0.3]) / np.hypot(5.0, [2.5, 0.0, 0.3])
     np.testing.assert_allclose(found, 1 / (1 + (doppler_hz / 3.0) ** 4), rtol=0.02, atol=1e-6)

@@ -10,7 +10,7 @@ from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.core.rng import rng
 from doppelgait.motion import boulic_walk
 from doppelgait.pipeline import analyze, simulate
-from doppelgait.processing import Analysis, make_gate, noise_floor_v2, signature, within_frame
+from doppelgait.processing import Analysis, Gate, noise_floor_v2, signature, within_frame
 from doppelgait.radar import Radar, add_noise
 from doppelgait.scene import Scene, Target
 
@@ -24,7 +24,7 @@ def noise_signature(centre_m):
     silent = make_array(BASEBAND, np.zeros((4000, 188), np.complex64), {"slow_time": slow_time_s, "range": range_m})
     noisy = add_noise(silent, noise_power_v2=POWER_V2, rng=np.random.default_rng(3))
     track = np.broadcast_to(centre_m, slow_time_s.shape).astype(float)
-    gate = make_gate(slow_time_s, track, span_m=1.6, source="given")
+    gate = Gate.around(slow_time_s, track, span_m=1.6, source="given")
     return signature(noisy, gate, Analysis(), wavelength_m=WAVELENGTH_M)
 
 

@@ -7,12 +7,12 @@ from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, SIGNATURE, make_array
 from doppelgait.core.rng import Streams
 from doppelgait.motion.models.boulic import boulic_walk
-from doppelgait.pipeline import simulate, truth_gate
+from doppelgait.pipeline import simulate
 from doppelgait.processing import (
     Analysis,
+    Gate,
     gaussian_window,
     independent_columns,
-    make_gate,
     noise_floor_v2,
     normalise,
     signature,
@@ -36,7 +36,7 @@ def noise_signature(n_gate, *, seed=0, power=1e-6, doppler_bins=128, seconds=5.0
     padded[:, 1:-1] = y
     coords = {"slow_time": t, "range": SPACING_M * np.arange(n_gate + 2)}
     span_m = max((n_gate - 1) * SPACING_M, 1e-3)
-    gate = make_gate(t, np.full(t.size, SPACING_M * (n_gate + 1) / 2), span_m=span_m, source="given")
+    gate = Gate.around(t, np.full(t.size, SPACING_M * (n_gate + 1) / 2), span_m=span_m, source="given")
     sharp = Analysis(doppler_bins=doppler_bins, gate_edges="sharp")
     mu = signature(make_array(BASEBAND, padded, coords), gate, sharp, wavelength_m=0.04)
     assert mu.attrs["n_gate_bins"] == n_gate
@@ -62,7 +62,7 @@ def test_floor_is_not_raised_by_a_line_e28(n_gate):
 def test_floor_under_a_walker_e28(snr_db):
     scene = Scene([Target(boulic_walk(speed_mps=1.2, height_m=1.8, duration_s=4.0))])
     recording = simulate(scene, Radar.preset("x4"), rng=Streams(1), snr_db=snr_db)
-    gate = truth_gate(recording, recording.truth[0], Analysis())
+    gate = Gate.from_truth(recording.truth[0], recording.slow_time_s, Analysis())
     mu = signature(recording.baseband, gate, Analysis(), wavelength_m=recording.radar.wavelength_m)
     wanted = mu.attrs["n_gate_bins"] * recording.noise_power_v2 * W2
     assert noise_floor_v2(mu) == pytest.approx(wanted, rel=0.05)
@@ -71,7 +71,7 @@ def test_floor_under_a_walker_e28(snr_db):
 def test_floor_is_practically_zero_without_noise_e28():
     scene = Scene([Target(boulic_walk(speed_mps=1.2, height_m=1.8, duration_s=4.0))])
     recording = simulate(scene, Radar.preset("x4"))
-    gate = truth_gate(recording, recording.truth[0], Analysis())
+    gate = Gate.from_truth(recording.truth[0], recording.slow_time_s, Analysis())
     mu = signature(recording.baseband, gate, Analysis(), wavelength_m=recording.radar.wavelength_m)
     assert noise_floor_v2(mu) < 1e-5 * np.median(mu.values.max(axis=1))
     empty = mu.copy(data=np.zeros_like(mu.values))
@@ -136,7 +136,7 @@ def test_floor_of_a_gate_narrower_than_a_bin_e28(span_m):
     analysis = Analysis(gate_span_m=span_m)
     mu = signature(
         recording.baseband,
-        truth_gate(recording, recording.truth[0], analysis),
+        Gate.from_truth(recording.truth[0], recording.slow_time_s, analysis),
         analysis,
         wavelength_m=recording.radar.wavelength_m,
     )

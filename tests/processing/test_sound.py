@@ -12,10 +12,10 @@ from scipy.io import wavfile
 from typer.testing import CliRunner
 
 from doppelgait.cli.listen import listen
-from doppelgait.core.errors import AnalysisError, ConfigError, OutputError
+from doppelgait.core.errors import AnalysisError, ConfigError, DoppelgaitError, OutputError
 from doppelgait.core.labels import BASEBAND, axis, make_array
 from doppelgait.pipeline import analyze, parse_run, run_simulation
-from doppelgait.processing import Analysis, fixed_gate
+from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.pitch import stretched
 from doppelgait.processing.sound import doppler_signal, doppler_sound, plan_sound
 from doppelgait.radar import write_recording
@@ -40,7 +40,7 @@ def recording_of(values, prf_hz=1000.0, *, range_m=None):
 
 
 def whole(baseband):
-    return fixed_gate(axis(baseband, "slow_time"), -1e6, 1e6)
+    return Gate.fixed(-1e6, 1e6, time_s=axis(baseband, "slow_time"))
 
 
 def moving_echo(*, ramp_rad, speed_mps=1.0, wavelength_m=0.0411, prf_hz=1000.0):
@@ -100,17 +100,14 @@ class TestSignal:
 
     def test_a_gate_that_moves_holds_the_same_tone(self):
         baseband, doppler_hz = moving_echo(ramp_rad=0.3)
-        gate = whole(baseband).assign(
-            range_low=("time", [2.9, 1.9], {"units": "m"}), range_high=("time", [4.1, 3.1], {"units": "m"})
-        )
-        gate.attrs["span_m"] = 1.2
+        gate = Gate.around(whole(baseband).time_s, [3.5, 2.5], span_m=1.2)
         heard = doppler_signal(baseband, gate)
         assert np.abs(heard) == pytest.approx(1.2 * np.sqrt(2 * np.pi), rel=1e-3)
         assert peak_hz(heard, 1000.0) == pytest.approx(doppler_hz, abs=0.2)
 
     def test_what_is_beside_the_gate_is_not_heard(self):
         baseband, _ = moving_echo(ramp_rad=0.0)
-        heard = np.abs(doppler_signal(baseband, fixed_gate([0.0, 0.999], 3.3, 3.9)))
+        heard = np.abs(doppler_signal(baseband, Gate.fixed(3.3, 3.9, time_s=[0.0, 0.999])))
         assert heard[:20].min() > 2.9
         assert heard[700:].max() < 1e-6
 
@@ -124,7 +121,7 @@ class TestSignal:
 
     def test_its_spectrum_is_that_of_the_signature(self, walk):
         result = analyze(walk, gate="truth")[0]
-        heard = doppler_signal(walk.baseband, result.gate_limits)
+        heard = doppler_signal(walk.baseband, result.gate)
         mu = result.signature
         cpi, bins = mu.attrs["cpi_pulses"], mu.sizes["doppler"]
         window = np.exp(-0.5 * (np.linspace(-1, 1, cpi) / 0.4) ** 2)
@@ -138,7 +135,7 @@ class TestSignal:
 
     def test_before_and_after_a_track_it_is_silent(self):
         baseband = recording_of(tone(50.0, rate_hz=1000.0))
-        gate = fixed_gate([0.5, 1.5], -1e6, 1e6)
+        gate = Gate.fixed(-1e6, 1e6, time_s=[0.5, 1.5])
         heard = np.abs(doppler_signal(baseband, gate))
         assert heard[500:1501] == pytest.approx(1.0, rel=1e-5)
         assert heard[:495].max() == 0.0
@@ -151,8 +148,8 @@ class TestSignal:
         with pytest.raises(AnalysisError, match="bursts"):
             doppler_signal(bursts, whole(bursts))
         baseband, _ = moving_echo(ramp_rad=0.0)
-        with pytest.raises(AnalysisError, match=r"frame of 2\.00 to 3\.95 m"):
-            doppler_signal(baseband, fixed_gate([0.0, 0.999], 20.0, 21.0))
+        with pytest.raises(AnalysisError, match=r"recorded frame, 1\.98 to 3\.98 m"):
+            doppler_signal(baseband, Gate.fixed(20.0, 21.0, time_s=[0.0, 0.999]))
 
 
 class TestSound:
@@ -260,14 +257,14 @@ class TestCommand:
 
     @pytest.mark.parametrize(("words", "says"), [
         (["--gate", "truth", "--target", "1"], "--target 1: must be 0"),
-        (["--gate", "20:21"], "outside the frame"),
+        (["--gate", "20:21"], "outside the recorded frame"),
         (["--gate", "truth", "--pitch", "60"], "at most 48"),
-        (["--gate", "twice"], "'twice' is not known"),
+        (["--gate", "twice"], "'twice' is not allowed; it must be track, truth or"),
     ])  # fmt: skip
     def test_a_mistake_is_one_error_and_leaves_the_older_file(self, file, tmp_path, words, says):
         (tmp_path / "old.wav").write_bytes(b"kept")
         done = self.run(file, "-o", tmp_path / "old.wav", *words)
-        assert isinstance(done.exception, AnalysisError)
+        assert isinstance(done.exception, DoppelgaitError)
         assert says in str(done.exception)
         assert (tmp_path / "old.wav").read_bytes() == b"kept"
         assert [path.name for path in tmp_path.iterdir()] == ["old.wav"]

@@ -7,8 +7,9 @@ import pytest
 
 from doppelgait.core.config import validate
 from doppelgait.core.errors import AnalysisError, ConfigError
+from doppelgait.processing import Gate
 from doppelgait.processing.detections import Detection, Scan
-from doppelgait.processing.track import Track, Tracker, crop, gate_of, track
+from doppelgait.processing.track import Track, Tracker, track
 from doppelgait.processing.track.metrics import agreement
 from doppelgait.radar import Radar
 from doppelgait.radar.simulate import label_baseband
@@ -261,16 +262,16 @@ def test_gate_covers_the_time_of_the_track_and_no_more() -> None:
     scans[:20] = [Scan(s.time_s) for s in scans[:20]]
     (one,) = track(scans)
     slow_time = np.arange(6000) / 1000.0
-    gate = gate_of(one, span_m=1.6, slow_time_s=slow_time, cpi_s=0.1)
-    assert gate.attrs["source"] == "track"
-    assert gate["time"].values[[0, -1]] == pytest.approx([2.0, 5.999], abs=2e-3)
-    middle = (gate["range_low"] + gate["range_high"]).values / 2
-    np.testing.assert_allclose(middle, walk(8, 1.2, gate["time"].values), atol=0.12)
+    gate = Gate.from_track(one, span_m=1.6, time_s=slow_time, cpi_s=0.1)
+    assert gate.source == "track"
+    assert gate.time_s[[0, -1]] == pytest.approx([2.0, 5.999], abs=2e-3)
+    middle = (gate.low_m + gate.high_m) / 2
+    np.testing.assert_allclose(middle, walk(8, 1.2, gate.time_s), atol=0.12)
     assert middle[0] - middle[50] == pytest.approx(0.05 * one.velocity_mps[0], rel=1e-6)
-    np.testing.assert_allclose((gate["range_high"] - gate["range_low"]).values, 1.6)
+    np.testing.assert_allclose(gate.high_m - gate.low_m, 1.6)
     radar = Radar.preset("x4")
     baseband = label_baseband(np.zeros((6000, radar.n_range_bins), dtype=np.complex64), slow_time, radar)
-    part = crop(baseband, gate)
-    np.testing.assert_array_equal(part["slow_time"].values, gate["time"].values)
+    part = gate.crop(baseband)
+    np.testing.assert_array_equal(part["slow_time"].values, gate.time_s)
     with pytest.raises(AnalysisError, match="pulses"):
-        gate_of(one, span_m=1.6, slow_time_s=slow_time[:1000])
+        Gate.from_track(one, span_m=1.6, time_s=slow_time[:1000])

@@ -10,7 +10,7 @@ from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.motion.schema import make_motion
 from doppelgait.pipeline import analyze, simulate
-from doppelgait.processing import Analysis, align, make_gate, normalise, range_doppler, signature
+from doppelgait.processing import Analysis, Gate, align, normalise, range_doppler, signature
 from doppelgait.radar import Radar, received_power_w, synthesise
 from doppelgait.scene import RcsSpec, Scene, Target, assemble, part_weights
 from doppelgait.scene.rcs import PART_WEIGHTS
@@ -69,7 +69,7 @@ def close(found, wanted, relative):
 def wide_gate(baseband):
     t = baseband.coords["slow_time"].values
     axis = baseband.coords["range"].values
-    return make_gate(t, np.full(t.size, axis.mean()), span_m=float(np.ptp(axis)), source="given")
+    return Gate.around(t, np.full(t.size, axis.mean()), span_m=float(np.ptp(axis)), source="given")
 
 
 def signature_of(baseband, **analysis):

@@ -14,11 +14,11 @@ from doppelgait.motion.schema import make_motion
 from doppelgait.pipeline import analyze, simulate
 from doppelgait.processing import (
     Analysis,
+    Gate,
     cadence_map,
     cadence_spectrum,
     detrend,
     detrend_order,
-    make_gate,
     normalise,
     observation_s,
     range_doppler,
@@ -62,7 +62,7 @@ def wide_signature(baseband, **analysis):
     """Signature over all range bins."""
     range_m = baseband.coords["range"].values
     slow_time_s = baseband.coords["slow_time"].values
-    gate = make_gate(
+    gate = Gate.around(
         slow_time_s, np.full(slow_time_s.size, range_m.mean()), span_m=float(np.ptp(range_m)), source="given"
     )
     settings = Analysis(**{"gate_edges": "sharp", **analysis})
@@ -485,12 +485,12 @@ def test_12_analysis_with_a_given_gate_reads_no_truth(walker, method):
     recording = simulate(Scene([Target(walker, label="human")]), Radar.preset("x4"))
     truth = recording.truth[0]
     slow_time_s = recording.baseband.coords["slow_time"].values
-    gate = make_gate(slow_time_s, truth.centre_range_m, span_m=1.6, source="given")
+    gate = Gate.around(slow_time_s, truth.centre_range_m, span_m=1.6, source="given")
     bare = without_truth(recording)
     with pytest.raises(AssertionError):
         list(bare.truth)
     result = analyze(bare, gate=gate, analysis=Analysis(method=method))[0]
-    assert result.gate == "given"
+    assert result.gate.source == "given"
     assert result.label is None
     assert result.gait_frequency_hz is not None
 

@@ -8,11 +8,11 @@ import literal
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.processing import (
     Analysis,
+    Gate,
     cadence_map,
     cadence_spectrum,
     detrend,
     detrend_order,
-    make_gate,
     normalise,
     range_doppler,
     signature,
@@ -89,7 +89,7 @@ def test_signature_equals_the_literal_loop_e22_e24_e27(m, k, hop, padded, n_puls
     # a gate of 3 bins that walks across the frame and leaves it on both sides
     slow_time_s = 0.3 + np.arange(n_pulses) / PRF_HZ
     centre_m = np.linspace(FIRST_M - 0.021, FIRST_M + 0.4317, n_pulses)
-    gate = make_gate(slow_time_s, centre_m, span_m=0.13, source="given")
+    gate = Gate.around(slow_time_s, centre_m, span_m=0.13, source="given")
     found = signature(labelled(y), gate, analysis, wavelength_m=WAVELENGTH_M)
 
     h = (m - 1) // 2
@@ -112,7 +112,7 @@ def test_signature_with_fractional_edges_weighs_cells_by_the_share_inside_e27(ho
     y = echoes_in_noise(n_pulses, n_bins)
     slow_time_s = 0.3 + np.arange(n_pulses) / PRF_HZ
     centre_m = np.linspace(FIRST_M - 0.021, FIRST_M + 0.4317, n_pulses)
-    gate = make_gate(slow_time_s, centre_m, span_m=0.13, source="given")
+    gate = Gate.around(slow_time_s, centre_m, span_m=0.13, source="given")
     found = signature(labelled(y), gate, Analysis(doppler_bins=128, hop=hop), wavelength_m=WAVELENGTH_M)
 
     window = literal.window(101, 0.4)
@@ -149,7 +149,7 @@ def test_step_doppler_map_equals_the_literal_loop_e28_e30_e31_e32(k, padded):
     y = echoes_in_noise(1000, 9)
     analysis = Analysis(doppler_bins=k, hop=20, gate_edges="sharp")
     centre_m = np.full(1000, FIRST_M + 4 * SPACING_M)
-    gate = make_gate(0.3 + np.arange(1000) / PRF_HZ, centre_m, span_m=0.23, source="given")
+    gate = Gate.around(0.3 + np.arange(1000) / PRF_HZ, centre_m, span_m=0.23, source="given")
     mu = signature(labelled(y), gate, analysis, wavelength_m=WAVELENGTH_M)
     floor = 0.05 * float(mu.values.mean())
     seconds = mu.sizes["time"] * 20 / PRF_HZ  # 0.9 s

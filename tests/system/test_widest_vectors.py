@@ -36,7 +36,7 @@ def run(tmp_path_factory):
     recording = dg.simulate(scene, dg.Radar.preset("x4"), rng=dg.rng(1), snr_db=15)
     result = dg.analyze(recording, gate="truth")[0]
     path = tmp_path_factory.mktemp("signature") / "signature.pickle"
-    path.write_bytes(pickle.dumps((result.signature, result.gate_limits)))
+    path.write_bytes(pickle.dumps((result.signature, result.gate)))
 
     def child(before="", **environment):
         done = subprocess.run(

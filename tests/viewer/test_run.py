@@ -11,7 +11,7 @@ from doppelgait import viz
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.labels import CADENCE_MAP, make_array
 from doppelgait.pipeline import analyze, parse_run, read_results, run_simulation, write_results
-from doppelgait.processing import Analysis, fixed_gate, make_gate
+from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.sound import doppler_sound
 from doppelgait.radar.recording import TargetTruth
 from doppelgait.viewer.recording_panel import recording_payload
@@ -36,8 +36,8 @@ def found(range_m, start_s=0.0, stop_s=9.99, gate="track"):
     """What matching looks at of a result whose gate has its middle at these ranges."""
     middle_m = np.broadcast_to(range_m, TIMES_S.shape)
     chosen = (start_s <= TIMES_S) & (stop_s >= TIMES_S)
-    limits = make_gate(TIMES_S[chosen], middle_m[chosen], span_m=1.0, source=gate)
-    return SimpleNamespace(gate=gate, gate_limits=limits, quality={"start_s": start_s, "stop_s": stop_s})
+    limits = Gate.around(TIMES_S[chosen], middle_m[chosen], span_m=1.0, source=gate)
+    return SimpleNamespace(gate=limits, quality={"start_s": start_s, "stop_s": stop_s})
 
 
 def truths(bodies, results):
@@ -203,7 +203,7 @@ def test_bursts_last_until_the_last_one(recording):
     assert told["burst rate"] == f"{prf_hz / 64:.4g} Hz"
     assert "in bursts" in facts["no_sound"]
     with pytest.raises(AnalysisError, match="in bursts"):  # and nothing about a pitch that a mean rate would not allow
-        doppler_sound(baseband, fixed_gate(baseband["slow_time"], 1.0, 3.0), pitch=4000.0)
+        doppler_sound(baseband, Gate.fixed(1.0, 3.0, time_s=baseband["slow_time"]), pitch=4000.0)
     assert unpack(recording_payload(Run("all", "recording", load=lambda: recording), None))[0]["no_sound"] is None
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -50,7 +50,7 @@ def analyze(
     from doppelgait.pipeline import Tracking, analysis_as_dict, write_results
     from doppelgait.pipeline import analyze as run_analysis
     from doppelgait.pipeline.tracked import with_clutter_off
-    from doppelgait.processing import Analysis
+    from doppelgait.processing import Analysis, Gate
     from doppelgait.radar import read_recording
 
     if output is not None:
@@ -64,7 +64,7 @@ def analyze(
         say(f"note: {note}")
     if gate == "track":
         settings = with_clutter_off(settings)  # said here, so that files and figures state and show what was done
-    results = run_analysis(loaded, gate=parse_gate(gate), analysis=settings, tracking=tracking)
+    results = run_analysis(loaded, gate=Gate.parse(gate, where="--gate"), analysis=settings, tracking=tracking)
     if output is not None:
         write_results(output, loaded, results, settings)
     if figures is not None:
@@ -76,19 +76,6 @@ def analyze(
         print_json(analysis_as_dict(loaded, results))
     else:
         print_features(results)
-
-
-def parse_gate(text: str) -> Any:
-    """Gate of ``--gate``: a name, or two ranges in metres as (low, high)."""
-    from doppelgait.core.errors import ConfigError
-
-    if ":" not in text:
-        return text
-    try:
-        low_m, high_m = (float(part) for part in text.split(":"))
-    except ValueError:
-        raise ConfigError(f"--gate {text}: must be track, truth or FROM:TO in m, for example 1.2:2.8") from None
-    return low_m, high_m
 
 
 def print_features(results: Sequence[TargetResult]) -> None:

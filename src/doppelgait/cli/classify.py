@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from doppelgait.cli.analyze import ReaderOptions, parse_gate
+from doppelgait.cli.analyze import ReaderOptions
 from doppelgait.cli.output import number, print_json, print_table, reader_options, say
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ def _of_recording(path: Path, model: Model, gate: str, changes: list[str], optio
     from doppelgait.classify.decide import classify as run_classification
     from doppelgait.core.config import apply_overrides, validate
     from doppelgait.pipeline import Tracking
-    from doppelgait.processing import Analysis
+    from doppelgait.processing import Analysis, Gate
     from doppelgait.radar import read_recording
 
     table = apply_overrides(model.facts.analysis, changes)
@@ -74,7 +74,8 @@ def _of_recording(path: Path, model: Model, gate: str, changes: list[str], optio
         loaded = read_recording(path.resolve() if path.is_dir() else path, **apply_overrides({}, options))
     for note in loaded.notes:
         say(f"note: {note}")
-    return run_classification(loaded, model, gate=parse_gate(gate), analysis=settings, tracking=tracking)
+    choice = Gate.parse(gate, where="--gate")
+    return run_classification(loaded, model, gate=choice, analysis=settings, tracking=tracking)
 
 
 def _refuse_settings(gate: str, changes: list[str] | None, options: list[str] | None) -> None:

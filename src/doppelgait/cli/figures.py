@@ -34,7 +34,7 @@ def draw_all(recording: Recording, results: Sequence[TargetResult], analysis: An
 
 
 def _figures(recording: Recording, results: Sequence[TargetResult], analysis: Analysis) -> Iterator[tuple[str, Figure]]:
-    names = {_name(number, result): result.gate_limits for number, result in enumerate(results)}
+    names = {_name(number, result): result.gate.limits for number, result in enumerate(results)}
     yield "range-time", viz.range_time(recording.baseband, tracks=names)
     for number, result in enumerate(results):
         prefix = _name(number, result).replace(" ", "-")
@@ -46,7 +46,7 @@ def _figures(recording: Recording, results: Sequence[TargetResult], analysis: An
                 cadence_map=result.cadence_map,
                 cadence_spectrum=result.cadence_spectrum,
                 features=result.features.as_dict(),
-                gate={_name(number, result): result.gate_limits},
+                gate={_name(number, result): result.gate.limits},
                 main_line_hz=result.main_line_hz,
                 gait_frequency_hz=result.gait_frequency_hz,
                 amplitude=analysis.method == "liland2018",
@@ -55,7 +55,7 @@ def _figures(recording: Recording, results: Sequence[TargetResult], analysis: An
             ),
         )
         yield from _target_figures(prefix, recording, result, analysis)
-        if result.gate == "truth" and number < len(recording.truth):
+        if result.gate.source == "truth" and number < len(recording.truth):
             yield from _truth_figures(prefix, recording, number, result)
 
 
@@ -69,7 +69,7 @@ def _target_figures(
     wavelength_m = recording.radar.wavelength_m
     middle = result.signature.sizes["time"] // 2
     cube = next(iter(range_doppler(recording.baseband, analysis, wavelength_m=wavelength_m, columns=[middle])))
-    yield f"{prefix}-range-doppler", viz.range_doppler_map(cube.isel(time=0), gate=result.gate_limits)
+    yield f"{prefix}-range-doppler", viz.range_doppler_map(cube.isel(time=0), gate=result.gate.limits)
     yield f"{prefix}-signature", viz.signature(result.signature)
     yield (
         f"{prefix}-signature-normalised",

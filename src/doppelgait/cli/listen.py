@@ -5,22 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from doppelgait.cli.analyze import ReaderOptions, parse_gate
+from doppelgait.cli.analyze import ReaderOptions
 from doppelgait.cli.output import check_output, print_json, reader_options, say
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from doppelgait.pipeline import Tracking
-    from doppelgait.processing import Analysis
+    from doppelgait.processing import Analysis, Gate
     from doppelgait.radar import Recording
 
-    LabelledGate = tuple[str | None, xr.Dataset]
+    LabelledGate = tuple[str | None, Gate]
 
 DEEP_HZ = 250.0
 """A sound that ends below this is next to inaudible."""
@@ -115,16 +114,17 @@ def _tell_if_deep(prf_hz: float, pitch: float) -> None:
 
 def _gates(recording: Recording, gate: str, settings: Analysis, tracking: Tracking) -> list[LabelledGate]:
     """Label and gate of every target; a gate that is known beforehand needs no analysis."""
-    from doppelgait.pipeline import analyze, truth_gate
-    from doppelgait.processing import fixed_gate
+    from doppelgait.pipeline import analyze
+    from doppelgait.processing import Gate
 
-    asked = parse_gate(gate)
-    if isinstance(asked, tuple):
-        return [(None, fixed_gate(recording.slow_time_s, *asked))]
-    if asked == "truth" and recording.truth:
-        return [(truth.label or None, truth_gate(recording, truth, settings)) for truth in recording.truth]
-    results = analyze(recording, gate=asked, analysis=settings, tracking=tracking)
-    return [(result.label, result.gate_limits) for result in results]
+    choice, times_s = Gate.parse(gate, where="--gate"), recording.slow_time_s
+    if isinstance(choice, tuple):
+        return [(None, Gate.fixed(*choice, time_s=times_s, range_m=recording.range_m))]
+    if choice == "truth" and recording.truth:
+        gate_of = partial(Gate.from_truth, time_s=times_s, analysis=settings, wavelength_m=recording.radar.wavelength_m)
+        return [(truth.label or None, gate_of(truth)) for truth in recording.truth]
+    results = analyze(recording, gate=choice, analysis=settings, tracking=tracking)
+    return [(result.label, result.gate) for result in results]
 
 
 def _pick(found: Sequence[LabelledGate], number: int, source: str) -> LabelledGate:

@@ -64,10 +64,10 @@ def match_tracks(
 
 def _distance_m(result: TargetResult, truth: TargetTruth, observation_s: float) -> float:
     """Mean distance between the middle of a gate and the body; infinite where the track is too short."""
-    times_s = axis(result.gate_limits, "time")
+    times_s = result.gate.time_s
     if times_s.size < 2 or times_s[-1] - times_s[0] < LEAST_SHARE * observation_s:
         return float("inf")
-    middle_m = (result.gate_limits["range_low"].values + result.gate_limits["range_high"].values) / 2.0
+    middle_m = (result.gate.low_m + result.gate.high_m) / 2.0
     true_times_s = np.linspace(0.0, observation_s, truth.centre_range_m.size, endpoint=False)
     return float(np.abs(middle_m - np.interp(times_s, true_times_s, truth.centre_range_m)).mean())
 
@@ -151,7 +151,7 @@ def _scene_columns(example: ExampleSpec, made: FusedExample) -> dict[str, Any]:
 def result_columns(result: TargetResult) -> dict[str, Any]:
     """Columns of an analysed target, simulated or measured: features, their spread, diagnostics and flags."""
     return {
-        "gate": result.gate,
+        "gate": result.gate.source,
         **{f"feature_{k}": v for k, v in result.features.as_dict().items()},
         "gait_frequency_hz": result.gait_frequency_hz,
         "torso_doppler_hz": result.torso_doppler_hz,

@@ -18,10 +18,10 @@ import xarray as xr
 
 from doppelgait.core.rng import Streams
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
-from doppelgait.pipeline.analyze import TargetResult, analyze, analyze_signature, flag_overlaps, gate_of_truth
+from doppelgait.pipeline.analyze import TargetResult, analyze, analyze_signature, flag_overlaps
 from doppelgait.pipeline.echoes import Conditions, Noise, received
 from doppelgait.pipeline.simulate import pulse_times_s, simulate, target_truth
-from doppelgait.processing import Analysis
+from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.signature import cut_out, signature_of_planes
 from doppelgait.radar.config import Radar
 from doppelgait.radar.recording import TargetTruth
@@ -102,7 +102,7 @@ def run_fused(
     noise_v2 = 0.0 if noiseless else noise_level_v2(radar, signal_v2, snr_db)
     truth = [target_truth(scene, number, scatterers, track) for number, track in enumerate(tracks)]
     gates = [
-        gate_of_truth(slow_time_s, t, analysis, wavelength_m=radar.wavelength_m, error_m=gate_error_m) for t in truth
+        Gate.from_truth(t, slow_time_s, analysis, wavelength_m=radar.wavelength_m, error_m=gate_error_m) for t in truth
     ]
     range_m = radar.range_axis_m()
     cuts = [cut_out(gate, slow_time_s, range_m, analysis) for gate in gates]

@@ -22,26 +22,25 @@ from doppelgait.core.labels import (
     COORDINATE_UNITS,
     SIGNATURE,
     Schema,
-    axis,
     make_array,
 )
 from doppelgait.core.own_hdf5 import check_own
 from doppelgait.core.units import doppler_to_velocity_mps
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline.analyze import TargetResult
-from doppelgait.processing import Analysis
+from doppelgait.processing import Analysis, Gate
 from doppelgait.radar.config import Radar
 from doppelgait.radar.recording import Recording
 
 FORMAT = "doppelgait-result"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 
 
 def result_as_dict(result: TargetResult) -> dict[str, Any]:
     """One target's result as the charter's JSON: features, gait frequency, quality and flags; None for unknown."""
     return {
         "label": result.label,
-        "gate": result.gate,
+        "gate": result.gate.source,
         "features": {name: _json_number(value) for name, value in result.features.as_dict().items()},
         "gait_frequency_hz": _json_number(result.gait_frequency_hz),
         "torso_doppler_hz": _json_number(result.torso_doppler_hz),
@@ -100,7 +99,6 @@ def _write_hdf5(path: Path, recording: Recording, results: Sequence[TargetResult
 def _write_target(group: Any, result: TargetResult) -> None:
     plain = result_as_dict(result)
     group.attrs["label"] = plain["label"] or ""
-    group.attrs["gate"] = plain["gate"]
     numbers = {**plain["features"], **{k: plain[k] for k in ("gait_frequency_hz", "torso_doppler_hz", "n_periods")}}
     for name, value in numbers.items():
         group.attrs[name] = math.nan if value is None else value
@@ -111,10 +109,23 @@ def _write_target(group: Any, result: TargetResult) -> None:
     for name in ("signature", "cadence_map", "cadence_spectrum"):
         write_array(group, name, getattr(result, name))
     group.create_dataset("main_line_hz", data=result.main_line_hz, track_times=False)
-    limits = {name: variable.values for name, variable in result.gate_limits.data_vars.items()}
-    gate = group.create_group("gate_limits", track_order=True)
-    for name, values in {"time_s": axis(result.gate_limits, "time"), **limits}.items():
-        gate.create_dataset(str(name), data=values, track_times=False)
+    _write_gate(group.create_group("gate", track_order=True), result.gate)
+
+
+def _write_gate(group: Any, gate: Gate) -> None:
+    group.attrs.update(source=gate.source, span_m=gate.span_m)
+    if gate.doppler_hz is not None:
+        group.attrs["doppler_hz"] = gate.doppler_hz
+    for name in ("time_s", "centre_m"):
+        group.create_dataset(name, data=getattr(gate, name), track_times=False)
+
+
+def _read_gate(group: Any) -> Gate:
+    band_hz = group.attrs.get("doppler_hz")
+    return Gate(
+        group["time_s"][:], group["centre_m"][:], float(group.attrs["span_m"]),
+        None if band_hz is None else (float(band_hz[0]), float(band_hz[1])), str(group.attrs["source"]),
+    )  # fmt: skip
 
 
 AXIS_SUFFIX = {"s": "_s", "Hz": "_hz", "m": "_m"}
@@ -149,7 +160,7 @@ class StoredTarget:
     signature : DataArray (time, doppler)
     cadence_map : DataArray (cadence, doppler)
     cadence_spectrum : DataArray (cadence)
-    gate_limits : Dataset (time)
+    gate : Gate
     main_line_hz : ndarray, shape (J,), or None
         At the columns of the signature; files of older versions have none.
     """
@@ -158,7 +169,7 @@ class StoredTarget:
     signature: xr.DataArray
     cadence_map: xr.DataArray
     cadence_spectrum: xr.DataArray
-    gate_limits: xr.Dataset
+    gate: Gate
     main_line_hz: npt.NDArray[np.float64] | None
 
 
@@ -233,8 +244,8 @@ def read_results(path: str | Path) -> StoredResults:
 def _read_hdf5(file: Any) -> StoredResults:
     if file.attrs.get("format") != FORMAT:
         raise ValueError(f"attribute format is {file.attrs.get('format')!r}, must be {FORMAT!r}")
-    if int(file.attrs["format_version"]) > FORMAT_VERSION:
-        raise ValueError(f"format_version is {file.attrs['format_version']}, this program reads up to {FORMAT_VERSION}")
+    if int(file.attrs["format_version"]) != FORMAT_VERSION:
+        raise ValueError(f"format_version is {file.attrs['format_version']}, this program reads {FORMAT_VERSION}")
     check_own(file)
     numbers = sorted(file.get("targets", {}), key=int)
     return StoredResults(
@@ -249,21 +260,20 @@ def _read_target(group: Any) -> StoredTarget:
     features = {name: _stored_number(group.attrs[name]) for name in FEATURE_UNITS}
     facts = {
         "label": str(group.attrs["label"]) or None,
-        "gate": str(group.attrs["gate"]),
+        "gate": str(group["gate"].attrs["source"]),
         "features": features,
         **{name: _stored_number(group.attrs[name]) for name in STORED_NUMBERS},
         **{name: json.loads(group.attrs[name]) for name in ("quality", "flags", "standard_deviation", "extended")},
     }
     pieces = json.loads(group.attrs["pieces"])
-    gate = group["gate_limits"]
-    limits = {name: ("time", gate[name][:]) for name in gate if name != "time_s"}
+    gate = _read_gate(group["gate"])
     line = group["main_line_hz"][:] if "main_line_hz" in group else None
     arrays = {name: _read_array(group, name, schema) for name, schema in STORED_ARRAYS.items()}
     if line is not None and line.shape != (arrays["signature"].sizes["time"],):
         raise ValueError(f"main_line_hz has shape {line.shape}, the signature {arrays['signature'].shape}")
     return StoredTarget(
         facts={**facts, **({"pieces": pieces} if pieces else {})},
-        gate_limits=xr.Dataset(limits, coords={"time": ("time", gate["time_s"][:], {"units": "s"})}),
+        gate=gate,
         main_line_hz=line,
         **arrays,
     )

@@ -13,7 +13,7 @@ import xarray as xr
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import SIGNATURE, axis, make_array
 from doppelgait.core.units import db_to_power, doppler_to_velocity_mps, velocity_to_doppler_hz
-from doppelgait.processing import fixed_gate
+from doppelgait.processing import Gate
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -93,7 +93,7 @@ def signature_of_levels(
     rows_mps = doppler_to_velocity_mps(rows_hz, wavelength_m)
     power[:, np.abs(rows_mps) < _not_negative(blank_below_mps, "blank_below_mps")] = 0.0
     low_m, high_m = range_m
-    gate = fixed_gate(times_s, low_m, high_m)
+    gate = Gate.fixed(low_m, high_m, time_s=times_s)
     coords = {
         "time": times_s,
         "doppler": rows_hz,
@@ -104,17 +104,17 @@ def signature_of_levels(
     attrs = {
         "prf_hz": float(prf_hz), "wavelength_m": float(wavelength_m), "cpi_pulses": int(cpi_pulses), "hop": int(hop),
         "window_energy": 1.0, "n_gate_bins": float(n_gate_bins),
-        "gate": json.dumps({key: gate.attrs[key] for key in ("source", "span_m", "doppler_limited")}),
+        "gate": json.dumps(gate.facts),
         "levels": json.dumps({**clipped, "blank_below_mps": float(blank_below_mps)}),
     }  # fmt: skip
     return make_array(SIGNATURE, power, coords, attrs)
 
 
-def gate_of(signature: xr.DataArray) -> xr.Dataset:
-    """The fixed gate that goes with a signature from :func:`signature_of_levels`."""
+def gate_of_levels(signature: xr.DataArray) -> Gate:
+    """Return the fixed gate of a signature from :func:`signature_of_levels`."""
     times_s, centre_m = axis(signature, "time"), float(axis(signature, "centre_range")[0])
     half_m = json.loads(signature.attrs["gate"])["span_m"] / 2.0
-    return fixed_gate(times_s, centre_m - half_m, centre_m + half_m)
+    return Gate.fixed(centre_m - half_m, centre_m + half_m, time_s=times_s)
 
 
 def _positive(value: float, name: str) -> float:

@@ -18,7 +18,7 @@ from doppelgait.features import liland2018
 from doppelgait.features.extended import assess
 from doppelgait.features.gait import Evidence, Extraction, GaitFeatures
 from doppelgait.features.ground_motion import GroundMotion, ground_motion
-from doppelgait.processing import Analysis, main_line
+from doppelgait.processing import Analysis, Gate, main_line
 
 SIDEWAYS_COSINE = 0.6
 """Below this |cos psi| lateral sway, which repeats with the stride, can outweigh the steps (E-33)."""
@@ -38,8 +38,8 @@ class TargetResult:
     ----------
     label : str or None
         Class as stated by the recording's truth; None for measured recordings.
-    gate : str
-        Where the gate came from: ``"truth"``, ``"track"`` or ``"given"``.
+    gate : Gate
+        Of a tracked target that of the whole track.
     features : GaitFeatures
     gait_frequency_hz, torso_doppler_hz, n_periods : float or None
     quality : mapping
@@ -55,7 +55,6 @@ class TargetResult:
         D_1 of the normalised signature.
     main_line_hz : ndarray, shape (J,)
         Main Doppler line (straight) at the columns of ``signature``.
-    gate_limits : Dataset (time)
     extended : mapping
         Further features by name (:mod:`doppelgait.features.extended`), None where undetermined.
     standard_deviation : mapping
@@ -65,7 +64,7 @@ class TargetResult:
     """
 
     label: str | None
-    gate: str
+    gate: Gate
     features: GaitFeatures
     gait_frequency_hz: float | None
     torso_doppler_hz: float | None
@@ -78,14 +77,13 @@ class TargetResult:
     cadence_spectrum: xr.DataArray
     mean_doppler_spectrum: npt.NDArray[np.float64]
     main_line_hz: npt.NDArray[np.float64]
-    gate_limits: xr.Dataset
     extended: Mapping[str, float | None] = field(default_factory=dict)
     standard_deviation: Mapping[str, float | None] = field(default_factory=dict)
     pieces: tuple[TargetResult, ...] = ()
 
 
 def analyze_gated(
-    baseband: xr.DataArray, wavelength_m: float, gate: xr.Dataset, analysis: Analysis, label: str | None
+    baseband: xr.DataArray, wavelength_m: float, gate: Gate, analysis: Analysis, label: str | None
 ) -> TargetResult:
     """Result of the target in a gate, from a recording whose clutter is gone.
 
@@ -93,7 +91,7 @@ def analyze_gated(
     ----------
     baseband : DataArray (slow_time, range)
     wavelength_m : float
-    gate : Dataset (time)
+    gate : Gate
     analysis : Analysis
     label : str or None
         Only passed on.
@@ -104,14 +102,14 @@ def analyze_gated(
     return analyze_signature(mu, gate, analysis, label=label)
 
 
-def analyze_signature(mu: xr.DataArray, gate: xr.Dataset, analysis: Analysis, *, label: str | None) -> TargetResult:
+def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label: str | None) -> TargetResult:
     """Result of one target from its signature: everything after the short-time transform.
 
     Parameters
     ----------
     mu : DataArray (time, doppler)
         Signature, V^2.
-    gate : Dataset (time)
+    gate : Gate
         The gate that gave it.
     analysis : Analysis
     label : str or None
@@ -127,7 +125,7 @@ def analyze_signature(mu: xr.DataArray, gate: xr.Dataset, analysis: Analysis, *,
         flags.append("gate_leaves_frame")
     return TargetResult(
         label=label,
-        gate=str(gate.attrs["source"]),
+        gate=gate,
         features=extraction.features,
         gait_frequency_hz=extraction.gait_frequency_hz,
         torso_doppler_hz=extraction.torso_doppler_hz,
@@ -135,7 +133,6 @@ def analyze_signature(mu: xr.DataArray, gate: xr.Dataset, analysis: Analysis, *,
         quality={**extraction.quality, **quality, "gate_inside_frame": share},
         flags=tuple(flags),
         signature=shown,
-        gate_limits=gate,
         **arrays,
         main_line_hz=main_line.straight_at(line_hz, usable, shown),
     )

@@ -17,14 +17,14 @@ from doppelgait.core.labels import axis, sampling_rate_hz
 from doppelgait.features.gait import GaitFeatures
 from doppelgait.features.piece_motion import piece_motion
 from doppelgait.pipeline.target import TargetResult, analyze_gated
-from doppelgait.processing import Analysis
+from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.breathing import BreathingSettings, BreathingTarget, find_breathing
 from doppelgait.processing.clutter import share_removed, torso_share_removed
 from doppelgait.processing.common_phase import without_common_phase
 from doppelgait.processing.config import MIN_CPI_PULSES
 from doppelgait.processing.detect import Detector, find_scans
 from doppelgait.processing.pieces import PieceSettings, find_pieces
-from doppelgait.processing.track import Track, Tracker, crop, gate_of, track
+from doppelgait.processing.track import Track, Tracker, track
 from doppelgait.radar.recording import Recording
 
 LEAST_BREATHING_S, LEAST_BREATHING_HZ = 10.0, 3.0
@@ -106,14 +106,14 @@ def _follow(
     raw: xr.DataArray, clean: xr.DataArray, wavelength_m: float, found: Track, analysis: Analysis, tracking: Tracking
 ) -> TargetResult:
     """Result of one track: that of its longest piece of steady motion, with those of all pieces."""
-    gate = gate_of(
-        found, span_m=analysis.gate_span_m, slow_time_s=axis(raw, "slow_time"), cpi_s=tracking.detector.cpi_s,
+    gate = Gate.from_track(
+        found, span_m=analysis.gate_span_m, time_s=axis(raw, "slow_time"), cpi_s=tracking.detector.cpi_s,
         doppler_hz=analysis.gate_doppler_hz,
     )  # fmt: skip
     pieces = find_pieces(found.times_s, found.range_m, settings=tracking.pieces)
     usable = [piece for piece in pieces if piece.usable]
     results = [
-        _piece_result(raw, clean, wavelength_m, found, _cut(gate, piece.start_s, piece.stop_s), analysis)
+        _piece_result(raw, clean, wavelength_m, found, gate.during(piece.start_s, piece.stop_s), analysis)
         for piece in usable
     ]
     facts = {**_track_facts(found), "n_pieces": len(results)}
@@ -123,16 +123,14 @@ def _follow(
         flags = (*whole.flags, *(f"no_steady_piece:{reason}" for reason in reasons))
         return replace(whole, quality={**whole.quality, **facts}, flags=flags)
     longest = max(range(len(usable)), key=lambda n: usable[n].stop_s - usable[n].start_s)
-    return replace(
-        results[longest], quality={**results[longest].quality, **facts}, gate_limits=gate, pieces=tuple(results)
-    )
+    return replace(results[longest], quality={**results[longest].quality, **facts}, gate=gate, pieces=tuple(results))
 
 
 def _piece_result(
-    raw: xr.DataArray, clean: xr.DataArray, wavelength_m: float, found: Track, gate: xr.Dataset, analysis: Analysis
+    raw: xr.DataArray, clean: xr.DataArray, wavelength_m: float, found: Track, gate: Gate, analysis: Analysis
 ) -> TargetResult:
-    result = analyze_gated(crop(clean, gate), wavelength_m, gate, analysis, None)
-    start_s, stop_s = (float(t) for t in axis(gate, "time")[[0, -1]])
+    result = analyze_gated(gate.crop(clean), wavelength_m, gate, analysis, None)
+    start_s, stop_s = gate.start_s, gate.stop_s
     flags = [*result.flags, *_aspect_flags(found, start_s, stop_s)]
     lost = _lost(raw, clean, gate, wavelength_m, analysis)
     if lost > CLUTTER_SHARE:
@@ -141,7 +139,7 @@ def _piece_result(
     return replace(result, quality={**result.quality, **quality}, flags=tuple(dict.fromkeys(flags)))
 
 
-def _lost(raw: xr.DataArray, clean: xr.DataArray, gate: xr.Dataset, wavelength_m: float, analysis: Analysis) -> float:
+def _lost(raw: xr.DataArray, clean: xr.DataArray, gate: Gate, wavelength_m: float, analysis: Analysis) -> float:
     """Share of the gate's power that went with the clutter: as measured where a reference is known, and by the gain."""
     if analysis.clutter == "none":
         return 0.0
@@ -149,7 +147,7 @@ def _lost(raw: xr.DataArray, clean: xr.DataArray, gate: xr.Dataset, wavelength_m
     known = measured[np.isfinite(measured)]
     times_s = axis(raw, "slow_time")
     by_gain = torso_share_removed(
-        gate, axis(gate, "time"), kind=analysis.clutter, wavelength_m=wavelength_m, prf_hz=sampling_rate_hz(times_s),
+        gate, gate.time_s, kind=analysis.clutter, wavelength_m=wavelength_m, prf_hz=sampling_rate_hz(times_s),
         n_pulses=times_s.size, clutter_time_s=analysis.clutter_time_s,
     )  # fmt: skip
     return max(float(known.mean()) if known.size else 0.0, float(by_gain.mean()))
@@ -162,11 +160,6 @@ def _aspect_flags(found: Track, start_s: float, stop_s: float) -> Iterator[str]:
     seen = piece_motion(found.times_s, found.range_m, start_s=start_s, stop_s=stop_s).visibility
     if seen == "hidden":
         yield "aspect_beyond_75_deg:gait_is_hidden"
-
-
-def _cut(gate: xr.Dataset, start_s: float, stop_s: float) -> xr.Dataset:
-    times_s = axis(gate, "time")
-    return gate.isel(time=np.flatnonzero((times_s >= start_s - 1e-9) & (times_s <= stop_s + 1e-9)))
 
 
 def _track_facts(found: Track) -> dict[str, Any]:
@@ -198,8 +191,7 @@ def _still_result(
     prf_hz = sampling_rate_hz(axis(clean, "slow_time"))
     slow = analysis.model_copy(update={"cpi_s": max(analysis.cpi_s, 3 * MIN_CPI_PULSES / prf_hz)})
     span_m = STILL_SPAN_M / 2
-    gate = processing.fixed_gate(axis(clean, "slow_time"), person.range_m - span_m, person.range_m + span_m)
-    gate.attrs["source"] = "track"
+    gate = Gate.fixed(person.range_m - span_m, person.range_m + span_m, time_s=axis(clean, "slow_time"), source="track")
     result = analyze_gated(clean, wavelength_m, gate, slow, None)
     quality = {
         "breathing_rate_hz": person.rate_hz,

@@ -19,7 +19,7 @@ from doppelgait.core.errors import AnalysisError, DoppelgaitWarning
 from doppelgait.core.labels import BASEBAND, SIGNATURE, axis, check_signal, make_array
 from doppelgait.core.units import doppler_axis_hz, doppler_to_velocity_mps
 from doppelgait.processing.config import MIN_CPI_PULSES, Analysis, gaussian_window, next_fast_length
-from doppelgait.processing.gate import bin_share, gate_centre_m, gate_edges_in
+from doppelgait.processing.gate import Gate, bin_share
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -94,7 +94,7 @@ class _Bursts:
 
 def burst_signature(
     baseband: xr.DataArray,
-    gate: xr.Dataset | None,
+    gate: Gate | None,
     analysis: Analysis,
     *,
     wavelength_m: float,
@@ -110,9 +110,8 @@ def burst_signature(
     ----------
     baseband : DataArray (slow_time, range)
         V.
-    gate : Dataset (time), optional
-        From :func:`doppelgait.processing.gate.make_gate` or a tracker; None takes every range bin. Data without range
-        (one bin) lie inside any gate as a whole.
+    gate : Gate, optional
+        None takes every range bin. Data without range (one bin) lie inside any gate as a whole.
     analysis : Analysis
         ``window_steepness``, ``doppler_bins`` (K >= M), ``gate_edges`` and ``method`` (K = M by default for
         ``liland2018``) count; ``cpi_s`` and ``hop`` do not, the burst is the processing interval.
@@ -141,8 +140,9 @@ def burst_signature(
     power = _gated_power(
         baseband.values, bursts, window, low, high, n_doppler=_doppler_bins(analysis, bursts), remove_mean=remove_mean
     )
-    centre_m = None if gate is None else gate_centre_m(gate, bursts.time_s)
-    _close_doppler_band(power, doppler_axis_hz(power.shape[1], bursts.prf_hz), bursts.time_s, gate)
+    centre_m = None if gate is None else gate.centre_at(bursts.time_s)
+    if gate is not None:
+        gate.close_doppler_band(power, doppler_axis_hz(power.shape[1], bursts.prf_hz))
     coords = _coordinates(bursts, low, high, power.shape[1], ranges_m=axis(baseband, "range"), centre_m=centre_m)
     velocity_mps = doppler_to_velocity_mps(coords["doppler"], wavelength_m)
     attrs = {
@@ -212,7 +212,7 @@ def _doppler_bins(analysis: Analysis, bursts: _Bursts) -> int:
 
 
 def _gate_edges(
-    baseband: xr.DataArray, gate: xr.Dataset | None, analysis: Analysis, time_s: FloatArray
+    baseband: xr.DataArray, gate: Gate | None, analysis: Analysis, time_s: FloatArray
 ) -> tuple[FloatArray, FloatArray, dict[str, Any]]:
     """Gate edges in bins and what is kept about the gate."""
     ranges_m = axis(baseband, "range")
@@ -224,14 +224,9 @@ def _gate_edges(
             low + ranges_m.size,
             {"source": "frame", "span_m": spacing_m * ranges_m.size, "doppler_limited": False},
         )
-    low, high = gate_edges_in(ranges_m, gate, time_s, sharp=analysis.sharp_edges)
-    if (high <= -0.5).all() or (low >= ranges_m.size - 0.5).all():
-        raise AnalysisError(
-            f"the gate ({float(gate['range_low'].min()):.2f} to {float(gate['range_high'].max()):.2f} m) lies outside "
-            f"the frame of {ranges_m[0]:.2f} to {ranges_m[-1]:.2f} m: nothing to analyse"
-        )
-    values = {key: gate.attrs[key] for key in ("source", "span_m", "doppler_limited")}
-    return low, high, {key: value.item() if hasattr(value, "item") else value for key, value in values.items()}
+    low, high = gate.edges(ranges_m, time_s, sharp=analysis.sharp_edges)
+    gate.touched_bins(low, high, ranges_m)
+    return low, high, gate.facts
 
 
 def _gated_power(
@@ -253,13 +248,3 @@ def _gated_power(
         spectrum = fft.fftshift(fft.fft(pulses * window, n_doppler, axis=1), axes=1)
         out += (share[:, None] * (spectrum.real**2 + spectrum.imag**2)).astype(np.float32)
     return out
-
-
-def _close_doppler_band(
-    values: npt.NDArray[np.float32], doppler_hz: FloatArray, time_s: FloatArray, gate: xr.Dataset | None
-) -> None:
-    if gate is None or not gate.attrs["doppler_limited"]:
-        return
-    times = axis(gate, "time")
-    low, high = (np.interp(time_s, times, gate[name].values) for name in ("doppler_low", "doppler_high"))
-    values[(doppler_hz[None, :] < low[:, None]) | (doppler_hz[None, :] > high[:, None])] = 0.0

@@ -13,7 +13,7 @@ from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, axis, check_signal, sampling_rate_hz
 from doppelgait.processing.common_phase import block_means
 from doppelgait.processing.config import Analysis
-from doppelgait.processing.gate import gate_centre_m, gate_edges_in
+from doppelgait.processing.gate import Gate
 
 ClutterKind = Literal["none", "mean", "median", "exponential", "mti"]
 Values = npt.NDArray[np.complex64]
@@ -183,7 +183,7 @@ def clutter_gain(
 
 
 def share_removed(
-    before: xr.DataArray, after: xr.DataArray, gate: xr.Dataset, *, piece_s: float = 0.1, reference_share: float = 0.2
+    before: xr.DataArray, after: xr.DataArray, gate: Gate, *, piece_s: float = 0.1, reference_share: float = 0.2
 ) -> xr.DataArray:
     r"""Share of a body's power in its gate that clutter removal took, over time.
 
@@ -203,8 +203,7 @@ def share_removed(
     ----------
     before, after : DataArray (slow_time, range)
         Baseband before and after clutter removal.
-    gate : Dataset (time)
-        From a tracker, the truth or a user.
+    gate : Gate
     piece_s : float
         Length of a piece of time.
     reference_share : float
@@ -238,7 +237,7 @@ def share_removed(
 
 
 def torso_share_removed(
-    gate: xr.Dataset, time_s: npt.ArrayLike, *, kind: ClutterKind, wavelength_m: float, prf_hz: float,
+    gate: Gate, time_s: npt.ArrayLike, *, kind: ClutterKind, wavelength_m: float, prf_hz: float,
     n_pulses: int | None = None, clutter_time_s: float = CLUTTER_TIME_S, cutoff_hz: float = MTI_CUTOFF_HZ,
 ) -> FloatArray:  # fmt: skip
     r"""Share of the torso's power that clutter removal takes by its gain, from the range history of the gate alone.
@@ -250,7 +249,7 @@ def torso_share_removed(
 
     Parameters
     ----------
-    gate : Dataset (time)
+    gate : Gate
         Two or more times.
     time_s : array_like, shape (J,)
         When, for example the columns of a signature.
@@ -263,8 +262,8 @@ def torso_share_removed(
     ndarray, shape (J,)
         0 to 1.
     """
-    times = axis(gate, "time")
-    rate_mps = np.gradient(gate_centre_m(gate, times), times)
+    times = gate.time_s
+    rate_mps = np.gradient(gate.centre_at(times), times)
     doppler_hz = -2.0 * np.interp(np.asarray(time_s, dtype=float), times, rate_mps) / wavelength_m
     gain = clutter_gain(
         doppler_hz, kind=kind, prf_hz=prf_hz, n_pulses=n_pulses, time_s=clutter_time_s, cutoff_hz=cutoff_hz
@@ -272,8 +271,8 @@ def torso_share_removed(
     return np.asarray(1.0 - gain**2)
 
 
-def _bins_inside(gate: xr.Dataset, time_s: FloatArray, range_m: FloatArray) -> npt.NDArray[np.bool_]:
-    low, high = gate_edges_in(range_m, gate, time_s, sharp=True)
+def _bins_inside(gate: Gate, time_s: FloatArray, range_m: FloatArray) -> npt.NDArray[np.bool_]:
+    low, high = gate.edges(range_m, time_s, sharp=True)
     bins = np.arange(range_m.size)
     return np.asarray((bins > low[:, None]) & (bins < high[:, None]))
 

@@ -1,122 +1,371 @@
-"""The range-Doppler gate: where in the data a target is, whoever says so (truth, tracker or user)."""
+"""The range-Doppler gate: where in the data a target is, from the truth, a track or a user."""
 
 from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal, Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.errors import AnalysisError
+from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.labels import axis
+from doppelgait.processing.config import Analysis
+from doppelgait.processing.track.live import Track
 
-GATE_UNITS = {"range_low": "m", "range_high": "m", "doppler_low": "Hz", "doppler_high": "Hz"}
+FloatArray = npt.NDArray[np.float64]
+GateName = Literal["track", "truth"]
+GateChoice = GateName | tuple[float, float]
+"""What a user may ask for: targets to be found, the simulation's truth, or two ranges in m."""
+
+LILAND_SPAN_M = {"human": 1.0, "dog": 1.5}
+"""Gate span by class in the report (its Table 4.1): the label leaks into the signature; for reproduction only."""
+SLACK_S = 1e-9
 
 
-def make_gate(
-    slow_time_s: npt.ArrayLike,
-    centre_range_m: npt.ArrayLike,
-    *,
-    span_m: float,
-    doppler_hz: tuple[float, float] | None = None,
-    source: str,
-) -> xr.Dataset:
-    """Gate of constant span around a range track (E-26).
+class TrueTrack(Protocol):
+    """What a gate takes from the truth of a target."""
+
+    @property
+    def label(self) -> str:
+        """Class; only the report's method looks at it."""
+
+    @property
+    def centre_range_m(self) -> FloatArray:
+        """Range of the body's centre at every pulse."""
+
+    def doppler_hz(self, wavelength_m: float) -> FloatArray:
+        """Doppler shift of every scatterer at every pulse."""
+
+
+@dataclass(frozen=True, eq=False)
+class Gate:
+    """Ranges and Doppler frequencies of one target over time, with a constant range extent (E-26).
 
     Parameters
     ----------
-    slow_time_s, centre_range_m : array_like, shape (T,)
-        The track of the body: any times, ranges R_c.
+    time_s, centre_m : ndarray, shape (T,)
+        Track of the body: any rising times, ranges R_c. Between them the gate is interpolated.
     span_m : float
         Range extent g: R_c - g/2 to R_c + g/2.
     doppler_hz : (float, float), optional
         Doppler band B_L to B_H; all Doppler frequencies by default.
     source : str
-        Where the track comes from: ``"truth"``, ``"track"`` or ``"given"``; kept in every result.
-
-    Returns
-    -------
-    Dataset (time)
-        ``range_low``, ``range_high`` in m; ``doppler_low``, ``doppler_high`` in Hz.
-    """
-    times = np.asarray(slow_time_s, dtype=float)
-    centre = np.asarray(centre_range_m, dtype=float)
-    if times.shape != centre.shape or times.ndim != 1 or not np.isfinite(centre).all():
-        raise AnalysisError(f"a gate needs one finite range per time; got shapes {times.shape} and {centre.shape}")
-    low, high = doppler_hz if doppler_hz is not None else (-np.inf, np.inf)
-    values = {
-        "range_low": centre - span_m / 2,
-        "range_high": centre + span_m / 2,
-        "doppler_low": np.full(times.shape, float(low)),
-        "doppler_high": np.full(times.shape, float(high)),
-    }
-    return xr.Dataset(
-        {name: ("time", array, {"units": GATE_UNITS[name]}) for name, array in values.items()},
-        coords={"time": ("time", times, {"units": "s"})},
-        attrs={"source": source, "span_m": float(span_m), "doppler_limited": doppler_hz is not None},
-    )
-
-
-def gate_centre_m(gate: xr.Dataset, time_s: npt.ArrayLike) -> npt.NDArray[np.float64]:
-    """Range at the middle of the gate at the given times, by linear interpolation."""
-    middle = (gate["range_low"].values + gate["range_high"].values) / 2
-    return np.asarray(np.interp(np.asarray(time_s, dtype=float), axis(gate, "time"), middle))
-
-
-def fixed_gate(slow_time_s: npt.ArrayLike, low_m: float, high_m: float) -> xr.Dataset:
-    """Gate that stays where the user says, from ``low_m`` to ``high_m``, for the whole recording.
+        Where the track comes from: ``"truth"``, ``"track"`` or ``"given"``.
 
     Raises
     ------
     AnalysisError
-        If the limits are not two rising numbers.
+        If times and ranges do not match, or a range is not finite.
+
+    Examples
+    --------
+    >>> Gate.fixed(1.0, 2.5, time_s=[0.0, 5.0]).span_m
+    1.5
     """
-    if not -np.inf < low_m < high_m < np.inf:
-        raise AnalysisError(f"gate {low_m:g} to {high_m:g} m: give two rising ranges in m, for example 1.2 to 2.8")
-    times = np.asarray(slow_time_s, dtype=float)[[0, -1]]
-    return make_gate(times, np.full(2, (low_m + high_m) / 2), span_m=high_m - low_m, source="given")
+
+    time_s: FloatArray
+    centre_m: FloatArray
+    span_m: float
+    doppler_hz: tuple[float, float] | None = None
+    source: str = "given"
+
+    def __post_init__(self) -> None:
+        times, centre = np.asarray(self.time_s, dtype=float), np.asarray(self.centre_m, dtype=float)
+        if times.shape != centre.shape or times.ndim != 1 or not times.size or not np.isfinite(centre).all():
+            raise AnalysisError(f"a gate needs one finite range per time; got shapes {times.shape} and {centre.shape}")
+        object.__setattr__(self, "time_s", times)
+        object.__setattr__(self, "centre_m", centre)
+        object.__setattr__(self, "span_m", float(self.span_m))
+        if self.doppler_hz is not None:
+            low, high = self.doppler_hz
+            object.__setattr__(self, "doppler_hz", (float(low), float(high)))
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Gate):
+            return NotImplemented
+        same_track = np.array_equal(self.time_s, other.time_s) and np.array_equal(self.centre_m, other.centre_m)
+        return same_track and self.facts == other.facts and self.doppler_hz == other.doppler_hz
+
+    __hash__ = None  # type: ignore[assignment]
+
+    # Constructors ----------------------------------------------------------------------------------------------------
+
+    @classmethod
+    def around(
+        cls, time_s: npt.ArrayLike, centre_m: npt.ArrayLike, *, span_m: float,
+        doppler_hz: tuple[float, float] | None = None, source: str = "given",
+    ) -> Self:  # fmt: skip
+        """Make a gate of constant span around a range track."""
+        return cls(np.asarray(time_s, dtype=float), np.asarray(centre_m, dtype=float), span_m, doppler_hz, source)
+
+    @classmethod
+    def fixed(
+        cls, low_m: float, high_m: float, *, time_s: npt.ArrayLike, range_m: npt.ArrayLike | None = None,
+        source: str = "given",
+    ) -> Self:  # fmt: skip
+        """Make a gate that stays between two ranges from the first to the last of some times.
+
+        Parameters
+        ----------
+        low_m, high_m : float
+        time_s : array_like
+        range_m : array_like, optional
+            Range axis of the recording: the gate is cut to its cells. A recording without range (one cell) is inside
+            any gate.
+        source : str
+
+        Raises
+        ------
+        AnalysisError
+            If the limits are not two rising numbers, or lie outside the recorded frame.
+        """
+        if not -np.inf < low_m < high_m < np.inf:
+            raise AnalysisError(f"gate {low_m:g} to {high_m:g} m: give two rising ranges in m, for example 1.2 to 2.8")
+        cells_m = np.zeros(1) if range_m is None else np.asarray(range_m, dtype=float)
+        if cells_m.size > 1:
+            first_m, last_m = frame_limits_m(cells_m)
+            if high_m <= first_m or low_m >= last_m:
+                raise _outside_frame(low_m, high_m, cells_m)
+            low_m, high_m = max(low_m, first_m), min(high_m, last_m)
+        ends_s = np.asarray(time_s, dtype=float)[[0, -1]]
+        return cls(ends_s, np.full(2, (low_m + high_m) / 2), high_m - low_m, None, source)
+
+    @classmethod
+    def from_track(
+        cls, track: Track, *, time_s: npt.ArrayLike, span_m: float, cpi_s: float = 0.1,
+        doppler_hz: tuple[float, float] | None = None,
+    ) -> Self:  # fmt: skip
+        """Make the gate of a track over the pulses that the track is about.
+
+        Parameters
+        ----------
+        track : Track
+        time_s : array_like, shape (I,)
+            Pulse times of the recording. Kept are those from half a processing interval before the first detection to
+            as much after the last: a scan rests on the pulses so near to its time.
+        span_m : float
+            The same for every body.
+        cpi_s : float
+            Processing interval of the scans.
+        doppler_hz : (float, float), optional
+
+        Raises
+        ------
+        AnalysisError
+            If fewer than two pulses lie in the time of the track.
+        """
+        times_s = np.asarray(time_s, dtype=float)
+        first_s, last_s = track.first_s - cpi_s / 2 - SLACK_S, track.last_s + cpi_s / 2 + SLACK_S
+        times_s = times_s[(times_s >= first_s) & (times_s <= last_s)]
+        if times_s.size < 2:
+            raise AnalysisError(
+                f"track from {track.first_s:g} to {track.last_s:g} s: the recording has {times_s.size} pulses then"
+            )
+        before_s, after_s = np.minimum(times_s - track.first_s, 0.0), np.maximum(times_s - track.last_s, 0.0)
+        centre_m = np.interp(times_s, track.times_s, track.range_m)
+        centre_m -= before_s * track.velocity_mps[0] + after_s * track.velocity_mps[-1]  # dR/dt = -v
+        return cls(times_s, centre_m, span_m, doppler_hz, "track")
+
+    @classmethod
+    def from_truth(
+        cls, truth: TrueTrack, time_s: npt.ArrayLike, analysis: Analysis, *, wavelength_m: float | None = None,
+        error_m: float = 0.0,
+    ) -> Self:  # fmt: skip
+        """Make the gate around the true range of a body.
+
+        Parameters
+        ----------
+        truth : TargetTruth
+        time_s : array_like, shape (I,)
+            Pulse times.
+        analysis : Analysis
+            Span and Doppler band. The report's method takes the span by class and the true Doppler band instead.
+        wavelength_m : float, optional
+            Only for the report's method.
+        error_m : float
+            Constant range error, as a tracker would have.
+        """
+        span_m, band_hz = analysis.gate_span_m, analysis.gate_doppler_hz
+        if analysis.method == "liland2018":
+            if wavelength_m is None:
+                raise AnalysisError("the gate of method 'liland2018' has the true Doppler band: give wavelength_m")
+            span_m = LILAND_SPAN_M.get(truth.label, LILAND_SPAN_M["human"])
+            doppler_hz = truth.doppler_hz(wavelength_m)
+            band_hz = (float(doppler_hz.min()), float(doppler_hz.max()))
+        return cls(np.asarray(time_s, dtype=float), truth.centre_range_m + error_m, span_m, band_hz, "truth")
+
+    @staticmethod
+    def parse(
+        value: Any, *, names: Sequence[GateName] = ("track", "truth"), lowest_m: float = -math.inf, where: str = ""
+    ) -> GateChoice:  # fmt: skip
+        """Parse what a user asks for: ``"track"``, ``"truth"``, ``"1.2:2.8"`` or two ranges in m.
+
+        Parameters
+        ----------
+        value : str or pair of numbers
+        names : sequence of str
+            Names that are allowed here.
+        lowest_m : float
+            Lowest range that is allowed.
+        where : str
+            Key or option for the message; without, the message is only what the value must be.
+
+        Raises
+        ------
+        ConfigError
+            If it is none of these.
+        """
+        said = f"{where}: {value!r} is not allowed; it " if where else ""
+        for name in names:
+            if isinstance(value, str) and value == name:
+                return name
+        parts = value.split(":") if isinstance(value, str) else value
+        try:
+            low_m, high_m = (float(part) for part in parts)
+        except (TypeError, ValueError):
+            raise ConfigError(f"{said}must be {', '.join(names)} or FROM:TO in m, for example 1.2:2.8") from None
+        if not (-math.inf < low_m < high_m < math.inf and low_m >= lowest_m):
+            least = "" if lowest_m == -math.inf else f", {lowest_m:g} or more"
+            raise ConfigError(f"{said}must be two rising ranges in m{least}, for example 1.2:2.8")
+        return low_m, high_m
+
+    # What it is -------------------------------------------------------------------------------------------------------
+
+    @property
+    def low_m(self) -> FloatArray:
+        """Lower limit R_L at ``time_s``."""
+        return self.centre_m - self.span_m / 2
+
+    @property
+    def high_m(self) -> FloatArray:
+        """Upper limit R_H at ``time_s``."""
+        return self.centre_m + self.span_m / 2
+
+    @property
+    def start_s(self) -> float:
+        """First time."""
+        return float(self.time_s[0])
+
+    @property
+    def stop_s(self) -> float:
+        """Last time."""
+        return float(self.time_s[-1])
+
+    @property
+    def facts(self) -> dict[str, str | float | bool]:
+        """What a signature keeps of its gate."""
+        return {"source": self.source, "span_m": self.span_m, "doppler_limited": self.doppler_hz is not None}
+
+    @property
+    def limits(self) -> xr.Dataset:
+        """Limits over time with labels and units, as the figures take them."""
+        low_hz, high_hz = self.doppler_hz or (-np.inf, np.inf)
+        shape = self.time_s.shape
+        values = {
+            "range_low": (self.low_m, "m"), "range_high": (self.high_m, "m"),
+            "doppler_low": (np.full(shape, low_hz), "Hz"), "doppler_high": (np.full(shape, high_hz), "Hz"),
+        }  # fmt: skip
+        return xr.Dataset(
+            {name: ("time", array, {"units": units}) for name, (array, units) in values.items()},
+            coords={"time": ("time", self.time_s, {"units": "s"})},
+            attrs=self.facts,
+        )
+
+    def centre_at(self, time_s: npt.ArrayLike) -> FloatArray:
+        """Interpolate the middle of the gate to other times."""
+        # the middle of the limits, not centre_m: the last bit of older results
+        middle = (self.low_m + self.high_m) / 2
+        return np.asarray(np.interp(np.asarray(time_s, dtype=float), self.time_s, middle))
+
+    def overlaps(self, other: Gate) -> bool:
+        """Whether two gates share ranges at some time of both."""
+        both = self.time_s[(self.time_s >= other.start_s) & (self.time_s <= other.stop_s)]
+        low, high = (np.interp(both, self.time_s, limit) for limit in (self.low_m, self.high_m))
+        other_low, other_high = (np.interp(both, other.time_s, limit) for limit in (other.low_m, other.high_m))
+        return bool(((low < other_high) & (other_low < high)).any())
+
+    # What it takes out of data ---------------------------------------------------------------------------------------
+
+    def during(self, start_s: float, stop_s: float) -> Gate:
+        """Cut the gate to its times between two others."""
+        chosen = (self.time_s >= start_s - SLACK_S) & (self.time_s <= stop_s + SLACK_S)
+        return replace(self, time_s=self.time_s[chosen], centre_m=self.centre_m[chosen])
+
+    def crop(self, baseband: xr.DataArray) -> xr.DataArray:
+        """Cut a recording to the pulses from the gate's first to its last time."""
+        times_s = axis(baseband, "slow_time")
+        first = int(np.searchsorted(times_s, self.start_s - SLACK_S))
+        stop = int(np.searchsorted(times_s, self.stop_s + SLACK_S))
+        return baseband.isel(slow_time=slice(first, stop))
+
+    def edges(self, range_m: FloatArray, time_s: npt.ArrayLike, *, sharp: bool) -> tuple[FloatArray, FloatArray]:
+        """Lower and upper edge in bins of a range axis; a bin's cell reaches half a bin to either side.
+
+        Sharp edges are put between bins, so that every cell is inside or outside (:meth:`whole_bins`). A recording
+        without range (one bin) is inside as a whole.
+        """
+        if range_m.size == 1:
+            low = np.full(np.shape(time_s), -0.5)
+            return low, low + 1.0
+        first_m, spacing_m = float(range_m[0]), float((range_m[-1] - range_m[0]) / (range_m.size - 1))
+        if sharp:
+            first, count = self.whole_bins(time_s, first_bin_m=first_m, bin_spacing_m=spacing_m)
+            low = first.astype(np.float64) - 0.5
+            return low, low + count
+        low = np.asarray((self.centre_at(time_s) - self.span_m / 2 - first_m) / spacing_m)
+        return low, low + self.span_m / spacing_m
+
+    def whole_bins(
+        self, time_s: npt.ArrayLike, *, first_bin_m: float, bin_spacing_m: float
+    ) -> tuple[npt.NDArray[np.int64], int]:
+        """First range bin of the gate at some times and the (constant) number of bins (E-27).
+
+        Returns
+        -------
+        first_bin : ndarray of int64
+            ``ceil((R_L - r_min) / dR)``; may lie outside the frame.
+        n_bins : int
+            ``floor(g / dR) + 1``.
+        """
+        low = self.centre_at(time_s) - self.span_m / 2
+        first = np.ceil((low - first_bin_m) / bin_spacing_m - 1e-9).astype(np.int64)
+        return first, int(np.floor(self.span_m / bin_spacing_m + 1e-9)) + 1
+
+    def touched_bins(self, low: FloatArray, high: FloatArray, range_m: FloatArray) -> slice:
+        """Range bins that a gate with these :meth:`edges` ever touches.
+
+        Raises
+        ------
+        AnalysisError
+            If the gate lies outside the recorded frame all the time.
+        """
+        if (high <= -0.5).all() or (low >= range_m.size - 0.5).all():
+            raise _outside_frame(float(self.low_m.min()), float(self.high_m.max()), range_m)
+        return slice(max(math.floor(low.min()), 0), min(math.ceil(high.max()) + 1, range_m.size))
+
+    def close_doppler_band(self, power: npt.NDArray[np.float32], doppler_hz: FloatArray) -> None:
+        """Set the Doppler cells outside the gate's band to zero, in place; ``power`` has shape (J, K)."""
+        if self.doppler_hz is not None:
+            low_hz, high_hz = self.doppler_hz
+            power[:, (doppler_hz < low_hz) | (doppler_hz > high_hz)] = 0.0
 
 
-def gate_edges_in(
-    range_m: npt.NDArray[np.float64], gate: xr.Dataset, time_s: npt.ArrayLike, *, sharp: bool
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Edges of the gate in bins of a range axis; a recording without range (one bin) is inside it as a whole."""
-    if range_m.size == 1:
-        low = np.full(np.shape(time_s), -0.5)
-        return low, low + 1.0
-    spacing_m = float((range_m[-1] - range_m[0]) / (range_m.size - 1))
-    return gate_edges_bins(gate, time_s, first_bin_m=float(range_m[0]), bin_spacing_m=spacing_m, sharp=sharp)
+def frame_limits_m(range_m: FloatArray) -> tuple[float, float]:
+    """Ranges at which the first cell of a range axis of two or more begins and the last ends."""
+    half_m = float(range_m[1] - range_m[0]) / 2
+    return float(range_m[0]) - half_m, float(range_m[-1]) + half_m
 
 
-def gate_edges_bins(
-    gate: xr.Dataset, time_s: npt.ArrayLike, *, first_bin_m: float, bin_spacing_m: float, sharp: bool
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Lower and upper edge of the gate at the given times in bins; a bin's cell reaches half a bin to either side.
-
-    Sharp edges are put between bins, so that every cell is inside or outside (:func:`gate_bins`).
-    """
-    if sharp:
-        first, count = gate_bins(gate, time_s, first_bin_m=first_bin_m, bin_spacing_m=bin_spacing_m)
-        low = first.astype(np.float64) - 0.5
-        return low, low + count
-    low = np.asarray((gate_centre_m(gate, time_s) - gate.attrs["span_m"] / 2 - first_bin_m) / bin_spacing_m)
-    return low, low + gate.attrs["span_m"] / bin_spacing_m
-
-
-def gate_bins(
-    gate: xr.Dataset, time_s: npt.ArrayLike, *, first_bin_m: float, bin_spacing_m: float
-) -> tuple[npt.NDArray[np.int64], int]:
-    """First range bin of the gate at the given times and the (constant) number of bins (E-27).
-
-    Returns
-    -------
-    first_bin : ndarray of int64
-        ``ceil((R_L - r_min) / dR)``; may lie outside the frame.
-    n_bins : int
-        ``floor(g / dR) + 1``.
-    """
-    low = gate_centre_m(gate, time_s) - gate.attrs["span_m"] / 2
-    first = np.ceil((low - first_bin_m) / bin_spacing_m - 1e-9).astype(np.int64)
-    return first, int(np.floor(gate.attrs["span_m"] / bin_spacing_m + 1e-9)) + 1
+def _outside_frame(low_m: float, high_m: float, range_m: FloatArray) -> AnalysisError:
+    first_m, last_m = frame_limits_m(range_m)
+    return AnalysisError(
+        f"gate {low_m:.4g} to {high_m:.4g} m: lies outside the recorded frame, {first_m:.2f} to {last_m:.2f} m; take "
+        "ranges inside"
+    )
 
 
 def bin_share(baseband: xr.DataArray) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import (
     BASEBAND,
     RANGE_DOPPLER,
@@ -25,7 +23,7 @@ from doppelgait.core.labels import (
 )
 from doppelgait.core.units import doppler_axis_hz, doppler_to_velocity_mps
 from doppelgait.processing.config import Analysis, Transform, lossless_hop, plan_transform
-from doppelgait.processing.gate import bin_share, gate_centre_m, gate_edges_in
+from doppelgait.processing.gate import Gate, bin_share
 
 
 def plan_for(baseband: xr.DataArray, analysis: Analysis) -> tuple[Transform, float]:
@@ -87,14 +85,13 @@ def _zero_pad(values: npt.NDArray[Any], count: int) -> npt.NDArray[Any]:
     return np.pad(values, ((count, count), (0, 0))) if count else values
 
 
-def signature(baseband: xr.DataArray, gate: xr.Dataset, analysis: Analysis, *, wavelength_m: float) -> xr.DataArray:
+def signature(baseband: xr.DataArray, gate: Gate, analysis: Analysis, *, wavelength_m: float) -> xr.DataArray:
     """Micro-Doppler signature mu: range-Doppler power summed over the gate (E-27).
 
     Parameters
     ----------
     baseband : DataArray (slow_time, range)
-    gate : Dataset (time)
-        From :func:`doppelgait.processing.gate.make_gate` or a tracker.
+    gate : Gate
     analysis : Analysis
     wavelength_m : float
         For the velocity axis.
@@ -127,42 +124,39 @@ class Cut:
 
     Parameters
     ----------
-    gate : Dataset (time)
+    gate : Gate
     transform : Transform
     prf_hz : float
-    n_pulses, n_bins : int
-        Size of the recording, I and N.
+    n_pulses : int
+        Pulses of the recording, I.
+    range_m : ndarray, shape (N,)
+        Its range axis.
     time_s : ndarray, shape (J,)
         Times of the columns.
     low, high : ndarray, shape (J,)
         Edges of the gate in range bins.
-    frame_m : (float, float)
-        First and last range of the recording.
     bin_share : float
         Independent noise values per range bin; less than 1 where a window over the sweep joins neighbouring bins.
     """
 
-    gate: xr.Dataset
+    gate: Gate
     transform: Transform
     prf_hz: float
     n_pulses: int
-    n_bins: int
+    range_m: npt.NDArray[np.float64]
     time_s: npt.NDArray[np.float64]
     low: npt.NDArray[np.float64]
     high: npt.NDArray[np.float64]
-    frame_m: tuple[float, float]
     bin_share: float = 1.0
+
+    @property
+    def n_bins(self) -> int:
+        """Range bins of the recording, N."""
+        return self.range_m.size
 
     def span_bins(self) -> slice:
         """Range bins that the gate ever touches; an :class:`AnalysisError` if none."""
-        first, stop = max(math.floor(self.low.min()), 0), min(math.ceil(self.high.max()) + 1, self.n_bins)
-        if first >= stop:
-            low, high = self.gate["range_low"].values.min(), self.gate["range_high"].values.max()
-            raise AnalysisError(
-                f"the gate ({low:.2f} to {high:.2f} m) lies outside the frame of {self.frame_m[0]:.2f} "
-                f"to {self.frame_m[1]:.2f} m: nothing to analyse"
-            )
-        return slice(first, stop)
+        return self.gate.touched_bins(self.low, self.high, self.range_m)
 
     def needed_pulses(self) -> npt.NDArray[np.int64]:
         """First and one past the last pulse that the signature may read of every range bin, (N, 2); (I, 0) for none."""
@@ -185,13 +179,12 @@ NEED_BLOCK = 32
 """Columns that :meth:`Cut.needed_pulses` looks at together."""
 
 
-def cut_out(gate: xr.Dataset, slow_time_s: Any, range_m: Any, analysis: Analysis, *, bin_share: float = 1.0) -> Cut:
+def cut_out(gate: Gate, slow_time_s: Any, range_m: Any, analysis: Analysis, *, bin_share: float = 1.0) -> Cut:
     """Gate and transform of a recording with these axes."""
     transform, prf_hz = _plan(slow_time_s, analysis)
     time_s = slow_time_s[0] + transform.centre_pulses() / prf_hz
-    low, high = gate_edges_in(range_m, gate, time_s, sharp=analysis.sharp_edges)
-    frame_m = (float(range_m[0]), float(range_m[-1]))
-    return Cut(gate, transform, prf_hz, slow_time_s.size, range_m.size, time_s, low, high, frame_m, bin_share)
+    low, high = gate.edges(range_m, time_s, sharp=analysis.sharp_edges)
+    return Cut(gate, transform, prf_hz, slow_time_s.size, range_m, time_s, low, high, bin_share)
 
 
 def signature_of_planes(
@@ -224,13 +217,13 @@ def signature_of_planes(
 
 def _label(values: npt.NDArray[np.float32], cut: Cut, wavelength_m: float) -> xr.DataArray:
     doppler_hz = doppler_axis_hz(cut.transform.n_doppler_bins, cut.prf_hz)
-    _close_doppler_band(values, doppler_hz, cut.time_s, cut.gate)
+    cut.gate.close_doppler_band(values, doppler_hz)
     inside = np.minimum(cut.high, cut.n_bins - 0.5) - np.maximum(cut.low, -0.5)
     coords = {
         "time": cut.time_s,
         "doppler": doppler_hz,
         "velocity": ("doppler", doppler_to_velocity_mps(doppler_hz, wavelength_m)),
-        "centre_range": ("time", gate_centre_m(cut.gate, cut.time_s), {"units": "m"}),
+        "centre_range": ("time", cut.gate.centre_at(cut.time_s), {"units": "m"}),
         "gate_share": ("time", np.clip(inside / (cut.high - cut.low), 0.0, 1.0), {"units": "1"}),
     }
     attrs = {
@@ -240,7 +233,7 @@ def _label(values: npt.NDArray[np.float32], cut: Cut, wavelength_m: float) -> xr
         "hop": cut.transform.hop,
         "window_energy": float((cut.transform.window**2).sum()),
         "n_gate_bins": float(cut.high[0] - cut.low[0]) * cut.bin_share,
-        "gate": json.dumps({key: _plain(cut.gate.attrs[key]) for key in ("source", "span_m", "doppler_limited")}),
+        "gate": json.dumps(cut.gate.facts),
     }
     return make_array(SIGNATURE, values, coords, attrs)
 
@@ -256,18 +249,3 @@ def thin(signature: xr.DataArray) -> xr.DataArray:
         return signature
     kept = signature.isel(time=slice(None, None, every))
     return with_values(kept, np.ascontiguousarray(kept.values), attrs={"hop": signature.attrs["hop"] * every})
-
-
-def _plain(value: Any) -> Any:
-    return value.item() if hasattr(value, "item") else value
-
-
-def _close_doppler_band(
-    values: npt.NDArray[np.float32], doppler_hz: npt.NDArray[np.float64], time_s: Any, gate: xr.Dataset
-) -> None:
-    if not gate.attrs["doppler_limited"]:
-        return
-    times = axis(gate, "time")
-    low = np.interp(time_s, times, gate["doppler_low"].values)
-    high = np.interp(time_s, times, gate["doppler_high"].values)
-    values[(doppler_hz[None, :] < low[:, None]) | (doppler_hz[None, :] > high[:, None])] = 0.0

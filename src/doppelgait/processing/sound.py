@@ -18,7 +18,7 @@ from doppelgait.processing.bursts import burst_pulses_of
 from doppelgait.processing.clutter import remove_clutter
 from doppelgait.processing.common_phase import without_common_phase
 from doppelgait.processing.config import Analysis
-from doppelgait.processing.gate import gate_edges_in
+from doppelgait.processing.gate import Gate
 from doppelgait.processing.pitch import continued, stretched
 
 Channels = Literal["iq", "sides"]
@@ -44,7 +44,7 @@ HALF_FILTER = 32
 FULL_SCALE = 32767
 
 
-def doppler_signal(baseband: xr.DataArray, gate: xr.Dataset, analysis: Analysis | None = None) -> Values:
+def doppler_signal(baseband: xr.DataArray, gate: Gate, analysis: Analysis | None = None) -> Values:
     r"""Complex Doppler signal of the target in a gate: one number per pulse.
 
     .. math:: d_i = \sum_n g_{i,n} \, y_{i,n} \, e^{-j \theta n}, \qquad
@@ -63,9 +63,8 @@ def doppler_signal(baseband: xr.DataArray, gate: xr.Dataset, analysis: Analysis 
     ----------
     baseband : DataArray (slow_time, range)
         V.
-    gate : Dataset (time)
-        From :func:`doppelgait.processing.make_gate` or a tracker. Before its first and after its last time the signal
-        is 0.
+    gate : Gate
+        Before its first and after its last time the signal is 0.
     analysis : Analysis, optional
         For ``clutter``. With ``source = "track"`` the phase that whole frames share is taken off before, as the
         analysis does.
@@ -82,19 +81,15 @@ def doppler_signal(baseband: xr.DataArray, gate: xr.Dataset, analysis: Analysis 
     """
     check_signal(baseband, BASEBAND)
     _check_steady(baseband)
-    if gate.attrs["source"] == "track":
+    if gate.source == "track":
         baseband = without_common_phase(baseband)
     time_s, range_m = axis(baseband, "slow_time"), axis(baseband, "range")
-    low, high = gate_edges_in(range_m, gate, time_s, sharp=False)
-    first, stop = max(math.floor(low.min()), 0), min(math.ceil(high.max()) + 1, range_m.size)
-    if first >= stop:
-        raise AnalysisError(
-            f"the gate lies outside the frame of {range_m[0]:.2f} to {range_m[-1]:.2f} m: nothing to hear"
-        )
-    clean = remove_clutter(baseband.isel(range=slice(first, stop)), analysis or Analysis())
-    parts = list(_gated(clean.values, low - first, high - first))
-    ramp = sum(complex(np.vdot(part[:, :-1], part[:, 1:])) for part in parts) if stop - first > 1 else 0.0
-    turn = np.exp(-1j * np.angle(ramp) * np.arange(stop - first))
+    low, high = gate.edges(range_m, time_s, sharp=False)
+    bins = gate.touched_bins(low, high, range_m)
+    clean = remove_clutter(baseband.isel(range=bins), analysis or Analysis())
+    parts = list(_gated(clean.values, low - bins.start, high - bins.start))
+    ramp = sum(complex(np.vdot(part[:, :-1], part[:, 1:])) for part in parts) if clean.shape[1] > 1 else 0.0
+    turn = np.exp(-1j * np.angle(ramp) * np.arange(clean.shape[1]))
     return np.concatenate([part @ turn for part in parts]).astype(np.complex64) * _present(gate, time_s)
 
 
@@ -120,15 +115,14 @@ def _gated(values: Values, low: FloatArray, high: FloatArray) -> Iterator[Values
         yield values[rows] * np.clip(inside, 0.0, 1.0).astype(np.float32)
 
 
-def _present(gate: xr.Dataset, time_s: FloatArray) -> npt.NDArray[np.float32]:
+def _present(gate: Gate, time_s: FloatArray) -> npt.NDArray[np.float32]:
     """1 while the gate has times, and a short way to 0 before and after."""
-    first_s, last_s = (float(t) for t in axis(gate, "time")[[0, -1]])
-    beside_s = np.maximum(np.maximum(first_s - time_s, time_s - last_s), 0.0)
+    beside_s = np.maximum(np.maximum(gate.start_s - time_s, time_s - gate.stop_s), 0.0)
     return (0.5 + 0.5 * np.cos(np.pi * np.minimum(beside_s / FADE_S, 1.0))).astype(np.float32)
 
 
 def doppler_sound(
-    baseband: xr.DataArray, gate: xr.Dataset, analysis: Analysis | None = None, *, pitch: float | None = None,
+    baseband: xr.DataArray, gate: Gate, analysis: Analysis | None = None, *, pitch: float | None = None,
     channels: Channels = "iq",
 ) -> tuple[int, npt.NDArray[np.int16]]:  # fmt: skip
     """Stereo sound of the target in a gate, as long as the recording.

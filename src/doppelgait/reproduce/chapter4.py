@@ -96,9 +96,7 @@ def _cropped(power: xr.DataArray, centre_m: float) -> xr.DataArray:
 
 
 def _centre_m(result: TargetResult, time_s: float) -> float:
-    limits = result.gate_limits
-    middle = (limits["range_low"].values + limits["range_high"].values) / 2.0
-    return float(np.interp(time_s, axis(limits, "time"), middle))
+    return float(result.gate.centre_at(time_s))
 
 
 def make_range_doppler(material: Material) -> Made:
@@ -150,17 +148,16 @@ def make_gate_figure(material: Material) -> Made:
     power, result, _ = _map_at_backward_foot(material)
     time_s = float(power.coords["time"])
     shown = _cropped(power, _centre_m(result, time_s))
-    limits = result.gate_limits
-    band_hz = float(limits["doppler_low"].values[0]), float(limits["doppler_high"].values[0])
-    ranges = np.abs(axis(power, "range") - _centre_m(result, time_s)) <= limits.attrs["span_m"] / 2.0
+    gate, band_hz = result.gate, result.gate.doppler_hz or (-np.inf, np.inf)
+    ranges = np.abs(axis(power, "range") - _centre_m(result, time_s)) <= gate.span_m / 2.0
     rows = (axis(power, "doppler") >= band_hz[0]) & (axis(power, "doppler") <= band_hz[1])
     inside = float(power.values[np.ix_(rows, ranges)].sum() / power.values.sum())
     readings = [
-        Reading("range span R_t of the gate", float(limits.attrs["span_m"]), "m", 1.0, 0.0, given=True),
+        Reading("range span R_t of the gate", gate.span_m, "m", 1.0, 0.0, given=True),
         Reading("Doppler band of the gate", band_hz[1] - band_hz[0], "Hz"),
         Reading("share of the map's power inside", inside, "1"),
     ]
-    figure = viz.range_doppler_map(shown, gate=limits, db_range=40.0, title="Gate on the range-Doppler map")
+    figure = viz.range_doppler_map(shown, gate=gate.limits, db_range=40.0, title="Gate on the range-Doppler map")
     figure.axes[0].set_ylim(SHOWN_HZ)
     return Made(
         figure, readings,
@@ -199,7 +196,7 @@ def make_doppler_limits(material: Material) -> Made:
     figure = viz.doppler_lines(
         recording.truth[0].scatterers, wavelength_m=wavelength_m, title="Doppler limits of the gate"
     )
-    low_hz, high_hz = (float(result.gate_limits[name].values[0]) for name in ("doppler_low", "doppler_high"))
+    low_hz, high_hz = result.gate.doppler_hz or (-np.inf, np.inf)
     for name, value in (("B_H", high_hz), ("B_L", low_hz)):
         figure.axes[0].axhline(value, color=ACCENT, ls="--", lw=1.4)
         figure.axes[0].annotate(

@@ -86,7 +86,7 @@ def to_and_fro(material: Material) -> tuple[Recording, TargetResult, TargetResul
         noisy = simulate(scene, radar, rng=Streams(material.seed), snr_db=SNR_DB, angles=False)
         report = analyze(noisy, gate="truth", analysis=Analysis(method="liland2018", hop=5))[0]
         tracks = analyze(noisy, gate="track", analysis=Analysis(extended=False))
-        ours = max(tracks, key=lambda one: axis(one.gate_limits, "time").size)
+        ours = max(tracks, key=lambda one: one.gate.time_s.size)
         return noisy, report, ours
 
     return material.once("to and fro", make)

@@ -22,9 +22,9 @@ from doppelgait.dataset.resolve import ExampleSpec, class_of, resolve, resolve_e
 from doppelgait.dataset.shard import truth_columns
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline import run_simulation
-from doppelgait.pipeline.analyze import truth_gate
 from doppelgait.pipeline.run import RunSpec
-from doppelgait.processing import Analysis
+from doppelgait.processing import Analysis, Gate
+from doppelgait.processing.gate import GateName
 from doppelgait.radar.recording import Recording
 from doppelgait.radar.waveforms import waveform_of
 from doppelgait.scene.spec import DEFAULT_DURATION_S
@@ -160,7 +160,7 @@ class ExampleRuns:
         """
         rows = self._rows(example_id)
         first = json_value(self.dataset.index.iloc[rows[0]].to_dict())
-        gate = "track" if first.get("gate") == "track" else "truth"
+        gate: GateName = "track" if first.get("gate") == "track" else "truth"
         notes = tuple(filter(None, _text(first.get("warnings")).split(";")))
         run = Run(example_id, "example", Settings(gate=gate), notes=notes)
         run.stored = lambda: [self._view(int(row), place, run) for place, row in enumerate(rows)]
@@ -310,12 +310,15 @@ def _cadence(example: Example, analysis: Analysis) -> xr.DataArray | None:
     return processing.cadence_map(processing.detrend(rows, order=processing.detrend_order(seconds)))
 
 
-def _gate(run: Run, place: int, view: TargetView, gate_error_m: float | None) -> xr.Dataset | None:
+def _gate(run: Run, place: int, view: TargetView, gate_error_m: float | None) -> Gate | None:
     """Truth gate that the example was made with; None where the recording cannot be had, or the gate was a track's."""
     recording = run.recording if view.gate == "truth" else None
     if recording is None or place >= len(recording.truth):
         return None
-    return truth_gate(recording, recording.truth[place], run.settings.analysis, gate_error_m or 0.0)
+    return Gate.from_truth(
+        recording.truth[place], recording.slow_time_s, run.settings.analysis,
+        wavelength_m=recording.radar.wavelength_m, error_m=gate_error_m or 0.0,
+    )  # fmt: skip
 
 
 def _check_same(truth: dict[str, Any], row: dict[str, Any]) -> None:

@@ -17,6 +17,7 @@ from doppelgait.core.labels import axis, sampling_rate_hz
 from doppelgait.core.units import power_to_db
 from doppelgait.processing import Analysis, burst_pulses_of, range_doppler
 from doppelgait.processing.config import MIN_CPI_PULSES
+from doppelgait.processing.gate import GateChoice
 from doppelgait.processing.signature import plan_for
 from doppelgait.processing.sound import Channels, doppler_sound, why_silent, write_wav
 from doppelgait.radar.recording import Recording, TargetTruth
@@ -31,7 +32,7 @@ from doppelgait.viewer.payload import (
     shown_range_db,
 )
 from doppelgait.viewer.run import Run
-from doppelgait.viewer.settings import Clutter, Gate, number_of, whole_of
+from doppelgait.viewer.settings import Clutter, number_of, whole_of
 
 Arrays = dict[str, npt.NDArray[Any]]
 
@@ -42,7 +43,7 @@ TRUTH_FACTS = (
 )  # fmt: skip
 
 
-def recording_payload(run: Run, gate: Gate | None, *, clutter: Clutter | None = None) -> bytes:
+def recording_payload(run: Run, gate: GateChoice | None, *, clutter: Clutter | None = None) -> bytes:
     """Payload of ``api/recording``.
 
     Parameters
@@ -228,7 +229,7 @@ class Frames:
 
 
 def range_doppler_payload(
-    run: Run, gate: Gate | None, *, start: int, count: int, clutter: Clutter | None = None
+    run: Run, gate: GateChoice | None, *, start: int, count: int, clutter: Clutter | None = None
 ) -> bytes:
     """Payload of ``api/range-doppler``.
 
@@ -332,7 +333,9 @@ def _for_screen(cube: xr.DataArray) -> tuple[npt.NDArray[Any], dict[str, Any], d
 MOST_PITCH = 1e6
 
 
-def sound_wav(run: Run, gate: Gate | None, parameters: Mapping[str, str], clutter: Clutter | None = None) -> bytes:
+def sound_wav(
+    run: Run, gate: GateChoice | None, parameters: Mapping[str, str], clutter: Clutter | None = None
+) -> bytes:
     """WAV file of one target, as long as the recording.
 
     Parameters

@@ -14,15 +14,14 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import AnalysisError, DoppelgaitError, DoppelgaitWarning
-from doppelgait.core.labels import axis
 from doppelgait.core.units import velocity_to_doppler_hz
 from doppelgait.pipeline import TargetResult, analyze
 from doppelgait.pipeline.results import StoredTarget
 from doppelgait.pipeline.tracked import with_clutter_off
 from doppelgait.processing import Analysis, remove_clutter
-from doppelgait.processing.gate import gate_centre_m
+from doppelgait.processing.gate import Gate, GateChoice
 from doppelgait.radar.recording import Recording, TargetTruth
-from doppelgait.viewer.settings import Clutter, Gate, Settings
+from doppelgait.viewer.settings import Clutter, Settings
 
 Span = tuple[float, float]
 """Start and stop, s."""
@@ -38,9 +37,8 @@ DIGITS = 6
 
 def span_of(result: TargetResult) -> Span:
     """Times that a result is about: of its piece, or all of its gate."""
-    times_s = axis(result.gate_limits, "time")
-    quality = result.quality
-    return float(quality.get("start_s", times_s[0])), float(quality.get("stop_s", times_s[-1]))
+    quality, gate = result.quality, result.gate
+    return float(quality.get("start_s", gate.start_s)), float(quality.get("stop_s", gate.stop_s))
 
 
 def truths_of(recording: Recording, results: Sequence[TargetResult]) -> list[Truths]:
@@ -61,12 +59,11 @@ def truths_of(recording: Recording, results: Sequence[TargetResult]) -> list[Tru
     pairs = []
     for number, body in product(range(len(results)), range(len(recording.truth))):
         result = results[number]
-        if result.gate == "truth":
+        if result.gate.source == "truth":
             found[number] = number if number < len(recording.truth) else None
-        elif result.gate == "given":
+        elif result.gate.source == "given":
             # The body that is inside a fixed gate for most of the time; None where there are several or none.
-            gate = result.gate_limits
-            low_m, high_m = float(gate["range_low"].values[0]), float(gate["range_high"].values[0])
+            low_m, high_m = float(result.gate.low_m[0]), float(result.gate.high_m[0])
             inside = [n for n, one in enumerate(recording.truth) if low_m < np.median(one.centre_range_m) < high_m]
             touched = [
                 n
@@ -96,7 +93,7 @@ def _overlap(one: Span, other: Span) -> bool:
 def _distance_m(truth: TargetTruth, times_s: npt.NDArray[np.float64], result: TargetResult, span: Span) -> float:
     """Median distance of the middle of a gate from a body."""
     chosen = _during(times_s, span)
-    middle_m = gate_centre_m(result.gate_limits, times_s[chosen])
+    middle_m = result.gate.centre_at(times_s[chosen])
     return float(np.median(np.abs(middle_m - truth.centre_range_m[chosen])))
 
 
@@ -113,7 +110,7 @@ def _truths(
         span = (start_s, stop_s)
         if truth is None:
             return None
-        if result.gate == "track" and _distance_m(truth, times_s, result, span) >= NEAR_M:
+        if result.gate.source == "track" and _distance_m(truth, times_s, result, span) >= NEAR_M:
             return None
         return true_values(truth, recording.radar.wavelength_m, _during(times_s, span))
 
@@ -181,7 +178,7 @@ class TargetView:
         None where it was not kept.
     main_line_hz : ndarray, optional
         At the columns of the signature.
-    gate_limits : Dataset (time), optional
+    gate_limits : Gate, optional
     truth : mapping, optional
         What is true of the features and frequencies, by their names.
     pieces : tuple of (float, float)
@@ -206,7 +203,7 @@ class TargetView:
     cadence_map: xr.DataArray | None = None
     cadence_spectrum: xr.DataArray | None = None
     main_line_hz: npt.NDArray[np.float64] | None = None
-    gate_limits: xr.Dataset | None = None
+    gate_limits: Gate | None = None
     truth: Mapping[str, Any] | None = None
     pieces: tuple[Span, ...] = ()
     piece: int | None = None
@@ -244,7 +241,7 @@ class Run:
     reason: str = ""
     stored: Callable[[], Sequence[TargetView]] | None = None
     notes: tuple[str, ...] = ()
-    _analyses: dict[tuple[Gate, str], Analysed] = field(default_factory=dict, repr=False)
+    _analyses: dict[tuple[GateChoice, str], Analysed] = field(default_factory=dict, repr=False)
     _kept: dict[str, Any] = field(default_factory=dict, repr=False)
 
     @cached_property
@@ -269,7 +266,7 @@ class Run:
             raise AnalysisError(f"{self.name}: there is no recording to take it from: {self.reason}")
         return self.recording
 
-    def analysis(self, gate: Gate | None, clutter: Clutter | None = None) -> Analysis:
+    def analysis(self, gate: GateChoice | None, clutter: Clutter | None = None) -> Analysis:
         """Parameters that targets in a gate are analysed with.
 
         Of a recording static clutter is taken off, by the median, unless the user said how; what "Try it" simulates has
@@ -286,7 +283,7 @@ class Run:
             return with_clutter_off(known)
         return known
 
-    def clean_baseband(self, gate: Gate | None, clutter: Clutter | None = None) -> xr.DataArray:
+    def clean_baseband(self, gate: GateChoice | None, clutter: Clutter | None = None) -> xr.DataArray:
         """Baseband without clutter, as it is analysed."""
         analysis = self.analysis(gate, clutter)
         return self.keep(
@@ -300,7 +297,7 @@ class Run:
         kept: T = self._kept[name]
         return kept
 
-    def targets(self, gate: Gate | None, clutter: Clutter | None = None) -> list[TargetView]:
+    def targets(self, gate: GateChoice | None, clutter: Clutter | None = None) -> list[TargetView]:
         """Targets in a gate; in None those that were stored, or those in the gate that is shown first.
 
         Raises
@@ -312,15 +309,15 @@ class Run:
             return self.stored_targets
         return self._analysis_in(gate or self.settings.gate, clutter)[0]
 
-    def shows_stored(self, gate: Gate | None) -> bool:
+    def shows_stored(self, gate: GateChoice | None) -> bool:
         """Whether targets in a gate are those that were stored."""
         return gate is None and self.stored is not None
 
-    def warnings(self, gate: Gate | None, clutter: Clutter | None = None) -> list[str]:
+    def warnings(self, gate: GateChoice | None, clutter: Clutter | None = None) -> list[str]:
         """What the analysis of :meth:`targets` warned of."""
         return [] if self.shows_stored(gate) else self._analysis_in(gate or self.settings.gate, clutter)[1]
 
-    def _analysis_in(self, gate: Gate, clutter: Clutter | None) -> Analysed:
+    def _analysis_in(self, gate: GateChoice, clutter: Clutter | None) -> Analysed:
         done = self.analysis(gate, clutter)
         key = (gate, str(done.clutter))
         if key not in self._analyses:
@@ -329,10 +326,9 @@ class Run:
             self._analyses[key] = with_warnings(lambda: self._analysed(gate, done))
         return self._analyses[key]
 
-    def _analysed(self, gate: Gate, analysis: Analysis) -> list[TargetView]:
+    def _analysed(self, gate: GateChoice, analysis: Analysis) -> list[TargetView]:
         recording = self.needed_recording()
-        given: Any = gate
-        results = analyze(recording, gate=given, analysis=analysis, tracking=self.settings.tracking)
+        results = analyze(recording, gate=gate, analysis=analysis, tracking=self.settings.tracking)
         return [view_of(result, truths) for result, truths in zip(results, truths_of(recording, results), strict=True)]
 
 
@@ -361,7 +357,7 @@ def view_of(result: TargetResult, truths: Truths) -> TargetView:
     facts = {key: value for key, value in result.quality.items() if key in TRACK_FACTS}
     views = tuple(
         replace(
-            _view(piece, truths), pieces=spans, piece=number, gate_limits=result.gate_limits,
+            _view(piece, truths), pieces=spans, piece=number, gate_limits=result.gate,
             quality={**piece.quality, **facts},
         )
         for number, piece in enumerate(result.pieces)
@@ -373,7 +369,7 @@ def _view(result: TargetResult, truths: Truths) -> TargetView:
     features = result.features.as_dict()
     return TargetView(
         label=result.label,
-        gate=result.gate,
+        gate=result.gate.source,
         features=features,
         gait_frequency_hz=result.gait_frequency_hz,
         torso_doppler_hz=result.torso_doppler_hz,
@@ -386,7 +382,7 @@ def _view(result: TargetResult, truths: Truths) -> TargetView:
         cadence_map=result.cadence_map,
         cadence_spectrum=result.cadence_spectrum,
         main_line_hz=result.main_line_hz,
-        gate_limits=result.gate_limits,
+        gate_limits=result.gate,
         truth=truths(*span_of(result)),
     )
 
@@ -402,7 +398,7 @@ def view_of_stored(target: StoredTarget) -> TargetView:
         cadence_map=target.cadence_map,
         cadence_spectrum=target.cadence_spectrum,
         main_line_hz=target.main_line_hz,
-        gate_limits=target.gate_limits,
+        gate_limits=target.gate,
         pieces=spans,
     )
     if not spans:
@@ -411,7 +407,7 @@ def view_of_stored(target: StoredTarget) -> TargetView:
     views = tuple(
         longest
         if number == longest.piece
-        else replace(_stored_facts(piece), gate_limits=target.gate_limits, pieces=spans, piece=number)
+        else replace(_stored_facts(piece), gate_limits=target.gate, pieces=spans, piece=number)
         for number, piece in enumerate(pieces)
     )
     return replace(longest, piece_views=views)

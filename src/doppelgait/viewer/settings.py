@@ -11,7 +11,8 @@ from typing import Any, Literal
 from doppelgait.core.config import apply_overrides, validate
 from doppelgait.core.errors import ConfigError
 from doppelgait.pipeline import Tracking
-from doppelgait.processing import Analysis
+from doppelgait.processing import Analysis, Gate
+from doppelgait.processing.gate import GateChoice
 
 Pairs = Sequence[tuple[str, str]]
 
@@ -74,31 +75,6 @@ def whole_of(parameters: Mapping[str, str], key: str, default: int, *, least: in
     return int(value)
 
 
-Gate = str | tuple[float, float]
-
-
-def gate_of(text: str) -> Gate:
-    """Gate of a request or of ``--gate``: a name, or two ranges in metres.
-
-    Raises
-    ------
-    ConfigError
-        If it is neither ``track``, ``truth`` nor two rising ranges.
-    """
-    if text in ("track", "truth"):
-        return text
-    low, colon, high = text.partition(":")
-    try:
-        limits = number_of("gate", low), number_of("gate", high)
-    except ConfigError:
-        limits = (0.0, 0.0)
-    if not colon or limits[0] >= limits[1]:
-        raise ConfigError(
-            f"gate: {text!r} is not allowed; it must be track, truth or FROM:TO in m, for example 1.2:2.8"
-        )
-    return limits
-
-
 Clutter = Literal["kept", "removed"]
 """What a request may ask of what stands still."""
 
@@ -121,7 +97,7 @@ class Settings:
         Where the motion files of a dataset's plan are; without, none is opened.
     """
 
-    gate: Gate = "track"
+    gate: GateChoice = "track"
     analysis: Analysis = field(default_factory=Analysis)
     tracking: Tracking = field(default_factory=Tracking)
     options: Mapping[str, Any] = field(default_factory=dict)
@@ -141,6 +117,6 @@ def parse_settings(gate: str | None, changes: Sequence[str], options: Sequence[s
     tracking = validate(Tracking, table.pop("tracking", {}), where="tracking")
     analysis = validate(Analysis, table, where="analysis")
     return Settings(
-        gate=gate_of(gate or "track"), analysis=analysis, tracking=tracking, options=apply_overrides({}, options),
-        gate_asked=gate is not None,
+        gate=Gate.parse(gate or "track", where="--gate"), analysis=analysis, tracking=tracking,
+        options=apply_overrides({}, options), gate_asked=gate is not None,
     )  # fmt: skip

@@ -12,13 +12,14 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from doppelgait import __version__
-from doppelgait.core.errors import ConfigError, RecordingError
+from doppelgait.core.errors import AnalysisError, ConfigError, RecordingError
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.processing import burst_pulses_of
+from doppelgait.processing.gate import Gate, GateChoice, frame_limits_m
 from doppelgait.radar.recording import Recording
 from doppelgait.viewer.browse import Browser
 from doppelgait.viewer.run import Run, view_of_stored, with_warnings
-from doppelgait.viewer.settings import Clutter, Gate, Pairs, Settings, gate_of, single
+from doppelgait.viewer.settings import Clutter, Pairs, Settings, single
 
 DATASET_FILES = ("dataset.json", "index.parquet")
 
@@ -95,8 +96,11 @@ def open_path(path: str | Path, settings: Settings) -> Opened:
     recording, said = with_warnings(lambda: read_recording(place, **settings.options))
     if settings.gate == "truth" and not recording.truth:
         raise ConfigError(f"--gate truth: {name} has no truth; take --gate track, or give the range, --gate 1.2:2.8")
-    if isinstance(settings.gate, tuple):
-        _check_inside(settings.gate, recording)
+    if isinstance(settings.gate, tuple):  # a gate outside would show a page without targets
+        try:
+            Gate.fixed(*settings.gate, time_s=recording.slow_time_s, range_m=recording.range_m)
+        except AnalysisError as error:
+            raise ConfigError(f"--gate: {error}, or --gate track") from None
     if not settings.gate_asked and not can_track(recording):
         settings = replace(settings, gate=all_ranges_m(recording))
     notes = tuple(text.replace(f"{place}", name) for text in said)  # the page does not learn where the file is
@@ -108,23 +112,12 @@ def can_track(recording: Recording) -> bool:
     return recording.n_range_bins > 1 and burst_pulses_of(recording.baseband) is None
 
 
-def _check_inside(gate_m: tuple[float, float], recording: Recording) -> None:
-    """A gate of which nothing lies in the frame would show a page without targets."""
-    first_m, last_m = all_ranges_m(recording)
-    if recording.n_range_bins > 1 and (gate_m[1] <= first_m or gate_m[0] >= last_m):
-        raise ConfigError(
-            f"--gate {gate_m[0]:g}:{gate_m[1]:g}: lies outside the recorded frame, {first_m:.2f} to {last_m:.2f} m; "
-            "take ranges inside, or --gate track"
-        )
-
-
 def all_ranges_m(recording: Recording) -> tuple[float, float]:
     """A gate around all range cells, m."""
     range_m = recording.range_m
     if range_m.size == 1:
         return recording.radar.range_start_m, recording.radar.range_stop_m
-    half_m = float(range_m[1] - range_m[0]) / 2
-    return float(range_m[0]) - half_m, float(range_m[-1]) + half_m
+    return frame_limits_m(range_m)
 
 
 MOST_RUNS = 4
@@ -149,7 +142,7 @@ class Reference:
     """
 
     key: tuple[str | tuple[str, str], ...]
-    gate: Gate | None
+    gate: GateChoice | None
     further: dict[str, str]
     clutter: Clutter | None = None
     piece: tuple[int, int] | None = None
@@ -174,7 +167,7 @@ def parse_reference(query: Pairs, names: Sequence[str] = ()) -> Reference:
     found = single(query, ["example", "try", "gate", *names, *own])
     if trying and (found["try"] != "1" or "example" in found):
         raise ConfigError("try: must be 1, and does not go together with example")
-    gate = gate_of(found["gate"]) if "gate" in found else None
+    gate = Gate.parse(found["gate"], where="gate") if "gate" in found else None
     further = {key: value for key, value in found.items() if key in names}
     key: tuple[str | tuple[str, str], ...] = ("example", found["example"]) if "example" in found else ()
     if trying:
@@ -289,8 +282,8 @@ def gates_of(run: Run | None) -> list[str]:
     return [name for name, possible in named.items() if possible]
 
 
-def gate_text(gate: Gate) -> str:
-    """Gate as a request has it."""
+def gate_text(gate: GateChoice) -> str:
+    """GateChoice as a request has it."""
     return gate if isinstance(gate, str) else f"{gate[0]:g}:{gate[1]:g}"
 
 

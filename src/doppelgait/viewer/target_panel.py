@@ -13,9 +13,10 @@ from doppelgait import processing
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.labels import axis
 from doppelgait.pipeline.target import ALIGNED
+from doppelgait.processing.gate import Gate, GateChoice
 from doppelgait.viewer.payload import MOST, axis_facts, block_of, doppler_facts, image_facts, level_db, pack
 from doppelgait.viewer.run import Run, TargetView
-from doppelgait.viewer.settings import Clutter, Gate
+from doppelgait.viewer.settings import Clutter
 
 Arrays = dict[str, npt.NDArray[Any]]
 
@@ -25,7 +26,7 @@ NO_TARGET = "no target was found: nothing moves steadily or breathes in this rec
 
 
 def targets_payload(
-    run: Run, gate: Gate | None, clutter: Clutter | None = None, *, piece: tuple[int, int] | None = None
+    run: Run, gate: GateChoice | None, clutter: Clutter | None = None, *, piece: tuple[int, int] | None = None
 ) -> bytes:
     """Payload of ``api/targets``; of a run that cannot be analysed so, the reason.
 
@@ -179,12 +180,12 @@ def _peaks(view: TargetView) -> Iterator[dict[str, Any]]:
             yield {"hz": hz, "name": name}
 
 
-def _gate_limits(gate: xr.Dataset | None, prefix: str, arrays: Arrays) -> dict[str, Any] | None:
+def _gate_limits(gate: Gate | None, prefix: str, arrays: Arrays) -> dict[str, Any] | None:
     if gate is None:
         return None
-    times_s = axis(gate, "time")
-    chosen = np.unique(np.linspace(0, times_s.size - 1, min(times_s.size, MOST_GATE_POINTS)).round().astype(int))
-    lines = {"time": times_s, "low": gate["range_low"].values, "high": gate["range_high"].values}
+    count = gate.time_s.size
+    chosen = np.unique(np.linspace(0, count - 1, min(count, MOST_GATE_POINTS)).round().astype(int))
+    lines = {"time": gate.time_s, "low": gate.low_m, "high": gate.high_m}
     for key, values in lines.items():
         arrays[f"{prefix}gate_{key}"] = values[chosen].astype(np.float32)
     return {key: f"{prefix}gate_{key}" for key in lines}

@@ -9,6 +9,7 @@ from typing import Any
 
 from doppelgait.core.errors import ConfigError, DoppelgaitError, DoppelgaitWarning
 from doppelgait.pipeline import parse_run, run_simulation
+from doppelgait.processing.gate import GateName
 from doppelgait.viewer.run import Run
 from doppelgait.viewer.settings import Settings
 from doppelgait.viewer.try_controls import (
@@ -26,7 +27,7 @@ from doppelgait.viewer.try_controls import (
 STEP_TIME_SD, STEP_LENGTH_SD, STRIDE_VARIATION = 0.02, 0.03, 0.02
 """How unlike the steps of healthy adults are, and the strides of an animal."""
 LABELS = {"person": "human"}
-GATE = "truth"
+GATE: GateName = "truth"
 
 
 def controls() -> list[dict[str, Any]]:

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from doppelgait.processing.gate import make_gate
+from doppelgait.processing import Gate
 from doppelgait.processing.track.metrics import agreement, gospa, ospa, range_iou
 
 
@@ -60,10 +60,10 @@ def test_empty_sets_and_nan() -> None:
 def test_overlap_of_gates() -> None:
     """1.6 m wide, 0.4 m apart: 1.2 of 2.0; 0 where the gate has not started."""
     times = np.arange(5.0)
-    reference = make_gate(times, np.full(5, 4.0), span_m=1.6, source="truth")
-    gate = make_gate(times[2:], np.full(3, 4.4), span_m=1.6, source="track")
+    reference = Gate.around(times, np.full(5, 4.0), span_m=1.6, source="truth")
+    gate = Gate.around(times[2:], np.full(3, 4.4), span_m=1.6, source="track")
     np.testing.assert_allclose(range_iou(gate, reference), [0, 0, 0.6, 0.6, 0.6])
-    far = make_gate(times, np.full(5, 9.0), span_m=1.6, source="track")
+    far = Gate.around(times, np.full(5, 9.0), span_m=1.6, source="track")
     assert range_iou(far, reference).max() == 0.0
 
 

@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 
 from checkout import ROOT
-from doppelgait.processing import Analysis, make_gate, signature
+from doppelgait.processing import Analysis, Gate, signature
 
 STUDIES = ROOT / "studies"
 
@@ -171,7 +171,7 @@ def test_noise_of_a_tracked_trial_has_the_wanted_level(study: ModuleType) -> Non
     wavelength_m = recording.radar.wavelength_m
     truth = recording.truth[0]
     times_s = recording.baseband.coords["slow_time"].values
-    gate = make_gate(times_s, truth.centre_range_m, span_m=1.6, source="given")
+    gate = Gate.around(times_s, truth.centre_range_m, span_m=1.6, source="given")
     levels = [
         signature(recording.baseband.copy(data=data.astype(np.complex64)), gate, Analysis(), wavelength_m=wavelength_m)
         for data in (recording.baseband.values, noise)

@@ -267,7 +267,7 @@ def test_an_opened_example_shows_what_is_stored_and_its_recording(tiny):
             run.recording, gate="truth", analysis=run.settings.analysis, gate_error_m=example.row["gate_error_m"]
         )
         np.testing.assert_allclose(view.cadence_spectrum, analysed.cadence_spectrum, rtol=1e-3)
-        np.testing.assert_array_equal(view.gate_limits["range_low"], analysed.gate_limits["range_low"])
+        np.testing.assert_array_equal(view.gate_limits.low_m, analysed.gate.low_m)
         assert run.recording.truth[0].body is not None
 
 
@@ -289,7 +289,7 @@ def test_all_targets_of_a_scene_are_one_run(mixed):
     np.testing.assert_array_equal(
         dog.signature, mixed["human-000002-c1"].signature
     )  # half precision, every second column
-    middle_m = (dog.gate_limits["range_low"] + dog.gate_limits["range_high"]).values / 2
+    middle_m = (dog.gate_limits.low_m + dog.gate_limits.high_m) / 2
     error_m = mixed["human-000002-c1"].row["gate_error_m"]
     np.testing.assert_allclose(middle_m - error_m, run.recording.truth[1].centre_range_m, atol=1e-9)
     assert axis(dog.cadence_spectrum, "cadence")[-1] <= 20.0

@@ -19,10 +19,10 @@ from doppelgait.cli.output import reader_options
 from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitError, RecordingError
 from doppelgait.dataset import open_dataset
 from doppelgait.pipeline import analyze, parse_run, run_simulation, write_results
-from doppelgait.processing import Analysis
+from doppelgait.processing import Analysis, Gate
 from doppelgait.radar import read_recording, write_recording, write_sigmf
 from doppelgait.viewer import server
-from doppelgait.viewer.settings import gate_of, number_of, parse_settings, single, whole_of
+from doppelgait.viewer.settings import number_of, parse_settings, single, whole_of
 from doppelgait.viewer.source import all_ranges_m, can_track, open_path
 from tiny_dataset import built, tiny_plan
 from viewer_client import served, walking_scene
@@ -154,7 +154,7 @@ def test_parameters_of_a_dataset_are_checked(dataset, path):
 
 def test_values_are_checked():
     assert single([("a", "1")], ["a", "b"]) == {"a": "1"}
-    assert gate_of("1.5:2") == (1.5, 2.0)
+    assert Gate.parse("1.5:2") == (1.5, 2.0)
     assert number_of("p", "2e1", least=0, most=20) == 20.0
     assert whole_of({}, "n", 3, least=0, most=5) == 3
     for bad in ("", "٣", "+1", "1_0", " 1", "6"):

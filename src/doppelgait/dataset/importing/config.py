@@ -2,40 +2,25 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
 from doppelgait.core.config import FrozenModel
+from doppelgait.core.errors import ConfigError
 from doppelgait.dataset.config import SPLITS, FieldSpec
 from doppelgait.pipeline import Tracking
-from doppelgait.processing import Analysis
+from doppelgait.processing import Analysis, Gate
+from doppelgait.processing.gate import GateChoice
 
-Gate = Literal["track"] | tuple[float, float]
 Split = Literal["train", "validation", "test"]
 
 FIELDS_OF_RECORDINGS = ("signature", "cadence_map", "baseband")
 
 
-def parse_gate(value: Any) -> Gate:
-    """Gate from ``"track"``, ``"1.2:2.8"`` or two ranges in m.
-
-    Raises
-    ------
-    ValueError
-        If it is none of these.
-    """
-    if value == "track":
-        return "track"
-    parts = value.split(":") if isinstance(value, str) else value
-    try:
-        low_m, high_m = (float(part) for part in parts)
-    except (TypeError, ValueError):
-        raise ValueError("must be track or FROM:TO in m, for example 1.2:2.8") from None
-    if not 0 <= low_m < high_m < math.inf:
-        raise ValueError("must be two rising ranges in m, 0 or more, for example 1.2:2.8")
-    return low_m, high_m
+def parse_gate(value: Any, *, where: str = "") -> GateChoice:
+    """Parse the gate of measured recordings: ``"track"``, ``"1.2:2.8"`` or two ranges in m; a ConfigError if none."""
+    return Gate.parse(value, names=("track",), lowest_m=0.0, where=where)
 
 
 class ImportConfig(FrozenModel):
@@ -63,7 +48,7 @@ class ImportConfig(FrozenModel):
     tracking : Tracking
     """
 
-    gate: Gate = "track"
+    gate: GateChoice = "track"
     window_s: float | None = Field(default=None, gt=0, le=86_400)
     hop_s: float | None = Field(default=None, gt=0, le=86_400)
     fields: tuple[FieldSpec, ...] = (FieldSpec(name="signature"),)
@@ -75,8 +60,11 @@ class ImportConfig(FrozenModel):
 
     @field_validator("gate", mode="before")
     @classmethod
-    def _is_a_gate(cls, gate: Any) -> Gate:
-        return parse_gate(gate)
+    def _is_a_gate(cls, gate: Any) -> GateChoice:
+        try:
+            return parse_gate(gate)
+        except ConfigError as error:
+            raise ValueError(str(error)) from None
 
     @field_validator("fields", mode="before")
     @classmethod

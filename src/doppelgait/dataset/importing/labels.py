@@ -20,7 +20,8 @@ from doppelgait.core.config import apply_overrides
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning
 from doppelgait.core.files import file_sha256
 from doppelgait.dataset.config import SPLITS
-from doppelgait.dataset.importing.config import Gate, parse_gate
+from doppelgait.dataset.importing.config import parse_gate
+from doppelgait.processing.gate import GateChoice
 from doppelgait.radar.xethru.meta import META_NAME
 
 PAIRS = (("_RE.txt", "_IM.txt"), (".sigmf-meta", ".sigmf-data"))
@@ -271,7 +272,7 @@ class LabelEntry:
     line: int
     recording: str
     label: str
-    gate: Gate = "track"
+    gate: GateChoice = "track"
     start_s: float | None = None
     stop_s: float | None = None
     subject: str = ""
@@ -293,7 +294,7 @@ def _end(entry: LabelEntry) -> float:
     return math.inf if entry.stop_s is None else entry.stop_s
 
 
-def read_labels(path: str | Path, folder: str | Path, *, gate: Gate = "track") -> list[LabelEntry]:
+def read_labels(path: str | Path, folder: str | Path, *, gate: GateChoice = "track") -> list[LabelEntry]:
     """Entries of a file of labels, one per recording and line, in the order of the lines.
 
     Parameters
@@ -342,7 +343,9 @@ def _meaning(name: str, column: str) -> str:
     return META + column
 
 
-def _entries(line: int, cells: Mapping[str, str], find: Callable[[str], list[str]], gate: Gate) -> list[LabelEntry]:
+def _entries(
+    line: int, cells: Mapping[str, str], find: Callable[[str], list[str]], gate: GateChoice
+) -> list[LabelEntry]:
     label = cells["label"]
     if not LABEL.fullmatch(label):
         raise ConfigError(f"label: {label!r} is not allowed; it needs one or more letters, digits, spaces, _ . or -")
@@ -358,7 +361,7 @@ def _entries(line: int, cells: Mapping[str, str], find: Callable[[str], list[str
     texts = {name: cells.get(name, "") for name in ("subject", "split", "session", "licence", "citation")}
     return [
         LabelEntry(
-            line, recording, label, _gate(cells.get("gate", ""), gate), start_s, stop_s, **texts,
+            line, recording, label, parse_gate(cells.get("gate") or gate, where="gate"), start_s, stop_s, **texts,
             nobody=_yes(cells.get("nobody", "")), options=_options(cells), further=_further(cells),
         )
         for recording in recordings
@@ -388,13 +391,6 @@ def _number(name: str, cell: str) -> float | None:
     if not math.isfinite(value):
         raise ConfigError(f"{name}: {cell!r} is not allowed; it must be a number with a decimal point, or empty")
     return value
-
-
-def _gate(cell: str, usual: Gate) -> Gate:
-    try:
-        return parse_gate(cell) if cell else usual
-    except ValueError as error:
-        raise ConfigError(f"gate: {cell!r} is not allowed; it {error}") from None
 
 
 def _yes(cell: str) -> bool:

@@ -1,8 +1,7 @@
 """Following bodies in range and radial velocity through the detections of a recording."""
 
 from doppelgait.processing.track.config import Tracker
-from doppelgait.processing.track.gates import crop, gate_of
 from doppelgait.processing.track.live import Track
 from doppelgait.processing.track.tracker import track
 
-__all__ = ["Track", "Tracker", "crop", "gate_of", "track"]
+__all__ = ["Track", "Tracker", "track"]

@@ -7,9 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
-from doppelgait.core.labels import axis
+from doppelgait.processing.gate import Gate
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -78,7 +77,7 @@ def gospa(found: npt.ArrayLike, reference: npt.ArrayLike, *, cutoff: float = 1.0
     return Gospa(total ** (1 / order), localisation, half * n_missed, half * n_false, n_missed, n_false)
 
 
-def range_iou(gate: xr.Dataset, reference: xr.Dataset) -> FloatArray:
+def range_iou(gate: Gate, reference: Gate) -> FloatArray:
     """Intersection over union of the ranges of two gates at each time of the reference.
 
     Returns
@@ -86,9 +85,9 @@ def range_iou(gate: xr.Dataset, reference: xr.Dataset) -> FloatArray:
     ndarray, shape (T,)
         0 where the gate has not started or has ended.
     """
-    times_s, own_s = axis(reference, "time"), axis(gate, "time")
-    low, high = (np.interp(times_s, own_s, gate[name].values) for name in ("range_low", "range_high"))
-    ref_low, ref_high = reference["range_low"].values, reference["range_high"].values
+    times_s, own_s = reference.time_s, gate.time_s
+    low, high = (np.interp(times_s, own_s, limit) for limit in (gate.low_m, gate.high_m))
+    ref_low, ref_high = reference.low_m, reference.high_m
     both = np.maximum(np.minimum(high, ref_high) - np.maximum(low, ref_low), 0.0)
     either = (high - low) + (ref_high - ref_low) - both
     inside = (times_s >= own_s[0] - 1e-9) & (times_s <= own_s[-1] + 1e-9)
