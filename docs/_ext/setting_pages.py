@@ -36,7 +36,7 @@ def groups() -> dict[str, Group]:
     return {
         "scene": ("Scene file", SCENE_WORDS, _scene_models()),
         "motion": ("Motion models and paths", MOTION_WORDS, _motion_models()),
-        "radar": ("Radar", RADAR_WORDS, _models("doppelgait.radar.config:Radar", "doppelgait.radar.antenna:Antenna")),
+        "radar": ("Radar", RADAR_WORDS, _radar_models()),
         "surroundings": ("Environment and impairments", LIST_WORDS, _list_models()),
         "analysis": ("Analysis and tracking", ANALYSIS_WORDS, _analysis_models()),
         "plan": ("Dataset plan and import", PLAN_WORDS, _plan_models()),
@@ -76,6 +76,13 @@ def _get(place: str) -> Any:
 
 def _models(*places: str) -> list[tuple[str, type[BaseModel]]]:
     return [(place.partition(":")[2], _get(place)) for place in places]
+
+
+def _radar_models() -> list[tuple[str, type[BaseModel]]]:
+    waveforms = _get("doppelgait.radar:WAVEFORMS").values()
+    own = [plugin for plugin in waveforms if set(plugin.parameters.model_fields) != {"kind"}]
+    models = _models("doppelgait.radar.parameters:Radar", "doppelgait.radar.antenna:Antenna")
+    return [*models, *((f'waveform, kind = "{plugin.name}"', plugin.parameters) for plugin in own)]
 
 
 def _scene_models() -> list[tuple[str, type[BaseModel]]]:

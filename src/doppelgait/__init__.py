@@ -23,7 +23,10 @@ _LAZY = {
     "rng": "doppelgait.core.rng",
     "plugin": "doppelgait.core.plugins",
 }
-PLUGIN_ROOMS: tuple[str, ...] = ("doppelgait.dataset.export",)
+PLUGIN_ROOMS: tuple[str, ...] = (
+    "doppelgait.dataset.export",
+    "doppelgait.radar.parameters",
+)
 """Modules in which the groups of plug-ins are declared (:mod:`doppelgait.core.plugins`)."""
 
 _SUBPACKAGES = {

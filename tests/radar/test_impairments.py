@@ -63,9 +63,8 @@ EXAMPLES = (
 
 
 def n_samples(radar):
-    from doppelgait.radar.waveforms import waveform_of
 
-    return waveform_of(radar).n_samples(radar)
+    return radar.waveform.n_samples(radar)
 
 
 def random_samples(shape, seed=3):

@@ -21,7 +21,6 @@ from doppelgait.radar.impairments import (
     make_impairment,
     x4_frame_rate_hz,
 )
-from doppelgait.radar.waveforms import waveform_of
 
 C = 299_792_458.0
 X4 = Radar.preset("x4", volts_per_unit=0.4)
@@ -37,11 +36,11 @@ def only(samples, spec, radar=X4, seed=1):
 
 
 def zeros(n_pulses, radar=X4):
-    return np.zeros((n_pulses, waveform_of(radar).n_samples(radar)), np.complex64)
+    return np.zeros((n_pulses, radar.waveform.n_samples(radar)), np.complex64)
 
 
 def bins(samples, radar):
-    return waveform_of(radar).compress(samples, radar)
+    return radar.waveform.compress(samples, radar)
 
 
 def power(values, **kwargs):
@@ -203,7 +202,7 @@ def rooms(spec, radar):
     return np.array(values)
 
 
-@pytest.mark.parametrize("radar", [X4, FMCW, CW], ids=lambda radar: radar.waveform)
+@pytest.mark.parametrize("radar", [X4, FMCW, CW], ids=lambda radar: radar.waveform.kind)
 def test_clutter_has_the_profile_asked_for(radar):
     levels = ((2.0, -60.0), (6.0, -70.0))
     values = rooms(StaticClutter(levels=levels), radar)

@@ -11,7 +11,15 @@ import xarray as xr
 from typer.testing import CliRunner
 
 from doppelgait.core.errors import ConfigError
-from doppelgait.radar import Radar, echo_amplitude_v, noise_power_v2, preset_names, preset_table, synthesise
+from doppelgait.radar import (
+    Radar,
+    derived_quantities,
+    echo_amplitude_v,
+    noise_power_v2,
+    preset_names,
+    preset_table,
+    synthesise,
+)
 
 C = 299_792_458.0
 WITHOUT_SOURCES = {"x4-long", "liland2018"}
@@ -31,7 +39,7 @@ BINS_CM = {
 def test_there_is_a_preset_for_every_sensor():
     wanted = {*SPEEDS_MPS, *BINS_CM, "x4-long", "liland2018", "xband-cw"}
     assert set(preset_names()) == wanted
-    assert {Radar.preset(name).waveform for name in preset_names()} == {"impulse", "fmcw", "cw"}
+    assert {Radar.preset(name).waveform.kind for name in preset_names()} == {"impulse", "fmcw", "cw"}
 
 
 @pytest.mark.parametrize("name", SPEEDS_MPS)
@@ -50,7 +58,7 @@ def test_range_bins_are_those_of_the_sources(name):
      ("ancortek-24", 128, 25.58), ("xband-fmcw", 1008, 1889.0)],
 )  # fmt: skip
 def test_samples_per_sweep_and_unambiguous_range(name, samples, reach_m):
-    derived = Radar.preset(name).derived()
+    derived = derived_quantities(Radar.preset(name))
     assert derived["n_samples"] == samples
     assert derived["unambiguous_range_m"] == pytest.approx(reach_m, rel=1e-3)
     assert derived["sweep_slope_hz_per_s"] == pytest.approx(
@@ -65,7 +73,7 @@ def test_x4_frames_and_averages(name, bins, averages):
     radar = Radar.preset(name)
     assert radar.n_range_bins == bins
     assert radar.averages_per_frame == pytest.approx(averages, rel=4e-3)
-    assert radar.derived()["unambiguous_range_m"] == pytest.approx(9.87, abs=5e-3)
+    assert derived_quantities(radar)["unambiguous_range_m"] == pytest.approx(9.87, abs=5e-3)
 
 
 def test_pulse_of_the_a121_has_its_profiles_width():
@@ -73,7 +81,7 @@ def test_pulse_of_the_a121_has_its_profiles_width():
     radar = Radar.preset("acconeer-a121")
     assert radar.sigma_s * C / 2 * 2.35482 == pytest.approx(0.32, rel=1e-3)
     assert radar.averages_per_frame == 16
-    assert radar.derived()["unambiguous_range_m"] == pytest.approx(9.6, abs=0.02)
+    assert derived_quantities(radar)["unambiguous_range_m"] == pytest.approx(9.6, abs=0.02)
 
 
 @pytest.mark.parametrize("name", [n for n in ("x4", "x4-long", "x4-high", "x4-17fps", "x4-255fps", "x4-512fps")])
@@ -109,13 +117,13 @@ def test_every_value_names_its_source(name):
 
 def test_derived_quantities_of_the_link_budget():
     # -80.7 dBm by hand for the X4 (E-14); noise -82.5 dBm + 6 dB + 10 dB gain, 99 averages
-    derived = Radar.preset("x4").derived()
+    derived = derived_quantities(Radar.preset("x4"))
     assert derived["received_power_1m2_5m_dbm"] == pytest.approx(-80.7, abs=0.05)
     assert derived["noise_level_dbv"] == pytest.approx(-82.5 + 6 + 10 - 10 * np.log10(99) - 10, abs=0.05)
     assert derived["snr_1m2_5m_db"] == pytest.approx(-80.7 + 82.5 - 6 + 10 * np.log10(99), abs=0.1)
     assert derived["velocity_resolution_100ms_mps"] == pytest.approx(0.2056, abs=1e-4)
-    assert "unambiguous_range_m" not in Radar.preset("infineon-24").derived()
-    json.dumps([Radar.preset(name).derived() for name in preset_names()], allow_nan=False)
+    assert "unambiguous_range_m" not in derived_quantities(Radar.preset("infineon-24"))
+    json.dumps([derived_quantities(Radar.preset(name)) for name in preset_names()], allow_nan=False)
 
 
 # --- Files of one's own -------------------------------------------------------------------------------------------
@@ -177,8 +185,8 @@ def test_the_command_shows_every_preset_and_a_file(tmp_path):
         assert plain.exit_code == 0, plain.output
         assert "unambiguous_velocity_mps" in plain.output
         document = json.loads(runner.invoke(app, ["show", name, "--json"]).stdout)
-        assert document["parameters"]["waveform"] == Radar.preset(name).waveform
-        assert document["derived"] == Radar.preset(name).derived()
+        assert document["parameters"]["waveform"] == Radar.preset(name).waveform.kind
+        assert document["derived"] == derived_quantities(Radar.preset(name))
     assert "impairments, in this order: phase_noise, static_clutter" in plain.output
     assert document["impairments"][0]["drift_rad_per_min"] == 0.2
     assert "77.564 GHz" in runner.invoke(app, ["list"]).stdout

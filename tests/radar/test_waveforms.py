@@ -17,13 +17,14 @@ from doppelgait.radar import (
     WAVEFORMS,
     Radar,
     compress,
+    derived_quantities,
     echo_amplitude_v,
     noise_power_v2,
     synthesise,
     synthesise_samples,
 )
+from doppelgait.radar.link import sample_noise_v2
 from doppelgait.radar.simulate import warn_of_limits
-from doppelgait.radar.waveforms import waveform_of
 from doppelgait.scene import Scene, Target
 
 C = 299_792_458.0
@@ -211,7 +212,7 @@ def test_range_doppler_coupling_of_a_sweep_is_4_8_cm(name, velocity_mps):
     fine_m = np.arange(4.8, 5.2, 1e-4)
     profile = np.abs(literal_transform(samples, radar, fine_m, chirped=name == "fmcw")[0])
     assert fine_m[profile.argmax()] - 5.0 == pytest.approx(-0.048 * velocity_mps / 2.0, abs=2e-4)
-    assert waveform_of(radar).coupling_s(radar) * velocity_mps == pytest.approx(-0.048 * velocity_mps / 2.0)
+    assert radar.waveform.coupling_s(radar) * velocity_mps == pytest.approx(-0.048 * velocity_mps / 2.0)
 
 
 def test_a_stepped_sweep_with_a_gaussian_taper_is_the_pulse_matrix():
@@ -278,7 +279,7 @@ def test_matched_filter_bins_are_those_of_the_literal_loop(name, range_start_m):
 def test_widths_of_matched_filter_responses():
     rectangular = RADARS["rectangular"]
     assert rectangular.range_resolution_m == pytest.approx((2 - np.sqrt(2)) * C * 2e-9 / 2, rel=1e-12)
-    assert rectangular.derived()["pulse_bandwidth_3db_hz"] == pytest.approx(0.886 / 2e-9, rel=1e-3)
+    assert derived_quantities(rectangular)["pulse_bandwidth_3db_hz"] == pytest.approx(0.886 / 2e-9, rel=1e-3)
     assert RADARS["lfm"].range_resolution_m == pytest.approx(0.8859 * C / 2e9, rel=2e-3)
     for name in ("rectangular", "lfm"):
         radar = changed(RADARS[name], sample_rate_hz=3e11, range_start_m=3.5, range_stop_m=4.5)
@@ -352,7 +353,7 @@ def test_an_echo_on_a_bin_keeps_its_amplitude(name):
 def test_an_empty_scene_gives_silence_of_the_right_shape(name):
     radar = RADARS[name]
     samples = synthesise_samples(table_of(np.empty((7, 0))), radar)
-    assert samples.shape == (7, waveform_of(radar).n_samples(radar))
+    assert samples.shape == (7, radar.waveform.n_samples(radar))
     bins = compress(samples, radar)
     assert bins.shape == (7, radar.n_range_bins)
     assert bins.dtype == np.complex64
@@ -378,7 +379,7 @@ def test_noise_gain_is_what_compression_does_to_white_noise(window):
     rng = np.random.default_rng(7)
     samples = rng.normal(size=(4000, 256)) + 1j * rng.normal(size=(4000, 256))
     power = np.mean(np.abs(compress(samples, radar)) ** 2)
-    assert power == pytest.approx(2.0 * waveform_of(radar).noise_gain(radar), rel=0.01)
+    assert power == pytest.approx(2.0 * radar.waveform.noise_gain(radar), rel=0.01)
 
 
 @pytest.mark.parametrize("window", WINDOWS)
@@ -389,15 +390,15 @@ def test_independent_bins_are_what_averages_the_noise_of_a_sum(window):
     samples = rng.normal(size=(6000, 256)) + 1j * rng.normal(size=(6000, 256))
     power = np.abs(compress(samples, radar)) ** 2
     sums = power.mean(axis=1) / power.mean()
-    assert waveform_of(radar).independent_bins(radar) == pytest.approx(1 / (sums.var() * power.shape[1]), rel=0.06)
-    assert waveform_of(changed(radar, range_window="hann")).independent_bins(radar) <= 1.0
+    assert radar.waveform.independent_bins(radar) == pytest.approx(1 / (sums.var() * power.shape[1]), rel=0.06)
+    assert changed(radar, range_window="hann").waveform.independent_bins(radar) <= 1.0
 
 
 def test_the_independent_bins_of_a_hann_window_are_18_of_35():
     # w^2 of Hann has the spectrum 1, 2/3, 1/6: 1 / (1 + 2 (4/9 + 1/36))
     hann = changed(RADARS["stepped"], range_window="hann")
-    assert waveform_of(hann).independent_bins(hann) == pytest.approx(18 / 35, rel=1e-12)
-    assert waveform_of(RADARS["impulse"]).independent_bins(RADARS["impulse"]) == 1.0
+    assert hann.waveform.independent_bins(hann) == pytest.approx(18 / 35, rel=1e-12)
+    assert RADARS["impulse"].waveform.independent_bins(RADARS["impulse"]) == 1.0
 
 
 def test_bandwidth_with_few_bins_in_the_gate_is_that_of_the_walk_and_not_of_the_noise():
@@ -417,7 +418,7 @@ def test_bandwidth_with_few_bins_in_the_gate_is_that_of_the_walk_and_not_of_the_
 
 def test_noise_per_sample_and_per_bin():
     impulse, cw = RADARS["impulse"], RADARS["cw"]
-    assert noise_power_v2(impulse) == waveform_of(impulse).noise_power_v2(impulse)
+    assert noise_power_v2(impulse) == sample_noise_v2(impulse)
     assert noise_power_v2(impulse) == pytest.approx(100 * 4.004e-21 * 10**0.6 * 1e9, rel=1e-9)
     assert noise_power_v2(cw) == pytest.approx(100 * 4.004e-21 * 10**0.6 * 500, rel=1e-9)
     assert noise_power_v2(changed(cw, noise_bandwidth_hz=2000.0)) == pytest.approx(4 * noise_power_v2(cw), rel=1e-9)
@@ -489,7 +490,7 @@ def test_what_a_waveform_needs_and_refuses(name, changes, says):
 
 def test_a_sweep_that_does_not_alias_is_displaced_by_half_a_cell_at_most():
     tightest = changed(RADARS["fmcw"], prf_hz=1000.0)  # one sweep after the other
-    shift_m = -waveform_of(tightest).coupling_s(tightest) * tightest.unambiguous_velocity_mps
+    shift_m = -tightest.waveform.coupling_s(tightest) * tightest.unambiguous_velocity_mps
     assert shift_m == pytest.approx(0.5 * C / 2e9, rel=1e-9)
 
 

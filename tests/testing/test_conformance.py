@@ -126,7 +126,7 @@ def test_a_fault_fails_exactly_the_checks_of_what_it_breaks(fault):
 
 def turned_round(scatterers, radar):
     bins = own.simulate_bins(scatterers, radar)
-    return bins.conj() if radar.waveform == "fmcw" else bins
+    return bins.conj() if radar.waveform.kind == "fmcw" else bins
 
 
 def with_velocity(factor):

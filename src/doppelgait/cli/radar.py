@@ -39,12 +39,12 @@ def list_presets(as_json: Annotated[bool, typer.Option("--json", help="Print JSO
         [
             {
                 "preset": name,
-                "waveform": radar.waveform,
+                "waveform": radar.waveform.kind,
                 "carrier": f"{radar.carrier_hz / 1e9:.3f} GHz",
                 "PRF": f"{radar.prf_hz:g} Hz",
                 "unambiguous": f"+-{radar.unambiguous_velocity_mps:.2f} m/s",
-                "resolution": "-" if radar.waveform == "cw" else f"{100 * radar.range_resolution_m:.1f} cm",
-                "frame": "-" if radar.waveform == "cw" else f"{radar.range_start_m:g} to {radar.range_stop_m:g} m",
+                "resolution": "-" if radar.waveform.kind == "cw" else f"{100 * radar.range_resolution_m:.1f} cm",
+                "frame": "-" if radar.waveform.kind == "cw" else f"{radar.range_start_m:g} to {radar.range_stop_m:g} m",
                 "": radar.name,
             }
             for name, radar in radars.items()
@@ -87,18 +87,18 @@ def show(
     Examples: doppelgait radar show x4 --set prf_hz=600; doppelgait radar show my-radar.toml
     """
     from doppelgait.core.config import apply_overrides
-    from doppelgait.radar import Radar, preset_table
+    from doppelgait.radar import Radar, derived_quantities, preset_table
 
     radar = Radar.preset(preset, **apply_overrides({}, changes or []))
     parameters = radar.model_dump(mode="json")
     table = preset_table(preset)
     beside = {key: table[key] for key in ("environment", "impairments") if key in table}
     if as_json:
-        print_json({"parameters": parameters, "derived": radar.derived(), **beside})
+        print_json({"parameters": parameters, "derived": derived_quantities(radar), **beside})
         return
     print_table([{"parameter": key, **_shown(key, value)} for key, value in parameters.items()])
     print()
-    print_table([{"derived": key, **_shown(key, value)} for key, value in radar.derived().items()])
+    print_table([{"derived": key, **_shown(key, value)} for key, value in derived_quantities(radar).items()])
     for key, entries in beside.items():
         print(f"\n{key}, in this order: {', '.join(_kind(entry) for entry in entries)}")
 

@@ -214,6 +214,8 @@ def _set_key(table: dict[str, Any], key: str, value: Any, override: str) -> None
                 raise ConfigError(f"--set {override}: {part!r} is not an entry of that list (0 to {len(node) - 1})")
             node = node[int(part)]
         elif isinstance(node, dict):
+            if isinstance(node.get(part), str):  # the short form of a table: waveform = "lfm"
+                node[part] = {"kind": node[part]}
             node = node.setdefault(part, {})
         else:
             raise ConfigError(f"--set {override}: {part!r} is inside a value, not a section")

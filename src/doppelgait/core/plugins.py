@@ -79,7 +79,7 @@ def plugin(
     name : str, optional
         By default the value of the field ``kind`` of ``parameters``.
     parameters : type of FrozenModel, optional
-        Frozen model of the plug-in's parameters.
+        Frozen model of the plug-in's parameters; a decorated class that is such a model is its own.
     version : str
         Raise it when the same parameters give other numbers; it is part of a dataset's identity.
     **facts
@@ -90,18 +90,22 @@ def plugin(
     ConfigError
         If the name is missing or taken.
     """
-    if name is None and parameters is not None and "kind" in parameters.model_fields:
-        name = parameters.model_fields["kind"].default
-    if not isinstance(name, str) or not name:
-        raise ConfigError(f"plugin({group!r}): needs a name, or parameters with a field kind that has a default")
     package = str(sys._getframe(1).f_globals.get("__name__", "")).partition(".")[0]
 
     def register(item: T) -> T:
+        model = parameters
+        if model is None and isinstance(item, type) and issubclass(item, FrozenModel):
+            model = item
+        key = name
+        if key is None and model is not None and "kind" in model.model_fields:
+            key = model.model_fields["kind"].default
+        if not isinstance(key, str) or not key:
+            raise ConfigError(f"plugin({group!r}): needs a name, or parameters with a field kind that has a default")
         known = _REGISTERED.setdefault(group, {})
-        if name in known:
-            raise ConfigError(f"the {group.replace('_', ' ')} {name!r} is registered twice: by {known[name].package} "
+        if key in known:
+            raise ConfigError(f"the {group.replace('_', ' ')} {key!r} is registered twice: by {known[key].package} "
                               f"and by {package}")  # fmt: skip
-        known[name] = Plugin(group, name, item, parameters, version, package, facts)
+        known[key] = Plugin(group, key, item, model, version, package, facts)
         return item
 
     return register

@@ -22,7 +22,7 @@ from doppelgait.dataset.resolve import resolve
 from doppelgait.dataset.shard_files import AXIS_UNITS, decode
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline.run import parse_radar
-from doppelgait.radar.config import Radar
+from doppelgait.radar.parameters import Radar
 
 UNIT_OF_SUFFIX = {
     "mps": "m/s", "hz": "Hz", "m2": "m^2", "v2": "V^2", "deg": "deg", "rad": "rad", "db": "dB", "m": "m", "s": "s",

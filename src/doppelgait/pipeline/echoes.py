@@ -14,8 +14,8 @@ from doppelgait.core.config import FrozenModel
 from doppelgait.core.labels import axis
 from doppelgait.core.rng import Streams
 from doppelgait.radar.antenna import apply_antenna
-from doppelgait.radar.config import Radar
 from doppelgait.radar.impairments import Impairments, pulse_times
+from doppelgait.radar.parameters import Radar
 from doppelgait.scene import LineOfSight, Scene, observe
 from doppelgait.scene.environment import Environment, Setting, apply_environment, needs_angles
 

@@ -23,7 +23,7 @@ from doppelgait.pipeline.echoes import Conditions, Noise, received
 from doppelgait.pipeline.simulate import pulse_times_s, simulate, target_truth
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.signature import cut_out, signature_of_planes
-from doppelgait.radar.config import Radar
+from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import TargetTruth
 from doppelgait.radar.simulate import noise_level_v2, scatterer_arrays, snr_frame_db, warn_of_limits
 from doppelgait.scene import Scene
@@ -60,7 +60,7 @@ class FusedExample:
 def can_fuse(scene: Scene, radar: Radar, analysis: Analysis, conditions: Conditions) -> bool:
     """Whether the fused path makes this example: plain echoes of targets, whose samples are range bins, as they are."""
     background = len(scene.observed_targets) < len(scene.targets)
-    plain = radar.waveform == "impulse" and analysis.clutter == "none"
+    plain = radar.waveform.kind == "impulse" and analysis.clutter == "none"
     return plain and not (conditions.environment or conditions.impairments or background)
 
 

@@ -29,7 +29,7 @@ from doppelgait.core.units import doppler_to_velocity_mps
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline.analyze import TargetResult
 from doppelgait.processing import Analysis, Gate
-from doppelgait.radar.config import Radar
+from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording
 
 FORMAT = "doppelgait-result"

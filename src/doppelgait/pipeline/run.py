@@ -16,8 +16,9 @@ from doppelgait.pipeline.echoes import Conditions, Noise
 from doppelgait.pipeline.fused import FusedExample, can_fuse, run_fused, run_steps
 from doppelgait.pipeline.simulate import simulate, with_lowest_prf
 from doppelgait.processing import Analysis
-from doppelgait.radar.config import Radar, changed_preset, preset_table
 from doppelgait.radar.impairments import Impairments
+from doppelgait.radar.parameters import Radar
+from doppelgait.radar.presets import changed_preset, preset_table
 from doppelgait.radar.recording import Recording
 from doppelgait.scene import Scene
 from doppelgait.scene.environment import Environment

@@ -15,8 +15,8 @@ from doppelgait.core.rng import Streams
 from doppelgait.core.units import duration_to_pulses, slow_time_axis_s
 from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.pipeline.echoes import Conditions, of_targets, received
-from doppelgait.radar.config import Radar
 from doppelgait.radar.impairments import ThermalNoise, apply_impairments, noise_power_per_sample_v2
+from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording, TargetTruth
 from doppelgait.radar.simulate import (
     compress,
@@ -29,7 +29,6 @@ from doppelgait.radar.simulate import (
     synthesise_samples,
     warn_of_limits,
 )
-from doppelgait.radar.waveforms import waveform_of
 from doppelgait.scene import LineOfSight, Scene, assemble, body_at
 from doppelgait.scene.target import scaled_motion
 
@@ -103,9 +102,9 @@ def simulate(
     noise_v2 = 0.0 if noiseless else noise_level_v2(radar, signal_v2, snr_db)
     own_noise = [spec for spec in given.impairments if isinstance(spec, ThermalNoise)]
     if own_noise:
-        noise_v2 = sum(noise_power_per_sample_v2(s, radar) for s in own_noise) * waveform_of(radar).noise_gain(radar)
+        noise_v2 = sum(noise_power_per_sample_v2(s, radar) for s in own_noise) * radar.waveform.noise_gain(radar)
     elif rng is not None and noise_v2 > 0:
-        power_v2 = noise_v2 / waveform_of(radar).noise_gain(radar)
+        power_v2 = noise_v2 / radar.waveform.noise_gain(radar)
         samples = noisy(samples, noise_power_v2=power_v2, rng=rng.generator("noise"))
     if given.impairments and rng is not None:
         _, impairments_rng = rng.generator("impairments").spawn(2)

@@ -1,8 +1,9 @@
 """The radar: parameters, link budget, waveforms, impairments, recordings."""
 
 from doppelgait.radar.antenna import Antenna
-from doppelgait.radar.config import Radar, preset_names, preset_table
-from doppelgait.radar.link import echo_amplitude_v, noise_power_v2, received_power_w
+from doppelgait.radar.link import derived_quantities, echo_amplitude_v, noise_power_v2, received_power_w
+from doppelgait.radar.parameters import WAVEFORMS, Radar, Waveform
+from doppelgait.radar.presets import preset_names, preset_table
 from doppelgait.radar.readers import read_recording
 from doppelgait.radar.readers.array_writer import write_arrays
 from doppelgait.radar.readers.sigmf_write import write_sigmf
@@ -10,11 +11,10 @@ from doppelgait.radar.recording import Recording, TargetTruth
 from doppelgait.radar.recordings import write_recording
 from doppelgait.radar.rf import synthesise_rf
 from doppelgait.radar.simulate import add_noise, compress, lowest_prf_hz, synthesise, synthesise_samples
-from doppelgait.radar.waveforms import WAVEFORMS, Waveform
 
 __all__ = [
     "WAVEFORMS", "Antenna", "Radar", "Recording", "TargetTruth", "Waveform", "add_noise", "compress",
-    "echo_amplitude_v", "lowest_prf_hz", "noise_power_v2", "preset_names", "preset_table", "read_recording",
-    "received_power_w", "synthesise", "synthesise_rf", "synthesise_samples", "write_arrays", "write_recording",
-    "write_sigmf",
+    "derived_quantities", "echo_amplitude_v", "lowest_prf_hz", "noise_power_v2", "preset_names", "preset_table",
+    "read_recording", "received_power_w", "synthesise", "synthesise_rf", "synthesise_samples", "write_arrays",
+    "write_recording", "write_sigmf",
 ]  # fmt: skip

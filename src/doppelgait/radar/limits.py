@@ -11,8 +11,7 @@ import xarray as xr
 from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.core.labels import axis
 from doppelgait.core.units import velocity_to_doppler_hz
-from doppelgait.radar.config import Radar
-from doppelgait.radar.waveforms import waveform_of
+from doppelgait.radar.parameters import Radar
 
 
 def warn_of_limits(scatterers: xr.Dataset, radar: Radar) -> None:
@@ -64,11 +63,11 @@ def _warn_of_aliasing(fastest_mps: float, radar: Radar) -> None:
 
 
 def _warn_of_frame(ranges_m: npt.NDArray[np.float64], radar: Radar) -> None:
-    """Outside the frame, or beyond the range at which echoes fold back to 0; a cw radar sees every range."""
-    if ranges_m.size == 0 or radar.waveform == "cw":
+    """Outside the frame, or beyond the range at which echoes fold; a radar without range sees all of them."""
+    if ranges_m.size == 0 or not radar.waveform.ranged:
         return
     nearest, farthest = float(ranges_m.min()), float(ranges_m.max())
-    waveform = waveform_of(radar)
+    waveform = radar.waveform.kind
     folding_m = waveform.unambiguous_range_m(radar)
     if waveform.folds and farthest >= folding_m:
         _warn(

@@ -1,7 +1,8 @@
-"""Link budget: echo amplitude by the radar equation, and receiver noise."""
+"""Link budget: echo amplitude by the radar equation, receiver noise, and what follows from a radar's parameters."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -15,12 +16,18 @@ from doppelgait.core.units import (
     db_to_amplitude,
     db_to_power,
     dbm_to_watt,
+    power_to_db,
+    watt_to_dbm,
     watt_to_volt,
 )
-from doppelgait.radar.config import Radar
+from doppelgait.radar.parameters import Radar
 
 MIN_RANGE_M = 0.2
 """Ranges are taken as at least this in the radar equation, which is a far-field law (E-14)."""
+CPI_S = 0.1
+"""Processing interval that the derived velocity resolution is given for."""
+RANGE_M = 5.0
+"""Range that the derived power and SNR of 1 m^2 are given for."""
 
 
 def received_power_w(radar: Radar, *, range_m: npt.ArrayLike, rcs_m2: npt.ArrayLike) -> Any:
@@ -68,12 +75,14 @@ def white_noise_v2(radar: Radar, bandwidth_hz: float) -> float:
     return float(volts2 / radar.averages_per_frame)
 
 
+def sample_noise_v2(radar: Radar) -> float:
+    """Mean square of the complex receiver noise in one receiver sample, V^2 (E-18)."""
+    return white_noise_v2(radar, radar.receiver_bandwidth_hz)
+
+
 def noise_power_v2(radar: Radar) -> float:
     """Mean square of the complex receiver noise in one range bin, V^2: that of a receiver sample, compressed (E-18)."""
-    from doppelgait.radar.waveforms import waveform_of
-
-    waveform = waveform_of(radar)
-    return waveform.noise_power_v2(radar) * waveform.noise_gain(radar)
+    return sample_noise_v2(radar) * radar.waveform.noise_gain(radar)
 
 
 def scatterer_arrays(scatterers: xr.Dataset, radar: Radar) -> tuple[Any, Any]:
@@ -102,3 +111,33 @@ def radial_velocity_mps(scatterers: xr.Dataset) -> npt.NDArray[np.float64]:
     if "radial_velocity" not in scatterers:
         raise ConfigError("the scatterer table has no radial_velocity, which a waveform that sweeps needs; add it")
     return np.asarray(scatterers["radial_velocity"].values, dtype=np.float64)
+
+
+def derived_quantities(radar: Radar) -> dict[str, float]:
+    """Derived quantities of a radar by name, the unit at the end of each.
+
+    Quantities that the waveform does not have are left out. Power and SNR are those of 1 m^2 at 5 m in a single frame,
+    in the middle of its bin (E-14, E-18).
+    """
+    noise_v2 = noise_power_v2(radar)
+    power_w = received_power_w(radar, range_m=RANGE_M, rcs_m2=1.0)
+    echo_v = echo_amplitude_v(radar, range_m=RANGE_M, rcs_m2=1.0)
+    values = {
+        "wavelength_m": radar.wavelength_m,
+        **radar.waveform.figures(radar),
+        "range_resolution_m": radar.range_resolution_m,
+        "bin_spacing_m": radar.bin_spacing_m,
+        "n_range_bins": radar.n_range_bins,
+        "range_stop_m": radar.range_stop_m,
+        "unambiguous_range_m": radar.waveform.unambiguous_range_m(radar),
+        "unambiguous_velocity_mps": radar.unambiguous_velocity_mps,
+        "velocity_resolution_100ms_mps": radar.wavelength_m / (2.0 * CPI_S),
+        "averages_per_frame": radar.averages_per_frame,
+        "noise_power_v2": noise_v2,
+        "noise_level_dbv": float(power_to_db(noise_v2)),
+        "received_power_1m2_5m_dbm": float(watt_to_dbm(power_w)),
+        "snr_1m2_5m_db": float(power_to_db(echo_v**2 / noise_v2)),
+    }
+    if not radar.waveform.ranged:
+        del values["range_resolution_m"], values["bin_spacing_m"]
+    return {name: value for name, value in values.items() if math.isfinite(value)}

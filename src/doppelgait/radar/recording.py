@@ -15,7 +15,7 @@ from doppelgait.core.config import canonical_json
 from doppelgait.core.labels import BASEBAND, axis, check_signal, make_array
 from doppelgait.core.samples import Samples
 from doppelgait.core.units import velocity_to_doppler_hz
-from doppelgait.radar.config import Radar
+from doppelgait.radar.parameters import Radar
 
 NAN = float("nan")
 
@@ -178,17 +178,13 @@ class Recording:
     @property
     def independent_bin_share(self) -> float:
         """Independent noise values per range bin; less than 1 where a window over the sweep joins bins."""
-        from doppelgait.radar.waveforms import waveform_of
-
         share = self.facts.get("independent_bin_share")
-        return waveform_of(self.radar).independent_bins(self.radar) if share is None else float(share)
+        return self.radar.waveform.independent_bins(self.radar) if share is None else float(share)
 
 
 def baseband_facts(radar: Radar) -> dict[str, str | float]:
     """Attributes of a baseband array: its radar as JSON, and independent noise values per range bin if below 1."""
-    from doppelgait.radar.waveforms import waveform_of
-
-    share = waveform_of(radar).independent_bins(radar)
+    share = radar.waveform.independent_bins(radar)
     return {"radar": canonical_json(radar), **({"independent_bin_share": share} if share < 1.0 else {})}
 
 

@@ -14,7 +14,7 @@ from doppelgait.core.errors import DoppelgaitError, RecordingError
 from doppelgait.core.files import atomic_path
 from doppelgait.core.labels import BASEBAND, MOTION, SCATTERER_VARIABLES, SPACE, axis, make_array
 from doppelgait.core.own_hdf5 import check_own
-from doppelgait.radar.config import Radar
+from doppelgait.radar.parameters import Radar
 from doppelgait.radar.readers import read_recording
 from doppelgait.radar.recording import NAN, Recording, TargetTruth, baseband_facts, further_facts
 

@@ -11,7 +11,7 @@ import xarray as xr
 
 from doppelgait.core.labels import axis
 from doppelgait.core.units import range_to_delay_s
-from doppelgait.radar.config import Radar
+from doppelgait.radar.parameters import Radar
 from doppelgait.radar.simulate import label_baseband, scatterer_arrays
 
 FILTER_TAPS = 129

@@ -12,11 +12,10 @@ import xarray as xr
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.labels import BASEBAND, axis, make_array
 from doppelgait.core.units import velocity_to_doppler_hz
-from doppelgait.radar.config import Radar
 from doppelgait.radar.limits import warn_of_limits
 from doppelgait.radar.link import noise_power_v2, scatterer_arrays
+from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import baseband_facts
-from doppelgait.radar.waveforms import waveform_of
 
 __all__ = [
     "add_noise", "compress", "frame_power_v2", "label_baseband", "lowest_prf_hz", "noise_level_v2", "noisy",
@@ -59,7 +58,7 @@ def synthesise_samples(scatterers: xr.Dataset, radar: Radar) -> npt.NDArray[np.c
         complex64, V. Of impulse, rectangular and lfm radars the range bins themselves, of fmcw the samples of every
         sweep, of stepped the frequency steps, of cw one sample per frame.
     """
-    return waveform_of(radar).synthesise(scatterers, radar)
+    return radar.waveform.synthesise(scatterers, radar)
 
 
 def compress(samples: npt.NDArray[Any], radar: Radar) -> npt.NDArray[np.complex64]:
@@ -82,10 +81,10 @@ def compress(samples: npt.NDArray[Any], radar: Radar) -> npt.NDArray[np.complex6
     AnalysisError
         If there are not as many samples in a row as the radar takes.
     """
-    waveform = waveform_of(radar)
+    waveform = radar.waveform.kind
     if samples.ndim != 2 or samples.shape[1] != waveform.n_samples(radar):
         raise AnalysisError(
-            f"receiver samples have the shape {samples.shape}; a radar of waveform {radar.waveform!r} with these "
+            f"receiver samples have the shape {samples.shape}; a radar of waveform {radar.waveform.kind!r} with these "
             f"parameters takes {waveform.n_samples(radar)} samples a frame, shape (frames, samples)"
         )
     return waveform.compress(samples, radar)

@@ -26,7 +26,6 @@ from doppelgait.pipeline.run import RunSpec
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.gate import GateName
 from doppelgait.radar.recording import Recording
-from doppelgait.radar.waveforms import waveform_of
 from doppelgait.scene.spec import DEFAULT_DURATION_S
 from doppelgait.viewer.payload import without_folders
 from doppelgait.viewer.run import Run, TargetView, harmonics_of
@@ -54,7 +53,7 @@ def check_size(run: RunSpec) -> None:
     scene, radar = run.scene, run.radar
     seconds = scene.duration_s if scene.duration_s is not None else DEFAULT_DURATION_S
     pulses = seconds * radar.prf_hz
-    samples = max(radar.n_range_bins, waveform_of(radar).n_samples(radar))
+    samples = max(radar.n_range_bins, radar.waveform.n_samples(radar))
     scatterers = len(scene.targets) * BODY_SCATTERERS * (1 + PATHS_PER_EFFECT * len(run.environment))
     if seconds > MOST_SECONDS or pulses * max(samples, scatterers) > MOST_SAMPLES:
         raise DatasetError(

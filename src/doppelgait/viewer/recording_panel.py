@@ -87,7 +87,7 @@ def recording_payload(run: Run, gate: GateChoice | None, *, clutter: Clutter | N
 def _facts(recording: Recording) -> Iterator[tuple[str, str]]:
     radar, baseband = recording.radar, recording.baseband
     range_m = axis(baseband, "range")
-    yield "radar", radar.name or radar.waveform
+    yield "radar", radar.name or radar.waveform.kind
     yield "carrier", f"{radar.carrier_hz / 1e9:.4g} GHz"
     yield from _time_facts(recording)
     if range_m.size > 1:

@@ -14,7 +14,7 @@ from doppelgait.motion.models.human import HumanConfig
 from doppelgait.motion.models.quadruped_gaits import GAITS, GAITS_BY_SPEED, GaitName
 from doppelgait.motion.models.quadruped_sizes import BUILDS, froude_speed_mps, hip_height_m
 from doppelgait.radar import Radar
-from doppelgait.radar.config import preset_names
+from doppelgait.radar.presets import preset_names
 from doppelgait.viewer.settings import number_of
 
 BUILD_OF = {"dog": "standard", "cat": "cat"}
@@ -86,7 +86,7 @@ def _human_mps(gait: Literal["walk", "run"]) -> tuple[float, float]:
 def seen_m(radar: str) -> tuple[float, float | None]:
     """Nearest and farthest range that a preset sees, m; continuous wave has no farthest."""
     preset = Radar.preset(radar)
-    return (0.0, None) if preset.waveform == "cw" else (preset.range_start_m, preset.range_stop_m)
+    return (preset.range_start_m, preset.range_stop_m) if preset.waveform.ranged else (0.0, None)
 
 
 def range_limits(radars: Mapping[str, str]) -> tuple[Limit, ...]:

@@ -33,7 +33,7 @@ def test_values_and_times(tmp_path):
     assert times[[0, 1, 127, 128, 383]] == pytest.approx([0, 1 / 3000, 127 / 3000, 0.2, 0.4 + 127 / 3000])
     assert recording.baseband.attrs["burst_pulses"] == 128
     assert recording.baseband.range.values.tolist() == recording.radar.range_axis_m().tolist() == [5.0]
-    assert recording.radar.waveform == "cw"
+    assert recording.radar.waveform.kind == "cw"
     assert (recording.radar.carrier_hz, recording.radar.prf_hz) == (24.1e9, 3000.0)
     assert recording.source == "walk_RE.txt"
     assert any("24.1 GHz" in note for note in recording.notes)

@@ -352,7 +352,7 @@ def test_a_list_of_pulses_is_a_continuous_wave(tmp_path):
         np.testing.assert_array_equal(recording.baseband.values, VALUES[:, :1])
         assert recording.baseband["range"].values == [0.0]
         assert recording.radar.wavelength_m == pytest.approx(LIGHT_MPS / 24.1e9)
-        assert recording.radar.waveform == "cw"
+        assert recording.radar.waveform.kind == "cw"
         assert any("continuous wave" in note for note in recording.notes)
 
 
@@ -374,7 +374,7 @@ def test_a_continuous_wave_preset_takes_one_range_bin(tmp_path):
     np.save(tmp_path / "b.npy", VALUES[:, 0])
     with pytest.raises(RecordingError, match=r"has 5 range bins, but .* is a continuous wave with one"):
         read_recording(tmp_path / "a.npy", radar="xband-cw")
-    assert read_recording(tmp_path / "b.npy", radar="xband-cw").radar.waveform == "cw"
+    assert read_recording(tmp_path / "b.npy", radar="xband-cw").radar.waveform.kind == "cw"
 
 
 def test_axes_in_the_file_are_taken_as_they_are(tmp_path):

@@ -163,7 +163,7 @@ def test_foreign_samples(tmp_path, datatype, dtype, unit):
     recording = read_sigmf(foreign(tmp_path, pairs, datatype=datatype))
     np.testing.assert_allclose(recording.baseband.values[:, 0], (pairs[:, 0] + 1j * pairs[:, 1]) * unit, rtol=1e-6)
     np.testing.assert_allclose(recording.baseband.slow_time.values, np.arange(30) / 1000.0)
-    assert recording.radar.waveform == "cw"
+    assert recording.radar.waveform.kind == "cw"
     assert recording.radar.carrier_hz == 24e9
     assert "annotated: walk" in recording.notes
 

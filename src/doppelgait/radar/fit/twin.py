@@ -10,7 +10,6 @@ import numpy.typing as npt
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.units import db_to_power, power_to_db
-from doppelgait.radar.config import Radar
 from doppelgait.radar.fit.clutter import ClutterProfile, Leakage, clutter_profile, leakage
 from doppelgait.radar.fit.estimate import Estimate, level_db
 from doppelgait.radar.fit.frames import Bursts, FrameFaults, bursts, frame_faults
@@ -18,6 +17,7 @@ from doppelgait.radar.fit.noise import NoiseFloor, noise_floor
 from doppelgait.radar.fit.series import SeriesFit, fit_series
 from doppelgait.radar.fit.static import StaticPart, factor_variance, static_part, still_part
 from doppelgait.radar.link import noise_power_v2
+from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording
 
 ComplexArray = npt.NDArray[np.complex128]

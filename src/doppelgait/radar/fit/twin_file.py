@@ -7,10 +7,10 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
-from doppelgait.radar.config import Radar
 from doppelgait.radar.fit.estimate import DB_PER_NEPER, Estimate
 from doppelgait.radar.fit.report import PLAUSIBLE_NOISE_FIGURE_DB
 from doppelgait.radar.fit.twin import TwinFit
+from doppelgait.radar.parameters import Radar
 
 SIGNIFICANT = 3.0
 """Standard deviations from 0 at which a drift, a walk or a constant is put into the twin."""

@@ -12,10 +12,10 @@ from pydantic import Field, field_validator, model_validator
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.units import db_to_amplitude, dbm_to_watt, watt_to_volt
-from doppelgait.radar.config import Radar
 from doppelgait.radar.impairments.levels import level_to_volt, static_samples, volts_per_unit
 from doppelgait.radar.impairments.registry import IMPAIRMENTS, Impairment, Samples
 from doppelgait.radar.impairments.waveform import check_width, echo_energy_m
+from doppelgait.radar.parameters import Radar
 
 CELLS_BEYOND = 3
 """Resolution cells of clutter before and behind the frame, whose echoes reach into it."""
@@ -157,9 +157,7 @@ def clutter_ranges(radar: Radar) -> tuple[npt.NDArray[np.float64], float]:
 
 def _that_stay(range_m: npt.NDArray[np.float64], radar: Radar) -> npt.NDArray[np.float64]:
     """Ranges without those that a folding waveform would show at the other end of the frame."""
-    from doppelgait.radar.waveforms import waveform_of
-
-    waveform = waveform_of(radar)
+    waveform = radar.waveform.kind
     end_m = waveform.unambiguous_range_m(radar)
     if not waveform.folds or not math.isfinite(end_m):
         return range_m

@@ -13,9 +13,9 @@ from pydantic import Field, model_validator
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning
 from doppelgait.core.units import db_to_amplitude
-from doppelgait.radar.config import Radar
 from doppelgait.radar.impairments.levels import volts_per_unit
 from doppelgait.radar.impairments.registry import IMPAIRMENTS, Impairment, Samples
+from doppelgait.radar.parameters import Radar
 
 Parts = npt.NDArray[np.float64]
 

@@ -7,8 +7,8 @@ import numpy.typing as npt
 
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.units import db_to_amplitude
-from doppelgait.radar.config import Radar
 from doppelgait.radar.impairments.registry import Samples
+from doppelgait.radar.parameters import Radar
 
 
 def volts_per_unit(radar: Radar, *, wanted_by: str) -> float:
@@ -49,7 +49,6 @@ def static_samples(range_m: npt.NDArray[np.float64], amplitude_v: npt.NDArray[np
     import xarray as xr
 
     from doppelgait.radar.link import echo_amplitude_v
-    from doppelgait.radar.waveforms import waveform_of
 
     one_v = echo_amplitude_v(radar, range_m=range_m, rcs_m2=1.0)
     values = {
@@ -61,4 +60,4 @@ def static_samples(range_m: npt.NDArray[np.float64], amplitude_v: npt.NDArray[np
     dims = ("slow_time", "scatterer")
     coords = {"slow_time": np.arange(range_m.shape[0]) / radar.prf_hz}
     table = xr.Dataset({name: (dims, value) for name, value in values.items()}, coords=coords)
-    return waveform_of(radar).synthesise(table, radar)
+    return radar.waveform.synthesise(table, radar)

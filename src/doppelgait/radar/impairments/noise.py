@@ -9,10 +9,11 @@ import numpy.typing as npt
 from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel
-from doppelgait.radar.config import Radar
 from doppelgait.radar.impairments.levels import level_to_volt
 from doppelgait.radar.impairments.registry import IMPAIRMENTS, Impairment, Samples
-from doppelgait.radar.impairments.waveform import noise_gain, sample_noise_v2
+from doppelgait.radar.impairments.waveform import noise_gain
+from doppelgait.radar.link import sample_noise_v2
+from doppelgait.radar.parameters import Radar
 
 
 class ThermalNoise(FrozenModel):

@@ -11,9 +11,9 @@ from pydantic import Field
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.units import db_to_power, range_to_delay_s
-from doppelgait.radar.config import Radar
 from doppelgait.radar.impairments.registry import IMPAIRMENTS, Impairment, Samples
 from doppelgait.radar.impairments.waveform import check_width, sample_range_m
+from doppelgait.radar.parameters import Radar
 
 
 class PhaseNoise(FrozenModel):

@@ -10,9 +10,9 @@ from pydantic import Field
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.units import db_to_amplitude
-from doppelgait.radar.config import Radar
 from doppelgait.radar.impairments.levels import level_to_volt
 from doppelgait.radar.impairments.registry import IMPAIRMENTS, Impairment, Samples
+from doppelgait.radar.parameters import Radar
 
 
 class IqImbalance(FrozenModel):

@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, SerializeAsAny
 from doppelgait.core.config import FrozenModel, validate
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.registry import Registry
-from doppelgait.radar.config import Radar
+from doppelgait.radar.parameters import Radar
 
 Samples = npt.NDArray[np.complex64]
 Times = npt.NDArray[np.float64]

@@ -10,8 +10,8 @@ from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError
-from doppelgait.radar.config import Radar
 from doppelgait.radar.impairments.registry import IMPAIRMENTS, Impairment, Samples, Times
+from doppelgait.radar.parameters import Radar
 
 LARGEST_JITTER = 0.1
 """Largest jitter (standard deviation) over the pulse interval: the order of two pulses changes once in 1e12."""

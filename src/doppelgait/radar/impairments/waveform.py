@@ -8,29 +8,18 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.radar.config import Radar
 from doppelgait.radar.impairments.registry import Samples
-
-
-def sample_noise_v2(radar: Radar) -> float:
-    """Mean square of the thermal noise in one receiver sample, V^2 (E-18)."""
-    from doppelgait.radar.waveforms import waveform_of
-
-    return waveform_of(radar).noise_power_v2(radar)
+from doppelgait.radar.parameters import Radar
 
 
 def noise_gain(radar: Radar) -> float:
     """Power of white noise in a range bin over that in a receiver sample."""
-    from doppelgait.radar.waveforms import waveform_of
-
-    return waveform_of(radar).noise_gain(radar)
+    return radar.waveform.noise_gain(radar)
 
 
 def check_width(samples: Samples, radar: Radar) -> None:
     """Refuse samples that this radar does not take (:class:`AnalysisError`)."""
-    from doppelgait.radar.waveforms import waveform_of
-
-    wanted = waveform_of(radar).n_samples(radar)
+    wanted = radar.waveform.n_samples(radar)
     if samples.shape[1] != wanted:
         raise AnalysisError(
             f"a pulse of the radar {radar.name!r} has {wanted} samples, these have {samples.shape[1]}; take the radar "
@@ -40,10 +29,7 @@ def check_width(samples: Samples, radar: Radar) -> None:
 
 def sample_range_m(radar: Radar) -> npt.NDArray[np.float64]:
     """Range of every sample, m; of waveforms whose samples mix all ranges only one, the middle of the frame."""
-    from doppelgait.radar.waveforms import waveform_of
-    from doppelgait.radar.waveforms.protocol import unchanged
-
-    if waveform_of(radar).compress is unchanged:  # samples are range bins
+    if radar.waveform.samples_are_bins:
         return radar.range_axis_m()
     return np.array([(radar.range_start_m + radar.range_stop_m) / 2.0])
 
@@ -51,11 +37,10 @@ def sample_range_m(radar: Radar) -> npt.NDArray[np.float64]:
 def echo_energy_m(radar: Radar) -> float:
     """Integral over range of the power of an echo of peak 1 after compression, m; measured on one in mid-frame."""
     from doppelgait.radar.impairments.levels import static_samples
-    from doppelgait.radar.waveforms import waveform_of
 
     bin_m = radar.bin_spacing_m
     n_places = int(np.clip(math.ceil(4.0 * bin_m / radar.range_resolution_m), 8, 512))
     middle_m = radar.range_start_m + (radar.n_range_bins // 2) * bin_m
     range_m = middle_m + bin_m * (np.arange(n_places) + 0.5)[:, None] / n_places
-    response = waveform_of(radar).compress(static_samples(range_m, np.ones_like(range_m), radar), radar)
+    response = radar.waveform.compress(static_samples(range_m, np.ones_like(range_m), radar), radar)
     return bin_m * float((np.abs(response).astype(np.float64) ** 2).sum()) / n_places

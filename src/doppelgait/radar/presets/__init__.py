@@ -1,1 +1,77 @@
-"""Radar presets, one TOML file each, with the source of every value."""
+"""Radar presets: one TOML file each, with the source of every value."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from copy import deepcopy
+from functools import lru_cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from doppelgait.core.config import read_toml
+from doppelgait.core.errors import ConfigError
+
+CONDITIONS = ("environment", "impairments")
+"""Keys of a preset's file that are no parameters of the radar."""
+
+
+def preset_names() -> list[str]:
+    """Names of all presets."""
+    return list(_built_in_names())
+
+
+@lru_cache(maxsize=1)
+def _built_in_names() -> tuple[str, ...]:
+    folder = resources.files("doppelgait.radar.presets")
+    return tuple(sorted(e.name.removesuffix(".toml") for e in folder.iterdir() if e.name.endswith(".toml")))
+
+
+def changed_preset(name: str | Path, changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Parameters of a preset with some changed.
+
+    A changed pulse form replaces the preset's; a table ``waveform`` without ``kind`` changes the preset's own waveform.
+    """
+    table = {key: value for key, value in preset_table(name).items() if key not in CONDITIONS}
+    before = table.get("waveform", "impulse")
+    table.update(changes)
+    waveform = table.get("waveform", "impulse")
+    if isinstance(waveform, Mapping):
+        own = before if isinstance(before, Mapping) else {"kind": before}
+        table["waveform"] = waveform = waveform if "kind" in waveform else {**own, **waveform}
+        waveform = waveform["kind"]
+    if waveform == "impulse":
+        for given, other in (("pulse_sigma_s", "bandwidth_hz"), ("bandwidth_hz", "pulse_sigma_s")):
+            if given in changes and other not in changes:
+                table.pop(other, None)
+    return table
+
+
+def preset_table(name: str | Path) -> dict[str, Any]:
+    """Everything that a preset's file says, lists of environment and impairments among it.
+
+    Parameters
+    ----------
+    name : str or Path
+        A name of :func:`preset_names`, or a path that ends in ``.toml``.
+
+    Raises
+    ------
+    ConfigError
+        If the name is unknown, or the file is missing or no TOML.
+    """
+    if str(name).lower().endswith(".toml"):
+        return read_toml(name)[0]
+    if str(name) not in preset_names():
+        raise ConfigError(
+            f"unknown radar preset {str(name)!r}; known are: {', '.join(preset_names())}; or give the path of a file "
+            "that ends in .toml"
+        )
+    return deepcopy(_built_in(str(name)))
+
+
+@lru_cache(maxsize=64)
+def _built_in(name: str) -> dict[str, Any]:
+    """Table of a preset that comes with the package, parsed once: planning asks for it for every example."""
+    with resources.as_file(resources.files("doppelgait.radar.presets") / f"{name}.toml") as path:
+        return read_toml(path)[0]

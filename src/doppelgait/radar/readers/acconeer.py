@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
-from doppelgait.radar.config import Radar
+from doppelgait.radar.parameters import Radar
 from doppelgait.radar.readers.acconeer_facts import Entry, Subsweep, open_entry
 from doppelgait.radar.readers.facts import radar_of_facts
 from doppelgait.radar.readers.measured import check_number, label_measured

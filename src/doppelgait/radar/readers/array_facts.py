@@ -15,7 +15,8 @@ from pydantic import Field
 from doppelgait.core.config import FrozenModel, read_toml, validate
 from doppelgait.core.errors import ConfigError, RecordingError
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS, slow_time_axis_s
-from doppelgait.radar.config import GAUSSIAN_WIDTH, PULSE_SIGMA_S, Radar, changed_preset
+from doppelgait.radar.parameters import GAUSSIAN_WIDTH, PULSE_SIGMA_S, Radar
+from doppelgait.radar.presets import changed_preset
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -41,7 +42,7 @@ class ArrayFacts(FrozenModel):
     key : str
         Name of the matrix in the npz file.
     radar : mapping
-        Parameters of a :class:`~doppelgait.radar.config.Radar`, or ``preset`` and what differs from it.
+        Parameters of a :class:`~doppelgait.radar.parameters.Radar`, or ``preset`` and what differs from it.
     notes, noise_power_v2, snr_frame_db, seed
         As in :class:`~doppelgait.radar.recording.Recording`.
     attributes : mapping
@@ -190,7 +191,7 @@ def _radar(path: Path, facts: ArrayFacts, stated: Radar | None, told: Mapping[st
         table = {**stated.model_dump(), **table}
         if facts.radar is not None and "preset" in facts.radar:  # a complete radar is taken with its own frame
             table |= {"range_start_m": start_m, "range_stop_m": start_m + n_bins * stated.bin_spacing_m}
-        if stated.waveform == "cw" and n_bins > 1:
+        if stated.waveform.kind == "cw" and n_bins > 1:
             raise RecordingError(f"{path}: has {n_bins} range bins, but {stated.name} is a continuous wave with one")
     try:
         return validate(Radar, table, where=str(path))

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
-from doppelgait.radar.config import Radar
+from doppelgait.radar.parameters import Radar
 from doppelgait.radar.readers.facts import CW_FRAME_M, cw_radar
 from doppelgait.radar.readers.measured import check_number, label_measured
 from doppelgait.radar.recording import Recording

@@ -7,7 +7,7 @@ from typing import Any
 
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, RecordingError
-from doppelgait.radar.config import Radar
+from doppelgait.radar.parameters import Radar
 
 CW_FRAME_M = (0.0, 10.0)
 """Ranges that the one bin of a continuous-wave recording stands for; it measures no range."""
@@ -32,7 +32,7 @@ def cw_radar(path: Path, *, name: str, carrier_hz: float, prf_hz: float, **facts
     carrier_hz, prf_hz : float
         Carrier; complex samples per second.
     **facts
-        Further parameters of :class:`~doppelgait.radar.config.Radar`.
+        Further parameters of :class:`~doppelgait.radar.parameters.Radar`.
     """
     start_m, stop_m = CW_FRAME_M
     return radar_of_facts(

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from doppelgait.core.errors import ConfigError, RecordingError
 from doppelgait.core.labels import BASEBAND, make_array
-from doppelgait.radar.config import Radar
+from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording, baseband_facts
 
 CHECK_ROWS = 4096

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning, RecordingError
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
-from doppelgait.radar.config import Radar
+from doppelgait.radar.parameters import Radar
 from doppelgait.radar.readers.facts import CW_FRAME_M, cw_radar, radar_of_facts
 from doppelgait.radar.readers.measured import check_number, label_measured
 from doppelgait.radar.readers.sigmf_files import HEAD_BYTES, META, Metadata, read_metadata, read_samples, sigmf_pair

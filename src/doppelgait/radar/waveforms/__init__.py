@@ -1,6 +1,5 @@
-"""Waveforms behind one protocol: how a radar turns scatterers into receiver samples, and those into range bins."""
+"""Waveforms: how a radar turns scatterers into receiver samples, and those into range bins."""
 
-from doppelgait.radar.waveforms.protocol import Waveform, check_given
-from doppelgait.radar.waveforms.registry import WAVEFORMS, waveform_of
+from doppelgait.radar.parameters import WAVEFORMS, Waveform
 
-__all__ = ["WAVEFORMS", "Waveform", "check_given", "waveform_of"]
+__all__ = ["WAVEFORMS", "Waveform"]

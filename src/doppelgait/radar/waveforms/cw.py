@@ -2,73 +2,63 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any, ClassVar, Literal
+
 import numpy as np
 import xarray as xr
 
-from doppelgait.radar.config import Radar
+from doppelgait.core.plugins import plugin
 from doppelgait.radar.link import path_phase_rad, scatterer_arrays
-from doppelgait.radar.waveforms.protocol import Samples, Waveform, no_coupling, no_gain, unchanged
+from doppelgait.radar.parameters import Radar, Samples, Waveform
 
 
-def check(radar: Radar) -> None:
-    """Nothing beyond what every radar needs."""
+@plugin("waveform")
+class Cw(Waveform):
+    """One sample per frame, the sum of all echoes at whatever range; its one bin stands for the whole frame."""
 
+    takes: ClassVar[tuple[str, ...]] = ("noise_bandwidth_hz",)
+    ranged: ClassVar[bool] = False
 
-def span_m(radar: Radar) -> float:
-    """The frame's span, which the one range bin stands for; the radar itself sees every range."""
-    return radar.range_stop_m - radar.range_start_m
+    kind: Literal["cw"] = "cw"
 
+    def fill(self, table: Mapping[str, Any]) -> Mapping[str, Any]:
+        """The sampling rate has no effect: by default it is the frame rate."""
+        if "sample_rate_hz" in table or "prf_hz" not in table:
+            return table
+        return {**table, "sample_rate_hz": table["prf_hz"]}
 
-def middle_m(radar: Radar) -> float:
-    """Middle of the frame, the range that the one bin is labelled with."""
-    return 0.5 * (radar.range_start_m + radar.range_stop_m)
+    def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Samples:
+        """Sum of a exp(j(theta + phi - 4 pi R / lambda)) over all scatterers, at whatever range."""
+        range_m, amplitude_v = scatterer_arrays(scatterers, radar)
+        turns = range_m * (2.0 / radar.wavelength_m)
+        phase_rad = -2.0 * np.pi * (turns - np.rint(turns)) + radar.transmit_phase_rad
+        extra_rad = path_phase_rad(scatterers)
+        if extra_rad is not None:
+            phase_rad += extra_rad
+        total = (amplitude_v * np.exp(1j * phase_rad)).sum(axis=1, keepdims=True)
+        return np.asarray(total, dtype=np.complex64)
 
+    def n_range_bins(self, radar: Radar) -> int:
+        """One bin."""
+        return 1
 
-def one(radar: Radar) -> int:
-    """One sample, one bin."""
-    return 1
+    def first_bin_m(self, radar: Radar) -> float:
+        """Middle of the frame."""
+        return 0.5 * (radar.range_start_m + radar.range_stop_m)
 
+    def bin_spacing_m(self, radar: Radar) -> float:
+        """The frame's span."""
+        return radar.range_stop_m - radar.range_start_m
 
-def synthesise(scatterers: xr.Dataset, radar: Radar) -> Samples:
-    """Sum of a exp(j(theta + phi - 4 pi R / lambda)) over all scatterers, at whatever range."""
-    range_m, amplitude_v = scatterer_arrays(scatterers, radar)
-    turns = range_m * (2.0 / radar.wavelength_m)
-    phase_rad = -2.0 * np.pi * (turns - np.rint(turns)) + radar.transmit_phase_rad
-    extra_rad = path_phase_rad(scatterers)
-    if extra_rad is not None:
-        phase_rad += extra_rad
-    total = (amplitude_v * np.exp(1j * phase_rad)).sum(axis=1, keepdims=True)
-    return np.asarray(total, dtype=np.complex64)
+    def resolution_m(self, radar: Radar) -> float:
+        """The frame's span."""
+        return self.bin_spacing_m(radar)
 
+    def noise_bandwidth_hz(self, radar: Radar) -> float:
+        """Noise bandwidth of a sample that averages over its frame: the frame rate."""
+        return radar.prf_hz
 
-def noise_bandwidth_hz(radar: Radar) -> float:
-    """Noise bandwidth of a sample that averages over its frame: the frame rate."""
-    return radar.prf_hz
-
-
-def no_limit(radar: Radar) -> float:
-    """Range at which echoes fold: none."""
-    return float("inf")
-
-
-def figures(radar: Radar) -> dict[str, float]:
-    """Nothing further."""
-    return {}
-
-
-CW = Waveform(
-    check=check,
-    n_samples=one,
-    n_range_bins=one,
-    first_bin_m=middle_m,
-    bin_spacing_m=span_m,
-    synthesise=synthesise,
-    compress=unchanged,
-    resolution_m=span_m,
-    noise_bandwidth_hz=noise_bandwidth_hz,
-    noise_gain=no_gain,
-    unambiguous_range_m=no_limit,
-    coupling_s=no_coupling,
-    figures=figures,
-    takes=("noise_bandwidth_hz",),
-)
+    def unambiguous_range_m(self, radar: Radar) -> float:
+        """No range at which echoes fold."""
+        return float("inf")

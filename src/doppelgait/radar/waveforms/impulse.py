@@ -3,56 +3,80 @@
 from __future__ import annotations
 
 import math
+from typing import ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from doppelgait.core.plugins import plugin
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
-from doppelgait.radar.config import PULSE_SIGMA_S, Radar
 from doppelgait.radar.link import path_phase_rad, scatterer_arrays
-from doppelgait.radar.waveforms import fast_time
-from doppelgait.radar.waveforms.protocol import Samples, Waveform, no_coupling, no_gain, unchanged
+from doppelgait.radar.parameters import PULSE_SIGMA_S, Radar, Samples, Waveform
 
 
-def check_pulse(radar: Radar) -> None:
-    """Refuse a pulse that is given twice or not at all, too long or short, or wider than its carrier allows."""
-    if (radar.bandwidth_hz is None) == (radar.pulse_sigma_s is None):
-        raise ValueError("give exactly one of bandwidth_hz and pulse_sigma_s")
-    shortest_s, longest_s = PULSE_SIGMA_S
-    if not shortest_s <= radar.sigma_s <= longest_s:
-        given = "bandwidth_hz" if radar.pulse_sigma_s is None else "pulse_sigma_s"
-        raise ValueError(
-            f"{given} {getattr(radar, given)} makes a pulse of sigma {radar.sigma_s:.3g} s; allowed are "
-            f"{shortest_s:g} to {longest_s:g} s"
-        )
-    half_band_hz = radar.pulse_bandwidth_hz(10) / 2.0
-    if radar.carrier_hz < half_band_hz:
-        raise ValueError(
-            f"carrier_hz {radar.carrier_hz:g} is below half the pulse's 10 dB bandwidth, {half_band_hz:.4g} Hz: the "
-            "pulse would reach below 0 Hz; raise carrier_hz or take a longer pulse"
-        )
+@plugin("waveform")
+class Impulse(Waveform):
+    """A Gaussian pulse."""
+
+    takes: ClassVar[tuple[str, ...]] = (
+        "bandwidth_hz", "bandwidth_level_db", "pulse_sigma_s", "decimation", "noise_bandwidth_hz", "sweep_levels",
+        "pulse_rate_hz",
+    )  # fmt: skip
+
+    kind: Literal["impulse"] = "impulse"
+
+    def check(self, radar: Radar) -> None:
+        """Refuse a pulse that is given twice or not at all, too long or short, or wider than its carrier allows."""
+        if (radar.bandwidth_hz is None) == (radar.pulse_sigma_s is None):
+            raise ValueError("give exactly one of bandwidth_hz and pulse_sigma_s")
+        shortest_s, longest_s = PULSE_SIGMA_S
+        if not shortest_s <= radar.sigma_s <= longest_s:
+            given = "bandwidth_hz" if radar.pulse_sigma_s is None else "pulse_sigma_s"
+            raise ValueError(
+                f"{given} {getattr(radar, given)} makes a pulse of sigma {radar.sigma_s:.3g} s; allowed are "
+                f"{shortest_s:g} to {longest_s:g} s"
+            )
+        half_band_hz = radar.pulse_bandwidth_hz(10) / 2.0
+        if radar.carrier_hz < half_band_hz:
+            raise ValueError(
+                f"carrier_hz {radar.carrier_hz:g} is below half the pulse's 10 dB bandwidth, {half_band_hz:.4g} Hz: "
+                "the pulse would reach below 0 Hz; raise carrier_hz or take a longer pulse"
+            )
+
+    def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Samples:
+        """Sum of Gaussian echoes, exact with an extra phase of each path.
+
+        An echo of extra phase phi is a cos(phi) in phase and a sin(phi) a quarter turn on.
+        """
+        range_m, amplitude_v = scatterer_arrays(scatterers, radar)
+        phase_rad = path_phase_rad(scatterers)
+        if phase_rad is None:
+            return _add_echoes(range_m, amplitude_v, radar, quarter_turns=0)
+        samples = _add_echoes(range_m, amplitude_v * np.cos(phase_rad), radar, quarter_turns=0)
+        sine = np.sin(phase_rad)
+        if sine.any():
+            samples += _add_echoes(range_m, amplitude_v * sine, radar, quarter_turns=1)
+        return samples
+
+    def resolution_m(self, radar: Radar) -> float:
+        """Half-power width in range of one echo: c sqrt(ln 2) tau (E-11)."""
+        return SPEED_OF_LIGHT_MPS * math.sqrt(math.log(2)) * radar.sigma_s
+
+    def noise_bandwidth_hz(self, radar: Radar) -> float:
+        """Bandwidth of the down-conversion filter: the pulse's at 10 dB below its peak."""
+        return radar.pulse_bandwidth_hz(10)
+
+    def figures(self, radar: Radar) -> dict[str, float]:
+        """Pulse width and bandwidths (E-11)."""
+        return {
+            "pulse_sigma_s": radar.sigma_s,
+            "pulse_bandwidth_3db_hz": radar.pulse_bandwidth_hz(3),
+            "pulse_bandwidth_10db_hz": radar.pulse_bandwidth_hz(10),
+        }
 
 
-def resolution_m(radar: Radar) -> float:
-    """Half-power width in range of one echo: c sqrt(ln 2) tau (E-11)."""
-    return SPEED_OF_LIGHT_MPS * math.sqrt(math.log(2)) * radar.sigma_s
-
-
-def synthesise(scatterers: xr.Dataset, radar: Radar) -> Samples:
-    """Sum of Gaussian echoes, exact with an extra phase of each path: a cos(phi) in phase, a sin(phi) a quarter on."""
-    range_m, amplitude_v = scatterer_arrays(scatterers, radar)
-    phase_rad = path_phase_rad(scatterers)
-    if phase_rad is None:
-        return _echoes(range_m, amplitude_v, radar, quarter_turns=0)
-    samples = _echoes(range_m, amplitude_v * np.cos(phase_rad), radar, quarter_turns=0)
-    sine = np.sin(phase_rad)
-    if sine.any():
-        samples += _echoes(range_m, amplitude_v * sine, radar, quarter_turns=1)
-    return samples
-
-
-def _echoes(
+def _add_echoes(
     range_m: npt.NDArray[np.float64], amplitude_v: npt.NDArray[np.float64], radar: Radar, *, quarter_turns: int
 ) -> Samples:
     from doppelgait.core.kernels.synthesis import add_echoes
@@ -69,43 +93,3 @@ def _echoes(
         out,
     )
     return out
-
-
-def noise_bandwidth_hz(radar: Radar) -> float:
-    """Bandwidth of the down-conversion filter: the pulse's at 10 dB below its peak."""
-    return radar.pulse_bandwidth_hz(10)
-
-
-def figures(radar: Radar) -> dict[str, float]:
-    """Pulse width and bandwidths (E-11)."""
-    return {
-        "pulse_sigma_s": radar.sigma_s,
-        "pulse_bandwidth_3db_hz": radar.pulse_bandwidth_hz(3),
-        "pulse_bandwidth_10db_hz": radar.pulse_bandwidth_hz(10),
-    }
-
-
-IMPULSE = Waveform(
-    check=check_pulse,
-    n_samples=fast_time.n_range_bins,
-    n_range_bins=fast_time.n_range_bins,
-    first_bin_m=fast_time.first_bin_m,
-    bin_spacing_m=fast_time.bin_spacing_m,
-    synthesise=synthesise,
-    compress=unchanged,
-    resolution_m=resolution_m,
-    noise_bandwidth_hz=noise_bandwidth_hz,
-    noise_gain=no_gain,
-    unambiguous_range_m=fast_time.unambiguous_range_m,
-    coupling_s=no_coupling,
-    figures=figures,
-    takes=(
-        "bandwidth_hz",
-        "bandwidth_level_db",
-        "pulse_sigma_s",
-        "decimation",
-        "noise_bandwidth_hz",
-        "sweep_levels",
-        "pulse_rate_hz",
-    ),
-)

@@ -16,29 +16,105 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from typing import ClassVar, Literal
 
 import numpy as np
 import xarray as xr
 
+from doppelgait.core.plugins import plugin
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS, range_to_delay_s, velocity_to_doppler_hz
-from doppelgait.radar.config import Radar
 from doppelgait.radar.link import path_phase_rad, radial_velocity_mps, scatterer_arrays
-from doppelgait.radar.waveforms import fast_time
-from doppelgait.radar.waveforms.protocol import (
-    Samples,
-    Waveform,
-    check_band,
-    check_sweep_fits,
-    no_coupling,
-    no_gain,
-    unchanged,
-)
+from doppelgait.radar.parameters import Radar, Samples, Waveform, check_band, check_sweep_fits
 
 RECTANGULAR_WIDTH = 2.0 - math.sqrt(2.0)
 """Half-power width of the triangle (1 - |x|)^2, in pulse durations."""
 RECTANGULAR_BANDWIDTH = 0.8859
 """Half-power bandwidth of a rectangular pulse times its duration (E-09)."""
 MAX_PULSE_S = 1e-3
+
+
+class _MatchedPulse(Waveform):
+    """A pulse of duration ``sweep_s`` behind its matched filter."""
+
+    def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Samples:
+        """Sum of the matched-filter responses of all scatterers."""
+        from doppelgait.core.kernels.matched import add_responses
+
+        range_m, amplitude_v = scatterer_arrays(scatterers, radar)
+        phase_rad = path_phase_rad(scatterers)
+        extra_rad = radar.transmit_phase_rad + (0.0 if phase_rad is None else phase_rad)
+        turns = extra_rad / (2.0 * math.pi) - range_m * (2.0 / radar.wavelength_m)
+        duration_s = _duration_s(radar)
+        doppler_hz = velocity_to_doppler_hz(radial_velocity_mps(scatterers), radar.wavelength_m)
+        first, step = (float(range_to_delay_s(m)) / duration_s for m in (radar.range_start_m, radar.bin_spacing_m))
+        delay = range_to_delay_s(range_m) / duration_s
+        time_bandwidth = float(radar.bandwidth_hz or 0.0) * duration_s
+        out = np.empty((range_m.shape[0], radar.n_range_bins), dtype=np.complex64)
+        add_responses(amplitude_v, turns, delay, doppler_hz * duration_s, first, step, time_bandwidth, out)
+        return out
+
+    def noise_bandwidth_hz(self, radar: Radar) -> float:
+        """Noise bandwidth of the matched filter whose peak keeps the echo's amplitude: 1 / T."""
+        return 1.0 / _duration_s(radar)
+
+
+@plugin("waveform")
+class Rectangular(_MatchedPulse):
+    """A rectangular pulse behind its matched filter."""
+
+    needs: ClassVar[tuple[str, ...]] = ("sweep_s",)
+
+    kind: Literal["rectangular"] = "rectangular"
+
+    def check(self, radar: Radar) -> None:
+        """Refuse a pulse that is longer than 1 ms or than a frame, or of less than half a turn of its carrier."""
+        _check_pulse(radar, 1.0 / _duration_s(radar))
+
+    def resolution_m(self, radar: Radar) -> float:
+        """Half-power width of the triangle: (2 - sqrt 2) c T / 2."""
+        return RECTANGULAR_WIDTH * SPEED_OF_LIGHT_MPS * _duration_s(radar) / 2.0
+
+    def figures(self, radar: Radar) -> dict[str, float]:
+        """Half-power bandwidth (E-09)."""
+        return {"pulse_bandwidth_3db_hz": RECTANGULAR_BANDWIDTH / _duration_s(radar)}
+
+
+@plugin("waveform")
+class Lfm(_MatchedPulse):
+    """A pulse with a linear frequency sweep behind its matched filter."""
+
+    needs: ClassVar[tuple[str, ...]] = ("bandwidth_hz", "sweep_s")
+
+    kind: Literal["lfm"] = "lfm"
+
+    def check(self, radar: Radar) -> None:
+        """Refuse a chirp that is longer than 1 ms or than a frame, reaches below 0 Hz, or hardly sweeps."""
+        bandwidth_hz = float(radar.bandwidth_hz or 0.0)
+        _check_pulse(radar, bandwidth_hz)
+        if bandwidth_hz * _duration_s(radar) < 2.0:
+            raise ValueError(
+                f"bandwidth_hz {bandwidth_hz:g} times sweep_s {_duration_s(radar):g} is below 2: that is no chirp; "
+                "take waveform 'rectangular' or a longer sweep"
+            )
+
+    def resolution_m(self, radar: Radar) -> float:
+        """Half-power width of a compressed chirp, near 0.886 c / (2 B)."""
+        duration_s = _duration_s(radar)
+        width_s = _half_power_width(float(radar.bandwidth_hz or 0.0) * duration_s) * duration_s
+        return width_s * SPEED_OF_LIGHT_MPS / 2.0
+
+    def coupling_s(self, radar: Radar) -> float:
+        """Range shift per velocity of a rising chirp: -f_c T / B."""
+        return -radar.carrier_hz * _duration_s(radar) / float(radar.bandwidth_hz or math.nan)
+
+    def figures(self, radar: Radar) -> dict[str, float]:
+        """Slope, time-bandwidth product and range shift of 1 m/s."""
+        bandwidth_hz, duration_s = float(radar.bandwidth_hz or 0.0), _duration_s(radar)
+        return {
+            "sweep_slope_hz_per_s": bandwidth_hz / duration_s,
+            "time_bandwidth_product": bandwidth_hz * duration_s,
+            "coupling_shift_at_1mps_m": self.coupling_s(radar),
+        }
 
 
 def _duration_s(radar: Radar) -> float:
@@ -53,45 +129,6 @@ def _check_pulse(radar: Radar, bandwidth_hz: float) -> None:
     check_band(radar, bandwidth_hz)
 
 
-def check_rectangular(radar: Radar) -> None:
-    """Refuse a pulse that is longer than 1 ms or than a frame, or of less than half a turn of its carrier."""
-    _check_pulse(radar, 1.0 / _duration_s(radar))
-
-
-def check_lfm(radar: Radar) -> None:
-    """Refuse a chirp that is longer than 1 ms or than a frame, reaches below 0 Hz, or hardly sweeps."""
-    bandwidth_hz = float(radar.bandwidth_hz or 0.0)
-    _check_pulse(radar, bandwidth_hz)
-    if bandwidth_hz * _duration_s(radar) < 2.0:
-        raise ValueError(
-            f"bandwidth_hz {bandwidth_hz:g} times sweep_s {_duration_s(radar):g} is below 2: that is no chirp; take "
-            "waveform 'rectangular' or a longer sweep"
-        )
-
-
-def synthesise(scatterers: xr.Dataset, radar: Radar) -> Samples:
-    """Sum of the matched-filter responses of all scatterers."""
-    from doppelgait.core.kernels.matched import add_responses
-
-    range_m, amplitude_v = scatterer_arrays(scatterers, radar)
-    phase_rad = path_phase_rad(scatterers)
-    extra_rad = radar.transmit_phase_rad + (0.0 if phase_rad is None else phase_rad)
-    turns = extra_rad / (2.0 * math.pi) - range_m * (2.0 / radar.wavelength_m)
-    duration_s = _duration_s(radar)
-    doppler_hz = velocity_to_doppler_hz(radial_velocity_mps(scatterers), radar.wavelength_m)
-    first, step = (float(range_to_delay_s(m)) / duration_s for m in (radar.range_start_m, radar.bin_spacing_m))
-    delay = range_to_delay_s(range_m) / duration_s
-    time_bandwidth = float(radar.bandwidth_hz or 0.0) * duration_s
-    out = np.empty((range_m.shape[0], radar.n_range_bins), dtype=np.complex64)
-    add_responses(amplitude_v, turns, delay, doppler_hz * duration_s, first, step, time_bandwidth, out)
-    return out
-
-
-def rectangular_resolution_m(radar: Radar) -> float:
-    """Half-power width of the triangle: (2 - sqrt 2) c T / 2."""
-    return RECTANGULAR_WIDTH * SPEED_OF_LIGHT_MPS * _duration_s(radar) / 2.0
-
-
 @lru_cache(maxsize=64)
 def _half_power_width(time_bandwidth: float) -> float:
     """Half-power width of a chirp's response in pulse durations; near 0.886 / (B T)."""
@@ -101,72 +138,3 @@ def _half_power_width(time_bandwidth: float) -> float:
         return float((1.0 - x) * np.sinc(time_bandwidth * x * (1.0 - x))) - math.sqrt(0.5)
 
     return 2.0 * float(brentq(excess, 0.0, min(0.5, 1.0 / time_bandwidth)))
-
-
-def lfm_resolution_m(radar: Radar) -> float:
-    """Half-power width of a compressed chirp, near 0.886 c / (2 B)."""
-    duration_s = _duration_s(radar)
-    width_s = _half_power_width(float(radar.bandwidth_hz or 0.0) * duration_s) * duration_s
-    return width_s * SPEED_OF_LIGHT_MPS / 2.0
-
-
-def noise_bandwidth_hz(radar: Radar) -> float:
-    """Noise bandwidth of the matched filter whose peak keeps the echo's amplitude: 1 / T."""
-    return 1.0 / _duration_s(radar)
-
-
-def coupling_s(radar: Radar) -> float:
-    """Range shift per velocity of a rising chirp: -f_c T / B."""
-    return -radar.carrier_hz * _duration_s(radar) / float(radar.bandwidth_hz or math.nan)
-
-
-def rectangular_figures(radar: Radar) -> dict[str, float]:
-    """Half-power bandwidth (E-09)."""
-    return {"pulse_bandwidth_3db_hz": RECTANGULAR_BANDWIDTH / _duration_s(radar)}
-
-
-def lfm_figures(radar: Radar) -> dict[str, float]:
-    """Slope, time-bandwidth product and range shift of 1 m/s."""
-    bandwidth_hz, duration_s = float(radar.bandwidth_hz or 0.0), _duration_s(radar)
-    return {
-        "sweep_slope_hz_per_s": bandwidth_hz / duration_s,
-        "time_bandwidth_product": bandwidth_hz * duration_s,
-        "coupling_shift_at_1mps_m": coupling_s(radar),
-    }
-
-
-RECTANGULAR = Waveform(
-    check=check_rectangular,
-    n_samples=fast_time.n_range_bins,
-    n_range_bins=fast_time.n_range_bins,
-    first_bin_m=fast_time.first_bin_m,
-    bin_spacing_m=fast_time.bin_spacing_m,
-    synthesise=synthesise,
-    compress=unchanged,
-    resolution_m=rectangular_resolution_m,
-    noise_bandwidth_hz=noise_bandwidth_hz,
-    noise_gain=no_gain,
-    unambiguous_range_m=fast_time.unambiguous_range_m,
-    coupling_s=no_coupling,
-    figures=rectangular_figures,
-    needs=("sweep_s",),
-    takes=("decimation", "noise_bandwidth_hz", "pulse_rate_hz"),
-)
-
-LFM = Waveform(
-    check=check_lfm,
-    n_samples=fast_time.n_range_bins,
-    n_range_bins=fast_time.n_range_bins,
-    first_bin_m=fast_time.first_bin_m,
-    bin_spacing_m=fast_time.bin_spacing_m,
-    synthesise=synthesise,
-    compress=unchanged,
-    resolution_m=lfm_resolution_m,
-    noise_bandwidth_hz=noise_bandwidth_hz,
-    noise_gain=no_gain,
-    unambiguous_range_m=fast_time.unambiguous_range_m,
-    coupling_s=coupling_s,
-    figures=lfm_figures,
-    needs=("bandwidth_hz", "sweep_s"),
-    takes=("decimation", "noise_bandwidth_hz", "pulse_rate_hz"),
-)

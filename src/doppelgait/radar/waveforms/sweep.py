@@ -17,214 +17,223 @@ real channel has half the unambiguous range.
 from __future__ import annotations
 
 import math
-from typing import Any
+from functools import lru_cache
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from doppelgait.core.plugins import plugin
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
-from doppelgait.radar.config import Radar
 from doppelgait.radar.link import path_phase_rad, radial_velocity_mps, scatterer_arrays
-from doppelgait.radar.waveforms.protocol import Samples, Waveform, check_band, check_sweep_fits
-from doppelgait.radar.waveforms.windows import half_power_bins, independent_share, noise_ratio, range_window
+from doppelgait.radar.parameters import Radar, Samples, Waveform, check_band, check_sweep_fits
 
 MAX_SAMPLES = 65_536
 ROWS = 2048
 """Sweeps compressed at a time, which bounds the memory of the transform."""
+COSINES = {
+    "none": (1.0,),
+    "hann": (0.5, 0.5),
+    "hamming": (0.54, 0.46),
+    "blackman": (0.42, 0.5, 0.08),
+}
+"""Coefficients of the cosine sums (Harris 1978, DOI 10.1109/PROC.1978.10837, table 1)."""
 
 
-def n_samples(radar: Radar) -> int:
-    """Receiver samples S of one sweep: sweep duration times sampling rate, rounded."""
-    return round(float(radar.sweep_s or 0.0) * radar.sample_rate_hz)
+class _Sweep(Waveform):
+    """A frequency sweep per frame, transformed to range; ``lag`` is the epsilon of the module's equation."""
 
+    needs: ClassVar[tuple[str, ...]] = ("bandwidth_hz", "sweep_s")
+    folds: ClassVar[bool] = True
+    lag: ClassVar[float]
 
-def duration_s(radar: Radar) -> float:
-    """Time T_c that the samples of one sweep take: S / f_s."""
-    return n_samples(radar) / radar.sample_rate_hz
+    def check(self, radar: Radar) -> None:
+        """Refuse too few or too many samples, a sweep that overlaps the next, or a frame beyond the folding range."""
+        if not 2 <= self.n_samples(radar) <= MAX_SAMPLES:
+            raise ValueError(
+                f"sweep_s {radar.sweep_s} at sample_rate_hz {radar.sample_rate_hz:g} makes {self.n_samples(radar):,} "
+                f"samples; 2 to {MAX_SAMPLES:,} are allowed"
+            )
+        check_sweep_fits(radar, self.n_samples(radar) / radar.sample_rate_hz)
+        check_band(radar, float(radar.bandwidth_hz or 0.0))
+        farthest_m = self.unambiguous_range_m(radar)
+        if radar.range_stop_m > farthest_m * (1.0 + 1e-9):
+            raise ValueError(
+                f"range_stop_m {radar.range_stop_m:g} lies beyond the unambiguous range of {self.n_samples(radar)} "
+                f"samples over {radar.bandwidth_hz:g} Hz, {farthest_m:.6g} m; lower it, raise sample_rate_hz or lower "
+                "bandwidth_hz"
+            )
 
+    def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Samples:
+        """Samples of every sweep, with the motion within it; of FMCW with the residual video phase.
 
-def slope_hz_per_s(radar: Radar) -> float:
-    """Sweep slope: the bandwidth over the time in which the samples are taken."""
-    return float(radar.bandwidth_hz or 0.0) / duration_s(radar)
+        With t_d = t_0 - beta u, beta = 2 v / c, the phase is the quadratic in u with the coefficients computed here.
+        """
+        from doppelgait.core.kernels.tones import add_tones
 
-
-def bin_spacing_m(radar: Radar) -> float:
-    """Spacing of the range bins, c / (2 B): one per sample, without zero padding."""
-    return SPEED_OF_LIGHT_MPS / (2.0 * float(radar.bandwidth_hz or math.nan))
-
-
-def _first_bin(radar: Radar) -> int:
-    return math.ceil(radar.range_start_m / bin_spacing_m(radar) - 1e-9)
-
-
-def first_bin_m(radar: Radar) -> float:
-    """Range of the first bin of the transform inside the frame."""
-    return _first_bin(radar) * bin_spacing_m(radar)
-
-
-def n_range_bins(radar: Radar) -> int:
-    """Bins of the transform from range_start_m to below range_stop_m."""
-    return math.ceil(radar.range_stop_m / bin_spacing_m(radar) - 1e-9) - _first_bin(radar)
-
-
-def unambiguous_range_m(radar: Radar) -> float:
-    """Range whose beat goes round once from sample to sample: f_s c / (2 S) = S_samples c / (2 B)."""
-    return n_samples(radar) * bin_spacing_m(radar)
-
-
-def check_sweep(radar: Radar) -> None:
-    """Refuse a sweep of too few or too many samples, that overlaps the next, or a frame beyond the folding range."""
-    if not 2 <= n_samples(radar) <= MAX_SAMPLES:
-        raise ValueError(
-            f"sweep_s {radar.sweep_s} at sample_rate_hz {radar.sample_rate_hz:g} makes {n_samples(radar):,} samples; "
-            f"2 to {MAX_SAMPLES:,} are allowed"
+        range_m, amplitude_v = scatterer_arrays(scatterers, radar)
+        delay_s = range_m * (2.0 / SPEED_OF_LIGHT_MPS)
+        beta = radial_velocity_mps(scatterers) * (2.0 / SPEED_OF_LIGHT_MPS)
+        slope, step_s = _slope_hz_per_s(radar), 1.0 / radar.sample_rate_hz
+        turns = radar.transmit_phase_rad / (2.0 * math.pi) - delay_s * (
+            radar.carrier_hz - 0.5 * self.lag * slope * delay_s
         )
-    check_sweep_fits(radar, duration_s(radar))
-    check_band(radar, float(radar.bandwidth_hz or 0.0))
-    farthest_m = unambiguous_range_m(radar)
-    if radar.range_stop_m > farthest_m * (1.0 + 1e-9):
-        raise ValueError(
-            f"range_stop_m {radar.range_stop_m:g} lies beyond the unambiguous range of {n_samples(radar)} samples "
-            f"over {radar.bandwidth_hz:g} Hz, {farthest_m:.6g} m; lower it, raise sample_rate_hz or lower bandwidth_hz"
-        )
+        phase_rad = path_phase_rad(scatterers)
+        if phase_rad is not None:
+            turns += phase_rad / (2.0 * math.pi)
+        linear = step_s * (radar.carrier_hz * beta - slope * delay_s * (1.0 + self.lag * beta))
+        bend = step_s**2 * slope * beta * (1.0 + 0.5 * self.lag * beta)
+        out = np.empty((range_m.shape[0], self.n_samples(radar)), dtype=np.complex64)
+        add_tones(amplitude_v, turns, linear, bend, out)
+        return out
+
+    def compress(self, samples: npt.NDArray[Any], radar: Radar) -> Samples:
+        """Window and inverse transform, divided by the window's sum and referred to the sweep's middle.
+
+        The bins of FMCW are turned by exp(-j pi S t_k^2), t_k the delay of the bin's middle, which removes the
+        residual video phase of a scatterer there. Half a bin from it at most pi t_d / T_c remains: 0.008 rad at
+        10 m and a sweep of 25 us, the same for every sweep in which it stays in that bin.
+        """
+        from scipy.fft import ifft
+
+        size = self.n_samples(radar)
+        window = range_window(radar.range_window, size)
+        weights = (window * (size / window.sum())).astype(np.float32)
+        bins = self._first_bin(radar) + np.arange(self.n_range_bins(radar))
+        delay_s = bins / float(radar.bandwidth_hz or math.nan)
+        turns = -0.5 * bins * (size - 1) / size - 0.5 * self.lag * _slope_hz_per_s(radar) * delay_s**2
+        turn = np.exp(2j * np.pi * np.mod(turns, 1.0)).astype(np.complex64)
+        out = np.empty((samples.shape[0], bins.size), dtype=np.complex64)
+        for begin in range(0, samples.shape[0], ROWS):
+            block = np.asarray(samples[begin : begin + ROWS], dtype=np.complex64) * weights
+            out[begin : begin + ROWS] = ifft(block, axis=1, overwrite_x=True)[:, bins[0] : bins[0] + bins.size] * turn
+        return out
+
+    def n_samples(self, radar: Radar) -> int:
+        """Receiver samples S of one sweep: sweep duration times sampling rate, rounded."""
+        return round(float(radar.sweep_s or 0.0) * radar.sample_rate_hz)
+
+    def n_range_bins(self, radar: Radar) -> int:
+        """Bins of the transform from range_start_m to below range_stop_m."""
+        return math.ceil(radar.range_stop_m / self.bin_spacing_m(radar) - 1e-9) - self._first_bin(radar)
+
+    def first_bin_m(self, radar: Radar) -> float:
+        """Range of the first bin of the transform inside the frame."""
+        return self._first_bin(radar) * self.bin_spacing_m(radar)
+
+    def _first_bin(self, radar: Radar) -> int:
+        return math.ceil(radar.range_start_m / self.bin_spacing_m(radar) - 1e-9)
+
+    def bin_spacing_m(self, radar: Radar) -> float:
+        """Spacing of the range bins, c / (2 B): one per sample, without zero padding."""
+        return SPEED_OF_LIGHT_MPS / (2.0 * float(radar.bandwidth_hz or math.nan))
+
+    def resolution_m(self, radar: Radar) -> float:
+        """Half-power width of an echo: 0.886 (no window) to 1.64 (Blackman) times c / (2 B)."""
+        return half_power_bins(radar.range_window, self.n_samples(radar)) * self.bin_spacing_m(radar)
+
+    def noise_gain(self, radar: Radar) -> float:
+        """Noise power in a bin over that in a sample: sum(w^2) / sum(w)^2; neighbouring bins share noise."""
+        return noise_ratio(radar.range_window, self.n_samples(radar))
+
+    def independent_bins(self, radar: Radar) -> float:
+        """Independent noise values per range bin."""
+        return independent_share(radar.range_window, self.n_samples(radar))
+
+    def unambiguous_range_m(self, radar: Radar) -> float:
+        """Range at which the beat makes one turn from sample to sample: f_s c / (2 S) = S_samples c / (2 B)."""
+        return self.n_samples(radar) * self.bin_spacing_m(radar)
+
+    def coupling_s(self, radar: Radar) -> float:
+        """Range shift per velocity by range-Doppler coupling of a rising sweep: -f_c T_c / B."""
+        return -radar.carrier_hz / _slope_hz_per_s(radar)
+
+    def figures(self, radar: Radar) -> dict[str, float]:
+        """Slope, samples and range shift of 1 m/s."""
+        return {
+            "n_samples": self.n_samples(radar),
+            "sweep_slope_hz_per_s": _slope_hz_per_s(radar),
+            "coupling_shift_at_1mps_m": self.coupling_s(radar),
+        }
 
 
-def synthesise_fmcw(scatterers: xr.Dataset, radar: Radar) -> Samples:
-    """De-chirped samples of every sweep, with the motion within it and the residual video phase."""
-    return _synthesise(scatterers, radar, lag=1.0)
+@plugin("waveform")
+class Fmcw(_Sweep):
+    """De-chirped linear frequency sweep."""
+
+    takes: ClassVar[tuple[str, ...]] = ("range_window",)
+    lag: ClassVar[float] = 1.0
+
+    kind: Literal["fmcw"] = "fmcw"
 
 
-def synthesise_stepped(scatterers: xr.Dataset, radar: Radar) -> Samples:
-    """Frequency response at every step, with the motion from step to step."""
-    return _synthesise(scatterers, radar, lag=0.0)
+@plugin("waveform")
+class Stepped(_Sweep):
+    """Frequency response at every step of a sweep."""
+
+    takes: ClassVar[tuple[str, ...]] = ("range_window", "noise_bandwidth_hz")
+    lag: ClassVar[float] = 0.0
+
+    kind: Literal["stepped"] = "stepped"
 
 
-def _synthesise(scatterers: xr.Dataset, radar: Radar, *, lag: float) -> Samples:
-    """Samples of a sweep; ``lag`` is the epsilon of the module's equation.
+def _slope_hz_per_s(radar: Radar) -> float:
+    """Sweep slope: the bandwidth over the time T_c = S / f_s in which the samples are taken."""
+    return float(radar.bandwidth_hz or 0.0) / (radar.waveform.n_samples(radar) / radar.sample_rate_hz)
 
-    With t_d = t_0 - beta u, beta = 2 v / c, the phase is the quadratic in u whose coefficients stand here.
+
+def range_window(name: str, n_samples: int) -> npt.NDArray[np.float64]:
+    r"""Window of a sweep, symmetric about its middle, no sample of which is zero.
+
+    .. math:: w_n = \sum_k (-1)^k c_k \cos(2 \pi k (n + 1/2) / S)
+
+    Sampled half a sample on from the usual form: the sweep's middle keeps its phase, and no sample is lost.
+
+    Parameters
+    ----------
+    name : str
+        A key of ``COSINES``.
+    n_samples : int
+        S, 1 or more.
+
+    Returns
+    -------
+    ndarray, shape (S,)
     """
-    from doppelgait.core.kernels.tones import add_tones
-
-    range_m, amplitude_v = scatterer_arrays(scatterers, radar)
-    delay_s = range_m * (2.0 / SPEED_OF_LIGHT_MPS)
-    beta = radial_velocity_mps(scatterers) * (2.0 / SPEED_OF_LIGHT_MPS)
-    slope, step_s = slope_hz_per_s(radar), 1.0 / radar.sample_rate_hz
-    turns = radar.transmit_phase_rad / (2.0 * math.pi) - delay_s * (radar.carrier_hz - 0.5 * lag * slope * delay_s)
-    phase_rad = path_phase_rad(scatterers)
-    if phase_rad is not None:
-        turns += phase_rad / (2.0 * math.pi)
-    linear = step_s * (radar.carrier_hz * beta - slope * delay_s * (1.0 + lag * beta))
-    bend = step_s**2 * slope * beta * (1.0 + 0.5 * lag * beta)
-    out = np.empty((range_m.shape[0], n_samples(radar)), dtype=np.complex64)
-    add_tones(amplitude_v, turns, linear, bend, out)
-    return out
+    angle = 2.0 * np.pi * (np.arange(n_samples) + 0.5) / n_samples
+    terms = [(-1.0) ** k * c * np.cos(k * angle) for k, c in enumerate(COSINES[name])]
+    return np.asarray(np.sum(terms, axis=0), dtype=np.float64)
 
 
-def compress_fmcw(samples: npt.NDArray[Any], radar: Radar) -> Samples:
-    r"""Range bins of de-chirped samples, without the residual video phase.
+def noise_ratio(name: str, n_samples: int) -> float:
+    """Noise power after the transform over noise power before it: sum(w^2) / sum(w)^2."""
+    window = range_window(name, n_samples)
+    return float((window**2).sum() / window.sum() ** 2)
 
-    The transform's bins are turned by exp(-j pi S t_k^2), t_k the delay of the bin's middle, which removes the
-    residual video phase of a scatterer there. Of one half a bin beside it at most pi t_d / T_c remains: 0.008 rad at
-    10 m and a sweep of 25 us, the same for every sweep in which it stays in that bin.
+
+@lru_cache(maxsize=64)
+def independent_share(name: str, n_samples: int) -> float:
+    r"""Independent noise values per bin: the window makes neighbouring bins share noise.
+
+    .. math:: \Big(\sum_k |r_k|^2\Big)^{-1}, \quad r_k = \sum_n w_n^2 e^{-j 2 \pi k n / S} / \sum_n w_n^2
+
+    is by how much less the power of a sum over many bins is averaged than over independent ones: 1 without a window,
+    18/35 for Hann.
     """
-    return _compress(samples, radar, lag=1.0)
+    spectrum = np.fft.fft(range_window(name, n_samples) ** 2)
+    return float(np.abs(spectrum[0]) ** 2 / (np.abs(spectrum) ** 2).sum())
 
 
-def compress_stepped(samples: npt.NDArray[Any], radar: Radar) -> Samples:
-    """Range bins of a stepped-frequency response."""
-    return _compress(samples, radar, lag=0.0)
+@lru_cache(maxsize=64)
+def half_power_bins(name: str, n_samples: int) -> float:
+    """Width of a tone's main line at half power, in bins of a transform of the window's length."""
+    from scipy.optimize import brentq
 
+    window = range_window(name, n_samples)
+    place = 2.0 * math.pi * (np.arange(n_samples) - 0.5 * (n_samples - 1)) / n_samples
 
-def _compress(samples: npt.NDArray[Any], radar: Radar, *, lag: float) -> Samples:
-    """Window and inverse transform, divided by the window's sum and referred to the sweep's middle."""
-    from scipy.fft import ifft
+    def excess(offset_bins: float) -> float:
+        return float((window * np.cos(place * offset_bins)).sum() / window.sum()) - math.sqrt(0.5)
 
-    size = n_samples(radar)
-    window = range_window(radar.range_window, size)
-    weights = (window * (size / window.sum())).astype(np.float32)
-    bins = _first_bin(radar) + np.arange(n_range_bins(radar))
-    delay_s = bins / float(radar.bandwidth_hz or math.nan)
-    turns = -0.5 * bins * (size - 1) / size - 0.5 * lag * slope_hz_per_s(radar) * delay_s**2
-    turn = np.exp(2j * np.pi * np.mod(turns, 1.0)).astype(np.complex64)
-    out = np.empty((samples.shape[0], bins.size), dtype=np.complex64)
-    for begin in range(0, samples.shape[0], ROWS):
-        block = np.asarray(samples[begin : begin + ROWS], dtype=np.complex64) * weights
-        out[begin : begin + ROWS] = ifft(block, axis=1, overwrite_x=True)[:, bins[0] : bins[0] + bins.size] * turn
-    return out
-
-
-def resolution_m(radar: Radar) -> float:
-    """Half-power width of an echo: 0.886 (no window) to 1.64 (Blackman) times c / (2 B)."""
-    return half_power_bins(radar.range_window, n_samples(radar)) * bin_spacing_m(radar)
-
-
-def noise_bandwidth_hz(radar: Radar) -> float:
-    """Noise bandwidth of a complex sample: the sampling rate, the noise being white up to it."""
-    return radar.sample_rate_hz
-
-
-def noise_gain(radar: Radar) -> float:
-    """Noise power in a bin over that in a sample: sum(w^2) / sum(w)^2; neighbouring bins share noise by the window."""
-    return noise_ratio(radar.range_window, n_samples(radar))
-
-
-def independent_bins(radar: Radar) -> float:
-    """Independent noise values per range bin."""
-    return independent_share(radar.range_window, n_samples(radar))
-
-
-def coupling_s(radar: Radar) -> float:
-    """Range shift per velocity by range-Doppler coupling of a rising sweep: -f_c T_c / B."""
-    return -radar.carrier_hz / slope_hz_per_s(radar)
-
-
-def figures(radar: Radar) -> dict[str, float]:
-    """Slope, samples and range shift of 1 m/s."""
-    return {
-        "n_samples": n_samples(radar),
-        "sweep_slope_hz_per_s": slope_hz_per_s(radar),
-        "coupling_shift_at_1mps_m": coupling_s(radar),
-    }
-
-
-FMCW = Waveform(
-    check=check_sweep,
-    n_samples=n_samples,
-    n_range_bins=n_range_bins,
-    first_bin_m=first_bin_m,
-    bin_spacing_m=bin_spacing_m,
-    synthesise=synthesise_fmcw,
-    compress=compress_fmcw,
-    resolution_m=resolution_m,
-    noise_bandwidth_hz=noise_bandwidth_hz,
-    noise_gain=noise_gain,
-    unambiguous_range_m=unambiguous_range_m,
-    coupling_s=coupling_s,
-    figures=figures,
-    independent_bins=independent_bins,
-    folds=True,
-    needs=("bandwidth_hz", "sweep_s"),
-    takes=("range_window",),
-)
-
-STEPPED = Waveform(
-    check=check_sweep,
-    n_samples=n_samples,
-    n_range_bins=n_range_bins,
-    first_bin_m=first_bin_m,
-    bin_spacing_m=bin_spacing_m,
-    synthesise=synthesise_stepped,
-    compress=compress_stepped,
-    resolution_m=resolution_m,
-    noise_bandwidth_hz=noise_bandwidth_hz,
-    noise_gain=noise_gain,
-    unambiguous_range_m=unambiguous_range_m,
-    coupling_s=coupling_s,
-    figures=figures,
-    independent_bins=independent_bins,
-    folds=True,
-    needs=("bandwidth_hz", "sweep_s"),
-    takes=("range_window", "noise_bandwidth_hz"),
-)
+    return 2.0 * float(brentq(excess, 0.0, 1.0))

@@ -111,10 +111,10 @@ def _prepare(recording: Recording, name: str, *, conjugate: bool, counts_per_uni
             f"{TYPICAL['counts_per_unit']}"
         )
     radar = recording.radar
-    if radar.waveform != "impulse":
+    if radar.waveform.kind != "impulse":
         raise RecordingError(
             f"XeThru files are of impulse radars and would be read as such; this recording is of waveform "
-            f"{radar.waveform!r}: write .h5, .npz or .sigmf-meta"
+            f"{radar.waveform.kind!r}: write .h5, .npz or .sigmf-meta"
         )
     values = np.asarray(recording.baseband.values) / (radar.volts_per_unit or 1.0)
     return _Frames(

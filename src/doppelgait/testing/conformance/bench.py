@@ -11,7 +11,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.radar.config import Radar
+from doppelgait.radar.parameters import Radar
 from doppelgait.testing.conformance import theory
 
 Complex = npt.NDArray[np.complex128]
@@ -93,7 +93,7 @@ def bins_of(bench: Bench, scatterers: xr.Dataset, radar: Radar) -> tuple[Float, 
     else:
         axis_m, values = theory.range_axis_m(radar), result
     wanted = (scatterers.sizes["slow_time"], axis_m.size)
-    return axis_m, complex_of(values, wanted, what=f"the simulator's baseband for waveform {radar.waveform!r}")
+    return axis_m, complex_of(values, wanted, what=f"the simulator's baseband for waveform {radar.waveform.kind!r}")
 
 
 def complex_of(values: Any, shape: tuple[int, int], *, what: str) -> Complex:

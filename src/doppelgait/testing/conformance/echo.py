@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from doppelgait.radar.config import Radar
+from doppelgait.radar.parameters import Radar
 from doppelgait.testing.conformance import theory
 from doppelgait.testing.conformance.bench import Bench, Complex, bins_of
 from doppelgait.testing.conformance.tables import approach, place_m, speed_mps, table

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.radar.config import Radar
+from doppelgait.radar.parameters import Radar
 from doppelgait.testing.conformance import theory
 from doppelgait.testing.conformance.bench import Bench, Complex, bins_of
 from doppelgait.testing.conformance.radars import narrow_radar
@@ -33,14 +33,14 @@ def same_signature(bench: Bench, radar: Radar) -> float:
 
 def same_gait(bench: Bench, radar: Radar) -> float:
     """Larger of the deviations of torso speed and step frequency from those in that sum, % (equivalence iv)."""
-    mine, wanted, prf_hz = _shown(bench, radar), wanted_signature(), narrow_radar(radar.waveform).prf_hz
+    mine, wanted, prf_hz = _shown(bench, radar), wanted_signature(), narrow_radar(radar.waveform.kind).prf_hz
     speed = abs(torso_doppler_hz(mine, prf_hz) / torso_doppler_hz(wanted, prf_hz) - 1.0)
     steps = abs(step_frequency_hz(mine, prf_hz) / step_frequency_hz(wanted, prf_hz) - 1.0)
     return 100.0 * max(speed, steps)
 
 
 def _shown(bench: Bench, radar: Radar) -> Float:
-    narrow = narrow_radar(radar.waveform)
+    narrow = narrow_radar(radar.waveform.kind)
     return signature(bins_of(bench, walk(narrow.prf_hz), narrow)[1])
 
 

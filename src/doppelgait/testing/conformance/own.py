@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.radar.config import Radar
+from doppelgait.radar.parameters import Radar
 
 
 def simulate_bins(scatterers: xr.Dataset, radar: Radar) -> xr.DataArray:
@@ -29,9 +29,8 @@ def receiver_noise(radar: Radar, /, *, n_pulses: int, rng: np.random.Generator) 
     """Thermal noise of the receiver's samples, compressed to range bins."""
     from doppelgait.radar.impairments import ThermalNoise, apply_impairments
     from doppelgait.radar.simulate import compress
-    from doppelgait.radar.waveforms import waveform_of
 
-    silence = np.zeros((n_pulses, waveform_of(radar).n_samples(radar)), dtype=np.complex64)
+    silence = np.zeros((n_pulses, radar.waveform.n_samples(radar)), dtype=np.complex64)
     return compress(apply_impairments(silence, [ThermalNoise()], radar=radar, rng=rng), radar)
 
 

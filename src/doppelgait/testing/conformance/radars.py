@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from doppelgait.core.errors import ConfigError
-from doppelgait.radar.config import Radar
+from doppelgait.radar.parameters import Radar
 from doppelgait.testing.conformance import theory
 
 COMMON: dict[str, Any] = {

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from doppelgait.radar.config import Radar
+from doppelgait.radar.parameters import Radar
 from doppelgait.testing.conformance import theory
 from doppelgait.testing.conformance.bench import Bench, Complex, bins_of, complex_of
 from doppelgait.testing.conformance.radars import changed
@@ -50,15 +50,15 @@ def matched_snr(bench: Bench, radar: Radar) -> float:
 
 
 def _whole_band(radar: Radar) -> Radar:
-    if radar.waveform == "impulse":
+    if radar.waveform.kind == "impulse":
         return changed(radar, noise_bandwidth_hz=radar.sample_rate_hz / radar.decimation)
-    changes = {"range_window": "none"} if radar.waveform in theory.SWEPT else {}
+    changes = {"range_window": "none"} if radar.waveform.kind in theory.SWEPT else {}
     return changed(radar, noise_bandwidth_hz=None, **changes)
 
 
 def _matched(radar: Radar, bin_m: float) -> np.ndarray:
     """Weights of neighbouring bins: the pulse's shape to 5 sigma, or one bin alone."""
-    if radar.waveform != "impulse":
+    if radar.waveform.kind != "impulse":
         return np.ones(1)
     spread_bins = theory.C_MPS * theory.pulse_sigma_s(radar) / 2.0 / bin_m
     half = math.ceil(5.0 * spread_bins)
@@ -70,7 +70,7 @@ def _noise(bench: Bench, radar: Radar) -> Complex:
     n_bins = theory.range_axis_m(radar).size
     n_pulses = max(NOISE_VALUES // n_bins, MIN_PULSES)
     noise = bench.noise(radar, n_pulses=n_pulses, rng=np.random.default_rng(SEED))
-    return complex_of(noise, (n_pulses, n_bins), what=f"noise of waveform {radar.waveform!r}")
+    return complex_of(noise, (n_pulses, n_bins), what=f"noise of waveform {radar.waveform.kind!r}")
 
 
 def quantisation_snr(bench: Bench, radar: Radar) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from doppelgait.radar.config import Radar
+from doppelgait.radar.parameters import Radar
 from doppelgait.testing.conformance import echo, equivalence, receiver, surroundings, sweep, theory
 from doppelgait.testing.conformance.bench import Bench
 

@@ -9,7 +9,7 @@ from typing import Literal, TypeVar
 import numpy as np
 
 from doppelgait.core.errors import ConfigError
-from doppelgait.radar.config import Radar
+from doppelgait.radar.parameters import Radar
 from doppelgait.testing.conformance import own
 from doppelgait.testing.conformance.bench import Bench, Noise, Quantise, Simulator, Sweep, TwoRay, Wall
 from doppelgait.testing.conformance.check import Check
@@ -70,7 +70,7 @@ def run_conformance(
     if not chosen:
         raise ConfigError("conformance: radars is empty; give one radar or more, or leave it out")
     for radar in chosen.values():
-        check_waveform(radar.waveform)
+        check_waveform(radar.waveform.kind)
     return [_measure(rule, bench, radar, name) for name, rule, radar in _cases(chosen, only)]
 
 
@@ -86,7 +86,9 @@ def _cases(radars: Mapping[str, Radar], only: Iterable[str] | None) -> list[tupl
     for rule in RULES:
         if not rule.waveforms:
             cases.append((rule.name, rule, first))
-        cases += [(f"{rule.name}[{key}]", rule, one) for key, one in radars.items() if one.waveform in rule.waveforms]
+        cases += [
+            (f"{rule.name}[{key}]", rule, one) for key, one in radars.items() if one.waveform.kind in rule.waveforms
+        ]
     if only is None:
         return cases
     wanted = [only] if isinstance(only, str) else list(only)

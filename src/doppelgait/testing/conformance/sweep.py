@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from doppelgait.radar.config import Radar
+from doppelgait.radar.parameters import Radar
 from doppelgait.testing.conformance import theory
 from doppelgait.testing.conformance.bench import Bench, bins_of, complex_of
 from doppelgait.testing.conformance.tables import place_m, speed_mps, table

@@ -9,7 +9,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.labels import SCATTERER_VARIABLES
-from doppelgait.radar.config import Radar
+from doppelgait.radar.parameters import Radar
 from doppelgait.testing.conformance import theory
 
 Float = npt.NDArray[np.float64]
@@ -48,7 +48,7 @@ def place_m(radar: Radar, fraction: float) -> float:
     """Range at a fraction of the frame, in the middle of a bin (of a cw radar as it is); 1 m or more."""
     wanted_m = radar.range_start_m + fraction * (radar.range_stop_m - radar.range_start_m)
     wanted_m = max(wanted_m, 1.0)
-    if radar.waveform == "cw":
+    if radar.waveform.kind == "cw":
         return wanted_m
     axis_m = theory.range_axis_m(radar)
     return float(axis_m[np.abs(axis_m - wanted_m).argmin()])

@@ -10,7 +10,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.radar.config import Radar
+from doppelgait.radar.parameters import Radar
 
 Complex = npt.NDArray[np.complex128]
 Float = npt.NDArray[np.float64]
@@ -50,15 +50,15 @@ def n_sweep(radar: Radar) -> int:
 
 def sweep_time_s(radar: Radar) -> float:
     """Time that the samples of a sweep take; of a pulse its duration."""
-    return n_sweep(radar) / radar.sample_rate_hz if radar.waveform in SWEPT else float(radar.sweep_s or math.nan)
+    return n_sweep(radar) / radar.sample_rate_hz if radar.waveform.kind in SWEPT else float(radar.sweep_s or math.nan)
 
 
 def range_axis_m(radar: Radar) -> Float:
     """Range bins: every D c / (2 f_s) (E-15), every c / (2 B) counted from 0, or the frame's middle."""
     start_m, stop_m = radar.range_start_m, radar.range_stop_m
-    if radar.waveform == "cw":
+    if radar.waveform.kind == "cw":
         return np.array([(start_m + stop_m) / 2.0])
-    if radar.waveform in SWEPT:
+    if radar.waveform.kind in SWEPT:
         step_m = C_MPS / (2.0 * (radar.bandwidth_hz or math.nan))
         first = math.ceil(start_m / step_m - 1e-9)
         return np.asarray(step_m * np.arange(first, math.ceil(stop_m / step_m - 1e-9)))
@@ -99,16 +99,18 @@ def noise_figure(radar: Radar) -> float:
 def bin_noise_v2(radar: Radar) -> float:
     """Mean square of the noise in a bin: 2 Z0 k T0 F B G_rx / N_eff (E-18), of a sweep times sum(w^2) / sum(w)^2."""
     own_hz = {
-        "impulse": math.sqrt(math.log(10.0)) / (math.pi * pulse_sigma_s(radar)) if radar.waveform == "impulse" else 0.0,
+        "impulse": math.sqrt(math.log(10.0)) / (math.pi * pulse_sigma_s(radar))
+        if radar.waveform.kind == "impulse"
+        else 0.0,
         "rectangular": 1.0 / (radar.sweep_s or math.inf),
         "lfm": 1.0 / (radar.sweep_s or math.inf),
         "fmcw": radar.sample_rate_hz,
         "stepped": radar.sample_rate_hz,
         "cw": radar.prf_hz,
     }
-    width_hz = radar.noise_bandwidth_hz or own_hz[radar.waveform]
+    width_hz = radar.noise_bandwidth_hz or own_hz[radar.waveform.kind]
     level_v2 = 2.0 * OHM * NOISE_DENSITY_W_PER_HZ * noise_figure(radar) * width_hz * receiver_gain(radar)
-    if radar.waveform in SWEPT:
+    if radar.waveform.kind in SWEPT:
         weights = window(radar)
         level_v2 *= float((weights**2).sum() / weights.sum() ** 2)
     return level_v2 / averages(radar)
@@ -116,10 +118,10 @@ def bin_noise_v2(radar: Radar) -> float:
 
 def energy_over_noise_density(radar: Radar, *, range_m: float, gain_m2: float) -> float:
     """E / N0 of an echo, N_eff pulses averaged: P_r times the integral of the envelope's square, over k T0 F."""
-    if radar.waveform == "impulse":
+    if radar.waveform.kind == "impulse":
         length_s = math.sqrt(math.pi) * pulse_sigma_s(radar)
     else:
-        length_s = 1.0 / radar.prf_hz if radar.waveform == "cw" else sweep_time_s(radar)
+        length_s = 1.0 / radar.prf_hz if radar.waveform.kind == "cw" else sweep_time_s(radar)
     power_w = received_w(radar, range_m=np.array(range_m), gain_m2=np.array(gain_m2))
     return float(power_w * length_s * averages(radar) / (NOISE_DENSITY_W_PER_HZ * noise_figure(radar)))
 
@@ -130,16 +132,16 @@ def power_spectrum(radar: Radar) -> tuple[Float, Float]:
     The Gaussian of E-11 for an impulse; |S|^2 of the sampled pulse for a matched filter; the window over the band of a
     sweep.
     """
-    if radar.waveform == "impulse":
+    if radar.waveform.kind == "impulse":
         tau = pulse_sigma_s(radar)
         frequency_hz = np.linspace(-1.5, 1.5, 2001) / tau
         return frequency_hz, np.exp(-2.0 * (np.pi * tau * frequency_hz) ** 2)
-    if radar.waveform in SWEPT:
+    if radar.waveform.kind in SWEPT:
         size = n_sweep(radar)
         step_hz = (radar.bandwidth_hz or math.nan) / size
         return np.asarray(step_hz * (np.arange(size) - (size - 1) / 2.0)), window(radar)
     duration_s = sweep_time_s(radar)
-    turns = 0.0 if radar.waveform == "rectangular" else (radar.bandwidth_hz or 0.0) * duration_s
+    turns = 0.0 if radar.waveform.kind == "rectangular" else (radar.bandwidth_hz or 0.0) * duration_s
     size = max(4096, math.ceil(4.0 * turns))
     x = (np.arange(size) + 0.5) / size - 0.5
     pulse = np.exp(1j * np.pi * turns * x**2)
@@ -157,8 +159,8 @@ def profile(radar: Radar, offset_m: Float) -> Float:
 
 def half_power_width_m(radar: Radar) -> float:
     """Resolution cell: width of the profile at half power, by bisection."""
-    high = C_MPS * {"impulse": 2.0 * pulse_sigma_s(radar) if radar.waveform == "impulse" else 0.0}.get(
-        radar.waveform, 1.0 / (radar.bandwidth_hz or 1.0 / sweep_time_s(radar))
+    high = C_MPS * {"impulse": 2.0 * pulse_sigma_s(radar) if radar.waveform.kind == "impulse" else 0.0}.get(
+        radar.waveform.kind, 1.0 / (radar.bandwidth_hz or 1.0 / sweep_time_s(radar))
     )
     low = 0.0
     for _ in range(40):
@@ -169,7 +171,7 @@ def half_power_width_m(radar: Radar) -> float:
 
 def coupling_s(radar: Radar) -> float:
     """Range shift per approach speed of a rising sweep: -f_c T_c / B; 0 without a sweep."""
-    if radar.waveform not in ("lfm", *SWEPT):
+    if radar.waveform.kind not in ("lfm", *SWEPT):
         return 0.0
     return -radar.carrier_hz * sweep_time_s(radar) / (radar.bandwidth_hz or math.nan)
 

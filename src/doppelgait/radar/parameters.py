@@ -1,0 +1,391 @@
+"""The radar's parameters, and what a waveform is: how it turns scatterers into receiver samples and range bins.
+
+Both are here because each needs the other; the link budget and the waveforms themselves are built on this module.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, cast
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+from pydantic import BeforeValidator, Field, PlainSerializer, SerializationInfo, model_validator
+
+from doppelgait.core.config import FrozenModel, validate
+from doppelgait.core.errors import ConfigError
+from doppelgait.core.plugins import Group
+from doppelgait.core.units import SPEED_OF_LIGHT_MPS, carrier_to_wavelength_m, unambiguous_velocity_mps
+from doppelgait.radar.antenna import Antenna
+from doppelgait.radar.presets import changed_preset
+
+GAUSSIAN_WIDTH = {3: math.sqrt(math.log(2)) / math.pi, 10: math.sqrt(math.log(10)) / math.pi}
+"""Two-sided bandwidth times sigma of a Gaussian pulse, by the level in dB below the peak (E-11)."""
+
+PULSE_SIGMA_S = (1e-11, 1e-6)
+"""Shortest and longest Gaussian pulse (standard deviation of its envelope)."""
+MAX_RANGE_BINS = 100_000
+
+OPTIONAL = {
+    "bandwidth_hz": None,
+    "bandwidth_level_db": 10,
+    "pulse_sigma_s": None,
+    "sweep_s": None,
+    "decimation": 1,
+    "range_window": "hann",
+    "noise_bandwidth_hz": None,
+    "sweep_levels": 1,
+    "pulse_rate_hz": None,
+}
+"""Parameters of a radar that not every waveform uses, and the values that count as not given."""
+
+Samples = npt.NDArray[np.complex64]
+
+
+class Waveform(FrozenModel):
+    """What a radar transmits: from scatterers to receiver samples, and from those to range bins.
+
+    A waveform is a subclass with the default of ``kind``, parameters of its own as further fields where it has any,
+    and at least :meth:`synthesise` and :meth:`resolution_m`; ``plugin("waveform")`` registers it. Everything else has
+    the default of a pulse whose receiver samples along fast time are the range bins (E-15). Methods take the radar
+    whose ``waveform`` they belong to.
+
+    Attributes
+    ----------
+    needs, takes : tuple of str
+        Parameters of the radar among ``OPTIONAL`` that must be given, and those that may be.
+    folds : bool
+        Whether :meth:`synthesise` shows echoes from beyond the unambiguous range at a wrong one, instead of losing
+        them.
+    ranged : bool
+        Whether the range bins measure range; False for a radar that sees all ranges in its one bin.
+    """
+
+    needs: ClassVar[tuple[str, ...]] = ()
+    takes: ClassVar[tuple[str, ...]] = ("decimation", "noise_bandwidth_hz", "pulse_rate_hz")
+    folds: ClassVar[bool] = False
+    ranged: ClassVar[bool] = True
+
+    kind: str
+
+    def fill(self, table: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Parameters of a radar with those filled in that may be left out."""
+        return table
+
+    def check(self, radar: Radar) -> None:
+        """Refuse a radar that this waveform cannot have (``ValueError``)."""
+
+    def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Samples:
+        """Noise-free receiver samples, V, shape (I, S)."""
+        raise NotImplementedError(f"waveform {self.kind!r} has no method synthesise")
+
+    def compress(self, samples: npt.NDArray[Any], radar: Radar) -> Samples:
+        """Range bins of receiver samples, V, shape (I, N).
+
+        A point echo in the middle of a bin keeps its amplitude a and has the phase theta - 4 pi R / lambda.
+        """
+        return np.asarray(samples, dtype=np.complex64)
+
+    def resolution_m(self, radar: Radar) -> float:
+        """Half-power width in range of one echo."""
+        raise NotImplementedError(f"waveform {self.kind!r} has no method resolution_m")
+
+    def n_samples(self, radar: Radar) -> int:
+        """Receiver samples S of one frame."""
+        return self.n_range_bins(radar)
+
+    def n_range_bins(self, radar: Radar) -> int:
+        """Range bins of one frame, N = ceil(r_span / bin spacing) (E-15)."""
+        return math.ceil((radar.range_stop_m - radar.range_start_m) / self.bin_spacing_m(radar) - 1e-9)
+
+    def first_bin_m(self, radar: Radar) -> float:
+        """Range of the first bin: the start of the frame (E-15)."""
+        return radar.range_start_m
+
+    def bin_spacing_m(self, radar: Radar) -> float:
+        """Spacing of the range bins: D c / (2 f_s) (E-15)."""
+        return radar.decimation * SPEED_OF_LIGHT_MPS / (2.0 * radar.sample_rate_hz)
+
+    def noise_bandwidth_hz(self, radar: Radar) -> float:
+        """Noise bandwidth of one receiver sample unless the radar has its own: the sampling rate, as of white noise."""
+        return radar.sample_rate_hz
+
+    def noise_gain(self, radar: Radar) -> float:
+        """Power of white noise in a range bin over that in a receiver sample."""
+        return 1.0
+
+    def independent_bins(self, radar: Radar) -> float:
+        """Independent noise values per range bin; 1 where neighbouring bins share no noise."""
+        return 1.0
+
+    def unambiguous_range_m(self, radar: Radar) -> float:
+        """Range at which echoes fold back to 0, inf for none: where the next pulse leaves, c / (2 pulse rate)."""
+        return SPEED_OF_LIGHT_MPS / (2.0 * (radar.pulse_rate_hz or radar.prf_hz))
+
+    def coupling_s(self, radar: Radar) -> float:
+        """Apparent range shift per radial velocity: -f_c T_c / B of a frequency sweep, else 0."""
+        return 0.0
+
+    def figures(self, radar: Radar) -> dict[str, float]:
+        """Further derived quantities by name."""
+        return {}
+
+    @property
+    def samples_are_bins(self) -> bool:
+        """Whether the receiver samples are the range bins."""
+        return type(self).compress is Waveform.compress
+
+    def check_given(self, radar: Radar) -> None:
+        """Refuse a radar that lacks what the waveform needs, or has what it does not use (``ValueError``)."""
+        missing = [name for name in self.needs if getattr(radar, name) == OPTIONAL[name]]
+        if missing:
+            raise ValueError(f"waveform {self.kind!r} needs {' and '.join(missing)}")
+        own = {*self.needs, *self.takes}
+        idle = [name for name, unset in OPTIONAL.items() if name not in own and getattr(radar, name) != unset]
+        if idle:
+            raise ValueError(
+                f"{' and '.join(idle)} mean{'s' if len(idle) == 1 else ''} nothing to waveform {self.kind!r}; leave "
+                f"out what it has no use for (it takes {', '.join(sorted(own)) or 'none of these'})"
+            )
+
+
+WAVEFORMS: Group[type[Waveform]] = Group(
+    "waveform",
+    built_in=("doppelgait.radar.waveforms.impulse", "doppelgait.radar.waveforms.matched",
+              "doppelgait.radar.waveforms.sweep", "doppelgait.radar.waveforms.cw"),
+)  # fmt: skip
+"""Waveforms by name; each is a subclass of :class:`Waveform`."""
+
+
+def _parse_waveform(value: Any) -> Any:
+    """Waveform from its name, a table with ``kind``, or a waveform."""
+    if isinstance(value, str) and value not in WAVEFORMS:
+        raise ValueError(f"known are {', '.join(WAVEFORMS)}")
+    try:
+        return WAVEFORMS.parse(value)
+    except ConfigError as error:
+        raise ValueError(str(error)) from None
+
+
+def _plain_waveform(waveform: Waveform, info: SerializationInfo) -> Any:
+    """The name of a waveform without parameters of its own, else a table."""
+    if set(type(waveform).model_fields) == {"kind"}:
+        return waveform.kind
+    return waveform.model_dump(mode=info.mode, exclude_none=info.exclude_none)
+
+
+class Radar(FrozenModel):
+    """A coherent radar (the report's Table 5.1 and what it leaves out).
+
+    Parameters
+    ----------
+    name : str
+        For people; no effect.
+    waveform : Waveform or str or mapping
+        ``impulse`` (Gaussian pulse), ``rectangular``, ``lfm`` (chirped pulse behind a matched filter), ``fmcw``
+        (de-chirped), ``stepped`` (stepped frequency), ``cw`` or one of an installed package; what each needs is in
+        :mod:`doppelgait.radar.waveforms`. The name is short for ``{ kind = "NAME" }``; further keys are parameters of
+        the waveform's own.
+    carrier_hz : float
+        Centre frequency f_c of what is transmitted.
+    prf_hz : float
+        Frame rate f_p: slow-time samples per second. On swept-threshold chips one frame holds many pulses.
+    sample_rate_hz : float
+        Sampling rate f_s of the receiver: along fast time, along the sweep (fmcw) or steps per second (stepped). A
+        cw radar averages its samples over the frame; there it has no effect and is prf_hz when left out.
+    decimation : int
+        Baseband samples kept: every D-th (impulse, rectangular, lfm).
+    range_start_m, range_stop_m : float
+        Frame limits r_min, r_max.
+    bandwidth_hz, bandwidth_level_db : float, {3, 10}
+        Two-sided bandwidth B: of the Gaussian pulse, with the level below the peak at which it is meant; of lfm, fmcw
+        and stepped the band swept in sweep_s.
+    pulse_sigma_s : float
+        impulse: instead of the bandwidth the standard deviation tau of the pulse's amplitude envelope.
+    sweep_s : float
+        Duration: of the pulse (rectangular, lfm), of the part of a chirp that is sampled (fmcw), of all steps
+        (stepped). fmcw and stepped have round(sweep_s * sample_rate_hz) samples or steps a frame.
+    range_window : {"none", "hann", "hamming", "blackman"}
+        Window before the transform to range (fmcw, stepped).
+    volts_per_unit : float, optional
+        Volts at the receiver output per unit of the numbers in the sensor's own files.
+    tx_power_dbm : float
+        Peak power P_t of the transmitted envelope.
+    tx_gain_dbi, rx_gain_dbi : float
+        Peak gains G_t, G_r of the antennas.
+    antenna : Antenna
+        Their pattern relative to the peak (:mod:`doppelgait.radar.antenna`); the same in all directions by default.
+    receiver_gain_db : float
+        G_rx; multiplies signal and noise alike.
+    noise_figure_db : float
+        Noise figure F of the receiver.
+    noise_bandwidth_hz : float, optional
+        Noise bandwidth B_n of a receiver sample; by default the pulse's 10 dB bandwidth (impulse), 1 / sweep_s
+        (rectangular, lfm), sample_rate_hz (fmcw, stepped) or prf_hz (cw).
+    pulse_rate_hz, sweep_levels : float, int
+        Pulses (sweeps) per second and levels of the threshold sweep; a frame averages pulse_rate / (prf * sweep_levels)
+        of them.
+    transmit_phase_rad : float
+        Phase theta of the transmitted pulse.
+    hypothetical : bool
+        True for settings that no real device has.
+    """
+
+    name: str = "custom"
+    waveform: Annotated[Waveform, BeforeValidator(_parse_waveform), PlainSerializer(_plain_waveform)] = Field(
+        default=cast(Waveform, "impulse"), validate_default=True
+    )
+    carrier_hz: float = Field(gt=1e6, lt=1e12)
+    prf_hz: float = Field(ge=1e-3, le=1e6)
+    sample_rate_hz: float = Field(gt=0, lt=1e13)
+    decimation: int = Field(default=1, ge=1, le=1024)
+    range_start_m: float = Field(default=0.0, ge=0)
+    range_stop_m: float = Field(gt=0, le=1e6)
+    bandwidth_hz: float | None = Field(default=None, gt=0)
+    bandwidth_level_db: Literal[3, 10] = 10
+    pulse_sigma_s: float | None = Field(default=None, gt=0)
+    sweep_s: float | None = Field(default=None, gt=0, le=10)
+    range_window: Literal["none", "hann", "hamming", "blackman"] = "hann"
+    volts_per_unit: float | None = Field(default=None, gt=0)
+    tx_power_dbm: float = Field(default=0.0, ge=-200, le=200)
+    tx_gain_dbi: float = Field(default=0.0, ge=-100, le=100)
+    rx_gain_dbi: float = Field(default=0.0, ge=-100, le=100)
+    antenna: Antenna = Antenna()
+    receiver_gain_db: float = Field(default=0.0, ge=-100, le=100)
+    noise_figure_db: float = Field(default=6.0, ge=0, le=100)
+    noise_bandwidth_hz: float | None = Field(default=None, gt=0, le=1e13)
+    pulse_rate_hz: float | None = Field(default=None, gt=0)
+    sweep_levels: int = Field(default=1, ge=1)
+    transmit_phase_rad: float = 0.0
+    hypothetical: bool = False
+
+    if TYPE_CHECKING:  # a type checker would take no short form, such as the name of a waveform
+
+        def __init__(self, **parameters: Any) -> None: ...
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill(cls, data: Any) -> Any:
+        if not isinstance(data, Mapping) or "waveform" not in data:
+            return data
+        try:
+            waveform = _parse_waveform(data["waveform"])
+        except ValueError:  # the field's own check names the key
+            return data
+        return waveform.fill({**data, "waveform": waveform})
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        self.waveform.check_given(self)
+        self.waveform.check(self)
+        if self.range_stop_m <= self.range_start_m:
+            raise ValueError(f"range_stop_m {self.range_stop_m} must be larger than range_start_m {self.range_start_m}")
+        if not 1 <= self.n_range_bins <= MAX_RANGE_BINS:
+            raise ValueError(
+                f"range_start_m {self.range_start_m} to range_stop_m {self.range_stop_m} makes {self.n_range_bins:,} "
+                f"range bins of {self.bin_spacing_m:.3g} m; 1 to {MAX_RANGE_BINS:,} are allowed: change the frame, "
+                "sample_rate_hz or decimation"
+            )
+        if self.averages_per_frame < 1:
+            raise ValueError(
+                f"prf_hz {self.prf_hz} leaves no whole pulse to average: at most {self.pulse_rate_hz}"
+                f" / {self.sweep_levels} levels"
+            )
+        return self
+
+    @classmethod
+    def preset(cls, preset_name: str | Path, /, **changes: Any) -> Radar:
+        """Radar by the name of a preset or the path of such a file, with single parameters changed.
+
+        Parameters
+        ----------
+        preset_name : str or Path
+            A name of ``doppelgait radar list``, or a path that ends in ``.toml``. What such a file says about
+            ``environment`` and ``impairments`` is no parameter of the radar; :func:`preset_table` returns it.
+        **changes
+            Parameters that replace the preset's.
+
+        Raises
+        ------
+        ConfigError
+            If the preset is unknown, its file cannot be read or a parameter is not allowed.
+        """
+        return validate(cls, changed_preset(preset_name, changes), where=f"radar (preset {preset_name})")
+
+    @property
+    def wavelength_m(self) -> float:
+        """Wavelength lambda."""
+        return carrier_to_wavelength_m(self.carrier_hz)
+
+    @property
+    def sigma_s(self) -> float:
+        """Standard deviation tau of an impulse radar's amplitude envelope (E-11)."""
+        if self.waveform.kind != "impulse":
+            raise ConfigError(f"a radar of waveform {self.waveform.kind!r} has no Gaussian pulse, hence no sigma")
+        if self.pulse_sigma_s is not None:
+            return self.pulse_sigma_s
+        return GAUSSIAN_WIDTH[self.bandwidth_level_db] / float(self.bandwidth_hz or math.nan)
+
+    def pulse_bandwidth_hz(self, level_db: Literal[3, 10]) -> float:
+        """Two-sided bandwidth of an impulse radar's pulse at 3 or 10 dB below its peak (E-11)."""
+        return GAUSSIAN_WIDTH[level_db] / self.sigma_s
+
+    @property
+    def range_resolution_m(self) -> float:
+        """Half-power width in range of one echo; of a cw radar the frame's span."""
+        return self.waveform.resolution_m(self)
+
+    @property
+    def bin_spacing_m(self) -> float:
+        """Spacing of the range bins: D c / (2 f_s) (E-15), or c / (2 B) where they come out of a transform."""
+        return self.waveform.bin_spacing_m(self)
+
+    @property
+    def n_range_bins(self) -> int:
+        """Number of range bins N of a frame (E-15)."""
+        return self.waveform.n_range_bins(self)
+
+    def range_axis_m(self) -> npt.NDArray[np.float64]:
+        """Range of every bin, ascending (E-15); of a cw radar the middle of the frame."""
+        steps = np.arange(self.n_range_bins)
+        return np.asarray(self.waveform.first_bin_m(self) + self.bin_spacing_m * steps, dtype=np.float64)
+
+    @property
+    def unambiguous_velocity_mps(self) -> float:
+        """Largest radial speed without aliasing: lambda f_p / 4 (E-06)."""
+        return unambiguous_velocity_mps(self.prf_hz, self.wavelength_m)
+
+    @property
+    def averages_per_frame(self) -> int:
+        """Pulses averaged into one frame, N_eff: floor(pulse rate / (f_p levels)); 1 without a pulse rate (E-18)."""
+        if self.pulse_rate_hz is None:
+            return 1
+        return math.floor(self.pulse_rate_hz / (self.prf_hz * self.sweep_levels))
+
+    @property
+    def receiver_bandwidth_hz(self) -> float:
+        """Noise bandwidth B_n of a receiver sample: as given, else the waveform's own."""
+        return (
+            self.noise_bandwidth_hz if self.noise_bandwidth_hz is not None else self.waveform.noise_bandwidth_hz(self)
+        )
+
+
+def check_band(radar: Radar, bandwidth_hz: float) -> None:
+    """Refuse a band that reaches below 0 Hz."""
+    if radar.carrier_hz < bandwidth_hz / 2.0:
+        raise ValueError(
+            f"carrier_hz {radar.carrier_hz:g} is below half of bandwidth_hz {bandwidth_hz:g}: the band would reach "
+            "below 0 Hz; carrier_hz is the middle of the band"
+        )
+
+
+def check_sweep_fits(radar: Radar, duration_s: float) -> None:
+    """Refuse a sweep or pulse that is longer than the time from one to the next."""
+    if duration_s * radar.prf_hz > 1.0 + 1e-9:
+        raise ValueError(
+            f"sweep_s {duration_s:g} is longer than a frame at prf_hz {radar.prf_hz:g}, {1 / radar.prf_hz:.4g} s; "
+            "shorten the sweep or lower prf_hz"
+        )
