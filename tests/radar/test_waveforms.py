@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import json
 import time
+from typing import Literal
 
 import numpy as np
 import pytest
 import xarray as xr
 
+from doppelgait.core import plugins
+from doppelgait.core.config import canonical_json, validate
 from doppelgait.core.errors import AnalysisError, ConfigError, DoppelgaitWarning
 from doppelgait.core.rng import Streams
 from doppelgait.motion import boulic_walk
 from doppelgait.pipeline import analyze, simulate
+from doppelgait.pipeline.run import load_run
 from doppelgait.radar import (
     WAVEFORMS,
     Radar,
+    Waveform,
     compress,
     derived_quantities,
     echo_amplitude_v,
@@ -567,3 +572,87 @@ def test_a_long_recording_of_a_swept_radar_takes_well_below_a_second():
     began = time.perf_counter()
     synthesise(table, radar)
     assert time.perf_counter() - began < 2.0  # measured 0.15 s; other work may be running
+
+
+# --- Plug-ins with parameters of their own ------------------------------------------------------------------------
+
+
+@pytest.fixture
+def barker(monkeypatch):
+    """A waveform of another package, for one test."""
+    len(WAVEFORMS)
+    monkeypatch.setitem(plugins._REGISTERED, "waveform", dict(plugins._REGISTERED["waveform"]))
+
+    @plugins.plugin("waveform")
+    class Barker(Waveform):
+        needs = ("sweep_s",)
+        kind: Literal["barker"] = "barker"
+        chips: Literal[7, 11, 13] = 13
+
+        def synthesise(self, scatterers, radar):
+            return np.zeros((scatterers.sizes["slow_time"], self.n_samples(radar)), np.complex64)
+
+        def resolution_m(self, radar):
+            return C * radar.sweep_s / (2 * self.chips)
+
+    return Barker
+
+
+BARKER = {**COMMON, "sample_rate_hz": 3e9, "sweep_s": 13e-9}
+
+
+def test_a_waveform_has_parameters_of_its_own(barker):
+    radar = Radar(waveform={"kind": "barker", "chips": 11}, **BARKER)
+    assert radar.waveform.chips == 11
+    assert radar == Radar(waveform=barker(chips=11), **BARKER)
+    assert Radar(waveform="barker", **BARKER).waveform.chips == 13
+    assert radar != Radar(waveform="barker", **BARKER)
+    assert radar.model_dump(mode="json")["waveform"] == {"kind": "barker", "chips": 11}
+    assert Radar.model_validate_json(canonical_json(radar)) == radar
+    assert RADARS["lfm"].model_dump()["waveform"] == "lfm"
+    assert Radar.preset("x4", waveform={"kind": "impulse"}) == Radar.preset("x4")
+
+
+@pytest.mark.parametrize(
+    ("waveform", "message"),
+    [
+        ("sonar", "waveform: 'sonar' is not allowed: known are barker, cw, fmcw"),
+        ({"chips": 11}, "waveform kind None is not allowed: known are barker, cw"),
+        ({"kind": "barker", "chips": 12}, "waveform kind 'barker': chips: 12 is not allowed"),
+        ({"kind": "barker", "chip": 11}, "chip: unknown key; allowed are chips, kind"),
+        ({"kind": "lfm", "chips": 11}, "chips: unknown key; allowed are kind"),
+        (7, "waveform kind None"),
+    ],
+)
+def test_wrong_parameters_of_a_waveform_are_explained(barker, waveform, message):
+    with pytest.raises(ConfigError, match=message):
+        validate(Radar, {**BARKER, "waveform": waveform})
+
+
+def test_parameters_of_a_waveform_in_a_scene_file_and_on_the_command_line(barker, tmp_path):
+    path = tmp_path / "scene.toml"
+    text = """
+        seed = 1
+        duration_s = 1.0
+        [radar]
+        waveform = WAVEFORM
+        carrier_hz = 24e9
+        prf_hz = 500
+        range_stop_m = 9
+        sample_rate_hz = 3e9
+        sweep_s = 13e-9
+        [[targets]]
+        label = "human"
+        motion = { kind = "boulic", speed_mps = 1.0 }
+    """
+    for waveform in ('"barker"', '{ kind = "barker", chips = 7 }'):
+        path.write_text(text.replace("WAVEFORM", waveform))
+        assert load_run(path).radar.waveform.chips == (7 if "7" in waveform else 13)
+        assert load_run(path, overrides=["radar.waveform.chips=11"]).radar.waveform == barker(chips=11)
+    with pytest.raises(ConfigError, match=r"radar\.waveform.*chips: 12 is not allowed"):
+        load_run(path, overrides=["radar.waveform.chips=12"])
+    (tmp_path / "own.toml").write_text(
+        "carrier_hz = 24e9\nprf_hz = 500\nrange_stop_m = 9\nsample_rate_hz = 3e9\nsweep_s = 13e-9\n"
+        'waveform = { kind = "barker", chips = 7 }\n'
+    )
+    assert Radar.preset(tmp_path / "own.toml", waveform={"chips": 11}).waveform == barker(chips=11)

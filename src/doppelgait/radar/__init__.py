@@ -1,7 +1,15 @@
 """The radar: parameters, link budget, waveforms, impairments, recordings."""
 
 from doppelgait.radar.antenna import Antenna
-from doppelgait.radar.link import derived_quantities, echo_amplitude_v, noise_power_v2, received_power_w
+from doppelgait.radar.link import (
+    derived_quantities,
+    echo_amplitude_v,
+    noise_power_v2,
+    path_phase_rad,
+    radial_velocity_mps,
+    received_power_w,
+    scatterer_arrays,
+)
 from doppelgait.radar.parameters import WAVEFORMS, Radar, Waveform
 from doppelgait.radar.presets import preset_names, preset_table
 from doppelgait.radar.readers import read_recording
@@ -14,7 +22,7 @@ from doppelgait.radar.simulate import add_noise, compress, lowest_prf_hz, synthe
 
 __all__ = [
     "WAVEFORMS", "Antenna", "Radar", "Recording", "TargetTruth", "Waveform", "add_noise", "compress",
-    "derived_quantities", "echo_amplitude_v", "lowest_prf_hz", "noise_power_v2", "preset_names", "preset_table",
-    "read_recording", "received_power_w", "synthesise", "synthesise_rf", "synthesise_samples", "write_arrays",
-    "write_recording", "write_sigmf",
+    "derived_quantities", "echo_amplitude_v", "lowest_prf_hz", "noise_power_v2", "path_phase_rad", "preset_names",
+    "preset_table", "radial_velocity_mps", "read_recording", "received_power_w", "scatterer_arrays", "synthesise",
+    "synthesise_rf", "synthesise_samples", "write_arrays", "write_recording", "write_sigmf",
 ]  # fmt: skip

@@ -67,7 +67,7 @@ def _warn_of_frame(ranges_m: npt.NDArray[np.float64], radar: Radar) -> None:
     if ranges_m.size == 0 or not radar.waveform.ranged:
         return
     nearest, farthest = float(ranges_m.min()), float(ranges_m.max())
-    waveform = radar.waveform.kind
+    waveform = radar.waveform
     folding_m = waveform.unambiguous_range_m(radar)
     if waveform.folds and farthest >= folding_m:
         _warn(

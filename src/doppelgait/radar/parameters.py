@@ -323,7 +323,7 @@ class Radar(FrozenModel):
     @property
     def sigma_s(self) -> float:
         """Standard deviation tau of an impulse radar's amplitude envelope (E-11)."""
-        if self.waveform.kind != "impulse":
+        if "pulse_sigma_s" not in self.waveform.takes:
             raise ConfigError(f"a radar of waveform {self.waveform.kind!r} has no Gaussian pulse, hence no sigma")
         if self.pulse_sigma_s is not None:
             return self.pulse_sigma_s

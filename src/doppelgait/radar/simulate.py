@@ -81,7 +81,7 @@ def compress(samples: npt.NDArray[Any], radar: Radar) -> npt.NDArray[np.complex6
     AnalysisError
         If there are not as many samples in a row as the radar takes.
     """
-    waveform = radar.waveform.kind
+    waveform = radar.waveform
     if samples.ndim != 2 or samples.shape[1] != waveform.n_samples(radar):
         raise AnalysisError(
             f"receiver samples have the shape {samples.shape}; a radar of waveform {radar.waveform.kind!r} with these "

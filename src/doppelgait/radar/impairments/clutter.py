@@ -157,7 +157,7 @@ def clutter_ranges(radar: Radar) -> tuple[npt.NDArray[np.float64], float]:
 
 def _that_stay(range_m: npt.NDArray[np.float64], radar: Radar) -> npt.NDArray[np.float64]:
     """Ranges without those that a folding waveform would show at the other end of the frame."""
-    waveform = radar.waveform.kind
+    waveform = radar.waveform
     end_m = waveform.unambiguous_range_m(radar)
     if not waveform.folds or not math.isfinite(end_m):
         return range_m

@@ -1,0 +1,177 @@
+"""Contract checks of plug-ins: what the rest of doppelgait takes for granted.
+
+Each check raises an ``AssertionError`` that names the plug-in and the broken rule. Call it in a test of the plug-in.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from doppelgait.radar.parameters import Radar
+
+
+def require(condition: Any, text: str) -> None:
+    """Raise an ``AssertionError`` with ``text`` unless the condition holds."""
+    if not condition:
+        raise AssertionError(text)
+
+
+def check_waveform(kind: str, radar: Radar) -> None:
+    """Check that a waveform keeps the contract of :class:`doppelgait.radar.Waveform`.
+
+    Parameters
+    ----------
+    kind : str
+        Its name in the group of waveforms.
+    radar : Radar
+        A radar of this waveform with two or more wavelengths in its frame, in which an echo fits.
+
+    Raises
+    ------
+    AssertionError
+        If a rule is broken: registration, round trip through JSON, shapes and types, superposition, phases, amplitude
+        and phase of an echo in the middle of a bin, half-power width, noise gain.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> dg.testing.check_waveform("fmcw", dg.Radar.preset("ti-77"))
+    """
+    from doppelgait.radar.parameters import WAVEFORMS, Radar
+
+    name = f"waveform {kind!r}"
+    require(kind in WAVEFORMS, f"{name} is not registered; known are {', '.join(WAVEFORMS)}")
+    require(isinstance(radar.waveform, WAVEFORMS[kind].run), f"{name}: the radar has waveform {radar.waveform.kind!r}")
+    plain = radar.model_dump(mode="json")
+    require(Radar.model_validate(plain) == radar, f"{name}: the radar is another one after JSON")
+    _check_waveform_numbers(name, radar)
+    _check_synthesis(name, radar)
+    _check_point_echo(name, radar)
+    _check_noise_gain(name, radar)
+
+
+def _check_waveform_numbers(name: str, radar: Radar) -> None:
+    """Counts, lengths and ratios that every caller divides by or loops over."""
+    waveform = radar.waveform
+    for label in ("n_samples", "n_range_bins"):
+        count = getattr(waveform, label)(radar)
+        require(isinstance(count, int) and count >= 1, f"{name}: {label} is {count!r}, not an integer of 1 or more")
+    for label in ("bin_spacing_m", "resolution_m", "noise_bandwidth_hz", "noise_gain", "unambiguous_range_m"):
+        value = getattr(waveform, label)(radar)
+        require(value > 0, f"{name}: {label} is {value!r}, not positive")
+    require(0 < waveform.independent_bins(radar) <= 1, f"{name}: independent_bins is not in 0 to 1")
+    require(math.isfinite(waveform.coupling_s(radar)), f"{name}: coupling_s is not finite")
+    require(all(isinstance(key, str) for key in waveform.figures(radar)), f"{name}: figures are not named")
+    axis_m = radar.range_axis_m()
+    require(axis_m.shape == (radar.n_range_bins,) and np.isfinite(axis_m).all(), f"{name}: range axis {axis_m.shape}")
+    inside = (axis_m >= radar.range_start_m - 1e-9) & (axis_m <= radar.range_stop_m + 1e-9)
+    require(inside.all(), f"{name}: range bins lie outside the frame")
+
+
+def _scatterer_table(radar: Radar, range_m: npt.NDArray[np.float64], **values: Any) -> xr.Dataset:
+    import xarray as xr
+
+    columns = {"range": range_m, "rcs": 1.0, "path_gain": 1.0, "radial_velocity": 0.0, **values}
+    times_s = np.arange(range_m.shape[0]) / radar.prf_hz
+    dims = ("slow_time", "scatterer")
+    full = {key: (dims, np.broadcast_to(value, range_m.shape).copy()) for key, value in columns.items()}
+    return xr.Dataset(full, coords={"slow_time": times_s})
+
+
+def _check_close(actual: Any, wanted: Any, text: str, rtol: float = 1e-4) -> None:
+    scale = float(np.abs(wanted).max(initial=0.0)) or 1.0
+    worst = float(np.abs(np.asarray(actual) - np.asarray(wanted)).max(initial=0.0)) / scale
+    require(worst <= rtol, f"{text} (differs by {worst:.2g} of the largest value)")
+
+
+def _check_synthesis(name: str, radar: Radar) -> None:
+    """Shapes, types, linearity, phases, independence of the frames."""
+    rng = np.random.default_rng(1)
+    waveform = radar.waveform
+    near_m, far_m = radar.range_start_m, radar.range_stop_m
+    range_m = near_m + (far_m - near_m) * rng.uniform(0.3, 0.7, (5, 3)) + 0.3
+    velocity_mps = rng.uniform(-0.3, 0.3, range_m.shape) * radar.unambiguous_velocity_mps
+    rcs_m2 = rng.uniform(0.5, 2.0, range_m.shape)
+    columns = {"rcs": rcs_m2, "radial_velocity": velocity_mps}
+    table = _scatterer_table(radar, range_m, **columns)
+    before = table.copy(deep=True)
+    samples = waveform.synthesise(table, radar)
+    require(table.identical(before), f"{name}: synthesise changes the scatterer table")
+    shape = (5, waveform.n_samples(radar))
+    require(samples.shape == shape, f"{name}: synthesise gives the shape {samples.shape}, not {shape}")
+    require(samples.dtype == np.complex64, f"{name}: synthesise gives {samples.dtype}, not complex64")
+    require(np.isfinite(samples).all(), f"{name}: samples are not finite")
+    require(np.abs(samples).max() > 0, f"{name}: scatterers inside the frame give no signal")
+    again = waveform.synthesise(table, radar)
+    require(np.array_equal(samples, again), f"{name}: the same scatterers give other samples")
+
+    parts = [waveform.synthesise(table.isel(scatterer=[one]), radar) for one in range(3)]
+    _check_close(sum(parts), samples, f"{name}: echoes do not add up")
+    _check_close(
+        waveform.synthesise(table.isel(slow_time=[3]), radar), samples[3:4], f"{name}: frames depend on others"
+    )
+    louder = waveform.synthesise(_scatterer_table(radar, range_m, **{**columns, "rcs": 4.0 * rcs_m2}), radar)
+    _check_close(louder, 2.0 * samples, f"{name}: four times the cross section is not twice the amplitude")
+    silent = waveform.synthesise(table.isel(scatterer=[]), radar)
+    require(silent.shape == shape and not silent.any(), f"{name}: no scatterers do not give zeros of shape {shape}")
+
+    own = samples.copy()
+    bins = waveform.compress(samples, radar)
+    require(np.array_equal(samples, own), f"{name}: compress changes the samples")
+    require(bins.shape == (5, radar.n_range_bins), f"{name}: compress gives the shape {bins.shape}")
+    require(bins.dtype == np.complex64, f"{name}: compress gives {bins.dtype}, not complex64")
+    _check_close(waveform.compress(np.complex64(2j) * samples, radar), 2j * bins, f"{name}: compress is not linear")
+    turned_radar = radar.model_copy(update={"transmit_phase_rad": radar.transmit_phase_rad + 0.7})
+    turned = waveform.compress(waveform.synthesise(table, turned_radar), turned_radar)
+    _check_close(turned, bins * np.exp(0.7j), f"{name}: transmit_phase_rad does not turn the echoes", 1e-3)
+    extra = _scatterer_table(radar, range_m, **columns, path_phase=0.7)
+    turned = waveform.compress(waveform.synthesise(extra, radar), radar)
+    _check_close(turned, bins * np.exp(0.7j), f"{name}: path_phase does not turn the echoes", 1e-3)
+
+
+def _check_point_echo(name: str, radar: Radar) -> None:
+    """Amplitude and phase of an echo in the middle of a bin, and the half-power width of one."""
+    from doppelgait.radar.link import echo_amplitude_v
+
+    waveform, axis_m = radar.waveform, radar.range_axis_m()
+    place = len(axis_m) // 2
+    middle_m = float(axis_m[place])
+
+    def response(range_m: npt.NDArray[np.float64]) -> Any:
+        bins = waveform.compress(waveform.synthesise(_scatterer_table(radar, range_m[:, None]), radar), radar)
+        return bins[:, place] / echo_amplitude_v(radar, range_m=range_m, rcs_m2=1.0)
+
+    echo = complex(response(np.array([middle_m]))[0])
+    phase_rad = radar.transmit_phase_rad - 4.0 * math.pi * math.fmod(middle_m, radar.wavelength_m) / radar.wavelength_m
+    require(
+        abs(abs(echo) - 1.0) < 0.02, f"{name}: an echo in the middle of its bin has {abs(echo):.3f} of its amplitude"
+    )
+    wrong_rad = float(np.angle(echo * np.exp(-1j * phase_rad)))
+    require(abs(wrong_rad) < 0.05, f"{name}: an echo's phase is off theta - 4 pi R / lambda by {wrong_rad:.3f} rad")
+    if not waveform.ranged:
+        return
+    width_m = waveform.resolution_m(radar)
+    offsets_m = np.linspace(-1.5, 1.5, 601) * width_m
+    keep = (middle_m + offsets_m > 0.3) & (middle_m + offsets_m < radar.range_stop_m)
+    power = np.abs(response(middle_m + offsets_m[keep])) ** 2
+    measured_m = float((power > 0.5).mean() * np.ptp(offsets_m[keep]))
+    text = f"{name}: resolution_m is {width_m:.4g} m, but an echo is {measured_m:.4g} m wide at half power"
+    require(abs(measured_m - width_m) < 0.1 * width_m, text)
+
+
+def _check_noise_gain(name: str, radar: Radar) -> None:
+    """White noise of mean square 2 in the samples has 2 noise_gain in the bins."""
+    rng = np.random.default_rng(2)
+    waveform = radar.waveform
+    shape = (max(200, 40_000 // radar.n_range_bins), waveform.n_samples(radar))
+    noise = (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)).astype(np.complex64)
+    gain = float((np.abs(waveform.compress(noise, radar)) ** 2).mean()) / 2.0
+    wanted = waveform.noise_gain(radar)
+    require(abs(gain - wanted) < 0.1 * wanted, f"{name}: noise_gain is {wanted:.4g}, measured {gain:.4g}")

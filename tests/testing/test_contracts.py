@@ -1,0 +1,146 @@
+"""Contract checks: every built-in plug-in passes, and a broken one is caught."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import pytest
+
+import doppelgait as dg
+from doppelgait.core import plugins
+from doppelgait.radar import WAVEFORMS, Radar, Waveform, scatterer_arrays
+from doppelgait.radar.waveforms.impulse import Impulse
+from doppelgait.radar.waveforms.sweep import Fmcw
+from doppelgait.testing import check_waveform
+
+COMMON = {"carrier_hz": 24e9, "prf_hz": 500.0, "range_stop_m": 9.0, "transmit_phase_rad": 0.4}
+RADARS = {
+    "impulse": {"sample_rate_hz": 3e9, "bandwidth_hz": 1e9},
+    "rectangular": {"sample_rate_hz": 3e9, "sweep_s": 2e-9},
+    "lfm": {"sample_rate_hz": 3e9, "sweep_s": 1e-6, "bandwidth_hz": 1e9},
+    "fmcw": {"sample_rate_hz": 256e3, "sweep_s": 1e-3, "bandwidth_hz": 1e9},
+    "stepped": {"sample_rate_hz": 256e3, "sweep_s": 1e-3, "bandwidth_hz": 1e9},
+    "cw": {},
+}
+
+
+@pytest.fixture
+def register(monkeypatch):
+    """Register plug-ins for one test."""
+    for group in list(plugins._REGISTERED):
+        dg.core.plugins._GROUPS.get(group) and len(dg.core.plugins._GROUPS[group])  # built-in ones first
+    monkeypatch.setattr(plugins, "_REGISTERED", {group: dict(found) for group, found in plugins._REGISTERED.items()})
+    return dg.plugin
+
+
+def test_every_waveform_keeps_its_contract():
+    assert set(RADARS) == set(WAVEFORMS)
+    for kind, parameters in RADARS.items():
+        check_waveform(kind, Radar(waveform=kind, **COMMON, **parameters))
+
+
+def _broken_waveforms():
+    class Other(Impulse):
+        kind: Literal["broken"] = "broken"
+
+    class Loud(Other):
+        def synthesise(self, scatterers, radar):
+            return super().synthesise(scatterers, radar) * np.float32(1.1)
+
+    class Double(Other):
+        def synthesise(self, scatterers, radar):
+            return super().synthesise(scatterers, radar).astype(np.complex128)
+
+    class Conjugate(Other):
+        def synthesise(self, scatterers, radar):
+            return super().synthesise(scatterers, radar).conj()
+
+    class Saturated(Other):
+        def synthesise(self, scatterers, radar):
+            samples = super().synthesise(scatterers, radar)
+            return samples / (1 + np.abs(samples) / 1e-6).astype(np.float32)
+
+    class Drifting(Other):
+        def synthesise(self, scatterers, radar):
+            samples = super().synthesise(scatterers, radar)
+            return samples * np.arange(1, len(samples) + 1, dtype=np.float32)[:, None]
+
+    class Deaf(Other):
+        def synthesise(self, scatterers, radar):
+            without = scatterers.drop_vars("path_phase", errors="ignore")
+            return super().synthesise(without, radar)
+
+    class Sharp(Other):
+        def resolution_m(self, radar):
+            return 0.5 * super().resolution_m(radar)
+
+    class Quiet(Other):
+        def noise_gain(self, radar):
+            return 0.5
+
+    class Greedy(Other):
+        def synthesise(self, scatterers, radar):
+            scatterers["range"] = scatterers["range"] + 0.0001
+            return super().synthesise(scatterers, radar)
+
+    class Unsure(Other):
+        def independent_bins(self, radar):
+            return 2.0
+
+    return {
+        Loud: "1.100 of its amplitude", Double: "complex128, not complex64", Conjugate: "does not turn the echoes",
+        Saturated: "do not add up|twice the amplitude", Drifting: "depend on others", Deaf: "path_phase",
+        Sharp: "resolution_m is", Quiet: "noise_gain is 0.5", Greedy: "changes the scatterer table",
+        Unsure: "independent_bins",
+    }  # fmt: skip
+
+
+BROKEN_WAVEFORMS = _broken_waveforms()
+
+
+@pytest.mark.parametrize(("broken", "message"), BROKEN_WAVEFORMS.items(), ids=lambda one: getattr(one, "__name__", ""))
+def test_a_broken_waveform_is_caught(register, broken, message):
+    register("waveform")(broken)
+    with pytest.raises(AssertionError, match=message):
+        check_waveform("broken", Radar(waveform="broken", **COMMON, **RADARS["impulse"]))
+
+
+def test_a_waveform_without_the_window_loss_is_caught(register):
+    class Broken(Fmcw):
+        kind: Literal["broken"] = "broken"
+
+        def noise_gain(self, radar):
+            return 1.0 / self.n_samples(radar)
+
+    register("waveform")(Broken)
+    with pytest.raises(AssertionError, match="noise_gain"):
+        check_waveform("broken", Radar(waveform="broken", **COMMON, **RADARS["fmcw"]))
+
+
+def test_a_waveform_that_is_not_registered_or_not_the_radars_is_caught():
+    radar = Radar(waveform="lfm", **COMMON, **RADARS["lfm"])
+    with pytest.raises(AssertionError, match="not registered; known are cw, fmcw"):
+        check_waveform("sonar", radar)
+    with pytest.raises(AssertionError, match="the radar has waveform 'lfm'"):
+        check_waveform("fmcw", radar)
+
+
+def test_a_small_waveform_needs_two_methods(register):
+    @register("waveform")
+    class Triangle(Waveform):
+        kind: Literal["triangle"] = "triangle"
+        width_m: float = 0.5
+
+        def synthesise(self, scatterers, radar):
+            range_m, amplitude_v = scatterer_arrays(scatterers, radar)
+            phase_rad = radar.transmit_phase_rad - 4 * np.pi * range_m / radar.wavelength_m
+            if "path_phase" in scatterers:
+                phase_rad = phase_rad + scatterers["path_phase"].values
+            shape = np.maximum(1 - np.abs(radar.range_axis_m() - range_m[..., None]) / self.width_m, 0)
+            return ((amplitude_v * np.exp(1j * phase_rad))[..., None] * shape).sum(axis=1).astype(np.complex64)
+
+        def resolution_m(self, radar):
+            return (2 - 2**0.5) * self.width_m
+
+    check_waveform("triangle", Radar(waveform={"kind": "triangle", "width_m": 0.7}, sample_rate_hz=3e9, **COMMON))
