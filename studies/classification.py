@@ -27,8 +27,14 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from doppelgait.classify.evaluate import Evaluation, evaluate
-from doppelgait.classify.scorecard import CONDITIONS, bin_edges, condition_values
-from doppelgait.classify.scores import balanced_accuracy, balanced_interval, share_interval
+from doppelgait.classify.scores import (
+    CONDITIONS,
+    balanced_accuracy,
+    balanced_interval,
+    bin_edges,
+    condition_values,
+    share_interval,
+)
 from doppelgait.core.config import validate
 from doppelgait.dataset import build_dataset, load_plan, open_dataset
 from doppelgait.dataset.config import PlanConfig

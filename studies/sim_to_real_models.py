@@ -14,9 +14,9 @@ import numpy.typing as npt
 from sim_to_real_inputs import SIX, Inputs
 from xband_measures import FloatArray
 
-from doppelgait.classify.calibrate import Calibration, calibrate
 from doppelgait.classify.learned import Inputs as Values
 from doppelgait.classify.learned import Learned, Part
+from doppelgait.classify.model import Calibration, calibrate
 from doppelgait.classify.network import Training, train_network
 from doppelgait.classify.patches import Patch
 from doppelgait.classify.scores import auc, balanced_accuracy, clopper_pearson

@@ -8,8 +8,8 @@ from scipy.stats import binom
 from sklearn import metrics
 
 from doppelgait.classify import scores
-from doppelgait.classify.calibrate import calibrate, class_weights, detection_threshold
 from doppelgait.classify.learned import log_softmax
+from doppelgait.classify.model import calibrate, class_weights, detection_threshold
 
 
 def test_balanced_accuracy_and_confusion_by_hand():

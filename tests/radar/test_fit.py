@@ -14,7 +14,7 @@ from scipy.optimize import minimize
 from scipy.stats import multivariate_normal
 from typer.testing import CliRunner
 
-from doppelgait.cli.radar_fit import fit as fit_command
+from doppelgait.cli.radar import fit as fit_command
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.radar import Radar, Recording, write_recording

@@ -12,7 +12,7 @@ from doppelgait.core.labels import CADENCE_SPECTRUM, NORMALISED_SIGNATURE, make_
 from doppelgait.processing import gaussian_window
 from doppelgait.reproduce import measures
 from doppelgait.reproduce.drawing import band_hz
-from doppelgait.reproduce.separation import cohens_d, is_wrong, line_through, roc_area, separation_table
+from doppelgait.reproduce.scenarios import cohens_d, is_wrong, line_through, roc_area, separation_table
 
 WAVELENGTH_M = 299_792_458 / 7.29e9
 RATE_HZ = 200.0

@@ -7,18 +7,8 @@ import pytest
 from scipy.optimize import brentq
 
 from doppelgait.core.errors import MotionError
-from doppelgait.reproduce import (
-    chapter2,
-    chapter2_dog,
-    chapter2_person,
-    chapter3_data,
-    chapter3_doppler,
-    chapter3_frame,
-    chapter3_pulse,
-    gait_lines,
-)
-from doppelgait.reproduce.material import Material
-from doppelgait.reproduce.points import point_table, slow_time_signal
+from doppelgait.reproduce import chapter2, chapter3_data, chapter3_frame, measures
+from doppelgait.reproduce.material import Material, point_table, slow_time_signal
 
 LIGHT = 299_792_458.0
 WAVELENGTH_M = LIGHT / 7.29e9
@@ -37,7 +27,7 @@ def readings_of(made):
 def made(material):
     """What an entry gives, made once: ``made("fig-3.13")``."""
     modules = (
-        chapter2, chapter2_person, chapter2_dog, chapter3_pulse, chapter3_frame, chapter3_doppler, chapter3_data,
+        chapter2, chapter3_frame, chapter3_data,
     )  # fmt: skip
     entries = {entry.number: entry for module in modules for entry in module.ENTRIES}
     return lambda number: material.once(("test", number), lambda: entries[number].make(material))
@@ -79,24 +69,24 @@ def test_phase_between_lines_does_not_see_drift_or_harmonics(phase_deg):
     shift = np.radians(phase_deg)
     first = 3.0 - 1.2 * time + 0.3 * np.cos(2 * np.pi * 1.0 * time - 0.7) + 0.2 * np.cos(2 * np.pi * 2.0 * time)
     second = 8.0 - 1.1 * time + 0.1 * np.cos(2 * np.pi * 1.0 * time - 0.7 - shift)
-    found = gait_lines.phase_between_deg(first, second, stride_hz=1.0, rate_hz=100.0)
+    found = measures.phase_between_deg(first, second, stride_hz=1.0, rate_hz=100.0)
     assert found == pytest.approx(phase_deg, abs=0.5)
 
 
 def test_phase_and_cycle_need_a_whole_stride(material):
     with pytest.raises(MotionError, match="shorter than one stride"):
-        gait_lines.phase_between_deg(np.arange(50.0), np.arange(50.0), stride_hz=1.0, rate_hz=100.0)
+        measures.phase_between_deg(np.arange(50.0), np.arange(50.0), stride_hz=1.0, rate_hz=100.0)
     motion = material.walker().motion
     with pytest.raises(MotionError, match=r"left_paw touches down 0 times where two are needed"):
-        gait_lines.one_cycle_s(motion, "left_paw")
+        measures.one_cycle_s(motion, "left_paw")
     with pytest.raises(MotionError, match="no point is known to be of the left hind paw"):
-        gait_lines.part_line(motion.isel(space=0), "left_hind_paw")
+        measures.part_line(motion.isel(space=0), "left_hind_paw")
 
 
 def test_departure_is_the_root_mean_square_about_the_line():
     time = np.linspace(0.0, 1.0, 1001)
-    assert gait_lines.departure(5.0 - 2.0 * time) == pytest.approx(0.0, abs=1e-12)
-    assert gait_lines.departure(5.0 - 2.0 * time + 0.1 * np.sin(2 * np.pi * 10 * time)) == pytest.approx(
+    assert measures.departure(5.0 - 2.0 * time) == pytest.approx(0.0, abs=1e-12)
+    assert measures.departure(5.0 - 2.0 * time + 0.1 * np.sin(2 * np.pi * 10 * time)) == pytest.approx(
         0.1 / np.sqrt(2), rel=0.01
     )
 
@@ -104,7 +94,7 @@ def test_departure_is_the_root_mean_square_about_the_line():
 def test_forward_places_follow_the_direction_of_travel(material):
     motion = material.person().motion
     turned = motion.copy(data=motion.values[:, :, [1, 0, 2]])  # now it walks along +y
-    lines = gait_lines.forward_m(turned)
+    lines = measures.forward_m(turned)
     expected = motion.values[:, :, 0] - motion.values[:, :, 0].mean(axis=1, keepdims=True)
     np.testing.assert_allclose(lines.values, expected, atol=0.02)
 
@@ -203,11 +193,11 @@ def dirichlet(frequency_hz, frames, prf_hz):
     return np.sin(frames * x) / np.where(np.abs(np.sin(x)) < 1e-12, 1.0, np.sin(x))
 
 
-@pytest.mark.parametrize(("letter", "spacing_hz"), chapter3_doppler.SPACINGS_3_13_HZ.items())
+@pytest.mark.parametrize(("letter", "spacing_hz"), chapter3_data.SPACINGS_3_13_HZ.items())
 def test_two_points_have_the_spectrum_of_two_dirichlet_kernels(material, letter, spacing_hz):
-    radar = chapter3_doppler._radar(material)
-    signal = chapter3_doppler.tones(radar, 31, [-spacing_hz / 2, spacing_hz / 2])
-    frequency_hz, power = chapter3_pulse.spectrum(signal, 300.0, points=1 << 15)
+    radar = chapter3_data._radar(material)
+    signal = chapter3_data.tones(radar, 31, [-spacing_hz / 2, spacing_hz / 2])
+    frequency_hz, power = chapter3_frame.spectrum(signal, 300.0, points=1 << 15)
     shown = np.abs(frequency_hz) > 1e-9  # away from 0 / 0
     kernels = sum(dirichlet(frequency_hz - side * spacing_hz / 2 + 1e-7, 31, 300.0) for side in (-1, 1)) ** 2
     np.testing.assert_allclose(power[shown], (kernels / kernels.max())[shown], atol=0.01)
@@ -223,7 +213,7 @@ def test_resolution_is_one_over_the_interval_and_in_phase_points_need_more(made)
         < 0.99999 * abs(dirichlet(grid - s / 2, 31, 300.0) + dirichlet(grid + s / 2, 31, 300.0)).max()
     )  # fmt: skip
     assert found["smallest spacing with two peaks, in phase"].ours == pytest.approx(smallest, abs=0.25)
-    assert [found[f"({x}) peaks at {hz:.0f} Hz"].ours for x, hz in chapter3_doppler.SPACINGS_3_13_HZ.items()] == [
+    assert [found[f"({x}) peaks at {hz:.0f} Hz"].ours for x, hz in chapter3_data.SPACINGS_3_13_HZ.items()] == [
         2,
         2,
         2,
@@ -234,11 +224,11 @@ def test_resolution_is_one_over_the_interval_and_in_phase_points_need_more(made)
 def test_count_and_dip_of_known_peaks():
     x = np.linspace(-5, 5, 2001)
     two = np.exp(-((x - 2) ** 2)) + np.exp(-((x + 2) ** 2))
-    count, dip = chapter3_doppler.count_and_dip(two)
+    count, dip = chapter3_data.count_and_dip(two)
     assert count == 2
     assert dip == pytest.approx(10 * np.log10(1 / (2 * np.exp(-4))), abs=0.1)
-    assert chapter3_doppler.count_and_dip(np.exp(-(x**2))) == (1, 0.0)
-    assert chapter3_doppler.count_and_dip(two * np.where(x > 0, 1.0, 0.2))[0] == 1  # 7 dB below: a side lobe
+    assert chapter3_data.count_and_dip(np.exp(-(x**2))) == (1, 0.0)
+    assert chapter3_data.count_and_dip(two * np.where(x > 0, 1.0, 0.2))[0] == 1  # 7 dB below: a side lobe
 
 
 def test_periods_of_a_slow_time_signal(made):

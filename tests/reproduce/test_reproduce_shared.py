@@ -7,7 +7,7 @@ import shutil
 import numpy as np
 import pytest
 
-from doppelgait.reproduce import chapter2_dog, chapter2_person, chapter3_data
+from doppelgait.reproduce import chapter2, chapter3_data
 from doppelgait.reproduce.material import Material
 
 pytestmark = pytest.mark.shared
@@ -28,7 +28,7 @@ def material(shared, tmp_path_factory):
 def made(material):
     entries = {
         entry.number: entry
-        for module in (chapter2_person, chapter2_dog, chapter3_data)
+        for module in (chapter2, chapter2, chapter3_data)
         for entry in module.ENTRIES
     }  # fmt: skip
     return lambda number: {r.name: r for r in entries[number].make(material).readings}

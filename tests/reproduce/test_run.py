@@ -16,8 +16,7 @@ from typer.testing import CliRunner
 from doppelgait.cli.reproduce import reproduce as command
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning, MotionError, OutputError
 from doppelgait.reproduce import run as module
-from doppelgait.reproduce.catalogue import all_entries, pick, place_of
-from doppelgait.reproduce.entry import KINDS, Entry, Made, Reading, judged, verdict
+from doppelgait.reproduce.entry import KINDS, Entry, Made, Reading, all_entries, judged, pick, place_of, verdict
 from doppelgait.reproduce.material import Material
 from doppelgait.reproduce.run import reproduce
 from doppelgait.viz.style import new_axes

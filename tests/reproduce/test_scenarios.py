@@ -9,18 +9,9 @@ import pytest
 from doppelgait.core.labels import axis
 from doppelgait.motion.models import moving_point
 from doppelgait.motion.retime import travel_speed_mps
-from doppelgait.reproduce import (
-    appendix_a,
-    chapter4,
-    chapter4_features,
-    chapter4_signature,
-    chapter5,
-    chapter5_dog,
-    chapter5_study,
-)
+from doppelgait.reproduce import appendix_a, chapter4, chapter4_features, chapter5, chapter5_study, chapter5_views
 from doppelgait.reproduce.material import Material
-from doppelgait.reproduce.scenarios import AWAY_EVERY, Scenario, all_scenarios, observe, study
-from doppelgait.reproduce.separation import is_wrong
+from doppelgait.reproduce.scenarios import AWAY_EVERY, Scenario, all_scenarios, is_wrong, observe, study
 
 SEED = 7
 
@@ -146,7 +137,7 @@ def test_range_doppler_map_is_the_plain_transform(material):
 
 
 def test_five_cycles_are_ten_steps(material):
-    found = numbers(made(material, chapter4_signature, "fig-4.11"))
+    found = numbers(made(material, chapter4, "fig-4.11"))
     assert found["steps: peaks of the upper edge"].ours == 10
     assert found["oscillation of the main line over the gait frequency"].agrees
     shorter = material.recording(material.walker(cycles=3), prf_hz=1000.0)
@@ -156,7 +147,7 @@ def test_five_cycles_are_ten_steps(material):
 
 
 def test_ankle_peaks_near_300_hz(material):
-    ankle = numbers(made(material, chapter4_signature, "fig-4.10"))["peak Doppler of the right ankle"]
+    ankle = numbers(made(material, chapter4, "fig-4.10"))["peak Doppler of the right ankle"]
     recording, _ = chapter4.walk(material)
     place = axis(recording.truth[0].scatterers, "marker").tolist().index("right_ankle")
     range_m = recording.truth[0].scatterers["range"].values[:, place]
@@ -253,11 +244,11 @@ def test_side_lobes_and_harmonics_are_judged_one_by_one(material):
 
 def test_another_dog_is_compared_with_nothing(material):
     stated = [
-        reading.name for reading in made(material, chapter5_dog, "fig-5.7").readings if reading.stated is not None
+        reading.name for reading in made(material, chapter5_views, "fig-5.7").readings if reading.stated is not None
     ]
     assert stated == ["speed that 263 Hz stand for"]  # the report's numbers, one by the other
-    assert "so this dog does not tell" in chapter5_dog._whose_peak(0.91, 2.79, 0.4)
-    assert "may be the stride" in chapter5_dog._whose_peak(2.9, 2.79, 0.4)
+    assert "so this dog does not tell" in chapter5_views._whose_peak(0.91, 2.79, 0.4)
+    assert "may be the stride" in chapter5_views._whose_peak(2.9, 2.79, 0.4)
 
 
 @pytest.mark.parametrize(
@@ -277,4 +268,4 @@ def test_a_judgement_follows_its_readings(material):
     heights = numbers(made(material, chapter5, "fig-5.5"))
     same = heights["A_fd much the same, within 25 % of each other (1: yes)"]
     assert same.agrees is (heights["largest over smallest A_fd"].ours <= 1.25)
-    assert made(material, chapter5_dog, "fig-5.2").judgement.startswith("Not compared: ")
+    assert made(material, chapter5_views, "fig-5.2").judgement.startswith("Not compared: ")

@@ -26,8 +26,8 @@ from doppelgait.core.labels import (
     SIGNATURE,
     make_array,
 )
-from doppelgait.viz.body import PART_COLOURS, part_colour, part_group
 from doppelgait.viz.maps import doppler_limits_hz, level_limits_db, occupied_rows
+from doppelgait.viz.motion import PART_COLOURS, part_colour, part_group
 from doppelgait.viz.spectra import densest_band_hz
 from doppelgait.viz.style import quantity_label
 

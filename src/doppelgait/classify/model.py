@@ -1,19 +1,203 @@
-"""A trained model with all that its use needs: classes, calibration, thresholds and the conditions it was made for."""
+"""Probabilities that are true of rows which no model was fitted to: one slope for all classes and a shift for each."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
+import xarray as xr
 from pydantic import Field
 
-from doppelgait.classify.calibrate import Calibration
-from doppelgait.classify.learned import FloatArray, Inputs, Learned
+from doppelgait.classify.data import Rows, wavelengths_m
+from doppelgait.classify.learned import FloatArray, Inputs, IntArray, Learned, log_softmax
 from doppelgait.core.config import FrozenModel
+from doppelgait.core.units import SPEED_OF_LIGHT_MPS
+
+LEAST_ROWS = 5
+"""Of every class; with fewer nothing is fitted."""
+STEEPEST = 20.0
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """p = softmax(slope log q + shift).
+
+    Parameters
+    ----------
+    slope : float
+        Above 0.
+    shift : ndarray, shape (n_classes,)
+        The first is 0.
+    n_rows : int
+        Rows it was fitted to; 0 if it changes nothing.
+    """
+
+    slope: float
+    shift: FloatArray
+    n_rows: int
+
+    def __call__(self, log_probability: FloatArray) -> FloatArray:
+        """Calibrated probabilities, shape (n, n_classes)."""
+        return np.asarray(np.exp(log_softmax(self.slope * log_probability + self.shift)))
+
+
+def class_weights(labels: IntArray, n_classes: int) -> FloatArray:
+    """Weight of every row that makes all classes that occur weigh the same; mean 1."""
+    counts = np.bincount(labels, minlength=n_classes)
+    return np.asarray(labels.size / ((counts > 0).sum() * counts[labels]), dtype=np.float64)
+
+
+def calibrate(log_probability: FloatArray, labels: IntArray) -> Calibration:
+    """Fit a calibration to rows that the model was not fitted to.
+
+    For two classes that is Platt's sigmoid of the log odds, with his targets (n + 1) / (n + 2) instead of 1 so that
+    classes without an error do not become certain; for more, temperature scaling with corrected biases (Alexandari et
+    al. 2020). Every class weighs the same: the probabilities are those for classes that are equally frequent.
+
+    Parameters
+    ----------
+    log_probability : ndarray, shape (n, n_classes)
+    labels : ndarray of int, shape (n,)
+
+    Returns
+    -------
+    Calibration
+        One that changes nothing if a class has fewer than 5 rows.
+    """
+    from scipy.optimize import minimize
+
+    n_classes = log_probability.shape[1]
+    counts = np.bincount(labels, minlength=n_classes)
+    if counts.min() < LEAST_ROWS:
+        return Calibration(1.0, np.zeros(n_classes), 0)
+    targets = np.tile(1.0 / (counts[labels] + n_classes)[:, None], (1, n_classes))
+    targets[np.arange(labels.size), labels] += counts[labels] / (counts[labels] + n_classes)
+    weights = class_weights(labels, n_classes)[:, None] / labels.size
+
+    def loss(parameters: FloatArray) -> tuple[float, FloatArray]:
+        shift = np.concatenate([[0.0], parameters[1:]])
+        found = log_softmax(parameters[0] * log_probability + shift)
+        pull = weights * (np.exp(found) * targets.sum(axis=1, keepdims=True) - targets)
+        gradient = np.concatenate([[(pull * log_probability).sum()], pull.sum(axis=0)[1:]])
+        return float(-(weights * targets * found).sum()), gradient
+
+    bounds: list[tuple[float | None, float | None]] = [(1e-3, STEEPEST), *[(None, None)] * (n_classes - 1)]
+    best = minimize(loss, np.array([1.0, *[0.0] * (n_classes - 1)]), jac=True, bounds=bounds, method="L-BFGS-B").x
+    return Calibration(float(best[0]), np.concatenate([[0.0], best[1:]]), int(labels.size))
+
+
+def detection_threshold(probability: FloatArray, positive: npt.NDArray[np.bool_], share: float) -> float:
+    """Highest threshold that at least this share of the positive rows reach; NaN without positive rows."""
+    found = np.sort(probability[positive])[::-1]
+    if not found.size:
+        return float("nan")
+    return float(found[int(np.ceil(share * found.size - 1e-9)) - 1])
+
+
+TOLERANCE = {"carrier_hz": (0.9, 1.1), "prf_hz": (0.9, 1.1), "observation_s": (0.8, 4.0)}
+"""From so much of the lowest to so much of the highest that was learnt. A radar of another band or pulse rate is
+another radar; who is seen for longer is seen better, so that there is more room above."""
+
+Conditions = Mapping[str, tuple[float, float]]
+
+
+def wavelength_of(signature: xr.DataArray) -> float:
+    """Wavelength in m: as the signature states it, else by its axes, v = f wavelength / 2; NaN where neither does."""
+    if "wavelength_m" in signature.attrs:
+        return float(signature.attrs["wavelength_m"])
+    if not {"velocity", "doppler"} <= set(signature.coords):
+        return math.nan
+    doppler_hz = np.asarray(signature.coords["doppler"].values, dtype=np.float64)
+    velocity_mps = np.asarray(signature.coords["velocity"].values, dtype=np.float64)
+    return float(2.0 * np.ptp(velocity_mps) / np.ptp(doppler_hz)) if np.ptp(doppler_hz) > 0 else math.nan
+
+
+def prf_of(signature: xr.DataArray) -> float:
+    """Pulse rate in Hz, which the Doppler axis spans; NaN where there is no such axis."""
+    if "doppler" not in signature.coords or signature.sizes["doppler"] < 2:
+        return math.nan
+    doppler_hz = np.asarray(signature.coords["doppler"].values, dtype=np.float64)
+    return float(np.ptp(doppler_hz) * doppler_hz.size / (doppler_hz.size - 1))
+
+
+def conditions_of_target(columns: Mapping[str, Any], signature: xr.DataArray) -> dict[str, float]:
+    """Conditions that a target was seen under; NaN for unknown."""
+    observed_s = columns.get("quality_observation_s")
+    return {
+        "carrier_hz": SPEED_OF_LIGHT_MPS / wavelength_of(signature),
+        "prf_hz": prf_of(signature),
+        "observation_s": math.nan if observed_s is None else float(observed_s),
+    }
+
+
+def conditions_of_rows(rows: Rows) -> dict[str, FloatArray]:
+    """Conditions of every row, shape (n,); NaN for unknown. The observation time is what the analysis made use of."""
+    observed_s = _numbers(rows.index, "quality_observation_s")
+    return {
+        "carrier_hz": SPEED_OF_LIGHT_MPS / wavelengths_m(rows),
+        "prf_hz": _numbers(rows.index, "prf_hz"),
+        "observation_s": np.where(np.isnan(observed_s), _numbers(rows.index, "observation_s"), observed_s),
+    }
+
+
+def _numbers(index: pd.DataFrame, column: str) -> FloatArray:
+    if column not in index:
+        return np.full(len(index), np.nan)
+    return pd.to_numeric(index[column], errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
+
+
+def learnt_conditions(found: Mapping[str, FloatArray], train: IntArray) -> dict[str, tuple[float, float]]:
+    """Lowest and highest value of every condition that is known of a row learnt from."""
+    known = {name: values[train][np.isfinite(values[train])] for name, values in found.items()}
+    return {name: (float(values.min()), float(values.max())) for name, values in known.items() if values.size}
+
+
+def beyond(values: FloatArray, name: str, learnt: Conditions) -> npt.NDArray[np.bool_]:
+    """Which values of a condition lie outside what was learnt by more than the tolerance; unknown ones do not."""
+    if name not in learnt:
+        return np.zeros(np.shape(values), dtype=bool)
+    (low, high), (less, more) = learnt[name], TOLERANCE[name]
+    return np.asarray((values < low * less) | (values > high * more))
+
+
+def outside_conditions(found: Mapping[str, float], learnt: Conditions) -> list[str]:
+    """What a target's conditions have outside those learnt, in words; what is unknown is said too."""
+    said = []
+    for name in TOLERANCE:
+        if name not in learnt:
+            continue
+        words = span_words(*learnt[name])
+        if math.isnan(found[name]):
+            said.append(f"{name} is not known; learnt was {words}")
+        elif beyond(np.array([found[name]]), name, learnt)[0]:
+            said.append(f"{name} {found[name]:.4g} is outside what was learnt, {words}")
+    return said
+
+
+def span_words(low: float, high: float) -> str:
+    """A span in words; one number if it is one."""
+    return f"{low:.4g}" if f"{low:.4g}" == f"{high:.4g}" else f"{low:.4g} to {high:.4g}"
+
+
+def conditions_outside(found: Mapping[str, FloatArray], train: IntArray, test: IntArray) -> dict[str, dict[str, Any]]:
+    """Of every condition that tested rows have outside those learnt: how many rows, what was learnt, what is theirs."""
+    learnt, said = learnt_conditions(found, train), {}
+    for name, values in found.items():
+        far = beyond(values[test], name, learnt)
+        if far.any():
+            theirs = values[test][far]
+            said[name] = {
+                "n": int(far.sum()), "of": int(test.size), "learnt": list(learnt[name]),
+                "tested": [float(theirs.min()), float(theirs.max())],
+            }  # fmt: skip
+    return said
+
 
 ABSTAIN_BELOW = 0.8
 BLOCKING = (

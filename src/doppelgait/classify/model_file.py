@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.classify.calibrate import Calibration
 from doppelgait.classify.data import BANDWIDTH, SPEED, VELOCITY, WIDTH
 from doppelgait.classify.learned import Constant, Learned, Linear, Network, Trees
-from doppelgait.classify.model import Facts, Model
+from doppelgait.classify.model import Calibration, Facts, Model
 from doppelgait.classify.patches import Patch
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, DatasetError

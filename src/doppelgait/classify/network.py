@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from doppelgait.classify.calibrate import class_weights
 from doppelgait.classify.learned import FloatArray, Inputs, Network, Part
+from doppelgait.classify.model import class_weights
 from doppelgait.classify.patches import Levels, Patch, cut
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import DatasetError

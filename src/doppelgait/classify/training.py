@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from doppelgait.classify.calibrate import class_weights
 from doppelgait.classify.learned import Constant, IntArray, Learned, Linear, Part, Trees
+from doppelgait.classify.model import class_weights
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.worker import one_blas_thread
 

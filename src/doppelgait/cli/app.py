@@ -12,9 +12,7 @@ from doppelgait.cli import (
     analyze,
     classify,
     dataset,
-    dataset_use,
     demo,
-    evaluate,
     listen,
     motion,
     radar,
@@ -37,15 +35,15 @@ app = typer.Typer(
 app.add_typer(motion.app, name="motion")
 app.add_typer(dataset.app, name="dataset")
 app.add_typer(radar.app, name="radar")
-dataset.app.command("status")(dataset_use.status)
-dataset.app.command("verify")(dataset_use.verify)
-dataset.app.command("card")(dataset_use.card)
-dataset.app.command("export")(dataset_use.export)
-dataset.app.command("forms")(dataset_use.forms)
-dataset.app.command("import")(dataset_use.import_recordings)
+dataset.app.command("status")(dataset.status)
+dataset.app.command("verify")(dataset.verify)
+dataset.app.command("card")(dataset.card)
+dataset.app.command("export")(dataset.export)
+dataset.app.command("forms")(dataset.forms)
+dataset.app.command("import")(dataset.import_recordings)
 app.command("simulate")(simulate.simulate)
 app.command("analyze")(analyze.analyze)
-app.command("evaluate")(evaluate.evaluate)
+app.command("evaluate")(classify.evaluate)
 app.command("classify")(classify.classify)
 app.command("reproduce")(reproduce.reproduce)
 app.command("view")(view.view)

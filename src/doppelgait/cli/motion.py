@@ -24,13 +24,6 @@ Options = Annotated[
 ]
 
 
-def _read(path: Path, start: float | None, stop: float | None, options: list[str] | None) -> Any:
-    from doppelgait.core.config import apply_overrides
-    from doppelgait.motion.readers import read
-
-    return read(path, **{"start_s": start, "stop_s": stop, **apply_overrides({}, options or [])})
-
-
 @app.command("info")
 def info(
     file: Annotated[Path, typer.Argument(help="Motion recording.")],
@@ -56,10 +49,6 @@ def info(
         say(f"warning: cannot be used as a target: {cleaned['refused']}")
     names = [*facts, *(key for key in cleaned if key not in facts and key != "refused")]
     print_table([{"fact": n, "in the file": _plain(facts.get(n)), "cleaned": _plain(cleaned.get(n))} for n in names])
-    _print_segments(segments)
-
-
-def _print_segments(segments: list[dict[str, Any]]) -> None:
     say(f"straight stretches at constant velocity: {len(segments) or 'none'}")
     columns = ("start_s", "stop_s", "mean_speed_mps", "heading_deg", "lateral_m", "gait", "stride_frequency_hz")
     if segments:
@@ -95,7 +84,10 @@ def convert(
     from doppelgait.core.files import atomic_path
 
     check_output(output, ".csv")
-    motion = _read(file, start, stop, options)
+    from doppelgait.core.config import apply_overrides
+    from doppelgait.motion.readers import read
+
+    motion = read(file, **{"start_s": start, "stop_s": stop, **apply_overrides({}, options or [])})
     names = [f"{marker}_{axis}_m" for marker in motion.coords["marker"].values for axis in "xyz"]
     table = pd.DataFrame(motion.values.reshape(motion.sizes["time"], -1), columns=names)
     table.insert(0, "time_s", motion.coords["time"].values)

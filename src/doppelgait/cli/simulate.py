@@ -1,17 +1,86 @@
-"""``doppelgait simulate``: one scene -> one recording."""
+"""Where a simulated recording goes: our HDF5 file, a XeThru folder, NumPy arrays or SigMF."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from doppelgait.cli.destination import START_TIME, XethruNames, check_destination, write_to
-from doppelgait.cli.output import print_json, say
+from doppelgait.cli.output import check_output, print_json, say
 
 if TYPE_CHECKING:
     from doppelgait.radar import Recording
+
+SUFFIXES = (".h5", ".npz", ".sigmf-meta")
+START_TIME = "2000-01-01T00:00:00"
+"""Start of a XeThru recording unless another is given: a clock's time would make equal runs differ."""
+
+
+@dataclass(frozen=True)
+class XethruNames:
+    """What a XeThru recording is called and holds, as the command line has it; None where it was not given."""
+
+    data_type: str | None = None
+    start_time: str | None = None
+    session_id: str | None = None
+
+    def given(self) -> list[str]:
+        """Options that were given."""
+        return [f"--{name.replace('_', '-')}" for name, value in vars(self).items() if value is not None]
+
+
+def check_destination(path: Path, names: XethruNames) -> None:
+    """Refuse, before any work is done, a name that says no format, a missing folder or options of another format."""
+    from doppelgait.core.errors import ConfigError
+
+    suffix = path.suffix.lower()
+    if suffix and suffix not in SUFFIXES:
+        raise ConfigError(f"-o {path}: must end in {', '.join(SUFFIXES)}, or be a folder for a XeThru recording")
+    if suffix and names.given():
+        raise ConfigError(f"{names.given()[0]} is for XeThru recordings: give a folder instead of -o {path}")
+    check_output(path, suffix)
+    if not suffix:
+        _start(names)
+        from doppelgait.core.errors import ConfigError
+        from doppelgait.radar.xethru.convert import CONVERTIBLE
+
+        allowed = [name for name in CONVERTIBLE if name != "radar_rf"]  # counters, whose scale only Python can give
+        if names.data_type is not None and names.data_type not in allowed:
+            raise ConfigError(f"--data-type {names.data_type}: is not allowed; writable are {', '.join(allowed)}")
+
+
+def write_to(recording: Recording, path: Path, names: XethruNames) -> Path:
+    """Write a recording in the format that its destination says; returns what was made."""
+    from doppelgait.radar import write_arrays, write_recording, write_sigmf
+    from doppelgait.radar.xethru import write_xethru_recording
+
+    suffix = path.suffix.lower()
+    if not suffix:
+        return write_xethru_recording(
+            recording,
+            path,
+            data_type=names.data_type or "baseband_iq",
+            start_time=_start(names),
+            session_id=names.session_id or f"doppelgait_{recording.seed or 0}",
+        )
+    writers = {".h5": write_recording, ".npz": write_arrays, ".sigmf-meta": write_sigmf}
+    writers[suffix](recording, path)
+    return path
+
+
+def _start(names: XethruNames) -> datetime:
+    from doppelgait.core.errors import ConfigError
+
+    text = names.start_time or START_TIME
+    try:
+        moment = datetime.fromisoformat(text)
+    except ValueError:
+        raise ConfigError(f"--start-time {text}: must be a time such as {START_TIME}; UTC unless it says so") from None
+    return moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)
+
 
 HEIGHT_FIELDS = ("height_m", "withers_m")
 OUTPUT_HELP = "Recording to write: .h5, .npz, .sigmf-meta, or a folder for a XeThru recording."
@@ -140,35 +209,27 @@ def put_target_options(
     if label is not None:
         first["label"] = label
     if speed is not None:
-        _put_speed(first, speed)
+        # A model takes its speed as a parameter; a recording has its own.
+        from doppelgait.core.errors import ConfigError
+
+        motion = first.get("motion")
+        if not isinstance(motion, dict) or motion.get("kind") == "file":
+            name = motion.get("path", "file") if isinstance(motion, dict) else "no model"
+            raise ConfigError(f"--speed {speed}: a recording ({name}) has its own speed; --speed is for models")
+        motion["speed_mps"] = speed
     if height is not None:
-        _put_height(first, height)
+        # A model takes its height as a parameter; a recording is scaled.
+        from doppelgait.motion.models import MOTION_MODELS
+
+        moved = first.get("motion", {})
+        kind = moved.get("kind", "file") if isinstance(moved, dict) else "file"
+        fields = MOTION_MODELS[kind].config.model_fields if kind in MOTION_MODELS else {}
+        own = next((name for name in HEIGHT_FIELDS if name in fields), None)
+        if own is None:
+            first["height_m"] = height
+        else:
+            moved[own] = height
     if aspect is not None:
         first["aspect_deg"] = aspect
     if range_m is not None:
         first["range_m"] = range_m
-
-
-def _put_speed(target: dict[str, Any], speed: float) -> None:
-    """A model takes its speed as a parameter; a recording has its own."""
-    from doppelgait.core.errors import ConfigError
-
-    motion = target.get("motion")
-    if not isinstance(motion, dict) or motion.get("kind") == "file":
-        name = motion.get("path", "file") if isinstance(motion, dict) else "no model"
-        raise ConfigError(f"--speed {speed}: a recording ({name}) has its own speed; --speed is for models")
-    motion["speed_mps"] = speed
-
-
-def _put_height(target: dict[str, Any], height: float) -> None:
-    """A model takes its height as a parameter; a recording is scaled."""
-    from doppelgait.motion.models import MOTION_MODELS
-
-    motion = target.get("motion", {})
-    kind = motion.get("kind", "file") if isinstance(motion, dict) else "file"
-    fields = MOTION_MODELS[kind].config.model_fields if kind in MOTION_MODELS else {}
-    own = next((name for name in HEIGHT_FIELDS if name in fields), None)
-    if own is None:
-        target["height_m"] = height
-    else:
-        motion[own] = height

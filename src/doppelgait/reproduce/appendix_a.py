@@ -15,9 +15,9 @@ from doppelgait.reproduce.drawing import MAX_CADENCE_HZ, draw_cadence_amplitude,
 from doppelgait.reproduce.entry import Entry, Made, Reading, judged
 from doppelgait.reproduce.material import STEEPNESS, THRESHOLD
 from doppelgait.reproduce.measures import CLEAR_DB, HARMONICS, prominence_db
-from doppelgait.viz.cadence import draw_step_doppler
 from doppelgait.viz.maps import DOPPLER_LABEL
 from doppelgait.viz.signatures import draw_signature
+from doppelgait.viz.spectra import draw_step_doppler
 from doppelgait.viz.style import name_axes
 
 if TYPE_CHECKING:

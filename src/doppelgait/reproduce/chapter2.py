@@ -1,19 +1,18 @@
-"""Chapter 2, Doppler shift and the walker of Boulic and Chen: Figures 2.6, 2.15 and 2.16."""
+"""Chapter 2 of the report: Doppler shift, walkers and a galloping dog (Figs. 2.6 to 2.20)."""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from matplotlib.axes import Axes
+import xarray as xr
 
 from doppelgait import viz
 from doppelgait.core.labels import axis
 from doppelgait.core.units import velocity_to_doppler_hz
 from doppelgait.radar import Radar
 from doppelgait.reproduce.entry import Entry, Made, Reading, judged
-from doppelgait.reproduce.gait_lines import part_line
-from doppelgait.reproduce.material import Material
-from doppelgait.reproduce.points import point_table, slow_time_signal
+from doppelgait.reproduce.material import Material, Mover, point_table, slow_time_signal
+from doppelgait.reproduce.measures import departure, forward_m, one_cycle_s, part_line, parts_of, phase_between_deg
 from doppelgait.viz.motion import side_view_m
 from doppelgait.viz.style import ACCENT, legend_below, name_axes, new_axes, new_figure
 
@@ -87,25 +86,27 @@ def make_2_15(material: Material) -> Made:
         name_axes(panel, title="", x=across, y="height (m)")
         panel.set(aspect="equal", xlim=(-0.9, 0.9), ylim=(-0.05, 1.8))
         panel.tick_params(labelleft=True)
-    _name_points(panels[1], names, front_m)
+    # Names beside the points: those of the left on the left, of the right on the right, none over another.
+    name_panel = panels[1]
+    placed: dict[float, float] = {-1.0: np.inf, 1.0: np.inf}
+    for number in np.argsort(-front_m[:, 1]):
+        name_across, height = front_m[number]
+        side = 1.0 if name_across >= 0 else -1.0
+        at = min(height, placed[side] - 0.075)
+        placed[side] = at
+        name_panel.annotate(
+            names[number].replace("_", " "),
+            xy=(name_across, height),
+            xytext=(side * 0.42, at),
+            fontsize=9,
+            va="center",
+            ha="left" if side > 0 else "right",
+            arrowprops={"arrowstyle": "-", "color": "#b0b0b0", "lw": 0.6},
+        )
     panels[0].set_title("from the side", fontsize=11.5, loc="left")
     panels[1].set_title("from the front", fontsize=11.5, loc="left")
     readings = [Reading("points of the walker", len(names), "1", 17.0, given=True)]
     return Made(figure, readings, judged(readings, "one point for every joint and end of the limbs, as published."))
-
-
-def _name_points(panel: Axes, names: list[str], points_m: FloatArray) -> None:
-    """Names beside the points: those of the left on the left, of the right on the right, none over another."""
-    placed: dict[float, float] = {-1.0: np.inf, 1.0: np.inf}
-    for number in np.argsort(-points_m[:, 1]):
-        across, height = points_m[number]
-        side = 1.0 if across >= 0 else -1.0
-        at = min(height, placed[side] - 0.075)
-        placed[side] = at
-        panel.annotate(
-            names[number].replace("_", " "), xy=(across, height), xytext=(side * 0.42, at), fontsize=9, va="center",
-            ha="left" if side > 0 else "right", arrowprops={"arrowstyle": "-", "color": "#b0b0b0", "lw": 0.6},
-        )  # fmt: skip
 
 
 def make_2_16(material: Material) -> Made:
@@ -118,7 +119,14 @@ def make_2_16(material: Material) -> Made:
     figure = viz.doppler_lines(rows, wavelength_m=wavelength_m, title="Doppler shift of the walker, one gait cycle")
     time_s = axis(rows, "slow_time")
     ankle_hz = viz.scatterer_doppler(rows, wavelength_m=wavelength_m).values[:, axis(rows, "marker") == ANKLE][:, 0]
-    _mark_ankle(figure.axes[0], time_s, ankle_hz)
+    axes = figure.axes[0]
+    axes.plot(time_s, ankle_hz, color="black", lw=2.4)
+    axes.axhline(300.0, color=ACCENT, lw=1.0, ls="--")
+    ankle_peak = int(ankle_hz.argmax())
+    axes.annotate(
+        f"right ankle (black): {ankle_hz[ankle_peak]:.0f} Hz", xy=(time_s[ankle_peak], ankle_hz[ankle_peak]),
+        xytext=(0.45 * time_s[-1], 330.0), fontsize=10, arrowprops={"arrowstyle": "-", "lw": 0.8},
+    )  # fmt: skip
     peak = int(ankle_hz.argmax())
     torso_hz = part_line(viz.scatterer_doppler(rows, wavelength_m=wavelength_m), "torso")
     readings = [
@@ -140,17 +148,7 @@ def make_2_16(material: Material) -> Made:
     return Made(figure, readings, judged(readings, text))
 
 
-def _mark_ankle(axes: Axes, time_s: FloatArray, ankle_hz: FloatArray) -> None:
-    axes.plot(time_s, ankle_hz, color="black", lw=2.4)
-    axes.axhline(300.0, color=ACCENT, lw=1.0, ls="--")
-    peak = int(ankle_hz.argmax())
-    axes.annotate(
-        f"right ankle (black): {ankle_hz[peak]:.0f} Hz", xy=(time_s[peak], ankle_hz[peak]),
-        xytext=(0.45 * time_s[-1], 330.0), fontsize=10, arrowprops={"arrowstyle": "-", "lw": 0.8},
-    )  # fmt: skip
-
-
-ENTRIES = (
+CHAPTER2_ENTRIES = (
     Entry(
         "fig-2.6", "Doppler shift against radial velocity",
         "The shift is proportional to the radial velocity; in the example shifts beyond 150 Hz either way alias. "
@@ -166,3 +164,245 @@ ENTRIES = (
     ),
 )  # fmt: skip
 """Figures of chapter 2 that need no recording."""
+
+
+OPPOSITE_TOLERANCE_DEG = 20.0
+"""The report says "opposite phase" in words."""
+
+
+def make_2_12(material: Material) -> Made:
+    """Nine side views of a gait cycle."""
+    person = material.person()
+    motion = person.motion
+    start_s, cycle_s = one_cycle_s(motion, "right_foot")
+    title = "One gait cycle, right foot landing first"
+    figure = viz.stick_frames(motion, start_s=start_s, duration_s=cycle_s, title=title)
+    times_s = axis(motion, "time")
+    ends = [int(np.abs(times_s - time).argmin()) for time in (start_s, start_s + cycle_s)]
+    right_m, left_m = (part_line(forward_m(motion), f"{side}_foot") for side in ("right", "left"))
+    landings = [time for times in motion.attrs["footfalls"].values() for time in times]
+    steps = sum(start_s + 1e-6 < time <= start_s + cycle_s + 1e-6 for time in landings)
+    readings = [
+        Reading("points of the body", motion.sizes["marker"], "1", note="the report's person carries 41 markers"),
+        Reading("steps in the gait cycle", steps, "1", 2.0, given=not person.real),
+        Reading("right foot against the body, last view minus first", right_m[ends[1]] - right_m[ends[0]], "m", 0.0,
+                0.05, "the same place to within the size of a dot", not person.real),
+        Reading("right foot ahead of the left in the first view", right_m[ends[0]] - left_m[ends[0]], "m"),
+    ]  # fmt: skip
+    text = (
+        f"the right foot lands {readings[3].ours:.2f} m before the left, and after {steps} steps is within "
+        f"{abs(readings[2].ours):.2f} m of its place against the body."
+    )
+    return Made(figure, readings, judged(readings, text))
+
+
+def make_2_13(material: Material) -> Made:
+    """Range of every point over time."""
+    person = material.person()
+    truth = material.recording(person).truth[0]
+    figure = viz.range_lines(truth.scatterers, title="Range of every point of a walking person")
+    range_m = truth.scatterers["range"]
+    left_m, right_m, torso_m = (part_line(range_m, part) for part in ("left_foot", "right_foot", "torso"))
+    phase = phase_between_deg(left_m, right_m, stride_hz=truth.stride_frequency_hz, rate_hz=1000.0)
+    # Whether both feet together swing farther than any other part; those of limbs count left and right together.
+    swings: dict[str, list[float]] = {}
+    for part in parts_of(range_m):
+        pair = part.removeprefix("left_").removeprefix("right_")
+        swings.setdefault(pair, []).append(departure(part_line(range_m, part)))
+    readings = [
+        Reading(
+            "phase between left and right foot", phase, "deg", 180.0, OPPOSITE_TOLERANCE_DEG, given=not person.real
+        ),
+        Reading("right foot about its straight line (rms)", departure(right_m), "m"),
+        Reading("torso about its straight line (rms)", departure(torso_m), "m", note="the report: very little"),
+        Reading(
+            "both feet together swing farthest of all parts (1: yes)",
+            float(max(swings, key=lambda pair: float(np.mean(np.square(swings[pair])))) == "foot"),
+            "1",
+            1.0,
+        ),
+    ]
+    text = (
+        f"the feet swing {departure(right_m) / departure(torso_m):.0f} times as far about the straight line of "
+        f"constant velocity as the torso, {phase:.0f} degrees apart."
+    )
+    return Made(figure, readings, judged(readings, text))
+
+
+def make_2_14(material: Material) -> Made:
+    """Doppler shift of every point during one gait cycle."""
+    person = material.person()
+    recording = material.recording(person)
+    truth, wavelength_m = recording.truth[0], recording.radar.wavelength_m
+    start_s, cycle_s = one_cycle_s(person.motion, "right_foot")
+    rows = truth.scatterers.sel(slow_time=slice(start_s, start_s + cycle_s))
+    figure = viz.doppler_lines(
+        rows, wavelength_m=wavelength_m, title="Doppler shift of every point of a walking person, one gait cycle"
+    )
+    doppler_hz = viz.scatterer_doppler(rows, wavelength_m=wavelength_m)
+    highest_hz = {part: float(part_line(doppler_hz, part).max()) for part in parts_of(doppler_hz)}
+    feet_hz = [highest_hz.pop(f"{side}_foot") for side in ("left", "right")]
+    torso_hz = part_line(doppler_hz, "torso")
+    readings = [
+        Reading("wavelength", wavelength_m, "m", 0.0411, 5e-5, "of the radar as set", given=True),
+        Reading("torso, mean", float(torso_hz.mean()), "Hz"),
+        Reading("torso, rms variation", float(np.std(torso_hz)), "Hz", note="the report: little"),
+        Reading("feet, highest", max(feet_hz), "Hz"),
+        Reading("all other parts, highest", max(highest_hz.values()), "Hz"),
+        Reading("both feet above every other part (1: yes)", float(min(feet_hz) > max(highest_hz.values())), "1", 1.0),
+    ]
+    text = (
+        f"the torso keeps near {torso_hz.mean():.0f} Hz (rms {np.std(torso_hz):.0f} Hz) while the feet in their swing "
+        f"reach {max(feet_hz) / torso_hz.mean():.1f} times that, other parts {max(highest_hz.values()):.0f} Hz."
+    )
+    return Made(figure, readings, judged(readings, text))
+
+
+PERSON_ENTRIES = (
+    Entry(
+        "fig-2.12", "A walking person from the side, one gait cycle",
+        "Nine side views of a recorded walk (CMU, 41 markers). The right foot is in front at the start; after one gait "
+        "cycle, two steps, the right heel is back at its place relative to the body.",
+        make_2_12,
+    ),
+    Entry(
+        "fig-2.13", "Range of every point of that walk",
+        "The feet swing about the body most and in opposite phase; the breast-bone marker runs in a straight line, so "
+        "the person keeps a constant velocity.",
+        make_2_13,
+    ),
+    Entry(
+        "fig-2.14", "Doppler shift of every point of that walk",
+        "With a wavelength of 0.0411 m the breast bone hardly varies in Doppler, the heels have the largest shifts. So "
+        "many markers clutter the picture.",
+        make_2_14,
+    ),
+)  # fmt: skip
+"""Figures of a recorded person in chapter 2."""
+
+
+TOGETHER_TOLERANCE_DEG = 20.0
+"""The report says "same phase" in words."""
+DOG_PRF_HZ = 1491.0
+"""1938 frames in 1.3 s: the report's Figure 3.14 shows the same recording."""
+CHOSEN = "the stand-in's speed is chosen so; that it agrees shows nothing"
+
+
+def _gait_note(dog: Mover) -> str:
+    return "" if dog.gait == "bound" else f"this dog's gait is a {dog.gait}: left and right do not land together"
+
+
+def make_2_18(material: Material) -> Made:
+    """Nine side views of a gait cycle."""
+    dog = material.galloping_dog()
+    start_s, cycle_s = one_cycle_s(dog.motion, "left_hind")
+    figure = viz.stick_frames(dog.motion, start_s=start_s, duration_s=cycle_s, title=f"One gait cycle, {dog.gait}")
+    lines = forward_m(dog.motion)
+    readings = [
+        Reading("points of the body", dog.motion.sizes["marker"], "1", note="the report's dog carries 24 markers"),
+        *[
+            Reading(f"phase between left and right {pair} paw", _phase_deg(dog, lines, pair), "deg", 0.0,
+                    TOGETHER_TOLERANCE_DEG, _gait_note(dog), not dog.real)
+            for pair in ("fore", "hind")
+        ],
+        Reading("stride frequency", float(dog.motion.attrs["stride_frequency_hz"]), "Hz"),
+    ]  # fmt: skip
+    text = (
+        "with left and right together it is a bound, which the report calls a gallop; its stride is the period of "
+        "everything, so one pair of paws swings once a stride."
+        if dog.gait == "bound"
+        else f"the recording at hand is a {dog.gait}, in which left and right are out of step; the report's dog bounds."
+    )
+    return Made(figure, readings, judged(readings, text))
+
+
+def _phase_deg(dog: Mover, lines: xr.DataArray, pair: str) -> float:
+    left, right = (part_line(lines, f"{side}_{pair}_paw") for side in ("left", "right"))
+    stride_hz, rate_hz = (float(dog.motion.attrs[name]) for name in ("stride_frequency_hz", "rate_hz"))
+    return phase_between_deg(left, right, stride_hz=stride_hz, rate_hz=rate_hz)
+
+
+def make_2_19(material: Material) -> Made:
+    """Range of every point over time."""
+    dog = material.galloping_dog()
+    truth = material.recording(dog, prf_hz=DOG_PRF_HZ).truth[0]
+    figure = viz.range_lines(truth.scatterers, title=f"Range of every point of a dog, {dog.gait}")
+    range_m = truth.scatterers["range"]
+    trunk_m = part_line(range_m, "trunk")
+    left_m, right_m = (part_line(range_m, f"{side}_hind_paw") for side in ("left", "right"))
+    phase = phase_between_deg(left_m, right_m, stride_hz=truth.stride_frequency_hz, rate_hz=DOG_PRF_HZ)
+    readings = [
+        Reading("phase between the hind paws", phase, "deg", 0.0, TOGETHER_TOLERANCE_DEG, _gait_note(dog),
+                not dog.real),
+        Reading("trunk nearer to the radar than the hind paws, mean", float((left_m - trunk_m).mean()), "m",
+                note="the report: the marker on the trunk lies ahead of them"),
+        Reading("hind paw about its straight line (rms)", departure(left_m), "m"),
+        Reading("trunk about its straight line (rms)", departure(trunk_m), "m"),
+    ]  # fmt: skip
+    text = (
+        f"the hind paws swing about the trunk {phase:.0f} degrees apart, once a stride: what repeats in the range "
+        "lines is the stride, not the step frequency that the report names (E-07)."
+    )
+    return Made(figure, readings, judged(readings, text))
+
+
+def make_2_20(material: Material) -> Made:
+    """Doppler shift of every point over time."""
+    dog = material.galloping_dog()
+    recording = material.recording(dog, prf_hz=DOG_PRF_HZ)
+    truth, wavelength_m = recording.truth[0], recording.radar.wavelength_m
+    title = f"Doppler shift of every point of a dog, {dog.gait}"
+    figure = viz.doppler_lines(truth.scatterers, wavelength_m=wavelength_m, title=title)
+    doppler_hz = viz.scatterer_doppler(truth.scatterers, wavelength_m=wavelength_m)
+    trunk_hz = part_line(doppler_hz, "trunk")
+    paws_hz = [part_line(doppler_hz, f"{side}_hind_paw") for side in ("left", "right")]
+    person = material.recording(material.person())
+    torso_hz = part_line(viz.scatterer_doppler(person.truth[0].scatterers, wavelength_m=wavelength_m), "torso")
+    variation_hz = [float(np.std(line)) for line in (trunk_hz, torso_hz)]
+    readings = [
+        Reading("radial velocity of the trunk, mean", float(trunk_hz.mean() * wavelength_m / 2), "m/s", 3.0, 0.3,
+                f"{'' if dog.real else CHOSEN + '; '}section 5.3.2 has 263 Hz, 5.4 m/s, for the same recording",
+                not dog.real),
+        Reading("hind paws, smallest shift", max(float(np.abs(line).min()) for line in paws_hz), "Hz", 0.0, 10.0,
+                "at rest on the ground", not dog.real),
+        Reading("hind paws, highest shift", max(float(line.max()) for line in paws_hz), "Hz"),
+        Reading("trunk, rms variation", variation_hz[0], "Hz", note=_relative(trunk_hz)),
+        Reading("torso of a person, rms variation", variation_hz[1], "Hz", note=_relative(torso_hz)),
+        Reading("trunk varies more than a person's torso (1: yes)", float(variation_hz[0] > variation_hz[1]), "1", 1.0,
+                note="in Hz, as the figures show it"),
+    ]  # fmt: skip
+    text = (
+        f"the hind paws come down to {readings[1].ours:.1f} Hz, and the trunk varies by {variation_hz[0]:.0f} "
+        "Hz. The report's two speeds for its one recording, 3 m/s here and 263 Hz (5.4 m/s) in chapter 5, cannot both "
+        "be right."
+    )
+    return Made(figure, readings, judged(readings, text))
+
+
+def _relative(line_hz: npt.NDArray[np.float64]) -> str:
+    return f"{np.std(line_hz) / abs(np.mean(line_hz)):.0%} of the mean"
+
+
+DOG_ENTRIES = (
+    Entry(
+        "fig-2.18", "A galloping dog from the side, one gait cycle",
+        "Nine side views of the only usable dog recording. Left and right legs move in the same phase and land "
+        "together; fore and hind legs meet under the trunk before the hind legs kick off.",
+        make_2_18,
+    ),
+    Entry(
+        "fig-2.19", "Range of every point of that dog",
+        "The marker on the trunk lies ahead of the hind paws; both hind paws swing in phase, at what the report calls "
+        "the step frequency.",
+        make_2_19,
+    ),
+    Entry(
+        "fig-2.20", "Doppler shift of every point of that dog",
+        "The trunk varies more than a person's, going up and down with the head, at about 3 m/s; the hind paws have no "
+        "shift while they stand before they kick off.",
+        make_2_20,
+    ),
+)  # fmt: skip
+"""Figures of the dog in chapter 2."""
+
+ENTRIES = (*CHAPTER2_ENTRIES, *PERSON_ENTRIES, *DOG_ENTRIES)

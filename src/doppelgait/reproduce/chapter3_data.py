@@ -1,25 +1,224 @@
-"""Chapter 3, the radar data matrix and its tables: Figures 3.14 and 3.15, Tables 3.2 and 3.3."""
+"""Chapter 3 of the report, slow time: Doppler, resolution and the data matrix (Figs. 3.11 to 3.15, Tables 3.2, 3.3)."""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
+from scipy.signal import find_peaks
 
-from doppelgait.core.units import power_to_db
+from doppelgait.core.rng import Streams
+from doppelgait.core.units import doppler_to_velocity_mps, power_to_db
 from doppelgait.pipeline import simulate
-from doppelgait.radar import Recording
+from doppelgait.radar import Radar, Recording, add_noise, noise_power_v2, synthesise
+from doppelgait.reproduce.chapter3_frame import first_null, spectrum
 from doppelgait.reproduce.entry import Entry, Made, Reading, judged
-from doppelgait.reproduce.material import RCS_M2, Material
-from doppelgait.reproduce.movers import Mover
+from doppelgait.reproduce.material import RCS_M2, Material, Mover, point_table, slow_time_signal
 from doppelgait.scene import Scene, Target
 from doppelgait.scene.rcs import RCS_PER_MASS_M2_PER_KG, RcsSpec
-from doppelgait.viz.body import draw_part_lines, part_lines
 from doppelgait.viz.maps import colour_bar
+from doppelgait.viz.motion import draw_part_lines, part_lines
 from doppelgait.viz.ranges import draw_range_time
-from doppelgait.viz.style import name_axes, new_figure
+from doppelgait.viz.style import ACCENT, legend_below, name_axes, new_figure
 
 FloatArray = npt.NDArray[np.float64]
+
+PRF_HZ = 300.0
+CARRIER_HZ = 7.2e9
+CPI_FRAMES = 31
+RANGE_M = 5.0
+SHIFT_3_11_HZ = 24.0
+MOVERS_3_12 = {-90.0: 0.02, -45.0: 0.005, 70.0: 0.01}
+"""Shift in Hz and radar cross section in m^2 of the movers of Figure 3.12."""
+WALL_M2 = 0.2
+SPACINGS_3_13_HZ = {"a": 72.0, "b": 24.0, "c": 14.0, "d": 5.0}
+PEAK_LEVEL_DB = -6.0
+"""Maxima above this level below the highest count as targets; side lobes lie at -13 dB."""
+POINTS = 1 << 15
+
+
+def _radar(material: Material) -> Radar:
+    return material.radar(carrier_hz=CARRIER_HZ, prf_hz=PRF_HZ, range_start_m=3.0, range_stop_m=7.0)
+
+
+def tones(radar: Radar, n_frames: int, shifts_hz: npt.ArrayLike) -> npt.NDArray[np.complex128]:
+    """Slow-time signal of equal points at these Doppler shifts, in phase in the middle of the frames."""
+    speeds = doppler_to_velocity_mps(np.atleast_1d(np.asarray(shifts_hz, dtype=float)), radar.wavelength_m)
+    return slow_time_signal(radar, point_table(radar, n_frames, range_m=RANGE_M, velocity_mps=speeds), range_m=RANGE_M)
+
+
+def make_3_11(material: Material) -> Made:
+    """The slow-time signal of one point over 10 and over 31 frames."""
+    radar = _radar(material)
+    figure = new_figure(width_in=11.0, height_in=4.2)
+    periods = {}
+    for panel, (letter, frames) in zip(figure.subplots(1, 2), (("a", 10), ("b", CPI_FRAMES)), strict=True):
+        signal = tones(radar, frames, SHIFT_3_11_HZ)
+        time_s = np.arange(frames) / PRF_HZ
+        for part, colour, name in ((signal.real, ACCENT, "real part"), (signal.imag, "#0072b2", "imaginary part")):
+            panel.plot(time_s * 1e3, part / np.abs(signal).max(), "o-", color=colour, ms=4, label=name)
+        panel.grid(color="#e0e0e0", lw=0.6)
+        name_axes(panel, title=f"({letter}) {frames} frames", x="time (ms)", y="amplitude (of the highest)")
+        periods[frames] = float(np.ptp(np.unwrap(np.angle(signal))) / (2 * np.pi))
+    legend_below(figure, figure.axes[0])
+    measured_hz = periods[CPI_FRAMES] * PRF_HZ / (CPI_FRAMES - 1)
+    readings = [
+        Reading("Doppler shift by the phase steps", measured_hz, "Hz", SHIFT_3_11_HZ, 0.05, given=True),
+        Reading("periods in 10 frames", periods[10], "1", note="the report: less than one"),
+        Reading("less than one period in 10 frames (1: yes)", float(periods[10] < 1), "1", 1.0),
+        Reading("periods in 31 frames", periods[CPI_FRAMES], "1", 2.0, 0.5, "the report: about two"),
+    ]
+    text = f"of 24 Hz 10 frames at 300 Hz hold {periods[10]:.2f} periods, 31 frames {periods[CPI_FRAMES]:.2f}."
+    return Made(figure, readings, judged(readings, text))
+
+
+def make_3_12(material: Material) -> Made:
+    """Doppler spectrum of one range bin with noise, a wall and three movers, over two periods."""
+    radar, frames = _radar(material), 300
+    shifts_hz = np.array([0.0, *MOVERS_3_12])
+    table = point_table(
+        radar, frames, range_m=RANGE_M, rcs_m2=[WALL_M2, *MOVERS_3_12.values()],
+        velocity_mps=doppler_to_velocity_mps(shifts_hz, radar.wavelength_m),
+    )  # fmt: skip
+    rng = Streams(material.seed).generator("noise", "fig-3.12")
+    baseband = add_noise(synthesise(table, radar), noise_power_v2=noise_power_v2(radar), rng=rng)
+    signal = baseband.sel(range=RANGE_M, method="nearest").values * np.hanning(frames)
+    shown_hz = np.linspace(-PRF_HZ, PRF_HZ, 4001)
+    power = _power_at(signal, shown_hz)
+    level_db = power_to_db(power / power.max())
+    figure = new_figure(width_in=11.0, height_in=4.5)
+    axes = figure.add_subplot()
+    axes.plot(shown_hz, level_db, color=ACCENT, lw=0.9)
+    for edge_hz in (-PRF_HZ / 2, PRF_HZ / 2):
+        axes.axvline(edge_hz, color="gray", ls="--", lw=1)
+    for shift_hz, name in zip(shifts_hz, ("wall", "receding", "receding", "approaching"), strict=True):
+        top_db = level_db[np.abs(shown_hz - shift_hz).argmin()]
+        axes.annotate(name, xy=(shift_hz, top_db), xytext=(0, 5), textcoords="offset points", ha="center", fontsize=9)
+    axes.set_ylim(float(np.median(level_db)) - 25, 8)
+    name_axes(axes, title="Doppler spectrum of one range bin, two periods", x="Doppler (Hz)", y="power (dB)")
+    fine_hz = np.arange(-PRF_HZ / 2, PRF_HZ / 2, 0.05)
+    own = _power_at(signal, fine_hz)
+    places = [_peak_near_hz(fine_hz, own, shift_hz) for shift_hz in shifts_hz]
+    # Smallest shift, from 50 Hz on in steps of 1 Hz, at which the spectrum is itself again.
+    grid_hz, trial_hz = np.linspace(-60.0, 60.0, 61), np.arange(50.0, 2 * PRF_HZ + 1)
+    own_hz = _power_at(signal, grid_hz)
+    shifted = _power_at(signal, (trial_hz[:, None] + grid_hz).ravel()).reshape(trial_hz.size, grid_hz.size)
+    unlike = np.abs(shifted - own_hz).sum(axis=1) / own_hz.sum()
+    readings = [
+        Reading("wall, at shift", places[0], "Hz", 0.0, 0.5, given=True),
+        Reading(
+            "movers, largest error of the shift",
+            float(np.abs(np.array(places) - shifts_hz).max()),
+            "Hz",
+            note="against 2 v / λ; half a bin of 1 / T_d is 0.5 Hz",
+        ),
+        Reading(
+            "period of the spectrum",
+            float(trial_hz[np.flatnonzero(unlike < 1e-6)[0]]),
+            "Hz",
+            PRF_HZ / 2,
+            1.0,
+            "the report's text: periodic with f_p / 2; half of the period lies on either side of 0 (E-06)",
+        ),
+        Reading("wall over the median of the noise", float(-np.median(level_db)), "dB"),
+    ]
+    text = (
+        "noise is everywhere, the wall at 0 Hz, who recedes at negative and who approaches "
+        "at positive shifts. The spectrum repeats after f_p = 300 Hz, not after f_p/2."
+    )
+    return Made(figure, readings, judged(readings, text))
+
+
+def _power_at(signal: npt.ArrayLike, frequency_hz: FloatArray) -> FloatArray:
+    values = np.asarray(signal, dtype=np.complex128)
+    carriers = np.exp(-2j * np.pi * np.outer(frequency_hz, np.arange(values.size)) / PRF_HZ)
+    return np.asarray(np.abs(carriers @ values) ** 2)
+
+
+def _peak_near_hz(frequency_hz: FloatArray, power: FloatArray, place_hz: float) -> float:
+    near = np.abs(frequency_hz - place_hz) < 5.0
+    return float(frequency_hz[near][power[near].argmax()])
+
+
+def make_3_13(material: Material) -> Made:
+    """Spectra of two equal points at four spacings."""
+    radar = _radar(material)
+    figure = new_figure(width_in=11.0, height_in=7.0)
+    panels = figure.subplots(2, 2, sharex=True, sharey=True)
+    seen: dict[str, tuple[int, float]] = {}
+    for panel, (letter, spacing_hz) in zip(panels.flat, SPACINGS_3_13_HZ.items(), strict=True):
+        shifts_hz = np.array([-spacing_hz / 2, spacing_hz / 2])
+        for shift_hz in shifts_hz:
+            alone_hz, alone = spectrum(tones(radar, CPI_FRAMES, shift_hz), PRF_HZ, points=POINTS)
+            panel.plot(alone_hz, np.sqrt(alone), color="#b0b0b0", lw=1)
+            panel.axvline(shift_hz, color=ACCENT, ls=":", lw=1.2)
+        frequency_hz, power = spectrum(tones(radar, CPI_FRAMES, shifts_hz), PRF_HZ, points=POINTS)
+        panel.plot(frequency_hz, np.sqrt(power), color="black", lw=1.4)
+        name_axes(
+            panel, title=f"({letter}) {spacing_hz:.0f} Hz apart", x="Doppler (Hz)", y="magnitude (of the highest)"
+        )
+        panel.tick_params(labelleft=True, labelbottom=True)
+        seen[letter] = count_and_dip(power)
+    panels[0, 0].set_xlim(-110, 110)
+    null_hz = first_null(*spectrum(tones(radar, CPI_FRAMES, 0.0), PRF_HZ, points=POINTS))
+    stated = {"a": 2.0, "b": 2.0, "c": None, "d": 1.0}
+    readings = [
+        Reading("resolution: peak to first null", null_hz, "Hz", 10.0, 0.5, "f_p / M = 9.68 Hz; 10 Hz is 1 / 0.1 s"),
+        *[Reading(f"({letter}) peaks at {spacing:.0f} Hz", seen[letter][0], "1", stated[letter])
+          for letter, spacing in SPACINGS_3_13_HZ.items()],
+        *[Reading(f"({letter}) dip between them", seen[letter][1], "dB",
+                  note="the report: they begin to blend" if letter == "c" else "a null")
+          for letter in ("b", "c")],
+        Reading("smallest spacing with two peaks, in phase", smallest_spacing_hz(radar), "Hz",
+                note="in phase in the middle, as drawn here; the report does not say where its phase is zero"),
+    ]  # fmt: skip
+    counts = ", ".join(f"{seen[letter][0]} at {spacing:.0f} Hz" for letter, spacing in SPACINGS_3_13_HZ.items())
+    text = (
+        f"peaks are {counts}; at 14 Hz they run into each other (a dip of {seen['c'][1]:.1f} dB). Two points in phase "
+        "need more than the 10 Hz of the Rayleigh criterion, which is for powers added."
+    )
+    return Made(figure, readings, judged(readings, text))
+
+
+def count_and_dip(power: FloatArray) -> tuple[int, float]:
+    """Maxima within 6 dB of the highest, and how far the power falls between the outermost two, dB (0 for one)."""
+    peaks = find_peaks(power, height=float(power.max()) * 10 ** (PEAK_LEVEL_DB / 10))[0]
+    if peaks.size < 2:
+        return int(peaks.size), 0.0
+    between = power[peaks[0] : peaks[-1]].min()
+    return int(peaks.size), float(power_to_db(power[peaks].min() / between))
+
+
+def smallest_spacing_hz(radar: Radar) -> float:
+    """Smallest spacing, in steps of 0.1 Hz, at which two equal points in phase have two peaks."""
+    for spacing_hz in np.arange(5.0, 30.0, 0.1):
+        both = tones(radar, CPI_FRAMES, [-spacing_hz / 2, spacing_hz / 2])
+        if count_and_dip(spectrum(both, PRF_HZ, points=POINTS)[1])[0] == 2:
+            return float(spacing_hz)
+    return float("nan")
+
+
+DOPPLER_ENTRIES = (
+    Entry(
+        "fig-3.11", "Slow-time signal of one point, over 10 and over 31 frames",
+        "A point with a shift of 24 Hz at 300 frames a second: 10 frames are too short for one period, 31 hold two.",
+        make_3_11,
+    ),
+    Entry(
+        "fig-3.12", "What a Doppler spectrum holds",
+        "Noise spread evenly, what stands still at 0 Hz, two receding targets on the left, an approaching one on the "
+        "right. The spectrum is said to be periodic with half the frame rate.",
+        make_3_12,
+    ),
+    Entry(
+        "fig-3.13", "Doppler resolution: two points at four spacings",
+        "31 frames at 300 Hz, 0.1 s, resolve 10 Hz. At 72 and 24 Hz the two are obvious, at 14 Hz they begin to blend, "
+        "at 5 Hz they cannot be told apart.",
+        make_3_13,
+    ),
+)  # fmt: skip
+"""Figures of slow time in chapter 3."""
+
 
 FRAMES_3_14, SECONDS_3_14, BINS_3_14, START_M_3_14 = 1938, 1.3, 162, 14.0
 PRF_3_14_HZ = FRAMES_3_14 / SECONDS_3_14
@@ -161,8 +360,7 @@ def make_table_3_3(material: Material) -> Made:
     """The four scales of time and frequency, for the radar of Table 5.1."""
     import pandas as pd
 
-    from doppelgait.reproduce.chapter3_doppler import POINTS, tones
-    from doppelgait.reproduce.chapter3_pulse import half_power_width, spectrum
+    from doppelgait.reproduce.chapter3_frame import half_power_width, spectrum
 
     radar, cpi_s = material.radar(), 0.1
     frames = round(cpi_s * radar.prf_hz)
@@ -190,7 +388,7 @@ def make_table_3_3(material: Material) -> Made:
     return Made(None, readings, judged(readings, text), table)
 
 
-ENTRIES = (
+DATA_ENTRIES = (
     Entry(
         "fig-3.14", "Range and data matrix of a galloping dog",
         "The dog starts at 14 m and keeps its velocity towards the radar for about 1.3 s: 1938 frames of 162 range "
@@ -215,3 +413,5 @@ ENTRIES = (
     ),
 )  # fmt: skip
 """Figures and tables of the data matrix in chapter 3."""
+
+ENTRIES = (*DOPPLER_ENTRIES, *DATA_ENTRIES)

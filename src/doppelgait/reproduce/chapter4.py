@@ -1,27 +1,39 @@
-"""Chapter 4 of the report up to the signature: window, range-Doppler maps, gate, columns (Figs. 4.3 to 4.9)."""
+"""Chapter 4 of the report up to the signature: window, maps, gate, columns, true Doppler (Figs. 4.3 to 4.11)."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 import xarray as xr
 
 from doppelgait import viz
 from doppelgait.core.labels import axis
 from doppelgait.processing import Analysis, gaussian_window, range_doppler
-from doppelgait.reproduce.drawing import LINE, panels
+from doppelgait.reproduce.drawing import LINE, numbered_marks, panels
 from doppelgait.reproduce.entry import Entry, Made, Reading, judged, verdict
 from doppelgait.reproduce.measures import (
     column_level_rise_db,
+    columns_per_second,
+    find_peaks,
     half_power_width_bins,
+    main_frequency_hz,
     printed_window,
+    share_near_lines,
     side_lobe_db,
+    torso_line_hz,
+    upper_envelope_hz,
 )
-from doppelgait.viz.style import ACCENT, name_axes
+from doppelgait.viz.maps import DOPPLER_LABEL, velocity_axis
+from doppelgait.viz.motion import draw_part_lines, part_lines
+from doppelgait.viz.signatures import draw_signature
+from doppelgait.viz.style import ACCENT, LINE_COLOURS, legend_below, name_axes, new_axes
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from doppelgait.pipeline import TargetResult
     from doppelgait.radar.recording import Recording
     from doppelgait.reproduce.material import Material
@@ -107,28 +119,7 @@ def make_range_doppler(material: Material) -> Made:
     torso_hz = float(axis(shown, "doppler")[int(strongest.argmax())])
     below = axis(shown, "doppler") < min(lowest_hz / 2.0, 0.0)
     foot_db = 10.0 * np.log10(strongest[below].max() / strongest.max()) if below.any() else float("nan")
-    readings = [
-        Reading("Doppler of the strongest cell, mean over a whole step", _strongest_hz(material), "Hz", TORSO_HZ,
-                TORSO_READ_HZ, "the report's moment is not known, hence a mean"),
-        Reading("Doppler of the strongest cell in the map shown", torso_hz, "Hz"),
-        Reading("part of the walker below 0 Hz in the map shown (1: yes)", float(lowest_hz < 0.0), "1", 1.0,
-                note="the moment is chosen so", given=True),
-        Reading("true Doppler of the part that moves back", lowest_hz, "Hz"),
-        Reading("level of what moves back, below the strongest cell", float(foot_db), "dB"),
-        Reading("Doppler bins K = M", float(power.sizes["doppler"]), "1", 101.0, 1.0, "there M = 100, not odd",
-                given=True),
-    ]  # fmt: skip
-    figure = viz.range_doppler_map(shown, db_range=40.0, title="Range-Doppler map of a walking person")
-    figure.axes[0].set_ylim(SHOWN_HZ)
-    return Made(
-        figure, readings,
-        judged(readings, f"the strongest cell lies at {torso_hz:.0f} Hz in the map shown and at {readings[0].ours:.0f} "
-               f"Hz over a step; a part of the walker has {lowest_hz:.0f} Hz, where a foot or arm goes back."),
-    )  # fmt: skip
-
-
-def _strongest_hz(material: Material) -> float:
-    """Doppler of the strongest cell of range-Doppler maps, mean over one whole step in the middle of the walk."""
+    # Doppler of the strongest cell of range-Doppler maps, mean over one whole step in the middle of the walk.
     recording, _ = walk(material)
     middle = recording.n_pulses // 2
     step_frames = recording.radar.prf_hz / recording.truth[0].gait_frequency_hz
@@ -140,7 +131,37 @@ def _strongest_hz(material: Material) -> float:
         found = [axis(block, "doppler")[block.values.max(axis=2).argmax(axis=1)] for block in blocks]
         return float(np.concatenate(found).mean())
 
-    return material.once("strongest cell over a step", make)
+    readings = [
+        Reading(
+            "Doppler of the strongest cell, mean over a whole step",
+            material.once("strongest cell over a step", make),
+            "Hz",
+            TORSO_HZ,
+            TORSO_READ_HZ,
+            "the report's moment is not known, hence a mean",
+        ),
+        Reading("Doppler of the strongest cell in the map shown", torso_hz, "Hz"),
+        Reading(
+            "part of the walker below 0 Hz in the map shown (1: yes)",
+            float(lowest_hz < 0.0),
+            "1",
+            1.0,
+            note="the moment is chosen so",
+            given=True,
+        ),
+        Reading("true Doppler of the part that moves back", lowest_hz, "Hz"),
+        Reading("level of what moves back, below the strongest cell", float(foot_db), "dB"),
+        Reading(
+            "Doppler bins K = M", float(power.sizes["doppler"]), "1", 101.0, 1.0, "there M = 100, not odd", given=True
+        ),
+    ]
+    figure = viz.range_doppler_map(shown, db_range=40.0, title="Range-Doppler map of a walking person")
+    figure.axes[0].set_ylim(SHOWN_HZ)
+    return Made(
+        figure, readings,
+        judged(readings, f"the strongest cell lies at {torso_hz:.0f} Hz in the map shown and at {readings[0].ours:.0f} "
+               f"Hz over a step; a part of the walker has {lowest_hz:.0f} Hz, where a foot or arm goes back."),
+    )  # fmt: skip
 
 
 def make_gate_figure(material: Material) -> Made:
@@ -239,7 +260,7 @@ def make_normalisation(material: Material) -> Made:
     )  # fmt: skip
 
 
-ENTRIES = (
+CHAPTER4_ENTRIES = (
     Entry(
         "fig-4.3", "Gaussian window over the frames of a CPI, and its spectrum",
         "With M = 40 frames and a steepness of 0.3 the side lobes lie 65.4 dB below the main lobe.", make_window,
@@ -268,3 +289,126 @@ ENTRIES = (
         make_normalisation,
     ),
 )  # fmt: skip
+
+
+FloatArray = npt.NDArray[np.float64]
+
+LINE_REACH_HZ = 15.0
+"""Half width of a line: the window's full half-power width is 13.7 Hz, its full width at t_mu 28.6 Hz."""
+SMOOTHING_S = 0.03
+
+
+def make_lines_and_signature(material: Material) -> Made:
+    """Fig. 4.10."""
+    recording, result = walk(material)
+    lines = viz.scatterer_doppler(recording.truth[0].scatterers, wavelength_m=recording.radar.wavelength_m)
+    stride_s = 1.0 / recording.truth[0].stride_frequency_hz
+    first_s, last_s = stride_s, 2.0 * stride_s
+    doppler_hz = recording.truth[0].doppler_hz(recording.radar.wavelength_m)
+    limits_hz = float(doppler_hz.min()) - 50.0, float(doppler_hz.max()) + 50.0
+    figure, (left, right) = panels(2, height_in=5.6)
+    draw_part_lines(left, part_lines(lines), bold=1.8)
+    left.set(xlim=(first_s, last_s), ylim=limits_hz)
+    name_axes(left, title="(a) true Doppler of every point", x="time (s)", y=DOPPLER_LABEL)
+    draw_signature(right, result.normalised_signature, db_range=30.0, doppler_hz=limits_hz)
+    right.set_xlim(first_s, last_s)
+    name_axes(right, title="(b) micro-Doppler signature, 30 dB", x="time (s)", y="")
+    velocity_axis(right, recording.radar.wavelength_m)
+    legend_below(figure, left)
+    top_hz = upper_envelope_hz(result.normalised_signature, ENVELOPE)
+    inside = slice(100, -100)  # ends are zero-padded
+    true_top_hz = doppler_hz.max(axis=1)
+    ankle = axis(recording.truth[0].scatterers, "marker").tolist().index("right_ankle")
+    readings = [
+        Reading("peak Doppler of the right ankle", float(doppler_hz[:, ankle].max()), "Hz", 300.0, 15.0),
+        Reading(
+            "share of the signature's power within 15 Hz of a true line",
+            share_near_lines(result.normalised_signature, doppler_hz, axis(lines, "slow_time"), reach_hz=LINE_REACH_HZ),
+            "1",
+        ),
+        Reading("upper edge of the signature over the true highest line, median",
+                float(np.median((top_hz - true_top_hz)[inside])), "Hz",
+                note="a single line is 28.6 Hz wide at t_mu, so up to 14 Hz belong to the window"),
+    ]  # fmt: skip
+    return Made(
+        figure, readings,
+        judged(readings, f"{100.0 * readings[1].ours:.0f} % of the signature's power lies within {LINE_REACH_HZ:g} Hz "
+               "of a true line, about the width of the window."),
+    )  # fmt: skip
+
+
+def make_five_cycles(material: Material) -> Made:
+    """Fig. 4.11."""
+    recording, result = walk(material)
+    mu, truth = result.normalised_signature, recording.truth[0]
+    rate_hz = columns_per_second(mu)
+    top_hz, bottom_hz = (
+        upper_envelope_hz(mu, ENVELOPE),
+        -upper_envelope_hz(
+            mu.isel(doppler=slice(None, None, -1)).assign_coords(doppler=-axis(mu, "doppler")[::-1]), ENVELOPE
+        ),
+    )
+    steps = find_peaks(top_hz, rate_hz, smoothing_s=SMOOTHING_S)
+    torso_hz = torso_line_hz(mu, reach_hz=40.0)
+    figure, axes = new_axes()
+    draw_signature(axes, mu, db_range=30.0)
+    name_axes(axes, title="Five gait cycles; 30 dB", x="time (s)", y=DOPPLER_LABEL)
+    velocity_axis(axes, recording.radar.wavelength_m)
+    axes.plot(axis(mu, "time"), torso_hz, color=LINE_COLOURS[0], lw=1.2)
+    _mark_parts(axes, axis(mu, "time")[steps], torso_hz, float(np.quantile(top_hz, 0.98)), float(bottom_hz.min()))
+    observed_s = mu.sizes["time"] / rate_hz
+    swing = main_frequency_hz(torso_hz, rate_hz)
+    readings = [
+        Reading("steps: peaks of the upper edge", float(steps.size), "1", 10.0, 0.0),
+        Reading("gait cycles in the observation", observed_s * truth.stride_frequency_hz, "1", 5.0, 0.01, given=True),
+        Reading("oscillation of the main line over the gait frequency", swing / truth.stride_frequency_hz, "1", 2.0,
+                0.1, "a line oscillates at whole multiples; a tenth is what a record of five cycles resolves"),
+        Reading("mean of the main line", float(torso_hz.mean()), "Hz", TORSO_HZ, TORSO_READ_HZ),
+        Reading("from the highest to the lowest edge (label 4)", float(top_hz.max() - bottom_hz.min()), "Hz"),
+    ]  # fmt: skip
+    return Made(
+        figure, readings,
+        judged(readings, f"{steps.size} steps in {readings[1].ours:.0f} gait cycles, and a main line that oscillates "
+               f"{readings[2].ours:.1f} times a cycle. Labels as in the report: 1 main line, 2 gait cycle, 3 step, "
+               "4 bandwidth, 5 width of the main line, 6 zero Doppler."),
+    )  # fmt: skip
+
+
+def _mark_parts(axes: Axes, step_s: FloatArray, torso_hz: FloatArray, top_hz: float, bottom_hz: float) -> None:
+    """The labels (1) to (6) of the report."""
+    both = {"arrowstyle": "<->", "color": "white", "lw": 1.3}
+    low, high = axes.get_ylim()
+    above = min(top_hz + 25.0, high - 0.12 * (high - low))
+    middle_hz = float(torso_hz.mean())
+    marks = {"1": (float(step_s[0]) * 0.5, middle_hz), "6": (float(step_s[0]) * 0.5, 0.0)}
+    if step_s.size >= 8:
+        two_s, one_s = (float(step_s[2]), float(step_s[4])), (float(step_s[5]), float(step_s[6]))
+        for name, (start, stop) in (("2", two_s), ("3", one_s)):
+            axes.annotate("", (start, above), (stop, above), arrowprops=both)
+            marks[name] = ((start + stop) / 2.0, above + 0.06 * (high - low))
+        at_s = float(step_s[7]) + 0.1
+        axes.annotate("", (at_s, bottom_hz), (at_s, top_hz), arrowprops=both)
+        marks["4"] = (at_s + 0.08, (top_hz + middle_hz) / 2.0 + 30.0)
+        wide_hz = float(torso_hz.min()) - 14.0, float(torso_hz.max()) + 14.0
+        late_s = float(step_s[-1])
+        axes.annotate("", (late_s, wide_hz[0]), (late_s, wide_hz[1]), arrowprops=both)
+        marks["5"] = (late_s + 0.08, wide_hz[1] + 15.0)
+    axes.axhline(0.0, color="white", lw=0.8, ls=":")
+    numbered_marks(axes, marks)
+
+
+SIGNATURE_ENTRIES = (
+    Entry(
+        "fig-4.10", "True Doppler of all points, and the signature of the same walk",
+        "The signature should be as like the true lines as possible; the torso is strongest and varies least, the saw "
+        "teeth above and below are the legs, the ankle of which reaches about 300 Hz (Fig. 2.16).",
+        make_lines_and_signature,
+    ),
+    Entry(
+        "fig-4.11", "Signature of five gait cycles with its parts named",
+        "Five gait cycles are ten steps, one peak each; the main line oscillates at twice the gait frequency.",
+        make_five_cycles,
+    ),
+)  # fmt: skip
+
+ENTRIES = (*CHAPTER4_ENTRIES, *SIGNATURE_ENTRIES)

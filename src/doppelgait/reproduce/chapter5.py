@@ -16,8 +16,8 @@ from doppelgait.reproduce.drawing import draw_cadence_amplitude, draw_mean_doppl
 from doppelgait.reproduce.entry import Entry, Made, Reading, judged
 from doppelgait.reproduce.material import STEEPNESS, THRESHOLD
 from doppelgait.reproduce.measures import CLEAR_DB, HARMONICS, prominence_db, side_lobe_of_cadence_db
-from doppelgait.viz.body import draw_part_lines, part_lines
 from doppelgait.viz.maps import DOPPLER_LABEL, doppler_limits_hz
+from doppelgait.viz.motion import draw_part_lines, part_lines
 from doppelgait.viz.signatures import draw_signature
 from doppelgait.viz.style import legend_below, name_axes
 
@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 
     from doppelgait.pipeline import TargetResult
     from doppelgait.radar.recording import Recording
-    from doppelgait.reproduce.material import Material
-    from doppelgait.reproduce.movers import Mover
+    from doppelgait.reproduce.material import Material, Mover
 
 PRF_HZ = 1300.0
 """Upper end of the report's frame rates, for all four: nothing aliases, and their spectra have equal bins."""

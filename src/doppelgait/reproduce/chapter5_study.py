@@ -12,17 +12,25 @@ from doppelgait.features import FEATURE_UNITS
 from doppelgait.reproduce.drawing import LINE, panels
 from doppelgait.reproduce.entry import Entry, Made, Reading, judged
 from doppelgait.reproduce.material import RUNS
-from doppelgait.reproduce.scenarios import METHOD_NAMES, METHODS, WRONG, all_scenarios, study
-from doppelgait.reproduce.separation import cohens_d, is_wrong, line_through, roc_area, separation_table
+from doppelgait.reproduce.scenarios import (
+    METHOD_NAMES,
+    METHODS,
+    WRONG,
+    all_scenarios,
+    cohens_d,
+    is_wrong,
+    line_through,
+    roc_area,
+    separation_table,
+    study,
+)
 from doppelgait.viz.style import legend_below, name_axes, quantity_label
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
-    from doppelgait.reproduce.material import Material
-    from doppelgait.reproduce.movers import Mover
+    from doppelgait.reproduce.material import Material, Mover
 
 GROUP_COLOURS = {
     "recorded person": "#0072b2", "model person": "#56b4e9", "Boulic walker": "#009e73",
@@ -86,7 +94,35 @@ def make_step_length(material: Material) -> Made:
         panel.set(xlim=(0.0, None), ylim=(0.0, 3.0))
         name_axes(panel, title=f"({letter}) {METHOD_NAMES[method]}", x="|v_m| (m/s)", y="step length L_m (m)")
     legend_below(figure, axes[0])
-    readings = _length_readings(table)
+    length_readings = []
+    for length_method in METHODS:
+        length_part, name = table[table["method"] == length_method], METHOD_NAMES[length_method]
+        people = np.asarray(
+            length_part.loc[length_part["label"] == "human", ["torso_velocity_mps", "step_length_m"]].corr()
+        )
+        long_steps = length_part[length_part["step_length_m"] > LONG_M]
+        length_readings += [
+            Reading(f"slope of the line through the people, {name}", _line(length_part)[0], "s"),
+            Reading(f"people within {NEAR_M} m of it, {name}", 100.0 * _on_the_line(length_part), "%"),
+            Reading(f"correlation of step length and speed, people, {name}", float(people[0, 1]), "1"),
+            *_off_readings(length_part, name),
+            Reading(f"steps longer than {LONG_M} m, {name}", float(len(long_steps)), "1"),
+            Reading(f"of these, share with a wrong step frequency, {name}",
+                    float(long_steps["wrong"].mean()) if len(long_steps) else math.nan, "1", 1.0, 0.05,
+                    "a runner's step and a dog's stride are as long as that"),
+        ]  # fmt: skip
+        if length_method == METHODS[0]:
+            length_readings.append(
+                Reading(
+                    f"most people within {NEAR_M} m of the line, {name} (1: yes)",
+                    float(_on_the_line(length_part) > 0.5),
+                    "1",
+                    1.0,
+                    note="more than half of them",
+                )
+            )
+        length_readings += [_speed_reading(length_part, name), *wrong_readings(length_part, name)]
+    readings = length_readings
     return Made(figure, readings, judged(readings, _length_words(table)), table)
 
 
@@ -114,36 +150,6 @@ def _off_the_line(part: pd.DataFrame, label: str) -> pd.Series:
 def _on_the_line(part: pd.DataFrame) -> float:
     """Share of the people, of those with a step length, whose steps are as the line says."""
     return float(_off_the_line(part, "human").dropna().abs().le(NEAR_M).mean())
-
-
-def _length_readings(table: pd.DataFrame) -> list[Reading]:
-    readings = []
-    for method in METHODS:
-        part, name = table[table["method"] == method], METHOD_NAMES[method]
-        people = np.asarray(part.loc[part["label"] == "human", ["torso_velocity_mps", "step_length_m"]].corr())
-        long_steps = part[part["step_length_m"] > LONG_M]
-        readings += [
-            Reading(f"slope of the line through the people, {name}", _line(part)[0], "s"),
-            Reading(f"people within {NEAR_M} m of it, {name}", 100.0 * _on_the_line(part), "%"),
-            Reading(f"correlation of step length and speed, people, {name}", float(people[0, 1]), "1"),
-            *_off_readings(part, name),
-            Reading(f"steps longer than {LONG_M} m, {name}", float(len(long_steps)), "1"),
-            Reading(f"of these, share with a wrong step frequency, {name}",
-                    float(long_steps["wrong"].mean()) if len(long_steps) else math.nan, "1", 1.0, 0.05,
-                    "a runner's step and a dog's stride are as long as that"),
-        ]  # fmt: skip
-        if method == METHODS[0]:
-            readings.append(
-                Reading(
-                    f"most people within {NEAR_M} m of the line, {name} (1: yes)",
-                    float(_on_the_line(part) > 0.5),
-                    "1",
-                    1.0,
-                    note="more than half of them",
-                )
-            )
-        readings += [_speed_reading(part, name), *wrong_readings(part, name)]
-    return readings
 
 
 def _speed_reading(part: pd.DataFrame, name: str) -> Reading:
@@ -215,16 +221,8 @@ def _length_words(table: pd.DataFrame) -> str:
 def make_features(material: Material) -> Made:
     """Fig. 5.9."""
     table = table_of(material)
-    figure = _feature_panels(table)
-    separation = separation_table(table, COMPARED, classes=CLASSES)
-    separation["method"] = separation["method"].map(METHOD_NAMES)
-    readings = _feature_readings(table, separation)
-    return Made(figure, readings, judged(readings, _feature_words(table, separation)), separation)
-
-
-def _feature_panels(table: pd.DataFrame) -> Figure:
-    """Every feature against the number of the scenario, the report's method on the left, ours on the right."""
-    figure, axes = panels(2, len(FEATURE_UNITS), width_in=12.0, height_in=16.0)
+    # Every feature against the number of the scenario, the report's method on the left, ours on the right.
+    feature_figure, axes = panels(2, len(FEATURE_UNITS), width_in=12.0, height_in=16.0)
     for row, name in enumerate(FEATURE_UNITS):
         for column, method in enumerate(METHODS):
             panel, part = axes[2 * row + column], table[table["method"] == method]
@@ -233,8 +231,43 @@ def _feature_panels(table: pd.DataFrame) -> Figure:
             letter = "abcdef"[row]
             title = f"({letter}) {METHOD_NAMES[method]}" if row == 0 else f"({letter})"
             name_axes(panel, title=title, x="scenario" if row == len(FEATURE_UNITS) - 1 else "", y=quantity_label(name))
-    legend_below(figure, axes[0])
-    return figure
+    legend_below(feature_figure, axes[0])
+    figure = feature_figure
+    separation = separation_table(table, COMPARED, classes=CLASSES)
+    separation["method"] = separation["method"].map(METHOD_NAMES)
+    feature_readings = []
+    for feature_method in METHODS:
+        feature_part, feature_name = table[table["method"] == feature_method], METHOD_NAMES[feature_method]
+        walkers, people = (
+            feature_part[feature_part["group"] == WALKERS],
+            feature_part[feature_part["group"].isin(PEOPLE)],
+        )
+        rho, width = "limb_torso_ratio", "doppler_bandwidth_hz"
+        feature_readings += [
+            Reading(f"rho of the walkers over that of the other people, medians, {feature_name}",
+                    float(walkers[rho].median() / people[rho].median()), "1"),
+            Reading(f"rho of people over that of dogs, medians, {feature_name}", _ratio(feature_part, rho), "1"),
+            Reading(f"B_mu of the walkers over that of other people at their speeds, medians, {feature_name}",
+                    float(walkers[width].median() / _as_fast(people, walkers)[width].median()), "1"),
+            *(
+                Reading(f"beta_{place} within {NEAR_RATIO} of {place + 1}, {feature_name}",
+                        100.0 * float((feature_part[column].dropna() - (place + 1)).abs().le(NEAR_RATIO).mean()), "%",
+                        note=f"known in {int(feature_part[column].notna().sum())} of {len(feature_part)}")
+                for place, column in ((1, "harmonic_ratio_2"), (2, "harmonic_ratio_3"))
+            ),
+        ]  # fmt: skip
+    feature_readings += _stated_readings(feature_readings, METHOD_NAMES[METHODS[0]])
+    for feature_row in separation.to_dict("records"):
+        feature_readings.append(
+            Reading(
+                f"ROC area of people against dogs by {feature_row['feature']}, {feature_row['method']}",
+                feature_row["roc_area"],
+                "1",
+                note=f"Cohen's d {feature_row['cohens_d']:.2f}",
+            )
+        )
+    readings = feature_readings
+    return Made(figure, readings, judged(readings, _feature_words(table, separation)), separation)
 
 
 def _shown(values: pd.Series) -> tuple[float, float]:
@@ -244,34 +277,6 @@ def _shown(values: pd.Series) -> tuple[float, float]:
         return 0.0, 1.0
     low, high = (float(known.quantile(share)) for share in (0.01, 0.99))
     return (0.85 * low if low > 0.5 * high else 0.0), 1.15 * max(high, 1e-9)
-
-
-def _feature_readings(table: pd.DataFrame, separation: pd.DataFrame) -> list[Reading]:
-    readings = []
-    for method in METHODS:
-        part, name = table[table["method"] == method], METHOD_NAMES[method]
-        walkers, people = part[part["group"] == WALKERS], part[part["group"].isin(PEOPLE)]
-        rho, width = "limb_torso_ratio", "doppler_bandwidth_hz"
-        readings += [
-            Reading(f"rho of the walkers over that of the other people, medians, {name}",
-                    float(walkers[rho].median() / people[rho].median()), "1"),
-            Reading(f"rho of people over that of dogs, medians, {name}", _ratio(part, rho), "1"),
-            Reading(f"B_mu of the walkers over that of other people at their speeds, medians, {name}",
-                    float(walkers[width].median() / _as_fast(people, walkers)[width].median()), "1"),
-            *(
-                Reading(f"beta_{place} within {NEAR_RATIO} of {place + 1}, {name}",
-                        100.0 * float((part[column].dropna() - (place + 1)).abs().le(NEAR_RATIO).mean()), "%",
-                        note=f"known in {int(part[column].notna().sum())} of {len(part)}")
-                for place, column in ((1, "harmonic_ratio_2"), (2, "harmonic_ratio_3"))
-            ),
-        ]  # fmt: skip
-    readings += _stated_readings(readings, METHOD_NAMES[METHODS[0]])
-    for row in separation.to_dict("records"):
-        readings.append(
-            Reading(f"ROC area of people against dogs by {row['feature']}, {row['method']}", row["roc_area"], "1",
-                    note=f"Cohen's d {row['cohens_d']:.2f}")
-        )  # fmt: skip
-    return readings
 
 
 def _stated_readings(readings: list[Reading], name: str) -> list[Reading]:

@@ -91,7 +91,16 @@ def draw_mean_doppler(
     if normalised:
         level = level / level.max()
     axes.plot(frequency, level, color=LINE, lw=1.3)
-    axes.set(xlim=_occupied_hz(level, frequency), ylim=(0.0, 1.2 * float(level.max())))
+    # Part of the Doppler axis that holds more than 0.3 % of the maximum, 0 Hz and a margin.
+    occupied_first, occupied_last = band_hz(level, frequency, 0.003)
+    margin = 0.15 * (occupied_last - occupied_first) + 30.0
+    axes.set(
+        xlim=(
+            max(min(occupied_first, 0.0) - margin, float(frequency[0])),
+            min(max(occupied_last, 0.0) + margin, float(frequency[-1])),
+        ),
+        ylim=(0.0, 1.2 * float(level.max())),
+    )
     if peak_hz is not None:
         height = float(np.interp(peak_hz, frequency, level))
         axes.plot([peak_hz], [height], marker="o", color=ACCENT, ms=5, ls="none")
@@ -109,13 +118,6 @@ def draw_mean_doppler(
         )  # fmt: skip
     axes.grid(color="#e8e8e8", lw=0.6)
     name_axes(axes, title=title, x=DOPPLER_LABEL, y="D_1 / max D_1 (1)" if normalised else "D_1 (1)")
-
-
-def _occupied_hz(level: FloatArray, doppler_hz: FloatArray) -> tuple[float, float]:
-    """Part of the Doppler axis that holds more than 0.3 % of the maximum, 0 Hz and a margin."""
-    first, last = band_hz(level, doppler_hz, 0.003)
-    margin = 0.15 * (last - first) + 30.0
-    return max(min(first, 0.0) - margin, float(doppler_hz[0])), min(max(last, 0.0) + margin, float(doppler_hz[-1]))
 
 
 def band_hz(level: FloatArray, doppler_hz: FloatArray, threshold: float) -> tuple[float, float]:

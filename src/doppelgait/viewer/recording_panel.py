@@ -143,7 +143,7 @@ def _scene(recording: Recording) -> dict[str, Any] | None:
 
 def _body(number: int, truth: TargetTruth, arrays: Arrays) -> dict[str, Any]:
     from doppelgait.motion.bones import bones_of
-    from doppelgait.viz.body import part_group
+    from doppelgait.viz.motion import part_group
 
     assert truth.body is not None
     points, bones = f"body_{number}_points", f"body_{number}_bones"
@@ -187,7 +187,7 @@ def part_lines_hz(truth: TargetTruth, wavelength_m: float, step: int) -> tuple[l
         Hz.
     """
     from doppelgait.core.units import velocity_to_doppler_hz
-    from doppelgait.viz.body import part_group
+    from doppelgait.viz.motion import part_group
 
     velocity_mps = truth.scatterers["radial_velocity"].values[::step]
     names = [str(part) for part in axis(truth.scatterers, "part")]

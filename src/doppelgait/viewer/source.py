@@ -290,7 +290,7 @@ def gate_text(gate: GateChoice) -> str:
 @cache
 def _looks(classes: tuple[str, ...]) -> dict[str, Any]:
     """Colours of maps, body parts and classes, the same as in the figures."""
-    from doppelgait.viz.body import PART_COLOURS
+    from doppelgait.viz.motion import PART_COLOURS
     from doppelgait.viz.style import MAP_COLOURS, class_colours
 
     return {

@@ -11,7 +11,6 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from doppelgait.viz.cadence import CADENCE_LABEL, draw_step_doppler, from_main_line, step_doppler_label
 from doppelgait.viz.maps import (
     DOPPLER_LABEL,
     checked_signature,
@@ -22,7 +21,14 @@ from doppelgait.viz.maps import (
 )
 from doppelgait.viz.ranges import draw_range_time
 from doppelgait.viz.signatures import draw_signature, reference_of
-from doppelgait.viz.spectra import LEVEL_LABEL, draw_cadence_spectrum
+from doppelgait.viz.spectra import (
+    CADENCE_LABEL,
+    LEVEL_LABEL,
+    draw_cadence_spectrum,
+    draw_step_doppler,
+    from_main_line,
+    step_doppler_label,
+)
 from doppelgait.viz.style import ACCENT, name_axes, new_figure, quantity
 
 

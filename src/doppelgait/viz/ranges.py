@@ -1,10 +1,11 @@
-"""Range against time, and range-Doppler maps."""
+"""Range against time, range-Doppler maps, and what a sensor model was fitted from."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
 import numpy as np
+import numpy.typing as npt
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
@@ -24,7 +25,7 @@ from doppelgait.viz.maps import (
     velocity_axis,
     wavelength_m,
 )
-from doppelgait.viz.style import LINE_COLOURS, legend_below, name_axes, new_axes
+from doppelgait.viz.style import ACCENT, LINE_COLOURS, legend_below, name_axes, new_axes, new_figure
 
 ONE_MAP = Schema("range_doppler", ("doppler", "range"), "V^2", extra={"velocity": "doppler"})
 GATE_RANGES = ("range_low", "range_high")
@@ -151,21 +152,71 @@ def range_doppler_map(
     time_s = float(power.coords["time"]) if "time" in power.coords else None
     name_axes(axes, title=title if time_s is None else f"{title} at {time_s:.2f} s", x="range (m)", y=DOPPLER_LABEL)
     if gate is not None:
-        axes.add_patch(_gate_patch(axes, check_gate(gate, *GATE_RANGES, *GATE_BAND), time_s))
+        gates = check_gate(gate, *GATE_RANGES, *GATE_BAND)
+        times_s = gates.coords["time"].values
+        at = float(times_s.mean()) if time_s is None else time_s
+        nearest = int(np.abs(times_s - at).argmin())
+        r_low, r_high, d_low, d_high = (float(gates[name].values[nearest]) for name in (*GATE_RANGES, *GATE_BAND))
+        bottom, top = axes.get_ylim()
+        margin = 0.004 * (top - bottom)
+        d_low, d_high = max(d_low, bottom + margin), min(d_high, top - margin)
+        axes.add_patch(
+            Rectangle(
+                (r_low, d_low),
+                r_high - r_low,
+                d_high - d_low,
+                fill=False,
+                edgecolor=LINE_COLOURS[0],
+                lw=1.8,
+                label="gate",
+            )
+        )
     velocity_axis(axes, wavelength_m(power))
     colour_bar(image, axes, quantity="power", reference="1 V²")
     legend_below(figure, axes)
     return figure
 
 
-def _gate_patch(axes: Axes, gate: xr.Dataset, time_s: float | None) -> Rectangle:
-    times_s = gate.coords["time"].values
-    at = float(times_s.mean()) if time_s is None else time_s
-    nearest = int(np.abs(times_s - at).argmin())
-    r_low, r_high, d_low, d_high = (float(gate[name].values[nearest]) for name in (*GATE_RANGES, *GATE_BAND))
-    bottom, top = axes.get_ylim()
-    margin = 0.004 * (top - bottom)
-    d_low, d_high = max(d_low, bottom + margin), min(d_high, top - margin)
-    return Rectangle(
-        (r_low, d_low), r_high - r_low, d_high - d_low, fill=False, edgecolor=LINE_COLOURS[0], lw=1.8, label="gate"
-    )
+FloatArray = npt.NDArray[np.float64]
+
+STATIC = "#1f3b57"
+NOISE = "#56b4e9"
+
+
+def twin_figure(
+    *,
+    range_m: FloatArray,
+    static_db: FloatArray,
+    noise_db: FloatArray,
+    knots_m: FloatArray,
+    knots_db: FloatArray,
+    time_s: FloatArray,
+    phase_rad: FloatArray,
+    gain_db: FloatArray,
+    title: str = "Sensor twin",
+) -> Figure:
+    """Levels over range above, common phase and gain of the frames below.
+
+    Parameters
+    ----------
+    range_m, static_db, noise_db : ndarray, shape (N,)
+        Range, level of the static echo and of the noise per frame, dB re 1 V; NaN where unknown.
+    knots_m, knots_db : ndarray, shape (M,)
+        Fitted clutter profile.
+    time_s, phase_rad, gain_db : ndarray, shape (I,)
+        Common phase and gain of every frame.
+    title : str
+    """
+    figure = new_figure(width_in=10.5, height_in=7.5)
+    grid = figure.add_gridspec(2, 2, height_ratios=(3, 2))
+    levels = figure.add_subplot(grid[0, :])
+    levels.plot(range_m, static_db, color=STATIC, lw=1.0, label="static echo")
+    levels.plot(knots_m, knots_db, color=ACCENT, lw=1.6, marker="o", ms=3.5, label="clutter profile")
+    levels.plot(range_m, noise_db, color=NOISE, lw=1.2, label="noise per frame")
+    name_axes(levels, title=title, x="range (m)", y="level (dB re 1 V)")
+    for column, (values, words) in enumerate(((phase_rad, "common phase (rad)"), (gain_db, "common gain (dB)"))):
+        axes = figure.add_subplot(grid[1, column])
+        axes.plot(time_s, values, color=STATIC, lw=0.7)
+        name_axes(axes, title="", x="time (s)", y=words)
+    legend_below(figure, levels)
+    return figure

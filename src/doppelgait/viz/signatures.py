@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.viz.body import draw_part_lines, part_lines
 from doppelgait.viz.maps import (
     DOPPLER_LABEL,
     checked_signature,
@@ -23,6 +22,7 @@ from doppelgait.viz.maps import (
     velocity_axis,
     wavelength_m,
 )
+from doppelgait.viz.motion import draw_part_lines, part_lines
 from doppelgait.viz.style import (
     LINE_COLOURS,
     MAP_COLOURS,

@@ -17,11 +17,11 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from threadpoolctl import threadpool_limits
 
-from doppelgait.classify.calibrate import class_weights
 from doppelgait.classify.data import rows_of, table_of
 from doppelgait.classify.decide import Seen, classify, decide
 from doppelgait.classify.evaluate import evaluate, learn
 from doppelgait.classify.learned import Part
+from doppelgait.classify.model import class_weights
 from doppelgait.classify.model_file import load_model, save_model
 from doppelgait.classify.report import write_report
 from doppelgait.classify.training import BOOSTING, Kind, fit

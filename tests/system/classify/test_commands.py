@@ -8,8 +8,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from doppelgait.cli.classify import classify
-from doppelgait.cli.evaluate import evaluate
+from doppelgait.cli.classify import classify, evaluate
 from doppelgait.core.errors import AnalysisError, ConfigError, DatasetError, RecordingError
 from doppelgait.pipeline import parse_run, run_simulation
 from doppelgait.radar import write_recording
