@@ -13,13 +13,13 @@ import pytest
 from doppelgait.core.errors import ConfigError
 from doppelgait.radar import Radar
 from doppelgait.testing import conformance
-from doppelgait.testing.conformance import Check, __main__, format_report, own, run_conformance, suite_radars, theory
-from doppelgait.testing.conformance.rules import RULES
+from doppelgait.testing.conformance import Check, __main__, bench, format_report, run_conformance, suite_radars, theory
+from doppelgait.testing.conformance.run import RULES
 
 C = 299_792_458.0
 PARTS = {
-    "sweep": own.sweep_samples, "noise": own.receiver_noise, "quantise": own.quantised, "wall": own.behind_wall,
-    "two_ray": own.over_floor,
+    "sweep": bench.sweep_samples, "noise": bench.receiver_noise, "quantise": bench.quantised, "wall": bench.behind_wall,
+    "two_ray": bench.over_floor,
 }  # fmt: skip
 OF_PARTS = [rule.name for rule in RULES if rule.needs != "simulator"]
 X4 = Radar.preset("x4")
@@ -125,19 +125,19 @@ def test_a_fault_fails_exactly_the_checks_of_what_it_breaks(fault):
 
 
 def turned_round(scatterers, radar):
-    bins = own.simulate_bins(scatterers, radar)
+    bins = bench.simulate_bins(scatterers, radar)
     return bins.conj() if radar.waveform.kind == "fmcw" else bins
 
 
 def with_velocity(factor):
     def simulator(scatterers, radar):
-        return own.simulate_bins(scatterers.assign(radial_velocity=factor * scatterers["radial_velocity"]), radar)
+        return bench.simulate_bins(scatterers.assign(radial_velocity=factor * scatterers["radial_velocity"]), radar)
 
     return simulator
 
 
 def with_video_phase(scatterers, radar):
-    bins = own.simulate_bins(scatterers, radar)
+    bins = bench.simulate_bins(scatterers, radar)
     delay_s = 2 * bins["range"] / C
     return bins * np.exp(1j * np.pi * radar.bandwidth_hz / radar.sweep_s * delay_s**2)
 
@@ -151,7 +151,7 @@ SWEPT_FAULTS = {
     "no motion within the sweep": (with_velocity(0.0), ("range_migration", "range_doppler_coupling")),
     "residual video phase left in": (with_video_phase, ("absolute_phase",)),
     "window forgotten": (
-        lambda s, r: own.simulate_bins(s, Radar.model_validate({**r.model_dump(), "range_window": "none"})),
+        lambda s, r: bench.simulate_bins(s, Radar.model_validate({**r.model_dump(), "range_window": "none"})),
         ("range_profile",),
     ),
 }
@@ -166,13 +166,13 @@ def test_a_fault_of_fmcw_fails_exactly_its_checks_and_no_others_waveform(fault):
 
 def test_a_beat_of_twice_the_slope_or_of_the_wrong_coupling_fails():
     def half(scatterers, radar):
-        return own.sweep_samples(scatterers.assign(range=0.5 * scatterers["range"]), radar)
+        return bench.sweep_samples(scatterers.assign(range=0.5 * scatterers["range"]), radar)
 
     def against(scatterers, radar):
-        return own.sweep_samples(scatterers.assign(radial_velocity=-scatterers["radial_velocity"]), radar)
+        return bench.sweep_samples(scatterers.assign(radial_velocity=-scatterers["radial_velocity"]), radar)
 
     def conjugated(scatterers, radar):  # the text books' sign
-        return np.conj(own.sweep_samples(scatterers, radar))
+        return np.conj(bench.sweep_samples(scatterers, radar))
 
     for sweep, wanted in ((half, False), (against, False), (conjugated, True)):
         (check,) = run_conformance(only=["beat_frequency"], sweep=sweep)
@@ -183,24 +183,24 @@ def test_a_beat_of_twice_the_slope_or_of_the_wrong_coupling_fails():
 
 
 def one_way_wall(scatterers, **wall):
-    behind = own.behind_wall(scatterers, **wall)
+    behind = bench.behind_wall(scatterers, **wall)
     return behind.assign(path_gain=np.sqrt(behind["path_gain"]))
 
 
 def wall_without(name):
     def part(scatterers, **wall):
-        behind = own.behind_wall(scatterers, **wall)
+        behind = bench.behind_wall(scatterers, **wall)
         return behind.drop_vars(name) if name == "path_phase" else behind.assign({name: scatterers[name]})
 
     return part
 
 
 def real_noise(radar, *, n_pulses, rng):
-    return math.sqrt(2) * own.receiver_noise(radar, n_pulses=n_pulses, rng=rng).real
+    return math.sqrt(2) * bench.receiver_noise(radar, n_pulses=n_pulses, rng=rng).real
 
 
 def slow_noise(radar, *, n_pulses, rng):
-    noise = own.receiver_noise(radar, n_pulses=n_pulses, rng=rng)
+    noise = bench.receiver_noise(radar, n_pulses=n_pulses, rng=rng)
     return (noise + np.roll(noise, 1, axis=0)) / math.sqrt(2)
 
 
@@ -210,14 +210,14 @@ def truncated(samples, *, bits, full_scale_v):
 
 
 def floor_of_the_other_sign(scatterers, **floor):
-    over = own.over_floor(scatterers, **floor)
+    over = bench.over_floor(scatterers, **floor)
     once = np.char.endswith(over["marker"].values.astype(str), ":bounce")
     return over.assign(path_phase=over["path_phase"] + np.where(once, np.pi, 0.0))
 
 
 PART_FAULTS = {
     "noise 0.5 dB high": (
-        {"noise": lambda r, *, n_pulses, rng: 10**0.025 * own.receiver_noise(r, n_pulses=n_pulses, rng=rng)},
+        {"noise": lambda r, *, n_pulses, rng: 10**0.025 * bench.receiver_noise(r, n_pulses=n_pulses, rng=rng)},
         {"noise_power[fmcw]", "matched_snr[fmcw]"},
     ),
     "noise in one channel": ({"noise": real_noise}, {"noise_whiteness[fmcw]"}),
@@ -226,7 +226,7 @@ PART_FAULTS = {
                  {"noise_power[fmcw]", "noise_whiteness[fmcw]", "matched_snr[fmcw]"}),
     "no rounding": ({"quantise": lambda s, *, bits, full_scale_v: s}, {"quantisation_snr"}),
     "one bit less": (
-        {"quantise": lambda s, *, bits, full_scale_v: own.quantised(s, bits=bits - 1, full_scale_v=full_scale_v)},
+        {"quantise": lambda s, *, bits, full_scale_v: bench.quantised(s, bits=bits - 1, full_scale_v=full_scale_v)},
         {"quantisation_snr", "quantisation_bias"},
     ),
     "truncation": ({"quantise": truncated}, {"quantisation_snr", "quantisation_bias"}),
@@ -237,7 +237,7 @@ PART_FAULTS = {
     "no bounce": ({"two_ray": lambda s, **floor: s}, {"two_ray_pattern"}),
     "bounce without a change of sign": ({"two_ray": floor_of_the_other_sign}, {"two_ray_pattern"}),
     "one bounce alone": (
-        {"two_ray": lambda s, **floor: own.over_floor(s, **floor).isel(scatterer=[0, 1])},
+        {"two_ray": lambda s, **floor: bench.over_floor(s, **floor).isel(scatterer=[0, 1])},
         {"two_ray_pattern"},
     ),
 }  # fmt: skip
@@ -254,8 +254,8 @@ def test_a_fault_of_a_part_fails_exactly_its_checks(fault):
 def test_a_weak_echo_shows_in_the_signal_to_noise_ratio():
     for name in ("impulse", "rectangular", "stepped", "cw"):
         checks = run_conformance(
-            lambda s, r: 0.9 * own.simulate_bins(s, r), radars=suite_radars(name), only=["matched_snr"],
-            noise=own.receiver_noise,
+            lambda s, r: 0.9 * bench.simulate_bins(s, r), radars=suite_radars(name), only=["matched_snr"],
+            noise=bench.receiver_noise,
         )  # fmt: skip
         assert failed(checks) == {f"matched_snr[{name}]"}
         assert checks[0].figure == pytest.approx(-20 * math.log10(0.9), abs=0.03)
@@ -275,7 +275,7 @@ def test_an_error_or_a_wrong_shape_is_a_failure_with_its_text():
     assert check.passed is False
     assert "(5, 7)" in check.note
     (check,) = run_conformance(
-        lambda s, r: own.simulate_bins(s, r).rename(range="bin"), radars=suite_radars("cw"), only=["radar_equation"]
+        lambda s, r: bench.simulate_bins(s, r).rename(range="bin"), radars=suite_radars("cw"), only=["radar_equation"]
     )
     assert "(slow_time, range)" in check.note
 
@@ -292,7 +292,7 @@ def test_silence_and_nan_fail():
 def test_an_own_range_axis_of_a_data_array_counts():
     def finer(scatterers, radar):
         fine = Radar.model_validate({**radar.model_dump(), "sample_rate_hz": 2 * radar.sample_rate_hz})
-        return own.simulate_bins(scatterers, fine)
+        return bench.simulate_bins(scatterers, fine)
 
     checks = run_conformance(finer, radars=suite_radars("impulse"), only=["range_migration", "range_profile"])
     assert failed(checks) == set()
@@ -336,7 +336,7 @@ def test_command_prints_a_table_or_json_and_its_exit_tells(capsys, monkeypatch):
     assert [c["name"] for c in json.loads(capsys.readouterr().out)] == ["quantisation_snr", "wall_loss"]
     assert __main__.main(["--only", "nonsense"]) == 2
     assert "nonsense" in capsys.readouterr().err
-    monkeypatch.setattr(own, "quantised", lambda s, *, bits, full_scale_v: s)
+    monkeypatch.setattr(bench, "quantised", lambda s, *, bits, full_scale_v: s)
     assert __main__.main(["--only", "quantisation_snr", "--json"]) == 1
     (check,) = json.loads(capsys.readouterr().out)
     assert check["figure"] is None  # infinite
@@ -370,7 +370,7 @@ def test_theory_has_the_figures_of_the_literature():
 
 @pytest.mark.parametrize(("wall", "loss_db"), [(0, 0.8), (1, 3.7), (2, 32.7)])
 def test_theory_of_walls_is_that_of_p_2040_at_7_29_ghz(wall, loss_db):
-    from doppelgait.testing.conformance.surroundings import WALLS
+    from doppelgait.testing.conformance.receiver import WALLS
 
     given = dict(WALLS[wall])
     thickness_m = given.pop("thickness_m")

@@ -30,8 +30,7 @@ range) or a complex array (I, N) on the radar's range axis, in volts. A literal 
 from doppelgait.testing.conformance.bench import Bench, Noise, Quantise, Simulator, Sweep, TwoRay, Wall
 from doppelgait.testing.conformance.check import Check, format_report
 from doppelgait.testing.conformance.radars import suite_radars
-from doppelgait.testing.conformance.rules import RULES, Rule
-from doppelgait.testing.conformance.run import run_conformance
+from doppelgait.testing.conformance.run import RULES, Rule, run_conformance
 
 __all__ = [
     "RULES", "Bench", "Check", "Noise", "Quantise", "Rule", "Simulator", "Sweep", "TwoRay", "Wall", "format_report",
