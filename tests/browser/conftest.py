@@ -16,6 +16,8 @@ from urllib.parse import urlsplit
 
 import pytest
 
+import processes
+
 ARGUMENTS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
     "--disable-background-networking", "--disable-component-update", "--disable-sync",
@@ -55,17 +57,16 @@ def browser() -> Iterator[Any]:
 def viewer(*arguments: str) -> Iterator[str]:
     """``doppelgait view ARGUMENTS --no-browser`` in a process of its own; gives the address that it prints."""
     command = [sys.executable, "-c", START, "view", *arguments, "--no-browser"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    lines: queue.Queue[str] = queue.Queue()
-    threading.Thread(target=lambda: lines.put(process.stdout.readline()), daemon=True).start()
-    try:
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with processes.started(command, **pipes) as process:
+        lines: queue.Queue[str] = queue.Queue()
+        threading.Thread(target=lambda: lines.put(process.stdout.readline()), daemon=True).start()
         url = lines.get(timeout=START_S).strip()
         if not url:
             pytest.fail(f"the viewer did not start: {process.stderr.read()}")
         yield url
-    finally:
         process.terminate()
-        process.communicate(timeout=10)
+        process.communicate(timeout=processes.LIMIT_S)
 
 
 @pytest.fixture(scope="session")

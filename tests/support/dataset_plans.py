@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from doppelgait.core.config import validate
+from doppelgait.dataset.build import build_dataset
 from doppelgait.dataset.config import PlanConfig
 from doppelgait.dataset.status import dataset_hash, dataset_status
 
@@ -37,3 +38,8 @@ def check_whole(folder, expected_hash):
     assert not list(folder.rglob("*.partial"))
     assert not list(folder.glob("*.lock"))
     assert dataset_hash(folder) == expected_hash
+
+
+def build_part(folder, part):
+    """Build a part of the tiny dataset; a new process can import this."""
+    build_dataset(tiny_plan(), folder, executor="serial", part=part)

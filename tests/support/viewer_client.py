@@ -5,13 +5,13 @@ from __future__ import annotations
 import http.client
 import json
 import threading
-import time
 from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
 import uvicorn
 
+import processes
 from doppelgait.viewer.app import make_app
 from doppelgait.viewer.server import listening
 
@@ -101,9 +101,8 @@ def served(opened, settings=None):
         server = uvicorn.Server(uvicorn.Config(app, log_level="critical", server_header=False))
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
         thread.start()
-        while not server.started:
-            assert thread.is_alive()
-            time.sleep(0.01)
+        processes.wait_until(lambda: server.started or not thread.is_alive())
+        assert server.started
         yield Client(port)
         server.should_exit = True
-        thread.join(timeout=10)
+        processes.join(thread)

@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import processes
 from checkout import ROOT as REPOSITORY
 from doppelgait.cli.app import main
 
@@ -45,7 +46,7 @@ heading_deg = 0
 
 def run_process(*arguments, cwd=None, code=0):
     """The command in a process of its own."""
-    done = subprocess.run(
+    done = processes.run(
         [sys.executable, "-c", "from doppelgait.cli.app import main; main()", *map(str, arguments)],
         capture_output=True, text=True, cwd=cwd, timeout=120, check=False,
         env={**os.environ, "COLUMNS": "200"},
@@ -103,7 +104,7 @@ def test_help_loads_no_science():
         "heavy = {'numpy', 'scipy', 'xarray', 'numba', 'pandas', 'matplotlib', 'h5py', 'sklearn', 'pydantic'}; "
         "print(sorted(heavy & set(sys.modules)))"
     )
-    loaded = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    loaded = processes.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert loaded.stdout.strip() == "[]"
 
 
@@ -221,7 +222,7 @@ def test_the_same_warning_is_said_once():
         "from doppelgait.core.errors import DoppelgaitWarning as W; s(); "
         "[warnings.warn(t, W) for t in ('no unit', 'no unit', 'other')]"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    done = processes.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stderr.splitlines() == ["warning: no unit", "warning: other"]
 
 
@@ -285,7 +286,7 @@ def test_aliasing_and_leaving_the_frame_are_warned_of(tmp_path):
 
 
 def test_debug_shows_the_traceback(tmp_path):
-    done = subprocess.run(
+    done = processes.run(
         [sys.executable, "-c", "from doppelgait.cli.app import main; main()", "--debug", "radar", "show", "x9"],
         capture_output=True, text=True, check=False,
     )  # fmt: skip

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 import tarfile
 import venv
@@ -13,8 +12,10 @@ from pathlib import Path
 import pytest
 
 import doppelgait
+import processes
 from checkout import ROOT
 
+SLOW_S = 280.0
 PACKAGE = ROOT / "src" / "doppelgait"
 
 
@@ -23,7 +24,7 @@ def built(tmp_path_factory) -> tuple[Path, Path]:
     """Wheel and source archive, made with the installed hatchling."""
     folder = tmp_path_factory.mktemp("dist")
     command = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(folder), str(ROOT)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = processes.run(command, capture_output=True, text=True, check=False, timeout=SLOW_S)
     assert done.returncode == 0, done.stdout + done.stderr
     (wheel,), (source,) = folder.glob("*.whl"), folder.glob("*.tar.gz")
     return wheel, source
@@ -71,9 +72,9 @@ def test_the_wheel_works_in_an_environment_of_its_own(built, tmp_path):
     def run(*command: str, code: int = 0) -> str:
         outside = {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "VIRTUAL_ENV")}
         outside["NUMBA_OPT"] = "0"  # compiled once and thrown away
-        done = subprocess.run(
+        done = processes.run(
             [str(scripts / command[0]), *command[1:]], cwd=tmp_path, env=outside, capture_output=True, text=True,
-            check=False,
+            check=False, timeout=SLOW_S,
         )  # fmt: skip
         assert done.returncode == code, done.stdout + done.stderr
         return done.stdout + done.stderr

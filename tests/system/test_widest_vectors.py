@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import os
 import pickle
-import subprocess
 import sys
 
 import pytest
 
 import doppelgait as dg
+import processes
 
 PROGRAM = """
 import hashlib, json, pickle, sys
@@ -39,7 +39,7 @@ def run(tmp_path_factory):
     path.write_bytes(pickle.dumps((result.signature, result.gate)))
 
     def child(before="", **environment):
-        done = subprocess.run(
+        done = processes.run(
             [sys.executable, "-c", PROGRAM.format(before=before, path=str(path))],
             env={**os.environ, **environment}, capture_output=True, text=True, check=True,
         )  # fmt: skip
@@ -76,7 +76,7 @@ def test_vectors_that_were_switched_off_stay_off():
     if not get_host_cpu_features().get("avx512f"):
         pytest.skip("this processor has no vectors of 512 bits")
     program = "import doppelgait.core.kernels; from numba import config; print(config.CPU_FEATURES)"
-    done = subprocess.run(
+    done = processes.run(
         [sys.executable, "-c", program],
         env={**os.environ, "NUMBA_ENABLE_AVX": "0"}, capture_output=True, text=True, check=True,
     )  # fmt: skip

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import platform
-import signal
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
@@ -20,6 +18,7 @@ import numpy as np
 from doppelgait import __version__
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
 from doppelgait.core.files import file_sha256
+from doppelgait.core.interrupt import raise_if_stopped, stop_in_order
 from doppelgait.dataset.config import PlanConfig, differences
 from doppelgait.dataset.executors import check_executor, run_shards
 from doppelgait.dataset.finish import (
@@ -144,7 +143,8 @@ def build_dataset(
     ConfigError
         If the plan gives examples that are not allowed, nothing is written then; if there is no such executor or part.
     KeyboardInterrupt
-        On Ctrl-C and on a request to terminate, with a text that says how to go on; what was built is kept.
+        On Ctrl-C and on a request to terminate, after the example under way, with a text that says how to go on; what
+        was built is kept. A second signal ends the process at once.
     """
     began = time.monotonic()
     check_executor(executor)
@@ -266,6 +266,7 @@ def finished_record(target: Path, shard: Shard) -> dict[str, Any] | None:
 
 def _whole_record(target: Path, shard: Shard) -> dict[str, Any] | None:
     """Record of a shard that is built and whole, else None."""
+    raise_if_stopped()
     path = target / "shards" / f"{shard.name}.h5"
     try:
         record: dict[str, Any] = json.loads(path.with_suffix(".json").read_text())
@@ -316,22 +317,14 @@ def _sweep(job: _Job) -> None:
 
 @contextmanager
 def _stoppable(target: Path) -> Iterator[None]:
-    """Ctrl-C and a request to terminate end the block in order and say how to go on."""
-
-    def stop(number: int, frame: Any) -> None:
-        raise KeyboardInterrupt
-
-    in_main = threading.current_thread() is threading.main_thread()
-    before = signal.signal(signal.SIGTERM, stop) if in_main else None
+    """Stop the block in order on Ctrl-C and on a request to terminate; say how to go on."""
     try:
-        yield
+        with stop_in_order():
+            yield
     except KeyboardInterrupt:
         raise KeyboardInterrupt(
             f"{target}: stopped; what was built is kept, the same command goes on with it"
         ) from None
-    finally:
-        if in_main:
-            signal.signal(signal.SIGTERM, before)
 
 
 def _log(target: Path, entry: dict[str, Any]) -> None:

@@ -14,6 +14,7 @@ from doppelgait import __version__
 from doppelgait.core.config import canonical_json, validate
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.files import atomic_path, write_atomically
+from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.dataset.config import SPLITS, PlanConfig
 from doppelgait.dataset.motions import motion_files
 from doppelgait.dataset.shard_files import facts_of
@@ -267,6 +268,7 @@ def shard_names(counts: Mapping[str, int]) -> list[str]:
 def read_records(target: Path, names: Iterable[str]) -> Iterator[Record]:
     """Records of shards, one in memory at a time."""
     for name in names:
+        raise_if_stopped()
         yield json.loads((target / "shards" / f"{name}.json").read_text())
 
 

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from doppelgait.core.config import FrozenModel, canonical_json, json_value
 from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning
 from doppelgait.core.files import atomic_path, file_sha256, write_atomically
+from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.labels import axis
 from doppelgait.core.worker import one_blas_thread
 from doppelgait.dataset.config import FieldSpec, PlanConfig
@@ -224,6 +225,7 @@ def build_shard(shard: Shard, context: BuildContext) -> dict[str, Any]:
     failures: list[dict[str, str]] = []
     arrays: list[Arrays] = []
     for entry in shard.examples:
+        raise_if_stopped()
         try:
             found = build_planned(entry, context)
         except Exception as error:

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import processes
 from checkout import SUPPORT
 from dataset_plans import check_whole, tiny_plan
 from doppelgait.dataset.build import build_dataset
@@ -48,10 +49,12 @@ def start():
 def wait_for_work(process, folder, finished=0):
     """Wait until a build has begun with its first shard and finished so many; the machine may be slow or busy."""
     shards = folder / "shards"
-    while process.exitcode is None:
-        if any(shards.glob("*")) and sum(1 for _ in shards.glob("*.json")) >= finished:
-            return
-        time.sleep(0.002)
+
+    def ready():
+        begun = any(shards.glob("*")) and sum(1 for _ in shards.glob("*.json")) >= finished
+        return begun or process.exitcode is not None
+
+    processes.wait_until(ready, every_s=0.002)
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +66,7 @@ def reference(start, tmp_path_factory):
         process = start(folder, executor)
         wait_for_work(process, folder)
         began = time.monotonic()
-        process.join()
+        processes.join(process)
         assert process.exitcode == 0
         seconds[executor] = (time.monotonic() - began) / 8
     return dataset_hash(folder), seconds
@@ -82,7 +85,7 @@ def workers_of(pid):
 def kill_main(process, seconds):
     process.join(seconds)
     process.kill()
-    process.join()
+    processes.join(process)
     time.sleep(0.5)  # its workers notice
 
 
@@ -92,7 +95,7 @@ def kill_worker(process, rng, seconds):
     workers = workers_of(process.pid) if process.exitcode is None else []
     if workers:
         os.kill(int(rng.choice(workers)), signal.SIGKILL)
-    process.join()
+    processes.join(process)
     assert process.exitcode == 0
     return bool(workers)
 

@@ -7,11 +7,12 @@ import os
 import signal
 import subprocess
 import sys
-import time
+from contextlib import ExitStack
 
 import pytest
 
-from dataset_plans import check_whole, tiny_plan
+import processes
+from dataset_plans import build_part, check_whole, tiny_plan
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.dataset.build import build_dataset
 from doppelgait.dataset.finish import card_of
@@ -49,26 +50,20 @@ def dask_cluster(tmp_path):
     where = tmp_path / "scheduler.json"
     scheduler = [*program, "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"]
     worker = [*program, "distributed.cli.dask_worker", "--nthreads", "1", "--no-nanny", "--no-dashboard"]
-    ours = [subprocess.Popen([*scheduler, "--scheduler-file", str(where)], cwd=tmp_path, **quiet)]
-    try:
-        while not where.exists():
-            assert ours[0].poll() is None
-            time.sleep(0.1)
-        workers = [
-            subprocess.Popen([*worker, "--scheduler-file", str(where), "--local-directory", str(tmp_path)], **quiet)
-            for _ in range(2)
-        ]
-        ours += workers
+    with ExitStack() as stack:
+        server = stack.enter_context(
+            processes.started([*scheduler, "--scheduler-file", str(where)], cwd=tmp_path, **quiet)
+        )
+        processes.wait_until(lambda: where.exists() or server.poll() is not None)
+        assert server.poll() is None
+        worker += ["--scheduler-file", str(where), "--local-directory", str(tmp_path)]
+        workers = [stack.enter_context(processes.started(worker, **quiet)) for _ in range(2)]
         from distributed import Client
 
         with Client(scheduler_file=str(where)) as client:
-            client.wait_for_workers(2, timeout=120)
+            client.wait_for_workers(2, timeout=processes.LIMIT_S)
             address = client.scheduler.address.removeprefix("tcp://")
         yield address, workers
-    finally:
-        for process in ours:
-            process.kill()
-            process.wait()
 
 
 @pytest.mark.slow
@@ -80,7 +75,7 @@ def test_a_running_dask_cluster_that_loses_a_worker_in_the_middle(tmp_path, refe
             workers[0].kill()
 
     report = build_dataset(tiny_plan(), tmp_path / "d", executor=f"dask://{address}", on_progress=lose_one)
-    assert workers[0].wait() != 0
+    assert workers[0].wait(processes.LIMIT_S) != 0
     assert workers[1].poll() is None
     assert (report.n_built, report.n_failed) == (24, 0)
     check_whole(tmp_path / "d", reference)
@@ -102,7 +97,7 @@ def test_a_lost_dask_scheduler_is_one_error_and_the_rest_is_built_later(tmp_path
         )  # fmt: skip
     for worker in workers:
         worker.kill()
-        worker.wait()
+        worker.wait(processes.LIMIT_S)
     assert dataset_status(tmp_path / "d").count("done") >= 1
     report = build_dataset(tiny_plan(), tmp_path / "d", executor="serial")
     assert report.n_reused >= 3
@@ -120,10 +115,6 @@ def test_parts_one_after_the_other(tmp_path, reference):
     check_whole(tmp_path, reference)
 
 
-def build_part(folder, part):
-    build_dataset(tiny_plan(), folder, executor="serial", part=part)
-
-
 @pytest.mark.slow
 def test_parts_side_by_side(tmp_path, reference):
     spawn = multiprocessing.get_context("spawn")
@@ -131,7 +122,7 @@ def test_parts_side_by_side(tmp_path, reference):
     for job in jobs:
         job.start()
     for job in jobs:
-        job.join()
+        processes.join(job)
     assert [job.exitcode for job in jobs] == [0, 0, 0]
     check_whole(tmp_path, reference)
 

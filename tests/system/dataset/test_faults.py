@@ -9,12 +9,12 @@ import platform
 import signal
 import subprocess
 import sys
-import time
 
 import pytest
 
 import doppelgait.dataset.build as build
 import doppelgait.dataset.lock as lock
+import processes
 from checkout import SUPPORT
 from dataset_plans import check_whole, tiny_plan
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
@@ -103,14 +103,14 @@ def small_disk(tmp_path):
 
     def mount(options, *what):
         command = ["mount", *(("-t", "tmpfs") if what else ()), "-o", options, *what, str(place)]
-        return subprocess.run(command, capture_output=True, check=False).returncode
+        return processes.run(command, capture_output=True, check=False).returncode
 
     if not sys.platform.startswith("linux") or mount("size=700k", "tmpfs") != 0:
         pytest.skip("no right to mount a tmpfs here")
     try:
         yield place, lambda: mount("remount,size=16m")
     finally:
-        subprocess.run(["umount", "-l", str(place)], check=True)
+        processes.run(["umount", "-l", str(place)], check=True)
 
 
 @pytest.mark.slow
@@ -148,13 +148,13 @@ def script(tmp_path, text):
     path.write_text(text)
     places = [os.environ.get("PYTHONPATH"), str(SUPPORT)]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, places))}
-    return {"args": [sys.executable, str(path), str(tmp_path / "d")], "env": environment, "text": True}
+    return {"command": [sys.executable, str(path), str(tmp_path / "d")], "env": environment, "text": True}
 
 
 @LINUX
 @pytest.mark.slow
 def test_files_that_may_not_be_that_large(tmp_path, tiny_hash):
-    done = subprocess.run(**script(tmp_path, LIMITED), capture_output=True, check=True, timeout=120)
+    done = processes.run(**script(tmp_path, LIMITED), capture_output=True, check=True)
     assert "cannot be written" in done.stdout
     assert "File too large" in done.stdout or "file write failed" in done.stdout
     assert len(done.stdout.splitlines()) == 1
@@ -187,9 +187,9 @@ def test_ctrl_c_and_terminate_leave_a_state_to_go_on_from(tmp_path, tiny_hash, e
     if executor == "dask":
         pytest.importorskip("distributed")
     arguments = script(tmp_path, STOPPED)
-    arguments["args"].append(executor)
+    arguments["command"].append(executor)
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "start_new_session": True}
-    with subprocess.Popen(**arguments, **pipes) as process:
+    with processes.started(**arguments, **pipes) as process:
         lines = iter(process.stdout.readline, "")
         assert next(lines) == "begun\n"
         assert next(lines) == "done 3 24\n"
@@ -197,7 +197,7 @@ def test_ctrl_c_and_terminate_leave_a_state_to_go_on_from(tmp_path, tiny_hash, e
             os.killpg(process.pid, request_to_stop)  # as a terminal does: to the workers, too
         else:
             process.send_signal(request_to_stop)
-        rest, complaints = process.communicate(timeout=60)
+        rest, complaints = process.communicate(timeout=processes.LIMIT_S)
         assert process.returncode == 130
     assert rest.splitlines()[-1].startswith(f"said {tmp_path / 'd'}: stopped; what was built is kept, the same command")
     assert "Traceback" not in complaints
@@ -220,8 +220,8 @@ def hold(folder, *, pid, host=None, part=None, begun=""):
 
 
 def dead_pid():
-    process = subprocess.Popen([sys.executable, "-c", ""])
-    process.wait()
+    with processes.started([sys.executable, "-c", ""]) as process:
+        process.wait(processes.LIMIT_S)
     return process.pid
 
 
@@ -257,15 +257,12 @@ def test_the_lock_of_a_dead_process_whose_number_lives_on_is_taken_over(tmp_path
 
 @LINUX
 def test_a_process_that_is_dead_and_not_yet_reaped_holds_nothing(tmp_path):
-    process = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
-    hold(tmp_path, pid=process.pid, begun=lock._begun(process.pid))
-    assert len(running_builds(tmp_path)) == 1
-    process.kill()
-    while lock._begun(process.pid) != "ended":
-        time.sleep(0.01)
-    assert running_builds(tmp_path) == []
-    process.wait()
-    process.stdin.close()
+    with processes.started([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as process:
+        hold(tmp_path, pid=process.pid, begun=lock._begun(process.pid))
+        assert len(running_builds(tmp_path)) == 1
+        process.kill()
+        processes.wait_until(lambda: lock._begun(process.pid) == "ended")
+        assert running_builds(tmp_path) == []
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", "{}"])

@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import processes
 from doppelgait import viz
 from doppelgait.core.errors import DatasetError
 from doppelgait.core.labels import BASEBAND, CADENCE_MAP, SIGNATURE, check_signal
@@ -431,7 +432,7 @@ def test_reads_in_other_processes(dataset, method):
         pytest.skip(f"no {method} here")
     expected = sum_signatures(dataset)  # files are open in this process
     with multiprocessing.get_context(method).Pool(2) as pool:
-        assert pool.map(sum_signatures, [dataset] * 4) == [expected] * 4
+        assert pool.map_async(sum_signatures, [dataset] * 4).get(processes.LIMIT_S) == [expected] * 4
     assert sum_signatures(pickle.loads(pickle.dumps(dataset))) == expected
 
 
@@ -440,11 +441,11 @@ def test_a_forked_process_leaves_open_files_to_its_parent(dataset):
     expected = sum_signatures(dataset)
     assert dataset.files._files()
     fork = multiprocessing.get_context("fork")
-    answers = fork.SimpleQueue()
+    answers = fork.Queue()
     process = fork.Process(target=lambda: answers.put((len(dataset.files._files()), sum_signatures(dataset))))
     process.start()
-    assert answers.get() == (0, expected)
-    process.join()
+    assert answers.get(timeout=processes.LIMIT_S) == (0, expected)
+    processes.join(process)
     assert sum_signatures(dataset) == expected
 
 

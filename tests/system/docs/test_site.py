@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import shutil
-import subprocess
 import sys
 
 import pytest
 
+import processes
 from checkout import ROOT
 
 DOCS = ROOT / "docs"
@@ -21,14 +21,14 @@ def test_the_site_builds_without_a_warning_with_every_example_run_and_no_broken_
     shutil.copytree(DOCS, source, ignore=shutil.ignore_patterns(*MADE))
     shutil.copytree(DOCS.parent / "examples", tmp_path / "examples")
     command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", str(source), str(site)]
-    built = subprocess.run(command, capture_output=True, text=True, check=False)
+    built = processes.run(command, capture_output=True, text=True, check=False, timeout=280)
     assert built.returncode == 0, built.stdout + built.stderr
     examples = sorted(path.stem for path in (DOCS / "gallery").glob("plot_*.py"))
     shown = site / "auto_gallery"
     assert len(examples) >= 10
     assert all(list((site / "_images").glob(f"sphx_glr_{name}_001.*")) for name in examples)
     assert all((shown / f"{name}.html").is_file() for name in examples)
-    checked = subprocess.run(
+    checked = processes.run(
         [sys.executable, str(DOCS / "check_links.py"), str(site)], capture_output=True, text=True, check=False
     )
     assert checked.returncode == 0, checked.stdout + checked.stderr

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import signal
 import socket
 import subprocess
 import sys
 
 import pandas as pd
 import pytest
+
+import processes
 
 pytest.importorskip("starlette")
 pytest.importorskip("uvicorn")
@@ -242,13 +245,13 @@ def test_command_prints_the_address_and_ends_when_interrupted(files):
 
     start = "from doppelgait.cli.app import main; main()"
     command = [sys.executable, "-c", start, "view", str(files / "walk.h5"), "--gate", "truth", "--no-browser"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    url = process.stdout.readline().strip()
-    assert len(url.split("/")[-2]) >= 32
-    with urllib.request.urlopen(f"{url}api/recording") as answer:
-        assert answer.read(4) == b"DGV1"
-    process.send_signal(2)
-    out, err = process.communicate(timeout=20)
+    with processes.started(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        url = process.stdout.readline().strip()
+        assert len(url.split("/")[-2]) >= 32
+        with urllib.request.urlopen(f"{url}api/recording", timeout=processes.LIMIT_S) as answer:
+            assert answer.read(4) == b"DGV1"
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=processes.LIMIT_S)
     assert (process.returncode, out, err) == (0, "", "")
 
 

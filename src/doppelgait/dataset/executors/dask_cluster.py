@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from doppelgait.core.errors import ConfigError, DatasetError
+from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.worker import WORKER_ENVIRONMENT, worker_environment
 from doppelgait.dataset.executors.losses import WorkersLostError
 
@@ -21,6 +23,8 @@ if TYPE_CHECKING:
 MAX_QUEUED = 256
 """Shards that the scheduler knows at a time; enough for every worker of a large cluster to have its next one."""
 CONNECT_SECONDS = 20
+STOP_SECONDS = 0.2
+"""How often to look whether the build is to stop."""
 LOOK_SECONDS = 20
 """How often to look whether a cluster of this machine has workers at all: Dask gives up one that dies as it starts."""
 RESULT_SECONDS = 20.0
@@ -78,12 +82,16 @@ def run_dask(work: Work, shards: Sequence[Shard], address: str, workers: int) ->
 def _finished(client: Client, running: dict[Future[Any], Any], *, is_local: bool) -> list[Future[Any]]:
     from distributed import wait
 
+    look = time.monotonic() + LOOK_SECONDS
     while True:
+        raise_if_stopped()
         try:
-            return list(wait(list(running), timeout=LOOK_SECONDS, return_when="FIRST_COMPLETED").done)
+            return list(wait(list(running), timeout=STOP_SECONDS, return_when="FIRST_COMPLETED").done)
         except TimeoutError:
-            if is_local and not client.nthreads():
-                raise WorkersLostError from None
+            if is_local and time.monotonic() > look:
+                look = time.monotonic() + LOOK_SECONDS
+                if not client.nthreads():
+                    raise WorkersLostError from None
 
 
 @contextmanager

@@ -9,6 +9,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+from doppelgait.core.interrupt import raise_if_stopped, without_ctrl_c
 from doppelgait.core.worker import prepare_worker, worker_environment
 from doppelgait.dataset.executors.losses import WorkersLostError
 
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
     from doppelgait.dataset.plan import Shard
 
 QUEUED_PER_WORKER = 2
+LOOK_SECONDS = 0.1
+"""How often to look whether the build is to stop."""
 
 
 def run_processes(work: Work, shards: Sequence[Shard], workers: int) -> Results:
@@ -31,12 +34,14 @@ def run_processes(work: Work, shards: Sequence[Shard], workers: int) -> Results:
     running: dict[Future[dict[str, Any]], Shard] = {}
     with _pool(workers) as pool:
         while True:
-            with worker_environment():  # a submission starts a process while fewer than ``workers`` are there
+            # a submission starts a process while fewer than ``workers`` are there
+            with worker_environment(), without_ctrl_c():
                 while len(running) < QUEUED_PER_WORKER * workers and (shard := next(queue, None)) is not None:
                     running[pool.submit(work, shard)] = shard
             if not running:
                 return
-            done, _ = wait(running, return_when=FIRST_COMPLETED)
+            raise_if_stopped()
+            done, _ = wait(running, LOOK_SECONDS, FIRST_COMPLETED)
             for future in sorted(done, key=lambda f: f.exception() is not None):  # what is there before what broke
                 yield running.pop(future), future.result()
 
