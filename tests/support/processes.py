@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-LIMIT_S = 120.0
+LIMIT_S = 200.0
 """How long a process may take that ends by itself; many times what it needs, since machines may be busy."""
 
 

@@ -18,7 +18,10 @@ from dataset_plans import check_whole, tiny_plan
 from doppelgait.dataset.build import build_dataset
 from doppelgait.dataset.status import dataset_hash, dataset_status
 
-pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks worker processes up in /proc")
+pytestmark = [
+    pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks worker processes up in /proc"),
+    pytest.mark.timeout(900),
+]
 
 MOMENTS = 12
 WAYS = {2: "main, processes", 8: "main, processes", 5: "worker", 11: "worker"}
