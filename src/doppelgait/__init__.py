@@ -26,6 +26,7 @@ _LAZY = {
 PLUGIN_ROOMS: tuple[str, ...] = (
     "doppelgait.dataset.export",
     "doppelgait.radar.parameters",
+    "doppelgait.radar.readers",
 )
 """Modules in which the groups of plug-ins are declared (:mod:`doppelgait.core.plugins`)."""
 

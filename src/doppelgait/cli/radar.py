@@ -161,14 +161,13 @@ def list_formats(as_json: Annotated[bool, typer.Option("--json", help="Print JSO
     """
     import inspect
 
-    from doppelgait.radar.readers import RECORDING_READERS
+    from doppelgait.radar.readers import RADAR_READERS
 
     rows = []
-    for name in RECORDING_READERS:
-        entry = RECORDING_READERS[name]
-        parameters = inspect.signature(entry.reader()).parameters.values()
+    for reader in RADAR_READERS.values():
+        parameters = inspect.signature(reader.run).parameters.values()
         options = [p.name for p in parameters if p.kind is inspect.Parameter.KEYWORD_ONLY]
-        rows.append({"format": name, "files": " ".join(entry.suffixes), "options": " ".join(options)})
+        rows.append({"format": reader.name, "files": " ".join(reader.facts["suffixes"]), "options": " ".join(options)})
     if as_json:
         print_json(rows)
     else:

@@ -14,7 +14,6 @@ from doppelgait.cli.output import check_output, print_json, say
 if TYPE_CHECKING:
     from doppelgait.radar import Recording
 
-SUFFIXES = (".h5", ".npz", ".sigmf-meta")
 START_TIME = "2000-01-01T00:00:00"
 """Start of a XeThru recording unless another is given: a clock's time would make equal runs differ."""
 
@@ -36,9 +35,13 @@ def check_destination(path: Path, names: XethruNames) -> None:
     """Refuse, before any work is done, a name that says no format, a missing folder or options of another format."""
     from doppelgait.core.errors import ConfigError
 
+    from doppelgait.radar.readers import writers_by_suffix
+
     suffix = path.suffix.lower()
-    if suffix and suffix not in SUFFIXES:
-        raise ConfigError(f"-o {path}: must end in {', '.join(SUFFIXES)}, or be a folder for a XeThru recording")
+    known = writers_by_suffix()
+    if suffix not in known:
+        endings = ", ".join(sorted(filter(None, known)))
+        raise ConfigError(f"-o {path}: must end in {endings}, or be a folder for a XeThru recording")
     if suffix and names.given():
         raise ConfigError(f"{names.given()[0]} is for XeThru recordings: give a folder instead of -o {path}")
     check_output(path, suffix)
@@ -54,21 +57,20 @@ def check_destination(path: Path, names: XethruNames) -> None:
 
 def write_to(recording: Recording, path: Path, names: XethruNames) -> Path:
     """Write a recording in the format that its destination says; returns what was made."""
-    from doppelgait.radar import write_arrays, write_recording, write_sigmf
-    from doppelgait.radar.xethru import write_xethru_recording
+    from doppelgait.radar.readers import writers_by_suffix
 
-    suffix = path.suffix.lower()
-    if not suffix:
-        return write_xethru_recording(
-            recording,
-            path,
-            data_type=names.data_type or "baseband_iq",
-            start_time=_start(names),
-            session_id=names.session_id or f"doppelgait_{recording.seed or 0}",
-        )
-    writers = {".h5": write_recording, ".npz": write_arrays, ".sigmf-meta": write_sigmf}
-    writers[suffix](recording, path)
-    return path
+    writer = writers_by_suffix()[path.suffix.lower()]
+    if writer.name != "xethru":
+        writer.run(recording, path)
+        return path
+    made: Path = writer.run(
+        recording,
+        path,
+        data_type=names.data_type or "baseband_iq",
+        start_time=_start(names),
+        session_id=names.session_id or f"doppelgait_{recording.seed or 0}",
+    )
+    return made
 
 
 def _start(names: XethruNames) -> datetime:

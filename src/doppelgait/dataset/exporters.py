@@ -23,7 +23,7 @@ from doppelgait.dataset.example import axis_name, radar_of, unit_of
 from doppelgait.dataset.export import arrays_of, file_name, flat_index, splits_of
 from doppelgait.dataset.open import Dataset, stack
 from doppelgait.dataset.shard_files import AXIS_UNITS
-from doppelgait.radar.readers.sigmf_write import write_sigmf
+from doppelgait.radar.readers.sigmf import write_sigmf
 from doppelgait.radar.recording import Recording, TargetTruth
 
 if TYPE_CHECKING:

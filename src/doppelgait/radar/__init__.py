@@ -12,16 +12,17 @@ from doppelgait.radar.link import (
 )
 from doppelgait.radar.parameters import WAVEFORMS, Radar, Waveform
 from doppelgait.radar.presets import preset_names, preset_table
-from doppelgait.radar.readers import read_recording
-from doppelgait.radar.readers.array_writer import write_arrays
-from doppelgait.radar.readers.sigmf_write import write_sigmf
+from doppelgait.radar.readers import RADAR_READERS, RADAR_WRITERS, read_recording
+from doppelgait.radar.readers.arrays import write_arrays
+from doppelgait.radar.readers.sigmf import write_sigmf
 from doppelgait.radar.recording import Recording, TargetTruth
 from doppelgait.radar.recordings import write_recording
 from doppelgait.radar.rf import synthesise_rf
 from doppelgait.radar.simulate import add_noise, compress, lowest_prf_hz, synthesise, synthesise_samples
 
 __all__ = [
-    "WAVEFORMS", "Antenna", "Radar", "Recording", "TargetTruth", "Waveform", "add_noise", "compress",
+    "RADAR_READERS", "RADAR_WRITERS", "WAVEFORMS", "Antenna", "Radar", "Recording", "TargetTruth", "Waveform",
+    "add_noise", "compress",
     "derived_quantities", "echo_amplitude_v", "lowest_prf_hz", "noise_power_v2", "path_phase_rad", "preset_names",
     "preset_table", "radial_velocity_mps", "read_recording", "received_power_w", "scatterer_arrays", "synthesise",
     "synthesise_rf", "synthesise_samples", "write_arrays", "write_recording", "write_sigmf",

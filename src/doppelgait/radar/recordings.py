@@ -14,6 +14,7 @@ from doppelgait.core.errors import DoppelgaitError, RecordingError
 from doppelgait.core.files import atomic_path
 from doppelgait.core.labels import BASEBAND, MOTION, SCATTERER_VARIABLES, SPACE, axis, make_array
 from doppelgait.core.own_hdf5 import check_own
+from doppelgait.core.plugins import plugin
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.readers import read_recording
 from doppelgait.radar.recording import NAN, Recording, TargetTruth, baseband_facts, further_facts
@@ -36,6 +37,7 @@ STORED_VARIABLES = ("range", "radial_velocity", "rcs", "path_gain", "path_phase"
 OPTIONAL_VARIABLES = ("path_gain", "path_phase", "aspect")
 
 
+@plugin("radar_writer", "doppelgait", suffix=".h5")
 def write_recording(recording: Recording, path: str | Path) -> None:
     """Write a recording; the file appears complete or not at all.
 
@@ -106,6 +108,7 @@ def sniff_hdf5(path: Path) -> bool:
         return True
 
 
+@plugin("radar_reader", "doppelgait", sniff=sniff_hdf5, suffixes=(".h5",))
 def read_hdf5(path: Path) -> Recording:
     """Read a recording written by :func:`write_recording`.
 

@@ -13,13 +13,13 @@ from scipy.io import loadmat, savemat, whosmat
 from scipy.signal import firwin
 
 from damage import damaged_copies
-from doppelgait.core.errors import ConfigError, OutputError, RecordingError
+from doppelgait.core import plugins
+from doppelgait.core.errors import OutputError, RecordingError
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.radar import Radar, Recording, TargetTruth, read_recording, write_recording
-from doppelgait.radar.readers import RECORDING_READERS, RecordingReader
-from doppelgait.radar.readers.array_writer import write_arrays
-from doppelgait.radar.readers.mat5 import list_variables, load_variable
-from doppelgait.radar.readers.registry import load_function
+from doppelgait.radar.readers import RADAR_READERS, writers_by_suffix
+from doppelgait.radar.readers.arrays import write_arrays
+from doppelgait.radar.readers.matlab import list_variables, load_variable
 
 LIGHT_MPS = 299_792_458.0
 BIN_M = 0.00643004
@@ -44,17 +44,10 @@ def measured(shape=(20, 8), **facts):
 
 
 def test_every_declared_reader_exists_and_takes_its_options_by_name():
-    assert {"acconeer", "arrays", "cw-text", "doppelgait", "matlab-rf", "sigmf", "xethru"} <= set(RECORDING_READERS)
-    for name in RECORDING_READERS:
-        reader = RECORDING_READERS[name]
-        assert callable(load_function(reader.sniff))
-        assert callable(reader.reader())
-
-
-def test_a_reader_that_cannot_be_loaded_is_named():
-    for reference in ("doppelgait.radar.no_such_module:read", "doppelgait.radar.recordings:no_such", "nonsense"):
-        with pytest.raises(ConfigError, match="cannot be loaded"):
-            load_function(reference)
+    assert {"acconeer", "arrays", "cw-text", "doppelgait", "matlab-rf", "sigmf", "xethru"} <= set(RADAR_READERS)
+    for name in RADAR_READERS:
+        assert callable(RADAR_READERS[name].facts["sniff"])
+    assert set(writers_by_suffix()) == {"", ".h5", ".npz", ".sigmf-meta"}
 
 
 def test_content_decides_not_the_name(tmp_path):
@@ -89,11 +82,12 @@ def test_a_folder_without_a_name_is_refused_like_any_other(tmp_path, monkeypatch
 
 def test_two_readers_for_one_file_are_an_error_and_format_settles_it(tmp_path, monkeypatch):
     write_recording(measured(), tmp_path / "a.h5")
-    own = RECORDING_READERS["doppelgait"]
-    monkeypatch.setitem(RECORDING_READERS._items, "twin", RecordingReader(own.sniff, own.read, (".h5",)))
-    with pytest.raises(RecordingError, match=r"could be doppelgait or twin.*format='doppelgait'"):
+    own = RADAR_READERS["doppelgait"]
+    monkeypatch.setitem(plugins._REGISTERED, "radar_reader", dict(plugins._REGISTERED["radar_reader"]))
+    plugins.plugin("radar_reader", "other", **own.facts)(own.run)
+    with pytest.raises(RecordingError, match=r"could be doppelgait or other.*format='doppelgait'"):
         read_recording(tmp_path / "a.h5")
-    assert read_recording(tmp_path / "a.h5", format="twin").source == "a.h5"
+    assert read_recording(tmp_path / "a.h5", format="other").source == "a.h5"
 
 
 def test_a_wrong_format_or_option_is_refused_with_what_is_allowed(tmp_path):

@@ -9,9 +9,9 @@ from scipy.signal import firwin
 
 from doppelgait.core.errors import RecordingError
 from doppelgait.radar import Recording, read_recording, write_recording
-from doppelgait.radar.readers import RECORDING_READERS
-from doppelgait.radar.readers.array_writer import write_arrays
-from doppelgait.radar.readers.mat5 import list_variables, load_variable
+from doppelgait.radar.readers import RADAR_READERS, _matches
+from doppelgait.radar.readers.arrays import write_arrays
+from doppelgait.radar.readers.matlab import list_variables, load_variable
 
 pytestmark = pytest.mark.shared
 
@@ -140,7 +140,7 @@ def test_every_measured_file_is_taken_by_one_reader(shared):
         paths = sorted(radar.glob(pattern))
         assert paths, pattern
         for path in paths:
-            taken = [reader for reader in RECORDING_READERS if RECORDING_READERS[reader].matches(path)]
+            taken = [one.name for one in RADAR_READERS.values() if _matches(one, path)]
             assert taken == ([] if name is None else [name]), path.name
 
 

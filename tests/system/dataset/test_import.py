@@ -29,7 +29,7 @@ from doppelgait.motion import boulic_walk, quadruped_gait
 from doppelgait.pipeline import TargetResult, analyze, simulate
 from doppelgait.processing import Analysis
 from doppelgait.radar import Radar, Recording, read_recording, write_recording
-from doppelgait.radar.readers.array_writer import write_arrays
+from doppelgait.radar.readers.arrays import write_arrays
 from doppelgait.scene import Scene, Target
 
 LIGHT_MPS = 299_792_458.0

@@ -1,32 +1,48 @@
-"""Radar recordings: one reader per format, picked by what the file holds, not by what it is called."""
+"""Radar recordings: one reader per format, picked by what the file holds, not by its name; and the writers.
+
+A reader is a function ``(path, **options) -> Recording`` with keyword-only options, registered by
+``plugin("radar_reader", NAME, sniff=..., suffixes=(...))``; ``sniff(path) -> bool`` is cheap, looks at the content and
+is asked about everything, also about what does not exist. A writer is a function ``(recording, path, **options)``,
+registered by ``plugin("radar_writer", NAME, suffix=...)``; the suffix picks it, "" stands for a folder.
+"""
 
 from __future__ import annotations
 
 import inspect
+import mmap
 import os
+import struct
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from doppelgait.core.errors import RecordingError
-from doppelgait.radar.readers.hdf5_heap import check_hdf5
-from doppelgait.radar.readers.registry import RECORDING_READERS, RecordingReader
+from doppelgait.core.plugins import Group, Plugin
 from doppelgait.radar.recording import Recording
 
-__all__ = ["RECORDING_READERS", "RecordingReader", "read_recording"]
+__all__ = ["RADAR_READERS", "RADAR_WRITERS", "read_recording", "writers_by_suffix"]
 
-for _name, _module, _sniff, _read, _suffixes in (
-    ("doppelgait", "recordings", "sniff_hdf5", "read_hdf5", (".h5",)),
-    ("xethru", "xethru", "sniff_xethru", "recording_from_xethru", ("folder", ".dat")),
-    ("matlab-rf", "readers.matlab", "sniff_matlab", "read_matlab", (".mat",)),
-    ("arrays", "readers.arrays", "sniff_arrays", "read_arrays", (".npz", ".npy")),
-    ("acconeer", "readers.acconeer", "sniff_acconeer", "read_acconeer", (".h5",)),
-    ("cw-text", "readers.cw_text", "sniff_cw_text", "read_cw_text", (".txt",)),
-    ("sigmf", "readers.sigmf", "sniff_sigmf", "read_sigmf", (".sigmf-meta", ".sigmf-data")),
-):
-    _where = f"doppelgait.radar.{_module}"
-    RECORDING_READERS.add(_name, RecordingReader(f"{_where}:{_sniff}", f"{_where}:{_read}", _suffixes))
+Reader = Callable[..., Recording]
+Writer = Callable[..., Any]
 
+RADAR_READERS: Group[Reader] = Group(
+    "radar_reader",
+    built_in=(
+        "doppelgait.radar.recordings", "doppelgait.radar.xethru.convert", "doppelgait.radar.readers.matlab",
+        "doppelgait.radar.readers.arrays", "doppelgait.radar.readers.acconeer", "doppelgait.radar.readers.cw_text",
+        "doppelgait.radar.readers.sigmf",
+    ),
+)  # fmt: skip
+"""Readers of radar recordings by name."""
+
+RADAR_WRITERS: Group[Writer] = Group(
+    "radar_writer",
+    built_in=(
+        "doppelgait.radar.recordings", "doppelgait.radar.xethru.export", "doppelgait.radar.readers.arrays",
+        "doppelgait.radar.readers.sigmf",
+    ),
+)  # fmt: skip
+"""Writers of radar recordings by name."""
 
 SWITCHES = {"conjugate", "time_first", "ignore_checksum"}
 """Options that are true or false."""
@@ -64,7 +80,7 @@ def read_recording(path: str | os.PathLike[str], *, format: str | None = None, *
         if file.is_file():
             check_hdf5(file)
         name = _find_format(file) if format is None else _check_format(file, format)
-        reader = RECORDING_READERS[name].reader()
+        reader = RADAR_READERS[name].run
         _check_options(file, name, reader, options)
         return reader(file, **options)
     except OSError as error:
@@ -72,7 +88,7 @@ def read_recording(path: str | os.PathLike[str], *, format: str | None = None, *
 
 
 def _check_format(path: Path, name: str) -> str:
-    if name not in RECORDING_READERS:
+    if name not in RADAR_READERS:
         raise RecordingError(f"{path}: format = {name!r} is not known; known are: {_known()}")
     if not path.exists() and not path.parent.is_dir():
         raise RecordingError(f"{path}: no such file")
@@ -80,7 +96,7 @@ def _check_format(path: Path, name: str) -> str:
 
 
 def _find_format(path: Path) -> str:
-    names = [name for name in RECORDING_READERS if RECORDING_READERS[name].matches(path)]
+    names = [reader.name for reader in RADAR_READERS.values() if _matches(reader, path)]
     if len(names) == 1:
         return names[0]
     if names:
@@ -96,7 +112,20 @@ def _find_format(path: Path) -> str:
 
 
 def _known() -> str:
-    return ", ".join(f"{name} ({', '.join(RECORDING_READERS[name].suffixes)})" for name in RECORDING_READERS)
+    return ", ".join(f"{one.name} ({', '.join(one.facts['suffixes'])})" for one in RADAR_READERS.values())
+
+
+def _matches(reader: Plugin[Reader], path: Path) -> bool:
+    """Whether a file or folder looks like a reader's format; what cannot be opened does not."""
+    try:
+        return bool(reader.facts["sniff"](path))
+    except OSError:
+        return False
+
+
+def writers_by_suffix() -> dict[str, Plugin[Writer]]:
+    """Writers by the ending of a file's name; "" for a folder."""
+    return {one.facts["suffix"]: one for one in RADAR_WRITERS.values()}
 
 
 def _check_options(path: Path, name: str, reader: Callable[..., Any], options: Mapping[str, Any]) -> None:
@@ -107,3 +136,49 @@ def _check_options(path: Path, name: str, reader: Callable[..., Any], options: M
     for switch in SWITCHES & set(options):
         if not isinstance(options[switch], bool):
             raise RecordingError(f"{path}: option {switch} = {options[switch]!r} is not allowed: must be true or false")
+
+
+HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+USER_BLOCKS = (0, 512, 1024, 2048)
+"""Where the signature may stand; MATLAB puts it at 512."""
+HEAP = b"GCOL\x01\x00\x00\x00"
+HEAP_BYTES, OBJECT_BYTES = 16, 16
+"""Bytes before the objects of a heap, and before the content of an object (8-byte lengths, as h5py writes)."""
+
+
+def check_hdf5(path: Path) -> None:
+    """Refuse an HDF5 file with a global heap whose chain of objects does not end; other files pass.
+
+    Texts lie in global heaps, chains of objects that each hold their length; the HDF5 library follows a length of 0
+    without end. Layout: "HDF5 File Format Specification", section III.E.
+
+    Raises
+    ------
+    RecordingError
+        If it is such a file.
+    """
+    with path.open("rb") as file:
+        head = file.read(USER_BLOCKS[-1] + len(HDF5_SIGNATURE))
+        if not any(head[at : at + len(HDF5_SIGNATURE)] == HDF5_SIGNATURE for at in USER_BLOCKS):
+            return
+        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+            at = content.find(HEAP)
+            while at >= 0:
+                if not _chain_ends(content, at):
+                    raise RecordingError(f"{path}: is a damaged HDF5 file: its heap at byte {at} has no end")
+                at = content.find(HEAP, at + 1)
+
+
+def _chain_ends(content: mmap.mmap, start: int) -> bool:
+    """Whether every object of the heap at ``start`` leads further towards its end."""
+    if start + HEAP_BYTES > len(content):
+        return True  # cut off; the library says so
+    end = min(start + struct.unpack_from("<Q", content, start + 8)[0], len(content))
+    at = start + HEAP_BYTES
+    while at + OBJECT_BYTES <= end:
+        number, n_bytes = struct.unpack_from("<H6xQ", content, at)
+        step = OBJECT_BYTES + -(-n_bytes // 8) * 8 if number else n_bytes  # object 0 is the free rest, head included
+        if step < OBJECT_BYTES or step >= 1 << 63:
+            return False
+        at += step
+    return True

@@ -1,20 +1,104 @@
-"""Plain complex matrices, .npz and .npy, with a TOML file beside them that says what they are."""
+"""Plain complex matrices, .npz and .npy, with a TOML file of the same stem that describes them: read and written.
+
+Lengths are checked against the length of the file before memory is taken; nothing is ever unpickled.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+import math
+import os
+import tokenize
+import zipfile
+import zlib
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.errors import RecordingError
+from doppelgait.core.errors import OutputError, RecordingError
+from doppelgait.core.files import atomic_path
+from doppelgait.core.plugins import plugin
 from doppelgait.radar.readers.array_facts import ArrayFacts, describe, read_facts
 from doppelgait.radar.readers.measured import check_shape, label_measured
-from doppelgait.radar.readers.npy import NPY_MAGIC, is_npz, load_npy_file, load_npz
-from doppelgait.radar.recording import NAN, Recording
+from doppelgait.radar.recording import NAN, Recording, further_facts
+
+NPY_MAGIC = b"\x93NUMPY"
+MAX_BYTES = 1 << 31
+"""Bytes of samples that are read from one file at most: 2 GiB."""
+
+NUMPY_FAULTS = (ValueError, EOFError, KeyError, TypeError, MemoryError, OverflowError, SyntaxError, RecursionError,
+          NotImplementedError, RuntimeError, UnicodeDecodeError, tokenize.TokenError,
+          zipfile.BadZipFile, zlib.error)  # fmt: skip
+"""What NumPy and zipfile raise at damaged bytes."""
+
+
+def is_npz(head: bytes) -> bool:
+    """Whether these first bytes are those of a zip archive that starts with a ``.npy``."""
+    length = int.from_bytes(head[26:28], "little")
+    return head[:4] == b"PK\x03\x04" and head[30 : 30 + length].endswith(b".npy")
+
+
+def load_npy_file(path: Path) -> npt.NDArray[Any]:
+    """The array of a ``.npy`` file; a damaged one is a :class:`RecordingError`."""
+    try:
+        with path.open("rb") as stream:
+            return _load_array(path, "the array", stream, path.stat().st_size)
+    except NUMPY_FAULTS as error:
+        raise _damaged_array(path, error) from None
+
+
+def load_npz(path: Path, wanted: Collection[str]) -> dict[str, npt.NDArray[Any] | None]:
+    """Arrays of an npz file by name, None for those that are not wanted; the only array is always loaded.
+
+    Raises
+    ------
+    RecordingError
+        If the file is damaged, holds objects or is too large.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            members = {m.filename.removesuffix(".npy"): m for m in archive.infolist() if m.filename.endswith(".npy")}
+            chosen = set(members) & set(wanted) or set(list(members)[:1] if len(members) == 1 else [])
+            return {name: _load_member(path, archive, members[name]) if name in chosen else None for name in members}
+    except NUMPY_FAULTS as error:
+        raise _damaged_array(path, error) from None
+
+
+def _load_member(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> npt.NDArray[Any]:
+    with archive.open(member) as stream:
+        return _load_array(path, member.filename, stream, member.file_size)
+
+
+def _load_array(path: Path, name: str, stream: IO[bytes], size: int) -> npt.NDArray[Any]:
+    """One array of a stream of ``size`` bytes."""
+    version = np.lib.format.read_magic(stream)
+    if version not in ((1, 0), (2, 0)):
+        raise ValueError(f"version {version[0]}.{version[1]} of the npy format")
+    read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, fortran_order, dtype = read_header(stream)
+    if dtype.hasobject:
+        raise RecordingError(f"{path}: {name} holds Python objects, which are never unpickled; save numbers")
+    n_bytes = math.prod(shape) * dtype.itemsize
+    if n_bytes > MAX_BYTES:
+        raise RecordingError(f"{path}: {name} has {n_bytes:,} bytes; up to {MAX_BYTES:,} are read. Save a part of it.")
+    if n_bytes > size:
+        raise ValueError(f"{name} should hold {n_bytes} bytes, the file has {size}")
+    content = stream.read(n_bytes)
+    if len(content) < n_bytes:
+        raise ValueError(f"{name} should hold {n_bytes} bytes, {len(content)} are there")
+    if isinstance(stream, zipfile.ZipExtFile) and stream.read(1):
+        raise ValueError(f"{name} holds more bytes than its header says")
+    return np.frombuffer(content, dtype).reshape(shape, order="F" if fortran_order else "C")
+
+
+def _damaged_array(path: Path, error: BaseException) -> RecordingError:
+    reason = " ".join(str(error).split()).split(". ")[0] or type(error).__name__
+    return RecordingError(f"{path}: is a damaged or unusual NumPy file ({reason}); save it again with numpy.savez")
+
 
 MATRIX = "baseband"
 PARTS = ("i", "q")
@@ -30,6 +114,7 @@ def sniff_arrays(path: Path) -> bool:
     return head.startswith(NPY_MAGIC) or is_npz(head)
 
 
+@plugin("radar_reader", "arrays", sniff=sniff_arrays, suffixes=(".npz", ".npy"))
 def read_arrays(
     path: Path,
     *,
@@ -152,3 +237,88 @@ def _as_baseband(path: Path, values: npt.NDArray[Any], facts: ArrayFacts) -> npt
 def _scaled(values: npt.NDArray[Any], facts: ArrayFacts) -> npt.NDArray[Any]:
     values = values.conj() if facts.conjugate else values
     return values if facts.scale_v is None or facts.scale_v == 1.0 else facts.scale_v * values
+
+
+FIRST_LINE = "# Radar recording, written by doppelgait: what the arrays beside it are."
+
+
+@plugin("radar_writer", "arrays", suffix=".npz")
+def write_arrays(recording: Recording, path: str | os.PathLike[str]) -> None:
+    """Write a recording as NumPy arrays and a TOML file of the same stem; reading gives the same back.
+
+    The ``.npz`` file holds ``baseband`` complex64 (pulses, range bins) in V, ``slow_time_s`` and ``range_m``; the TOML
+    file holds the radar, the notes and the further facts. The truth about the targets is not stored.
+
+    Parameters
+    ----------
+    recording : Recording
+    path : path-like
+        Ends in ``.npz``.
+
+    Raises
+    ------
+    OutputError
+        If the name does not end in ``.npz``, a TOML file of that stem is there that is not of this kind, or it cannot
+        be written; older files are then untouched.
+    """
+    target = Path(path)
+    if target.suffix.lower() != ".npz":
+        raise OutputError(f"{target}: must end in .npz")
+    sidecar = target.with_suffix(".toml")
+    if sidecar.exists() and not _is_ours(sidecar):
+        raise OutputError(
+            f"{sidecar}: is there and is no description of arrays; choose another name than {target.name}"
+        )
+    with atomic_path(sidecar) as partial_facts, atomic_path(target) as partial:
+        partial_facts.write_text(_as_toml(recording), encoding="utf-8")
+        with partial.open("wb") as file:
+            np.savez(
+                file,
+                baseband=recording.baseband.values.astype("<c8"),
+                slow_time_s=recording.slow_time_s,
+                range_m=recording.range_m,
+            )
+
+
+def _is_ours(path: Path) -> bool:
+    try:
+        with path.open(encoding="utf-8", errors="replace") as file:
+            return file.readline().rstrip() == FIRST_LINE
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be read: {error}") from None
+
+
+def _as_toml(recording: Recording) -> str:
+    facts: dict[str, Any] = {
+        "scale_v": 1.0,
+        "conjugate": False,
+        "notes": list(recording.notes),
+        "noise_power_v2": recording.noise_power_v2,
+        "snr_frame_db": recording.snr_frame_db,
+        "seed": recording.seed,
+    }
+    known = {name: value for name, value in facts.items() if value is not None and value == value}  # not NaN
+    lines = [FIRST_LINE, *_lines(known), "", "[radar]", *_lines(recording.radar.model_dump(exclude_none=True))]
+    if attributes := further_facts(recording.baseband):
+        lines += ["", "[attributes]", *_lines(attributes)]
+    return "\n".join(lines) + "\n"
+
+
+def _lines(table: Mapping[str, Any]) -> list[str]:
+    return [f"{_text(key)} = {_value(value)}" for key, value in table.items()]
+
+
+def _value(value: Any) -> str:
+    """A value in TOML."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(_lines(value)) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_value(item) for item in value) + "]"
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(float(value))
+    return _text(value) if isinstance(value, str) else json.dumps(value)
+
+
+def _text(text: str) -> str:
+    """A quoted TOML text; JSON's escapes are TOML's but for one character."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
+from doppelgait.core.plugins import plugin
 from doppelgait.radar.parameters import Radar
-from doppelgait.radar.readers.facts import CW_FRAME_M, cw_radar
-from doppelgait.radar.readers.measured import check_number, label_measured
+from doppelgait.radar.readers.measured import CW_FRAME_M, check_number, cw_radar, label_measured
 from doppelgait.radar.recording import Recording
 
 PARTS = ("_RE", "_IM")
@@ -41,6 +41,7 @@ def _looks_like_integers(path: Path) -> bool:
     return bool(words) and all(word.isdigit() for word in words)
 
 
+@plugin("radar_reader", "cw-text", sniff=sniff_cw_text, suffixes=(".txt",))
 def read_cw_text(
     path: str | Path,
     *,

@@ -13,12 +13,13 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
+from doppelgait.core.plugins import plugin
 from doppelgait.core.units import slow_time_axis_s
 from doppelgait.radar.readers.measured import check_number, label_measured, preset_radar
 from doppelgait.radar.recording import Recording
 from doppelgait.radar.xethru.downconvert import FrameFilter, down_convert_frames
 from doppelgait.radar.xethru.rate import frame_numbers, measured_rate_hz
-from doppelgait.radar.xethru.reader import XethruRecording, XethruStream, read_xethru
+from doppelgait.radar.xethru.reader import XethruRecording, XethruStream, read_xethru, sniff_xethru
 
 CONVERTIBLE = (
     "baseband_iq", "baseband_ap", "radar_baseband_float", "radar_baseband_q15", "radar_rf", "radar_rf_normalized",
@@ -64,6 +65,7 @@ class _Source:
     notes: list[str] = field(default_factory=list)
 
 
+@plugin("radar_reader", "xethru", sniff=sniff_xethru, suffixes=("folder", ".dat"))
 def recording_from_xethru(
     path: str | os.PathLike[str],
     *,

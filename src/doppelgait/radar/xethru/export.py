@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
 from doppelgait.core.labels import sampling_rate_hz
+from doppelgait.core.plugins import plugin
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.radar.recording import Recording
 from doppelgait.radar.xethru.convert import CONVERTIBLE, TYPICAL
@@ -41,6 +42,7 @@ class _Frames:
     counts_per_unit: float
 
 
+@plugin("radar_writer", "xethru", suffix="")
 def write_xethru_recording(
     recording: Recording,
     folder: str | os.PathLike[str],
