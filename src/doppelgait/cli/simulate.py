@@ -34,7 +34,6 @@ class XethruNames:
 def check_destination(path: Path, names: XethruNames) -> None:
     """Refuse, before any work is done, a name that says no format, a missing folder or options of another format."""
     from doppelgait.core.errors import ConfigError
-
     from doppelgait.radar.readers import writers_by_suffix
 
     suffix = path.suffix.lower()
