@@ -5,7 +5,6 @@ from __future__ import annotations
 import doctest
 import json
 import math
-import time
 
 import numpy as np
 import pytest
@@ -36,10 +35,8 @@ def each(*names, radar):
 # --- The simulator of this package, and one of another make -------------------------------------------------------
 
 
-def test_our_simulator_passes_all_checks_in_below_20_s():
-    start_s = time.process_time()
+def test_our_simulator_passes_all_checks():
     checks = run_conformance()
-    assert time.process_time() - start_s < 20.0
     assert [check for check in checks if check.passed is not True] == []
     assert {check.name.split("[")[0] for check in checks} == {rule.name for rule in RULES}
 

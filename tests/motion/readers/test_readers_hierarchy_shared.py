@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import time
 import warnings
 from functools import cache
 from pathlib import Path
@@ -195,13 +194,3 @@ def test_one_walk_in_three_formats(shared: Path) -> None:
     for other in facts[1:]:
         assert other["mean_speed_mps"] == pytest.approx(facts[0]["mean_speed_mps"], rel=0.01)
         assert other["step_hz"] == pytest.approx(facts[0]["step_hz"], abs=0.03)
-
-
-def test_the_largest_file_is_read_fast(shared: Path) -> None:
-    file = shared / "data" / "mocap" / "dog" / "tencent-bvh" / TENCENT[0]
-    best_s = np.inf
-    for _ in range(3):
-        begin = time.process_time()  # not of other work on the machine
-        read(file, clean=False)
-        best_s = min(best_s, time.process_time() - begin)
-    assert file.stat().st_size / best_s > 5e6

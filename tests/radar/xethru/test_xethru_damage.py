@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import struct
-import time
 import tracemalloc
 import warnings
 from collections.abc import Iterator
@@ -94,13 +93,11 @@ def outcome(path: Path, *, convert: bool) -> str:
 def test_no_damage_raises_anything_else(tmp_path: Path, splitting: Splitting) -> None:
     folder = good(tmp_path, splitting=splitting)
     rng = np.random.default_rng(2018)
-    start = time.monotonic()
     outcomes = [
         outcome(folder, convert="baseband_iq" in path.name or rng.random() < 0.1)
         for path in damaged_files(folder, rng, N_MUTATIONS // 2)
     ]
     assert min(outcomes.count("read"), outcomes.count("refused")) > N_MUTATIONS // 20
-    assert time.monotonic() - start < 60.0
 
 
 @pytest.mark.parametrize(("name", "count_at"), [("datafloat", 8), ("baseband_iq", 4), ("radar_baseband_q15", 4)])
