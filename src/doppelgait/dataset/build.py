@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import platform
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -26,9 +26,9 @@ from doppelgait.dataset.finish import (
     Totals,
     count_shards,
     dataset_id,
-    describe,
     finish_dataset,
     make_index,
+    plan_header,
     write_description,
 )
 from doppelgait.dataset.lock import PATTERN, Part, build_lock
@@ -206,7 +206,7 @@ def _build_missing(job: _Job, executor: str, workers: int | None, on_progress: P
     if not missing and (job.target / "dataset.json").is_file():
         return tally
     counts = count_shards(shard.name for shard in job.shards)
-    write_description(job.target, describe(job.plan.config, job.identity, counts, complete=False))
+    write_description(job.target, plan_header(job.plan.config, job.identity).describe(counts, complete=False))
     (job.target / "shards").mkdir(exist_ok=True)
     _sweep(job)
     context = BuildContext(job.plan.config, str(job.plan.folder), str(job.target))
@@ -255,7 +255,9 @@ def _count_made(tally: _Tally, target: Path, shard: Shard, made: dict[str, Any],
     tally.failed += made["failed"]
     tally.bytes += made["bytes"]
     seconds = round(time.monotonic() - began, 3)
-    _log(target, {"shard": shard.name, "examples": len(shard.examples), "failed": made["failed"], "seconds": seconds})
+    log_entry(
+        target, {"shard": shard.name, "examples": len(shard.examples), "failed": made["failed"], "seconds": seconds}
+    )
 
 
 def finished_record(target: Path, shard: Shard) -> dict[str, Any] | None:
@@ -283,9 +285,8 @@ def _finish_if_all(job: _Job) -> tuple[int, Totals | None]:
     missing = sum(shard.name not in own and _whole_record(job.target, shard) is None for shard in job.shards)
     if missing:
         return missing, None
-    names = [shard.name for shard in job.shards]
-    arguments = (job.target, job.plan.config, job.identity, names)
-    return 0, finish_dataset(*arguments, max_failed_share=job.max_failed_share)
+    header, names = plan_header(job.plan.config, job.identity), [shard.name for shard in job.shards]
+    return 0, finish_dataset(job.target, header, names, max_failed_share=job.max_failed_share)
 
 
 def _report(job: _Job, tally: _Tally, missing: int, totals: Totals | None, began: float) -> BuildReport:
@@ -327,7 +328,8 @@ def _stoppable(target: Path) -> Iterator[None]:
         ) from None
 
 
-def _log(target: Path, entry: dict[str, Any]) -> None:
+def log_entry(target: Path, entry: Mapping[str, Any]) -> None:
+    """Add a line to ``build.jsonl``."""
     stamp = {"time": datetime.now(UTC).isoformat(timespec="seconds"), "host": platform.node()}
     with (target / "build.jsonl").open("a") as handle:
         handle.write(json.dumps({**stamp, **entry}) + "\n")

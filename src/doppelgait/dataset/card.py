@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
 
 import pandas as pd
 
 from doppelgait import __version__
-from doppelgait.dataset.config import PlanConfig
+from doppelgait.dataset.config import ImportConfig, PlanConfig
 from doppelgait.features import FEATURE_UNITS
 
 FREE = re.compile(
@@ -49,25 +48,27 @@ def blocked_recordings(index: pd.DataFrame) -> list[str]:
     return [f"{row['recording']} ({row['licence'] or 'licence unknown'})" for row in blocked]
 
 
-def citations(entries: Iterable[object]) -> list[str]:
-    """What must be cited, each once, in the order of ``[[sources]]``."""
-    return list(dict.fromkeys(text for entry in entries if (text := getattr(entry, "citation", ""))))
+def release_warning(licences: pd.DataFrame) -> str:
+    """Sentence on what blocks a release, from :func:`licences_of`; empty if nothing does."""
+    blocked = int(licences["blocked"].sum())
+    if not blocked:
+        return ""
+    return (
+        f"**Not for release**: {blocked} of {len(licences)} recordings are non-commercial or of unknown licence; "
+        "`dataset export --release` refuses this dataset."
+    )
 
 
 CARD = """---
 pretty_name: {name}
-{licence}task_categories: [other]
-tags: [radar, micro-doppler, gait, synthetic]
-size_categories: [{size}]
-configs:
+{front}configs:
   - config_name: default
     data_files: index.parquet
 ---
 
 # {name}
 
-{total} simulated micro-Doppler examples made by doppelgait {version}, dataset id `{identity}`.
-{origin}
+{summary}
 
 ## Counts
 
@@ -81,29 +82,21 @@ configs:
 
 `step_length_m` is |v_m| / f_mu, radial. For asymmetric gaits (gallop) it is the stride length.
 
-## Files
+{making}## Files
 
-- `index.parquet`: one row per target: labels, split, subject, source, recording, licence, resolved parameters, truth
-  (`truth_*`), features (`feature_*`, `extended_*`), their standard deviations (`sd_*`), diagnostics (`quality_*`),
-  `flags` that say why a value is missing. Targets of one scene share `scene_id` and split.
+- `index.parquet`: one row per {rows}
 - `splits/*.txt`: identifiers, one a line.
 - `shards/*.h5`: arrays by row, see `fields` in `dataset.json`; axes stand beside them (`signature_time_s`).
-- `dataset.json`: identity, classes, the whole configuration. The same configuration gives the same bytes.
-
-SNR: `snr_frame_db` is the time mean of the strongest range bin's power over the noise power, before any transform;
-`quality_snr_mu_db` is that of the signature.
-{gate}
-
-## Limits
+{files}## Limits
 
 {limits}
-
-## Make it again
-
-    doppelgait dataset build PLAN.toml -o {name}
-
-with the `config` of `dataset.json` as the plan; `doppelgait dataset verify {name}` proves that it is the same.
 """
+
+
+def _fill(index: pd.DataFrame, **texts: str) -> str:
+    counts, features = markdown_table(counts_table(index)), markdown_table(feature_table(index))
+    return CARD.format(counts=counts, features=features, **texts)
+
 
 RADAR_SENTENCE = "point scatterers on moving bodies, pulse-Doppler radar, receiver noise."
 
@@ -127,78 +120,73 @@ MODEL_SENTENCES = {
 """What a reader should know of a motion model, by its kind."""
 
 
+SIMULATED_ROWS = """\
+target: labels, split, subject, source, recording, licence, resolved parameters, truth
+  (`truth_*`), features (`feature_*`, `extended_*`), their standard deviations (`sd_*`), diagnostics (`quality_*`),
+  `flags` that say why a value is missing. Targets of one scene share `scene_id` and split."""
+SIMULATED_FILES = """\
+- `dataset.json`: identity, classes, the whole configuration. The same configuration gives the same bytes.
+
+SNR: `snr_frame_db` is the time mean of the strongest range bin's power over the noise power, before any transform;
+`quality_snr_mu_db` is that of the signature.
+{gate}
+
+"""
+MAKE_AGAIN = """
+
+## Make it again
+
+    doppelgait dataset build PLAN.toml -o {name}
+
+with the `config` of `dataset.json` as the plan; `doppelgait dataset verify {name}` proves that it is the same."""
+
+
 def dataset_card(plan: PlanConfig, identity: str, index: pd.DataFrame) -> str:
-    """Markdown card of a dataset."""
-    gate = TRACK_GATE if plan.dataset.gate == "track" else TRUTH_GATE.format(error=plan.dataset.gate_error_sd_m)
-    return CARD.format(
-        name=plan.dataset.name,
-        licence="license: other\n" if len(licences_of(index)) else "",
-        size=_size(len(index)),
-        total=len(index),
-        version=__version__,
-        identity=identity,
-        origin=_origin(plan, index),
-        subjects=_subjects(index),
-        limits=_limits(plan, index),
-        counts=markdown_table(counts_table(index)),
-        features=markdown_table(feature_table(index)),
-        gate=gate,
+    """Write the Markdown card of a simulated dataset."""
+    name, total = plan.dataset.name, len(index)
+    sizes = [("n<1K", 1e3), ("1K<n<10K", 1e4), ("10K<n<100K", 1e5), ("100K<n<1M", 1e6)]  # as data hubs write it
+    size = next((words for words, limit in sizes if total < limit), "n>1M")
+    front = (
+        f"{'license: other' + chr(10) if len(licences_of(index)) else ''}task_categories: [other]\n"
+        f"tags: [radar, micro-doppler, gait, synthetic]\nsize_categories: [{size}]\n"
     )
+    recorded = index if index.empty else index[index["source"] == "recording"]
+    subjects = ["Examples of one subject, and of all who share a scene with it, are in one split."]
+    if len(recorded) < total:
+        subjects.append("A model's parameter draw is its own subject.")
+    if len(recorded) and recorded["subject"].str.startswith("file/").any():
+        subjects.append(
+            "A motion file without an entry `subject` in `[[sources]]` is one subject, whoever moves in it: two "
+            "recordings of the same person or animal may be in different splits."
+        )
+    gate = TRACK_GATE if plan.dataset.gate == "track" else TRUTH_GATE.format(error=plan.dataset.gate_error_sd_m)
+    return _fill(
+        index, name=name, front=front, subjects=" ".join(subjects), making="", rows=SIMULATED_ROWS,
+        summary=f"{total} simulated micro-Doppler examples made by doppelgait {__version__}, dataset id `{identity}`.\n"
+        + _origin(plan, index, recorded),
+        files=SIMULATED_FILES.format(gate=gate), limits=_limits(plan, index) + MAKE_AGAIN.format(name=name),
+    )  # fmt: skip
 
 
-def _size(count: int) -> str:
-    """Size category as data hubs write it."""
-    steps = [("n<1K", 1e3), ("1K<n<10K", 1e4), ("10K<n<100K", 1e5), ("100K<n<1M", 1e6)]
-    return next((name for name, limit in steps if count < limit), "n>1M")
-
-
-def _recorded(index: pd.DataFrame) -> pd.DataFrame:
-    return index if index.empty else index[index["source"] == "recording"]
-
-
-def _origin(plan: PlanConfig, index: pd.DataFrame) -> str:
+def _origin(plan: PlanConfig, index: pd.DataFrame, recorded: pd.DataFrame) -> str:
     """Where the motion comes from, and the recordings with their licences where there are any."""
-    recorded = _recorded(index)
     if recorded.empty:
         return f"Everything is simulated: {RADAR_SENTENCE} No recording of a person or animal is in it."
     others = "" if len(recorded) == len(index) else " The motion of the others comes from models."
     table = licences_of(index)
-    labels = {str(name): _listed(group["label"]) for name, group in recorded.groupby("recording")}
+    labels = {str(name): ", ".join(sorted(group["label"].unique())) for name, group in recorded.groupby("recording")}
     files = [
         f"- `{row['recording']}`: {row['rows']} ({labels[row['recording']]}), {row['licence'] or 'licence unknown'}"
         for row in table.to_dict("records")
     ]
-    blocked = int(table["blocked"].sum())
-    warning = (
-        f"\n\n**Not for release**: {blocked} of {len(table)} recordings are non-commercial or of unknown licence; "
-        "`dataset export --release` refuses this dataset."
-        if blocked
-        else ""
-    )
-    cited = "".join(f"\n- {text}" for text in citations(plan.sources))
+    warning = release_warning(table)
+    cited = dict.fromkeys(entry.citation for entry in plan.sources if entry.citation)
     return (
         f"The radar is simulated: {RADAR_SENTENCE} The motion of {len(recorded)} examples comes from recordings of "
         f"people or animals.{others}\n\n## Recordings\n\nMotion files and the number of examples made from each; "
-        f"their licences apply to this dataset.{warning}\n\n" + "\n".join(files)
-        + (f"\n\n## To be cited\n{cited}" if cited else "")
+        f"their licences apply to this dataset.{f'{chr(10) * 2}{warning}' if warning else ''}\n\n" + "\n".join(files)
+        + ("\n\n## To be cited\n" + "".join(f"\n- {text}" for text in cited) if cited else "")
     )  # fmt: skip
-
-
-def _listed(values: pd.Series[str]) -> str:
-    return ", ".join(sorted(values.unique()))
-
-
-def _subjects(index: pd.DataFrame) -> str:
-    recorded = _recorded(index)
-    text = ["Examples of one subject, and of all who share a scene with it, are in one split."]
-    if len(recorded) < len(index):
-        text.append("A model's parameter draw is its own subject.")
-    if len(recorded) and recorded["subject"].str.startswith("file/").any():
-        text.append(
-            "A motion file without an entry `subject` in `[[sources]]` is one subject, whoever moves in it: two "
-            "recordings of the same person or animal may be in different splits."
-        )
-    return " ".join(text)
 
 
 def _limits(plan: PlanConfig, index: pd.DataFrame) -> str:
@@ -207,25 +195,105 @@ def _limits(plan: PlanConfig, index: pd.DataFrame) -> str:
     rcs = plan.target.get("rcs", {})
     if "total_m2" not in rcs and "choice" not in rcs:
         law = "by body mass, assumed for dogs; so the echo's power differs between classes"
+    simplifications = ["occlusion as planned" if "occlusion" in rcs else "no occlusion"]
+    if plan.environment in (None, [], {}):
+        simplifications.append("no multipath")
+    if plan.impairments in (None, [], {}):
+        simplifications.append("no clutter or receiver faults but those of the radar's preset")
     return "\n".join([
-        f"- {_scattering(plan)}",
+        f"- Isotropic point scatterers, {', '.join(simplifications)}.",
         *(f"- {MODEL_SENTENCES.get(kind, f'Motion model `{kind}`.')}" for kind in kinds),
         f"- Radar cross section: {law}.",
         "- What is assumed about bodies, rooms and the receiver is randomised, not measured in your room.",
     ])  # fmt: skip
 
 
-def _scattering(plan: PlanConfig) -> str:
-    """Which of the usual simplifications hold for a plan."""
-    present = [
-        name
-        for name, there in (("environment", plan.environment), ("impairments", plan.impairments))
-        if there not in (None, [], {})
-    ]
-    rest = [] if "environment" in present else ["no multipath"]
-    rest += [] if "impairments" in present else ["no clutter or receiver faults but those of the radar's preset"]
-    occlusion = "occlusion as planned" if "occlusion" in plan.target.get("rcs", {}) else "no occlusion"
-    return f"Isotropic point scatterers, {', '.join([occlusion, *rest])}."
+IMPORTED_ROWS = """recording{or_window}: label, split, subject, recording with its SHA-256, licence,
+  features (`feature_*`, `extended_*`), their standard deviations (`sd_*`), diagnostics (`quality_*`), `flags` that say
+  why a value is missing, `warnings`, and `notes` on what a file does not tell. `truth_*` and `meta_*` are columns of
+  the labels: measured by hand, not by doppelgait."""
+IMPORTED_MAKING = """## Recordings
+
+{sources}
+
+## How rows were made
+
+{gate}
+{windows}
+A row without a target has no features and the flag `not_tracked`; it stays, so that a score counts it. Where nobody
+was to be expected the flag is `nobody:nothing_found`.
+
+"""
+IMPORTED_LIMITS = """- Labels are the user's; nothing here proves them.
+- What is unknown of a measured scene is empty: noise, range of the body, speed, aspect.
+- Radars: {radars}. What differs with the radar (carrier, pulse rate, range) may tell the class."""
+
+
+def import_card(
+    index: pd.DataFrame, *, name: str, identity: str, config: ImportConfig, labels: str, n_failed: int
+) -> str:
+    """Write the Markdown card of an imported dataset.
+
+    Parameters
+    ----------
+    index : DataFrame
+    name, identity : str
+        Of the dataset.
+    config : ImportConfig
+    labels : str
+        Name of the file of labels.
+    n_failed : int
+        Recordings or windows that are not in it.
+    """
+    failed = "Every labelled recording is in it."
+    if n_failed:
+        noun = "recording or window" if n_failed == 1 else "recordings or windows"
+        failed = f"**Incomplete**: {n_failed} {noun} could not be read or analysed; the reasons are in `shards/*.json`."
+    subjects = ["All rows of a recording, of a subject, and of who shares a recording with it are in one split."]
+    if index["subject"].str.startswith("file/").any():
+        subjects.append(
+            "A recording without a subject counts as a subject of its own: two recordings of the same person or animal "
+            "may be in different splits."
+        )
+    if isinstance(config.split, dict):
+        shares = ", ".join(f"{split} {share:g}" for split, share in config.split.items())
+        subjects.append(f"Subjects of every class were drawn by shares: {shares}; seed {config.seed}.")
+    table = licences_of(index)
+    counts = table.groupby("licence")["recording"].nunique()
+    sources = [f"- {licence or 'licence unknown'}: {count} recordings" for licence, count in counts.items()]
+    if warning := release_warning(table):
+        sources = [warning, "", *sources]
+    if cited := [text for text in index["citation"].unique() if text]:
+        sources += ["", "To be cited:", "", *(f"- {text}" for text in cited)]
+    tracked = int((index["gate"] == "track").sum())
+    gates = []
+    if tracked:
+        gates.append(
+            f"{tracked} rows: targets were found and followed; the label went to the track with the most seconds, each "
+            "by its confidence, and features are those of its longest steady piece. "
+            f"{int((index['n_tracks'] > 1).sum())} rows have further tracks (`n_tracks`), which are not in this "
+            "dataset."
+        )
+    if tracked < len(index):
+        gates.append(f"{len(index) - tracked} rows: the gate was given by hand, from one range to another.")
+    windows = "A recording, or the part of it that its line names, is one row."
+    if config.window_s is not None:
+        windows = (
+            f"Recordings were cut into windows of {config.window_s:g} s, one every {config.step_s:g} s, each analysed "
+            "by itself; windows of one recording share `scene_id`."
+        )
+    kinds = (index["carrier_hz"] / 1e9).map("{:g} GHz".format) + index["prf_hz"].map(" at {:.4g} Hz".format)
+    radars = [f"{kind} ({count} rows)" for kind, count in kinds.value_counts(sort=False).items()]
+    shown = ", ".join(radars[:8]) + (f" and {len(radars) - 8} more" if len(radars) > 8 else "")
+    making = IMPORTED_MAKING.format(sources="\n".join(sources), gate="\n".join(gates), windows=windows)
+    return _fill(
+        index, name=name, subjects=" ".join(subjects), making=making, files="\n",
+        front="license: other\ntask_categories: [other]\ntags: [radar, micro-doppler, gait, measured]\n",
+        summary=f"{len(index)} rows from {index['recording'].nunique()} radar recordings of the user, labelled by "
+        f"`{labels}`, imported by doppelgait {__version__};\ndataset id `{identity}`. {failed}",
+        rows=IMPORTED_ROWS.format(or_window=" or window" if config.window_s is not None else ""),
+        limits=IMPORTED_LIMITS.format(radars=shown),
+    )  # fmt: skip
 
 
 def counts_table(index: pd.DataFrame) -> pd.DataFrame:

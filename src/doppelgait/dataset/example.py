@@ -19,7 +19,7 @@ from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.labels import COORDINATE_UNITS
 from doppelgait.core.units import carrier_to_wavelength_m, doppler_to_velocity_mps
 from doppelgait.dataset.resolve import resolve
-from doppelgait.dataset.shard_files import AXIS_UNITS, decode
+from doppelgait.dataset.shard_files import axis_name, decode
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline.run import parse_radar
 from doppelgait.radar.parameters import Radar
@@ -220,11 +220,6 @@ def label_arrays(
             attrs |= {"prf_hz": float(row["prf_hz"]), "wavelength_m": float(wavelength_m)}
         arrays[name] = xr.DataArray(decode(values, facts), dims=facts["dims"], coords=coords, name=name, attrs=attrs)
     return arrays
-
-
-def axis_name(field: str, dim: str) -> str | None:
-    """Name of the axis of a field in a shard, None for a dimension without (``scatterer``)."""
-    return f"{field}_{dim}_{AXIS_UNITS[dim]}" if dim in AXIS_UNITS else None
 
 
 def _coordinates(field: str, dims: list[str], shape: tuple[int, ...], stored: Stored) -> dict[str, tuple[Any, ...]]:

@@ -20,8 +20,8 @@ from doppelgait.core.errors import DatasetError, OutputError
 from doppelgait.core.plugins import Group
 from doppelgait.dataset.card import blocked_recordings
 from doppelgait.dataset.config import SPLITS
-from doppelgait.dataset.example import axis_name
 from doppelgait.dataset.open import Dataset
+from doppelgait.dataset.shard_files import axis_name
 
 __all__ = ["EXPORTERS", "ExportReport", "export_dataset", "refuse_unreleasable"]
 

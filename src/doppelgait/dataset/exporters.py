@@ -19,10 +19,10 @@ from doppelgait.core.config import FrozenModel, json_value
 from doppelgait.core.errors import DatasetError
 from doppelgait.core.labels import COORDINATE_UNITS
 from doppelgait.core.plugins import plugin
-from doppelgait.dataset.example import axis_name, radar_of, unit_of
+from doppelgait.dataset.example import radar_of, unit_of
 from doppelgait.dataset.export import arrays_of, file_name, flat_index, splits_of
 from doppelgait.dataset.open import Dataset, stack
-from doppelgait.dataset.shard_files import AXIS_UNITS
+from doppelgait.dataset.shard_files import AXIS_UNITS, axis_name
 from doppelgait.radar.readers.sigmf import write_sigmf
 from doppelgait.radar.recording import Recording, TargetTruth
 

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from doppelgait import __version__
 from doppelgait.core.config import canonical_json, validate
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.files import atomic_path, write_atomically
 from doppelgait.core.interrupt import raise_if_stopped
-from doppelgait.dataset.config import SPLITS, PlanConfig
+from doppelgait.dataset.config import SPLITS, FieldSpec, PlanConfig
 from doppelgait.dataset.motions import motion_files
 from doppelgait.dataset.shard_files import facts_of
 from doppelgait.features import FEATURE_UNITS
@@ -113,50 +113,86 @@ class Totals:
     labels: list[str] = field(default_factory=list)
 
 
-def describe(
-    config: PlanConfig, identity: str, shards: Mapping[str, int], *, complete: bool, labels: Sequence[str] = ()
-) -> dict[str, Any]:
-    """Content of ``dataset.json``.
+@dataclass(frozen=True)
+class Header:
+    """What a dataset is, whatever its examples are made from.
 
     Parameters
     ----------
-    config : PlanConfig
-    identity : str
-    shards : mapping
-        Number of planned shards of every split.
-    complete : bool
-        Whether every planned example is there.
-    labels : sequence of str
-        Found in the rows; those of companions that are no class of their own get the numbers after the classes.
+    id, name : str
+    origin : {"simulated", "imported"}
+    labels : tuple of str
+        Classes, in the order of their numbers.
+    fields : tuple of FieldSpec
+        Arrays of every row.
+    n_examples : int
+    config : mapping
+        As JSON: the plan, or how recordings were imported.
+    card : callable
+        Card from the index and the number of failed examples.
     """
-    known = [section.label for section in config.classes]
-    return {
-        "id": identity,
-        "name": config.dataset.name,
-        "complete": complete,
-        "origin": "simulated",
-        "schema_version": SCHEMA_VERSION,
-        "data_version": DATA_VERSION,
-        "classes": {label: n for n, label in enumerate([*known, *sorted(set(labels) - set(known))])},
-        "features": FEATURE_UNITS,
-        "fields": facts_of(config.dataset.fields),
-        "shards": dict(shards),
-        "n_examples": sum(config.examples_of(section) for section in config.classes),
-        "config": config.model_dump(mode="json"),
-        "doppelgait_version": __version__,
-    }
+
+    id: str
+    name: str
+    origin: Literal["simulated", "imported"]
+    labels: tuple[str, ...]
+    fields: tuple[FieldSpec, ...]
+    n_examples: int
+    config: Mapping[str, Any]
+    card: Callable[[pd.DataFrame, int], str]
+
+    def describe(self, shards: Mapping[str, int], *, complete: bool, labels: Iterable[str] = ()) -> dict[str, Any]:
+        """Return the content of ``dataset.json``.
+
+        Parameters
+        ----------
+        shards : mapping
+            Number of planned shards of every split.
+        complete : bool
+            Whether every planned example is there.
+        labels : iterable of str
+            Found in the rows; those of companions that are no class of their own get the numbers after the classes.
+        """
+        return {
+            "id": self.id,
+            "name": self.name,
+            "complete": complete,
+            "origin": self.origin,
+            "schema_version": SCHEMA_VERSION,
+            "data_version": DATA_VERSION,
+            "classes": {label: n for n, label in enumerate([*self.labels, *sorted(set(labels) - set(self.labels))])},
+            "features": FEATURE_UNITS,
+            "fields": facts_of(self.fields),
+            "shards": dict(shards),
+            "n_examples": self.n_examples,
+            "config": dict(self.config),
+            "doppelgait_version": __version__,
+        }
 
 
-def finish_dataset(
-    target: Path, config: PlanConfig, identity: str, names: Sequence[str], *, max_failed_share: float = 0.0
-) -> Totals:
+def plan_header(plan: PlanConfig, identity: str) -> Header:
+    """Header of the dataset of a plan."""
+    from doppelgait.dataset.card import dataset_card
+
+    return Header(
+        id=identity,
+        name=plan.dataset.name,
+        origin="simulated",
+        labels=tuple(section.label for section in plan.classes),
+        fields=plan.dataset.fields,
+        n_examples=sum(plan.examples_of(section) for section in plan.classes),
+        config=plan.model_dump(mode="json"),
+        card=lambda index, n_failed: dataset_card(plan, identity, index),
+    )
+
+
+def finish_dataset(target: Path, header: Header, names: Sequence[str], *, max_failed_share: float = 0.0) -> Totals:
     """Write index, split lists, card and description of a folder whose shards are all there; the description last.
 
     Parameters
     ----------
     target : Path
-    config : PlanConfig
-    identity : str
+    header : Header
     names : sequence of str
         All shards, in the order of the plan.
     max_failed_share : float
@@ -174,10 +210,9 @@ def finish_dataset(
     kept = [name for name in totals.columns if name not in LONG_COLUMNS]
     index = pd.read_parquet(target / "index.parquet", columns=kept)
     write_splits(target / "splits", index)
-    _write_card(target, config, identity, index)
-    planned = sum(config.examples_of(section) for section in config.classes)
-    complete = totals.n_failed <= max_failed_share * planned
-    description = describe(config, identity, count_shards(names), complete=complete, labels=totals.labels)
+    write_atomically(target / "README.md", header.card(index, totals.n_failed).encode())
+    complete = totals.n_failed <= max_failed_share * header.n_examples
+    description = header.describe(count_shards(names), complete=complete, labels=totals.labels)
     write_description(target, {**description, "contents_sha256": contents_sha256(target, names)})
     return totals
 
@@ -190,12 +225,6 @@ def contents_sha256(target: Path, names: Iterable[str]) -> str:
     return digest.hexdigest()
 
 
-def _write_card(target: Path, config: PlanConfig, identity: str, index: pd.DataFrame) -> None:
-    from doppelgait.dataset.card import dataset_card
-
-    write_atomically(target / "README.md", dataset_card(config, identity, index).encode())
-
-
 def card_of(directory: str | Path) -> str:
     """Card of a dataset; of a half-built one, made of the shards that are there.
 
@@ -204,8 +233,6 @@ def card_of(directory: str | Path) -> str:
     DatasetError
         If the folder holds no dataset, or nothing that a card can be made of.
     """
-    from doppelgait.dataset.card import dataset_card
-
     folder = Path(directory)
     description = read_description(folder)
     written = folder / "README.md"
@@ -215,7 +242,7 @@ def card_of(directory: str | Path) -> str:
         raise DatasetError(f"{folder}: has no card and was not simulated; import it again")
     config = validate(PlanConfig, description["config"], where=str(folder / "dataset.json"))
     names = [name for name in shard_names(description["shards"]) if (folder / "shards" / f"{name}.json").is_file()]
-    return dataset_card(config, str(description["id"]), make_index(read_records(folder, names)))
+    return plan_header(config, str(description["id"])).card(make_index(read_records(folder, names)), 0)
 
 
 def read_description(folder: Path) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -38,11 +38,21 @@ class PlannedExample(NamedTuple):
 
 @dataclass(frozen=True)
 class Shard:
-    """The examples of one shard file."""
+    """The examples of one shard file: planned ones, or labelled recordings, each with ``id`` and ``split``."""
 
     name: str
     split: str
-    examples: tuple[PlannedExample, ...]
+    examples: tuple[Any, ...]
+
+
+def split_into_shards(entries: Sequence[Any], size: int) -> Iterator[Shard]:
+    """Shards of up to ``size`` examples of one split each, in the order of the entries."""
+    for split in SPLITS:
+        chosen = [entry for entry in entries if entry.split == split]
+        count = -(-len(chosen) // size)
+        for number in range(count):
+            part = chosen[number * size : (number + 1) * size]
+            yield Shard(f"{split}-{number:05d}-of-{count:05d}", split, tuple(part))
 
 
 @dataclass(frozen=True)
@@ -69,17 +79,12 @@ class Plan:
 
     def shards(self) -> Iterator[Shard]:
         """Shards of one split each, examples of all classes interleaved so that every shard is mixed."""
-        size = self.config.dataset.shard_size
-        for split in SPLITS:
-            chosen = sorted((e for e in self.examples if e.split == split), key=self._place)
-            count = -(-len(chosen) // size)
-            for number in range(count):
-                part = chosen[number * size : (number + 1) * size]
-                yield Shard(f"{split}-{number:05d}-of-{count:05d}", split, tuple(part))
 
-    def _place(self, entry: PlannedExample) -> tuple[float, int]:
-        section = self.config.classes[entry.class_number]
-        return class_of(self.config, entry.number)[1] / self.config.examples_of(section), entry.class_number
+        def place(entry: PlannedExample) -> tuple[float, int]:
+            section = self.config.classes[entry.class_number]
+            return class_of(self.config, entry.number)[1] / self.config.examples_of(section), entry.class_number
+
+        return split_into_shards(sorted(self.examples, key=place), self.config.dataset.shard_size)
 
 
 def plan_dataset(config: PlanConfig, *, folder: Path | None = None, on_progress: Progress | None = None) -> Plan:

@@ -2,29 +2,27 @@
 
 from __future__ import annotations
 
-import io
 import json
 import math
 import traceback
 import warnings
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
-import numpy.typing as npt
+import xarray as xr
 
 from doppelgait.core.config import FrozenModel, canonical_json, json_value
 from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning
 from doppelgait.core.files import atomic_path, file_sha256, write_atomically
 from doppelgait.core.interrupt import raise_if_stopped
-from doppelgait.core.labels import axis
 from doppelgait.core.worker import one_blas_thread
 from doppelgait.dataset.config import FieldSpec, PlanConfig
 from doppelgait.dataset.plan import PlannedExample, Shard
 from doppelgait.dataset.resolve import ExampleSpec, RowSpec, resolve_example
-from doppelgait.dataset.shard_files import AXIS_UNITS, FIELDS, encode
+from doppelgait.dataset.shard_files import Arrays, stored_arrays, write_shard
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline import TargetResult, analyze, run_example, run_simulation
 from doppelgait.pipeline.fused import FusedExample
@@ -185,12 +183,41 @@ def truth_columns(truth: TargetTruth) -> dict[str, Any]:
     }
 
 
-Arrays = Mapping[str, npt.NDArray[Any]]
+@dataclass
+class Made:
+    """What became of one example.
+
+    Parameters
+    ----------
+    rows : list of dict
+        Of the index, without shard and row.
+    arrays : list of dict
+        Of each row, as stored.
+    failures : list of dict
+        ``id``, ``reason``, ``spec``.
+    """
+
+    rows: list[dict[str, Any]] = field(default_factory=list)
+    arrays: list[Arrays] = field(default_factory=list)
+    failures: list[dict[str, str]] = field(default_factory=list)
+
+
+class Maker(Protocol):
+    """Makes the examples of a dataset: simulates planned ones, or analyses recorded ones."""
+
+    @property
+    def directory(self) -> str:
+        """Folder of the dataset."""
+        ...
+
+    def make(self, entry: Any) -> Made:
+        """Make an example; what is wrong with it is a failure, not an error."""
+        ...
 
 
 @dataclass(frozen=True)
 class BuildContext:
-    """What every shard of a dataset has in common.
+    """Maker of the examples of a plan.
 
     Parameters
     ----------
@@ -206,35 +233,48 @@ class BuildContext:
     folder: str
     directory: str
 
+    def make(self, entry: PlannedExample) -> Made:
+        """Simulate and analyse a planned example."""
+        try:
+            found = build_planned(entry, self)
+        except Exception as error:
+            try:
+                spec = canonical_json(resolve_example(self.config, entry.number, Path(self.folder)))
+            except DoppelgaitError:
+                spec = json.dumps({"number": entry.number})
+            return Made(failures=[{"id": entry.id, "reason": failure_reason(error), "spec": spec}])
+        return Made([row for row, _ in found], [stored for _, stored in found])
 
-def build_shard(shard: Shard, context: BuildContext) -> dict[str, Any]:
-    """Build one shard file and its record; returns the record.
+
+def build_shard(shard: Shard, maker: Maker, *, tick: Callable[[Any, Made], None] | None = None) -> dict[str, Any]:
+    """Build one shard file and its record, all or nothing; returns the record.
 
     Parameters
     ----------
     shard : Shard
-    context : BuildContext
+    maker : Maker
+    tick : callable, optional
+        Called with every entry and what became of it.
 
     Returns
     -------
     dict
         ``shard``, ``sha256``, ``bytes``, ``rows`` (index rows) and ``failures`` (id, reason, spec). The same is in
-        ``NAME.json`` beside the shard, written last: a shard counts as built only with it.
+        ``NAME.json`` next to the shard, written last: a shard counts as built only with it.
     """
     rows: list[dict[str, Any]] = []
     failures: list[dict[str, str]] = []
     arrays: list[Arrays] = []
     for entry in shard.examples:
         raise_if_stopped()
-        try:
-            found = build_planned(entry, context)
-        except Exception as error:
-            failures.append({"id": entry.id, "reason": _reason(error), "spec": _spec_text(entry, context)})
-            continue
-        for row, stored in found:
+        made = maker.make(entry)
+        failures += made.failures
+        for row, stored in zip(made.rows, made.arrays, strict=True):
             rows.append({**row, "shard": shard.name, "row": len(arrays)})
             arrays.append(stored)
-    path = Path(context.directory) / "shards" / f"{shard.name}.h5"
+        if tick is not None:
+            tick(entry, made)
+    path = Path(maker.directory) / "shards" / f"{shard.name}.h5"
     with atomic_path(path, os_errors=True) as partial:
         write_shard(partial, shard.split, [row["id"] for row in rows], arrays)
         record = {
@@ -248,18 +288,11 @@ def build_shard(shard: Shard, context: BuildContext) -> dict[str, Any]:
     return record
 
 
-def _reason(error: Exception) -> str:
+def failure_reason(error: Exception) -> str:
+    """Text of an error for the record of a shard."""
     if isinstance(error, DoppelgaitError):
         return str(error)
     return "internal error: " + "".join(traceback.format_exception_only(error)).strip()
-
-
-def _spec_text(entry: PlannedExample, context: BuildContext) -> str:
-    """The resolved example, or its number where it cannot be resolved."""
-    try:
-        return canonical_json(resolve_example(context.config, entry.number, Path(context.folder)))
-    except DoppelgaitError:
-        return json.dumps({"number": entry.number})
 
 
 def build_planned(entry: PlannedExample, context: BuildContext) -> list[tuple[dict[str, Any], Arrays]]:
@@ -289,10 +322,18 @@ def build_example(
         made, results, recording = _simulate(example, fields, folder, gate)
     found = (str(w.message).partition(":")[0] for w in caught if issubclass(w.category, DoppelgaitWarning))
     rows = index_rows(example, made, results, list(dict.fromkeys(found)))
-    return [
-        (row, _stored(result, made, number, recording, fields))
-        for number, (row, result) in enumerate(zip(rows, results, strict=True))
-    ]
+    found_rows = []
+    for number, (row, result) in enumerate(zip(rows, results, strict=True)):
+        signals: dict[str, xr.DataArray | None] = {}
+        for name in (spec.name for spec in fields):
+            if name == "baseband":
+                signals[name] = None if recording is None else recording.baseband
+            elif name.startswith("truth_"):
+                signals[name] = made.truth[number].scatterers[name.removeprefix("truth_").rpartition("_")[0]]
+            else:
+                signals[name] = getattr(result, name, None)
+        found_rows.append((row, stored_arrays(fields, signals)))
+    return found_rows
 
 
 def _simulate(
@@ -314,51 +355,3 @@ def _simulate(
         return made, strongest_track(tracked), recording
     seconds = n_pulses / example.run.radar.prf_hz
     return made, match_tracks(tracked, recording.truth, seconds), recording
-
-
-def _stored(
-    result: TargetResult | None, made: FusedExample, number: int, recording: Recording | None,
-    fields: Sequence[FieldSpec],
-) -> Arrays:  # fmt: skip
-    """Arrays of one row; those of a target that no track follows are empty."""
-    stored: dict[str, npt.NDArray[Any]] = {}
-    for spec in fields:
-        if spec.name in ("signature", "cadence_map"):
-            signal = None if result is None else getattr(result, spec.name)
-        elif spec.name == "baseband":
-            signal = None if recording is None else recording.baseband
-        else:
-            signal = made.truth[number].scatterers[spec.name.removeprefix("truth_").rpartition("_")[0]]
-        if signal is None:
-            stored[spec.name] = encode(np.empty((0, 0)), spec)
-            continue
-        stored[spec.name] = encode(signal.values, spec)
-        for place, dim in enumerate(FIELDS[spec.name]["dims"]):
-            if dim in AXIS_UNITS:
-                values = axis(signal, dim)
-                stored[f"{spec.name}_{dim}_{AXIS_UNITS[dim]}"] = values[:: spec.hop] if place == 0 else values
-    return stored
-
-
-def write_shard(path: Path, split: str, ids: list[str], arrays: Sequence[Arrays]) -> None:
-    """One dataset per field, (row, ...), one chunk per row; or one per row where shapes differ."""
-    import h5py
-
-    image = io.BytesIO()  # a full disk then meets one plain write, not the middle of HDF5
-    with h5py.File(image, "w", track_order=True) as file:
-        file.attrs["split"] = split
-        file.create_dataset("id", data=np.array(ids, dtype=h5py.string_dtype()), track_times=False)
-        file.flush()
-        for name in dict.fromkeys(name for entry in arrays for name in entry):
-            values = {number: entry[name] for number, entry in enumerate(arrays) if name in entry}
-            options = {"compression": "gzip", "compression_opts": 1, "shuffle": True, "track_times": False}
-            if len(values) == len(arrays) and len({v.shape for v in values.values()}) == 1:
-                shape = next(iter(values.values())).shape
-                chunks = {} if 0 in shape else {"chunks": (1, *shape), **options}
-                file.create_dataset(name, data=np.stack(list(values.values())), **chunks)
-                file.flush()  # in this order, and not when Python gets round to closing them: the bytes are the same
-                continue
-            for number, value in values.items():
-                file.create_dataset(f"{name}/{number}", data=value, **({} if value.size == 0 else options))
-                file.flush()
-    path.write_bytes(image.getbuffer())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,12 +13,15 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import xarray as xr
 
 from doppelgait.core.errors import DatasetError
+from doppelgait.core.labels import axis
 from doppelgait.core.own_hdf5 import own_member
 from doppelgait.dataset.config import FieldSpec
 
 Array = npt.NDArray[Any]
+Arrays = Mapping[str, Array]
 
 FIELDS: dict[str, dict[str, Any]] = {
     "signature": {"dims": ["time", "doppler"], "units": "V^2", "dtype": "float32"},
@@ -64,6 +68,52 @@ def decode(values: npt.ArrayLike, facts: Mapping[str, Any]) -> Array:
         return stored
     power = 10.0 ** (stored.astype(np.float64) / 10.0)
     return np.where(stored <= DB_FLOOR, 0.0, power).astype(np.float32)
+
+
+def axis_name(field: str, dim: str) -> str | None:
+    """Name of the axis of a field in a shard, None for a dimension without (``scatterer``)."""
+    return f"{field}_{dim}_{AXIS_UNITS[dim]}" if dim in AXIS_UNITS else None
+
+
+def stored_arrays(fields: Sequence[FieldSpec], signals: Mapping[str, xr.DataArray | None]) -> Arrays:
+    """Arrays of one row with their axes, as stored; those of a target that was not found (None) are empty."""
+    stored: dict[str, Array] = {}
+    for spec in fields:
+        signal = signals[spec.name]
+        if signal is None:
+            stored[spec.name] = encode(np.empty((0, 0)), spec)
+            continue
+        stored[spec.name] = encode(signal.values, spec)
+        for place, dim in enumerate(FIELDS[spec.name]["dims"]):
+            name = axis_name(spec.name, dim)
+            if name is not None:
+                values = axis(signal, dim)
+                stored[name] = values[:: spec.hop] if place == 0 else values
+    return stored
+
+
+def write_shard(path: Path, split: str, ids: list[str], arrays: Sequence[Arrays]) -> None:
+    """One dataset per field, (row, ...), one chunk per row; or one per row where shapes differ."""
+    import h5py
+
+    image = io.BytesIO()  # a full disk then meets one plain write, not the middle of HDF5
+    with h5py.File(image, "w", track_order=True) as file:
+        file.attrs["split"] = split
+        file.create_dataset("id", data=np.array(ids, dtype=h5py.string_dtype()), track_times=False)
+        file.flush()
+        for name in dict.fromkeys(name for entry in arrays for name in entry):
+            values = {number: entry[name] for number, entry in enumerate(arrays) if name in entry}
+            options = {"compression": "gzip", "compression_opts": 1, "shuffle": True, "track_times": False}
+            if len(values) == len(arrays) and len({v.shape for v in values.values()}) == 1:
+                shape = next(iter(values.values())).shape
+                chunks = {} if 0 in shape else {"chunks": (1, *shape), **options}
+                file.create_dataset(name, data=np.stack(list(values.values())), **chunks)
+                file.flush()  # in this order, and not when Python gets round to closing them: the bytes are the same
+                continue
+            for number, value in values.items():
+                file.create_dataset(f"{name}/{number}", data=value, **({} if value.size == 0 else options))
+                file.flush()
+    path.write_bytes(image.getbuffer())
 
 
 MAX_OPEN = 128

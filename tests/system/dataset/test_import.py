@@ -18,13 +18,13 @@ from doppelgait.core.config import validate
 from doppelgait.core.errors import AnalysisError, ConfigError, DatasetError, DoppelgaitWarning, OutputError
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.core.rng import rng
-from doppelgait.dataset import open_dataset
+from doppelgait.dataset import open_dataset, recorded, shard
 from doppelgait.dataset.card import blocked_recordings
-from doppelgait.dataset.importing import ImportConfig, folder, import_dataset, read_labels, run
-from doppelgait.dataset.importing.config import parse_gate
-from doppelgait.dataset.importing.examples import cut, labelled_result
-from doppelgait.dataset.importing.labels import files_of, find_recordings, recording_sha256
-from doppelgait.dataset.importing.splits import plan_entries
+from doppelgait.dataset.config import parse_gate
+from doppelgait.dataset.importing import ImportConfig, import_dataset, import_id, read_labels
+from doppelgait.dataset.labels import files_of, find_recordings, recording_sha256
+from doppelgait.dataset.recorded import cut, labelled_result
+from doppelgait.dataset.splits import plan_entries
 from doppelgait.motion import boulic_walk, quadruped_gait
 from doppelgait.pipeline import TargetResult, analyze, simulate
 from doppelgait.processing import Analysis
@@ -462,7 +462,7 @@ def test_clutter_said_by_hand_is_another_import(recordings):
     labels = write(recordings, LABELS)
     plain, said = (ImportConfig(analysis=Analysis(**table)) for table in ({}, {"clutter": "none"}))
     hashes = {"a": "1"}
-    assert run.import_id(labels, hashes, plain) != run.import_id(labels, hashes, said)
+    assert import_id(labels, hashes, plain) != import_id(labels, hashes, said)
 
 
 def test_what_is_in_the_way_is_left_alone(recordings):
@@ -488,17 +488,17 @@ def test_what_is_in_the_way_is_left_alone(recordings):
 
 def test_a_full_disk_and_an_interruption_leave_nothing(recordings, monkeypatch):
     labels, target = write(recordings, LABELS), recordings.parent / "mine"
-    kept = folder.write_shard
+    kept = shard.write_shard
 
     def full(path, *arguments):
         kept(path, *arguments)
         raise OSError(errno.ENOSPC, "No space left on device", str(path))
 
-    monkeypatch.setattr(folder, "write_shard", full)
+    monkeypatch.setattr(shard, "write_shard", full)
     with pytest.raises(OutputError, match=r"mine: cannot be written: .*No space left.*nothing is left"):
         import_dataset(recordings, labels, target, config=GATE)
     assert sorted(p.name for p in recordings.parent.iterdir()) == ["labels.csv", "recordings"]
-    monkeypatch.setattr(folder, "write_shard", kept)
+    monkeypatch.setattr(shard, "write_shard", kept)
 
     def interrupted(done, total):
         raise KeyboardInterrupt
@@ -539,15 +539,13 @@ def test_when_nothing_can_be_imported_nothing_is_written(recordings):
 
 
 def test_an_internal_error_of_one_recording_is_its_failure(recordings, monkeypatch):
-    from doppelgait.dataset.importing import examples
-
     def broken(recording, **options):
         if float(np.abs(recording.baseband.values[5, 10])) == broken.mark:
             raise ZeroDivisionError("oops")
         return analyze(recording, **options)
 
     broken.mark = float(np.abs(read_recording(recordings / "slow2.h5").baseband.values[5, 10]))
-    monkeypatch.setattr(examples, "analyze", broken)
+    monkeypatch.setattr(recorded, "analyze", broken)
     report = import_dataset(recordings, write(recordings, LABELS), recordings.parent / "m", config=GATE)
     assert report.n_rows == 3
     assert report.failures[0]["reason"] == "internal error: ZeroDivisionError: oops"

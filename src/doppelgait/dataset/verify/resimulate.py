@@ -13,8 +13,8 @@ import pandas as pd
 
 from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.dataset.plan import PlannedExample
-from doppelgait.dataset.shard import Arrays, BuildContext, build_planned
-from doppelgait.dataset.shard_files import decode
+from doppelgait.dataset.shard import BuildContext, build_planned
+from doppelgait.dataset.shard_files import Arrays, decode
 from doppelgait.dataset.verify.contents import Check, Contents, some
 from doppelgait.dataset.verify.truth import SNR_TOLERANCE_DB
 from doppelgait.features import FEATURE_UNITS

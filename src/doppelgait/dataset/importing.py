@@ -1,25 +1,66 @@
-"""Import: recordings and labels in, a dataset out."""
+"""Datasets from the user's own recordings: a build from recorded examples."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import re
+import shutil
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from doppelgait.core.config import canonical_json
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
-from doppelgait.dataset.finish import DATA_VERSION, Totals, read_records, shard_names, tally
-from doppelgait.dataset.importing.config import ImportConfig
-from doppelgait.dataset.importing.examples import import_entry, make_reader
-from doppelgait.dataset.importing.folder import ShardWriter, config_as_dict, finish, log, new_folder
-from doppelgait.dataset.importing.labels import read_labels, recording_sha256
-from doppelgait.dataset.importing.splits import PlannedEntry, plan_entries
+from doppelgait.dataset.build import log_entry
+from doppelgait.dataset.card import import_card
+from doppelgait.dataset.config import ImportConfig
+from doppelgait.dataset.finish import DATA_VERSION, Header, Totals, finish_dataset, read_records, shard_names, tally
+from doppelgait.dataset.labels import LabelEntry, read_labels, recording_sha256
+from doppelgait.dataset.plan import Shard, split_into_shards
+from doppelgait.dataset.recorded import RecordedExamples
+from doppelgait.dataset.shard import Made, build_shard
+from doppelgait.dataset.splits import PlannedEntry, plan_entries
+
+__all__ = ["ImportConfig", "ImportReport", "LabelEntry", "import_dataset", "import_id", "read_labels"]
+
+
+@contextmanager
+def new_folder(target: Path) -> Iterator[Path]:
+    """Folder to fill; it takes its name when the block ends well, and is gone if not.
+
+    Raises
+    ------
+    DatasetError
+        If the target holds something, or another import is at work on it.
+    OSError
+        If it cannot be written.
+    """
+    if target.is_dir() and any(target.iterdir()):
+        raise DatasetError(f"{target}: is not empty; import into another folder")
+    partial = target.with_name(target.name + ".partial")
+    try:
+        partial.mkdir(parents=True)
+    except FileExistsError:
+        raise DatasetError(f"{partial}: another import runs here or was interrupted; delete it and try again") from None
+    try:
+        yield partial
+        if target.is_dir():
+            target.rmdir()
+        partial.rename(target)
+    except BaseException:
+        shutil.rmtree(partial, ignore_errors=True)
+        raise
+
+
+def config_as_dict(config: ImportConfig) -> dict[str, Any]:
+    """Configuration as JSON; of the analysis what was given by hand, because that can mean more than its value."""
+    return {**config.model_dump(mode="json"), "analysis": config.analysis.model_dump(mode="json", exclude_unset=True)}
+
 
 Progress = Callable[[int, int], None]
 
@@ -118,15 +159,55 @@ def import_dataset(
     if there is not None:
         return _report(target, identity, planned, there, began, was_there=True)
     title = NOT_IN_A_NAME.sub("-", name or target.name).strip("-.") or "imported"
+    header = Header(
+        id=identity,
+        name=title,
+        origin="imported",
+        labels=tuple(dict.fromkeys(one.entry.label for one in planned)),
+        fields=settings.fields,
+        n_examples=len(planned),
+        config=config_as_dict(settings),
+        card=lambda index, n_failed: import_card(
+            index, name=title, identity=identity, config=settings, labels=table.name, n_failed=n_failed
+        ),
+    )
+    shards = list(split_into_shards(planned, settings.shard_size))
+    names = [shard.name for shard in shards]
     try:
         with new_folder(target) as partial:
-            names = _import_all(partial, source, planned, hashes, settings, on_progress)
-            finish(partial, names, planned, name=title, identity=identity, config=settings, labels=table.name)
+            _build(partial, shards, RecordedExamples(settings, source, str(partial), hashes), on_progress)
+            totals = tally(read_records(partial, names))
+            if not totals.rows:
+                first = totals.failures[0]
+                raise DatasetError(
+                    f"{table.name}: none of {len(planned)} recordings can be imported; the first, {first['id']}: "
+                    f"{first['reason']}"
+                )
+            finish_dataset(partial, header, names)
     except (OSError, RuntimeError) as error:  # HDF5 says RuntimeError where a file cannot be closed
         raise OutputError(
             f"{target}: cannot be written: {' '.join(str(error).split())}; nothing is left of it"
         ) from None
     return _report(target, identity, planned, names, began, was_there=False)
+
+
+def _build(folder: Path, shards: Sequence[Shard], maker: RecordedExamples, on_progress: Progress | None) -> None:
+    """Build all shards, logging every recording."""
+    (folder / "shards").mkdir()
+    total = sum(len(shard.examples) for shard in shards)
+    done, last = 0, time.monotonic()
+
+    def tick(entry: PlannedEntry, made: Made) -> None:
+        nonlocal done, last
+        done, now = done + 1, time.monotonic()
+        facts = {"id": entry.id, "file": entry.entry.recording, "rows": len(made.rows), "seconds": round(now - last, 3)}
+        log_entry(folder, {**facts, "failures": [failure["reason"] for failure in made.failures]})
+        last = now
+        if on_progress is not None:
+            on_progress(done, total)
+
+    for shard in shards:
+        build_shard(shard, maker, tick=tick)
 
 
 def import_id(labels: Path, hashes: dict[str, str], config: ImportConfig) -> str:
@@ -161,24 +242,6 @@ def _same_import(target: Path, identity: str) -> list[str] | None:
     raise DatasetError(
         f"{target}: holds {what} of other recordings, labels or settings; import into another folder, or delete it"
     )
-
-
-def _import_all(
-    partial: Path, source: Path, planned: Sequence[PlannedEntry], hashes: dict[str, str], config: ImportConfig,
-    on_progress: Progress | None,
-) -> list[str]:  # fmt: skip
-    """Import every recording; names of the shards."""
-    writer, read = ShardWriter(partial, config.shard_size), make_reader(source)
-    for number, one in enumerate(planned, start=1):
-        began = time.monotonic()
-        made = import_entry(one, read, source, config, hashes[one.entry.recording])
-        writer.add(one.split, made)
-        seconds = round(time.monotonic() - began, 3)
-        facts = {"id": one.id, "file": one.entry.recording, "rows": len(made.rows), "seconds": seconds}
-        log(partial, {**facts, "failures": [failure["reason"] for failure in made.failures]})
-        if on_progress is not None:
-            on_progress(number, len(planned))
-    return writer.close()
 
 
 def _report(

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-import traceback
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -16,15 +15,13 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.config import json_value
-from doppelgait.core.errors import AnalysisError, DoppelgaitError, DoppelgaitWarning
+from doppelgait.core.errors import AnalysisError, DoppelgaitWarning
 from doppelgait.core.labels import BASEBAND, axis, make_array
 from doppelgait.core.worker import one_blas_thread
-from doppelgait.dataset.config import FieldSpec
-from doppelgait.dataset.example import axis_name
-from doppelgait.dataset.importing.config import ImportConfig
-from doppelgait.dataset.importing.splits import PlannedEntry
-from doppelgait.dataset.shard import NOTHING, result_columns
-from doppelgait.dataset.shard_files import FIELDS, encode
+from doppelgait.dataset.config import ImportConfig
+from doppelgait.dataset.shard import NOTHING, Made, failure_reason, result_columns
+from doppelgait.dataset.shard_files import stored_arrays
+from doppelgait.dataset.splits import PlannedEntry
 from doppelgait.pipeline import TargetResult, analyze
 from doppelgait.processing import burst_pulses_of
 from doppelgait.radar import read_recording
@@ -142,91 +139,83 @@ def _part(recording: Recording, blocks: _Blocks, start_s: float, stop_s: float) 
     return Part(start_s, stop_s, recording.with_baseband(baseband, truth=()))
 
 
-Arrays = dict[str, npt.NDArray[Any]]
-Reader = Callable[[str, tuple[tuple[str, Any], ...]], tuple[Recording, tuple[str, ...]]]
-
 SEVERAL = "several_tracks:the_label_went_to_the_surest"
 
 
-@dataclass
-class Imported:
-    """What became of one entry.
+@dataclass(frozen=True)
+class RecordedExamples:
+    """Maker of the examples of labelled recordings.
 
     Parameters
     ----------
-    rows : list of dict
-        Of the index, without shard and row.
-    arrays : list of dict
-        Of each row, as stored.
-    failures : list of dict
-        ``id``, ``reason``, ``spec``.
-    """
-
-    rows: list[dict[str, Any]] = field(default_factory=list)
-    arrays: list[Arrays] = field(default_factory=list)
-    failures: list[dict[str, str]] = field(default_factory=list)
-
-    def fail(self, name: str, planned: PlannedEntry, reason: str) -> None:
-        """Add a failure."""
-        entry = planned.entry
-        spec = {"line": entry.line, "file": entry.recording, "start_s": entry.start_s, "stop_s": entry.stop_s}
-        self.failures.append({"id": name, "reason": reason, "spec": json.dumps({**spec, "split": planned.split})})
-
-
-def make_reader(folder: Path) -> Reader:
-    """Reader of a folder's recordings that keeps the last one: lines about one recording follow each other."""
-
-    @lru_cache(maxsize=1)
-    def read(recording: str, options: tuple[tuple[str, Any], ...]) -> tuple[Recording, tuple[str, ...]]:
-        with _messages(folder) as messages:
-            loaded = read_recording(folder / recording, **dict(options))
-        return loaded, tuple(messages)
-
-    return read
-
-
-def import_entry(planned: PlannedEntry, read: Reader, folder: Path, config: ImportConfig, sha256: str) -> Imported:
-    """Rows and arrays of an entry; whatever is wrong with its recording is a failure, not an error.
-
-    Parameters
-    ----------
-    planned : PlannedEntry
-    read : callable
-        From :func:`make_reader`.
-    folder : Path
     config : ImportConfig
-    sha256 : str
-        Of the recording's files.
+    folder : Path
+        Folder of the recordings.
+    directory : str
+        Folder of the dataset.
+    hashes : mapping
+        SHA-256 of every recording.
     """
-    made, entry = Imported(), planned.entry
-    try:
-        recording, told = read(entry.recording, tuple(sorted(entry.options.items())))
-        parts = cut(
-            recording, start_s=entry.start_s, stop_s=entry.stop_s, window_s=config.window_s, step_s=config.step_s
-        )
-    except Exception as error:
-        made.fail(planned.id, planned, _reason(error, folder))
-        return made
-    for number, part in enumerate(parts):
-        name = planned.id if config.window_s is None else f"{planned.id}-w{number:04d}"
+
+    config: ImportConfig
+    folder: Path
+    directory: str
+    hashes: Mapping[str, str]
+
+    def make(self, entry: PlannedEntry) -> Made:
+        """Analyse an entry; whatever is wrong with its recording is a failure, not an error."""
+        made, line, config = Made(), entry.entry, self.config
+
+        def fail(name: str, error: Exception) -> None:
+            spec = {"line": line.line, "file": line.recording, "start_s": line.start_s, "stop_s": line.stop_s}
+            reason = _portable(failure_reason(error), self.folder)
+            made.failures.append({"id": name, "reason": reason, "spec": json.dumps({**spec, "split": entry.split})})
+
         try:
-            with one_blas_thread(), _messages(folder) as messages:
-                results = analyze(part.recording, gate=entry.gate, analysis=config.analysis, tracking=config.tracking)
-            result = labelled_result(results)
-            stored = _stored(result, part.recording, config.fields)
+            recording, notes = _read(
+                self.folder, line.recording, self.hashes[line.recording], tuple(sorted(line.options.items()))
+            )
+            parts = cut(
+                recording, start_s=line.start_s, stop_s=line.stop_s, window_s=config.window_s, step_s=config.step_s
+            )
         except Exception as error:
-            made.fail(name, planned, _reason(error, folder))
-            continue
-        columns = {
-            **_identity_columns(name, planned, sha256),
-            **_recording_columns(part, folder),
-            **entry.further,
-            **_outcome_columns(planned, results, result),
-            "warnings": _joined((*told, *messages)),
-        }
-        made.rows.append(json_value(columns))
-        made.arrays.append(stored)
-    return made
+            fail(entry.id, error)
+            return made
+        for number, part in enumerate(parts):
+            name = entry.id if config.window_s is None else f"{entry.id}-w{number:04d}"
+            try:
+                with one_blas_thread(), _messages(self.folder) as messages:
+                    results = analyze(
+                        part.recording, gate=line.gate, analysis=config.analysis, tracking=config.tracking
+                    )
+                result = labelled_result(results)
+                signals: dict[str, Any] = {
+                    spec.name: part.recording.baseband if spec.name == "baseband" else getattr(result, spec.name, None)
+                    for spec in config.fields
+                }
+                stored = stored_arrays(config.fields, signals)
+            except Exception as error:
+                fail(name, error)
+                continue
+            columns = {
+                **_entry_columns(name, entry, self.hashes[line.recording]),
+                **_recording_columns(part, self.folder),
+                **line.further,
+                **_outcome_columns(entry, results, result),
+                "warnings": _joined((*notes, *messages)),
+            }
+            made.rows.append(json_value(columns))
+            made.arrays.append(stored)
+        return made
+
+
+@lru_cache(maxsize=1)  # lines about one recording follow each other
+def _read(
+    folder: Path, recording: str, sha256: str, options: tuple[tuple[str, Any], ...]
+) -> tuple[Recording, tuple[str, ...]]:
+    with _messages(folder) as messages:
+        loaded = read_recording(folder / recording, **dict(options))
+    return loaded, tuple(messages)
 
 
 def labelled_result(results: Sequence[TargetResult]) -> TargetResult | None:
@@ -244,7 +233,7 @@ def labelled_result(results: Sequence[TargetResult]) -> TargetResult | None:
     return max(results, key=weight, default=None)
 
 
-def _identity_columns(name: str, planned: PlannedEntry, sha256: str) -> dict[str, Any]:
+def _entry_columns(name: str, planned: PlannedEntry, sha256: str) -> dict[str, Any]:
     entry = planned.entry
     source = "none" if entry.nobody else "measured"
     return {
@@ -298,22 +287,6 @@ def _outcome_columns(
     return columns
 
 
-def _stored(result: TargetResult | None, recording: Recording, fields: Sequence[FieldSpec]) -> Arrays:
-    """Arrays of a row; those of a target that was not found are empty."""
-    stored: Arrays = {}
-    for spec in fields:
-        signal = recording.baseband if spec.name == "baseband" else getattr(result, spec.name, None)
-        if signal is None:
-            stored[spec.name] = encode(np.empty((0, 0)), spec)
-            continue
-        stored[spec.name] = encode(signal.values, spec)
-        for place, dim in enumerate(FIELDS[spec.name]["dims"]):
-            name = axis_name(spec.name, dim)
-            if name is not None:
-                stored[name] = axis(signal, dim)[:: spec.hop] if place == 0 else axis(signal, dim)
-    return stored
-
-
 @contextmanager
 def _messages(folder: Path) -> Iterator[list[str]]:
     """Warnings of the block, without where the folder is; a list that is filled when the block ends."""
@@ -323,12 +296,6 @@ def _messages(folder: Path) -> Iterator[list[str]]:
         yield messages
     found = (_portable(str(one.message), folder) for one in caught if issubclass(one.category, DoppelgaitWarning))
     messages += dict.fromkeys(found)
-
-
-def _reason(error: Exception, folder: Path) -> str:
-    if isinstance(error, DoppelgaitError):
-        return _portable(str(error), folder)
-    return "internal error: " + _portable("".join(traceback.format_exception_only(error)).strip(), folder)
 
 
 def _portable(text: str, folder: Path) -> str:

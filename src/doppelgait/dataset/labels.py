@@ -19,8 +19,7 @@ from typing import Any
 from doppelgait.core.config import apply_overrides
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning
 from doppelgait.core.files import file_sha256
-from doppelgait.dataset.config import SPLITS
-from doppelgait.dataset.importing.config import parse_gate
+from doppelgait.dataset.config import SPLITS, parse_gate
 from doppelgait.processing.gate import GateChoice
 from doppelgait.radar.xethru.meta import META_NAME
 
