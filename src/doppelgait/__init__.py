@@ -24,6 +24,7 @@ _LAZY = {
     "plugin": "doppelgait.core.plugins",
 }
 PLUGIN_ROOMS: tuple[str, ...] = (
+    "doppelgait.classify.training",
     "doppelgait.dataset.export",
     "doppelgait.radar.parameters",
     "doppelgait.radar.readers",

@@ -42,7 +42,7 @@ from doppelgait.classify.scores import (
     curve,
     scorecard,
 )
-from doppelgait.classify.training import BASELINES, MODELS, fit, kind_of
+from doppelgait.classify.training import BASELINES, fit, kind_of, model_names
 from doppelgait.classify.validate import Fold, cross_validation, hold_back, leave_out, own_splits, refuse_shared
 from doppelgait.core.config import json_value
 from doppelgait.core.errors import ConfigError, DatasetError
@@ -206,7 +206,7 @@ def evaluate(
     other : Dataset, optional
         Tested on instead, all rows but those of movers that are learnt from.
     models : sequence of str, optional
-        Of :data:`doppelgait.classify.training.MODELS`; by default all that the dataset has the inputs for. Chance,
+        Of :data:`doppelgait.classify.training.CLASSIFIERS`; by default all that the dataset has the inputs for. Chance,
         nuisance parameters and speed alone come with them always.
     n_folds : int, optional
         Cross-validation over all rows in so many folds, movers kept together.
@@ -236,12 +236,12 @@ def evaluate(
     folds, notes = _folds(rows, n_folds, left_out, seed)
     refuse_shared(rows, folds)
     tables, skipped = _tables(rows, models, motion_folder)
-    if not any(name in MODELS for name in tables):
+    if not any(name not in BASELINES for name in tables):
         raise DatasetError(f"{dataset.directory}: no model can be trained: {'; '.join(skipped)}")
     whole = [*folds, _whole(rows, seed)] if keep and (n_folds or left_out) else folds
     if keep:
         # Refuse to keep the best of several models where there is nothing to choose by.
-        names = [name for name in tables if name in MODELS]
+        names = [name for name in tables if name not in BASELINES]
         if len(names) > 1 and not all(fold.held.size for fold in whole):
             raise ConfigError(
                 f"--save: no rows can be held back to choose among {', '.join(names)}: a class has too few movers; "
@@ -266,7 +266,7 @@ def evaluate(
 
 
 def _best(runs: dict[str, _Run]) -> str | None:
-    trained = [name for name in runs if name in MODELS]
+    trained = [name for name in runs if name not in BASELINES]
     best = min(trained, key=lambda name: runs[name].held_loss)
     return best if len(trained) == 1 or np.isfinite(runs[best].held_loss) else None
 
@@ -286,7 +286,7 @@ def _outside(rows: Rows, folds: Sequence[Fold]) -> dict[str, dict[str, Any]]:
 
 def _notes(runs: dict[str, _Run], outside: dict[str, dict[str, Any]]) -> list[str]:
     """What the reader must know of calibration and of conditions that were not learnt."""
-    bare = [name for name, run in runs.items() if name in MODELS and not run.calibrated]
+    bare = [name for name, run in runs.items() if name not in BASELINES and not run.calibrated]
     said = [f"{', '.join(bare)}: not calibrated, a class has fewer than {LEAST_ROWS} held rows"] if bare else []
     return said + [
         f"{name}: {part['n']} of {part['of']} tested rows have {span_words(*part['tested'])}, outside what was "
@@ -319,7 +319,7 @@ def _tables(rows: Rows, models: Sequence[str] | None, motion_folder: Path | None
 
     made: dict[str, Table] = {}
     tables, skipped = {}, []
-    for name in [*BASELINES, *(MODELS if models is None else dict.fromkeys(models))]:
+    for name in [*BASELINES, *(model_names() if models is None else dict.fromkeys(models))]:
         kind = kind_of(name)
         try:
             if kind.learner == "network" and not torch_is_there():
@@ -347,7 +347,7 @@ def _run(rows: Rows, table: Table, name: str, folds: Sequence[Fold], seed: int, 
         models.append(model)
         if fold.test.size:
             parts.append(_answers(rows, table, model, fold))
-            importance.append(_importance(rows, table, model, fold, seed) if name in MODELS else {})
+            importance.append(_importance(rows, table, model, fold, seed) if name not in BASELINES else {})
         held = model.probability(table.values[fold.held])[np.arange(fold.held.size), rows.labels[fold.held]]
         losses.append(float(-np.log(np.maximum(held, LEAST_PROBABILITY)).mean()) if held.size else np.inf)
         tick(number + 1)

@@ -15,6 +15,7 @@ from doppelgait.classify.model import class_weights
 from doppelgait.classify.patches import Levels, Patch, cut
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import DatasetError
+from doppelgait.core.plugins import plugin
 
 NO_TORCH = "torch is not installed, which signature-network needs to train: pip install 'doppelgait[torch]'"
 CHANNELS = (8, 16, 32, 64)
@@ -61,6 +62,7 @@ def torch_is_there() -> bool:
     return find_spec("torch") is not None
 
 
+@plugin("classifier", "signature-network", features="signature", learner="network")
 def train_network(
     train: Part, held: Part, *, n_classes: int, seed: int, spec: Patch | None = None, settings: Training | None = None
 ) -> Network:

@@ -2,15 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from doppelgait.classify.learned import Constant, IntArray, Learned, Linear, Part, Trees
 from doppelgait.classify.model import class_weights
 from doppelgait.core.errors import ConfigError, DatasetError
+from doppelgait.core.plugins import Group, plugin
 from doppelgait.core.worker import one_blas_thread
+
+
+class Trainer(Protocol):
+    """What a plug-in of the group ``classifier`` is: a function that trains."""
+
+    def __call__(self, train: Part, held: Part, *, n_classes: int, seed: int) -> Learned:
+        """Train on the first rows; the others, of other movers, only say when to stop."""
+
+
+CLASSIFIERS: Group[Trainer] = Group(
+    "classifier", built_in=("doppelgait.classify.training", "doppelgait.classify.network")
+)
+"""Classifiers by name. Facts: ``features`` (``six``, ``extended``, ``speed``, ``signature``, ...) is what one looks at,
+``learner`` what it is called in reports, ``baseline`` whether it is for comparison only."""
+
+BUILT_IN = ("six-logistic", "six-boosting", "extended-logistic", "extended-boosting", "signature-network")
+BASELINES = ("chance", "nuisance", "speed")
+"""Reported with every score: the most frequent class, the nuisance parameters alone, and the speed alone."""
 
 
 class Kind(NamedTuple):
@@ -20,19 +38,10 @@ class Kind(NamedTuple):
     learner: str
 
 
-MODELS = {
-    "six-logistic": Kind("six", "logistic"),
-    "six-boosting": Kind("six", "boosting"),
-    "extended-logistic": Kind("extended", "logistic"),
-    "extended-boosting": Kind("extended", "boosting"),
-    "signature-network": Kind("signature", "network"),
-}
-BASELINES = {
-    "chance": Kind("nothing", "majority"),
-    "nuisance": Kind("nuisance", "boosting"),
-    "speed": Kind("speed", "boosting"),
-}
-"""What stands beside every score: the most frequent class; what must not tell; and the speed alone."""
+def model_names() -> list[str]:
+    """Names of the classifiers that are no baselines: the built-in ones, then those of other packages."""
+    return [*BUILT_IN, *(item.name for item in CLASSIFIERS.values() if item.name not in BUILT_IN + BASELINES)]
+
 
 BOOSTING = {
     "max_iter": 150, "learning_rate": 0.08, "max_leaf_nodes": 15, "min_samples_leaf": 10, "l2_regularization": 1.0,
@@ -43,10 +52,10 @@ BOOSTING = {
 
 def kind_of(name: str) -> Kind:
     """Model of a name; an unknown one is a :class:`ConfigError`."""
-    found = {**MODELS, **BASELINES}.get(name)
-    if found is None:
-        raise ConfigError(f"--models: model {name!r} is not known; allowed are {', '.join(MODELS)}")
-    return found
+    if name not in CLASSIFIERS:
+        raise ConfigError(f"--models: model {name!r} is not known; allowed are {', '.join(model_names())}")
+    facts = CLASSIFIERS[name].facts
+    return Kind(facts["features"], facts.get("learner", name))
 
 
 def fit(kind: Kind, train: Part, held: Part, *, n_classes: int, seed: int) -> Learned:
@@ -68,18 +77,22 @@ def fit(kind: Kind, train: Part, held: Part, *, n_classes: int, seed: int) -> Le
     DatasetError
         If torch is needed and missing.
     """
-    learn: Callable[..., Learned] = _LEARNERS[kind.learner]
-    return learn(train, held, n_classes, seed)
+    trainers = {item.facts.get("learner", item.name): item.run for item in CLASSIFIERS.values()}
+    return trainers[kind.learner](train, held, n_classes=n_classes, seed=seed)
 
 
-def _majority(train: Part, held: Part, n_classes: int, seed: int) -> Constant:
-    """Certain of the most frequent class; the first of them if there are several."""
+@plugin("classifier", "chance", features="nothing", learner="majority", baseline=True)
+def train_majority(train: Part, held: Part, *, n_classes: int, seed: int) -> Constant:
+    """Be certain of the most frequent class; the first of them if there are several."""
     shares = np.full(n_classes, 1e-9)
     shares[np.bincount(train.labels, minlength=n_classes).argmax()] = 1.0
     return Constant(np.log(shares / shares.sum()))
 
 
-def _logistic(train: Part, held: Part, n_classes: int, seed: int) -> Linear:
+@plugin("classifier", "six-logistic", features="six", learner="logistic")
+@plugin("classifier", "extended-logistic", features="extended", learner="logistic")
+def train_logistic(train: Part, held: Part, *, n_classes: int, seed: int) -> Linear:
+    """Fit a logistic regression on standardised features."""
     from sklearn.impute import SimpleImputer
     from sklearn.linear_model import LogisticRegression
     from sklearn.preprocessing import StandardScaler
@@ -95,12 +108,17 @@ def _logistic(train: Part, held: Part, n_classes: int, seed: int) -> Linear:
     return Linear(imputer.statistics_, told, scaler.mean_, scaler.scale_, weight, bias)
 
 
-def _boosting(train: Part, held: Part, n_classes: int, seed: int) -> Learned:
+@plugin("classifier", "six-boosting", features="six", learner="boosting")
+@plugin("classifier", "extended-boosting", features="extended", learner="boosting")
+@plugin("classifier", "nuisance", features="nuisance", learner="boosting", baseline=True)
+@plugin("classifier", "speed", features="speed", learner="boosting", baseline=True)
+def train_boosting(train: Part, held: Part, *, n_classes: int, seed: int) -> Learned:
+    """Fit boosted decision trees, which take unknown features as they are."""
     from sklearn.ensemble import HistGradientBoostingClassifier
 
     known = np.flatnonzero(~np.isnan(train.values).all(axis=0))  # scikit-learn has no bins for what is never known
     if not known.size:
-        return _majority(train, held, n_classes, seed)
+        return train_majority(train, held, n_classes=n_classes, seed=seed)
     model, values = HistGradientBoostingClassifier(**BOOSTING, random_state=seed), train.values[:, known]
     with one_blas_thread():  # of some thousand rows, threads that wait for each other take longer than one
         model.fit(values, train.labels, sample_weight=class_weights(train.labels, n_classes))
@@ -129,14 +147,3 @@ def _boosting(train: Part, held: Part, n_classes: int, seed: int) -> Learned:
     if not np.allclose(np.exp(found.log_probability(train.values)), expected, atol=1e-9):
         raise DatasetError("this version of scikit-learn keeps its trees in another way; install another one")
     return found
-
-
-def _network(train: Part, held: Part, n_classes: int, seed: int) -> Learned:
-    from doppelgait.classify.network import train_network
-
-    return train_network(train, held, n_classes=n_classes, seed=seed)
-
-
-_LEARNERS: dict[str, Callable[..., Learned]] = {
-    "majority": _majority, "logistic": _logistic, "boosting": _boosting, "network": _network,
-}  # fmt: skip

@@ -15,6 +15,7 @@ from doppelgait.cli import (
     demo,
     listen,
     motion,
+    plugins,
     radar,
     reproduce,
     simulate,
@@ -49,6 +50,7 @@ app.command("reproduce")(reproduce.reproduce)
 app.command("view")(view.view)
 app.command("listen")(listen.listen)
 app.command("demo")(demo.demo)
+app.command("plugins")(plugins.plugins)
 
 _debug = False
 

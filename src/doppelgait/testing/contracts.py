@@ -175,3 +175,87 @@ def _check_noise_gain(name: str, radar: Radar) -> None:
     gain = float((np.abs(waveform.compress(noise, radar)) ** 2).mean()) / 2.0
     wanted = waveform.noise_gain(radar)
     require(abs(gain - wanted) < 0.1 * wanted, f"{name}: noise_gain is {wanted:.4g}, measured {gain:.4g}")
+
+
+def check_classifier(name: str, *, seed: int = 0) -> None:
+    """Check that a classifier keeps the contract of :class:`doppelgait.classify.training.Trainer`.
+
+    Parameters
+    ----------
+    name : str
+        Its name in the group of classifiers.
+    seed : int
+        Of the made-up rows.
+
+    Raises
+    ------
+    AssertionError
+        If a rule is broken: registration, a result in one of the forms that a model file keeps, probabilities of two
+        and of three classes, unknown values, no held-out rows, the same model for the same seed, inputs left alone,
+        classes that are easily separated.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> dg.testing.check_classifier("six-logistic")
+    """
+    from doppelgait.classify.learned import Constant, Linear, Network, Part, Trees
+    from doppelgait.classify.training import CLASSIFIERS
+
+    label = f"classifier {name!r}"
+    require(name in CLASSIFIERS, f"{label} is not registered; known are {', '.join(CLASSIFIERS)}")
+    train = CLASSIFIERS[name].run
+    features, baseline = CLASSIFIERS[name].facts.get("features"), CLASSIFIERS[name].facts.get("baseline", False)
+    known = ("six", "extended", "speed", "signature", "nuisance", "nothing")
+    text = f"{label}: the fact features is {features!r}; allowed are {', '.join(known)}"
+    require(features in known, text)
+    for n_classes in (2, 3):
+        rows, held = (_classifier_rows(str(features), n_classes, number, seed) for number in (48, 24))
+        before: list[Any] = [None if row is None else np.array(row, copy=True) for row in rows.values]
+        learned = train(rows, held, n_classes=n_classes, seed=1)
+        forms = Constant | Linear | Trees | Network
+        require(isinstance(learned, forms), f"{label}: gives {type(learned).__name__}, not one of {forms}")
+        same = [
+            (one is None and other is None) or np.array_equal(one, other, equal_nan=True)
+            for one, other in zip(before, rows.values, strict=True)
+        ]
+        require(all(same), f"{label}: training changes its inputs")
+        found = learned.log_probability(held.values)
+        shape = (held.labels.size, n_classes)
+        require(found.shape == shape, f"{label}: log_probability gives the shape {found.shape}, not {shape}")
+        require(np.isfinite(found).all(), f"{label}: a log-probability is not finite")
+        _check_close(np.exp(found).sum(axis=1), np.ones(len(found)), f"{label}: probabilities do not add up to 1", 1e-6)
+        again = train(rows, held, n_classes=n_classes, seed=1).log_probability(held.values)
+        require(np.array_equal(found, again), f"{label}: the same seed and rows give another model")
+        empty = Part(held.values[:0], held.labels[:0])
+        alone = train(rows, empty, n_classes=n_classes, seed=1).log_probability(held.values)
+        require(np.isfinite(alone).all(), f"{label}: without held-out rows a log-probability is not finite")
+        if not baseline:
+            whole = np.array([row is not None and not np.isnan(row[:1]).any() for row in held.values])
+            right = float((found.argmax(axis=1) == held.labels)[whole].mean())
+            require(right > 0.8, f"{label}: only {right:.0%} of rows right, where the classes are far apart")
+
+
+def _classifier_rows(features: str, n_classes: int, count: int, seed: int) -> Any:
+    """Rows of classes that are far apart, a few with unknown features or without a signature."""
+    from doppelgait.classify.learned import Part
+    from doppelgait.classify.patches import Patch
+
+    rng = np.random.default_rng([seed, n_classes, count])
+    labels = np.arange(count, dtype=np.int64) % n_classes
+    if features == "signature":
+        patch = Patch()
+        values = np.empty(count, dtype=object)
+        band = patch.n_velocity // (n_classes + 1)
+        for number, label in enumerate(labels):
+            levels = rng.uniform(0.0, 0.2, (patch.n_velocity, patch.n_time)).astype(np.float32)
+            levels[: band * (label + 1)] += np.float32(0.7)
+            values[number] = levels
+        values[-1] = None
+        return Part(values, labels)
+    width = {"six": 6, "extended": 9, "speed": 1, "nuisance": 5, "nothing": 0}[features]
+    table = rng.standard_normal((count, width)) + 6.0 * labels[:, None]
+    if width > 1:
+        table[rng.random(table.shape) < 0.05] = np.nan
+        table[:, -1] = np.nan  # never known
+    return Part(table, labels)

@@ -18,6 +18,7 @@ from doppelgait.classify import network as nets  # noqa: E402
 from doppelgait.classify.decide import Seen, decide  # noqa: E402
 from doppelgait.classify.evaluate import evaluate  # noqa: E402
 from doppelgait.dataset import open_dataset  # noqa: E402
+from doppelgait.testing import check_classifier  # noqa: E402
 
 SPEC = Patch(n_velocity=16, n_time=16)
 QUICK = nets.Training(most_epochs=8, patience=8, batch_size=8)
@@ -148,3 +149,7 @@ def test_a_tampered_network_is_refused(trained, tiny, tmp_path):
     np.savez(path, **arrays)
     with pytest.raises(DatasetError, match=r"kernel.1 has the shape"):
         load_model(path)
+
+
+def test_the_network_keeps_the_contract_of_classifiers():
+    check_classifier("signature-network")

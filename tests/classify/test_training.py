@@ -1,0 +1,76 @@
+"""Every classifier keeps its contract, and the contract check is able to fail."""
+
+import numpy as np
+import pytest
+
+from doppelgait.classify.learned import Constant
+from doppelgait.classify.training import BASELINES, BUILT_IN, CLASSIFIERS, kind_of, train_logistic
+from doppelgait.core import plugins
+from doppelgait.core.errors import ConfigError
+from doppelgait.testing import check_classifier
+
+
+@pytest.mark.parametrize("name", [*BUILT_IN[:4], *BASELINES])
+def test_built_in_classifiers_keep_the_contract(name):
+    check_classifier(name)
+
+
+@pytest.fixture
+def registered():
+    """Register a classifier for one test."""
+    names = []
+
+    def register(train, **facts):
+        name = f"broken-{len(names)}"
+        plugins.plugin("classifier", name, **{"features": "six", **facts})(train)
+        names.append(name)
+        return name
+
+    yield register
+    for name in names:
+        plugins._REGISTERED["classifier"].pop(name)
+
+
+def random_model(train, held, *, n_classes, seed):
+    return Constant(np.log(np.random.default_rng().dirichlet(np.ones(n_classes))))
+
+
+def certain_model(train, held, *, n_classes, seed):
+    return Constant(np.log(np.full(n_classes, 1.0 / n_classes)))
+
+
+def half_model(train, held, *, n_classes, seed):
+    return Constant(np.full(n_classes, -2.0))
+
+
+def careless_model(train, held, *, n_classes, seed):
+    train.values[:] = 0.0
+    return certain_model(train, held, n_classes=n_classes, seed=seed)
+
+
+@pytest.mark.parametrize(
+    ("train", "words"),
+    [
+        (random_model, "another model"),
+        (certain_model, "of rows right"),
+        (half_model, "do not add up"),
+        (careless_model, "changes its inputs"),
+        (lambda *_, **__: None, "not one of"),
+    ],
+)
+def test_the_contract_check_can_fail(registered, train, words):
+    with pytest.raises(AssertionError, match=words):
+        check_classifier(registered(train))
+
+
+def test_features_of_a_classifier_are_checked(registered):
+    with pytest.raises(AssertionError, match="the fact features"):
+        check_classifier(registered(train_logistic, features="smell"))
+    with pytest.raises(AssertionError, match="is not registered"):
+        check_classifier("oracle")
+
+
+def test_an_unknown_model_is_refused_with_those_that_are_known():
+    with pytest.raises(ConfigError, match="model 'oracle' is not known; allowed are six-logistic, six-boosting"):
+        kind_of("oracle")
+    assert all(name in CLASSIFIERS for name in (*BUILT_IN, *BASELINES))
