@@ -88,9 +88,9 @@ def convert(
     from doppelgait.motion.readers import read
 
     motion = read(file, **{"start_s": start, "stop_s": stop, **apply_overrides({}, options or [])})
-    names = [f"{marker}_{axis}_m" for marker in motion.coords["marker"].values for axis in "xyz"]
-    table = pd.DataFrame(motion.values.reshape(motion.sizes["time"], -1), columns=names)
-    table.insert(0, "time_s", motion.coords["time"].values)
+    names = [f"{marker}_{axis}_m" for marker in motion.markers for axis in "xyz"]
+    table = pd.DataFrame(motion.position_m.reshape(motion.n_frames, -1), columns=names)
+    table.insert(0, "time_s", motion.time_s)
     with atomic_path(output) as partial:
         table.to_csv(partial, index=False, float_format="%.9g")
-    say(f"{output}: {len(table)} frames of {motion.sizes['marker']} points")
+    say(f"{output}: {len(table)} frames of {len(motion.markers)} points")

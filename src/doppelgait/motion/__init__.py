@@ -16,13 +16,15 @@ from doppelgait.motion.models import (
     rotor,
     sample_person,
 )
+from doppelgait.motion.motion import Motion, MotionFacts, make_motion
 from doppelgait.motion.paths import make_path
 from doppelgait.motion.readers import read
 from doppelgait.motion.retime import scale_to_height
-from doppelgait.motion.schema import make_motion
 from doppelgait.motion.segments import find_segments
 
 __all__ = [
+    "Motion",
+    "MotionFacts",
     "boulic_walk",
     "breathing_person",
     "crawling_person",

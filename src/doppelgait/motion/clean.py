@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core.errors import MotionError
 from doppelgait.motion.gaps import fill_gaps, fill_linear, remove_spikes, runs
-from doppelgait.motion.schema import FACTS, make_motion
+from doppelgait.motion.motion import Motion, make_motion
 from doppelgait.motion.skeleton import DOG_PARTS, FOOT_PARTS, HUMAN_PARTS
 from doppelgait.motion.smooth import can_lowpass, lowpass
 from doppelgait.motion.suspects import find_jumps, repair_swaps, useless_points
@@ -30,13 +30,13 @@ MAX_MISSING = 0.6
 
 
 def clean_motion(
-    motion: xr.DataArray,
+    motion: Motion,
     *,
     gap_limit_s: float = 0.25,
     lowpass_hz: float | None = 12.0,
     floor: bool = True,
     min_duration_s: float = MIN_DURATION_S,
-) -> xr.DataArray:
+) -> Motion:
     """Prepare a recording for the radar: no gaps, only points of the body, smooth, floor at z = 0.
 
     Points that exchanged their names get them back; spikes become gaps; longer jumps are only reported; points that
@@ -46,7 +46,7 @@ def clean_motion(
 
     Parameters
     ----------
-    motion : xarray.DataArray
+    motion : Motion
         Motion (time, marker, space) in m, z up, NaN where a point was not seen.
     gap_limit_s : float
         Longest gap that is filled, in s, 0 or more.
@@ -60,8 +60,8 @@ def clean_motion(
 
     Returns
     -------
-    xarray.DataArray
-        Motion without NaN; what was done is in ``attrs["report"]``: ``swaps_repaired``, ``spikes_removed``, ``jumps``
+    Motion
+        Motion without NaN; what was done is in ``report``: ``swaps_repaired``, ``spikes_removed``, ``jumps``
         (frames of the recording), ``gaps_filled``, ``dropped`` (reason: names), ``parts`` (how many of the points have
         a known body part; without all of them the radar cross section is split equally) and more.
 
@@ -71,10 +71,10 @@ def clean_motion(
         If a parameter is out of range, or fewer than 3 points or less than ``min_duration_s`` remain.
     """
     _check_parameters(gap_limit_s, lowpass_hz)
-    where, rate = motion.attrs["source"] or "motion", float(motion.attrs["rate_hz"])
-    position = np.array(motion.values, dtype=np.float64)
+    where, rate = motion.label, motion.rate_hz
+    position = np.array(motion.position_m, dtype=np.float64)
     _check_size(where, position)
-    names, parts = [str(n) for n in motion.marker.values], [str(p) for p in motion.part.values]
+    names, parts = motion.markers, motion.parts
     mended = _mend(position, names, rate)
     dropped = useless_points(position, names, parts) | _unmoved_points(position)
     kept = np.array([i for i in range(len(names)) if i not in dropped], dtype=int)
@@ -88,12 +88,12 @@ def clean_motion(
     floor_m = floor_height(smooth, kept_parts) if floor else 0.0
     smooth = smooth - np.array([0.0, 0.0, floor_m])
     report = {
-        **motion.attrs["report"],
+        **motion.report,
         **fill_facts,
         **mended,
         "jumps": [jump for jump in mended["jumps"] if jump["point"] in kept_names],
-        "notes": [*motion.attrs["report"].get("notes", []), *_side_notes(smooth, kept_parts)],
-        "dropped": _merge(motion.attrs["report"].get("dropped", {}), names, dropped),
+        "notes": [*motion.report.get("notes", []), *_side_notes(smooth, kept_parts)],
+        "dropped": _merge(motion.report.get("dropped", {}), names, dropped),
         "points_kept": len(kept),
         "parts": known_parts(kept_parts),
         "kept_from_s": first / rate,
@@ -101,10 +101,10 @@ def clean_motion(
         "lowpass_hz": lowpass_hz if can_lowpass(rate, lowpass_hz) else None,
         "floor_shift_m": -floor_m,
     }
-    facts = {key: motion.attrs[key] for key in FACTS if key in motion.attrs} | {"report": report}
-    if not math.isfinite(facts["height_m"]):
-        facts["height_m"] = stature(smooth, kept_parts)
-    return make_motion(smooth, rate_hz=rate, markers=kept_names, parts=kept_parts, facts=facts)
+    facts = motion.facts
+    height_m = facts.height_m if math.isfinite(facts.height_m) else stature(smooth, kept_parts)
+    facts = replace(facts, height_m=height_m, file_time_s=facts.file_time_s + first / rate)
+    return make_motion(smooth, rate_hz=rate, markers=kept_names, parts=kept_parts, facts=facts, report=report)
 
 
 def _mend(position: FloatArray, names: Sequence[str], rate_hz: float) -> dict[str, Any]:

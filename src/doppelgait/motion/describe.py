@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core.errors import MotionError
 from doppelgait.motion.clean import clean_motion, stationary_points
 from doppelgait.motion.gaps import fill_linear
+from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers import check_types, read, take_part
 from doppelgait.motion.segments import Segment, find_segments
 from doppelgait.motion.travel import smooth_path, stride_facts, travel_facts
@@ -57,12 +57,12 @@ def describe_recording(path: str | os.PathLike[str], **options: Any) -> dict[str
     return {**facts, "segments": segments, "cleaned": cleaned}
 
 
-def describe_motion(motion: xr.DataArray) -> dict[str, Any]:
+def describe_motion(motion: Motion) -> dict[str, Any]:
     """Facts of a motion, as plain values that JSON can hold; None where something cannot be measured.
 
     Parameters
     ----------
-    motion : xarray.DataArray
+    motion : Motion
         Motion (time, marker, space) in m, z up, cleaned or not.
 
     Returns
@@ -73,32 +73,26 @@ def describe_motion(motion: xr.DataArray) -> dict[str, Any]:
         centre of the points that are seen nearly always; its path is averaged over 0.5 s. ``segments``: the straight
         stretches at constant velocity (:func:`~doppelgait.motion.segments.find_segments`), one mapping each.
     """
-    position = np.asarray(motion.values, dtype=np.float64)
-    rate = float(motion.attrs["rate_hz"])
-    report: Mapping[str, Any] = motion.attrs["report"]
+    position = motion.position_m
+    rate = motion.rate_hz
+    report: Mapping[str, Any] = motion.report
     facts = {
-        "file": motion.attrs["source"],
-        "subject": motion.attrs["subject"],
+        "file": motion.facts.source,
+        "subject": motion.facts.subject,
         **{key: report[key] for key in report if key not in ("dropped", "n_frames", "frame_rate_hz")},
         "frame_rate_hz": rate,
         "n_frames": int(position.shape[0]),
         "duration_s": position.shape[0] / rate,
         **_gap_facts(position),
         **_size_facts(position),
-        "stature_m": motion.attrs["height_m"],
+        "stature_m": motion.facts.height_m,
         **travel_facts(position, rate_hz=rate),
         **stride_facts(position, rate_hz=rate),
-        "points": [str(name) for name in motion.marker.values],
+        "points": motion.markers,
         "points_dropped": {str(k): list(v) for k, v in report.get("dropped", {}).items()},
-        "segments": [_segment_facts(segment, _starts_s(motion)) for segment in find_segments(motion)],
+        "segments": [_segment_facts(segment, motion.facts.file_time_s) for segment in find_segments(motion)],
     }
     return {key: _plain(value) for key, value in facts.items()}
-
-
-def _starts_s(motion: xr.DataArray) -> float:
-    """Time of the first frame in the file: reading a part and cleaning both begin again at 0."""
-    report = motion.attrs["report"]
-    return float(report.get("read_from_s", 0.0) + report.get("kept_from_s", 0.0))
 
 
 def _segment_facts(segment: Segment, starts_s: float) -> dict[str, Any]:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core.errors import ConfigError, MotionError
-from doppelgait.core.labels import MOTION, axis, check_signal
 from doppelgait.motion.course import (
     Curve,
     Pace,
@@ -24,9 +22,9 @@ from doppelgait.motion.course import (
     spot_turn_rad,
     stillness,
 )
+from doppelgait.motion.motion import Motion, MotionFacts, PathFacts, make_motion, require_motion
 from doppelgait.motion.paths import Layout, Path, layout_of
-from doppelgait.motion.retime import STILL_BELOW_M, Spline, duration_s, fit_centre, fit_spline
-from doppelgait.motion.schema import FACTS, make_motion
+from doppelgait.motion.retime import STILL_BELOW_M, Spline, fit_centre, fit_spline
 from doppelgait.motion.skeleton import FOOT_PARTS
 
 FloatArray = npt.NDArray[np.float64]
@@ -56,7 +54,7 @@ class Gait:
     lasts_s : float
     """
 
-    motion: xr.DataArray
+    motion: Motion
     spline: Spline
     speed_mps: float
     lasts_s: float
@@ -88,13 +86,13 @@ class Course:
 
 
 def follow(
-    motion: xr.DataArray,
+    motion: Motion,
     path: Path,
     *,
     start_position_m: tuple[float, float] = (0.0, 0.0),
     heading_deg: float = 0.0,
     duration_s: float | None = None,
-) -> xr.DataArray:
+) -> Motion:
     r"""Motion that follows a path, its feet as still on the ground as curvature allows (E-02b).
 
     .. math:: x(t) = c(s) + R_z(\psi(s)) [\, x_0(\tau) - V \tau \,], \qquad \tau = s(t) / V
@@ -124,7 +122,7 @@ def follow(
     DataArray (time, marker, space)
         At the motion's frame rate. Positions and velocities are continuous. Footfalls are those of the motion at the
         times at which its phase passes them; stride, step and gait frequency are means over the time not paused.
-        ``attrs["report"]["path"]`` holds ``kind``, ``length_m``, ``mean_speed_mps``, ``pause_s`` and ``stops_m``.
+        ``facts.path`` holds ``kind``, ``length_m``, ``mean_speed_mps``, ``pause_s`` and ``stops_m``.
 
     Raises
     ------
@@ -133,26 +131,27 @@ def follow(
     ConfigError
         If the speed on the path is more than 30 % from the motion's, or stops are too close together.
     """
-    check_signal(motion, MOTION)
+    require_motion(motion)
     gait, layout = _straight_gait(motion), layout_of(path)
     pace = _pace(gait, path, layout)
     curve = _placed_curve(layout, pace, start_position_m, math.radians(heading_deg))
     _check_side(curve, path, pace, gait)
     course = Course(curve, pace, path.side_m, path.ahead_m, gait.speed_mps)
-    rate_hz = float(motion.attrs["rate_hz"])
+    rate_hz = motion.rate_hz
     frames = _frame_count(course, gait, path, duration_s, rate_hz)
     times_s = np.arange(frames) / rate_hz
     return make_motion(
         _positions_m(course, gait, times_s),
         rate_hz=rate_hz,
-        markers=axis(motion, "marker").astype(str).tolist(),
-        parts=axis(motion, "part").astype(str).tolist(),
-        start_s=float(axis(motion, "time")[0]),
-        facts=_facts(course, gait, path, times_s),
+        markers=motion.markers,
+        parts=motion.parts,
+        start_s=float(motion.time_s[0]),
+        facts=(facts := _facts(course, gait, path, times_s)),
+        report={**motion.report, "path": asdict(facts.path) if facts.path else None},
     )
 
 
-def steady_speed_mps(motion: xr.DataArray) -> float:
+def steady_speed_mps(motion: Motion) -> float:
     """Speed of a straight, steady motion, over whole strides where they are known.
 
     Raises
@@ -163,9 +162,9 @@ def steady_speed_mps(motion: xr.DataArray) -> float:
     return _straight_gait(motion).speed_mps
 
 
-def _straight_gait(motion: xr.DataArray) -> Gait:
+def _straight_gait(motion: Motion) -> Gait:
     """The motion turned to +x with its mean line through the origin; a :class:`MotionError` if it is not straight."""
-    lasts_s = duration_s(motion)
+    lasts_s = motion.duration_s
     centre = fit_centre(motion)
     times_s = _whole_strides_s(motion, lasts_s)
     ground_m = centre.at(times_s)[0][:, :2]
@@ -173,22 +172,23 @@ def _straight_gait(motion: xr.DataArray) -> Gait:
     speed_mps = math.hypot(*velocity_mps)
     if speed_mps * lasts_s < STILL_BELOW_M:
         raise MotionError(
-            f"{motion.attrs['source']}: travels {speed_mps * lasts_s:.2f} m in {lasts_s:.2f} s; a path needs a motion "
+            f"{motion.facts.source}: travels {speed_mps * lasts_s:.2f} m in {lasts_s:.2f} s; a path needs a motion "
             "that travels, such as a walk"
         )
     start_m = (ground_m - velocity_mps * times_s[:, None])[:-1].mean(axis=0)
     along = velocity_mps / speed_mps
     turn = np.array([[along[0], along[1]], [-along[1], along[0]]])
-    body = motion.copy(deep=True)
-    body.values[..., :2] = (motion.values[..., :2] - start_m) @ turn.T
+    position_m = motion.position_m.copy(order="K")
+    position_m[..., :2] = (motion.position_m[..., :2] - start_m) @ turn.T
+    body = motion.with_positions(position_m)
     gait = Gait(motion, fit_spline(body), speed_mps, lasts_s)
     _check_steady(gait, fit_centre(body).values)
     return gait
 
 
-def _whole_strides_s(motion: xr.DataArray, lasts_s: float) -> FloatArray:
+def _whole_strides_s(motion: Motion, lasts_s: float) -> FloatArray:
     """Evenly spaced times from 0 over as many whole strides as there are, or over everything where none is known."""
-    stride_hz = float(motion.attrs["stride_frequency_hz"])
+    stride_hz = float(motion.facts.stride_frequency_hz)
     strides = math.floor(lasts_s * stride_hz + 1e-6) if stride_hz > 0 else 0
     last_s = min(strides / stride_hz, lasts_s) if strides else lasts_s
     return np.linspace(0.0, last_s, _SAMPLES_PER_STRIDE * max(strides, 1) + 1)
@@ -199,7 +199,7 @@ def _check_steady(gait: Gait, centre_m: FloatArray) -> None:
     off_m = float(np.hypot(centre_m[:, 0] - gait.speed_mps * times_s, centre_m[:, 1]).max())
     if off_m > UNEVEN_M + UNEVEN_SHARE * gait.speed_mps * gait.lasts_s:
         raise MotionError(
-            f"{gait.motion.attrs['source']}: its body is up to {off_m:.2f} m away from straight and even travel; a "
+            f"{gait.motion.facts.source}: its body is up to {off_m:.2f} m away from straight and even travel; a "
             "path needs a straight steady stretch: cut one out with start_s and stop_s"
         )
 
@@ -233,14 +233,14 @@ def _check_speed(speed_mps: float, gait: Gait, what: str) -> None:
 
 def _stop_phase_s(gait: Gait, at_m: float) -> float:
     """Time in the motion, within a quarter stride of a distance, at which the feet are stillest."""
-    source, facts = gait.motion.attrs["source"], gait.motion.attrs
-    feet = [n for n, part in enumerate(axis(gait.motion, "part").tolist()) if part in FOOT_PARTS]
-    if not feet or not facts["step_frequency_hz"] > 0:
+    source, facts = gait.motion.facts.source, gait.motion.facts
+    feet = [n for n, part in enumerate(gait.motion.parts) if part in FOOT_PARTS]
+    if not feet or not facts.step_frequency_hz > 0:
         raise MotionError(
             f"{source}: cannot stop: that needs points on the feet, and a gait of known step frequency whose half "
-            f"strides mirror each other (walk, trot, run), not {facts['gait'] or 'an unknown one'}"
+            f"strides mirror each other (walk, trot, run), not {facts.gait or 'an unknown one'}"
         )
-    quarter_s, wanted_s = 0.25 / facts["stride_frequency_hz"], at_m / gait.speed_mps
+    quarter_s, wanted_s = 0.25 / facts.stride_frequency_hz, at_m / gait.speed_mps
     if wanted_s + quarter_s > gait.lasts_s:
         raise MotionError(
             f"{source}: goes {gait.speed_mps * gait.lasts_s:.2f} m, too short for a stop at {at_m:.2f} m; use a longer "
@@ -291,7 +291,7 @@ def _frame_count(course: Course, gait: Gait, path: Path, wanted_s: float | None,
         )
     if last / rate_hz > motion_s + 1e-6:
         raise MotionError(
-            f"{gait.motion.attrs['source']}: lasts {motion_s:.3f} s on its path, but {wanted_s:g} s are asked for; "
+            f"{gait.motion.facts.source}: lasts {motion_s:.3f} s on its path, but {wanted_s:g} s are asked for; "
             "shorten duration_s or use a longer motion"
         )
     return last + 1
@@ -318,13 +318,12 @@ def _positions_m(course: Course, gait: Gait, times_s: FloatArray) -> FloatArray:
 def _standing_m(course: Course, gait: Gait, number: int) -> FloatArray:
     """Standing posture at a stop: mean of the frozen one and of that half a stride away, shape (P, 3)."""
     frozen_s = course.pace.stops[number].at_m / gait.speed_mps
-    half_s = 0.5 / gait.motion.attrs["stride_frequency_hz"]
+    half_s = 0.5 / gait.motion.facts.stride_frequency_hz
     other_s = frozen_s + half_s if frozen_s + half_s <= gait.lasts_s else max(frozen_s - half_s, 0.0)
     return np.asarray(gait.offsets_m(np.array([frozen_s, other_s])).mean(axis=0))
 
 
-def _facts(course: Course, gait: Gait, path: Path, times_s: FloatArray) -> dict[str, object]:
-    facts = {key: gait.motion.attrs[key] for key in FACTS}
+def _facts(course: Course, gait: Gait, path: Path, times_s: FloatArray) -> MotionFacts:
     last_s = float(times_s[-1])
     rests_s = [course.pace.rest_s(n) for n in range(len(course.pace.stops))]
     stops = course.pace.stops
@@ -332,24 +331,21 @@ def _facts(course: Course, gait: Gait, path: Path, times_s: FloatArray) -> dict[
     end_s = float(course.phase_time_s(times_s[-1:])[0])
     factor = end_s / (last_s - paused_s)
     # one and the same pace gives the same numbers to the last digit
+    facts = gait.motion.facts
     if not math.isclose(factor, 1.0, rel_tol=1e-9):
-        facts |= {key: factor * facts[key] for key in _FREQUENCIES}
+        facts = facts.with_frequencies(lambda hz: factor * hz)
     length_m = end_s * gait.speed_mps
-    told = {
-        "kind": path.kind, "length_m": length_m, "mean_speed_mps": length_m / last_s, "pause_s": paused_s,
-        "stops_m": [stop.at_m for rest, stop in zip(rests_s, stops, strict=True) if rest <= last_s],
-    }  # fmt: skip
-    facts["report"] = {**facts["report"], "path": told}
-    facts["footfalls"] = _footfalls_s(course, gait, last_s)
-    return facts
+    stops_m = tuple(stop.at_m for rest, stop in zip(rests_s, stops, strict=True) if rest <= last_s)
+    followed = PathFacts(path.kind, length_m, length_m / last_s, paused_s, stops_m)
+    return replace(facts, path=followed, footfalls=_footfalls_s(course, gait, last_s))
 
 
 def _footfalls_s(course: Course, gait: Gait, last_s: float) -> dict[str, list[float]]:
     """Touchdowns at the times at which the course reaches their phase (E-02b)."""
-    start_s = float(axis(gait.motion, "time")[0])
+    start_s = float(gait.motion.time_s[0])
     end_s = float(course.phase_time_s(np.array([last_s]))[0])
     found = {}
-    for foot, touchdowns in gait.motion.attrs["footfalls"].items():
+    for foot, touchdowns in gait.motion.facts.footfalls.items():
         phases_s = np.array([t - start_s for t in touchdowns if t - start_s <= end_s + 1e-9], dtype=float)
         times_s = first_time_s(course.phase_time_s, phases_s, stop_s=last_s) if phases_s.size else phases_s
         found[foot] = [start_s + float(t) for t in times_s]

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
-from doppelgait.core.labels import axis
 from doppelgait.motion.clean import body_centre
 from doppelgait.motion.gaps import fill_linear, runs
+from doppelgait.motion.motion import Motion
 from doppelgait.motion.skeleton import FOOT_PARTS
 from doppelgait.motion.travel import smooth_path
 
@@ -49,28 +48,28 @@ class Steps:
     duty_factor: float
 
 
-def is_quadruped(motion: xr.DataArray) -> bool:
+def is_quadruped(motion: Motion) -> bool:
     """Whether a motion has paws, or names a species other than human."""
-    paws = any(part.endswith("_paw") for part in axis(motion, "part").tolist())
-    return paws or motion.attrs["species"] not in ("", "human")
+    paws = any(part.endswith("_paw") for part in motion.parts)
+    return paws or motion.facts.species not in ("", "human")
 
 
-def find_feet(motion: xr.DataArray) -> dict[str, list[int]]:
+def find_feet(motion: Motion) -> dict[str, list[int]]:
     """Numbers of the points of each foot: ``left_foot``, ``right_foot``, or ``left_hind``, ``left_fore``, ...
 
     By body part where parts name feet; otherwise the lowest points, left and right of the centre (and before and behind
     it for a quadruped). Empty where neither gives feet on both sides.
     """
     feet: dict[str, list[int]] = {}
-    for n, part in enumerate(axis(motion, "part").tolist()):
+    for n, part in enumerate(motion.parts):
         if part in FOOT_PARTS:
             feet.setdefault(part.removesuffix("_paw"), []).append(n)
     return feet or _lowest_points(motion)
 
 
-def _lowest_points(motion: xr.DataArray) -> dict[str, list[int]]:
-    position = fill_linear(np.asarray(motion.values, dtype=np.float64))
-    path = smooth_path(position, rate_hz=float(motion.attrs["rate_hz"]))
+def _lowest_points(motion: Motion) -> dict[str, list[int]]:
+    position = fill_linear(motion.position_m)
+    path = smooth_path(position, rate_hz=motion.rate_hz)
     if len(path) < 2 or not np.isfinite(path).all():
         return {}
     ahead = path[-1] - path[0]
@@ -88,7 +87,7 @@ def _lowest_points(motion: xr.DataArray) -> dict[str, list[int]]:
     return feet if len(feet) == (4 if four else 2) else {}
 
 
-def find_steps(motion: xr.DataArray, feet: Mapping[str, list[int]] | None = None) -> dict[str, Steps]:
+def find_steps(motion: Motion, feet: Mapping[str, list[int]] | None = None) -> dict[str, Steps]:
     """Touchdowns and duty factor of each foot of a mover.
 
     A foot swings forward faster than the body goes and is nearly still on the ground. It lands where, after a swing,
@@ -97,7 +96,7 @@ def find_steps(motion: xr.DataArray, feet: Mapping[str, list[int]] | None = None
 
     Parameters
     ----------
-    motion : xarray.DataArray
+    motion : Motion
         Motion (time, marker, space) in m, z up; gaps are bridged by straight lines.
     feet : mapping, optional
         Numbers of the points of each foot, by default those of :func:`find_feet`.
@@ -108,8 +107,8 @@ def find_steps(motion: xr.DataArray, feet: Mapping[str, list[int]] | None = None
         Times on the motion's time axis; empty for a body that has no known feet.
     """
     feet = find_feet(motion) if feet is None else feet
-    position = np.asarray(motion.values, dtype=np.float64)
-    rate, times = float(motion.attrs["rate_hz"]), axis(motion, "time")
+    position = motion.position_m
+    rate, times = motion.rate_hz, motion.time_s
     path = smooth_path(position, rate_hz=rate)
     if len(path) < 5 or not np.isfinite(path).all():
         return {}

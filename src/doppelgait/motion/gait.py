@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
-from doppelgait.core.labels import MOTION, check_signal
 from doppelgait.motion.clean import body_centre
 from doppelgait.motion.footfalls import Steps, find_steps, is_quadruped
+from doppelgait.motion.motion import Motion, require_motion
 from doppelgait.motion.travel import stride_facts
 
 FloatArray = npt.NDArray[np.float64]
@@ -77,7 +75,7 @@ class GaitFacts:
     measured_from: str = ""
 
 
-def measure_gait(motion: xr.DataArray) -> GaitFacts:
+def measure_gait(motion: Motion) -> GaitFacts:
     """Footfalls, stride frequency, phases and gait of a motion at about constant speed.
 
     The stride frequency is that of an even beat fitted to the landings of all feet; where there are too few or they
@@ -85,15 +83,15 @@ def measure_gait(motion: xr.DataArray) -> GaitFacts:
 
     Parameters
     ----------
-    motion : xarray.DataArray
+    motion : Motion
         Motion (time, marker, space) in m, z up; gaps are bridged by straight lines.
     """
-    check_signal(motion, MOTION)
+    require_motion(motion)
     steps = find_steps(motion)
     footfalls = {foot: [float(t) for t in step.touchdown_s] for foot, step in steps.items()}
     stride_hz, source = _beat([step.overtaken_s for step in steps.values()]), "footfalls"
     if not math.isfinite(stride_hz):
-        spectral = stride_facts(np.asarray(motion.values, dtype=np.float64), rate_hz=float(motion.attrs["rate_hz"]))
+        spectral = stride_facts(motion.position_m, rate_hz=motion.rate_hz)
         stride_hz, source = spectral["stride_hz"] or NAN, "spectrum"
     if not math.isfinite(stride_hz):
         return GaitFacts(footfalls=footfalls)
@@ -105,7 +103,7 @@ def measure_gait(motion: xr.DataArray) -> GaitFacts:
     return GaitFacts(gait, stride_hz, *step_and_gait_frequency_hz(gait, stride_hz), footfalls, phases, duty, source)
 
 
-def with_gait_facts(motion: xr.DataArray) -> xr.DataArray:
+def with_gait_facts(motion: Motion) -> Motion:
     """A motion whose facts on gait are filled in by measurement; what it already states stays.
 
     Fills ``gait``, ``footfalls``, ``stride_frequency_hz``, ``step_frequency_hz`` and ``gait_frequency_hz``, and
@@ -114,24 +112,25 @@ def with_gait_facts(motion: xr.DataArray) -> xr.DataArray:
 
     Parameters
     ----------
-    motion : xarray.DataArray
+    motion : Motion
         Motion (time, marker, space) in m, z up, at about constant speed: take one segment of a mixed recording.
     """
     found = measure_gait(motion)
-    attrs = motion.attrs
-    gait = attrs["gait"] or found.gait
-    stated_hz = attrs["stride_frequency_hz"]
+    known = motion.facts
+    gait = known.gait or found.gait
+    stated_hz = known.stride_frequency_hz
     stride_hz = stated_hz if math.isfinite(stated_hz) else found.stride_frequency_hz
     step_hz, gait_hz = step_and_gait_frequency_hz(gait, stride_hz)
-    facts: dict[str, Any] = {
-        "stride_frequency_hz": stride_hz,
-        "step_frequency_hz": step_hz,
-        "gait_frequency_hz": gait_hz,
-    }
-    facts = {key: attrs[key] if math.isfinite(attrs[key]) else value for key, value in facts.items()}
-    facts |= {"gait": gait, "footfalls": attrs["footfalls"] or found.footfalls}
+    facts = replace(
+        known,
+        gait=gait,
+        footfalls=known.footfalls or found.footfalls,
+        stride_frequency_hz=stride_hz,
+        step_frequency_hz=known.step_frequency_hz if math.isfinite(known.step_frequency_hz) else step_hz,
+        gait_frequency_hz=known.gait_frequency_hz if math.isfinite(known.gait_frequency_hz) else gait_hz,
+    )
     measured = {"phases": found.phases, "duty_factor": found.duty_factor, "stride_from": found.measured_from}
-    return motion.assign_attrs(**facts, report={**attrs["report"], "gait": measured})
+    return replace(motion, facts=facts).with_report(gait=measured)
 
 
 def step_and_gait_frequency_hz(gait: str, stride_frequency_hz: float) -> tuple[float, float]:
@@ -185,18 +184,18 @@ def _symmetrical(lateral: float) -> str:
     return "trot" if lag > 0.5 - QUARTER else "walk"
 
 
-def _name_human_gait(motion: xr.DataArray, phases: Mapping[str, float], duty: float) -> str:
+def _name_human_gait(motion: Motion, phases: Mapping[str, float], duty: float) -> str:
     """``run`` where each foot bears weight for less than half of the stride and the body falls freely between them."""
     if "l_r" not in phases or abs(phases["l_r"] - 0.5) > HALF_STRIDE or not math.isfinite(duty):
         return ""
     return "run" if duty < 0.5 and _lowest_acceleration_mps2(motion) < FLIGHT_ACCELERATION_MPS2 else "walk"
 
 
-def _lowest_acceleration_mps2(motion: xr.DataArray) -> float:
+def _lowest_acceleration_mps2(motion: Motion) -> float:
     """2nd percentile of the vertical acceleration of the body centre, over spans of 0.1 s."""
-    rate = float(motion.attrs["rate_hz"])
+    rate = motion.rate_hz
     half = max(1, round(0.05 * rate))
-    z = body_centre(np.asarray(motion.values, dtype=np.float64))[:, 2]
+    z = body_centre(motion.position_m)[:, 2]
     if len(z) <= 2 * half:
         return 0.0
     return float(np.percentile((z[2 * half :] - 2 * z[half:-half] + z[: -2 * half]) * (rate / half) ** 2, 2))

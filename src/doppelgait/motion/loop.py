@@ -5,18 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core.errors import MotionError
-from doppelgait.core.labels import MOTION, axis, check_signal
 from doppelgait.motion.footfalls import find_steps
 from doppelgait.motion.gait import with_gait_facts
+from doppelgait.motion.motion import Motion, make_motion, require_motion
 from doppelgait.motion.retime import Spline, fit_spline, travel_speed_mps
-from doppelgait.motion.schema import FACTS, make_motion
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -54,7 +51,7 @@ class Seam:
     velocity_mps: float
 
 
-def loop(motion: xr.DataArray, *, duration_s: float) -> xr.DataArray:
+def loop(motion: Motion, *, duration_s: float) -> Motion:
     """Repeat a clip of straight gait over whole strides for as long as asked.
 
     The clip is cut where pose and velocity after n strides are nearest to those before, n as large as it can be with
@@ -67,14 +64,14 @@ def loop(motion: xr.DataArray, *, duration_s: float) -> xr.DataArray:
 
     Parameters
     ----------
-    motion : xarray.DataArray
+    motion : Motion
         Motion (time, marker, space) in m, z up, no gaps: one segment at constant velocity, at least 1.2 strides long.
     duration_s : float
         Time to cover, above 0; the last frame is at or just after it.
 
     Returns
     -------
-    xarray.DataArray
+    Motion
         Motion with the same points, frame rate and facts, from time 0. ``stride_frequency_hz`` is that of the cycle,
         exactly; footfalls are repeated; ``report["loop"]`` holds the cut and its residuals beside the median
         difference of neighbouring strides.
@@ -84,46 +81,59 @@ def loop(motion: xr.DataArray, *, duration_s: float) -> xr.DataArray:
     MotionError
         If the motion has gaps, no known gait cycle, or is shorter than 1.2 strides.
     """
-    check_signal(motion, MOTION)
-    where = motion.attrs["source"] or "motion"
+    require_motion(motion)
+    where = motion.label
     if not (math.isfinite(duration_s) and duration_s > 0):
         raise MotionError(f"duration_s: {duration_s!r} is not allowed: must be a number above 0 s")
-    if not np.isfinite(motion.values).all():
+    if not np.isfinite(motion.position_m).all():
         raise MotionError(f"{where}: has gaps, so it cannot be looped; clean it first")
     known = with_gait_facts(motion)
-    rate = float(motion.attrs["rate_hz"])
-    period = rate / known.attrs["stride_frequency_hz"]
+    rate = motion.rate_hz
+    period = rate / known.facts.stride_frequency_hz
     overlap = OVERLAP_STRIDES * period
     if not math.isfinite(period):
         raise MotionError(
             f"{where}: shows no gait cycle, so it cannot be looped over whole strides; give a part in which the body "
-            "walks, or set attrs['stride_frequency_hz']"
+            "walks, or state it: motion.with_facts(stride_frequency_hz=...)"
         )
-    if motion.sizes["time"] - 1 < period + overlap + 1:
+    if motion.n_frames - 1 < period + overlap + 1:
         raise MotionError(
-            f"{where}: lasts {(motion.sizes['time'] - 1) / rate:.3g} s, but one stride takes {period / rate:.3g} s; a "
+            f"{where}: lasts {(motion.n_frames - 1) / rate:.3g} s, but one stride takes {period / rate:.3g} s; a "
             f"loop needs {(period + overlap + 1) / rate:.3g} s or more"
         )
     seam, usual = _best_seam(motion, period, overlap)
     position = _repeat(motion, seam, overlap, math.ceil(duration_s * rate - 1e-9) + 1)
-    markers, parts = (axis(motion, name).tolist() for name in ("marker", "part"))
-    looped = make_motion(position, rate_hz=rate, markers=markers, parts=parts, facts=_facts(known, seam, usual))
+    stride_hz = seam.strides * rate / seam.lag
+    facts = known.facts.with_frequencies(lambda hz: hz / known.facts.stride_frequency_hz * stride_hz)
+    looped = make_motion(position, rate_hz=rate, markers=motion.markers, parts=motion.parts, facts=facts).with_report(
+        **known.report,
+        loop={
+            "from_s": seam.start / rate,
+            "to_s": (seam.start + seam.lag) / rate,
+            "strides": seam.strides,
+            "seam_position_m": seam.position_m,
+            "seam_velocity_mps": seam.velocity_mps,
+            "usual_position_m": usual.position_m,
+            "usual_velocity_mps": usual.velocity_mps,
+            "clip_speed_mps": travel_speed_mps(known),
+        },
+    )
     touchdowns = _cycle_touchdowns(motion, looped, seam, overlap)
-    return looped.assign_attrs(footfalls=_repeat_times(touchdowns, seam.lag / rate, (len(position) - 1) / rate))
+    return looped.with_facts(footfalls=_repeat_times(touchdowns, seam.lag / rate, (len(position) - 1) / rate))
 
 
-def _best_seam(motion: xr.DataArray, period: float, overlap: float) -> tuple[Seam, Seam]:
+def _best_seam(motion: Motion, period: float, overlap: float) -> tuple[Seam, Seam]:
     """The cut with the most strides that is no worse than usual, and the median seam after one stride.
 
     Cuts are tried on a grid of a sixtieth of a stride; the length of the best one is then refined between frames.
     """
-    curve, rate = fit_spline(motion), float(motion.attrs["rate_hz"])
+    curve, rate = fit_spline(motion), motion.rate_hz
     step = max(1, round(period / GRID_PER_STRIDE))
-    position = np.asarray(motion.values[::step], dtype=np.float64)
+    position = np.asarray(motion.position_m[::step], dtype=np.float64)
     velocity = np.gradient(position, step / rate, axis=0)
     stride, width = period / step, max(2, math.ceil(overlap / step) + 1)
     weight_s = period / rate / (2 * math.pi)
-    usual = _median_seam(curve, motion.shape, rate, period, step, width)
+    usual = _median_seam(curve, motion.positions.shape, rate, period, step, width)
     best: list[Seam] = []
     for strides in range(1, min(MOST_STRIDES, max(1, int((len(position) - width) // stride))) + 1):
         lags = range(math.ceil((strides - SEARCH) * stride), math.floor((strides + SEARCH) * stride) + 1)
@@ -131,7 +141,7 @@ def _best_seam(motion: xr.DataArray, period: float, overlap: float) -> tuple[Sea
         if seams:
             cut = min(seams, key=lambda seam: _cost(seam, weight_s))
             on_frames = replace(cut, start=cut.start * step, lag=cut.lag * step)
-            best.append(_between_frames(curve, motion.shape, rate, on_frames, step, overlap, weight_s))
+            best.append(_between_frames(curve, motion.positions.shape, rate, on_frames, step, overlap, weight_s))
     fitting = [seam for seam in best if _fits(seam, usual, weight_s)]
     if fitting:
         return max(fitting, key=lambda seam: seam.strides), usual
@@ -213,14 +223,14 @@ def _between_frames(
     return min(at(float(found.x)), at(min(seam.lag, latest)), key=lambda cut: _cost(cut, weight_s))
 
 
-def _repeat(motion: xr.DataArray, seam: Seam, overlap: float, count: int) -> FloatArray:
+def _repeat(motion: Motion, seam: Seam, overlap: float, count: int) -> FloatArray:
     """Positions of ``count`` frames of the endless cycle, shape (count, P, 3)."""
-    rate = float(motion.attrs["rate_hz"])
+    rate = motion.rate_hz
     curve = fit_spline(motion)
 
     def clip(frames: FloatArray) -> tuple[FloatArray, FloatArray]:
-        found = curve.at(np.clip(frames, 0.0, motion.sizes["time"] - 1.0) / rate)
-        value, slope = (part.reshape(frames.size, *motion.shape[1:]) for part in found)
+        found = curve.at(np.clip(frames, 0.0, motion.n_frames - 1.0) / rate)
+        value, slope = (part.reshape(frames.size, *motion.positions.shape[1:]) for part in found)
         return value, slope / rate
 
     ends = np.linspace(0.0, overlap, max(3, math.ceil(overlap)))
@@ -249,44 +259,20 @@ def _repeat(motion: xr.DataArray, seam: Seam, overlap: float, count: int) -> Flo
     return np.asarray(position)
 
 
-def _facts(known: xr.DataArray, seam: Seam, usual: Seam) -> dict[str, Any]:
-    rate, attrs = float(known.attrs["rate_hz"]), known.attrs
-    stride_hz = seam.strides * rate / seam.lag
-    frequencies = {
-        key: attrs[key] / attrs["stride_frequency_hz"] * stride_hz
-        for key in ("stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz")
-    }
-    report = {
-        "from_s": seam.start / rate,
-        "to_s": (seam.start + seam.lag) / rate,
-        "strides": seam.strides,
-        "seam_position_m": seam.position_m,
-        "seam_velocity_mps": seam.velocity_mps,
-        "usual_position_m": usual.position_m,
-        "usual_velocity_mps": usual.velocity_mps,
-        "clip_speed_mps": travel_speed_mps(known),
-    }
-    return (
-        {key: attrs[key] for key in FACTS if key in attrs}
-        | frequencies
-        | {"report": {**attrs["report"], "loop": report}}
-    )
-
-
-def _cycle_touchdowns(motion: xr.DataArray, looped: xr.DataArray, seam: Seam, overlap: float) -> dict[str, list[float]]:
+def _cycle_touchdowns(motion: Motion, looped: Motion, seam: Seam, overlap: float) -> dict[str, list[float]]:
     """Touchdowns of one cycle, in s after its beginning: as stated, else as found in the middle one of three cycles."""
-    rate = float(motion.attrs["rate_hz"])
+    rate = motion.rate_hz
     lasts_s = seam.lag / rate
-    if motion.attrs["footfalls"]:
-        begins_s = float(axis(motion, "time")[0]) + seam.start / rate
-        times = {foot: np.array(stated) - begins_s for foot, stated in motion.attrs["footfalls"].items()}
+    if motion.facts.footfalls:
+        begins_s = float(motion.time_s[0]) + seam.start / rate
+        times = {foot: np.array(stated) - begins_s for foot, stated in motion.facts.footfalls.items()}
     else:
         three = make_motion(
             _repeat(motion, seam, overlap, math.ceil(3 * seam.lag) + 1),
             rate_hz=rate,
-            markers=axis(looped, "marker").tolist(),
-            parts=axis(looped, "part").tolist(),
-            facts={"species": looped.attrs["species"]},
+            markers=looped.markers,
+            parts=looped.parts,
+            facts={"species": looped.facts.species},
         )
         times = {foot: step.touchdown_s - lasts_s for foot, step in find_steps(three).items()}
     return {foot: [float(t) for t in found if 0.0 <= t < lasts_s - 1e-9] for foot, found in times.items()}

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core.errors import MotionError
-from doppelgait.core.labels import MOTION, axis, check_signal, with_values
+from doppelgait.motion.motion import Motion, require_motion
 from doppelgait.motion.skeleton import BODY_CENTRE_PARTS
 
 FloatArray = npt.NDArray[np.float64]
@@ -21,49 +20,43 @@ STILL_BELOW_M = 0.2
 """A body centre that travels less than this has no direction of travel: it is taken to face +x."""
 
 
-def body_centre_m(motion: xr.DataArray) -> FloatArray:
+def body_centre_m(motion: Motion) -> FloatArray:
     """Mean position of the torso or trunk points, or of all points where none is known; shape (T, 3), m."""
-    return _mean_of(motion.values, _central_points(motion))
+    return _mean_of(motion.position_m, _central_points(motion))
 
 
-def _central_points(motion: xr.DataArray) -> npt.NDArray[np.int64]:
+def _central_points(motion: Motion) -> npt.NDArray[np.int64]:
     """Numbers of the torso or trunk points, or of all where none is known."""
-    central = [n for n, part in enumerate(axis(motion, "part").tolist()) if part in BODY_CENTRE_PARTS]
-    return np.array(central or range(motion.shape[1]), dtype=np.int64)
+    central = [n for n, part in enumerate(motion.parts) if part in BODY_CENTRE_PARTS]
+    return np.array(central or range(motion.positions.shape[1]), dtype=np.int64)
 
 
 def _mean_of(values: npt.NDArray[Any], points: npt.NDArray[np.int64]) -> FloatArray:
     return np.asarray(values[:, points].mean(axis=1))
 
 
-def _net_travel_m(motion: xr.DataArray, last: int = -1) -> FloatArray:
+def _net_travel_m(motion: Motion, last: int = -1) -> FloatArray:
     """Ground-plane displacement of the body centre from the first to another frame, by default the last; shape (2,)."""
-    before, after = _mean_of(motion.values[[0, last]], _central_points(motion))[:, :2]
+    before, after = _mean_of(motion.position_m[[0, last]], _central_points(motion))[:, :2]
     return np.asarray(after - before)
 
 
-def travel_heading_rad(motion: xr.DataArray) -> float:
+def travel_heading_rad(motion: Motion) -> float:
     """Direction of net travel in the ground plane, from +x towards +y; 0 for a body that stays in place."""
     net = _net_travel_m(motion)
     return math.atan2(net[1], net[0]) if math.hypot(*net) > STILL_BELOW_M else 0.0
 
 
-def travel_speed_mps(motion: xr.DataArray, *, first_s: float = math.inf) -> float:
+def travel_speed_mps(motion: Motion, *, first_s: float = math.inf) -> float:
     """Net ground speed of the body centre over the first seconds of a motion, by default all of it."""
-    times = axis(motion, "time")
+    times = motion.time_s
     last = int(np.searchsorted(times, times[0] + first_s, side="right")) - 1
     return float(math.hypot(*_net_travel_m(motion, last)) / (times[last] - times[0]))
 
 
-def duration_s(motion: xr.DataArray) -> float:
-    """Time from the first to the last frame."""
-    times = axis(motion, "time")
-    return float(times[-1] - times[0])
-
-
 def scale_to_height(
-    motion: xr.DataArray, *, height_m: float, mode: ScalingMode = "uniform", recorded_height_m: float | None = None
-) -> xr.DataArray:
+    motion: Motion, *, height_m: float, mode: ScalingMode = "uniform", recorded_height_m: float | None = None
+) -> Motion:
     """Scale a mover to another height about the floor point below its starting position (E-01).
 
     Parameters
@@ -83,39 +76,38 @@ def scale_to_height(
     MotionError
         If the recorded height is unknown.
     """
-    check_signal(motion, MOTION)
-    recorded = motion.attrs["height_m"] if recorded_height_m is None else recorded_height_m
+    require_motion(motion)
+    recorded = motion.facts.height_m if recorded_height_m is None else recorded_height_m
     if not recorded > 0:
         raise MotionError(
-            f"{motion.attrs['source']}: the recorded subject's height is unknown, so it cannot be scaled to "
+            f"{motion.facts.source}: the recorded subject's height is unknown, so it cannot be scaled to "
             f"{height_m} m; give recorded_height_m"
         )
     factor = height_m / recorded
     anchor = np.array([*_centre_at(motion, 0.0)[:2], 0.0])
-    scaled = motion.copy()
+    position_m = motion.position_m.copy(order="K")
     if mode == "z_only":
-        scaled.values[..., 2] *= factor
+        position_m[..., 2] *= factor
     else:
-        scaled.values[...] = anchor + factor * (motion.values - anchor)
-    scaled.attrs.update(height_m=height_m, mass_kg=motion.attrs["mass_kg"] * factor**3)
+        position_m[...] = anchor + factor * (motion.position_m - anchor)
+    scaled = motion.with_positions(position_m).with_facts(height_m=height_m, mass_kg=motion.facts.mass_kg * factor**3)
     return _slow_down(scaled, math.sqrt(factor)) if mode == "froude" else scaled
 
 
-def _slow_down(motion: xr.DataArray, factor: float) -> xr.DataArray:
-    times = axis(motion, "time")
-    slowed = motion.assign_coords(time=times[0] + (times - times[0]) * factor)
-    slowed.coords["time"].attrs["units"] = "s"
-    slowed.attrs["rate_hz"] = motion.attrs["rate_hz"] / factor
-    for key in ("stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz"):
-        slowed.attrs[key] = motion.attrs[key] / factor
-    slowed.attrs["footfalls"] = {
+def _slow_down(motion: Motion, factor: float) -> Motion:
+    times = motion.time_s
+    positions = motion.positions.assign_coords(time=times[0] + (times - times[0]) * factor)
+    positions.coords["time"].attrs["units"] = "s"
+    positions.attrs["rate_hz"] = motion.rate_hz / factor
+    footfalls = {
         foot: [times[0] + (t - times[0]) * factor for t in touchdowns]
-        for foot, touchdowns in motion.attrs["footfalls"].items()
+        for foot, touchdowns in motion.facts.footfalls.items()
     }
-    return slowed
+    facts = motion.facts.with_frequencies(lambda hz: hz / factor)
+    return replace(motion, positions=positions, facts=replace(facts, footfalls=footfalls))
 
 
-def place(motion: xr.DataArray, *, position_m: tuple[float, float], heading_deg: float, at_s: float) -> xr.DataArray:
+def place(motion: Motion, *, position_m: tuple[float, float], heading_deg: float, at_s: float) -> Motion:
     """Turn a motion to a heading and move it so that its body centre is at a ground point at a given time.
 
     Parameters
@@ -131,26 +123,26 @@ def place(motion: xr.DataArray, *, position_m: tuple[float, float], heading_deg:
     turn = math.radians(heading_deg) - travel_heading_rad(motion)
     cos, sin = math.cos(turn), math.sin(turn)
     pivot = _centre_at(motion, at_s)
-    x, y = motion.values[..., 0] - pivot[0], motion.values[..., 1] - pivot[1]
-    moved = np.empty(motion.shape)
+    x, y = motion.position_m[..., 0] - pivot[0], motion.position_m[..., 1] - pivot[1]
+    moved = np.empty(motion.positions.shape)
     np.add(x * cos - y * sin, position_m[0], out=moved[..., 0])
     np.add(x * sin + y * cos, position_m[1], out=moved[..., 1])
-    moved[..., 2] = motion.values[..., 2]
-    return with_values(motion, moved)
+    moved[..., 2] = motion.position_m[..., 2]
+    return motion.with_positions(moved)
 
 
-def _centre_at(motion: xr.DataArray, at_s: float) -> FloatArray:
+def _centre_at(motion: Motion, at_s: float) -> FloatArray:
     """Body centre at a time after the first frame, by linear interpolation; shape (3,)."""
-    times = axis(motion, "time")
+    times = motion.time_s
     frame = float(np.interp(times[0] + at_s, times, np.arange(times.size)))
     before, share = int(frame), frame - int(frame)
     if share == 0.0:  # a gap in the next frame does not matter then
-        return np.asarray(_mean_of(motion.values[before : before + 1], _central_points(motion))[0])
-    first, second = _mean_of(motion.values[before : before + 2], _central_points(motion))
+        return np.asarray(_mean_of(motion.position_m[before : before + 1], _central_points(motion))[0])
+    first, second = _mean_of(motion.position_m[before : before + 2], _central_points(motion))
     return np.asarray(first + share * (second - first))
 
 
-def resample(motion: xr.DataArray, time_s: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+def resample(motion: Motion, time_s: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Positions and analytic velocities at given times, by a cubic (C2) spline through the frames (E-02).
 
     Parameters
@@ -171,7 +163,7 @@ def resample(motion: xr.DataArray, time_s: npt.ArrayLike) -> tuple[FloatArray, F
     """
     spline = fit_spline(motion)
     position, velocity = spline.at(check_times(motion, time_s))
-    shape = (position.shape[0], *motion.shape[1:])
+    shape = (position.shape[0], *motion.positions.shape[1:])
     return position.reshape(shape), velocity.reshape(shape)
 
 
@@ -192,7 +184,7 @@ class Spline:
         return value, slope
 
 
-def fit_spline(motion: xr.DataArray) -> Spline:
+def fit_spline(motion: Motion) -> Spline:
     """Cubic (C2, not-a-knot) spline through a motion's frames (E-02).
 
     Raises
@@ -200,34 +192,34 @@ def fit_spline(motion: xr.DataArray) -> Spline:
     MotionError
         If the motion has gaps or fewer than 4 frames.
     """
-    return _spline_through(motion, motion.values.reshape(motion.shape[0], -1))
+    return _spline_through(motion, motion.position_m.reshape(motion.positions.shape[0], -1))
 
 
-def fit_centre(motion: xr.DataArray) -> Spline:
+def fit_centre(motion: Motion) -> Spline:
     """Spline through the body centre (:func:`body_centre_m`), as :func:`fit_spline`; 3 columns."""
     return _spline_through(motion, body_centre_m(motion))
 
 
-def _spline_through(motion: xr.DataArray, columns: npt.NDArray[Any]) -> Spline:
+def _spline_through(motion: Motion, columns: npt.NDArray[Any]) -> Spline:
     from doppelgait.core.kernels.spline import spline_moments
 
     if columns.shape[0] < 4 or not np.isfinite(columns).all():
-        source = motion.attrs["source"]
+        source = motion.facts.source
         raise MotionError(f"{source}: needs 4 frames or more without gaps to be resampled; clean it first")
     values = np.ascontiguousarray(columns, dtype=np.float64)
     moments = np.empty_like(values)
-    step_s = duration_s(motion) / (values.shape[0] - 1)
+    step_s = motion.duration_s / (values.shape[0] - 1)
     spline_moments(values, step_s, moments)
     return Spline(values, moments, step_s)
 
 
-def check_times(motion: xr.DataArray, time_s: npt.ArrayLike) -> FloatArray:
+def check_times(motion: Motion, time_s: npt.ArrayLike) -> FloatArray:
     """Times after the first frame as float64; a :class:`MotionError` if one lies outside the motion."""
     wanted = np.ascontiguousarray(time_s, dtype=np.float64)
-    lasts = duration_s(motion)
+    lasts = motion.duration_s
     if wanted.size and (wanted.min() < 0 or wanted.max() > lasts + 1e-9):
         raise MotionError(
-            f"{motion.attrs['source']}: lasts {lasts:.3f} s, but {wanted.max():.3f} s are asked for; shorten "
+            f"{motion.facts.source}: lasts {lasts:.3f} s, but {wanted.max():.3f} s are asked for; shorten "
             "duration_s or use a longer motion"
         )
     return wanted

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core.errors import MotionError
-from doppelgait.core.labels import MOTION, axis, check_signal
 from doppelgait.motion.footfalls import is_quadruped
 from doppelgait.motion.gait import GaitFacts, measure_gait
+from doppelgait.motion.motion import Motion, require_motion
 from doppelgait.motion.travel import smooth_path
 
 FloatArray = npt.NDArray[np.float64]
@@ -86,7 +85,7 @@ class Segment:
         return self.stop_s - self.start_s
 
 
-def find_segments(motion: xr.DataArray, *, limits: SegmentLimits | None = None) -> list[Segment]:
+def find_segments(motion: Motion, *, limits: SegmentLimits | None = None) -> list[Segment]:
     """Every straight stretch at constant velocity, longest taken first, none overlapping, in order of time.
 
     The body centre is the mean of the moving points. Its ground path, averaged over ``smoothing_s``, stays within
@@ -94,7 +93,7 @@ def find_segments(motion: xr.DataArray, *, limits: SegmentLimits | None = None) 
 
     Parameters
     ----------
-    motion : xarray.DataArray
+    motion : Motion
         Motion (time, marker, space) in m, z up; clean it first, gaps are bridged by straight lines.
     limits : SegmentLimits, optional
         By default those of a quadruped where the motion has paws or a species other than human, else of a person.
@@ -104,10 +103,10 @@ def find_segments(motion: xr.DataArray, *, limits: SegmentLimits | None = None) 
     list of Segment
         Empty when there is none.
     """
-    check_signal(motion, MOTION)
+    require_motion(motion)
     limits = limits or (QUADRUPED if is_quadruped(motion) else PERSON)
-    position = np.asarray(motion.values, dtype=np.float64)
-    rate = float(motion.attrs["rate_hz"])
+    position = motion.position_m
+    rate = motion.rate_hz
     path = smooth_path(position, rate_hz=rate, smoothing_s=limits.smoothing_s)
     if len(path) < 3 or not np.isfinite(path).all():
         return []
@@ -117,7 +116,7 @@ def find_segments(motion: xr.DataArray, *, limits: SegmentLimits | None = None) 
     return [_describe(motion, path, speed, int(grid[a]), int(grid[b])) for a, b in sorted(found)]
 
 
-def crop(motion: xr.DataArray, segment: Segment) -> xr.DataArray:
+def crop(motion: Motion, segment: Segment) -> Motion:
     """The part of a motion that a segment spans, as a motion of its own that starts at time 0.
 
     Facts that the motion states are kept, its footfalls shifted; what it does not state can be measured in the part
@@ -128,22 +127,15 @@ def crop(motion: xr.DataArray, segment: Segment) -> xr.DataArray:
     MotionError
         If the segment is not inside the motion.
     """
-    times, rate = axis(motion, "time"), float(motion.attrs["rate_hz"])
+    times, rate = motion.time_s, motion.rate_hz
     if segment.start_s < times[0] - 0.5 / rate or segment.stop_s > times[-1] + 0.5 / rate:
         raise MotionError(
-            f"{motion.attrs['source'] or 'motion'}: the segment from {segment.start_s:g} to {segment.stop_s:g} s is "
+            f"{motion.facts.source or 'motion'}: the segment from {segment.start_s:g} to {segment.stop_s:g} s is "
             f"not in this motion, which goes from {times[0]:g} to {times[-1]:g} s; find segments in the same motion"
         )
     first, last = (round((t - times[0]) * rate) for t in (segment.start_s, segment.stop_s))
-    part = motion.isel(time=slice(first, last + 1))
-    part = part.assign_coords(time=("time", np.arange(part.sizes["time"]) / rate, motion.time.attrs))
-    start, stop = times[first], times[last]
-    footfalls = {
-        foot: [t - start for t in touchdowns if start <= t <= stop]
-        for foot, touchdowns in motion.attrs["footfalls"].items()
-    }
-    report = {**motion.attrs["report"], "segment_from_s": float(start), "segment_to_s": float(stop)}
-    return part.assign_attrs(footfalls=footfalls, report=report)
+    report = {"segment_from_s": float(times[first]), "segment_to_s": float(times[last])}
+    return motion.cut(first, last + 1).with_report(**report)
 
 
 def _longest_first(path: FloatArray, speed: FloatArray, step_s: float, limits: SegmentLimits) -> list[tuple[int, int]]:
@@ -172,8 +164,8 @@ def _longest(path: FloatArray, speed: FloatArray, step_s: float, limits: Segment
     return None if first < 0 else (first, last)
 
 
-def _describe(motion: xr.DataArray, path: FloatArray, speed: FloatArray, first: int, last: int) -> Segment:
-    times, rate = axis(motion, "time"), float(motion.attrs["rate_hz"])
+def _describe(motion: Motion, path: FloatArray, speed: FloatArray, first: int, last: int) -> Segment:
+    times, rate = motion.time_s, motion.rate_hz
     part, pace = path[first : last + 1], speed[first : last + 1]
     chord = part[-1] - part[0]
     distance = float(np.linalg.norm(chord))
@@ -187,5 +179,5 @@ def _describe(motion: xr.DataArray, path: FloatArray, speed: FloatArray, first: 
         lateral_m=float(np.abs(offset[:, 0] * along[1] - offset[:, 1] * along[0]).max()),
         speed_deviation=float(np.abs(pace / pace.mean() - 1).max()),
         heading_deg=math.degrees(math.atan2(along[1], along[0])),
-        gait=measure_gait(motion.isel(time=slice(first, last + 1))),
+        gait=measure_gait(motion.frames(first, last + 1)),
     )

@@ -13,6 +13,7 @@ from doppelgait.core.errors import ConfigError
 from doppelgait.core.labels import axis
 from doppelgait.core.rng import Streams
 from doppelgait.core.units import duration_to_pulses, slow_time_axis_s
+from doppelgait.motion.motion import FREQUENCIES, Motion
 from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.pipeline.echoes import Conditions, of_targets, received
 from doppelgait.radar.impairments import ThermalNoise, apply_impairments, noise_power_per_sample_v2
@@ -160,7 +161,7 @@ def target_truth(
     own = axis(scatterers, "target") == number
     rows = scatterers if own.all() else scatterers.isel(scatterer=np.flatnonzero(own))
     motion = scaled_motion(target)
-    facts = motion.attrs
+    facts = motion.facts
     return TargetTruth(
         label=target.label,
         scatterers=rows,
@@ -168,30 +169,30 @@ def target_truth(
         centre_velocity_mps=centre.radial_velocity_mps,
         centre_aspect_rad=centre.aspect_rad,
         ground_speed_mps=_ground_speed_mps(motion, scene.observation_s),
-        gait=facts["gait"],
-        subject=facts["subject"],
-        motion=facts["source"],
-        height_m=facts["height_m"],
+        gait=facts.gait,
+        subject=facts.subject,
+        motion=facts.source,
+        height_m=facts.height_m,
         **_observed_frequencies_hz(motion, scene.observation_s),
         body=None if drawn_s is None else body_at(target, scene, drawn_s),
     )
 
 
-def _ground_speed_mps(motion: xr.DataArray, observation_s: float) -> float:
+def _ground_speed_mps(motion: Motion, observation_s: float) -> float:
     """Speed along the path that the motion was laid on, else that of its net travel."""
-    path = motion.attrs["report"].get("path")
-    return float(path["mean_speed_mps"]) if path else travel_speed_mps(motion, first_s=observation_s)
+    path = motion.facts.path
+    return path.mean_speed_mps if path else travel_speed_mps(motion, first_s=observation_s)
 
 
-def _observed_frequencies_hz(motion: xr.DataArray, observation_s: float) -> dict[str, float]:
+def _observed_frequencies_hz(motion: Motion, observation_s: float) -> dict[str, float]:
     """Stride, step and gait frequency over the observation, from the touchdowns; NaN where nothing is known."""
-    whole = {key: motion.attrs[key] for key in ("stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz")}
-    if motion.attrs["report"].get("path", {}).get("pause_s", 0.0) > 0:
+    whole = {key: getattr(motion.facts, key) for key in FREQUENCIES}
+    if motion.facts.path is not None and motion.facts.path.pause_s > 0:
         return whole  # already a mean over the time not paused
-    start_s = float(axis(motion, "time")[0])
+    start_s = float(motion.time_s[0])
     found = [
         _stride_frequency_hz(np.asarray(times_s), start_s, start_s + observation_s)
-        for times_s in motion.attrs.get("footfalls", {}).values()
+        for times_s in motion.facts.footfalls.values()
         if len(times_s) > 1
     ]
     factor = float(np.mean(found)) / whole["stride_frequency_hz"] if found else 1.0

@@ -73,10 +73,10 @@ def _measured_doppler_hz(radar: Radar, velocity_mps: float) -> float:
 def make_2_15(material: Material) -> Made:
     """The walker's points with their names, from the side and from the front."""
     motion = material.walker().motion
-    frame = int(0.55 * np.ptp(axis(motion, "time")) / 5 * motion.attrs["rate_hz"])
-    side_m = side_view_m(motion.values)[frame]
-    front_m = motion.values[frame][:, 1:] - [motion.values[frame][:, 1].mean(), 0.0]
-    names = list(axis(motion, "marker").astype(str))
+    frame = int(0.55 * np.ptp(motion.time_s) / 5 * motion.rate_hz)
+    side_m = side_view_m(motion.position_m)[frame]
+    front_m = motion.position_m[frame][:, 1:] - [motion.position_m[frame][:, 1].mean(), 0.0]
+    names = motion.markers
     figure = new_figure(width_in=11.0, height_in=7.0)
     panels = figure.subplots(1, 2, sharey=True)
     for panel, points_m, across in zip(panels, (side_m, front_m), ("along the path (m)", "across (m)"), strict=True):
@@ -177,13 +177,13 @@ def make_2_12(material: Material) -> Made:
     start_s, cycle_s = one_cycle_s(motion, "right_foot")
     title = "One gait cycle, right foot landing first"
     figure = viz.stick_frames(motion, start_s=start_s, duration_s=cycle_s, title=title)
-    times_s = axis(motion, "time")
+    times_s = motion.time_s
     ends = [int(np.abs(times_s - time).argmin()) for time in (start_s, start_s + cycle_s)]
     right_m, left_m = (part_line(forward_m(motion), f"{side}_foot") for side in ("right", "left"))
-    landings = [time for times in motion.attrs["footfalls"].values() for time in times]
+    landings = [time for times in motion.facts.footfalls.values() for time in times]
     steps = sum(start_s + 1e-6 < time <= start_s + cycle_s + 1e-6 for time in landings)
     readings = [
-        Reading("points of the body", motion.sizes["marker"], "1", note="the report's person carries 41 markers"),
+        Reading("points of the body", len(motion.markers), "1", note="the report's person carries 41 markers"),
         Reading("steps in the gait cycle", steps, "1", 2.0, given=not person.real),
         Reading("right foot against the body, last view minus first", right_m[ends[1]] - right_m[ends[0]], "m", 0.0,
                 0.05, "the same place to within the size of a dot", not person.real),
@@ -299,13 +299,13 @@ def make_2_18(material: Material) -> Made:
     figure = viz.stick_frames(dog.motion, start_s=start_s, duration_s=cycle_s, title=f"One gait cycle, {dog.gait}")
     lines = forward_m(dog.motion)
     readings = [
-        Reading("points of the body", dog.motion.sizes["marker"], "1", note="the report's dog carries 24 markers"),
+        Reading("points of the body", len(dog.motion.markers), "1", note="the report's dog carries 24 markers"),
         *[
             Reading(f"phase between left and right {pair} paw", _phase_deg(dog, lines, pair), "deg", 0.0,
                     TOGETHER_TOLERANCE_DEG, _gait_note(dog), not dog.real)
             for pair in ("fore", "hind")
         ],
-        Reading("stride frequency", float(dog.motion.attrs["stride_frequency_hz"]), "Hz"),
+        Reading("stride frequency", dog.motion.facts.stride_frequency_hz, "Hz"),
     ]  # fmt: skip
     text = (
         "with left and right together it is a bound, which the report calls a gallop; its stride is the period of "
@@ -318,7 +318,7 @@ def make_2_18(material: Material) -> Made:
 
 def _phase_deg(dog: Mover, lines: xr.DataArray, pair: str) -> float:
     left, right = (part_line(lines, f"{side}_{pair}_paw") for side in ("left", "right"))
-    stride_hz, rate_hz = (float(dog.motion.attrs[name]) for name in ("stride_frequency_hz", "rate_hz"))
+    stride_hz, rate_hz = dog.motion.facts.stride_frequency_hz, dog.motion.rate_hz
     return phase_between_deg(left, right, stride_hz=stride_hz, rate_hz=rate_hz)
 
 

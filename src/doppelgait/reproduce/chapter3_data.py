@@ -340,7 +340,7 @@ def make_table_3_2(material: Material) -> Made:
     for mover in (material.person(), material.galloping_dog()):
         scatterers = material.recording(mover, prf_hz=1491.0).truth[0].scatterers
         total_m2 = float(scatterers["rcs"].values.sum(axis=1).mean())
-        mass_kg = float(mover.motion.attrs["mass_kg"])
+        mass_kg = mover.motion.facts.mass_kg
         rows.append({
             "target": mover.label, "report (m²)": RCS_M2[mover.label], "sum of the scatterers (m²)": total_m2,
             "scatterers": scatterers.sizes["scatterer"], "mass (kg)": mass_kg,

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from doppelgait.features import FEATURE_UNITS
+from doppelgait.motion.motion import Motion
 from doppelgait.reproduce.drawing import LINE, panels
 from doppelgait.reproduce.entry import Entry, Made, Reading, judged
 from doppelgait.reproduce.material import RUNS
@@ -27,7 +28,6 @@ from doppelgait.reproduce.scenarios import (
 from doppelgait.viz.style import legend_below, name_axes, quantity_label
 
 if TYPE_CHECKING:
-    import xarray as xr
     from matplotlib.axes import Axes
 
     from doppelgait.reproduce.material import Material, Mover
@@ -65,11 +65,11 @@ def table_of(material: Material) -> pd.DataFrame:
     return table
 
 
-def _recordings(movers: list[Mover]) -> dict[str, xr.DataArray]:
+def _recordings(movers: list[Mover]) -> dict[str, Motion]:
     """Motions of the recorded movers whose stride is known and seen more than once, by name."""
     return {
         one.name: one.motion for one in movers
-        if one.real and one.seconds * float(one.motion.attrs["stride_frequency_hz"]) >= FEWEST_STRIDES
+        if one.real and one.seconds * one.motion.facts.stride_frequency_hz >= FEWEST_STRIDES
     }  # fmt: skip
 
 

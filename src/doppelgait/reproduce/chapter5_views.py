@@ -15,6 +15,7 @@ from doppelgait.core.rng import Streams
 from doppelgait.core.units import doppler_to_velocity_mps
 from doppelgait.motion import loop
 from doppelgait.motion.models import quadruped_gait
+from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.pipeline import analyze, simulate
 from doppelgait.processing import Analysis
@@ -35,7 +36,6 @@ from doppelgait.viz.spectra import draw_step_doppler
 from doppelgait.viz.style import LINE_COLOURS, name_axes, new_figure
 
 if TYPE_CHECKING:
-    import xarray as xr
     from matplotlib.figure import Figure
 
     from doppelgait.pipeline import TargetResult
@@ -228,7 +228,7 @@ def to_and_fro(material: Material) -> tuple[Recording, TargetResult, TargetResul
     return material.once("to and fro", make)
 
 
-def lanes(motion: xr.DataArray) -> Scene:
+def lanes(motion: Motion) -> Scene:
     """A straight walk laid on four parallel lanes, the ends joined by short ways across."""
     points = [(LEG_M * ((lane + end) % 2), LANE_M * lane) for lane in range(LEGS) for end in (0, 1)]
     way_m = LEGS * LEG_M + (LEGS - 1) * LANE_M

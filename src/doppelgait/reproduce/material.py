@@ -13,8 +13,9 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import ConfigError, DoppelgaitError, DoppelgaitWarning
-from doppelgait.core.labels import SCATTERER_VARIABLES, axis
+from doppelgait.core.labels import SCATTERER_VARIABLES
 from doppelgait.core.units import slow_time_axis_s
+from doppelgait.motion.motion import Motion
 from doppelgait.pipeline import TargetResult, analyze, simulate
 from doppelgait.processing import Analysis
 from doppelgait.radar import Radar, Recording, synthesise
@@ -45,7 +46,7 @@ class Mover:
         "walker", or the file and the number of its stretch.
     label : str
         "human" or "dog".
-    motion : DataArray (time, marker, space)
+    motion : Motion
         m, z up; travels straight ahead.
     real : bool
         Whether it was recorded; a model otherwise.
@@ -53,23 +54,23 @@ class Mover:
 
     name: str
     label: str
-    motion: xr.DataArray
+    motion: Motion
     real: bool = False
 
     @property
     def seconds(self) -> float:
         """Duration of the motion."""
-        return float(np.ptp(axis(self.motion, "time")))
+        return float(np.ptp(self.motion.time_s))
 
     @property
     def gait(self) -> str:
         """Gait as the model or the measurement of its footfalls says; empty if unknown."""
-        return str(self.motion.attrs["gait"])
+        return str(self.motion.facts.gait)
 
     @property
     def strides(self) -> float:
         """Gait cycles in the motion, NaN if unknown."""
-        return self.seconds * float(self.motion.attrs["stride_frequency_hz"])
+        return self.seconds * self.motion.facts.stride_frequency_hz
 
     @property
     def about(self) -> str:
@@ -103,7 +104,7 @@ def model_people() -> list[Mover]:
     found = []
     for speed_mps in (1.3, 0.9, 1.8, 3.0):
         motion = human_gait(speed_mps=speed_mps, height_m=PERSON_M, duration_s=4.0)
-        name = "walking" if motion.attrs["gait"] == "walk" else "running"
+        name = "walking" if motion.facts.gait == "walk" else "running"
         found.append(Mover(f"{name} person, {PERSON_M} m, {speed_mps} m/s", "human", motion))
     return found
 
@@ -306,7 +307,7 @@ class Material:
     def walkers(self) -> list[Mover]:
         """People who walk for some strides with known feet, the most points first: the report's had 41."""
         fit = [one for one in self.people() if one.gait in WALKS and _has_feet(one) and one.strides >= MIN_STRIDES]
-        return sorted(fit, key=lambda one: (-one.motion.sizes["marker"], -one.seconds)) or self.people()
+        return sorted(fit, key=lambda one: (-len(one.motion.markers), -one.seconds)) or self.people()
 
     def person(self) -> Mover:
         """The recorded walk of the report's chapters 2, 3 and 5: the first of :meth:`walkers`."""
@@ -366,5 +367,5 @@ class Material:
 
 
 def _has_feet(mover: Mover) -> bool:
-    parts = {str(part) for part in mover.motion.coords["part"].values}
+    parts = set(mover.motion.parts)
     return {"left_foot", "right_foot", "torso"} <= parts

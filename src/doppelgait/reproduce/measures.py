@@ -10,6 +10,7 @@ import xarray as xr
 
 from doppelgait.core.errors import MotionError
 from doppelgait.core.labels import axis, sampling_rate_hz
+from doppelgait.motion.motion import Motion
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -162,12 +163,12 @@ def columns_per_second(signature: xr.DataArray) -> float:
     return sampling_rate_hz(axis(signature, "time"))
 
 
-def one_cycle_s(motion: xr.DataArray, foot: str) -> tuple[float, float]:
+def one_cycle_s(motion: Motion, foot: str) -> tuple[float, float]:
     """Start and duration of a gait cycle: between the first two touchdowns of a foot.
 
     Parameters
     ----------
-    motion : DataArray (time, marker, space)
+    motion : Motion
     foot : str
         As in the motion's footfalls: "right_foot", "left_hind".
 
@@ -176,22 +177,22 @@ def one_cycle_s(motion: xr.DataArray, foot: str) -> tuple[float, float]:
     MotionError
         If the foot does not touch down twice.
     """
-    touchdowns = motion.attrs["footfalls"].get(foot, [])
+    touchdowns = motion.facts.footfalls.get(foot, [])
     if len(touchdowns) < 2:
         raise MotionError(
-            f"{motion.attrs['source'] or 'motion'}: {foot} touches down {len(touchdowns)} times where two are needed "
+            f"{motion.label}: {foot} touches down {len(touchdowns)} times where two are needed "
             "for a gait cycle; take a longer recording"
         )
     return float(touchdowns[0]), float(touchdowns[1] - touchdowns[0])
 
 
-def forward_m(motion: xr.DataArray) -> xr.DataArray:
+def forward_m(motion: Motion) -> xr.DataArray:
     """Place of every point along the direction of travel, from the mean of all points: lines (time, marker), m."""
-    ground = motion.values[:, :, :2]
+    ground = motion.position_m[:, :, :2]
     centre = ground.mean(axis=1)
     travel = centre[-1] - centre[0]
     along = (ground - centre[:, None]) @ (travel / np.linalg.norm(travel))
-    return motion.isel(space=0).copy(data=along)
+    return motion.positions.isel(space=0).copy(data=along)
 
 
 def part_line(lines: xr.DataArray, part: str) -> FloatArray:

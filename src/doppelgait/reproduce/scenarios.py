@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core.errors import DoppelgaitError
-from doppelgait.core.labels import axis
 from doppelgait.core.rng import Streams
 from doppelgait.motion.models import boulic_walk, human_gait, quadruped_gait, sample_person
 from doppelgait.motion.models.quadruped_gaits import GAITS, GaitName
 from doppelgait.motion.models.quadruped_sizes import BUILDS, froude_speed_mps, hip_height_m
+from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.pipeline import analyze, simulate, with_lowest_prf
 from doppelgait.processing import Analysis
@@ -165,7 +164,7 @@ class Scenario:
         "human" or "dog".
     name : str
         Where the motion comes from.
-    motion : DataArray
+    motion : Motion
     seconds : float
         Observation time T_o.
     away : bool
@@ -174,13 +173,13 @@ class Scenario:
     group: str
     label: str
     name: str
-    motion: xr.DataArray
+    motion: Motion
     seconds: float
     away: bool = False
 
 
 def all_scenarios(
-    people: Mapping[str, xr.DataArray], dogs: Mapping[str, xr.DataArray], *, seed: int,
+    people: Mapping[str, Motion], dogs: Mapping[str, Motion], *, seed: int,
     counts: tuple[int, int, int] = (N_PEOPLE, N_WALKERS, N_DOGS),
 ) -> list[Scenario]:  # fmt: skip
     """The scenarios of the study.
@@ -202,8 +201,8 @@ def all_scenarios(
     return [replace(one, away=number % AWAY_EVERY == AWAY_EVERY - 1) for number, one in enumerate(found)]
 
 
-def _recorded(label: str, name: str, motion: xr.DataArray) -> Scenario:
-    seconds = min(float(np.ptp(axis(motion, "time"))), LONGEST_S)
+def _recorded(label: str, name: str, motion: Motion) -> Scenario:
+    seconds = min(float(np.ptp(motion.time_s)), LONGEST_S)
     return Scenario(f"recorded {'person' if label == 'human' else 'dog'}", label, name, motion, seconds)
 
 
@@ -225,7 +224,7 @@ def _model_person(seed: int, number: int) -> Scenario:
 
 def _walker(speed_mps: float) -> Scenario:
     motion = boulic_walk(speed_mps=float(speed_mps), height_m=PERSON_M, duration_s=20.0)
-    seconds = WALKER_CYCLES / float(motion.attrs["stride_frequency_hz"])
+    seconds = WALKER_CYCLES / motion.facts.stride_frequency_hz
     return Scenario("Boulic walker", "human", f"Boulic walker {speed_mps:.1f} m/s", motion, seconds)
 
 

@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.labels import MOTION, SCATTERER_VARIABLES, SPACE, axis, make_array
+from doppelgait.core.labels import MOTION, SCATTERER_VARIABLES, SPACE, make_array
+from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import check_times, fit_centre, fit_spline, resample
 from doppelgait.radar.link import MIN_RANGE_M
 from doppelgait.scene.rcs import RcsSpec
@@ -177,7 +178,7 @@ def target_numbers(scene: Scene) -> list[int]:
 
 
 def _target_table(
-    motion: xr.DataArray, rcs: RcsSpec, number: int, scene: Scene, times: FloatArray, angles: bool,
+    motion: Motion, rcs: RcsSpec, number: int, scene: Scene, times: FloatArray, angles: bool,
     rng: np.random.Generator | None,
 ) -> xr.Dataset:  # fmt: skip
     scatterers = _scatterers(motion, rcs, scene, times, rng)
@@ -196,8 +197,8 @@ def _target_table(
     if angles:
         sight = line_of_sight(*resample(scatterers.motion, times), scene.radar_position_m)
         values |= {"aspect": sight.aspect_rad, "azimuth": sight.azimuth_rad, "elevation": sight.elevation_rad}
-    parts = np.array([str(part) for part in axis(scatterers.motion, "part")])
-    return _labelled(values, scene, times, number, axis(scatterers.motion, "marker").astype(str), parts)
+    parts = np.array(scatterers.motion.parts)
+    return _labelled(values, scene, times, number, np.array(scatterers.motion.markers), parts)
 
 
 def _empty_table(scene: Scene, times: FloatArray, angles: bool) -> xr.Dataset:
@@ -230,7 +231,7 @@ def _labelled(
 
 
 def _scatterers(
-    motion: xr.DataArray, rcs: RcsSpec, scene: Scene, times: FloatArray, rng: np.random.Generator | None
+    motion: Motion, rcs: RcsSpec, scene: Scene, times: FloatArray, rng: np.random.Generator | None
 ) -> Scatterers:
     """Scatterers of a target, with the occlusion of the ways from the transmitter and to the receiver."""
     if scene.receiver_position_m is None:
@@ -245,7 +246,7 @@ def _scatterers(
     return replace(seen, path_gain=np.sqrt(there * back))
 
 
-def _bisector_point_m(motion: xr.DataArray, scene: Scene, times: FloatArray) -> FloatArray:
+def _bisector_point_m(motion: Motion, scene: Scene, times: FloatArray) -> FloatArray:
     """Point between transmitter and receiver to which the bisector at the body centre leads, at its mean ranges.
 
     The bisector of an angle divides the opposite side as the adjacent sides are to each other: R_t to R_r.
@@ -257,7 +258,7 @@ def _bisector_point_m(motion: xr.DataArray, scene: Scene, times: FloatArray) -> 
 
 
 def ranges_and_velocities(
-    motion: xr.DataArray, time_s: npt.ArrayLike, radar_position_m: npt.ArrayLike
+    motion: Motion, time_s: npt.ArrayLike, radar_position_m: npt.ArrayLike
 ) -> tuple[FloatArray, FloatArray]:
     """Range and radial velocity (positive approaching) of every point at the given times, both (I, P) (E-03, E-04).
 
@@ -269,7 +270,7 @@ def ranges_and_velocities(
     from doppelgait.core.kernels import spline as kernel
 
     spline, times = fit_spline(motion), check_times(motion, time_s)
-    range_m = np.empty((times.size, motion.sizes["marker"]))
+    range_m = np.empty((times.size, len(motion.markers)))
     approach_mps = np.empty_like(range_m)
     origin = np.asarray(radar_position_m, dtype=np.float64)
     kernel.ranges_and_velocities(spline.values, spline.moments, spline.step_s, times, origin, range_m, approach_mps)
@@ -284,13 +285,13 @@ def body_track(target: Target, scene: Scene, slow_time_s: npt.ArrayLike) -> Line
 def body_at(target: Target, scene: Scene, time_s: npt.ArrayLike) -> xr.DataArray:
     """Points of a target's body in the frame of the scene at times from its start, float32 (time, marker, space), m."""
     times, motion = np.asarray(time_s, dtype=float), placed_motion(target, scene)
-    coords = {"time": times, "marker": axis(motion, "marker"), "space": list(SPACE), "part": axis(motion, "part")}
+    coords = {"time": times, "marker": motion.markers, "space": list(SPACE)}
     return make_array(
-        MOTION, resample(motion, times)[0].astype(np.float32), {**coords, "part": ("marker", coords["part"])}
+        MOTION, resample(motion, times)[0].astype(np.float32), {**coords, "part": ("marker", motion.parts)}
     )
 
 
-def _centre_track(motion: xr.DataArray, scene: Scene, times: FloatArray) -> LineOfSight:
+def _centre_track(motion: Motion, scene: Scene, times: FloatArray) -> LineOfSight:
     position_m, velocity_mps = fit_centre(motion).at(check_times(motion, times))
     if scene.receiver_position_m is None:
         return line_of_sight(position_m, velocity_mps, scene.radar_position_m)

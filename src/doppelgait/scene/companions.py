@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import xarray as xr
-
 from doppelgait.core.errors import ConfigError
 from doppelgait.motion.follow import steady_speed_mps
+from doppelgait.motion.motion import Motion
 from doppelgait.motion.paths import StraightPath
 from doppelgait.scene.target import Target, scaled_motion
 
@@ -66,7 +65,7 @@ def side_by_side(first: Target, second: Target, *, side_m: float = 0.7, ahead_m:
 
 
 def leashed_dog(
-    person: Target, dog_motion: xr.DataArray, *, side_m: float = -0.5, ahead_m: float = 0.5, label: str = "dog"
+    person: Target, dog_motion: Motion, *, side_m: float = -0.5, ahead_m: float = 0.5, label: str = "dog"
 ) -> list[Target]:
     """Person and dog on a leash, which keeps the person's speed and place; see :func:`side_by_side`.
 
@@ -74,7 +73,7 @@ def leashed_dog(
     ----------
     person : Target
         Has ``start_position_m`` and ``heading_deg``.
-    dog_motion : DataArray (time, marker, space)
+    dog_motion : Motion
         Straight and steady, its speed within 30 % of the person's: for a model, make it with that ``speed_mps``.
     side_m, ahead_m : float
         The dog's place: by default to the right and ahead. The leash itself is no scatterer.

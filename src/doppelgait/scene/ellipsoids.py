@@ -6,13 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core.errors import ConfigError
-from doppelgait.core.labels import axis
+from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import resample
 from doppelgait.scene.bodies import Segment, body_of
-from doppelgait.scene.points import mean_points, with_points
+from doppelgait.scene.points import mean_points
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -40,13 +39,13 @@ class Ellipsoids:
 class Skeleton:
     """Joints of one motion as a motion table, its segments and their semi-axes (S, 3), m: across, upright, along."""
 
-    joints: xr.DataArray
+    joints: Motion
     segments: tuple[Segment, ...]
     semi_axes_m: FloatArray
 
     def numbers(self, end: str) -> list[int]:
         """Numbers of the joints where the segments ``"start"`` or ``"end"``."""
-        number = {name: n for n, name in enumerate(axis(self.joints, "marker").tolist())}
+        number = {name: n for n, name in enumerate(self.joints.markers)}
         return [number[getattr(segment, end)] for segment in self.segments]
 
 
@@ -91,12 +90,12 @@ def horizontal_mean_rcs_m2(body: Ellipsoids) -> FloatArray:
     return np.asarray(np.pi * (across * upright * along) ** 2 * (xx + yy) / (2.0 * (xx * yy - xy**2) ** 1.5))
 
 
-def skeleton_of(motion: xr.DataArray) -> Skeleton:
+def skeleton_of(motion: Motion) -> Skeleton:
     """Joints and ellipsoids of a motion.
 
     Parameters
     ----------
-    motion : DataArray (time, marker, space)
+    motion : Motion
         With the points of one of :data:`doppelgait.scene.bodies.BODIES` and a known ``height_m``.
 
     Raises
@@ -104,13 +103,13 @@ def skeleton_of(motion: xr.DataArray) -> Skeleton:
     ConfigError
         If the joints or the height are unknown, or two joints of a segment coincide.
     """
-    source, height_m = str(motion.attrs["source"]), float(motion.attrs["height_m"])
-    body, points = body_of([str(m) for m in axis(motion, "marker")], source)
+    source, height_m = motion.facts.source, motion.facts.height_m
+    body, points = body_of(motion.markers, source)
     if not height_m > 0:
         raise ConfigError(f"{source}: the height is unknown, so ellipsoids have no size; use another rcs kind")
-    joints = with_points(motion, mean_points(motion, list(points.values())), list(points), [""] * len(points))
+    joints = motion.with_points(mean_points(motion, list(points.values())), list(points), [""] * len(points))
     skeleton = Skeleton(joints, body.segments, np.empty(0))
-    start, end = (joints.values[:, skeleton.numbers(which)] for which in ("start", "end"))
+    start, end = (joints.position_m[:, skeleton.numbers(which)] for which in ("start", "end"))
     half_m = np.median(np.sqrt(((end - start) ** 2).sum(axis=-1)), axis=0) / 2.0
     if not half_m.min() > 0:
         raise ConfigError(f"{source}: segment {body.segments[int(half_m.argmin())].name} has no length")
@@ -121,11 +120,11 @@ def skeleton_of(motion: xr.DataArray) -> Skeleton:
     return Skeleton(joints, body.segments, np.array(sizes))
 
 
-def centres(skeleton: Skeleton) -> xr.DataArray:
+def centres(skeleton: Skeleton) -> Motion:
     """Motion of the ellipsoids' centres, one point per segment with its name and body part."""
     pairs = list(zip(skeleton.numbers("start"), skeleton.numbers("end"), strict=True))
     names, parts = ([getattr(s, key) for s in skeleton.segments] for key in ("name", "part"))
-    return with_points(skeleton.joints, mean_points(skeleton.joints, pairs), names, parts)
+    return skeleton.joints.with_points(mean_points(skeleton.joints, pairs), names, parts)
 
 
 def ellipsoids_at(skeleton: Skeleton, time_s: FloatArray) -> Ellipsoids:
@@ -135,11 +134,11 @@ def ellipsoids_at(skeleton: Skeleton, time_s: FloatArray) -> Ellipsoids:
 
 def ellipsoids_of_frames(skeleton: Skeleton) -> Ellipsoids:
     """The ellipsoids at the frames of the motion."""
-    return _ellipsoids(skeleton, skeleton.joints.values)
+    return _ellipsoids(skeleton, skeleton.joints.position_m)
 
 
 def _ellipsoids(skeleton: Skeleton, joint_m: FloatArray) -> Ellipsoids:
-    names = axis(skeleton.joints, "marker").tolist()
+    names = skeleton.joints.markers
     start, end = joint_m[:, skeleton.numbers("start")], joint_m[:, skeleton.numbers("end")]
     along = _unit(end - start)
     across = np.zeros_like(along)

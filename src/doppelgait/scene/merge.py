@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
-from doppelgait.core.labels import axis
-from doppelgait.scene.points import mean_points, with_points
+from doppelgait.motion.motion import Motion
+from doppelgait.scene.points import mean_points
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -15,9 +14,7 @@ MAX_FRAMES = 200
 """Frames, evenly spread over the motion, from which the median distance of two points is taken."""
 
 
-def merge_close(
-    motion: xr.DataArray, rcs_m2: npt.ArrayLike, *, closer_than_m: float
-) -> tuple[xr.DataArray, FloatArray]:
+def merge_close(motion: Motion, rcs_m2: npt.ArrayLike, *, closer_than_m: float) -> tuple[Motion, FloatArray]:
     """Merge points whose median distance over the motion is below a limit (E-08).
 
     Echoes of points within a quarter wavelength (1.03 cm at 7.29 GHz) add coherently: L of them send back up to L times
@@ -27,7 +24,7 @@ def merge_close(
 
     Parameters
     ----------
-    motion : DataArray (time, marker, space)
+    motion : Motion
     rcs_m2 : array_like, shape (P,)
         Mean radar cross section of every point.
     closer_than_m : float
@@ -35,7 +32,7 @@ def merge_close(
 
     Returns
     -------
-    motion : DataArray (time, marker, space)
+    motion : Motion
         Groups at the mean position of their points, named ``"A+B"``, with the body part of the strongest; in
         the order of their first points. The report lists the groups as ``merged``.
     rcs_m2 : ndarray, shape (number of groups,)
@@ -43,23 +40,21 @@ def merge_close(
     """
     weights = np.asarray(rcs_m2, dtype=float)
     groups = close_groups(motion, closer_than_m)
-    names, parts = ([str(value) for value in axis(motion, key)] for key in ("marker", "part"))
-    merged = with_points(
-        motion,
+    names, parts = motion.markers, motion.parts
+    merged = motion.with_points(
         mean_points(motion, groups),
         ["+".join(names[n] for n in group) for group in groups],
         [parts[max(group, key=lambda n: weights[n])] for group in groups],
-        merged=[[names[n] for n in group] for group in groups if len(group) > 1],
-    )
+    ).with_report(merged=[[names[n] for n in group] for group in groups if len(group) > 1])
     return merged, np.array([weights[group].sum() for group in groups])
 
 
-def close_groups(motion: xr.DataArray, closer_than_m: float) -> list[list[int]]:
+def close_groups(motion: Motion, closer_than_m: float) -> list[list[int]]:
     """Groups of points with every median distance within a group below the limit, in order of their first points."""
     from scipy.cluster.hierarchy import fcluster, linkage
     from scipy.spatial.distance import squareform
 
-    n_points = motion.sizes["marker"]
+    n_points = len(motion.markers)
     if n_points < 2:
         return [[n] for n in range(n_points)]
     distance_m = np.round(median_distances_m(motion), 9)  # so that rounding does not decide between equal distances
@@ -72,12 +67,12 @@ def close_groups(motion: xr.DataArray, closer_than_m: float) -> list[list[int]]:
     return list(groups.values())
 
 
-def median_distances_m(motion: xr.DataArray) -> FloatArray:
+def median_distances_m(motion: Motion) -> FloatArray:
     """Median over time of the distance of any two points, shape (P, P), m."""
-    step = -(-motion.shape[0] // MAX_FRAMES)
-    frames = motion.values[::step]
-    result = np.zeros((motion.shape[1], motion.shape[1]))
-    for n in range(motion.shape[1]):
+    step = -(-motion.n_frames // MAX_FRAMES)
+    frames = motion.position_m[::step]
+    result = np.zeros((len(motion.markers), len(motion.markers)))
+    for n in range(len(motion.markers)):
         offset = frames - frames[:, n : n + 1]
         result[n] = np.median(np.sqrt((offset * offset).sum(axis=-1)), axis=0)
     return result

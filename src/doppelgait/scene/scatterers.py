@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core.errors import ConfigError
-from doppelgait.core.labels import axis
+from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import resample
 from doppelgait.scene.ellipsoids import (
     Ellipsoids,
@@ -35,19 +34,19 @@ class Scatterers:
 
     Parameters
     ----------
-    motion : DataArray (time, marker, space)
+    motion : Motion
         One point per scatterer, L of them.
     rcs_m2, path_gain : ndarray, broadcastable to (I, L)
         Radar cross section (m^2) and two-way power gain of the path (1) at the I pulse times.
     """
 
-    motion: xr.DataArray
+    motion: Motion
     rcs_m2: FloatArray
     path_gain: FloatArray
 
 
 def scatterers_of(
-    motion: xr.DataArray,
+    motion: Motion,
     spec: RcsSpec,
     time_s: FloatArray,
     radar_position_m: npt.ArrayLike,
@@ -58,7 +57,7 @@ def scatterers_of(
 
     Parameters
     ----------
-    motion : DataArray (time, marker, space)
+    motion : Motion
         In the scene's world frame.
     spec : RcsSpec
     time_s : ndarray, shape (I,)
@@ -86,14 +85,14 @@ def scatterers_of(
         points, rcs_m2 = _point_scatterers(motion, spec)
     gain = np.ones(())
     if skeleton is not None and body is not None and spec.occlusion:
-        own = own_points(points.values, ellipsoids_of_frames(skeleton))
+        own = own_points(points.position_m, ellipsoids_of_frames(skeleton))
         gain = visible_power(resample(points, time_s)[0], body, own, radar_position_m)
     return Scatterers(points, _drawn(rcs_m2, spec, time_s, rng) if rng is not None else rcs_m2, gain)
 
 
-def _point_scatterers(motion: xr.DataArray, spec: RcsSpec) -> tuple[xr.DataArray, FloatArray]:
+def _point_scatterers(motion: Motion, spec: RcsSpec) -> tuple[Motion, FloatArray]:
     """The motion's points, or groups of them, with a constant share of the total each; (L,)."""
-    rcs_m2 = scatterer_rcs_m2(spec, [str(part) for part in axis(motion, "part")], float(motion.attrs["mass_kg"]))
+    rcs_m2 = scatterer_rcs_m2(spec, motion.parts, motion.facts.mass_kg)
     if spec.merge_closer_than_m is None:
         return motion, rcs_m2
     return merge_close(motion, rcs_m2, closer_than_m=spec.merge_closer_than_m)
@@ -101,9 +100,9 @@ def _point_scatterers(motion: xr.DataArray, spec: RcsSpec) -> tuple[xr.DataArray
 
 def _ellipsoid_scatterers(
     skeleton: Skeleton, body: Ellipsoids, spec: RcsSpec, radar_position_m: npt.ArrayLike
-) -> tuple[xr.DataArray, FloatArray]:
+) -> tuple[Motion, FloatArray]:
     """The ellipsoids' centres, and their cross sections (I, S) scaled so that their mean sum is the total (E-08c)."""
-    total_m2 = total_rcs_m2(spec, float(skeleton.joints.attrs["mass_kg"]))
+    total_m2 = total_rcs_m2(spec, skeleton.joints.facts.mass_kg)
     return centres(skeleton), seen_rcs_m2(body, radar_position_m) * (total_m2 / mean_rcs_m2(skeleton))
 
 

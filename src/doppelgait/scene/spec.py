@@ -10,18 +10,17 @@ from threading import Lock
 from typing import Any, Self
 
 import numpy as np
-import xarray as xr
 from pydantic import field_validator, model_validator
 
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, MotionError
-from doppelgait.core.labels import axis
+from doppelgait.motion.motion import Motion
 from doppelgait.scene.target import Scene, SceneParameters, Target, TargetParameters
 
 KEPT_BYTES = 128 * 2**20
 """Of motions read before; some three hundred stretches of motion capture."""
 
-_read_before: OrderedDict[tuple[Path, tuple[int, int], str], xr.DataArray] = OrderedDict()
+_read_before: OrderedDict[tuple[Path, tuple[int, int], str], Motion] = OrderedDict()
 _reading = Lock()
 
 
@@ -104,25 +103,25 @@ def build_scene(spec: SceneSpec, *, folder: Path | None = None, rng: np.random.G
 
 def _target_motion(
     spec: SceneSpec, number: int, duration_s: float, folder: Path | None, rng: np.random.Generator | None
-) -> xr.DataArray:
+) -> Motion:
     try:
         return build_motion(spec.targets[number].motion, duration_s=duration_s, folder=folder, rng=rng)
     except ConfigError as error:
         raise ConfigError(f"targets.{number}.motion: {error}") from None
 
 
-def _model_duration_s(spec: SceneSpec, file_motions: Sequence[xr.DataArray]) -> float:
+def _model_duration_s(spec: SceneSpec, file_motions: Sequence[Motion]) -> float:
     if spec.duration_s is not None:
         # a model scaled dynamically to a smaller height runs faster, and a path may be faster than its motion (twice
         # 30 %: in its speed, and beside a curve), so its motion must be longer
         froude = 2.0 if any(t.scaling == "froude" for t in spec.targets) else 1.0
         return spec.duration_s * froude * (1.7 if any(t.path is not None for t in spec.targets) else 1.0)
-    return min((float(np.ptp(axis(m, "time"))) for m in file_motions), default=DEFAULT_DURATION_S)
+    return min((m.duration_s for m in file_motions), default=DEFAULT_DURATION_S)
 
 
 def build_motion(
     table: Mapping[str, Any], *, duration_s: float, folder: Path | None = None, rng: np.random.Generator | None = None
-) -> xr.DataArray:
+) -> Motion:
     """Motion of a ``motion = { kind = ... }`` table: a model of ``duration_s`` or a file read and cleaned."""
     options = {key: value for key, value in table.items() if key != "kind"}
     kind = str(table["kind"])
@@ -136,7 +135,7 @@ def build_motion(
     return model.generate(validate(model.config, options, where=f"kind {kind!r}"), duration_s, rng)
 
 
-def _read_file(options: dict[str, Any], folder: Path | None) -> xr.DataArray:
+def _read_file(options: dict[str, Any], folder: Path | None) -> Motion:
     from doppelgait.motion.readers import read
 
     path = options.pop("path", None)
@@ -153,7 +152,7 @@ def _read_file(options: dict[str, Any], folder: Path | None) -> xr.DataArray:
         raise MotionError(f"{path}: {error}") from None
 
 
-def _read_once(file: Path, stamp: tuple[int, int], options: str) -> xr.DataArray:
+def _read_once(file: Path, stamp: tuple[int, int], options: str) -> Motion:
     """Motion of a file as it is now; examples of a dataset take the same stretches of the same files in turn."""
     from doppelgait.motion.readers import read
 
@@ -161,7 +160,9 @@ def _read_once(file: Path, stamp: tuple[int, int], options: str) -> xr.DataArray
     with _reading:
         if key not in _read_before:
             _read_before[key] = read(file, **json.loads(options))
-            while len(_read_before) > 1 and sum(motion.nbytes for motion in _read_before.values()) > KEPT_BYTES:
+            while (
+                len(_read_before) > 1 and sum(motion.positions.nbytes for motion in _read_before.values()) > KEPT_BYTES
+            ):
                 _read_before.popitem(last=False)
         _read_before.move_to_end(key)
         return _read_before[key]

@@ -8,15 +8,14 @@ from dataclasses import dataclass, field
 from typing import Any, cast
 
 import numpy as np
-import xarray as xr
 from pydantic import Field, field_validator
 
 from doppelgait.core.config import FrozenModel, validate
 from doppelgait.core.errors import ConfigError, MotionError
-from doppelgait.core.labels import MOTION, check_signal
 from doppelgait.motion.follow import follow
+from doppelgait.motion.motion import Motion, require_motion
 from doppelgait.motion.paths import Path, make_path
-from doppelgait.motion.retime import ScalingMode, duration_s, place, scale_to_height, travel_speed_mps
+from doppelgait.motion.retime import ScalingMode, place, scale_to_height, travel_speed_mps
 from doppelgait.scene.rcs import RcsSpec
 
 
@@ -69,7 +68,7 @@ class Target:
 
     Parameters
     ----------
-    motion : DataArray (time, marker, space)
+    motion : Motion
         A cleaned recording or a model's motion.
     label : str
         Class of the target, for example ``"human"`` or ``"dog"``.
@@ -105,7 +104,7 @@ class Target:
         mixed, or a path has no start.
     """
 
-    motion: xr.DataArray
+    motion: Motion
     label: str = ""
     rcs: RcsSpec | str = field(default_factory=RcsSpec)
     height_m: float | None = None
@@ -119,7 +118,7 @@ class Target:
     background: bool = field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
-        check_signal(self.motion, MOTION)
+        require_motion(self.motion)
         if isinstance(self.rcs, str):
             object.__setattr__(self, "rcs", {"kind": self.rcs})
         if isinstance(self.range_m, float | int) and not self.range_m > 0:
@@ -189,14 +188,14 @@ class Scene:
             lasts = self._lasts_s(number, target)
             if self.duration_s is not None and lasts < self.duration_s - 1e-6:
                 raise ConfigError(
-                    f"targets.{number}: its motion ({target.motion.attrs['source']}) lasts {lasts:.3f} s, the scene "
+                    f"targets.{number}: its motion ({target.motion.facts.source}) lasts {lasts:.3f} s, the scene "
                     f"{self.duration_s} s; lower duration_s to {math.floor(lasts * 100) / 100} or less"
                 )
 
     def _lasts_s(self, number: int, target: Target) -> float:
         """Duration of a target's motion; a path that it cannot follow for so long is a fault of the target."""
         try:
-            return duration_s(_laid(target, wanted_s=self.duration_s))
+            return _laid(target, wanted_s=self.duration_s).duration_s
         except (ConfigError, MotionError) as error:
             raise type(error)(f"targets.{number}: {error}") from None
 
@@ -205,7 +204,7 @@ class Scene:
         """Observation time: ``duration_s``, or the shortest motion."""
         if self.duration_s is not None:
             return self.duration_s
-        return min(duration_s(scaled_motion(target)) for target in self.targets)
+        return min(scaled_motion(target).duration_s for target in self.targets)
 
     @property
     def observed_targets(self) -> tuple[Target, ...]:
@@ -218,12 +217,12 @@ class Scene:
         return self.receiver_position_m if self.receiver_position_m is not None else self.radar_position_m
 
 
-def scaled_motion(target: Target) -> xr.DataArray:
+def scaled_motion(target: Target) -> Motion:
     """The target's motion at its wanted height, on its path if it has one; not yet at its place."""
     return _laid(target)
 
 
-def _laid(target: Target, *, wanted_s: float | None = None, placed: bool = False) -> xr.DataArray:
+def _laid(target: Target, *, wanted_s: float | None = None, placed: bool = False) -> Motion:
     motion = target.motion
     if target.height_m is not None:
         motion = scale_to_height(motion, height_m=target.height_m, mode=target.scaling)
@@ -235,7 +234,7 @@ def _laid(target: Target, *, wanted_s: float | None = None, placed: bool = False
     return follow(motion, target.path_spec, start_position_m=position_m, heading_deg=heading_deg, duration_s=wanted_s)
 
 
-def placed_motion(target: Target, scene: Scene) -> xr.DataArray:
+def placed_motion(target: Target, scene: Scene) -> Motion:
     """The target's motion, scaled, turned and moved to its place in the scene's world frame."""
     if target.path is not None:
         return _laid(target, wanted_s=scene.duration_s, placed=True)
@@ -250,6 +249,6 @@ def placed_motion(target: Target, scene: Scene) -> xr.DataArray:
     return place(motion, position_m=middle, heading_deg=target.bearing_deg + 180.0 + target.aspect_deg, at_s=middle_s)
 
 
-def default_range_m(motion: xr.DataArray, observation_s: float) -> float:
+def default_range_m(motion: Motion, observation_s: float) -> float:
     """Ground range at mid-observation when none is asked for: 5 m, more if needed to stay 2 m away."""
     return max(5.0, travel_speed_mps(motion) * observation_s / 2.0 + 2.0)

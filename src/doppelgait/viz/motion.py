@@ -12,9 +12,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.labels import MOTION
 from doppelgait.core.units import velocity_to_doppler_hz
-from doppelgait.viz.maps import DOPPLER_LABEL, checked, velocity_axis
+from doppelgait.motion.motion import Motion, require_motion
+from doppelgait.viz.maps import DOPPLER_LABEL, velocity_axis
 from doppelgait.viz.style import legend_below, name_axes, new_axes, new_figure
 
 FloatArray = npt.NDArray[np.float64]
@@ -262,7 +262,7 @@ def _finish_lines(axes: Axes, time_s: FloatArray, *, title: str, y: str) -> None
 
 
 def stick_frames(
-    motion: xr.DataArray,
+    motion: Motion,
     *,
     start_s: float | None = None,
     duration_s: float | None = None,
@@ -273,12 +273,12 @@ def stick_frames(
 
     Parameters
     ----------
-    motion : DataArray (time, marker, space)
+    motion : Motion
         Positions in m with the coordinate ``part``; NaN points are left out.
     start_s : float, optional
         Time of the first frame; the motion's start by default.
     duration_s : float, optional
-        Time from first to last frame; by default one stride (attribute ``stride_frequency_hz``), or all there is.
+        Time from first to last frame; by default one stride (``facts.stride_frequency_hz``), or all there is.
     n_frames : int
         2 to 16.
     title : str
@@ -293,16 +293,15 @@ def stick_frames(
     AnalysisError
         If the times lie outside the motion, ``n_frames`` is not allowed.
     """
-    checked(motion, MOTION)
+    require_motion(motion)
     if not 2 <= n_frames <= 16:
         raise AnalysisError(f"n_frames is {n_frames}; 2 to 16 fit on a page")
     frames = _cycle_frames(motion, start_s, duration_s, n_frames)
-    side_m = side_view_m(motion.values[frames])
+    side_m = side_view_m(motion.position_m[frames])
     if not np.isfinite(side_m).any():
         raise AnalysisError("the motion has no known point in these frames: nothing to draw")
     figure, panels = _panels(side_m, n_frames)
-    times_s = motion.coords["time"].values[frames]
-    parts = [str(part) for part in motion.coords["part"].values]
+    times_s, parts = motion.time_s[frames], motion.parts
     for axes, points_m, time_s in zip(panels, side_m, times_s, strict=True):
         # Points, large for torso and feet; the parts of every limb joined from the body outwards.
         for group in dict.fromkeys(part_group(part) for part in parts):
@@ -320,10 +319,10 @@ def stick_frames(
     return figure
 
 
-def _cycle_frames(motion: xr.DataArray, start_s: float | None, duration_s: float | None, n_frames: int) -> list[int]:
-    times_s = np.asarray(motion.coords["time"].values, dtype=np.float64)
+def _cycle_frames(motion: Motion, start_s: float | None, duration_s: float | None, n_frames: int) -> list[int]:
+    times_s = motion.time_s
     start = float(times_s[0]) if start_s is None else start_s
-    stride_hz = float(motion.attrs.get("stride_frequency_hz", np.nan))
+    stride_hz = motion.facts.stride_frequency_hz
     stride_s = 1.0 / stride_hz if stride_hz > 0 else np.inf
     lasts = min(stride_s, float(times_s[-1]) - start) if duration_s is None else duration_s
     if not (times_s[0] <= start and lasts > 0 and start + lasts <= times_s[-1] + 1e-9):

@@ -12,7 +12,6 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel, validate
@@ -34,7 +33,7 @@ from doppelgait.motion.models.strides import (
     sample_times_s,
     stride_clock,
 )
-from doppelgait.motion.schema import make_motion
+from doppelgait.motion.motion import Motion, MotionFacts, make_motion
 from doppelgait.motion.skeleton import BOULIC_PARTS
 
 FloatArray = npt.NDArray[np.float64]
@@ -88,7 +87,7 @@ def boulic_walk(
     stride_variation: float = 0.0,
     rate_hz: float = 250.0,
     rng: np.random.Generator | None = None,
-) -> xr.DataArray:
+) -> Motion:
     """Walking person after Boulic et al. 1990; Chen 2011.
 
     Parameters
@@ -116,7 +115,7 @@ def boulic_walk(
 
     Returns
     -------
-    xarray.DataArray
+    Motion
         Motion (time, marker, space) of :data:`POINTS`: travels along +x from x = 0, the lowest foot point of
         the cycle on z = 0.
 
@@ -132,7 +131,7 @@ def boulic_walk(
     return _generate(validate(BoulicConfig, values, where="boulic_walk"), duration_s, rng)
 
 
-def _generate(config: BoulicConfig, duration_s: float, rng: np.random.Generator | None) -> xr.DataArray:
+def _generate(config: BoulicConfig, duration_s: float, rng: np.random.Generator | None) -> Motion:
     leg_m = LEG_LENGTH * config.height_m
     q = config.speed_mps / leg_m
     scale_m = 1.0 if config.form == "chen2011" else leg_m
@@ -148,10 +147,24 @@ def _generate(config: BoulicConfig, duration_s: float, rng: np.random.Generator 
     points, lowest_m = _over_the_floor(phase, q, config, scale_m)
     points[:, :, 0] += (1.346 * math.sqrt(q) * scale_m * (phase - phase[0]))[:, None]
     points[:, :, 2] -= lowest_m
-    facts = _facts(config, mean_stride_frequency_hz(times_s, phase))
-    facts["footfalls"] = footfall_times_s(clock, {"left_foot": 0.5, "right_foot": 0.0}, times_s[-1])
+    stride_hz = mean_stride_frequency_hz(times_s, phase)
+    facts = MotionFacts(
+        source="boulic",
+        kind="boulic",
+        species="human",
+        gait="walk",
+        height_m=config.height_m,
+        mass_kg=_BODY_MASS_INDEX * config.height_m**2,
+        stride_frequency_hz=stride_hz,
+        step_frequency_hz=2 * stride_hz,
+        gait_frequency_hz=2 * stride_hz,
+        footfalls=footfall_times_s(clock, {"left_foot": 0.5, "right_foot": 0.0}, times_s[-1]),
+    )
     parts = list(BOULIC_PARTS.values())
-    return make_motion(points, rate_hz=config.rate_hz, markers=POINTS, parts=parts, facts=facts)
+    return make_motion(
+        points, rate_hz=config.rate_hz, markers=POINTS, parts=parts, facts=facts,
+        report={"mass_kg": "assumed: body mass index 23 kg/m^2"},
+    )  # fmt: skip
 
 
 def _over_the_floor(phase: FloatArray, q: float, config: BoulicConfig, scale_m: float) -> tuple[FloatArray, float]:
@@ -160,17 +173,6 @@ def _over_the_floor(phase: FloatArray, q: float, config: BoulicConfig, scale_m: 
     signs = _SIGNS[config.form]
     points = boulic_points(both, q, config.height_m, offset_scale_m=scale_m, offset_signs=signs)
     return points[_WHOLE_CYCLE.size :], float(points[: _WHOLE_CYCLE.size, _FEET, 2].min())
-
-
-def _facts(config: BoulicConfig, stride_frequency_hz: float) -> dict[str, object]:
-    return {
-        "source": "boulic", "kind": "boulic", "species": "human", "gait": "walk", "height_m": config.height_m,
-        "mass_kg": _BODY_MASS_INDEX * config.height_m**2,
-        "stride_frequency_hz": stride_frequency_hz,
-        "step_frequency_hz": 2 * stride_frequency_hz,
-        "gait_frequency_hz": 2 * stride_frequency_hz,
-        "report": {"mass_kg": "assumed: body mass index 23 kg/m^2"},
-    }  # fmt: skip
 
 
 def boulic_points(

@@ -6,14 +6,13 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel, validate
 from doppelgait.motion.models.primitives import rotor
 from doppelgait.motion.models.registry import MOTION_MODELS, MotionModel
 from doppelgait.motion.models.strides import sample_times_s
-from doppelgait.motion.schema import make_motion
+from doppelgait.motion.motion import Motion, make_motion
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -102,7 +101,7 @@ def robot_vacuum(
     brush_radius_m: float = 0.07,
     duration_s: float = 5.0,
     rate_hz: float = 250.0,
-) -> xr.DataArray:
+) -> Motion:
     """Flat round robot on a straight line or an arc, with an optional side brush.
 
     It starts at the origin along +x and turns at a constant rate w: its centre is on a circle of radius V/w. Its rim
@@ -128,7 +127,7 @@ def robot_vacuum(
 
     Returns
     -------
-    xarray.DataArray
+    Motion
         Motion of ``"centre"``, ``"rim_1"``, ... and ``"brush_1"``, ...
 
     Raises
@@ -152,7 +151,7 @@ def curtain(
     rows: int = 4,
     duration_s: float = 10.0,
     rate_hz: float = 250.0,
-) -> xr.DataArray:
+) -> Motion:
     """Curtain before a window: points that sway along x, a (d/D) sin(2 pi f t - phi y/W), under a rail along y.
 
     Parameters
@@ -176,7 +175,7 @@ def curtain(
 
     Returns
     -------
-    xarray.DataArray
+    Motion
         Motion of the points ``"cloth_1_1"`` (column, row), ...
 
     Raises
@@ -196,7 +195,7 @@ def fan(
     hub_height_m: float = 1.1,
     duration_s: float = 5.0,
     rate_hz: float = 1000.0,
-) -> xr.DataArray:
+) -> Motion:
     """Fan that blows along +x: a rotor in the plane (y, z) and a stand at rest.
 
     The tips move at 2 pi rotation_hz radius_m, 19 m/s as given, which few radars' frame rates can show.
@@ -218,7 +217,7 @@ def fan(
 
     Returns
     -------
-    xarray.DataArray
+    Motion
         Motion of ``"hub"``, ``"blade_1"``, ..., ``"stand"`` (half way up) and ``"foot"``.
 
     Raises
@@ -230,7 +229,7 @@ def fan(
     return _fan(validate(FanConfig, options, where="fan"), duration_s)
 
 
-def _vacuum(config: VacuumConfig, duration_s: float, rng: np.random.Generator | None = None) -> xr.DataArray:
+def _vacuum(config: VacuumConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
     times_s = sample_times_s(duration_s, config.rate_hz)
     turn = math.radians(config.turn_deg_per_s)
     heading = turn * times_s
@@ -250,7 +249,7 @@ def _vacuum(config: VacuumConfig, duration_s: float, rng: np.random.Generator | 
     return _motion("vacuum", points, config.rate_hz, height_m=config.height_m, **rate)
 
 
-def _curtain(config: CurtainConfig, duration_s: float, rng: np.random.Generator | None = None) -> xr.DataArray:
+def _curtain(config: CurtainConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
     times_s = sample_times_s(duration_s, config.rate_hz)
     points = {}
     for column, across in enumerate(np.linspace(-0.5, 0.5, config.columns) if config.columns > 1 else [0.0]):
@@ -264,7 +263,7 @@ def _curtain(config: CurtainConfig, duration_s: float, rng: np.random.Generator 
     return _motion("curtain", points, config.rate_hz, height_m=config.rail_height_m, **rate)
 
 
-def _fan(config: FanConfig, duration_s: float, rng: np.random.Generator | None = None) -> xr.DataArray:
+def _fan(config: FanConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
     turning = rotor(
         radius_m=config.radius_m,
         rotation_hz=config.rotation_hz,
@@ -274,11 +273,11 @@ def _fan(config: FanConfig, duration_s: float, rng: np.random.Generator | None =
         duration_s=duration_s,
         rate_hz=config.rate_hz,
     )
-    points = {str(name): turning.values[:, n] for n, name in enumerate(turning.marker.values)}
-    still = np.zeros(turning.shape[0])
+    points = {name: turning.position_m[:, n] for n, name in enumerate(turning.markers)}
+    still = np.zeros(turning.n_frames)
     points |= {"stand": _xyz(still, 0.0, config.hub_height_m / 2), "foot": _xyz(still, 0.0, 0.0)}
     top_m = config.hub_height_m + config.radius_m
-    return _motion("fan", points, config.rate_hz, height_m=top_m, gait_frequency_hz=turning.attrs["gait_frequency_hz"])
+    return _motion("fan", points, config.rate_hz, height_m=top_m, gait_frequency_hz=turning.facts.gait_frequency_hz)
 
 
 def _xyz(x: FloatArray, y: FloatArray | float, z: float) -> FloatArray:
@@ -289,13 +288,14 @@ def _round(angle_rad: FloatArray, radius_m: float) -> FloatArray:
     return radius_m * np.stack([np.cos(angle_rad), np.sin(angle_rad), np.zeros_like(angle_rad)], axis=1)
 
 
-def _motion(kind: str, points: dict[str, FloatArray], rate_hz: float, **facts: object) -> xr.DataArray:
+def _motion(kind: str, points: dict[str, FloatArray], rate_hz: float, **facts: object) -> Motion:
     return make_motion(
         np.stack(list(points.values()), axis=1),
         rate_hz=rate_hz,
         markers=list(points),
         parts=[""] * len(points),
-        facts={"source": kind, "kind": kind, "mass_kg": MASS_KG[kind], "report": {"mass_kg": "assumed"}, **facts},
+        facts={"source": kind, "kind": kind, "mass_kg": MASS_KG[kind], **facts},
+        report={"mass_kg": "assumed"},
     )
 
 

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel, validate
@@ -21,7 +20,7 @@ from doppelgait.motion.models.strides import (
     sample_times_s,
     stride_clock,
 )
-from doppelgait.motion.schema import make_motion
+from doppelgait.motion.motion import Motion, MotionFacts, make_motion
 from doppelgait.motion.skeleton import BOULIC_PARTS
 
 FloatArray = npt.NDArray[np.float64]
@@ -69,7 +68,7 @@ def crawling_person(
     stride_variation: float = 0.0,
     rate_hz: float = 250.0,
     rng: np.random.Generator | None = None,
-) -> xr.DataArray:
+) -> Motion:
     """Person who crawls on hands and knees, diagonal limbs together.
 
     Stride frequency f = sqrt(V/(0.36 H)) per second, stride length V/f (assumed, as are all proportions of the gait).
@@ -96,7 +95,7 @@ def crawling_person(
 
     Returns
     -------
-    xarray.DataArray
+    Motion
         Motion (time, marker, space) of the 17 points of the Boulic walk: travels along +x over z = 0.
 
     Raises
@@ -108,7 +107,7 @@ def crawling_person(
     return _generate(validate(CrawlConfig, options, where="crawling_person"), duration_s, rng)
 
 
-def _generate(config: CrawlConfig, duration_s: float, rng: np.random.Generator | None) -> xr.DataArray:
+def _generate(config: CrawlConfig, duration_s: float, rng: np.random.Generator | None) -> Motion:
     times_s = sample_times_s(duration_s, config.rate_hz)
     stride_hz = math.sqrt(config.speed_mps / (STRIDE_RATIO * config.height_m))
     clock = stride_clock(
@@ -123,10 +122,25 @@ def _generate(config: CrawlConfig, duration_s: float, rng: np.random.Generator |
     points = crawling_points(phase, stride_m / config.height_m)
     position_m = config.height_m * np.stack([points[name] for name in POINTS], axis=1)
     position_m[:, :, 0] -= stride_m * phase[0]
-    facts = _facts(config, mean_stride_frequency_hz(times_s, phase))
-    facts["footfalls"] = footfall_times_s(clock, TOUCHDOWN, times_s[-1])
+    mass = {"mass_kg": "assumed: body mass index 23 kg/m^2"} if config.mass_kg is None else {}
+    stride_hz = mean_stride_frequency_hz(times_s, phase)
+    facts = MotionFacts(
+        source="crawl",
+        kind="crawl",
+        species="human",
+        gait="crawl",
+        height_m=config.height_m,
+        mass_kg=23.0 * config.height_m**2 if config.mass_kg is None else config.mass_kg,
+        stride_frequency_hz=stride_hz,
+        step_frequency_hz=2 * stride_hz,
+        gait_frequency_hz=2 * stride_hz,
+        footfalls=footfall_times_s(clock, TOUCHDOWN, times_s[-1]),
+    )
     parts = list(BOULIC_PARTS.values())
-    return make_motion(position_m, rate_hz=config.rate_hz, markers=POINTS, parts=parts, facts=facts)
+    return make_motion(
+        position_m, rate_hz=config.rate_hz, markers=POINTS, parts=parts, facts=facts,
+        report={"gait": "assumed: timing and proportions"} | mass,
+    )  # fmt: skip
 
 
 def placed(cycles: FloatArray, duty: float) -> tuple[FloatArray, FloatArray]:
@@ -184,18 +198,6 @@ def _leg(base: FloatArray, phase: FloatArray, stride: float, side: str, sigma: f
 
 def _xyz(x: FloatArray, y: float, z: FloatArray | float) -> FloatArray:
     return np.stack([x, np.full_like(x, y), np.broadcast_to(z, x.shape)], axis=1)
-
-
-def _facts(config: CrawlConfig, stride_frequency_hz: float) -> dict[str, object]:
-    mass = {"mass_kg": "assumed: body mass index 23 kg/m^2"} if config.mass_kg is None else {}
-    return {
-        "source": "crawl", "kind": "crawl", "species": "human", "gait": "crawl", "height_m": config.height_m,
-        "mass_kg": 23.0 * config.height_m**2 if config.mass_kg is None else config.mass_kg,
-        "stride_frequency_hz": stride_frequency_hz,
-        "step_frequency_hz": 2 * stride_frequency_hz,
-        "gait_frequency_hz": 2 * stride_frequency_hz,
-        "report": {"gait": "assumed: timing and proportions", **mass},
-    }  # fmt: skip
 
 
 MOTION_MODELS.add("crawl", MotionModel(CrawlConfig, _generate))

@@ -8,7 +8,6 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel, validate
@@ -47,7 +46,7 @@ from doppelgait.motion.models.strides import (
     sample_times_s,
     stride_clock,
 )
-from doppelgait.motion.schema import make_motion
+from doppelgait.motion.motion import Motion, MotionFacts, make_motion
 from doppelgait.motion.skeleton import BOULIC_PARTS
 
 FloatArray = npt.NDArray[np.float64]
@@ -132,7 +131,7 @@ def human_gait(
     start_phase: float = 0.0,
     rate_hz: float = 250.0,
     rng: np.random.Generator | None = None,
-) -> xr.DataArray:
+) -> Motion:
     """Walking or running person.
 
     A walk is that of Boulic et al. 1990 (:func:`doppelgait.motion.models.boulic.boulic_walk`), and with
@@ -176,7 +175,7 @@ def human_gait(
 
     Returns
     -------
-    xarray.DataArray
+    Motion
         Motion (time, marker, space) of the 17 points of the Boulic walk: travels along +x from x = 0 over z = 0.
 
     Raises
@@ -188,7 +187,7 @@ def human_gait(
     return _generate(validate(HumanConfig, options, where="human_gait"), duration_s, rng)
 
 
-def _generate(config: HumanConfig, duration_s: float, rng: np.random.Generator | None) -> xr.DataArray:
+def _generate(config: HumanConfig, duration_s: float, rng: np.random.Generator | None) -> Motion:
     times_s = sample_times_s(duration_s, config.rate_hz)
     size_m = {name: part * config.height_m for name, part in segment_lengths(config.body, config.height_m).items()}
     style = _style(config, size_m)
@@ -209,10 +208,24 @@ def _generate(config: HumanConfig, duration_s: float, rng: np.random.Generator |
         points = both[_WHOLE_CYCLE.size :]
         points[:, :, 0] += advance(phase, 0)[:, None]
         points[:, :, 2] -= both[: _WHOLE_CYCLE.size, _FEET, 2].min()
-    facts = _facts(config, mean_stride_frequency_hz(times_s, phase))
-    facts["footfalls"] = footfall_times_s(clock, {"left_foot": 0.5, "right_foot": 0.0}, times_s[-1])
+    stride_hz = mean_stride_frequency_hz(times_s, phase)
+    facts = MotionFacts(
+        source="human",
+        kind="human",
+        species="human",
+        gait=config.actual_gait,
+        height_m=config.height_m,
+        mass_kg=config.mass_kg if config.mass_kg is not None else BODY_MASS_INDEX * config.height_m**2,
+        stride_frequency_hz=stride_hz,
+        step_frequency_hz=2 * stride_hz,
+        gait_frequency_hz=2 * stride_hz,
+        footfalls=footfall_times_s(clock, {"left_foot": 0.5, "right_foot": 0.0}, times_s[-1]),
+    )
     parts = list(BOULIC_PARTS.values())
-    return make_motion(points, rate_hz=config.rate_hz, markers=POINTS, parts=parts, facts=facts)
+    return make_motion(
+        points, rate_hz=config.rate_hz, markers=POINTS, parts=parts, facts=facts,
+        report={} if config.mass_kg is not None else {"mass_kg": "assumed: body mass index 23 kg/m^2"},
+    )  # fmt: skip
 
 
 def _clock_and_way(
@@ -288,19 +301,6 @@ def _with_arms(config: HumanConfig, curves: Curves) -> Curves:
 
 def _radians(angles_deg: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
     return {name: np.radians(angle) for name, angle in angles_deg.items()}
-
-
-def _facts(config: HumanConfig, stride_frequency_hz: float) -> dict[str, object]:
-    given = config.mass_kg is not None
-    return {
-        "source": "human", "kind": "human", "species": "human", "gait": config.actual_gait,
-        "height_m": config.height_m,
-        "mass_kg": config.mass_kg if given else BODY_MASS_INDEX * config.height_m**2,
-        "stride_frequency_hz": stride_frequency_hz,
-        "step_frequency_hz": 2 * stride_frequency_hz,
-        "gait_frequency_hz": 2 * stride_frequency_hz,
-        "report": {} if given else {"mass_kg": "assumed: body mass index 23 kg/m^2"},
-    }  # fmt: skip
 
 
 MOTION_MODELS.add("human", MotionModel(HumanConfig, _generate))

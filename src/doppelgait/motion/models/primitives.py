@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel, validate
 from doppelgait.motion.models.registry import MOTION_MODELS, MotionModel
 from doppelgait.motion.models.strides import sample_times_s
-from doppelgait.motion.schema import make_motion
+from doppelgait.motion.motion import Motion, make_motion
 
 FloatArray = npt.NDArray[np.float64]
 Plane = Literal["xy", "xz", "yz"]
@@ -76,7 +76,7 @@ class BreathingConfig(FrozenModel):
 
 def moving_point(
     *, speed_mps: float = 1.0, height_m: float = 1.0, duration_s: float = 5.0, rate_hz: float = 250.0
-) -> xr.DataArray:
+) -> Motion:
     """One point on a straight line: x = V t at a constant height.
 
     Parameters
@@ -92,7 +92,7 @@ def moving_point(
 
     Returns
     -------
-    xarray.DataArray
+    Motion
         Motion of one point, ``"point"``.
 
     Raises
@@ -112,7 +112,7 @@ def pendulum(
     pivot_height_m: float = 1.0,
     duration_s: float = 5.0,
     rate_hz: float = 250.0,
-) -> xr.DataArray:
+) -> Motion:
     """One point that swings in x under a pivot above x = 0, with the angle a sin(2 pi f t) forward of the vertical.
 
     The frequency is given, not that of free fall. The highest speed is 2 pi f a l, at the lowest point.
@@ -134,7 +134,7 @@ def pendulum(
 
     Returns
     -------
-    xarray.DataArray
+    Motion
         Motion of one point, ``"bob"``.
 
     Raises
@@ -158,7 +158,7 @@ def rotor(
     hub_height_m: float = 1.0,
     duration_s: float = 5.0,
     rate_hz: float = 250.0,
-) -> xr.DataArray:
+) -> Motion:
     """A hub at rest above x = 0 and the tips of blades that turn about it at constant rate.
 
     Blade k is at the angle 2 pi (rotation_hz t + k / blades), from the plane's first axis to its second. The highest
@@ -183,7 +183,7 @@ def rotor(
 
     Returns
     -------
-    xarray.DataArray
+    Motion
         Motion of the points ``"hub"``, ``"blade_1"``, ...
 
     Raises
@@ -205,7 +205,7 @@ def breathing_person(
     amplitude_m: float = 0.005,
     duration_s: float = 20.0,
     rate_hz: float = 250.0,
-) -> xr.DataArray:
+) -> Motion:
     """Head and torso of a person who stands still, facing +x, and breathes: the chest moves as a sin(2 pi f t) in x.
 
     Parameters
@@ -223,7 +223,7 @@ def breathing_person(
 
     Returns
     -------
-    xarray.DataArray
+    Motion
         Motion of six points.
 
     Raises
@@ -237,20 +237,20 @@ def breathing_person(
     return _breathing(validate(BreathingConfig, values, where="breathing_person"), duration_s)
 
 
-def _point(config: PointConfig, duration_s: float, rng: np.random.Generator | None = None) -> xr.DataArray:
+def _point(config: PointConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
     times_s = sample_times_s(duration_s, config.rate_hz)
     xyz = _xyz(config.speed_mps * times_s, 0.0, config.height_m)
     return _motion("point", {"point": xyz}, config.rate_hz)
 
 
-def _pendulum(config: PendulumConfig, duration_s: float, rng: np.random.Generator | None = None) -> xr.DataArray:
+def _pendulum(config: PendulumConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
     times_s = sample_times_s(duration_s, config.rate_hz)
     angle = np.radians(config.amplitude_deg) * np.sin(2 * np.pi * config.frequency_hz * times_s)
     x, z = config.length_m * np.sin(angle), config.pivot_height_m - config.length_m * np.cos(angle)
     return _motion("pendulum", {"bob": _xyz(x, 0.0, z)}, config.rate_hz, gait_frequency_hz=config.frequency_hz)
 
 
-def _rotor(config: RotorConfig, duration_s: float, rng: np.random.Generator | None = None) -> xr.DataArray:
+def _rotor(config: RotorConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
     times_s = sample_times_s(duration_s, config.rate_hz)
     points = {"hub": _xyz(np.zeros_like(times_s), 0.0, config.hub_height_m)}
     first, second = ("xyz".index(axis) for axis in config.plane)
@@ -274,7 +274,7 @@ _STANDING = {
 """Part, place as fractions of the stature (x, y, z), and share of the chest's motion; assumed proportions."""
 
 
-def _breathing(config: BreathingConfig, duration_s: float, rng: np.random.Generator | None = None) -> xr.DataArray:
+def _breathing(config: BreathingConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
     times_s = sample_times_s(duration_s, config.rate_hz)
     chest_m = config.amplitude_m * np.sin(2 * np.pi * config.breathing_hz * times_s)
     size_m = config.height_m
@@ -295,14 +295,21 @@ def _xyz(x: FloatArray, y: float, z: FloatArray | float) -> FloatArray:
 
 
 def _motion(
-    kind: str, points: dict[str, FloatArray], rate_hz: float, *, parts: list[str] | None = None, **facts: object
-) -> xr.DataArray:
+    kind: str,
+    points: dict[str, FloatArray],
+    rate_hz: float,
+    *,
+    parts: list[str] | None = None,
+    report: Mapping[str, str] | None = None,
+    **facts: object,
+) -> Motion:
     return make_motion(
         np.stack(list(points.values()), axis=1),
         rate_hz=rate_hz,
         markers=list(points),
         parts=parts or [""] * len(points),
         facts={"source": kind, "kind": kind, **facts},
+        report=report,
     )
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel, validate
@@ -35,7 +34,7 @@ from doppelgait.motion.models.strides import (
     sample_times_s,
     stride_clock,
 )
-from doppelgait.motion.schema import make_motion
+from doppelgait.motion.motion import NAN, Motion, MotionFacts, make_motion
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -128,7 +127,7 @@ def quadruped_gait(
     tail_sweep_deg: float = 30.0,
     rate_hz: float = 250.0,
     rng: np.random.Generator | None = None,
-) -> xr.DataArray:
+) -> Motion:
     """Dog or cat that goes straight ahead in one gait.
 
     Stride length L = c h Fr^0.3 with Fr = V^2/(g h) and a dog's hip height h = 0.8 withers heights (Alexander and
@@ -170,7 +169,7 @@ def quadruped_gait(
 
     Returns
     -------
-    xarray.DataArray
+    Motion
         Motion (time, marker, space) of :data:`POINTS`: travels along +x from about x = 0, paws on z = 0 in stance.
 
     Raises
@@ -186,7 +185,7 @@ def quadruped_gait(
     return _generate(validate(QuadrupedConfig, values, where="quadruped_gait"), duration_s, rng)
 
 
-def _generate(config: QuadrupedConfig, duration_s: float, rng: np.random.Generator | None) -> xr.DataArray:
+def _generate(config: QuadrupedConfig, duration_s: float, rng: np.random.Generator | None) -> Motion:
     build, speed_mps, hip_m = BUILDS[config.build], config.actual_speed_mps, config.hip_m
     gait = fitted_gait(config.actual_gait, build, config.asymmetry)
     stride_m = stride_length_m(gait, speed_mps, hip_m)
@@ -203,10 +202,29 @@ def _generate(config: QuadrupedConfig, duration_s: float, rng: np.random.Generat
     duty = {end: duty_factor(getattr(gait, end), speed_mps / stride_m, hip_m) for end in ("hind", "fore")}
     position_m = hip_m * _position(phase, gait, build, stride_m / hip_m, duty, wag_rad)
     position_m[:, :, 0] -= stride_m * phase[0]
-    facts = _facts(config, gait, mean_stride_frequency_hz(times_s, phase))
-    facts["footfalls"] = footfall_times_s(clock, gait.touchdown, times_s[-1])
+    build = BUILDS[config.build]
+    stride_hz = mean_stride_frequency_hz(times_s, phase)
+    facts = MotionFacts(
+        source="quadruped",
+        kind="quadruped",
+        species=build.species,
+        gait=config.actual_gait,
+        height_m=config.actual_withers_m,
+        mass_kg=mass_kg(build, config.actual_withers_m),
+        stride_frequency_hz=stride_hz,
+        step_frequency_hz=2 * stride_hz if gait.harmonic == 2 else NAN,
+        gait_frequency_hz=gait.harmonic * stride_hz,
+        footfalls=footfall_times_s(clock, gait.touchdown, times_s[-1]),
+    )
     parts = list(PART_OF_POINT.values())
-    return make_motion(position_m, rate_hz=config.rate_hz, markers=POINTS, parts=parts, facts=facts)
+    return make_motion(
+        position_m, rate_hz=config.rate_hz, markers=POINTS, parts=parts, facts=facts,
+        report={
+            "mass_kg": f"assumed: {build.mass_kg:.3g} kg at withers_m = {build.withers_m:g}, "
+            "with the cube of the height",
+            "proportions": build.source,
+        },
+    )  # fmt: skip
 
 
 def _position(
@@ -216,23 +234,6 @@ def _position(
     lowered = crouch(gait, build, stride, duty)
     points = all_points(phase, gait, build, stride=stride, duty=duty, lowered=lowered, wag_rad=wag_rad)
     return np.stack([points[name] for name in POINTS], axis=1)
-
-
-def _facts(config: QuadrupedConfig, gait: Gait, stride_frequency_hz: float) -> dict[str, object]:
-    build = BUILDS[config.build]
-    step = {"step_frequency_hz": 2 * stride_frequency_hz} if gait.harmonic == 2 else {}
-    return {
-        "source": "quadruped", "kind": "quadruped", "species": build.species, "gait": config.actual_gait,
-        "height_m": config.actual_withers_m,
-        "mass_kg": mass_kg(build, config.actual_withers_m),
-        "stride_frequency_hz": stride_frequency_hz,
-        "gait_frequency_hz": gait.harmonic * stride_frequency_hz,
-        "report": {
-            "mass_kg": f"assumed: {build.mass_kg:.3g} kg at withers_m = {build.withers_m:g}, "
-            "with the cube of the height",
-            "proportions": build.source,
-        },
-    } | step  # fmt: skip
 
 
 MOTION_MODELS.add("quadruped", MotionModel(QuadrupedConfig, _generate))

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import xarray as xr
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.registry import Registry
+from doppelgait.motion.motion import Motion
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class MotionModel:
     """
 
     config: type[FrozenModel]
-    generate: Callable[[Any, float, np.random.Generator | None], xr.DataArray]
+    generate: Callable[[Any, float, np.random.Generator | None], Motion]
 
 
 MOTION_MODELS: Registry[MotionModel] = Registry("doppelgait.motion_models", "motion model")

@@ -7,10 +7,8 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-import numpy as np
-import xarray as xr
-
 from doppelgait.core.errors import MotionError
+from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers import amc, arrays, bvh, c3d, expmap, table, trc  # noqa: F401  (they register themselves)
 from doppelgait.motion.readers.registry import MOTION_READERS, MotionReader, ReadOptions
 
@@ -31,7 +29,7 @@ def read(
     segment: int | Literal["longest"] | None = None,
     loop_to_s: float | None = None,
     **options: Any,
-) -> xr.DataArray:
+) -> Motion:
     """Read a motion recording.
 
     Parameters
@@ -54,7 +52,7 @@ def read(
 
     Returns
     -------
-    xarray.DataArray
+    Motion
         Motion (time, marker, space) in m, z up.
 
     Raises
@@ -81,8 +79,8 @@ def read(
 
 
 def take_part(
-    path: Path, motion: xr.DataArray, *, segment: int | Literal["longest"] | None, loop_to_s: float | None
-) -> xr.DataArray:
+    path: Path, motion: Motion, *, segment: int | Literal["longest"] | None, loop_to_s: float | None
+) -> Motion:
     """One segment of a cleaned motion, with the gait measured in it, looped; the arguments of :func:`read`."""
     from doppelgait.motion.gait import with_gait_facts
     from doppelgait.motion.loop import loop
@@ -93,7 +91,7 @@ def take_part(
     return motion if loop_to_s is None else loop(motion, duration_s=loop_to_s)
 
 
-def _pick_segment(path: Path, motion: xr.DataArray, wanted: Any) -> Segment:
+def _pick_segment(path: Path, motion: Motion, wanted: Any) -> Segment:
     from doppelgait.motion.segments import find_segments
 
     found = find_segments(motion)
@@ -168,11 +166,11 @@ def check_types(path: Path, options: dict[str, Any]) -> None:
             raise MotionError(f"{path}: {name} = {value!r} is not allowed; it must be a text")
 
 
-def _crop(path: Path, motion: xr.DataArray, start_s: float | None, stop_s: float | None) -> xr.DataArray:
+def _crop(path: Path, motion: Motion, start_s: float | None, stop_s: float | None) -> Motion:
     if start_s is None and stop_s is None:
         return motion
-    rate = motion.attrs["rate_hz"]
-    last_s = (motion.sizes["time"] - 1) / rate
+    rate = motion.rate_hz
+    last_s = (motion.n_frames - 1) / rate
     start, stop = 0.0 if start_s is None else float(start_s), last_s if stop_s is None else float(stop_s)
     if not 0.0 <= start < stop <= last_s + 0.5 / rate:
         raise MotionError(
@@ -180,11 +178,5 @@ def _crop(path: Path, motion: xr.DataArray, start_s: float | None, stop_s: float
             f"stop, both in 0 to {last_s:.4g} s"
         )
     first, end = round(start * rate), round(stop * rate) + 1
-    part = motion.isel(time=slice(first, end))
-    report = {
-        **motion.attrs["report"],
-        "read_from_s": first / rate,
-        "read_to_s": (first + part.sizes["time"] - 1) / rate,
-    }
-    part = part.assign_coords(time=("time", np.arange(part.sizes["time"]) / rate, motion.time.attrs))
-    return part.assign_attrs(report=report)
+    part = motion.cut(first, end)
+    return part.with_report(read_from_s=first / rate, read_to_s=(first + part.n_frames - 1) / rate)

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core.errors import MotionError
+from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.asf import Bone, Skeleton, find_asf, read_asf
 from doppelgait.motion.readers.hierarchy import Joints, euler_rotations, forward_kinematics
 from doppelgait.motion.readers.joint_points import joint_motion
@@ -57,7 +57,7 @@ def read_amc(
     units: str | None = None,
     up_axis: str | None = None,
     rate_hz: float | None = None,
-) -> xr.DataArray:
+) -> Motion:
     """Root and bone ends of an AMC motion, not cleaned.
 
     A point has the name of the bone whose far end it is: ``ltibia`` is the left ankle.
@@ -78,7 +78,7 @@ def read_amc(
 
     Returns
     -------
-    xarray.DataArray
+    Motion
         Motion (time, marker, space) in m, z up, x and y as in the CMU database's C3D files.
 
     Raises

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core.errors import MotionError
+from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.cells import MAX_BYTES
 from doppelgait.motion.readers.frame_times import check_rate
 from doppelgait.motion.readers.points import check_amount, points_to_motion, unit_or_guess
@@ -67,7 +67,7 @@ def read_arrays(
     units: str | None = None,
     up_axis: str | None = None,
     rate_hz: float | None = None,
-) -> xr.DataArray:
+) -> Motion:
     """Joint positions of an npz or JSON file, not cleaned.
 
     The file holds an array (frames, points, 3) under ``positions``, ``joints`` or ``Jtr``, the frame rate under
@@ -94,8 +94,8 @@ def read_arrays(
 
     Returns
     -------
-    xarray.DataArray
-        Motion (time, marker, space) in m, z up, NaN for gaps; ``attrs["report"]`` tells what was read and left out.
+    Motion
+        Motion (time, marker, space) in m, z up, NaN for gaps; ``report`` tells what was read and left out.
 
     Raises
     ------

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core.errors import MotionError
+from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.bvh_content import BvhContent, Node, read_bvh_content
 from doppelgait.motion.readers.hierarchy import (
     REST_POSE_NOTE,
@@ -31,7 +31,7 @@ def sniff_bvh(path: Path, head: bytes) -> bool:
 
 def read_bvh(
     path: Path, *, units: str | None = None, up_axis: str | None = None, rate_hz: float | None = None
-) -> xr.DataArray:
+) -> Motion:
     """Joints of the body in a BVH file, not cleaned.
 
     Rotations are applied in the order of their channels. A position channel of any joint replaces that coordinate of
@@ -53,8 +53,8 @@ def read_bvh(
 
     Returns
     -------
-    xarray.DataArray
-        Motion (time, marker, space) in m, z up; ``attrs["report"]`` tells what was read and left out.
+    Motion
+        Motion (time, marker, space) in m, z up; ``report`` tells what was read and left out.
 
     Raises
     ------

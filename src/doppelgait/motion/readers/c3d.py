@@ -8,16 +8,15 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.motion.axes import find_up_axis, turn_z_up
+from doppelgait.motion.motion import Motion, make_motion
 from doppelgait.motion.readers.c3d_content import C3dContent, read_content
 from doppelgait.motion.readers.c3d_layout import MAGIC
 from doppelgait.motion.readers.c3d_points import is_measured, pick_subject, sort_points, unique_names
 from doppelgait.motion.readers.points import by_reason, unit_or_guess
 from doppelgait.motion.readers.registry import MOTION_READERS, MotionReader
-from doppelgait.motion.schema import make_motion
 from doppelgait.motion.skeleton import parts_of
 from doppelgait.motion.units import metres_per_unit
 
@@ -39,7 +38,7 @@ def read_c3d(
     units: str | None = None,
     up_axis: str | None = None,
     rate_hz: float | None = None,
-) -> xr.DataArray:
+) -> Motion:
     """Physical markers of one subject of a C3D file, not cleaned.
 
     Parameters
@@ -57,8 +56,8 @@ def read_c3d(
 
     Returns
     -------
-    xarray.DataArray
-        Motion (time, marker, space) in m, z up, NaN for gaps; ``attrs["report"]`` tells what was read and left out.
+    Motion
+        Motion (time, marker, space) in m, z up, NaN for gaps; ``report`` tells what was read and left out.
 
     Raises
     ------
@@ -94,7 +93,8 @@ def read_c3d(
         rate_hz=rate,
         markers=names,
         parts=parts,
-        facts={"source": path.name, "kind": "recording", "subject": name or _only_subject(content), "report": report},
+        facts={"source": path.name, "kind": "recording", "subject": name or _only_subject(content)},
+        report=report,
     )
 
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core.errors import MotionError
+from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.hierarchy import (
     REST_POSE_NOTE,
     Joints,
@@ -72,7 +72,7 @@ def read_expmap(
     units: str | None = None,
     up_axis: str | None = None,
     rate_hz: float | None = None,
-) -> xr.DataArray:
+) -> Motion:
     """Joints of a recording stored as exponential maps, not cleaned.
 
     A rest pose that was put in front of the recording is left out.
@@ -94,7 +94,7 @@ def read_expmap(
 
     Returns
     -------
-    xarray.DataArray
+    Motion
         Motion (time, marker, space) in m, z up.
 
     Raises

@@ -10,13 +10,12 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.motion.axes import find_up_axis, turn_z_up
+from doppelgait.motion.motion import Motion, make_motion
 from doppelgait.motion.readers.hierarchy import Joints
 from doppelgait.motion.readers.points import by_reason
-from doppelgait.motion.schema import make_motion
 from doppelgait.motion.skeleton import guess_species, parts_of
 from doppelgait.motion.units import metres_per_unit
 
@@ -53,7 +52,7 @@ def joint_motion(
     declared_axis: str = "y",
     subject: str = "",
     report: Mapping[str, Any] | None = None,
-) -> xr.DataArray:
+) -> Motion:
     """Motion of the joints that are points of the body, not cleaned.
 
     Parameters
@@ -118,8 +117,8 @@ def joint_motion(
             "kind": "recording",
             "subject": subject,
             "species": _sure_species(joints.names, kind_of_body),
-            "report": facts,
         },
+        report=facts,
     )
 
 

@@ -9,13 +9,12 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.motion.axes import body_extent, find_up_axis, turn_z_up
 from doppelgait.motion.clean import MIN_MARKERS
+from doppelgait.motion.motion import Motion, make_motion
 from doppelgait.motion.readers.c3d_points import is_measured, pick_subject, sort_points, unique_names
-from doppelgait.motion.schema import make_motion
 from doppelgait.motion.skeleton import bare_name, parts_of
 from doppelgait.motion.units import metres_per_unit
 
@@ -79,7 +78,7 @@ def points_to_motion(
     subject: str | None = None,
     known_parts: Mapping[str, str] | None = None,
     notes: Sequence[str] = (),
-) -> xr.DataArray:
+) -> Motion:
     """Motion of the physical points of one subject, not cleaned.
 
     Parameters
@@ -109,7 +108,7 @@ def points_to_motion(
 
     Returns
     -------
-    xarray.DataArray
+    Motion
         Motion (time, marker, space) in m, z up, NaN for gaps.
 
     Raises
@@ -149,7 +148,8 @@ def points_to_motion(
         rate_hz=rate_hz,
         markers=names,
         parts=parts,
-        facts={"source": path.name, "kind": "recording", "subject": name, "report": report},
+        facts={"source": path.name, "kind": "recording", "subject": name},
+        report=report,
     )
 
 

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import xarray as xr
-
 from doppelgait.core.registry import Registry
+from doppelgait.motion.motion import Motion
 
 
 @dataclass(frozen=True)
@@ -27,7 +26,7 @@ class MotionReader:
     """
 
     sniff: Callable[[Path, bytes], bool]
-    read: Callable[..., xr.DataArray]
+    read: Callable[..., Motion]
     suffixes: tuple[str, ...]
 
 

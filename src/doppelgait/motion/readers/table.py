@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.motion.axes import body_extent
+from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.cells import Row, decode, read_lines, to_numbers
 from doppelgait.motion.readers.frame_times import check_rate, last_digit, rate_of_times
 from doppelgait.motion.readers.points import check_amount, points_to_motion
@@ -51,7 +51,7 @@ def read_table(
     up_axis: str | None = None,
     rate_hz: float | None = None,
     missing: float | None = None,
-) -> xr.DataArray:
+) -> Motion:
     """Points of a delimited table, not cleaned.
 
     Column names: ``time_s`` (or ``time_ms``, ``Time``) and ``NAME_x_m, NAME_y_m, NAME_z_m`` (what ``doppelgait motion
@@ -76,8 +76,8 @@ def read_table(
 
     Returns
     -------
-    xarray.DataArray
-        Motion (time, marker, space) in m, z up, NaN for gaps; ``attrs["report"]`` tells what was read and left out.
+    Motion
+        Motion (time, marker, space) in m, z up, NaN for gaps; ``report`` tells what was read and left out.
 
     Raises
     ------

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
+from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.cells import Row, read_lines, to_numbers
 from doppelgait.motion.readers.frame_times import check_rate, last_digit, rate_of_times
 from doppelgait.motion.readers.points import check_amount, points_to_motion, unit_or_guess
@@ -46,7 +46,7 @@ def read_trc(
     units: str | None = None,
     up_axis: str | None = None,
     rate_hz: float | None = None,
-) -> xr.DataArray:
+) -> Motion:
     """Markers of a TRC file, not cleaned.
 
     Blank cells and points at exactly 0, 0, 0 are gaps. The times of the frames decide where the header gives another
@@ -67,8 +67,8 @@ def read_trc(
 
     Returns
     -------
-    xarray.DataArray
-        Motion (time, marker, space) in m, z up, NaN for gaps; ``attrs["report"]`` tells what was read and left out.
+    Motion
+        Motion (time, marker, space) in m, z up, NaN for gaps; ``report`` tells what was read and left out.
 
     Raises
     ------

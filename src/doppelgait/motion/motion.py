@@ -1,0 +1,290 @@
+"""A motion: labelled positions of named points over time, with frozen facts about who moves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core.errors import MotionError
+from doppelgait.core.labels import MOTION, SPACE, axis, check_signal, make_array, sampling_rate_hz, with_values
+
+FloatArray = npt.NDArray[np.float64]
+
+NAN = float("nan")
+FREQUENCIES = ("stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz")
+
+
+@dataclass(frozen=True)
+class PathFacts:
+    """How a motion follows the path that it was placed on.
+
+    Parameters
+    ----------
+    kind : str
+        Kind of the path.
+    length_m, mean_speed_mps : float
+        Distance along the path, and that distance over the whole time, pauses included.
+    pause_s : float
+        Time at rest.
+    stops_m : tuple of float
+        Distances at which the body comes to rest.
+    """
+
+    kind: str
+    length_m: float
+    mean_speed_mps: float
+    pause_s: float
+    stops_m: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class MotionFacts:
+    """What is known about a motion and who moves; empty or NaN where nothing is known.
+
+    Parameters
+    ----------
+    source : str
+        File name or name of the model.
+    kind : str
+        ``"recording"`` or the name of the model.
+    subject : str
+        Person or animal: the group of all leakage-free splits.
+    licence : str
+    species : str
+        ``"human"``, ``"dog"``, ...
+    gait : str
+        ``"walk"``, ``"run"``, ``"trot"``, ``"gallop"``, ...
+    height_m : float
+        Stature of a person, withers height of a dog or cat.
+    mass_kg : float
+    stride_frequency_hz, step_frequency_hz, gait_frequency_hz : float
+        Strides and steps per second, and f_mu, the fundamental of the signature (E-07).
+    footfalls : mapping of str to sequence of float
+        Touchdown times in s by foot, where exactly known.
+    path : PathFacts, optional
+        For a motion that follows a path.
+    file_time_s : float
+        Time of the first frame in the file that the motion was read from.
+    """
+
+    source: str = ""
+    kind: str = ""
+    subject: str = ""
+    licence: str = ""
+    species: str = ""
+    gait: str = ""
+    height_m: float = NAN
+    mass_kg: float = NAN
+    stride_frequency_hz: float = NAN
+    step_frequency_hz: float = NAN
+    gait_frequency_hz: float = NAN
+    footfalls: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    path: PathFacts | None = None
+    file_time_s: float = 0.0
+
+    def with_frequencies(self, change: Callable[[float], float]) -> MotionFacts:
+        """Return the facts with stride, step and gait frequency changed by a function."""
+        return replace(
+            self,
+            stride_frequency_hz=change(self.stride_frequency_hz),
+            step_frequency_hz=change(self.step_frequency_hz),
+            gait_frequency_hz=change(self.gait_frequency_hz),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Positions of named points over time, and what is known about who moves.
+
+    Parameters
+    ----------
+    positions : DataArray (time, marker, space)
+        In m, z up, floor at z = 0; NaN where a point was not seen (only before cleaning). The coordinate ``part`` along
+        ``marker`` names the body part of each point, ``""`` when unknown.
+    facts : MotionFacts
+        What the program uses: frequencies, footfalls, height, subject.
+    report : mapping
+        For people: what reading and cleaning did. No code decides by it.
+
+    Raises
+    ------
+    AnalysisError
+        If ``positions`` has other dimensions, coordinates or units.
+
+    See Also
+    --------
+    make_motion : Build one from plain arrays.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> walk = dg.motion.boulic_walk(speed_mps=1.2, duration_s=2.0)
+    >>> walk.facts.gait, walk.rate_hz, walk.positions.sel(marker="head").shape
+    ('walk', 250.0, (501, 3))
+    """
+
+    positions: xr.DataArray
+    facts: MotionFacts = field(default_factory=MotionFacts)
+    report: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        check_signal(self.positions, MOTION)
+
+    @property
+    def position_m(self) -> npt.NDArray[Any]:
+        """Positions as a plain array, shape (T, P, 3), m."""
+        return np.asarray(self.positions.values)
+
+    @property
+    def time_s(self) -> FloatArray:
+        """Times of the frames, shape (T,)."""
+        return axis(self.positions, "time")
+
+    @property
+    def rate_hz(self) -> float:
+        """Frames per second."""
+        stated = self.positions.attrs.get("rate_hz")
+        return float(stated) if stated is not None else sampling_rate_hz(self.time_s)
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first to the last frame."""
+        times = self.time_s
+        return float(times[-1] - times[0])
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames T."""
+        return int(self.positions.shape[0])
+
+    @property
+    def markers(self) -> list[str]:
+        """Names of the points."""
+        return [str(name) for name in axis(self.positions, "marker")]
+
+    @property
+    def parts(self) -> list[str]:
+        """Body part of each point, ``""`` when unknown."""
+        return [str(part) for part in axis(self.positions, "part")]
+
+    @property
+    def label(self) -> str:
+        """Source of the motion for messages."""
+        return self.facts.source or "motion"
+
+    def with_positions(self, position_m: npt.NDArray[Any]) -> Motion:
+        """Return the motion with other positions of the same points at the same times."""
+        return replace(self, positions=with_values(self.positions, position_m))
+
+    def with_facts(self, **facts: Any) -> Motion:
+        """Return the motion with some facts replaced."""
+        return replace(self, facts=replace(self.facts, **facts))
+
+    def with_report(self, **entries: Any) -> Motion:
+        """Return the motion with entries added to its report."""
+        return replace(self, report={**self.report, **entries})
+
+    def with_points(self, position_m: npt.NDArray[Any], markers: Sequence[str], parts: Sequence[str]) -> Motion:
+        """Return a motion of other points (T, P, 3) at the same times, with the same facts."""
+        coords = {"time": self.time_s, "marker": list(markers), "space": list(SPACE), "part": ("marker", list(parts))}
+        return replace(self, positions=make_array(MOTION, position_m, coords, {"rate_hz": self.rate_hz}))
+
+    def frames(self, first: int, stop: int) -> Motion:
+        """Return the frames ``first`` to ``stop`` - 1 at the times that they have."""
+        return replace(self, positions=self.positions.isel(time=slice(first, stop)))
+
+    def cut(self, first: int, stop: int) -> Motion:
+        """Return the frames ``first`` to ``stop`` - 1 as a motion that starts at time 0, footfalls moved along."""
+        part, times = self.positions.isel(time=slice(first, stop)), self.time_s[first:stop]
+        positions = part.assign_coords(
+            time=("time", np.arange(part.sizes["time"]) / self.rate_hz, self.positions.time.attrs)
+        )
+        start, end = times[0], times[-1]
+        footfalls = {
+            foot: [t - start for t in touchdowns if start <= t <= end]
+            for foot, touchdowns in self.facts.footfalls.items()
+        }
+        before_s = self.facts.file_time_s + float(start)
+        return replace(self, positions=positions, facts=replace(self.facts, footfalls=footfalls, file_time_s=before_s))
+
+
+def require_motion(motion: object) -> Motion:
+    """Return a motion unchanged; a :class:`MotionError` for anything else."""
+    if not isinstance(motion, Motion):
+        raise MotionError(
+            f"a motion must be a doppelgait.motion.Motion, not {type(motion).__name__}: use a model, read() or "
+            "make_motion()"
+        )
+    return motion
+
+
+def make_motion(
+    position_m: npt.ArrayLike,
+    *,
+    rate_hz: float,
+    markers: Sequence[str],
+    parts: Sequence[str],
+    start_s: float = 0.0,
+    facts: MotionFacts | Mapping[str, Any] | None = None,
+    report: Mapping[str, Any] | None = None,
+) -> Motion:
+    """Build a motion from plain arrays.
+
+    Parameters
+    ----------
+    position_m : array_like, shape (T, P, 3)
+        Positions in metres, z up, floor at z = 0; NaN where a point was not seen (only before cleaning).
+    rate_hz : float
+        Frames per second, positive.
+    markers : sequence of str, length P
+        Unique point names.
+    parts : sequence of str, length P
+        Body part of each point (:mod:`doppelgait.motion.skeleton`), ``""`` when unknown.
+    start_s : float
+        Time of the first frame.
+    facts : MotionFacts or mapping, optional
+        Facts, or some of their values by name.
+    report : mapping, optional
+        Notes for people.
+
+    Returns
+    -------
+    Motion
+        Positions (time, marker, space) in float64.
+
+    Raises
+    ------
+    MotionError
+        If ``facts`` holds a name that :class:`MotionFacts` does not have.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import doppelgait as dg
+    >>> still = dg.motion.make_motion(np.zeros((5, 1, 3)), rate_hz=100.0, markers=["head"], parts=["head"])
+    >>> still.duration_s
+    0.04
+    """
+    if not isinstance(facts, MotionFacts):
+        allowed = [one.name for one in fields(MotionFacts)]
+        if unknown := sorted(set(facts or {}) - set(allowed)):
+            raise MotionError(f"motion facts {', '.join(unknown)} are not known; allowed are {', '.join(allowed)}")
+        facts = MotionFacts(**(facts or {}))
+    values = np.asarray(position_m, dtype=np.float64)
+    time_s = start_s + np.arange(values.shape[0]) / rate_hz
+    names = _names(tuple(markers), tuple(parts))
+    positions = make_array(MOTION, values, {"time": time_s}, {"rate_hz": float(rate_hz)}, like=names)
+    return Motion(positions, facts, dict(report or {}))
+
+
+@lru_cache(maxsize=64)
+def _names(markers: tuple[str, ...], parts: tuple[str, ...]) -> xr.DataArray:
+    """Names of points as coordinates of no frames; a model asks for the same again and again."""
+    coords = {"time": np.empty(0), "marker": list(markers), "space": list(SPACE), "part": ("marker", list(parts))}
+    return make_array(MOTION, np.empty((0, len(markers), len(SPACE))), coords)
