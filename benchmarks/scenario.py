@@ -13,8 +13,8 @@ import numpy as np
 import xarray as xr
 
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
+from doppelgait.motion import make_motion
 from doppelgait.motion.models import boulic_walk
-from doppelgait.motion.schema import make_motion
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.signature import Cut, cut_out
 from doppelgait.radar import Radar
@@ -52,10 +52,10 @@ def walking_scene(n_scatterers: int, duration_s: float, speed_mps: float) -> Sce
     """A person of ``n_scatterers`` points who walks towards the radar."""
     walk = boulic_walk(speed_mps=speed_mps, height_m=1.75, duration_s=duration_s)
     pairs = [(a, b) for a in range(N_MARKERS) for b in range(a + 1, N_MARKERS)][: n_scatterers - N_MARKERS]
-    between = [(walk.values[:, a] + walk.values[:, b]) / 2 for a, b in pairs]
+    between = [(walk.position_m[:, a] + walk.position_m[:, b]) / 2 for a, b in pairs]
     dense = make_motion(
-        np.concatenate([walk.values, *(points[:, None] for points in between)], axis=1),
-        rate_hz=walk.attrs["rate_hz"],
+        np.concatenate([walk.position_m, *(points[:, None] for points in between)], axis=1),
+        rate_hz=walk.rate_hz,
         markers=[f"m{n}" for n in range(n_scatterers)],
         parts=[""] * n_scatterers,
         facts={"mass_kg": 70.0},

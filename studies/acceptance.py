@@ -27,14 +27,13 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 from acceptance_tables import REPORT_S, acceptance, by_cell, markdown, report_demands, report_table
 from gait_frequency import GRAVITY_MPS2, HIP_SHARE, LOOPED_S, MARGIN_M, MODELS, Example, signatures, stretches
 
 from doppelgait.core.errors import DoppelgaitError
-from doppelgait.core.labels import axis
 from doppelgait.features import GaitFeatures
 from doppelgait.motion.loop import loop
+from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.pipeline import analyze, simulate
 from doppelgait.pipeline.analyze import TargetResult, analyze_signature
@@ -145,7 +144,7 @@ def mocap_trials(folder: Path) -> list[Trial]:
     for path in sorted(path for kind in ("human", "dog") for path in (folder / kind).rglob("*") if path.is_file()):
         label = path.relative_to(folder).parts[0]
         for stretch, motion in stretches(path).items():
-            seconds_recorded = float(np.ptp(axis(motion, "time")))
+            seconds_recorded = float(np.ptp(motion.time_s))
             for psi, seconds, levels_db, times, occluded in cells("mocap"):
                 source = "recorded" if seconds_recorded >= seconds else "looped"
                 ways = (psi, 180.0 - psi) if times == 2 else ((psi, 180.0 - psi)[len(found) % 2],)
@@ -157,18 +156,18 @@ def mocap_trials(folder: Path) -> list[Trial]:
 
 
 @lru_cache(maxsize=2)
-def looped(path: str, stretch: int) -> xr.DataArray:
+def looped(path: str, stretch: int) -> Motion:
     """A stretch looped to the longest time."""
     return loop(stretches(Path(path))[stretch], duration_s=LOOPED_S)
 
 
-def motion_of(example: Example) -> xr.DataArray:
+def motion_of(example: Example) -> Motion:
     """The mover's motion, at least as long as the example."""
     if example.source == "model":
         kind, parameters = example.mover
         rng = np.random.default_rng([24, example.number])
         make: Any = MODELS[kind]
-        motion: xr.DataArray = make(**parameters, duration_s=example.seconds + 0.1, rng=rng)
+        motion: Motion = make(**parameters, duration_s=example.seconds + 0.1, rng=rng)
         return motion
     path, stretch = example.mover
     return looped(path, stretch) if example.source == "looped" else stretches(Path(path))[stretch]

@@ -30,6 +30,7 @@ from doppelgait.motion.gait import with_gait_facts
 from doppelgait.motion.loop import loop
 from doppelgait.motion.models import boulic_walk, human_gait, quadruped_gait
 from doppelgait.motion.models.quadruped_gaits import GAITS
+from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers import read
 from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.motion.segments import crop, find_segments
@@ -143,7 +144,7 @@ def recorded_examples(folder: Path, *, first: int, aspects_deg: tuple[float, ...
         label, half = path.relative_to(folder).parts[0], "AB"[place % 2]
         for stretch, motion in stretches(path).items():
             for source, seconds in (("recorded", math.inf), ("looped", LOOPED_S)):
-                long_enough = min(_duration_s(motion), seconds) * motion.attrs["gait_frequency_hz"] >= MIN_PERIODS
+                long_enough = min(motion.duration_s, seconds) * motion.facts.gait_frequency_hz >= MIN_PERIODS
                 for aspect_deg in aspects_deg if long_enough else ():
                     mover = (str(path), stretch)
                     examples.append(Example(first + len(examples), source, label, half, mover, aspect_deg, seconds))
@@ -151,7 +152,7 @@ def recorded_examples(folder: Path, *, first: int, aspects_deg: tuple[float, ...
 
 
 @lru_cache(maxsize=256)
-def stretches(path: Path) -> dict[int, xr.DataArray]:
+def stretches(path: Path) -> dict[int, Motion]:
     """Straight stretches of a recording whose footfalls give a gait; empty where it cannot be read."""
     try:
         motion = read(path)
@@ -161,17 +162,12 @@ def stretches(path: Path) -> dict[int, xr.DataArray]:
     return {n: m for n, m in found.items() if _gait_is_known(m)}
 
 
-def _gait_is_known(motion: xr.DataArray) -> bool:
-    source = motion.attrs["report"].get("gait", {}).get("stride_from")
-    return source == "footfalls" and bool(motion.attrs["gait"]) and motion.attrs["gait_frequency_hz"] > 0
+def _gait_is_known(motion: Motion) -> bool:
+    facts = motion.facts
+    return facts.stride_from == "footfalls" and bool(facts.gait) and facts.gait_frequency_hz > 0
 
 
-def _duration_s(motion: xr.DataArray) -> float:
-    times = motion.coords["time"].values
-    return float(times[-1] - times[0])
-
-
-def motion_of(example: Example) -> xr.DataArray:
+def motion_of(example: Example) -> Motion:
     """The mover's motion."""
     if example.source == "model":
         model, parameters = example.mover
@@ -184,7 +180,7 @@ def motion_of(example: Example) -> xr.DataArray:
 def observe(example: Example) -> Recording:
     """The noise-free recording, of no more range than the mover takes."""
     motion = motion_of(example)
-    seconds = min(example.seconds, _duration_s(motion))
+    seconds = min(example.seconds, motion.duration_s)
     target = Target(motion, label=example.label, aspect_deg=example.aspect_deg)
     scene = Scene([target], duration_s=seconds)
     reach_m = travel_speed_mps(motion) * seconds

@@ -28,6 +28,7 @@ from doppelgait import viz
 from doppelgait.core.labels import axis
 from doppelgait.motion.models import quadruped_gait
 from doppelgait.motion.models.human import human_gait
+from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.pipeline import TargetResult, analyze, simulate
 from doppelgait.pipeline.target import analyze_gated
@@ -48,7 +49,7 @@ CLUTTER_OVER_ECHO_DB = 20.0
 X4, X4_LONG = Radar.preset("x4"), Radar.preset("x4-long")
 FloatArray = npt.NDArray[np.float64]
 Rng = np.random.Generator
-MOVERS: dict[str, tuple[Callable[..., xr.DataArray], dict[str, object]]] = {
+MOVERS: dict[str, tuple[Callable[..., Motion], dict[str, object]]] = {
     "person walks": (human_gait, {"gait": "walk", "speed_mps": (0.8, 1.6), "height_m": (1.55, 1.95)}),
     "person runs": (human_gait, {"gait": "run", "speed_mps": (2.4, 3.4), "height_m": (1.55, 1.95)}),
     "dog walks": (quadruped_gait, {"gait": "walk", "froude": (0.15, 0.3), "withers_m": (0.35, 0.65)}),
@@ -57,7 +58,7 @@ MOVERS: dict[str, tuple[Callable[..., xr.DataArray], dict[str, object]]] = {
 }  # fmt: skip
 
 
-def mover(kind: str, rng: Rng, seconds: float) -> xr.DataArray:
+def mover(kind: str, rng: Rng, seconds: float) -> Motion:
     """Motion of one kind; ranges of parameters are drawn from."""
     model, options = MOVERS[kind]
     drawn = {name: rng.uniform(*v) if isinstance(v, tuple) else v for name, v in options.items()}

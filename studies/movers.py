@@ -15,14 +15,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from matplotlib.figure import Figure
 
 from doppelgait import viz
-from doppelgait.core.labels import axis
 from doppelgait.motion.loop import loop
 from doppelgait.motion.models import quadruped_gait
 from doppelgait.motion.models.human import human_gait
+from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers import read
 from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.pipeline import analyze, simulate
@@ -63,16 +62,16 @@ class Pair:
     start_s: float
     stop_s: float
     label: str
-    model: Callable[[float, float, float], xr.DataArray]
+    model: Callable[[float, float, float], Motion]
     height_m: float
 
 
-def person(gait: str) -> Callable[[float, float, float], xr.DataArray]:
+def person(gait: str) -> Callable[[float, float, float], Motion]:
     """Model of a person in a gait."""
     return lambda speed, height, seconds: human_gait(gait=gait, speed_mps=speed, height_m=height, duration_s=seconds)
 
 
-def dog(gait: str) -> Callable[[float, float, float], xr.DataArray]:
+def dog(gait: str) -> Callable[[float, float, float], Motion]:
     """Model of a dog in a gait."""
     return lambda speed, height, seconds: quadruped_gait(
         gait=gait, speed_mps=speed, withers_m=height, duration_s=seconds
@@ -88,7 +87,7 @@ PAIRS = (
 )
 
 
-def observe(motion: xr.DataArray, label: str) -> tuple[Recording, TargetResult]:
+def observe(motion: Motion, label: str) -> tuple[Recording, TargetResult]:
     """The mover head-on, its middle at 12 m."""
     scene = Scene([Target(motion, label=label, range_m=14.0)], duration_s=OBSERVATION_S)
     recording = simulate(scene, RADAR, angles=False)
@@ -137,7 +136,7 @@ def compare(pair: Pair, folder: Path) -> tuple[Figure, dict[str, dict[str, float
     model = pair.model(travel_speed_mps(real), pair.height_m, OBSERVATION_S)
     observed = {"recorded": observe(real, pair.label), "model": observe(model, pair.label)}
     for motion in (real, model):
-        assert axis(motion, "time")[-1] >= OBSERVATION_S - 1e-9
+        assert motion.time_s[-1] >= OBSERVATION_S - 1e-9
     return draw_pair(pair.name, observed), {name: figures_of(*o) for name, o in observed.items()}
 
 

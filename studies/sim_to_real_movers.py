@@ -14,19 +14,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from gait_frequency import stretches
 from xband_measures import FloatArray
 
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, DoppelgaitError
-from doppelgait.core.labels import axis
+from doppelgait.motion import make_motion
 from doppelgait.motion.loop import loop
 from doppelgait.motion.models import MOTION_MODELS, human_gait, quadruped_gait
 from doppelgait.motion.models.quadruped_gaits import GAITS
 from doppelgait.motion.models.quadruped_sizes import BUILDS
+from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import fit_spline, travel_speed_mps
-from doppelgait.motion.schema import make_motion
 from doppelgait.scene.rcs import RcsSpec
 
 CLASSES = ("human", "dog")
@@ -49,7 +48,7 @@ class Mover:
 
     Parameters
     ----------
-    motion : DataArray
+    motion : Motion
         Motion (time, marker, space).
     label : str
         ``human`` or ``dog``; a larger animal counts as ``dog``.
@@ -57,7 +56,7 @@ class Mover:
         Empty for a model, whose every draw is its own.
     """
 
-    motion: xr.DataArray
+    motion: Motion
     label: str
     subject: str = ""
 
@@ -67,7 +66,7 @@ def draw_speed_mps(rng: np.random.Generator, low_mps: float, high_mps: float) ->
     return float(np.exp(rng.uniform(math.log(low_mps), math.log(high_mps))))
 
 
-def person(speed_mps: float, seconds: float, rng: np.random.Generator, *, varied: bool) -> xr.DataArray:
+def person(speed_mps: float, seconds: float, rng: np.random.Generator, *, varied: bool) -> Motion:
     """Walking or running person; with ``varied`` of any size and style, else as the model has it."""
     style: dict[str, Any] = {"start_phase": float(rng.random())}
     if varied:
@@ -85,7 +84,7 @@ def person(speed_mps: float, seconds: float, rng: np.random.Generator, *, varied
 
 def dog(
     speed_mps: float, seconds: float, rng: np.random.Generator, *, varied: bool, withers_m: float | None = None
-) -> xr.DataArray:
+) -> Motion:
     """Dog in a gait that goes with its speed; with ``varied`` of any size, build and gait that is possible."""
     style: dict[str, Any] = {"start_phase": float(rng.random()), "gait": "auto", "withers_m": USUAL_DOG_M}
     if varied:
@@ -100,7 +99,7 @@ def dog(
     return quadruped_gait(speed_mps=speed_mps, duration_s=seconds, rng=rng, rate_hz=RATE_HZ, **style)
 
 
-def crawler(speed_mps: float, seconds: float, rng: np.random.Generator) -> xr.DataArray:
+def crawler(speed_mps: float, seconds: float, rng: np.random.Generator) -> Motion:
     """Person on hands and knees."""
     model = MOTION_MODELS["crawl"]
     options = {
@@ -110,11 +109,11 @@ def crawler(speed_mps: float, seconds: float, rng: np.random.Generator) -> xr.Da
     return model.generate(validate(model.config, options), seconds, rng)
 
 
-Maker = Callable[..., xr.DataArray]
+Maker = Callable[..., Motion]
 MAKERS: dict[str, Maker] = {"human": person, "dog": dog}
 
 
-def until_possible(make: Callable[[], xr.DataArray]) -> xr.DataArray:
+def until_possible(make: Callable[[], Motion]) -> Motion:
     """The first draw that is a possible gait.
 
     Raises
@@ -151,7 +150,7 @@ def model_mover(
         motion = until_possible(lambda: MAKERS[label](speed_mps, SPARE * seconds, rng, varied=varied))
         return Mover(motion, label)
 
-    def animal() -> xr.DataArray:
+    def animal() -> Motion:
         withers_m = float(rng.uniform(*LARGE_M))
         factor = withers_m / SMALL_M
         slow_mps = speed_mps / math.sqrt(factor)
@@ -160,34 +159,34 @@ def model_mover(
     return Mover(until_possible(animal), label)
 
 
-def _enlarged(motion: xr.DataArray, factor: float) -> xr.DataArray:
+def _enlarged(motion: Motion, factor: float) -> Motion:
     """Dynamically similar: lengths times the factor, times with its square root, frame rate as it was."""
     slower = math.sqrt(factor)
-    times_s = axis(motion, "time")
+    times_s = motion.time_s
     wanted_s = np.arange(0.0, float(times_s[-1]), 1.0 / RATE_HZ)
     position_m = factor * _at(motion, wanted_s / slower)
-    return _like(motion, position_m, height_m=float(motion.attrs["height_m"]) * factor)
+    return _like(motion, position_m, height_m=motion.facts.height_m * factor)
 
 
-def _at(motion: xr.DataArray, times_s: FloatArray) -> FloatArray:
+def _at(motion: Motion, times_s: FloatArray) -> FloatArray:
     found = fit_spline(motion).at(times_s)[0]
-    return np.asarray(found.reshape(times_s.size, *motion.shape[1:]))
+    return np.asarray(found.reshape(times_s.size, *motion.positions.shape[1:]))
 
 
-def _like(motion: xr.DataArray, position_m: FloatArray, *, height_m: float) -> xr.DataArray:
-    facts = {key: motion.attrs[key] for key in ("source", "kind", "species", "gait", "mass_kg")}
+def _like(motion: Motion, position_m: FloatArray, *, height_m: float) -> Motion:
+    facts = {key: getattr(motion.facts, key) for key in ("source", "kind", "species", "gait", "mass_kg")}
     return make_motion(
-        position_m, rate_hz=RATE_HZ, markers=axis(motion, "marker").tolist(), parts=axis(motion, "part").tolist(),
+        position_m, rate_hz=RATE_HZ, markers=motion.markers, parts=motion.parts,
         facts={**facts, "height_m": height_m},
     )  # fmt: skip
 
 
-def hurried(motion: xr.DataArray, seconds: float, pace: Callable[[FloatArray], FloatArray]) -> xr.DataArray:
+def hurried(motion: Motion, seconds: float, pace: Callable[[FloatArray], FloatArray]) -> Motion:
     """The motion run through at another pace from moment to moment, for as long as asked.
 
     Parameters
     ----------
-    motion : DataArray
+    motion : Motion
     seconds : float
     pace : callable
         Pace at times (s), 1 for the motion's own; positive or 0.
@@ -199,9 +198,9 @@ def hurried(motion: xr.DataArray, seconds: float, pace: Callable[[FloatArray], F
     """
     times_s = np.arange(0.0, seconds + 1.0 / RATE_HZ, 1.0 / RATE_HZ)
     own_s = np.concatenate([[0.0], np.cumsum(pace(times_s)[:-1])]) / RATE_HZ
-    if own_s[-1] > float(axis(motion, "time")[-1]):
-        raise ConfigError(f"a motion of {float(axis(motion, 'time')[-1]):.1f} s is too short for {own_s[-1]:.1f} s")
-    return _like(motion, _at(motion, own_s), height_m=float(motion.attrs["height_m"]))
+    if own_s[-1] > float(motion.time_s[-1]):
+        raise ConfigError(f"a motion of {float(motion.time_s[-1]):.1f} s is too short for {own_s[-1]:.1f} s")
+    return _like(motion, _at(motion, own_s), height_m=motion.facts.height_m)
 
 
 def drifting(
@@ -246,8 +245,8 @@ def recorded_mover(movers: Sequence[Mover], rng: np.random.Generator) -> Mover:
     """One of the recorded stretches, of another size by up to a tenth."""
     chosen = movers[int(rng.integers(len(movers)))]
     size = float(rng.uniform(0.9, 1.1))
-    times_s = np.arange(0.0, float(axis(chosen.motion, "time")[-1]), 1.0 / RATE_HZ)
-    scaled = _like(chosen.motion, size * _at(chosen.motion, times_s), height_m=size * chosen.motion.attrs["height_m"])
+    times_s = np.arange(0.0, float(chosen.motion.time_s[-1]), 1.0 / RATE_HZ)
+    scaled = _like(chosen.motion, size * _at(chosen.motion, times_s), height_m=size * chosen.motion.facts.height_m)
     return Mover(scaled, chosen.label, chosen.subject)
 
 
@@ -280,12 +279,12 @@ def draw_rcs(rng: np.random.Generator, *, random: bool, speckle: bool, total_m2:
     return RcsSpec(kind="ellipsoids", occlusion=hidden or not random, **around)
 
 
-def fleshed(motion: xr.DataArray, rng: np.random.Generator, *, per_bone: int = 5) -> xr.DataArray:
+def fleshed(motion: Motion, rng: np.random.Generator, *, per_bone: int = 5) -> Motion:
     """Points all along the bones and up to 8 cm beside them instead of the joints alone.
 
     Bones are pairs of points whose distance stays the same within 2 %, each point with its nearest ones.
     """
-    position_m = motion.values
+    position_m = motion.position_m
     some = position_m[:: max(1, len(position_m) // 40)]
     apart_m = np.linalg.norm(some[:, :, None] - some[:, None], axis=-1)
     length_m = apart_m.mean(axis=0)
@@ -298,12 +297,12 @@ def fleshed(motion: xr.DataArray, rng: np.random.Generator, *, per_bone: int = 5
         position_m[:, ends[:, 0]] * (1.0 - part) + position_m[:, ends[:, 1]] * part for part in np.moveaxis(share, 1, 0)
     ]
     beside_m = rng.uniform(-FLESH_M, FLESH_M, (len(pairs) * per_bone, 3))
-    parts = axis(motion, "part").tolist()
+    parts = motion.parts
     return make_motion(
         np.concatenate(along_m, axis=1) + beside_m, rate_hz=RATE_HZ,
         markers=[f"point{number}" for number in range(len(beside_m))],
         parts=[parts[one] for _ in range(per_bone) for one, _ in pairs],
-        facts={key: motion.attrs[key] for key in ("source", "kind", "species", "gait", "mass_kg", "height_m")},
+        facts={key: getattr(motion.facts, key) for key in ("source", "kind", "species", "gait", "mass_kg", "height_m")},
     )  # fmt: skip
 
 

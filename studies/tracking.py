@@ -25,6 +25,7 @@ from matplotlib.figure import Figure
 from doppelgait import viz
 from doppelgait.motion.models import quadruped_gait
 from doppelgait.motion.models.human import human_gait
+from doppelgait.motion.motion import Motion
 from doppelgait.pipeline import simulate
 from doppelgait.processing import Gate
 from doppelgait.processing.detect.scans import find_scans
@@ -47,12 +48,12 @@ RANGE_SD_M, VELOCITY_SD_MPS, DETECTED, FALSE_PER_SCAN, SLOWEST_MPS = 0.07, 0.25,
 FloatArray = npt.NDArray[np.float64]
 
 
-def person(rng: np.random.Generator, speed_mps: float, seconds: float) -> xr.DataArray:
+def person(rng: np.random.Generator, speed_mps: float, seconds: float) -> Motion:
     """A walker of random stature, or a runner where the speed says so."""
     return human_gait(speed_mps=speed_mps, height_m=rng.uniform(1.55, 1.95), duration_s=1.8 * seconds)
 
 
-def dog(rng: np.random.Generator, speed_mps: float, seconds: float) -> xr.DataArray:
+def dog(rng: np.random.Generator, speed_mps: float, seconds: float) -> Motion:
     """A trotting dog of random height."""
     return quadruped_gait(gait="trot", speed_mps=speed_mps, withers_m=rng.uniform(0.35, 0.6), duration_s=1.8 * seconds)
 

@@ -26,7 +26,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import xarray as xr
 import xband_measures as measures
 from matplotlib.figure import Figure
 from xband_measures import FloatArray
@@ -34,8 +33,9 @@ from xband_measures import FloatArray
 from doppelgait import viz
 from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.core.rng import Streams
+from doppelgait.motion import make_motion
 from doppelgait.motion.models import boulic_walk, human_gait, quadruped_gait
-from doppelgait.motion.schema import make_motion
+from doppelgait.motion.motion import Motion
 from doppelgait.pipeline import simulate
 from doppelgait.pipeline.echoes import Conditions
 from doppelgait.radar import Radar, Recording
@@ -59,10 +59,10 @@ FIELD = ({"kind": "ground_bounce", "material": "medium_dry_ground", "roughness_m
 SPECKLE: dict[str, Any] = {"fluctuation": "swerling1", "correlation_s": 0.08}
 STEP_TIME_SD, STEP_LENGTH_SD, STRIDE_VARIATION = 0.02, 0.03, 0.03
 
-Model = Callable[[float, np.random.Generator], xr.DataArray]
+Model = Callable[[float, np.random.Generator], Motion]
 
 
-def person(speed_mps: float, rng: np.random.Generator) -> xr.DataArray:
+def person(speed_mps: float, rng: np.random.Generator) -> Motion:
     """Walk with feet on the floor and steps that vary as a healthy adult's."""
     return human_gait(
         gait="walk", speed_mps=speed_mps, duration_s=OBSERVATION_S + 1.0, step_time_sd=STEP_TIME_SD,
@@ -70,13 +70,13 @@ def person(speed_mps: float, rng: np.random.Generator) -> xr.DataArray:
     )  # fmt: skip
 
 
-def boulic(speed_mps: float, rng: np.random.Generator) -> xr.DataArray:
+def boulic(speed_mps: float, rng: np.random.Generator) -> Motion:
     """Walk as published, every step the same."""
     del rng
     return boulic_walk(speed_mps=speed_mps, duration_s=OBSERVATION_S + 1.0)
 
 
-def dog(speed_mps: float, rng: np.random.Generator) -> xr.DataArray:
+def dog(speed_mps: float, rng: np.random.Generator) -> Motion:
     """Walk or trot, by the speed, of a dog of 0.5 m at the withers."""
     return quadruped_gait(
         gait="auto", speed_mps=speed_mps, duration_s=OBSERVATION_S + 1.0, stride_variation=STRIDE_VARIATION, rng=rng
@@ -119,7 +119,7 @@ PAIRS = (
 )
 
 
-def ground(length_m: float, rng: np.random.Generator, *, sway_m: float = SWAY_M) -> xr.DataArray:
+def ground(length_m: float, rng: np.random.Generator, *, sway_m: float = SWAY_M) -> Motion:
     """Points along the radar's look that sway in the wind: Gaussian processes of exponentially distributed size."""
     count, rate_hz = round(length_m * GROUND_PER_M), 50.0
     n_frames = round((OBSERVATION_S + 1.0) * rate_hz)
@@ -136,7 +136,7 @@ def ground(length_m: float, rng: np.random.Generator, *, sway_m: float = SWAY_M)
     return make_motion(position_m, rate_hz=rate_hz, markers=names, parts=[""] * count, facts=facts)
 
 
-def scene_of(pair: Pair, motion: xr.DataArray, rcs: RcsSpec, *, speed_mps: float, rng: np.random.Generator) -> Scene:
+def scene_of(pair: Pair, motion: Motion, rcs: RcsSpec, *, speed_mps: float, rng: np.random.Generator) -> Scene:
     """The mover on a line through the radar, and the ground that it walks over."""
     aspect_deg = 0.0 if pair.direction > 0 else 180.0
     mover = Target(motion, label=pair.label, rcs=rcs, range_m=RANGE_M, aspect_deg=aspect_deg)

@@ -78,7 +78,7 @@ def test_axes_are_those_of_the_coordinates_numbers_and_names():
         assert axis(array.to_dataset(), name).dtype == np.float64
     coords = {"time": TIME_S, "marker": ["head", "toe"], "space": ["x", "y", "z"], "part": ("marker", ["a", "b"])}
     motion = make_array(MOTION, np.zeros((5, 2, 3)), coords)
-    assert axis(motion, "marker").tolist() == ["head", "toe"]
+    assert motion.markers == ["head", "toe"]
     assert axis(motion, "marker").dtype == motion.coords["marker"].dtype
     with pytest.raises(KeyError):
         axis(array, "range")
@@ -88,12 +88,12 @@ def test_an_edit_of_one_array_reaches_no_other():
     from doppelgait.motion.models import boulic_walk
 
     first = boulic_walk(speed_mps=1.2, height_m=1.75, duration_s=1.0)
-    parts = first.coords["part"].values.copy()
-    first.coords["part"][:] = "leg"
-    first.coords["marker"].attrs["edited"] = True
+    parts = first.positions.coords["part"].values.copy()
+    first.positions.coords["part"][:] = "leg"
+    first.positions.coords["marker"].attrs["edited"] = True
     second = boulic_walk(speed_mps=1.2, height_m=1.75, duration_s=1.0)
-    np.testing.assert_array_equal(second.coords["part"].values, parts)
-    assert "edited" not in second.coords["marker"].attrs
+    np.testing.assert_array_equal(second.positions.coords["part"].values, parts)
+    assert "edited" not in second.positions.coords["marker"].attrs
     made = signature()
     new = with_values(made, made.values + 1.0)
     new.coords["velocity"].values[0] = 99.0

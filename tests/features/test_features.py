@@ -26,9 +26,9 @@ from doppelgait.features.doppler import (
 from doppelgait.features.gait import occupied_rows
 from doppelgait.features.gait_frequency import square_difference
 from doppelgait.features.peaks import local_maxima, refine
+from doppelgait.motion import make_motion
 from doppelgait.motion.models import breathing_person, moving_point
 from doppelgait.motion.models.boulic import boulic_walk
-from doppelgait.motion.schema import make_motion
 from doppelgait.pipeline import analyze, result_as_dict, simulate
 from doppelgait.processing import Analysis, Gate, cadence_map, cadence_spectrum, detrend, signature
 from doppelgait.radar import Radar, Recording, add_noise, synthesise

@@ -65,7 +65,7 @@ def test_a_side_view_is_flagged_and_its_ground_speed_given(motion, aspect_deg):
     assert bool(sideways) == (aspect_deg == 75.0)
     if sideways:
         assert "low_confidence" in result.flags
-    speed = float(np.ptp(motion.values[:, :, 0].mean(axis=1)) / np.ptp(motion.coords["time"].values))
+    speed = float(np.ptp(motion.position_m[:, :, 0].mean(axis=1)) / np.ptp(motion.time_s))
     assert result.quality["ground_speed_mps"] == pytest.approx(speed, rel=0.05)
     assert result.quality["aspect_deg"] == pytest.approx(aspect_deg, abs=4)
     expected_m = result.quality["ground_speed_mps"] / result.gait_frequency_hz

@@ -10,8 +10,8 @@ from doppelgait.motion.bones import bones_of
 
 def test_the_bones_of_the_walking_model_are_those_of_its_skeleton() -> None:
     walk = dg.motion.boulic_walk(speed_mps=1.2, height_m=1.75, duration_s=3.0)
-    names = [str(name) for name in walk.coords["marker"].values]
-    found = {frozenset((names[a], names[b])) for a, b in bones_of(walk.values)}
+    names = [str(name) for name in walk.positions.coords["marker"].values]
+    found = {frozenset((names[a], names[b])) for a, b in bones_of(walk.position_m)}
     assert len(found) == len(names) - 1
     legs_and_arms = [
         frozenset((f"{side}_{one}", f"{side}_{two}"))
@@ -32,7 +32,7 @@ def test_a_hand_that_passes_the_thigh_is_not_joined_to_it() -> None:
 
 
 def test_points_that_are_never_seen_get_no_bone_and_gaps_do_no_harm() -> None:
-    walk = dg.motion.boulic_walk(speed_mps=1.2, height_m=1.75, duration_s=3.0).values.copy()
+    walk = dg.motion.boulic_walk(speed_mps=1.2, height_m=1.75, duration_s=3.0).position_m.copy()
     whole = bones_of(walk)
     walk[100:200, 3] = np.nan
     assert bones_of(walk).tolist() == whole.tolist()

@@ -11,9 +11,9 @@ import pytest
 import xarray as xr
 
 from doppelgait.core.errors import MotionError
+from doppelgait.motion import Motion, make_motion
 from doppelgait.motion.clean import body_centre, clean_motion, lowpass, stationary_points
 from doppelgait.motion.describe import describe_motion
-from doppelgait.motion.schema import make_motion
 
 RATE_HZ = 120.0
 HEIGHTS_M = np.array([1.7, 1.5, 1.0, 0.5, 0.08, 0.04, 0.04])
@@ -31,7 +31,7 @@ def walk(
     return np.stack([x, np.zeros_like(x), z], axis=2)
 
 
-def motion_of(position: np.ndarray, *, rate_hz: float = RATE_HZ, parts: list[str] | None = None) -> xr.DataArray:
+def motion_of(position: np.ndarray, *, rate_hz: float = RATE_HZ, parts: list[str] | None = None) -> Motion:
     parts = PARTS if parts is None else parts
     names = [f"m{i}" for i in range(position.shape[1])]
     return make_motion(
@@ -39,18 +39,18 @@ def motion_of(position: np.ndarray, *, rate_hz: float = RATE_HZ, parts: list[str
     )
 
 
-def report_of(motion: xr.DataArray) -> Any:
-    return motion.attrs["report"]
+def report_of(motion: Motion) -> Any:
+    return motion.report
 
 
 def test_a_complete_motion_keeps_everything_but_the_floor() -> None:
     truth = walk()
     clean = clean_motion(motion_of(truth))
-    assert clean.shape == truth.shape
+    assert clean.positions.shape == truth.shape
     shift = report_of(clean)["floor_shift_m"]
-    np.testing.assert_allclose(clean.values, truth + shift * UP, atol=5e-4)
+    np.testing.assert_allclose(clean.position_m, truth + shift * UP, atol=5e-4)
     assert report_of(clean)["dropped"] == {}
-    assert clean.attrs["source"] == "walk.c3d"
+    assert clean.facts.source == "walk.c3d"
     json.dumps(report_of(clean), allow_nan=False)
 
 
@@ -59,7 +59,7 @@ def test_short_gap_is_filled_on_the_path(length: int, error_m: float) -> None:
     truth, holed = walk(), walk()
     holed[100 : 100 + length, 5] = np.nan
     clean = clean_motion(motion_of(holed), lowpass_hz=None, floor=False)
-    np.testing.assert_allclose(clean.values, truth, atol=error_m)
+    np.testing.assert_allclose(clean.position_m, truth, atol=error_m)
     facts = report_of(clean)
     assert (facts["gaps_filled"], facts["samples_filled"], facts["longest_gap_filled"]) == (1, length, length)
 
@@ -68,10 +68,10 @@ def test_long_gap_costs_the_point_not_the_recording() -> None:
     holed = walk()
     holed[200:231, 5] = np.nan
     clean = clean_motion(motion_of(holed))
-    assert clean.shape == (480, 6, 3)
-    assert np.isfinite(clean.values).all()
+    assert clean.positions.shape == (480, 6, 3)
+    assert np.isfinite(clean.position_m).all()
     assert report_of(clean)["dropped"] == {"not seen throughout (gaps up to 0.25 s are filled)": ["m5"]}
-    assert clean_motion(motion_of(holed), gap_limit_s=0.3).sizes["marker"] == 7
+    assert clean_motion(motion_of(holed), gap_limit_s=0.3).positions.sizes["marker"] == 7
 
 
 def test_recording_is_cropped_to_the_presence_of_the_subject() -> None:
@@ -80,10 +80,10 @@ def test_recording_is_cropped_to_the_presence_of_the_subject() -> None:
         holed[: 60 + 3 * p, p] = np.nan
         holed[400 - 2 * p :, p] = np.nan
     clean = clean_motion(motion_of(holed), lowpass_hz=None, floor=False)
-    np.testing.assert_allclose(clean.values, walk()[78:388], atol=1e-9)
+    np.testing.assert_allclose(clean.position_m, walk()[78:388], atol=1e-9)
     assert report_of(clean)["kept_from_s"] == pytest.approx(78 / RATE_HZ)
     assert report_of(clean)["kept_to_s"] == pytest.approx(387 / RATE_HZ)
-    assert clean.time.values[0] == 0.0
+    assert clean.time_s[0] == 0.0
 
 
 def test_point_never_seen_is_dropped() -> None:
@@ -98,14 +98,14 @@ def test_still_point_is_dropped_from_a_walk_only() -> None:
     assert report_of(clean_motion(motion_of(moving)))["dropped"] == {"stands still while the body moves": ["m2"]}
     standing = walk(speed_mps=0.0)
     standing[:, 4:] = standing[:1, 4:]
-    assert clean_motion(motion_of(standing)).sizes["marker"] == 7
+    assert clean_motion(motion_of(standing)).positions.sizes["marker"] == 7
 
 
 def test_squatting_person_keeps_its_feet() -> None:
     squat = walk(speed_mps=0.0)
     squat[:, :4, 2] -= 0.4 * (1 - np.cos(np.linspace(0, 8 * np.pi, 480)))[:, None] * HEIGHTS_M[:4] / 1.7
     squat[:, 4:] = squat[:1, 4:]
-    assert clean_motion(motion_of(squat)).sizes["marker"] == 7
+    assert clean_motion(motion_of(squat)).positions.sizes["marker"] == 7
 
 
 @pytest.mark.parametrize("length", [1, 2])
@@ -114,7 +114,7 @@ def test_spikes_are_replaced(length: int) -> None:
     spiky[150 : 150 + length, 3] += [0.0, 0.4, 0.0]
     clean = clean_motion(motion_of(spiky), lowpass_hz=None, floor=False)
     assert report_of(clean)["spikes_removed"] == length
-    np.testing.assert_allclose(clean.values, walk(), atol=1e-4)
+    np.testing.assert_allclose(clean.position_m, walk(), atol=1e-4)
 
 
 def test_a_fast_foot_is_no_spike() -> None:
@@ -150,27 +150,27 @@ def test_lowpass_is_left_out_at_low_rates() -> None:
     truth = walk(n_frames=100, rate_hz=30.0)
     clean = clean_motion(motion_of(truth, rate_hz=30.0), floor=False)
     assert report_of(clean)["lowpass_hz"] is None
-    np.testing.assert_array_equal(clean.values, truth)
+    np.testing.assert_array_equal(clean.position_m, truth)
     assert report_of(clean_motion(motion_of(walk())))["lowpass_hz"] == 12.0
 
 
 @pytest.mark.parametrize("offset_m", [-0.8, 0.0, 0.5])
 def test_floor_is_zero_and_stature_is_measured_from_it(offset_m: float) -> None:
     clean = clean_motion(motion_of(walk() + offset_m * UP))
-    lowest = clean.values[:, 5:, 2].min()
+    lowest = clean.position_m[:, 5:, 2].min()
     assert abs(lowest) < 2e-3
-    assert clean.attrs["height_m"] == pytest.approx(1.7 - 0.01, abs=5e-3)
+    assert clean.facts.height_m == pytest.approx(1.7 - 0.01, abs=5e-3)
 
 
 def test_floor_without_known_parts_is_that_of_the_lowest_points() -> None:
     clean = clean_motion(motion_of(walk() + 0.5 * UP, parts=[""] * 7))
-    assert abs(clean.values[:, :, 2].min()) < 2e-3
+    assert abs(clean.position_m[:, :, 2].min()) < 2e-3
 
 
 def test_body_without_feet_stays_at_its_height() -> None:
     clean = clean_motion(motion_of(walk()[:, :3], parts=PARTS[:3]))
     assert report_of(clean)["floor_shift_m"] == 0.0
-    assert clean.attrs["height_m"] == pytest.approx(1.7, abs=5e-3)
+    assert clean.facts.height_m == pytest.approx(1.7, abs=5e-3)
 
 
 def test_too_little_is_refused_with_a_reason() -> None:
@@ -194,9 +194,9 @@ def test_input_is_not_changed() -> None:
     holed = walk()
     holed[150, 3] += 0.4
     motion = motion_of(holed)
-    before = motion.copy(deep=True)
+    before = motion.positions.copy(deep=True)
     clean_motion(motion)
-    xr.testing.assert_identical(motion, before)
+    xr.testing.assert_identical(motion.positions, before)
 
 
 @pytest.mark.parametrize("heading_deg", [0.0, 30.0, 135.0, 270.0])

@@ -6,9 +6,9 @@ import warnings
 from pathlib import Path
 
 import pytest
-import xarray as xr
 
 from doppelgait.core.errors import DoppelgaitWarning
+from doppelgait.motion import Motion
 from doppelgait.motion.readers import read
 from doppelgait.motion.rigid import propose_parts
 
@@ -27,7 +27,7 @@ FEET_FOUND = (
 )  # fmt: skip
 
 
-def _read(path: Path) -> xr.DataArray:
+def _read(path: Path) -> Motion:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DoppelgaitWarning)
         return read(path)
@@ -35,7 +35,7 @@ def _read(path: Path) -> xr.DataArray:
 
 @pytest.mark.parametrize("name", GOOD)
 def test_good_recordings_raise_no_false_alarm(shared: Path, name: str) -> None:
-    report = _read(shared / "data/mocap/human/c3d" / name).attrs["report"]
+    report = _read(shared / "data/mocap/human/c3d" / name).report
     assert report["swaps_repaired"] == []
     assert [jump["point"] for jump in report["jumps"]] == JUMPING.get(name, [])
     for reason in report["dropped"]:
@@ -43,7 +43,7 @@ def test_good_recordings_raise_no_false_alarm(shared: Path, name: str) -> None:
 
 
 def test_second_names_of_the_same_markers_are_dropped(shared: Path) -> None:
-    dropped = _read(shared / "data/c3d-edge-cases/phoenix_golfswing.c3d").attrs["report"]["dropped"]
+    dropped = _read(shared / "data/c3d-edge-cases/phoenix_golfswing.c3d").report["dropped"]
     doubles = {reason: names for reason, names in dropped.items() if reason.startswith("at the place of")}
     assert doubles == {f"at the place of Channel{n}": [f"Channel{n + 8}"] for n in (807, 808, 809, 810, 823)}
 
@@ -51,8 +51,8 @@ def test_second_names_of_the_same_markers_are_dropped(shared: Path) -> None:
 @pytest.mark.parametrize("name", FEET_FOUND)
 def test_feet_found_without_names_are_feet(shared: Path, name: str) -> None:
     motion = _read(shared / "data/mocap/human/c3d" / name)
-    proposed = propose_parts(motion.values, rate_hz=motion.attrs["rate_hz"])
-    named = [str(part) for part in motion.part.values]
+    proposed = propose_parts(motion.position_m, rate_hz=motion.rate_hz)
+    named = motion.parts
     for side in ("left", "right"):
         found = {part for guess, part in zip(proposed, named, strict=True) if guess == f"{side}_foot"}
         assert f"{side}_foot" in found

@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 import pytest
-import xarray as xr
 
+from doppelgait.motion import Motion, make_motion
 from doppelgait.motion.footfalls import find_feet, find_steps
 from doppelgait.motion.gait import measure_gait, name_quadruped_gait, step_and_gait_frequency_hz, with_gait_facts
 from doppelgait.motion.models import boulic_walk, quadruped_gait
 from doppelgait.motion.models.quadruped_gaits import GAITS
-from doppelgait.motion.schema import make_motion
 
 NAMED_LAGS = {
     # lags lh_lf, lh_rh, lf_rf from tables of gaits (not from the model)
@@ -48,18 +47,18 @@ def test_frequencies_by_gait() -> None:
     assert np.isnan(step_and_gait_frequency_hz("", 2.0)).all()
 
 
-def _check_against_truth(motion: xr.DataArray, frames: float) -> None:
-    found, truth = measure_gait(motion), motion.attrs["footfalls"]
-    last_s = float(motion.time.values[-1])
+def _check_against_truth(motion: Motion, frames: float) -> None:
+    found, truth = measure_gait(motion), motion.facts.footfalls
+    last_s = float(motion.time_s[-1])
     assert found.measured_from == "footfalls"
-    assert found.stride_frequency_hz == pytest.approx(motion.attrs["stride_frequency_hz"], rel=0.005)
+    assert found.stride_frequency_hz == pytest.approx(motion.facts.stride_frequency_hz, rel=0.005)
     assert set(found.footfalls) == set(truth)
     for foot, times in found.footfalls.items():
         # within one stride of the ends a footfall may be cut
         inner = [t for t in truth[foot] if 0.3 < t < last_s - 0.1]
         assert len(times) >= len(inner) > 0
         for t in inner:
-            assert np.abs(np.array(times) - t).min() <= frames / motion.attrs["rate_hz"] + 1e-9
+            assert np.abs(np.array(times) - t).min() <= frames / motion.rate_hz + 1e-9
         assert all(np.abs(np.array(truth[foot]) - t).min() < 0.02 for t in times if t < last_s - 0.02)
 
 
@@ -89,7 +88,7 @@ def test_dog_lands_where_the_model_says_and_goes_in_its_gait(gait: str, share: f
 def test_heading_place_and_height_do_not_matter() -> None:
     motion = quadruped_gait(gait="walk", duration_s=3.0)
     turn = np.array([[np.cos(2.0), np.sin(2.0), 0], [-np.sin(2.0), np.cos(2.0), 0], [0, 0, 1]])
-    moved = motion.copy(data=motion.values @ turn + np.array([5.0, -7.0, 0.4]))
+    moved = motion.with_positions(motion.position_m @ turn + np.array([5.0, -7.0, 0.4]))
     before, after = measure_gait(motion), measure_gait(moved)
     assert after.gait == before.gait == "walk"
     assert after.footfalls == before.footfalls
@@ -99,13 +98,13 @@ def test_noise_of_a_millimetre_after_cleaning_keeps_gait_and_beat() -> None:
     from doppelgait.motion.clean import clean_motion
 
     motion = quadruped_gait(gait="trot", duration_s=4.0, rate_hz=120)
-    noisy = motion.copy(data=motion.values + np.random.default_rng(4).normal(0, 1e-3, motion.shape))
+    noisy = motion.with_positions(motion.position_m + np.random.default_rng(4).normal(0, 1e-3, motion.positions.shape))
     found = measure_gait(clean_motion(noisy))
     assert found.gait == "trot"
-    assert found.stride_frequency_hz == pytest.approx(motion.attrs["stride_frequency_hz"], rel=0.005)
+    assert found.stride_frequency_hz == pytest.approx(motion.facts.stride_frequency_hz, rel=0.005)
 
 
-def _runner(*, duty: float, stride_hz: float = 1.4, speed_mps: float = 3.0) -> xr.DataArray:
+def _runner(*, duty: float, stride_hz: float = 1.4, speed_mps: float = 3.0) -> Motion:
     """Two feet that stand still for ``duty`` of the stride and a body that falls freely while both are in the air."""
     time_s = np.arange(0, 4.0, 0.005)
 
@@ -151,53 +150,53 @@ def test_standing_body_has_no_footfalls() -> None:
     still = np.array([0.0, 0.0, 1.0]) * np.arange(6)[:, None] * 0.3 + rng.normal(0, 0.002, (400, 6, 3))
     motion = make_motion(still, rate_hz=100.0, markers=list("abcdef"), parts=["left_foot", "right_foot", *[""] * 4])
     found = with_gait_facts(motion)
-    assert found.attrs["gait"] == ""
-    assert np.isnan(found.attrs["stride_frequency_hz"])
-    assert not any(found.attrs["footfalls"].values())
+    assert found.facts.gait == ""
+    assert np.isnan(found.facts.stride_frequency_hz)
+    assert not any(found.facts.footfalls.values())
 
 
 def test_feet_without_names_are_the_lowest_points_left_and_right() -> None:
     named = boulic_walk(duration_s=5.0)
-    bare = named.assign_coords(part=("marker", [""] * named.sizes["marker"])).assign_attrs(species="")
-    markers = named.marker.values
+    bare = named.with_points(named.position_m, named.markers, [""] * len(named.markers)).with_facts(species="")
+    markers = named.markers
     feet = {foot: {str(markers[n]) for n in points} for foot, points in find_feet(bare).items()}
     assert set(feet) == {"left_foot", "right_foot"}
     assert all(name.startswith(foot.split("_")[0]) for foot, names in feet.items() for name in names)
     found = measure_gait(bare)
-    assert found.stride_frequency_hz == pytest.approx(named.attrs["stride_frequency_hz"], rel=0.005)
+    assert found.stride_frequency_hz == pytest.approx(named.facts.stride_frequency_hz, rel=0.005)
 
 
 def test_stated_facts_stay() -> None:
     model = quadruped_gait(gait="gallop", duration_s=2.0)
     filled = with_gait_facts(model)
     for key in ("gait", "stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz", "footfalls"):
-        assert filled.attrs[key] == model.attrs[key] or np.isnan(model.attrs[key])
-    assert np.isnan(filled.attrs["step_frequency_hz"])  # not defined for a gallop
-    wrong = with_gait_facts(model.assign_attrs(stride_frequency_hz=9.0, gait="trot", gait_frequency_hz=np.nan))
-    assert wrong.attrs["stride_frequency_hz"] == 9.0
-    assert wrong.attrs["gait_frequency_hz"] == 18.0
+        assert getattr(filled.facts, key) == getattr(model.facts, key) or np.isnan(getattr(model.facts, key))
+    assert np.isnan(filled.facts.step_frequency_hz)  # not defined for a gallop
+    wrong = with_gait_facts(model.with_facts(stride_frequency_hz=9.0, gait="trot", gait_frequency_hz=np.nan))
+    assert wrong.facts.stride_frequency_hz == 9.0
+    assert wrong.facts.gait_frequency_hz == 18.0
 
 
 def test_unknown_facts_are_filled() -> None:
     model = boulic_walk(speed_mps=1.2, duration_s=5.0)
     nan = float("nan")
-    bare = model.assign_attrs(
+    bare = model.with_facts(
         gait="", footfalls={}, stride_frequency_hz=nan, step_frequency_hz=nan, gait_frequency_hz=nan
     )
     filled = with_gait_facts(bare)
-    assert filled.attrs["gait"] == "walk"
+    assert filled.facts.gait == "walk"
     for key in ("stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz"):
-        assert filled.attrs[key] == pytest.approx(model.attrs[key], rel=0.005)
-    assert filled.attrs["report"]["gait"]["stride_from"] == "footfalls"
-    assert bare.attrs["gait"] == ""
+        assert getattr(filled.facts, key) == pytest.approx(getattr(model.facts, key), rel=0.005)
+    assert filled.report["gait"]["stride_from"] == "footfalls"
+    assert bare.facts.gait == ""
 
 
 def test_a_gap_is_bridged_and_a_foot_never_seen_left_out() -> None:
     motion = quadruped_gait(gait="trot", duration_s=3.0)
-    values = motion.values.copy()
-    names = [str(name) for name in motion.marker.values]
+    values = motion.position_m.copy()
+    names = motion.markers
     values[200:205, names.index("left_hind_paw")] = np.nan
     values[:, names.index("right_fore_paw")] = np.nan
-    steps = find_steps(motion.copy(data=values))
+    steps = find_steps(motion.with_positions(values))
     assert set(steps) == {"left_hind", "right_hind", "left_fore"}
-    assert measure_gait(motion.copy(data=values)).gait == ""
+    assert measure_gait(motion.with_positions(values)).gait == ""

@@ -1,6 +1,7 @@
 """Paths over the ground (E-02b): curves, pace, posture on stopping, footfalls and what is refused."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from doppelgait.core.errors import ConfigError, MotionError
+from doppelgait.motion import make_motion
 from doppelgait.motion.course import (
     HEADING_WINDOW_M,
     Pace,
@@ -32,7 +34,6 @@ from doppelgait.motion.paths import (
     make_path,
 )
 from doppelgait.motion.retime import body_centre_m, place
-from doppelgait.motion.schema import make_motion
 
 SPEED_MPS = 1.2
 PATHS = [
@@ -58,11 +59,11 @@ def trot():
 
 
 def velocities(motion):
-    return np.gradient(motion.values, axis=0) * motion.attrs["rate_hz"]
+    return np.gradient(motion.position_m, axis=0) * motion.rate_hz
 
 
 def stop_of(motion):
-    (stop_m,) = motion.attrs["report"]["path"]["stops_m"]
+    (stop_m,) = motion.report["path"]["stops_m"]
     return stop_m
 
 
@@ -123,23 +124,22 @@ def test_the_pace_keeps_its_acceleration_and_stands_where_it_should():
 def test_a_straight_path_gives_back_the_motion(walk, trot):
     for motion in (walk, trot):
         followed = follow(motion, StraightPath())
-        assert followed.shape == motion.shape
-        shift = followed.values - motion.values
+        assert followed.positions.shape == motion.positions.shape
+        shift = followed.position_m - motion.position_m
         assert np.ptp(shift, axis=(0, 1)).max() < 1e-9
         assert shift[..., 2] == pytest.approx(0.0, abs=1e-12)
         # the mean line of the body starts at the origin, its sway stays
         assert np.abs(body_centre_m(followed)[:, 1]).max() < 0.05
-        for key, value in motion.attrs.items():
-            if key not in ("report", "footfalls"):
-                assert followed.attrs[key] == value or value != value, key
-        for foot, times in motion.attrs["footfalls"].items():
-            np.testing.assert_allclose(followed.attrs["footfalls"][foot], times, atol=1e-9)
+        facts = replace(followed.facts, path=None, footfalls=motion.facts.footfalls)
+        assert (facts, followed.rate_hz) == (motion.facts, motion.rate_hz)
+        for foot, times in motion.facts.footfalls.items():
+            np.testing.assert_allclose(followed.facts.footfalls[foot], times, atol=1e-9)
 
 
 def test_a_motion_in_any_direction_is_turned_to_the_path(walk):
     turned = place(walk, position_m=(7.0, -3.0), heading_deg=130.0, at_s=1.0)
     for path in PATHS:
-        np.testing.assert_allclose(follow(turned, path).values, follow(walk, path).values, atol=1e-9)
+        np.testing.assert_allclose(follow(turned, path).position_m, follow(walk, path).position_m, atol=1e-9)
 
 
 @pytest.mark.parametrize("path", PATHS, ids=NAMES)
@@ -147,24 +147,24 @@ def test_start_and_heading_move_the_whole_path(walk, path):
     plain = follow(walk, path)
     moved = follow(walk, path, start_position_m=(2.0, -1.0), heading_deg=65.0)
     c, s = math.cos(math.radians(65)), math.sin(math.radians(65))
-    turned = plain.values @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) + [2.0, -1.0, 0]
-    np.testing.assert_allclose(moved.values, turned, atol=1e-9)
+    turned = plain.position_m @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) + [2.0, -1.0, 0]
+    np.testing.assert_allclose(moved.position_m, turned, atol=1e-9)
 
 
 def test_a_mirrored_walk_on_the_mirrored_path_is_the_mirror_image(walk):
-    mirrored = walk.copy(data=walk.values * [1, -1, 1])
+    mirrored = walk.with_positions(walk.position_m * [1, -1, 1])
     left = follow(walk, ArcPath(radius_m=2, turn_deg=120, side_m=0.3))
     right = follow(mirrored, ArcPath(radius_m=2, turn_deg=-120, side_m=-0.3))
-    np.testing.assert_allclose(right.values, left.values * [1, -1, 1], atol=1e-9)
+    np.testing.assert_allclose(right.position_m, left.position_m * [1, -1, 1], atol=1e-9)
 
 
 def test_another_speed_keeps_the_stride_length(walk):
     fast = follow(walk, StraightPath(speed_mps=1.25 * SPEED_MPS))
     assert steady_speed_mps(fast) == pytest.approx(1.25 * SPEED_MPS, rel=1e-9)
     for key in ("stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz"):
-        assert fast.attrs[key] == pytest.approx(1.25 * walk.attrs[key], rel=1e-9)
-    later = np.array(fast.attrs["footfalls"]["left_foot"]) * 1.25
-    np.testing.assert_allclose(later, walk.attrs["footfalls"]["left_foot"][: later.size], atol=1e-9)
+        assert getattr(fast.facts, key) == pytest.approx(1.25 * getattr(walk.facts, key), rel=1e-9)
+    later = np.array(fast.facts.footfalls["left_foot"]) * 1.25
+    np.testing.assert_allclose(later, walk.facts.footfalls["left_foot"][: later.size], atol=1e-9)
 
 
 # --- Arc ----------------------------------------------------------------------------------------------------------
@@ -175,7 +175,7 @@ def test_on_an_arc_the_body_stays_on_the_circle_beyond_its_own_sway(walk, turn_d
     radius_m, side = 2.0, math.copysign(1, turn_deg)
     straight = body_centre_m(follow(walk, StraightPath()))
     followed = follow(walk, ArcPath(radius_m=radius_m, turn_deg=turn_deg))
-    t = followed.coords["time"].values
+    t = followed.time_s
     frames = t.size
     ahead = straight[:frames, 0] - SPEED_MPS * t
     centre = body_centre_m(followed)[:, :2] - [0, side * radius_m]
@@ -183,8 +183,10 @@ def test_on_an_arc_the_body_stays_on_the_circle_beyond_its_own_sway(walk, turn_d
     np.testing.assert_allclose(ground(centre), predicted, atol=1e-6)
     assert t[-1] == pytest.approx(math.radians(300) * radius_m / SPEED_MPS, abs=1 / 250)
     # and it faces along the tangent: the line between the shoulders points to the centre of the circle
-    across = followed.sel(marker="left_shoulder").values - followed.sel(marker="right_shoulder").values
-    source = walk.sel(marker="left_shoulder").values - walk.sel(marker="right_shoulder").values
+    across = (
+        followed.positions.sel(marker="left_shoulder").values - followed.positions.sel(marker="right_shoulder").values
+    )
+    source = walk.positions.sel(marker="left_shoulder").values - walk.positions.sel(marker="right_shoulder").values
     heading = side * SPEED_MPS * t / radius_m
     turn = np.angle(np.exp(1j * (np.arctan2(across[:, 1], across[:, 0]) - heading)))
     np.testing.assert_allclose(turn, np.arctan2(source[:frames, 1], source[:frames, 0]), atol=1e-8)
@@ -193,8 +195,8 @@ def test_on_an_arc_the_body_stays_on_the_circle_beyond_its_own_sway(walk, turn_d
 def test_radial_velocity_on_a_circle_is_the_closed_form():
     v, radius_m, radar = 1.5, 2.0, np.array([5.0, 1.0, 0.0])
     motion = follow(steady_point(v, 10.0), ArcPath(radius_m=radius_m, turn_deg=360))
-    t = motion.coords["time"].values
-    sight = motion.values[:, 0] - radar
+    t = motion.time_s
+    sight = motion.position_m[:, 0] - radar
     range_m = np.sqrt((sight**2).sum(axis=1))
     measured = -np.gradient(range_m, t, edge_order=2)
     # R^2 = d^2 + r^2 - 2 d r cos(a), a the angle at the centre between radar and body
@@ -212,9 +214,9 @@ def test_a_stance_paw_slides_on_an_arc_as_curvature_says(trot, radius_m):
     followed = follow(trot, ArcPath(radius_m=radius_m, turn_deg=120))
     straight = follow(trot, StraightPath())
     v = steady_speed_mps(trot)
-    paws = [n for n, part in enumerate(trot.coords["part"].values) if part.endswith("paw")]
-    frames = followed.sizes["time"]
-    offset = straight.values[:frames, paws] - [v, 0, 0] * straight.coords["time"].values[:frames, None, None]
+    paws = [n for n, part in enumerate(trot.positions.coords["part"].values) if part.endswith("paw")]
+    frames = followed.n_frames
+    offset = straight.position_m[:frames, paws] - [v, 0, 0] * straight.time_s[:frames, None, None]
     at_rest = ground(velocities(straight))[:frames, paws] < 1e-6
     at_rest[[0, -1]] = False
     assert at_rest.sum() > 200
@@ -228,13 +230,13 @@ def test_a_stance_paw_slides_on_an_arc_as_curvature_says(trot, radius_m):
 def test_the_companion_on_the_outside_goes_further_in_the_same_time(walk):
     inner = follow(walk, ArcPath(radius_m=2.0, turn_deg=180, side_m=0.5))
     outer = follow(walk, ArcPath(radius_m=2.0, turn_deg=180, side_m=-0.5))
-    assert inner.sizes["time"] == outer.sizes["time"]
+    assert inner.n_frames == outer.n_frames
     for motion, radius_m in ((inner, 1.5), (outer, 2.5)):
         centre = body_centre_m(motion) - [0, 2.0, 0]
         assert ground(centre).mean() == pytest.approx(radius_m, abs=5e-3)
-        assert motion.attrs["report"]["path"]["length_m"] == pytest.approx(math.pi * radius_m, abs=0.01)
+        assert motion.report["path"]["length_m"] == pytest.approx(math.pi * radius_m, abs=0.01)
         # the stride length stays, hence the stride frequency follows the own speed
-        scale = motion.attrs["stride_frequency_hz"] / walk.attrs["stride_frequency_hz"]
+        scale = motion.facts.stride_frequency_hz / walk.facts.stride_frequency_hz
         assert scale == pytest.approx(radius_m / 2.0, rel=1e-9)
 
 
@@ -245,10 +247,10 @@ def test_a_polyline_passes_its_points_and_rounds_its_corners():
     v, r = 1.0, 0.5
     path = PolylinePath(points_m=[(1, 1), (4, 1), (4, 5)], corner_radius_m=r)
     motion = follow(steady_point(v, 10.0), path)
-    body = motion.values[:, 0, :2]
+    body = motion.position_m[:, 0, :2]
     np.testing.assert_allclose(body[0], [1, 1], atol=1e-9)
     length_m = 3 + 4 - 2 * r + r * math.pi / 2
-    assert motion.coords["time"].values[-1] == pytest.approx(length_m / v, abs=1 / 250)
+    assert motion.time_s[-1] == pytest.approx(length_m / v, abs=1 / 250)
     distance = np.min(np.hypot(*(body - [4, 1]).T))
     assert distance == pytest.approx((math.sqrt(2) - 1) * r, abs=1e-5)  # nearest point of the corner's arc
     speeds = ground(np.gradient(body, axis=0)) * 250
@@ -261,10 +263,10 @@ def test_positions_and_velocities_are_continuous(walk, path):
     steps = []
     for rate_hz in (250.0, 1000.0):
         motion = follow(boulic_walk(speed_mps=SPEED_MPS, duration_s=9.0, rate_hz=rate_hz), path)
-        velocity = np.diff(motion.values, axis=0) * rate_hz
+        velocity = np.diff(motion.position_m, axis=0) * rate_hz
         steps.append(np.abs(np.diff(velocity, axis=0)).max())
     assert steps[1] < 0.3 * steps[0]
-    source = np.abs(np.diff(walk.values, 2, axis=0)).max() * 250
+    source = np.abs(np.diff(walk.position_m, 2, axis=0)).max() * 250
     assert steps[0] < 1.5 * source  # at 250 Hz the walk itself has 0.18 m/s per frame
 
 
@@ -275,11 +277,11 @@ def test_at_a_stop_everything_is_still(walk):
     path = StopAndGoPath(stops=[{"at_m": 4.0, "pause_s": 3.0}])
     motion = follow(walk, path)
     stop_m = stop_of(motion)
-    stride_m = SPEED_MPS / walk.attrs["stride_frequency_hz"]
+    stride_m = SPEED_MPS / walk.facts.stride_frequency_hz
     assert abs(stop_m - 4.0) <= stride_m / 4 + 1e-5
     ramp_s = math.pi * SPEED_MPS / 2  # at 1 m/s2
     rest_s = stop_m / SPEED_MPS + ramp_s / 2
-    t = motion.coords["time"].values
+    t = motion.time_s
     standing = (t > rest_s + 0.61) & (t < rest_s + 3.0 - 0.61)
     assert standing.sum() > 400
     assert np.abs(velocities(motion)[standing]).max() < 1e-9
@@ -287,14 +289,14 @@ def test_at_a_stop_everything_is_still(walk):
     assert np.abs(velocities(motion)[settling]).max() < 1.1  # an ankle goes 0.4 m in 0.6 s on a half cosine
     centre = body_centre_m(motion)[settling]
     assert np.ptp(centre[:, 0]) < 0.02
-    feet = [n for n, part in enumerate(motion.coords["part"].values) if part.endswith("foot")]
-    pose = motion.values[standing][0]
+    feet = [n for n, part in enumerate(motion.positions.coords["part"].values) if part.endswith("foot")]
+    pose = motion.position_m[standing][0]
     assert np.ptp(pose[feet, 0]) < 0.03  # side by side
     assert pose[feet, 2].max() < 0.08  # on or near the floor
     # phase follows distance: away from the stop the walk is the source's at another time
-    after = motion.values[-1]
-    source = follow(walk, StraightPath()).values
-    reached = motion.attrs["report"]["path"]["length_m"] / SPEED_MPS * 250
+    after = motion.position_m[-1]
+    source = follow(walk, StraightPath()).position_m
+    reached = motion.report["path"]["length_m"] / SPEED_MPS * 250
     low, part = int(reached), reached - int(reached)
     np.testing.assert_allclose(after, (1 - part) * source[low] + part * source[low + 1], atol=1e-4)
 
@@ -302,21 +304,21 @@ def test_at_a_stop_everything_is_still(walk):
 def test_a_stop_is_in_double_support(walk):
     """Independent of how it is found: a foot of the model stands from touchdown for the duty factor of a stride."""
     duty = support_fraction(SPEED_MPS / (0.491 * 1.75))
-    right = np.array(walk.attrs["footfalls"]["right_foot"])
+    right = np.array(walk.facts.footfalls["right_foot"])
     for at_m in np.linspace(2.0, 3.4, 7):
         stop_m = stop_of(follow(walk, StopAndGoPath(stops=[{"at_m": at_m, "pause_s": 0.2}])))
-        phase = (stop_m / SPEED_MPS - right[0]) * walk.attrs["stride_frequency_hz"] % 0.5
+        phase = (stop_m / SPEED_MPS - right[0]) * walk.facts.stride_frequency_hz % 0.5
         assert 0 <= phase < duty - 0.5
 
 
 def test_a_trotting_dog_stops_on_its_paws(trot):
     motion = follow(trot, StopAndGoPath(stops=[{"at_m": 4.0, "pause_s": 2.0}]))
     rest_s = stop_of(motion) / steady_speed_mps(trot) + math.pi * steady_speed_mps(trot) / 4
-    t = motion.coords["time"].values
+    t = motion.time_s
     standing = (t > rest_s + 0.61) & (t < rest_s + 1.39)
     assert np.abs(velocities(motion)[standing]).max() < 1e-9
-    paws = [n for n, part in enumerate(trot.coords["part"].values) if part.endswith("paw")]
-    pose = motion.values[standing][0, paws]
+    paws = [n for n, part in enumerate(trot.positions.coords["part"].values) if part.endswith("paw")]
+    pose = motion.position_m[standing][0, paws]
     assert pose[:, 2].max() < 0.05
     # hind paws side by side, fore paws side by side
     assert np.diff(np.sort(pose[:, 0]))[[0, 2]].max() < 0.02
@@ -325,23 +327,23 @@ def test_a_trotting_dog_stops_on_its_paws(trot):
 @pytest.mark.parametrize("path", PATHS, ids=NAMES)
 def test_touchdowns_are_when_their_phase_passes(walk, path):
     motion = follow(walk, path)
-    report = motion.attrs["report"]["path"]
+    report = motion.report["path"]
     if path.side_m == 0:
         layout = layout_of(path)
         stops = tuple(Stop(at, s.pause_s) for at, s in zip(report["stops_m"], layout.stops, strict=True))
         pace = Pace(SPEED_MPS, math.pi * SPEED_MPS / (2 * layout.acceleration_mps2), stops)
-        end_s = float(motion.coords["time"].values[-1])
-        for foot, times in motion.attrs["footfalls"].items():
-            source = walk.attrs["footfalls"][foot]
+        end_s = float(motion.time_s[-1])
+        for foot, times in motion.facts.footfalls.items():
+            source = walk.facts.footfalls[foot]
             assert len(times) >= 3
             for when, phase_s in zip(times, source, strict=False):
                 if 1e-9 < phase_s * SPEED_MPS < report["length_m"] - 1e-3:
                     root = brentq(lambda t, p=phase_s: distance_m(pace, np.array([t]))[0] / SPEED_MPS - p, 0, end_s)
                     assert when == pytest.approx(root, abs=1e-6)
-    moving_s = float(motion.coords["time"].values[-1]) - report["pause_s"]
-    strides = report["length_m"] / SPEED_MPS * walk.attrs["stride_frequency_hz"]
-    assert motion.attrs["stride_frequency_hz"] == pytest.approx(strides / moving_s, rel=1e-9)
-    assert motion.attrs["gait"] == "walk"
+    moving_s = float(motion.time_s[-1]) - report["pause_s"]
+    strides = report["length_m"] / SPEED_MPS * walk.facts.stride_frequency_hz
+    assert motion.facts.stride_frequency_hz == pytest.approx(strides / moving_s, rel=1e-9)
+    assert motion.facts.gait == "walk"
 
 
 def test_no_foot_lands_while_the_body_stands(walk):
@@ -349,7 +351,7 @@ def test_no_foot_lands_while_the_body_stands(walk):
         motion = follow(walk, StopAndGoPath(stops=[{"at_m": at_m, "pause_s": 4.0}]))
         stop_m = stop_of(motion)
         rest_s = stop_m / SPEED_MPS + math.pi * SPEED_MPS / 4
-        falls = np.sort(np.concatenate([list(f) for f in motion.attrs["footfalls"].values()]))
+        falls = np.sort(np.concatenate([list(f) for f in motion.facts.footfalls.values()]))
         # setting off from 1 m/s2, the next foot lands well after the pause, the last one when coming to rest
         assert not np.any((falls > rest_s + 1e-6) & (falls < rest_s + 4.2))
 
@@ -360,13 +362,13 @@ def test_no_foot_lands_while_the_body_stands(walk):
 @pytest.mark.parametrize("path", [PATHS[5], PATHS[6]], ids=["spot", "u"])
 def test_turning_around_turns_the_sign_of_the_doppler_shift(walk, path):
     motion = follow(walk, path, start_position_m=(8.0, 0.0), heading_deg=180.0)
-    t = motion.coords["time"].values
+    t = motion.time_s
     velocity = -np.gradient(np.hypot(*body_centre_m(motion)[:, :2].T), t)
     one, last = t < 1.0, t > t[-1] - 1.0
     assert velocity[one].mean() == pytest.approx(SPEED_MPS, rel=0.05)
     assert velocity[last].mean() == pytest.approx(-SPEED_MPS, rel=0.05)
     # and it faces back
-    nose = motion.sel(marker="right_toe").values - motion.sel(marker="right_ankle").values
+    nose = motion.positions.sel(marker="right_toe").values - motion.positions.sel(marker="right_ankle").values
     assert nose[t < 1.0, 0].mean() < 0 < nose[t > t[-1] - 1.0, 0].mean()
     offset_m = 2 * path.radius_m if path.radius_m else 0.0
     assert body_centre_m(motion)[last, 1].mean() == pytest.approx(-offset_m, abs=0.03)
@@ -375,13 +377,13 @@ def test_turning_around_turns_the_sign_of_the_doppler_shift(walk, path):
 def test_a_turn_on_the_spot_stays_on_the_spot(walk):
     motion = follow(walk, TurnAroundPath(out_m=3.0, turn_s=2.0))
     stop_m = stop_of(motion)
-    assert motion.attrs["report"]["path"]["pause_s"] == pytest.approx(3.2)
+    assert motion.report["path"]["pause_s"] == pytest.approx(3.2)
     rest_s = stop_m / SPEED_MPS + math.pi * SPEED_MPS / 4
-    t = motion.coords["time"].values
+    t = motion.time_s
     turning = (t > rest_s + 0.6) & (t < rest_s + 2.6)
     centre = body_centre_m(motion)[turning]
     assert np.hypot(*(centre[:, :2] - [stop_m, 0]).T).max() < 0.05
-    across = motion.sel(marker="left_shoulder").values - motion.sel(marker="right_shoulder").values
+    across = motion.positions.sel(marker="left_shoulder").values - motion.positions.sel(marker="right_shoulder").values
     angle = np.unwrap(np.arctan2(across[turning, 1], across[turning, 0]))
     assert angle[-1] - angle[0] == pytest.approx(math.pi, abs=1e-3)
     assert np.all(np.diff(angle) > -1e-9)
@@ -392,14 +394,14 @@ def test_a_turn_on_the_spot_stays_on_the_spot(walk):
 
 def test_a_path_that_is_too_short_or_too_long_for_the_motion(walk):
     short = ArcPath(radius_m=1.0, turn_deg=90)
-    assert follow(walk, short).coords["time"].values[-1] == pytest.approx(math.pi / 2 / SPEED_MPS, abs=1 / 250)
+    assert follow(walk, short).time_s[-1] == pytest.approx(math.pi / 2 / SPEED_MPS, abs=1 / 250)
     with pytest.raises(MotionError, match=r"'arc'.*1\.57 m long and takes 1\.309 s, but 3 s are asked.*lengthen"):
         follow(walk, short, duration_s=3.0)
     with pytest.raises(MotionError, match=r"boulic: lasts 9\.000 s on its path, but 9\.5 s are asked for; shorten"):
         follow(walk, StraightPath(), duration_s=9.5)
     with pytest.raises(MotionError, match=r"boulic: goes 10\.80 m, too short for a stop at 11\.00 m"):
         follow(walk, StopAndGoPath(stops=[{"at_m": 11.0, "pause_s": 1.0}]))
-    assert follow(walk, StraightPath(), duration_s=2.0).coords["time"].values[-1] == pytest.approx(2.0)
+    assert follow(walk, StraightPath(), duration_s=2.0).time_s[-1] == pytest.approx(2.0)
 
 
 def test_speeds_outside_the_band_are_refused(walk):

@@ -22,13 +22,13 @@ def test_a_recorded_walk_goes_round_a_circle(shared, name, speed_mps):
     assert steady_speed_mps(motion) == pytest.approx(speed_mps, rel=0.03)
     straight = follow(motion, StraightPath())
     np.testing.assert_allclose(
-        np.diff(straight.values, axis=0)[..., 2], np.diff(motion.values, axis=0)[..., 2], atol=1e-9
+        np.diff(straight.position_m, axis=0)[..., 2], np.diff(motion.position_m, axis=0)[..., 2], atol=1e-9
     )
-    moved = np.linalg.norm(np.diff(straight.values, axis=0), axis=-1)
-    np.testing.assert_allclose(moved, np.linalg.norm(np.diff(motion.values, axis=0), axis=-1), atol=1e-9)
+    moved = np.linalg.norm(np.diff(straight.position_m, axis=0), axis=-1)
+    np.testing.assert_allclose(moved, np.linalg.norm(np.diff(motion.position_m, axis=0), axis=-1), atol=1e-9)
     round_the_circle = follow(motion, ArcPath(radius_m=2.0, turn_deg=40))
-    frames = round_the_circle.sizes["time"]
-    t = np.arange(frames) / motion.attrs["rate_hz"]
+    frames = round_the_circle.n_frames
+    t = np.arange(frames) / motion.rate_hz
     body = body_centre_m(straight)[:frames]
     predicted = np.hypot(2.0 - body[:, 1], body[:, 0] - steady_speed_mps(motion) * t)
     centre = body_centre_m(round_the_circle)[:, :2] - [0, 2.0]
@@ -37,7 +37,7 @@ def test_a_recorded_walk_goes_round_a_circle(shared, name, speed_mps):
 
 def test_a_recording_whose_steps_are_not_known_cannot_stop(shared):
     motion = read(shared / "data" / "mocap" / "human" / "c3d" / "cmu_07_01.c3d")
-    motion.attrs.update(step_frequency_hz=float("nan"), stride_frequency_hz=float("nan"))
+    motion = motion.with_facts(step_frequency_hz=float("nan"), stride_frequency_hz=float("nan"))
     with pytest.raises(MotionError, match="cannot stop: that needs points on the feet, and a gait of known step"):
         follow(motion, StopAndGoPath(stops=[{"at_m": 2.0, "pause_s": 1.0}]))
 

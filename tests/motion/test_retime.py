@@ -4,16 +4,15 @@ import numpy as np
 import pytest
 
 from doppelgait.core.errors import MotionError
+from doppelgait.motion import make_motion
 from doppelgait.motion.retime import (
     body_centre_m,
-    duration_s,
     place,
     resample,
     scale_to_height,
     travel_heading_rad,
     travel_speed_mps,
 )
-from doppelgait.motion.schema import make_motion
 
 
 def motion_of(position, rate_hz=120.0, parts=("torso",), start_s=0.0, **facts):
@@ -61,12 +60,12 @@ def test_resampling_refuses_gaps_short_motions_and_times_outside():
         resample(whole, [0.0, 3.5])
     with pytest.raises(MotionError, match="lasts"):
         resample(whole, [-0.1])
-    gap = whole.copy(data=whole.values.copy())
-    gap.values[5] = np.nan
+    gap = whole.with_positions(whole.position_m.copy())
+    gap.position_m[5] = np.nan
     with pytest.raises(MotionError, match="without gaps"):
         resample(gap, [0.1])
     with pytest.raises(MotionError, match="4 frames"):
-        resample(whole.isel(time=slice(0, 3)), [0.001])
+        resample(whole.frames(0, 3), [0.001])
 
 
 def test_body_centre_is_that_of_the_torso_or_of_all_points():
@@ -83,7 +82,7 @@ def test_travel_of_a_walk_and_of_a_body_in_place():
     walk = motion_of(np.stack([0.6 * t, -0.8 * t, 1 + 0 * t], axis=-1)[:, None], 100.0)
     assert travel_speed_mps(walk) == pytest.approx(1.0)
     assert travel_heading_rad(walk) == pytest.approx(np.arctan2(-0.8, 0.6))
-    assert duration_s(walk) == pytest.approx(2.0)
+    assert walk.duration_s == pytest.approx(2.0)
     assert travel_heading_rad(swing()) == 0.0
 
 
@@ -95,9 +94,9 @@ def test_place_turns_and_moves_rigidly():
     placed = place(walk, position_m=(7.0, -3.0), heading_deg=120.0, at_s=0.5)
     np.testing.assert_allclose(body_centre_m(placed)[50, :2], [7, -3], atol=1e-12)
     assert np.degrees(travel_heading_rad(placed)) == pytest.approx(120)
-    np.testing.assert_array_equal(placed.values[..., 2], walk.values[..., 2])
+    np.testing.assert_array_equal(placed.position_m[..., 2], walk.position_m[..., 2])
     shape = position[3] - position[3, :1]
-    turned = placed.values[3] - placed.values[3, :1]
+    turned = placed.position_m[3] - placed.position_m[3, :1]
     np.testing.assert_allclose(np.linalg.norm(turned, axis=-1), np.linalg.norm(shape, axis=-1))
     # a rotation, not a mirror image
     areas = [np.linalg.det(points[1:3, :2]) for points in (turned, shape)]
@@ -110,10 +109,10 @@ def test_scaling_is_about_the_floor_below_the_start_e01(mode):
     position = np.stack([5 + t, -2 + 0 * t, 1.2 + 0 * t], axis=-1)[:, None]
     motion = motion_of(position, 100.0, height_m=1.8, mass_kg=80.0)
     scaled = scale_to_height(motion, height_m=0.9, mode=mode)
-    np.testing.assert_allclose(scaled.values[0, 0], [5, -2, 0.6])
-    np.testing.assert_allclose(scaled.values[-1, 0], [5 + 0.99 / 2, -2, 0.6])
-    assert scaled.attrs["mass_kg"] == pytest.approx(10.0)
-    np.testing.assert_array_equal(motion.values, position)
+    np.testing.assert_allclose(scaled.position_m[0, 0], [5, -2, 0.6])
+    np.testing.assert_allclose(scaled.position_m[-1, 0], [5 + 0.99 / 2, -2, 0.6])
+    assert scaled.facts.mass_kg == pytest.approx(10.0)
+    np.testing.assert_array_equal(motion.position_m, position)
 
 
 def test_dynamically_similar_scaling_slows_time_and_footfalls_e01():
@@ -122,13 +121,13 @@ def test_dynamically_similar_scaling_slows_time_and_footfalls_e01():
     facts = {"height_m": 1.0, "step_frequency_hz": 2.0, "footfalls": {"left_foot": [3.2, 3.7]}}
     motion = motion_of(position, 100.0, start_s=3.0, **facts)
     scaled = scale_to_height(motion, height_m=0.25, mode="froude")
-    times = scaled.coords["time"].values
+    times = scaled.time_s
     assert times[0] == 3.0
     assert times[-1] == pytest.approx(3 + 0.99 / 2)
-    assert scaled.coords["time"].attrs["units"] == "s"
-    assert scaled.attrs["step_frequency_hz"] == 4.0
-    assert scaled.attrs["rate_hz"] == 200.0
-    np.testing.assert_allclose(scaled.attrs["footfalls"]["left_foot"], [3.1, 3.35])
+    assert scaled.positions.coords["time"].attrs["units"] == "s"
+    assert scaled.facts.step_frequency_hz == 4.0
+    assert scaled.rate_hz == 200.0
+    np.testing.assert_allclose(scaled.facts.footfalls["left_foot"], [3.1, 3.35])
     assert travel_speed_mps(scaled) == pytest.approx(0.5)
 
 
@@ -137,33 +136,33 @@ def test_scaling_needs_the_recorded_height_e01():
     with pytest.raises(MotionError, match=r"height is unknown.*1\.5 m.*recorded_height_m"):
         scale_to_height(motion_of(position), height_m=1.5)
     scaled = scale_to_height(motion_of(position), height_m=1.5, recorded_height_m=0.5)
-    assert scaled.values[0, 0, 2] == pytest.approx(3.0)
+    assert scaled.position_m[0, 0, 2] == pytest.approx(3.0)
 
 
 @pytest.mark.parametrize("gap", [slice(1, 4), slice(-3, -1)])
 def test_a_gap_elsewhere_does_not_spread_to_the_whole_motion(gap):
     motion = swing()
-    motion.values[gap] = np.nan
+    motion.position_m[gap] = np.nan
     scaled = scale_to_height(motion, height_m=1.5, recorded_height_m=1.0)
     placed = place(motion, position_m=(2.0, 0.0), heading_deg=30.0, at_s=0.0)
     for result in (scaled, placed):
-        np.testing.assert_array_equal(np.isnan(result.values), np.isnan(motion.values))
+        np.testing.assert_array_equal(np.isnan(result.position_m), np.isnan(motion.position_m))
 
 
 @pytest.mark.parametrize("at_s", [0.0, 0.5, 1.0 / 120, 1.234, 359 / 120, 99.0])
 def test_the_body_is_placed_by_interpolating_its_centre(at_s):
     motion = swing()
     placed = place(motion, position_m=(2.0, -1.0), heading_deg=0.0, at_s=at_s)
-    times, centre = placed.coords["time"].values, body_centre_m(placed)
+    times, centre = placed.time_s, body_centre_m(placed)
     at = [np.interp(at_s, times, centre[:, axis]) for axis in (0, 1)]
     np.testing.assert_allclose(at, [2.0, -1.0], atol=1e-12)
 
 
 def test_a_single_frame_can_be_placed_and_scaled():
     motion = motion_of(np.array([[[0.3, 0.4, 1.0]]]))
-    np.testing.assert_allclose(place(motion, position_m=(2, 1), heading_deg=0, at_s=0).values, [[[2.0, 1.0, 1.0]]])
+    np.testing.assert_allclose(place(motion, position_m=(2, 1), heading_deg=0, at_s=0).position_m, [[[2.0, 1.0, 1.0]]])
     scaled = scale_to_height(motion, height_m=2.0, recorded_height_m=1.0)
-    np.testing.assert_allclose(scaled.values, [[[0.3, 0.4, 2.0]]])
+    np.testing.assert_allclose(scaled.position_m, [[[0.3, 0.4, 2.0]]])
 
 
 def test_travel_speed_over_the_first_seconds():

@@ -52,14 +52,14 @@ def test_spread_is_the_standard_deviation_of_a_noisy_distance() -> None:
 def marked_walker(*, heading_deg: float = 0.0) -> tuple[np.ndarray, dict[str, list[int]]]:
     """A person of the Boulic model with three markers on each foot and four on the trunk."""
     walk = boulic_walk(speed_mps=1.3, height_m=1.75, duration_s=4.0, rate_hz=RATE_HZ)
-    names = [str(name) for name in walk.marker.values]
-    columns = [walk.values[:, names.index(name)] for name in ("head", "left_hand", "right_hand")]
+    names = walk.markers
+    columns = [walk.position_m[:, names.index(name)] for name in ("head", "left_hand", "right_hand")]
     groups: dict[str, list[int]] = {}
     for side in ("left", "right"):
-        ankle, toe = (walk.values[:, names.index(f"{side}_{joint}")] for joint in ("ankle", "toe"))
+        ankle, toe = (walk.position_m[:, names.index(f"{side}_{joint}")] for joint in ("ankle", "toe"))
         groups[f"{side}_foot"] = list(range(len(columns), len(columns) + 3))
         columns += [ankle, toe, 0.5 * (ankle + toe)]
-    base = walk.values[:, names.index("base")]
+    base = walk.position_m[:, names.index("base")]
     groups["segment_1"] = list(range(len(columns), len(columns) + 4))
     columns += [base + np.array(offset) for offset in ([0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.3], [-0.1, 0, 0.2])]
     angle = np.radians(heading_deg)

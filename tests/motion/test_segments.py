@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 import pytest
-import xarray as xr
 
 from doppelgait.core.errors import MotionError
+from doppelgait.motion import Motion, make_motion
 from doppelgait.motion.describe import describe_motion
 from doppelgait.motion.models import boulic_walk, quadruped_gait
-from doppelgait.motion.schema import make_motion
 from doppelgait.motion.segments import PERSON, QUADRUPED, SegmentLimits, crop, find_segments
 from doppelgait.motion.travel import smooth_path
 
 RATE_HZ = 100.0
 
 
-def moving_along(path_m: npt.ArrayLike, *, rate_hz: float = RATE_HZ, species: str = "human") -> xr.DataArray:
+def moving_along(path_m: npt.ArrayLike, *, rate_hz: float = RATE_HZ, species: str = "human") -> Motion:
     """A rigid body of four points that follows a ground path (T, 2)."""
     path = np.asarray(path_m, dtype=float)
     body = np.array([[0.0, 0.2, 0.5], [0.0, -0.2, 0.5], [0.1, 0.0, 1.0], [-0.1, 0.0, 1.6]])
@@ -80,10 +80,10 @@ def test_quadrupeds_have_their_own_limits() -> None:
     assert len(find_segments(moving_along(path), limits=QUADRUPED)) == 1
 
 
-def _by_brute_force(motion: xr.DataArray, limits: SegmentLimits) -> list[tuple[int, int]]:
+def _by_brute_force(motion: Motion, limits: SegmentLimits) -> list[tuple[int, int]]:
     """The definition, word by word: all pairs of ends, all samples between them, longest first."""
-    rate = motion.attrs["rate_hz"]
-    path = smooth_path(motion.values, rate_hz=rate, smoothing_s=limits.smoothing_s)
+    rate = motion.rate_hz
+    path = smooth_path(motion.position_m, rate_hz=rate, smoothing_s=limits.smoothing_s)
     speed = np.linalg.norm(np.gradient(path, 1 / rate, axis=0), axis=1)
     step = round(0.05 * rate)
     path, speed = path[::step], speed[::step]
@@ -129,48 +129,46 @@ def test_gait_of_each_segment() -> None:
     dog_motion = quadruped_gait(gait="gallop", duration_s=4.0)
     (dog,) = find_segments(dog_motion)
     assert dog.gait.gait == "gallop"
-    assert dog.mean_speed_mps == pytest.approx(
-        dog_motion.attrs["stride_frequency_hz"] * _stride_m(dog_motion), rel=0.02
-    )
+    assert dog.mean_speed_mps == pytest.approx(dog_motion.facts.stride_frequency_hz * _stride_m(dog_motion), rel=0.02)
 
 
-def _stride_m(motion: xr.DataArray) -> float:
-    landed = motion.attrs["footfalls"]["left_hind"]
-    paw = motion.values[:, [str(n) for n in motion.marker.values].index("left_hind_paw"), 0]
-    at = np.interp(landed, motion.time.values, paw)
+def _stride_m(motion: Motion) -> float:
+    landed = motion.facts.footfalls["left_hind"]
+    paw = motion.position_m[:, motion.markers.index("left_hind_paw"), 0]
+    at = np.interp(landed, motion.time_s, paw)
     return float(np.diff(at).mean())
 
 
 def test_crop_gives_a_motion_of_its_own() -> None:
     walk = boulic_walk(speed_mps=1.4, duration_s=6.0)
-    still = np.repeat(walk.values[-1:], 500, axis=0)
-    motion = walk.copy(deep=False)
+    still = np.repeat(walk.position_m[-1:], 500, axis=0)
     motion = make_motion(
-        np.concatenate([walk.values, still]),
+        np.concatenate([walk.position_m, still]),
         rate_hz=250.0,
-        markers=walk.marker.values.tolist(),
-        parts=walk.part.values.tolist(),
-        facts={key: walk.attrs[key] for key in ("footfalls", "species", "report", "gait", "source")},
+        markers=walk.markers,
+        parts=walk.parts,
+        facts=replace(
+            walk.facts, footfalls={foot: [10.0 + t for t in ts] for foot, ts in walk.facts.footfalls.items()}
+        ),
         start_s=10.0,
     )
-    motion.attrs["footfalls"] = {foot: [10.0 + t for t in ts] for foot, ts in walk.attrs["footfalls"].items()}
     (segment,) = find_segments(motion)
     part = crop(motion, segment)
-    assert part.time.values[0] == 0.0
-    assert part.time.values[-1] == pytest.approx(segment.duration_s)
+    assert part.time_s[0] == 0.0
+    assert part.time_s[-1] == pytest.approx(segment.duration_s)
     first = round((segment.start_s - 10.0) * 250)
-    np.testing.assert_array_equal(part.values, motion.values[first : first + len(part)])
-    kept = [t - (segment.start_s - 10.0) for t in walk.attrs["footfalls"]["left_foot"]]
+    np.testing.assert_array_equal(part.position_m, motion.position_m[first : first + part.n_frames])
+    kept = [t - (segment.start_s - 10.0) for t in walk.facts.footfalls["left_foot"]]
     kept = [t for t in kept if 0 <= t <= segment.duration_s]
-    np.testing.assert_allclose(part.attrs["footfalls"]["left_foot"], kept, atol=1e-9)
-    assert part.attrs["report"]["segment_from_s"] == segment.start_s
+    np.testing.assert_allclose(part.facts.footfalls["left_foot"], kept, atol=1e-9)
+    assert part.report["segment_from_s"] == segment.start_s
     with pytest.raises(MotionError, match="not in this motion"):
         crop(part, segment)
 
 
 def test_described_segments_count_from_the_start_of_the_file() -> None:
     motion = boulic_walk(speed_mps=1.4, duration_s=3.0)
-    later = motion.assign_attrs(report={"read_from_s": 2.0, "kept_from_s": 0.5})
+    later = motion.with_facts(file_time_s=2.5)
     (here,), (there,) = describe_motion(motion)["segments"], describe_motion(later)["segments"]
     assert there["start_s"] - here["start_s"] == 2.5
     assert there["stop_s"] - here["stop_s"] == 2.5

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import xarray as xr
 from typer.testing import CliRunner
 
 from doppelgait.cli.app import app
 from doppelgait.core.errors import DoppelgaitWarning
+from doppelgait.motion import Motion
 from doppelgait.motion.loop import loop
 from doppelgait.motion.readers import bvh, read  # noqa: F401  (BVH registers itself)
 from doppelgait.motion.segments import QUADRUPED, Segment, crop, find_segments
@@ -32,7 +32,7 @@ class Pair:
     segment: Segment | None
 
 
-def _motion(shared: Path, file: str) -> xr.DataArray:
+def _motion(shared: Path, file: str) -> Motion:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DoppelgaitWarning)
         return read(shared / "data" / "mocap" / file, clean=False)
@@ -136,15 +136,15 @@ def test_a_recorded_segment_loops(shared: Path, file: str) -> None:
     segment = find_segments(motion)[0]
     clip = crop(motion, segment)
     looped = loop(clip, duration_s=10.0)
-    rate = motion.attrs["rate_hz"]
+    rate = motion.rate_hz
     for order in (1, 2):
-        change, usual = (np.abs(np.diff(m.values, n=order, axis=0) * rate**order).max() for m in (looped, clip))
+        change, usual = (np.abs(np.diff(m.position_m, n=order, axis=0) * rate**order).max() for m in (looped, clip))
         assert change < 1.25 * usual
-    seam = looped.attrs["report"]["loop"]
+    seam = looped.report["loop"]
     assert seam["seam_position_m"] <= seam["usual_position_m"]
     assert seam["seam_velocity_mps"] <= seam["usual_velocity_mps"]
-    assert looped.attrs["stride_frequency_hz"] == pytest.approx(segment.gait.stride_frequency_hz, rel=0.06)
-    travelled = looped.values[-1].mean(axis=0) - looped.values[0].mean(axis=0)
+    assert looped.facts.stride_frequency_hz == pytest.approx(segment.gait.stride_frequency_hz, rel=0.06)
+    travelled = looped.position_m[-1].mean(axis=0) - looped.position_m[0].mean(axis=0)
     assert np.hypot(*travelled[:2]) / 10.0 == pytest.approx(segment.mean_speed_mps, rel=0.1)
 
 

@@ -21,7 +21,7 @@ def peak_speed_mps(path: np.ndarray) -> float:
 @pytest.mark.parametrize(("cutoff_hz", "loss"), [(4.0, (0.02, 0.06)), (6.0, (0.0, 0.02)), (12.0, (-0.005, 0.005))])
 def test_loss_of_the_peak_speed_of_a_fast_foot(cutoff_hz: float, loss: tuple[float, float]) -> None:
     walk = boulic_walk(speed_mps=2.0, height_m=1.75, duration_s=6.0, rate_hz=RATE_HZ)
-    toe = walk.sel(marker="left_toe").values
+    toe = walk.positions.sel(marker="left_toe").values
     smooth = lowpass(toe[:, np.newaxis], rate_hz=RATE_HZ, cutoff_hz=cutoff_hz)[:, 0]
     assert loss[0] <= 1.0 - peak_speed_mps(smooth) / peak_speed_mps(toe) <= loss[1]
 
@@ -61,4 +61,4 @@ def test_coordinates_beyond_reason_are_refused():
 
     walk = boulic_walk(duration_s=2.0)
     with pytest.raises(MotionError, match=r"a coordinate is 1e\+30 m, at most 10000 m"):
-        clean_motion(walk.copy(data=np.where(walk.values > 1.0, 1e30, walk.values)))
+        clean_motion(walk.with_positions(np.where(walk.position_m > 1.0, 1e30, walk.position_m)))

@@ -2,35 +2,36 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-import xarray as xr
 
+from doppelgait.motion import Motion, make_motion
 from doppelgait.motion.clean import clean_motion
 from doppelgait.motion.models import boulic_walk, quadruped_gait
-from doppelgait.motion.schema import make_motion
 from doppelgait.motion.suspects import find_jumps, find_steps, repair_swaps, useless_points
 
 RATE_HZ = 120.0
 
 
-def person(speed_mps: float = 1.4, *, rate_hz: float = RATE_HZ, duration_s: float = 3.0) -> xr.DataArray:
+def person(speed_mps: float = 1.4, *, rate_hz: float = RATE_HZ, duration_s: float = 3.0) -> Motion:
     return boulic_walk(speed_mps=speed_mps, height_m=1.75, duration_s=duration_s, rate_hz=rate_hz)
 
 
-def names_of(motion: xr.DataArray) -> list[str]:
-    return [str(name) for name in motion.marker.values]
+def names_of(motion: Motion) -> list[str]:
+    return motion.markers
 
 
-def parts_of(motion: xr.DataArray) -> list[str]:
-    return [str(part) for part in motion.part.values]
+def parts_of(motion: Motion) -> list[str]:
+    return motion.parts
 
 
 def noise(shape: tuple[int, ...], sd_m: float = 0.002, seed: int = 7) -> np.ndarray:
     return np.random.default_rng(seed).normal(0.0, sd_m, shape)
 
 
-def recording(position: np.ndarray, names: list[str], parts: list[str], *, rate_hz: float = RATE_HZ) -> xr.DataArray:
+def recording(position: np.ndarray, names: list[str], parts: list[str], *, rate_hz: float = RATE_HZ) -> Motion:
     return make_motion(position, rate_hz=rate_hz, markers=names, parts=parts, facts={"kind": "recording"})
 
 
@@ -41,7 +42,7 @@ def recording(position: np.ndarray, names: list[str], parts: list[str], *, rate_
 @pytest.mark.parametrize("sd_m", [0.0, 0.002])
 def test_a_swap_is_found_where_it_is_and_undone(first: str, second: str, sd_m: float) -> None:
     walk = person()
-    names, truth = names_of(walk), walk.values + noise(walk.shape, sd_m)
+    names, truth = names_of(walk), walk.position_m + noise(walk.positions.shape, sd_m)
     i, j = names.index(first), names.index(second)
     frame = 150
     swapped = truth.copy()
@@ -52,7 +53,7 @@ def test_a_swap_is_found_where_it_is_and_undone(first: str, second: str, sd_m: f
 
 def test_swaps_that_follow_each_other_are_undone_in_turn() -> None:
     walk = person()
-    names, truth = names_of(walk), walk.values + noise(walk.shape)
+    names, truth = names_of(walk), walk.position_m + noise(walk.positions.shape)
     a, b, c = (names.index(name) for name in ("left_knee", "right_knee", "head"))
     swapped = truth.copy()
     swapped[100:, [a, b]] = swapped[100:, [b, a]]
@@ -64,7 +65,7 @@ def test_swaps_that_follow_each_other_are_undone_in_turn() -> None:
 
 def test_three_points_that_change_places_in_a_ring_are_put_back() -> None:
     walk = person()
-    names, truth = names_of(walk), walk.values + noise(walk.shape)
+    names, truth = names_of(walk), walk.position_m + noise(walk.positions.shape)
     ring = [names.index(name) for name in ("left_knee", "left_elbow", "head")]
     pairs = [names.index(name) for name in ("left_hip", "right_hand", "right_toe", "right_elbow")]
     swapped = truth.copy()
@@ -79,7 +80,7 @@ def test_three_points_that_change_places_in_a_ring_are_put_back() -> None:
 @pytest.mark.parametrize("missing", [1, 5, 10])
 def test_a_swap_across_a_gap_is_undone(missing: int) -> None:
     walk = person()
-    names, truth = names_of(walk), walk.values.copy()
+    names, truth = names_of(walk), walk.position_m.copy()
     i, j = names.index("left_knee"), names.index("right_hand")
     truth[140 : 140 + missing, [i, j]] = np.nan
     swapped = truth.copy()
@@ -92,7 +93,7 @@ def test_a_swap_across_a_gap_is_undone(missing: int) -> None:
 @pytest.mark.parametrize("step_m", [0.08, 0.3])
 def test_a_jump_is_reported_and_left_as_it_is(step_m: float) -> None:
     walk = person()
-    jumped = walk.values + noise(walk.shape)
+    jumped = walk.position_m + noise(walk.positions.shape)
     jumped[200:, 3, 1] += step_m
     before, names = jumped.copy(), names_of(walk)
     assert repair_swaps(jumped, names, rate_hz=RATE_HZ) == []
@@ -119,9 +120,9 @@ DOGS = [quadruped_gait(gait=gait, duration_s=3.0, rate_hz=RATE_HZ) for gait in (
 
 
 @pytest.mark.parametrize("sd_m", [0.0, 0.002])
-@pytest.mark.parametrize("motion", [*WALKS, *DOGS], ids=lambda motion: str(motion.attrs["gait"]))
-def test_clean_motions_raise_no_alarm(motion: xr.DataArray, sd_m: float) -> None:
-    position, names = motion.values + noise(motion.shape, sd_m), names_of(motion)
+@pytest.mark.parametrize("motion", [*WALKS, *DOGS], ids=lambda motion: str(motion.facts.gait))
+def test_clean_motions_raise_no_alarm(motion: Motion, sd_m: float) -> None:
+    position, names = motion.position_m + noise(motion.positions.shape, sd_m), names_of(motion)
     before = position.copy()
     assert repair_swaps(position, names, rate_hz=RATE_HZ) == []
     np.testing.assert_array_equal(position, before)
@@ -131,7 +132,7 @@ def test_clean_motions_raise_no_alarm(motion: xr.DataArray, sd_m: float) -> None
 
 def test_each_useless_point_goes_for_its_own_reason() -> None:
     walk = person()
-    body, n = walk.values, len(walk)
+    body, n = walk.position_m, walk.n_frames
     double = body[:, [4]] + noise((n, 1, 3), 0.001)
     short = body[:, [2]] + [0.1, 0.0, 0.0]
     short[40:] = np.nan
@@ -142,7 +143,7 @@ def test_each_useless_point_goes_for_its_own_reason() -> None:
         17: f"at the place of {names[4]}", 18: "short-lived unknown point", 19: "far away from the body"
     }  # fmt: skip
     clean = clean_motion(recording(position, names, parts))
-    assert clean.attrs["report"]["dropped"] == {
+    assert clean.report["dropped"] == {
         f"at the place of {names[4]}": ["a_double"],
         "short-lived unknown point": ["short"],
         "far away from the body": ["far"],
@@ -152,7 +153,7 @@ def test_each_useless_point_goes_for_its_own_reason() -> None:
 
 def test_of_two_points_at_one_place_the_better_seen_stays() -> None:
     walk = person()
-    position = np.concatenate([walk.values, walk.values[:, [4]]], axis=1)
+    position = np.concatenate([walk.position_m, walk.position_m[:, [4]]], axis=1)
     position[:30, 4] = np.nan
     names, parts = [*names_of(walk), "double"], [*parts_of(walk), ""]
     assert useless_points(position, names, parts) == {4: "at the place of double"}
@@ -160,7 +161,7 @@ def test_of_two_points_at_one_place_the_better_seen_stays() -> None:
 
 def test_a_named_point_is_kept_though_it_is_seen_briefly() -> None:
     walk = person()
-    position = walk.values.copy()
+    position = walk.position_m.copy()
     position[20:, 5] = np.nan
     assert useless_points(position, names_of(walk), parts_of(walk)) == {}
 
@@ -172,10 +173,10 @@ def test_noise_alone_ends() -> None:
     assert len(find_jumps(chaos, names, rate_hz=RATE_HZ)) > 1000
 
 
-def spoilt() -> xr.DataArray:
+def spoilt() -> Motion:
     """A walk with one of every fault."""
     walk = person()
-    names, position = names_of(walk), walk.values + noise(walk.shape, 0.001)
+    names, position = names_of(walk), walk.position_m + noise(walk.positions.shape, 0.001)
     position = np.concatenate([position, position[:, [6]]], axis=1)
     i, j = names.index("left_knee"), names.index("right_elbow")
     position[120:, [i, j]] = position[120:, [j, i]]
@@ -188,7 +189,7 @@ def spoilt() -> xr.DataArray:
 
 def test_one_of_every_fault_is_reported_with_its_place() -> None:
     clean = clean_motion(spoilt())
-    report, names = clean.attrs["report"], names_of(person())
+    report, names = clean.report, names_of(person())
     assert report["swaps_repaired"] == [{"frame": 120, "points": ["left_knee", "right_elbow"]}]
     assert [(jump["frame"], jump["point"]) for jump in report["jumps"]] == [(250, names[13])]
     assert (report["spikes_removed"], report["gaps_filled"]) == (1, 2)
@@ -202,33 +203,36 @@ def test_one_of_every_fault_is_reported_with_its_place() -> None:
 @pytest.mark.parametrize("seed", range(5))
 def test_cleaning_does_not_depend_on_the_order_of_points(seed: int) -> None:
     motion = spoilt()
-    order = np.random.default_rng(seed).permutation(motion.sizes["marker"])
-    straight, mixed = clean_motion(motion), clean_motion(motion.isel(marker=order))
-    np.testing.assert_allclose(mixed.sel(marker=straight.marker).values, straight.values, atol=1e-12)
+    order = np.random.default_rng(seed).permutation(len(motion.markers))
+    straight, mixed = clean_motion(motion), clean_motion(replace(motion, positions=motion.positions.isel(marker=order)))
+    np.testing.assert_allclose(mixed.positions.sel(marker=straight.markers).values, straight.position_m, atol=1e-12)
     for key in ("swaps_repaired", "jumps", "spikes_removed", "gaps_filled", "kept_from_s", "kept_to_s"):
-        assert mixed.attrs["report"][key] == straight.attrs["report"][key]
-    dropped = [{why: sorted(who) for why, who in m.attrs["report"]["dropped"].items()} for m in (straight, mixed)]
+        assert mixed.report[key] == straight.report[key]
+    dropped = [{why: sorted(who) for why, who in m.report["dropped"].items()} for m in (straight, mixed)]
     assert dropped[0] == dropped[1]
 
 
 def test_of_two_points_seen_equally_long_the_same_one_goes_in_any_order() -> None:
     walk = person()
-    position, names = walk.values[:, [0, 2, 7, 15]].copy(), ["a", "b", "c", "d"]
+    position, names = walk.position_m[:, [0, 2, 7, 15]].copy(), ["a", "b", "c", "d"]
     position[:100, 1], position[-100:, 2] = np.nan, np.nan
     parts = ["torso", "head", "left_hand", "left_foot"]
     motion = recording(position, names, parts)
-    straight, mixed = clean_motion(motion), clean_motion(motion.isel(marker=[3, 2, 1, 0]))
+    straight, mixed = (
+        clean_motion(motion),
+        clean_motion(replace(motion, positions=motion.positions.isel(marker=[3, 2, 1, 0]))),
+    )
     assert names_of(straight) == names_of(mixed)[::-1] == ["a", "c", "d"]
 
 
 def test_cleaning_goes_with_the_place_and_the_heading() -> None:
     motion, shift_m = spoilt(), np.array([-40.0, 25.0, 0.0])
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    moved = motion.copy(data=motion.values @ turn.T + shift_m)
+    moved = motion.with_positions(motion.position_m @ turn.T + shift_m)
     straight, other = clean_motion(motion), clean_motion(moved)
-    np.testing.assert_allclose(other.values, straight.values @ turn.T + shift_m, atol=1e-6)
-    assert other.attrs["report"]["dropped"] == straight.attrs["report"]["dropped"]
-    assert other.attrs["report"]["swaps_repaired"] == straight.attrs["report"]["swaps_repaired"]
+    np.testing.assert_allclose(other.position_m, straight.position_m @ turn.T + shift_m, atol=1e-6)
+    assert other.report["dropped"] == straight.report["dropped"]
+    assert other.report["swaps_repaired"] == straight.report["swaps_repaired"]
 
 
 @pytest.mark.parametrize(
@@ -237,5 +241,5 @@ def test_cleaning_goes_with_the_place_and_the_heading() -> None:
 )
 def test_report_says_how_many_parts_are_known(parts: list[str], said: str) -> None:
     walk = person()
-    motion = recording(walk.values[:, [0, 2, 14]], ["a", "b", "c"], parts)
-    assert clean_motion(motion).attrs["report"]["parts"] == said
+    motion = recording(walk.position_m[:, [0, 2, 14]], ["a", "b", "c"], parts)
+    assert clean_motion(motion).report["parts"] == said

@@ -194,7 +194,7 @@ def test_motions_are_kept_up_to_a_number_of_bytes(monkeypatch, walk, tmp_path):
 
     asked = []
     monkeypatch.setattr(readers, "read", lambda path, **options: asked.append(options["segment"]) or walk)
-    monkeypatch.setattr(spec, "KEPT_BYTES", 2 * walk.nbytes)
+    monkeypatch.setattr(spec, "KEPT_BYTES", 2 * walk.positions.nbytes)
     monkeypatch.setattr(spec, "_read_before", type(spec._read_before)())
     (tmp_path / "walk.c3d").write_bytes(b"x")
     for segment in (1, 2, 1, 3, 1, 2):  # 3 drops 2, the one that was not used for longest; 2 drops 3
@@ -212,7 +212,7 @@ def uneven_walk(duration_s):
 
 
 def strides(motion, until_s, foot="left_foot"):
-    times = np.array(motion.attrs["footfalls"][foot])
+    times = np.array(motion.facts.footfalls[foot])
     times = times[times <= until_s]
     return (times.size - 1) / (times[-1] - times[0])
 
@@ -222,7 +222,7 @@ def test_truth_frequencies_are_those_of_the_observation():
     truth = simulate(Scene([Target(motion, range_m=6.0)], duration_s=4.0), Radar.preset("x4")).truth[0]
     wanted = np.mean([strides(motion, 4.0, foot) for foot in ("left_foot", "right_foot")])
     assert truth.stride_frequency_hz == pytest.approx(wanted, rel=1e-12)
-    assert abs(wanted / motion.attrs["stride_frequency_hz"] - 1) > 0.01
+    assert abs(wanted / motion.facts.stride_frequency_hz - 1) > 0.01
     assert truth.step_frequency_hz == pytest.approx(2 * wanted)
     assert truth.gait_frequency_hz == pytest.approx(2 * wanted)
 
@@ -230,13 +230,13 @@ def test_truth_frequencies_are_those_of_the_observation():
 def test_an_observation_of_less_than_a_stride_takes_the_touchdowns_around_it():
     motion = uneven_walk(10.0)
     truth = simulate(Scene([Target(motion)], duration_s=0.3), Radar.preset("x4")).truth[0]
-    feet = [np.array(times) for times in motion.attrs["footfalls"].values()]
+    feet = [np.array(times) for times in motion.facts.footfalls.values()]
     early = [1 / (t[1] - t[0]) for t in feet] + [2 / (t[2] - t[0]) for t in feet]
     assert min(early) <= truth.stride_frequency_hz <= max(early)
 
 
 def test_a_motion_without_footfalls_keeps_what_is_known(walk):
-    bare = walk.assign_attrs(footfalls={}, stride_frequency_hz=NAN, step_frequency_hz=NAN, gait_frequency_hz=NAN)
+    bare = walk.with_facts(footfalls={}, stride_frequency_hz=NAN, step_frequency_hz=NAN, gait_frequency_hz=NAN)
     truth = simulate(Scene([Target(bare)]), Radar.preset("x4")).truth[0]
     assert np.isnan([truth.stride_frequency_hz, truth.step_frequency_hz, truth.gait_frequency_hz]).all()
 

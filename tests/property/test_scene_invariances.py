@@ -1,5 +1,7 @@
 """What must not change in a scatterer table, for every way to scatter (hypothesis, the same examples every time)."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -72,9 +74,10 @@ def test_turning_the_scene_with_the_radar_changes_nothing(motion, spec, turn_deg
 @both
 @always(st.integers(0, 2**32 - 1), examples=5)
 def test_permuting_the_markers_permutes_the_rows(motion, name, seed):
-    order = np.random.default_rng(seed).permutation(motion.sizes["marker"])
+    order = np.random.default_rng(seed).permutation(len(motion.markers))
     here, there = (
-        table(m, SPECS[name], (4.0, 1.0), 200.0, (0.0, 0.0, 1.2)) for m in (motion, motion.isel(marker=order))
+        table(m, SPECS[name], (4.0, 1.0), 200.0, (0.0, 0.0, 1.2))
+        for m in (motion, replace(motion, positions=motion.positions.isel(marker=order)))
     )
     # ellipsoids keep the order of the body's segments
     assert_same(here, there, slice(None) if SPECS[name].kind == "ellipsoids" else order)
@@ -84,11 +87,12 @@ def test_permuting_the_markers_permutes_the_rows(motion, name, seed):
 @always(st.integers(0, 2**32 - 1), examples=5)
 def test_permuting_the_markers_permutes_what_is_merged(motion, seed):
     source = np.random.default_rng(seed)
-    order = source.permutation(motion.sizes["marker"])
+    order = source.permutation(len(motion.markers))
     # no distance twice: a body that is its own mirror image leaves the choice to the order
-    motion = motion + source.uniform(-0.02, 0.02, (1, motion.sizes["marker"], 3))
+    motion = motion.with_positions(motion.position_m + source.uniform(-0.02, 0.02, (1, len(motion.markers), 3)))
     here, there = (
-        table(m, SPECS["merged"], (4.0, 1.0), 200.0, (0.0, 0.0, 1.2)) for m in (motion, motion.isel(marker=order))
+        table(m, SPECS["merged"], (4.0, 1.0), 200.0, (0.0, 0.0, 1.2))
+        for m in (motion, replace(motion, positions=motion.positions.isel(marker=order)))
     )
     rows = [{frozenset(name.split("+")) for name in t.coords["marker"].values.tolist()} for t in (here, there)]
     assert rows[0] == rows[1]
@@ -98,13 +102,12 @@ def test_permuting_the_markers_permutes_what_is_merged(motion, seed):
 @both
 @always(st.floats(1e-3, 1e3))
 def test_another_unit_of_length_scales_areas_by_its_square_and_hides_the_same(motion, unit):
-    other = motion.copy(data=motion.values * unit)
-    other.attrs["height_m"] = motion.attrs["height_m"] * unit
+    other = motion.with_positions(motion.position_m * unit).with_facts(height_m=motion.facts.height_m * unit)
     radar = np.array([4.0, 2.0, 1.1])
     one, two = (ellipsoids_of_frames(skeleton_of(m)) for m in (motion, other))
     np.testing.assert_allclose(seen_rcs_m2(two, unit * radar), unit**2 * seen_rcs_m2(one, radar), rtol=1e-9)
     gains = [
-        visible_power(m.values, body, own_points(m.values, body), k * radar, edge_m=k * 0.05)
+        visible_power(m.position_m, body, own_points(m.position_m, body), k * radar, edge_m=k * 0.05)
         for m, body, k in ((motion, one, 1.0), (other, two, unit))
     ]
     np.testing.assert_allclose(gains[1], gains[0], atol=1e-9)

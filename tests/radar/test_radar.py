@@ -10,8 +10,8 @@ import xarray as xr
 
 from doppelgait.core.errors import ConfigError, DoppelgaitError, DoppelgaitWarning, OutputError, RecordingError
 from doppelgait.core.rng import Streams
+from doppelgait.motion import make_motion
 from doppelgait.motion.models.boulic import boulic_walk
-from doppelgait.motion.schema import make_motion
 from doppelgait.pipeline import analyze, simulate, write_results
 from doppelgait.processing import Analysis
 from doppelgait.radar import (

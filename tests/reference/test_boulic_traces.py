@@ -33,14 +33,14 @@ def test_the_compatibility_form_is_the_published_walk_but_for_its_seam(trace):
         rate_hz=SAMPLES / cycle_s,
         duration_s=(2 * SAMPLES - 1) * cycle_s / SAMPLES,
     )
-    np.testing.assert_allclose(walk.time, trace["time_s"], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(walk.positions.time, trace["time_s"], rtol=0, atol=1e-12)
     # The program samples the advance D of one cycle at D i / (N + 1) * N / (N - 1) and starts the next cycle at D, so
     # that speed jumps at the seam. Each side's own advance is taken out; what is left must be the same walk.
     stride_m = 1.346 * np.sqrt(q)
     one_cycle = np.linspace(0, stride_m - stride_m / (SAMPLES + 1), SAMPLES)
     theirs = trace["pos_forward_fixed"].transpose(2, 0, 1).copy()
     theirs[:, :, 0] -= np.concatenate([one_cycle, stride_m + one_cycle])[:, None]
-    ours = walk.values.copy()
+    ours = walk.position_m.copy()
     ours[:, :, 0] -= stride_m * np.arange(2 * SAMPLES)[:, None] / SAMPLES
     # Their height counts from the pelvis, ours from the floor: one constant, the lowest foot point of the cycle.
     feet = [n for n, name in enumerate(POINTS) if name.endswith(("ankle", "toe"))]

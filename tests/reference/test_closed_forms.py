@@ -8,9 +8,9 @@ import literal
 from doppelgait.core.labels import BASEBAND, SIGNATURE, make_array
 from doppelgait.core.rng import Streams
 from doppelgait.features import gait_frequency, harmonic_ratio, limb_torso_ratio
+from doppelgait.motion import make_motion
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.motion.retime import resample, scale_to_height
-from doppelgait.motion.schema import make_motion
 from doppelgait.pipeline import analyze, simulate
 from doppelgait.processing import (
     Analysis,
@@ -441,15 +441,15 @@ def test_10_height_factor_two_thirds_in_the_three_modes(mode, speed, frequency, 
     step_m = velocity[:, 0, 0].mean() / (2.0 * frequency)
     assert step_m == pytest.approx(0.6 * length, rel=1e-6)
     assert position[:, 0, 2] == pytest.approx(2 / 3)  # heights always scale
-    assert scaled.attrs["gait_frequency_hz"] == pytest.approx(2.0 * frequency)
-    assert scaled.attrs["stride_frequency_hz"] == pytest.approx(frequency)
-    assert scaled.attrs["height_m"] == 1.2
+    assert scaled.facts.gait_frequency_hz == pytest.approx(2.0 * frequency)
+    assert scaled.facts.stride_frequency_hz == pytest.approx(frequency)
+    assert scaled.facts.height_m == 1.2
 
 
 @pytest.mark.parametrize("snr_db", [np.inf, 30.0])
 def test_11_the_same_trajectory_backwards_in_time(walker, snr_db):
     radar = Radar.preset("x4")
-    backwards = walker.copy(data=walker.values[::-1])
+    backwards = walker.with_positions(walker.position_m[::-1])
 
     def analysed(motion, aspect_deg, seed):
         scene = Scene([Target(motion, aspect_deg=aspect_deg)])

@@ -105,7 +105,7 @@ def test_forward_places_follow_the_direction_of_travel(material):
 def test_the_ankle_peaks_where_differences_of_its_positions_say(material, made):
     motion, rate_hz = material.walker().motion, 500.0
     number = list(motion.marker.values).index("right_ankle")
-    ankle_m = motion.values[: round(rate_hz / motion.attrs["stride_frequency_hz"]), number]
+    ankle_m = motion.values[: round(rate_hz / motion.facts.stride_frequency_hz), number]
     start_m = material.recording(material.walker()).truth[0].scatterers["range"].values[0, number]
     radar_m = ankle_m[0, 0] + np.sqrt(start_m**2 - ankle_m[0, 1] ** 2 - (ankle_m[0, 2] - 1.0) ** 2)
     range_m = np.hypot(np.hypot(radar_m - ankle_m[:, 0], ankle_m[:, 1]), ankle_m[:, 2] - 1.0)
@@ -137,7 +137,7 @@ def test_a_walk_has_two_steps_and_feet_in_opposite_phase(made):
 def test_the_stand_in_for_the_dog_bounds(material, made):
     found = readings_of(made("fig-2.18"))
     assert found["phase between left and right hind paw"].ours == pytest.approx(0.0, abs=0.1)
-    landings = material.galloping_dog().motion.attrs["footfalls"]["left_hind"]
+    landings = material.galloping_dog().motion.facts.footfalls["left_hind"]
     assert found["stride frequency"].ours == pytest.approx(1 / np.diff(landings).mean(), rel=1e-3)
     assert readings_of(made("fig-2.20"))["hind paws, smallest shift"].ours == pytest.approx(0.0, abs=1e-6)
 

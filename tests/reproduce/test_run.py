@@ -261,8 +261,8 @@ def test_a_folder_of_one_kind_leaves_the_other_to_models(tmp_path):
 
     (tmp_path / "human").mkdir()
     walk = human_gait(speed_mps=1.2, duration_s=4.0)
-    frame = pd.DataFrame({"time_s": walk.time.values})
-    for name, values in zip(walk.marker.values, walk.values.transpose(1, 0, 2), strict=True):
+    frame = pd.DataFrame({"time_s": walk.time_s})
+    for name, values in zip(walk.positions.marker.values, walk.position_m.transpose(1, 0, 2), strict=True):
         frame[[f"{name}_{axis}_m" for axis in "xyz"]] = values
     frame.to_csv(tmp_path / "human/walk.csv", index=False)
     (tmp_path / "human/notes.txt").write_text("not a motion")

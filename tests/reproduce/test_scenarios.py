@@ -40,7 +40,7 @@ def test_recordings_come_first_and_models_fill_up():
     assert groups == ["recorded person"] + ["model person"] * 2 + ["Boulic walker"] * 2 + ["recorded dog"] * 2
     assert [s.name for s in found if s.group == "recorded dog"] == ["b", "c"]
     assert [s.away for s in found] == [n % AWAY_EVERY == AWAY_EVERY - 1 for n in range(7)]
-    assert found[0].seconds == pytest.approx(np.ptp(axis(recorded, "time")))
+    assert found[0].seconds == pytest.approx(np.ptp(recorded.time_s))
 
 
 def test_scenarios_follow_the_seed_alone():
@@ -48,10 +48,10 @@ def test_scenarios_follow_the_seed_alone():
     other = all_scenarios({}, {}, seed=SEED + 1, counts=(3, 1, 3))
     more = all_scenarios({}, {}, seed=SEED, counts=(5, 1, 6))
     for one, same in zip(first, again, strict=True):
-        np.testing.assert_array_equal(one.motion.values, same.motion.values)
+        np.testing.assert_array_equal(one.motion.position_m, same.motion.position_m)
     assert travel_speed_mps(first[0].motion) != travel_speed_mps(other[0].motion)
     assert [s.name for s in more[:3]] == [s.name for s in first[:3]]
-    np.testing.assert_array_equal(more[2].motion.values, first[2].motion.values)  # more of them change none
+    np.testing.assert_array_equal(more[2].motion.position_m, first[2].motion.position_m)  # more of them change none
 
 
 def test_models_go_through_a_recording_room():

@@ -1,13 +1,15 @@
 """Ellipsoid scatterers (E-08c): closed forms, means over directions, which segment lies where, the scaled total."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.labels import axis
+from doppelgait.motion import make_motion
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.motion.models.quadruped import quadruped_gait
-from doppelgait.motion.schema import make_motion
 from doppelgait.scene import RcsSpec, Scene, Target, assemble, placed_motion
 from doppelgait.scene.bodies import ANIMAL, BODIES, PERSON
 from doppelgait.scene.ellipsoids import (
@@ -104,9 +106,9 @@ def test_a_person_is_chens_with_radii_that_scale_with_stature():
 def test_scatterers_are_at_the_middle_of_their_segments():
     walk = boulic_walk(duration_s=1.0)
     middle = centres(skeleton_of(walk))
-    thigh = walk.sel(marker=["left_hip", "left_knee"]).mean("marker")
-    np.testing.assert_allclose(middle.sel(marker="left_thigh").values, thigh.values, atol=1e-15)
-    assert str(middle.sel(marker="left_thigh").coords["part"].values) == "left_thigh"
+    thigh = walk.positions.sel(marker=["left_hip", "left_knee"]).mean("marker")
+    np.testing.assert_allclose(middle.positions.sel(marker="left_thigh").values, thigh.values, atol=1e-15)
+    assert str(middle.positions.sel(marker="left_thigh").coords["part"].values) == "left_thigh"
     table = assemble(Scene([Target(walk, rcs="ellipsoids")]), T)
     assert table.sizes == {"slow_time": T.size, "scatterer": 16}
     assert axis(table, "marker").tolist() == [s.name for s in PERSON]
@@ -115,10 +117,10 @@ def test_scatterers_are_at_the_middle_of_their_segments():
 def test_the_axes_follow_the_joints_between_frames():
     walk = boulic_walk(duration_s=1.0)
     skeleton = skeleton_of(walk)
-    body = ellipsoids_at(skeleton, axis(walk, "time")[10:20])
+    body = ellipsoids_at(skeleton, walk.time_s[10:20])
     np.testing.assert_allclose(body.along, ellipsoids_of_frames(skeleton).along[10:20], atol=1e-9)
     np.testing.assert_allclose((body.along**2).sum(axis=-1), 1.0)
-    line = (walk.sel(marker="head") - walk.sel(marker="neck")).values[10:20]
+    line = (walk.positions.sel(marker="head") - walk.positions.sel(marker="neck")).values[10:20]
     np.testing.assert_allclose(body.along[:, 0], line / np.linalg.norm(line, axis=1)[:, None], atol=1e-9)
 
 
@@ -136,7 +138,7 @@ def test_the_trunk_of_an_animal_is_narrower_from_side_to_side_than_upright():
 def marker_person(prefix=""):
     """The walker's joints as a marker set of a recording."""
     walk = boulic_walk(duration_s=1.0)
-    at = {joint: walk.sel(marker=joint).values for joint in axis(walk, "marker").tolist()}
+    at = {joint: walk.positions.sel(marker=joint).values for joint in walk.markers}
     pairs = {"LFHD RBHD": "head", "RFHD LBHD": "head", "C7 CLAV": "neck"}
     for side, letter in (("left", "L"), ("right", "R")):
         skin = {"SHO": "shoulder", "ELB": "elbow", "WRA WRB": "hand", "KNE": "knee", "ANK": "ankle", "TOE": "toe"}
@@ -150,7 +152,7 @@ def marker_person(prefix=""):
         for marker, sign in zip(markers.split(), (1, -1), strict=False):
             position[marker] = at[joint] + sign * shift
     names = list(position)
-    facts = {"height_m": walk.attrs["height_m"], "source": "take.c3d"}
+    facts = {"height_m": walk.facts.height_m, "source": "take.c3d"}
     values = np.stack([position[n] for n in names], axis=1)
     parts = [""] * len(names)
     return walk, make_motion(values, rate_hz=250, markers=[prefix + n for n in names], parts=parts, facts=facts)
@@ -168,16 +170,16 @@ def test_marker_sets_give_the_same_body_as_the_joints_they_surround():
 def test_unknown_joints_and_unknown_height_are_refused():
     walk, take = marker_person()
     with pytest.raises(ConfigError, match=r"take\.c3d.*nearest set is CMU 41, which lacks LKNE, RELB; use rcs kind"):
-        skeleton_of(take.drop_sel(marker=["LKNE", "RELB"]))
+        skeleton_of(replace(take, positions=take.positions.drop_sel(marker=["LKNE", "RELB"])))
     nameless = make_motion(np.zeros((5, 2, 3)), rate_hz=10, markers=["a", "b"], parts=["", ""])
     for rcs in (RcsSpec(kind="ellipsoids"), RcsSpec(occlusion=True)):
         with pytest.raises(ConfigError, match="joints are known"):
             assemble(Scene([Target(nameless, rcs=rcs)]), [0.0])
-    walk.attrs["height_m"] = float("nan")
+    walk = walk.with_facts(height_m=float("nan"))
     with pytest.raises(ConfigError, match="height is unknown"):
         skeleton_of(walk)
     flat = boulic_walk(duration_s=1.0)
-    flat.values[:] = 0.0
+    flat.position_m[:] = 0.0
     with pytest.raises(ConfigError, match="segment head has no length"):
         skeleton_of(flat)
 
@@ -195,8 +197,8 @@ def test_the_total_is_the_mean_over_horizontal_directions(mover):
     """Brute force: far radars at the height of the body all round, all frames of the motion."""
     motion = placed_motion(Target(mover), Scene([Target(mover)]))
     target = Target(mover, rcs=RcsSpec(kind="ellipsoids", total_m2=0.6))
-    times = axis(mover, "time") - axis(mover, "time")[0]
-    centre = motion.values.mean(axis=(0, 1))
+    times = mover.time_s - mover.time_s[0]
+    centre = motion.position_m.mean(axis=(0, 1))
     sums = []
     for azimuth in np.arange(36) * np.pi / 18:
         radar = 1e6 * np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
@@ -210,4 +212,4 @@ def test_the_default_total_follows_the_mass_e08b():
     walk = boulic_walk(height_m=1.8, duration_s=1.0)
     by_mass = assemble(Scene([Target(walk, rcs="ellipsoids")]), T)["rcs"].values
     given = assemble(Scene([Target(walk, rcs=RcsSpec(kind="ellipsoids", total_m2=1.0))]), T)["rcs"].values
-    np.testing.assert_allclose(by_mass, given * 0.01 * walk.attrs["mass_kg"], rtol=1e-12)
+    np.testing.assert_allclose(by_mass, given * 0.01 * walk.facts.mass_kg, rtol=1e-12)

@@ -19,7 +19,7 @@ def test_a_recorded_person_has_the_ellipsoids_of_a_person(shared):
     for side in ("left", "right"):
         for name in ("thigh", "shank", "upper_arm", "forearm"):
             # skin markers are some centimetres off the joints, and people differ
-            assert lengths_m[f"{side}_{name}"] / take.attrs["height_m"] == pytest.approx(LENGTHS[name], rel=0.25), name
+            assert lengths_m[f"{side}_{name}"] / take.facts.height_m == pytest.approx(LENGTHS[name], rel=0.25), name
     scene = Scene([Target(take, aspect_deg=90.0, rcs=RcsSpec(kind="ellipsoids", total_m2=0.8, occlusion=True))])
     table = assemble(scene, np.arange(0, 2.0, 0.01))
     assert 0.4 < table["rcs"].values.sum(axis=1).mean() < 1.6

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from doppelgait.core.errors import ConfigError
-from doppelgait.core.labels import axis
+from doppelgait.motion import make_motion
 from doppelgait.motion.models.boulic import boulic_walk
-from doppelgait.motion.schema import make_motion
 from doppelgait.scene import RcsSpec, Scene, Target, assemble
 from doppelgait.scene.merge import close_groups, median_distances_m, merge_close
 
@@ -28,13 +27,13 @@ CLOSE = [[0, 0, 1], [0.5, 0, 1], [0.006, 0, 1], [0.003, 0.002, 1], [0.5, 0.011, 
 def test_close_points_become_one_at_their_mean_with_their_sum():
     motion = cloud(CLOSE, parts=["torso", "head", "head", "torso", "head"])
     merged, rcs = merge_close(motion, [0.1, 0.2, 0.3, 0.05, 0.4], closer_than_m=0.0103)
-    assert axis(merged, "marker").tolist() == ["m0+m2+m3", "m1", "m4"]
-    assert axis(merged, "part").tolist() == ["head", "head", "head"]  # of the strongest
+    assert merged.markers == ["m0+m2+m3", "m1", "m4"]
+    assert merged.parts == ["head", "head", "head"]  # of the strongest
     np.testing.assert_allclose(rcs, [0.45, 0.2, 0.4])
-    np.testing.assert_allclose(merged.values[:, 0], motion.values[:, [0, 2, 3]].mean(axis=1), atol=1e-15)
-    np.testing.assert_array_equal(merged.values[:, 1:], motion.values[:, [1, 4]])
-    assert merged.attrs["report"]["merged"] == [["m0", "m2", "m3"]]
-    assert "merged" not in motion.attrs["report"]
+    np.testing.assert_allclose(merged.position_m[:, 0], motion.position_m[:, [0, 2, 3]].mean(axis=1), atol=1e-15)
+    np.testing.assert_array_equal(merged.position_m[:, 1:], motion.position_m[:, [1, 4]])
+    assert merged.report["merged"] == [["m0", "m2", "m3"]]
+    assert "merged" not in motion.report
 
 
 def test_a_chain_is_not_drawn_together():
@@ -66,7 +65,7 @@ def test_the_limit_itself_is_not_below_the_limit():
 def test_distances_against_every_pair_of_a_walk():
     walk = boulic_walk(duration_s=0.5)
     found = median_distances_m(walk)
-    frames = walk.values
+    frames = walk.position_m
     wanted = np.median(np.linalg.norm(frames[:, :, None] - frames[:, None], axis=-1), axis=0)
     np.testing.assert_allclose(found, wanted, rtol=1e-12)
 

@@ -1,5 +1,7 @@
 """Self-occlusion (E-08e) against rays marched step by step, and its border."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -52,9 +54,10 @@ def marched(points, body, own, radar, n_steps=1500):
 @pytest.mark.parametrize("mover", [boulic_walk(duration_s=1.0), quadruped_gait(duration_s=1.0)])
 def test_who_is_hidden_is_what_marched_rays_say(mover, aspect_deg):
     scene = Scene([Target(mover, aspect_deg=aspect_deg)])
-    motion = placed_motion(scene.targets[0], scene).isel(time=slice(0, 250, 25))
+    placed = placed_motion(scene.targets[0], scene)
+    motion = replace(placed, positions=placed.positions.isel(time=slice(0, 250, 25)))
     body = ellipsoids_of_frames(skeleton_of(motion))
-    points, radar = motion.values, np.array(scene.radar_position_m)
+    points, radar = motion.position_m, np.array(scene.radar_position_m)
     own = own_points(points, body)
     gain = visible_power(points, body, own, radar, edge_m=1e-5)
     form = marched(points, body, own, radar)
@@ -105,8 +108,8 @@ def test_a_point_that_comes_from_behind_to_before_does_not_click():
 def test_an_ellipsoid_does_not_hide_what_it_contains():
     walk = boulic_walk(duration_s=1.0)
     skeleton = skeleton_of(walk)
-    own = own_points(walk.values, ellipsoids_of_frames(skeleton))
-    names, points = [s.name for s in skeleton.segments], axis(walk, "marker").tolist()
+    own = own_points(walk.position_m, ellipsoids_of_frames(skeleton))
+    names, points = [s.name for s in skeleton.segments], walk.markers
     for n, segment in enumerate(skeleton.segments):
         assert own[points.index(segment.start), n], names[n]
         assert own[points.index(segment.end), n], names[n]

@@ -5,11 +5,11 @@ import pytest
 
 from doppelgait.core.errors import ConfigError, MotionError
 from doppelgait.core.labels import SCATTERER_VARIABLES
+from doppelgait.motion import make_motion
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.motion.models.quadruped import quadruped_gait
 from doppelgait.motion.paths import TurnAroundPath
 from doppelgait.motion.retime import body_centre_m
-from doppelgait.motion.schema import make_motion
 from doppelgait.pipeline import simulate
 from doppelgait.pipeline.run import load_run
 from doppelgait.radar import Radar
@@ -76,7 +76,7 @@ def test_radial_velocity_is_minus_the_derivative_of_range_e04():
     derivative = np.gradient(table["range"].values, 1e-4, axis=0)
     np.testing.assert_allclose(-derivative[5:-5], table["radial_velocity"].values[5:-5], atol=2e-6)
     placed = placed_motion(scene.targets[0], scene)
-    start = placed.values[0]
+    start = placed.position_m[0]
     distance = np.sqrt(((start - np.array([0.5, -1, 1.3])) ** 2).sum(axis=-1))
     np.testing.assert_allclose(table["range"].values[0], distance, rtol=1e-12)
 
@@ -113,15 +113,15 @@ def test_positive_aspect_turns_the_walk_counter_clockwise():
     scene = Scene([Target(motion, range_m=4.0, aspect_deg=90.0)])
     placed = placed_motion(scene.targets[0], scene)
     # approaching is -x; 90 degrees counter-clockwise of that is -y
-    np.testing.assert_allclose(placed.values[-1, 0, :2] - placed.values[0, 0, :2], [0, -2], atol=1e-12)
+    np.testing.assert_allclose(placed.position_m[-1, 0, :2] - placed.position_m[0, 0, :2], [0, -2], atol=1e-12)
 
 
 def test_start_position_and_heading():
     motion = points([lambda t: (t, 0 * t, 1 + 0 * t)])
     scene = Scene([Target(motion, start_position_m=(3.0, -1.0), heading_deg=90.0)])
     placed = placed_motion(scene.targets[0], scene)
-    np.testing.assert_allclose(placed.values[0, 0], [3, -1, 1], atol=1e-12)
-    np.testing.assert_allclose(placed.values[-1, 0], [3, 1, 1], atol=1e-12)
+    np.testing.assert_allclose(placed.position_m[0, 0], [3, -1, 1], atol=1e-12)
+    np.testing.assert_allclose(placed.position_m[-1, 0], [3, 1, 1], atol=1e-12)
 
 
 def test_a_target_follows_its_path_from_its_start():
@@ -129,11 +129,11 @@ def test_a_target_follows_its_path_from_its_start():
     arc = {"kind": "arc", "radius_m": 1.0, "turn_deg": 90}
     scene = Scene([Target(motion, start_position_m=(3.0, -1.0), heading_deg=90.0, path=arc)], duration_s=1.5)
     placed = placed_motion(scene.targets[0], scene)
-    t = placed.coords["time"].values
-    np.testing.assert_allclose(placed.values[0, 0], [3, -1, 1], atol=1e-9)
+    t = placed.time_s
+    np.testing.assert_allclose(placed.position_m[0, 0], [3, -1, 1], atol=1e-9)
     # a left turn from heading +y: the centre of the circle is 1 m in -x
     expected = np.stack([2 + np.cos(t), -1 + np.sin(t), np.ones_like(t)], axis=-1)
-    np.testing.assert_allclose(placed.values[:, 0], expected, atol=1e-6)
+    np.testing.assert_allclose(placed.position_m[:, 0], expected, atol=1e-6)
     sight = body_track(scene.targets[0], scene, [0.5])
     assert sight.radial_velocity_mps[0] == pytest.approx(
         -np.dot([-np.sin(0.5), np.cos(0.5)], [2 + np.cos(0.5), -1 + np.sin(0.5)]) / sight.range_m[0], abs=1e-4
@@ -323,8 +323,8 @@ def test_truth_is_the_geometry_that_the_radar_saw():
         centre = body_track(walkers[number], scene, slow_time_s)
         np.testing.assert_array_equal(truth.centre_range_m, centre.range_m)
         np.testing.assert_array_equal(truth.centre_velocity_mps, centre.radial_velocity_mps)
-        speed = walkers[number].motion.attrs
-        assert truth.gait_frequency_hz == speed["gait_frequency_hz"] == 2 * truth.stride_frequency_hz
+        speed = walkers[number].motion.facts
+        assert truth.gait_frequency_hz == speed.gait_frequency_hz == 2 * truth.stride_frequency_hz
         assert truth.step_frequency_hz == 2 * truth.stride_frequency_hz
     assert [t.label for t in recording.truth] == ["human", ""]
     assert recording.truth[0].ground_speed_mps == pytest.approx(1.3, rel=0.03)
@@ -354,6 +354,6 @@ def test_truth_of_a_target_that_is_scaled_dynamically_e01():
     motion = boulic_walk(speed_mps=1.2, height_m=1.8, duration_s=3.0)
     recording = simulate(Scene([Target(motion, height_m=1.2, scaling="froude")], duration_s=2.0), Radar.preset("x4"))
     truth = recording.truth[0]
-    assert truth.gait_frequency_hz == pytest.approx(motion.attrs["gait_frequency_hz"] * 1.5**0.5)
+    assert truth.gait_frequency_hz == pytest.approx(motion.facts.gait_frequency_hz * 1.5**0.5)
     assert truth.ground_speed_mps == pytest.approx(1.2 * (2 / 3) ** 0.5, rel=0.03)
     assert truth.height_m == 1.2

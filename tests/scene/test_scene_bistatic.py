@@ -8,8 +8,8 @@ import pytest
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.labels import axis
+from doppelgait.motion import make_motion
 from doppelgait.motion.models.boulic import boulic_walk
-from doppelgait.motion.schema import make_motion
 from doppelgait.radar import Radar
 from doppelgait.radar.link import echo_amplitude_v, received_power_w
 from doppelgait.radar.simulate import synthesise
@@ -165,7 +165,7 @@ def test_a_body_shows_the_cross_section_along_the_bisector():
     ends = np.array([[0.0, -6.0, 1.0], [0.0, 12.0, 1.0]])
     target = Target(boulic_walk(duration_s=1.4), rcs="ellipsoids", start_position_m=(60.0, 20.0), heading_deg=100.0)
     scene = Scene([target], radar_position_m=tuple(ends[0]), receiver_position_m=tuple(ends[1]))
-    centre = placed_motion(target, scene).values[60].mean(axis=0)
+    centre = placed_motion(target, scene).position_m[60].mean(axis=0)
     bisector = sum((end - centre) / np.linalg.norm(end - centre) for end in ends)
     far = tuple(float(x) for x in centre + 60.0 * bisector / np.linalg.norm(bisector))
     seen = assemble(scene, TIMES)["rcs"].values

@@ -125,6 +125,7 @@ def with_gait_facts(motion: Motion) -> Motion:
         known,
         gait=gait,
         footfalls=known.footfalls or found.footfalls,
+        stride_from=found.measured_from,
         stride_frequency_hz=stride_hz,
         step_frequency_hz=known.step_frequency_hz if math.isfinite(known.step_frequency_hz) else step_hz,
         gait_frequency_hz=known.gait_frequency_hz if math.isfinite(known.gait_frequency_hz) else gait_hz,

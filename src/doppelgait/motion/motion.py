@@ -67,6 +67,8 @@ class MotionFacts:
         Strides and steps per second, and f_mu, the fundamental of the signature (E-07).
     footfalls : mapping of str to sequence of float
         Touchdown times in s by foot, where exactly known.
+    stride_from : str
+        ``"footfalls"`` or ``"spectrum"`` where the stride frequency was measured.
     path : PathFacts, optional
         For a motion that follows a path.
     file_time_s : float
@@ -85,6 +87,7 @@ class MotionFacts:
     step_frequency_hz: float = NAN
     gait_frequency_hz: float = NAN
     footfalls: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    stride_from: str = ""
     path: PathFacts | None = None
     file_time_s: float = 0.0
 

@@ -34,12 +34,12 @@ def velocity(q, height_m, phase, name, **options):
 
 def test_point_names_and_parts():
     walk = boulic_walk(duration_s=0.1)
-    assert list(walk.marker.values) == [
+    assert walk.markers == [
         "base", "neck", "head", "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_hand",
         "right_hand", "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle", "left_toe",
         "right_toe",
     ]  # fmt: skip
-    assert set(walk.part.values) <= set(HUMAN_PARTS)
+    assert set(walk.parts) <= set(HUMAN_PARTS)
 
 
 @pytest.mark.parametrize(("q", "height_m"), [(0.3, 1.2), (1.0, 1.8), (1.7, 1.65), (2.9, 1.9)])
@@ -49,10 +49,10 @@ def test_timing_identities(q, height_m):
     assert speed_mps * cycle_s == pytest.approx(1.346 * np.sqrt(q) * leg_m)
     assert support_fraction(q) * cycle_s == pytest.approx(0.752 * cycle_s - 0.143)
     walk = boulic_walk(speed_mps=speed_mps, height_m=height_m, duration_s=7)
-    facts = walk.attrs
-    assert facts["stride_frequency_hz"] == pytest.approx(0.743 * np.sqrt(speed_mps / leg_m), rel=1e-4)
-    assert facts["step_frequency_hz"] == facts["gait_frequency_hz"] == 2 * facts["stride_frequency_hz"]
-    assert speed_mps / facts["step_frequency_hz"] == pytest.approx(0.673 * np.sqrt(speed_mps * leg_m), rel=1e-4)
+    facts = walk.facts
+    assert facts.stride_frequency_hz == pytest.approx(0.743 * np.sqrt(speed_mps / leg_m), rel=1e-4)
+    assert facts.step_frequency_hz == facts.gait_frequency_hz == 2 * facts.stride_frequency_hz
+    assert speed_mps / facts.step_frequency_hz == pytest.approx(0.673 * np.sqrt(speed_mps * leg_m), rel=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -147,21 +147,21 @@ def test_it_travels_at_its_speed_along_x_over_the_floor():
     for speed_mps, height_m in ((0.5, 1.2), (1.4, 1.75), (2.4, 1.9)):
         walk = boulic_walk(speed_mps=speed_mps, height_m=height_m, duration_s=6, start_phase=0.3)
         cycle = round(250 * cycle_duration_s(speed_mps / (LEG_LENGTH * height_m)))
-        assert walk.values[0, 0, :2] == pytest.approx([0, 0], abs=0.03)
-        seconds = float(walk.time[-1])
-        trend = np.polyfit(walk.time, walk.sel(marker="base", space="x"), 1)[0]
+        assert walk.position_m[0, 0, :2] == pytest.approx([0, 0], abs=0.03)
+        seconds = float(walk.time_s[-1])
+        trend = np.polyfit(walk.time_s, walk.positions.sel(marker="base", space="x"), 1)[0]
         assert trend == pytest.approx(speed_mps, rel=0.01)
         assert seconds == 6.0
-        feet = walk.values[:cycle, [n for n, m in enumerate(POINTS) if m.endswith(("ankle", "toe"))], 2]
+        feet = walk.position_m[:cycle, [n for n, m in enumerate(POINTS) if m.endswith(("ankle", "toe"))], 2]
         assert feet.min() == pytest.approx(0, abs=1e-4)
-        assert walk.sel(space="z").values.min() > -1e-5
+        assert walk.positions.sel(space="z").values.min() > -1e-5
 
 
 def test_the_consistent_form_differs_from_the_published_program_in_advance_and_offsets():
     q, leg_m = 1.0, LEG_LENGTH * 1.8
     for form, speed_mps in (("consistent", q * leg_m), ("pendulum", q * leg_m), ("chen2011", q)):
         walk = boulic_walk(speed_mps=q * leg_m, height_m=1.8, form=form, duration_s=1.346, rate_hz=1000 / 1.346)
-        base = walk.sel(marker="base").values
+        base = walk.positions.sel(marker="base").values
         assert (base[-1, 0] - base[0, 0]) / 1.346 == pytest.approx(speed_mps)
         assert np.ptp(base[:, 2]) == pytest.approx(0.03 * speed_mps, rel=1e-4)
 
@@ -170,10 +170,10 @@ def test_footfalls_are_where_the_phase_says():
     walk = boulic_walk(speed_mps=1.3, height_m=1.8, duration_s=6, start_phase=0.2)
     cycle_s = cycle_duration_s(1.3 / (LEG_LENGTH * 1.8))
     for foot, offset in (("right_foot", 0.0), ("left_foot", 0.5)):
-        times = np.array(walk.attrs["footfalls"][foot])
+        times = np.array(walk.facts.footfalls[foot])
         np.testing.assert_allclose((0.2 + times / cycle_s - offset) % 1.0 % (1 - 1e-9), 0, atol=1e-9)
         assert len(times) in (int(6 / cycle_s), int(6 / cycle_s) + 1)
-    gaps = np.diff(sorted(itertools.chain(*walk.attrs["footfalls"].values())))
+    gaps = np.diff(sorted(itertools.chain(*walk.facts.footfalls.values())))
     np.testing.assert_allclose(gaps, cycle_s / 2, atol=1e-9)
 
 
@@ -184,7 +184,7 @@ def test_default_rate_is_fast_enough_for_the_feet(q, height_m):
     walk = boulic_walk(speed_mps=speed_mps, height_m=height_m, duration_s=3 * cycle_s)
     time_s = np.linspace(0.5, 2.5, 20_000) * cycle_s
     for name in ("right_ankle", "right_toe", "left_hand"):
-        spline = CubicSpline(walk.time, walk.sel(marker=name, space="x"))(time_s, 1)
+        spline = CubicSpline(walk.time_s, walk.positions.sel(marker=name, space="x"))(time_s, 1)
         exact = velocity(q, height_m, time_s / cycle_s, name)
         assert spline.max() == pytest.approx(exact.max(), rel=1e-4)
         assert np.abs(spline - exact).max() < 0.01 * exact.max()
@@ -192,22 +192,22 @@ def test_default_rate_is_fast_enough_for_the_feet(q, height_m):
 
 def test_strides_vary_when_asked_and_only_then():
     varied = boulic_walk(duration_s=60, stride_variation=0.03, rng=np.random.default_rng(4))
-    times = np.array(varied.attrs["footfalls"]["right_foot"])
+    times = np.array(varied.facts.footfalls["right_foot"])
     strides = np.diff(times)
     assert 0.015 < strides.std() / strides.mean() < 0.045
     even = boulic_walk(duration_s=60)
-    assert np.diff(even.attrs["footfalls"]["right_foot"]).std() < 1e-9
+    assert np.diff(even.facts.footfalls["right_foot"]).std() < 1e-9
     # More strides in the same time: farther, since each has its length.
-    assert float(varied[-1, 0, 0]) / varied.attrs["gait_frequency_hz"] == pytest.approx(
-        float(even[-1, 0, 0]) / even.attrs["gait_frequency_hz"], rel=1e-3
+    assert float(varied.position_m[-1, 0, 0]) / varied.facts.gait_frequency_hz == pytest.approx(
+        float(even.position_m[-1, 0, 0]) / even.facts.gait_frequency_hz, rel=1e-3
     )
-    speed = np.diff(varied.sel(marker="base", space="x").values) * 250
+    speed = np.diff(varied.positions.sel(marker="base", space="x").values) * 250
     assert np.abs(np.diff(speed)).max() * 250 < 10, "the base never jerks"
 
 
 def test_the_same_seed_gives_the_same_walk():
     first, second, other = (
-        boulic_walk(stride_variation=0.02, rng=np.random.default_rng(seed)).values for seed in (7, 7, 8)
+        boulic_walk(stride_variation=0.02, rng=np.random.default_rng(seed)).position_m for seed in (7, 7, 8)
     )
     assert np.array_equal(first, second)
     assert not np.array_equal(first, other)
@@ -243,14 +243,14 @@ def test_points_refuse_a_relative_speed_outside_the_model(q):
 def test_the_whole_range_of_speeds_is_walkable():
     for q in (0.01, *np.linspace(0.1, 3.0, 59)):
         walk = boulic_walk(speed_mps=q * LEG_LENGTH * 1.75, height_m=1.75, duration_s=1, rate_hz=50)
-        assert np.isfinite(walk.values).all()
+        assert np.isfinite(walk.position_m).all()
 
 
 def test_it_is_a_registered_model_whose_name_alone_gives_a_motion():
     model = MOTION_MODELS["boulic"]
     assert model.config is BoulicConfig
     walk = model.generate(model.config(), 5.0, None)
-    np.testing.assert_array_equal(walk, boulic_walk())
-    assert (walk.attrs["species"], walk.attrs["gait"], walk.attrs["kind"]) == ("human", "walk", "boulic")
-    assert walk.attrs["mass_kg"] == pytest.approx(23 * 1.75**2)
-    assert "assumed" in walk.attrs["report"]["mass_kg"]
+    np.testing.assert_array_equal(walk.position_m, boulic_walk().position_m)
+    assert (walk.facts.species, walk.facts.gait, walk.facts.kind) == ("human", "walk", "boulic")
+    assert walk.facts.mass_kg == pytest.approx(23 * 1.75**2)
+    assert "assumed" in walk.report["mass_kg"]

@@ -67,13 +67,13 @@ def dog(name, froude, withers_m, **options):
 
 
 def paw(motion, foot):
-    return motion.sel(marker=f"{foot}_paw").values
+    return motion.positions.sel(marker=f"{foot}_paw").values
 
 
 def test_points_and_parts():
     motion = quadruped_gait(duration_s=0.1)
-    assert 20 <= motion.sizes["marker"] <= 28
-    assert set(motion.part.values) == set(DOG_PARTS)
+    assert 20 <= len(motion.markers) <= 28
+    assert set(motion.parts) == set(DOG_PARTS)
     assert len(set(POINTS)) == len(POINTS)
 
 
@@ -81,9 +81,9 @@ def test_points_and_parts():
 def test_stance_paws_stay_where_they_landed(name, froude, withers_m):
     _, _, stride, frequency, duty = settings(name, froude, withers_m)
     motion = dog(name, froude, withers_m, start_phase=0.37, duration_s=4.0)
-    time_s = motion.time.values
+    time_s = motion.time_s
     for foot in FEET:
-        touchdowns = motion.attrs["footfalls"][foot]
+        touchdowns = motion.facts.footfalls[foot]
         assert len(touchdowns) >= 2
         for start in touchdowns:
             end = start + duty[foot.split("_")[1]] / frequency
@@ -99,7 +99,7 @@ def test_stance_paws_stay_where_they_landed(name, froude, withers_m):
 def test_paws_move_only_between_their_stances_and_never_under_the_floor(name, froude, withers_m):
     _, _, _, frequency, duty = settings(name, froude, withers_m)
     motion = dog(name, froude, withers_m, tail_sweep_deg=0)
-    height_m = motion.sel(space="z").values
+    height_m = motion.positions.sel(space="z").values
     assert height_m.min() >= 0
     for foot in FEET:
         end = foot.split("_")[1]
@@ -127,15 +127,15 @@ def test_a_swing_starts_and_ends_without_speed(name):
 
 @pytest.mark.parametrize(("name", "froude", "withers_m"), CASES)
 def test_stride_length_times_frequency_is_speed_and_follows_the_froude_law(name, froude, withers_m):
-    facts = dog(name, froude, withers_m).attrs
+    facts = dog(name, froude, withers_m).facts
     hip, factor = 0.8 * withers_m, 2.5 if name in SYMMETRICAL else {"canter": 2.6}.get(name, 2.7)
     speed = np.sqrt(froude * 9.81 * hip)
-    assert facts["stride_frequency_hz"] == pytest.approx(speed**0.4 * 9.81**0.3 / (factor * hip**0.7), rel=1e-9)
-    assert facts["gait_frequency_hz"] / facts["stride_frequency_hz"] == (2 if name in SYMMETRICAL else 1)
+    assert facts.stride_frequency_hz == pytest.approx(speed**0.4 * 9.81**0.3 / (factor * hip**0.7), rel=1e-9)
+    assert facts.gait_frequency_hz / facts.stride_frequency_hz == (2 if name in SYMMETRICAL else 1)
     if name in SYMMETRICAL:
-        assert facts["step_frequency_hz"] == 2 * facts["stride_frequency_hz"]
+        assert facts.step_frequency_hz == 2 * facts.stride_frequency_hz
     else:
-        assert np.isnan(facts["step_frequency_hz"])
+        assert np.isnan(facts.step_frequency_hz)
 
 
 @pytest.mark.parametrize("name", GAITS)
@@ -144,9 +144,9 @@ def test_the_trunk_goes_at_the_given_speed(name):
     _, speed, _, frequency, _ = settings(name, froude, 0.5)
     motion = dog(name, froude, 0.5, duration_s=4 / frequency, rate_hz=1000 * frequency, start_phase=0.9)
     for point in ("rump", "withers", "nose"):
-        x = motion.sel(marker=point, space="x").values
+        x = motion.positions.sel(marker=point, space="x").values
         assert (x[-1] - x[0]) * frequency / 4 == pytest.approx(speed, rel=1e-9)
-    trunk = motion.values[0, motion.part.values == "trunk"]
+    trunk = motion.position_m[0, np.array(motion.parts) == "trunk"]
     assert trunk[:, :2].mean(axis=0) == pytest.approx([0, 0], abs=0.1)
 
 
@@ -256,8 +256,8 @@ def test_default_rate_is_fast_enough_for_the_paws(name, withers_m):
         fine = dog(name, froude, withers_m, duration_s=1.2, rate_hz=10_000)
         time_s = np.arange(0.1, 1.1, 1e-4)
         for foot in FEET:
-            speed = CubicSpline(coarse.time, paw(coarse, foot)[:, 0])(time_s, 1)
-            exact = CubicSpline(fine.time, paw(fine, foot)[:, 0])(time_s, 1)
+            speed = CubicSpline(coarse.time_s, paw(coarse, foot)[:, 0])(time_s, 1)
+            exact = CubicSpline(fine.time_s, paw(fine, foot)[:, 0])(time_s, 1)
             assert speed.max() == pytest.approx(exact.max(), rel=0.005)
             assert np.abs(speed - exact).max() < 0.01 * exact.max()
 
@@ -278,9 +278,9 @@ def test_no_velocity_jumps_at_touchdown_or_lift_off_or_anywhere(name):
 
 def test_the_tail_swings_at_its_own_frequency_and_nothing_else_depends_on_it():
     still, wagging = (quadruped_gait(tail_sweep_deg=sweep, tail_frequency_hz=2.0) for sweep in (0, 30))
-    moved = np.abs(still.values - wagging.values).max(axis=(0, 2)) > 1e-12
-    assert list(still.marker.values[moved]) == ["tail_middle", "tail_tip"]
-    side_m = (wagging - still).sel(marker="tail_tip", space="y").values
+    moved = np.abs(still.position_m - wagging.position_m).max(axis=(0, 2)) > 1e-12
+    assert list(np.array(still.markers)[moved]) == ["tail_middle", "tail_tip"]
+    side_m = (wagging.positions - still.positions).sel(marker="tail_tip", space="y").values
     assert np.argmax(np.abs(np.fft.rfft(side_m[:-1]))) == 10
 
 
@@ -307,17 +307,17 @@ def test_it_is_a_registered_model_whose_name_alone_gives_a_motion():
     model = MOTION_MODELS["quadruped"]
     assert model.config is QuadrupedConfig
     motion = model.generate(model.config(), 5.0, None)
-    np.testing.assert_array_equal(motion, quadruped_gait())
-    facts = motion.attrs
-    assert (facts["species"], facts["gait"], facts["height_m"]) == ("dog", "trot", 0.5)
-    assert facts["mass_kg"] == pytest.approx((0.5 / 0.175) ** 3)
-    assert all("assumed" in text for text in facts["report"].values())
-    assert float(motion.time[-1]) == 5.0
+    np.testing.assert_array_equal(motion.position_m, quadruped_gait().position_m)
+    facts = motion.facts
+    assert (facts.species, facts.gait, facts.height_m) == ("dog", "trot", 0.5)
+    assert facts.mass_kg == pytest.approx((0.5 / 0.175) ** 3)
+    assert all("assumed" in text for text in motion.report.values())
+    assert float(motion.time_s[-1]) == 5.0
 
 
 def test_a_froude_number_sets_the_speed():
     by_number = quadruped_gait(gait="trot", froude=1.5, withers_m=0.4, duration_s=1.0)
     by_speed = quadruped_gait(gait="trot", speed_mps=(1.5 * 9.81 * 0.32) ** 0.5, withers_m=0.4, duration_s=1.0)
-    np.testing.assert_allclose(by_number.values, by_speed.values, atol=1e-12)
+    np.testing.assert_allclose(by_number.position_m, by_speed.position_m, atol=1e-12)
     with pytest.raises(ConfigError, match="speed_mps or froude, not both"):
         quadruped_gait(froude=1.0, speed_mps=2.0)

@@ -68,7 +68,7 @@ def beats(footfalls, start_s, period_s):
 @pytest.mark.parametrize("name", GAITS)
 def test_feet_land_in_the_order_and_at_the_phases_of_the_gait(name):
     motion = quadruped_gait(gait=name, duration_s=4.0)
-    footfalls, period = motion.attrs["footfalls"], 1 / motion.attrs["stride_frequency_hz"]
+    footfalls, period = motion.facts.footfalls, 1 / motion.facts.stride_frequency_hz
     start = footfalls["left_hind"][1]
     assert beats(footfalls, start, period) == ORDER[name]
     for foot, (low, high) in zip(FEET[1:], PHASES[name], strict=True):
@@ -80,9 +80,9 @@ def test_feet_land_in_the_order_and_at_the_phases_of_the_gait(name):
 def test_paws_leave_and_touch_the_ground_at_the_stated_times(name):
     motion = quadruped_gait(gait=name, duration_s=3.0, rate_hz=2000, start_phase=0.3)
     for foot in FEET:
-        lifted = motion.sel(marker=f"{foot}_paw", space="z").values > 1e-9
-        landings = motion.time.values[1:][lifted[:-1] & ~lifted[1:]]
-        truth = [t for t in motion.attrs["footfalls"][foot] if t > 1e-3]
+        lifted = motion.positions.sel(marker=f"{foot}_paw", space="z").values > 1e-9
+        landings = motion.time_s[1:][lifted[:-1] & ~lifted[1:]]
+        truth = [t for t in motion.facts.footfalls[foot] if t > 1e-3]
         # The last quarter of a millimetre of the way down is below the threshold: the flight ends with zero slope.
         np.testing.assert_allclose(landings, truth, atol=0.006)
 
@@ -138,8 +138,8 @@ def test_auto_goes_through_the_gaits_with_speed():
     ]  # fmt: skip
     for speed, gait in ((0.9, "walk"), (2.0, "trot"), (5.0, "gallop")):
         motion, named = (quadruped_gait(gait=g, speed_mps=speed, duration_s=1.0) for g in ("auto", gait))
-        np.testing.assert_array_equal(motion, named)
-        assert motion.attrs["gait"] == gait
+        np.testing.assert_array_equal(motion.position_m, named.position_m)
+        assert motion.facts.gait == gait
     for parameters, text in (
         ({}, "'auto' goes by the speed: give speed_mps or froude"),
         ({"speed_mps": 7.0}, "7 is not allowed: a dog with withers_m = 0.5 goes at 2.17 to 6.26 m/s in a gallop"),
@@ -163,11 +163,11 @@ def test_the_length_of_a_build_scales_limbs_but_not_the_hip_height():
 def test_a_build_sets_size_mass_and_species(build):
     motion = quadruped_gait(build=build, gait="walk", duration_s=0.5)
     expected = BUILDS[build]
-    facts = motion.attrs
-    assert (facts["height_m"], facts["mass_kg"]) == pytest.approx((expected.withers_m, expected.mass_kg))
-    assert facts["species"] == ("cat" if build == "cat" else "dog")
+    facts = motion.facts
+    assert (facts.height_m, facts.mass_kg) == pytest.approx((expected.withers_m, expected.mass_kg))
+    assert facts.species == ("cat" if build == "cat" else "dog")
     twice = quadruped_gait(build=build, gait="walk", duration_s=0.5, withers_m=0.8)
-    assert twice.attrs["mass_kg"] == pytest.approx(expected.mass_kg * (0.8 / expected.withers_m) ** 3)
+    assert twice.facts.mass_kg == pytest.approx(expected.mass_kg * (0.8 / expected.withers_m) ** 3)
     assert mass_kg(expected, expected.withers_m) == expected.mass_kg
     # Over common breeds the withers height is 0.15 to 0.20 m (mass / kg)^(1/3); two short-legged ones lie below.
     short = build in ("chihuahua", "dachshund")
@@ -178,41 +178,47 @@ def test_a_cat_walks_and_trots_as_published():
     # Comfortable walk 0.54 to 0.74 m/s: duty factor 0.6 to 0.7, diagonal couplets; trot at 1 to 2.7 m/s with 2 to 2.5
     # strides per second, gallop with 3 to 4.
     walk = quadruped_gait(build="cat", gait="walk", speed_mps=0.7)
-    assert walk.attrs["gait"] == "walk"
-    assert 1.35 < walk.attrs["stride_frequency_hz"] < 1.7
-    still = np.diff(walk.sel(marker="left_hind_paw", space="x").values)[:500] == 0
+    assert walk.facts.gait == "walk"
+    assert 1.35 < walk.facts.stride_frequency_hz < 1.7
+    still = np.diff(walk.positions.sel(marker="left_hind_paw", space="x").values)[:500] == 0
     assert 0.58 < still.mean() < 0.72
-    lag = walk.attrs["footfalls"]["left_fore"][0] * walk.attrs["stride_frequency_hz"]
+    lag = walk.facts.footfalls["left_fore"][0] * walk.facts.stride_frequency_hz
     assert 0.25 < lag < 0.5
-    assert 2.0 < quadruped_gait(build="cat", gait="trot", speed_mps=1.8).attrs["stride_frequency_hz"] < 2.5
-    assert 3.0 < quadruped_gait(build="cat", gait="gallop", speed_mps=3.5).attrs["stride_frequency_hz"] < 4.0
+    assert 2.0 < quadruped_gait(build="cat", gait="trot", speed_mps=1.8).facts.stride_frequency_hz < 2.5
+    assert 3.0 < quadruped_gait(build="cat", gait="gallop", speed_mps=3.5).facts.stride_frequency_hz < 4.0
     with pytest.raises(ConfigError, match=r"a cat with withers_m = 0\.25"):
         quadruped_gait(build="cat", gait="walk", speed_mps=2.0)
 
 
 def test_asymmetry_delays_the_right_feet_and_leaves_the_left():
     plain, late = (quadruped_gait(asymmetry=a, duration_s=3.0, start_phase=0.05) for a in (0.0, 0.03))
-    period = 1 / plain.attrs["stride_frequency_hz"]
+    period = 1 / plain.facts.stride_frequency_hz
     for foot in FEET:
-        first, second = (np.array(m.attrs["footfalls"][foot][:3]) for m in (plain, late))
+        first, second = (np.array(m.facts.footfalls[foot][:3]) for m in (plain, late))
         shift = 0.03 * period if foot.startswith("right") else 0.0
         np.testing.assert_allclose(second - first, shift, atol=1e-9)
-    assert np.ptp(late.sel(marker="left_hind_paw").values - plain.sel(marker="left_hind_paw").values, axis=0).max() == 0
+    assert (
+        np.ptp(
+            late.positions.sel(marker="left_hind_paw").values - plain.positions.sel(marker="left_hind_paw").values,
+            axis=0,
+        ).max()
+        == 0
+    )
     with pytest.raises(ConfigError, match="asymmetry"):
         quadruped_gait(asymmetry=0.2)
 
 
 def test_stride_times_vary_with_the_given_deviation_and_memory():
     sd, runs, count = 0.04, 5, 160
-    period = 1 / quadruped_gait().attrs["stride_frequency_hz"]
+    period = 1 / quadruped_gait().facts.stride_frequency_hz
     deviations, lengths = [], []
     for seed in range(runs):
         motion = quadruped_gait(
             stride_variation=sd, rng=np.random.default_rng(seed), duration_s=count * period, rate_hz=50
         )
-        deviations.append(np.diff(motion.attrs["footfalls"]["left_hind"]) / period - 1)
-        way_m = float(np.diff(motion.sel(marker="rump", space="x").values[[0, -1]])[0])
-        lengths.append(way_m / float(motion.time[-1]) / motion.attrs["stride_frequency_hz"])
+        deviations.append(np.diff(motion.facts.footfalls["left_hind"]) / period - 1)
+        way_m = float(np.diff(motion.positions.sel(marker="rump", space="x").values[[0, -1]])[0])
+        lengths.append(way_m / float(motion.time_s[-1]) / motion.facts.stride_frequency_hz)
     first, second = (np.concatenate([d[part] for d in deviations]) for part in (slice(None, -1), slice(1, None)))
     # Correlation 0.5 from stride to stride: the mean of n scatters by sd (3 / n)^0.5, the relative deviation by
     # (5 / 6 n)^0.5, the correlation itself by less than (1 / n)^0.5; four of each.
@@ -227,9 +233,9 @@ def test_stride_times_vary_with_the_given_deviation_and_memory():
 @pytest.mark.parametrize("name", GAITS)
 def test_paws_stand_still_in_stance_at_exact_footfalls_when_strides_vary(name):
     motion = quadruped_gait(gait=name, stride_variation=0.05, rng=np.random.default_rng(3), duration_s=8, rate_hz=1000)
-    time_s, duty = motion.time.values, stride_points(name, GAITS[name].froude[2])[2]
+    time_s, duty = motion.time_s, stride_points(name, GAITS[name].froude[2])[2]
     for foot in FEET:
-        path, footfalls = motion.sel(marker=f"{foot}_paw").values, np.array(motion.attrs["footfalls"][foot])
+        path, footfalls = motion.positions.sel(marker=f"{foot}_paw").values, np.array(motion.facts.footfalls[foot])
         speed = np.linalg.norm(np.diff(path, axis=0), axis=1) * 1000
         for start, following in itertools.pairwise(footfalls):
             # Lift-off comes at the duty factor in phase; in time a stride that speeds up moves it by under a tenth.
@@ -243,5 +249,5 @@ def test_paws_stand_still_in_stance_at_exact_footfalls_when_strides_vary(name):
 
 def test_without_variation_the_seed_does_not_matter():
     first, second = (quadruped_gait(gait="walk", rng=np.random.default_rng(seed)) for seed in (1, 2))
-    np.testing.assert_array_equal(first, second)
+    np.testing.assert_array_equal(first.position_m, second.position_m)
     assert QuadrupedConfig().stride_variation == 0

@@ -59,7 +59,7 @@ def test_footfall_phases_of_the_symmetrical_gaits(
     rows = [row for row in segments if folder in row["file"] and row["gait"] == gait]
     assert len(rows) == count
     motion = quadruped_gait(gait=gait, duration_s=3.0)
-    footfalls, frequency_hz = motion.attrs["footfalls"], motion.attrs["stride_frequency_hz"]
+    footfalls, frequency_hz = motion.facts.footfalls, motion.facts.stride_frequency_hz
     start = footfalls["left_hind"][1]
     for foot, measured in (
         ("left_fore", lag(rows, "footfall_phase_lh_lf")),

@@ -96,60 +96,60 @@ def walk(tmp_path: Path) -> Path:
 
 def test_bone_ends_agree_with_a_bone_by_bone_walk(walk: Path) -> None:
     motion = read(walk, clean=False, up_axis="z")
-    assert list(motion.marker.values) == ["root", *BONES]
+    assert motion.markers == ["root", *BONES]
     for t in (0, 13, 39):
         for name, place in literal(angles(), t).items():
-            np.testing.assert_allclose(motion.sel(marker=name).values[t], place * UNIT_M, atol=1e-8)
+            np.testing.assert_allclose(motion.positions.sel(marker=name).values[t], place * UNIT_M, atol=1e-8)
 
 
 def test_axes_rate_unit_and_skeleton_are_reported(walk: Path) -> None:
     motion = read(walk, clean=False, up_axis="y")
-    report = motion.attrs["report"]
-    assert (motion.attrs["rate_hz"], report["frame_rate_from"]) == (120.0, "assumed")
+    report = motion.report
+    assert (motion.rate_hz, report["frame_rate_from"]) == (120.0, "assumed")
     assert report["metres_per_unit"] == pytest.approx(UNIT_M)
-    assert (report["skeleton"], motion.attrs["subject"]) == ("07.asf", "07")
+    assert (report["skeleton"], motion.facts.subject) == ("07.asf", "07")
     # x, y, z of the file are y, z, x of the motion
-    upright = read(walk, clean=False, up_axis="z").values
-    np.testing.assert_allclose(motion.values, upright[..., [2, 0, 1]])
-    assert read(walk, clean=False, rate_hz=60.0).attrs["report"]["frame_rate_from"] == "option"
+    upright = read(walk, clean=False, up_axis="z").position_m
+    np.testing.assert_allclose(motion.position_m, upright[..., [2, 0, 1]])
+    assert read(walk, clean=False, rate_hz=60.0).report["frame_rate_from"] == "option"
 
 
 def test_radians_are_taken_from_motion_and_skeleton(walk: Path, tmp_path: Path) -> None:
-    expected = read(walk, clean=False).values
+    expected = read(walk, clean=False).position_m
     values = {name: np.radians(table) for name, table in angles().items()}
     values["root"][:, :3] = angles()["root"][:, :3]
     walk.write_text(amc_text(values, head=":fully-specified\n:radians\n"))
-    np.testing.assert_allclose(read(walk, clean=False).values, expected, atol=1e-8)
+    np.testing.assert_allclose(read(walk, clean=False).position_m, expected, atol=1e-8)
     bones = {
         name: (*start, " ".join(map(str, np.radians(np.array(axis.split()[:3], float)))) + " " + axis[-3:], dof)
         for name, (*start, axis, dof) in BONES.items()
     }
     (tmp_path / "07.asf").write_text(asf_text(angle="rad", bones=bones))
     walk.write_text(amc_text(values, head=":FULLY-SPECIFIED\n"))
-    np.testing.assert_allclose(read(walk, clean=False).values, expected, atol=1e-8)
+    np.testing.assert_allclose(read(walk, clean=False).position_m, expected, atol=1e-8)
 
 
 def test_length_unit_is_inches_over_length(walk: Path, tmp_path: Path) -> None:
-    expected = read(walk, clean=False).values
+    expected = read(walk, clean=False).position_m
     (tmp_path / "07.asf").write_text(asf_text(length="0.9"))
-    np.testing.assert_allclose(read(walk, clean=False).values, expected / 2)
-    np.testing.assert_allclose(read(walk, clean=False, units="cmu").values, expected)
+    np.testing.assert_allclose(read(walk, clean=False).position_m, expected / 2)
+    np.testing.assert_allclose(read(walk, clean=False, units="cmu").position_m, expected)
 
 
 def test_bones_without_values_rest(walk: Path) -> None:
     values = angles()
     still = {**values, "head": np.zeros_like(values["head"])}
     walk.write_text(amc_text(still))
-    expected = read(walk, clean=False).values
+    expected = read(walk, clean=False).position_m
     walk.write_text(amc_text({name: table for name, table in values.items() if name != "head"}))
-    np.testing.assert_array_equal(read(walk, clean=False).values, expected)
+    np.testing.assert_array_equal(read(walk, clean=False).position_m, expected)
 
 
 def test_line_ends_do_not_matter(walk: Path, tmp_path: Path) -> None:
-    expected = read(walk, clean=False).values
+    expected = read(walk, clean=False).position_m
     for file in (walk, tmp_path / "07.asf"):
         file.write_bytes(file.read_text().replace("\n", " \r\n").encode())
-    np.testing.assert_array_equal(read(walk, clean=False).values, expected)
+    np.testing.assert_array_equal(read(walk, clean=False).position_m, expected)
 
 
 def test_the_skeleton_is_found_by_name_comment_or_alone(tmp_path: Path) -> None:
@@ -171,11 +171,11 @@ def test_the_skeleton_is_found_by_name_comment_or_alone(tmp_path: Path) -> None:
 
 
 def test_a_given_skeleton_is_used(walk: Path, tmp_path: Path) -> None:
-    expected = read(walk, clean=False).values
+    expected = read(walk, clean=False).position_m
     other = tmp_path / "elsewhere" / "x.asf"
     other.parent.mkdir()
     (tmp_path / "07.asf").rename(other)
-    np.testing.assert_array_equal(read(walk, clean=False, skeleton=str(other)).values, expected)
+    np.testing.assert_array_equal(read(walk, clean=False, skeleton=str(other)).position_m, expected)
     with pytest.raises(MotionError, match=r"none.asf: the skeleton cannot be read"):
         read(walk, skeleton=tmp_path / "none.asf")
 

@@ -40,24 +40,24 @@ def file(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
 @pytest.mark.parametrize(("unit", "metres"), [("mm", 1e-3), ("cm", 1e-2), ("m", 1.0), ("in", 0.0254)])
 def test_units_give_the_same_motion(file: Path, unit: str, metres: float) -> None:
     motion = read(write(file, positions=BODY_M / metres, units=unit), clean=False)
-    np.testing.assert_allclose(motion.values, BODY_M, atol=1e-12)
-    assert (list(motion.marker.values), motion.attrs["rate_hz"]) == (NAMES, 100.0)
-    report = motion.attrs["report"]
+    np.testing.assert_allclose(motion.position_m, BODY_M, atol=1e-12)
+    assert (motion.markers, motion.rate_hz) == (NAMES, 100.0)
+    report = motion.report
     assert (report["format"], report["length_unit"], report["up_axis"]) == (file.suffix[1:], unit, "z")
     other = read(write(file, positions=BODY_M / metres, units=None), clean=False, units=unit)
-    np.testing.assert_allclose(other.values, BODY_M, atol=1e-12)
+    np.testing.assert_allclose(other.position_m, BODY_M, atol=1e-12)
 
 
 def test_axes_are_found(file: Path) -> None:
     motion = read(write(file, positions=y_up(BODY_M)), clean=False)
-    np.testing.assert_allclose(motion.values, BODY_M, atol=1e-12)
-    assert motion.attrs["report"]["up_axis"] == "y"
+    np.testing.assert_allclose(motion.position_m, BODY_M, atol=1e-12)
+    assert motion.report["up_axis"] == "y"
 
 
 def test_no_unit_is_guessed_aloud(file: Path) -> None:
     with pytest.warns(DoppelgaitWarning, match=r"names no length unit.*so m is taken"):
         motion = read(write(file, units=None), clean=False)
-    np.testing.assert_allclose(motion.values, BODY_M, atol=1e-12)
+    np.testing.assert_allclose(motion.position_m, BODY_M, atol=1e-12)
 
 
 @pytest.mark.parametrize("position_key", ["positions", "joints", "Jtr"])
@@ -65,15 +65,15 @@ def test_no_unit_is_guessed_aloud(file: Path) -> None:
 def test_keys(file: Path, position_key: str, rate_key: str) -> None:
     content = {"positions": None, "rate_hz": None, position_key: BODY_M, rate_key: 120}
     motion = read(write(file, **content), clean=False)
-    assert motion.attrs["rate_hz"] == 120.0
-    np.testing.assert_allclose(motion.values, BODY_M, atol=1e-12)
+    assert motion.rate_hz == 120.0
+    np.testing.assert_allclose(motion.position_m, BODY_M, atol=1e-12)
 
 
 def test_another_key_and_rate(file: Path) -> None:
     write(file, markers=BODY_M + 1.0, rate_hz=100.0)
     motion = read(file, clean=False, key="markers", rate_hz=50.0)
-    np.testing.assert_allclose(motion.values, BODY_M + 1.0, atol=1e-12)
-    assert motion.attrs["rate_hz"] == 50.0
+    np.testing.assert_allclose(motion.position_m, BODY_M + 1.0, atol=1e-12)
+    assert motion.rate_hz == 50.0
     with pytest.raises(MotionError, match=r"has no key 'dots'; it holds .*markers"):
         read(file, clean=False, key="dots")
 
@@ -85,8 +85,8 @@ def test_gaps(file: Path) -> None:
         body = body.tolist()
         body[3][2] = [None, None, None]
     motion = read(write(file, positions=body), clean=False)
-    assert np.argwhere(np.isnan(motion.values).any(axis=2)).tolist() == [[3, 2]]
-    assert np.isnan(motion.values[3, 2]).all()
+    assert np.argwhere(np.isnan(motion.position_m).any(axis=2)).tolist() == [[3, 2]]
+    assert np.isnan(motion.position_m[3, 2]).all()
 
 
 def smpl_body(n_joints: int) -> np.ndarray:
@@ -103,12 +103,12 @@ def smpl_body(n_joints: int) -> np.ndarray:
 def test_smpl_joints_only_when_asked(file: Path, n_joints: int) -> None:
     write(file, positions=smpl_body(n_joints), names=None)
     motion = read(file, clean=False, skeleton="smpl")
-    assert list(motion.marker.values) == list(SMPL_PARTS)[:n_joints]
-    assert motion.part.sel(marker="left_wrist").item() == "left_forearm"
-    assert motion.attrs["report"]["up_axis_from"] == "body parts"
+    assert motion.markers == list(SMPL_PARTS)[:n_joints]
+    assert motion.positions.part.sel(marker="left_wrist").item() == "left_forearm"
+    assert motion.report["up_axis_from"] == "body parts"
     bare = read(file, clean=False, up_axis="z")
-    assert list(bare.marker.values) == [f"point_{i + 1}" for i in range(n_joints)]
-    assert set(bare.part.values.tolist()) == {""}
+    assert bare.markers == [f"point_{i + 1}" for i in range(n_joints)]
+    assert set(bare.parts) == {""}
 
 
 def test_smpl_joints_are_those_of_the_published_order() -> None:
@@ -208,7 +208,7 @@ def test_pickled_objects_are_never_loaded(tmp_path: Path) -> None:
     with pytest.raises(MotionError, match="damaged or unusual npz"):
         read(path, clean=False)
     np.savez(path, positions=BODY_M, rate_hz=100.0, units="m", extra=np.array([{"a": 1}], dtype=object))
-    assert read(path, clean=False).sizes["marker"] == 16
+    assert read(path, clean=False).positions.sizes["marker"] == 16
 
 
 def test_any_cut_and_any_changed_byte_is_read_or_refused(file: Path) -> None:
@@ -217,6 +217,6 @@ def test_any_cut_and_any_changed_byte_is_read_or_refused(file: Path) -> None:
     read_count = 0
     for copy in damaged_copies(whole, start=60, count=300, rng=rng):
         motion, refusal = read_or_refusal(copy)
-        assert copy.name in refusal or (motion is not None and motion.sizes["time"] == 6)
+        assert copy.name in refusal or (motion is not None and motion.n_frames == 6)
         read_count += motion is not None
     assert 0 < read_count < 300

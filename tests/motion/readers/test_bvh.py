@@ -135,16 +135,16 @@ def test_a_person_is_read(walk: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error", DoppelgaitWarning)
         motion = read(walk, clean=False)
-    report = motion.attrs["report"]
-    assert (report["length_unit"], report["up_axis"], motion.attrs["species"]) == ("cm", "y", "human")
+    report = motion.report
+    assert (report["length_unit"], report["up_axis"], motion.facts.species) == ("cm", "y", "human")
     assert report["points_in_file"] == len(PERSON) + 5
-    assert motion.attrs["rate_hz"] == pytest.approx(120, rel=1e-5)
-    assert motion.sel(marker="Hips").values[:, 2] == pytest.approx(1.0)
+    assert motion.rate_hz == pytest.approx(120, rel=1e-5)
+    assert motion.positions.sel(marker="Hips").values[:, 2] == pytest.approx(1.0)
     # y up, walking along z: z becomes x
-    step = np.diff(motion.sel(marker="Hips").values, axis=0)
+    step = np.diff(motion.positions.sel(marker="Hips").values, axis=0)
     np.testing.assert_allclose(step, np.tile([0.01, 0.0, 0.0], (len(step), 1)), atol=1e-6)
-    assert motion.sel(marker="LeftUpLeg").values[:, 1] == pytest.approx(0.09)
-    assert {"LeftToeBase_End", "Head_End", "RightHand_End"} <= set(motion.marker.values)
+    assert motion.positions.sel(marker="LeftUpLeg").values[:, 1] == pytest.approx(0.09)
+    assert {"LeftToeBase_End", "Head_End", "RightHand_End"} <= set(motion.markers)
     assert report["dropped"] == {}
 
 
@@ -155,8 +155,8 @@ def test_the_size_of_the_body_tells_the_unit(tmp_path: Path, factor: float, unit
     values[:, :3] *= factor
     text = hierarchy(tree, "Hips").replace("OFFSET 0 0 8", f"OFFSET 0 0 {8 * factor}")
     motion = read(write(tmp_path / "a.bvh", text, rows(values), len(values)), clean=False)
-    assert motion.attrs["report"]["length_unit"] == unit
-    assert motion.sel(marker="Hips").values[0, 2] == pytest.approx(1.0, rel=1e-4)
+    assert motion.report["length_unit"] == unit
+    assert motion.positions.sel(marker="Hips").values[0, 2] == pytest.approx(1.0, rel=1e-4)
 
 
 def test_an_unclear_unit_is_said_and_can_be_given(tmp_path: Path) -> None:
@@ -168,9 +168,9 @@ def test_an_unclear_unit_is_said_and_can_be_given(tmp_path: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         motion = read(path, clean=False, units="cmu", up_axis="z", rate_hz=60.0)
-    assert motion.attrs["report"]["length_unit_from"] == motion.attrs["report"]["up_axis_from"] == "option"
-    np.testing.assert_allclose(motion.sel(marker="a").values[3], 3 * 0.0254 / 0.45)
-    assert motion.attrs["rate_hz"] == 60.0
+    assert motion.report["length_unit_from"] == motion.report["up_axis_from"] == "option"
+    np.testing.assert_allclose(motion.positions.sel(marker="a").values[3], 3 * 0.0254 / 0.45)
+    assert motion.rate_hz == 60.0
 
 
 def test_z_up_is_seen_by_the_parts_of_a_person(tmp_path: Path) -> None:
@@ -180,8 +180,8 @@ def test_z_up_is_seen_by_the_parts_of_a_person(tmp_path: Path) -> None:
     values[:, 6:] = 0.0
     path = write(tmp_path / "a.bvh", hierarchy(tree, "Hips"), rows(values), len(values))
     motion = read(path, clean=False)
-    assert motion.attrs["report"]["up_axis"] == "z"
-    assert motion.sel(marker="Hips").values[:, 2] == pytest.approx(1.0)
+    assert motion.report["up_axis"] == "z"
+    assert motion.positions.sel(marker="Hips").values[:, 2] == pytest.approx(1.0)
 
 
 def test_helpers_fixed_root_and_doubles_are_left_out(tmp_path: Path) -> None:
@@ -205,7 +205,7 @@ def test_helpers_fixed_root_and_doubles_are_left_out(tmp_path: Path) -> None:
         values[:, 6 + 6 * n : 9 + 6 * n] = tree[name][1]
     values[:, 6 + 6 * names[1:].index("Hips") + 2] += np.arange(60)
     path = write(tmp_path / "a.bvh", hierarchy(tree, "joint_Root", ALL), rows(values), 60)
-    dropped = read(path, clean=False).attrs["report"]["dropped"]
+    dropped = read(path, clean=False).report["dropped"]
     assert dropped["root node, no joint of the body (by its name)"] == ["joint_Root"]
     assert set(dropped["rig helper (by its name)"]) == {
         "Bip01_HeadNub", "Bip01_HeadNub_End", "Bip01_Footsteps", "Bip01_Footsteps_End",
@@ -214,13 +214,13 @@ def test_helpers_fixed_root_and_doubles_are_left_out(tmp_path: Path) -> None:
     # the same without the telling name: it never moves and bears one joint
     renamed = write(tmp_path / "b.bvh", hierarchy(tree, "joint_Root", ALL), rows(values), 60)
     renamed.write_text(renamed.read_text().replace("joint_Root", "Place"))
-    assert read(renamed, clean=False).attrs["report"]["dropped"]["root node, no joint of the body (it never moves)"]
+    assert read(renamed, clean=False).report["dropped"]["root node, no joint of the body (it never moves)"]
 
 
 def test_hips_that_only_turn_stay(tmp_path: Path) -> None:
     values = person_values()
     values[:, :3] = 100.0
-    assert "Hips" in read(person(tmp_path / "a.bvh", values), clean=False).marker.values
+    assert "Hips" in read(person(tmp_path / "a.bvh", values), clean=False).positions.marker.values
 
 
 def test_bones_of_a_rig_push_out_the_rest(tmp_path: Path) -> None:
@@ -231,10 +231,10 @@ def test_bones_of_a_rig_push_out_the_rest(tmp_path: Path) -> None:
     values = np.zeros((30, 6 + 3 * (len(tree) - 1)))
     values[:, 2] = np.arange(30)
     motion = read(write(tmp_path / "a.bvh", hierarchy(tree, "Bip01"), rows(values), 30), clean=False)
-    assert motion.attrs["report"]["dropped"]["rig helper (not one of the b_ bones)"] == [
+    assert motion.report["dropped"]["rig helper (not one of the b_ bones)"] == [
         "Bip01", "Dog_Armor", "Dog_Armor_End",
     ]  # fmt: skip
-    assert all(name.startswith("b_") for name in motion.marker.values)
+    assert all(name.startswith("b_") for name in motion.markers)
 
 
 def test_a_rest_pose_in_front_is_left_out(tmp_path: Path) -> None:
@@ -243,11 +243,11 @@ def test_a_rest_pose_in_front_is_left_out(tmp_path: Path) -> None:
     values[0, 3:] = 0.0
     values[0, 6 + 1 :: 3] = 30.0
     motion = read(person(tmp_path / "a.bvh", values), clean=False)
-    assert motion.sizes["time"] == len(values) - 1
-    assert "rest pose" in motion.attrs["report"]["notes"][0]
+    assert motion.n_frames == len(values) - 1
+    assert "rest pose" in motion.report["notes"][0]
     smooth = person_values()
     smooth[1:, 4] = 0.01  # a recording that begins unturned but does not jump keeps its first frame
-    assert read(person(tmp_path / "b.bvh", smooth), clean=False).sizes["time"] == len(smooth)
+    assert read(person(tmp_path / "b.bvh", smooth), clean=False).positions.sizes["time"] == len(smooth)
 
 
 def test_line_ends_blanks_and_names_do_not_matter(walk: Path, tmp_path: Path) -> None:
@@ -256,11 +256,11 @@ def test_line_ends_blanks_and_names_do_not_matter(walk: Path, tmp_path: Path) ->
     odd = tmp_path / "odd name.txt"
     odd.write_bytes(b"\xef\xbb\xbf\r\n" + text.replace(" ", "\t").replace("\n", " \r\n").encode() + b"\r\n\r\n")
     motion = read(odd, clean=False)
-    np.testing.assert_array_equal(motion.values, expected.values)
-    assert "Left Händ 手" in motion.marker.values
+    np.testing.assert_array_equal(motion.position_m, expected.position_m)
+    assert "Left Händ 手" in motion.markers
     packed = tmp_path / "packed.bvh"
     packed.write_text(walk.read_text().replace("\n\t", "\n").replace("Hips\n{", "Hips {"))
-    np.testing.assert_array_equal(read(packed, clean=False).values, expected.values)
+    np.testing.assert_array_equal(read(packed, clean=False).position_m, expected.position_m)
 
 
 def damaged(text: str, kind: str) -> str:

@@ -79,13 +79,13 @@ def walk_mm(tmp_path: Path) -> Path:
 
 def test_positions_labels_and_rate_come_back(walk_mm: Path) -> None:
     motion = read(walk_mm, clean=False)
-    assert motion.dims == ("time", "marker", "space")
-    assert list(motion.marker.values) == NAMES
-    assert motion.attrs["rate_hz"] == 100.0
-    assert motion.attrs["source"] == "walk.c3d"
-    assert motion.time.values[1] == pytest.approx(0.01)
-    np.testing.assert_allclose(motion.values, walker(), atol=2e-7)
-    assert motion.sel(marker="LTOE").part.item() == "left_foot"
+    assert motion.positions.dims == ("time", "marker", "space")
+    assert motion.markers == NAMES
+    assert motion.rate_hz == 100.0
+    assert motion.facts.source == "walk.c3d"
+    assert motion.time_s[1] == pytest.approx(0.01)
+    np.testing.assert_allclose(motion.position_m, walker(), atol=2e-7)
+    assert motion.positions.sel(marker="LTOE").part.item() == "left_foot"
 
 
 @pytest.mark.parametrize(
@@ -93,7 +93,7 @@ def test_positions_labels_and_rate_come_back(walk_mm: Path) -> None:
 )
 def test_units_are_converted(tmp_path: Path, unit: str, factor: float) -> None:
     motion = read(write_c3d(tmp_path / "a.c3d", walker() * factor, units=[unit]), clean=False)
-    np.testing.assert_allclose(motion.values, walker(), atol=1e-5)
+    np.testing.assert_allclose(motion.position_m, walker(), atol=1e-5)
 
 
 def test_units_per_point_are_honoured(tmp_path: Path) -> None:
@@ -101,7 +101,7 @@ def test_units_per_point_are_honoured(tmp_path: Path) -> None:
     position[:, 1::2] *= 1000
     units = ["m", "mm"] * (len(NAMES) // 2)
     motion = read(write_c3d(tmp_path / "a.c3d", position, units=units), clean=False)
-    np.testing.assert_allclose(motion.values, walker(), atol=1e-5)
+    np.testing.assert_allclose(motion.position_m, walker(), atol=1e-5)
 
 
 @pytest.mark.parametrize(("factor", "guess"), [(1000.0, "mm"), (1.0, "m")])
@@ -109,12 +109,12 @@ def test_missing_unit_is_guessed_aloud(tmp_path: Path, factor: float, guess: str
     path = write_c3d(tmp_path / "a.c3d", walker() * factor, units=None)
     with pytest.warns(DoppelgaitWarning, match=f"no length unit.*so {guess} is taken"):
         motion = read(path, clean=False)
-    np.testing.assert_allclose(motion.values, walker(), atol=1e-5)
+    np.testing.assert_allclose(motion.position_m, walker(), atol=1e-5)
 
 
 def test_unit_option_overrides_and_silences(tmp_path: Path) -> None:
     path = write_c3d(tmp_path / "a.c3d", walker() * 100, units=None)
-    np.testing.assert_allclose(read(path, clean=False, units="cm").values, walker(), atol=1e-5)
+    np.testing.assert_allclose(read(path, clean=False, units="cm").position_m, walker(), atol=1e-5)
     with pytest.raises(MotionError, match="no known length"):
         read(path, units="parsec")
 
@@ -130,21 +130,23 @@ def test_every_encoding_of_a_gap_becomes_nan(tmp_path: Path) -> None:
     invalid[10, 0] = True
     position[20, 1] = 0.0
     position[30, 2] = np.nan
-    missing = np.isnan(read(write_c3d(tmp_path / "a.c3d", position, invalid=invalid), clean=False).values).all(axis=2)
+    missing = np.isnan(read(write_c3d(tmp_path / "a.c3d", position, invalid=invalid), clean=False).position_m).all(
+        axis=2
+    )
     assert sorted(zip(*map(list, np.nonzero(missing)), strict=True)) == [(10, 0), (20, 1), (30, 2)]
 
 
 def test_a_coordinate_of_zero_alone_is_no_gap(tmp_path: Path) -> None:
     position = walker() * 1000
     position[50, 0, :2] = 0.0
-    assert np.isfinite(read(write_c3d(tmp_path / "a.c3d", position), clean=False).values).all()
+    assert np.isfinite(read(write_c3d(tmp_path / "a.c3d", position), clean=False).position_m).all()
 
 
 def test_subject_prefix_is_split_off(tmp_path: Path) -> None:
     path = write_c3d(tmp_path / "a.c3d", walker() * 1000, labels=[f"liu:{name}" for name in NAMES])
     motion = read(path, clean=False)
-    assert motion.attrs["subject"] == "liu"
-    assert list(motion.marker.values) == NAMES
+    assert motion.facts.subject == "liu"
+    assert motion.markers == NAMES
 
 
 def two_subjects(path: Path, n_second: int) -> Path:
@@ -158,17 +160,17 @@ def test_two_subjects_need_a_choice(tmp_path: Path) -> None:
     with pytest.raises(MotionError, match=r"A \(16 points\), B \(16 points\).*subject="):
         read(path)
     motion = read(path, clean=False, subject="B")
-    assert motion.attrs["subject"] == "B"
-    np.testing.assert_allclose(motion.values, walker() + BESIDE_M, atol=1e-5)
-    assert len(motion.attrs["report"]["dropped"]["belongs to subject or prop 'A'"]) == 16
+    assert motion.facts.subject == "B"
+    np.testing.assert_allclose(motion.position_m, walker() + BESIDE_M, atol=1e-5)
+    assert len(motion.report["dropped"]["belongs to subject or prop 'A'"]) == 16
     with pytest.raises(MotionError, match="no subject 'C'"):
         read(path, subject="C")
 
 
 def test_a_prop_is_left_out(tmp_path: Path) -> None:
     motion = read(two_subjects(tmp_path / "a.c3d", 3), clean=False)
-    assert motion.attrs["subject"] == "A"
-    assert motion.attrs["report"]["dropped"] == {
+    assert motion.facts.subject == "A"
+    assert motion.report["dropped"] == {
         "belongs to subject or prop 'B'": ["B:LFHD", "B:RFHD", "B:C7"],
     }
 
@@ -177,8 +179,8 @@ def read_with_extra(tmp_path: Path, extra: list[str], texts: dict[str, list[str]
     position = np.concatenate([walker(), np.full((200, len(extra), 3), 0.9)], axis=1) * 1000
     path = write_c3d(tmp_path / "a.c3d", position, labels=NAMES + extra, texts=texts)
     motion = read(path, clean=False)
-    assert list(motion.marker.values) == NAMES
-    return motion.attrs["report"]
+    assert motion.markers == NAMES
+    return motion.report
 
 
 def test_listed_model_outputs_are_left_out(tmp_path: Path) -> None:
@@ -208,8 +210,8 @@ def test_points_computed_from_a_complete_set_are_left_out(tmp_path: Path) -> Non
     labels = [f"J:{name}" for name in known] + [f"J:LFEM{i}" for i in range(60)]
     position = np.random.default_rng(1).normal(1000, 100, (20, len(labels), 3))
     motion = read(write_c3d(tmp_path / "a.c3d", position, labels=labels), clean=False, up_axis="z")
-    assert list(motion.marker.values) == known
-    assert motion.attrs["report"]["points_measured"] == 41
+    assert motion.markers == known
+    assert motion.report["points_measured"] == 41
 
 
 def test_unlabelled_and_ghost_points_are_left_out_but_count_as_measured(tmp_path: Path) -> None:
@@ -220,20 +222,20 @@ def test_unlabelled_and_ghost_points_are_left_out_but_count_as_measured(tmp_path
 
 def test_a_file_of_unlabelled_points_keeps_them(tmp_path: Path) -> None:
     path = write_c3d(tmp_path / "a.c3d", walker() * 1000, labels=[f"*{i}" for i in range(16)])
-    assert read(path, clean=False, up_axis="z").sizes["marker"] == 16
+    assert read(path, clean=False, up_axis="z").positions.sizes["marker"] == 16
 
 
 def test_duplicate_and_empty_labels_become_unique(tmp_path: Path) -> None:
     labels = ["T8", "T8", "", "T8_2", *NAMES[4:]]
     motion = read(write_c3d(tmp_path / "a.c3d", walker() * 1000, labels=labels), clean=False)
-    assert list(motion.marker.values)[:4] == ["T8", "T8_2", "point_3", "T8_2_2"]
+    assert motion.markers[:4] == ["T8", "T8_2", "point_3", "T8_2_2"]
 
 
 def test_labels_beyond_255_continue_in_labels2(tmp_path: Path) -> None:
     labels = [f"P{i}" for i in range(300)]
     position = np.random.default_rng(1).normal(1000, 100, (10, 300, 3))
     motion = read(write_c3d(tmp_path / "a.c3d", position, labels=labels), clean=False, up_axis="z")
-    assert list(motion.marker.values) == labels
+    assert motion.markers == labels
 
 
 def test_rate_of_zero_needs_the_option(tmp_path: Path) -> None:
@@ -243,12 +245,12 @@ def test_rate_of_zero_needs_the_option(tmp_path: Path) -> None:
     patch(path, 20, bytes(4))
     with pytest.raises(MotionError, match=r"rate of 0 Hz.*rate_hz="):
         read(path)
-    assert read(path, clean=False, rate_hz=200.0).attrs["rate_hz"] == 200.0
+    assert read(path, clean=False, rate_hz=200.0).rate_hz == 200.0
 
 
 def test_rate_option_overrides(walk_mm: Path) -> None:
     motion = read(walk_mm, clean=False, rate_hz=50.0)
-    assert motion.time.values[-1] == pytest.approx(199 / 50)
+    assert motion.time_s[-1] == pytest.approx(199 / 50)
     with pytest.raises(MotionError, match="rate of -1 Hz"):
         read(walk_mm, rate_hz=-1.0)
 
@@ -270,9 +272,9 @@ def test_every_up_axis_is_found_and_turned(tmp_path: Path, up_axis: str, named: 
     # unnamed points must show the floor: heights from 0 upwards
     path = write_c3d(tmp_path / "a.c3d", FROM_Z_UP[up_axis](walker()) * 1000, labels=labels)
     motion = read(path, clean=False)
-    assert motion.attrs["report"]["up_axis"] == up_axis
-    assert motion.attrs["report"]["up_axis_from"] == ("body parts" if named else "motion")
-    np.testing.assert_allclose(motion.values, walker(), atol=1e-5)
+    assert motion.report["up_axis"] == up_axis
+    assert motion.report["up_axis_from"] == ("body parts" if named else "motion")
+    np.testing.assert_allclose(motion.position_m, walker(), atol=1e-5)
 
 
 @pytest.mark.parametrize("up_axis", AXES)
@@ -286,13 +288,13 @@ def test_declared_axis_is_taken_when_parts_are_unknown(tmp_path: Path) -> None:
     flat = walker()
     flat[:, :, 2] *= 0.3
     path = write_c3d(tmp_path / "a.c3d", FROM_Z_UP["y"](flat) * 1000, labels=labels, texts={"Y_SCREEN": ["-Y"]})
-    report = read(path, clean=False).attrs["report"]
+    report = read(path, clean=False).report
     assert (report["up_axis"], report["up_axis_from"]) == ("y", "file")
 
 
 def test_declared_axis_loses_against_the_body(tmp_path: Path) -> None:
     path = write_c3d(tmp_path / "a.c3d", FROM_Z_UP["y"](walker()) * 1000, texts={"Y_SCREEN": ["+Z"]})
-    assert read(path, clean=False).attrs["report"]["up_axis"] == "y"
+    assert read(path, clean=False).report["up_axis"] == "y"
 
 
 def test_feet_below_a_raised_origin_still_show_what_is_up() -> None:
@@ -309,7 +311,7 @@ def test_unclear_axis_is_assumed_aloud(tmp_path: Path) -> None:
     cloud = np.random.default_rng(3).uniform(-500, 500, (1, 16, 3)) + np.zeros((100, 1, 1))
     path = write_c3d(tmp_path / "a.c3d", cloud, labels=labels)
     with pytest.warns(DoppelgaitWarning, match="z is taken"):
-        assert read(path, clean=False).attrs["report"]["up_axis_from"] == "assumed"
+        assert read(path, clean=False).report["up_axis_from"] == "assumed"
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         read(path, clean=False, up_axis="-z")
@@ -319,10 +321,10 @@ def test_unclear_axis_is_assumed_aloud(tmp_path: Path) -> None:
 
 def test_part_of_a_recording(walk_mm: Path) -> None:
     part = read(walk_mm, clean=False, start_s=0.5, stop_s=1.0)
-    assert part.sizes["time"] == 51
-    assert part.time.values[0] == 0.0
-    np.testing.assert_allclose(part.values, walker()[50:101], atol=1e-5)
-    assert (part.attrs["report"]["read_from_s"], part.attrs["report"]["read_to_s"]) == (0.5, 1.0)
+    assert part.n_frames == 51
+    assert part.time_s[0] == 0.0
+    np.testing.assert_allclose(part.position_m, walker()[50:101], atol=1e-5)
+    assert (part.report["read_from_s"], part.report["read_to_s"]) == (0.5, 1.0)
 
 
 @pytest.mark.parametrize(("start_s", "stop_s"), [(-0.1, 1.0), (1.0, 1.0), (0.0, 2.1), (float("nan"), 1.0)])
@@ -349,7 +351,7 @@ def test_no_usable_file(tmp_path: Path) -> None:
 def test_format_is_found_by_content(walk_mm: Path, tmp_path: Path) -> None:
     other = tmp_path / "Ein Gang – ходьба.dat"
     walk_mm.rename(other)
-    assert read(other, clean=False).sizes["marker"] == 16
+    assert read(other, clean=False).positions.sizes["marker"] == 16
 
 
 @pytest.mark.parametrize("n_frames", [1, 2])
@@ -375,7 +377,7 @@ def test_cut_file_gives_the_frames_it_holds(walk_mm: Path) -> None:
     walk_mm.write_bytes(content[: data_at + 50 * 16 * 16 + 100])
     with pytest.warns(DoppelgaitWarning, match="declares 200 frames but holds 50"):
         motion = read(walk_mm, clean=False)
-    np.testing.assert_allclose(motion.values, walker()[:50], atol=1e-5)
+    np.testing.assert_allclose(motion.position_m, walker()[:50], atol=1e-5)
 
 
 def test_points_of_header_and_parameters_must_agree(walk_mm: Path) -> None:
@@ -392,8 +394,8 @@ def test_analog_words_that_only_the_header_counts(tmp_path: Path) -> None:
     content[4:6] = struct.pack("<H", 6)
     path.write_bytes(bytes(content[:data_at]) + wider.tobytes())
     motion = read(path, clean=False)
-    np.testing.assert_allclose(motion.values, walker(), atol=1e-5)
-    assert "layout of the header" in motion.attrs["report"]["notes"][0]
+    np.testing.assert_allclose(motion.position_m, walker(), atol=1e-5)
+    assert "layout of the header" in motion.report["notes"][0]
 
 
 def with_description(path: Path, description: bytes) -> Path:
@@ -413,27 +415,27 @@ def with_description(path: Path, description: bytes) -> Path:
 @pytest.mark.parametrize("description", [b"", bytes([200]) + b"x" * 200], ids=["missing", "long"])
 def test_descriptions_that_stop_the_library_are_left_out(walk_mm: Path, description: bytes) -> None:
     motion = read(with_description(walk_mm, description), clean=False)
-    assert list(motion.marker.values) == NAMES
-    np.testing.assert_allclose(motion.values, walker(), atol=1e-5)
-    assert motion.attrs["report"]["notes"] == ["descriptions of parameters are missing or too long; they were left out"]
+    assert motion.markers == NAMES
+    np.testing.assert_allclose(motion.position_m, walker(), atol=1e-5)
+    assert motion.report["notes"] == ["descriptions of parameters are missing or too long; they were left out"]
 
 
 def test_analog_offsets_stored_as_floats(tmp_path: Path) -> None:
     path = write_c3d(tmp_path / "a.c3d", walker() * 1000)
     record = read_layout(path).records["ANALOG", "OFFSET"]
     patch(path, 512 + record.span.step + 2, bytes([4]))
-    np.testing.assert_allclose(read(path, clean=False).values, walker(), atol=1e-5)
+    np.testing.assert_allclose(read(path, clean=False).position_m, walker(), atol=1e-5)
 
 
 def test_more_frames_than_the_header_can_count(tmp_path: Path) -> None:
     position = np.random.default_rng(1).normal(1000, 100, (65540, 3, 3))
     path = write_c3d(tmp_path / "a.c3d", position, labels=["LFHD", "C7", "LTOE"])
     motion = read(path, clean=False, up_axis="z")
-    assert motion.sizes["time"] == 65540
-    np.testing.assert_allclose(motion.values[-1], position[-1] / 1000, rtol=1e-6)
+    assert motion.n_frames == 65540
+    np.testing.assert_allclose(motion.position_m[-1], position[-1] / 1000, rtol=1e-6)
 
 
 def test_report_is_plain(walk_mm: Path) -> None:
     import json
 
-    json.dumps(read(walk_mm).attrs["report"], allow_nan=False)
+    json.dumps(read(walk_mm).report, allow_nan=False)

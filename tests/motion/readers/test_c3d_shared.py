@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
+from doppelgait.motion import Motion
 from doppelgait.motion.clean import clean_motion
 from doppelgait.motion.describe import describe_motion, describe_recording, smooth_path
 from doppelgait.motion.readers import read
@@ -108,7 +108,7 @@ def _path(shared: Path, name: str) -> Path:
     return shared / "data" / "mocap" / rows[name]["file"] if name in rows else shared / "data" / "c3d-edge-cases" / name
 
 
-def _read(shared: Path, name: str, **options: Any) -> xr.DataArray:
+def _read(shared: Path, name: str, **options: Any) -> Motion:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DoppelgaitWarning)
         return read(_path(shared, name), **options)
@@ -131,11 +131,11 @@ def test_refused_with_a_reason(shared: Path, name: str) -> None:
 @pytest.mark.parametrize("name", EDGE)
 def test_edge_case_has_its_counts(shared: Path, name: str) -> None:
     motion = _read(shared, name, clean=False)
-    report, (points, frames, rate, up_axis) = motion.attrs["report"], EDGE[name]
-    assert (report["points_in_file"], motion.sizes["time"]) == (points, frames)
-    assert motion.attrs["rate_hz"] == pytest.approx(rate, rel=1e-5)
+    report, (points, frames, rate, up_axis) = motion.report, EDGE[name]
+    assert (report["points_in_file"], motion.n_frames) == (points, frames)
+    assert motion.rate_hz == pytest.approx(rate, rel=1e-5)
     assert up_axis in (None, report["up_axis"])
-    assert motion.sizes["marker"] + sum(map(len, report["dropped"].values())) == points
+    assert len(motion.markers) + sum(map(len, report["dropped"].values())) == points
 
 
 @pytest.mark.parametrize("name", EDGE)
@@ -154,7 +154,7 @@ def test_edge_case_is_clean_or_says_why_not(shared: Path, name: str) -> None:
         with pytest.raises(MotionError, match=NO_MOTION[name]):
             _read(shared, name)
         return
-    assert np.isfinite(_read(shared, name).values).all()
+    assert np.isfinite(_read(shared, name).position_m).all()
 
 
 @pytest.mark.parametrize("name", sorted({*REFUSED, *EDGE, *MOCAP}))
@@ -203,9 +203,9 @@ def test_speed_agrees_with_the_manifest(shared: Path, name: str) -> None:
     assert facts["mean_speed_mps"] == pytest.approx(float(row["mean_speed_mps"]), rel=0.02)
     assert facts["path_length_m"] == pytest.approx(float(row["path_length_m"]), rel=0.02)
     if row["seg_speed_mps"]:
-        rate = motion.attrs["rate_hz"]
+        rate = motion.rate_hz
         first, last = int(row["seg_start_frame"]), int(row["seg_end_frame"])
-        path = smooth_path(motion.values, rate_hz=rate)
+        path = smooth_path(motion.position_m, rate_hz=rate)
         speed = float(np.linalg.norm(path[last] - path[first])) * rate / (last - first)
         assert speed == pytest.approx(float(row["seg_speed_mps"]), rel=0.02)
 
@@ -235,14 +235,14 @@ def test_stride_agrees_with_the_manifest(shared: Path, name: str) -> None:
 def test_recording_comes_out_clean(shared: Path, name: str) -> None:
     raw = _read(shared, name, clean=False)
     clean = clean_motion(raw)
-    assert np.isfinite(clean.values).all()
-    assert clean.sizes["marker"] >= 0.75 * raw.sizes["marker"]
-    feet = [part.endswith("_foot") for part in clean.part.values]
+    assert np.isfinite(clean.position_m).all()
+    assert len(clean.markers) >= 0.75 * len(raw.markers)
+    feet = [part.endswith("_foot") for part in clean.positions.part.values]
     if any(feet):
-        assert abs(np.percentile(clean.values[:, feet, 2], 1)) < 1e-9
+        assert abs(np.percentile(clean.position_m[:, feet, 2], 1)) < 1e-9
     if name.startswith("cmu"):
-        assert 1.5 < clean.attrs["height_m"] < 1.75
-        assert not (clean.part.values == "").any()
+        assert 1.5 < clean.facts.height_m < 1.75
+        assert not (clean.positions.part.values == "").any()
 
 
 @pytest.mark.parametrize("name", sorted({*EDGE, *MOCAP} - NOT_BY_ORACLE))
@@ -268,21 +268,25 @@ def test_formats_of_one_walk_agree(shared: Path) -> None:
     reference = _read(shared, "pc_real.c3d", clean=False)
     for name in ("dec_real.c3d", "dec_int.c3d", "pc_int.c3d"):
         other = _read(shared, name, clean=False)
-        assert list(other.marker.values) == list(reference.marker.values)
+        assert other.markers == reference.markers
         step_m = 0.29e-3 if name.endswith("int.c3d") else 1e-9
-        both = np.isfinite(other.values) & np.isfinite(reference.values)
+        both = np.isfinite(other.position_m) & np.isfinite(reference.position_m)
         assert both.sum() >= 3 * 2970
-        assert np.abs(other.values - reference.values)[both].max() <= step_m
+        assert np.abs(other.position_m - reference.position_m)[both].max() <= step_m
 
 
 def test_block_layouts_of_one_walk_agree(shared: Path) -> None:
     reference = _read(shared, "eb015_pi.c3d", clean=False)
     for letter in "abcd":
-        np.testing.assert_array_equal(_read(shared, f"eb015_test{letter}.c3d", clean=False).values, reference.values)
+        np.testing.assert_array_equal(
+            _read(shared, f"eb015_test{letter}.c3d", clean=False).position_m, reference.position_m
+        )
 
 
 def test_integer_twin_of_the_coda_walk(shared: Path) -> None:
-    floats, integers = (_read(shared, name, clean=False).values for name in ("btk_coda_walk.c3d", "coda_integer.c3d"))
+    floats, integers = (
+        _read(shared, name, clean=False).position_m for name in ("btk_coda_walk.c3d", "coda_integer.c3d")
+    )
     both = np.isfinite(floats) & np.isfinite(integers)
     assert both.mean() > 0.99
     assert np.abs(floats - integers)[both].max() < 0.06e-3
@@ -290,23 +294,23 @@ def test_integer_twin_of_the_coda_walk(shared: Path) -> None:
 
 def test_a_lying_rate_can_be_overridden(shared: Path) -> None:
     motion = _read(shared, "wrong_rate.c3d", rate_hz=200.0)
-    assert motion.attrs["rate_hz"] == 200.0
+    assert motion.rate_hz == 200.0
 
 
 def test_markers_of_the_recordings_with_model_outputs(shared: Path) -> None:
     for name in ("cmu_16_07.c3d", "cmu_16_08.c3d"):
         motion = _read(shared, name)
-        assert sorted(motion.marker.values) == sorted(_read(shared, "cmu_07_01.c3d").marker.values)
+        assert sorted(motion.markers) == sorted(_read(shared, "cmu_07_01.c3d").markers)
     pig = _read(shared, PLUG_IN_GAIT, clean=False)
-    assert {"LFHD", "RTOE", "STRN"} <= set(pig.marker.values)
-    assert not {"CentreOfMass", "CentreOfMassFloor", "HEDO", "LHipAngles"} & set(pig.marker.values)
+    assert {"LFHD", "RTOE", "STRN"} <= set(pig.markers)
+    assert not {"CentreOfMass", "CentreOfMassFloor", "HEDO", "LHipAngles"} & set(pig.markers)
 
 
 def test_ghost_of_a_brisk_walk(shared: Path) -> None:
     motion = _read(shared, "cmu_07_12.c3d")
-    assert motion.attrs["report"]["dropped"] == {"ghost of marker RWRB": ["liu:RWRB-1"]}
-    assert motion.sizes["marker"] == 41
+    assert motion.report["dropped"] == {"ghost of marker RWRB": ["liu:RWRB-1"]}
+    assert len(motion.markers) == 41
 
 
 def test_standing_person_keeps_all_markers(shared: Path) -> None:
-    assert _read(shared, "cmu_77_02.c3d").sizes["marker"] == 41
+    assert _read(shared, "cmu_77_02.c3d").positions.sizes["marker"] == 41

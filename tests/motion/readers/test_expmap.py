@@ -54,36 +54,36 @@ def test_positions_agree_with_a_row_vector_walk(tmp_path: Path) -> None:
             own = Rotation.from_rotvec(values[t, 3 + 3 * j : 6 + 3 * j]).as_matrix()
             turned.append(own @ turned[parent] if j else own)
             place.append(np.array(body["offsets"][j]) @ turned[parent] + place[parent] if j else values[t, :3])
-        np.testing.assert_allclose(motion.values[t], np.array(place) * UNIT_M, atol=1e-7)
+        np.testing.assert_allclose(motion.position_m[t], np.array(place) * UNIT_M, atol=1e-7)
 
 
 def test_rate_unit_and_options(tmp_path: Path) -> None:
     path = write(tmp_path, frames())
     motion = read(path, clean=False)
-    report = motion.attrs["report"]
-    assert (motion.attrs["rate_hz"], report["metres_per_unit"], report["skeleton"]) == (100.0, UNIT_M, "skeleton.json")
+    report = motion.report
+    assert (motion.rate_hz, report["metres_per_unit"], report["skeleton"]) == (100.0, UNIT_M, "skeleton.json")
     other = read(path, clean=False, units="cm", rate_hz=50.0, up_axis="y")
-    np.testing.assert_allclose(other.values, motion.values / 5)
-    assert other.attrs["rate_hz"] == 50.0
+    np.testing.assert_allclose(other.position_m, motion.position_m / 5)
+    assert other.rate_hz == 50.0
 
 
 def test_a_rest_pose_in_front_is_left_out(tmp_path: Path) -> None:
     values = frames()
     values[0, 3:] = 0.0
     motion = read(write(tmp_path, values), clean=False)
-    assert motion.sizes["time"] == 29
-    assert "rest pose" in motion.attrs["report"]["notes"][0]
+    assert motion.n_frames == 29
+    assert "rest pose" in motion.report["notes"][0]
     values[:, 3:6] = 0.0
-    assert read(write(tmp_path, values), clean=False).sizes["time"] == 30
+    assert read(write(tmp_path, values), clean=False).positions.sizes["time"] == 30
 
 
 def test_a_skeleton_is_needed(tmp_path: Path) -> None:
     path = write(tmp_path, frames())
-    expected = read(path, clean=False).values
+    expected = read(path, clean=False).position_m
     (tmp_path / "skeleton.json").rename(tmp_path / "body.json")
     with pytest.raises(MotionError, match=r"walk.txt: holds joint angles only; .*skeleton="):
         read(path)
-    np.testing.assert_array_equal(read(path, clean=False, skeleton=str(tmp_path / "body.json")).values, expected)
+    np.testing.assert_array_equal(read(path, clean=False, skeleton=str(tmp_path / "body.json")).position_m, expected)
 
 
 @pytest.mark.parametrize(
@@ -150,7 +150,7 @@ def test_another_skeleton_is_refused(tmp_path: Path) -> None:
     small = {**body, **{key: body[key][:32] for key in ("joint_names", "parents", "offsets")}}
     with pytest.raises(MotionError, match=r"has 117 columns, its skeleton .* of 32 joints needs 99"):
         read(write(tmp_path, frames(), small))
-    assert read(write(tmp_path, frames()[:, :99], small), clean=False).sizes["marker"] == 32
+    assert read(write(tmp_path, frames()[:, :99], small), clean=False).positions.sizes["marker"] == 32
 
 
 def test_other_tables_are_not_taken(tmp_path: Path) -> None:

@@ -13,8 +13,8 @@ def walk_then_stand(tmp_path_factory):
     """A marker table: 4 s of walking, 2 s of standing, another 3 s of walking."""
     walk = boulic_walk(speed_mps=1.3, height_m=1.75, duration_s=7.0, rate_hz=100.0)
     frames = np.concatenate([np.arange(400), np.full(200, 400), np.arange(400, 700)])
-    names = [f"{marker}_{axis}_m" for marker in walk.marker.values for axis in "xyz"]
-    table = pd.DataFrame(walk.values[frames].reshape(len(frames), -1), columns=names)
+    names = [f"{marker}_{axis}_m" for marker in walk.markers for axis in "xyz"]
+    table = pd.DataFrame(walk.position_m[frames].reshape(len(frames), -1), columns=names)
     table.insert(0, "time_s", np.arange(len(frames)) / 100.0)
     path = tmp_path_factory.mktemp("motion") / "walk.csv"
     table.to_csv(path, index=False)
@@ -23,20 +23,20 @@ def walk_then_stand(tmp_path_factory):
 
 def test_a_mixed_recording_becomes_several_examples(walk_then_stand):
     first, second = (read(walk_then_stand, segment=number) for number in (1, 2))
-    assert first.sizes["time"] == pytest.approx(400, abs=30)
-    assert second.sizes["time"] == pytest.approx(300, abs=30)
-    assert first.time.values[0] == 0.0
+    assert first.n_frames == pytest.approx(400, abs=30)
+    assert second.n_frames == pytest.approx(300, abs=30)
+    assert first.time_s[0] == 0.0
     longest = read(walk_then_stand, segment="longest")
-    np.testing.assert_array_equal(longest.values, first.values)
+    np.testing.assert_array_equal(longest.position_m, first.position_m)
 
 
 def test_a_segment_is_looped_over_whole_strides(walk_then_stand):
     looped = read(walk_then_stand, segment=2, loop_to_s=8.0)
-    assert looped.time.values[-1] == pytest.approx(8.0, abs=0.02)
-    assert looped.attrs["stride_frequency_hz"] == pytest.approx(
-        boulic_walk(speed_mps=1.3, height_m=1.75).attrs["stride_frequency_hz"], rel=0.01
+    assert looped.time_s[-1] == pytest.approx(8.0, abs=0.02)
+    assert looped.facts.stride_frequency_hz == pytest.approx(
+        boulic_walk(speed_mps=1.3, height_m=1.75).facts.stride_frequency_hz, rel=0.01
     )
-    centre = looped.values.mean(axis=1)[:, 0]
+    centre = looped.position_m.mean(axis=1)[:, 0]
     assert (centre[-1] - centre[0]) / 8.0 == pytest.approx(1.3, rel=0.02)
 
 
@@ -58,12 +58,12 @@ def test_a_wrong_choice_is_one_clear_error(walk_then_stand, options, says):
 
 def test_exchanged_sides_are_noted(walk_then_stand, tmp_path):
     """A file whose axes are left-handed, or whose names are exchanged, gives right footfalls for left ones."""
-    assert not any("side" in note for note in read(walk_then_stand).attrs["report"]["notes"])
+    assert not any("side" in note for note in read(walk_then_stand).report["notes"])
     table = pd.read_csv(walk_then_stand)
     for name in [column for column in table.columns if column.endswith("_y_m")]:
         table[name] *= -1.0
     table.to_csv(tmp_path / "mirrored.csv", index=False)
-    assert any("side" in note for note in read(tmp_path / "mirrored.csv").attrs["report"]["notes"])
+    assert any("side" in note for note in read(tmp_path / "mirrored.csv").report["notes"])
 
 
 @pytest.mark.parametrize(
@@ -92,9 +92,9 @@ def test_a_segment_has_the_gait_that_was_measured_in_it(walk_then_stand):
     from doppelgait.motion.describe import describe_recording
 
     segment = read(walk_then_stand, segment=1)
-    assert segment.attrs["gait"] == "walk"
+    assert segment.facts.gait == "walk"
     listed = describe_recording(walk_then_stand)["segments"][0]
-    assert segment.attrs["stride_frequency_hz"] == pytest.approx(listed["stride_frequency_hz"], rel=0.02)
-    assert all(0 <= t <= segment.time.values[-1] for times in segment.attrs["footfalls"].values() for t in times)
+    assert segment.facts.stride_frequency_hz == pytest.approx(listed["stride_frequency_hz"], rel=0.02)
+    assert all(0 <= t <= segment.time_s[-1] for times in segment.facts.footfalls.values() for t in times)
     looped = describe_recording(walk_then_stand, segment=1, loop_to_s=6.0)
     assert looped["cleaned"]["duration_s"] == pytest.approx(6.0, abs=0.02)

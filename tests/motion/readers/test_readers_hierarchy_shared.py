@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-import xarray as xr
 from scipy.ndimage import uniform_filter1d
 
 from doppelgait.core.errors import DoppelgaitWarning
+from doppelgait.motion import Motion
 from doppelgait.motion.clean import clean_motion
 from doppelgait.motion.describe import describe_motion
 from doppelgait.motion.readers import read
@@ -67,7 +67,7 @@ def _rows(shared: Path) -> dict[str, dict[str, str]]:
 
 
 @cache
-def _read(shared: Path, name: str) -> xr.DataArray:
+def _read(shared: Path, name: str) -> Motion:
     with warnings.catch_warnings():
         warnings.simplefilter("error", DoppelgaitWarning)
         return read(shared / "data" / "mocap" / _rows(shared)[name]["file"], clean=False)
@@ -93,17 +93,17 @@ def test_tables_name_every_file(shared: Path) -> None:
 @pytest.mark.parametrize("name", FILES)
 def test_recording_has_the_counts_of_its_manifest(shared: Path, name: str) -> None:
     row, motion = _rows(shared)[name], _read(shared, name)
-    report = motion.attrs["report"]
+    report = motion.report
     assert report["points_in_file"] == int(row["points_in_file"])
-    assert motion.sizes["marker"] == _n_points(name)
-    assert motion.sizes["marker"] + sum(map(len, report["dropped"].values())) == report["points_in_file"]
+    assert len(motion.markers) == _n_points(name)
+    assert len(motion.markers) + sum(map(len, report["dropped"].values())) == report["points_in_file"]
     assert report["metres_per_unit"] == pytest.approx(float(row["metres_per_unit"]), rel=1e-6)
     assert report["up_axis"] == row["up_axis"]
-    assert motion.attrs["rate_hz"] == pytest.approx(float(row["frame_rate_hz"]), rel=1e-5)
-    frame_s = 1.0 / motion.attrs["rate_hz"]
+    assert motion.rate_hz == pytest.approx(float(row["frame_rate_hz"]), rel=1e-5)
+    frame_s = 1.0 / motion.rate_hz
     extra = frame_s if name == WITHOUT_FIRST_FRAME else 0.0
-    assert motion.sizes["time"] * frame_s == pytest.approx(float(row["duration_s"]) + extra, abs=1e-3)
-    assert np.isfinite(motion.values).all()
+    assert motion.n_frames * frame_s == pytest.approx(float(row["duration_s"]) + extra, abs=1e-3)
+    assert np.isfinite(motion.position_m).all()
 
 
 @pytest.mark.parametrize("name", [name for name in FILES if name not in TENCENT])
@@ -117,7 +117,7 @@ def test_recording_has_the_size_of_its_manifest(shared: Path, name: str) -> None
 @pytest.mark.parametrize("name", [name for name in FILES if name != STANDS])
 def test_travel_agrees_with_the_manifest(shared: Path, name: str) -> None:
     row, motion = _rows(shared)[name], _read(shared, name)
-    path = _path(motion.values, motion.attrs["rate_hz"], 0.35 if name in DOGS else 0.5)
+    path = _path(motion.position_m, motion.rate_hz, 0.35 if name in DOGS else 0.5)
     length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
     net = float(np.linalg.norm(path[-1] - path[0]))
     assert length == pytest.approx(float(row["path_length_m"]), rel=0.02)
@@ -132,7 +132,7 @@ def test_travel_agrees_with_the_manifest(shared: Path, name: str) -> None:
         first, last = (int(float(row[key])) - moved for key in ("seg_start_frame", "seg_end_frame"))
         last = min(last, len(path) - 1)
         first = max(first, 0)
-        speed = float(np.linalg.norm(path[last] - path[first])) * motion.attrs["rate_hz"] / (last - first)
+        speed = float(np.linalg.norm(path[last] - path[first])) * motion.rate_hz / (last - first)
         assert speed == pytest.approx(float(row["seg_speed_mps"]), rel=0.02)
 
 
@@ -149,19 +149,19 @@ def test_stride_agrees_with_the_manifest(shared: Path, name: str) -> None:
 @pytest.mark.parametrize("name", FILES)
 def test_recording_comes_out_clean(shared: Path, name: str) -> None:
     motion = clean_motion(_read(shared, name))
-    assert np.isfinite(motion.values).all()
-    assert motion.attrs["species"] == ("" if name in MANN else "dog" if name in TENCENT else "human")
+    assert np.isfinite(motion.position_m).all()
+    assert motion.facts.species == ("" if name in MANN else "dog" if name in TENCENT else "human")
 
 
 def test_helpers_are_named(shared: Path) -> None:
-    dropped = _read(shared, TENCENT[1]).attrs["report"]["dropped"]
+    dropped = _read(shared, TENCENT[1]).report["dropped"]
     named = set().union(*dropped.values())
     assert {"Bip01", "Bip01_Footsteps", "Bip01_HeadNub", "Dog_Jaw", "Dog_LeftArmor002", "Dog_LeftTail009"} <= named
-    assert {"b__Neck", "b__LeftFinger", "b_Tail009"} <= set(_read(shared, TENCENT[1]).marker.values)
-    bandai = _read(shared, BANDAI[0]).attrs["report"]["dropped"]
+    assert {"b__Neck", "b__LeftFinger", "b_Tail009"} <= set(_read(shared, TENCENT[1]).positions.marker.values)
+    bandai = _read(shared, BANDAI[0]).report["dropped"]
     assert bandai["root node, no joint of the body (by its name)"] == ["joint_Root"]
     assert bandai["same place as Head"] == ["Head_End"]
-    cmu = _read(shared, CMU_BVH[0]).attrs["report"]["dropped"]
+    cmu = _read(shared, CMU_BVH[0]).report["dropped"]
     assert cmu["same place as Hips"] == ["LHipJoint", "RHipJoint", "LowerBack"]
 
 
@@ -177,7 +177,7 @@ def test_bones_keep_their_length(shared: Path, name: str) -> None:
         "": [("LeftUpLeg", "LeftLeg"), ("RightArm", "RightForeArm")],
     }
     for a, b in next(pairs for key, pairs in links.items() if key in name):
-        length = np.linalg.norm(motion.sel(marker=a).values - motion.sel(marker=b).values, axis=1)
+        length = np.linalg.norm(motion.positions.sel(marker=a).values - motion.positions.sel(marker=b).values, axis=1)
         assert np.ptp(length) < SHORT_LIMB * length.mean()
 
 
@@ -185,11 +185,11 @@ def test_one_walk_in_three_formats(shared: Path) -> None:
     c3d = read(shared / "data" / "mocap" / "human" / "c3d" / "cmu_07_01.c3d", clean=False)
     bones, maps = _read(shared, "cmu_07_01.amc"), _read(shared, "walking_4.txt")
     for bone, joint, marker in (("ltibia", "LeftFoot", "LANK"), ("rtibia", "RightFoot", "RANK")):
-        ankle = c3d.sel(marker=marker).values
-        apart_m = np.linalg.norm(bones.sel(marker=bone).values - ankle, axis=1).mean()
+        ankle = c3d.positions.sel(marker=marker).values
+        apart_m = np.linalg.norm(bones.positions.sel(marker=bone).values - ankle, axis=1).mean()
         assert apart_m == pytest.approx(0.048, abs=0.001)
         # the maps use the skeleton of another, larger person
-        assert np.linalg.norm(maps.sel(marker=joint).values - ankle, axis=1).mean() < 0.08
+        assert np.linalg.norm(maps.positions.sel(marker=joint).values - ankle, axis=1).mean() < 0.08
     facts = [describe_motion(motion) for motion in (c3d, bones, maps)]
     for other in facts[1:]:
         assert other["mean_speed_mps"] == pytest.approx(facts[0]["mean_speed_mps"], rel=0.01)

@@ -56,16 +56,16 @@ def edited(path: Path, line: int, old: str, new: str) -> Path:
 def test_units_in_names_give_the_same_motion(tmp_path: Path, form: str, unit: str, separator: str) -> None:
     head = titles(FORMS[form], unit=unit)
     motion = read(write_table(tmp_path / "w.csv", BODY_M / METRES[unit], head, separator=separator), clean=False)
-    np.testing.assert_allclose(motion.values, BODY_M, atol=1e-8)
-    assert (list(motion.marker.values), motion.attrs["rate_hz"]) == (NAMES, 100.0)
-    report = motion.attrs["report"]
+    np.testing.assert_allclose(motion.position_m, BODY_M, atol=1e-8)
+    assert (motion.markers, motion.rate_hz) == (NAMES, 100.0)
+    report = motion.report
     assert (report["metres_per_unit"], report["up_axis"], report["format"]) == (METRES[unit], "z", "table")
 
 
 @pytest.mark.parametrize("form", ["{name}_{axis}", "{name}:{Axis}", "{name} {Axis}"])
 def test_units_given_where_names_hold_none(tmp_path: Path, form: str) -> None:
     path = write_table(tmp_path / "w.csv", BODY_M * 100, titles(form))
-    np.testing.assert_allclose(read(path, clean=False, units="cm").values, BODY_M, atol=1e-8)
+    np.testing.assert_allclose(read(path, clean=False, units="cm").position_m, BODY_M, atol=1e-8)
     with pytest.raises(MotionError, match=r"'LFHD.[xX]' names no length unit; give it: units="):
         read(path, clean=False)
 
@@ -74,13 +74,13 @@ def test_units_in_names_win_over_the_option(tmp_path: Path) -> None:
     path = write_table(tmp_path / "w.csv", BODY_M * 1e3, titles("{name}_{axis}_mm"))
     with pytest.warns(DoppelgaitWarning, match="column names give mm; units=m was not used"):
         motion = read(path, clean=False, units="m")
-    np.testing.assert_allclose(motion.values, BODY_M, atol=1e-8)
+    np.testing.assert_allclose(motion.position_m, BODY_M, atol=1e-8)
 
 
 def test_each_column_has_its_own_unit(tmp_path: Path) -> None:
     head = [n + "_m" if n[-1] == "z" else n + "_mm" for n in titles("{name}_{axis}")]
     path = write_table(tmp_path / "w.csv", BODY_M * [1e3, 1e3, 1.0], head)
-    np.testing.assert_allclose(read(path, clean=False).values, BODY_M, atol=1e-8)
+    np.testing.assert_allclose(read(path, clean=False).position_m, BODY_M, atol=1e-8)
 
 
 def test_two_rows_of_names(tmp_path: Path) -> None:
@@ -89,9 +89,9 @@ def test_two_rows_of_names(tmp_path: Path) -> None:
     rows = [f"{k + 1},{k / 100:.2f}," + ",".join(f"{v:.6f}" for v in frame.ravel()) for k, frame in enumerate(BODY_M)]
     (tmp_path / "w.csv").write_text("\n".join([names, axes, *rows]) + "\n")
     motion = read(tmp_path / "w.csv", clean=False, units="m")
-    np.testing.assert_allclose(motion.values, BODY_M, atol=1e-6)
-    assert (list(motion.marker.values), motion.attrs["subject"]) == (NAMES, "Jim")
-    assert motion.attrs["report"]["notes"] == []
+    np.testing.assert_allclose(motion.position_m, BODY_M, atol=1e-6)
+    assert (motion.markers, motion.facts.subject) == (NAMES, "Jim")
+    assert motion.report["notes"] == []
 
 
 def accad(path: Path, position_mm: np.ndarray) -> Path:
@@ -108,8 +108,8 @@ def test_accad_text_is_in_mm_and_marks_gaps(tmp_path: Path) -> None:
     body = walking_body(rate_hz=120.0) * 1e3
     body[5:8, 3] = np.nan
     motion = read(accad(tmp_path / "run.txt", body), clean=False)
-    np.testing.assert_allclose(motion.values, body * 1e-3, atol=0.06e-3)
-    assert motion.attrs["rate_hz"] == 120.0
+    np.testing.assert_allclose(motion.position_m, body * 1e-3, atol=0.06e-3)
+    assert motion.rate_hz == 120.0
     with pytest.raises(MotionError, match=r"would span 0.00167 m if it is in mm.*give the true unit"):
         read(accad(tmp_path / "metres.txt", body * 1e-3), clean=False)
 
@@ -120,7 +120,7 @@ def test_missing_value_and_blank_cells(tmp_path: Path) -> None:
     body[6, 3] = np.nan
     body[8, 5, 1] = 999.0  # one coordinate alone is a coordinate
     path = write_table(tmp_path / "w.csv", body, titles("{name}_{axis}_m"))
-    lost = np.isnan(read(path, clean=False, missing=999).values).any(axis=2)
+    lost = np.isnan(read(path, clean=False, missing=999).position_m).any(axis=2)
     assert np.argwhere(lost).tolist() == [[4, 2], [6, 3]]
     with pytest.raises(MotionError, match="missing='gone' is no number"):
         read(path, clean=False, missing="gone")
@@ -130,8 +130,8 @@ def test_decimal_comma(tmp_path: Path) -> None:
     path = write_table(tmp_path / "w.csv", BODY_M, titles("{name}_{axis}_m"), separator=";")
     path.write_text(path.read_text().replace(".", ","))
     motion = read(path, clean=False)
-    np.testing.assert_allclose(motion.values, BODY_M, atol=1e-8)
-    assert motion.attrs["rate_hz"] == 100.0
+    np.testing.assert_allclose(motion.position_m, BODY_M, atol=1e-8)
+    assert motion.rate_hz == 100.0
 
 
 def test_milliseconds_frames_and_other_columns(tmp_path: Path) -> None:
@@ -142,16 +142,16 @@ def test_milliseconds_frames_and_other_columns(tmp_path: Path) -> None:
     table["LTOE_x_velocity"] = 1.0
     table.to_csv(path, index=False)
     motion = read(path, clean=False)
-    assert motion.attrs["rate_hz"] == 100.0
-    assert motion.attrs["report"]["notes"] == ["columns left out: emg, LTOE_x_velocity"]
-    assert list(motion.marker.values) == NAMES
+    assert motion.rate_hz == 100.0
+    assert motion.report["notes"] == ["columns left out: emg, LTOE_x_velocity"]
+    assert motion.markers == NAMES
 
 
 def test_no_time_needs_the_rate(tmp_path: Path) -> None:
     path = write_table(tmp_path / "w.csv", BODY_M, titles("{name}_{axis}_m"), time=None)
     with pytest.raises(MotionError, match=r"has no column of times.*rate_hz="):
         read(path, clean=False)
-    assert read(path, clean=False, rate_hz=200.0).attrs["rate_hz"] == 200.0
+    assert read(path, clean=False, rate_hz=200.0).rate_hz == 200.0
 
 
 def test_names_that_repeat_are_numbered(tmp_path: Path) -> None:
@@ -161,14 +161,14 @@ def test_names_that_repeat_are_numbered(tmp_path: Path) -> None:
     rows = [",".join(f"{v:.9g}" for v in frame.ravel()) for frame in BODY_M]
     path.write_text("\n".join([",".join(head), *rows]))
     motion = read(path, clean=False, rate_hz=100.0)
-    assert list(motion.marker.values) == [*NAMES[:-1], "LFHD_2"]
-    np.testing.assert_allclose(motion.values, BODY_M, atol=1e-8)
+    assert motion.markers == [*NAMES[:-1], "LFHD_2"]
+    np.testing.assert_allclose(motion.position_m, BODY_M, atol=1e-8)
 
 
 def test_names_with_underscores_and_axis_letters(tmp_path: Path) -> None:
     names = ["left_x", "my_y_z", "T8_2", *NAMES[3:]]
     motion = read(write_table(tmp_path / "w.csv", BODY_M, titles("{name}_{axis}_m", names=names)), clean=False)
-    assert list(motion.marker.values) == names
+    assert motion.markers == names
 
 
 def test_header_longer_than_the_head_of_the_file(tmp_path: Path) -> None:
@@ -177,7 +177,7 @@ def test_header_longer_than_the_head_of_the_file(tmp_path: Path) -> None:
     second = "," + ",".join("X,Y,Z" for _ in names)
     rows = [f"{k / 100}," + ",".join(f"{v:.6f}" for v in frame.ravel()) for k, frame in enumerate(BODY_M)]
     (tmp_path / "w.csv").write_text("\n".join([first, second, *rows]))
-    assert list(read(tmp_path / "w.csv", clean=False, units="m").marker.values) == names
+    assert list(read(tmp_path / "w.csv", clean=False, units="m").positions.marker.values) == names
 
 
 @pytest.mark.parametrize(
@@ -221,7 +221,7 @@ def test_a_dropped_frame_is_named_by_its_line(tmp_path: Path) -> None:
     path.write_text("\n".join(lines))
     with pytest.raises(MotionError, match=r"line 21: the time steps by 0.02 s, the frames are mostly 0.01 s apart"):
         read(path, clean=False)
-    assert read(path, clean=False, rate_hz=100.0).sizes["time"] == len(BODY_M) - 1
+    assert read(path, clean=False, rate_hz=100.0).positions.sizes["time"] == len(BODY_M) - 1
 
 
 def test_wrong_units_words(tmp_path: Path) -> None:
@@ -266,6 +266,6 @@ def test_any_cut_and_any_changed_byte_is_read_or_refused(tmp_path: Path) -> None
     read_count = 0
     for copy in damaged_copies(whole, start=40, count=300, rng=rng):
         motion, refusal = read_or_refusal(copy)
-        assert copy.name in refusal or (motion is not None and motion.sizes["time"] <= 6)
+        assert copy.name in refusal or (motion is not None and motion.n_frames <= 6)
         read_count += motion is not None
     assert 0 < read_count < 300

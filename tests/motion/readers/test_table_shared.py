@@ -83,9 +83,9 @@ def test_recording_has_the_facts_of_its_manifest(shared: Path, name: str) -> Non
 @pytest.mark.parametrize("name", sorted(set(FILES) - {"accad_run1.txt"}))
 def test_segment_has_the_speed_and_step_of_its_manifest(shared: Path, name: str) -> None:
     row, motion = _rows(shared)[name], read(_path(shared, name), clean=False)
-    rate = motion.attrs["rate_hz"]
+    rate = motion.rate_hz
     first, last = int(row["seg_start_frame"]), int(row["seg_end_frame"])
-    path = smooth_path(motion.values, rate_hz=rate)
+    path = smooth_path(motion.position_m, rate_hz=rate)
     speed = float(np.linalg.norm(path[last] - path[first])) * rate / (last - first)
     assert speed == pytest.approx(float(row["seg_speed_mps"]), rel=0.02)
     part = read(_path(shared, name), clean=False, start_s=first / rate, stop_s=last / rate)
@@ -106,17 +106,17 @@ def test_coordinates_are_those_in_the_text(shared: Path, name: str) -> None:
         theirs = np.stack([theirs[..., 0], -theirs[..., 2], theirs[..., 1]], axis=-1)
     if name == SWAGGER:
         theirs = np.delete(theirs, 11, axis=1)
-        assert motion.attrs["report"]["dropped"] == {"ghost of marker LHEE": ["LHEE-1"]}
-    np.testing.assert_allclose(motion.values, theirs, atol=1e-12)
+        assert motion.report["dropped"] == {"ghost of marker LHEE": ["LHEE-1"]}
+    np.testing.assert_allclose(motion.position_m, theirs, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", FILES)
 def test_recording_comes_out_clean(shared: Path, name: str) -> None:
     raw = read(_path(shared, name), clean=False)
     clean = clean_motion(raw)
-    assert np.isfinite(clean.values).all()
-    assert clean.sizes["marker"] >= 0.9 * raw.sizes["marker"]
-    assert not (clean.part.values == "").any()
+    assert np.isfinite(clean.position_m).all()
+    assert len(clean.markers) >= 0.9 * len(raw.markers)
+    assert not (clean.positions.part.values == "").any()
 
 
 @pytest.mark.parametrize(
@@ -130,9 +130,9 @@ def test_what_convert_writes_reads_back(shared: Path, name: str, tmp_path: Path)
         result = CliRunner().invoke(app, ["motion", "convert", str(source), "-o", str(out)])
         assert result.exit_code == 0, result.output
         second = read(out, clean=False)
-    assert list(second.marker.values) == list(first.marker.values)
-    assert list(second.part.values) == list(first.part.values)
-    assert second.attrs["rate_hz"] == pytest.approx(first.attrs["rate_hz"], rel=1e-9)
+    assert second.markers == first.markers
+    assert second.parts == first.parts
+    assert second.rate_hz == pytest.approx(first.rate_hz, rel=1e-9)
     # written with nine significant digits
-    np.testing.assert_allclose(second.values, first.values, rtol=5e-9, atol=1e-15)
-    assert (second.attrs["report"]["up_axis"], second.attrs["report"]["length_unit"]) == ("z", "m")
+    np.testing.assert_allclose(second.position_m, first.position_m, rtol=5e-9, atol=1e-15)
+    assert (second.report["up_axis"], second.report["length_unit"]) == ("z", "m")

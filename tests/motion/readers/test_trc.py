@@ -63,20 +63,23 @@ def change(line: int, cell: int, text: str) -> Callable[[list[str]], None]:
 def test_units_give_the_same_motion(tmp_path: Path, unit: str) -> None:
     path = write_trc(tmp_path / "walk.trc", y_up(BODY_M) / METRES[unit], unit=unit)
     motion = read(path, clean=False)
-    np.testing.assert_allclose(motion.values, BODY_M, atol=1e-6)
-    assert list(motion.marker.values) == NAMES
-    report = motion.attrs["report"]
+    np.testing.assert_allclose(motion.position_m, BODY_M, atol=1e-6)
+    assert motion.markers == NAMES
+    report = motion.report
     assert (report["format"], report["metres_per_unit"], report["up_axis"]) == ("trc", METRES[unit], "y")
-    assert (motion.attrs["rate_hz"], report["notes"]) == (100.0, [])
-    assert (motion.part.sel(marker="LTOE").item(), motion.part.sel(marker="RFHD").item()) == ("left_foot", "head")
+    assert (motion.rate_hz, report["notes"]) == (100.0, [])
+    assert (motion.positions.part.sel(marker="LTOE").item(), motion.positions.part.sel(marker="RFHD").item()) == (
+        "left_foot",
+        "head",
+    )
 
 
 def test_z_up_is_seen_and_can_be_overridden(tmp_path: Path) -> None:
     path = write_trc(tmp_path / "walk.trc", BODY_M * 1e3)
-    np.testing.assert_allclose(read(path, clean=False).values, BODY_M, atol=1e-6)
+    np.testing.assert_allclose(read(path, clean=False).position_m, BODY_M, atol=1e-6)
     turned = read(path, clean=False, up_axis="y")
-    np.testing.assert_allclose(turned.values[..., 2], BODY_M[..., 1], atol=1e-6)
-    assert turned.attrs["report"]["up_axis_from"] == "option"
+    np.testing.assert_allclose(turned.position_m[..., 2], BODY_M[..., 1], atol=1e-6)
+    assert turned.report["up_axis_from"] == "option"
 
 
 def test_y_is_taken_where_nothing_shows_what_is_up(tmp_path: Path) -> None:
@@ -84,7 +87,7 @@ def test_y_is_taken_where_nothing_shows_what_is_up(tmp_path: Path) -> None:
     path = write_trc(tmp_path / "ball.trc", ball * 1e3, names=[f"P{i}" for i in range(12)])
     with pytest.warns(DoppelgaitWarning, match="which axis points up; y is taken"):
         motion = read(path, clean=False)
-    np.testing.assert_allclose(motion.values[..., 2], ball[..., 1], atol=1e-6)
+    np.testing.assert_allclose(motion.position_m[..., 2], ball[..., 1], atol=1e-6)
 
 
 def test_blanks_zeros_and_unlabelled_columns(tmp_path: Path) -> None:
@@ -95,18 +98,18 @@ def test_blanks_zeros_and_unlabelled_columns(tmp_path: Path) -> None:
     extra[4] = 0.7
     path = write_trc(tmp_path / "walk.trc", np.concatenate([body, extra], axis=1) * 1e3)
     motion = read(path, clean=False)
-    lost = np.isnan(motion.values).any(axis=2)
+    lost = np.isnan(motion.position_m).any(axis=2)
     assert np.argwhere(lost).tolist() == [[3, 2], [4, 2], [5, 2], [7, 4]]
-    report = motion.attrs["report"]
+    report = motion.report
     assert report["dropped"] == {"unlabelled point": ["unlabelled 17"]}
-    assert (report["points_in_file"], report["points_measured"], motion.sizes["marker"]) == (17, 17, 16)
+    assert (report["points_in_file"], report["points_measured"], len(motion.markers)) == (17, 17, 16)
 
 
 def test_columns_beyond_those_of_the_header_are_unlabelled_points(tmp_path: Path) -> None:
     def add(lines: list[str]) -> None:
         lines[9] += "\t1.0\t2.0\t3.0"
 
-    report = read(write_trc(tmp_path / "w.trc", y_up(BODY_M) * 1e3, edit=add), clean=False).attrs["report"]
+    report = read(write_trc(tmp_path / "w.trc", y_up(BODY_M) * 1e3, edit=add), clean=False).report
     assert report["dropped"] == {"unlabelled point": ["unlabelled 17"]}
 
 
@@ -114,8 +117,8 @@ def test_names_that_repeat_are_numbered_and_subjects_cut_off(tmp_path: Path) -> 
     names = [f"Jim:{name}" for name in NAMES]
     names[5] = names[4]
     motion = read(write_trc(tmp_path / "w.trc", y_up(BODY_M) * 1e3, names=names), clean=False)
-    assert list(motion.marker.values)[4:6] == ["LSHO", "LSHO_2"]
-    assert motion.attrs["subject"] == "Jim"
+    assert motion.markers[4:6] == ["LSHO", "LSHO_2"]
+    assert motion.facts.subject == "Jim"
 
 
 def test_header_values_apart_by_blanks_or_two_tabs(tmp_path: Path) -> None:
@@ -123,41 +126,41 @@ def test_header_values_apart_by_blanks_or_two_tabs(tmp_path: Path) -> None:
         lines[2] = "  100.0\t\t  100.0\t\t   40\t\t     16\t\t cm\t  100.0\t      1\t    40"
 
     motion = read(write_trc(tmp_path / "walk.trc", y_up(BODY_M) * 1e2, edit=edit), clean=False)
-    np.testing.assert_allclose(motion.values, BODY_M, atol=1e-6)
+    np.testing.assert_allclose(motion.position_m, BODY_M, atol=1e-6)
 
 
 def test_times_decide_where_the_header_gives_another_rate(tmp_path: Path) -> None:
     path = write_trc(tmp_path / "walk.trc", y_up(BODY_M) * 1e3, rate="60.00")
     with pytest.warns(DoppelgaitWarning, match=r"the header says 60\.00 Hz, the times 100 Hz"):
         motion = read(path, clean=False)
-    assert motion.attrs["rate_hz"] == 100.0
-    assert "60.00" in motion.attrs["report"]["notes"][0]
-    assert read(path, clean=False, rate_hz=50.0).attrs["rate_hz"] == 50.0
+    assert motion.rate_hz == 100.0
+    assert "60.00" in motion.report["notes"][0]
+    assert read(path, clean=False, rate_hz=50.0).rate_hz == 50.0
 
 
 @pytest.mark.parametrize("rate_hz", [59.94, 100.0, 120.0, 150.0, 239.76])
 def test_printed_times_give_the_rate(tmp_path: Path, rate_hz: float) -> None:
     times = [f"{k / rate_hz:.4f}" for k in range(40)]
     path = write_trc(tmp_path / "walk.trc", y_up(BODY_M) * 1e3, rate=f"{rate_hz:g}", times=times)
-    assert read(path, clean=False).attrs["rate_hz"] == rate_hz
+    assert read(path, clean=False).rate_hz == rate_hz
 
 
 def test_no_times_at_all_leaves_the_rate_of_the_header(tmp_path: Path) -> None:
     path = write_trc(tmp_path / "walk.trc", y_up(BODY_M) * 1e3, rate="240", times=[""] * 40)
-    assert read(path, clean=False).attrs["rate_hz"] == 240.0
+    assert read(path, clean=False).rate_hz == 240.0
 
 
 def test_fewer_frames_than_declared_are_said(tmp_path: Path) -> None:
     path = write_trc(tmp_path / "w.trc", y_up(BODY_M) * 1e3, edit=lambda lines: lines.pop())
     with pytest.warns(DoppelgaitWarning, match="declares 40 frames but holds 39"):
-        assert read(path, clean=False).sizes["time"] == 39
+        assert read(path, clean=False).positions.sizes["time"] == 39
 
 
 def test_no_unit_is_guessed_aloud(tmp_path: Path) -> None:
     path = write_trc(tmp_path / "w.trc", y_up(BODY_M) * 1e3, unit="")
     with pytest.warns(DoppelgaitWarning, match=r"names no length unit.*mm is taken"):
         motion = read(path, clean=False)
-    np.testing.assert_allclose(motion.values, BODY_M, atol=1e-6)
+    np.testing.assert_allclose(motion.position_m, BODY_M, atol=1e-6)
 
 
 def ragged(lines: list[str]) -> None:
@@ -218,6 +221,6 @@ def test_any_cut_and_any_changed_byte_is_read_or_refused(tmp_path: Path) -> None
     read_count = 0
     for copy in damaged_copies(whole, start=20, count=300, rng=rng):
         motion, refusal = read_or_refusal(copy)
-        assert copy.name in refusal or (motion is not None and motion.sizes["time"] <= 6)
+        assert copy.name in refusal or (motion is not None and motion.n_frames <= 6)
         read_count += motion is not None
     assert 0 < read_count < 300

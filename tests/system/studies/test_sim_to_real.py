@@ -62,7 +62,7 @@ def test_at_half_the_pace_it_goes_half_as_far(movers: ModuleType) -> None:
 def test_large_animals_are_large_and_as_fast_as_asked(movers: ModuleType) -> None:
     for seed in range(3):
         found = movers.model_mover("dog", 1.1, SECONDS, np.random.default_rng(seed), large=True)
-        assert 1.2 <= found.motion.attrs["height_m"] <= 1.7
+        assert 1.2 <= found.motion.facts.height_m <= 1.7
         assert movers.speed_of(found, SECONDS) == pytest.approx(1.1, rel=0.1)
         withers = list(found.motion.coords["marker"].values).index("withers")
         assert found.motion.values[:, withers, 2].mean() > 1.0
