@@ -13,13 +13,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import processes
-from doppelgait import viz
+from doppelgait import motion, viz
 from doppelgait.core.errors import AnalysisError, OutputError
 from doppelgait.core.labels import (
     BASEBAND,
     CADENCE_MAP,
     CADENCE_SPECTRUM,
-    MOTION,
     NORMALISED_SIGNATURE,
     RANGE_DOPPLER,
     SIGNATURE,
@@ -84,18 +83,14 @@ def make_spectrum() -> xr.DataArray:
     return make_array(CADENCE_SPECTRUM, values, {"cadence": 0.1 * np.arange(201)})
 
 
-def make_motion(*, stride_hz: float = 1.0) -> xr.DataArray:
+def make_motion(*, stride_hz: float = 1.0) -> motion.Motion:
     """A body walking along -y at 2 m/s with a head above and a foot in front of it."""
     time_s = np.arange(101) / 50.0
     base = np.stack([np.full(101, 3.0), -2.0 * time_s, np.ones(101)], axis=-1)
     points = base[:, None] + np.array([[0, 0, 0], [0, 0, 0.7], [0, -0.4, -1.0], [0, 0.4, -0.9]])
-    coords = {
-        "time": time_s,
-        "marker": ["chest", "top", "toe", "shin"],
-        "space": ["x", "y", "z"],
-        "part": ("marker", ["torso", "head", "left_foot", "left_shank"]),
-    }
-    return make_array(MOTION, points, coords, {"stride_frequency_hz": stride_hz})
+    names, parts = ["chest", "top", "toe", "shin"], ["torso", "head", "left_foot", "left_shank"]
+    facts = {"stride_frequency_hz": stride_hz}
+    return motion.make_motion(points, rate_hz=50.0, markers=names, parts=parts, facts=facts)
 
 
 def make_table() -> pd.DataFrame:
@@ -407,9 +402,9 @@ def test_stick_frames_look_along_the_path_with_the_body_in_the_middle() -> None:
 
 
 def test_stick_frames_of_a_standing_body_and_of_unknown_stride() -> None:
-    motion = make_motion(stride_hz=np.nan)
-    motion.values[..., 1] -= motion.values[:, :1, 1]
-    panels = frames_of(viz.stick_frames(motion, n_frames=2))
+    still = make_motion(stride_hz=np.nan)
+    still.position_m[..., 1] -= still.position_m[:, :1, 1]
+    panels = frames_of(viz.stick_frames(still, n_frames=2))
     assert [axes.get_title() for axes in panels] == ["0.00 s", "2.00 s"]
     reach = np.ptp([points.get_offsets()[:, 0] for points in panels[0].collections if points.get_label() == "left leg"])
     assert reach == pytest.approx(0.8)
@@ -640,7 +635,9 @@ def wrong_calls() -> dict[str, tuple[object, str]]:
         "wavelength": (lambda: viz.doppler_lines(make_scatterers(), wavelength_m=0.0), "must be positive"),
         "frames": (lambda: viz.stick_frames(make_motion(), n_frames=1), "2 to 16"),
         "frames beyond": (lambda: viz.stick_frames(make_motion(), start_s=1.9, duration_s=1.0), "do not lie in"),
-        "no points": (lambda: viz.stick_frames(make_motion() * np.nan), "units are None|no known point"),
+        "no points": (
+            lambda: viz.stick_frames(make_motion().with_positions(np.full((101, 4, 3), np.nan))), "no known point",
+        ),
         "cadence": (lambda: viz.step_doppler(make_cadence_map(), max_cadence_hz=0.05), "fewer than two cadences"),
         "spectrum": (lambda: viz.cadence_spectrum(make_cadence_map()), "dimensions are"),
         "lengths": (
