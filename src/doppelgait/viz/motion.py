@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -12,9 +13,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from doppelgait.core.errors import AnalysisError
+from doppelgait.core.labels import MOTION, axis
 from doppelgait.core.units import velocity_to_doppler_hz
-from doppelgait.motion.motion import Motion, require_motion
-from doppelgait.viz.maps import DOPPLER_LABEL, velocity_axis
+from doppelgait.viz.maps import DOPPLER_LABEL, checked, velocity_axis
 from doppelgait.viz.style import legend_below, name_axes, new_axes, new_figure
 
 FloatArray = npt.NDArray[np.float64]
@@ -261,8 +262,20 @@ def _finish_lines(axes: Axes, time_s: FloatArray, *, title: str, y: str) -> None
     axes.set_axisbelow(True)
 
 
+class LabelledMotion(Protocol):
+    """What is drawn of a :class:`doppelgait.motion.Motion`: its positions, and the stride frequency of its facts."""
+
+    @property
+    def positions(self) -> xr.DataArray:
+        """Positions (time, marker, space) in m."""
+
+    @property
+    def facts(self) -> Any:
+        """Facts with ``stride_frequency_hz``."""
+
+
 def stick_frames(
-    motion: Motion,
+    motion: LabelledMotion,
     *,
     start_s: float | None = None,
     duration_s: float | None = None,
@@ -273,7 +286,7 @@ def stick_frames(
 
     Parameters
     ----------
-    motion : Motion
+    motion : doppelgait.motion.Motion
         Positions in m with the coordinate ``part``; NaN points are left out.
     start_s : float, optional
         Time of the first frame; the motion's start by default.
@@ -293,15 +306,17 @@ def stick_frames(
     AnalysisError
         If the times lie outside the motion, ``n_frames`` is not allowed.
     """
-    require_motion(motion)
+    positions = checked(motion.positions, MOTION)
+    times_s, parts = axis(positions, "time"), axis(positions, "part").astype(str).tolist()
+    stride_hz = float(motion.facts.stride_frequency_hz)
     if not 2 <= n_frames <= 16:
         raise AnalysisError(f"n_frames is {n_frames}; 2 to 16 fit on a page")
-    frames = _cycle_frames(motion, start_s, duration_s, n_frames)
-    side_m = side_view_m(motion.position_m[frames])
+    frames = _cycle_frames(times_s, stride_hz, start_s, duration_s, n_frames)
+    side_m = side_view_m(positions.values[frames])
     if not np.isfinite(side_m).any():
         raise AnalysisError("the motion has no known point in these frames: nothing to draw")
     figure, panels = _panels(side_m, n_frames)
-    times_s, parts = motion.time_s[frames], motion.parts
+    times_s = times_s[frames]
     for axes, points_m, time_s in zip(panels, side_m, times_s, strict=True):
         # Points, large for torso and feet; the parts of every limb joined from the body outwards.
         for group in dict.fromkeys(part_group(part) for part in parts):
@@ -319,10 +334,10 @@ def stick_frames(
     return figure
 
 
-def _cycle_frames(motion: Motion, start_s: float | None, duration_s: float | None, n_frames: int) -> list[int]:
-    times_s = motion.time_s
+def _cycle_frames(
+    times_s: FloatArray, stride_hz: float, start_s: float | None, duration_s: float | None, n_frames: int
+) -> list[int]:
     start = float(times_s[0]) if start_s is None else start_s
-    stride_hz = motion.facts.stride_frequency_hz
     stride_s = 1.0 / stride_hz if stride_hz > 0 else np.inf
     lasts = min(stride_s, float(times_s[-1]) - start) if duration_s is None else duration_s
     if not (times_s[0] <= start and lasts > 0 and start + lasts <= times_s[-1] + 1e-9):
