@@ -36,7 +36,7 @@ from doppelgait.motion.loop import loop
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.pipeline import analyze, simulate
-from doppelgait.pipeline.analyze import TargetResult, analyze_signature
+from doppelgait.pipeline.analyze import Result, analyze_signature
 from doppelgait.processing import Analysis, Gate
 from doppelgait.radar import Radar
 from doppelgait.radar.recording import Recording
@@ -236,7 +236,7 @@ def rows_of(
         yield {"method": method, "snr_mu_db": level_db, **found_in(result)}
 
 
-def found_in(result: TargetResult | None) -> dict[str, Any]:
+def found_in(result: Result | None) -> dict[str, Any]:
     """The numbers of a result; none where there is no track."""
     quality = result.quality if result else {}
     features = result.features if result else GaitFeatures()

@@ -165,7 +165,7 @@ def print_torso(draws: int) -> None:
             cluttered = recording.with_baseband(spoilt(recording.baseband, 20.0, rng))
             for kind, found in rows.items():
                 results = analyze(cluttered, analysis=Analysis(clutter=kind, extended=False))
-                flags = [f for r in results for one in (r, *r.pieces) for f in one.flags]
+                flags = [f for r in results for one in (r, *r.segments) for f in one.flags]
                 flagged = any(flag.startswith("clutter_removal_took_") for flag in flags)
                 found.append([*losses_db(recording, kind), float(flagged), float(bool(results))])
         for kind, found in rows.items():

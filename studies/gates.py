@@ -30,7 +30,7 @@ from doppelgait.motion.models import quadruped_gait
 from doppelgait.motion.models.human import human_gait
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import travel_speed_mps
-from doppelgait.pipeline import TargetResult, analyze, simulate
+from doppelgait.pipeline import Result, analyze, simulate
 from doppelgait.pipeline.target import analyze_gated
 from doppelgait.processing import Analysis, Gate, remove_clutter
 from doppelgait.processing.clutter import without_clutter
@@ -124,7 +124,7 @@ class Pair:
     by_truth: FloatArray
 
 
-def seven(result: TargetResult | None) -> FloatArray:
+def seven(result: Result | None) -> FloatArray:
     """The six features and the gait frequency, NaN for null."""
     if result is None:
         return np.full(len(NAMES), np.nan)
@@ -151,7 +151,7 @@ def pairs_of(recording: Recording, kind: str, radar: str, level_db: float, rng: 
         yield Pair(radar, kind, level_db, "gate", seven(best), seven(true))
 
 
-def _is_of(result: TargetResult, recording: Recording) -> bool:
+def _is_of(result: Result, recording: Recording) -> bool:
     """Whether a result's gate follows the body: nearer than 0.8 m for most of its time."""
     gate = result.gate
     centre_m = (gate.low_m + gate.high_m) / 2

@@ -25,7 +25,7 @@ from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers import read
 from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.pipeline import analyze, simulate
-from doppelgait.pipeline.analyze import TargetResult
+from doppelgait.pipeline.analyze import Result
 from doppelgait.processing import Analysis
 from doppelgait.radar import Radar
 from doppelgait.radar.recording import Recording
@@ -87,14 +87,14 @@ PAIRS = (
 )
 
 
-def observe(motion: Motion, label: str) -> tuple[Recording, TargetResult]:
+def observe(motion: Motion, label: str) -> tuple[Recording, Result]:
     """The mover head-on, its middle at 12 m."""
     scene = Scene([Target(motion, label=label, range_m=14.0)], duration_s=OBSERVATION_S)
     recording = simulate(scene, RADAR, angles=False)
     return recording, analyze(recording, gate="truth", analysis=Analysis())[0]
 
 
-def figures_of(recording: Recording, result: TargetResult) -> dict[str, float | None]:
+def figures_of(recording: Recording, result: Result) -> dict[str, float | None]:
     """What is compared in numbers; fastest part is the true one, 99.9th percentile over points and time."""
     speeds = recording.truth[0].scatterers["radial_velocity"].values
     return {
@@ -109,7 +109,7 @@ def figures_of(recording: Recording, result: TargetResult) -> dict[str, float | 
     }
 
 
-def draw_pair(title: str, observed: dict[str, tuple[Recording, TargetResult]]) -> Figure:
+def draw_pair(title: str, observed: dict[str, tuple[Recording, Result]]) -> Figure:
     """Signatures above, true Doppler lines over them below; recording on the left, model on the right."""
     figure = Figure(figsize=(13, 9), layout="constrained")
     panels = figure.subplots(2, 2, sharex=True, sharey=True)

@@ -21,7 +21,7 @@ from doppelgait.classify.patches import Patch
 from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.core.labels import axis
 from doppelgait.core.rng import Streams
-from doppelgait.pipeline import TargetResult, analyze
+from doppelgait.pipeline import Result, analyze
 from doppelgait.pipeline.echoes import Conditions, received
 from doppelgait.processing import Analysis
 from doppelgait.radar import Radar, Recording
@@ -175,13 +175,13 @@ def _converted(plan: Plan, place: Place, samples: Any, noise: np.random.Generato
         return apply_impairments(samples, Conditions(impairments=faults).impairments, radar=RADAR, rng=rng)
 
 
-def features_of(result: TargetResult) -> dict[str, float]:
+def features_of(result: Result) -> dict[str, float]:
     """Six and extended features, and the Doppler profile against the torso's velocity."""
     profile = profile_db(result)
     return {**store.row_of(result), **{f"profile_{place:+.2f}": value for place, value in profile.items()}}
 
 
-def profile_db(result: TargetResult) -> Mapping[float, float]:
+def profile_db(result: Result) -> Mapping[float, float]:
     """Energy by velocity over the torso's, every burst weighing the same: dB below the strongest of 16 bins."""
     middles = (PROFILE[:-1] + PROFILE[1:]) / 2.0
     torso_mps = result.features.torso_velocity_mps
@@ -197,14 +197,14 @@ def profile_db(result: TargetResult) -> Mapping[float, float]:
     return dict(zip(middles.tolist(), level_db.tolist(), strict=True))
 
 
-def analysed(recording: Recording) -> TargetResult:
+def analysed(recording: Recording) -> Result:
     """The whole analysis of one recording, synthetic or real; the gate holds its one range bin."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DoppelgaitWarning)
         return analyze(recording, gate=(0.0, 1.0), analysis=ANALYSIS)[0]
 
 
-def inputs_of_results(results: list[TargetResult], labels: list[str], groups: list[str]) -> store.Inputs:
+def inputs_of_results(results: list[Result], labels: list[str], groups: list[str]) -> store.Inputs:
     """Analyses as the models see them."""
     rows = [features_of(result) for result in results]
     return store.inputs_of(rows, [result.signature for result in results], PATCH, labels, groups)

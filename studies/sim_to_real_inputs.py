@@ -20,7 +20,7 @@ from doppelgait.classify import levels
 from doppelgait.classify.data import feature_values
 from doppelgait.classify.patches import Levels, Patch
 from doppelgait.core.files import atomic_path
-from doppelgait.pipeline import TargetResult
+from doppelgait.pipeline import Result
 
 Arrays = dict[str, npt.NDArray[Any]]
 SIX = (
@@ -78,7 +78,7 @@ def joined(parts: Sequence[Inputs]) -> Inputs:
     return Inputs(columns, levels, labels, groups, parts[0].wavelength_m)
 
 
-def row_of(result: TargetResult) -> dict[str, float]:
+def row_of(result: Result) -> dict[str, float]:
     """Six and extended features of one analysis, NaN for unknown."""
     values = {**result.features.as_dict(), **result.extended}
     return {name: np.nan if value is None else float(value) for name, value in values.items()}

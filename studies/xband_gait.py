@@ -32,7 +32,7 @@ from doppelgait import viz
 from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.core.labels import axis
 from doppelgait.core.units import carrier_to_wavelength_m
-from doppelgait.pipeline import TargetResult, analyze
+from doppelgait.pipeline import Result, analyze
 from doppelgait.pipeline.analyze import analyze_signature
 from doppelgait.pipeline.spectrogram import gate_of_levels, signature_of_levels
 from doppelgait.processing import Analysis
@@ -122,7 +122,7 @@ def displayed_signature(
     )  # fmt: skip
 
 
-def gait_of(image: Image, level_db: measures.FloatArray, entry: Entry = ENTRIES["as described"]) -> TargetResult:
+def gait_of(image: Image, level_db: measures.FloatArray, entry: Entry = ENTRIES["as described"]) -> Result:
     """Features of one image."""
     mu = signature_of(image, level_db, entry)
     found = analyze_signature(mu, gate_of_levels(mu), ANALYSIS, label=image.label)
@@ -132,7 +132,7 @@ def gait_of(image: Image, level_db: measures.FloatArray, entry: Entry = ENTRIES[
     return analyze_signature(mu * own_side.astype(np.float32), gate_of_levels(mu), ANALYSIS, label=image.label)
 
 
-def step_times_s(result: TargetResult) -> measures.FloatArray:
+def step_times_s(result: Result) -> measures.FloatArray:
     """Times one gait period apart, at which the limbs are fastest against the torso."""
     if result.gait_frequency_hz is None:
         return np.empty(0)
@@ -147,7 +147,7 @@ def step_times_s(result: TargetResult) -> measures.FloatArray:
     return np.asarray((2.0 * np.pi * np.arange(first, last + 1) - phase) / turn)
 
 
-def draw(image: Image, result: TargetResult) -> Figure:
+def draw(image: Image, result: Result) -> Figure:
     """The image with torso line and steps over it, and its cadence spectrum; what the eye read is dotted."""
     figure = new_figure(width_in=15.0, height_in=6.0)
     left, right = figure.subplots(1, 2, width_ratios=(3, 1))
@@ -168,7 +168,7 @@ def draw(image: Image, result: TargetResult) -> Figure:
     return figure
 
 
-def draw_cadence(panel: Axes, image: Image, result: TargetResult) -> None:
+def draw_cadence(panel: Axes, image: Image, result: Result) -> None:
     """Cadence spectrum with the frequencies found, read by eye and known."""
     spectrum = result.cadence_spectrum
     cadence_hz, power = axis(spectrum, "cadence"), spectrum.values
@@ -190,12 +190,12 @@ def shown_number(value: float | None, digits: int = 2) -> str:
     return "-" if value is None or not np.isfinite(value) else f"{value:.{digits}f}"
 
 
-def short_flags(result: TargetResult) -> str:
+def short_flags(result: Result) -> str:
     """Flags without those of missing harmonics, which nearly all have."""
     return ", ".join(flag for flag in result.flags if not flag.startswith("harmonic_ratio")) or "-"
 
 
-def gait_table(results: dict[str, TargetResult]) -> str:
+def gait_table(results: dict[str, Result]) -> str:
     """Every image: found, read by eye, known."""
     lines = [
         "| image | v_m | by eye | known | f_mu Hz | second | by eye | known | B_mu m/s | fast limbs by eye "
@@ -246,7 +246,7 @@ class Tally:
 GROUPS: dict[str, tuple[str, ...]] = {"people": ("human",), "dogs": ("dog",), "horses and cows": ("horse", "cow")}
 
 
-def agreement_table(results: dict[str, TargetResult]) -> str:
+def agreement_table(results: dict[str, Result]) -> str:
     """How many agree with the eye and with the known values, by kind of mover."""
     lines = ["| | within 5 % | within 10 % | twice or half |", "| --- | ---: | ---: | ---: |"]
     for name, labels in GROUPS.items():
@@ -268,7 +268,7 @@ def agreement_table(results: dict[str, TargetResult]) -> str:
     return "\n".join([*lines, f"| by chance: f_mu of one image, eye of another | {by_chance.cells()} |"])
 
 
-def trust_table(results: dict[str, TargetResult]) -> str:
+def trust_table(results: dict[str, Result]) -> str:
     """Whether frequencies that call themselves good are: by confidence where there is one, and by the flag."""
     lines = ["| f_mu with | within 5 % of the eye | 10 % | twice or half |", "| --- | ---: | ---: | ---: |"]
     kinds = {name: Tally() for name in ("confidence 0.9 or more", "less", "no low_confidence", "low_confidence")}
@@ -283,7 +283,7 @@ def trust_table(results: dict[str, TargetResult]) -> str:
     return "\n".join([*lines, *(f"| {name} | {tally.cells()} |" for name, tally in kinds.items())])
 
 
-def variants_table(levels: dict[str, measures.FloatArray], first: dict[str, TargetResult]) -> str:
+def variants_table(levels: dict[str, measures.FloatArray], first: dict[str, Result]) -> str:
     """What each choice of the entry is worth, over all images."""
     lines = [
         "| | v_m within 5 % | 10 % | twice or half | f_mu within 5 % | 10 % | twice or half "

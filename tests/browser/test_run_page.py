@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 from doppelgait.pipeline import analyze, parse_run, run_simulation
-from doppelgait.pipeline.tracked import with_clutter_off
 from doppelgait.processing import Analysis, range_doppler, remove_clutter
 from doppelgait.radar import read_recording
 from doppelgait.radar.recordings import write_recording
@@ -193,7 +192,7 @@ def test_hover_values_equal_the_file(page: Any, url: str, walk: Path) -> None:
 
 def _compare(page: Any, recording: Any, result: Any, x: float, y: float) -> None:
     """Read-outs of the four pictures at one place, and the same cells of the arrays that they were made from."""
-    baseband, signature = remove_clutter(recording.baseband, with_clutter_off(Analysis())), result.signature
+    baseband, signature = remove_clutter(recording.baseband, Analysis().resolved("track")), result.signature
     read, (across, up) = read_at(page, "range-time", x, y)
     assert read["s"] == pytest.approx(DURATION_S * across, abs=0.002)
     assert is_under(read["m"], up, baseband.range)
@@ -223,7 +222,7 @@ def _compare(page: Any, recording: Any, result: Any, x: float, y: float) -> None
 
 def _map(recording: Any, time_s: float) -> Any:
     """Range-Doppler map at a time, straight from the processing layer."""
-    analysis = with_clutter_off(Analysis())
+    analysis = Analysis().resolved("track")
     baseband = remove_clutter(recording.baseband, analysis)
     blocks = range_doppler(baseband, analysis, wavelength_m=recording.radar.wavelength_m)
     nearest = [block.sel(time=time_s, method="nearest") for block in blocks]

@@ -29,7 +29,7 @@ from doppelgait.features.peaks import local_maxima, refine
 from doppelgait.motion import make_motion
 from doppelgait.motion.models import breathing_person, moving_point
 from doppelgait.motion.models.boulic import boulic_walk
-from doppelgait.pipeline import analyze, result_as_dict, simulate
+from doppelgait.pipeline import analyze, simulate
 from doppelgait.processing import Analysis, Gate, cadence_map, cadence_spectrum, detrend, signature
 from doppelgait.radar import Radar, Recording, add_noise, synthesise
 from doppelgait.scene import Scene, Target, assemble
@@ -255,7 +255,7 @@ def test_an_empty_room_gives_no_features(noise_power_v2):
     result = analyze(Recording.from_baseband(y, Radar.preset("x4")), gate=gate)[0]
     assert result.flags == ("no_signal",)
     assert np.isnan(result.features.vector()).all()
-    assert result_as_dict(result)["features"]["torso_velocity_mps"] is None
+    assert result.to_json(arrays=False)["features"]["torso_velocity_mps"] is None
 
 
 # --- B_mu (E-35) --------------------------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.core.rng import rng
 from doppelgait.motion import boulic_walk, quadruped_gait
 from doppelgait.motion.models.primitives import breathing_person
-from doppelgait.pipeline import analyze, result_as_dict, simulate
+from doppelgait.pipeline import analyze, simulate
 from doppelgait.pipeline.echoes import Conditions
 from doppelgait.processing import Analysis
 from doppelgait.processing.clutter import without_clutter
@@ -91,7 +91,7 @@ def test_one_who_stops_and_goes_on_is_analysed_piece_by_piece():
     made = simulate(Scene([target], duration_s=10.5), RADAR, rng=rng(1), snr_db=25.0, conditions=ROOM)
     found = analyze(made)
     assert len(found) == 1
-    pieces = found[0].pieces
+    pieces = found[0].segments
     assert len(pieces) == 2
     assert all(piece.features.torso_velocity_mps == pytest.approx(1.2, abs=0.12) for piece in pieces)
     speed_mps = np.abs(made.truth[0].centre_velocity_mps)
@@ -142,7 +142,7 @@ def test_one_who_sits_is_found_by_the_breath():
     assert quality["track_range_m"] == pytest.approx(true, abs=0.2)
     assert found[0].gait_frequency_hz is None
     assert any(flag.startswith("keeps_still") for flag in found[0].flags)
-    assert math.isfinite(result_as_dict(found[0])["quality"]["breathing_rate_hz"])
+    assert math.isfinite(found[0].to_json(arrays=False)["quality"]["breathing_rate_hz"])
 
 
 def test_a_clutter_choice_is_kept_and_median_is_the_default():

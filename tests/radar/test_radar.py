@@ -13,7 +13,6 @@ from doppelgait.core.rng import Streams
 from doppelgait.motion import make_motion
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.pipeline import analyze, simulate, write_results
-from doppelgait.processing import Analysis
 from doppelgait.radar import (
     Radar,
     Recording,
@@ -232,7 +231,7 @@ def test_layout_is_that_of_the_charter_and_plain_h5py_reads_it(recording, tmp_pa
 def test_result_layout_is_that_of_the_charter(recording, tmp_path):
     path = tmp_path / "result.h5"
     results = analyze(recording, gate="truth")
-    write_results(path, recording, results, Analysis())
+    write_results(path, recording, results)
     with h5py.File(path, "r") as file:
         assert sorted(file["targets"]) == ["0", "1"]
         first = file["targets/0"]

@@ -13,8 +13,7 @@ from doppelgait.core.errors import AnalysisError, DatasetError, RecordingError
 from doppelgait.core.own_hdf5 import check_own, own_member
 from doppelgait.dataset import open_dataset
 from doppelgait.pipeline import analyze, parse_run, run_simulation, write_results
-from doppelgait.pipeline.results import read_results
-from doppelgait.processing import Analysis
+from doppelgait.pipeline.result import read_results
 from doppelgait.radar import read_recording, write_recording
 from tiny_dataset import built, tiny_plan
 
@@ -52,7 +51,7 @@ def files(tmp_path_factory):
     walker = {"label": "human", "motion": {"kind": "boulic", "speed_mps": 1.2}, "range_m": 4.0}
     recording = run_simulation(parse_run({"targets": [walker], "duration_s": 0.8, "radar": {"preset": "x4"}}))
     write_recording(recording, folder / "walk.h5")
-    write_results(folder / "result.h5", recording, analyze(recording, gate="truth"), Analysis())
+    write_results(folder / "result.h5", recording, analyze(recording, gate="truth"))
     return folder
 
 

@@ -15,7 +15,7 @@ from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.sound import doppler_sound
 from doppelgait.radar.recording import TargetTruth
 from doppelgait.viewer.recording_panel import recording_payload
-from doppelgait.viewer.run import MOST_ANALYSES, Run, true_values, truths_of, view_of_stored
+from doppelgait.viewer.run import MOST_ANALYSES, Run, true_values, truths_of, view_of
 from doppelgait.viewer.settings import Settings
 from doppelgait.viewer.target_panel import is_aligned, targets_payload, with_piece
 from viewer_client import unpack
@@ -123,17 +123,17 @@ def run(recording):
 
 def test_each_piece_can_be_shown(run, recording):
     (result,) = analyze(recording, gate="track")
-    assert len(result.pieces) > 1
+    assert len(result.segments) > 1
     times_s = recording.baseband["slow_time"].values
     shown = unpack(targets_payload(run, None))[0]["targets"][0]
-    for number, piece in enumerate(result.pieces):
+    for number, piece in enumerate(result.segments):
         facts, _ = unpack(targets_payload(run, None, piece=(0, number)))
         target = facts["targets"][0]
         span = piece.quality["start_s"], piece.quality["stop_s"]
         assert target["pieces"][number] == list(span)
         assert target["piece"] == number
         assert target["features"]["torso_velocity_mps"] == piece.features.torso_velocity_mps
-        assert target["quality"]["n_pieces"] == len(result.pieces)
+        assert target["quality"]["n_pieces"] == len(result.segments)
         columns = target["signature"]["x"]
         assert span[0] <= columns["first"] <= columns["first"] + (columns["n"] - 1) * columns["step"] <= span[1]
         inside = (times_s >= span[0]) & (times_s <= span[1])
@@ -142,20 +142,20 @@ def test_each_piece_can_be_shown(run, recording):
         longest = span[1] - span[0] == max(stop - start for start, stop in target["pieces"])
         assert (shown["piece"] == number) == longest
         assert (shown["features"] == target["features"]) == longest
-    with pytest.raises(ConfigError, match=f"pieces 0 to {len(result.pieces) - 1}"):
-        targets_payload(run, None, piece=(0, len(result.pieces)))
+    with pytest.raises(ConfigError, match=f"pieces 0 to {len(result.segments) - 1}"):
+        targets_payload(run, None, piece=(0, len(result.segments)))
 
 
-def test_pieces_of_a_result_file_are_told_as_far_as_they_are_stored(recording, tmp_path):
-    write_results(tmp_path / "r.h5", recording, analyze(recording, gate="track"), Analysis())
+def test_every_segment_of_a_result_file_can_be_shown(recording, tmp_path):
+    write_results(tmp_path / "r.h5", recording, analyze(recording, gate="track"))
     (stored,) = read_results(tmp_path / "r.h5").targets
-    view = view_of_stored(stored)
+    view = view_of(stored, lambda start_s, stop_s: None)
     assert view.piece is not None
     assert is_aligned(view, "standard") == bool(stored.cadence_map.attrs["aligned"])
-    for number, piece in enumerate(stored.facts["pieces"]):
+    for number, piece in enumerate(stored.segments):
         (shown,) = with_piece([view], 0, number)
-        assert (shown.piece, shown.features) == (number, piece["features"])
-        assert (shown.signature is None) == (number != view.piece)
+        assert (shown.piece, shown.features) == (number, piece.features.as_dict())
+        assert shown.signature.identical(piece.signature)
 
 
 def test_map_of_moved_columns_says_so(run):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -22,82 +21,15 @@ from doppelgait.classify.model import (
     outside_conditions,
     wavelength_of,
 )
-from doppelgait.core.config import validate
+from doppelgait.core.config import canonical_json, validate
 from doppelgait.core.errors import AnalysisError, DoppelgaitWarning
-from doppelgait.core.labels import SIGNATURE, make_array
-from doppelgait.core.units import doppler_to_velocity_mps
 from doppelgait.dataset.example import feature_columns
-from doppelgait.dataset.shard import result_columns
-from doppelgait.features import FEATURE_UNITS
-from doppelgait.pipeline import TargetResult, Tracking, analyze
-from doppelgait.pipeline.results import FORMAT, FORMAT_VERSION
+from doppelgait.pipeline import Result, Tracking, analyze, read_results
+from doppelgait.pipeline.result import is_result_file
 from doppelgait.processing import Analysis
 from doppelgait.radar import Recording, read_recording
-from doppelgait.radar.recordings import SIGNATURE as HDF5_SIGNATURE
 
 Columns = tuple[dict[str, Any], xr.DataArray]
-
-
-def is_result_file(path: str | Path) -> bool:
-    """Whether a file holds results of :func:`doppelgait.pipeline.write_results`; other files are not looked into."""
-    target = Path(path)
-    if not target.is_file():
-        return False
-    with target.open("rb") as file:
-        if file.read(len(HDF5_SIGNATURE)) != HDF5_SIGNATURE:
-            return False
-    import h5py
-
-    try:
-        with h5py.File(target, "r") as file:
-            return bool(file.attrs.get("format") == FORMAT)
-    except OSError:
-        return False
-
-
-def read_columns(path: str | Path) -> tuple[list[Columns], dict[str, Any]]:
-    """Targets of a result file, and the parameters of its analysis.
-
-    Returns
-    -------
-    list of (dict, DataArray)
-        Columns as in the index of a dataset, and the signature, of every target.
-    dict
-
-    Raises
-    ------
-    AnalysisError
-        If the file is damaged or of a newer version.
-    """
-    import h5py
-
-    try:
-        with h5py.File(path, "r") as file:
-            if int(file.attrs["format_version"]) > FORMAT_VERSION:
-                raise AnalysisError(f"{path}: holds results of a newer doppelgait; install that one")
-            groups = file.get("targets", {})
-            found = [_target(groups[name]) for name in sorted(groups, key=int)]
-            return found, dict(json.loads(file.attrs["analysis"]))
-    except (OSError, KeyError, ValueError, TypeError) as error:
-        raise AnalysisError(f"{path}: is damaged: {' '.join(str(error).split())}") from None
-
-
-def _target(group: Any) -> Columns:
-    attrs = group.attrs
-    columns: dict[str, Any] = {f"feature_{name}": float(attrs[name]) for name in FEATURE_UNITS}
-    columns["gait_frequency_hz"] = float(attrs["gait_frequency_hz"])
-    for name, prefix in (("quality", "quality_"), ("extended", "extended_")):
-        columns |= {f"{prefix}{key}": value for key, value in json.loads(attrs[name]).items()}
-    columns["flags"] = ";".join(json.loads(attrs["flags"]))
-    stored = group["signature"]
-    wavelength_m = float(stored.attrs["wavelength_m"])
-    doppler_hz = np.asarray(group["doppler_hz"])
-    coords = {
-        "time": np.asarray(group["time_s"]),
-        "doppler": doppler_hz,
-        "velocity": ("doppler", doppler_to_velocity_mps(doppler_hz, wavelength_m)),
-    }
-    return columns, make_array(SIGNATURE, np.asarray(stored), coords, {"wavelength_m": wavelength_m})
 
 
 @dataclass(frozen=True)
@@ -171,14 +103,14 @@ class Seen:
 
 
 def classify(
-    source: str | Path | Recording | Sequence[TargetResult], model: Model, *, gate: Any = "track",
+    source: str | Path | Recording | Sequence[Result], model: Model, *, gate: Any = "track",
     analysis: Analysis | None = None, tracking: Tracking | None = None,
 ) -> list[Decision]:  # fmt: skip
     """Classify every target of a recording.
 
     Parameters
     ----------
-    source : path, Recording or sequence of TargetResult
+    source : path, Recording or sequence of Result
         A recording, or what :func:`doppelgait.analyze` made of it, also as a file (``analyze -o``).
     model : Model
     gate, analysis, tracking
@@ -198,18 +130,19 @@ def classify(
     """
     if isinstance(source, str | Path):
         if is_result_file(source):
-            stored, parameters = read_columns(source)
-            _warn_of_settings(parameters, model)
-            return [decide(Seen(*found), model, number) for number, found in enumerate(stored)]
+            stored = read_results(source).targets
+            for analysis_used in {canonical_json(result.analysis): result.analysis for result in stored}.values():
+                _warn_of_settings(analysis_used.model_dump(mode="json"), model)
+            return [decide(Seen(r.to_row(), r.signature), model, number) for number, r in enumerate(stored)]
         source = read_recording(Path(source).resolve() if Path(source).is_dir() else source)
     if isinstance(source, Recording):
         settings = analysis or analysis_of(model)
         _warn_of_settings(settings.model_dump(mode="json"), model)
         source = _analyzed(source, gate, settings, tracking)
-    return [decide(Seen(result_columns(r), r.signature), model, number) for number, r in enumerate(source)]
+    return [decide(Seen(r.to_row(), r.signature), model, number) for number, r in enumerate(source)]
 
 
-def _analyzed(recording: Recording, gate: Any, settings: Analysis, tracking: Tracking | None) -> list[TargetResult]:
+def _analyzed(recording: Recording, gate: Any, settings: Analysis, tracking: Tracking | None) -> list[Result]:
     """Targets; of one range bin, in which nobody can be followed, the error says what gate takes all of it."""
     try:
         return analyze(recording, gate=gate, analysis=settings, tracking=tracking)

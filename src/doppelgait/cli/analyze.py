@@ -11,7 +11,7 @@ import typer
 from doppelgait.cli.output import check_output, number, print_json, print_table, reader_options, say
 
 if TYPE_CHECKING:
-    from doppelgait.pipeline import TargetResult
+    from doppelgait.pipeline import Result
 
 OPTION_HELP = "What the file does not tell, KEY=VALUE, for example carrier_hz=7.29e9; repeatable."
 
@@ -47,9 +47,8 @@ def analyze(
     Example: doppelgait analyze xethru_recording_20170913_150437_x --gate 0.4:1.0
     """
     from doppelgait.core.config import apply_overrides, validate
-    from doppelgait.pipeline import Tracking, analysis_as_dict, write_results
+    from doppelgait.pipeline import Tracking, describe_results, write_results
     from doppelgait.pipeline import analyze as run_analysis
-    from doppelgait.pipeline.tracked import with_clutter_off
     from doppelgait.processing import Analysis, Gate
     from doppelgait.radar import read_recording
 
@@ -62,23 +61,22 @@ def analyze(
         loaded = read_recording(recording, **apply_overrides({}, options or []))
     for note in loaded.notes:
         say(f"note: {note}")
-    if gate == "track":
-        settings = with_clutter_off(settings)  # said here, so that files and figures state and show what was done
-    results = run_analysis(loaded, gate=Gate.parse(gate, where="--gate"), analysis=settings, tracking=tracking)
+    choice = Gate.parse(gate, where="--gate")
+    results = run_analysis(loaded, gate=choice, analysis=settings, tracking=tracking)
     if output is not None:
-        write_results(output, loaded, results, settings)
+        write_results(output, loaded, results)
     if figures is not None:
         from doppelgait.cli.figures import draw_all
 
-        for path in draw_all(loaded, results, settings, figures):
+        for path in draw_all(loaded, results, settings.resolved(choice), figures):
             say(f"figure: {path}")
     if as_json:
-        print_json(analysis_as_dict(loaded, results))
+        print_json(describe_results(loaded, results))
     else:
         print_features(results)
 
 
-def print_features(results: Sequence[TargetResult]) -> None:
+def print_features(results: Sequence[Result]) -> None:
     """Feature table, one column a target, with flags."""
     from doppelgait.features import FEATURE_UNITS
 

@@ -35,9 +35,9 @@ def classify(
     Example: doppelgait classify walk.h5 --model home-alarm-model.npz
     """
     from doppelgait.classify.decide import classify as run_classification
-    from doppelgait.classify.decide import is_result_file
     from doppelgait.classify.model import rests_on
     from doppelgait.classify.model_file import load_model
+    from doppelgait.pipeline.result import is_result_file
 
     loaded = load_model(model)
     facts = loaded.facts

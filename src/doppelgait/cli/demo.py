@@ -55,7 +55,7 @@ def demo(
     recording = run_simulation(spec)
     write_recording(recording, output / "recording.h5")
     results = analyze(recording, gate="truth", analysis=spec.analysis)
-    write_results(output / "result.h5", recording, results, spec.analysis)
+    write_results(output / "result.h5", recording, results)
     for path in draw_all(recording, results, spec.analysis, output):
         say(f"figure: {path}")
     print_features(results)

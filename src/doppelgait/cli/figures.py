@@ -9,12 +9,12 @@ from matplotlib.figure import Figure
 
 from doppelgait import viz
 from doppelgait.core.errors import OutputError
-from doppelgait.pipeline import TargetResult
+from doppelgait.pipeline import Result
 from doppelgait.processing import Analysis, range_doppler, remove_clutter
 from doppelgait.radar import Recording
 
 
-def draw_all(recording: Recording, results: Sequence[TargetResult], analysis: Analysis, folder: Path) -> Iterator[Path]:
+def draw_all(recording: Recording, results: Sequence[Result], analysis: Analysis, folder: Path) -> Iterator[Path]:
     """Draw every figure into a folder; yields each path when it is written.
 
     Raises
@@ -33,7 +33,7 @@ def draw_all(recording: Recording, results: Sequence[TargetResult], analysis: An
         yield path
 
 
-def _figures(recording: Recording, results: Sequence[TargetResult], analysis: Analysis) -> Iterator[tuple[str, Figure]]:
+def _figures(recording: Recording, results: Sequence[Result], analysis: Analysis) -> Iterator[tuple[str, Figure]]:
     names = {_name(number, result): result.gate.limits for number, result in enumerate(results)}
     yield "range-time", viz.range_time(recording.baseband, tracks=names)
     for number, result in enumerate(results):
@@ -59,12 +59,12 @@ def _figures(recording: Recording, results: Sequence[TargetResult], analysis: An
             yield from _truth_figures(prefix, recording, number, result)
 
 
-def _name(number: int, result: TargetResult) -> str:
+def _name(number: int, result: Result) -> str:
     return f"{number} {result.label or 'target'}"
 
 
 def _target_figures(
-    prefix: str, recording: Recording, result: TargetResult, analysis: Analysis
+    prefix: str, recording: Recording, result: Result, analysis: Analysis
 ) -> Iterator[tuple[str, Figure]]:
     wavelength_m = recording.radar.wavelength_m
     middle = result.signature.sizes["time"] // 2
@@ -98,16 +98,14 @@ def _target_figures(
     )
 
 
-def _harmonics_hz(result: TargetResult) -> list[float | None]:
+def _harmonics_hz(result: Result) -> list[float | None]:
     if result.gait_frequency_hz is None:
         return []
     ratios = (result.features.harmonic_ratio_2, result.features.harmonic_ratio_3)
     return [None if ratio is None else ratio * result.gait_frequency_hz for ratio in ratios]
 
 
-def _truth_figures(
-    prefix: str, recording: Recording, number: int, result: TargetResult
-) -> Iterator[tuple[str, Figure]]:
+def _truth_figures(prefix: str, recording: Recording, number: int, result: Result) -> Iterator[tuple[str, Figure]]:
     scatterers = recording.truth[number].scatterers
     yield f"{prefix}-truth-range", viz.range_lines(scatterers)
     yield f"{prefix}-truth-doppler", viz.doppler_lines(scatterers, wavelength_m=recording.radar.wavelength_m)

@@ -66,7 +66,6 @@ def listen(
     from doppelgait.core.config import apply_overrides, validate
     from doppelgait.core.files import atomic_path
     from doppelgait.pipeline import Tracking
-    from doppelgait.pipeline.tracked import with_clutter_off
     from doppelgait.processing import Analysis
     from doppelgait.processing.sound import doppler_sound, plan_sound, write_wav
     from doppelgait.radar import read_recording
@@ -74,7 +73,7 @@ def listen(
     check_output(output, ".wav")
     table = apply_overrides({}, changes or [])
     tracking = validate(Tracking, table.pop("tracking", {}), where="tracking")
-    settings = with_clutter_off(validate(Analysis, table, where="analysis"))
+    settings = validate(Analysis, table, where="analysis").resolved("track")
     with reader_options():
         loaded = read_recording(recording, **apply_overrides({}, options or []))
     for note in loaded.notes:

@@ -19,10 +19,10 @@ from doppelgait.core.errors import AnalysisError, DoppelgaitWarning
 from doppelgait.core.labels import BASEBAND, axis, make_array
 from doppelgait.core.worker import one_blas_thread
 from doppelgait.dataset.config import ImportConfig
-from doppelgait.dataset.shard import NOTHING, Made, failure_reason, result_columns
+from doppelgait.dataset.shard import NOTHING, Made, failure_reason
 from doppelgait.dataset.shard_files import stored_arrays
 from doppelgait.dataset.splits import PlannedEntry
-from doppelgait.pipeline import TargetResult, analyze
+from doppelgait.pipeline import Result, analyze
 from doppelgait.processing import burst_pulses_of
 from doppelgait.radar import read_recording
 from doppelgait.radar.recording import Recording
@@ -218,13 +218,13 @@ def _read(
     return loaded, tuple(messages)
 
 
-def labelled_result(results: Sequence[TargetResult]) -> TargetResult | None:
+def labelled_result(results: Sequence[Result]) -> Result | None:
     """The target that a recording's one label belongs to: the track with the most seconds, each by its confidence.
 
     Bodies that move come before those found by their breath only.
     """
 
-    def weight(result: TargetResult) -> tuple[bool, float]:
+    def weight(result: Result) -> tuple[bool, float]:
         quality = result.quality
         if "track_confidence" not in quality:
             return False, float(quality.get("breathing_confidence") or 0.0)
@@ -273,15 +273,13 @@ def _recording_columns(part: Part, folder: Path) -> dict[str, Any]:
     }
 
 
-def _outcome_columns(
-    planned: PlannedEntry, results: Sequence[TargetResult], result: TargetResult | None
-) -> dict[str, Any]:
+def _outcome_columns(planned: PlannedEntry, results: Sequence[Result], result: Result | None) -> dict[str, Any]:
     tracked = planned.entry.gate == "track"
     n_tracks = len(results) if tracked else None
     if result is None:
         missing = "nobody:nothing_found" if planned.entry.nobody else "not_tracked"
         return {"gate": "track", **NOTHING, "flags": missing, "n_tracks": n_tracks}
-    columns = {**result_columns(result), "n_tracks": n_tracks}
+    columns = {**result.to_row(), "n_tracks": n_tracks}
     if tracked and len(results) > 1:
         columns["flags"] = ";".join(filter(None, (columns["flags"], SEVERAL)))
     return columns

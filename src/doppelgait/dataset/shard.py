@@ -24,7 +24,7 @@ from doppelgait.dataset.plan import PlannedExample, Shard
 from doppelgait.dataset.resolve import ExampleSpec, RowSpec, resolve_example
 from doppelgait.dataset.shard_files import Arrays, stored_arrays, write_shard
 from doppelgait.features import FEATURE_UNITS
-from doppelgait.pipeline import TargetResult, analyze, run_example, run_simulation
+from doppelgait.pipeline import Result, analyze, run_example, run_simulation
 from doppelgait.pipeline.fused import FusedExample
 from doppelgait.radar.recording import Recording, TargetTruth
 
@@ -34,19 +34,17 @@ LEAST_SHARE = 0.3
 """Part of the observation that a track must cover."""
 
 
-def match_tracks(
-    results: Sequence[TargetResult], truths: Sequence[TargetTruth], observation_s: float
-) -> list[TargetResult | None]:
+def match_tracks(results: Sequence[Result], truths: Sequence[TargetTruth], observation_s: float) -> list[Result | None]:
     """Result of every target: the nearest track to its body, each track used once, nearest pairs first.
 
     Parameters
     ----------
-    results : sequence of TargetResult
+    results : sequence of Result
         With gates from tracks.
     truths : sequence of TargetTruth
     observation_s : float
     """
-    found: list[TargetResult | None] = [None] * len(truths)
+    found: list[Result | None] = [None] * len(truths)
     pairs = sorted(
         (distance_m, number, place)
         for number, truth in enumerate(truths)
@@ -61,7 +59,7 @@ def match_tracks(
     return found
 
 
-def _distance_m(result: TargetResult, truth: TargetTruth, observation_s: float) -> float:
+def _distance_m(result: Result, truth: TargetTruth, observation_s: float) -> float:
     """Mean distance between the middle of a gate and the body; infinite where the track is too short."""
     times_s = result.gate.time_s
     if times_s.size < 2 or times_s[-1] - times_s[0] < LEAST_SHARE * observation_s:
@@ -71,7 +69,7 @@ def _distance_m(result: TargetResult, truth: TargetTruth, observation_s: float) 
     return float(np.abs(middle_m - np.interp(times_s, true_times_s, truth.centre_range_m)).mean())
 
 
-def strongest_track(results: Sequence[TargetResult]) -> list[TargetResult | None]:
+def strongest_track(results: Sequence[Result]) -> list[Result | None]:
     """For an empty room: the track that is surest to be something, if there is any."""
     tracked = [result for result in results if "track_confidence" in result.quality]
     return [max(tracked, key=lambda result: float(result.quality["track_confidence"]), default=None)]
@@ -85,7 +83,7 @@ NOTHING = {
 
 
 def index_rows(
-    example: ExampleSpec, made: FusedExample, results: Sequence[TargetResult | None], messages: Sequence[str]
+    example: ExampleSpec, made: FusedExample, results: Sequence[Result | None], messages: Sequence[str]
 ) -> list[dict[str, Any]]:
     """Rows of an example, one per target; None for unknown.
 
@@ -94,7 +92,7 @@ def index_rows(
     example : ExampleSpec
     made : FusedExample
         Truth and levels.
-    results : sequence of TargetResult or None
+    results : sequence of Result or None
         One per row; None where no track follows the target.
     messages : sequence of str
         Warnings of simulation and analysis.
@@ -108,7 +106,7 @@ def index_rows(
             **scene,
             "rcs_total_m2": float(truth.scatterers["rcs"].values.sum(axis=1).mean()),
             **(truth_columns(truth) if row.source != "none" else dict.fromkeys(truth_columns(truth))),
-            **(result_columns(result) if result is not None else {"gate": "track", **NOTHING, "flags": "not_tracked"}),
+            **(result.to_row() if result is not None else {"gate": "track", **NOTHING, "flags": "not_tracked"}),
             "warnings": ";".join(messages),
         }
         rows.append(json_value(columns))
@@ -144,21 +142,6 @@ def _scene_columns(example: ExampleSpec, made: FusedExample) -> dict[str, Any]:
         "radar_height_m": example.run.scene.radar_position_m[2],
         "snr_frame_db": None if nobody else made.snr_frame_db,
         "gate_error_m": example.gate_error_m,
-    }
-
-
-def result_columns(result: TargetResult) -> dict[str, Any]:
-    """Columns of an analysed target, simulated or measured: features, their spread, diagnostics and flags."""
-    return {
-        "gate": result.gate.source,
-        **{f"feature_{k}": v for k, v in result.features.as_dict().items()},
-        "gait_frequency_hz": result.gait_frequency_hz,
-        "torso_doppler_hz": result.torso_doppler_hz,
-        "n_periods": result.n_periods,
-        **{f"quality_{k}": v for k, v in result.quality.items()},
-        **{f"sd_{k}": v for k, v in result.standard_deviation.items()},
-        **{f"extended_{k}": v for k, v in result.extended.items()},
-        "flags": ";".join(result.flags),
     }
 
 
@@ -338,7 +321,7 @@ def build_example(
 
 def _simulate(
     example: ExampleSpec, fields: Sequence[FieldSpec], folder: Path, gate: str
-) -> tuple[FusedExample, Sequence[TargetResult | None], Recording | None]:
+) -> tuple[FusedExample, Sequence[Result | None], Recording | None]:
     """Truth, one result per row, and the recording where it had to be made."""
     if gate == "truth":
         made = run_example(example.run, folder=folder, gate_error_m=example.gate_error_m)

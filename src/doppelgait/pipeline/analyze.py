@@ -7,19 +7,20 @@ from dataclasses import replace
 
 from doppelgait import processing
 from doppelgait.core.errors import AnalysisError
-from doppelgait.pipeline.target import TargetResult, analyze_gated, analyze_signature
+from doppelgait.pipeline.result import Result
+from doppelgait.pipeline.target import analyze_gated, analyze_signature
 from doppelgait.pipeline.tracked import Tracking, track_targets
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.gate import GateChoice
 from doppelgait.radar.recording import Recording
 
-__all__ = ["TargetResult", "analyze", "analyze_signature", "flag_overlaps"]
+__all__ = ["Result", "analyze", "analyze_signature", "flag_overlaps"]
 
 
 def analyze(
     recording: Recording, *, gate: GateChoice | Gate = "track",
     analysis: Analysis | None = None, tracking: Tracking | None = None, gate_error_m: float = 0.0,
-) -> list[TargetResult]:  # fmt: skip
+) -> list[Result]:  # fmt: skip
     """Analyse a recording, simulated or measured.
 
     Parameters
@@ -39,7 +40,7 @@ def analyze(
 
     Returns
     -------
-    list of TargetResult
+    list of Result
         One per target of the truth or per track (none where nothing was found), or one for a given gate.
 
     Raises
@@ -47,7 +48,7 @@ def analyze(
     AnalysisError
         If there is no gate to be had, or the recording is too short.
     """
-    settings = analysis or Analysis()
+    settings = (analysis or Analysis()).resolved(gate)
     if isinstance(gate, str) and gate == "track":
         return flag_overlaps(track_targets(recording, settings, tracking or Tracking()))
     baseband = processing.remove_clutter(recording.baseband, settings)
@@ -78,7 +79,7 @@ def _check_source(recording: Recording, gate: str) -> None:
         )
 
 
-def flag_overlaps(results: Sequence[TargetResult]) -> list[TargetResult]:
+def flag_overlaps(results: Sequence[Result]) -> list[Result]:
     """The results, with the flag ``gates_overlap`` where another target's gate shares range with a target's own."""
     return [
         replace(result, flags=(*result.flags, "gates_overlap"))

@@ -18,7 +18,7 @@ import xarray as xr
 
 from doppelgait.core.rng import Streams
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
-from doppelgait.pipeline.analyze import TargetResult, analyze, analyze_signature, flag_overlaps
+from doppelgait.pipeline.analyze import Result, analyze, analyze_signature, flag_overlaps
 from doppelgait.pipeline.echoes import Conditions, Noise, received
 from doppelgait.pipeline.simulate import pulse_times_s, simulate, target_truth
 from doppelgait.processing import Analysis, Gate
@@ -42,7 +42,7 @@ class FusedExample:
 
     Parameters
     ----------
-    results : sequence of TargetResult
+    results : sequence of Result
         One per target.
     truth : sequence of TargetTruth
     n_pulses : int
@@ -50,7 +50,7 @@ class FusedExample:
         As in :class:`doppelgait.radar.Recording`.
     """
 
-    results: Sequence[TargetResult]
+    results: Sequence[Result]
     truth: Sequence[TargetTruth]
     n_pulses: int
     noise_power_v2: float

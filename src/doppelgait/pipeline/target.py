@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,8 +15,9 @@ from doppelgait import processing
 from doppelgait.core.labels import axis
 from doppelgait.features import liland2018
 from doppelgait.features.extended import assess
-from doppelgait.features.gait import Evidence, Extraction, GaitFeatures
+from doppelgait.features.gait import Evidence, Extraction
 from doppelgait.features.ground_motion import GroundMotion, ground_motion
+from doppelgait.pipeline.result import Result
 from doppelgait.processing import Analysis, Gate, main_line
 
 SIDEWAYS_COSINE = 0.6
@@ -30,61 +30,9 @@ ALIGNED = "aligned"
 GROUND_QUALITY = ("ground_speed_mps", "aspect_deg", "ground_step_length_m")
 
 
-@dataclass(frozen=True)
-class TargetResult:
-    """What the analysis says about one target.
-
-    Parameters
-    ----------
-    label : str or None
-        Class as stated by the recording's truth; None for measured recordings.
-    gate : Gate
-        Of a tracked target that of the whole track.
-    features : GaitFeatures
-    gait_frequency_hz, torso_doppler_hz, n_periods : float or None
-    quality : mapping
-    flags : tuple of str
-    signature : DataArray (time, doppler)
-        With the hop that was asked for.
-    normalised_signature : DataArray (time, doppler)
-        Its columns that the features are taken from: where the hop is finer than the lossless one, every n-th.
-    cadence_map : DataArray (cadence, doppler)
-        Its attribute ``aligned`` says whether Doppler is measured from the main line.
-    cadence_spectrum : DataArray (cadence)
-    mean_doppler_spectrum : ndarray, shape (K,)
-        D_1 of the normalised signature.
-    main_line_hz : ndarray, shape (J,)
-        Main Doppler line (straight) at the columns of ``signature``.
-    extended : mapping
-        Further features by name (:mod:`doppelgait.features.extended`), None where undetermined.
-    standard_deviation : mapping
-        How far the six and the gait frequency may be off, None where unknown.
-    pieces : tuple of TargetResult
-        Of a tracked target: one per piece of steady motion, in the order of time; this result is that of the longest.
-    """
-
-    label: str | None
-    gate: Gate
-    features: GaitFeatures
-    gait_frequency_hz: float | None
-    torso_doppler_hz: float | None
-    n_periods: float | None
-    quality: Mapping[str, Any]
-    flags: tuple[str, ...]
-    signature: xr.DataArray
-    normalised_signature: xr.DataArray
-    cadence_map: xr.DataArray
-    cadence_spectrum: xr.DataArray
-    mean_doppler_spectrum: npt.NDArray[np.float64]
-    main_line_hz: npt.NDArray[np.float64]
-    extended: Mapping[str, float | None] = field(default_factory=dict)
-    standard_deviation: Mapping[str, float | None] = field(default_factory=dict)
-    pieces: tuple[TargetResult, ...] = ()
-
-
 def analyze_gated(
     baseband: xr.DataArray, wavelength_m: float, gate: Gate, analysis: Analysis, label: str | None
-) -> TargetResult:
+) -> Result:
     """Result of the target in a gate, from a recording whose clutter is gone.
 
     Parameters
@@ -102,7 +50,7 @@ def analyze_gated(
     return analyze_signature(mu, gate, analysis, label=label)
 
 
-def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label: str | None) -> TargetResult:
+def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label: str | None) -> Result:
     """Result of one target from its signature: everything after the short-time transform.
 
     Parameters
@@ -120,21 +68,23 @@ def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label
     extraction, arrays = (_liland_chain if liland else _standard_chain)(usable, analysis)
     shown = usable if usable.attrs["hop"] == mu.attrs["hop"] else processing.within_frame(mu)[0]
     line_hz = arrays.pop("main_line_hz")
+    further = {name: arrays.pop(name) for name in ("extended", "standard_deviation") if name in arrays}
     quality, flags = _geometry(usable, extraction)
     if share < 1.0:
         flags.append("gate_leaves_frame")
-    return TargetResult(
+    return Result(
+        analysis=analysis,
         label=label,
-        gate=gate,
+        gate_source=gate.source,
+        gate_limits=gate,
         features=extraction.features,
         gait_frequency_hz=extraction.gait_frequency_hz,
         torso_doppler_hz=extraction.torso_doppler_hz,
         n_periods=extraction.n_periods,
         quality={**extraction.quality, **quality, "gate_inside_frame": share},
         flags=tuple(flags),
-        signature=shown,
-        **arrays,
-        main_line_hz=main_line.straight_at(line_hz, usable, shown),
+        arrays={"signature": shown, **arrays, "main_line_hz": main_line.straight_at(line_hz, usable, shown)},
+        **further,
     )
 
 

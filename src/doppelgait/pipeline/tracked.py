@@ -16,7 +16,8 @@ from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.core.labels import axis, sampling_rate_hz
 from doppelgait.features.gait import GaitFeatures
 from doppelgait.features.piece_motion import piece_motion
-from doppelgait.pipeline.target import TargetResult, analyze_gated
+from doppelgait.pipeline.result import Result
+from doppelgait.pipeline.target import analyze_gated
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.breathing import BreathingSettings, BreathingTarget, find_breathing
 from doppelgait.processing.clutter import share_removed, torso_share_removed
@@ -56,14 +57,7 @@ class Tracking(FrozenModel):
     breathing: BreathingSettings = BreathingSettings()
 
 
-def with_clutter_off(analysis: Analysis) -> Analysis:
-    """The parameters that ``gate = "track"`` works with: clutter off by the median unless ``clutter`` is given."""
-    if "clutter" in analysis.model_fields_set:
-        return analysis
-    return analysis.model_copy(update={"clutter": "median"})
-
-
-def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) -> list[TargetResult]:
+def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) -> list[Result]:
     """Results of all bodies that are found in a recording, those that move first, in the order of their appearance.
 
     Parameters
@@ -71,11 +65,10 @@ def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) 
     recording : Recording
         Its truth is not looked at.
     analysis : Analysis
-        ``clutter = "none"`` counts as ``"median"`` unless it was given explicitly.
+        As :meth:`doppelgait.processing.Analysis.resolved` returns it for tracks.
     tracking : Tracking
     """
     raw, wavelength_m = without_common_phase(recording.baseband), recording.radar.wavelength_m
-    analysis = with_clutter_off(analysis)
     clean = processing.remove_clutter(raw, analysis)
     tracks = _tracks(raw, wavelength_m, tracking)
     moving = [_follow(raw, clean, wavelength_m, found, analysis, tracking) for found in tracks]
@@ -104,7 +97,7 @@ def _tracks(raw: xr.DataArray, wavelength_m: float, tracking: Tracking) -> list[
 
 def _follow(
     raw: xr.DataArray, clean: xr.DataArray, wavelength_m: float, found: Track, analysis: Analysis, tracking: Tracking
-) -> TargetResult:
+) -> Result:
     """Result of one track: that of its longest piece of steady motion, with those of all pieces."""
     gate = Gate.from_track(
         found, span_m=analysis.gate_span_m, time_s=axis(raw, "slow_time"), cpi_s=tracking.detector.cpi_s,
@@ -123,12 +116,14 @@ def _follow(
         flags = (*whole.flags, *(f"no_steady_piece:{reason}" for reason in reasons))
         return replace(whole, quality={**whole.quality, **facts}, flags=flags)
     longest = max(range(len(usable)), key=lambda n: usable[n].stop_s - usable[n].start_s)
-    return replace(results[longest], quality={**results[longest].quality, **facts}, gate=gate, pieces=tuple(results))
+    return replace(
+        results[longest], quality={**results[longest].quality, **facts}, gate_limits=gate, segments=tuple(results)
+    )
 
 
 def _piece_result(
     raw: xr.DataArray, clean: xr.DataArray, wavelength_m: float, found: Track, gate: Gate, analysis: Analysis
-) -> TargetResult:
+) -> Result:
     result = analyze_gated(gate.crop(clean), wavelength_m, gate, analysis, None)
     start_s, stop_s = gate.start_s, gate.stop_s
     flags = [*result.flags, *_aspect_flags(found, start_s, stop_s)]
@@ -184,9 +179,7 @@ def _is_near(person: BreathingTarget, found: Track) -> bool:
     return bool((np.abs(found.range_m - person.range_m) < NEAR_M).any())
 
 
-def _still_result(
-    clean: xr.DataArray, wavelength_m: float, person: BreathingTarget, analysis: Analysis
-) -> TargetResult:
+def _still_result(clean: xr.DataArray, wavelength_m: float, person: BreathingTarget, analysis: Analysis) -> Result:
     """Result of a person who keeps still: a breath, no gait."""
     prf_hz = sampling_rate_hz(axis(clean, "slow_time"))
     slow = analysis.model_copy(update={"cpi_s": max(analysis.cpi_s, 3 * MIN_CPI_PULSES / prf_hz)})

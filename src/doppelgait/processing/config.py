@@ -89,6 +89,15 @@ class Analysis(FrozenModel):
         ignored = set(LILAND2018_OWN) - self.model_fields_set if self.method == "liland2018" else set()
         return {name: value for name, value in plain(self).items() if name not in ignored}
 
+    def resolved(self, gate: object) -> Analysis:
+        """Return the settings that an analysis in this gate uses.
+
+        Tracking needs static clutter removed: with gate ``"track"`` it is, by the median, unless ``clutter`` was given.
+        """
+        if gate != "track" or "clutter" in self.model_fields_set:
+            return self
+        return self.model_copy(update={"clutter": "median"})
+
     @property
     def sharp_edges(self) -> bool:
         """Whether range bins are in the gate wholly or not at all."""

@@ -21,7 +21,7 @@ from doppelgait.viz.spectra import draw_step_doppler
 from doppelgait.viz.style import name_axes
 
 if TYPE_CHECKING:
-    from doppelgait.pipeline import TargetResult
+    from doppelgait.pipeline import Result
     from doppelgait.reproduce.material import Material
 
 PRF_HZ = 1000.0
@@ -38,7 +38,7 @@ SAME_DB = 1.0
 """Prominences this near to each other are the same."""
 
 
-def _result(material: Material, cpi_s: float) -> tuple[TargetResult, float]:
+def _result(material: Material, cpi_s: float) -> tuple[Result, float]:
     """Result of the walk of chapter 4 with another T_d, and its true step frequency."""
     recording = material.recording(material.walker(), prf_hz=PRF_HZ)
     analysis = Analysis(

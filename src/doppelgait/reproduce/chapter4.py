@@ -34,7 +34,7 @@ from doppelgait.viz.style import ACCENT, LINE_COLOURS, legend_below, name_axes, 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from doppelgait.pipeline import TargetResult
+    from doppelgait.pipeline import Result
     from doppelgait.radar.recording import Recording
     from doppelgait.reproduce.material import Material
 
@@ -54,7 +54,7 @@ TORSO_HZ, TORSO_READ_HZ = 100.0, 15.0
 """The report's torso line, "around 100 Hz": bins of 10 Hz on both sides, read off an axis."""
 
 
-def walk(material: Material) -> tuple[Recording, TargetResult]:
+def walk(material: Material) -> tuple[Recording, Result]:
     """The scenario of chapter 4: five gait cycles towards the radar at 1000 Hz, by the report's method."""
     walker = material.walker()
     return material.recording(walker, prf_hz=1000.0), material.result(walker, prf_hz=1000.0)
@@ -88,7 +88,7 @@ def make_window(material: Material) -> Made:
     )  # fmt: skip
 
 
-def _map_at_backward_foot(material: Material) -> tuple[xr.DataArray, TargetResult, float]:
+def _map_at_backward_foot(material: Material) -> tuple[xr.DataArray, Result, float]:
     """Range-Doppler map at the frame at which a part of the walker moves backwards fastest; and how fast, Hz."""
     recording, result = walk(material)
     doppler_hz = recording.truth[0].doppler_hz(recording.radar.wavelength_m)
@@ -107,7 +107,7 @@ def _cropped(power: xr.DataArray, centre_m: float) -> xr.DataArray:
     return power.isel(range=np.abs(axis(power, "range") - centre_m) <= SHOWN_M)
 
 
-def _centre_m(result: TargetResult, time_s: float) -> float:
+def _centre_m(result: Result, time_s: float) -> float:
     return float(result.gate.centre_at(time_s))
 
 

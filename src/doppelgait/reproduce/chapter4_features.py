@@ -18,7 +18,7 @@ from doppelgait.reproduce.measures import HARMONICS, prominence_db
 from doppelgait.viz.style import new_axes
 
 if TYPE_CHECKING:
-    from doppelgait.pipeline import TargetResult
+    from doppelgait.pipeline import Result
     from doppelgait.reproduce.material import Material
 
 HARMONIC_NAMES = ("f_m", "f_2", "f_3")
@@ -26,7 +26,7 @@ RATIO_BIN = 0.1
 """Bin of 1 / T_o over f_m in the report's five gait cycles, which are ten steps."""
 
 
-def found_hz(result: TargetResult) -> list[float | None]:
+def found_hz(result: Result) -> list[float | None]:
     """f_m, f_2 and f_3 as a result has them."""
     fundamental, ratios = result.gait_frequency_hz, result.features
     if fundamental is None:
@@ -35,7 +35,7 @@ def found_hz(result: TargetResult) -> list[float | None]:
     return [fundamental, *(None if ratio is None else ratio * fundamental for ratio in higher)]
 
 
-def bin_hz(result: TargetResult) -> float:
+def bin_hz(result: Result) -> float:
     """Bin of the report's cadence spectrum, 1 / T_o."""
     return float(axis(result.cadence_spectrum, "cadence")[1])
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from doppelgait.pipeline import TargetResult
+    from doppelgait.pipeline import Result
     from doppelgait.radar.recording import Recording
     from doppelgait.reproduce.material import Material, Mover
 
@@ -54,7 +54,7 @@ def number(value: float | None) -> float:
     return NAN if value is None else float(value)
 
 
-def four(material: Material) -> list[tuple[str, Mover, Recording, TargetResult]]:
+def four(material: Material) -> list[tuple[str, Mover, Recording, Result]]:
     """A slow and a fast person and walker, by the report's method."""
     people = material.people()
     fast = material.use(max(people, key=lambda one: travel_speed_mps(one.motion)))
@@ -68,7 +68,7 @@ def four(material: Material) -> list[tuple[str, Mover, Recording, TargetResult]]
 
 
 def _four_panels(
-    material: Material, draw: Callable[[Axes, Recording, TargetResult], None], *, height_in: float = 7.6
+    material: Material, draw: Callable[[Axes, Recording, Result], None], *, height_in: float = 7.6
 ) -> Figure:
     figure, axes = panels(2, 2, height_in=height_in)
     for letter, panel, (name, mover, recording, result) in zip("abcd", axes, four(material), strict=True):
@@ -167,7 +167,7 @@ def make_signatures(material: Material) -> Made:
     limits = [doppler_limits_hz(result.normalised_signature) for *_, result in results]
     shared_hz = min(low for low, _ in limits), max(high for _, high in limits)
 
-    def draw(axes: Axes, recording: Recording, result: TargetResult) -> None:
+    def draw(axes: Axes, recording: Recording, result: Result) -> None:
         draw_signature(axes, result.normalised_signature, db_range=30.0, doppler_hz=shared_hz)
         name_axes(axes, title="", x="time (s)", y=DOPPLER_LABEL)
 
@@ -198,7 +198,7 @@ def make_step_spectra(material: Material) -> Made:
     """Fig. 5.4."""
     results = four(material)
 
-    def draw(axes: Axes, recording: Recording, result: TargetResult) -> None:
+    def draw(axes: Axes, recording: Recording, result: Result) -> None:
         true_hz = recording.truth[0].gait_frequency_hz
         draw_cadence_amplitude(axes, result.cadence_spectrum, found_hz(result), true_hz=true_hz, max_cadence_hz=12.0)
 
@@ -231,7 +231,7 @@ def make_step_spectra(material: Material) -> Made:
     )  # fmt: skip
 
 
-def _hidden_harmonics(fast: tuple[str, Mover, Recording, TargetResult]) -> list[Reading]:
+def _hidden_harmonics(fast: tuple[str, Mover, Recording, Result]) -> list[Reading]:
     """Prominence of f_2 and f_3 of the fast person, and whether each is hidden, as the report says of its own."""
     name, _, recording, result = fast
     true_hz = recording.truth[0].gait_frequency_hz
@@ -249,7 +249,7 @@ def _hidden_harmonics(fast: tuple[str, Mover, Recording, TargetResult]) -> list[
 def make_torso_lines(material: Material) -> Made:
     """Fig. 5.5."""
 
-    def draw(axes: Axes, recording: Recording, result: TargetResult) -> None:
+    def draw(axes: Axes, recording: Recording, result: Result) -> None:
         draw_mean_doppler(axes, result.mean_doppler_spectrum, axis(result.signature, "doppler"),
                           peak_hz=result.torso_doppler_hz)  # fmt: skip
 
@@ -283,7 +283,7 @@ def make_torso_lines(material: Material) -> Made:
 def make_bandwidths(material: Material) -> Made:
     """Fig. 5.6."""
 
-    def draw(axes: Axes, recording: Recording, result: TargetResult) -> None:
+    def draw(axes: Axes, recording: Recording, result: Result) -> None:
         draw_mean_doppler(axes, result.mean_doppler_spectrum, axis(result.signature, "doppler"), threshold=THRESHOLD,
                           normalised=True)  # fmt: skip
 

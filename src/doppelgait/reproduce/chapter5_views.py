@@ -38,7 +38,7 @@ from doppelgait.viz.style import LINE_COLOURS, name_axes, new_figure
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from doppelgait.pipeline import TargetResult
+    from doppelgait.pipeline import Result
     from doppelgait.radar.recording import Recording
     from doppelgait.reproduce.material import Material
 
@@ -129,7 +129,7 @@ def _whose_peak(found: float, stride_hz: float, width_hz: float) -> str:
     )
 
 
-def _five_panels(recording: Recording, result: TargetResult) -> Figure:
+def _five_panels(recording: Recording, result: Result) -> Figure:
     figure = new_figure(width_in=13.0, height_in=8.0)
     grid = figure.add_gridspec(2, 6)
     wavelength_m = recording.radar.wavelength_m
@@ -213,11 +213,11 @@ def make_aspect(material: Material) -> Made:
     )  # fmt: skip
 
 
-def to_and_fro(material: Material) -> tuple[Recording, TargetResult, TargetResult]:
+def to_and_fro(material: Material) -> tuple[Recording, Result, Result]:
     """A person on four parallel lanes, towards the radar and away in turn: recording, the report's result and ours."""
     person = material.person()
 
-    def make() -> tuple[Recording, TargetResult, TargetResult]:
+    def make() -> tuple[Recording, Result, Result]:
         scene, radar = lanes(person.motion), material.radar(prf_hz=VIEWS_PRF_HZ)
         noisy = simulate(scene, radar, rng=Streams(material.seed), snr_db=SNR_DB, angles=False)
         report = analyze(noisy, gate="truth", analysis=Analysis(method="liland2018", hop=5))[0]
@@ -272,14 +272,14 @@ def make_directions(material: Material) -> Made:
     )  # fmt: skip
 
 
-def pieces_of(result: TargetResult) -> pd.DataFrame:
+def pieces_of(result: Result) -> pd.DataFrame:
     """Times, speed and step frequency of the pieces of steady motion of a track."""
     return pd.DataFrame(
         {
             "from (s)": float(axis(piece.signature, "time")[0]), "to (s)": float(axis(piece.signature, "time")[-1]),
             "v_m (m/s)": number(piece.features.torso_velocity_mps), "f_m (Hz)": number(piece.gait_frequency_hz),
         }
-        for piece in result.pieces or (result,)
+        for piece in result.segments or (result,)
     )  # fmt: skip
 
 

@@ -16,7 +16,7 @@ from doppelgait.core.errors import ConfigError, DoppelgaitError, DoppelgaitWarni
 from doppelgait.core.labels import SCATTERER_VARIABLES
 from doppelgait.core.units import slow_time_axis_s
 from doppelgait.motion.motion import Motion
-from doppelgait.pipeline import TargetResult, analyze, simulate
+from doppelgait.pipeline import Result, analyze, simulate
 from doppelgait.processing import Analysis
 from doppelgait.radar import Radar, Recording, synthesise
 from doppelgait.scene import Scene, Target
@@ -346,7 +346,7 @@ class Material:
         )  # fmt: skip
         return self.once(key, lambda: simulate(Scene([target], duration_s=duration_s), self.radar(prf_hz=prf_hz)))
 
-    def result(self, mover: Mover, *, method: str = "liland2018", cpi_s: float = 0.1, **recording: Any) -> TargetResult:
+    def result(self, mover: Mover, *, method: str = "liland2018", cpi_s: float = 0.1, **recording: Any) -> Result:
         """Result of a mover in its truth gate.
 
         Parameters

@@ -26,7 +26,7 @@ from doppelgait.scene.rcs import RcsSpec
 if TYPE_CHECKING:
     import pandas as pd
 
-    from doppelgait.pipeline import TargetResult
+    from doppelgait.pipeline import Result
     from doppelgait.radar.recording import Recording
 
 FloatArray = npt.NDArray[np.float64]
@@ -314,7 +314,7 @@ def study(
     return table
 
 
-def _found(result: TargetResult) -> dict[str, Any]:
+def _found(result: Result) -> dict[str, Any]:
     numbers = {"gait_frequency_hz": result.gait_frequency_hz, **result.features.as_dict()}
     return {name: math.nan if value is None else value for name, value in numbers.items()} | {
         "flagged": "low_confidence" in result.flags

@@ -15,9 +15,7 @@ import xarray as xr
 
 from doppelgait.core.errors import AnalysisError, DoppelgaitError, DoppelgaitWarning
 from doppelgait.core.units import velocity_to_doppler_hz
-from doppelgait.pipeline import TargetResult, analyze
-from doppelgait.pipeline.results import StoredTarget
-from doppelgait.pipeline.tracked import with_clutter_off
+from doppelgait.pipeline import Result, analyze
 from doppelgait.processing import Analysis, remove_clutter
 from doppelgait.processing.gate import Gate, GateChoice
 from doppelgait.radar.recording import Recording, TargetTruth
@@ -35,13 +33,13 @@ DIGITS = 6
 """Decimals of a true speed: what a model of something that stays adds up to is 0, not 1e-17 m/s."""
 
 
-def span_of(result: TargetResult) -> Span:
+def span_of(result: Result) -> Span:
     """Times that a result is about: of its piece, or all of its gate."""
     quality, gate = result.quality, result.gate
     return float(quality.get("start_s", gate.start_s)), float(quality.get("stop_s", gate.stop_s))
 
 
-def truths_of(recording: Recording, results: Sequence[TargetResult]) -> list[Truths]:
+def truths_of(recording: Recording, results: Sequence[Result]) -> list[Truths]:
     """For every result, what gives the truth of its body between two times.
 
     A gate of the truth is of the body of the same number. Other gates are matched by range: each body to the result
@@ -51,7 +49,7 @@ def truths_of(recording: Recording, results: Sequence[TargetResult]) -> list[Tru
     Parameters
     ----------
     recording : Recording
-    results : sequence of TargetResult
+    results : sequence of Result
     """
     times_s = recording.slow_time_s
     # Number of the body of every result.
@@ -90,7 +88,7 @@ def _overlap(one: Span, other: Span) -> bool:
     return one[0] < other[1] and other[0] < one[1]
 
 
-def _distance_m(truth: TargetTruth, times_s: npt.NDArray[np.float64], result: TargetResult, span: Span) -> float:
+def _distance_m(truth: TargetTruth, times_s: npt.NDArray[np.float64], result: Result, span: Span) -> float:
     """Median distance of the middle of a gate from a body."""
     chosen = _during(times_s, span)
     middle_m = result.gate.centre_at(times_s[chosen])
@@ -104,7 +102,7 @@ def _during(times_s: npt.NDArray[np.float64], span: Span) -> npt.NDArray[np.bool
 
 
 def _truths(
-    recording: Recording, truth: TargetTruth | None, result: TargetResult, times_s: npt.NDArray[np.float64]
+    recording: Recording, truth: TargetTruth | None, result: Result, times_s: npt.NDArray[np.float64]
 ) -> Truths:
     def during(start_s: float, stop_s: float) -> dict[str, Any] | None:
         span = (start_s, stop_s)
@@ -147,9 +145,6 @@ def true_values(truth: TargetTruth, wavelength_m: float, during: npt.NDArray[np.
 
 T = TypeVar("T")
 Kind = Literal["recording", "result", "example", "try"]
-STORED_FACTS = (
-    "label", "gate", "features", "gait_frequency_hz", "torso_doppler_hz", "quality", "standard_deviation", "extended",
-)  # fmt: skip
 TRACK_FACTS = (
     "track_start_s", "track_stop_s", "track_confirmed_at_s", "track_confidence", "track_range_m", "n_pieces",
 )  # fmt: skip
@@ -280,7 +275,7 @@ class Run:
         if self.kind == "try":
             return known.model_copy(update={"clutter": known.clutter})  # as if it was asked for: tracking keeps it
         if self.kind == "recording" or (gate or self.settings.gate) == "track":
-            return with_clutter_off(known)
+            return known.resolved("track")
         return known
 
     def clean_baseband(self, gate: GateChoice | None, clutter: Clutter | None = None) -> xr.DataArray:
@@ -341,16 +336,16 @@ def with_warnings(make: Callable[[], T]) -> tuple[T, list[str]]:
     return made, list(dict.fromkeys(texts))
 
 
-def view_of(result: TargetResult, truths: Truths) -> TargetView:
+def view_of(result: Result, truths: Truths) -> TargetView:
     """What is shown of an analysed target: of a tracked one its longest piece, and its other pieces beside.
 
     Parameters
     ----------
-    result : TargetResult
+    result : Result
     truths : callable
         Gives what is true of the target from a start to a stop; None where nothing is known.
     """
-    spans = tuple(span_of(piece) for piece in result.pieces)
+    spans = tuple(span_of(piece) for piece in result.segments)
     shown = replace(_view(result, truths), pieces=spans)
     if not spans:
         return shown
@@ -360,16 +355,16 @@ def view_of(result: TargetResult, truths: Truths) -> TargetView:
             _view(piece, truths), pieces=spans, piece=number, gate_limits=result.gate,
             quality={**piece.quality, **facts},
         )
-        for number, piece in enumerate(result.pieces)
+        for number, piece in enumerate(result.segments)
     )  # fmt: skip
     return replace(shown, piece=spans.index(span_of(result)), piece_views=views)
 
 
-def _view(result: TargetResult, truths: Truths) -> TargetView:
+def _view(result: Result, truths: Truths) -> TargetView:
     features = result.features.as_dict()
     return TargetView(
         label=result.label,
-        gate=result.gate.source,
+        gate=result.gate_source,
         features=features,
         gait_frequency_hz=result.gait_frequency_hz,
         torso_doppler_hz=result.torso_doppler_hz,
@@ -385,44 +380,6 @@ def _view(result: TargetResult, truths: Truths) -> TargetView:
         gate_limits=result.gate,
         truth=truths(*span_of(result)),
     )
-
-
-def view_of_stored(target: StoredTarget) -> TargetView:
-    """What is shown of a target of a result file; of its pieces that are not the longest no arrays are stored."""
-    facts = target.facts
-    pieces = facts.get("pieces", ())
-    spans = tuple(_stored_span(piece) for piece in pieces)
-    shown = replace(
-        _stored_facts(facts),
-        signature=target.signature,
-        cadence_map=target.cadence_map,
-        cadence_spectrum=target.cadence_spectrum,
-        main_line_hz=target.main_line_hz,
-        gate_limits=target.gate,
-        pieces=spans,
-    )
-    if not spans:
-        return shown
-    longest = replace(shown, piece=spans.index(_stored_span(facts)))
-    views = tuple(
-        longest
-        if number == longest.piece
-        else replace(_stored_facts(piece), gate_limits=target.gate, pieces=spans, piece=number)
-        for number, piece in enumerate(pieces)
-    )
-    return replace(longest, piece_views=views)
-
-
-def _stored_facts(facts: Mapping[str, Any]) -> TargetView:
-    return TargetView(
-        **{key: facts[key] for key in STORED_FACTS},
-        flags=tuple(facts["flags"]),
-        harmonics_hz=harmonics_of(facts["features"], facts["gait_frequency_hz"]),
-    )
-
-
-def _stored_span(facts: Mapping[str, Any]) -> Span:
-    return float(facts["quality"]["start_s"]), float(facts["quality"]["stop_s"])
 
 
 def harmonics_of(

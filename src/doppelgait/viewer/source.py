@@ -14,11 +14,11 @@ import numpy as np
 from doppelgait import __version__
 from doppelgait.core.errors import AnalysisError, ConfigError, RecordingError
 from doppelgait.features import FEATURE_UNITS
-from doppelgait.processing import burst_pulses_of
+from doppelgait.processing import Analysis, burst_pulses_of
 from doppelgait.processing.gate import Gate, GateChoice, frame_limits_m
 from doppelgait.radar.recording import Recording
 from doppelgait.viewer.browse import Browser
-from doppelgait.viewer.run import Run, view_of_stored, with_warnings
+from doppelgait.viewer.run import Run, view_of, with_warnings
 from doppelgait.viewer.settings import Clutter, Pairs, Settings, single
 
 DATASET_FILES = ("dataset.json", "index.parquet")
@@ -81,15 +81,16 @@ def open_path(path: str | Path, settings: Settings) -> Opened:
         return Opened(
             "dataset", str(dataset.description["name"]), name, browser=Browser(dataset, settings.motion_folder)
         )
-    from doppelgait.pipeline.results import sniff_results
+    from doppelgait.pipeline.result import is_result_file
 
-    if sniff_results(place):
-        from doppelgait.pipeline.results import read_results
+    if is_result_file(place):
+        from doppelgait.pipeline.result import read_results
 
         read = read_results(place)
-        views = [view_of_stored(target) for target in read.targets]
+        views = [view_of(target, lambda start_s, stop_s: None) for target in read.targets]
         reason = f"a result holds no recording; open {read.source or 'the recording'} to see range, bodies and sound"
-        shown = Settings(gate=settings.gate, analysis=read.analysis, tracking=settings.tracking)
+        analysis = read.targets[0].analysis if read.targets else Analysis()
+        shown = Settings(gate=settings.gate, analysis=analysis, tracking=settings.tracking)
         return Opened("result", name, name, run=Run(name, "result", shown, reason=reason, stored=lambda: views))
     from doppelgait.radar import read_recording
 

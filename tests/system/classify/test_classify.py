@@ -610,7 +610,7 @@ def test_recording_results_and_file_give_the_same(found, recording, tmp_path):
     facts = found.models["six-boosting"].facts
     model = replace(found.models["six-boosting"], facts=facts.model_copy(update={"conditions": {}}))
     results = analyze(recording, gate="truth")
-    write_results(tmp_path / "r.h5", recording, results, Analysis())
+    write_results(tmp_path / "r.h5", recording, results)
     one = classify(recording, model, gate="truth")
     two, three = classify(results, model), classify(tmp_path / "r.h5", model)
     assert len(one) == 1

@@ -26,7 +26,7 @@ from doppelgait.dataset.labels import files_of, find_recordings, recording_sha25
 from doppelgait.dataset.recorded import cut, labelled_result
 from doppelgait.dataset.splits import plan_entries
 from doppelgait.motion import boulic_walk, quadruped_gait
-from doppelgait.pipeline import TargetResult, analyze, simulate
+from doppelgait.pipeline import Result, analyze, simulate
 from doppelgait.processing import Analysis
 from doppelgait.radar import Radar, Recording, read_recording, write_recording
 from doppelgait.radar.readers.arrays import write_arrays
@@ -592,7 +592,7 @@ def test_formats_and_options_of_the_reader_are_passed_on(recordings):
 
 
 def result(**quality):
-    base = object.__new__(TargetResult)
+    base = object.__new__(Result)
     object.__setattr__(base, "quality", quality)
     return base
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from checkout import ROOT
-from doppelgait.pipeline import TargetResult
+from doppelgait.pipeline import Result
 
 pytestmark = pytest.mark.shared
 STUDIES = ROOT / "studies"
@@ -54,34 +54,34 @@ def study() -> Iterator[ModuleType]:
 
 
 @pytest.fixture(scope="module")
-def results(study: ModuleType, shared: Path) -> dict[str, TargetResult]:
+def results(study: ModuleType, shared: Path) -> dict[str, Result]:
     levels = study.levels_of(shared / "data" / "radar")
     return {image.key: study.gait_of(image, levels[image.key]) for image in study.IMAGES}
 
 
-def test_torso_velocities_and_signs(results: dict[str, TargetResult]) -> None:
+def test_torso_velocities_and_signs(results: dict[str, Result]) -> None:
     for key, known_mps in KNOWN_MPS.items():
         assert results[key].features.torso_velocity_mps == pytest.approx(known_mps, rel=0.10), key
 
 
-def test_gait_frequencies(results: dict[str, TargetResult]) -> None:
+def test_gait_frequencies(results: dict[str, Result]) -> None:
     for key, known_hz in KNOWN_HZ.items():
         assert results[key].gait_frequency_hz == pytest.approx(known_hz, rel=0.05), key
 
 
-def test_steps_of_the_one_walking_away_are_found_or_doubled(results: dict[str, TargetResult]) -> None:
+def test_steps_of_the_one_walking_away_are_found_or_doubled(results: dict[str, Result]) -> None:
     """13 dips of the torso line in 7.4 s by eye; the other program found twice as much, 3.56 Hz, and so do we."""
     rate_hz = results["human__NormalAway"].gait_frequency_hz or 0.0
     assert min(abs(rate_hz / 1.77 - 1.0), abs(rate_hz / 3.54 - 1.0)) < 0.05
 
 
-def test_the_running_dog_to_within_step_or_stride(results: dict[str, TargetResult]) -> None:
+def test_the_running_dog_to_within_step_or_stride(results: dict[str, Result]) -> None:
     """2.50 Hz by that program; the image is too poor to say whether that is its stride."""
     rate_hz = results["dog__LokiWalkingToward"].gait_frequency_hz or 0.0
     assert min(abs(rate_hz / 2.50 - 1.0), abs(rate_hz / 5.00 - 1.0)) < 0.05
 
 
-def test_people_agree_with_the_eye(study: ModuleType, results: dict[str, TargetResult]) -> None:
+def test_people_agree_with_the_eye(study: ModuleType, results: dict[str, Result]) -> None:
     for image in study.IMAGES:
         if image.label == "human" and image.key != "human__NormalAway":  # has a test of its own
             found = results[image.key]
@@ -90,7 +90,7 @@ def test_people_agree_with_the_eye(study: ModuleType, results: dict[str, TargetR
                 assert found.gait_frequency_hz == pytest.approx(image.eye_hz, rel=0.05), image.key
 
 
-def test_walkers_steps_are_as_long_as_people_make_them(results: dict[str, TargetResult]) -> None:
+def test_walkers_steps_are_as_long_as_people_make_them(results: dict[str, Result]) -> None:
     for key in ("human__NormalToward", "human__PocketAway", "human__SwingingArmsTowards", "human__TowardPaintgun"):
         assert 0.6 < (results[key].features.step_length_m or 0.0) < 0.9, key
 
@@ -99,7 +99,7 @@ CONFIDENT_MISSES = 4
 """Images whose frequency is wrong although nothing in the result says so: the confidence is too high on these data."""
 
 
-def test_what_cannot_be_told_is_flagged_but_for_a_few(study: ModuleType, results: dict[str, TargetResult]) -> None:
+def test_what_cannot_be_told_is_flagged_but_for_a_few(study: ModuleType, results: dict[str, Result]) -> None:
     doubts = ("low_confidence", "gait_frequency:step_or_stride_is_a_close_decision")
     missed = [
         image.key

@@ -22,7 +22,7 @@ from doppelgait.cli.output import reader_options
 from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitError, RecordingError
 from doppelgait.dataset import open_dataset
 from doppelgait.pipeline import analyze, parse_run, run_simulation, write_results
-from doppelgait.processing import Analysis, Gate
+from doppelgait.processing import Gate
 from doppelgait.radar import read_recording, write_recording, write_sigmf
 from doppelgait.viewer import server
 from doppelgait.viewer.settings import number_of, parse_settings, single, whole_of
@@ -41,7 +41,7 @@ def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("viewer")
     recording = run_simulation(parse_run(SCENE, where="scene"))
     write_recording(recording, folder / "walk.h5")
-    write_results(folder / "result.h5", recording, analyze(recording, gate="truth"), Analysis())
+    write_results(folder / "result.h5", recording, analyze(recording, gate="truth"))
     return folder
 
 

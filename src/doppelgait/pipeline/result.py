@@ -1,0 +1,486 @@
+"""The result of one target: one value with its analysis settings, in memory, as JSON, in HDF5 files and table rows."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core.config import canonical_json, json_value, validate
+from doppelgait.core.errors import AnalysisError, DoppelgaitError
+from doppelgait.core.files import atomic_path
+from doppelgait.core.labels import CADENCE_MAP, CADENCE_SPECTRUM, NORMALISED_SIGNATURE, SIGNATURE, Schema, check_signal
+from doppelgait.core.own_hdf5 import check_own
+from doppelgait.features.gait import FEATURE_UNITS, GaitFeatures
+from doppelgait.processing import Analysis, Gate
+from doppelgait.radar import Radar
+from doppelgait.radar.recording import Recording
+
+FORMAT = "doppelgait-result"
+FORMAT_VERSION = 2
+
+LABELLED_ARRAYS: dict[str, Schema] = {
+    "signature": SIGNATURE,
+    "normalised_signature": NORMALISED_SIGNATURE,
+    "cadence_map": CADENCE_MAP,
+    "cadence_spectrum": CADENCE_SPECTRUM,
+}
+PLAIN_ARRAYS = ("mean_doppler_spectrum", "main_line_hz")
+NUMBERS = ("gait_frequency_hz", "torso_doppler_hz", "n_periods")
+GROUPS = {"quality": "quality_", "standard_deviation": "sd_", "extended": "extended_"}
+"""Mappings of a result and the beginnings of their columns in a table."""
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """Signature, cadence map and features of one target, with the settings that they were made with.
+
+    Two results are equal if everything in them is, to the last bit; NaN equals NaN.
+
+    Parameters
+    ----------
+    analysis : Analysis
+        The settings that were used, clutter removal among them.
+    label : str or None
+        Class as stated by the recording's truth or labels; None where it is unknown.
+    gate_source : str
+        Where the gate came from: ``"truth"``, ``"track"`` or ``"given"``.
+    features : GaitFeatures
+        The report's set F.
+    gait_frequency_hz, torso_doppler_hz, n_periods : float or None
+    quality : mapping
+        Diagnostics by name.
+    flags : tuple of str
+        Reasons for None values and for caution, without semicolons.
+    extended : mapping
+        Further features by name, None where undetermined.
+    standard_deviation : mapping
+        Of the features of the set F and of the gait frequency, None where unknown.
+    arrays : mapping
+        What the properties of the same names return; a result of a table row may have none.
+    gate_limits : Gate, optional
+        Of a tracked target the gate of the whole track; None in a result of a table row.
+    segments : tuple of Result
+        Of a tracked target: one per segment of steady motion, in the order of time; this result is that of the longest.
+    """
+
+    analysis: Analysis
+    label: str | None = None
+    gate_source: str = "given"
+    features: GaitFeatures = field(default_factory=GaitFeatures)
+    gait_frequency_hz: float | None = None
+    torso_doppler_hz: float | None = None
+    n_periods: float | None = None
+    quality: Mapping[str, Any] = field(default_factory=dict)
+    flags: tuple[str, ...] = ()
+    extended: Mapping[str, float | None] = field(default_factory=dict)
+    standard_deviation: Mapping[str, float | None] = field(default_factory=dict)
+    arrays: Mapping[str, Any] = field(default_factory=dict)
+    gate_limits: Gate | None = None
+    segments: tuple[Result, ...] = ()
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Result):
+            return NotImplemented
+        return json.dumps(self.to_json(), sort_keys=True) == json.dumps(other.to_json(), sort_keys=True)
+
+    __hash__ = None  # type: ignore[assignment]
+
+    # Arrays ----------------------------------------------------------------------------------------------------------
+
+    def _array(self, name: str) -> Any:
+        if name not in self.arrays:
+            raise AnalysisError(f"this result holds no {name}; it was read from a table row that does not store it")
+        return self.arrays[name]
+
+    @property
+    def gate(self) -> Gate:
+        """The gate; an AnalysisError where it was not kept."""
+        if self.gate_limits is None:
+            raise AnalysisError("this result holds no gate; it was read from a table row, which does not store it")
+        return self.gate_limits
+
+    @property
+    def signature(self) -> xr.DataArray:
+        """Micro-Doppler signature (time, doppler), V^2, with the hop of the analysis."""
+        return self._array("signature")  # type: ignore[no-any-return]
+
+    @property
+    def normalised_signature(self) -> xr.DataArray:
+        """Normalised columns (time, doppler) that features are taken from: every n-th where the hop is finer."""
+        return self._array("normalised_signature")  # type: ignore[no-any-return]
+
+    @property
+    def cadence_map(self) -> xr.DataArray:
+        """Cadence-velocity diagram (cadence, doppler); ``aligned``: Doppler is measured from the main line."""
+        return self._array("cadence_map")  # type: ignore[no-any-return]
+
+    @property
+    def cadence_spectrum(self) -> xr.DataArray:
+        """Cadence spectrum (cadence)."""
+        return self._array("cadence_spectrum")  # type: ignore[no-any-return]
+
+    @property
+    def mean_doppler_spectrum(self) -> npt.NDArray[np.float64]:
+        """D_1 of the normalised signature, shape (K,)."""
+        return self._array("mean_doppler_spectrum")  # type: ignore[no-any-return]
+
+    @property
+    def main_line_hz(self) -> npt.NDArray[np.float64]:
+        """Straight main Doppler line at the columns of the signature, shape (J,)."""
+        return self._array("main_line_hz")  # type: ignore[no-any-return]
+
+    @cached_property
+    def span_s(self) -> tuple[float, float]:
+        """Times that the result is about: of its segment, or of the whole gate."""
+        start_s, stop_s = self.quality.get("start_s"), self.quality.get("stop_s")
+        return (
+            self.gate.start_s if start_s is None else float(start_s),
+            self.gate.stop_s if stop_s is None else float(stop_s),
+        )
+
+    # JSON ------------------------------------------------------------------------------------------------------------
+
+    def to_json(self, *, arrays: bool = True) -> dict[str, Any]:
+        """Convert to plain values that ``json.dumps`` writes; :meth:`from_json` gives an equal result.
+
+        Parameters
+        ----------
+        arrays : bool
+            Whether the arrays, the gate's limits and the analysis settings are included; without them the document is
+            the target of ``doppelgait analyze --json``.
+
+        Notes
+        -----
+        Numbers that are not finite are written as NaN and Infinity, as Python's ``json`` writes and reads them.
+        """
+        plain = {
+            "label": self.label,
+            "gate": self.gate_source,
+            "features": _plain(self.features.as_dict()),
+            **{name: _plain(getattr(self, name)) for name in NUMBERS},
+            "quality": _plain(self.quality),
+            "flags": list(self.flags),
+            "standard_deviation": _plain(self.standard_deviation),
+            "extended": _plain(self.extended),
+        }
+        if self.segments:
+            plain["segments"] = [segment.to_json(arrays=arrays) for segment in self.segments]
+        if arrays:
+            gate = self.gate_limits
+            plain["analysis"] = self.analysis.model_dump(mode="json")
+            plain["arrays"] = {name: _array_to_json(array) for name, array in self.arrays.items()}
+            plain["gate_limits"] = None if gate is None else {
+                "time_s": _values_to_json(gate.time_s), "centre_m": _values_to_json(gate.centre_m),
+                "span_m": gate.span_m, "doppler_hz": None if gate.doppler_hz is None else list(gate.doppler_hz),
+                "source": gate.source,
+            }  # fmt: skip
+        return plain
+
+    @classmethod
+    def from_json(cls, plain: Mapping[str, Any]) -> Result:
+        """Make a result from what :meth:`to_json` returned with its arrays."""
+        gate = plain["gate_limits"]
+        return cls(
+            analysis=validate(Analysis, plain["analysis"], where="analysis"),
+            label=plain["label"],
+            gate_source=plain["gate"],
+            features=GaitFeatures(**plain["features"]),
+            **{name: plain[name] for name in (*NUMBERS, *GROUPS)},
+            flags=tuple(plain["flags"]),
+            arrays={name: _array_from_json(array) for name, array in plain["arrays"].items()},
+            gate_limits=None if gate is None else Gate(
+                _values_from_json(gate["time_s"]), _values_from_json(gate["centre_m"]), gate["span_m"],
+                None if gate["doppler_hz"] is None else tuple(gate["doppler_hz"]), gate["source"],
+            ),
+            segments=tuple(cls.from_json(segment) for segment in plain.get("segments", ())),
+        )  # fmt: skip
+
+    # Table rows ------------------------------------------------------------------------------------------------------
+
+    def to_row(self) -> dict[str, Any]:
+        """Convert numbers and flags to the columns of a table; the label and the analysis have columns elsewhere."""
+        row = {
+            "gate": self.gate_source,
+            **{f"feature_{name}": value for name, value in self.features.as_dict().items()},
+            **{name: getattr(self, name) for name in NUMBERS},
+        }
+        for name, prefix in GROUPS.items():
+            row |= {f"{prefix}{key}": value for key, value in getattr(self, name).items()}
+        return {**row, "flags": ";".join(self.flags)}
+
+    @classmethod
+    def from_row(
+        cls, row: Mapping[str, Any], analysis: Analysis, *, label: str | None = None,
+        arrays: Mapping[str, Any] | None = None, gate_limits: Gate | None = None,
+    ) -> Result:  # fmt: skip
+        """Make a result from the columns of :meth:`to_row`; other columns are ignored.
+
+        Parameters
+        ----------
+        row : mapping
+        analysis : Analysis
+            Settings that the row was made with.
+        label : str, optional
+        arrays : mapping, optional
+            Arrays that are stored with the row.
+        gate_limits : Gate, optional
+        """
+        groups: dict[str, Any] = {
+            name: {key.removeprefix(prefix): row[key] for key in row if key.startswith(prefix)}
+            for name, prefix in GROUPS.items()
+        }
+        return cls(
+            analysis=analysis,
+            label=label,
+            gate_source=row["gate"],
+            features=GaitFeatures(**{name: row[f"feature_{name}"] for name in FEATURE_UNITS}),
+            **{name: row[name] for name in NUMBERS},
+            **groups,
+            flags=tuple(filter(None, (row["flags"] or "").split(";"))),
+            arrays=arrays or {},
+            gate_limits=gate_limits,
+        )
+
+
+def _plain(value: Any) -> Any:
+    """Convert NumPy scalars inside of mappings and sequences to Python's."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(inner) for inner in value]
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _values_to_json(values: npt.NDArray[Any]) -> dict[str, Any]:
+    values = np.ascontiguousarray(values)
+    return {
+        "dtype": values.dtype.str, "shape": list(values.shape), "base64": base64.b64encode(values.tobytes()).decode(),
+    }  # fmt: skip
+
+
+def _values_from_json(plain: Mapping[str, Any]) -> npt.NDArray[Any]:
+    data = np.frombuffer(base64.b64decode(plain["base64"]), dtype=np.dtype(plain["dtype"]))
+    return data.reshape(plain["shape"]).copy()
+
+
+def _array_to_json(array: Any) -> dict[str, Any]:
+    if not isinstance(array, xr.DataArray):
+        return _values_to_json(array)
+    coords = {
+        str(name): {**_values_to_json(one.values), "dims": list(one.dims), "attrs": _plain(one.attrs)}
+        for name, one in array.coords.items()
+    }
+    return {
+        **_values_to_json(array.values), "dims": list(array.dims), "name": array.name, "attrs": _plain(array.attrs),
+        "coords": coords,
+    }  # fmt: skip
+
+
+def _array_from_json(plain: Mapping[str, Any]) -> Any:
+    values = _values_from_json(plain)
+    if "dims" not in plain:
+        return values
+    coords = {name: (one["dims"], _values_from_json(one), one["attrs"]) for name, one in plain["coords"].items()}
+    return xr.DataArray(values, coords=coords, dims=plain["dims"], name=plain["name"], attrs=plain["attrs"])
+
+
+# Files ---------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Results:
+    """Results of one recording, as a file holds them.
+
+    Parameters
+    ----------
+    source : str
+        Recording that was analysed.
+    radar : Radar
+    targets : tuple of Result
+    """
+
+    source: str
+    radar: Radar
+    targets: tuple[Result, ...]
+
+
+def describe_results(recording: Recording, results: Sequence[Result]) -> dict[str, Any]:
+    """Build the document that ``doppelgait analyze --json`` prints; what is not finite is None."""
+    facts = {
+        "file": recording.source,
+        "n_pulses": recording.n_pulses,
+        "n_range_bins": recording.n_range_bins,
+        "observation_s": recording.observation_s,
+        "snr_frame_db": recording.snr_frame_db,
+        "noise_power_v2": recording.noise_power_v2,
+        "seed": recording.seed,
+        "radar": recording.radar.model_dump(mode="json"),
+    }
+    document: dict[str, Any] = json_value(
+        {"recording": facts, "targets": [result.to_json(arrays=False) for result in results]}
+    )
+    return document
+
+
+def write_results(path: str | Path, recording: Recording, results: Sequence[Result]) -> None:
+    """Write results to one HDF5 file; it appears complete or not at all.
+
+    Each target is a group ``targets/<number>``: features and numbers as attributes (empty where undetermined), further
+    mappings as JSON, arrays as datasets, their coordinates under ``axes``, segments in groups of the same form.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written; an older file of that name is then untouched.
+    """
+    import h5py
+
+    with atomic_path(path) as partial, h5py.File(partial, "w", track_order=True) as file:
+        file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION, source=recording.source)
+        file.attrs["radar"] = canonical_json(recording.radar)
+        file.create_group("targets", track_order=True)
+        for number, result in enumerate(results):
+            _write_result(file.create_group(f"targets/{number}", track_order=True), result, {})
+
+
+def _write_result(group: Any, result: Result, written: dict[Any, Any]) -> None:
+    import h5py
+
+    plain = result.to_json(arrays=False)
+    for name, value in {**plain["features"], **{name: plain[name] for name in NUMBERS}}.items():
+        group.attrs[name] = h5py.Empty("f8") if value is None else value
+    for name in ("label", "gate", "flags", *GROUPS):
+        group.attrs[name] = json.dumps(plain[name])
+    group.attrs["analysis"] = canonical_json(result.analysis)
+    group.attrs["arrays"] = json.dumps(list(result.arrays))  # so that a missing one is found
+    for name, array in result.arrays.items():
+        if not isinstance(array, xr.DataArray):
+            _write_values(group, name, array, {}, written)
+            continue
+        facts = {"dims": array.dims, "name": array.name, "attrs": _plain(array.attrs), "units": array.attrs["units"]}
+        _write_values(group, name, array.values, facts, written)
+        axes = group.create_group(f"axes/{name}", track_order=True)
+        for key, one in array.coords.items():
+            _write_values(axes, str(key), one.values, {"dims": one.dims, "attrs": _plain(one.attrs)}, written)
+    if result.gate_limits is not None:
+        gate = group.create_group("gate_limits", track_order=True)
+        gate.attrs.update(source=result.gate.source, span_m=result.gate.span_m)
+        gate.attrs["doppler_hz"] = result.gate.doppler_hz or h5py.Empty("f8")
+        for name in ("time_s", "centre_m"):
+            _write_values(gate, name, getattr(result.gate, name), {}, written)
+    for number, segment in enumerate(result.segments):
+        _write_result(group.create_group(f"segments/{number}", track_order=True), segment, written)
+
+
+def _write_values(
+    group: Any, name: str, values: npt.NDArray[Any], facts: Mapping[str, Any], written: dict[Any, Any]
+) -> None:
+    """Write a dataset with its facts, or link to one that is the same: arrays share axes, a target its segment."""
+    values = np.ascontiguousarray(values)
+    text = {key: value if isinstance(value, str) else json.dumps(value) for key, value in facts.items()}
+    key = (values.dtype.str, values.shape, values.tobytes(), tuple(sorted(text.items())))
+    if key in written:
+        group[name] = written[key]
+        return
+    written[key] = group.create_dataset(name, data=values, track_times=False)
+    written[key].attrs.update(text)
+
+
+def is_result_file(path: str | Path) -> bool:
+    """Whether a file is HDF5 and states that it holds results."""
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            return bool(file.attrs.get("format") == FORMAT)
+    except (OSError, RuntimeError, ValueError, TypeError, LookupError):
+        return False
+
+
+def read_results(path: str | Path) -> Results:
+    """Read a file of :func:`write_results`; the results are equal to those that were written.
+
+    Raises
+    ------
+    AnalysisError
+        If the file is missing, of another version, no result file, damaged, or takes values from another file.
+    """
+    import h5py
+
+    if not Path(path).is_file():
+        raise AnalysisError(f"{path}: no such file")
+    try:
+        with h5py.File(path, "r") as file:
+            if file.attrs.get("format") != FORMAT:
+                raise ValueError(f"attribute format is {file.attrs.get('format')!r}, must be {FORMAT!r}")
+            if int(file.attrs["format_version"]) != FORMAT_VERSION:
+                raise ValueError(f"format_version is {file.attrs['format_version']}, must be {FORMAT_VERSION}")
+            check_own(file)
+            return Results(
+                source=str(file.attrs["source"]),
+                radar=validate(Radar, json.loads(file.attrs["radar"]), where="radar"),
+                targets=tuple(_read_result(file["targets"][name]) for name in sorted(file["targets"], key=int)),
+            )
+    except (OSError, LookupError, ValueError, TypeError, AttributeError, RuntimeError, DoppelgaitError) as error:
+        raise AnalysisError(
+            f"{path}: is damaged or no result of doppelgait analyze: {error}; analyse the recording again"
+        ) from None
+
+
+def _read_result(group: Any) -> Result:
+    import h5py
+
+    def number(name: str) -> float | int | None:
+        value = group.attrs[name]
+        return None if isinstance(value, h5py.Empty) else value.item()
+
+    arrays: dict[str, Any] = {}
+    for name in json.loads(group.attrs["arrays"]):
+        values, facts = group[name][()], {key: str(text) for key, text in group[name].attrs.items()}
+        if name in LABELLED_ARRAYS:
+            coords = {
+                key: (json.loads(one.attrs["dims"]), one[()], json.loads(one.attrs["attrs"]))
+                for key, one in group[f"axes/{name}"].items()
+            }
+            array = xr.DataArray(
+                values, coords=coords, dims=json.loads(facts["dims"]), name=facts["name"],
+                attrs=json.loads(facts["attrs"]),
+            )  # fmt: skip
+            values = check_signal(array, LABELLED_ARRAYS[name])
+        arrays[name] = values
+    if {"signature", "main_line_hz"} <= set(arrays):
+        line, columns = arrays["main_line_hz"], arrays["signature"].sizes["time"]
+        if line.shape != (columns,):
+            raise ValueError(f"main_line_hz has shape {line.shape}, the signature {columns} columns")
+    gate = None
+    if "gate_limits" in group:
+        stored, band_hz = group["gate_limits"], group["gate_limits"].attrs["doppler_hz"]
+        gate = Gate(
+            stored["time_s"][()], stored["centre_m"][()], float(stored.attrs["span_m"]),
+            None if isinstance(band_hz, h5py.Empty) else (float(band_hz[0]), float(band_hz[1])),
+            str(stored.attrs["source"]),
+        )  # fmt: skip
+    mappings: dict[str, Any] = {name: json.loads(group.attrs[name]) for name in GROUPS}
+    numbers: dict[str, Any] = {name: number(name) for name in NUMBERS}
+    segments = group.get("segments", {})
+    return Result(
+        analysis=validate(Analysis, json.loads(group.attrs["analysis"]), where="analysis"),
+        label=json.loads(group.attrs["label"]),
+        gate_source=json.loads(group.attrs["gate"]),
+        features=GaitFeatures(**{name: number(name) for name in FEATURE_UNITS}),
+        **numbers,
+        **mappings,
+        flags=tuple(json.loads(group.attrs["flags"])),
+        arrays=arrays,
+        gate_limits=gate,
+        segments=tuple(_read_result(segments[name]) for name in sorted(segments, key=int)),
+    )

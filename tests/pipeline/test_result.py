@@ -1,0 +1,226 @@
+"""Results written and read again."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import h5py
+import hypothesis.extra.numpy as stnp
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from doppelgait.core.errors import AnalysisError
+from doppelgait.core.labels import (
+    CADENCE_MAP,
+    CADENCE_SPECTRUM,
+    NORMALISED_SIGNATURE,
+    SIGNATURE,
+    make_array,
+)
+from doppelgait.features.gait import GaitFeatures
+from doppelgait.pipeline import (
+    Result,
+    analyze,
+    describe_results,
+    parse_run,
+    read_results,
+    run_simulation,
+    write_results,
+)
+from doppelgait.pipeline.result import LABELLED_ARRAYS, PLAIN_ARRAYS, is_result_file
+from doppelgait.processing import Analysis, Gate
+
+WALK = {"kind": "boulic", "speed_mps": 1.3, "height_m": 1.75}
+SCENE = {
+    "duration_s": 3.0,
+    "radar": {"preset": "x4"},
+    "targets": [{"label": "human", "motion": WALK, "start_position_m": [6.0, 0.3], "heading_deg": 180.0}],
+}
+ANALYSES = {"truth": Analysis(hop=4), "track": Analysis(clutter="median"), "report": Analysis(method="liland2018")}
+
+
+@pytest.fixture(scope="module")
+def recording():
+    return run_simulation(parse_run(SCENE, where="scene"))
+
+
+@pytest.fixture(scope="module")
+def written(recording, tmp_path_factory):
+    """Results by name, each with its file."""
+    folder, made = tmp_path_factory.mktemp("results"), {}
+    for name, analysis in ANALYSES.items():
+        results = analyze(recording, gate="track" if name == "track" else "truth", analysis=analysis)
+        write_results(folder / f"{name}.h5", recording, results)
+        made[name] = (folder / f"{name}.h5", results)
+    return made
+
+
+@pytest.mark.parametrize("name", ANALYSES)
+def test_results_come_back_as_they_were(written, recording, name):
+    path, results = written[name]
+    read = read_results(path)
+    assert (read.source, read.radar) == (recording.source, recording.radar)
+    assert read.targets == tuple(results)
+    assert [target.analysis for target in read.targets] == [ANALYSES[name]]
+    for target, result in zip(read.targets, results, strict=True):
+        for array in LABELLED_ARRAYS:
+            xr.testing.assert_identical(getattr(target, array), getattr(result, array))
+        for array in PLAIN_ARRAYS:
+            np.testing.assert_array_equal(getattr(target, array), getattr(result, array))
+        assert target.gate == result.gate
+        assert Result.from_json(json.loads(json.dumps(result.to_json()))) == result
+
+
+def test_segments_share_what_they_have_in_common_on_disk(written):
+    path, (result,) = written["track"]
+    assert result.segments
+    with h5py.File(path) as file:
+        longest = next(s for s in file["targets/0/segments"].values() if s["signature"] == file["targets/0/signature"])
+        assert longest["cadence_map"] == file["targets/0/cadence_map"]
+
+
+def test_the_settings_that_were_used_are_those_of_the_result(recording):
+    (tracked,) = analyze(recording)
+    (asked,) = analyze(recording, analysis=Analysis(clutter="mean"))
+    (truth,) = analyze(recording, gate="truth")
+    assert [one.analysis.clutter for one in (tracked, asked, truth)] == ["median", "mean", "none"]
+    assert all(segment.analysis == tracked.analysis for segment in tracked.segments)
+
+
+def test_what_a_row_does_not_hold_is_an_error(written):
+    (result,) = written["truth"][1]
+    read = Result.from_row(result.to_row(), result.analysis, label=result.label)
+    assert read.to_json(arrays=False) == result.to_json(arrays=False)
+    for name in (*LABELLED_ARRAYS, *PLAIN_ARRAYS, "gate"):
+        with pytest.raises(AnalysisError, match=f"holds no {name}"):
+            getattr(read, name)
+
+
+NUMBERS = st.none() | st.floats()
+WORDS = st.text("abcdefghij_ 0123456789:ü", min_size=1, max_size=12)
+MAPPINGS = st.dictionaries(WORDS, NUMBERS, max_size=3)
+
+
+def arrays(draw):
+    """Arrays of one result; values may be anything that float32 and float64 hold."""
+    n, k = draw(st.integers(1, 3)), draw(st.integers(1, 3))
+
+    def values(dtype, *shape):
+        return draw(stnp.arrays(dtype, shape, elements=st.floats(width=32)))
+
+    time, doppler, cadence = values("f8", n), values("f8", k), values("f8", 2)
+    rows = {"doppler": doppler, "velocity": ("doppler", values("f8", k))}
+    facts = {"prf_hz": draw(st.floats()), "hop": draw(st.integers(1, 9)), "gate": draw(WORDS)}
+    share = {"gate_share": ("time", values("f8", n), {"units": "1"})}
+    made = {
+        "signature": make_array(SIGNATURE, values("f4", n, k), {"time": time, **rows, **share}, facts),
+        "normalised_signature": make_array(NORMALISED_SIGNATURE, values("f4", n, k), {"time": time, **rows}),
+        "cadence_map": make_array(CADENCE_MAP, values("f8", 2, k), {"cadence": cadence, **rows}, {"aligned": True}),
+        "cadence_spectrum": make_array(CADENCE_SPECTRUM, values("f8", 2), {"cadence": cadence}),
+        "mean_doppler_spectrum": values("f8", k),
+        "main_line_hz": values("f8", n),
+    }
+    return {name: made[name] for name in made if draw(st.booleans())}
+
+
+@st.composite
+def any_results(draw, *, depth=1):
+    """Results with NaN, infinity, None, empty mappings and flags, with and without arrays, gate and segments."""
+    band_hz = draw(st.none() | st.tuples(st.floats(allow_nan=False), st.floats(allow_nan=False)))
+    gate = Gate.fixed(1.0, draw(st.floats(1.5, 9.0)), time_s=[0.0, draw(st.floats(0.1, 9.0))])
+    return Result(
+        analysis=draw(st.sampled_from([Analysis(), Analysis(clutter="mean", hop=3), Analysis(method="liland2018")])),
+        label=draw(st.none() | st.just("") | WORDS),
+        gate_source=draw(st.sampled_from(["truth", "track", "given"])),
+        features=GaitFeatures(*draw(st.tuples(*[NUMBERS] * 6))),
+        gait_frequency_hz=draw(NUMBERS),
+        torso_doppler_hz=draw(NUMBERS),
+        n_periods=draw(NUMBERS),
+        quality=draw(st.dictionaries(WORDS, NUMBERS | WORDS | st.integers(-9, 9) | st.booleans(), max_size=3)),
+        flags=tuple(draw(st.lists(WORDS, max_size=3))),
+        extended=draw(MAPPINGS),
+        standard_deviation=draw(MAPPINGS),
+        arrays=arrays(draw),
+        gate_limits=draw(st.none() | st.just(replace(gate, doppler_hz=band_hz))),
+        segments=tuple(draw(st.lists(any_results(depth=depth - 1), max_size=2))) if depth else (),
+    )
+
+
+@given(result=any_results())
+@settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+)
+def test_every_result_comes_back_exactly(result, recording, tmp_path_factory):
+    path = tmp_path_factory.getbasetemp() / "any.h5"
+    write_results(path, recording, [result])
+    assert read_results(path).targets == (result,)
+    assert Result.from_json(json.loads(json.dumps(result.to_json()))) == result
+    row = Result.from_row({"id": "other column", **result.to_row()}, result.analysis, label=result.label)
+    assert row == replace(result, arrays={}, gate_limits=None, segments=())
+
+
+@given(first=any_results(), second=any_results())
+@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+def test_results_that_differ_are_not_equal(first, second):
+    same = json.dumps(first.to_json(), sort_keys=True) == json.dumps(second.to_json(), sort_keys=True)
+    assert (first == second) == same
+    assert first != replace(first, flags=(*first.flags, "another"))
+    assert first != replace(first, quality={**first.quality, "further": math.nan})
+
+
+def test_no_target_is_a_result_too(recording, tmp_path):
+    write_results(tmp_path / "none.h5", recording, [])
+    assert read_results(tmp_path / "none.h5").targets == ()
+
+
+DAMAGE = {
+    "format": lambda file: file.attrs.modify("format", "something-else"),
+    "format_version": lambda file: file.attrs.modify("format_version", 99),
+    "radar": lambda file: file.attrs.modify("radar", "{"),
+    "analysis": lambda file: file["targets/0"].attrs.modify("analysis", '{"cpi_s": -1}'),
+    "signature": lambda file: file["targets/0"].pop("signature"),
+    "dims": lambda file: file["targets/0/signature"].attrs.modify("dims", '["doppler", "time"]'),
+    "time": lambda file: file["targets/0/axes/signature"].pop("time"),
+    "main_line_hz": lambda file: (
+        file["targets/0"].pop("main_line_hz"), file.__setitem__("targets/0/main_line_hz", np.zeros(3))
+    ),
+    "flags": lambda file: file["targets/0"].attrs.modify("flags", "["),
+    "gate": lambda file: file["targets/0/gate_limits"].pop("time_s"),
+    "a": lambda file: file["targets"].move("0", "a"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("part", DAMAGE)
+def test_damage_is_told(written, tmp_path, part):
+    path = tmp_path / "damaged.h5"
+    path.write_bytes(written["truth"][0].read_bytes())
+    with h5py.File(path, "r+") as file:
+        DAMAGE[part](file)
+    with pytest.raises(AnalysisError, match=r"damaged\.h5: is damaged or no result"):
+        read_results(path)
+
+
+def test_what_is_no_result_file(written, tmp_path):
+    assert is_result_file(written["truth"][0])
+    torn = tmp_path / "torn.h5"
+    torn.write_bytes(written["truth"][0].read_bytes()[:-2000])
+    text = tmp_path / "text.h5"
+    text.write_text("no")
+    for path in (torn, text, tmp_path, tmp_path / "nothing.h5"):
+        assert not is_result_file(path)
+        with pytest.raises(AnalysisError, match=path.name):
+            read_results(path)
+
+
+def test_pauses_between_bursts_count_as_observed():
+    recording = run_simulation(parse_run({"duration_s": 0.1, "targets": [{"motion": {"kind": "boulic"}}]}))
+    assert describe_results(recording, [])["recording"]["observation_s"] == pytest.approx(0.1, rel=1e-9)
+    n = recording.n_pulses
+    paused = recording.baseband.coords["slow_time"].values + 0.4 * (np.arange(n) >= n // 2)
+    bursts = recording.with_baseband(recording.baseband.assign_coords(slow_time=("slow_time", paused, {"units": "s"})))
+    assert describe_results(bursts, [])["recording"]["observation_s"] == pytest.approx(0.5, rel=1e-9)
