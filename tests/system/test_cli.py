@@ -254,7 +254,7 @@ def test_a_unit_that_is_guessed_is_said_once(shared, tmp_path):
         (["simulate", "--motion", "nobody.c3d", "-o", "x.h5"], "nobody.c3d: neither a file nor a model"),
         (["analyze", "scene.toml"], "no recording format that is read"),
         (["analyze", "missing.h5"], "no such file"),
-        (["analyze", "rec.h5", "--gate", "magic"], "'magic' is not known"),
+        (["analyze", "rec.h5", "--gate", "magic"], "'magic' is not allowed"),
         (["analyze", "rec.h5", "--gate", "truth", "--set", "cpi_s=30"], "cpi_s"),
         (["motion", "info", "scene.toml"], "scene.toml"),
         (["radar", "show", "x9"], "unknown radar preset 'x9'"),

@@ -15,6 +15,7 @@ from doppelgait.core.config import canonical_json, validate
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.files import atomic_path, write_atomically
 from doppelgait.core.interrupt import raise_if_stopped
+from doppelgait.core.plugins import foreign_plugins
 from doppelgait.dataset.config import SPLITS, FieldSpec, PlanConfig
 from doppelgait.dataset.motions import motion_files
 from doppelgait.dataset.shard_files import facts_of
@@ -51,8 +52,15 @@ def dataset_id(plan: PlanConfig, folder: Path) -> str:
     ------
     ConfigError
         If a motion or preset file cannot be read.
+
+    Notes
+    -----
+    Plug-ins of other packages that the plan uses are part of it, with their versions (:func:`plugin_identities`).
     """
     digest = hashlib.sha256(f"{DATA_VERSION}\n{canonical_json(plan)}\n".encode())
+    foreign = plugin_identities(plan.model_dump(mode="json"))
+    if foreign:
+        digest.update(json.dumps(foreign, sort_keys=True).encode())
     motions = [section.motion for section in plan.classes]
     sources = {
         "motion file": motion_files([*motions, {"companions": plan.companions}]),
@@ -65,6 +73,25 @@ def dataset_id(plan: PlanConfig, folder: Path) -> str:
             except OSError as error:
                 raise ConfigError(f"{noun} {path}: cannot be read: {error}") from None
     return digest.hexdigest()[:16]
+
+
+def plugin_identities(config: Any) -> list[dict[str, str]]:
+    """Identities of other packages' plug-ins that a configuration uses: named ones, all features, readers of files."""
+    words: set[str] = set()
+
+    def collect(value: Any) -> None:
+        if isinstance(value, str):
+            words.add(value)
+        elif isinstance(value, Mapping):
+            words.update(map(str, value))
+            collect(list(value.values()))
+        elif isinstance(value, list | tuple):
+            for inner in value:
+                collect(inner)
+
+    collect(config)
+    always = {"feature", "gate_source"} | ({"motion_reader"} if "file" in words else set())
+    return [item.identity for item in foreign_plugins() if item.group in always or item.name in words]
 
 
 def _preset_files(value: Any) -> Iterator[str]:
@@ -167,6 +194,7 @@ class Header:
             "n_examples": self.n_examples,
             "config": dict(self.config),
             "doppelgait_version": __version__,
+            **({"plugins": foreign} if (foreign := plugin_identities(self.config)) else {}),
         }
 
 

@@ -19,7 +19,16 @@ from doppelgait.core.errors import ConfigError, DatasetError, OutputError
 from doppelgait.dataset.build import log_entry
 from doppelgait.dataset.card import import_card
 from doppelgait.dataset.config import ImportConfig
-from doppelgait.dataset.finish import DATA_VERSION, Header, Totals, finish_dataset, read_records, shard_names, tally
+from doppelgait.dataset.finish import (
+    DATA_VERSION,
+    Header,
+    Totals,
+    finish_dataset,
+    plugin_identities,
+    read_records,
+    shard_names,
+    tally,
+)
 from doppelgait.dataset.labels import LabelEntry, read_labels, recording_sha256
 from doppelgait.dataset.plan import Shard, split_into_shards
 from doppelgait.dataset.recorded import RecordedExamples
@@ -224,6 +233,9 @@ def import_id(labels: Path, hashes: dict[str, str], config: ImportConfig) -> str
     settings = canonical_json(config_as_dict(config) | {"defaults": config.analysis.model_dump(mode="json")})
     digest = hashlib.sha256(f"import {DATA_VERSION}\n{settings}\n{canonical_json(hashes)}\n".encode())
     digest.update(labels.read_bytes())
+    foreign = plugin_identities(config_as_dict(config))
+    if foreign:
+        digest.update(json.dumps(foreign, sort_keys=True).encode())
     return digest.hexdigest()[:16]
 
 

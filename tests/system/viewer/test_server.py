@@ -188,7 +188,9 @@ def test_what_cannot_be_opened(files, tmp_path):
         open_path(torn, settings)
     with pytest.raises(ConfigError, match="gate"):
         parse_settings("nearby", [], [])
-    with pytest.raises(ConfigError, match=r"--gate 50:60: lies outside the recorded frame, -0\.03 to 9\.\d+ m"):
+    with pytest.raises(
+        ConfigError, match=r"--gate: gate 50 to 60 m: lies outside the recorded frame, -0\.03 to 9\.\d+ m"
+    ):
         open_path(files / "walk.h5", parse_settings("50:60", [], []))
 
 
