@@ -32,7 +32,7 @@ from doppelgait.motion.models.primitives import breathing_person
 from doppelgait.pipeline import simulate
 from doppelgait.pipeline.echoes import Conditions
 from doppelgait.radar import Radar, Recording
-from doppelgait.radar.fit import Estimate, TwinFit, fit_twin, twin_toml
+from doppelgait.radar.fit import Estimate, SensorFit, calibrated_preset, fit_sensor
 from doppelgait.radar.impairments import apply_impairments, make_impairment
 from doppelgait.radar.readers import read_recording
 from doppelgait.radar.simulate import label_baseband
@@ -144,7 +144,7 @@ def circle_centre(values: npt.NDArray[np.complex128]) -> complex:
     return complex(solution[0], solution[1]) / 2.0
 
 
-def room_rows(name: str, real: TwinFit, drawn: list[TwinFit]) -> list[tuple[str, str, str, str]]:
+def room_rows(name: str, real: SensorFit, drawn: list[SensorFit]) -> list[tuple[str, str, str, str]]:
     """Measured, simulated and difference of the numbers of an empty room."""
     own, minute = unit_db(real.radar), 60.0
 
@@ -174,7 +174,7 @@ def room_rows(name: str, real: TwinFit, drawn: list[TwinFit]) -> list[tuple[str,
     return rows
 
 
-def level_of_bins(fit: TwinFit) -> FloatArray:
+def level_of_bins(fit: SensorFit) -> FloatArray:
     """Static echo of every bin, dB re one unit."""
     return np.asarray(20.0 * np.log10(np.abs(fit.echo_v)) - unit_db(fit.radar))
 
@@ -195,7 +195,7 @@ def person_rows(what: str, real: Person, drawn: list[Person], *, noise_db: float
     ]  # fmt: skip
 
 
-def draw_room(real: TwinFit, drawn: list[TwinFit], *, title: str) -> Figure:
+def draw_room(real: SensorFit, drawn: list[SensorFit], *, title: str) -> Figure:
     """Static echo and noise over range: the measured room, drawn rooms, the fitted profile."""
     figure = new_figure(width_in=10.5, height_in=5.5)
     axes = figure.add_subplot()
@@ -233,11 +233,11 @@ def main(recordings: Path, out: Path) -> None:
     rows: list[tuple[str, str, str, str]] = []
     noise_db = []
     for number, matrix in enumerate(MATRICES, start=1):
-        real = fit_twin(read_recording(recordings / EMPTY, matrix=matrix))
+        real = fit_sensor(read_recording(recordings / EMPTY, matrix=matrix))
         twin = out / f"x4-twin-{number}.toml"
-        twin.write_text(twin_toml(real), encoding="utf-8")
+        twin.write_text(calibrated_preset(real), encoding="utf-8")
         seeds = np.random.SeedSequence([SEED, number]).generate_state(N_ROOMS)
-        drawn = [fit_twin(drawn_room(twin, frames=real.n_frames, seed=int(seed))) for seed in seeds]
+        drawn = [fit_sensor(drawn_room(twin, frames=real.n_frames, seed=int(seed))) for seed in seeds]
         rows += room_rows(f"radar {number}", real, drawn)
         noise_db.append(real.noise_level_db.value - unit_db(real.radar))
         viz.save_figure(draw_room(real, drawn, title=f"Empty room, radar {number}"), out / f"empty-room-{number}.png")

@@ -17,7 +17,7 @@ from doppelgait.motion import boulic_walk, fan
 from doppelgait.pipeline import analyze, parse_run, run_example, run_simulation, simulate
 from doppelgait.pipeline.echoes import Conditions
 from doppelgait.radar import Radar, read_recording, write_arrays
-from doppelgait.radar.fit import fit_twin
+from doppelgait.radar.fit import fit_sensor
 from doppelgait.radar.xethru import write_xethru_recording
 from doppelgait.scene import Scene, Target
 
@@ -290,7 +290,7 @@ def test_bursts_are_no_lost_frames():
     made = run_simulation(parse_run({**SCENE, "targets": [], "noise": {"kind": "thermal"}, "duration_s": 0.2}))
     in_bursts = made.with_baseband(made.baseband.assign_attrs(burst_pulses=16))
     with pytest.raises(AnalysisError, match="comes in bursts"):
-        fit_twin(in_bursts)
+        fit_sensor(in_bursts)
 
 
 def test_switches_of_readers_are_true_or_false(tmp_path):

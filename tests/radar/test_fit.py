@@ -18,12 +18,26 @@ from doppelgait.cli.radar import fit as fit_command
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.radar import Radar, Recording, write_recording
-from doppelgait.radar.fit import Estimate, TwinFit, estimate_rows, fit_twin, twin_as_dict, twin_radar, twin_toml
-from doppelgait.radar.fit.clutter import clutter_profile, leakage
-from doppelgait.radar.fit.estimate import level_db, root
+from doppelgait.radar.fit import (
+    Estimate,
+    SensorFit,
+    calibrated_preset,
+    calibrated_radar,
+    estimate_rows,
+    fit_sensor,
+    sensor_as_dict,
+)
 from doppelgait.radar.fit.frames import frame_faults
-from doppelgait.radar.fit.series import fit_series
-from doppelgait.radar.fit.static import correlation_sum, factor_variance, leverage, static_part
+from doppelgait.radar.fit.levels import clutter_profile, leakage
+from doppelgait.radar.fit.static import (
+    correlation_sum,
+    factor_variance,
+    fit_series,
+    level_db,
+    leverage,
+    root,
+    static_part,
+)
 from doppelgait.radar.impairments import apply_impairments, make_impairment
 
 PRF_HZ = 25.0
@@ -69,7 +83,7 @@ def recording(samples: np.ndarray, radar: Radar = RADAR, range_m: np.ndarray = R
     return Recording.from_baseband(make_array(BASEBAND, samples.astype(np.complex64), coords), radar, source="room.h5")
 
 
-def compared(fit: TwinFit) -> dict[str, tuple[Estimate, float]]:
+def compared(fit: SensorFit) -> dict[str, tuple[Estimate, float]]:
     assert fit.phase is not None
     assert fit.gain is not None
     minute = 60.0
@@ -93,7 +107,7 @@ LARGEST_SD = {
 def test_every_estimate_lies_within_its_uncertainty(correlated: bool) -> None:
     scores = []
     for seed in range(6):
-        values = compared(fit_twin(recording(room(seed, correlated=correlated)[0])))
+        values = compared(fit_sensor(recording(room(seed, correlated=correlated)[0])))
         scores.append({name: (e.value - truth) / e.sd for name, (e, truth) in values.items()})
         assert all(e.sd < LARGEST_SD[name] for name, (e, _) in values.items())
     for name in scores[0]:
@@ -104,8 +118,8 @@ def test_every_estimate_lies_within_its_uncertainty(correlated: bool) -> None:
 
 
 def test_correlated_noise_counts_as_fewer_independent_bins() -> None:
-    plain = fit_twin(recording(room(1)[0])).noise
-    smooth = fit_twin(recording(room(1, correlated=True)[0])).noise
+    plain = fit_sensor(recording(room(1)[0])).noise
+    smooth = fit_sensor(recording(room(1, correlated=True)[0])).noise
     assert plain.independent_bins == pytest.approx(RANGE_M.size, rel=0.02)
     assert np.abs(smooth.correlation[1:4]) == pytest.approx([2 / 3, 1 / 6, 0], abs=0.02)
     assert not smooth.correlation[4:].any()  # lags within chance of 0 count for nothing
@@ -114,12 +128,12 @@ def test_correlated_noise_counts_as_fewer_independent_bins() -> None:
 
 def test_noise_does_not_see_static_echoes_however_strong() -> None:
     """Strong static echoes with phase jitter put 40 dB over the noise into the differences of their own bins."""
-    strong = fit_twin(recording(room(3, clutter_db=20.0)[0]))
+    strong = fit_sensor(recording(room(3, clutter_db=20.0)[0]))
     assert strong.noise_level_db.value == pytest.approx(NOISE_DB, abs=0.2)
 
 
 def test_flat_and_sloping_noise_are_told_apart() -> None:
-    flat, sloping = (fit_twin(recording(room(4, slope_db_per_m=slope)[0])) for slope in (0.0, 1.0))
+    flat, sloping = (fit_sensor(recording(room(4, slope_db_per_m=slope)[0])) for slope in (0.0, 1.0))
     assert flat.noise.flat
     assert not sloping.noise.flat
     slope = sloping.noise.slope_db_per_m
@@ -131,16 +145,16 @@ def test_noise_figure_and_gain_reproduce_the_noise() -> None:
     """kT0 B F G 2 Z0 / N at F = 9 dB, written out; B of a Gaussian pulse is 1.4 GHz at -10 dB."""
     averages = math.floor(15.1875e6 / (PRF_HZ * 152))
     power = 2 * 50 * 4.004e-21 * 10**0.9 * 1.4e9 * 10**1.0 / averages
-    fit = fit_twin(recording(room(5, noise_db=10 * math.log10(power))[0]))
+    fit = fit_sensor(recording(room(5, noise_db=10 * math.log10(power))[0]))
     assert fit.noise_figure_db.value == pytest.approx(9.0, abs=4 * fit.noise_figure_db.sd)
     assert fit.receiver_gain_db.value == pytest.approx(13.0, abs=4 * fit.receiver_gain_db.sd)
     assert fit.noise_figure_db.sd < 0.1
-    assert twin_radar(fit).noise_figure_db == pytest.approx(fit.noise_figure_db.value)
+    assert calibrated_radar(fit).noise_figure_db == pytest.approx(fit.noise_figure_db.value)
 
 
 def test_implausible_noise_figure_changes_the_gain_instead() -> None:
-    fit = fit_twin(recording(room(5, noise_db=-70.0, clutter_db=35.0)[0]))
-    twin = twin_radar(fit)
+    fit = fit_sensor(recording(room(5, noise_db=-70.0, clutter_db=35.0)[0]))
+    twin = calibrated_radar(fit)
     assert twin.noise_figure_db == RADAR.noise_figure_db
     assert twin.receiver_gain_db == pytest.approx(fit.receiver_gain_db.value)
     assert any("noise figure" in flag for flag in fit.flags)
@@ -150,7 +164,7 @@ def test_static_echo_is_recovered_bin_by_bin_despite_drift() -> None:
     """Two radians of drift would take 16 % off a time mean."""
     samples, echo = room(6, still=True)
     turned = samples * np.exp(2j * np.linspace(-1, 1, len(samples)))[:, None]
-    found = fit_twin(recording(turned)).echo_v
+    found = fit_sensor(recording(turned)).echo_v
     error = found * np.exp(-1j * np.angle(np.vdot(echo, found))) - echo
     assert np.abs(error).max() < 5 * 10 ** (NOISE_DB / 20) / math.sqrt(len(samples))
 
@@ -158,7 +172,7 @@ def test_static_echo_is_recovered_bin_by_bin_despite_drift() -> None:
 def test_clutter_profile_is_the_mean_level_of_many_rooms() -> None:
     deviations = []
     for seed in range(12):
-        profile = fit_twin(recording(room(seed, frames=64)[0])).clutter
+        profile = fit_sensor(recording(room(seed, frames=64)[0])).clutter
         assert profile.range_m.size <= 20
         deviations.append((profile.level_db - mean_level_db(profile.range_m)) / profile.sd_db)
     z = np.array(deviations)
@@ -263,7 +277,7 @@ def test_a_mover_is_named_and_does_not_spoil_the_rest() -> None:
     time_s = np.arange(len(samples)) / PRF_HZ
     breath = np.exp(1j * 1.5 * np.sin(2 * np.pi * 0.25 * time_s))
     shape = np.exp(-((RANGE_M - 3.0) ** 2) / (2 * 0.052**2)) * 10 ** (-65 / 20)
-    fit = fit_twin(recording(samples + breath[:, None] * shape))
+    fit = fit_sensor(recording(samples + breath[:, None] * shape))
     (mover,) = fit.movers
     assert mover.start_m == pytest.approx(2.85, abs=0.12)
     assert mover.stop_m == pytest.approx(3.15, abs=0.12)
@@ -274,7 +288,7 @@ def test_a_mover_is_named_and_does_not_spoil_the_rest() -> None:
 
 
 def test_an_empty_room_raises_no_flag() -> None:
-    fit = fit_twin(recording(room(11)[0]))
+    fit = fit_sensor(recording(room(11)[0]))
     assert fit.flags == ()
     assert fit.movers == ()
     assert fit.n_used == fit.n_frames == 600
@@ -286,7 +300,7 @@ def test_interference_is_found_and_left_out() -> None:
     struck = [50, 51, 200, 333]
     for frame in struck:
         samples[frame, 40:46] += normal(rng, 6) * 10 ** (-80 / 20)
-    fit = fit_twin(recording(samples))
+    fit = fit_sensor(recording(samples))
     assert np.flatnonzero(fit.bursts.frames).tolist() == struck
     assert fit.bursts.mean_length == pytest.approx(4 / 3)
     assert fit.bursts.level_db == pytest.approx(-80.0, abs=2.5)
@@ -300,7 +314,7 @@ def test_dropped_frames_are_counted_and_left_out() -> None:
     for frame in (100, 101, 102, 300):
         samples[frame] = samples[frame - 1]
     samples[400:402] = 0
-    fit = fit_twin(recording(samples))
+    fit = fit_sensor(recording(samples))
     assert np.flatnonzero(fit.faults.dropped).tolist() == [100, 101, 102, 300, 400, 401]
     assert fit.faults.blank == 2
     assert fit.faults.probability.value == pytest.approx(6 / 600)
@@ -334,30 +348,30 @@ def test_direct_path_and_constant() -> None:
     samples, _ = room(14)
     peak = 10 ** (-38 / 20)
     samples += peak * np.exp(-((RANGE_M - RANGE_M[2]) ** 2) / (2 * 0.052**2)) + 4e-3 * np.exp(1j)
-    fit = fit_twin(recording(samples))
+    fit = fit_sensor(recording(samples))
     assert fit.leakage.range_m == pytest.approx(RANGE_M[2], abs=0.06)
     assert fit.leakage.level_db.value == pytest.approx(-38.0, abs=4.0)  # clutter of -45 and the constant ride on it
     assert abs(fit.leakage.constant_v.value - 4e-3) < 4 * fit.leakage.constant_v.sd
     assert fit.leakage.constant_v.sd < 4e-4
-    assert "dc_leak" in [entry["kind"] for entry in tomllib.loads(twin_toml(fit))["impairments"]]
+    assert "dc_leak" in [entry["kind"] for entry in tomllib.loads(calibrated_preset(fit))["impairments"]]
 
 
 def test_without_static_echoes_phase_is_not_claimed() -> None:
     """Aligned to a phase that is noise, the time mean of the noise would not shrink with the number of frames."""
-    fit = fit_twin(recording(room(15, clutter_db=-120.0)[0]))
+    fit = fit_sensor(recording(room(15, clutter_db=-120.0)[0]))
     assert np.sum(np.abs(fit.echo_v) ** 2) == pytest.approx(RANGE_M.size * 10 ** (NOISE_DB / 10) / 600, rel=0.4)
     assert fit.phase is None
     assert fit.gain is None
     assert any("too weak" in flag for flag in fit.flags)
     assert abs(fit.noise_level_db.value - NOISE_DB) < 4 * fit.noise_level_db.sd
-    kinds = [entry["kind"] for entry in tomllib.loads(twin_toml(fit))["impairments"]]
+    kinds = [entry["kind"] for entry in tomllib.loads(calibrated_preset(fit))["impairments"]]
     assert kinds == ["static_clutter"]
 
 
 def test_only_a_part_of_the_recording() -> None:
     samples, _ = room(16)
     samples[300:] *= 3.0
-    fit = fit_twin(recording(samples), stop_s=299 / PRF_HZ)
+    fit = fit_sensor(recording(samples), stop_s=299 / PRF_HZ)
     assert fit.n_frames == 300
     assert abs(fit.noise_level_db.value - NOISE_DB) < 4 * fit.noise_level_db.sd
 
@@ -365,23 +379,23 @@ def test_only_a_part_of_the_recording() -> None:
 def test_recordings_that_cannot_be_fitted_are_refused() -> None:
     good, _ = room(17, frames=64)
     with pytest.raises(AnalysisError, match=r"room\.h5: 8 frames .* at least 32 frames"):
-        fit_twin(recording(good[:8]))
+        fit_sensor(recording(good[:8]))
     with pytest.raises(AnalysisError, match="4 range bins"):
-        fit_twin(recording(good[:, :4], range_m=RANGE_M[:4]))
+        fit_sensor(recording(good[:, :4], range_m=RANGE_M[:4]))
     with pytest.raises(AnalysisError, match="every sample is zero"):
-        fit_twin(recording(0 * good))
+        fit_sensor(recording(0 * good))
     with pytest.raises(AnalysisError, match="not finite"):
-        fit_twin(recording(np.where(np.arange(64)[:, None] == 5, np.nan, good)))
+        fit_sensor(recording(np.where(np.arange(64)[:, None] == 5, np.nan, good)))
     with pytest.raises(AnalysisError, match="only 1 of 64 frames"):
-        fit_twin(recording(np.repeat(good[:1], 64, axis=0)))
+        fit_sensor(recording(np.repeat(good[:1], 64, axis=0)))
 
 
 def test_twin_file_makes_recordings_that_fit_to_the_same_numbers(tmp_path: Path) -> None:
     samples, _ = room(18)
     samples[100] = samples[99]
-    first = fit_twin(recording(samples))
+    first = fit_sensor(recording(samples))
     path = tmp_path / "my-x4.toml"
-    path.write_text(twin_toml(first), encoding="utf-8")
+    path.write_text(calibrated_preset(first), encoding="utf-8")
     twin = Radar.preset(str(path))
     assert twin.n_range_bins == RANGE_M.size
     assert twin.prf_hz == PRF_HZ
@@ -396,7 +410,7 @@ def test_twin_file_makes_recordings_that_fit_to_the_same_numbers(tmp_path: Path)
     noise = make_impairment({"kind": "thermal_noise"})
     rng = np.random.default_rng(3)
     made = apply_impairments(np.zeros((600, RANGE_M.size), np.complex64), [*specs[:2], noise], radar=twin, rng=rng)
-    again = fit_twin(recording(made, twin, twin.range_axis_m()))
+    again = fit_sensor(recording(made, twin, twin.range_axis_m()))
     assert again.noise_level_db.value == pytest.approx(first.noise_level_db.value, abs=0.25)
     assert again.phase is not None
     assert again.phase.white.value == pytest.approx(first.phase.white.value, rel=0.2)
@@ -406,7 +420,7 @@ def test_twin_file_makes_recordings_that_fit_to_the_same_numbers(tmp_path: Path)
 
 
 def test_every_value_of_the_twin_file_has_a_comment() -> None:
-    text = twin_toml(fit_twin(recording(room(19)[0])))
+    text = calibrated_preset(fit_sensor(recording(room(19)[0])))
     for line in text.splitlines():
         if " = " in line and not line.startswith("#") and "kind" not in line and not line.endswith("["):
             assert "  # " in line, line
@@ -415,16 +429,16 @@ def test_every_value_of_the_twin_file_has_a_comment() -> None:
 
 
 def test_source_names_cannot_break_the_file() -> None:
-    fit = replace(fit_twin(recording(room(20, frames=64)[0])), source='a"b\x07\n[radar]\nprf_hz = 1')
-    assert "radar" not in tomllib.loads(twin_toml(fit))
+    fit = replace(fit_sensor(recording(room(20, frames=64)[0])), source='a"b\x07\n[radar]\nprf_hz = 1')
+    assert "radar" not in tomllib.loads(calibrated_preset(fit))
 
 
 def test_rows_and_json_hold_the_estimates() -> None:
-    fit = fit_twin(recording(room(21)[0], RADAR.model_copy(update={"volts_per_unit": 0.1})))
+    fit = fit_sensor(recording(room(21)[0], RADAR.model_copy(update={"volts_per_unit": 0.1})))
     rows = {name: estimate for name, estimate, _ in estimate_rows(fit)}
     assert rows["noise level, sensor's unit"].value == pytest.approx(rows["noise level"].value + 20.0)
     assert rows["as clock jitter"].value == pytest.approx(WHITE_RAD / (2 * math.pi * 7.29e9) * 1e12, rel=0.2)
-    found = twin_as_dict(fit)
+    found = sensor_as_dict(fit)
     assert found["clutter"][0]["level_re_unit_db"] == pytest.approx(found["clutter"][0]["level_db"] + 20.0)
     assert found["flags"] == []
 

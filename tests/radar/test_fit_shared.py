@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from doppelgait.radar import Radar, Recording
-from doppelgait.radar.fit import TwinFit, fit_twin, twin_toml
+from doppelgait.radar.fit import SensorFit, calibrated_preset, fit_sensor
 from doppelgait.radar.readers import read_recording
 
 pytestmark = pytest.mark.shared
@@ -28,16 +28,16 @@ def empty(request: pytest.FixtureRequest, folder: Path) -> Recording:
 
 
 @pytest.fixture(scope="module")
-def fit(empty: Recording) -> TwinFit:
-    return fit_twin(empty)
+def fit(empty: Recording) -> SensorFit:
+    return fit_sensor(empty)
 
 
-def unit_db(fit: TwinFit) -> float:
+def unit_db(fit: SensorFit) -> float:
     assert fit.level_of_unit_db is not None
     return fit.level_of_unit_db
 
 
-def test_noise_is_that_measured_by_hand(fit: TwinFit) -> None:
+def test_noise_is_that_measured_by_hand(fit: SensorFit) -> None:
     """-105 dB re one unit after a 27-tap low-pass; white, so flat in range."""
     assert fit.noise_level_db.value - unit_db(fit) == pytest.approx(-105.0, abs=0.6)
     assert fit.noise_level_db.sd < 0.1
@@ -45,7 +45,7 @@ def test_noise_is_that_measured_by_hand(fit: TwinFit) -> None:
     assert fit.noise_figure_db.value == pytest.approx(6.0, abs=0.6)  # by the choice of volts_per_unit
 
 
-def test_clutter_falls_from_the_direct_path_into_the_room(fit: TwinFit) -> None:
+def test_clutter_falls_from_the_direct_path_into_the_room(fit: SensorFit) -> None:
     """-51 dB near 0.85 m, -60 to -88 dB by 8 m, in units; single bins scatter by more than the profile."""
     levels = fit.clutter.level_db - unit_db(fit)
     single = 20 * np.log10(np.abs(fit.echo_v)) - unit_db(fit)
@@ -57,7 +57,7 @@ def test_clutter_falls_from_the_direct_path_into_the_room(fit: TwinFit) -> None:
     assert levels[0] - levels[far].max() > 5.0
 
 
-def test_phase_is_common_to_all_ranges_and_drifts_slowly(empty: Recording, fit: TwinFit) -> None:
+def test_phase_is_common_to_all_ranges_and_drifts_slowly(empty: Recording, fit: SensorFit) -> None:
     """The phase steps of the direct path and those of the room beyond 1.5 m, each on its own, are the same steps."""
     assert fit.phase is not None
     assert 0.002 < fit.phase.white.value < 0.007
@@ -72,9 +72,9 @@ def test_phase_is_common_to_all_ranges_and_drifts_slowly(empty: Recording, fit: 
     assert fit.phase.white.value * np.sqrt(2) == pytest.approx(np.std(steps[0]), rel=0.3)
 
 
-def test_twin_file_loads(fit: TwinFit, tmp_path: Path) -> None:
+def test_twin_file_loads(fit: SensorFit, tmp_path: Path) -> None:
     path = tmp_path / "my-x4.toml"
-    path.write_text(twin_toml(fit), encoding="utf-8")
+    path.write_text(calibrated_preset(fit), encoding="utf-8")
     radar = Radar.preset(str(path))
     assert radar.n_range_bins == fit.range_m.size
     assert radar.range_axis_m() == pytest.approx(fit.range_m, abs=0.01)  # drivers count with c = 3e8 m/s
@@ -82,7 +82,7 @@ def test_twin_file_loads(fit: TwinFit, tmp_path: Path) -> None:
 
 def test_restless_places_of_the_room_are_named(folder: Path) -> None:
     """Slow-time variance 7 to 12 dB over the noise far back in the room: 7.4 and 7.7 m, and 7.05 m."""
-    first, second = (fit_twin(read_recording(folder / EMPTY, matrix=f"Data_Matrix_{n}")) for n in (1, 2))
+    first, second = (fit_sensor(read_recording(folder / EMPTY, matrix=f"Data_Matrix_{n}")) for n in (1, 2))
     assert {round(m.start_m) for m in first.movers} == {3, 7, 8}
     (only,) = second.movers
     assert only.start_m == pytest.approx(7.05, abs=0.1)
@@ -90,6 +90,6 @@ def test_restless_places_of_the_room_are_named(folder: Path) -> None:
 
 
 def test_a_room_with_a_person_is_not_called_empty(folder: Path) -> None:
-    fit = fit_twin(read_recording(folder / BREATHING))
+    fit = fit_sensor(read_recording(folder / BREATHING))
     assert any(m.start_m < 1.73 < m.stop_m for m in fit.movers)
     assert any("cannot be trusted" in flag for flag in fit.flags)

@@ -12,8 +12,7 @@ import pytest
 
 from doppelgait.core.errors import DoppelgaitWarning, OutputError, RecordingError
 from doppelgait.radar.xethru import Splitting, TimedRecord, make_records, read_xethru, sniff_xethru, write_xethru
-from doppelgait.radar.xethru.meta import META_NAME
-from doppelgait.radar.xethru.records import DATA_TYPES, data_type_of_file, parse_records
+from doppelgait.radar.xethru.records import DATA_TYPES, META_NAME, data_type_of_file, parse_records
 
 START = datetime(2026, 11, 21, 1, 8, 48, 634_000, tzinfo=UTC)
 START_MS = 1_795_223_328_634

@@ -10,7 +10,7 @@ import typer
 from doppelgait.cli.output import check_output, number, print_json, print_table, reader_options, say
 
 if TYPE_CHECKING:
-    from doppelgait.radar.fit import TwinFit
+    from doppelgait.radar.fit import SensorFit
 
 
 def fit(
@@ -33,7 +33,7 @@ def fit(
     Example: doppelgait radar fit empty-room.h5 -o my-x4.toml
     """
     from doppelgait.core.files import atomic_path
-    from doppelgait.radar.fit import fit_twin, twin_as_dict, twin_toml
+    from doppelgait.radar.fit import calibrated_preset, fit_sensor, sensor_as_dict
     from doppelgait.radar.readers import read_recording
 
     check_output(output, ".toml")
@@ -48,19 +48,19 @@ def fit(
         recording = read_recording(
             empty, **{**({} if preset is None else {"radar": preset}), **apply_overrides({}, chosen)}
         )
-    found = fit_twin(recording, start_s=start, stop_s=stop)
+    found = fit_sensor(recording, start_s=start, stop_s=stop)
     with atomic_path(output) as partial:
-        partial.write_text(twin_toml(found), encoding="utf-8")
+        partial.write_text(calibrated_preset(found), encoding="utf-8")
     if figures is not None:
         say(f"figure: {_draw(found, figures)}")
     if as_json:
-        print_json({**twin_as_dict(found), "twin": str(output)})
+        print_json({**sensor_as_dict(found), "twin": str(output)})
         return
     _print(found)
     say(f'twin: {output}; use it as radar.preset = "{output}" in a scene')
 
 
-def _print(found: TwinFit) -> None:
+def _print(found: SensorFit) -> None:
     from doppelgait.radar.fit import estimate_rows
 
     say(f"{found.source or 'recording'}: {found.n_used} of {found.n_frames} frames used, {found.duration_s:.1f} s")
@@ -83,7 +83,7 @@ def _print(found: TwinFit) -> None:
         say(f"note: {flag}")
 
 
-def _draw(found: TwinFit, folder: Path) -> Path:
+def _draw(found: SensorFit, folder: Path) -> Path:
     import numpy as np
 
     from doppelgait import viz

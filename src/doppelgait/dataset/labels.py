@@ -21,7 +21,7 @@ from doppelgait.core.errors import ConfigError, DoppelgaitWarning
 from doppelgait.core.files import file_sha256
 from doppelgait.dataset.config import SPLITS, parse_gate
 from doppelgait.processing.gate import GateChoice
-from doppelgait.radar.xethru.meta import META_NAME
+from doppelgait.radar.xethru.records import META_NAME
 
 PAIRS = (("_RE.txt", "_IM.txt"), (".sigmf-meta", ".sigmf-data"))
 WITH_SIDECAR = (".npy", ".npz")

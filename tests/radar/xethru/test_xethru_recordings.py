@@ -20,7 +20,7 @@ from doppelgait.radar.xethru import (
     write_xethru,
     write_xethru_recording,
 )
-from doppelgait.radar.xethru.rate import frame_numbers, measured_rate_hz
+from doppelgait.radar.xethru.convert import frame_numbers, measured_rate_hz
 
 START = datetime(2026, 11, 21, 1, 8, 48, tzinfo=UTC)
 VPU = 0.375

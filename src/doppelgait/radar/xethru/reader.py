@@ -12,12 +12,15 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
-from doppelgait.radar.xethru.meta import MAGIC_BYTES, META_NAME, Meta, parse_meta
 from doppelgait.radar.xethru.records import (
+    MAGIC_BYTES,
+    META_NAME,
     DataType,
+    Meta,
     data_type_of_file,
     data_type_of_mask,
     iterate,
+    parse_meta,
     parse_records,
     record_bytes,
 )

@@ -16,8 +16,7 @@ from pydantic import Field
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import OutputError, RecordingError
-from doppelgait.radar.xethru.meta import ENTRY, FILE_CLOSED, META_NAME, RECORD, Meta, pack_meta
-from doppelgait.radar.xethru.records import DataType, data_type
+from doppelgait.radar.xethru.records import ENTRY, FILE_CLOSED, META_NAME, RECORD, DataType, Meta, data_type, pack_meta
 
 WRITING = ".writing"
 """Ending of files that are still open."""

@@ -1,21 +1,28 @@
-"""A recording of an empty room -> the numbers of a sensor twin, each with its uncertainty, and warnings as flags."""
+"""A recording of an empty room -> a sensor model: every number with its uncertainty, and warnings as flags."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.units import db_to_power, power_to_db
-from doppelgait.radar.fit.clutter import ClutterProfile, Leakage, clutter_profile, leakage
-from doppelgait.radar.fit.estimate import Estimate, level_db
 from doppelgait.radar.fit.frames import Bursts, FrameFaults, bursts, frame_faults
-from doppelgait.radar.fit.noise import NoiseFloor, noise_floor
-from doppelgait.radar.fit.series import SeriesFit, fit_series
-from doppelgait.radar.fit.static import StaticPart, factor_variance, static_part, still_part
+from doppelgait.radar.fit.levels import ClutterProfile, Leakage, NoiseFloor, clutter_profile, leakage, noise_floor
+from doppelgait.radar.fit.static import (
+    Estimate,
+    SeriesFit,
+    StaticPart,
+    factor_variance,
+    fit_series,
+    level_db,
+    static_part,
+    still_part,
+)
 from doppelgait.radar.link import noise_power_v2
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording
@@ -52,7 +59,7 @@ class Mover:
 
 
 @dataclass(frozen=True)
-class TwinFit:
+class SensorFit:
     """What a recording of an empty room says about its radar.
 
     Parameters
@@ -123,7 +130,7 @@ class TwinFit:
         return None if unit is None else 20.0 * math.log10(unit)
 
 
-def fit_twin(recording: Recording, *, start_s: float | None = None, stop_s: float | None = None) -> TwinFit:
+def fit_sensor(recording: Recording, *, start_s: float | None = None, stop_s: float | None = None) -> SensorFit:
     """Fit noise, clutter, phase drift and faults from a recording of an empty room.
 
     The model is y[i, n] = z_i c_n + w[i, n]: static echoes c times one complex factor per frame, whose angle is the
@@ -139,7 +146,7 @@ def fit_twin(recording: Recording, *, start_s: float | None = None, stop_s: floa
 
     Returns
     -------
-    TwinFit
+    SensorFit
 
     Raises
     ------
@@ -163,7 +170,7 @@ def fit_twin(recording: Recording, *, start_s: float | None = None, stop_s: floa
     clutter = clutter_profile(
         static.echo_v, range_m=range_m, noise_power_v2=left_v2, resolution_m=recording.radar.range_resolution_m
     )
-    fit = TwinFit(
+    fit = SensorFit(
         source=recording.source, radar=recording.radar, range_m=range_m, n_frames=len(samples), n_used=used.size,
         duration_s=float(time_s[-1] - time_s[0]), noise=noise, noise_level_db=level,
         noise_figure_db=Estimate(recording.radar.noise_figure_db + excess_db, level.sd),
@@ -173,7 +180,7 @@ def fit_twin(recording: Recording, *, start_s: float | None = None, stop_s: floa
         time_s=time_s[used], factor=static.factor, phase=phase, gain=gain,
         faults=faults, bursts=hit, movers=movers, flags=(),
     )  # fmt: skip
-    return _flagged(fit)
+    return replace(fit, flags=flags_of(fit))
 
 
 def _checked(
@@ -182,7 +189,7 @@ def _checked(
     time_s, range_m = recording.slow_time_s, recording.range_m
     if "burst_pulses" in recording.baseband.attrs:
         raise AnalysisError(
-            f"{recording.source}: comes in bursts, whose pauses would count as lost frames; a twin is fitted to "
+            f"{recording.source}: comes in bursts, whose pauses would count as lost frames; a model is fitted to "
             "unbroken recordings only: record without pauses"
         )
     chosen = np.ones(time_s.size, dtype=bool)
@@ -192,7 +199,7 @@ def _checked(
     if samples.shape[0] < MIN_FRAMES or samples.shape[1] < MIN_BINS:
         raise AnalysisError(
             f"{_name(recording)}: {samples.shape[0]} frames of {samples.shape[1]} range bins are too few to fit a "
-            f"twin: at least {MIN_FRAMES} frames (some hundred are better) and {MIN_BINS} bins are needed"
+            f"model: at least {MIN_FRAMES} frames (some hundred are better) and {MIN_BINS} bins are needed"
         )
     if not np.isfinite(samples).all():
         raise AnalysisError(f"{_name(recording)}: holds values that are not finite; cut them out with start_s, stop_s")
@@ -266,7 +273,107 @@ def _common_series(
     return phase, fit_series(gain, time_s=time_s, measurement_variance=per_gain_db**2 * variance)
 
 
-def _flagged(fit: TwinFit) -> TwinFit:
-    from doppelgait.radar.fit.report import flags_of
+BUSY_SHARE = 1.0 / 3.0
+"""Share of bins with movers from which the median no longer gives the noise."""
+PLAUSIBLE_NOISE_FIGURE_DB = (0.0, 30.0)
+SHORT_S = 10.0
 
-    return replace(fit, flags=flags_of(fit))
+
+def flags_of(fit: SensorFit) -> tuple[str, ...]:
+    """What to know before the numbers are used; empty when nothing is odd."""
+    flags = []
+    if fit.movers:
+        where = ", ".join(f"{m.start_m:.2f} to {m.stop_m:.2f} m ({m.excess_db:.0f} dB)" for m in fit.movers)
+        flags.append(f"the room was not empty: slow-time variance over the noise at {where}; those bins were left out")
+        if sum(m.stop_m - m.start_m for m in fit.movers) > BUSY_SHARE * (fit.range_m[-1] - fit.range_m[0]):
+            flags.append("movers in more than a third of the frame: noise, phase and clutter cannot be trusted")
+    if not fit.noise.flat:
+        flags.append(f"the noise is not flat in range: {fit.noise.slope_db_per_m.value:+.2f} dB/m")
+    low_db, high_db = PLAUSIBLE_NOISE_FIGURE_DB
+    if not low_db <= fit.noise_figure_db.value <= high_db:
+        flags.append(
+            f"a noise figure of {fit.noise_figure_db.value:.1f} dB would be needed: the preset changes the receiver gain "
+            "instead, that is the scale of the file against volts"
+        )
+    if fit.radar.volts_per_unit is None:
+        flags.append("the radar does not say how many volts a unit of the file is; levels count the values as volts")
+    if fit.phase is None:
+        flags.append("static echoes are too weak to show phase and gain of a frame; these are left out")
+    if fit.faults.dropped.any() or fit.faults.lost:
+        flags.append(f"{int(fit.faults.dropped.sum())} frames repeated or blank, {fit.faults.lost} missing in time")
+    if fit.bursts.frames.any():
+        flags.append(f"interference in {int(fit.bursts.frames.sum())} frames, left out")
+    if fit.duration_s < SHORT_S:
+        flags.append(f"only {fit.duration_s:.1f} s: drift and random walk are poorly known; a minute or more is better")
+    return tuple(flags)
+
+
+def estimate_rows(fit: SensorFit) -> list[tuple[str, Estimate, str]]:
+    """Name, estimate and unit of every scalar that was fitted, in the order to print."""
+    rows = [
+        ("noise level", fit.noise_level_db, "dB re 1 V"),
+        *_in_units("noise level", fit.noise_level_db, fit),
+        ("noise slope over range", fit.noise.slope_db_per_m, "dB/m"),
+        ("equivalent noise figure", fit.noise_figure_db, "dB"),
+        ("or receiver gain", fit.receiver_gain_db, "dB"),
+    ]
+    if not math.isnan(fit.leakage.range_m):
+        rows.append((f"strongest echo within 1 m, at {fit.leakage.range_m:.2f} m", fit.leakage.level_db, "dB re 1 V"))
+    rows.append(("constant over range", fit.leakage.constant_v, "V"))
+    if fit.phase is not None and fit.gain is not None:
+        minute = 60.0
+        rows += [
+            ("phase drift", fit.phase.drift_per_s.scaled(minute), "rad/min"),
+            ("phase random walk", fit.phase.walk_per_root_s.scaled(math.sqrt(minute)), "rad/sqrt(min)"),
+            ("phase jitter, white", fit.phase.white, "rad"),
+            ("as clock jitter", fit.phase.white.scaled(1e12 / (2 * math.pi * fit.radar.carrier_hz)), "ps"),
+            ("gain drift", fit.gain.drift_per_s.scaled(minute), "dB/min"),
+            ("gain jitter, white", fit.gain.white, "dB"),
+        ]
+    rows.append(("dropped frames", fit.faults.probability.scaled(100.0), "%"))
+    return rows
+
+
+def _in_units(name: str, estimate: Estimate, fit: SensorFit) -> list[tuple[str, Estimate, str]]:
+    unit_db = fit.level_of_unit_db
+    if unit_db is None:
+        return []
+    return [(f"{name}, sensor's unit", Estimate(estimate.value - unit_db, estimate.sd), "dB re 1 unit")]
+
+
+def sensor_as_dict(fit: SensorFit) -> dict[str, Any]:
+    """All of a fit as plain values for JSON; what is unknown is None."""
+    unit_db = fit.level_of_unit_db
+    return {
+        "source": fit.source,
+        "radar": fit.radar.model_dump(mode="json"),
+        "frames": fit.n_frames,
+        "frames_used": fit.n_used,
+        "duration_s": fit.duration_s,
+        "estimates": [
+            {"name": name, "value": _finite(e.value), "sd": _finite(e.sd), "unit": unit}
+            for name, e, unit in estimate_rows(fit)
+        ],
+        "noise_is_flat": fit.noise.flat,
+        "noise_independent_bins": fit.noise.independent_bins,
+        "clutter": [
+            {
+                "range_m": r,
+                "level_db": level,
+                "sd_db": sd,
+                "level_re_unit_db": None if unit_db is None else level - unit_db,
+            }
+            for r, level, sd in zip(*(x.tolist() for x in _columns(fit)), strict=True)
+        ],
+        "interference_frames": fit.bursts.frames.nonzero()[0].tolist(),
+        "movers": [{"start_m": m.start_m, "stop_m": m.stop_m, "excess_db": m.excess_db} for m in fit.movers],
+        "flags": list(fit.flags),
+    }
+
+
+def _columns(fit: SensorFit) -> tuple[Any, Any, Any]:
+    return fit.clutter.range_m, fit.clutter.level_db, fit.clutter.sd_db
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

@@ -1,4 +1,4 @@
-"""A fitted twin as a TOML file: radar parameters, then the impairments that make its recordings look real."""
+"""A fitted sensor model as a calibrated preset (TOML): radar parameters, then the impairments that make its recordings look real."""
 
 from __future__ import annotations
 
@@ -7,23 +7,22 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
-from doppelgait.radar.fit.estimate import DB_PER_NEPER, Estimate
-from doppelgait.radar.fit.report import PLAUSIBLE_NOISE_FIGURE_DB
-from doppelgait.radar.fit.twin import TwinFit
+from doppelgait.radar.fit.model import PLAUSIBLE_NOISE_FIGURE_DB, SensorFit
+from doppelgait.radar.fit.static import DB_PER_NEPER, Estimate
 from doppelgait.radar.parameters import Radar
 
 SIGNIFICANT = 3.0
-"""Standard deviations from 0 at which a drift, a walk or a constant is put into the twin."""
+"""Standard deviations from 0 at which a drift, a walk or a constant is put into the preset."""
 
 
-def twin_radar(fit: TwinFit, radar: Radar | None = None) -> Radar:
+def calibrated_radar(fit: SensorFit, radar: Radar | None = None) -> Radar:
     """Radar with the recording's frame rate and range axis and the fitted noise.
 
     The noise figure is changed where that is plausible (0 to 30 dB), else the receiver gain.
 
     Parameters
     ----------
-    fit : TwinFit
+    fit : SensorFit
     radar : Radar, optional
         Where to take the other parameters from; the recording's by default.
     """
@@ -31,14 +30,14 @@ def twin_radar(fit: TwinFit, radar: Radar | None = None) -> Radar:
     start_m = max(float(fit.range_m[0]), 0.0)
     stop_m = start_m + (fit.range_m.size - 0.5) * base.bin_spacing_m
     changes: dict[str, Any] = {
-        "name": f"{base.name}, twin", "prf_hz": fit.radar.prf_hz, "range_start_m": start_m, "range_stop_m": stop_m,
+        "name": f"{base.name}, calibrated", "prf_hz": fit.radar.prf_hz, "range_start_m": start_m, "range_stop_m": stop_m,
     }  # fmt: skip
     same = base.model_copy(update={"prf_hz": fit.radar.prf_hz})
     key, value = _noise_change(fit, same)
     return Radar.model_validate({**base.model_dump(), **changes, key: value})
 
 
-def _noise_change(fit: TwinFit, radar: Radar) -> tuple[str, float]:
+def _noise_change(fit: SensorFit, radar: Radar) -> tuple[str, float]:
     from doppelgait.radar.link import noise_power_v2
 
     excess_db = fit.noise_level_db.value - DB_PER_NEPER * math.log(noise_power_v2(radar))
@@ -49,14 +48,14 @@ def _noise_change(fit: TwinFit, radar: Radar) -> tuple[str, float]:
     return "receiver_gain_db", radar.receiver_gain_db + excess_db
 
 
-def twin_toml(fit: TwinFit, radar: Radar | None = None) -> str:
-    """Text of a twin file: loads as ``Radar.preset("FILE.toml")``, its ``[[impairments]]`` go into a scene.
+def calibrated_preset(fit: SensorFit, radar: Radar | None = None) -> str:
+    """Text of a calibrated preset: loads as ``Radar.preset("FILE.toml")``, its ``[[impairments]]`` go into a scene.
 
     Every value has a comment that says where it comes from.
 
     Parameters
     ----------
-    fit : TwinFit
+    fit : SensorFit
     radar : Radar, optional
         Where to take the parameters from that a recording does not tell; the recording's by default.
 
@@ -67,19 +66,19 @@ def twin_toml(fit: TwinFit, radar: Radar | None = None) -> str:
     """
     from doppelgait.radar.impairments import make_impairment
 
-    twin = twin_radar(fit, radar)
+    calibrated = calibrated_radar(fit, radar)
     tables = list(_impairments(fit))
     for table, _ in tables:
         make_impairment(table)
-    lines = [*_header(fit), "", *_radar_lines(twin, fit, fit.radar if radar is None else radar)]
+    lines = [*_header(fit), "", *_radar_lines(calibrated, fit, fit.radar if radar is None else radar)]
     for table, comments in tables:
         lines += ["", "[[impairments]]", *(_line(key, value, comments.get(key, "")) for key, value in table.items())]
     return "\n".join(lines) + "\n"
 
 
-def _header(fit: TwinFit) -> list[str]:
+def _header(fit: SensorFit) -> list[str]:
     lines = [
-        f"# {_one_line(f'Sensor twin fitted from {_origin(fit)}.')}",
+        f"# {_one_line(f'Sensor model fitted from {_origin(fit)}.')}",
         "# Values with +- carry one standard deviation. Levels are dB re 1 V at the receiver output.",
         "# Receiver noise is in the radar's own parameters: add no thermal_noise on top.",
     ]
@@ -88,20 +87,20 @@ def _header(fit: TwinFit) -> list[str]:
     return [*lines, *(f"# Note: {_one_line(flag)}." for flag in fit.flags)]
 
 
-def _origin(fit: TwinFit) -> str:
+def _origin(fit: SensorFit) -> str:
     return f"{fit.source or 'a recording'}, {fit.n_used} of {fit.n_frames} frames, {fit.duration_s:.1f} s"
 
 
-def _fitted(fit: TwinFit, sd: float, unit: str) -> str:
+def _fitted(fit: SensorFit, sd: float, unit: str) -> str:
     return f"fitted from {_origin(fit)}, +-{sd:.2g} {unit}"
 
 
-def _radar_lines(twin: Radar, fit: TwinFit, base: Radar) -> list[str]:
+def _radar_lines(calibrated: Radar, fit: SensorFit, base: Radar) -> list[str]:
     key, _ = _noise_change(fit, base.model_copy(update={"prf_hz": fit.radar.prf_hz}))
     axes = f"axis of {fit.source or 'the recording'}"
     comments = dict.fromkeys(("prf_hz", "range_start_m", "range_stop_m"), axes)
     comments[key] = _fitted(fit, fit.noise_level_db.sd, "dB") + "; gives the measured noise per bin and frame"
-    values = twin.model_dump(mode="json", exclude_none=True)
+    values = calibrated.model_dump(mode="json", exclude_none=True)
     nested = {name: value for name, value in values.items() if isinstance(value, dict)}
     default = f"as {base.name}"
     lines = [_line(k, v, comments.get(k, default)) for k, v in values.items() if k not in nested]
@@ -110,7 +109,7 @@ def _radar_lines(twin: Radar, fit: TwinFit, base: Radar) -> list[str]:
     return lines
 
 
-def _impairments(fit: TwinFit) -> Iterable[tuple[dict[str, Any], dict[str, str]]]:
+def _impairments(fit: SensorFit) -> Iterable[tuple[dict[str, Any], dict[str, str]]]:
     """Tables in the order they act, with comments: echoes of the room, their phase, then the recorder's faults."""
     knots = [[round(r, 4), round(level, 2)] for r, level in zip(fit.clutter.range_m, fit.clutter.level_db, strict=True)]
     sd_db = float(fit.clutter.sd_db.max())
@@ -131,7 +130,7 @@ def _impairments(fit: TwinFit) -> Iterable[tuple[dict[str, Any], dict[str, str]]
         yield _dropped_table(fit)
 
 
-def _phase_table(fit: TwinFit) -> tuple[dict[str, Any], dict[str, str]]:
+def _phase_table(fit: SensorFit) -> tuple[dict[str, Any], dict[str, str]]:
     assert fit.phase is not None
     drift = fit.phase.drift_per_s.scaled(60.0)
     walk = fit.phase.walk_per_root_s.scaled(math.sqrt(60.0))
@@ -149,7 +148,7 @@ def _phase_table(fit: TwinFit) -> tuple[dict[str, Any], dict[str, str]]:
     return {"kind": "phase_noise", **table}, comments
 
 
-def _interference_table(fit: TwinFit) -> tuple[dict[str, Any], dict[str, str]]:
+def _interference_table(fit: SensorFit) -> tuple[dict[str, Any], dict[str, str]]:
     count = float(fit.bursts.frames.sum())
     runs = count / fit.bursts.mean_length
     table = {
@@ -168,7 +167,7 @@ def _interference_table(fit: TwinFit) -> tuple[dict[str, Any], dict[str, str]]:
     return table, comments
 
 
-def _dropped_table(fit: TwinFit) -> tuple[dict[str, Any], dict[str, str]]:
+def _dropped_table(fit: SensorFit) -> tuple[dict[str, Any], dict[str, str]]:
     repeated = int(fit.faults.dropped.sum()) - fit.faults.blank
     length = max(fit.faults.mean_length, 1.0)
     share = min(fit.faults.probability.value, length / (1.0 + length))
