@@ -292,8 +292,8 @@ def flags_of(fit: SensorFit) -> tuple[str, ...]:
     low_db, high_db = PLAUSIBLE_NOISE_FIGURE_DB
     if not low_db <= fit.noise_figure_db.value <= high_db:
         flags.append(
-            f"a noise figure of {fit.noise_figure_db.value:.1f} dB would be needed: the preset changes the receiver gain "
-            "instead, that is the scale of the file against volts"
+            f"a noise figure of {fit.noise_figure_db.value:.1f} dB would be needed: the preset changes the receiver "
+            "gain instead, that is the scale of the file against volts"
         )
     if fit.radar.volts_per_unit is None:
         flags.append("the radar does not say how many volts a unit of the file is; levels count the values as volts")

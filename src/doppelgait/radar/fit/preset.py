@@ -1,4 +1,4 @@
-"""A fitted sensor model as a calibrated preset (TOML): radar parameters, then the impairments that make its recordings look real."""
+"""A fitted sensor model as a calibrated preset: radar parameters, then the impairments that it was fitted with."""
 
 from __future__ import annotations
 
@@ -30,7 +30,8 @@ def calibrated_radar(fit: SensorFit, radar: Radar | None = None) -> Radar:
     start_m = max(float(fit.range_m[0]), 0.0)
     stop_m = start_m + (fit.range_m.size - 0.5) * base.bin_spacing_m
     changes: dict[str, Any] = {
-        "name": f"{base.name}, calibrated", "prf_hz": fit.radar.prf_hz, "range_start_m": start_m, "range_stop_m": stop_m,
+        "name": f"{base.name}, calibrated", "prf_hz": fit.radar.prf_hz, "range_start_m": start_m,
+        "range_stop_m": stop_m,
     }  # fmt: skip
     same = base.model_copy(update={"prf_hz": fit.radar.prf_hz})
     key, value = _noise_change(fit, same)
