@@ -1,21 +1,30 @@
 # make dataset   set everything up and build the home-alarm dataset from gait models
-# make test      set everything up and run every check
+# make check     set everything up and run what needs no process, built dataset, training, site or browser
+# make test      set everything up and run every check, as continuous integration does
 # make docs      build the documentation site into docs/_build/html, warnings are errors
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: dataset test docs docs-links benchmark clean
+.PHONY: dataset check lint test docs docs-links benchmark clean
 
 dataset: $(VENV)/.installed
 	$(BIN)/doppelgait dataset build home-alarm -o home-alarm
 
-test: $(VENV)/.installed-test
+lint: $(VENV)/.installed-test
 	$(BIN)/ruff check src tests benchmarks studies docs
 	$(BIN)/ruff format --check src tests benchmarks studies docs
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/pytest -n auto --dist worksteal
+
+# whole files to a worker, the longest first (tests/conftest.py): what a file's tests share is made once
+PYTEST := $(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder
+
+check: lint
+	$(PYTEST) --ignore tests/system --ignore tests/browser
+
+test: lint
+	$(PYTEST)
 
 docs: $(VENV)/.installed-docs
 	$(BIN)/sphinx-build -W --keep-going -q -b html docs docs/_build/html

@@ -1,16 +1,43 @@
-"""Fixtures and the rule for tests that need the shared recordings."""
+"""Fixtures, the order of the tests, and the rules of both tiers."""
 
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 
 import pytest
 
 from checkout import SHARED
 
+PROCESS_ROOMS = ("system", "browser")
+PROCESS_EVENTS = ("subprocess.Popen", "os.fork", "os.posix_spawn", "os.system")
+
+TESTS = Path(__file__).parent
+LONGEST = (
+    "system/docs/test_site.py", "system/test_packaging.py", "system/dataset/test_faults.py", "system/test_cli.py",
+    "system/dataset/test_crash.py", "system/dataset/test_verify.py", "system/dataset/test_executors_build.py",
+    "browser/test_run_page.py", "system/classify/test_classify.py", "system/studies/test_sim_to_real_shared.py",
+    "system/dataset/test_executors.py", "browser/test_dataset_page.py", "system/dataset/test_scenes.py",
+    "browser/test_try_page.py", "system/docs/test_examples.py", "system/dataset/test_build.py",
+)  # fmt: skip
+"""Files of a quarter of a minute and more, by their time: begun first, so that no worker ends long after the others."""
+
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items.sort(key=lambda item: _rank(item.path.relative_to(TESTS)))
+    _settle_shared(items)
+
+
+def _rank(path: Path) -> tuple[int, str]:
+    name = path.as_posix()
+    if name in LONGEST:
+        return LONGEST.index(name), name
+    return len(LONGEST) + (path.parts[0] != "system"), name
+
+
+def _settle_shared(items: list[pytest.Item]) -> None:
+    """Tests of the shared data skip without it; in CI they fail."""
     if SHARED.is_dir():
         return
     reason = "the shared test data is not beside this checkout (../shared)"
@@ -31,3 +58,27 @@ def _shared_data_required() -> None:
 def shared() -> Path:
     """Folder of the shared test data; only tests marked ``shared`` may ask for it."""
     return SHARED
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    sys.addaudithook(_refuse_processes)
+
+
+class _Now:
+    """Folder of the test that runs in this process; None between tests."""
+
+    room: str | None = None
+
+
+def pytest_runtest_logstart(nodeid: str, location: object) -> None:
+    _Now.room = nodeid.removeprefix("tests/").partition("/")[0]
+
+
+def pytest_runtest_logfinish(nodeid: str, location: object) -> None:
+    _Now.room = None
+
+
+def _refuse_processes(event: str, arguments: object) -> None:
+    """Tests of `make check` start no process."""
+    if event in PROCESS_EVENTS and _Now.room not in (None, *PROCESS_ROOMS):
+        raise AssertionError(f"{event}: only tests in {', '.join(PROCESS_ROOMS)} may start processes")

@@ -77,7 +77,7 @@ def endless(tree: ast.AST) -> list[str]:
         given = {keyword.arg for keyword in node.keywords}
         if owner == "subprocess" and name in STARTS:
             found.append(f"line {node.lineno}: subprocess.{name}; use processes.run or processes.started")
-        elif name in WAITS and not node.args and not given & {"timeout", None}:
+        elif isinstance(node.func, ast.Attribute) and name in WAITS and not node.args and not given & {"timeout", None}:
             found.append(f"line {node.lineno}: {name}() has no limit")
         elif name == "urlopen" and "timeout" not in given:
             found.append(f"line {node.lineno}: urlopen has no timeout")
