@@ -17,11 +17,10 @@ import numpy as np
 from gait_frequency import stretches
 from xband_measures import FloatArray
 
-from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, DoppelgaitError
 from doppelgait.motion import make_motion
 from doppelgait.motion.loop import loop
-from doppelgait.motion.models import MOTION_MODELS, human_gait, quadruped_gait
+from doppelgait.motion.models import generate, human_gait, quadruped_gait
 from doppelgait.motion.models.quadruped_gaits import GAITS
 from doppelgait.motion.models.quadruped_sizes import BUILDS
 from doppelgait.motion.motion import Motion
@@ -101,12 +100,12 @@ def dog(
 
 def crawler(speed_mps: float, seconds: float, rng: np.random.Generator) -> Motion:
     """Person on hands and knees."""
-    model = MOTION_MODELS["crawl"]
-    options = {
-        "speed_mps": speed_mps, "height_m": float(rng.uniform(1.5, 1.9)), "start_phase": float(rng.random()),
+    model = {
+        "kind": "crawl", "speed_mps": speed_mps, "height_m": float(rng.uniform(1.5, 1.9)),
+        "start_phase": float(rng.random()),
         "rate_hz": RATE_HZ,
     }  # fmt: skip
-    return model.generate(validate(model.config, options), seconds, rng)
+    return generate(model, duration_s=seconds, rng=rng)
 
 
 Maker = Callable[..., Motion]

@@ -94,8 +94,8 @@ def _scene_models() -> list[tuple[str, type[BaseModel]]]:
 
 def _motion_models() -> list[tuple[str, type[BaseModel]]]:
     models, paths = _get("doppelgait.motion.models:MOTION_MODELS"), _get("doppelgait.motion.paths:PATHS")
-    found = [(f'motion, kind = "{name}"', models[name].config) for name in models]
-    found += [(f'path, kind = "{name}"', model) for name, model in paths.items()]
+    found = [(f'motion, kind = "{name}"', models[name].parameters) for name in models]
+    found += [(f'path, kind = "{name}"', paths[name].parameters) for name in paths]
     return [*found, *_models("doppelgait.motion.paths:StopSpec")]
 
 

@@ -26,6 +26,9 @@ _LAZY = {
 PLUGIN_ROOMS: tuple[str, ...] = (
     "doppelgait.classify.training",
     "doppelgait.dataset.export",
+    "doppelgait.motion.models",
+    "doppelgait.motion.paths",
+    "doppelgait.motion.readers",
     "doppelgait.radar.parameters",
     "doppelgait.radar.readers",
 )

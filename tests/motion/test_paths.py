@@ -437,8 +437,8 @@ def test_stops_that_are_too_close_are_refused(walk):
 @pytest.mark.parametrize(
     ("table", "says"),
     [
-        ({}, "kind None is not allowed: known are straight, arc, polyline, stop_and_go, turn_around"),
-        ({"kind": "spiral"}, "'spiral' is not allowed: known are straight"),
+        ({}, "kind None is not allowed: known are arc, polyline, stop_and_go, straight, turn_around"),
+        ({"kind": "spiral"}, "'spiral' is not allowed: known are arc"),
         ({"kind": "arc", "radius_m": 2}, "path kind 'arc': turn_deg: is required"),
         (
             {"kind": "arc", "radius_m": 2, "turn_deg": 0},

@@ -160,7 +160,7 @@ path = { kind = "turn_around", out_m = 2.5, radius_m = 0.5 }
     with pytest.raises(ConfigError, match=r"targets\.0\.path \(line 6\).*path kind 'turn_around': out_m: -1"):
         load_run(path)
     path.write_text("duration_s = 4.0" + target.replace("turn_around", "spiral"))
-    with pytest.raises(ConfigError, match=r"targets\.0\.path.*kind 'spiral' is not allowed: known are straight, arc"):
+    with pytest.raises(ConfigError, match=r"targets\.0\.path.*kind 'spiral' is not allowed: known are arc, polyline"):
         load_run(path)
 
 

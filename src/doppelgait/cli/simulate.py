@@ -224,7 +224,8 @@ def put_target_options(
 
         moved = first.get("motion", {})
         kind = moved.get("kind", "file") if isinstance(moved, dict) else "file"
-        fields = MOTION_MODELS[kind].config.model_fields if kind in MOTION_MODELS else {}
+        model = MOTION_MODELS[kind].parameters if kind in MOTION_MODELS else None
+        fields = model.model_fields if model is not None else {}
         own = next((name for name in HEIGHT_FIELDS if name in fields), None)
         if own is None:
             first["height_m"] = height

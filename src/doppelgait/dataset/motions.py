@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import inspect
 import re
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -83,7 +82,7 @@ def check_motion(motion: Any, folder: Path, *, key: str) -> None:
     ConfigError
         If the kind, a parameter or an option is not known or not allowed, or a file is missing.
     """
-    from doppelgait.motion.models import MOTION_MODELS
+    from doppelgait.motion.models import MOTION_MODELS, parameters_of
 
     if not isinstance(motion, Mapping) or not isinstance(motion.get("kind"), str):
         needs = 'needs kind = "NAME" (a motion model, or "file" with path = "...")'
@@ -101,7 +100,7 @@ def check_motion(motion: Any, folder: Path, *, key: str) -> None:
         raise ConfigError(f"{key}.kind: {kind!r} is not allowed: known are {known}")
     else:
         try:
-            validate(MOTION_MODELS[kind].config, options, section=tuple(key.split(".")))
+            validate(parameters_of(kind), options, section=tuple(key.split(".")))
         except ConfigError as error:
             raise ConfigError(f"{error} (motion is {shorten(motion)})") from None
 
@@ -122,11 +121,10 @@ def _check_file(options: dict[str, Any], folder: Path, key: str) -> None:
 
 def _file_options() -> list[str]:
     """Options of all readers: which of them takes a file is known only from its content."""
-    from doppelgait.motion.readers import MOTION_READERS, read
+    from doppelgait.motion.readers import MOTION_READERS, read, reader_options
 
-    functions = [read, *(MOTION_READERS[name].read for name in MOTION_READERS)]
-    parameters = [p for function in functions for p in inspect.signature(function).parameters.values()]
-    return list(dict.fromkeys(p.name for p in parameters if p.kind is p.KEYWORD_ONLY))
+    functions = [read, *(reader.run for reader in MOTION_READERS.values())]
+    return list(dict.fromkeys(name for function in functions for name in reader_options(function)))
 
 
 def motion_files(motions: Iterable[Mapping[str, Any]]) -> list[str]:

@@ -6,7 +6,7 @@ Coordinates of a path are those of its mover at the start: origin there, x in it
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Literal
@@ -14,17 +14,30 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from doppelgait.core.config import FrozenModel, validate
+from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError
+from doppelgait.core.plugins import Group, plugin
 from doppelgait.motion.course import SETTLE_S, Piece, Stop, arc
 
 TURN_S, ACCELERATION_MPS2 = 2.0, 1.0
 """Usual time of a half turn on the spot, and highest acceleration where a walker stops or sets off; assumed."""
 _SHORTEST_M = 1e-3
+ENDLESS = Piece(math.inf)
 
 
-class PathPlace(FrozenModel):
-    """What every path takes.
+@dataclass(frozen=True)
+class Layout:
+    """Geometry of a path: pieces, stops and the acceleration about them, and where and how it starts."""
+
+    pieces: tuple[Piece, ...]
+    stops: tuple[Stop, ...] = ()
+    acceleration_mps2: float = ACCELERATION_MPS2
+    start_m: tuple[float, float] = (0.0, 0.0)
+    heading_rad: float = 0.0
+
+
+class Path(FrozenModel):
+    """What every path takes; a kind of path adds ``kind`` and its shape.
 
     Parameters
     ----------
@@ -35,18 +48,19 @@ class PathPlace(FrozenModel):
         does who accompanies another.
     """
 
+    kind: str
     speed_mps: float | None = Field(default=None, gt=0, le=30)
     side_m: float = Field(default=0.0, ge=-10, le=10)
     ahead_m: float = Field(default=0.0, ge=-10, le=10)
 
 
-class StraightPath(PathPlace):
+class StraightPath(Path):
     """Straight ahead for as long as the motion lasts."""
 
     kind: Literal["straight"] = "straight"
 
 
-class ArcPath(PathPlace):
+class ArcPath(Path):
     """Part of a circle, or several rounds of it.
 
     Parameters
@@ -69,7 +83,7 @@ class ArcPath(PathPlace):
         return turn_deg
 
 
-class PolylinePath(PathPlace):
+class PolylinePath(Path):
     """From point to point, corners rounded.
 
     Parameters
@@ -86,7 +100,7 @@ class PolylinePath(PathPlace):
 
     @model_validator(mode="after")
     def _corners_fit(self) -> PolylinePath:
-        _rounded(self)
+        lay_polyline(self)
         return self
 
 
@@ -97,7 +111,7 @@ class StopSpec(FrozenModel):
     pause_s: float = Field(ge=0.1, le=120)
 
 
-class StopAndGoPath(PathPlace):
+class StopAndGoPath(Path):
     """Straight ahead with stops.
 
     Parameters
@@ -121,7 +135,7 @@ class StopAndGoPath(PathPlace):
         return stops
 
 
-class TurnAroundPath(PathPlace):
+class TurnAroundPath(Path):
     """Out, half a turn to the left, and back for as long as the motion lasts.
 
     Parameters
@@ -152,65 +166,36 @@ class TurnAroundPath(PathPlace):
         return self
 
 
-Path = StraightPath | ArcPath | PolylinePath | StopAndGoPath | TurnAroundPath
-
-PATHS: Mapping[str, type[Path]] = {
-    "straight": StraightPath,
-    "arc": ArcPath,
-    "polyline": PolylinePath,
-    "stop_and_go": StopAndGoPath,
-    "turn_around": TurnAroundPath,
-}
-"""Paths by the ``kind`` of a scene file."""
+@plugin("path", parameters=StraightPath)
+def lay_straight(path: StraightPath) -> Layout:
+    """Go straight ahead without end."""
+    return Layout((ENDLESS,))
 
 
-def make_path(table: Mapping[str, Any]) -> Path:
-    """Path of a ``path = { kind = ... }`` table.
-
-    Raises
-    ------
-    ConfigError
-        If the kind or a parameter is not allowed.
-    """
-    kind = table.get("kind")
-    if not isinstance(kind, str) or kind not in PATHS:
-        raise ConfigError(f"path kind {kind!r} is not allowed: known are {', '.join(PATHS)}")
-    return validate(PATHS[kind], table, where=f"path kind {kind!r}")
+@plugin("path", parameters=ArcPath)
+def lay_arc(path: ArcPath) -> Layout:
+    """Go round a part of a circle."""
+    return Layout((arc(path.radius_m, math.radians(path.turn_deg)),))
 
 
-@dataclass(frozen=True)
-class Layout:
-    """Geometry of a path: pieces, stops and the acceleration about them, and where and how it starts."""
-
-    pieces: tuple[Piece, ...]
-    stops: tuple[Stop, ...] = ()
-    acceleration_mps2: float = ACCELERATION_MPS2
-    start_m: tuple[float, float] = (0.0, 0.0)
-    heading_rad: float = 0.0
+@plugin("path", parameters=StopAndGoPath)
+def lay_stops(path: StopAndGoPath) -> Layout:
+    """Go straight ahead and rest at the stops."""
+    stops = tuple(Stop(stop.at_m, stop.pause_s) for stop in path.stops)
+    return Layout((ENDLESS,), stops, path.acceleration_mps2)
 
 
-def layout_of(path: Path) -> Layout:
-    """Pieces and stops of a path; turns on the spot are in its stops alone."""
-    endless = Piece(math.inf)
-    match path:
-        case StraightPath():
-            return Layout((endless,))
-        case ArcPath():
-            return Layout((arc(path.radius_m, math.radians(path.turn_deg)),))
-        case PolylinePath():
-            return _rounded(path)
-        case StopAndGoPath():
-            stops = tuple(Stop(stop.at_m, stop.pause_s) for stop in path.stops)
-            return Layout((endless,), stops, path.acceleration_mps2)
-        case TurnAroundPath() if path.radius_m is not None:
-            return Layout((Piece(path.out_m), arc(path.radius_m, math.pi), endless))
-        case TurnAroundPath():
-            pause_s = 2 * SETTLE_S + (path.turn_s or TURN_S)
-            stop = Stop(path.out_m, pause_s, math.pi)
-            return Layout((endless,), (stop,), path.acceleration_mps2 or ACCELERATION_MPS2)
+@plugin("path", parameters=TurnAroundPath)
+def lay_turn(path: TurnAroundPath) -> Layout:
+    """Go out, turn in a U or on the spot, and come back."""
+    if path.radius_m is not None:
+        return Layout((Piece(path.out_m), arc(path.radius_m, math.pi), ENDLESS))
+    stop = Stop(path.out_m, 2 * SETTLE_S + (path.turn_s or TURN_S), math.pi)
+    return Layout((ENDLESS,), (stop,), path.acceleration_mps2 or ACCELERATION_MPS2)
 
 
-def _rounded(path: PolylinePath) -> Layout:
+@plugin("path", parameters=PolylinePath)
+def lay_polyline(path: PolylinePath) -> Layout:
     """Legs and corner arcs of a polyline; a ValueError where they do not fit."""
     legs = np.diff(np.array(path.points_m), axis=0)
     lengths = np.hypot(legs[:, 0], legs[:, 1])
@@ -236,3 +221,32 @@ def _rounded(path: PolylinePath) -> Layout:
         bends = number < turns.size and abs(turns[number]) > 1e-9
         pieces += [arc(path.corner_radius_m, float(turns[number]))] if bends else []
     return Layout(tuple(pieces), start_m=path.points_m[0], heading_rad=float(headings[0]))
+
+
+PATHS: Group[Callable[[Any], Layout]] = Group("path", built_in=("doppelgait.motion.paths",))
+"""Paths by the ``kind`` of a scene file: a model derived from :class:`Path` and a function that lays it out."""
+
+
+def make_path(table: Mapping[str, Any] | Path) -> Path:
+    """Path of a ``path = { kind = ... }`` table.
+
+    Raises
+    ------
+    ConfigError
+        If the kind or a parameter is not allowed.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> dg.motion.make_path({"kind": "arc", "radius_m": 2.0, "turn_deg": 90.0}).radius_m
+    2.0
+    """
+    path = PATHS.parse(table)
+    if not isinstance(path, Path):
+        raise ConfigError(f"path {type(path).__name__}: its parameters must be a model derived from motion.paths.Path")
+    return path
+
+
+def layout_of(path: Path) -> Layout:
+    """Pieces and stops of a path; turns on the spot are in its stops alone."""
+    return PATHS.of(path).run(path)

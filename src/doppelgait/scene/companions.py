@@ -7,7 +7,7 @@ from dataclasses import replace
 from doppelgait.core.errors import ConfigError
 from doppelgait.motion.follow import steady_speed_mps
 from doppelgait.motion.motion import Motion
-from doppelgait.motion.paths import StraightPath
+from doppelgait.motion.paths import StraightPath, TurnAroundPath
 from doppelgait.scene.target import Target, scaled_motion
 
 
@@ -44,7 +44,7 @@ def side_by_side(first: Target, second: Target, *, side_m: float = 0.7, ahead_m:
     if first.start_position_m is None:
         raise ConfigError("companions: the first target needs start_position_m and heading_deg")
     path = first.path_spec or StraightPath()
-    if path.kind == "turn_around" and path.radius_m is None:
+    if isinstance(path, TurnAroundPath) and path.radius_m is None:
         raise ConfigError("companions: a turn on the spot cannot be made side by side; give the path radius_m")
     beside = {
         "speed_mps": path.speed_mps or steady_speed_mps(scaled_motion(replace(first, path=None))),

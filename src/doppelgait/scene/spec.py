@@ -127,12 +127,11 @@ def build_motion(
     kind = str(table["kind"])
     if kind == "file":
         return _read_file(options, folder)
-    from doppelgait.motion.models import MOTION_MODELS
+    from doppelgait.motion.models import MOTION_MODELS, generate, parameters_of
 
     if kind not in MOTION_MODELS:
         raise ConfigError(f"unknown kind {kind!r}; known are: file, {', '.join(MOTION_MODELS)}")
-    model = MOTION_MODELS[kind]
-    return model.generate(validate(model.config, options, where=f"kind {kind!r}"), duration_s, rng)
+    return generate(validate(parameters_of(kind), options, where=f"kind {kind!r}"), duration_s=duration_s, rng=rng)
 
 
 def _read_file(options: dict[str, Any], folder: Path | None) -> Motion:

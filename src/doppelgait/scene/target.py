@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, cast
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field, SerializeAsAny, field_validator
 
 from doppelgait.core.config import FrozenModel, validate
 from doppelgait.core.errors import ConfigError, MotionError
@@ -31,7 +31,7 @@ class TargetParameters(FrozenModel):
     aspect_deg: float = Field(default=0.0, ge=-360, le=360)
     start_position_m: tuple[float, float] | None = None
     heading_deg: float | None = Field(default=None, ge=-360, le=360)
-    path: Path | None = None
+    path: SerializeAsAny[Path] | None = None
     background: bool = False
 
     @field_validator("path", mode="before")

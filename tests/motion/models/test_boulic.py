@@ -248,8 +248,8 @@ def test_the_whole_range_of_speeds_is_walkable():
 
 def test_it_is_a_registered_model_whose_name_alone_gives_a_motion():
     model = MOTION_MODELS["boulic"]
-    assert model.config is BoulicConfig
-    walk = model.generate(model.config(), 5.0, None)
+    assert model.parameters is BoulicConfig
+    walk = model.run(model.parameters(), 5.0, None)
     np.testing.assert_array_equal(walk.position_m, boulic_walk().position_m)
     assert (walk.facts.species, walk.facts.gait, walk.facts.kind) == ("human", "walk", "boulic")
     assert walk.facts.mass_kg == pytest.approx(23 * 1.75**2)

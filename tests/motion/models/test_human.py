@@ -365,8 +365,8 @@ def test_running_frequency_scales_with_stature():
 
 def test_it_is_a_registered_model_whose_name_alone_gives_a_motion():
     model = MOTION_MODELS["human"]
-    assert model.config is HumanConfig
-    walk = model.generate(model.config(), 5.0, None)
+    assert model.parameters is HumanConfig
+    walk = model.run(model.parameters(), 5.0, None)
     np.testing.assert_array_equal(walk.position_m, human_gait().position_m)
     facts = walk.facts
     assert (facts.species, facts.gait, facts.kind) == ("human", "walk", "human")

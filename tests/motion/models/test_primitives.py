@@ -92,7 +92,7 @@ def test_what_is_out_of_range_is_refused_with_the_value_and_the_range(make, para
 )
 def test_they_are_registered_and_each_name_alone_gives_a_motion(kind, make):
     model = MOTION_MODELS[kind]
-    motion = model.generate(model.config(), 2.0, None)
+    motion = model.run(model.parameters(), 2.0, None)
     np.testing.assert_array_equal(motion.position_m, make(duration_s=2.0).position_m)
     assert motion.facts.kind == motion.facts.source == kind
     assert motion.positions.sel(space="z").values.min() >= 0

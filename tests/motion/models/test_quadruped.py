@@ -305,8 +305,8 @@ def test_what_is_out_of_range_is_refused_with_the_value_and_the_range(parameters
 
 def test_it_is_a_registered_model_whose_name_alone_gives_a_motion():
     model = MOTION_MODELS["quadruped"]
-    assert model.config is QuadrupedConfig
-    motion = model.generate(model.config(), 5.0, None)
+    assert model.parameters is QuadrupedConfig
+    motion = model.run(model.parameters(), 5.0, None)
     np.testing.assert_array_equal(motion.position_m, quadruped_gait().position_m)
     facts = motion.facts
     assert (facts.species, facts.gait, facts.height_m) == ("dog", "trot", 0.5)

@@ -54,7 +54,7 @@ def test_these_readers_take_these_files_and_no_others(shared: Path) -> None:
     for path in files:
         with path.open("rb") as file:
             head = file.read(4096)
-        taken = [name for name in ("trc", "table", "arrays", "c3d") if MOTION_READERS[name].sniff(path, head)]
+        taken = [name for name in ("trc", "table", "arrays", "c3d") if MOTION_READERS[name].facts["sniff"](path, head)]
         expected = FILES.get(path.name) or ("c3d" if path.suffix == ".c3d" else None)
         assert taken == ([expected] if expected else []), path.name
 

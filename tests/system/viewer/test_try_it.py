@@ -182,7 +182,7 @@ def motions(given):
     table = scene_table({key: str(value) for key, value in given.items()})
     for motion in (target["motion"] for target in table["targets"]):
         model = MOTION_MODELS[motion["kind"]]
-        validate(model.config, {key: value for key, value in motion.items() if key != "kind"}, where="motion")
+        validate(model.parameters, {key: value for key, value in motion.items() if key != "kind"}, where="motion")
 
 
 @pytest.mark.parametrize("given", [

@@ -16,7 +16,7 @@ from doppelgait.motion.models.primitives import (
     rotor,
 )
 from doppelgait.motion.models.quadruped import QuadrupedConfig, quadruped_gait
-from doppelgait.motion.models.registry import MOTION_MODELS, MotionModel
+from doppelgait.motion.models.registry import MOTION_MODELS, generate, parameters_of
 
 __all__ = [
     "MOTION_MODELS",
@@ -26,7 +26,6 @@ __all__ = [
     "CurtainConfig",
     "FanConfig",
     "HumanConfig",
-    "MotionModel",
     "PendulumConfig",
     "Person",
     "PointConfig",
@@ -39,8 +38,10 @@ __all__ = [
     "crawling_person",
     "curtain",
     "fan",
+    "generate",
     "human_gait",
     "moving_point",
+    "parameters_of",
     "pendulum",
     "quadruped_gait",
     "robot_vacuum",

@@ -8,13 +8,15 @@ units of the leg length L = 0.491 H, so that a person of stature H at speed V ha
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel, validate
+from doppelgait.core.plugins import plugin
+from doppelgait.core.rng import Streams
 from doppelgait.motion.models.boulic_curves import (
     TOP_RELATIVE_SPEED,
     OffsetSigns,
@@ -25,7 +27,7 @@ from doppelgait.motion.models.boulic_curves import (
     trunk_angles_deg,
 )
 from doppelgait.motion.models.human_chain import POINTS, figure_points
-from doppelgait.motion.models.registry import MOTION_MODELS, MotionModel
+from doppelgait.motion.models.registry import generate
 from doppelgait.motion.models.strides import (
     footfall_times_s,
     mean_stride_frequency_hz,
@@ -57,7 +59,29 @@ _BODY_MASS_INDEX = 23.0
 
 
 class BoulicConfig(FrozenModel):
-    """Parameters of :func:`boulic_walk`."""
+    """Parameters of :func:`boulic_walk`.
+
+    Parameters
+    ----------
+    speed_mps : float
+        Mean forward speed V, above 0 and at most 3 leg lengths per second (2.58 m/s at 1.75 m).
+    height_m : float
+        Stature H, 0.6 to 2.4. The figure itself, without foot height, is 0.909 H high.
+    form : str
+        ``"consistent"``: all lengths in units of the leg length. ``"pendulum"``: the same with the fore-aft
+        sway turned over, fastest in double support. ``"chen2011"``: as the published program, with body
+        offsets in metres and an advance of 1.346 sqrt(q) metres per cycle: it then moves at q = V/L metres
+        per second, not at V.
+    start_phase : float
+        Cycles, 0 (right foot lands) to below 1.
+    stride_variation : float
+        Standard deviation of the stride time relative to its mean, 0 to 0.1; healthy adults 0.02. The
+        advance per stride stays, so that the speed varies with it.
+    rate_hz : float
+        Frames per second, 50 to 10000.
+    """
+
+    kind: Literal["boulic"] = "boulic"
 
     speed_mps: float = Field(1.2, gt=0)
     height_m: float = Field(1.75, ge=0.6, le=2.4)
@@ -78,40 +102,18 @@ class BoulicConfig(FrozenModel):
 
 
 def boulic_walk(
-    *,
-    speed_mps: float = 1.2,
-    height_m: float = 1.75,
-    duration_s: float = 5.0,
-    form: Form = "consistent",
-    start_phase: float = 0.0,
-    stride_variation: float = 0.0,
-    rate_hz: float = 250.0,
-    rng: np.random.Generator | None = None,
+    *, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = None, **parameters: Any
 ) -> Motion:
     """Walking person after Boulic et al. 1990; Chen 2011.
 
     Parameters
     ----------
-    speed_mps : float
-        Mean forward speed V, above 0 and at most 3 leg lengths per second (2.58 m/s at 1.75 m).
-    height_m : float
-        Stature H, 0.6 to 2.4. The figure itself, without foot height, is 0.909 H high.
     duration_s : float
         Time to cover; the last frame is at or just after it.
-    form : str
-        ``"consistent"``: all lengths in units of the leg length. ``"pendulum"``: the same with the fore-aft
-        sway turned over, fastest in double support. ``"chen2011"``: as the published program, with body
-        offsets in metres and an advance of 1.346 sqrt(q) metres per cycle: it then moves at q = V/L metres
-        per second, not at V.
-    start_phase : float
-        Cycles, 0 (right foot lands) to below 1.
-    stride_variation : float
-        Standard deviation of the stride time relative to its mean, 0 to 0.1; healthy adults 0.02. The
-        advance per stride stays, so that the speed varies with it.
-    rate_hz : float
-        Frames per second, 50 to 10000.
-    rng : numpy.random.Generator, optional
+    rng : numpy.random.Generator or Streams, optional
         Needed when ``stride_variation`` is above 0.
+    **parameters
+        Fields of :class:`BoulicConfig`.
 
     Returns
     -------
@@ -124,13 +126,10 @@ def boulic_walk(
     ConfigError
         If a parameter is outside its range.
     """
-    values = {
-        "speed_mps": speed_mps, "height_m": height_m, "form": form, "start_phase": start_phase,
-        "stride_variation": stride_variation, "rate_hz": rate_hz,
-    }  # fmt: skip
-    return _generate(validate(BoulicConfig, values, where="boulic_walk"), duration_s, rng)
+    return generate(validate(BoulicConfig, parameters, where="boulic_walk"), duration_s=duration_s, rng=rng)
 
 
+@plugin("motion_model", parameters=BoulicConfig)
 def _generate(config: BoulicConfig, duration_s: float, rng: np.random.Generator | None) -> Motion:
     leg_m = LEG_LENGTH * config.height_m
     q = config.speed_mps / leg_m
@@ -215,6 +214,3 @@ def boulic_points(
     size = {name: fraction * height_m for name, fraction in LENGTHS.items()}
     offset_m = offset_scale_m * body_offset(p, q, signs=offset_signs)
     return np.asarray(figure_points(trunk, limbs, size) + offset_m[:, None])
-
-
-MOTION_MODELS.add("boulic", MotionModel(BoulicConfig, _generate))

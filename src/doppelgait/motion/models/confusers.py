@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel, validate
+from doppelgait.core.plugins import plugin
+from doppelgait.core.rng import Streams
 from doppelgait.motion.models.primitives import rotor
-from doppelgait.motion.models.registry import MOTION_MODELS, MotionModel
+from doppelgait.motion.models.registry import generate
 from doppelgait.motion.models.strides import sample_times_s
 from doppelgait.motion.motion import Motion, make_motion
 
@@ -25,7 +28,25 @@ MASS_KG = {"vacuum": 3.5, "curtain": 1.5, "fan": 3.0}
 
 
 class VacuumConfig(FrozenModel):
-    """Parameters of :func:`robot_vacuum`."""
+    """Parameters of :func:`robot_vacuum`.
+
+    Parameters
+    ----------
+    speed_mps : float
+        Speed V of the centre, 0 to 1.
+    turn_deg_per_s : float
+        Rate w of turning to the left, -180 to 180.
+    radius_m, height_m : float
+        Radius of the rim, 0.05 to 0.5, and height of the shell, 0.02 to 0.3; the rim is at half of it.
+    brush_hz : float
+        Turns of the brush per second f, 0 (no brush) to 20.
+    brush_radius_m : float
+        Length r of the brush's arms.
+    rate_hz : float
+        Frames per second, 16 per turn of the brush or more.
+    """
+
+    kind: Literal["vacuum"] = "vacuum"
 
     speed_mps: float = Field(0.3, ge=0, le=1)
     turn_deg_per_s: float = Field(0.0, ge=-180, le=180)
@@ -42,7 +63,27 @@ class VacuumConfig(FrozenModel):
 
 
 class CurtainConfig(FrozenModel):
-    """Parameters of :func:`curtain`."""
+    """Parameters of :func:`curtain`.
+
+    Parameters
+    ----------
+    sway_hz : float
+        Frequency f, above 0 to 2; 0.2 to 0.6 in a draught (assumed).
+    amplitude_m : float
+        Amplitude a of the hem, 0 to 0.5; above it less in proportion to the distance d from the rail.
+    phase_deg : float
+        Lag phi from one side to the other.
+    width_m, drop_m : float
+        Width W and height D of the cloth.
+    rail_height_m : float
+        Height of the rail, at least the drop.
+    columns, rows : int
+        Points across, from side to side, and down, the last row on the hem.
+    rate_hz : float
+        Frames per second.
+    """
+
+    kind: Literal["curtain"] = "curtain"
 
     sway_hz: float = Field(0.4, gt=0, le=2)
     amplitude_m: float = Field(0.05, ge=0, le=0.5)
@@ -65,7 +106,23 @@ class CurtainConfig(FrozenModel):
 
 
 class FanConfig(FrozenModel):
-    """Parameters of :func:`fan`."""
+    """Parameters of :func:`fan`.
+
+    Parameters
+    ----------
+    radius_m : float
+        Distance of the blades' tips from the hub, above 0 to 1.
+    rotation_hz : float
+        Turns per second, above 0 to 60.
+    blades : int
+        3 to 5.
+    hub_height_m : float
+        Height of the hub, at least the radius.
+    rate_hz : float
+        Frames per second, 16 per turn or more.
+    """
+
+    kind: Literal["fan"] = "fan"
 
     radius_m: float = Field(0.2, gt=0, le=1)
     rotation_hz: float = Field(15.0, gt=0, le=60)
@@ -92,15 +149,7 @@ def _check_turns(rate_hz: float, rotation_hz: float, key: str) -> None:
 
 
 def robot_vacuum(
-    *,
-    speed_mps: float = 0.3,
-    turn_deg_per_s: float = 0.0,
-    radius_m: float = 0.17,
-    height_m: float = 0.09,
-    brush_hz: float = 0.0,
-    brush_radius_m: float = 0.07,
-    duration_s: float = 5.0,
-    rate_hz: float = 250.0,
+    *, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = None, **parameters: Any
 ) -> Motion:
     """Flat round robot on a straight line or an arc, with an optional side brush.
 
@@ -110,20 +159,12 @@ def robot_vacuum(
 
     Parameters
     ----------
-    speed_mps : float
-        Speed V of the centre, 0 to 1.
-    turn_deg_per_s : float
-        Rate w of turning to the left, -180 to 180.
-    radius_m, height_m : float
-        Radius of the rim, 0.05 to 0.5, and height of the shell, 0.02 to 0.3; the rim is at half of it.
-    brush_hz : float
-        Turns of the brush per second f, 0 (no brush) to 20.
-    brush_radius_m : float
-        Length r of the brush's arms.
     duration_s : float
         Time to cover.
-    rate_hz : float
-        Frames per second, 16 per turn of the brush or more.
+    rng : numpy.random.Generator or Streams, optional
+        Not used: the motion holds nothing random.
+    **parameters
+        Fields of :class:`VacuumConfig`.
 
     Returns
     -------
@@ -135,43 +176,20 @@ def robot_vacuum(
     ConfigError
         If a parameter is outside its range.
     """
-    options = {name: value for name, value in locals().items() if name != "duration_s"}
-    return _vacuum(validate(VacuumConfig, options, where="robot_vacuum"), duration_s)
+    return generate(validate(VacuumConfig, parameters, where="robot_vacuum"), duration_s=duration_s, rng=rng)
 
 
-def curtain(
-    *,
-    sway_hz: float = 0.4,
-    amplitude_m: float = 0.05,
-    phase_deg: float = 120.0,
-    width_m: float = 1.2,
-    drop_m: float = 1.8,
-    rail_height_m: float = 2.0,
-    columns: int = 5,
-    rows: int = 4,
-    duration_s: float = 10.0,
-    rate_hz: float = 250.0,
-) -> Motion:
+def curtain(*, duration_s: float = 10.0, rng: np.random.Generator | Streams | None = None, **parameters: Any) -> Motion:
     """Curtain before a window: points that sway along x, a (d/D) sin(2 pi f t - phi y/W), under a rail along y.
 
     Parameters
     ----------
-    sway_hz : float
-        Frequency f, above 0 to 2; 0.2 to 0.6 in a draught (assumed).
-    amplitude_m : float
-        Amplitude a of the hem, 0 to 0.5; above it less in proportion to the distance d from the rail.
-    phase_deg : float
-        Lag phi from one side to the other.
-    width_m, drop_m : float
-        Width W and height D of the cloth.
-    rail_height_m : float
-        Height of the rail, at least the drop.
-    columns, rows : int
-        Points across, from side to side, and down, the last row on the hem.
     duration_s : float
         Time to cover.
-    rate_hz : float
-        Frames per second.
+    rng : numpy.random.Generator or Streams, optional
+        Not used: the motion holds nothing random.
+    **parameters
+        Fields of :class:`CurtainConfig`.
 
     Returns
     -------
@@ -183,37 +201,22 @@ def curtain(
     ConfigError
         If a parameter is outside its range.
     """
-    options = {name: value for name, value in locals().items() if name != "duration_s"}
-    return _curtain(validate(CurtainConfig, options, where="curtain"), duration_s)
+    return generate(validate(CurtainConfig, parameters, where="curtain"), duration_s=duration_s, rng=rng)
 
 
-def fan(
-    *,
-    radius_m: float = 0.2,
-    rotation_hz: float = 15.0,
-    blades: int = 3,
-    hub_height_m: float = 1.1,
-    duration_s: float = 5.0,
-    rate_hz: float = 1000.0,
-) -> Motion:
+def fan(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = None, **parameters: Any) -> Motion:
     """Fan that blows along +x: a rotor in the plane (y, z) and a stand at rest.
 
     The tips move at 2 pi rotation_hz radius_m, 19 m/s as given, which few radars' frame rates can show.
 
     Parameters
     ----------
-    radius_m : float
-        Distance of the blades' tips from the hub, above 0 to 1.
-    rotation_hz : float
-        Turns per second, above 0 to 60.
-    blades : int
-        3 to 5.
-    hub_height_m : float
-        Height of the hub, at least the radius.
     duration_s : float
         Time to cover.
-    rate_hz : float
-        Frames per second, 16 per turn or more.
+    rng : numpy.random.Generator or Streams, optional
+        Not used: the motion holds nothing random.
+    **parameters
+        Fields of :class:`FanConfig`.
 
     Returns
     -------
@@ -225,10 +228,10 @@ def fan(
     ConfigError
         If a parameter is outside its range.
     """
-    options = {name: value for name, value in locals().items() if name != "duration_s"}
-    return _fan(validate(FanConfig, options, where="fan"), duration_s)
+    return generate(validate(FanConfig, parameters, where="fan"), duration_s=duration_s, rng=rng)
 
 
+@plugin("motion_model", parameters=VacuumConfig)
 def _vacuum(config: VacuumConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
     times_s = sample_times_s(duration_s, config.rate_hz)
     turn = math.radians(config.turn_deg_per_s)
@@ -249,6 +252,7 @@ def _vacuum(config: VacuumConfig, duration_s: float, rng: np.random.Generator | 
     return _motion("vacuum", points, config.rate_hz, height_m=config.height_m, **rate)
 
 
+@plugin("motion_model", parameters=CurtainConfig)
 def _curtain(config: CurtainConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
     times_s = sample_times_s(duration_s, config.rate_hz)
     points = {}
@@ -263,6 +267,7 @@ def _curtain(config: CurtainConfig, duration_s: float, rng: np.random.Generator 
     return _motion("curtain", points, config.rate_hz, height_m=config.rail_height_m, **rate)
 
 
+@plugin("motion_model", parameters=FanConfig)
 def _fan(config: FanConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
     turning = rotor(
         radius_m=config.radius_m,
@@ -297,8 +302,3 @@ def _motion(kind: str, points: dict[str, FloatArray], rate_hz: float, **facts: o
         facts={"source": kind, "kind": kind, "mass_kg": MASS_KG[kind], **facts},
         report={"mass_kg": "assumed"},
     )
-
-
-MOTION_MODELS.add("vacuum", MotionModel(VacuumConfig, _vacuum))
-MOTION_MODELS.add("curtain", MotionModel(CurtainConfig, _curtain))
-MOTION_MODELS.add("fan", MotionModel(FanConfig, _fan))

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import math
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel, validate
+from doppelgait.core.plugins import plugin
+from doppelgait.core.rng import Streams
 from doppelgait.motion.models.boulic import LENGTHS
 from doppelgait.motion.models.human_chain import POINTS
 from doppelgait.motion.models.quadruped_limbs import two_link
-from doppelgait.motion.models.registry import MOTION_MODELS, MotionModel
+from doppelgait.motion.models.registry import generate
 from doppelgait.motion.models.strides import (
     footfall_times_s,
     mean_stride_frequency_hz,
@@ -38,7 +41,25 @@ ARM_STRETCH = 0.95
 
 
 class CrawlConfig(FrozenModel):
-    """Parameters of :func:`crawling_person`."""
+    """Parameters of :func:`crawling_person`.
+
+    Parameters
+    ----------
+    speed_mps : float
+        Mean forward speed V, 0.1 to 0.8.
+    height_m : float
+        Stature H, 0.9 to 2.1.
+    mass_kg : float, optional
+        By default that of a body mass index of 23.
+    start_phase : float
+        Cycles, 0 (right hand and left knee come down) to below 1.
+    stride_variation : float
+        Standard deviation of the stride time relative to its mean, 0 to 0.1.
+    rate_hz : float
+        Frames per second, 50 to 10000.
+    """
+
+    kind: Literal["crawl"] = "crawl"
 
     speed_mps: float = Field(0.4, ge=0.1, le=0.8)
     height_m: float = Field(1.75, ge=0.9, le=2.1)
@@ -59,15 +80,7 @@ class CrawlConfig(FrozenModel):
 
 
 def crawling_person(
-    *,
-    speed_mps: float = 0.4,
-    height_m: float = 1.75,
-    duration_s: float = 5.0,
-    mass_kg: float | None = None,
-    start_phase: float = 0.0,
-    stride_variation: float = 0.0,
-    rate_hz: float = 250.0,
-    rng: np.random.Generator | None = None,
+    *, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = None, **parameters: Any
 ) -> Motion:
     """Person who crawls on hands and knees, diagonal limbs together.
 
@@ -76,22 +89,12 @@ def crawling_person(
 
     Parameters
     ----------
-    speed_mps : float
-        Mean forward speed V, 0.1 to 0.8.
-    height_m : float
-        Stature H, 0.9 to 2.1.
     duration_s : float
         Time to cover; the last frame is at or just after it.
-    mass_kg : float, optional
-        By default that of a body mass index of 23.
-    start_phase : float
-        Cycles, 0 (right hand and left knee come down) to below 1.
-    stride_variation : float
-        Standard deviation of the stride time relative to its mean, 0 to 0.1.
-    rate_hz : float
-        Frames per second, 50 to 10000.
-    rng : numpy.random.Generator, optional
+    rng : numpy.random.Generator or Streams, optional
         Needed when ``stride_variation`` is above 0.
+    **parameters
+        Fields of :class:`CrawlConfig`.
 
     Returns
     -------
@@ -103,10 +106,10 @@ def crawling_person(
     ConfigError
         If a parameter is outside its range.
     """
-    options = {name: value for name, value in locals().items() if name not in ("duration_s", "rng")}
-    return _generate(validate(CrawlConfig, options, where="crawling_person"), duration_s, rng)
+    return generate(validate(CrawlConfig, parameters, where="crawling_person"), duration_s=duration_s, rng=rng)
 
 
+@plugin("motion_model", parameters=CrawlConfig)
 def _generate(config: CrawlConfig, duration_s: float, rng: np.random.Generator | None) -> Motion:
     times_s = sample_times_s(duration_s, config.rate_hz)
     stride_hz = math.sqrt(config.speed_mps / (STRIDE_RATIO * config.height_m))
@@ -198,6 +201,3 @@ def _leg(base: FloatArray, phase: FloatArray, stride: float, side: str, sigma: f
 
 def _xyz(x: FloatArray, y: float, z: FloatArray | float) -> FloatArray:
     return np.stack([x, np.full_like(x, y), np.broadcast_to(z, x.shape)], axis=1)
-
-
-MOTION_MODELS.add("crawl", MotionModel(CrawlConfig, _generate))

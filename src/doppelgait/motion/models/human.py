@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel, validate
+from doppelgait.core.plugins import plugin
+from doppelgait.core.rng import Streams
 from doppelgait.motion.models.boulic_curves import (
     TOP_RELATIVE_SPEED,
     body_offset,
@@ -38,7 +40,7 @@ from doppelgait.motion.models.human_run import (
     run_trunk_deg,
 )
 from doppelgait.motion.models.human_variation import step_series
-from doppelgait.motion.models.registry import MOTION_MODELS, MotionModel
+from doppelgait.motion.models.registry import generate
 from doppelgait.motion.models.strides import (
     footfall_times_s,
     mean_stride_frequency_hz,
@@ -58,7 +60,41 @@ _WHOLE_CYCLE = np.arange(1000) / 1000
 
 
 class HumanConfig(FrozenModel):
-    """Parameters of :func:`human_gait`."""
+    """Parameters of :func:`human_gait`.
+
+    Parameters
+    ----------
+    gait : str
+        ``"walk"``, ``"run"`` or ``"auto"``: a run above 2 m/s at 1.75 m, at equal Froude number for others.
+    speed_mps : float
+        Mean forward speed V. Walk: above 0 to 3 leg lengths per second (2.58 m/s at 1.75 m); run: 1.8 to 9 m/s at
+        1.75 m, and as the square root of the stature.
+    height_m : float
+        Stature H, 0.6 to 2.4.
+    mass_kg : float, optional
+        By default that of a body mass index of 23.
+    body : str
+        ``"adult"``: Boulic's proportions and times at every stature. ``"child"``, 0.9 to 1.6 m: a child's proportions,
+        and the walk of an adult of 1.75 m at the same Froude number, with times as the square root of the leg.
+    foot_lock : bool
+        Put the feet on the floor so that they stand still; hips and trunk keep their course and knees follow.
+    walk_ratio : float
+        Step length over step frequency, relative to the model's, 0.7 to 1.4; about 8 % between persons.
+    arm_swing : float
+        Swing of shoulders and elbows relative to the gait's own, 0 to 2.
+    left_hand, right_hand : str
+        ``"free"``, ``"pockets"`` or ``"carrying"``.
+    step_time_sd, step_length_sd : float
+        Standard deviation of the time and the length of a step over its mean, 0 to 0.1; healthy adults 0.02 and 0.03.
+    time_asymmetry, length_asymmetry : float
+        (left - right) / mean of the step that the foot's landing ends, -0.4 to 0.4; healthy adults within 0.03.
+    start_phase : float
+        Cycles, 0 (right foot lands) to below 1.
+    rate_hz : float
+        Frames per second, 50 to 10000.
+    """
+
+    kind: Literal["human"] = "human"
 
     gait: GaitName = "auto"
     speed_mps: float = Field(1.2, gt=0)
@@ -112,25 +148,7 @@ class HumanConfig(FrozenModel):
 
 
 def human_gait(
-    *,
-    gait: GaitName = "auto",
-    speed_mps: float = 1.2,
-    height_m: float = 1.75,
-    duration_s: float = 5.0,
-    mass_kg: float | None = None,
-    body: Body = "adult",
-    foot_lock: bool = True,
-    walk_ratio: float = 1.0,
-    arm_swing: float = 1.0,
-    left_hand: Hands = "free",
-    right_hand: Hands = "free",
-    step_time_sd: float = 0.0,
-    step_length_sd: float = 0.0,
-    time_asymmetry: float = 0.0,
-    length_asymmetry: float = 0.0,
-    start_phase: float = 0.0,
-    rate_hz: float = 250.0,
-    rng: np.random.Generator | None = None,
+    *, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = None, **parameters: Any
 ) -> Motion:
     """Walking or running person.
 
@@ -140,38 +158,12 @@ def human_gait(
 
     Parameters
     ----------
-    gait : str
-        ``"walk"``, ``"run"`` or ``"auto"``: a run above 2 m/s at 1.75 m, at equal Froude number for others.
-    speed_mps : float
-        Mean forward speed V. Walk: above 0 to 3 leg lengths per second (2.58 m/s at 1.75 m); run: 1.8 to 9 m/s at
-        1.75 m, and as the square root of the stature.
-    height_m : float
-        Stature H, 0.6 to 2.4.
     duration_s : float
         Time to cover; the last frame is at or just after it.
-    mass_kg : float, optional
-        By default that of a body mass index of 23.
-    body : str
-        ``"adult"``: Boulic's proportions and times at every stature. ``"child"``, 0.9 to 1.6 m: a child's proportions,
-        and the walk of an adult of 1.75 m at the same Froude number, with times as the square root of the leg.
-    foot_lock : bool
-        Put the feet on the floor so that they stand still; hips and trunk keep their course and knees follow.
-    walk_ratio : float
-        Step length over step frequency, relative to the model's, 0.7 to 1.4; about 8 % between persons.
-    arm_swing : float
-        Swing of shoulders and elbows relative to the gait's own, 0 to 2.
-    left_hand, right_hand : str
-        ``"free"``, ``"pockets"`` or ``"carrying"``.
-    step_time_sd, step_length_sd : float
-        Standard deviation of the time and the length of a step over its mean, 0 to 0.1; healthy adults 0.02 and 0.03.
-    time_asymmetry, length_asymmetry : float
-        (left - right) / mean of the step that the foot's landing ends, -0.4 to 0.4; healthy adults within 0.03.
-    start_phase : float
-        Cycles, 0 (right foot lands) to below 1.
-    rate_hz : float
-        Frames per second, 50 to 10000.
-    rng : numpy.random.Generator, optional
+    rng : numpy.random.Generator or Streams, optional
         Needed when a standard deviation is above 0.
+    **parameters
+        Fields of :class:`HumanConfig`.
 
     Returns
     -------
@@ -183,10 +175,10 @@ def human_gait(
     ConfigError
         If a parameter is outside its range, or steps are too long for the legs.
     """
-    options = {name: value for name, value in locals().items() if name not in ("duration_s", "rng")}
-    return _generate(validate(HumanConfig, options, where="human_gait"), duration_s, rng)
+    return generate(validate(HumanConfig, parameters, where="human_gait"), duration_s=duration_s, rng=rng)
 
 
+@plugin("motion_model", parameters=HumanConfig)
 def _generate(config: HumanConfig, duration_s: float, rng: np.random.Generator | None) -> Motion:
     times_s = sample_times_s(duration_s, config.rate_hz)
     size_m = {name: part * config.height_m for name, part in segment_lengths(config.body, config.height_m).items()}
@@ -301,6 +293,3 @@ def _with_arms(config: HumanConfig, curves: Curves) -> Curves:
 
 def _radians(angles_deg: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
     return {name: np.radians(angle) for name, angle in angles_deg.items()}
-
-
-MOTION_MODELS.add("human", MotionModel(HumanConfig, _generate))

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel, validate
-from doppelgait.motion.models.registry import MOTION_MODELS, MotionModel
+from doppelgait.core.plugins import plugin
+from doppelgait.core.rng import Streams
+from doppelgait.motion.models.registry import generate
 from doppelgait.motion.models.strides import sample_times_s
 from doppelgait.motion.motion import Motion, make_motion
 
@@ -19,7 +21,19 @@ Plane = Literal["xy", "xz", "yz"]
 
 
 class PointConfig(FrozenModel):
-    """Parameters of :func:`moving_point`."""
+    """Parameters of :func:`moving_point`.
+
+    Parameters
+    ----------
+    speed_mps : float
+        Speed V along +x, 0 (a point at rest) to 1000.
+    height_m : float
+        Height above the floor, 0 to 1000.
+    rate_hz : float
+        Frames per second.
+    """
+
+    kind: Literal["point"] = "point"
 
     speed_mps: float = Field(1.0, ge=0, le=1000)
     height_m: float = Field(1.0, ge=0, le=1000)
@@ -27,7 +41,23 @@ class PointConfig(FrozenModel):
 
 
 class PendulumConfig(FrozenModel):
-    """Parameters of :func:`pendulum`."""
+    """Parameters of :func:`pendulum`.
+
+    Parameters
+    ----------
+    length_m : float
+        Length l, above 0.
+    amplitude_deg : float
+        Largest angle a, 0 to 180 degrees.
+    frequency_hz : float
+        Swings per second f, to and fro, above 0.
+    pivot_height_m : float
+        Height of the pivot, at least the length.
+    rate_hz : float
+        Frames per second.
+    """
+
+    kind: Literal["pendulum"] = "pendulum"
 
     length_m: float = Field(0.8, gt=0, le=100)
     amplitude_deg: float = Field(30.0, ge=0, le=180)
@@ -46,7 +76,25 @@ class PendulumConfig(FrozenModel):
 
 
 class RotorConfig(FrozenModel):
-    """Parameters of :func:`rotor`."""
+    """Parameters of :func:`rotor`.
+
+    Parameters
+    ----------
+    radius_m : float
+        Distance of the tips from the hub, above 0.
+    rotation_hz : float
+        Turns per second, above 0.
+    blades : int
+        Number of blades, 1 to 64.
+    plane : str
+        ``"xy"`` (level), ``"xz"`` or ``"yz"``.
+    hub_height_m : float
+        Height of the hub; at least the radius unless level.
+    rate_hz : float
+        Frames per second.
+    """
+
+    kind: Literal["rotor"] = "rotor"
 
     radius_m: float = Field(0.3, gt=0, le=100)
     rotation_hz: float = Field(2.0, gt=0, le=1000)
@@ -66,7 +114,21 @@ class RotorConfig(FrozenModel):
 
 
 class BreathingConfig(FrozenModel):
-    """Parameters of :func:`breathing_person`."""
+    """Parameters of :func:`breathing_person`.
+
+    Parameters
+    ----------
+    height_m : float
+        Stature, 0.4 to 2.4.
+    breathing_hz : float
+        Breaths per second f, above 0 to 2.
+    amplitude_m : float
+        Amplitude a of the two chest points, 0 to 0.05; the abdomen moves half as far (assumed), all else not at all.
+    rate_hz : float
+        Frames per second.
+    """
+
+    kind: Literal["breathing"] = "breathing"
 
     height_m: float = Field(1.75, ge=0.4, le=2.4)
     breathing_hz: float = Field(0.25, gt=0, le=2)
@@ -75,20 +137,18 @@ class BreathingConfig(FrozenModel):
 
 
 def moving_point(
-    *, speed_mps: float = 1.0, height_m: float = 1.0, duration_s: float = 5.0, rate_hz: float = 250.0
+    *, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = None, **parameters: Any
 ) -> Motion:
     """One point on a straight line: x = V t at a constant height.
 
     Parameters
     ----------
-    speed_mps : float
-        Speed V along +x, 0 (a point at rest) to 1000.
-    height_m : float
-        Height above the floor, 0 to 1000.
     duration_s : float
         Time to cover.
-    rate_hz : float
-        Frames per second.
+    rng : numpy.random.Generator or Streams, optional
+        Not used: the motion holds nothing random.
+    **parameters
+        Fields of :class:`PointConfig`.
 
     Returns
     -------
@@ -100,37 +160,22 @@ def moving_point(
     ConfigError
         If a parameter is outside its range.
     """
-    values = {"speed_mps": speed_mps, "height_m": height_m, "rate_hz": rate_hz}
-    return _point(validate(PointConfig, values, where="moving_point"), duration_s)
+    return generate(validate(PointConfig, parameters, where="moving_point"), duration_s=duration_s, rng=rng)
 
 
-def pendulum(
-    *,
-    length_m: float = 0.8,
-    amplitude_deg: float = 30.0,
-    frequency_hz: float = 1.0,
-    pivot_height_m: float = 1.0,
-    duration_s: float = 5.0,
-    rate_hz: float = 250.0,
-) -> Motion:
+def pendulum(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = None, **parameters: Any) -> Motion:
     """One point that swings in x under a pivot above x = 0, with the angle a sin(2 pi f t) forward of the vertical.
 
     The frequency is given, not that of free fall. The highest speed is 2 pi f a l, at the lowest point.
 
     Parameters
     ----------
-    length_m : float
-        Length l, above 0.
-    amplitude_deg : float
-        Largest angle a, 0 to 180 degrees.
-    frequency_hz : float
-        Swings per second f, to and fro, above 0.
-    pivot_height_m : float
-        Height of the pivot, at least the length.
     duration_s : float
         Time to cover.
-    rate_hz : float
-        Frames per second.
+    rng : numpy.random.Generator or Streams, optional
+        Not used: the motion holds nothing random.
+    **parameters
+        Fields of :class:`PendulumConfig`.
 
     Returns
     -------
@@ -142,23 +187,10 @@ def pendulum(
     ConfigError
         If a parameter is outside its range.
     """
-    values = {
-        "length_m": length_m, "amplitude_deg": amplitude_deg, "frequency_hz": frequency_hz,
-        "pivot_height_m": pivot_height_m, "rate_hz": rate_hz,
-    }  # fmt: skip
-    return _pendulum(validate(PendulumConfig, values, where="pendulum"), duration_s)
+    return generate(validate(PendulumConfig, parameters, where="pendulum"), duration_s=duration_s, rng=rng)
 
 
-def rotor(
-    *,
-    radius_m: float = 0.3,
-    rotation_hz: float = 2.0,
-    blades: int = 2,
-    plane: Plane = "xz",
-    hub_height_m: float = 1.0,
-    duration_s: float = 5.0,
-    rate_hz: float = 250.0,
-) -> Motion:
+def rotor(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = None, **parameters: Any) -> Motion:
     """A hub at rest above x = 0 and the tips of blades that turn about it at constant rate.
 
     Blade k is at the angle 2 pi (rotation_hz t + k / blades), from the plane's first axis to its second. The highest
@@ -166,20 +198,12 @@ def rotor(
 
     Parameters
     ----------
-    radius_m : float
-        Distance of the tips from the hub, above 0.
-    rotation_hz : float
-        Turns per second, above 0.
-    blades : int
-        Number of blades, 1 to 64.
-    plane : str
-        ``"xy"`` (level), ``"xz"`` or ``"yz"``.
-    hub_height_m : float
-        Height of the hub; at least the radius unless level.
     duration_s : float
         Time to cover.
-    rate_hz : float
-        Frames per second.
+    rng : numpy.random.Generator or Streams, optional
+        Not used: the motion holds nothing random.
+    **parameters
+        Fields of :class:`RotorConfig`.
 
     Returns
     -------
@@ -191,35 +215,22 @@ def rotor(
     ConfigError
         If a parameter is outside its range.
     """
-    values = {
-        "radius_m": radius_m, "rotation_hz": rotation_hz, "blades": blades, "plane": plane,
-        "hub_height_m": hub_height_m, "rate_hz": rate_hz,
-    }  # fmt: skip
-    return _rotor(validate(RotorConfig, values, where="rotor"), duration_s)
+    return generate(validate(RotorConfig, parameters, where="rotor"), duration_s=duration_s, rng=rng)
 
 
 def breathing_person(
-    *,
-    height_m: float = 1.75,
-    breathing_hz: float = 0.25,
-    amplitude_m: float = 0.005,
-    duration_s: float = 20.0,
-    rate_hz: float = 250.0,
+    *, duration_s: float = 20.0, rng: np.random.Generator | Streams | None = None, **parameters: Any
 ) -> Motion:
     """Head and torso of a person who stands still, facing +x, and breathes: the chest moves as a sin(2 pi f t) in x.
 
     Parameters
     ----------
-    height_m : float
-        Stature, 0.4 to 2.4.
-    breathing_hz : float
-        Breaths per second f, above 0 to 2.
-    amplitude_m : float
-        Amplitude a of the two chest points, 0 to 0.05; the abdomen moves half as far (assumed), all else not at all.
     duration_s : float
         Time to cover.
-    rate_hz : float
-        Frames per second.
+    rng : numpy.random.Generator or Streams, optional
+        Not used: the motion holds nothing random.
+    **parameters
+        Fields of :class:`BreathingConfig`.
 
     Returns
     -------
@@ -231,18 +242,17 @@ def breathing_person(
     ConfigError
         If a parameter is outside its range.
     """
-    values = {
-        "height_m": height_m, "breathing_hz": breathing_hz, "amplitude_m": amplitude_m, "rate_hz": rate_hz,
-    }  # fmt: skip
-    return _breathing(validate(BreathingConfig, values, where="breathing_person"), duration_s)
+    return generate(validate(BreathingConfig, parameters, where="breathing_person"), duration_s=duration_s, rng=rng)
 
 
+@plugin("motion_model", parameters=PointConfig)
 def _point(config: PointConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
     times_s = sample_times_s(duration_s, config.rate_hz)
     xyz = _xyz(config.speed_mps * times_s, 0.0, config.height_m)
     return _motion("point", {"point": xyz}, config.rate_hz)
 
 
+@plugin("motion_model", parameters=PendulumConfig)
 def _pendulum(config: PendulumConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
     times_s = sample_times_s(duration_s, config.rate_hz)
     angle = np.radians(config.amplitude_deg) * np.sin(2 * np.pi * config.frequency_hz * times_s)
@@ -250,6 +260,7 @@ def _pendulum(config: PendulumConfig, duration_s: float, rng: np.random.Generato
     return _motion("pendulum", {"bob": _xyz(x, 0.0, z)}, config.rate_hz, gait_frequency_hz=config.frequency_hz)
 
 
+@plugin("motion_model", parameters=RotorConfig)
 def _rotor(config: RotorConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
     times_s = sample_times_s(duration_s, config.rate_hz)
     points = {"hub": _xyz(np.zeros_like(times_s), 0.0, config.hub_height_m)}
@@ -274,6 +285,7 @@ _STANDING = {
 """Part, place as fractions of the stature (x, y, z), and share of the chest's motion; assumed proportions."""
 
 
+@plugin("motion_model", parameters=BreathingConfig)
 def _breathing(config: BreathingConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
     times_s = sample_times_s(duration_s, config.rate_hz)
     chest_m = config.amplitude_m * np.sin(2 * np.pi * config.breathing_hz * times_s)
@@ -311,9 +323,3 @@ def _motion(
         facts={"source": kind, "kind": kind, **facts},
         report=report,
     )
-
-
-MOTION_MODELS.add("point", MotionModel(PointConfig, _point))
-MOTION_MODELS.add("pendulum", MotionModel(PendulumConfig, _pendulum))
-MOTION_MODELS.add("rotor", MotionModel(RotorConfig, _rotor))
-MOTION_MODELS.add("breathing", MotionModel(BreathingConfig, _breathing))

@@ -7,11 +7,15 @@ dynamic similarity (:mod:`doppelgait.motion.models.quadruped_sizes`); the limbs 
 
 from __future__ import annotations
 
+from typing import Any, Literal
+
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel, validate
+from doppelgait.core.plugins import plugin
+from doppelgait.core.rng import Streams
 from doppelgait.motion.models.quadruped_gaits import GAITS, Gait, GaitChoice, GaitName, pick_gait
 from doppelgait.motion.models.quadruped_limbs import all_points, crouch
 from doppelgait.motion.models.quadruped_sizes import (
@@ -26,7 +30,7 @@ from doppelgait.motion.models.quadruped_sizes import (
     mass_kg,
     stride_length_m,
 )
-from doppelgait.motion.models.registry import MOTION_MODELS, MotionModel
+from doppelgait.motion.models.registry import generate
 from doppelgait.motion.models.strides import (
     footfall_times_s,
     mean_stride_frequency_hz,
@@ -56,7 +60,39 @@ POINTS = tuple(PART_OF_POINT)
 
 
 class QuadrupedConfig(FrozenModel):
-    """Parameters of :func:`quadruped_gait`."""
+    """Parameters of :func:`quadruped_gait`.
+
+    Parameters
+    ----------
+    gait : str
+        ``"walk"`` (lateral sequence, Fr 0.05 to 0.5), ``"pace"`` (0.1 to 1), ``"trot"`` (0.3 to 2.5), ``"canter"``
+        (1 to 5), ``"gallop"`` (rotary, 1.2 to 10), ``"transverse_gallop"`` (1.2 to 10), ``"bound"`` (1 to 6), or
+        ``"auto"``: walk up to Fr 0.5, trot up to 2.5, then gallop.
+    speed_mps : float, optional
+        Mean forward speed V ...
+    froude : float, optional
+        ... or the Froude number that it follows from; without either the gait's usual one (trot 1, gallop 4).
+    build : str
+        Proportions, mass and usual size, a key of :data:`doppelgait.motion.models.quadruped_sizes.BUILDS`:
+        ``"standard"``, breeds of dog, ``"cat"``.
+    withers_m : float, optional
+        Height of the withers when standing, 0.2 to 0.9; by default that of the build (standard 0.5).
+    start_phase : float
+        Strides, 0 (left hind foot lands) to below 1.
+    stride_variation : float
+        Standard deviation of the stride time relative to its mean, 0 to 0.1; 0.03 to 0.05 is usual. The length of a
+        stride stays, so that the speed varies with it.
+    asymmetry : float
+        Strides by which both right feet land late, -0.05 to 0.05. The frequencies of the facts stay those of the
+        gait: f_mu by E-07, although half strides then differ.
+    tail_frequency_hz, tail_sweep_deg : float
+        The tail swings sideways to this angle either way at its own frequency, 0 to 5 Hz and 0 to 60 degrees: the
+        motion as a whole is periodic only where that fits the stride.
+    rate_hz : float
+        Frames per second, 50 to 10000.
+    """
+
+    kind: Literal["quadruped"] = "quadruped"
 
     gait: GaitChoice = "trot"
     speed_mps: float | None = Field(None, gt=0)
@@ -113,20 +149,7 @@ class QuadrupedConfig(FrozenModel):
 
 
 def quadruped_gait(
-    *,
-    gait: GaitChoice = "trot",
-    speed_mps: float | None = None,
-    froude: float | None = None,
-    build: BuildName = "standard",
-    withers_m: float | None = None,
-    duration_s: float = 5.0,
-    start_phase: float = 0.0,
-    stride_variation: float = 0.0,
-    asymmetry: float = 0.0,
-    tail_frequency_hz: float = 1.7,
-    tail_sweep_deg: float = 30.0,
-    rate_hz: float = 250.0,
-    rng: np.random.Generator | None = None,
+    *, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = None, **parameters: Any
 ) -> Motion:
     """Dog or cat that goes straight ahead in one gait.
 
@@ -136,36 +159,12 @@ def quadruped_gait(
 
     Parameters
     ----------
-    gait : str
-        ``"walk"`` (lateral sequence, Fr 0.05 to 0.5), ``"pace"`` (0.1 to 1), ``"trot"`` (0.3 to 2.5), ``"canter"``
-        (1 to 5), ``"gallop"`` (rotary, 1.2 to 10), ``"transverse_gallop"`` (1.2 to 10), ``"bound"`` (1 to 6), or
-        ``"auto"``: walk up to Fr 0.5, trot up to 2.5, then gallop.
-    speed_mps : float, optional
-        Mean forward speed V ...
-    froude : float, optional
-        ... or the Froude number that it follows from; without either the gait's usual one (trot 1, gallop 4).
-    build : str
-        Proportions, mass and usual size, a key of :data:`doppelgait.motion.models.quadruped_sizes.BUILDS`:
-        ``"standard"``, breeds of dog, ``"cat"``.
-    withers_m : float, optional
-        Height of the withers when standing, 0.2 to 0.9; by default that of the build (standard 0.5).
     duration_s : float
         Time to cover; the last frame is at or just after it.
-    start_phase : float
-        Strides, 0 (left hind foot lands) to below 1.
-    stride_variation : float
-        Standard deviation of the stride time relative to its mean, 0 to 0.1; 0.03 to 0.05 is usual. The length of a
-        stride stays, so that the speed varies with it.
-    asymmetry : float
-        Strides by which both right feet land late, -0.05 to 0.05. The frequencies of the facts stay those of the
-        gait: f_mu by E-07, although half strides then differ.
-    tail_frequency_hz, tail_sweep_deg : float
-        The tail swings sideways to this angle either way at its own frequency, 0 to 5 Hz and 0 to 60 degrees: the
-        motion as a whole is periodic only where that fits the stride.
-    rate_hz : float
-        Frames per second, 50 to 10000.
-    rng : numpy.random.Generator, optional
+    rng : numpy.random.Generator or Streams, optional
         Needed when ``stride_variation`` is above 0.
+    **parameters
+        Fields of :class:`QuadrupedConfig`.
 
     Returns
     -------
@@ -177,14 +176,10 @@ def quadruped_gait(
     ConfigError
         If a parameter is outside its range.
     """
-    values = {
-        "gait": gait, "speed_mps": speed_mps, "froude": froude, "build": build, "withers_m": withers_m,
-        "start_phase": start_phase, "stride_variation": stride_variation, "asymmetry": asymmetry,
-        "tail_frequency_hz": tail_frequency_hz, "tail_sweep_deg": tail_sweep_deg, "rate_hz": rate_hz,
-    }  # fmt: skip
-    return _generate(validate(QuadrupedConfig, values, where="quadruped_gait"), duration_s, rng)
+    return generate(validate(QuadrupedConfig, parameters, where="quadruped_gait"), duration_s=duration_s, rng=rng)
 
 
+@plugin("motion_model", parameters=QuadrupedConfig)
 def _generate(config: QuadrupedConfig, duration_s: float, rng: np.random.Generator | None) -> Motion:
     build, speed_mps, hip_m = BUILDS[config.build], config.actual_speed_mps, config.hip_m
     gait = fitted_gait(config.actual_gait, build, config.asymmetry)
@@ -234,6 +229,3 @@ def _position(
     lowered = crouch(gait, build, stride, duty)
     points = all_points(phase, gait, build, stride=stride, duty=duty, lowered=lowered, wag_rad=wag_rad)
     return np.stack([points[name] for name in POINTS], axis=1)
-
-
-MOTION_MODELS.add("quadruped", MotionModel(QuadrupedConfig, _generate))

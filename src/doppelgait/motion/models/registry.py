@@ -1,33 +1,71 @@
-"""How a motion model is declared: a configuration, a function and a name."""
+"""Motion models: a frozen parameter model and a function of it, registered under a kind."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
 from doppelgait.core.config import FrozenModel
-from doppelgait.core.registry import Registry
+from doppelgait.core.errors import ConfigError
+from doppelgait.core.plugins import Group
+from doppelgait.core.rng import Streams
 from doppelgait.motion.motion import Motion
 
+Generate = Callable[[Any, float, np.random.Generator | None], Motion]
+"""``generate(parameters, duration_s, rng) -> motion``; ``rng`` may be None where nothing random is needed."""
 
-@dataclass(frozen=True)
-class MotionModel:
-    """A parametric mover.
+MOTION_MODELS: Group[Generate] = Group(
+    "motion_model",
+    built_in=tuple(
+        f"doppelgait.motion.models.{name}"
+        for name in ("boulic", "confusers", "crawl", "human", "primitives", "quadruped")
+    ),
+)
+"""Motion models by the ``kind`` of a scene file; every parameter has a default, so that the name gives a motion."""
+
+
+def parameters_of(kind: str) -> type[FrozenModel]:
+    """Return the parameter model of a kind of motion model."""
+    found = MOTION_MODELS[kind].parameters
+    if found is None:
+        raise ConfigError(f"motion model {kind!r} is registered without parameters; it needs a model of them")
+    return found
+
+
+def generate(
+    model: FrozenModel | Mapping[str, Any] | str,
+    *,
+    duration_s: float,
+    rng: np.random.Generator | Streams | None = None,
+) -> Motion:
+    """Generate the motion of a model.
 
     Parameters
     ----------
-    config : type
-        Its parameters; every field has a default, so that the name alone gives a motion.
-    generate : callable
-        ``generate(config, duration_s, rng) -> motion``; ``rng`` may be unused or None.
+    model : parameter model, table or str
+        For example ``BoulicConfig(speed_mps=1.2)``, ``{"kind": "boulic", "speed_mps": 1.2}`` or ``"boulic"``.
+    duration_s : float
+        Time to cover; the last frame is at or just after it.
+    rng : numpy.random.Generator or Streams, optional
+        Needed where the model draws random numbers.
+
+    Returns
+    -------
+    Motion
+
+    Raises
+    ------
+    ConfigError
+        If the kind or a parameter is not allowed.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> dg.motion.generate({"kind": "fan", "blades": 4}, duration_s=2.0).facts.gait_frequency_hz
+    60.0
     """
-
-    config: type[FrozenModel]
-    generate: Callable[[Any, float, np.random.Generator | None], Motion]
-
-
-MOTION_MODELS: Registry[MotionModel] = Registry("doppelgait.motion_models", "motion model")
-"""Motion models by the ``kind`` of a scene file."""
+    parameters = MOTION_MODELS.parse(model)
+    source = rng.generator("motion") if isinstance(rng, Streams) else rng
+    return MOTION_MODELS.of(parameters).run(parameters, duration_s, source)

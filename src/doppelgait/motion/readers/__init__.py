@@ -1,21 +1,34 @@
-"""Motion files: one reader per format, picked by what the file holds, not by what it is called."""
+"""Motion files: one reader per format, picked by what the file holds, not by what it is called.
+
+A reader is a function ``(path, **options) -> Motion`` with keyword-only options, registered by
+``plugin("motion_reader", NAME, sniff=..., suffixes=(...))``: ``sniff(path, head) -> bool`` decides by the first 4096
+bytes of a file. It returns every physical marker in metres, z up, NaN for gaps; cleaning is the same for all.
+"""
 
 from __future__ import annotations
 
 import inspect
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from doppelgait.core.errors import MotionError
+from doppelgait.core.plugins import Group, Plugin
 from doppelgait.motion.motion import Motion
-from doppelgait.motion.readers import amc, arrays, bvh, c3d, expmap, table, trc  # noqa: F401  (they register themselves)
-from doppelgait.motion.readers.registry import MOTION_READERS, MotionReader, ReadOptions
 
 if TYPE_CHECKING:
     from doppelgait.motion.segments import Segment
 
-__all__ = ["MOTION_READERS", "MotionReader", "ReadOptions", "check_types", "read", "take_part"]
+__all__ = ["MOTION_READERS", "check_types", "read", "reader_options", "take_part"]
+
+MOTION_READERS: Group[Callable[..., Motion]] = Group(
+    "motion_reader",
+    built_in=tuple(
+        f"doppelgait.motion.readers.{name}" for name in ("amc", "arrays", "bvh", "c3d", "expmap", "table", "trc")
+    ),
+)
+"""Readers of motion files by name."""
 
 HEAD_BYTES = 4096
 
@@ -61,11 +74,11 @@ def read(
         If there is no such file, no reader takes it, an option is not allowed, or it cannot be read right.
     """
     file = Path(path)
-    name, reader = _find_reader(file)
-    _check_options(name, reader, options)
+    reader = _find_reader(file)
+    _check_options(reader, options)
     check_types(file, {"clean": clean, "start_s": start_s, "stop_s": stop_s, "loop_to_s": loop_to_s, **options})
     try:
-        motion = reader.read(file, **options)
+        motion = reader.run(file, **options)
     except OSError as error:
         raise MotionError(f"{file}: cannot be read: {error.strerror or error}") from None
     motion = _crop(file, motion, start_s, stop_s)
@@ -104,15 +117,16 @@ def _pick_segment(path: Path, motion: Motion, wanted: Any) -> Segment:
     return found[wanted - 1]
 
 
-def _find_reader(path: Path) -> tuple[str, MotionReader]:
+def _find_reader(path: Path) -> Plugin[Callable[..., Motion]]:
     head = _read_head(path)
-    names = [name for name in MOTION_READERS if MOTION_READERS[name].sniff(path, head)]
+    readers = MOTION_READERS.values()
+    names = [reader.name for reader in readers if reader.facts["sniff"](path, head)]
     if not names:
-        known = ", ".join(f"{n} ({', '.join(MOTION_READERS[n].suffixes)})" for n in MOTION_READERS)
+        known = ", ".join(f"{reader.name} ({', '.join(reader.facts['suffixes'])})" for reader in readers)
         raise MotionError(f"{path}: its content is no motion format that is read; these are: {known}")
     if len(names) > 1:
         raise MotionError(f"{path}: its content could be {' or '.join(names)}; it cannot be told which reader is right")
-    return names[0], MOTION_READERS[names[0]]
+    return MOTION_READERS[names[0]]
 
 
 def _read_head(path: Path) -> bytes:
@@ -130,11 +144,16 @@ def _read_head(path: Path) -> bytes:
     return head
 
 
-def _check_options(name: str, reader: MotionReader, options: dict[str, Any]) -> None:
-    allowed = [p.name for p in inspect.signature(reader.read).parameters.values() if p.kind is p.KEYWORD_ONLY]
+def reader_options(read: Callable[..., Motion]) -> list[str]:
+    """Return the names of a reader's options: its keyword-only parameters."""
+    return [p.name for p in inspect.signature(read).parameters.values() if p.kind is p.KEYWORD_ONLY]
+
+
+def _check_options(reader: Plugin[Callable[..., Motion]], options: dict[str, Any]) -> None:
+    allowed = reader_options(reader.run)
     if unknown := sorted(set(options) - set(allowed)):
         raise MotionError(
-            f"the {name} reader has no option {', '.join(unknown)}; allowed are clean, start_s, stop_s, "
+            f"the {reader.name} reader has no option {', '.join(unknown)}; allowed are clean, start_s, stop_s, "
             f"segment, loop_to_s, "
             f"{', '.join(allowed)}"
         )

@@ -11,12 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import MotionError
+from doppelgait.core.plugins import plugin
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.asf import Bone, Skeleton, find_asf, read_asf
 from doppelgait.motion.readers.hierarchy import Joints, euler_rotations, forward_kinematics
 from doppelgait.motion.readers.joint_points import joint_motion
 from doppelgait.motion.readers.number_table import read_text
-from doppelgait.motion.readers.registry import MOTION_READERS, MotionReader
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -50,6 +50,7 @@ def sniff_amc(path: Path, head: bytes) -> bool:
     return _KEYWORD.search(head) is not None and b":bonedata" not in head.lower()
 
 
+@plugin("motion_reader", "amc", sniff=sniff_amc, suffixes=(".amc",))
 def read_amc(
     path: Path,
     *,
@@ -108,9 +109,6 @@ def read_amc(
         subject=asf.stem,
         report={"skeleton": asf.name, "notes": notes},
     )
-
-
-MOTION_READERS.add("amc", MotionReader(sniff=sniff_amc, read=read_amc, suffixes=(".amc",)))
 
 
 def read_amc_content(path: Path) -> AmcContent:

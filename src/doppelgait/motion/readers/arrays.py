@@ -13,11 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import MotionError
+from doppelgait.core.plugins import plugin
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.cells import MAX_BYTES
 from doppelgait.motion.readers.frame_times import check_rate
 from doppelgait.motion.readers.points import check_amount, points_to_motion, unit_or_guess
-from doppelgait.motion.readers.registry import MOTION_READERS, MotionReader
 from doppelgait.motion.units import metres_per_unit
 
 FloatArray = npt.NDArray[np.float64]
@@ -58,6 +58,7 @@ def _is_json(head: bytes) -> bool:
     return text[:1] == b"{" and any(f'"{key}"'.encode() in text for key in (*POSITION_KEYS, *RATE_KEYS))
 
 
+@plugin("motion_reader", "arrays", sniff=sniff_arrays, suffixes=(".npz", ".json"))
 def read_arrays(
     path: Path,
     *,
@@ -122,9 +123,6 @@ def read_arrays(
         subject=subject,
         known_parts=SMPL_PARTS,
     )
-
-
-MOTION_READERS.add("arrays", MotionReader(sniff=sniff_arrays, read=read_arrays, suffixes=(".npz", ".json")))
 
 
 def _load_npz(path: Path, key: str | None) -> dict[str, Any]:

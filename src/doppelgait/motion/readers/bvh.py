@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import MotionError
+from doppelgait.core.plugins import plugin
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.bvh_content import BvhContent, Node, read_bvh_content
 from doppelgait.motion.readers.hierarchy import (
@@ -19,7 +20,6 @@ from doppelgait.motion.readers.hierarchy import (
     forward_kinematics,
 )
 from doppelgait.motion.readers.joint_points import joint_motion
-from doppelgait.motion.readers.registry import MOTION_READERS, MotionReader
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -29,6 +29,7 @@ def sniff_bvh(path: Path, head: bytes) -> bool:
     return head.removeprefix(b"\xef\xbb\xbf").lstrip()[:9].upper() == b"HIERARCHY"
 
 
+@plugin("motion_reader", "bvh", sniff=sniff_bvh, suffixes=(".bvh",))
 def read_bvh(
     path: Path, *, units: str | None = None, up_axis: str | None = None, rate_hz: float | None = None
 ) -> Motion:
@@ -77,9 +78,6 @@ def read_bvh(
         up_axis=up_axis,
         report={"notes": [REST_POSE_NOTE] if rest_pose else []},
     )
-
-
-MOTION_READERS.add("bvh", MotionReader(sniff=sniff_bvh, read=read_bvh, suffixes=(".bvh",)))
 
 
 def bvh_positions(content: BvhContent) -> FloatArray:

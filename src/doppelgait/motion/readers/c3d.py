@@ -10,13 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
+from doppelgait.core.plugins import plugin
 from doppelgait.motion.axes import find_up_axis, turn_z_up
 from doppelgait.motion.motion import Motion, make_motion
 from doppelgait.motion.readers.c3d_content import C3dContent, read_content
 from doppelgait.motion.readers.c3d_layout import MAGIC
 from doppelgait.motion.readers.c3d_points import is_measured, pick_subject, sort_points, unique_names
 from doppelgait.motion.readers.points import by_reason, unit_or_guess
-from doppelgait.motion.readers.registry import MOTION_READERS, MotionReader
 from doppelgait.motion.skeleton import parts_of
 from doppelgait.motion.units import metres_per_unit
 
@@ -31,6 +31,7 @@ def sniff_c3d(path: Path, head: bytes) -> bool:
     return len(head) >= 2 and head[0] >= 1 and head[1] == MAGIC and b"\0" in head[:512]
 
 
+@plugin("motion_reader", "c3d", sniff=sniff_c3d, suffixes=(".c3d",))
 def read_c3d(
     path: Path,
     *,
@@ -96,9 +97,6 @@ def read_c3d(
         facts={"source": path.name, "kind": "recording", "subject": name or _only_subject(content)},
         report=report,
     )
-
-
-MOTION_READERS.add("c3d", MotionReader(sniff=sniff_c3d, read=read_c3d, suffixes=(".c3d",)))
 
 
 def _rate(path: Path, content: C3dContent, rate_hz: float | None) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import MotionError
+from doppelgait.core.plugins import plugin
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.hierarchy import (
     REST_POSE_NOTE,
@@ -21,7 +22,6 @@ from doppelgait.motion.readers.hierarchy import (
 )
 from doppelgait.motion.readers.joint_points import joint_motion
 from doppelgait.motion.readers.number_table import parse_rows, read_text
-from doppelgait.motion.readers.registry import MOTION_READERS, MotionReader
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -65,6 +65,7 @@ def sniff_expmap(path: Path, head: bytes) -> bool:
         return False
 
 
+@plugin("motion_reader", "expmap", sniff=sniff_expmap, suffixes=(".txt",))
 def read_expmap(
     path: Path,
     *,
@@ -133,9 +134,6 @@ def read_expmap(
             "notes": [REST_POSE_NOTE] if rest_pose else [],
         },
     )
-
-
-MOTION_READERS.add("expmap", MotionReader(sniff=sniff_expmap, read=read_expmap, suffixes=(".txt",)))
 
 
 def expmap_positions(skeleton: ExpmapSkeleton, values: FloatArray) -> FloatArray:

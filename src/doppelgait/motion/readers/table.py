@@ -10,12 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
+from doppelgait.core.plugins import plugin
 from doppelgait.motion.axes import body_extent
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.cells import Row, decode, read_lines, to_numbers
 from doppelgait.motion.readers.frame_times import check_rate, last_digit, rate_of_times
 from doppelgait.motion.readers.points import check_amount, points_to_motion
-from doppelgait.motion.readers.registry import MOTION_READERS, MotionReader
 from doppelgait.motion.readers.table_header import Header, content_lines, is_marker_header, read_header, split_rows
 from doppelgait.motion.readers.trc import sniff_trc
 from doppelgait.motion.units import metres_per_unit
@@ -43,6 +43,7 @@ def sniff_table(path: Path, head: bytes) -> bool:
     return is_marker_header(rows)
 
 
+@plugin("motion_reader", "table", sniff=sniff_table, suffixes=(".csv", ".tsv", ".txt"))
 def read_table(
     path: Path,
     *,
@@ -114,9 +115,6 @@ def read_table(
         subject=subject,
         notes=notes,
     )
-
-
-MOTION_READERS.add("table", MotionReader(sniff=sniff_table, read=read_table, suffixes=(".csv", ".tsv", ".txt")))
 
 
 def _check_widths(path: Path, frames: Sequence[Row], n_columns: int) -> None:

@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
+from doppelgait.core.plugins import plugin
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.cells import Row, read_lines, to_numbers
 from doppelgait.motion.readers.frame_times import check_rate, last_digit, rate_of_times
 from doppelgait.motion.readers.points import check_amount, points_to_motion, unit_or_guess
-from doppelgait.motion.readers.registry import MOTION_READERS, MotionReader
 from doppelgait.motion.units import metres_per_unit
 
 FloatArray = npt.NDArray[np.float64]
@@ -39,6 +39,7 @@ def sniff_trc(path: Path, head: bytes) -> bool:
     return head.removeprefix(b"\xef\xbb\xbf").lstrip()[: len(START)].lower() == START.lower()
 
 
+@plugin("motion_reader", "trc", sniff=sniff_trc, suffixes=(".trc",))
 def read_trc(
     path: Path,
     *,
@@ -96,9 +97,6 @@ def read_trc(
         subject=subject,
         notes=notes,
     )
-
-
-MOTION_READERS.add("trc", MotionReader(sniff=sniff_trc, read=read_trc, suffixes=(".trc",)))
 
 
 def _parse(path: Path) -> _Content:
