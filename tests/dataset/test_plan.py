@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
 from scipy.stats import ks_2samp
 
-from doppelgait.core.config import validate
+from doppelgait.core import plugins
+from doppelgait.core.config import FrozenModel, validate
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.dataset.build import _lay_out
 from doppelgait.dataset.card import blocks_release
 from doppelgait.dataset.config import DatasetSection, PlanConfig, differences, load_plan, plan_names, shorten
-from doppelgait.dataset.finish import dataset_id
+from doppelgait.dataset.finish import dataset_id, plan_header, plan_plugins
 from doppelgait.dataset.plan import check_examples, nuisance_of, plan_dataset
 from doppelgait.dataset.resolve import resolve
 from doppelgait.dataset.splits import assign_splits, groups_of
@@ -561,3 +563,45 @@ def test_licences_that_allow_it_do_not_block_a_release(licence):
 )
 def test_all_other_licences_block_a_release(licence):
     assert blocks_release(licence)
+
+
+class Ripple(FrozenModel):
+    kind: Literal["ripple"] = "ripple"
+    depth: float = 0.5
+
+
+def foreign(monkeypatch, group, name, run=None, *, version="1", parameters=None, **facts):
+    """Register a plug-in as if it came with another package."""
+    item = plugins.Plugin(group, name, run, parameters, version, "otherpackage", facts)
+    monkeypatch.setitem(plugins._REGISTERED, group, {**plugins._REGISTERED.get(group, {}), name: item})
+
+
+def test_plugins_of_other_packages_are_part_of_the_identity_where_they_are_used(tmp_path, monkeypatch):
+    used = plan(impairments={"choice": [[], [{"kind": "ripple"}]]})
+    plain, before = dataset_id(plan(), tmp_path), dataset_id(used, tmp_path)
+    foreign(monkeypatch, "impairment", "ripple", parameters=Ripple)
+    assert dataset_id(plan(), tmp_path) == plain
+    first = dataset_id(used, tmp_path)
+    assert first != before
+    (found,) = plan_plugins(used, tmp_path)
+    assert found["parameters"] == {"kind": "'ripple'", "depth": "0.5"}
+    assert {key: found[key] for key in ("group", "name", "version", "package", "release")} == {
+        "group": "impairment", "name": "ripple", "version": "1", "package": "otherpackage", "release": ""
+    }  # fmt: skip
+    assert plan_header(used, first, tmp_path).describe({}, complete=False)["plugins"] == [found]
+    assert "plugins" not in plan_header(plan(), plain, tmp_path).describe({}, complete=False)
+    foreign(monkeypatch, "impairment", "ripple", parameters=Ripple, version="2")
+    assert dataset_id(used, tmp_path) not in (first, before)
+
+
+def test_features_and_readers_of_other_packages_are_used_unasked(tmp_path, monkeypatch):
+    (tmp_path / "a.odd").write_text("odd 1")
+    files = plan(classes=[{"label": "a", "motion": {"kind": "file", "path": "a.odd"}}])
+    plain, before = dataset_id(plan(), tmp_path), dataset_id(files, tmp_path)
+    foreign(monkeypatch, "motion_reader", "odd", sniff=lambda path, head: head.startswith(b"odd"))
+    assert dataset_id(plan(), tmp_path) == plain
+    assert dataset_id(files, tmp_path) != before
+    (tmp_path / "a.odd").write_text("even")
+    assert plan_plugins(files, tmp_path) == []
+    foreign(monkeypatch, "feature", "ripple_rate")
+    assert [item["name"] for item in plan_plugins(plan(), tmp_path)] == ["ripple_rate"]

@@ -9,9 +9,12 @@ from __future__ import annotations
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from importlib import import_module
 from importlib.metadata import entry_points, packages_distributions, version
+from inspect import signature
+from pathlib import Path
 from typing import Annotated, Any, Generic, TypeVar
 
 from pydantic import BeforeValidator, SerializeAsAny
@@ -23,6 +26,11 @@ T = TypeVar("T")
 
 ENTRY_POINTS = "doppelgait.plugins"
 """Entry-point group of other packages: each entry is a module that registers plug-ins when it is imported."""
+
+
+NAMING_KEYS = ("kind", "gate", "format")
+"""Keys of a configuration whose text, or choice of texts, names a plug-in; the name of a group is another."""
+CHOICES = ("choice", "cycle")
 
 
 @dataclass(frozen=True)
@@ -213,6 +221,54 @@ def foreign_plugins() -> list[Plugin[Any]]:
     _load_packages()
     found = [item for known in _REGISTERED.values() for item in known.values()]
     return sorted((item for item in found if item.package != "doppelgait"), key=lambda p: (p.group, p.name))
+
+
+def identify_plugins(tables: Any, files: Mapping[str, Sequence[Path]] | None = None) -> list[dict[str, Any]]:
+    """Identify the plug-ins of other packages that a configuration uses: name, version, release, default parameters.
+
+    Parameters
+    ----------
+    tables : mapping or list
+        Plain configuration. A plug-in is used where its name is below a key ``kind`` or the name of its group, also
+        among choices; a feature always, since every feature is computed.
+    files : mapping, optional
+        Files by group of readers: a reader with ``sniff`` is used where it takes one of them.
+    """
+    foreign = foreign_plugins()
+    names: dict[str, set[str]] = {}
+
+    def collect(value: Any, key: str) -> None:
+        if isinstance(value, Mapping):
+            for name, inner in value.items():
+                collect(inner, name if name in naming else key if name in CHOICES else "")
+        elif isinstance(value, list | tuple):
+            for inner in value:
+                collect(inner, key)
+        elif isinstance(value, str) and key:
+            names.setdefault(key, set()).add(value)
+
+    naming = {*NAMING_KEYS, *_REGISTERED}
+    if foreign:
+        collect(tables, "")
+    found = []
+    for item in foreign:
+        named = set().union(*(names.get(key, set()) for key in (*NAMING_KEYS, item.group)))
+        used = item.group == "feature" or item.name in named
+        sniff = item.facts.get("sniff") or getattr(item.run, "sniff", None)
+        for path in (files or {}).get(item.group, ()):
+            with suppress(OSError):
+                looks = (path,) if sniff and len(signature(sniff).parameters) < 2 else (path, _head_of(path))
+                used = used or sniff is None or bool(sniff(*looks))
+        if used:
+            fields = {} if item.parameters is None else item.parameters.model_fields
+            defaults = {name: repr(field.default) for name, field in fields.items()}
+            found.append({**item.identity, "parameters": defaults})
+    return found
+
+
+def _head_of(path: Path) -> bytes:
+    with path.open("rb") as handle:
+        return handle.read(4096)
 
 
 def _load_packages() -> None:

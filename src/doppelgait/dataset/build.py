@@ -194,7 +194,7 @@ def _refuse_other(job: _Job, found: dict[str, Any]) -> None:
     shown = "; ".join(changes[:6]) + (f"; and {len(changes) - 6} more" if len(changes) > 6 else "")
     raise DatasetError(
         f"{job.target}: holds dataset {found.get('id')} of another configuration "
-        f"({shown or 'other motion files or another data version'}); build into another folder, or delete this one"
+        f"({shown or 'other motion files, plug-ins or data version'}); build into another folder, or delete this one"
     )
 
 
@@ -206,7 +206,9 @@ def _build_missing(job: _Job, executor: str, workers: int | None, on_progress: P
     if not missing and (job.target / "dataset.json").is_file():
         return tally
     counts = count_shards(shard.name for shard in job.shards)
-    write_description(job.target, plan_header(job.plan.config, job.identity).describe(counts, complete=False))
+    write_description(
+        job.target, plan_header(job.plan.config, job.identity, job.plan.folder).describe(counts, complete=False)
+    )
     (job.target / "shards").mkdir(exist_ok=True)
     _sweep(job)
     context = BuildContext(job.plan.config, str(job.plan.folder), str(job.target))
@@ -285,7 +287,7 @@ def _finish_if_all(job: _Job) -> tuple[int, Totals | None]:
     missing = sum(shard.name not in own and _whole_record(job.target, shard) is None for shard in job.shards)
     if missing:
         return missing, None
-    header, names = plan_header(job.plan.config, job.identity), [shard.name for shard in job.shards]
+    header, names = plan_header(job.plan.config, job.identity, job.plan.folder), [shard.name for shard in job.shards]
     return 0, finish_dataset(job.target, header, names, max_failed_share=job.max_failed_share)
 
 

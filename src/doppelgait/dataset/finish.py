@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from doppelgait import __version__
-from doppelgait.core.config import canonical_json, validate
+from doppelgait.core.config import canonical_json, read_toml, validate
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.files import atomic_path, write_atomically
 from doppelgait.core.interrupt import raise_if_stopped
-from doppelgait.core.plugins import foreign_plugins
+from doppelgait.core.plugins import identify_plugins
 from doppelgait.dataset.config import SPLITS, FieldSpec, PlanConfig
 from doppelgait.dataset.motions import motion_files
 from doppelgait.dataset.shard_files import facts_of
@@ -38,8 +38,19 @@ columns of the lossless hop. 4: gait frequency by limbs, harmonics and a decisio
 target, splits by groups. 6: alignment by cubic convolution; the last bits of features."""
 
 
+def plan_plugins(plan: PlanConfig, folder: Path) -> list[dict[str, Any]]:
+    """Identify the plug-ins of other packages that a plan, its presets and its motion files use."""
+    tables = [plan.model_dump(mode="json")]
+    for path in _preset_files(plan.radar):
+        tables.append(read_toml(folder / path)[0])
+    return identify_plugins(tables, {"motion_reader": [folder / path for path in _motion_files(plan)]})
+
+
 def dataset_id(plan: PlanConfig, folder: Path) -> str:
-    """Identity of the dataset: hash of canonical configuration, source files and data version; 16 hex digits.
+    """Compute the identity of a dataset, 16 hex digits.
+
+    It is a hash of the canonical configuration, the source files, the data version and the plug-ins of other packages
+    (name, version, release and default parameters).
 
     Parameters
     ----------
@@ -52,46 +63,21 @@ def dataset_id(plan: PlanConfig, folder: Path) -> str:
     ------
     ConfigError
         If a motion or preset file cannot be read.
-
-    Notes
-    -----
-    Plug-ins of other packages that the plan uses are part of it, with their versions (:func:`plugin_identities`).
     """
     digest = hashlib.sha256(f"{DATA_VERSION}\n{canonical_json(plan)}\n".encode())
-    foreign = plugin_identities(plan.model_dump(mode="json"))
-    if foreign:
-        digest.update(json.dumps(foreign, sort_keys=True).encode())
-    motions = [section.motion for section in plan.classes]
-    sources = {
-        "motion file": motion_files([*motions, {"companions": plan.companions}]),
-        "preset file": _preset_files(plan.radar),
-    }
-    for noun, paths in sources.items():
+    for noun, paths in {"motion file": _motion_files(plan), "preset file": _preset_files(plan.radar)}.items():
         for path in paths:
             try:
                 digest.update(hashlib.sha256((folder / path).read_bytes()).digest())
             except OSError as error:
                 raise ConfigError(f"{noun} {path}: cannot be read: {error}") from None
+    for item in plan_plugins(plan, folder):
+        digest.update(canonical_json(item).encode())
     return digest.hexdigest()[:16]
 
 
-def plugin_identities(config: Any) -> list[dict[str, str]]:
-    """Identities of other packages' plug-ins that a configuration uses: named ones, all features, readers of files."""
-    words: set[str] = set()
-
-    def collect(value: Any) -> None:
-        if isinstance(value, str):
-            words.add(value)
-        elif isinstance(value, Mapping):
-            words.update(map(str, value))
-            collect(list(value.values()))
-        elif isinstance(value, list | tuple):
-            for inner in value:
-                collect(inner)
-
-    collect(config)
-    always = {"feature", "gate_source"} | ({"motion_reader"} if "file" in words else set())
-    return [item.identity for item in foreign_plugins() if item.group in always or item.name in words]
+def _motion_files(plan: PlanConfig) -> list[str]:
+    return motion_files([*(section.motion for section in plan.classes), {"companions": plan.companions}])
 
 
 def _preset_files(value: Any) -> Iterator[str]:
@@ -157,6 +143,8 @@ class Header:
         As JSON: the plan, or how recordings were imported.
     card : callable
         Card from the index and the number of failed examples.
+    plugins : sequence of mapping
+        Plug-ins of other packages that its examples are made with.
     """
 
     id: str
@@ -167,6 +155,7 @@ class Header:
     n_examples: int
     config: Mapping[str, Any]
     card: Callable[[pd.DataFrame, int], str]
+    plugins: Sequence[Mapping[str, Any]] = ()
 
     def describe(self, shards: Mapping[str, int], *, complete: bool, labels: Iterable[str] = ()) -> dict[str, Any]:
         """Return the content of ``dataset.json``.
@@ -193,12 +182,12 @@ class Header:
             "shards": dict(shards),
             "n_examples": self.n_examples,
             "config": dict(self.config),
+            **({"plugins": list(self.plugins)} if self.plugins else {}),
             "doppelgait_version": __version__,
-            **({"plugins": foreign} if (foreign := plugin_identities(self.config)) else {}),
         }
 
 
-def plan_header(plan: PlanConfig, identity: str) -> Header:
+def plan_header(plan: PlanConfig, identity: str, folder: Path) -> Header:
     """Header of the dataset of a plan."""
     from doppelgait.dataset.card import dataset_card
 
@@ -211,6 +200,7 @@ def plan_header(plan: PlanConfig, identity: str) -> Header:
         n_examples=sum(plan.examples_of(section) for section in plan.classes),
         config=plan.model_dump(mode="json"),
         card=lambda index, n_failed: dataset_card(plan, identity, index),
+        plugins=plan_plugins(plan, folder),
     )
 
 
@@ -261,6 +251,8 @@ def card_of(directory: str | Path) -> str:
     DatasetError
         If the folder holds no dataset, or nothing that a card can be made of.
     """
+    from doppelgait.dataset.card import dataset_card
+
     folder = Path(directory)
     description = read_description(folder)
     written = folder / "README.md"
@@ -270,7 +262,7 @@ def card_of(directory: str | Path) -> str:
         raise DatasetError(f"{folder}: has no card and was not simulated; import it again")
     config = validate(PlanConfig, description["config"], where=str(folder / "dataset.json"))
     names = [name for name in shard_names(description["shards"]) if (folder / "shards" / f"{name}.json").is_file()]
-    return plan_header(config, str(description["id"])).card(make_index(read_records(folder, names)), 0)
+    return dataset_card(config, str(description["id"]), make_index(read_records(folder, names)))
 
 
 def read_description(folder: Path) -> dict[str, Any]:

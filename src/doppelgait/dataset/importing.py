@@ -8,7 +8,7 @@ import re
 import shutil
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,19 +16,11 @@ from typing import Any
 
 from doppelgait.core.config import canonical_json
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
+from doppelgait.core.plugins import identify_plugins
 from doppelgait.dataset.build import log_entry
 from doppelgait.dataset.card import import_card
 from doppelgait.dataset.config import ImportConfig
-from doppelgait.dataset.finish import (
-    DATA_VERSION,
-    Header,
-    Totals,
-    finish_dataset,
-    plugin_identities,
-    read_records,
-    shard_names,
-    tally,
-)
+from doppelgait.dataset.finish import DATA_VERSION, Header, Totals, finish_dataset, read_records, shard_names, tally
 from doppelgait.dataset.labels import LabelEntry, read_labels, recording_sha256
 from doppelgait.dataset.plan import Shard, split_into_shards
 from doppelgait.dataset.recorded import RecordedExamples
@@ -163,7 +155,8 @@ def import_dataset(
     planned = plan_entries(entries, settings, table.name)
     hashes = {one.entry.recording: "" for one in planned}
     hashes = {recording: recording_sha256(source, recording) for recording in hashes}
-    identity = import_id(table, hashes, settings)
+    plugins = identify_plugins(config_as_dict(settings), {"radar_reader": [source / name for name in hashes]})
+    identity = import_id(table, hashes, settings, plugins)
     there = _same_import(target, identity)
     if there is not None:
         return _report(target, identity, planned, there, began, was_there=True)
@@ -179,6 +172,7 @@ def import_dataset(
         card=lambda index, n_failed: import_card(
             index, name=title, identity=identity, config=settings, labels=table.name, n_failed=n_failed
         ),
+        plugins=plugins,
     )
     shards = list(split_into_shards(planned, settings.shard_size))
     names = [shard.name for shard in shards]
@@ -219,7 +213,9 @@ def _build(folder: Path, shards: Sequence[Shard], maker: RecordedExamples, on_pr
         build_shard(shard, maker, tick=tick)
 
 
-def import_id(labels: Path, hashes: dict[str, str], config: ImportConfig) -> str:
+def import_id(
+    labels: Path, hashes: dict[str, str], config: ImportConfig, plugins: Sequence[Mapping[str, Any]] = ()
+) -> str:
     """Identity of an import: hash of labels, recordings, configuration and data version; 16 hex digits.
 
     Parameters
@@ -229,13 +225,14 @@ def import_id(labels: Path, hashes: dict[str, str], config: ImportConfig) -> str
     hashes : dict
         SHA-256 of every recording by its path in the folder.
     config : ImportConfig
+    plugins : sequence of mapping
+        Plug-ins of other packages, from :func:`doppelgait.core.plugins.identify_plugins`.
     """
     settings = canonical_json(config_as_dict(config) | {"defaults": config.analysis.model_dump(mode="json")})
     digest = hashlib.sha256(f"import {DATA_VERSION}\n{settings}\n{canonical_json(hashes)}\n".encode())
     digest.update(labels.read_bytes())
-    foreign = plugin_identities(config_as_dict(config))
-    if foreign:
-        digest.update(json.dumps(foreign, sort_keys=True).encode())
+    for item in plugins:
+        digest.update(canonical_json(item).encode())
     return digest.hexdigest()[:16]
 
 

@@ -14,6 +14,7 @@ import numpy.typing as npt
 if TYPE_CHECKING:
     import xarray as xr
 
+    from doppelgait.dataset import Dataset
     from doppelgait.radar.parameters import Radar
 
 
@@ -259,3 +260,49 @@ def _classifier_rows(features: str, n_classes: int, count: int, seed: int) -> An
         table[rng.random(table.shape) < 0.05] = np.nan
         table[:, -1] = np.nan  # never known
     return Part(table, labels)
+
+
+def check_exporter(kind: str, dataset: Dataset) -> None:
+    """Check that an exporter keeps the contract of :data:`doppelgait.dataset.export.EXPORTERS`.
+
+    Parameters
+    ----------
+    kind : str
+        Its name in the group of exporters.
+    dataset : Dataset
+        A dataset with rows that keeps the fields that the exporter needs.
+
+    Raises
+    ------
+    AssertionError
+        If a rule is broken: registration, parameters with defaults, the number of rows that are done, files that do not
+        depend on when they are written, nothing outside of the folder.
+    """
+    import tempfile
+    from pathlib import Path
+
+    from doppelgait.core.files import file_sha256
+    from doppelgait.dataset.export import EXPORTERS, export_dataset
+
+    def hashes(folder: Path) -> dict[str, str]:
+        return {str(p.relative_to(folder)): file_sha256(p) for p in sorted(folder.rglob("*")) if p.is_file()}
+
+    name = f"exporter {kind!r}"
+    require(kind in EXPORTERS, f"{name} is not registered; known are {', '.join(EXPORTERS)}")
+    parameters = EXPORTERS.parse(kind)  # all of them need a default
+    require(EXPORTERS.parse(parameters.model_dump(mode="json")) == parameters, f"{name}: other parameters after JSON")
+    require(len(dataset) > 0, f"{name}: the dataset of the check has no rows")
+    before = hashes(dataset.directory)
+    with tempfile.TemporaryDirectory() as folder:
+        found, done = [], {"rows": 0}
+        for attempt in ("one", "two"):
+            done["rows"] = 0
+            report = export_dataset(
+                dataset, Path(folder) / attempt, form=kind, on_progress=lambda rows, _: done.update(rows=rows)
+            )
+            require(done["rows"] == len(dataset), f"{name}: counts {done['rows']} of {len(dataset)} rows as done")
+            require(report.n_files > 2, f"{name}: writes no file")
+            require(sorted(p.name for p in Path(folder).iterdir())[-1] == attempt, f"{name}: leaves files elsewhere")
+            found.append(hashes(Path(folder) / attempt))
+        require(found[0] == found[1], f"{name}: the same dataset gives other files")
+    require(hashes(dataset.directory) == before, f"{name}: changes the dataset")

@@ -86,7 +86,7 @@ def test_killed_workers_lose_nothing(tmp_path, executor):
 @pytest.mark.parametrize("executor", SEVERAL)
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGKILL")
 def test_workers_that_always_die_end_the_build_with_one_error(executor, monkeypatch):
-    monkeypatch.setattr("doppelgait.dataset.executors.losses.MAX_LOSSES", 1 if executor == "dask" else 5)
+    monkeypatch.setattr("doppelgait.dataset.executors.MAX_LOSSES", 1 if executor == "dask" else 5)
     with pytest.raises(DatasetError, match=r"died .*what was built"):
         list(run_shards(killed_always, shards(2), executor=executor, workers=2))
 
@@ -140,6 +140,6 @@ def test_missing_dask_is_one_error_with_the_remedy(monkeypatch):
 
 
 def test_a_dask_scheduler_that_is_not_there_is_one_error(monkeypatch):
-    monkeypatch.setattr("doppelgait.dataset.executors.dask_cluster.CONNECT_SECONDS", 1)
+    monkeypatch.setattr("doppelgait.dataset.executors.CONNECT_SECONDS", 1)
     with pytest.raises(ConfigError, match=r"dask://127\.0\.0\.1:9: no Dask scheduler answers there"):
         list(run_shards(no_space, shards(1), executor="dask://127.0.0.1:9"))

@@ -11,6 +11,7 @@ import resource
 import shutil
 import sys
 import tarfile
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -18,6 +19,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from doppelgait.core import plugins
+from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
 from doppelgait.dataset import open_dataset
 from doppelgait.dataset.export import EXPORTERS, PLACES, export_dataset, file_name, refuse_unreleasable
@@ -25,6 +28,7 @@ from doppelgait.dataset.exporters import Zarr
 from doppelgait.dataset.open import Dataset
 from doppelgait.radar import Radar
 from doppelgait.radar.readers.sigmf import read_sigmf
+from doppelgait.testing import check_exporter
 from tiny_dataset import built, mixed_plan, tiny_plan
 
 INSTALLED = [form for form in EXPORTERS if form != "zarr"]
@@ -356,6 +360,68 @@ def test_wrong_requests(dataset, tmp_path, options, message):
     with pytest.raises(DatasetError, match="nothing to export"):
         export_dataset(dataset.select("prf_hz < 0"), tmp_path / "out", form="csv")
     assert not list(tmp_path.iterdir())
+
+
+# ---- exporters as plug-ins
+
+
+@pytest.fixture
+def register(monkeypatch):
+    """Register exporters for one test."""
+    len(EXPORTERS)  # built-in ones first
+    monkeypatch.setitem(plugins._REGISTERED, "exporter", dict(plugins._REGISTERED["exporter"]))
+    return plugins.plugin
+
+
+@pytest.mark.parametrize("form", list(EXPORTERS))
+def test_every_exporter_keeps_its_contract(dataset, form):
+    if form == "zarr":
+        pytest.importorskip("zarr")
+    check_exporter(form, dataset["test"])
+
+
+class Lines(FrozenModel):
+    """One line of text per row."""
+
+    kind: Literal["lines"] = "lines"
+    end: str = "\n"
+
+
+def test_an_exporter_of_another_package(dataset, tmp_path, register):
+    @register("exporter", parameters=Lines, allowed=(), default=())
+    def write_lines(dataset, folder, fields, parameters, done):
+        (folder / "ids.txt").write_text("".join(f"{name}{parameters.end}" for name in dataset.index["id"]))
+        done(len(dataset))
+
+    assert "lines" in EXPORTERS
+    check_exporter("lines", dataset)
+    export_dataset(dataset, tmp_path / "out", form=Lines(end=";"))
+    assert (tmp_path / "out" / "ids.txt").read_text().count(";") == len(dataset)
+    with pytest.raises(DatasetError, match="lines holds no arrays only"):
+        export_dataset(dataset, tmp_path / "more", form="lines", fields=["signature"])
+
+
+@pytest.mark.parametrize(
+    ("fault", "says"),
+    [("silent", "counts 0 of"), ("clock", "gives other files"), ("outside", "leaves files"), ("vandal", "changes the")],
+)
+def test_a_broken_exporter_is_caught(dataset, tmp_path, register, fault, says):
+    copy = tmp_path / "copy"
+    shutil.copytree(dataset.directory, copy)
+    ticks = iter(range(100))
+
+    @register("exporter", parameters=Lines)
+    def write_broken(dataset, folder, fields, parameters, done):
+        (folder / "a.txt").write_text(str(next(ticks)) if fault == "clock" else "a")
+        if fault == "outside":
+            (folder.parent / "z.txt").write_text("z")
+        if fault == "vandal":
+            (dataset.directory / "README.md").write_text("mine")
+        if fault != "silent":
+            done(len(dataset))
+
+    with pytest.raises(AssertionError, match=rf"exporter 'lines': .*{says}"):
+        check_exporter("lines", open_dataset(copy))
 
 
 # ---- licences
