@@ -26,7 +26,7 @@ from doppelgait.pipeline.echoes import Conditions, received
 from doppelgait.processing import Analysis
 from doppelgait.radar import Radar, Recording
 from doppelgait.radar.impairments import apply_impairments
-from doppelgait.radar.readers.measured import label_measured
+from doppelgait.radar.measured import label_measured
 from doppelgait.radar.simulate import noisy, synthesise_samples
 from doppelgait.scene import Scene, Target
 

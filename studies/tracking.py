@@ -31,9 +31,9 @@ from doppelgait.processing import Gate
 from doppelgait.processing.detect.scans import find_scans
 from doppelgait.processing.detections import Detection, Scan
 from doppelgait.processing.track import Track, Tracker, track
-from doppelgait.processing.track.metrics import agreement, range_iou
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
+from doppelgait.testing.tracking import agreement, range_iou
 from doppelgait.viz.style import legend_below, name_axes
 
 RADAR = Radar.preset("x4")

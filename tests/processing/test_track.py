@@ -10,9 +10,9 @@ from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.processing import Gate
 from doppelgait.processing.detections import Detection, Scan
 from doppelgait.processing.track import Track, Tracker, track
-from doppelgait.processing.track.metrics import agreement
 from doppelgait.radar import Radar
 from doppelgait.radar.simulate import label_baseband
+from doppelgait.testing.tracking import agreement
 
 TIMES = np.arange(0.05, 6.0, 0.1)
 

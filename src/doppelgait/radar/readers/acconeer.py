@@ -19,8 +19,8 @@ import numpy.typing as npt
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
+from doppelgait.radar.measured import check_number, label_measured, radar_of_facts
 from doppelgait.radar.parameters import Radar
-from doppelgait.radar.readers.measured import check_number, label_measured, radar_of_facts
 from doppelgait.radar.recording import Recording
 
 APPROXIMATE_STEP_M = 2.5e-3

@@ -22,8 +22,8 @@ import numpy.typing as npt
 from doppelgait.core.errors import OutputError, RecordingError
 from doppelgait.core.files import atomic_path
 from doppelgait.core.plugins import plugin
+from doppelgait.radar.measured import check_shape, label_measured
 from doppelgait.radar.readers.array_facts import ArrayFacts, describe, read_facts
-from doppelgait.radar.readers.measured import check_shape, label_measured
 from doppelgait.radar.recording import NAN, Recording, further_facts
 
 NPY_MAGIC = b"\x93NUMPY"

@@ -14,8 +14,8 @@ import numpy.typing as npt
 
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
 from doppelgait.core.plugins import plugin
+from doppelgait.radar.measured import CW_FRAME_M, check_number, cw_radar, label_measured
 from doppelgait.radar.parameters import Radar
-from doppelgait.radar.readers.measured import CW_FRAME_M, check_number, cw_radar, label_measured
 from doppelgait.radar.recording import Recording
 
 PARTS = ("_RE", "_IM")

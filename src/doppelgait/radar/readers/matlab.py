@@ -20,7 +20,7 @@ import numpy.typing as npt
 from doppelgait.core.errors import RecordingError
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import slow_time_axis_s
-from doppelgait.radar.readers.measured import check_finite, check_number, check_shape, label_measured, preset_radar
+from doppelgait.radar.measured import check_finite, check_number, check_shape, label_measured, preset_radar
 from doppelgait.radar.recording import Recording
 
 HEADER_BYTES = 128

@@ -19,8 +19,8 @@ from doppelgait.core.errors import ConfigError, DoppelgaitWarning, RecordingErro
 from doppelgait.core.files import atomic_path
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
+from doppelgait.radar.measured import CW_FRAME_M, check_number, cw_radar, label_measured, radar_of_facts
 from doppelgait.radar.parameters import Radar
-from doppelgait.radar.readers.measured import CW_FRAME_M, check_number, cw_radar, label_measured, radar_of_facts
 from doppelgait.radar.readers.sigmf_files import HEAD_BYTES, META, Metadata, read_metadata, read_samples, sigmf_pair
 from doppelgait.radar.recording import Recording
 

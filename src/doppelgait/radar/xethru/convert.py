@@ -15,7 +15,7 @@ import numpy.typing as npt
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import slow_time_axis_s
-from doppelgait.radar.readers.measured import check_number, label_measured, preset_radar
+from doppelgait.radar.measured import check_number, label_measured, preset_radar
 from doppelgait.radar.recording import Recording
 from doppelgait.radar.xethru.downconvert import FrameFilter, down_convert_frames
 from doppelgait.radar.xethru.reader import XethruRecording, XethruStream, read_xethru, sniff_xethru

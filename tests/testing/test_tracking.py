@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from doppelgait.processing import Gate
-from doppelgait.processing.track.metrics import agreement, gospa, ospa, range_iou
+from doppelgait.testing.tracking import agreement, gospa, ospa, range_iou
 
 
 def brute_gospa(a: np.ndarray, b: np.ndarray, c: float, p: float) -> float:

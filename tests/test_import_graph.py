@@ -1,0 +1,44 @@
+"""No circle of imports in the package.
+
+Every import counts, wherever it stands: at the top of a module, in a function, or for types alone. A package's
+``__init__`` counts like any module: one that gives names of its modules on is no circle until such a module, or one
+that it needs, imports the package itself. `make check` holds the folders apart in the same way
+(``acyclic_siblings`` in ``pyproject.toml``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from graphlib import CycleError, TopologicalSorter
+
+import grimp
+import pytest
+
+
+def circle(imports: Mapping[str, Iterable[str]]) -> list[str]:
+    """One circle of the graph, from module to module; empty if there is none."""
+    try:
+        TopologicalSorter(imports).prepare()
+    except CycleError as error:
+        return list(error.args[1])
+    return []
+
+
+@pytest.fixture(scope="module")
+def imports() -> dict[str, set[str]]:
+    graph = grimp.build_graph("doppelgait", cache_dir=None)
+    return {module: set(graph.find_modules_directly_imported_by(module)) for module in graph.modules}
+
+
+def test_the_package_has_no_circle(imports: dict[str, set[str]]) -> None:
+    assert circle(imports) == []
+
+
+def test_imports_in_functions_and_for_types_count(imports: dict[str, set[str]]) -> None:
+    assert "doppelgait.viewer.app" in imports["doppelgait.viewer.server"]  # in a function
+    assert "doppelgait.dataset.plan" in imports["doppelgait.dataset.executors"]  # for types
+
+
+def test_a_circle_is_found() -> None:
+    assert sorted(set(circle({"a": ["b"], "b": ["c"], "c": ["a"], "d": ["a"]}))) == ["a", "b", "c"]
+    assert circle({"a": ["b", "c"], "b": ["c"]}) == []
