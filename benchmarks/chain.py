@@ -98,7 +98,7 @@ def run_workers(quick: bool, stages: dict[str, Any]) -> list[dict[str, Any]]:
     obvious = total(stages["seconds"]["obvious: synthesis"], stages["seconds"]["obvious: signature, hop 1"])
     counts = [2] if quick else [1, 2, 4] if (os.cpu_count() or 1) >= 4 else [1, 2]
     result = measure_workers(counts, 1.5 if quick else 4.0, obvious)
-    report.print_title("5. Worker processes: fused examples with noise and features (x: one process of obvious NumPy)")
+    report.print_title("5. Worker processes: examples with noise and features (x: one process of obvious NumPy)")
     report.print_workers(result)
     return result
 

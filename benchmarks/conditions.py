@@ -10,7 +10,7 @@ import numpy as np
 from clock import Work, measure, ratio
 from scenario import Case, prepare, scenario
 
-from doppelgait.radar import Antenna, Radar, synthesise, synthesise_samples
+from doppelgait.radar import Antenna, Radar, synthesise
 from doppelgait.radar.antenna import apply_antenna
 from doppelgait.radar.impairments import apply_impairments, make_impairment, pulse_times
 from doppelgait.scene import assemble
@@ -57,7 +57,7 @@ def measure_conditions(rounds: int) -> dict[str, Any]:
 
 
 def impairment_work(case: Case) -> dict[str, Work]:
-    samples = synthesise_samples(case.table, case.radar)
+    samples = case.radar.waveform.synthesise_planes(case.table, case.radar).freeze()
     generator = np.random.default_rng(1)
     work: dict[str, Work] = {}
     for name, options in IMPAIRMENTS.items():

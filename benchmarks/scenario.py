@@ -92,7 +92,7 @@ def new_planes(case: Case) -> Any:
 
 
 def fill_planes(case: Case, planes: Any) -> None:
-    """Synthesis into planes that exist, as the fused path does it."""
+    """Synthesis into planes that exist."""
     from doppelgait.core.kernels.synthesis import echo_planes
 
     echo_planes(case.range_m, case.amplitude_v, *_geometry(case.radar), 0, 0, planes[0], planes[1])

@@ -19,9 +19,8 @@ from obvious import (
 from scenario import Case, fill_matrix, fill_planes, make_radar, new_planes, prepare, scenario
 
 from doppelgait.core.rng import rng
-from doppelgait.pipeline import analyze
+from doppelgait.pipeline import analyze, simulate
 from doppelgait.pipeline.analyze import analyze_signature
-from doppelgait.pipeline.fused import run_fused
 from doppelgait.processing import Analysis, signature
 from doppelgait.processing.signature import signature_of_planes
 from doppelgait.radar import Recording, add_noise, synthesise
@@ -124,21 +123,21 @@ def signature_work(case: Case) -> dict[str, Work]:
 
 
 def whole_work(case: Case) -> dict[str, Work]:
-    """Whole examples: fused with noise and features, and the analysis of a recording."""
+    """Whole examples: simulated with noise and features, and the analysis of a recording."""
     recording = Recording.from_baseband(synthesise(case.table, case.radar), case.radar)
     work: dict[str, Work] = {}
     for name, hop in (("hop 1", 1), ("lossless hop", None)):
         settings = case.analysis.model_copy(update={"hop": hop})
         work |= {
-            f"fused example, {name}": partial(fused_example, case, settings),
+            f"example, {name}": partial(run_example, case, settings),
             f"analysis with features, {name}": partial(analyze, recording, gate=case.gate, analysis=settings),
         }
     return work
 
 
-def fused_example(case: Case, analysis: Analysis) -> None:
-    """One example with noise and features, without its data matrix."""
-    run_fused(case.scene, case.radar, analysis, rng=rng(1))
+def run_example(case: Case, analysis: Analysis) -> None:
+    """One example with noise and features."""
+    analyze(simulate(case.scene, case.radar, rng=rng(1), angles=False), gate="truth", analysis=analysis)
 
 
 def stage_ratios(seconds: Seconds) -> dict[str, Timing]:
@@ -157,8 +156,8 @@ def stage_ratios(seconds: Seconds) -> dict[str, Timing]:
         "synthesis + signature, lossless hop, planes": ratio(
             whole, planes, seconds["signature of planes, lossless hop"]
         ),
-        "fused example with noise and features, hop 1": ratio(whole, seconds["fused example, hop 1"]),
-        "fused example with noise and features, lossless hop": ratio(whole, seconds["fused example, lossless hop"]),
+        "example with noise and features, hop 1": ratio(whole, seconds["example, hop 1"]),
+        "example with noise and features, lossless hop": ratio(whole, seconds["example, lossless hop"]),
     }
     for peer in (SPECTROGRAM, BY_BIN, SHORT_TIME_FFT):
         rows[f"signature / {peer}"] = ratio(seconds[peer], hop_1)

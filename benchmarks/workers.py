@@ -78,19 +78,23 @@ def work(seconds: float) -> None:
     from scenario import scenario
 
     from doppelgait.core.rng import rng
-    from doppelgait.pipeline.fused import run_fused
+    from doppelgait.pipeline import analyze, simulate
 
     radar, scene, analysis = scenario()
     report: dict[str, Any] = {}
     settings = {name: analysis.model_copy(update={"hop": hop}) for name, hop in HOPS.items()}
+
+    def make(number: int, settings: Any) -> None:
+        analyze(simulate(scene, radar, rng=rng(number), angles=False), gate="truth", analysis=settings)
+
     for number, each in enumerate([*settings.values()] * 3):
-        run_fused(scene, radar, each, rng=rng(number))
+        make(number, each)
     for name, each in settings.items():
         print("ready", flush=True)
         sys.stdin.readline()
         began, ends = time.perf_counter(), [0.0]
         while ends[-1] < seconds:
-            run_fused(scene, radar, each, rng=rng(len(ends)))
+            make(len(ends), each)
             ends.append(time.perf_counter() - began)
         report[name] = count_slices(ends, seconds)
     print(json.dumps({**report, "peak_mb": peak_memory_mb()}))

@@ -31,7 +31,7 @@ from doppelgait.features.extended import extended_features
 from doppelgait.features.uncertainty import uncertainties
 from doppelgait.motion.models import boulic_walk, human_gait, quadruped_gait
 from doppelgait.motion.models.quadruped_gaits import GAITS
-from doppelgait.pipeline.fused import run_fused
+from doppelgait.pipeline import analyze, simulate
 from doppelgait.processing import Analysis
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
@@ -111,10 +111,11 @@ def observe(number: int, repeat: int, snr_db: float) -> dict[str, Any]:
     try:
         motion = MODELS[kind](**parameters, start_phase=phase, duration_s=seconds + 0.1, rng=rng)
         scene = Scene([Target(motion, label=kind, aspect_deg=aspect_deg)], duration_s=seconds)
-        truth = run_fused(scene, radar, Analysis(hop=8), rng=Streams(int(rng.integers(2**31))), snr_db=snr_db).truth[0]
+        made = simulate(scene, radar, rng=Streams(int(rng.integers(2**31))), snr_db=snr_db, angles=False)
+        analyze(made, gate="truth", analysis=Analysis(hop=8))
     except DoppelgaitError:
         return facts
-    return {**facts, **_measured(*_last), **_true(truth)}
+    return {**facts, **_measured(*_last), **_true(made.truth[0])}
 
 
 def _measured(evidence: Any, extraction: Any) -> dict[str, Any]:

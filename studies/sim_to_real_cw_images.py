@@ -172,7 +172,7 @@ def _converted(plan: Plan, place: Place, samples: Any, noise: np.random.Generato
     faults.append({"kind": "adc", "bits": 12, "full_scale_v": 1.0})
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DoppelgaitWarning)  # it clips on purpose
-        return apply_impairments(samples, Conditions(impairments=faults).impairments, radar=RADAR, rng=rng)
+        return apply_impairments(samples, Conditions(impairments=faults).impairments, radar=RADAR, rng=rng).matrix
 
 
 def features_of(result: Result) -> dict[str, float]:

@@ -98,7 +98,7 @@ def drawn_room(twin: Path, *, frames: int, seed: int) -> Recording:
     tables = tomllib.loads(twin.read_text(encoding="utf-8"))["impairments"]
     specs = [make_impairment(table) for table in [{"kind": "thermal_noise"}, *tables]]
     nothing = np.zeros((frames, radar.n_range_bins), dtype=np.complex64)
-    samples = apply_impairments(nothing, specs, radar=radar, rng=np.random.default_rng(seed))
+    samples = apply_impairments(nothing, specs, radar=radar, rng=np.random.default_rng(seed)).matrix
     baseband = label_baseband(samples, np.arange(frames) / radar.prf_hz, radar)
     return Recording.from_baseband(baseband, radar, source=twin.name)
 

@@ -106,7 +106,7 @@ def _list_models() -> list[tuple[str, type[BaseModel]]]:
     )
     found = [(f'environment, kind = "{name}"', effects[name].model) for name in effects]
     found += _models("doppelgait.scene.environment:Dielectric")
-    return found + [(f'impairments, kind = "{name}"', impairments[name].model) for name in impairments]
+    return found + [(f'impairments, kind = "{name}"', impairments[name].parameters) for name in impairments]
 
 
 def _analysis_models() -> list[tuple[str, type[BaseModel]]]:

@@ -29,6 +29,7 @@ PLUGIN_ROOMS: tuple[str, ...] = (
     "doppelgait.motion.models",
     "doppelgait.motion.paths",
     "doppelgait.motion.readers",
+    "doppelgait.radar.impairments",
     "doppelgait.radar.parameters",
     "doppelgait.radar.readers",
 )

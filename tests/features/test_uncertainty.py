@@ -21,7 +21,7 @@ from doppelgait.features.uncertainty import (
     velocity_sd_mps,
 )
 from doppelgait.motion.models import human_gait
-from doppelgait.pipeline.fused import run_fused
+from doppelgait.pipeline import analyze, simulate
 from doppelgait.processing import Analysis
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
@@ -163,7 +163,9 @@ def observations(monkeypatch, count=24):
             speed_mps=1.2, duration_s=4.1, start_phase=n / count, step_time_sd=0.02, step_length_sd=0.02, rng=rng
         )
         scene = Scene([Target(motion, aspect_deg=10.0)], duration_s=4.0)
-        truth = run_fused(scene, radar, Analysis(hop=8), rng=Streams(20, n), snr_db=15.0).truth[0]
+        made = simulate(scene, radar, rng=Streams(20, n), snr_db=15.0, angles=False)
+        truth = made.truth[0]
+        analyze(made, gate="truth", analysis=Analysis(hop=8))
         sd = uncertainties(*kept[-1])
         found = kept[-1][1]
         yield (

@@ -14,7 +14,7 @@ from doppelgait.dataset.config import PlanConfig
 from doppelgait.dataset.finish import dataset_id
 from doppelgait.dataset.plan import plan_dataset
 from doppelgait.motion import boulic_walk, fan
-from doppelgait.pipeline import analyze, parse_run, run_example, run_simulation, simulate
+from doppelgait.pipeline import analyze, parse_run, run_simulation, simulate
 from doppelgait.pipeline.echoes import Conditions
 from doppelgait.radar import Radar, read_recording, write_arrays
 from doppelgait.radar.fit import fit_sensor
@@ -158,16 +158,7 @@ def test_a_preset_file_brings_its_lists_unless_the_scene_has_its_own(tmp_path):
         parse_run(table, folder=tmp_path / "elsewhere")
 
 
-# --- Examples and datasets ---
-
-
-def test_an_example_with_conditions_is_what_simulating_and_analysing_gives():
-    spec = parse_run({**SCENE, "noise": {"kind": "snr"}, "environment": [WALL], "impairments": [CLUTTER],
-                      "analysis": {"clutter": "mean"}, "seed": 5})  # fmt: skip
-    made = run_example(spec, gate_error_m=0.1)
-    expected = analyze(run_simulation(spec), gate="truth", analysis=spec.analysis, gate_error_m=0.1)
-    assert made.results[0].features == expected[0].features
-    assert made.results[0].features.torso_velocity_mps == pytest.approx(1.3, rel=0.1)
+# --- Datasets ---
 
 
 PLAN = {

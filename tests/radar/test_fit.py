@@ -410,7 +410,7 @@ def test_twin_file_makes_recordings_that_fit_to_the_same_numbers(tmp_path: Path)
     noise = make_impairment({"kind": "thermal_noise"})
     rng = np.random.default_rng(3)
     made = apply_impairments(np.zeros((600, RANGE_M.size), np.complex64), [*specs[:2], noise], radar=twin, rng=rng)
-    again = fit_sensor(recording(made, twin, twin.range_axis_m()))
+    again = fit_sensor(recording(made.matrix, twin, twin.range_axis_m()))
     assert again.noise_level_db.value == pytest.approx(first.noise_level_db.value, abs=0.25)
     assert again.phase is not None
     assert again.phase.white.value == pytest.approx(first.phase.white.value, rel=0.2)

@@ -32,7 +32,7 @@ CW = Radar(waveform="cw", carrier_hz=24.1e9, prf_hz=1000, sample_rate_hz=3000, r
 
 
 def only(samples, spec, radar=X4, seed=1):
-    return apply_impairments(samples, [spec], radar=radar, rng=np.random.default_rng(seed))
+    return apply_impairments(samples, [spec], radar=radar, rng=np.random.default_rng(seed)).matrix
 
 
 def zeros(n_pulses, radar=X4):

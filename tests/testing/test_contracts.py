@@ -9,10 +9,26 @@ import pytest
 
 import doppelgait as dg
 from doppelgait.core import plugins
+from doppelgait.core.config import FrozenModel
+from doppelgait.core.errors import AnalysisError
 from doppelgait.radar import WAVEFORMS, Radar, Waveform, scatterer_arrays
+from doppelgait.radar.impairments import (
+    IMPAIRMENTS,
+    Adc,
+    DcLeak,
+    DroppedFrames,
+    FrameJitter,
+    Interference,
+    IqImbalance,
+    Leakage,
+    PhaseNoise,
+    StaticClutter,
+    ThermalNoise,
+    X4Counts,
+)
 from doppelgait.radar.waveforms.impulse import Impulse
 from doppelgait.radar.waveforms.sweep import Fmcw
-from doppelgait.testing import check_waveform
+from doppelgait.testing import check_impairment, check_waveform
 
 COMMON = {"carrier_hz": 24e9, "prf_hz": 500.0, "range_stop_m": 9.0, "transmit_phase_rad": 0.4}
 RADARS = {
@@ -144,3 +160,70 @@ def test_a_small_waveform_needs_two_methods(register):
             return (2 - 2**0.5) * self.width_m
 
     check_waveform("triangle", Radar(waveform={"kind": "triangle", "width_m": 0.7}, sample_rate_hz=3e9, **COMMON))
+
+
+IMPAIRED = (
+    Adc(), DcLeak(), DroppedFrames(probability=0.2), FrameJitter(), Interference(rate_hz=50), IqImbalance(), Leakage(),
+    PhaseNoise(density_dbc_per_hz=-80), StaticClutter(rcs_per_metre_m2=0.1), ThermalNoise(),
+)  # fmt: skip
+
+
+def test_every_impairment_keeps_its_contract():
+    assert {spec.kind for spec in IMPAIRED} | {"x4_counts"} == set(IMPAIRMENTS)
+    for spec in IMPAIRED:
+        for kind in ("impulse", "fmcw"):
+            check_impairment(spec, Radar(waveform=kind, **COMMON, **RADARS[kind]))
+    check_impairment(X4Counts(pulses_per_step=5), Radar.preset("x4"))
+
+
+class Broken(FrozenModel):
+    kind: Literal["broken"] = "broken"
+    level_v: float = 0.5
+
+
+def _broken_impairments():
+    def in_place(samples, parameters, radar, rng):
+        samples.matrix[:] = 0
+        return samples
+
+    def wide(samples, parameters, radar, rng):
+        return samples.matrix[:, :-1]
+
+    def nan(samples, parameters, radar, rng):
+        return samples * np.nan
+
+    def restless(samples, parameters, radar, rng):
+        return samples + np.random.default_rng().normal()
+
+    def layout(samples, parameters, radar, rng):
+        return samples + (1.0 if samples._planes is None else 2.0)
+
+    return {
+        "not its own": in_place, "makes samples of shape": wide, "not finite": nan, "for the same rng": restless,
+        "between the two layouts": layout,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(("message", "broken"), _broken_impairments().items())
+def test_a_broken_impairment_is_caught(register, broken, message):
+    register("impairment", parameters=Broken)(broken)
+    with pytest.raises((AssertionError, AnalysisError), match=message):
+        check_impairment(Broken(), Radar.preset("x4"))
+
+
+def test_an_impairment_that_is_not_registered_or_moves_pulses_back_is_caught(register):
+    with pytest.raises(AssertionError, match="'broken' is not registered"):
+        check_impairment(Broken(), Radar.preset("x4"))
+    register("impairment", parameters=Broken, shift_times=lambda times_s, *_: times_s[::-1])(
+        lambda samples, *_: samples
+    )
+    with pytest.raises(AssertionError, match="pulse times do not rise"):
+        check_impairment(Broken(), Radar.preset("x4"))
+
+
+def test_a_small_impairment_is_one_line(register):
+    @register("impairment", parameters=Broken)
+    def add_level(samples, parameters, radar, rng):
+        return samples + parameters.level_v
+
+    check_impairment(Broken(), Radar.preset("x4"))

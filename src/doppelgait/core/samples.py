@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,7 +15,8 @@ Planes = npt.NDArray[np.float32]
 Matrix = npt.NDArray[np.complex64]
 Spans = npt.NDArray[np.int64]
 
-LINEAR = (np.add, np.subtract, np.multiply)
+ROWS = 32
+"""Rows of planes or of a matrix that are changed at a time, so that what is computed on the way stays in the cache."""
 
 
 class Noise(NamedTuple):
@@ -27,13 +29,13 @@ class Noise(NamedTuple):
 class Samples:
     """Complex samples, one row a pulse; in arithmetic like a complex64 array of shape (pulses, samples).
 
-    ``samples + 0.1``, ``samples * turn[:, None]`` and the like give new samples, ``samples += row`` changes these.
-    ``numpy.asarray(samples)`` is the complex matrix.
+    ``samples + 0.1``, ``samples * turn[:, None]`` and the like give new samples; ``samples += row`` uses their memory
+    again where it belongs to them. ``numpy.asarray(samples)`` is the complex matrix.
 
     Parameters
     ----------
     matrix : array_like, shape (pulses, samples), complex
-        V. Kept as it is if it is complex64 and C-contiguous, else copied.
+        V. Never changed: the samples own no memory until they are changed.
 
     Raises
     ------
@@ -49,7 +51,7 @@ class Samples:
     Receiver noise may be pending (:meth:`with_noise`): every access shows it, but it is made for what is read only.
     """
 
-    __slots__ = ("_matrix", "_noise", "_planes", "shape")
+    __slots__ = ("_matrix", "_noise", "_owned", "_planes", "shape")
 
     def __init__(self, matrix: npt.ArrayLike) -> None:
         values = np.asarray(matrix)
@@ -61,20 +63,31 @@ class Samples:
         self._matrix: Matrix | None = np.ascontiguousarray(values, dtype=np.complex64)
         self._planes: Planes | None = None
         self._noise: Noise | None = None
+        self._owned = False
         self.shape: tuple[int, int] = values.shape
 
     @classmethod
-    def from_planes(cls, planes: Planes, n_pulses: int) -> Samples:
-        """Samples that keep these planes, shape (2, samples, n_pulses or more), without a copy."""
+    def _make(
+        cls, shape: tuple[int, int], matrix: Matrix | None, planes: Planes | None, noise: Noise | None, owned: bool
+    ) -> Samples:
         made = cls.__new__(cls)
-        made._matrix, made._planes, made._noise = None, planes, None
-        made.shape = (n_pulses, planes.shape[1])
+        made.shape, made._matrix, made._planes, made._noise, made._owned = shape, matrix, planes, noise, owned
         return made
+
+    @classmethod
+    def own(cls, matrix: Matrix) -> Samples:
+        """Samples that may change this complex64 matrix, which nobody else uses."""
+        return cls._make(matrix.shape, np.ascontiguousarray(matrix, dtype=np.complex64), None, None, True)
+
+    @classmethod
+    def from_planes(cls, planes: Planes, n_pulses: int) -> Samples:
+        """Samples that may change these planes, (2, samples, n_pulses or more), which nobody else uses."""
+        return cls._make((n_pulses, planes.shape[1]), None, planes, None, True)
 
     @property
     def matrix(self) -> Matrix:
         """Complex64 array, one row a pulse."""
-        settled = self if self._noise is None else self.copy().settle()
+        settled = self.freeze().settle()
         if settled._matrix is not None:
             return settled._matrix
         from doppelgait.core.kernels.synthesis import join_planes
@@ -87,21 +100,24 @@ class Samples:
     @property
     def planes(self) -> Planes:
         """Real and imaginary planes, float32, one row a sample."""
-        settled = self if self._noise is None else self.copy().settle()
+        settled = self.freeze().settle()
         return settled._planes if settled._planes is not None else _split(settled.matrix, slice(0, self.shape[1]))
 
-    def read(self, spans: Spans) -> tuple[Planes, int]:
+    def read(self, spans: Spans, margin: int = 0) -> tuple[Planes, int]:
         """Planes of some samples (range bins), with the noise of the pulses that are needed only.
 
         Parameters
         ----------
         spans : ndarray, shape (samples, 2)
             First and one past the last pulse that is needed of every sample; an empty span for one that is not needed.
+        margin : int
+            So many pulses after each span are finite numbers, whatever they are.
 
         Returns
         -------
         planes : ndarray, shape (2, rows, at least pulses)
-            From the first to the last sample that is needed. Values outside the spans mean nothing. Not to be changed.
+            From the first to the last sample that is needed. Values outside the spans mean nothing and may be
+            no numbers. Not to be changed.
         first : int
             The sample of row 0.
         """
@@ -116,60 +132,95 @@ class Samples:
         from doppelgait.core.kernels.noise import copy_noise_spans
 
         noisy = source if split is not None else np.empty_like(source)
-        copy_noise_spans(source[0], source[1], spans[rows], first, *self._noise, noisy[0], noisy[1])
+        copy_noise_spans(source[0], source[1], spans[rows], first, *self._noise, margin, noisy[0], noisy[1])
         return noisy, first
 
     def with_noise(self, key: np.uint64, power_v2: float) -> Samples:
         """The same samples with complex white Gaussian noise pending; the values are shared, not copied."""
-        made = self if self._noise is None else self.copy().settle()
-        noisy = Samples.__new__(Samples)
-        noisy._matrix, noisy._planes, noisy.shape = made._matrix, made._planes, made.shape
-        noisy._noise = Noise(key, math.sqrt(power_v2))
-        return noisy
+        quiet = self.settle()
+        return self._make(quiet.shape, quiet._matrix, quiet._planes, Noise(key, math.sqrt(power_v2)), quiet._owned)
 
     def settle(self) -> Samples:
-        """Add pending noise to these samples now, in place."""
+        """The samples with pending noise added, in their own memory where they have some."""
+        if self._noise is None:
+            return self
         from doppelgait.core.kernels.noise import add_noise_block, add_noise_matrix
 
-        if self._noise is not None and self._matrix is not None:
-            add_noise_matrix(self._matrix, *self._noise)
-        elif self._noise is not None and self._planes is not None:
-            add_noise_block(self._planes[0], self._planes[1], 0, self.shape[0], 0, 0, *self._noise)
-        self._noise = None
-        return self
+        noisy = self._make(self.shape, self._matrix, self._planes, None, self._owned)._writable()
+        if noisy._matrix is not None:
+            add_noise_matrix(noisy._matrix, *self._noise)
+        elif noisy._planes is not None:
+            add_noise_block(noisy._planes[0], noisy._planes[1], 0, self.shape[0], 0, 0, *self._noise)
+        if self._owned:
+            self._noise = None
+        return noisy
+
+    def _writable(self) -> Samples:
+        return self if self._owned else self.copy()
 
     def copy(self) -> Samples:
         """Samples of their own memory."""
-        made = Samples.__new__(Samples)
-        made._matrix = None if self._matrix is None else self._matrix.copy()
-        made._planes = None if self._planes is None else self._planes.copy()
-        made._noise, made.shape = self._noise, self.shape
-        return made
+        matrix = None if self._matrix is None else self._matrix.copy()
+        planes = None if self._planes is None else self._planes.copy()
+        return self._make(self.shape, matrix, planes, self._noise, True)
 
     def freeze(self) -> Samples:
-        """The same values, which cannot be changed any more through these samples."""
-        made = Samples.__new__(Samples)
-        made._matrix, made._planes, made._noise, made.shape = self._matrix, self._planes, self._noise, self.shape
-        for name in ("_matrix", "_planes"):
-            if (values := getattr(made, name)) is not None:
-                setattr(made, name, values := values.view())
-                values.flags.writeable = False
-        return made
+        """The same values, of which nothing is changed any more: changes of the result are made in a copy."""
+        return self._make(self.shape, self._matrix, self._planes, self._noise, False)
 
-    @property
-    def parts(self) -> npt.NDArray[np.float32]:
-        """All in-phase and quadrature values, in whatever order: a view to be read or changed in place."""
-        self.settle()
-        if self._planes is not None:
-            return self._planes[:, :, : self.shape[0]]
-        assert self._matrix is not None
-        return self._matrix.view(np.float32)
+    def map_parts(self, function: Callable[[npt.NDArray[np.float64]], npt.NDArray[np.float64]]) -> Samples:
+        """Apply a function to all in-phase and quadrature values, some of them at a time, as float64."""
+        changed = self.settle()._writable()
+        values = changed._planes if changed._matrix is None else changed._matrix.view(np.float32)
+        assert values is not None
+        for rows in values if values.ndim == 3 else (values,):
+            for begin in range(0, rows.shape[0], ROWS):
+                rows[begin : begin + ROWS] = function(rows[begin : begin + ROWS].astype(np.float64))
+        return changed
+
+    def largest_part(self) -> float:
+        """Largest magnitude of an in-phase or quadrature value."""
+        settled = self.settle()
+        if settled._planes is not None:
+            values = settled._planes[:, :, : self.shape[0]]
+        else:
+            values = settled.matrix.view(np.float32)
+        return max(float(values.max(initial=0.0)), -float(values.min(initial=0.0)))
 
     def take(self, pulses: npt.NDArray[np.int64]) -> Samples:
         """Samples of some pulses, in this order."""
-        if self._planes is None:
-            return Samples(self.matrix[pulses])
-        return Samples.from_planes(np.ascontiguousarray(self.planes[:, :, pulses]), pulses.size)
+        settled = self.settle()
+        if settled._planes is None:
+            return Samples.own(settled.matrix[pulses])
+        return Samples.from_planes(np.ascontiguousarray(settled._planes[:, :, pulses]), pulses.size)
+
+    def add_at(self, pulses: npt.NDArray[np.int64], columns: npt.NDArray[np.int64], values: npt.ArrayLike) -> Samples:
+        """Add complex values to the samples ``columns`` of ``pulses``; every sample at most once.
+
+        Parameters
+        ----------
+        pulses, columns, values : ndarray, broadcast against each other
+        """
+        changed, added = self.settle()._writable(), np.asarray(values)
+        if changed._matrix is not None:
+            changed._matrix[pulses, columns] += added
+        elif changed._planes is not None:
+            changed._planes[0][columns, pulses] += added.real
+            changed._planes[1][columns, pulses] += added.imag
+        return changed
+
+    def unbalance(self, gain: float, phase_rad: float) -> Samples:
+        """Give the quadrature part a gain and turn it against the in-phase part: Re y + j gain Im(y e^(j phase))."""
+        changed = self.settle()._writable()
+        by_im, by_re = np.float32(gain * math.cos(phase_rad)), np.float32(gain * math.sin(phase_rad))
+        if changed._planes is not None:
+            re, im = changed._planes
+        else:
+            re, im = changed.matrix.real, changed.matrix.imag
+        im *= by_im
+        for begin in range(0, re.shape[0], ROWS):
+            im[begin : begin + ROWS] += by_re * re[begin : begin + ROWS]
+        return changed
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
         values = self.matrix
@@ -178,20 +229,14 @@ class Samples:
         return values if dtype is None else values.astype(dtype, copy=False)
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, out: Any = None, **options: Any) -> Any:
-        target = out[0] if out is not None else None
-        if method == "__call__" and not options and ufunc in LINEAR and (target is None or target is inputs[0]):
-            one, other = inputs
-            if not isinstance(one, Samples) and ufunc is not np.subtract:
-                one, other = other, one
-            if isinstance(one, Samples):
-                return _change(one if target is not None else one.copy(), ufunc, other)
+        if out is not None or method not in ("__call__", "reduce"):
+            return NotImplemented
+        if method == "__call__" and not options and ufunc in (np.add, np.multiply):  # an array on the left
+            return _change(self.copy(), ufunc, inputs[0])
         arrays = [value.matrix if isinstance(value, Samples) else value for value in inputs]
         found = getattr(ufunc, method)(*arrays, **options)
-        if isinstance(target, Samples):
-            target._matrix, target._planes, target._noise = Samples(found)._matrix, None, None
-            return target
         same = isinstance(found, np.ndarray) and found.dtype.kind == "c" and found.shape == self.shape
-        return Samples(found) if same else found
+        return Samples.own(found) if same else found
 
     def __add__(self, other: Any) -> Samples:
         return _change(self.copy(), np.add, other)
@@ -217,36 +262,33 @@ class Samples:
 
 
 def _change(samples: Samples, ufunc: Any, other: Any) -> Samples:
-    """Add, subtract or multiply in place by a number, an array that fits (pulses, samples), or samples."""
-    samples.settle()
-    if samples._planes is None:
-        values = other.matrix if isinstance(other, Samples) else other
-        ufunc(samples._matrix, values, out=samples._matrix, casting="same_kind")
-        return samples
-    re, im = samples._planes[0, :, : samples.shape[0]], samples._planes[1, :, : samples.shape[0]]
+    """Samples plus, minus or times a number, an array that fits (pulses, samples), or samples."""
+    changed = samples.settle()._writable()
+    if changed._matrix is not None:
+        values = other.matrix if isinstance(other, Samples) else np.asarray(other)
+        ufunc(changed._matrix, values, out=changed._matrix, casting="same_kind")
+        return changed
+    assert changed._planes is not None
+    n_pulses = samples.shape[0]
+    re, im = changed._planes[0, :, :n_pulses], changed._planes[1, :, :n_pulses]
     if isinstance(other, Samples):
-        other_re, other_im = other.planes[:, :, : samples.shape[0]]
+        by_re, by_im = other.planes[:, :, :n_pulses]
     else:
         values = np.atleast_2d(np.asarray(other)).T
-        other_re, other_im = (part.astype(np.float32) for part in (values.real, values.imag))
-    if ufunc is np.multiply:
-        _multiply(re, im, other_re, other_im)
-    else:
-        ufunc(re, other_re, out=re)
-        ufunc(im, other_im, out=im)
-    return samples
-
-
-def _multiply(re: Planes, im: Planes, by_re: Planes, by_im: Planes) -> None:
-    if not by_im.any():
+        np.broadcast_shapes(values.shape, re.shape)
+        by_re, by_im = (np.ascontiguousarray(part, dtype=np.float32) for part in (values.real, values.imag))
+    if ufunc is not np.multiply:
+        ufunc(re, by_re, out=re)
+        ufunc(im, by_im, out=im)
+    elif not by_im.any():
         re *= by_re
         im *= by_re
-        return
-    from doppelgait.core.kernels.planes import turn_planes
+    else:
+        from doppelgait.core.kernels.planes import turn_planes
 
-    np.broadcast_shapes(re.shape, by_re.shape)
-    shape = (by_re.shape[0], re.shape[1])
-    turn_planes(re, im, *(np.ascontiguousarray(np.broadcast_to(part, shape)) for part in (by_re, by_im)))
+        shape = (by_re.shape[0], n_pulses)
+        turn_planes(re, im, *(np.ascontiguousarray(np.broadcast_to(part, shape)) for part in (by_re, by_im)))
+    return changed
 
 
 def _split(matrix: Matrix, rows: slice) -> Planes:

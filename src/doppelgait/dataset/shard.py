@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 import xarray as xr
@@ -24,8 +24,7 @@ from doppelgait.dataset.plan import PlannedExample, Shard
 from doppelgait.dataset.resolve import ExampleSpec, RowSpec, resolve_example
 from doppelgait.dataset.shard_files import Arrays, stored_arrays, write_shard
 from doppelgait.features import FEATURE_UNITS
-from doppelgait.pipeline import Result, analyze, run_example, run_simulation
-from doppelgait.pipeline.fused import FusedExample
+from doppelgait.pipeline import Result, analyze, run_simulation
 from doppelgait.radar.recording import Recording, TargetTruth
 
 MOST_APART_M = 1.0
@@ -83,24 +82,24 @@ NOTHING = {
 
 
 def index_rows(
-    example: ExampleSpec, made: FusedExample, results: Sequence[Result | None], messages: Sequence[str]
+    example: ExampleSpec, recording: Recording, results: Sequence[Result | None], messages: Sequence[str]
 ) -> list[dict[str, Any]]:
     """Rows of an example, one per target; None for unknown.
 
     Parameters
     ----------
     example : ExampleSpec
-    made : FusedExample
+    recording : Recording
         Truth and levels.
     results : sequence of Result or None
         One per row; None where no track follows the target.
     messages : sequence of str
         Warnings of simulation and analysis.
     """
-    scene = _scene_columns(example, made)
+    scene = _scene_columns(example, recording)
     rows = []
     for number, (row, result) in enumerate(zip(example.rows, results, strict=True)):
-        truth = made.truth[number]
+        truth = recording.truth[number]
         columns = {
             **_identity_columns(example, row, number),
             **scene,
@@ -130,17 +129,17 @@ def _identity_columns(example: ExampleSpec, row: RowSpec, number: int) -> dict[s
     }
 
 
-def _scene_columns(example: ExampleSpec, made: FusedExample) -> dict[str, Any]:
+def _scene_columns(example: ExampleSpec, recording: Recording) -> dict[str, Any]:
     prf_hz = example.run.radar.prf_hz
     nobody = all(row.source == "none" for row in example.rows)
     return {
         "carrier_hz": example.run.radar.carrier_hz,
         "prf_hz": prf_hz,
-        "observation_s": made.n_pulses / prf_hz,
+        "observation_s": recording.n_pulses / prf_hz,
         "environment": _listed(example.run.environment),
         "impairments": _listed(example.run.impairments),
         "radar_height_m": example.run.scene.radar_position_m[2],
-        "snr_frame_db": None if nobody else made.snr_frame_db,
+        "snr_frame_db": None if nobody else recording.snr_frame_db,
         "gate_error_m": example.gate_error_m,
     }
 
@@ -288,7 +287,7 @@ def build_planned(entry: PlannedExample, context: BuildContext) -> list[tuple[di
 
 
 def build_example(
-    example: ExampleSpec, fields: Sequence[FieldSpec], folder: Path, *, gate: str = "truth"
+    example: ExampleSpec, fields: Sequence[FieldSpec], folder: Path, *, gate: Literal["truth", "track"] = "truth"
 ) -> list[tuple[dict[str, Any], Arrays]]:
     """Index row and stored arrays of every target of an example.
 
@@ -302,39 +301,25 @@ def build_example(
     """
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DoppelgaitWarning)
-        made, results, recording = _simulate(example, fields, folder, gate)
-    found = (str(w.message).partition(":")[0] for w in caught if issubclass(w.category, DoppelgaitWarning))
-    rows = index_rows(example, made, results, list(dict.fromkeys(found)))
+        recording = run_simulation(example.run, folder=folder, angles=False)
+        found = analyze(recording, gate=gate, analysis=example.run.analysis, gate_error_m=example.gate_error_m)
+    results: Sequence[Result | None] = found
+    if gate == "track" and example.rows[0].source == "none" and len(example.rows) == 1:
+        results = strongest_track(found)
+    elif gate == "track":
+        results = match_tracks(found, recording.truth, recording.n_pulses / example.run.radar.prf_hz)
+    messages = (str(w.message).partition(":")[0] for w in caught if issubclass(w.category, DoppelgaitWarning))
+    rows = index_rows(example, recording, results, list(dict.fromkeys(messages)))
     found_rows = []
     for number, (row, result) in enumerate(zip(rows, results, strict=True)):
         signals: dict[str, xr.DataArray | None] = {}
         for name in (spec.name for spec in fields):
             if name == "baseband":
-                signals[name] = None if recording is None else recording.baseband
+                signals[name] = recording.baseband
             elif name.startswith("truth_"):
-                signals[name] = made.truth[number].scatterers[name.removeprefix("truth_").rpartition("_")[0]]
+                variable = name.removeprefix("truth_").rpartition("_")[0]
+                signals[name] = recording.truth[number].scatterers[variable]
             else:
                 signals[name] = getattr(result, name, None)
         found_rows.append((row, stored_arrays(fields, signals)))
     return found_rows
-
-
-def _simulate(
-    example: ExampleSpec, fields: Sequence[FieldSpec], folder: Path, gate: str
-) -> tuple[FusedExample, Sequence[Result | None], Recording | None]:
-    """Truth, one result per row, and the recording where it had to be made."""
-    if gate == "truth":
-        made = run_example(example.run, folder=folder, gate_error_m=example.gate_error_m)
-        if all(field.name != "baseband" for field in fields):
-            return made, made.results, None
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DoppelgaitWarning)  # already known from the fused path
-            return made, made.results, run_simulation(example.run, folder=folder, angles=False)
-    recording = run_simulation(example.run, folder=folder, angles=False)
-    tracked = analyze(recording, gate="track", analysis=example.run.analysis)
-    n_pulses = recording.n_pulses
-    made = FusedExample(tracked, recording.truth, n_pulses, recording.noise_power_v2, recording.snr_frame_db)
-    if example.rows[0].source == "none" and len(example.rows) == 1:
-        return made, strongest_track(tracked), recording
-    seconds = n_pulses / example.run.radar.prf_hz
-    return made, match_tracks(tracked, recording.truth, seconds), recording

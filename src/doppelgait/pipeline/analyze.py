@@ -5,16 +5,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+import xarray as xr
+
 from doppelgait import processing
 from doppelgait.core.errors import AnalysisError
 from doppelgait.pipeline.result import Result
-from doppelgait.pipeline.target import analyze_gated, analyze_signature
+from doppelgait.pipeline.target import analyze_signature
 from doppelgait.pipeline.tracked import Tracking, track_targets
 from doppelgait.processing import Analysis, Gate
+from doppelgait.processing.clutter import remove_from_planes
 from doppelgait.processing.gate import GateChoice
+from doppelgait.processing.signature import cut_out, signature_of_planes
 from doppelgait.radar.recording import Recording
 
-__all__ = ["Result", "analyze", "analyze_signature", "flag_overlaps"]
+__all__ = ["Result", "analyze", "analyze_signature", "flag_overlaps", "gated_signatures"]
 
 
 def analyze(
@@ -51,25 +56,24 @@ def analyze(
     settings = (analysis or Analysis()).resolved(gate)
     if isinstance(gate, str) and gate == "track":
         return flag_overlaps(track_targets(recording, settings, tracking or Tracking()))
-    baseband = processing.remove_clutter(recording.baseband, settings)
-    wavelength_m = recording.radar.wavelength_m
-    if isinstance(gate, tuple):
-        gate = Gate.fixed(*gate, time_s=recording.slow_time_s, range_m=recording.range_m)
-    if isinstance(gate, Gate):
-        return [analyze_gated(baseband, wavelength_m, gate, settings, None)]
-    _check_source(recording, gate)
-    gates = [
-        Gate.from_truth(truth, recording.slow_time_s, settings, wavelength_m=wavelength_m, error_m=gate_error_m)
-        for truth in recording.truth
-    ]
+    gates, labels = _choose_gates(recording, gate, settings, gate_error_m)
+    signatures = gated_signatures(recording, gates, settings)
     results = [
-        analyze_gated(baseband, wavelength_m, gate, settings, truth.label or None)
-        for gate, truth in zip(gates, recording.truth, strict=True)
+        analyze_signature(mu, gate, settings, label=label)
+        for mu, gate, label in zip(signatures, gates, labels, strict=True)
     ]
     return flag_overlaps(results)
 
 
-def _check_source(recording: Recording, gate: str) -> None:
+def _choose_gates(
+    recording: Recording, gate: str | tuple[float, float] | Gate, analysis: Analysis, error_m: float
+) -> tuple[list[Gate], list[str | None]]:
+    """Gates that do not need tracking, and the labels of their targets."""
+    slow_time_s, wavelength_m = recording.slow_time_s, recording.radar.wavelength_m
+    if isinstance(gate, tuple):
+        gate = Gate.fixed(*gate, time_s=slow_time_s, range_m=recording.range_m)
+    if isinstance(gate, Gate):
+        return [gate], [None]
     if gate != "truth":
         raise AnalysisError(f"gate {gate!r} is not known; allowed are 'track', 'truth', two ranges or a Gate")
     if not recording.truth:
@@ -77,6 +81,30 @@ def _check_source(recording: Recording, gate: str) -> None:
             f"{recording.source}: has no truth, so --gate truth is not possible; take --gate track, or give the range, "
             "--gate 1.2:2.8"
         )
+    gates = [
+        Gate.from_truth(truth, slow_time_s, analysis, wavelength_m=wavelength_m, error_m=error_m)
+        for truth in recording.truth
+    ]
+    return gates, [truth.label or None for truth in recording.truth]
+
+
+def gated_signatures(recording: Recording, gates: Sequence[Gate], analysis: Analysis) -> list[xr.DataArray]:
+    """Micro-Doppler signatures of several gates, static clutter removed; reads what the gates need and no more."""
+    wavelength_m = recording.radar.wavelength_m
+    if "burst_pulses" in recording.facts:
+        clean = processing.remove_clutter(recording.baseband, analysis)
+        return [processing.burst_signature(clean, gate, analysis, wavelength_m=wavelength_m) for gate in gates]
+    cuts = [
+        cut_out(gate, recording.slow_time_s, recording.range_m, analysis, bin_share=recording.independent_bin_share)
+        for gate in gates
+    ]
+    spans = np.stack([cut.needed_pulses() for cut in cuts])
+    spans = np.stack([spans[:, :, 0].min(axis=0), spans[:, :, 1].max(axis=0)], axis=1)
+    if analysis.clutter != "none":  # looks at the whole recording
+        spans[spans[:, 0] < spans[:, 1]] = (0, recording.n_pulses)
+    planes, first_bin = recording.samples.read(spans, cuts[0].margin_pulses)
+    planes = remove_from_planes(planes, recording.n_pulses, analysis, prf_hz=cuts[0].prf_hz)
+    return [signature_of_planes(planes[0], planes[1], first_bin, cut, wavelength_m=wavelength_m) for cut in cuts]
 
 
 def flag_overlaps(results: Sequence[Result]) -> list[Result]:

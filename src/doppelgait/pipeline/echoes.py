@@ -107,7 +107,9 @@ def received(
     return scatterers, tracks
 
 
-def of_targets(scatterers: xr.Dataset) -> xr.Dataset:
-    """Rows of the table that belong to a target: no ghosts, no background movers."""
+def split_targets(scatterers: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset | None]:
+    """Rows of the table that belong to targets, and the ghosts and background movers, if there are any."""
     own = axis(scatterers, "target") >= 0
-    return scatterers if own.all() else scatterers.isel(scatterer=np.flatnonzero(own))
+    if own.all():
+        return scatterers, None
+    return tuple(scatterers.isel(scatterer=np.flatnonzero(rows)) for rows in (own, ~own))  # type: ignore[return-value]

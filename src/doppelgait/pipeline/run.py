@@ -13,7 +13,6 @@ from doppelgait.core.config import FrozenModel, apply_overrides, line_note, read
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.rng import Streams
 from doppelgait.pipeline.echoes import Conditions, Noise
-from doppelgait.pipeline.fused import FusedExample, can_fuse, run_fused, run_steps
 from doppelgait.pipeline.simulate import simulate, with_lowest_prf
 from doppelgait.processing import Analysis
 from doppelgait.radar.impairments import Impairments
@@ -143,25 +142,6 @@ def run_simulation(spec: RunSpec, *, folder: Path | None = None, angles: bool = 
     scene, radar, streams, conditions = _inputs(spec, folder)
     recording = simulate(scene, radar, angles=angles, rng=streams, conditions=conditions)
     return replace(recording, seed=spec.seed)
-
-
-def run_example(spec: RunSpec, *, folder: Path | None = None, gate_error_m: float = 0.0) -> FusedExample:
-    """Simulate and analyse what a specification describes, in its truth gates.
-
-    Where it can be, without making the data matrix (:mod:`doppelgait.pipeline.fused`).
-
-    Parameters
-    ----------
-    spec : RunSpec
-    folder : Path, optional
-        Folder that relative motion paths start from.
-    gate_error_m : float
-        Range error of the gates.
-    """
-    scene, radar, streams, conditions = _inputs(spec, folder)
-    if not can_fuse(scene, radar, spec.analysis, conditions):
-        return run_steps(scene, radar, spec.analysis, gate_error_m=gate_error_m, rng=streams, conditions=conditions)
-    return run_fused(scene, radar, spec.analysis, gate_error_m=gate_error_m, rng=streams, noise=conditions.noise)
 
 
 def _inputs(spec: RunSpec, folder: Path | None) -> tuple[Scene, Radar, Streams, Conditions]:

@@ -15,19 +15,17 @@ from doppelgait.core.rng import Streams
 from doppelgait.core.units import duration_to_pulses, slow_time_axis_s
 from doppelgait.motion.motion import FREQUENCIES, Motion
 from doppelgait.motion.retime import travel_speed_mps
-from doppelgait.pipeline.echoes import Conditions, of_targets, received
+from doppelgait.pipeline.echoes import Conditions, received, split_targets
 from doppelgait.radar.impairments import ThermalNoise, apply_impairments, noise_power_per_sample_v2
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording, TargetTruth
 from doppelgait.radar.simulate import (
-    compress,
+    compress_samples,
+    draw_key,
     frame_power_v2,
-    label_baseband,
     lowest_prf_hz,
     noise_level_v2,
-    noisy,
     snr_frame_db,
-    synthesise_samples,
     warn_of_limits,
 )
 from doppelgait.scene import LineOfSight, Scene, assemble, body_at
@@ -83,38 +81,30 @@ def simulate(
     DoppelgaitWarning
         If a scatterer aliases in Doppler or leaves the frame.
     """
-    if rng is not None and not isinstance(rng, Streams):
-        raise ConfigError(f"rng: {type(rng).__name__} is not allowed; pass rng=doppelgait.rng(SEED)")
     given = conditions or Conditions()
-    noiseless = rng is None or (snr_db is None and given.noise.kind == "none")
-    if snr_db is None and given.noise.kind == "snr":
-        snr_db = given.noise.snr_db
-    slow_time_s = pulse_times_s(scene, radar, rng=rng, snr_db=snr_db)
-    if given.impairments and rng is None:
-        raise ConfigError("impairments draw random numbers: pass rng=doppelgait.rng(SEED)")
-    if snr_db is not None and given.has_impairment("thermal_noise"):
-        raise ConfigError(
-            f"snr_db = {snr_db:g} and an impairment thermal_noise both set the noise level: leave one out"
-        )
+    slow_time_s = pulse_times_s(scene, radar)
+    snr_db = _check_noise(given, rng=rng, snr_db=snr_db)
     scatterers, tracks = received(scene, radar, slow_time_s, given, angles=angles, streams=rng)
     warn_of_limits(scatterers, radar)
-    samples = synthesise_samples(scatterers, radar)
-    signal_v2 = _signal_v2(scatterers, samples, radar)
-    noise_v2 = 0.0 if noiseless else noise_level_v2(radar, signal_v2, snr_db)
-    own_noise = [spec for spec in given.impairments if isinstance(spec, ThermalNoise)]
-    if own_noise:
-        noise_v2 = sum(noise_power_per_sample_v2(s, radar) for s in own_noise) * radar.waveform.noise_gain(radar)
-    elif rng is not None and noise_v2 > 0:
-        power_v2 = noise_v2 / radar.waveform.noise_gain(radar)
-        samples = noisy(samples, noise_power_v2=power_v2, rng=rng.generator("noise"))
-    if given.impairments and rng is not None:
+    of_targets, others = split_targets(scatterers)
+    samples = radar.waveform.synthesise_planes(of_targets, radar)
+    signal_v2 = frame_power_v2(compress_samples(samples, radar))
+    if others is not None:
+        samples += radar.waveform.synthesise_planes(others, radar)
+    noise_v2 = _noise_v2(given, radar, signal_v2, rng=rng, snr_db=snr_db)
+    if rng is not None:
+        if noise_v2 > 0 and not given.has_impairment("thermal_noise"):
+            power_v2 = noise_v2 / radar.waveform.noise_gain(radar)
+            samples = samples.with_noise(draw_key(rng.generator("noise")), power_v2)
         _, impairments_rng = rng.generator("impairments").spawn(2)
         samples = apply_impairments(samples, given.impairments, radar=radar, rng=impairments_rng)
-    drawn = slow_time_s[:: math.ceil(radar.prf_hz / BODY_RATE_HZ)] if angles else None
-    return Recording.from_baseband(
-        label_baseband(compress(samples, radar), slow_time_s, radar),
+    shown_s = slow_time_s[:: math.ceil(radar.prf_hz / BODY_RATE_HZ)] if angles else None
+    return Recording(
+        compress_samples(samples, radar),
         radar,
-        truth=[target_truth(scene, n, scatterers, track, drawn_s=drawn) for n, track in enumerate(tracks)],
+        slow_time_s,
+        radar.range_axis_m(),
+        truth=[target_truth(scene, n, scatterers, track, shown_s=shown_s) for n, track in enumerate(tracks)],
         noise_power_v2=noise_v2,
         snr_frame_db=snr_frame_db(signal_v2, noise_v2),
         source="simulation",
@@ -124,18 +114,37 @@ def simulate(
     )
 
 
-def _signal_v2(scatterers: xr.Dataset, samples: npt.NDArray[np.complex64], radar: Radar) -> float:
-    """Signal level of SNR_frame, V^2: of the targets' echoes alone."""
-    own = of_targets(scatterers)
-    if own.sizes["scatterer"] == 0:
-        return 0.0
-    return frame_power_v2(compress(samples if own is scatterers else synthesise_samples(own, radar), radar))
-
-
-def pulse_times_s(scene: Scene, radar: Radar, *, rng: Streams | None, snr_db: float | None) -> npt.NDArray[np.float64]:
-    """Pulse times of a scene; a :class:`ConfigError` where the scene is too short or noise has no source."""
+def _check_noise(conditions: Conditions, *, rng: Streams | None, snr_db: float | None) -> float | None:
+    """Wanted SNR_frame; a :class:`ConfigError` where something random has no source or the noise two levels."""
+    if rng is not None and not isinstance(rng, Streams):
+        raise ConfigError(f"rng: {type(rng).__name__} is not allowed; pass rng=doppelgait.rng(SEED)")
+    if snr_db is None and conditions.noise.kind == "snr":
+        snr_db = conditions.noise.snr_db
     if snr_db is not None and rng is None and not math.isinf(snr_db):
         raise ConfigError(f"snr_db = {snr_db} asks for noise, which needs rng: pass rng=doppelgait.rng(SEED)")
+    if conditions.impairments and rng is None:
+        raise ConfigError("impairments draw random numbers: pass rng=doppelgait.rng(SEED)")
+    if snr_db is not None and conditions.has_impairment("thermal_noise"):
+        raise ConfigError(
+            f"snr_db = {snr_db:g} and an impairment thermal_noise both set the noise level: leave one out"
+        )
+    return snr_db
+
+
+def _noise_v2(
+    conditions: Conditions, radar: Radar, signal_v2: float, *, rng: Streams | None, snr_db: float | None
+) -> float:
+    """Mean square of the receiver noise in a range bin, V^2."""
+    own = [spec for spec in conditions.impairments if isinstance(spec, ThermalNoise)]
+    if own:
+        return sum(noise_power_per_sample_v2(spec, radar) for spec in own) * radar.waveform.noise_gain(radar)
+    if rng is None or (snr_db is None and conditions.noise.kind == "none"):
+        return 0.0
+    return noise_level_v2(radar, signal_v2, snr_db)
+
+
+def pulse_times_s(scene: Scene, radar: Radar) -> npt.NDArray[np.float64]:
+    """Pulse times of a scene; a :class:`ConfigError` where the scene is too short or too large."""
     slow_time_s = slow_time_axis_s(duration_to_pulses(scene.observation_s, radar.prf_hz), radar.prf_hz)
     if slow_time_s.size < 2:
         raise ConfigError(
@@ -151,11 +160,11 @@ def pulse_times_s(scene: Scene, radar: Radar, *, rng: Streams | None, snr_db: fl
 
 def target_truth(
     scene: Scene, number: int, scatterers: xr.Dataset, centre: LineOfSight,
-    *, drawn_s: npt.NDArray[np.float64] | None = None,
+    *, shown_s: npt.NDArray[np.float64] | None = None,
 ) -> TargetTruth:  # fmt: skip
     """Truth of one target of a scene, from the same geometry that the radar sees; frequencies over the observation.
 
-    Its body is there at the times ``drawn_s``, if they are given.
+    Its body is there at the times ``shown_s``, if they are given.
     """
     target = scene.observed_targets[number]
     own = axis(scatterers, "target") == number
@@ -174,7 +183,7 @@ def target_truth(
         motion=facts.source,
         height_m=facts.height_m,
         **_observed_frequencies_hz(motion, scene.observation_s),
-        body=None if drawn_s is None else body_at(target, scene, drawn_s),
+        body=None if shown_s is None else body_at(target, scene, shown_s),
     )
 
 

@@ -11,7 +11,7 @@ import xarray as xr
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, axis, check_signal, sampling_rate_hz
-from doppelgait.processing.common_phase import block_means
+from doppelgait.core.samples import Planes, Samples
 from doppelgait.processing.config import Analysis
 from doppelgait.processing.gate import Gate
 
@@ -88,30 +88,45 @@ def without_clutter(
     check_signal(baseband, BASEBAND)
     if kind == "none":
         return baseband
-    values = baseband.values
-    if kind == "mean":
-        return baseband.copy(data=values - values.mean(axis=0, dtype=np.complex128).astype(np.complex64))
     prf_hz = sampling_rate_hz(axis(baseband, "slow_time"))
+    planes = Samples(baseband.values).planes
+    cleaned = _clean_planes(planes, kind, prf_hz=prf_hz, time_s=time_s, cutoff_hz=cutoff_hz)
+    return baseband.copy(data=Samples.from_planes(cleaned, baseband.shape[0]).matrix)
+
+
+def remove_from_planes(planes: Planes, n_pulses: int, analysis: Analysis, *, prf_hz: float) -> Planes:
+    """Planes (2, bins, n_pulses or more) less static clutter, by ``analysis.clutter``; see :func:`without_clutter`."""
+    if analysis.clutter == "none":
+        return planes
+    return _clean_planes(planes[:, :, :n_pulses], analysis.clutter, prf_hz=prf_hz, time_s=analysis.clutter_time_s)
+
+
+def _clean_planes(
+    planes: Planes, kind: ClutterKind, *, prf_hz: float, time_s: float, cutoff_hz: float = MTI_CUTOFF_HZ
+) -> Planes:
+    if kind == "mean":
+        return np.asarray(planes - planes.mean(axis=-1, dtype=np.float64, keepdims=True).astype(np.float32))
     if kind == "median":
-        return baseband.copy(data=_without_median(values, MEDIAN_BLOCK_S * prf_hz))
+        means = block_means(planes, min(max(round(MEDIAN_BLOCK_S * prf_hz), 1), planes.shape[-1]))
+        return np.asarray(planes - np.median(means, axis=-1, keepdims=True).astype(np.float32))
+    from scipy.signal import lfilter, sosfilt, sosfilt_zi
+
     if kind == "exponential":
-        return baseband.copy(data=_without_running_mean(values, time_s * prf_hz))
-    return baseband.copy(data=_high_pass(values, _mti_sections(cutoff_hz, prf_hz), prf_hz / cutoff_hz))
+        alpha = -math.expm1(-1.0 / (time_s * prf_hz))
+        start = planes[..., : max(round(time_s * prf_hz), 1)].mean(axis=-1, dtype=np.float64, keepdims=True)
+        mean, _ = lfilter([alpha], [1.0, alpha - 1.0], planes, axis=-1, zi=(1.0 - alpha) * start)
+        return np.asarray(planes - mean, dtype=np.float32)
+    sections = _mti_sections(cutoff_hz, prf_hz)
+    start = planes[..., : max(round(prf_hz / cutoff_hz), 1)].mean(axis=-1, dtype=np.float64, keepdims=True)
+    state = sosfilt_zi(sections)[:, None, None, :] * start
+    return np.asarray(sosfilt(sections, planes, axis=-1, zi=state)[0], dtype=np.float32)
 
 
-def _without_median(values: Values, pulses: float) -> Values:
-    blocks = block_means(values, min(max(round(pulses), 1), values.shape[0]))
-    static = np.median(blocks.real, axis=0) + 1j * np.median(blocks.imag, axis=0)
-    return np.asarray(values - static.astype(np.complex64))
-
-
-def _without_running_mean(values: Values, pulses: float) -> Values:
-    from scipy.signal import lfilter
-
-    alpha = -math.expm1(-1.0 / pulses)
-    start = values[: max(round(pulses), 1)].mean(axis=0, dtype=np.complex128)
-    mean, _ = lfilter([alpha], [1.0, alpha - 1.0], values, axis=0, zi=(1.0 - alpha) * start[None, :])
-    return np.asarray(values - mean, dtype=np.complex64)
+def block_means(values: npt.NDArray[np.float32], block_pulses: int) -> FloatArray:
+    """Means of real values over whole blocks of pulses along the last axis; a rest shorter than a block is left out."""
+    n_blocks = values.shape[-1] // block_pulses
+    blocks = values[..., : n_blocks * block_pulses].reshape(*values.shape[:-1], n_blocks, block_pulses)
+    return np.asarray(blocks.mean(axis=-1, dtype=np.float64))
 
 
 def _mti_sections(cutoff_hz: float, prf_hz: float) -> FloatArray:
@@ -123,14 +138,6 @@ def _mti_sections(cutoff_hz: float, prf_hz: float) -> FloatArray:
             f"recording has {prf_hz:g}; take 'mean', 'median' or 'exponential'"
         )
     return np.asarray(butter(MTI_ORDER, cutoff_hz, "highpass", fs=prf_hz, output="sos"))
-
-
-def _high_pass(values: npt.NDArray[Any], sections: FloatArray, settle_pulses: float) -> Values:
-    from scipy.signal import sosfilt, sosfilt_zi
-
-    start = values[: max(round(settle_pulses), 1)].mean(axis=0, dtype=np.complex128)
-    state = sosfilt_zi(sections)[:, :, None] * start
-    return np.asarray(sosfilt(sections, values, axis=0, zi=state)[0], dtype=np.complex64)
 
 
 def clutter_gain(

@@ -21,6 +21,7 @@ from doppelgait.core.labels import (
     sampling_rate_hz,
     with_values,
 )
+from doppelgait.core.samples import Samples
 from doppelgait.core.units import doppler_axis_hz, doppler_to_velocity_mps
 from doppelgait.processing.config import Analysis, Transform, lossless_hop, plan_transform
 from doppelgait.processing.gate import Gate, bin_share
@@ -108,14 +109,10 @@ def signature(baseband: xr.DataArray, gate: Gate, analysis: Analysis, *, wavelen
     AnalysisError
         If the gate lies outside the frame all the time.
     """
-    from doppelgait.core.kernels.synthesis import split_planes
-
     check_signal(baseband, BASEBAND)
     cut = cut_out(gate, axis(baseband, "slow_time"), axis(baseband, "range"), analysis, bin_share=bin_share(baseband))
-    bins = cut.span_bins()
-    plane_re, plane_im = np.empty((2, bins.stop - bins.start, cut.n_pulses), dtype=np.float32)
-    split_planes(np.asarray(baseband.values, dtype=np.complex64), bins.start, plane_re, plane_im)
-    return signature_of_planes(plane_re, plane_im, bins.start, cut, wavelength_m=wavelength_m)
+    planes, first_bin = Samples(baseband.values).read(cut.needed_pulses(), cut.margin_pulses)
+    return signature_of_planes(planes[0], planes[1], first_bin, cut, wavelength_m=wavelength_m)
 
 
 @dataclass(frozen=True)
@@ -154,12 +151,20 @@ class Cut:
         """Range bins of the recording, N."""
         return self.range_m.size
 
-    def span_bins(self) -> slice:
-        """Range bins that the gate ever touches; an :class:`AnalysisError` if none."""
-        return self.gate.touched_bins(self.low, self.high, self.range_m)
+    @property
+    def margin_pulses(self) -> int:
+        """Pulses after the needed ones that are read with weight zero, and must be finite."""
+        return self.transform.n_doppler_bins - self.transform.window.size + 2 * self.transform.hop
 
     def needed_pulses(self) -> npt.NDArray[np.int64]:
-        """First and one past the last pulse that the signature may read of every range bin, (N, 2); (I, 0) for none."""
+        """First and one past the last pulse that the signature may read of every range bin, (N, 2); (I, 0) for none.
+
+        Raises
+        ------
+        AnalysisError
+            If the gate lies outside the frame all the time.
+        """
+        self.gate.touched_bins(self.low, self.high, self.range_m)
         columns = np.arange(0, self.time_s.size, NEED_BLOCK)
         first = np.maximum(np.floor(np.minimum.reduceat(self.low, columns) - 0.5).astype(int) + 1, 0)
         stop = np.minimum(np.ceil(np.maximum.reduceat(self.high, columns) + 0.5).astype(int), self.n_bins)
@@ -196,7 +201,7 @@ def signature_of_planes(
     Parameters
     ----------
     plane_re, plane_im : ndarray, shape (bins, I or more), float32, C-contiguous
-        Rows are range bins ``first_bin`` and up; at least those of :meth:`Cut.span_bins`.
+        Rows are range bins ``first_bin`` and up; at least those of :meth:`Cut.needed_pulses`.
     first_bin : int
     cut : Cut
     wavelength_m : float

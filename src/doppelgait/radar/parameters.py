@@ -18,6 +18,7 @@ from pydantic import BeforeValidator, Field, PlainSerializer, SerializationInfo,
 from doppelgait.core.config import FrozenModel, validate
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.plugins import Group
+from doppelgait.core.samples import Matrix, Samples
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS, carrier_to_wavelength_m, unambiguous_velocity_mps
 from doppelgait.radar.antenna import Antenna
 from doppelgait.radar.presets import changed_preset
@@ -41,8 +42,6 @@ OPTIONAL = {
     "pulse_rate_hz": None,
 }
 """Parameters of a radar that not every waveform uses, and the values that count as not given."""
-
-Samples = npt.NDArray[np.complex64]
 
 
 class Waveform(FrozenModel):
@@ -78,11 +77,15 @@ class Waveform(FrozenModel):
     def check(self, radar: Radar) -> None:
         """Refuse a radar that this waveform cannot have (``ValueError``)."""
 
-    def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Samples:
+    def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
         """Noise-free receiver samples, V, shape (I, S)."""
         raise NotImplementedError(f"waveform {self.kind!r} has no method synthesise")
 
-    def compress(self, samples: npt.NDArray[Any], radar: Radar) -> Samples:
+    def synthesise_planes(self, scatterers: xr.Dataset, radar: Radar) -> Samples:
+        """The samples of :meth:`synthesise` in the layout that is made fastest; what :func:`simulate` calls."""
+        return Samples.own(self.synthesise(scatterers, radar))
+
+    def compress(self, samples: npt.NDArray[Any], radar: Radar) -> Matrix:
         """Range bins of receiver samples, V, shape (I, N).
 
         A point echo in the middle of a bin keeps its amplitude a and has the phase theta - 4 pi R / lambda.

@@ -11,6 +11,7 @@ import xarray as xr
 
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.labels import BASEBAND, axis, make_array
+from doppelgait.core.samples import Samples
 from doppelgait.core.units import velocity_to_doppler_hz
 from doppelgait.radar.limits import warn_of_limits
 from doppelgait.radar.link import noise_power_v2, scatterer_arrays
@@ -18,8 +19,8 @@ from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import baseband_facts
 
 __all__ = [
-    "add_noise", "compress", "frame_power_v2", "label_baseband", "lowest_prf_hz", "noise_level_v2", "noisy",
-    "scatterer_arrays", "snr_frame_db", "synthesise", "synthesise_samples", "warn_of_limits",
+    "add_noise", "compress", "compress_samples", "draw_key", "frame_power_v2", "label_baseband", "lowest_prf_hz",
+    "noise_level_v2", "noisy", "scatterer_arrays", "snr_frame_db", "synthesise", "synthesise_samples", "warn_of_limits",
 ]  # fmt: skip
 
 
@@ -61,12 +62,12 @@ def synthesise_samples(scatterers: xr.Dataset, radar: Radar) -> npt.NDArray[np.c
     return radar.waveform.synthesise(scatterers, radar)
 
 
-def compress(samples: npt.NDArray[Any], radar: Radar) -> npt.NDArray[np.complex64]:
+def compress(samples: Samples | npt.NDArray[Any], radar: Radar) -> npt.NDArray[np.complex64]:
     """Range bins of receiver samples: window and transform for fmcw and stepped, else the samples themselves.
 
     Parameters
     ----------
-    samples : ndarray, shape (I, S), complex
+    samples : Samples or ndarray, shape (I, S), complex
         V.
     radar : Radar
 
@@ -81,7 +82,7 @@ def compress(samples: npt.NDArray[Any], radar: Radar) -> npt.NDArray[np.complex6
     AnalysisError
         If there are not as many samples in a row as the radar takes.
     """
-    waveform = radar.waveform
+    waveform, samples = radar.waveform, np.asarray(samples)
     if samples.ndim != 2 or samples.shape[1] != waveform.n_samples(radar):
         raise AnalysisError(
             f"receiver samples have the shape {samples.shape}; a radar of waveform {radar.waveform.kind!r} with these "
@@ -96,6 +97,11 @@ def label_baseband(values: Any, slow_time_s: Any, radar: Radar) -> xr.DataArray:
     return make_array(BASEBAND, values, coords, baseband_facts(radar))
 
 
+def draw_key(rng: np.random.Generator) -> np.uint64:
+    """Key of one noise, one draw of a generator."""
+    return np.uint64(rng.integers(0, 2**64, dtype=np.uint64))
+
+
 def add_noise(baseband: xr.DataArray, *, noise_power_v2: float, rng: np.random.Generator) -> xr.DataArray:
     """Baseband with complex white Gaussian receiver noise of mean square ``noise_power_v2`` in every bin (E-18).
 
@@ -106,16 +112,28 @@ def add_noise(baseband: xr.DataArray, *, noise_power_v2: float, rng: np.random.G
 
 def noisy(samples: npt.NDArray[Any], *, noise_power_v2: float, rng: np.random.Generator) -> npt.NDArray[np.complex64]:
     """Receiver samples or range bins with noise, as :func:`add_noise`; a new array."""
-    from doppelgait.core.kernels.noise import add_noise_matrix, draw_key
+    from doppelgait.core.kernels.noise import add_noise_matrix
 
     result = np.array(samples, dtype=np.result_type(samples.dtype, np.complex64), order="C")
     add_noise_matrix(result, draw_key(rng), float(np.sqrt(noise_power_v2)))
     return result
 
 
-def frame_power_v2(bins: npt.NDArray[Any]) -> float:
-    """Signal level of SNR_frame: time mean of the strongest bin's |y|^2, V^2; of an (I, N) data matrix."""
-    return float((bins.real**2 + bins.imag**2).max(axis=1).mean(dtype=np.float64))
+def compress_samples(samples: Samples, radar: Radar) -> Samples:
+    """Range bins of receiver samples, as :func:`compress`; the samples themselves where they are the range bins."""
+    return samples if radar.waveform.samples_are_bins else Samples.own(compress(samples.matrix, radar))
+
+
+def frame_power_v2(bins: Samples) -> float:
+    """Signal level of SNR_frame: time mean of the strongest bin's |y|^2, V^2."""
+    from doppelgait.core.kernels.planes import strongest_power
+
+    if 0 in bins.shape:
+        return 0.0
+    strongest = np.empty(bins.shape[0], dtype=np.float32)
+    plane_re, plane_im = bins.planes
+    strongest_power(plane_re, plane_im, strongest)
+    return float(strongest.mean(dtype=np.float64))
 
 
 def noise_level_v2(radar: Radar, signal_v2: float, snr_db: float | None) -> float:

@@ -6,6 +6,7 @@ Each check raises an ``AssertionError`` that names the plug-in and the broken ru
 from __future__ import annotations
 
 import math
+import warnings
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy.typing as npt
 if TYPE_CHECKING:
     import xarray as xr
 
+    from doppelgait.core.config import FrozenModel
     from doppelgait.dataset import Dataset
     from doppelgait.radar.parameters import Radar
 
@@ -176,6 +178,67 @@ def _check_noise_gain(name: str, radar: Radar) -> None:
     gain = float((np.abs(waveform.compress(noise, radar)) ** 2).mean()) / 2.0
     wanted = waveform.noise_gain(radar)
     require(abs(gain - wanted) < 0.1 * wanted, f"{name}: noise_gain is {wanted:.4g}, measured {gain:.4g}")
+
+
+def check_impairment(parameters: FrozenModel, radar: Radar, *, n_pulses: int = 64, seed: int = 0) -> None:
+    """Check that an impairment keeps the contract of :class:`doppelgait.radar.impairments.Apply`.
+
+    Parameters
+    ----------
+    parameters : FrozenModel
+        Parameters of the impairment.
+    radar : Radar
+        A radar that it suits.
+    n_pulses : int
+        Pulses to try it on.
+    seed : int
+        Of the samples and of what the impairment draws.
+
+    Raises
+    ------
+    AssertionError
+        If a rule is broken: registration, round trip through JSON, shape, finite values, the same result for the same
+        random numbers and in both layouts of the samples, an input that stays as it is unless its memory is given away,
+        pulse times that rise.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> dg.testing.check_impairment(dg.radar.impairments.DcLeak(), dg.Radar.preset("x4"))
+    """
+    from doppelgait.core.errors import DoppelgaitWarning
+    from doppelgait.core.samples import Samples
+    from doppelgait.radar.impairments import IMPAIRMENTS, apply_impairments, pulse_times
+
+    kind = getattr(parameters, "kind", None)
+    name = f"impairment {kind!r}"
+    require(kind in IMPAIRMENTS, f"{name} is not registered; known are {', '.join(IMPAIRMENTS)}")
+    model = IMPAIRMENTS[str(kind)].parameters
+    require(model is not None and isinstance(parameters, model), f"{name} takes {model}, not {type(parameters)}")
+    again = IMPAIRMENTS.parse(parameters.model_dump(mode="json"))
+    require(again == parameters, f"{name}: the parameters are others after JSON")
+
+    generator = np.random.default_rng([seed, 1])
+    shape = (n_pulses, radar.waveform.n_samples(radar))
+    matrix = (generator.standard_normal(shape) + 1j * generator.standard_normal(shape)).astype(np.complex64)
+    planes = np.ascontiguousarray(np.stack([matrix.real.T, matrix.imag.T]))
+
+    def run(samples: Samples) -> npt.NDArray[np.complex64]:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DoppelgaitWarning)
+            return apply_impairments(samples, [parameters], radar=radar, rng=np.random.default_rng(seed)).matrix
+
+    kept = matrix.copy()
+    found = run(Samples(matrix))
+    require(np.array_equal(matrix, kept), f"{name} changes samples that are not its own: use samples = samples + ...")
+    require(np.isfinite(found).all(), f"{name} makes values that are not finite")
+    same = run(Samples(matrix))
+    require(np.array_equal(found, same), f"{name} is another one for the same rng: take all random numbers from rng")
+    other = run(Samples.from_planes(planes, n_pulses))
+    _check_close(other, found, f"{name} differs between the two layouts of the samples", rtol=1e-5)
+    nominal_s = np.arange(n_pulses) / radar.prf_hz
+    times_s = pulse_times(nominal_s, [parameters], radar=radar, rng=np.random.default_rng(seed))
+    require(times_s.shape == nominal_s.shape and (np.diff(times_s) >= 0).all(), f"{name}: pulse times do not rise")
 
 
 def check_classifier(name: str, *, seed: int = 0) -> None:

@@ -192,6 +192,7 @@ def copy_noise_spans(
     first_bin: int,
     key: int | np.uint64,
     rms: float,
+    margin: int,
     plane_re: Float32Array,
     plane_im: Float32Array,
 ) -> None:
@@ -206,6 +207,8 @@ def copy_noise_spans(
         Bin of row 0.
     key, rms
         As for :func:`add_noise_block`.
+    margin : int
+        So many frames after each span are copied too, without noise.
     plane_re, plane_im : ndarray, shape of the source, float32
         Overwritten within the spans; may be the source.
     """
@@ -215,9 +218,10 @@ def copy_noise_spans(
         end = min(row + 2 - (first_bin + row) % 2, n_bins)  # up to the end of the pair that shares random words
         begin, stop = spans[row:end, 0].min(), spans[row:end, 1].max()
         if begin < stop:
+            copied = min(stop + margin, plane_re.shape[1])
             for n in range(row, end):
-                plane_re[n, begin:stop] = source_re[n, begin:stop]
-                plane_im[n, begin:stop] = source_im[n, begin:stop]
+                plane_re[n, begin:copied] = source_re[n, begin:copied]
+                plane_im[n, begin:copied] = source_im[n, begin:copied]
             add_noise_block(plane_re[row:end], plane_im[row:end], begin, stop, first_bin + row, begin, key, rms)
         row = end
 

@@ -52,7 +52,7 @@ def _exp2(x: np.float32) -> np.float32:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _describe(range_m, amplitude, geometry, reach, echo):  # type: ignore[no-untyped-def]
+def _describe(range_m, amplitude, extra_turns, geometry, reach, echo):  # type: ignore[no-untyped-def]
     """Place in bins and complex amplitude of one scatterer's echo in all lanes; the first and last bin it reaches.
 
     Turns are reduced in float64 to at most a quarter, the half turn left over is a sign.
@@ -68,7 +68,7 @@ def _describe(range_m, amplitude, geometry, reach, echo):  # type: ignore[no-unt
         within = min(max(place, -1e9), 1e9)  # so that far scatterers fit an int32
         first = min(first, np.int32(np.ceil(within - reach)))
         last = max(last, np.int32(np.floor(within + reach)))
-        turns = first_turn - turns_per_m * range_m[lane]
+        turns = first_turn - turns_per_m * range_m[lane] + extra_turns[lane]
         turns -= np.rint(turns)
         halves = np.rint(2.0 * turns)
         v = np.float32(turns - 0.5 * halves)
@@ -99,7 +99,7 @@ def _add(echo, first, stop, exponent, cut, start, stride, re, im):  # type: igno
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _load(range_m, amplitude, first_frame, ranges, amplitudes):  # type: ignore[no-untyped-def]
+def _load(range_m, amplitude, first_frame, ranges, amplitudes, extra_turns, extra):  # type: ignore[no-untyped-def]
     """Transpose one block of frames to (scatterer, lane); frames outside the record are silent."""
     n_frames, n_scatterers = range_m.shape
     for lane in range(LANES):
@@ -108,6 +108,8 @@ def _load(range_m, amplitude, first_frame, ranges, amplitudes):  # type: ignore[
         for scatterer in range(n_scatterers):
             ranges[scatterer, lane] = range_m[frame, scatterer]
             amplitudes[scatterer, lane] = amplitude[frame, scatterer] if wanted == frame else 0.0
+            if extra_turns is not None:
+                extra[scatterer, lane] = extra_turns[frame, scatterer]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -123,6 +125,7 @@ def echo_planes(
     first_bin: int,
     plane_re: Float32Array,
     plane_im: Float32Array,
+    extra_turns: Float64Array | None = None,
 ) -> tuple[int, int]:
     r"""Write the echoes of all scatterers into a tile of the data matrix, slow time contiguous.
 
@@ -148,6 +151,8 @@ def echo_planes(
     plane_re, plane_im : ndarray, shape (bins, frames), float32, C-contiguous
         The tile, overwritten; the number of frames is a multiple of LANES. Rows of a multiple of 4 KiB (1024 frames)
         fall on the same cache lines and can take three times as long; 992 or 1056 frames do not.
+    extra_turns : ndarray, shape (I, L), float64, optional
+        Further phase of every scatterer in every frame, in turns.
 
     Returns
     -------
@@ -165,6 +170,7 @@ def echo_planes(
     exponent = np.float32(-0.5 / (math.log(2.0) * sigma * sigma))
     ranges = np.empty((n_scatterers, LANES))
     amplitudes = np.empty((n_scatterers, LANES))
+    extra = np.zeros((n_scatterers, LANES))
     echo = np.empty(4 * LANES, dtype=np.float32)
     re = plane_re.reshape(-1)
     im = plane_im.reshape(-1)
@@ -173,9 +179,9 @@ def echo_planes(
     lowest = n_bins
     highest = 0
     for column in range(0, n_frames, LANES):
-        _load(range_m, amplitude, first_frame + column, ranges, amplitudes)
+        _load(range_m, amplitude, first_frame + column, ranges, amplitudes, extra_turns, extra)
         for scatterer in range(n_scatterers):
-            first, last = _describe(ranges[scatterer], amplitudes[scatterer], geometry, reach, echo)
+            first, last = _describe(ranges[scatterer], amplitudes[scatterer], extra[scatterer], geometry, reach, echo)
             first = max(first - first_bin, 0)
             stop = min(last + 1 - first_bin, n_bins)
             if first < stop:
@@ -227,6 +233,7 @@ def add_echoes(
     wavelength_m: float,
     phase_rad: float,
     out: npt.NDArray[np.complex64],
+    extra_turns: Float64Array | None = None,
 ) -> None:
     """Write the echoes of all scatterers into the whole data matrix, by tiles of :func:`echo_planes`.
 
@@ -236,6 +243,8 @@ def add_echoes(
         As for :func:`echo_planes`.
     out : ndarray, shape (I, N), complex64, C-contiguous
         Overwritten.
+    extra_turns
+        As for :func:`echo_planes`.
     """
     n_frames, n_bins = out.shape
     re = np.empty((n_bins, LANES), dtype=np.float32)
@@ -253,6 +262,7 @@ def add_echoes(
             0,
             re,
             im,
+            extra_turns,
         )
         join_planes(re, im, lowest, highest, out[frame : min(frame + LANES, n_frames)])
 

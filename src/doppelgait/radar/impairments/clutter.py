@@ -11,10 +11,11 @@ import numpy.typing as npt
 from pydantic import Field, field_validator, model_validator
 
 from doppelgait.core.config import FrozenModel
+from doppelgait.core.plugins import plugin
+from doppelgait.core.samples import Samples
 from doppelgait.core.units import db_to_amplitude, dbm_to_watt, watt_to_volt
-from doppelgait.radar.impairments.levels import level_to_volt, static_samples, volts_per_unit
-from doppelgait.radar.impairments.registry import IMPAIRMENTS, Impairment, Samples
-from doppelgait.radar.impairments.waveform import check_width, echo_energy_m
+from doppelgait.radar.impairments.apply import check_width, level_to_volt, static_samples, volts_per_unit
+from doppelgait.radar.link import echo_amplitude_v
 from doppelgait.radar.parameters import Radar
 
 CELLS_BEYOND = 3
@@ -73,13 +74,14 @@ def leakage_v(spec: Leakage, radar: Radar) -> float:
     return sent_v * float(db_to_amplitude(radar.receiver_gain_db - loss_db))
 
 
-def add_leakage(samples: Samples, spec: Leakage, /, *, radar: Radar, rng: np.random.Generator) -> Samples:
-    """Samples with the direct path added to every pulse."""
-    del rng
+@plugin("impairment", parameters=Leakage)
+def add_leakage(samples: Samples, parameters: Leakage, radar: Radar, rng: np.random.Generator) -> Samples:
+    """Add the direct path to every pulse."""
     check_width(samples, radar)
-    row = static_samples(np.array([[spec.delay_m]]), np.array([[leakage_v(spec, radar)]]), radar)
-    phase_rad = math.radians(spec.phase_deg)
-    return samples + row * np.complex64(complex(math.cos(phase_rad), math.sin(phase_rad)))
+    row = static_samples(np.array([[parameters.delay_m]]), np.array([[leakage_v(parameters, radar)]]), radar)
+    phase_rad = math.radians(parameters.phase_deg)
+    samples += row * np.complex64(complex(math.cos(phase_rad), math.sin(phase_rad)))
+    return samples
 
 
 class StaticClutter(FrozenModel):
@@ -126,15 +128,27 @@ class StaticClutter(FrozenModel):
         return self
 
 
-def add_static_clutter(samples: Samples, spec: StaticClutter, /, *, radar: Radar, rng: np.random.Generator) -> Samples:
-    """Samples with one realisation of the room added to every pulse."""
+@plugin("impairment", parameters=StaticClutter)
+def add_static_clutter(samples: Samples, parameters: StaticClutter, radar: Radar, rng: np.random.Generator) -> Samples:
+    """Add one realisation of the room to every pulse."""
     check_width(samples, radar)
     range_m, spacing_m = clutter_ranges(radar)
-    rms_v = clutter_rms_v(range_m, spec, radar)
+    rms_v = clutter_rms_v(range_m, parameters, radar)
     amplitude_v = rms_v * np.sqrt(rng.standard_exponential(range_m.size) * spacing_m / echo_energy_m(radar))
     # a place anywhere within a quarter wavelength to either side makes the phase uniform
     range_m = range_m + rng.uniform(-0.25, 0.25, size=range_m.size) * radar.wavelength_m
-    return samples + static_samples(range_m[None], amplitude_v[None], radar)
+    samples += static_samples(range_m[None], amplitude_v[None], radar)
+    return samples
+
+
+def echo_energy_m(radar: Radar) -> float:
+    """Integral over range of the power of an echo of peak 1 after compression, m; measured on one in mid-frame."""
+    bin_m = radar.bin_spacing_m
+    n_places = int(np.clip(math.ceil(4.0 * bin_m / radar.range_resolution_m), 8, 512))
+    middle_m = radar.range_start_m + (radar.n_range_bins // 2) * bin_m
+    range_m = middle_m + bin_m * (np.arange(n_places) + 0.5)[:, None] / n_places
+    response = radar.waveform.compress(static_samples(range_m, np.ones_like(range_m), radar), radar)
+    return bin_m * float((np.abs(response).astype(np.float64) ** 2).sum()) / n_places
 
 
 def clutter_ranges(radar: Radar) -> tuple[npt.NDArray[np.float64], float]:
@@ -169,15 +183,9 @@ def _that_stay(range_m: npt.NDArray[np.float64], radar: Radar) -> npt.NDArray[np
 
 def clutter_rms_v(range_m: npt.NDArray[np.float64], spec: StaticClutter, radar: Radar) -> npt.NDArray[np.float64]:
     """Root mean square of the clutter after compression at each range, V."""
-    from doppelgait.radar.link import echo_amplitude_v
-
     if spec.levels is None:
         one_m2_v = echo_amplitude_v(radar, range_m=range_m, rcs_m2=1.0)
         return np.asarray(one_m2_v * math.sqrt(float(spec.rcs_per_metre_m2 or 0.0) * echo_energy_m(radar)))
     knots_m, levels_db = np.array(spec.levels).T
     unit_v = volts_per_unit(radar, wanted_by="static_clutter: levels") if spec.in_units else 1.0
     return np.asarray(db_to_amplitude(np.interp(range_m, knots_m, levels_db)) * unit_v)
-
-
-IMPAIRMENTS.add("leakage", Impairment(Leakage, add_leakage))
-IMPAIRMENTS.add("static_clutter", Impairment(StaticClutter, add_static_clutter))

@@ -12,12 +12,11 @@ from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning
+from doppelgait.core.plugins import plugin
+from doppelgait.core.samples import Samples
 from doppelgait.core.units import db_to_amplitude
-from doppelgait.radar.impairments.levels import volts_per_unit
-from doppelgait.radar.impairments.registry import IMPAIRMENTS, Impairment, Samples
+from doppelgait.radar.impairments.apply import volts_per_unit
 from doppelgait.radar.parameters import Radar
-
-Parts = npt.NDArray[np.float64]
 
 WARN_CLIPPED = 0.01
 """Share of clipped values above which a user is told."""
@@ -55,32 +54,24 @@ class Adc(FrozenModel):
 DEFAULT_BACKOFF_DB = 12.0
 
 
-def quantise(samples: Samples, spec: Adc, /, *, radar: Radar, rng: np.random.Generator) -> Samples:
-    """Samples on the converter's levels; more than 1 % of clipped values is a warning."""
-    del radar, rng
-    parts = _parts(samples)
-    full_scale_v = spec.full_scale_v or _full_scale_v(parts, spec)
+@plugin("impairment", parameters=Adc)
+def quantise(samples: Samples, parameters: Adc, radar: Radar, rng: np.random.Generator) -> Samples:
+    """Put the samples on the converter's levels; more than 1 % of clipped values is a warning."""
+    backoff_db = DEFAULT_BACKOFF_DB if parameters.backoff_db is None else parameters.backoff_db
+    samples = samples.settle()
+    largest_v = samples.largest_part()
+    full_scale_v = parameters.full_scale_v or largest_v * float(db_to_amplitude(backoff_db))
     if full_scale_v == 0.0:
         return samples
-    half = 2 ** (spec.bits - 1)
-    codes = np.rint(parts * (half / full_scale_v))
-    clipped = float((np.abs(parts) > full_scale_v).mean()) if parts.size else 0.0
-    _warn_clipped(clipped, f"adc: {full_scale_v:.3g} V full scale", "raise full_scale_v or backoff_db")
-    return _complex(np.clip(codes, -half, half - 1) * (full_scale_v / half))
+    half = 2 ** (parameters.bits - 1)
+    if largest_v > full_scale_v:
+        clipped = float((np.abs(samples.matrix.view(np.float32).astype(np.float64)) > full_scale_v).mean())
+        _warn_clipped(clipped, f"adc: {full_scale_v:.3g} V full scale", "raise full_scale_v or backoff_db")
 
+    def convert(parts_v: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        return np.asarray(np.clip(np.rint(parts_v * (half / full_scale_v)), -half, half - 1) * (full_scale_v / half))
 
-def _parts(samples: Samples) -> Parts:
-    """I and Q side by side, float64."""
-    return np.ascontiguousarray(samples).view(np.float32).astype(np.float64)
-
-
-def _complex(parts: Parts) -> Samples:
-    return parts.astype(np.float32).view(np.complex64)
-
-
-def _full_scale_v(parts: Parts, spec: Adc) -> float:
-    backoff_db = DEFAULT_BACKOFF_DB if spec.backoff_db is None else spec.backoff_db
-    return float(np.abs(parts).max(initial=0.0)) * float(db_to_amplitude(backoff_db))
+    return samples.map_parts(convert)
 
 
 def _warn_clipped(share: float, what: str, cure: str) -> None:
@@ -138,24 +129,28 @@ def x4_frame_rate_hz(spec: X4Counts) -> float:
     return X4_DUTY * X4_CLOCK_HZ / spec.prf_div / (spec.iterations * spec.pulses_per_step * levels)
 
 
-def count(samples: Samples, spec: X4Counts, /, *, radar: Radar, rng: np.random.Generator) -> Samples:
-    """Samples as whole counts; an impossible frame rate or more than 1 % of saturated samples is a warning."""
-    del rng
+@plugin("impairment", parameters=X4Counts)
+def count(samples: Samples, parameters: X4Counts, radar: Radar, rng: np.random.Generator) -> Samples:
+    """Turn samples into whole counts; an impossible frame rate or more than 1 % of saturated samples is a warning."""
     unit_v = volts_per_unit(radar, wanted_by="x4_counts")
     taps, baseband_gain = _band(radar)
-    highest_hz = x4_frame_rate_hz(spec)
+    highest_hz = x4_frame_rate_hz(parameters)
     if radar.prf_hz > highest_hz:
         warnings.warn(
-            f"x4_counts: {spec.iterations} iterations of {spec.pulses_per_step} pulses allow {highest_hz:.1f} "
-            f"frames/s, but radar.prf_hz is {radar.prf_hz:g}; lower one of them",
+            f"x4_counts: {parameters.iterations} iterations of {parameters.pulses_per_step} pulses allow "
+            f"{highest_hz:.1f} frames/s, but radar.prf_hz is {radar.prf_hz:g}; lower one of them",
             DoppelgaitWarning,
             stacklevel=2,
         )
-    limit = baseband_gain * (spec.dac_max - spec.dac_min + 1) / 2048.0
-    values, saturated = _limit(samples / np.float32(unit_v), limit)
-    _warn_clipped(saturated, f"x4_counts: thresholds {spec.dac_min} to {spec.dac_max}", "widen dac_min to dac_max")
-    step = spec.dac_step / (1024.0 * spec.iterations * spec.pulses_per_step * taps)
-    return _complex(np.rint(_parts(values) / step) * (step * unit_v))
+    limit = baseband_gain * (parameters.dac_max - parameters.dac_min + 1) / 2048.0
+    samples = samples.settle()
+    if samples.largest_part() / unit_v > limit / math.sqrt(2.0):  # else no magnitude reaches the limit
+        values, saturated = _limit(samples.matrix / np.float32(unit_v), limit)
+        text = f"x4_counts: thresholds {parameters.dac_min} to {parameters.dac_max}"
+        _warn_clipped(saturated, text, "widen dac_min to dac_max")
+        samples = Samples(values) * np.float32(unit_v)
+    step_v = unit_v * parameters.dac_step / (1024.0 * parameters.iterations * parameters.pulses_per_step * taps)
+    return samples.map_parts(lambda parts_v: np.rint(parts_v / step_v) * step_v)
 
 
 def _band(radar: Radar) -> tuple[int, float]:
@@ -168,7 +163,7 @@ def _band(radar: Radar) -> tuple[int, float]:
     )
 
 
-def _limit(values: Samples, limit: float) -> tuple[Samples, float]:
+def _limit(values: npt.NDArray[np.complex64], limit: float) -> tuple[npt.NDArray[np.complex64], float]:
     """Values with the envelope of a clipped sinusoid where it exceeds ``limit``, and their share."""
     size = np.abs(values)
     over = size > limit
@@ -179,7 +174,3 @@ def _limit(values: Samples, limit: float) -> tuple[Samples, float]:
     limited = values.copy()
     limited[over] *= gain.astype(np.float32)
     return limited, float(over.mean())
-
-
-IMPAIRMENTS.add("adc", Impairment(Adc, quantise))
-IMPAIRMENTS.add("x4_counts", Impairment(X4Counts, count))

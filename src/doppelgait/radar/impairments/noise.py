@@ -9,9 +9,9 @@ import numpy.typing as npt
 from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel
-from doppelgait.radar.impairments.levels import level_to_volt
-from doppelgait.radar.impairments.registry import IMPAIRMENTS, Impairment, Samples
-from doppelgait.radar.impairments.waveform import noise_gain
+from doppelgait.core.plugins import plugin
+from doppelgait.core.samples import Samples
+from doppelgait.radar.impairments.apply import level_to_volt
 from doppelgait.radar.link import sample_noise_v2
 from doppelgait.radar.parameters import Radar
 
@@ -50,19 +50,18 @@ def noise_power_per_sample_v2(spec: ThermalNoise, radar: Radar) -> float:
     """
     if spec.level_db is not None:
         level_v = level_to_volt(spec.level_db, radar, in_units=spec.in_units, wanted_by="thermal_noise: level_db")
-        return level_v**2 / noise_gain(radar)
+        return level_v**2 / radar.waveform.noise_gain(radar)
     if spec.noise_figure_db is not None:
         radar = radar.model_copy(update={"noise_figure_db": spec.noise_figure_db})
     return sample_noise_v2(radar)
 
 
-def add_thermal_noise(samples: Samples, spec: ThermalNoise, /, *, radar: Radar, rng: np.random.Generator) -> Samples:
-    """Samples with noise; the value in a sample of a pulse is a function of (key, pulse, sample) only."""
-    from doppelgait.core.kernels.noise import add_noise_matrix, draw_key
+@plugin("impairment", parameters=ThermalNoise)
+def add_thermal_noise(samples: Samples, parameters: ThermalNoise, radar: Radar, rng: np.random.Generator) -> Samples:
+    """Add noise; its value in a sample of a pulse is a function of (key, pulse, sample) only."""
+    from doppelgait.core.kernels.noise import draw_key
 
-    noisy = np.array(samples, order="C")
-    add_noise_matrix(noisy, draw_key(rng), float(np.sqrt(noise_power_per_sample_v2(spec, radar))))
-    return noisy
+    return samples.with_noise(draw_key(rng), noise_power_per_sample_v2(parameters, radar)).settle()
 
 
 Pulses = npt.NDArray[np.int64]
@@ -97,18 +96,18 @@ class Interference(FrozenModel):
     hit_share: float = Field(default=0.05, ge=0, le=1)
 
 
-def add_interference(samples: Samples, spec: Interference, /, *, radar: Radar, rng: np.random.Generator) -> Samples:
-    """Samples with the bursts added."""
-    level_v = level_to_volt(spec.level_db, radar, in_units=spec.in_units, wanted_by="interference: level_db")
+@plugin("impairment", parameters=Interference)
+def add_interference(samples: Samples, parameters: Interference, radar: Radar, rng: np.random.Generator) -> Samples:
+    """Add the bursts."""
+    where = "interference: level_db"
+    level_v = level_to_volt(parameters.level_db, radar, in_units=parameters.in_units, wanted_by=where)
     n_pulses, n_samples = samples.shape
-    pulses = pulses_hit(n_pulses, spec, radar=radar, rng=rng)
-    width = max(1, round(spec.hit_share * n_samples))
+    pulses = pulses_hit(n_pulses, parameters, radar=radar, rng=rng)
+    width = max(1, round(parameters.hit_share * n_samples))
     first = rng.integers(0, n_samples - width + 1, size=pulses.size)
     columns = first[:, None] + np.arange(width)
     parts = rng.standard_normal((pulses.size, width, 2)) * (level_v / np.sqrt(2.0))
-    hit = np.array(samples, order="C")
-    hit[pulses[:, None], columns] += parts[..., 0] + 1j * parts[..., 1]
-    return hit
+    return samples.add_at(pulses[:, None], columns, parts[..., 0] + 1j * parts[..., 1])
 
 
 def pulses_hit(n_pulses: int, spec: Interference, *, radar: Radar, rng: np.random.Generator) -> Pulses:
@@ -120,7 +119,3 @@ def pulses_hit(n_pulses: int, spec: Interference, *, radar: Radar, rng: np.rando
     last = np.clip(np.floor((start_s + spec.duration_s) * radar.prf_hz), 0, n_pulses - 1).astype(np.int64)
     edges = np.bincount(first, minlength=n_pulses + 1) - np.bincount(last + 1, minlength=n_pulses + 1)
     return np.asarray(np.flatnonzero(np.cumsum(edges[:n_pulses]) > 0), dtype=np.int64)
-
-
-IMPAIRMENTS.add("thermal_noise", Impairment(ThermalNoise, add_thermal_noise))
-IMPAIRMENTS.add("interference", Impairment(Interference, add_interference))

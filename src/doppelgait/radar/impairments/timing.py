@@ -10,7 +10,9 @@ from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError
-from doppelgait.radar.impairments.registry import IMPAIRMENTS, Impairment, Samples, Times
+from doppelgait.core.plugins import plugin
+from doppelgait.core.samples import Samples
+from doppelgait.radar.impairments.apply import Times
 from doppelgait.radar.parameters import Radar
 
 LARGEST_JITTER = 0.1
@@ -32,20 +34,20 @@ class FrameJitter(FrozenModel):
     sd_s: float = Field(default=1e-5, ge=0, le=10)
 
 
-def jitter_times(times_s: Times, spec: FrameJitter, /, *, radar: Radar, rng: np.random.Generator) -> Times:
+def jitter_times(times_s: Times, parameters: FrameJitter, radar: Radar, rng: np.random.Generator) -> Times:
     """Times of the pulses plus independent normal errors; too large a jitter is a :class:`ConfigError`."""
     largest_s = LARGEST_JITTER / radar.prf_hz
-    if spec.sd_s > largest_s:
+    if parameters.sd_s > largest_s:
         raise ConfigError(
-            f"frame_jitter: sd_s = {spec.sd_s:g} is not allowed with prf_hz = {radar.prf_hz:g}: pulses would change "
-            f"places; at most a tenth of the pulse interval, {largest_s:.3g} s"
+            f"frame_jitter: sd_s = {parameters.sd_s:g} is not allowed with prf_hz = {radar.prf_hz:g}: pulses would "
+            f"change places; at most a tenth of the pulse interval, {largest_s:.3g} s"
         )
-    return times_s + rng.normal(0.0, spec.sd_s, size=times_s.shape)
+    return times_s + rng.normal(0.0, parameters.sd_s, size=times_s.shape)
 
 
-def keep_samples(samples: Samples, spec: FrameJitter, /, *, radar: Radar, rng: np.random.Generator) -> Samples:
-    """The samples as they are: the jitter is in the times at which the scene was observed."""
-    del spec, radar, rng
+@plugin("impairment", parameters=FrameJitter, shift_times=jitter_times)
+def keep_samples(samples: Samples, parameters: FrameJitter, radar: Radar, rng: np.random.Generator) -> Samples:
+    """Leave the samples: the jitter is in the times at which the scene was observed."""
     return samples
 
 
@@ -91,17 +93,18 @@ class DroppedFrames(FrozenModel):
         return self
 
 
-def drop_frames(samples: Samples, spec: DroppedFrames, /, *, radar: Radar, rng: np.random.Generator) -> Samples:
-    """Samples with the lost frames filled as the recorder does; a listed frame beyond the end is a ConfigError."""
-    del radar
-    lost = lost_frames(samples.shape[0], spec, rng=rng)
+@plugin("impairment", parameters=DroppedFrames)
+def drop_frames(samples: Samples, parameters: DroppedFrames, radar: Radar, rng: np.random.Generator) -> Samples:
+    """Fill lost frames as the recorder does; a listed frame beyond the end is a :class:`ConfigError`."""
+    lost = lost_frames(samples.shape[0], parameters, rng=rng)
     if not lost.any():
         return samples
-    if spec.fill == "zero" or lost.all():
-        return np.where(lost[:, None], np.complex64(0), samples)
+    if parameters.fill == "zero" or lost.all():
+        samples *= (~lost)[:, None]
+        return samples
     arrived = np.flatnonzero(~lost)
     latest = np.searchsorted(arrived, np.arange(lost.size), side="right") - 1
-    return np.ascontiguousarray(samples[arrived[np.maximum(latest, 0)]])
+    return samples.take(arrived[np.maximum(latest, 0)])
 
 
 def lost_frames(n_frames: int, spec: DroppedFrames, *, rng: np.random.Generator) -> npt.NDArray[np.bool_]:
@@ -124,7 +127,3 @@ def lost_frames(n_frames: int, spec: DroppedFrames, *, rng: np.random.Generator)
         lost[place : place + run] = state
         state, place = not state, place + run
     return lost
-
-
-IMPAIRMENTS.add("frame_jitter", Impairment(FrameJitter, keep_samples, jitter_times))
-IMPAIRMENTS.add("dropped_frames", Impairment(DroppedFrames, drop_frames))

@@ -9,8 +9,9 @@ import numpy as np
 import xarray as xr
 
 from doppelgait.core.plugins import plugin
+from doppelgait.core.samples import Matrix
 from doppelgait.radar.link import path_phase_rad, scatterer_arrays
-from doppelgait.radar.parameters import Radar, Samples, Waveform
+from doppelgait.radar.parameters import Radar, Waveform
 
 
 @plugin("waveform")
@@ -28,7 +29,7 @@ class Cw(Waveform):
             return table
         return {**table, "sample_rate_hz": table["prf_hz"]}
 
-    def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Samples:
+    def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
         """Sum of a exp(j(theta + phi - 4 pi R / lambda)) over all scatterers, at whatever range."""
         range_m, amplitude_v = scatterer_arrays(scatterers, radar)
         turns = range_m * (2.0 / radar.wavelength_m)

@@ -6,13 +6,13 @@ import math
 from typing import ClassVar, Literal
 
 import numpy as np
-import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.plugins import plugin
+from doppelgait.core.samples import Matrix, Samples
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
-from doppelgait.radar.link import path_phase_rad, scatterer_arrays
-from doppelgait.radar.parameters import PULSE_SIGMA_S, Radar, Samples, Waveform
+from doppelgait.radar.link import path_turns, scatterer_arrays
+from doppelgait.radar.parameters import PULSE_SIGMA_S, Radar, Waveform
 
 
 @plugin("waveform")
@@ -44,20 +44,27 @@ class Impulse(Waveform):
                 "the pulse would reach below 0 Hz; raise carrier_hz or take a longer pulse"
             )
 
-    def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Samples:
-        """Sum of Gaussian echoes, exact with an extra phase of each path.
+    def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
+        """Sum of Gaussian echoes, exact with an extra phase of each path."""
+        from doppelgait.core.kernels.synthesis import add_echoes
 
-        An echo of extra phase phi is a cos(phi) in phase and a sin(phi) a quarter turn on.
-        """
         range_m, amplitude_v = scatterer_arrays(scatterers, radar)
-        phase_rad = path_phase_rad(scatterers)
-        if phase_rad is None:
-            return _add_echoes(range_m, amplitude_v, radar, quarter_turns=0)
-        samples = _add_echoes(range_m, amplitude_v * np.cos(phase_rad), radar, quarter_turns=0)
-        sine = np.sin(phase_rad)
-        if sine.any():
-            samples += _add_echoes(range_m, amplitude_v * sine, radar, quarter_turns=1)
-        return samples
+        out = np.empty((range_m.shape[0], radar.n_range_bins), dtype=np.complex64)
+        add_echoes(range_m, amplitude_v, *_geometry(radar), out, path_turns(scatterers))
+        return out
+
+    def synthesise_planes(self, scatterers: xr.Dataset, radar: Radar) -> Samples:
+        """Sum of Gaussian echoes, as the kernel writes them."""
+        if type(self).synthesise is not Impulse.synthesise:  # a subclass with samples of its own
+            return super().synthesise_planes(scatterers, radar)
+        from doppelgait.core.kernels.synthesis import LANES, echo_planes
+
+        range_m, amplitude_v = scatterer_arrays(scatterers, radar)
+        n_pulses = range_m.shape[0]
+        planes = np.empty((2, radar.n_range_bins, -(-n_pulses // LANES) * LANES), dtype=np.float32)
+        turns = path_turns(scatterers)
+        echo_planes(range_m, amplitude_v, *_geometry(radar), 0, 0, planes[0], planes[1], turns)
+        return Samples.from_planes(planes, n_pulses)
 
     def resolution_m(self, radar: Radar) -> float:
         """Half-power width in range of one echo: c sqrt(ln 2) tau (E-11)."""
@@ -76,20 +83,7 @@ class Impulse(Waveform):
         }
 
 
-def _add_echoes(
-    range_m: npt.NDArray[np.float64], amplitude_v: npt.NDArray[np.float64], radar: Radar, *, quarter_turns: int
-) -> Samples:
-    from doppelgait.core.kernels.synthesis import add_echoes
-
-    out = np.empty((range_m.shape[0], radar.n_range_bins), dtype=np.complex64)
-    add_echoes(
-        range_m,
-        amplitude_v,
-        radar.range_start_m,
-        radar.bin_spacing_m,
-        radar.sigma_s * SPEED_OF_LIGHT_MPS / 2.0,
-        radar.wavelength_m,
-        radar.transmit_phase_rad + quarter_turns * math.pi / 2.0,
-        out,
-    )
-    return out
+def _geometry(radar: Radar) -> tuple[float, float, float, float, float]:
+    """First bin, spacing and standard deviation of a pulse in range, wavelength (m), and transmitted phase (rad)."""
+    sigma_m = radar.sigma_s * SPEED_OF_LIGHT_MPS / 2.0
+    return radar.range_start_m, radar.bin_spacing_m, sigma_m, radar.wavelength_m, radar.transmit_phase_rad

@@ -22,9 +22,10 @@ import numpy as np
 import xarray as xr
 
 from doppelgait.core.plugins import plugin
+from doppelgait.core.samples import Matrix
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS, range_to_delay_s, velocity_to_doppler_hz
 from doppelgait.radar.link import path_phase_rad, radial_velocity_mps, scatterer_arrays
-from doppelgait.radar.parameters import Radar, Samples, Waveform, check_band, check_sweep_fits
+from doppelgait.radar.parameters import Radar, Waveform, check_band, check_sweep_fits
 
 RECTANGULAR_WIDTH = 2.0 - math.sqrt(2.0)
 """Half-power width of the triangle (1 - |x|)^2, in pulse durations."""
@@ -36,7 +37,7 @@ MAX_PULSE_S = 1e-3
 class _MatchedPulse(Waveform):
     """A pulse of duration ``sweep_s`` behind its matched filter."""
 
-    def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Samples:
+    def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
         """Sum of the matched-filter responses of all scatterers."""
         from doppelgait.core.kernels.matched import add_responses
 

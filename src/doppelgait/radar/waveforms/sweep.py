@@ -25,9 +25,10 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.plugins import plugin
+from doppelgait.core.samples import Matrix
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.radar.link import path_phase_rad, radial_velocity_mps, scatterer_arrays
-from doppelgait.radar.parameters import Radar, Samples, Waveform, check_band, check_sweep_fits
+from doppelgait.radar.parameters import Radar, Waveform, check_band, check_sweep_fits
 
 MAX_SAMPLES = 65_536
 ROWS = 2048
@@ -65,7 +66,7 @@ class _Sweep(Waveform):
                 "bandwidth_hz"
             )
 
-    def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Samples:
+    def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
         """Samples of every sweep, with the motion within it; of FMCW with the residual video phase.
 
         With t_d = t_0 - beta u, beta = 2 v / c, the phase is the quadratic in u with the coefficients computed here.
@@ -88,7 +89,7 @@ class _Sweep(Waveform):
         add_tones(amplitude_v, turns, linear, bend, out)
         return out
 
-    def compress(self, samples: npt.NDArray[Any], radar: Radar) -> Samples:
+    def compress(self, samples: npt.NDArray[Any], radar: Radar) -> Matrix:
         """Window and inverse transform, divided by the window's sum and referred to the sweep's middle.
 
         The bins of FMCW are turned by exp(-j pi S t_k^2), t_k the delay of the bin's middle, which removes the

@@ -133,7 +133,7 @@ def quantised(samples: npt.NDArray[np.complex64], /, *, bits: int, full_scale_v:
     from doppelgait.testing.conformance.radars import suite_radars
 
     spec = Adc(bits=bits, full_scale_v=full_scale_v)
-    return apply_impairments(samples, [spec], radar=suite_radars("cw")["cw"], rng=np.random.default_rng(0))
+    return apply_impairments(samples, [spec], radar=suite_radars("cw")["cw"], rng=np.random.default_rng(0)).matrix
 
 
 def behind_wall(

@@ -1,4 +1,4 @@
-"""The fused path gives the same bytes as simulating and analysing step by step."""
+"""The chain from a scene to features: what the gates need, at which hop, and what is refused."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import pytest
 from doppelgait.core.rng import rng
 from doppelgait.motion import boulic_walk, quadruped_gait
 from doppelgait.pipeline import analyze, simulate
-from doppelgait.pipeline.fused import run_fused
 from doppelgait.processing import Analysis
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
@@ -16,6 +15,7 @@ from doppelgait.scene import Scene, Target
 WALK = boulic_walk(speed_mps=1.3, height_m=1.7, duration_s=3.0)
 TROT = quadruped_gait(gait="trot", withers_m=0.4, duration_s=3.0)
 
+X4 = Radar.preset("x4")
 SCENES = {
     "one": Scene([Target(WALK, label="human", aspect_deg=20.0)]),
     "receding": Scene([Target(TROT, label="dog", aspect_deg=180.0, range_m=4.0)]),
@@ -23,32 +23,36 @@ SCENES = {
 }
 
 
+def example(scene, analysis, radar=X4, seed=2):
+    return analyze(simulate(scene, radar, rng=rng(seed), angles=False), gate="truth", analysis=analysis)
+
+
 @pytest.mark.parametrize("scene", SCENES)
-@pytest.mark.parametrize("hop", [None, 1])
+@pytest.mark.parametrize("analysis", [Analysis(), Analysis(hop=1), Analysis(method="liland2018", hop=10)])
 @pytest.mark.parametrize(("snr_db", "gate_error_m"), [(None, 0.0), (10.0, 0.25), (float("inf"), -0.2)])
-def test_signature_and_features_are_the_same_to_the_byte(scene, hop, snr_db, gate_error_m):
-    radar, analysis = Radar.preset("x4"), Analysis(hop=hop)
-    stepwise = simulate(SCENES[scene], radar, rng=rng(4), snr_db=snr_db)
-    expected = analyze(stepwise, gate="truth", analysis=analysis, gate_error_m=gate_error_m)
-    found = run_fused(SCENES[scene], radar, analysis, rng=rng(4), snr_db=snr_db, gate_error_m=gate_error_m)
-    assert found.noise_power_v2 == stepwise.noise_power_v2
-    assert found.snr_frame_db == stepwise.snr_frame_db
-    assert found.n_pulses == stepwise.n_pulses
-    for one, other in zip(found.results, expected, strict=True):
+def test_noise_made_for_the_gates_alone_is_that_of_the_whole_matrix(scene, analysis, snr_db, gate_error_m):
+    recording = simulate(SCENES[scene], X4, rng=rng(4), snr_db=snr_db, angles=False)
+    found = analyze(recording, gate="truth", analysis=analysis, gate_error_m=gate_error_m)
+    whole = recording.with_baseband(recording.baseband)
+    expected = analyze(whole, gate="truth", analysis=analysis, gate_error_m=gate_error_m)
+    for one, other in zip(found, expected, strict=True):
         assert one.signature.values.tobytes() == other.signature.values.tobytes()
         assert one.features == other.features
         assert one.quality == other.quality
         assert one.flags == other.flags
 
 
-def test_the_reports_method_and_a_second_example_in_the_same_buffers():
-    radar = Radar.preset("x4")
-    for analysis, scene in ((Analysis(method="liland2018", hop=10), "one"), (Analysis(), "passing")):
-        expected = analyze(simulate(SCENES[scene], radar, rng=rng(1)), gate="truth", analysis=analysis)
-        found = run_fused(SCENES[scene], radar, analysis, rng=rng(1))
-        for one, other in zip(found.results, expected, strict=True):
-            np.testing.assert_array_equal(one.signature.values, other.signature.values)
-            assert one.features == other.features
+def test_two_recordings_share_no_memory_and_cannot_be_changed():
+    one, other = (simulate(SCENES["one"], X4, rng=rng(1), angles=False) for _ in range(2))
+    assert not np.shares_memory(one.samples.planes, other.samples.planes)
+    before = one.baseband.values.copy()
+    changed = one.samples
+    changed += 1.0
+    changed = one.samples.settle()
+    changed *= 0.0
+    np.testing.assert_array_equal(one.samples.matrix, before)
+    with pytest.raises(ValueError, match="read-only"):
+        one.baseband.values[0, 0] = 0
 
 
 def test_a_data_matrix_that_cannot_fit_is_refused():
@@ -61,8 +65,8 @@ def test_a_data_matrix_that_cannot_fit_is_refused():
 
 def test_features_do_not_depend_on_a_hop_finer_than_the_lossless_one():
     """Hop 8 at 1000 Hz loses nothing; hops 1, 2 and 4 hold its columns and give the same features to the bit."""
-    radar, scene = Radar.preset("x4"), SCENES["one"]
-    by_hop = {hop: run_fused(scene, radar, Analysis(hop=hop), rng=rng(2)).results[0] for hop in (1, 2, 4, 8)}
+    scene = SCENES["one"]
+    by_hop = {hop: example(scene, Analysis(hop=hop))[0] for hop in (1, 2, 4, 8)}
     for hop in (1, 2, 4):
         one, other = by_hop[hop], by_hop[8]
         assert one.features == other.features
@@ -70,7 +74,7 @@ def test_features_do_not_depend_on_a_hop_finer_than_the_lossless_one():
         np.testing.assert_array_equal(one.signature.values[:: 8 // hop], other.signature.values)
         assert one.main_line_hz.size == one.signature.sizes["time"]
         np.testing.assert_allclose(one.main_line_hz[:: 8 // hop], other.main_line_hz, rtol=1e-12)
-    coarse = run_fused(scene, radar, Analysis(hop=16), rng=rng(2)).results[0]
+    coarse = example(scene, Analysis(hop=16))[0]
     assert coarse.features != by_hop[8].features  # a coarser hop is taken as it is
 
 
@@ -88,6 +92,7 @@ def test_noise_reaches_every_cell_that_the_signature_reads():
         expected = signature_of_planes(*planes, 0, cut, wavelength_m=0.04).values
         for n, (first, stop) in enumerate(needed):
             planes[:, n, :first] = planes[:, n, max(stop, first) :] = 1e6
+            planes[:, n, :first] = planes[:, n, max(stop + cut.margin_pulses, first) :] = np.nan
         found = signature_of_planes(*planes, 0, cut, wavelength_m=0.04).values
         np.testing.assert_array_equal(found, expected)
         assert (needed[:, 1] - needed[:, 0]).clip(0).sum() < 0.9 * 60 * 700
@@ -99,7 +104,7 @@ def test_a_cropped_signature_is_thinned_from_the_same_columns():
     found = {}
     for hop in (1, 2, 8):
         with pytest.warns(match="outside the frame"):
-            found[hop] = run_fused(SCENES["one"], radar, Analysis(hop=hop), rng=rng(2)).results[0]
+            found[hop] = example(SCENES["one"], Analysis(hop=hop), radar)[0]
     assert "gate_leaves_frame" in found[8].flags
     for hop in (1, 2):
         assert found[hop].features == found[8].features
@@ -112,8 +117,8 @@ def test_a_record_too_short_for_the_features_is_too_short_at_every_hop():
     short = Scene([Target(WALK, label="human")], duration_s=0.15)
     for hop in (1, 8):
         with pytest.raises(AnalysisError, match="at least 8 are needed"):
-            run_fused(short, Radar.preset("x4"), Analysis(hop=hop))
-    assert len(run_fused(short, Radar.preset("x4"), Analysis(method="liland2018")).results) == 1
+            example(short, Analysis(hop=hop))
+    assert len(example(short, Analysis(method="liland2018"))) == 1
 
 
 def test_a_body_that_is_never_in_the_frame_has_no_snr():

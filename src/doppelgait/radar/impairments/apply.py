@@ -1,0 +1,207 @@
+"""How an impairment is declared and applied, and what several of them need: levels, unit echoes, ranges of samples."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core.config import FrozenModel
+from doppelgait.core.errors import AnalysisError, ConfigError
+from doppelgait.core.plugins import Group
+from doppelgait.core.samples import Samples
+from doppelgait.core.units import db_to_amplitude
+from doppelgait.radar.link import echo_amplitude_v
+from doppelgait.radar.parameters import Radar
+
+Times = npt.NDArray[np.float64]
+
+
+class Apply(Protocol):
+    """An impairment: the receiver samples after it.
+
+    It may change the samples in place (``samples += ...``) and return them, return new ones, or a complex array of
+    shape (pulses, samples). All that is random comes from ``rng``.
+    """
+
+    def __call__(self, samples: Samples, parameters: Any, radar: Radar, rng: np.random.Generator, /) -> Any:
+        """Receiver samples (pulse, sample), V, after the impairment."""
+
+
+class ShiftTimes(Protocol):
+    """Fact ``shift_times`` of an impairment that moves the pulses in time, before the scene is observed."""
+
+    def __call__(self, times_s: Times, parameters: Any, radar: Radar, rng: np.random.Generator, /) -> Times:
+        """Times of the pulses, s, after the impairment."""
+
+
+IMPAIRMENTS: Group[Apply] = Group(
+    "impairment",
+    built_in=(
+        "doppelgait.radar.impairments.clutter", "doppelgait.radar.impairments.converter",
+        "doppelgait.radar.impairments.mixer", "doppelgait.radar.impairments.noise",
+        "doppelgait.radar.impairments.timing",
+    ),
+)  # fmt: skip
+"""Impairments by the ``kind`` of a scene file's ``[[impairments]]``."""
+
+if TYPE_CHECKING:
+    Impairments = tuple[FrozenModel, ...]
+else:
+    Impairments = tuple[IMPAIRMENTS.field(), ...]
+"""Type of a model's field that takes a list of tables or of impairment models, in the order they act."""
+
+
+def make_impairment(table: Mapping[str, Any] | FrozenModel) -> FrozenModel:
+    """Impairment of a ``[[impairments]]`` table; one that is a model already is returned as it is.
+
+    Raises
+    ------
+    ConfigError
+        If the kind or a parameter is not allowed.
+    """
+    return IMPAIRMENTS.parse(table)
+
+
+def apply_impairments(
+    samples: Samples | npt.NDArray[Any], specs: Sequence[FrozenModel], *, radar: Radar, rng: np.random.Generator
+) -> Samples:
+    """Receiver samples after all impairments, in the order of the list.
+
+    The n-th acts with the n-th child of ``rng``, so that its random numbers do not depend on those before it.
+
+    Parameters
+    ----------
+    samples : Samples or ndarray, shape (I, S), complex
+        Samples of the receiver, V; a row is a pulse, frame or sweep. Samples may be changed in place, an array is not.
+    specs : sequence of models
+        Impairments as :func:`make_impairment` gives them.
+    radar : Radar
+    rng : Generator
+
+    Returns
+    -------
+    Samples
+        ``samples`` themselves if the list is empty.
+
+    Raises
+    ------
+    AnalysisError
+        If an array is not complex of two dimensions, or an impairment returns other than a sample for every sample.
+    ConfigError
+        If an impairment does not suit this radar or recording.
+    """
+    current = samples if isinstance(samples, Samples) else Samples(samples)
+    for spec, own_rng in zip(specs, rng.spawn(len(specs)), strict=True):
+        found = IMPAIRMENTS.of(spec).run(current, spec, radar, own_rng)
+        changed = found if isinstance(found, Samples) else Samples(found)
+        if changed.shape != current.shape:
+            raise AnalysisError(
+                f"impairment {spec.kind!r} makes samples of shape {changed.shape} of {current.shape}"  # type: ignore[attr-defined]
+            )
+        current = changed
+    return current
+
+
+def pulse_times(
+    slow_time_s: npt.ArrayLike, specs: Sequence[FrozenModel], *, radar: Radar, rng: np.random.Generator
+) -> Times:
+    """Times at which the pulses really leave, to observe the scene at; the recording keeps the nominal ones.
+
+    Parameters
+    ----------
+    slow_time_s : array_like, shape (I,)
+        Nominal times, rising.
+    specs : sequence of models
+        Impairments; those that do not move pulses are passed over.
+    radar : Radar
+    rng : Generator
+        The n-th impairment draws from its n-th child.
+
+    Returns
+    -------
+    ndarray, shape (I,)
+        s, clipped to the first and last nominal time, between which the scene is known.
+
+    Raises
+    ------
+    ConfigError
+        If the pulses would move so far that they change places.
+    """
+    nominal_s = np.asarray(slow_time_s, dtype=np.float64)
+    times_s = nominal_s
+    for spec, own_rng in zip(specs, rng.spawn(len(specs)), strict=True):
+        shift: ShiftTimes | None = IMPAIRMENTS.of(spec).facts.get("shift_times")
+        if shift is not None:
+            times_s = shift(times_s, spec, radar, own_rng)
+    return times_s if times_s is nominal_s else np.clip(times_s, nominal_s[0], nominal_s[-1])
+
+
+def volts_per_unit(radar: Radar, *, wanted_by: str) -> float:
+    """Volts per unit of the sensor's own files.
+
+    Raises
+    ------
+    ConfigError
+        If the radar does not say it.
+    """
+    if radar.volts_per_unit is None:
+        raise ConfigError(
+            f"{wanted_by} is in the sensor's own unit, but the radar {radar.name!r} has no volts_per_unit: set "
+            "radar.volts_per_unit, or give the level in dB re 1 V"
+        )
+    return radar.volts_per_unit
+
+
+def level_to_volt(level_db: float, radar: Radar, *, in_units: bool, wanted_by: str) -> float:
+    """Volts of a level in dB re 1 V, or re one unit of the sensor's own files."""
+    unit_v = volts_per_unit(radar, wanted_by=wanted_by) if in_units else 1.0
+    return float(db_to_amplitude(level_db)) * unit_v
+
+
+def static_samples(
+    range_m: npt.NDArray[np.float64], amplitude_v: npt.NDArray[np.float64], radar: Radar
+) -> npt.NDArray[np.complex64]:
+    """Receiver samples of scatterers at rest, each row of ``range_m`` a pulse.
+
+    Parameters
+    ----------
+    range_m, amplitude_v : ndarray, shape (I, L)
+        Range and echo amplitude at the receiver output, V, 0 or larger.
+    radar : Radar
+
+    Returns
+    -------
+    ndarray, shape (I, S), complex64
+    """
+    one_v = echo_amplitude_v(radar, range_m=range_m, rcs_m2=1.0)
+    values = {
+        "range": range_m,
+        "radial_velocity": np.zeros_like(range_m),
+        "rcs": np.ones_like(range_m),
+        "path_gain": (amplitude_v / one_v) ** 2,
+    }
+    dims = ("slow_time", "scatterer")
+    coords = {"slow_time": np.arange(range_m.shape[0]) / radar.prf_hz}
+    table = xr.Dataset({name: (dims, value) for name, value in values.items()}, coords=coords)
+    return radar.waveform.synthesise(table, radar)
+
+
+def check_width(samples: Samples, radar: Radar) -> None:
+    """Refuse samples that this radar does not take (:class:`AnalysisError`)."""
+    wanted = radar.waveform.n_samples(radar)
+    if samples.shape[1] != wanted:
+        raise AnalysisError(
+            f"a pulse of the radar {radar.name!r} has {wanted} samples, these have {samples.shape[1]}; take the radar "
+            "that they were made with"
+        )
+
+
+def sample_range_m(radar: Radar) -> npt.NDArray[np.float64]:
+    """Range of every sample, m; of waveforms with samples that mix all ranges only one, the middle of the frame."""
+    if radar.waveform.samples_are_bins:
+        return radar.range_axis_m()
+    return np.array([(radar.range_start_m + radar.range_stop_m) / 2.0])

@@ -1,0 +1,107 @@
+"""Complex samples in both layouts: arithmetic, pending noise, memory."""
+
+import numpy as np
+import pytest
+
+from doppelgait.core.errors import AnalysisError
+from doppelgait.core.samples import Samples
+
+N_PULSES, N_BINS, KEY = 70, 9, np.uint64(77)
+
+
+def matrix(seed=0):
+    generator = np.random.default_rng(seed)
+    return (generator.normal(size=(N_PULSES, N_BINS)) + 1j * generator.normal(size=(N_PULSES, N_BINS))).astype("c8")
+
+
+def both(seed=0):
+    """The same samples as a matrix and as planes with columns to spare."""
+    values = matrix(seed)
+    planes = np.full((2, N_BINS, 96), 1e9, dtype=np.float32)
+    planes[:, :, :N_PULSES] = values.real.T, values.imag.T
+    return Samples.own(values.copy()), Samples.from_planes(planes, N_PULSES)
+
+
+OPERANDS = {
+    "number": 0.5,
+    "complex number": 0.5 - 2j,
+    "row": (np.arange(N_BINS) * (1 + 0.5j)).astype(np.complex64),
+    "column": np.exp(1j * np.arange(N_PULSES)).astype(np.complex64)[:, None],
+    "real column": (np.arange(N_PULSES) % 2 == 0)[:, None],
+    "matrix": matrix(1),
+    "samples": both(1)[1],
+}
+
+
+@pytest.mark.parametrize("operand", OPERANDS.values(), ids=OPERANDS)
+@pytest.mark.parametrize("change", [lambda a, b: a + b, lambda a, b: a - b, lambda a, b: a * b, lambda a, b: b * a])
+def test_arithmetic_is_that_of_the_matrix_in_both_layouts(operand, change):
+    plain = np.asarray(operand) if isinstance(operand, Samples) else operand
+    expected = change(matrix(), plain)
+    for samples in both():
+        found = change(samples, operand)
+        assert isinstance(found, Samples)
+        np.testing.assert_allclose(found.matrix, expected, rtol=2e-6, atol=1e-6)
+        np.testing.assert_array_equal(samples.matrix, matrix())
+
+
+def test_numpy_functions_see_the_matrix():
+    for samples in both():
+        np.testing.assert_array_equal(np.abs(samples), np.abs(matrix()))
+        assert isinstance(np.conj(samples), Samples)
+        assert np.asarray(samples).dtype == np.complex64
+
+
+def test_changes_in_place_keep_own_memory_and_leave_that_of_others():
+    values = matrix()
+    samples = Samples(values)
+    samples += 1.0
+    np.testing.assert_array_equal(values, matrix())
+    for own in both():
+        kept = own
+        own += 1.0
+        assert own is kept
+        frozen = own.freeze()
+        frozen *= 0.0
+        np.testing.assert_array_equal(own.matrix, matrix() + np.float32(1.0))
+
+
+def test_pending_noise_is_the_noise_that_settles_and_that_is_read_in_part():
+    spans = np.array([[0, 0], [3, 40], [10, 70], [0, 0], [5, 6], [60, 70], [0, 0], [0, 0], [0, 0]])
+    expected = both()[0].with_noise(KEY, 4.0).settle().matrix
+    for samples in both():
+        noisy = samples.with_noise(KEY, 4.0)
+        np.testing.assert_array_equal(noisy.matrix, expected)
+        np.testing.assert_array_equal(noisy.planes[0, :, :N_PULSES], expected.real.T)
+        planes, first = noisy.read(spans)
+        assert first == 1
+        for row, (begin, stop) in enumerate(spans[first : first + planes.shape[1]]):
+            part = planes[0, row, begin:stop] + 1j * planes[1, row, begin:stop]
+            np.testing.assert_array_equal(part, expected[begin:stop, first + row])
+        np.testing.assert_array_equal((noisy + 0.0).matrix, expected)
+        np.testing.assert_array_equal(noisy.matrix, expected)  # still the same after all that
+    assert np.mean(np.abs(expected - matrix()) ** 2) == pytest.approx(4.0, rel=0.1)
+
+
+def test_other_changes_agree_in_both_layouts():
+    def halve(parts):
+        return parts / 2
+
+    pulses, columns = np.array([[1], [5]]), np.array([[0, 1], [7, 8]])
+    one, other = both()
+    for change in (
+        lambda s: s.map_parts(halve),
+        lambda s: s.take(np.array([3, 3, 1])),
+        lambda s: s.add_at(pulses, columns, np.array([[1j, 2], [3, 4]])),
+        lambda s: s.unbalance(1.1, 0.2),
+    ):
+        np.testing.assert_allclose(change(one.copy()).matrix, change(other.copy()).matrix, rtol=1e-6, atol=1e-7)
+    assert one.largest_part() == other.largest_part() == np.abs(matrix().view(np.float32)).max()
+
+
+def test_what_is_no_complex_matrix_is_refused():
+    for values in (np.zeros((3, 4)), np.zeros(3, np.complex64)):
+        with pytest.raises(AnalysisError, match="must be complex, of shape"):
+            Samples(values)
+    with pytest.raises(ValueError, match="broadcast"):
+        both()[1] + np.zeros(N_PULSES)
