@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from doppelgait.core.config import validate
 from doppelgait.dataset.build import build_dataset
 from doppelgait.dataset.config import PlanConfig
 from doppelgait.dataset.status import dataset_hash, dataset_status
+from shared_work import made_once
 
 
 def tiny_plan(**changes):
@@ -38,6 +41,12 @@ def check_whole(folder, expected_hash):
     assert not list(folder.rglob("*.partial"))
     assert not list(folder.glob("*.lock"))
     assert dataset_hash(folder) == expected_hash
+
+
+def whole_hash(tmp_path_factory):
+    """Hash of the tiny dataset as one process builds it."""
+    folder = made_once(tmp_path_factory, "dataset-whole", partial(build_dataset, tiny_plan(), executor="serial"))
+    return dataset_hash(folder)
 
 
 def build_part(folder, part):

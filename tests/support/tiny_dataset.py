@@ -1,10 +1,13 @@
-"""Two small datasets for the tests of reading, exporting and streaming; built once per session."""
+"""Two small datasets for the tests of reading, exporting and streaming; built once per run."""
 
 from __future__ import annotations
+
+from functools import partial
 
 import numpy as np
 
 from doppelgait.dataset import PlanConfig, build_dataset
+from shared_work import made_once
 
 WALK = {"kind": "boulic", "speed_mps": {"uniform": [0.8, 1.6]}}
 TROT = {"kind": "quadruped", "gait": "trot", "froude": {"uniform": [0.4, 1.0]}}
@@ -46,11 +49,9 @@ def mixed_plan():
 
 
 def built(tmp_path_factory, plan):
-    """Folder of the built plan; the tests of a process share it and do not change it."""
-    folder = tmp_path_factory.getbasetemp() / f"shared-{plan.dataset.name}"
-    if not folder.is_dir():
-        build_dataset(plan, folder, executor="serial")
-    return folder
+    """Folder of the built plan; all tests share it and do not change it."""
+    make = partial(build_dataset, plan, executor="serial")
+    return made_once(tmp_path_factory, f"dataset-{plan.dataset.name}", make)
 
 
 def sum_signatures(dataset):

@@ -12,7 +12,7 @@ from contextlib import ExitStack
 import pytest
 
 import processes
-from dataset_plans import build_part, check_whole, tiny_plan
+from dataset_plans import build_part, check_whole, tiny_plan, whole_hash
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.dataset.build import build_dataset
 from doppelgait.dataset.finish import card_of
@@ -22,10 +22,7 @@ from doppelgait.dataset.status import dataset_hash, dataset_status
 @pytest.fixture(scope="module")
 def reference(tmp_path_factory):
     """Hash of the dataset as one process builds it."""
-    folder = tmp_path_factory.mktemp("serial")
-    build_dataset(tiny_plan(), folder, executor="serial")
-    check_whole(folder, dataset_hash(folder))
-    return dataset_hash(folder)
+    return whole_hash(tmp_path_factory)
 
 
 @pytest.mark.slow

@@ -16,7 +16,7 @@ import doppelgait.dataset.build as build
 import doppelgait.dataset.lock as lock
 import processes
 from checkout import SUPPORT
-from dataset_plans import check_whole, tiny_plan
+from dataset_plans import check_whole, tiny_plan, whole_hash
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
 from doppelgait.dataset.build import build_dataset
 from doppelgait.dataset.lock import Part, build_lock, running_builds
@@ -39,9 +39,7 @@ def mini_hash(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def tiny_hash(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("tiny")
-    build_dataset(tiny_plan(), folder, executor="serial")
-    return dataset_hash(folder)
+    return whole_hash(tmp_path_factory)
 
 
 def leftovers(folder):
