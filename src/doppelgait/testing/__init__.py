@@ -3,7 +3,14 @@
 from importlib import import_module
 from typing import Any
 
-__all__ = ["check_classifier", "check_exporter", "check_impairment", "check_waveform"]
+__all__ = [
+    "check_classifier",
+    "check_exporter",
+    "check_impairment",
+    "check_radar_reader",
+    "check_radar_writer",
+    "check_waveform",
+]
 
 
 def __getattr__(name: str) -> Any:

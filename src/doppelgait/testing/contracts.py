@@ -5,8 +5,13 @@ Each check raises an ``AssertionError`` that names the plug-in and the broken ru
 
 from __future__ import annotations
 
+import inspect
 import math
+import os
+import shutil
 import warnings
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +23,7 @@ if TYPE_CHECKING:
     from doppelgait.core.config import FrozenModel
     from doppelgait.dataset import Dataset
     from doppelgait.radar.parameters import Radar
+    from doppelgait.radar.recording import Recording
 
 
 def require(condition: Any, text: str) -> None:
@@ -178,6 +184,164 @@ def _check_noise_gain(name: str, radar: Radar) -> None:
     gain = float((np.abs(waveform.compress(noise, radar)) ** 2).mean()) / 2.0
     wanted = waveform.noise_gain(radar)
     require(abs(gain - wanted) < 0.1 * wanted, f"{name}: noise_gain is {wanted:.4g}, measured {gain:.4g}")
+
+
+def check_radar_reader(name: str, path: str | Path, **options: Any) -> None:
+    """Check that a reader of radar recordings keeps its contract.
+
+    Parameters
+    ----------
+    name : str
+        Its name in the group of readers.
+    path : path-like
+        A good file, or folder, of its format, which lies alone in its folder: damaged copies of that folder are made.
+    **options
+        Options that reading it needs.
+
+    Raises
+    ------
+    AssertionError
+        If a rule is broken: registration, recognition of this and of no other file, keyword-only options, axes and
+        values, the same result each time, a ``RecordingError`` at every damaged or missing file.
+    """
+    from doppelgait.core.errors import RecordingError
+    from doppelgait.radar.readers import RADAR_READERS, read_recording
+    from doppelgait.radar.recording import Recording
+
+    place, what = Path(path), f"radar reader {name!r}"
+    require(name in RADAR_READERS, f"{what} is not registered; known are {', '.join(RADAR_READERS)}")
+    reader = RADAR_READERS[name]
+    sniff, suffixes = reader.facts.get("sniff"), reader.facts.get("suffixes")
+    require(callable(sniff), f"{what} has no function sniff")
+    require(isinstance(suffixes, tuple) and suffixes, f"{what} names no suffixes")
+    parameters = list(inspect.signature(reader.run).parameters.values())[1:]
+    positional = [one.name for one in parameters if one.kind is not inspect.Parameter.KEYWORD_ONLY]
+    require(not positional, f"{what}: options {positional} are not keyword-only")
+    takers = [one.name for one in RADAR_READERS.values() if _recognises(one, place)]
+    require(takers == [name], f"{what}: {place.name} is recognised by {takers or 'no reader'}")
+    with TemporaryDirectory() as folder:
+        others = {"empty": b"", "text": b"not a recording\n" * 9, "zeros": bytes(4096)}
+        for other, content in others.items():
+            (Path(folder) / other).write_bytes(content)
+        for other in (*others, "absent", "."):
+            require(not _recognises(reader, Path(folder) / other), f"{what}: recognises a file that is not its own")
+
+    recording = read_recording(place, **options)
+    require(isinstance(recording, Recording), f"{what} returns {type(recording).__name__}, not a Recording")
+    values = recording.baseband.values
+    require(values.dtype == np.complex64 and values.ndim == 2, f"{what}: baseband is {values.dtype}, {values.shape}")
+    require(np.isfinite(values).all(), f"{what}: the baseband is not finite")
+    for axis_name, axis in (("slow time", recording.slow_time_s), ("range", recording.range_m)):
+        require((np.diff(axis) > 0).all(), f"{what}: {axis_name} does not rise")
+    again = read_recording(place, **options)
+    require(again.baseband.identical(recording.baseband), f"{what}: the same file gives another recording")
+
+    for damage in ("absent", "empty", "half", "noise"):
+        with TemporaryDirectory() as folder:
+            copy = Path(folder) / place.parent.name
+            shutil.copytree(place.parent, copy)
+            _damage_largest(copy, damage)
+            try:
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore")
+                    reader.run(copy / place.name, **options)
+            except (RecordingError, OSError):
+                continue
+            except Exception as error:
+                raise AssertionError(
+                    f"{what}: a damaged file ({damage}) raises {error!r}, no RecordingError"
+                ) from error
+            require(damage in ("half", "noise"), f"{what}: an {damage} file raises nothing")
+
+
+def _recognises(reader: Any, path: Path) -> bool:
+    try:
+        return bool(reader.facts["sniff"](path))
+    except OSError:
+        return False
+    except Exception as error:
+        raise AssertionError(f"radar reader {reader.name!r}: sniff raises {error!r} at {path.name!r}") from error
+
+
+def _damage_largest(folder: Path, damage: str) -> None:
+    """Remove, empty, cut or disturb the largest file of a folder."""
+    file = max((one for one in folder.rglob("*") if one.is_file()), key=lambda one: one.stat().st_size)
+    content = bytearray(file.read_bytes())
+    if damage == "absent":
+        file.unlink()
+        return
+    if damage == "noise":
+        rng = np.random.default_rng(len(content))
+        for place in rng.integers(0, len(content), 1 + len(content) // 100):
+            content[place] = int(rng.integers(256))
+    file.write_bytes({"empty": b"", "half": bytes(content[: len(content) // 2]), "noise": bytes(content)}[damage])
+
+
+def check_radar_writer(name: str, recording: Recording, *, rtol: float = 1e-6, **options: Any) -> None:
+    """Check that a writer of radar recordings keeps its contract.
+
+    Parameters
+    ----------
+    name : str
+        Its name in the group of writers.
+    recording : Recording
+        Any that the format can hold, with its seed, notes and further facts.
+    rtol : float
+        Largest difference of the baseband when it is read again, of its largest value.
+    **options
+        Options that writing needs.
+
+    Raises
+    ------
+    AssertionError
+        If a rule is broken: registration, one ending, a recording that is read back, the same bytes
+        each time, an ``OutputError`` and no file where it cannot write.
+    """
+    from doppelgait.core.errors import OutputError
+    from doppelgait.radar.readers import RADAR_WRITERS, read_recording
+
+    what = f"radar writer {name!r}"
+    require(name in RADAR_WRITERS, f"{what} is not registered; known are {', '.join(RADAR_WRITERS)}")
+    writer = RADAR_WRITERS[name]
+    suffix = writer.facts.get("suffix")
+    require(isinstance(suffix, str), f"{what} names no suffix")
+    taken = [one.name for one in RADAR_WRITERS.values() if one.facts.get("suffix") == suffix]
+    require(taken == [name], f"{what}: the suffix {suffix!r} is taken by {taken}")
+    before = recording.baseband
+    with TemporaryDirectory() as folder:
+        trees = []
+        for part in ("first", "second"):
+            (Path(folder) / part).mkdir()
+            made = writer.run(recording, Path(folder) / part / f"walk{suffix}", **options)
+            trees.append(_file_contents(Path(folder) / part))
+        require(trees[0], f"{what} makes no file")
+        require(trees[0] == trees[1], f"{what}: the same recording gives other bytes")
+        again = read_recording(made if made is not None else Path(folder) / part / f"walk{suffix}")
+        require(again.baseband.shape == before.shape, f"{what}: read again it has the shape {again.baseband.shape}")
+        _check_close(again.baseband.values, before.values, f"{what}: read again the baseband differs", rtol)
+        step_m = float(np.diff(recording.range_m).min(initial=1.0))
+        far_m = float(np.abs(again.range_m - recording.range_m).max())
+        require(far_m < 1e-3 * step_m, f"{what}: read again the range axis differs by {far_m:.2g} m")
+        late_s = float(np.abs(np.diff(again.slow_time_s) - np.diff(recording.slow_time_s)).max())
+        require(late_s * recording.radar.prf_hz < 1e-3, f"{what}: read again the slow time differs by {late_s:.2g} s")
+        own_hz, read_hz = recording.radar.carrier_hz, again.radar.carrier_hz
+        require(abs(read_hz - own_hz) < 1e-6 * own_hz, f"{what}: read again the carrier is {read_hz:g} Hz")
+
+    with TemporaryDirectory() as folder:
+        (Path(folder) / "file").write_bytes(b"")
+        try:
+            writer.run(recording, Path(folder) / "file" / f"walk{suffix}", **options)
+        except OutputError:
+            pass
+        except Exception as error:
+            raise AssertionError(f"{what}: a place that cannot be written raises {error!r}, no OutputError") from error
+        else:
+            raise AssertionError(f"{what}: a place that cannot be written raises nothing")
+        require(sorted(os.listdir(folder)) == ["file"], f"{what}: leaves files where it cannot write")
+
+
+def _file_contents(folder: Path) -> dict[str, bytes]:
+    return {str(one.relative_to(folder)): one.read_bytes() for one in sorted(folder.rglob("*")) if one.is_file()}
 
 
 def check_impairment(parameters: FrozenModel, radar: Radar, *, n_pulses: int = 64, seed: int = 0) -> None:

@@ -1,0 +1,153 @@
+"""Contract checks of radar readers and writers: every built-in passes, and a broken one is caught."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+import doppelgait as dg
+from acconeer_file import write_file as write_acconeer
+from doppelgait.core import plugins
+from doppelgait.core.errors import RecordingError
+from doppelgait.core.labels import BASEBAND, make_array
+from doppelgait.radar import RADAR_READERS, RADAR_WRITERS, Radar, Recording, write_recording
+from doppelgait.radar.measured import cw_radar, label_measured
+from doppelgait.radar.recording import baseband_facts
+from doppelgait.testing import check_radar_reader, check_radar_writer
+
+
+@pytest.fixture
+def register(monkeypatch):
+    """Register plug-ins for one test."""
+    for group in list(plugins._REGISTERED):
+        dg.core.plugins._GROUPS.get(group) and len(dg.core.plugins._GROUPS[group])  # built-in ones first
+    monkeypatch.setattr(plugins, "_REGISTERED", {group: dict(found) for group, found in plugins._REGISTERED.items()})
+    return dg.plugin
+
+
+def _recording(n_bins=6, prf_hz=25.0):
+    rng = np.random.default_rng(4)
+    radar = Radar.preset("x4", prf_hz=prf_hz, range_start_m=0.5, range_stop_m=0.5 + n_bins * 0.0514)
+    values = (rng.normal(size=(30, n_bins)) + 1j * rng.normal(size=(30, n_bins))).astype(np.complex64)
+    coords = {"slow_time": np.arange(30) / prf_hz, "range": radar.range_axis_m()}
+    return Recording.from_baseband(make_array(BASEBAND, values, coords, baseband_facts(radar)), radar, seed=3)
+
+
+XETHRU = {"start_time": datetime(2020, 5, 1, 12, tzinfo=UTC), "session_id": "a"}
+WRITERS = {"doppelgait": {}, "arrays": {}, "sigmf": {}, "xethru": {**XETHRU, "rtol": 1e-5}}
+
+
+def _sample_file(name, folder):
+    """A good file of a reader's format, alone in its folder."""
+    folder.mkdir()
+    if name in WRITERS:
+        options = {key: value for key, value in WRITERS[name].items() if key != "rtol"}
+        path = folder / f"walk{RADAR_WRITERS[name].facts['suffix']}"
+        return RADAR_WRITERS[name].run(_recording(), path, **options) or path
+    if name == "acconeer":
+        return write_acconeer(folder / "walk.h5")
+    if name == "cw-text":
+        for part in ("RE", "IM"):
+            (folder / f"walk_{part}.txt").write_text("\n".join(str(2000 + n % 90) for n in range(512)))
+        return folder / "walk_RE.txt"
+    frames = np.random.default_rng(1).normal(size=(20, 256))
+    savemat(folder / "walk.mat", {"Data_Matrix": frames, "actual_fps": 25.0, "bin_length": 0.00643, "frame_start": 0.4})
+    return folder / "walk.mat"
+
+
+@pytest.mark.parametrize("name", RADAR_READERS)
+def test_every_radar_reader_keeps_its_contract(name, tmp_path):
+    check_radar_reader(name, _sample_file(name, tmp_path / "data"))
+
+
+@pytest.mark.parametrize("name", RADAR_WRITERS)
+def test_every_radar_writer_keeps_its_contract(name):
+    check_radar_writer(name, _recording(), **WRITERS[name])
+
+
+def _read_walk(path, *, prf_hz=100.0):
+    content = path.read_bytes()
+    values = np.frombuffer(content[4:], np.complex64)
+    radar = cw_radar(path, name="walk", carrier_hz=24e9, prf_hz=prf_hz)
+    times_s = np.arange(values.size) / prf_hz
+    return label_measured(path, values[:, None], radar=radar, slow_time_s=times_s, range_m=radar.range_axis_m())
+
+
+def _read_safely(path, *, prf_hz=100.0):
+    try:
+        return _read_walk(path, prf_hz=prf_hz)
+    except ValueError as error:
+        raise RecordingError(f"{path}: {error}") from None
+
+
+def _read_positional(path, prf_hz=100.0):
+    return _read_safely(path, prf_hz=prf_hz)
+
+
+RATES_HZ = iter(range(100, 200))
+
+
+def _read_another_time(path):
+    return _read_safely(path, prf_hz=float(next(RATES_HZ)))
+
+
+def _sniff_walk(path):
+    return path.is_file() and path.read_bytes()[:4] == b"WALK"
+
+
+@pytest.mark.parametrize(
+    ("read", "facts", "message"),
+    [
+        (_read_safely, {}, None),
+        (_read_walk, {}, r"damaged file \(half\) raises ValueError|damaged file \(noise\)|no RecordingError"),
+        (_read_positional, {}, r"options \['prf_hz'\] are not keyword-only"),
+        (_read_another_time, {}, "gives another recording"),
+        (_read_safely, {"sniff": lambda path: False}, "recognised by no reader"),
+        (_read_safely, {"sniff": lambda path: True}, "not its own"),
+        (_read_safely, {"sniff": lambda path: path.read_bytes()[0] == b"W"[0]}, "sniff raises"),
+        (_read_safely, {"suffixes": ()}, "names no suffixes"),
+    ],
+)
+def test_a_broken_radar_reader_is_caught(register, tmp_path, read, facts, message):
+    register("radar_reader", "walk", **{"sniff": _sniff_walk, "suffixes": (".walk",), **facts})(read)
+    (tmp_path / "data").mkdir()
+    path = tmp_path / "data" / "a.walk"
+    path.write_bytes(b"WALK" + np.arange(65, dtype=np.complex64).tobytes())
+    if message is None:
+        check_radar_reader("walk", path)
+        return
+    with pytest.raises(AssertionError, match=message):
+        check_radar_reader("walk", path)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("scale", "the baseband differs"),
+        ("clock", "gives other bytes"),
+        ("open", "no OutputError"),
+        ("suffix", "suffix '.h5' is taken by"),
+        ("nothing", "makes no file"),
+    ],
+)
+def test_a_broken_radar_writer_is_caught(register, change, message):
+    count = iter(range(9))
+
+    def write(recording, path):
+        if change == "nothing":
+            return
+        if change == "open":
+            path.open("wb").close()
+        if change == "scale":
+            recording = Recording.from_baseband(recording.baseband * np.complex64(1.01), recording.radar)
+        if change == "clock":
+            recording = replace(recording, notes=[str(next(count))])
+        write_recording(recording, path)
+
+    register("radar_writer", "own", suffix=".h5" if change == "suffix" else ".own")(write)
+    with pytest.raises(AssertionError, match=message):
+        check_radar_writer("own", _recording())
