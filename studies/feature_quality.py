@@ -27,8 +27,9 @@ import pandas as pd
 import doppelgait.features as feature_layer
 from doppelgait.core.errors import DoppelgaitError
 from doppelgait.core.rng import Streams
-from doppelgait.features.extended import extended_features
-from doppelgait.features.uncertainty import uncertainties
+from doppelgait.features import Extraction, Observed
+from doppelgait.features.extended import measure_extended
+from doppelgait.features.uncertainty import uncertainties_of
 from doppelgait.motion.models import boulic_walk, human_gait, quadruped_gait
 from doppelgait.motion.models.quadruped_gaits import GAITS
 from doppelgait.pipeline import analyze, simulate
@@ -54,7 +55,7 @@ _last: list[Any] = []
 
 
 def _kept_extract(evidence: Any, **settings: Any) -> Any:
-    """The features as ever, with a note of what they came from: results do not carry their evidence."""
+    """The features as ever, with a note of what they came from: results do not carry their intermediates."""
     extraction = _extract(evidence, **settings)
     _last[:] = [evidence, extraction]
     return extraction
@@ -118,10 +119,12 @@ def observe(number: int, repeat: int, snr_db: float) -> dict[str, Any]:
     return {**facts, **_measured(*_last), **_true(made.truth[0])}
 
 
-def _measured(evidence: Any, extraction: Any) -> dict[str, Any]:
-    sd = uncertainties(evidence, extraction)
-    no_gait = uncertainties(evidence, replace(extraction, gait_frequency_hz=None))["torso_velocity_mps"]
-    extended = extended_features(evidence, extraction)
+def _measured(observed: Observed, extraction: Extraction) -> dict[str, Any]:
+    known = replace(observed, extraction=extraction)
+    sd = uncertainties_of(known)
+    without = replace(observed, extraction=replace(extraction, gait_frequency_hz=None))
+    no_gait = uncertainties_of(without)["torso_velocity_mps"]
+    extended = measure_extended(known).values
     values = {**extraction.features.as_dict(), "gait_frequency_hz": extraction.gait_frequency_hz, **extended}
     return {**values, **{f"sd_{name}": value for name, value in sd.items()}, "sd_without_gait": no_gait}
 

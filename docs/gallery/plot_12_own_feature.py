@@ -12,8 +12,7 @@ import pandas as pd
 
 import doppelgait as dg
 from doppelgait import viz
-from doppelgait.features.observed import Observed
-from doppelgait.features.registry import FEATURES, Feature
+from doppelgait.features import Observed
 
 # %%
 # The function gets one target's processed signature (:class:`doppelgait.features.observed.Observed`), with what
@@ -21,15 +20,14 @@ from doppelgait.features.registry import FEATURES, Feature
 # This one: for which share of the time is something quicker than twice the torso?
 
 
+@dg.plugin(
+    "feature", "quick_time_share", unit="1", source="ours: time with quick limbs", needs=("direction", "envelope")
+)
 def quick_time_share(observed: Observed) -> float | None:
     """Share of the columns whose leading envelope is beyond twice the torso's velocity."""
     torso_mps = abs(float(observed.line_mps.mean()))
     return float(np.mean(observed.forward_mps > torso_mps))  # envelope, relative to the torso's line
 
-
-FEATURES.add(
-    "quick_time_share", Feature("1", "ours: time with quick limbs", quick_time_share, ("direction", "envelope"))
-)
 
 # %%
 # It is now computed with every analysis, is stored in every dataset (column ``extended_quick_time_share``) and is

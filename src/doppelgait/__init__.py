@@ -24,6 +24,7 @@ _LAZY = {
     "plugin": "doppelgait.core.plugins",
 }
 PLUGIN_ROOMS: tuple[str, ...] = (
+    "doppelgait.features.feature_set",
     "doppelgait.classify.training",
     "doppelgait.dataset.export",
     "doppelgait.motion.models",

@@ -1,23 +1,27 @@
 """Features beyond the six on drawn signatures with known answers, and what must not change them."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-import doppelgait.features as feature_layer
+import doppelgait as dg
+from doppelgait import processing
+from doppelgait.core import plugins
 from doppelgait.core.errors import ConfigError
-from doppelgait.core.registry import Registry
 from doppelgait.core.rng import Streams
-from doppelgait.features import Extraction, GaitFeatures, extended
-from doppelgait.features.extended import assess, feature_table, measure_extended
-from doppelgait.features.observed import Observed, likeness_at, limits
-from doppelgait.features.registry import FEATURES, Feature
+from doppelgait.features import FEATURE_UNITS, FEATURES, Extraction, GaitFeatures
+from doppelgait.features.extended import feature_table, measure_extended
+from doppelgait.features.observed import likeness_at, limits
+from doppelgait.features.uncertainty import uncertainties_of
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.pipeline import analyze, simulate
 from doppelgait.pipeline.analyze import analyze_signature
+from doppelgait.pipeline.target import observe
 from doppelgait.processing import Analysis, Gate
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
-from exact_signatures import RATE_HZ, T, block, evidence_of, extended_of, extraction_of, line_at
+from exact_signatures import RATE_HZ, T, block, evidence_of, extended_of, extraction_of, line_at, with_extraction
 
 # --- Envelopes ----------------------------------------------------------------------------------------------------
 
@@ -51,7 +55,7 @@ def test_envelope_statistics_of_a_swinging_block(sense):
 def test_swing_duty_is_the_share_of_the_time_far_out():
     ahead = np.where((2.0 * T) % 1.0 < 0.3, 3.0, 1.0)
     assert extended_of(block(0.5, 1.5 + ahead), 1.5)["swing_duty"] == pytest.approx(0.3, abs=0.01)
-    still = measure_extended(Observed(evidence_of(block(0.5, 2.5), 1.5), extraction_of(1.5)))
+    still = measure_extended(with_extraction(evidence_of(block(0.5, 2.5), 1.5), extraction_of(1.5)))
     assert still.values["swing_duty"] is None
     assert still.reasons["swing_duty"] == "undetermined"
 
@@ -174,16 +178,16 @@ def test_relative_harmonics_without_the_noise():
 
 def test_reasons_for_what_is_missing():
     evidence = evidence_of(line_at(0.1), 0.1)
-    nothing = measure_extended(Observed(evidence, Extraction(GaitFeatures(), None, None, None)))
+    nothing = measure_extended(with_extraction(evidence, Extraction(GaitFeatures(), None, None, None)))
     assert set(nothing.values.values()) == {None}
     assert set(nothing.reasons.values()) == {"no_signal"}
-    slow = measure_extended(Observed(evidence, extraction_of(0.1, None)))
+    slow = measure_extended(with_extraction(evidence, extraction_of(0.1, None)))
     assert slow.reasons["forward_envelope_mean_mps"] == "slower_than_0.2_mps_towards_or_away"
     assert slow.reasons["alternate_likeness"] == "needs_a_gait_frequency"
     assert slow.values["torso_ripple_mps"] is not None
     assert any(f.endswith(":needs_a_gait_frequency") and "alternate_likeness," in f for f in slow.flags())
     gone = np.where(T[:, None] < 3.0, 0.0, block(0.5, 2.5))
-    found = measure_extended(Observed(evidence_of(gone + 1e-12, 1.5, floor=2e-12), extraction_of(1.5)))
+    found = measure_extended(with_extraction(evidence_of(gone + 1e-12, 1.5, floor=2e-12), extraction_of(1.5)))
     assert found.reasons["envelope_offset_mps"] == "signal_in_too_few_columns"
     assert found.reasons["torso_ripple_mps"] == "main_line_lost_in_noise"
 
@@ -200,14 +204,32 @@ def test_every_feature_has_a_unit_and_a_source():
 
 def test_features_of_other_packages_and_values_that_are_not_finite(monkeypatch):
     with pytest.raises(ConfigError, match="torso_share"):
-        FEATURES.add("torso_share", FEATURES["torso_share"])
-    mine = Registry("doppelgait.none", "feature")
-    mine.add("mine", Feature("1", "here", lambda observed: 2.0 * observed.evidence.observation_s))
-    mine.add("broken", Feature("1", "here", lambda observed: float("nan")))
-    monkeypatch.setattr(extended, "FEATURES", mine)
-    found = measure_extended(Observed(evidence_of(line_at(1.5), 1.5), extraction_of(1.5)))
+        dg.plugin("feature", "torso_share", unit="1", source="here")(lambda observed: 1.0)
+    len(FEATURES)  # the built-in ones first
+    own = {name: FEATURES[name] for name in FEATURE_UNITS}
+    monkeypatch.setitem(plugins._REGISTERED, "feature", own)
+    dg.plugin("feature", "mine", unit="1", source="here")(lambda observed: 2.0 * observed.observation_s)
+    dg.plugin("feature", "broken", unit="1", source="here")(lambda observed: float("nan"))
+    found = measure_extended(with_extraction(evidence_of(line_at(1.5), 1.5), extraction_of(1.5)))
     assert found.values == {"broken": None, "mine": 10.0}
     assert found.reasons == {"broken": "undetermined"}
+
+
+def test_the_set_f_is_part_of_the_registry_in_its_order():
+    marked = sorted((item for item in FEATURES.values() if "set_f" in item.facts), key=lambda item: item.facts["set_f"])
+    assert {item.name: item.facts["unit"] for item in marked} == FEATURE_UNITS
+    assert [item.facts["set_f"] for item in marked] == list(range(6))
+    assert len(FEATURES) == 6 + len(feature_table())
+
+
+def test_registered_features_are_in_results_rows_and_tables(monkeypatch, walker_mu):
+    len(FEATURES)
+    monkeypatch.setitem(plugins._REGISTERED, "feature", dict(plugins._REGISTERED["feature"]))
+    dg.plugin("feature", "columns", unit="1", source="here")(lambda observed: float(observed.power_v2.shape[0]))
+    gate = Gate.around([0, 4], [8, 3], span_m=1.6)
+    result = analyze_signature(walker_mu, gate, Analysis(doppler_bins=127), label=None)
+    assert result.extended["columns"] == walker_mu.sizes["time"] == result.to_row()["extended_columns"]
+    assert ("columns", "1", "here") in feature_table()
 
 
 # --- What must not matter -----------------------------------------------------------------------------------------
@@ -221,18 +243,14 @@ def walker_mu():
     return analyze(recording, gate="truth", analysis=Analysis(doppler_bins=127))[0].signature
 
 
-def assessed(mu, monkeypatch):
-    kept = []
-    extract = feature_layer.extract
-    monkeypatch.setattr(feature_layer, "extract", lambda e, **k: kept.append((e, extract(e, **k))) or kept[0][1])
-    gate = Gate.around([0, 4], [8, 3], span_m=1.6, source="given")
-    analyze_signature(mu, gate, Analysis(doppler_bins=127), label=None)
-    monkeypatch.undo()
-    return assess(*kept[0])
+def assessed(mu):
+    observed, _ = observe(processing.thin(mu), Analysis(doppler_bins=127))
+    found = measure_extended(observed)
+    return SimpleNamespace(extended=found.values, reasons=found.reasons, standard_deviations=uncertainties_of(observed))
 
 
-def test_power_direction_and_time_reversal_do_not_matter(walker_mu, monkeypatch):
-    wanted = assessed(walker_mu, monkeypatch)
+def test_power_direction_and_time_reversal_do_not_matter(walker_mu):
+    wanted = assessed(walker_mu)
     assert not wanted.reasons
     assert all(v is not None for n, v in wanted.standard_deviations.items() if n != "harmonic_ratio_3")
     mirrored = walker_mu.values[:, ::-1]
@@ -244,7 +262,7 @@ def test_power_direction_and_time_reversal_do_not_matter(walker_mu, monkeypatch)
         "played backwards": (backwards, 0.03),
     }
     for name, (mu, tolerance) in variants.items():
-        found = assessed(mu, monkeypatch)
+        found = assessed(mu)
         for feature, value in wanted.extended.items():
             assert found.extended[feature] == pytest.approx(value, rel=tolerance, abs=0.005), (name, feature)
         for feature, value in wanted.standard_deviations.items():
@@ -252,8 +270,8 @@ def test_power_direction_and_time_reversal_do_not_matter(walker_mu, monkeypatch)
                 assert found.standard_deviations[feature] == pytest.approx(value, rel=10 * tolerance), (name, feature)
 
 
-def test_a_walker_has_plausible_features(walker_mu, monkeypatch):
-    found = assessed(walker_mu, monkeypatch).extended
+def test_a_walker_has_plausible_features(walker_mu):
+    found = assessed(walker_mu).extended
     assert found["forward_envelope_mean_mps"] > found["backward_envelope_mean_mps"]  # the swinging foot
     assert found["envelope_periodicity"] > 0.8
     assert 0.3 < found["swing_duty"] < 0.7

@@ -9,7 +9,6 @@ from doppelgait.core.labels import BASEBAND, CADENCE_MAP, CADENCE_SPECTRUM, NORM
 from doppelgait.core.rng import Streams
 from doppelgait.features import (
     FEATURE_UNITS,
-    Evidence,
     GaitFeatures,
     gait_frequency,
     harmonic_ratio,
@@ -23,9 +22,9 @@ from doppelgait.features.doppler import (
     noise_quantile,
     single_tone_width_hz,
 )
-from doppelgait.features.gait import occupied_rows
 from doppelgait.features.gait_frequency import square_difference
-from doppelgait.features.peaks import local_maxima, refine
+from doppelgait.features.measures import local_maxima, refine
+from doppelgait.features.observed import Observed
 from doppelgait.motion import make_motion
 from doppelgait.motion.models import breathing_person, moving_point
 from doppelgait.motion.models.boulic import boulic_walk
@@ -213,15 +212,15 @@ def test_occupied_rows_stand_three_standard_deviations_above_the_noise_e38():
     mean = 1.0 + np.array([0.0, 0.14, 0.16, -0.2, 5.0])
     coords = {"time": np.arange(50) / RATE_HZ, **doppler_coords(5)}
     mu = make_array(SIGNATURE, np.tile(mean, (50, 1)), coords, {"n_gate_bins": 16})
-    evidence = Evidence(
+    evidence = Observed(
         signature=mu, floor_v2=1.0, excess=mu - 1.0, n_independent=25.0,
         main_line_hz=None, aligned=None, step_doppler=None, spectrum=None, gait=None, observation_s=0.4,
     )  # fmt: skip
-    np.testing.assert_array_equal(occupied_rows(evidence), [False, False, True, False, True])
+    np.testing.assert_array_equal(evidence.occupied, [False, False, True, False, True])
 
 
 def test_ratio_is_taken_over_the_occupied_rows_alone_e38(monkeypatch):
-    monkeypatch.setattr("doppelgait.features.gait.occupied_rows", lambda evidence: np.zeros(128, dtype=bool))
+    monkeypatch.setattr(Observed, "occupied", np.zeros(128, dtype=bool))
     result, _ = walked(1.2, 2.0)
     assert result.features.limb_torso_ratio is None
     assert "limb_torso_ratio:no_doppler_row_above_the_noise" in result.flags

@@ -7,10 +7,17 @@ import pytest
 
 from doppelgait.core.kernels.periodicity import add_between
 from doppelgait.core.labels import NORMALISED_SIGNATURE, make_array
-from doppelgait.features.autocorrelation import square_difference
-from doppelgait.features.decision import decide, near_lag, power_spectrum, refine_on_harmonics
-from doppelgait.features.gait_frequency import GaitFrequency, gait_frequency, settle
+from doppelgait.features.gait_frequency import (
+    GaitFrequency,
+    decide,
+    gait_frequency,
+    near_lag,
+    power_spectrum,
+    refine_on_harmonics,
+    settle,
+)
 from doppelgait.features.limbs import Rows, grouped, limb_rows, slowed, torso_line_hz
+from doppelgait.features.measures import square_difference
 from doppelgait.processing import cadence_map, cadence_spectrum, detrend, detrend_order
 
 RATE_HZ, N_DOPPLER, PRF_HZ = 125.0, 128, 1000.0

@@ -6,7 +6,6 @@ import pytest
 import doppelgait.features as feature_layer
 from doppelgait.core.rng import Streams
 from doppelgait.features import Extraction, GaitFeatures
-from doppelgait.features.observed import Observed
 from doppelgait.features.uncertainty import (
     HARMONIC_FACTOR,
     VELOCITY_FACTOR,
@@ -16,7 +15,7 @@ from doppelgait.features.uncertainty import (
     frequency_sd_hz,
     harmonic_ratio_sd,
     ratio_sd,
-    uncertainties,
+    uncertainties_of,
     uncertainty_flags,
     velocity_sd_mps,
 )
@@ -25,7 +24,7 @@ from doppelgait.pipeline import analyze, simulate
 from doppelgait.processing import Analysis
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
-from exact_signatures import T, block, evidence_of, extraction_of, line_at
+from exact_signatures import T, block, evidence_of, extraction_of, line_at, with_extraction
 
 
 def periods_with(phase_rad, rows=None, frequency_hz=2.0):
@@ -76,7 +75,7 @@ def test_velocity_sd_of_independent_columns():
     for _ in range(8):  # every column's strongest cell is off by 0.1 m/s, independently of the next
         evidence = evidence_of(line_at(1.5 + rng.normal(scale=0.1, size=T.size), k=255), 1.5)
         for frequency_hz in (2.0, 3.0, 5.0, None):
-            observed = Observed(evidence, extraction_of(1.5, frequency_hz))
+            observed = with_extraction(evidence, extraction_of(1.5, frequency_hz))
             found.append(velocity_sd_mps(observed) ** 2 - VELOCITY_LEAST_MPS**2)
     # Cauchy weights with this tuning are 95 % efficient on Gaussian errors
     assert np.sqrt(np.mean(found)) == pytest.approx(wanted / np.sqrt(0.95), rel=0.12)
@@ -84,17 +83,17 @@ def test_velocity_sd_of_independent_columns():
 
 def test_velocity_sd_ignores_what_repeats_in_every_period():
     swing = 0.2 * np.sin(2 * np.pi * 2.0 * T)
-    observed = Observed(evidence_of(line_at(1.5 + swing), 1.5), extraction_of(1.5, 2.0))
+    observed = with_extraction(evidence_of(line_at(1.5 + swing), 1.5), extraction_of(1.5, 2.0))
     ripple = np.sqrt(np.mean(observed.torso_ripple_mps**2))
     assert velocity_sd_mps(observed) == pytest.approx(np.hypot(0.05 * ripple, VELOCITY_LEAST_MPS), rel=0.3)
-    other = Observed(evidence_of(line_at(1.5 + swing), 1.5), extraction_of(1.5, 3.1))
+    other = with_extraction(evidence_of(line_at(1.5 + swing), 1.5), extraction_of(1.5, 3.1))
     assert velocity_sd_mps(other) > 1.5 * velocity_sd_mps(observed)
 
 
 def test_bandwidth_sd_is_a_jackknife_over_groups_of_periods():
     rng = np.random.default_rng(6)
     ahead = 1.5 + 0.5 * np.sin(2 * np.pi * 2.0 * T) + np.repeat(rng.normal(scale=0.5, size=10), 63)[: T.size]
-    observed = Observed(evidence_of(block(0.5, 1.5 + ahead), 1.5), extraction_of(1.5, 2.0))
+    observed = with_extraction(evidence_of(block(0.5, 1.5 + ahead), 1.5), extraction_of(1.5, 2.0))
     low, high = observed.edges_mps
     edges = np.rint(np.arange(11) * 62.5).astype(int)
     groups = [[b for b in range(10) if b * 8 // 10 == g] for g in range(8)]
@@ -119,7 +118,7 @@ def swinging():
 
 
 def test_step_length_sd_adds_relative_variances_and_the_third_harmonic_has_none():
-    found = uncertainties(*swinging())
+    found = uncertainties_of(with_extraction(*swinging()))
     share = np.hypot(found["torso_velocity_mps"] / 1.5, found["gait_frequency_hz"] / 2.0)
     assert found["step_length_m"] == pytest.approx(0.75 * share)
     assert found["harmonic_ratio_3"] is None
@@ -132,11 +131,15 @@ def test_step_length_sd_adds_relative_variances_and_the_third_harmonic_has_none(
 
 def test_no_signal_and_few_periods_have_no_uncertainty():
     evidence, extraction = swinging()
-    nothing = uncertainties(evidence, Extraction(GaitFeatures(), None, None, None))
+    nothing = uncertainties_of(with_extraction(evidence, Extraction(GaitFeatures(), None, None, None)))
     assert set(nothing.values()) == {None}
-    slow = uncertainties(evidence, Extraction(extraction.features, 2.9 / 5.0, extraction.torso_doppler_hz, 2.9))
+    slow = uncertainties_of(
+        with_extraction(evidence, Extraction(extraction.features, 2.9 / 5.0, extraction.torso_doppler_hz, 2.9))
+    )
     assert set(slow.values()) == {None}
-    without = uncertainties(evidence, Extraction(GaitFeatures(1.5), None, extraction.torso_doppler_hz, None))
+    without = uncertainties_of(
+        with_extraction(evidence, Extraction(GaitFeatures(1.5), None, extraction.torso_doppler_hz, None))
+    )
     assert [name for name, value in without.items() if value is not None] == ["torso_velocity_mps"]
 
 
@@ -166,7 +169,7 @@ def observations(monkeypatch, count=24):
         made = simulate(scene, radar, rng=Streams(20, n), snr_db=15.0, angles=False)
         truth = made.truth[0]
         analyze(made, gate="truth", analysis=Analysis(hop=8))
-        sd = uncertainties(*kept[-1])
+        sd = uncertainties_of(with_extraction(*kept[-1]))
         found = kept[-1][1]
         yield (
             (found.features.torso_velocity_mps - truth.centre_velocity_mps.mean()) / sd["torso_velocity_mps"],

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.features.piece_motion import piece_motion
+from doppelgait.features.ground_motion import piece_motion
 from doppelgait.processing.partition import best_knots
 from doppelgait.processing.pieces import PieceSettings, find_pieces
 

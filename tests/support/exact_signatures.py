@@ -1,10 +1,12 @@
 """Signatures by formula and the evidence around them: features with known answers."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from doppelgait.core.labels import CADENCE_MAP, CADENCE_SPECTRUM, NORMALISED_SIGNATURE, SIGNATURE, make_array
-from doppelgait.features import Evidence, Extraction, GaitFeatures, GaitFrequency
-from doppelgait.features.extended import extended_features
+from doppelgait.features import Extraction, GaitFeatures, GaitFrequency, Observed
+from doppelgait.features.extended import measure_extended
 
 RATE_HZ, PRF_HZ, WAVELENGTH_M = 125.0, 1000.0, 299_792_458 / 7.29e9
 HALF_M = WAVELENGTH_M / 2
@@ -35,7 +37,7 @@ def evidence_of(values, line_mps, *, floor=0.0, spectrum=None, **changes):
     cadence_hz = np.arange(0, 20, 0.025)
     doppler = {name: mu.coords[name] for name in ("doppler", "velocity")} | {"cadence": cadence_hz}
     power = np.ones(cadence_hz.size) if spectrum is None else spectrum(cadence_hz)
-    return Evidence(
+    return Observed(
         signature=mu, floor_v2=floor, main_line_hz=np.broadcast_to(line_mps, T.shape) / HALF_M, excess=mu - floor,
         aligned=make_array(NORMALISED_SIGNATURE, aligned, coords),
         step_doppler=make_array(CADENCE_MAP, np.ones((cadence_hz.size, values.shape[1])), doppler),
@@ -49,8 +51,14 @@ def extraction_of(line_mps, frequency_hz=2.0):
     return Extraction(GaitFeatures(torso_velocity_mps=mean), frequency_hz, mean / HALF_M, None)
 
 
+def with_extraction(observed, extraction):
+    """The same signature with other features of the set F."""
+    return replace(observed, extraction=extraction)
+
+
 def extended_of(values, line_mps, frequency_hz=2.0, **changes):
-    return extended_features(evidence_of(values, line_mps, **changes), extraction_of(line_mps, frequency_hz))
+    observed = evidence_of(values, line_mps, **changes)
+    return measure_extended(with_extraction(observed, extraction_of(line_mps, frequency_hz))).values
 
 
 def block(low_mps, high_mps, k=1023):

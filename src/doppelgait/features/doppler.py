@@ -10,7 +10,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.labels import SIGNATURE, axis, check_signal
-from doppelgait.features.peaks import quantile
+from doppelgait.features.measures import quantile
 
 FloatArray = npt.NDArray[np.float64]
 

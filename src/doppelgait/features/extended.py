@@ -1,25 +1,33 @@
-"""All features beyond the six, of one target (E-39 keeps its own set)."""
+"""Features beyond the set F: envelopes, shares of the power, cadence, the torso's swing.
+
+Björklund, Petersson and Hendeby, "Features for micro-Doppler based activity classification", IET Radar, Sonar &
+Navigation 9(9), 2015, describe walkers by the main cycle time and properties of the envelope. Kim and Ling, "Human
+activity classification based on micro-Doppler signatures using a support vector machine", IEEE Transactions on
+Geoscience and Remote Sensing 47(5), 2009, use bandwidth, offset and strength of the whole signature. The exact forms
+here are ours, on the quantile envelopes of E-35, relative to the main line and in the direction of motion.
+
+Velocity bands are in m/s, so that they hold for any carrier; at 7.29 GHz they are 20, 80 Hz and beyond. A short CPI
+at a low carrier blurs them: one constant velocity is about lambda / (2 T_d) wide, 0.2 m/s there.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import partial
 
-from doppelgait.features import bands, envelope, ripple  # noqa: F401  they register themselves
-from doppelgait.features.observed import Observed
-from doppelgait.features.registry import FEATURES
-from doppelgait.features.uncertainty import uncertainties_of, uncertainty_flags
+import numpy as np
 
-if TYPE_CHECKING:
-    from doppelgait.features.gait import Evidence, Extraction
+from doppelgait.core.plugins import plugin
+from doppelgait.features.feature_set import FEATURES, FloatArray
+from doppelgait.features.observed import TORSO_BAND_MPS, Observed, likeness_at, limits
 
 UNDETERMINED = "undetermined"
 
 
 @dataclass(frozen=True)
 class ExtendedFeatures:
-    """Values of all registered features and why some are missing.
+    """Values of all features beyond the set F, and why some are missing.
 
     Parameters
     ----------
@@ -41,7 +49,7 @@ class ExtendedFeatures:
 
 
 def measure_extended(observed: Observed) -> ExtendedFeatures:
-    """Every registered feature of one target.
+    """Measure every feature of one target beyond the set F.
 
     Parameters
     ----------
@@ -53,50 +61,271 @@ def measure_extended(observed: Observed) -> ExtendedFeatures:
     """
     values: dict[str, float | None] = {}
     reasons: dict[str, str] = {}
-    for name in FEATURES:
-        feature = FEATURES[name]
-        reason = observed.lacks(feature.needs)
-        value = None if reason else feature.function(observed)
+    for feature in FEATURES.values():
+        if "set_f" in feature.facts:
+            continue
+        name, reason = feature.name, observed.lacks(feature.facts.get("needs", ()))
+        value = None if reason else feature.run(observed)
         values[name] = float(value) if value is not None and math.isfinite(value) else None
         if values[name] is None:
             reasons[name] = reason or UNDETERMINED
     return ExtendedFeatures(values, reasons)
 
 
-def extended_features(evidence: Evidence, extraction: Extraction) -> dict[str, float | None]:
-    """Values of :func:`measure_extended`, of one target's evidence and extraction."""
-    return measure_extended(Observed(evidence, extraction)).values
-
-
-@dataclass(frozen=True)
-class Assessment:
-    """What stands beside the six features of a target.
-
-    Parameters
-    ----------
-    extended : dict
-        Further features by name, None where undetermined.
-    standard_deviations : dict
-        Of the six and of the gait frequency, by name, None where unknown.
-    reasons : dict
-        Why an extended feature is None, by name.
-    flags : tuple of str
-        Which of the six are known only roughly.
-    """
-
-    extended: dict[str, float | None]
-    standard_deviations: dict[str, float | None]
-    reasons: dict[str, str]
-    flags: tuple[str, ...]
-
-
-def assess(evidence: Evidence, extraction: Extraction) -> Assessment:
-    """Extended features and uncertainties in one go, which share what they need."""
-    observed = Observed(evidence, extraction)
-    found, spread = measure_extended(observed), uncertainties_of(observed)
-    return Assessment(found.values, spread, found.reasons, uncertainty_flags(extraction, spread))
-
-
 def feature_table() -> list[tuple[str, str, str]]:
-    """Name, unit and source of every registered feature, in alphabetical order."""
-    return [(name, FEATURES[name].unit, FEATURES[name].source) for name in FEATURES]
+    """List name, unit and source of every feature beyond the set F, in alphabetical order."""
+    found = [feature for feature in FEATURES.values() if "set_f" not in feature.facts]
+    return [(feature.name, feature.facts["unit"], feature.facts["source"]) for feature in found]
+
+
+# Envelopes -----------------------------------------------------------------------------------------------------------
+
+BJORKLUND = "envelope properties after Björklund et al. 2015, on the envelopes of E-35"
+WIDTH = "ours: E-33 on the width between the envelopes"
+PERIODS = "ours: E-33 at one and at two periods"
+KIM_LING = "after Kim and Ling 2009, on the envelopes of E-35"
+SIDES = ("direction", "envelope")
+
+
+@plugin("feature", "forward_envelope_mean_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
+def forward_mean_mps(observed: Observed) -> float:
+    """Mean reach of the leading envelope ahead of the main line."""
+    return float(observed.forward_mps.mean())
+
+
+@plugin("feature", "backward_envelope_mean_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
+def backward_mean_mps(observed: Observed) -> float:
+    """Mean reach of the trailing envelope behind the main line."""
+    return float(observed.backward_mps.mean())
+
+
+@plugin("feature", "forward_envelope_sd_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
+def forward_sd_mps(observed: Observed) -> float:
+    """Standard deviation over time of the leading envelope about the main line."""
+    return float(observed.forward_mps.std())
+
+
+@plugin("feature", "backward_envelope_sd_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
+def backward_sd_mps(observed: Observed) -> float:
+    """Standard deviation over time of the trailing envelope about the main line."""
+    return float(observed.backward_mps.std())
+
+
+@plugin("feature", "forward_envelope_range_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
+def forward_range_mps(observed: Observed) -> float:
+    """95th minus 5th percentile over time of the leading envelope."""
+    low, high = observed.forward_limits_mps
+    return high - low
+
+
+@plugin("feature", "backward_envelope_range_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
+def backward_range_mps(observed: Observed) -> float:
+    """95th minus 5th percentile over time of the trailing envelope."""
+    low, high = observed.backward_limits_mps
+    return high - low
+
+
+@plugin("feature", "envelope_asymmetry", unit="1", source="ours: bandwidth ahead against behind (E-35)", needs=SIDES)
+def asymmetry(observed: Observed) -> float | None:
+    """Bandwidth ahead minus bandwidth behind, over their sum; 95th percentiles over time, -1 to 1."""
+    ahead = observed.forward_limits_mps[1]
+    behind = observed.backward_limits_mps[1]
+    return (ahead - behind) / (ahead + behind) if ahead > 0 and behind > 0 else None
+
+
+@plugin("feature", "envelope_offset_mps", unit="m/s", source=KIM_LING, needs=SIDES)
+def offset_mps(observed: Observed) -> float:
+    """Mean middle of the envelopes ahead of the main line."""
+    return float((observed.forward_mps - observed.backward_mps).mean()) / 2.0
+
+
+@plugin("feature", "torso_bandwidth_mps", unit="m/s", source=KIM_LING, needs=("envelope",))
+def torso_bandwidth_mps(observed: Observed) -> float:
+    """Width between the envelopes where it is least, the 5th percentile over time: the body without its swings."""
+    return limits(observed.width_mps)[0]
+
+
+@plugin("feature", "strength_variation", unit="1", source=KIM_LING)
+def strength_variation(observed: Observed) -> float | None:
+    """Standard deviation over mean of the power near the main line over time, range taken out (E-28)."""
+    power = observed.near_power_v2
+    mean = float(power.mean())
+    return float(power.std()) / mean if mean > 0 else None
+
+
+@plugin(
+    "feature",
+    "envelope_periodicity",
+    unit="1",
+    source="ours: E-33 on the width between the envelopes",
+    needs=("gait_frequency", "envelope"),
+)
+def periodicity(observed: Observed) -> float | None:
+    """Likeness of the envelopes' width to itself one gait period later, at most 1 (E-33)."""
+    if not observed.seen.all():  # the width is known at every column or the lag means nothing
+        return None
+    width = observed.width_mps
+    return likeness_at(width - width.mean(), observed.rate_hz / observed.frequency_hz)
+
+
+@plugin("feature", "swing_duty", unit="1", source="ours: duration of limb spikes (E-35)", needs=SIDES)
+def swing_duty(observed: Observed) -> float | None:
+    """Share of the time in which the leading envelope is beyond the middle of its range: duration of limb spikes."""
+    low, high = observed.forward_limits_mps
+    if high - low < 2.0 * observed.bin_mps:
+        return None
+    return float((observed.forward_mps > (low + high) / 2.0).mean())
+
+
+# Power and cadence ---------------------------------------------------------------------------------------------------
+
+STANCE_BAND_MPS = 0.3
+BAND_SOURCE = "ours: power shares by velocity about the main line"
+CADENCE_SOURCE = "moments of the cadence spectrum S (E-32); cadence-velocity features as in Björklund et al. 2015"
+
+
+def _share(power_v2: FloatArray, observed: Observed) -> float | None:
+    total = float(observed.total_power_v2.sum())
+    return float(power_v2.sum()) / total if total > 0 else None
+
+
+@plugin("feature", "torso_share", unit="1", source=BAND_SOURCE)
+def torso_share(observed: Observed) -> float | None:
+    """Share of the power within 0.4 m/s of the main line."""
+    return _share(observed.torso_power_v2, observed)
+
+
+@plugin("feature", "limb_share", unit="1", source=BAND_SOURCE)
+def limb_share(observed: Observed) -> float | None:
+    """Share of the power at 0.4 to 1.6 m/s from the main line."""
+    return _share(observed.near_power_v2 - observed.torso_power_v2, observed)
+
+
+@plugin("feature", "far_limb_share", unit="1", source=BAND_SOURCE)
+def far_limb_share(observed: Observed) -> float | None:
+    """Share of the power beyond 1.6 m/s from the main line: feet in full swing, and paws."""
+    return _share(observed.total_power_v2 - observed.near_power_v2, observed)
+
+
+@plugin("feature", "stance_share", unit="1", source="ours: power of standing feet")
+def stance_share(observed: Observed) -> float | None:
+    """Share of the power within 0.3 m/s of standing still: feet on the ground; None for a target as slow as they."""
+    if abs(float(observed.line_mps.mean())) < STANCE_BAND_MPS + TORSO_BAND_MPS:
+        return None
+    share = np.clip((STANCE_BAND_MPS - np.abs(observed.velocity_mps)) / observed.bin_mps + 0.5, 0.0, 1.0)
+    rows = np.flatnonzero(share)
+    power = observed.power_v2[:, rows] @ share[rows] - observed.floor_v2 * share.sum()
+    return _share(power * observed.range_weight, observed)
+
+
+@plugin("feature", "entropy_width_mps", unit="m/s", source="Shannon entropy of the mean Doppler spectrum")
+def entropy_width_mps(observed: Observed) -> float | None:
+    """Width that an even spread of power with the entropy of the mean Doppler spectrum would have.
+
+    ``exp(-sum p ln p)`` bins times their width, over the rows that stand above the noise (E-38): it does not depend on
+    the transform's length, unlike the entropy itself.
+    """
+    mean = observed.mean_row[observed.occupied]
+    mean = mean[mean > 0]
+    if not mean.size:
+        return None
+    p = mean / mean.sum()
+    return float(np.exp(-(p * np.log(p)).sum()) * observed.bin_mps)
+
+
+@plugin("feature", "cadence_centroid_hz", unit="Hz", source=CADENCE_SOURCE)
+def cadence_centroid_hz(observed: Observed) -> float | None:
+    """Mean cadence from 0.5 to 20 Hz, weighted with S."""
+    cadence_hz, power = observed.cadence
+    total = float(power.sum())
+    return float(cadence_hz @ power) / total if total > 0 else None
+
+
+@plugin("feature", "cadence_bandwidth_hz", unit="Hz", source=CADENCE_SOURCE)
+def cadence_bandwidth_hz(observed: Observed) -> float | None:
+    """Standard deviation of the cadence from 0.5 to 20 Hz, weighted with S."""
+    centroid_hz = cadence_centroid_hz(observed)
+    if centroid_hz is None:
+        return None
+    cadence_hz, power = observed.cadence
+    return float(np.sqrt(((cadence_hz - centroid_hz) ** 2 @ power) / power.sum()))
+
+
+def relative_harmonic(observed: Observed, *, harmonic: int) -> float | None:
+    """S at a harmonic over S at f_mu, each the highest value within half a resolution cell, without the noise (E-37).
+
+    The noise is the median of S between the first four harmonics. None beyond the end of the cadence axis.
+    """
+    cadence_hz, power = observed.cadence
+    frequency_hz = observed.frequency_hz
+    if not cadence_hz.size or harmonic * frequency_hz > cadence_hz[-1]:
+        return None
+    half_cell_hz = 0.5 / observed.observation_s
+    noise = observed.between_harmonics
+    first, upper = (
+        max(_highest(cadence_hz, power, h * frequency_hz, half_cell_hz) - noise, 0.0) for h in (1, harmonic)
+    )
+    return upper / first if first > 0 else None
+
+
+def _highest(cadence_hz: FloatArray, power: FloatArray, centre_hz: float, reach_hz: float) -> float:
+    first, last = np.searchsorted(cadence_hz, (centre_hz - reach_hz, centre_hz + reach_hz))
+    return float(power[first : max(last, first + 1)].max()) if first < power.size else 0.0
+
+
+for _harmonic in (2, 3, 4):
+    plugin(
+        "feature", f"relative_harmonic_{_harmonic}", unit="1", source="relative harmonic powers (E-37)",
+        needs=("gait_frequency",),
+    )(partial(relative_harmonic, harmonic=_harmonic))  # fmt: skip
+
+
+# Torso ---------------------------------------------------------------------------------------------------------------
+
+TORSO_LINE = "ours: torso line of E-33 about the main line"
+MIN_PERIODS_OF_PAIRS = 3.0
+"""Pairs of periods can be told apart only where this many single periods are seen."""
+MIN_LIKENESS = 0.1
+
+
+@plugin("feature", "torso_ripple_mps", unit="m/s", source=TORSO_LINE, needs=("line",))
+def ripple_mps(observed: Observed) -> float:
+    """Root mean square of the torso's velocity about its slow part."""
+    return float(np.sqrt(np.mean(observed.torso_ripple_mps**2)))
+
+
+@plugin("feature", "torso_ripple_gait_mps", unit="m/s", source=TORSO_LINE, needs=("gait_frequency", "line"))
+def ripple_at_gait_mps(observed: Observed) -> float | None:
+    """Root mean square of the part of the torso's swing that repeats with f_mu."""
+    return _component_mps(observed, 2)
+
+
+@plugin("feature", "torso_ripple_half_mps", unit="m/s", source=TORSO_LINE, needs=("gait_frequency", "line"))
+def ripple_at_half_mps(observed: Observed) -> float | None:
+    """Root mean square of the part that repeats with f_mu / 2: sway and limp, which alternate from step to step."""
+    if observed.frequency_hz * observed.observation_s < MIN_PERIODS_OF_PAIRS:
+        return None
+    return _component_mps(observed, 1)
+
+
+def _component_mps(observed: Observed, number: int) -> float:
+    """One of f/2, f, 3f/2, 2f, all fitted together, so that the leakage of one does not read as another."""
+    orders, amplitude = observed.ripple_parts
+    return float(np.sqrt(0.5 * np.sum(amplitude[:, orders.index(number)] ** 2)))
+
+
+@plugin("feature", "alternate_likeness", unit="1", source=PERIODS, needs=("gait_frequency",))
+def alternate_likeness(observed: Observed) -> float | None:
+    """Likeness of neighbouring periods over that of every second one, at most about 1.
+
+    Near 1 where a period is a step whose mirror image looks the same to the radar; less where left and right, or the
+    two halves of a stride, differ. Noise lowers both alike; rows without signal are left out (K+ of E-38).
+    """
+    if observed.frequency_hz * observed.observation_s < MIN_PERIODS_OF_PAIRS:
+        return None
+    rows = observed.occupied_columns - observed.mean_row[observed.occupied]
+    lag = observed.rate_hz / observed.frequency_hz
+    once, twice = likeness_at(rows, lag), likeness_at(rows, 2.0 * lag)
+    if once is None or twice is None or twice < MIN_LIKENESS:
+        return None
+    return once / twice

@@ -9,7 +9,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.labels import CADENCE_MAP, CADENCE_SPECTRUM, axis, check_signal
-from doppelgait.features.peaks import local_maxima, quantile, refine
+from doppelgait.features.measures import local_maxima, quantile, refine
 
 FloatArray = npt.NDArray[np.float64]
 

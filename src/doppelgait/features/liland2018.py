@@ -8,8 +8,8 @@ import xarray as xr
 
 from doppelgait.core.labels import CADENCE_SPECTRUM, axis, check_signal
 from doppelgait.core.units import doppler_to_velocity_mps
-from doppelgait.features.gait import Extraction, GaitFeatures
-from doppelgait.features.peaks import local_maxima
+from doppelgait.features.feature_set import Extraction, GaitFeatures
+from doppelgait.features.measures import local_maxima
 
 FloatArray = npt.NDArray[np.float64]
 

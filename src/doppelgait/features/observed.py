@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import xarray as xr
 
 from doppelgait.core.labels import axis, sampling_rate_hz
-from doppelgait.features.autocorrelation import square_difference
-from doppelgait.features.peaks import quantile
+from doppelgait.features.doppler import envelopes_hz
+from doppelgait.features.feature_set import Extraction, FloatArray, GaitFeatures
+from doppelgait.features.gait_frequency import GaitFrequency
+from doppelgait.features.measures import quantile, square_difference
 
-if TYPE_CHECKING:
-    from doppelgait.features.gait import Evidence, Extraction
-
-FloatArray = npt.NDArray[np.float64]
-
+OCCUPIED_SIGMAS = 3.0
 LEAST_SPEED_MPS = 0.2
 """Slower than this along the line of sight a target has no direction: the sign of its velocity is chance."""
 SEEN_SHARE = 0.5
@@ -42,21 +42,49 @@ REASONS = {
 """Why a feature is None, by what it lacks."""
 
 
+@dataclass(eq=False)
 class Observed:
-    """One target's evidence and extraction, with intermediate results that are made when first asked for.
+    """What processing found of one target, with intermediate results computed on first use.
 
     Velocities are radial. "Forward" is the direction in which the target moves along the line of sight, so that an
     approaching and a receding target have the same features.
 
     Parameters
     ----------
-    evidence : Evidence
+    signature : DataArray (time, doppler)
+        mu, V^2.
+    floor_v2 : float
+        Noise floor nu.
+    main_line_hz : ndarray, shape (J,)
+        Straight main line.
+    excess : DataArray (time, doppler)
+        mu - nu, aligned as ``aligned``.
+    aligned : DataArray (time, doppler)
+        Normalised signature, aligned to the main line if that drifts.
+    step_doppler : DataArray (cadence, doppler)
+        D of the detrended ``aligned``.
+    spectrum : DataArray (cadence)
+        Power spectrum S.
+    gait : GaitFrequency
+    observation_s : float
+    n_independent : float
+        Independent columns J_eff.
     extraction : Extraction
+        The six features and what qualifies them; empty until :func:`doppelgait.features.extract` has been called.
     """
 
-    def __init__(self, evidence: Evidence, extraction: Extraction) -> None:
-        self.evidence = evidence
-        self.extraction = extraction
+    signature: xr.DataArray
+    floor_v2: float
+    main_line_hz: FloatArray
+    excess: xr.DataArray
+    aligned: xr.DataArray
+    step_doppler: xr.DataArray
+    spectrum: xr.DataArray
+    gait: GaitFrequency
+    observation_s: float
+    n_independent: float
+
+    extraction: Extraction = field(default_factory=lambda: Extraction(GaitFeatures(), None, None, None))
 
     def lacks(self, needs: tuple[str, ...]) -> str | None:
         """Reason why one of these cannot be had, or None; a signal is always needed."""
@@ -96,37 +124,43 @@ class Observed:
     @cached_property
     def power_v2(self) -> npt.NDArray[Any]:
         """The signature, shape (J, K)."""
-        return np.ascontiguousarray(self.evidence.signature.values)
+        return np.ascontiguousarray(self.signature.values)
 
     @cached_property
-    def aligned(self) -> FloatArray:
-        """Normalised signature, aligned if its line drifts; shape (J, K)."""
-        return np.asarray(self.evidence.aligned.values)
+    def envelopes_hz(self) -> tuple[FloatArray, FloatArray]:
+        """Lower and upper Doppler envelope (E-35); shapes (J,)."""
+        return envelopes_hz(self.signature, self.floor_v2)
 
     @cached_property
     def mean_row(self) -> FloatArray:
         """Time mean of the aligned normalised signature, D_1; shape (K,)."""
-        return self.evidence.mean_row
+        return np.asarray(np.einsum("jk->k", self.aligned.values) / self.aligned.shape[0])
 
     @cached_property
-    def occupied(self) -> npt.NDArray[np.int64]:
-        """Numbers of the Doppler rows whose mean power stands above the noise, K+ (E-38)."""
-        return np.flatnonzero(self.evidence.occupied)
+    def occupied(self) -> npt.NDArray[np.bool_]:
+        """Doppler rows whose mean power stands 3 standard deviations above the noise, K+ (E-38); shape (K,)."""
+        spread = self.floor_v2 / np.sqrt(self.signature.attrs["n_gate_bins"] * self.n_independent)
+        return np.asarray(self.excess.values.mean(axis=0) > OCCUPIED_SIGMAS * spread)
+
+    @cached_property
+    def occupied_rows(self) -> npt.NDArray[np.int64]:
+        """Numbers of the rows K+."""
+        return np.flatnonzero(self.occupied)
 
     @cached_property
     def occupied_columns(self) -> FloatArray:
         """The aligned normalised signature in the rows K+ alone; shape (J, K+)."""
-        return np.asarray(np.take(self.aligned, self.occupied, axis=1))
+        return np.asarray(np.take(self.aligned.values, self.occupied_rows, axis=1))
 
     @cached_property
     def mps_per_hz(self) -> float:
         """Half a wavelength: radial velocity of one hertz of Doppler (E-05)."""
-        return float(self.evidence.signature.attrs["wavelength_m"]) / 2.0
+        return float(self.signature.attrs["wavelength_m"]) / 2.0
 
     @cached_property
     def velocity_mps(self) -> FloatArray:
         """Velocity of every Doppler row; shape (K,)."""
-        return np.asarray(axis(self.evidence.signature, "doppler") * self.mps_per_hz)
+        return np.asarray(axis(self.signature, "doppler") * self.mps_per_hz)
 
     @cached_property
     def bin_mps(self) -> float:
@@ -136,12 +170,12 @@ class Observed:
     @cached_property
     def rate_hz(self) -> float:
         """Columns per second."""
-        return sampling_rate_hz(axis(self.evidence.signature, "time"))
+        return sampling_rate_hz(axis(self.signature, "time"))
 
     @cached_property
     def line_mps(self) -> FloatArray:
         """Straight main line; shape (J,)."""
-        return np.asarray(self.evidence.main_line_hz * self.mps_per_hz)
+        return np.asarray(self.main_line_hz * self.mps_per_hz)
 
     @cached_property
     def frequency_hz(self) -> float:
@@ -158,7 +192,7 @@ class Observed:
     @cached_property
     def edges_mps(self) -> tuple[FloatArray, FloatArray]:
         """Lower and upper envelope (E-35), NaN in columns without power above the noise; shapes (J,)."""
-        low_hz, high_hz = self.evidence.envelopes_hz
+        low_hz, high_hz = self.envelopes_hz
         return low_hz * self.mps_per_hz, high_hz * self.mps_per_hz
 
     @cached_property
@@ -199,7 +233,7 @@ class Observed:
     @cached_property
     def range_weight(self) -> FloatArray:
         """Fourth power of the gate's range over its mean: undoes the radar equation (E-28); shape (J,)."""
-        centre_m = axis(self.evidence.signature, "centre_range")
+        centre_m = axis(self.signature, "centre_range")
         return np.asarray((centre_m / centre_m.mean()) ** 4)
 
     @cached_property
@@ -212,7 +246,7 @@ class Observed:
         found = np.empty((4, self.power_v2.shape[0]))
         line = (self.line_mps - self.velocity_mps[0]) / self.bin_mps
         reaches = np.array([TORSO_BAND_MPS, NEAR_REACH_MPS, TORSO_REACH_MPS]) / self.bin_mps
-        sums_about_line(self.power_v2, float(self.evidence.floor_v2), line, reaches, *found)
+        sums_about_line(self.power_v2, float(self.floor_v2), line, reaches, *found)
         return found
 
     @cached_property
@@ -229,7 +263,7 @@ class Observed:
     def total_power_v2(self) -> FloatArray:
         """Power above the noise of all rows, range taken out; shape (J,)."""
         excess = self.power_v2.sum(axis=1, dtype=np.float64)
-        excess -= self.evidence.floor_v2 * self.velocity_mps.size
+        excess -= self.floor_v2 * self.velocity_mps.size
         return np.asarray(excess * self.range_weight)
 
     @cached_property
@@ -254,7 +288,7 @@ class Observed:
     def torso_ripple_mps(self) -> FloatArray:
         """The torso's line without its slow part: a polynomial of the order that E-29 allows; shape (J,)."""
         line = self.torso_line_mps
-        basis = slow_basis(line.size, 1 if self.evidence.observation_s < 1.3 else self._slow_order)
+        basis = slow_basis(line.size, 1 if self.observation_s < 1.3 else self._slow_order)
         return np.asarray(line - basis @ (basis.T @ line))
 
     @cached_property
@@ -262,7 +296,7 @@ class Observed:
         """Orders of f_mu / 2 that were fitted to the torso's swing, and their cosine and sine, shape (2, orders)."""
         ripple = self.torso_ripple_mps
         phase = np.exp(1j * np.pi * self.frequency_hz / self.rate_hz * np.arange(ripple.size))
-        halves = self.frequency_hz * self.evidence.observation_s >= MIN_PERIODS_OF_HALVES
+        halves = self.frequency_hz * self.observation_s >= MIN_PERIODS_OF_HALVES
         orders = [1, 2, 3, 4] if halves else [2, 4]
         powers = [phase, phase * phase, phase * phase * phase, (phase * phase) ** 2]
         turning = np.stack([powers[order - 1] for order in orders])
@@ -271,14 +305,14 @@ class Observed:
 
     @property
     def _slow_order(self) -> int:
-        return 2 if self.evidence.observation_s < 2.5 else 3
+        return 2 if self.observation_s < 2.5 else 3
 
     @cached_property
     def cadence(self) -> tuple[FloatArray, FloatArray]:
         """Cadence axis and power spectrum S from 0.5 to 20 Hz (E-32)."""
-        cadence_hz = axis(self.evidence.spectrum, "cadence")
+        cadence_hz = axis(self.spectrum, "cadence")
         first, last = np.searchsorted(cadence_hz, CADENCE_HZ)
-        return cadence_hz[first:last], self.evidence.spectrum.values[first:last]
+        return cadence_hz[first:last], self.spectrum.values[first:last]
 
     @cached_property
     def between_harmonics(self) -> float:

@@ -14,16 +14,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.features.observed import SEEN_SHARE, TIME_SHARES, FloatArray, Observed
-from doppelgait.features.peaks import quantile
-
-if TYPE_CHECKING:
-    from doppelgait.features.gait import Evidence, Extraction
+from doppelgait.features.feature_set import Extraction, FloatArray
+from doppelgait.features.measures import quantile
+from doppelgait.features.observed import SEEN_SHARE, TIME_SHARES, Observed
 
 CAUCHY_TUNING = 2.385
 VELOCITY_BLOCK_S = 0.5
@@ -48,11 +45,6 @@ UNCERTAIN_SHARE = {
     "limb_torso_ratio": 0.2,
 }
 """A standard deviation above this share of the value is flagged."""
-
-
-def uncertainties(evidence: Evidence, extraction: Extraction) -> dict[str, float | None]:
-    """:func:`uncertainties_of` of one target's evidence and extraction."""
-    return uncertainties_of(Observed(evidence, extraction))
 
 
 def uncertainties_of(observed: Observed) -> dict[str, float | None]:
@@ -198,9 +190,9 @@ def _periods(observed: Observed) -> Periods | None:
     frequency_hz, rate_hz = observed.frequency_hz, observed.rate_hz
     length = int(rate_hz / frequency_hz)
     starts = np.minimum(_edges(observed, 1.0 / frequency_hz)[:-1], observed.aligned.shape[0] - length)
-    if starts.size < MIN_BLOCKS or length < 2 * HARMONICS.size + 1 or not observed.occupied.size:
+    if starts.size < MIN_BLOCKS or length < 2 * HARMONICS.size + 1 or not observed.occupied_rows.size:
         return None
-    shape = (starts.size, HARMONICS.size, observed.occupied.size)
+    shape = (starts.size, HARMONICS.size, observed.occupied_rows.size)
     real, imaginary, means = np.empty(shape), np.empty(shape), np.empty((shape[0], shape[2]))
     turn_rad = 2.0 * math.pi * frequency_hz / rate_hz
     period_harmonics(observed.occupied_columns, starts, length, turn_rad, real, imaginary, means)

@@ -19,7 +19,7 @@ from doppelgait.core.errors import AnalysisError, DoppelgaitError
 from doppelgait.core.files import atomic_path
 from doppelgait.core.labels import CADENCE_MAP, CADENCE_SPECTRUM, NORMALISED_SIGNATURE, SIGNATURE, Schema, check_signal
 from doppelgait.core.own_hdf5 import check_own
-from doppelgait.features.gait import FEATURE_UNITS, GaitFeatures
+from doppelgait.features import FEATURE_UNITS, GaitFeatures
 from doppelgait.processing import Analysis, Gate
 from doppelgait.radar import Radar
 from doppelgait.radar.recording import Recording

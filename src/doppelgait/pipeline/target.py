@@ -13,10 +13,10 @@ import xarray as xr
 from doppelgait import features as feature_layer
 from doppelgait import processing
 from doppelgait.core.labels import axis
-from doppelgait.features import liland2018
-from doppelgait.features.extended import assess
-from doppelgait.features.gait import Evidence, Extraction
+from doppelgait.features import Extraction, Observed, liland2018
+from doppelgait.features.extended import measure_extended
 from doppelgait.features.ground_motion import GroundMotion, ground_motion
+from doppelgait.features.uncertainty import uncertainties_of, uncertainty_flags
 from doppelgait.pipeline.result import Result
 from doppelgait.processing import Analysis, Gate, main_line
 
@@ -108,8 +108,22 @@ def _geometry(mu: xr.DataArray, extraction: Extraction) -> tuple[dict[str, Any],
     return dict(zip(GROUND_QUALITY, (motion.ground_speed_mps, motion.aspect_deg, step_m), strict=True)), flags
 
 
-def _standard_chain(mu: xr.DataArray, analysis: Analysis) -> tuple[Extraction, dict[str, Any]]:
-    """E-28 to E-38: floor, normalise, align, detrend, cadence, features."""
+def observe(mu: xr.DataArray, analysis: Analysis) -> tuple[Observed, xr.DataArray]:
+    """Take everything from a signature that features need (E-28 to E-38).
+
+    Parameters
+    ----------
+    mu : DataArray (time, doppler)
+        Signature inside the frame, decimated to the lossless hop.
+    analysis : Analysis
+
+    Returns
+    -------
+    observed : Observed
+        With its extraction.
+    normalised : DataArray (time, doppler)
+        Normalised signature, not aligned.
+    """
     floor_v2 = processing.noise_floor_v2(mu)
     normalised = processing.normalise(mu, floor_v2, mode=analysis.normalisation)
     seconds = processing.observation_s(mu)
@@ -121,26 +135,30 @@ def _standard_chain(mu: xr.DataArray, analysis: Analysis) -> tuple[Extraction, d
         line = main_line.line_through(peaks_hz, bin_hz, order=processing.line_order(seconds))
         aligned, excess = processing.align(normalised, line), processing.align(excess, line)
     rows = processing.detrend(aligned, order=processing.detrend_order(seconds))
-    step_doppler = processing.cadence_map(rows)
-    step_doppler.attrs[ALIGNED] = aligned is not normalised
-    spectrum = processing.cadence_spectrum(step_doppler)
-    evidence = Evidence(
+    cadence_map = processing.cadence_map(rows)
+    cadence_map.attrs[ALIGNED] = aligned is not normalised
+    spectrum = processing.cadence_spectrum(cadence_map)
+    observed = Observed(
         signature=mu, floor_v2=floor_v2, main_line_hz=straight, excess=excess, aligned=aligned,
-        step_doppler=step_doppler, spectrum=spectrum, gait=feature_layer.gait_frequency(spectrum, rows),
+        step_doppler=cadence_map, spectrum=spectrum, gait=feature_layer.gait_frequency(spectrum, rows),
         observation_s=seconds, n_independent=processing.independent_columns(mu),
     )  # fmt: skip
-    extraction = feature_layer.extract(
-        evidence,
-        bandwidth_threshold=analysis.bandwidth_threshold,
-        cpi_s=analysis.cpi_s,
+    observed.extraction = feature_layer.extract(
+        observed, bandwidth_threshold=analysis.bandwidth_threshold, cpi_s=analysis.cpi_s,
         window_steepness=analysis.window_steepness,
-    )
-    arrays = _arrays(normalised, step_doppler, spectrum, straight)
+    )  # fmt: skip
+    return observed, normalised
+
+
+def _standard_chain(mu: xr.DataArray, analysis: Analysis) -> tuple[Extraction, dict[str, Any]]:
+    observed, normalised = observe(mu, analysis)
+    extraction = observed.extraction
+    arrays = _arrays(normalised, observed.step_doppler, observed.spectrum, observed.main_line_hz)
     if not analysis.extended:
         return extraction, arrays
-    found = assess(evidence, extraction)
-    beside = {"extended": found.extended, "standard_deviation": found.standard_deviations}
-    return replace(extraction, flags=(*extraction.flags, *found.flags)), arrays | beside
+    spread = uncertainties_of(observed)
+    further = {"extended": measure_extended(observed).values, "standard_deviation": spread}
+    return replace(extraction, flags=(*extraction.flags, *uncertainty_flags(extraction, spread))), arrays | further
 
 
 def _liland_chain(mu: xr.DataArray, analysis: Analysis) -> tuple[Extraction, dict[str, Any]]:

@@ -14,8 +14,8 @@ from doppelgait import processing
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.core.labels import axis, sampling_rate_hz
-from doppelgait.features.gait import GaitFeatures
-from doppelgait.features.piece_motion import piece_motion
+from doppelgait.features import GaitFeatures
+from doppelgait.features.ground_motion import piece_motion
 from doppelgait.pipeline.result import Result
 from doppelgait.pipeline.target import analyze_gated
 from doppelgait.processing import Analysis, Gate

@@ -16,10 +16,10 @@ from typing import Any
 
 import pytest
 import typer.main
+from doppelgait.features.registry import FEATURES
 
 from checkout import ROOT
 from doppelgait.cli.app import app
-from doppelgait.features.registry import FEATURES
 from doppelgait.scene.environment import ENVIRONMENT
 
 DOCS = ROOT / "docs"

@@ -1,4 +1,4 @@
-"""Peaks of a one-dimensional spectrum (local maxima, refined by a parabola), and quantiles."""
+"""Peaks refined by a parabola, quantiles, and the autocorrelation of Doppler rows (E-33)."""
 
 from __future__ import annotations
 
@@ -34,3 +34,27 @@ def quantile(values: npt.NDArray[np.floating[Any]], share: float) -> float:
     place = share * (ordered.size - 1)
     below = int(place)
     return float(ordered[below] + (place - below) * (ordered[min(below + 1, ordered.size - 1)] - ordered[below]))
+
+
+def square_difference(rows: FloatArray, first: int = 0, last: int | None = None) -> FloatArray:
+    """Normalised square-difference autocorrelation of the rows at the lags first..last, by default all (E-33).
+
+    ``n(tau) = 2 sum_j sum_k v_j v_{j+tau} / sum_j sum_k (v_j^2 + v_{j+tau}^2)``; 1 at lag 0.
+    """
+    from doppelgait.core.kernels import periodicity
+
+    found = np.empty((rows.shape[0] if last is None else last + 1) - first)
+    periodicity.square_difference(np.ascontiguousarray(rows), first, found)
+    return found
+
+
+def lag_products(rows: FloatArray, first: int, count: int) -> FloatArray:
+    """Sum of v_j v_{j+tau} over time and rows at ``count`` lags from ``first`` on.
+
+    For the few lags of one search, or a few rows, this is less work than transforming all rows.
+    """
+    from doppelgait.core.kernels import periodicity
+
+    products = np.empty(count)
+    periodicity.lag_products(np.ascontiguousarray(rows), first, products)
+    return products

@@ -1,0 +1,101 @@
+"""The registry of all features, the set F among them, and what is extracted of one target."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.core.plugins import Group
+
+FloatArray = npt.NDArray[np.float64]
+
+FEATURES: Group[Callable[[Any], float | None]] = Group(
+    "feature", built_in=("doppelgait.features.gait", "doppelgait.features.extended")
+)
+"""All features by name: functions of an :class:`doppelgait.features.observed.Observed`.
+
+A function is called only where everything that it needs is known; None, or a value that is not finite, means
+undetermined. Facts of a plug-in:
+
+unit : str
+    ``"1"`` for a plain number.
+source : str
+    Where the definition comes from: literature or our equations.
+needs : tuple of str
+    What must be known, in this order: ``"gait_frequency"``, ``"direction"`` (the target moves towards or away from the
+    radar), ``"envelope"`` (half of the columns or more stand above the noise), ``"line"`` (the main line can be
+    followed).
+set_f : int, optional
+    Place in the report's feature set F (E-39), from 0; all others are extended features.
+"""
+
+FEATURE_UNITS = {
+    "torso_velocity_mps": "m/s",
+    "doppler_bandwidth_hz": "Hz",
+    "step_length_m": "m",
+    "harmonic_ratio_2": "1",
+    "harmonic_ratio_3": "1",
+    "limb_torso_ratio": "1",
+}
+"""The feature set F in its order (E-39)."""
+
+
+@dataclass(frozen=True)
+class GaitFeatures:
+    """The six features; None where one cannot be determined.
+
+    Parameters
+    ----------
+    torso_velocity_mps : float or None
+        v_m, positive when approaching.
+    doppler_bandwidth_hz : float or None
+        B_mu.
+    step_length_m : float or None
+        L_m = |v_m| / f_mu: radial; the stride length for asymmetric gaits.
+    harmonic_ratio_2, harmonic_ratio_3 : float or None
+        beta_1, beta_2.
+    limb_torso_ratio : float or None
+        rho.
+    """
+
+    torso_velocity_mps: float | None = None
+    doppler_bandwidth_hz: float | None = None
+    step_length_m: float | None = None
+    harmonic_ratio_2: float | None = None
+    harmonic_ratio_3: float | None = None
+    limb_torso_ratio: float | None = None
+
+    def vector(self) -> FloatArray:
+        """The features in order, NaN for None, shape (6,)."""
+        return np.array([np.nan if v is None else v for v in self.as_dict().values()], dtype=np.float64)
+
+    def as_dict(self) -> dict[str, float | None]:
+        """The features by name."""
+        return {name: getattr(self, name) for name in FEATURE_UNITS}
+
+
+@dataclass(frozen=True)
+class Extraction:
+    """Everything extracted from one target's signature.
+
+    Parameters
+    ----------
+    features : GaitFeatures
+    gait_frequency_hz, torso_doppler_hz, n_periods : float or None
+        f_mu, the main line's mean Doppler, and observed periods.
+    quality : mapping
+        Diagnostics by name.
+    flags : tuple of str
+        Reasons for None values and for caution.
+    """
+
+    features: GaitFeatures
+    gait_frequency_hz: float | None
+    torso_doppler_hz: float | None
+    n_periods: float | None
+    quality: Mapping[str, Any] = field(default_factory=dict)
+    flags: tuple[str, ...] = ()
