@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Literal
 
 import numpy as np
@@ -11,6 +12,7 @@ import doppelgait as dg
 from doppelgait.core import plugins
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import AnalysisError
+from doppelgait.features import FEATURES
 from doppelgait.radar import WAVEFORMS, Radar, Waveform, scatterer_arrays
 from doppelgait.radar.impairments import (
     IMPAIRMENTS,
@@ -28,7 +30,7 @@ from doppelgait.radar.impairments import (
 )
 from doppelgait.radar.waveforms.impulse import Impulse
 from doppelgait.radar.waveforms.sweep import Fmcw
-from doppelgait.testing import check_impairment, check_waveform
+from doppelgait.testing import check_feature, check_impairment, check_waveform
 
 COMMON = {"carrier_hz": 24e9, "prf_hz": 500.0, "range_stop_m": 9.0, "transmit_phase_rad": 0.4}
 RADARS = {
@@ -48,6 +50,54 @@ def register(monkeypatch):
         dg.core.plugins._GROUPS.get(group) and len(dg.core.plugins._GROUPS[group])  # built-in ones first
     monkeypatch.setattr(plugins, "_REGISTERED", {group: dict(found) for group, found in plugins._REGISTERED.items()})
     return dg.plugin
+
+
+# Features ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", FEATURES)
+def test_every_feature_keeps_its_contract(name):
+    check_feature(name)
+
+
+CALLS = itertools.count()
+
+
+def _remembered(observed):
+    return float(next(CALLS))
+
+
+def _greedy(observed):
+    observed.power_v2[0] = 0.0
+    return 1.0
+
+
+BROKEN_FEATURES = {
+    "no unit": ({"unit": "", "source": "here"}, lambda observed: 1.0, "unit is ''"),
+    "no source": ({"unit": "1"}, lambda observed: 1.0, "source is None"),
+    "unknown need": ({"unit": "1", "source": "here", "needs": ("luck",)}, lambda observed: 1.0, "needs .'luck',"),
+    "array": ({"unit": "1", "source": "here"}, lambda observed: observed.mean_row, "must be a number or None"),
+    "text": ({"unit": "1", "source": "here"}, lambda observed: "much", "must be a number or None"),
+    "memory": ({"unit": "1", "source": "here"}, _remembered, "changes from call to call"),
+    "level": ({"unit": "1", "source": "here"}, lambda observed: float(observed.power_v2.max()), "four times the power"),
+    "greedy": ({"unit": "1", "source": "here"}, _greedy, "changes the signature"),
+}
+
+
+@pytest.mark.parametrize("fault", BROKEN_FEATURES)
+def test_a_broken_feature_is_caught(register, fault):
+    facts, function, message = BROKEN_FEATURES[fault]
+    register("feature", "broken", **facts)(function)
+    with pytest.raises(AssertionError, match=message):
+        check_feature("broken")
+
+
+def test_a_feature_that_is_not_registered_is_caught():
+    with pytest.raises(AssertionError, match="not registered; known are"):
+        check_feature("charm")
+
+
+# Waveforms -----------------------------------------------------------------------------------------------------------
 
 
 def test_every_waveform_keeps_its_contract():

@@ -6,6 +6,7 @@ from typing import Any
 __all__ = [
     "check_classifier",
     "check_exporter",
+    "check_feature",
     "check_impairment",
     "check_radar_reader",
     "check_radar_writer",

@@ -10,6 +10,7 @@ import math
 import os
 import shutil
 import warnings
+from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -403,6 +404,88 @@ def check_impairment(parameters: FrozenModel, radar: Radar, *, n_pulses: int = 6
     nominal_s = np.arange(n_pulses) / radar.prf_hz
     times_s = pulse_times(nominal_s, [parameters], radar=radar, rng=np.random.default_rng(seed))
     require(times_s.shape == nominal_s.shape and (np.diff(times_s) >= 0).all(), f"{name}: pulse times do not rise")
+
+
+def check_feature(name: str) -> None:
+    """Check that a feature keeps the contract of :data:`doppelgait.features.FEATURES`.
+
+    Parameters
+    ----------
+    name : str
+        Its name in the group of features.
+
+    Raises
+    ------
+    AssertionError
+        If a rule is broken: registration, unit and source, known needs, a plain number or None, the same value for
+        the same signature, a signature that is left alone, no dependence on the level of the signal, no value
+        without a signal.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> dg.testing.check_feature("limb_share")
+    """
+    from dataclasses import replace
+
+    from doppelgait.core.plugins import Plugin
+    from doppelgait.features import FEATURES, Observed
+    from doppelgait.features.observed import REASONS
+    from doppelgait.pipeline.target import observe
+    from doppelgait.processing import Analysis
+
+    label = f"feature {name!r}"
+    require(name in FEATURES, f"{label} is not registered; known are {', '.join(FEATURES)}")
+    feature: Plugin[Any] = FEATURES[name]
+    for fact in ("unit", "source"):
+        text = feature.facts.get(fact)
+        require(isinstance(text, str) and text, f"{label}: {fact} is {text!r}; it must be a text")
+    needs = feature.facts.get("needs", ())
+    known = tuple(need for need in REASONS if need != "signal")
+    require(set(needs) <= set(known), f"{label}: needs {needs}; allowed are {', '.join(known)}")
+
+    def measure(observed: Observed) -> float | None:
+        if observed.lacks(needs):
+            return None
+        before = observed.power_v2.copy(), observed.aligned.values.copy()
+        value = feature.run(observed)
+        unchanged = np.array_equal(before[0], observed.power_v2) and np.array_equal(before[1], observed.aligned.values)
+        require(unchanged, f"{label}: changes the signature")
+        text = f"{label}: gives {value!r}; it must be a number or None"
+        require(value is None or (isinstance(value, int | float | np.number) and np.ndim(value) == 0), text)
+        return None if value is None else float(value)
+
+    mu = _walking_signature()
+    first, louder = (observe(mu.copy(data=mu.values * gain), Analysis())[0] for gain in (np.float32(1), np.float32(4)))
+    value = measure(first)
+    fresh = measure(observe(mu, Analysis())[0])
+    require(_same_number(value, measure(first)) and _same_number(value, fresh), f"{label}: changes from call to call")
+    text = f"{label}: four times the power changes {value} to"
+    require(_same_number(value, loud := measure(louder)), f"{text} {loud}")
+    if "set_f" in feature.facts:
+        return
+    empty = replace(first, extraction=replace(first.extraction, torso_doppler_hz=None))
+    require(empty.lacks(needs) is not None, f"{label}: is measured without a signal")
+
+
+def _same_number(one: float | None, other: float | None) -> bool:
+    if one is None or other is None:
+        return one is other
+    return math.isclose(one, other, rel_tol=1e-3, abs_tol=1e-6) or (math.isnan(one) and math.isnan(other))
+
+
+@lru_cache(maxsize=1)
+def _walking_signature() -> xr.DataArray:
+    """Signature of a walking person, inside the frame and at the lossless hop."""
+    from doppelgait.core.rng import Streams
+    from doppelgait.motion import boulic_walk
+    from doppelgait.pipeline import analyze, simulate
+    from doppelgait.radar import Radar
+    from doppelgait.scene import Scene, Target
+
+    scene = Scene([Target(boulic_walk(speed_mps=1.3, duration_s=3.1), label="human", range_m=6.0)], duration_s=3.0)
+    recording = simulate(scene, Radar.preset("x4"), rng=Streams(5), snr_db=25.0, angles=False)
+    return analyze(recording, gate="truth")[0].signature
 
 
 def check_classifier(name: str, *, seed: int = 0) -> None:

@@ -6,6 +6,7 @@ above a block says what else it is: ``<!-- file: NAME -->`` or ``<!-- not run: R
 
 from __future__ import annotations
 
+import importlib
 import re
 import shlex
 import sys
@@ -16,10 +17,10 @@ from typing import Any
 
 import pytest
 import typer.main
-from doppelgait.features.registry import FEATURES
 
 from checkout import ROOT
 from doppelgait.cli.app import app
+from doppelgait.core import plugins
 from doppelgait.scene.environment import ENVIRONMENT
 
 DOCS = ROOT / "docs"
@@ -63,7 +64,11 @@ def run_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
     """Use a page's blocks in an empty folder; what they register is forgotten afterwards."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path / "installed"))
-    for registry in (FEATURES, ENVIRONMENT):
+    for group in plugins.plugin_groups().values():
+        len(group)  # the built-in ones
+    monkeypatch.setattr(plugins, "_REGISTERED", {group: dict(found) for group, found in plugins._REGISTERED.items()})
+    monkeypatch.setattr(plugins, "_LOADED", set(plugins._LOADED))
+    for registry in (ENVIRONMENT,):
         list(registry)
         monkeypatch.setattr(registry, "_items", dict(registry._items))
         monkeypatch.setattr(registry, "_discovered", True)
@@ -112,7 +117,10 @@ def _install(source: Path, target: Path) -> None:
     for module in source.glob("*.py"):
         (target / module.name).write_text(module.read_text())
         sys.modules.pop(module.stem, None)
-    for registry in (FEATURES, ENVIRONMENT):
+    if plugins.ENTRY_POINTS in project["entry-points"]:
+        importlib.invalidate_caches()
+        plugins._load_packages()
+    for registry in (ENVIRONMENT,):
         if registry.group in project["entry-points"]:
             registry._discovered = False
 
