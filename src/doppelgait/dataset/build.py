@@ -157,7 +157,13 @@ def build_dataset(
         job.target.mkdir(parents=True, exist_ok=True)
         with _stoppable(job.target), build_lock(job.target, chosen):
             tally = _build_missing(job, executor, workers, on_progress)
-            missing, totals = _finish_if_all(job)
+            own = {shard.name for shard in job.own}
+            missing = sum(shard.name not in own and _whole_record(job.target, shard) is None for shard in job.shards)
+            totals = None
+            if not missing:
+                header = plan_header(job.plan.config, job.identity, job.plan.folder)
+                names = [shard.name for shard in job.shards]
+                totals = finish_dataset(job.target, header, names, max_failed_share=max_failed_share)
     except OSError as error:
         raise OutputError(f"{job.target}: cannot be written: {error}; what was built so far is kept") from None
     return _report(job, tally, missing, totals, began)
@@ -180,29 +186,35 @@ def _refuse_foreign(job: _Job) -> None:
     description = job.target / "dataset.json"
     if description.is_file():
         try:
-            _refuse_other(job, json.loads(description.read_text()))
-        except ValueError as error:
+            found = json.loads(description.read_text())
+            stated, config = found.get("id"), found.get("config", {})
+        except (ValueError, AttributeError) as error:
             raise DatasetError(f"{description}: is damaged: {error}; delete the folder or choose another") from None
+        if stated == job.identity:
+            return
+        changes = list(differences(config, job.plan.config.model_dump(mode="json")))
+        shown = "; ".join(changes[:6]) + (f"; and {len(changes) - 6} more" if len(changes) > 6 else "")
+        raise DatasetError(
+            f"{job.target}: holds dataset {stated} of another configuration "
+            f"({shown or 'other motion files, plug-ins or data version'}); build into another folder, or delete this "
+            "one"
+        )
     elif job.target.is_dir() and any(not (p.match("*.partial") or p.match(PATTERN)) for p in job.target.iterdir()):
         raise DatasetError(f"{job.target}: is not empty and holds no dataset; choose another folder")
-
-
-def _refuse_other(job: _Job, found: dict[str, Any]) -> None:
-    if found.get("id") == job.identity:
-        return
-    changes = list(differences(found.get("config", {}), job.plan.config.model_dump(mode="json")))
-    shown = "; ".join(changes[:6]) + (f"; and {len(changes) - 6} more" if len(changes) > 6 else "")
-    raise DatasetError(
-        f"{job.target}: holds dataset {found.get('id')} of another configuration "
-        f"({shown or 'other motion files, plug-ins or data version'}); build into another folder, or delete this one"
-    )
 
 
 def _build_missing(job: _Job, executor: str, workers: int | None, on_progress: Progress | None) -> _Tally:
     """Build those of the own shards that are not there."""
     began, tally = time.monotonic(), _Tally()
     _refuse_foreign(job)  # again, now that nobody else can write
-    missing = [shard for shard in job.own if not _counted(tally, finished_record(job.target, shard), shard)]
+    missing = []
+    for shard in job.own:
+        record = finished_record(job.target, shard)
+        if record is None:
+            missing.append(shard)
+        else:
+            tally.reused += len(shard.examples)
+            tally.bytes += record["bytes"]
     if not missing and (job.target / "dataset.json").is_file():
         return tally
     counts = count_shards(shard.name for shard in job.shards)
@@ -217,8 +229,17 @@ def _build_missing(job: _Job, executor: str, workers: int | None, on_progress: P
     try:
         with closing(run_shards(work, missing, executor=executor, workers=workers)) as results:
             for shard, made in results:
-                _count_made(tally, job.target, shard, made, began)
-                done += len(shard.examples)
+                size, failed = len(shard.examples), made["failed"]
+                if not (job.target / "shards" / f"{shard.name}.json").is_file():
+                    raise DatasetError(
+                        f"{job.target}: shard {shard.name} was built and is not here; every worker must see this folder"
+                    )
+                tally.built += size - failed
+                tally.failed += failed
+                tally.bytes += made["bytes"]
+                seconds = round(time.monotonic() - began, 3)
+                log_entry(job.target, {"shard": shard.name, "examples": size, "failed": failed, "seconds": seconds})
+                done += size
                 if on_progress is not None:
                     on_progress(done, total)
     finally:
@@ -233,33 +254,9 @@ def _build_one(shard: Shard, *, context: BuildContext, release: tuple[str, int])
     try:
         record = build_shard(shard, context)
     except (OSError, RuntimeError) as error:  # HDF5 says RuntimeError where a file cannot be closed
-        raise OutputError(f"{context.directory}: shard {shard.name} cannot be written: {_line(error)}; what was built "
-                          "so far is kept") from None  # fmt: skip
+        raise OutputError(f"{context.directory}: shard {shard.name} cannot be written: {' '.join(str(error).split())}; "
+                          "what was built so far is kept") from None  # fmt: skip
     return {"failed": len(record["failures"]), "bytes": record["bytes"]}
-
-
-def _line(error: Exception) -> str:
-    return " ".join(str(error).split())
-
-
-def _counted(tally: _Tally, record: dict[str, Any] | None, shard: Shard) -> bool:
-    if record is None:
-        return False
-    tally.reused += len(shard.examples)
-    tally.bytes += record["bytes"]
-    return True
-
-
-def _count_made(tally: _Tally, target: Path, shard: Shard, made: dict[str, Any], began: float) -> None:
-    if not (target / "shards" / f"{shard.name}.json").is_file():
-        raise DatasetError(f"{target}: shard {shard.name} was built and is not here; every worker must see this folder")
-    tally.built += len(shard.examples) - made["failed"]
-    tally.failed += made["failed"]
-    tally.bytes += made["bytes"]
-    seconds = round(time.monotonic() - began, 3)
-    log_entry(
-        target, {"shard": shard.name, "examples": len(shard.examples), "failed": made["failed"], "seconds": seconds}
-    )
 
 
 def finished_record(target: Path, shard: Shard) -> dict[str, Any] | None:
@@ -279,16 +276,6 @@ def _whole_record(target: Path, shard: Shard) -> dict[str, Any] | None:
     except (OSError, ValueError, KeyError, TypeError):
         return None
     return record if whole else None
-
-
-def _finish_if_all(job: _Job) -> tuple[int, Totals | None]:
-    """Finish the dataset if the shards of all parts are there, else say how many are not."""
-    own = {shard.name for shard in job.own}
-    missing = sum(shard.name not in own and _whole_record(job.target, shard) is None for shard in job.shards)
-    if missing:
-        return missing, None
-    header, names = plan_header(job.plan.config, job.identity, job.plan.folder), [shard.name for shard in job.shards]
-    return 0, finish_dataset(job.target, header, names, max_failed_share=job.max_failed_share)
 
 
 def _report(job: _Job, tally: _Tally, missing: int, totals: Totals | None, began: float) -> BuildReport:

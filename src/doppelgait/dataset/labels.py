@@ -57,19 +57,21 @@ def find_recordings(folder: Path, pattern: str) -> list[str]:
         except ValueError as error:
             raise ConfigError(f"{pattern!r} is no pattern: {error}; ** must stand alone between slashes") from None
     if not found:
-        raise ConfigError(f"{pattern!r}: is not in {folder}{_near(folder, name)}")
-    return sorted({_main_of(path).relative_to(folder).as_posix() for path in found})
-
-
-def _main_of(path: Path) -> Path:
-    """The file that a recording is called by, whichever of its files was named."""
-    for main, other in PAIRS:
-        partner = path.with_name(path.name.removesuffix(other) + main)
-        if path.name.endswith(other) and partner.is_file():
-            return partner
-    if path.suffix == ".toml":
-        return next((path.with_suffix(end) for end in WITH_SIDECAR if path.with_suffix(end).is_file()), path)
-    return path
+        place = (folder / name).parent
+        names = sorted(path.name for path in (place if _exists(place) and place.is_dir() else folder).iterdir())
+        close = get_close_matches(Path(name).name, names, n=3, cutoff=0.6)
+        hint = f"; near in spelling: {', '.join(close)}" if close else f"; {len(names)} others are there"
+        raise ConfigError(f"{pattern!r}: is not in {folder}{hint}")
+    recordings = set()
+    for path in found:  # the file that a recording is called by, whichever of its files was named
+        for main, other in PAIRS:
+            partner = path.with_name(path.name.removesuffix(other) + main)
+            if path.name.endswith(other) and partner.is_file():
+                path = partner
+        if path.suffix == ".toml":
+            path = next((path.with_suffix(end) for end in WITH_SIDECAR if path.with_suffix(end).is_file()), path)
+        recordings.add(path.relative_to(folder).as_posix())
+    return sorted(recordings)
 
 
 def _exists(path: Path) -> bool:
@@ -77,15 +79,6 @@ def _exists(path: Path) -> bool:
         return path.exists()
     except (OSError, ValueError):  # too long for a name, or with a zero byte
         return False
-
-
-def _near(folder: Path, name: str) -> str:
-    place = (folder / name).parent
-    if not _exists(place) or not place.is_dir():
-        place = folder
-    names = sorted(path.name for path in place.iterdir())
-    close = get_close_matches(Path(name).name, names, n=3, cutoff=0.6)
-    return f"; near in spelling: {', '.join(close)}" if close else f"; {len(names)} others are there"
 
 
 def files_of(path: Path) -> tuple[Path, ...]:
@@ -153,14 +146,39 @@ def read_table(path: Path, *, needed: tuple[str, ...]) -> LabelTable:
     ConfigError
         If the file cannot be read, is no text, has no such columns, or a line has more or fewer cells than the first.
     """
-    text = _text(path)
-    lines = _cells(path, text, _delimiter(path, text, needed))
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from None
+    wide = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    try:
+        text = content.decode("utf-16" if wide else "utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content[: error.start].count(b"\n") + 1
+        raise ConfigError(
+            f"{path}: line {line} is no {'UTF-16' if wide else 'UTF-8'} text; save it as CSV in UTF-8"
+        ) from None
+    firsts = {one: _cells(path, text, one, most=1) for one in DELIMITERS}
+    headers = {one: lines[0][1] if lines else [] for one, lines in firsts.items()}
+    fitting = [one for one, header in headers.items() if set(needed) <= {name.lower() for name in header}]
+    delimiter = fitting[0] if fitting else max(headers, key=lambda one: len(headers[one]))
+    lines = _cells(path, text, delimiter)
     if not lines:
         raise ConfigError(f"{path}: is empty; the first line names the columns: {','.join(needed)},subject,...")
     _, header = lines[0]
     width = max((n for n, name in enumerate(header, start=1) if name), default=0)
     columns = tuple(name.lower() for name in header[:width])
-    _check_header(path, columns, needed)
+    for name in needed:
+        if name not in columns:
+            shown = ", ".join(name or "(no name)" for name in columns)
+            raise ConfigError(
+                f"{path}: line 1 names no column {name!r}; it names {shown}; {' and '.join(needed)} are needed"
+            )
+    for place, name in enumerate(columns):
+        if not name:
+            raise ConfigError(f"{path}: column {place + 1} has no name in line 1; name it or delete it")
+        if name in columns[:place]:
+            raise ConfigError(f"{path}: line 1 names the column {name!r} twice")
     rows = []
     for line, cells in lines[1:]:
         while len(cells) > width and not cells[-1]:
@@ -174,29 +192,6 @@ def read_table(path: Path, *, needed: tuple[str, ...]) -> LabelTable:
     if not rows:
         raise ConfigError(f"{path}: has no line after that of the columns")
     return LabelTable(path.name, columns, tuple(rows))
-
-
-def _text(path: Path) -> str:
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from None
-    wide = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
-    try:
-        return content.decode("utf-16" if wide else "utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = content[: error.start].count(b"\n") + 1
-        raise ConfigError(
-            f"{path}: line {line} is no {'UTF-16' if wide else 'UTF-8'} text; save it as CSV in UTF-8"
-        ) from None
-
-
-def _delimiter(path: Path, text: str, needed: tuple[str, ...]) -> str:
-    """The delimiter that splits the first line into the needed columns; else the one that gives most columns."""
-    found = {one: _cells(path, text, one, most=1) for one in DELIMITERS}
-    headers = {one: lines[0][1] if lines else [] for one, lines in found.items()}
-    fitting = [one for one, header in headers.items() if set(needed) <= {name.lower() for name in header}]
-    return fitting[0] if fitting else max(headers, key=lambda one: len(headers[one]))
 
 
 def _cells(path: Path, text: str, delimiter: str, *, most: int | None = None) -> list[tuple[int, list[str]]]:
@@ -215,20 +210,6 @@ def _cells(path: Path, text: str, delimiter: str, *, most: int | None = None) ->
     except csv.Error as error:
         raise ConfigError(f"{path}: line {before + 1} is no CSV: {error}") from None
     return lines
-
-
-def _check_header(path: Path, columns: tuple[str, ...], needed: tuple[str, ...]) -> None:
-    shown = ", ".join(name or "(no name)" for name in columns)
-    for name in needed:
-        if name not in columns:
-            raise ConfigError(
-                f"{path}: line 1 names no column {name!r}; it names {shown}; {' and '.join(needed)} are needed"
-            )
-    for place, name in enumerate(columns):
-        if not name:
-            raise ConfigError(f"{path}: column {place + 1} has no name in line 1; name it or delete it")
-        if name in columns[:place]:
-            raise ConfigError(f"{path}: line 1 names the column {name!r} twice")
 
 
 COLUMNS = (
@@ -314,7 +295,16 @@ def read_labels(path: str | Path, folder: str | Path, *, gate: GateChoice = "tra
         With all mistakes: line, column, value, what is allowed.
     """
     table = read_table(Path(path), needed=NEEDED)
-    names = {column: _meaning(table.name, column) for column in table.columns}
+    names = {}
+    for column in table.columns:
+        own = column.startswith((OPTION, TRUTH, META)) and not column.endswith((OPTION, TRUTH, META))
+        close = get_close_matches(column, COLUMNS, n=1, cutoff=NEAR_COLUMN)
+        if close and not own and column not in COLUMNS:
+            raise ConfigError(
+                f"{table.name}: line 1, column {column!r}: is not known; call it {close[0]}, or {META}{column} to "
+                "keep it"
+            )
+        names[column] = column if own or column in COLUMNS else META + column
     find = cache(partial(find_recordings, Path(folder)))
     entries: list[LabelEntry] = []
     faults = []
@@ -327,19 +317,21 @@ def read_labels(path: str | Path, folder: str | Path, *, gate: GateChoice = "tra
     if faults:
         more = f"; and {len(faults) - SHOWN_FAULTS} more" if len(faults) > SHOWN_FAULTS else ""
         raise ConfigError(f"{table.name}: " + "; ".join(faults[:SHOWN_FAULTS]) + more)
-    _warn_of_spellings(table, entries)
+    first: dict[str, int] = {}
+    for entry in entries:
+        first.setdefault(entry.label, entry.line)
+    folded: dict[str, str] = {}
+    for label, line in first.items():
+        if close := get_close_matches(label.lower(), folded, n=1, cutoff=NEAR_LABEL):
+            other = folded[close[0]]
+            warnings.warn(
+                f"{table.name}: labels {other!r} (line {first[other]}) and {label!r} (line {line}) are near in "
+                "spelling and count as two classes",
+                DoppelgaitWarning,
+                stacklevel=3,
+            )
+        folded[label.lower()] = label
     return entries
-
-
-def _meaning(name: str, column: str) -> str:
-    """Name that a column is kept under; one that nearly is one of ours is a mistake."""
-    if column in COLUMNS or (column.startswith((OPTION, TRUTH, META)) and not column.endswith((OPTION, TRUTH, META))):
-        return column
-    if close := get_close_matches(column, COLUMNS, n=1, cutoff=NEAR_COLUMN):
-        raise ConfigError(
-            f"{name}: line 1, column {column!r}: is not known; call it {close[0]}, or {META}{column} to keep it"
-        )
-    return META + column
 
 
 def _entries(
@@ -348,36 +340,40 @@ def _entries(
     label = cells["label"]
     if not LABEL.fullmatch(label):
         raise ConfigError(f"label: {label!r} is not allowed; it needs one or more letters, digits, spaces, _ . or -")
-    start_s, stop_s = (_seconds(name, cells.get(name, "")) for name in ("start_s", "stop_s"))
+    start_s, stop_s = (_number(name, cells.get(name, "")) for name in ("start_s", "stop_s"))
+    for name, value in (("start_s", start_s), ("stop_s", stop_s)):
+        if value is not None and value < 0:
+            raise ConfigError(
+                f"{name}: {cells[name]!r} is not allowed; it must be 0 s or more, from the start of the recording"
+            )
     if stop_s is not None and stop_s <= (start_s or 0.0):
         raise ConfigError(f"stop_s: {stop_s:g} is not allowed; it must be after start_s = {start_s or 0.0:g}")
     if "split" in cells and cells["split"] not in SPLITS:
         raise ConfigError(f"split: {cells['split']!r} is not allowed; allowed are {', '.join(SPLITS)}")
+    if not cells["file"]:
+        raise ConfigError("file: is empty")
     try:
-        recordings = find(_filled("file", cells["file"]))
+        recordings = find(cells["file"])
     except ConfigError as error:
         raise ConfigError(f"file: {error}") from None
+    nobody = cells.get("nobody", "").lower()
+    if nobody not in YES + NO:
+        raise ConfigError(f"nobody: {cells['nobody']!r} is not allowed; allowed are yes, no or nothing")
+    given = [f"{name.removeprefix(OPTION)}={cell}" for name, cell in cells.items() if name.startswith(OPTION) and cell]
+    further: dict[str, Any] = {
+        name: cell for name, cell in cells.items() if name.startswith(META) or name in TEXT_TRUTHS
+    }
+    for name, cell in cells.items():
+        if name.startswith(TRUTH) and name not in TEXT_TRUTHS:
+            further[name] = _number(name, cell)
     texts = {name: cells.get(name, "") for name in ("subject", "split", "session", "licence", "citation")}
     return [
         LabelEntry(
             line, recording, label, parse_gate(cells.get("gate") or gate, where="gate"), start_s, stop_s, **texts,
-            nobody=_yes(cells.get("nobody", "")), options=_options(cells), further=_further(cells),
+            nobody=nobody in YES, options=apply_overrides({}, given), further=further,
         )
         for recording in recordings
     ]  # fmt: skip
-
-
-def _filled(name: str, cell: str) -> str:
-    if not cell:
-        raise ConfigError(f"{name}: is empty")
-    return cell
-
-
-def _seconds(name: str, cell: str) -> float | None:
-    value = _number(name, cell)
-    if value is not None and value < 0:
-        raise ConfigError(f"{name}: {cell!r} is not allowed; it must be 0 s or more, from the start of the recording")
-    return value
 
 
 def _number(name: str, cell: str) -> float | None:
@@ -392,25 +388,6 @@ def _number(name: str, cell: str) -> float | None:
     return value
 
 
-def _yes(cell: str) -> bool:
-    if cell.lower() not in YES + NO:
-        raise ConfigError(f"nobody: {cell!r} is not allowed; allowed are yes, no or nothing")
-    return cell.lower() in YES
-
-
-def _options(cells: Mapping[str, str]) -> dict[str, Any]:
-    given = [f"{name.removeprefix(OPTION)}={cell}" for name, cell in cells.items() if name.startswith(OPTION) and cell]
-    return apply_overrides({}, given)
-
-
-def _further(cells: Mapping[str, str]) -> dict[str, Any]:
-    kept: dict[str, Any] = {name: cell for name, cell in cells.items() if name.startswith(META) or name in TEXT_TRUTHS}
-    for name, cell in cells.items():
-        if name.startswith(TRUTH) and name not in TEXT_TRUTHS:
-            kept[name] = _number(name, cell)
-    return kept
-
-
 def _conflicts(entries: Sequence[LabelEntry]) -> Iterator[str]:
     """What two lines say of the same part of one recording."""
     by_recording: dict[str, list[LabelEntry]] = {}
@@ -421,39 +398,16 @@ def _conflicts(entries: Sequence[LabelEntry]) -> Iterator[str]:
         for entry in sorted(same, key=lambda one: one.start_s or 0.0):
             going_on = [other for other in going_on if (entry.start_s or 0.0) < _end(other)]
             for other in going_on:
-                if entry.overlaps(other) and (_is_same(entry, other) or entry.label != other.label):
-                    yield _conflict(*sorted((other, entry), key=lambda one: one.line))
+                same_part = (entry.start_s or 0.0, entry.stop_s) == (other.start_s or 0.0, other.stop_s)
+                if not entry.overlaps(other) or not (same_part or entry.label != other.label):
+                    continue
+                first, second = sorted((other, entry), key=lambda one: one.line)
+                where = f"line {second.line}, file: {second.recording!r}"
+                if same_part:
+                    yield f"{where} is already in line {first.line}; each part of a recording can be there once"
+                else:
+                    yield (
+                        f"{where} is {second.label!r} and in line {first.line} {first.label!r} at the same time; give "
+                        "each its own start_s and stop_s, or its own gate"
+                    )
             going_on.append(entry)
-
-
-def _is_same(entry: LabelEntry, other: LabelEntry) -> bool:
-    return (entry.start_s or 0.0, entry.stop_s) == (other.start_s or 0.0, other.stop_s)
-
-
-def _conflict(first: LabelEntry, second: LabelEntry) -> str:
-    where = f"line {second.line}, file: {second.recording!r}"
-    if _is_same(first, second):
-        return f"{where} is already in line {first.line}; each part of a recording can be there once"
-    return (
-        f"{where} is {second.label!r} and in line {first.line} {first.label!r} at the same time; give each its own "
-        "start_s and stop_s, or its own gate"
-    )
-
-
-def _warn_of_spellings(table: LabelTable, entries: Sequence[LabelEntry]) -> None:
-    """A warning for labels so alike that one may be a slip of the other."""
-    first: dict[str, int] = {}
-    for entry in entries:
-        first.setdefault(entry.label, entry.line)
-    folded: dict[str, str] = {}
-    for label, line in first.items():
-        close = get_close_matches(label.lower(), folded, n=1, cutoff=NEAR_LABEL)
-        if close:
-            other = folded[close[0]]
-            warnings.warn(
-                f"{table.name}: labels {other!r} (line {first[other]}) and {label!r} (line {line}) are near in "
-                "spelling and count as two classes",
-                DoppelgaitWarning,
-                stacklevel=4,
-            )
-        folded[label.lower()] = label

@@ -63,23 +63,11 @@ def assign_splits(dataset: DatasetSection, members: Mapping[str, Sequence[str]])
         that two classes share cannot be in one split.
     """
     names = list(dict.fromkeys(name for groups in members.values() for name in groups))
-    splits = _by_hand(dataset, names)
-    for groups in members.values():
-        free = [name for name in groups if name not in splits]
-        chosen = _stable(dataset, free) if dataset.split.strategy == "stable" else _ranked(dataset, free)
-        splits.update(chosen)
-    for label, groups in members.items():
-        _refuse_empty(dataset, label, {splits[name] for name in groups}, len(groups), set(splits.values()))
-    return splits
-
-
-def _by_hand(dataset: DatasetSection, names: Sequence[str]) -> dict[str, str]:
-    """Splits that the plan states by name or by source."""
     splits = {name: s for name in names if (s := dataset.split.sources.get(source_of(name))) is not None}  # type: ignore[call-overload]
     named: dict[str, str] = {}
     for split, patterns in dataset.split.subjects.items():
         for pattern in patterns:
-            found = [name for name in names if fnmatchcase(_bare(name), pattern) or fnmatchcase(name, pattern)]
+            found = [n for n in names if fnmatchcase(n.partition("/")[2], pattern) or fnmatchcase(n, pattern)]
             if not found:
                 raise DatasetError(
                     f"dataset.split.subjects.{split}: {pattern!r} fits nobody; {_some('there are', names)}"
@@ -91,28 +79,42 @@ def _by_hand(dataset: DatasetSection, names: Sequence[str]) -> dict[str, str]:
                     "can be in one only"
                 )
             named |= dict.fromkeys(found, split)
-    return splits | named
+    splits |= named
+    for groups in members.values():
+        splits |= _split_by_share(dataset, [name for name in groups if name not in splits])
+    asked = {split for split, fraction in dataset.fractions.items() if fraction}
+    for label, groups in members.items():  # each class in every split that is asked for or that another class is in
+        wanted = (asked | set(splits.values())) - {splits[name] for name in groups}
+        if missing := [split for split in SPLITS if split in wanted]:
+            raise DatasetError(
+                f"class {label!r} has {len(groups)} subjects, too few or of the wrong source: none is in "
+                f"{', '.join(missing)}; plan more examples, name more recordings, or change dataset.fractions or "
+                "dataset.split"
+            )
+    return splits
 
 
-def _bare(name: str) -> str:
-    return name.partition("/")[2]
+def _split_by_share(dataset: DatasetSection, names: Sequence[str]) -> dict[str, str]:
+    """Split names by the hash of seed and name.
 
-
-def _some(text: str, names: Sequence[str]) -> str:
-    more = f" and {len(names) - SHOWN_NAMES} more" if len(names) > SHOWN_NAMES else ""
-    return f"{text} {', '.join(names[:SHOWN_NAMES])}{more}"
-
-
-def _share_of(dataset: DatasetSection, name: str) -> float:
-    """A number from 0 to 1 that belongs to a seed and a name."""
-    digest = hashlib.sha256(f"{dataset.seed}/{name}".encode()).digest()
-    return int.from_bytes(digest[:8], "big") / 2**64
-
-
-def _ranked(dataset: DatasetSection, names: Sequence[str]) -> dict[str, str]:
-    """Ranked by the hash of seed and name, then cut at the planned fractions."""
-    ranked = sorted(names, key=lambda name: _share_of(dataset, name))
+    ``stable``: each by its own hash against the planned fractions; else ranked by it and cut at these.
+    """
+    share_of = {
+        name: int.from_bytes(hashlib.sha256(f"{dataset.seed}/{name}".encode()).digest()[:8], "big") / 2**64
+        for name in names
+    }
     splits: dict[str, str] = {}
+    if dataset.split.strategy == "stable":
+        wanted = [split for split in SPLITS if dataset.fractions.get(split)]
+        for name in names:
+            limit = 0.0
+            for split in wanted:
+                limit += dataset.fractions[split]
+                if share_of[name] < limit or split == wanted[-1]:
+                    splits[name] = split
+                    break
+        return splits
+    ranked = sorted(names, key=share_of.__getitem__)
     done, share = 0, 0.0
     for split in SPLITS:
         share += dataset.fractions.get(split, 0.0)
@@ -122,29 +124,9 @@ def _ranked(dataset: DatasetSection, names: Sequence[str]) -> dict[str, str]:
     return splits
 
 
-def _stable(dataset: DatasetSection, names: Sequence[str]) -> dict[str, str]:
-    """Each by its own hash against the planned fractions."""
-    wanted = [split for split in SPLITS if dataset.fractions.get(split)]
-    splits = {}
-    for name in names:
-        place, share = _share_of(dataset, name), 0.0
-        for split in wanted:
-            share += dataset.fractions[split]
-            if place < share or split == wanted[-1]:
-                splits[name] = split
-                break
-    return splits
-
-
-def _refuse_empty(dataset: DatasetSection, label: str, found: set[str], count: int, used: set[str]) -> None:
-    """Every class must be in every split that is asked for or that another class is in."""
-    wanted = used | {split for split, fraction in dataset.fractions.items() if fraction}
-    missing = [split for split in SPLITS if split in wanted - found]
-    if missing:
-        raise DatasetError(
-            f"class {label!r} has {count} subjects, too few or of the wrong source: none is in {', '.join(missing)}; "
-            "plan more examples, name more recordings, or change dataset.fractions or dataset.split"
-        )
+def _some(text: str, names: Sequence[str]) -> str:
+    more = f" and {len(names) - SHOWN_NAMES} more" if len(names) > SHOWN_NAMES else ""
+    return f"{text} {', '.join(names[:SHOWN_NAMES])}{more}"
 
 
 class PlannedEntry(NamedTuple):
@@ -190,7 +172,37 @@ def plan_entries(entries: Sequence[LabelEntry], config: ImportConfig, labels: st
         together.setdefault(entry.recording, []).append(subject)
     group_of = groups_of(together.values())
     groups = [group_of[subject] for subject in subjects]
-    splits = _splits(entries, groups, config, labels)
+    wanted = config.split
+    if any(entry.split for entry in entries):
+        if wanted is not None:
+            raise ConfigError(f"split = {wanted!r}: is not allowed, because {labels} has a column split; leave one out")
+        first: dict[str, LabelEntry] = {}
+        for entry, group in zip(entries, groups, strict=True):
+            other = first.setdefault(group, entry)
+            if entry.split != other.split:
+                who = f"subject {entry.subject!r}" if entry.subject else f"recording {entry.recording!r}"
+                raise ConfigError(
+                    f"{labels}: line {entry.line}, split: {entry.split!r} is not allowed: {who} is in {other.split} "
+                    f"already (line {other.line}, itself or by a shared recording); all of a subject must be in one "
+                    "split"
+                )
+        splits = [entry.split for entry in entries]
+    elif not isinstance(wanted, dict):
+        splits = [wanted or "test"] * len(entries)
+    else:
+        members: dict[str, dict[str, None]] = {}
+        for entry, group in zip(entries, groups, strict=True):
+            members.setdefault(entry.label, {})[group] = None
+        shares = {str(name): share for name, share in wanted.items()}
+        section = DatasetSection(name="imported", examples_per_class=1, seed=config.seed, fractions=shares)
+        try:
+            of_group = assign_splits(section, {label: list(found) for label, found in members.items()})
+        except DatasetError as error:
+            raise DatasetError(
+                f"{labels}: {str(error).partition(';')[0]}; record more subjects, change split, or say it line by line "
+                "in a column split (recordings without a subject count as one each)"
+            ) from None
+        splits = [of_group[group] for group in groups]
     counts: dict[str, int] = {}
     planned = []
     for entry, subject, group, split in zip(entries, subjects, groups, splits, strict=True):
@@ -199,45 +211,3 @@ def plan_entries(entries: Sequence[LabelEntry], config: ImportConfig, labels: st
         name = f"{entry.label.replace(' ', '_')}-{number:06d}"
         planned.append(PlannedEntry(name, split, subject, group, entry))
     return planned
-
-
-def _splits(entries: Sequence[LabelEntry], groups: Sequence[str], config: ImportConfig, labels: str) -> list[str]:
-    wanted = config.split
-    if any(entry.split for entry in entries):
-        if wanted is not None:
-            raise ConfigError(f"split = {wanted!r}: is not allowed, because {labels} has a column split; leave one out")
-        _refuse_torn(entries, groups, labels)
-        return [entry.split for entry in entries]
-    if not isinstance(wanted, dict):
-        return [wanted or "test"] * len(entries)
-    of_group = _by_shares(entries, groups, {str(name): share for name, share in wanted.items()}, config.seed, labels)
-    return [of_group[group] for group in groups]
-
-
-def _refuse_torn(entries: Sequence[LabelEntry], groups: Sequence[str], labels: str) -> None:
-    """A subject, a recording, and all who share one, are in one split."""
-    first: dict[str, LabelEntry] = {}
-    for entry, group in zip(entries, groups, strict=True):
-        other = first.setdefault(group, entry)
-        if entry.split != other.split:
-            who = f"subject {entry.subject!r}" if entry.subject else f"recording {entry.recording!r}"
-            raise ConfigError(
-                f"{labels}: line {entry.line}, split: {entry.split!r} is not allowed: {who} is in {other.split} "
-                f"already (line {other.line}, itself or by a shared recording); all of a subject must be in one split"
-            )
-
-
-def _by_shares(
-    entries: Sequence[LabelEntry], groups: Sequence[str], shares: Mapping[str, float], seed: int, labels: str
-) -> dict[str, str]:
-    members: dict[str, dict[str, None]] = {}
-    for entry, group in zip(entries, groups, strict=True):
-        members.setdefault(entry.label, {})[group] = None
-    section = DatasetSection(name="imported", examples_per_class=1, seed=seed, fractions=dict(shares))
-    try:
-        return assign_splits(section, {label: list(found) for label, found in members.items()})
-    except DatasetError as error:
-        raise DatasetError(
-            f"{labels}: {str(error).partition(';')[0]}; record more subjects, change split, or say it line by line in "
-            "a column split (recordings without a subject count as one each)"
-        ) from None

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
 from doppelgait.core.errors import DoppelgaitWarning
@@ -80,26 +79,49 @@ def check_resimulation(contents: Contents, chosen: Sequence[PlannedExample], tic
     found: list[Difference] = []
     for entry in chosen:
         tick()
-        found += _of_example(contents, entry, context)
-    return _judge(found, len(chosen), str(contents.description.get("doppelgait_version")))
-
-
-def _of_example(contents: Contents, entry: PlannedExample, context: BuildContext) -> list[Difference]:
-    rows = contents.index[contents.index["scene_id"] == entry.id]
-    try:
-        made = build_planned(entry, context)
-    except Exception as error:  # as in a build: whatever stops one example is a finding, not the end
-        return [Difference(entry.id, False, reason=f"cannot be made again: {error}")]
-    if [row["id"] for row, _ in made] != rows["id"].tolist():
-        return [Difference(entry.id, False, reason="has other rows")]
-    return [_compare(contents, rows.iloc[n], row, arrays) for n, (row, arrays) in enumerate(made)]
+        rows = contents.index[contents.index["scene_id"] == entry.id]
+        try:
+            made = build_planned(entry, context)
+        except Exception as error:  # as in a build: whatever stops one example is a finding, not the end
+            found.append(Difference(entry.id, False, reason=f"cannot be made again: {error}"))
+            continue
+        if [row["id"] for row, _ in made] != rows["id"].tolist():
+            found.append(Difference(entry.id, False, reason="has other rows"))
+            continue
+        found += [_compare(contents, rows.iloc[n], row, arrays) for n, (row, arrays) in enumerate(made)]
+    identical = sum(difference.identical for difference in found)
+    reasons = [f"{d.id}: {d.reason}" for d in found if d.reason]
+    off = [f"{d.id}: array off by {d.array_l2:.1f} times the tolerance" for d in found if d.array_l2 > 1]
+    turned = [f"{d.id}: features off by {100 * d.feature:.2g} %" for d in found if d.feature > FEATURE_TOLERANCE]
+    if len(turned) > MOST_OTHER * len(found):
+        off += turned
+    numbers = {
+        "examples": len(chosen), "rows": len(found), "identical": identical,
+        "worst_array_over_tolerance": max(d.array_l2 for d in found), "features_off": len(turned),
+        "largest_feature_difference": max((d.feature for d in found if math.isfinite(d.feature)), default=0.0),
+    }  # fmt: skip
+    if reasons or off:
+        return Check("re-simulation", "failed", some([*reasons, *off]), numbers)
+    if identical == len(found):
+        return Check("re-simulation", "passed", f"{len(chosen)} examples made again: identical bytes", numbers)
+    words = (
+        f"{len(chosen)} examples made again: {identical} of {len(found)} rows identical, of the others {len(turned)} "
+        f"with features off by more than {100 * FEATURE_TOLERANCE:g} %, arrays within tolerance (another processor or "
+        f"library? made with doppelgait {contents.description.get('doppelgait_version')})"
+    )
+    return Check("re-simulation", "warning" if turned else "passed", words, numbers)
 
 
 def _compare(contents: Contents, there: pd.Series, row: dict[str, Any], arrays: Arrays) -> Difference:
     equal_row = all(_same(there.get(name), value) for name, value in row.items())
     other = [name for name in NAMES if not _same(there.get(name), row[name])]
-    other += [name for name in row if name.startswith(FACTS) and _far(there.get(name), row[name])]
-    feature = max(_relative(row[name], there.get(name)) for name in _feature_columns())
+    for name, made in row.items():
+        if name.startswith(FACTS):
+            exact = isinstance(made, str) or made is None
+            far = not _same(there.get(name), made) if exact else _relative(made, there.get(name)) > FEATURE_TOLERANCE
+            other += [name] if far else []
+    features = [*(f"feature_{name}" for name in FEATURE_UNITS), "gait_frequency_hz"]
+    feature = max(_relative(row[name], there.get(name)) for name in features)
     files, worst, equal_arrays = contents.dataset.files, 0.0, True
     for name, values in arrays.items():
         stored = files.read(str(there["shard"]), name, int(there["row"]))
@@ -108,14 +130,14 @@ def _compare(contents: Contents, there: pd.Series, row: dict[str, Any], arrays: 
         if stored.dtype == values.dtype and stored.tobytes() == values.tobytes():
             continue
         equal_arrays = False
-        worst = max(worst, _array_difference(stored, values, contents.description["fields"].get(name, {})))
+        facts = contents.description["fields"].get(name, {})
+        tolerance = HALF_TOLERANCE if facts.get("scale") == "db" else ARRAY_TOLERANCE
+        one, two = decode(stored, facts), decode(values, facts)
+        size = float(np.linalg.norm(one))  # relative L2 in linear units, over the tolerance of the precision
+        worst = max(worst, float(np.linalg.norm(two - one)) / (size if size > 0 else 1.0) / tolerance)
     files.close()
     reason = f"{other[0]} is {there.get(other[0])}, made again {row[other[0]]}" if other else ""
     return Difference(row["id"], equal_row and equal_arrays, worst, feature, reason)
-
-
-def _feature_columns() -> list[str]:
-    return [*(f"feature_{name}" for name in FEATURE_UNITS), "gait_frequency_hz"]
 
 
 def _same(there: Any, made: Any) -> bool:
@@ -123,13 +145,6 @@ def _same(there: Any, made: Any) -> bool:
     if there is None or there != there:
         return made is None
     return bool(there == made)
-
-
-def _far(there: Any, made: Any) -> bool:
-    """Whether a fact of the simulation differs by more than another processor could make it."""
-    if isinstance(made, str) or made is None:
-        return not _same(there, made)
-    return _relative(made, there) > FEATURE_TOLERANCE
 
 
 def _relative(made: Any, there: Any) -> float:
@@ -141,38 +156,6 @@ def _relative(made: Any, there: Any) -> float:
     return float(abs(made - there) / size) if size > 0 else 0.0
 
 
-def _array_difference(stored: npt.NDArray[Any], made: npt.NDArray[Any], facts: dict[str, Any]) -> float:
-    """Relative L2 in linear units, over the tolerance of the precision."""
-    tolerance = HALF_TOLERANCE if facts.get("scale") == "db" else ARRAY_TOLERANCE
-    one, two = decode(stored, facts), decode(made, facts)
-    size = float(np.linalg.norm(one))
-    return float(np.linalg.norm(two - one)) / (size if size > 0 else 1.0) / tolerance
-
-
-def _judge(found: Sequence[Difference], n_examples: int, version: str) -> Check:
-    identical = sum(difference.identical for difference in found)
-    reasons = [f"{d.id}: {d.reason}" for d in found if d.reason]
-    off = [f"{d.id}: array off by {d.array_l2:.1f} times the tolerance" for d in found if d.array_l2 > 1]
-    turned = [f"{d.id}: features off by {100 * d.feature:.2g} %" for d in found if d.feature > FEATURE_TOLERANCE]
-    if len(turned) > MOST_OTHER * len(found):
-        off += turned
-    numbers = {
-        "examples": n_examples, "rows": len(found), "identical": identical,
-        "worst_array_over_tolerance": max(d.array_l2 for d in found), "features_off": len(turned),
-        "largest_feature_difference": max((d.feature for d in found if math.isfinite(d.feature)), default=0.0),
-    }  # fmt: skip
-    if reasons or off:
-        return Check("re-simulation", "failed", some([*reasons, *off]), numbers)
-    if identical == len(found):
-        return Check("re-simulation", "passed", f"{n_examples} examples made again: identical bytes", numbers)
-    words = (
-        f"{n_examples} examples made again: {identical} of {len(found)} rows identical, of the others {len(turned)} "
-        f"with features off by more than {100 * FEATURE_TOLERANCE:g} %, arrays within tolerance (another processor or "
-        f"library? made with doppelgait {version})"
-    )
-    return Check("re-simulation", "warning" if turned else "passed", words, numbers)
-
-
 def check_measured_snr(contents: Contents, chosen: Sequence[PlannedExample], tick: Callable[[], None]) -> Check:
     """SNR_frame of a few examples from the echoes and the noise, each simulated apart, against the index.
 
@@ -181,7 +164,11 @@ def check_measured_snr(contents: Contents, chosen: Sequence[PlannedExample], tic
     """
     if contents.plan is None or contents.unlike:
         return Check("measured SNR", "skipped", contents.no_plan or contents.unlike)
-    few = [entry for number in sorted({e.class_number for e in chosen}) for entry in _first(chosen, number)]
+    few = [
+        entry
+        for number in sorted({e.class_number for e in chosen})
+        for entry in [e for e in chosen if e.class_number == number][:LEAST_PER_CLASS]
+    ]
     known = contents.index.drop_duplicates("scene_id").set_index("scene_id")["snr_frame_db"]
     errors = {}
     for entry in few:
@@ -197,10 +184,6 @@ def check_measured_snr(contents: Contents, chosen: Sequence[PlannedExample], tic
         return Check("measured SNR", "failed", f"SNR_frame of the index is off: {some(wrong)}", numbers)
     words = f"{len(errors)} examples: SNR_frame as in the index, off by {numbers['largest_error_db']:.2f} dB at most"
     return Check("measured SNR", "passed", words, numbers)
-
-
-def _first(chosen: Sequence[PlannedExample], class_number: int) -> list[PlannedExample]:
-    return [entry for entry in chosen if entry.class_number == class_number][:LEAST_PER_CLASS]
 
 
 def _snr_db(contents: Contents, entry: PlannedExample) -> float:

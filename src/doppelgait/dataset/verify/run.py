@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,6 @@ from doppelgait.dataset.verify.contents import (
 )
 from doppelgait.dataset.verify.duplicates import check_duplicates
 from doppelgait.dataset.verify.integrity import (
-    ShardFindings,
     check_balance,
     check_identity,
     check_index,
@@ -85,7 +84,14 @@ def _sheet(contents: Contents, label: str, rng: np.random.Generator) -> Any:
         example = contents.dataset.example(number)
         if "signature" in example.arrays:
             arrays.append(above_floor(example.signature, example.row.get("quality_noise_floor_v2")))
-            titles.append(_title(contents.index.iloc[number], label))
+            row = contents.index.iloc[number]
+            parts = [str(row["id"]).removeprefix(f"{label.replace(' ', '_')}-").lstrip("0") or "0"]
+            speeds = ("truth_radial_velocity_mps", "feature_torso_velocity_mps")  # the true ones, else the measured
+            levels = ("snr_frame_db", "quality_snr_mu_db")
+            for names, unit in ((speeds, "{:+.1f} m/s"), (levels, "{:.0f} dB")):
+                known = [row[name] for name in names if name in row.index and pd.notna(row[name])]
+                parts += [unit.format(known[0])] if known else []
+            titles.append("  ".join(parts))
             places.append(number)
         if len(arrays) == SHEET_SIZE:
             break
@@ -107,17 +113,6 @@ def above_floor(signature: xr.DataArray, floor_v2: float | None) -> xr.DataArray
     over = shown / (level if level > 0 else 1.0)
     over.attrs = {**signature.attrs, "units": "1"}
     return over
-
-
-def _title(row: pd.Series, label: str) -> str:
-    """Number, speed and SNR of a row: the true ones, else the measured ones, as far as they are known."""
-    parts = [str(row["id"]).removeprefix(f"{label.replace(' ', '_')}-").lstrip("0") or "0"]
-    speeds = ("truth_radial_velocity_mps", "feature_torso_velocity_mps")
-    levels = ("snr_frame_db", "quality_snr_mu_db")
-    for names, words in ((speeds, "{:+.1f} m/s"), (levels, "{:.0f} dB")):
-        known = [row[name] for name in names if name in row.index and pd.notna(row[name])]
-        parts += [words.format(known[0])] if known else []
-    return "  ".join(parts)
 
 
 class _Steps:
@@ -190,56 +185,43 @@ def _open(
     target: Path, description: dict[str, Any], folder: Path, tick: Callable[[], None]
 ) -> tuple[Contents, list[Check], int]:
     """Contents of the whole shards, the checks of the files, and the number of shards that are not there."""
-    index, reason = _read_index(target)
+    index, reason = None, ""
+    if (target / "index.parquet").exists():
+        try:
+            index = pd.read_parquet(target / "index.parquet")
+        except (OSError, ValueError) as error:
+            reason = f"index.parquet cannot be read: {' '.join(str(error).split())}"
     names = planned_shards(description)
     findings = look_at_shards(target, names, index, tick)
     complete = bool(description.get("complete"))
     if index is None and complete and not reason:
         reason = "index.parquet is missing, though the dataset says it is complete"
+    # the records, and with them every row and array, are those that the dataset was finished with
+    digest = description.get("contents_sha256")
+    stated = Check("contents", "skipped", "not complete, or of a version that kept no hash of its contents")
+    if digest is not None and complete and not (findings.missing or findings.damaged):
+        try:
+            same = contents_sha256(target, names) == digest
+            words = "rows were changed after the dataset was finished: build it again"
+            stated = Check("contents", "failed", words)
+            if same:
+                stated = Check("contents", "passed", f"{digest[:16]}, as when the dataset was finished")
+        except OSError as error:
+            stated = Check("contents", "failed", f"a shard's record cannot be read: {error}")
     checks = [
         check_shards(findings, complete=complete),
-        _check_contents(
-            target, description, names if complete and not (findings.missing or findings.damaged) else None
-        ),
+        stated,
         check_index(findings, index, reason),
         check_split_lists(target, index),
         check_leftovers(target),
     ]
     plan, no_plan = plan_of(description, folder)
-    rows = _rows(target, findings, index)
+    if index is None:
+        rows = make_index(read_records(target, findings.whole))
+    else:
+        rows = index[index["shard"].isin(findings.whole)].reset_index(drop=True)
     contents = Contents(target, description, rows, index is not None, findings.failed, plan, no_plan)
     return contents, checks, len(findings.missing) + len(findings.damaged)
-
-
-def _check_contents(target: Path, description: dict[str, Any], names: Sequence[str] | None) -> Check:
-    """The records, and with them every row and array, are those that the dataset was finished with."""
-    stated = description.get("contents_sha256")
-    if stated is None or names is None:
-        return Check("contents", "skipped", "not complete, or of a version that kept no hash of its contents")
-    try:
-        found = contents_sha256(target, names)
-    except OSError as error:
-        return Check("contents", "failed", f"a shard's record cannot be read: {error}")
-    if found != stated:
-        return Check("contents", "failed", "rows were changed after the dataset was finished: build it again")
-    return Check("contents", "passed", f"{stated[:16]}, as when the dataset was finished")
-
-
-def _read_index(target: Path) -> tuple[pd.DataFrame | None, str]:
-    """The index, or why it cannot be read; neither where there is none."""
-    path = target / "index.parquet"
-    if not path.exists():
-        return None, ""
-    try:
-        return pd.read_parquet(path), ""
-    except (OSError, ValueError) as error:
-        return None, f"index.parquet cannot be read: {' '.join(str(error).split())}"
-
-
-def _rows(target: Path, findings: ShardFindings, index: pd.DataFrame | None) -> pd.DataFrame:
-    if index is None:
-        return make_index(read_records(target, findings.whole))
-    return index[index["shard"].isin(findings.whole)].reset_index(drop=True)
 
 
 def _checks(
