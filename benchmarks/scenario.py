@@ -19,7 +19,7 @@ from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.signature import Cut, cut_out
 from doppelgait.radar import Radar
 from doppelgait.radar.simulate import scatterer_arrays
-from doppelgait.scene import Scene, Target, assemble, body_track
+from doppelgait.scene import Scene, Target, assemble, body_track, place
 
 N_SCATTERERS = 41
 DURATION_S = 5.0
@@ -76,9 +76,10 @@ def make_radar(decimation: int) -> Radar:
 
 def prepare(radar: Radar, scene: Scene, analysis: Analysis) -> Case:
     """Scatterer table and truth gate of a scenario."""
-    slow_time_s = np.arange(round(scene.observation_s * radar.prf_hz)) / radar.prf_hz
-    table = assemble(scene, slow_time_s, angles=False)
-    track_m = body_track(scene.targets[0], scene, slow_time_s).range_m
+    placed = place(scene)
+    slow_time_s = np.arange(round(placed.observation_s * radar.prf_hz)) / radar.prf_hz
+    table = assemble(placed, slow_time_s, angles=False)
+    track_m = body_track(placed.targets[0], scene, slow_time_s).range_m
     gate = Gate.around(slow_time_s, track_m, span_m=analysis.gate_span_m, source="given")
     return Case(radar, scene, analysis, slow_time_s, table, gate, *scatterer_arrays(table, radar))
 

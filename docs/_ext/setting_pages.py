@@ -45,7 +45,7 @@ def groups() -> dict[str, Group]:
 
 
 SCENE_WORDS = (
-    "A scene file is TOML: the keys of `SceneSpec` and `seed` at its top, the tables `[radar]`, `[noise]` and "
+    "A scene file is TOML: the keys of `Scene` and `seed` at its top, the tables `[radar]`, `[noise]` and "
     "`[analysis]`, and the lists `[[targets]]`, `[[environment]]` and `[[impairments]]`. `prf_hz = 'auto'` and "
     "`preset` may stand in `[radar]`."
 )
@@ -87,7 +87,7 @@ def _radar_models() -> list[tuple[str, type[BaseModel]]]:
 
 def _scene_models() -> list[tuple[str, type[BaseModel]]]:
     return _models(
-        "doppelgait.scene.spec:SceneSpec", "doppelgait.scene.spec:TargetSpec", "doppelgait.scene.rcs:RcsSpec",
+        "doppelgait.scene.scene:Scene", "doppelgait.scene.scene:Target", "doppelgait.scene.rcs:RcsSpec",
         "doppelgait.pipeline.echoes:Noise",
     )  # fmt: skip
 

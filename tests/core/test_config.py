@@ -7,7 +7,7 @@ from checkout import ROOT
 from doppelgait.core.config import FrozenModel, apply_overrides, canonical_json, line_of_key, read_toml, validate
 from doppelgait.core.errors import ConfigError, DoppelgaitError
 from doppelgait.core.registry import Registry
-from doppelgait.pipeline import load_run, parse_radar, parse_run
+from doppelgait.pipeline import Run, parse_radar, parse_run
 from doppelgait.processing import Analysis
 from doppelgait.radar import Radar, preset_names
 
@@ -54,7 +54,7 @@ def scene_file(tmp_path):
 
 def fault(path, *overrides):
     with pytest.raises(ConfigError) as caught:
-        load_run(path, overrides=overrides)
+        Run.from_toml(path, overrides=overrides)
     return str(caught.value)
 
 
@@ -63,7 +63,7 @@ def line_in(text, needle):
 
 
 def test_a_good_file_gives_a_run(scene_file):
-    run = load_run(scene_file())
+    run = Run.from_toml(scene_file())
     assert run.seed == 3
     assert run.radar.prf_hz == 900
     assert run.radar.carrier_hz == 7.29e9
@@ -142,21 +142,17 @@ def test_numbers_are_strict(scene_file, value):
 
 def test_a_motion_needs_a_kind_that_exists(scene_file):
     assert "kind" in fault(scene_file('kind = "boulic"\n', ""))
-    from doppelgait.pipeline import run_simulation
-
-    run = load_run(scene_file('kind = "boulic"\n', 'kind = "moonwalk"\n'))
-    with pytest.raises(ConfigError, match=r"targets\.0\.motion.*moonwalk.*boulic"):
-        run_simulation(run)
-    run = load_run(scene_file("speed_mps = 1.1", "speed_mps = 11"))
-    with pytest.raises(ConfigError, match=r"targets\.0\.motion.*speed_mps.*11"):
-        run_simulation(run)
+    with pytest.raises(ConfigError, match=r"targets\.0\.motion \(line \d+\).*moonwalk.*boulic"):
+        Run.from_toml(scene_file('kind = "boulic"\n', 'kind = "moonwalk"\n'))
+    with pytest.raises(ConfigError, match=r"targets\.0\.motion \(line \d+\).*speed_mps.*11"):
+        Run.from_toml(scene_file("speed_mps = 1.1", "speed_mps = 11"))
 
 
 # --- Overrides ----------------------------------------------------------------------------------------------------
 
 
 def test_overrides_change_single_values(scene_file):
-    run = load_run(
+    run = Run.from_toml(
         scene_file(),
         overrides=[
             "radar.prf_hz=1300",
@@ -192,7 +188,7 @@ def test_overrides_change_single_values(scene_file):
 )
 def test_wrong_overrides_are_explained(scene_file, override, message):
     with pytest.raises(ConfigError, match=message):
-        load_run(scene_file(), overrides=[override])
+        Run.from_toml(scene_file(), overrides=[override])
 
 
 def test_overrides_do_not_change_the_table_given():

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 import doppelgait as dg
 from doppelgait.cli.app import app
 from doppelgait.core.errors import ConfigError
-from doppelgait.pipeline import load_run, run_simulation
+from doppelgait.pipeline import Run, run_simulation
 from doppelgait.radar import read_recording
 
 SCENE = """
@@ -49,7 +49,7 @@ def in_python(seed):
 
 
 def test_the_same_seed_gives_the_same_bytes_from_toml_command_line_and_python(scene_file, tmp_path):
-    from_toml = run_simulation(load_run(scene_file)).baseband.values
+    from_toml = run_simulation(Run.from_toml(scene_file)).baseband.values
     assert in_python(2018).baseband.values.tobytes() == from_toml.tobytes()
     assert in_python(2019).baseband.values.tobytes() != from_toml.tobytes()
 

@@ -17,7 +17,7 @@ from doppelgait.processing import Analysis, plan_transform
 from doppelgait.radar import Radar
 from doppelgait.radar.simulate import warn_of_limits
 from doppelgait.scene import RcsSpec, Scene, Target, assemble
-from doppelgait.scene.spec import build_motion
+from doppelgait.scene.placement import build_motion
 
 INF, NAN = float("inf"), float("nan")
 
@@ -33,7 +33,7 @@ def walk():
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        ({"height_m": -1}, r"target: height_m: -1 is not allowed.*greater than 0"),
+        ({"height_m": -1}, r"Target: height_m: -1 is not allowed.*greater than 0"),
         ({"height_m": 6.0}, "height_m: 6.0.*less than or equal to 5"),
         ({"scaling": "bogus"}, "scaling: 'bogus'.*'uniform', 'froude' or 'z_only'"),
         ({"range_m": INF}, "range_m: inf.*"),
@@ -56,13 +56,13 @@ def test_a_target_is_checked_as_strictly_as_in_a_scene_file(walk, options, says)
 def test_a_target_takes_arrays_and_the_name_of_a_cross_section(walk):
     target = Target(walk, start_position_m=np.array([3.0, 1.0]), heading_deg=90, rcs="equal")
     assert target.start_position_m == (3.0, 1.0)
-    assert target.rcs_spec == RcsSpec(kind="equal")
+    assert target.rcs == RcsSpec(kind="equal")
 
 
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        ({"radar_position_m": (0, 0)}, "scene: radar_position_m.2: is required"),
+        ({"radar_position_m": (0, 0)}, "Scene: radar_position_m.2: is required"),
         ({"radar_position_m": (0, 0, NAN)}, "radar_position_m.2: nan"),
         ({"duration_s": -1.0}, "duration_s: -1.0.*greater than 0"),
         ({"duration_s": NAN}, "duration_s: nan"),
@@ -74,9 +74,9 @@ def test_a_scene_is_checked_as_strictly_as_a_scene_file(walk, options, says):
 
 
 def test_a_scene_holds_targets_only(walk):
-    with pytest.raises(ConfigError, match="list of Target"):
+    with pytest.raises(ConfigError, match=r"targets\.0: .*instance of Target"):
         Scene([walk])
-    with pytest.raises(ConfigError, match="list of Target"):
+    with pytest.raises(ConfigError, match=r"targets: .*must be a list of Target"):
         Scene(Target(walk))
 
 
@@ -190,17 +190,17 @@ def test_a_motion_file_is_read_once(monkeypatch, walk):
 
 def test_motions_are_kept_up_to_a_number_of_bytes(monkeypatch, walk, tmp_path):
     import doppelgait.motion.readers as readers
-    from doppelgait.scene import spec
+    from doppelgait.scene import placement
 
     asked = []
     monkeypatch.setattr(readers, "read", lambda path, **options: asked.append(options["segment"]) or walk)
-    monkeypatch.setattr(spec, "KEPT_BYTES", 2 * walk.positions.nbytes)
-    monkeypatch.setattr(spec, "_read_before", type(spec._read_before)())
+    monkeypatch.setattr(placement, "KEPT_BYTES", 2 * walk.positions.nbytes)
+    monkeypatch.setattr(placement, "_read_before", type(placement._read_before)())
     (tmp_path / "walk.c3d").write_bytes(b"x")
     for segment in (1, 2, 1, 3, 1, 2):  # 3 drops 2, the one that was not used for longest; 2 drops 3
         build_motion({"kind": "file", "path": "walk.c3d", "segment": segment}, duration_s=1.0, folder=tmp_path)
     assert asked == [1, 2, 3, 2]
-    assert len(spec._read_before) == 2
+    assert len(placement._read_before) == 2
 
 
 # --- Truth --------------------------------------------------------------------------------------------------------

@@ -14,8 +14,7 @@ from doppelgait.core.config import canonical_json, validate
 from doppelgait.core.errors import AnalysisError, ConfigError, DoppelgaitWarning
 from doppelgait.core.rng import Streams
 from doppelgait.motion import boulic_walk
-from doppelgait.pipeline import analyze, simulate
-from doppelgait.pipeline.run import load_run
+from doppelgait.pipeline import Run, analyze, simulate
 from doppelgait.radar import (
     WAVEFORMS,
     Radar,
@@ -643,10 +642,10 @@ def test_parameters_of_a_waveform_in_a_scene_file_and_on_the_command_line(barker
     """
     for waveform in ('"barker"', '{ kind = "barker", chips = 7 }'):
         path.write_text(text.replace("WAVEFORM", waveform))
-        assert load_run(path).radar.waveform.chips == (7 if "7" in waveform else 13)
-        assert load_run(path, overrides=["radar.waveform.chips=11"]).radar.waveform == barker(chips=11)
+        assert Run.from_toml(path).radar.waveform.chips == (7 if "7" in waveform else 13)
+        assert Run.from_toml(path, overrides=["radar.waveform.chips=11"]).radar.waveform == barker(chips=11)
     with pytest.raises(ConfigError, match=r"radar\.waveform.*chips: 12 is not allowed"):
-        load_run(path, overrides=["radar.waveform.chips=12"])
+        Run.from_toml(path, overrides=["radar.waveform.chips=12"])
     (tmp_path / "own.toml").write_text(
         "carrier_hz = 24e9\nprf_hz = 500\nrange_stop_m = 9\nsample_rate_hz = 3e9\nsweep_s = 13e-9\n"
         'waveform = { kind = "barker", chips = 7 }\n'

@@ -10,7 +10,7 @@ from doppelgait.core.labels import axis
 from doppelgait.motion import make_motion
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.motion.models.quadruped import quadruped_gait
-from doppelgait.scene import RcsSpec, Scene, Target, assemble, placed_motion
+from doppelgait.scene import RcsSpec, Scene, Target, assemble, place
 from doppelgait.scene.bodies import ANIMAL, BODIES, PERSON
 from doppelgait.scene.ellipsoids import (
     Ellipsoids,
@@ -195,7 +195,7 @@ def test_merging_ellipsoids_is_refused():
 @pytest.mark.parametrize("mover", [boulic_walk(speed_mps=1.3, duration_s=1.2), quadruped_gait(duration_s=1.2)])
 def test_the_total_is_the_mean_over_horizontal_directions(mover):
     """Brute force: far radars at the height of the body all round, all frames of the motion."""
-    motion = placed_motion(Target(mover), Scene([Target(mover)]))
+    motion = place(Scene([Target(mover)])).targets[0].motion
     target = Target(mover, rcs=RcsSpec(kind="ellipsoids", total_m2=0.6))
     times = mover.time_s - mover.time_s[0]
     centre = motion.position_m.mean(axis=(0, 1))

@@ -6,7 +6,7 @@ from scipy import stats
 
 from doppelgait.core.errors import ConfigError
 from doppelgait.motion.models.boulic import boulic_walk
-from doppelgait.scene import RcsSpec, Scene, Target, assemble, observe
+from doppelgait.scene import RcsSpec, Scene, Target, assemble
 from doppelgait.scene.fluctuation import fluctuation_factor, spread_factor
 
 LAW = {"swerling1": stats.expon, "swerling3": stats.gamma(a=2, scale=0.5)}
@@ -106,5 +106,5 @@ def test_what_is_drawn_needs_a_source_and_nothing_else_touches_it():
         with pytest.raises(ConfigError, match="needs rng"):
             rcs_of(spec)
     source = np.random.default_rng(9)
-    observe(Scene([Target(WALK, rcs=RcsSpec(kind="ellipsoids", occlusion=True))]), T, rng=source)
+    assemble(Scene([Target(WALK, rcs=RcsSpec(kind="ellipsoids", occlusion=True))]), T, rng=source)
     assert source.integers(2**63) == np.random.default_rng(9).integers(2**63)

@@ -8,7 +8,7 @@ import pytest
 from doppelgait.core.labels import axis
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.motion.models.quadruped import quadruped_gait
-from doppelgait.scene import RcsSpec, Scene, Target, assemble, placed_motion
+from doppelgait.scene import RcsSpec, Scene, Target, assemble, place
 from doppelgait.scene.ellipsoids import Ellipsoids, ellipsoids_of_frames, skeleton_of
 from doppelgait.scene.occlusion import EDGE_M, own_points, visible_power
 
@@ -54,7 +54,7 @@ def marched(points, body, own, radar, n_steps=1500):
 @pytest.mark.parametrize("mover", [boulic_walk(duration_s=1.0), quadruped_gait(duration_s=1.0)])
 def test_who_is_hidden_is_what_marched_rays_say(mover, aspect_deg):
     scene = Scene([Target(mover, aspect_deg=aspect_deg)])
-    placed = placed_motion(scene.targets[0], scene)
+    placed = place(scene).targets[0].motion
     motion = replace(placed, positions=placed.positions.isel(time=slice(0, 250, 25)))
     body = ellipsoids_of_frames(skeleton_of(motion))
     points, radar = motion.position_m, np.array(scene.radar_position_m)

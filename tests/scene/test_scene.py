@@ -10,8 +10,7 @@ from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.motion.models.quadruped import quadruped_gait
 from doppelgait.motion.paths import TurnAroundPath
 from doppelgait.motion.retime import body_centre_m
-from doppelgait.pipeline import simulate
-from doppelgait.pipeline.run import load_run
+from doppelgait.pipeline import Run, simulate
 from doppelgait.radar import Radar
 from doppelgait.scene import (
     RcsSpec,
@@ -21,11 +20,10 @@ from doppelgait.scene import (
     body_track,
     line_of_sight,
     part_weights,
-    placed_motion,
+    place,
     scatterer_rcs_m2,
 )
 from doppelgait.scene.companions import leashed_dog, side_by_side
-from doppelgait.scene.spec import build_scene
 
 
 def points(paths, rate_hz=100.0, parts=None, **facts):
@@ -75,7 +73,7 @@ def test_radial_velocity_is_minus_the_derivative_of_range_e04():
     table = assemble(scene, t)
     derivative = np.gradient(table["range"].values, 1e-4, axis=0)
     np.testing.assert_allclose(-derivative[5:-5], table["radial_velocity"].values[5:-5], atol=2e-6)
-    placed = placed_motion(scene.targets[0], scene)
+    placed = place(scene).targets[0].motion
     start = placed.position_m[0]
     distance = np.sqrt(((start - np.array([0.5, -1, 1.3])) ** 2).sum(axis=-1))
     np.testing.assert_allclose(table["range"].values[0], distance, rtol=1e-12)
@@ -101,7 +99,7 @@ def test_target_is_where_it_was_asked_to_be_at_mid_observation(bearing_deg, aspe
     scene = Scene(
         [Target(motion, range_m=4.0, bearing_deg=bearing_deg, aspect_deg=aspect_deg)], radar_position_m=(1.0, 2.0, 1.0)
     )
-    sight = body_track(scene.targets[0], scene, [0.999, 1.0, 1.001])
+    sight = body_track(place(scene).targets[0], scene, [0.999, 1.0, 1.001])
     assert sight.range_m[1] == pytest.approx(4.0)
     assert np.degrees(sight.azimuth_rad[1]) == pytest.approx(bearing_deg)
     assert np.degrees(sight.aspect_rad[1]) == pytest.approx(abs(aspect_deg), abs=1e-4)
@@ -111,7 +109,7 @@ def test_target_is_where_it_was_asked_to_be_at_mid_observation(bearing_deg, aspe
 def test_positive_aspect_turns_the_walk_counter_clockwise():
     motion = points([lambda t: (t, 0 * t, 1 + 0 * t)])
     scene = Scene([Target(motion, range_m=4.0, aspect_deg=90.0)])
-    placed = placed_motion(scene.targets[0], scene)
+    placed = place(scene).targets[0].motion
     # approaching is -x; 90 degrees counter-clockwise of that is -y
     np.testing.assert_allclose(placed.position_m[-1, 0, :2] - placed.position_m[0, 0, :2], [0, -2], atol=1e-12)
 
@@ -119,7 +117,7 @@ def test_positive_aspect_turns_the_walk_counter_clockwise():
 def test_start_position_and_heading():
     motion = points([lambda t: (t, 0 * t, 1 + 0 * t)])
     scene = Scene([Target(motion, start_position_m=(3.0, -1.0), heading_deg=90.0)])
-    placed = placed_motion(scene.targets[0], scene)
+    placed = place(scene).targets[0].motion
     np.testing.assert_allclose(placed.position_m[0, 0], [3, -1, 1], atol=1e-12)
     np.testing.assert_allclose(placed.position_m[-1, 0], [3, 1, 1], atol=1e-12)
 
@@ -128,13 +126,13 @@ def test_a_target_follows_its_path_from_its_start():
     motion = points([lambda t: (t, 0 * t, 1 + 0 * t)])
     arc = {"kind": "arc", "radius_m": 1.0, "turn_deg": 90}
     scene = Scene([Target(motion, start_position_m=(3.0, -1.0), heading_deg=90.0, path=arc)], duration_s=1.5)
-    placed = placed_motion(scene.targets[0], scene)
+    placed = place(scene).targets[0].motion
     t = placed.time_s
     np.testing.assert_allclose(placed.position_m[0, 0], [3, -1, 1], atol=1e-9)
     # a left turn from heading +y: the centre of the circle is 1 m in -x
     expected = np.stack([2 + np.cos(t), -1 + np.sin(t), np.ones_like(t)], axis=-1)
     np.testing.assert_allclose(placed.position_m[:, 0], expected, atol=1e-6)
-    sight = body_track(scene.targets[0], scene, [0.5])
+    sight = body_track(place(scene).targets[0], scene, [0.5])
     assert sight.radial_velocity_mps[0] == pytest.approx(
         -np.dot([-np.sin(0.5), np.cos(0.5)], [2 + np.cos(0.5), -1 + np.sin(0.5)]) / sight.range_m[0], abs=1e-4
     )
@@ -150,18 +148,18 @@ path = { kind = "turn_around", out_m = 2.5, radius_m = 0.5 }
 """
     path = tmp_path / "scene.toml"
     path.write_text("duration_s = 4.0" + target)
-    run = load_run(path)
-    scene = build_scene(run.scene)
-    assert scene.targets[0].path_spec == TurnAroundPath(out_m=2.5, radius_m=0.5)
-    track = body_track(scene.targets[0], scene, [0.5, 3.9])
+    run = Run.from_toml(path)
+    scene = run.scene
+    assert scene.targets[0].path == TurnAroundPath(out_m=2.5, radius_m=0.5)
+    track = body_track(place(scene).targets[0], scene, [0.5, 3.9])
     assert track.radial_velocity_mps[0] > 1 > -1 > track.radial_velocity_mps[1]
     assert type(run).model_validate_json(run.model_dump_json()) == run
     path.write_text("duration_s = 4.0" + target.replace("out_m = 2.5", "out_m = -1"))
     with pytest.raises(ConfigError, match=r"targets\.0\.path \(line 6\).*path kind 'turn_around': out_m: -1"):
-        load_run(path)
+        Run.from_toml(path)
     path.write_text("duration_s = 4.0" + target.replace("turn_around", "spiral"))
     with pytest.raises(ConfigError, match=r"targets\.0\.path.*kind 'spiral' is not allowed: known are arc, polyline"):
-        load_run(path)
+        Run.from_toml(path)
 
 
 def test_paths_that_do_not_suit_their_target():
@@ -171,10 +169,10 @@ def test_paths_that_do_not_suit_their_target():
     start = {"start_position_m": (5.0, 0.0), "heading_deg": 180.0}
     short = Target(walk, path={"kind": "arc", "radius_m": 1, "turn_deg": 90}, **start)
     with pytest.raises(MotionError, match=r"targets\.0: path kind 'arc': is 1\.57 m long and takes 1\.309 s, but 2 s"):
-        Scene([short], duration_s=2.0)
-    assert Scene([short]).observation_s == pytest.approx(1.308)
+        place(Scene([short], duration_s=2.0))
+    assert place(Scene([short])).observation_s == pytest.approx(1.308)
     with pytest.raises(MotionError, match=r"targets\.0: boulic: lasts 3\.000 s on its path, but 4 s are asked for"):
-        Scene([Target(walk, path={"kind": "straight"}, **start)], duration_s=4.0)
+        place(Scene([Target(walk, path={"kind": "straight"}, **start)], duration_s=4.0))
 
 
 # --- Companions ---------------------------------------------------------------------------------------------------
@@ -192,7 +190,7 @@ def test_a_leashed_dog_keeps_its_place_beside_the_person(path):
     pair = leashed_dog(person, quadruped_gait(speed_mps=1.3, withers_m=0.4, duration_s=9.0), side_m=-0.5, ahead_m=0.0)
     scene = Scene(pair, duration_s=3.0)
     assert [t.label for t in scene.targets] == ["human", "dog"]
-    bodies = [body_centre_m(placed_motion(t, scene))[:600, :2] for t in scene.targets]
+    bodies = [body_centre_m(t.motion)[:600, :2] for t in place(scene).targets]
     apart = bodies[1] - bodies[0]
     assert np.hypot(*apart.T).mean() == pytest.approx(0.5, abs=0.02)
     heading = np.gradient(bodies[0], axis=0)
@@ -216,7 +214,7 @@ def test_companions_that_cannot_keep_together_are_refused():
         )
     behind = side_by_side(person, Target(walk, label="second"), side_m=0.0, ahead_m=-1.5)
     scene = Scene(behind)
-    first, second = (body_centre_m(placed_motion(t, scene))[:, :2] for t in scene.targets)
+    first, second = (body_centre_m(t.motion)[:, :2] for t in place(scene).targets)
     np.testing.assert_allclose(np.hypot(*(first - second).T), 1.5, atol=1e-6)
 
 
@@ -224,16 +222,16 @@ def test_default_range_keeps_the_closest_approach_at_2_m():
     slow, fast = (points([lambda t, v=v: (v * t, 0 * t, 1 + 0 * t)]) for v in (0.5, 4.0))
     for motion, middle in ((slow, 5.0), (fast, 6.0)):
         scene = Scene([Target(motion)])
-        assert body_track(scene.targets[0], scene, [1.0]).range_m[0] == pytest.approx(middle)
+        assert body_track(place(scene).targets[0], scene, [1.0]).range_m[0] == pytest.approx(middle)
 
 
 def test_observation_is_the_shortest_motion_unless_given():
     walkers = [Target(boulic_walk(duration_s=s)) for s in (1.0, 2.0)]
-    assert Scene(walkers).observation_s == pytest.approx(1.0)
-    assert Scene(walkers, duration_s=0.7).observation_s == 0.7
+    assert place(Scene(walkers)).observation_s == pytest.approx(1.0)
+    assert place(Scene(walkers, duration_s=0.7)).observation_s == 0.7
     with pytest.raises(ConfigError, match=r"targets\.0.*lasts 1\.000 s.*1\.5 s.*duration_s to 1\.0 or less"):
-        Scene(walkers, duration_s=1.5)
-    with pytest.raises(ConfigError, match="at least one target"):
+        place(Scene(walkers, duration_s=1.5))
+    with pytest.raises(ConfigError, match="at least 1 item"):
         Scene([])
 
 
@@ -244,8 +242,8 @@ def test_observation_is_the_shortest_motion_unless_given():
         ({"heading_deg": 10.0}, "belong together"),
         ({"start_position_m": (1, 1), "heading_deg": 0.0, "range_m": 3.0}, "give either"),
         ({"start_position_m": (1, 1), "heading_deg": 0.0, "aspect_deg": 3.0}, "give either"),
-        ({"range_m": -1.0}, "range_m is -1.0"),
-        ({"range_m": float("nan")}, "range_m is nan"),
+        ({"range_m": -1.0}, "range_m: -1.0 is not allowed"),
+        ({"range_m": float("nan")}, "range_m: nan is not allowed"),
     ],
 )
 def test_contradicting_places_are_refused(options, message):
@@ -320,7 +318,7 @@ def test_truth_is_the_geometry_that_the_radar_saw():
     for number, truth in enumerate(recording.truth):
         rows = table.isel(scatterer=table.coords["target"].values == number)
         np.testing.assert_array_equal(truth.scatterers["range"], rows["range"])
-        centre = body_track(walkers[number], scene, slow_time_s)
+        centre = body_track(place(scene).targets[number], scene, slow_time_s)
         np.testing.assert_array_equal(truth.centre_range_m, centre.range_m)
         np.testing.assert_array_equal(truth.centre_velocity_mps, centre.radial_velocity_mps)
         speed = walkers[number].motion.facts

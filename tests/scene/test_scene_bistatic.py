@@ -13,12 +13,19 @@ from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.radar import Radar
 from doppelgait.radar.link import echo_amplitude_v, received_power_w
 from doppelgait.radar.simulate import synthesise
-from doppelgait.scene import Scene, Target, assemble, body_track, line_of_sight, observe, placed_motion
-from doppelgait.scene.assemble import bistatic_line_of_sight, bistatic_spreading
-from doppelgait.scene.spec import SceneSpec, build_scene
+from doppelgait.scene import Scene, Target, assemble, body_track, line_of_sight, place
+from doppelgait.scene.observe import bistatic_line_of_sight, bistatic_spreading
 
 SPEED_OF_LIGHT = 299_792_458.0
 TRANSMITTER, RECEIVER = (0.3, -0.4, 1.2), (2.1, 1.5, 0.7)
+
+
+def observe(scene, times, **options):
+    """Scatterer table, and the line of sight of every observed target."""
+    placed = place(scene)
+    return assemble(placed, times, **options), [body_track(one, scene, times) for one in placed.observed]
+
+
 TIMES = np.arange(60) / 50
 VARIABLES = ("range", "radial_velocity", "aspect", "azimuth", "elevation", "rcs", "path_gain")
 BODY = {"kind": "ellipsoids", "occlusion": True}
@@ -78,7 +85,7 @@ def test_table_and_centre_track_follow_the_two_ways():
     np.testing.assert_allclose(np.cos(table["aspect"].values[:, 0]), -away, rtol=1e-9)
     for name, of_table in (("range_m", "range"), ("radial_velocity_mps", "radial_velocity"), ("aspect_rad", "aspect")):
         np.testing.assert_allclose(getattr(track, name), table[of_table].values[:, 0], rtol=1e-9)
-    np.testing.assert_array_equal(body_track(target, scene, TIMES).range_m, track.range_m)
+    np.testing.assert_array_equal(body_track(place(scene).targets[0], scene, TIMES).range_m, track.range_m)
 
 
 def test_doppler_of_the_echo_is_that_of_both_ways():
@@ -165,7 +172,7 @@ def test_a_body_shows_the_cross_section_along_the_bisector():
     ends = np.array([[0.0, -6.0, 1.0], [0.0, 12.0, 1.0]])
     target = Target(boulic_walk(duration_s=1.4), rcs="ellipsoids", start_position_m=(60.0, 20.0), heading_deg=100.0)
     scene = Scene([target], radar_position_m=tuple(ends[0]), receiver_position_m=tuple(ends[1]))
-    centre = placed_motion(target, scene).position_m[60].mean(axis=0)
+    centre = place(scene).targets[0].motion.position_m[60].mean(axis=0)
     bisector = sum((end - centre) / np.linalg.norm(end - centre) for end in ends)
     far = tuple(float(x) for x in centre + 60.0 * bisector / np.linalg.norm(bisector))
     seen = assemble(scene, TIMES)["rcs"].values
@@ -200,14 +207,14 @@ def test_a_scene_of_background_only():
     table, tracks = observe(scene, TIMES, angles=False)
     assert tracks == []
     assert scene.observed_targets == ()
-    assert scene.observation_s == pytest.approx(1.4, abs=0.01)
+    assert place(scene).observation_s == pytest.approx(1.4, abs=0.01)
     assert (axis(table, "target") == -1).all()
 
 
 @pytest.mark.parametrize("angles", [True, False])
 def test_an_empty_room_has_a_table_without_scatterers(angles):
     scene = Scene([], duration_s=1.5)
-    assert scene.observation_s == 1.5
+    assert place(scene).observation_s == 1.5
     table, tracks = observe(scene, TIMES, angles=angles)
     filled = assemble(Scene([walker()]), TIMES, angles=angles)
     assert tracks == []
@@ -222,7 +229,7 @@ def test_an_empty_room_has_a_table_without_scatterers(angles):
 
 
 def test_an_empty_room_needs_to_know_for_how_long():
-    with pytest.raises(ConfigError, match="at least one target, or duration_s"):
+    with pytest.raises(ConfigError, match="at least 1 item"):
         Scene([])
 
 
@@ -234,22 +241,22 @@ def test_a_scene_file_knows_receiver_boresight_and_background():
     keys = {
         "duration_s": 1.0, "radar_azimuth_deg": 30, "radar_tilt_deg": -10, "receiver_position_m": [1.0, 2.0, 0.5],
     }  # fmt: skip
-    spec = validate(SceneSpec, {"targets": [{"motion": {"kind": "boulic"}}, fan], **keys})
-    assert SceneSpec.model_validate_json(spec.model_dump_json()) == spec
-    scene = build_scene(spec)
+    spec = validate(Scene, {"targets": [{"motion": {"kind": "boulic"}}, fan], **keys})
+    assert Scene.model_validate_json(spec.model_dump_json()) == spec
+    scene = spec
     assert [target.background for target in scene.targets] == [False, True]
     assert (scene.radar_azimuth_deg, scene.radar_tilt_deg) == (30, -10)
     assert scene.receiver_position_m == (1.0, 2.0, 0.5)
     assert scene.receiver_m == (1.0, 2.0, 0.5)
-    plain = build_scene(validate(SceneSpec, {"targets": [{"motion": {"kind": "boulic"}}], "duration_s": 1.0}))
+    plain = validate(Scene, {"targets": [{"motion": {"kind": "boulic"}}], "duration_s": 1.0})
     assert (plain.radar_azimuth_deg, plain.radar_tilt_deg, plain.receiver_position_m) == (0.0, 0.0, None)
     assert plain.receiver_m == plain.radar_position_m
-    empty = build_scene(validate(SceneSpec, {"duration_s": 2.0, "targets": []}))
+    empty = validate(Scene, {"duration_s": 2.0, "targets": []})
     assert empty.targets == ()
-    assert empty.observation_s == 2.0
-    assert build_scene(SceneSpec(duration_s=2.0)).targets == ()
+    assert place(empty).observation_s == 2.0
+    assert Scene(duration_s=2.0).targets == ()
     with pytest.raises(ConfigError, match=r"^targets: .* at least 1 item .*, or give duration_s"):
-        validate(SceneSpec, {"targets": []})
+        validate(Scene, {"targets": []})
 
 
 @pytest.mark.parametrize(
@@ -265,7 +272,7 @@ def test_places_of_the_radar_that_make_no_sense_are_refused(key, value):
     with pytest.raises(ConfigError, match=key):
         Scene([], duration_s=1.0, **{key: value})
     with pytest.raises(ConfigError, match=key):
-        SceneSpec(duration_s=1.0, **{key: value})
+        Scene(duration_s=1.0, **{key: value})
 
 
 # --- Tilt ---------------------------------------------------------------------------------------------------------

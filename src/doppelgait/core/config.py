@@ -12,7 +12,7 @@ import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar, get_args
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator
@@ -46,6 +46,10 @@ class FrozenModel(BaseModel, metaclass=_Checked):
     """Fields that Python code may give by position."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
+
+    def replace(self, **changes: Any) -> Self:
+        """Return the model with some fields changed, all checked again."""
+        return type(self)(**{name: getattr(self, name) for name in self.model_fields_set} | changes)
 
     @field_validator("*", mode="before")
     @classmethod
@@ -239,6 +243,31 @@ def json_value(value: Any) -> Any:
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value if value is None or isinstance(value, str | int) else str(value)
+
+
+def as_table(model: BaseModel) -> dict[str, Any]:
+    """Fields of a model that were given, and every ``kind``, as plain values that a TOML file can hold."""
+    names = [name for name in type(model).model_fields if name in model.model_fields_set or name == "kind"]
+    return {name: _plain(value) for name in names if (value := getattr(model, name)) is not None}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, BaseModel):
+        return as_table(value)
+    if isinstance(value, Mapping):
+        return {str(key): _plain(one) for key, one in value.items() if one is not None}
+    if isinstance(value, str | bool | int | float):
+        return next(kind(value) for kind in (str, bool, int, float) if isinstance(value, kind))
+    if isinstance(value, Path):
+        return str(value)
+    return [_plain(one) for one in (value.tolist() if hasattr(value, "tolist") else value)]
+
+
+def write_toml(table: Mapping[str, Any]) -> str:
+    """TOML text of a table of plain values."""
+    import tomli_w
+
+    return tomli_w.dumps(table)
 
 
 def canonical_json(value: BaseModel | Mapping[str, Any]) -> str:

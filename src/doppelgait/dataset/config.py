@@ -17,7 +17,7 @@ from doppelgait.core.errors import ConfigError
 from doppelgait.pipeline import Tracking
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.gate import GateChoice
-from doppelgait.scene.target import SceneParameters
+from doppelgait.scene.scene import Scene
 
 SHOWN_LENGTH = 60
 """Characters of a value in a message."""
@@ -49,7 +49,7 @@ def _shown(value: Any) -> str:
     return "absent" if value is _ABSENT else shorten(value)
 
 
-SCENE_KEYS = tuple(SceneParameters.model_fields)
+SCENE_KEYS = tuple(name for name in Scene.model_fields if name != "targets")
 SPLITS = ("train", "validation", "test")
 AUTO_PRF_REFUSED = "radar.prf_hz = 'auto' is not allowed in a dataset: it tells the speed to every feature"
 ORACLE_REFUSED = (

@@ -14,7 +14,7 @@ from doppelgait.core.errors import ConfigError
 from doppelgait.core.rng import Streams
 from doppelgait.dataset.config import AUTO_PRF_REFUSED, ORACLE_REFUSED, ClassSection, PlanConfig, shorten
 from doppelgait.dataset.motions import NOBODY, PHANTOM_SPEED_MPS, check_motion, source_entry, subject_of
-from doppelgait.pipeline import RunSpec, parse_run
+from doppelgait.pipeline import Run, parse_run
 from doppelgait.pipeline.run import TWIN_KEYS
 
 Drawer = Callable[[list[Any], np.random.Generator], Any]
@@ -154,7 +154,7 @@ class ExampleSpec(FrozenModel):
         Range error of the truth gates.
     rows : tuple of RowSpec
         One per target, in the order of the scene's; one for nobody.
-    run : RunSpec
+    run : Run
     """
 
     id: str
@@ -162,7 +162,7 @@ class ExampleSpec(FrozenModel):
     group: str
     gate_error_m: float
     rows: tuple[RowSpec, ...]
-    run: RunSpec
+    run: Run
 
     @property
     def label(self) -> str:
@@ -272,7 +272,7 @@ def resolve_example(
 
 def _run_spec(
     plan: PlanConfig, section: ClassSection, number: int, targets: list[dict[str, Any]], name: str, folder: Path
-) -> RunSpec:
+) -> Run:
     """Everything but the motions is drawn by a rule that never sees the class."""
     seed = plan.dataset.seed
 
@@ -319,7 +319,7 @@ def _drawn_list(plan: PlanConfig, key: str, number: int) -> list[Any]:
     return [entry for entry in drawn if entry != {}]
 
 
-def _refuse_leaks(run: RunSpec) -> None:
+def _refuse_leaks(run: Run) -> None:
     """What a plan may not hold, in whichever way it was written: here every distribution is drawn."""
     if run.auto_prf:
         raise ConfigError(AUTO_PRF_REFUSED)

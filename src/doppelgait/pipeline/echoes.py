@@ -16,7 +16,7 @@ from doppelgait.core.rng import Streams
 from doppelgait.radar.antenna import apply_antenna
 from doppelgait.radar.impairments import Impairments, pulse_times
 from doppelgait.radar.parameters import Radar
-from doppelgait.scene import LineOfSight, Scene, observe
+from doppelgait.scene import LineOfSight, PlacedScene, assemble, body_track
 from doppelgait.scene.environment import Environment, Setting, apply_environment, needs_angles
 
 FloatArray = npt.NDArray[np.float64]
@@ -66,14 +66,14 @@ class Conditions(FrozenModel):
 
 
 def received(
-    scene: Scene, radar: Radar, slow_time_s: FloatArray, conditions: Conditions, *, angles: bool,
+    placed: PlacedScene, radar: Radar, slow_time_s: FloatArray, conditions: Conditions, *, angles: bool,
     streams: Streams | None,
 ) -> tuple[xr.Dataset, list[LineOfSight]]:  # fmt: skip
     """Scatterer table as the receiver gets it, and the centre tracks of the targets.
 
     Parameters
     ----------
-    scene : Scene
+    placed : PlacedScene
     radar : Radar
     slow_time_s : ndarray, shape (I,)
         Nominal frame times; the table is labelled with them even where the frames are jittered.
@@ -90,7 +90,8 @@ def received(
     patterned = radar.antenna.kind != "isotropic"
     angles = angles or patterned or needs_angles(conditions.environment)
     scene_rng = None if streams is None else streams.generator("scene")
-    scatterers, tracks = observe(scene, times_s, angles=angles, rng=scene_rng)
+    scene, scatterers = placed.scene, assemble(placed, times_s, angles=angles, rng=scene_rng)
+    tracks = [body_track(target, scene, times_s) for target in placed.observed]
     if conditions.environment:
         azimuth_rad = math.radians(scene.radar_azimuth_deg)
         setting = Setting(radar.wavelength_m, scene.radar_position_m, azimuth_rad)

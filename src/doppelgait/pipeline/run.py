@@ -9,7 +9,15 @@ from typing import Any
 
 from pydantic import Field
 
-from doppelgait.core.config import FrozenModel, apply_overrides, line_note, read_toml, validate
+from doppelgait.core.config import (
+    FrozenModel,
+    apply_overrides,
+    as_table,
+    line_note,
+    read_toml,
+    validate,
+    write_toml,
+)
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.rng import Streams
 from doppelgait.pipeline.echoes import Conditions, Noise
@@ -19,19 +27,19 @@ from doppelgait.radar.impairments import Impairments
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.presets import changed_preset, preset_table
 from doppelgait.radar.recording import Recording
-from doppelgait.scene import Scene
+from doppelgait.scene import PlacedScene, Scene, place
 from doppelgait.scene.environment import Environment
-from doppelgait.scene.spec import SceneSpec, build_scene
+from doppelgait.scene.scene import with_file_paths
 
 AUTO_PRF_START_HZ = 1000.0
 
 
-class RunSpec(FrozenModel):
+class Run(FrozenModel):
     """Everything that makes one recording and its analysis.
 
     Parameters
     ----------
-    scene : SceneSpec
+    scene : Scene
     radar : Radar
     auto_prf : bool
         Take the lowest frame rate at which nothing aliases (``prf_hz = "auto"``); for reproducing the report only.
@@ -47,7 +55,7 @@ class RunSpec(FrozenModel):
         Number of the example in a dataset; picks its streams.
     """
 
-    scene: SceneSpec
+    scene: Scene
     radar: Radar
     auto_prf: bool = False
     noise: Noise = Noise()
@@ -57,20 +65,59 @@ class RunSpec(FrozenModel):
     seed: int = Field(default=0, ge=0)
     example: int = Field(default=0, ge=0)
 
+    @classmethod
+    def from_toml(cls, path: str | Path, *, overrides: Sequence[str] = ()) -> Run:
+        """Read a scene file, with ``KEY=VALUE`` overrides put in; paths of motion files start from its folder.
 
-SCENE_KEYS = tuple(SceneSpec.model_fields)
+        Raises
+        ------
+        ConfigError
+            Naming the dotted key, its line, the value and what is allowed.
+        """
+        table, text = read_toml(path)
+        folder = Path(path).parent
+        run = parse_run(apply_overrides(table, overrides), where=str(path), text=text, folder=folder)
+        return run.model_copy(update={"scene": with_file_paths(run.scene, folder)})
+
+    def to_toml(self) -> str:
+        """Write the run as the text of a scene file; :meth:`from_toml` reads an equal run.
+
+        Raises
+        ------
+        ConfigError
+            If a motion is held in memory.
+        """
+        self.scene.to_toml()  # refuses motions in memory
+        table = as_table(self)
+        scene, auto_prf = table.pop("scene"), table.pop("auto_prf", False)
+        if auto_prf:
+            table["radar"]["prf_hz"] = "auto"
+        return write_toml({**scene, **table})
+
+    @property
+    def conditions(self) -> Conditions:
+        """Noise, environment and impairments."""
+        return Conditions(noise=self.noise, environment=self.environment, impairments=self.impairments)
+
+    @property
+    def streams(self) -> Streams:
+        """Random streams of the run."""
+        return Streams(self.seed, self.example)
+
+
+SCENE_KEYS = tuple(Scene.model_fields)
 TWIN_KEYS = ("environment", "impairments")
-SECTIONS = ("seed", *SCENE_KEYS, "radar", "noise", *TWIN_KEYS, "analysis")
+SECTIONS = ("seed", "example", *SCENE_KEYS, "radar", "noise", *TWIN_KEYS, "analysis")
 
 
-def parse_run(table: Mapping[str, Any], *, where: str = "scene", text: str = "", folder: Path | None = None) -> RunSpec:
+def parse_run(table: Mapping[str, Any], *, where: str = "scene", text: str = "", folder: Path | None = None) -> Run:
     """Run specification from the tables of a scene file.
 
     Parameters
     ----------
     table : mapping
         Keys ``targets`` (list), ``radar`` (``preset`` and changes, or all parameters), and optionally the other keys
-        of :class:`doppelgait.scene.spec.SceneSpec` and of :class:`RunSpec`. A list ``environment`` or ``impairments``
+        of :class:`doppelgait.scene.Scene` and of :class:`Run`. A list ``environment`` or ``impairments``
         replaces the one of the radar's preset.
     where, text : str
         File name and text for error messages.
@@ -88,9 +135,9 @@ def parse_run(table: Mapping[str, Any], *, where: str = "scene", text: str = "",
         raise ConfigError(f"{where}: {places}: unknown key; allowed are {', '.join(SECTIONS)}")
     twin = parse_radar(table.get("radar", {"preset": "x4"}), where=where, text=text, folder=folder)
     scene = {key: table[key] for key in SCENE_KEYS if key in table}
-    rest = {key: table[key] for key in ("noise", *TWIN_KEYS, "analysis", "seed") if key in table}
-    parsed = validate(SceneSpec, scene, where=where, text=text)
-    return validate(RunSpec, {"scene": parsed, **twin, **rest}, where=where, text=text)
+    rest = {key: table[key] for key in ("noise", *TWIN_KEYS, "analysis", "seed", "example") if key in table}
+    parsed = validate(Scene, scene, where=where, text=text)
+    return validate(Run, {"scene": parsed, **twin, **rest}, where=where, text=text)
 
 
 def parse_radar(table: Any, *, where: str = "radar", text: str = "", folder: Path | None = None) -> dict[str, Any]:
@@ -122,32 +169,23 @@ def _preset_place(preset: str, folder: Path | None) -> str:
     return str((folder or Path()) / preset) if preset.endswith(".toml") else preset
 
 
-def load_run(path: str | Path, *, overrides: Sequence[str] = ()) -> RunSpec:
-    """Run specification of a scene file with ``KEY=VALUE`` overrides put in."""
-    table, text = read_toml(path)
-    return parse_run(apply_overrides(table, overrides), where=str(path), text=text, folder=Path(path).parent)
-
-
-def run_simulation(spec: RunSpec, *, folder: Path | None = None, angles: bool = True) -> Recording:
+def run_simulation(spec: Run, *, folder: Path | None = None, angles: bool = True) -> Recording:
     """Simulate the recording that a specification describes; same specification, same bytes.
 
     Parameters
     ----------
-    spec : RunSpec
+    spec : Run
     folder : Path, optional
         Folder that relative motion paths start from.
     angles : bool
         As for :func:`doppelgait.pipeline.simulate`.
     """
-    scene, radar, streams, conditions = _inputs(spec, folder)
-    recording = simulate(scene, radar, angles=angles, rng=streams, conditions=conditions)
+    scene, radar = _place(spec, folder)
+    recording = simulate(scene, radar, angles=angles, rng=spec.streams, conditions=spec.conditions)
     return replace(recording, seed=spec.seed)
 
 
-def _inputs(spec: RunSpec, folder: Path | None) -> tuple[Scene, Radar, Streams, Conditions]:
-    """Scene, radar, random streams and conditions of a specification."""
-    streams = Streams(spec.seed, spec.example)
-    scene = build_scene(spec.scene, folder=folder, rng=streams.generator("motion"))
-    radar = with_lowest_prf(scene, spec.radar, cpi_s=spec.analysis.cpi_s) if spec.auto_prf else spec.radar
-    conditions = Conditions(noise=spec.noise, environment=spec.environment, impairments=spec.impairments)
-    return scene, radar, streams, conditions
+def _place(run: Run, folder: Path | None) -> tuple[PlacedScene, Radar]:
+    """Placed scene and radar of a run."""
+    placed = place(run.scene, run.streams, folder=folder)
+    return placed, with_lowest_prf(placed, run.radar, cpi_s=run.analysis.cpi_s) if run.auto_prf else run.radar

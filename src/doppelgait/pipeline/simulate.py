@@ -14,7 +14,6 @@ from doppelgait.core.labels import axis
 from doppelgait.core.rng import Streams
 from doppelgait.core.units import duration_to_pulses, slow_time_axis_s
 from doppelgait.motion.motion import FREQUENCIES, Motion
-from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.pipeline.echoes import Conditions, received, split_targets
 from doppelgait.radar.impairments import ThermalNoise, apply_impairments, noise_power_per_sample_v2
 from doppelgait.radar.parameters import Radar
@@ -28,8 +27,8 @@ from doppelgait.radar.simulate import (
     snr_frame_db,
     warn_of_limits,
 )
-from doppelgait.scene import LineOfSight, Scene, assemble, body_at
-from doppelgait.scene.target import scaled_motion
+from doppelgait.scene import LineOfSight, PlacedScene, PlacedTarget, Scene, assemble, body_at
+from doppelgait.scene.placement import as_placed
 
 MAX_SAMPLES = 2e9
 """Largest data matrix: 16 GB of complex64."""
@@ -40,7 +39,7 @@ PROBE_RATE_HZ = 500.0
 
 
 def simulate(
-    scene: Scene,
+    scene: Scene | PlacedScene,
     radar: Radar,
     *,
     rng: Streams | None = None,
@@ -52,7 +51,8 @@ def simulate(
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene or PlacedScene
+        A scene is placed first, with these streams.
     radar : Radar
     rng : Streams, optional
         Random streams, for example ``dg.rng(2018)``: the recording is then that of ``seed = 2018`` in a scene file.
@@ -82,9 +82,10 @@ def simulate(
         If a scatterer aliases in Doppler or leaves the frame.
     """
     given = conditions or Conditions()
-    slow_time_s = pulse_times_s(scene, radar)
     snr_db = _check_noise(given, rng=rng, snr_db=snr_db)
-    scatterers, tracks = received(scene, radar, slow_time_s, given, angles=angles, streams=rng)
+    placed = as_placed(scene, rng)
+    slow_time_s = pulse_times_s(placed.observation_s, radar)
+    scatterers, tracks = received(placed, radar, slow_time_s, given, angles=angles, streams=rng)
     warn_of_limits(scatterers, radar)
     of_targets, others = split_targets(scatterers)
     samples = radar.waveform.synthesise_planes(of_targets, radar)
@@ -104,13 +105,16 @@ def simulate(
         radar,
         slow_time_s,
         radar.range_axis_m(),
-        truth=[target_truth(scene, n, scatterers, track, shown_s=shown_s) for n, track in enumerate(tracks)],
+        truth=[
+            target_truth(target, placed.observation_s, scatterers, track, shown_s=shown_s)
+            for target, track in zip(placed.observed, tracks, strict=True)
+        ],
         noise_power_v2=noise_v2,
         snr_frame_db=snr_frame_db(signal_v2, noise_v2),
         source="simulation",
-        radar_position_m=scene.radar_position_m,
-        radar_azimuth_deg=scene.radar_azimuth_deg,
-        radar_tilt_deg=scene.radar_tilt_deg,
+        radar_position_m=placed.scene.radar_position_m,
+        radar_azimuth_deg=placed.scene.radar_azimuth_deg,
+        radar_tilt_deg=placed.scene.radar_tilt_deg,
     )
 
 
@@ -143,13 +147,11 @@ def _noise_v2(
     return noise_level_v2(radar, signal_v2, snr_db)
 
 
-def pulse_times_s(scene: Scene, radar: Radar) -> npt.NDArray[np.float64]:
+def pulse_times_s(observation_s: float, radar: Radar) -> npt.NDArray[np.float64]:
     """Pulse times of a scene; a :class:`ConfigError` where the scene is too short or too large."""
-    slow_time_s = slow_time_axis_s(duration_to_pulses(scene.observation_s, radar.prf_hz), radar.prf_hz)
+    slow_time_s = slow_time_axis_s(duration_to_pulses(observation_s, radar.prf_hz), radar.prf_hz)
     if slow_time_s.size < 2:
-        raise ConfigError(
-            f"{scene.observation_s} s at prf_hz = {radar.prf_hz:g} is less than two frames; observe longer"
-        )
+        raise ConfigError(f"{observation_s} s at prf_hz = {radar.prf_hz:g} is less than two frames; observe longer")
     if slow_time_s.size * radar.n_range_bins > MAX_SAMPLES:
         raise ConfigError(
             f"{slow_time_s.size} frames of {radar.n_range_bins} range bins are more than {MAX_SAMPLES:g} samples; "
@@ -159,38 +161,30 @@ def pulse_times_s(scene: Scene, radar: Radar) -> npt.NDArray[np.float64]:
 
 
 def target_truth(
-    scene: Scene, number: int, scatterers: xr.Dataset, centre: LineOfSight,
+    placed: PlacedTarget, observation_s: float, scatterers: xr.Dataset, centre: LineOfSight,
     *, shown_s: npt.NDArray[np.float64] | None = None,
 ) -> TargetTruth:  # fmt: skip
     """Truth of one target of a scene, from the same geometry that the radar sees; frequencies over the observation.
 
     Its body is there at the times ``shown_s``, if they are given.
     """
-    target = scene.observed_targets[number]
-    own = axis(scatterers, "target") == number
+    own = axis(scatterers, "target") == placed.number
     rows = scatterers if own.all() else scatterers.isel(scatterer=np.flatnonzero(own))
-    motion = scaled_motion(target)
-    facts = motion.facts
+    facts = placed.motion.facts
     return TargetTruth(
-        label=target.label,
+        label=placed.target.label,
         scatterers=rows,
         centre_range_m=centre.range_m,
         centre_velocity_mps=centre.radial_velocity_mps,
         centre_aspect_rad=centre.aspect_rad,
-        ground_speed_mps=_ground_speed_mps(motion, scene.observation_s),
+        ground_speed_mps=placed.ground_speed_mps,
         gait=facts.gait,
         subject=facts.subject,
         motion=facts.source,
         height_m=facts.height_m,
-        **_observed_frequencies_hz(motion, scene.observation_s),
-        body=None if shown_s is None else body_at(target, scene, shown_s),
+        **_observed_frequencies_hz(placed.motion, observation_s),
+        body=None if shown_s is None else body_at(placed, shown_s),
     )
-
-
-def _ground_speed_mps(motion: Motion, observation_s: float) -> float:
-    """Speed along the path that the motion was laid on, else that of its net travel."""
-    path = motion.facts.path
-    return path.mean_speed_mps if path else travel_speed_mps(motion, first_s=observation_s)
 
 
 def _observed_frequencies_hz(motion: Motion, observation_s: float) -> dict[str, float]:
@@ -217,13 +211,14 @@ def _stride_frequency_hz(touchdowns_s: npt.NDArray[np.float64], start_s: float, 
     return float((stop - first - 1) / (touchdowns_s[stop - 1] - touchdowns_s[first]))
 
 
-def with_lowest_prf(scene: Scene, radar: Radar, *, cpi_s: float) -> Radar:
+def with_lowest_prf(scene: Scene | PlacedScene, radar: Radar, *, cpi_s: float) -> Radar:
     """The radar at the lowest frame rate at which nothing in this scene aliases (E-06).
 
     Only for reproducing the report: chosen per recording, the frame rate tells the speed.
     """
-    probe_s = slow_time_axis_s(duration_to_pulses(scene.observation_s, PROBE_RATE_HZ), PROBE_RATE_HZ)
+    placed = as_placed(scene)
+    probe_s = slow_time_axis_s(duration_to_pulses(placed.observation_s, PROBE_RATE_HZ), PROBE_RATE_HZ)
     prf_hz = lowest_prf_hz(
-        assemble(scene, probe_s, angles=False, rng=np.random.default_rng(0)), radar, cpi_s
+        assemble(placed, probe_s, angles=False, rng=np.random.default_rng(0)), radar, cpi_s
     )  # speeds do not depend on what is drawn
     return validate(Radar, {**radar.model_dump(), "prf_hz": prf_hz}, where="radar")

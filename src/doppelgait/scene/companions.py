@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from doppelgait.core.errors import ConfigError
 from doppelgait.motion.follow import steady_speed_mps
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.paths import StraightPath, TurnAroundPath
-from doppelgait.scene.target import Target, scaled_motion
+from doppelgait.scene.placement import scaled_motion
+from doppelgait.scene.scene import Target
 
 
 def side_by_side(first: Target, second: Target, *, side_m: float = 0.7, ahead_m: float = 0.0) -> list[Target]:
@@ -43,25 +42,25 @@ def side_by_side(first: Target, second: Target, *, side_m: float = 0.7, ahead_m:
     """
     if first.start_position_m is None:
         raise ConfigError("companions: the first target needs start_position_m and heading_deg")
-    path = first.path_spec or StraightPath()
+    path = first.path or StraightPath()
     if isinstance(path, TurnAroundPath) and path.radius_m is None:
         raise ConfigError("companions: a turn on the spot cannot be made side by side; give the path radius_m")
-    beside = {
-        "speed_mps": path.speed_mps or steady_speed_mps(scaled_motion(replace(first, path=None))),
+    companion_path = {
+        **path.model_dump(exclude_none=True),
+        "speed_mps": path.speed_mps or steady_speed_mps(scaled_motion(first.replace(path=None))),
         "side_m": path.side_m + side_m,
         "ahead_m": path.ahead_m + ahead_m,
     }
-    placed = replace(
-        second,
+    companion = second.replace(
         range_m=None,
         bearing_deg=0.0,
         aspect_deg=0.0,
         start_position_m=first.start_position_m,
         heading_deg=first.heading_deg,
-        path={**path.model_dump(exclude_none=True), **beside},
+        path=companion_path,
     )
-    scaled_motion(placed)  # refuses here what the path asks too much of
-    return [replace(first, path=path), placed]
+    scaled_motion(companion)  # refuses here what the path asks too much of
+    return [first.replace(path=path), companion]
 
 
 def leashed_dog(

@@ -21,12 +21,12 @@ from doppelgait.dataset.finish import DATA_VERSION
 from doppelgait.dataset.resolve import ExampleSpec, class_of, resolve, resolve_example
 from doppelgait.dataset.shard import truth_columns
 from doppelgait.features import FEATURE_UNITS
+from doppelgait.pipeline import run as pipeline_run
 from doppelgait.pipeline import run_simulation
-from doppelgait.pipeline.run import RunSpec
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.gate import GateName
 from doppelgait.radar.recording import Recording
-from doppelgait.scene.spec import DEFAULT_DURATION_S
+from doppelgait.scene.placement import DEFAULT_DURATION_S
 from doppelgait.viewer.payload import without_folders
 from doppelgait.viewer.run import Run, TargetView, harmonics_of
 from doppelgait.viewer.settings import Settings
@@ -42,7 +42,7 @@ PATH_KEYS = ("path", "skeleton")
 """Options of a motion file that name a file."""
 
 
-def check_size(run: RunSpec) -> None:
+def check_size(run: pipeline_run.Run) -> None:
     """Refuse what would take minutes and gigabytes to simulate.
 
     Raises

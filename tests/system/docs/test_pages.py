@@ -27,8 +27,8 @@ DOCS = ROOT / "docs"
 PAGES = sorted(path for path in DOCS.glob("**/*.md") if not {"_build", "reference"} & set(path.relative_to(DOCS).parts))
 LABEL = re.compile(r"(?<![\w.-])E-\d\d[a-z]?\b")
 INTERNAL = {
-    "FrozenModel", "PathPlace", "TargetParameters", "SceneParameters",  # bases of what users write
-    "RowSpec", "ExampleSpec", "Phantom", "_Lists", "RunSpec",  # what configurations are resolved to
+    "FrozenModel", "PathPlace",  # bases of what users write
+    "RowSpec", "ExampleSpec", "Phantom", "Run",  # what configurations are resolved to
     "Facts", "Patch", "Training",  # inside a model file
     "Splitting",  # an argument of a Python function
 }  # fmt: skip

@@ -11,7 +11,7 @@ import pytest
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError
 from doppelgait.motion.models.registry import MOTION_MODELS
-from doppelgait.pipeline import load_run, run_simulation
+from doppelgait.pipeline import Run, run_simulation
 from doppelgait.radar import Radar
 from doppelgait.viewer.try_controls import Limit, all_controls
 from doppelgait.viewer.try_it import chosen, controls, run_of, scene_table, scene_toml
@@ -120,7 +120,7 @@ def test_a_mistake_is_one_sentence_that_says_what_is_allowed(given, says):
 def test_the_scene_file_gives_the_same_baseband(tmp_path, given):
     parameters = {**given, **SHORT}
     (tmp_path / "scene.toml").write_text(scene_toml(scene_table(parameters)), encoding="utf-8")
-    again = run_simulation(load_run(tmp_path / "scene.toml"))
+    again = run_simulation(Run.from_toml(tmp_path / "scene.toml"))
     assert np.array_equal(again.baseband.values, run_of(parameters).needed_recording().baseband.values)
 
 

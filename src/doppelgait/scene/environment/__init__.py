@@ -51,7 +51,7 @@ def apply_environment(scatterers: xr.Dataset, effects: Sequence[FrozenModel], se
     Parameters
     ----------
     scatterers : Dataset (slow_time, scatterer)
-        As :func:`doppelgait.scene.assemble.observe` makes it; with angles where :func:`needs_angles`.
+        As :func:`doppelgait.scene.assemble` makes it; with angles where :func:`needs_angles`.
     effects : sequence of FrozenModel
         Specifications such as :class:`Wall`; a field of type :data:`Environment` holds them.
     setting : Setting

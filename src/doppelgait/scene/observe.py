@@ -13,14 +13,11 @@ from doppelgait.core.labels import MOTION, SCATTERER_VARIABLES, SPACE, make_arra
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import check_times, fit_centre, fit_spline, resample
 from doppelgait.radar.link import MIN_RANGE_M
-from doppelgait.scene.rcs import RcsSpec
+from doppelgait.scene.placement import BACKGROUND, PlacedScene, PlacedTarget, as_placed
 from doppelgait.scene.scatterers import Scatterers, scatterers_of
-from doppelgait.scene.target import Scene, Target, placed_motion
+from doppelgait.scene.scene import Scene
 
 FloatArray = npt.NDArray[np.float64]
-
-BACKGROUND = -1
-"""Target number of scatterers that belong to no target."""
 
 TABLE_VARIABLES = ("range", "radial_velocity", "aspect", "azimuth", "elevation", "rcs", "path_gain")
 """What a scene puts into the scatterer table."""
@@ -118,13 +115,17 @@ def bistatic_spreading(transmitter_range_m: npt.ArrayLike, receiver_range_m: npt
 
 
 def assemble(
-    scene: Scene, slow_time_s: npt.ArrayLike, *, angles: bool = True, rng: np.random.Generator | None = None
+    scene: Scene | PlacedScene,
+    slow_time_s: npt.ArrayLike,
+    *,
+    angles: bool = True,
+    rng: np.random.Generator | None = None,
 ) -> xr.Dataset:
     """Scatterer table of all targets of a scene.
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene or PlacedScene
     slow_time_s : array_like, shape (I,)
         Pulse times from the start of the scene.
     angles : bool
@@ -137,12 +138,12 @@ def assemble(
     Dataset (slow_time, scatterer)
         The variables of :data:`doppelgait.core.labels.SCATTERER_VARIABLES`, with ``target``, ``marker`` and ``part``
         of every scatterer. ``target`` is the number among the scene's ``observed_targets``, -1 for what belongs to a
-        background mover. An empty room has a table of no scatterers.
+        background body. An empty room has a table of no scatterers.
 
         Where the receiver is elsewhere, ``range`` and ``radial_velocity`` are those of
-        :func:`bistatic_line_of_sight`, ``path_gain`` holds :func:`bistatic_spreading` and the occlusion of both ways,
+        :func:`bistatic_line_of_sight`, ``path_gain`` holds :func:`bistatic_spreading` and the occlusion of both paths,
         angles are those from the transmitter, and the attribute ``bistatic`` is set. The radar cross section is then
-        the monostatic one along the bisector of the two ways to the body centre, which is exact for smooth convex
+        the monostatic one along the bisector of the two paths to the body centre, which is exact for smooth convex
         bodies in the limit of short waves (Kell, Proc. IEEE 53, 1965); forward scattering is not modelled.
 
     Raises
@@ -152,36 +153,20 @@ def assemble(
     ConfigError
         If a radar cross section needs ``rng`` or joints that are not there.
     """
-    return observe(scene, slow_time_s, angles=angles, rng=rng)[0]
-
-
-def observe(
-    scene: Scene, slow_time_s: npt.ArrayLike, *, angles: bool = True, rng: np.random.Generator | None = None
-) -> tuple[xr.Dataset, list[LineOfSight]]:
-    """Scatterer table (:func:`assemble`) and the line of sight of the body centre of every observed target."""
-    times = np.asarray(slow_time_s, dtype=float)
-    motions = [placed_motion(target, scene) for target in scene.targets]
-    numbers = target_numbers(scene)
-    tables = [
-        _target_table(motion, target.rcs_spec, number, scene, times, angles, rng)
-        for motion, target, number in zip(motions, scene.targets, numbers, strict=True)
-    ] or [_empty_table(scene, times, angles)]
-    table = tables[0] if len(tables) == 1 else xr.concat(tables, dim="scatterer", combine_attrs="override")
-    observed = [motion for motion, number in zip(motions, numbers, strict=True) if number != BACKGROUND]
-    return table, [_centre_track(motion, scene, times) for motion in observed]
-
-
-def target_numbers(scene: Scene) -> list[int]:
-    """Number of every target of a scene in its scatterer table: its place among the observed ones, or -1."""
-    numbers = iter(range(len(scene.targets)))
-    return [BACKGROUND if target.background else next(numbers) for target in scene.targets]
+    placed, times = as_placed(scene), np.asarray(slow_time_s, dtype=float)
+    tables = [_target_table(target, placed.scene, times, angles, rng) for target in placed.targets]
+    if not tables:  # the receiver's view of an empty room
+        left_out = () if angles else ("aspect", "azimuth", "elevation")
+        names = np.empty(0, dtype=str)
+        values = {name: np.empty((times.size, 0)) for name in TABLE_VARIABLES if name not in left_out}
+        return _labelled(values, placed.scene, times, BACKGROUND, names, names)
+    return tables[0] if len(tables) == 1 else xr.concat(tables, dim="scatterer", combine_attrs="override")
 
 
 def _target_table(
-    motion: Motion, rcs: RcsSpec, number: int, scene: Scene, times: FloatArray, angles: bool,
-    rng: np.random.Generator | None,
-) -> xr.Dataset:  # fmt: skip
-    scatterers = _scatterers(motion, rcs, scene, times, rng)
+    target: PlacedTarget, scene: Scene, times: FloatArray, angles: bool, rng: np.random.Generator | None
+) -> xr.Dataset:
+    scatterers = _scatterers(target, scene, times, rng)
     range_m, approach_mps = ranges_and_velocities(scatterers.motion, times, scene.radar_position_m)
     gain = scatterers.path_gain
     if scene.receiver_position_m is not None:
@@ -197,17 +182,8 @@ def _target_table(
     if angles:
         sight = line_of_sight(*resample(scatterers.motion, times), scene.radar_position_m)
         values |= {"aspect": sight.aspect_rad, "azimuth": sight.azimuth_rad, "elevation": sight.elevation_rad}
-    parts = np.array(scatterers.motion.parts)
-    return _labelled(values, scene, times, number, np.array(scatterers.motion.markers), parts)
-
-
-def _empty_table(scene: Scene, times: FloatArray, angles: bool) -> xr.Dataset:
-    """Table of no scatterers, the receiver's view of an empty room."""
-    left_out = () if angles else ("aspect", "azimuth", "elevation")
-    nothing = np.empty((times.size, 0))
-    names = np.empty(0, dtype=str)
-    values = {name: nothing for name in TABLE_VARIABLES if name not in left_out}
-    return _labelled(values, scene, times, BACKGROUND, names, names)
+    names, parts = np.array(scatterers.motion.markers), np.array(scatterers.motion.parts)
+    return _labelled(values, scene, times, target.number, names, parts)
 
 
 def _labelled(
@@ -230,31 +206,23 @@ def _labelled(
     )
 
 
-def _scatterers(
-    motion: Motion, rcs: RcsSpec, scene: Scene, times: FloatArray, rng: np.random.Generator | None
-) -> Scatterers:
-    """Scatterers of a target, with the occlusion of the ways from the transmitter and to the receiver."""
+def _scatterers(target: PlacedTarget, scene: Scene, times: FloatArray, rng: np.random.Generator | None) -> Scatterers:
+    """Scatterers of a target, with the occlusion of the paths from the transmitter and to the receiver."""
+    motion, rcs = target.motion, target.target.rcs
     if scene.receiver_position_m is None:
         return scatterers_of(motion, rcs, times, scene.radar_position_m, rng=rng)
-    lit = rcs.model_copy(update={"occlusion": False})
-    seen = scatterers_of(motion, lit, times, _bisector_point_m(motion, scene, times), rng=rng)
+    # The bisector of an angle divides the opposite side as the adjacent sides are to each other, R_t to R_r: the point
+    # between transmitter and receiver to which the bisector at the body centre leads, at its mean ranges.
+    centre_m = fit_centre(motion).at(check_times(motion, times))[0]
+    ends = np.array([scene.radar_position_m, scene.receiver_position_m])
+    there_m, back_m = np.sqrt(((centre_m - ends[:, None]) ** 2).sum(axis=-1)).mean(axis=-1)
+    bisector_m = np.asarray(ends[0] + there_m / max(there_m + back_m, 1e-12) * (ends[1] - ends[0]))
+    seen = scatterers_of(motion, rcs.model_copy(update={"occlusion": False}), times, bisector_m, rng=rng)
     if not rcs.occlusion:
         return seen
-    steady = rcs.model_copy(update={"fluctuation": "none", "total_spread_db": 0.0})  # the drawing is done
-    ends = (scene.radar_position_m, scene.receiver_position_m)
+    steady = rcs.model_copy(update={"fluctuation": "none", "total_spread_db": 0.0})  # the sampling is done
     there, back = (scatterers_of(motion, steady, times, end).path_gain for end in ends)
     return replace(seen, path_gain=np.sqrt(there * back))
-
-
-def _bisector_point_m(motion: Motion, scene: Scene, times: FloatArray) -> FloatArray:
-    """Point between transmitter and receiver to which the bisector at the body centre leads, at its mean ranges.
-
-    The bisector of an angle divides the opposite side as the adjacent sides are to each other: R_t to R_r.
-    """
-    centre_m = fit_centre(motion).at(check_times(motion, times))[0]
-    ends = np.array([scene.radar_position_m, scene.receiver_m])
-    there_m, back_m = np.sqrt(((centre_m - ends[:, None]) ** 2).sum(axis=-1)).mean(axis=-1)
-    return np.asarray(ends[0] + there_m / max(there_m + back_m, 1e-12) * (ends[1] - ends[0]))
 
 
 def ranges_and_velocities(
@@ -277,22 +245,10 @@ def ranges_and_velocities(
     return range_m, approach_mps
 
 
-def body_track(target: Target, scene: Scene, slow_time_s: npt.ArrayLike) -> LineOfSight:
-    """Line of sight of the target's body centre at the pulse times, each array of shape (I,)."""
-    return _centre_track(placed_motion(target, scene), scene, np.asarray(slow_time_s, dtype=float))
-
-
-def body_at(target: Target, scene: Scene, time_s: npt.ArrayLike) -> xr.DataArray:
-    """Points of a target's body in the frame of the scene at times from its start, float32 (time, marker, space), m."""
-    times, motion = np.asarray(time_s, dtype=float), placed_motion(target, scene)
-    coords = {"time": times, "marker": motion.markers, "space": list(SPACE)}
-    return make_array(
-        MOTION, resample(motion, times)[0].astype(np.float32), {**coords, "part": ("marker", motion.parts)}
-    )
-
-
-def _centre_track(motion: Motion, scene: Scene, times: FloatArray) -> LineOfSight:
-    position_m, velocity_mps = fit_centre(motion).at(check_times(motion, times))
+def body_track(target: PlacedTarget, scene: Scene, slow_time_s: npt.ArrayLike) -> LineOfSight:
+    """Line of sight of a placed target's body centre at the pulse times, each array of shape (I,)."""
+    times = check_times(target.motion, np.asarray(slow_time_s, dtype=float))
+    position_m, velocity_mps = fit_centre(target.motion).at(times)
     if scene.receiver_position_m is None:
         return line_of_sight(position_m, velocity_mps, scene.radar_position_m)
     return bistatic_line_of_sight(
@@ -301,3 +257,10 @@ def _centre_track(motion: Motion, scene: Scene, times: FloatArray) -> LineOfSigh
         transmitter_position_m=scene.radar_position_m,
         receiver_position_m=scene.receiver_position_m,
     )
+
+
+def body_at(target: PlacedTarget, time_s: npt.ArrayLike) -> xr.DataArray:
+    """Points of a placed body at times from the start of its scene, float32 (time, marker, space), m."""
+    times, motion = np.asarray(time_s, dtype=float), target.motion
+    coords = {"time": times, "marker": motion.markers, "space": list(SPACE), "part": ("marker", motion.parts)}
+    return make_array(MOTION, resample(motion, times)[0].astype(np.float32), coords)

@@ -1,0 +1,251 @@
+"""Motions of a scene made or read, scaled and placed: once for a simulation."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import OrderedDict
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+import numpy as np
+
+from doppelgait.core.config import validate
+from doppelgait.core.errors import ConfigError, MotionError
+from doppelgait.core.rng import Streams
+from doppelgait.motion.follow import follow
+from doppelgait.motion.motion import Motion
+from doppelgait.motion.retime import place as place_motion
+from doppelgait.motion.retime import scale_to_height, travel_speed_mps
+from doppelgait.scene.scene import Scene, Target
+
+BACKGROUND = -1
+"""Target number of scatterers that belong to no target."""
+
+DEFAULT_DURATION_S = 5.0
+KEPT_BYTES = 128 * 2**20
+"""Of motions read before; some three hundred stretches of motion capture."""
+
+_read_before: OrderedDict[tuple[Path, tuple[int, int], str], Motion] = OrderedDict()
+_reading = Lock()
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedTarget:
+    """A target with its motion in the frame of the scene.
+
+    Parameters
+    ----------
+    target : Target
+    number : int
+        In the scatterer table: its place among the observed targets, -1 for background.
+    motion : Motion
+        Scaled, on its path, turned and moved; it covers the observation. Its facts are those of the whole motion.
+    ground_speed_mps : float
+        Along its path, else of its net travel over the observation.
+    """
+
+    target: Target
+    number: int
+    motion: Motion
+    ground_speed_mps: float
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedScene:
+    """A scene whose motions are made and placed.
+
+    Parameters
+    ----------
+    scene : Scene
+    targets : tuple of PlacedTarget
+        In the order of the scene.
+    observation_s : float
+        ``scene.duration_s``, or the shortest motion.
+    """
+
+    scene: Scene
+    targets: tuple[PlacedTarget, ...]
+    observation_s: float
+
+    @property
+    def observed(self) -> tuple[PlacedTarget, ...]:
+        """Targets that are no background, in the order of their numbers."""
+        return tuple(target for target in self.targets if target.number != BACKGROUND)
+
+
+def place(scene: Scene, streams: Streams | None = None, *, folder: Path | None = None) -> PlacedScene:
+    """Make or read, scale and place every motion of a scene, each once.
+
+    Parameters
+    ----------
+    scene : Scene
+    streams : Streams, optional
+        For motion models that vary; the stream ``motion`` is used by one target after the other.
+    folder : Path, optional
+        Folder that relative motion paths start from; the working folder by default.
+
+    Raises
+    ------
+    ConfigError
+        If a motion is shorter than the scene, or its parameters are not allowed; the message names the target.
+    MotionError
+        If a motion file cannot be used, or a motion cannot follow its path.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2})], duration_s=2.0)
+    >>> placed = dg.scene.place(scene)
+    >>> placed.observation_s, placed.targets[0].motion.facts.gait
+    (2.0, 'walk')
+    """
+    motions = []
+    for number, (target, motion) in enumerate(zip(scene.targets, _make_motions(scene, streams, folder), strict=True)):
+        try:
+            motions.append(_scale(target, motion, scene.duration_s))
+        except (ConfigError, MotionError) as error:
+            raise type(error)(f"targets.{number}: {error}") from None
+        lasts_s = motions[-1].duration_s
+        if scene.duration_s is not None and lasts_s < scene.duration_s - 1e-6:
+            raise ConfigError(
+                f"targets.{number}: its motion ({motion.facts.source}) lasts {lasts_s:.3f} s, the scene "
+                f"{scene.duration_s} s; lower duration_s to {math.floor(lasts_s * 100) / 100} or less"
+            )
+    observation_s = scene.duration_s
+    if observation_s is None:
+        observation_s = min(motion.duration_s for motion in motions)
+    numbers = iter(range(len(scene.targets)))
+    placed = tuple(
+        PlacedTarget(
+            target=target,
+            number=BACKGROUND if target.background else next(numbers),
+            motion=_place(target, motion, scene, observation_s),
+            ground_speed_mps=(
+                path.mean_speed_mps if (path := motion.facts.path) else travel_speed_mps(motion, first_s=observation_s)
+            ),
+        )
+        for target, motion in zip(scene.targets, motions, strict=True)
+    )
+    return PlacedScene(scene, placed, observation_s)
+
+
+def as_placed(scene: Scene | PlacedScene, streams: Streams | None = None) -> PlacedScene:
+    """Return a placed scene unchanged, and place a scene."""
+    return scene if isinstance(scene, PlacedScene) else place(scene, streams)
+
+
+def scaled_motion(target: Target) -> Motion:
+    """Motion of a target alone: made or read, scaled and on its path."""
+    motion = target.motion
+    if not isinstance(motion, Motion):
+        motion = build_motion(motion, duration_s=DEFAULT_DURATION_S)
+    return _scale(target, motion, None)
+
+
+def _scale(target: Target, motion: Motion, wanted_s: float | None) -> Motion:
+    """Scale a motion to the target's height and lay it on its path, in the frame of the scene if it has one."""
+    if target.height_m is not None:
+        motion = scale_to_height(motion, height_m=target.height_m, mode=target.scaling)
+    if target.path is None or target.start_position_m is None or target.heading_deg is None:
+        return motion
+    on_path = partial(follow, start_position_m=target.start_position_m, heading_deg=target.heading_deg)
+    whole = on_path(motion, target.path)
+    if wanted_s is None:
+        return whole
+    frames = math.ceil(wanted_s * whole.rate_hz - 1e-6) + 1
+    if frames <= whole.n_frames:
+        return whole.frames(0, frames)
+    covering = on_path(motion, target.path, duration_s=wanted_s)  # raises where more than a frame is missing
+    return replace(covering, facts=whole.facts)
+
+
+def _place(target: Target, motion: Motion, scene: Scene, observation_s: float) -> Motion:
+    """Turn and move a scaled motion to its place; one on a path is there already."""
+    if target.path is not None:
+        return motion
+    if target.start_position_m is not None and target.heading_deg is not None:
+        return place_motion(motion, position_m=target.start_position_m, heading_deg=target.heading_deg, at_s=0.0)
+    range_m = target.range_m
+    if range_m is None:  # the closest approach is 2 m
+        range_m = max(5.0, travel_speed_mps(motion) * observation_s / 2.0 + 2.0)
+    bearing = math.radians(target.bearing_deg)
+    x, y, _ = scene.radar_position_m
+    middle_m = (x + range_m * math.cos(bearing), y + range_m * math.sin(bearing))
+    heading_deg = target.bearing_deg + 180.0 + target.aspect_deg
+    return place_motion(motion, position_m=middle_m, heading_deg=heading_deg, at_s=observation_s / 2.0)
+
+
+def _make_motions(scene: Scene, streams: Streams | None, folder: Path | None) -> list[Motion]:
+    """Motions of all targets; files first, because the shortest one sets how long the models' motions must be."""
+    rng = None if streams is None else streams.generator("motion")
+
+    def make(number: int, table: Mapping[str, Any], seconds: float) -> Motion:
+        try:
+            return build_motion(table, duration_s=seconds, folder=folder, rng=rng)
+        except ConfigError as error:
+            raise ConfigError(f"targets.{number}.motion: {error}") from None
+
+    made: dict[int, Motion] = {}
+    for number, target in enumerate(scene.targets):
+        if isinstance(target.motion, Motion):
+            made[number] = target.motion
+        elif target.motion["kind"] == "file":
+            made[number] = make(number, target.motion, DEFAULT_DURATION_S)
+    if scene.duration_s is None:
+        seconds = min((motion.duration_s for motion in made.values()), default=DEFAULT_DURATION_S)
+    else:
+        # a model scaled dynamically to a smaller height runs faster, and a path may be faster than its motion (twice
+        # 30 %: in its speed, and next to a curve), so its motion must be longer
+        froude = 2.0 if any(target.scaling == "froude" for target in scene.targets) else 1.0
+        seconds = scene.duration_s * froude * (1.7 if any(t.path is not None for t in scene.targets) else 1.0)
+    for number, target in enumerate(scene.targets):
+        if number not in made:
+            made[number] = make(number, target.motion, seconds)
+    return [made[number] for number in range(len(scene.targets))]
+
+
+def build_motion(
+    table: Mapping[str, Any], *, duration_s: float, folder: Path | None = None, rng: np.random.Generator | None = None
+) -> Motion:
+    """Motion of a ``motion = { kind = ... }`` table: a model of ``duration_s`` or a file read and cleaned."""
+    options = {key: value for key, value in table.items() if key != "kind"}
+    kind = str(table["kind"])
+    if kind != "file":
+        from doppelgait.motion.models import MOTION_MODELS, generate, parameters_of
+
+        if kind not in MOTION_MODELS:
+            raise ConfigError(f"unknown kind {kind!r}; known are: file, {', '.join(MOTION_MODELS)}")
+        return generate(validate(parameters_of(kind), options, where=f"kind {kind!r}"), duration_s=duration_s, rng=rng)
+    from doppelgait.motion.readers import read
+
+    path = options.pop("path", None)
+    if not isinstance(path, str) or not path:
+        raise ConfigError('kind "file" needs path = "..."')
+    file = (folder or Path()) / path
+    try:
+        stamp = file.stat().st_mtime_ns, file.stat().st_size
+    except OSError:
+        return read(file, **options)  # its error names what is wrong with the file
+    try:
+        return _read_once(file, stamp, json.dumps(options, sort_keys=True))
+    except TypeError as error:
+        raise MotionError(f"{path}: {error}") from None
+
+
+def _read_once(file: Path, stamp: tuple[int, int], options: str) -> Motion:
+    """Motion of a file as it is now; examples of a dataset take the same stretches of the same files in turn."""
+    from doppelgait.motion.readers import read
+
+    key = (file, stamp, options)
+    with _reading:
+        if key not in _read_before:
+            _read_before[key] = read(file, **json.loads(options))
+            while len(_read_before) > 1 and sum(one.positions.nbytes for one in _read_before.values()) > KEPT_BYTES:
+                _read_before.popitem(last=False)
+        _read_before.move_to_end(key)
+        return _read_before[key]

@@ -1,0 +1,277 @@
+"""Targets and scenes: who moves where, seen from which radar position; the same models for TOML and Python."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path as FilePath
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
+
+import numpy as np
+from pydantic import BeforeValidator, ConfigDict, Field, SerializeAsAny, field_validator, model_validator
+
+from doppelgait.core.config import FrozenModel, as_table, read_toml, validate, write_toml
+from doppelgait.core.errors import ConfigError
+from doppelgait.motion.motion import Motion
+from doppelgait.motion.paths import Path, make_path
+from doppelgait.motion.retime import ScalingMode
+from doppelgait.scene.rcs import RcsSpec
+
+
+def _parse_motion(value: Any) -> Any:
+    """Check a motion: one in memory, a table with ``kind``, or the parameters of a model."""
+    if isinstance(value, Motion):
+        return value
+    if isinstance(value, str):
+        value = {"kind": value}
+    if isinstance(value, FrozenModel):
+        value = as_table(value)
+    if not isinstance(value, Mapping):
+        raise ValueError(f'must be a Motion or a table {{ kind = "NAME", ... }}, not {type(value).__name__}')
+    if not isinstance(value.get("kind"), str):
+        raise ValueError('needs kind = "NAME" (a motion model, or "file" with path = "...")')
+    kind, options = value["kind"], {key: one for key, one in value.items() if key != "kind"}
+    if kind == "file":
+        if not isinstance(options.get("path"), str) or not options["path"]:
+            raise ValueError('kind "file" needs path = "..."')
+        return dict(value)
+    from doppelgait.motion.models import MOTION_MODELS, parameters_of
+
+    if kind not in MOTION_MODELS:
+        raise ValueError(f"unknown kind {kind!r}; known are: file, {', '.join(MOTION_MODELS)}")
+    try:
+        validate(parameters_of(kind), options, where=f"kind {kind!r}")
+    except ConfigError as error:
+        raise ValueError(str(error)) from None
+    return dict(value)
+
+
+def _parse_rcs(value: Any) -> Any:
+    return {"kind": value} if isinstance(value, str) else value
+
+
+class Target(FrozenModel):
+    """A body of a scene: its motion, place and radar cross section.
+
+    Parameters
+    ----------
+    motion : Motion or table
+        A cleaned recording or a model's motion, or the table of a scene file: ``kind`` names a motion model, whose
+        parameters are the other keys; ``kind = "file"`` takes ``path`` (relative to the scene file) and the options of
+        its reader, such as ``start_s`` and ``stop_s``.
+    label : str
+        Class of the target, for example ``"human"`` or ``"dog"``.
+    rcs : RcsSpec or str
+        Radar cross section; a string is its ``kind``.
+    height_m : float, optional
+        Scale the body to this stature (people) or withers height (dogs); as recorded by default.
+    scaling : {"uniform", "froude", "z_only"}
+        How to scale (E-01).
+    range_m : float, optional
+        Ground range of the body centre from the radar at the middle of the observation; by default 5 m, or as much
+        more as keeps the closest approach at 2 m.
+    bearing_deg : float
+        Direction of that point as seen from the radar, from +x towards +y.
+    aspect_deg : float
+        Aspect angle psi between the walking direction and the direction to the radar there: 0 approaching,
+        180 receding, positive counter-clockwise.
+    start_position_m : (float, float), optional
+        Instead of range, bearing and aspect: ground position of the body centre at the start ...
+    heading_deg : float, optional
+        ... and direction of travel there, from +x towards +y.
+    path : Path or table, optional
+        Path over the ground (:mod:`doppelgait.motion.paths`) in the frame of ``start_position_m`` and ``heading_deg``,
+        which it needs; straight on by default.
+    background : bool
+        A body that scatters but is no target: a fan, a curtain. It has no truth and no result, and its scatterers
+        have target number -1.
+
+    Raises
+    ------
+    ConfigError
+        If a parameter is not allowed, only one of ``start_position_m`` and ``heading_deg`` is given, both forms are
+        mixed, or a path has no start.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human", range_m=4.0).range_m
+    4.0
+    """
+
+    model_config = ConfigDict(arbitrary_types_allowed=True)
+    POSITIONAL: ClassVar[tuple[str, ...]] = ("motion", "label", "rcs")
+
+    motion: Annotated[Any, BeforeValidator(_parse_motion)]
+    label: str = ""
+    rcs: Annotated[RcsSpec, BeforeValidator(_parse_rcs)] = RcsSpec()
+    height_m: float | None = Field(default=None, gt=0, le=5)
+    scaling: ScalingMode = "uniform"
+    range_m: float | None = Field(default=None, gt=0, le=1e5)
+    bearing_deg: float = Field(default=0.0, ge=-360, le=360)
+    aspect_deg: float = Field(default=0.0, ge=-360, le=360)
+    start_position_m: tuple[float, float] | None = None
+    heading_deg: float | None = Field(default=None, ge=-360, le=360)
+    path: SerializeAsAny[Path] | None = None
+    background: bool = False
+
+    if TYPE_CHECKING:
+
+        def __init__(self, motion: Any, label: str = "", rcs: Any = ..., **parameters: Any) -> None: ...
+
+    @field_validator("path", mode="before")
+    @classmethod
+    def _parse_path(cls, path: Any) -> Any:
+        try:
+            return path if path is None else make_path(path)
+        except ConfigError as error:
+            raise ValueError(str(error)) from None
+
+    @field_validator("start_position_m", mode="before")
+    @classmethod
+    def _take_arrays(cls, value: Any) -> Any:
+        return value.tolist() if isinstance(value, np.ndarray) else value
+
+    @model_validator(mode="after")
+    def _has_one_place(self) -> Self:
+        if (self.start_position_m is None) != (self.heading_deg is None):
+            raise ValueError("start_position_m and heading_deg belong together: give both or neither")
+        relative = self.range_m is not None or self.bearing_deg != 0 or self.aspect_deg != 0
+        if self.start_position_m is not None and relative:
+            raise ValueError("give either start_position_m and heading_deg, or range_m, bearing_deg and aspect_deg")
+        if self.path is not None and self.start_position_m is None:
+            raise ValueError(
+                "a path needs start_position_m and heading_deg: its origin and the direction of its x axis"
+            )
+        return self
+
+
+class Scene(FrozenModel):
+    """Targets and one radar position.
+
+    Parameters
+    ----------
+    targets : sequence of Target
+        None for an empty room, which needs ``duration_s``.
+    radar_position_m : (float, float, float)
+        Position of the radar (of its transmitter, where the receiver is elsewhere), z up from the floor.
+    duration_s : float, optional
+        Observation time T_o; by default the shortest motion, or 5 s where all motions are models.
+    radar_azimuth_deg, radar_tilt_deg : float
+        Where the antenna looks (its boresight): azimuth from +x towards +y, -360 to 360 degrees, and tilt up from the
+        horizontal, -90 to 90 degrees. Of no effect for an isotropic antenna.
+    receiver_position_m : (float, float, float), optional
+        Position of the receiver of a bistatic radar; at ``radar_position_m`` by default.
+
+    Raises
+    ------
+    ConfigError
+        If a parameter is not allowed, or there is neither a target nor ``duration_s``.
+
+    See Also
+    --------
+    place : Make, scale and place every motion of a scene.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> scene = dg.Scene([dg.Target({"kind": "boulic", "speed_mps": 1.2}, label="human")], duration_s=2.0)
+    >>> print(scene.to_toml())
+    duration_s = 2.0
+    <BLANKLINE>
+    [[targets]]
+    label = "human"
+    <BLANKLINE>
+    [targets.motion]
+    kind = "boulic"
+    speed_mps = 1.2
+    <BLANKLINE>
+    """
+
+    POSITIONAL: ClassVar[tuple[str, ...]] = ("targets", "radar_position_m", "duration_s")
+
+    targets: tuple[Target, ...] = ()
+    radar_position_m: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    duration_s: float | None = Field(default=None, gt=0, le=3600)
+    radar_azimuth_deg: float = Field(default=0.0, ge=-360, le=360)
+    radar_tilt_deg: float = Field(default=0.0, ge=-90, le=90)
+    receiver_position_m: tuple[float, float, float] | None = None
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self, targets: Any = (), radar_position_m: Any = ..., duration_s: Any = ..., **parameters: Any
+        ) -> None: ...
+
+    @field_validator("targets", mode="before")
+    @classmethod
+    def _refuse_one_target(cls, value: Any) -> Any:
+        if isinstance(value, Target | Motion):
+            raise ValueError("must be a list of Target")
+        return value
+
+    @field_validator("radar_position_m", "receiver_position_m", mode="before")
+    @classmethod
+    def _take_arrays(cls, value: Any) -> Any:
+        return value.tolist() if isinstance(value, np.ndarray) else value
+
+    @model_validator(mode="after")
+    def _has_duration(self) -> Self:
+        if not self.targets and self.duration_s is None:
+            raise ValueError("targets: must have at least 1 item ([[targets]]), or give duration_s for an empty room")
+        return self
+
+    @classmethod
+    def from_toml(cls, path: str | FilePath) -> Scene:
+        """Read the scene of a TOML file; paths of motion files start from its folder.
+
+        Parameters
+        ----------
+        path : path
+            The sections of a run (``radar``, ``noise``, ...) are left to :meth:`doppelgait.pipeline.Run.from_toml`.
+
+        Raises
+        ------
+        ConfigError
+            Naming the dotted key, its line, the value and what is allowed.
+        """
+        table, text = read_toml(path)
+        own = {key: value for key, value in table.items() if key in cls.model_fields}
+        return with_file_paths(validate(cls, own, where=str(path), text=text), FilePath(path).parent)
+
+    def to_toml(self) -> str:
+        """Write the scene as the text of a scene file; :meth:`from_toml` reads an equal scene.
+
+        Raises
+        ------
+        ConfigError
+            If a motion is held in memory.
+        """
+        for number, target in enumerate(self.targets):
+            if isinstance(target.motion, Motion):
+                raise ConfigError(
+                    f"targets.{number}.motion: {target.motion.label} is held in memory and has no TOML form; give a "
+                    'model as { kind = "...", ... } or a file as { kind = "file", path = "..." }'
+                )
+        return write_toml(as_table(self))
+
+    @property
+    def observed_targets(self) -> tuple[Target, ...]:
+        """Targets that are no background, in the order of their numbers in the scatterer table."""
+        return tuple(target for target in self.targets if not target.background)
+
+    @property
+    def receiver_m(self) -> tuple[float, float, float]:
+        """Position of the receiver; the radar's, unless it is bistatic."""
+        return self.receiver_position_m if self.receiver_position_m is not None else self.radar_position_m
+
+
+def with_file_paths(scene: Scene, folder: FilePath) -> Scene:
+    """Return the scene with relative paths of motion files starting from a folder."""
+
+    def resolve(target: Target) -> Target:
+        motion = target.motion
+        if isinstance(motion, Motion) or motion["kind"] != "file":
+            return target
+        return target.model_copy(update={"motion": {**motion, "path": str(folder / motion["path"])}})
+
+    return scene.model_copy(update={"targets": tuple(resolve(target) for target in scene.targets)})

@@ -1,0 +1,163 @@
+"""Scenes as TOML and back; every motion made, scaled and placed once per simulation."""
+
+from collections import Counter
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import doppelgait as dg
+from doppelgait.core.errors import ConfigError
+from doppelgait.pipeline import Run, run_simulation
+from doppelgait.scene import RcsSpec, Scene, Target, place, placement, side_by_side
+
+AZIMUTHS = st.floats(-360, 360)
+METRES = st.floats(-50, 50)
+MOTIONS = st.one_of(
+    st.builds(lambda v, s: {"kind": "boulic", "speed_mps": v, "stride_variation": s}, st.floats(0.5, 2), st.just(0.02)),
+    st.builds(lambda v: {"kind": "quadruped", "speed_mps": v, "gait": "trot"}, st.floats(1.1, 1.6)),
+    st.builds(lambda v, s: {"kind": "human", "speed_mps": v, "start_phase": s}, st.floats(0.7, 1.5), st.just(0.25)),
+    st.builds(lambda s: {"kind": "file", "path": "walk.c3d", "start_s": s, "segment": "longest"}, st.floats(0, 9)),
+    st.just({"kind": "fan"}),
+)
+PATHS = st.one_of(
+    st.builds(lambda r, t: {"kind": "arc", "radius_m": r, "turn_deg": t}, st.floats(1, 9), st.floats(10, 90)),
+    st.builds(lambda m: {"kind": "turn_around", "out_m": m, "radius_m": 0.5, "side_m": 0.3}, st.floats(1, 9)),
+    st.builds(
+        lambda a, b: {"kind": "polyline", "points_m": [(0, 0), (a, 0), (a, b)]}, st.floats(2, 9), st.floats(2, 9)
+    ),
+    st.just({"kind": "straight", "speed_mps": 1.25}),
+)
+CROSS_SECTIONS = st.one_of(
+    st.sampled_from(["auto", "equal", "body_parts", "ellipsoids"]),
+    st.builds(
+        RcsSpec,
+        total_m2=st.none() | st.floats(0.01, 9),
+        fluctuation=st.sampled_from(["none", "swerling1", "swerling3"]),
+        total_spread_db=st.floats(0, 10),
+        merge_closer_than_m=st.none() | st.just(0.01),
+        occlusion=st.booleans(),
+    ),
+)
+PLACES = st.one_of(
+    st.fixed_dictionaries(
+        {}, optional={"range_m": st.floats(0.5, 90), "bearing_deg": AZIMUTHS, "aspect_deg": AZIMUTHS}
+    ),
+    st.fixed_dictionaries(
+        {"start_position_m": st.tuples(METRES, METRES), "heading_deg": AZIMUTHS}, optional={"path": PATHS}
+    ),
+)
+TARGETS = st.builds(
+    lambda motion, label, rcs, place, height_m, background: Target(
+        motion, label, rcs, height_m=height_m, background=background, **place
+    ),
+    MOTIONS, st.text(max_size=8), CROSS_SECTIONS, PLACES, st.none() | st.floats(0.3, 2), st.booleans(),
+)  # fmt: skip
+
+
+@st.composite
+def scenes(draw):
+    targets = draw(st.lists(TARGETS, max_size=3))
+    if draw(st.booleans()):
+        start = {"start_position_m": (7.0, 1.0), "heading_deg": draw(AZIMUTHS)}
+        first = Target({"kind": "boulic", "speed_mps": 1.3}, label="human", **start)
+        targets += side_by_side(first, Target({"kind": "quadruped", "speed_mps": 1.3}, label="dog"))
+    options = draw(
+        st.fixed_dictionaries(
+            {"duration_s": st.floats(0.1, 99)},
+            optional={
+                "radar_position_m": st.tuples(METRES, METRES, METRES), "radar_azimuth_deg": AZIMUTHS,
+                "receiver_position_m": st.tuples(METRES, METRES, METRES), "radar_tilt_deg": st.floats(-90, 90),
+            },
+        )
+    )  # fmt: skip
+    return Scene(targets, **options)
+
+
+@settings(max_examples=60, deadline=None)
+@given(scene=scenes())
+def test_a_scene_is_equal_after_toml(scene, tmp_path_factory):
+    path = tmp_path_factory.mktemp("scenes") / "scene.toml"
+    path.write_text(scene.to_toml(), encoding="utf-8")
+    files = [t.motion for t in scene.targets if t.motion["kind"] == "file"]
+    read = Scene.from_toml(path)
+    if not files:
+        assert read == scene
+    path.write_text(read.to_toml(), encoding="utf-8")  # paths of files are absolute now
+    assert Scene.from_toml(path) == read
+    assert [t.motion["path"] for t in read.targets if t.motion["kind"] == "file"] == [
+        str(path.parent / motion["path"]) for motion in files
+    ]
+
+
+@settings(max_examples=25, deadline=None)
+@given(scene=scenes(), seed=st.integers(0, 2**40), snr_db=st.floats(-100, 200), auto=st.booleans())
+def test_a_run_is_equal_after_toml(scene, seed, snr_db, auto, tmp_path_factory):
+    room = [{"kind": "ground_bounce", "roughness_m": 0.01}, {"kind": "wall", "loss_db": 3.0}]
+    path = tmp_path_factory.mktemp("runs") / "run.toml"
+    run = Run(
+        scene=scene, radar=dg.Radar.preset("x4"), auto_prf=auto, seed=seed, example=3,
+        noise={"kind": "snr", "snr_db": snr_db}, environment=room, impairments=[{"kind": "phase_noise"}],
+        analysis=dg.Analysis(hop=4),
+    )  # fmt: skip
+    path.write_text(run.to_toml(), encoding="utf-8")
+    read = Run.from_toml(path)
+    assert read.replace(scene=scene) == run
+    assert read.scene == Scene.from_toml(path)
+
+
+def test_a_motion_in_memory_has_no_toml_form():
+    walk = Target(dg.motion.boulic_walk(speed_mps=1.2, duration_s=1.0))
+    with pytest.raises(ConfigError, match=r"targets\.1\.motion: boulic is held in memory and has no TOML form"):
+        Scene([Target({"kind": "boulic"}), walk]).to_toml()
+
+
+def test_models_are_frozen_and_changed_ones_are_checked():
+    scene = Scene([Target({"kind": "boulic"}, range_m=4.0)], duration_s=1.0)
+    with pytest.raises(ValueError, match="frozen"):
+        scene.duration_s = 2.0
+    assert scene.replace(duration_s=2.0).targets == scene.targets
+    with pytest.raises(ConfigError, match=r"Target: range_m: -1\.0 is not allowed"):
+        scene.targets[0].replace(range_m=-1.0)
+
+
+def test_faults_of_a_file_name_key_line_value_and_what_is_allowed(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text('duration_s = 1.0\n[[targets]]\nmotion = { kind = "boulic" }\nrange_m = -3.0\n')
+    with pytest.raises(ConfigError, match=r"scene\.toml: targets\.0\.range_m \(line 4\): -3\.0 .* greater than 0"):
+        Scene.from_toml(path)
+
+
+STEPS = ("build_motion", "scale_to_height", "follow", "place_motion")
+
+
+def test_every_motion_is_made_scaled_and_placed_once_per_simulation(monkeypatch):
+    done = Counter()
+
+    def counted(name, step):
+        def call(motion, *arguments, **options):
+            done[name] += 1
+            return step(motion, *arguments, **options)
+
+        return call
+
+    for name in STEPS:
+        monkeypatch.setattr(placement, name, counted(name, getattr(placement, name)))
+    start = {"start_position_m": (6.0, 0.0), "heading_deg": 180.0}
+    scene = Scene(
+        [
+            Target({"kind": "boulic"}, label="human", height_m=1.6, path={"kind": "straight"}, **start),
+            Target({"kind": "quadruped"}, label="dog", height_m=0.5),
+            Target({"kind": "fan"}, background=True, start_position_m=(4.0, 1.0), heading_deg=0.0),
+        ],
+        duration_s=0.5,
+        receiver_position_m=(1.0, 0.0, 1.0),
+    )
+    once = {"build_motion": 3, "scale_to_height": 2, "follow": 1, "place_motion": 2}
+    run = Run(scene=scene, radar=dg.Radar.preset("x4", prf_hz=900), auto_prf=True)
+    recording = run_simulation(run)
+    assert recording.truth[0].body is not None
+    assert done == once
+    done.clear()
+    dg.simulate(place(scene), run.radar)
+    assert done == once
