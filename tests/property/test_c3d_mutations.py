@@ -90,7 +90,6 @@ def test_no_mutation_crashes_or_hangs(good: bytes, tmp_path: Path) -> None:
     [
         (b"RATE", 7, 4),  # four dimensions, hence no value
         (b"USED", 7, 2),
-        (b"OFFSET", 0, 0x7F),  # another name: no offsets for the channels
         (b"GEN_SCALE", 12, 4),
         (b"FRAMES", 9, 2),
         (b"UNITS", 8, 0x80),
@@ -106,6 +105,16 @@ def test_known_killers_are_stopped(good: bytes, tmp_path: Path, name: bytes, off
     path.write_bytes(content)
     with pytest.raises(MotionError, match=r"bad\.c3d"):
         read(path)
+
+
+def test_a_table_of_analog_channels_that_is_missing_does_not_matter(good: bytes, tmp_path: Path) -> None:
+    content = bytearray(good)
+    content[content.index(b"OFFSET", 512)] = 0x7F
+    paths = [tmp_path / "good.c3d", tmp_path / "other.c3d"]
+    for path, data in zip(paths, (good, content), strict=True):
+        path.write_bytes(data)
+    first, second = (read(path) for path in paths)
+    np.testing.assert_array_equal(first.position_m, second.position_m)
 
 
 @pytest.mark.parametrize("size", [600, 734, 771, 845, 1000])

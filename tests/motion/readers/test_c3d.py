@@ -13,7 +13,7 @@ import pytest
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.motion.axes import AXES, find_up_axis, turn_z_up
 from doppelgait.motion.readers import read
-from doppelgait.motion.readers.c3d_layout import read_layout
+from doppelgait.motion.readers.c3d_file import read_layout
 
 ezc3d = pytest.importorskip("ezc3d")
 
@@ -366,9 +366,11 @@ def test_angles_alone_are_no_motion(tmp_path: Path) -> None:
         read(path)
 
 
-def test_big_endian_is_refused_with_a_reason(walk_mm: Path) -> None:
-    with pytest.raises(MotionError, match="SGI/MIPS"):
+def test_the_wrong_processor_is_refused_with_a_reason(walk_mm: Path) -> None:
+    with pytest.raises(MotionError, match="truncated or damaged"):
         read(patch(walk_mm, 512 + 3, bytes([86])))
+    with pytest.raises(MotionError, match="84 Intel, 85 DEC, 86 SGI"):
+        read(patch(walk_mm, 512 + 3, bytes([87])))
 
 
 def test_cut_file_gives_the_frames_it_holds(walk_mm: Path) -> None:
@@ -413,11 +415,11 @@ def with_description(path: Path, description: bytes) -> Path:
 
 
 @pytest.mark.parametrize("description", [b"", bytes([200]) + b"x" * 200], ids=["missing", "long"])
-def test_descriptions_that_stop_the_library_are_left_out(walk_mm: Path, description: bytes) -> None:
+def test_descriptions_do_not_matter(walk_mm: Path, description: bytes) -> None:
     motion = read(with_description(walk_mm, description), clean=False)
     assert motion.markers == NAMES
     np.testing.assert_allclose(motion.position_m, walker(), atol=1e-5)
-    assert motion.report["notes"] == ["descriptions of parameters are missing or too long; they were left out"]
+    assert motion.report["notes"] == []
 
 
 def test_analog_offsets_stored_as_floats(tmp_path: Path) -> None:

@@ -1,23 +1,33 @@
-"""What a C3D file declares about itself, checked record by record before the C3D library sees the file.
+"""Numbers, names and units of a C3D file, decoded from records that are walked and checked one by one.
 
-The library is native code that trusts the parameter section: one wrong length byte can end the whole process, and a
-truncated file can keep it busy for ever. So header and section are walked here first, and only a file whose records
-fit exactly into each other and whose declared samples fit into the file is handed on.
+Header and parameter section declare how the samples are laid out; a file is read only where the records fit exactly
+into each other and the declared samples fit into the file. Byte orders: Intel, DEC and SGI (MIPS).
 """
 
 from __future__ import annotations
 
 import math
 import struct
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from doppelgait.core.errors import MotionError
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.core.errors import DoppelgaitWarning, MotionError
+
+FloatArray = npt.NDArray[np.float64]
 
 BLOCK = 512
 MAGIC = 0x50
 INTEL, DEC, SGI = 84, 85, 86
+"""Byte that names the processor: little-endian IEEE, little-endian VAX floats, big-endian IEEE."""
 MAX_SIZE = 2**31
+MAX_HEADER_FRAMES = 65535
+LARGEST = 1e9
+"""Larger coordinates, in any unit, are no positions."""
 TYPE_SIZES = {0: 0, -1: 1, 1: 1, 2: 2, 4: 4}
 RESAVE = "Open it in the program that recorded it, or in a C3D editor, and export it again"
 
@@ -27,7 +37,7 @@ NUMBERS = tuple(
     for name in ("USED", "RATE", "SCALE", "GEN_SCALE", "FRAMES", "DATA_START", "RATIO")
     if (group, name) != ("ANALOG", "SCALE")
 )
-"""Parameters whose first value the library takes without a look at how many there are."""
+"""Parameters that must be usable numbers where they exist."""
 
 
 @dataclass(frozen=True)
@@ -38,11 +48,6 @@ class Span:
     step: int
     end: int
     next: int
-
-    @property
-    def is_readable(self) -> bool:
-        """Whether ezc3d can read its description: a length byte and at most 127 characters."""
-        return 1 <= self.next - self.end <= 128
 
 
 @dataclass(frozen=True)
@@ -65,7 +70,15 @@ class Record:
             return None
         if self.kind == 4:
             return float32(self.raw, self.processor)
-        return float(int.from_bytes(self.raw[: self.kind], "little", signed=True))
+        return float(int.from_bytes(self.raw[: self.kind], _byte_order(self.processor), signed=True))
+
+    def texts(self) -> tuple[str, ...]:
+        """Texts without their padding; none for numbers."""
+        if self.kind != -1:
+            return ()
+        length = self.shape[0]
+        rows = (self.raw[n * length : (n + 1) * length] for n in range(self.count()))
+        return tuple(_decode_text(row).strip(" \0") for row in rows)
 
 
 @dataclass(frozen=True)
@@ -77,6 +90,7 @@ class Layout:
     data_at: int
     processor: int
     is_float: bool
+    header_scale: float
     header_points: int
     header_frames: int
     header_analog: int
@@ -121,11 +135,22 @@ class Layout:
         return 0 <= self.size - self.data_at - frames * stride <= BLOCK
 
 
+def _byte_order(processor: int) -> Any:
+    return "big" if processor == SGI else "little"
+
+
+def _decode_text(raw: bytes) -> str:
+    try:
+        return raw.decode("utf-8")
+    except UnicodeDecodeError:
+        return raw.decode("latin-1")
+
+
 def float32(raw: bytes, processor: int) -> float:
-    """One stored 32-bit float; DEC keeps its two words swapped and its exponent two higher than IEEE."""
+    """Decode one 32-bit float; DEC swaps its two words and its exponent is two higher than that of IEEE."""
     if processor == DEC:
         return float(struct.unpack("<f", raw[2:4] + raw[0:2])[0]) / 4.0
-    return float(struct.unpack("<f", raw[:4])[0])
+    return float(struct.unpack(">f" if processor == SGI else "<f", raw[:4])[0])
 
 
 def read_layout(path: Path) -> Layout:
@@ -155,7 +180,8 @@ def read_layout(path: Path) -> Layout:
         file.seek(section_at)
         processor = file.read(4)[3:4]
         _check_processor(path, processor, size)
-        points, analog, first, last, _, scale, data_block, _ = struct.unpack_from("<HHHHH4sHH", header, 2)
+        order = ">" if processor[0] == SGI else "<"
+        points, analog, first, last, _, scale, data_block, _ = struct.unpack_from(f"{order}HHHHH4sHH", header, 2)
         data_at = (data_block - 1) * BLOCK
         if not 0 < section_at < data_at <= size:
             raise MotionError(
@@ -171,6 +197,7 @@ def read_layout(path: Path) -> Layout:
         data_at=data_at,
         processor=processor[0],
         is_float=float32(scale, processor[0]) < 0,
+        header_scale=float32(scale, processor[0]),
         header_points=points,
         header_frames=last - first + 1,
         header_analog=analog,
@@ -183,35 +210,22 @@ def read_layout(path: Path) -> Layout:
 
 
 def _check_processor(path: Path, processor: bytes, size: int) -> None:
-    if processor and processor[0] == SGI:
-        raise MotionError(
-            f"{path}: holds numbers in SGI/MIPS (big-endian) byte order, which is not read; allowed are Intel and DEC. "
-            f"{RESAVE} for Intel (PC)."
-        )
-    if not processor or processor[0] not in (INTEL, DEC):
+    if not processor or processor[0] not in (INTEL, DEC, SGI):
         found = processor[0] if processor else "nothing"
         raise MotionError(
             f"{path}: is truncated or damaged: the byte that names the processor is {found} (allowed: {INTEL} Intel, "
-            f"{DEC} DEC; {size} bytes). {RESAVE}."
+            f"{DEC} DEC, {SGI} SGI; {size} bytes). {RESAVE}."
         )
 
 
 def _check_tables(path: Path, layout: Layout) -> None:
-    """Refuse tables that are shorter than their count, and counts beyond the file: the library runs off their end."""
+    """Refuse parameters that are no usable numbers, and counts beyond the file."""
     for name in NUMBERS:
         value = layout.number(*name)
         if name in layout.records and (value is None or not abs(value) < 1e6 or (name[1] == "RATE" and value < 0)):
             raise MotionError(
                 f"{path}: has a damaged parameter section: {':'.join(name)} is {value}, no usable number. {RESAVE}."
             )
-    channels = min(layout.number("ANALOG", "USED") or 0, 255)
-    if channels > 0 and layout.number("ANALOG", "RATE"):
-        for key in ("SCALE", "OFFSET"):
-            if layout.count("ANALOG", key) < channels:
-                raise MotionError(
-                    f"{path}: has a damaged parameter section: ANALOG:{key} holds {layout.count('ANALOG', key)} "
-                    f"values for {channels:.0f} channels. {RESAVE}."
-                )
     extra = layout.declared_analog() + 17 * layout.declared_rotations()
     if not 0 <= extra * 2 <= max(layout.size - layout.data_at, 0):
         raise MotionError(
@@ -253,13 +267,17 @@ def _read_record(
     if number == 0 or any(byte < 32 for byte in name):
         raise ValueError("has no name or belongs to no group")
     text = name.decode("latin-1").strip().upper()
-    step = struct.unpack_from("<H", section, step_at)[0]
     kind, shape, start = (0, (), step_at + 2) if number < 0 else _read_shape(section, step_at + 2, text)
     end = start + TYPE_SIZES[kind] * math.prod(shape)
-    # some OptiTrack exports lack the length byte of a description
-    described = step != end - step_at
-    next_at = end + 1 + section[end] if described else end
-    if next_at > len(section) or (step and step_at + step != next_at):
+    for order in (">", "<") if processor == SGI else ("<",):
+        # some SGI files, samples of c3d.org among them, hold single pointers in Intel order
+        step = struct.unpack_from(f"{order}H", section, step_at)[0]
+        # some OptiTrack exports lack the length byte of a description
+        described = step != end - step_at
+        next_at = end + 1 + section[end] if described else end
+        if next_at <= len(section) and (not step or step_at + step == next_at):
+            break
+    else:
         raise ValueError(f"({text}) is longer or shorter than it says")
     span = Span(at, step_at, end, next_at)
     if number < 0:
@@ -278,19 +296,126 @@ def _read_shape(section: bytes, at: int, text: str) -> tuple[int, tuple[int, ...
     return kind, tuple(section[at + 2 : start]), start
 
 
-def without_descriptions(section: bytes, spans: tuple[Span, ...]) -> bytes:
-    """The same parameter section, each record with an empty description; as long as before.
+@dataclass(frozen=True)
+class C3dContent:
+    """What the 3D part of a C3D file holds, in the units of the file.
+
+    Parameters
+    ----------
+    position : ndarray, shape (T, P, 3)
+        NaN where a point was not seen.
+    labels : tuple of str, length P
+        As in the file, ``""`` where it names none.
+    rate_hz : float
+        0 when the file names none.
+    units : tuple of str
+        One for all points, or one each, or none.
+    texts : dict
+        Text parameters by ``"GROUP:NAME"``.
+    notes : tuple of str
+        Faults of the file that were worked around.
+    """
+
+    position: FloatArray
+    labels: tuple[str, ...]
+    rate_hz: float
+    units: tuple[str, ...]
+    texts: dict[str, tuple[str, ...]]
+    notes: tuple[str, ...] = ()
+
+
+def read_content(path: Path) -> C3dContent:
+    """Read the points of a C3D file.
 
     Raises
     ------
-    ValueError
-        If it does not fit.
+    MotionError
+        If the file is damaged, holds no points, or its header and parameters disagree and the data do not decide.
     """
-    records = [
-        section[s.start : s.step] + struct.pack("<H", s.end - s.step + 1) + section[s.step + 2 : s.end] + b"\0"
-        for s in spans
-    ]
-    shorter = section[:4] + b"".join(records)
-    if len(shorter) > len(section):
-        raise ValueError("no room for empty descriptions")
-    return shorter.ljust(len(section), b"\0")
+    layout = read_layout(path)
+    _point_count(path, layout)
+    analog, n_frames = _settle_layout(path, layout)
+    try:
+        position = _decode_points(path, layout, analog, n_frames)
+    except MemoryError:
+        raise MotionError(f"{path}: does not fit into memory; is it damaged? {RESAVE}.") from None
+    notes: tuple[str, ...] = ()
+    if n_frames > MAX_HEADER_FRAMES:
+        # without the empty frames at the end that fill the last block
+        seen = np.flatnonzero(np.isfinite(position).any(axis=(1, 2)))
+        position = position[: seen[-1] + 1] if seen.size else position
+        notes += (f"the header counts to {MAX_HEADER_FRAMES} frames only; the size of the file gave their number",)
+    elif layout.number("POINT", "USED") is None or analog != layout.declared_analog():
+        notes += ("frames were read by the layout of the header, because the parameters do not describe it",)
+    if n_frames < layout.header_frames:
+        notes += (f"declares {layout.header_frames} frames but holds {n_frames}",)
+        warnings.warn(f"{path}: {notes[-1]}; is it cut off? Those are read.", DoppelgaitWarning, stacklevel=4)
+    texts = {f"{group}:{name}": record.texts() for (group, name), record in layout.records.items() if record.kind == -1}
+    n_points = position.shape[1]
+    labels = [label for n in ("", *range(2, 12)) for label in texts.get(f"POINT:LABELS{n}", ())]
+    labels = (labels + [""] * n_points)[:n_points]
+    rate = layout.number("POINT", "RATE") or layout.header_rate_hz
+    return C3dContent(position, tuple(labels), float(rate), texts.get("POINT:UNITS", ()), texts, notes)
+
+
+def _point_count(path: Path, layout: Layout) -> int:
+    declared = layout.number("POINT", "USED")
+    n_points = layout.header_points if declared is None else int(declared) % 65536
+    if n_points == 0:
+        held = "rotation matrices but no points" if layout.number("ROTATION", "USED") else "no points"
+        raise MotionError(
+            f"{path}: holds {held}; a motion needs the positions of markers or joints. "
+            "Export marker positions from the program that recorded it."
+        )
+    if n_points != layout.header_points:
+        raise MotionError(
+            f"{path}: its header declares {layout.header_points} points, its parameters {n_points}. {RESAVE}."
+        )
+    return n_points
+
+
+def _settle_layout(path: Path, layout: Layout) -> tuple[int, int]:
+    """Analog words per frame and number of frames that fill the data section."""
+    frames, points = layout.header_frames, layout.header_points
+    if frames < 1:
+        raise MotionError(f"{path}: its header declares {frames} frames. {RESAVE}.")
+    candidates = list(dict.fromkeys((int(layout.declared_analog()), layout.header_analog)))
+    tight = [words for words in candidates if layout.is_tight(frames, points, words)]
+    if len(tight) == 1:
+        return tight[0], frames
+    held = math.floor(layout.frames_that_fit(points, candidates[0]))
+    if len(candidates) == 1 and held >= 1:
+        # the header counts to 65535 only; beyond that the size of the file counts
+        return candidates[0], held if frames >= MAX_HEADER_FRAMES else min(frames, held)
+    raise MotionError(
+        f"{path}: header and parameters declare {layout.header_analog} and {candidates[0]} analog values per frame; "
+        f"{frames} frames of {points} points fit the file with neither. {RESAVE}."
+    )
+
+
+def _decode_points(path: Path, layout: Layout, analog: int, n_frames: int) -> FloatArray:
+    """Positions (T, P, 3) in the units of the file; NaN where a point was not seen."""
+    width = 4 * layout.header_points + analog
+    order, scale = ">" if layout.processor == SGI else "<", 1.0
+    if not layout.is_float:
+        stored = np.dtype(f"{order}i2")
+        scale = abs(layout.number("POINT", "SCALE") or layout.header_scale)
+        if not math.isclose(scale, abs(layout.header_scale), rel_tol=1e-3):
+            raise MotionError(
+                f"{path}: stores integers that its header scales by {abs(layout.header_scale):.6g}, its parameters by "
+                f"{scale:.6g}. {RESAVE}."
+            )
+    else:
+        stored = np.dtype(f"{order}u4" if layout.processor == DEC else f"{order}f4")
+    words = np.fromfile(path, dtype=stored, count=n_frames * width, offset=layout.data_at).reshape(n_frames, width)
+    words = words[:, : 4 * layout.header_points]
+    if layout.is_float and layout.processor == DEC:
+        words = ((words >> 16) | (words << 16)).view("<f4") / np.float32(4)
+    samples = words.reshape(n_frames, layout.header_points, 4)
+    position = samples[:, :, :3].astype(np.float64)
+    if not layout.is_float:
+        position *= scale
+    # a negative fourth word: not seen; exact 0, 0, 0 is how several systems write that, no marker sits there
+    lost = ~(samples[:, :, 3] >= 0) | ~np.isfinite(position).all(axis=2) | (position == 0.0).all(axis=2)
+    position[lost | (np.abs(position) > LARGEST).any(axis=2)] = np.nan
+    return position
