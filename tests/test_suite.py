@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -57,6 +58,12 @@ def test_every_test_file_has_a_counterpart_in_the_package() -> None:
 def test_the_rule_finds_what_it_should(path: str, found: str | None) -> None:
     place = counterpart(TESTS / path)
     assert (place and str(place.relative_to(PACKAGE))) == found
+
+
+def test_the_files_that_are_begun_first_exist() -> None:
+    named = re.findall(r'"((?:system|browser)/[^"]+\.py)"', (TESTS / "conftest.py").read_text(encoding="utf-8"))
+    assert len(named) > 10
+    assert [name for name in named if not (TESTS / name).is_file()] == []
 
 
 def calls(tree: ast.AST) -> Iterator[tuple[str, str, ast.Call]]:
