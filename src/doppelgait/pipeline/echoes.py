@@ -113,4 +113,7 @@ def split_targets(scatterers: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset | None
     own = axis(scatterers, "target") >= 0
     if own.all():
         return scatterers, None
-    return tuple(scatterers.isel(scatterer=np.flatnonzero(rows)) for rows in (own, ~own))  # type: ignore[return-value]
+    count = int(own.sum())
+    if own[:count].all():  # targets first, as is usual: a view of the table
+        return scatterers.isel(scatterer=slice(count)), scatterers.isel(scatterer=slice(count, None))
+    return scatterers.isel(scatterer=np.flatnonzero(own)), scatterers.isel(scatterer=np.flatnonzero(~own))

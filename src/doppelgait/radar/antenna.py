@@ -207,12 +207,25 @@ def apply_antenna(
             f"radar.antenna.kind = {antenna.kind!r} needs the direction of every scatterer, but the scatterer table "
             f"has no {' and no '.join(missing)}; assemble it with angles=True, or take antenna kind 'isotropic'"
         )
-    azimuth_rad, elevation_rad = off_boresight(
-        scatterers["azimuth"].values,
-        scatterers["elevation"].values,
-        boresight_azimuth_rad=boresight_azimuth_rad,
-        boresight_tilt_rad=boresight_tilt_rad,
+    path_gain, azimuth_rad, elevation_rad = (
+        scatterers.variables[name] for name in ("path_gain", "azimuth", "elevation")
     )
-    gain = antenna_gain(antenna, azimuth_rad, elevation_rad)
-    path_gain = scatterers["path_gain"]
-    return scatterers.assign(path_gain=path_gain.copy(data=path_gain.values * (gain * gain)))
+    if antenna.kind == "cosine":
+        from doppelgait.core.kernels.antenna import apply_cosine_pattern
+
+        gains = np.empty(path_gain.shape)
+        apply_cosine_pattern(
+            np.asarray(azimuth_rad.values, dtype=float), np.asarray(elevation_rad.values, dtype=float),
+            boresight_azimuth_rad, boresight_tilt_rad, cosine_exponent(antenna.hpbw_azimuth_deg or math.nan),
+            cosine_exponent(antenna.hpbw_elevation_deg or math.nan), float(db_to_power(antenna.floor_db)),
+            np.ascontiguousarray(path_gain.values, dtype=float), gains,
+        )  # fmt: skip
+    else:
+        angles = off_boresight(
+            azimuth_rad.values,
+            elevation_rad.values,
+            boresight_azimuth_rad=boresight_azimuth_rad,
+            boresight_tilt_rad=boresight_tilt_rad,
+        )
+        gains = path_gain.values * antenna_gain(antenna, *angles) ** 2
+    return scatterers.assign(path_gain=path_gain.copy(data=gains))

@@ -155,16 +155,35 @@ def add_images(
         the spreading to be, so that all paths sum to (exp(-jkR)/R + c exp(-jkg)/g)^2. The direction of the echo by one
         reflection is midway between those of its two ways. Radar cross section as on the direct way; no aspect.
     """
-    chosen = scatterers.isel(scatterer=columns)
-    mixed = _between(direct, image)
-    near, far = np.maximum(direct.range_m, MIN_RANGE_M), np.maximum(image.range_m, MIN_RANGE_M)
-    once = np.abs(reflection) ** 2
-    spreading = (np.maximum(mixed.range_m, MIN_RANGE_M) ** 2 / (near * far)) ** 2
-    turn = np.angle(reflection)
-    one = _rows(chosen, mixed, gain=4.0 * once * spreading, turn_rad=turn, ending=endings[0])
-    two = _rows(chosen, image, gain=once**2, turn_rad=2.0 * turn, ending=endings[1])
-    tables = [with_phase(scatterers), one, two]
-    return xr.concat(tables, dim="scatterer", combine_attrs="override", coords="minimal", join="override")
+    from doppelgait.core.kernels.images import fill_images
+
+    table = with_phase(scatterers)
+    n_rows, n_images = table.sizes["scatterer"], columns.size
+    first, second = slice(n_rows, n_rows + n_images), slice(n_rows + n_images, None)
+    values: dict[str, FloatArray] = {}
+    for name, variable in table.data_vars.variables.items():
+        values[str(name)] = whole = np.empty((variable.shape[0], n_rows + 2 * n_images))
+        whole[:, :n_rows] = variable.values
+        whole[:, first] = whole[:, second] = np.nan if name == "aspect" else variable.values[:, columns]
+    paths: list[Any] = [np.ascontiguousarray(part) for rays in (direct, image) for part in vars(rays).values()]
+    new: list[Any] = [
+        values[name] for name in ("range", "radial_velocity", "azimuth", "elevation", "path_gain", "path_phase")
+    ]
+    fill_images(*paths, np.ascontiguousarray(reflection), MIN_RANGE_M, n_rows, *new)  # type: ignore[call-arg]
+    coords = dict(table.coords.variables)
+    for name, variable in table.coords.variables.items():
+        if variable.dims != ("scatterer",):
+            continue
+        added = variable.values[columns]
+        if name == "target":
+            rows = [np.full(n_images, -1)] * 2
+        elif name in ("marker", "part"):
+            rows = [np.char.add(added.astype(str), ending) for ending in endings]
+        else:
+            rows = [added, added]
+        coords[name] = xr.Variable("scatterer", np.concatenate([variable.values, *rows]), variable.attrs)
+    variables = {name: xr.Variable(DIMS, array, table[name].attrs) for name, array in values.items()}
+    return xr.Dataset(variables, coords=coords, attrs=table.attrs)
 
 
 def with_phase(scatterers: xr.Dataset) -> xr.Dataset:
@@ -185,34 +204,3 @@ def with_values(scatterers: xr.Dataset, **values: FloatArray) -> xr.Dataset:
 def phase_of(scatterers: xr.Dataset) -> FloatArray | float:
     """``path_phase`` of the table, 0 where it has none."""
     return np.asarray(scatterers["path_phase"].values) if "path_phase" in scatterers else 0.0
-
-
-def _rows(chosen: xr.Dataset, rays: Rays, *, gain: FloatArray, turn_rad: FloatArray, ending: str) -> xr.Dataset:
-    values = {
-        "range": rays.range_m,
-        "radial_velocity": rays.velocity_mps,
-        "azimuth": np.arctan2(rays.y_m, rays.x_m),
-        "elevation": np.arctan2(rays.z_m, np.sqrt(rays.x_m**2 + rays.y_m**2)),
-        "path_gain": chosen["path_gain"].values * gain,
-        "path_phase": phase_of(chosen) + turn_rad,
-    }
-    if "aspect" in chosen:
-        values["aspect"] = np.full_like(rays.range_m, np.nan)
-    names: dict[str, Any] = {
-        name: ("scatterer", np.char.add(axis(chosen, name).astype(str), ending), chosen[name].attrs)
-        for name in ("marker", "part")
-    }
-    names["target"] = ("scatterer", np.full(chosen.sizes["scatterer"], -1), chosen["target"].attrs)
-    return with_values(chosen, **values).assign_coords(names)
-
-
-def _between(direct: Rays, image: Rays) -> Rays:
-    """The echo that takes one way there and the other back: mean length and speed, direction midway."""
-    near, far = 1.0 / np.maximum(direct.range_m, 1e-12), 1.0 / np.maximum(image.range_m, 1e-12)
-    return Rays(
-        range_m=0.5 * (direct.range_m + image.range_m),
-        velocity_mps=0.5 * (direct.velocity_mps + image.velocity_mps),
-        x_m=direct.x_m * near + image.x_m * far,
-        y_m=direct.y_m * near + image.y_m * far,
-        z_m=direct.z_m * near + image.z_m * far,
-    )

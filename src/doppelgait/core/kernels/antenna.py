@@ -1,0 +1,54 @@
+"""Two-way gain of a cosine antenna pattern for many directions."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+Float64Array = npt.NDArray[np.float64]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def apply_cosine_pattern(
+    azimuth_rad: Float64Array,
+    elevation_rad: Float64Array,
+    boresight_azimuth_rad: float,
+    boresight_tilt_rad: float,
+    azimuth_exponent: float,
+    elevation_exponent: float,
+    floor: float,
+    path_gain: Float64Array,
+    out: Float64Array,
+) -> None:
+    """Multiply path gains by the square of a cosine pattern, max(cos^p(azimuth) cos^q(elevation), floor).
+
+    Azimuth and elevation from the boresight are not needed themselves: with the direction's components x forward, y to
+    the left and z up their cosines are x / sqrt(x^2 + y^2) and sqrt(1 - z^2).
+
+    Parameters
+    ----------
+    azimuth_rad, elevation_rad, path_gain, out : ndarray, shape (I, L), float64
+        Directions in the world; ``out`` is overwritten.
+    boresight_azimuth_rad, boresight_tilt_rad : float
+        Where the antenna looks.
+    azimuth_exponent, elevation_exponent, floor : float
+        Of the one-way power pattern.
+    """
+    cos_tilt, sin_tilt = math.cos(boresight_tilt_rad), math.sin(boresight_tilt_rad)
+    for i in range(azimuth_rad.shape[0]):
+        for n in range(azimuth_rad.shape[1]):
+            turn = azimuth_rad[i, n] - boresight_azimuth_rad
+            up, level = math.sin(elevation_rad[i, n]), math.cos(elevation_rad[i, n])
+            ahead, left = level * math.cos(turn), level * math.sin(turn)
+            forward = ahead * cos_tilt + up * sin_tilt
+            above = up * cos_tilt - ahead * sin_tilt
+            gain = floor
+            across2, level2 = forward * forward + left * left, 1.0 - above * above
+            if forward > 0.0 and level2 > 0.0:
+                half_log = azimuth_exponent * math.log(forward * forward / across2)
+                half_log += elevation_exponent * math.log(level2)
+                gain = max(math.exp(0.5 * half_log), floor)
+            out[i, n] = path_gain[i, n] * gain * gain
