@@ -114,7 +114,7 @@ def _analysis_models() -> list[tuple[str, type[BaseModel]]]:
         "doppelgait.processing:Analysis",
         "doppelgait.pipeline:Tracking",
         "doppelgait.processing.detect.config:Detector",
-        "doppelgait.processing.track.config:Tracker",
+        "doppelgait.processing.track.live:Tracker",
         "doppelgait.processing.pieces:PieceSettings",
         "doppelgait.processing.breathing:BreathingSettings",
     )

@@ -10,10 +10,16 @@ from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.core.rng import rng
 from doppelgait.motion import breathing_person
 from doppelgait.pipeline import simulate
-from doppelgait.processing.breath_spectrum import breath_spectrum, line_ratio, median_over_mean, threshold
+from doppelgait.processing.breath_signal import (
+    breath_spectrum,
+    circle_of,
+    displacement_of,
+    line_ratio,
+    median_over_mean,
+    threshold,
+    without_common_gain,
+)
 from doppelgait.processing.breathing import BreathingSettings, find_breathing
-from doppelgait.processing.common_gain import without_common_gain
-from doppelgait.processing.displacement import circle_of, displacement_of
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
 

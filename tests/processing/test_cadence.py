@@ -12,7 +12,7 @@ from doppelgait.processing import (
     mean_doppler_spectrum,
     observation_s,
 )
-from doppelgait.processing.narrow_band import magnitudes
+from doppelgait.processing.cadence import magnitudes
 
 RATE_HZ = 100.0
 

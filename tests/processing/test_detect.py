@@ -15,8 +15,7 @@ from doppelgait.pipeline import simulate
 from doppelgait.processing import Analysis, plan_transform
 from doppelgait.processing.detect import Detector, find_scans, noise_factor, noise_map
 from doppelgait.processing.detect.cluster import find_clusters, merge_groups, shape_of
-from doppelgait.processing.detect.maps import maps_of, power_per_cell
-from doppelgait.processing.detect.noise_map import residue_map
+from doppelgait.processing.detect.maps import maps_of, power_per_cell, residue_map
 from doppelgait.processing.detect.scans import NO_RANGE_SD_M, detected_cells
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target

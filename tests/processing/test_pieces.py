@@ -9,8 +9,7 @@ import pytest
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.features.ground_motion import piece_motion
-from doppelgait.processing.partition import best_knots
-from doppelgait.processing.pieces import PieceSettings, find_pieces
+from doppelgait.processing.pieces import PieceSettings, best_knots, find_pieces
 
 SD_M = 0.065
 

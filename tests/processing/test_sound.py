@@ -16,8 +16,7 @@ from doppelgait.core.errors import AnalysisError, ConfigError, DoppelgaitError, 
 from doppelgait.core.labels import BASEBAND, axis, make_array
 from doppelgait.pipeline import analyze, parse_run, run_simulation
 from doppelgait.processing import Analysis, Gate
-from doppelgait.processing.pitch import stretched
-from doppelgait.processing.sound import doppler_signal, doppler_sound, plan_sound
+from doppelgait.processing.sound import doppler_signal, doppler_sound, plan_sound, stretched
 from doppelgait.radar import write_recording
 
 RATE_HZ = 2000.0

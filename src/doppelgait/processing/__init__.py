@@ -18,11 +18,10 @@ from doppelgait.processing.clutter import (
 )
 from doppelgait.processing.config import Analysis, gaussian_window, plan_transform
 from doppelgait.processing.detect import Detector, find_scans
-from doppelgait.processing.frame_edge import within_frame
 from doppelgait.processing.gate import Gate
 from doppelgait.processing.main_line import align, line_order, main_line_hz, needs_alignment
 from doppelgait.processing.normalise import independent_columns, noise_floor_v2, normalise
-from doppelgait.processing.signature import range_doppler, signature, thin
+from doppelgait.processing.signature import range_doppler, signature, thin, within_frame
 
 __all__ = [
     "Analysis", "Detector", "Gate", "align", "burst_pulses_of", "burst_signature", "cadence_map", "cadence_spectrum",

@@ -13,9 +13,14 @@ from pydantic import Field, model_validator
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, axis, check_signal, sampling_rate_hz
-from doppelgait.processing.breath_spectrum import BreathSpectrum, breath_spectrum, line_ratio, threshold
-from doppelgait.processing.common_gain import without_common_gain
-from doppelgait.processing.displacement import displacement_of
+from doppelgait.processing.breath_signal import (
+    BreathSpectrum,
+    breath_spectrum,
+    displacement_of,
+    line_ratio,
+    threshold,
+    without_common_gain,
+)
 
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complex128]

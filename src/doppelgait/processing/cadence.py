@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
+from threading import local
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +21,172 @@ from doppelgait.core.labels import (
     sampling_rate_hz,
     with_values,
 )
-from doppelgait.processing.narrow_band import magnitudes
+
+FloatArray = npt.NDArray[np.float64]
+
+WIDTH = 14
+"""Length of the interpolation kernel in grid steps; with the rates below it leaves an error of 1e-13."""
+LOWEST_OVERSAMPLING = 2.0
+BLOCK = 16
+"""Outputs of a kernel that one small matrix product forms."""
+GROUP = 64
+"""Rows that are worked on together, so that all buffers stay in the second-level cache."""
+
+_buffers = local()
+
+
+def magnitudes(rows: FloatArray, weights: FloatArray, length: int, n_kept: int) -> FloatArray:
+    r"""Magnitude of the zero-padded transform of every row over time, first lines only.
+
+    .. math:: X_{q,k} = \left| \sum_j a_j v_{j,k}\, e^{-2 \pi i q j / L} \right|, \quad q = 0 \ldots Q - 1
+
+    A padded transform repeats what it knows, and a fast column rate adds lines that nobody asks for. So (1) the rows
+    are smeared onto a coarser time grid by a kernel whose transform vanishes (1e-13) where its aliases fall on the
+    lines wanted; (2) a transform with little padding gives every d-th line; (3) the lines between are interpolated
+    by the same kernel in frequency, exactly for a record of finite length. Both smears are divided out: (1) after the
+    transform, (3) before it. This is the non-uniform fast Fourier transform (Kaiser-Bessel kernel) on uniform grids.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (J, K)
+    weights : ndarray, shape (J,)
+        a, of every column.
+    length : int
+        L, J or more.
+    n_kept : int
+        Q, at most L / 2 + 1.
+
+    Returns
+    -------
+    ndarray, shape (Q, K)
+    """
+    from scipy import fft
+
+    step = _time_step(rows.shape[0], length, n_kept)
+    if step > 1:
+        coarse, response = _onto_coarse_grid(rows, weights, length, n_kept, step)
+        return magnitudes(coarse, np.ones(coarse.shape[0]), length // step, n_kept) / response[:, None]
+    for between in (4, 3, 2):
+        if length % between == 0 and _fits(rows.shape[0], length // between, n_kept / between):
+            return _interpolated(rows, weights, length // between, between, n_kept)
+    lines = fft.rfft(np.ascontiguousarray((rows * weights[:, None]).T), length, axis=1)[:, :n_kept]
+    return np.ascontiguousarray(np.abs(lines).T)
+
+
+def _time_step(n_columns: int, length: int, n_kept: int) -> int:
+    """Largest whole step by which the column rate may fall and stay 2.5 times the two-sided band."""
+    steps = (d for d in range(1, length // (5 * n_kept) + 1) if length % d == 0)
+    return max((d for d in steps if n_columns / d + WIDTH + 1 <= length / d), default=1)
+
+
+def _fits(n_columns: int, length: int, n_lines: float) -> bool:
+    return length >= LOWEST_OVERSAMPLING * n_columns and length // 2 > n_lines + WIDTH + 1
+
+
+def _onto_coarse_grid(
+    rows: FloatArray, weights: FloatArray, length: int, n_kept: int, step: int
+) -> tuple[FloatArray, FloatArray]:
+    """Rows on every ``step``-th column after the kernel, and what the kernel does to each line, shape (Q,)."""
+    n_columns, n_rows = rows.shape
+    n_coarse = -(-n_columns // step) + WIDTH
+    n_blocks = -(-n_coarse // BLOCK)
+    band, shape_factor = _time_band(step, length / step / (2.0 * n_kept))
+    padded = np.empty((step * (n_blocks * BLOCK + WIDTH), n_rows))
+    before = step * WIDTH - 1
+    padded[:before] = padded[before + n_columns :] = 0.0
+    np.multiply(rows, weights[:, None], out=padded[before : before + n_columns])
+    coarse = np.empty((n_blocks, BLOCK, n_rows))
+    for block in range(n_blocks):
+        start = block * BLOCK * step
+        np.matmul(band, padded[start : start + band.shape[1]], out=coarse[block])
+    response = _kernel_transform(np.arange(n_kept) * step / length, shape_factor)
+    return coarse.reshape(-1, n_rows)[:n_coarse], response
+
+
+def _interpolated(rows: FloatArray, weights: FloatArray, length: int, between: int, n_kept: int) -> FloatArray:
+    """Steps (2) and (3) of :func:`magnitudes`: transform of ``length``, ``between`` lines for each of its own."""
+    from doppelgait.core.kernels.cadence import magnitudes_of_parts
+
+    n_columns, n_rows = rows.shape
+    band, shape_factor = _line_band(between, length / n_columns)
+    # the kernel needs time 0 in the middle of the record; magnitudes do not care
+    sharper = weights / _kernel_transform((np.arange(n_columns) - n_columns // 2) / length, shape_factor)
+    n_blocks = -(-n_kept // (between * BLOCK))
+    found = np.empty((n_kept, n_rows))
+    for first in range(0, n_rows, GROUP):
+        few = slice(first, min(first + GROUP, n_rows))
+        grid = _coarse_lines(rows[:, few], sharper, length, n_blocks * BLOCK + WIDTH)
+        overlapping = np.lib.stride_tricks.as_strided(
+            grid, (n_blocks, BLOCK + WIDTH, grid.shape[1]), (BLOCK * grid.strides[0], *grid.strides), writeable=False
+        )
+        fine = _buffer("fine", (n_blocks, between * BLOCK, grid.shape[1]))
+        np.matmul(band, overlapping, out=fine)
+        magnitudes_of_parts(fine.reshape(-1, grid.shape[1]), found[:, few])
+    return found
+
+
+def _coarse_lines(rows: FloatArray, weights: FloatArray, length: int, n_grid: int) -> FloatArray:
+    """Transform of the weighted rows with time 0 in their middle, from line -(W / 2 - 1) on, zero beyond its end.
+
+    Real parts, then imaginary parts of all rows, shape (n_grid, 2 K): the kernel is real.
+    """
+    n_columns, n_rows = rows.shape
+    centre, half = n_columns // 2, WIDTH // 2 - 1
+    circular = _buffer("circular", (n_rows, length))  # rows side by side: their transforms take half the time
+    np.multiply(rows[centre:].T, weights[centre:], out=circular[:, : n_columns - centre])
+    circular[:, n_columns - centre : length - centre] = 0.0
+    np.multiply(rows[:centre].T, weights[:centre], out=circular[:, length - centre :])
+    lines = _buffer("lines", (n_rows, length // 2 + 1), np.complex128)
+    np.fft.rfft(circular, axis=1, out=lines)
+    kept = lines[:, : n_grid - half].T
+    grid = _buffer("grid", (n_grid, 2 * n_rows))
+    grid[half : half + kept.shape[0], :n_rows] = kept.real
+    grid[half : half + kept.shape[0], n_rows:] = kept.imag
+    grid[half + kept.shape[0] :] = 0.0
+    np.copyto(grid[:half, :n_rows], kept.real[half:0:-1])
+    np.negative(kept.imag[half:0:-1], out=grid[:half, n_rows:])
+    return grid
+
+
+def _buffer(name: str, shape: tuple[int, ...], dtype: type = np.float64) -> npt.NDArray[Any]:
+    """Memory of this thread that is used again: the first touch of fresh memory takes longer than the transforms."""
+    held, size = getattr(_buffers, name, None), math.prod(shape)
+    if held is None or held.size < size:
+        held = np.empty(size, dtype=dtype)
+        setattr(_buffers, name, held)
+    return np.asarray(held[:size].reshape(shape))
+
+
+@lru_cache(maxsize=16)
+def _time_band(step: int, oversampling: float) -> tuple[FloatArray, float]:
+    """Kernel of BLOCK coarse columns over the fine ones, shape (BLOCK, step (BLOCK + WIDTH)), and its shape factor."""
+    shape_factor = math.pi * WIDTH * (1.0 - 0.5 / oversampling)
+    fine = np.arange(step * (BLOCK + WIDTH))
+    distance = (fine[None, :] + 1.0) / step - WIDTH / 2 - np.arange(BLOCK)[:, None]
+    return _kernel(distance, shape_factor), shape_factor
+
+
+@lru_cache(maxsize=16)
+def _line_band(between: int, oversampling: float) -> tuple[FloatArray, float]:
+    """Kernel of ``between`` BLOCK fine lines over the coarse ones, shape (between BLOCK, BLOCK + WIDTH)."""
+    shape_factor = math.pi * WIDTH * (1.0 - 0.5 / oversampling)
+    fine = np.arange(between * BLOCK) / between
+    coarse = np.arange(BLOCK + WIDTH) - (WIDTH // 2 - 1)
+    return _kernel(fine[:, None] - coarse[None, :], shape_factor), shape_factor
+
+
+def _kernel(distance: FloatArray, shape_factor: float) -> FloatArray:
+    """Kaiser-Bessel kernel I_0(b sqrt(1 - (2 s / W)^2)) within W / 2, scaled so that nothing overflows."""
+    inside = 1.0 - (2.0 * distance / WIDTH) ** 2
+    values = np.i0(shape_factor * np.sqrt(np.maximum(inside, 0.0))) * math.exp(-shape_factor)
+    return np.where(inside > 0, values, 0.0)
+
+
+def _kernel_transform(cycles_per_step: FloatArray, shape_factor: float) -> FloatArray:
+    """Fourier transform of the kernel: W sinh(r) / r, r^2 = b^2 - (pi W f)^2."""
+    root = np.sqrt(shape_factor**2 - (math.pi * WIDTH * cycles_per_step) ** 2)
+    return np.asarray(WIDTH * np.exp(root - shape_factor) * -np.expm1(-2.0 * root) / (2.0 * root))
+
 
 MAX_CADENCE_HZ = 20.0
 """Cadences above are dropped: no gait has content there."""

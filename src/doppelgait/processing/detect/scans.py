@@ -17,8 +17,7 @@ from doppelgait.processing.common_phase import without_common_phase
 from doppelgait.processing.detect.cfar import MIN_TRAINING, RangeWindow, ca_mask, os_mask, range_window, training_counts
 from doppelgait.processing.detect.cluster import Shape, find_clusters, merge_groups, only_bodies, shape_of
 from doppelgait.processing.detect.config import Detector
-from doppelgait.processing.detect.maps import Maps, maps_of
-from doppelgait.processing.detect.noise_map import noise_factor, residue_map
+from doppelgait.processing.detect.maps import Maps, maps_of, noise_factor, residue_map
 from doppelgait.processing.detections import Detection, Scan
 
 FloatArray = npt.NDArray[np.float64]

@@ -12,9 +12,8 @@ from doppelgait.core.errors import AnalysisError
 from doppelgait.processing.detections import Detection, Scan
 from doppelgait.processing.track import kalman
 from doppelgait.processing.track.associate import Associations, associate, gate_threshold
-from doppelgait.processing.track.config import Tracker
 from doppelgait.processing.track.kalman import Gaussian, Innovation, Model
-from doppelgait.processing.track.live import MEASURED, MISSED, SHARED, Live, Step, Track, box_of, finished
+from doppelgait.processing.track.live import MEASURED, MISSED, SHARED, Live, Step, Track, Tracker, box_of, finished
 
 LEAST_SPAN_MPS = 2.0
 """A radar whose unambiguous velocities span less tells nothing of a walker's velocity."""

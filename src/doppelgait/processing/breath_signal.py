@@ -1,7 +1,8 @@
-"""Slow-time spectra of range bins, and lines in them that stand above both sides."""
+"""Signals that breathing is found in: spectrum, displacement, and the gain that all range bins share."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -144,3 +145,123 @@ def _level(power: FloatArray, frequency_hz: FloatArray) -> FloatArray:
 
 def _background(frequency_hz: FloatArray) -> npt.NDArray[np.bool_]:
     return np.asarray((frequency_hz >= BACKGROUND_HZ[0]) & (frequency_hz <= BACKGROUND_HZ[1]))
+
+
+LEAST_RADIUS_SD = 4.0
+"""Radius over the spread about it below which noise would break the phase's thread."""
+RADIUS_ERROR = 0.2
+"""Relative error of an arc's radius up to which its displacement is told."""
+
+
+def circle_of(values: ComplexArray) -> tuple[complex, float]:
+    """Centre and radius of the circle through points of the complex plane (Taubin, IEEE PAMI 13, 1991).
+
+    Parameters
+    ----------
+    values : ndarray, shape (I,)
+        Four or more points.
+
+    Returns
+    -------
+    centre : complex
+    radius : float
+        inf for points on a line; the centre is then their mean.
+    """
+    mean = complex(values.mean())
+    moved = values - mean
+    square = np.abs(moved) ** 2
+    level = float(square.mean())
+    if level <= 0.0:
+        return mean, math.inf
+    columns = np.stack([(square - level) / (2.0 * math.sqrt(level)), moved.real, moved.imag], axis=1)
+    normal = np.linalg.svd(columns, full_matrices=False)[2][2]
+    bend = normal[0] / (2.0 * math.sqrt(level))
+    if abs(bend) * math.sqrt(level) < 1e-9:
+        return mean, math.inf
+    centre = complex(-normal[1], -normal[2]) / (2.0 * bend)
+    return mean + centre, math.sqrt(abs(centre) ** 2 + level)
+
+
+def displacement_of(values: ComplexArray, *, wavelength_m: float) -> tuple[FloatArray, bool]:
+    r"""Displacement along the range against its mean, positive away, and whether its scale is known.
+
+    An echo that moves by d turns by :math:`-4 \pi d / \lambda` on a circle about the static part of the bin (E-18):
+    centre and radius come from the points, the phase is unwrapped. Where the arc is too short or too noisy for that
+    (radius below four times the spread about it, or the radius' error :math:`\sigma \sqrt{720 / I} / (r\, \alpha^2)`
+    for an arc of angle alpha above 20 %), the points are projected on their main direction; that has the right shape,
+    but sign and scale are not known.
+
+    Parameters
+    ----------
+    values : ndarray, shape (I,)
+        One bin, static part in it.
+    wavelength_m : float
+
+    Returns
+    -------
+    displacement_m : ndarray, shape (I,)
+        Relative to the strongest swing if the scale is not known.
+    known : bool
+    """
+    centre, radius = circle_of(values)
+    if math.isfinite(radius):
+        about = values - centre
+        phase = np.unwrap(np.angle(about))
+        noise = float(np.std(np.abs(about)))
+        arc = float(np.ptp(np.quantile(phase, [0.02, 0.98])))
+        told = noise * math.sqrt(720.0 / values.size) < RADIUS_ERROR * radius * arc**2
+        if told and radius > LEAST_RADIUS_SD * noise:
+            return np.asarray(-(phase - phase.mean()) * wavelength_m / (4.0 * math.pi)), True
+    moved = values - values.mean()
+    plane = np.stack([moved.real, moved.imag])
+    line = np.linalg.eigh(plane @ plane.T)[1][:, -1] @ plane
+    return np.asarray(line / max(float(np.abs(line).max()), 1e-300)), False
+
+
+APART_M = 0.75
+"""Bins nearer than this to a bin do not count for it: they may show the same body."""
+LEAST_WEIGHT = 1e3
+"""Power of the static echoes over their own fluctuation that makes a reference; its phase is good to 0.02 rad."""
+PASSES = 3
+
+
+def without_common_gain(values: ComplexArray, range_m: FloatArray) -> ComplexArray:
+    r"""Slow-time series of all bins, each divided by the complex gain that the bins elsewhere have in common.
+
+    The gain of frame i for bin n is
+
+    .. math:: g_{i,n} = \sum_m w_m y_{i,m} \bar y_m^* / \sum_m w_m |\bar y_m|^2, \qquad
+              w_m = 1 / \overline{|y_m - \bar y_m|^2}
+
+    over the bins m at least 0.75 m away, so that a body's own motion is never in its own reference. Three passes: the
+    weights become those of the corrected series. Bins whose reference is too weak, or that fluctuate more with it than
+    without, are left as they are.
+
+    Parameters
+    ----------
+    values : ndarray, shape (I, N)
+        Static echoes still in it.
+    range_m : ndarray, shape (N,)
+
+    Returns
+    -------
+    ndarray, shape (I, N)
+    """
+    corrected = values
+    own_power = np.maximum(np.var(values, axis=0), 1e-300)
+    for _ in range(PASSES):
+        gain, weight = _reference(values, corrected, range_m)
+        trial = values / gain
+        better = (weight >= LEAST_WEIGHT) & (np.var(trial, axis=0) < own_power)
+        corrected = np.where(better, trial, values)
+    return corrected
+
+
+def _reference(values: ComplexArray, corrected: ComplexArray, range_m: FloatArray) -> tuple[ComplexArray, FloatArray]:
+    """Gain of every frame and bin, shape (I, N), and the weight behind it, shape (N,)."""
+    mean = corrected.mean(axis=0)
+    weight = 1.0 / np.maximum(np.var(corrected, axis=0), 1e-300 + 1e-14 * np.abs(mean) ** 2)
+    far = (np.abs(range_m[:, None] - range_m) >= APART_M).astype(np.float64)
+    strength = (weight * np.abs(mean) ** 2) @ far
+    gain = (values * (weight * mean.conj())) @ far / np.maximum(strength, 1e-300)
+    return np.where((strength >= LEAST_WEIGHT) & (np.abs(gain) > 0.1), gain, 1.0), strength
