@@ -15,13 +15,16 @@ import numpy.typing as npt
 import pandas as pd
 import xarray as xr
 
+from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.labels import COORDINATE_UNITS
 from doppelgait.core.units import carrier_to_wavelength_m, doppler_to_velocity_mps
 from doppelgait.dataset.resolve import resolve
 from doppelgait.dataset.shard_files import axis_name, decode
 from doppelgait.features import FEATURE_UNITS
+from doppelgait.pipeline.result import Result
 from doppelgait.pipeline.run import parse_radar
+from doppelgait.processing import Analysis
 from doppelgait.radar.parameters import Radar
 
 UNIT_OF_SUFFIX = {
@@ -127,6 +130,24 @@ Stored = Callable[[str], npt.NDArray[Any] | None]
 """Array by its name in a shard, as stored; None where there is none."""
 
 
+def analysis_of(description: Mapping[str, Any], row: Mapping[str, Any]) -> Analysis:
+    """Settings that a row was analysed with, from the dataset's configuration.
+
+    Parameters
+    ----------
+    description : mapping
+        ``dataset.json``.
+    row : mapping
+        A row of the index.
+    """
+    config = description.get("config") or {}
+    table, number = config.get("analysis", {}), number_in_plan(config, str(row["scene_id"]))
+    if number is not None and description.get("origin", "simulated") == "simulated":
+        turn = int(str(row["scene_id"]).rpartition("-")[2])
+        table = resolve(table, seed=config["dataset"]["seed"], example=number, key="analysis", turn=turn)
+    return validate(Analysis, table, where="dataset.json: analysis")
+
+
 @dataclass(frozen=True)
 class Example:
     """One example.
@@ -141,6 +162,22 @@ class Example:
 
     row: dict[str, Any]
     arrays: dict[str, xr.DataArray]
+
+    @property
+    def truth(self) -> dict[str, Any]:
+        """What only the simulation or the labels know, by name without ``truth_``; None for unknown."""
+        return {name.removeprefix("truth_"): v for name, v in self.row.items() if name.startswith("truth_")}
+
+    def result(self, analysis: Analysis) -> Result:
+        """Return the result of the analysis: numbers, flags and the arrays that are kept, in their stored precision.
+
+        Parameters
+        ----------
+        analysis : Analysis
+            Settings that it was made with; :meth:`Dataset.result` has those of the dataset.
+        """
+        arrays = {name: array for name, array in self.arrays.items() if name in ("signature", "cadence_map")}
+        return Result.from_row(self.row, analysis, label=self.label, arrays=arrays)
 
     @property
     def id(self) -> str:

@@ -17,9 +17,10 @@ from doppelgait.core.config import json_value
 from doppelgait.core.errors import DatasetError
 from doppelgait.core.rng import RandomSource, as_generator
 from doppelgait.dataset.config import SPLITS
-from doppelgait.dataset.example import Example, Features, carrier_of, feature_matrix, label_arrays, nearest
+from doppelgait.dataset.example import Example, Features, analysis_of, carrier_of, feature_matrix, label_arrays, nearest
 from doppelgait.dataset.finish import SCHEMA_VERSION
 from doppelgait.dataset.shard_files import MAX_OPEN, ShardFiles, decode
+from doppelgait.pipeline.result import Result
 
 if TYPE_CHECKING:
     from doppelgait.dataset.torch_data import TorchExamples
@@ -296,6 +297,11 @@ class Dataset:
         fields = self.description["fields"]
         carrier_hz = carrier_of(self.description, row) if fields else float("nan")
         return Example(row, label_arrays(fields, row, partial(self.stored, number), carrier_hz=carrier_hz))
+
+    def result(self, number: int) -> Result:
+        """Return the result of the ``number``-th example with its settings; its truth is :attr:`Example.truth`."""
+        example = self.example(number)
+        return example.result(analysis_of(self.description, example.row))
 
     def stored(self, number: int, name: str) -> Array | None:
         """Array or axis of the ``number``-th example by its name in the shard, as stored; None where there is none."""

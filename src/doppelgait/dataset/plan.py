@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -116,16 +116,12 @@ def plan_dataset(config: PlanConfig, *, folder: Path | None = None, on_progress:
     for number, subjects in enumerate(scenes):
         members[expanded.classes[class_of(expanded, number)[0]].label].append(groups[subjects[0]])
     splits = assign_splits(expanded.dataset, {label: list(dict.fromkeys(names)) for label, names in members.items()})
-    examples = tuple(_planned(expanded, n, s, groups[s[0]], splits) for n, s in enumerate(scenes))
-    return Plan(expanded, source, examples)
-
-
-def _planned(
-    plan: PlanConfig, number: int, subjects: tuple[str, ...], group: str, splits: Mapping[str, str]
-) -> PlannedExample:
-    place, within = class_of(plan, number)
-    name = example_id(plan.classes[place].label, within)
-    return PlannedExample(number, place, name, splits[group], group, subjects)
+    examples = []
+    for number, subjects in enumerate(scenes):
+        place, within = class_of(expanded, number)
+        name, group = example_id(expanded.classes[place].label, within), groups[subjects[0]]
+        examples.append(PlannedExample(number, place, name, splits[group], group, subjects))
+    return Plan(expanded, source, tuple(examples))
 
 
 def _subjects(plan: PlanConfig, place: int, folder: Path) -> Iterator[tuple[str, ...]]:

@@ -197,9 +197,32 @@ class RecordedExamples:
             except Exception as error:
                 fail(name, error)
                 continue
+            source, analysed = "none" if line.nobody else "measured", part.recording
             columns = {
-                **_entry_columns(name, entry, self.hashes[line.recording]),
-                **_recording_columns(part, self.folder),
+                "id": name,
+                "scene_id": entry.id,
+                "label": line.label,
+                "split": entry.split,
+                "subject": entry.subject,
+                "group": entry.group,
+                "source": source,
+                "recording": line.recording,
+                "recording_sha256": self.hashes[line.recording],
+                "licence": line.licence,
+                "citation": line.citation,
+                "session": line.session,
+                "motion_kind": source,
+                "motion": "",
+                "prf_hz": analysed.radar.prf_hz,
+                "carrier_hz": analysed.radar.carrier_hz,
+                "observation_s": part.stop_s - part.start_s,
+                "window_start_s": part.start_s,
+                "window_stop_s": part.stop_s,
+                # what only a simulation knows is unknown
+                **{"environment": "", "impairments": "", "radar_height_m": None, "rcs_total_m2": None},
+                "snr_frame_db": analysed.snr_frame_db,
+                "gate_error_m": None,
+                "notes": _joined(_portable(note, self.folder) for note in analysed.notes),
                 **line.further,
                 **_outcome_columns(entry, results, result),
                 "warnings": _joined((*notes, *messages)),
@@ -231,46 +254,6 @@ def labelled_result(results: Sequence[Result]) -> Result | None:
         return True, float(quality["track_confidence"]) * float(quality["track_stop_s"] - quality["track_start_s"])
 
     return max(results, key=weight, default=None)
-
-
-def _entry_columns(name: str, planned: PlannedEntry, sha256: str) -> dict[str, Any]:
-    entry = planned.entry
-    source = "none" if entry.nobody else "measured"
-    return {
-        "id": name,
-        "scene_id": planned.id,
-        "label": entry.label,
-        "split": planned.split,
-        "subject": planned.subject,
-        "group": planned.group,
-        "source": source,
-        "recording": entry.recording,
-        "recording_sha256": sha256,
-        "licence": entry.licence,
-        "citation": entry.citation,
-        "session": entry.session,
-        "motion_kind": source,
-        "motion": "",
-    }
-
-
-def _recording_columns(part: Part, folder: Path) -> dict[str, Any]:
-    """What the recording tells; what only a simulation knows is unknown."""
-    recording = part.recording
-    return {
-        "prf_hz": recording.radar.prf_hz,
-        "carrier_hz": recording.radar.carrier_hz,
-        "observation_s": part.stop_s - part.start_s,
-        "window_start_s": part.start_s,
-        "window_stop_s": part.stop_s,
-        "environment": "",
-        "impairments": "",
-        "radar_height_m": None,
-        "rcs_total_m2": None,
-        "snr_frame_db": recording.snr_frame_db,
-        "gate_error_m": None,
-        "notes": _joined(_portable(note, folder) for note in recording.notes),
-    }
 
 
 def _outcome_columns(planned: PlannedEntry, results: Sequence[Result], result: Result | None) -> dict[str, Any]:

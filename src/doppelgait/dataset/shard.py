@@ -21,7 +21,7 @@ from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.worker import one_blas_thread
 from doppelgait.dataset.config import FieldSpec, PlanConfig
 from doppelgait.dataset.plan import PlannedExample, Shard
-from doppelgait.dataset.resolve import ExampleSpec, RowSpec, resolve_example
+from doppelgait.dataset.resolve import ExampleSpec, resolve_example
 from doppelgait.dataset.shard_files import Arrays, stored_arrays, write_shard
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline import Result, analyze, run_simulation
@@ -96,12 +96,32 @@ def index_rows(
     messages : sequence of str
         Warnings of simulation and analysis.
     """
-    scene = _scene_columns(example, recording)
+    run, nobody = example.run, all(row.source == "none" for row in example.rows)
+    scene = {
+        "carrier_hz": run.radar.carrier_hz,
+        "prf_hz": run.radar.prf_hz,
+        "observation_s": recording.n_pulses / run.radar.prf_hz,
+        "environment": _listed(run.environment),
+        "impairments": _listed(run.impairments),
+        "radar_height_m": run.scene.radar_position_m[2],
+        "snr_frame_db": None if nobody else recording.snr_frame_db,
+        "gate_error_m": example.gate_error_m,
+    }
     rows = []
     for number, (row, result) in enumerate(zip(example.rows, results, strict=True)):
-        truth = recording.truth[number]
+        truth, motion = recording.truth[number], run.scene.targets[number].motion
         columns = {
-            **_identity_columns(example, row, number),
+            "id": row.id,
+            "scene_id": example.id,
+            "label": row.label,
+            "split": example.split,
+            "subject": row.subject,
+            "group": example.group,
+            "source": row.source,
+            "recording": row.recording,
+            "licence": row.licence,
+            "motion_kind": "none" if row.source == "none" else motion["kind"],
+            "motion": "" if row.source == "none" else canonical_json(motion),
             **scene,
             "rcs_total_m2": float(truth.scatterers["rcs"].values.sum(axis=1).mean()),
             **(truth_columns(truth) if row.source != "none" else dict.fromkeys(truth_columns(truth))),
@@ -110,38 +130,6 @@ def index_rows(
         }
         rows.append(json_value(columns))
     return rows
-
-
-def _identity_columns(example: ExampleSpec, row: RowSpec, number: int) -> dict[str, Any]:
-    motion = example.run.scene.targets[number].motion
-    return {
-        "id": row.id,
-        "scene_id": example.id,
-        "label": row.label,
-        "split": example.split,
-        "subject": row.subject,
-        "group": example.group,
-        "source": row.source,
-        "recording": row.recording,
-        "licence": row.licence,
-        "motion_kind": "none" if row.source == "none" else motion["kind"],
-        "motion": "" if row.source == "none" else canonical_json(motion),
-    }
-
-
-def _scene_columns(example: ExampleSpec, recording: Recording) -> dict[str, Any]:
-    prf_hz = example.run.radar.prf_hz
-    nobody = all(row.source == "none" for row in example.rows)
-    return {
-        "carrier_hz": example.run.radar.carrier_hz,
-        "prf_hz": prf_hz,
-        "observation_s": recording.n_pulses / prf_hz,
-        "environment": _listed(example.run.environment),
-        "impairments": _listed(example.run.impairments),
-        "radar_height_m": example.run.scene.radar_position_m[2],
-        "snr_frame_db": None if nobody else recording.snr_frame_db,
-        "gate_error_m": example.gate_error_m,
-    }
 
 
 def _listed(specs: Sequence[FrozenModel]) -> str:

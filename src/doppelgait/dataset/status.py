@@ -102,33 +102,27 @@ def dataset_status(directory: str | Path, *, quick: bool = False) -> Status:
     folder = Path(directory)
     description = read_description(folder)
     running = running_builds(folder)
-    names = shard_names(description.get("shards") or _counts_found(folder))
-    removed = () if running else tuple(_clean(folder))
+    counts = description.get("shards")
+    if not counts:  # from the names of the shards that are there
+        found = (path.stem.split("-") for path in sorted((folder / "shards").glob("*-*-of-*.h5")))
+        counts = {split: int(count) for split, _, _, count in (parts for parts in found if len(parts) == 4)}
+    removed = []
+    for path in () if running else sorted([*folder.rglob("*.partial"), *folder.glob(PATTERN)]):
+        holder = read_lock(path) if path.suffix == ".lock" else None
+        if holder is None or not holder.alive:
+            path.unlink(missing_ok=True)
+            removed.append(str(path.relative_to(folder)))
     return Status(
         directory=folder,
         dataset_id=str(description.get("id")),
         name=str(description.get("name")),
         complete=bool(description.get("complete")),
         planned=int(description.get("n_examples", 0)),
-        shards=tuple(_shard_status(folder, name, quick=quick) for name in names),
+        shards=tuple(_shard_status(folder, name, quick=quick) for name in shard_names(counts)),
         running=tuple(str(holder) for holder in running),
         partial=tuple(str(path.relative_to(folder)) for path in sorted(folder.rglob("*.partial"))),
-        removed=removed,
+        removed=tuple(removed),
     )
-
-
-def _counts_found(folder: Path) -> dict[str, int]:
-    """Number of shards of every split, from the names of those that are there."""
-    found = (path.stem.split("-") for path in sorted((folder / "shards").glob("*-*-of-*.h5")))
-    return {split: int(count) for split, _, _, count in (parts for parts in found if len(parts) == 4)}
-
-
-def _clean(folder: Path) -> Iterator[str]:
-    for path in sorted([*folder.rglob("*.partial"), *folder.glob(PATTERN)]):
-        holder = read_lock(path) if path.suffix == ".lock" else None
-        if holder is None or not holder.alive:
-            path.unlink(missing_ok=True)
-            yield str(path.relative_to(folder))
 
 
 def _shard_status(folder: Path, name: str, *, quick: bool) -> ShardStatus:

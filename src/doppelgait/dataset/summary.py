@@ -80,54 +80,37 @@ def summarise(plan: Plan, identity: str, *, n_checked: int, pilot: int = PILOT_E
     DoppelgaitError
         If an example of the pilot cannot be made.
     """
-    shards = list(plan.shards())
+    shards, sections = list(plan.shards()), list(enumerate(plan.config.classes))
+    of_split = Counter((entry.class_number, entry.split) for entry in plan.examples)
+    counts = [
+        {"class": section.label, **{split: of_split[number, split] for split in SPLITS}} for number, section in sections
+    ]
+    different = {(e.class_number, source_of(e.subjects[0]), e.split, e.subjects[0]) for e in plan.examples}
+    of_source = Counter((number, source, split) for number, source, split, _ in different)
+    subjects = [
+        {"class": section.label, "source": source, **{split: of_source[number, source, split] for split in SPLITS}}
+        for number, section in sections
+        for source in ("model", "recording")
+        if any(of_source[number, source, split] for split in SPLITS)
+    ]
+    files = []
+    if any(source_of(subject) != "model" for entry in plan.examples for subject in entry.subjects):
+        rows = (row for n in range(len(plan.examples)) for row in plan.example(n).rows if row.recording)
+        for (recording, subject), count in sorted(Counter((row.recording, row.subject) for row in rows).items()):
+            entry = source_entry(recording, plan.config.sources)
+            licence = entry.licence if entry is not None and entry.licence else "unknown"
+            files.append({"file": recording, "subject": subject, "examples": count, "licence": licence})
     return PlanSummary(
         name=plan.config.dataset.name,
         dataset_id=identity,
         n_examples=len(plan.examples),
         n_shards=len(shards),
-        counts=_by_class_and_split(plan),
-        subjects=_subjects(plan),
-        files=_files(plan),
+        counts=counts,
+        subjects=subjects,
+        files=files,
         n_checked=n_checked,
         estimate=_estimate(plan, shards, pilot) if pilot else {},
     )
-
-
-def _by_class_and_split(plan: Plan) -> list[dict[str, Any]]:
-    counts = Counter((entry.class_number, entry.split) for entry in plan.examples)
-    return [
-        {"class": section.label, **{split: counts[number, split] for split in SPLITS}}
-        for number, section in enumerate(plan.config.classes)
-    ]
-
-
-def _subjects(plan: Plan) -> list[dict[str, Any]]:
-    """Number of different subjects of each class, source and split."""
-    seen = {
-        (entry.class_number, source_of(entry.subjects[0]), entry.split, entry.subjects[0]) for entry in plan.examples
-    }
-    counts = Counter((number, source, split) for number, source, split, _ in seen)
-    return [
-        {"class": section.label, "source": source, **{split: counts[number, source, split] for split in SPLITS}}
-        for number, section in enumerate(plan.config.classes)
-        for source in ("model", "recording")
-        if any(counts[number, source, split] for split in SPLITS)
-    ]
-
-
-def _files(plan: Plan) -> list[dict[str, Any]]:
-    """Motion files and how many examples take each; none where all motion comes from models."""
-    if all(source_of(subject) == "model" for entry in plan.examples for subject in entry.subjects):
-        return []
-    rows = (row for n in range(len(plan.examples)) for row in plan.example(n).rows if row.recording)
-    counts = Counter((row.recording, row.subject) for row in rows)
-    found = []
-    for (recording, subject), count in sorted(counts.items()):
-        entry = source_entry(recording, plan.config.sources)
-        licence = entry.licence if entry is not None and entry.licence else "unknown"
-        found.append({"file": recording, "subject": subject, "examples": count, "licence": licence})
-    return found
 
 
 def _estimate(plan: Plan, shards: list[Shard], pilot: int) -> dict[str, float]:

@@ -17,6 +17,7 @@ import pytest
 
 import processes
 from doppelgait import viz
+from doppelgait.core.config import json_value
 from doppelgait.core.errors import DatasetError
 from doppelgait.core.labels import BASEBAND, CADENCE_MAP, SIGNATURE, check_signal
 from doppelgait.dataset import open_dataset, shard_files
@@ -454,3 +455,17 @@ def test_without_torch_one_error(dataset, monkeypatch):
     monkeypatch.delitem(sys.modules, "doppelgait.dataset.torch_data", raising=False)
     with pytest.raises(DatasetError, match="torch is not installed"):
         dataset.torch()
+
+
+def test_result_and_truth_of_an_example_are_those_of_its_row(dataset):
+    example, result = dataset.example(0), dataset.result(0)
+    config = dataset.description["config"]["analysis"]
+    assert all(getattr(result.analysis, name) == value for name, value in config.items())
+    assert result.label == example.label
+    assert result.signature is not None
+    row = json_value(result.to_row())
+    assert {name: row[name] for name in row if name in example.row} == {
+        name: example.row[name] for name in row if name in example.row
+    }
+    assert set(row) <= set(example.row)
+    assert example.truth["range_m"] == example.row["truth_range_m"]

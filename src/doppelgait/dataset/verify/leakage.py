@@ -226,29 +226,20 @@ def check_groups(contents: Contents) -> Check:
     torn: dict[str, list[str]] = {}
     for key in KINDS:
         named = index[index[key].fillna("").astype(str) != ""] if key in index else index.iloc[:0]
-        found = _in_two_splits(named, key)
+        splits = named.groupby(key)["split"].unique()
+        found = [f"{name} ({', '.join(sorted(some_of))})" for name, some_of in splits.items() if len(some_of) > 1]
         if found:
             torn[key] = found
     numbers = {"in_two_splits": torn, "groups": int(index["group"].nunique())}
     if torn:
         words = "; ".join(f"{KINDS[key]} in more than one split: {some(names)}" for key, names in torn.items())
         return Check("groups", "failed", words, numbers)
-    same = _same_walkers(index)
+    models = index[index["source"] == "model"]
+    same = int((models.groupby("motion")["split"].transform("nunique") > 1).sum()) if len(models) else 0
     if same:
         words = f"{same} rows of models have the parameters of a row in another split; draw their parameters"
         return Check("groups", "warning", words, {**numbers, "same_walkers": same})
     return Check("groups", "passed", f"{numbers['groups']} groups, each in one split", numbers)
-
-
-def _in_two_splits(rows: pd.DataFrame, key: str) -> list[str]:
-    """Names in more than one split, each with the splits."""
-    splits = rows.groupby(key)["split"].unique()
-    return [f"{name} ({', '.join(sorted(found))})" for name, found in splits.items() if len(found) > 1]
-
-
-def _same_walkers(index: pd.DataFrame) -> int:
-    models = index[index["source"] == "model"]
-    return int((models.groupby("motion")["split"].transform("nunique") > 1).sum()) if len(models) else 0
 
 
 MEASURED = ("prf_hz", "observation_s", "rcs_total_m2", "gate_error_m", "radar_height_m")
@@ -267,7 +258,12 @@ def check_nuisance(contents: Contents, drawn: Sequence[ExampleSpec], rng: np.ran
     groups do as well (:mod:`doppelgait.dataset.verify.leakage`). Imported recordings are as they are: a warning only.
     """
     index = contents.index
-    table = nuisance_table(index, drawn) if drawn else _measured(_some_rows(index, rng))
+    if drawn:
+        table = nuisance_table(index, drawn)
+    elif len(index) <= MOST_ROWS:
+        table = _measured(index)
+    else:
+        table = _measured(index.iloc[np.sort(rng.choice(len(index), MOST_ROWS, replace=False))])
     findings = [
         (words, guess_classes(part, rng))
         for words, part in _questions(table)
@@ -317,12 +313,6 @@ def rounded(values: pd.Series) -> pd.Series:
     numbers = numbers.copy()
     numbers[known] = np.round(numbers[known] / unit) * unit
     return pd.Series(numbers, index=values.index)
-
-
-def _some_rows(index: pd.DataFrame, rng: np.random.Generator) -> pd.DataFrame:
-    if len(index) <= MOST_ROWS:
-        return index
-    return index.iloc[np.sort(rng.choice(len(index), MOST_ROWS, replace=False))]
 
 
 def nuisance_table(index: pd.DataFrame, drawn: Sequence[ExampleSpec]) -> pd.DataFrame:
