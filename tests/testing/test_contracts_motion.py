@@ -1,0 +1,233 @@
+"""Contract checks of motion models, motion readers and paths: every built-in passes, and a broken one is caught."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path as FilePath
+from typing import Literal
+
+import numpy as np
+import pytest
+
+import doppelgait as dg
+from doppelgait.core import plugins
+from doppelgait.core.config import FrozenModel
+from doppelgait.motion.course import Piece
+from doppelgait.motion.models import MOTION_MODELS
+from doppelgait.motion.paths import PATHS, Layout, Path, make_path
+from doppelgait.motion.readers import MOTION_READERS
+from doppelgait.testing import check_motion_model, check_motion_reader, check_path
+
+TABLES = [
+    {"kind": "straight"},
+    {"kind": "arc", "radius_m": 2.0, "turn_deg": 150.0},
+    {"kind": "polyline", "points_m": [[0, 0], [4, 0], [4, 4]]},
+    {"kind": "stop_and_go", "stops": [{"at_m": 3.0, "pause_s": 1.0}]},
+    {"kind": "turn_around", "out_m": 3.0},
+]
+FILES = {
+    "amc": "human/amc/cmu_09_06.amc",
+    "bvh": "dog/mann-bvh/D1_010_KAN01_002.bvh",
+    "c3d": "human/c3d/cmu_16_08.c3d",
+}
+
+
+@pytest.fixture
+def register(monkeypatch):
+    """Register plug-ins for one test."""
+    for group in (MOTION_MODELS, MOTION_READERS, PATHS):
+        len(group)  # built-in ones first
+    monkeypatch.setattr(plugins, "_REGISTERED", {group: dict(found) for group, found in plugins._REGISTERED.items()})
+    return dg.plugin
+
+
+# Models --------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", MOTION_MODELS)
+def test_every_motion_model_keeps_its_contract(kind):
+    check_motion_model(kind)
+
+
+class Hop(FrozenModel):
+    """A hopping point."""
+
+    kind: Literal["hop"] = "hop"
+    height_m: float = 0.3
+
+
+def hop(parameters, duration_s, rng, *, seconds=0.0, **facts):
+    times_s = np.arange(round((duration_s + seconds) * 100) + 1) / 100
+    position_m = np.zeros((times_s.size, 1, 3))
+    position_m[:, 0, 2] = parameters.height_m * np.abs(np.sin(times_s))
+    facts = {"source": "hop", "kind": "hop", **facts}
+    return dg.motion.make_motion(position_m, rate_hz=100, markers=["point"], parts=[""], facts=facts)
+
+
+NOISE = iter(range(100))
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda p, d, r: hop(p, d, r, seconds=1.0), "lasts 3 s"),
+        (lambda p, d, r: hop(p, d, r, kind="jump"), "facts.kind"),
+        (lambda p, d, r: hop(p, d, r, footfalls={"left_foot": [9.0]}), "footfalls"),
+        (lambda p, d, r: hop(p, d, r, stride_frequency_hz=-1.0), "stride_frequency_hz"),
+        (lambda p, d, r: hop(p, d, r).positions, "must be a doppelgait.motion.Motion"),
+        (
+            lambda p, d, r: (m := hop(p, d, r)).with_positions(m.position_m + np.random.default_rng().random()),
+            "another",
+        ),
+        (lambda p, d, r: (m := hop(p, d, r)).with_positions(m.position_m * np.nan), "not finite"),
+        (lambda p, d, r: hop(p, d, r).with_report(table=np.zeros(2)), "not plain"),
+    ],
+)
+def test_a_broken_motion_model_is_caught(register, make, says):
+    register("motion_model", parameters=Hop)(make)
+    with pytest.raises(AssertionError, match=says):
+        check_motion_model("hop")
+
+
+def test_an_own_motion_model_passes_and_is_used_by_its_kind(register):
+    register("motion_model", parameters=Hop)(hop)
+    check_motion_model(Hop(height_m=0.2))
+    assert dg.motion.generate({"kind": "hop"}, duration_s=1.0).duration_s == 1.0
+
+
+# Readers -------------------------------------------------------------------------------------------------------------
+
+
+def walk_file(folder, name: str) -> FilePath:
+    """A walk in a format that can be written here."""
+    walk = dg.motion.boulic_walk(duration_s=1.0)
+    if name == "arrays":
+        np.savez(folder / "walk.npz", positions=walk.position_m, names=walk.markers, rate_hz=walk.rate_hz, units="m")
+        return folder / "walk.npz"
+    if name == "table":
+        columns = ",".join(["time_s", *(f"{m}_{a}_m" for m in walk.markers for a in "xyz")])
+        rows = np.column_stack([walk.time_s, walk.position_m.reshape(walk.n_frames, -1)])
+        np.savetxt(folder / "walk.csv", rows, delimiter=",", header=columns, comments="")
+        return folder / "walk.csv"
+    head = ["PathFileType\t4\t(X/Y/Z)\twalk.trc",
+            "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
+            f"250\t250\t{walk.n_frames}\t{len(walk.markers)}\tm\t250\t1\t{walk.n_frames}",
+            "Frame#\tTime\t" + "\t\t\t".join(walk.markers) + "\t\t",
+            "\t\t" + "\t".join(f"{axis}{n + 1}" for n in range(len(walk.markers)) for axis in "XYZ")]  # fmt: skip
+    rows = [
+        "\t".join([str(n + 1), f"{walk.time_s[n]:.4f}", *(f"{x:.6f}" for x in walk.position_m[n].ravel())])
+        for n in range(walk.n_frames)
+    ]
+    (folder / "walk.trc").write_text("\n".join([*head, "", *rows, ""]))
+    return folder / "walk.trc"
+
+
+@pytest.mark.parametrize("name", ["arrays", "table", "trc"])
+def test_motion_readers_keep_their_contract(tmp_path, name):
+    check_motion_reader(name, walk_file(tmp_path, name))
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize("name", FILES)
+def test_motion_readers_of_recordings_keep_their_contract(shared, name):
+    check_motion_reader(name, shared / "data" / "mocap" / FILES[name])
+
+
+@pytest.mark.shared
+def test_the_reader_of_exponential_maps_keeps_its_contract(shared):
+    path = min((shared / "data/mocap/human/cmu-expmap").rglob("*.txt"), key=lambda one: one.stat().st_size)
+    check_motion_reader("expmap", path)
+
+
+def test_no_motion_reader_is_left_out():
+    assert {"arrays", "table", "trc", "expmap", *FILES} == set(MOTION_READERS)
+
+
+def read_steps(path, *, fault=""):
+    """Reader of a JSON file of heights."""
+    content = json.loads(path.read_text()) if fault != "crash" else {"steps": json.loads(path.read_text())["x"]}
+    position_m = np.zeros((len(content["steps"]), 4, 3))
+    position_m[:, :, 2] = np.array(content["steps"])[:, None]
+    facts = {"source": "other" if fault == "source" else path.name, "kind": "recording"}
+    names = ["a", "a", "b", "c"] if fault == "names" else ["a", "b", "c", "d"]
+    return dg.motion.make_motion(position_m, rate_hz=50, markers=names, parts=[""] * 4, facts=facts)
+
+
+def guarded(path):
+    try:
+        return read_steps(path)
+    except (ValueError, KeyError) as error:
+        raise dg.core.errors.MotionError(f"{path}: {error}") from None
+
+
+def sniff_steps(path, head):
+    return head.startswith(b'{"steps"')
+
+
+@pytest.mark.parametrize(
+    ("reader", "sniff", "says"),
+    [
+        (guarded, lambda path, head: True, "takes a file"),
+        (guarded, lambda path, head: False, "does not recognise"),
+        (lambda path: read_steps(path, fault="source"), sniff_steps, "facts.source"),
+        (lambda path: read_steps(path, fault="names"), sniff_steps, "unique names"),
+        (lambda path, units="m": guarded(path), sniff_steps, "keyword-only"),
+    ],
+)
+def test_a_broken_motion_reader_is_caught(register, tmp_path, reader, sniff, says):
+    register("motion_reader", "steps", sniff=sniff, suffixes=(".steps",))(reader)
+    path = tmp_path / "a.steps"
+    path.write_text(json.dumps({"steps": [0.0, 0.1, 0.2, 0.1] * 300}))
+    with pytest.raises(AssertionError, match=says):
+        check_motion_reader("steps", path)
+
+
+def test_a_motion_reader_that_crashes_on_damage_is_caught(register, tmp_path):
+    register("motion_reader", "steps", sniff=sniff_steps, suffixes=(".steps",))(lambda path: read_steps(path))
+    path = tmp_path / "a.steps"
+    path.write_text(json.dumps({"steps": [0.0, 0.1, 0.2, 0.1] * 300}))
+    with pytest.raises(ValueError, match="Expecting"):
+        check_motion_reader("steps", path)
+
+
+def test_an_own_motion_reader_passes(register, tmp_path):
+    register("motion_reader", "steps", sniff=sniff_steps, suffixes=(".steps",))(guarded)
+    path = tmp_path / "a.steps"
+    path.write_text(json.dumps({"steps": [0.0, 0.1, 0.2, 0.1] * 300}))
+    check_motion_reader("steps", path)
+
+
+# Paths ---------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("table", TABLES, ids=lambda table: table["kind"])
+def test_every_path_keeps_its_contract(table):
+    check_path(make_path(table))
+
+
+def test_no_path_is_left_out():
+    assert {table["kind"] for table in TABLES} == set(PATHS)
+
+
+class Zigzag(Path):
+    """Left and right again."""
+
+    kind: Literal["zigzag"] = "zigzag"
+
+
+@pytest.mark.parametrize(
+    ("lay", "says"),
+    [
+        (lambda path: Layout((Piece(2.0, 0.5), Piece(2.0, -0.5), Piece(np.inf))), None),
+        (lambda path: Layout((Piece(np.inf), Piece(2.0))), "endless"),
+        (lambda path: Layout(()), "needs pieces"),
+        (lambda path: Layout((Piece(-1.0),)), "positive length"),
+    ],
+)
+def test_an_own_path_passes_and_a_broken_one_is_caught(register, lay, says):
+    register("path", parameters=Zigzag)(lay)
+    if says is None:
+        check_path(Zigzag())
+        return
+    with pytest.raises(AssertionError, match=says):
+        check_path(Zigzag())
