@@ -153,7 +153,26 @@ def fit_sensor(recording: Recording, *, start_s: float | None = None, stop_s: fl
     AnalysisError
         If the recording is too short, has too few range bins, holds values that are not finite, or nothing but zeros.
     """
-    samples, time_s, range_m = _checked(recording, start_s, stop_s)
+    time_s, range_m = recording.slow_time_s, recording.range_m
+    if "burst_pulses" in recording.baseband.attrs:
+        raise AnalysisError(
+            f"{recording.source}: comes in bursts, whose pauses would count as lost frames; a model is fitted to "
+            "unbroken recordings only: record without pauses"
+        )
+    chosen = np.ones(time_s.size, dtype=bool)
+    chosen &= time_s >= (-np.inf if start_s is None else start_s)
+    chosen &= time_s <= (np.inf if stop_s is None else stop_s)
+    samples = np.asarray(recording.baseband.values[chosen], dtype=np.complex128)
+    if samples.shape[0] < MIN_FRAMES or samples.shape[1] < MIN_BINS:
+        raise AnalysisError(
+            f"{_name(recording)}: {samples.shape[0]} frames of {samples.shape[1]} range bins are too few to fit a "
+            f"model: at least {MIN_FRAMES} frames (some hundred are better) and {MIN_BINS} bins are needed"
+        )
+    if not np.isfinite(samples).all():
+        raise AnalysisError(f"{_name(recording)}: holds values that are not finite; cut them out with start_s, stop_s")
+    if not samples.any():
+        raise AnalysisError(f"{_name(recording)}: every sample is zero; was the radar recording?")
+    time_s, range_m = np.asarray(time_s[chosen], dtype=np.float64), np.asarray(range_m, dtype=np.float64)
     faults = frame_faults(samples, slow_time_s=time_s)
     good = ~faults.dropped
     if int(good.sum()) < MIN_FRAMES:
@@ -181,31 +200,6 @@ def fit_sensor(recording: Recording, *, start_s: float | None = None, stop_s: fl
         faults=faults, bursts=hit, movers=movers, flags=(),
     )  # fmt: skip
     return replace(fit, flags=flags_of(fit))
-
-
-def _checked(
-    recording: Recording, start_s: float | None, stop_s: float | None
-) -> tuple[ComplexArray, FloatArray, FloatArray]:
-    time_s, range_m = recording.slow_time_s, recording.range_m
-    if "burst_pulses" in recording.baseband.attrs:
-        raise AnalysisError(
-            f"{recording.source}: comes in bursts, whose pauses would count as lost frames; a model is fitted to "
-            "unbroken recordings only: record without pauses"
-        )
-    chosen = np.ones(time_s.size, dtype=bool)
-    chosen &= time_s >= (-np.inf if start_s is None else start_s)
-    chosen &= time_s <= (np.inf if stop_s is None else stop_s)
-    samples = np.asarray(recording.baseband.values[chosen], dtype=np.complex128)
-    if samples.shape[0] < MIN_FRAMES or samples.shape[1] < MIN_BINS:
-        raise AnalysisError(
-            f"{_name(recording)}: {samples.shape[0]} frames of {samples.shape[1]} range bins are too few to fit a "
-            f"model: at least {MIN_FRAMES} frames (some hundred are better) and {MIN_BINS} bins are needed"
-        )
-    if not np.isfinite(samples).all():
-        raise AnalysisError(f"{_name(recording)}: holds values that are not finite; cut them out with start_s, stop_s")
-    if not samples.any():
-        raise AnalysisError(f"{_name(recording)}: every sample is zero; was the radar recording?")
-    return samples, np.asarray(time_s[chosen], dtype=np.float64), np.asarray(range_m, dtype=np.float64)
 
 
 def _name(recording: Recording) -> str:

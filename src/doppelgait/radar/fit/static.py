@@ -200,7 +200,8 @@ def fit_series(values: FloatArray, *, time_s: FloatArray, measurement_variance: 
     differences, ramp = (dst(x, type=1, norm="ortho") for x in (np.diff(values), steps_s))
     scale = float(np.var(np.diff(values)))
     if not scale > 0:
-        return _unmoving(values, time_s)
+        slope = float((values[-1] - values[0]) / (time_s[-1] - time_s[0]))
+        return SeriesFit(Estimate(slope, 0.0), Estimate(0.0, 0.0), Estimate(0.0, 0.0))
 
     def slope_of(variance: FloatArray) -> float:
         return float(np.sum(ramp * differences / variance) / np.sum(ramp**2 / variance))
@@ -231,8 +232,3 @@ def _fisher_sd(variance: FloatArray, white_shape: FloatArray) -> tuple[float, fl
     shapes = np.stack([np.ones_like(white_shape), white_shape]) / variance
     spread = np.sqrt(np.diag(np.linalg.inv(0.5 * shapes @ shapes.T)))
     return float(spread[0]), float(spread[1])
-
-
-def _unmoving(values: FloatArray, time_s: FloatArray) -> SeriesFit:
-    slope = float((values[-1] - values[0]) / (time_s[-1] - time_s[0]))
-    return SeriesFit(Estimate(slope, 0.0), Estimate(0.0, 0.0), Estimate(0.0, 0.0))

@@ -104,11 +104,27 @@ def open_entry(path: Path, file: Any, *, session: int, group: int, entry: int) -
         raise RecordingError(f"{path}: is of sensor generation {generation!r}; only 'a121' is read")
     base = file["session"] if "session" in file else _numbered(path, file["sessions"], "session", session)
     node = _numbered(path, _numbered(path, base, "group", group), "entry", entry)
-    config = _sensor_config(json.loads(_text(base["session_config"])), group, str(int(node["sensor_id"][()])))
+    session_config = json.loads(_text(base["session_config"]))
+    sensor_id = str(int(node["sensor_id"][()]))
+    sensors = session_config["groups"][group]
+    if sensor_id not in sensors:
+        raise ValueError(f"the configuration of group {group} does not name sensor {sensor_id}")
+    config: Mapping[str, Any] = sensors[sensor_id]
     metadata = json.loads(_text(node["metadata"])) if "metadata" in node else {}
     subsweeps = tuple(_subsweep(one) for one in config["subsweeps"])
     per_frame = _whole(config, "sweeps_per_frame", 1, 100_000)
-    values = _frames(node["result/frame"], per_frame, sum(one.num_points for one in subsweeps))
+    dataset = node["result/frame"]
+    n_points = sum(one.num_points for one in subsweeps)
+    shape = tuple(dataset.shape)
+    if len(shape) != 3 or shape[0] < 1 or shape[1:] != (per_frame, n_points):
+        raise ValueError(f"frames have shape {shape}, its configuration says (frames, {per_frame}, {n_points})")
+    if math.prod(shape) > MAX_VALUES:
+        raise ValueError(f"frames hold {math.prod(shape):,} values, at most {MAX_VALUES:,} are read")
+    if dataset.dtype.names != ("real", "imag"):
+        raise ValueError(f"frames are {dataset.dtype}, must be pairs of real and imag")
+    pairs = dataset[()]
+    values = np.empty(shape, dtype=np.complex64)
+    values.real, values.imag = pairs["real"], pairs["imag"]
     step_m = _optional(metadata, "base_step_length_m", 0.1)
     server = json.loads(_text(file["server_info"])) if "server_info" in file else {}
     return Entry(
@@ -139,14 +155,6 @@ def _numbered(path: Path, node: Any, kind: str, number: int) -> Any:
 def _text(dataset: Any) -> str:
     value = dataset[()]
     return value.decode("utf-8") if isinstance(value, bytes) else str(value)
-
-
-def _sensor_config(session_config: Mapping[str, Any], group: int, sensor_id: str) -> Mapping[str, Any]:
-    sensors = session_config["groups"][group]
-    if sensor_id not in sensors:
-        raise ValueError(f"the configuration of group {group} does not name sensor {sensor_id}")
-    config: Mapping[str, Any] = sensors[sensor_id]
-    return config
 
 
 def _subsweep(config: Mapping[str, Any]) -> Subsweep:
@@ -182,20 +190,6 @@ def _optional(config: Mapping[str, Any], key: str, most: float) -> float | None:
     ):
         raise ValueError(f"{key} is {value!r}, must be a number above 0 and up to {most:g}")
     return float(value)
-
-
-def _frames(dataset: Any, per_frame: int, n_points: int) -> npt.NDArray[np.complex64]:
-    shape = tuple(dataset.shape)
-    if len(shape) != 3 or shape[0] < 1 or shape[1:] != (per_frame, n_points):
-        raise ValueError(f"frames have shape {shape}, its configuration says (frames, {per_frame}, {n_points})")
-    if math.prod(shape) > MAX_VALUES:
-        raise ValueError(f"frames hold {math.prod(shape):,} values, at most {MAX_VALUES:,} are read")
-    if dataset.dtype.names != ("real", "imag"):
-        raise ValueError(f"frames are {dataset.dtype}, must be pairs of real and imag")
-    pairs = dataset[()]
-    values = np.empty(shape, dtype=np.complex64)
-    values.real, values.imag = pairs["real"], pairs["imag"]
-    return values
 
 
 def _ticks(result: Any, n_frames: int) -> npt.NDArray[np.int64]:

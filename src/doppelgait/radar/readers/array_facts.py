@@ -124,7 +124,15 @@ def describe(path: Path, facts: ArrayFacts, shape: tuple[int, ...], axes: Mappin
     stated = _stated_radar(path, facts)
     slow_time_s = None if facts.prf_hz else _axis(path, axes, "slow_time_s", n_pulses)
     range_m = None if facts.range_start_m is not None or facts.bin_spacing_m else _axis(path, axes, "range_m", n_bins)
-    told = _tell(facts, stated, slow_time_s, range_m)
+    # rate, carrier and frame, the strongest word last
+    names = ("prf_hz", "carrier_hz", "range_start_m", "bin_spacing_m")
+    told = {name: float(getattr(stated, name)) for name in names} if stated is not None else {}
+    if slow_time_s is not None and "prf_hz" not in told:  # of bursts, the rate inside them
+        told["prf_hz"] = 1.0 / float(np.median(np.diff(slow_time_s)))
+    if range_m is not None:
+        told["range_start_m"] = float(range_m[0])
+        told |= {"bin_spacing_m": float(np.diff(range_m).mean())} if range_m.size > 1 else {}
+    told = told | {name: value for name in names if (value := getattr(facts, name)) is not None}
     if n_bins == 1:
         told = {"range_start_m": 0.0, "bin_spacing_m": CW_RANGE_STOP_M, **told}
     needed = ("prf_hz", "carrier_hz", "range_start_m", "bin_spacing_m")
@@ -165,20 +173,6 @@ def _stated_radar(path: Path, facts: ArrayFacts) -> Radar | None:
         return validate(Radar, table, where="radar")
     except ConfigError as error:
         raise RecordingError(f"{path}: {error}") from None
-
-
-def _tell(
-    facts: ArrayFacts, stated: Radar | None, slow_time_s: FloatArray | None, range_m: FloatArray | None
-) -> dict[str, float]:
-    """Rate, carrier and frame, the strongest word last."""
-    names = ("prf_hz", "carrier_hz", "range_start_m", "bin_spacing_m")
-    told = {name: float(getattr(stated, name)) for name in names} if stated is not None else {}
-    if slow_time_s is not None and "prf_hz" not in told:  # of bursts, the rate inside them
-        told["prf_hz"] = 1.0 / float(np.median(np.diff(slow_time_s)))
-    if range_m is not None:
-        told["range_start_m"] = float(range_m[0])
-        told |= {"bin_spacing_m": float(np.diff(range_m).mean())} if range_m.size > 1 else {}
-    return told | {name: value for name in names if (value := getattr(facts, name)) is not None}
 
 
 def _radar(path: Path, facts: ArrayFacts, stated: Radar | None, told: Mapping[str, float], n_bins: int) -> Radar:

@@ -161,7 +161,11 @@ def read_arrays(
         "radar": None if radar is None else {"preset": str(radar)},
     }  # fmt: skip
     facts = read_facts(path, {name: value for name, value in options.items() if value is not None})
-    arrays = _load(path, facts.key)
+    with path.open("rb") as file:
+        is_npy = file.read(len(NPY_MAGIC)) == NPY_MAGIC
+    arrays = (
+        {facts.key or MATRIX: load_npy_file(path)} if is_npy else load_npz(path, (facts.key or MATRIX, *PARTS, *AXES))
+    )
     values = _as_baseband(path, _pick(path, arrays, facts.key), facts)
     check_shape(path, values)
     frame = describe(path, facts, values.shape, arrays)
@@ -180,12 +184,6 @@ def read_arrays(
         snr_frame_db=NAN if facts.snr_frame_db is None else facts.snr_frame_db,
         seed=facts.seed,
     )
-
-
-def _load(path: Path, key: str | None) -> Arrays:
-    with path.open("rb") as file:
-        is_npy = file.read(len(NPY_MAGIC)) == NPY_MAGIC
-    return {key or MATRIX: load_npy_file(path)} if is_npy else load_npz(path, (key or MATRIX, *PARTS, *AXES))
 
 
 def _pick(path: Path, arrays: Arrays, key: str | None) -> npt.NDArray[Any]:

@@ -124,7 +124,22 @@ def _read_own(
     try:
         range_m = np.asarray(own["doppelgait:range_m"], dtype=np.float64)
         rows = samples.size // max(range_m.size, 1)
-        slow_time_s = _slow_time_s(meta, own, rows, range_m.size)
+        # time of every row: captures begin at ``doppelgait:time_s``, from there rows follow at
+        # ``doppelgait:prf_hz``
+        n_bins = range_m.size
+        if not 0 < rows <= MAX_ROWS:
+            raise ValueError(f"there are {rows} pulses of {n_bins} range bins")
+        prf_hz = float(own["doppelgait:prf_hz"])
+        firsts = [int(capture["core:sample_start"]) for capture in meta.captures]
+        starts_s = np.array([float(capture["doppelgait:time_s"]) for capture in meta.captures])
+        if not firsts or firsts[0] != 0 or any(first % n_bins for first in firsts) or not prf_hz > 0:
+            raise ValueError("captures must begin at whole pulses, the first at 0, and prf_hz be above 0")
+        first_rows = np.array(firsts) // n_bins
+        if (np.diff(first_rows) <= 0).any():
+            raise ValueError("captures must follow one another")
+        row = np.arange(rows)
+        segment = np.searchsorted(first_rows, row, side="right") - 1
+        slow_time_s = np.asarray(starts_s[segment] + (row - first_rows[segment]) / prf_hz, dtype=np.float64)
         radar = validate(Radar, dict(own["doppelgait:radar"]), where="doppelgait:radar")
         attrs = {"burst_pulses": int(own["doppelgait:burst_pulses"])} if "doppelgait:burst_pulses" in own else {}
     except (LookupError, ValueError, TypeError, OverflowError, ConfigError) as error:
@@ -168,23 +183,6 @@ def _own_facts(own: dict[str, Any]) -> dict[str, Any]:
     }
     seed = own.get("doppelgait:seed")
     return {**facts, "seed": seed} if isinstance(seed, int) and not isinstance(seed, bool) else facts
-
-
-def _slow_time_s(meta: Metadata, own: dict[str, Any], rows: int, n_bins: int) -> FloatArray:
-    """Time of every row: captures begin at ``doppelgait:time_s``, from there rows follow at ``doppelgait:prf_hz``."""
-    if not 0 < rows <= MAX_ROWS:
-        raise ValueError(f"there are {rows} pulses of {n_bins} range bins")
-    prf_hz = float(own["doppelgait:prf_hz"])
-    firsts = [int(capture["core:sample_start"]) for capture in meta.captures]
-    starts_s = np.array([float(capture["doppelgait:time_s"]) for capture in meta.captures])
-    if not firsts or firsts[0] != 0 or any(first % n_bins for first in firsts) or not prf_hz > 0:
-        raise ValueError("captures must begin at whole pulses, the first at 0, and prf_hz be above 0")
-    first_rows = np.array(firsts) // n_bins
-    if (np.diff(first_rows) <= 0).any():
-        raise ValueError("captures must follow one another")
-    row = np.arange(rows)
-    segment = np.searchsorted(first_rows, row, side="right") - 1
-    return np.asarray(starts_s[segment] + (row - first_rows[segment]) / prf_hz, dtype=np.float64)
 
 
 def _carrier_hz(path: Path, meta: Metadata) -> float:
@@ -292,24 +290,7 @@ def write_sigmf(recording: Recording, path: str | Path, *, datatype: Literal["cf
         raise RecordingError(f"{path}: datatype = {datatype!r} is not allowed; it must be 'cf32_le' or 'ci16_le'")
     meta_path, data_path = sigmf_pair(Path(path))
     content, scale_v = _encode(recording.baseband.values, datatype)
-    meta = _metadata(recording, datatype, hashlib.sha512(content).hexdigest(), scale_v)
-    with atomic_path(data_path) as partial:
-        partial.write_bytes(content)
-    with atomic_path(meta_path) as partial:
-        partial.write_text(json.dumps(meta, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-
-
-def _encode(values: npt.NDArray[Any], datatype: str) -> tuple[bytes, float]:
-    """Bytes of the samples, and the volts of one unit of them."""
-    pairs = np.ascontiguousarray(values, dtype="<c8").view("<f4")
-    if datatype == "cf32_le":
-        return pairs.tobytes(), 1.0
-    largest = float(np.abs(pairs).max(initial=0.0))
-    scale_v = largest / INT16_MAX if largest > 0 else 1.0
-    return np.round(pairs.astype(np.float64) / scale_v).astype("<i2").tobytes(), scale_v
-
-
-def _metadata(recording: Recording, datatype: str, checksum: str, scale_v: float) -> dict[str, Any]:
+    checksum = hashlib.sha512(content).hexdigest()
     slow_time_s, range_m = recording.slow_time_s, recording.range_m
     firsts, prf_hz = _stretches(slow_time_s, recording.radar.prf_hz)
     common = {
@@ -341,7 +322,21 @@ def _metadata(recording: Recording, datatype: str, checksum: str, scale_v: float
         }
         for first in firsts
     ]
-    return {"global": common, "captures": captures, "annotations": _annotations(recording)}
+    meta = {"global": common, "captures": captures, "annotations": _annotations(recording)}
+    with atomic_path(data_path) as partial:
+        partial.write_bytes(content)
+    with atomic_path(meta_path) as partial:
+        partial.write_text(json.dumps(meta, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _encode(values: npt.NDArray[Any], datatype: str) -> tuple[bytes, float]:
+    """Bytes of the samples, and the volts of one unit of them."""
+    pairs = np.ascontiguousarray(values, dtype="<c8").view("<f4")
+    if datatype == "cf32_le":
+        return pairs.tobytes(), 1.0
+    largest = float(np.abs(pairs).max(initial=0.0))
+    scale_v = largest / INT16_MAX if largest > 0 else 1.0
+    return np.round(pairs.astype(np.float64) / scale_v).astype("<i2").tobytes(), scale_v
 
 
 def _stretches(slow_time_s: npt.NDArray[np.float64], radar_prf_hz: float) -> tuple[npt.NDArray[np.int64], float]:

@@ -120,7 +120,13 @@ def _check(
     if not version.startswith("1."):
         raise RecordingError(f"{meta_path}: is SigMF {version}; only 1.x is read")
     if "core:dataset" in common:
-        data_path = _named_data(meta_path, str(common["core:dataset"]))
+        # file of samples under another name, which must lie beside the metadata
+        name = str(common["core:dataset"])
+        if not name or Path(name).name != name or "\\" in name or "\0" in name:
+            raise RecordingError(
+                f"{meta_path}: core:dataset is {name!r}; it must be the name of a file in the same folder"
+            )
+        data_path = meta_path.with_name(name)
     if common.get("core:trailing_bytes") or any(one.get("core:header_bytes") for one in captures):
         raise RecordingError(f"{meta_path}: its samples stand among other bytes (core:header_bytes), which is not read")
     channels = common.get("core:num_channels", 1)
@@ -129,20 +135,7 @@ def _check(
     rate = common.get("core:sample_rate")
     if rate is not None and (isinstance(rate, bool) or not 0 < float(rate) < math.inf):
         raise ValueError(f"core:sample_rate is {rate!r}, must be above 0")
-    number = _number_type(meta_path, str(common["core:datatype"]))
-    return Metadata(
-        data_path, common, captures, annotations, number, channels, None if rate is None else float(rate)
-    )  # fmt: skip
-
-
-def _named_data(meta_path: Path, name: str) -> Path:
-    """File of samples under another name, which must lie beside the metadata."""
-    if not name or Path(name).name != name or "\\" in name or "\0" in name:
-        raise RecordingError(f"{meta_path}: core:dataset is {name!r}; it must be the name of a file in the same folder")
-    return meta_path.with_name(name)
-
-
-def _number_type(meta_path: Path, datatype: str) -> np.dtype[Any]:
+    datatype = str(common["core:datatype"])
     kind, body = datatype[:1], datatype[1:]
     base, _, order = body.partition("_")
     if kind == "r" and base in DATATYPES:
@@ -152,7 +145,10 @@ def _number_type(meta_path: Path, datatype: str) -> np.dtype[Any]:
         )
     if kind != "c" or base not in DATATYPES or order not in ("", "le", "be"):
         raise ValueError(f"core:datatype is {datatype!r}, which SigMF does not know")
-    return np.dtype((">" if order == "be" else "<") + DATATYPES[base])
+    number = np.dtype((">" if order == "be" else "<") + DATATYPES[base])
+    return Metadata(
+        data_path, common, captures, annotations, number, channels, None if rate is None else float(rate)
+    )  # fmt: skip
 
 
 def read_samples(
@@ -182,11 +178,18 @@ def read_samples(
     if len(content) < 2 * frame_bytes:
         raise RecordingError(f"{meta.data_path}: holds {len(content)} bytes, less than two samples of {frame_bytes}")
     if len(content) % frame_bytes:
-        _warn(f"{meta.data_path}: its last sample is not whole and is left out; the file is cut off")
+        text = f"{meta.data_path}: its last sample is not whole and is left out; the file is cut off"
+        warnings.warn(text, DoppelgaitWarning, stacklevel=3)
     values = np.frombuffer(
         content, dtype=meta.number, count=len(content) // frame_bytes * frame_bytes // meta.number.itemsize
     )
-    return _complex(values.reshape(-1, meta.n_channels, 2)[:, chosen])
+    # I and Q as complex numbers; unsigned ones have their zero in the middle
+    pairs = values.reshape(-1, meta.n_channels, 2)[:, chosen]
+    zero = 2.0 ** (8 * pairs.dtype.itemsize - 1) if pairs.dtype.kind == "u" else 0.0
+    out = np.empty(pairs.shape[0], dtype=np.complex64)
+    with np.errstate(over="ignore", invalid="ignore"):  # beyond single precision: found and refused afterwards
+        out.real, out.imag = (pairs[:, part] - zero if zero else pairs[:, part] for part in (0, 1))
+    return out
 
 
 def _channel(path: Path, n_channels: int, wanted: int | None) -> int:
@@ -196,16 +199,3 @@ def _channel(path: Path, n_channels: int, wanted: int | None) -> int:
         return wanted
     said = f"holds {n_channels} channels" if wanted is None else f"channel = {wanted!r} is not allowed"
     raise RecordingError(f"{path}: {said}; give channel = 0 to {n_channels - 1}")
-
-
-def _complex(pairs: npt.NDArray[Any]) -> npt.NDArray[np.complex64]:
-    """I and Q as complex numbers; unsigned ones have their zero in the middle."""
-    zero = 2.0 ** (8 * pairs.dtype.itemsize - 1) if pairs.dtype.kind == "u" else 0.0
-    out = np.empty(pairs.shape[0], dtype=np.complex64)
-    with np.errstate(over="ignore", invalid="ignore"):  # beyond single precision: found and refused afterwards
-        out.real, out.imag = (pairs[:, part] - zero if zero else pairs[:, part] for part in (0, 1))
-    return out
-
-
-def _warn(text: str) -> None:
-    warnings.warn(text, DoppelgaitWarning, stacklevel=4)

@@ -198,7 +198,17 @@ def recording_from_xethru(
     _check_words(file, kind=kind, iq=iq, conjugate=conjugate)
     source = _pick(file, read_xethru(path), data_type, given)
     is_rf = source.name in ("radar_rf", "radar_rf_normalized") or (source.name == "datafloat" and kind == "rf")
-    rate_hz = _frame_rate_hz(source)
+    # frame rate from the times of the records; warns of lost frames
+    counters = source.records["info" if source.name == "datafloat" else "frame_counter"]
+    numbers, n_lost, n_gaps = frame_numbers(counters)
+    if n_lost:
+        warnings.warn(
+            f"{source.path}: {n_lost:,} frames are lost at {n_gaps:,} places (frame counter); the {len(counters):,} "
+            "that are there are taken as if they followed each other",
+            DoppelgaitWarning,
+            stacklevel=2,
+        )
+    rate_hz = measured_rate_hz(source.time_ms, numbers)
     facts = _facts(source, rate_hz, needed=("range_start_m", "bin_spacing_m", "carrier_hz", "prf_hz"))
     values, range_m = _from_rf(source, facts, filter) if is_rf else _from_baseband(source, facts, iq)
     return _finish(source, facts, np.conj(values) if conjugate else values, range_m, radar)
@@ -237,20 +247,6 @@ def _matrix(path: Path, stream: XethruStream) -> tuple[npt.NDArray[np.void], npt
     if count < 1 or len(records) < 2:
         raise RecordingError(f"{path}: holds {len(records)} frames of {count} bins; a recording has at least 2 by 1")
     return records, stream.time_ms
-
-
-def _frame_rate_hz(source: _Source) -> float | None:
-    """Frame rate from the times of the records; warns of lost frames."""
-    counters = source.records["info" if source.name == "datafloat" else "frame_counter"]
-    numbers, n_lost, n_gaps = frame_numbers(counters)
-    if n_lost:
-        warnings.warn(
-            f"{source.path}: {n_lost:,} frames are lost at {n_gaps:,} places (frame counter); the {len(counters):,} "
-            "that are there are taken as if they followed each other",
-            DoppelgaitWarning,
-            stacklevel=3,
-        )
-    return measured_rate_hz(source.time_ms, numbers)
 
 
 def _facts(source: _Source, measured_hz: float | None, *, needed: tuple[str, ...]) -> dict[str, float]:
@@ -335,7 +331,12 @@ def _from_rf(
     source: _Source, facts: Mapping[str, float], filter: FrameFilter
 ) -> tuple[npt.NDArray[np.complex64], npt.NDArray[np.float64]]:
     if source.name == "radar_rf":
-        steps = _facts_of_counters(source)
+        steps = source.options["counts_per_unit"]
+        if steps is None:
+            _refuse_missing(source, ["counts_per_unit"])
+        above, most = LIMITS["counts_per_unit"]
+        source.notes.append(f"counts_per_unit = {steps}: given by the user; the mean of all counters is taken as 0")
+        steps = check_number(source.path, "counts_per_unit", steps, above=above, most=most)
         frames = source.records["counts"] / steps
         frames -= frames.mean()  # the middle of the threshold sweep; no antenna passes 0 Hz
     else:
@@ -352,15 +353,6 @@ def _from_rf(
         )  # fmt: skip
     except RecordingError as error:
         raise RecordingError(f"{source.path}: {error}") from None
-
-
-def _facts_of_counters(source: _Source) -> float:
-    steps = source.options["counts_per_unit"]
-    if steps is None:
-        _refuse_missing(source, ["counts_per_unit"])
-    above, most = LIMITS["counts_per_unit"]
-    source.notes.append(f"counts_per_unit = {steps}: given by the user; the mean of all counters is taken as 0")
-    return check_number(source.path, "counts_per_unit", steps, above=above, most=most)
 
 
 def _finish(

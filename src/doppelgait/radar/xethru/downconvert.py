@@ -91,7 +91,18 @@ def down_convert_frames(
     RecordingError
         If the frames are no real matrix, are too short, or a parameter is not allowed.
     """
-    samples = _checked_frames(frames, carrier_hz, sample_rate_hz, decimation)
+    samples = np.asarray(frames)
+    if samples.ndim != 2 or samples.dtype.kind not in "fiu":
+        raise RecordingError(
+            f"RF frames must be a real matrix (frame, sample); these are {samples.dtype} of shape {samples.shape}"
+        )
+    if not 0.0 < carrier_hz < sample_rate_hz / 2.0:
+        raise RecordingError(
+            f"carrier_hz {carrier_hz:g} is not allowed: it must be above 0 and below half the sampling rate, "
+            f"{sample_rate_hz / 2.0:g} Hz"
+        )
+    if not 1 <= decimation <= 1024:
+        raise RecordingError(f"decimation {decimation} is not allowed: it must be 1 to 1024")
     spacing_m = SPEED_OF_LIGHT_MPS / (2.0 * sample_rate_hz) if bin_length_m is None else float(bin_length_m)
     if not spacing_m > 0.0 or not np.isfinite(range_start_m):
         raise RecordingError(
@@ -107,22 +118,6 @@ def down_convert_frames(
     cycles = carrier_hz / sample_rate_hz * (range_start_m / spacing_m + starts)
     mixer = np.exp(-2j * np.pi * np.mod(cycles, 1.0))
     return _filtered(samples, taps, starts) * mixer.astype(np.complex64), range_start_m + spacing_m * (starts + centre)
-
-
-def _checked_frames(frames: npt.NDArray[np.floating], carrier_hz: float, sample_rate_hz: float, decimation: int) -> Any:
-    samples = np.asarray(frames)
-    if samples.ndim != 2 or samples.dtype.kind not in "fiu":
-        raise RecordingError(
-            f"RF frames must be a real matrix (frame, sample); these are {samples.dtype} of shape {samples.shape}"
-        )
-    if not 0.0 < carrier_hz < sample_rate_hz / 2.0:
-        raise RecordingError(
-            f"carrier_hz {carrier_hz:g} is not allowed: it must be above 0 and below half the sampling rate, "
-            f"{sample_rate_hz / 2.0:g} Hz"
-        )
-    if not 1 <= decimation <= 1024:
-        raise RecordingError(f"decimation {decimation} is not allowed: it must be 1 to 1024")
-    return samples
 
 
 def _complex_taps(

@@ -92,19 +92,7 @@ def write_xethru_recording(
     OutputError
         If it cannot be written.
     """
-    frames = _prepare(recording, data_type, conjugate=conjugate, counts_per_unit=counts_per_unit)
-    return write_xethru(
-        folder,
-        _timed_records(frames),
-        start_time=start_time,
-        session_id=session_id,
-        profile_id=profile_id,
-        user_header=user_header,
-        splitting=splitting,
-    )
-
-
-def _prepare(recording: Recording, name: str, *, conjugate: bool, counts_per_unit: float | None) -> _Frames:
+    name = data_type
     if name not in CONVERTIBLE:
         raise RecordingError(f"data_type = {name!r} is not allowed; writable are {', '.join(CONVERTIBLE)}")
     if name == "radar_rf" and (counts_per_unit is None or not 0.0 < counts_per_unit < math.inf):
@@ -119,12 +107,21 @@ def _prepare(recording: Recording, name: str, *, conjugate: bool, counts_per_uni
             f"{radar.waveform.kind!r}: write .h5, .npz or .sigmf-meta"
         )
     values = np.asarray(recording.baseband.values) / (radar.volts_per_unit or 1.0)
-    return _Frames(
+    frames = _Frames(
         name,
         (np.conj(values) if conjugate else values).astype(np.complex64),
         _head(recording, name),
         recording,
         counts_per_unit or 1.0,
+    )
+    return write_xethru(
+        folder,
+        _timed_records(frames),
+        start_time=start_time,
+        session_id=session_id,
+        profile_id=profile_id,
+        user_header=user_header,
+        splitting=splitting,
     )
 
 
@@ -174,7 +171,13 @@ def _payload(frames: _Frames, values: npt.NDArray[np.complex64]) -> dict[str, An
     if frames.name == "baseband_ap":
         return {"amplitude": np.abs(values), "phase_rad": np.angle(values)}
     if frames.name == "radar_baseband_q15":
-        return _q15(values)
+        # integers, and for each frame the factor that its largest value needs
+        largest = np.maximum(np.abs(values.real), np.abs(values.imag)).max(axis=1)
+        scale = (largest / Q15_MAX).astype(np.float32)
+        scale[scale < np.finfo(np.float32).tiny] = 1.0
+        steps = values.astype(np.complex128) / scale[:, None]
+        in_phase, quadrature = (np.clip(np.rint(s), -Q15_MAX, Q15_MAX).astype("<i2") for s in (steps.real, steps.imag))
+        return {"scale": scale, "i": in_phase, "q": quadrature}
     if frames.name not in RF_FRAMES:
         return {"i": values.real, "q": values.imag}
     rf = up_convert_frames(
@@ -186,16 +189,6 @@ def _payload(frames: _Frames, values: npt.NDArray[np.complex64]) -> dict[str, An
         bin_length_m=frames.head["bin_length_m"],
     )
     return {"values": rf} if frames.name == "radar_rf_normalized" else {"counts": _counters(frames, rf)}
-
-
-def _q15(values: npt.NDArray[np.complex64]) -> dict[str, Any]:
-    """Integers, and for each frame the factor that its largest value needs."""
-    largest = np.maximum(np.abs(values.real), np.abs(values.imag)).max(axis=1)
-    scale = (largest / Q15_MAX).astype(np.float32)
-    scale[scale < np.finfo(np.float32).tiny] = 1.0
-    steps = values.astype(np.complex128) / scale[:, None]
-    in_phase, quadrature = (np.clip(np.rint(s), -Q15_MAX, Q15_MAX).astype("<i2") for s in (steps.real, steps.imag))
-    return {"scale": scale, "i": in_phase, "q": quadrature}
 
 
 def _counters(frames: _Frames, rf: npt.NDArray[np.float64]) -> npt.NDArray[np.uint32]:

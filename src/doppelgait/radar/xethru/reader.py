@@ -180,7 +180,27 @@ def read_xethru(path: str | os.PathLike[str]) -> XethruRecording:
     place = _main_path(Path(path))
     try:
         if data_type_of_file(place.name) is not None:
-            return _read_data_file(place)
+            # one data file, with its times where a good meta file beside it lists it
+            file = place
+            if not file.is_file():
+                raise RecordingError(f"{file}: there is no such file")
+            kind = data_type_of_file(file.name)
+            meta, reason = _meta_beside(file)
+            if meta is not None:
+                return _join(file, [_read_listed(file, meta, meta.file_names.index(file.name), 0)], (meta,))
+            content = file.read_bytes()
+            if not content:
+                raise RecordingError(f"{file}: is empty (0 bytes)")
+            if kind is None or not (kind.header or kind.text):
+                raise RecordingError(f"{file}: its records can only be cut with a meta file: {reason}")
+            _warn(f"{file}: read without the times of its records: {reason}")
+            none = np.empty(0, dtype=np.int64)
+            stream = _text_stream(kind, content, none) if kind.text else _binary_stream(file, kind, content, None)
+            if not len(stream):
+                raise RecordingError(
+                    f"{file}: holds no whole record of {kind.name}; it is cut off, damaged or of another kind"
+                )
+            return _join(file, [_Piece(kind, stream)], ())
         return _read_with_meta(Path(path), _chain(place))
     except OSError as error:
         raise RecordingError(f"{place}: cannot be read: {error.strerror or error}") from None
@@ -218,19 +238,18 @@ def _chain(first: Path) -> list[tuple[Path, Meta]]:
         found.append((place, meta))
         if not meta.next_meta:
             return found
-        place = _next_place(place, meta.next_meta)
+        following = meta.next_meta
+        relative = Path(following.replace("\\", "/"))
+        folder = Path(os.path.abspath(place.parent))
+        target = Path(os.path.normpath(folder / relative))
+        if relative.is_absolute() or folder.parent not in target.parents:
+            raise RecordingError(
+                f"{place}: says that it goes on in {following!r}; only a folder beside its own is allowed"
+            )
+        place = target
         if place.resolve() in seen:
             raise RecordingError(f"{found[-1][0]}: says that the recording goes on in {place}, which came before")
     raise RecordingError(f"{first}: is split over more than {MAX_PARTS:,} folders")
-
-
-def _next_place(place: Path, following: str) -> Path:
-    relative = Path(following.replace("\\", "/"))
-    folder = Path(os.path.abspath(place.parent))
-    target = Path(os.path.normpath(folder / relative))
-    if relative.is_absolute() or folder.parent not in target.parents:
-        raise RecordingError(f"{place}: says that it goes on in {following!r}; only a folder beside its own is allowed")
-    return target
 
 
 def _read_with_meta(path: Path, chain: Sequence[tuple[Path, Meta]]) -> XethruRecording:
@@ -248,7 +267,14 @@ def _read_listed(file: Path, meta: Meta, number: int, shift_ms: int) -> _Piece:
     entries = meta.records
     entries = entries[entries["file"] == number]
     header = entries["data_type"] >> 31 == 1
-    kind = _kind_of_entries(file, entries["data_type"][~header])
+    masks = entries["data_type"][~header]
+    named = data_type_of_file(file.name)
+    kind = data_type_of_mask(int(masks[0])) if masks.size else named
+    if kind is None or np.any(masks != kind.mask) or (named is not None and named != kind):
+        raise RecordingError(
+            f"{file}: the meta file gives its records the data types {sorted({int(m) for m in masks})[:4]}; one known "
+            "type is allowed, the one of its name"
+        )
     if not file.is_file():
         raise RecordingError(
             f"{file}: there is no such data file; the meta file beside it lists it with this recording"
@@ -263,17 +289,6 @@ def _read_listed(file: Path, meta: Meta, number: int, shift_ms: int) -> _Piece:
     else:
         stream = _raw_stream(file, kind, content, entries[~header], times)
     return _Piece(kind, stream, content[:first])
-
-
-def _kind_of_entries(file: Path, masks: npt.NDArray[np.uint32]) -> DataType:
-    named = data_type_of_file(file.name)
-    kind = data_type_of_mask(int(masks[0])) if masks.size else named
-    if kind is None or np.any(masks != kind.mask) or (named is not None and named != kind):
-        raise RecordingError(
-            f"{file}: the meta file gives its records the data types {sorted({int(m) for m in masks})[:4]}; one known "
-            "type is allowed, the one of its name"
-        )
-    return kind
 
 
 def _binary_stream(file: Path, kind: DataType, content: bytes, times: npt.NDArray[np.int64] | None) -> XethruStream:
@@ -307,27 +322,6 @@ def _raw_stream(
 
 def _warn(text: str) -> None:
     warnings.warn(text, DoppelgaitWarning, stacklevel=4)
-
-
-def _read_data_file(file: Path) -> XethruRecording:
-    """One data file, with its times where a good meta file beside it lists it."""
-    if not file.is_file():
-        raise RecordingError(f"{file}: there is no such file")
-    kind = data_type_of_file(file.name)
-    meta, reason = _meta_beside(file)
-    if meta is not None:
-        return _join(file, [_read_listed(file, meta, meta.file_names.index(file.name), 0)], (meta,))
-    content = file.read_bytes()
-    if not content:
-        raise RecordingError(f"{file}: is empty (0 bytes)")
-    if kind is None or not (kind.header or kind.text):
-        raise RecordingError(f"{file}: its records can only be cut with a meta file: {reason}")
-    _warn(f"{file}: read without the times of its records: {reason}")
-    none = np.empty(0, dtype=np.int64)
-    stream = _text_stream(kind, content, none) if kind.text else _binary_stream(file, kind, content, None)
-    if not len(stream):
-        raise RecordingError(f"{file}: holds no whole record of {kind.name}; it is cut off, damaged or of another kind")
-    return _join(file, [_Piece(kind, stream)], ())
 
 
 def _meta_beside(file: Path) -> tuple[Meta | None, str]:

@@ -149,10 +149,7 @@ def parse_meta(content: bytes, *, where: str) -> Meta:
         flag=head[3], duration_ms=head[4], profile_id=head[10], file_names=(),
         entries=np.frombuffer(content, ENTRY, (trailer_at - table_at) // ENTRY.itemsize, table_at),
     )  # fmt: skip
-    return _with_trailer(meta, content, trailer_at, next_at=head[8], where=where)
-
-
-def _with_trailer(meta: Meta, content: bytes, trailer_at: int, *, next_at: int, where: str) -> Meta:
+    next_at = head[8]
     time_ms, kind, n_files = TRAILER_HEAD.unpack_from(content, trailer_at)
     if kind != TRAILER:
         raise RecordingError(f"{where}: is damaged: at byte {trailer_at:,}, where its table should end, is no trailer")

@@ -156,7 +156,18 @@ def write_xethru(
     OutputError
         If the folder exists already, or cannot be written. Nothing is left behind then.
     """
-    _check_arguments(start_time, session_id)
+    if start_time.tzinfo is None:
+        raise RecordingError(f"start_time {start_time} has no time zone; give one, for example datetime.timezone.utc")
+    bad = (
+        not 1 <= len(session_id) <= MAX_SESSION_ID
+        or not session_id.isprintable()
+        or set(session_id) & set('/\\:*?"<>|')
+    )
+    if bad or session_id != session_id.strip(" ."):
+        raise RecordingError(
+            f"session_id {session_id!r} is not allowed: 1 to {MAX_SESSION_ID} printable characters without "
+            '/ \\ : * ? " < > |, and no space or dot at its ends'
+        )
     stops_ms = [stop_ms] if isinstance(stop_ms, int) else list(stop_ms or ())
     name = f"xethru_recording_{start_time:%Y%m%d_%H%M%S}_{session_id}"
     job = _Job(Path(folder) / name, start_time, session_id, profile_id, user_header, splitting, rename_lag_ms)
@@ -174,33 +185,35 @@ def write_xethru(
     return job.root
 
 
-def _check_arguments(start_time: datetime, session_id: str) -> None:
-    if start_time.tzinfo is None:
-        raise RecordingError(f"start_time {start_time} has no time zone; give one, for example datetime.timezone.utc")
-    bad = (
-        not 1 <= len(session_id) <= MAX_SESSION_ID
-        or not session_id.isprintable()
-        or set(session_id) & set('/\\:*?"<>|')
-    )
-    if bad or session_id != session_id.strip(" ."):
-        raise RecordingError(
-            f"session_id {session_id!r} is not allowed: 1 to {MAX_SESSION_ID} printable characters without "
-            '/ \\ : * ? " < > |, and no space or dot at its ends'
-        )
-
-
 def _write_parts(job: _Job, records: Iterable[TimedRecord], stops_ms: Sequence[int], duration_ms: int | None) -> None:
     part: _Part | None = None
     number = 0
     for record in records:
-        _check_record(record, 0 if part is None else part.last_ms)
+        last_ms = 0 if part is None else part.last_ms
+        if not last_ms <= record.time_ms <= MAX_TIME_MS:
+            raise RecordingError(
+                f"a record of {record.data_type} has the time {record.time_ms} ms; allowed are {last_ms}, that of the "
+                f"record before it, to {MAX_TIME_MS}"
+            )
+        if not record.content:
+            raise RecordingError(f"a record of {record.data_type} at {record.time_ms} ms has no content")
         if part is not None and _is_full(part, record.time_ms, job.splitting.folder_bytes, job.splitting.folder_ms):
             stop = stops_ms[number - 1] if len(stops_ms) >= max(number, 2) else part.last_ms
             _close_part(job, part, stop_ms=_checked_stop(stop, part), following=_part_name(job, number))
             part = None
         if part is None:
             part, number = _open_part(job, number, record.time_ms), number + 1
-        _write_record(job, part, record)
+        kind = data_type(record.data_type)
+        file = part.open_files.get(kind.name)
+        if file is not None and _is_full(file, record.time_ms, None, job.splitting.file_ms):
+            _close_file(job, part, file, part.last_ms)
+            file = None
+        part.last_ms = record.time_ms
+        if file is None:
+            file = _open_file(job, part, kind, record.time_ms)
+        _append(part, file, record.content, record.time_ms, kind.mask)
+        if _is_full(file, record.time_ms, job.splitting.file_bytes, None):
+            _close_file(job, part, file, record.time_ms)
     if part is None:
         raise RecordingError("a XeThru recording needs one record or more; none was given")
     stop = stops_ms[-1] if stops_ms else part.last_ms
@@ -211,16 +224,6 @@ def _checked_stop(stop_ms: int, part: _Part) -> int:
     if not part.last_ms <= stop_ms <= MAX_TIME_MS:
         raise RecordingError(f"stop_ms {stop_ms} is not allowed: it must be {part.last_ms}, the last record, or later")
     return stop_ms
-
-
-def _check_record(record: TimedRecord, last_ms: int) -> None:
-    if not last_ms <= record.time_ms <= MAX_TIME_MS:
-        raise RecordingError(
-            f"a record of {record.data_type} has the time {record.time_ms} ms; allowed are {last_ms}, that of the "
-            f"record before it, to {MAX_TIME_MS}"
-        )
-    if not record.content:
-        raise RecordingError(f"a record of {record.data_type} at {record.time_ms} ms has no content")
 
 
 def _is_full(opened: _Part | _DataFile, time_ms: int, limit_bytes: int | None, limit_ms: int | None) -> bool:
@@ -238,20 +241,6 @@ def _open_part(job: _Job, number: int, time_ms: int) -> _Part:
     folder.mkdir(exist_ok=True)
     opened_ms = time_ms if number else 0
     return _Part(folder, job.start_time + timedelta(milliseconds=opened_ms), opened_ms, opened_ms)
-
-
-def _write_record(job: _Job, part: _Part, record: TimedRecord) -> None:
-    kind = data_type(record.data_type)
-    file = part.open_files.get(kind.name)
-    if file is not None and _is_full(file, record.time_ms, None, job.splitting.file_ms):
-        _close_file(job, part, file, part.last_ms)
-        file = None
-    part.last_ms = record.time_ms
-    if file is None:
-        file = _open_file(job, part, kind, record.time_ms)
-    _append(part, file, record.content, record.time_ms, kind.mask)
-    if _is_full(file, record.time_ms, job.splitting.file_bytes, None):
-        _close_file(job, part, file, record.time_ms)
 
 
 def _open_file(job: _Job, part: _Part, kind: DataType, time_ms: int) -> _DataFile:
