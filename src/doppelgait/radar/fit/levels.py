@@ -235,11 +235,10 @@ def leakage(echo_v: ComplexArray, *, range_m: FloatArray, noise_power_v2: float,
         if power > 0:
             level = Estimate(DB_PER_NEPER * math.log(power), 2.0 * DB_PER_NEPER * math.sqrt(noise_power_v2 / 2 / power))
     far = echo_v[~near] if (~near).sum() >= 4 else echo_v
-    weights = 1.0 / (np.abs(far - np.median(far.real) - 1j * np.median(far.imag)) ** 2 + _typical(far))
+    weights = 1.0 / (
+        np.abs(far - np.median(far.real) - 1j * np.median(far.imag)) ** 2
+        + (float(np.median(np.abs(far) ** 2)) + np.finfo(float).tiny)
+    )
     constant = np.sum(weights * far) / np.sum(weights)
     scatter = float(np.sqrt(np.sum(weights**2 * np.abs(far - constant) ** 2) * per_cell) / np.sum(weights))
     return Leakage(place, level, Estimate(float(abs(constant)), scatter))
-
-
-def _typical(echo_v: ComplexArray) -> float:
-    return float(np.median(np.abs(echo_v) ** 2)) + np.finfo(float).tiny

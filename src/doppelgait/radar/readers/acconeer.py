@@ -20,7 +20,6 @@ from doppelgait.core.errors import DoppelgaitWarning, RecordingError
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.radar.measured import check_number, label_measured, radar_of_facts
-from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording
 
 APPROXIMATE_STEP_M = 2.5e-3
@@ -279,10 +278,30 @@ def read_acconeer(
     part = _open(file, session=session, group=group, entry=entry)
     number = _pick_subsweep(file, part.subsweeps, subsweep)
     chosen = part.subsweeps[number]
-    _warn_of_saturation(file, part)
+    if part.n_saturated:
+        warnings.warn(
+            f"{file}: the sensor reports saturation in {part.n_saturated} of {part.values.shape[0]} frames; lower its "
+            "receiver gain",
+            DoppelgaitWarning,
+            stacklevel=2,
+        )
     slow_time_s, prf_hz, notes = _sweep_times(file, part, sweep_rate_hz)
     paused = part.sweeps_per_frame > 1 and not part.continuous
-    radar = _radar(file, part, chosen, prf_hz=prf_hz, volts_per_unit=scale_v)
+    # pulsed coherent radar as an impulse radar with an echo of the profile's width: an amplitude of
+    # exp(-(2 dR / c)^2 / (2 tau^2)) is c tau sqrt(2 ln 2) wide at half its height
+    spacing_m = part.step_m * chosen.step_length
+    start_m = part.step_m * chosen.start_point
+    radar = radar_of_facts(
+        file,
+        name=f"Acconeer A121, profile {chosen.profile}, {chosen.hwaas} averages",
+        carrier_hz=CARRIER_HZ,
+        prf_hz=prf_hz,
+        sample_rate_hz=SPEED_OF_LIGHT_MPS / (2 * spacing_m),
+        range_start_m=max(start_m, 0.0),
+        range_stop_m=max(start_m, 0.0) + spacing_m * chosen.num_points,
+        pulse_sigma_s=ENVELOPE_FWHM_M[chosen.profile] / (SPEED_OF_LIGHT_MPS * math.sqrt(2 * math.log(2))),
+        volts_per_unit=scale_v,
+    )
     samples = part.values[:, :, part.columns(number)].reshape(slow_time_s.size, chosen.num_points) * scale_v
     notes += _notes(part, chosen, number, scale_v=scale_v, conjugate=conjugate)
     return label_measured(
@@ -394,36 +413,6 @@ def _frame_times(path: Path, part: Entry) -> tuple[npt.NDArray[np.float64], list
         raise RecordingError(f"{path}: its ticks do not rise and no frame rate is stored: frames have no time")
     note = f"its ticks are of no use: frames are taken as evenly spaced at the stored {part.frame_rate_hz:g} Hz"
     return np.arange(part.values.shape[0]) / part.frame_rate_hz, [note]
-
-
-def _radar(path: Path, part: Entry, chosen: Subsweep, *, prf_hz: float, volts_per_unit: float) -> Radar:
-    """Pulsed coherent radar as an impulse radar whose echo has the width of the profile.
-
-    An echo of amplitude exp(-(2 dR / c)^2 / (2 tau^2)) is c tau sqrt(2 ln 2) wide at half its height.
-    """
-    spacing_m = part.step_m * chosen.step_length
-    start_m = part.step_m * chosen.start_point
-    return radar_of_facts(
-        path,
-        name=f"Acconeer A121, profile {chosen.profile}, {chosen.hwaas} averages",
-        carrier_hz=CARRIER_HZ,
-        prf_hz=prf_hz,
-        sample_rate_hz=SPEED_OF_LIGHT_MPS / (2 * spacing_m),
-        range_start_m=max(start_m, 0.0),
-        range_stop_m=max(start_m, 0.0) + spacing_m * chosen.num_points,
-        pulse_sigma_s=ENVELOPE_FWHM_M[chosen.profile] / (SPEED_OF_LIGHT_MPS * math.sqrt(2 * math.log(2))),
-        volts_per_unit=volts_per_unit,
-    )
-
-
-def _warn_of_saturation(path: Path, part: Entry) -> None:
-    if part.n_saturated:
-        warnings.warn(
-            f"{path}: the sensor reports saturation in {part.n_saturated} of {part.values.shape[0]} frames; lower its "
-            "receiver gain",
-            DoppelgaitWarning,
-            stacklevel=3,
-        )
 
 
 def _notes(part: Entry, chosen: Subsweep, number: int, *, scale_v: float, conjugate: bool) -> list[str]:

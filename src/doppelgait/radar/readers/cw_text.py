@@ -91,7 +91,13 @@ def read_cw_text(
     rate_hz = check_number(file, "sample_rate_hz", sample_rate_hz, above=0, most=1e6)
     period_s = check_number(file, "burst_period_s", burst_period_s, above=0, most=3600)
     scale_v = check_number(file, "full_scale_v", full_scale_v, above=0, most=1e6) / 2**BITS
-    _check_burst(file, burst_pulses, period_s, rate_hz)
+    if isinstance(burst_pulses, bool) or not isinstance(burst_pulses, int) or not 1 <= burst_pulses <= 1_000_000:
+        raise RecordingError(f"{file}: burst_pulses = {burst_pulses!r} is not allowed; it must be 1 to 1000000")
+    if period_s < burst_pulses / rate_hz * (1 - 1e-9):
+        raise RecordingError(
+            f"{file}: burst_period_s = {period_s:g} is shorter than a burst of {burst_pulses} samples at {rate_hz:g} "
+            f"Hz, which takes {burst_pulses / rate_hz:.4g} s"
+        )
     radar = cw_radar(
         file,
         name="continuous-wave Doppler module",
@@ -105,7 +111,14 @@ def read_cw_text(
             f"{file}: {names[0].name} holds {codes[0].size} values and {names[1].name} {codes[1].size}; they must be "
             "equally many. One of them is cut off or belongs to another recording"
         )
-    _warn_of_clipping(file, codes)
+    clipped = np.isin(codes[0], (0, 2**BITS - 1)) | np.isin(codes[1], (0, 2**BITS - 1))
+    if clipped.any():
+        warnings.warn(
+            f"{file}: {100 * clipped.mean():.2g} % of the samples are clipped (0 or {2**BITS - 1}): the target was too "
+            "near; expect its image and harmonics in Doppler",
+            DoppelgaitWarning,
+            stacklevel=2,
+        )
     count = _whole_bursts(file, codes[0].size, burst_pulses)
     centred = [(one[: count * burst_pulses] - MID_CODE) * scale_v for one in codes]
     samples = centred[0] + (-1j if conjugate else 1j) * centred[1]
@@ -121,16 +134,6 @@ def _pair(path: Path) -> tuple[Path, Path]:
     if not stem or (stem == path.name and not any(one.is_file() for one in pair)):
         raise RecordingError(f"{path}: no such recording; give NAME_RE.txt or NAME_IM.txt, or NAME for both of them")
     return pair[0], pair[1]
-
-
-def _check_burst(path: Path, burst_pulses: int, period_s: float, rate_hz: float) -> None:
-    if isinstance(burst_pulses, bool) or not isinstance(burst_pulses, int) or not 1 <= burst_pulses <= 1_000_000:
-        raise RecordingError(f"{path}: burst_pulses = {burst_pulses!r} is not allowed; it must be 1 to 1000000")
-    if period_s < burst_pulses / rate_hz * (1 - 1e-9):
-        raise RecordingError(
-            f"{path}: burst_period_s = {period_s:g} is shorter than a burst of {burst_pulses} samples at {rate_hz:g} "
-            f"Hz, which takes {burst_pulses / rate_hz:.4g} s"
-        )
 
 
 def _read_codes(path: Path) -> npt.NDArray[np.int64]:
@@ -160,17 +163,6 @@ def _fault(path: Path, content: bytes) -> str:
                 shown = word[:20].decode("ascii", "backslashreplace")
                 return f"{path}: line {number} holds {shown!r}; every line must hold an integer from 0 to {2**BITS - 1}"
     return f"{path}: holds no values" if not content.split() else f"{path}: holds numbers with more than four digits"
-
-
-def _warn_of_clipping(path: Path, codes: list[npt.NDArray[np.int64]]) -> None:
-    clipped = np.isin(codes[0], (0, 2**BITS - 1)) | np.isin(codes[1], (0, 2**BITS - 1))
-    if clipped.any():
-        warnings.warn(
-            f"{path}: {100 * clipped.mean():.2g} % of the samples are clipped (0 or {2**BITS - 1}): the target was too "
-            "near; expect its image and harmonics in Doppler",
-            DoppelgaitWarning,
-            stacklevel=3,
-        )
 
 
 def _whole_bursts(path: Path, n_samples: int, burst_pulses: int) -> int:

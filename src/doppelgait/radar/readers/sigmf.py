@@ -107,7 +107,18 @@ def read_sigmf(
             raise RecordingError(f"{file}: tells its own axes; leave out {', '.join(refused)}")
         return _read_own(file, meta, samples, carrier_hz, notes)
     carrier = check_number(file, "carrier_hz", _carrier_hz(file, meta) if carrier_hz is None else carrier_hz, above=0)
-    shape = _shape(file, samples.size, 1 if samples_per_pulse is None else samples_per_pulse)
+    n_samples = samples.size
+    n_bins = 1 if samples_per_pulse is None else samples_per_pulse
+    if isinstance(n_bins, bool) or not isinstance(n_bins, int) or not 1 <= n_bins <= max(n_samples // 2, 1):
+        raise RecordingError(
+            f"{file}: samples_per_pulse = {n_bins!r} is not allowed; it must be 1 to {max(n_samples // 2, 1)}, half of "
+            "the samples there are"
+        )
+    if n_samples % n_bins:
+        _warn(
+            f"{file}: {n_samples} samples are not whole pulses of {n_bins}; the last {n_samples % n_bins} are left out"
+        )
+    shape = n_samples // n_bins, n_bins
     rate_hz = check_number(file, "prf_hz", _prf_hz(file, meta, shape[1]) if prf_hz is None else prf_hz, above=0)
     notes.append(f"levels: one unit of the samples is taken as {scale:.4g} V")
     rows = samples[: shape[0] * shape[1]].reshape(shape)
@@ -207,19 +218,6 @@ def _prf_hz(path: Path, meta: Metadata, n_bins: int) -> float:
             "within pulses. Give samples_per_pulse and bin_spacing_m, or decimate it first"
         )
     return rate / n_bins
-
-
-def _shape(path: Path, n_samples: int, n_bins: int) -> tuple[int, int]:
-    if isinstance(n_bins, bool) or not isinstance(n_bins, int) or not 1 <= n_bins <= max(n_samples // 2, 1):
-        raise RecordingError(
-            f"{path}: samples_per_pulse = {n_bins!r} is not allowed; it must be 1 to {max(n_samples // 2, 1)}, half of "
-            "the samples there are"
-        )
-    if n_samples % n_bins:
-        _warn(
-            f"{path}: {n_samples} samples are not whole pulses of {n_bins}; the last {n_samples % n_bins} are left out"
-        )
-    return n_samples // n_bins, n_bins
 
 
 def _foreign_radar(

@@ -18,7 +18,7 @@ from doppelgait.core.units import slow_time_axis_s
 from doppelgait.radar.measured import check_number, label_measured, preset_radar
 from doppelgait.radar.recording import Recording
 from doppelgait.radar.xethru.downconvert import FrameFilter, down_convert_frames
-from doppelgait.radar.xethru.reader import XethruRecording, XethruStream, read_xethru, sniff_xethru
+from doppelgait.radar.xethru.reader import XethruStream, read_xethru, sniff_xethru
 
 COUNTER_PERIOD = 2**32
 LARGEST_GAP = 1_000_000
@@ -196,7 +196,20 @@ def recording_from_xethru(
     }  # fmt: skip
     file = Path(path)
     _check_words(file, kind=kind, iq=iq, conjugate=conjugate)
-    source = _pick(file, read_xethru(path), data_type, given)
+    content = read_xethru(path)
+    usable = [name for name, stream in content.streams.items() if name in CONVERTIBLE and len(stream)]
+    held = ", ".join(content.streams)
+    if data_type is not None and data_type not in usable:
+        raise RecordingError(
+            f"{file}: data_type = {data_type!r} is not allowed: the recording holds {held}; those that give a baseband "
+            f"are {', '.join(usable) or 'none'}"
+        )
+    if data_type is None and len(usable) != 1:
+        which = "none of them gives a baseband" if not usable else f"name one: data_type='{usable[0]}'"
+        raise RecordingError(f"{file}: the recording holds {held}; {which}. Readable are {', '.join(CONVERTIBLE)}")
+    name = data_type or usable[0]
+    records, time_ms = _matrix(file, content.streams[name])
+    source = _Source(file, name, records, time_ms, given)
     is_rf = source.name in ("radar_rf", "radar_rf_normalized") or (source.name == "datafloat" and kind == "rf")
     # frame rate from the times of the records; warns of lost frames
     counters = source.records["info" if source.name == "datafloat" else "frame_counter"]
@@ -220,22 +233,6 @@ def _check_words(path: Path, **options: Any) -> None:
         if not any(value is word or (isinstance(word, str) and value == word) for word in allowed[name]):
             words = " and ".join(repr(word) for word in allowed[name])
             raise RecordingError(f"{path}: {name} = {value!r} is not allowed; allowed are {words}")
-
-
-def _pick(path: Path, content: XethruRecording, wanted: str | None, options: Mapping[str, float | None]) -> _Source:
-    usable = [name for name, stream in content.streams.items() if name in CONVERTIBLE and len(stream)]
-    held = ", ".join(content.streams)
-    if wanted is not None and wanted not in usable:
-        raise RecordingError(
-            f"{path}: data_type = {wanted!r} is not allowed: the recording holds {held}; those that give a baseband "
-            f"are {', '.join(usable) or 'none'}"
-        )
-    if wanted is None and len(usable) != 1:
-        which = "none of them gives a baseband" if not usable else f"name one: data_type='{usable[0]}'"
-        raise RecordingError(f"{path}: the recording holds {held}; {which}. Readable are {', '.join(CONVERTIBLE)}")
-    name = wanted or usable[0]
-    records, time_ms = _matrix(path, content.streams[name])
-    return _Source(path, name, records, time_ms, options)
 
 
 def _matrix(path: Path, stream: XethruStream) -> tuple[npt.NDArray[np.void], npt.NDArray[np.int64]]:

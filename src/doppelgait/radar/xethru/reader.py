@@ -149,13 +149,11 @@ def sniff_xethru(path: str | os.PathLike[str]) -> bool:
         if not kind.header or (place.parent / META_NAME).is_file():
             return True
         fixed = np.dtype(list(kind.header))
-        return len(head) >= fixed.itemsize and _plausible(kind, np.frombuffer(head, fixed, 1)[0], place.stat().st_size)
+        return len(head) >= fixed.itemsize and (
+            record_bytes(kind, count=int(np.frombuffer(head, fixed, 1)[0]["count"])) <= place.stat().st_size
+        )
     except (OSError, ValueError):
         return False
-
-
-def _plausible(kind: DataType, first: np.void, n_bytes: int) -> bool:
-    return record_bytes(kind, count=int(first["count"])) <= n_bytes
 
 
 def read_xethru(path: str | os.PathLike[str]) -> XethruRecording:

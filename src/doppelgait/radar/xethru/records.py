@@ -8,7 +8,7 @@ number of values themselves.
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import PurePosixPath
 from typing import Any
@@ -85,7 +85,10 @@ class Meta:
 def pack_meta(meta: Meta) -> bytes:
     """Bytes of a meta file; what :func:`parse_meta` reads."""
     session = meta.session_id.encode("utf-8") + b"\0"
-    trailer = _pack_trailer(meta.duration_ms if meta.trailer_ms is None else meta.trailer_ms, meta.file_names)
+    time_ms = meta.duration_ms if meta.trailer_ms is None else meta.trailer_ms
+    trailer = TRAILER_HEAD.pack(time_ms, TRAILER, len(meta.file_names)) + b"".join(
+        _pack_text(name) for name in meta.file_names
+    )
     table = meta.entries.astype(ENTRY).tobytes()
     trailer_at = HEAD.size + len(session) + len(table)
     records = meta.records
@@ -99,10 +102,6 @@ def pack_meta(meta: Meta) -> bytes:
     )  # fmt: skip
     following = _pack_text(meta.next_meta) if meta.next_meta else b""
     return head + session + table + trailer + following
-
-
-def _pack_trailer(time_ms: int, names: Sequence[str]) -> bytes:
-    return TRAILER_HEAD.pack(time_ms, TRAILER, len(names)) + b"".join(_pack_text(name) for name in names)
 
 
 def _pack_text(text: str) -> bytes:
@@ -160,11 +159,7 @@ def parse_meta(content: bytes, *, where: str) -> Meta:
         if PurePosixPath(name.replace("\\", "/")).name != name or name in ("", ".", ".."):
             raise RecordingError(f"{where}: names the data file {name!r}; only a file beside the meta file is allowed")
     following = "" if next_at == NO_NEXT else _sized_text(content, next_at, where)[0]
-    _check_entries(meta.entries, n_files, where)
-    return replace(meta, file_names=tuple(names), next_meta=following, trailer_ms=time_ms)
-
-
-def _check_entries(entries: npt.NDArray[np.void], n_files: int, where: str) -> None:
+    entries = meta.entries
     wrong = np.flatnonzero(
         ~np.isin(entries["kind"], (RECORD, FILE_CLOSED)) | (entries["file"] >= n_files) | (entries["offset"] < 0)
     )
@@ -175,6 +170,7 @@ def _check_entries(entries: npt.NDArray[np.void], n_files: int, where: str) -> N
             f"file {entry['file']} and offset {entry['offset']}; allowed are kinds 1 and 2, files 0 to {n_files - 1} "
             "and offsets from 0"
         )
+    return replace(meta, file_names=tuple(names), next_meta=following, trailer_ms=time_ms)
 
 
 def _sized_text(content: bytes, at: int, where: str) -> tuple[str, int]:

@@ -268,19 +268,16 @@ def _close_file(job: _Job, part: _Part, file: _DataFile, time_ms: int) -> None:
     file.stream.close()
     after_ms = time_ms - part.opened_ms
     part.entries.append((after_ms, FILE_CLOSED, file.kind.mask, 0, file.number, file.n_bytes, part.n_bytes))
-    path = _free_name(file.path, job.start_time + timedelta(milliseconds=time_ms + job.rename_lag_ms))
+    # the name itself or, where it is taken, with the millisecond of the moment (or the next that is free)
+    moment = job.start_time + timedelta(milliseconds=time_ms + job.rename_lag_ms)
+    candidate, millisecond = file.path, moment.microsecond // 1000
+    while candidate.exists():
+        candidate = file.path.with_name(f"{file.path.stem}_{millisecond:03d}ms{file.path.suffix}")
+        millisecond += 1
+    path = candidate
     os.rename(file.stream.name, path)
     part.names[file.number] = path.name
     del part.open_files[file.kind.name]
-
-
-def _free_name(path: Path, moment: datetime) -> Path:
-    """The name itself or, where it is taken, with the millisecond of the moment (or the next that is free)."""
-    candidate, millisecond = path, moment.microsecond // 1000
-    while candidate.exists():
-        candidate = path.with_name(f"{path.stem}_{millisecond:03d}ms{path.suffix}")
-        millisecond += 1
-    return candidate
 
 
 def _close_part(job: _Job, part: _Part, *, stop_ms: int, duration_ms: int | None = None, following: str = "") -> None:
@@ -288,7 +285,7 @@ def _close_part(job: _Job, part: _Part, *, stop_ms: int, duration_ms: int | None
         _close_file(job, part, file, stop_ms)
     after_ms = stop_ms - part.opened_ms
     meta = Meta(
-        start_ms=_epoch_ms(part.start),
+        start_ms=(part.start - datetime.fromtimestamp(0, tz=UTC)) // timedelta(milliseconds=1),
         session_id=job.session_id,
         entries=np.array(part.entries, dtype=ENTRY),
         file_names=tuple(part.names),
@@ -301,7 +298,3 @@ def _close_part(job: _Job, part: _Part, *, stop_ms: int, duration_ms: int | None
     writing = place.with_name(place.name + WRITING)
     writing.write_bytes(pack_meta(meta))
     os.rename(writing, place)
-
-
-def _epoch_ms(moment: datetime) -> int:
-    return (moment - datetime.fromtimestamp(0, tz=UTC)) // timedelta(milliseconds=1)
