@@ -83,7 +83,7 @@ def run_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
             elif mark.startswith("not run: ") or language == "text":
                 continue
             elif language == "python":
-                exec(compile(text, "block", "exec"), namespace)
+                exec(compile(text, "block", "exec", dont_inherit=True), namespace)
             elif language == "sh":
                 for words in commands_of(text):
                     _run_command(words, tmp_path)

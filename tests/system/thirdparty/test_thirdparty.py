@@ -1,0 +1,186 @@
+"""A package of another laboratory, installed by pip: commands, files, plans and Python find it by its entry point."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from checkout import ROOT
+
+PACKAGE = Path(__file__).parent / "package"
+LIMIT_S = 300
+
+SCENE = """
+seed = 4
+duration_s = 1.5
+
+[radar]
+carrier_hz = 24e9
+prf_hz = 900
+sample_rate_hz = 1e9
+sweep_s = 22e-9
+range_stop_m = 9.0
+waveform = { kind = "gaitlab_barker", chips = 11 }
+
+[[impairments]]
+kind = "hum"
+level_v = 1e-6
+
+[[targets]]
+label = "human"
+motion = { kind = "boulic", speed_mps = 1.2 }
+range_m = 4
+"""
+
+PLAN = """
+[dataset]
+name = "gaitlab"
+examples_per_class = 2
+fractions = { train = 1.0 }
+
+[scene]
+duration_s = 1.0
+
+[target]
+range_m = { uniform = [4, 5] }
+
+[noise]
+kind = "snr"
+snr_db = 15
+
+[[impairments]]
+kind = "hum"
+level_v = { uniform = [0, 1e-6] }
+
+[[classes]]
+label = "human"
+motion = { kind = "boulic", speed_mps = 1.2 }
+
+[[classes]]
+label = "dog"
+motion = { kind = "quadruped", gait = "trot" }
+"""
+
+PYTHON = """
+import json, sys
+import numpy as np
+import doppelgait as dg
+import gaitlab_plugins
+
+dg.testing.check_impairment(gaitlab_plugins.Hum(level_v=2e-6), dg.Radar.preset("x4"))
+dg.testing.check_classifier("gaitlab-centroid")
+radar = dg.Radar(waveform={"kind": "gaitlab_barker", "chips": 7}, carrier_hz=24e9, prf_hz=900, sample_rate_hz=1e9,
+                 sweep_s=22e-9, range_stop_m=9)
+dg.testing.check_waveform("gaitlab_barker", radar)
+recording = dg.radar.read_recording("scene.h5")
+print(json.dumps({"chips": recording.radar.waveform.chips, "peak_v": float(np.abs(recording.baseband.values).max())}))
+"""
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory):
+    """Folder with the package as pip installs it, without a network."""
+    target = tmp_path_factory.mktemp("installed")
+    subprocess.run(
+        [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-build-isolation", "--no-index",
+         "--disable-pip-version-check", "--target", str(target), str(PACKAGE)],
+        check=True, timeout=LIMIT_S,
+    )  # fmt: skip
+    assert list(target.glob("gaitlab_plugins-0.3.dist-info/entry_points.txt"))
+    return target
+
+
+@pytest.fixture
+def run(installed, tmp_path):
+    """Run Python in a process of its own that sees the installed package."""
+
+    def start(*arguments, path=None):
+        places = [str(ROOT / "src"), *([str(installed)] if path is None else path)]
+        done = subprocess.run(
+            [sys.executable, *arguments], cwd=tmp_path, capture_output=True, text=True, timeout=LIMIT_S,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(places)}, check=False,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    return start
+
+
+def command(*arguments):
+    return ["-c", "from doppelgait.cli.app import main; main()", *map(str, arguments)]
+
+
+def test_the_command_lists_what_the_package_brings(run):
+    rows = json.loads(run(*command("plugins", "--json")))
+    found = {(row["group"], row["name"]): row for row in rows if row["package"] == "gaitlab_plugins"}
+    assert set(found) >= {
+        ("impairment", "hum"), ("waveform", "gaitlab_barker"), ("classifier", "gaitlab-centroid"),
+        ("feature", "gaitlab_peak_share"), ("motion_reader", "steps"),
+    }  # fmt: skip
+    assert found["impairment", "hum"]["parameters"] == ["level_v", "frequency_hz"]
+    assert found["impairment", "hum"]["version"] == "2"
+    without = json.loads(run(*command("plugins", "--json"), path=[]))
+    assert [row for row in without if row["package"] != "doppelgait"] == []
+
+
+def test_a_scene_file_and_the_command_line_set_its_parameters(run, tmp_path):
+    (tmp_path / "scene.toml").write_text(SCENE)
+    run(*command("simulate", "scene.toml", "-o", "scene.h5"))
+    run(*command("simulate", "scene.toml", "-o", "loud.h5", "--set", "impairments.0.level_v=1e-3",
+                 "--set", "radar.waveform.chips=13"))  # fmt: skip
+    found = json.loads(run("-c", PYTHON))
+    assert found["chips"] == 11
+    assert 0 < found["peak_v"] < 1e-4
+    again = "import doppelgait as dg, numpy as np\nr = dg.radar.read_recording('loud.h5')\n"
+    again += "print(r.radar.waveform.chips, float(np.abs(r.baseband.values).max()))"
+    chips, peak_v = run("-c", again).split()
+    assert chips == "13"
+    assert 0.5e-3 < float(peak_v) < 5e-3
+    (target,) = json.loads(run(*command("analyze", "scene.h5", "--gate", "truth", "--json")))["targets"]
+    assert 0 < target["extended"]["gaitlab_peak_share"] < 1
+
+
+def test_a_plan_takes_distributions_and_the_identity_names_the_package(run, tmp_path):
+    (tmp_path / "plan.toml").write_text(PLAN)
+    run(*command("dataset", "build", "plan.toml", "-o", "gaitlab", "--executor", "serial"))
+    description = json.loads((tmp_path / "gaitlab" / "dataset.json").read_text())
+    used = {(item["group"], item["name"]): item for item in description["plugins"]}
+    assert used["feature", "gaitlab_peak_share"]["release"] == "0.3"
+    hum = used["impairment", "hum"]
+    assert "level_v" in hum.pop("parameters")
+    assert hum == {"group": "impairment", "name": "hum", "version": "2", "package": "gaitlab_plugins", "release": "0.3"}
+    assert ("waveform", "gaitlab_barker") not in used  # installed, but not in this plan
+
+
+def steps_file(path):
+    """Somebody of three points who walks at 1.2 m/s."""
+    time_s = np.arange(0.0, 4.0, 0.01)
+    swing_m = 0.3 * np.sin(2 * np.pi * 0.9 * time_s)
+    zero = np.zeros_like(time_s)
+    points = [
+        np.stack([1.2 * time_s, zero, zero + 1.1], axis=1),
+        np.stack([1.2 * time_s + swing_m, zero + 0.1, zero + 0.1], axis=1),
+        np.stack([1.2 * time_s - swing_m, zero - 0.1, zero + 0.1], axis=1),
+    ]
+    rows = [" ".join(f"{value:.5f}" for value in row) for row in np.concatenate(points, axis=1)]
+    path.write_text("\n".join(["STEPS 100", "torso left_foot right_foot", *rows]))
+
+
+def test_its_motion_files_are_read_by_name_and_in_scenes(run, tmp_path):
+    steps_file(tmp_path / "walk.steps")
+    info = json.loads(run(*command("motion", "info", "walk.steps", "--json")))
+    assert "steps" in json.dumps(info)
+    (tmp_path / "walk.toml").write_text(
+        'seed = 1\nduration_s = 2\n[radar]\npreset = "x4"\n[[targets]]\nlabel = "human"\nrange_m = 4\n'
+        'motion = { kind = "file", path = "walk.steps" }\n'
+    )
+    run(*command("simulate", "walk.toml", "-o", "walk.h5"))
+    truth = "import doppelgait as dg\n[t] = dg.radar.read_recording('walk.h5').truth\n"
+    truth += "print(sorted(set(t.scatterers.part.values.tolist())))"
+    assert run("-c", truth).strip() == "['left_foot', 'right_foot', 'torso']"
