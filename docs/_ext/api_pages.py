@@ -18,7 +18,7 @@ PACKAGES = (
     "doppelgait.dataset.verify", "doppelgait.classify", "doppelgait.testing.conformance",
 )  # fmt: skip
 """Packages whose ``__all__`` is public, in the order of the data."""
-BESIDE = ("doppelgait.core.errors", "doppelgait.core.units", "doppelgait.core.registry", "doppelgait.core.rng",
+BESIDE = ("doppelgait.core.errors", "doppelgait.core.units", "doppelgait.core.plugins", "doppelgait.core.rng",
           "doppelgait.features.feature_set", "doppelgait.features.extended")  # fmt: skip
 """Modules that users meet without an ``__all__`` of their package: what they define is public."""
 

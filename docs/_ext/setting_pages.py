@@ -104,7 +104,7 @@ def _list_models() -> list[tuple[str, type[BaseModel]]]:
         _get("doppelgait.scene.environment:ENVIRONMENT"),
         _get("doppelgait.radar.impairments:IMPAIRMENTS"),
     )
-    found = [(f'environment, kind = "{name}"', effects[name].model) for name in effects]
+    found = [(f'environment, kind = "{name}"', effects[name].parameters) for name in effects]
     found += _models("doppelgait.scene.environment:Dielectric")
     return found + [(f'impairments, kind = "{name}"', impairments[name].parameters) for name in impairments]
 

@@ -14,7 +14,7 @@ from pydantic import Field
 import doppelgait as dg
 from doppelgait import viz
 from doppelgait.core.config import FrozenModel
-from doppelgait.scene.environment import ENVIRONMENT, EnvironmentEffect, Setting
+from doppelgait.scene.environment import Setting
 
 walk = dg.motion.human_gait(speed_mps=1.3, duration_s=2.5)
 radar = dg.Radar.preset("x4")
@@ -58,7 +58,7 @@ def apply_shiny_shoes(scatterers: xr.Dataset, spec: ShinyShoes, setting: Setting
     return scatterers.assign(rcs=rcs.copy(data=rcs.values * gain))
 
 
-ENVIRONMENT.add("shiny_shoes", EnvironmentEffect(ShinyShoes, apply_shiny_shoes, needs_angles=lambda spec: False))
+dg.plugin("environment", parameters=ShinyShoes)(apply_shiny_shoes)
 
 # %%
 # From here on ``kind = "shiny_shoes"`` is allowed in scenes and plans of this process; a package makes it known

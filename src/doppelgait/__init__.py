@@ -33,6 +33,8 @@ PLUGIN_ROOMS: tuple[str, ...] = (
     "doppelgait.radar.impairments",
     "doppelgait.radar.parameters",
     "doppelgait.radar.readers",
+    "doppelgait.scene.environment",
+    "doppelgait.scene.rcs",
 )
 """Modules in which the groups of plug-ins are declared (:mod:`doppelgait.core.plugins`)."""
 

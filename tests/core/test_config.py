@@ -6,7 +6,6 @@ from pydantic import Field, model_validator
 from checkout import ROOT
 from doppelgait.core.config import FrozenModel, apply_overrides, canonical_json, line_of_key, read_toml, validate
 from doppelgait.core.errors import ConfigError, DoppelgaitError
-from doppelgait.core.registry import Registry
 from doppelgait.pipeline import Run, parse_radar, parse_run
 from doppelgait.processing import Analysis
 from doppelgait.radar import Radar, preset_names
@@ -301,18 +300,6 @@ def test_radar_parameters_are_checked(changes, message):
 def test_presets_can_be_changed_between_the_two_ways_to_give_the_pulse():
     assert Radar.preset("x4", pulse_sigma_s=1e-9).bandwidth_hz is None
     assert Radar.preset("liland2018", bandwidth_hz=1e9).pulse_sigma_s is None
-
-
-def test_registry_names_what_exists():
-    registry: Registry[int] = Registry("doppelgait.no_such_group", "colour")
-    registry.add("red", 1)
-    registry.register("blue")(2)
-    assert list(registry) == ["blue", "red"]
-    assert "red" in registry
-    with pytest.raises(ConfigError, match=r"unknown colour 'green'; known are: blue, red"):
-        registry["green"]
-    with pytest.raises(ConfigError, match="twice"):
-        registry.add("red", 3)
 
 
 def test_example_files_are_valid():

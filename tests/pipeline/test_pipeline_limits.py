@@ -44,7 +44,7 @@ def walk():
         ({"aspect_deg": INF}, "aspect_deg: inf"),
         ({"bearing_deg": 1000.0}, "bearing_deg: 1000.0.*less than or equal to 360"),
         ({"label": 3}, "label: 3"),
-        ({"rcs": "foo"}, r"rcs.kind: 'foo'.*'auto', 'body_parts', 'equal' or 'ellipsoids'"),
+        ({"rcs": "foo"}, r"rcs.kind: 'foo'.*known are auto, body_parts, ellipsoids, equal"),
         ({"rcs": 3.0}, "rcs: 3.0"),
     ],
 )

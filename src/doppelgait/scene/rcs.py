@@ -7,14 +7,15 @@ Total: 0.01 m^2 per kilogram of body mass, that is 0.8 m^2 for 80 kg (E-08b; mea
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError
+from doppelgait.core.plugins import Group
 from doppelgait.scene.fluctuation import Fluctuation
 
 RCS_PER_MASS_M2_PER_KG = 0.8 / 80.0
@@ -52,12 +53,17 @@ HEIRS = {
 """Part that takes the share of one that has no point of its own."""
 
 
+RCS: Group[Any] = Group("rcs", built_in=("doppelgait.scene.scatterers",), noun="rcs")
+"""Kinds of radar cross section by name: :class:`doppelgait.scene.scatterers.Scatter` and parameters that extend
+:class:`RcsSpec`."""
+
+
 class RcsSpec(FrozenModel):
     """How a target scatters: its total radar cross section, how that is split, and how it changes with time.
 
     Parameters
     ----------
-    kind : {"auto", "body_parts", "equal", "ellipsoids"}
+    kind : {"auto", "body_parts", "equal", "ellipsoids"}, or that of a plug-in
         ``auto``: by body part where every point's part is known, else equal. ``ellipsoids``: one scatterer per body
         segment whose cross section depends on the direction it is seen from (:mod:`doppelgait.scene.ellipsoids`);
         needs points whose joints are known.
@@ -78,13 +84,20 @@ class RcsSpec(FrozenModel):
         Whether the body's ellipsoids hide scatterers behind them; needs points whose joints are known.
     """
 
-    kind: Literal["auto", "body_parts", "equal", "ellipsoids"] = "auto"
+    kind: str = "auto"
     total_m2: float | None = Field(default=None, gt=0, le=1e4)
     total_spread_db: float = Field(default=0.0, ge=0, le=10)
     fluctuation: Fluctuation = "none"
     correlation_s: float = Field(default=0.1, ge=1e-3, le=100)
     merge_closer_than_m: float | None = Field(default=None, gt=0, le=1)
     occlusion: bool = False
+
+    @field_validator("kind")
+    @classmethod
+    def _is_known(cls, kind: str) -> str:
+        if kind not in RCS:
+            raise ValueError(f"known are {', '.join(RCS)}")
+        return kind
 
     @model_validator(mode="after")
     def _merges_points(self) -> RcsSpec:

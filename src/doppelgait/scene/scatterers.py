@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import ConfigError
+from doppelgait.core.plugins import plugin
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import resample
 from doppelgait.scene.ellipsoids import (
@@ -23,7 +26,7 @@ from doppelgait.scene.ellipsoids import (
 from doppelgait.scene.fluctuation import fluctuation_factor, spread_factor
 from doppelgait.scene.merge import merge_close
 from doppelgait.scene.occlusion import own_points, visible_power
-from doppelgait.scene.rcs import RcsSpec, scatterer_rcs_m2, total_rcs_m2
+from doppelgait.scene.rcs import RCS, RcsSpec, scatterer_rcs_m2, total_rcs_m2
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -43,6 +46,44 @@ class Scatterers:
     motion: Motion
     rcs_m2: FloatArray
     path_gain: FloatArray
+
+
+@dataclass(frozen=True)
+class View:
+    """What a radar cross section is a function of.
+
+    Parameters
+    ----------
+    motion : Motion
+        In the scene's world frame.
+    time_s : ndarray, shape (I,)
+        Pulse times after the motion's first frame.
+    radar_position_m : ndarray, shape (3,)
+    """
+
+    motion: Motion
+    time_s: FloatArray
+    radar_position_m: FloatArray
+
+    @cached_property
+    def skeleton(self) -> Skeleton:
+        """Joints and ellipsoids of the body; a :class:`ConfigError` where its joints or height are unknown."""
+        return skeleton_of(self.motion)
+
+    @cached_property
+    def body(self) -> Ellipsoids:
+        """The ellipsoids at the pulse times."""
+        return ellipsoids_at(self.skeleton, self.time_s)
+
+
+class Scatter(Protocol):
+    """A kind of radar cross section: points of the placed motion and their mean cross sections.
+
+    Spread, fluctuation, merging and occlusion are applied afterwards, for every kind.
+    """
+
+    def __call__(self, view: View, parameters: Any, /) -> tuple[Motion, FloatArray]:
+        """Motion of L points, and cross sections in m^2, shape (L,) or (I, L)."""
 
 
 def scatterers_of(
@@ -76,37 +117,36 @@ def scatterers_of(
             f"rcs: total_spread_db = {spec.total_spread_db:g}, fluctuation = {spec.fluctuation!r}: what is drawn needs "
             "rng: pass rng=doppelgait.rng(SEED)"
         )
-    on_body = spec.kind == "ellipsoids" or spec.occlusion
-    skeleton = skeleton_of(motion) if on_body else None
-    body = ellipsoids_at(skeleton, time_s) if skeleton is not None else None
-    if skeleton is not None and body is not None and spec.kind == "ellipsoids":
-        points, rcs_m2 = _ellipsoid_scatterers(skeleton, body, spec, radar_position_m)
-    else:
-        points, rcs_m2 = _point_scatterers(motion, spec)
+    view = View(motion, time_s, np.asarray(radar_position_m, dtype=float))
+    points, rcs_m2 = RCS.of(spec).run(view, spec)
+    if spec.merge_closer_than_m is not None:
+        if rcs_m2.ndim != 1:
+            raise ConfigError(f"rcs kind {spec.kind!r} changes with time; leave out merge_closer_than_m")
+        points, rcs_m2 = merge_close(points, rcs_m2, closer_than_m=spec.merge_closer_than_m)
     gain = np.ones(())
-    if skeleton is not None and body is not None and spec.occlusion:
-        own = own_points(points.position_m, ellipsoids_of_frames(skeleton))
-        gain = visible_power(resample(points, time_s)[0], body, own, radar_position_m)
-    return Scatterers(points, _drawn(rcs_m2, spec, time_s, rng) if rng is not None else rcs_m2, gain)
+    if spec.occlusion:
+        own = own_points(points.position_m, ellipsoids_of_frames(view.skeleton))
+        gain = visible_power(resample(points, time_s)[0], view.body, own, radar_position_m)
+    return Scatterers(points, _sample(rcs_m2, spec, time_s, rng) if rng is not None else rcs_m2, gain)
 
 
-def _point_scatterers(motion: Motion, spec: RcsSpec) -> tuple[Motion, FloatArray]:
-    """The motion's points, or groups of them, with a constant share of the total each; (L,)."""
-    rcs_m2 = scatterer_rcs_m2(spec, motion.parts, motion.facts.mass_kg)
-    if spec.merge_closer_than_m is None:
-        return motion, rcs_m2
-    return merge_close(motion, rcs_m2, closer_than_m=spec.merge_closer_than_m)
+@plugin("rcs", "auto", parameters=RcsSpec)
+@plugin("rcs", "body_parts", parameters=RcsSpec)
+@plugin("rcs", "equal", parameters=RcsSpec)
+def scatter_points(view: View, spec: RcsSpec) -> tuple[Motion, FloatArray]:
+    """Take the motion's points, each with a constant share of the total, (L,)."""
+    return view.motion, scatterer_rcs_m2(spec, view.motion.parts, view.motion.facts.mass_kg)
 
 
-def _ellipsoid_scatterers(
-    skeleton: Skeleton, body: Ellipsoids, spec: RcsSpec, radar_position_m: npt.ArrayLike
-) -> tuple[Motion, FloatArray]:
-    """The ellipsoids' centres, and their cross sections (I, S) scaled so that their mean sum is the total (E-08c)."""
-    total_m2 = total_rcs_m2(spec, skeleton.joints.facts.mass_kg)
-    return centres(skeleton), seen_rcs_m2(body, radar_position_m) * (total_m2 / mean_rcs_m2(skeleton))
+@plugin("rcs", "ellipsoids", parameters=RcsSpec)
+def scatter_ellipsoids(view: View, spec: RcsSpec) -> tuple[Motion, FloatArray]:
+    """Take the ellipsoids' centres; the mean sum of their cross sections (I, S) is the total (E-08c)."""
+    total_m2 = total_rcs_m2(spec, view.motion.facts.mass_kg)
+    seen_m2 = seen_rcs_m2(view.body, view.radar_position_m)
+    return centres(view.skeleton), seen_m2 * (total_m2 / mean_rcs_m2(view.skeleton))
 
 
-def _drawn(rcs_m2: FloatArray, spec: RcsSpec, time_s: FloatArray, rng: np.random.Generator) -> FloatArray:
+def _sample(rcs_m2: FloatArray, spec: RcsSpec, time_s: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Cross sections around a drawn total, fluctuating as asked for."""
     if spec.total_spread_db > 0:
         rcs_m2 = rcs_m2 * spread_factor(spec.total_spread_db, rng)

@@ -14,7 +14,7 @@ from doppelgait.core.errors import ConfigError
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.paths import Path, make_path
 from doppelgait.motion.retime import ScalingMode
-from doppelgait.scene.rcs import RcsSpec
+from doppelgait.scene.rcs import RCS, RcsSpec
 
 
 def _parse_motion(value: Any) -> Any:
@@ -46,7 +46,12 @@ def _parse_motion(value: Any) -> Any:
 
 
 def _parse_rcs(value: Any) -> Any:
-    return {"kind": value} if isinstance(value, str) else value
+    """Take the name of a kind for its table, and a table for the parameters of its kind."""
+    table = {"kind": value} if isinstance(value, str) else value
+    if not isinstance(table, Mapping) or (kind := table.get("kind")) is None or kind not in RCS:
+        return table
+    model = RCS[kind].parameters or RcsSpec
+    return table if model is RcsSpec else model.model_validate(table)
 
 
 class Target(FrozenModel):
@@ -103,7 +108,7 @@ class Target(FrozenModel):
 
     motion: Annotated[Any, BeforeValidator(_parse_motion)]
     label: str = ""
-    rcs: Annotated[RcsSpec, BeforeValidator(_parse_rcs)] = RcsSpec()
+    rcs: Annotated[SerializeAsAny[RcsSpec], BeforeValidator(_parse_rcs)] = RcsSpec()
     height_m: float | None = Field(default=None, gt=0, le=5)
     scaling: ScalingMode = "uniform"
     range_m: float | None = Field(default=None, gt=0, le=1e5)

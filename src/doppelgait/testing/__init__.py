@@ -5,6 +5,7 @@ from typing import Any
 
 __all__ = [
     "check_classifier",
+    "check_environment",
     "check_exporter",
     "check_feature",
     "check_impairment",
@@ -13,6 +14,7 @@ __all__ = [
     "check_path",
     "check_radar_reader",
     "check_radar_writer",
+    "check_rcs",
     "check_waveform",
 ]
 

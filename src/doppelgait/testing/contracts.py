@@ -814,3 +814,106 @@ def _check_motion(name: str, motion: Any) -> None:
 def _check_same_motion(name: str, one: Any, other: Any) -> None:
     same = np.array_equal(one.position_m, other.position_m, equal_nan=True) and one.markers == other.markers
     require(same and repr(one.facts) == repr(other.facts), f"{name}: gives another motion the second time")
+
+
+def check_rcs(parameters: Any) -> None:
+    """Check that a kind of radar cross section keeps the contract of :class:`doppelgait.scene.scatterers.Scatter`.
+
+    Parameters
+    ----------
+    parameters : RcsSpec, table or str
+        For example ``{"kind": "bright_head", "share": 0.9}``; its points are those of a walking person.
+
+    Raises
+    ------
+    AssertionError
+        If a rule is broken: registration, round trip through TOML, shapes, values, the same numbers again, no change to
+        the motion, a total that scales.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> dg.testing.check_rcs("ellipsoids")
+    """
+    from doppelgait.motion import boulic_walk
+    from doppelgait.scene import Scene, Target
+    from doppelgait.scene.placement import place
+    from doppelgait.scene.rcs import RCS
+    from doppelgait.scene.scatterers import View
+
+    target = Target({"kind": "boulic"}, rcs=parameters)
+    spec, name = target.rcs, f"rcs {target.rcs.kind!r}"
+    scene = Scene([target], duration_s=1.0)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "scene.toml"
+        path.write_text(scene.to_toml(), encoding="utf-8")
+        require(Scene.from_toml(path) == scene, f"{name}: the parameters are others after TOML")
+
+    walk = boulic_walk(speed_mps=1.2, duration_s=1.0)
+    motion = place(Scene([Target(walk, range_m=4.0)])).targets[0].motion
+    before, times_s = motion.position_m.copy(), np.arange(40) / 50.0
+
+    def scatter(own: Any) -> tuple[Any, npt.NDArray[np.float64]]:
+        return RCS.of(own).run(View(motion, times_s, np.array([0.0, 0.0, 1.0])), own)  # type: ignore[no-any-return]
+
+    points, rcs_m2 = scatter(spec)
+    require(np.array_equal(motion.position_m, before), f"{name}: changes the motion")
+    n_points = len(points.markers)
+    shapes = ((n_points,), (times_s.size, n_points))
+    require(rcs_m2.shape in shapes, f"{name}: cross sections of shape {rcs_m2.shape}, not {shapes[0]} or {shapes[1]}")
+    require(np.isfinite(rcs_m2).all() and (rcs_m2 >= 0).all(), f"{name}: cross sections are not finite and 0 or larger")
+    require(rcs_m2.sum() > 0, f"{name}: nothing scatters")
+    again, same_m2 = scatter(spec)
+    require(np.array_equal(same_m2, rcs_m2), f"{name}: the same motion gives other cross sections")
+    require(np.array_equal(again.position_m, points.position_m), f"{name}: the same motion gives other points")
+    one, four = (scatter(spec.model_copy(update={"total_m2": total_m2}))[1] for total_m2 in (1.0, 4.0))
+    _check_close(four, 4.0 * one, f"{name}: four times total_m2 is not four times the cross sections")
+
+
+def check_environment(parameters: Any) -> None:
+    """Check that an environment effect keeps the contract of :class:`doppelgait.scene.environment.Apply`.
+
+    Parameters
+    ----------
+    parameters : parameter model, table or str
+        For example ``{"kind": "wall", "loss_db": 3.0}``; it acts on a person who walks to the radar at the origin.
+
+    Raises
+    ------
+    AssertionError
+        If a rule is broken: registration, round trip through JSON, no change to the table, originals first, added rows
+        of no target, the same numbers again, finite values, an empty table.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> dg.testing.check_environment({"kind": "wall", "loss_db": 3.0})
+    """
+    from doppelgait.motion import boulic_walk
+    from doppelgait.scene import Scene, Target, assemble
+    from doppelgait.scene.environment import ENVIRONMENT, Setting
+
+    spec: Any = ENVIRONMENT.parse(parameters)
+    effect, name = ENVIRONMENT.of(spec), f"environment effect {spec.kind!r}"
+    require(ENVIRONMENT.parse(spec.model_dump(mode="json")) == spec, f"{name}: the parameters are others after JSON")
+    setting = Setting(wavelength_m=0.04, radar_position_m=(0.0, 0.0, 1.0))
+    times_s = np.arange(20) / 50.0
+    scene = Scene([Target(boulic_walk(speed_mps=1.2, duration_s=1.0), range_m=5.0)])
+    table = assemble(scene, times_s)
+    before = table.copy(deep=True)
+    after = effect.run(table, spec, setting)
+    require(table.identical(before), f"{name}: changes the table that it is given")
+    require(after.identical(effect.run(table, spec, setting)), f"{name}: the same table gives another one")
+    n_before, n_after = table.sizes["scatterer"], after.sizes["scatterer"]
+    require(n_after >= n_before, f"{name}: drops scatterers")
+    require(after.sizes["slow_time"] == times_s.size, f"{name}: changes the number of pulses")
+    for column in ("marker", "part", "target"):
+        kept = np.array_equal(after[column].values[:n_before], table[column].values)
+        require(kept, f"{name}: the scatterers before are not the first rows, in their order ({column})")
+    require((after["target"].values[n_before:] == -1).all(), f"{name}: added rows belong to a target")
+    for column in ("range", "radial_velocity", "rcs", "path_gain"):
+        require(np.isfinite(after[column].values).all(), f"{name}: {column} is not finite")
+    for column in ("rcs", "path_gain"):
+        require((after[column].values >= 0).all(), f"{name}: {column} is negative")
+    nothing = assemble(Scene([], duration_s=1.0), times_s)
+    require(effect.run(nothing, spec, setting).sizes["scatterer"] == 0, f"{name}: an empty room gets scatterers")

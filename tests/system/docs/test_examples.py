@@ -21,7 +21,6 @@ import typer.main
 from checkout import ROOT
 from doppelgait.cli.app import app
 from doppelgait.core import plugins
-from doppelgait.scene.environment import ENVIRONMENT
 
 DOCS = ROOT / "docs"
 PAGES = [DOCS / "start.md", *sorted((DOCS / "howto").glob("*.md"))]
@@ -68,10 +67,6 @@ def run_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
         len(group)  # the built-in ones
     monkeypatch.setattr(plugins, "_REGISTERED", {group: dict(found) for group, found in plugins._REGISTERED.items()})
     monkeypatch.setattr(plugins, "_LOADED", set(plugins._LOADED))
-    for registry in (ENVIRONMENT,):
-        list(registry)
-        monkeypatch.setattr(registry, "_items", dict(registry._items))
-        monkeypatch.setattr(registry, "_discovered", True)
     namespace: dict[str, Any] = {"__name__": "__main__"}
 
     def use(page: str) -> None:
@@ -120,9 +115,6 @@ def _install(source: Path, target: Path) -> None:
     if plugins.ENTRY_POINTS in project["entry-points"]:
         importlib.invalidate_caches()
         plugins._load_packages()
-    for registry in (ENVIRONMENT,):
-        if registry.group in project["entry-points"]:
-            registry._discovered = False
 
 
 @pytest.mark.slow

@@ -7,28 +7,43 @@ file lists them as ``[[environment]]`` tables; they act in that order.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import xarray as xr
-from pydantic import AfterValidator, BeforeValidator, SerializeAsAny
+from pydantic import AfterValidator
 
-from doppelgait.core.config import FrozenModel, validate
+from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError
+from doppelgait.core.plugins import Plugin
 from doppelgait.scene.environment.bounce import GroundBounce, apply_ground_bounce
 from doppelgait.scene.environment.ghost import WallGhost, apply_wall_ghost
 from doppelgait.scene.environment.materials import MATERIALS, Dielectric, Material, relative_permittivity
-from doppelgait.scene.environment.registry import ENVIRONMENT, EnvironmentEffect
+from doppelgait.scene.environment.registry import ENVIRONMENT, Apply
 from doppelgait.scene.environment.setting import Setting
 from doppelgait.scene.environment.visibility import Visibility, apply_visibility
 from doppelgait.scene.environment.wall import Wall, apply_wall
 
 __all__ = [
-    "ENVIRONMENT", "MATERIALS", "Dielectric", "Environment", "EnvironmentEffect", "GroundBounce", "Material", "Setting",
-    "Visibility", "Wall", "WallGhost", "apply_environment", "apply_ground_bounce", "apply_visibility", "apply_wall",
-    "apply_wall_ghost", "make_effect", "needs_angles", "relative_permittivity",
+    "ENVIRONMENT",
+    "MATERIALS",
+    "Apply",
+    "Dielectric",
+    "Environment",
+    "GroundBounce",
+    "Material",
+    "Setting",
+    "Visibility",
+    "Wall",
+    "WallGhost",
+    "apply_environment",
+    "apply_ground_bounce",
+    "apply_visibility",
+    "apply_wall",
+    "apply_wall_ghost",
+    "make_effect",
+    "needs_angles",
+    "relative_permittivity",
 ]  # fmt: skip
-
-ENVIRONMENT.add("visibility", EnvironmentEffect(Visibility, apply_visibility, lambda _: False))
 
 
 def make_effect(table: Mapping[str, Any]) -> FrozenModel:
@@ -39,10 +54,7 @@ def make_effect(table: Mapping[str, Any]) -> FrozenModel:
     ConfigError
         If the kind or a parameter is not allowed.
     """
-    kind = table.get("kind")
-    if not isinstance(kind, str) or kind not in ENVIRONMENT:
-        raise ConfigError(f"environment kind {kind!r} is not allowed: known are {', '.join(ENVIRONMENT)}")
-    return validate(ENVIRONMENT[kind].model, table, where=f"environment kind {kind!r}")
+    return ENVIRONMENT.parse(table)
 
 
 def apply_environment(scatterers: xr.Dataset, effects: Sequence[FrozenModel], setting: Setting) -> xr.Dataset:
@@ -68,13 +80,14 @@ def apply_environment(scatterers: xr.Dataset, effects: Sequence[FrozenModel], se
         If something is no effect, the order is not allowed, or an effect cannot work on this table.
     """
     for spec in check_order(effects):
-        scatterers = _effect_of(spec).apply(scatterers, spec, setting)
+        scatterers = ENVIRONMENT.of(spec).run(scatterers, spec, setting)
     return scatterers
 
 
 def needs_angles(effects: Sequence[FrozenModel]) -> bool:
     """Whether one of the effects needs azimuth and elevation in the table."""
-    return any(_effect_of(spec).needs_angles(spec) for spec in effects)
+    wanted = [(ENVIRONMENT.of(spec).facts.get("needs_angles", False), spec) for spec in effects]
+    return any(bool(needs(spec)) if callable(needs) else bool(needs) for needs, spec in wanted)
 
 
 def check_order(effects: Sequence[FrozenModel]) -> tuple[FrozenModel, ...]:
@@ -88,7 +101,7 @@ def check_order(effects: Sequence[FrozenModel]) -> tuple[FrozenModel, ...]:
         raise ConfigError("environment: 'ground_bounce' is there twice, but there is one floor; leave one out")
     changed = ""
     for spec in effects:
-        if not _effect_of(spec).makes_images:
+        if not _effect_of(spec).facts.get("makes_images"):
             changed = changed or str(getattr(spec, "kind", ""))
         elif changed:
             kind = str(getattr(spec, "kind", ""))
@@ -99,24 +112,14 @@ def check_order(effects: Sequence[FrozenModel]) -> tuple[FrozenModel, ...]:
     return tuple(effects)
 
 
-def _effect_of(spec: FrozenModel) -> EnvironmentEffect:
-    kind = getattr(spec, "kind", None)
-    if not isinstance(kind, str) or kind not in ENVIRONMENT or not isinstance(spec, ENVIRONMENT[kind].model):
+def _effect_of(spec: FrozenModel) -> Plugin[Apply]:
+    try:
+        return ENVIRONMENT.of(spec)
+    except ConfigError:
         raise ConfigError(
             f"{spec!r} is no environment effect; make one with make_effect({{'kind': ...}}), kinds are "
             f"{', '.join(ENVIRONMENT)}"
-        )
-    return ENVIRONMENT[kind]
-
-
-def _from_table(value: Any) -> Any:
-    try:
-        effect = make_effect(value) if isinstance(value, Mapping) else value
-        if isinstance(effect, FrozenModel):
-            _effect_of(effect)
-    except ConfigError as error:
-        raise ValueError(str(error)) from None
-    return effect
+        ) from None
 
 
 def _in_order(effects: tuple[FrozenModel, ...]) -> tuple[FrozenModel, ...]:
@@ -126,7 +129,8 @@ def _in_order(effects: tuple[FrozenModel, ...]) -> tuple[FrozenModel, ...]:
         raise ValueError(str(error)) from None
 
 
-Environment = Annotated[
-    tuple[Annotated[SerializeAsAny[FrozenModel], BeforeValidator(_from_table)], ...], AfterValidator(_in_order)
-]
+if TYPE_CHECKING:
+    Environment = tuple[FrozenModel, ...]
+else:
+    Environment = Annotated[tuple[ENVIRONMENT.field(), ...], AfterValidator(_in_order)]
 """Type of a model's field that takes a list of environment effects, as tables or as their models."""

@@ -11,6 +11,7 @@ from pydantic import Field
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.labels import axis
+from doppelgait.core.plugins import plugin
 from doppelgait.scene.environment.materials import Material, relative_permittivity
 from doppelgait.scene.environment.rays import (
     ONE_REFLECTION,
@@ -25,7 +26,6 @@ from doppelgait.scene.environment.rays import (
     rate_per_s,
     take,
 )
-from doppelgait.scene.environment.registry import ENVIRONMENT, EnvironmentEffect
 from doppelgait.scene.environment.setting import Setting
 from doppelgait.scene.environment.slab import Mode, Polarisation, interface_reflection, sampled
 
@@ -50,6 +50,7 @@ class GroundBounce(FrozenModel):
     polarisation: Polarisation = "vertical"
 
 
+@plugin("environment", parameters=GroundBounce, needs_angles=True, makes_images=True)
 def apply_ground_bounce(scatterers: xr.Dataset, spec: GroundBounce, setting: Setting) -> xr.Dataset:
     """Table with two echoes by the floor added for every scatterer.
 
@@ -114,8 +115,3 @@ def _below_the_floor(direct: Rays, radar_height_m: float, slow_time_s: FloatArra
     )
     down_m = radar_height_m + height_m
     return Rays(length_m, velocity_mps, direct.x_m, direct.y_m, -down_m), np.minimum(down_m / length_m, 1.0)
-
-
-ENVIRONMENT.add(
-    "ground_bounce", EnvironmentEffect(GroundBounce, apply_ground_bounce, lambda _: True, makes_images=True)
-)

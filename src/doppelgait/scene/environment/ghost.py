@@ -13,6 +13,7 @@ from pydantic import Field, model_validator
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning
 from doppelgait.core.labels import axis
+from doppelgait.core.plugins import plugin
 from doppelgait.scene.environment.materials import Material, relative_permittivity
 from doppelgait.scene.environment.rays import (
     ONE_GHOST,
@@ -27,7 +28,6 @@ from doppelgait.scene.environment.rays import (
     rate_per_s,
     take,
 )
-from doppelgait.scene.environment.registry import ENVIRONMENT, EnvironmentEffect
 from doppelgait.scene.environment.setting import Setting
 from doppelgait.scene.environment.slab import Polarisation, sampled, slab_reflection, te_share
 
@@ -71,6 +71,7 @@ class WallGhost(FrozenModel):
         return self
 
 
+@plugin("environment", parameters=WallGhost, needs_angles=True, makes_images=True)
 def apply_wall_ghost(scatterers: xr.Dataset, spec: WallGhost, setting: Setting) -> xr.Dataset:
     """Table with two echoes by the wall added for every scatterer on the radar's side of it.
 
@@ -187,6 +188,3 @@ def _warn_of_crossing(scatterers: xr.Dataset, rows: np.ndarray, from_wall_m: Flo
         DoppelgaitWarning,
         stacklevel=3,
     )
-
-
-ENVIRONMENT.add("wall_ghost", EnvironmentEffect(WallGhost, apply_wall_ghost, lambda _: True, makes_images=True))

@@ -2,38 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import xarray as xr
 
-from doppelgait.core.config import FrozenModel
-from doppelgait.core.registry import Registry
+from doppelgait.core.plugins import Group
+from doppelgait.scene.environment.setting import Setting
 
 
-@dataclass(frozen=True)
-class EnvironmentEffect:
-    """Something between the targets and the radar that changes the scatterer table.
+class Apply(Protocol):
+    """An environment effect: the scatterer table after it, without a change to the one before.
 
-    Parameters
-    ----------
-    model : type
-        Parameters of the effect; ``kind`` among them is its name.
-    apply : callable
-        ``apply(scatterers, spec, setting) -> scatterers``: pure, originals first, added rows after them.
-    needs_angles : callable
-        ``needs_angles(spec) -> bool``: whether the table must have azimuth and elevation.
-    makes_images : bool
-        Whether it adds echoes by reflected paths. Such effects take places from ranges, so they come before those that
-        lengthen or attenuate paths.
+    Originals come first, added rows after them; added rows belong to no target (``target`` -1). Facts of the plug-in:
+    ``needs_angles`` (bool, or a function of the parameters) if the table must have azimuth and elevation, and
+    ``makes_images=True`` if it adds echoes by reflected paths. Such effects take places from ranges, so they come
+    before those that lengthen or attenuate paths.
     """
 
-    model: type[FrozenModel]
-    apply: Callable[[xr.Dataset, Any, Any], xr.Dataset]
-    needs_angles: Callable[[Any], bool]
-    makes_images: bool = False
+    def __call__(self, scatterers: xr.Dataset, parameters: Any, setting: Setting, /) -> xr.Dataset:
+        """Scatterer table (slow_time, scatterer) after the effect."""
 
 
-ENVIRONMENT: Registry[EnvironmentEffect] = Registry("doppelgait.environment", "environment effect")
-"""Environment effects by ``kind``."""
+ENVIRONMENT: Group[Apply] = Group(
+    "environment",
+    built_in=tuple(f"doppelgait.scene.environment.{name}" for name in ("bounce", "ghost", "visibility", "wall")),
+)
+"""Environment effects by the ``kind`` of a scene file's ``[[environment]]``."""

@@ -10,6 +10,7 @@ import xarray as xr
 from pydantic import Field, field_validator
 
 from doppelgait.core.config import FrozenModel
+from doppelgait.core.plugins import plugin
 from doppelgait.core.units import db_to_power
 from doppelgait.scene.environment.setting import Setting
 
@@ -39,6 +40,7 @@ class Visibility(FrozenModel):
         return gain_db
 
 
+@plugin("environment", parameters=Visibility)
 def apply_visibility(scatterers: xr.Dataset, spec: Visibility, setting: Setting) -> xr.Dataset:
     """Scatterer table with the gain of every echo's range in its path gain.
 

@@ -14,6 +14,7 @@ from pydantic import Field, model_validator
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.core.labels import axis
+from doppelgait.core.plugins import plugin
 from doppelgait.core.units import db_to_power
 from doppelgait.scene.environment.materials import Material, relative_permittivity
 from doppelgait.scene.environment.rays import (
@@ -24,7 +25,6 @@ from doppelgait.scene.environment.rays import (
     rate_per_s,
     with_values,
 )
-from doppelgait.scene.environment.registry import ENVIRONMENT, EnvironmentEffect
 from doppelgait.scene.environment.setting import Setting
 from doppelgait.scene.environment.slab import Polarisation, insertion_coefficient, sampled, slab_delay_m, te_share
 
@@ -77,6 +77,7 @@ def wall_needs_angles(spec: Wall) -> bool:
     return spec.range_m is not None or spec.material is not None
 
 
+@plugin("environment", parameters=Wall, needs_angles=wall_needs_angles)
 def apply_wall(scatterers: xr.Dataset, spec: Wall, setting: Setting) -> xr.Dataset:
     """Table in which the scatterers behind the wall are weaker and further away.
 
@@ -182,6 +183,3 @@ def _lengthened(
         range=scatterers["range"].values + np.where(behind, delay_m, 0.0),
         radial_velocity=scatterers["radial_velocity"].values - np.where(behind, rate_mps, 0.0),
     )
-
-
-ENVIRONMENT.add("wall", EnvironmentEffect(Wall, apply_wall, wall_needs_angles))

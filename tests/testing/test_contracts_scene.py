@@ -1,0 +1,120 @@
+"""Contract checks of radar cross sections and environment effects: built-in ones pass, broken ones are caught."""
+
+from typing import Literal
+
+import numpy as np
+import pytest
+
+import doppelgait as dg
+from doppelgait.core import plugins
+from doppelgait.core.config import FrozenModel
+from doppelgait.core.errors import ConfigError
+from doppelgait.pipeline import parse_run
+from doppelgait.scene import RcsSpec, Target
+from doppelgait.scene.environment import ENVIRONMENT
+from doppelgait.scene.rcs import RCS
+from doppelgait.testing import check_environment, check_rcs
+
+EFFECTS = {
+    "ground_bounce": {"roughness_m": 0.01},
+    "visibility": {"gain_db": [[1.0, -20.0], [3.0, 0.0]]},
+    "wall": {"material": "brick", "thickness_m": 0.1, "range_m": 2.0},
+    "wall_ghost": {"material": "concrete", "thickness_m": 0.2, "side_m": 2.0},
+}
+
+
+@pytest.fixture(autouse=True)
+def _forget_plugins(monkeypatch):
+    len(RCS), len(ENVIRONMENT)
+    monkeypatch.setattr(plugins, "_REGISTERED", {group: dict(found) for group, found in plugins._REGISTERED.items()})
+
+
+@pytest.mark.parametrize("kind", RCS)
+def test_every_cross_section_keeps_its_contract(kind):
+    check_rcs(kind)
+
+
+def test_every_effect_keeps_its_contract():
+    assert set(EFFECTS) == set(ENVIRONMENT)
+    for kind, parameters in EFFECTS.items():
+        check_environment({"kind": kind, **parameters})
+    check_environment({"kind": "wall", "loss_db": 3.0, "delay_m": 0.1})
+
+
+class Bright(RcsSpec):
+    """One bright point."""
+
+    kind: Literal["bright"] = "bright"
+    share: float = 0.5
+
+
+def scatter_bright(view, parameters):
+    """Give the first point its share."""
+    weights = np.full(len(view.motion.parts), (1 - parameters.share) / (len(view.motion.parts) - 1))
+    weights[0] = parameters.share
+    return view.motion, (parameters.total_m2 or 0.8) * weights
+
+
+def test_a_kind_of_ones_own_has_parameters_in_python_toml_and_set():
+    dg.plugin("rcs", parameters=Bright)(scatter_bright)
+    check_rcs({"kind": "bright", "share": 0.9})
+    target = {"motion": {"kind": "boulic"}, "rcs": {"kind": "bright", "share": 0.9, "fluctuation": "swerling1"}}
+    run = parse_run({"targets": [target]})
+    assert run.scene.targets[0].rcs == Bright(share=0.9, fluctuation="swerling1")
+    table = dg.scene.assemble(dg.Scene([Target({"kind": "boulic"}, rcs=Bright(share=0.9))]), np.arange(5) / 50)
+    assert table["rcs"].values[0, 0] == pytest.approx(0.72)
+    with pytest.raises(ConfigError, match=r"targets\.0\.rcs\.share: 'much' is not allowed"):
+        parse_run({"targets": [{**target, "rcs": {"kind": "bright", "share": "much"}}]})
+
+
+@pytest.mark.parametrize(
+    ("broken", "text"),
+    [
+        (lambda v, p: (v.motion, -scatter_bright(v, p)[1]), "not finite and 0 or larger"),
+        (lambda v, p: (v.motion, np.ones(3)), "shape"),
+        (lambda v, p: (v.motion, np.ones(len(v.motion.parts))), "four times total_m2"),
+        (lambda v, p: (v.motion, scatter_bright(v, p)[1] * np.random.default_rng().random()), "other cross sections"),
+        (lambda v, p: (v.motion, 0 * scatter_bright(v, p)[1]), "nothing scatters"),
+    ],
+)
+def test_a_broken_cross_section_is_caught(broken, text):
+    dg.plugin("rcs", parameters=Bright)(broken)
+    with pytest.raises(AssertionError, match=text):
+        check_rcs("bright")
+
+
+class Haze(FrozenModel):
+    """An effect for tests."""
+
+    kind: Literal["haze"] = "haze"
+    gain: float = 0.5
+
+
+def _gain(table, value):
+    return table.assign(path_gain=table["path_gain"].copy(data=table["path_gain"].values * value))
+
+
+def _in_place(table, spec, setting):
+    table["path_gain"] = table["path_gain"] * 0.5
+    return table
+
+
+@pytest.mark.parametrize(
+    ("apply", "text"),
+    [
+        (lambda t, p, s: _gain(t, p.gain), None),
+        (lambda t, p, s: _gain(t, -1.0), "path_gain is negative"),
+        (lambda t, p, s: _gain(t, np.nan), "path_gain is not finite"),
+        (lambda t, p, s: t.isel(scatterer=slice(1, None)), "drops scatterers"),
+        (lambda t, p, s: t.isel(scatterer=slice(None, None, -1)), "first rows"),
+        (lambda t, p, s: _gain(t, np.random.default_rng().random()), "gives another one"),
+        (_in_place, "changes the table"),
+    ],
+)
+def test_a_broken_effect_is_caught(apply, text):
+    dg.plugin("environment", parameters=Haze)(apply)
+    if text is None:
+        check_environment({"kind": "haze", "gain": 0.3})
+    else:
+        with pytest.raises(AssertionError, match=text):
+            check_environment("haze")
