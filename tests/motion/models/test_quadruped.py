@@ -16,8 +16,8 @@ from doppelgait.motion.models.quadruped_limbs import (
     TIBIA,
     all_points,
     crouch,
+    paw_path,
 )
-from doppelgait.motion.models.quadruped_paws import paw_path
 from doppelgait.motion.models.quadruped_sizes import (
     BUILDS,
     DUTY_LIMITS,

@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.motion.readers import read
-from doppelgait.motion.readers.bvh import bvh_positions
-from doppelgait.motion.readers.bvh_content import BvhContent, Node, read_bvh_content
+from doppelgait.motion.readers.bvh import BvhContent, Node, bvh_positions, read_bvh_content
 from doppelgait.motion.readers.hierarchy import axis_rotations, euler_rotations, vector_rotations
 from doppelgait.motion.readers.joint_points import skeleton_size
 

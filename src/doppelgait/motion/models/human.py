@@ -22,8 +22,7 @@ from doppelgait.motion.models.boulic_curves import (
     trunk_angles_deg,
 )
 from doppelgait.motion.models.curves import Curve, cubic_spline
-from doppelgait.motion.models.human_arms import Curves, Hands, swing_arms
-from doppelgait.motion.models.human_chain import POINTS, figure_points
+from doppelgait.motion.models.human_chain import POINTS, Curves, Hands, figure_points, swing_arms
 from doppelgait.motion.models.human_feet import Style, place_feet
 from doppelgait.motion.models.human_person import CHILD_M, Body, segment_lengths
 from doppelgait.motion.models.human_run import (

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import ConfigError
-from doppelgait.motion.models.columns import columns
+from doppelgait.motion.models.curves import columns
 from doppelgait.motion.models.human_chain import POINTS
 from doppelgait.motion.models.quadruped_limbs import two_link
 

@@ -14,9 +14,9 @@ from doppelgait.core.errors import MotionError
 from doppelgait.core.plugins import plugin
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.asf import Bone, Skeleton, find_asf, read_asf
+from doppelgait.motion.readers.cells import read_text
 from doppelgait.motion.readers.hierarchy import Joints, euler_rotations, forward_kinematics
 from doppelgait.motion.readers.joint_points import joint_motion
-from doppelgait.motion.readers.number_table import read_text
 
 FloatArray = npt.NDArray[np.float64]
 

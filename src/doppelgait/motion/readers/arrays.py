@@ -14,11 +14,11 @@ import numpy.typing as npt
 
 from doppelgait.core.errors import MotionError
 from doppelgait.core.plugins import plugin
+from doppelgait.motion.axes import metres_per_unit
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.cells import MAX_BYTES
 from doppelgait.motion.readers.frame_times import check_rate
 from doppelgait.motion.readers.points import check_amount, points_to_motion, unit_or_guess
-from doppelgait.motion.units import metres_per_unit
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import MotionError
+from doppelgait.motion.readers.cells import read_text
 from doppelgait.motion.readers.hierarchy import euler_rotations
-from doppelgait.motion.readers.number_table import read_text
 
 FloatArray = npt.NDArray[np.float64]
 Section = list[tuple[int, list[str]]]

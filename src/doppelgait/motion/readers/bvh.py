@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +13,7 @@ import numpy.typing as npt
 from doppelgait.core.errors import MotionError
 from doppelgait.core.plugins import plugin
 from doppelgait.motion.motion import Motion
-from doppelgait.motion.readers.bvh_content import BvhContent, Node, read_bvh_content
+from doppelgait.motion.readers.cells import parse_rows, read_text
 from doppelgait.motion.readers.hierarchy import (
     REST_POSE_NOTE,
     Joints,
@@ -22,6 +24,176 @@ from doppelgait.motion.readers.hierarchy import (
 from doppelgait.motion.readers.joint_points import joint_motion
 
 FloatArray = npt.NDArray[np.float64]
+
+_CHANNEL = re.compile(r"(?i)^([xyz])(position|rotation)$")
+_FRAMES = re.compile(r"(?i)^frames\s*:?\s*(\S+)$")
+_FRAME_TIME = re.compile(r"(?i)^frame\s+time\s*:?\s*(\S+)$")
+MAX_NODES = 1000
+
+
+@dataclass
+class Node:
+    """A joint or an end site.
+
+    Parameters
+    ----------
+    name : str
+        As in the file; an end site is its joint's name and ``_End``.
+    parent : int
+        Index of its parent, -1 for the root.
+    offset : tuple of float
+        Place in the parent's frame where no position channel gives it.
+    channels : list of str
+        ``"px"``, ``"py"``, ``"pz"`` positions and ``"rx"``, ``"ry"``, ``"rz"`` rotations, in the file's order.
+    """
+
+    name: str
+    parent: int
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    channels: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class BvhContent:
+    """A BVH file as written.
+
+    Parameters
+    ----------
+    nodes : tuple of Node
+        Parents before children.
+    frame_time_s : float
+        As declared; not checked.
+    values : ndarray, shape (T, C)
+        One column for each channel of each node, in order; degrees and the file's length unit.
+    """
+
+    nodes: tuple[Node, ...]
+    frame_time_s: float
+    values: FloatArray
+
+
+def read_bvh_content(path: Path) -> BvhContent:
+    """Parse a BVH file.
+
+    Raises
+    ------
+    MotionError
+        If it is damaged; the message names the line.
+    """
+    text = read_text(path)
+    split = re.search(r"(?im)^[ \t]*MOTION[ \t\r]*$", text)
+    if split is None:
+        raise MotionError(f"{path}: has no line MOTION; the file ends before its motion begins")
+    nodes = _parse_hierarchy(path, text[: split.start()])
+    n_frames, frame_time_s, at = _parse_motion_head(path, text, split.end())
+    n_channels = sum(len(node.channels) for node in nodes)
+    if n_channels == 0:
+        raise MotionError(f"{path}: none of its {len(nodes)} joints has a channel, so nothing moves")
+    values = parse_rows(path, text, at, n_rows=n_frames, n_columns=n_channels)
+    return BvhContent(tuple(nodes), frame_time_s, values)
+
+
+def _parse_hierarchy(path: Path, text: str) -> list[Node]:
+    nodes: list[Node] = []
+    open_nodes: list[int] = []  # nodes whose brace is open
+    for number, line in enumerate(text.split("\n"), start=1):
+        for statement in re.split(r"([{}])", line):
+            if words := statement.split():
+                _take(path, number, words, nodes, open_nodes)
+    if not nodes:
+        raise MotionError(f"{path}: its hierarchy holds no ROOT")
+    if open_nodes:
+        raise MotionError(f"{path}: the hierarchy ends inside of {nodes[open_nodes[-1]].name!r}: a '}}' is missing")
+    return nodes
+
+
+def _take(path: Path, number: int, words: list[str], nodes: list[Node], open_nodes: list[int]) -> None:
+    """Carry out one statement of the hierarchy: nodes are declared, opened, described and closed."""
+    word = words[0].upper()
+    if word in ("ROOT", "JOINT", "END"):
+        _add_node(path, number, word, words, nodes, open_nodes)
+    elif word == "{":
+        if not nodes or len(nodes) - 1 in open_nodes:
+            raise MotionError(f"{path}, line {number}: '{{' without a joint before it")
+        open_nodes.append(len(nodes) - 1)
+    elif word == "}":
+        if not open_nodes:
+            raise MotionError(f"{path}, line {number}: '}}' closes nothing")
+        open_nodes.pop()
+    elif word in ("OFFSET", "CHANNELS"):
+        if not open_nodes or open_nodes[-1] != len(nodes) - 1:
+            raise MotionError(f"{path}, line {number}: {word} outside of a joint")
+        if word == "OFFSET":
+            nodes[-1].offset = _offset(path, number, words[1:])
+        else:
+            nodes[-1].channels = _channels(path, number, words[1:])
+    elif word != "HIERARCHY":
+        raise MotionError(
+            f"{path}, line {number}: {' '.join(words)[:60]!r} is no statement of a BVH hierarchy; allowed are ROOT, "
+            "JOINT, End Site, OFFSET, CHANNELS and braces"
+        )
+
+
+def _add_node(path: Path, number: int, word: str, words: list[str], nodes: list[Node], open_nodes: list[int]) -> None:
+    if word == "ROOT" and nodes:
+        raise MotionError(
+            f"{path}, line {number}: a second ROOT, {' '.join(words[1:])!r}; one body is read from a file. "
+            "Save each body to its own file."
+        )
+    if word != "ROOT" and not open_nodes:
+        raise MotionError(f"{path}, line {number}: {' '.join(words)!r} outside of a ROOT")
+    if len(nodes) >= MAX_NODES:
+        raise MotionError(f"{path}, line {number}: more than {MAX_NODES} joints")
+    parent = open_nodes[-1] if open_nodes else -1
+    name = f"{nodes[parent].name}_End" if word == "END" else " ".join(words[1:])
+    nodes.append(Node(name or f"joint_{len(nodes) + 1}", parent))
+
+
+def _offset(path: Path, number: int, words: list[str]) -> tuple[float, float, float]:
+    try:
+        x, y, z = (float(word) for word in words)
+    except ValueError:
+        x = y = z = float("nan")
+    if not np.isfinite([x, y, z]).all():
+        raise MotionError(f"{path}, line {number}: OFFSET needs three numbers, it has {' '.join(words)!r}")
+    return x, y, z
+
+
+def _channels(path: Path, number: int, words: list[str]) -> list[str]:
+    found = [_CHANNEL.match(word) for word in words[1:]]
+    names = [match[2][0].lower() + match[1].lower() for match in found if match]
+    if not words or words[0] != str(len(names)) or None in found or _repeats(names):
+        raise MotionError(
+            f"{path}, line {number}: CHANNELS {' '.join(words)!r} is not right; it needs the number of channels and as "
+            "many names out of Xposition, Yposition, Zposition, Xrotation, Yrotation and Zrotation"
+        )
+    return names
+
+
+def _repeats(names: list[str]) -> bool:
+    """Whether a position is given twice; an axis may well be turned about twice."""
+    places = [name for name in names if name[0] == "p"]
+    return len(set(places)) < len(places)
+
+
+def _parse_motion_head(path: Path, text: str, at: int) -> tuple[int, float, int]:
+    """Declared number of frames, frame time in s, and where the values begin."""
+    found: list[str] = []
+    for pattern, wanted in ((_FRAMES, "Frames: N"), (_FRAME_TIME, "Frame Time: SECONDS")):
+        while at < len(text) and text[at].isspace():
+            at += 1
+        end = text.find("\n", at)
+        end = len(text) if end < 0 else end
+        match = pattern.match(text[at:end].strip())
+        if match is None:
+            line = text.count("\n", 0, at) + 1
+            raise MotionError(f"{path}, line {line}: {wanted!r} is needed here, not {text[at:end].strip()[:40]!r}")
+        found.append(match[1])
+        at = end
+    try:
+        return int(found[0]), float(found[1]), at
+    except ValueError:
+        raise MotionError(f"{path}: Frames {found[0]!r} and Frame Time {found[1]!r} must be numbers") from None
 
 
 def sniff_bvh(path: Path, head: bytes) -> bool:

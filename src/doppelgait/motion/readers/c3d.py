@@ -11,13 +11,18 @@ import numpy.typing as npt
 
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.core.plugins import plugin
-from doppelgait.motion.axes import find_up_axis, turn_z_up
+from doppelgait.motion.axes import find_up_axis, metres_per_unit, turn_z_up
 from doppelgait.motion.motion import Motion, make_motion
 from doppelgait.motion.readers.c3d_file import MAGIC, C3dContent, read_content
-from doppelgait.motion.readers.c3d_points import is_measured, pick_subject, sort_points, unique_names
-from doppelgait.motion.readers.points import by_reason, unit_or_guess
+from doppelgait.motion.readers.points import (
+    by_reason,
+    is_measured,
+    pick_subject,
+    sort_points,
+    unique_names,
+    unit_or_guess,
+)
 from doppelgait.motion.skeleton import parts_of
-from doppelgait.motion.units import metres_per_unit
 
 FloatArray = npt.NDArray[np.float64]
 

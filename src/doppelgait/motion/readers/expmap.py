@@ -13,6 +13,7 @@ import numpy.typing as npt
 from doppelgait.core.errors import MotionError
 from doppelgait.core.plugins import plugin
 from doppelgait.motion.motion import Motion
+from doppelgait.motion.readers.cells import parse_rows, read_text
 from doppelgait.motion.readers.hierarchy import (
     REST_POSE_NOTE,
     Joints,
@@ -21,7 +22,6 @@ from doppelgait.motion.readers.hierarchy import (
     vector_rotations,
 )
 from doppelgait.motion.readers.joint_points import joint_motion
-from doppelgait.motion.readers.number_table import parse_rows, read_text
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -12,12 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
-from doppelgait.motion.axes import find_up_axis, turn_z_up
+from doppelgait.motion.axes import find_up_axis, metres_per_unit, turn_z_up
 from doppelgait.motion.motion import Motion, make_motion
 from doppelgait.motion.readers.hierarchy import Joints
 from doppelgait.motion.readers.points import by_reason
 from doppelgait.motion.skeleton import guess_species, parts_of
-from doppelgait.motion.units import metres_per_unit
 
 FloatArray = npt.NDArray[np.float64]
 

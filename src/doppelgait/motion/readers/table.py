@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import csv
+import re
 import warnings
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,16 +14,207 @@ import numpy.typing as npt
 
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.core.plugins import plugin
-from doppelgait.motion.axes import body_extent
+from doppelgait.motion.axes import body_extent, metres_per_unit
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.cells import Row, decode, read_lines, to_numbers
 from doppelgait.motion.readers.frame_times import check_rate, last_digit, rate_of_times
 from doppelgait.motion.readers.points import check_amount, points_to_motion
-from doppelgait.motion.readers.table_header import Header, content_lines, is_marker_header, read_header, split_rows
 from doppelgait.motion.readers.trc import sniff_trc
-from doppelgait.motion.units import metres_per_unit
 
 FloatArray = npt.NDArray[np.float64]
+
+_UNIT = r"mm|cm|dm|m|in|ft|milli\w+|centi\w+|met(?:er|re)s?|inch(?:es)?|feet|foot"
+_COORDINATE = re.compile(rf"(?i)(.+?)\s*[_.: ]\s*([xyz])(?:\s*[\[(]\s*({_UNIT})\s*[\])]|[_ ]({_UNIT}))?")
+_ALIEN_UNIT = re.compile(r"(?i)(.+?)\s*[_.: ]\s*([xyz])(?:\s*[\[(]\s*([^\])]+?)\s*[\])]|[_ ]([a-z]+))")
+_AXIS = re.compile(rf"(?i)([xyz])\d*(?:\s*[\[(]?({_UNIT})[\])]?)?")
+_TIME = re.compile(r"(?i)(?:time|t|timestamp)(?:[_ ]?[\[(]?\s*(s|sec|seconds?|ms|msec|milliseconds?)\s*[\])]?)?")
+_FRAME = re.compile(r"(?i)(?:frames?|field|index|samples?|sub ?frame|#)?(?:#|[_ ]?(?:no|number|nr)\.?)?")
+FORM = "time_s, NAME_x_m, NAME_y_m, NAME_z_m, then the next point (m may be mm, cm, in, ft)"
+
+
+@dataclass(frozen=True)
+class Header:
+    """What the column names of a table say.
+
+    Parameters
+    ----------
+    titles : tuple of str
+        Name of every column.
+    next_row : int
+        Index of the first row after the names.
+    labels : tuple of str, length P
+        Points, in the order of the file; a name that repeats is a point each time.
+    columns : tuple of (int, int, int), length P
+        Columns of x, y and z; -1 where one lacks.
+    units : tuple of (str, str, str), length P
+        Unit in the name of each of them, ``""`` without.
+    time_column : int or None
+        Column of the times.
+    time_factor : float
+        Seconds per unit of the times.
+    left_out : tuple of str
+        Columns that are neither coordinates, time nor frame number.
+    """
+
+    titles: tuple[str, ...]
+    next_row: int
+    labels: tuple[str, ...]
+    columns: tuple[tuple[int, int, int], ...]
+    units: tuple[tuple[str, str, str], ...]
+    time_column: int | None
+    time_factor: float
+    left_out: tuple[str, ...]
+
+    @property
+    def is_accad(self) -> bool:
+        """Whether the names are laid out as those of ACCAD: ``Field``, ``Time``, ``NAME:X``."""
+        first = [title.lower() for title in self.titles[:2]]
+        return first == ["field", "time"] and all(":" in self.titles[c[0]] for c in self.columns)
+
+
+def content_lines(lines: Sequence[str]) -> list[tuple[int, str]]:
+    """Lines that are neither blank nor a comment (``# ``), with their numbers from 1."""
+    return [(i + 1, line) for i, line in enumerate(lines) if line.strip(' \t,;"') and not line.startswith("# ")]
+
+
+def split_rows(path: Path, lines: Sequence[str]) -> tuple[list[Row], str]:
+    """Cells of the content lines with their line numbers, and the delimiter.
+
+    The delimiter is the one of tab, ``;`` and ``,`` that the first such line holds most.
+
+    Raises
+    ------
+    MotionError
+        If a quoted cell does not end.
+    """
+    numbered = content_lines(lines)
+    if not numbered:
+        return [], ","
+    first = numbered[0][1]
+    delimiter = max("\t;,", key=first.count)
+    rows: list[Row] = []
+    for number, line in numbered:
+        try:
+            quoted = '"' in line
+            cells = next(csv.reader([line], delimiter=delimiter, strict=True)) if quoted else line.split(delimiter)
+        except csv.Error as error:
+            raise MotionError(f"{path}: line {number}: a quoted cell is damaged ({error}). Correct it.") from None
+        # blanks matter in names alone, and stripping millions of numbers takes longer than reading them
+        rows.append((number, [cell.strip() for cell in cells] if len(rows) < 2 else cells))
+    return rows, delimiter
+
+
+def is_marker_header(rows: Sequence[Row]) -> bool:
+    """Whether the first rows name coordinates of points, or seem to mean to."""
+    if not rows:
+        return False
+    one = [cell for cell in rows[0][1] if _COORDINATE.fullmatch(cell) or _ALIEN_UNIT.fullmatch(cell)]
+    return bool(one) or _has_axis_row(rows)
+
+
+def read_header(path: Path, rows: Sequence[Row]) -> Header:
+    """Column names of a table.
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    rows : sequence of (int, list of str)
+        First rows of the table, at least one.
+
+    Raises
+    ------
+    MotionError
+        If no columns are coordinates of points, or a coordinate of a point is missing.
+    """
+    two = not any(_COORDINATE.fullmatch(cell) for cell in rows[0][1]) and _has_axis_row(rows)
+    titles = _joined(path, rows) if two else _trimmed(rows[0][1])
+    labels, columns, units = _points(titles)
+    if not labels:
+        _refuse_without_points(path, rows[0][0], titles)
+    for label, places in zip(labels, columns, strict=True):
+        if -1 in places:
+            have = ", ".join(titles[i] for i in places if i >= 0)
+            raise MotionError(
+                f"{path}: line {rows[0][0]}: point {label!r} has no {'xyz'[places.index(-1)]} column (it has {have}); "
+                "every point needs x, y and z"
+            )
+    used = {i for places in columns for i in places}
+    rest = [i for i in range(len(titles)) if i not in used]
+    times = [i for i in rest if _TIME.fullmatch(titles[i])]
+    if len(times) > 1:
+        raise MotionError(f"{path}: has {len(times)} columns of times: {', '.join(titles[i] for i in times)}; keep one")
+    unit = _TIME.fullmatch(titles[times[0]]) if times else None
+    return Header(
+        titles=tuple(titles),
+        next_row=1 + two,
+        labels=tuple(labels),
+        columns=tuple(columns),
+        units=tuple(units),
+        time_column=times[0] if times else None,
+        time_factor=1e-3 if unit and (unit[1] or "s").lower().startswith("m") else 1.0,
+        left_out=tuple(titles[i] for i in rest if i not in times and not _FRAME.fullmatch(titles[i])),
+    )
+
+
+def _trimmed(cells: Sequence[str]) -> list[str]:
+    last = max((i for i, cell in enumerate(cells) if cell), default=-1)
+    return list(cells[: last + 1])
+
+
+def _has_axis_row(rows: Sequence[Row]) -> bool:
+    """Whether the second row is X, Y, Z, X, Y, Z, ... under a row of names."""
+    return len(rows) > 1 and sum(bool(_AXIS.fullmatch(cell)) for cell in rows[1][1]) >= 3
+
+
+def _joined(path: Path, rows: Sequence[Row]) -> list[str]:
+    """One row of titles from a row of names, each over its first coordinate or over all three, and a row of axes."""
+    axes = _trimmed(rows[1][1])
+    names = rows[0][1] + [""] * (len(axes) - len(rows[0][1]))
+    titles, name = [], ""
+    for i, cell in enumerate(axes):
+        match = _AXIS.fullmatch(cell)
+        if not match:
+            titles.append(cell or names[i])
+            continue
+        name = names[i] or name
+        if not name:
+            raise MotionError(f"{path}: line {rows[0][0]}: no point name stands over column {i + 1} ({cell})")
+        titles.append(f"{name} {match[1]}" + (f" ({match[2]})" if match[2] else ""))
+    return titles
+
+
+def _points(
+    titles: Sequence[str],
+) -> tuple[list[str], list[tuple[int, int, int]], list[tuple[str, str, str]]]:
+    """Names, columns and units of points."""
+    found: list[tuple[str, list[int], list[str]]] = []
+    latest: dict[str, int] = {}
+    for i, title in enumerate(titles):
+        match = _COORDINATE.fullmatch(title)
+        if not match:
+            continue
+        name, axis = match[1], "xyz".index(match[2].lower())
+        at = latest.get(name, -1)
+        if at < 0 or found[at][1][axis] >= 0:
+            at = latest[name] = len(found)
+            found.append((name, [-1, -1, -1], ["", "", ""]))
+        found[at][1][axis] = i
+        found[at][2][axis] = (match[3] or match[4] or "").lower()
+    labels = [name for name, _, _ in found]
+    return labels, [(c[0], c[1], c[2]) for _, c, _ in found], [(u[0], u[1], u[2]) for _, _, u in found]
+
+
+def _refuse_without_points(path: Path, line: int, titles: Sequence[str]) -> None:
+    for title in titles:
+        alien = _ALIEN_UNIT.fullmatch(title)
+        if alien:
+            raise MotionError(
+                f"{path}: line {line}: column {title!r} names the unit {alien[3] or alien[4]!r}, which is no known "
+                "length; use mm, cm, dm, m, in or ft"
+            )
+    raise MotionError(f"{path}: line {line} names no coordinates of points; name the columns {FORM}")
+
 
 HEADER_BYTES = 2**20
 """Column names of many points are longer than the head that is given to :func:`sniff_table`."""

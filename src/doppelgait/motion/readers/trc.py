@@ -11,11 +11,11 @@ import numpy.typing as npt
 
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.core.plugins import plugin
+from doppelgait.motion.axes import metres_per_unit
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.cells import Row, read_lines, to_numbers
 from doppelgait.motion.readers.frame_times import check_rate, last_digit, rate_of_times
 from doppelgait.motion.readers.points import check_amount, points_to_motion, unit_or_guess
-from doppelgait.motion.units import metres_per_unit
 
 FloatArray = npt.NDArray[np.float64]
 
