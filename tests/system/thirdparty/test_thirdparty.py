@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import processes
 from checkout import ROOT
 
 PACKAGE = Path(__file__).parent / "package"
@@ -87,7 +87,7 @@ print(json.dumps({"chips": recording.radar.waveform.chips, "peak_v": float(np.ab
 def installed(tmp_path_factory):
     """Folder with the package as pip installs it, without a network."""
     target = tmp_path_factory.mktemp("installed")
-    subprocess.run(
+    processes.run(
         [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-build-isolation", "--no-index",
          "--disable-pip-version-check", "--target", str(target), str(PACKAGE)],
         check=True, timeout=LIMIT_S,
@@ -102,7 +102,7 @@ def run(installed, tmp_path):
 
     def start(*arguments, path=None):
         places = [str(ROOT / "src"), *([str(installed)] if path is None else path)]
-        done = subprocess.run(
+        done = processes.run(
             [sys.executable, *arguments], cwd=tmp_path, capture_output=True, text=True, timeout=LIMIT_S,
             env={**os.environ, "PYTHONPATH": os.pathsep.join(places)}, check=False,
         )  # fmt: skip
