@@ -26,7 +26,7 @@ from doppelgait.scene.environment.rays import (
     rate_per_s,
     take,
 )
-from doppelgait.scene.environment.setting import Setting
+from doppelgait.scene.environment.registry import Setting
 from doppelgait.scene.environment.slab import Mode, Polarisation, interface_reflection, sampled
 
 

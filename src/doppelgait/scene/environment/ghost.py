@@ -28,7 +28,7 @@ from doppelgait.scene.environment.rays import (
     rate_per_s,
     take,
 )
-from doppelgait.scene.environment.setting import Setting
+from doppelgait.scene.environment.registry import Setting
 from doppelgait.scene.environment.slab import Polarisation, sampled, slab_reflection, te_share
 
 

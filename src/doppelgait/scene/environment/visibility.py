@@ -12,7 +12,7 @@ from pydantic import Field, field_validator
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import db_to_power
-from doppelgait.scene.environment.setting import Setting
+from doppelgait.scene.environment.registry import Setting
 
 RangeGain = tuple[Annotated[float, Field(ge=0, le=1e6)], Annotated[float, Field(ge=-300, le=300)]]
 

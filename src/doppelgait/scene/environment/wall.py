@@ -25,7 +25,7 @@ from doppelgait.scene.environment.rays import (
     rate_per_s,
     with_values,
 )
-from doppelgait.scene.environment.setting import Setting
+from doppelgait.scene.environment.registry import Setting
 from doppelgait.scene.environment.slab import Polarisation, insertion_coefficient, sampled, slab_delay_m, te_share
 
 
