@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import platform
 import sys
 from pathlib import Path
 
@@ -12,6 +13,8 @@ from checkout import SHARED
 
 PROCESS_ROOMS = ("system", "browser")
 PROCESS_EVENTS = ("subprocess.Popen", "os.fork", "os.posix_spawn", "os.system")
+
+platform.processor()  # kept by Python: importing h5py asks for it, by a process that some tests may not start
 
 TESTS = Path(__file__).parent
 LONGEST = (
