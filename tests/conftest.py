@@ -7,6 +7,7 @@ import platform
 import sys
 from pathlib import Path
 
+import h5py  # noqa: F401  asks the system for the processor with a process, once, when it is imported
 import pytest
 
 from checkout import SHARED
