@@ -21,8 +21,7 @@ from doppelgait.core.errors import ConfigError, DoppelgaitError
 from doppelgait.motion import make_motion
 from doppelgait.motion.loop import loop
 from doppelgait.motion.models import generate, human_gait, quadruped_gait
-from doppelgait.motion.models.quadruped_gaits import GAITS
-from doppelgait.motion.models.quadruped_sizes import BUILDS
+from doppelgait.motion.models.quadruped_gaits import BUILDS, GAITS
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import fit_spline, travel_speed_mps
 from doppelgait.scene.rcs import RcsSpec

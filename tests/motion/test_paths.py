@@ -10,28 +10,26 @@ from scipy.optimize import brentq
 
 from doppelgait.core.errors import ConfigError, MotionError
 from doppelgait.motion import make_motion
-from doppelgait.motion.course import (
-    HEADING_WINDOW_M,
-    Pace,
-    Piece,
-    Stop,
-    arc,
-    distance_m,
-    join,
-    point_at,
-    smooth_heading_rad,
-)
 from doppelgait.motion.follow import follow, steady_speed_mps
 from doppelgait.motion.models import boulic_walk, moving_point, pendulum, quadruped_gait
-from doppelgait.motion.models.boulic_curves import support_fraction
+from doppelgait.motion.models.boulic import support_fraction
 from doppelgait.motion.paths import (
+    HEADING_WINDOW_M,
     ArcPath,
+    Pace,
+    Piece,
     PolylinePath,
+    Stop,
     StopAndGoPath,
     StraightPath,
     TurnAroundPath,
+    arc,
+    distance_m,
+    join,
     layout_of,
     make_path,
+    point_at,
+    smooth_heading_rad,
 )
 from doppelgait.motion.retime import body_centre_m, place
 

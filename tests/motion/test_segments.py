@@ -12,9 +12,9 @@ import pytest
 from doppelgait.core.errors import MotionError
 from doppelgait.motion import Motion, make_motion
 from doppelgait.motion.describe import describe_motion
+from doppelgait.motion.gait import smooth_path
 from doppelgait.motion.models import boulic_walk, quadruped_gait
 from doppelgait.motion.segments import PERSON, QUADRUPED, SegmentLimits, crop, find_segments
-from doppelgait.motion.travel import smooth_path
 
 RATE_HZ = 100.0
 

@@ -4,8 +4,14 @@ import numpy as np
 import pytest
 
 from doppelgait.motion.models import boulic_points, boulic_walk
-from doppelgait.motion.models.boulic import LEG_LENGTH, POINTS
-from doppelgait.motion.models.boulic_curves import body_offset, limb_angles_deg, support_fraction, trunk_angles_deg
+from doppelgait.motion.models.boulic import (
+    LEG_LENGTH,
+    POINTS,
+    body_offset,
+    limb_angles_deg,
+    support_fraction,
+    trunk_angles_deg,
+)
 
 pytestmark = pytest.mark.shared
 TRACES = ("boulic_rv1.00_h1.80.npz", "boulic_rv1.50_h1.70.npz")

@@ -12,9 +12,8 @@ import pytest
 import doppelgait as dg
 from doppelgait.core import plugins
 from doppelgait.core.config import FrozenModel
-from doppelgait.motion.course import Piece
 from doppelgait.motion.models import MOTION_MODELS
-from doppelgait.motion.paths import PATHS, Layout, Path, make_path
+from doppelgait.motion.paths import PATHS, Layout, Path, Piece, make_path
 from doppelgait.motion.readers import MOTION_READERS
 from doppelgait.testing import check_motion_model, check_motion_reader, check_path
 

@@ -1,4 +1,4 @@
-"""From a raw recording to a motion without gaps, spikes, jitter and points that are no part of the body."""
+"""Clean a recording: gaps, spikes and jitter go, and so do points that are no part of the body."""
 
 from __future__ import annotations
 
@@ -11,14 +11,173 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import MotionError
-from doppelgait.motion.gaps import fill_gaps, fill_linear, remove_spikes, runs
 from doppelgait.motion.motion import Motion, make_motion
 from doppelgait.motion.skeleton import DOG_PARTS, FOOT_PARTS, HUMAN_PARTS
-from doppelgait.motion.smooth import can_lowpass, lowpass
 from doppelgait.motion.suspects import find_jumps, repair_swaps, useless_points
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
+
+SPIKE_M = 0.05
+SPIKE_ACCELERATION_MPS2 = 400.0
+"""A point that leaves its neighbours in time by more than 5 cm and by more than this acceleration explains."""
+
+
+def remove_spikes(position: FloatArray, *, rate_hz: float) -> int:
+    """Turn single frames and pairs of frames that jump away from a point's path into gaps, in place.
+
+    Parameters
+    ----------
+    position : ndarray, shape (T, P, 3)
+        In m; changed.
+    rate_hz : float
+        Frames per second.
+
+    Returns
+    -------
+    int
+        Number of samples removed.
+    """
+    if position.shape[0] < 5:
+        return 0
+    limit = max(SPIKE_M, SPIKE_ACCELERATION_MPS2 / rate_hz**2)
+    padded = np.pad(position, ((2, 2), (0, 0), (0, 0)), mode="reflect", reflect_type="odd")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 5, axis=0)
+    # a gap inside the window makes the median NaN; there nothing is judged
+    away = np.linalg.norm(position - np.median(windows, axis=-1), axis=2)
+    spiky = away > limit
+    position[spiky] = np.nan
+    return int(spiky.sum())
+
+
+def fill_linear(position: FloatArray) -> FloatArray:
+    """Every gap bridged by a straight line, the ends by the nearest value; points never seen stay NaN.
+
+    Parameters
+    ----------
+    position : ndarray, shape (T, P, 3)
+        NaN where missing.
+    """
+    filled = position.copy()
+    frames = np.arange(position.shape[0])
+    for p in range(position.shape[1]):
+        seen = np.asarray(np.isfinite(position[:, p]).all(axis=1))
+        if seen.any() and not seen.all():
+            for k in range(3):
+                filled[:, p, k] = np.interp(frames, frames[seen], position[seen, p, k])
+    return filled
+
+
+def fill_gaps(position: FloatArray, *, gap_limit: int) -> tuple[FloatArray, dict[str, Any]]:
+    """Gaps inside a point's path filled by a cubic spline through its samples.
+
+    Parameters
+    ----------
+    position : ndarray, shape (T, P, 3)
+        NaN where missing.
+    gap_limit : int
+        Longest gap to fill, in frames.
+
+    Returns
+    -------
+    filled : ndarray, shape (T, P, 3)
+    facts : dict
+        ``gaps_filled``, ``samples_filled``, ``longest_gap_filled`` in frames.
+    """
+    from scipy.interpolate import CubicSpline
+
+    filled = position.copy()
+    lengths: list[int] = []
+    for p in range(position.shape[1]):
+        seen = np.asarray(np.isfinite(position[:, p]).all(axis=1))
+        gaps = [(a, b) for a, b in runs(~seen) if a > 0 and b < len(seen) and b - a <= gap_limit]
+        filled[~seen, p] = np.nan
+        if not gaps or seen.sum() < 4:
+            continue
+        spline = CubicSpline(np.flatnonzero(seen), position[seen, p])
+        for a, b in gaps:
+            filled[a:b, p] = spline(np.arange(a, b))
+            lengths.append(b - a)
+    return filled, {
+        "gaps_filled": len(lengths),
+        "samples_filled": sum(lengths),
+        "longest_gap_filled": max(lengths, default=0),
+    }
+
+
+def runs(mask: BoolArray) -> list[tuple[int, int]]:
+    """First and past-the-last index of every run of true values."""
+    edges = np.flatnonzero(np.diff(np.r_[False, mask, False].astype(np.int8)))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+MIN_RATE_PER_CUTOFF = 3.0
+FILTER_ORDER = 4
+MOST_GROWTH = 1.5
+MEMORY_S, FIT_S, PREDICTION_NOISE_M = 0.1, 1.0, 1e-3
+"""Ends are continued for twice the memory of the prediction, which is fitted to the last second as if it had 1 mm of
+noise: that keeps it from growing."""
+
+
+def can_lowpass(rate_hz: float, cutoff_hz: float | None) -> bool:
+    """Whether a recording has three frames per period of the cutoff, enough for the filter; None is no filter."""
+    return cutoff_hz is not None and rate_hz >= MIN_RATE_PER_CUTOFF * cutoff_hz
+
+
+def lowpass(position: FloatArray, *, rate_hz: float, cutoff_hz: float | None) -> FloatArray:
+    """Zero-phase low-pass: a fourth-order Butterworth, forwards and backwards, half power at the cutoff (E-02).
+
+    Before filtering, the ends are continued by linear prediction. The usual point reflection alone bends the path at
+    the ends and spoils the velocity there by a tenth of its peak.
+
+    Parameters
+    ----------
+    position : ndarray, shape (T, P, 3)
+        In m, no NaN.
+    rate_hz : float
+        Frames per second, more than twice the cutoff.
+    cutoff_hz : float or None
+        Frequency at which half the power is left, in Hz; None for no filter.
+    """
+    from scipy.signal import butter, sosfiltfilt
+
+    if cutoff_hz is None:
+        return position
+    # two passes lose 3 dB together where each loses 1.5 dB: pre-warped bilinear corner of one pass
+    widening = (math.sqrt(2.0) - 1.0) ** (-1.0 / (2 * FILTER_ORDER))
+    corner = 2.0 / math.pi * math.atan(math.tan(math.pi * cutoff_hz / rate_hz) * widening)
+    sections = butter(FILTER_ORDER, corner, output="sos")
+    n_edge, memory = round(2 * MEMORY_S * rate_hz), max(4, round(MEMORY_S * rate_hz))
+    flat = position.reshape(len(position), -1)
+    recent = round(FIT_S * rate_hz)
+    before = _continue(flat[::-1][-recent:], n_edge, memory)[::-1]
+    longer = np.concatenate([before, flat, _continue(flat[-recent:], n_edge, memory)])
+    smooth = sosfiltfilt(sections, longer, axis=0, padlen=min(memory, len(longer) - 1))
+    return np.asarray(smooth[n_edge : n_edge + len(flat)], dtype=np.float64).reshape(position.shape)
+
+
+def _continue(recent: FloatArray, n_frames: int, memory: int) -> FloatArray:
+    """Next ``n_frames`` of each column: its straight trend plus the linear prediction of what remains.
+
+    A jump among the recent frames can make the prediction grow: where it leaves the span of what it was made from, the
+    column is continued by point reflection instead.
+    """
+    steps = np.arange(len(recent) + n_frames) - (len(recent) - 1.0)
+    trend = np.polynomial.polynomial.polyval(steps, np.polynomial.polynomial.polyfit(steps[: len(recent)], recent, 1)).T
+    rest = recent - trend[: len(recent)]
+    memory = min(memory, len(recent) // 3)
+    windows = np.lib.stride_tricks.sliding_window_view(rest, memory + 1, axis=0)
+    past, now = windows[..., :memory], windows[..., memory]
+    normal = np.einsum("tci,tcj->cij", past, past) + len(past) * PREDICTION_NOISE_M**2 * np.eye(memory)
+    weights = np.linalg.solve(normal, np.einsum("tci,tc->ci", past, now)[..., np.newaxis])[..., 0]
+    ahead = list(rest[len(rest) - memory :])
+    for _ in range(n_frames):
+        ahead.append(np.einsum("ic,ci->c", np.array(ahead[-memory:]), weights))
+    predicted = np.array(ahead[memory:])
+    reflected = 2.0 * rest[-1] - rest[::-1][1 : n_frames + 1]
+    grows = np.abs(predicted).max(axis=0) > MOST_GROWTH * np.abs(rest).max(axis=0)
+    return np.asarray(np.where(grows, reflected, predicted) + trend[len(recent) :], dtype=np.float64)
+
 
 MIN_MARKERS = 3
 LARGEST_M = 1e4

@@ -12,12 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import MotionError
-from doppelgait.motion.clean import clean_motion, stationary_points
-from doppelgait.motion.gaps import fill_linear
+from doppelgait.motion.clean import clean_motion, fill_linear, stationary_points
+from doppelgait.motion.gait import smooth_path, stride_facts, travel_facts
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers import check_types, read, take_part
 from doppelgait.motion.segments import Segment, find_segments
-from doppelgait.motion.travel import smooth_path, stride_facts, travel_facts
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -9,21 +9,23 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import ConfigError, MotionError
-from doppelgait.motion.course import (
+from doppelgait.motion.motion import Motion, MotionFacts, PathFacts, make_motion, require_motion
+from doppelgait.motion.paths import (
     Curve,
+    Layout,
     Pace,
+    Path,
     Piece,
     Stop,
     distance_m,
     first_time_s,
     join,
+    layout_of,
     point_at,
     smooth_heading_rad,
     spot_turn_rad,
     stillness,
 )
-from doppelgait.motion.motion import Motion, MotionFacts, PathFacts, make_motion, require_motion
-from doppelgait.motion.paths import Layout, Path, layout_of
 from doppelgait.motion.retime import STILL_BELOW_M, Spline, fit_centre, fit_spline
 from doppelgait.motion.skeleton import FOOT_PARTS
 

@@ -1,20 +1,274 @@
-"""Which gait a mover goes in, how often it steps, and the facts that follow (E-07)."""
+"""Measure how a body travels and steps: path, footfalls, stride frequency and gait (E-07)."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.motion.clean import body_centre
-from doppelgait.motion.footfalls import Steps, find_steps, is_quadruped
+from doppelgait.motion.clean import body_centre, fill_linear, runs, stationary_points
 from doppelgait.motion.motion import Motion, require_motion
-from doppelgait.motion.travel import stride_facts
+from doppelgait.motion.skeleton import FOOT_PARTS
 
 FloatArray = npt.NDArray[np.float64]
+
+SMOOTHING_S = 0.5
+"""The path of the body centre is averaged over this time: about one step of a person."""
+MIN_TRAVEL_M = 0.5
+"""Below this displacement there is no direction of travel, hence no fore-aft motion and no stride."""
+STRIDE_BAND_HZ = (0.4, 6.0)
+
+
+def smooth_path(position: FloatArray, *, rate_hz: float, smoothing_s: float = SMOOTHING_S) -> FloatArray:
+    """Horizontal path of the body centre, averaged over a time, shape (T, 2).
+
+    Parameters
+    ----------
+    position : ndarray, shape (T, P, 3)
+        In m, NaN where missing.
+    rate_hz : float
+        Frames per second.
+    smoothing_s : float
+        Length of the average in s, 0 or more.
+    """
+    from scipy.ndimage import uniform_filter1d
+
+    path = body_centre(position)[:, :2]
+    width = max(1, round(smoothing_s * rate_hz)) | 1
+    # a straight continuation of the ends: repeating the last value would shorten the path
+    edge = min(width // 2, len(path) - 1)
+    longer = np.pad(path, ((edge, edge), (0, 0)), mode="reflect", reflect_type="odd") if edge else path
+    return np.asarray(uniform_filter1d(longer, width, axis=0, mode="nearest")[edge : edge + len(path)])
+
+
+def travel_facts(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
+    """Where and how straight the body goes: displacement, path, straightness, mean speed.
+
+    Parameters
+    ----------
+    position : ndarray, shape (T, P, 3)
+        In m, NaN where missing.
+    rate_hz : float
+        Frames per second.
+    """
+    path = smooth_path(position, rate_hz=rate_hz)
+    if len(path) < 2 or not np.isfinite(path).all():
+        return {}
+    step = np.diff(path, axis=0)
+    net = path[-1] - path[0]
+    length = float(np.linalg.norm(step, axis=1).sum())
+    along = principal_direction(path)
+    offset = path - path.mean(axis=0)
+    lateral = offset - np.outer(offset @ along, along)
+    speed = step @ along * rate_hz
+    mean_speed = float(speed.mean())
+    return {
+        "travel_direction": f"{along[0]:+.2f}x{along[1]:+.2f}y".replace("-0.00", "+0.00"),
+        "net_displacement_m": float(np.linalg.norm(net)),
+        "path_length_m": length,
+        "straightness": float(np.linalg.norm(net)) / length if length > 0 else None,
+        "lateral_rms_m": float(np.sqrt((lateral**2).sum(axis=1).mean())),
+        "mean_speed_mps": mean_speed,
+        "speed_cv": float(speed.std() / mean_speed) if mean_speed > 0 else None,
+    }
+
+
+def principal_direction(path: FloatArray) -> FloatArray:
+    """Unit vector along which a path (T, 2) spreads most, pointing the way the body goes."""
+    offset = path - path.mean(axis=0)
+    along = np.linalg.svd(offset, full_matrices=False)[2][0]
+    return np.asarray(-along if (path[-1] - path[0]) @ along < 0 else along)
+
+
+def stride_facts(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
+    """Stride and step frequency from the fore-aft motion of all points about the centre; None for a standing body.
+
+    The spectra of all points are summed; limbs swing once per stride, so its peak is the stride frequency. A step is
+    half a stride (person; trot and walk of a dog).
+
+    Parameters
+    ----------
+    position : ndarray, shape (T, P, 3)
+        In m, NaN where missing.
+    rate_hz : float
+        Frames per second.
+    """
+    none = {"stride_hz": None, "step_hz": None}
+    position = _while_present(position)
+    if len(position) < rate_hz * 0.8:
+        return none
+    path = smooth_path(position, rate_hz=rate_hz)
+    if not np.isfinite(path).all() or np.linalg.norm(path[-1] - path[0]) < MIN_TRAVEL_M:
+        return none
+    from scipy.signal import detrend
+
+    filled = fill_linear(position)
+    filled = filled[:, np.isfinite(filled).all(axis=(0, 2)) & ~stationary_points(position)]
+    centre = body_centre(position)
+    swing = (filled[:, :, :2] - centre[:, np.newaxis, :2]) @ principal_direction(path)
+    swing = detrend(swing, axis=0) * np.hanning(len(swing))[:, np.newaxis]
+    n_fft = 1 << math.ceil(math.log2(len(swing) * 16))
+    power = (np.abs(np.fft.rfft(swing, n_fft, axis=0)) ** 2).sum(axis=1)
+    frequency = np.fft.rfftfreq(n_fft, 1.0 / rate_hz)
+    band = (frequency >= STRIDE_BAND_HZ[0]) & (frequency <= STRIDE_BAND_HZ[1])
+    if not power[band].any():
+        return none
+    best = int(np.argmax(power[band]))
+    if best == 0:  # still rising towards slower motion: no stride
+        return none
+    stride = float(frequency[band][best])
+    return {"stride_hz": stride, "step_hz": 2.0 * stride}
+
+
+def _while_present(position: FloatArray) -> FloatArray:
+    """Longest stretch in which at least half of the points are seen: outside it there is no gait to measure."""
+    seen = np.asarray(np.isfinite(position).all(axis=2))
+    seen = seen[:, seen.any(axis=0)]
+    if not seen.size:
+        return position
+    first, stop = max(runs(seen.mean(axis=1) >= 0.5), key=lambda run: run[1] - run[0], default=(0, 0))
+    return position[first:stop]
+
+
+SWING_PEAK, SHORTEST_SWING_S = 1.4, 0.04
+"""A foot swings while it goes faster than the body; what does not reach 1.4 body speeds or is shorter is no swing."""
+STILL = 0.01
+"""A foot that has slowed down to this part of its highest speed in swing has landed."""
+STANCE_SPEED = 0.5
+"""A foot bears weight while its slowest point goes at less than half the body's speed."""
+SLOWEST_BODY_MPS = 0.2
+"""A body slower than this stands: a foot must outrun this speed to be in swing."""
+LOW_POINTS = 0.15
+"""Without named feet, points whose 5th percentile of height is in the lowest 15 % of the body's are taken for feet."""
+
+
+@dataclass(frozen=True)
+class Steps:
+    """What one foot does.
+
+    Parameters
+    ----------
+    touchdown_s : ndarray
+        Times at which it lands.
+    overtaken_s : ndarray
+        Times at which its speed falls through that of the body, just before: less exact as a contact, more exact as a
+        clock, because the speed falls steeply there.
+    duty_factor : float
+        Share of the time between two mid-swings for which it bears weight, 0 to 1; NaN with fewer than two swings.
+    """
+
+    touchdown_s: FloatArray
+    overtaken_s: FloatArray
+    duty_factor: float
+
+
+def is_quadruped(motion: Motion) -> bool:
+    """Whether a motion has paws, or names a species other than human."""
+    paws = any(part.endswith("_paw") for part in motion.parts)
+    return paws or motion.facts.species not in ("", "human")
+
+
+def find_feet(motion: Motion) -> dict[str, list[int]]:
+    """Numbers of the points of each foot: ``left_foot``, ``right_foot``, or ``left_hind``, ``left_fore``, ...
+
+    By body part where parts name feet; otherwise the lowest points, left and right of the centre (and before and behind
+    it for a quadruped). Empty where neither gives feet on both sides.
+    """
+    feet: dict[str, list[int]] = {}
+    for n, part in enumerate(motion.parts):
+        if part in FOOT_PARTS:
+            feet.setdefault(part.removesuffix("_paw"), []).append(n)
+    return feet or _lowest_points(motion)
+
+
+def _lowest_points(motion: Motion) -> dict[str, list[int]]:
+    position = fill_linear(motion.position_m)
+    path = smooth_path(position, rate_hz=motion.rate_hz)
+    if len(path) < 2 or not np.isfinite(path).all():
+        return {}
+    ahead = path[-1] - path[0]
+    # comparisons with a point that was never seen are false: it is no foot
+    offset = np.median(position[:, :, :2] - body_centre(position)[:, np.newaxis, :2], axis=0)
+    left = offset @ np.array([-ahead[1], ahead[0]]) > 0
+    hind = offset @ ahead < 0
+    low = np.percentile(position[:, :, 2], 5, axis=0)
+    near = low <= np.nanmin(low) + LOW_POINTS * (np.nanmax(position[:, :, 2]) - np.nanmin(low))
+    four = is_quadruped(motion)
+    feet: dict[str, list[int]] = {}
+    for n in np.flatnonzero(near):
+        end = ("hind" if hind[n] else "fore") if four else "foot"
+        feet.setdefault(f"{'left' if left[n] else 'right'}_{end}", []).append(int(n))
+    return feet if len(feet) == (4 if four else 2) else {}
+
+
+def find_steps(motion: Motion, feet: Mapping[str, list[int]] | None = None) -> dict[str, Steps]:
+    """Touchdowns and duty factor of each foot of a mover.
+
+    A foot swings forward faster than the body goes and is nearly still on the ground. It lands where, after a swing,
+    its forward speed stops falling or reaches 1 % of its highest value in that swing. Speeds are those over the ground
+    along the smoothed path of the body, so that a turning walk has footfalls, too.
+
+    Parameters
+    ----------
+    motion : Motion
+        Motion (time, marker, space) in m, z up; gaps are bridged by straight lines.
+    feet : mapping, optional
+        Numbers of the points of each foot, by default those of :func:`find_feet`.
+
+    Returns
+    -------
+    dict of str to Steps
+        Times on the motion's time axis; empty for a body that has no known feet.
+    """
+    feet = find_feet(motion) if feet is None else feet
+    position = motion.position_m
+    rate, times = motion.rate_hz, motion.time_s
+    path = smooth_path(position, rate_hz=rate)
+    if len(path) < 5 or not np.isfinite(path).all():
+        return {}
+    velocity = np.gradient(path, 1.0 / rate, axis=0)
+    body_mps = np.maximum(np.linalg.norm(velocity, axis=1), SLOWEST_BODY_MPS)
+    ahead = velocity / body_mps[:, np.newaxis]
+    found = {}
+    for foot, points in feet.items():
+        filled = fill_linear(position[:, points])
+        filled = filled[:, np.isfinite(filled).all(axis=(0, 2)), :2]
+        if filled.shape[1]:
+            forward = np.einsum("tpk,tk->tp", np.gradient(filled, 1.0 / rate, axis=0), ahead)
+            found[foot] = _steps(forward, body_mps, times, rate)
+    return found
+
+
+def _steps(forward_mps: FloatArray, body_mps: FloatArray, times_s: FloatArray, rate_hz: float) -> Steps:
+    """Steps of one foot from the forward speeds of its points, shape (T, P)."""
+    speed, slowest = forward_mps.mean(axis=1), forward_mps.min(axis=1)
+    touchdown, overtaken, peaks = [], [], []
+    for first, stop in runs(speed > body_mps):
+        peak = first + int(np.argmax(speed[first:stop]))
+        if speed[peak] < SWING_PEAK * body_mps[peak] or stop - first < SHORTEST_SWING_S * rate_hz:
+            continue
+        peaks.append(peak)
+        landed = _landing(speed, stop, STILL * speed[peak])
+        if landed is not None:
+            touchdown.append(times_s[landed])
+            excess = (speed - body_mps)[stop - 1 : stop + 1]
+            overtaken.append(times_s[stop - 1] + excess[0] / (excess[0] - excess[1]) / rate_hz)
+    bears = slowest < STANCE_SPEED * body_mps
+    duty = float(bears[peaks[0] : peaks[-1]].mean()) if len(peaks) > 1 else float("nan")
+    return Steps(np.array(touchdown), np.array(overtaken), duty)
+
+
+def _landing(speed: FloatArray, after: int, still_mps: float) -> int | None:
+    """First frame from ``after`` on at which the speed is low or stops falling; None where the motion ends before."""
+    for n in range(after, len(speed) - 1):
+        if speed[n] <= still_mps or speed[n + 1] >= speed[n]:
+            return n
+    return None
+
 
 NAN = float("nan")
 

@@ -10,8 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import MotionError
-from doppelgait.motion.footfalls import find_steps
-from doppelgait.motion.gait import with_gait_facts
+from doppelgait.motion.gait import find_steps, with_gait_facts
 from doppelgait.motion.motion import Motion, make_motion, require_motion
 from doppelgait.motion.retime import Spline, fit_spline, travel_speed_mps
 

@@ -9,10 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import MotionError
-from doppelgait.motion.footfalls import is_quadruped
-from doppelgait.motion.gait import GaitFacts, measure_gait
+from doppelgait.motion.gait import GaitFacts, is_quadruped, measure_gait, smooth_path
 from doppelgait.motion.motion import Motion, require_motion
-from doppelgait.motion.travel import smooth_path
 
 FloatArray = npt.NDArray[np.float64]
 

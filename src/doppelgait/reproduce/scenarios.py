@@ -13,8 +13,7 @@ import numpy.typing as npt
 from doppelgait.core.errors import DoppelgaitError
 from doppelgait.core.rng import Streams
 from doppelgait.motion.models import boulic_walk, human_gait, quadruped_gait, sample_person
-from doppelgait.motion.models.quadruped_gaits import GAITS, GaitName
-from doppelgait.motion.models.quadruped_sizes import BUILDS, froude_speed_mps, hip_height_m
+from doppelgait.motion.models.quadruped_gaits import BUILDS, GAITS, GaitName, froude_speed_mps, hip_height_m
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.pipeline import analyze, simulate, with_lowest_prf

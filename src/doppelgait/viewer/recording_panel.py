@@ -142,7 +142,7 @@ def _scene(recording: Recording) -> dict[str, Any] | None:
 
 
 def _body(number: int, truth: TargetTruth, arrays: Arrays) -> dict[str, Any]:
-    from doppelgait.motion.bones import bones_of
+    from doppelgait.motion.rigid import bones_of
     from doppelgait.viz.motion import part_group
 
     assert truth.body is not None

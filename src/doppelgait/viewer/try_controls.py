@@ -11,8 +11,14 @@ from typing import Any, Literal, get_args
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError
 from doppelgait.motion.models.human import HumanConfig
-from doppelgait.motion.models.quadruped_gaits import GAITS, GAITS_BY_SPEED, GaitName
-from doppelgait.motion.models.quadruped_sizes import BUILDS, froude_speed_mps, hip_height_m
+from doppelgait.motion.models.quadruped_gaits import (
+    BUILDS,
+    GAITS,
+    GAITS_BY_SPEED,
+    GaitName,
+    froude_speed_mps,
+    hip_height_m,
+)
 from doppelgait.radar import Radar
 from doppelgait.radar.presets import preset_names
 from doppelgait.viewer.settings import number_of

@@ -6,8 +6,10 @@ from scipy.interpolate import CubicSpline
 
 from doppelgait.core.errors import ConfigError
 from doppelgait.motion.models import MOTION_MODELS, BoulicConfig, boulic_points, boulic_walk
-from doppelgait.motion.models.boulic import LEG_LENGTH, LENGTHS, POINTS
-from doppelgait.motion.models.boulic_curves import (
+from doppelgait.motion.models.boulic import (
+    LEG_LENGTH,
+    LENGTHS,
+    POINTS,
     body_offset,
     cycle_duration_s,
     joint_knots,

@@ -7,13 +7,11 @@ from scipy.integrate import solve_bvp
 
 from doppelgait.core.errors import ConfigError
 from doppelgait.motion.models import MOTION_MODELS, boulic_walk
-from doppelgait.motion.models.boulic import LENGTHS, POINTS
-from doppelgait.motion.models.boulic_curves import support_fraction
-from doppelgait.motion.models.human import HumanConfig, human_gait
+from doppelgait.motion.models.boulic import LENGTHS, POINTS, support_fraction
+from doppelgait.motion.models.human import HumanConfig, human_gait, run_duty_factor, run_height_m, run_step_frequency_hz
+from doppelgait.motion.models.human_body import sample_person, segment_lengths
 from doppelgait.motion.models.human_feet import FLAT
-from doppelgait.motion.models.human_person import sample_person, segment_lengths
-from doppelgait.motion.models.human_run import run_duty_factor, run_height_m, run_step_frequency_hz
-from doppelgait.motion.models.human_variation import step_series
+from doppelgait.motion.models.strides import step_series
 
 INDEX = {name: n for n, name in enumerate(POINTS)}
 WALKS = (0.3, 0.8, 1.4, 2.0, 2.57)

@@ -5,7 +5,16 @@ from scipy.interpolate import CubicSpline
 from doppelgait.core.errors import ConfigError
 from doppelgait.motion.models import MOTION_MODELS, QuadrupedConfig, quadruped_gait
 from doppelgait.motion.models.quadruped import POINTS
-from doppelgait.motion.models.quadruped_gaits import GAITS
+from doppelgait.motion.models.quadruped_gaits import (
+    BUILDS,
+    DUTY_LIMITS,
+    GAITS,
+    duty_factor,
+    fitted_gait,
+    froude_speed_mps,
+    hip_height_m,
+    stride_length_m,
+)
 from doppelgait.motion.models.quadruped_limbs import (
     FEMUR,
     FOREARM,
@@ -17,15 +26,6 @@ from doppelgait.motion.models.quadruped_limbs import (
     all_points,
     crouch,
     paw_path,
-)
-from doppelgait.motion.models.quadruped_sizes import (
-    BUILDS,
-    DUTY_LIMITS,
-    duty_factor,
-    fitted_gait,
-    froude_speed_mps,
-    hip_height_m,
-    stride_length_m,
 )
 from doppelgait.motion.skeleton import DOG_PARTS
 

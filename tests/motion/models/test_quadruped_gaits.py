@@ -7,17 +7,18 @@ import pytest
 
 from doppelgait.core.errors import ConfigError
 from doppelgait.motion.models import QuadrupedConfig, quadruped_gait
-from doppelgait.motion.models.quadruped_gaits import GAITS, pick_gait
-from doppelgait.motion.models.quadruped_limbs import all_points, crouch
-from doppelgait.motion.models.quadruped_sizes import (
+from doppelgait.motion.models.quadruped_gaits import (
     BUILDS,
+    GAITS,
     duty_factor,
     fitted_gait,
     froude_speed_mps,
     hip_height_m,
     mass_kg,
+    pick_gait,
     stride_length_m,
 )
+from doppelgait.motion.models.quadruped_limbs import all_points, crouch
 
 FEET = ("left_hind", "left_fore", "right_hind", "right_fore")
 PHASE = np.arange(1500) / 1500

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from doppelgait.motion.models import quadruped_gait
-from doppelgait.motion.models.quadruped_gaits import GAITS, pick_gait
-from doppelgait.motion.models.quadruped_sizes import froude_number, stride_length_m
+from doppelgait.motion.models.quadruped_gaits import GAITS, froude_number, pick_gait, stride_length_m
 
 pytestmark = pytest.mark.shared
 

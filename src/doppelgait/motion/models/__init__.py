@@ -4,7 +4,7 @@ from doppelgait.motion.models.boulic import BoulicConfig, boulic_points, boulic_
 from doppelgait.motion.models.confusers import CurtainConfig, FanConfig, VacuumConfig, curtain, fan, robot_vacuum
 from doppelgait.motion.models.crawl import CrawlConfig, crawling_person
 from doppelgait.motion.models.human import HumanConfig, human_gait
-from doppelgait.motion.models.human_person import Person, sample_person
+from doppelgait.motion.models.human_body import Person, sample_person
 from doppelgait.motion.models.primitives import (
     BreathingConfig,
     PendulumConfig,

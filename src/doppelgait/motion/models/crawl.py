@@ -12,8 +12,7 @@ from pydantic import Field, model_validator
 from doppelgait.core.config import FrozenModel, validate
 from doppelgait.core.plugins import plugin
 from doppelgait.core.rng import Streams
-from doppelgait.motion.models.boulic import LENGTHS
-from doppelgait.motion.models.human_chain import POINTS
+from doppelgait.motion.models.human_body import LENGTHS, POINTS
 from doppelgait.motion.models.quadruped_limbs import two_link
 from doppelgait.motion.models.registry import generate
 from doppelgait.motion.models.strides import (

@@ -15,9 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import ConfigError
-from doppelgait.motion.models.curves import columns
-from doppelgait.motion.models.human_chain import POINTS
+from doppelgait.motion.models.human_body import POINTS
 from doppelgait.motion.models.quadruped_limbs import two_link
+from doppelgait.motion.models.strides import columns
 
 FloatArray = npt.NDArray[np.float64]
 Advance = Callable[[FloatArray, int], FloatArray]

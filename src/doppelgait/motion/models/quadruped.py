@@ -1,7 +1,7 @@
 """A dog or cat from footfalls: paws that stay where they land, a heaving trunk, jointed limbs.
 
 A gait is data (:mod:`doppelgait.motion.models.quadruped_gaits`); size and speed set stride length and timing by
-dynamic similarity (:mod:`doppelgait.motion.models.quadruped_sizes`); the limbs follow from trunk and paws
+dynamic similarity (:mod:`doppelgait.motion.models.quadruped_gaits`); the limbs follow from trunk and paws
 (:mod:`doppelgait.motion.models.quadruped_limbs`).
 """
 
@@ -16,20 +16,24 @@ from pydantic import Field, model_validator
 from doppelgait.core.config import FrozenModel, validate
 from doppelgait.core.plugins import plugin
 from doppelgait.core.rng import Streams
-from doppelgait.motion.models.quadruped_gaits import GAITS, Gait, GaitChoice, GaitName, pick_gait
-from doppelgait.motion.models.quadruped_limbs import all_points, crouch
-from doppelgait.motion.models.quadruped_sizes import (
+from doppelgait.motion.models.quadruped_gaits import (
     BUILDS,
+    GAITS,
     Build,
     BuildName,
+    Gait,
+    GaitChoice,
+    GaitName,
     duty_factor,
     fitted_gait,
     froude_number,
     froude_speed_mps,
     hip_height_m,
     mass_kg,
+    pick_gait,
     stride_length_m,
 )
+from doppelgait.motion.models.quadruped_limbs import all_points, crouch
 from doppelgait.motion.models.registry import generate
 from doppelgait.motion.models.strides import (
     footfall_times_s,
@@ -73,7 +77,7 @@ class QuadrupedConfig(FrozenModel):
     froude : float, optional
         ... or the Froude number that it follows from; without either the gait's usual one (trot 1, gallop 4).
     build : str
-        Proportions, mass and usual size, a key of :data:`doppelgait.motion.models.quadruped_sizes.BUILDS`:
+        Proportions, mass and usual size, a key of :data:`doppelgait.motion.models.quadruped_gaits.BUILDS`:
         ``"standard"``, breeds of dog, ``"cat"``.
     withers_m : float, optional
         Height of the withers when standing, 0.2 to 0.9; by default that of the build (standard 0.5).

@@ -12,9 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import ConfigError
-from doppelgait.motion.models.curves import columns
-from doppelgait.motion.models.quadruped_gaits import Extremes, Gait, Girdle
-from doppelgait.motion.models.quadruped_sizes import Build
+from doppelgait.motion.models.quadruped_gaits import Build, Extremes, Gait, Girdle
+from doppelgait.motion.models.strides import columns
 
 FloatArray = npt.NDArray[np.float64]
 

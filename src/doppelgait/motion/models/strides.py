@@ -1,18 +1,161 @@
-"""What all gait models share: sample times, a clock that counts strides, footfall times and trunk facts."""
+"""Time and phase of all gait models: sample times, stride clock, footfalls, steps that vary, cubic curves.
+
+SciPy has the cubic curves; its module of interpolation takes as long to load as all of xarray does without pandas.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.rng import RandomSource, as_generator
-from doppelgait.motion.models.curves import cubic_spline
 
 FloatArray = npt.NDArray[np.float64]
+
+
+def columns(first: FloatArray, *others: FloatArray | float) -> FloatArray:
+    """Columns side by side, shape (n, number of columns); a number stands for a constant one.
+
+    Each column is contiguous in memory, and so it stays through arithmetic: a third of the time of rows of three.
+    """
+    found = np.empty((1 + len(others), first.size))
+    found[0] = first
+    for number, other in enumerate(others, 1):
+        found[number] = other
+    return found.T
+
+
+_STEPS = 60
+"""Most steps towards a root: Newton's method needs four, halving an interval to its last digit 52."""
+_LAST_STEP = 1e-9
+"""A step of Newton's method shorter than this share of the knots' distance leaves an error of about its square."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A cubic between every two knots; the outermost ones hold beyond the ends.
+
+    Parameters
+    ----------
+    knots : ndarray, shape (K,)
+        Rising.
+    coefficients : ndarray, shape (4, K - 1)
+        c_0 to c_3 of the sum of c_k u^k, u the distance from the knot on the left.
+    """
+
+    knots: FloatArray
+    coefficients: FloatArray
+
+    def __call__(self, x: npt.ArrayLike, order: int = 0) -> FloatArray:
+        """Values (``order`` 0) or first derivatives (1), shaped like ``x``."""
+        at = np.asarray(x, dtype=float)
+        place = self.knots[1:-1].searchsorted(at, side="right")
+        u = at - self.knots[place]
+        c_0, c_1, c_2, c_3 = self.coefficients.take(place, axis=1)
+        if order == 1:
+            return np.asarray(c_1 + u * (2.0 * c_2 + u * (3.0 * c_3)))
+        return np.asarray(c_0 + u * (c_1 + u * (c_2 + u * c_3)))
+
+    def where(self, values: npt.ArrayLike) -> FloatArray:
+        """Where a curve with rising knots takes values that lie between its first and its last knot's.
+
+        Newton's method from the chord, halved back into the interval where it would leave it.
+        """
+        wanted = np.asarray(values, dtype=float)
+        heights = np.append(self.coefficients[0], self(self.knots[-1]))
+        place = np.clip(heights.searchsorted(wanted, side="right") - 1, 0, self.knots.size - 2)
+        low, high = self.knots[place], self.knots[place + 1]
+        width = high - low
+        x = low + (wanted - heights[place]) / (heights[place + 1] - heights[place]) * width
+        for _ in range(_STEPS):
+            error = self(x) - wanted
+            low, high = np.where(error <= 0, x, low), np.where(error >= 0, x, high)
+            tried = x - error / self(x, 1)
+            following = np.where((tried >= low) & (tried <= high), tried, (low + high) / 2.0)
+            x, step = following, np.abs(following - x)
+            if (step <= _LAST_STEP * width).all():
+                break
+        return np.asarray(x)
+
+
+def _hermite(knots: FloatArray, heights: FloatArray, slopes: FloatArray) -> Curve:
+    """Cubics from heights and slopes at the knots."""
+    step = np.diff(knots)
+    chord = np.diff(heights) / step
+    bend = slopes[:-1] + slopes[1:] - 2.0 * chord
+    c_2 = (chord - slopes[:-1] - bend) / step
+    return Curve(knots, np.stack([heights[:-1], slopes[:-1], c_2, bend / step**2]))
+
+
+def cubic_spline(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
+    r"""Cubic spline with two continuous derivatives and not-a-knot ends.
+
+    .. math:: h_i s_{i-1} + 2 (h_{i-1} + h_i) s_i + h_{i-1} s_{i+1} = 3 (h_i m_{i-1} + h_{i-1} m_i)
+
+    for the slopes s, with steps h and chords m; at the ends the third derivative is continuous across the second knot
+    and the last but one (de Boor, A Practical Guide to Splines, ch. IV).
+
+    Parameters
+    ----------
+    knots : array_like, shape (K,)
+        Rising, K >= 4.
+    heights : array_like, shape (K,)
+    """
+    x, y = np.asarray(knots, dtype=float), np.asarray(heights, dtype=float)
+    h = np.diff(x)
+    m = np.diff(y) / h
+    first, last = x[2] - x[0], x[-1] - x[-3]
+    lower = [0.0, *h[1:].tolist(), float(last)]
+    diagonal = [float(h[1]), *(2.0 * (h[:-1] + h[1:])).tolist(), float(h[-2])]
+    upper = [float(first), *h[:-1].tolist()]
+    right = np.empty(x.size)
+    right[1:-1] = 3.0 * (h[1:] * m[:-1] + h[:-1] * m[1:])
+    right[0] = ((h[0] + 2.0 * first) * h[1] * m[0] + h[0] ** 2 * m[1]) / first
+    right[-1] = (h[-1] ** 2 * m[-2] + (2.0 * last + h[-1]) * h[-2] * m[-1]) / last
+    return _hermite(x, y, np.array(_solved(lower, diagonal, upper, right.tolist())))
+
+
+def _solved(lower: list[float], diagonal: list[float], upper: list[float], right: list[float]) -> list[float]:
+    """Solution of a tridiagonal system by elimination; all pivots of a spline's are positive."""
+    for i in range(1, len(right)):
+        factor = lower[i] / diagonal[i - 1]
+        diagonal[i] -= factor * upper[i - 1]
+        right[i] -= factor * right[i - 1]
+    right[-1] /= diagonal[-1]
+    for i in range(len(right) - 2, -1, -1):
+        right[i] = (right[i] - upper[i] * right[i + 1]) / diagonal[i]
+    return right
+
+
+def periodic_pchip_curve(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
+    """Shape-preserving cubic (Fritsch and Carlson 1980) through knots that repeat every cycle, for 0 <= x <= 1.
+
+    A slope is 0 where the chords on both sides differ in sign or one is level, else their weighted harmonic mean
+    (Fritsch and Butland 1984).
+
+    Parameters
+    ----------
+    knots : array_like, shape (K,)
+        Rising, 0 <= x < 1, K >= 2.
+    heights : array_like, shape (K,)
+    """
+    around = np.arange(-2, np.size(knots) + 2)  # slopes depend on the neighbours alone
+    x, y = np.asarray(knots, dtype=float), np.asarray(heights, dtype=float)
+    x, y = x[around % x.size] + around // x.size, y[around % y.size]
+    step = np.diff(x)
+    chord = np.diff(y) / step
+    before, after = chord[:-1], chord[1:]
+    weight_before, weight_after = 2.0 * step[1:] + step[:-1], step[1:] + 2.0 * step[:-1]
+    level = before * after <= 0.0
+    safe = (np.where(level, 1.0, before), np.where(level, 1.0, after))
+    mean = (weight_before + weight_after) / (weight_before / safe[0] + weight_after / safe[1])
+    return _hermite(x[1:-1], y[1:-1], np.where(level, 0.0, mean))
+
 
 STRIDE_CORRELATION = 0.5
 """Lag-one correlation of successive stride times, assumed."""
@@ -113,3 +256,82 @@ def footfall_times_s(
 def mean_stride_frequency_hz(times_s: FloatArray, phase: FloatArray) -> float:
     """Strides per second over a whole motion."""
     return float((phase[-1] - phase[0]) / (times_s[-1] - times_s[0]))
+
+
+Steps = tuple[FloatArray, FloatArray, FloatArray]
+"""Touchdowns: times in s, phases in cycles (a left one at every half, a right one at every whole), way done in m."""
+
+_STEP_MARGIN = 5
+"""Touchdowns before the first and after the last frame, so that the ends of the splines do not show."""
+
+
+def step_series(
+    duration_s: float,
+    *,
+    stride_s: float,
+    stride_m: float,
+    start_phase: float = 0.0,
+    time_sd: float = 0.0,
+    length_sd: float = 0.0,
+    time_asymmetry: float = 0.0,
+    length_asymmetry: float = 0.0,
+    rng: RandomSource | None = None,
+) -> Steps:
+    """Touchdowns of both feet from well before time 0 to well after ``duration_s``.
+
+    Parameters
+    ----------
+    duration_s : float
+        Time that must be covered.
+    stride_s, stride_m : float
+        Mean time and length of two steps.
+    start_phase : float
+        Phase in cycles at time 0.
+    time_sd, length_sd : float
+        Standard deviation of the time and the length of a step, relative to their means; each is a first-order
+        autoregressive sequence with correlation 0.5, drawn one apart from the other, within 3 deviations.
+    time_asymmetry, length_asymmetry : float
+        (left - right) / mean of the step; a left step ends when the left foot lands.
+    rng : Streams or numpy.random.Generator, optional
+        Needed when a standard deviation is above 0.
+
+    Returns
+    -------
+    times_s, phases, way_m : ndarray, shape (K,)
+        All rising; time and way are 0 at the start phase.
+
+    Raises
+    ------
+    ConfigError
+        If variation is asked for without ``rng``.
+    """
+    if rng is None and (time_sd > 0 or length_sd > 0):
+        raise ConfigError(
+            f"step_time_sd = {time_sd:g}, step_length_sd = {length_sd:g} need a random generator "
+            "(rng=dg.rng(seed)), or set both 0"
+        )
+    source = None if rng is None else as_generator(rng, "motion")
+    shortest = 1 - LARGEST_DEVIATION * time_sd - abs(time_asymmetry) / 2
+    count = 2 * _STEP_MARGIN + math.ceil(2 * duration_s / (stride_s * shortest)) + 1
+    first = math.floor(2 * start_phase) - _STEP_MARGIN
+    left = np.where(np.arange(first + 1, first + count) % 2, 0.5, -0.5)
+    times = _sums(stride_s / 2 * (1 + time_asymmetry * left + _deviations(time_sd, count - 1, source)))
+    way = _sums(stride_m / 2 * (1 + length_asymmetry * left + _deviations(length_sd, count - 1, source)))
+    phases = (first + np.arange(count)) / 2
+    return _begin_at(start_phase, times, phases, way)
+
+
+def _sums(steps: FloatArray) -> FloatArray:
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _deviations(sd: float, count: int, rng: np.random.Generator | None) -> FloatArray:
+    if sd == 0 or rng is None:
+        return np.zeros(count)
+    return sd * autoregressive(count, rng)
+
+
+def _begin_at(start_phase: float, times: FloatArray, phases: FloatArray, way: FloatArray) -> Steps:
+    """Shift time and way so that both are 0 at the start phase."""
+    start_s, start_m = cubic_spline(times, phases).where(start_phase), cubic_spline(phases, way)(start_phase)
+    return times - float(start_s), phases, way - float(start_m)

@@ -7,8 +7,14 @@ import numpy.typing as npt
 import pytest
 
 from doppelgait.motion import Motion, make_motion
-from doppelgait.motion.footfalls import find_feet, find_steps
-from doppelgait.motion.gait import measure_gait, name_quadruped_gait, step_and_gait_frequency_hz, with_gait_facts
+from doppelgait.motion.gait import (
+    find_feet,
+    find_steps,
+    measure_gait,
+    name_quadruped_gait,
+    step_and_gait_frequency_hz,
+    with_gait_facts,
+)
 from doppelgait.motion.models import boulic_walk, quadruped_gait
 from doppelgait.motion.models.quadruped_gaits import GAITS
 

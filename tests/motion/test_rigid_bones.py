@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import doppelgait as dg
-from doppelgait.motion.bones import bones_of
+from doppelgait.motion.rigid import bones_of
 
 
 def test_the_bones_of_the_walking_model_are_those_of_its_skeleton() -> None:

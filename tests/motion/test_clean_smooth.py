@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
+from doppelgait.motion.clean import can_lowpass, lowpass
 from doppelgait.motion.models import boulic_walk
-from doppelgait.motion.smooth import can_lowpass, lowpass
 
 RATE_HZ = 250.0
 

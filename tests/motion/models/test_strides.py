@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
-from doppelgait.motion.models.curves import cubic_spline, periodic_pchip_curve
+from doppelgait.motion.models.strides import cubic_spline, periodic_pchip_curve
 
 
 @pytest.mark.parametrize("count", [4, 5, 9, 40, 30_000])  # a dense system of the last would take 7 GB
