@@ -237,7 +237,10 @@ def test_result_layout_is_that_of_the_charter(recording, tmp_path):
         first = file["targets/0"]
         assert first["signature"].shape == results[0].signature.shape
         assert first["cadence_map"].shape == results[0].cadence_map.shape
-        assert first["doppler_hz"].shape == (128,)
+        assert first["signature"].shape == (first["time_s"].size, first["doppler_hz"].size)
+        assert first["cadence_map"].shape == (first["cadence_hz"].size, first["doppler_hz"].size)
+        np.testing.assert_array_equal(first["doppler_hz"][:], results[0].signature["doppler"])
+        np.testing.assert_array_equal(first["cadence_hz"][:], results[0].cadence_map["cadence"])
         assert first.attrs["gate"] == "truth"
         assert first.attrs["torso_velocity_mps"] == results[0].features.torso_velocity_mps
 

@@ -33,6 +33,12 @@ LABELLED_ARRAYS: dict[str, Schema] = {
     "cadence_map": CADENCE_MAP,
     "cadence_spectrum": CADENCE_SPECTRUM,
 }
+PLAIN_AXES = {
+    "time_s": "axes/signature/time",
+    "doppler_hz": "axes/signature/doppler",
+    "cadence_hz": "axes/cadence_map/cadence",
+}
+"""Links to the axes of the signature and of the cadence map in a file."""
 PLAIN_ARRAYS = ("mean_doppler_spectrum", "main_line_hz")
 NUMBERS = ("gait_frequency_hz", "torso_doppler_hz", "n_periods")
 GROUPS = {"quality": "quality_", "standard_deviation": "sd_", "extended": "extended_"}
@@ -334,8 +340,9 @@ def describe_results(recording: Recording, results: Sequence[Result]) -> dict[st
 def write_results(path: str | Path, recording: Recording, results: Sequence[Result]) -> None:
     """Write results to one HDF5 file; it appears complete or not at all.
 
-    Each target is a group ``targets/<number>``: features and numbers as attributes (empty where undetermined), further
-    mappings as JSON, arrays as datasets, their coordinates under ``axes``, segments in groups of the same form.
+    Each target is a group ``targets/<number>``: label, gate source, features and numbers as attributes (empty where
+    undetermined), further mappings as JSON, arrays as datasets, their coordinates under ``axes``, segments in groups of
+    the same form. Links ``time_s``, ``doppler_hz`` and ``cadence_hz`` lead to the axes of signature and cadence map.
 
     Raises
     ------
@@ -358,7 +365,9 @@ def _write_result(group: Any, result: Result, written: dict[Any, Any]) -> None:
     plain = result.to_json(arrays=False)
     for name, value in {**plain["features"], **{name: plain[name] for name in NUMBERS}}.items():
         group.attrs[name] = h5py.Empty("f8") if value is None else value
-    for name in ("label", "gate", "flags", *GROUPS):
+    group.attrs["label"] = h5py.Empty("S1") if result.label is None else result.label
+    group.attrs["gate"] = result.gate_source
+    for name in ("flags", *GROUPS):
         group.attrs[name] = json.dumps(plain[name])
     group.attrs["analysis"] = canonical_json(result.analysis)
     group.attrs["arrays"] = json.dumps(list(result.arrays))  # so that a missing one is found
@@ -371,6 +380,9 @@ def _write_result(group: Any, result: Result, written: dict[Any, Any]) -> None:
         axes = group.create_group(f"axes/{name}", track_order=True)
         for key, one in array.coords.items():
             _write_values(axes, str(key), one.values, {"dims": one.dims, "attrs": _plain(one.attrs)}, written)
+    for name, axis in PLAIN_AXES.items():  # for readers without this package, under names with their units
+        if axis in group:
+            group[name] = group[axis]
     if result.gate_limits is not None:
         gate = group.create_group("gate_limits", track_order=True)
         gate.attrs.update(source=result.gate.source, span_m=result.gate.span_m)
@@ -469,13 +481,14 @@ def _read_result(group: Any) -> Result:
             None if isinstance(band_hz, h5py.Empty) else (float(band_hz[0]), float(band_hz[1])),
             str(stored.attrs["source"]),
         )  # fmt: skip
+    label = group.attrs["label"]
     mappings: dict[str, Any] = {name: json.loads(group.attrs[name]) for name in GROUPS}
     numbers: dict[str, Any] = {name: number(name) for name in NUMBERS}
     segments = group.get("segments", {})
     return Result(
         analysis=validate(Analysis, json.loads(group.attrs["analysis"]), where="analysis"),
-        label=json.loads(group.attrs["label"]),
-        gate_source=json.loads(group.attrs["gate"]),
+        label=None if isinstance(label, h5py.Empty) else str(label),
+        gate_source=str(group.attrs["gate"]),
         features=GaitFeatures(**{name: number(name) for name in FEATURE_UNITS}),
         **numbers,
         **mappings,
