@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.motion.models.quadruped import quadruped_gait
 from doppelgait.scene import RcsSpec, Scene, Target, assemble
-from doppelgait.scene.ellipsoids import ellipsoids_of_frames, seen_rcs_m2, skeleton_of
-from doppelgait.scene.occlusion import own_points, visible_power
+from doppelgait.scene.bodies import ellipsoids_of_frames, own_points, seen_rcs_m2, skeleton_of, visible_power
 
 WALK, DOG = boulic_walk(duration_s=0.5), quadruped_gait(duration_s=0.5)
 T = np.arange(0, 0.45, 0.05)

@@ -5,8 +5,7 @@ import pandas as pd
 import pytest
 
 from doppelgait.motion.models.boulic import POINTS
-from doppelgait.scene.bodies import CHEN_HEIGHT_M, PERSON
-from doppelgait.scene.ellipsoids import Ellipsoids, ellipsoid_rcs_m2, seen_rcs_m2
+from doppelgait.scene.bodies import CHEN_HEIGHT_M, PERSON, Ellipsoids, ellipsoid_rcs_m2, seen_rcs_m2
 
 pytestmark = pytest.mark.shared
 RADAR_M = np.array([10.0, 0.0, 2.0])

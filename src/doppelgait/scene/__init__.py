@@ -1,12 +1,11 @@
 """Scenes: targets with motion, place and radar cross section, seen from one radar position."""
 
+from doppelgait.scene.bodies import ellipsoid_rcs_m2
 from doppelgait.scene.companions import leashed_dog, side_by_side
-from doppelgait.scene.ellipsoids import ellipsoid_rcs_m2
-from doppelgait.scene.merge import merge_close
 from doppelgait.scene.observe import LineOfSight, assemble, body_at, body_track, line_of_sight
 from doppelgait.scene.placement import PlacedScene, PlacedTarget, place
 from doppelgait.scene.rcs import TYPICAL_RCS_M2, RcsSpec, part_weights, scatterer_rcs_m2
-from doppelgait.scene.scatterers import Scatterers, scatterers_of
+from doppelgait.scene.scatterers import Scatterers, merge_close, scatterers_of
 from doppelgait.scene.scene import Scene, Target
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""Which ellipsoids a body is made of, and between which of its points each one lies.
+"""Bodies of ellipsoids: where they are, what each shows to the radar, and which points they hide (E-08c, E-08e).
 
 Joints are means of points, so that the walking model, two usual marker sets and the quadruped model share one
 description each of a person and of a four-legged animal.
@@ -9,8 +9,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+import numpy.typing as npt
+
 from doppelgait.core.errors import ConfigError
+from doppelgait.motion.motion import Motion
+from doppelgait.motion.retime import resample
 from doppelgait.motion.skeleton import BOULIC_PARTS, bare_name
+
+FloatArray = npt.NDArray[np.float64]
 
 CHEN_HEIGHT_M = 1.80
 """Stature for which Chen gives the transverse semi-axes; ours scale with the person."""
@@ -179,3 +186,228 @@ def body_of(markers: Sequence[str], source: str) -> tuple[Body, dict[str, list[i
         f"{source}: rcs kind 'ellipsoids' and occlusion need a body whose joints are known ({', '.join(BODIES)}); of "
         f"these points the nearest set is {nearest}, which lacks {shown}; use rcs kind 'auto' without occlusion"
     )
+
+
+def mean_points(motion: Motion, groups: Sequence[Sequence[int]]) -> npt.NDArray[np.float64]:
+    """Mean positions of groups of points, shape (T, G, 3), m. A spline through means is the mean of the splines."""
+    values = motion.position_m
+    return np.stack([values[:, list(group)].mean(axis=1) for group in groups], axis=1)
+
+
+@dataclass(frozen=True)
+class Ellipsoids:
+    """Ellipsoids at I times.
+
+    Parameters
+    ----------
+    centre_m : ndarray, shape (I, S, 3)
+    along, across : ndarray, shape (I, S, 3)
+        Unit vectors of the long axis and from side to side; ``across`` is zero for ellipsoids of revolution.
+    semi_axes_m : ndarray, shape (S, 3)
+        Across, upright and along, constant in time.
+    """
+
+    centre_m: FloatArray
+    along: FloatArray
+    across: FloatArray
+    semi_axes_m: FloatArray
+
+
+@dataclass(frozen=True)
+class Skeleton:
+    """Joints of one motion as a motion table, its segments and their semi-axes (S, 3), m: across, upright, along."""
+
+    joints: Motion
+    segments: tuple[Segment, ...]
+    semi_axes_m: FloatArray
+
+    def numbers(self, end: str) -> list[int]:
+        """Numbers of the joints where the segments ``"start"`` or ``"end"``."""
+        number = {name: n for n, name in enumerate(self.joints.markers)}
+        return [number[getattr(segment, end)] for segment in self.segments]
+
+
+def ellipsoid_rcs_m2(semi_axes_m: npt.ArrayLike, direction: npt.ArrayLike) -> FloatArray:
+    r"""Backscatter of a perfectly conducting ellipsoid in the optical limit (E-08c; Mahafza 2003, Chen 2011).
+
+    .. math:: \sigma = \pi (a b c)^2 / (a^2 u_1^2 + b^2 u_2^2 + c^2 u_3^2)^2
+
+    with :math:`u = (\sin\theta\cos\phi, \sin\theta\sin\phi, \cos\theta)`; :math:`\pi r^2` for a sphere, frequency
+    independent.
+
+    Parameters
+    ----------
+    semi_axes_m : array_like, shape (..., 3)
+        a, b, c, positive.
+    direction : array_like, shape (..., 3)
+        Unit vector to the radar, in the axes of the ellipsoid.
+
+    Returns
+    -------
+    ndarray, shape (...)
+        m^2, positive.
+    """
+    squares = np.asarray(semi_axes_m, dtype=float) ** 2
+    form = _dot(squares, np.asarray(direction, dtype=float) ** 2)
+    return np.asarray(np.pi * squares.prod(axis=-1) / (form * form))
+
+
+def horizontal_mean_rcs_m2(body: Ellipsoids) -> FloatArray:
+    r"""Mean of :func:`ellipsoid_rcs_m2` over all horizontal directions, shape (I, S), m^2.
+
+    With N the horizontal 2 x 2 block of :math:`\sum_k s_k^2 e_k e_k^T` (semi-axes s, axes e) the mean over azimuth is
+    :math:`\pi (a b c)^2 \, \mathrm{tr} N / (2 (\det N)^{3/2})`.
+    """
+    across, upright, along = body.semi_axes_m.T
+    wide, long = across**2 - upright**2, along**2 - upright**2
+    x, y = body.along[..., 0], body.along[..., 1]
+    side_x, side_y = body.across[..., 0], body.across[..., 1]
+    xx = upright**2 + wide * side_x**2 + long * x**2
+    yy = upright**2 + wide * side_y**2 + long * y**2
+    xy = wide * side_x * side_y + long * x * y
+    return np.asarray(np.pi * (across * upright * along) ** 2 * (xx + yy) / (2.0 * (xx * yy - xy**2) ** 1.5))
+
+
+def skeleton_of(motion: Motion) -> Skeleton:
+    """Joints and ellipsoids of a motion.
+
+    Parameters
+    ----------
+    motion : Motion
+        With the points of one of :data:`doppelgait.scene.bodies.BODIES` and a known ``height_m``.
+
+    Raises
+    ------
+    ConfigError
+        If the joints or the height are unknown, or two joints of a segment coincide.
+    """
+    source, height_m = motion.facts.source, motion.facts.height_m
+    body, points = body_of(motion.markers, source)
+    if not height_m > 0:
+        raise ConfigError(f"{source}: the height is unknown, so ellipsoids have no size; use another rcs kind")
+    joints = motion.with_points(mean_points(motion, list(points.values())), list(points), [""] * len(points))
+    skeleton = Skeleton(joints, body.segments, np.empty(0))
+    start, end = (joints.position_m[:, skeleton.numbers(which)] for which in ("start", "end"))
+    half_m = np.median(np.sqrt(((end - start) ** 2).sum(axis=-1)), axis=0) / 2.0
+    if not half_m.min() > 0:
+        raise ConfigError(f"{source}: segment {body.segments[int(half_m.argmin())].name} has no length")
+    sizes = [
+        (s.across * height_m, s.upright * height_m, float(half) if s.along is None else s.along * height_m)
+        for s, half in zip(body.segments, half_m, strict=True)
+    ]
+    return Skeleton(joints, body.segments, np.array(sizes))
+
+
+def centres(skeleton: Skeleton) -> Motion:
+    """Motion of the ellipsoids' centres, one point per segment with its name and body part."""
+    pairs = list(zip(skeleton.numbers("start"), skeleton.numbers("end"), strict=True))
+    names, parts = ([getattr(s, key) for s in skeleton.segments] for key in ("name", "part"))
+    return skeleton.joints.with_points(mean_points(skeleton.joints, pairs), names, parts)
+
+
+def ellipsoids_at(skeleton: Skeleton, time_s: FloatArray) -> Ellipsoids:
+    """The ellipsoids at times after the first frame (spline of E-02)."""
+    return _ellipsoids(skeleton, resample(skeleton.joints, time_s)[0])
+
+
+def ellipsoids_of_frames(skeleton: Skeleton) -> Ellipsoids:
+    """The ellipsoids at the frames of the motion."""
+    return _ellipsoids(skeleton, skeleton.joints.position_m)
+
+
+def _ellipsoids(skeleton: Skeleton, joint_m: FloatArray) -> Ellipsoids:
+    names = skeleton.joints.markers
+    start, end = joint_m[:, skeleton.numbers("start")], joint_m[:, skeleton.numbers("end")]
+    along = _unit(end - start)
+    across = np.zeros_like(along)
+    for n, segment in enumerate(skeleton.segments):
+        if segment.sideways is not None:
+            left, right = (joint_m[:, names.index(joint)] for joint in segment.sideways)
+            line = left - right
+            across[:, n] = _unit(line - _dot(line, along[:, n])[:, None] * along[:, n])
+    return Ellipsoids((start + end) / 2.0, along, across, skeleton.semi_axes_m)
+
+
+def _unit(vector: FloatArray) -> FloatArray:
+    length = np.sqrt(_dot(vector, vector))
+    return np.asarray(vector / np.maximum(length, 1e-12)[..., None])
+
+
+def _dot(first: FloatArray, second: FloatArray) -> FloatArray:
+    return np.asarray(np.einsum("...k,...k->...", first, second))  # a third of the time of a product and a sum
+
+
+def mean_rcs_m2(skeleton: Skeleton) -> float:
+    """Sum over the ellipsoids of their mean over all frames of the motion and all horizontal directions, m^2."""
+    return float(horizontal_mean_rcs_m2(ellipsoids_of_frames(skeleton)).mean(axis=0).sum())
+
+
+def seen_rcs_m2(body: Ellipsoids, radar_position_m: npt.ArrayLike) -> FloatArray:
+    """RCS of every ellipsoid towards the radar (E-08c), not scaled to a total; shape (I, S), m^2."""
+    sight = _unit(np.asarray(radar_position_m, dtype=float) - body.centre_m)
+    along, across = _dot(sight, body.along), _dot(sight, body.across)
+    upright = np.sqrt(np.maximum(1.0 - along**2 - across**2, 0.0))
+    return ellipsoid_rcs_m2(body.semi_axes_m, np.stack([across, upright, along], axis=-1))
+
+
+EDGE_M = 0.05
+"""Half width of the border between light and shadow, m: the Fresnel scale sqrt(lambda d / 2) of a shadow that falls
+d = 0.12 m behind its edge at 7.29 GHz. The border is smooth, so that a limb that passes behind the trunk fades over
+0.1 m of its way instead of clicking."""
+
+OWN_REACH = 1.1
+"""An ellipsoid never hides points that it contains, up to a tenth beyond its surface: they stand for that surface."""
+
+
+def visible_power(
+    point_m: FloatArray,
+    body: Ellipsoids,
+    own: npt.NDArray[np.bool_],
+    radar_position_m: npt.ArrayLike,
+    *,
+    edge_m: float = EDGE_M,
+) -> FloatArray:
+    r"""Two-way power gain of the lines of sight past the body's ellipsoids (E-08e): 1 in sight, 0 hidden.
+
+    At the point of the line of sight where the ellipsoid's form :math:`q = x^T K x` is smallest its clearance is, to
+    first order, :math:`d = (q - 1) / (2 |K x|)` (negative inside). The amplitude rises from 0 at d = -edge to 1 at
+    d = +edge with two continuous derivatives; an ellipsoid counts only as far as it lies before the point, by the same
+    ramp over the first ``edge`` of the way. Amplitudes past several ellipsoids multiply; the gain is the square. Waves
+    that creep round the body or pass through it are left out.
+
+    Parameters
+    ----------
+    point_m : ndarray, shape (I, P, 3)
+    body : Ellipsoids
+        At the same I times.
+    own : ndarray of bool, shape (P, S)
+        Ellipsoids that never hide a point (:func:`own_points`).
+    radar_position_m : array_like, shape (3,)
+    edge_m : float
+        Positive.
+
+    Returns
+    -------
+    ndarray, shape (I, P)
+        0 to 1.
+    """
+    from doppelgait.core.kernels.occlusion import sight_amplitudes
+
+    points = np.ascontiguousarray(point_m, dtype=np.float64)
+    amplitude = np.empty(points.shape[:2])
+    sight_amplitudes(
+        points, body.centre_m, body.along, body.across, body.semi_axes_m, np.ascontiguousarray(own),
+        np.asarray(radar_position_m, dtype=np.float64), edge_m, amplitude,
+    )  # fmt: skip
+    return amplitude * amplitude
+
+
+def own_points(point_m: FloatArray, body: Ellipsoids) -> npt.NDArray[np.bool_]:
+    """Whether an ellipsoid contains a point (to a tenth beyond its surface) half of the time or more, shape (P, S)."""
+    step = -(-point_m.shape[0] // 100)
+    offset = point_m[::step, :, None] - body.centre_m[::step, None]
+    across, upright, along = body.semi_axes_m.T
+    wide = (offset * body.across[::step, None]).sum(axis=-1) ** 2 * (across**-2.0 - upright**-2.0)
+    long = (offset * body.along[::step, None]).sum(axis=-1) ** 2 * (along**-2.0 - upright**-2.0)
+    form = (offset**2).sum(axis=-1) * upright**-2.0 + wide + long
+    return np.asarray(np.median(form, axis=0) <= OWN_REACH**2)

@@ -8,7 +8,7 @@ import xarray as xr
 
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning
 from doppelgait.scene.environment import GroundBounce, Setting, Wall, WallGhost, apply_environment
-from doppelgait.scene.environment.slab import interface_reflection, slab_reflection
+from doppelgait.scene.environment.materials import interface_reflection, slab_reflection
 from echo_table import LAMBDA_M, echo_table, echoes, rows
 
 K = 2 * np.pi / LAMBDA_M

@@ -6,10 +6,12 @@ from scipy.optimize import minimize_scalar
 
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning
 from doppelgait.scene.environment import Setting, Wall, apply_environment, make_effect
-from doppelgait.scene.environment.materials import MATERIALS, Dielectric, relative_permittivity
-from doppelgait.scene.environment.slab import (
+from doppelgait.scene.environment.materials import (
+    MATERIALS,
+    Dielectric,
     insertion_coefficient,
     interface_reflection,
+    relative_permittivity,
     sampled,
     slab_delay_m,
     slab_reflection,

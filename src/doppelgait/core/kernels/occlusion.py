@@ -37,7 +37,7 @@ def sight_amplitudes(
     ----------
     points : ndarray, shape (I, P, 3)
     centre, along, across : ndarray, shape (I, S, 3)
-        As in :class:`doppelgait.scene.ellipsoids.Ellipsoids`.
+        As in :class:`doppelgait.scene.bodies.Ellipsoids`.
     semi_axes : ndarray, shape (S, 3)
     passes : ndarray of bool, shape (P, S)
         Ellipsoids that never hide the point.

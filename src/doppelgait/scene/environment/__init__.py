@@ -15,9 +15,8 @@ from pydantic import AfterValidator
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.plugins import Plugin
-from doppelgait.scene.environment.bounce import GroundBounce, apply_ground_bounce
-from doppelgait.scene.environment.ghost import WallGhost, apply_wall_ghost
 from doppelgait.scene.environment.materials import MATERIALS, Dielectric, Material, relative_permittivity
+from doppelgait.scene.environment.reflections import GroundBounce, WallGhost, apply_ground_bounce, apply_wall_ghost
 from doppelgait.scene.environment.registry import ENVIRONMENT, Apply, Setting
 from doppelgait.scene.environment.visibility import Visibility, apply_visibility
 from doppelgait.scene.environment.wall import Wall, apply_wall

@@ -1,16 +1,25 @@
-"""Permittivity of building materials and of the ground by Recommendation ITU-R P.2040."""
+"""Permittivity of building materials and of the ground; reflection and transmission by an interface and by a slab.
+
+Fields go as exp(j omega t), so a medium with loss has eps = eps' - j eps''. Modes: ``te`` has the electric field
+perpendicular to the plane of incidence, ``tm`` in it. Constants and equations of Recommendation ITU-R P.2040.
+"""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, Literal, NamedTuple, get_args
 
+import numpy as np
+import numpy.typing as npt
 from pydantic import BeforeValidator, Field
 
 from doppelgait.core.config import FrozenModel, validate
 from doppelgait.core.errors import ConfigError, DoppelgaitWarning
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
+
+FloatArray = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
 
 MaterialName = Literal[
     "concrete", "brick", "plasterboard", "wood", "glass", "ceiling_board", "chipboard", "plywood", "marble",
@@ -136,3 +145,178 @@ def _constants_at(material: str, frequency_ghz: float) -> Constants:
         )
     warnings.warn(f"{outside}; they are extrapolated", DoppelgaitWarning, stacklevel=3)
     return constants
+
+
+Mode = Literal["te", "tm"]
+Polarisation = Literal["vertical", "horizontal"]
+
+GRAZING_COSINE = 1e-6
+"""Incidence is taken as no flatter than this, where the slab's equations become 0 / 0."""
+
+
+def interface_reflection(cos_incidence: npt.ArrayLike, *, permittivity: complex, mode: Mode) -> ComplexArray:
+    """Fresnel reflection coefficient of a half space seen from air.
+
+    Parameters
+    ----------
+    cos_incidence : array_like
+        Cosine of the angle between the ray and the normal, 0 to 1.
+    permittivity : complex
+        Relative permittivity eps of the half space, imaginary part 0 or negative.
+    mode : {"te", "tm"}
+
+    Returns
+    -------
+    ndarray of complex128
+        te: (c - s) / (c + s); tm: (eps c - s) / (eps c + s); c the cosine, s = sqrt(eps - 1 + c^2) (ITU-R P.2040).
+        The tm coefficient keeps the upright direction of the field over a floor; it is -1 at grazing, like te.
+    """
+    cosine = np.maximum(np.asarray(cos_incidence, dtype=float), GRAZING_COSINE)
+    inside = _inside(cosine, permittivity)
+    outside = cosine if mode == "te" else permittivity * cosine
+    return np.asarray((outside - inside) / (outside + inside), dtype=np.complex128)
+
+
+def slab_reflection(
+    cos_incidence: npt.ArrayLike, *, permittivity: complex, thickness_m: float, wavelength_m: float, mode: Mode
+) -> ComplexArray:
+    """Reflection coefficient of a slab in air at its front face, with all internal reflections.
+
+    Parameters
+    ----------
+    cos_incidence : array_like
+        Cosine of the angle between the ray and the normal, 0 to 1.
+    permittivity : complex
+    thickness_m, wavelength_m : float
+    mode : {"te", "tm"}
+
+    Returns
+    -------
+    ndarray of complex128
+        r (1 - exp(-2jq)) / (1 - r^2 exp(-2jq)), r of :func:`interface_reflection`,
+        q = 2 pi d sqrt(eps - sin^2) / lambda (ITU-R P.2040).
+    """
+    cosine = np.maximum(np.asarray(cos_incidence, dtype=float), GRAZING_COSINE)
+    r = interface_reflection(cosine, permittivity=permittivity, mode=mode)
+    back = np.exp(-2j * _slab_phase(cosine, permittivity, thickness_m, wavelength_m))
+    return np.asarray(r * (1.0 - back) / (1.0 - r * r * back))
+
+
+def slab_transmission(
+    cos_incidence: npt.ArrayLike, *, permittivity: complex, thickness_m: float, wavelength_m: float, mode: Mode
+) -> ComplexArray:
+    """Transmission coefficient of a slab in air, with all internal reflections.
+
+    Parameters
+    ----------
+    cos_incidence : array_like
+        Cosine of the angle between the ray and the normal, 0 to 1.
+    permittivity : complex
+    thickness_m, wavelength_m : float
+    mode : {"te", "tm"}
+
+    Returns
+    -------
+    ndarray of complex128
+        t = (1 - r^2) exp(-jq) / (1 - r^2 exp(-2jq)), the field at the back face over that at the point of the front
+        face straight opposite (ITU-R P.2040). Its phase replaces that of the air which the slab displaces,
+        -2 pi d cos / lambda: see :func:`insertion_coefficient`.
+    """
+    cosine = np.maximum(np.asarray(cos_incidence, dtype=float), GRAZING_COSINE)
+    r2 = interface_reflection(cosine, permittivity=permittivity, mode=mode) ** 2
+    once = np.exp(-1j * _slab_phase(cosine, permittivity, thickness_m, wavelength_m))
+    return np.asarray((1.0 - r2) * once / (1.0 - r2 * once * once))
+
+
+def insertion_coefficient(
+    cos_incidence: npt.ArrayLike, *, permittivity: complex, thickness_m: float, wavelength_m: float, mode: Mode
+) -> ComplexArray:
+    """What a slab put into the way of a plane wave multiplies the field behind it by: t exp(j 2 pi d cos / lambda).
+
+    Parameters as :func:`slab_transmission`.
+    """
+    cosine = np.maximum(np.asarray(cos_incidence, dtype=float), GRAZING_COSINE)
+    t = slab_transmission(
+        cosine, permittivity=permittivity, thickness_m=thickness_m, wavelength_m=wavelength_m, mode=mode
+    )
+    return np.asarray(t * np.exp(2j * np.pi * thickness_m / wavelength_m * cosine))
+
+
+def slab_delay_m(cos_incidence: npt.ArrayLike, *, permittivity: complex, thickness_m: float) -> FloatArray:
+    """One-way lengthening of a path by a slab: (sqrt(eps' - sin^2) - cos) d.
+
+    It is what the wave that crosses once is late by, (sqrt(eps') - 1) d at normal incidence. At an angle the shift of
+    the refracted ray along the slab is part of it.
+    """
+    cosine = np.asarray(cos_incidence, dtype=float)
+    return np.asarray((np.sqrt(permittivity.real - 1.0 + cosine**2) - cosine) * thickness_m)
+
+
+def sampled(
+    coefficient: Callable[[FloatArray], ComplexArray],
+    cos_incidence: FloatArray,
+    *,
+    thickness_m: float = 0.0,
+    wavelength_m: float = 1.0,
+) -> ComplexArray:
+    """Coefficient for many rays from fewer of its values, by straight lines between them.
+
+    Parameters
+    ----------
+    coefficient : callable
+        Of the cosines of incidence.
+    cos_incidence : ndarray
+    thickness_m, wavelength_m : float
+        Of the slab; 0 and anything for an interface.
+
+    Returns
+    -------
+    ndarray of complex128
+        The values are so close, 0.001 or 0.01 lambda / (2 pi d), that the lines err by about 1e-5 (-100 dB); where the
+        rays are fewer than that every value is computed.
+    """
+    step = min(1e-3, 1e-2 * wavelength_m / (2.0 * np.pi * thickness_m)) if thickness_m else 1e-3
+    if not cos_incidence.size:
+        return coefficient(cos_incidence)
+    lowest, highest = float(cos_incidence.min()), float(cos_incidence.max())
+    count = int((highest - lowest) / step) + 2
+    if count >= cos_incidence.size:
+        return coefficient(cos_incidence)
+    grid = np.linspace(lowest, highest, count)
+    values = np.interp(cos_incidence.ravel(), grid, coefficient(grid))
+    return np.asarray(values, dtype=np.complex128).reshape(cos_incidence.shape)
+
+
+def te_share(along: FloatArray, aside: FloatArray, up: FloatArray) -> FloatArray:
+    """Share of a vertically polarised wave's power that meets an upright wall in te mode.
+
+    Parameters
+    ----------
+    along, aside, up : ndarray
+        Components of the ray along the wall's normal, along the wall and upwards, in any unit.
+
+    Returns
+    -------
+    ndarray
+        sin^2(azimuth from the normal) / sin^2(incidence): 1 for a level ray, 0 for one straight up the normal's plane;
+        1 at normal incidence, where the modes are the same. Horizontal polarisation has the rest.
+    """
+    level, across = along**2 + aside**2, aside**2 + up**2
+    product = level * across
+    share = np.ones(np.shape(product))
+    np.divide(aside**2 * (level + up**2), product, out=share, where=product > 1e-12 * (level + up**2) ** 2)
+    return share
+
+
+def _inside(cosine: FloatArray, permittivity: complex) -> ComplexArray:
+    """sqrt(eps - sin^2): the normal component of the wave vector in the medium over that in air at normal incidence."""
+    square = permittivity.real - 1.0 + cosine**2
+    out = np.empty(square.shape, dtype=np.complex128)
+    # by the real and imaginary part: a complex root takes ten times as long
+    np.sqrt(0.5 * (np.sqrt(square**2 + permittivity.imag**2) + square), out=out.real)
+    np.divide(permittivity.imag, 2.0 * out.real, out=out.imag)
+    return out
+
+
+def _slab_phase(cosine: FloatArray, permittivity: complex, thickness_m: float, wavelength_m: float) -> ComplexArray:
+    return np.asarray(2.0 * np.pi * thickness_m / wavelength_m * _inside(cosine, permittivity))

@@ -44,6 +44,6 @@ class Apply(Protocol):
 
 ENVIRONMENT: Group[Apply] = Group(
     "environment",
-    built_in=tuple(f"doppelgait.scene.environment.{name}" for name in ("bounce", "ghost", "visibility", "wall")),
+    built_in=tuple(f"doppelgait.scene.environment.{name}" for name in ("reflections", "visibility", "wall")),
 )
 """Environment effects by the ``kind`` of a scene file's ``[[environment]]``."""

@@ -16,8 +16,16 @@ from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.core.labels import axis
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import db_to_power
-from doppelgait.scene.environment.materials import Material, relative_permittivity
-from doppelgait.scene.environment.rays import (
+from doppelgait.scene.environment.materials import (
+    Material,
+    Polarisation,
+    insertion_coefficient,
+    relative_permittivity,
+    sampled,
+    slab_delay_m,
+    te_share,
+)
+from doppelgait.scene.environment.reflections import (
     ComplexArray,
     FloatArray,
     direct_rays,
@@ -26,7 +34,6 @@ from doppelgait.scene.environment.rays import (
     with_values,
 )
 from doppelgait.scene.environment.registry import Setting
-from doppelgait.scene.environment.slab import Polarisation, insertion_coefficient, sampled, slab_delay_m, te_share
 
 
 class Wall(FrozenModel):
@@ -91,9 +98,9 @@ def apply_wall(scatterers: xr.Dataset, spec: Wall, setting: Setting) -> xr.Datas
     Returns
     -------
     Dataset
-        ``path_gain`` times |T|^4, T the insertion coefficient of the slab (:func:`slab.insertion_coefficient`) at the
+        ``path_gain`` times |T|^4, T the insertion coefficient of the slab (:func:`insertion_coefficient`) at the
         angle of the straight line to the scatterer; ``range`` plus the delay of one crossing
-        (:func:`slab.slab_delay_m`), ``radial_velocity`` minus its rate. The range carries -4 pi / lambda times that
+        (:func:`slab_delay_m`), ``radial_velocity`` minus its rate. The range carries -4 pi / lambda times that
         delay into the phase of the echo; ``path_phase`` gets the rest, so that the whole phase is that of T^2.
         A measured wall has no rest. Scatterers in front are as they were.
 
@@ -150,7 +157,7 @@ def wall_insertion(
 ) -> ComplexArray:
     """Co-polar insertion coefficient of an upright slab: T_te w + T_tm (1 - w), w = ``vertical_te``.
 
-    ``vertical_te`` is that of :func:`slab.te_share`. For horizontal polarisation w and 1 - w change places. What turns
+    ``vertical_te`` is that of :func:`te_share`. For horizontal polarisation w and 1 - w change places. What turns
     into the other polarisation is lost.
     """
     slab = {"thickness_m": spec.thickness_m or 0.0, "wavelength_m": wavelength_m}

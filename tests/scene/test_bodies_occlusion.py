@@ -9,8 +9,7 @@ from doppelgait.core.labels import axis
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.motion.models.quadruped import quadruped_gait
 from doppelgait.scene import RcsSpec, Scene, Target, assemble, place
-from doppelgait.scene.ellipsoids import Ellipsoids, ellipsoids_of_frames, skeleton_of
-from doppelgait.scene.occlusion import EDGE_M, own_points, visible_power
+from doppelgait.scene.bodies import EDGE_M, Ellipsoids, ellipsoids_of_frames, own_points, skeleton_of, visible_power
 
 
 def ball(centre, radius=0.2):

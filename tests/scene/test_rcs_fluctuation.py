@@ -7,7 +7,7 @@ from scipy import stats
 from doppelgait.core.errors import ConfigError
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.scene import RcsSpec, Scene, Target, assemble
-from doppelgait.scene.fluctuation import fluctuation_factor, spread_factor
+from doppelgait.scene.rcs import fluctuation_factor, spread_factor
 
 LAW = {"swerling1": stats.expon, "swerling3": stats.gamma(a=2, scale=0.5)}
 WALK = boulic_walk(duration_s=1.0)

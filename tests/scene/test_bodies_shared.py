@@ -7,7 +7,7 @@ from doppelgait.core.labels import axis
 from doppelgait.motion import read
 from doppelgait.motion.models.boulic import LENGTHS
 from doppelgait.scene import RcsSpec, Scene, Target, assemble
-from doppelgait.scene.ellipsoids import skeleton_of
+from doppelgait.scene.bodies import skeleton_of
 
 pytestmark = pytest.mark.shared
 

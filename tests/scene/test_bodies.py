@@ -11,8 +11,10 @@ from doppelgait.motion import make_motion
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.motion.models.quadruped import quadruped_gait
 from doppelgait.scene import RcsSpec, Scene, Target, assemble, place
-from doppelgait.scene.bodies import ANIMAL, BODIES, PERSON
-from doppelgait.scene.ellipsoids import (
+from doppelgait.scene.bodies import (
+    ANIMAL,
+    BODIES,
+    PERSON,
     Ellipsoids,
     centres,
     ellipsoid_rcs_m2,

@@ -7,7 +7,7 @@ from doppelgait.core.errors import ConfigError
 from doppelgait.motion import make_motion
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.scene import RcsSpec, Scene, Target, assemble
-from doppelgait.scene.merge import close_groups, median_distances_m, merge_close
+from doppelgait.scene.scatterers import close_groups, median_distances_m, merge_close
 
 RATE_HZ = 50.0
 

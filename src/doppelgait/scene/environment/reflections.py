@@ -1,0 +1,469 @@
+"""Echoes by way of the floor and of an upright wall next to the scene (image method).
+
+One reflection on the way there or back gives one added echo, one on both another.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+from pydantic import Field, model_validator
+
+from doppelgait.core.config import FrozenModel
+from doppelgait.core.errors import ConfigError, DoppelgaitWarning
+from doppelgait.core.labels import SCATTERER_VARIABLES, axis
+from doppelgait.core.plugins import plugin
+from doppelgait.radar.link import MIN_RANGE_M
+from doppelgait.scene.environment.materials import (
+    Material,
+    Mode,
+    Polarisation,
+    interface_reflection,
+    relative_permittivity,
+    sampled,
+    slab_reflection,
+    te_share,
+)
+from doppelgait.scene.environment.registry import Setting
+
+FloatArray = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+
+DIMS = ("slow_time", "scatterer")
+ONE_REFLECTION, TWO_REFLECTIONS = ":bounce", ":double_bounce"
+ONE_GHOST, TWO_GHOSTS = ":ghost_mixed", ":ghost"
+IMAGE_ENDINGS = (ONE_REFLECTION, TWO_REFLECTIONS, ONE_GHOST, TWO_GHOSTS)
+"""Endings of marker and part names of added rows: one reflection on the way there or back, or one on both."""
+
+
+@dataclass(frozen=True)
+class Rays:
+    """Paths from the radar to points, every array (slow_time, scatterer): length, approach speed, place from the radar.
+
+    Of a mixed path the place gives the direction only.
+    """
+
+    range_m: FloatArray
+    velocity_mps: FloatArray
+    x_m: FloatArray
+    y_m: FloatArray
+    z_m: FloatArray
+
+    def along(self, azimuth_rad: float) -> FloatArray:
+        """How far the points lie from the radar in a level direction."""
+        return np.asarray(self.x_m * math.cos(azimuth_rad) + self.y_m * math.sin(azimuth_rad))
+
+
+def direct_rays(scatterers: xr.Dataset, *, effect: str) -> Rays:
+    """Direct paths of a table.
+
+    Raises
+    ------
+    ConfigError
+        If the table has no angles, or is bistatic: places cannot be found from a sum of two ranges and one direction.
+    """
+    if scatterers.attrs.get("bistatic", False):
+        raise ConfigError(
+            f"environment effect {effect!r} needs a radar with transmitter and receiver in one place; leave "
+            "receiver_position_m out of the scene, or this effect"
+        )
+    if "azimuth" not in scatterers or "elevation" not in scatterers:
+        raise ConfigError(
+            f"environment effect {effect!r} needs azimuth and elevation in the scatterer table; make it with "
+            "assemble(scene, times, angles=True)"
+        )
+    names = ("range", "radial_velocity", "azimuth", "elevation")
+    range_m, velocity_mps, azimuth_rad, elevation_rad = (
+        np.asarray(scatterers[name].values, dtype=np.float64) for name in names
+    )
+    level_m = range_m * np.cos(elevation_rad)
+    return Rays(
+        range_m,
+        velocity_mps,
+        level_m * np.cos(azimuth_rad),
+        level_m * np.sin(azimuth_rad),
+        range_m * np.sin(elevation_rad),
+    )
+
+
+def rate_per_s(values: FloatArray, slow_time_s: FloatArray) -> FloatArray:
+    """Time derivative along the first axis by central differences, error T^2/6 of the third derivative.
+
+    Heights of a walking person at 1 kHz: 3e-6 m/s in the median, 2e-3 m/s at the jerks of a footfall. A single pulse
+    has no rate: 0.
+    """
+    if slow_time_s.size < 2:
+        return np.zeros_like(values)
+    return np.asarray(np.gradient(values, slow_time_s, axis=0, edge_order=2 if slow_time_s.size > 2 else 1))
+
+
+def image_length(
+    rays: Rays, *, radar_distance_m: float, target_distance_m: FloatArray, target_rate_mps: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Length of the once reflected way to points, and its approach speed.
+
+    Parameters
+    ----------
+    rays : Rays
+        The direct paths R, R'.
+    radar_distance_m : float
+        Distance h_r of the radar from the plane.
+    target_distance_m, target_rate_mps : ndarray
+        Distance h of every point from the plane and its time derivative.
+
+    Returns
+    -------
+    ndarray, ndarray
+        g = sqrt(R^2 + 4 h_r h), the distance of the mirror image, and -g' = -(R R' + 2 h_r h') / g, exact as far as
+        h' is.
+    """
+    length_m = np.sqrt(rays.range_m**2 + 4.0 * radar_distance_m * target_distance_m)
+    rate = -rays.range_m * rays.velocity_mps + 2.0 * radar_distance_m * target_rate_mps
+    return length_m, -rate / np.maximum(length_m, 1e-12)
+
+
+def originals(scatterers: xr.Dataset) -> npt.NDArray[np.intp]:
+    """Indices of the rows that are no images: images of images are left out."""
+    names = np.char.endswith(axis(scatterers, "marker").astype(str)[:, None], np.array(IMAGE_ENDINGS)).any(axis=1)
+    return np.flatnonzero(~(names & (axis(scatterers, "target") == -1)))
+
+
+def take(rays: Rays, columns: npt.NDArray[np.intp]) -> Rays:
+    """Some of the paths, in their order."""
+    if columns.size == rays.range_m.shape[1]:  # in order and without repetition, so all of them
+        return rays
+    parts = (rays.range_m, rays.velocity_mps, rays.x_m, rays.y_m, rays.z_m)
+    return Rays(*(part[:, columns] for part in parts))
+
+
+def add_images(
+    scatterers: xr.Dataset,
+    columns: npt.NDArray[np.intp],
+    *,
+    direct: Rays,
+    image: Rays,
+    reflection: ComplexArray,
+    endings: tuple[str, str],
+) -> xr.Dataset:
+    """Table with the echoes by one and by two reflections after its rows.
+
+    Parameters
+    ----------
+    scatterers : Dataset (slow_time, scatterer)
+    columns : ndarray of int
+        Its rows that have an image.
+    direct, image : Rays
+        Direct and reflected paths of those, R and g.
+    reflection : ndarray of complex
+        Coefficient c of each reflection.
+    endings : (str, str)
+        For marker and part names: one reflection, two reflections.
+
+    Returns
+    -------
+    Dataset
+        One reflection, there or back (two equal paths: twice the amplitude): apparent range (R + g)/2, field
+        2 c / (R g). Two: apparent range g, field c^2 / g^2. ``path_gain`` makes up for what the radar equation takes
+        the spreading to be, so that all paths sum to (exp(-jkR)/R + c exp(-jkg)/g)^2. The direction of the echo by one
+        reflection is midway between those of its two ways. Radar cross section as on the direct way; no aspect.
+    """
+    from doppelgait.core.kernels.images import fill_images
+
+    table = with_phase(scatterers)
+    n_rows, n_images = table.sizes["scatterer"], columns.size
+    first, second = slice(n_rows, n_rows + n_images), slice(n_rows + n_images, None)
+    values: dict[str, FloatArray] = {}
+    for name, variable in table.data_vars.variables.items():
+        values[str(name)] = whole = np.empty((variable.shape[0], n_rows + 2 * n_images))
+        whole[:, :n_rows] = variable.values
+        whole[:, first] = whole[:, second] = np.nan if name == "aspect" else variable.values[:, columns]
+    paths: list[Any] = [np.ascontiguousarray(part) for rays in (direct, image) for part in vars(rays).values()]
+    new: list[Any] = [
+        values[name] for name in ("range", "radial_velocity", "azimuth", "elevation", "path_gain", "path_phase")
+    ]
+    fill_images(*paths, np.ascontiguousarray(reflection), MIN_RANGE_M, n_rows, *new)  # type: ignore[call-arg]
+    coords = dict(table.coords.variables)
+    for name, variable in table.coords.variables.items():
+        if variable.dims != ("scatterer",):
+            continue
+        added = variable.values[columns]
+        if name == "target":
+            rows = [np.full(n_images, -1)] * 2
+        elif name in ("marker", "part"):
+            rows = [np.char.add(added.astype(str), ending) for ending in endings]
+        else:
+            rows = [added, added]
+        coords[name] = xr.Variable("scatterer", np.concatenate([variable.values, *rows]), variable.attrs)
+    variables = {name: xr.Variable(DIMS, array, table[name].attrs) for name, array in values.items()}
+    return xr.Dataset(variables, coords=coords, attrs=table.attrs)
+
+
+def with_phase(scatterers: xr.Dataset) -> xr.Dataset:
+    """The table with ``path_phase``; 0 where it had none."""
+    if "path_phase" in scatterers:
+        return scatterers
+    shape = tuple(scatterers.sizes[dim] for dim in DIMS)
+    return with_values(scatterers, path_phase=np.zeros(shape))
+
+
+def with_values(scatterers: xr.Dataset, **values: FloatArray) -> xr.Dataset:
+    """The table with some of its variables replaced or added."""
+    return scatterers.assign(
+        {name: (DIMS, array, {"units": SCATTERER_VARIABLES[name]}) for name, array in values.items()}
+    )
+
+
+def phase_of(scatterers: xr.Dataset) -> FloatArray | float:
+    """``path_phase`` of the table, 0 where it has none."""
+    return np.asarray(scatterers["path_phase"].values) if "path_phase" in scatterers else 0.0
+
+
+class GroundBounce(FrozenModel):
+    """A flat floor at z = 0 that reflects.
+
+    Parameters
+    ----------
+    material : str or table
+        Name of a material of Recommendation ITU-R P.2040, or ``{ permittivity, conductivity_s_per_m }``; its
+        thickness is taken as infinite.
+    roughness_m : float
+        Standard deviation of the floor's height, 0 (smooth) to 1 m.
+    polarisation : {"vertical", "horizontal"}
+        Of the radar's field.
+    """
+
+    kind: Literal["ground_bounce"] = "ground_bounce"
+    material: Material = "concrete"
+    roughness_m: float = Field(default=0.0, ge=0, le=1)
+    polarisation: Polarisation = "vertical"
+
+
+@plugin("environment", parameters=GroundBounce, needs_angles=True, makes_images=True)
+def apply_ground_bounce(scatterers: xr.Dataset, spec: GroundBounce, setting: Setting) -> xr.Dataset:
+    """Table with two echoes by the floor added for every scatterer.
+
+    Parameters
+    ----------
+    scatterers : Dataset (slow_time, scatterer)
+        With angles. Rows that are images already get none.
+    spec : GroundBounce
+    setting : Setting
+        The radar stands above the floor.
+
+    Returns
+    -------
+    Dataset
+        With rows ``...:bounce`` at apparent range (R + g)/2, direct one way and by the floor the other, and
+        ``...:double_bounce`` at g; g = sqrt(R^2 + 4 h_r h), h_r and h the heights of radar and scatterer (below the
+        floor: 0). Every bounce multiplies the field by Gamma exp(-2 (k s sin gamma)^2): Fresnel's coefficient
+        at the grazing angle gamma, sin gamma = (h_r + h)/g, and the coherent part of what a floor of roughness s
+        reflects (Ament 1953). Radial velocities are -d(range)/dt, the rate of h by :func:`rate_per_s`.
+
+    Raises
+    ------
+    ConfigError
+        If the table has no angles or is bistatic, or the radar does not stand above the floor.
+    """
+    height_m = float(setting.radar_position_m[2])
+    if not height_m > 0:
+        raise ConfigError(
+            f"environment effect {spec.kind!r}: the radar is at a height of {height_m:g} m; it must be above the floor "
+            "at z = 0: raise radar_position_m[2]"
+        )
+    columns = originals(scatterers)
+    direct = take(direct_rays(scatterers, effect=spec.kind), columns)
+    image, sin_grazing = _below_the_floor(direct, height_m, axis(scatterers, "slow_time"))
+    return add_images(
+        scatterers,
+        columns,
+        direct=direct,
+        image=image,
+        reflection=floor_reflection(sin_grazing, spec, setting.wavelength_m),
+        endings=(ONE_REFLECTION, TWO_REFLECTIONS),
+    )
+
+
+def floor_reflection(sin_grazing: FloatArray, spec: GroundBounce, wavelength_m: float) -> ComplexArray:
+    """Coefficient of a bounce at the sine of the grazing angle, 0 to 1: Fresnel's times that of the roughness."""
+    permittivity = relative_permittivity(spec.material, wavelength_m=wavelength_m)
+    mode: Mode = "tm" if spec.polarisation == "vertical" else "te"
+    smooth = sampled(lambda sine: interface_reflection(sine, permittivity=permittivity, mode=mode), sin_grazing)
+    swing = 2.0 * np.pi / wavelength_m * spec.roughness_m * sin_grazing
+    return np.asarray(smooth * np.exp(-2.0 * swing**2))
+
+
+def _below_the_floor(direct: Rays, radar_height_m: float, slow_time_s: FloatArray) -> tuple[Rays, FloatArray]:
+    """Mirror images, and the sines of their grazing angles."""
+    height_m = np.maximum(radar_height_m + direct.z_m, 0.0)
+    length_m, velocity_mps = image_length(
+        direct,
+        radar_distance_m=radar_height_m,
+        target_distance_m=height_m,
+        target_rate_mps=rate_per_s(height_m, slow_time_s),
+    )
+    down_m = radar_height_m + height_m
+    return Rays(length_m, velocity_mps, direct.x_m, direct.y_m, -down_m), np.minimum(down_m / length_m, 1.0)
+
+
+class WallGhost(FrozenModel):
+    """An upright, flat, endless wall that reflects. Either ``side_m``, or ``position_m`` and ``normal_azimuth_deg``.
+
+    Parameters
+    ----------
+    material : str or table
+        Name of a material of Recommendation ITU-R P.2040, or ``{ permittivity, conductivity_s_per_m }``.
+    thickness_m : float
+        Above 0, up to 5 m.
+    side_m : float, optional
+        Distance of a wall along the boresight from the radar ...
+    side : {"left", "right"}
+        ... and the side on which it is, looking along the boresight.
+    position_m : (float, float), optional
+        Ground position of any point of the wall ...
+    normal_azimuth_deg : float, optional
+        ... and azimuth of its normal, from +x towards +y; which of the two normals does not matter.
+    polarisation : {"vertical", "horizontal"}
+        Of the radar's field.
+    """
+
+    kind: Literal["wall_ghost"] = "wall_ghost"
+    material: Material
+    thickness_m: float = Field(gt=0, le=5)
+    side_m: float | None = Field(default=None, gt=0, le=1e5)
+    side: Literal["left", "right"] = "left"
+    position_m: tuple[float, float] | None = None
+    normal_azimuth_deg: float | None = Field(default=None, ge=-360, le=360)
+    polarisation: Polarisation = "vertical"
+
+    @model_validator(mode="after")
+    def _one_place(self) -> WallGhost:
+        if (self.position_m is None) != (self.normal_azimuth_deg is None):
+            raise ValueError("position_m and normal_azimuth_deg belong together: give both or neither")
+        if (self.side_m is None) == (self.position_m is None):
+            raise ValueError("give either side_m (with side), or position_m and normal_azimuth_deg")
+        return self
+
+
+@plugin("environment", parameters=WallGhost, needs_angles=True, makes_images=True)
+def apply_wall_ghost(scatterers: xr.Dataset, spec: WallGhost, setting: Setting) -> xr.Dataset:
+    """Table with two echoes by the wall added for every scatterer on the radar's side of it.
+
+    Parameters
+    ----------
+    scatterers : Dataset (slow_time, scatterer)
+        With angles. Rows that are images already get none.
+    spec : WallGhost
+    setting : Setting
+
+    Returns
+    -------
+    Dataset
+        With rows ``...:ghost_mixed`` at apparent range (R + g)/2, direct one way and by the wall the other, and
+        ``...:ghost`` at g, the distance of the mirror image: g = sqrt(R^2 + 4 h_r h), h_r and h the distances of radar
+        and scatterer from the wall. Every reflection multiplies the field by the slab's coefficient at its
+        angle of incidence, cos = (h_r + h)/g. Radial velocities are -d(range)/dt, the rate of h by
+        :func:`rate_per_s`. While a scatterer is behind the wall, its ghosts have no gain.
+
+    Raises
+    ------
+    ConfigError
+        If the table has no angles or is bistatic, or the wall goes through the radar.
+
+    Warns
+    -----
+    DoppelgaitWarning
+        If a scatterer crosses the wall.
+    """
+    normal_rad, radar_distance_m = wall_plane(spec, setting)
+    rows = originals(scatterers)
+    direct = take(direct_rays(scatterers, effect=spec.kind), rows)
+    from_wall_m = radar_distance_m - direct.along(normal_rad)
+    seen = (from_wall_m > 0).any(axis=0)
+    _warn_of_crossing(scatterers, rows, from_wall_m)
+    rows, direct, from_wall_m = rows[seen], take(direct, np.flatnonzero(seen)), from_wall_m[:, seen]
+    image = _mirror(direct, normal_rad, radar_distance_m, from_wall_m, axis(scatterers, "slow_time"))
+    reflection = wall_reflection(image, normal_rad, spec, setting.wavelength_m)
+    reflection = np.where(from_wall_m > 0, reflection, 0.0)
+    return add_images(
+        scatterers, rows, direct=direct, image=image, reflection=reflection, endings=(ONE_GHOST, TWO_GHOSTS)
+    )
+
+
+def wall_plane(spec: WallGhost, setting: Setting) -> tuple[float, float]:
+    """Azimuth in rad of the normal from the radar to the wall, and the distance between them in m.
+
+    Raises
+    ------
+    ConfigError
+        If the wall goes through the radar.
+    """
+    if spec.side_m is not None:
+        turn = math.pi / 2 if spec.side == "left" else -math.pi / 2
+        return setting.radar_azimuth_rad + turn, spec.side_m
+    normal_rad = math.radians(spec.normal_azimuth_deg or 0.0)
+    x_m, y_m = spec.position_m or (0.0, 0.0)
+    place = (x_m - setting.radar_position_m[0], y_m - setting.radar_position_m[1])
+    distance_m = place[0] * math.cos(normal_rad) + place[1] * math.sin(normal_rad)
+    if abs(distance_m) < 1e-3:
+        raise ConfigError(
+            f"environment effect {spec.kind!r}: the wall at position_m = [{x_m:g}, {y_m:g}] with normal_azimuth_deg = "
+            f"{spec.normal_azimuth_deg:g} goes through the radar; move one of them"
+        )
+    return (normal_rad, distance_m) if distance_m > 0 else (normal_rad + math.pi, -distance_m)
+
+
+def wall_reflection(image: Rays, normal_rad: float, spec: WallGhost, wavelength_m: float) -> ComplexArray:
+    """Co-polar coefficient of the wall for the paths to mirror images.
+
+    The share w of the power that meets the wall in te mode (:func:`te_share`) gives r_te w - r_tm (1 - w) for
+    vertical polarisation and r_tm w - r_te (1 - w) for horizontal, whose field is counted along rising azimuth; what
+    turns into the other polarisation is lost.
+    """
+    permittivity = relative_permittivity(spec.material, wavelength_m=wavelength_m)
+    toward_m = image.along(normal_rad)
+    cosine = np.clip(toward_m / np.maximum(image.range_m, 1e-12), 0.0, 1.0)
+    slab = {"thickness_m": spec.thickness_m, "wavelength_m": wavelength_m}
+    te = sampled(lambda c: slab_reflection(c, permittivity=permittivity, mode="te", **slab), cosine, **slab)
+    tm = sampled(lambda c: slab_reflection(c, permittivity=permittivity, mode="tm", **slab), cosine, **slab)
+    share = te_share(toward_m, image.along(normal_rad + math.pi / 2), image.z_m)
+    return te * share - tm * (1.0 - share) if spec.polarisation == "vertical" else tm * share - te * (1.0 - share)
+
+
+def _mirror(
+    direct: Rays, normal_rad: float, radar_distance_m: float, from_wall_m: FloatArray, slow_time_s: FloatArray
+) -> Rays:
+    length_m, velocity_mps = image_length(
+        direct,
+        radar_distance_m=radar_distance_m,
+        target_distance_m=from_wall_m,
+        target_rate_mps=rate_per_s(from_wall_m, slow_time_s),
+    )
+    return Rays(
+        range_m=length_m,
+        velocity_mps=velocity_mps,
+        x_m=direct.x_m + 2.0 * math.cos(normal_rad) * from_wall_m,
+        y_m=direct.y_m + 2.0 * math.sin(normal_rad) * from_wall_m,
+        z_m=direct.z_m,
+    )
+
+
+def _warn_of_crossing(scatterers: xr.Dataset, rows: np.ndarray, from_wall_m: FloatArray) -> None:
+    before = from_wall_m > 0
+    crosses = before.any(axis=0) & ~before.all(axis=0)
+    if not crosses.any():
+        return
+    number = int(np.flatnonzero(crosses)[0])
+    time_s = float(axis(scatterers, "slow_time")[int(np.flatnonzero(before[:, number] != before[0, number])[0])])
+    name = axis(scatterers, "marker")[rows[number]]
+    warnings.warn(
+        f"wall_ghost: {int(crosses.sum())} of {crosses.size} scatterers cross the wall, {name} first seen to at "
+        f"{time_s:.2f} s; they have no ghost while they are behind it. Move the wall or the target",
+        DoppelgaitWarning,
+        stacklevel=3,
+    )
