@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from doppelgait.core.errors import MotionError
 from doppelgait.motion.readers import read
-from doppelgait.motion.readers.asf import find_asf, read_asf
+from doppelgait.motion.readers.amc import find_asf, read_asf
 
 UNIT_M = 0.0254 / 0.45
 BONES = {

@@ -160,7 +160,7 @@ def test_body_model_parameters_alone_are_refused_with_the_way_out(tmp_path: Path
     ("content", "message"),
     [
         ({"rate_hz": None}, "names no frame rate .*rate_hz="),
-        ({"rate_hz": 0.0}, "rate_hz declares a frame rate of 0.0 Hz"),
+        ({"rate_hz": 0.0}, "rate_hz declares a frame rate of 0 Hz"),
         ({"rate_hz": "fast"}, "rate_hz declares a frame rate of 'fast' Hz"),
         ({"fps": 60.0}, "says rate_hz=100 and fps=60; give the true one"),
         ({"units": "furlong"}, "'furlong' is no known length; give it: units="),

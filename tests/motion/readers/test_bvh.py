@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.motion.readers import read
 from doppelgait.motion.readers.bvh import BvhContent, Node, bvh_positions, read_bvh_content
-from doppelgait.motion.readers.hierarchy import axis_rotations, euler_rotations, vector_rotations
-from doppelgait.motion.readers.joint_points import skeleton_size
+from doppelgait.motion.readers.joints import axis_rotations, euler_rotations, skeleton_size, vector_rotations
 
 ROTATIONS = "CHANNELS 3 Zrotation Xrotation Yrotation"
 ALL = "CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation"

@@ -16,9 +16,15 @@ from doppelgait.core.errors import MotionError
 from doppelgait.core.plugins import plugin
 from doppelgait.motion.axes import metres_per_unit
 from doppelgait.motion.motion import Motion
-from doppelgait.motion.readers.cells import MAX_BYTES
-from doppelgait.motion.readers.frame_times import check_rate
-from doppelgait.motion.readers.points import check_amount, points_to_motion, unit_or_guess
+from doppelgait.motion.readers.points import (
+    LengthUnit,
+    check_amount,
+    check_rate,
+    pick_markers,
+    points_to_motion,
+    unit_or_guess,
+)
+from doppelgait.motion.readers.text import MAX_BYTES
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -114,14 +120,12 @@ def read_arrays(
     unit = unit_or_guess(path, units or _word(path, content, UNIT_KEY), position)
     return points_to_motion(
         path,
-        position * metres_per_unit(unit, where=str(path)),
-        labels,
+        position,
+        pick_markers(path, labels, subject=subject, known_parts=SMPL_PARTS),
         file_format="npz" if is_npz else "json",
         rate_hz=rate,
-        length_unit=unit,
+        unit=LengthUnit(unit, metres_per_unit(unit, where=str(path))),
         up_axis=up_axis,
-        subject=subject,
-        known_parts=SMPL_PARTS,
     )
 
 

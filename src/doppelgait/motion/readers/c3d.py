@@ -2,32 +2,16 @@
 
 from __future__ import annotations
 
-import warnings
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.core.plugins import plugin
-from doppelgait.motion.axes import find_up_axis, metres_per_unit, turn_z_up
-from doppelgait.motion.motion import Motion, make_motion
-from doppelgait.motion.readers.c3d_file import MAGIC, C3dContent, read_content
-from doppelgait.motion.readers.points import (
-    by_reason,
-    is_measured,
-    pick_subject,
-    sort_points,
-    unique_names,
-    unit_or_guess,
-)
-from doppelgait.motion.skeleton import parts_of
-
-FloatArray = npt.NDArray[np.float64]
-
-MIN_FRAMES = 3
-MAX_RATE_HZ = 10_000.0
+from doppelgait.motion.axes import metres_per_unit
+from doppelgait.motion.motion import Motion
+from doppelgait.motion.readers.c3d_file import MAGIC, read_content
+from doppelgait.motion.readers.points import LengthUnit, check_rate, pick_markers, points_to_motion, unit_or_guess
 
 
 def sniff_c3d(path: Path, head: bytes) -> bool:
@@ -70,109 +54,36 @@ def read_c3d(
         If the file cannot be read right, or holds no usable markers.
     """
     content = read_content(path)
-    rate = _rate(path, content, rate_hz)
-    reasons = sort_points(content.labels, content.texts)
-    kept = [i for i in range(len(content.labels)) if i not in reasons]
-    _check_amount(path, content, kept, reasons)
-    name, chosen = pick_subject(path, content.labels, kept, subject)
-    reasons |= {i: f"belongs to {_who(content.labels[i])}" for i in kept if i not in chosen}
-    names = unique_names([content.labels[i] for i in chosen])
-    parts = parts_of([content.labels[i] for i in chosen])
-    factor, unit_facts = _unit(path, content, chosen, units)
-    position = content.position[:, chosen] * factor
-    axis_facts = _axis(path, position, parts, content, up_axis)
-    measured = len(kept) + sum(is_measured(reason) for i, reason in reasons.items() if i not in kept)
-    report = {
-        "format": "c3d",
-        "frame_rate_hz": rate,
-        "n_frames": int(position.shape[0]),
-        "points_in_file": len(content.labels),
-        "points_measured": measured,
-        **unit_facts,
-        **axis_facts,
-        "dropped": by_reason(content.labels, reasons),
-        "notes": list(content.notes),
-    }
-    return make_motion(
-        turn_z_up(position, axis_facts["up_axis"]),
-        rate_hz=rate,
-        markers=names,
-        parts=parts,
-        facts={"source": path.name, "kind": "recording", "subject": name or _only_subject(content)},
-        report=report,
+    rate = check_rate(
+        path,
+        content.rate_hz if rate_hz is None else rate_hz,
+        said="declares" if rate_hz is None else "was given",
     )
-
-
-def _rate(path: Path, content: C3dContent, rate_hz: float | None) -> float:
-    rate = content.rate_hz if rate_hz is None else float(rate_hz)
-    if not 0.0 < rate <= MAX_RATE_HZ:
-        given = "declares" if rate_hz is None else "was given"
-        raise MotionError(
-            f"{path}: {given} a frame rate of {rate:g} Hz; it must be above 0 and at most {MAX_RATE_HZ:g} Hz. "
-            "Give the true one: rate_hz=..."
-        )
-    return rate
-
-
-def _check_amount(path: Path, content: C3dContent, kept: list[int], reasons: dict[int, str]) -> None:
-    if not kept:
-        kinds = ", ".join(sorted(set(reasons.values())))
-        raise MotionError(f"{path}: holds no marker positions: its {len(reasons)} points are {kinds}")
-    if content.position.shape[0] < MIN_FRAMES:
-        raise MotionError(
-            f"{path}: holds {content.position.shape[0]} frame(s), a static pose; a motion needs {MIN_FRAMES} or more, "
-            "because a velocity cannot be formed from fewer"
-        )
-
-
-def _unit(
-    path: Path, content: C3dContent, chosen: list[int], units: str | None
-) -> tuple[npt.NDArray[np.float64], dict[str, Any]]:
-    """Metres per file unit for each point, shape (P, 1), and what to report about it."""
-    names = [units] * len(chosen) if units is not None else _declared_units(content, chosen)
-    if names is None:
-        names = [unit_or_guess(path, "", content.position[:, chosen])] * len(chosen)
-    factors = [metres_per_unit(name, where=str(path)) for name in names]
-    first = max(set(names), key=names.count)
-    facts = {"length_unit": first, "metres_per_unit": metres_per_unit(first, where=str(path))}
-    return np.array(factors)[:, np.newaxis], facts
-
-
-def _declared_units(content: C3dContent, chosen: list[int]) -> list[str] | None:
-    units = [unit for unit in content.units if unit]
-    if not units:
-        return None
-    if len(content.units) == len(content.labels) > 1:
-        return [content.units[i] or units[0] for i in chosen]
-    return [units[0]] * len(chosen)
-
-
-def _axis(
-    path: Path, position: FloatArray, parts: list[str], content: C3dContent, up_axis: str | None
-) -> dict[str, Any]:
-    if up_axis is not None:
-        return {"up_axis": up_axis, "up_axis_from": "option"}
-    facts = find_up_axis(position, parts, declared=_declared_axis(content))
-    if facts["up_axis_from"] == "assumed":
-        warnings.warn(
-            f"{path}: neither names nor shows which axis points up; z is taken. If that is wrong, give it: "
-            "up_axis='x', 'y', '-x', '-y' or '-z'.",
-            DoppelgaitWarning,
-            stacklevel=4,
-        )
-    return facts
-
-
-def _declared_axis(content: C3dContent) -> str:
-    """Axis letter drawn upwards on the screen; its sign is unreliable in practice."""
-    screen = content.texts.get("POINT:Y_SCREEN", ("",))
-    return screen[0].strip("+- ").lower()[:1] if screen else ""
-
-
-def _only_subject(content: C3dContent) -> str:
-    names = [name for name in content.texts.get("SUBJECTS:NAMES", ()) if name]
-    return names[0] if len(names) == 1 else ""
-
-
-def _who(label: str) -> str:
-    return f"subject or prop {label.rsplit(':', 1)[0]!r}" if ":" in label else "no subject"
+    body = pick_markers(path, content.labels, subject=subject, texts=content.texts)
+    if not body.subject:
+        subjects = [name for name in content.texts.get("SUBJECTS:NAMES", ()) if name]
+        body = replace(body, subject=subjects[0] if len(subjects) == 1 else "")
+    # one unit for all points, or one each
+    declared = [unit for unit in content.units if unit]
+    if units is not None or not declared:
+        name = units if units is not None else unit_or_guess(path, "", content.position[:, body.kept])
+        names = [name] * len(body.kept)
+    elif len(content.units) == len(content.labels) > 1:
+        names = [content.units[i] or declared[0] for i in body.kept]
+    else:
+        names = [declared[0]] * len(body.kept)
+    first = max(dict.fromkeys(names), key=names.count)
+    each = np.array([metres_per_unit(name, where=str(path)) for name in names])[:, np.newaxis]
+    # the axis drawn upwards on the screen; its sign is unreliable in practice
+    screen = content.texts.get("POINT:Y_SCREEN", ())
+    return points_to_motion(
+        path,
+        content.position,
+        body,
+        file_format="c3d",
+        rate_hz=rate,
+        unit=LengthUnit(first, metres_per_unit(first, where=str(path)), each=each),
+        up_axis=up_axis,
+        declared_up=screen[0].strip("+- ").lower()[:1] if screen else "",
+        notes=content.notes,
+    )

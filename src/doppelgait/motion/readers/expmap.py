@@ -13,15 +13,15 @@ import numpy.typing as npt
 from doppelgait.core.errors import MotionError
 from doppelgait.core.plugins import plugin
 from doppelgait.motion.motion import Motion
-from doppelgait.motion.readers.cells import parse_rows, read_text
-from doppelgait.motion.readers.hierarchy import (
+from doppelgait.motion.readers.joints import (
     REST_POSE_NOTE,
     Joints,
     begins_with_rest_pose,
     forward_kinematics,
+    joint_motion,
     vector_rotations,
 )
-from doppelgait.motion.readers.joint_points import joint_motion
+from doppelgait.motion.readers.text import parse_rows, read_text
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -129,10 +129,8 @@ def read_expmap(
         unit_from="skeleton" if units is None else "option",
         up_axis=up_axis,
         declared_axis=body.up_axis,
-        report={
-            "skeleton": file.name,
-            "notes": [REST_POSE_NOTE] if rest_pose else [],
-        },
+        report={"skeleton": file.name},
+        notes=[REST_POSE_NOTE] if rest_pose else [],
     )
 
 

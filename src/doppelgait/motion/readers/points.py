@@ -1,11 +1,17 @@
-"""From the points of a file to a motion: which ones are kept, unit, upward axis, report."""
+"""From the points of a file to a motion: which ones are kept, unit, rate, upward axis, report.
+
+All readers end here: :func:`pick_markers` (or :func:`~doppelgait.motion.readers.joints.pick_joints`) selects the points
+of one body, :func:`points_to_motion` makes the motion.
+"""
 
 from __future__ import annotations
 
 import re
+import sys
 import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
-from doppelgait.motion.axes import body_extent, find_up_axis, metres_per_unit, turn_z_up
+from doppelgait.motion.axes import body_extent, find_up_axis, turn_z_up
 from doppelgait.motion.clean import MIN_MARKERS
 from doppelgait.motion.motion import Motion, make_motion
 from doppelgait.motion.skeleton import bare_name, complete_set, part_of, parts_of
@@ -45,28 +51,6 @@ def sort_points(labels: Sequence[str], texts: Mapping[str, Sequence[str]]) -> di
     texts : mapping
         Text parameters by ``"GROUP:NAME"``.
     """
-    reasons = _model_outputs(labels, texts)
-    reasons |= _outside_complete_set(labels, reasons)
-    named = [i for i, label in enumerate(labels) if i not in reasons and not _UNLABELLED.match(bare_name(label))]
-    if len(named) >= 3:
-        reasons |= {
-            i: "unlabelled point"
-            for i, label in enumerate(labels)
-            if i not in reasons and _UNLABELLED.match(bare_name(label))
-        }
-    for i in named:
-        ghost = _GHOST.match(labels[i])
-        if ghost and ghost[1] in labels:
-            reasons[i] = f"ghost of marker {bare_name(ghost[1])}"
-    return reasons
-
-
-def is_measured(reason: str) -> bool:
-    """Whether a dropped point was seen by cameras all the same: a ghost or an unlabelled point is, an angle is not."""
-    return not reason.startswith("model output")
-
-
-def _model_outputs(labels: Sequence[str], texts: Mapping[str, Sequence[str]]) -> dict[int, str]:
     kinds = dict.fromkeys(_OUTPUT_LISTS) | dict.fromkeys(name.upper() for name in texts.get("POINT:TYPE_GROUPS", ()))
     listed = {
         bare_name(label): kind.lower()
@@ -75,9 +59,8 @@ def _model_outputs(labels: Sequence[str], texts: Mapping[str, Sequence[str]]) ->
         for label in texts.get(f"POINT:{kind}{n}", ())
     }
     bare = [bare_name(label) for label in labels]
-    names = set(bare)
     # Plug-in Gait writes every segment as origin and three axis ends
-    segments = {s + end for s in _SEGMENTS if {s + end for end in "OALP"} <= names for end in "OALP"}
+    segments = {s + end for s in _SEGMENTS if {s + end for end in "OALP"} <= set(bare) for end in "OALP"}
     reasons = {}
     for i, name in enumerate(bare):
         if name in listed:
@@ -86,21 +69,25 @@ def _model_outputs(labels: Sequence[str], texts: Mapping[str, Sequence[str]]) ->
             reasons[i] = "model output (segment axes)"
         elif _OUTPUT_NAME.search(name) and not part_of(name):
             reasons[i] = "model output (by its name)"
+    # a complete known set among many more points: the capture program computed the others from it
+    rest = [i for i in range(len(labels)) if i not in reasons]
+    known = complete_set(labels[i] for i in rest)
+    others = [i for i in rest if bare[i].upper() not in known and not _GHOST.match(labels[i])]
+    if known and len(others) >= len(known):
+        reasons |= dict.fromkeys(others, "model output (not a marker of the set that the file holds)")
+    unlabelled = [i for i, name in enumerate(bare) if i not in reasons and _UNLABELLED.match(name)]
+    named = [i for i in range(len(labels)) if i not in reasons and i not in unlabelled]
+    if len(named) >= 3:
+        reasons |= dict.fromkeys(unlabelled, "unlabelled point")
+    for i in named:
+        ghost = _GHOST.match(labels[i])
+        if ghost and ghost[1] in labels:
+            reasons[i] = f"ghost of marker {bare_name(ghost[1])}"
     return reasons
 
 
-def _outside_complete_set(labels: Sequence[str], reasons: Mapping[int, str]) -> dict[int, str]:
-    """A whole known set among many more points: the others are what the capture program computed from it."""
-    rest = [i for i in range(len(labels)) if i not in reasons]
-    known = complete_set(labels[i] for i in rest)
-    others = [i for i in rest if bare_name(labels[i]).upper() not in known and not _GHOST.match(labels[i])]
-    if not known or len(others) < len(known):
-        return {}
-    return dict.fromkeys(others, "model output (not a marker of the set that the file holds)")
-
-
 def pick_subject(path: Path, labels: Sequence[str], kept: Sequence[int], subject: str | None) -> tuple[str, list[int]]:
-    """The one subject whose markers are wanted, and the indices of its points.
+    """Return the subject to read and the indices of its points.
 
     Parameters
     ----------
@@ -134,24 +121,128 @@ def _prefix(label: str) -> str:
     return label.rsplit(":", 1)[0].strip() if ":" in label else ""
 
 
-def unique_names(labels: Sequence[str]) -> list[str]:
-    """Marker names without subject, numbered where they repeat (T8, T8_2), ``point_7`` where there is none."""
-    names: list[str] = []
+def unique_names(names: Sequence[str]) -> list[str]:
+    """Number names that repeat (T8, T8_2) and name the nameless ``point_7``."""
+    found: list[str] = []
     taken: set[str] = set()
-    for i, label in enumerate(labels):
-        name = base = bare_name(label) or f"point_{i + 1}"
+    for i, wanted in enumerate(names):
+        name = base = wanted or f"point_{i + 1}"
         number = 2
         while name in taken:
             name, number = f"{base}_{number}", number + 1
         taken.add(name)
-        names.append(name)
-    return names
+        found.append(name)
+    return found
+
+
+@dataclass(frozen=True)
+class BodyPoints:
+    """The points of one body among all points of a file.
+
+    Parameters
+    ----------
+    labels : sequence of str
+        All points of the file.
+    kept : list of int
+        Indices of those of the body.
+    names, parts : list of str
+        Name and body part of each of them.
+    reasons : mapping of int to str
+        Why each of the others is left out.
+    measured : int, optional
+        How many points of the file cameras saw.
+    subject, species : str
+        Where known.
+    is_skeleton : bool
+        Whether the points are joints; those face along z where y points up.
+    """
+
+    labels: Sequence[str]
+    kept: list[int]
+    names: list[str]
+    parts: list[str]
+    reasons: Mapping[int, str]
+    measured: int | None = None
+    subject: str = ""
+    species: str = ""
+    is_skeleton: bool = False
+
+
+def pick_markers(
+    path: Path,
+    labels: Sequence[str],
+    *,
+    subject: str | None = None,
+    texts: Mapping[str, Sequence[str]] | None = None,
+    known_parts: Mapping[str, str] | None = None,
+) -> BodyPoints:
+    """Select the physical markers of one subject.
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    labels : sequence of str
+        As in the file, subject before a colon.
+    subject : str, optional
+        Prefix of the wanted labels.
+    texts : mapping, optional
+        Text parameters by ``"GROUP:NAME"``, as :func:`sort_points` takes them.
+    known_parts : mapping, optional
+        Body part by lower-case name, before those of :mod:`doppelgait.motion.skeleton`.
+
+    Raises
+    ------
+    MotionError
+        If there are no markers, the wanted subject is absent, or several could be meant.
+    """
+    reasons = sort_points(labels, texts or {})
+    markers = [i for i in range(len(labels)) if i not in reasons]
+    if not markers:
+        kinds = ", ".join(sorted(set(reasons.values())))
+        raise MotionError(f"{path}: holds no marker positions: its {len(reasons)} points are {kinds}")
+    # cameras saw ghosts and unlabelled points, too
+    measured = len(labels) - sum(reason.startswith("model output") for reason in reasons.values())
+    name, kept = pick_subject(path, labels, markers, subject)
+    for i in set(markers) - set(kept):
+        reasons[i] = (
+            f"belongs to subject or prop {_prefix(labels[i])!r}" if ":" in labels[i] else "belongs to no subject"
+        )
+    bare, extra = [bare_name(labels[i]) for i in kept], known_parts or {}
+    parts = [
+        extra.get(bare_label.lower()) or part
+        for bare_label, part in zip(bare, parts_of([labels[i] for i in kept]), strict=True)
+    ]
+    return BodyPoints(labels, kept, unique_names(bare), parts, reasons, measured, name)
+
+
+@dataclass(frozen=True)
+class LengthUnit:
+    """Length unit of the points of a file.
+
+    Parameters
+    ----------
+    name : str
+        For the report; the most frequent one where points have several.
+    metres : float
+        Metres per unit of that name.
+    source : str
+        Where it comes from, where that is worth a line of the report.
+    each : ndarray, shape (K, 1) or (K, 3), optional
+        Metres per unit of each kept point or coordinate, where they differ.
+    """
+
+    name: str
+    metres: float
+    source: str = ""
+    each: FloatArray | None = None
 
 
 MIN_FRAMES = 3
+MAX_RATE_HZ = 10_000.0
 
 
-def check_amount(path: Path, n_frames: int, n_points: int) -> None:
+def check_amount(path: Path, n_frames: int, n_points: int = MIN_MARKERS) -> None:
     """Refuse what is too little for a motion.
 
     Raises
@@ -161,15 +252,45 @@ def check_amount(path: Path, n_frames: int, n_points: int) -> None:
     """
     if n_frames < MIN_FRAMES:
         raise MotionError(
-            f"{path}: holds {n_frames} frame(s); a motion needs {MIN_FRAMES} or more, because a velocity cannot be "
-            "formed from fewer"
+            f"{path}: holds {n_frames} frame(s), a static pose; a motion needs {MIN_FRAMES} or more, because a "
+            "velocity cannot be formed from fewer"
         )
     if n_points < MIN_MARKERS:
         raise MotionError(f"{path}: holds {n_points} point(s); a body needs {MIN_MARKERS} or more")
 
 
+def check_rate(path: Path, rate_hz: float | str | None, *, said: str) -> float:
+    """Check a frame rate and return it in Hz.
+
+    Parameters
+    ----------
+    path : Path
+        For the message.
+    rate_hz : float, str or None
+        What was found or given.
+    said : str
+        Where it comes from, for the message (``"declares"``, ``"was given"``).
+
+    Raises
+    ------
+    MotionError
+        If it is no number above 0 and up to 10000.
+    """
+    try:
+        rate = float(rate_hz) if rate_hz is not None and not isinstance(rate_hz, bool) else np.nan
+    except (TypeError, ValueError):
+        rate = np.nan
+    if not 0.0 < rate <= MAX_RATE_HZ:
+        shown = f"{rate:g}" if np.isfinite(rate) else repr(rate_hz)
+        raise MotionError(
+            f"{path}: {said} a frame rate of {shown} Hz; it must be a number above 0 and at most {MAX_RATE_HZ:g}. "
+            "Give the true one: rate_hz=..."
+        )
+    return rate
+
+
 def unit_or_guess(path: Path, name: str, position: FloatArray) -> str:
-    """The named unit; without a name mm or m, whichever makes the body less than 10 m large, with a warning.
+    """Return the named unit; without a name, mm or m by the size of the body, with a warning.
 
     Parameters
     ----------
@@ -184,53 +305,54 @@ def unit_or_guess(path: Path, name: str, position: FloatArray) -> str:
         return name
     span = float(np.nan_to_num(body_extent(position)).max())
     guess = "m" if span < 10.0 else "mm"
-    warnings.warn(
+    warn_reader(
         f"{path}: names no length unit; its points span {span:.3g}, so {guess} is taken. "
-        "If that is wrong, give the unit: units='mm', 'cm' or 'm'.",
-        DoppelgaitWarning,
-        stacklevel=4,
+        "If that is wrong, give the unit: units='mm', 'cm' or 'm'."
     )
     return guess
 
 
 def points_to_motion(
     path: Path,
-    position_m: FloatArray,
-    labels: Sequence[str],
+    position: FloatArray,
+    body: BodyPoints,
     *,
     file_format: str,
     rate_hz: float,
-    length_unit: str,
+    unit: LengthUnit,
     up_axis: str | None,
+    declared_up: str = "",
     usual_up: str = "z",
-    subject: str | None = None,
-    known_parts: Mapping[str, str] | None = None,
+    rate_from: str = "",
+    report: Mapping[str, Any] | None = None,
     notes: Sequence[str] = (),
 ) -> Motion:
-    """Motion of the physical points of one subject, not cleaned.
+    """Make the motion of the points of one body, not cleaned: the last step of every reader.
 
     Parameters
     ----------
     path : Path
         The file, for messages.
-    position_m : ndarray, shape (T, P, 3)
-        All points of the file in m, in its own axes; NaN in any coordinate is a gap.
-    labels : sequence of str, length P
-        As in the file, subject before a colon.
+    position : ndarray, shape (T, P, 3)
+        All points of the file in its own unit and axes; NaN in any coordinate is a gap.
+    body : BodyPoints
+        Which of them are kept.
     file_format : str
         For the report.
     rate_hz : float
         Frames per second.
-    length_unit : str
-        Unit of most points in the file, for the report.
+    unit : LengthUnit
+        Of ``position``.
     up_axis : str or None
         One of :data:`~doppelgait.motion.axes.AXES`; None finds it.
+    declared_up : str
+        ``"x"``, ``"y"`` or ``"z"`` where the file, or the convention of a skeleton's format, names the upward axis.
     usual_up : str
-        ``"x"``, ``"y"`` or ``"z"``: taken, with a warning, where the points do not show what is up.
-    subject : str, optional
-        Prefix of the wanted labels.
-    known_parts : mapping, optional
-        Body part by lower-case name, before those of :mod:`doppelgait.motion.skeleton`.
+        The axis that is taken, with a warning, where neither the points nor the file show what is up.
+    rate_from : str
+        Where the rate comes from, for the report.
+    report : mapping, optional
+        More to report.
     notes : sequence of str
         What was worked around, for the report.
 
@@ -242,64 +364,59 @@ def points_to_motion(
     Raises
     ------
     MotionError
-        If too few points or frames are there, no one subject can be told, or an option is not allowed.
+        If there are too few frames, or the upward axis is not allowed.
     """
-    check_amount(path, *position_m.shape[:2])
-    reasons = sort_points(labels, {})
-    kept = [i for i in range(len(labels)) if i not in reasons]
-    if not kept:
-        kinds = ", ".join(sorted(set(reasons.values())))
-        raise MotionError(f"{path}: holds no marker positions: its {len(reasons)} points are {kinds}")
-    name, chosen = pick_subject(path, labels, kept, subject)
-    measured = len(kept) + sum(is_measured(reason) for reason in reasons.values())
-    reasons |= {i: "belongs to another subject or prop" for i in kept if i not in chosen}
-    names, extra = unique_names([labels[i] for i in chosen]), known_parts or {}
-    named = parts_of([labels[i] for i in chosen])
-    parts = [extra.get(bare_name(labels[i]).lower()) or part for i, part in zip(chosen, named, strict=True)]
-    position = position_m[:, chosen].copy()
-    position[np.isnan(position).any(axis=2)] = np.nan
-    axis_facts = _axis(path, position, parts, up_axis, usual_up)
-    report = {
-        "format": file_format,
-        "frame_rate_hz": rate_hz,
-        "n_frames": int(position.shape[0]),
-        "points_in_file": len(labels),
-        "points_measured": measured,
-        "length_unit": length_unit,
-        "metres_per_unit": metres_per_unit(length_unit, where=str(path)),
-        **axis_facts,
-        "dropped": by_reason(labels, reasons),
-        "notes": list(notes),
-    }
+    check_amount(path, len(position))
+    position_m = position[:, body.kept] * (unit.metres if unit.each is None else unit.each)
+    position_m[np.isnan(position_m).any(axis=2)] = np.nan
+    if up_axis is not None:
+        axis_facts = {"up_axis": up_axis, "up_axis_from": "option"}
+    else:
+        # the parts of a dog that sits or lies do not show what is up
+        shown = [""] * len(body.parts) if body.is_skeleton and body.species != "human" else body.parts
+        axis_facts = find_up_axis(position_m, shown, declared=declared_up)
+        if axis_facts["up_axis_from"] == "assumed":
+            # called again only for the sign of the usual axis
+            axis_facts = {**find_up_axis(position_m, shown, declared=usual_up), "up_axis_from": "assumed"}
+            warn_reader(
+                f"{path}: neither names nor shows which axis points up; {axis_facts['up_axis']} is taken. If that is "
+                "wrong, give it: up_axis='x', 'y', 'z', '-x', '-y' or '-z'."
+            )
+        elif body.is_skeleton and axis_facts["up_axis_from"] == "file":
+            axis_facts["up_axis_from"] = "convention"
+    # skeletons face along z, which becomes x, as in the C3D files of the same recordings
+    faces_z = body.is_skeleton and axis_facts["up_axis"] == "y"
+    dropped: dict[str, list[str]] = {}
+    for i in sorted(body.reasons):
+        dropped.setdefault(body.reasons[i], []).append(body.labels[i] or f"point_{i + 1}")
     return make_motion(
-        turn_z_up(position, axis_facts["up_axis"]),
+        position_m[..., [2, 0, 1]] if faces_z else turn_z_up(position_m, axis_facts["up_axis"]),
         rate_hz=rate_hz,
-        markers=names,
-        parts=parts,
-        facts={"source": path.name, "kind": "recording", "subject": name},
-        report=report,
+        markers=body.names,
+        parts=body.parts,
+        facts={"source": path.name, "kind": "recording", "subject": body.subject, "species": body.species},
+        report={
+            "format": file_format,
+            "frame_rate_hz": rate_hz,
+            **({"frame_rate_from": rate_from} if rate_from else {}),
+            "n_frames": len(position),
+            "points_in_file": len(body.labels),
+            **({} if body.measured is None else {"points_measured": body.measured}),
+            "length_unit": unit.name,
+            "metres_per_unit": unit.metres,
+            **({"length_unit_from": unit.source} if unit.source else {}),
+            **axis_facts,
+            **(report or {}),
+            "dropped": dropped,
+            "notes": list(notes),
+        },
     )
 
 
-def _axis(path: Path, position: FloatArray, parts: list[str], up_axis: str | None, usual: str) -> dict[str, Any]:
-    if up_axis is not None:
-        return {"up_axis": up_axis, "up_axis_from": "option"}
-    facts = find_up_axis(position, parts)
-    if facts["up_axis_from"] == "assumed":
-        # asked again only for the sign of the usual axis
-        facts = {**find_up_axis(position, parts, declared=usual), "up_axis_from": "assumed"}
-        warnings.warn(
-            f"{path}: neither names nor shows which axis points up; {facts['up_axis']} is taken. If that is wrong, "
-            "give it: up_axis='x', 'y', 'z', '-x', '-y' or '-z'.",
-            DoppelgaitWarning,
-            stacklevel=5,
-        )
-    return facts
-
-
-def by_reason(labels: Sequence[str], reasons: Mapping[int, str]) -> dict[str, list[str]]:
-    """Names of the points left out, by the reason for it."""
-    table: dict[str, list[str]] = {}
-    for i in sorted(reasons):
-        table.setdefault(reasons[i], []).append(labels[i] or f"point_{i + 1}")
-    return table
+def warn_reader(text: str) -> None:
+    """Warn about a file, at the line that called :func:`doppelgait.motion.read`."""
+    package = str(Path(__file__).parent)
+    frame, level = sys._getframe(1), 2
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(package):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(text, DoppelgaitWarning, stacklevel=level)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import re
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,13 +11,19 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.errors import DoppelgaitWarning, MotionError
+from doppelgait.core.errors import MotionError
 from doppelgait.core.plugins import plugin
 from doppelgait.motion.axes import body_extent, metres_per_unit
 from doppelgait.motion.motion import Motion
-from doppelgait.motion.readers.cells import Row, decode, read_lines, to_numbers
-from doppelgait.motion.readers.frame_times import check_rate, last_digit, rate_of_times
-from doppelgait.motion.readers.points import check_amount, points_to_motion
+from doppelgait.motion.readers.points import (
+    LengthUnit,
+    check_amount,
+    check_rate,
+    pick_markers,
+    points_to_motion,
+    warn_reader,
+)
+from doppelgait.motion.readers.text import Row, decode, last_digit, rate_of_times, read_lines, to_numbers
 from doppelgait.motion.readers.trc import sniff_trc
 
 FloatArray = npt.NDArray[np.float64]
@@ -285,42 +290,51 @@ def read_table(
     header = read_header(path, rows)
     frames = rows[header.next_row :]
     check_amount(path, len(frames), len(header.labels))
-    _check_widths(path, frames, len(header.titles))
-    comma = delimiter == ";"
-    rate = _rate(path, header, frames, rate_hz, comma)
-    columns = [i for places in header.columns for i in places]
-    titles = [header.titles[i] for i in columns]
-    position = to_numbers(path, frames, columns, titles, decimal_comma=comma).reshape(len(frames), -1, 3)
-    _blank_missing(position, _missing(path, header, missing))
-    notes = [f"columns left out: {', '.join(header.left_out)}"] if header.left_out else []
-    names = _units(path, header, units, notes)
-    position *= np.array([[metres_per_unit(name, where=str(path)) for name in point] for point in names])
-    if header.is_accad and units is None:
-        _check_size(path, position)
-    flat = [name for point in names for name in point]
-    return points_to_motion(
-        path,
-        position,
-        header.labels,
-        file_format="table",
-        rate_hz=rate,
-        length_unit=max(dict.fromkeys(flat), key=flat.count),
-        up_axis=up_axis,
-        subject=subject,
-        notes=notes,
-    )
-
-
-def _check_widths(path: Path, frames: Sequence[Row], n_columns: int) -> None:
+    n_columns = len(header.titles)
     for line, cells in frames:
         if len(cells) < n_columns or any(cell.strip() for cell in cells[n_columns:]):
             raise MotionError(
                 f"{path}: line {line} has {len(cells)} cells, its header names {n_columns} columns. Correct the line "
                 "or, if the file is cut off there, remove it."
             )
+    comma = delimiter == ";"
+    rate = table_rate(path, header, frames, rate_hz, comma)
+    columns = [i for places in header.columns for i in places]
+    titles = [header.titles[i] for i in columns]
+    position = to_numbers(path, frames, columns, titles, decimal_comma=comma).reshape(len(frames), -1, 3)
+    if missing is not None and (isinstance(missing, bool) or not isinstance(missing, int | float)):
+        raise MotionError(f"{path}: missing={missing!r} is no number; give the one that marks a point as not seen")
+    if missing is None and header.is_accad:
+        missing = ACCAD_MISSING
+    if missing is not None:
+        position[(position == float(missing)).all(axis=2)] = np.nan
+    notes = [f"columns left out: {', '.join(header.left_out)}"] if header.left_out else []
+    names = coordinate_units(path, header, units, notes)
+    metres = np.array([[metres_per_unit(name, where=str(path)) for name in point] for point in names])
+    if header.is_accad and units is None:
+        size = float(np.nan_to_num(body_extent(position * metres)).max())
+        if not BODY_M[0] < size < BODY_M[1]:
+            raise MotionError(
+                f"{path}: its points would span {size:.3g} m if it is in mm, as ACCAD files are; give the true unit: "
+                "units='cm' or 'm'"
+            )
+    flat = [name for point in names for name in point]
+    first = max(dict.fromkeys(flat), key=flat.count)
+    body = pick_markers(path, header.labels, subject=subject)
+    return points_to_motion(
+        path,
+        position,
+        body,
+        file_format="table",
+        rate_hz=rate,
+        unit=LengthUnit(first, metres_per_unit(first, where=str(path)), each=metres[body.kept]),
+        up_axis=up_axis,
+        notes=notes,
+    )
 
 
-def _rate(path: Path, header: Header, frames: Sequence[Row], rate_hz: float | None, comma: bool) -> float:
+def table_rate(path: Path, header: Header, frames: Sequence[Row], rate_hz: float | None, comma: bool) -> float:
+    """Return the frame rate: the given one, else that of the column of times."""
     if rate_hz is not None:
         return check_rate(path, rate_hz, said="was given")
     column = header.time_column
@@ -335,21 +349,8 @@ def _rate(path: Path, header: Header, frames: Sequence[Row], rate_hz: float | No
     )
 
 
-def _missing(path: Path, header: Header, missing: float | None) -> float | None:
-    if missing is None:
-        return ACCAD_MISSING if header.is_accad else None
-    if isinstance(missing, bool) or not isinstance(missing, int | float):
-        raise MotionError(f"{path}: missing={missing!r} is no number; give the one that marks a point as not seen")
-    return float(missing)
-
-
-def _blank_missing(position: FloatArray, missing: float | None) -> None:
-    if missing is not None:
-        position[(position == missing).all(axis=2)] = np.nan
-
-
-def _units(path: Path, header: Header, units: str | None, notes: list[str]) -> list[list[str]]:
-    """Unit of every coordinate: that in its name, else the given one."""
+def coordinate_units(path: Path, header: Header, units: str | None, notes: list[str]) -> list[list[str]]:
+    """Return the unit of every coordinate: that in its name, else the given one."""
     stated = {name for point in header.units for name in point if name}
     default = units or (ACCAD_UNIT if header.is_accad else "")
     bare = [i for i, point in enumerate(header.units) if "" in point]
@@ -363,14 +364,5 @@ def _units(path: Path, header: Header, units: str | None, notes: list[str]) -> l
         given = metres_per_unit(units, where=str(path))
         if any(metres_per_unit(name, where=str(path)) != given for name in stated):
             notes.append(f"the column names give {', '.join(sorted(stated))}; units={units} was not used for those")
-            warnings.warn(f"{path}: {notes[-1]}", DoppelgaitWarning, stacklevel=4)
+            warn_reader(f"{path}: {notes[-1]}")
     return [[name or default for name in point] for point in header.units]
-
-
-def _check_size(path: Path, position_m: FloatArray) -> None:
-    size = float(np.nan_to_num(body_extent(position_m)).max())
-    if not BODY_M[0] < size < BODY_M[1]:
-        raise MotionError(
-            f"{path}: its points would span {size:.3g} m if it is in mm, as ACCAD files are; give the true unit: "
-            "units='cm' or 'm'"
-        )

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.errors import DoppelgaitWarning, MotionError
+from doppelgait.core.errors import MotionError
 from doppelgait.core.plugins import plugin
 from doppelgait.motion.axes import metres_per_unit
 from doppelgait.motion.motion import Motion
-from doppelgait.motion.readers.cells import Row, read_lines, to_numbers
-from doppelgait.motion.readers.frame_times import check_rate, last_digit, rate_of_times
-from doppelgait.motion.readers.points import check_amount, points_to_motion, unit_or_guess
+from doppelgait.motion.readers.points import (
+    LengthUnit,
+    check_amount,
+    check_rate,
+    pick_markers,
+    points_to_motion,
+    unit_or_guess,
+    warn_reader,
+)
+from doppelgait.motion.readers.text import Row, last_digit, rate_of_times, read_lines, to_numbers
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -87,14 +93,13 @@ def read_trc(
     unit = unit_or_guess(path, units or content.header.get("units", ""), position)
     return points_to_motion(
         path,
-        position * metres_per_unit(unit, where=str(path)),
-        [label or f"unlabelled {i + 1}" for i, label in enumerate(content.labels)],
+        position,
+        pick_markers(path, [label or f"unlabelled {i + 1}" for i, label in enumerate(content.labels)], subject=subject),
         file_format="trc",
         rate_hz=rate,
-        length_unit=unit,
+        unit=LengthUnit(unit, metres_per_unit(unit, where=str(path))),
         up_axis=up_axis,
         usual_up="y",
-        subject=subject,
         notes=notes,
     )
 
@@ -174,7 +179,7 @@ def _frame_notes(path: Path, content: _Content) -> list[str]:
         notes.append("values of the header do not match its keys; they were not used")
     if declared.isdecimal() and int(declared) != n_frames:
         notes.append(f"declares {declared} frames but holds {n_frames}")
-        _warn(f"{path}: {notes[-1]}; is it cut off? Those are read.")
+        warn_reader(f"{path}: {notes[-1]}; is it cut off? Those are read.")
     points = content.header.get("nummarkers", "")
     if points.isdecimal() and int(points) != len(content.labels):
         notes.append(f"declares {points} markers but holds {len(content.labels)}")
@@ -192,7 +197,7 @@ def _rate(path: Path, content: _Content, notes: list[str]) -> float:
     rate = rate_of_times(path, time_s, lines, digit_s=last_digit(printed, time_s), declared_hz=header_hz)
     if rate != header_hz:
         notes.append(f"the header says {declared or 'no rate'} Hz, the times {rate:g} Hz; the times were taken")
-        _warn(f"{path}: {notes[-1]}. If that is wrong, give the rate: rate_hz=...")
+        warn_reader(f"{path}: {notes[-1]}. If that is wrong, give the rate: rate_hz=...")
     return rate
 
 
@@ -202,7 +207,3 @@ def _positive(text: str) -> float | None:
     except ValueError:
         return None
     return value if 0.0 < value < float("inf") else None
-
-
-def _warn(text: str) -> None:
-    warnings.warn(text, DoppelgaitWarning, stacklevel=6)

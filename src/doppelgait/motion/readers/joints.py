@@ -1,0 +1,392 @@
+"""Joint hierarchies: forward kinematics, which nodes are points of the body, and their length unit.
+
+Vectors are columns: a child's frame is ``G_child = G_parent @ R_child`` and its origin
+``p_child = p_parent + G_parent @ t_child``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.core.errors import MotionError
+from doppelgait.motion.axes import metres_per_unit
+from doppelgait.motion.motion import Motion
+from doppelgait.motion.readers.points import (
+    BodyPoints,
+    LengthUnit,
+    check_amount,
+    check_rate,
+    points_to_motion,
+    unique_names,
+    warn_reader,
+)
+from doppelgait.motion.skeleton import guess_species, parts_of
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Joints:
+    """Positions of the nodes of one hierarchy, with what its file says about them.
+
+    Parameters
+    ----------
+    names : tuple of str, length J
+        Node names as in the file; a nameless end of a chain is called after its joint (``"Head_End"``).
+    parents : tuple of int, length J
+        Index of each node's parent, smaller than its own; -1 for the root.
+    position : ndarray, shape (T, J, 3)
+        In the file's unit and axes.
+    """
+
+    names: tuple[str, ...]
+    parents: tuple[int, ...]
+    position: FloatArray
+
+
+def axis_rotations(axis: str, angle_rad: FloatArray) -> FloatArray:
+    """Rotations by angles about one coordinate axis, right-handed.
+
+    Parameters
+    ----------
+    axis : str
+        ``"x"``, ``"y"`` or ``"z"``.
+    angle_rad : ndarray, shape (...)
+        Any angle.
+
+    Returns
+    -------
+    ndarray, shape (..., 3, 3)
+    """
+    k = "xyz".index(axis)
+    i, j = (k + 1) % 3, (k + 2) % 3
+    rotation = np.zeros((*np.shape(angle_rad), 3, 3))
+    cosine, sine = np.cos(angle_rad), np.sin(angle_rad)
+    rotation[..., k, k] = 1.0
+    rotation[..., i, i] = rotation[..., j, j] = cosine
+    rotation[..., i, j], rotation[..., j, i] = -sine, sine
+    return rotation
+
+
+def euler_rotations(axes: str, angles_rad: FloatArray) -> FloatArray:
+    """Product of axis rotations, ``R = R_axes[0] @ R_axes[1] @ ...``: the last named turns a vector first.
+
+    Parameters
+    ----------
+    axes : str
+        Axis letters, none or more, ``"zyx"`` for example.
+    angles_rad : ndarray, shape (..., len(axes))
+        Angles in the order of ``axes``.
+
+    Returns
+    -------
+    ndarray, shape (..., 3, 3)
+        The identity when ``axes`` is empty.
+    """
+    if not axes:
+        return np.broadcast_to(np.eye(3), (*angles_rad.shape[:-1], 3, 3))
+    rotation = axis_rotations(axes[0], angles_rad[..., 0])
+    for n, axis in enumerate(axes[1:], start=1):
+        rotation = rotation @ axis_rotations(axis, angles_rad[..., n])
+    return rotation
+
+
+def vector_rotations(vector_rad: FloatArray) -> FloatArray:
+    """Rotations from rotation vectors (exponential maps): ``R = I + sin(a) K + (1 - cos(a)) K K`` (Rodrigues).
+
+    Parameters
+    ----------
+    vector_rad : ndarray, shape (..., 3)
+        Unit axis times angle a; K is the cross-product matrix of the unit axis.
+
+    Returns
+    -------
+    ndarray, shape (..., 3, 3)
+        Turns column vectors by +a about the axis.
+    """
+    angle = np.linalg.norm(vector_rad, axis=-1)
+    # sin(a)/a and (1 - cos(a))/a^2 without a division by zero
+    first = np.sinc(angle / np.pi)
+    second = 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2
+    x, y, z = np.moveaxis(vector_rad, -1, 0)
+    zero = np.zeros_like(x)
+    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*x.shape, 3, 3)
+    return np.asarray(np.eye(3) + first[..., None, None] * cross + second[..., None, None] * (cross @ cross))
+
+
+def forward_kinematics(parents: Sequence[int], translation: FloatArray, rotation: FloatArray) -> FloatArray:
+    """Positions of all nodes: ``p_j = p_parent + G_parent @ t_j``, ``G_j = G_parent @ R_j``.
+
+    Parameters
+    ----------
+    parents : sequence of int, length J
+        A parent comes before its children; -1 for a root.
+    translation : ndarray, shape (J, T, 3)
+        Of each node in its parent's frame.
+    rotation : ndarray, shape (J, T, 3, 3)
+        Of each node against its parent.
+
+    Returns
+    -------
+    ndarray, shape (T, J, 3)
+        In the unit of ``translation``.
+    """
+    position = np.array(translation)
+    frame = np.array(rotation)
+    with np.errstate(over="ignore", invalid="ignore"):  # absurd values of a damaged file; its reader checks the result
+        for j, parent in enumerate(parents):
+            if parent >= 0:
+                position[j] = position[parent] + (frame[parent] @ translation[j, :, :, None])[..., 0]
+                frame[j] = frame[parent] @ rotation[j]
+    return np.ascontiguousarray(position.transpose(1, 0, 2))
+
+
+def begins_with_rest_pose(root_rotation: FloatArray, position: FloatArray) -> bool:
+    """Whether the first frame is a rest pose put in front of a recording, as conversions of the CMU database have it.
+
+    Its root is not turned at all while that of the second frame is, and the body jumps from it into the motion: further
+    than five times the median of the other steps.
+
+    Parameters
+    ----------
+    root_rotation : ndarray, shape (T, k)
+        Rotation channels of the root, any unit.
+    position : ndarray, shape (T, J, 3)
+        Of all nodes.
+    """
+    if len(position) < 3 or root_rotation[0].any() or not root_rotation[1].any():
+        return False
+    step = np.linalg.norm(np.diff(position, axis=0), axis=2).max(axis=1)
+    return bool(step[0] > 5.0 * np.median(step[1:]))
+
+
+REST_POSE_NOTE = "frame 0 is a rest pose put in front of the recording; left out"
+
+
+CMU_METRES = 0.0254 / 0.45
+"""Length unit of the CMU skeletons: their ASF files say ``length 0.45``, one unit is 1/0.45 inch."""
+SAME_PLACE = 1e-4
+"""Nodes nearer than this part of the skeleton's size in every frame are one point."""
+STILL = 1e-3
+"""A root that moves less than this part of the skeleton's size never moves."""
+METRIC = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+INCHES = {"in": 0.0254, "cmu": CMU_METRES}
+"""Units that only skeletons of people come in."""
+SIZES_M = {"human": ((1.2, 3.0), 2.1), "dog": ((0.4, 3.2), 1.4), "": ((0.4, 3.2), 2.0)}
+"""Usual and typical size of a skeleton: its longest chain of bones, from hand to toe or from nose to hind paw."""
+_HELPER = re.compile(r"(?i)(nub|footsteps?|helper|dummy|effector|locator)(_end)?$")
+_ROOT = re.compile(r"(?i)^(joint[_ ]?)?(root|reference|world|scene|armature)$")
+_BONE = re.compile(r"^b_")
+
+
+def joint_motion(
+    path: Path,
+    joints: Joints,
+    *,
+    kind: str,
+    rate_hz: float,
+    rate_from: str,
+    unit: str | float | None,
+    unit_from: str,
+    up_axis: str | None,
+    declared_axis: str = "y",
+    subject: str = "",
+    report: Mapping[str, Any] | None = None,
+    notes: Sequence[str] = (),
+) -> Motion:
+    """Motion of the joints that are points of the body, not cleaned.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for messages.
+    joints : Joints
+        All nodes, in the file's unit and axes.
+    kind : str
+        Name of the format.
+    rate_hz : float
+        Frames per second.
+    rate_from, unit_from : str
+        Where rate and unit come from, for the report.
+    unit : str, float or None
+        Name of the length unit or metres per unit; None to find it from the size of the skeleton.
+    up_axis : str or None
+        Upward axis as the caller wants it; None to find it.
+    declared_axis : str
+        Axis letter that points up by the convention of the format.
+    subject : str
+        Person or animal, where known.
+    report : mapping, optional
+        More to report.
+    notes : sequence of str
+        What was worked around, for the report.
+
+    Raises
+    ------
+    MotionError
+        If there are too few frames, no points, or an option is not allowed.
+    """
+    check_rate(path, rate_hz, said="was given" if rate_from == "option" else "declares")
+    check_amount(path, len(joints.position))
+    if not np.isfinite(joints.position).all():
+        raise MotionError(f"{path}: holds offsets or positions that are too large to be those of a body")
+    body = pick_joints(path, joints, subject)
+    return points_to_motion(
+        path,
+        joints.position,
+        body,
+        file_format=kind,
+        rate_hz=float(rate_hz),
+        unit=find_unit(path, joints, body.kept, unit, unit_from),
+        up_axis=up_axis,
+        declared_up=declared_axis,
+        rate_from=rate_from,
+        report=report,
+        notes=notes,
+    )
+
+
+def pick_joints(path: Path, joints: Joints, subject: str = "") -> BodyPoints:
+    """Select the joints that are points of the body.
+
+    Raises
+    ------
+    MotionError
+        If there are none.
+    """
+    reasons = sort_joints(joints, skeleton_size(joints.parents, bone_lengths(joints)))
+    kept = [j for j in range(len(joints.names)) if j not in reasons]
+    if not kept:
+        raise MotionError(f"{path}: holds no joints of a body: {', '.join(sorted(set(reasons.values())))}")
+    names = unique_names([joints.names[j].strip() or f"point_{j + 1}" for j in kept])
+    species = guess_species(joints.names)
+    if species == "dog" and not any(re.search(r"(?i)(^|[^a-z])dog([^a-z]|$)", name) for name in joints.names):
+        species = ""  # joint names of an animal fit others as well; those of a person leave no doubt
+    return BodyPoints(
+        joints.names, kept, names, parts_of(names), reasons, subject=subject, species=species, is_skeleton=True
+    )
+
+
+def sort_joints(joints: Joints, size: float) -> dict[int, str]:
+    """Reason why a node is no point of the body, by index; nodes that are have no entry.
+
+    Parameters
+    ----------
+    joints : Joints
+        All nodes.
+    size : float
+        Of the skeleton, in the file's unit.
+    """
+    reasons = {j: "rig helper (by its name)" for j, name in enumerate(joints.names) if _HELPER.search(name)}
+    bones = [j for j, name in enumerate(joints.names) if _BONE.match(name)]
+    # 3ds Max rigs call the bones that carry the body b_...; what else is there drives them or hangs on them
+    if 2 * len(bones) > len(joints.names):
+        others = set(range(len(joints.names))) - set(bones)
+        reasons |= {j: "rig helper (not one of the b_ bones)" for j in sorted(others - set(reasons))}
+    # the root, where it only carries the body: one joint, at a distance, and it never moves or is named so
+    children = [j for j, parent in enumerate(joints.parents) if parent == 0 and j not in reasons]
+    if len(children) == 1 and len(joints.names) >= 3 and 0 not in reasons:
+        root, child = joints.position[:, 0], joints.position[:, children[0]]
+        if np.linalg.norm(child - root, axis=1).max() >= SAME_PLACE * size:
+            still = np.linalg.norm(np.ptp(root, axis=0)) < STILL * size
+            if _ROOT.match(joints.names[0]):
+                reasons[0] = "root node, no joint of the body (by its name)"
+            elif still and np.linalg.norm(np.ptp(child, axis=0)) >= STILL * size:
+                reasons[0] = "root node, no joint of the body (it never moves)"
+    # nodes that lie on an earlier one in every frame
+    kept = [j for j in range(len(joints.names)) if j not in reasons]
+    for n, j in enumerate(kept):
+        near = np.linalg.norm(joints.position[0, kept[:n]] - joints.position[0, j], axis=1) <= SAME_PLACE * size
+        for i in (i for i, close in zip(kept, near, strict=False) if close and i not in reasons):
+            if np.linalg.norm(joints.position[:, i] - joints.position[:, j], axis=1).max() <= SAME_PLACE * size:
+                reasons[j] = f"same place as {joints.names[i]}"
+                break
+    return reasons
+
+
+def bone_lengths(joints: Joints) -> FloatArray:
+    """Median distance of each node from its parent in the file's unit, shape (J,); 0 for the root."""
+    parents = np.array([max(parent, 0) for parent in joints.parents])
+    lengths = np.median(np.linalg.norm(joints.position - joints.position[:, parents], axis=2), axis=0)
+    return np.where(np.array(joints.parents) < 0, 0.0, lengths)
+
+
+def skeleton_size(parents: Sequence[int], lengths: FloatArray) -> float:
+    """Longest way from one end of a hierarchy to another along its bones, whatever the pose.
+
+    Parameters
+    ----------
+    parents : sequence of int, length J
+        A parent comes before its children; -1 for a root.
+    lengths : ndarray, shape (J,)
+        Of each node's bone.
+    """
+    depth = np.zeros(len(parents))
+    size = 0.0
+    for j in range(len(parents) - 1, -1, -1):
+        parent = parents[j]
+        size = max(size, float(depth[j]))
+        if parent >= 0:
+            way = float(depth[j] + lengths[j])
+            size = max(size, float(depth[parent]) + way)
+            depth[parent] = max(float(depth[parent]), way)
+    return size
+
+
+def find_unit(path: Path, joints: Joints, kept: Sequence[int], unit: str | float | None, unit_from: str) -> LengthUnit:
+    """Return the length unit; where the file names none, the one that gives the skeleton a usual size.
+
+    A warning is given where that is not certain (other units fit too, none fits, or the names do not show what body it
+    is), and where a stated unit gives an unusual size.
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    joints : Joints
+        All nodes.
+    kept : sequence of int
+        Those of the body.
+    unit, unit_from
+        As for :func:`joint_motion`.
+    """
+    # the tree of the kept nodes; where all ancestors were dropped, the first kept node is the parent
+    number = {j: n for n, j in enumerate(kept)}
+    parents: list[int] = []
+    for n, j in enumerate(kept):
+        parent = joints.parents[j]
+        while parent >= 0 and parent not in number:
+            parent = joints.parents[parent]
+        parents.append(number[parent] if parent >= 0 else min(n, 1) - 1)
+    tree = Joints(tuple(joints.names[j] for j in kept), tuple(parents), joints.position[:, list(kept)])
+    size = skeleton_size(parents, bone_lengths(tree))
+    species = guess_species(joints.names)
+    (low, high), typical = SIZES_M[species]
+    if unit is not None:
+        if isinstance(unit, str):
+            name, metres = unit, CMU_METRES if unit.lower() == "cmu" else metres_per_unit(unit, where=str(path))
+        else:
+            name, metres = f"{unit:.6g} m", float(unit)
+        if not low / 2.0 < size * metres < 2.0 * high:
+            warn_reader(
+                f"{path}: with {name} ({unit_from}) the skeleton measures {size * metres:.3g} m along its bones, usual "
+                f"are {low:g} to {high:g} m. If that is wrong, give the unit: units='cm', 'm', 'in', 'mm' or 'cmu'."
+            )
+        return LengthUnit(name, metres, unit_from)
+    known = METRIC if species == "dog" else METRIC | INCHES
+    fits = [name for name, metres in known.items() if low <= size * metres <= high]
+    best = min(known, key=lambda name: abs(np.log(max(size, 1e-300) * known[name] / typical)))
+    if fits != [best] or not species:
+        others = f"; {' or '.join(name for name in fits if name != best)} is possible too" if set(fits) - {best} else ""
+        warn_reader(
+            f"{path}: names no length unit and its skeleton measures {size:.4g} along its bones, so {best} is taken"
+            f"{others}. If that is wrong, give the unit: units='cm', 'm', 'in', 'mm' or 'cmu' (1/0.45 inch)."
+        )
+    return LengthUnit(best, known[best], "size of the skeleton")
