@@ -86,10 +86,11 @@ def _radar_models() -> list[tuple[str, type[BaseModel]]]:
 
 
 def _scene_models() -> list[tuple[str, type[BaseModel]]]:
-    return _models(
-        "doppelgait.scene.scene:Scene", "doppelgait.scene.scene:Target", "doppelgait.scene.rcs:RcsSpec",
-        "doppelgait.pipeline.echoes:Noise",
-    )  # fmt: skip
+    shared = _get("doppelgait.scene.rcs:RcsSpec")
+    own = [plugin for plugin in _get("doppelgait.scene.rcs:RCS").values() if plugin.parameters is not shared]
+    models = _models("doppelgait.scene.scene:Scene", "doppelgait.scene.scene:Target")
+    models += [("RcsSpec", shared), *((f'rcs, kind = "{plugin.name}"', plugin.parameters) for plugin in own)]
+    return [*models, *_models("doppelgait.pipeline.echoes:Noise")]
 
 
 def _motion_models() -> list[tuple[str, type[BaseModel]]]:
@@ -215,7 +216,7 @@ def parameter_words(model: type[BaseModel]) -> dict[str, str]:
     """Words for every key: from the docstring of the model, of its bases, or of what it says it has parameters of."""
     found: dict[str, str] = {}
     for owner in model.__mro__:
-        if not owner.__module__.startswith("doppelgait"):
+        if owner.__module__.partition(".")[0] in ("pydantic", "builtins"):
             continue
         text = inspect.cleandoc(owner.__doc__ or "")
         for each in (text, _referred(text, owner.__module__)):

@@ -19,15 +19,20 @@ from typer.testing import CliRunner
 import doppelgait
 from checkout import ROOT
 from doppelgait.cli.app import app
+from doppelgait.core import plugins
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import DoppelgaitError
+from doppelgait.core.plugins import plugin_groups
+from doppelgait.scene import RcsSpec
 from tiny_dataset import built, mixed_plan, tiny_plan
 
 DOCS = ROOT / "docs"
 PAGES = sorted(path for path in DOCS.glob("**/*.md") if not {"_build", "reference"} & set(path.relative_to(DOCS).parts))
 LABEL = re.compile(r"(?<![\w.-])E-\d\d[a-z]?\b")
 INTERNAL = {
-    "FrozenModel", "PathPlace",  # bases of what users write
+    "FrozenModel", "Path",  # bases of what users write
+    "Conditions",  # the lists of a scene file, which stand at its top
+    "Parquet", "WebDataset", "Zarr",  # options of an export
     "RowSpec", "ExampleSpec", "Phantom", "Run",  # what configurations are resolved to
     "Facts", "Patch", "Training",  # inside a model file
     "Splitting",  # an argument of a Python function
@@ -130,7 +135,8 @@ def test_every_key_of_every_model_is_on_a_page_with_words(pages):
     from setting_pages import groups, parameter_words
 
     shown = {model for _, _, tables in groups().values() for _, model in tables}
-    assert {model.__name__ for model in models() - shown} == INTERNAL
+    with_keys = {model for model in models() if set(model.model_fields) - {"kind"}}
+    assert {model.__name__ for model in with_keys - shown} | {"FrozenModel"} == INTERNAL
     for name, (_, _, tables) in groups().items():
         sections = re.split(r"^## ", pages[f"configuration/{name}.md"], flags=re.MULTILINE)[1:]
         assert len(sections) == len(tables)
@@ -138,6 +144,41 @@ def test_every_key_of_every_model_is_on_a_page_with_words(pages):
             assert section.startswith(heading + "\n")
             assert re.findall(r"^\| `(\w+)` \|", section, flags=re.MULTILINE) == list(model.model_fields)
             assert set(model.model_fields) - set(parameter_words(model)) <= SAID_BY_THEIR_NAME, model
+
+
+def test_the_key_tables_show_a_plug_in_with_its_words(pages, monkeypatch):
+    """The impairment of the how-to page, and a radar cross section, registered by a module outside the package."""
+    from setting_pages import groups, settings_page
+
+    plugin_groups()  # complete, so that the copies below have everything
+    for group in ("impairment", "rcs"):
+        monkeypatch.setitem(plugins._REGISTERED, group, dict(plugins._REGISTERED[group]))
+    page = (DOCS / "howto" / "own-impairment.md").read_text()
+    (code,) = re.findall(r"<!-- file: hum/hum\.py -->\n```python\n(.*?)```", page, flags=re.DOTALL)
+    scope = {"__name__": "hum"}
+    exec(compile(code, "hum.py", "exec", dont_inherit=True), scope)
+
+    class Backpack(RcsSpec):
+        """A body with a reflector.
+
+        Parameters
+        ----------
+        reflector_gain : float
+            Reflector over body.
+        """
+
+        kind: str = "backpack"
+        reflector_gain: float = 2.0
+
+    doppelgait.plugin("rcs", parameters=Backpack)(lambda view, parameters: None)
+    rows = [line for line in page.split("\n") if re.match(r"\| `(kind|level_v|frequency_hz)` ", line)]
+    assert len(rows) == 3
+    assert '## impairments, kind = "hum"\n' in (made := settings_page(*groups()["surroundings"]))
+    assert "\n".join(rows) in made
+    made = settings_page(*groups()["scene"])
+    assert '## rcs, kind = "backpack"\n' in made
+    assert "| `reflector_gain` | number |  | `2` |  | Reflector over body. |" in made
+    assert made.count("Sum over the scatterers") == 2, "the words of the shared keys"
 
 
 def test_a_key_has_its_unit_default_limits_and_words(pages):

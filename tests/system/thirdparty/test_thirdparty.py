@@ -35,6 +35,7 @@ level_v = 1e-6
 [[targets]]
 label = "human"
 motion = { kind = "boulic", speed_mps = 1.2 }
+rcs = { kind = "gaitlab_backpack", total_m2 = 0.5, reflector_gain = 4 }
 range_m = 4
 """
 
@@ -49,6 +50,7 @@ duration_s = 1.0
 
 [target]
 range_m = { uniform = [4, 5] }
+rcs = { kind = "gaitlab_backpack", total_m2 = 0.5, reflector_gain = { uniform = [6, 8] } }
 
 [noise]
 kind = "snr"
@@ -74,12 +76,20 @@ import doppelgait as dg
 import gaitlab_plugins
 
 dg.testing.check_impairment(gaitlab_plugins.Hum(level_v=2e-6), dg.Radar.preset("x4"))
+dg.testing.check_rcs({"kind": "gaitlab_backpack", "reflector_gain": 3.0})
 dg.testing.check_classifier("gaitlab-centroid")
 radar = dg.Radar(waveform={"kind": "gaitlab_barker", "chips": 7}, carrier_hz=24e9, prf_hz=900, sample_rate_hz=1e9,
                  sweep_s=22e-9, range_stop_m=9)
 dg.testing.check_waveform("gaitlab_barker", radar)
 recording = dg.radar.read_recording("scene.h5")
-print(json.dumps({"chips": recording.radar.waveform.chips, "peak_v": float(np.abs(recording.baseband.values).max())}))
+walk = dg.motion.boulic_walk(speed_mps=1.2, duration_s=2)
+rcs = gaitlab_plugins.Backpack(total_m2=0.5, reflector_gain=6)
+seen = dg.simulate(dg.Scene([dg.Target(walk, label="human", rcs=rcs, range_m=4)], duration_s=1), radar)
+print(json.dumps({
+    "chips": recording.radar.waveform.chips,
+    "peak_v": float(np.abs(recording.baseband.values).max()),
+    "rcs_m2": [float(r.truth[0].scatterers["rcs"].sum("scatterer").mean()) for r in (recording, seen)],
+}))
 """
 
 
@@ -122,9 +132,11 @@ def test_the_command_lists_what_the_package_brings(run):
     assert set(found) >= {
         ("impairment", "hum"), ("waveform", "gaitlab_barker"), ("classifier", "gaitlab-centroid"),
         ("feature", "gaitlab_peak_share"), ("motion_reader", "steps"),
+        ("rcs", "gaitlab_backpack"),
     }  # fmt: skip
     assert found["impairment", "hum"]["parameters"] == ["level_v", "frequency_hz"]
     assert found["impairment", "hum"]["version"] == "2"
+    assert {"total_m2", "reflector_gain"} < set(found["rcs", "gaitlab_backpack"]["parameters"])
     without = json.loads(run(*command("plugins", "--json"), path=[]))
     assert [row for row in without if row["package"] != "doppelgait"] == []
 
@@ -133,13 +145,16 @@ def test_a_scene_file_and_the_command_line_set_its_parameters(run, tmp_path):
     (tmp_path / "scene.toml").write_text(SCENE)
     run(*command("simulate", "scene.toml", "-o", "scene.h5"))
     run(*command("simulate", "scene.toml", "-o", "loud.h5", "--set", "impairments.0.level_v=1e-3",
-                 "--set", "radar.waveform.chips=13"))  # fmt: skip
+                 "--set", "radar.waveform.chips=13", "--set", "targets.0.rcs.reflector_gain=14"))  # fmt: skip
     found = json.loads(run("-c", PYTHON))
     assert found["chips"] == 11
     assert 0 < found["peak_v"] < 1e-4
+    assert found["rcs_m2"] == pytest.approx([2.5, 3.5], rel=1e-5)
     again = "import doppelgait as dg, numpy as np\nr = dg.radar.read_recording('loud.h5')\n"
-    again += "print(r.radar.waveform.chips, float(np.abs(r.baseband.values).max()))"
-    chips, peak_v = run("-c", again).split()
+    again += "print(r.radar.waveform.chips, float(np.abs(r.baseband.values).max()),"
+    again += " float(r.truth[0].scatterers['rcs'].sum('scatterer').mean()))"
+    chips, peak_v, rcs_m2 = run("-c", again).split()
+    assert float(rcs_m2) == pytest.approx(7.5, rel=1e-5)
     assert chips == "13"
     assert 0.5e-3 < float(peak_v) < 5e-3
     (target,) = json.loads(run(*command("analyze", "scene.h5", "--gate", "truth", "--json")))["targets"]
@@ -155,6 +170,14 @@ def test_a_plan_takes_distributions_and_the_identity_names_the_package(run, tmp_
     hum = used["impairment", "hum"]
     assert "level_v" in hum.pop("parameters")
     assert hum == {"group": "impairment", "name": "hum", "version": "2", "package": "gaitlab_plugins", "release": "0.3"}
+    backpack = used["rcs", "gaitlab_backpack"]
+    assert (backpack["version"], backpack["release"]) == ("3", "0.3")
+    assert {"total_m2", "reflector_gain"} < set(backpack["parameters"])
+    rows = "import doppelgait as dg\n"
+    rows += "print(*dg.dataset.open_dataset('gaitlab').index.rcs_total_m2)"
+    totals_m2 = [float(value) for value in run("-c", rows).split()]
+    assert len(set(totals_m2)) == len(totals_m2) == 4
+    assert all(3.5 <= value <= 4.5 for value in totals_m2)
     assert ("waveform", "gaitlab_barker") not in used  # installed, but not in this plan
 
 

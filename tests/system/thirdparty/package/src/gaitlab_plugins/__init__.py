@@ -8,6 +8,7 @@ from pydantic import Field
 import doppelgait as dg
 from doppelgait.core.config import FrozenModel
 from doppelgait.radar import Waveform, path_phase_rad, scatterer_arrays
+from doppelgait.scene.rcs import scatterer_rcs_m2
 
 
 class Hum(FrozenModel):
@@ -69,6 +70,27 @@ class Barker(Waveform):
     def noise_bandwidth_hz(self, radar):
         """Noise bandwidth of the matched filter."""
         return 1 / radar.sweep_s
+
+
+class Backpack(dg.scene.RcsSpec):
+    """A body by its parts, with a reflector on the torso.
+
+    Parameters
+    ----------
+    reflector_gain : float
+        Radar cross section of the reflector over that of the whole body, 1.
+    """
+
+    kind: Literal["gaitlab_backpack"] = "gaitlab_backpack"
+    reflector_gain: float = Field(default=1.0, ge=0, le=100)
+
+
+@dg.plugin("rcs", parameters=Backpack, version="3")
+def scatter_backpack(view, parameters):
+    """Share the body's total by its parts and add the reflector to the torso."""
+    torso = np.isin(view.motion.parts, ["torso", "trunk"])
+    body_m2 = scatterer_rcs_m2(dg.scene.RcsSpec(total_m2=parameters.total_m2), view.motion.parts, 80.0)
+    return view.motion, body_m2 + parameters.reflector_gain * body_m2.sum() * torso / torso.sum()
 
 
 @dg.plugin("classifier", "gaitlab-centroid", features="six")
