@@ -101,7 +101,11 @@ def find_up_axis(position: FloatArray, parts: Sequence[str], *, declared: str = 
     order = np.argsort(-np.abs(lift))
     if abs(lift[order[0]]) > 1.5 * abs(lift[order[1]]):
         return {"up_axis": _name(int(order[0]), lift[order[0]]), "up_axis_from": "body parts"}
-    extent, travel = np.nan_to_num(body_extent(position)), _travel(position)
+    extent, travel = np.nan_to_num(body_extent(position)), np.zeros(3)
+    centre = _nanmedian(position, axis=1)
+    seen = centre[np.isfinite(centre).all(axis=1)]
+    if seen.size:  # how far the body gets along each axis, but for the 2 % of strangest frames at either end
+        travel = np.percentile(seen, 98, axis=0) - np.percentile(seen, 2, axis=0)
     # z comes first among equals: it is what most systems write
     other, axis = sorted(
         sorted((2, 1, 0), key=lambda k: round(float(travel[k]), 9))[:2], key=lambda k: float(extent[k])
@@ -124,15 +128,6 @@ def _lift(typical: FloatArray, parts: Sequence[str]) -> FloatArray:
     upper = typical[body if feet and body else head] if (feet and body) or head else typical
     lower = typical[feet] if feet else typical
     return np.asarray(np.nan_to_num(_nanmedian(upper, axis=0) - _nanmedian(lower, axis=0)))
-
-
-def _travel(position: FloatArray) -> FloatArray:
-    """How far the middle of the body gets along each axis, but for the 2 % of strangest frames at either end."""
-    centre = _nanmedian(position, axis=1)
-    seen = centre[np.isfinite(centre).all(axis=1)]
-    if not seen.size:
-        return np.zeros(3)
-    return np.asarray(np.percentile(seen, 98, axis=0) - np.percentile(seen, 2, axis=0))
 
 
 def _name(axis: int, sign: float) -> str:
@@ -172,10 +167,6 @@ def _height_sign(position: FloatArray, typical: FloatArray, axis: int) -> float:
         return 1.0
     if high < 0.15 * (high - low):
         return -1.0
-    return _side_of_rest(position, typical[:, axis])
-
-
-def _side_of_rest(position: FloatArray, height: FloatArray) -> float:
     speed = np.linalg.norm(np.diff(position, axis=0), axis=2)
     seen = np.isfinite(speed).sum(axis=0) >= 10
     if seen.sum() < 3:
@@ -184,4 +175,4 @@ def _side_of_rest(position: FloatArray, height: FloatArray) -> float:
     still = slowest < 0.25 * np.nanmedian(speed[:, seen])
     if not still.any() or still.all():
         return 1.0
-    return float(np.sign(height[seen][~still].mean() - height[seen][still].mean())) or 1.0
+    return float(np.sign(typical[seen, axis][~still].mean() - typical[seen, axis][still].mean())) or 1.0

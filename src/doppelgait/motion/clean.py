@@ -229,19 +229,40 @@ def clean_motion(
     MotionError
         If a parameter is out of range, or fewer than 3 points or less than ``min_duration_s`` remain.
     """
-    _check_parameters(gap_limit_s, lowpass_hz)
+    if not gap_limit_s >= 0.0:
+        raise MotionError(f"gap_limit_s={gap_limit_s!r} is not allowed; it must be 0 s or more")
+    if lowpass_hz is not None and not lowpass_hz > 0.0:
+        raise MotionError(f"lowpass_hz={lowpass_hz!r} is not allowed; it must be above 0 Hz, or None for no low-pass")
     where, rate = motion.label, motion.rate_hz
     position = np.array(motion.position_m, dtype=np.float64)
-    _check_size(where, position)
+    largest_m = np.abs(position[np.isfinite(position)]).max(initial=0.0)
+    if largest_m > LARGEST_M:
+        raise MotionError(
+            f"{where}: a coordinate is {largest_m:.3g} m, at most {LARGEST_M:g} m is taken for a motion; give the "
+            "right unit (units=...), or repair the file"
+        )
     names, parts = motion.markers, motion.parts
-    mended = _mend(position, names, rate)
+    # both change the positions in place
+    swaps = repair_swaps(position, names, rate_hz=rate)
+    spikes = remove_spikes(position, rate_hz=rate)
+    jumps = find_jumps(position, names, rate_hz=rate)
     dropped = useless_points(position, names, parts) | _unmoved_points(position)
     kept = np.array([i for i in range(len(names)) if i not in dropped], dtype=int)
     filled, fill_facts = fill_gaps(position[:, kept], gap_limit=round(gap_limit_s * rate))
     first, stop, complete = _best_stretch(np.asarray(np.isfinite(filled).all(axis=2)), [names[i] for i in kept])
     dropped |= {int(i): f"not seen throughout (gaps up to {gap_limit_s:g} s are filled)" for i in kept[~complete]}
     kept, filled = kept[complete], filled[first:stop, complete]
-    _check_remains(where, len(kept), (stop - first) / rate, min_duration_s, names, dropped)
+    duration_s = (stop - first) / rate
+    if len(kept) < MIN_MARKERS or not duration_s >= min_duration_s:
+        reasons = sorted(set(dropped.values()))
+        raise MotionError(
+            f"{where}: {len(kept)} of {len(names)} points over {duration_s:.2f} s remain after cleaning, {MIN_MARKERS} "
+            f"points over {min_duration_s:g} s are needed. Points dropped: {'; '.join(reasons) or 'none'}. Give "
+            "another part (start_s, stop_s) or a larger gap_limit_s."
+        )
+    dropped_names = {reason: list(points) for reason, points in motion.report.get("dropped", {}).items()}
+    for i in sorted(dropped):
+        dropped_names.setdefault(dropped[i], []).append(names[i])
     smooth = lowpass(filled, rate_hz=rate, cutoff_hz=lowpass_hz) if can_lowpass(rate, lowpass_hz) else filled
     kept_names, kept_parts = [names[i] for i in kept], [parts[i] for i in kept]
     floor_m = floor_height(smooth, kept_parts) if floor else 0.0
@@ -249,10 +270,11 @@ def clean_motion(
     report = {
         **motion.report,
         **fill_facts,
-        **mended,
-        "jumps": [jump for jump in mended["jumps"] if jump["point"] in kept_names],
+        "swaps_repaired": swaps,
+        "spikes_removed": spikes,
+        "jumps": [jump for jump in jumps if jump["point"] in kept_names],
         "notes": [*motion.report.get("notes", []), *_side_notes(smooth, kept_parts)],
-        "dropped": _merge(motion.report.get("dropped", {}), names, dropped),
+        "dropped": dropped_names,
         "points_kept": len(kept),
         "parts": known_parts(kept_parts),
         "kept_from_s": first / rate,
@@ -264,15 +286,6 @@ def clean_motion(
     height_m = facts.height_m if math.isfinite(facts.height_m) else stature(smooth, kept_parts)
     facts = replace(facts, height_m=height_m, file_time_s=facts.file_time_s + first / rate)
     return make_motion(smooth, rate_hz=rate, markers=kept_names, parts=kept_parts, facts=facts, report=report)
-
-
-def _mend(position: FloatArray, names: Sequence[str], rate_hz: float) -> dict[str, Any]:
-    """Undo swaps and remove spikes, in place; what was found, jumps among it."""
-    return {
-        "swaps_repaired": repair_swaps(position, names, rate_hz=rate_hz),
-        "spikes_removed": remove_spikes(position, rate_hz=rate_hz),
-        "jumps": find_jumps(position, names, rate_hz=rate_hz),
-    }
 
 
 def known_parts(parts: Sequence[str]) -> str:
@@ -294,42 +307,6 @@ def _side_notes(position: FloatArray, parts: Sequence[str]) -> list[str]:
     if way[0] * apart[1] - way[1] * apart[0] >= 0.0:
         return []
     return ["left parts are on the right side of the way gone: walked backwards, mirrored axes or exchanged names"]
-
-
-def _check_size(where: str, position: FloatArray) -> None:
-    seen = np.abs(position[np.isfinite(position)])
-    if seen.size and seen.max() > LARGEST_M:
-        raise MotionError(
-            f"{where}: a coordinate is {seen.max():.3g} m, at most {LARGEST_M:g} m is taken for a motion; give the "
-            "right unit (units=...), or repair the file"
-        )
-
-
-def _check_parameters(gap_limit_s: float, lowpass_hz: float | None) -> None:
-    if not gap_limit_s >= 0.0:
-        raise MotionError(f"gap_limit_s={gap_limit_s!r} is not allowed; it must be 0 s or more")
-    if lowpass_hz is not None and not lowpass_hz > 0.0:
-        raise MotionError(f"lowpass_hz={lowpass_hz!r} is not allowed; it must be above 0 Hz, or None for no low-pass")
-
-
-def _merge(before: dict[str, list[str]], names: Sequence[str], dropped: dict[int, str]) -> dict[str, list[str]]:
-    table = {reason: list(points) for reason, points in before.items()}
-    for i in sorted(dropped):
-        table.setdefault(dropped[i], []).append(names[i])
-    return table
-
-
-def _check_remains(
-    where: str, n_markers: int, duration_s: float, min_duration_s: float, names: Sequence[str], dropped: dict[int, str]
-) -> None:
-    if n_markers >= MIN_MARKERS and duration_s >= min_duration_s:
-        return
-    reasons = sorted(set(dropped.values()))
-    raise MotionError(
-        f"{where}: {n_markers} of {len(names)} points over {duration_s:.2f} s remain after cleaning, {MIN_MARKERS} "
-        f"points over {min_duration_s:g} s are needed. Points dropped: {'; '.join(reasons) or 'none'}. Give another "
-        "part (start_s, stop_s) or a larger gap_limit_s."
-    )
 
 
 def _unmoved_points(position: FloatArray) -> dict[int, str]:

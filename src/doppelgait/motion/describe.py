@@ -75,6 +75,10 @@ def describe_motion(motion: Motion) -> dict[str, Any]:
     position = motion.position_m
     rate = motion.rate_hz
     report: Mapping[str, Any] = motion.report
+    missing = np.isnan(position).any(axis=2)
+    still = stationary_points(position)
+    z = fill_linear(position[:, ~still])[:, :, 2]
+    z = z[:, np.isfinite(z).all(axis=0)]
     facts = {
         "file": motion.facts.source,
         "subject": motion.facts.subject,
@@ -82,8 +86,12 @@ def describe_motion(motion: Motion) -> dict[str, Any]:
         "frame_rate_hz": rate,
         "n_frames": int(position.shape[0]),
         "duration_s": position.shape[0] / rate,
-        **_gap_facts(position),
-        **_size_facts(position),
+        "gap_fraction": float(missing.mean()) if missing.size else 0.0,
+        "points_with_gaps": int(missing.any(axis=0).sum()),
+        "points_all_missing": int(missing.all(axis=0).sum()),
+        "stationary_points": int(still.sum()),
+        "height_m": float(np.median(np.ptp(z, axis=1))) if z.size else None,
+        "lowest_point_m": float(z.min()) if z.size else None,
         "stature_m": motion.facts.height_m,
         **travel_facts(position, rate_hz=rate),
         **stride_facts(position, rate_hz=rate),
@@ -121,21 +129,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
-
-
-def _gap_facts(position: FloatArray) -> dict[str, Any]:
-    missing = np.isnan(position).any(axis=2)
-    return {
-        "gap_fraction": float(missing.mean()) if missing.size else 0.0,
-        "points_with_gaps": int(missing.any(axis=0).sum()),
-        "points_all_missing": int(missing.all(axis=0).sum()),
-        "stationary_points": int(stationary_points(position).sum()),
-    }
-
-
-def _size_facts(position: FloatArray) -> dict[str, Any]:
-    z = fill_linear(position[:, ~stationary_points(position)])[:, :, 2]
-    z = z[:, np.isfinite(z).all(axis=0)]
-    if not z.size:
-        return {"height_m": None, "lowest_point_m": None}
-    return {"height_m": float(np.median(np.ptp(z, axis=1))), "lowest_point_m": float(z.min())}

@@ -98,7 +98,11 @@ def stride_facts(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
         Frames per second.
     """
     none = {"stride_hz": None, "step_hz": None}
-    position = _while_present(position)
+    seen = np.asarray(np.isfinite(position).all(axis=2))
+    seen = seen[:, seen.any(axis=0)]
+    if seen.size:  # the longest stretch in which half of the points are seen: outside it there is no gait to measure
+        first, stop = max(runs(seen.mean(axis=1) >= 0.5), key=lambda run: run[1] - run[0], default=(0, 0))
+        position = position[first:stop]
     if len(position) < rate_hz * 0.8:
         return none
     path = smooth_path(position, rate_hz=rate_hz)
@@ -122,16 +126,6 @@ def stride_facts(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
         return none
     stride = float(frequency[band][best])
     return {"stride_hz": stride, "step_hz": 2.0 * stride}
-
-
-def _while_present(position: FloatArray) -> FloatArray:
-    """Longest stretch in which at least half of the points are seen: outside it there is no gait to measure."""
-    seen = np.asarray(np.isfinite(position).all(axis=2))
-    seen = seen[:, seen.any(axis=0)]
-    if not seen.size:
-        return position
-    first, stop = max(runs(seen.mean(axis=1) >= 0.5), key=lambda run: run[1] - run[0], default=(0, 0))
-    return position[first:stop]
 
 
 SWING_PEAK, SHORTEST_SWING_S = 1.4, 0.04
@@ -182,10 +176,8 @@ def find_feet(motion: Motion) -> dict[str, list[int]]:
     for n, part in enumerate(motion.parts):
         if part in FOOT_PARTS:
             feet.setdefault(part.removesuffix("_paw"), []).append(n)
-    return feet or _lowest_points(motion)
-
-
-def _lowest_points(motion: Motion) -> dict[str, list[int]]:
+    if feet:
+        return feet
     position = fill_linear(motion.position_m)
     path = smooth_path(position, rate_hz=motion.rate_hz)
     if len(path) < 2 or not np.isfinite(path).all():
@@ -198,10 +190,9 @@ def _lowest_points(motion: Motion) -> dict[str, list[int]]:
     low = np.percentile(position[:, :, 2], 5, axis=0)
     near = low <= np.nanmin(low) + LOW_POINTS * (np.nanmax(position[:, :, 2]) - np.nanmin(low))
     four = is_quadruped(motion)
-    feet: dict[str, list[int]] = {}
-    for n in np.flatnonzero(near):
-        end = ("hind" if hind[n] else "fore") if four else "foot"
-        feet.setdefault(f"{'left' if left[n] else 'right'}_{end}", []).append(int(n))
+    for k in np.flatnonzero(near):
+        end = ("hind" if hind[k] else "fore") if four else "foot"
+        feet.setdefault(f"{'left' if left[k] else 'right'}_{end}", []).append(int(k))
     return feet if len(feet) == (4 if four else 2) else {}
 
 
@@ -252,7 +243,9 @@ def _steps(forward_mps: FloatArray, body_mps: FloatArray, times_s: FloatArray, r
         if speed[peak] < SWING_PEAK * body_mps[peak] or stop - first < SHORTEST_SWING_S * rate_hz:
             continue
         peaks.append(peak)
-        landed = _landing(speed, stop, STILL * speed[peak])
+        slow = STILL * speed[peak]
+        later = range(stop, len(speed) - 1)
+        landed = next((n for n in later if speed[n] <= slow or speed[n + 1] >= speed[n]), None)
         if landed is not None:
             touchdown.append(times_s[landed])
             excess = (speed - body_mps)[stop - 1 : stop + 1]
@@ -260,14 +253,6 @@ def _steps(forward_mps: FloatArray, body_mps: FloatArray, times_s: FloatArray, r
     bears = slowest < STANCE_SPEED * body_mps
     duty = float(bears[peaks[0] : peaks[-1]].mean()) if len(peaks) > 1 else float("nan")
     return Steps(np.array(touchdown), np.array(overtaken), duty)
-
-
-def _landing(speed: FloatArray, after: int, still_mps: float) -> int | None:
-    """First frame from ``after`` on at which the speed is low or stops falling; None where the motion ends before."""
-    for n in range(after, len(speed) - 1):
-        if speed[n] <= still_mps or speed[n + 1] >= speed[n]:
-            return n
-    return None
 
 
 NAN = float("nan")
@@ -419,7 +404,10 @@ def name_quadruped_gait(phases: Mapping[str, float]) -> str:
     apart = [abs(abs(lag) - 0.5) <= HALF_STRIDE for lag in (hind, fore)]
     if all(apart):
         # mean of the left and the right side
-        return _symmetrical(side + _about_zero(fore - hind) / 2)
+        lag = abs(_about_zero(side + _about_zero(fore - hind) / 2))
+        if lag < QUARTER:
+            return "pace"
+        return "trot" if lag > 0.5 - QUARTER else "walk"
     if any(apart):
         return ""
     if max(abs(hind), abs(fore)) <= TOGETHER:
@@ -432,28 +420,18 @@ def name_quadruped_gait(phases: Mapping[str, float]) -> str:
     return "canter" if abs(_about_zero(trailing_fore - leading_hind)) < QUARTER else "transverse_gallop"
 
 
-def _symmetrical(lateral: float) -> str:
-    lag = abs(_about_zero(lateral))
-    if lag < QUARTER:
-        return "pace"
-    return "trot" if lag > 0.5 - QUARTER else "walk"
-
-
 def _name_human_gait(motion: Motion, phases: Mapping[str, float], duty: float) -> str:
     """``run`` where each foot bears weight for less than half of the stride and the body falls freely between them."""
     if "l_r" not in phases or abs(phases["l_r"] - 0.5) > HALF_STRIDE or not math.isfinite(duty):
         return ""
-    return "run" if duty < 0.5 and _lowest_acceleration_mps2(motion) < FLIGHT_ACCELERATION_MPS2 else "walk"
-
-
-def _lowest_acceleration_mps2(motion: Motion) -> float:
-    """2nd percentile of the vertical acceleration of the body centre, over spans of 0.1 s."""
+    # 2nd percentile of the vertical acceleration of the body centre, over spans of 0.1 s
     rate = motion.rate_hz
     half = max(1, round(0.05 * rate))
     z = body_centre(motion.position_m)[:, 2]
-    if len(z) <= 2 * half:
-        return 0.0
-    return float(np.percentile((z[2 * half :] - 2 * z[half:-half] + z[: -2 * half]) * (rate / half) ** 2, 2))
+    if duty >= 0.5 or len(z) <= 2 * half:
+        return "walk"
+    lowest_mps2 = np.percentile((z[2 * half :] - 2 * z[half:-half] + z[: -2 * half]) * (rate / half) ** 2, 2)
+    return "run" if lowest_mps2 < FLIGHT_ACCELERATION_MPS2 else "walk"
 
 
 def _beat(landings: list[FloatArray]) -> float:

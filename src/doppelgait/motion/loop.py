@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -118,7 +117,13 @@ def loop(motion: Motion, *, duration_s: float) -> Motion:
         },
     )
     touchdowns = _cycle_touchdowns(motion, looped, seam, overlap)
-    return looped.with_facts(footfalls=_repeat_times(touchdowns, seam.lag / rate, (len(position) - 1) / rate))
+    every_s, until_s = seam.lag / rate, (len(position) - 1) / rate
+    turns = range(math.floor(until_s / every_s) + 1)
+    footfalls = {
+        foot: [t + turn * every_s for turn in turns for t in once if t + turn * every_s <= until_s]
+        for foot, once in touchdowns.items()
+    }
+    return looped.with_facts(footfalls=footfalls)
 
 
 def _best_seam(motion: Motion, period: float, overlap: float) -> tuple[Seam, Seam]:
@@ -141,17 +146,12 @@ def _best_seam(motion: Motion, period: float, overlap: float) -> tuple[Seam, Sea
             cut = min(seams, key=lambda seam: _cost(seam, weight_s))
             on_frames = replace(cut, start=cut.start * step, lag=cut.lag * step)
             best.append(_between_frames(curve, motion.positions.shape, rate, on_frames, step, overlap, weight_s))
-    fitting = [seam for seam in best if _fits(seam, usual, weight_s)]
+    # neither pose nor velocity may differ more than is usual between neighbouring strides
+    most_m, most_mps = max(usual.position_m, UNSEEN_M), max(usual.velocity_mps, UNSEEN_M / weight_s)
+    fitting = [seam for seam in best if seam.position_m <= most_m and seam.velocity_mps <= most_mps]
     if fitting:
         return max(fitting, key=lambda seam: seam.strides), usual
     return min(best, key=lambda seam: _cost(seam, weight_s)), usual
-
-
-def _fits(seam: Seam, usual: Seam, weight_s: float) -> bool:
-    """Whether neither pose nor velocity differs more than is usual between neighbouring strides."""
-    return seam.position_m <= max(usual.position_m, UNSEEN_M) and seam.velocity_mps <= max(
-        usual.velocity_mps, UNSEEN_M / weight_s
-    )
 
 
 def _cost(seam: Seam, weight_s: float) -> float:
@@ -275,11 +275,3 @@ def _cycle_touchdowns(motion: Motion, looped: Motion, seam: Seam, overlap: float
         )
         times = {foot: step.touchdown_s - lasts_s for foot, step in find_steps(three).items()}
     return {foot: [float(t) for t in found if 0.0 <= t < lasts_s - 1e-9] for foot, found in times.items()}
-
-
-def _repeat_times(times_s: Mapping[str, list[float]], every_s: float, until_s: float) -> dict[str, list[float]]:
-    turns = range(math.floor(until_s / every_s) + 1)
-    return {
-        foot: [t + turn * every_s for turn in turns for t in once if t + turn * every_s <= until_s]
-        for foot, once in times_s.items()
-    }

@@ -91,20 +91,18 @@ def scale_to_height(
     else:
         position_m[...] = anchor + factor * (motion.position_m - anchor)
     scaled = motion.with_positions(position_m).with_facts(height_m=height_m, mass_kg=motion.facts.mass_kg * factor**3)
-    return _slow_down(scaled, math.sqrt(factor)) if mode == "froude" else scaled
-
-
-def _slow_down(motion: Motion, factor: float) -> Motion:
-    times = motion.time_s
-    positions = motion.positions.assign_coords(time=times[0] + (times - times[0]) * factor)
+    if mode != "froude":
+        return scaled
+    slower, times = math.sqrt(factor), scaled.time_s
+    positions = scaled.positions.assign_coords(time=times[0] + (times - times[0]) * slower)
     positions.coords["time"].attrs["units"] = "s"
-    positions.attrs["rate_hz"] = motion.rate_hz / factor
+    positions.attrs["rate_hz"] = scaled.rate_hz / slower
     footfalls = {
-        foot: [times[0] + (t - times[0]) * factor for t in touchdowns]
-        for foot, touchdowns in motion.facts.footfalls.items()
+        foot: [times[0] + (t - times[0]) * slower for t in touchdowns]
+        for foot, touchdowns in scaled.facts.footfalls.items()
     }
-    facts = motion.facts.with_frequencies(lambda hz: hz / factor)
-    return replace(motion, positions=positions, facts=replace(facts, footfalls=footfalls))
+    facts = scaled.facts.with_frequencies(lambda hz: hz / slower)
+    return replace(scaled, positions=positions, facts=replace(facts, footfalls=footfalls))
 
 
 def place(motion: Motion, *, position_m: tuple[float, float], heading_deg: float, at_s: float) -> Motion:

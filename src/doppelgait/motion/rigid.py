@@ -99,11 +99,12 @@ def _feet(position: FloatArray, groups: list[list[int]], rate_hz: float) -> dict
     body_mps = travel * rate_hz / (len(position) - 1)
     height = np.median(position[:, :, 2], axis=0)
     top = height.min() + FOOT_REACH * np.ptp(height)
-    found = [
-        n
-        for n, group in enumerate(groups)
-        if height[group].mean() < top and _walks(position[:, group].mean(axis=1), body_mps, rate_hz)
-    ]
+    found = []
+    for n, group in enumerate(groups):
+        speed = np.linalg.norm(np.diff(position[:, group].mean(axis=1), axis=0), axis=1) * rate_hz
+        slow, fast = np.percentile(speed, (15, 95))
+        if height[group].mean() < top and slow < RESTING * body_mps and fast > SWINGING * body_mps:
+            found.append(n)
     if len(found) != 2:
         return {}
     left_of_way = np.array([-way[1], way[0]]) / travel
@@ -113,13 +114,6 @@ def _feet(position: FloatArray, groups: list[list[int]], rate_hz: float) -> dict
         if offset[0] > offset[1]
         else {found[0]: "right_foot", found[1]: "left_foot"}
     )
-
-
-def _walks(path: FloatArray, body_mps: float, rate_hz: float) -> bool:
-    """Whether a point stands and swings by turns."""
-    speed = np.linalg.norm(np.diff(path, axis=0), axis=1) * rate_hz
-    slow, fast = np.percentile(speed, (15, 95))
-    return bool(slow < RESTING * body_mps and fast > SWINGING * body_mps)
 
 
 def distance_spread(position: FloatArray) -> FloatArray:
@@ -136,17 +130,13 @@ def distance_spread(position: FloatArray) -> FloatArray:
     spread = np.zeros((n_points, n_points))
     for i in range(n_points - 1):
         apart = np.linalg.norm(position[:, i + 1 :] - position[:, i : i + 1], axis=2)
-        spread[i, i + 1 :] = spread[i + 1 :, i] = _robust_sd(apart)
+        enough = np.isfinite(apart).sum(axis=0) >= min(MIN_SHARED_FRAMES, len(apart))
+        sd = np.full(apart.shape[1], np.inf)
+        if enough.any():
+            apart = apart[:, enough]
+            sd[enough] = ROBUST_SD * np.nanmedian(np.abs(apart - np.nanmedian(apart, axis=0)), axis=0)
+        spread[i, i + 1 :] = spread[i + 1 :, i] = sd
     return spread
-
-
-def _robust_sd(values: FloatArray) -> FloatArray:
-    enough = np.isfinite(values).sum(axis=0) >= min(MIN_SHARED_FRAMES, len(values))
-    sd = np.full(values.shape[1], np.inf)
-    if enough.any():
-        chosen = values[:, enough]
-        sd[enough] = ROBUST_SD * np.nanmedian(np.abs(chosen - np.nanmedian(chosen, axis=0)), axis=0)
-    return sd
 
 
 SWAY_WEIGHT = 40.0
@@ -176,16 +166,12 @@ def bones_of(position_m: npt.ArrayLike) -> npt.NDArray[np.int32]:
     points = points[:: max(1, points.shape[0] // MOST_FRAMES)]
     known = np.flatnonzero(np.isfinite(points).all(axis=-1).sum(axis=0) >= min(FEWEST_FRAMES, points.shape[0]))
     distance = np.linalg.norm(points[:, known, None] - points[:, None, known], axis=-1)
-    cost = _cost(distance)
-    tree = minimum_spanning_tree(np.triu(cost, k=1)).tocoo()
-    pairs = np.sort(known[np.stack([tree.row, tree.col], axis=1)], axis=1)
-    return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))].astype(np.int32)
-
-
-def _cost(distance: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Cost of joining each two points, above 0; pairs never seen together are left apart (0)."""
     seen = np.isfinite(distance)
     count = np.maximum(seen.sum(axis=0), 1)
     mean = np.where(seen, distance, 0.0).sum(axis=0) / count
-    spread = np.sqrt(np.where(seen, (distance - mean) ** 2, 0.0).sum(axis=0) / count)
-    return np.where(seen.any(axis=0), np.maximum(mean + SWAY_WEIGHT * spread, 1e-9), 0.0)
+    sway = np.sqrt(np.where(seen, (distance - mean) ** 2, 0.0).sum(axis=0) / count)
+    # pairs never seen together have no cost, hence no branch
+    cost = np.where(seen.any(axis=0), np.maximum(mean + SWAY_WEIGHT * sway, 1e-9), 0.0)
+    tree = minimum_spanning_tree(np.triu(cost, k=1)).tocoo()
+    pairs = np.sort(known[np.stack([tree.row, tree.col], axis=1)], axis=1)
+    return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))].astype(np.int32)

@@ -288,7 +288,11 @@ def _generate(config: BoulicConfig, duration_s: float, rng: np.random.Generator 
         rng=rng,
     )
     phase = phase_at(clock, times_s)
-    points, lowest_m = _over_the_floor(phase, q, config, scale_m)
+    # the frames and a whole cycle in one call: the floor is under the lowest point of the cycle
+    both = np.concatenate([_WHOLE_CYCLE, phase])
+    signs = _SIGNS[config.form]
+    both_m = boulic_points(both, q, config.height_m, offset_scale_m=scale_m, offset_signs=signs)
+    points, lowest_m = both_m[_WHOLE_CYCLE.size :], float(both_m[: _WHOLE_CYCLE.size, _FEET, 2].min())
     points[:, :, 0] += (1.346 * math.sqrt(q) * scale_m * (phase - phase[0]))[:, None]
     points[:, :, 2] -= lowest_m
     stride_hz = mean_stride_frequency_hz(times_s, phase)
@@ -309,14 +313,6 @@ def _generate(config: BoulicConfig, duration_s: float, rng: np.random.Generator 
         points, rate_hz=config.rate_hz, markers=POINTS, parts=parts, facts=facts,
         report={"mass_kg": "assumed: body mass index 23 kg/m^2"},
     )  # fmt: skip
-
-
-def _over_the_floor(phase: FloatArray, q: float, config: BoulicConfig, scale_m: float) -> tuple[FloatArray, float]:
-    """Points in place at the given phases, and the lowest height of any foot point over a whole cycle."""
-    both = np.concatenate([_WHOLE_CYCLE, phase])
-    signs = _SIGNS[config.form]
-    points = boulic_points(both, q, config.height_m, offset_scale_m=scale_m, offset_signs=signs)
-    return points[_WHOLE_CYCLE.size :], float(points[: _WHOLE_CYCLE.size, _FEET, 2].min())
 
 
 def boulic_points(

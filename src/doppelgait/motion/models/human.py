@@ -306,7 +306,7 @@ def human_gait(
 def _generate(config: HumanConfig, duration_s: float, rng: np.random.Generator | None) -> Motion:
     times_s = sample_times_s(duration_s, config.rate_hz)
     size_m = {name: part * config.height_m for name, part in segment_lengths(config.body, config.height_m).items()}
-    style = _style(config, size_m)
+    style = _run_style(config, size_m) if config.actual_gait == "run" else _walk_style(config, size_m)
     clock, way = _clock_and_way(config, style, times_s[-1], rng)
     phase = phase_at(clock, times_s)
 
@@ -367,10 +367,6 @@ def _leg_and_tempo(config: HumanConfig) -> tuple[float, float]:
     adult = segment_lengths("adult", ADULT_M)
     adult_m = (adult["thigh"] + adult["shank"]) * ADULT_M
     return leg_m, 1.0 if config.body == "adult" else math.sqrt(adult_m / leg_m)
-
-
-def _style(config: HumanConfig, size_m: Mapping[str, float]) -> Style:
-    return _run_style(config, size_m) if config.actual_gait == "run" else _walk_style(config, size_m)
 
 
 def _walk_style(config: HumanConfig, size_m: Mapping[str, float]) -> Style:

@@ -101,8 +101,16 @@ def place_feet(
     for side, pose in zip(OFFSET, of_legs, strict=True):
         hip, ankle, toe = (_number(side, joint) for joint in ("hip", "ankle", "toe"))
         place, pitch = ankle_and_pitch(make_foot(style, side, pose, size_m), _rows(both, side), every, advance)
-        result[:, ankle], result[:, toe] = place[:count], place[:count] + size_m["foot"] * _level(pitch[:count])
-        rise_m = min(rise_m, _highest(both[:, hip], place, reach_m))
+        sole = columns(np.cos(pitch[:count]), 0.0, np.sin(pitch[:count]))
+        result[:, ankle], result[:, toe] = place[:count], place[:count] + size_m["foot"] * sole
+        # the hips are raised until a leg is stretched
+        leg_m = place - both[:, hip]
+        room = reach_m**2 - leg_m[:, 0] ** 2 - leg_m[:, 1] ** 2
+        if room.min() <= (0.4 * reach_m) ** 2:
+            raise ConfigError(
+                "the steps are too long for the legs; lower speed_mps, walk_ratio, step_length_sd or length_asymmetry"
+            )
+        rise_m = min(rise_m, float((leg_m[:, 2] + np.sqrt(room)).min()))
     legs = [_number(side, joint) for side in OFFSET for joint in ("ankle", "toe")]
     result[:, [n for n in range(len(POINTS)) if n not in legs], 2] += rise_m
     for side in OFFSET:
@@ -113,21 +121,6 @@ def place_feet(
 
 def _number(side: str, joint: str) -> int:
     return POINTS.index(f"{side}_{joint}")
-
-
-def _highest(hip: FloatArray, ankle: FloatArray, reach_m: float) -> float:
-    """By how much the hips can be raised until a leg is stretched."""
-    level = ankle - hip
-    room = reach_m**2 - level[:, 0] ** 2 - level[:, 1] ** 2
-    if room.min() <= (0.4 * reach_m) ** 2:
-        raise ConfigError(
-            "the steps are too long for the legs; lower speed_mps, walk_ratio, step_length_sd or length_asymmetry"
-        )
-    return float((level[:, 2] + np.sqrt(room)).min())
-
-
-def _level(pitch_rad: FloatArray) -> FloatArray:
-    return columns(np.cos(pitch_rad), 0.0, np.sin(pitch_rad))
 
 
 @dataclass(frozen=True)

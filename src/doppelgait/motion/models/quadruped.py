@@ -19,9 +19,7 @@ from doppelgait.core.rng import Streams
 from doppelgait.motion.models.quadruped_gaits import (
     BUILDS,
     GAITS,
-    Build,
     BuildName,
-    Gait,
     GaitChoice,
     GaitName,
     duty_factor,
@@ -199,9 +197,11 @@ def _generate(config: QuadrupedConfig, duration_s: float, rng: np.random.Generat
     phase = phase_at(clock, times_s)
     wag_rad = np.radians(config.tail_sweep_deg) * np.sin(2 * np.pi * config.tail_frequency_hz * times_s)
     duty = {end: duty_factor(getattr(gait, end), speed_mps / stride_m, hip_m) for end in ("hind", "fore")}
-    position_m = hip_m * _position(phase, gait, build, stride_m / hip_m, duty, wag_rad)
+    stride = stride_m / hip_m
+    lowered = crouch(gait, build, stride, duty)
+    points = all_points(phase, gait, build, stride=stride, duty=duty, lowered=lowered, wag_rad=wag_rad)
+    position_m = hip_m * np.stack([points[name] for name in POINTS], axis=1)
     position_m[:, :, 0] -= stride_m * phase[0]
-    build = BUILDS[config.build]
     stride_hz = mean_stride_frequency_hz(times_s, phase)
     facts = MotionFacts(
         source="quadruped",
@@ -224,12 +224,3 @@ def _generate(config: QuadrupedConfig, duration_s: float, rng: np.random.Generat
             "proportions": build.source,
         },
     )  # fmt: skip
-
-
-def _position(
-    phase: FloatArray, gait: Gait, build: Build, stride: float, duty: dict[str, float], wag_rad: FloatArray
-) -> FloatArray:
-    """All points at given phases, (n, point, 3), in units of the hip height."""
-    lowered = crouch(gait, build, stride, duty)
-    points = all_points(phase, gait, build, stride=stride, duty=duty, lowered=lowered, wag_rad=wag_rad)
-    return np.stack([points[name] for name in POINTS], axis=1)

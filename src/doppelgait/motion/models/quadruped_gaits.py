@@ -336,9 +336,7 @@ def fitted_gait(name: str, build: Build, asymmetry: float = 0.0) -> Gait:
         touchdown |= {f"{side}_fore": touchdown[f"{side}_hind"] + build.walk_lag for side in ("left", "right")}
     touchdown |= {foot: phase + asymmetry for foot, phase in touchdown.items() if foot.startswith("right")}
     landed = replace(gait, touchdown=touchdown)
-    return _with_strides_of(build, landed) if gait.harmonic == 2 else landed
-
-
-def _with_strides_of(build: Build, gait: Gait) -> Gait:
+    if gait.harmonic != 2:
+        return landed
     hind, fore = (replace(g, duty_offset=g.duty_offset + build.duty_offset) for g in (gait.hind, gait.fore))
-    return replace(gait, stride_factor=gait.stride_factor * build.stride, hind=hind, fore=fore)
+    return replace(landed, stride_factor=gait.stride_factor * build.stride, hind=hind, fore=fore)

@@ -46,18 +46,11 @@ def paw_path(cycles: FloatArray, girdle: Girdle, duty: float) -> tuple[FloatArra
     early, late = 5 * girdle.clearance_at, 5 * (1 - girdle.clearance_at)
     top = girdle.clearance_at**early * (1 - girdle.clearance_at) ** late
     height = girdle.clearance / top * swing**early * (1 - swing) ** late
-    return turn + _swing_progress(swing, girdle.swing_peak), height
-
-
-def _swing_progress(share: FloatArray, peak: float) -> FloatArray:
-    """Distance 0..1 over time 0..1 with the highest speed ``peak`` at half time.
-
-    The paw leaves the ground quickly (short ramps up to an even speed) and is fastest as it passes under the body
-    (a bell on top), which keeps the stroke of the limb near the measured one.
-    """
-    even = (1 - peak / 2) / (0.5 - LIFT_RAMP)
-    bell = share / 2 - np.sin(2 * np.pi * share) / (4 * np.pi)
-    return even * _ramped_distance(share, LIFT_RAMP) + (peak - even) * bell
+    # The paw leaves the ground quickly (short ramps up to an even speed) and is fastest as it passes under the body (a
+    # bell on top), which keeps the stroke of the limb near the measured one.
+    even = (1 - girdle.swing_peak / 2) / (0.5 - LIFT_RAMP)
+    bell = swing / 2 - np.sin(2 * np.pi * swing) / (4 * np.pi)
+    return turn + (even * _ramped_distance(swing, LIFT_RAMP) + (girdle.swing_peak - even) * bell), height
 
 
 def _ramped_distance(share: FloatArray, ramp: float) -> FloatArray:
@@ -253,8 +246,17 @@ def all_points(
     centre, turn = trunk_motion(phase, gait, build)
     centre += columns(stride * phase, 0.0, -lowered)
     points = {name: on_trunk(build.trunk * x, 0.0, z, centre, turn) for name, (x, z) in TRUNK_POINTS.items()}
-    points |= _head(points["neck_base"], phase, gait, build.head)
-    points |= _tail(points["tail_base"], wag_rad, TAIL * build.tail)
+    neck_base, tail_base = points["neck_base"], points["tail_base"]
+    nod = np.cos(2 * np.pi * gait.harmonic * (phase - gait.neck_highest))
+    elevation = np.radians(NECK_DEG + gait.neck_deg * nod)
+    along = columns(np.cos(elevation), 0.0, np.sin(elevation))
+    skull = math.radians(SKULL_DEG)
+    points["neck"] = neck_base + build.head * NECK / 2 * along
+    points["head"] = neck_base + build.head * NECK * along
+    points["nose"] = points["head"] + build.head * SKULL * np.array([math.cos(skull), 0.0, math.sin(skull)])
+    drop, length = math.radians(TAIL_DEG), TAIL * build.tail
+    back = columns(-math.cos(drop) * np.cos(wag_rad), math.cos(drop) * np.sin(wag_rad), math.sin(drop))
+    points |= {"tail_middle": tail_base + length / 2 * back, "tail_tip": tail_base + length * back}
     ends = limb_ends(phase, gait, build, stride, duty)
     for name in [name for name in ends if name.endswith(("hip", "shoulder"))]:
         ends[name] = ends[name] - [0.0, 0.0, lowered]
@@ -264,19 +266,3 @@ def all_points(
         ends[f"{side}_elbow"] = two_link(shoulder, carpus, size * HUMERUS, size * FOREARM, bend=-1.0)
         ends[f"{side}_knee"] = two_link(hip, hock, size * FEMUR, size * TIBIA, bend=1.0)
     return points | ends
-
-
-def _head(neck_base: FloatArray, phase: FloatArray, gait: Gait, size: float) -> Points:
-    swing = np.cos(2 * np.pi * gait.harmonic * (phase - gait.neck_highest))
-    elevation = np.radians(NECK_DEG + gait.neck_deg * swing)
-    along = columns(np.cos(elevation), 0.0, np.sin(elevation))
-    skull = math.radians(SKULL_DEG)
-    head = neck_base + size * NECK * along
-    nose = head + size * SKULL * np.array([math.cos(skull), 0.0, math.sin(skull)])
-    return {"neck": neck_base + size * NECK / 2 * along, "head": head, "nose": nose}
-
-
-def _tail(base: FloatArray, wag_rad: FloatArray, length: float) -> Points:
-    drop = math.radians(TAIL_DEG)
-    back = columns(-math.cos(drop) * np.cos(wag_rad), math.cos(drop) * np.sin(wag_rad), math.sin(drop))
-    return {"tail_middle": base + length / 2 * back, "tail_tip": base + length * back}

@@ -117,19 +117,16 @@ def cubic_spline(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
     right[1:-1] = 3.0 * (h[1:] * m[:-1] + h[:-1] * m[1:])
     right[0] = ((h[0] + 2.0 * first) * h[1] * m[0] + h[0] ** 2 * m[1]) / first
     right[-1] = (h[-1] ** 2 * m[-2] + (2.0 * last + h[-1]) * h[-2] * m[-1]) / last
-    return _hermite(x, y, np.array(_solved(lower, diagonal, upper, right.tolist())))
-
-
-def _solved(lower: list[float], diagonal: list[float], upper: list[float], right: list[float]) -> list[float]:
-    """Solution of a tridiagonal system by elimination; all pivots of a spline's are positive."""
-    for i in range(1, len(right)):
+    # elimination; all pivots of a spline's system are positive
+    slopes = right.tolist()
+    for i in range(1, len(slopes)):
         factor = lower[i] / diagonal[i - 1]
         diagonal[i] -= factor * upper[i - 1]
-        right[i] -= factor * right[i - 1]
-    right[-1] /= diagonal[-1]
-    for i in range(len(right) - 2, -1, -1):
-        right[i] = (right[i] - upper[i] * right[i + 1]) / diagonal[i]
-    return right
+        slopes[i] -= factor * slopes[i - 1]
+    slopes[-1] /= diagonal[-1]
+    for i in range(len(slopes) - 2, -1, -1):
+        slopes[i] = (slopes[i] - upper[i] * slopes[i + 1]) / diagonal[i]
+    return _hermite(x, y, np.array(slopes))
 
 
 def periodic_pchip_curve(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
@@ -318,7 +315,8 @@ def step_series(
     times = _sums(stride_s / 2 * (1 + time_asymmetry * left + _deviations(time_sd, count - 1, source)))
     way = _sums(stride_m / 2 * (1 + length_asymmetry * left + _deviations(length_sd, count - 1, source)))
     phases = (first + np.arange(count)) / 2
-    return _begin_at(start_phase, times, phases, way)
+    start_s, start_m = cubic_spline(times, phases).where(start_phase), cubic_spline(phases, way)(start_phase)
+    return times - float(start_s), phases, way - float(start_m)
 
 
 def _sums(steps: FloatArray) -> FloatArray:
@@ -329,9 +327,3 @@ def _deviations(sd: float, count: int, rng: np.random.Generator | None) -> Float
     if sd == 0 or rng is None:
         return np.zeros(count)
     return sd * autoregressive(count, rng)
-
-
-def _begin_at(start_phase: float, times: FloatArray, phases: FloatArray, way: FloatArray) -> Steps:
-    """Shift time and way so that both are 0 at the start phase."""
-    start_s, start_m = cubic_spline(times, phases).where(start_phase), cubic_spline(phases, way)(start_phase)
-    return times - float(start_s), phases, way - float(start_m)
