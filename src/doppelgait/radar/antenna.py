@@ -81,12 +81,8 @@ class Antenna(FrozenModel):
             foreign.append("floor_db")
         if foreign:
             raise ValueError(f"antenna kind {self.kind!r} has no {', '.join(foreign)}: leave out, or change the kind")
-        self._check_cuts()
-        return self
-
-    def _check_cuts(self) -> None:
         if self.angle_deg is None:
-            return
+            return self
         angles = np.array(self.angle_deg)
         if not (np.diff(angles) > 0).all() or angles[0] < -180 or angles[-1] > 180:
             raise ValueError("angle_deg must rise from one angle to the next, within -180 to 180")
@@ -101,6 +97,7 @@ class Antenna(FrozenModel):
                 )
             if angles[-1] - angles[0] == 360 and cut_db[0] != cut_db[-1]:
                 raise ValueError(f"{name}: {cut_db[0]:g} dB at -180 and {cut_db[-1]:g} dB at 180, which are one angle")
+        return self
 
 
 def antenna_gain(antenna: Antenna, azimuth_rad: npt.ArrayLike, elevation_rad: npt.ArrayLike) -> FloatArray:

@@ -47,27 +47,23 @@ def write_recording(recording: Recording, path: str | Path) -> None:
         If it cannot be written (no folder, no right, disk full); an older file of that name is then untouched.
     """
     with atomic_path(path) as partial:
-        _write_hdf5(recording, partial)
+        import h5py
 
-
-def _write_hdf5(recording: Recording, path: Path) -> None:
-    import h5py
-
-    with h5py.File(path, "w", track_order=True) as file:
-        file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION, radar=canonical_json(recording.radar))
-        file.attrs.update(noise_power_v2=recording.noise_power_v2, snr_frame_db=recording.snr_frame_db)
-        if recording.seed is not None:
-            file.attrs["seed"] = recording.seed
-        if recording.notes:
-            file.attrs["notes"] = json.dumps(recording.notes)
-        _put(file, "baseband", recording.baseband.values.astype("<c8"), "V")
-        file["baseband"].attrs.update(further_facts(recording.baseband))
-        _put(file, "slow_time_s", recording.slow_time_s, "s")
-        _put(file, "range_m", recording.range_m, "m")
-        if recording.radar_position_m is not None:
-            file.attrs.update({name: getattr(recording, name) for name in POSE})
-        for number, truth in enumerate(recording.truth):
-            _write_truth(file.create_group(f"truth/{number}", track_order=True), truth)
+        with h5py.File(partial, "w", track_order=True) as file:
+            file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION, radar=canonical_json(recording.radar))
+            file.attrs.update(noise_power_v2=recording.noise_power_v2, snr_frame_db=recording.snr_frame_db)
+            if recording.seed is not None:
+                file.attrs["seed"] = recording.seed
+            if recording.notes:
+                file.attrs["notes"] = json.dumps(recording.notes)
+            _put(file, "baseband", recording.baseband.values.astype("<c8"), "V")
+            file["baseband"].attrs.update(further_facts(recording.baseband))
+            _put(file, "slow_time_s", recording.slow_time_s, "s")
+            _put(file, "range_m", recording.range_m, "m")
+            if recording.radar_position_m is not None:
+                file.attrs.update({name: getattr(recording, name) for name in POSE})
+            for number, truth in enumerate(recording.truth):
+                _write_truth(file.create_group(f"truth/{number}", track_order=True), truth)
 
 
 def _put(group: Any, name: str, values: Any, units: str) -> None:
@@ -123,41 +119,39 @@ def read_hdf5(path: Path) -> Recording:
         raise RecordingError(f"{path}: no such file")
     try:
         with h5py.File(path, "r") as file:
-            return _read_hdf5(file, path.name)
+            if file.attrs.get("format") != FORMAT:
+                raise ValueError(f"attribute format is {file.attrs.get('format')!r}, must be {FORMAT!r}")
+            if int(file.attrs["format_version"]) > FORMAT_VERSION:
+                raise ValueError(
+                    f"format_version is {file.attrs['format_version']}, this program reads up to {FORMAT_VERSION}"
+                )
+            check_own(file)
+            radar = validate(Radar, json.loads(file.attrs["radar"]), where="radar")
+            coords = {"slow_time": file["slow_time_s"][:], "range": file["range_m"][:]}
+            further = {
+                key: value.item() if isinstance(value, np.generic) else value
+                for key, value in file["baseband"].attrs.items()
+                if key != "units"
+            }
+            attrs = {**baseband_facts(radar), **further}
+            baseband = make_array(BASEBAND, file["baseband"][:].astype(np.complex64), coords, attrs)
+            numbers = sorted(file.get("truth", {}), key=int)
+            pose = {name: np.asarray(file.attrs[name]).tolist() for name in POSE if name in file.attrs}
+            if "radar_position_m" in pose:
+                pose["radar_position_m"] = tuple(pose["radar_position_m"])
+            return Recording.from_baseband(
+                baseband,
+                radar,
+                truth=[_read_truth(file[f"truth/{number}"], coords["slow_time"], int(number)) for number in numbers],
+                noise_power_v2=float(file.attrs.get("noise_power_v2", NAN)),
+                snr_frame_db=float(file.attrs.get("snr_frame_db", NAN)),
+                seed=int(file.attrs["seed"]) if "seed" in file.attrs else None,
+                source=path.name,
+                notes=[str(note) for note in json.loads(file.attrs.get("notes", "[]"))],
+                **pose,
+            )
     except (OSError, LookupError, ValueError, TypeError, AttributeError, RuntimeError, DoppelgaitError) as error:
         raise RecordingError(f"{path}: is damaged or not a doppelgait recording: {error}") from None
-
-
-def _read_hdf5(file: Any, source: str) -> Recording:
-    if file.attrs.get("format") != FORMAT:
-        raise ValueError(f"attribute format is {file.attrs.get('format')!r}, must be {FORMAT!r}")
-    if int(file.attrs["format_version"]) > FORMAT_VERSION:
-        raise ValueError(f"format_version is {file.attrs['format_version']}, this program reads up to {FORMAT_VERSION}")
-    check_own(file)
-    radar = validate(Radar, json.loads(file.attrs["radar"]), where="radar")
-    coords = {"slow_time": file["slow_time_s"][:], "range": file["range_m"][:]}
-    further = {
-        key: value.item() if isinstance(value, np.generic) else value
-        for key, value in file["baseband"].attrs.items()
-        if key != "units"
-    }
-    attrs = {**baseband_facts(radar), **further}
-    baseband = make_array(BASEBAND, file["baseband"][:].astype(np.complex64), coords, attrs)
-    numbers = sorted(file.get("truth", {}), key=int)
-    pose = {name: np.asarray(file.attrs[name]).tolist() for name in POSE if name in file.attrs}
-    if "radar_position_m" in pose:
-        pose["radar_position_m"] = tuple(pose["radar_position_m"])
-    return Recording.from_baseband(
-        baseband,
-        radar,
-        truth=[_read_truth(file[f"truth/{number}"], coords["slow_time"], int(number)) for number in numbers],
-        noise_power_v2=float(file.attrs.get("noise_power_v2", NAN)),
-        snr_frame_db=float(file.attrs.get("snr_frame_db", NAN)),
-        seed=int(file.attrs["seed"]) if "seed" in file.attrs else None,
-        source=source,
-        notes=[str(note) for note in json.loads(file.attrs.get("notes", "[]"))],
-        **pose,
-    )
 
 
 def _read_truth(group: Any, slow_time_s: Any, number: int) -> TargetTruth:
@@ -180,16 +174,12 @@ def _read_truth(group: Any, slow_time_s: Any, number: int) -> TargetTruth:
     )
     facts = {fact: _plain(group.attrs[fact]) for fact in TRUTH_FACTS}
     centre = {name: group[name][:] for name in CENTRE_ARRAYS}
-    return TargetTruth(scatterers=scatterers, body=_read_body(group), **centre, **facts)
-
-
-def _read_body(group: Any) -> xr.DataArray | None:
-    """Body of a target; recordings of versions that kept none have none."""
-    if "body_position_m" not in group:
-        return None
-    markers, parts = (np.array(json.loads(group.attrs[f"body_{key}"]), dtype=str) for key in ("marker", "part"))
-    coords = {"time": group["body_time_s"][:], "marker": markers, "space": list(SPACE), "part": ("marker", parts)}
-    return make_array(MOTION, group["body_position_m"][:].astype(np.float32), coords)
+    body = None  # recordings of versions that kept none
+    if "body_position_m" in group:
+        markers, parts = (np.array(json.loads(group.attrs[f"body_{key}"]), dtype=str) for key in ("marker", "part"))
+        coords = {"time": group["body_time_s"][:], "marker": markers, "space": list(SPACE), "part": ("marker", parts)}
+        body = make_array(MOTION, group["body_position_m"][:].astype(np.float32), coords)
+    return TargetTruth(scatterers=scatterers, body=body, **centre, **facts)
 
 
 def _plain(value: Any) -> Any:

@@ -182,7 +182,14 @@ def fit_sensor(recording: Recording, *, start_s: float | None = None, stop_s: fl
         )
     hit, noise, static, movers = _separate(samples[good], range_m)
     used = np.flatnonzero(good)[~hit.frames]
-    phase, gain = _common_series(static, noise, time_s[used])
+    # phase (rad) and gain (dB) of the frames as drift, walk and jitter
+    variance = factor_variance(static, noise.correlation, noise_power_v2=noise.power_v2.value)
+    phase, gain = None, None
+    if variance <= MAX_PHASE_VARIANCE:
+        per_gain_db = 20.0 / math.log(10.0)
+        phase = fit_series(np.unwrap(np.angle(static.factor)), time_s=time_s[used], measurement_variance=variance)
+        gain_db = per_gain_db * np.log(np.abs(static.factor))
+        gain = fit_series(gain_db, time_s=time_s[used], measurement_variance=per_gain_db**2 * variance)
     left_v2 = noise.power_v2.value / used.size
     level = level_db(noise.power_v2)
     excess_db = level.value - float(power_to_db(noise_power_v2(recording.radar)))
@@ -252,19 +259,6 @@ def _without_movers(rest: ComplexArray, noise: NoiseFloor, range_m: FloatArray) 
         else:
             busy[first:stop] = False
     return ~busy, tuple(movers)
-
-
-def _common_series(
-    static: StaticPart, noise: NoiseFloor, time_s: FloatArray
-) -> tuple[SeriesFit | None, SeriesFit | None]:
-    """Phase (rad) and gain (dB) of the frames as drift, walk and jitter."""
-    variance = factor_variance(static, noise.correlation, noise_power_v2=noise.power_v2.value)
-    if not variance <= MAX_PHASE_VARIANCE:
-        return None, None
-    per_gain_db = 20.0 / math.log(10.0)
-    phase = fit_series(np.unwrap(np.angle(static.factor)), time_s=time_s, measurement_variance=variance)
-    gain = per_gain_db * np.log(np.abs(static.factor))
-    return phase, fit_series(gain, time_s=time_s, measurement_variance=per_gain_db**2 * variance)
 
 
 BUSY_SHARE = 1.0 / 3.0
@@ -357,16 +351,14 @@ def sensor_as_dict(fit: SensorFit) -> dict[str, Any]:
                 "sd_db": sd,
                 "level_re_unit_db": None if unit_db is None else level - unit_db,
             }
-            for r, level, sd in zip(*(x.tolist() for x in _columns(fit)), strict=True)
+            for r, level, sd in zip(
+                *(x.tolist() for x in (fit.clutter.range_m, fit.clutter.level_db, fit.clutter.sd_db)), strict=True
+            )
         ],
         "interference_frames": fit.bursts.frames.nonzero()[0].tolist(),
         "movers": [{"start_m": m.start_m, "stop_m": m.stop_m, "excess_db": m.excess_db} for m in fit.movers],
         "flags": list(fit.flags),
     }
-
-
-def _columns(fit: SensorFit) -> tuple[Any, Any, Any]:
-    return fit.clutter.range_m, fit.clutter.level_db, fit.clutter.sd_db
 
 
 def _finite(value: float) -> float | None:

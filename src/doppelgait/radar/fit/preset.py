@@ -71,13 +71,6 @@ def calibrated_preset(fit: SensorFit, radar: Radar | None = None) -> str:
     tables = list(_impairments(fit))
     for table, _ in tables:
         make_impairment(table)
-    lines = [*_header(fit), "", *_radar_lines(calibrated, fit, fit.radar if radar is None else radar)]
-    for table, comments in tables:
-        lines += ["", "[[impairments]]", *(_line(key, value, comments.get(key, "")) for key, value in table.items())]
-    return "\n".join(lines) + "\n"
-
-
-def _header(fit: SensorFit) -> list[str]:
     lines = [
         f"# {_one_line(f'Sensor model fitted from {_origin(fit)}.')}",
         "# Values with +- carry one standard deviation. Levels are dB re 1 V at the receiver output.",
@@ -85,7 +78,11 @@ def _header(fit: SensorFit) -> list[str]:
     ]
     if fit.gain is not None and _matters(fit.gain.white):
         lines.append(f"# Not modelled: gain jitter of {fit.gain.white.value:.2g} dB from frame to frame.")
-    return [*lines, *(f"# Note: {_one_line(flag)}." for flag in fit.flags)]
+    lines += [*(f"# Note: {_one_line(flag)}." for flag in fit.flags), ""]
+    lines += _radar_lines(calibrated, fit, fit.radar if radar is None else radar)
+    for table, comments in tables:
+        lines += ["", "[[impairments]]", *(_line(key, value, comments.get(key, "")) for key, value in table.items())]
+    return "\n".join(lines) + "\n"
 
 
 def _origin(fit: SensorFit) -> str:
@@ -124,29 +121,24 @@ def _impairments(fit: SensorFit) -> Iterable[tuple[dict[str, Any], dict[str, str
         sd = 2.0 * DB_PER_NEPER * constant.sd / constant.value
         yield {"kind": "dc_leak", "level_db": round(level_db, 2)}, {"level_db": _fitted(fit, sd, "dB")}
     if fit.phase is not None:
-        yield _phase_table(fit)
+        drift = fit.phase.drift_per_s.scaled(60.0)
+        walk = fit.phase.walk_per_root_s.scaled(math.sqrt(60.0))
+        rows = {
+            "white_rad": (fit.phase.white, "rad"),
+            "drift_rad_per_min": (drift, "rad/min"),
+            "walk_rad_per_sqrt_min": (walk, "rad/sqrt(min)"),
+        }
+        table = {name: _digits(estimate.value) if _matters(estimate) else 0.0 for name, (estimate, _) in rows.items()}
+        comments = {
+            name: _fitted(fit, estimate.sd, unit)
+            + ("" if _matters(estimate) else f"; {estimate.value:.2g} is not distinguished from 0")
+            for name, (estimate, unit) in rows.items()
+        }
+        yield {"kind": "phase_noise", **table}, comments
     if fit.bursts.frames.any():
         yield _interference_table(fit)
     if fit.faults.probability.value > 0:
         yield _dropped_table(fit)
-
-
-def _phase_table(fit: SensorFit) -> tuple[dict[str, Any], dict[str, str]]:
-    assert fit.phase is not None
-    drift = fit.phase.drift_per_s.scaled(60.0)
-    walk = fit.phase.walk_per_root_s.scaled(math.sqrt(60.0))
-    rows = {
-        "white_rad": (fit.phase.white, "rad"),
-        "drift_rad_per_min": (drift, "rad/min"),
-        "walk_rad_per_sqrt_min": (walk, "rad/sqrt(min)"),
-    }
-    table = {name: _digits(estimate.value) if _matters(estimate) else 0.0 for name, (estimate, _) in rows.items()}
-    comments = {
-        name: _fitted(fit, estimate.sd, unit)
-        + ("" if _matters(estimate) else f"; {estimate.value:.2g} is not distinguished from 0")
-        for name, (estimate, unit) in rows.items()
-    }
-    return {"kind": "phase_noise", **table}, comments
 
 
 def _interference_table(fit: SensorFit) -> tuple[dict[str, Any], dict[str, str]]:

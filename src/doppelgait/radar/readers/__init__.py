@@ -12,7 +12,7 @@ import inspect
 import mmap
 import os
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -79,20 +79,27 @@ def read_recording(path: str | os.PathLike[str], *, format: str | None = None, *
     try:
         if file.is_file():
             check_hdf5(file)
-        name = _find_format(file) if format is None else _check_format(file, format)
+        if format is None:
+            name = _find_format(file)
+        elif format not in RADAR_READERS:
+            raise RecordingError(f"{file}: format = {format!r} is not known; known are: {_known()}")
+        elif not file.exists() and not file.parent.is_dir():
+            raise RecordingError(f"{file}: no such file")
+        else:
+            name = format
         reader = RADAR_READERS[name].run
-        _check_options(file, name, reader, options)
+        allowed = [p.name for p in inspect.signature(reader).parameters.values() if p.kind is p.KEYWORD_ONLY]
+        if unknown := sorted(set(options) - set(allowed)):
+            said = f"allowed are {', '.join(allowed)}" if allowed else "it has none"
+            raise RecordingError(f"{file}: the {name} reader has no option {', '.join(unknown)}; {said}")
+        for switch in SWITCHES & set(options):
+            if not isinstance(options[switch], bool):
+                raise RecordingError(
+                    f"{file}: option {switch} = {options[switch]!r} is not allowed: must be true or false"
+                )
         return reader(file, **options)
     except OSError as error:
         raise RecordingError(f"{file}: cannot be read: {error.strerror or error}") from None
-
-
-def _check_format(path: Path, name: str) -> str:
-    if name not in RADAR_READERS:
-        raise RecordingError(f"{path}: format = {name!r} is not known; known are: {_known()}")
-    if not path.exists() and not path.parent.is_dir():
-        raise RecordingError(f"{path}: no such file")
-    return name
 
 
 def _find_format(path: Path) -> str:
@@ -126,16 +133,6 @@ def _matches(reader: Plugin[Reader], path: Path) -> bool:
 def writers_by_suffix() -> dict[str, Plugin[Writer]]:
     """Writers by the ending of a file's name; "" for a folder."""
     return {one.facts["suffix"]: one for one in RADAR_WRITERS.values()}
-
-
-def _check_options(path: Path, name: str, reader: Callable[..., Any], options: Mapping[str, Any]) -> None:
-    allowed = [p.name for p in inspect.signature(reader).parameters.values() if p.kind is p.KEYWORD_ONLY]
-    if unknown := sorted(set(options) - set(allowed)):
-        said = f"allowed are {', '.join(allowed)}" if allowed else "it has none"
-        raise RecordingError(f"{path}: the {name} reader has no option {', '.join(unknown)}; {said}")
-    for switch in SWITCHES & set(options):
-        if not isinstance(options[switch], bool):
-            raise RecordingError(f"{path}: option {switch} = {options[switch]!r} is not allowed: must be true or false")
 
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -276,7 +276,14 @@ def read_acconeer(
     if sweep_rate_hz is not None:
         check_number(file, "sweep_rate_hz", sweep_rate_hz, above=0, most=1e6)
     part = _open(file, session=session, group=group, entry=entry)
-    number = _pick_subsweep(file, part.subsweeps, subsweep)
+    number = 0 if subsweep is None and len(part.subsweeps) == 1 else subsweep
+    if isinstance(number, bool) or not isinstance(number, int) or not 0 <= number < len(part.subsweeps):
+        listed = "; ".join(
+            f"{n}: profile {one.profile}, {one.num_points} points from point {one.start_point} every {one.step_length}"
+            for n, one in enumerate(part.subsweeps)
+        )
+        said = "holds several subsweeps" if subsweep is None else f"subsweep = {subsweep!r} is not allowed"
+        raise RecordingError(f"{file}: {said}; give subsweep=0 to {len(part.subsweeps) - 1} ({listed})")
     chosen = part.subsweeps[number]
     if part.n_saturated:
         warnings.warn(
@@ -304,20 +311,16 @@ def read_acconeer(
     )
     samples = part.values[:, :, part.columns(number)].reshape(slow_time_s.size, chosen.num_points) * scale_v
     notes += _notes(part, chosen, number, scale_v=scale_v, conjugate=conjugate)
+    points = chosen.start_point + chosen.step_length * np.arange(chosen.num_points)
     return label_measured(
         file,
         samples.conj() if conjugate else samples,
         radar=radar,
         slow_time_s=slow_time_s,
-        range_m=_range_axis_m(part, chosen),
+        range_m=np.asarray(part.step_m * points, dtype=np.float64),
         notes=notes,
         attrs={"burst_pulses": part.sweeps_per_frame} if paused else {},
     )
-
-
-def _range_axis_m(part: Entry, chosen: Subsweep) -> npt.NDArray[np.float64]:
-    points = chosen.start_point + chosen.step_length * np.arange(chosen.num_points)
-    return np.asarray(part.step_m * points, dtype=np.float64)
 
 
 def _open(path: Path, **which: int) -> Entry:
@@ -337,19 +340,6 @@ def _open(path: Path, **which: int) -> Entry:
         raise RecordingError(f"{path}: is damaged or no recording of an A121 sensor: {error}") from None
 
 
-def _pick_subsweep(path: Path, subsweeps: Sequence[Subsweep], wanted: int | None) -> int:
-    if wanted is None and len(subsweeps) == 1:
-        return 0
-    if isinstance(wanted, int) and not isinstance(wanted, bool) and 0 <= wanted < len(subsweeps):
-        return wanted
-    listed = "; ".join(
-        f"{n}: profile {one.profile}, {one.num_points} points from point {one.start_point} every {one.step_length}"
-        for n, one in enumerate(subsweeps)
-    )
-    said = "holds several subsweeps" if wanted is None else f"subsweep = {wanted!r} is not allowed"
-    raise RecordingError(f"{path}: {said}; give subsweep=0 to {len(subsweeps) - 1} ({listed})")
-
-
 def _sweep_times(
     path: Path, part: Entry, sweep_rate_hz: float | None
 ) -> tuple[npt.NDArray[np.float64], float, list[str]]:
@@ -359,7 +349,13 @@ def _sweep_times(
         rate_hz = sweep_rate_hz or part.sweep_rate_hz
         if rate_hz is None:
             raise RecordingError(f"{path}: sweeps are continuous but no sweep rate is stored; give sweep_rate_hz")
-        return np.arange(n_frames * per_frame) / rate_hz, rate_hz, _ticks_say(part)
+        # sweep rate by the recorder's clock, to compare with the stored one
+        elapsed = int(part.ticks[-1] - part.ticks[0]) if part.ticks.size > 1 else 0
+        notes = []
+        if elapsed > 0 and part.ticks_per_second is not None:
+            found_hz = (part.ticks.size - 1) * part.sweeps_per_frame * part.ticks_per_second / elapsed
+            notes.append(f"sweeps are timed by the sweep rate; by the recorder's ticks it is {found_hz:.6g} Hz")
+        return np.arange(n_frames * per_frame) / rate_hz, rate_hz, notes
     if n_frames * per_frame < 2:
         raise RecordingError(f"{path}: holds a single sweep; nothing moves in that")
     frame_s, notes = _frame_times(path, part)
@@ -379,15 +375,6 @@ def _sweep_times(
             f"({np.diff(frame_s).min():.4g} s); give the true sweep_rate_hz"
         )
     return (frame_s[:, None] + np.arange(per_frame) / rate_hz).ravel(), rate_hz, notes
-
-
-def _ticks_say(part: Entry) -> list[str]:
-    """Sweep rate by the recorder's clock, to compare with the one asked for."""
-    elapsed = int(part.ticks[-1] - part.ticks[0]) if part.ticks.size > 1 else 0
-    if elapsed <= 0 or part.ticks_per_second is None:
-        return []
-    found_hz = (part.ticks.size - 1) * part.sweeps_per_frame * part.ticks_per_second / elapsed
-    return [f"sweeps are timed by the sweep rate; by the recorder's ticks it is {found_hz:.6g} Hz"]
 
 
 def _frame_times(path: Path, part: Entry) -> tuple[npt.NDArray[np.float64], list[str]]:

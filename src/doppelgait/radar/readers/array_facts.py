@@ -142,11 +142,23 @@ def describe(path: Path, facts: ArrayFacts, shape: tuple[int, ...], axes: Mappin
             f"{path.with_suffix('.toml').name} beside it or give them as options (radar='PRESET' tells all four)"
         )
     ranges = np.asarray(told["range_start_m"] + told["bin_spacing_m"] * np.arange(n_bins), dtype=np.float64)
+    # what neither the array nor its TOML file nor the options state
+    notes = []
+    if facts.conjugate is None:
+        notes.append("conjugate: not told; a rising phase is taken as approaching")
+    if facts.scale_v is None:
+        notes.append("scale_v: not told; the values are taken as V")
+    if facts.radar is not None and "preset" in facts.radar:
+        notes.append(f"radar = {facts.radar['preset']}: pulse, power and antennas are the preset's")
+    elif facts.radar is None and n_bins == 1:
+        notes.append("radar: not told; one range bin is taken as a continuous wave, its range as nothing")
+    elif facts.radar is None:
+        notes.append(f"radar: not told; an echo is taken as one range bin wide ({told['bin_spacing_m']:g} m)")
     return Frame(
         slow_time_axis_s(n_pulses, told["prf_hz"]) if slow_time_s is None else slow_time_s,
         ranges if range_m is None else range_m,
         _radar(path, facts, stated, told, n_bins),
-        _notes(facts, told, n_bins),
+        notes,
     )
 
 
@@ -212,19 +224,3 @@ def _plain_radar(told: Mapping[str, float], start_m: float, n_bins: int) -> dict
         "range_stop_m": start_m + n_bins * spacing_m,
         "pulse_sigma_s": min(max(sigma_s, shortest_s), PULSE_SIGMA_S[1]),
     }
-
-
-def _notes(facts: ArrayFacts, told: Mapping[str, float], n_bins: int) -> list[str]:
-    """What neither the array nor its TOML file nor the options tell."""
-    notes = []
-    if facts.conjugate is None:
-        notes.append("conjugate: not told; a rising phase is taken as approaching")
-    if facts.scale_v is None:
-        notes.append("scale_v: not told; the values are taken as V")
-    if facts.radar is not None and "preset" in facts.radar:
-        notes.append(f"radar = {facts.radar['preset']}: pulse, power and antennas are the preset's")
-    elif facts.radar is None and n_bins == 1:
-        notes.append("radar: not told; one range bin is taken as a continuous wave, its range as nothing")
-    elif facts.radar is None:
-        notes.append(f"radar: not told; an echo is taken as one range bin wide ({told['bin_spacing_m']:g} m)")
-    return notes

@@ -168,10 +168,13 @@ def read_arrays(
     )
     values = _as_baseband(path, _pick(path, arrays, facts.key), facts)
     check_shape(path, values)
+    values = values.conj() if facts.conjugate else values
+    if facts.scale_v is not None and facts.scale_v != 1.0:
+        values = facts.scale_v * values
     frame = describe(path, facts, values.shape, arrays)
     recording = label_measured(
         path,
-        _scaled(values, facts),
+        values,
         radar=frame.radar,
         slow_time_s=frame.slow_time_s,
         range_m=frame.range_m,
@@ -232,11 +235,6 @@ def _as_baseband(path: Path, values: npt.NDArray[Any], facts: ArrayFacts) -> npt
     return values if facts.time_first else values.T
 
 
-def _scaled(values: npt.NDArray[Any], facts: ArrayFacts) -> npt.NDArray[Any]:
-    values = values.conj() if facts.conjugate else values
-    return values if facts.scale_v is None or facts.scale_v == 1.0 else facts.scale_v * values
-
-
 FIRST_LINE = "# Radar recording, written by doppelgait: what the arrays beside it are."
 
 
@@ -263,12 +261,30 @@ def write_arrays(recording: Recording, path: str | os.PathLike[str]) -> None:
     if target.suffix.lower() != ".npz":
         raise OutputError(f"{target}: must end in .npz")
     sidecar = target.with_suffix(".toml")
-    if sidecar.exists() and not _is_ours(sidecar):
-        raise OutputError(
-            f"{sidecar}: is there and is no description of arrays; choose another name than {target.name}"
-        )
+    if sidecar.exists():
+        try:
+            with sidecar.open(encoding="utf-8", errors="replace") as text:
+                first = text.readline().rstrip()
+        except OSError as error:
+            raise OutputError(f"{sidecar}: cannot be read: {error}") from None
+        if first != FIRST_LINE:
+            raise OutputError(
+                f"{sidecar}: is there and is no description of arrays; choose another name than {target.name}"
+            )
     with atomic_path(sidecar) as partial_facts, atomic_path(target) as partial:
-        partial_facts.write_text(_as_toml(recording), encoding="utf-8")
+        facts: dict[str, Any] = {
+            "scale_v": 1.0,
+            "conjugate": False,
+            "notes": list(recording.notes),
+            "noise_power_v2": recording.noise_power_v2,
+            "snr_frame_db": recording.snr_frame_db,
+            "seed": recording.seed,
+        }
+        known = {name: value for name, value in facts.items() if value is not None and value == value}  # not NaN
+        lines = [FIRST_LINE, *_lines(known), "", "[radar]", *_lines(recording.radar.model_dump(exclude_none=True))]
+        if attributes := further_facts(recording.baseband):
+            lines += ["", "[attributes]", *_lines(attributes)]
+        partial_facts.write_text(("\n".join(lines) + "\n"), encoding="utf-8")
         with partial.open("wb") as file:
             np.savez(
                 file,
@@ -276,30 +292,6 @@ def write_arrays(recording: Recording, path: str | os.PathLike[str]) -> None:
                 slow_time_s=recording.slow_time_s,
                 range_m=recording.range_m,
             )
-
-
-def _is_ours(path: Path) -> bool:
-    try:
-        with path.open(encoding="utf-8", errors="replace") as file:
-            return file.readline().rstrip() == FIRST_LINE
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be read: {error}") from None
-
-
-def _as_toml(recording: Recording) -> str:
-    facts: dict[str, Any] = {
-        "scale_v": 1.0,
-        "conjugate": False,
-        "notes": list(recording.notes),
-        "noise_power_v2": recording.noise_power_v2,
-        "snr_frame_db": recording.snr_frame_db,
-        "seed": recording.seed,
-    }
-    known = {name: value for name, value in facts.items() if value is not None and value == value}  # not NaN
-    lines = [FIRST_LINE, *_lines(known), "", "[radar]", *_lines(recording.radar.model_dump(exclude_none=True))]
-    if attributes := further_facts(recording.baseband):
-        lines += ["", "[attributes]", *_lines(attributes)]
-    return "\n".join(lines) + "\n"
 
 
 def _lines(table: Mapping[str, Any]) -> list[str]:

@@ -15,7 +15,6 @@ import numpy.typing as npt
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
 from doppelgait.core.plugins import plugin
 from doppelgait.radar.measured import CW_FRAME_M, check_number, cw_radar, label_measured
-from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording
 
 PARTS = ("_RE", "_IM")
@@ -119,10 +118,40 @@ def read_cw_text(
             DoppelgaitWarning,
             stacklevel=2,
         )
-    count = _whole_bursts(file, codes[0].size, burst_pulses)
+    count, rest = divmod(codes[0].size, burst_pulses)
+    if not count:
+        raise RecordingError(
+            f"{file}: holds {codes[0].size} samples, less than one burst of {burst_pulses}; the file is cut off, or "
+            "burst_pulses must be given"
+        )
+    if rest:
+        warnings.warn(
+            f"{file}: the last burst has {rest} of {burst_pulses} samples and is left out",
+            DoppelgaitWarning,
+            stacklevel=2,
+        )
     centred = [(one[: count * burst_pulses] - MID_CODE) * scale_v for one in codes]
     samples = centred[0] + (-1j if conjugate else 1j) * centred[1]
-    return _label(names[0], samples, radar, burst_pulses=burst_pulses, period_s=period_s, conjugate=conjugate)
+    starts_s = period_s * np.arange(samples.size // burst_pulses)
+    slow_time_s = (starts_s[:, None] + np.arange(burst_pulses) / radar.prf_hz).ravel()
+    start_m, stop_m = CW_FRAME_M
+    notes = [
+        f"the files tell neither carrier nor timing: {radar.carrier_hz / 1e9:g} GHz, {radar.prf_hz:g} samples/s in "
+        f"bursts of {burst_pulses}, one every {period_s:g} s",
+        f"range is not measured: the one bin stands for {start_m:g} to {stop_m:g} m",
+        f"levels: the middle code {MID_CODE} is 0 V and one step {radar.volts_per_unit:.4g} V at the converter, before "
+        "which the gain is unknown",
+        f"RE {'-' if conjugate else '+'} j IM is taken, so that an approaching target has positive Doppler",
+    ]
+    return label_measured(
+        names[0],
+        samples[:, None],
+        radar=radar,
+        slow_time_s=slow_time_s,
+        range_m=np.array([(start_m + stop_m) / 2]),
+        notes=notes,
+        attrs={"burst_pulses": burst_pulses} if period_s > (burst_pulses + 0.5) / radar.prf_hz else {},
+    )
 
 
 def _pair(path: Path) -> tuple[Path, Path]:
@@ -163,45 +192,3 @@ def _fault(path: Path, content: bytes) -> str:
                 shown = word[:20].decode("ascii", "backslashreplace")
                 return f"{path}: line {number} holds {shown!r}; every line must hold an integer from 0 to {2**BITS - 1}"
     return f"{path}: holds no values" if not content.split() else f"{path}: holds numbers with more than four digits"
-
-
-def _whole_bursts(path: Path, n_samples: int, burst_pulses: int) -> int:
-    count, rest = divmod(n_samples, burst_pulses)
-    if not count:
-        raise RecordingError(
-            f"{path}: holds {n_samples} samples, less than one burst of {burst_pulses}; the file is cut off, or "
-            "burst_pulses must be given"
-        )
-    if rest:
-        warnings.warn(
-            f"{path}: the last burst has {rest} of {burst_pulses} samples and is left out",
-            DoppelgaitWarning,
-            stacklevel=3,
-        )
-    return count
-
-
-def _label(
-    path: Path, samples: npt.NDArray[np.complex128], radar: Radar, *, burst_pulses: int, period_s: float,
-    conjugate: bool,
-) -> Recording:  # fmt: skip
-    starts_s = period_s * np.arange(samples.size // burst_pulses)
-    slow_time_s = (starts_s[:, None] + np.arange(burst_pulses) / radar.prf_hz).ravel()
-    start_m, stop_m = CW_FRAME_M
-    notes = [
-        f"the files tell neither carrier nor timing: {radar.carrier_hz / 1e9:g} GHz, {radar.prf_hz:g} samples/s in "
-        f"bursts of {burst_pulses}, one every {period_s:g} s",
-        f"range is not measured: the one bin stands for {start_m:g} to {stop_m:g} m",
-        f"levels: the middle code {MID_CODE} is 0 V and one step {radar.volts_per_unit:.4g} V at the converter, before "
-        "which the gain is unknown",
-        f"RE {'-' if conjugate else '+'} j IM is taken, so that an approaching target has positive Doppler",
-    ]
-    return label_measured(
-        path,
-        samples[:, None],
-        radar=radar,
-        slow_time_s=slow_time_s,
-        range_m=np.array([(start_m + stop_m) / 2]),
-        notes=notes,
-        attrs={"burst_pulses": burst_pulses} if period_s > (burst_pulses + 0.5) / radar.prf_hz else {},
-    )

@@ -273,17 +273,13 @@ def read_matlab(
         radar=made,
         slow_time_s=slow_time_axis_s(len(values), rate_hz),
         range_m=range_m,
-        notes=_notes(content["name"], carrier_hz, radar, scale_v),
+        notes=[
+            f"frames: {content['name']}, real RF samples, down-converted on reading",
+            f"carrier_hz = {carrier_hz:g}: not in the file",
+            f"radar = {radar}: not in the file; pulse, power and antennas are the preset's",
+            f"1 unit of the file = {scale_v:g} V (volts_per_unit of the preset): not in the file",
+        ],
     )
-
-
-def _notes(name: str, carrier_hz: float, radar: str | Path, scale_v: float) -> list[str]:
-    return [
-        f"frames: {name}, real RF samples, down-converted on reading",
-        f"carrier_hz = {carrier_hz:g}: not in the file",
-        f"radar = {radar}: not in the file; pulse, power and antennas are the preset's",
-        f"1 unit of the file = {scale_v:g} V (volts_per_unit of the preset): not in the file",
-    ]
 
 
 def _load(path: Path, matrix: str | None) -> dict[str, Any]:
@@ -293,7 +289,14 @@ def _load(path: Path, matrix: str | None) -> dict[str, Any]:
     with path.open("rb") as file:
         is_hdf5 = file.read(len(HEADERS[1])) == HEADERS[1]
     try:
-        content = _load_hdf5(path, matrix) if is_hdf5 else _load_v5(path, matrix)
+        content: dict[str, Any]
+        if is_hdf5:
+            content = _load_hdf5(path, matrix)
+        else:
+            variables = list_variables(path, max_bytes=8 * MAX_VALUES)
+            name = _pick(path, {name: one.shape for name, one in variables.items()}, matrix)
+            facts = {fact: load_variable(variables[fact]) for fact in FACTS if fact in variables}
+            content = {MATRIX: load_variable(variables[name]), "name": name, **facts}
     except RecordingError:
         raise
     except Exception as error:  # the libraries raise nearly anything at damaged bytes
@@ -311,13 +314,6 @@ def _load(path: Path, matrix: str | None) -> dict[str, Any]:
         raise RecordingError(f"{path}: says baseband = 1, but RF frames are read; save baseband as .npz ('arrays')")
     content[MATRIX] = np.asarray(frames, dtype=np.float64)
     return content
-
-
-def _load_v5(path: Path, matrix: str | None) -> dict[str, Any]:
-    variables = list_variables(path, max_bytes=8 * MAX_VALUES)
-    name = _pick(path, {name: one.shape for name, one in variables.items()}, matrix)
-    facts = {fact: load_variable(variables[fact]) for fact in FACTS if fact in variables}
-    return {MATRIX: load_variable(variables[name]), "name": name, **facts}
 
 
 def _load_hdf5(path: Path, matrix: str | None) -> dict[str, Any]:

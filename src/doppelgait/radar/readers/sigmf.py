@@ -175,7 +175,15 @@ def _read_own(
         notes=[*_own_notes(meta), *notes],
         attrs=attrs,
     )
-    return replace(recording, **_own_facts(own))
+    # noise power, signal-to-noise ratio and seed, where they are stored and make sense
+    levels = {name: own.get(f"doppelgait:{name}") for name in ("noise_power_v2", "snr_frame_db")}
+    facts: dict[str, Any] = {
+        name: float(value) for name, value in levels.items() if _is_number(value) and value is not None
+    }
+    seed = own.get("doppelgait:seed")
+    return replace(
+        recording, **({**facts, "seed": seed} if isinstance(seed, int) and not isinstance(seed, bool) else facts)
+    )
 
 
 def _own_notes(meta: Metadata) -> list[str]:
@@ -184,16 +192,6 @@ def _own_notes(meta: Metadata) -> list[str]:
     if any("doppelgait:target" in one for one in meta.annotations):
         notes.append("simulated; SigMF holds the labels of its targets, the further truth about them is not stored")
     return notes
-
-
-def _own_facts(own: dict[str, Any]) -> dict[str, Any]:
-    """Noise power, signal to noise ratio and seed, where they are stored and make sense."""
-    levels = {name: own.get(f"doppelgait:{name}") for name in ("noise_power_v2", "snr_frame_db")}
-    facts: dict[str, Any] = {
-        name: float(value) for name, value in levels.items() if _is_number(value) and value is not None
-    }
-    seed = own.get("doppelgait:seed")
-    return {**facts, "seed": seed} if isinstance(seed, int) and not isinstance(seed, bool) else facts
 
 
 def _carrier_hz(path: Path, meta: Metadata) -> float:
@@ -287,7 +285,12 @@ def write_sigmf(recording: Recording, path: str | Path, *, datatype: Literal["cf
     if datatype not in ("cf32_le", "ci16_le"):
         raise RecordingError(f"{path}: datatype = {datatype!r} is not allowed; it must be 'cf32_le' or 'ci16_le'")
     meta_path, data_path = sigmf_pair(Path(path))
-    content, scale_v = _encode(recording.baseband.values, datatype)
+    pairs = np.ascontiguousarray(recording.baseband.values, dtype="<c8").view("<f4")
+    content, scale_v = pairs.tobytes(), 1.0  # volts of one unit
+    if datatype == "ci16_le":
+        largest = float(np.abs(pairs).max(initial=0.0))
+        scale_v = largest / INT16_MAX if largest > 0 else 1.0
+        content = np.round(pairs.astype(np.float64) / scale_v).astype("<i2").tobytes()
     checksum = hashlib.sha512(content).hexdigest()
     slow_time_s, range_m = recording.slow_time_s, recording.range_m
     firsts, prf_hz = _stretches(slow_time_s, recording.radar.prf_hz)
@@ -320,21 +323,25 @@ def write_sigmf(recording: Recording, path: str | Path, *, datatype: Literal["cf
         }
         for first in firsts
     ]
-    meta = {"global": common, "captures": captures, "annotations": _annotations(recording)}
+    count = recording.baseband.size
+    meta = {
+        "global": common,
+        "captures": captures,
+        "annotations": [
+            {
+                "core:sample_start": 0,
+                "core:sample_count": count,
+                "core:label": truth.label or "target",
+                "core:comment": "; ".join(text for text in (truth.gait, truth.subject, truth.motion) if text),
+                "doppelgait:target": number,
+            }
+            for number, truth in enumerate(recording.truth)
+        ],
+    }
     with atomic_path(data_path) as partial:
         partial.write_bytes(content)
     with atomic_path(meta_path) as partial:
         partial.write_text(json.dumps(meta, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-
-
-def _encode(values: npt.NDArray[Any], datatype: str) -> tuple[bytes, float]:
-    """Bytes of the samples, and the volts of one unit of them."""
-    pairs = np.ascontiguousarray(values, dtype="<c8").view("<f4")
-    if datatype == "cf32_le":
-        return pairs.tobytes(), 1.0
-    largest = float(np.abs(pairs).max(initial=0.0))
-    scale_v = largest / INT16_MAX if largest > 0 else 1.0
-    return np.round(pairs.astype(np.float64) / scale_v).astype("<i2").tobytes(), scale_v
 
 
 def _stretches(slow_time_s: npt.NDArray[np.float64], radar_prf_hz: float) -> tuple[npt.NDArray[np.int64], float]:
@@ -350,17 +357,3 @@ def _stretches(slow_time_s: npt.NDArray[np.float64], radar_prf_hz: float) -> tup
         return firsts, 1.0 / usual_s
     first, last = firsts[longest], firsts[longest] + lengths[longest] - 1
     return firsts, float((last - first) / (slow_time_s[last] - slow_time_s[first]))
-
-
-def _annotations(recording: Recording) -> list[dict[str, Any]]:
-    count = recording.baseband.size
-    return [
-        {
-            "core:sample_start": 0,
-            "core:sample_count": count,
-            "core:label": truth.label or "target",
-            "core:comment": "; ".join(text for text in (truth.gait, truth.subject, truth.motion) if text),
-            "doppelgait:target": number,
-        }
-        for number, truth in enumerate(recording.truth)
-    ]

@@ -161,7 +161,10 @@ def read_samples(
     RecordingError
         If the file is missing, empty, or has another checksum, or the channel is not there.
     """
-    chosen = _channel(path, meta.n_channels, channel)
+    chosen = 0 if channel is None and meta.n_channels == 1 else channel
+    if isinstance(chosen, bool) or not isinstance(chosen, int) or not 0 <= chosen < meta.n_channels:
+        said = f"holds {meta.n_channels} channels" if channel is None else f"channel = {channel!r} is not allowed"
+        raise RecordingError(f"{path}: {said}; give channel = 0 to {meta.n_channels - 1}")
     if not meta.data_path.is_file():
         raise RecordingError(f"{meta.data_path}: no such file; it holds the samples of {path.name}")
     try:
@@ -190,12 +193,3 @@ def read_samples(
     with np.errstate(over="ignore", invalid="ignore"):  # beyond single precision: found and refused afterwards
         out.real, out.imag = (pairs[:, part] - zero if zero else pairs[:, part] for part in (0, 1))
     return out
-
-
-def _channel(path: Path, n_channels: int, wanted: int | None) -> int:
-    if wanted is None and n_channels == 1:
-        return 0
-    if isinstance(wanted, int) and not isinstance(wanted, bool) and 0 <= wanted < n_channels:
-        return wanted
-    said = f"holds {n_channels} channels" if wanted is None else f"channel = {wanted!r} is not allowed"
-    raise RecordingError(f"{path}: {said}; give channel = 0 to {n_channels - 1}")

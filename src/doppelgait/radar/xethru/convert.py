@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +18,7 @@ from doppelgait.core.units import slow_time_axis_s
 from doppelgait.radar.measured import check_number, label_measured, preset_radar
 from doppelgait.radar.recording import Recording
 from doppelgait.radar.xethru.downconvert import FrameFilter, down_convert_frames
-from doppelgait.radar.xethru.reader import XethruStream, read_xethru, sniff_xethru
+from doppelgait.radar.xethru.reader import read_xethru, sniff_xethru
 
 COUNTER_PERIOD = 2**32
 LARGEST_GAP = 1_000_000
@@ -195,7 +195,14 @@ def recording_from_xethru(
         "counts_per_unit": counts_per_unit,
     }  # fmt: skip
     file = Path(path)
-    _check_words(file, kind=kind, iq=iq, conjugate=conjugate)
+    for option, given_word, words in (
+        ("kind", kind, ("baseband", "rf")),
+        ("iq", iq, ("separate", "interleaved")),
+        ("conjugate", conjugate, (False, True)),
+    ):
+        if not any(given_word is word or (isinstance(word, str) and given_word == word) for word in words):
+            allowed = " and ".join(repr(word) for word in words)
+            raise RecordingError(f"{file}: {option} = {given_word!r} is not allowed; allowed are {allowed}")
     content = read_xethru(path)
     usable = [name for name, stream in content.streams.items() if name in CONVERTIBLE and len(stream)]
     held = ", ".join(content.streams)
@@ -208,8 +215,14 @@ def recording_from_xethru(
         which = "none of them gives a baseband" if not usable else f"name one: data_type='{usable[0]}'"
         raise RecordingError(f"{file}: the recording holds {held}; {which}. Readable are {', '.join(CONVERTIBLE)}")
     name = data_type or usable[0]
-    records, time_ms = _matrix(file, content.streams[name])
-    source = _Source(file, name, records, time_ms, given)
+    try:
+        records = content.streams[name].records
+    except RecordingError as error:
+        raise RecordingError(f"{file}: {error}") from None
+    count = int(records["count"][0])
+    if count < 1 or len(records) < 2:
+        raise RecordingError(f"{file}: holds {len(records)} frames of {count} bins; a recording has at least 2 by 1")
+    source = _Source(file, name, records, content.streams[name].time_ms, given)
     is_rf = source.name in ("radar_rf", "radar_rf_normalized") or (source.name == "datafloat" and kind == "rf")
     # frame rate from the times of the records; warns of lost frames
     counters = source.records["info" if source.name == "datafloat" else "frame_counter"]
@@ -222,46 +235,43 @@ def recording_from_xethru(
             stacklevel=2,
         )
     rate_hz = measured_rate_hz(source.time_ms, numbers)
-    facts = _facts(source, rate_hz, needed=("range_start_m", "bin_spacing_m", "carrier_hz", "prf_hz"))
-    values, range_m = _from_rf(source, facts, filter) if is_rf else _from_baseband(source, facts, iq)
-    return _finish(source, facts, np.conj(values) if conjugate else values, range_m, radar)
-
-
-def _check_words(path: Path, **options: Any) -> None:
-    allowed = {"kind": ("baseband", "rf"), "iq": ("separate", "interleaved"), "conjugate": (False, True)}
-    for name, value in options.items():
-        if not any(value is word or (isinstance(word, str) and value == word) for word in allowed[name]):
-            words = " and ".join(repr(word) for word in allowed[name])
-            raise RecordingError(f"{path}: {name} = {value!r} is not allowed; allowed are {words}")
-
-
-def _matrix(path: Path, stream: XethruStream) -> tuple[npt.NDArray[np.void], npt.NDArray[np.int64]]:
-    try:
-        records = stream.records
-    except RecordingError as error:
-        raise RecordingError(f"{path}: {error}") from None
-    count = int(records["count"][0])
-    if count < 1 or len(records) < 2:
-        raise RecordingError(f"{path}: holds {len(records)} frames of {count} bins; a recording has at least 2 by 1")
-    return records, stream.time_ms
-
-
-def _facts(source: _Source, measured_hz: float | None, *, needed: tuple[str, ...]) -> dict[str, float]:
-    found: dict[str, float] = {}
+    needed = ("range_start_m", "bin_spacing_m", "carrier_hz", "prf_hz")
+    facts: dict[str, float] = {}
     for option in needed:
         value = source.options[option]
         if value is not None:
             source.notes.append(f"{option} = {value}: given by the user")
         elif HEADER_FIELDS[option] in (source.records.dtype.names or ()):
             value = _constant(source, HEADER_FIELDS[option])
-        if option == "prf_hz" and not value and measured_hz is not None:
-            value = measured_hz
+        if option == "prf_hz" and not value and rate_hz is not None:
+            value = rate_hz
             source.notes.append(f"prf_hz = {value:.6g}: not in the records, measured from their times")
         if value is not None:
             above, most = LIMITS[option]
-            found[option] = check_number(source.path, option, value, above=above, most=most)
-    _refuse_missing(source, [option for option in needed if option not in found])
-    return found
+            facts[option] = check_number(source.path, option, value, above=above, most=most)
+    _refuse_missing(source, [option for option in needed if option not in facts])
+    if is_rf:
+        values, range_m = _from_rf(source, facts, filter)
+    else:
+        values = _from_datafloat(source, iq) if source.name == "datafloat" else _from_pairs(source)
+        range_m = facts["range_start_m"] + facts["bin_spacing_m"] * np.arange(values.shape[1], dtype=np.float64)
+    made = preset_radar(
+        source.path, radar, n_range_bins=range_m.size, range_start_m=float(range_m[0]),
+        prf_hz=facts["prf_hz"], carrier_hz=facts["carrier_hz"],
+    )  # fmt: skip
+    scale_v = made.volts_per_unit or 1.0
+    source.notes.append(f"radar = {radar}: not in the file; pulse, power and antennas are the preset's")
+    source.notes.append(f"1 unit of the file = {scale_v:g} V (volts_per_unit of the preset): not in the file")
+    with np.errstate(over="ignore", invalid="ignore"):
+        volts = np.asarray(scale_v * (np.conj(values) if conjugate else values), dtype=np.complex64)
+    return label_measured(
+        source.path,
+        volts,
+        radar=made,
+        slow_time_s=slow_time_axis_s(len(volts), facts["prf_hz"]),
+        range_m=range_m,
+        notes=source.notes,
+    )
 
 
 def _refuse_missing(source: _Source, missing: list[str]) -> None:
@@ -284,14 +294,6 @@ def _constant(source: _Source, name: str) -> float:
             f"{len(values)}; only recordings with one setting are read"
         )
     return float(str(values[0]))
-
-
-def _from_baseband(
-    source: _Source, facts: Mapping[str, float], iq: str
-) -> tuple[npt.NDArray[np.complex64], npt.NDArray[np.float64]]:
-    values = _from_datafloat(source, iq) if source.name == "datafloat" else _from_pairs(source)
-    range_m = facts["range_start_m"] + facts["bin_spacing_m"] * np.arange(values.shape[1], dtype=np.float64)
-    return values, range_m
 
 
 def _from_pairs(source: _Source) -> npt.NDArray[np.complex64]:
@@ -350,29 +352,3 @@ def _from_rf(
         )  # fmt: skip
     except RecordingError as error:
         raise RecordingError(f"{source.path}: {error}") from None
-
-
-def _finish(
-    source: _Source,
-    facts: Mapping[str, float],
-    values: npt.NDArray[np.complex64],
-    range_m: npt.NDArray[np.float64],
-    radar: str,
-) -> Recording:
-    made = preset_radar(
-        source.path, radar, n_range_bins=range_m.size, range_start_m=float(range_m[0]),
-        prf_hz=facts["prf_hz"], carrier_hz=facts["carrier_hz"],
-    )  # fmt: skip
-    scale_v = made.volts_per_unit or 1.0
-    source.notes.append(f"radar = {radar}: not in the file; pulse, power and antennas are the preset's")
-    source.notes.append(f"1 unit of the file = {scale_v:g} V (volts_per_unit of the preset): not in the file")
-    with np.errstate(over="ignore", invalid="ignore"):
-        volts = np.asarray(scale_v * values, dtype=np.complex64)
-    return label_measured(
-        source.path,
-        volts,
-        radar=made,
-        slow_time_s=slow_time_axis_s(len(volts), facts["prf_hz"]),
-        range_m=range_m,
-        notes=source.notes,
-    )

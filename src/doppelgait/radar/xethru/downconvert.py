@@ -125,7 +125,18 @@ def _complex_taps(
 ) -> tuple[npt.NDArray[np.complex128], float]:
     """Filter and mixer in one, ``h[k] exp(-j 2 pi f_c k / f_s)``, and the centre of its envelope in samples."""
     if filter == "chip":
-        return _chip_taps(cycles_per_sample, decimation)
+        bands = [band for band, value in CHIP_CARRIER.items() if abs(value - cycles_per_sample) < 1e-3]
+        if not bands or decimation != 8:
+            raise RecordingError(
+                "filter 'chip' is made for carriers of 5/16 and 3/8 of the sampling rate (7.29 and 8.748 GHz on the "
+                f"X4) and decimation 8; this carrier is {cycles_per_sample:.4f} of it and the decimation {decimation}; "
+                "use filter 'hamming'"
+            )
+        in_phase, quadrature = (np.array(taps, dtype=float) for taps in CHIP_TAPS[bands[0]])
+        pair = (in_phase - 1j * quadrature) / np.abs(in_phase).sum()
+        # The chip's own phase at the first tap is a constant of the band; without it both filters agree in phase.
+        gain = (pair * np.exp(2j * np.pi * cycles_per_sample * np.arange(pair.size))).sum()
+        return pair * np.abs(gain) / gain, CHIP_CENTRE[bands[0]]
     if filter != "hamming":
         raise RecordingError(f"filter {filter!r} is not allowed; allowed are 'hamming' and 'chip'")
     from scipy.signal import firwin
@@ -133,21 +144,6 @@ def _complex_taps(
     cutoff = min(1.0 / (2.0 * decimation), 0.49)
     taps = firwin(HAMMING_TAPS, cutoff, window="hamming", fs=1.0)
     return taps * np.exp(-2j * np.pi * cycles_per_sample * np.arange(HAMMING_TAPS)), (HAMMING_TAPS - 1) / 2.0
-
-
-def _chip_taps(cycles_per_sample: float, decimation: int) -> tuple[npt.NDArray[np.complex128], float]:
-    bands = [band for band, value in CHIP_CARRIER.items() if abs(value - cycles_per_sample) < 1e-3]
-    if not bands or decimation != 8:
-        raise RecordingError(
-            f"filter 'chip' is made for carriers of 5/16 and 3/8 of the sampling rate (7.29 and 8.748 GHz on the X4) "
-            f"and decimation 8; this carrier is {cycles_per_sample:.4f} of it and the decimation {decimation}; "
-            "use filter 'hamming'"
-        )
-    in_phase, quadrature = (np.array(taps, dtype=float) for taps in CHIP_TAPS[bands[0]])
-    pair = (in_phase - 1j * quadrature) / np.abs(in_phase).sum()
-    # The chip's own phase at the first tap is a constant of the band; removing it makes both filters agree in phase.
-    gain = (pair * np.exp(2j * np.pi * cycles_per_sample * np.arange(pair.size))).sum()
-    return pair * np.abs(gain) / gain, CHIP_CENTRE[bands[0]]
 
 
 def _filtered(

@@ -107,10 +107,23 @@ def write_xethru_recording(
             f"{radar.waveform.kind!r}: write .h5, .npz or .sigmf-meta"
         )
     values = np.asarray(recording.baseband.values) / (radar.volts_per_unit or 1.0)
+    range_m = recording.range_m
+    spacing_m = radar.bin_spacing_m if range_m.size == 1 else float((range_m[-1] - range_m[0]) / (range_m.size - 1))
+    if np.abs(range_m - range_m[0] - spacing_m * np.arange(range_m.size)).max() > 1e-3 * spacing_m:
+        raise RecordingError("the range axis is not uniform; a XeThru file tells one bin length for all bins")
+    rate_hz = sampling_rate_hz(recording.slow_time_s)
+    decimation = radar.decimation if name in RF_FRAMES else 1
+    head = {
+        "bin_length_m": spacing_m / decimation,
+        "sample_rate_hz": SPEED_OF_LIGHT_MPS / (2.0 * spacing_m) * decimation,
+        "carrier_hz": radar.carrier_hz,
+        "range_start_m": float(range_m[0]),
+        "frame_rate_hz": rate_hz,
+    }
     frames = _Frames(
         name,
         (np.conj(values) if conjugate else values).astype(np.complex64),
-        _head(recording, name),
+        head,
         recording,
         counts_per_unit or 1.0,
     )
@@ -123,23 +136,6 @@ def write_xethru_recording(
         user_header=user_header,
         splitting=splitting,
     )
-
-
-def _head(recording: Recording, name: str) -> dict[str, float]:
-    radar = recording.radar
-    range_m = recording.range_m
-    spacing_m = radar.bin_spacing_m if range_m.size == 1 else float((range_m[-1] - range_m[0]) / (range_m.size - 1))
-    if np.abs(range_m - range_m[0] - spacing_m * np.arange(range_m.size)).max() > 1e-3 * spacing_m:
-        raise RecordingError("the range axis is not uniform; a XeThru file tells one bin length for all bins")
-    rate_hz = sampling_rate_hz(recording.slow_time_s)
-    decimation = radar.decimation if name in RF_FRAMES else 1
-    return {
-        "bin_length_m": spacing_m / decimation,
-        "sample_rate_hz": SPEED_OF_LIGHT_MPS / (2.0 * spacing_m) * decimation,
-        "carrier_hz": radar.carrier_hz,
-        "range_start_m": float(range_m[0]),
-        "frame_rate_hz": rate_hz,
-    }
 
 
 def _timed_records(frames: _Frames) -> Iterator[TimedRecord]:
@@ -188,11 +184,9 @@ def _payload(frames: _Frames, values: npt.NDArray[np.complex64]) -> dict[str, An
         range_start_m=frames.head["range_start_m"],
         bin_length_m=frames.head["bin_length_m"],
     )
-    return {"values": rf} if frames.name == "radar_rf_normalized" else {"counts": _counters(frames, rf)}
-
-
-def _counters(frames: _Frames, rf: npt.NDArray[np.float64]) -> npt.NDArray[np.uint32]:
-    """Counters of a threshold sweep around 0; what lies outside it is clipped, as on the chip."""
+    if frames.name == "radar_rf_normalized":
+        return {"values": rf}
+    # counters of a threshold sweep around 0; what lies outside it is clipped, as on the chip
     most = SWEEP_CODES / 1024.0 * frames.counts_per_unit
     counts = np.rint(frames.counts_per_unit * rf + most / 2.0)
     if clipped := int(np.count_nonzero((counts < 0) | (counts > most))):
@@ -201,4 +195,4 @@ def _counters(frames: _Frames, rf: npt.NDArray[np.float64]) -> npt.NDArray[np.ui
             DoppelgaitWarning,
             stacklevel=2,
         )
-    return np.asarray(np.clip(counts, 0, min(most, 2**32 - 1)), dtype="<u4")
+    return {"counts": np.asarray(np.clip(counts, 0, min(most, 2**32 - 1)), dtype="<u4")}

@@ -202,7 +202,12 @@ def _write_parts(job: _Job, records: Iterable[TimedRecord], stops_ms: Sequence[i
             _close_part(job, part, stop_ms=_checked_stop(stop, part), following=_part_name(job, number))
             part = None
         if part is None:
-            part, number = _open_part(job, number, record.time_ms), number + 1
+            split = job.splitting.folder_bytes is not None or job.splitting.folder_ms is not None
+            folder = job.root / _part_name(job, number) if split else job.root
+            folder.mkdir(exist_ok=True)
+            opened_ms = record.time_ms if number else 0
+            part = _Part(folder, job.start_time + timedelta(milliseconds=opened_ms), opened_ms, opened_ms)
+            number += 1
         kind = data_type(record.data_type)
         file = part.open_files.get(kind.name)
         if file is not None and _is_full(file, record.time_ms, None, job.splitting.file_ms):
@@ -233,14 +238,6 @@ def _is_full(opened: _Part | _DataFile, time_ms: int, limit_bytes: int | None, l
 
 def _part_name(job: _Job, number: int) -> str:
     return f"{job.root.name}_{number}"
-
-
-def _open_part(job: _Job, number: int, time_ms: int) -> _Part:
-    split = job.splitting.folder_bytes is not None or job.splitting.folder_ms is not None
-    folder = job.root / _part_name(job, number) if split else job.root
-    folder.mkdir(exist_ok=True)
-    opened_ms = time_ms if number else 0
-    return _Part(folder, job.start_time + timedelta(milliseconds=opened_ms), opened_ms, opened_ms)
 
 
 def _open_file(job: _Job, part: _Part, kind: DataType, time_ms: int) -> _DataFile:
