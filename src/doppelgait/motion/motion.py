@@ -72,7 +72,7 @@ class MotionFacts:
     path : PathFacts, optional
         For a motion that follows a path.
     file_time_s : float
-        Time of the first frame in the file that the motion was read from.
+        Time in the recording, counted from its first frame, at time 0 of the motion.
     """
 
     source: str = ""

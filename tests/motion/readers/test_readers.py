@@ -98,3 +98,21 @@ def test_a_segment_has_the_gait_that_was_measured_in_it(walk_then_stand):
     assert all(0 <= t <= segment.time_s[-1] for times in segment.facts.footfalls.values() for t in times)
     looped = describe_recording(walk_then_stand, segment=1, loop_to_s=6.0)
     assert looped["cleaned"]["duration_s"] == pytest.approx(6.0, abs=0.02)
+
+
+@pytest.mark.parametrize("options", [{}, {"start_s": 2.0}])
+def test_a_segment_keeps_its_place_in_the_file(walk_then_stand, options):
+    """Times of a segment count from the first frame of the file, as ``start_s`` and ``stop_s`` do."""
+    from doppelgait.motion.describe import describe_motion
+
+    whole = read(walk_then_stand)
+    segment = read(walk_then_stand, segment=2, **options)
+    place_s = segment.facts.file_time_s
+    assert 5.5 < place_s < 7.0
+    k = round(place_s * 100.0)
+    inside = slice(20, segment.n_frames - 20)
+    middle = whole.positions.sel(marker=segment.markers).values[k : k + segment.n_frames]
+    np.testing.assert_allclose(segment.position_m[inside], middle[inside], atol=0.02)
+    listed = describe_motion(segment)["segments"]
+    assert listed
+    assert all(place_s <= one["start_s"] < one["stop_s"] <= place_s + segment.duration_s for one in listed)

@@ -11,14 +11,11 @@ import inspect
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from doppelgait.core.errors import MotionError
 from doppelgait.core.plugins import Group, Plugin
 from doppelgait.motion.motion import Motion
-
-if TYPE_CHECKING:
-    from doppelgait.motion.segments import Segment
 
 __all__ = ["MOTION_READERS", "check_types", "read", "reader_options", "take_part"]
 
@@ -75,7 +72,12 @@ def read(
     """
     file = Path(path)
     reader = _find_reader(file)
-    _check_options(reader, options)
+    allowed = reader_options(reader.run)
+    if unknown := sorted(set(options) - set(allowed)):
+        raise MotionError(
+            f"the {reader.name} reader has no option {', '.join(unknown)}; allowed are clean, start_s, stop_s, "
+            f"segment, loop_to_s, {', '.join(allowed)}"
+        )
     check_types(file, {"clean": clean, "start_s": start_s, "stop_s": stop_s, "loop_to_s": loop_to_s, **options})
     try:
         motion = reader.run(file, **options)
@@ -94,42 +96,28 @@ def read(
 def take_part(
     path: Path, motion: Motion, *, segment: int | Literal["longest"] | None, loop_to_s: float | None
 ) -> Motion:
-    """One segment of a cleaned motion, with the gait measured in it, looped; the arguments of :func:`read`."""
+    """Return one segment of a cleaned motion, with its gait measured, looped; arguments as for :func:`read`."""
     from doppelgait.motion.gait import with_gait_facts
     from doppelgait.motion.loop import loop
-    from doppelgait.motion.segments import crop
+    from doppelgait.motion.segments import crop, find_segments
 
     if segment is not None:
-        motion = with_gait_facts(crop(motion, _pick_segment(path, motion, segment)))
+        found = find_segments(motion)
+        if not found:
+            raise MotionError(f"{path}: has no straight stretch at constant velocity; give start_s and stop_s instead")
+        if segment == "longest":
+            wanted = max(found, key=lambda one: one.duration_s)
+        elif isinstance(segment, bool) or not isinstance(segment, int) or not 1 <= segment <= len(found):
+            raise MotionError(
+                f"{path}: segment = {segment!r} is not allowed; allowed are 'longest' and 1 to {len(found)}"
+            )
+        else:
+            wanted = found[segment - 1]
+        motion = with_gait_facts(crop(motion, wanted))
     return motion if loop_to_s is None else loop(motion, duration_s=loop_to_s)
 
 
-def _pick_segment(path: Path, motion: Motion, wanted: Any) -> Segment:
-    from doppelgait.motion.segments import find_segments
-
-    found = find_segments(motion)
-    if not found:
-        raise MotionError(f"{path}: has no straight stretch at constant velocity; give start_s and stop_s instead")
-    if wanted == "longest":
-        return max(found, key=lambda one: one.duration_s)
-    if isinstance(wanted, bool) or not isinstance(wanted, int) or not 1 <= wanted <= len(found):
-        raise MotionError(f"{path}: segment = {wanted!r} is not allowed; allowed are 'longest' and 1 to {len(found)}")
-    return found[wanted - 1]
-
-
 def _find_reader(path: Path) -> Plugin[Callable[..., Motion]]:
-    head = _read_head(path)
-    readers = MOTION_READERS.values()
-    names = [reader.name for reader in readers if reader.facts["sniff"](path, head)]
-    if not names:
-        known = ", ".join(f"{reader.name} ({', '.join(reader.facts['suffixes'])})" for reader in readers)
-        raise MotionError(f"{path}: its content is no motion format that is read; these are: {known}")
-    if len(names) > 1:
-        raise MotionError(f"{path}: its content could be {' or '.join(names)}; it cannot be told which reader is right")
-    return MOTION_READERS[names[0]]
-
-
-def _read_head(path: Path) -> bytes:
     if path.is_dir():
         raise MotionError(f"{path}: is a folder; give one motion file")
     if not path.is_file():
@@ -141,22 +129,19 @@ def _read_head(path: Path) -> bytes:
         raise MotionError(f"{path}: cannot be read: {error.strerror or error}") from None
     if not head:
         raise MotionError(f"{path}: is empty (0 bytes)")
-    return head
+    readers = MOTION_READERS.values()
+    names = [reader.name for reader in readers if reader.facts["sniff"](path, head)]
+    if not names:
+        known = ", ".join(f"{reader.name} ({', '.join(reader.facts['suffixes'])})" for reader in readers)
+        raise MotionError(f"{path}: its content is no motion format that is read; these are: {known}")
+    if len(names) > 1:
+        raise MotionError(f"{path}: its content could be {' or '.join(names)}; it cannot be told which reader is right")
+    return MOTION_READERS[names[0]]
 
 
 def reader_options(read: Callable[..., Motion]) -> list[str]:
     """Return the names of a reader's options: its keyword-only parameters."""
     return [p.name for p in inspect.signature(read).parameters.values() if p.kind is p.KEYWORD_ONLY]
-
-
-def _check_options(reader: Plugin[Callable[..., Motion]], options: dict[str, Any]) -> None:
-    allowed = reader_options(reader.run)
-    if unknown := sorted(set(options) - set(allowed)):
-        raise MotionError(
-            f"the {reader.name} reader has no option {', '.join(unknown)}; allowed are clean, start_s, stop_s, "
-            f"segment, loop_to_s, "
-            f"{', '.join(allowed)}"
-        )
 
 
 LONGEST_S = 3600.0

@@ -14,7 +14,7 @@ from doppelgait.core.errors import MotionError
 from doppelgait.core.plugins import plugin
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.joints import Joints, euler_rotations, forward_kinematics, joint_motion
-from doppelgait.motion.readers.text import read_text
+from doppelgait.motion.readers.text import is_finite, read_text
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -87,23 +87,7 @@ def read_asf(path: Path) -> Skeleton:
         text = read_text(path)
     except OSError as error:
         raise MotionError(f"{path}: the skeleton cannot be read: {error.strerror or error}") from None
-    sections = _sections(text)
-    for needed in ("root", "bonedata", "hierarchy"):
-        if needed not in sections:
-            raise MotionError(f"{path}: has no section :{needed}; it is no whole ASF skeleton")
-    units = {words[0].lower(): (line, words[1:]) for line, words in sections.get("units", [])}
-    length = _numbers(path, *units.get("length", (0, ["1"])), count=1)[0]
-    if not length > 0.0:
-        raise MotionError(f"{path}: has the length unit {length:g}; it must be above 0")
-    degrees = not " ".join(units.get("angle", (0, ["deg"]))[1]).lower().startswith("rad")
-    root, origin = _root(path, sections["root"], degrees)
-    bones = {"root": root} | _bones(path, sections["bonedata"], degrees)
-    parents = _parents(path, sections["hierarchy"], bones)
-    return Skeleton(_in_order(path, bones, parents), origin, INCH_M / length, degrees)
-
-
-def _sections(text: str) -> dict[str, Section]:
-    """Statements of each section, without comments; a statement may follow the section's name on its line."""
+    # statements of each section, without comments; one may follow the section's name on its line
     sections: dict[str, Section] = {}
     current: Section = []
     for number, line in enumerate(text.split("\n"), start=1):
@@ -113,7 +97,18 @@ def _sections(text: str) -> dict[str, Section]:
             words = words[1:]
         if words:
             current.append((number, words))
-    return sections
+    for needed in ("root", "bonedata", "hierarchy"):
+        if needed not in sections:
+            raise MotionError(f"{path}: has no section :{needed}; it is no whole ASF skeleton")
+    units = {words[0].lower(): (line, words[1:]) for line, words in sections.get("units", [])}
+    length = _numbers(path, *units.get("length", (0, ["1"])), count=1)[0]
+    if not length > 0.0:
+        raise MotionError(f"{path}: has the length unit {length:g}; it must be above 0")
+    degrees = not " ".join(units.get("angle", (0, ["deg"]))[1]).lower().startswith("rad")
+    root, origin = parse_root(path, sections["root"], degrees)
+    bones = {"root": root} | parse_bones(path, sections["bonedata"], degrees)
+    parents = parse_parents(path, sections["hierarchy"], bones)
+    return Skeleton(order_bones(path, bones, parents), origin, INCH_M / length, degrees)
 
 
 def _numbers(path: Path, line: int, words: Sequence[str], *, count: int) -> list[float]:
@@ -126,14 +121,11 @@ def _numbers(path: Path, line: int, words: Sequence[str], *, count: int) -> list
     return values
 
 
-def _axis_frame(path: Path, line: int, words: Sequence[str], degrees: bool) -> tuple[FloatArray, str]:
-    """Rotation and order from ``axis 0 0 20 XYZ``: the first letter turns first."""
-    order = words[3].lower() if len(words) == 4 else "xyz"
+def _check_order(path: Path, line: int, order: str) -> None:
     if sorted(order) != ["x", "y", "z"]:
         raise MotionError(
             f"{path}, line {line}: the axis order {order.upper()!r} is not one of x, y and z in any order"
         )
-    return _turn(order, _numbers(path, line, words[:3], count=3), degrees), order
 
 
 def _turn(order: str, angles: Sequence[float], degrees: bool) -> FloatArray:
@@ -142,14 +134,12 @@ def _turn(order: str, angles: Sequence[float], degrees: bool) -> FloatArray:
     return euler_rotations(order[::-1], radians[["xyz".index(axis) for axis in order[::-1]]])
 
 
-def _root(path: Path, section: Section, degrees: bool) -> tuple[Bone, FloatArray]:
+def parse_root(path: Path, section: Section, degrees: bool) -> tuple[Bone, FloatArray]:
+    """Parse the root, and the place that its translation is added to."""
     found = {words[0].lower(): (line, words[1:]) for line, words in section}
     line, words = found.get("axis", (0, ["XYZ"]))
     order = "".join(words).lower()
-    if sorted(order) != ["x", "y", "z"]:
-        raise MotionError(
-            f"{path}, line {line}: the axis order {order.upper()!r} is not one of x, y and z in any order"
-        )
+    _check_order(path, line, order)
     axes = _turn(order, _numbers(path, *found.get("orientation", (0, ["0"] * 3)), count=3), degrees)
     origin = np.array(_numbers(path, *found.get("position", (0, ["0"] * 3)), count=3))
     line, words = found.get("order", (0, ["TX", "TY", "TZ", "RX", "RY", "RZ"]))
@@ -166,7 +156,8 @@ def _freedoms(path: Path, line: int, words: Sequence[str], allowed: str) -> tupl
     return found
 
 
-def _bones(path: Path, section: Section, degrees: bool) -> dict[str, Bone]:
+def parse_bones(path: Path, section: Section, degrees: bool) -> dict[str, Bone]:
+    """Parse all bones by name, without their parents."""
     bones: dict[str, Bone] = {}
     entry: dict[str, tuple[int, list[str]]] | None = None
     for line, words in section:
@@ -174,7 +165,7 @@ def _bones(path: Path, section: Section, degrees: bool) -> dict[str, Bone]:
         if word == "begin":
             entry = {"begin": (line, [])}
         elif word == "end" and entry is not None:
-            bone = _bone(path, entry, degrees)
+            bone = parse_bone(path, entry, degrees)
             if bone.name in bones or bone.name == "root" or len(bones) >= MAX_BONES:
                 raise MotionError(f"{path}, line {line}: bone {bone.name!r} is there twice, or there are too many")
             bones[bone.name] = bone
@@ -186,7 +177,8 @@ def _bones(path: Path, section: Section, degrees: bool) -> dict[str, Bone]:
     return bones
 
 
-def _bone(path: Path, entry: Mapping[str, tuple[int, list[str]]], degrees: bool) -> Bone:
+def parse_bone(path: Path, entry: Mapping[str, tuple[int, list[str]]], degrees: bool) -> Bone:
+    """Parse one bone from its statements by first word."""
     line = entry["begin"][0]
     for needed in ("name", "direction", "length"):
         if not entry.get(needed, (0, []))[1]:
@@ -194,12 +186,16 @@ def _bone(path: Path, entry: Mapping[str, tuple[int, list[str]]], degrees: bool)
     direction = np.array(_numbers(path, *entry["direction"], count=3))
     norm = float(np.linalg.norm(direction))
     vector = direction / norm * _numbers(path, *entry["length"], count=1)[0] if norm > 0.0 else np.zeros(3)
-    axes, order = _axis_frame(path, *entry.get("axis", (line, ["0", "0", "0", "XYZ"])), degrees)
+    axis_line, words = entry.get("axis", (line, ["0", "0", "0", "XYZ"]))
+    order = words[3].lower() if len(words) == 4 else "xyz"
+    _check_order(path, axis_line, order)
+    axes = _turn(order, _numbers(path, axis_line, words[:3], count=3), degrees)
     freedoms = _freedoms(path, *entry.get("dof", (line, [])), "rx ry rz")
     return Bone(" ".join(entry["name"][1]), -1, vector, axes, order, freedoms)
 
 
-def _parents(path: Path, section: Section, bones: Mapping[str, Bone]) -> dict[str, str]:
+def parse_parents(path: Path, section: Section, bones: Mapping[str, Bone]) -> dict[str, str]:
+    """Parse the parent of each bone from the hierarchy."""
     parents: dict[str, str] = {}
     for line, words in section:
         if words[0].lower() in ("begin", "end"):
@@ -214,7 +210,7 @@ def _parents(path: Path, section: Section, bones: Mapping[str, Bone]) -> dict[st
     return parents
 
 
-def _in_order(path: Path, bones: Mapping[str, Bone], parents: Mapping[str, str]) -> tuple[Bone, ...]:
+def order_bones(path: Path, bones: Mapping[str, Bone], parents: Mapping[str, str]) -> tuple[Bone, ...]:
     """Bones with the index of their parent, in the order of the file as far as parents come first."""
     placed = {"root": 0}
     ordered = [bones["root"]]
@@ -369,24 +365,24 @@ def read_amc_content(path: Path) -> AmcContent:
     head = text[: start.start()].lower()
     degrees = False if ":radians" in head else True if ":degrees" in head else None
     named = _NAMED.search(text[: start.start()])
-    return AmcContent(_parse_frames(path, text, start.start()), degrees, named[1] if named else "")
+    return AmcContent(parse_frames(path, text, start.start()), degrees, named[1] if named else "")
 
 
-def _parse_frames(path: Path, text: str, at: int) -> dict[str, FloatArray]:
+def parse_frames(path: Path, text: str, at: int) -> dict[str, FloatArray]:
     """Values by bone. All frames have the same words at the same places, so that one table holds them."""
     second = re.compile(r"(?m)^[ \t]*\d+[ \t]*$").search(text, text.index("\n", at) if "\n" in text[at:] else len(text))
     lines = [line.split() for line in text[at : second.start() if second else len(text)].split("\n")[1:]]
     lines = [words for words in lines if words]
     names = [words[0] for words in lines]
     lengths = [len(words) for words in lines]
-    values = _frame_table(text[at:].split(), names, lengths)
+    values = parse_frame_table(text[at:].split(), names, lengths)
     if values is None:
-        raise MotionError(_fault(path, text, at, lines))
+        raise MotionError(find_frame_fault(path, text, at, lines))
     columns = np.cumsum([1, *(length - 1 for length in lengths)])
     return {name: values[:, columns[n] : columns[n + 1]] for n, name in enumerate(names)}
 
 
-def _frame_table(words: list[str], names: list[str], lengths: list[int]) -> FloatArray | None:
+def parse_frame_table(words: list[str], names: list[str], lengths: list[int]) -> FloatArray | None:
     """Frame number and values of each frame; None when not every frame is made like the first one."""
     size = 1 + sum(lengths)
     # a word of a megabyte would make every cell of the table as long
@@ -403,7 +399,7 @@ def _frame_table(words: list[str], names: list[str], lengths: list[int]) -> Floa
     return values if np.isfinite(values).all() else None
 
 
-def _fault(path: Path, text: str, at: int, first: Sequence[Sequence[str]]) -> str:
+def find_frame_fault(path: Path, text: str, at: int, first: Sequence[Sequence[str]]) -> str:
     """First line that does not look like the one at the same place in the first frame."""
     if not first:
         return f"{path}: its first frame holds no bones"
@@ -421,17 +417,10 @@ def _fault(path: Path, text: str, at: int, first: Sequence[Sequence[str]]) -> st
         if n >= len(first) or words[0] != first[n][0] or len(words) != len(first[n]):
             wanted = f"{first[n][0]} with {len(first[n]) - 1} value(s)" if n < len(first) else "the next frame"
             return f"{path}, line {number}: {line.strip()[:60]!r} in frame {frame}, where frame 1 has {wanted}"
-        if words[0] in {row[0] for row in first[:n]} or not all(map(_is_finite, words[1:])):
+        if words[0] in {row[0] for row in first[:n]} or not all(map(is_finite, words[1:])):
             return f"{path}, line {number}: {line.strip()[:60]!r} repeats a bone or holds no finite number"
         n += 1
     return f"{path}: ends inside of frame {frame}, after {n} of {len(first)} bones; it is cut off"
-
-
-def _is_finite(word: str) -> bool:
-    try:
-        return bool(np.isfinite(float(word)))
-    except ValueError:
-        return False
 
 
 def amc_positions(path: Path, skeleton: Skeleton, content: AmcContent) -> FloatArray:
@@ -468,26 +457,17 @@ def amc_positions(path: Path, skeleton: Skeleton, content: AmcContent) -> FloatA
     translation = np.empty((len(skeleton.bones), n_frames, 3))
     for j, bone in enumerate(skeleton.bones):
         values = content.values.get(bone.name, np.zeros((n_frames, len(bone.freedoms))))
-        rotation[j] = _bone_rotations(bone, values, degrees)
+        angles, moved = np.zeros((2, n_frames, 3))
+        for n, axis in enumerate(bone.order[::-1]):
+            if f"r{axis}" in bone.freedoms:
+                angles[:, n] = values[:, bone.freedoms.index(f"r{axis}")]
+        for n, axis in enumerate("xyz"):
+            if f"t{axis}" in bone.freedoms:
+                moved[:, n] = values[:, bone.freedoms.index(f"t{axis}")]
+        turned = euler_rotations(bone.order[::-1], np.radians(angles) if degrees else angles)
+        rotation[j] = bone.axes @ turned @ bone.axes.T
         # the end of a bone turns with the bone itself
         translation[j] = rotation[j] @ bone.vector
         if bone.parent < 0:
-            translation[j] = skeleton.origin + _translations(bone, values)
+            translation[j] = skeleton.origin + moved
     return forward_kinematics([bone.parent for bone in skeleton.bones], translation, rotation)
-
-
-def _bone_rotations(bone: Bone, values: FloatArray, degrees: bool) -> FloatArray:
-    angles = np.zeros((len(values), 3))
-    for n, axis in enumerate(bone.order[::-1]):
-        if f"r{axis}" in bone.freedoms:
-            angles[:, n] = values[:, bone.freedoms.index(f"r{axis}")]
-    motion = euler_rotations(bone.order[::-1], np.radians(angles) if degrees else angles)
-    return np.asarray(bone.axes @ motion @ bone.axes.T)
-
-
-def _translations(bone: Bone, values: FloatArray) -> FloatArray:
-    moved = np.zeros((len(values), 3))
-    for axis in range(3):
-        if f"t{'xyz'[axis]}" in bone.freedoms:
-            moved[:, axis] = values[:, bone.freedoms.index(f"t{'xyz'[axis]}")]
-    return moved

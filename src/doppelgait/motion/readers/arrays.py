@@ -50,18 +50,14 @@ SMPL_COUNTS = (22, 24)
 
 def sniff_arrays(path: Path, head: bytes) -> bool:
     """Whether a file looks like npz (a zip archive that starts with a ``.npy``) or like JSON of a motion."""
-    return _is_npz(head) or _is_json(head)
+    text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
+    keys = (*POSITION_KEYS, *RATE_KEYS)
+    return _is_npz(head) or (text[:1] == b"{" and any(f'"{key}"'.encode() in text for key in keys))
 
 
 def _is_npz(head: bytes) -> bool:
     length = int.from_bytes(head[26:28], "little")
     return head[:4] == b"PK\x03\x04" and head[30 : 30 + length].endswith(b".npy")
-
-
-def _is_json(head: bytes) -> bool:
-    """Whether this starts a JSON object with a key of positions or of a frame rate."""
-    text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
-    return text[:1] == b"{" and any(f'"{key}"'.encode() in text for key in (*POSITION_KEYS, *RATE_KEYS))
 
 
 @plugin("motion_reader", "arrays", sniff=sniff_arrays, suffixes=(".npz", ".json"))
@@ -112,11 +108,11 @@ def read_arrays(
     """
     with path.open("rb") as file:
         is_npz = _is_npz(file.read(4096))
-    content = _load_npz(path, key) if is_npz else _load_json(path)
-    position = _positions(path, content, key)
+    content = load_npz(path, key) if is_npz else load_json(path)
+    position = find_positions(path, content, key)
     check_amount(path, *position.shape[:2])
     rate = check_rate(path, rate_hz, said="was given") if rate_hz is not None else _rate(path, content)
-    labels = _labels(path, content, position.shape[1], skeleton)
+    labels = find_labels(path, content, position.shape[1], skeleton)
     unit = unit_or_guess(path, units or _word(path, content, UNIT_KEY), position)
     return points_to_motion(
         path,
@@ -129,7 +125,7 @@ def read_arrays(
     )
 
 
-def _load_npz(path: Path, key: str | None) -> dict[str, Any]:
+def load_npz(path: Path, key: str | None) -> dict[str, Any]:
     """Wanted arrays, and the names of the others with None."""
     wanted = (*POSITION_KEYS, *NAME_KEYS, *RATE_KEYS, UNIT_KEY, *([key] if key else []))
     try:
@@ -146,7 +142,8 @@ def _load_npz(path: Path, key: str | None) -> dict[str, Any]:
         ) from None
 
 
-def _load_json(path: Path) -> dict[str, Any]:
+def load_json(path: Path) -> dict[str, Any]:
+    """Read the object of a JSON file."""
     if path.stat().st_size > MAX_BYTES:
         raise MotionError(f"{path}: has {path.stat().st_size} bytes; JSON files of up to {MAX_BYTES} bytes are read")
     try:
@@ -160,8 +157,9 @@ def _load_json(path: Path) -> dict[str, Any]:
     return content
 
 
-def _positions(path: Path, content: Mapping[str, Any], key: str | None) -> FloatArray:
-    name = _position_key(path, content, key)
+def find_positions(path: Path, content: Mapping[str, Any], key: str | None) -> FloatArray:
+    """Return the positions (T, P, 3), NaN where a number is not finite."""
+    name = find_position_key(path, content, key)
     array = _as_array(path, name, content[name])
     if array.ndim != 3 or array.shape[2] != 3:
         raise MotionError(
@@ -171,7 +169,8 @@ def _positions(path: Path, content: Mapping[str, Any], key: str | None) -> Float
     return np.where(np.isfinite(array), array, np.nan)
 
 
-def _position_key(path: Path, content: Mapping[str, Any], key: str | None) -> str:
+def find_position_key(path: Path, content: Mapping[str, Any], key: str | None) -> str:
+    """Return the key of the positions: the given one, else the only known one."""
     held = ", ".join(content) or "nothing"
     if key is not None:
         if key not in content:
@@ -200,14 +199,14 @@ def _as_array(path: Path, name: str, value: Any) -> FloatArray:
         raise MotionError(f"{path}: {name!r} holds {value.dtype} values; positions are real numbers")
     try:
         if isinstance(value, list):
-            _refuse_text(path, name, value)
+            refuse_text(path, name, value)
         return np.asarray(value, dtype=np.float64)
     except (ValueError, TypeError, OverflowError):
-        raise MotionError(f"{path}: {_odd_frame(name, value)}") from None
+        raise MotionError(f"{path}: {describe_unevenness(name, value)}") from None
 
 
-def _refuse_text(path: Path, name: str, frames: Sequence[Any]) -> None:
-    """Text that looks like a number must not pass as one."""
+def refuse_text(path: Path, name: str, frames: Sequence[Any]) -> None:
+    """Refuse text, even where it looks like a number."""
     for t, frame in enumerate(frames):
         for p, point in enumerate(frame if isinstance(frame, list) else []):
             for number in point if isinstance(point, list) else []:
@@ -217,7 +216,7 @@ def _refuse_text(path: Path, name: str, frames: Sequence[Any]) -> None:
                     )
 
 
-def _odd_frame(name: str, frames: Any) -> str:
+def describe_unevenness(name: str, frames: Any) -> str:
     """What is uneven in nested lists."""
     lengths = [len(frame) if isinstance(frame, list) else -1 for frame in frames] if isinstance(frames, list) else []
     for t, length in enumerate(lengths):
@@ -255,7 +254,8 @@ def _word(path: Path, content: Mapping[str, Any], name: str) -> str:
     return value
 
 
-def _labels(path: Path, content: Mapping[str, Any], n_points: int, skeleton: str | None) -> list[str]:
+def find_labels(path: Path, content: Mapping[str, Any], n_points: int, skeleton: str | None) -> list[str]:
+    """Return one label per point, from the file or of the SMPL joints."""
     if skeleton not in (None, "smpl"):
         raise MotionError(f"{path}: skeleton={skeleton!r} is not allowed; allowed is 'smpl'")
     key = next((name for name in NAME_KEYS if content.get(name) is not None), "")

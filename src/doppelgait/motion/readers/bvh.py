@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -84,8 +83,8 @@ def read_bvh_content(path: Path) -> BvhContent:
     split = re.search(r"(?im)^[ \t]*MOTION[ \t\r]*$", text)
     if split is None:
         raise MotionError(f"{path}: has no line MOTION; the file ends before its motion begins")
-    nodes = _parse_hierarchy(path, text[: split.start()])
-    n_frames, frame_time_s, at = _parse_motion_head(path, text, split.end())
+    nodes = parse_hierarchy(path, text[: split.start()])
+    n_frames, frame_time_s, at = parse_motion_head(path, text, split.end())
     n_channels = sum(len(node.channels) for node in nodes)
     if n_channels == 0:
         raise MotionError(f"{path}: none of its {len(nodes)} joints has a channel, so nothing moves")
@@ -93,13 +92,14 @@ def read_bvh_content(path: Path) -> BvhContent:
     return BvhContent(tuple(nodes), frame_time_s, values)
 
 
-def _parse_hierarchy(path: Path, text: str) -> list[Node]:
+def parse_hierarchy(path: Path, text: str) -> list[Node]:
+    """Parse the statements of the hierarchy into nodes, parents before children."""
     nodes: list[Node] = []
     open_nodes: list[int] = []  # nodes whose brace is open
     for number, line in enumerate(text.split("\n"), start=1):
         for statement in re.split(r"([{}])", line):
             if words := statement.split():
-                _take(path, number, words, nodes, open_nodes)
+                run_statement(path, number, words, nodes, open_nodes)
     if not nodes:
         raise MotionError(f"{path}: its hierarchy holds no ROOT")
     if open_nodes:
@@ -107,11 +107,22 @@ def _parse_hierarchy(path: Path, text: str) -> list[Node]:
     return nodes
 
 
-def _take(path: Path, number: int, words: list[str], nodes: list[Node], open_nodes: list[int]) -> None:
+def run_statement(path: Path, number: int, words: list[str], nodes: list[Node], open_nodes: list[int]) -> None:
     """Carry out one statement of the hierarchy: nodes are declared, opened, described and closed."""
     word = words[0].upper()
     if word in ("ROOT", "JOINT", "END"):
-        _add_node(path, number, word, words, nodes, open_nodes)
+        if word == "ROOT" and nodes:
+            raise MotionError(
+                f"{path}, line {number}: a second ROOT, {' '.join(words[1:])!r}; one body is read from a file. "
+                "Save each body to its own file."
+            )
+        if word != "ROOT" and not open_nodes:
+            raise MotionError(f"{path}, line {number}: {' '.join(words)!r} outside of a ROOT")
+        if len(nodes) >= MAX_NODES:
+            raise MotionError(f"{path}, line {number}: more than {MAX_NODES} joints")
+        parent = open_nodes[-1] if open_nodes else -1
+        name = f"{nodes[parent].name}_End" if word == "END" else " ".join(words[1:])
+        nodes.append(Node(name or f"joint_{len(nodes) + 1}", parent))
     elif word == "{":
         if not nodes or len(nodes) - 1 in open_nodes:
             raise MotionError(f"{path}, line {number}: '{{' without a joint before it")
@@ -124,9 +135,9 @@ def _take(path: Path, number: int, words: list[str], nodes: list[Node], open_nod
         if not open_nodes or open_nodes[-1] != len(nodes) - 1:
             raise MotionError(f"{path}, line {number}: {word} outside of a joint")
         if word == "OFFSET":
-            nodes[-1].offset = _offset(path, number, words[1:])
+            nodes[-1].offset = parse_offset(path, number, words[1:])
         else:
-            nodes[-1].channels = _channels(path, number, words[1:])
+            nodes[-1].channels = parse_channels(path, number, words[1:])
     elif word != "HIERARCHY":
         raise MotionError(
             f"{path}, line {number}: {' '.join(words)[:60]!r} is no statement of a BVH hierarchy; allowed are ROOT, "
@@ -134,22 +145,8 @@ def _take(path: Path, number: int, words: list[str], nodes: list[Node], open_nod
         )
 
 
-def _add_node(path: Path, number: int, word: str, words: list[str], nodes: list[Node], open_nodes: list[int]) -> None:
-    if word == "ROOT" and nodes:
-        raise MotionError(
-            f"{path}, line {number}: a second ROOT, {' '.join(words[1:])!r}; one body is read from a file. "
-            "Save each body to its own file."
-        )
-    if word != "ROOT" and not open_nodes:
-        raise MotionError(f"{path}, line {number}: {' '.join(words)!r} outside of a ROOT")
-    if len(nodes) >= MAX_NODES:
-        raise MotionError(f"{path}, line {number}: more than {MAX_NODES} joints")
-    parent = open_nodes[-1] if open_nodes else -1
-    name = f"{nodes[parent].name}_End" if word == "END" else " ".join(words[1:])
-    nodes.append(Node(name or f"joint_{len(nodes) + 1}", parent))
-
-
-def _offset(path: Path, number: int, words: list[str]) -> tuple[float, float, float]:
+def parse_offset(path: Path, number: int, words: list[str]) -> tuple[float, float, float]:
+    """Parse the three numbers of an OFFSET."""
     try:
         x, y, z = (float(word) for word in words)
     except ValueError:
@@ -159,10 +156,12 @@ def _offset(path: Path, number: int, words: list[str]) -> tuple[float, float, fl
     return x, y, z
 
 
-def _channels(path: Path, number: int, words: list[str]) -> list[str]:
+def parse_channels(path: Path, number: int, words: list[str]) -> list[str]:
+    """Parse the names of CHANNELS: ``"px"`` for Xposition, ``"rx"`` for Xrotation."""
     found = [_CHANNEL.match(word) for word in words[1:]]
     names = [match[2][0].lower() + match[1].lower() for match in found if match]
-    if not words or words[0] != str(len(names)) or None in found or _repeats(names):
+    places = [name for name in names if name[0] == "p"]  # only rotations may repeat an axis
+    if not words or words[0] != str(len(names)) or None in found or len(set(places)) < len(places):
         raise MotionError(
             f"{path}, line {number}: CHANNELS {' '.join(words)!r} is not right; it needs the number of channels and as "
             "many names out of Xposition, Yposition, Zposition, Xrotation, Yrotation and Zrotation"
@@ -170,13 +169,7 @@ def _channels(path: Path, number: int, words: list[str]) -> list[str]:
     return names
 
 
-def _repeats(names: list[str]) -> bool:
-    """Whether a position is given twice; an axis may well be turned about twice."""
-    places = [name for name in names if name[0] == "p"]
-    return len(set(places)) < len(places)
-
-
-def _parse_motion_head(path: Path, text: str, at: int) -> tuple[int, float, int]:
+def parse_motion_head(path: Path, text: str, at: int) -> tuple[int, float, int]:
     """Declared number of frames, frame time in s, and where the values begin."""
     found: list[str] = []
     for pattern, wanted in ((_FRAMES, "Frames: N"), (_FRAME_TIME, "Frame Time: SECONDS")):
@@ -235,6 +228,11 @@ def read_bvh(
         If the file cannot be read right, or holds no joints of a body.
     """
     content = read_bvh_content(path)
+    if rate_hz is None and not 0.0 < content.frame_time_s < float("inf"):
+        raise MotionError(
+            f"{path}: declares a Frame Time of {content.frame_time_s:g} s; it must be above 0. "
+            "Give the true rate: rate_hz=..."
+        )
     names, parents = zip(*((node.name, node.parent) for node in content.nodes), strict=True)
     position = bvh_positions(content)
     turns = [n for n, channel in enumerate(content.nodes[0].channels) if channel[0] == "r"]
@@ -243,7 +241,7 @@ def read_bvh(
         path,
         Joints(names, parents, position[1:] if rest_pose else position),
         kind="bvh",
-        rate_hz=_declared_rate(path, content) if rate_hz is None else rate_hz,
+        rate_hz=1.0 / content.frame_time_s if rate_hz is None else rate_hz,
         rate_from="file" if rate_hz is None else "option",
         unit=units,
         unit_from="option",
@@ -269,28 +267,13 @@ def bvh_positions(content: BvhContent) -> FloatArray:
         for n, channel in enumerate(node.channels):
             if channel[0] == "p":
                 translation[j, :, "xyz".index(channel[1])] = content.values[:, first[j] + n]
-    for order, members in _by_order(content.nodes).items():
+    by_order: dict[str, list[int]] = {}  # "zyx" for example, "" without rotations
+    for j, node in enumerate(content.nodes):
+        by_order.setdefault("".join(channel[1] for channel in node.channels if channel[0] == "r"), []).append(j)
+    for order, members in by_order.items():
         columns = [
             [first[j] + n for n, channel in enumerate(content.nodes[j].channels) if channel[0] == "r"] for j in members
         ]
         angles = np.radians(content.values[:, np.array(columns, dtype=np.intp)])
         rotation[members] = euler_rotations(order, angles).swapaxes(0, 1)
     return forward_kinematics([node.parent for node in content.nodes], translation, rotation)
-
-
-def _by_order(nodes: Sequence[Node]) -> dict[str, list[int]]:
-    """Nodes by the order of their rotations, ``"zyx"`` for example; ``""`` has none."""
-    table: dict[str, list[int]] = {}
-    for j, node in enumerate(nodes):
-        order = "".join(channel[1] for channel in node.channels if channel[0] == "r")
-        table.setdefault(order, []).append(j)
-    return table
-
-
-def _declared_rate(path: Path, content: BvhContent) -> float:
-    if not 0.0 < content.frame_time_s < float("inf"):
-        raise MotionError(
-            f"{path}: declares a Frame Time of {content.frame_time_s:g} s; it must be above 0. "
-            "Give the true rate: rate_hz=..."
-        )
-    return 1.0 / content.frame_time_s

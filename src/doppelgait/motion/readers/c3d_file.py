@@ -11,7 +11,6 @@ import struct
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -70,7 +69,7 @@ class Record:
             return None
         if self.kind == 4:
             return float32(self.raw, self.processor)
-        return float(int.from_bytes(self.raw[: self.kind], _byte_order(self.processor), signed=True))
+        return float(int.from_bytes(self.raw[: self.kind], "big" if self.processor == SGI else "little", signed=True))
 
     def texts(self) -> tuple[str, ...]:
         """Texts without their padding; none for numbers."""
@@ -78,7 +77,7 @@ class Record:
             return ()
         length = self.shape[0]
         rows = (self.raw[n * length : (n + 1) * length] for n in range(self.count()))
-        return tuple(_decode_text(row).strip(" \0") for row in rows)
+        return tuple(decode_text(row).strip(" \0") for row in rows)
 
 
 @dataclass(frozen=True)
@@ -135,11 +134,8 @@ class Layout:
         return 0 <= self.size - self.data_at - frames * stride <= BLOCK
 
 
-def _byte_order(processor: int) -> Any:
-    return "big" if processor == SGI else "little"
-
-
-def _decode_text(raw: bytes) -> str:
+def decode_text(raw: bytes) -> str:
+    """Decode a text, UTF-8 or Latin-1."""
     try:
         return raw.decode("utf-8")
     except UnicodeDecodeError:
@@ -179,7 +175,12 @@ def read_layout(path: Path) -> Layout:
         section_at = (header[0] - 1) * BLOCK
         file.seek(section_at)
         processor = file.read(4)[3:4]
-        _check_processor(path, processor, size)
+        if not processor or processor[0] not in (INTEL, DEC, SGI):
+            found = processor[0] if processor else "nothing"
+            raise MotionError(
+                f"{path}: is truncated or damaged: the byte that names the processor is {found} (allowed: {INTEL} "
+                f"Intel, {DEC} DEC, {SGI} SGI; {size} bytes). {RESAVE}."
+            )
         order = ">" if processor[0] == SGI else "<"
         points, analog, first, last, _, scale, data_block, _ = struct.unpack_from(f"{order}HHHHH4sHH", header, 2)
         data_at = (data_block - 1) * BLOCK
@@ -190,7 +191,7 @@ def read_layout(path: Path) -> Layout:
             )
         file.seek(section_at)
         section = file.read(data_at - section_at)
-    records, spans = _walk(path, section, section_at, processor[0])
+    records, spans = walk_records(path, section, section_at, processor[0])
     layout = Layout(
         size=size,
         section_at=section_at,
@@ -205,21 +206,6 @@ def read_layout(path: Path) -> Layout:
         records=records,
         spans=spans,
     )
-    _check_tables(path, layout)
-    return layout
-
-
-def _check_processor(path: Path, processor: bytes, size: int) -> None:
-    if not processor or processor[0] not in (INTEL, DEC, SGI):
-        found = processor[0] if processor else "nothing"
-        raise MotionError(
-            f"{path}: is truncated or damaged: the byte that names the processor is {found} (allowed: {INTEL} Intel, "
-            f"{DEC} DEC, {SGI} SGI; {size} bytes). {RESAVE}."
-        )
-
-
-def _check_tables(path: Path, layout: Layout) -> None:
-    """Refuse parameters that are no usable numbers, and counts beyond the file."""
     for name in NUMBERS:
         value = layout.number(*name)
         if name in layout.records and (value is None or not abs(value) < 1e6 or (name[1] == "RATE" and value < 0)):
@@ -232,9 +218,10 @@ def _check_tables(path: Path, layout: Layout) -> None:
             f"{path}: is truncated or damaged: its parameters declare {extra:.0f} analog and rotation values per "
             f"frame, more than the file holds. {RESAVE}."
         )
+    return layout
 
 
-def _walk(
+def walk_records(
     path: Path, section: bytes, section_at: int, processor: int
 ) -> tuple[dict[tuple[str, str], Record], tuple[Span, ...]]:
     """All parameters by (group, name), upper case, and all records; a record that does not fit is an error."""
@@ -245,7 +232,7 @@ def _walk(
     # "no parameters at all" is declared by a section of zero blocks
     while section[2] and at < len(section) and section[at]:
         try:
-            spans.append(_read_record(section, at, processor, groups, found))
+            spans.append(read_record(section, at, processor, groups, found))
         except (ValueError, IndexError, struct.error) as error:
             fault = str(error) if type(error) is ValueError else "runs beyond the end of the section"
             raise MotionError(
@@ -257,7 +244,7 @@ def _walk(
     return {(groups.get(number, ""), name): record for number, name, record in found}, tuple(spans)
 
 
-def _read_record(
+def read_record(
     section: bytes, at: int, processor: int, groups: dict[int, str], found: list[tuple[int, str, Record]]
 ) -> Span:
     """Read one group or parameter."""
@@ -267,7 +254,7 @@ def _read_record(
     if number == 0 or any(byte < 32 for byte in name):
         raise ValueError("has no name or belongs to no group")
     text = name.decode("latin-1").strip().upper()
-    kind, shape, start = (0, (), step_at + 2) if number < 0 else _read_shape(section, step_at + 2, text)
+    kind, shape, start = (0, (), step_at + 2) if number < 0 else read_shape(section, step_at + 2, text)
     end = start + TYPE_SIZES[kind] * math.prod(shape)
     for order in (">", "<") if processor == SGI else ("<",):
         # some SGI files, samples of c3d.org among them, hold single pointers in Intel order
@@ -287,7 +274,7 @@ def _read_record(
     return span
 
 
-def _read_shape(section: bytes, at: int, text: str) -> tuple[int, tuple[int, ...], int]:
+def read_shape(section: bytes, at: int, text: str) -> tuple[int, tuple[int, ...], int]:
     """Type, dimensions and place of the values of a parameter."""
     kind, n_dims = struct.unpack_from("bB", section, at)
     if kind == 0 or kind not in TYPE_SIZES or n_dims > 7 or (kind == -1 and n_dims == 0):
@@ -333,10 +320,10 @@ def read_content(path: Path) -> C3dContent:
         If the file is damaged, holds no points, or its header and parameters disagree and the data do not decide.
     """
     layout = read_layout(path)
-    _point_count(path, layout)
-    analog, n_frames = _settle_layout(path, layout)
+    check_points(path, layout)
+    analog, n_frames = resolve_layout(path, layout)
     try:
-        position = _decode_points(path, layout, analog, n_frames)
+        position = decode_points(path, layout, analog, n_frames)
     except MemoryError:
         raise MotionError(f"{path}: does not fit into memory; is it damaged? {RESAVE}.") from None
     notes: tuple[str, ...] = ()
@@ -358,7 +345,8 @@ def read_content(path: Path) -> C3dContent:
     return C3dContent(position, tuple(labels), float(rate), texts.get("POINT:UNITS", ()), texts, notes)
 
 
-def _point_count(path: Path, layout: Layout) -> int:
+def check_points(path: Path, layout: Layout) -> None:
+    """Refuse a file without points, or with two numbers of them."""
     declared = layout.number("POINT", "USED")
     n_points = layout.header_points if declared is None else int(declared) % 65536
     if n_points == 0:
@@ -371,10 +359,9 @@ def _point_count(path: Path, layout: Layout) -> int:
         raise MotionError(
             f"{path}: its header declares {layout.header_points} points, its parameters {n_points}. {RESAVE}."
         )
-    return n_points
 
 
-def _settle_layout(path: Path, layout: Layout) -> tuple[int, int]:
+def resolve_layout(path: Path, layout: Layout) -> tuple[int, int]:
     """Analog words per frame and number of frames that fill the data section."""
     frames, points = layout.header_frames, layout.header_points
     if frames < 1:
@@ -393,7 +380,7 @@ def _settle_layout(path: Path, layout: Layout) -> tuple[int, int]:
     )
 
 
-def _decode_points(path: Path, layout: Layout, analog: int, n_frames: int) -> FloatArray:
+def decode_points(path: Path, layout: Layout, analog: int, n_frames: int) -> FloatArray:
     """Positions (T, P, 3) in the units of the file; NaN where a point was not seen."""
     width = 4 * layout.header_points + analog
     order, scale = ">" if layout.processor == SGI else "<", 1.0

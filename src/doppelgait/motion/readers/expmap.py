@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -103,7 +102,12 @@ def read_expmap(
     MotionError
         If the file or its skeleton cannot be read right, or the rate is not known.
     """
-    file = _find_skeleton(path, skeleton)
+    file = path.with_name(SKELETON) if skeleton is None else Path(skeleton)
+    if not file.is_file():
+        raise MotionError(
+            f"{path}: holds joint angles only; a skeleton with joint_names, parents and offsets is needed, and "
+            f"there is no {file}. Put it there or give it: skeleton='FILE.json'"
+        )
     body = read_expmap_skeleton(file)
     text = read_text(path)
     n_joints = len(body.parents)
@@ -153,16 +157,6 @@ def expmap_positions(skeleton: ExpmapSkeleton, values: FloatArray) -> FloatArray
     return forward_kinematics(skeleton.parents, translation, vector_rotations(-vectors))
 
 
-def _find_skeleton(path: Path, skeleton: str | Path | None) -> Path:
-    file = path.with_name(SKELETON) if skeleton is None else Path(skeleton)
-    if not file.is_file():
-        raise MotionError(
-            f"{path}: holds joint angles only; a skeleton with joint_names, parents and offsets is needed, and "
-            f"there is no {file}. Put it there or give it: skeleton='FILE.json'"
-        )
-    return file
-
-
 def read_expmap_skeleton(path: Path) -> ExpmapSkeleton:
     """Read and check a skeleton in JSON.
 
@@ -181,37 +175,30 @@ def read_expmap_skeleton(path: Path) -> ExpmapSkeleton:
     if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
         raise MotionError(f"{path}: joint_names must be a list of names")
     parents = content.get("parents")
-    if not isinstance(parents, list) or len(parents) != len(names) or not _is_tree(parents):
+    if not (
+        isinstance(parents, list)
+        and len(parents) == len(names)
+        and all(isinstance(parent, int) for parent in parents)
+        and parents[0] == -1
+        and all(0 <= parent < j for j, parent in enumerate(parents) if j)
+    ):
         raise MotionError(
             f"{path}: parents must hold {len(names)} indices, -1 for the first joint and a smaller index for any other"
         )
-    offsets = _offsets(path, content.get("offsets"), len(names))
+    try:
+        offsets = np.array(content.get("offsets"), dtype=np.float64)
+    except (TypeError, ValueError):
+        offsets = np.empty(0)
+    if offsets.shape != (len(names), 3) or not np.isfinite(offsets).all():
+        raise MotionError(f"{path}: offsets must hold three numbers for each of the {len(names)} joints")
     up_axis = content.get("up_axis", "y")
     if up_axis not in ("x", "y", "z"):
         raise MotionError(f"{path}: up_axis is {up_axis!r}; allowed are 'x', 'y' and 'z'")
-    metres, rate = (_positive(path, content, key) for key in ("metres_per_unit", "frame_rate_hz"))
-    return ExpmapSkeleton(tuple(names), tuple(parents), offsets, metres, rate, up_axis)
-
-
-def _is_tree(parents: list[Any]) -> bool:
-    whole = all(isinstance(parent, int) for parent in parents)
-    return whole and parents[0] == -1 and all(0 <= parent < j for j, parent in enumerate(parents) if j)
-
-
-def _offsets(path: Path, value: object, n_joints: int) -> FloatArray:
-    try:
-        offsets = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        offsets = np.empty(0)
-    if offsets.shape != (n_joints, 3) or not np.isfinite(offsets).all():
-        raise MotionError(f"{path}: offsets must hold three numbers for each of the {n_joints} joints")
-    return offsets
-
-
-def _positive(path: Path, content: dict[str, Any], key: str) -> float | None:
-    value = content.get(key)
-    if value is None:
-        return None
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < float("inf"):
-        raise MotionError(f"{path}: {key} is {value!r}; it must be a number above 0")
-    return float(value)
+    positive: list[float | None] = []
+    for key in ("metres_per_unit", "frame_rate_hz"):
+        value = content.get(key)
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if value is not None and not (number and 0.0 < value < float("inf")):
+            raise MotionError(f"{path}: {key} is {value!r}; it must be a number above 0")
+        positive.append(None if value is None else float(value))
+    return ExpmapSkeleton(tuple(names), tuple(parents), offsets, positive[0], positive[1], up_axis)

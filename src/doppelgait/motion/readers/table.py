@@ -23,7 +23,7 @@ from doppelgait.motion.readers.points import (
     points_to_motion,
     warn_reader,
 )
-from doppelgait.motion.readers.text import Row, decode, last_digit, rate_of_times, read_lines, to_numbers
+from doppelgait.motion.readers.text import Row, decode, last_digit, rate_of_times, read_lines, to_numbers, trim_cells
 from doppelgait.motion.readers.trc import sniff_trc
 
 FloatArray = npt.NDArray[np.float64]
@@ -133,10 +133,10 @@ def read_header(path: Path, rows: Sequence[Row]) -> Header:
         If no columns are coordinates of points, or a coordinate of a point is missing.
     """
     two = not any(_COORDINATE.fullmatch(cell) for cell in rows[0][1]) and _has_axis_row(rows)
-    titles = _joined(path, rows) if two else _trimmed(rows[0][1])
-    labels, columns, units = _points(titles)
+    titles = join_titles(path, rows) if two else trim_cells(rows[0][1])
+    labels, columns, units = group_coordinates(titles)
     if not labels:
-        _refuse_without_points(path, rows[0][0], titles)
+        refuse_without_points(path, rows[0][0], titles)
     for label, places in zip(labels, columns, strict=True):
         if -1 in places:
             have = ", ".join(titles[i] for i in places if i >= 0)
@@ -162,19 +162,14 @@ def read_header(path: Path, rows: Sequence[Row]) -> Header:
     )
 
 
-def _trimmed(cells: Sequence[str]) -> list[str]:
-    last = max((i for i, cell in enumerate(cells) if cell), default=-1)
-    return list(cells[: last + 1])
-
-
 def _has_axis_row(rows: Sequence[Row]) -> bool:
     """Whether the second row is X, Y, Z, X, Y, Z, ... under a row of names."""
     return len(rows) > 1 and sum(bool(_AXIS.fullmatch(cell)) for cell in rows[1][1]) >= 3
 
 
-def _joined(path: Path, rows: Sequence[Row]) -> list[str]:
+def join_titles(path: Path, rows: Sequence[Row]) -> list[str]:
     """One row of titles from a row of names, each over its first coordinate or over all three, and a row of axes."""
-    axes = _trimmed(rows[1][1])
+    axes = trim_cells(rows[1][1])
     names = rows[0][1] + [""] * (len(axes) - len(rows[0][1]))
     titles, name = [], ""
     for i, cell in enumerate(axes):
@@ -189,7 +184,7 @@ def _joined(path: Path, rows: Sequence[Row]) -> list[str]:
     return titles
 
 
-def _points(
+def group_coordinates(
     titles: Sequence[str],
 ) -> tuple[list[str], list[tuple[int, int, int]], list[tuple[str, str, str]]]:
     """Names, columns and units of points."""
@@ -210,7 +205,8 @@ def _points(
     return labels, [(c[0], c[1], c[2]) for _, c, _ in found], [(u[0], u[1], u[2]) for _, _, u in found]
 
 
-def _refuse_without_points(path: Path, line: int, titles: Sequence[str]) -> None:
+def refuse_without_points(path: Path, line: int, titles: Sequence[str]) -> None:
+    """Refuse column names without coordinates; name the unit that is not known."""
     for title in titles:
         alien = _ALIEN_UNIT.fullmatch(title)
         if alien:

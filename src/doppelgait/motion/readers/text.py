@@ -56,26 +56,22 @@ def parse_rows(
         If values are missing, superfluous, no numbers or not finite; it names the first such line.
     """
     lines = [text[at:]] if separator == " " else [line for line in text[at:].split("\n") if line.strip()]
-    values = _parse_numbers(separator.join(lines), separator)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)  # given for what cannot be parsed
+        try:
+            values = np.fromstring(separator.join(lines), sep=separator)
+        except (DeprecationWarning, ValueError):
+            values = np.empty(0)
     whole = values.size % n_columns == 0 if n_rows is None else values.size == n_rows * n_columns
     if separator != " ":
         whole = whole and all(line.count(separator) == n_columns - 1 for line in lines)
     if not whole or not values.size or not np.isfinite(values).all():
-        raise MotionError(_fault(path, text, at, n_columns, n_rows, separator))
+        raise MotionError(find_row_fault(path, text, at, n_columns, n_rows, separator))
     return values.reshape(-1, n_columns)
 
 
-def _parse_numbers(body: str, separator: str) -> FloatArray:
-    """All numbers of a text; none when something in it is no number."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)  # given for what cannot be parsed
-        try:
-            return np.fromstring(body, sep=separator)
-        except (DeprecationWarning, ValueError):
-            return np.empty(0)
-
-
-def _fault(path: Path, text: str, at: int, n_columns: int, n_rows: int | None, separator: str) -> str:
+def find_row_fault(path: Path, text: str, at: int, n_columns: int, n_rows: int | None, separator: str) -> str:
+    """Describe the first row of a table that :func:`parse_rows` cannot read."""
     first_line = text.count("\n", 0, at) + 1
     row = 0
     for number, line in enumerate(text[at:].split("\n"), start=first_line):
@@ -84,7 +80,7 @@ def _fault(path: Path, text: str, at: int, n_columns: int, n_rows: int | None, s
             continue
         row += 1
         where = f"{path}, line {number}: frame {row}"
-        bad = next((word for word in words if not _is_finite(word)), None)
+        bad = next((word for word in words if not is_finite(word)), None)
         if bad is not None:
             return f"{where} holds {bad[:30]!r}, which is no finite number"
         if len(words) != n_columns:
@@ -94,7 +90,8 @@ def _fault(path: Path, text: str, at: int, n_columns: int, n_rows: int | None, s
     return f"{path}: declares {n_rows} frames but holds {row}; cut off, or the number of frames in it is wrong"
 
 
-def _is_finite(word: str) -> bool:
+def is_finite(word: str) -> bool:
+    """Return whether a word is a finite number."""
     try:
         return bool(np.isfinite(float(word)))
     except ValueError:
@@ -128,6 +125,12 @@ def read_lines(path: Path) -> list[str]:
     if size > MAX_BYTES:
         raise MotionError(f"{path}: has {size} bytes; tables of up to {MAX_BYTES} bytes are read")
     return decode(path.read_bytes()).replace("\r\n", "\n").replace("\r", "\n").split("\n")
+
+
+def trim_cells(cells: Sequence[str]) -> list[str]:
+    """Return the cells without the blank ones at the end."""
+    last = max((i for i, cell in enumerate(cells) if cell), default=-1)
+    return list(cells[: last + 1])
 
 
 def to_numbers(

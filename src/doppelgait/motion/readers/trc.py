@@ -21,7 +21,7 @@ from doppelgait.motion.readers.points import (
     unit_or_guess,
     warn_reader,
 )
-from doppelgait.motion.readers.text import Row, last_digit, rate_of_times, read_lines, to_numbers
+from doppelgait.motion.readers.text import Row, last_digit, rate_of_times, read_lines, to_numbers, trim_cells
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -82,7 +82,7 @@ def read_trc(
     MotionError
         If the file cannot be read right; names the line.
     """
-    content = _parse(path)
+    content = parse_trc(path)
     check_amount(path, len(content.rows), len(content.labels))
     notes = _frame_notes(path, content)
     rate = check_rate(path, rate_hz, said="was given") if rate_hz is not None else _rate(path, content, notes)
@@ -104,15 +104,18 @@ def read_trc(
     )
 
 
-def _parse(path: Path) -> _Content:
-    lines = [_split(line) for line in read_lines(path)]
+def parse_trc(path: Path) -> _Content:
+    """Parse header, labels and rows."""
+    lines = [
+        [cell.strip() for cell in (line.split("\t") if "\t" in line else line.split())] for line in read_lines(path)
+    ]
     at = next((i for i, cells in enumerate(lines[:HEADER_LINES]) if cells and cells[0].lower().startswith("frame")), -1)
     if at < 1:
         raise MotionError(
             f"{path}: has no line that starts with Frame# and Time and names the markers (TRC: the fourth line)"
         )
     names = lines[at][FIRST:]
-    axes = _until_blank(lines[at + 1]) if at + 1 < len(lines) else []
+    axes = trim_cells(lines[at + 1]) if at + 1 < len(lines) else []
     has_axes = bool(axes) and all(cell[:1].lower() in ("", "x", "y", "z") for cell in axes)
     first_row = at + 1 + has_axes
     rows = [(i + 1, cells) for i, cells in enumerate(lines) if i >= first_row and any(cells)]
@@ -121,33 +124,25 @@ def _parse(path: Path) -> _Content:
     while labels and not labels[-1]:
         labels.pop()
     named = max(len(labels), sum(1 for cell in axes if cell) // 3 if has_axes else 0)
-    n_points = max(named, _points_in_rows(path, rows, named))
-    return _Content(_header(lines[:at]), labels + [""] * (n_points - len(labels)), _pad(path, rows, named, n_points))
+    n_points = max(named, count_points(path, rows, named))
+    return _Content(
+        parse_header(lines[:at]), labels + [""] * (n_points - len(labels)), pad_rows(path, rows, named, n_points)
+    )
 
 
-def _split(line: str) -> list[str]:
-    return [cell.strip() for cell in (line.split("\t") if "\t" in line else line.split())]
-
-
-def _until_blank(cells: list[str]) -> list[str]:
-    """Cells without the blank ones at the end."""
-    last = max((i for i, cell in enumerate(cells) if cell), default=-1)
-    return cells[: last + 1]
-
-
-def _points_in_rows(path: Path, rows: list[Row], named: int) -> int:
+def count_points(path: Path, rows: list[Row], named: int) -> int:
     """Points of the fullest row: unlabelled ones come after those that the header names."""
-    line, cells = max(rows, key=lambda row: len(_until_blank(row[1])), default=(0, []))
-    extra = len(_until_blank(cells)) - FIRST - 3 * named
+    line, cells = max(rows, key=lambda row: len(trim_cells(row[1])), default=(0, []))
+    extra = len(trim_cells(cells)) - FIRST - 3 * named
     if extra > 0 and extra % 3:
         raise MotionError(
-            f"{path}: line {line} has {len(_until_blank(cells))} cells; {FIRST} and three for each of {named} markers "
+            f"{path}: line {line} has {len(trim_cells(cells))} cells; {FIRST} and three for each of {named} markers "
             f"are {FIRST + 3 * named}. Correct the line or remove it."
         )
     return named + max(extra, 0) // 3
 
 
-def _pad(path: Path, rows: list[Row], named: int, n_points: int) -> list[Row]:
+def pad_rows(path: Path, rows: list[Row], named: int, n_points: int) -> list[Row]:
     """Rows with a cell for every coordinate; a row that lacks cells of named markers is an error."""
     for line, cells in rows:
         if len(cells) < FIRST + 3 * named:
@@ -159,12 +154,12 @@ def _pad(path: Path, rows: list[Row], named: int, n_points: int) -> list[Row]:
     return [(line, cells + [""] * (width - len(cells))) for line, cells in rows]
 
 
-def _header(lines: list[list[str]]) -> dict[str, str]:
+def parse_header(lines: list[list[str]]) -> dict[str, str]:
     """Values below the line of keys; empty when they do not match it one to one."""
     at = next((i for i, cells in enumerate(lines) if cells and cells[0].lower() == "datarate"), -1)
     if at < 0 or at + 1 >= len(lines):
         return {}
-    keys, values = (_until_blank(lines[i]) for i in (at, at + 1))
+    keys, values = (trim_cells(lines[i]) for i in (at, at + 1))
     keys = [key.lower() for key in keys if key]
     if len(values) != len(keys):
         # some writers put two tabs between values
@@ -193,17 +188,13 @@ def _rate(path: Path, content: _Content, notes: list[str]) -> float:
     if not any(printed):
         return check_rate(path, declared or None, said="has no times and declares")
     time_s = to_numbers(path, content.rows, [1], ["Time"])[:, 0]
-    header_hz = _positive(declared)
-    rate = rate_of_times(path, time_s, lines, digit_s=last_digit(printed, time_s), declared_hz=header_hz)
+    try:
+        header_hz = float(declared)
+    except ValueError:
+        header_hz = 0.0
+    header_hz = header_hz if 0.0 < header_hz < float("inf") else 0.0
+    rate = rate_of_times(path, time_s, lines, digit_s=last_digit(printed, time_s), declared_hz=header_hz or None)
     if rate != header_hz:
         notes.append(f"the header says {declared or 'no rate'} Hz, the times {rate:g} Hz; the times were taken")
         warn_reader(f"{path}: {notes[-1]}. If that is wrong, give the rate: rate_hz=...")
     return rate
-
-
-def _positive(text: str) -> float | None:
-    try:
-        value = float(text)
-    except ValueError:
-        return None
-    return value if 0.0 < value < float("inf") else None
