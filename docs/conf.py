@@ -34,6 +34,7 @@ exclude_patterns = ["_build", "README.md", "gallery/**", "auto_gallery/**/*.ipyn
                     "reference/fields.md", "reference/extended.md"]  # fmt: skip
 suppress_warnings = ["config.cache"]
 nitpicky = True
+nitpick_ignore_regex = [("py:class", r".*<locals>.*")]  # validators inside the type of a field
 
 myst_enable_extensions = ["dollarmath", "amsmath", "colon_fence", "deflist"]
 myst_heading_anchors = 4

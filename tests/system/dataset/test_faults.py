@@ -79,13 +79,13 @@ def test_a_disk_that_is_full_at_any_file_is_one_error_and_loses_nothing(tmp_path
         assert dataset_hash(folder) == mini_hash
 
 
-@pytest.mark.parametrize("place", ["_log", "build_lock"])
+@pytest.mark.parametrize("place", ["log_entry", "build_lock"])
 def test_a_full_disk_at_log_and_lock_is_one_error(tmp_path, monkeypatch, mini_hash, place):
     def full(*arguments):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     with monkeypatch.context() as change:
-        change.setattr(*((build, "_log", full) if place == "_log" else (os, "write", full)))
+        change.setattr(*((build, place, full) if place == "log_entry" else (os, "write", full)))
         with pytest.raises(OutputError, match=r"cannot be written: .*No space left"):
             build_dataset(mini_plan(), tmp_path / "d", executor="serial")
     assert leftovers(tmp_path / "d") == []
