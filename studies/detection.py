@@ -23,7 +23,7 @@ from doppelgait.core.rng import rng
 from doppelgait.motion.models import quadruped_gait
 from doppelgait.motion.models.human import human_gait
 from doppelgait.pipeline import simulate
-from doppelgait.pipeline.echoes import Conditions
+from doppelgait.pipeline.conditions import Conditions
 from doppelgait.processing import Analysis, Gate, signature
 from doppelgait.processing.detect import Detector, find_scans
 from doppelgait.processing.detect.config import Threshold

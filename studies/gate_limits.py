@@ -23,7 +23,7 @@ from doppelgait.core.rng import Streams
 from doppelgait.motion.models.confusers import fan
 from doppelgait.motion.models.human import human_gait
 from doppelgait.pipeline import analyze, simulate
-from doppelgait.pipeline.echoes import Conditions
+from doppelgait.pipeline.conditions import Conditions
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.clutter import ClutterKind, torso_share_removed, without_clutter
 from doppelgait.processing.detect import Detector, find_scans

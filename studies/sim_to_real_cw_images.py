@@ -22,7 +22,8 @@ from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.core.labels import axis
 from doppelgait.core.rng import Streams
 from doppelgait.pipeline import Result, analyze
-from doppelgait.pipeline.echoes import Conditions, received
+from doppelgait.pipeline.conditions import Conditions
+from doppelgait.pipeline.simulate import observe_scene
 from doppelgait.processing import Analysis
 from doppelgait.radar import Radar, Recording
 from doppelgait.radar.impairments import apply_impairments
@@ -144,7 +145,7 @@ def recording_of(plan: Plan, number: int, mocap: Path | None = None) -> tuple[Re
     scene = Scene([target], radar_position_m=(0.0, 0.0, place.height_m), duration_s=SECONDS)
     floor = ({"kind": "ground_bounce", "material": "concrete"},) if plan.bounce and place.reflects else ()
     drawn = streams[3].spawn(3)
-    table, _ = received(
+    table, _ = observe_scene(
         scene,
         RADAR,
         TIMES_S,

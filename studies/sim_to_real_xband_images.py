@@ -30,7 +30,7 @@ from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.core.rng import Streams
 from doppelgait.pipeline import simulate
 from doppelgait.pipeline.analyze import analyze_signature
-from doppelgait.pipeline.echoes import Conditions
+from doppelgait.pipeline.conditions import Conditions
 from doppelgait.pipeline.spectrogram import gate_of_levels
 from doppelgait.scene import Scene, Target
 from doppelgait.scene.rcs import RcsSpec

@@ -30,7 +30,7 @@ from doppelgait import viz
 from doppelgait.core.rng import Streams
 from doppelgait.motion.models.primitives import breathing_person
 from doppelgait.pipeline import simulate
-from doppelgait.pipeline.echoes import Conditions
+from doppelgait.pipeline.conditions import Conditions
 from doppelgait.radar import Radar, Recording
 from doppelgait.radar.fit import Estimate, SensorFit, calibrated_preset, fit_sensor
 from doppelgait.radar.impairments import apply_impairments, make_impairment

@@ -37,7 +37,7 @@ from doppelgait.motion import make_motion
 from doppelgait.motion.models import boulic_walk, human_gait, quadruped_gait
 from doppelgait.motion.motion import Motion
 from doppelgait.pipeline import simulate
-from doppelgait.pipeline.echoes import Conditions
+from doppelgait.pipeline.conditions import Conditions
 from doppelgait.radar import Radar, Recording
 from doppelgait.scene import Scene, Target
 from doppelgait.scene.rcs import RcsSpec

@@ -15,7 +15,7 @@ from doppelgait.dataset.finish import dataset_id
 from doppelgait.dataset.plan import plan_dataset
 from doppelgait.motion import boulic_walk, fan
 from doppelgait.pipeline import analyze, parse_run, run_simulation, simulate
-from doppelgait.pipeline.echoes import Conditions
+from doppelgait.pipeline.conditions import Conditions
 from doppelgait.radar import Radar, read_recording, write_arrays
 from doppelgait.radar.fit import fit_sensor
 from doppelgait.radar.xethru import write_xethru_recording

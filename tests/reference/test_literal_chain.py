@@ -7,7 +7,7 @@ import literal
 from doppelgait.core.rng import rng
 from doppelgait.motion import boulic_walk
 from doppelgait.pipeline import Conditions, analyze, simulate
-from doppelgait.pipeline.echoes import received
+from doppelgait.pipeline.simulate import observe_scene
 from doppelgait.processing import Analysis
 from doppelgait.radar import Radar, echo_amplitude_v
 from doppelgait.scene import Scene, Target
@@ -40,7 +40,7 @@ def test_signature_of_the_chain_is_that_of_the_literal_equations(case, clutter):
     (found,) = analyze(recording, gate="truth", analysis=analysis)
 
     times_s = np.arange(round(DURATION_S * radar.prf_hz)) / radar.prf_hz
-    table, _ = received(scene, radar, times_s, conditions, angles=False, streams=rng(1))
+    table, _ = observe_scene(scene, radar, times_s, conditions, angles=False, streams=rng(1))
     range_m = table["range"].values
     gain = table["path_gain"].values
     amplitude_v = echo_amplitude_v(radar, range_m=range_m, rcs_m2=table["rcs"].values, path_gain=gain)

@@ -1,11 +1,11 @@
 """One run: scene + radar -> recording -> results."""
 
 from doppelgait.pipeline.analyze import analyze
-from doppelgait.pipeline.echoes import Conditions, Noise
+from doppelgait.pipeline.conditions import Conditions, Noise
 from doppelgait.pipeline.result import Result, Results, describe_results, read_results, write_results
 from doppelgait.pipeline.run import Run, parse_radar, parse_run, run_simulation
 from doppelgait.pipeline.simulate import simulate, with_lowest_prf
-from doppelgait.pipeline.tracked import Tracking
+from doppelgait.pipeline.tracking import Tracking
 
 __all__ = [
     "Conditions", "Noise", "Result", "Results", "Run", "Tracking", "analyze", "describe_results",

@@ -1,4 +1,4 @@
-"""Recording -> signature, step-Doppler map and features, one result per target."""
+"""Recording -> signature, cadence map and features, one result per target."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from doppelgait import processing
 from doppelgait.core.errors import AnalysisError
 from doppelgait.pipeline.result import Result
 from doppelgait.pipeline.target import analyze_signature
-from doppelgait.pipeline.tracked import Tracking, track_targets
+from doppelgait.pipeline.tracking import Tracking, track_targets
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.clutter import remove_from_planes
 from doppelgait.processing.gate import GateChoice
@@ -35,7 +35,7 @@ def analyze(
         ``truth`` takes the body's true range from a simulated recording, and nothing else; two numbers are a gate that
         stays between these ranges, m; a :class:`doppelgait.processing.Gate` is used unchanged.
         ``track`` (the default) finds and follows moving bodies without any truth, and people who keep still by their
-        breath; static clutter is taken off then even if ``analysis`` does not ask for it.
+        breath; static clutter is then removed even if ``analysis`` does not require it.
     analysis : Analysis, optional
         Parameters; the defaults of :class:`doppelgait.processing.Analysis`.
     tracking : Tracking, optional
@@ -51,7 +51,7 @@ def analyze(
     Raises
     ------
     AnalysisError
-        If there is no gate to be had, or the recording is too short.
+        If there is no gate, or the recording is too short.
     """
     settings = (analysis or Analysis()).resolved(gate)
     if isinstance(gate, str) and gate == "track":
@@ -89,7 +89,7 @@ def _choose_gates(
 
 
 def gated_signatures(recording: Recording, gates: Sequence[Gate], analysis: Analysis) -> list[xr.DataArray]:
-    """Micro-Doppler signatures of several gates, static clutter removed; reads what the gates need and no more."""
+    """Micro-Doppler signatures of several gates without static clutter, from the samples that they need."""
     wavelength_m = recording.radar.wavelength_m
     if "burst_pulses" in recording.facts:
         clean = processing.remove_clutter(recording.baseband, analysis)
@@ -108,7 +108,7 @@ def gated_signatures(recording: Recording, gates: Sequence[Gate], analysis: Anal
 
 
 def flag_overlaps(results: Sequence[Result]) -> list[Result]:
-    """The results, with the flag ``gates_overlap`` where another target's gate shares range with a target's own."""
+    """Add the flag ``gates_overlap`` where the gates of two targets share range."""
     return [
         replace(result, flags=(*result.flags, "gates_overlap"))
         if any(other is not result and result.gate.overlaps(other.gate) for other in results)

@@ -20,7 +20,7 @@ from doppelgait.core.config import (
 )
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.rng import Streams
-from doppelgait.pipeline.echoes import Conditions, Noise
+from doppelgait.pipeline.conditions import Conditions, Noise
 from doppelgait.pipeline.simulate import simulate, with_lowest_prf
 from doppelgait.processing import Analysis
 from doppelgait.radar.impairments import Impairments

@@ -14,8 +14,9 @@ from doppelgait.core.labels import axis
 from doppelgait.core.rng import Streams
 from doppelgait.core.units import duration_to_pulses, slow_time_axis_s
 from doppelgait.motion.motion import FREQUENCIES, Motion
-from doppelgait.pipeline.echoes import Conditions, received, split_targets
-from doppelgait.radar.impairments import ThermalNoise, apply_impairments, noise_power_per_sample_v2
+from doppelgait.pipeline.conditions import Conditions
+from doppelgait.radar.antenna import apply_antenna
+from doppelgait.radar.impairments import ThermalNoise, apply_impairments, noise_power_per_sample_v2, pulse_times
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording, TargetTruth
 from doppelgait.radar.simulate import (
@@ -27,13 +28,16 @@ from doppelgait.radar.simulate import (
     snr_frame_db,
     warn_of_limits,
 )
-from doppelgait.scene import LineOfSight, PlacedScene, PlacedTarget, Scene, assemble, body_at
+from doppelgait.scene import LineOfSight, PlacedScene, PlacedTarget, Scene, assemble, body_at, body_track
+from doppelgait.scene.environment import Setting, apply_environment, needs_angles
 from doppelgait.scene.placement import as_placed
+
+FloatArray = npt.NDArray[np.float64]
 
 MAX_SAMPLES = 2e9
 """Largest data matrix: 16 GB of complex64."""
 BODY_RATE_HZ = 60.0
-"""Positions a second, at most, of the bodies that the truth keeps to be drawn: what a screen shows."""
+"""Positions a second, at most, of the bodies that the truth keeps for plots: what a screen shows."""
 PROBE_RATE_HZ = 500.0
 """Rate at which a scene's speeds are looked up for the lowest frame rate."""
 
@@ -62,10 +66,10 @@ def simulate(
         the impairments; a ``thermal_noise`` among them takes its place.
     snr_db : float, optional
         Wanted SNR_frame instead of ``conditions.noise``: time mean of the strongest bin's power over the noise power,
-        in dB; ``inf`` for no noise. The power is that of the targets: no ghosts, background movers or clutter.
+        in dB; ``inf`` for no noise. The power is that of the targets: no ghosts, background bodies or clutter.
     angles : bool
         Whether the truth holds every scatterer's aspect angle and the bodies to draw; without, the simulation is
-        quicker.
+        faster.
 
     Returns
     -------
@@ -81,24 +85,24 @@ def simulate(
     DoppelgaitWarning
         If a scatterer aliases in Doppler or leaves the frame.
     """
-    given = conditions or Conditions()
-    snr_db = _check_noise(given, rng=rng, snr_db=snr_db)
+    conditions = conditions or Conditions()
+    snr_db = _check_noise(conditions, rng=rng, snr_db=snr_db)
     placed = as_placed(scene, rng)
     slow_time_s = pulse_times_s(placed.observation_s, radar)
-    scatterers, tracks = received(placed, radar, slow_time_s, given, angles=angles, streams=rng)
+    scatterers, tracks = observe_scene(placed, radar, slow_time_s, conditions, angles=angles, streams=rng)
     warn_of_limits(scatterers, radar)
-    of_targets, others = split_targets(scatterers)
-    samples = radar.waveform.synthesise_planes(of_targets, radar)
+    targets, others = split_targets(scatterers)
+    samples = radar.waveform.synthesise_planes(targets, radar)
     signal_v2 = frame_power_v2(compress_samples(samples, radar))
     if others is not None:
         samples += radar.waveform.synthesise_planes(others, radar)
-    noise_v2 = _noise_v2(given, radar, signal_v2, rng=rng, snr_db=snr_db)
+    noise_v2 = _noise_v2(conditions, radar, signal_v2, rng=rng, snr_db=snr_db)
     if rng is not None:
-        if noise_v2 > 0 and not given.has_impairment("thermal_noise"):
+        if noise_v2 > 0 and not conditions.has_impairment("thermal_noise"):
             power_v2 = noise_v2 / radar.waveform.noise_gain(radar)
             samples = samples.with_noise(draw_key(rng.generator("noise")), power_v2)
         _, impairments_rng = rng.generator("impairments").spawn(2)
-        samples = apply_impairments(samples, given.impairments, radar=radar, rng=impairments_rng)
+        samples = apply_impairments(samples, conditions.impairments, radar=radar, rng=impairments_rng)
     shown_s = slow_time_s[:: math.ceil(radar.prf_hz / BODY_RATE_HZ)] if angles else None
     return Recording(
         compress_samples(samples, radar),
@@ -147,7 +151,69 @@ def _noise_v2(
     return noise_level_v2(radar, signal_v2, snr_db)
 
 
-def pulse_times_s(observation_s: float, radar: Radar) -> npt.NDArray[np.float64]:
+def observe_scene(
+    scene: Scene | PlacedScene, radar: Radar, slow_time_s: FloatArray, conditions: Conditions, *, angles: bool,
+    streams: Streams | None,
+) -> tuple[xr.Dataset, list[LineOfSight]]:  # fmt: skip
+    """Observe a scene through its environment and the antenna.
+
+    Parameters
+    ----------
+    scene : Scene or PlacedScene
+    radar : Radar
+    slow_time_s : ndarray, shape (I,)
+        Nominal frame times; the table is labelled with them even where the frames are jittered.
+    conditions : Conditions
+    angles : bool
+        Whether the table must hold angles; environment and antenna have them made where they need them.
+    streams : Streams or None
+        Of the radar cross sections (``scene``) and of the frame times (``impairments``).
+
+    Returns
+    -------
+    scatterers : Dataset (slow_time, scatterer)
+        As the receiver gets them.
+    tracks : list of LineOfSight
+        Of the body centres of the observed targets.
+    """
+    placed, times_s = as_placed(scene, streams), slow_time_s
+    if conditions.impairments and streams is not None:
+        timing_rng, _ = streams.generator("impairments").spawn(2)
+        times_s = pulse_times(slow_time_s, conditions.impairments, radar=radar, rng=timing_rng)
+    patterned = radar.antenna.kind != "isotropic"
+    angles = angles or patterned or needs_angles(conditions.environment)
+    scene_rng = None if streams is None else streams.generator("scene")
+    scatterers = assemble(placed, times_s, angles=angles, rng=scene_rng)
+    room = placed.scene
+    tracks = [body_track(target, room, times_s) for target in placed.observed]
+    if conditions.environment:
+        azimuth_rad = math.radians(room.radar_azimuth_deg)
+        setting = Setting(radar.wavelength_m, room.radar_position_m, azimuth_rad)
+        scatterers = apply_environment(scatterers, conditions.environment, setting)
+    if patterned:
+        scatterers = apply_antenna(
+            scatterers,
+            radar.antenna,
+            boresight_azimuth_rad=math.radians(room.radar_azimuth_deg),
+            boresight_tilt_rad=math.radians(room.radar_tilt_deg),
+        )
+    if times_s is not slow_time_s:
+        scatterers = scatterers.assign_coords(slow_time=("slow_time", slow_time_s, {"units": "s"}))
+    return scatterers, tracks
+
+
+def split_targets(scatterers: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset | None]:
+    """Split a table into the rows of targets and those of ghosts and background bodies, if any."""
+    own = axis(scatterers, "target") >= 0
+    if own.all():
+        return scatterers, None
+    count = int(own.sum())
+    if own[:count].all():  # targets first, as is usual: a view of the table
+        return scatterers.isel(scatterer=slice(count)), scatterers.isel(scatterer=slice(count, None))
+    return scatterers.isel(scatterer=np.flatnonzero(own)), scatterers.isel(scatterer=np.flatnonzero(~own))
+
+
+def pulse_times_s(observation_s: float, radar: Radar) -> FloatArray:
     """Pulse times of a scene; a :class:`ConfigError` where the scene is too short or too large."""
     slow_time_s = slow_time_axis_s(duration_to_pulses(observation_s, radar.prf_hz), radar.prf_hz)
     if slow_time_s.size < 2:
@@ -162,7 +228,7 @@ def pulse_times_s(observation_s: float, radar: Radar) -> npt.NDArray[np.float64]
 
 def target_truth(
     placed: PlacedTarget, observation_s: float, scatterers: xr.Dataset, centre: LineOfSight,
-    *, shown_s: npt.NDArray[np.float64] | None = None,
+    *, shown_s: FloatArray | None = None,
 ) -> TargetTruth:  # fmt: skip
     """Truth of one target of a scene, from the same geometry that the radar sees; frequencies over the observation.
 
@@ -193,28 +259,22 @@ def _observed_frequencies_hz(motion: Motion, observation_s: float) -> dict[str, 
     if motion.facts.path is not None and motion.facts.path.pause_s > 0:
         return whole  # already a mean over the time not paused
     start_s = float(motion.time_s[0])
-    found = [
-        _stride_frequency_hz(np.asarray(times_s), start_s, start_s + observation_s)
-        for times_s in motion.facts.footfalls.values()
-        if len(times_s) > 1
-    ]
+    found = []
+    for touchdowns_s in (np.asarray(times_s) for times_s in motion.facts.footfalls.values() if len(times_s) > 1):
+        # strides of one foot from its first to its last touchdown in the observation, or those just outside
+        first, stop = np.searchsorted(touchdowns_s, [start_s - 1e-9, start_s + observation_s + 1e-9])
+        while stop - first < 2:
+            first, stop = max(first - 1, 0), min(stop + 1, touchdowns_s.size)
+        found.append(float((stop - first - 1) / (touchdowns_s[stop - 1] - touchdowns_s[first])))
     factor = float(np.mean(found)) / whole["stride_frequency_hz"] if found else 1.0
     # touchdowns are roots of a spline: an even gait keeps its frequency to the last digit
     return whole if math.isclose(factor, 1.0, rel_tol=1e-9) else {key: factor * hz for key, hz in whole.items()}
 
 
-def _stride_frequency_hz(touchdowns_s: npt.NDArray[np.float64], start_s: float, stop_s: float) -> float:
-    """Strides per second of one foot from its first to its last touchdown in a window, or those just outside."""
-    first, stop = np.searchsorted(touchdowns_s, [start_s - 1e-9, stop_s + 1e-9])
-    while stop - first < 2:
-        first, stop = max(first - 1, 0), min(stop + 1, touchdowns_s.size)
-    return float((stop - first - 1) / (touchdowns_s[stop - 1] - touchdowns_s[first]))
-
-
 def with_lowest_prf(scene: Scene | PlacedScene, radar: Radar, *, cpi_s: float) -> Radar:
-    """The radar at the lowest frame rate at which nothing in this scene aliases (E-06).
+    """Return the radar at the lowest frame rate without aliasing (E-06).
 
-    Only for reproducing the report: chosen per recording, the frame rate tells the speed.
+    Only for reproducing the report: chosen per recording, the frame rate reveals the speed.
     """
     placed = as_placed(scene)
     probe_s = slow_time_axis_s(duration_to_pulses(placed.observation_s, PROBE_RATE_HZ), PROBE_RATE_HZ)

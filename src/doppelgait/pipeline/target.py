@@ -1,4 +1,4 @@
-"""One target: from a gate or a signature to its step-Doppler map and features."""
+"""One target: from a gate or a signature to its cadence map and features."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import xarray as xr
 
 from doppelgait import features as feature_layer
@@ -25,7 +24,7 @@ SIDEWAYS_COSINE = 0.6
 FULL_BAND_SHARE = 0.9
 
 ALIGNED = "aligned"
-"""Attribute of a step-Doppler map: whether its Doppler is measured from the main line (E-29) or from 0 Hz."""
+"""Attribute of a cadence map: whether its Doppler is measured from the main line (E-29) or from 0 Hz."""
 
 GROUND_QUALITY = ("ground_speed_mps", "aspect_deg", "ground_step_length_m")
 
@@ -33,7 +32,7 @@ GROUND_QUALITY = ("ground_speed_mps", "aspect_deg", "ground_step_length_m")
 def analyze_gated(
     baseband: xr.DataArray, wavelength_m: float, gate: Gate, analysis: Analysis, label: str | None
 ) -> Result:
-    """Result of the target in a gate, from a recording whose clutter is gone.
+    """Analyse the target in a gate of a recording without clutter.
 
     Parameters
     ----------
@@ -51,7 +50,7 @@ def analyze_gated(
 
 
 def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label: str | None) -> Result:
-    """Result of one target from its signature: everything after the short-time transform.
+    """Analyse the signature of one target: everything after the short-time transform.
 
     Parameters
     ----------
@@ -65,11 +64,20 @@ def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label
     """
     liland = analysis.method == "liland2018"
     usable, share = processing.within_frame(mu if liland else processing.thin(mu))
-    extraction, arrays = (_liland_chain if liland else _standard_chain)(usable, analysis)
     shown = usable if usable.attrs["hop"] == mu.attrs["hop"] else processing.within_frame(mu)[0]
-    line_hz = arrays.pop("main_line_hz")
-    further = {name: arrays.pop(name) for name in ("extended", "standard_deviation") if name in arrays}
-    quality, flags = _geometry(usable, extraction)
+    further: dict[str, Any] = {}
+    if liland:
+        extraction, normalised, cadence_map, spectrum = _analyze_liland(usable, analysis)
+        line_hz = np.full(usable.sizes["time"], extraction.torso_doppler_hz)
+    else:
+        observed, normalised = observe(usable, analysis)
+        extraction, cadence_map, spectrum = observed.extraction, observed.step_doppler, observed.spectrum
+        line_hz = observed.main_line_hz
+        if analysis.extended:
+            deviations = uncertainties_of(observed)
+            further = {"extended": measure_extended(observed).values, "standard_deviation": deviations}
+            extraction = replace(extraction, flags=(*extraction.flags, *uncertainty_flags(extraction, deviations)))
+    motion, flags = _measure_ground_motion(usable, extraction)
     if share < 1.0:
         flags.append("gate_leaves_frame")
     return Result(
@@ -81,17 +89,24 @@ def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label
         gait_frequency_hz=extraction.gait_frequency_hz,
         torso_doppler_hz=extraction.torso_doppler_hz,
         n_periods=extraction.n_periods,
-        quality={**extraction.quality, **quality, "gate_inside_frame": share},
+        quality={**extraction.quality, **motion, "gate_inside_frame": share},
         flags=tuple(flags),
-        arrays={"signature": shown, **arrays, "main_line_hz": main_line.straight_at(line_hz, usable, shown)},
+        arrays={
+            "signature": shown,
+            "normalised_signature": normalised,
+            "cadence_map": cadence_map,
+            "cadence_spectrum": spectrum,
+            "mean_doppler_spectrum": processing.mean_doppler_spectrum(normalised),
+            "main_line_hz": main_line.straight_at(line_hz, usable, shown),
+        },
         **further,
     )
 
 
-def _geometry(mu: xr.DataArray, extraction: Extraction) -> tuple[dict[str, Any], list[str]]:
-    """Ground speed and aspect from the gate's range history (E-34b), and the flags that follow from them."""
+def _measure_ground_motion(mu: xr.DataArray, extraction: Extraction) -> tuple[dict[str, Any], list[str]]:
+    """Measure ground speed and aspect from the gate's range history (E-34b); return the flags, too."""
     centre_m = axis(mu, "centre_range")
-    follows = np.ptp(centre_m) > 0  # a gate that stays put follows no one
+    follows = np.ptp(centre_m) > 0  # a fixed gate follows no one
     motion = ground_motion(axis(mu, "time"), centre_m) if follows else GroundMotion()
     step_m = None
     if motion.ground_speed_mps is not None and extraction.gait_frequency_hz is not None:
@@ -109,7 +124,7 @@ def _geometry(mu: xr.DataArray, extraction: Extraction) -> tuple[dict[str, Any],
 
 
 def observe(mu: xr.DataArray, analysis: Analysis) -> tuple[Observed, xr.DataArray]:
-    """Take everything from a signature that features need (E-28 to E-38).
+    """Observe everything in a signature that features need (E-28 to E-38).
 
     Parameters
     ----------
@@ -150,23 +165,14 @@ def observe(mu: xr.DataArray, analysis: Analysis) -> tuple[Observed, xr.DataArra
     return observed, normalised
 
 
-def _standard_chain(mu: xr.DataArray, analysis: Analysis) -> tuple[Extraction, dict[str, Any]]:
-    observed, normalised = observe(mu, analysis)
-    extraction = observed.extraction
-    arrays = _arrays(normalised, observed.step_doppler, observed.spectrum, observed.main_line_hz)
-    if not analysis.extended:
-        return extraction, arrays
-    spread = uncertainties_of(observed)
-    further = {"extended": measure_extended(observed).values, "standard_deviation": spread}
-    return replace(extraction, flags=(*extraction.flags, *uncertainty_flags(extraction, spread))), arrays | further
-
-
-def _liland_chain(mu: xr.DataArray, analysis: Analysis) -> tuple[Extraction, dict[str, Any]]:
-    """The report's chain: columns over their maximum, mean removed, plain transform, sum over Doppler."""
+def _analyze_liland(
+    mu: xr.DataArray, analysis: Analysis
+) -> tuple[Extraction, xr.DataArray, xr.DataArray, xr.DataArray]:
+    """Analyse by the report's chain: columns over their maximum, mean removed, plain transform, sum over Doppler."""
     normalised = processing.normalise(mu, 0.0, mode="max")
     rows = processing.detrend(normalised, order=0)
-    step_doppler = processing.cadence_map(rows, padded=False, tapered=False)
-    spectrum = processing.cadence_spectrum(step_doppler, power=False)
+    cadence_map = processing.cadence_map(rows, padded=False, tapered=False)
+    spectrum = processing.cadence_spectrum(cadence_map, power=False)
     extraction = liland2018.extract(
         processing.mean_doppler_spectrum(normalised),
         axis(mu, "doppler"),
@@ -174,17 +180,4 @@ def _liland_chain(mu: xr.DataArray, analysis: Analysis) -> tuple[Extraction, dic
         wavelength_m=float(mu.attrs["wavelength_m"]),
         threshold=analysis.bandwidth_threshold,
     )
-    line = np.full(mu.sizes["time"], extraction.torso_doppler_hz)
-    return extraction, _arrays(normalised, step_doppler, spectrum, line)
-
-
-def _arrays(
-    normalised: xr.DataArray, step_doppler: xr.DataArray, spectrum: xr.DataArray, line: npt.NDArray[np.float64]
-) -> dict[str, Any]:
-    return {
-        "normalised_signature": normalised,
-        "cadence_map": step_doppler,
-        "cadence_spectrum": spectrum,
-        "mean_doppler_spectrum": processing.mean_doppler_spectrum(normalised),
-        "main_line_hz": line,
-    }
+    return extraction, normalised, cadence_map, spectrum

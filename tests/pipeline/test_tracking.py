@@ -13,7 +13,7 @@ from doppelgait.core.rng import rng
 from doppelgait.motion import boulic_walk, quadruped_gait
 from doppelgait.motion.models.primitives import breathing_person
 from doppelgait.pipeline import analyze, simulate
-from doppelgait.pipeline.echoes import Conditions
+from doppelgait.pipeline.conditions import Conditions
 from doppelgait.processing import Analysis
 from doppelgait.processing.clutter import without_clutter
 from doppelgait.processing.detect import Detector, find_scans

@@ -1,0 +1,54 @@
+"""Conditions of a recording: receiver noise, environment and impairments."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from doppelgait.core.config import FrozenModel
+from doppelgait.radar.impairments import Impairments
+from doppelgait.scene.environment import Environment
+
+
+class Noise(FrozenModel):
+    """Receiver noise, added before every impairment.
+
+    Parameters
+    ----------
+    kind : {"thermal", "snr", "none"}
+        ``thermal``: from the radar's noise figure and bandwidth (E-18), unless the list of impairments has an entry
+        ``thermal_noise`` of its own. ``snr``: as much as gives ``snr_db``.
+    snr_db : float
+        Wanted SNR_frame: time mean of the strongest bin's power over the noise power.
+    """
+
+    kind: Literal["thermal", "snr", "none"] = "thermal"
+    snr_db: float = Field(default=20.0, ge=-100, le=200)
+
+
+class Conditions(FrozenModel):
+    """What stands between an ideal recording and a real one.
+
+    Parameters
+    ----------
+    noise : Noise
+        Receiver noise; thermal by default.
+    environment : sequence of models or tables
+        Walls, bounces and the like (:mod:`doppelgait.scene.environment`), reflections first.
+    impairments : sequence of models or tables
+        What the receiver does to its samples (:mod:`doppelgait.radar.impairments`), in order.
+
+    Raises
+    ------
+    ConfigError
+        If a kind or a parameter is not allowed.
+    """
+
+    noise: Noise = Noise()
+    environment: Environment = ()
+    impairments: Impairments = ()
+
+    def has_impairment(self, kind: str) -> bool:
+        """Whether an impairment of this kind is among them."""
+        return any(getattr(spec, "kind", "") == kind for spec in self.impairments)

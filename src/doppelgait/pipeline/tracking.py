@@ -1,0 +1,177 @@
+"""Find targets without the truth: tracks of moving bodies, and people who keep still."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import xarray as xr
+
+from doppelgait import processing
+from doppelgait.core.config import FrozenModel
+from doppelgait.core.errors import DoppelgaitWarning
+from doppelgait.core.labels import axis, sampling_rate_hz
+from doppelgait.features import GaitFeatures
+from doppelgait.features.ground_motion import piece_motion
+from doppelgait.pipeline.result import Result
+from doppelgait.pipeline.target import analyze_gated
+from doppelgait.processing import Analysis, Gate
+from doppelgait.processing.breathing import BreathingSettings, BreathingTarget, find_breathing
+from doppelgait.processing.clutter import share_removed, torso_share_removed
+from doppelgait.processing.common_phase import without_common_phase
+from doppelgait.processing.config import MIN_CPI_PULSES
+from doppelgait.processing.detect import Detector, find_scans
+from doppelgait.processing.pieces import PieceSettings, find_pieces
+from doppelgait.processing.track import Track, Tracker, track
+from doppelgait.radar.recording import Recording
+
+MIN_BREATHING_S, MIN_BREATHING_HZ = 10.0, 3.0
+NEAR_M = 1.0
+"""A breath found this close to a track is that of the tracked body."""
+CLUTTER_SHARE = 0.2
+"""Above this share of a gate's power removed with the clutter, the torso may be removed, too."""
+STILL_SPAN_M = 0.6
+
+
+class Tracking(FrozenModel):
+    """How ``gate = "track"`` finds targets.
+
+    Parameters
+    ----------
+    detector : Detector
+        Clutter, thresholds and clusters of one scan.
+    tracker : Tracker
+        From scan to scan.
+    pieces : PieceSettings
+        How a track is divided into segments of steady motion.
+    breathing : BreathingSettings
+        People who keep still.
+    """
+
+    detector: Detector = Detector()
+    tracker: Tracker = Tracker()
+    pieces: PieceSettings = PieceSettings()
+    breathing: BreathingSettings = BreathingSettings()
+
+
+def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) -> list[Result]:
+    """Find and analyse all bodies of a recording, moving ones first, in order of appearance.
+
+    Parameters
+    ----------
+    recording : Recording
+        Its truth is not read.
+    analysis : Analysis
+        As :meth:`doppelgait.processing.Analysis.resolved` returns it for tracks.
+    tracking : Tracking
+    """
+    baseband, wavelength_m = recording.baseband, recording.radar.wavelength_m
+    raw = without_common_phase(baseband)
+    clean = processing.remove_clutter(raw, analysis)
+    times_s = axis(raw, "slow_time")
+    prf_hz = sampling_rate_hz(times_s)
+    tracks: list[Track] = []
+    if prf_hz * tracking.detector.cpi_s < MIN_CPI_PULSES:
+        warnings.warn(
+            f"frame rate {prf_hz:g} Hz: radial speeds are unambiguous to {wavelength_m * prf_hz / 4:.2g} m/s only and "
+            f"{tracking.detector.cpi_s:g} s hold fewer than {MIN_CPI_PULSES} frames; moving bodies are not looked for, "
+            "only people who keep still",
+            DoppelgaitWarning,
+            stacklevel=3,
+        )
+    else:
+        scans = find_scans(raw, tracking.detector, wavelength_m=wavelength_m, in_phase=True)
+        tracks = track(scans, tracking.tracker, velocity_span_mps=wavelength_m * prf_hz / 2)
+    persons: list[BreathingTarget] = []
+    if times_s[-1] - times_s[0] >= MIN_BREATHING_S and prf_hz >= MIN_BREATHING_HZ and raw.sizes["range"] >= 2:
+        persons = find_breathing(baseband, wavelength_m=wavelength_m, settings=tracking.breathing)
+    moving = [_analyze_track(raw, clean, wavelength_m, found, analysis, tracking) for found in tracks]
+    still = [
+        _analyze_breathing(clean, wavelength_m, person, analysis)
+        for person in persons
+        if not any((np.abs(found.range_m - person.range_m) < NEAR_M).any() for found in tracks)
+    ]
+    return moving + still
+
+
+def _analyze_track(
+    raw: xr.DataArray, clean: xr.DataArray, wavelength_m: float, found: Track, analysis: Analysis, tracking: Tracking
+) -> Result:
+    """Analyse every segment of a track; the result is that of the longest, with all of them."""
+    gate = Gate.from_track(
+        found, span_m=analysis.gate_span_m, time_s=axis(raw, "slow_time"), cpi_s=tracking.detector.cpi_s,
+        doppler_hz=analysis.gate_doppler_hz,
+    )  # fmt: skip
+    segments = find_pieces(found.times_s, found.range_m, settings=tracking.pieces)
+    usable = [segment for segment in segments if segment.usable]
+    results = [
+        _analyze_segment(raw, clean, wavelength_m, found, gate.during(segment.start_s, segment.stop_s), analysis)
+        for segment in usable
+    ]
+    facts = {
+        "track_start_s": found.first_s,
+        "track_stop_s": found.last_s,
+        "track_confirmed_at_s": found.confirmed_at_s,
+        "track_confidence": found.confidence,
+        "track_range_m": float(found.range_m.mean()),
+        "n_pieces": len(results),
+    }
+    if not results:
+        whole = _analyze_segment(raw, clean, wavelength_m, found, gate, analysis)
+        reasons = sorted({segment.reason for segment in segments}) or ["too_short"]
+        flags = (*whole.flags, *(f"no_steady_piece:{reason}" for reason in reasons))
+        return replace(whole, quality={**whole.quality, **facts}, flags=flags)
+    longest = results[max(range(len(usable)), key=lambda n: usable[n].stop_s - usable[n].start_s)]
+    return replace(longest, quality={**longest.quality, **facts}, gate_limits=gate, segments=tuple(results))
+
+
+def _analyze_segment(
+    raw: xr.DataArray, clean: xr.DataArray, wavelength_m: float, found: Track, gate: Gate, analysis: Analysis
+) -> Result:
+    """Analyse a gate during one segment; flag a hidden gait and what clutter removal took."""
+    result = analyze_gated(gate.crop(clean), wavelength_m, gate, analysis, None)
+    start_s, stop_s = gate.start_s, gate.stop_s
+    flags = list(result.flags)
+    inside = (found.times_s >= start_s - 1e-9) & (found.times_s <= stop_s + 1e-9)
+    if inside.sum() >= 3:
+        motion = piece_motion(found.times_s, found.range_m, start_s=start_s, stop_s=stop_s)
+        if motion.visibility == "hidden":
+            flags.append("aspect_beyond_75_deg:gait_is_hidden")
+    removed = 0.0
+    if analysis.clutter != "none":  # as measured where a reference is known, and by the gain of the filter
+        measured = share_removed(raw, clean, gate).values
+        known = measured[np.isfinite(measured)]
+        times_s = axis(raw, "slow_time")
+        by_gain = torso_share_removed(
+            gate, gate.time_s, kind=analysis.clutter, wavelength_m=wavelength_m, prf_hz=sampling_rate_hz(times_s),
+            n_pulses=times_s.size, clutter_time_s=analysis.clutter_time_s,
+        )  # fmt: skip
+        removed = max(float(known.mean()) if known.size else 0.0, float(by_gain.mean()))
+    if removed > CLUTTER_SHARE:
+        flags.append(f"clutter_removal_took_{100 * removed:.0f}_per_cent:a_torso_without_radial_speed_may_be_gone")
+    quality = {"start_s": start_s, "stop_s": stop_s, "clutter_share_removed": removed}
+    return replace(result, quality={**result.quality, **quality}, flags=tuple(dict.fromkeys(flags)))
+
+
+def _analyze_breathing(clean: xr.DataArray, wavelength_m: float, person: BreathingTarget, analysis: Analysis) -> Result:
+    """Analyse a person who keeps still: a breath, no gait."""
+    prf_hz = sampling_rate_hz(axis(clean, "slow_time"))
+    slow = analysis.model_copy(update={"cpi_s": max(analysis.cpi_s, 3 * MIN_CPI_PULSES / prf_hz)})
+    span_m = STILL_SPAN_M / 2
+    gate = Gate.fixed(person.range_m - span_m, person.range_m + span_m, time_s=axis(clean, "slow_time"), source="track")
+    result = analyze_gated(clean, wavelength_m, gate, slow, None)
+    quality = {
+        "breathing_rate_hz": person.rate_hz,
+        "breathing_displacement_m": person.displacement_m,
+        "breathing_snr_db": person.snr_db,
+        "breathing_confidence": person.confidence,
+        "track_range_m": person.range_m,
+        "start_s": person.start_s,
+        "stop_s": person.stop_s,
+        **{name: result.quality[name] for name in ("observation_s", "noise_floor_v2") if name in result.quality},
+    }
+    return replace(
+        result, features=GaitFeatures(torso_velocity_mps=0.0), gait_frequency_hz=None, torso_doppler_hz=0.0,
+        n_periods=None, quality=quality, flags=("keeps_still:found_by_breathing", "gait:none"),
+    )  # fmt: skip
