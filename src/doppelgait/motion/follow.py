@@ -137,7 +137,10 @@ def follow(
     gait, layout = _straight_gait(motion), layout_of(path)
     pace = _pace(gait, path, layout)
     curve = _placed_curve(layout, pace, start_position_m, math.radians(heading_deg))
-    _check_side(curve, path, pace, gait)
+    for bend in curve.curvature_per_m:
+        if bend * path.side_m != 0:
+            what = f"side_m = {path.side_m:g} on an arc of radius {1 / abs(bend):.3g} m"
+            _check_speed(pace.speed_mps * (1 - bend * path.side_m), gait, what)
     course = Course(curve, pace, path.side_m, path.ahead_m, gait.speed_mps)
     rate_hz = motion.rate_hz
     frames = _frame_count(course, gait, path, duration_s, rate_hz)
@@ -168,7 +171,11 @@ def _straight_gait(motion: Motion) -> Gait:
     """The motion turned to +x with its mean line through the origin; a :class:`MotionError` if it is not straight."""
     lasts_s = motion.duration_s
     centre = fit_centre(motion)
-    times_s = _whole_strides_s(motion, lasts_s)
+    # over as many whole strides as there are, or over everything where none is known
+    stride_hz = float(motion.facts.stride_frequency_hz)
+    strides = math.floor(lasts_s * stride_hz + 1e-6) if stride_hz > 0 else 0
+    last_s = min(strides / stride_hz, lasts_s) if strides else lasts_s
+    times_s = np.linspace(0.0, last_s, _SAMPLES_PER_STRIDE * max(strides, 1) + 1)
     ground_m = centre.at(times_s)[0][:, :2]
     velocity_mps = (ground_m[-1] - ground_m[0]) / times_s[-1]
     speed_mps = math.hypot(*velocity_mps)
@@ -184,26 +191,15 @@ def _straight_gait(motion: Motion) -> Gait:
     position_m[..., :2] = (motion.position_m[..., :2] - start_m) @ turn.T
     body = motion.with_positions(position_m)
     gait = Gait(motion, fit_spline(body), speed_mps, lasts_s)
-    _check_steady(gait, fit_centre(body).values)
-    return gait
-
-
-def _whole_strides_s(motion: Motion, lasts_s: float) -> FloatArray:
-    """Evenly spaced times from 0 over as many whole strides as there are, or over everything where none is known."""
-    stride_hz = float(motion.facts.stride_frequency_hz)
-    strides = math.floor(lasts_s * stride_hz + 1e-6) if stride_hz > 0 else 0
-    last_s = min(strides / stride_hz, lasts_s) if strides else lasts_s
-    return np.linspace(0.0, last_s, _SAMPLES_PER_STRIDE * max(strides, 1) + 1)
-
-
-def _check_steady(gait: Gait, centre_m: FloatArray) -> None:
-    times_s = np.linspace(0.0, gait.lasts_s, len(centre_m))
-    off_m = float(np.hypot(centre_m[:, 0] - gait.speed_mps * times_s, centre_m[:, 1]).max())
-    if off_m > UNEVEN_M + UNEVEN_SHARE * gait.speed_mps * gait.lasts_s:
+    centre_m = fit_centre(body).values
+    even_m = speed_mps * np.linspace(0.0, lasts_s, len(centre_m))
+    off_m = float(np.hypot(centre_m[:, 0] - even_m, centre_m[:, 1]).max())
+    if off_m > UNEVEN_M + UNEVEN_SHARE * speed_mps * lasts_s:
         raise MotionError(
-            f"{gait.motion.facts.source}: its body is up to {off_m:.2f} m away from straight and even travel; a "
+            f"{motion.facts.source}: its body is up to {off_m:.2f} m away from straight and even travel; a "
             "path needs a straight steady stretch: cut one out with start_s and stop_s"
         )
+    return gait
 
 
 def _pace(gait: Gait, path: Path, layout: Layout) -> Pace:
@@ -269,13 +265,6 @@ def _placed_curve(layout: Layout, pace: Pace, position_m: tuple[float, float], h
     return join(pieces, start_m=start_m, heading_rad=heading_rad + layout.heading_rad)
 
 
-def _check_side(curve: Curve, path: Path, pace: Pace, gait: Gait) -> None:
-    for bend in curve.curvature_per_m:
-        if bend * path.side_m != 0:
-            what = f"side_m = {path.side_m:g} on an arc of radius {1 / abs(bend):.3g} m"
-            _check_speed(pace.speed_mps * (1 - bend * path.side_m), gait, what)
-
-
 def _frame_count(course: Course, gait: Gait, path: Path, wanted_s: float | None, rate_hz: float) -> int:
     """Frames until the path or the motion ends, or as many as are asked for."""
     slowest_mps = (1 - SPEED_BAND) ** 2 * gait.speed_mps
@@ -306,7 +295,11 @@ def _positions_m(course: Course, gait: Gait, times_s: FloatArray) -> FloatArray:
     offset = gait.offsets_m(np.clip(course.phase_time_s(times_s), 0.0, gait.lasts_s))
     for number in range(len(course.pace.stops)):
         still = stillness(course.pace, number, times_s)[:, None, None]
-        offset += still * (_standing_m(course, gait, number) - offset)
+        # the standing posture: mean of the frozen one and of that half a stride away
+        frozen_s, half_s = course.pace.stops[number].at_m / gait.speed_mps, 0.5 / gait.motion.facts.stride_frequency_hz
+        other_s = frozen_s + half_s if frozen_s + half_s <= gait.lasts_s else max(frozen_s - half_s, 0.0)
+        standing_m = np.asarray(gait.offsets_m(np.array([frozen_s, other_s])).mean(axis=0))
+        offset += still * (standing_m - offset)
     offset[..., 1] += course.side_m
     origin = point_at(course.curve, along_m)
     cosine, sine = np.cos(heading)[:, None], np.sin(heading)[:, None]
@@ -315,14 +308,6 @@ def _positions_m(course: Course, gait: Gait, times_s: FloatArray) -> FloatArray:
     position[..., 1] = origin[:, 1:] + sine * offset[..., 0] + cosine * offset[..., 1]
     position[..., 2] = offset[..., 2]
     return position
-
-
-def _standing_m(course: Course, gait: Gait, number: int) -> FloatArray:
-    """Standing posture at a stop: mean of the frozen one and of that half a stride away, shape (P, 3)."""
-    frozen_s = course.pace.stops[number].at_m / gait.speed_mps
-    half_s = 0.5 / gait.motion.facts.stride_frequency_hz
-    other_s = frozen_s + half_s if frozen_s + half_s <= gait.lasts_s else max(frozen_s - half_s, 0.0)
-    return np.asarray(gait.offsets_m(np.array([frozen_s, other_s])).mean(axis=0))
 
 
 def _facts(course: Course, gait: Gait, path: Path, times_s: FloatArray) -> MotionFacts:

@@ -138,28 +138,22 @@ def crop(motion: Motion, segment: Segment) -> Motion:
 
 def _longest_first(path: FloatArray, speed: FloatArray, step_s: float, limits: SegmentLimits) -> list[tuple[int, int]]:
     """Ends (inclusive) of the longest allowed stretch, then of those before and after it."""
-    found, waiting = [], [(0, len(path))]
-    while waiting:
-        first, stop = waiting.pop()
-        best = _longest(path[first:stop], speed[first:stop], step_s, limits)
-        if best is None:
-            continue
-        a, b = first + best[0], first + best[1]
-        found.append((a, b))
-        waiting += [(first, a), (b + 1, stop)]
-    return found
-
-
-def _longest(path: FloatArray, speed: FloatArray, step_s: float, limits: SegmentLimits) -> tuple[int, int] | None:
-    """Ends of the longest stretch that keeps the limits; None when there is none."""
     from doppelgait.core.kernels.stretch import longest_stretch
 
     shortest = max(2, math.ceil(limits.min_duration_s / step_s - 1e-9))
-    first, last = longest_stretch(
-        np.ascontiguousarray(path), np.ascontiguousarray(speed), step_s, limits.lateral_m, limits.speed_deviation,
-        limits.min_length_m, limits.min_speed_mps, shortest,
-    )  # fmt: skip
-    return None if first < 0 else (first, last)
+    found, waiting = [], [(0, len(path))]
+    while waiting:
+        first, stop = waiting.pop()
+        start, end = longest_stretch(
+            np.ascontiguousarray(path[first:stop]), np.ascontiguousarray(speed[first:stop]), step_s, limits.lateral_m,
+            limits.speed_deviation, limits.min_length_m, limits.min_speed_mps, shortest,
+        )  # fmt: skip
+        if start < 0:
+            continue
+        a, b = first + start, first + end
+        found.append((a, b))
+        waiting += [(first, a), (b + 1, stop)]
+    return found
 
 
 def _describe(motion: Motion, path: FloatArray, speed: FloatArray, first: int, last: int) -> Segment:

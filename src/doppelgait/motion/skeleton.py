@@ -248,16 +248,16 @@ def parts_of(names: Iterable[str]) -> list[str]:
 
 
 def _parts(names: Sequence[str], species: Species) -> list[str]:
-    words = [plain_word(name) for name in _without_common_prefix([bare_name(name) for name in names])]
+    names = [bare_name(name) for name in names]
+    if len(names) > 1:  # a prefix that all names share, up to a mark, is none of theirs
+        first, last = min(names), max(names)
+        apart = (i for i, (a, b) in enumerate(zip(first, last, strict=False)) if a != b)
+        same = next(apart, min(len(first), len(last)))
+        start = max(first.rfind(mark, 0, same) for mark in "_ .-") + 1
+        names = [name[start:] for name in names]
+    words = [plain_word(name) for name in names]
     starts = starts_bones(set(words))
     return [_find(word, species, starts=starts) for word in words]
-
-
-def _without_common_prefix(names: list[str]) -> list[str]:
-    first, last = (min(names), max(names)) if names else ("", "")
-    same = next((i for i, (a, b) in enumerate(zip(first, last, strict=False)) if a != b), min(len(first), len(last)))
-    n = max(first.rfind(mark, 0, same) for mark in "_ .-") + 1
-    return [name[n:] for name in names] if len(names) > 1 else names
 
 
 def complete_set(markers: Iterable[str]) -> frozenset[str]:

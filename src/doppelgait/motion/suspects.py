@@ -186,19 +186,15 @@ def useless_points(position: FloatArray, names: Sequence[str], parts: Sequence[s
         Reason by index of the point.
     """
     n_seen = np.isfinite(position).all(axis=2).sum(axis=0)
-    reasons = _short_lived(n_seen, parts)
-    reasons |= {i: why for i, why in _far_points(position).items() if i not in reasons}
-    rank = sorted(range(len(names)), key=lambda i: (i in reasons, -n_seen[i], not parts[i], names[i]))
-    return reasons | {i: why for i, why in _doubles(position, names, rank).items() if i not in reasons}
-
-
-def _short_lived(n_seen: IntArray, parts: Sequence[str]) -> dict[int, str]:
     usual = float(np.median(n_seen[n_seen > 0])) if (n_seen > 0).any() else 0.0
-    return {
+    reasons = {
         i: "short-lived unknown point"
         for i, part in enumerate(parts)
         if not part and 0 < n_seen[i] < SHORT_LIVED * usual
     }
+    reasons |= {i: why for i, why in _far_points(position).items() if i not in reasons}
+    rank = sorted(range(len(names)), key=lambda i: (i in reasons, -n_seen[i], not parts[i], names[i]))
+    return reasons | {i: why for i, why in _doubles(position, names, rank).items() if i not in reasons}
 
 
 def _far_points(position: FloatArray) -> dict[int, str]:
@@ -225,17 +221,14 @@ def _doubles(position: FloatArray, names: Sequence[str], rank: Sequence[int]) ->
             continue
         apart = np.linalg.norm(position[:, others] - position[:, [i]], axis=2)
         near = np.flatnonzero((apart < SAME_PLACE_M).sum(axis=0) >= 2)
-        together = [k for k in near if _go_together(position[:, others[k]], apart[:, k])]
-        reasons |= {int(others[k]): f"at the place of {names[i]}" for k in together}
+        for k in near:
+            seen = np.isfinite(apart[:, k])
+            median, nearly_all = np.percentile(apart[seen, k], (50, 95))
+            # a point at rest cannot be judged
+            moves = float(np.linalg.norm(np.ptp(position[seen, others[k]], axis=0))) > MOVING_M
+            if moves and median < SAME_PLACE_M and nearly_all < NEARLY_SAME_PLACE_M:
+                reasons[int(others[k])] = f"at the place of {names[i]}"
     return reasons
-
-
-def _go_together(path: FloatArray, apart: FloatArray) -> bool:
-    """Whether a point that moves is nearly always at the place of another, wherever both are seen."""
-    seen = np.isfinite(apart)
-    median, nearly_all = np.percentile(apart[seen], (50, 95))
-    moves = float(np.linalg.norm(np.ptp(path[seen], axis=0))) > MOVING_M
-    return bool(moves and median < SAME_PLACE_M and nearly_all < NEARLY_SAME_PLACE_M)
 
 
 def _looks(n_frames: int) -> IntArray:

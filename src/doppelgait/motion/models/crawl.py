@@ -172,30 +172,23 @@ def crawling_points(phase: FloatArray, stride: float) -> dict[str, FloatArray]:
     points = {"base": _xyz(x, 0.0, size["thigh"]), "neck": _xyz(x + along, 0.0, size["thigh"] + rise)}
     points["head"] = points["neck"] + size["head"] * np.array([math.cos(0.6), 0.0, math.sin(0.6)])
     for side, sigma in (("left", 1.0), ("right", -1.0)):
-        points |= {f"{side}_{name}": xyz for name, xyz in _arm(points["neck"], phase, stride, side, sigma).items()}
-        points |= {f"{side}_{name}": xyz for name, xyz in _leg(points["base"], phase, stride, side, sigma).items()}
+        shoulder = points["neck"] + np.array([0.0, sigma * size["half_shoulder"], 0.0])
+        touchdown = TOUCHDOWN[f"{side}_hand"]
+        advance, lift = placed(phase - touchdown, DUTY)
+        ahead = points["neck"][:, 0] - stride * phase + stride * (advance + touchdown + DUTY / 2)
+        hand = _xyz(ahead, sigma * size["half_shoulder"], HAND_LIFT * lift)
+        elbow = two_link(shoulder, hand, size["upper_arm"], size["forearm"], bend=-1.0)
+        # the thigh turns about the hip over the standing knee, which so rises a little at either end
+        hip = points["base"] + np.array([0.0, sigma * size["half_hip"], 0.0])
+        touchdown = TOUCHDOWN[f"{side}_knee"]
+        advance, _ = placed(phase - touchdown, DUTY)
+        ahead = stride * (advance + touchdown + DUTY / 2 - phase)
+        knee = hip + _xyz(ahead, 0.0, -np.sqrt(size["thigh"] ** 2 - ahead**2))
+        ankle = knee - [size["shank"], 0.0, 0.0]
+        limbs = {"shoulder": shoulder, "elbow": elbow, "hand": hand, "hip": hip, "knee": knee, "ankle": ankle}
+        points |= {f"{side}_{name}": xyz for name, xyz in limbs.items()}
+        points[f"{side}_toe"] = ankle - [size["foot"], 0.0, 0.0]
     return points
-
-
-def _arm(neck: FloatArray, phase: FloatArray, stride: float, side: str, sigma: float) -> dict[str, FloatArray]:
-    shoulder = neck + np.array([0.0, sigma * LENGTHS["half_shoulder"], 0.0])
-    touchdown = TOUCHDOWN[f"{side}_hand"]
-    advance, lift = placed(phase - touchdown, DUTY)
-    ahead = neck[:, 0] - stride * phase
-    hand = _xyz(ahead + stride * (advance + touchdown + DUTY / 2), sigma * LENGTHS["half_shoulder"], HAND_LIFT * lift)
-    elbow = two_link(shoulder, hand, LENGTHS["upper_arm"], LENGTHS["forearm"], bend=-1.0)
-    return {"shoulder": shoulder, "elbow": elbow, "hand": hand}
-
-
-def _leg(base: FloatArray, phase: FloatArray, stride: float, side: str, sigma: float) -> dict[str, FloatArray]:
-    """Leg on its knee: the thigh turns about the hip over the standing knee, which so rises a little at either end."""
-    hip = base + np.array([0.0, sigma * LENGTHS["half_hip"], 0.0])
-    touchdown = TOUCHDOWN[f"{side}_knee"]
-    advance, _ = placed(phase - touchdown, DUTY)
-    ahead = stride * (advance + touchdown + DUTY / 2 - phase)
-    knee = hip + _xyz(ahead, 0.0, -np.sqrt(LENGTHS["thigh"] ** 2 - ahead**2))
-    ankle = knee - [LENGTHS["shank"], 0.0, 0.0]
-    return {"hip": hip, "knee": knee, "ankle": ankle, "toe": ankle - [LENGTHS["foot"], 0.0, 0.0]}
 
 
 def _xyz(x: FloatArray, y: float, z: FloatArray | float) -> FloatArray:

@@ -236,8 +236,13 @@ def ankle_and_pitch(foot: Foot, own: FloatArray, phase: FloatArray, advance: Adv
     stance = _forward(advance(lands, 0)) + foot.print_m + foot.roll(cycles)
     leaving = _correction(foot, foot.leaving, lands, lands + foot.duty, advance)
     landing = _correction(foot, foot.landing, lands + 1, lands + 1, advance)
-    share = ((cycles - foot.duty) / (1 - foot.duty))[:, None]
-    swing = _clear_of_the_floor(own + _cubic(share, leaving, landing, 1 - foot.duty), share[:, 0], foot.length_m)
+    # cubic Hermite from value and slope at lift-off (share 0) to those at touchdown (share 1)
+    width = 1 - foot.duty
+    share = ((cycles - foot.duty) / width)[:, None]
+    left = 1 - share
+    values = left**2 * (1 + 2 * share) * leaving[0] + share**2 * (3 - 2 * share) * landing[0]
+    correction = values + width * (left**2 * share * leaving[1] - share**2 * left * landing[1])
+    swing = _clear_of_the_floor(own + correction, share[:, 0], foot.length_m)
     both = np.where((cycles < foot.duty)[:, None], stance, swing)
     return both[:, :3], both[:, 3]
 
@@ -262,12 +267,3 @@ def _correction(
     """What brings the gait's own path onto the floor at phases of stances that began at ``lands``, and its slope."""
     value = _forward(advance(lands, 0) - advance(at, 0)) + foot.print_m + error[0]
     return value, error[1] - _forward(advance(at, 1))
-
-
-def _cubic(
-    share: FloatArray, start: tuple[FloatArray, FloatArray], end: tuple[FloatArray, FloatArray], width: float
-) -> FloatArray:
-    """Cubic Hermite from value and slope at share 0 to those at share 1."""
-    left, right = 1 - share, share
-    values = left**2 * (1 + 2 * share) * start[0] + right**2 * (3 - 2 * share) * end[0]
-    return np.asarray(values + width * (left**2 * share * start[1] - right**2 * left * end[1]))
