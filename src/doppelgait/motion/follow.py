@@ -324,16 +324,10 @@ def _facts(course: Course, gait: Gait, path: Path, times_s: FloatArray) -> Motio
     length_m = end_s * gait.speed_mps
     stops_m = tuple(stop.at_m for rest, stop in zip(rests_s, stops, strict=True) if rest <= last_s)
     followed = PathFacts(path.kind, length_m, length_m / last_s, paused_s, stops_m)
-    return replace(facts, path=followed, footfalls=_footfalls_s(course, gait, last_s))
-
-
-def _footfalls_s(course: Course, gait: Gait, last_s: float) -> dict[str, list[float]]:
-    """Touchdowns at the times at which the course reaches their phase (E-02b)."""
     start_s = float(gait.motion.time_s[0])
-    end_s = float(course.phase_time_s(np.array([last_s]))[0])
-    found = {}
+    footfalls = {}
     for foot, touchdowns in gait.motion.facts.footfalls.items():
         phases_s = np.array([t - start_s for t in touchdowns if t - start_s <= end_s + 1e-9], dtype=float)
-        times_s = first_time_s(course.phase_time_s, phases_s, stop_s=last_s) if phases_s.size else phases_s
-        found[foot] = [start_s + float(t) for t in times_s]
-    return found
+        reached_s = first_time_s(course.phase_time_s, phases_s, stop_s=last_s) if phases_s.size else phases_s
+        footfalls[foot] = [start_s + float(t) for t in reached_s]
+    return replace(facts, path=followed, footfalls=footfalls)

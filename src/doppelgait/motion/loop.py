@@ -141,7 +141,13 @@ def _best_seam(motion: Motion, period: float, overlap: float) -> tuple[Seam, Sea
     best: list[Seam] = []
     for strides in range(1, min(MOST_STRIDES, max(1, int((len(position) - width) // stride))) + 1):
         lags = range(math.ceil((strides - SEARCH) * stride), math.floor((strides + SEARCH) * stride) + 1)
-        seams = [_seam_at(position, velocity, strides, n, width, weight_s) for n in lags if n + width <= len(position)]
+        seams = []
+        for lag in (n for n in lags if n + width <= len(position)):
+            until = len(position) - lag
+            moved, change = position[lag:] - position[:until], velocity[lag:] - velocity[:until]
+            apart_m, apart_mps = _apart(moved, change, width)
+            n = int(np.argmin(np.hypot(apart_m, weight_s * apart_mps)))
+            seams.append(Seam(float(n), float(lag), strides, float(apart_m[n]), float(apart_mps[n])))
         if seams:
             cut = min(seams, key=lambda seam: _cost(seam, weight_s))
             on_frames = replace(cut, start=cut.start * step, lag=cut.lag * step)
@@ -157,14 +163,6 @@ def _best_seam(motion: Motion, period: float, overlap: float) -> tuple[Seam, Sea
 def _cost(seam: Seam, weight_s: float) -> float:
     """Residual of position and velocity in m: a velocity weighs like the position of a swing at the stride rate."""
     return math.hypot(seam.position_m, weight_s * seam.velocity_mps)
-
-
-def _seam_at(position: FloatArray, velocity: FloatArray, strides: int, lag: int, width: int, weight_s: float) -> Seam:
-    """The best cut of a given length."""
-    until = len(position) - lag
-    apart_m, apart_mps = _apart(position[lag:] - position[:until], velocity[lag:] - velocity[:until], width)
-    n = int(np.argmin(np.hypot(apart_m, weight_s * apart_mps)))
-    return Seam(float(n), float(lag), strides, float(apart_m[n]), float(apart_mps[n]))
 
 
 def _median_seam(curve: Spline, shape: tuple[int, ...], rate_hz: float, period: float, step: int, width: int) -> Seam:
