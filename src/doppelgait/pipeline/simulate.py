@@ -165,7 +165,7 @@ def observe_scene(
         Nominal frame times; the table is labelled with them even where the frames are jittered.
     conditions : Conditions
     angles : bool
-        Whether the table must hold angles; environment and antenna have them made where they need them.
+        Whether the table must hold angles; environment and antenna have directions made where they need them.
     streams : Streams or None
         Of the radar cross sections (``scene``) and of the frame times (``impairments``).
 
@@ -181,9 +181,9 @@ def observe_scene(
         timing_rng, _ = streams.generator("impairments").spawn(2)
         times_s = pulse_times(slow_time_s, conditions.impairments, radar=radar, rng=timing_rng)
     patterned = radar.antenna.kind != "isotropic"
-    angles = angles or patterned or needs_angles(conditions.environment)
+    directions = patterned or needs_angles(conditions.environment)
     scene_rng = None if streams is None else streams.generator("scene")
-    scatterers = assemble(placed, times_s, angles=angles, rng=scene_rng)
+    scatterers = assemble(placed, times_s, angles=angles, directions=directions, rng=scene_rng)
     room = placed.scene
     tracks = [body_track(target, room, times_s) for target in placed.observed]
     if conditions.environment:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,14 +13,11 @@ from doppelgait.core.labels import MOTION, SCATTERER_VARIABLES, SPACE, make_arra
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import check_times, fit_centre, fit_spline, resample
 from doppelgait.radar.link import MIN_RANGE_M
-from doppelgait.scene.placement import BACKGROUND, PlacedScene, PlacedTarget, as_placed
+from doppelgait.scene.placement import PlacedScene, PlacedTarget, as_placed
 from doppelgait.scene.scatterers import Scatterers, scatterers_of
 from doppelgait.scene.scene import Scene
 
 FloatArray = npt.NDArray[np.float64]
-
-TABLE_VARIABLES = ("range", "radial_velocity", "aspect", "azimuth", "elevation", "rcs", "path_gain")
-"""What a scene puts into the scatterer table."""
 
 ASPECT_MIN_SPEED_MPS = 0.05
 """Below this speed a scatterer has no direction of motion, hence no aspect angle (E-04)."""
@@ -119,6 +116,7 @@ def assemble(
     slow_time_s: npt.ArrayLike,
     *,
     angles: bool = True,
+    directions: bool = False,
     rng: np.random.Generator | None = None,
 ) -> xr.Dataset:
     """Scatterer table of all targets of a scene.
@@ -130,6 +128,8 @@ def assemble(
         Pulse times from the start of the scene.
     angles : bool
         Whether aspect, azimuth and elevation are in the table; they cost most of its time.
+    directions : bool
+        Whether azimuth and elevation are there even without ``angles``.
     rng : numpy.random.Generator, optional
         Needed where a target's radar cross section fluctuates or has a spread; not touched by those that do not.
 
@@ -154,19 +154,36 @@ def assemble(
         If a radar cross section needs ``rng`` or joints that are not there.
     """
     placed, times = as_placed(scene), np.asarray(slow_time_s, dtype=float)
-    tables = [_target_table(target, placed.scene, times, angles, rng) for target in placed.targets]
-    if not tables:  # the receiver's view of an empty room
-        left_out = () if angles else ("aspect", "azimuth", "elevation")
-        names = np.empty(0, dtype=str)
-        values = {name: np.empty((times.size, 0)) for name in TABLE_VARIABLES if name not in left_out}
-        return _labelled(values, placed.scene, times, BACKGROUND, names, names)
-    return tables[0] if len(tables) == 1 else xr.concat(tables, dim="scatterer", combine_attrs="override")
+    wanted = ("azimuth", "elevation", "aspect") if angles else ("azimuth", "elevation") if directions else ()
+    bodies = [_scatterers(target, placed.scene, times, rng) for target in placed.targets]
+    seen = [_seen(body, placed.scene, times, wanted) for body in bodies]
+    columns = {
+        "target": np.array(
+            [t.number for t, b in zip(placed.targets, bodies, strict=True) for _ in b.motion.markers], int
+        ),
+        "marker": np.array([marker for body in bodies for marker in body.motion.markers], dtype=str),
+        "part": np.array([part for body in bodies for part in body.motion.parts], dtype=str),
+    }
+    values = seen[0] if len(seen) == 1 else {
+        name: np.concatenate([np.empty((times.size, 0)), *(table[name] for table in seen)], axis=1)
+        for name in ("range", "radial_velocity", "rcs", "path_gain", *wanted)
+    }  # fmt: skip
+    return xr.Dataset(
+        {
+            name: xr.Variable(("slow_time", "scatterer"), values[name], {"units": unit}, fastpath=True)
+            for name, unit in SCATTERER_VARIABLES.items()
+            if name in values
+        },
+        coords={
+            "slow_time": xr.Variable("slow_time", times, {"units": "s"}, fastpath=True),
+            **{name: xr.Variable("scatterer", column, fastpath=True) for name, column in columns.items()},
+        },
+        attrs={} if placed.scene.receiver_position_m is None else {"bistatic": True},
+    )
 
 
-def _target_table(
-    target: PlacedTarget, scene: Scene, times: FloatArray, angles: bool, rng: np.random.Generator | None
-) -> xr.Dataset:
-    scatterers = _scatterers(target, scene, times, rng)
+def _seen(scatterers: Scatterers, scene: Scene, times: FloatArray, angles: Sequence[str]) -> dict[str, FloatArray]:
+    """What the radar sees of a target's scatterers, by variable of the table."""
     range_m, approach_mps = ranges_and_velocities(scatterers.motion, times, scene.radar_position_m)
     gain = scatterers.path_gain
     if scene.receiver_position_m is not None:
@@ -180,30 +197,15 @@ def _target_table(
         "path_gain": np.broadcast_to(gain, range_m.shape),
     }
     if angles:
-        sight = line_of_sight(*resample(scatterers.motion, times), scene.radar_position_m)
-        values |= {"aspect": sight.aspect_rad, "azimuth": sight.azimuth_rad, "elevation": sight.elevation_rad}
-    names, parts = np.array(scatterers.motion.markers), np.array(scatterers.motion.parts)
-    return _labelled(values, scene, times, target.number, names, parts)
+        from doppelgait.core.kernels.spline import angles_of_sight
 
-
-def _labelled(
-    values: Mapping[str, FloatArray], scene: Scene, times: FloatArray, number: int,
-    names: npt.NDArray[np.str_], parts: npt.NDArray[np.str_],
-) -> xr.Dataset:  # fmt: skip
-    dims = ("slow_time", "scatterer")
-    columns = {"target": np.full(names.size, number), "marker": names, "part": parts}
-    return xr.Dataset(
-        {
-            name: xr.Variable(dims, values[name], {"units": unit}, fastpath=True)
-            for name, unit in SCATTERER_VARIABLES.items()
-            if name in values
-        },
-        coords={
-            "slow_time": xr.Variable("slow_time", times, {"units": "s"}, fastpath=True),
-            **{name: xr.Variable("scatterer", column, fastpath=True) for name, column in columns.items()},
-        },
-        attrs={} if scene.receiver_position_m is None else {"bistatic": True},
-    )
+        spline, origin = fit_spline(scatterers.motion), np.asarray(scene.radar_position_m, dtype=np.float64)
+        values |= {name: np.empty(range_m.shape) for name in angles}
+        angles_of_sight(
+            spline.values, spline.moments, spline.step_s, times, origin, values["azimuth"], values["elevation"],
+            ASPECT_MIN_SPEED_MPS, values.get("aspect"),
+        )  # fmt: skip
+    return values
 
 
 def _scatterers(target: PlacedTarget, scene: Scene, times: FloatArray, rng: np.random.Generator | None) -> Scatterers:

@@ -113,3 +113,45 @@ def ranges_and_velocities(
             range_m[i, p] = distance
             away = x * slope[3 * p] + y * slope[3 * p + 1] + z * slope[3 * p + 2]
             approach_mps[i, p] = -away / max(distance, 1e-12)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def angles_of_sight(
+    values: FloatArray,
+    moments: FloatArray,
+    step: float,
+    times: FloatArray,
+    origin: FloatArray,
+    azimuth_rad: FloatArray,
+    elevation_rad: FloatArray,
+    least_mps: float,
+    aspect_rad: FloatArray | None = None,
+) -> None:
+    """Azimuth, elevation and aspect angle of points on splines, seen from ``origin`` (E-04).
+
+    Parameters
+    ----------
+    values, moments, step, times, origin
+        As for :func:`ranges_and_velocities`.
+    azimuth_rad, elevation_rad : ndarray, shape (I, P)
+        Overwritten.
+    least_mps : float
+        A slower point has no aspect angle: NaN.
+    aspect_rad : ndarray, shape (I, P), optional
+        Overwritten.
+    """
+    value, slope = np.empty(values.shape[1]), np.empty(values.shape[1])
+    for i in range(times.shape[0]):
+        spline_at(values, moments, step, times[i], value, slope)
+        for p in range(azimuth_rad.shape[1]):
+            x, y, z = value[3 * p] - origin[0], value[3 * p + 1] - origin[1], value[3 * p + 2] - origin[2]
+            u, v, w = slope[3 * p], slope[3 * p + 1], slope[3 * p + 2]
+            distance = max(math.sqrt(x * x + y * y + z * z), 1e-12)
+            azimuth_rad[i, p] = math.atan2(y, x)
+            elevation_rad[i, p] = math.asin(min(max(z / distance, -1.0), 1.0))
+            if aspect_rad is not None:
+                speed = math.sqrt(u * u + v * v + w * w)
+                aspect_rad[i, p] = math.nan
+                if speed >= least_mps:
+                    cosine = -(x * u + y * v + z * w) / (distance * speed)
+                    aspect_rad[i, p] = math.acos(min(max(cosine, -1.0), 1.0))
