@@ -435,7 +435,10 @@ def read_results(path: str | Path) -> Results:
             if file.attrs.get("format") != FORMAT:
                 raise ValueError(f"attribute format is {file.attrs.get('format')!r}, must be {FORMAT!r}")
             if int(file.attrs["format_version"]) != FORMAT_VERSION:
-                raise ValueError(f"format_version is {file.attrs['format_version']}, must be {FORMAT_VERSION}")
+                raise ValueError(
+                    f"format_version is {file.attrs['format_version']}, must be {FORMAT_VERSION} (results of another "
+                    "version of doppelgait are not converted)"
+                )
             check_own(file)
             return Results(
                 source=str(file.attrs["source"]),
@@ -444,7 +447,8 @@ def read_results(path: str | Path) -> Results:
             )
     except (OSError, LookupError, ValueError, TypeError, AttributeError, RuntimeError, DoppelgaitError) as error:
         raise AnalysisError(
-            f"{path}: is damaged or no result of doppelgait analyze: {error}; analyse the recording again"
+            f"{path}: is damaged or no result of doppelgait analyze: {error}; make it again: "
+            f"doppelgait analyze RECORDING -o {Path(path).name}"
         ) from None
 
 
