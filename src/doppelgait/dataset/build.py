@@ -192,11 +192,16 @@ def _refuse_foreign(job: _Job) -> None:
             raise DatasetError(f"{description}: is damaged: {error}; delete the folder or choose another") from None
         if stated == job.identity:
             return
+        if (version := found.get("data_version")) != DATA_VERSION:
+            raise DatasetError(
+                f"{job.target}: was made with data version {version}, this doppelgait makes {DATA_VERSION} and other "
+                "bytes; make the dataset again in another folder: doppelgait dataset build PLAN -o FOLDER"
+            )
         changes = list(differences(config, job.plan.config.model_dump(mode="json")))
         shown = "; ".join(changes[:6]) + (f"; and {len(changes) - 6} more" if len(changes) > 6 else "")
         raise DatasetError(
             f"{job.target}: holds dataset {stated} of another configuration "
-            f"({shown or 'other motion files, plug-ins or data version'}); build into another folder, or delete this "
+            f"({shown or 'other motion files or plug-ins'}); build into another folder, or delete this "
             "one"
         )
     elif job.target.is_dir() and any(not (p.match("*.partial") or p.match(PATTERN)) for p in job.target.iterdir()):

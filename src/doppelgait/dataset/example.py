@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,8 @@ from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.labels import COORDINATE_UNITS
 from doppelgait.core.units import carrier_to_wavelength_m, doppler_to_velocity_mps
-from doppelgait.dataset.resolve import resolve
+from doppelgait.dataset.finish import DATA_VERSION
+from doppelgait.dataset.resolve import ExampleSpec, resolve
 from doppelgait.dataset.shard_files import axis_name, decode
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline.result import Result
@@ -158,24 +160,46 @@ class Example:
         Its row of the index, None for unknown.
     arrays : dict
         Labelled arrays by field name, in linear units.
+    specify : callable, optional
+        Gives the specification; see :attr:`specification`.
     """
 
     row: dict[str, Any]
     arrays: dict[str, xr.DataArray]
+    specify: Callable[[], ExampleSpec] | None = field(default=None, repr=False, compare=False)
+
+    @cached_property
+    def specification(self) -> ExampleSpec:
+        """What was simulated: scene, radar, conditions, analysis and seed, no distribution left.
+
+        It is resolved at the first use. Relative motion paths start from the working folder;
+        :meth:`Dataset.specification` accepts another.
+
+        Raises
+        ------
+        DatasetError
+            If the example was not simulated, or by a version of doppelgait that makes other bytes.
+        ConfigError
+            If a motion or preset file of the plan is missing.
+        """
+        if self.specify is None:
+            raise DatasetError(f"{self.id}: has no specification; examples of datasets and streams have one")
+        return self.specify()
 
     @property
     def truth(self) -> dict[str, Any]:
         """What only the simulation or the labels know, by name without ``truth_``; None for unknown."""
         return {name.removeprefix("truth_"): v for name, v in self.row.items() if name.startswith("truth_")}
 
-    def result(self, analysis: Analysis) -> Result:
+    def result(self, analysis: Analysis | None = None) -> Result:
         """Return the result of the analysis: numbers, flags and the arrays that are kept, in their stored precision.
 
         Parameters
         ----------
-        analysis : Analysis
-            Settings that it was made with; :meth:`Dataset.result` has those of the dataset.
+        analysis : Analysis, optional
+            Settings that it was made with; those of the specification by default. :meth:`Dataset.result` needs none.
         """
+        analysis = analysis or self.specification.run.analysis
         arrays = {name: array for name, array in self.arrays.items() if name in ("signature", "cadence_map")}
         return Result.from_row(self.row, analysis, label=self.label, arrays=arrays)
 
@@ -303,6 +327,35 @@ def radar_of(description: Mapping[str, Any], row: Mapping[str, Any]) -> Radar:
     table = resolve(config.get("radar", {}), seed=config["dataset"]["seed"], example=number, key="radar")
     radar: Radar = parse_radar(table, where="dataset.json", folder=Path())["radar"]
     return radar
+
+
+def simulated_number(description: Mapping[str, Any], row: Mapping[str, Any]) -> int:
+    """Return the number of a row's example in its plan, if this version can simulate it again.
+
+    Parameters
+    ----------
+    description : mapping
+        ``dataset.json``.
+    row : mapping
+        A row of the index.
+
+    Raises
+    ------
+    DatasetError
+        If it was not simulated, by another data version, or is not in the plan.
+    """
+    if description.get("origin", "simulated") != "simulated":
+        raise DatasetError("the dataset keeps arrays of measured recordings, not the recordings themselves")
+    version = description.get("data_version")
+    if version != DATA_VERSION:
+        raise DatasetError(
+            f"the dataset was made with data version {version}, this doppelgait makes {DATA_VERSION}: simulated "
+            "again it would not be the same; build it again to see its recordings"
+        )
+    number = number_in_plan(description["config"], str(row.get("scene_id")))
+    if number is None:
+        raise DatasetError(f"{row.get('scene_id')}: is not in the plan of dataset.json")
+    return number
 
 
 def number_in_plan(config: Mapping[str, Any], scene_id: str) -> int | None:

@@ -245,9 +245,15 @@ def _same_import(target: Path, identity: str) -> list[str] | None:
         found = json.loads(description.read_text())
         if found["id"] == identity:
             return shard_names(found["shards"])
+        version = found.get("data_version")
         what = f"{found.get('origin', 'another')} dataset {found['id']}"
     except (ValueError, KeyError, TypeError) as error:
         raise DatasetError(f"{description}: is damaged: {error}; delete the folder or choose another") from None
+    if version != DATA_VERSION:
+        raise DatasetError(
+            f"{target}: was made with data version {version}, this doppelgait makes {DATA_VERSION} and other bytes; "
+            "make the dataset again in another folder: doppelgait dataset import RECORDINGS --labels LABELS -o FOLDER"
+        )
     raise DatasetError(
         f"{target}: holds {what} of other recordings, labels or settings; import into another folder, or delete it"
     )

@@ -13,12 +13,22 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from doppelgait.core.config import json_value
+from doppelgait.core.config import json_value, validate
 from doppelgait.core.errors import DatasetError
 from doppelgait.core.rng import RandomSource, as_generator
-from doppelgait.dataset.config import SPLITS
-from doppelgait.dataset.example import Example, Features, analysis_of, carrier_of, feature_matrix, label_arrays, nearest
+from doppelgait.dataset.config import SPLITS, PlanConfig
+from doppelgait.dataset.example import (
+    Example,
+    Features,
+    analysis_of,
+    carrier_of,
+    feature_matrix,
+    label_arrays,
+    nearest,
+    simulated_number,
+)
 from doppelgait.dataset.finish import SCHEMA_VERSION
+from doppelgait.dataset.resolve import ExampleSpec, resolve_example
 from doppelgait.dataset.shard_files import MAX_OPEN, ShardFiles, decode
 from doppelgait.pipeline.result import Result
 
@@ -296,7 +306,35 @@ class Dataset:
         row = json_value(self.index.iloc[number].to_dict())
         fields = self.description["fields"]
         carrier_hz = carrier_of(self.description, row) if fields else float("nan")
-        return Example(row, label_arrays(fields, row, partial(self.stored, number), carrier_hz=carrier_hz))
+        arrays = label_arrays(fields, row, partial(self.stored, number), carrier_hz=carrier_hz)
+        return Example(row, arrays, partial(self.specification, number))
+
+    def specification(self, number: int, *, folder: str | Path | None = None) -> ExampleSpec:
+        """Return what was simulated for the ``number``-th example; :meth:`result` is what the analysis gave.
+
+        Parameters
+        ----------
+        number : int
+            Row of this part.
+        folder : path, optional
+            Folder that relative motion paths start from; the working folder by default.
+
+        Raises
+        ------
+        DatasetError
+            If the example was not simulated, or by a version of doppelgait that makes other bytes.
+        ConfigError
+            If a motion or preset file of the plan is missing.
+        """
+        row: dict[str, Any] = json_value(self.index.iloc[number].to_dict())
+        place = simulated_number(self.description, row)
+        split, group = str(row["split"]), str(row["group"])
+        return resolve_example(self.plan_config, place, Path(folder or ""), split=split, group=group)
+
+    @cached_property
+    def plan_config(self) -> PlanConfig:
+        """Plan that the dataset was built from, its folders expanded."""
+        return validate(PlanConfig, self.description.get("config") or {}, where="dataset.json")
 
     def result(self, number: int) -> Result:
         """Return the result of the ``number``-th example with its settings; its truth is :attr:`Example.truth`."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -85,7 +86,14 @@ class ExampleStream:
         with one_blas_thread():
             made = build_example(spec, settings.fields, self.folder, gate=settings.gate)
         facts, carrier_hz = facts_of(settings.fields), spec.run.radar.carrier_hz
-        return [Example(row, label_arrays(facts, row, arrays.get, carrier_hz=carrier_hz)) for row, arrays in made]
+        return [
+            Example(
+                row,
+                label_arrays(facts, row, arrays.get, carrier_hz=carrier_hz),
+                partial(resolve_example, self.config, number, self.folder),
+            )
+            for row, arrays in made
+        ]
 
     def class_number(self, label: str) -> int:
         """Number of a class, in the order of the plan."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from functools import cached_property
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
@@ -13,11 +12,10 @@ import numpy as np
 import xarray as xr
 
 from doppelgait import processing
-from doppelgait.core.config import json_value, validate
+from doppelgait.core.config import json_value
 from doppelgait.core.errors import DatasetError, DoppelgaitError, DoppelgaitWarning
 from doppelgait.dataset import Dataset, Example, PlanConfig
-from doppelgait.dataset.example import nearest, number_in_plan
-from doppelgait.dataset.finish import DATA_VERSION
+from doppelgait.dataset.example import nearest, simulated_number
 from doppelgait.dataset.resolve import ExampleSpec, class_of, resolve, resolve_example
 from doppelgait.dataset.shard import truth_columns
 from doppelgait.features import FEATURE_UNITS
@@ -193,25 +191,10 @@ class ExampleRuns:
         scene = index["scene_id"].iloc[found[0]]
         return [int(row) for row in np.flatnonzero((index["scene_id"] == scene).to_numpy(dtype=bool))]
 
-    @cached_property
-    def _plan(self) -> PlanConfig:
-        return validate(PlanConfig, self.dataset.description.get("config") or {}, where="dataset.json")
-
     def _spec(self, row: dict[str, Any]) -> ExampleSpec:
         """The example with every distribution drawn; an error says why it cannot be simulated again."""
-        description = self.dataset.description
-        if description.get("origin", "simulated") != "simulated":
-            raise DatasetError("the dataset keeps arrays of measured recordings, not the recordings themselves")
-        version = description.get("data_version")
-        if version != DATA_VERSION:
-            raise DatasetError(
-                f"the dataset was made with data version {version}, this doppelgait makes {DATA_VERSION}: simulated "
-                "again it would not be the same; build it again to see its recordings"
-            )
-        plan, scene_id = self._plan, str(row.get("scene_id"))
-        number = number_in_plan(description["config"], scene_id)
-        if number is None:
-            raise DatasetError(f"{scene_id}: is not in the plan of dataset.json")
+        number = simulated_number(self.dataset.description, row)
+        plan = self.dataset.plan_config
         check_files(plan, number, self.folder)
         return resolve_example(plan, number, self.folder or Path())
 

@@ -19,6 +19,7 @@ from checkout import SUPPORT
 from dataset_plans import check_whole, tiny_plan, whole_hash
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
 from doppelgait.dataset.build import build_dataset
+from doppelgait.dataset.finish import DATA_VERSION
 from doppelgait.dataset.lock import Part, build_lock, running_builds
 from doppelgait.dataset.status import dataset_hash, dataset_status
 
@@ -422,6 +423,22 @@ def test_another_configuration_is_refused_with_the_difference_before_anything_is
         build_dataset(mini_plan(scene={"duration_s": 2.0}), tmp_path, executor="serial", part="1/2")
     assert leftovers(tmp_path) == []
     assert dataset_hash(tmp_path) == mini_hash
+
+
+def test_a_folder_of_an_older_version_is_refused_with_the_command_that_makes_it_again(tmp_path):
+    old = {"name": "tiny", "id": "0123456789abcdef", "origin": "simulated", "schema_version": 2, "data_version": 7,
+           "config": mini_plan().model_dump(mode="json"), "doppelgait_version": "0.1.0"}  # fmt: skip
+    (tmp_path / "dataset.json").write_text(json.dumps(old))
+    (tmp_path / "shards").mkdir()
+    (tmp_path / "shards" / "train-00000-of-00001.h5").write_bytes(b"old")
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    with pytest.raises(DatasetError) as refused:
+        build_dataset(mini_plan(), tmp_path, executor="serial")
+    assert str(refused.value) == (
+        f"{tmp_path}: was made with data version 7, this doppelgait makes {DATA_VERSION} and other bytes; make the "
+        "dataset again in another folder: doppelgait dataset build PLAN -o FOLDER"
+    )
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
 
 
 def test_a_worker_of_another_version_builds_nothing(tmp_path, monkeypatch):

@@ -8,6 +8,7 @@ import os
 import pickle
 import shutil
 import sys
+from dataclasses import replace
 from fnmatch import fnmatchcase
 
 import h5py
@@ -20,7 +21,7 @@ from doppelgait import viz
 from doppelgait.core.config import json_value
 from doppelgait.core.errors import DatasetError
 from doppelgait.core.labels import BASEBAND, CADENCE_MAP, SIGNATURE, check_signal
-from doppelgait.dataset import open_dataset, shard_files
+from doppelgait.dataset import Example, open_dataset, plan_dataset, shard_files
 from doppelgait.dataset.example import carrier_of, label_arrays, radar_of, unit_of
 from doppelgait.dataset.open import POOL_SHARDS, shuffled_rows
 from doppelgait.features import FEATURE_UNITS
@@ -455,6 +456,32 @@ def test_without_torch_one_error(dataset, monkeypatch):
     monkeypatch.delitem(sys.modules, "doppelgait.dataset.torch_data", raising=False)
     with pytest.raises(DatasetError, match="torch is not installed"):
         dataset.torch()
+
+
+def test_specification_of_an_example_is_that_of_its_plan(dataset, mixed, tmp_path):
+    for data, plan in ((dataset, plan_dataset(tiny_plan())), (mixed, plan_dataset(mixed_plan()))):
+        specs = {entry.id: plan.example(entry.number) for entry in plan.examples}
+        for example in data:
+            assert example.specification == specs[example.row["scene_id"]]
+            assert pickle.loads(pickle.dumps(example)).specification == example.specification
+            assert example.result().analysis == example.specification.run.analysis
+    assert mixed["human-000001-c1"].specification.rows[1].id == "human-000001-c1"
+    assert json_value(dataset.result(3).to_row()) == json_value(dataset.example(3).result().to_row())
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"origin": "imported"}, "arrays of measured recordings"),
+        ({"data_version": 7}, "made with data version 7"),
+    ],
+)
+def test_an_example_that_cannot_be_simulated_again_has_no_specification(dataset, change, reason):
+    other = replace(dataset, description=dataset.description | change)
+    with pytest.raises(DatasetError, match=reason):
+        _ = other.example(0).specification
+    with pytest.raises(DatasetError, match="has no specification"):
+        _ = Example({"id": "one"}, {}).specification
 
 
 def test_result_and_truth_of_an_example_are_those_of_its_row(dataset):

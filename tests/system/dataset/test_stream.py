@@ -40,6 +40,8 @@ def test_planned_numbers_give_the_built_examples(tmp_path_factory, plan):
     for example in islice(stream_examples(plan, start=0), len(dataset)):
         kept = dataset[example.id]
         assert set(example.arrays) == set(kept.arrays)
+        planned = kept.specification.model_copy(update={"split": "", "group": ""})
+        assert example.specification == planned
         for name, array in example.arrays.items():
             assert array.dtype == kept.arrays[name].dtype
             assert array.identical(kept.arrays[name])
