@@ -69,6 +69,11 @@ def document_of(
     said = list(notes) + [
         f"nobody of {name} is tested" for number, name in enumerate(rows.classes) if not (tested.labels == number).any()
     ]
+    models = {}
+    for name, found in answers.items():
+        kind = kind_of(name)
+        facts = {"features": kind.features, "learner": kind.learner, "baseline": name in BASELINES}
+        models[name] = {"kind": facts, **scorecard(found, seed=seed)}
     document = {
         "doppelgait_version": __version__,
         "seed": seed,
@@ -77,18 +82,13 @@ def document_of(
         "test_dataset": _dataset_facts(rows, 1) if len(rows.datasets) > 1 else None,
         "folds": [_fold_facts(rows, fold) for fold in folds],
         "tested": {name: int((tested.labels == n).sum()) for n, name in enumerate(rows.classes)},
-        "models": {name: {"kind": _kind(name), **scorecard(found, seed=seed)} for name, found in answers.items()},
+        "models": models,
         "conditions": _conditions(answers, said, seed),
         "breakdowns": _breakdowns(answers),
         "notes": said,
     }
     plain: dict[str, Any] = json_value(document)
     return plain
-
-
-def _kind(name: str) -> dict[str, Any]:
-    kind = kind_of(name)
-    return {"features": kind.features, "learner": kind.learner, "baseline": name in BASELINES}
 
 
 def _dataset_facts(rows: Rows, number: int) -> dict[str, Any]:
@@ -238,7 +238,10 @@ def evaluate(
     tables, skipped = _tables(rows, models, motion_folder)
     if not any(name not in BASELINES for name in tables):
         raise DatasetError(f"{dataset.directory}: no model can be trained: {'; '.join(skipped)}")
-    whole = [*folds, _whole(rows, seed)] if keep and (n_folds or left_out) else folds
+    whole = folds
+    if keep and (n_folds or left_out):
+        train, held = hold_back(rows, np.arange(len(rows)), seed)
+        whole = [*folds, Fold("all rows", train, held, np.empty(0, dtype=np.int64))]
     if keep:
         # Refuse to keep the best of several models where there is nothing to choose by.
         names = [name for name in tables if name not in BASELINES]
@@ -251,7 +254,10 @@ def evaluate(
     for number, (name, table) in enumerate(tables.items()):
         tick = _tick(on_progress, number * len(whole), len(tables) * len(whole))
         runs[name] = _run(rows, table, name, whole, seed, tick)
-    best = _best(runs)
+    trained = [name for name in runs if name not in BASELINES]
+    best: str | None = min(trained, key=lambda name: runs[name].held_loss)
+    if best is not None and len(trained) > 1 and not np.isfinite(runs[best].held_loss):
+        best = None
     answers = {name: run.answers for name, run in runs.items()}
     outside = _outside(rows, folds)
     said = [*notes, *skipped, *_notes(runs, outside)]
@@ -263,12 +269,6 @@ def evaluate(
     document |= {"best_on_held_rows": best, "outside_conditions": outside}
     kept = {name: run.models[-1] for name, run in runs.items() if len(folds) == 1 or len(whole) > len(folds)}
     return Evaluation(document, answers_table(rows, answers), best, kept)
-
-
-def _best(runs: dict[str, _Run]) -> str | None:
-    trained = [name for name in runs if name not in BASELINES]
-    best = min(trained, key=lambda name: runs[name].held_loss)
-    return best if len(trained) == 1 or np.isfinite(runs[best].held_loss) else None
 
 
 def _outside(rows: Rows, folds: Sequence[Fold]) -> dict[str, dict[str, Any]]:
@@ -306,11 +306,6 @@ def _folds(rows: Rows, n_folds: int | None, left_out: str | None, seed: int) -> 
         return leave_out(rows, left_out, seed=seed)
     fold, notes = own_splits(rows, seed=seed)
     return [fold], notes
-
-
-def _whole(rows: Rows, seed: int) -> Fold:
-    train, held = hold_back(rows, np.arange(len(rows)), seed)
-    return Fold("all rows", train, held, np.empty(0, dtype=np.int64))
 
 
 def _tables(rows: Rows, models: Sequence[str] | None, motion_folder: Path | None) -> tuple[dict[str, Table], list[str]]:
@@ -375,7 +370,13 @@ def learn(rows: Rows, table: Table, name: str, fold: Fold, *, seed: int) -> Mode
     calibration = Calibration(1.0, np.zeros(n_classes), 0)
     if kind.learner != "majority" and held.labels.size:
         calibration = calibrate(learned.log_probability(held.values), held.labels)
-    threshold = _alarm_threshold(rows, calibration(learned.log_probability(held.values)), held)
+    threshold = people = None
+    if ALARM_CLASS in rows.classes:
+        is_alarm = held.labels == rows.classes.index(ALARM_CLASS)
+        probability = calibration(learned.log_probability(held.values))[:, rows.classes.index(ALARM_CLASS)]
+        found = detection_threshold(probability, is_alarm, DETECTED_SHARE)
+        if np.isfinite(found):
+            threshold, people = found, int(np.unique(rows.groups[fold.held][is_alarm]).size)
     spans = _spans(train.values, table.names)
     first = rows.datasets[0].description
     config = first.get("config") or {}
@@ -393,24 +394,8 @@ def learn(rows: Rows, table: Table, name: str, fold: Fold, *, seed: int) -> Mode
         analysis=dict(config.get("analysis") or {}),
         conditions=learnt_conditions(conditions_of_rows(rows), fold.train),
         alarm=ALARM_CLASS if ALARM_CLASS in rows.classes else None,
-    ).model_copy(
-        update={"alarm_threshold": threshold, "alarm_people": None if threshold is None else _people(rows, fold)}
-    )
+    ).model_copy(update={"alarm_threshold": threshold, "alarm_people": people})
     return Model(facts, learned, calibration, *spans)
-
-
-def _people(rows: Rows, fold: Fold) -> int:
-    """Movers of the alarm class among the held rows."""
-    member = rows.labels[fold.held] == rows.classes.index(ALARM_CLASS)
-    return int(np.unique(rows.groups[fold.held][member]).size)
-
-
-def _alarm_threshold(rows: Rows, probability: FloatArray, held: Part) -> float | None:
-    if ALARM_CLASS not in rows.classes:
-        return None
-    number = rows.classes.index(ALARM_CLASS)
-    found = detection_threshold(probability[:, number], held.labels == number, DETECTED_SHARE)
-    return found if np.isfinite(found) else None
 
 
 def _spans(values: Any, names: tuple[str, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -12,7 +12,6 @@ from doppelgait.cli.output import number, print_json, print_table, progress, rea
 
 if TYPE_CHECKING:
     from doppelgait.classify.decide import Decision
-    from doppelgait.classify.model import Model
 
 
 def classify(
@@ -51,7 +50,22 @@ def classify(
             raise ConfigError(f"{', '.join(given)}: the file holds results, which are as they are; give the recording")
         decisions = run_classification(recording, loaded)
     else:
-        decisions = _of_recording(recording, loaded, gate, changes or [], options or [])
+        from doppelgait.core.config import apply_overrides, validate
+        from doppelgait.pipeline import Tracking
+        from doppelgait.processing import Analysis, Gate
+        from doppelgait.radar import read_recording
+
+        table = apply_overrides(facts.analysis, changes or [])
+        tracking = validate(Tracking, table.pop("tracking", {}), where="tracking")
+        settings = validate(Analysis, table, where="analysis")
+        # resolved: a reader looks at the name, and "." has none
+        path = recording.resolve() if recording.is_dir() else recording
+        with reader_options():
+            read = read_recording(path, **apply_overrides({}, options or []))
+        for note in read.notes:
+            say(f"note: {note}")
+        choice = Gate.parse(gate, where="--gate")
+        decisions = run_classification(read, loaded, gate=choice, analysis=settings, tracking=tracking)
     if as_json:
         about = {"file": str(model), "name": facts.name, "classes": list(facts.classes), "dataset": facts.dataset_name,
                  "calibrated": loaded.calibration.n_rows > 0, "alarm_threshold": facts.alarm_threshold,
@@ -63,25 +77,6 @@ def classify(
             say(f"note: {model}: its probabilities are not calibrated")
         if decisions and rests_on(facts):
             say(f"note: {rests_on(facts)}")
-
-
-def _of_recording(path: Path, model: Model, gate: str, changes: list[str], options: list[str]) -> list[Decision]:
-    from doppelgait.classify.decide import classify as run_classification
-    from doppelgait.core.config import apply_overrides, validate
-    from doppelgait.pipeline import Tracking
-    from doppelgait.processing import Analysis, Gate
-    from doppelgait.radar import read_recording
-
-    table = apply_overrides(model.facts.analysis, changes)
-    tracking = validate(Tracking, table.pop("tracking", {}), where="tracking")
-    settings = validate(Analysis, table, where="analysis")
-    # resolved: a reader looks at the name, and "." has none
-    with reader_options():
-        loaded = read_recording(path.resolve() if path.is_dir() else path, **apply_overrides({}, options))
-    for note in loaded.notes:
-        say(f"note: {note}")
-    choice = Gate.parse(gate, where="--gate")
-    return run_classification(loaded, model, gate=choice, analysis=settings, tracking=tracking)
 
 
 def _print(decisions: list[Decision]) -> None:

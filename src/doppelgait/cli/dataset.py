@@ -141,9 +141,16 @@ def build(
             print_table([{str(k): v for k, v in row.items()} for row in feature_table(index).to_dict("records")])
             print()
     if as_json:
-        print_json({**_report_document(report), "counts": counts})
+        names = ("n_examples", "n_built", "n_reused", "n_rows", "n_failed", "failures", "missing", "bytes", "seconds")
+        values = {name: getattr(report, name) for name in names}
+        print_json({"directory": str(report.directory), "id": report.dataset_id, **values, "counts": counts})
     else:
-        print(_outcome(target, report))
+        made = f"{report.n_built} made in {report.seconds:.1f} s, {report.n_reused} were there"
+        if report.missing:
+            print(f"{target}: this part is done, {made}; {report.missing} shards of other parts are missing")
+        else:
+            size = f"{report.n_examples} examples, {report.bytes / 1e6:.1f} MB"
+            print(f"{target}: {size}, id {report.dataset_id}; {made}")
     if report.failures:
         first, severity = report.failures[0], "error" if report.too_many_failed else "warning"
         say(
@@ -152,19 +159,6 @@ def build(
         )
     if report.too_many_failed:
         raise typer.Exit(1)
-
-
-def _report_document(report: Any) -> dict[str, Any]:
-    names = ("n_examples", "n_built", "n_reused", "n_rows", "n_failed", "failures", "missing", "bytes", "seconds")
-    values = {name: getattr(report, name) for name in names}
-    return {"directory": str(report.directory), "id": report.dataset_id, **values}
-
-
-def _outcome(target: Path, report: Any) -> str:
-    made = f"{report.n_built} made in {report.seconds:.1f} s, {report.n_reused} were there"
-    if report.missing:
-        return f"{target}: this part is done, {made}; {report.missing} shards of other parts are missing"
-    return f"{target}: {report.n_examples} examples, {report.bytes / 1e6:.1f} MB, id {report.dataset_id}; {made}"
 
 
 Directory = Annotated[Path, typer.Argument(help="Folder of a dataset.")]
@@ -195,7 +189,21 @@ def status(
     found = dataset_status(directory, quick=quick)
     bad = [shard.name for shard in found.shards if shard.state == "damaged"]
     if as_json:
-        print_json(_status_document(found, bad))
+        print_json(
+            {
+                "directory": str(found.directory),
+                "id": found.dataset_id,
+                "name": found.name,
+                "complete": found.complete,
+                "n_examples": found.n_examples,
+                "n_planned": found.planned,
+                "n_failed": found.n_failed,
+                "shards": {state: found.count(state) for state in ("done", "missing", "damaged")},
+                "damaged": bad,
+                "running": list(found.running),
+                "removed": list(found.removed),
+            }
+        )
     else:
         print_table([{"shards": state, "number": found.count(state)} for state in ("done", "missing", "damaged")])
         print(
@@ -207,22 +215,6 @@ def status(
                 say(f"{text}: {', '.join(names)}")
     if bad:
         raise typer.Exit(1)
-
-
-def _status_document(found: Any, bad: list[str]) -> dict[str, Any]:
-    return {
-        "directory": str(found.directory),
-        "id": found.dataset_id,
-        "name": found.name,
-        "complete": found.complete,
-        "n_examples": found.n_examples,
-        "n_planned": found.planned,
-        "n_failed": found.n_failed,
-        "shards": {state: found.count(state) for state in ("done", "missing", "damaged")},
-        "damaged": bad,
-        "running": list(found.running),
-        "removed": list(found.removed),
-    }
 
 
 def verify(

@@ -56,7 +56,14 @@ def _figures(recording: Recording, results: Sequence[Result], analysis: Analysis
         )
         yield from _target_figures(prefix, recording, result, analysis)
         if result.gate.source == "truth" and number < len(recording.truth):
-            yield from _truth_figures(prefix, recording, number, result)
+            scatterers, wavelength_m = recording.truth[number].scatterers, recording.radar.wavelength_m
+            yield f"{prefix}-truth-range", viz.range_lines(scatterers)
+            yield f"{prefix}-truth-doppler", viz.doppler_lines(scatterers, wavelength_m=wavelength_m)
+            truth = viz.scatterer_doppler(scatterers, wavelength_m=wavelength_m)
+            yield (
+                f"{prefix}-signature-truth",
+                viz.signature(result.signature, truth_doppler=truth, main_line_hz=result.main_line_hz),
+            )
 
 
 def _name(number: int, result: Result) -> str:
@@ -68,6 +75,8 @@ def _target_figures(
 ) -> Iterator[tuple[str, Figure]]:
     wavelength_m = recording.radar.wavelength_m
     middle = result.signature.sizes["time"] // 2
+    ratios, f_mu_hz = (result.features.harmonic_ratio_2, result.features.harmonic_ratio_3), result.gait_frequency_hz
+    harmonics_hz = [] if f_mu_hz is None else [None if ratio is None else ratio * f_mu_hz for ratio in ratios]
     cube = next(iter(range_doppler(recording.baseband, analysis, wavelength_m=wavelength_m, columns=[middle])))
     yield f"{prefix}-range-doppler", viz.range_doppler_map(cube.isel(time=0), gate=result.gate.limits)
     yield f"{prefix}-signature", viz.signature(result.signature)
@@ -81,7 +90,7 @@ def _target_figures(
         viz.cadence_spectrum(
             result.cadence_spectrum,
             gait_frequency_hz=result.gait_frequency_hz,
-            harmonics_hz=_harmonics_hz(result),
+            harmonics_hz=harmonics_hz,
             amplitude=analysis.method == "liland2018",
         ),
     )
@@ -95,22 +104,4 @@ def _target_figures(
             bandwidth_hz=result.features.doppler_bandwidth_hz,
             threshold=analysis.bandwidth_threshold if analysis.method == "liland2018" else None,
         ),
-    )
-
-
-def _harmonics_hz(result: Result) -> list[float | None]:
-    if result.gait_frequency_hz is None:
-        return []
-    ratios = (result.features.harmonic_ratio_2, result.features.harmonic_ratio_3)
-    return [None if ratio is None else ratio * result.gait_frequency_hz for ratio in ratios]
-
-
-def _truth_figures(prefix: str, recording: Recording, number: int, result: Result) -> Iterator[tuple[str, Figure]]:
-    scatterers = recording.truth[number].scatterers
-    yield f"{prefix}-truth-range", viz.range_lines(scatterers)
-    yield f"{prefix}-truth-doppler", viz.doppler_lines(scatterers, wavelength_m=recording.radar.wavelength_m)
-    truth = viz.scatterer_doppler(scatterers, wavelength_m=recording.radar.wavelength_m)
-    yield (
-        f"{prefix}-signature-truth",
-        viz.signature(result.signature, truth_doppler=truth, main_line_hz=result.main_line_hz),
     )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
@@ -64,6 +63,7 @@ def listen(
     Example: doppelgait listen walk.h5 -o walk.wav --gate truth --pitch 6 --channels sides
     """
     from doppelgait.core.config import apply_overrides, validate
+    from doppelgait.core.errors import AnalysisError
     from doppelgait.core.files import atomic_path
     from doppelgait.pipeline import Tracking
     from doppelgait.processing import Analysis
@@ -79,9 +79,20 @@ def listen(
     for note in loaded.notes:
         say(f"note: {note}")
     factor, _ = plan_sound(loaded.radar.prf_hz, pitch)
-    _tell_if_deep(loaded.radar.prf_hz, factor)
+    prf_hz = loaded.radar.prf_hz
+    highest_hz = factor * prf_hz / 2.0
+    if highest_hz < DEEP_HZ:
+        say(
+            f"note: at {prf_hz:g} frames per second and pitch {factor:g} nothing is above {highest_hz:.0f} Hz, too "
+            f"deep for most ears and speakers; try --pitch {math.ceil(4.0 * DEEP_HZ / prf_hz)}"
+        )
     found = _gates(loaded, gate, settings, tracking)
-    label, limits = _pick(found, target, str(recording))
+    if not found:
+        raise AnalysisError(f"{recording}: no target found, so there is nothing to hear; give a range, --gate 1.2:2.8")
+    if target >= len(found):
+        allowed = "0" if len(found) == 1 else f"0 to {len(found) - 1}"
+        raise AnalysisError(f"--target {target}: must be {allowed}; {recording} has no more targets")
+    label, limits = found[target]
     rate_hz, samples = doppler_sound(loaded.baseband, limits, settings, pitch=pitch, channels=channels.value)
     with atomic_path(output) as partial:
         write_wav(str(partial), rate_hz, samples)
@@ -102,15 +113,6 @@ def listen(
         say(f"{output}: {name} ({target} of {len(found)}), {facts['duration_s']:.1f} s, pitch {factor:g}")
 
 
-def _tell_if_deep(prf_hz: float, pitch: float) -> None:
-    highest_hz = pitch * prf_hz / 2.0
-    if highest_hz < DEEP_HZ:
-        say(
-            f"note: at {prf_hz:g} frames per second and pitch {pitch:g} nothing is above {highest_hz:.0f} Hz, too deep "
-            f"for most ears and speakers; try --pitch {math.ceil(4.0 * DEEP_HZ / prf_hz)}"
-        )
-
-
 def _gates(recording: Recording, gate: str, settings: Analysis, tracking: Tracking) -> list[LabelledGate]:
     """Label and gate of every target; a gate that is known beforehand needs no analysis."""
     from doppelgait.pipeline import analyze
@@ -124,15 +126,3 @@ def _gates(recording: Recording, gate: str, settings: Analysis, tracking: Tracki
         return [(truth.label or None, gate_of(truth)) for truth in recording.truth]
     results = analyze(recording, gate=choice, analysis=settings, tracking=tracking)
     return [(result.label, result.gate) for result in results]
-
-
-def _pick(found: Sequence[LabelledGate], number: int, source: str) -> LabelledGate:
-    """The target with a number; an error that says which there are."""
-    from doppelgait.core.errors import AnalysisError
-
-    if not found:
-        raise AnalysisError(f"{source}: no target found, so there is nothing to hear; give a range, --gate 1.2:2.8")
-    if number >= len(found):
-        allowed = "0" if len(found) == 1 else f"0 to {len(found) - 1}"
-        raise AnalysisError(f"--target {number}: must be {allowed}; {source} has no more targets")
-    return found[number]

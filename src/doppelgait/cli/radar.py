@@ -200,7 +200,8 @@ def show(
     print()
     print_table([{"derived": key, **_shown(key, value)} for key, value in derived_quantities(radar).items()])
     for key, entries in beside.items():
-        print(f"\n{key}, in this order: {', '.join(_kind(entry) for entry in entries)}")
+        kinds = [str(entry.get("kind", "?")) if isinstance(entry, dict) else str(entry) for entry in entries]
+        print(f"\n{key}, in this order: {', '.join(kinds)}")
 
 
 def _shown(key: str, value: Any) -> dict[str, str]:
@@ -212,7 +213,3 @@ def _shown(key: str, value: Any) -> dict[str, str]:
     text = f"{value:.6g}" if isinstance(value, float) else str(value)
     unit = next((unit for end, unit in UNITS.items() if key == end or key.endswith(f"_{end}")), "")
     return {"value": text, "unit": "" if isinstance(value, str) else unit}
-
-
-def _kind(entry: Any) -> str:
-    return str(entry.get("kind", "?")) if isinstance(entry, dict) else str(entry)

@@ -75,7 +75,13 @@ def recording_payload(run: Run, gate: GateChoice | None, *, clutter: Clutter | N
         "clutter": run.analysis(gate, clutter).clutter,
         "no_sound": why_silent(recording.baseband),
         "range_time": _range_time(baseband, arrays),
-        "scene": _scene(recording),
+        "scene": None
+        if recording.radar_position_m is None
+        else {
+            "radar_position_m": recording.radar_position_m,
+            "azimuth_deg": recording.radar_azimuth_deg,
+            "tilt_deg": recording.radar_tilt_deg,
+        },
         "bodies": [
             _body(number, truth, arrays) for number, truth in enumerate(recording.truth) if truth.body is not None
         ],
@@ -129,16 +135,6 @@ def _range_time(baseband: xr.DataArray, arrays: Arrays) -> dict[str, Any] | None
         unit="dB re 1 V",
     )
     return facts
-
-
-def _scene(recording: Recording) -> dict[str, Any] | None:
-    if recording.radar_position_m is None:
-        return None
-    return {
-        "radar_position_m": recording.radar_position_m,
-        "azimuth_deg": recording.radar_azimuth_deg,
-        "tilt_deg": recording.radar_tilt_deg,
-    }
 
 
 def _body(number: int, truth: TargetTruth, arrays: Arrays) -> dict[str, Any]:

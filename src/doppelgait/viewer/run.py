@@ -74,18 +74,15 @@ def truths_of(recording: Recording, results: Sequence[Result]) -> list[Truths]:
     for distance_m, number, body in sorted(pairs):
         if distance_m >= NEAR_M or found[number] is not None:
             continue
-        others = (n for n, known in enumerate(found) if known == body)
-        if not any(_overlap(span_of(results[number]), span_of(results[n])) for n in others):
+        start_s, stop_s = span_of(results[number])
+        spans = [span_of(results[n]) for n, known in enumerate(found) if known == body]
+        if not any(start_s < other_stop_s and other_start_s < stop_s for other_start_s, other_stop_s in spans):
             found[number] = body
     matched = found
     return [
         _truths(recording, None if body is None else recording.truth[body], result, times_s)
         for body, result in zip(matched, results, strict=True)
     ]
-
-
-def _overlap(one: Span, other: Span) -> bool:
-    return one[0] < other[1] and other[0] < one[1]
 
 
 def _distance_m(truth: TargetTruth, times_s: npt.NDArray[np.float64], result: Result, span: Span) -> float:

@@ -164,7 +164,11 @@ def parse_reference(query: Pairs, names: Sequence[str] = ()) -> Reference:
         If a parameter is unknown, comes twice, or the run is named in two ways.
     """
     trying = any(key == "try" for key, _ in query)
-    own = _control_names() if trying else []
+    own: list[str] = []
+    if trying:
+        from doppelgait.viewer.try_it import controls
+
+        own = [str(control["name"]) for control in controls()]
     found = single(query, ["example", "try", "gate", *names, *own])
     if trying and (found["try"] != "1" or "example" in found):
         raise ConfigError("try: must be 1, and does not go together with example")
@@ -198,12 +202,6 @@ def _piece_of(further: dict[str, str]) -> tuple[int, int] | None:
     return int(target), int(piece)
 
 
-def _control_names() -> list[str]:
-    from doppelgait.viewer.try_it import controls
-
-    return [str(control["name"]) for control in controls()]
-
-
 class Shelf:
     """The opened run and the last few others; for one thread at a time.
 
@@ -229,21 +227,20 @@ class Shelf:
                 raise ConfigError("no recording is open; name a run with example=ID (of an open dataset) or try=1")
             return self.opened.run
         if reference.key not in self._runs:
-            self._runs[reference.key] = self._made(reference)
+            kind, *rest = reference.key
+            if kind == "try":
+                from doppelgait.viewer.try_it import run_of
+
+                made = run_of(dict(item for item in rest if isinstance(item, tuple)))
+            elif self.opened is None or self.opened.browser is None:
+                raise ConfigError("example: no dataset is open; start the viewer with the folder of one")
+            else:
+                made = self.opened.browser.run(str(rest[0]))
+            self._runs[reference.key] = made
             while len(self._runs) > MOST_RUNS:
                 self._runs.popitem(last=False)
         self._runs.move_to_end(reference.key)
         return self._runs[reference.key]
-
-    def _made(self, reference: Reference) -> Run:
-        kind, *rest = reference.key
-        if kind == "try":
-            from doppelgait.viewer.try_it import run_of
-
-            return run_of(dict(item for item in rest if isinstance(item, tuple)))
-        if self.opened is None or self.opened.browser is None:
-            raise ConfigError("example: no dataset is open; start the viewer with the folder of one")
-        return self.opened.browser.run(str(rest[0]))
 
 
 COLOUR_MAPS = ("magma", "viridis", "inferno", "cividis", "gray", "turbo")
@@ -291,20 +288,16 @@ def gate_text(gate: GateChoice) -> str:
 @cache
 def _looks(classes: tuple[str, ...]) -> dict[str, Any]:
     """Colours of maps, body parts and classes, the same as in the figures."""
+    from matplotlib import colormaps
+
     from doppelgait.viz.motion import PART_COLOURS
     from doppelgait.viz.style import MAP_COLOURS, class_colours
 
+    # 256 colours as one text of hexadecimal digits.
+    colour_maps = {name: colormaps[name](np.arange(256), bytes=True)[:, :3].tobytes().hex() for name in COLOUR_MAPS}
     return {
-        "colour_maps": {name: _colour_table(name) for name in COLOUR_MAPS},
+        "colour_maps": colour_maps,
         "default_map": MAP_COLOURS,
         "part_colours": dict(PART_COLOURS),
         "class_colours": class_colours(classes),
     }
-
-
-def _colour_table(name: str) -> str:
-    """256 colours as one text of hexadecimal digits."""
-    from matplotlib import colormaps
-
-    table: bytes = colormaps[name](np.arange(256), bytes=True)[:, :3].tobytes()
-    return table.hex()

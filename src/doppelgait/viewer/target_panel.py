@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -164,20 +164,13 @@ def _spectrum(view: TargetView, name: str, method: str, arrays: Arrays) -> dict[
         return None
     values = np.square(spectrum.values) if method == "liland2018" else spectrum.values
     arrays[name] = level_db(values).astype(np.float32)
+    named = [("f_mu", view.gait_frequency_hz), *zip(HARMONIC_NAMES, view.harmonics_hz, strict=False)]
     return {
         "x": axis_facts("cadence", "Hz", axis(spectrum, "cadence")),
         "db": name,
         "unit": "dB re 1",
-        "peaks": list(_peaks(view)),
+        "peaks": [{"hz": hz, "name": name} for name, hz in named if hz is not None],
     }
-
-
-def _peaks(view: TargetView) -> Iterator[dict[str, Any]]:
-    if view.gait_frequency_hz is not None:
-        yield {"hz": view.gait_frequency_hz, "name": "f_mu"}
-    for name, hz in zip(HARMONIC_NAMES, view.harmonics_hz, strict=False):
-        if hz is not None:
-            yield {"hz": hz, "name": name}
 
 
 def _gate_limits(gate: Gate | None, prefix: str, arrays: Arrays) -> dict[str, Any] | None:

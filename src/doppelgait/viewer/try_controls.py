@@ -277,16 +277,7 @@ def all_controls() -> tuple[Control, ...]:
                 },
             ),
         ),
-        *_body_controls(),
-        *_place_controls(radars),
-        *_radar_controls(radars),
-        *_run_controls(),
-    )
-
-
-def _body_controls() -> tuple[Control, ...]:
-    """What the mover is like, and whether it is alone."""
-    return (
+        # What the mover is like, and whether it is alone.
         Control(
             "height_m", "stature", "Height of the person: longer legs step more slowly at the same speed.", unit="m",
             low=0.9, high=2.2, step=0.01, default=1.75, who=("person",),
@@ -304,12 +295,7 @@ def _body_controls() -> tuple[Control, ...]:
             "company", "beside it", "A second mover, one metre to the side, at the same speed.", "choice",
             default="nobody", values={"nobody": "nobody", "person": "a person", "dog": "a dog"}, who=LEGGED,
         ),
-    )  # fmt: skip
-
-
-def _place_controls(radars: Mapping[str, str]) -> tuple[Control, ...]:
-    """Where it moves, seen from the radar."""
-    return (
+        # Where it moves, seen from the radar.
         Control(
             "aspect_deg", "aspect", "Direction of travel: 0 towards the radar, 90 across, 180 away.", unit="°",
             low=-180.0, high=180.0, step=1.0, default=0.0,
@@ -319,12 +305,7 @@ def _place_controls(radars: Mapping[str, str]) -> tuple[Control, ...]:
             "range_m", "range", "Distance from the radar in the middle of the time; more where a mover came too near.",
             unit="m", low=1.0, high=15.0, step=0.1, default=4.0, limits=range_limits(radars),
         ),
-    )  # fmt: skip
-
-
-def _radar_controls(radars: Mapping[str, str]) -> tuple[Control, ...]:
-    """The radar, its noise and the analysis."""
-    return (
+        # The radar, its noise and the analysis.
         Control(
             "radar", "radar", "Sensor: its carrier sets the Doppler scale, its frame rate the highest speed.", "choice",
             default="x4", values=radars,
@@ -341,12 +322,7 @@ def _radar_controls(radars: Mapping[str, str]) -> tuple[Control, ...]:
             "cpi_s", "interval", "Coherent processing interval: longer gives finer Doppler, and blurs the legs.",
             unit="s", low=0.02, high=0.5, step=0.01, default=0.1,
         ),
-    )  # fmt: skip
-
-
-def _run_controls() -> tuple[Control, ...]:
-    """Length and draw."""
-    return (
+        # Length and draw.
         Control(
             "duration_s", "duration", "How long the radar looks.", unit="s", low=2.0, high=6.0, step=0.5, default=4.0,
         ),
