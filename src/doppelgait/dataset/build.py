@@ -23,7 +23,6 @@ from doppelgait.dataset.config import PlanConfig, differences
 from doppelgait.dataset.executors import check_executor, run_shards
 from doppelgait.dataset.finish import (
     DATA_VERSION,
-    Totals,
     count_shards,
     dataset_id,
     finish_dataset,
@@ -151,13 +150,22 @@ def build_dataset(
     chosen = None if part is None else Part.parse(part)
     if not 0 <= max_failed_share <= 1:
         raise ConfigError(f"max_failed_share = {max_failed_share}: is not allowed; must be from 0 to 1")
-    job = _lay_out(config, Path(directory).absolute(), (folder or Path.cwd()).absolute(), chosen, max_failed_share)
+    from doppelgait.dataset.verify.leakage import warn_of_leaks
+
+    target, source = Path(directory).absolute(), (folder or Path.cwd()).absolute()
+    plan = plan_dataset(config, folder=source)
+    drawn = list(spread(plan, CHECKED_EXAMPLES))
+    if not (target / "dataset.json").is_file():
+        warn_of_leaks(drawn, np.random.default_rng(0))
+    shards = tuple(plan.shards())
+    mine = shards if chosen is None else shards[chosen.number - 1 :: chosen.among]
+    job = _Job(target, plan, dataset_id(plan.config, source), shards, mine, chosen, max_failed_share)
     try:
         _refuse_foreign(job)
         job.target.mkdir(parents=True, exist_ok=True)
         with _stoppable(job.target), build_lock(job.target, chosen):
             tally = _build_missing(job, executor, workers, on_progress)
-            own = {shard.name for shard in job.own}
+            own = {shard.name for shard in mine}
             missing = sum(shard.name not in own and _whole_record(job.target, shard) is None for shard in job.shards)
             totals = None
             if not missing:
@@ -166,19 +174,22 @@ def build_dataset(
                 totals = finish_dataset(job.target, header, names, max_failed_share=max_failed_share)
     except OSError as error:
         raise OutputError(f"{job.target}: cannot be written: {error}; what was built so far is kept") from None
-    return _report(job, tally, missing, totals, began)
-
-
-def _lay_out(config: PlanConfig, target: Path, source: Path, part: Part | None, max_failed_share: float) -> _Job:
-    plan = plan_dataset(config, folder=source)
-    from doppelgait.dataset.verify.leakage import warn_of_leaks
-
-    drawn = list(spread(plan, CHECKED_EXAMPLES))
-    if not (target / "dataset.json").is_file():
-        warn_of_leaks(drawn, np.random.default_rng(0))
-    shards = tuple(plan.shards())
-    own = shards if part is None else shards[part.number - 1 :: part.among]
-    return _Job(target, plan, dataset_id(plan.config, source), shards, own, part, max_failed_share)
+    planned = sum(len(shard.examples) for shard in (shards if totals else mine))
+    failed = totals.n_failed if totals else tally.failed
+    return BuildReport(
+        directory=target,
+        dataset_id=job.identity,
+        n_examples=planned - failed,
+        n_built=tally.built,
+        n_reused=tally.reused,
+        n_rows=totals.rows if totals else 0,
+        n_failed=failed,
+        failures=totals.failures if totals else [],
+        missing=missing,
+        too_many_failed=failed > max_failed_share * planned,
+        seconds=time.monotonic() - began,
+        bytes=totals.bytes if totals else tally.bytes,
+    )
 
 
 def _refuse_foreign(job: _Job) -> None:
@@ -281,25 +292,6 @@ def _whole_record(target: Path, shard: Shard) -> dict[str, Any] | None:
     except (OSError, ValueError, KeyError, TypeError):
         return None
     return record if whole else None
-
-
-def _report(job: _Job, tally: _Tally, missing: int, totals: Totals | None, began: float) -> BuildReport:
-    planned = sum(len(shard.examples) for shard in (job.shards if totals else job.own))
-    failed = totals.n_failed if totals else tally.failed
-    return BuildReport(
-        directory=job.target,
-        dataset_id=job.identity,
-        n_examples=planned - failed,
-        n_built=tally.built,
-        n_reused=tally.reused,
-        n_rows=totals.rows if totals else 0,
-        n_failed=failed,
-        failures=totals.failures if totals else [],
-        missing=missing,
-        too_many_failed=failed > job.max_failed_share * planned,
-        seconds=time.monotonic() - began,
-        bytes=totals.bytes if totals else tally.bytes,
-    )
 
 
 def _sweep(job: _Job) -> None:

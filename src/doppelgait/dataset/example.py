@@ -72,7 +72,14 @@ class Features:
 def feature_matrix(index: pd.DataFrame, names: str | Sequence[str], without_flags: Sequence[str]) -> Features:
     """Features of the rows of an index; see :meth:`doppelgait.dataset.Dataset.features`."""
     columns = feature_columns(index, names)
-    rows = index if not without_flags else index[~_flagged(index, without_flags)]
+    rows = index
+    if without_flags:
+        flags = index["flags"].fillna("").to_numpy(dtype=object)
+        fits = {
+            text: any(fnmatchcase(flag, pattern) for flag in text.split(";") for pattern in without_flags)
+            for text in set(flags)
+        }  # fmt: skip
+        rows = index[~np.array([fits[text] for text in flags], dtype=bool)]
     matrix = np.empty((len(rows), len(columns)), dtype=np.float64)
     for place, column in enumerate(columns.values()):
         if not pd.api.types.is_numeric_dtype(rows[column]):
@@ -100,16 +107,6 @@ def feature_columns(index: pd.DataFrame, names: str | Sequence[str]) -> dict[str
         if name not in index:
             raise DatasetError(f"features: no column {name!r}{nearest(name, map(str, index.columns))}")
     return {name: name for name in names}
-
-
-def _flagged(index: pd.DataFrame, patterns: Sequence[str]) -> npt.NDArray[np.bool_]:
-    """Rows with a flag that fits one of the patterns."""
-    texts = index["flags"].fillna("").to_numpy(dtype=object)
-    fits = {
-        text: any(fnmatchcase(flag, pattern) for flag in text.split(";") for pattern in patterns)
-        for text in set(texts)
-    }  # fmt: skip
-    return np.array([fits[text] for text in texts], dtype=bool)
 
 
 def unit_of(column: str) -> str:
@@ -272,7 +269,12 @@ def label_arrays(
         values = stored(name)
         if values is None or values.size == 0:
             continue
-        coords = _coordinates(name, facts["dims"], values.shape, stored)
+        coords: dict[str, tuple[Any, ...]] = {}
+        for dim, size in zip(facts["dims"], values.shape, strict=True):
+            axis = axis_name(name, dim)
+            along = None if axis is None else stored(axis)
+            if along is not None and along.shape == (size,):
+                coords[dim] = (dim, along, {"units": COORDINATE_UNITS[dim]})
         attrs: dict[str, Any] = {"units": facts["units"]}
         if "doppler" in coords:
             wavelength_m = carrier_to_wavelength_m(carrier_hz)
@@ -281,16 +283,6 @@ def label_arrays(
             attrs |= {"prf_hz": float(row["prf_hz"]), "wavelength_m": float(wavelength_m)}
         arrays[name] = xr.DataArray(decode(values, facts), dims=facts["dims"], coords=coords, name=name, attrs=attrs)
     return arrays
-
-
-def _coordinates(field: str, dims: list[str], shape: tuple[int, ...], stored: Stored) -> dict[str, tuple[Any, ...]]:
-    coords: dict[str, tuple[Any, ...]] = {}
-    for dim, size in zip(dims, shape, strict=True):
-        name = axis_name(field, dim)
-        values = None if name is None else stored(name)
-        if values is not None and values.shape == (size,):
-            coords[dim] = (dim, values, {"units": COORDINATE_UNITS[dim]})
-    return coords
 
 
 def carrier_of(description: Mapping[str, Any], row: Mapping[str, Any]) -> float:

@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from doppelgait.core.errors import ConfigError, DatasetError
 
@@ -98,7 +98,8 @@ def build_lock(directory: Path, part: Part | None = None) -> Iterator[None]:
     try:
         for other in running_builds(directory):
             mine = other.path.resolve() == path and other.pid == os.getpid()
-            if not mine and not _side_by_side(part, other.part):
+            side_by_side = part is not None and other.part is not None and part.among == other.part.among
+            if not mine and not side_by_side:
                 raise _busy(directory, other)
         yield
     finally:
@@ -129,7 +130,8 @@ def read_lock(path: Path) -> Holder | None:
 
 
 def _take(path: Path, part: Part | None) -> None:
-    content = json.dumps(_own(part)).encode()
+    since, pid = datetime.now(UTC).isoformat(timespec="seconds"), os.getpid()
+    own = {"pid": pid, "host": platform.node(), "since": since, "part": part, "begun": _begun(pid)}
     while True:
         try:
             handle = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o644)
@@ -140,22 +142,12 @@ def _take(path: Path, part: Part | None) -> None:
                 raise _busy(path.parent, holder) from None
             path.unlink(missing_ok=True)
     try:
-        os.write(handle, content)
+        os.write(handle, json.dumps(own).encode())
     except OSError:
         path.unlink(missing_ok=True)
         raise
     finally:
         os.close(handle)
-
-
-def _own(part: Part | None) -> dict[str, Any]:
-    since = datetime.now(UTC).isoformat(timespec="seconds")
-    pid = os.getpid()
-    return {"pid": pid, "host": platform.node(), "since": since, "part": part, "begun": _begun(pid)}
-
-
-def _side_by_side(part: Part | None, other: Part | None) -> bool:
-    return part is not None and other is not None and part.among == other.among
 
 
 def _busy(directory: Path, holder: Holder) -> DatasetError:

@@ -111,20 +111,16 @@ def _check_file(options: dict[str, Any], folder: Path, key: str) -> None:
         raise ConfigError(f'{key}.path: {shorten(path)} is not allowed: kind "file" needs path = "..."')
     if not (folder / path).is_file():
         raise ConfigError(f"{key}.path: {path!r} is not allowed: there is no such file in {folder.resolve()}")
-    allowed = _file_options()
+    from doppelgait.motion.readers import MOTION_READERS, read, reader_options
+
+    # the options of all readers: which of them takes a file is known only from its content
+    functions = [read, *(reader.run for reader in MOTION_READERS.values())]
+    allowed = list(dict.fromkeys(name for function in functions for name in reader_options(function)))
     for name in sorted(set(options) - set(allowed)):
         raise ConfigError(
             f"{key}.{name}: {shorten(options[name])} is not allowed: unknown key; allowed are path, "
             f"{', '.join(allowed)}"
         )
-
-
-def _file_options() -> list[str]:
-    """Options of all readers: which of them takes a file is known only from its content."""
-    from doppelgait.motion.readers import MOTION_READERS, read, reader_options
-
-    functions = [read, *(reader.run for reader in MOTION_READERS.values())]
-    return list(dict.fromkeys(name for function in functions for name in reader_options(function)))
 
 
 def motion_files(motions: Iterable[Mapping[str, Any]]) -> list[str]:

@@ -61,7 +61,14 @@ def check_description(description: Any) -> None:
         if not isinstance(number, int) or isinstance(number, bool):
             raise ValueError(f"dataset.json: classes.{label} must be a whole number")
     for name, facts in description["fields"].items():
-        _check_field(name, facts)
+        if not isinstance(facts, Mapping):
+            raise ValueError(f"dataset.json: fields.{name} must be a table with dims, units and dtype")
+        dims = facts.get("dims")
+        if not isinstance(dims, list) or not all(isinstance(dim, str) for dim in dims):
+            raise ValueError(f"dataset.json: fields.{name}.dims must be a list of texts")
+        for key in ("units", "dtype"):
+            if not isinstance(facts.get(key), str):
+                raise ValueError(f"dataset.json: fields.{name}.{key} must be a text")
 
 
 def _check_plan(config: Any) -> None:
@@ -77,17 +84,6 @@ def _check_plan(config: Any) -> None:
     counts = [one.get("examples") for one in sections] + [numbers.get(key) for key in ("examples_per_class", "seed")]
     if not all(count is None or (isinstance(count, int) and count >= 0) for count in counts):
         raise ValueError("dataset.json: seed and numbers of examples in config must be whole numbers")
-
-
-def _check_field(name: str, facts: Any) -> None:
-    if not isinstance(facts, Mapping):
-        raise ValueError(f"dataset.json: fields.{name} must be a table with dims, units and dtype")
-    dims = facts.get("dims")
-    if not isinstance(dims, list) or not all(isinstance(dim, str) for dim in dims):
-        raise ValueError(f"dataset.json: fields.{name}.dims must be a list of texts")
-    for key in ("units", "dtype"):
-        if not isinstance(facts.get(key), str):
-            raise ValueError(f"dataset.json: fields.{name}.{key} must be a text")
 
 
 def check_index(index: pd.DataFrame, classes: Mapping[str, int]) -> None:
@@ -418,11 +414,9 @@ class Dataset:
         from doppelgait.dataset.torch_data import TorchExamples
 
         self.check_fields(fields)
-        return TorchExamples(self._slim(), tuple(fields), transform, target)
-
-    def _slim(self) -> Dataset:
-        """The same examples with no more than reading their arrays needs: what workers get."""
-        return Dataset(self.directory, self.description, self.index[["id", "label", "shard", "row"]], self.files)
+        # workers get no more than reading the arrays needs
+        slim = Dataset(self.directory, self.description, self.index[["id", "label", "shard", "row"]], self.files)
+        return TorchExamples(slim, tuple(fields), transform, target)
 
 
 def open_dataset(directory: str | Path) -> Dataset:

@@ -101,7 +101,12 @@ def cut(
     AnalysisError
         If the recording ends before ``stop_s``, or what is meant is shorter than a window.
     """
-    blocks = _blocks(recording)
+    times_s = recording.slow_time_s.astype(np.float64)
+    pulses = burst_pulses_of(recording.baseband) or 1
+    block_starts_s = times_s[: times_s.size // pulses * pulses : pulses] - times_s[0]
+    if block_starts_s.size < 2:
+        raise AnalysisError(f"has {block_starts_s.size} {'pulses' if pulses == 1 else 'bursts'}, at least 2 are needed")
+    blocks = _Blocks(block_starts_s, pulses, float(block_starts_s[-1] / (block_starts_s.size - 1)))
     duration_s = blocks.duration_s
     margin_s = TOLERANCE * blocks.period_s
     begin, end = start_s or 0.0, duration_s if stop_s is None else stop_s
@@ -116,15 +121,6 @@ def cut(
         raise AnalysisError(f"lasts {end - begin:.6g} s, less than a window of {window_s:g} s")
     starts_s = (begin + n * step_s for n in range(count))
     return [_part(recording, blocks, at, min(at + window_s, end)) for at in starts_s]
-
-
-def _blocks(recording: Recording) -> _Blocks:
-    times_s = recording.slow_time_s.astype(np.float64)
-    pulses = burst_pulses_of(recording.baseband) or 1
-    starts_s = times_s[: times_s.size // pulses * pulses : pulses] - times_s[0]
-    if starts_s.size < 2:
-        raise AnalysisError(f"has {starts_s.size} {'pulses' if pulses == 1 else 'bursts'}, at least 2 are needed")
-    return _Blocks(starts_s, pulses, float(starts_s[-1] / (starts_s.size - 1)))
 
 
 def _part(recording: Recording, blocks: _Blocks, start_s: float, stop_s: float) -> Part:

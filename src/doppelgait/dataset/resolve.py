@@ -192,34 +192,30 @@ def rows_of(plan: PlanConfig, number: int, folder: Path) -> tuple[tuple[RowSpec,
     place, within = class_of(plan, number)
     section, name = plan.classes[place], example_id(plan.classes[place].label, within)
     key = f"classes.{place}.motion"
-    motion = _motion(plan, section.motion, number, key="motion", shown=key, folder=folder)
+    motion = _draw(plan, section.motion, number, "motion")
+    if isinstance(motion, Mapping) and motion.get("kind") == NOBODY and "speed_mps" not in motion:
+        motion = {**motion, "speed_mps": _draw(plan, PHANTOM_SPEED_MPS, number, "motion.speed_mps")}
+    check_motion(motion, folder, key=key)
+    motion = dict(motion)
     alone = motion["kind"] == NOBODY  # a row of nobody must not show somebody
     targets = [{"label": section.label, "motion": motion}, *([] if alone else _companions(plan, number, folder))]
     rows = []
     for count, target in enumerate(targets):
         row_id = name if count == 0 else f"{name}-c{count}"
-        rows.append(_row(plan, row_id, str(target["label"]), target["motion"]))
+        motion = target["motion"]
+        path = str(motion["path"]) if motion["kind"] == "file" else ""
+        entry = source_entry(path, plan.sources) if path else None
+        rows.append(
+            RowSpec(
+                id=row_id,
+                label=str(target["label"]),
+                subject=subject_of(motion, row_id, plan.sources),
+                source="recording" if path else "none" if motion["kind"] == NOBODY else "model",
+                recording=path,
+                licence="" if entry is None else entry.licence,
+            )
+        )
     return tuple(rows), targets
-
-
-def _row(plan: PlanConfig, row_id: str, label: str, motion: Mapping[str, Any]) -> RowSpec:
-    subject = subject_of(motion, row_id, plan.sources)
-    if motion["kind"] != "file":
-        source = "none" if motion["kind"] == NOBODY else "model"
-        return RowSpec(id=row_id, label=label, subject=subject, source=source)
-    path = str(motion["path"])
-    entry = source_entry(path, plan.sources)
-    licence = "" if entry is None else entry.licence
-    return RowSpec(id=row_id, label=label, subject=subject, source="recording", recording=path, licence=licence)
-
-
-def _motion(plan: PlanConfig, table: Any, number: int, *, key: str, shown: str, folder: Path) -> dict[str, Any]:
-    motion = _draw(plan, table, number, key)
-    if isinstance(motion, Mapping) and motion.get("kind") == NOBODY and "speed_mps" not in motion:
-        speed = _draw(plan, PHANTOM_SPEED_MPS, number, f"{key}.speed_mps")
-        motion = {**motion, "speed_mps": speed}
-    check_motion(motion, folder, key=shown)
-    return dict(motion)
 
 
 def _draw(plan: PlanConfig, value: Any, number: int, key: str) -> Any:
@@ -281,7 +277,8 @@ def _run_spec(
 
     first = {**draw(plan.target, "target"), **targets[0]}
     if section.motion.get("kind") == NOBODY or targets[0]["motion"]["kind"] == NOBODY:
-        first |= {"motion": _phantom(targets[0]["motion"]), "rcs": {"kind": "equal", "total_m2": UNSEEN_M2}}
+        phantom = {"kind": "point", "speed_mps": targets[0]["motion"]["speed_mps"]}
+        first |= {"motion": phantom, "rcs": {"kind": "equal", "total_m2": UNSEEN_M2}}
     table = {
         **draw(plan.scene, "scene"),
         "targets": [first, *targets[1:], *_background(plan, number)],
@@ -292,12 +289,12 @@ def _run_spec(
         "seed": seed,
     }
     run = parse_run(table, where="", folder=folder)
-    _refuse_leaks(run)
+    # what a plan may not hold, in whichever way it was written: here every distribution is drawn
+    if run.auto_prf:
+        raise ConfigError(AUTO_PRF_REFUSED)
+    if run.analysis.method == "liland2018":
+        raise ConfigError(ORACLE_REFUSED)
     return run.model_copy(update={"example": number})
-
-
-def _phantom(motion: Mapping[str, Any]) -> dict[str, Any]:
-    return {"kind": "point", "speed_mps": motion["speed_mps"]}
 
 
 def _background(plan: PlanConfig, number: int) -> list[dict[str, Any]]:
@@ -317,11 +314,3 @@ def _drawn_list(plan: PlanConfig, key: str, number: int) -> list[Any]:
     if not isinstance(drawn, list):
         raise ConfigError(f"{key}: {shorten(drawn)} is not allowed: must be a list of tables")
     return [entry for entry in drawn if entry != {}]
-
-
-def _refuse_leaks(run: Run) -> None:
-    """What a plan may not hold, in whichever way it was written: here every distribution is drawn."""
-    if run.auto_prf:
-        raise ConfigError(AUTO_PRF_REFUSED)
-    if run.analysis.method == "liland2018":
-        raise ConfigError(ORACLE_REFUSED)

@@ -192,7 +192,10 @@ class ShardFiles:
         if shard in files:
             files.move_to_end(shard)
             return files[shard]
-        self._check_inside(shard)
+        # an index or a link may put a shard anywhere: outside the folder it is no part of the dataset. The folder of
+        # shards may be no link either; that of the whole dataset may.
+        if self._path(shard).resolve().parent != self.folder.parent.resolve() / self.folder.name:
+            raise ValueError("it lies outside the folder of the dataset")
         files[shard] = (h5py.File(self._path(shard), "r", rdcc_nbytes=0), {})  # a row is read once in a while
         if len(files) > MAX_OPEN:
             files.popitem(last=False)[1][0].close()
@@ -205,14 +208,6 @@ class ShardFiles:
             self._local.files = OrderedDict()
         files: OrderedDict[str, tuple[Any, dict[str, Any]]] = self._local.files
         return files
-
-    def _check_inside(self, shard: str) -> None:
-        """Refuse a shard that an index or a link puts anywhere but into the folder: it is no part of the dataset.
-
-        The folder of shards may be no link either; that of the whole dataset may.
-        """
-        if self._path(shard).resolve().parent != self.folder.parent.resolve() / self.folder.name:
-            raise ValueError("it lies outside the folder of the dataset")
 
     def _path(self, shard: str) -> Path:
         return self.folder / f"{shard}.h5"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -152,13 +151,19 @@ def dataset_hash(directory: str | Path) -> str:
     DatasetError
         If the dataset is not finished.
     """
+    import pyarrow.parquet as pq
+
     folder = Path(directory)
     digest = hashlib.sha256()
     try:
         for path in (folder / "dataset.json", *sorted((folder / "splits").glob("*.txt"))):
             digest.update(f"{path.name}\n{file_sha256(path)}\n".encode())
-        for line in _index_lines(folder / "index.parquet"):
-            digest.update(line)
+        with pq.ParquetFile(folder / "index.parquet") as file:  # columns and rows, each as a line of JSON
+            kinds = [[field.name, str(field.type).removeprefix("large_")] for field in file.schema_arrow]
+            digest.update(json.dumps(kinds).encode())
+            for batch in file.iter_batches(4096):
+                for row in batch.to_pylist():
+                    digest.update(json.dumps(list(row.values())).encode())
         for name in shard_names(read_description(folder)["shards"]):
             digest.update(f"{name}\n{file_sha256(folder / 'shards' / f'{name}.h5')}\n".encode())
     except FileNotFoundError as error:
@@ -166,15 +171,3 @@ def dataset_hash(directory: str | Path) -> str:
             f"{folder}: no finished dataset here ({error.filename} is missing); build it first"
         ) from None
     return digest.hexdigest()
-
-
-def _index_lines(path: Path) -> Iterator[bytes]:
-    """Columns and rows of the index, each as a line of JSON."""
-    import pyarrow.parquet as pq
-
-    with pq.ParquetFile(path) as file:
-        kinds = [[field.name, str(field.type).removeprefix("large_")] for field in file.schema_arrow]
-        yield json.dumps(kinds).encode()
-        for batch in file.iter_batches(4096):
-            for row in batch.to_pylist():
-                yield json.dumps(list(row.values())).encode()

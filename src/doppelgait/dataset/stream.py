@@ -62,10 +62,13 @@ class ExampleStream:
         DatasetError
             If :data:`MAX_FAILURES` examples in a row fail.
         """
-        number, failed = self.start, 0
+        settings, number, failed = self.config.dataset, self.start, 0
+        facts = facts_of(settings.fields)
         while True:
             try:
-                made = self._simulate(number)
+                spec = resolve_example(self.config, number, self.folder)
+                with one_blas_thread():
+                    made = build_example(spec, settings.fields, self.folder, gate=settings.gate)
                 failed = 0
             except ConfigError:
                 raise
@@ -76,24 +79,10 @@ class ExampleStream:
                         f"{failed} examples in a row failed, the last is number {number}: {error}"
                     ) from None
                 warnings.warn(DoppelgaitWarning(f"example number {number} failed: {error}; left out"), stacklevel=2)
-            for example in made:
-                yield number, example
+            for row, arrays in made:
+                labelled = label_arrays(facts, row, arrays.get, carrier_hz=spec.run.radar.carrier_hz)
+                yield number, Example(row, labelled, partial(resolve_example, self.config, number, self.folder))
             number += self.step
-
-    def _simulate(self, number: int) -> list[Example]:
-        settings = self.config.dataset
-        spec = resolve_example(self.config, number, self.folder)
-        with one_blas_thread():
-            made = build_example(spec, settings.fields, self.folder, gate=settings.gate)
-        facts, carrier_hz = facts_of(settings.fields), spec.run.radar.carrier_hz
-        return [
-            Example(
-                row,
-                label_arrays(facts, row, arrays.get, carrier_hz=carrier_hz),
-                partial(resolve_example, self.config, number, self.folder),
-            )
-            for row, arrays in made
-        ]
 
     def class_number(self, label: str) -> int:
         """Number of a class, in the order of the plan."""

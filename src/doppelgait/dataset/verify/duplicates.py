@@ -49,7 +49,16 @@ def check_duplicates(contents: Contents, rng: np.random.Generator, tick: Callabl
     same = _equal(digests, splits)
     somebody = (contents.index["source"] != "none").to_numpy(dtype=bool)
     rows = np.array([n for n in chosen if somebody[n] and n in pictures], dtype=np.int64)
-    candidates = _candidates(rows, pictures, splits)
+    # of every row the likeliest one in each later split, where alike enough for a look
+    parts = {split: rows[splits[rows] == split] for split in SPLITS}
+    found = [
+        pair
+        for place, split in enumerate(SPLITS)
+        for other in SPLITS[place + 1 :]
+        if len(parts[split]) and len(parts[other])
+        for pair in _nearest(parts[other], parts[split], pictures)
+    ]
+    candidates = sorted(found, reverse=True)[:MOST_CANDIDATES]
     near = sorted(_confirmed(contents, candidates, set(same)), reverse=True)
     numbers = {
         "rows": count, "compared_for_likeness": len(rows), "candidates": len(candidates),
@@ -141,19 +150,6 @@ def _equal(digests: dict[int, bytes], splits: npt.NDArray[np.str_]) -> list[tupl
     for (digest, _), number in first.items():
         places.setdefault(digest, []).append(number)
     return [(numbers[0], numbers[1]) for numbers in places.values() if len(numbers) > 1]
-
-
-def _candidates(
-    rows: npt.NDArray[np.int64], pictures: dict[int, Float32Array], splits: npt.NDArray[np.str_]
-) -> list[Pair]:
-    """Of every row the likeliest one in each later split, where alike enough for a look; the likeliest first."""
-    found: list[Pair] = []
-    parts = {split: rows[splits[rows] == split] for split in SPLITS}
-    for place, split in enumerate(SPLITS):
-        for other in SPLITS[place + 1 :]:
-            if len(parts[split]) and len(parts[other]):
-                found += _nearest(parts[other], parts[split], pictures)
-    return sorted(found, reverse=True)[:MOST_CANDIDATES]
 
 
 def _nearest(

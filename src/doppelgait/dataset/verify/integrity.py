@@ -71,14 +71,10 @@ def look_at_shards(
     if index is not None:
         for name in sorted(set(map(str, places)) - set(names)):
             findings.unlisted[name] = "the index has rows of it, the plan has no such shard"
-        if not findings.unlisted and not _in_order(places, names):
+        rows = np.concatenate([places[name] for name in names if name in places] or [np.empty(0, dtype=int)])
+        if not findings.unlisted and not np.array_equal(rows, np.arange(rows.size)):
             findings.unlisted["index.parquet"] = "its rows are in another order than the shards"
     return ShardFindings(tuple(whole), tuple(missing), findings.damaged, findings.unlisted, findings.failed)
-
-
-def _in_order(places: Mapping[Any, Any], names: Sequence[str]) -> bool:
-    rows = np.concatenate([places[name] for name in names if name in places] or [np.empty(0, dtype=int)])
-    return bool(np.array_equal(rows, np.arange(rows.size)))
 
 
 def _record(path: Path) -> tuple[dict[str, Any] | None, str]:
@@ -242,7 +238,10 @@ def check_rows(contents: Contents) -> Check:
 def check_balance(contents: Contents, *, missing_shards: int) -> Check:
     """Examples of every class in every split against the plan; those that failed are named."""
     if contents.plan is None:
-        return _without_plan(contents)
+        found: Any = contents.index.groupby(["label", "split"]).size() if len(contents.index) else {}
+        there = {f"{label}/{split}": int(count) for (label, split), count in dict(found).items()}
+        words = f"{contents.no_plan}; found " + ", ".join(f"{name} {count}" for name, count in there.items())
+        return Check("class balance", "skipped", words, {"counts": there})
     if missing_shards:
         words = f"{missing_shards} shards are not here; {len(set(contents.index['scene_id']))} examples are"
         return Check("class balance", "skipped", words)
@@ -265,10 +264,3 @@ def check_balance(contents: Contents, *, missing_shards: int) -> Check:
         f"{len(lost)} examples failed ({reasons})"
     )  # fmt: skip
     return Check("class balance", "failed" if bent else "warning", words, numbers)
-
-
-def _without_plan(contents: Contents) -> Check:
-    counts: Any = contents.index.groupby(["label", "split"]).size() if len(contents.index) else {}
-    listed = {f"{label}/{split}": int(count) for (label, split), count in dict(counts).items()}
-    words = f"{contents.no_plan}; found " + ", ".join(f"{name} {count}" for name, count in listed.items())
-    return Check("class balance", "skipped", words, {"counts": listed})

@@ -264,9 +264,16 @@ def check_nuisance(contents: Contents, drawn: Sequence[ExampleSpec], rng: np.ran
         table = _measured(index)
     else:
         table = _measured(index.iloc[np.sort(rng.choice(len(index), MOST_ROWS, replace=False))])
+    # movers among each other by all parameters, and all classes by those that an empty room has, too
+    nobody = table["nobody"].to_numpy(dtype=bool)
+    table = table.drop(columns="nobody")
+    questions = [("classes of movers" if nobody.any() else "classes", _varying(table[~nobody]))]
+    if nobody.any():
+        seen = [name for name in table.columns if not str(name).removeprefix("index.").startswith(UNSEEN)]
+        questions.append(("all classes", _varying(table[seen])))
     findings = [
         (words, guess_classes(part, rng))
-        for words, part in _questions(table)
+        for words, part in questions
         if part["label"].nunique() > 1 and len(part.columns) > 2
     ]
     if not findings:
@@ -285,17 +292,6 @@ def check_nuisance(contents: Contents, drawn: Sequence[ExampleSpec], rng: np.ran
         if not guess.reason
     )
     return Check("nuisance", "passed", f"{listed}{'; not judged: ' + '; '.join(unclear) if unclear else ''}", numbers)
-
-
-def _questions(table: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
-    """Movers among each other by all parameters, and all classes by those that an empty room has, too."""
-    nobody = table["nobody"].to_numpy(dtype=bool)
-    table = table.drop(columns="nobody")
-    movers = _varying(table[~nobody])
-    if not nobody.any():
-        return [("classes", movers)]
-    seen = [name for name in table.columns if not str(name).removeprefix("index.").startswith(UNSEEN)]
-    return [("classes of movers", movers), ("all classes", _varying(table[seen]))]
 
 
 def _varying(table: pd.DataFrame) -> pd.DataFrame:

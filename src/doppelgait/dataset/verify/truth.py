@@ -168,10 +168,6 @@ def check_movers(contents: Contents) -> Check:
             odd.append(f"{label} declares nobody, but something moves in {100 * share:.0f} % of {len(part)} rows")
         elif not none and off_as_a_whole(int(part["seen"].sum()), len(part), LEAST_SEEN):
             empty.append(f"{label} declares motion, but only {100 * share:.0f} % of {len(part)} rows show any")
-    return _check(empty, odd, numbers)
-
-
-def _check(empty: list[str], odd: list[str], numbers: dict[str, Any]) -> Check:
     if empty:
         return Check("movers", "failed", "noise instead of motion: " + "; ".join([*empty, *odd]), numbers)
     if odd:
