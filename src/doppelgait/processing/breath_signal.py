@@ -87,7 +87,9 @@ def breath_spectrum(series: ComplexArray, rate_hz: float, *, window_s: float) ->
         power[1:] += both[: -frequency_hz.size : -1]
         powers.append(power)
     plain = np.stack(powers)
-    level = _level(plain, frequency_hz)
+    # level of every window and bin: the median over a wide band, never 0
+    level = np.median(plain[:, _background(frequency_hz)], axis=1, keepdims=True)
+    level = np.maximum(level, 1e-300 + 1e-12 * plain.max(axis=1, keepdims=True))
     return BreathSpectrum(frequency_hz, plain / level, np.median(plain, axis=0), starts, length, fft_length, rate_hz)
 
 
@@ -135,12 +137,6 @@ def threshold(spectrum: BreathSpectrum, false_alarm: float, *, low_hz: float, hi
 def median_over_mean(count: int) -> float:
     """Median over mean of a sum of ``count`` exponential variables."""
     return float((1.0 - 1.0 / (9.0 * count)) ** 3)
-
-
-def _level(power: FloatArray, frequency_hz: FloatArray) -> FloatArray:
-    """Level of every window and bin, shape (W, 1, N): the median over a wide band, never 0."""
-    level = np.median(power[:, _background(frequency_hz)], axis=1, keepdims=True)
-    return np.asarray(np.maximum(level, 1e-300 + 1e-12 * power.max(axis=1, keepdims=True)))
 
 
 def _background(frequency_hz: FloatArray) -> npt.NDArray[np.bool_]:

@@ -159,41 +159,36 @@ def find_breathing(
         If the recording is shorter than 10 s, below 3 Hz, not finite, or the wavelength is not above 0.
     """
     given = settings or BreathingSettings()
-    values, times, range_m = _slow_series(baseband, wavelength_m)
+    check_signal(baseband, BASEBAND)
+    pulse_times, range_m = axis(baseband, "slow_time"), axis(baseband, "range")
+    if not (math.isfinite(wavelength_m) and wavelength_m > 0):
+        raise AnalysisError(f"wavelength_m = {wavelength_m:g} is not allowed: it must be above 0 m")
+    rate_hz = sampling_rate_hz(pulse_times)
+    if pulse_times.size / rate_hz < SHORTEST_S or rate_hz < LEAST_RATE_HZ:
+        raise AnalysisError(
+            f"breathing needs {SHORTEST_S:g} s or more at {LEAST_RATE_HZ:g} Hz or more; this recording has "
+            f"{pulse_times.size / rate_hz:.3g} s at {rate_hz:.4g} Hz"
+        )
+    if not np.isfinite(baseband.values).all():
+        raise AnalysisError("the baseband has values that are not finite; take those pulses out or fill them")
+    # averaged to about 10 Hz
+    size = max(1, int(rate_hz / WORKING_RATE_HZ))
+    count = pulse_times.size // size
+    values = baseband.values[: count * size].reshape(count, size, -1).mean(axis=1, dtype=np.complex128)
+    times = pulse_times[: count * size].reshape(count, size).mean(axis=1)
     series = without_common_gain(values, range_m)
     spectrum = breath_spectrum(series, sampling_rate_hz(times), window_s=given.window_s)
     ratio = line_ratio(spectrum, low_hz=given.low_hz, high_hz=given.high_hz)
     limit = threshold(spectrum, given.false_alarm, low_hz=given.low_hz, high_hz=given.high_hz)
     look = _Look(series, times, range_m, spectrum, ratio, limit, wavelength_m, given)
-    groups = _clusters(ratio.max(axis=0) > limit, range_m, given.gap_m)
-    found = [candidate for candidate in (_candidate(look, bins) for bins in groups) if candidate is not None]
-    return _persons(found, given.extent_m, 1.0 / spectrum.window_s)
-
-
-def _slow_series(baseband: xr.DataArray, wavelength_m: float) -> tuple[ComplexArray, FloatArray, FloatArray]:
-    """Baseband averaged to about 10 Hz, its times and ranges."""
-    check_signal(baseband, BASEBAND)
-    times, range_m = axis(baseband, "slow_time"), axis(baseband, "range")
-    if not (math.isfinite(wavelength_m) and wavelength_m > 0):
-        raise AnalysisError(f"wavelength_m = {wavelength_m:g} is not allowed: it must be above 0 m")
-    rate_hz = sampling_rate_hz(times)
-    if times.size / rate_hz < SHORTEST_S or rate_hz < LEAST_RATE_HZ:
-        raise AnalysisError(
-            f"breathing needs {SHORTEST_S:g} s or more at {LEAST_RATE_HZ:g} Hz or more; this recording has "
-            f"{times.size / rate_hz:.3g} s at {rate_hz:.4g} Hz"
-        )
-    if not np.isfinite(baseband.values).all():
-        raise AnalysisError("the baseband has values that are not finite; take those pulses out or fill them")
-    group = max(1, int(rate_hz / WORKING_RATE_HZ))
-    count = times.size // group
-    values = baseband.values[: count * group].reshape(count, group, -1).mean(axis=1, dtype=np.complex128)
-    return np.asarray(values), times[: count * group].reshape(count, group).mean(axis=1), range_m
-
-
-def _clusters(breathes: npt.NDArray[np.bool_], range_m: FloatArray, gap_m: float) -> list[npt.NDArray[np.int64]]:
-    """Bins with a breath, in groups of neighbours."""
-    bins = np.flatnonzero(breathes)
-    return np.split(bins, np.flatnonzero(np.diff(range_m[bins]) > gap_m) + 1) if bins.size else []
+    bins = np.flatnonzero(ratio.max(axis=0) > limit)  # bins with a breath, in groups of neighbours
+    groups = np.split(bins, np.flatnonzero(np.diff(range_m[bins]) > given.gap_m) + 1) if bins.size else []
+    found = [candidate for candidate in (_candidate(look, group) for group in groups) if candidate is not None]
+    kept: list[_Candidate] = []  # without those that a stronger one explains
+    for candidate in sorted(found, key=lambda one: -one.power):
+        if not any(_is_part_of(candidate, other, given.extent_m, 1.0 / spectrum.window_s) for other in kept):
+            kept.append(candidate)
+    return [candidate.target for candidate in kept]
 
 
 def _candidate(look: _Look, bins: npt.NDArray[np.int64]) -> _Candidate | None:
@@ -208,7 +203,9 @@ def _candidate(look: _Look, bins: npt.NDArray[np.int64]) -> _Candidate | None:
     if share < settings.least_share or displacement_m > settings.largest_displacement_m:
         return None
     strong = powers >= powers[best] / 4.0
-    run = _longest_run(breathes)
+    # the longest run of windows; a single window missing does not end it
+    places = np.flatnonzero(breathes)
+    run = max(np.split(places, np.flatnonzero(np.diff(places) > 2) + 1), key=lambda one: int(one[-1] - one[0]))
     target = BreathingTarget(
         range_m=float(np.average(look.range_m[bins[strong]], weights=powers[strong])),
         rate_hz=rate_hz,
@@ -216,9 +213,14 @@ def _candidate(look: _Look, bins: npt.NDArray[np.int64]) -> _Candidate | None:
         snr_db=float(10.0 * np.log10(look.ratio[:, chosen].max())),
         confidence=float(breathes.mean() * share),
         start_s=float(look.times[spectrum.starts[run[0]]]),
-        stop_s=float(look.times[spectrum.starts[run[1]] + spectrum.window_pulses - 1]),
+        stop_s=float(look.times[spectrum.starts[run[-1]] + spectrum.window_pulses - 1]),
     )
-    return _Candidate(target, float(powers[best]), _whole_motion(look.series[:, chosen], target, spectrum))
+    # both quadratures of the bin about its rate, plus and minus half of it, for the whole recording
+    series = look.series[:, chosen]
+    frequency_hz = np.abs(np.fft.fftfreq(series.size, 1.0 / spectrum.rate_hz))
+    inside = np.abs(frequency_hz - rate_hz) <= 0.5 * rate_hz
+    moving = np.fft.ifft(np.where(inside, np.fft.fft(series - series.mean()), 0.0))
+    return _Candidate(target, float(powers[best]), np.stack([moving.real, moving.imag]))
 
 
 def _grown(look: _Look, bins: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.int64], int]:
@@ -297,40 +299,11 @@ def _strongest_rate(
     return rate_hz, share, 2.0 * math.sqrt(top_power) / float(taper.sum())
 
 
-def _longest_run(found: npt.NDArray[np.bool_]) -> tuple[int, int]:
-    """First and last window of the longest run; a single window missing does not end it."""
-    places = np.flatnonzero(found)
-    runs = np.split(places, np.flatnonzero(np.diff(places) > 2) + 1)
-    longest = max(runs, key=lambda run: int(run[-1] - run[0]))
-    return int(longest[0]), int(longest[-1])
-
-
-def _whole_motion(series: ComplexArray, target: BreathingTarget, spectrum: BreathSpectrum) -> FloatArray:
-    """Both quadratures of a bin about its rate (plus and minus half of it) for the whole recording, shape (2, I)."""
-    frequency_hz = np.abs(np.fft.fftfreq(series.size, 1.0 / spectrum.rate_hz))
-    inside = np.abs(frequency_hz - target.rate_hz) <= 0.5 * target.rate_hz
-    moving = np.fft.ifft(np.where(inside, np.fft.fft(series - series.mean()), 0.0))
-    return np.stack([moving.real, moving.imag])
-
-
-def _persons(found: list[_Candidate], extent_m: float, cell_hz: float) -> list[BreathingTarget]:
-    """Candidates without those that a stronger one explains."""
-    kept: list[_Candidate] = []
-    for candidate in sorted(found, key=lambda one: -one.power):
-        if not any(_is_part_of(candidate, other, extent_m, cell_hz) for other in kept):
-            kept.append(candidate)
-    return [candidate.target for candidate in kept]
-
-
 def _is_part_of(weak: _Candidate, strong: _Candidate, extent_m: float, cell_hz: float) -> bool:
     multiple = round(weak.target.rate_hz / strong.target.rate_hz)
     near = abs(weak.target.range_m - strong.target.range_m) <= extent_m
     if near and multiple >= 1 and abs(weak.target.rate_hz - multiple * strong.target.rate_hz) <= multiple * cell_hz:
         return True
-    return _coherence(weak.motion, strong.motion) >= COHERENT
-
-
-def _coherence(one: FloatArray, other: FloatArray) -> float:
-    """Correlation of the main directions of two motions in the complex plane, 0 to 1."""
-    first, second = (np.linalg.svd(motion, full_matrices=False)[2][0] for motion in (one, other))
-    return float(abs(first @ second))
+    # correlation of the main directions of both motions in the complex plane, 0 to 1
+    first, second = (np.linalg.svd(one.motion, full_matrices=False)[2][0] for one in (weak, strong))
+    return float(abs(first @ second)) >= COHERENT

@@ -135,16 +135,35 @@ def burst_signature(
     """
     check_signal(baseband, BASEBAND)
     bursts = _bursts(axis(baseband, "slow_time"), burst_pulses or burst_pulses_of(baseband))
-    low, high, gate_facts = _gate_edges(baseband, gate, analysis, bursts.time_s)
-    window = gaussian_window(bursts.pulses, analysis.window_steepness)
-    power = _gated_power(
-        baseband.values, bursts, window, low, high, n_doppler=_doppler_bins(analysis, bursts), remove_mean=remove_mean
+    wanted = analysis.doppler_bins or (
+        bursts.pulses if analysis.method == "liland2018" else next_fast_length(bursts.pulses)
     )
-    centre_m = None if gate is None else gate.centre_at(bursts.time_s)
+    if wanted < bursts.pulses:
+        raise AnalysisError(f"doppler_bins is {wanted}, but a burst has {bursts.pulses} pulses: K >= M")
+    ranges_m = axis(baseband, "range")
+    if gate is None:
+        spacing_m = float((ranges_m[-1] - ranges_m[0]) / max(ranges_m.size - 1, 1))
+        low = np.full(bursts.time_s.size, -0.5)
+        high = low + ranges_m.size
+        middle_m = np.full(bursts.count, ranges_m.mean())
+        facts: dict[str, Any] = {"source": "frame", "span_m": spacing_m * ranges_m.size, "doppler_limited": False}
+    else:
+        low, high = gate.edges(ranges_m, bursts.time_s, sharp=analysis.sharp_edges)
+        gate.touched_bins(low, high, ranges_m)
+        middle_m, facts = gate.centre_at(bursts.time_s), gate.facts
+    window = gaussian_window(bursts.pulses, analysis.window_steepness)
+    power = _gated_power(baseband.values, bursts, window, low, high, n_doppler=wanted, remove_mean=remove_mean)
+    doppler_hz = doppler_axis_hz(wanted, bursts.prf_hz)
     if gate is not None:
-        gate.close_doppler_band(power, doppler_axis_hz(power.shape[1], bursts.prf_hz))
-    coords = _coordinates(bursts, low, high, power.shape[1], ranges_m=axis(baseband, "range"), centre_m=centre_m)
-    velocity_mps = doppler_to_velocity_mps(coords["doppler"], wavelength_m)
+        gate.close_doppler_band(power, doppler_hz)
+    inside = np.minimum(high, ranges_m.size - 0.5) - np.maximum(low, -0.5)
+    coords = {
+        "time": bursts.time_s,
+        "doppler": doppler_hz,
+        "velocity": ("doppler", doppler_to_velocity_mps(doppler_hz, wavelength_m)),
+        "centre_range": ("time", middle_m, {"units": "m"}),
+        "gate_share": ("time", np.clip(inside / (high - low), 0.0, 1.0), {"units": "1"}),
+    }
     attrs = {
         "prf_hz": bursts.prf_hz,
         "wavelength_m": wavelength_m,
@@ -152,23 +171,9 @@ def burst_signature(
         "hop": max(1, round(bursts.period_s * bursts.prf_hz)),
         "window_energy": float((window**2).sum()),
         "n_gate_bins": float(high[0] - low[0]) * bin_share(baseband),
-        "gate": json.dumps(gate_facts),
+        "gate": json.dumps(facts),
     }
-    return make_array(SIGNATURE, power, {**coords, "velocity": ("doppler", velocity_mps)}, attrs)
-
-
-def _coordinates(
-    bursts: _Bursts, low: FloatArray, high: FloatArray, n_doppler: int, *, ranges_m: FloatArray,
-    centre_m: FloatArray | None,
-) -> dict[str, Any]:  # fmt: skip
-    inside = np.minimum(high, ranges_m.size - 0.5) - np.maximum(low, -0.5)
-    middle_m = np.full(bursts.count, ranges_m.mean()) if centre_m is None else centre_m
-    return {
-        "time": bursts.time_s,
-        "doppler": doppler_axis_hz(n_doppler, bursts.prf_hz),
-        "centre_range": ("time", middle_m, {"units": "m"}),
-        "gate_share": ("time", np.clip(inside / (high - low), 0.0, 1.0), {"units": "1"}),
-    }
+    return make_array(SIGNATURE, power, coords, attrs)
 
 
 def _bursts(slow_time_s: FloatArray, pulses: int | None) -> _Bursts:
@@ -201,32 +206,6 @@ def _bursts(slow_time_s: FloatArray, pulses: int | None) -> _Bursts:
             stacklevel=3,
         )
     return _Bursts(count, pulses, prf_hz, period_s, middle_s)
-
-
-def _doppler_bins(analysis: Analysis, bursts: _Bursts) -> int:
-    literal = analysis.method == "liland2018"
-    wanted = analysis.doppler_bins or (bursts.pulses if literal else next_fast_length(bursts.pulses))
-    if wanted < bursts.pulses:
-        raise AnalysisError(f"doppler_bins is {wanted}, but a burst has {bursts.pulses} pulses: K >= M")
-    return wanted
-
-
-def _gate_edges(
-    baseband: xr.DataArray, gate: Gate | None, analysis: Analysis, time_s: FloatArray
-) -> tuple[FloatArray, FloatArray, dict[str, Any]]:
-    """Gate edges in bins and what is kept about the gate."""
-    ranges_m = axis(baseband, "range")
-    spacing_m = float((ranges_m[-1] - ranges_m[0]) / max(ranges_m.size - 1, 1))
-    if gate is None:
-        low = np.full(time_s.size, -0.5)
-        return (
-            low,
-            low + ranges_m.size,
-            {"source": "frame", "span_m": spacing_m * ranges_m.size, "doppler_limited": False},
-        )
-    low, high = gate.edges(ranges_m, time_s, sharp=analysis.sharp_edges)
-    gate.touched_bins(low, high, ranges_m)
-    return low, high, gate.facts
 
 
 def _gated_power(

@@ -62,25 +62,19 @@ def magnitudes(rows: FloatArray, weights: FloatArray, length: int, n_kept: int) 
     """
     from scipy import fft
 
-    step = _time_step(rows.shape[0], length, n_kept)
+    # the largest whole step by which the column rate may fall and stay 2.5 times the two-sided band
+    steps = (d for d in range(1, length // (5 * n_kept) + 1) if length % d == 0)
+    step = max((d for d in steps if rows.shape[0] / d + WIDTH + 1 <= length / d), default=1)
     if step > 1:
         coarse, response = _onto_coarse_grid(rows, weights, length, n_kept, step)
         return magnitudes(coarse, np.ones(coarse.shape[0]), length // step, n_kept) / response[:, None]
     for between in (4, 3, 2):
-        if length % between == 0 and _fits(rows.shape[0], length // between, n_kept / between):
+        fewer = length // between
+        fits = fewer >= LOWEST_OVERSAMPLING * rows.shape[0] and fewer // 2 > n_kept / between + WIDTH + 1
+        if length % between == 0 and fits:
             return _interpolated(rows, weights, length // between, between, n_kept)
     lines = fft.rfft(np.ascontiguousarray((rows * weights[:, None]).T), length, axis=1)[:, :n_kept]
     return np.ascontiguousarray(np.abs(lines).T)
-
-
-def _time_step(n_columns: int, length: int, n_kept: int) -> int:
-    """Largest whole step by which the column rate may fall and stay 2.5 times the two-sided band."""
-    steps = (d for d in range(1, length // (5 * n_kept) + 1) if length % d == 0)
-    return max((d for d in steps if n_columns / d + WIDTH + 1 <= length / d), default=1)
-
-
-def _fits(n_columns: int, length: int, n_lines: float) -> bool:
-    return length >= LOWEST_OVERSAMPLING * n_columns and length // 2 > n_lines + WIDTH + 1
 
 
 def _onto_coarse_grid(

@@ -109,14 +109,19 @@ def _clean_planes(
     if kind == "median":
         means = block_means(planes, min(max(round(MEDIAN_BLOCK_S * prf_hz), 1), planes.shape[-1]))
         return np.asarray(planes - np.median(means, axis=-1, keepdims=True).astype(np.float32))
-    from scipy.signal import lfilter, sosfilt, sosfilt_zi
+    from scipy.signal import butter, lfilter, sosfilt, sosfilt_zi
 
     if kind == "exponential":
         alpha = -math.expm1(-1.0 / (time_s * prf_hz))
         start = planes[..., : max(round(time_s * prf_hz), 1)].mean(axis=-1, dtype=np.float64, keepdims=True)
         mean, _ = lfilter([alpha], [1.0, alpha - 1.0], planes, axis=-1, zi=(1.0 - alpha) * start)
         return np.asarray(planes - mean, dtype=np.float32)
-    sections = _mti_sections(cutoff_hz, prf_hz)
+    if not 0.0 < cutoff_hz < prf_hz / 2.0:
+        raise AnalysisError(
+            f"clutter removal 'mti' at {cutoff_hz:g} Hz needs more than {2 * cutoff_hz:g} frames per second, and the "
+            f"recording has {prf_hz:g}; take 'mean', 'median' or 'exponential'"
+        )
+    sections = np.asarray(butter(MTI_ORDER, cutoff_hz, "highpass", fs=prf_hz, output="sos"))
     start = planes[..., : max(round(prf_hz / cutoff_hz), 1)].mean(axis=-1, dtype=np.float64, keepdims=True)
     state = sosfilt_zi(sections)[:, None, None, :] * start
     return np.asarray(sosfilt(sections, planes, axis=-1, zi=state)[0], dtype=np.float32)
@@ -127,17 +132,6 @@ def block_means(values: npt.NDArray[np.float32], block_pulses: int) -> FloatArra
     n_blocks = values.shape[-1] // block_pulses
     blocks = values[..., : n_blocks * block_pulses].reshape(*values.shape[:-1], n_blocks, block_pulses)
     return np.asarray(blocks.mean(axis=-1, dtype=np.float64))
-
-
-def _mti_sections(cutoff_hz: float, prf_hz: float) -> FloatArray:
-    from scipy.signal import butter
-
-    if not 0.0 < cutoff_hz < prf_hz / 2.0:
-        raise AnalysisError(
-            f"clutter removal 'mti' at {cutoff_hz:g} Hz needs more than {2 * cutoff_hz:g} frames per second, and the "
-            f"recording has {prf_hz:g}; take 'mean', 'median' or 'exponential'"
-        )
-    return np.asarray(butter(MTI_ORDER, cutoff_hz, "highpass", fs=prf_hz, output="sos"))
 
 
 def clutter_gain(
@@ -224,7 +218,9 @@ def share_removed(
     check_signal(before, BASEBAND)
     check_signal(after, BASEBAND)
     times = axis(before, "slow_time")
-    inside = _bins_inside(gate, times, axis(before, "range"))
+    low, high = gate.edges(axis(before, "range"), times, sharp=True)
+    bins = np.arange(before.sizes["range"])
+    inside = (bins > low[:, None]) & (bins < high[:, None])
     elsewhere = ~inside
     count = elsewhere.sum(axis=0)
     clutter = np.einsum("in,in->n", before.values, elsewhere) / np.maximum(count, 1)
@@ -276,12 +272,6 @@ def torso_share_removed(
         doppler_hz, kind=kind, prf_hz=prf_hz, n_pulses=n_pulses, time_s=clutter_time_s, cutoff_hz=cutoff_hz
     )
     return np.asarray(1.0 - gain**2)
-
-
-def _bins_inside(gate: Gate, time_s: FloatArray, range_m: FloatArray) -> npt.NDArray[np.bool_]:
-    low, high = gate.edges(range_m, time_s, sharp=True)
-    bins = np.arange(range_m.size)
-    return np.asarray((bins > low[:, None]) & (bins < high[:, None]))
 
 
 def _power(values: npt.NDArray[Any]) -> npt.NDArray[Any]:

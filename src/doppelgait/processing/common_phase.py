@@ -61,10 +61,7 @@ def without_common_phase(baseband: xr.DataArray) -> xr.DataArray:
     block = max(round(BLOCK_S * sampling_rate_hz(axis(baseband, "slow_time"))), 1)
     if range_m[-1] - range_m[0] < 2 * zone_m or baseband.sizes["slow_time"] < 2 * block:
         return baseband
-    return baseband.copy(data=_turned_back(baseband.values, range_m, block, zone_m))
-
-
-def _turned_back(values: Values, range_m: FloatArray, block: int, zone_m: float) -> Values:
+    values: Values = baseband.values
     zone = ((range_m - range_m[0]) / zone_m).astype(np.int64)
     member = (zone[:, None] == np.arange(zone[-1] + 1)).astype(np.float32)
     far = (np.abs(np.subtract.outer(np.arange(zone[-1] + 1), np.arange(zone[-1] + 1))) > 1).astype(np.float32)
@@ -80,16 +77,12 @@ def _turned_back(values: Values, range_m: FloatArray, block: int, zone_m: float)
         served = wanted[bins] <= block
         if served.any():
             pulses = math.ceil(wanted[bins][served].max())
-            _turn_back(turned[:, bins], served, _running_sum(sums[:, number], pulses))
-    return turned
-
-
-def _turn_back(values: Values, served: npt.NDArray[np.bool_], pointer: Values) -> None:
-    """Turn some bins back, in place, by the phase of a pointer; only those that vary less for it."""
-    turn = (pointer.conj() / np.maximum(np.abs(pointer), TINY)).astype(np.complex64)
-    trial = np.asarray(values * turn[:, None], dtype=np.complex64)
-    better = served & (_moments(trial)[1] < _moments(values)[1])
-    values[:, better] = trial[:, better]
+            pointer, zone_values = _running_sum(sums[:, number], pulses), turned[:, bins]
+            turn = (pointer.conj() / np.maximum(np.abs(pointer), TINY)).astype(np.complex64)
+            trial = np.asarray(zone_values * turn[:, None], dtype=np.complex64)
+            better = served & (_moments(trial)[1] < _moments(zone_values)[1])  # only bins that vary less for it
+            zone_values[:, better] = trial[:, better]  # a view of ``turned``
+    return baseband.copy(data=turned)
 
 
 def _running_sum(values: Values, pulses: int) -> Values:

@@ -91,20 +91,14 @@ def normalise(signature: xr.DataArray, floor_v2: float, *, mode: Normalisation =
 
     values, sums = np.empty(signature.shape), np.empty(signature.shape[0])
     excess_columns(np.ascontiguousarray(signature.values), float(floor_v2), values, sums)
-    scale = _column_scale(values, sums, signature, mode)
+    if mode == "sum":
+        scale = sums
+    elif mode == "max":
+        scale = values.max(axis=1)
+    elif mode == "r4":
+        centre = axis(signature, "centre_range")
+        scale = (centre.mean() / centre) ** 4 * sums.mean()
+    else:
+        raise AnalysisError(f"normalisation {mode!r} is not known; allowed are sum, max and r4")
     values *= np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)[:, None]
     return with_values(signature, values, schema=NORMALISED_SIGNATURE, attrs={"normalisation": mode})
-
-
-def _column_scale(
-    excess: npt.NDArray[np.float64], sums: npt.NDArray[np.float64], signature: xr.DataArray, mode: Normalisation
-) -> npt.NDArray[np.float64]:
-    if mode == "sum":
-        return sums
-    if mode == "max":
-        return np.asarray(excess.max(axis=1))
-    if mode == "r4":
-        centre = axis(signature, "centre_range")
-        compensation = (centre.mean() / centre) ** 4
-        return np.asarray(compensation * sums.mean())
-    raise AnalysisError(f"normalisation {mode!r} is not known; allowed are sum, max and r4")

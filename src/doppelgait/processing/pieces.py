@@ -291,23 +291,17 @@ def find_pieces(
     for start, stop in pairwise(edges):
         if stop - start >= 3:
             penalty = given.penalty_factor * math.log(times.size)
-            found += _cut(times[start:stop], ranges[start:stop], range_sd_m, penalty, given)
+            part_s, part_m = times[start:stop], ranges[start:stop]
+            inner, _ = best_knots(
+                part_s, part_m, range_sd_m=range_sd_m, smooth_mps2=given.smooth_mps2, penalty=penalty,
+                min_piece_s=given.min_piece_s,
+            )  # fmt: skip
+            knots = _joined([0, *inner, part_s.size - 1], part_s, part_m, given)
+            found += [
+                _piece(part_s, part_m, (low, high), (number > 0, number < len(knots) - 2), given)
+                for number, (low, high) in enumerate(pairwise(knots))
+            ]
     return tuple(found)
-
-
-def _cut(
-    times: FloatArray, ranges: FloatArray, range_sd_m: float, penalty: float, settings: PieceSettings
-) -> list[Piece]:
-    """Pieces of a track without gaps."""
-    inner, _ = best_knots(
-        times, ranges, range_sd_m=range_sd_m, smooth_mps2=settings.smooth_mps2, penalty=penalty,
-        min_piece_s=settings.min_piece_s,
-    )  # fmt: skip
-    knots = _joined([0, *inner, times.size - 1], times, ranges, settings)
-    return [
-        _piece(times, ranges, (low, high), (number > 0, number < len(knots) - 2), settings)
-        for number, (low, high) in enumerate(pairwise(knots))
-    ]
 
 
 def _joined(knots: list[int], times: FloatArray, ranges: FloatArray, settings: PieceSettings) -> list[int]:

@@ -65,7 +65,9 @@ def range_doppler(
 
     transform, prf_hz = plan_for(baseband, analysis)
     wanted = np.arange(transform.n_columns) if columns is None else np.asarray(columns)
-    padded = _zero_pad(baseband.values, transform.half_window if analysis.zero_padded else 0)
+    padded = baseband.values
+    if analysis.zero_padded and transform.half_window:
+        padded = np.pad(padded, ((transform.half_window, transform.half_window), (0, 0)))
     window = transform.window.astype(np.float32)
     doppler_hz = doppler_axis_hz(transform.n_doppler_bins, prf_hz)
     offsets = np.arange(window.size)
@@ -81,10 +83,6 @@ def range_doppler(
         }
         power = (spectrum.real**2 + spectrum.imag**2).astype(np.float32)
         yield make_array(RANGE_DOPPLER, power, coords, {"window_energy": float((transform.window**2).sum())})
-
-
-def _zero_pad(values: npt.NDArray[Any], count: int) -> npt.NDArray[Any]:
-    return np.pad(values, ((count, count), (0, 0))) if count else values
 
 
 def signature(baseband: xr.DataArray, gate: Gate, analysis: Analysis, *, wavelength_m: float) -> xr.DataArray:
@@ -218,12 +216,8 @@ def signature_of_planes(
         plane_re, plane_im, cut.n_pulses, transform.first_pulse, transform.hop, window, cut.low - first_bin,
         cut.high - first_bin, stage_radices(transform.n_doppler_bins), *twiddle_table(transform.n_doppler_bins), out,
     )  # fmt: skip
-    return _label(out, cut, wavelength_m)
-
-
-def _label(values: npt.NDArray[np.float32], cut: Cut, wavelength_m: float) -> xr.DataArray:
-    doppler_hz = doppler_axis_hz(cut.transform.n_doppler_bins, cut.prf_hz)
-    cut.gate.close_doppler_band(values, doppler_hz)
+    doppler_hz = doppler_axis_hz(transform.n_doppler_bins, cut.prf_hz)
+    cut.gate.close_doppler_band(out, doppler_hz)
     inside = np.minimum(cut.high, cut.n_bins - 0.5) - np.maximum(cut.low, -0.5)
     coords = {
         "time": cut.time_s,
@@ -241,7 +235,7 @@ def _label(values: npt.NDArray[np.float32], cut: Cut, wavelength_m: float) -> xr
         "n_gate_bins": float(cut.high[0] - cut.low[0]) * cut.bin_share,
         "gate": json.dumps(cut.gate.facts),
     }
-    return make_array(SIGNATURE, values, coords, attrs)
+    return make_array(SIGNATURE, out, coords, attrs)
 
 
 def thin(signature: xr.DataArray) -> xr.DataArray:

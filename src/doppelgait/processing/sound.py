@@ -183,7 +183,10 @@ def doppler_signal(baseband: xr.DataArray, gate: Gate, analysis: Analysis | None
     parts = list(_gated(clean.values, low - bins.start, high - bins.start))
     ramp = sum(complex(np.vdot(part[:, :-1], part[:, 1:])) for part in parts) if clean.shape[1] > 1 else 0.0
     turn = np.exp(-1j * np.angle(ramp) * np.arange(clean.shape[1]))
-    return np.concatenate([part @ turn for part in parts]).astype(np.complex64) * _present(gate, time_s)
+    # 1 while the gate has times, and a short way to 0 before and after
+    outside_s = np.maximum(np.maximum(gate.start_s - time_s, time_s - gate.stop_s), 0.0)
+    present = (0.5 + 0.5 * np.cos(np.pi * np.minimum(outside_s / FADE_S, 1.0))).astype(np.float32)
+    return np.concatenate([part @ turn for part in parts]).astype(np.complex64) * present
 
 
 def why_silent(baseband: xr.DataArray) -> str | None:
@@ -206,12 +209,6 @@ def _gated(values: Values, low: FloatArray, high: FloatArray) -> Iterator[Values
         rows = slice(first, first + BLOCK_PULSES)
         inside = np.minimum(high[rows, None], bins + 0.5) - np.maximum(low[rows, None], bins - 0.5)
         yield values[rows] * np.clip(inside, 0.0, 1.0).astype(np.float32)
-
-
-def _present(gate: Gate, time_s: FloatArray) -> npt.NDArray[np.float32]:
-    """1 while the gate has times, and a short way to 0 before and after."""
-    beside_s = np.maximum(np.maximum(gate.start_s - time_s, time_s - gate.stop_s), 0.0)
-    return (0.5 + 0.5 * np.cos(np.pi * np.minimum(beside_s / FADE_S, 1.0))).astype(np.float32)
 
 
 def doppler_sound(
@@ -255,7 +252,8 @@ def doppler_sound(
     if factor != 1.0:
         frame_s = max(WINDOW_S, WINDOW_PULSES / prf_hz)
         heard = stretched(heard, factor, window_samples=round(frame_s * rate_hz / factor))
-    heard = _fitted(heard, round(signal.size / prf_hz * rate_hz))
+    count = round(signal.size / prf_hz * rate_hz)
+    heard = np.pad(heard[:count], (0, max(count - heard.size, 0)))
     stereo = _sides(heard) if channels == "sides" else np.stack([heard.real, heard.imag], axis=1)
     return rate_hz, _levelled(stereo, round(FADE_S * rate_hz))
 
@@ -286,10 +284,6 @@ def _resampled(signal: Values, ratio: Fraction) -> Values:
     steps = math.ceil(HALF_FILTER * most / (up * down))  # so many times ``down`` samples are looked at beyond the ends
     made = resample_poly(continued(signal, steps * down, steps * down), up, down, window=low_pass)
     return np.asarray(made[steps * up : made.size - steps * up], dtype=np.complex64)
-
-
-def _fitted(values: Values, count: int) -> Values:
-    return np.pad(values[:count], (0, max(count - values.size, 0)))
 
 
 def _sides(signal: Values) -> npt.NDArray[np.float32]:

@@ -14,7 +14,7 @@ from doppelgait.core.units import db_to_power
 from doppelgait.processing.bursts import burst_pulses_of
 from doppelgait.processing.clutter import without_clutter
 from doppelgait.processing.common_phase import without_common_phase
-from doppelgait.processing.detect.cfar import MIN_TRAINING, RangeWindow, ca_mask, os_mask, range_window, training_counts
+from doppelgait.processing.detect.cfar import MIN_TRAINING, ca_mask, os_mask, range_window, training_counts
 from doppelgait.processing.detect.cluster import Shape, find_clusters, merge_groups, only_bodies, shape_of
 from doppelgait.processing.detect.config import Detector
 from doppelgait.processing.detect.maps import Maps, maps_of, noise_factor, residue_map
@@ -71,16 +71,15 @@ def find_scans(
         )
     steady = baseband if in_phase or chosen.clutter == "none" else without_common_phase(baseband)
     moving = without_clutter(steady, kind=chosen.clutter)
-    return [scan for maps in maps_of(moving, chosen, wavelength_m=wavelength_m) for scan in _scans_of(maps, chosen)]
-
-
-def _scans_of(maps: Maps, settings: Detector) -> list[Scan]:
-    mask, peak = detected_cells(maps, settings)
-    shape = _bodies(maps, mask, peak, settings)
-    found: list[list[Detection]] = [[] for _ in maps.time_s]
-    for number in range(shape.power.size):
-        found[shape.scan[number]].append(_detection(maps, shape, number))
-    return [Scan(float(t), tuple(detections)) for t, detections in zip(maps.time_s, found, strict=True)]
+    scans: list[Scan] = []
+    for maps in maps_of(moving, chosen, wavelength_m=wavelength_m):
+        mask, peak = detected_cells(maps, chosen)
+        shape = _bodies(maps, mask, peak, chosen)
+        found: list[list[Detection]] = [[] for _ in maps.time_s]
+        for number in range(shape.power.size):
+            found[shape.scan[number]].append(_detection(maps, shape, number))
+        scans += [Scan(float(t), tuple(detections)) for t, detections in zip(maps.time_s, found, strict=True)]
+    return scans
 
 
 def detected_cells(maps: Maps, settings: Detector) -> tuple[Mask, Mask]:
@@ -106,14 +105,6 @@ def detected_cells(maps: Maps, settings: Detector) -> tuple[Mask, Mask]:
 def _threshold(maps: Maps, settings: Detector, pfa: float) -> Mask:
     if settings.method == "noise_map":
         return np.asarray(maps.power_v2 > (noise_factor(pfa) * maps.floor_v2).astype(np.float32))
-    window = _window(maps, settings)
-    if settings.method == "os_cfar":
-        return os_mask(maps.power_v2, window, pfa, rank_share=settings.rank)
-    return ca_mask(maps.power_v2, window, pfa)
-
-
-def _window(maps: Maps, settings: Detector) -> RangeWindow:
-    """CFAR window in range bins; an :class:`AnalysisError` where some bins have hardly any training cells."""
     window = range_window(
         bin_spacing_m=maps.bin_spacing_m,
         window_m=settings.window_m,
@@ -125,7 +116,9 @@ def _window(maps: Maps, settings: Detector) -> RangeWindow:
             f"method {settings.method!r} compares cells along range, and a frame of {maps.range_m.size} range bins "
             f"holds no window from {settings.guard_m:g} to {settings.window_m:g} m; take method 'noise_map'"
         )
-    return window
+    if settings.method == "os_cfar":
+        return os_mask(maps.power_v2, window, pfa, rank_share=settings.rank)
+    return ca_mask(maps.power_v2, window, pfa)
 
 
 def _bodies(maps: Maps, mask: Mask, peak: Mask, settings: Detector) -> Shape:

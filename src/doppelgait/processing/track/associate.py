@@ -63,7 +63,12 @@ def associate(
         assigned[rows] = [columns[c] if c >= 0 else -1 for c in chosen]
         shared = len(rows) > 1
         soft = association == "jpda" or (association == "auto" and shared)
-        table = joint_probabilities(part, miss) if soft and _n_events(part) <= MAX_EVENTS else _hard(part, chosen)
+        most_events = float(np.prod(np.isfinite(part).sum(axis=1) + 1.0))
+        if soft and most_events <= MAX_EVENTS:
+            table = joint_probabilities(part, miss)
+        else:
+            table = np.zeros((part.shape[0], part.shape[1] + 1))
+            table[range(len(chosen)), chosen] = 1.0  # -1 is the last column: none
         weights[np.ix_(rows, [*columns, detections])] = table
     return Associations(assigned, weights)
 
@@ -143,14 +148,3 @@ def joint_probabilities(gain: FloatArray, miss: float) -> FloatArray:
 
     extend(0, (), 1.0)
     return np.asarray(table / table.sum(axis=1, keepdims=True))
-
-
-def _n_events(gain: FloatArray) -> float:
-    """Upper limit of the number of joint events."""
-    return float(np.prod(np.isfinite(gain).sum(axis=1) + 1.0))
-
-
-def _hard(gain: FloatArray, chosen: list[int]) -> FloatArray:
-    table = np.zeros((gain.shape[0], gain.shape[1] + 1))
-    table[range(len(chosen)), chosen] = 1.0  # -1 is the last column: none
-    return table

@@ -109,8 +109,29 @@ def _after_scan(live: list[Live], scan: Scan, options: Tracker, span_mps: float 
             continue
         models = [_model(one, scan.time_s, options) for one in group]
         predictions = [kalman.predict(one.state, model) for one, model in zip(group, models, strict=True)]
-        measured = [[_innovation(p, d, options, span_mps) for d in free] for p in predictions]
-        chosen = _associate(measured, options, "gnn" if not confirmed else options.association)
+        measured = [
+            [
+                kalman.innovation(
+                    predicted,
+                    range_m=d.range_m,
+                    velocity_mps=d.velocity_mps,
+                    range_sd_m=max(d.range_sd_m, options.range_sd_min_m),
+                    velocity_sd_mps=max(d.velocity_sd_mps, options.velocity_sd_min_mps),
+                    velocity_span_mps=span_mps,
+                )
+                for d in free
+            ]
+            for predicted in predictions
+        ]
+        limit = gate_threshold(options.gate_probability)
+        table = [[i.log_likelihood if i.nis <= limit else -math.inf for i in row] for row in measured]
+        chosen = associate(
+            np.array(table, dtype=float).reshape(len(group), len(free)),
+            detection_probability=options.detection_probability,
+            gate_probability=options.gate_probability,
+            clutter_density=options.clutter_per_m_mps,
+            association=options.association if confirmed else "gnn",
+        )
         steps = [
             _step(scan.time_s, models[n], predictions[n], free, measured[n], chosen, n, options)
             for n in range(len(group))
@@ -134,29 +155,6 @@ def _model(one: Live, time_s: float, options: Tracker) -> Model:
             velocity_sd_mps=options.rest_velocity_sd_mps,
         )
     return kalman.constant_velocity(interval_s, acceleration_noise_m2ps3=options.acceleration_noise_m2ps3)
-
-
-def _innovation(predicted: Gaussian, d: Detection, options: Tracker, span_mps: float | None) -> Innovation:
-    return kalman.innovation(
-        predicted,
-        range_m=d.range_m,
-        velocity_mps=d.velocity_mps,
-        range_sd_m=max(d.range_sd_m, options.range_sd_min_m),
-        velocity_sd_mps=max(d.velocity_sd_mps, options.velocity_sd_min_mps),
-        velocity_span_mps=span_mps,
-    )
-
-
-def _associate(measured: list[list[Innovation]], options: Tracker, association: str) -> Associations:
-    limit = gate_threshold(options.gate_probability)
-    table = [[i.log_likelihood if i.nis <= limit else -math.inf for i in row] for row in measured]
-    return associate(
-        np.array(table, dtype=float).reshape(len(measured), len(measured[0]) if measured else 0),
-        detection_probability=options.detection_probability,
-        gate_probability=options.gate_probability,
-        clutter_density=options.clutter_per_m_mps,
-        association=association,
-    )
 
 
 def _step(
@@ -242,16 +240,15 @@ def _starts(live: list[Live], scan: Scan, options: Tracker, span_mps: float | No
         if any(abs(d.range_m - r) < options.separation_m for r in ranges_m):
             continue
         ranges_m.append(d.range_m)
-        new.append([_first_step(scan.time_s, d, v, options) for v in _unfolded(d.velocity_mps, options, span_mps)])
+        range_sd_m = max(d.range_sd_m, options.range_sd_min_m)
+        velocity_sd_mps = max(d.velocity_sd_mps, options.velocity_sd_min_mps, options.start_velocity_sd_mps)
+        steps = []
+        for velocity_mps in _unfolded(d.velocity_mps, options, span_mps):
+            state = Gaussian(d.range_m, velocity_mps, range_sd_m**2, 0.0, velocity_sd_mps**2)
+            stay = Model(0.0, 1.0, 0.0, 0.0, 0.0)
+            steps.append(Step(scan.time_s, stay, state, state, MEASURED, box=box_of(d), power_v2=d.power_v2))
+        new.append(steps)
     return new
-
-
-def _first_step(time_s: float, d: Detection, velocity_mps: float, options: Tracker) -> Step:
-    range_sd_m = max(d.range_sd_m, options.range_sd_min_m)
-    velocity_sd_mps = max(d.velocity_sd_mps, options.velocity_sd_min_mps, options.start_velocity_sd_mps)
-    state = Gaussian(d.range_m, velocity_mps, range_sd_m**2, 0.0, velocity_sd_mps**2)
-    stay = Model(0.0, 1.0, 0.0, 0.0, 0.0)
-    return Step(time_s, stay, state, state, MEASURED, box=box_of(d), power_v2=d.power_v2)
 
 
 def _unfolded(velocity_mps: float, options: Tracker, span_mps: float | None) -> list[float]:
@@ -266,14 +263,11 @@ def _unfolded(velocity_mps: float, options: Tracker, span_mps: float | None) -> 
 def _confirm(live: list[Live], time_s: float, options: Tracker) -> None:
     for one in live:
         hits = sum(step.outcome == MEASURED for step in one.steps[-options.confirm_scans :])
-        if one.confirmed_at_s is None and hits >= options.confirm_hits and not _has_rival(one, live):
+        family = [other for other in live if other is not one and other.family == one.family]
+        # another unfolding of the same first detection that was confirmed, or has more hits
+        rival = any(other.confirmed_at_s is not None or other.hits > one.hits for other in family)
+        if one.confirmed_at_s is None and hits >= options.confirm_hits and not rival:
             one.confirmed_at_s = time_s
-
-
-def _has_rival(one: Live, live: list[Live]) -> bool:
-    """Whether another unfolding of the same first detection was confirmed, or has more hits."""
-    family = [other for other in live if other is not one and other.family == one.family]
-    return any(other.confirmed_at_s is not None or other.hits > one.hits for other in family)
 
 
 def _is_over(one: Live, live: list[Live], time_s: float, options: Tracker) -> bool:
