@@ -128,7 +128,7 @@ def draw_mover(plan: Plan, number: int, rng: np.random.Generator, mocap: Path | 
 
 def range_m(motion: Any, place: Place) -> float:
     """Range in the middle of the observation at which the mover comes as near as wanted."""
-    way_m = np.abs(motion.values[:, :, :2].mean(axis=1) - motion.values[0, :, :2].mean(axis=0)).max(axis=1)
+    way_m = np.abs(motion.position_m[:, :, :2].mean(axis=1) - motion.position_m[0, :, :2].mean(axis=0)).max(axis=1)
     last, middle = round(SECONDS * movers.RATE_HZ), round(SECONDS / 2 * movers.RATE_HZ)
     return place.closest_m + float(way_m[middle] - way_m[0] if place.away else way_m[last] - way_m[middle])
 

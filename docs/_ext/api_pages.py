@@ -14,12 +14,14 @@ PACKAGES = (
     "doppelgait.scene.environment", "doppelgait.radar", "doppelgait.radar.waveforms", "doppelgait.radar.impairments",
     "doppelgait.radar.fit", "doppelgait.radar.readers", "doppelgait.radar.xethru", "doppelgait.processing",
     "doppelgait.processing.detect", "doppelgait.processing.track", "doppelgait.features", "doppelgait.pipeline",
-    "doppelgait.viz", "doppelgait.dataset", "doppelgait.dataset.export", "doppelgait.dataset.importing",
+    "doppelgait.viz", "doppelgait.dataset",
     "doppelgait.dataset.verify", "doppelgait.classify", "doppelgait.testing", "doppelgait.testing.conformance",
 )  # fmt: skip
 """Packages whose ``__all__`` is public, in the order of the data."""
-BESIDE = ("doppelgait.core.errors", "doppelgait.core.units", "doppelgait.core.plugins", "doppelgait.core.rng",
-          "doppelgait.features.feature_set", "doppelgait.features.extended")  # fmt: skip
+BESIDE = (
+    "doppelgait.dataset.export", "doppelgait.dataset.importing", "doppelgait.core.errors", "doppelgait.core.units",
+    "doppelgait.core.plugins", "doppelgait.core.rng", "doppelgait.features.feature_set", "doppelgait.features.extended",
+)  # fmt: skip
 """Modules that users meet without an ``__all__`` of their package: what they define is public."""
 
 

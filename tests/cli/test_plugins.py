@@ -33,5 +33,5 @@ def test_groups_can_be_chosen():
     lines = run("exporter").splitlines()
     assert lines[0].split() == ["group", "name", "package", "version", "parameters"]
     assert {line.split()[0] for line in lines[1:]} == {"exporter"}
-    with pytest.raises(ConfigError, match="plugins sonar: no such group; groups are classifier, exporter"):
+    with pytest.raises(ConfigError, match="plugins sonar: no such group; groups are classifier, environment, exporter"):
         run("sonar")

@@ -105,3 +105,29 @@ def test_what_is_no_complex_matrix_is_refused():
             Samples(values)
     with pytest.raises(ValueError, match="broadcast"):
         both()[1] + np.zeros(N_PULSES)
+
+
+@pytest.mark.parametrize("layout", [0, 1])
+def test_functions_of_numpy_and_further_operators_are_those_of_the_matrix(layout):
+    samples, plain = both()[layout], matrix()
+    for function in (np.add, np.multiply, np.subtract):
+        for other in (2.0, plain[:1], plain[:, :1]):
+            assert np.asarray(function(samples, other)) == pytest.approx(function(plain, other), rel=1e-6, abs=1e-6)
+            assert np.asarray(function(other, samples)) == pytest.approx(function(other, plain), rel=1e-6, abs=1e-6)
+    assert np.asarray(samples / 4.0) == pytest.approx(plain / 4.0)
+    assert np.asarray(1.0 - samples) == pytest.approx(1.0 - plain)
+    assert np.asarray(-samples) == pytest.approx(-plain)
+    assert samples[3, 2] == plain[3, 2]
+    assert len(samples) == N_PULSES
+    assert np.asarray(samples) == pytest.approx(plain), "nothing was changed in place"
+
+
+@pytest.mark.parametrize("layout", [0, 1])
+def test_noise_pending_and_frozen_samples_share_no_memory_that_changes(layout):
+    samples = both()[layout]
+    noisy = samples.with_noise(KEY, 1.0)
+    frozen, once = noisy.freeze(), noisy.matrix.copy()
+    noisy.settle()
+    noisy += 1.0
+    assert np.asarray(samples) == pytest.approx(matrix())
+    assert np.asarray(frozen) == pytest.approx(once)

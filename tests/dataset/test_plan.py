@@ -13,13 +13,13 @@ from scipy.stats import ks_2samp
 from doppelgait.core import plugins
 from doppelgait.core.config import FrozenModel, validate
 from doppelgait.core.errors import ConfigError, DatasetError
-from doppelgait.dataset.build import _lay_out
 from doppelgait.dataset.card import blocks_release
 from doppelgait.dataset.config import DatasetSection, PlanConfig, differences, load_plan, plan_names, shorten
 from doppelgait.dataset.finish import dataset_id, plan_header, plan_plugins
-from doppelgait.dataset.plan import check_examples, nuisance_of, plan_dataset
+from doppelgait.dataset.plan import check_examples, nuisance_of, plan_dataset, spread
 from doppelgait.dataset.resolve import resolve
 from doppelgait.dataset.splits import assign_splits, groups_of
+from doppelgait.dataset.verify.leakage import warn_of_leaks
 
 
 def draw(value, example=0, key="k"):
@@ -520,7 +520,7 @@ def test_a_leaky_plan_is_built_with_a_warning(tmp_path):
         config = plan(dataset={"name": "x", "examples_per_class": 60}, target=honest, companions=companions)
         with warnings.catch_warnings(record=True) as seen:
             warnings.simplefilter("always")
-            _lay_out(config, tmp_path / "x", tmp_path, None, 0.0)
+            warn_of_leaks(list(spread(plan_dataset(config, folder=tmp_path), 120)), np.random.default_rng(0))
         assert any("target.range_m" in str(w.message) and "learns these" in str(w.message) for w in seen) is told
 
 

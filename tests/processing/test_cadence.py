@@ -143,14 +143,14 @@ def test_lowest_lines_are_those_of_the_full_transform_to_rounding(n_columns, len
 
 @pytest.mark.parametrize(("n_columns", "n_rows", "length"), [(22, 64, 176), (100, 70, 800), (613, 128, 4904)])
 def test_memory_that_is_used_again_leaves_nothing_behind(n_columns, n_rows, length):
-    from doppelgait.processing import narrow_band
+    from doppelgait.processing import cadence
 
     rng = np.random.default_rng(n_columns)
     rows, weights = rng.normal(size=(n_columns, n_rows)), rng.random(n_columns)
     for n_kept in (length // 2 + 1, length // 8):
         for name in ("circular", "lines", "grid", "fine"):
-            held = getattr(narrow_band._buffers, name, np.empty(0))
+            held = getattr(cadence._buffers, name, np.empty(0))
             held[:] = np.nan
-        found = narrow_band.magnitudes(rows, weights, length, n_kept)
+        found = cadence.magnitudes(rows, weights, length, n_kept)
         wanted = np.abs(np.fft.rfft(rows * weights[:, None], length, axis=0))[:n_kept]
         np.testing.assert_allclose(found, wanted, atol=1e-9 * wanted.max())

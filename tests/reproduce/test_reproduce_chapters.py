@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -80,7 +82,7 @@ def test_phase_and_cycle_need_a_whole_stride(material):
     with pytest.raises(MotionError, match=r"left_paw touches down 0 times where two are needed"):
         measures.one_cycle_s(motion, "left_paw")
     with pytest.raises(MotionError, match="no point is known to be of the left hind paw"):
-        measures.part_line(motion.isel(space=0), "left_hind_paw")
+        measures.part_line(motion.positions.isel(space=0), "left_hind_paw")
 
 
 def test_departure_is_the_root_mean_square_about_the_line():
@@ -93,9 +95,11 @@ def test_departure_is_the_root_mean_square_about_the_line():
 
 def test_forward_places_follow_the_direction_of_travel(material):
     motion = material.person().motion
-    turned = motion.copy(data=motion.values[:, :, [1, 0, 2]])  # now it walks along +y
+    turned = replace(
+        motion, positions=motion.positions.copy(data=motion.position_m[:, :, [1, 0, 2]])
+    )  # now it walks along +y
     lines = measures.forward_m(turned)
-    expected = motion.values[:, :, 0] - motion.values[:, :, 0].mean(axis=1, keepdims=True)
+    expected = motion.position_m[:, :, 0] - motion.position_m[:, :, 0].mean(axis=1, keepdims=True)
     np.testing.assert_allclose(lines.values, expected, atol=0.02)
 
 
@@ -104,8 +108,8 @@ def test_forward_places_follow_the_direction_of_travel(material):
 
 def test_the_ankle_peaks_where_differences_of_its_positions_say(material, made):
     motion, rate_hz = material.walker().motion, 500.0
-    number = list(motion.marker.values).index("right_ankle")
-    ankle_m = motion.values[: round(rate_hz / motion.facts.stride_frequency_hz), number]
+    number = motion.markers.index("right_ankle")
+    ankle_m = motion.position_m[: round(rate_hz / motion.facts.stride_frequency_hz), number]
     start_m = material.recording(material.walker()).truth[0].scatterers["range"].values[0, number]
     radar_m = ankle_m[0, 0] + np.sqrt(start_m**2 - ankle_m[0, 1] ** 2 - (ankle_m[0, 2] - 1.0) ** 2)
     range_m = np.hypot(np.hypot(radar_m - ankle_m[:, 0], ankle_m[:, 1]), ankle_m[:, 2] - 1.0)
@@ -120,7 +124,7 @@ def test_the_ankle_peaks_where_differences_of_its_positions_say(material, made):
 def test_the_walker_goes_two_metres_a_second_with_17_points(material, made):
     walker = material.walker()
     assert readings_of(made("fig-2.15"))["points of the walker"].kind == "set"
-    way_m = np.ptp(walker.motion.values[:, :, 0].mean(axis=1))
+    way_m = np.ptp(walker.motion.position_m[:, :, 0].mean(axis=1))
     assert way_m / walker.seconds == pytest.approx(2.0, abs=0.01)
     assert walker.strides == pytest.approx(5.0, abs=0.01)
 

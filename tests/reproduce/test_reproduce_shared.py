@@ -39,7 +39,7 @@ def test_recordings_take_the_place_of_models(material):
     assert [one.gait for one in material.dogs()] == ["gallop"]
     # the manifest of the shared data: 1.368 m/s, and a stride of 0.92 Hz to +-0.1 Hz
     person = material.person()
-    way_m = np.linalg.norm(np.diff(person.motion.values[[0, -1], :, :2].mean(axis=1), axis=0))
+    way_m = np.linalg.norm(np.diff(person.motion.position_m[[0, -1], :, :2].mean(axis=1), axis=0))
     assert way_m / person.seconds == pytest.approx(1.368, abs=0.02)
     assert person.strides / person.seconds == pytest.approx(0.92, abs=0.03)
 

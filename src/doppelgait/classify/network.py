@@ -105,13 +105,7 @@ def train_network(
     weights = class_weights(train.labels, n_classes)
     with _fixed(torch, seed):
         device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
-        nn, layers, n_in = torch.nn, [], 1
-        for n_out in CHANNELS:
-            layers += [nn.Conv2d(n_in, n_out, 3, padding=1, bias=False), nn.MaxPool2d(2)]
-            layers += [nn.BatchNorm2d(n_out, eps=NORM_EPSILON), nn.ReLU()]
-            n_in = n_out
-        layers += [nn.AdaptiveAvgPool2d(1), nn.Flatten(), nn.Dropout(settings.dropout), nn.Linear(n_in, n_classes)]
-        model = nn.Sequential(*layers).to(device, memory_format=torch.channels_last)
+        model = build_model(torch, n_classes, settings.dropout).to(device, memory_format=torch.channels_last)
         optimiser = torch.optim.AdamW(model.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay)
         best, best_loss, since = model.state_dict(), np.inf, 0
         for _ in range(min(settings.most_epochs, -(-settings.most_pictures // train.labels.size))):
@@ -124,6 +118,17 @@ def train_network(
             if since >= settings.patience:
                 break
     return _plain(best, spec)
+
+
+def build_model(torch: Any, n_classes: int, dropout: float) -> Any:
+    """Build the untrained network: convolutions that halve the picture, their mean, one linear layer."""
+    nn, layers, n_in = torch.nn, [], 1
+    for n_out in CHANNELS:
+        layers += [nn.Conv2d(n_in, n_out, 3, padding=1, bias=False), nn.MaxPool2d(2)]
+        layers += [nn.BatchNorm2d(n_out, eps=NORM_EPSILON), nn.ReLU()]
+        n_in = n_out
+    layers += [nn.AdaptiveAvgPool2d(1), nn.Flatten(), nn.Dropout(dropout), nn.Linear(n_in, n_classes)]
+    return nn.Sequential(*layers)
 
 
 def _with_signature(part: Part) -> Part:

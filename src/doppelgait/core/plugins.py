@@ -15,6 +15,7 @@ from importlib import import_module
 from importlib.metadata import entry_points, packages_distributions, version
 from inspect import signature
 from pathlib import Path
+from threading import RLock
 from typing import Annotated, Any, Generic, TypeVar
 
 from pydantic import BeforeValidator, SerializeAsAny
@@ -72,6 +73,7 @@ class Plugin(Generic[T]):
 _REGISTERED: dict[str, dict[str, Plugin[Any]]] = {}
 _GROUPS: dict[str, Group[Any]] = {}
 _LOADED: set[str] = set()
+_LOADING = RLock()
 
 
 def plugin(
@@ -142,10 +144,12 @@ class Group(Generic[T]):
     def _plugins(self) -> dict[str, Plugin[T]]:
         known = _REGISTERED.setdefault(self.name, {})
         if not self._complete:
-            self._complete = True  # a module imported here may look its own group up
+            # Several threads may do this at once: importing twice is harmless, and Python's own import lock makes each
+            # wait until a module is whole. A module that looks its group up while it is imported gets what is there.
             for module in self._built_in:
                 import_module(module)
             _load_packages()
+            self._complete = True
         return known
 
     def __getitem__(self, name: str) -> Plugin[T]:
@@ -273,15 +277,24 @@ def _head_of(path: Path) -> bytes:
 
 def _load_packages() -> None:
     """Import the plug-in modules of installed packages, once; one that fails is a warning and is left out."""
-    for entry in entry_points(group=ENTRY_POINTS):
-        if entry.value in _LOADED:
-            continue
-        _LOADED.add(entry.value)
-        try:
-            entry.load()
-        except Exception as error:
-            warnings.warn(
-                f"plug-ins of {entry.name!r} ({entry.value}) cannot be loaded and are left out: {error}",
-                DoppelgaitWarning,
-                stacklevel=2,
-            )
+    with _LOADING:
+        new = [entry for entry in entry_points(group=ENTRY_POINTS) if entry.value not in _LOADED]
+        if not new:
+            return
+        _LOADED.update(entry.value for entry in new)
+        for group in plugin_groups().values():  # doppelgait's own names come first: nobody else may take them
+            for module in group._built_in:
+                import_module(module)
+        for entry in new:
+            before = {name: dict(known) for name, known in _REGISTERED.items()}
+            try:
+                entry.load()
+            except Exception as error:
+                for name, known in _REGISTERED.items():
+                    for added in known.keys() - before.get(name, {}).keys():
+                        del known[added]
+                warnings.warn(
+                    f"plug-ins of {entry.name!r} ({entry.value}) cannot be loaded and are left out: {error}",
+                    DoppelgaitWarning,
+                    stacklevel=2,
+                )

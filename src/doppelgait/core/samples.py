@@ -87,7 +87,7 @@ class Samples:
     @property
     def matrix(self) -> Matrix:
         """Complex64 array, one row a pulse."""
-        settled = self.freeze().settle()
+        settled = self._shown()
         if settled._matrix is not None:
             return settled._matrix
         from doppelgait.core.kernels.synthesis import join_planes
@@ -100,7 +100,7 @@ class Samples:
     @property
     def planes(self) -> Planes:
         """Real and imaginary planes, float32, one row a sample."""
-        settled = self.freeze().settle()
+        settled = self._shown()
         return settled._planes if settled._planes is not None else _split(settled.matrix, slice(0, self.shape[1]))
 
     def read(self, spans: Spans, margin: int = 0) -> tuple[Planes, int]:
@@ -136,9 +136,13 @@ class Samples:
         return noisy, first
 
     def with_noise(self, key: np.uint64, power_v2: float) -> Samples:
-        """The same samples with complex white Gaussian noise pending; the values are shared, not copied."""
+        """The same samples with complex white Gaussian noise pending.
+
+        The values are shared, not copied, and so is the memory: from now on the result alone may change it.
+        """
         quiet = self.settle()
-        return self._make(quiet.shape, quiet._matrix, quiet._planes, Noise(key, math.sqrt(power_v2)), quiet._owned)
+        owned, quiet._owned, self._owned = quiet._owned, False, False
+        return self._make(quiet.shape, quiet._matrix, quiet._planes, Noise(key, math.sqrt(power_v2)), owned)
 
     def settle(self) -> Samples:
         """The samples with pending noise added, in their own memory where they have some."""
@@ -155,6 +159,10 @@ class Samples:
             self._noise = None
         return noisy
 
+    def _shown(self) -> Samples:
+        """The samples with pending noise, in memory that is not theirs where there is some."""
+        return self._make(self.shape, self._matrix, self._planes, self._noise, False).settle()
+
     def _writable(self) -> Samples:
         return self if self._owned else self.copy()
 
@@ -165,7 +173,8 @@ class Samples:
         return self._make(self.shape, matrix, planes, self._noise, True)
 
     def freeze(self) -> Samples:
-        """The same values, of which nothing is changed any more: changes of the result are made in a copy."""
+        """The same values, of which nothing is changed any more: changes of either are made in a copy."""
+        self._owned = False
         return self._make(self.shape, self._matrix, self._planes, self._noise, False)
 
     def map_parts(self, function: Callable[[npt.NDArray[np.float64]], npt.NDArray[np.float64]]) -> Samples:
@@ -232,7 +241,8 @@ class Samples:
         if out is not None or method not in ("__call__", "reduce"):
             return NotImplemented
         if method == "__call__" and not options and ufunc in (np.add, np.multiply):  # an array on the left
-            return _change(self.copy(), ufunc, inputs[0])
+            other = inputs[1] if inputs[0] is self else inputs[0]
+            return _change(self.copy(), ufunc, other)
         arrays = [value.matrix if isinstance(value, Samples) else value for value in inputs]
         found = getattr(ufunc, method)(*arrays, **options)
         same = isinstance(found, np.ndarray) and found.dtype.kind == "c" and found.shape == self.shape
@@ -245,6 +255,21 @@ class Samples:
 
     def __sub__(self, other: Any) -> Samples:
         return _change(self.copy(), np.subtract, other)
+
+    def __rsub__(self, other: Any) -> Samples:
+        return _change(-self, np.add, other)
+
+    def __neg__(self) -> Samples:
+        return _change(self.copy(), np.multiply, -1.0)
+
+    def __truediv__(self, other: Any) -> Samples:
+        return _change(self.copy(), np.multiply, 1.0 / np.asarray(other))
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, index: Any) -> Any:
+        return self.matrix[index]
 
     def __mul__(self, other: Any) -> Samples:
         return _change(self.copy(), np.multiply, other)

@@ -38,7 +38,6 @@ UNEVEN_M, UNEVEN_SHARE = 0.15, 0.05
 SUPPORT_STRIDES = 0.12
 """Share of a stride over which the speed of the feet is averaged to find double support: what it lasts in a walk."""
 _SAMPLES_PER_STRIDE = 400
-_FREQUENCIES = ("stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz")
 
 
 @dataclass(frozen=True)

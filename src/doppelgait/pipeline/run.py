@@ -77,7 +77,7 @@ class Run(FrozenModel):
         table, text = read_toml(path)
         folder = Path(path).parent
         run = parse_run(apply_overrides(table, overrides), where=str(path), text=text, folder=folder)
-        return run.model_copy(update={"scene": with_file_paths(run.scene, folder)})
+        return run.model_copy(update={"scene": with_file_paths(run.scene, folder.resolve())})
 
     def to_toml(self) -> str:
         """Write the run as the text of a scene file; :meth:`from_toml` reads an equal run.

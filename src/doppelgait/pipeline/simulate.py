@@ -115,6 +115,7 @@ def simulate(
         ],
         noise_power_v2=noise_v2,
         snr_frame_db=snr_frame_db(signal_v2, noise_v2),
+        seed=None if rng is None else rng.seed,
         source="simulation",
         radar_position_m=placed.scene.radar_position_m,
         radar_azimuth_deg=placed.scene.radar_azimuth_deg,

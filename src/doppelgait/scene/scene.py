@@ -241,7 +241,7 @@ class Scene(FrozenModel):
         """
         table, text = read_toml(path)
         own = {key: value for key, value in table.items() if key in cls.model_fields}
-        return with_file_paths(validate(cls, own, where=str(path), text=text), FilePath(path).parent)
+        return with_file_paths(validate(cls, own, where=str(path), text=text), FilePath(path).resolve().parent)
 
     def to_toml(self) -> str:
         """Write the scene as the text of a scene file; :meth:`from_toml` reads an equal scene.

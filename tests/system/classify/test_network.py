@@ -60,7 +60,7 @@ def test_mirrored_signatures_get_the_same_answer(trained):
 
 def test_plain_form_answers_as_torch_does():
     torch.manual_seed(0)
-    model = nets._model(torch, 3, 0.3)
+    model = nets.build_model(torch, 3, 0.3)
     pictures = torch.rand(5, 1, 32, 48) * torch.linspace(-3, 3, 5).reshape(5, 1, 1, 1)  # not all alike
     for _ in range(60):  # running means of the batch normalisation that are not those it starts with
         model(torch.rand(16, 1, 32, 48) * 3 - 1)

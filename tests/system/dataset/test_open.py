@@ -464,9 +464,9 @@ def test_specification_of_an_example_is_that_of_its_plan(dataset, mixed, tmp_pat
         for example in data:
             assert example.specification == specs[example.row["scene_id"]]
             assert pickle.loads(pickle.dumps(example)).specification == example.specification
-            assert example.result().analysis == example.specification.run.analysis
+            assert example.result(None).analysis == example.specification.run.analysis
     assert mixed["human-000001-c1"].specification.rows[1].id == "human-000001-c1"
-    assert json_value(dataset.result(3).to_row()) == json_value(dataset.example(3).result().to_row())
+    assert json_value(dataset.result(3).to_row()) == json_value(dataset.example(3).result(None).to_row())
 
 
 @pytest.mark.parametrize(

@@ -124,9 +124,9 @@ def walks(tmp_path):
     (tmp_path / "walks").mkdir()
     for number, seconds in enumerate((6.0, 3.0, 1.4)):
         motion = boulic_walk(speed_mps=1.2 + 0.1 * number, duration_s=seconds)
-        names = [f"{m}_{a}_m" for m in motion.marker.values for a in "xyz"]
+        names = [f"{m}_{a}_m" for m in motion.markers for a in "xyz"]
         header = ",".join(["time_s", *names])
-        table = np.column_stack([motion.time.values, motion.values.reshape(motion.sizes["time"], -1)])
+        table = np.column_stack([motion.time_s, motion.position_m.reshape(motion.time_s.size, -1)])
         np.savetxt(tmp_path / "walks" / f"take_{number}.csv", table, delimiter=",", header=header, comments="")
     (tmp_path / "walks" / "notes.txt").write_text("no motion")
     return tmp_path

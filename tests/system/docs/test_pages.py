@@ -212,7 +212,10 @@ def test_names_in_the_glossary_exist():
     words = set(re.findall(r"\w+", source))
     rows = [line.split("|")[2] for line in (DOCS / "glossary.md").read_text().split("\n") if line.startswith("| $")]
     names = {
-        name for cell in rows for quoted in re.findall(r"`([^`]*)`", cell) for name in re.findall(r"[a-z]\w+", quoted)
+        name
+        for cell in rows
+        for quoted in re.findall(r"`([^`]*)`", cell)
+        for name in re.findall(r"\b[A-Za-z]\w+", quoted)
     }
     assert len(names) >= 40
     assert names <= words

@@ -47,16 +47,16 @@ def walk(movers: ModuleType) -> Any:
 def test_at_its_own_pace_a_motion_is_itself(movers: ModuleType) -> None:
     motion = walk(movers)
     same = movers.hurried(motion, SECONDS, np.ones_like)
-    assert np.abs(same.values - motion.values[: same.sizes["time"]]).max() < 1e-9
+    assert np.abs(same.position_m - motion.position_m[: same.time_s.size]).max() < 1e-9
 
 
 def test_at_half_the_pace_it_goes_half_as_far(movers: ModuleType) -> None:
     motion = walk(movers)
     slow = movers.hurried(motion, SECONDS, lambda times_s: np.full_like(times_s, 0.5))
-    whole, half = (one.values[450].mean(axis=0)[0] - one.values[0].mean(axis=0)[0] for one in (motion, slow))
+    whole, half = (one.position_m[450].mean(axis=0)[0] - one.position_m[0].mean(axis=0)[0] for one in (motion, slow))
     assert half / whole == pytest.approx(0.5, abs=0.05)
     frame = 300
-    assert slow.values[frame] == pytest.approx(motion.values[frame // 2], abs=1e-9)
+    assert slow.position_m[frame] == pytest.approx(motion.position_m[frame // 2], abs=1e-9)
 
 
 def test_large_animals_are_large_and_as_fast_as_asked(movers: ModuleType) -> None:
@@ -64,8 +64,8 @@ def test_large_animals_are_large_and_as_fast_as_asked(movers: ModuleType) -> Non
         found = movers.model_mover("dog", 1.1, SECONDS, np.random.default_rng(seed), large=True)
         assert 1.2 <= found.motion.facts.height_m <= 1.7
         assert movers.speed_of(found, SECONDS) == pytest.approx(1.1, rel=0.1)
-        withers = list(found.motion.coords["marker"].values).index("withers")
-        assert found.motion.values[:, withers, 2].mean() > 1.0
+        withers = found.motion.markers.index("withers")
+        assert found.motion.position_m[:, withers, 2].mean() > 1.0
 
 
 def test_speed_and_place_do_not_know_the_class(images: ModuleType) -> None:

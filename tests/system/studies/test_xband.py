@@ -150,7 +150,7 @@ def test_distances_of_a_shifted_image(measures: ModuleType) -> None:
 def test_ground_sways_as_much_as_stated(twin: ModuleType) -> None:
     """Gaussian sway of exponentially distributed size: the mean square over points is 2 m^2."""
     motion = twin.ground(400.0, np.random.default_rng(4))
-    along_m = motion.values[:, :, 0]
+    along_m = motion.position_m[:, :, 0]
     sway_m = along_m - along_m.mean(axis=0)
     assert np.mean(sway_m**2) == pytest.approx(2 * twin.SWAY_M**2, rel=0.15)
     speed_mps = np.diff(along_m, axis=0) * motion.rate_hz

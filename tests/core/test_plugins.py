@@ -1,0 +1,70 @@
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import pytest
+from pydantic import ConfigDict
+
+from doppelgait.core import plugins
+from doppelgait.core.config import FrozenModel, validate
+from doppelgait.core.errors import ConfigError
+from doppelgait.core.plugins import Group, plugin
+
+
+class Offset(FrozenModel):
+    kind: Literal["offset"] = "offset"
+    level_v: float = 1.0
+
+
+@pytest.fixture
+def group(monkeypatch: pytest.MonkeyPatch) -> Group[Any]:
+    """A group of its own with one plug-in with parameters and one without."""
+    monkeypatch.setitem(plugins._REGISTERED, "demo_effect", {})
+    monkeypatch.setattr(plugins, "_GROUPS", dict(plugins._GROUPS))
+    made: Group[Any] = Group("demo_effect")
+
+    @plugin("demo_effect", parameters=Offset, version="3")
+    def add_offset(value: float, parameters: Offset) -> float:
+        return value + parameters.level_v
+
+    plugin("demo_effect", "plain", unit="m")(abs)
+    return made
+
+
+def test_a_plugin_is_found_by_name_with_its_parameters_and_facts(group: Group[Any]) -> None:
+    assert list(group) == ["offset", "plain"]
+    found = group["offset"]
+    assert found.run(1.0, Offset(level_v=2.0)) == 3.0
+    assert (found.parameters, found.version, found.package) == (Offset, "3", "tests")
+    assert group["plain"].facts == {"unit": "m"}
+    assert group.of(Offset()) is found
+
+
+def test_a_name_is_registered_once_and_always_given(group: Group[Any]) -> None:
+    with pytest.raises(ConfigError, match=r"demo effect 'plain' is registered twice"):
+        plugin("demo_effect", "plain")(abs)
+    with pytest.raises(ConfigError, match="needs a name"):
+        plugin("demo_effect")(abs)
+
+
+def test_tables_names_and_models_are_parsed(group: Group[Any]) -> None:
+    assert group.parse({"kind": "offset", "level_v": 2}) == Offset(level_v=2.0)
+    assert group.parse("offset") == Offset()
+    assert group.parse(Offset(level_v=4.0)) == Offset(level_v=4.0)
+    for wrong in ({"kind": "offse"}, {}, None, 3):
+        with pytest.raises(ConfigError, match=r"is not allowed: known are offset, plain"):
+            group.parse(wrong)
+    with pytest.raises(ConfigError, match="level: unknown key; allowed are kind, level_v"):
+        group.parse({"kind": "offset", "level": 2})
+    with pytest.raises(ConfigError, match="unknown demo effect 'x'; known are: offset, plain"):
+        group["x"]
+
+
+def test_a_field_of_a_group_round_trips(group: Group[Any]) -> None:
+    class Chain(FrozenModel):
+        model_config = ConfigDict(arbitrary_types_allowed=True)
+        effects: tuple[group.field(), ...] = ()  # type: ignore[valid-type]
+
+    chain = validate(Chain, {"effects": [{"kind": "offset", "level_v": 5.0}, "offset"]})
+    assert chain.model_dump() == {"effects": ({"kind": "offset", "level_v": 5.0}, {"kind": "offset", "level_v": 1.0})}
+    assert validate(Chain, chain.model_dump()) == chain
