@@ -17,14 +17,22 @@ lint: $(VENV)/.installed-test
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-# whole files to a worker, the longest first (tests/conftest.py): what a file's tests share is made once
-PYTEST := $(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder
+# Whole files to a worker, the longest first (tests/conftest.py): what a file's tests share is made once. Compiled
+# Python is kept even where the environment says otherwise: the suite starts hundreds of processes. Linting runs beside
+# the tests; what it says comes at the end.
+define PYTEST
+@said=$$(mktemp); $(MAKE) --no-print-directory lint >"$$said" 2>&1 & lint=$$!; tests=0; linted=0; \
+trap 'kill $$lint 2>/dev/null; rm -f "$$said"' EXIT; trap 'exit 130' INT TERM; \
+PYTHONDONTWRITEBYTECODE= $(BIN)/pytest -n auto --dist loadfile --no-loadscope-reorder $(1) || tests=$$?; \
+wait $$lint || linted=$$?; cat "$$said"; \
+if [ $$linted -ne 0 ]; then echo "lint failed, see above" >&2; fi; [ $$tests -eq 0 ] && [ $$linted -eq 0 ]
+endef
 
-check: lint
-	$(PYTEST) --ignore tests/system --ignore tests/browser
+check: $(VENV)/.installed-test
+	$(call PYTEST,--ignore tests/system --ignore tests/browser)
 
-test: lint
-	$(PYTEST)
+test: $(VENV)/.installed-test
+	$(call PYTEST,)
 
 docs: $(VENV)/.installed-docs
 	$(BIN)/sphinx-build -W --keep-going -q -b html docs docs/_build/html

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from functools import partial
+from itertools import islice
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,6 +21,7 @@ from obvious import (
 from scenario import Case, fill_matrix, fill_planes, make_radar, new_planes, prepare, scenario
 
 from doppelgait.core.rng import rng
+from doppelgait.dataset import stream_examples
 from doppelgait.pipeline import analyze, simulate
 from doppelgait.pipeline.analyze import analyze_signature
 from doppelgait.processing import Analysis, signature
@@ -32,6 +35,10 @@ SPECTROGRAM = "SciPy spectrogram, hop 1"
 BY_BIN = "SciPy spectrogram bin by bin, hop 1"
 SHORT_TIME_FFT = "SciPy ShortTimeFFT, hop 1"
 NOISE_V2 = 1e-12
+ROOM = "example of a room"
+ROOMS_PLAN = Path(__file__).parents[1] / "examples" / "rooms-plan.toml"
+N_ROOMS = 6
+"""Examples of the plan that a call makes: they differ, so the stage is their mean."""
 
 
 def measure_stages(rounds: int) -> dict[str, Any]:
@@ -44,9 +51,11 @@ def measure_stages(rounds: int) -> dict[str, Any]:
         **synthesis_work(case, full, planes, full_planes),
         **signature_work(case),
         **whole_work(case),
+        ROOM: room_work(),
         **floor_work(planes, full_planes),
     }
     seconds = measure(work, rounds)
+    seconds[ROOM] = combine(lambda s: s / N_ROOMS, seconds[ROOM])
     n_transforms = sharp_gate(case)[0].size * sharp_gate(case)[1]
     return {
         "seconds": seconds,
@@ -138,6 +147,12 @@ def whole_work(case: Case) -> dict[str, Work]:
 def run_example(case: Case, analysis: Analysis) -> None:
     """One example with noise and features."""
     analyze(simulate(case.scene, case.radar, rng=rng(1), angles=False), gate="truth", analysis=analysis)
+
+
+def room_work() -> Work:
+    """Examples with clutter, walls and reflections, as a dataset holds them."""
+    examples = stream_examples(ROOMS_PLAN)
+    return lambda: list(islice(examples, N_ROOMS))
 
 
 def stage_ratios(seconds: Seconds) -> dict[str, Timing]:

@@ -38,7 +38,7 @@ class Page(HTMLParser):
 
 
 def faults(folder: Path, pages: dict[Path, Page]) -> Iterator[str]:
-    """What is wrong, one line each."""
+    """Report faults, one line each."""
     for path, page in pages.items():
         shown = path.relative_to(folder)
         for link in sorted(page.links | page.loaded):

@@ -1,4 +1,4 @@
-"""The accuracy demanded of the gait features, line by line, and the report's method beside it.
+"""Accuracy requirements of the gait features, and the report's method.
 
     python studies/acceptance.py [--mocap FOLDER] [--trials N] [--processes P] [--parts LIST] [--out TABLE.csv]
 
@@ -13,13 +13,11 @@ psi 0 and 3 s, where demands are made of each gait), ``wide`` (bandwidth at a fr
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
 import time
 import warnings
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -29,6 +27,7 @@ import numpy as np
 import pandas as pd
 from acceptance_tables import REPORT_S, acceptance, by_cell, markdown, report_demands, report_table
 from gait_frequency import GRAVITY_MPS2, HIP_SHARE, LOOPED_S, MARGIN_M, MODELS, Example, signatures, stretches
+from row_runs import collect_rows, make_parser
 
 from doppelgait.core.errors import DoppelgaitError
 from doppelgait.features import GaitFeatures
@@ -61,7 +60,7 @@ PARTS = ("table", "models", "tracked", "labels", "mocap", "wide")
 
 @dataclass(frozen=True)
 class Trial:
-    """One mover in one cell.
+    """One target in one cell.
 
     Parameters
     ----------
@@ -84,7 +83,10 @@ class Trial:
 
 
 def mover_of(gait: str, rng: np.random.Generator) -> tuple[str, dict[str, Any]]:
-    """Model and parameters of one mover of a gait, from the ranges of the reference measurements."""
+    """Sample model and parameters of one target of a gait.
+
+    From the ranges of the reference measurements.
+    """
     species, name = gait.split()
     start = {"gait": name, "start_phase": float(rng.random())}
     if species == "human":
@@ -102,7 +104,10 @@ def mover_of(gait: str, rng: np.random.Generator) -> tuple[str, dict[str, Any]]:
 
 
 def cells(part: str) -> Iterator[tuple[float, float, tuple[float, ...], int, bool]]:
-    """Aspect, seconds, SNR_mu levels, multiple of the usual number of trials, and whether limbs hide each other."""
+    """Return the cells of a part.
+
+    Aspect, seconds, SNR_mu levels, multiple of the usual number of trials, and True where limbs hide each other.
+    """
     if part == "table":
         yield from ((0.0, seconds, LEVELS_DB, 1, False) for seconds in REPORT_S)
     elif part == "tracked":
@@ -124,7 +129,7 @@ def cells(part: str) -> Iterator[tuple[float, float, tuple[float, ...], int, boo
 
 
 def model_trials(part: str, trials: int) -> list[Trial]:
-    """Trials of the models: as many of each gait."""
+    """Make trials of the models, the same number of each gait."""
     found: list[Trial] = []
     for psi, seconds, levels_db, times, occluded in cells(part):
         for n in range(max(1, round(times * trials / len(GAITS))) * len(GAITS)):
@@ -139,7 +144,10 @@ def model_trials(part: str, trials: int) -> list[Trial]:
 
 
 def mocap_trials(folder: Path) -> list[Trial]:
-    """Every usable stretch in every cell, approaching or receding in turn; in order, so that each file is read once."""
+    """Make trials of every usable recorded segment in every cell.
+
+    Approaching or receding in turn; in order, so that each file is read once.
+    """
     found: list[Trial] = []
     for path in sorted(path for kind in ("human", "dog") for path in (folder / kind).rglob("*") if path.is_file()):
         label = path.relative_to(folder).parts[0]
@@ -157,12 +165,15 @@ def mocap_trials(folder: Path) -> list[Trial]:
 
 @lru_cache(maxsize=2)
 def looped(path: str, stretch: int) -> Motion:
-    """A stretch looped to the longest time."""
-    return loop(stretches(Path(path))[stretch], duration_s=LOOPED_S)
+    """Loop a segment to the longest time."""
+    return loop(stretches(Path(path))[stretch], duration_s=LOOPED_S, variation=0.0)
 
 
 def motion_of(example: Example) -> Motion:
-    """The mover's motion, at least as long as the example."""
+    """Return the motion of the target.
+
+    It is as long as the example or longer.
+    """
     if example.source == "model":
         kind, parameters = example.mover
         rng = np.random.default_rng([24, example.number])
@@ -174,7 +185,7 @@ def motion_of(example: Example) -> Motion:
 
 
 def observe(trial: Trial, *, label: str | None = None) -> Recording:
-    """The noise-free recording."""
+    """Simulate the noise-free recording."""
     motion, seconds = motion_of(trial.example), trial.example.seconds
     rcs = RcsSpec(kind="ellipsoids", occlusion=True) if trial.occluded else RcsSpec()
     target = Target(motion, label=label or trial.example.label, aspect_deg=trial.example.aspect_deg, rcs=rcs)
@@ -185,7 +196,10 @@ def observe(trial: Trial, *, label: str | None = None) -> Recording:
 
 
 def run_trial(trial: Trial) -> list[dict[str, Any]]:
-    """One row for each method and noise level; none where the mover cannot be observed."""
+    """Return one row per method and noise level.
+
+    None where the target cannot be observed.
+    """
     warnings.simplefilter("ignore")
     try:
         recording = observe(trial)
@@ -197,7 +211,7 @@ def run_trial(trial: Trial) -> list[dict[str, Any]]:
 
 
 def facts(trial: Trial, recording: Recording) -> dict[str, Any]:
-    """What is known of a trial."""
+    """Return the facts of a trial."""
     truth, example = recording.truth[0], trial.example
     gait = "gallop" if truth.gait == "transverse_gallop" else truth.gait
     doppler_hz = truth.doppler_hz(recording.radar.wavelength_m)
@@ -211,7 +225,10 @@ def facts(trial: Trial, recording: Recording) -> dict[str, Any]:
 
 
 def measured(trial: Trial, recording: Recording) -> Iterator[dict[str, Any]]:
-    """Our features at every level; at the highest also with a longer transform."""
+    """Measure our features at every level.
+
+    At the highest also with a longer transform.
+    """
     yield from rows_of(trial, recording, "standard", STANDARD, trial.levels_db)
     if trial.levels_db[0] == LEVELS_DB[0]:
         longer = STANDARD.model_copy(update={"doppler_bins": RHO_BINS})
@@ -219,7 +236,7 @@ def measured(trial: Trial, recording: Recording) -> Iterator[dict[str, Any]]:
 
 
 def compared(trial: Trial, recording: Recording) -> Iterator[dict[str, Any]]:
-    """Ours and the report's."""
+    """Measure our features and the report's."""
     for method, analysis in (("standard", STANDARD), ("liland2018", LILAND)):
         yield from rows_of(trial, recording, method, analysis, trial.levels_db)
 
@@ -227,7 +244,7 @@ def compared(trial: Trial, recording: Recording) -> Iterator[dict[str, Any]]:
 def rows_of(
     trial: Trial, recording: Recording, method: str, analysis: Analysis, levels_db: tuple[float, ...]
 ) -> Iterator[dict[str, Any]]:
-    """Results of one method."""
+    """Measure the features by one method."""
     gate = Gate.from_truth(
         recording.truth[0], recording.slow_time_s, analysis, wavelength_m=recording.radar.wavelength_m
     )
@@ -237,7 +254,7 @@ def rows_of(
 
 
 def found_in(result: Result | None) -> dict[str, Any]:
-    """The numbers of a result; none where there is no track."""
+    """Return the numbers of a result; none without a track."""
     quality = result.quality if result else {}
     features = result.features if result else GaitFeatures()
     return {
@@ -249,7 +266,7 @@ def found_in(result: Result | None) -> dict[str, Any]:
 
 
 def tracked(trial: Trial, recording: Recording) -> Iterator[dict[str, Any]]:
-    """What is found without the truth: the track nearest to the mover, if any."""
+    """Return the result of the track nearest to the target, if any."""
     noise_v2 = noise_for(trial, recording)
     rng = np.random.default_rng([25, trial.example.number])
     values = noisy(recording.baseband.values, noise_power_v2=noise_v2, rng=rng)
@@ -261,7 +278,7 @@ def tracked(trial: Trial, recording: Recording) -> Iterator[dict[str, Any]]:
 
 
 def noise_for(trial: Trial, recording: Recording) -> float:
-    """Noise power of one sample that gives the trial's first level."""
+    """Return the noise power per sample for the first level."""
     _, clean = next(iter(signatures(trial.example, recording, STANDARD, (math.inf,))))
     top_v2 = float(np.median(clean.values.max(axis=1)))
     cell_gain = clean.attrs["window_energy"] * clean.attrs["n_gate_bins"]
@@ -269,7 +286,10 @@ def noise_for(trial: Trial, recording: Recording) -> float:
 
 
 def relabelled(trial: Trial, recording: Recording, analysis: Analysis = EXTENDED) -> Iterator[dict[str, Any]]:
-    """Whether the features of one motion are the same to the last bit under another class tag."""
+    """Check that features do not depend on the class label.
+
+    They are the same to the last bit.
+    """
     other = observe(trial, label="dog" if trial.example.label == "human" else "human")
     level_db = trial.levels_db[0]
     bits = []
@@ -280,14 +300,6 @@ def relabelled(trial: Trial, recording: Recording, analysis: Analysis = EXTENDED
         further = np.array([np.nan if v is None else v for v in result.extended.values()])
         bits.append(result.features.vector().tobytes() + further.tobytes())
     yield {"method": "standard", "snr_mu_db": level_db, "same_bits": bits[0] == bits[1], **found_in(result)}
-
-
-def run_all(trials: list[Trial], processes: int) -> pd.DataFrame:
-    """All rows of all trials."""
-    if processes == 1:
-        return pd.DataFrame([row for trial in trials for row in run_trial(trial)])
-    with ProcessPoolExecutor(processes) as pool:
-        return pd.DataFrame([row for rows in pool.map(run_trial, trials, chunksize=16) for row in rows])
 
 
 def report(part: str, rows: pd.DataFrame) -> None:
@@ -305,23 +317,19 @@ def report(part: str, rows: pd.DataFrame) -> None:
 
 def main() -> None:
     """Run the study and print its tables."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
-    parser.add_argument("--mocap", type=Path, help="folder with human/ and dog/ recordings")
-    parser.add_argument("--trials", type=int, default=100, help="trials of the models in a cell")
-    parser.add_argument("--processes", type=int, default=2)
+    parser = make_parser(__doc__, "--trials", 100, "trials of the models in a cell")
     parser.add_argument("--parts", default=",".join(PARTS))
-    parser.add_argument("--out", type=Path, help="all rows, as CSV")
-    given = parser.parse_args()
+    options = parser.parse_args()
     start, kept = time.perf_counter(), []
-    for part in given.parts.split(","):
-        if part == "mocap" and not given.mocap:
+    for part in options.parts.split(","):
+        if part == "mocap" and not options.mocap:
             continue
-        trials = mocap_trials(given.mocap) if part == "mocap" else model_trials(part, given.trials)
-        rows = run_all(trials, given.processes)
+        trials = mocap_trials(options.mocap) if part == "mocap" else model_trials(part, options.count)
+        rows = collect_rows(run_trial, trials, processes=options.processes, chunksize=16)
         report(part, rows)
         kept.append(rows)
-        if given.out:
-            pd.concat(kept).to_csv(given.out, index=False)
+        if options.out:
+            pd.concat(kept).to_csv(options.out, index=False)
     print("\nGate IoU and misses: see studies/detection.py; segmentation: see studies/pieces.py (docs/tracking.md).")
     print(f"{time.perf_counter() - start:.0f} s")
 

@@ -1,4 +1,4 @@
-"""Demands on the gait features against rows of the acceptance study: what was asked, what was reached, n."""
+"""Requirements of the gait features against rows of the acceptance study."""
 
 from __future__ import annotations
 
@@ -42,19 +42,22 @@ Row = tuple[Any, ...]
 
 
 def markdown(table: pd.DataFrame) -> str:
-    """A Markdown table of all columns."""
+    """Format a Markdown table of all columns."""
     head = [[str(name) for name in table.columns], ["---"] * len(table.columns)]
     lines = [*head, *([str(value) for value in line] for line in table.to_numpy(dtype=object).tolist())]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def failed(rows: pd.DataFrame) -> pd.Series:
-    """Whether f_mu is off by more than 10 %, or missing."""
+    """Mark rows in which f_mu is missing or 10 % wrong."""
     return ~((rows["found_hz"].astype(float) / rows["truth_hz"] - 1.0).abs() <= FAILURE)
 
 
 def report_table(rows: pd.DataFrame) -> pd.DataFrame:
-    """Failures in % at psi 0 by method, SNR_mu and time: ours, in brackets the reference's, and n."""
+    """Tabulate failures in % at psi 0 by method, SNR_mu and time.
+
+    Ours, in brackets the reference's, and n.
+    """
     cells = (
         failed(rows)
         .groupby([rows["snr_mu_db"], rows["method"], rows["seconds"]])
@@ -75,7 +78,10 @@ def report_table(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def report_demands(rows: pd.DataFrame) -> pd.DataFrame:
-    """Worse than ours in every cell; within 20 points of the reference at 20 dB and more, up to 2 s."""
+    """Check the requirements on the report's method.
+
+    Worse than ours in every cell; within 20 points of the reference at 20 dB and more, up to 2 s.
+    """
     share = 100.0 * failed(rows).groupby([rows["method"], rows["snr_mu_db"], rows["seconds"]]).mean()
     report, ours = share["liland2018"], share["standard"]
     worse, same = int((report > ours).sum()), int((report == ours).sum())
@@ -91,7 +97,10 @@ def report_demands(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def apart_points(report: pd.Series) -> list[float]:
-    """How far failures in % (by SNR_mu and time) are from the reference's where that is asked for."""
+    """Return the differences of failures from the reference, in points.
+
+    By SNR_mu and time, where a requirement exists.
+    """
     known = {
         (level_db, seconds): share
         for (method, level_db), shares in REPORT_FAILURES.items()
@@ -102,7 +111,7 @@ def apart_points(report: pd.Series) -> list[float]:
 
 
 def acceptance(rows: pd.DataFrame) -> pd.DataFrame:
-    """Every demand that the rows can answer."""
+    """Check every requirement that the rows allow."""
     marked = rows.assign(failed=failed(rows), recorded=rows["source"] == "recorded")
     makers: tuple[Callable[[pd.DataFrame], Iterator[Row]], ...] = (
         _failure_demands, _side_demands, _frequency_demands, _velocity_demands, _ground_demands, _flag_demands,
@@ -118,18 +127,18 @@ def _met(met: bool) -> str:
 def _at_most(
     item: str, condition: str, limit: float, reached: float, cell: pd.DataFrame, *, unit: str = " %"
 ) -> Iterator[Row]:
-    """A row for a demand of the kind "at most"; none without trials."""
+    """Return the row of a requirement "at most"; none without trials."""
     if len(cell) and math.isfinite(reached):
         counts = (len(cell), int(cell["recorded"].sum()), _met(reached <= limit))
         yield item, condition, f"<= {limit:g}{unit}", f"{reached:.3g}{unit}", *counts
 
 
-def _own(rows: pd.DataFrame) -> pd.DataFrame:
+def _our_rows(rows: pd.DataFrame) -> pd.DataFrame:
     return rows[(rows["method"] == "standard") & rows["part"].isin(["models", "mocap"])]
 
 
 def _failure_demands(rows: pd.DataFrame) -> Iterator[Row]:
-    own = _own(rows)
+    own = _our_rows(rows)
     psi, snr, seconds, periods = own["psi_deg"], own["snr_mu_db"], own["seconds"], own["periods"]
     front, points = psi <= 30, ~own["occluded"].astype(bool)
     demands = (
@@ -145,14 +154,17 @@ def _failure_demands(rows: pd.DataFrame) -> Iterator[Row]:
 
 
 def _by_periods(cell: pd.DataFrame, limit: float) -> Iterator[tuple[str, pd.DataFrame, float]]:
-    """Recorded movers seen for fewer than three periods apart, with twice the limit."""
+    """Separate recorded targets seen for fewer than three periods.
+
+    They have twice the limit.
+    """
     few = (cell["periods"] < FEW_PERIODS) & (cell["part"] == "mocap")
     yield "", cell[~few], limit
     yield ", below 3 periods", cell[few], 2.0 * limit
 
 
 def _side_demands(rows: pd.DataFrame) -> Iterator[Row]:
-    own = _own(rows)
+    own = _our_rows(rows)
     cell = own[own["psi_deg"].between(60, 75) & own["gait"].str.startswith("human") & (own["seconds"] >= 3)]
     limb_off = ~((cell["limb_hz"].astype(float) / cell["truth_hz"] - 1.0).abs() <= FAILURE)
     whole = cell["found_hz"].astype(float) / (1.0 + (cell["decision"] == "doubled"))  # before it was doubled
@@ -164,7 +176,7 @@ def _side_demands(rows: pd.DataFrame) -> Iterator[Row]:
 
 
 def _frequency_demands(rows: pd.DataFrame) -> Iterator[Row]:
-    own = _own(rows)
+    own = _our_rows(rows)
     for level_db, limit in FREQUENCY_RMS.items():
         cell = own[(own["psi_deg"] == 0) & (own["seconds"] == 3) & (own["snr_mu_db"] == level_db) & ~own["failed"]]
         off = 100 * _rms(cell["found_hz"].astype(float) / cell["truth_hz"] - 1.0)
@@ -178,7 +190,7 @@ def _rms(values: Any) -> float:
 
 
 def _velocity_demands(rows: pd.DataFrame) -> Iterator[Row]:
-    own = _own(rows)
+    own = _our_rows(rows)
     cell = own[(own["psi_deg"] == 0) & (own["seconds"] == 3) & (own["snr_mu_db"] >= 5)]
     for gait, part in cell.groupby("gait"):
         limit = VELOCITY_MPS.get(str(gait), OTHER_VELOCITY_MPS)
@@ -199,7 +211,7 @@ def _ground_demands(rows: pd.DataFrame) -> Iterator[Row]:
 
 
 def _flag_demands(rows: pd.DataFrame) -> Iterator[Row]:
-    sets = (("truth gate, 20 dB", _own(rows)), ("tracked, 15 dB", rows[rows["part"] == "tracked"]))
+    sets = (("truth gate, 20 dB", _our_rows(rows)), ("tracked, 15 dB", rows[rows["part"] == "tracked"]))
     for name, own in sets:
         cell = own[(own["psi_deg"] >= 60) & (own["seconds"] >= 3) & own["found_hz"].notna()]
         missed = 100 * (1.0 - cell["flagged"].astype(float).mean())
@@ -241,8 +253,11 @@ def _label_demands(rows: pd.DataFrame) -> Iterator[Row]:
 
 
 def by_cell(rows: pd.DataFrame) -> pd.DataFrame:
-    """Failures of f_mu in % (n) by gait, aspect and SNR_mu, from 2 s on, our method."""
-    own = _own(rows).assign(failed=failed(_own(rows)))
+    """Tabulate failures of f_mu in % by gait, aspect and SNR_mu.
+
+    From 2 s on, by our method; n in brackets.
+    """
+    own = _our_rows(rows).assign(failed=failed(_our_rows(rows)))
     own = own[own["seconds"] >= 2]
     found = own.groupby(["psi_deg", "occluded", "snr_mu_db", "gait"])["failed"].agg(["mean", "size"])
     text = found.apply(lambda cell: f"{100 * cell['mean']:.1f} ({cell['size']:.0f})", axis=1)

@@ -1,4 +1,4 @@
-"""People and dogs told apart: learnt from models, tested on motion capture, under every condition.
+"""Classification of people and dogs: trained on models, tested on motion capture.
 
     python studies/classification.py MOTION_FOLDER OUT_FOLDER [--quick]
 
@@ -63,7 +63,10 @@ MODELS_ON_AXES = ("six-boosting", "extended-boosting", "signature-network", "spe
 
 
 def easy(index: pd.DataFrame) -> pd.Series:
-    """Rows under the charter's conditions: 3 periods or more, within 30 degrees, SNR_mu of 15 dB or more."""
+    """Mark rows under the reference conditions.
+
+    3 periods or more, within 30 degrees, SNR_mu of 15 dB or more.
+    """
     aspect = CONDITIONS[1]
     _, aspect_deg = condition_values(index, aspect)
     periods = index["truth_gait_frequency_hz"] * index["observation_s"]
@@ -72,7 +75,7 @@ def easy(index: pd.DataFrame) -> pd.Series:
 
 
 def dataset(kind: str, duration_s: float, folder: Path, out: Path, *, share: float, clean: bool = False) -> Dataset:
-    """Build or finish one of the datasets; one that is complete is taken as it is."""
+    """Build or resume one of the datasets."""
     target = out / f"{kind}-{duration_s:g}s{'-clean' if clean else ''}"
     if (target / "dataset.json").is_file() and open_dataset(target).description.get("complete"):
         print(f"{target.name}: was there", flush=True)
@@ -96,7 +99,10 @@ def dataset(kind: str, duration_s: float, folder: Path, out: Path, *, share: flo
 
 
 def joined(found: Evaluation, tested: Dataset) -> pd.DataFrame:
-    """The index of the tested rows with every model's answer: ``right:NAME`` and ``NAME:human``."""
+    """Return the tested rows with the predictions of every model.
+
+    Columns ``right:NAME`` and ``NAME:human``.
+    """
     answers = found.answers.set_index("id")
     index = tested.index.set_index("id").loc[answers.index]
     for name in found.document["models"]:
@@ -106,7 +112,10 @@ def joined(found: Evaluation, tested: Dataset) -> pd.DataFrame:
 
 
 def score(index: pd.DataFrame, name: str) -> dict[str, Any]:
-    """Balanced accuracy and shares right of some rows, with intervals that count movers, not rows."""
+    """Return balanced accuracy and recalls of some rows, with intervals.
+
+    The intervals count targets, not rows.
+    """
     labels = (index["label"] == "dog").to_numpy(dtype=np.int64)
     right = index[f"right:{name}"].to_numpy(dtype=bool)
     groups = index["subject"].to_numpy(dtype=str)
@@ -128,12 +137,12 @@ def score(index: pd.DataFrame, name: str) -> dict[str, Any]:
 
 
 def percent(value: float) -> str:
-    """A share in percent."""
+    """Format a share in percent."""
     return "" if not np.isfinite(value) else f"{100 * value:.1f}"
 
 
 def main_table(parts: dict[str, pd.DataFrame], names: Sequence[str]) -> list[str]:
-    """Balanced accuracy of every model in several sets of rows."""
+    """Tabulate the balanced accuracy of every model in several sets."""
     lines = ["| model | " + " | ".join(parts) + " |", "| --- " * (len(parts) + 1) + "|"]
     for name in names:
         cells = []
@@ -151,7 +160,10 @@ def main_table(parts: dict[str, pd.DataFrame], names: Sequence[str]) -> list[str
 
 
 def by_column(index: pd.DataFrame, columns: Sequence[str], names: Sequence[str]) -> list[str]:
-    """Share right of every value of some columns, for several models; exact intervals of the first model."""
+    """Tabulate the accuracy by values of columns, for several models.
+
+    Exact intervals of the first model.
+    """
     lines = [f"| {' | '.join(columns)} | rows | {' | '.join(names)} | interval of {names[0]} |"]
     lines.append("| --- " * (len(columns) + len(names) + 2) + "|")
     for values, rows in index.groupby(list(columns), observed=True, dropna=False):
@@ -165,13 +177,16 @@ def by_column(index: pd.DataFrame, columns: Sequence[str], names: Sequence[str])
 
 
 def speed_bins(index: pd.DataFrame) -> pd.DataFrame:
-    """The index with the ground speed in steps of half a metre per second."""
+    """Add the ground speed in steps of 0.5 m/s to the index."""
     step = np.floor(index["truth_ground_speed_mps"] / 0.5) * 0.5
     return index.assign(speed=[f"{low:.1f}-{low + 0.5:.1f} m/s" for low in step])
 
 
 def draw_curves(main: pd.DataFrame, by_time: dict[float, pd.DataFrame], names: Sequence[str]) -> Figure:
-    """Balanced accuracy against SNR, aspect and observation time, with intervals of the first model's."""
+    """Tabulate balanced accuracy by SNR, aspect and observation time.
+
+    With intervals of the first model.
+    """
     figure = new_figure(width_in=13.0, height_in=4.0)
     panels = figure.subplots(1, 3, sharey=True)
     for panel, condition in zip(panels, (CONDITIONS[0], CONDITIONS[1]), strict=False):
@@ -189,7 +204,7 @@ def draw_curves(main: pd.DataFrame, by_time: dict[float, pd.DataFrame], names: S
 
 
 def draw_lines(panel: Any, places: list[float], sets: list[pd.DataFrame], names: Sequence[str]) -> None:
-    """One line a model, with bars for the first."""
+    """Plot one line per model, with error bars for the first."""
     for number, name in enumerate(names):
         found = [score(rows, name) if len(rows) >= 10 else {"n": 0} for rows in sets]
         known = [(x, f) for x, f in zip(places, found, strict=True) if f["n"] and {"human", "dog"} <= set(f)]
@@ -204,7 +219,7 @@ def draw_lines(panel: Any, places: list[float], sets: list[pd.DataFrame], names:
 
 
 def errors_in_common(index: pd.DataFrame, name: str) -> list[str]:
-    """What is wrong more often than its share: medians of conditions and flags of right and wrong rows."""
+    """Compare conditions and flags of right and wrong rows."""
     wrong = index[~index[f"right:{name}"]]
     lines = [f"{len(wrong)} of {len(index)} rows wrong by {name}.", "", "| | wrong | right |", "| --- | --- | --- |"]
     right = index[index[f"right:{name}"]]
@@ -222,7 +237,7 @@ def errors_in_common(index: pd.DataFrame, name: str) -> list[str]:
 
 
 def report(folder: Path, out: Path, *, share: float) -> list[str]:
-    """Build, train, test; the lines of the report."""
+    """Build, train and test; return the lines of the report."""
     began = time.monotonic()
     learnt = {s: dataset("models", s, folder, out, share=share) for s in DURATIONS_S}
     tested = {s: dataset("mocap", s, folder, out, share=share) for s in DURATIONS_S}
@@ -256,7 +271,7 @@ def report(folder: Path, out: Path, *, share: float) -> list[str]:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Command line."""
+    """Run the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("motion_folder", type=Path)
     parser.add_argument("out", type=Path)

@@ -1,4 +1,4 @@
-"""How well bodies are found without the truth: boxes, misses, false detections, the weakest body that is seen.
+"""Detection without truth: boxes, misses, false detections, weakest body.
 
     python studies/detection.py [--quick] [--method noise_map os_cfar ca_cfar]
 
@@ -46,7 +46,7 @@ SWEEP_DB = tuple(np.arange(14.0, -3.0, -1.0))
 
 @dataclass(frozen=True)
 class Mover:
-    """One recording without noise.
+    """One noise-free recording.
 
     Parameters
     ----------
@@ -66,12 +66,12 @@ class Mover:
     cell_noise: float
 
     def noise_v2(self, snr_mu_db: float) -> float:
-        """Variance of the noise at which the mover has this SNR_mu."""
+        """Return the noise variance for an SNR_mu of the target."""
         return self.signature_v2 / self.cell_noise / float(10.0 ** (snr_mu_db / 10.0))
 
 
 def movers(*, quick: bool) -> Iterator[Mover]:
-    """People and dogs, head-on, at 45 degrees and turning round."""
+    """Make targets: people and dogs, head-on, at 45 degrees, turning round."""
     for aspect_deg in (0.0,) if quick else (0.0, 45.0):
         for speed_mps in (1.2,) if quick else (0.8, 1.2, 1.6):
             motion = human_gait(gait="walk", speed_mps=speed_mps, duration_s=OBSERVATION_S)
@@ -86,7 +86,7 @@ def movers(*, quick: bool) -> Iterator[Mover]:
 
 
 def observe(label: str, target: Target) -> Mover:
-    """Noise-free recording of one mover, and the level of its signature."""
+    """Simulate one target without noise; return the level of its signature."""
     recording = simulate(Scene([target], duration_s=OBSERVATION_S), RADAR, angles=False)
     gate = Gate.around(recording.slow_time_s, recording.truth[0].centre_range_m, span_m=1.0, source="truth")
     mu = signature(recording.baseband, gate, Analysis(), wavelength_m=RADAR.wavelength_m)
@@ -95,7 +95,7 @@ def observe(label: str, target: Target) -> Mover:
 
 
 def spoilt(mover: Mover, snr_mu_db: float, generator: np.random.Generator) -> xr.DataArray:
-    """Baseband with noise of the wanted level and static clutter in every bin."""
+    """Add noise of a level and static clutter to a baseband."""
     values = mover.recording.baseband.values
     noise = complex_noise(generator, values.shape, mover.noise_v2(snr_mu_db))
     echo_v2 = float((np.abs(values) ** 2).max(axis=1).mean()) * 10.0 ** (CLUTTER_OVER_ECHO_DB / 10.0)
@@ -104,13 +104,16 @@ def spoilt(mover: Mover, snr_mu_db: float, generator: np.random.Generator) -> xr
 
 
 def complex_noise(generator: np.random.Generator, shape: tuple[int, ...], power_v2: float) -> npt.NDArray[np.complex64]:
-    """Circular white noise."""
+    """Sample circular white noise."""
     parts = generator.standard_normal((2, *shape), dtype=np.float32) * np.float32(np.sqrt(power_v2 / 2.0))
     return np.asarray(parts[0] + 1j * parts[1], dtype=np.complex64)
 
 
 def true_boxes(recording: Recording, times_s: FloatArray, cpi_s: float) -> tuple[FloatArray, FloatArray]:
-    """Lowest and highest range and velocity of any scatterer in every processing interval; (J, 2) each."""
+    """Return range and velocity limits per processing interval, (J, 2) each.
+
+    Of all scatterers.
+    """
     pulses = recording.slow_time_s
     table = recording.truth[0].scatterers
     first = np.searchsorted(pulses, times_s - cpi_s / 2.0)
@@ -123,14 +126,14 @@ def true_boxes(recording: Recording, times_s: FloatArray, cpi_s: float) -> tuple
 
 
 def overlap(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:
-    """Lengths of the intersection and the union of two intervals."""
+    """Return the lengths of intersection and union of two intervals."""
     common = max(0.0, min(one[1], other[1]) - max(one[0], other[0]))
     return common, (one[1] - one[0]) + (other[1] - other[0]) - common
 
 
 @dataclass(frozen=True)
 class Score:
-    """One scan: IoU in range, Doppler and both; errors of the centre; whether found; further detections."""
+    """One scan: IoU in range, Doppler and both, errors, further detections."""
 
     iou: tuple[float, float, float]
     range_error_m: float
@@ -145,7 +148,10 @@ NOTHING = Score((np.nan,) * 3, np.nan, np.nan, np.nan, np.nan, found=False, extr
 
 
 def score_scans(mover: Mover, scans: list[Scan]) -> list[Score]:
-    """Compare all scans of a recording in which the body is wholly in the frame with the truth."""
+    """Compare the scans of a recording with the truth.
+
+    Scans in which the body is wholly in the frame.
+    """
     times_s = np.array([scan.time_s for scan in scans])
     ranges_m, velocities_mps = true_boxes(mover.recording, times_s, 0.1)
     pulses, truth = mover.recording.slow_time_s, mover.recording.truth[0]
@@ -179,7 +185,7 @@ def score_scan(scan: Scan, range_m: FloatArray, velocity_mps: FloatArray, centre
 def box_iou(
     detection: Detection, range_m: tuple[float, ...], velocity_mps: tuple[float, ...]
 ) -> tuple[float, float, float]:
-    """Intersection over union in range, in Doppler and of the boxes."""
+    """Return the IoU in range, in Doppler and of the boxes."""
     along_range = overlap((detection.range_low_m, detection.range_high_m), (range_m[0], range_m[1]))
     along_doppler = overlap(
         (detection.velocity_low_mps, detection.velocity_high_mps), (velocity_mps[0], velocity_mps[1])
@@ -192,7 +198,7 @@ def box_iou(
 
 
 def summary(scores: list[Score]) -> str:
-    """Cells of a row of the table of boxes."""
+    """Return the cells of a row of the table of boxes."""
     iou = np.nanmean([s.iou for s in scores], axis=0) if any(s.found for s in scores) else np.full(3, np.nan)
     range_m = np.array([s.range_error_m for s in scores if s.found])
     speed_mps = np.array([s.velocity_error_mps for s in scores if s.found])
@@ -206,12 +212,15 @@ def summary(scores: list[Score]) -> str:
 
 
 def spread(values: FloatArray, digits: int) -> str:
-    """Mean and standard deviation."""
+    """Format mean and standard deviation."""
     return f"{values.mean():.{digits}f} +- {values.std():.{digits}f}" if values.size else "-"
 
 
 def print_boxes(all_movers: list[Mover], methods: list[Threshold]) -> None:
-    """IoU, misses, further detections and errors by method, kind and level."""
+    """Tabulate IoU, misses, further detections and errors.
+
+    By method, kind and level.
+    """
     print("| method | mover | SNR_mu dB | IoU range / Doppler / both | misses % | extra per scan |", end="")
     print(" range error m | velocity error m/s | range NEES (bias taken off) | velocity NEES | scans |")
     print("|---" * 11 + "|")
@@ -230,12 +239,12 @@ def print_boxes(all_movers: list[Mover], methods: list[Threshold]) -> None:
 
 
 def found_in(baseband: xr.DataArray, method: Threshold) -> list[Scan]:
-    """Scans with the default detector and this method."""
+    """Detect with the default detector and a method."""
     return find_scans(baseband, Detector(method=method), wavelength_m=RADAR.wavelength_m)
 
 
 def print_weakest(all_movers: list[Mover], methods: list[Threshold]) -> None:
-    """Lowest SNR_mu from which on upwards at least 90 % of the scans see the mover."""
+    """Return the SNR_mu above which 90 % of scans detect the target."""
     print("\n| method | mover | lowest SNR_mu dB for 90 % of scans | SNR_frame dB there |")
     print("|---" * 4 + "|")
     for method in methods:
@@ -254,7 +263,7 @@ def print_weakest(all_movers: list[Mover], methods: list[Threshold]) -> None:
 
 
 def frame_level_db(chosen: list[Mover], snr_mu_db: float) -> float:
-    """Median SNR_frame of movers at this SNR_mu."""
+    """Return the median SNR_frame of targets at an SNR_mu."""
     levels = [
         10.0 * np.log10((np.abs(m.recording.baseband.values) ** 2).max(axis=1).mean() / m.noise_v2(snr_mu_db))
         for m in chosen
@@ -281,14 +290,20 @@ CONDITIONS: dict[str, list[dict[str, object]]] = {
 
 
 def empty_room(impairments: list[dict[str, object]], seconds: float, seed: int) -> Recording:
-    """Recording of a room with nobody in it: a body behind the frame, whose echo does not reach the radar's bins."""
+    """Simulate an empty scene.
+
+    A body behind the frame has no echo in the bins of the radar.
+    """
     away = human_gait(gait="walk", speed_mps=0.8, duration_s=seconds)
     scene = Scene([Target(away, range_m=400.0)], duration_s=seconds)
     return simulate(scene, RADAR, rng=rng(seed), conditions=Conditions(impairments=impairments), angles=False)
 
 
 def print_false(methods: list[Threshold], seconds: float) -> None:
-    """False detections per minute, and how many of them are within 0.3 m of one in the scan before."""
+    """Count false detections per minute, and repeated ones.
+
+    Repeated: within 0.3 m of one in the scan before.
+    """
     print("\n| method | room without a body | detections per minute | in the same place as in the scan before |")
     print("|---" * 4 + "|")
     for name, impairments in CONDITIONS.items():

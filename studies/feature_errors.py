@@ -1,4 +1,6 @@
-"""How far velocity, bandwidth, step length and limb-torso ratio are off, over the examples of the gait frequency study.
+"""Errors of velocity, bandwidth, step length and limb-torso ratio.
+
+Over the examples of the gait frequency study.
 
     python studies/feature_errors.py [--mocap FOLDER] [--trials N] [--processes P] [--out TABLE.csv]
 
@@ -12,19 +14,16 @@ limb-torso ratio has no truth: it is compared with itself, for 128 and 512 Doppl
 
 from __future__ import annotations
 
-import argparse
 import math
 import time
 import warnings
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from acceptance_tables import FAILURE, markdown
-from gait_frequency import SNR_MU_DB, Example, model_examples, observe, recorded_examples, signatures
+from gait_frequency import SNR_MU_DB, Example, observe, run_study, signatures
 
 from doppelgait.core.errors import DoppelgaitError
 from doppelgait.core.labels import axis
@@ -47,7 +46,10 @@ BY = ["method", "snr_mu_db", "who", "gait"]
 
 
 def run_example(example: Example) -> list[dict[str, Any]]:
-    """One row for each method and noise level; none where the mover cannot be observed."""
+    """Return one row per method and noise level.
+
+    None where the target cannot be observed.
+    """
     warnings.simplefilter("ignore")
     try:
         recording = observe(example)
@@ -57,7 +59,7 @@ def run_example(example: Example) -> list[dict[str, Any]]:
 
 
 def facts(example: Example, recording: Recording) -> dict[str, Any]:
-    """What is true of an example."""
+    """Return the truth of an example."""
     truth = recording.truth[0]
     velocity_mps = float(truth.centre_velocity_mps.mean())
     doppler_hz = truth.doppler_hz(recording.radar.wavelength_m)
@@ -76,7 +78,7 @@ def facts(example: Example, recording: Recording) -> dict[str, Any]:
 
 
 def estimates(example: Example, recording: Recording) -> Iterator[dict[str, Any]]:
-    """Features of every method at every level."""
+    """Measure the features of every method at every level."""
     for method, analysis, levels_db in RUNS:
         gate = Gate.from_truth(
             recording.truth[0],
@@ -95,16 +97,11 @@ def estimates(example: Example, recording: Recording) -> Iterator[dict[str, Any]
             }  # fmt: skip
 
 
-def run_all(examples: list[Example], *, processes: int) -> pd.DataFrame:
-    """All rows of all examples."""
-    if processes == 1:
-        return pd.DataFrame([row for example in examples for row in run_example(example)])
-    with ProcessPoolExecutor(processes) as pool:
-        return pd.DataFrame([row for rows in pool.map(run_example, examples, chunksize=4) for row in rows])
-
-
 def velocity_errors(rows: pd.DataFrame) -> pd.DataFrame:
-    """v_m against the centre's mean radial velocity: n, missing, bias, rms and median error, m/s."""
+    """Tabulate the errors of v_m, m/s.
+
+    Against the mean radial velocity of the centre: n, missing, bias, rms and median error.
+    """
     off = rows["v_mps"].astype(float) - rows["true_mps"]
     along = off * np.sign(rows["true_mps"])  # positive: too fast
     return _errors(rows.assign(off=off, along=along), "along", "m/s")
@@ -121,7 +118,10 @@ def _errors(rows: pd.DataFrame, name: str, unit: str, by: list[str] = BY) -> pd.
 
 
 def bandwidth_errors(rows: pd.DataFrame) -> pd.DataFrame:
-    """B_mu against the true span and the true envelopes: bias in % of the truth and correlation."""
+    """Tabulate bias and correlation of B_mu.
+
+    Against the true span and the true envelopes, bias in % of the truth.
+    """
     found = []
     for key, cell in rows[rows["b_hz"].notna()].groupby(BY):
         measured = cell["b_hz"].astype(float)
@@ -140,7 +140,10 @@ def _correlation(one: pd.Series, other: pd.Series) -> float:
 
 
 def step_errors(rows: pd.DataFrame) -> pd.DataFrame:
-    """L_m against the true radial step length, m: all, and those with the right f_mu."""
+    """Tabulate the errors of the radial step length L_m, m.
+
+    All, and those with the right f_mu.
+    """
     off = rows["step_m"].astype(float).abs() - rows["true_step_m"]
     right = (rows["found_hz"].astype(float) / rows["truth_hz"] - 1.0).abs() <= FAILURE
     every = _errors(rows.assign(off=off), "off", "m")
@@ -150,13 +153,16 @@ def step_errors(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def ground_step_errors(rows: pd.DataFrame) -> pd.DataFrame:
-    """Step length over ground (E-34b) against truth, m, where it is given."""
+    """Tabulate the errors of the step length over ground (E-34b), m."""
     own = rows[(rows["method"] == "standard") & (rows["seconds"] >= 3)]
     return _errors(own.assign(off=own["ground_step_m"].astype(float) - own["true_ground_step_m"]), "off", "m")
 
 
 def ratio_repeats(rows: pd.DataFrame) -> pd.DataFrame:
-    """Change of rho: of the mean over a gait's examples, and of single ones; %."""
+    """Tabulate the changes of rho, %.
+
+    Of the mean over the examples of a gait, and of single ones.
+    """
     wide = rows.pivot_table(index=["who", "gait", "number"], columns=["method", "snr_mu_db"], values="rho")
     found = []
     for name, before, after, limit in RHO_LIMITS:
@@ -174,12 +180,12 @@ def ratio_repeats(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def with_classes(rows: pd.DataFrame) -> pd.DataFrame:
-    """The rows, and again with the class for the gait."""
+    """Append the rows with the class in place of the gait."""
     return pd.concat([rows.assign(gait=rows["gait"].str.split().str[0] + " all"), rows], ignore_index=True)
 
 
 def tables(rows: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Title and table."""
+    """Yield title and table."""
     rows = with_classes(rows)
     rated = rows[rows["method"].isin(["standard", "liland2018"])]
     front = rated[rated["angle_deg"] <= 45]
@@ -193,19 +199,8 @@ def tables(rows: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
 
 def main() -> None:
     """Run the study and print its tables."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
-    parser.add_argument("--mocap", type=Path, help="folder with human/ and dog/ recordings")
-    parser.add_argument("--trials", type=int, default=1400, help="examples of the models")
-    parser.add_argument("--processes", type=int, default=2)
-    parser.add_argument("--out", type=Path, help="all rows, as CSV")
-    given = parser.parse_args()
     start = time.perf_counter()
-    examples = model_examples(given.trials)
-    if given.mocap:
-        examples += recorded_examples(given.mocap, first=len(examples))
-    rows = run_all(examples, processes=given.processes)
-    if given.out:
-        rows.to_csv(given.out, index=False)
+    examples, rows = run_study(run_example, __doc__, "--trials")
     print(f"{len(examples)} examples, {rows['number'].nunique()} observed, {len(rows)} estimates")
     for title, table in tables(rows):
         print(f"\n## {title}\n\n{markdown(table)}")

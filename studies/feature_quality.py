@@ -1,4 +1,6 @@
-"""Are the features' uncertainties true? Repeated simulated examples, their errors over the stated standard deviations.
+"""Calibration of feature uncertainties over repeated simulated examples.
+
+Their errors over the stated standard deviations.
 
     python studies/feature_quality.py [--movers N] [--repeats N] [--processes P] [--out TABLE.csv]
 
@@ -54,15 +56,15 @@ _extract = feature_layer.extract
 _last: list[Any] = []
 
 
-def _kept_extract(evidence: Any, **settings: Any) -> Any:
-    """The features as ever, with a note of what they came from: results do not carry their intermediates."""
+def _extract_and_keep(evidence: Any, **settings: Any) -> Any:
+    """Keep the intermediates of features, which results do not carry."""
     extraction = _extract(evidence, **settings)
     _last[:] = [evidence, extraction]
     return extraction
 
 
 def mover(number: int) -> tuple[str, dict[str, Any], float, float]:
-    """Model, its parameters, seconds and aspect of a mover."""
+    """Sample model, parameters, seconds and aspect of a target."""
     rng = np.random.default_rng([SEED, number])
     seconds, aspect_deg = float(rng.uniform(2, 6)), float(rng.uniform(0, 30))
     if rng.random() < 0.3:
@@ -99,9 +101,12 @@ def _dog(rng: np.random.Generator, number: int) -> dict[str, Any]:
 
 
 def observe(number: int, repeat: int, snr_db: float) -> dict[str, Any]:
-    """One observation of a mover: values, standard deviations and truth; only its numbers where it cannot be seen."""
+    """Observe a target once: values, standard deviations and truth.
+
+    Only its numbers where it cannot be observed.
+    """
     warnings.simplefilter("ignore")
-    feature_layer.extract = _kept_extract
+    feature_layer.extract = _extract_and_keep
     kind, parameters, seconds, aspect_deg = mover(number)
     rng = np.random.default_rng([SEED + 1, number, repeat, round(snr_db)])
     phase = float(rng.random())
@@ -116,10 +121,10 @@ def observe(number: int, repeat: int, snr_db: float) -> dict[str, Any]:
         analyze(made, gate="truth", analysis=Analysis(hop=8))
     except DoppelgaitError:
         return facts
-    return {**facts, **_measured(*_last), **_true(made.truth[0])}
+    return {**facts, **_measured_values(*_last), **_true_values(made.truth[0])}
 
 
-def _measured(observed: Observed, extraction: Extraction) -> dict[str, Any]:
+def _measured_values(observed: Observed, extraction: Extraction) -> dict[str, Any]:
     known = replace(observed, extraction=extraction)
     sd = uncertainties_of(known)
     without = replace(observed, extraction=replace(extraction, gait_frequency_hz=None))
@@ -129,7 +134,7 @@ def _measured(observed: Observed, extraction: Extraction) -> dict[str, Any]:
     return {**values, **{f"sd_{name}": value for name, value in sd.items()}, "sd_without_gait": no_gait}
 
 
-def _true(truth: Any) -> dict[str, float]:
+def _true_values(truth: Any) -> dict[str, float]:
     velocity_mps = float(truth.centre_velocity_mps.mean())
     return {
         "true_velocity_mps": velocity_mps, "true_frequency_hz": truth.gait_frequency_hz,
@@ -138,7 +143,7 @@ def _true(truth: Any) -> dict[str, float]:
 
 
 def run_all(n_movers: int, n_repeats: int, processes: int) -> pd.DataFrame:
-    """All observations."""
+    """Run all observations."""
     jobs = [(number, repeat, snr_db) for number in range(n_movers) for snr_db in SNR_DB for repeat in range(n_repeats)]
     if processes == 1:
         return pd.DataFrame([observe(*job) for job in jobs])
@@ -147,7 +152,10 @@ def run_all(n_movers: int, n_repeats: int, processes: int) -> pd.DataFrame:
 
 
 def scores(table: pd.DataFrame) -> pd.DataFrame:
-    """Errors over standard deviations, one column a feature; only examples with the right gait frequency."""
+    """Return errors over standard deviations, one column per feature.
+
+    Only examples with the right gait frequency.
+    """
     right = table[(table["gait_frequency_hz"] / table["true_frequency_hz"] - 1).abs() <= FAILURE_SHARE].copy()
     found = right[["number", "snr_db", "mover"]].copy()
     found["periods"] = pd.cut(right["seconds"] * right["true_frequency_hz"], [0, 5, 8, 99]).astype(str)
@@ -162,18 +170,21 @@ def scores(table: pd.DataFrame) -> pd.DataFrame:
         n = group.transform("count")
         error = (values - group.transform("mean")) * np.sqrt(n / (n - 1)).where(n > 2)
         found[name] = error / right[f"sd_{name}"]
-    return found.astype({name: float for name in _scored(found)})
+    return found.astype({name: float for name in _score_rows(found)})
 
 
-def _scored(found: pd.DataFrame) -> list[str]:
+def _score_rows(found: pd.DataFrame) -> list[str]:
     return [name for name in found.columns if name not in ("number", "snr_db", "mover", "periods")]
 
 
 def summary(found: pd.DataFrame, by: str | None = None) -> pd.DataFrame:
-    """Number, bias, standard deviation and coverage of +-2 of the scores, by feature and a column."""
+    """Tabulate number, bias, standard deviation and coverage of the scores.
+
+    Coverage of +-2; by feature and a column.
+    """
     rows = []
     for value, part in found.groupby(by) if by else [("all", found)]:
-        for name in _scored(found):
+        for name in _score_rows(found):
             z = part[name].replace([np.inf, -np.inf], np.nan).dropna()
             rows.append({
                 "feature": name, by or "by": value, "n": z.size, "mean": z.mean(), "sd": z.std(),

@@ -1,4 +1,6 @@
-"""How often the gait frequency is right: models and recorded movers, many aspects, times and noise levels.
+"""Accuracy of the gait frequency of models and recorded targets.
+
+Over many aspects, times and noise levels.
 
     python studies/gait_frequency.py [--mocap FOLDER] [--examples N] [--processes P] [--out TABLE.csv]
 
@@ -11,11 +13,9 @@ the method was chosen), the others to half B (not looked at before).
 
 from __future__ import annotations
 
-import argparse
 import math
 import warnings
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
+from row_runs import collect_rows, make_parser
 
 from doppelgait.core.errors import DoppelgaitError
 from doppelgait.motion.gait import with_gait_facts
@@ -57,7 +58,7 @@ MARGIN_M = 2.0
 
 @dataclass(frozen=True)
 class Example:
-    """One mover as the radar sees it.
+    """One target under given observation conditions.
 
     Parameters
     ----------
@@ -69,7 +70,7 @@ class Example:
     half : str
         ``A`` or ``B`` for recorded movers.
     mover : tuple
-        Model and parameters, or file and number of the stretch.
+        Model and parameters, or file and number of the segment.
     aspect_deg, seconds : float
     """
 
@@ -83,7 +84,10 @@ class Example:
 
 
 def model_examples(count: int, *, first: int = 0) -> list[Example]:
-    """Examples of the models: a third people of the full model, a sixth walkers of the plain one, half dogs."""
+    """Sample examples of the models.
+
+    A third people of the full model, a sixth walkers of the plain one, half dogs.
+    """
     return [_model_example(number) for number in range(first, first + count)]
 
 
@@ -137,7 +141,10 @@ MODELS = {"human": human_gait, "boulic": boulic_walk, "quadruped": quadruped_gai
 
 
 def recorded_examples(folder: Path, *, first: int, aspects_deg: tuple[float, ...] = (0, 25, 45, 60)) -> list[Example]:
-    """Every usable stretch of every recording, as it is and looped, at each aspect."""
+    """Make examples of every usable recorded segment at each aspect.
+
+    As it is and looped.
+    """
     examples: list[Example] = []
     files = sorted(path for kind in ("human", "dog") for path in (folder / kind).rglob("*") if path.is_file())
     for place, path in enumerate(files):
@@ -153,7 +160,10 @@ def recorded_examples(folder: Path, *, first: int, aspects_deg: tuple[float, ...
 
 @lru_cache(maxsize=256)
 def stretches(path: Path) -> dict[int, Motion]:
-    """Straight stretches of a recording whose footfalls give a gait; empty where it cannot be read."""
+    """Return the straight segments of a recording with a known gait.
+
+    Empty where the file cannot be read.
+    """
     try:
         motion = read(path)
         found = {n: with_gait_facts(crop(motion, s)) for n, s in enumerate(find_segments(motion), start=1)}
@@ -168,17 +178,17 @@ def _gait_is_known(motion: Motion) -> bool:
 
 
 def motion_of(example: Example) -> Motion:
-    """The mover's motion."""
+    """Return the motion of the target."""
     if example.source == "model":
         model, parameters = example.mover
         return MODELS[model](**parameters, duration_s=example.seconds + 0.1, rng=np.random.default_rng(example.number))
     path, stretch = example.mover
     motion = stretches(Path(path))[stretch]
-    return motion if example.source == "recorded" else loop(motion, duration_s=LOOPED_S)
+    return motion if example.source == "recorded" else loop(motion, duration_s=LOOPED_S, variation=0.0)
 
 
 def observe(example: Example) -> Recording:
-    """The noise-free recording, of no more range than the mover takes."""
+    """Simulate the noise-free recording within the range of the target."""
     motion = motion_of(example)
     seconds = min(example.seconds, motion.duration_s)
     target = Target(motion, label=example.label, aspect_deg=example.aspect_deg)
@@ -191,7 +201,7 @@ def observe(example: Example) -> Recording:
 def signatures(
     example: Example, recording: Recording, analysis: Analysis, levels_db: tuple[float, ...]
 ) -> Iterator[tuple[float, xr.DataArray]]:
-    """Signature at each SNR_mu."""
+    """Compute the signature at each SNR_mu."""
     truth = recording.truth[0]
     gate = Gate.from_truth(truth, recording.slow_time_s, analysis, wavelength_m=recording.radar.wavelength_m)
     wavelength_m = recording.radar.wavelength_m
@@ -210,7 +220,10 @@ def signatures(
 
 
 def run_example(example: Example) -> list[dict[str, Any]]:
-    """One row for each method and noise level; none where the mover cannot be observed."""
+    """Return one row per method and noise level.
+
+    None where the target cannot be observed.
+    """
     warnings.simplefilter("ignore")
     try:
         recording = observe(example)
@@ -229,11 +242,11 @@ def run_example(example: Example) -> list[dict[str, Any]]:
         for snr_db, mu in signatures(example, recording, analysis, levels):
             gate = Gate.from_truth(truth, recording.slow_time_s, analysis, wavelength_m=recording.radar.wavelength_m)
             result = analyze_signature(mu, gate, analysis, label=example.label)
-            rows.append({**facts, "method": method, "snr_mu_db": snr_db, **_found(result)})
+            rows.append({**facts, "method": method, "snr_mu_db": snr_db, **_result_columns(result)})
     return rows
 
 
-def _found(result: Any) -> dict[str, Any]:
+def _result_columns(result: Any) -> dict[str, Any]:
     names = ("periodicity", "confidence", "decision", "uncertainty_hz", "margin", "limb_relative_hz", "aspect_deg")
     quality = {name: result.quality.get(f"gait_{name}", result.quality.get(name)) for name in names}
     return {
@@ -242,16 +255,30 @@ def _found(result: Any) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def run_all(examples: list[Example], *, processes: int) -> pd.DataFrame:
-    """All rows of all examples."""
-    if processes == 1:
-        return pd.DataFrame([row for example in examples for row in run_example(example)])
-    with ProcessPoolExecutor(processes) as pool:
-        return pd.DataFrame([row for rows in pool.map(run_example, examples, chunksize=4) for row in rows])
+def run_study(
+    run: Callable[[Example], list[dict[str, Any]]], doc: str | None, option: str
+) -> tuple[list[Example], pd.DataFrame]:
+    """Run a study on the examples of the command line.
+
+    Returns the examples and the collected rows.
+    """
+    options = make_parser(doc, option, 1400, "examples of the models").parse_args()
+    examples = model_examples(options.count)
+    if options.mocap:
+        examples += recorded_examples(options.mocap, first=len(examples))
+    rows = collect_rows(run, examples, processes=options.processes)
+    if options.out:
+        rows.to_csv(options.out, index=False)
+    return examples, rows
 
 
 def tables(rows: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Shares within 2 and 5 %, of nulls and of wrong octaves, by what was varied; n in every row."""
+    """Yield the tables of right values, nulls and wrong octaves.
+
+    Right: within 2 and within 5 %.
+
+    By the varied quantity; n in every row.
+    """
     rows = rated(rows)
     by = ["method", "snr_mu_db", "who", "label"]
     yield "by view", _shares(rows[rows["periods"] >= 5], [*by, "view"])
@@ -266,7 +293,7 @@ def tables(rows: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
 
 
 def rated(rows: pd.DataFrame) -> pd.DataFrame:
-    """The rows with error, periods, groups of views and periods."""
+    """Add errors, periods, and groups of views and periods to the rows."""
     ratio = rows["found_hz"].astype(float) / rows["truth_hz"]
     aspect_deg = np.minimum(rows["aspect_deg"], 180.0 - rows["aspect_deg"])
     periods = rows["truth_hz"] * rows["seconds"]
@@ -288,7 +315,10 @@ def _shares(rows: pd.DataFrame, by: list[str]) -> pd.DataFrame:
 
 
 def acceptance(rows: pd.DataFrame) -> pd.DataFrame:
-    """The demands on f_mu, what was reached, and n, for the models and both halves of the recorded movers."""
+    """Tabulate the requirements on f_mu with results and n.
+
+    For the models and both halves of the recorded targets.
+    """
     found = []
     for who in sorted(set(rows["who"])):
         for name, bad, most in demands(rows[rows["who"] == who]):
@@ -300,7 +330,7 @@ def acceptance(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def demands(rows: pd.DataFrame) -> Iterator[tuple[str, pd.Series, float]]:
-    """Name, which of the examples that count fail, and the percentage allowed."""
+    """Yield name, failures and allowed percentage of every requirement."""
     fails, off_2, off_5 = (~(rows["error"] <= most) for most in (0.1, 0.02, 0.05))
     angle, snr, seconds, periods = rows["angle_deg"], rows["snr_mu_db"], rows["seconds"], rows["periods"]
     front, wide = angle <= 30, (angle <= 45) & (periods >= 5)
@@ -319,18 +349,7 @@ def demands(rows: pd.DataFrame) -> Iterator[tuple[str, pd.Series, float]]:
 
 def main() -> None:
     """Run the study and print its tables."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
-    parser.add_argument("--mocap", type=Path, help="folder with human/ and dog/ recordings")
-    parser.add_argument("--examples", type=int, default=1400, help="examples of the models")
-    parser.add_argument("--processes", type=int, default=2)
-    parser.add_argument("--out", type=Path, help="all rows, as CSV")
-    given = parser.parse_args()
-    examples = model_examples(given.examples)
-    if given.mocap:
-        examples += recorded_examples(given.mocap, first=len(examples))
-    rows = run_all(examples, processes=given.processes)
-    if given.out:
-        rows.to_csv(given.out, index=False)
+    examples, rows = run_study(run_example, __doc__, "--examples")
     print(f"{len(examples)} examples, {rows['number'].nunique()} observed, {len(rows)} estimates; shares in %")
     with pd.option_context("display.width", 200, "display.max_rows", None):
         for title, table in tables(rows):

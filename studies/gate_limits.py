@@ -1,4 +1,4 @@
-"""Limits of tracks: the weakest walker that is followed, false tracks, torsos that go with the clutter.
+"""Limits of tracks: weakest walker, false tracks, loss of the torso.
 
     python studies/gate_limits.py [--part weakest false torso] [--draws 3] [--minutes 4]
 
@@ -43,7 +43,10 @@ SWEEP_DB = (15.0, 12.5, 10.0, 7.5, 5.0, 2.5, 0.0, -2.5, -5.0)
 
 
 def print_weakest(draws: int) -> None:
-    """Share of runs in which one track covers 90 % of the walk, and share of the time that is covered."""
+    """Tabulate tracked runs and tracked time.
+
+    Runs in which one track covers 90 % of the walk.
+    """
     print("\n### Tracks kept against SNR_frame (x4, static clutter 20 dB above the echo)\n")
     print("| mover | n | " + " | ".join(f"{level_db:g} dB" for level_db in SWEEP_DB) + " | 90 % of runs from |")
     print("|---" * (len(SWEEP_DB) + 3) + "|")
@@ -81,13 +84,16 @@ FAN_M = 4.0
 
 
 def clutter_at(level_db: float) -> dict[str, object]:
-    """Static clutter so far above the thermal noise of a sample of the X4, the same at all ranges."""
+    """Add static clutter above the thermal noise of the X4.
+
+    The same at all ranges.
+    """
     noise_db = 10 * np.log10(noise_power_per_sample_v2(ThermalNoise(), X4))
     return {"kind": "static_clutter", "levels": [[0.0, float(noise_db) + level_db]]}
 
 
 def rooms() -> dict[str, tuple[list[Target], list[dict[str, object]]]]:
-    """Rooms without a body: background movers and impairments."""
+    """Make empty rooms with confusers and impairments."""
     rotor = Target(fan(duration_s=62.0), start_position_m=(3.5, 2.0), heading_deg=60.0, background=True)
     leak: dict[str, object] = {"kind": "leakage"}
     return {
@@ -103,7 +109,10 @@ def rooms() -> dict[str, tuple[list[Target], list[dict[str, object]]]]:
 
 
 def print_false(minutes: int) -> None:
-    """Tracks per minute in rooms without a body; beside it without the alignment of phases, by the mean."""
+    """Tabulate false tracks per minute in empty rooms.
+
+    Also without the alignment of phases, by the mean.
+    """
     print(
         "\n### False tracks\n\n| room without a body | minutes | detections/min | tracks/min | of them at the fan ",
         end="",
@@ -134,7 +143,7 @@ NEAR_S = 0.1
 
 
 def crossing_at_90(rng: Rng, seconds: float, slowest_mps: float, fastest_mps: float) -> Recording:
-    """Noise-free recording of a person who crosses the line of sight in the middle of the time."""
+    """Simulate a person who crosses the line of sight at mid-time."""
     speed_mps, range_m = rng.uniform(slowest_mps, fastest_mps), rng.uniform(3.0, 6.0)
     motion = human_gait(gait="walk", speed_mps=speed_mps, height_m=rng.uniform(1.6, 1.9), duration_s=seconds + 1.0)
     start_m = (range_m, -speed_mps * seconds / 2)
@@ -143,14 +152,17 @@ def crossing_at_90(rng: Rng, seconds: float, slowest_mps: float, fastest_mps: fl
 
 
 def torso_of(recording: Recording) -> xr.DataArray:
-    """Noise-free echo of the scatterers of the trunk alone."""
+    """Simulate the noise-free echo of the trunk alone."""
     table = recording.truth[0].scatterers
     own = np.flatnonzero(table["part"].values == "torso")
     return synthesise(table.isel(scatterer=own), recording.radar)
 
 
 def print_torso(draws: int) -> None:
-    """Energy of the trunk lost to every clutter method: measured, closed form, and the flag of the analysis."""
+    """Tabulate the energy of the trunk lost to clutter methods.
+
+    Measured, closed form, and the flag of the analysis.
+    """
     print("\n### Trunk of a person who crosses at 90 degrees: energy lost (median, 10th to 90th percentile)\n")
     print(
         "| speed m/s, recording s | clutter | n | measured within 0.1 s of the crossing, dB | closed form there, dB ",
@@ -179,7 +191,10 @@ def print_torso(draws: int) -> None:
 
 
 def losses_db(recording: Recording, kind: ClutterKind) -> list[float]:
-    """Loss of the trunk near the crossing, measured and closed form, and the same over the whole recording."""
+    """Return the loss of the trunk near the crossing and overall.
+
+    Measured and closed form.
+    """
     before = torso_of(recording)
     after = without_clutter(before, kind=kind)
     truth, times_s = recording.truth[0], axis(before, "slow_time")
@@ -198,7 +213,7 @@ def losses_db(recording: Recording, kind: ClutterKind) -> list[float]:
 
 
 def main() -> None:
-    """Print the tables that were asked for."""
+    """Print the selected tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parts: dict[str, Callable[[], None]] = {
         "weakest": lambda: print_weakest(arguments.draws),

@@ -1,4 +1,4 @@
-"""Track gates beside truth gates: the features, and the energy inside.
+"""Track gates compared with true gates: features and energy.
 
     python studies/gates.py [--part features energy] [--draws 3] [--figures FOLDER]
 
@@ -59,14 +59,17 @@ MOVERS: dict[str, tuple[Callable[..., Motion], dict[str, object]]] = {
 
 
 def mover(kind: str, rng: Rng, seconds: float) -> Motion:
-    """Motion of one kind; ranges of parameters are drawn from."""
+    """Sample a motion of one kind."""
     model, options = MOVERS[kind]
     drawn = {name: rng.uniform(*v) if isinstance(v, tuple) else v for name, v in options.items()}
     return model(**drawn, duration_s=seconds)
 
 
 def walk_past(kind: str, radar: Radar, aspect_deg: float, rng: Rng) -> Recording:
-    """Noise-free recording of one mover that comes closer, for as long as the frame holds it, 8 s at most."""
+    """Simulate one approaching target without noise.
+
+    For as long as the frame holds it, 8 s at most.
+    """
     motion = mover(kind, rng, 9.0)
     speed_mps = travel_speed_mps(motion)
     first_m = radar.range_stop_m - 1.2
@@ -80,7 +83,7 @@ def walk_past(kind: str, radar: Radar, aspect_deg: float, rng: Rng) -> Recording
 def spoilt(
     baseband: xr.DataArray, level_db: float, rng: Rng, clutter_db: float | None = CLUTTER_OVER_ECHO_DB
 ) -> xr.DataArray:
-    """White noise at SNR_frame, and static clutter in every bin so far above the mean echo."""
+    """Add white noise at SNR_frame and static clutter in every bin."""
     echo_v2 = float((np.abs(baseband.values) ** 2).max(axis=1).mean())
     values = baseband.values + complex_noise(rng, baseband.shape, echo_v2 / 10 ** (level_db / 10))
     if clutter_db is not None:
@@ -89,14 +92,14 @@ def spoilt(
 
 
 def truth_of(recording: Recording) -> Truth:
-    """True ranges and velocities of all bodies."""
+    """Return the true ranges and velocities of all bodies."""
     ranges = np.transpose([one.centre_range_m for one in recording.truth])
     velocities = np.transpose([one.centre_velocity_mps for one in recording.truth])
     return Truth(recording.slow_time_s, ranges, velocities)
 
 
 def tracks_in(baseband: xr.DataArray, radar: Radar, detector: Detector | None = None) -> list[Track]:
-    """Tracks with the defaults."""
+    """Track with the defaults."""
     scans = find_scans(baseband, detector, wavelength_m=radar.wavelength_m)
     return track(scans, velocity_span_mps=radar.wavelength_m * radar.prf_hz / 2)
 
@@ -114,7 +117,10 @@ LEVELS_DB = (30.0, 20.0, 10.0)
 
 @dataclass(frozen=True)
 class Pair:
-    """Seven values by the track gate and by a truth gate, NaN for null; ``way`` says what differs."""
+    """Return seven values by the track gate and by a true gate.
+
+    NaN for null; ``way`` names the difference.
+    """
 
     radar: str
     kind: str
@@ -125,7 +131,7 @@ class Pair:
 
 
 def seven(result: Result | None) -> FloatArray:
-    """The six features and the gait frequency, NaN for null."""
+    """Return the six features and the gait frequency, NaN for null."""
     if result is None:
         return np.full(len(NAMES), np.nan)
     features = [getattr(result.features, name) for name in NAMES[:-1]]
@@ -133,12 +139,15 @@ def seven(result: Result | None) -> FloatArray:
 
 
 def pairs_of(recording: Recording, kind: str, radar: str, level_db: float, rng: Rng) -> Iterator[Pair]:
-    """The track gate against the truth gate of the same time and data, and against the truth gate without clutter."""
+    """Compare the track gate with true gates.
+
+    Of the same time and data, and without clutter.
+    """
     state = rng.bit_generator.state
     cluttered = recording.with_baseband(spoilt(recording.baseband, level_db, rng))
     rng.bit_generator.state = state  # the same noise without the clutter
     bare = recording.with_baseband(spoilt(recording.baseband, level_db, rng, clutter_db=None))
-    found = [r for r in analyze(cluttered, analysis=Analysis(extended=False)) if _is_of(r, recording)]
+    found = [r for r in analyze(cluttered, analysis=Analysis(extended=False)) if _follows(r, recording)]
     best = max(found, key=lambda r: float(np.ptp(r.gate.time_s)), default=None)
     whole = analyze(bare, gate="truth", analysis=Analysis(extended=False))[0]
     yield Pair(radar, kind, level_db, "whole", seven(best), seven(whole))
@@ -151,8 +160,11 @@ def pairs_of(recording: Recording, kind: str, radar: str, level_db: float, rng: 
         yield Pair(radar, kind, level_db, "gate", seven(best), seven(true))
 
 
-def _is_of(result: Result, recording: Recording) -> bool:
-    """Whether a result's gate follows the body: nearer than 0.8 m for most of its time."""
+def _follows(result: Result, recording: Recording) -> bool:
+    """Check that the gate of a result follows the body.
+
+    Nearer than 0.8 m for most of its time.
+    """
     gate = result.gate
     centre_m = (gate.low_m + gate.high_m) / 2
     times_s = recording.slow_time_s
@@ -161,7 +173,7 @@ def _is_of(result: Result, recording: Recording) -> bool:
 
 
 def print_features(draws: int) -> None:
-    """Differences per feature, by level and by mover."""
+    """Tabulate the differences per feature, by level and target."""
     pairs: list[Pair] = []
     for radar_number, radar in enumerate((X4, X4_LONG)):
         for kind_number, kind in enumerate(MOVERS):
@@ -211,7 +223,10 @@ def _print_rows(name: str, pairs: list[Pair]) -> None:
 
 
 def share_inside(baseband: xr.DataArray, gate: xr.Dataset | None) -> tuple[float, float]:
-    """Share of a lone target's energy inside a gate: over the gate's time, and over the whole recording."""
+    """Return the share of energy of a single target in a gate.
+
+    Over the time of the gate, and over the whole recording.
+    """
     power = np.abs(baseband.values).astype(np.float64) ** 2
     total = power.sum()
     if gate is None:
@@ -227,7 +242,7 @@ def share_inside(baseband: xr.DataArray, gate: xr.Dataset | None) -> tuple[float
 
 
 def print_energy(draws: int) -> None:
-    """Share of every target's energy inside the gate of its track, truth gate beside it."""
+    """Tabulate the share of energy in track gates and true gates."""
     print("\n### Energy of the target's echo inside the gate (1.6 m)\n")
     print(
         "| scene | SNR_frame dB | targets | tracked | truth gate: median / worst | track gate while tracked: ",
@@ -259,7 +274,10 @@ def print_energy(draws: int) -> None:
 
 
 def own_track(tracks: list[Track], truth: Truth, number: int) -> Track | None:
-    """The longest track whose nearest body is this one, within 0.8 m, for most of its time."""
+    """Return the longest track of a body.
+
+    The body is the nearest one, within 0.8 m, for most of its time.
+    """
     own = []
     for one in tracks:
         apart_m = np.abs(truth.at(one.times_s)[0] - one.range_m[:, None])
@@ -272,7 +290,10 @@ def own_track(tracks: list[Track], truth: Truth, number: int) -> Track | None:
 
 
 def draw_gates(name: str, run: int) -> Figure:
-    """Range against time after clutter removal, with the gates of the truth and of the tracks."""
+    """Plot range against time with true gates and track gates.
+
+    After clutter removal.
+    """
     rng = np.random.default_rng([SEED, 6, list(SCENES).index(name), run])
     recording = simulate(SCENES[name](rng), X4, angles=False)
     baseband = spoilt(recording.baseband, 20.0, rng)
@@ -302,7 +323,7 @@ PARTS = {"features": print_features, "energy": print_energy}
 
 
 def main() -> None:
-    """Print the tables that were asked for."""
+    """Print the selected tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--part", nargs="+", choices=list(PARTS), default=list(PARTS))
     parser.add_argument("--draws", type=int, default=3)

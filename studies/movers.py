@@ -1,4 +1,6 @@
-"""Recorded movers beside the models of the same size and speed: true Doppler lines and signatures.
+"""Recorded targets compared with models of the same size and speed.
+
+By true Doppler lines and signatures.
 
     python studies/movers.py MOTION_FOLDER OUT_FOLDER
 
@@ -41,7 +43,7 @@ DB_RANGE = 40.0
 
 @dataclass(frozen=True)
 class Pair:
-    """One recording and the model that stands beside it.
+    """One recording and its model.
 
     Parameters
     ----------
@@ -49,7 +51,7 @@ class Pair:
     path : str
         Below the motion folder.
     start_s, stop_s : float
-        Straight stretch at constant velocity.
+        Straight segment at constant velocity.
     label : str
     model : callable
         ``model(speed_mps, height_m, duration_s) -> motion``.
@@ -67,12 +69,12 @@ class Pair:
 
 
 def person(gait: str) -> Callable[[float, float, float], Motion]:
-    """Model of a person in a gait."""
+    """Make the model of a person in a gait."""
     return lambda speed, height, seconds: human_gait(gait=gait, speed_mps=speed, height_m=height, duration_s=seconds)
 
 
 def dog(gait: str) -> Callable[[float, float, float], Motion]:
-    """Model of a dog in a gait."""
+    """Make the model of a dog in a gait."""
     return lambda speed, height, seconds: quadruped_gait(
         gait=gait, speed_mps=speed, withers_m=height, duration_s=seconds
     )
@@ -88,14 +90,17 @@ PAIRS = (
 
 
 def observe(motion: Motion, label: str) -> tuple[Recording, Result]:
-    """The mover head-on, its middle at 12 m."""
+    """Simulate the target head-on, its middle at 12 m."""
     scene = Scene([Target(motion, label=label, range_m=14.0)], duration_s=OBSERVATION_S)
     recording = simulate(scene, RADAR, angles=False)
     return recording, analyze(recording, gate="truth", analysis=Analysis())[0]
 
 
 def figures_of(recording: Recording, result: Result) -> dict[str, float | None]:
-    """What is compared in numbers; fastest part is the true one, 99.9th percentile over points and time."""
+    """Return the compared numbers.
+
+    The fastest part is the true one, the 99.9th percentile over points and time.
+    """
     speeds = recording.truth[0].scatterers["radial_velocity"].values
     return {
         "speed m/s": recording.truth[0].ground_speed_mps,
@@ -110,7 +115,7 @@ def figures_of(recording: Recording, result: Result) -> dict[str, float | None]:
 
 
 def draw_pair(title: str, observed: dict[str, tuple[Recording, Result]]) -> Figure:
-    """Signatures above, true Doppler lines over them below; recording on the left, model on the right."""
+    """Plot signatures and true Doppler lines of recording and model."""
     figure = Figure(figsize=(13, 9), layout="constrained")
     panels = figure.subplots(2, 2, sharex=True, sharey=True)
     limits_hz = shared_limits_hz([recording for recording, _ in observed.values()])
@@ -124,15 +129,15 @@ def draw_pair(title: str, observed: dict[str, tuple[Recording, Result]]) -> Figu
 
 
 def shared_limits_hz(recordings: list[Recording]) -> tuple[float, float]:
-    """Doppler limits that hold all lines of the recordings."""
+    """Return Doppler limits that hold all lines."""
     lines = np.concatenate([r.truth[0].doppler_hz(RADAR.wavelength_m).ravel() for r in recordings])
     return float(lines.min()) - 60.0, float(lines.max()) + 60.0
 
 
 def compare(pair: Pair, folder: Path) -> tuple[Figure, dict[str, dict[str, float | None]]]:
-    """Figure and numbers of one pair."""
+    """Make figure and numbers of one pair."""
     clip = read(folder / pair.path, start_s=pair.start_s, stop_s=pair.stop_s)
-    real = loop(clip, duration_s=OBSERVATION_S)
+    real = loop(clip, duration_s=OBSERVATION_S, variation=0.0)
     model = pair.model(travel_speed_mps(real), pair.height_m, OBSERVATION_S)
     observed = {"recorded": observe(real, pair.label), "model": observe(model, pair.label)}
     for motion in (real, model):
@@ -141,7 +146,7 @@ def compare(pair: Pair, folder: Path) -> tuple[Figure, dict[str, dict[str, float
 
 
 def print_numbers(name: str, numbers: dict[str, dict[str, Any]]) -> None:
-    """Two columns: recorded, model."""
+    """Format two columns: recorded, model."""
     print(name)
     for key in next(iter(numbers.values())):
         cells = [f"{row[key]:10.3f}" if row[key] is not None else f"{'-':>10s}" for row in numbers.values()]
@@ -149,7 +154,7 @@ def print_numbers(name: str, numbers: dict[str, dict[str, Any]]) -> None:
 
 
 def main() -> None:
-    """Read, compare, draw."""
+    """Read, compare and plot."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("motion_folder", type=Path)
     parser.add_argument("out_folder", type=Path)

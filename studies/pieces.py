@@ -1,4 +1,4 @@
-"""How well range tracks are cut into pieces, and down to which level a breath is found.
+"""Segmentation of range tracks, and detection limit of breathing.
 
     python studies/pieces.py [--trials 50] [--seed 1]
 
@@ -32,7 +32,7 @@ LEG_S = 2.8
 
 
 def errors(source: np.random.Generator, n: int, *, sd_m: float, memory_s: float) -> FloatArray:
-    """First-order Markov errors of a standard deviation and correlation time."""
+    """Sample first-order Markov errors."""
     keep = float(np.exp(-STEP_S / memory_s)) if memory_s > 0 else 0.0
     drawn, found = source.normal(0.0, sd_m, n), np.empty(n)
     found[0] = drawn[0]
@@ -42,7 +42,7 @@ def errors(source: np.random.Generator, n: int, *, sd_m: float, memory_s: float)
 
 
 def legs(source: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Times and ranges of four legs, and the times of the three turns."""
+    """Make times, ranges and turns of four legs."""
     times = np.arange(0, 4 * LEG_S, STEP_S)
     speeds = source.uniform(0.8, 1.6, 4) * np.array([1, -1, 1, -1])
     corners = np.concatenate([[7.0], 7.0 - np.cumsum(speeds * LEG_S)])
@@ -50,12 +50,15 @@ def legs(source: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArra
 
 
 def change_points_s(pieces: tuple[Piece, ...]) -> list[float]:
-    """Middles between pieces."""
+    """Return the middles between segments."""
     return [(left.stop_s + right.start_s) / 2 for left, right in pairwise(pieces)]
 
 
 def offsets_s(found: list[float], true: FloatArray) -> list[float]:
-    """Distances of the change points found to the nearest free true ones, within the tolerance."""
+    """Match detected change points to true ones within the tolerance.
+
+    Returns their distances.
+    """
     free, offsets = list(found), []
     for wanted in true:
         near = [f for f in free if abs(f - wanted) <= TOLERANCE_S]
@@ -67,7 +70,7 @@ def offsets_s(found: list[float], true: FloatArray) -> list[float]:
 
 
 def turns_table(trials: int, seed: int) -> None:
-    """F1 on four legs."""
+    """Print F1 on four legs."""
     print("\n| error (m) | memory (s) | turns | F1 | median offset (s) |\n|---|---|---|---|---|")
     for sd_m in (0.03, 0.065, 0.1, 0.15):
         for memory_s in (0.0, 0.3):
@@ -85,7 +88,7 @@ def turns_table(trials: int, seed: int) -> None:
 
 
 def cut_share(track: Callable[[FloatArray, float], FloatArray], *, trials: int, seed: int, seconds: float) -> float:
-    """Share of tracks that are cut, errors 0.065 m."""
+    """Print the share of tracks that are split, errors 0.065 m."""
     times = np.arange(0, seconds, STEP_S)
     cut = 0
     for trial in range(trials):
@@ -96,7 +99,7 @@ def cut_share(track: Callable[[FloatArray, float], FloatArray], *, trials: int, 
 
 
 def shapes_table(trials: int, seed: int) -> None:
-    """What is cut and what not."""
+    """Print which tracks are split."""
     shapes: dict[str, tuple[Callable[[FloatArray, float], FloatArray], float]] = {}
     for period_s in (3.0, 5.0, 8.0, 12.0):
         w = 2 * np.pi / period_s
@@ -117,7 +120,7 @@ def shapes_table(trials: int, seed: int) -> None:
 
 
 def breath_table(trials: int, seed: int) -> None:
-    """Share found and error of the rate against the level."""
+    """Print detected share and rate error by level."""
     radar = Radar.preset("x4-17fps")
     print(
         "\n| seconds | SNR of a frame (dB) | found | others | rms rate error | within 2 % |\n|---|---|---|---|---|---|"

@@ -1,11 +1,13 @@
-"""Models that learnt from synthetic 24 GHz recordings alone, asked about 150 real ones of people and 2 of a dog.
+"""Models trained on synthetic 24 GHz recordings, tested on real ones.
+
+150 real recordings are of people and 2 of a dog.
 
     python studies/sim_to_real_cw.py RADAR_DATA OUT [--mocap FOLDER] [--count N] [--quick]
 
 RADAR_DATA holds ``cw24_kmkim036``: bursts of 128 samples at 3000 S/s, a burst about every 200 ms. Steps cannot be told
 from columns at 5 Hz, so that what is left is the shape of the Doppler spectrum, and its change from burst to burst.
 
-Protocol, written down before any model was asked about a real recording:
+Protocol, written down before any model was tested on a real recording:
 
 1. Synthetic people and dogs come from :class:`sim_to_real_cw_images.Plan` with all its switches on; one law for both
    classes in speed, direction, range, echo level, noise, I/Q image, offset, clipping. A fifth of them is held back.
@@ -16,14 +18,12 @@ Protocol, written down before any model was asked about a real recording:
    loss on the held synthetic ones.
 4. The share of people's recordings that is called dog, and the dog's two one by one. 150 recordings are of few people:
    the exact interval treats each as a trial of its own and is too narrow by that.
-5. The first scores stand; ablations are reported beside them and choose nothing.
+5. The first scores stand; ablations are reported in addition and choose nothing.
 """
 
 from __future__ import annotations
 
-import argparse
 import sys
-import time
 import warnings
 from dataclasses import dataclass
 from functools import partial
@@ -45,6 +45,7 @@ from doppelgait.radar.readers.cw_text import read_cw_text
 QUESTIONS = {"people not called dog": ("human",), "dogs": ("dog",)}
 DOGS = ("211109_3_2", "211109_3_3")
 COUNT, ABLATED, QUICK, QUICK_REAL = 600, 200, 24, 6
+REPORT = "sim-to-real-cw.md"
 KINDS = {
     "profile, logistic": Kind("profile", "logistic"),
     "profile, boosting": Kind("profile", "boosting"),
@@ -69,7 +70,7 @@ ABLATED_MODELS = ("profile, logistic", "extended, logistic", "extended, boosting
 
 @dataclass(frozen=True)
 class Size:
-    """How much is made and read, and whether networks are trained."""
+    """Size of a run, and whether networks are trained."""
 
     count: int = COUNT
     ablated: int = ABLATED
@@ -79,7 +80,7 @@ class Size:
 
 
 def real_names(data: Path, most: int | None = None) -> list[str]:
-    """Recordings by name, the dog's first; a clear end where there are none."""
+    """Return the recordings by name, the dog's first, or exit."""
     folder = data / CW_FOLDER
     found = sorted(path.stem.removesuffix("_RE") for path in folder.glob("*/*_RE.txt"))
     if not set(DOGS) <= set(found):
@@ -88,7 +89,7 @@ def real_names(data: Path, most: int | None = None) -> list[str]:
 
 
 def real_inputs(data: Path, names: list[str]) -> Inputs:
-    """Real recordings as the models see them."""
+    """Load the model inputs of real recordings."""
     results = []
     for name in names:
         with warnings.catch_warnings():
@@ -100,7 +101,10 @@ def real_inputs(data: Path, names: list[str]) -> Inputs:
 
 
 def motion_of(name: str) -> str:
-    """What somebody does, by the session's own code; the session and the code where it is not known."""
+    """Return the motion of a recording by the code of the session.
+
+    The session and the code where it is not known.
+    """
     session, _, *rest = name.split("_")
     if session.startswith("22") and rest:
         return MOTIONS.get(rest[0], rest[0])
@@ -112,7 +116,7 @@ def motion_of(name: str) -> str:
 
 
 def motion_table(names: list[str], fitted: dict[str, models.Fitted], real: Inputs) -> str:
-    """Right decisions by what the people do."""
+    """Tabulate right decisions by motion."""
     kinds, rows = np.array([motion_of(name) for name in names]), []
     told = {name: one.of_person(real) for name, one in fitted.items()}
     for kind in np.unique(kinds).tolist():
@@ -123,14 +127,12 @@ def motion_table(names: list[str], fitted: dict[str, models.Fitted], real: Input
     return tables.markdown(("motion", *told), rows)
 
 
-def kinds_of(size: Size, names: tuple[str, ...] = tuple(KINDS)) -> dict[str, Kind]:
-    """Models to train."""
-    return {name: KINDS[name] for name in names if size.network or KINDS[name].learner != "network"}
-
-
 def ablation_table(size: Size, real: Inputs, out: Path, mocap: Path | None) -> str:
-    """Every switch left out in turn, at equal size of the training set."""
-    kinds, rows = kinds_of(size, ABLATED_MODELS), []
+    """Tabulate ablations at equal size of the training set.
+
+    Every switch is left out in turn.
+    """
+    kinds, rows = models.select_kinds(KINDS, ABLATED_MODELS, network=size.network), []
     for name in size.ablations:
         plan = ABLATIONS[name]
         if plan.motion == "recorded" and mocap is None:
@@ -144,12 +146,8 @@ def ablation_table(size: Size, real: Inputs, out: Path, mocap: Path | None) -> s
     return tables.markdown([*head, "domain AUC"], rows)
 
 
-def _far(made: Inputs, real: Inputs) -> float:
-    return models.domain_auc(made, real, features="profile")
-
-
 def draw_some(out: Path, names: list[str], numbers: list[int], real: Inputs, made: Inputs) -> None:
-    """Recordings beside the nearest synthetic ones of both classes."""
+    """Plot recordings next to the nearest synthetic ones of both classes."""
     reach = images.PATCH.velocity_mps
     for number in numbers:
         panels = {f"real {real.labels[number]}: {names[number]}": real.levels[number][::-1]}
@@ -161,12 +159,12 @@ def draw_some(out: Path, names: list[str], numbers: list[int], real: Inputs, mad
 
 
 def main(data: Path, out: Path, mocap: Path | None, size: Size) -> dict[str, models.Fitted]:
-    """Make, learn, ask, write."""
-    begun_s = time.perf_counter()
+    """Simulate, train, test and write."""
+    write = tables.Writer(out / REPORT)
     names = real_names(data, size.real)
     out.mkdir(parents=True, exist_ok=True)
     made = images.dataset(Plan(), size.count, out)
-    fitted = models.train_all(kinds_of(size), made, images.PATCH)
+    fitted = models.train_all(models.select_kinds(KINDS, network=size.network), made, images.PATCH)
     best = models.best_of(fitted)
     real = store.kept_inputs(
         out / "cache" / f"cw-real-{store.key_of(names, images.PATCH, images.PROFILE.tolist())}.npz",
@@ -176,7 +174,7 @@ def main(data: Path, out: Path, mocap: Path | None, size: Size) -> dict[str, mod
         f"# 24 GHz: {size.count} synthetic recordings\n\nThe model that told the held synthetic ones best: {best}.",
         tables.score_table(fitted, real, QUESTIONS),
         motion_table(names, fitted, real),
-        f"Domain classifier, AUC: profile {_far(made, real):.2f}, all features "
+        f"Domain classifier, AUC: profile {models.domain_auc(made, real, features='profile'):.2f}, all features "
         f"{models.domain_auc(made, real, features='extended'):.2f}",
         tables.gap_table(made, real, "profile"),
         tables.gap_table(made, real, "extended"),
@@ -184,25 +182,14 @@ def main(data: Path, out: Path, mocap: Path | None, size: Size) -> dict[str, mod
     ]
     wrong = tables.wrong_of(fitted[best], real).tolist()
     draw_some(out, names, sorted({0, 1, *wrong[:6]}), real, made)
-    _write(out, parts, begun_s)
+    write(parts)
     parts.append(ablation_table(size, real, out, mocap))
-    _write(out, parts, begun_s)
+    write(parts)
     return fitted
 
 
-def _write(out: Path, parts: list[str], begun_s: float) -> None:
-    text = "\n\n".join([*parts, f"{time.perf_counter() - begun_s:.0f} s"]) + "\n"
-    (out / "sim-to-real-cw.md").write_text(text, encoding="utf-8")
-
-
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("data", type=Path, help=f"folder with {CW_FOLDER}")
-    parser.add_argument("out", type=Path, help="folder for tables, figures and what is kept for the next run")
-    parser.add_argument("--mocap", type=Path, help="folder with human and dog motion capture")
-    parser.add_argument("--count", type=int, default=COUNT, help="synthetic recordings of the main set")
-    parser.add_argument("--quick", action="store_true", help="a few recordings, no networks: only to see that it runs")
-    arguments = parser.parse_args()
+    arguments = tables.make_parser(__doc__, CW_FOLDER, COUNT, "recordings").parse_args()
     quick = Size(QUICK, QUICK, network=False, real=QUICK_REAL, ablations=("all of it", "no noise"))
     main(arguments.data, arguments.out, arguments.mocap, quick if arguments.quick else Size(arguments.count))
-    print((arguments.out / "sim-to-real-cw.md").read_text(encoding="utf-8"))
+    print((arguments.out / REPORT).read_text(encoding="utf-8"))

@@ -1,4 +1,6 @@
-"""Synthetic 24 GHz recordings of random movers: bursts of 128 samples at 3000 S/s, one every 200 ms, as real ones.
+"""Synthetic 24 GHz recordings of random targets.
+
+Bursts of 128 samples at 3000 S/s, one every 200 ms, as the real ones.
 
 The dataset builder makes unbroken frames; here only the pulses of the bursts are simulated, with the functions of the
 pipeline, and become a recording like one that was read from files: everything after that is the analysis of both.
@@ -49,7 +51,7 @@ PROFILE_DB = -30.0
 
 @dataclass(frozen=True)
 class Plan:
-    """What is simulated; every switch left out is an ablation.
+    """Switches of the simulation; each left out is an ablation.
 
     Parameters
     ----------
@@ -82,7 +84,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Place:
-    """Where and under what conditions a mover is seen; drawn by one law for every class."""
+    """Geometry and conditions of a target, from one distribution for all classes."""
 
     closest_m: float
     away: bool
@@ -97,7 +99,12 @@ class Place:
 
 
 def draw_place(rng: np.random.Generator) -> Place:
-    """In a room, within 35 degrees of the line of sight; the strongest echo 5 % to 300 % of the converter's range."""
+    """Sample a place in a room and its conditions.
+
+    Within 35 degrees of the line of sight.
+
+    The strongest echo is 5 % to 300 % of the range of the converter.
+    """
     return Place(
         closest_m=float(rng.uniform(0.5, 2.5)), away=bool(rng.random() < 0.3), turn_deg=float(rng.uniform(-35, 35)),
         height_m=float(rng.uniform(0.5, 1.4)), peak=float(np.exp(rng.uniform(*np.log((0.05, 3.0))))),
@@ -108,7 +115,7 @@ def draw_place(rng: np.random.Generator) -> Place:
 
 
 def draw_mover(plan: Plan, number: int, rng: np.random.Generator, mocap: Path | None) -> movers.Mover:
-    """The mover of an example; half of them set off from rest."""
+    """Sample the target of an example; half of them start from rest."""
     seconds, label = SECONDS + 0.1, movers.CLASSES[number % 2]
     pace = movers.drifting(rng, seconds, most=0.4 if plan.gait_variation else 0.0, starts=plan.gait_variation)
     speed_mps, crawls = movers.draw_speed_mps(rng, *SPEEDS_MPS), rng.random() < CRAWLING_SHARE
@@ -127,14 +134,14 @@ def draw_mover(plan: Plan, number: int, rng: np.random.Generator, mocap: Path | 
 
 
 def range_m(motion: Any, place: Place) -> float:
-    """Range in the middle of the observation at which the mover comes as near as wanted."""
+    """Return the mid-time range that gives the wanted shortest distance."""
     way_m = np.abs(motion.position_m[:, :, :2].mean(axis=1) - motion.position_m[0, :, :2].mean(axis=0)).max(axis=1)
     last, middle = round(SECONDS * movers.RATE_HZ), round(SECONDS / 2 * movers.RATE_HZ)
     return place.closest_m + float(way_m[middle] - way_m[0] if place.away else way_m[last] - way_m[middle])
 
 
 def recording_of(plan: Plan, number: int, mocap: Path | None = None) -> tuple[Recording, movers.Mover]:
-    """A synthetic recording; plan and number fix everything that is drawn."""
+    """Simulate a recording; plan and number determine everything random."""
     streams = np.random.default_rng([plan.seed, number]).spawn(4)
     place = draw_place(streams[0])
     rcs = movers.draw_rcs(streams[1], random=plan.rcs_random, speckle=plan.speckle, total_m2=TYPICAL_M2)
@@ -153,7 +160,7 @@ def recording_of(plan: Plan, number: int, mocap: Path | None = None) -> tuple[Re
         angles=False,
         streams=Streams(int(drawn[0].integers(2**31))),
     )
-    samples = _converted(plan, place, synthesise_samples(table, RADAR), drawn[1], drawn[2])
+    samples = _convert(plan, place, synthesise_samples(table, RADAR), drawn[1], drawn[2])
     recording = label_measured(
         Path("synthetic"), samples, radar=RADAR, slow_time_s=TIMES_S, range_m=np.array([5.0]),
         attrs={"burst_pulses": PULSES},
@@ -161,8 +168,11 @@ def recording_of(plan: Plan, number: int, mocap: Path | None = None) -> tuple[Re
     return recording, mover
 
 
-def _converted(plan: Plan, place: Place, samples: Any, noise: np.random.Generator, rng: np.random.Generator) -> Any:
-    """Samples behind the converter, whose range is 1 V: gain, noise, image, offset, 12 bits."""
+def _convert(plan: Plan, place: Place, samples: Any, noise: np.random.Generator, rng: np.random.Generator) -> Any:
+    """Pass samples through the receiver and its 1 V converter.
+
+    Gain, noise, image, offset, 12 bits.
+    """
     peak = place.peak if plan.clipping else min(place.peak, 0.6)
     samples = samples * np.complex64(peak / np.abs(samples).max())
     if plan.noise:
@@ -177,13 +187,19 @@ def _converted(plan: Plan, place: Place, samples: Any, noise: np.random.Generato
 
 
 def features_of(result: Result) -> dict[str, float]:
-    """Six and extended features, and the Doppler profile against the torso's velocity."""
+    """Return six and extended features and the Doppler profile.
+
+    The profile is relative to the velocity of the torso.
+    """
     profile = profile_db(result)
     return {**store.row_of(result), **{f"profile_{place:+.2f}": value for place, value in profile.items()}}
 
 
 def profile_db(result: Result) -> Mapping[float, float]:
-    """Energy by velocity over the torso's, every burst weighing the same: dB below the strongest of 16 bins."""
+    """Return energy by velocity over that of the torso, dB, 16 bins.
+
+    Relative to the strongest bin; every burst has the same weight.
+    """
     middles = (PROFILE[:-1] + PROFILE[1:]) / 2.0
     torso_mps = result.features.torso_velocity_mps
     if not torso_mps:
@@ -199,20 +215,26 @@ def profile_db(result: Result) -> Mapping[float, float]:
 
 
 def analysed(recording: Recording) -> Result:
-    """The whole analysis of one recording, synthetic or real; the gate holds its one range bin."""
+    """Analyze one recording, synthetic or real.
+
+    The gate holds its one range bin.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DoppelgaitWarning)
         return analyze(recording, gate=(0.0, 1.0), analysis=ANALYSIS)[0]
 
 
 def inputs_of_results(results: list[Result], labels: list[str], groups: list[str]) -> store.Inputs:
-    """Analyses as the models see them."""
+    """Convert analyses to model inputs."""
     rows = [features_of(result) for result in results]
     return store.inputs_of(rows, [result.signature for result in results], PATCH, labels, groups)
 
 
 def dataset(plan: Plan, count: int, out: Path, *, mocap: Path | None = None) -> store.Inputs:
-    """Examples of a plan as the models see them, kept in the folder's ``cache``."""
+    """Load or make the model inputs of a plan.
+
+    They are kept in the ``cache`` of the folder.
+    """
 
     def chunk(numbers: range) -> store.Inputs:
         def make() -> store.Inputs:

@@ -1,4 +1,4 @@
-"""What the models of the sim-to-real studies look at, kept in files so that a second run is quick.
+"""Model inputs of the sim-to-real studies, cached in files.
 
 Files are named after the settings that made them. They do not know the code: empty the folder when that has changed.
 """
@@ -33,7 +33,7 @@ CHUNK = 50
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """Examples as the models see them.
+    """Model inputs of examples.
 
     Parameters
     ----------
@@ -58,19 +58,22 @@ class Inputs:
         return self.labels.size
 
     def take(self, rows: npt.NDArray[Any]) -> Inputs:
-        """Some of the examples."""
+        """Select some of the examples."""
         columns = {name: values[rows] for name, values in self.columns.items()}
         return Inputs(columns, self.levels[rows], self.labels[rows], self.groups[rows], self.wavelength_m)
 
     def matrix(self, names: Sequence[str]) -> FloatArray:
-        """Features as a model sees them: velocity without sign, bandwidth in m/s, infinite as unknown; (n, d)."""
+        """Return the features (n, d) as model inputs.
+
+        Velocity without sign, bandwidth in m/s, infinite values as unknown.
+        """
         wavelength_m = np.full(len(self), self.wavelength_m)
         values = feature_values({name: self.columns[name] for name in names}, wavelength_m)
         return np.column_stack(list(values.values())) if values else np.zeros((len(self), 0))
 
 
 def joined(parts: Sequence[Inputs]) -> Inputs:
-    """One after the other."""
+    """Concatenate inputs."""
     columns = {name: np.concatenate([part.columns[name] for part in parts]) for name in parts[0].columns}
     levels, labels, groups = (
         np.concatenate([getattr(p, key) for p in parts]) for key in ("levels", "labels", "groups")
@@ -79,7 +82,7 @@ def joined(parts: Sequence[Inputs]) -> Inputs:
 
 
 def row_of(result: Result) -> dict[str, float]:
-    """Six and extended features of one analysis, NaN for unknown."""
+    """Return six and extended features of one analysis, NaN for unknown."""
     values = {**result.features.as_dict(), **result.extended}
     return {name: np.nan if value is None else float(value) for name, value in values.items()}
 
@@ -88,7 +91,7 @@ def inputs_of(
     rows: Sequence[Mapping[str, float]], signatures: Sequence[xr.DataArray], patch: Patch, labels: Sequence[str],
     groups: Sequence[str],
 ) -> Inputs:  # fmt: skip
-    """Inputs from features and signatures."""
+    """Make inputs from features and signatures."""
     columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
     return Inputs(
         columns,
@@ -107,7 +110,7 @@ def _objects(pictures: Sequence[Levels]) -> npt.NDArray[Any]:
 
 
 def kept(path: Path, make: Callable[[], Arrays]) -> Arrays:
-    """Arrays of a file, made and written if it is not there."""
+    """Load the arrays of a file, or make and write them."""
     if not path.is_file():
         path.parent.mkdir(parents=True, exist_ok=True)
         arrays = make()
@@ -118,15 +121,15 @@ def kept(path: Path, make: Callable[[], Arrays]) -> Arrays:
 
 
 def kept_inputs(path: Path, make: Callable[[], Inputs]) -> Inputs:
-    """As :func:`kept`, for inputs."""
-    found = kept(path, lambda: _arrays_of(make()))
+    """Load inputs as :func:`kept` loads arrays."""
+    found = kept(path, lambda: _to_arrays(make()))
     widths = found["widths"]
     pictures = np.split(found["levels"].astype(np.float32), np.cumsum(widths)[:-1], axis=1)
     columns = {name.removeprefix("f_"): values for name, values in found.items() if name.startswith("f_")}
     return Inputs(columns, _objects(pictures), found["labels"], found["groups"], float(found["wavelength_m"]))
 
 
-def _arrays_of(inputs: Inputs) -> Arrays:
+def _to_arrays(inputs: Inputs) -> Arrays:
     return {
         **{f"f_{name}": values for name, values in inputs.columns.items()},
         "levels": np.concatenate(list(inputs.levels), axis=1).astype(np.float16),
@@ -136,10 +139,13 @@ def _arrays_of(inputs: Inputs) -> Arrays:
 
 
 def key_of(*settings: object) -> str:
-    """A short name of settings: other settings, another file."""
+    """Return a short hash of settings, for file names."""
     return f"{zlib.crc32(repr(settings).encode()):08x}"
 
 
 def chunks(count: int) -> list[range]:
-    """Numbers of examples, a file's at a time; the last file may be smaller."""
+    """Yield numbers of examples, one file at a time.
+
+    The last file may be smaller.
+    """
     return [range(first, min(first + CHUNK, count)) for first in range(0, count, CHUNK)]

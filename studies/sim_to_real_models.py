@@ -1,4 +1,4 @@
-"""Models of the sim-to-real studies: learnt from synthetic examples alone, asked about real ones.
+"""Models of the sim-to-real studies, trained on synthetic examples alone.
 
 Learners, calibration and exact intervals are those of :mod:`doppelgait.classify`. Of the synthetic movers a fifth is
 held back; they stop the network's training, calibrate the probabilities and rank the models. Nothing else is chosen.
@@ -6,7 +6,7 @@ held back; they stop the network's training, calibrate the probabilities and ran
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,7 +26,7 @@ Bools = npt.NDArray[np.bool_]
 
 PERSON = "human"
 REAL = "real/"
-"""Begins the group of every real recording; nothing is learnt from such a row."""
+"""Begins the group of every real recording; no model is trained on such a row."""
 HELD_OF = 5
 FEW_SUBJECTS = 10
 SETTINGS = Training(most_epochs=25, patience=6, gain_db=2.0, noise_db=3.0)
@@ -45,7 +45,7 @@ BASELINES = ("speed alone", "chance")
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """A model that tells people from everything else.
+    """A model that separates people from everything else.
 
     Parameters
     ----------
@@ -69,19 +69,19 @@ class Fitted:
     held_accuracy: float
 
     def of_person(self, inputs: Inputs) -> FloatArray:
-        """Calibrated probability that it is a person, shape (n,)."""
+        """Return the calibrated probability of a person, shape (n,)."""
         return self.calibration(self.learned.log_probability(values_of(inputs, self.features, self.names)))[:, 1]
 
 
 def values_of(inputs: Inputs, features: str, names: Sequence[str]) -> Values:
-    """What a model that looks at these features sees."""
+    """Return the inputs of a model with these features."""
     if features == "signature":
         return inputs.levels
     return inputs.matrix(names) if names else np.zeros((len(inputs), 0))
 
 
 def told_names(inputs: Inputs, features: str) -> tuple[str, ...]:
-    """Features of a set that differ between examples; trees cannot be grown on others."""
+    """Return the features of a set that vary; trees need variation."""
     if features in ("signature", "nothing"):
         return ()
     columns = {name: inputs.columns[name] for name in names_of(inputs, features)}
@@ -89,7 +89,10 @@ def told_names(inputs: Inputs, features: str) -> tuple[str, ...]:
 
 
 def names_of(inputs: Inputs, features: str) -> list[str]:
-    """Features of a set: the six, the speed, all of the analysis, or the Doppler profile."""
+    """Return the features of a set.
+
+    The six, the speed, all of the analysis, or the Doppler profile.
+    """
     profile = [name for name in inputs.columns if name.startswith("profile_")]
     sets = {
         "six": list(SIX), "speed": [SIX[0]], "profile": profile,
@@ -99,12 +102,15 @@ def names_of(inputs: Inputs, features: str) -> list[str]:
 
 
 def numbers_of(labels: npt.NDArray[np.str_]) -> npt.NDArray[np.int64]:
-    """1 for people, 0 for all others."""
+    """Return 1 for people, 0 for all others."""
     return np.asarray(labels == PERSON, dtype=np.int64)
 
 
 def held_rows(inputs: Inputs) -> Bools:
-    """Every fifth mover; every fifth row where a class has too few movers to spare one (motion capture)."""
+    """Hold out every fifth target.
+
+    Every fifth row where a class has too few targets (motion capture).
+    """
     few = min(np.unique(inputs.groups[inputs.labels == label]).size for label in np.unique(inputs.labels))
     if few < FEW_SUBJECTS:
         return np.asarray(np.arange(len(inputs)) // 2 % HELD_OF == HELD_OF - 1)
@@ -114,14 +120,14 @@ def held_rows(inputs: Inputs) -> Bools:
 
 
 def refuse_real(inputs: Inputs) -> None:
-    """A ValueError if a real recording is among examples that are to be learnt from."""
+    """Refuse real recordings among training examples (ValueError)."""
     real = [group for group in inputs.groups.tolist() if group.startswith(REAL)]
     if real:
         raise ValueError(f"{real[0]} is a real recording; models learn from synthetic examples alone")
 
 
 def train(kind: Kind, inputs: Inputs, patch: Patch, *, seed: int = 0) -> Fitted:
-    """Learn from synthetic examples.
+    """Train a model on synthetic examples.
 
     Parameters
     ----------
@@ -155,19 +161,25 @@ def train(kind: Kind, inputs: Inputs, patch: Patch, *, seed: int = 0) -> Fitted:
     return Fitted(kind.features, names, learned, calibration, loss, balanced_accuracy(kept.labels, right, 2))
 
 
+def select_kinds(kinds: Mapping[str, Kind], names: Iterable[str] | None = None, *, network: bool) -> dict[str, Kind]:
+    """Select models by name, without the networks unless they are wanted."""
+    chosen = {name: kinds[name] for name in (kinds if names is None else names)}
+    return {name: kind for name, kind in chosen.items() if network or kind.learner != "network"}
+
+
 def train_all(kinds: Mapping[str, Kind], inputs: Inputs, patch: Patch, *, seed: int = 0) -> dict[str, Fitted]:
-    """Every model, on the same examples."""
+    """Train every model on the same examples."""
     return {name: train(kind, inputs, patch, seed=seed) for name, kind in kinds.items()}
 
 
 def best_of(models: Mapping[str, Fitted]) -> str:
-    """The model that told the held synthetic movers best; no real recording is asked."""
+    """Return the best model on held-out synthetic targets."""
     return min((name for name in models if name not in BASELINES), key=lambda name: models[name].held_loss)
 
 
 @dataclass(frozen=True)
 class Share:
-    """So many of so many, with the exact interval of 95 %."""
+    """A share with its exact 95 % interval."""
 
     hits: int
     count: int
@@ -178,13 +190,15 @@ class Share:
 
 
 def right_of(probability: FloatArray, labels: npt.NDArray[np.str_], wanted: Sequence[str]) -> Share:
-    """How many recordings of some classes are decided right, at a probability of one half."""
+    """Count right decisions of some classes at probability one half."""
     chosen = np.isin(labels, list(wanted))
     return Share(int(((probability > 0.5) == (labels == PERSON))[chosen].sum()), int(chosen.sum()))
 
 
 def domain_auc(synthetic: Inputs, real: Inputs, *, features: str, most: int = 400, seed: int = 0) -> float:
-    """How well synthetic and real recordings are told apart by logistic regression, cross-validated in 5 folds.
+    """Return the AUC of synthetic against real recordings.
+
+    By logistic regression, cross-validated in 5 folds.
 
     0.5 is not at all. A measure of distance: no model of it says anything about a class.
     """
@@ -203,7 +217,10 @@ def domain_auc(synthetic: Inputs, real: Inputs, *, features: str, most: int = 40
 
 
 def apart(synthetic: FloatArray, real: FloatArray) -> tuple[float, float]:
-    """Kolmogorov-Smirnov distance of a feature, and the difference of medians over the synthetic middle spread."""
+    """Return Kolmogorov-Smirnov distance and relative shift of a feature.
+
+    The shift is that of the medians over the synthetic middle spread.
+    """
     from scipy.stats import ks_2samp
 
     one, other = synthetic[np.isfinite(synthetic)], real[np.isfinite(real)]

@@ -1,4 +1,4 @@
-"""Random people, dogs and larger animals for the sensor twins of :mod:`sim_to_real_xband` and :mod:`sim_to_real_cw`.
+"""Random people, dogs and larger animals of the sim-to-real studies.
 
 One law for every class in all that is not the motion: speed, direction, place, cross section, noise. A speed is drawn
 first and sizes are drawn until the gait exists at it, so that the classes share the law of speeds.
@@ -42,7 +42,7 @@ RATE_HZ = 150.0
 
 @dataclass(frozen=True)
 class Mover:
-    """A motion, the size it is to be scaled to, and whose it is.
+    """A motion, its size and its class.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class Mover:
     label : str
         ``human`` or ``dog``; a larger animal counts as ``dog``.
     subject : str
-        Empty for a model, whose every draw is its own.
+        Empty for a model: every sample is its own subject.
     """
 
     motion: Motion
@@ -60,12 +60,15 @@ class Mover:
 
 
 def draw_speed_mps(rng: np.random.Generator, low_mps: float, high_mps: float) -> float:
-    """Speed of any mover: uniform in its logarithm."""
+    """Sample a speed, uniform in its logarithm."""
     return float(np.exp(rng.uniform(math.log(low_mps), math.log(high_mps))))
 
 
 def person(speed_mps: float, seconds: float, rng: np.random.Generator, *, varied: bool) -> Motion:
-    """Walking or running person; with ``varied`` of any size and style, else as the model has it."""
+    """Sample a walking or running person.
+
+    With ``varied`` of any size and style, else the default of the model.
+    """
     style: dict[str, Any] = {"start_phase": float(rng.random())}
     if varied:
         hands = ("free", "free", "pockets", "carrying")
@@ -83,7 +86,10 @@ def person(speed_mps: float, seconds: float, rng: np.random.Generator, *, varied
 def dog(
     speed_mps: float, seconds: float, rng: np.random.Generator, *, varied: bool, withers_m: float | None = None
 ) -> Motion:
-    """Dog in a gait that goes with its speed; with ``varied`` of any size, build and gait that is possible."""
+    """Sample a dog in a gait that suits its speed.
+
+    With ``varied`` of any possible size, build and gait.
+    """
     style: dict[str, Any] = {"start_phase": float(rng.random()), "gait": "auto", "withers_m": USUAL_DOG_M}
     if varied:
         breeds = [name for name, build in BUILDS.items() if build.species == "dog"]
@@ -98,7 +104,7 @@ def dog(
 
 
 def crawler(speed_mps: float, seconds: float, rng: np.random.Generator) -> Motion:
-    """Person on hands and knees."""
+    """Sample a person on hands and knees."""
     model = {
         "kind": "crawl", "speed_mps": speed_mps, "height_m": float(rng.uniform(1.5, 1.9)),
         "start_phase": float(rng.random()),
@@ -112,7 +118,7 @@ MAKERS: dict[str, Maker] = {"human": person, "dog": dog}
 
 
 def until_possible(make: Callable[[], Motion]) -> Motion:
-    """The first draw that is a possible gait.
+    """Return the first sample that is a possible gait.
 
     Raises
     ------
@@ -130,7 +136,7 @@ def until_possible(make: Callable[[], Motion]) -> Motion:
 def model_mover(
     label: str, speed_mps: float, seconds: float, rng: np.random.Generator, *, varied: bool = True, large: bool = False
 ) -> Mover:
-    """A mover of a model that lasts long enough for :func:`hurried`.
+    """Sample a model target that lasts long enough for :func:`hurried`.
 
     Parameters
     ----------
@@ -152,26 +158,29 @@ def model_mover(
         withers_m = float(rng.uniform(*LARGE_M))
         factor = withers_m / SMALL_M
         slow_mps = speed_mps / math.sqrt(factor)
-        return _enlarged(dog(slow_mps, SPARE * seconds, rng, varied=varied, withers_m=SMALL_M), factor)
+        return _enlarge(dog(slow_mps, SPARE * seconds, rng, varied=varied, withers_m=SMALL_M), factor)
 
     return Mover(until_possible(animal), label)
 
 
-def _enlarged(motion: Motion, factor: float) -> Motion:
-    """Dynamically similar: lengths times the factor, times with its square root, frame rate as it was."""
+def _enlarge(motion: Motion, factor: float) -> Motion:
+    """Scale a motion to a dynamically similar one.
+
+    Lengths by the factor, times by its square root, at the same frame rate.
+    """
     slower = math.sqrt(factor)
     times_s = motion.time_s
     wanted_s = np.arange(0.0, float(times_s[-1]), 1.0 / RATE_HZ)
-    position_m = factor * _at(motion, wanted_s / slower)
-    return _like(motion, position_m, height_m=motion.facts.height_m * factor)
+    position_m = factor * _interpolate(motion, wanted_s / slower)
+    return _copy_with(motion, position_m, height_m=motion.facts.height_m * factor)
 
 
-def _at(motion: Motion, times_s: FloatArray) -> FloatArray:
+def _interpolate(motion: Motion, times_s: FloatArray) -> FloatArray:
     found = fit_spline(motion).at(times_s)[0]
     return np.asarray(found.reshape(times_s.size, *motion.positions.shape[1:]))
 
 
-def _like(motion: Motion, position_m: FloatArray, *, height_m: float) -> Motion:
+def _copy_with(motion: Motion, position_m: FloatArray, *, height_m: float) -> Motion:
     facts = {key: getattr(motion.facts, key) for key in ("source", "kind", "species", "gait", "mass_kg")}
     return make_motion(
         position_m, rate_hz=RATE_HZ, markers=motion.markers, parts=motion.parts,
@@ -180,7 +189,7 @@ def _like(motion: Motion, position_m: FloatArray, *, height_m: float) -> Motion:
 
 
 def hurried(motion: Motion, seconds: float, pace: Callable[[FloatArray], FloatArray]) -> Motion:
-    """The motion run through at another pace from moment to moment, for as long as asked.
+    """Resample a motion at a varying pace for a duration.
 
     Parameters
     ----------
@@ -198,13 +207,16 @@ def hurried(motion: Motion, seconds: float, pace: Callable[[FloatArray], FloatAr
     own_s = np.concatenate([[0.0], np.cumsum(pace(times_s)[:-1])]) / RATE_HZ
     if own_s[-1] > float(motion.time_s[-1]):
         raise ConfigError(f"a motion of {float(motion.time_s[-1]):.1f} s is too short for {own_s[-1]:.1f} s")
-    return _like(motion, _at(motion, own_s), height_m=motion.facts.height_m)
+    return _copy_with(motion, _interpolate(motion, own_s), height_m=motion.facts.height_m)
 
 
 def drifting(
     rng: np.random.Generator, seconds: float, *, most: float, starts: bool
 ) -> Callable[[FloatArray], FloatArray]:
-    """Pace that drifts by up to ``most`` either way of 1, and half of the time rises from rest with ``starts``."""
+    """Sample a pace that drifts by up to ``most`` around 1.
+
+    With ``starts`` half of them rise from rest.
+    """
     slope, swing, phase = rng.uniform(-most, most), rng.uniform(0, most / 3), rng.uniform(0, 2 * np.pi)
     rest_s, rise_s, from_rest = rng.uniform(0, 0.3 * seconds), rng.uniform(0.5, 1.5), rng.random() < 0.5
 
@@ -218,13 +230,16 @@ def drifting(
 
 @lru_cache(maxsize=4)
 def recorded_stretches(folder: Path, seconds: float) -> dict[str, tuple[Mover, ...]]:
-    """Straight stretches of all recordings of a folder by class, looped to last so long; subjects by file name."""
+    """Read the looped straight segments of a folder by class.
+
+    Subjects by file name.
+    """
     found: dict[str, list[Mover]] = {label: [] for label in CLASSES}
     for label in CLASSES:
         for path in sorted(p for p in (folder / label).rglob("*") if p.is_file() and "manifest" not in p.name):
             for motion in stretches(path).values():
                 try:
-                    looped = loop(motion, duration_s=SPARE * seconds)
+                    looped = loop(motion, duration_s=SPARE * seconds, variation=0.0)
                 except (DoppelgaitError, ValueError):
                     continue
                 found[label].append(Mover(looped, label, subject_of(path)))
@@ -232,7 +247,10 @@ def recorded_stretches(folder: Path, seconds: float) -> dict[str, tuple[Mover, .
 
 
 def subject_of(path: Path) -> str:
-    """Who is in a motion file: the folder of a dog, the subject's number of a CMU file, else the file."""
+    """Return the subject of a motion file.
+
+    The folder of a dog, the subject number of a CMU file, else the file.
+    """
     if path.parent.name in ("mann-bvh", "tencent-bvh"):
         return path.parent.name
     parts = path.stem.replace("cmu_", "").split("_")
@@ -240,21 +258,23 @@ def subject_of(path: Path) -> str:
 
 
 def recorded_mover(movers: Sequence[Mover], rng: np.random.Generator) -> Mover:
-    """One of the recorded stretches, of another size by up to a tenth."""
+    """Sample a recorded segment, its size varied by up to a tenth."""
     chosen = movers[int(rng.integers(len(movers)))]
     size = float(rng.uniform(0.9, 1.1))
     times_s = np.arange(0.0, float(chosen.motion.time_s[-1]), 1.0 / RATE_HZ)
-    scaled = _like(chosen.motion, size * _at(chosen.motion, times_s), height_m=size * chosen.motion.facts.height_m)
+    scaled = _copy_with(
+        chosen.motion, size * _interpolate(chosen.motion, times_s), height_m=size * chosen.motion.facts.height_m
+    )
     return Mover(scaled, chosen.label, chosen.subject)
 
 
 def speed_of(mover: Mover, seconds: float) -> float:
-    """Mean speed over ground within a time."""
+    """Return the mean speed over ground within a time."""
     return float(travel_speed_mps(mover.motion, first_s=seconds))
 
 
 def draw_rcs(rng: np.random.Generator, *, random: bool, speckle: bool, total_m2: float) -> RcsSpec:
-    """Cross section of a mover, whatever its class.
+    """Sample the cross section of a target, independent of its class.
 
     Parameters
     ----------
@@ -278,7 +298,9 @@ def draw_rcs(rng: np.random.Generator, *, random: bool, speckle: bool, total_m2:
 
 
 def fleshed(motion: Motion, rng: np.random.Generator, *, per_bone: int = 5) -> Motion:
-    """Points all along the bones and up to 8 cm beside them instead of the joints alone.
+    """Place points along the bones instead of at the joints alone.
+
+    Up to 8 cm off the bones.
 
     Bones are pairs of points whose distance stays the same within 2 %, each point with its nearest ones.
     """
@@ -305,7 +327,7 @@ def fleshed(motion: Motion, rng: np.random.Generator, *, per_bone: int = 5) -> M
 
 
 def fitting_rcs(rcs: RcsSpec, mover: Mover) -> RcsSpec:
-    """The same for points where the body is recorded markers, whose joints are not known."""
+    """Place points around recorded markers without known joints."""
     if rcs.kind != "ellipsoids" or mover.subject.startswith("model-"):
         return rcs
     return rcs.model_copy(update={"kind": "auto", "occlusion": False})

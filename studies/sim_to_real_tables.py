@@ -1,8 +1,10 @@
-"""Tables and figures that both sim-to-real studies write."""
+"""Command line, tables and figures of both sim-to-real studies."""
 
 from __future__ import annotations
 
+import argparse
 import json
+import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -23,8 +25,37 @@ Questions = Mapping[str, Sequence[str]]
 FEW = 0.5
 
 
+def make_parser(doc: str | None, data: str, count: int, things: str) -> argparse.ArgumentParser:
+    """Make the command-line parser of a study of synthetic ``things``.
+
+    ``data`` is the file or folder of the real ones.
+    """
+    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("data", type=Path, help=f"folder with {data}")
+    parser.add_argument("out", type=Path, help="folder for tables, figures and what is kept for the next run")
+    parser.add_argument("--mocap", type=Path, help="folder with human and dog motion capture")
+    parser.add_argument("--count", type=int, default=count, help=f"synthetic {things} of the main set")
+    parser.add_argument("--quick", action="store_true", help=f"a few {things}, no networks: only to see that it runs")
+    return parser
+
+
+class Writer:
+    """Writer of the tables of a study so far.
+
+    A long study that is stopped keeps its first tables.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.begun_s = path, time.perf_counter()
+
+    def __call__(self, parts: Sequence[str]) -> None:
+        """Write the parts and the time since the beginning."""
+        text = "\n\n".join([*parts, f"{time.perf_counter() - self.begun_s:.0f} s"]) + "\n"
+        self.path.write_text(text, encoding="utf-8")
+
+
 def markdown(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """A Markdown table, numbers of a float with two decimals."""
+    """Format a Markdown table, floats with two decimals."""
 
     def cell(value: object) -> str:
         return f"{value:.2f}" if isinstance(value, float) else str(value)
@@ -34,20 +65,23 @@ def markdown(head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
 
 
 def score_row(name: str, fitted: models.Fitted, real: Inputs, questions: Questions) -> list[object]:
-    """Held synthetic accuracy and loss of a model, and its answers to the questions."""
+    """Return held-out accuracy, loss and scores of a model."""
     probability = fitted.of_person(real)
     shares = [models.right_of(probability, real.labels, wanted) for wanted in questions.values()]
     return [name, 100.0 * fitted.held_accuracy, fitted.held_loss, *shares]
 
 
 def score_table(fitted: Mapping[str, models.Fitted], real: Inputs, questions: Questions) -> str:
-    """One line per model."""
+    """Tabulate one line per model."""
     head = ("model", "held synthetic, balanced %", "log loss", *questions)
     return markdown(head, [score_row(name, one, real, questions) for name, one in fitted.items()])
 
 
 def recording_table(names: Sequence[str], fitted: Mapping[str, models.Fitted], real: Inputs, chosen: str) -> str:
-    """One line per recording: decision of the chosen model, and every model's probability of a person."""
+    """Tabulate decision and probabilities per recording.
+
+    Decision of the chosen model, and the probability of a person of every model.
+    """
     told = {name: one.of_person(real) for name, one in fitted.items()}
     rows: list[list[object]] = []
     for number, name in enumerate(names):
@@ -59,12 +93,12 @@ def recording_table(names: Sequence[str], fitted: Mapping[str, models.Fitted], r
 
 
 def variant_head(first: str, kinds: Mapping[str, Kind], questions: Questions) -> list[str]:
-    """Head of a table of :func:`variant_cells`."""
+    """Return the head of a table of :func:`variant_cells`."""
     return [first, *(f"{name}: {what}" for name in kinds for what in ("held synthetic %", *questions))]
 
 
 def variant_cells(fitted: Mapping[str, models.Fitted], real: Inputs, questions: Questions) -> list[object]:
-    """Held synthetic accuracy and answers of every model, without intervals."""
+    """Return held-out accuracy and scores of every model, without intervals."""
     cells: list[object] = []
     for one in fitted.values():
         probability = one.of_person(real)
@@ -74,7 +108,7 @@ def variant_cells(fitted: Mapping[str, models.Fitted], real: Inputs, questions: 
 
 
 def kept_cells(path: Path, make: Callable[[], list[object]]) -> list[object]:
-    """Cells of a line from its file; made and written if it is not there."""
+    """Load the cells of a line, or make and write them."""
     if not path.is_file():
         path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_path(path) as partial:
@@ -86,7 +120,10 @@ def trained_cells(
     path: Path, kinds: Mapping[str, Kind], make: Callable[[], Inputs], patch: Patch, real: Inputs,
     questions: Questions, *, far: str | None = None,
 ) -> list[object]:  # fmt: skip
-    """Cells of models that learn from what ``make`` gives, kept in a file; ``far``: features of a domain classifier."""
+    """Return cached cells of models trained on the result of ``make``.
+
+    ``far``: features of a domain classifier.
+    """
 
     def cells() -> list[object]:
         made = make()
@@ -97,7 +134,7 @@ def trained_cells(
 
 
 def gap_table(synthetic: Inputs, real: Inputs, features: str) -> str:
-    """Distance of every feature between synthetic and real recordings, by class."""
+    """Tabulate the distance of synthetic and real features by class."""
     names = models.names_of(synthetic, features)
     classes = [label for label in np.unique(synthetic.labels).tolist() if (real.labels == label).any()]
     rows: list[tuple[float, list[object]]] = []
@@ -115,7 +152,10 @@ def gap_table(synthetic: Inputs, real: Inputs, features: str) -> str:
 
 
 def nearest(real: Inputs, number: int, synthetic: Inputs, label: str, features: str) -> int:
-    """The synthetic example of a class whose features are nearest to a real recording's, each over its spread."""
+    """Return the nearest synthetic example of a class to a real recording.
+
+    By features, each over its spread.
+    """
     names = models.names_of(synthetic, features)
     whole = synthetic.matrix(names)
     middle = np.nanmedian(whole, axis=0)
@@ -129,7 +169,7 @@ def draw_beside(
     path: Path, panels: Mapping[str, FloatArray | Levels], *, extent: tuple[float, float, float, float],
     limits: tuple[float, float],
 ) -> None:  # fmt: skip
-    """Pictures side by side on equal axes."""
+    """Plot images next to each other on equal axes."""
     figure = new_figure(width_in=5.0 * len(panels), height_in=4.6)
     for panel, (title, picture) in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels.items(), strict=True):
         panel.imshow(picture, aspect="auto", extent=extent, cmap="jet", vmin=limits[0], vmax=limits[1])
@@ -138,5 +178,5 @@ def draw_beside(
 
 
 def wrong_of(fitted: models.Fitted, real: Inputs) -> npt.NDArray[np.int64]:
-    """Recordings that a model decides wrongly."""
+    """Return the recordings that a model decides wrongly."""
     return np.flatnonzero((fitted.of_person(real) > FEW) != (real.labels == models.PERSON))

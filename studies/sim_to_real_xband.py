@@ -1,21 +1,21 @@
-"""Models that learnt from synthetic X-band images alone, asked about the 21 real ones.
+"""Models trained on synthetic X-band images, tested on 21 real ones.
 
     python studies/sim_to_real_xband.py RADAR_DATA OUT [--mocap FOLDER] [--count N] [--quick]
 
 RADAR_DATA holds ``fmcw_xband_manga/decoded_levels.npz`` (:mod:`xband_measures`): 7 people, 4 dogs, 5 horses, 5 cows.
 
-Protocol, written down before any model was asked about a real image:
+Protocol, written down before any model was tested on a real image:
 
 1. Synthetic people and dogs come from :class:`sim_to_real_xband_images.Plan` with all its switches on; one law for both
    classes in speed, direction, range, cross section, noise, ground. A fifth of the movers is held back.
-2. A real image enters whole and as it is: nothing is cut, turned, or told about it. The two groups of people and the
+2. A real image enters whole and as it is: nothing is cut, mirrored, or known about it. The two groups of people and the
    herds are in; so is the runner whose Doppler wraps. Real and synthetic images pass the same functions.
 3. Models: logistic regression and boosting on the six and on all features, the network on pictures; beside them speed
    alone and chance. Their settings are those of the package; of the network, those in :mod:`sim_to_real_models`. No
    real image trains, stops, calibrates, ranks or sets a threshold; one decision per image, at a calibrated probability
    of one half. The score is that of the model with the least log loss on the held synthetic movers.
 4. Human against dog (11 images); horses and cows as ``not human`` for models that know dogs only (10 images).
-5. The first scores stand. Ablations, seeds, sizes of the training set are reported beside them and choose nothing.
+5. The first scores stand. Ablations, seeds, sizes of the training set are reported in addition and choose nothing.
 
 No protocol makes these images unseen: the twin's display, floor and fluctuation were once chosen while looking at eight
 of them (``xband_twin``), and whoever wrote the plan knew that figure. Distributions of the plan were set without them.
@@ -23,9 +23,6 @@ of them (``xband_twin``), and whoever wrote the plan knew that figure. Distribut
 
 from __future__ import annotations
 
-import argparse
-import sys
-import time
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -41,14 +38,13 @@ from sim_to_real_xband_images import Display, Plan
 from xband_gait import DATA_FILE
 from xband_measures import FloatArray
 
-from doppelgait.classify.training import Kind
-
 QUESTIONS = {
     "human against dog": ("human", "dog"), "humans": ("human",), "dogs": ("dog",), "other animals": ("horse", "cow"),
     "human against all": ("human", "dog", "horse", "cow"),
 }  # fmt: skip
 SHORT = {"human/dog": QUESTIONS["human against dog"], "other animals": QUESTIONS["other animals"]}
 COUNT, ABLATED = 1000, 200
+REPORT = "sim-to-real-xband.md"
 SIZES = (50, 150, 500)
 SEEDS = (1, 2)
 QUICK = 24
@@ -69,7 +65,7 @@ ABLATED_MODELS = ("six, boosting", "extended, logistic", "extended, boosting", "
 
 @dataclass(frozen=True)
 class Size:
-    """How much is made: examples of the main set and of an ablation, and whether networks are trained."""
+    """Size of a run: examples, ablations, and whether networks are trained."""
 
     count: int = COUNT
     ablated: int = ABLATED
@@ -78,29 +74,22 @@ class Size:
 
 
 def real_images(data: Path) -> dict[str, FloatArray]:
-    """Levels of all real images in dB by key; a clear end where they are not there."""
-    path = data / DATA_FILE
-    if not path.is_file():
-        sys.exit(f"{path}: not there; give the folder with the radar recordings, which holds {DATA_FILE}")
-    span_db = measures.CEILING_DB - measures.FLOOR_DB
-    with np.load(path) as levels:
-        return {key: measures.FLOOR_DB + levels[key] * (span_db / 255.0) for key in levels.files}
+    """Read the levels of all real images in dB by key."""
+    return measures.read_levels(data / DATA_FILE)
 
 
 def real_inputs(found: dict[str, FloatArray]) -> Inputs:
-    """Real images as the models see them, all treated alike."""
+    """Convert real images to model inputs, all treated alike."""
     labels = [key.split("__")[0] for key in found]
     return images.inputs_of_levels(list(found.values()), labels, [models.REAL + key for key in found])
 
 
-def kinds_of(size: Size, names: tuple[str, ...] = tuple(models.MODELS)) -> dict[str, Kind]:
-    """Models to train."""
-    return {name: models.MODELS[name] for name in names if size.network or models.MODELS[name].learner != "network"}
-
-
 def ablation_table(size: Size, real: Inputs, out: Path, mocap: Path | None) -> str:
-    """Every switch left out in turn, at equal size of the training set."""
-    kinds, rows = kinds_of(size, ABLATED_MODELS), []
+    """Tabulate ablations at equal size of the training set.
+
+    Every switch is left out in turn.
+    """
+    kinds, rows = models.select_kinds(models.MODELS, ABLATED_MODELS, network=size.network), []
     for name in size.ablations:
         plan, display = ABLATIONS[name]
         if plan.motion == "recorded" and mocap is None:
@@ -114,13 +103,16 @@ def ablation_table(size: Size, real: Inputs, out: Path, mocap: Path | None) -> s
 
 
 def row_file(out: Path, *settings: object) -> Path:
-    """Where the line of these settings is kept."""
+    """Return the cache file of a line."""
     return out / "cache" / f"xband-row-{store.key_of(models.SETTINGS, images.PATCH, *settings)}.json"
 
 
 def size_table(size: Size, made: Inputs, real: Inputs, out: Path, fitted: dict[str, models.Fitted]) -> str:
-    """The same with fewer examples; the last line is that of the main models."""
-    kinds, rows = kinds_of(size, ABLATED_MODELS), []
+    """Tabulate the scores with fewer examples.
+
+    The last line is that of the main models.
+    """
+    kinds, rows = models.select_kinds(models.MODELS, ABLATED_MODELS, network=size.network), []
     for count in (n for n in SIZES if n < len(made)):
         make = partial(made.take, np.arange(count))
         path = row_file(out, "size", count, tuple(kinds))
@@ -131,7 +123,7 @@ def size_table(size: Size, made: Inputs, real: Inputs, out: Path, fitted: dict[s
 
 
 def seed_table(made: Inputs, real: Inputs, out: Path) -> str:
-    """The network once more with other seeds."""
+    """Tabulate the scores of the network with other seeds."""
     rows = []
     for seed in SEEDS:
 
@@ -144,36 +136,39 @@ def seed_table(made: Inputs, real: Inputs, out: Path) -> str:
 
 
 def draw_wrong(out: Path, found: dict[str, FloatArray], wrong: list[int], real: Inputs, made: Inputs) -> None:
-    """Every wrongly decided image beside the nearest synthetic ones of both classes, the mover's side above."""
+    """Plot wrong images next to the nearest synthetic ones of both classes.
+
+    The side of the target is above.
+    """
     extent = (0.0, measures.N_COLUMNS * measures.COLUMN_S, -measures.EDGE_MPS, measures.EDGE_MPS)
     for number in wrong:
         key = list(found)[number]
-        panels = {f"real: {key}": _turned(found[key], real, number)}
+        panels = {f"real: {key}": _flip(found[key], real, number)}
         for label in ("human", "dog"):
             near = tables.nearest(real, number, made, label, "extended")
-            panels[f"nearest synthetic {label} ({near})"] = _turned(_synthetic(near, out), made, near)
+            panels[f"nearest synthetic {label} ({near})"] = _flip(_main_image(near, out), made, near)
         limits = (measures.FLOOR_DB, measures.CEILING_DB)
         tables.draw_beside(out / f"xband-wrong-{key}.png", panels, extent=extent, limits=limits)
 
 
-def _turned(level_db: FloatArray, inputs: Inputs, number: int) -> FloatArray:
+def _flip(level_db: FloatArray, inputs: Inputs, number: int) -> FloatArray:
     direction = -1 if inputs.columns["torso_velocity_mps"][number] < 0 else 1
     return measures.towards(level_db, direction=direction)
 
 
-def _synthetic(number: int, out: Path) -> FloatArray:
-    """Image of an example of the main plan."""
+def _main_image(number: int, out: Path) -> FloatArray:
+    """Make the image of an example of the main plan."""
     echo = images.echoes_of(Plan(), number)
     return images.levels_of(echo["mover"], echo["ground"], echo["noise_db"], Display(), number)
 
 
 def main(data: Path, out: Path, mocap: Path | None, size: Size) -> dict[str, models.Fitted]:
-    """Make, learn, ask, write."""
-    begun_s = time.perf_counter()
+    """Simulate, train, test and write."""
+    write = tables.Writer(out / REPORT)
     found = real_images(data)
     out.mkdir(parents=True, exist_ok=True)
     made = images.dataset(Plan(), size.count, out)
-    fitted = models.train_all(kinds_of(size), made, images.PATCH)
+    fitted = models.train_all(models.select_kinds(models.MODELS, network=size.network), made, images.PATCH)
     best = models.best_of(fitted)
     real = real_inputs(found)
     parts = [
@@ -184,30 +179,18 @@ def main(data: Path, out: Path, mocap: Path | None, size: Size) -> dict[str, mod
         f"{models.domain_auc(made, real, features='extended'):.2f}",
         tables.gap_table(made, real, "extended"),
     ]
-    _write(out, parts, begun_s)
+    write(parts)
     draw_wrong(out, found, tables.wrong_of(fitted[best], real).tolist(), real, made)
     parts.append(ablation_table(size, real, out, mocap))
-    _write(out, parts, begun_s)
+    write(parts)
     parts.append(size_table(size, made, real, out, fitted))
     parts += [seed_table(made, real, out)] if size.network else []
-    _write(out, parts, begun_s)
+    write(parts)
     return fitted
 
 
-def _write(out: Path, parts: list[str], begun_s: float) -> None:
-    """What is known so far; a long study that is stopped keeps its first tables."""
-    text = "\n\n".join([*parts, f"{time.perf_counter() - begun_s:.0f} s"]) + "\n"
-    (out / "sim-to-real-xband.md").write_text(text, encoding="utf-8")
-
-
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("data", type=Path, help=f"folder with {DATA_FILE}")
-    parser.add_argument("out", type=Path, help="folder for tables, figures and what is kept for the next run")
-    parser.add_argument("--mocap", type=Path, help="folder with human and dog motion capture")
-    parser.add_argument("--count", type=int, default=COUNT, help="synthetic images of the main set")
-    parser.add_argument("--quick", action="store_true", help="a few images, no networks: only to see that it runs")
-    arguments = parser.parse_args()
+    arguments = tables.make_parser(__doc__, str(DATA_FILE), COUNT, "images").parse_args()
     quick = Size(QUICK, QUICK, network=False, ablations=("all of it", "no ground echo"))
     main(arguments.data, arguments.out, arguments.mocap, quick if arguments.quick else Size(arguments.count))
-    print((arguments.out / "sim-to-real-xband.md").read_text(encoding="utf-8"))
+    print((arguments.out / REPORT).read_text(encoding="utf-8"))

@@ -1,4 +1,6 @@
-"""Synthetic X-band images of random movers: the twin of :mod:`xband_twin` as the maker of a training set.
+"""Synthetic X-band images of random targets, a training set.
+
+By the sensor model of :mod:`xband_twin`.
 
 The dataset builder has no place for this display (twenty bursts without their mean, one range bin of each, levels cut
 at -30 and -10 dB below the image's own maximum) nor for swaying ground, so that the images are made here, with the
@@ -47,7 +49,7 @@ PATCH = Patch(velocity_mps=measures.EDGE_MPS, n_velocity=64, column_s=1 / 12, n_
 
 @dataclass(frozen=True)
 class Plan:
-    """What is simulated; every switch left out is an ablation.
+    """Switches of the simulation; each left out is an ablation.
 
     Parameters
     ----------
@@ -69,7 +71,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Display:
-    """What is put over the echoes when they become an image."""
+    """Switches of the display of echoes as an image."""
 
     ground: bool = True
     noise: bool = True
@@ -78,7 +80,7 @@ class Display:
 
 @dataclass(frozen=True)
 class Place:
-    """Where and under what conditions a mover is seen; drawn by one law for every class."""
+    """Geometry and conditions of a target, from one distribution for all classes."""
 
     range_m: float
     aspect_deg: float
@@ -92,7 +94,12 @@ class Place:
 
 
 def draw_place(rng: np.random.Generator) -> Place:
-    """Towards or away within 30 degrees, at 35 to 75 m; ground and noise of any strength that leaves a picture."""
+    """Sample a place outdoors and its conditions.
+
+    Towards or away within 30 degrees, at 35 to 75 m.
+
+    Ground and noise of any strength that leaves an image.
+    """
     away = 180.0 * bool(rng.random() < 0.5)
     return Place(
         range_m=float(rng.uniform(35, 75)), aspect_deg=float(away + rng.uniform(-30, 30)),
@@ -104,12 +111,15 @@ def draw_place(rng: np.random.Generator) -> Place:
 
 
 def label_of(number: int) -> str:
-    """Classes in turn."""
+    """Return the class of an example: classes alternate."""
     return movers.CLASSES[number % 2]
 
 
 def draw_mover(plan: Plan, number: int, rng: np.random.Generator, mocap: Path | None) -> movers.Mover:
-    """The mover of an example, its pace drifting, as long as the images show."""
+    """Sample the target of an example with a drifting pace.
+
+    As long as the images.
+    """
     seconds, label = twin.OBSERVATION_S + 0.1, label_of(number)
     pace = movers.drifting(rng, seconds, most=0.3 if plan.gait_variation else 0.0, starts=False)
     speed_mps = movers.draw_speed_mps(rng, *SPEEDS_MPS)
@@ -124,13 +134,15 @@ def draw_mover(plan: Plan, number: int, rng: np.random.Generator, mocap: Path | 
 
 
 def echoes_of(plan: Plan, number: int, mocap: Path | None = None) -> dict[str, Any]:
-    """Echoes of one example in the range bins that are kept, burst by burst, without the bursts' means.
+    """Simulate the echoes of one example in the kept range bins.
+
+    Burst by burst, without the means of the bursts.
 
     Parameters
     ----------
     plan : Plan
     number : int
-        With the plan's seed it fixes everything that is drawn.
+        With the seed of the plan it determines everything random.
     mocap : Path, optional
         Folder with motion capture.
 
@@ -173,7 +185,10 @@ def _mover_echo(
 
 
 def _ground_echo(place: Place, bins: list[int], speed_mps: float, rng: np.random.Generator) -> ComplexArray:
-    """Echo of the ground in the bins of the bursts, on the sweeps of the mover's echo."""
+    """Simulate the ground echo in the bins of the bursts.
+
+    On the sweeps of the echo of the target.
+    """
     length_m = speed_mps * twin.OBSERVATION_S + 8.0
     echo = RcsSpec(kind="equal", total_m2=place.ground_m2 * length_m)
     around = Target(twin.ground(length_m, rng, sway_m=place.sway_m), rcs=echo, range_m=place.range_m)
@@ -192,7 +207,10 @@ def _ground_echo(place: Place, bins: list[int], speed_mps: float, rng: np.random
 
 
 def levels_of(mover: ComplexArray, ground: ComplexArray, noise_db: float, display: Display, number: int) -> FloatArray:
-    """Displayed levels, dB below the maximum, shape (256, 624); noise is so far below the maximum of the rest."""
+    """Return displayed levels in dB, shape (256, 624).
+
+    Relative to the maximum; the noise is relative to the maximum of the rest.
+    """
     signal = mover + ground if display.ground else mover
     if display.noise:
         highest_v2 = measures.pixel_power(signal).max()
@@ -209,7 +227,10 @@ def levels_of(mover: ComplexArray, ground: ComplexArray, noise_db: float, displa
 def inputs_of_levels(
     images: list[FloatArray], labels: list[str], groups: list[str], entry: xband_gait.Entry | None = None
 ) -> store.Inputs:
-    """Images, real or not, as the models see them: signature, features by its analysis, picture."""
+    """Convert images, real or not, to model inputs.
+
+    Signature, features by its analysis, image.
+    """
     rows, signatures = [], []
     for image in images:
         mu = xband_gait.displayed_signature(image, entry or xband_gait.Entry())
@@ -219,7 +240,7 @@ def inputs_of_levels(
 
 
 def echo_chunk(plan: Plan, numbers: range, out: Path, mocap: Path | None) -> store.Arrays:
-    """Echoes of some examples, from their file if it is there."""
+    """Load the echoes of some examples, or simulate them."""
 
     def make() -> store.Arrays:
         found = [echoes_of(plan, number, mocap) for number in numbers]
@@ -238,7 +259,7 @@ def dataset(
     plan: Plan, count: int, out: Path, *, display: Display | None = None, mocap: Path | None = None,
     entry: xband_gait.Entry | None = None,
 ) -> store.Inputs:  # fmt: skip
-    """Examples of a plan as the models see them.
+    """Load the model inputs of a plan.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Tracks without the truth: two people crossing, person and dog, stop and turn, one walker, an empty room.
+"""Tracks without truth, in scenes with none, one or two targets.
 
     python studies/tracking.py OUT_FOLDER [--runs 24]
 
@@ -42,24 +42,24 @@ SPAN_M = 1.6
 CUTOFF_M = 1.0
 SEED = 6300
 MERGE_M, MERGE_MPS = 0.8, 2.0
-"""Drawn detections closer than this are one, as boxes of people overlap in Doppler."""
+"""Simulated detections closer than this are one, as boxes of people overlap in Doppler."""
 RANGE_SD_M, VELOCITY_SD_MPS, DETECTED, FALSE_PER_SCAN, SLOWEST_MPS = 0.07, 0.25, 0.93, 1.0, 0.2
 
 FloatArray = npt.NDArray[np.float64]
 
 
 def person(rng: np.random.Generator, speed_mps: float, seconds: float) -> Motion:
-    """A walker of random stature, or a runner where the speed says so."""
+    """Sample a walker of random stature, or a runner at high speed."""
     return human_gait(speed_mps=speed_mps, height_m=rng.uniform(1.55, 1.95), duration_s=1.8 * seconds)
 
 
 def dog(rng: np.random.Generator, speed_mps: float, seconds: float) -> Motion:
-    """A trotting dog of random height."""
+    """Sample a trotting dog of random height."""
     return quadruped_gait(gait="trot", speed_mps=speed_mps, withers_m=rng.uniform(0.35, 0.6), duration_s=1.8 * seconds)
 
 
 def one_walker(rng: np.random.Generator) -> Scene:
-    """One person, oblique, coming or going."""
+    """Make a scene of one oblique person, approaching or receding."""
     speed, away = rng.uniform(0.7, 1.5), bool(rng.integers(2))
     start = (2.0, rng.uniform(-1, 1)) if away else (8.8, rng.uniform(-1, 1))
     heading = (0.0 if away else 180.0) + rng.uniform(-20, 20)
@@ -68,7 +68,10 @@ def one_walker(rng: np.random.Generator) -> Scene:
 
 
 def crossing(rng: np.random.Generator) -> Scene:
-    """Two people pass each other in range: the crossing of the report's Figure 3.15."""
+    """Make a scene of two people who pass each other in range.
+
+    The crossing of the report's Figure 3.15.
+    """
     seconds = 5.0
     coming, going = rng.uniform(0.8, 1.3, size=2)
     return Scene(
@@ -81,7 +84,7 @@ def crossing(rng: np.random.Generator) -> Scene:
 
 
 def person_and_dog(rng: np.random.Generator) -> Scene:
-    """A person comes, a dog goes: they pass each other."""
+    """Make a scene of an approaching person and a receding dog."""
     seconds = 4.0
     coming, going = rng.uniform(0.8, 1.2), rng.uniform(1.3, 1.6)
     return Scene(
@@ -94,7 +97,10 @@ def person_and_dog(rng: np.random.Generator) -> Scene:
 
 
 def dog_overtakes(rng: np.random.Generator) -> Scene:
-    """A dog overtakes a person who walks the same way: for two seconds they are one detection."""
+    """Make a scene of a dog that overtakes a person.
+
+    For two seconds they are one detection.
+    """
     seconds = 5.0
     slow, fast = rng.uniform(0.6, 0.9), rng.uniform(1.3, 1.6)
     return Scene(
@@ -107,7 +113,7 @@ def dog_overtakes(rng: np.random.Generator) -> Scene:
 
 
 def stop_and_turn(rng: np.random.Generator) -> Scene:
-    """A person goes out, stops, turns on the spot and comes back."""
+    """Make a scene of a person who stops, turns and returns."""
     speed = rng.uniform(0.9, 1.2)
     path = {"kind": "turn_around", "out_m": rng.uniform(2.5, 3.5), "turn_s": rng.uniform(1.0, 2.0)}
     walker = Target(person(rng, speed, 10.0), label="human", start_position_m=(3.0, 0.3), heading_deg=0, path=path)
@@ -115,7 +121,10 @@ def stop_and_turn(rng: np.random.Generator) -> Scene:
 
 
 def stop_and_go(rng: np.random.Generator) -> Scene:
-    """A person who stops for 2 to 4 s and goes on."""
+    """Make a scene of a person who stops and goes on.
+
+    The stop lasts 2 to 4 s.
+    """
     stops = [{"at_m": rng.uniform(2.0, 3.0), "pause_s": rng.uniform(2.0, 4.0)}]
     walker = Target(
         person(rng, rng.uniform(0.9, 1.2), 10.0), label="human", start_position_m=(8.8, 0.3), heading_deg=180,
@@ -125,7 +134,7 @@ def stop_and_go(rng: np.random.Generator) -> Scene:
 
 
 def empty(rng: np.random.Generator) -> Scene:
-    """Nobody."""
+    """Make an empty scene."""
     return Scene([], duration_s=10.0)
 
 
@@ -138,14 +147,14 @@ SCENES: dict[str, Callable[[np.random.Generator], Scene]] = {
 
 @dataclass(frozen=True)
 class Truth:
-    """True ranges and radial velocities of the bodies, shape (I, N), at the pulses."""
+    """Return true ranges and radial velocities, shape (I, N)."""
 
     slow_time_s: FloatArray
     range_m: FloatArray
     velocity_mps: FloatArray
 
     def at(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Ranges and velocities at other times."""
+        """Interpolate ranges and velocities to other times."""
         columns = range(self.range_m.shape[1])
         ranges = [np.interp(times_s, self.slow_time_s, self.range_m[:, n]) for n in columns]
         velocities = [np.interp(times_s, self.slow_time_s, self.velocity_mps[:, n]) for n in columns]
@@ -155,7 +164,7 @@ class Truth:
 
 @dataclass(frozen=True)
 class Verdict:
-    """One run, judged."""
+    """Scores of one run."""
 
     gospa: float
     ospa: float
@@ -172,7 +181,7 @@ class Verdict:
 
 
 def judge(tracks: list[Track], truth: Truth, scans: list[Scan]) -> Verdict:
-    """Tracks against the truth at the times of the scans."""
+    """Compare tracks with the truth at the times of the scans."""
     times_s = np.array([scan.time_s for scan in scans])
     true_m, _ = truth.at(times_s)
     found_m = np.full((times_s.size, len(tracks)), np.nan)
@@ -196,7 +205,7 @@ def judge(tracks: list[Track], truth: Truth, scans: list[Scan]) -> Verdict:
 
 
 def _iou(tracks: list[Track], truth: Truth, number: int) -> tuple[float, float]:
-    """Mean overlap of the tracks' gates with the true one over all times, and the share of time with a gate."""
+    """Return the mean IoU and the share of gated time."""
     reference = Gate.around(truth.slow_time_s, truth.range_m[:, number], span_m=SPAN_M, source="truth")
     each = [range_iou(Gate.from_track(t, span_m=SPAN_M, time_s=truth.slow_time_s), reference) for t in tracks]
     best = np.max(each, axis=0) if each else np.zeros(truth.slow_time_s.size)
@@ -212,26 +221,32 @@ def _mean(values: npt.ArrayLike) -> float:
 
 
 def draw_scans(truth: Truth, rng: np.random.Generator) -> list[Scan]:
-    """Detections from the truth at 10 Hz: errors, misses, false ones, and one for two bodies that are close."""
+    """Simulate detections from the truth at 10 Hz.
+
+    With errors, misses, false ones, and one for two bodies that are close.
+    """
     times_s = np.arange(0.05, truth.slow_time_s[-1] - 0.05, 0.1)
     ranges, velocities = truth.at(times_s)
     scans = []
     for t, r, v in zip(times_s, ranges, velocities, strict=True):
         seen = (rng.random(r.size) < DETECTED) & (np.abs(v) > SLOWEST_MPS)
         places = zip(r[seen], v[seen], strict=True)
-        bodies = [_drawn(a, b, rng) for a, b in places]
-        false = [_drawn(rng.uniform(0.5, 9.5), rng.uniform(-6, 6), rng) for _ in range(rng.poisson(FALSE_PER_SCAN))]
-        scans.append(Scan(float(t), (*_merged(bodies), *(replace(d, power_v2=0.05) for d in false))))
+        bodies = [_sample_detection(a, b, rng) for a, b in places]
+        false = [
+            _sample_detection(rng.uniform(0.5, 9.5), rng.uniform(-6, 6), rng)
+            for _ in range(rng.poisson(FALSE_PER_SCAN))
+        ]
+        scans.append(Scan(float(t), (*_merge(bodies), *(replace(d, power_v2=0.05) for d in false))))
     return scans
 
 
-def _drawn(range_m: float, velocity_mps: float, rng: np.random.Generator) -> Detection:
+def _sample_detection(range_m: float, velocity_mps: float, rng: np.random.Generator) -> Detection:
     r = range_m + RANGE_SD_M * rng.standard_normal()
     v = velocity_mps + VELOCITY_SD_MPS * rng.standard_normal()
     return Detection(r, v, 1.0, RANGE_SD_M, VELOCITY_SD_MPS, r - 0.3, r + 0.3, v - 1.0, v + 1.2, 30)
 
 
-def _merged(bodies: list[Detection]) -> list[Detection]:
+def _merge(bodies: list[Detection]) -> list[Detection]:
     if len(bodies) < 2:
         return bodies
     a, b = bodies
@@ -246,7 +261,7 @@ def _merged(bodies: list[Detection]) -> list[Detection]:
 
 
 def noisy_copy(baseband: xr.DataArray, level_db: float, rng: np.random.Generator) -> xr.DataArray:
-    """White noise at SNR_frame; an empty room's noise is 1 V^2 whatever the level."""
+    """Add white noise at SNR_frame, in an empty scene 1 V^2."""
     signal_v2 = float((np.abs(baseband.values) ** 2).max(axis=1).mean())
     sd = np.sqrt((signal_v2 / 10 ** (level_db / 10) if signal_v2 > 0 else 1.0) / 2)
     noise = rng.standard_normal((*baseband.shape, 2), dtype=np.float32) * np.float32(sd)
@@ -255,7 +270,7 @@ def noisy_copy(baseband: xr.DataArray, level_db: float, rng: np.random.Generator
 
 @dataclass(frozen=True)
 class Run:
-    """What a figure shows of one run."""
+    """Data of the figure of one run."""
 
     truth: Truth
     scans: list[Scan]
@@ -263,7 +278,7 @@ class Run:
 
 
 def run_all(name: str, runs: int, settings: Tracker) -> tuple[dict[str, list[Verdict]], dict[str, Run]]:
-    """Verdicts by level, and the first run of each."""
+    """Run a scene at every level; return scores and the first run."""
     verdicts: dict[str, list[Verdict]] = {}
     shown: dict[str, Run] = {}
     span_mps = RADAR.wavelength_m * RADAR.prf_hz / 2
@@ -296,7 +311,7 @@ HEADER = (
 
 
 def row(name: str, case: str, verdicts: list[Verdict]) -> str:
-    """One line of the table."""
+    """Format one line of the table."""
     mean = {key: _mean([getattr(v, key) for v in verdicts]) for key in Verdict.__dataclass_fields__}
     minutes = sum(v.seconds for v in verdicts) / 60
     quiet = np.mean([v.switches == 0 for v in verdicts])
@@ -309,7 +324,10 @@ def row(name: str, case: str, verdicts: list[Verdict]) -> str:
 
 
 def draw(name: str, shown: dict[str, Run]) -> Figure:
-    """Range against time: detections grey, truth black, tracks in colour; one panel per input."""
+    """Plot range against time, one panel per input.
+
+    Detections grey, truth black, tracks in colour.
+    """
     figure = Figure(figsize=(4.2 * len(shown), 4.2), layout="constrained")
     panels = np.atleast_1d(figure.subplots(1, len(shown), sharey=True))
     for axes, (case, run) in zip(panels, shown.items(), strict=True):
@@ -326,7 +344,7 @@ def draw(name: str, shown: dict[str, Run]) -> Figure:
 
 
 def main() -> None:
-    """Simulate, track, judge, draw."""
+    """Simulate, track, score and plot."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out_folder", type=Path)
     parser.add_argument("--runs", type=int, default=24)

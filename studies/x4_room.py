@@ -1,4 +1,6 @@
-"""Real X4 modules beside their twins: an empty room, and a person who breathes.
+"""Real X4 modules compared with their sensor models.
+
+An empty room, and a person who breathes.
 
     python studies/x4_room.py RECORDINGS OUT_FOLDER
 
@@ -88,12 +90,15 @@ class Person:
 
 
 def unit_db(radar: Radar) -> float:
-    """Level of one unit, dB re 1 V."""
+    """Return the level of one unit, dB re 1 V."""
     return float(20.0 * np.log10(radar.volts_per_unit or 1.0))
 
 
 def drawn_room(twin: Path, *, frames: int, seed: int) -> Recording:
-    """An empty room drawn from a twin: nothing but thermal noise and the twin's impairments."""
+    """Simulate an empty room by a sensor model.
+
+    Only thermal noise and the impairments of the model.
+    """
     radar = Radar.preset(str(twin))
     tables = tomllib.loads(twin.read_text(encoding="utf-8"))["impairments"]
     specs = [make_impairment(table) for table in [{"kind": "thermal_noise"}, *tables]]
@@ -104,7 +109,10 @@ def drawn_room(twin: Path, *, frames: int, seed: int) -> Recording:
 
 
 def drawn_person(twin: Path, like: Recording, *, amplitude_m: float, seed: int) -> Recording:
-    """A breathing person through a twin, in the frame and for the time of a recording."""
+    """Simulate a breathing person by a sensor model.
+
+    In the frame and for the time of a recording.
+    """
     range_m, time_s = like.range_m, like.slow_time_s
     frame = {"range_start_m": float(range_m[0]), "range_stop_m": float(range_m[-1]) + 0.03}
     radar = Radar.preset(str(twin), **frame)
@@ -118,7 +126,7 @@ def drawn_person(twin: Path, like: Recording, *, amplitude_m: float, seed: int) 
 
 
 def person(recording: Recording, *, start_s: float = 0.0) -> Person:
-    """Where the bins vary most near the person, how much, and how fast, from a time on."""
+    """Measure bin, size and rate of the strongest variation near the person."""
     range_m, times_s = recording.range_m, recording.slow_time_s
     chosen = times_s >= start_s
     values, time_s = recording.baseband.values[chosen].astype(complex), times_s[chosen]
@@ -138,14 +146,14 @@ def person(recording: Recording, *, start_s: float = 0.0) -> Person:
 
 
 def circle_centre(values: npt.NDArray[np.complex128]) -> complex:
-    """Centre of the circle nearest to points of the complex plane, in the least-squares sense of Kasa."""
+    """Fit a circle to complex points (Kasa) and return its centre."""
     matrix = np.stack([values.real, values.imag, np.ones(values.size)], axis=1)
     solution = np.linalg.lstsq(matrix, np.abs(values) ** 2, rcond=None)[0]
     return complex(solution[0], solution[1]) / 2.0
 
 
 def room_rows(name: str, real: SensorFit, drawn: list[SensorFit]) -> list[tuple[str, str, str, str]]:
-    """Measured, simulated and difference of the numbers of an empty room."""
+    """Tabulate measured and simulated numbers of an empty room."""
     own, minute = unit_db(real.radar), 60.0
 
     def row(what: str, estimate: Estimate, others: list[float], unit: str) -> tuple[str, str, str, str]:
@@ -175,12 +183,12 @@ def room_rows(name: str, real: SensorFit, drawn: list[SensorFit]) -> list[tuple[
 
 
 def level_of_bins(fit: SensorFit) -> FloatArray:
-    """Static echo of every bin, dB re one unit."""
+    """Return the static echo of every bin, dB re one unit."""
     return np.asarray(20.0 * np.log10(np.abs(fit.echo_v)) - unit_db(fit.radar))
 
 
 def person_rows(what: str, real: Person, drawn: list[Person], *, noise_db: float) -> list[tuple[str, str, str, str]]:
-    """Measured, simulated and difference of the person."""
+    """Tabulate measured and simulated numbers of the person."""
     level, sd = (float(f([p.bin_db for p in drawn])) for f in (np.mean, np.std))
     rate = float(np.mean([p.rate_hz for p in drawn]))
     swing = float(np.mean([p.swing_rad for p in drawn]))
@@ -196,7 +204,10 @@ def person_rows(what: str, real: Person, drawn: list[Person], *, noise_db: float
 
 
 def draw_room(real: SensorFit, drawn: list[SensorFit], *, title: str) -> Figure:
-    """Static echo and noise over range: the measured room, drawn rooms, the fitted profile."""
+    """Plot static echo and noise over range.
+
+    The measured room, simulated rooms, and the fitted profile.
+    """
     figure = new_figure(width_in=10.5, height_in=5.5)
     axes = figure.add_subplot()
     own = unit_db(real.radar)
@@ -213,7 +224,7 @@ def draw_room(real: SensorFit, drawn: list[SensorFit], *, title: str) -> Figure:
 
 
 def draw_person(real: Person, drawn: Person, *, title: str) -> Figure:
-    """Slow-time standard deviation over range, and the phase of the person's bin."""
+    """Plot slow-time deviation over range and phase at the person."""
     figure = new_figure(width_in=10.5, height_in=7.0)
     above, below = figure.subplots(2, 1)
     for found, colour, words in ((real, MEASURED, "measured"), (drawn, SIMULATED, "simulated")):
@@ -228,7 +239,7 @@ def draw_person(real: Person, drawn: Person, *, title: str) -> Figure:
 
 
 def main(recordings: Path, out: Path) -> None:
-    """Fit, draw, compare, print."""
+    """Fit, plot, compare and print."""
     out.mkdir(parents=True, exist_ok=True)
     rows: list[tuple[str, str, str, str]] = []
     noise_db = []

@@ -1,4 +1,6 @@
-"""Gait from real spectrograms beside values read by eye; and torso speeds of real 24 GHz recordings.
+"""Gait from real spectrograms, torso speeds of real 24 GHz recordings.
+
+The spectrograms are compared with values read by eye.
 
     python studies/xband_gait.py RADAR_DATA OUT_FOLDER
 
@@ -7,7 +9,7 @@ RADAR_DATA holds ``fmcw_xband_manga/decoded_levels.npz`` (what these images are:
 
 The images enter at the signature: levels between -30 and -10 dB, a column every 8 sweeps of 1.68 ms. (The source prints
 7 s for what by its own velocity axis are 8.4 s: frequencies here are 1.2 times lower than on the printed axis.) Rows
-within 0.4 m/s of zero, the ground, are emptied; nothing else is told to the features. One image is cut before the dog
+within 0.4 m/s of zero, the ground, are emptied; the features get nothing else. One image is cut before the dog
 brakes, and of the runner, whose Doppler wraps, the axis is turned so that it starts at -0.6 m/s; both are stated below.
 """
 
@@ -15,7 +17,6 @@ from __future__ import annotations
 
 import argparse
 import re
-import sys
 import time
 import warnings
 from dataclasses import dataclass
@@ -44,7 +45,7 @@ CW_FOLDER = "cw24_kmkim036"
 HIGHEST_DB = 0.0
 """Levels are below the image's maximum."""
 RANGE_M = (0.0, 120.0)
-"""Not told by the source; no feature depends on it."""
+"""Not stated by the source; no feature depends on it."""
 ANALYSIS = Analysis(cpi_s=measures.WINDOW_SWEEPS * measures.PRI_S, window_steepness=0.37)
 """A Gaussian window of this steepness has the 3 dB width of the Hann window of the images."""
 TIME_S: measures.FloatArray = np.asarray(
@@ -54,21 +55,13 @@ TIME_S: measures.FloatArray = np.asarray(
 
 
 def levels_of(data: Path) -> dict[str, measures.FloatArray]:
-    """Levels of the images in dB by key; a clear end where they are not there."""
-    path = data / DATA_FILE
-    if not path.is_file():
-        sys.exit(f"{path}: not there; give the folder with the radar recordings, which holds {DATA_FILE}")
-    span_db = measures.CEILING_DB - measures.FLOOR_DB
-    with np.load(path) as levels:
-        missing = [image.key for image in IMAGES if image.key not in levels]
-        if missing:
-            sys.exit(f"{path}: has no {', '.join(missing)}; this study needs them all")
-        return {image.key: measures.FLOOR_DB + levels[image.key] * (span_db / 255.0) for image in IMAGES}
+    """Read the levels of the images in dB by key."""
+    return measures.read_levels(data / DATA_FILE, [image.key for image in IMAGES])
 
 
 @dataclass(frozen=True)
 class Entry:
-    """How an image enters; the variants show what each choice is worth.
+    """Conversion of an image to a signature, with variants.
 
     Parameters
     ----------
@@ -98,7 +91,10 @@ ENTRIES = {
 
 
 def signature_of(image: Image, level_db: measures.FloatArray, entry: Entry = ENTRIES["as described"]) -> xr.DataArray:
-    """The image as a signature, cut and turned as its reading says."""
+    """Convert an image to a signature.
+
+    Cut and mirrored as its reading requires.
+    """
     velocity_mps = measures.VELOCITY_MPS
     if image.from_mps is not None:
         below = int((velocity_mps < image.from_mps).sum())
@@ -112,7 +108,7 @@ def displayed_signature(
     level_db: measures.FloatArray, entry: Entry = ENTRIES["as described"], *, time_s: measures.FloatArray = TIME_S,
     velocity_mps: measures.FloatArray = measures.VELOCITY_MPS,
 ) -> xr.DataArray:  # fmt: skip
-    """Levels as displayed (velocity, time) as a signature."""
+    """Convert displayed levels (velocity, time) to a signature."""
     return signature_of_levels(
         level_db.T, time_s=time_s, velocity_mps=velocity_mps,
         wavelength_m=carrier_to_wavelength_m(9.7e9), prf_hz=1.0 / measures.PRI_S, cpi_pulses=measures.WINDOW_SWEEPS,
@@ -123,7 +119,7 @@ def displayed_signature(
 
 
 def gait_of(image: Image, level_db: measures.FloatArray, entry: Entry = ENTRIES["as described"]) -> Result:
-    """Features of one image."""
+    """Measure the features of one image."""
     mu = signature_of(image, level_db, entry)
     found = analyze_signature(mu, gate_of_levels(mu), ANALYSIS, label=image.label)
     if not entry.one_sided:
@@ -133,7 +129,10 @@ def gait_of(image: Image, level_db: measures.FloatArray, entry: Entry = ENTRIES[
 
 
 def step_times_s(result: Result) -> measures.FloatArray:
-    """Times one gait period apart, at which the limbs are fastest against the torso."""
+    """Return times one gait period apart, at the fastest limbs.
+
+    Relative to the torso.
+    """
     if result.gait_frequency_hz is None:
         return np.empty(0)
     mu = result.normalised_signature
@@ -148,7 +147,10 @@ def step_times_s(result: Result) -> measures.FloatArray:
 
 
 def draw(image: Image, result: Result) -> Figure:
-    """The image with torso line and steps over it, and its cadence spectrum; what the eye read is dotted."""
+    """Plot an image with torso line, steps and cadence spectrum.
+
+    Values read by eye are dotted.
+    """
     figure = new_figure(width_in=15.0, height_in=6.0)
     left, right = figure.subplots(1, 2, width_ratios=(3, 1))
     mu = result.signature
@@ -169,7 +171,7 @@ def draw(image: Image, result: Result) -> Figure:
 
 
 def draw_cadence(panel: Axes, image: Image, result: Result) -> None:
-    """Cadence spectrum with the frequencies found, read by eye and known."""
+    """Plot the cadence spectrum with measured, read and known frequencies."""
     spectrum = result.cadence_spectrum
     cadence_hz, power = axis(spectrum, "cadence"), spectrum.values
     shown = cadence_hz <= 8.0
@@ -186,17 +188,17 @@ def draw_cadence(panel: Axes, image: Image, result: Result) -> None:
 
 
 def shown_number(value: float | None, digits: int = 2) -> str:
-    """A number for a table; a dash for none."""
+    """Format a number; a dash for None."""
     return "-" if value is None or not np.isfinite(value) else f"{value:.{digits}f}"
 
 
 def short_flags(result: Result) -> str:
-    """Flags without those of missing harmonics, which nearly all have."""
+    """Return the flags without those of missing harmonics."""
     return ", ".join(flag for flag in result.flags if not flag.startswith("harmonic_ratio")) or "-"
 
 
 def gait_table(results: dict[str, Result]) -> str:
-    """Every image: found, read by eye, known."""
+    """Tabulate measured, read and known values of every image."""
     lines = [
         "| image | v_m | by eye | known | f_mu Hz | second | by eye | known | B_mu m/s | fast limbs by eye "
         "| step length m | rho | n | confidence | SNR dB | eye | decision | flags |",
@@ -221,7 +223,7 @@ def gait_table(results: dict[str, Result]) -> str:
 
 @dataclass
 class Tally:
-    """How often values agree."""
+    """Counts of agreeing values."""
 
     count: int = 0
     within_5: int = 0
@@ -229,7 +231,7 @@ class Tally:
     octave: int = 0
 
     def add(self, found: float | None, wanted: float | None) -> None:
-        """Count one pair; none is wanted where the eye could not read."""
+        """Count one pair; none without a value read by eye."""
         if wanted is None:
             return
         ratio = (found or 0.0) / wanted
@@ -239,7 +241,7 @@ class Tally:
         self.octave += min(abs(ratio / 2.0 - 1.0), abs(ratio * 2.0 - 1.0)) <= 0.10
 
     def cells(self) -> str:
-        """For a table."""
+        """Format the counts for a table."""
         return f"{self.within_5}/{self.count} | {self.within_10}/{self.count} | {self.octave}/{self.count}"
 
 
@@ -247,7 +249,7 @@ GROUPS: dict[str, tuple[str, ...]] = {"people": ("human",), "dogs": ("dog",), "h
 
 
 def agreement_table(results: dict[str, Result]) -> str:
-    """How many agree with the eye and with the known values, by kind of mover."""
+    """Tabulate the agreement with read and known values by class."""
     lines = ["| | within 5 % | within 10 % | twice or half |", "| --- | ---: | ---: | ---: |"]
     for name, labels in GROUPS.items():
         tallies = {text: Tally() for text in ("v_m, eye", "v_m, known", "f_mu, eye", "f_mu, known")}
@@ -269,7 +271,7 @@ def agreement_table(results: dict[str, Result]) -> str:
 
 
 def trust_table(results: dict[str, Result]) -> str:
-    """Whether frequencies that call themselves good are: by confidence where there is one, and by the flag."""
+    """Tabulate the accuracy by confidence and by flag."""
     lines = ["| f_mu with | within 5 % of the eye | 10 % | twice or half |", "| --- | ---: | ---: | ---: |"]
     kinds = {name: Tally() for name in ("confidence 0.9 or more", "less", "no low_confidence", "low_confidence")}
     for image in IMAGES:
@@ -284,7 +286,7 @@ def trust_table(results: dict[str, Result]) -> str:
 
 
 def variants_table(levels: dict[str, measures.FloatArray], first: dict[str, Result]) -> str:
-    """What each choice of the entry is worth, over all images."""
+    """Tabulate the effect of each choice of the conversion."""
     lines = [
         "| | v_m within 5 % | 10 % | twice or half | f_mu within 5 % | 10 % | twice or half "
         "| f_mu flagged low_confidence | median distance of B_mu + 0.4 m/s from the eye's fast limbs, m/s |",
@@ -312,7 +314,10 @@ KNOWN_CW_MPS = {"creep": "0.69", "walk": "0.98", "stride": "1.24", "run": "1.69"
 
 
 def cw_torso_mps(path: Path) -> float:
-    """Torso velocity of one 24 GHz recording through the whole analysis; the gate holds its one range bin."""
+    """Measure the torso velocity of one 24 GHz recording.
+
+    By the whole analysis; the gate holds its one range bin.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DoppelgaitWarning)  # nearly all clip near the radar
         found = analyze(read_cw_text(path), gate=(0.0, 1.0))[0].features.torso_velocity_mps
@@ -320,7 +325,10 @@ def cw_torso_mps(path: Path) -> float:
 
 
 def cw_speeds(folder: Path) -> dict[str, measures.FloatArray]:
-    """Torso velocities by motion, slowest first, and away and toward of one session."""
+    """Measure torso velocities by motion, slowest first.
+
+    And away and toward of one session.
+    """
     groups: dict[str, list[float]] = {name: [] for name in MOTIONS.values()}
     for path in sorted(folder.glob("22*/*_RE.txt")):
         match = re.fullmatch(r"22\d{4}_\d_(\d)_\d+_RE", path.stem)
@@ -334,7 +342,10 @@ def cw_speeds(folder: Path) -> dict[str, measures.FloatArray]:
 
 
 def cw_table(speeds: dict[str, measures.FloatArray]) -> str:
-    """Torso velocity by motion, and how often a recording is faster than one of the motion before it in the list."""
+    """Tabulate torso velocities by motion.
+
+    And how often a recording is faster than one of the motion before it.
+    """
     lines = [
         "| 24 GHz | recordings | torso m/s, median (10-90 %) | known | toward | faster than the one above |",
         "| --- | ---: | ---: | ---: | ---: | ---: |",
@@ -352,7 +363,7 @@ def cw_table(speeds: dict[str, measures.FloatArray]) -> str:
 
 
 def eye_table() -> str:
-    """What was counted in every image."""
+    """Tabulate the counts in every image."""
     lines = ["| image | counted | eye | notes |", "| --- | --- | --- | --- |"]
     for image in IMAGES:
         cut = "" if image.until_s is None else f"only to {image.until_s} s"
@@ -362,7 +373,7 @@ def eye_table() -> str:
 
 
 def main(data: Path, out: Path) -> None:
-    """Read, measure, draw, write."""
+    """Read, measure, plot and write."""
     begun_s = time.perf_counter()
     levels = levels_of(data)
     out.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Level images of the X-band recordings: how they are displayed, and what is measured on them.
+"""Level images of the X-band recordings: display and measures.
 
 A level image has 256 rows of velocity, row 0 at +4.6 m/s and row 128 at 0, and 624 columns of time, in dB below its own
 maximum, clipped to -30 and -10 dB. The display is that of the source (github.com/AmishaManga/MSc-Micro-Doppler-
@@ -8,6 +8,9 @@ joined and transformed with a Hann window of 128 sweeps every 8 sweeps to 256 bi
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -33,19 +36,39 @@ ENVELOPE_DB = -22.0
 MODULATION_HZ = (0.8, 6.0)
 
 
+def read_levels(path: Path, keys: Iterable[str] | None = None) -> dict[str, FloatArray]:
+    """Read the levels of images in dB by key.
+
+    Parameters
+    ----------
+    path : Path
+        The file of decoded levels; the program ends with a message if it is missing.
+    keys : iterable of str, optional
+        Images that must be there; all by default.
+    """
+    if not path.is_file():
+        sys.exit(f"{path}: not there; give the folder that holds {path.name}, see the head of the study")
+    with np.load(path) as levels:
+        wanted = levels.files if keys is None else list(keys)
+        missing = [key for key in wanted if key not in levels]
+        if missing:
+            sys.exit(f"{path}: has no {', '.join(missing)}; this study needs them all")
+        return {key: FLOOR_DB + levels[key] * ((CEILING_DB - FLOOR_DB) / 255.0) for key in wanted}
+
+
 def hann(n_samples: int) -> FloatArray:
-    """Hann window without zeros at its ends, of sum 1."""
+    """Return a Hann window without zeros at its ends, of sum 1."""
     window = np.sin(np.pi * (np.arange(n_samples) + 1.0) / (n_samples + 1.0)) ** 2
     return np.asarray(window / window.sum())
 
 
 def noise_gain() -> float:
-    """Power of white noise in a pixel over that in a sweep's range bin."""
+    """Return the noise gain from a range bin to a pixel."""
     return float((hann(WINDOW_SWEEPS) ** 2).sum())
 
 
 def stitched(baseband: npt.NDArray[np.complexfloating[Any, Any]], bins: npt.ArrayLike) -> npt.NDArray[np.complex128]:
-    """One range bin per burst, joined, without each burst's mean.
+    """Concatenate one range bin per burst without the means of the bursts.
 
     Parameters
     ----------
@@ -64,7 +87,10 @@ def stitched(baseband: npt.NDArray[np.complexfloating[Any, Any]], bins: npt.Arra
 
 
 def pixel_power(signal: npt.NDArray[np.complex128]) -> FloatArray:
-    """Power of every pixel, V^2, shape (256, 624); approaching, at positive frequency, is above."""
+    """Return the power of every pixel, V^2, shape (256, 624).
+
+    Approaching, at positive frequency, is above.
+    """
     starts = HOP_SWEEPS * np.arange(N_COLUMNS)
     blocks = signal[starts[:, None] + np.arange(WINDOW_SWEEPS)] * hann(WINDOW_SWEEPS)
     power = np.abs(np.fft.fft(blocks, N_ROWS, axis=1)) ** 2
@@ -72,18 +98,24 @@ def pixel_power(signal: npt.NDArray[np.complex128]) -> FloatArray:
 
 
 def displayed_db(power: FloatArray) -> FloatArray:
-    """Levels below the maximum, dB, clipped as displayed."""
+    """Return levels relative to the maximum, dB, clipped as displayed."""
     level_db = 10.0 * np.log10(np.maximum(power / power.max(), 1e-30))
     return np.asarray(np.clip(level_db, FLOOR_DB, CEILING_DB))
 
 
 def towards(level_db: FloatArray, *, direction: int) -> FloatArray:
-    """The image with the mover's side above: velocities of one going away (-1) change sign."""
+    """Flip an image so that the side of the target is above.
+
+    Velocities of a receding target (-1) change sign.
+    """
     return level_db if direction > 0 else level_db[(N_ROWS - np.arange(N_ROWS)) % N_ROWS]
 
 
 def torso_speed_mps(level_db: FloatArray) -> float:
-    """Median over time of the mover's strongest speed above 0.4 m/s; where several rows are clipped, their mean."""
+    """Return the median over time of the strongest speed above 0.4 m/s.
+
+    Where several rows are clipped, their mean.
+    """
     side = VELOCITY_MPS > SLOWEST_MPS
     strongest = level_db[side] == level_db[side].max(axis=0)
     speed_mps = (strongest * VELOCITY_MPS[side, None]).sum(axis=0) / strongest.sum(axis=0)
@@ -91,14 +123,20 @@ def torso_speed_mps(level_db: FloatArray) -> float:
 
 
 def envelope_mps(level_db: FloatArray) -> float:
-    """95th percentile over time of the highest speed on the mover's side above -22 dB."""
+    """Return the 95th percentile over time of the highest speed.
+
+    On the side of the target, above -22 dB.
+    """
     seen = (level_db > ENVELOPE_DB) & (VELOCITY_MPS[:, None] > SLOWEST_MPS)
     highest = np.where(seen, VELOCITY_MPS[:, None], 0.0).max(axis=0)
     return float(np.percentile(highest, 95))
 
 
 def modulation_hz(level_db: FloatArray) -> float:
-    """Strongest line between 0.8 and 6 Hz of the modulation spectra of all rows on the mover's side, summed."""
+    """Return the strongest modulation between 0.8 and 6 Hz.
+
+    Of the summed spectra of all rows on the side of the target.
+    """
     rows = level_db[VELOCITY_MPS > SLOWEST_MPS]
     time = np.linspace(-1.0, 1.0, rows.shape[1])
     trend = np.polynomial.polynomial.polyvander(time, 2)
@@ -110,7 +148,9 @@ def modulation_hz(level_db: FloatArray) -> float:
 
 
 def noise_db(level_db: FloatArray) -> float:
-    """Mean noise power of a pixel from the share p of quiet pixels above the floor.
+    """Estimate the mean noise of a pixel, dB.
+
+    From the share p of quiet pixels above the floor.
 
     Power of noise is exponentially distributed, so that p = exp(-F / N) with floor F and mean N: N = F / ln(1 / p).
     """
@@ -121,7 +161,9 @@ def noise_db(level_db: FloatArray) -> float:
 
 
 def boundary_step_db(level_db: FloatArray) -> float:
-    """Level near zero Doppler at the joints of bursts less that in the middle of bursts.
+    """Return the level step at the joints of bursts, dB.
+
+    Near zero Doppler, relative to the middle of bursts.
 
     A column's window is centred on a joint every 32 columns, first at column 24.
     """
@@ -131,19 +173,22 @@ def boundary_step_db(level_db: FloatArray) -> float:
 
 
 def histogram_distance_db(one: FloatArray, other: FloatArray) -> float:
-    """Wasserstein distance of the levels of two images, dB."""
+    """Return the Wasserstein distance of the levels of two images, dB."""
     from scipy.stats import wasserstein_distance
 
     return float(wasserstein_distance(one.ravel(), other.ravel()))
 
 
 def profile_distance(one: FloatArray, other: FloatArray, *, ground: bool) -> tuple[float, float]:
-    """Root mean square difference, dB, and correlation of the mean levels against velocity, with or without ground."""
+    """Return rms difference, dB, and correlation of the velocity profiles.
+
+    With or without ground.
+    """
     rows = np.ones(N_ROWS, dtype=bool) if ground else np.abs(VELOCITY_MPS) > SLOWEST_MPS
     first, second = one.mean(axis=1)[rows], other.mean(axis=1)[rows]
     return float(np.sqrt(np.mean((first - second) ** 2))), float(np.corrcoef(first, second)[0, 1])
 
 
 def clipped_shares(level_db: FloatArray) -> tuple[float, float]:
-    """Shares of pixels at the floor and at the ceiling."""
+    """Return the shares of pixels at floor and ceiling."""
     return float((level_db <= FLOOR_DB).mean()), float((level_db >= CEILING_DB).mean())

@@ -1,4 +1,6 @@
-"""What the eye reads from the X-band images, and what another program measured on them, for :mod:`xband_gait`.
+"""Values of the X-band images read by eye or by another program.
+
+Used by :mod:`xband_gait`.
 
 Read from plain images of velocity against time (a column every 13.44 ms), before any feature was run on them, but by
 one who had seen the values measured before: these are no blind readings.
@@ -11,7 +13,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Image:
-    """One real spectrogram and what is known about it from elsewhere.
+    """One real spectrogram and its known values.
 
     Parameters
     ----------
@@ -45,7 +47,7 @@ class Image:
 
     @property
     def label(self) -> str:
-        """Class of the mover."""
+        """Class of the target."""
         return self.key.split("__")[0]
 
 

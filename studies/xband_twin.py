@@ -1,4 +1,4 @@
-"""X-band FMCW recordings of people and dogs beside their simulated twins.
+"""X-band FMCW recordings of people and dogs compared with simulations.
 
     python studies/xband_twin.py DATA_FOLDER OUT_FOLDER
 
@@ -17,7 +17,6 @@ are the figures of two people, of the running person (whose Doppler wraps) and t
 from __future__ import annotations
 
 import argparse
-import sys
 import time
 import warnings
 from collections.abc import Callable, Sequence
@@ -63,7 +62,7 @@ Model = Callable[[float, np.random.Generator], Motion]
 
 
 def person(speed_mps: float, rng: np.random.Generator) -> Motion:
-    """Walk with feet on the floor and steps that vary as a healthy adult's."""
+    """Make a walk with locked feet and natural step variation."""
     return human_gait(
         gait="walk", speed_mps=speed_mps, duration_s=OBSERVATION_S + 1.0, step_time_sd=STEP_TIME_SD,
         step_length_sd=STEP_LENGTH_SD, rng=rng,
@@ -71,13 +70,16 @@ def person(speed_mps: float, rng: np.random.Generator) -> Motion:
 
 
 def boulic(speed_mps: float, rng: np.random.Generator) -> Motion:
-    """Walk as published, every step the same."""
+    """Make a walk as published, every step the same."""
     del rng
     return boulic_walk(speed_mps=speed_mps, duration_s=OBSERVATION_S + 1.0)
 
 
 def dog(speed_mps: float, rng: np.random.Generator) -> Motion:
-    """Walk or trot, by the speed, of a dog of 0.5 m at the withers."""
+    """Make a walk or trot of a 0.5 m dog.
+
+    The gait depends on the speed.
+    """
     return quadruped_gait(
         gait="auto", speed_mps=speed_mps, duration_s=OBSERVATION_S + 1.0, stride_variation=STRIDE_VARIATION, rng=rng
     )
@@ -120,7 +122,10 @@ PAIRS = (
 
 
 def ground(length_m: float, rng: np.random.Generator, *, sway_m: float = SWAY_M) -> Motion:
-    """Points along the radar's look that sway in the wind: Gaussian processes of exponentially distributed size."""
+    """Sample ground points that sway in the wind.
+
+    Along the line of sight; Gaussian processes of exponentially distributed size.
+    """
     count, rate_hz = round(length_m * GROUND_PER_M), 50.0
     n_frames = round((OBSERVATION_S + 1.0) * rate_hz)
     reach = round(4 * SWAY_S * rate_hz)
@@ -137,7 +142,10 @@ def ground(length_m: float, rng: np.random.Generator, *, sway_m: float = SWAY_M)
 
 
 def scene_of(pair: Pair, motion: Motion, rcs: RcsSpec, *, speed_mps: float, rng: np.random.Generator) -> Scene:
-    """The mover on a line through the radar, and the ground that it walks over."""
+    """Make a scene of the target and the ground below it.
+
+    The target moves on a line through the radar.
+    """
     aspect_deg = 0.0 if pair.direction > 0 else 180.0
     mover = Target(motion, label=pair.label, rcs=rcs, range_m=RANGE_M, aspect_deg=aspect_deg)
     length_m = speed_mps * OBSERVATION_S + 8.0
@@ -149,14 +157,22 @@ def scene_of(pair: Pair, motion: Motion, rcs: RcsSpec, *, speed_mps: float, rng:
 
 
 def burst_bins(recording: Recording, *, error_m: float = 0.0) -> list[int]:
-    """Range bin of the body, or of a place so far behind it, in the middle of every burst."""
+    """Return the range bin of the body in every burst.
+
+    In the middle of the burst.
+
+    Or of a place ``error_m`` behind it.
+    """
     range_m, track_m = recording.range_m, recording.truth[0].centre_range_m + error_m
     middles = measures.BURST_SWEEPS * np.arange(measures.N_BURSTS) + measures.BURST_SWEEPS // 2
     return [int(np.argmin(np.abs(range_m - track_m[middle]))) for middle in middles]
 
 
 def twin_levels(pair: Pair, model: Model, rcs: RcsSpec, *, speed_mps: float, noise_db: float) -> FloatArray:
-    """Displayed levels of a simulated mover, its noise as far below the maximum as in the recording."""
+    """Simulate the displayed levels of a target.
+
+    With the relative noise of the recording.
+    """
     streams = np.random.default_rng([SEED, PAIRS.index(pair)]).spawn(4)
     scene = scene_of(pair, model(speed_mps, streams[0]), rcs, speed_mps=speed_mps, rng=streams[1])
     drawn = Streams(int(streams[2].integers(2**31)))
@@ -176,20 +192,12 @@ def twin_levels(pair: Pair, model: Model, rcs: RcsSpec, *, speed_mps: float, noi
 
 
 def real_levels(data: Path) -> dict[str, FloatArray]:
-    """Levels of the real figures, dB; a clear end where they are not there."""
-    path = data / DATA_FILE
-    if not path.is_file():
-        sys.exit(f"{path}: not there; give the folder with the decoded levels of the X-band figures ({DATA_FILE})")
-    span_db = measures.CEILING_DB - measures.FLOOR_DB
-    with np.load(path) as levels:
-        missing = [pair.key for pair in PAIRS if pair.key not in levels]
-        if missing:
-            sys.exit(f"{path}: has no {', '.join(missing)}; this study needs them all")
-        return {pair.key: measures.FLOOR_DB + levels[pair.key] * (span_db / 255.0) for pair in PAIRS}
+    """Read the levels of the real figures, dB."""
+    return measures.read_levels(data / DATA_FILE, [pair.key for pair in PAIRS])
 
 
 def draw_pair(pair: Pair, shown: dict[str, FloatArray]) -> Figure:
-    """Real and simulated images side by side, on the same axes and colours."""
+    """Plot real and simulated images on the same axes and colours."""
     figure = new_figure(width_in=6.2 * len(shown), height_in=5.2)
     panels = figure.subplots(1, len(shown), sharex=True, sharey=True, squeeze=False)[0]
     extent = (0.0, measures.N_COLUMNS * measures.COLUMN_S, -measures.EDGE_MPS, measures.EDGE_MPS)
@@ -204,7 +212,10 @@ def draw_pair(pair: Pair, shown: dict[str, FloatArray]) -> Figure:
 
 
 def facts_of(level_db: FloatArray) -> list[float]:
-    """Torso, envelope, their ratio, modulation, floor and ceiling shares in percent, noise, step at joints."""
+    """Measure the facts of an image.
+
+    Torso, envelope, their ratio, modulation, floor and ceiling shares in percent, noise, step at joints.
+    """
     torso, envelope = measures.torso_speed_mps(level_db), measures.envelope_mps(level_db)
     floor, ceiling = measures.clipped_shares(level_db)
     return [
@@ -214,7 +225,10 @@ def facts_of(level_db: FloatArray) -> list[float]:
 
 
 def distances(one: FloatArray, other: FloatArray) -> list[float]:
-    """Histogram distance, and root mean square and correlation of the profiles, without and with the ground."""
+    """Return histogram and profile distances of two images.
+
+    Root mean square and correlation of the profiles, without and with the ground.
+    """
     return [
         measures.histogram_distance_db(one, other),
         *measures.profile_distance(one, other, ground=False),
@@ -227,20 +241,23 @@ FACTS = ("torso m/s", "envelope m/s", "ratio", "modulation Hz", "floor %", "ceil
 
 
 def table(head: tuple[str, ...], rows: list[tuple[str, list[float]]]) -> str:
-    """Markdown table of numbers with two decimals."""
+    """Format a Markdown table of numbers with two decimals."""
     lines = ["| | " + " | ".join(head) + " |", "| --- |" + " ---: |" * len(head)]
     lines += [f"| {name} | " + " | ".join(f"{value:.2f}" for value in values) + " |" for name, values in rows]
     return "\n".join(lines)
 
 
 def mean_distances(name: str, some: dict[str, FloatArray], others: dict[str, FloatArray]) -> tuple[str, list[float]]:
-    """Mean of the distances of all images from all others, a recording and its own twin left out."""
+    """Average the distances of all images from all others.
+
+    A recording and its own simulation are left out.
+    """
     rows = [distances(a, b) for one, a in some.items() for other, b in others.items() if one != other]
     return f"{name} ({len(rows)})", list(np.mean(rows, axis=0))
 
 
 def baselines(real: dict[str, FloatArray], twins: dict[str, FloatArray]) -> list[tuple[str, list[float]]]:
-    """What the distances are to be held against: within and between the classes."""
+    """Return reference distances within and between the classes."""
 
     def of(images: dict[str, FloatArray], label: str) -> dict[str, FloatArray]:
         return {pair.key: images[pair.key] for pair in PAIRS if pair.label == label}
@@ -260,7 +277,10 @@ def baselines(real: dict[str, FloatArray], twins: dict[str, FloatArray]) -> list
 
 
 def compare(pair: Pair, own: FloatArray, out: Path) -> dict[str, FloatArray]:
-    """Twins of one recording by model, and their figure; the mover's side above."""
+    """Simulate one recording by all models and plot them.
+
+    The side of the target is above.
+    """
     speed_mps, noise_db = measures.torso_speed_mps(own), measures.noise_db(own)
     twins = {
         name: measures.towards(
@@ -275,7 +295,7 @@ def compare(pair: Pair, own: FloatArray, out: Path) -> dict[str, FloatArray]:
 
 
 def main(data: Path, out: Path) -> None:
-    """Simulate, draw, measure, write."""
+    """Simulate, plot, measure and write."""
     begun_s = time.perf_counter()
     real = real_levels(data)
     out.mkdir(parents=True, exist_ok=True)

@@ -2,28 +2,33 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import platform
 import sys
 from pathlib import Path
+from typing import Any
 
 import h5py  # noqa: F401  asks the system for the processor with a process, once, when it is imported
 import pytest
+import scipy.linalg  # noqa: F401  brings the second BLAS, which only then can be limited
+from threadpoolctl import threadpool_limits
 
 from checkout import SHARED
 
 PROCESS_ROOMS = ("system", "browser")
-PROCESS_EVENTS = ("subprocess.Popen", "os.fork", "os.posix_spawn", "os.system")
+PROCESS_EVENTS = frozenset({"subprocess.Popen", "os.fork", "os.posix_spawn", "os.system"})
 
 platform.processor()  # kept by Python: importing h5py asks for it, by a process that some tests may not start
 
 TESTS = Path(__file__).parent
 LONGEST = (
-    "system/docs/test_site.py", "system/test_packaging.py", "system/dataset/test_faults.py", "system/test_cli.py",
-    "system/dataset/test_crash.py", "system/dataset/test_verify.py", "system/dataset/test_executors_build.py",
-    "browser/test_run_page.py", "system/classify/test_classify.py", "system/studies/test_sim_to_real_shared.py",
-    "system/dataset/test_executors.py", "browser/test_dataset_page.py", "system/dataset/test_scenes.py",
-    "browser/test_try_page.py", "system/docs/test_examples.py", "system/dataset/test_build.py",
+    "system/docs/test_site.py", "system/dataset/test_executors_build.py", "system/dataset/test_faults.py",
+    "system/dataset/test_crash.py", "system/dataset/test_verify.py", "system/test_cli.py", "browser/test_run_page.py",
+    "system/thirdparty/test_thirdparty.py", "system/classify/test_classify.py",
+    "system/studies/test_sim_to_real_shared.py", "system/dataset/test_executors.py", "system/docs/test_examples.py",
+    "browser/test_dataset_page.py", "system/dataset/test_scenes.py", "system/test_packaging.py",
+    "browser/test_try_page.py", "system/dataset/test_build.py",
 )  # fmt: skip
 """Files of a quarter of a minute and more, by their time: begun first, so that no worker ends long after the others."""
 
@@ -53,6 +58,12 @@ def _settle_shared(items: list[pytest.Item]) -> None:
                 item.add_marker(pytest.mark.skip(reason=reason))
 
 
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """What is collected lives to the end: the garbage collector need not look through it again and again."""
+    gc.collect()
+    gc.freeze()
+
+
 @pytest.fixture
 def _shared_data_required() -> None:
     pytest.fail("CI needs the shared test data beside the checkout (../shared)")
@@ -69,13 +80,23 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 class _Now:
-    """Folder of the test that runs in this process; None between tests."""
+    """What holds while a test runs in this process."""
 
     room: str | None = None
+    """Folder of the test; None between tests."""
+    limit: Any = None
+    """The limit on threads, until a test of PROCESS_ROOMS comes."""
 
 
 def pytest_runtest_logstart(nodeid: str, location: object) -> None:
+    """Let matrix products take one thread in tests of `make check`: small ones only wait for each other in several."""
     _Now.room = nodeid.removeprefix("tests/").partition("/")[0]
+    if _Now.room in PROCESS_ROOMS:
+        if _Now.limit is not None:
+            _Now.limit.restore_original_limits()
+            _Now.limit = None
+    elif _Now.limit is None:
+        _Now.limit = threadpool_limits(1)
 
 
 def pytest_runtest_logfinish(nodeid: str, location: object) -> None:

@@ -1,4 +1,7 @@
-"""Rules of this suite: every test has its place, none waits without a limit, none measures time."""
+"""Rules of this suite: every test has its place, none waits without a limit, none measures time.
+
+Also that no docstring of the package says a sentence twice.
+"""
 
 from __future__ import annotations
 
@@ -138,6 +141,55 @@ assert now - began < 1
 """
 
 
+def repeats(tree: ast.AST) -> list[str]:
+    """Sentences that occur twice in a docstring, of three words or more, up to its first numpydoc section."""
+    found = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and (text := ast.get_docstring(node)):
+            prose = re.split(r"\n\w[\w ]*\n-{3,}\n", text)[0]
+            sentences = [
+                " ".join(sentence.split()).rstrip(".")
+                for paragraph in re.split(r"\n\s*\n", prose)
+                for sentence in re.split(r"(?<=\.)\s+", paragraph)
+            ]
+            twice = {one for one in sentences if sentences.count(one) > 1 and len(one.split()) >= 3}
+            found += [f"{getattr(node, 'name', 'module')}: {one}" for one in sorted(twice)]
+    return found
+
+
+def test_no_docstring_repeats_a_sentence() -> None:
+    found = {
+        str(path.relative_to(PACKAGE)): twice
+        for path in sorted(PACKAGE.rglob("*.py"))
+        if (twice := repeats(ast.parse(path.read_text(encoding="utf-8"))))
+    }
+    assert found == {}, "delete one of the two"
+
+
+REPEATED = '''
+def first():
+    """Do it.
+
+    The times of facts
+    stay.
+
+    The times of facts stay.
+    """
+
+def second():
+    """Do it.
+
+    The times of facts stay.
+
+    Parameters
+    ----------
+    one : int
+        The times of facts stay.
+    """
+'''
+
+
 def test_the_rules_find_what_they_should() -> None:
+    assert repeats(ast.parse(REPEATED)) == ["first: The times of facts stay"]
     assert [line.partition(":")[0] for line in endless(ast.parse(WAITING))] == [f"line {n}" for n in (2, 3, 4, 5, 6)]
     assert [line.partition(":")[0] for line in timed(ast.parse(TIMED))] == ["line 3", "line 5"]

@@ -21,7 +21,7 @@ def _homes() -> dict[str, str]:
 
 
 def _object(target: str) -> Any:
-    """The object of a dotted name; None where there is none."""
+    """Find the object of a dotted name; None where there is none."""
     parts = target.split(".")
     for length in range(len(parts), 0, -1):
         try:
@@ -36,7 +36,7 @@ def _object(target: str) -> Any:
 
 
 def _names(target: str, node: pending_xref) -> list[str]:
-    """What a name may stand for: itself, or something of the module or class it is written in."""
+    """List full names that a name may mean in its module and class."""
     module, owner = node.get("py:module"), node.get("py:class")
     around = [name for name in (f"{module}.{owner}" if owner else None, module) if name]
     return [target, *(f"{place}.{target}" for place in around)]

@@ -62,7 +62,7 @@ def defined_as(module: ModuleType, name: str) -> str:
 
 
 def api_page(place: str, found: dict[str, tuple[str, str]]) -> str:
-    """The page of one package, reStructuredText."""
+    """Write the page of one package as reStructuredText."""
     module = import_module(place)
     own: list[tuple[str, str]] = []
     others: list[tuple[str, str]] = []

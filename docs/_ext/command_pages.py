@@ -37,7 +37,7 @@ def commands_page(app: typer.Typer) -> str:
 
 
 def _words(function: Callable[..., Any]) -> list[str]:
-    """The docstring, its examples as code."""
+    """Read the docstring, its examples as code."""
     lines: list[str] = []
     for paragraph in inspect.cleandoc(function.__doc__ or "").split("\n\n"):
         text = " ".join(paragraph.split())
@@ -55,7 +55,7 @@ def _parameters(function: Callable[..., Any]) -> Iterator[tuple[str, Any, Option
 
 
 def _usage(name: str, function: Callable[..., Any]) -> str:
-    """The command with its arguments and the options that must be given."""
+    """Write the command with its arguments and required options."""
     words = [name]
     for key, kind, declared, default in _parameters(function):
         if isinstance(declared, ArgumentInfo):
@@ -87,7 +87,7 @@ def _flags(key: str, declared: OptionInfo) -> list[str]:
 
 
 def _kind(kind: Any) -> str:
-    """What is to be written there, in a word; nothing for a switch."""
+    """Name the kind of a value; nothing for a switch."""
     members = [member for member in get_args(kind) if member is not type(None)]
     if get_origin(kind) in (Union, types.UnionType):
         return " or ".join(dict.fromkeys(_kind(member) for member in members))

@@ -32,7 +32,7 @@ def escape_bars(line: str) -> str:
 
 
 def words_of_constant(name: str, value: Any) -> list[str]:
-    """The string below the assignment, in whichever module of the package made the object."""
+    """Find the string below an assignment, in any module of the package."""
     for module in [module for key, module in sys.modules.items() if key.startswith("doppelgait")]:
         if vars(module).get(name) is not value or inspect.ismodule(value):
             continue

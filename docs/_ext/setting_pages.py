@@ -32,7 +32,7 @@ Group = tuple[str, str, list[tuple[str, type[BaseModel]]]]
 
 
 def groups() -> dict[str, Group]:
-    """The pages: what a user may write in which file."""
+    """List the pages: keys that a user may write, by file."""
     return {
         "scene": ("Scene file", SCENE_WORDS, _scene_models()),
         "motion": ("Motion models and paths", MOTION_WORDS, _motion_models()),
@@ -153,7 +153,7 @@ def _row(name: str, field: FieldInfo, words: str) -> str:
 
 
 def _kind(kind: Any) -> str:
-    """The type in words."""
+    """Put a type into words."""
     origin, members = get_origin(kind), [member for member in get_args(kind) if member is not type(None)]
     if origin in (Union, types.UnionType):
         return " or ".join(dict.fromkeys(_kind(member) for member in members))
@@ -197,7 +197,7 @@ def _value(value: Any) -> str:
 
 
 def json_like(value: Any) -> str:
-    """A value inside a table."""
+    """Write a value inside a table."""
     return f'"{value}"' if isinstance(value, str) else f"{value}"
 
 
@@ -252,7 +252,7 @@ def _sections(docstring: str) -> Iterator[tuple[str, str]]:
 
 
 def _markdown(text: str) -> str:
-    """The reStructuredText of docstrings as Markdown: literals and roles."""
+    """Turn reStructuredText of docstrings into Markdown."""
     text = re.sub(r":(\w+):`~?([^`]*)`", r"{py:\1}`\2`", " ".join(text.split()))
     text = re.sub(r"\{py:math\}`([^`]*)`", r"$\1$", text)
     return text.replace("``", "`")

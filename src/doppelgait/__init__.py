@@ -1,6 +1,7 @@
-"""doppelgait: labelled micro-Doppler radar data of people and dogs, from motion capture or gait models.
+"""doppelgait: labelled micro-Doppler radar data of people and dogs.
 
-Everything here is imported on first use, so that ``import doppelgait`` and ``doppelgait --help`` stay quick.
+The data come from motion capture or gait models. Everything here is imported on first use, so that ``import
+doppelgait`` and ``doppelgait --help`` stay fast.
 """
 
 from importlib import import_module

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from doppelgait.classify.learned import Constant
-from doppelgait.classify.training import BASELINES, BUILT_IN, CLASSIFIERS, kind_of, train_logistic
+from doppelgait.classify.learned import Constant, Part
+from doppelgait.classify.training import BASELINES, BUILT_IN, CLASSIFIERS, kind_of, train_boosting, train_logistic
 from doppelgait.core import plugins
-from doppelgait.core.errors import ConfigError
+from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.testing import check_classifier
 
 
@@ -74,3 +74,22 @@ def test_an_unknown_model_is_refused_with_those_that_are_known():
     with pytest.raises(ConfigError, match="model 'oracle' is not known; allowed are six-logistic, six-boosting"):
         kind_of("oracle")
     assert all(name in CLASSIFIERS for name in (*BUILT_IN, *BASELINES))
+
+
+@pytest.mark.parametrize("attribute", ["_predictors", "_baseline_prediction"])
+def test_another_scikit_learn_gives_one_clear_error(attribute, monkeypatch):
+    """Its trees have no public form; a version that stores them elsewhere must not fail with an AttributeError."""
+    from sklearn.ensemble import HistGradientBoostingClassifier
+
+    original = HistGradientBoostingClassifier.fit
+
+    def fit(self, *args, **kwargs):
+        predict = original(self, *args, **kwargs).predict_proba(args[0])
+        delattr(self, attribute)
+        self.predict_proba = lambda values: predict
+        return self
+
+    monkeypatch.setattr(HistGradientBoostingClassifier, "fit", fit)
+    rows = Part(np.random.default_rng(0).normal(size=(40, 3)), np.arange(40) % 2)
+    with pytest.raises(DatasetError, match=f"scikit-learn .*{attribute}.*--models six-logistic"):
+        train_boosting(rows, rows, n_classes=2, seed=0)

@@ -9,6 +9,7 @@ from doppelgait.core.errors import ConfigError, DoppelgaitError
 from doppelgait.pipeline import Run, parse_radar, parse_run
 from doppelgait.processing import Analysis
 from doppelgait.radar import Radar, preset_names
+from doppelgait.scene import Scene
 
 SCENE = """\
 seed = 3
@@ -209,7 +210,7 @@ def test_missing_broken_and_binary_files_are_named(tmp_path):
     with pytest.raises(ConfigError, match=r"broken\.toml: is not TOML.*line 1"):
         read_toml(tmp_path / "broken.toml")
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ConfigError, match=r"binary\.toml: cannot be read"):
+    with pytest.raises(ConfigError, match=r"binary\.toml: is not TOML"):
         read_toml(tmp_path / "binary.toml")
     with pytest.raises(ConfigError, match="cannot be read"):
         read_toml(tmp_path)
@@ -324,3 +325,13 @@ def test_a_fault_across_keys_speaks_for_itself():
     with pytest.raises(ConfigError) as caught:
         validate(Pair, {"low": 3, "high": 2}, where="pair.toml")
     assert str(caught.value) == "pair.toml: low: 3 is above high: 2"
+
+
+def test_a_binary_file_is_no_scene(tmp_path):
+    path = tmp_path / "walk.h5"
+    path.write_bytes(b"\x89HDF\r\n\x1a\n\xff\xfe")
+    for read in (Scene.from_toml, Run.from_toml):
+        with pytest.raises(ConfigError, match=r"walk\.h5: is not TOML: it is a binary file or no UTF-8 text$"):
+            read(path)
+    with pytest.raises(ConfigError, match=r"none\.toml: cannot be read: No such file or directory$"):
+        Scene.from_toml(tmp_path / "none.toml")

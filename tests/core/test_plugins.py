@@ -41,10 +41,42 @@ def test_a_plugin_is_found_by_name_with_its_parameters_and_facts(group: Group[An
 
 
 def test_a_name_is_registered_once_and_always_given(group: Group[Any]) -> None:
-    with pytest.raises(ConfigError, match=r"demo effect 'plain' is registered twice"):
-        plugin("demo_effect", "plain")(abs)
+    text = r"demo effect 'plain' is registered twice: by .*test_plugins and by mylab\.effects"
+    with pytest.raises(ConfigError, match=text):
+        exec('plugin("demo_effect", "plain")(abs)', {"__name__": "mylab.effects", "plugin": plugin})
+    assert group["plain"].module == __name__
     with pytest.raises(ConfigError, match="needs a name"):
         plugin("demo_effect")(abs)
+
+
+def test_the_same_module_replaces_its_own_plugin(group: Group[Any]) -> None:
+    plugin("demo_effect", "plain", unit="s")(round)
+    assert (group["plain"].run, group["plain"].facts) == (round, {"unit": "s"})
+
+
+def test_an_unknown_group_is_refused_with_the_known_ones() -> None:
+    with pytest.raises(ConfigError, match=r"group of plug-ins 'impairmnt'; known are: classifier, .*impairment, "):
+        plugin("impairmnt", parameters=Offset)(abs)
+    assert "impairmnt" not in plugins._REGISTERED
+    assert tuple(plugins.plugin_groups()) == plugins.GROUP_NAMES
+
+
+def test_a_group_refuses_facts_at_registration_or_when_first_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    def check(item: plugins.Plugin[Any]) -> None:
+        if "unit" not in item.facts:
+            raise ConfigError(f"{item.name}: has no unit")
+
+    monkeypatch.setitem(plugins._REGISTERED, "late_effect", {})
+    monkeypatch.setattr(plugins, "_GROUPS", dict(plugins._GROUPS))
+    monkeypatch.setattr(plugins, "GROUP_NAMES", (*plugins.GROUP_NAMES, "late_effect"))
+    plugin("late_effect", "early")(abs)
+    late: Group[Any] = Group("late_effect", check=check)
+    with pytest.raises(ConfigError, match="early: has no unit"):
+        len(late)
+    plugin("late_effect", "early", unit="m")(abs)
+    with pytest.raises(ConfigError, match="other: has no unit"):
+        plugin("late_effect", "other")(abs)
+    assert list(late) == ["early"]
 
 
 def test_tables_names_and_models_are_parsed(group: Group[Any]) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.samples import Samples
+from doppelgait.core.samples import Samples, borrow_planes
 
 N_PULSES, N_BINS, KEY = 70, 9, np.uint64(77)
 
@@ -131,3 +131,26 @@ def test_noise_pending_and_frozen_samples_share_no_memory_that_changes(layout):
     noisy += 1.0
     assert np.asarray(samples) == pytest.approx(matrix())
     assert np.asarray(frozen) == pytest.approx(once)
+
+
+def test_memory_of_planes_is_used_again_when_no_view_is_left():
+    first = borrow_planes((2, 3, 32))
+    view, place = first[1, :, 4:], first.ctypes.data
+    view[:] = 7.0
+    del first
+    other = borrow_planes((2, 3, 32))
+    other[:] = 1.0
+    assert other.ctypes.data != place
+    assert (view == 7.0).all()
+    del view
+    assert borrow_planes((2, 3, 32)).ctypes.data == place
+
+
+def test_samples_that_are_kept_do_not_change_when_others_are_made():
+    planes = borrow_planes((2, 3, 32))
+    planes[:] = 2.0
+    kept = Samples.from_planes(planes, 30)
+    del planes
+    for _ in range(3):
+        borrow_planes((2, 3, 32))[:] = 5.0
+    assert (kept.matrix == 2.0 + 2.0j).all()

@@ -158,7 +158,7 @@ def test_wrong_plans_are_refused_with_the_key(changes, says):
 
 @pytest.mark.parametrize("wrap", [lambda value: value, lambda value: {"choice": [value]}], ids=["plain", "drawn"])
 def test_leaks_are_refused_however_they_are_written(wrap):
-    with pytest.raises(ConfigError, match="'auto' is not allowed in a dataset: it tells the speed"):
+    with pytest.raises(ConfigError, match="'auto' is not allowed in a dataset: it reveals the speed"):
         examples_of(plan(radar={"preset": "x4", "prf_hz": wrap("auto")}))
     with pytest.raises(ConfigError, match="'liland2018' is not allowed in a dataset: its gate"):
         examples_of(plan(analysis={"method": wrap("liland2018")}))
@@ -370,7 +370,7 @@ def test_a_leaky_split_is_refused_and_names_the_groups():
     torn = section(split={"subjects": {"test": ["cmu-*"], "train": ["cmu-07"]}})
     with pytest.raises(DatasetError, match=r"in two splits person/cmu-07: test and train"):
         assign_splits(torn, {"a": ["person/cmu-07", "person/cmu-08", *subjects(20)]})
-    with pytest.raises(DatasetError, match=r"'rex' fits nobody; there are model/0, model/1"):
+    with pytest.raises(DatasetError, match=r"'rex' fits no subject; there are model/0, model/1"):
         assign_splits(section(split={"subjects": {"test": ["rex"]}}), {"a": subjects(20)})
 
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from doppelgait.core.errors import DatasetError
 from doppelgait.dataset.config import FieldSpec
+from doppelgait.dataset.finish import read_description
 from doppelgait.dataset.shard_files import DB_FLOOR, decode, encode, facts_of
 
 
@@ -39,3 +41,10 @@ def test_silence_stays_silence():
 def test_a_hop_keeps_every_nth_column():
     values = np.arange(20.0).reshape(10, 2)
     assert encode(values, FieldSpec(name="signature", hop=3))[:, 0].tolist() == [0.0, 6.0, 12.0, 18.0]
+
+
+def test_a_file_instead_of_the_folder_is_told(tmp_path):
+    path = tmp_path / "walk.h5"
+    path.write_bytes(b"")
+    with pytest.raises(DatasetError, match=r"walk\.h5: is a file; give the folder of a dataset$"):
+        read_description(path)

@@ -163,8 +163,8 @@ def test_a_picture_ignores_level_and_tells_shapes_apart():
 def test_averages_are_those_of_the_parts():
     values = np.arange(20.0).reshape(10, 2)
     expected = [part.mean(axis=0) for part in np.array_split(values, 5)]
-    assert np.allclose(duplicates._averaged(values, 5), expected)
-    assert np.allclose(duplicates._averaged(values[:2], 4)[:, 0], [0, 0, 2, 2])
+    assert np.allclose(duplicates._average(values, 5), expected)
+    assert np.allclose(duplicates._average(values[:2], 4)[:, 0], [0, 0, 2, 2])
 
 
 def test_the_blocked_search_finds_the_nearest_of_a_brute_force(monkeypatch):

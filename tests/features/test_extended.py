@@ -12,7 +12,8 @@ from doppelgait.core.errors import ConfigError
 from doppelgait.core.rng import Streams
 from doppelgait.features import FEATURE_UNITS, FEATURES, Extraction, GaitFeatures
 from doppelgait.features.extended import feature_table, measure_extended
-from doppelgait.features.observed import likeness_at, limits
+from doppelgait.features.feature_set import NEEDS
+from doppelgait.features.observed import REASONS, Observed, likeness_at, limits
 from doppelgait.features.uncertainty import uncertainties_of
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.pipeline import analyze, simulate
@@ -213,6 +214,28 @@ def test_features_of_other_packages_and_values_that_are_not_finite(monkeypatch):
     found = measure_extended(with_extraction(evidence_of(line_at(1.5), 1.5), extraction_of(1.5)))
     assert found.values == {"broken": None, "mine": 10.0}
     assert found.reasons == {"broken": "undetermined"}
+
+
+@pytest.mark.parametrize(
+    ("facts", "text"),
+    [
+        (
+            {"needs": ("enveloppe",)},
+            r"needs \('enveloppe',\) is not allowed; it is a tuple of gait_frequency, direction",
+        ),
+        ({"needs": "envelope"}, "needs 'envelope' is not allowed"),
+        ({"unit": None}, "unit None is not allowed"),
+    ],
+)
+def test_a_feature_with_wrong_facts_is_refused(facts, text):
+    with pytest.raises(ConfigError, match=f"feature 'wrong' of .*test_extended: {text}"):
+        dg.plugin("feature", "wrong", **{"unit": "1", "source": "here", **facts})(lambda observed: 1.0)
+    assert "wrong" not in FEATURES
+
+
+def test_what_features_can_need_is_known():
+    assert {*NEEDS, "signal"} == set(REASONS)
+    assert all(hasattr(Observed, f"has_{need}") for need in NEEDS)
 
 
 def test_the_set_f_is_part_of_the_registry_in_its_order():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from doppelgait.core.errors import AnalysisError
+from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.labels import BASEBAND, CADENCE_MAP, CADENCE_SPECTRUM, NORMALISED_SIGNATURE, SIGNATURE, make_array
 from doppelgait.core.rng import Streams
 from doppelgait.features import (
@@ -445,7 +445,7 @@ def test_gates_that_cannot_be_had_are_explained(walkers_of_3_s):
     assert analyze(recording) == []
     with pytest.raises(AnalysisError, match=r"measured\.h5: has no truth"):
         analyze(recording, gate="truth")
-    with pytest.raises(AnalysisError, match="'guess'"):
+    with pytest.raises(ConfigError, match="'guess'"):
         analyze(recording, gate="guess")
 
 

@@ -13,9 +13,10 @@ from doppelgait.motion.gait import (
     measure_gait,
     name_quadruped_gait,
     step_and_gait_frequency_hz,
+    travel_facts,
     with_gait_facts,
 )
-from doppelgait.motion.models import boulic_walk, quadruped_gait
+from doppelgait.motion.models import boulic_walk, human_gait, quadruped_gait
 from doppelgait.motion.models.quadruped_gaits import GAITS
 
 NAMED_LAGS = {
@@ -206,3 +207,18 @@ def test_a_gap_is_bridged_and_a_foot_never_seen_left_out() -> None:
     steps = find_steps(motion.with_positions(values))
     assert set(steps) == {"left_hind", "right_hind", "left_fore"}
     assert measure_gait(motion.with_positions(values)).gait == ""
+
+
+def test_a_gallop_whose_paws_stop_in_the_air_is_a_leap() -> None:
+    gallop = quadruped_gait(gait="gallop", withers_m=0.5, duration_s=2.0)
+    assert measure_gait(gallop).gait in ("gallop", "transverse_gallop")
+    leap_m = 0.8 * np.sin(np.pi * gallop.time_s / gallop.duration_s) ** 2
+    leap = gallop.with_positions(gallop.position_m + leap_m[:, np.newaxis, np.newaxis] * [0.0, 0.0, 1.0])
+    assert measure_gait(leap).gait == ""
+
+
+def test_speed_is_not_measured_where_the_body_was_not_seen() -> None:
+    walk = human_gait(speed_mps=1.2, height_m=1.75, duration_s=4.0, rate_hz=60)
+    before = np.full((120, *walk.position_m.shape[1:]), np.nan)
+    facts = travel_facts(np.concatenate([before, walk.position_m, before]), rate_hz=60)
+    assert facts["mean_speed_mps"] == pytest.approx(1.2, rel=0.03)

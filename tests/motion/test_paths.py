@@ -393,9 +393,9 @@ def test_a_turn_on_the_spot_stays_on_the_spot(walk):
 def test_a_path_that_is_too_short_or_too_long_for_the_motion(walk):
     short = ArcPath(radius_m=1.0, turn_deg=90)
     assert follow(walk, short).time_s[-1] == pytest.approx(math.pi / 2 / SPEED_MPS, abs=1 / 250)
-    with pytest.raises(MotionError, match=r"'arc'.*1\.57 m long and takes 1\.309 s, but 3 s are asked.*lengthen"):
+    with pytest.raises(MotionError, match=r"'arc'.*1\.57 m long and takes 1\.309 s, but 3 s are wanted.*lengthen"):
         follow(walk, short, duration_s=3.0)
-    with pytest.raises(MotionError, match=r"boulic: lasts 9\.000 s on its path, but 9\.5 s are asked for; shorten"):
+    with pytest.raises(MotionError, match=r"boulic: lasts 9\.000 s on its path, but 9\.5 s are wanted; shorten"):
         follow(walk, StraightPath(), duration_s=9.5)
     with pytest.raises(MotionError, match=r"boulic: goes 10\.80 m, too short for a stop at 11\.00 m"):
         follow(walk, StopAndGoPath(stops=[{"at_m": 11.0, "pause_s": 1.0}]))

@@ -100,8 +100,9 @@ def test_stride_frequencies_and_lags_of_dogs(shared: Path) -> None:
     """Against paw contacts found in other code, jumps and changes of gait left out."""
     pairs = [pair for pair in _pairs(shared, "dog") if pair.segment and not pair.row["footfall_note"]]
     ratios = [pair.segment.gait.stride_frequency_hz / float(pair.row["footfall_stride_hz"]) - 1 for pair in pairs]
-    assert np.median(np.abs(ratios)) < 0.025
-    assert np.percentile(np.abs(ratios), 90) < 0.10
+    assert np.isfinite(ratios).mean() > 0.9
+    assert np.nanmedian(np.abs(ratios)) < 0.025
+    assert np.nanpercentile(np.abs(ratios), 90) < 0.10
     lags = []
     for pair in pairs:
         for name, lag in pair.segment.gait.phases.items():
@@ -135,17 +136,18 @@ def test_a_recorded_segment_loops(shared: Path, file: str) -> None:
         motion = read(shared / "data" / "mocap" / file)
     segment = find_segments(motion)[0]
     clip = crop(motion, segment)
-    looped = loop(clip, duration_s=10.0)
+    looped, varied = (loop(clip, duration_s=10.0, variation=variation) for variation in (0.0, 1.0))
     rate = motion.rate_hz
     for order in (1, 2):
         change, usual = (np.abs(np.diff(m.position_m, n=order, axis=0) * rate**order).max() for m in (looped, clip))
         assert change < 1.25 * usual
+        assert np.abs(np.diff(varied.position_m, n=order, axis=0) * rate**order).max() < 1.6 * usual
     seam = looped.report["loop"]
     assert seam["seam_position_m"] <= seam["usual_position_m"]
     assert seam["seam_velocity_mps"] <= seam["usual_velocity_mps"]
     assert looped.facts.stride_frequency_hz == pytest.approx(segment.gait.stride_frequency_hz, rel=0.06)
     travelled = looped.position_m[-1].mean(axis=0) - looped.position_m[0].mean(axis=0)
-    assert np.hypot(*travelled[:2]) / 10.0 == pytest.approx(segment.mean_speed_mps, rel=0.1)
+    assert np.hypot(*travelled[:2]) / 10.0 == pytest.approx(segment.mean_speed_mps, rel=0.03)
 
 
 def test_motion_info_lists_segments(shared: Path) -> None:

@@ -237,7 +237,12 @@ def test_cleaning_goes_with_the_place_and_the_heading() -> None:
 
 @pytest.mark.parametrize(
     ("parts", "said"),
-    [(["head"] * 3, "known"), (["head", "", ""], "1 of 3 known"), ([""] * 3, "unknown: equal split")],
+    [
+        (["head"] * 3, "known"),
+        (["torso", "", ""], "1 of 3 known"),
+        (["head", "", ""], "1 of 3 known: equal split"),
+        ([""] * 3, "unknown: equal split"),
+    ],
 )
 def test_report_says_how_many_parts_are_known(parts: list[str], said: str) -> None:
     walk = person()

@@ -266,6 +266,30 @@ def test_a_fixed_gate_is_cut_to_the_frame_and_refused_beside_it():
         analyze(made, gate=(12.0, 14.0))
 
 
+def test_arguments_of_another_type_are_one_clear_error():
+    made = run_simulation(parse_run(SCENE))
+    assert analyze(made, gate="1.2:6.8")[0].features == analyze(made, gate=[1.2, 6.8])[0].features
+    with pytest.raises(ConfigError, match=r"gate: 'trak' is not allowed; it must be track, truth or FROM:TO in m"):
+        analyze(made, gate="trak")
+    with pytest.raises(ConfigError, match=r"recording: str is not allowed; read a file with doppelgait.radar.read_rec"):
+        analyze("walk.h5")
+    with pytest.raises(ConfigError, match=r"analysis: dict is not allowed"):
+        analyze(made, analysis={"hop": 4})
+    with pytest.raises(ConfigError, match=r"tracking: dict is not allowed"):
+        analyze(made, tracking={"pieces": 3})
+    for gate, error_m in (("track", 0.1), ("truth", float("nan"))):
+        with pytest.raises(ConfigError, match=r"gate_error_m: .* with gate='truth'"):
+            analyze(made, gate=gate, gate_error_m=error_m)
+    with pytest.raises(ConfigError, match=r"snr_db is -inf"):
+        simulate(Scene([Target(WALK)]), RADAR, snr_db=float("-inf"), rng=rng(1))
+    with pytest.raises(ConfigError, match=r"scene: dict is not allowed; make one with doppelgait.Scene"):
+        simulate(SCENE, RADAR)
+    with pytest.raises(ConfigError, match=r"radar: str is not allowed"):
+        simulate(Scene([Target(WALK)]), "x4")
+    with pytest.raises(ConfigError, match=r"snr_db: str is not allowed; give a number of dB"):
+        simulate(Scene([Target(WALK)]), RADAR, snr_db="20", rng=rng(1))
+
+
 def test_only_impulse_radars_are_written_as_xethru(tmp_path):
     made = run_simulation(parse_run({**SCENE, "duration_s": 0.1, "radar": {"preset": "ti-77"}}))
     with pytest.raises(RecordingError, match=r"'fmcw': write .h5"):

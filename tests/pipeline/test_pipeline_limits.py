@@ -203,6 +203,17 @@ def test_motions_are_kept_up_to_a_number_of_bytes(monkeypatch, walk, tmp_path):
     assert len(placement._read_before) == 2
 
 
+def test_every_scene_gets_the_warnings_of_a_motion_file(tmp_path):
+    """Else a row of a dataset would depend on what its worker read before."""
+    short = boulic_walk(speed_mps=1.2, duration_s=1.7)
+    header = ",".join(["time_s", *(f"{m}_{a}_m" for m in short.markers for a in "xyz")])
+    rows = np.column_stack([short.time_s, short.position_m.reshape(short.n_frames, -1)])
+    np.savetxt(tmp_path / "short.csv", rows, delimiter=",", header=header, comments="")
+    for _ in range(2):
+        with pytest.warns(DoppelgaitWarning, match="strides, fewer than 2"):
+            build_motion({"kind": "file", "path": "short.csv", "loop_to_s": 4.0}, duration_s=1.0, folder=tmp_path)
+
+
 # --- Truth --------------------------------------------------------------------------------------------------------
 
 
@@ -269,5 +280,5 @@ def test_a_failed_write_leaves_the_older_file(tmp_path, fails, raises):
 
 
 def test_a_missing_folder_is_an_output_error(tmp_path):
-    with pytest.raises(OutputError, match="cannot be written"), atomic_path(tmp_path / "no" / "a.txt") as partial:
+    with pytest.raises(OutputError, match="no such folder"), atomic_path(tmp_path / "no" / "a.txt") as partial:
         partial.write_text("x")

@@ -14,7 +14,7 @@ import xarray as xr
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from doppelgait.core.errors import AnalysisError
+from doppelgait.core.errors import AnalysisError, ConfigError, OutputError
 from doppelgait.core.labels import (
     CADENCE_MAP,
     CADENCE_SPECTRUM,
@@ -66,7 +66,7 @@ def test_results_come_back_as_they_were(written, recording, name):
     read = read_results(path)
     assert (read.source, read.radar) == (recording.source, recording.radar)
     assert read.targets == tuple(results)
-    assert [target.analysis for target in read.targets] == [ANALYSES[name]]
+    assert [target.analysis for target in read.targets] == [ANALYSES[name].resolved(name)]
     for target, result in zip(read.targets, results, strict=True):
         for array in LABELLED_ARRAYS:
             xr.testing.assert_identical(getattr(target, array), getattr(result, array))
@@ -90,6 +90,24 @@ def test_the_settings_that_were_used_are_those_of_the_result(recording):
     (truth,) = analyze(recording, gate="truth")
     assert [one.analysis.clutter for one in (tracked, asked, truth)] == ["median", "mean", "none"]
     assert all(segment.analysis == tracked.analysis for segment in tracked.segments)
+
+
+def test_settings_that_came_back_act_as_those_that_were_used(recording):
+    for gate in ("track", "truth"):
+        (result, *_) = analyze(recording, gate=gate)
+        back = Result.from_json(json.loads(json.dumps(result.to_json()))).analysis
+        assert [back.resolved(other) for other in ("track", "truth")] == [result.analysis] * 2
+    assert Analysis().resolved("track").clutter == "median"
+    assert Analysis(clutter="none").resolved("track").clutter == "none"
+    assert Analysis() != Analysis(clutter="none")
+
+
+@pytest.mark.parametrize("plain", [{}, [], {"label": None, "gate": "truth"}])
+def test_a_document_that_is_no_whole_result_is_one_error(plain):
+    with pytest.raises(AnalysisError, match=r"this document of a result has no .*; make it with Result.to_json\(\)"):
+        Result.from_json(plain)
+    with pytest.raises(AnalysisError, match=r"this row of a result has no .*; make it with Result.to_row\(\)"):
+        Result.from_row(plain, Analysis())
 
 
 def test_what_a_row_does_not_hold_is_an_error(written):
@@ -173,6 +191,25 @@ def test_results_that_differ_are_not_equal(first, second):
     assert first != replace(first, quality={**first.quality, "further": math.nan})
 
 
+def test_a_result_is_shown_in_one_line(written):
+    result = written["truth"][1][0]
+    shown = repr(result)
+    assert shown.startswith(f"Result(label={result.label!r}, gate={result.gate_source!r}, torso_velocity_mps=")
+    assert f"gait_frequency_hz={result.gait_frequency_hz:.4g}, flags=[" in shown
+    assert "\n" not in shown
+    assert len(shown) < 500
+    assert repr(Result(Analysis())) == "Result(label=None, gate='given', flags=[])"
+    assert repr(Result(Analysis(), flags=("a",), segments=(result,))).endswith("flags=['a'], segments=1)")
+
+
+def test_results_for_no_folder_and_one_result_alone_are_refused(recording, tmp_path):
+    with pytest.raises(OutputError, match=r"x\.h5: cannot be written: no such folder .*nope$"):
+        write_results(tmp_path / "nope" / "x.h5", recording, [])
+    with pytest.raises(ConfigError, match=r"takes a list of results; write one as .*\[result\]"):
+        write_results(tmp_path / "x.h5", recording, Result(Analysis()))
+    assert not list(tmp_path.iterdir())
+
+
 def test_no_target_is_a_result_too(recording, tmp_path):
     write_results(tmp_path / "none.h5", recording, [])
     assert read_results(tmp_path / "none.h5").targets == ()
@@ -201,7 +238,7 @@ def test_damage_is_told(written, tmp_path, part):
     path.write_bytes(written["truth"][0].read_bytes())
     with h5py.File(path, "r+") as file:
         DAMAGE[part](file)
-    with pytest.raises(AnalysisError, match=r"damaged\.h5: is damaged or no result"):
+    with pytest.raises(AnalysisError, match=r"damaged\.h5: is (damaged or no result|a result of another version)"):
         read_results(path)
 
 
@@ -212,7 +249,7 @@ def test_results_of_version_0_1_0_are_refused_with_what_to_do(tmp_path):
     with pytest.raises(AnalysisError) as caught:
         read_results(tmp_path / "old.h5")
     message = str(caught.value)
-    assert "format_version is 1, must be 2" in message
+    assert "is a result of another version of doppelgait (format_version 1, this one reads 2)" in message
     assert "doppelgait analyze RECORDING -o old.h5" in message
     assert "\n" not in message
 

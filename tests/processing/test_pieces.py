@@ -155,7 +155,7 @@ def test_faulty_tracks_are_refused_and_short_ones_have_no_pieces():
         find_pieces([0, 1, 2], [3, 3])
     with pytest.raises(AnalysisError, match="rising times"):
         find_pieces([0, 2, 1], [3, 3, 3])
-    with pytest.raises(AnalysisError, match="above 0 m; the least of these is -1 m"):
+    with pytest.raises(AnalysisError, match="above 0 m; the smallest of these is -1 m"):
         find_pieces([0, 1, 2], [3, -1, 3])
     with pytest.raises(AnalysisError, match="range_sd_m = 0"):
         find_pieces([0, 1, 2], [3, 3, 3], range_sd_m=0)

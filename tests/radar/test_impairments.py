@@ -2,10 +2,13 @@
 
 import json
 import math
+from typing import Literal
 
 import numpy as np
 import pytest
 
+import doppelgait as dg
+from doppelgait.core import plugins
 from doppelgait.core.config import FrozenModel, validate
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.radar import Radar
@@ -89,6 +92,27 @@ def test_table_and_json_give_the_same_model(spec):
     assert make_impairment(spec.model_dump()) == spec
     assert make_impairment(json.loads(spec.model_dump_json())) == spec
     assert make_impairment(spec) is spec
+
+
+class Hum(FrozenModel):
+    kind: Literal["hum"] = "hum"
+
+
+@pytest.mark.parametrize(
+    ("returned", "text"),
+    [
+        (lambda samples: None, "returns nothing; it must return the samples"),
+        (lambda samples: samples.matrix[0], r": receiver samples must be complex, .*, not complex64 of shape \(5,\)"),
+        (lambda samples: [[1j, 2j], [3j]], ": .*inhomogeneous"),
+        (lambda samples: samples.matrix[1:], r"makes samples of shape \(3, 5\) of \(4, 5\)"),
+    ],
+)
+def test_an_impairment_of_a_plugin_that_returns_no_samples_is_named(monkeypatch, returned, text):
+    len(IMPAIRMENTS)
+    monkeypatch.setitem(plugins._REGISTERED, "impairment", dict(plugins._REGISTERED["impairment"]))
+    dg.plugin("impairment", parameters=Hum)(lambda samples, parameters, radar, rng: returned(samples))
+    with pytest.raises(AnalysisError, match=f"^impairment 'hum' of tests ?{text}"):
+        only(random_samples((4, 5)), Hum())
 
 
 class Owner(FrozenModel):

@@ -266,8 +266,9 @@ def test_signal_to_quantisation_noise_of_a_sine(bits, backoff_db):
 def test_levels_are_whole_steps_from_minus_to_plus_full_scale():
     ramp = np.linspace(-3, 3, 601)
     samples = (ramp + 0.5j * ramp).astype(np.complex64)[:, None]
-    with pytest.warns(DoppelgaitWarning, match=r"2 V full scale: 17 % of the values are clipped"):
+    with pytest.warns(DoppelgaitWarning, match=r"2 V full scale: 17 % of the values are clipped") as caught:
         out = only(samples, Adc(bits=3, full_scale_v=2.0), CW)[:, 0]
+    assert caught[0].filename == __file__
     np.testing.assert_array_equal(np.unique(out.real), np.arange(-4, 4) * 0.5)
     assert out[300] == 0
     inside = np.abs(ramp) < 1.7

@@ -134,10 +134,7 @@ def test_range_doppler_cells_equal_the_literal_loop_e24(m, k):
     h = (m - 1) // 2
     y = y.astype(np.complex128)
     wanted = np.array(
-        [
-            [[literal.range_doppler_cell(y, h + 10 * j, q, n, w, k) for n in range(5)] for q in range(k)]
-            for j in range(3)
-        ]
+        [[literal.range_doppler_cells(y, h + 10 * j, q, range(5), w, k) for q in range(k)] for j in range(3)]
     )
     assert found.shape == wanted.shape
     assert relative_l2(found, wanted) < 1e-6

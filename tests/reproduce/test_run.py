@@ -234,7 +234,7 @@ def test_a_run_that_breaks_off_leaves_the_earlier_one_as_it_was(few, tmp_path, m
     def broken(*_, **__):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(module, "_write_summary", broken)
+    monkeypatch.setattr(module, "page", broken)
     with pytest.raises(OutputError, match=r"out: cannot be written: .*No space left"):
         reproduce(out)
     assert (out / "index.html").read_bytes() == before

@@ -1,10 +1,14 @@
 """Lists of environment effects: tables and models, order, errors, what comes after what."""
 
+from typing import Literal
+
 import numpy as np
 import pytest
 
+import doppelgait as dg
+from doppelgait.core import plugins
 from doppelgait.core.config import FrozenModel, canonical_json, validate
-from doppelgait.core.errors import ConfigError
+from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.labels import SCATTERER_VARIABLES
 from doppelgait.scene.environment import (
     ENVIRONMENT,
@@ -94,6 +98,28 @@ def test_order_is_checked_where_no_model_did():
         apply_environment(table, [Wall(loss_db=1), GroundBounce()], SETTING)
     with pytest.raises(ConfigError, match="is no environment effect"):
         apply_environment(table, [Room()], SETTING)
+
+
+class Haze(FrozenModel):
+    kind: Literal["haze"] = "haze"
+
+
+@pytest.mark.parametrize(
+    ("returned", "text"),
+    [
+        (lambda table: None, "returns NoneType, not a scatterer table"),
+        (lambda table: table["range"], "returns DataArray, not a scatterer table"),
+        (lambda table: table.drop_vars("path_gain"), "returns a table without path_gain"),
+        (lambda table: table.isel(slow_time=slice(1, None)), "makes 2 pulses of 3; it must keep them"),
+    ],
+)
+def test_an_effect_of_a_plugin_that_returns_no_table_is_named(monkeypatch, returned, text):
+    len(ENVIRONMENT)
+    monkeypatch.setitem(plugins._REGISTERED, "environment", dict(plugins._REGISTERED["environment"]))
+    dg.plugin("environment", parameters=Haze)(lambda table, parameters, setting: returned(table))
+    table = echo_table(np.array([[[3.0, 0.0, 1.0]]] * 3), SETTING.radar_position_m)
+    with pytest.raises(AnalysisError, match=f"^environment effect 'haze' of tests {text}"):
+        apply_environment(table, [Haze()], SETTING)
 
 
 def test_which_effects_need_angles():

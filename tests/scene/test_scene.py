@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from doppelgait.core.errors import ConfigError, MotionError
+from doppelgait.core.errors import ConfigError, DoppelgaitWarning, MotionError
 from doppelgait.core.labels import SCATTERER_VARIABLES
 from doppelgait.motion import make_motion
 from doppelgait.motion.models.boulic import boulic_walk
@@ -22,6 +22,7 @@ from doppelgait.scene import (
     part_weights,
     place,
     scatterer_rcs_m2,
+    scatterers_of,
 )
 from doppelgait.scene.companions import leashed_dog, side_by_side
 
@@ -171,7 +172,7 @@ def test_paths_that_do_not_suit_their_target():
     with pytest.raises(MotionError, match=r"targets\.0: path kind 'arc': is 1\.57 m long and takes 1\.309 s, but 2 s"):
         place(Scene([short], duration_s=2.0))
     assert place(Scene([short])).observation_s == pytest.approx(1.308)
-    with pytest.raises(MotionError, match=r"targets\.0: boulic: lasts 3\.000 s on its path, but 4 s are asked for"):
+    with pytest.raises(MotionError, match=r"targets\.0: boulic: lasts 3\.000 s on its path, but 4 s are wanted"):
         place(Scene([Target(walk, path={"kind": "straight"}, **start)], duration_s=4.0))
 
 
@@ -298,11 +299,37 @@ def test_total_rcs_follows_the_mass_with_one_law_for_every_class_e08b():
     assert scatterer_rcs_m2(RcsSpec(), PERSON, float("nan")).sum() == pytest.approx(0.8)
 
 
-def test_unknown_parts_give_equal_weights_e08():
-    np.testing.assert_allclose(scatterer_rcs_m2(RcsSpec(total_m2=1.0), ["", "torso", ""], 80.0), 1 / 3)
+def test_one_unknown_point_changes_no_weight_of_the_others_e08():
+    weights = scatterer_rcs_m2(RcsSpec(total_m2=1.0), [*PERSON, "", "wand"], 80.0)
+    np.testing.assert_allclose(weights[:14], scatterer_rcs_m2(RcsSpec(total_m2=1.0), PERSON, 80.0))
+    np.testing.assert_allclose(weights[14:], 0.0)
+
+
+def test_unknown_points_share_what_absent_parts_would_get_e08():
+    weights = scatterer_rcs_m2(RcsSpec(total_m2=1.0), ["torso", "head", "", ""], 80.0)
+    np.testing.assert_allclose(weights, [0.5, 0.1, 0.2, 0.2])
+
+
+def test_points_without_a_known_trunk_scatter_equally_e08():
+    np.testing.assert_allclose(scatterer_rcs_m2(RcsSpec(total_m2=1.0), ["", "left_foot", ""], 80.0), 1 / 3)
     np.testing.assert_allclose(scatterer_rcs_m2(RcsSpec(kind="equal"), PERSON, 80.0), 0.8 / 14)
     with pytest.raises(ConfigError, match="body_parts"):
         scatterer_rcs_m2(RcsSpec(kind="body_parts"), ["", "nose"], 80.0)
+
+
+@pytest.mark.parametrize(
+    ("unknown", "message"),
+    [
+        (["left_toe"], r"points without a known body part: left_toe\. They share"),
+        (["base", "neck", "left_hip", "right_hip", "left_shoulder", "right_shoulder"], "no trunk is known.*base, neck"),
+    ],
+)
+def test_points_of_unknown_parts_are_warned_of_by_name_e08(unknown, message):
+    walk = boulic_walk(speed_mps=1.2, duration_s=1.0)
+    parts = ["" if name in unknown else part for name, part in zip(walk.markers, walk.parts, strict=True)]
+    partly = walk.with_points(walk.position_m, walk.markers, parts)
+    with pytest.warns(DoppelgaitWarning, match=message):
+        scatterers_of(partly, RcsSpec(), np.array([0.0, 0.1]), [3.0, 0.0, 1.0])
 
 
 # --- Truth --------------------------------------------------------------------------------------------------------

@@ -247,10 +247,8 @@ def test_a_scene_file_knows_receiver_boresight_and_background():
     assert [target.background for target in scene.targets] == [False, True]
     assert (scene.radar_azimuth_deg, scene.radar_tilt_deg) == (30, -10)
     assert scene.receiver_position_m == (1.0, 2.0, 0.5)
-    assert scene.receiver_m == (1.0, 2.0, 0.5)
     plain = validate(Scene, {"targets": [{"motion": {"kind": "boulic"}}], "duration_s": 1.0})
     assert (plain.radar_azimuth_deg, plain.radar_tilt_deg, plain.receiver_position_m) == (0.0, 0.0, None)
-    assert plain.receiver_m == plain.radar_position_m
     empty = validate(Scene, {"duration_s": 2.0, "targets": []})
     assert empty.targets == ()
     assert place(empty).observation_s == 2.0

@@ -69,12 +69,15 @@ def doppler_axis_hz(n_bins, prf_hz):
     return np.array([prf_hz * (k - n_bins // 2) / n_bins for k in range(n_bins)])
 
 
-def range_doppler_cell(y, centre, k, n, w, n_bins):
-    """E-24 with E-22 for one cell; k counts from the lowest Doppler, pulses outside the record are zero."""
+def range_doppler_cells(y, centre, k, n, w, n_bins):
+    """E-24 with E-22 at one Doppler bin and the range bins n; k counts from the lowest Doppler.
+
+    Pulses outside the record are zero.
+    """
     h = (len(w) - 1) // 2
     turn = -2j * np.pi * (k - n_bins // 2) / n_bins
     m = np.array([m for m in range(len(w)) if 0 <= centre + m - h < y.shape[0]])
-    return abs(np.sum(w[m] * y[centre + m - h, n] * np.exp(turn * m))) ** 2
+    return abs(np.sum((w[m] * np.exp(turn * m))[:, np.newaxis] * y[np.ix_(centre + m - h, n)], axis=0)) ** 2
 
 
 def signature(y, centres, first_bin, n_gate, w, n_bins):
@@ -82,10 +85,9 @@ def signature(y, centres, first_bin, n_gate, w, n_bins):
     y = np.asarray(y, dtype=np.complex128)
     mu = np.zeros((len(centres), n_bins))
     for j, centre in enumerate(centres):
+        gate = [n for n in range(first_bin[j], first_bin[j] + n_gate) if 0 <= n < y.shape[1]]
         for k in range(n_bins):
-            for n in range(first_bin[j], first_bin[j] + n_gate):
-                if 0 <= n < y.shape[1]:
-                    mu[j, k] += range_doppler_cell(y, centre, k, n, w, n_bins)
+            mu[j, k] = np.sum(range_doppler_cells(y, centre, k, gate, w, n_bins))
     return mu
 
 

@@ -59,3 +59,15 @@ def test_a_package_that_fails_or_takes_a_name_is_left_out_whole_with_a_warning(t
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])}
     done = processes.run([sys.executable, "-c", LOOK], capture_output=True, text=True, timeout=120, env=environment)
     assert done.stdout.strip() == "2 [] False doppelgait", done.stderr
+
+
+def test_a_package_of_version_0_1_0_is_left_out_with_what_to_do(tmp_path):
+    (tmp_path / "old-1.dist-info").mkdir()
+    (tmp_path / "old-1.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: old\nVersion: 1\n")
+    (tmp_path / "old-1.dist-info" / "entry_points.txt").write_text("[doppelgait.impairments]\nhum = old_hum:hum\n")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])}
+    look = "from doppelgait.core.plugins import foreign_plugins; print(foreign_plugins())"
+    done = processes.run([sys.executable, "-c", look], capture_output=True, text=True, timeout=120, env=environment)
+    assert done.stdout.strip() == "[]"
+    assert "'hum' (old_hum:hum) is in the entry-point group 'doppelgait.impairments', which is not read" in done.stderr
+    assert "doppelgait.plugins" in done.stderr

@@ -73,9 +73,6 @@ def _greedy(observed):
 
 
 BROKEN_FEATURES = {
-    "no unit": ({"unit": "", "source": "here"}, lambda observed: 1.0, "unit is ''"),
-    "no source": ({"unit": "1"}, lambda observed: 1.0, "source is None"),
-    "unknown need": ({"unit": "1", "source": "here", "needs": ("luck",)}, lambda observed: 1.0, "needs .'luck',"),
     "array": ({"unit": "1", "source": "here"}, lambda observed: observed.mean_row, "must be a number or None"),
     "text": ({"unit": "1", "source": "here"}, lambda observed: "much", "must be a number or None"),
     "memory": ({"unit": "1", "source": "here"}, _remembered, "changes from call to call"),

@@ -1,4 +1,7 @@
-"""Train, score, keep and use classifiers of datasets; nothing here is imported before it is used."""
+"""Train, score, save and apply classifiers of datasets.
+
+Nothing here is imported before it is used.
+"""
 
 from importlib import import_module
 from typing import Any

@@ -1,4 +1,7 @@
-"""Rows of one or two datasets as inputs of a model, with labels and groups; nothing that an analysis cannot know."""
+"""Rows of one or two datasets as model inputs, labels and groups.
+
+They hold nothing that an analysis cannot know.
+"""
 
 from __future__ import annotations
 
@@ -25,28 +28,28 @@ from doppelgait.dataset.verify.contents import Contents, plan_of
 from doppelgait.dataset.verify.leakage import MEASURED, UNSEEN, nuisance_table, rounded
 
 VELOCITY, SPEED = "torso_velocity_mps", "torso_speed_mps"
-"""A model sees the magnitude of the torso's velocity, so that a body that goes is the body that comes."""
+"""Models use the magnitude of the torso velocity, so approaching and receding targets are equivalent."""
 BANDWIDTH, WIDTH = "doppler_bandwidth_hz", "doppler_bandwidth_mps"
-"""A model sees the Doppler bandwidth as radial velocities, so that it does not depend on the carrier."""
+"""Models use the Doppler bandwidth as radial velocities, independent of the carrier."""
 
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Rows to learn from and to be tested on.
+    """Rows for training and testing.
 
     Parameters
     ----------
     datasets : tuple of Dataset
-        The dataset, and the other one to test on if there is one.
+        The dataset, and the other one for testing if there is one.
     index : DataFrame
         Their rows, one after the other.
     origin, place : ndarray of int, shape (n,)
-        Which dataset a row is of, and its number there.
+        Number of the dataset of a row, and its number there.
     classes : tuple of str
     labels : ndarray of int, shape (n,)
         Numbers of the classes.
     groups : ndarray of str, shape (n,)
-        Movers, or scenes that movers share.
+        Targets, or scenes that targets share.
     """
 
     datasets: tuple[Dataset, ...]
@@ -63,7 +66,7 @@ class Rows:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """What a model sees of the rows.
+    """Inputs of a model, one row each.
 
     Parameters
     ----------
@@ -72,7 +75,7 @@ class Table:
     names : tuple of str
         Of the features; none for signatures.
     note : str
-        What the reader must know of them; empty for nothing.
+        Remark for the report; often empty.
     """
 
     values: Inputs
@@ -81,7 +84,7 @@ class Table:
 
 
 def rows_of(dataset: Dataset, other: Dataset | None = None) -> Rows:
-    """Rows of a dataset, and of another one to test on.
+    """Collect the rows of a dataset, and of another one for testing.
 
     Raises
     ------
@@ -90,7 +93,7 @@ def rows_of(dataset: Dataset, other: Dataset | None = None) -> Rows:
     """
     datasets = (dataset,) if other is None else (dataset, other)
     if other is not None and other.description.get("id") == dataset.description.get("id"):
-        raise DatasetError(f"--test {other.directory}: is the dataset to learn from; leave --test out")
+        raise DatasetError(f"--test {other.directory}: is the training dataset; leave --test out")
     known = [label for label in dataset.description["classes"] if (dataset.index["label"] == label).any()]
     if len(known) < 2:
         raise DatasetError(
@@ -104,7 +107,7 @@ def rows_of(dataset: Dataset, other: Dataset | None = None) -> Rows:
             f"a model of it knows {', '.join(known)}"
         )
     group = "group" if "group" in index else "subject"
-    # Groups by name; a model's draw is another body in every dataset, a recording is the same one.
+    # Groups by name; a sampled body is another one in every dataset, a recording is the same one.
     names = [part.index[group].to_numpy(dtype=str) for part in datasets]
     marked = [
         np.array([f"{number}:{name}" if number and name.startswith("model/") else name for name in part], dtype=str)
@@ -122,17 +125,17 @@ def rows_of(dataset: Dataset, other: Dataset | None = None) -> Rows:
 
 
 def table_of(rows: Rows, features: str, *, patch: Patch | None = None, motion_folder: Path | None = None) -> Table:
-    """What a model sees of the rows.
+    """Collect the inputs of a model.
 
     Parameters
     ----------
     rows : Rows
     features : {"six", "extended", "speed", "nuisance", "nothing", "signature"}
-        ``nuisance``: the parameters that ``dataset verify`` looks at, which must not tell the class.
+        ``nuisance``: the parameters of the leakage test of ``dataset verify``, which must not predict the class.
     patch : Patch, optional
         Of ``signature``.
     motion_folder : Path, optional
-        Of ``nuisance``: where the motion files of the plan are, without which it cannot be drawn again; the working
+        Of ``nuisance``: folder of the motion files of the plan, which are needed to sample it again; the working
         folder by default.
 
     Raises
@@ -141,20 +144,36 @@ def table_of(rows: Rows, features: str, *, patch: Patch | None = None, motion_fo
         If a dataset lacks the features or keeps no signatures.
     """
     if features == "signature":
-        return Table(_signatures(rows, patch or Patch()), ())
+        for part in rows.datasets:
+            part.check_fields(["signature"])
+        pictures = np.empty(len(rows), dtype=object)
+        for number, (origin, place) in enumerate(zip(rows.origin.tolist(), rows.place.tolist(), strict=True)):
+            pictures[number] = levels_of(signature_of(rows.datasets[origin], place), patch or Patch())
+        return Table(pictures, ())
     if features == "nothing":
         return Table(np.zeros((len(rows), 0)), ())
     if features == "nuisance":
         return nuisances_of(rows, motion_folder or Path.cwd())
-    names = _feature_names(rows.datasets, "six" if features == "speed" else features)
-    values = feature_values({name: rows.index[column] for name, column in names.items()}, wavelengths_m(rows))
+    feature_set = "six" if features == "speed" else features
+    columns = feature_columns(rows.datasets[0].index, feature_set)
+    for part in rows.datasets:
+        missing = [name for name, column in columns.items() if column not in part.index]
+        if missing:
+            raise DatasetError(
+                f"{part.directory}: has no feature {missing[0]!r}"
+                + (f" and {len(missing) - 1} more of the set {feature_set!r}" if len(missing) > 1 else "")
+                + "; build or import it with the same analysis, or choose other --models"
+            )
+    if feature_set == "extended" and not any(column.startswith("extended_") for column in columns):
+        raise DatasetError(f"{rows.datasets[0].directory}: has no extended features; it was built without them")
+    values = feature_values({name: rows.index[column] for name, column in columns.items()}, wavelengths_m(rows))
     if features == "speed":
         values = {SPEED: values[SPEED]}
     return Table(np.column_stack(list(values.values())), tuple(values))
 
 
 def feature_values(columns: Mapping[str, Any], wavelength_m: FloatArray) -> dict[str, FloatArray]:
-    """Values of features as a model sees them.
+    """Convert feature values to the inputs of a model.
 
     Parameters
     ----------
@@ -183,7 +202,7 @@ def feature_values(columns: Mapping[str, Any], wavelength_m: FloatArray) -> dict
 
 
 def wavelengths_m(rows: Rows) -> FloatArray:
-    """Wavelength of every row's carrier; NaN where a dataset does not tell."""
+    """Return the wavelength of every row; NaN where unknown."""
     carriers = [
         pd.to_numeric(part.index["carrier_hz"], errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
         if "carrier_hz" in part.index
@@ -193,33 +212,8 @@ def wavelengths_m(rows: Rows) -> FloatArray:
     return np.asarray(SPEED_OF_LIGHT_MPS / np.concatenate(carriers), dtype=np.float64)
 
 
-def _feature_names(datasets: tuple[Dataset, ...], names: str) -> dict[str, str]:
-    """Columns by feature, which every dataset must have."""
-    columns = feature_columns(datasets[0].index, names)
-    for part in datasets:
-        missing = [name for name, column in columns.items() if column not in part.index]
-        if missing:
-            raise DatasetError(
-                f"{part.directory}: has no feature {missing[0]!r}"
-                + (f" and {len(missing) - 1} more of the set {names!r}" if len(missing) > 1 else "")
-                + "; build or import it with the same analysis, or choose other --models"
-            )
-    if names == "extended" and not any(column.startswith("extended_") for column in columns):
-        raise DatasetError(f"{datasets[0].directory}: has no extended features; it was built without them")
-    return columns
-
-
-def _signatures(rows: Rows, patch: Patch) -> Inputs:
-    for part in rows.datasets:
-        part.check_fields(["signature"])
-    values = np.empty(len(rows), dtype=object)
-    for number, (origin, place) in enumerate(zip(rows.origin.tolist(), rows.place.tolist(), strict=True)):
-        values[number] = levels_of(signature_of(rows.datasets[origin], place), patch)
-    return values
-
-
 def signature_of(dataset: Dataset, number: int) -> xr.DataArray | None:
-    """Signature of a row of a dataset and nothing else of it; None where it has none."""
+    """Read only the signature of a row; None if it has none."""
     row = json_value(dataset.index.iloc[number].to_dict())
     facts = {"signature": dataset.description["fields"]["signature"]}
     carrier_hz = carrier_of(dataset.description, row)
@@ -227,50 +221,50 @@ def signature_of(dataset: Dataset, number: int) -> xr.DataArray | None:
 
 
 def levels_of(signature: xr.DataArray | None, patch: Patch) -> Levels | None:
-    """Levels of a signature that has two columns or more, else None."""
+    """Return the levels of a signature; None below two columns."""
     return None if signature is None or signature.sizes["time"] < 2 else levels(signature, patch)
 
 
 def nuisances_of(rows: Rows, motion_folder: Path) -> Table:
-    """Nuisance parameters of all rows, as ``dataset verify`` takes them: as the plan drew them and the index states.
+    """Collect the nuisance parameters of all rows, as ``dataset verify`` does.
 
-    Of a dataset without a plan, or whose motion files are not there, what the index states alone, and the note says so.
-    Of two datasets those that both have. Texts become numbers; parameters that are the same everywhere are left out,
-    and, where a class is an empty room, the levels of echoes that it does not have.
+    They are those that the plan sampled and the index states.
+
+    Without a plan or its motion files, only what the index states, and a note. Of two datasets those that both have.
+    Texts become numbers; constant parameters are left out, and, where a class is an empty room, the levels of echoes
+    that it does not have.
     """
-    found = [_nuisance_part(part, motion_folder) for part in rows.datasets]
-    parts, notes = [part for part, _ in found], [note for _, note in found if note]
+    parts, notes = [], []
+    for dataset in rows.datasets:
+        plan, reason = plan_of(dataset.description, motion_folder)
+        contents = Contents(dataset.directory, dataset.description, dataset.index, True, {}, plan, reason)
+        sampled = contents.drawn(np.random.default_rng(0), most=10 * len(dataset) + 100)
+        if sampled:
+            part = nuisance_table(dataset.index, sampled).drop(columns=["label", "group", "nobody"])
+            part = part.reindex(dataset.index["id"])
+        else:
+            part = dataset.index[[name for name in MEASURED if name in dataset.index]].add_prefix("index.")
+            notes.append(f"nuisance of {dataset.directory}: only {', '.join(map(str, part))} ({reason})")
+        parts.append(part)
     shared = [name for name in parts[0].columns if all(name in part for part in parts)]
     table = pd.concat([part[shared] for part in parts], ignore_index=True)
     if (rows.index["source"] == "none").any():
         shared = [name for name in shared if not str(name).removeprefix("index.").startswith(UNSEEN)]
-    encoded = {str(name): _encoded(table[name]) for name in shared}
+    encoded: dict[str, FloatArray] = {}
+    for name in shared:
+        column = table[name]
+        if pd.api.types.is_bool_dtype(column) or pd.api.types.is_numeric_dtype(column):
+            encoded[str(name)] = np.asarray(rounded(column.astype(np.float64)).to_numpy(), dtype=np.float64)
+        else:
+            codes = pd.factorize(column.where(column.isna(), column.astype(str)), sort=True)[0]
+            encoded[str(name)] = np.where(codes < 0, np.nan, codes.astype(np.float64))
     kept = {name: values for name, values in encoded.items() if np.unique(values[~np.isnan(values)]).size > 1}
     values = np.column_stack(list(kept.values())) if kept else np.zeros((len(rows), 0))
     return Table(values, tuple(kept), "; ".join(notes))
 
 
-def _nuisance_part(dataset: Dataset, motion_folder: Path) -> tuple[pd.DataFrame, str]:
-    """Nuisance parameters of a dataset, and why they are no more than those of the index; empty if they are all."""
-    plan, reason = plan_of(dataset.description, motion_folder)
-    contents = Contents(dataset.directory, dataset.description, dataset.index, True, {}, plan, reason)
-    drawn = contents.drawn(np.random.default_rng(0), most=10 * len(dataset) + 100)
-    if not drawn:
-        stated = dataset.index[[name for name in MEASURED if name in dataset.index]].add_prefix("index.")
-        return stated, f"nuisance of {dataset.directory}: only {', '.join(map(str, stated))} ({reason})"
-    found = nuisance_table(dataset.index, drawn).drop(columns=["label", "group", "nobody"])
-    return found.reindex(dataset.index["id"]), ""
-
-
-def _encoded(values: pd.Series) -> FloatArray:
-    if pd.api.types.is_bool_dtype(values) or pd.api.types.is_numeric_dtype(values):
-        return np.asarray(rounded(values.astype(np.float64)).to_numpy(), dtype=np.float64)
-    codes = pd.factorize(values.where(values.isna(), values.astype(str)), sort=True)[0]
-    return np.where(codes < 0, np.nan, codes.astype(np.float64))
-
-
 def split_of(rows: Rows, name: str) -> IntArray:
-    """Rows of the first dataset in a split."""
+    """Return the rows of the first dataset in a split."""
     if name not in SPLITS:
         raise DatasetError(f"split {name!r} is not known; allowed are {', '.join(SPLITS)}")
     return np.flatnonzero((rows.index["split"] == name).to_numpy(dtype=bool) & (rows.origin == 0))

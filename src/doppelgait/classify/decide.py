@@ -1,8 +1,7 @@
-"""Results of ``analyze -o`` read back, as far as a model looks at them."""
+"""Class decisions about targets of recordings and stored results."""
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +21,7 @@ from doppelgait.classify.model import (
     wavelength_of,
 )
 from doppelgait.core.config import canonical_json, validate
-from doppelgait.core.errors import AnalysisError, DoppelgaitWarning
+from doppelgait.core.errors import AnalysisError, warn_caller
 from doppelgait.dataset.example import feature_columns
 from doppelgait.pipeline import Result, Tracking, analyze, read_results
 from doppelgait.pipeline.result import is_result_file
@@ -34,7 +33,7 @@ Columns = tuple[dict[str, Any], xr.DataArray]
 
 @dataclass(frozen=True)
 class Decision:
-    """What a model says about one target.
+    """Decision of a model about one target.
 
     Parameters
     ----------
@@ -47,13 +46,13 @@ class Decision:
     probabilities : mapping
         Of every class.
     abstained : bool
-        Whether no decision is given.
+        True where no decision is made.
     reason : str
-        Why; empty for a decision.
+        Reason of an abstention; empty for a decision.
     alarm : bool or None
-        Whether it triggers the alarm that detects 95 % of people; None where the model has none or the radar is
-        not one that was learnt from, for which no threshold holds. An abstention by a flag or by features outside what
-        was learnt does not keep it from triggering.
+        True where it triggers the alarm that detects 95 % of people; None where the model has no alarm or was not
+        trained on such a radar, for which no threshold holds. An abstention by a flag or by features outside the
+        training range does not keep it from triggering.
     flags : tuple of str
         Of the analysis.
     quality : mapping
@@ -71,14 +70,14 @@ class Decision:
     quality: Mapping[str, Any]
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return the decision as plain values for JSON."""
         return {**vars(self), "probabilities": dict(self.probabilities), "flags": list(self.flags),
                 "quality": dict(self.quality)}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What there is of a target.
+    """Features and signature of one target, as the classifier uses them.
 
     Parameters
     ----------
@@ -111,20 +110,20 @@ def classify(
     Parameters
     ----------
     source : path, Recording or sequence of Result
-        A recording, or what :func:`doppelgait.analyze` made of it, also as a file (``analyze -o``).
+        A recording, or its results of :func:`doppelgait.analyze`, also as a file (``analyze -o``).
     model : Model
     gate, analysis, tracking
-        As :func:`doppelgait.analyze` takes them, for recordings; by default the analysis that the model learnt from.
+        As for :func:`doppelgait.analyze`, for recordings; by default the analysis of the training data.
 
     Returns
     -------
     list of Decision
-        One per target; none where nothing was found.
+        One per target; empty where nothing was found.
 
     Raises
     ------
     AnalysisError
-        As :func:`doppelgait.analyze`; or if results lack what the model looks at.
+        As :func:`doppelgait.analyze`; or if results lack inputs of the model.
     RecordingError
         If a file cannot be read.
     """
@@ -132,49 +131,66 @@ def classify(
         if is_result_file(source):
             stored = read_results(source).targets
             for analysis_used in {canonical_json(result.analysis): result.analysis for result in stored}.values():
-                _warn_of_settings(analysis_used.model_dump(mode="json"), model)
+                _warn_about_settings(analysis_used.model_dump(mode="json"), model)
             return [decide(Seen(r.to_row(), r.signature), model, number) for number, r in enumerate(stored)]
         source = read_recording(Path(source).resolve() if Path(source).is_dir() else source)
     if isinstance(source, Recording):
         settings = analysis or analysis_of(model)
-        _warn_of_settings(settings.model_dump(mode="json"), model)
-        source = _analyzed(source, gate, settings, tracking)
+        _warn_about_settings(settings.model_dump(mode="json"), model)
+        recording, radar = source, source.radar
+        try:
+            source = analyze(recording, gate=gate, analysis=settings, tracking=tracking)
+        except AnalysisError as error:
+            if recording.n_range_bins > 1 or not isinstance(gate, str) or gate != "track":
+                raise
+            # Nothing can be tracked in one range bin: the message names the gate that takes all of it.
+            low_m, high_m = radar.range_start_m, radar.range_stop_m
+            raise AnalysisError(
+                f"{recording.source}: has one range bin, in which no target can be tracked; take all of it, "
+                f"--gate {low_m:g}:{high_m:g} (gate=({low_m:g}, {high_m:g}))"
+            ) from error
     return [decide(Seen(r.to_row(), r.signature), model, number) for number, r in enumerate(source)]
 
 
-def _analyzed(recording: Recording, gate: Any, settings: Analysis, tracking: Tracking | None) -> list[Result]:
-    """Targets; of one range bin, in which nobody can be followed, the error says what gate takes all of it."""
-    try:
-        return analyze(recording, gate=gate, analysis=settings, tracking=tracking)
-    except AnalysisError as error:
-        radar = recording.radar
-        if recording.n_range_bins > 1 or not isinstance(gate, str) or gate != "track":
-            raise
-        low_m, high_m = radar.range_start_m, radar.range_stop_m
-        raise AnalysisError(
-            f"{recording.source}: has one range bin, in which nobody can be followed; take all of it, "
-            f"--gate {low_m:g}:{high_m:g} (gate=({low_m:g}, {high_m:g}))"
-        ) from error
-
-
 def analysis_of(model: Model) -> Analysis:
-    """Parameters of the analysis that a model learnt from."""
+    """Return the analysis parameters of the training data of a model."""
     return validate(Analysis, model.facts.analysis, where=f"model {model.facts.name}")
 
 
 def decide(seen: Seen, model: Model, number: int) -> Decision:
-    """Decision about one target.
+    """Decide the class of one target.
 
     Raises
     ------
     AnalysisError
-        If what the model looks at is not there.
+        If an input of the model is missing.
     """
-    values, outside = _inputs(seen, model, number)
+    outside: list[str] = []
+    if isinstance(model.learned, Network):
+        values = np.empty(1, dtype=object)
+        values[0] = levels_of(seen.signature, model.learned.patch)
+    else:
+        import pandas as pd
+
+        columns = {**feature_columns(pd.DataFrame(), "six"), "gait_frequency_hz": "gait_frequency_hz"}
+        columns |= {name: name for name in model.facts.names if name.startswith("extended_")}
+        missing = [name for name in columns.values() if name not in seen.columns]
+        if missing:
+            raise AnalysisError(
+                f"target {number}: has no {missing[0]}, which {model.facts.name} looks at; analyse with extended = "
+                "true and the standard method"
+            )
+        wavelength_m = np.array([wavelength_of(seen.signature)])
+        features = feature_values({name: [seen.columns[column]] for name, column in columns.items()}, wavelength_m)
+        values = np.array([[features[name][0] for name in model.facts.names]])
+        outside = model.outside(values[0])
     probability = model.probability(values)[0]
     best = int(probability.argmax())
     elsewhere = outside_conditions(seen.conditions, model.facts.conditions)
-    reason = _reason(seen, model, float(probability[best]), [*elsewhere, *outside])
+    flag = blocking_flag(seen.flags, (*model.facts.blocking, *BLOCKING))  # ours hold for older models too
+    reasons = [*([] if flag is None else [f"flag {flag}"]), *elsewhere, *outside]
+    if not reasons and not probability[best] >= model.facts.abstain_below:
+        reasons = [f"probability {probability[best]:.2f} is below {model.facts.abstain_below:g}"]
     threshold = model.facts.alarm_threshold
     alarm = None
     if model.facts.alarm is not None and threshold is not None and not elsewhere:
@@ -187,54 +203,25 @@ def decide(seen: Seen, model: Model, number: int) -> Decision:
         label=model.facts.classes[best],
         probability=float(probability[best]),
         probabilities={name: float(p) for name, p in zip(model.facts.classes, probability, strict=True)},
-        abstained=bool(reason),
-        reason=reason,
+        abstained=bool(reasons),
+        reason="; ".join(reasons),
         alarm=alarm,
         flags=seen.flags,
         quality={name: float(value) for name, value in found.items() if value is not None and np.isfinite(value)},
     )
 
 
-def _inputs(seen: Seen, model: Model, number: int) -> tuple[Any, list[str]]:
-    """What the model looks at, and what of it lies outside what was learnt."""
-    if isinstance(model.learned, Network):
-        values = np.empty(1, dtype=object)
-        values[0] = levels_of(seen.signature, model.learned.patch)
-        return values, []
-    import pandas as pd
-
-    columns = {**feature_columns(pd.DataFrame(), "six"), "gait_frequency_hz": "gait_frequency_hz"}
-    columns |= {name: name for name in model.facts.names if name.startswith("extended_")}
-    missing = [name for name in columns.values() if name not in seen.columns]
-    if missing:
-        raise AnalysisError(
-            f"target {number}: has no {missing[0]}, which {model.facts.name} looks at; analyse with extended = true "
-            "and the standard method"
-        )
-    wavelength_m = np.array([wavelength_of(seen.signature)])
-    found = feature_values({name: [seen.columns[column]] for name, column in columns.items()}, wavelength_m)
-    row = np.array([found[name][0] for name in model.facts.names])
-    return row[None], model.outside(row)
-
-
-def _reason(seen: Seen, model: Model, probability: float, outside: Sequence[str]) -> str:
-    """Why no decision is given; empty if one is."""
-    flag = blocking_flag(seen.flags, (*model.facts.blocking, *BLOCKING))  # ours hold for older models too
-    if flag is not None or outside:
-        return "; ".join([*([] if flag is None else [f"flag {flag}"]), *outside])
-    if not probability >= model.facts.abstain_below:
-        return f"probability {probability:.2f} is below {model.facts.abstain_below:g}"
-    return ""
-
-
 SHOWN_QUALITY = ("track_range_m", "start_s", "stop_s", "observation_s", "snr_mu_db", "breathing_rate_hz")
 
 
-def _warn_of_settings(found: Mapping[str, Any], model: Model) -> None:
-    """Say where the analysis differs from the one learnt from; clutter is taken off as the room needs it."""
+def _warn_about_settings(found: Mapping[str, Any], model: Model) -> None:
+    """Warn where the analysis differs from that of the training data.
+
+    Clutter removal may differ: it depends on the room.
+    """
     expected = analysis_of(model).model_dump(mode="json")
     ignored = ("clutter", "clutter_time_s", "hop")
     other = [name for name, value in expected.items() if name not in ignored and found.get(name, value) != value]
     if other:
         words = ", ".join(f"{name} {found[name]} instead of {expected[name]}" for name in other)
-        warnings.warn(f"the analysis is not that of the model: {words}", DoppelgaitWarning, stacklevel=3)
+        warn_caller(f"the analysis is not that of the model: {words}")

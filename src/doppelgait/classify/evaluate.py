@@ -1,4 +1,4 @@
-"""An evaluation as one document: who learnt and was tested, every model's scores, accuracy against conditions."""
+"""Evaluation of models: scores, accuracy by condition, trained models."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pandas as pd
 
 from doppelgait import __version__
 from doppelgait.classify.data import Rows, Table, rows_of, table_of
-from doppelgait.classify.learned import FloatArray, Part
+from doppelgait.classify.learned import Part
 from doppelgait.classify.model import (
     BLOCKING,
     LEAST_ROWS,
@@ -52,7 +52,7 @@ from doppelgait.dataset.open import Dataset
 def document_of(
     rows: Rows, folds: Sequence[Fold], answers: Mapping[str, Answers], notes: Sequence[str], *, seed: int
 ) -> dict[str, Any]:
-    """Scores of all models, for JSON; None for unknown.
+    """Collect the scores of all models for JSON; None for unknown.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def document_of(
     answers : mapping
         Of every model, by name; all about the same rows.
     notes : sequence of str
-        What the reader must know of the rows and what was left out.
+        Remarks on the rows and on what was left out.
     seed : int
         Of the bootstrap.
     """
@@ -74,17 +74,30 @@ def document_of(
         kind = kind_of(name)
         facts = {"features": kind.features, "learner": kind.learner, "baseline": name in BASELINES}
         models[name] = {"kind": facts, **scorecard(found, seed=seed)}
+    fold_facts = []
+    for fold in folds:
+        parts = {key: getattr(fold, key) for key in ("train", "held", "test")}
+        counts = {key: {"n": int(p.size), "movers": int(np.unique(rows.groups[p]).size)} for key, p in parts.items()}
+        fold_facts.append({"name": fold.name, **counts})
+    breakdowns = {}
+    for column in BREAKDOWNS:
+        if column not in tested.index:
+            continue
+        texts = tested.index[column].fillna("unknown").astype(str).to_numpy(dtype=str)
+        if 2 <= np.unique(texts).size <= MOST_VALUES:  # several values, and not too many
+            shares = {name: breakdown(part, texts) for name, part in answers.items() if name not in BASELINES}
+            breakdowns[column] = shares
     document = {
         "doppelgait_version": __version__,
         "seed": seed,
         "classes": list(rows.classes),
         "dataset": _dataset_facts(rows, 0),
         "test_dataset": _dataset_facts(rows, 1) if len(rows.datasets) > 1 else None,
-        "folds": [_fold_facts(rows, fold) for fold in folds],
+        "folds": fold_facts,
         "tested": {name: int((tested.labels == n).sum()) for n, name in enumerate(rows.classes)},
         "models": models,
-        "conditions": _conditions(answers, said, seed),
-        "breakdowns": _breakdowns(answers),
+        "conditions": _accuracy_by_condition(answers, said, seed),
+        "breakdowns": breakdowns,
         "notes": said,
     }
     plain: dict[str, Any] = json_value(document)
@@ -103,16 +116,8 @@ def _dataset_facts(rows: Rows, number: int) -> dict[str, Any]:
     }
 
 
-def _fold_facts(rows: Rows, fold: Fold) -> dict[str, Any]:
-    facts: dict[str, Any] = {"name": fold.name}
-    for name in ("train", "held", "test"):
-        part = getattr(fold, name)
-        facts[name] = {"n": int(part.size), "movers": int(np.unique(rows.groups[part]).size)}
-    return facts
-
-
-def _conditions(answers: Mapping[str, Answers], notes: list[str], seed: int) -> dict[str, Any]:
-    """Accuracy of every model against every condition that is known and differs."""
+def _accuracy_by_condition(answers: Mapping[str, Answers], notes: list[str], seed: int) -> dict[str, Any]:
+    """Compute the accuracy of every model by known, varying condition."""
     tested, found = next(iter(answers.values())), {}
     for condition in CONDITIONS:
         column, values = condition_values(tested.index, condition)
@@ -127,20 +132,8 @@ def _conditions(answers: Mapping[str, Answers], notes: list[str], seed: int) -> 
     return found
 
 
-def _breakdowns(answers: Mapping[str, Answers]) -> dict[str, Any]:
-    """Share right by gait, kind of motion, source and mover, where there are several and not too many."""
-    tested, found = next(iter(answers.values())), {}
-    for column in BREAKDOWNS:
-        if column not in tested.index:
-            continue
-        texts = tested.index[column].fillna("unknown").astype(str).to_numpy(dtype=str)
-        if 2 <= np.unique(texts).size <= MOST_VALUES:
-            found[column] = {name: breakdown(part, texts) for name, part in answers.items() if name not in BASELINES}
-    return found
-
-
 def answers_table(rows: Rows, answers: Mapping[str, Answers]) -> pd.DataFrame:
-    """One line per tested row: identity, and each model's probabilities, class and whether it was decided."""
+    """Tabulate probabilities, class and decision of every model per tested row."""
     tested = next(iter(answers.values()))
     columns: dict[str, Any] = {"id": tested.index["id"], "label": tested.index["label"], "mover": tested.groups}
     for name, found in answers.items():
@@ -152,13 +145,13 @@ def answers_table(rows: Rows, answers: Mapping[str, Answers]) -> pd.DataFrame:
 
 
 SHUFFLES = 5
-"""Of a feature, to see what a model makes of it."""
+"""Shuffles of a feature for its importance."""
 LEAST_PROBABILITY = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """What an evaluation found.
+    """Scores, predictions and trained models of an evaluation.
 
     Parameters
     ----------
@@ -167,9 +160,9 @@ class Evaluation:
     answers : DataFrame
         One line per tested row: id, label, and of every model the probabilities, the class and whether it is decided.
     best : str or None
-        The model that told the held rows best, or the only one; None where no rows are held back to choose by.
+        The model with the lowest log loss on the held-out rows, or the only one; None where no rows are held out.
     models : dict
-        Trained models by name, as scored; after a cross-validation trained on all rows, and only if asked for.
+        Trained models by name, as scored; after a cross-validation trained on all rows, and only with ``keep``.
     """
 
     document: dict[str, Any]
@@ -180,7 +173,7 @@ class Evaluation:
 
 @dataclass(frozen=True, eq=False)
 class _Run:
-    """One model over all folds."""
+    """Results of one model over all folds."""
 
     answers: Answers
     models: list[Model]
@@ -202,20 +195,20 @@ def evaluate(
     Parameters
     ----------
     dataset : Dataset
-        Learnt from; tested on its own split ``test`` unless one of the next is given.
+        Training data; tested on its own split ``test`` unless one of the next three is used.
     other : Dataset, optional
-        Tested on instead, all rows but those of movers that are learnt from.
+        Test data instead: all rows but those of targets in the training data.
     models : sequence of str, optional
         Of :data:`doppelgait.classify.training.CLASSIFIERS`; by default all that the dataset has the inputs for. Chance,
-        nuisance parameters and speed alone come with them always.
+        nuisance parameters and speed alone are always evaluated, too.
     n_folds : int, optional
-        Cross-validation over all rows in so many folds, movers kept together.
+        Number of folds of a cross-validation over all rows; the rows of a target are never separated.
     left_out : str, optional
         Leave one value of this column out at a time, for example ``source``.
     motion_folder : Path, optional
-        Where the motion files of the plan are, which the nuisance parameters are drawn from.
+        Folder of the motion files of the plan, from which the nuisance parameters are sampled.
     seed : int
-        Of folds, training and bootstrap.
+        Seed of folds, training and bootstrap.
     keep : bool
         After a cross-validation train each model once more, on all rows.
     on_progress : callable, optional
@@ -230,12 +223,12 @@ def evaluate(
     DatasetError
         If there is one class alone, nothing to test on, or the other dataset lacks features or has further classes.
     ConfigError
-        If models or options are not known or do not go together; or if a model is to be kept and none can be chosen.
+        If models or options are unknown or exclude each other; or if no model can be chosen to keep.
     """
     rows = rows_of(dataset, other)
-    folds, notes = _folds(rows, n_folds, left_out, seed)
+    folds, notes = _choose_folds(rows, n_folds, left_out, seed)
     refuse_shared(rows, folds)
-    tables, skipped = _tables(rows, models, motion_folder)
+    tables, skipped = _load_tables(rows, models, motion_folder)
     if not any(name not in BASELINES for name in tables):
         raise DatasetError(f"{dataset.directory}: no model can be trained: {'; '.join(skipped)}")
     whole = folds
@@ -247,20 +240,32 @@ def evaluate(
         names = [name for name in tables if name not in BASELINES]
         if len(names) > 1 and not all(fold.held.size for fold in whole):
             raise ConfigError(
-                f"--save: no rows can be held back to choose among {', '.join(names)}: a class has too few movers; "
+                f"--save: no rows can be held back to choose among {', '.join(names)}: a class has too few targets; "
                 "name the one model to keep (--models), or give more data"
             )
     runs: dict[str, _Run] = {}
     for number, (name, table) in enumerate(tables.items()):
-        tick = _tick(on_progress, number * len(whole), len(tables) * len(whole))
-        runs[name] = _run(rows, table, name, whole, seed, tick)
+
+        def tick(done: int, before: int = number * len(whole)) -> None:
+            if on_progress is not None:
+                on_progress(before + done, len(tables) * len(whole))
+
+        runs[name] = _run_model(rows, table, name, whole, seed, tick)
     trained = [name for name in runs if name not in BASELINES]
     best: str | None = min(trained, key=lambda name: runs[name].held_loss)
     if best is not None and len(trained) > 1 and not np.isfinite(runs[best].held_loss):
         best = None
     answers = {name: run.answers for name, run in runs.items()}
-    outside = _outside(rows, folds)
-    said = [*notes, *skipped, *_notes(runs, outside)]
+    outside = _find_outside(rows, folds)
+    said = [*notes, *skipped]
+    bare = [name for name in trained if not runs[name].calibrated]
+    if bare:
+        said.append(f"{', '.join(bare)}: not calibrated, a class has fewer than {LEAST_ROWS} held rows")
+    said += [
+        f"{name}: {part['n']} of {part['of']} tested rows have {span_words(*part['tested'])}, outside what was "
+        f"learnt, {span_words(*part['learnt'])}: no decision there; other scores count them"
+        for name, part in outside.items()
+    ]
     document = document_of(rows, folds, answers, said, seed=seed)
     for name, run in runs.items():
         document["models"][name]["held_log_loss"] = run.held_loss if np.isfinite(run.held_loss) else None
@@ -271,8 +276,8 @@ def evaluate(
     return Evaluation(document, answers_table(rows, answers), best, kept)
 
 
-def _outside(rows: Rows, folds: Sequence[Fold]) -> dict[str, dict[str, Any]]:
-    """Conditions of tested rows that lie outside those learnt, of all folds together."""
+def _find_outside(rows: Rows, folds: Sequence[Fold]) -> dict[str, dict[str, Any]]:
+    """Find conditions of tested rows outside the training range, over all folds."""
     found = conditions_of_rows(rows)
     all_of_them: dict[str, dict[str, Any]] = {}
     for fold in folds:
@@ -284,22 +289,11 @@ def _outside(rows: Rows, folds: Sequence[Fold]) -> dict[str, dict[str, Any]]:
     return all_of_them
 
 
-def _notes(runs: dict[str, _Run], outside: dict[str, dict[str, Any]]) -> list[str]:
-    """What the reader must know of calibration and of conditions that were not learnt."""
-    bare = [name for name, run in runs.items() if name not in BASELINES and not run.calibrated]
-    said = [f"{', '.join(bare)}: not calibrated, a class has fewer than {LEAST_ROWS} held rows"] if bare else []
-    return said + [
-        f"{name}: {part['n']} of {part['of']} tested rows have {span_words(*part['tested'])}, outside what was "
-        f"learnt, {span_words(*part['learnt'])}: no decision there; other scores count them"
-        for name, part in outside.items()
-    ]
-
-
-def _folds(rows: Rows, n_folds: int | None, left_out: str | None, seed: int) -> tuple[list[Fold], list[str]]:
-    given = [name for name, value in (("--cv", n_folds), ("--leave-out", left_out)) if value is not None]
-    given += ["--test"] if len(rows.datasets) > 1 else []
-    if len(given) > 1:
-        raise ConfigError(f"{' and '.join(given)}: take one of them")
+def _choose_folds(rows: Rows, n_folds: int | None, left_out: str | None, seed: int) -> tuple[list[Fold], list[str]]:
+    options = [name for name, value in (("--cv", n_folds), ("--leave-out", left_out)) if value is not None]
+    options += ["--test"] if len(rows.datasets) > 1 else []
+    if len(options) > 1:
+        raise ConfigError(f"{' and '.join(options)}: take one of them")
     if n_folds is not None:
         return cross_validation(rows, n_folds, seed=seed), []
     if left_out is not None:
@@ -308,8 +302,13 @@ def _folds(rows: Rows, n_folds: int | None, left_out: str | None, seed: int) -> 
     return [fold], notes
 
 
-def _tables(rows: Rows, models: Sequence[str] | None, motion_folder: Path | None) -> tuple[dict[str, Table], list[str]]:
-    """Inputs of the baselines and of every model; those that cannot be had are skipped unless they were asked for."""
+def _load_tables(
+    rows: Rows, models: Sequence[str] | None, motion_folder: Path | None
+) -> tuple[dict[str, Table], list[str]]:
+    """Load the inputs of the baselines and of every model.
+
+    Unavailable ones are skipped unless they are named in ``models``.
+    """
     from doppelgait.classify.network import NO_TORCH, torch_is_there
 
     made: dict[str, Table] = {}
@@ -330,38 +329,55 @@ def _tables(rows: Rows, models: Sequence[str] | None, motion_folder: Path | None
     return tables, [*(part.note for part in made.values() if part.note), *skipped]
 
 
-def _tick(on_progress: Callable[[int, int], None] | None, done: int, total: int) -> Callable[[int], None]:
-    return lambda number: on_progress(done + number, total) if on_progress is not None else None
-
-
-def _run(rows: Rows, table: Table, name: str, folds: Sequence[Fold], seed: int, tick: Callable[[int], None]) -> _Run:
-    """Train on every fold, answer for its test rows."""
+def _run_model(
+    rows: Rows, table: Table, name: str, folds: Sequence[Fold], seed: int, tick: Callable[[int], None]
+) -> _Run:
+    """Train on every fold and predict its test rows."""
     models, parts, losses, importance = [], [], [], []
     for number, fold in enumerate(folds):
         model = learn(rows, table, name, fold, seed=seed)
         models.append(model)
         if fold.test.size:
-            parts.append(_answers(rows, table, model, fold))
+            values, index = table.values[fold.test], rows.index.iloc[fold.test]
+            probability = model.probability(values)
+            # No decision with a blocking flag, or outside the features and conditions that the model was trained on.
+            texts = index["flags"].fillna("").tolist()
+            flagged = [blocking_flag(text.split(";"), BLOCKING) is not None for text in texts]
+            blocked = np.array(flagged, dtype=bool) | model.beyond(values).any(axis=1)
+            for condition, found in conditions_of_rows(rows).items():
+                blocked |= beyond(found[fold.test], condition, model.facts.conditions)
+            threshold = np.nan if model.facts.alarm_threshold is None else model.facts.alarm_threshold
+            parts.append(Answers(
+                index, rows.labels[fold.test], rows.groups[fold.test], rows.classes, probability,
+                np.full(fold.test.size, threshold), ~blocked & (probability.max(axis=1) >= model.facts.abstain_below),
+            ))  # fmt: skip
             importance.append(_importance(rows, table, model, fold, seed) if name not in BASELINES else {})
         held = model.probability(table.values[fold.held])[np.arange(fold.held.size), rows.labels[fold.held]]
         losses.append(float(-np.log(np.maximum(held, LEAST_PROBABILITY)).mean()) if held.size else np.inf)
         tick(number + 1)
     mean = {key: float(np.mean([part[key] for part in importance])) for key in importance[0]}
-    return _Run(_joined(rows, parts, [f for f in folds if f.test.size]), models, float(np.mean(losses)), mean)
+    # The answers of all folds, in the order of the rows.
+    order = np.argsort(np.concatenate([fold.test for fold in folds if fold.test.size]), kind="stable")
+    names = ("labels", "groups", "probability", "threshold", "decided")
+    columns = {key: np.concatenate([getattr(part, key) for part in parts])[order] for key in names}
+    answers = Answers(index=pd.concat([part.index for part in parts]).iloc[order], classes=rows.classes, **columns)
+    return _Run(answers, models, float(np.mean(losses)), mean)
 
 
 def learn(rows: Rows, table: Table, name: str, fold: Fold, *, seed: int) -> Model:
-    """Train a model on a fold, calibrate it and set its alarm on the held rows.
+    """Train a model on a fold and calibrate it.
+
+    The held-out rows give the calibration and the threshold of the alarm.
 
     Parameters
     ----------
     rows : Rows
     table : Table
-        What the model sees of the rows.
+        Inputs of the model.
     name : str
-        Of a model or a baseline.
+        Name of a model or a baseline.
     fold : Fold
-        Its test rows are not looked at.
+        Its test rows are not used.
     seed : int
     """
     kind, n_classes = kind_of(name), len(rows.classes)
@@ -377,7 +393,13 @@ def learn(rows: Rows, table: Table, name: str, fold: Fold, *, seed: int) -> Mode
         found = detection_threshold(probability, is_alarm, DETECTED_SHARE)
         if np.isfinite(found):
             threshold, people = found, int(np.unique(rows.groups[fold.held][is_alarm]).size)
-    spans = _spans(train.values, table.names)
+    # Span of every feature, NaN where it is never known, and the share of rows in which it is unknown.
+    lowest, highest, unknown = np.full(len(table.names), np.nan), np.full(len(table.names), np.nan), np.zeros(0)
+    if table.names:
+        unknown = np.isnan(train.values).mean(axis=0)
+        known = unknown < 1
+        lowest[known] = np.nanmin(train.values[:, known], axis=0)
+        highest[known] = np.nanmax(train.values[:, known], axis=0)
     first = rows.datasets[0].description
     config = first.get("config") or {}
     facts = Facts(
@@ -395,53 +417,20 @@ def learn(rows: Rows, table: Table, name: str, fold: Fold, *, seed: int) -> Mode
         conditions=learnt_conditions(conditions_of_rows(rows), fold.train),
         alarm=ALARM_CLASS if ALARM_CLASS in rows.classes else None,
     ).model_copy(update={"alarm_threshold": threshold, "alarm_people": people})
-    return Model(facts, learned, calibration, *spans)
-
-
-def _spans(values: Any, names: tuple[str, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Lowest and highest value of every feature, NaN where it is never known, and how often it is unknown."""
-    if not names:
-        return np.zeros(0), np.zeros(0), np.zeros(0)
-    unknown = np.isnan(values).mean(axis=0)
-    known = unknown < 1
-    lowest, highest = np.full(len(names), np.nan), np.full(len(names), np.nan)
-    lowest[known], highest[known] = np.nanmin(values[:, known], axis=0), np.nanmax(values[:, known], axis=0)
-    return lowest, highest, unknown
-
-
-def _answers(rows: Rows, table: Table, model: Model, fold: Fold) -> Answers:
-    values = table.values[fold.test]
-    probability = model.probability(values)
-    index = rows.index.iloc[fold.test]
-    texts = index["flags"].fillna("").tolist()
-    blocked = np.array(
-        [blocking_flag(text.split(";"), BLOCKING) is not None for text in texts], dtype=bool
-    ) | model.beyond(values).any(axis=1)
-    for name, found in conditions_of_rows(rows).items():
-        blocked |= beyond(found[fold.test], name, model.facts.conditions)
-    threshold = np.nan if model.facts.alarm_threshold is None else model.facts.alarm_threshold
-    return Answers(
-        index, rows.labels[fold.test], rows.groups[fold.test], rows.classes, probability,
-        np.full(fold.test.size, threshold), ~blocked & (probability.max(axis=1) >= model.facts.abstain_below),
-    )  # fmt: skip
-
-
-def _joined(rows: Rows, parts: Sequence[Answers], folds: Sequence[Fold]) -> Answers:
-    """Answers of all folds in the order of the rows."""
-    order = np.argsort(np.concatenate([fold.test for fold in folds]), kind="stable")
-    names = ("labels", "groups", "probability", "threshold", "decided")
-    joined = {name: np.concatenate([getattr(part, name) for part in parts])[order] for name in names}
-    return Answers(index=pd.concat([part.index for part in parts]).iloc[order], classes=rows.classes, **joined)
+    return Model(facts, learned, calibration, lowest, highest, unknown)
 
 
 def _importance(rows: Rows, table: Table, model: Model, fold: Fold, seed: int) -> dict[str, float]:
-    """How much the log loss of the test rows rises where a feature is shuffled among them, mean of 5; largest first."""
+    """Compute the rise of the log loss when a feature is shuffled.
+
+    Mean of 5 shuffles among the test rows; largest first.
+    """
     values, labels = table.values[fold.test], rows.labels[fold.test]
     weights = class_weights(labels, len(rows.classes))
 
     def loss(inputs: Any) -> float:
-        told = model.probability(inputs)[np.arange(labels.size), labels]
-        return float(-(weights * np.log(np.maximum(told, LEAST_PROBABILITY))).mean())
+        found = model.probability(inputs)[np.arange(labels.size), labels]
+        return float(-(weights * np.log(np.maximum(found, LEAST_PROBABILITY))).mean())
 
     generator, whole = np.random.default_rng(seed), loss(values) if table.names else 0.0
     lost = {}

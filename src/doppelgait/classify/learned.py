@@ -1,7 +1,7 @@
-"""What was learnt, as plain arrays that give the classes' probabilities without scikit-learn or torch.
+"""Trained models as plain arrays, independent of scikit-learn and torch.
 
-A model is scored, kept and used in this form alone: what a report says holds for what is loaded later, with whatever
-versions of the libraries that trained it.
+A model is scored, saved and used in this form alone, so that a report holds for a model that is loaded later with other
+versions of the libraries.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ class Part(NamedTuple):
 
 
 def log_softmax(scores: FloatArray) -> FloatArray:
-    """Logarithm of probabilities from scores (n, n_classes)."""
+    """Convert scores (n, n_classes) to log-probabilities."""
     shifted = scores - scores.max(axis=1, keepdims=True)
     return np.asarray(shifted - np.log(np.exp(shifted).sum(axis=1, keepdims=True)))
 
 
 @dataclass(frozen=True, eq=False)
 class Constant:
-    """The same answer for everything.
+    """Constant probabilities.
 
     Parameters
     ----------
@@ -47,19 +47,21 @@ class Constant:
     log_share: FloatArray
 
     def log_probability(self, values: Inputs) -> FloatArray:
-        """Shape (n, n_classes)."""
+        """Return log-probabilities, shape (n, n_classes)."""
         return np.tile(self.log_share, (len(values), 1))
 
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """Logistic regression on standardised features; an unknown one is its median, and some tell that they are unknown.
+    """Logistic regression on standardised features.
+
+    An unknown feature is replaced by its median; some have a further column that marks them as unknown.
 
     Parameters
     ----------
     median : ndarray, shape (d,)
     told : ndarray of int, shape (m,)
-        Features with a column of their own that says whether they are unknown.
+        Features with a further column that marks them as unknown.
     mean, scale : ndarray, shape (d + m,)
     weight : ndarray, shape (n_classes, d + m)
     bias : ndarray, shape (n_classes,)
@@ -73,7 +75,7 @@ class Linear:
     bias: FloatArray
 
     def log_probability(self, values: Inputs) -> FloatArray:
-        """Shape (n, n_classes)."""
+        """Return log-probabilities, shape (n, n_classes)."""
         unknown = np.isnan(values)
         filled = np.where(unknown, self.median, values)
         columns = np.hstack([filled, unknown[:, self.told].astype(np.float64)])
@@ -82,14 +84,16 @@ class Linear:
 
 @dataclass(frozen=True, eq=False)
 class Trees:
-    """Boosted decision trees, all nodes in one list; children stand behind their parent.
+    """Boosted decision trees, all nodes in one list.
+
+    Children follow their parent.
 
     Parameters
     ----------
     feature : ndarray of int, shape (n_nodes,)
-        What a node looks at; -1 in a leaf.
+        Feature of a node; -1 in a leaf.
     threshold, value : ndarray, shape (n_nodes,)
-        Up to the threshold it goes left; what a leaf adds.
+        Largest value that goes left; score that a leaf adds.
     unknown_left : ndarray of int, shape (n_nodes,)
         1 where an unknown feature goes left.
     left, right : ndarray of int, shape (n_nodes,)
@@ -109,7 +113,7 @@ class Trees:
     start: FloatArray
 
     def log_probability(self, values: Inputs) -> FloatArray:
-        """Shape (n, n_classes)."""
+        """Return log-probabilities, shape (n, n_classes)."""
         node = np.tile(self.root.ravel(), (len(values), 1))
         rows = np.arange(len(values))[:, None]
         while (inner := self.feature[node] >= 0).any():
@@ -124,10 +128,12 @@ class Trees:
 
 @dataclass(frozen=True, eq=False)
 class Network:
-    """Convolutions 3 x 3, each with 2 x 2 maximum, scale, bias and rectifier; the mean of the picture; a linear layer.
+    """Convolutional network.
 
-    The answer is the mean log-probability of pictures that cover a signature and of their mirror images in velocity:
-    who comes and who goes are told apart by nothing else.
+    Convolutions 3 x 3, each with 2 x 2 maximum, scale, bias and rectifier; the mean of the image; a linear layer.
+
+    The prediction is the mean log-probability of images that cover a signature and of their mirror images in velocity,
+    so approaching and receding targets are equivalent.
 
     Parameters
     ----------
@@ -146,7 +152,10 @@ class Network:
     patch: Patch
 
     def log_probability(self, values: Inputs) -> FloatArray:
-        """Shape (n, n_classes); all classes alike where there is no signature."""
+        """Return log-probabilities, shape (n, n_classes).
+
+        All classes are equal where there is no signature.
+        """
         n_classes = self.bias.size
         pictures = [covering(whole, self.patch) for whole in values if whole is not None]
         answers = np.zeros((len(values), n_classes))
@@ -160,23 +169,20 @@ class Network:
         return log_softmax(answers)
 
     def of_pictures(self, pictures: Levels) -> FloatArray:
-        """Log-probabilities of pictures (n, n_velocity, n_time); shape (n, n_classes)."""
-        parts = [
-            log_softmax(self._scores(pictures[first : first + PICTURES_AT_A_TIME]).astype(np.float64))
-            for first in range(0, len(pictures), PICTURES_AT_A_TIME)
-        ]
+        """Return log-probabilities (n, n_classes) of images (n, n_velocity, n_time)."""
+        parts = []
+        for first in range(0, len(pictures), PICTURES_AT_A_TIME):
+            layer = pictures[first : first + PICTURES_AT_A_TIME, None]
+            for kernel, scale, bias in zip(self.kernels, self.scales, self.biases, strict=True):
+                padded = np.pad(layer, ((0, 0), (0, 0), (1, 1), (1, 1)))
+                windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3), axis=(2, 3))
+                layer = np.moveaxis(np.tensordot(windows, kernel, axes=((1, 4, 5), (1, 2, 3))), -1, 1)
+                n, channels, height, width = layer.shape
+                layer = layer.reshape(n, channels, height // 2, 2, width // 2, 2).max(axis=(3, 5))
+                layer = np.maximum(layer * scale[:, None, None] + bias[:, None, None], 0.0)
+            scores = np.asarray(layer.mean(axis=(2, 3)) @ self.weight.T + self.bias, dtype=np.float32)
+            parts.append(log_softmax(scores.astype(np.float64)))
         return np.concatenate(parts)
-
-    def _scores(self, pictures: Levels) -> Levels:
-        layer = pictures[:, None]
-        for kernel, scale, bias in zip(self.kernels, self.scales, self.biases, strict=True):
-            padded = np.pad(layer, ((0, 0), (0, 0), (1, 1), (1, 1)))
-            windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3), axis=(2, 3))
-            layer = np.moveaxis(np.tensordot(windows, kernel, axes=((1, 4, 5), (1, 2, 3))), -1, 1)
-            n, channels, height, width = layer.shape
-            layer = layer.reshape(n, channels, height // 2, 2, width // 2, 2).max(axis=(3, 5))
-            layer = np.maximum(layer * scale[:, None, None] + bias[:, None, None], 0.0)
-        return np.asarray(layer.mean(axis=(2, 3)) @ self.weight.T + self.bias, dtype=np.float32)
 
 
 Learned = Constant | Linear | Trees | Network

@@ -1,4 +1,4 @@
-"""Probabilities that are true of rows which no model was fitted to: one slope for all classes and a shift for each."""
+"""Model, calibration of its probabilities, and its valid conditions."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ STEEPEST = 20.0
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """p = softmax(slope log q + shift).
+    """Calibration p = softmax(slope log q + shift).
 
     Parameters
     ----------
@@ -43,22 +43,22 @@ class Calibration:
     n_rows: int
 
     def __call__(self, log_probability: FloatArray) -> FloatArray:
-        """Calibrated probabilities, shape (n, n_classes)."""
+        """Return calibrated probabilities, shape (n, n_classes)."""
         return np.asarray(np.exp(log_softmax(self.slope * log_probability + self.shift)))
 
 
 def class_weights(labels: IntArray, n_classes: int) -> FloatArray:
-    """Weight of every row that makes all classes that occur weigh the same; mean 1."""
+    """Return row weights that balance the present classes; mean 1."""
     counts = np.bincount(labels, minlength=n_classes)
     return np.asarray(labels.size / ((counts > 0).sum() * counts[labels]), dtype=np.float64)
 
 
 def calibrate(log_probability: FloatArray, labels: IntArray) -> Calibration:
-    """Fit a calibration to rows that the model was not fitted to.
+    """Fit a calibration to held-out rows.
 
-    For two classes that is Platt's sigmoid of the log odds, with his targets (n + 1) / (n + 2) instead of 1 so that
+    For two classes it is Platt's sigmoid of the log odds, with his targets (n + 1) / (n + 2) instead of 1 so that
     classes without an error do not become certain; for more, temperature scaling with corrected biases (Alexandari et
-    al. 2020). Every class weighs the same: the probabilities are those for classes that are equally frequent.
+    al. 2020). Every class has the same weight: the probabilities hold for equally frequent classes.
 
     Parameters
     ----------
@@ -93,7 +93,10 @@ def calibrate(log_probability: FloatArray, labels: IntArray) -> Calibration:
 
 
 def detection_threshold(probability: FloatArray, positive: npt.NDArray[np.bool_], share: float) -> float:
-    """Highest threshold that at least this share of the positive rows reach; NaN without positive rows."""
+    """Return the highest threshold that a share of positive rows reaches.
+
+    NaN without positive rows.
+    """
     found = np.sort(probability[positive])[::-1]
     if not found.size:
         return float("nan")
@@ -101,14 +104,17 @@ def detection_threshold(probability: FloatArray, positive: npt.NDArray[np.bool_]
 
 
 TOLERANCE = {"carrier_hz": (0.9, 1.1), "prf_hz": (0.9, 1.1), "observation_s": (0.8, 4.0)}
-"""From so much of the lowest to so much of the highest that was learnt. A radar of another band or pulse rate is
-another radar; who is seen for longer is seen better, so that there is more room above."""
+"""Factors of the lowest and of the highest value of the training data. A radar of another band or pulse rate is another
+radar; a longer observation is a better one, so that there is more room above."""
 
 Conditions = Mapping[str, tuple[float, float]]
 
 
 def wavelength_of(signature: xr.DataArray) -> float:
-    """Wavelength in m: as the signature states it, else by its axes, v = f wavelength / 2; NaN where neither does."""
+    """Return the wavelength of a signature in m, or NaN.
+
+    As its attribute states it, else from its axes by v = f wavelength / 2.
+    """
     if "wavelength_m" in signature.attrs:
         return float(signature.attrs["wavelength_m"])
     if not {"velocity", "doppler"} <= set(signature.coords):
@@ -119,7 +125,7 @@ def wavelength_of(signature: xr.DataArray) -> float:
 
 
 def prf_of(signature: xr.DataArray) -> float:
-    """Pulse rate in Hz, which the Doppler axis spans; NaN where there is no such axis."""
+    """Return the pulse rate, the span of the Doppler axis, or NaN."""
     if "doppler" not in signature.coords or signature.sizes["doppler"] < 2:
         return math.nan
     doppler_hz = np.asarray(signature.coords["doppler"].values, dtype=np.float64)
@@ -127,7 +133,7 @@ def prf_of(signature: xr.DataArray) -> float:
 
 
 def conditions_of_target(columns: Mapping[str, Any], signature: xr.DataArray) -> dict[str, float]:
-    """Conditions that a target was seen under; NaN for unknown."""
+    """Return the observation conditions of a target; NaN for unknown."""
     observed_s = columns.get("quality_observation_s")
     return {
         "carrier_hz": SPEED_OF_LIGHT_MPS / wavelength_of(signature),
@@ -137,29 +143,35 @@ def conditions_of_target(columns: Mapping[str, Any], signature: xr.DataArray) ->
 
 
 def conditions_of_rows(rows: Rows) -> dict[str, FloatArray]:
-    """Conditions of every row, shape (n,); NaN for unknown. The observation time is what the analysis made use of."""
-    observed_s = _numbers(rows.index, "quality_observation_s")
+    """Return the conditions of every row, shape (n,); NaN for unknown.
+
+    The observation time is that used by the analysis.
+    """
+    observed_s = _read_column(rows.index, "quality_observation_s")
     return {
         "carrier_hz": SPEED_OF_LIGHT_MPS / wavelengths_m(rows),
-        "prf_hz": _numbers(rows.index, "prf_hz"),
-        "observation_s": np.where(np.isnan(observed_s), _numbers(rows.index, "observation_s"), observed_s),
+        "prf_hz": _read_column(rows.index, "prf_hz"),
+        "observation_s": np.where(np.isnan(observed_s), _read_column(rows.index, "observation_s"), observed_s),
     }
 
 
-def _numbers(index: pd.DataFrame, column: str) -> FloatArray:
+def _read_column(index: pd.DataFrame, column: str) -> FloatArray:
     if column not in index:
         return np.full(len(index), np.nan)
     return pd.to_numeric(index[column], errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
 
 
 def learnt_conditions(found: Mapping[str, FloatArray], train: IntArray) -> dict[str, tuple[float, float]]:
-    """Lowest and highest value of every condition that is known of a row learnt from."""
+    """Return the span of every known condition of the training rows."""
     known = {name: values[train][np.isfinite(values[train])] for name, values in found.items()}
     return {name: (float(values.min()), float(values.max())) for name, values in known.items() if values.size}
 
 
 def beyond(values: FloatArray, name: str, learnt: Conditions) -> npt.NDArray[np.bool_]:
-    """Which values of a condition lie outside what was learnt by more than the tolerance; unknown ones do not."""
+    """Mark values of a condition outside the training range.
+
+    The tolerance is allowed for; unknown values are never outside.
+    """
     if name not in learnt:
         return np.zeros(np.shape(values), dtype=bool)
     (low, high), (less, more) = learnt[name], TOLERANCE[name]
@@ -167,7 +179,7 @@ def beyond(values: FloatArray, name: str, learnt: Conditions) -> npt.NDArray[np.
 
 
 def outside_conditions(found: Mapping[str, float], learnt: Conditions) -> list[str]:
-    """What a target's conditions have outside those learnt, in words; what is unknown is said too."""
+    """Describe conditions of a target outside the training range, or unknown."""
     said = []
     for name in TOLERANCE:
         if name not in learnt:
@@ -181,12 +193,15 @@ def outside_conditions(found: Mapping[str, float], learnt: Conditions) -> list[s
 
 
 def span_words(low: float, high: float) -> str:
-    """A span in words; one number if it is one."""
+    """Format a span, or one number if both ends agree."""
     return f"{low:.4g}" if f"{low:.4g}" == f"{high:.4g}" else f"{low:.4g} to {high:.4g}"
 
 
 def conditions_outside(found: Mapping[str, FloatArray], train: IntArray, test: IntArray) -> dict[str, dict[str, Any]]:
-    """Of every condition that tested rows have outside those learnt: how many rows, what was learnt, what is theirs."""
+    """Summarise the tested rows outside the training range by condition.
+
+    Number of rows, training span and their own span.
+    """
     learnt, said = learnt_conditions(found, train), {}
     for name, values in found.items():
         far = beyond(values[test], name, learnt)
@@ -204,45 +219,45 @@ BLOCKING = (
     "no_signal", "not_tracked", "keeps_still:*", "no_steady_piece:*", "aspect_beyond_75_deg:*", "gates_overlap",
     "clutter_removal_took_*", "doppler_band_full:*", "*:columns_do_not_overlap",
 )  # fmt: skip
-"""Flags with which no decision is given, * for anything: nothing seen, no gait in it, another body's echo in it,
-or the columns are too few to show one."""
+"""Flags that prevent a decision, * for anything: no target, no gait in the signature, the echo of another body, or too
+few columns to show a gait."""
 OUTSIDE = 0.25
-"""A feature may lie outside what was learnt by this share of its span there."""
+"""A feature may lie outside the training range by this share of its span."""
 RARELY = 0.01
 """A feature that was unknown more rarely must be known."""
 
 
 class Facts(FrozenModel):
-    """What a model is and what it expects.
+    """Description of a model and of its valid inputs.
 
     Parameters
     ----------
     name : str
         ``six-logistic`` and so on.
     features : str
-        What it looks at: ``six``, ``extended``, ``speed`` or ``signature``.
+        Its inputs: ``six``, ``extended``, ``speed`` or ``signature``.
     names : tuple of str
         Features in their order; none for signatures.
     classes : tuple of str
     dataset_id, dataset_name, version : str
-        What it was learnt from, and the doppelgait that did.
+        The training data, and the version of doppelgait.
     n_train, n_held : int
-        Rows learnt from, and held back for calibration.
+        Rows for training, and held out for calibration.
     seed : int
     analysis : dict
         Parameters of the analysis that made the features.
     conditions : dict
-        Lowest and highest value of conditions it was learnt under: carrier, pulse rate, observation time.
+        Lowest and highest value of the training conditions: carrier, pulse rate, observation time.
     abstain_below : float
         No decision where the most likely class is less likely than this.
     alarm : str or None
-        The class that must be detected, where there is one.
+        The class to detect, where there is one.
     alarm_threshold : float or None
-        Probability of that class from which on 95 % of the held rows of it are detected.
+        Probability of that class above which 95 % of its held-out rows are detected.
     alarm_people : int or None
-        Movers of that class among the held rows, which the threshold rests on; None if not known.
+        Held-out targets of that class, which the threshold rests on; None if not known.
     blocking : tuple of str
-        Flags with which no decision is given.
+        Flags that prevent a decision.
     """
 
     name: str
@@ -274,9 +289,9 @@ class Model:
     learned : Learned
     calibration : Calibration
     lowest, highest : ndarray, shape (d,)
-        Of every feature in the rows learnt from; NaN where it was always unknown. Empty for signatures.
+        Of every feature in the training rows; NaN where it was always unknown. Empty for signatures.
     unknown : ndarray, shape (d,)
-        Share of the rows learnt from in which a feature is unknown.
+        Share of the training rows in which a feature is unknown.
     """
 
     facts: Facts
@@ -287,7 +302,7 @@ class Model:
     unknown: FloatArray
 
     def probability(self, values: Inputs) -> FloatArray:
-        """Calibrated probabilities of the classes, were they equally frequent.
+        """Return calibrated probabilities for equally frequent classes.
 
         Parameters
         ----------
@@ -301,7 +316,9 @@ class Model:
         return self.calibration(self.learned.log_probability(values))
 
     def beyond(self, values: Inputs) -> npt.NDArray[np.bool_]:
-        """Features outside what was learnt: beyond the span there by a quarter of it, or unknown where none ever was.
+        """Mark features outside the training range.
+
+        Beyond its span by a quarter of it, or unknown where none was unknown in training.
 
         Returns
         -------
@@ -315,7 +332,7 @@ class Model:
         return np.asarray(far | (np.isnan(values) & (self.unknown < RARELY)))
 
     def outside(self, values: FloatArray) -> list[str]:
-        """What of one row, shape (d,), lies outside what was learnt, in words."""
+        """Describe features of one row (d,) outside the training range."""
         found = []
         for n in np.flatnonzero(self.beyond(values[None])[0]):
             name = self.facts.names[n]
@@ -328,12 +345,12 @@ class Model:
 
 
 def rests_on(facts: Facts) -> str:
-    """What an alarm threshold rests on, in words; empty where there is no threshold or it is not known."""
+    """Describe the data behind an alarm threshold; empty if unknown."""
     if facts.alarm_threshold is None or facts.alarm_people is None:
         return ""
     return f"the alarm threshold rests on {facts.alarm_people} movers of class {facts.alarm} that were held back"
 
 
 def blocking_flag(flags: Iterable[str], patterns: Sequence[str]) -> str | None:
-    """The first flag that fits one of the patterns, None without one."""
+    """Return the first flag that matches a pattern, or None."""
     return next((flag for flag in flags if any(fnmatchcase(flag, pattern) for pattern in patterns)), None)

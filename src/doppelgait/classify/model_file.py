@@ -1,11 +1,11 @@
-"""A model as a file: plain NumPy arrays and one JSON text, in which nothing can run."""
+"""Model files: plain NumPy arrays and one JSON text, no code."""
 
 from __future__ import annotations
 
 import io
 import json
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -26,17 +26,19 @@ FORMAT = "doppelgait-model"
 FORMAT_VERSION = 1
 SUFFIX = ".npz"
 MOST_BYTES = 256_000_000
-"""Of all arrays together: no model of ours is nearly as large."""
+"""Limit of all arrays together; models of doppelgait are far smaller."""
 KINDS: dict[str, type[Any]] = {"constant": Constant, "linear": Linear, "trees": Trees}
 FEATURES = {SPEED, WIDTH, "gait_frequency_hz", *FEATURE_UNITS} - {VELOCITY, BANDWIDTH}
-"""What the analysis of a recording gives; besides these, the extended features that are registered."""
+"""Features of an analysis, in addition to the registered extended features."""
 INTEGERS = {"told", "feature", "unknown_left", "left", "right", "root"}
 
 Arrays = dict[str, npt.NDArray[Any]]
 
 
 def save_model(model: Model, path: str | Path) -> Path:
-    """Write a model; the file appears complete or not at all, the same model gives the same bytes.
+    """Write a model to a file.
+
+    The file appears complete or not at all; the same model gives the same bytes.
 
     Parameters
     ----------
@@ -53,12 +55,21 @@ def save_model(model: Model, path: str | Path) -> Path:
     ConfigError
         If the name does not end in ``.npz``.
     OutputError
-        If it cannot be written; an older file of that name is then untouched.
+        If it cannot be written; an older file of that name then stays unchanged.
     """
     target = Path(path)
     if target.suffix.lower() != SUFFIX:
         raise ConfigError(f"{target}: a model's file must end in {SUFFIX}")
-    kind, arrays = _arrays_of(model.learned)
+    learned = model.learned
+    arrays: Arrays = {}
+    if isinstance(learned, Network):
+        kind = "network"
+        for name, layers in (("kernel", learned.kernels), ("scale", learned.scales), ("bias", learned.biases)):
+            arrays |= {f"{name}.{n}": layer for n, layer in enumerate(layers)}
+        arrays |= {"weight": learned.weight, "bias": learned.bias}
+    else:
+        kind = next(name for name, known in KINDS.items() if isinstance(learned, known))
+        arrays |= vars(learned)
     facts = {
         "format": FORMAT, "format_version": FORMAT_VERSION, "learned": kind,
         "facts": model.facts.model_dump(mode="json"), "calibration_rows": model.calibration.n_rows,
@@ -76,49 +87,36 @@ def save_model(model: Model, path: str | Path) -> Path:
     return target
 
 
-def _arrays_of(learned: Learned) -> tuple[str, Arrays]:
-    if isinstance(learned, Network):
-        layers = {f"kernel.{n}": kernel for n, kernel in enumerate(learned.kernels)}
-        layers |= {f"scale.{n}": scale for n, scale in enumerate(learned.scales)}
-        layers |= {f"bias.{n}": bias for n, bias in enumerate(learned.biases)}
-        return "network", {**layers, "weight": learned.weight, "bias": learned.bias}
-    kind = next(name for name, known in KINDS.items() if isinstance(learned, known))
-    return kind, dict(vars(learned))
-
-
 def load_model(path: str | Path) -> Model:
-    """Read a model. Only numbers and text are read: no code of the file runs, whoever made it.
+    """Read a model from a file.
+
+    Only numbers and text are read: no code of the file runs.
 
     Raises
     ------
     DatasetError
-        If it is not there, no model of ours, damaged, inconsistent, or of a newer version.
+        If it is missing, no model of doppelgait, damaged, inconsistent, or of a newer version.
     """
     try:
-        text, arrays = _read(Path(path))
+        text, arrays = _read_arrays(Path(path))
         document = json.loads(text)
         if document["format_version"] > FORMAT_VERSION:
             raise DatasetError(f"{path}: is a model of a newer doppelgait; install that one")
         facts = validate(Facts, document["facts"], where=str(path))
-        learned = _learned(document["learned"], arrays, document["patch"])
+        if document["learned"] == "network":
+            count = sum(name.startswith("kernel.") for name in arrays)
+            kernels, scales, biases = (
+                tuple(arrays[f"{name}.{n}"] for n in range(count)) for name in ("kernel", "scale", "bias")
+            )
+            spec = validate(Patch, document["patch"], where="patch")
+            learned: Learned = Network(kernels, scales, biases, arrays["weight"], arrays["bias"], spec)
+        else:
+            kind = KINDS[document["learned"]]
+            learned = kind(**{part.name: arrays[part.name] for part in fields(kind)})
         slope, shift = float(arrays["calibration.slope"][0]), arrays["calibration.shift"]
         calibration = Calibration(slope, shift, int(document["calibration_rows"]))
         model = Model(facts, learned, calibration, arrays["lowest"], arrays["highest"], arrays["unknown"])
-        # A ValueError unless all parts fit together, so that no answer can fail or never end.
-        n_classes, n_features = len(model.facts.classes), len(model.facts.names)
-        _same(model.calibration.shift.shape, (n_classes,), "calibration.shift")
-        for name in ("lowest", "highest", "unknown"):
-            _same(getattr(model, name).shape, (n_features,), name)
-        if not (0 < model.calibration.slope < np.inf and np.isfinite(model.calibration.shift).all()):
-            raise ValueError("its calibration is no number above 0")
-        if model.facts.alarm is not None and model.facts.alarm not in model.facts.classes:
-            raise ValueError(f"its alarm is for {model.facts.alarm!r}, which is none of its classes")
-        _check_features(model)
-        _check_numbers(vars(model.learned))
-        checks: dict[type, Callable[..., None]] = {
-            Constant: _check_constant, Linear: _check_linear, Trees: _check_trees, Network: _check_network
-        }  # fmt: skip
-        checks[type(model.learned)](model.learned, n_classes, n_features)
+        _check_model(model)
     except OSError as error:
         raise DatasetError(f"{path}: cannot be read: {error.strerror or error}") from None
     except ConfigError as error:
@@ -128,8 +126,11 @@ def load_model(path: str | Path) -> Model:
     return model
 
 
-def _read(path: Path) -> tuple[str, Arrays]:
-    """The text and all arrays; objects are refused, and so is what would fill the memory."""
+def _read_arrays(path: Path) -> tuple[str, Arrays]:
+    """Read the text and all arrays of a file.
+
+    Objects are refused, and so are arrays that would fill the memory.
+    """
     with zipfile.ZipFile(path) as archive:
         size = sum(entry.file_size for entry in archive.infolist())
     if size > MOST_BYTES:
@@ -146,57 +147,58 @@ def _read(path: Path) -> tuple[str, Arrays]:
     return text, arrays
 
 
-def _learned(kind: str, arrays: Arrays, patch: Any) -> Learned:
-    if kind == "network":
-        count = sum(name.startswith("kernel.") for name in arrays)
-        kernels, scales, biases = (
-            tuple(arrays[f"{name}.{n}"] for n in range(count)) for name in ("kernel", "scale", "bias")
-        )
-        spec = validate(Patch, patch, where="patch")
-        return Network(kernels, scales, biases, arrays["weight"], arrays["bias"], spec)
-    known = KINDS[kind]
-    learned: Learned = known(**{part.name: arrays[part.name] for part in fields(known)})
-    return learned
+def _check_model(model: Model) -> None:
+    """Check that all parts of a model fit together.
 
-
-def _check_features(model: Model) -> None:
-    """Refuse a model that looks at what no analysis gives, such as the nuisance parameters of a plan."""
+    Then every prediction is possible and ends.
+    """
     from doppelgait.features.extended import feature_table
 
-    given = FEATURES | {f"extended_{name}" for name, _, _ in feature_table()}
-    wrong = [name for name in model.facts.names if name not in given]
+    n_classes, n_features = len(model.facts.classes), len(model.facts.names)
+    _check_shape(model.calibration.shift.shape, (n_classes,), "calibration.shift")
+    for name in ("lowest", "highest", "unknown"):
+        _check_shape(getattr(model, name).shape, (n_features,), name)
+    if not (0 < model.calibration.slope < np.inf and np.isfinite(model.calibration.shift).all()):
+        raise ValueError("its calibration is no number above 0")
+    if model.facts.alarm is not None and model.facts.alarm not in model.facts.classes:
+        raise ValueError(f"its alarm is for {model.facts.alarm!r}, which is none of its classes")
+    # A model must not use what no analysis measures, such as the nuisance parameters of a plan.
+    measured = FEATURES | {f"extended_{name}" for name, _, _ in feature_table()}
+    wrong = [name for name in model.facts.names if name not in measured]
     if wrong:
         raise ValueError(
             f"looks at the feature {wrong[0]!r}, which no analysis gives; it gives the six features, gait_frequency_hz "
             "and the registered extended features"
         )
-
-
-def _check_numbers(parts: Mapping[str, Any]) -> None:
-    """Refuse NaN and infinity in what is learnt; a threshold of a tree may be infinite."""
-    for name, values in parts.items():
+    for name, values in vars(model.learned).items():
         for array in values if isinstance(values, tuple) else (values,):
-            wrong = np.isnan if name == "threshold" else lambda numbers: ~np.isfinite(numbers)
-            if isinstance(array, np.ndarray) and wrong(array).any():
-                raise ValueError(f"{name} holds NaN or infinity")
+            if isinstance(array, np.ndarray):
+                # a threshold of a tree may be infinite
+                bad = np.isnan(array) if name == "threshold" else ~np.isfinite(array)
+                if bad.any():
+                    raise ValueError(f"{name} holds NaN or infinity")
+    checks: dict[type, Callable[..., None]] = {
+        Constant: _check_constant, Linear: _check_linear, Trees: _check_trees, Network: _check_network
+    }  # fmt: skip
+    checks[type(model.learned)](model.learned, n_classes, n_features)
 
 
-def _same(found: tuple[int, ...], expected: tuple[int, ...], name: str) -> None:
+def _check_shape(found: tuple[int, ...], expected: tuple[int, ...], name: str) -> None:
     if found != expected:
         raise ValueError(f"{name} has the shape {found}, expected is {expected}")
 
 
 def _check_constant(learned: Any, n_classes: int, n_features: int) -> None:
-    _same(learned.log_share.shape, (n_classes,), "log_share")
+    _check_shape(learned.log_share.shape, (n_classes,), "log_share")
 
 
 def _check_linear(learned: Any, n_classes: int, n_features: int) -> None:
     columns = n_features + learned.told.size
-    _same(learned.median.shape, (n_features,), "median")
-    _same(learned.weight.shape, (n_classes, columns), "weight")
-    _same(learned.bias.shape, (n_classes,), "bias")
+    _check_shape(learned.median.shape, (n_features,), "median")
+    _check_shape(learned.weight.shape, (n_classes, columns), "weight")
+    _check_shape(learned.bias.shape, (n_classes,), "bias")
     for name in ("mean", "scale"):
-        _same(getattr(learned, name).shape, (columns,), name)
+        _check_shape(getattr(learned, name).shape, (columns,), name)
     if not (learned.scale > 0).all():
         raise ValueError("scale holds numbers that are not above 0")
     if learned.told.size and not (learned.told.min() >= 0 and learned.told.max() < n_features):
@@ -206,9 +208,9 @@ def _check_linear(learned: Any, n_classes: int, n_features: int) -> None:
 def _check_trees(learned: Any, n_classes: int, n_features: int) -> None:
     count = learned.feature.size
     for name in ("feature", "threshold", "value", "unknown_left", "left", "right"):
-        _same(getattr(learned, name).shape, (count,), name)
-    _same(learned.root.shape[1:], (1 if n_classes == 2 else n_classes,), "root")
-    _same(learned.start.shape, learned.root.shape[1:], "start")
+        _check_shape(getattr(learned, name).shape, (count,), name)
+    _check_shape(learned.root.shape[1:], (1 if n_classes == 2 else n_classes,), "root")
+    _check_shape(learned.start.shape, learned.root.shape[1:], "start")
     inner, own = learned.feature >= 0, np.arange(count)
     for child in (learned.left, learned.right):
         if (child[inner] <= own[inner]).any() or (child[inner] >= count).any():
@@ -221,11 +223,11 @@ def _check_network(learned: Any, n_classes: int, n_features: int) -> None:
     n_in = 1
     layers = zip(learned.kernels, learned.scales, learned.biases, strict=True)
     for number, (kernel, scale, bias) in enumerate(layers):
-        _same(kernel.shape[1:], (n_in, 3, 3), f"kernel.{number}")
+        _check_shape(kernel.shape[1:], (n_in, 3, 3), f"kernel.{number}")
         n_in = kernel.shape[0]
-        _same(scale.shape, (n_in,), f"scale.{number}")
-        _same(bias.shape, (n_in,), f"bias.{number}")
-    _same(learned.weight.shape, (n_classes, n_in), "weight")
-    _same(learned.bias.shape, (n_classes,), "bias")
+        _check_shape(scale.shape, (n_in,), f"scale.{number}")
+        _check_shape(bias.shape, (n_in,), f"bias.{number}")
+    _check_shape(learned.weight.shape, (n_classes, n_in), "weight")
+    _check_shape(learned.bias.shape, (n_classes,), "bias")
     if min(learned.patch.n_velocity, learned.patch.n_time) % 2 ** len(learned.kernels):
         raise ValueError("its pictures cannot be halved as often as it has layers")

@@ -1,4 +1,7 @@
-"""A small convolutional network for signatures; the only module of this package that needs torch, and only to train."""
+"""A small convolutional network for signatures, trained with torch.
+
+No other module of this package needs torch.
+"""
 
 from __future__ import annotations
 
@@ -24,13 +27,13 @@ AT_A_TIME = 256
 
 
 class Training(FrozenModel):
-    """How a network learns, and how its examples are varied.
+    """Training and augmentation settings of a network.
 
     Parameters
     ----------
     most_epochs, most_pictures, patience : int
-        It stops when the held rows have not been told better for ``patience`` epochs, or after so many epochs or
-        pictures, and takes the best state.
+        Training stops when the held-out loss has not improved for ``patience`` epochs, or after so many epochs or
+        images, and returns the best state.
     batch_size : int
     learning_rate, weight_decay : float
         Of AdamW.
@@ -40,7 +43,7 @@ class Training(FrozenModel):
     noise_db : float
         Noise is added that raises the floor by up to so much.
     flip : bool
-        Half of the pictures are mirrored in velocity: a body that comes becomes one that goes.
+        Half of the images are mirrored in velocity: an approaching body becomes a receding one.
     """
 
     most_epochs: int = Field(default=60, ge=1)
@@ -56,7 +59,7 @@ class Training(FrozenModel):
 
 
 def torch_is_there() -> bool:
-    """Whether torch can be imported; it is not."""
+    """Return True if torch is installed, without importing it."""
     from importlib.util import find_spec
 
     return find_spec("torch") is not None
@@ -74,12 +77,12 @@ def train_network(
         Levels (:func:`doppelgait.classify.levels`) of every signature, an object array with None for none, and class
         numbers.
     held : Part
-        Rows of other movers that say when to stop; without any, all epochs are done.
+        Rows of other targets that decide when to stop; without any, all epochs are run.
     n_classes : int
     seed : int
         Same seed, same rows, same machine: same network.
     spec : Patch, optional
-        What the levels were made with.
+        Format of the levels.
     settings : Training, optional
 
     Returns
@@ -98,30 +101,33 @@ def train_network(
         raise DatasetError(NO_TORCH) from None
 
     spec, settings = spec or Patch(), settings or Training()
-    train, held = _with_signature(train), _with_signature(held)
+    train, held = _drop_missing(train), _drop_missing(held)
     if not train.labels.size:
-        raise DatasetError("no row to learn from has a signature")
+        raise DatasetError("no training row has a signature")
     rng = np.random.default_rng(seed)
     weights = class_weights(train.labels, n_classes)
-    with _fixed(torch, seed):
+    with _deterministic(torch, seed):
         device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
         model = build_model(torch, n_classes, settings.dropout).to(device, memory_format=torch.channels_last)
         optimiser = torch.optim.AdamW(model.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay)
         best, best_loss, since = model.state_dict(), np.inf, 0
         for _ in range(min(settings.most_epochs, -(-settings.most_pictures // train.labels.size))):
-            _epoch(torch, model, optimiser, device, train, weights, rng, spec, settings)
-            loss = _loss(torch, model, device, held, n_classes, spec) if held.labels.size else -np.inf
+            _train_epoch(torch, model, optimiser, device, train, weights, rng, spec, settings)
+            loss = _held_loss(torch, model, device, held, n_classes, spec) if held.labels.size else -np.inf
             if loss <= best_loss:
                 best, best_loss, since = copy.deepcopy(model.state_dict()), loss, 0
             else:
                 since += 1
             if since >= settings.patience:
                 break
-    return _plain(best, spec)
+    return _to_arrays(best, spec)
 
 
 def build_model(torch: Any, n_classes: int, dropout: float) -> Any:
-    """Build the untrained network: convolutions that halve the picture, their mean, one linear layer."""
+    """Build the untrained network.
+
+    Convolutions that halve the image, their mean, one linear layer.
+    """
     nn, layers, n_in = torch.nn, [], 1
     for n_out in CHANNELS:
         layers += [nn.Conv2d(n_in, n_out, 3, padding=1, bias=False), nn.MaxPool2d(2)]
@@ -131,14 +137,14 @@ def build_model(torch: Any, n_classes: int, dropout: float) -> Any:
     return nn.Sequential(*layers)
 
 
-def _with_signature(part: Part) -> Part:
+def _drop_missing(part: Part) -> Part:
     present = np.array([whole is not None for whole in part.values], dtype=bool)
     return Part(part.values[present], part.labels[present])
 
 
 @contextmanager
-def _fixed(torch: Any, seed: int) -> Iterator[None]:
-    """Torch draws from this seed and works in a fixed order; afterwards its settings are as they were.
+def _deterministic(torch: Any, seed: int) -> Iterator[None]:
+    """Seed torch and make it deterministic, then restore its settings.
 
     One thread: two are 1.4 times as fast on two idle processors, and 50 times slower on busy ones, where they wait for
     each other.
@@ -153,7 +159,7 @@ def _fixed(torch: Any, seed: int) -> Iterator[None]:
             torch.set_num_threads(threads)
 
 
-def _epoch(
+def _train_epoch(
     torch: Any, model: Any, optimiser: Any, device: Any, train: Part, weights: FloatArray, rng: np.random.Generator,
     spec: Patch, settings: Training,
 ) -> None:  # fmt: skip
@@ -173,7 +179,10 @@ def _epoch(
 
 
 def varied(values: Inputs, rng: np.random.Generator, spec: Patch, settings: Training) -> Levels:
-    """A random piece of every signature, mirrored or not, its gain and noise floor changed; (n, n_velocity, n_time)."""
+    """Augment every signature to a random image (n, n_velocity, n_time).
+
+    A random section, mirrored or not, with changed gain and noise floor.
+    """
     pictures = []
     for whole in values:
         spare = whole.shape[1] - spec.n_time
@@ -189,8 +198,11 @@ def varied(values: Inputs, rng: np.random.Generator, spec: Patch, settings: Trai
     return np.clip(10.0 * np.log10(noisy) / spec.range_db, 0.0, 1.0).astype(np.float32)
 
 
-def _loss(torch: Any, model: Any, device: Any, held: Part, n_classes: int, spec: Patch) -> float:
-    """Mean negative log-likelihood of the middle of the held signatures, every class weighing the same."""
+def _held_loss(torch: Any, model: Any, device: Any, held: Part, n_classes: int, spec: Patch) -> float:
+    """Return the class-balanced log loss of the held-out signatures.
+
+    Of the middle of each of them.
+    """
     model.eval()
     weights, total = class_weights(held.labels, n_classes), 0.0
     for first in range(0, held.labels.size, AT_A_TIME):
@@ -203,8 +215,11 @@ def _loss(torch: Any, model: Any, device: Any, held: Part, n_classes: int, spec:
     return total / held.labels.size
 
 
-def _plain(state: Mapping[str, Any], spec: Patch) -> Network:
-    """The network as plain arrays, batch normalisation as one scale and one bias."""
+def _to_arrays(state: Mapping[str, Any], spec: Patch) -> Network:
+    """Convert the network to plain arrays.
+
+    Batch normalisation becomes one scale and one bias.
+    """
     arrays = {name: values.cpu().contiguous().numpy() for name, values in state.items()}
     kernels, scales, biases = [], [], []
     for number in range(len(CHANNELS)):

@@ -1,4 +1,7 @@
-"""Signatures of any radar as pictures of one kind: dB over their own noise floor, on a fixed grid of velocities."""
+"""Signatures of any radar as comparable images.
+
+In dB over their own noise floor, on a fixed grid of velocities.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,7 @@ QUIET_SHARE = 1.0 / 3.0
 
 
 class Patch(FrozenModel):
-    """The picture that a network looks at.
+    """Format of the input image of a network.
 
     Parameters
     ----------
@@ -49,7 +52,7 @@ class Patch(FrozenModel):
 
 
 def patch(signature: xr.DataArray, spec: Patch | None = None) -> Levels:
-    """The middle of a signature as one picture.
+    """Convert the middle of a signature to one image.
 
     Parameters
     ----------
@@ -61,7 +64,7 @@ def patch(signature: xr.DataArray, spec: Patch | None = None) -> Levels:
     Returns
     -------
     ndarray of float32, shape (n_velocity, n_time)
-        See :func:`levels`; a shorter signature lies in the middle, 0 (the noise floor) around it.
+        See :func:`levels`; a shorter signature is in the middle, with 0 (the noise floor) around it.
 
     Raises
     ------
@@ -74,12 +77,12 @@ def patch(signature: xr.DataArray, spec: Patch | None = None) -> Levels:
 
 
 def levels(signature: xr.DataArray, spec: Patch | None = None) -> Levels:
-    """A whole signature on the grid of a picture.
+    """Convert a whole signature to levels on the grid of an image.
 
     The power is averaged over cells of velocity and time (finer or coarser axes, other pulse rates and carriers give
     the same picture), then taken in dB over the noise floor or over ``range_db`` below the peak, whichever is higher,
-    and divided by ``range_db``. Noise floor: mean power of the third of the Doppler rows with the least, emptied rows
-    left out. Peak: median over time of the strongest cell. So the picture knows no gain.
+    and divided by ``range_db``. Noise floor: mean power of the third of the Doppler rows with the least, without
+    emptied rows. Peak: median over time of the strongest cell. The image does not depend on the gain.
 
     Parameters
     ----------
@@ -97,17 +100,17 @@ def levels(signature: xr.DataArray, spec: Patch | None = None) -> Levels:
         As :func:`patch`.
     """
     spec = spec or Patch()
-    power, times_s, rows_mps = _checked(signature)
+    power, times_s, rows_mps = _validate(signature)
     # Mean power of the quietest rows that hold any.
     rows = np.sort(power.mean(axis=0))
     rows = rows[rows > 0]
     floor = float(rows[: max(1, int(QUIET_SHARE * rows.size))].mean()) if rows.size else 0.0
-    over_velocity = _averages(power, rows_mps, spec.edges_mps)
+    over_velocity = _average(power, rows_mps, spec.edges_mps)
     column_s = float(times_s[-1] - times_s[0]) / (times_s.size - 1)
     begin_s = float(times_s[0]) - column_s / 2.0
     count = max(1, int(times_s.size * column_s / spec.column_s + 1e-6))
     edges_s: FloatArray = np.asarray(begin_s + spec.column_s * np.arange(count + 1), dtype=np.float64)
-    cells = _averages(over_velocity.T, times_s, edges_s)
+    cells = _average(over_velocity.T, times_s, edges_s)
     known = np.nan_to_num(cells)
     peak = float(np.median(known.max(axis=0)))
     lowest = max(floor, peak * 10.0 ** (-spec.range_db / 10.0))
@@ -119,7 +122,10 @@ def levels(signature: xr.DataArray, spec: Patch | None = None) -> Levels:
 
 
 def cut(whole: Levels, start: int, spec: Patch) -> Levels:
-    """Columns ``start`` to ``start + n_time`` of levels, 0 where there are none; shape (n_velocity, n_time)."""
+    """Cut columns from ``start`` out of levels, shape (n_velocity, n_time).
+
+    ``n_time`` columns, 0 where there are none.
+    """
     picture = np.zeros((spec.n_velocity, spec.n_time), dtype=np.float32)
     first, stop = max(start, 0), min(start + spec.n_time, whole.shape[1])
     if stop > first:
@@ -128,7 +134,9 @@ def cut(whole: Levels, start: int, spec: Patch) -> Levels:
 
 
 def covering(whole: Levels, spec: Patch) -> Levels:
-    """Pictures that cover levels: the middle if one holds all, else evenly spread, at least half overlapping.
+    """Cut images that cover all levels.
+
+    The middle if one image holds all, else evenly spread ones that overlap by half or more.
 
     Returns
     -------
@@ -142,8 +150,11 @@ def covering(whole: Levels, spec: Patch) -> Levels:
     return np.stack([cut(whole, int(start), spec) for start in starts])
 
 
-def _checked(signature: xr.DataArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Power (J, K) and the two axes, even and rising."""
+def _validate(signature: xr.DataArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Check a signature and return power (J, K) and its axes.
+
+    The axes are even and rising.
+    """
     if not isinstance(signature, xr.DataArray) or signature.dims != ("time", "doppler"):
         raise AnalysisError("a patch is made of a signature: a DataArray with the dimensions (time, doppler)")
     if "velocity" not in signature.coords or "time" not in signature.coords:
@@ -163,8 +174,11 @@ def _checked(signature: xr.DataArray) -> tuple[FloatArray, FloatArray, FloatArra
     return power, axes[0], axes[1]
 
 
-def _averages(values: FloatArray, centres: FloatArray, edges: FloatArray) -> FloatArray:
-    """Averages along the last axis between edges, of cells around even centres; NaN where there are no cells."""
+def _average(values: FloatArray, centres: FloatArray, edges: FloatArray) -> FloatArray:
+    """Average along the last axis between edges.
+
+    The values are of cells around even centres; NaN where there are no cells.
+    """
     width = float(centres[-1] - centres[0]) / (centres.size - 1)
     place = np.clip((edges - centres[0]) / width + 0.5, 0.0, float(centres.size))  # in cells from the first one's edge
     summed = np.concatenate([np.zeros((*values.shape[:-1], 1)), np.cumsum(values, axis=-1)], axis=-1)

@@ -1,4 +1,4 @@
-"""Figures of an evaluation, drawn from its document alone."""
+"""Report of an evaluation: figures, tables and page, from its document."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Document = Mapping[str, Any]
 
 
 def figures_of(document: Document) -> Iterator[tuple[str, str, Figure]]:
-    """Name, words and figure, one after the other."""
+    """Yield name, caption and figure, one after the other."""
     yield "scores", "Balanced accuracy of every model with its 95 % interval; dotted: chance.", score_bars(document)
     yield "confusion", "Rows by class and by what they were taken for.", confusion_maps(document)
     for name in next(iter(document["models"].values()))["roc"]:
@@ -56,8 +56,8 @@ def figures_of(document: Document) -> Iterator[tuple[str, str, Figure]]:
             )
 
 
-def _looks(document: Document) -> dict[str, dict[str, Any]]:
-    """Colour and line of every model."""
+def _line_styles(document: Document) -> dict[str, dict[str, Any]]:
+    """Return colour and line style of every model."""
     trained = [name for name, model in document["models"].items() if not model["kind"]["baseline"]]
     looks: dict[str, dict[str, Any]] = {
         name: {"color": BASELINE_COLOUR, "linestyle": style} for name, style in BASELINE_STYLES.items()
@@ -68,36 +68,38 @@ def _looks(document: Document) -> dict[str, dict[str, Any]]:
 
 
 def score_bars(document: Document) -> Figure:
-    """Balanced accuracy of every model as a dot with its interval."""
-    looks, models = _looks(document), document["models"]
+    """Plot the balanced accuracy of every model with its interval."""
+    looks, models = _line_styles(document), document["models"]
     figure, axes = new_axes(width_in=8.0, height_in=1.2 + 0.42 * len(models))
     for place, (name, model) in enumerate(reversed(models.items())):
         found = model["balanced_accuracy"]
         if found["value"] is None:
-            _hollow(axes, [(share["value"], place) for share in _known(model["recall"])], looks[name]["color"])
+            _plot_hollow(
+                axes, [(share["value"], place) for share in _known_shares(model["recall"])], looks[name]["color"]
+            )
             continue
         axes.plot([found["low"], found["high"]], [place, place], color=looks[name]["color"], lw=2.5)
         axes.plot([found["value"]], [place], "o", color=looks[name]["color"], ms=7)
     axes.set_yticks(range(len(models)), labels=list(reversed(models)))
     axes.axvline(1.0 / len(document["classes"]), color="black", ls=":", lw=1.0)
     axes.set_xlim(0.0, 1.02)
-    _grid(axes)
+    _draw_grid(axes)
     name_axes(axes, title="Balanced accuracy", x=f"balanced accuracy (hollow: recall of {ALONE})", y="")
     return figure
 
 
-def _known(recall: Mapping[str, Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+def _known_shares(recall: Mapping[str, Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     return [share for share in recall.values() if share["value"] is not None]
 
 
-def _hollow(axes: Axes, points: Sequence[tuple[float, float]], colour: str) -> None:
-    """Recalls, which are no balanced accuracy."""
+def _plot_hollow(axes: Axes, points: Sequence[tuple[float, float]], colour: str) -> None:
+    """Plot recalls as hollow markers: they are no balanced accuracy."""
     for x, y in points:
         axes.plot([x], [y], "D", mfc="none", color=colour, ms=6)
 
 
 def confusion_maps(document: Document) -> Figure:
-    """One small table per model: share of each class taken for each class, and the number of rows."""
+    """Plot the confusion matrix of every model."""
     models, classes = document["models"], document["classes"]
     across = min(4, len(models))
     down = -(-len(models) // across)
@@ -120,8 +122,8 @@ def confusion_maps(document: Document) -> Figure:
 
 
 def roc_curves(document: Document, label: str) -> Figure:
-    """Share of the class that is detected against share of the others that is, for every model."""
-    looks = _looks(document)
+    """Plot the ROC curve of every model for one class."""
+    looks = _line_styles(document)
     figure, axes = new_axes(width_in=7.0, height_in=6.0)
     for name, model in document["models"].items():
         curve = model["roc"][label]
@@ -130,15 +132,18 @@ def roc_curves(document: Document, label: str) -> Figure:
     axes.axhline(0.95, color=ACCENT, lw=0.8)
     axes.text(1.0, 0.945, "95 % detected", ha="right", va="top", fontsize=8.5, color=ACCENT)
     axes.set(xlim=(-0.01, 1.01), ylim=(-0.01, 1.01))
-    _grid(axes)
+    _draw_grid(axes)
     name_axes(axes, title=f"{label} against all others", x="share of the others", y=f"share of {label}")
     legend_below(figure, axes, columns=2)
     return figure
 
 
 def reliability_curves(document: Document) -> Figure:
-    """Share right against confidence of all models but the baselines, the size of a dot by its share of the rows."""
-    looks = _looks(document)
+    """Plot accuracy against confidence of all models but the baselines.
+
+    The size of a dot is its share of the rows.
+    """
+    looks = _line_styles(document)
     figure, axes = new_axes(width_in=7.0, height_in=6.0)
     lowest = 1.0 / len(document["classes"])
     axes.plot([lowest, 1.0], [lowest, 1.0], color="black", ls=":", lw=1.0)
@@ -150,15 +155,15 @@ def reliability_curves(document: Document) -> Figure:
         text = f"{name}, error {model['expected_calibration_error']:.3f}, Brier {model['brier']:.3f}"
         axes.plot(x, y, lw=1.4, label=text, **looks[name])
         axes.scatter(x, y, s=[20.0 + 200.0 * entry["share"] for entry in bins], color=looks[name]["color"], alpha=0.7)
-    _grid(axes)
+    _draw_grid(axes)
     name_axes(axes, title="Calibration", x="confidence", y="share that is right")
     legend_below(figure, axes, columns=1)
     return figure
 
 
 def condition_curves(document: Document, condition: str) -> Figure:
-    """Balanced accuracy in every bin of a condition, with intervals, and the number of rows in each."""
-    looks, facts = _looks(document), document["conditions"][condition]
+    """Plot the balanced accuracy in bins of a condition, with intervals."""
+    looks, facts = _line_styles(document), document["conditions"][condition]
     figure, axes = new_axes(width_in=9.0, height_in=5.0)
     count = len(facts["models"])
     for number, (name, bins) in enumerate(facts["models"].items()):
@@ -168,32 +173,32 @@ def condition_curves(document: Document, condition: str) -> Figure:
         whole = [entry for entry in bins if entry["value"] is not None]
         for entry in bins:
             if entry["value"] is None:
-                shares = [(middle[id(entry)], share["value"]) for share in _known(entry["recall"])]
-                _hollow(axes, shares, looks[name]["color"])
+                shares = [(middle[id(entry)], share["value"]) for share in _known_shares(entry["recall"])]
+                _plot_hollow(axes, shares, looks[name]["color"])
         x, y = np.array([middle[id(entry)] for entry in whole]), np.array([entry["value"] for entry in whole])
         spread = np.abs(np.array([[entry["low"], entry["high"]] for entry in whole]).reshape(-1, 2).T - y)
         axes.errorbar(x, y, yerr=spread, lw=1.4, elinewidth=0.8, marker="o", ms=4, label=name, **looks[name])
     for entry in next(iter(facts["models"].values())):
         axes.text((entry["from"] + entry["to"]) / 2.0, 0.01, f"n = {entry['n']}", fontsize=8, ha="center", va="bottom")
     axes.set_ylim(0.0, 1.03)
-    _grid(axes)
+    _draw_grid(axes)
     name_axes(axes, title=f"By {facts['column']}", x=facts["words"], y="balanced accuracy")
     legend_below(figure, axes, columns=4)
     return figure
 
 
 def importance_bars(name: str, importance: Mapping[str, float]) -> Figure:
-    """The features that count most."""
+    """Plot the most important features."""
     shown = list(importance.items())[:MOST_FEATURES]
     figure, axes = new_axes(width_in=8.0, height_in=1.2 + 0.28 * len(shown))
     words: Callable[[str], str] = lambda text: quantity_label(text.removeprefix("extended_"))  # noqa: E731
     axes.barh([words(key) for key, _ in reversed(shown)], [value for _, value in reversed(shown)], color="#0072b2")
-    _grid(axes)
+    _draw_grid(axes)
     name_axes(axes, title=name, x="rise of the log loss (nats)", y="")
     return figure
 
 
-def _grid(axes: Axes) -> None:
+def _draw_grid(axes: Axes) -> None:
     axes.grid(color="#e0e0e0", lw=0.6)
     axes.set_axisbelow(True)
 
@@ -204,6 +209,10 @@ __all__: Sequence[str] = ["figures_of"]
 FORMAT, FORMAT_VERSION = "doppelgait-evaluation", 1
 LISTING = "report.json"
 
+ALARM_TEXT = (
+    "<h2>As an alarm</h2><p>Share of every class that triggers where the threshold is set for 95 % of people: by the "
+    "rows held back for calibration, as in use, and read off the ROC curve of the tested rows.</p>"
+)
 STYLE = """body { font-family: sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; color: #222; }
 table { border-collapse: collapse; margin: 1rem 0; } th, td { padding: .25rem .7rem; text-align: right; }
 th { border-bottom: 1px solid #888; } td:first-child, th:first-child { text-align: left; }
@@ -212,7 +221,7 @@ pre { background: #f4f4f4; padding: 1rem; overflow-x: auto; } .note { color: #a0
 
 
 def check_folder(folder: Path) -> Path:
-    """Folder of a report to be; nothing is made.
+    """Check the folder of a report without creating anything.
 
     Raises
     ------
@@ -224,7 +233,9 @@ def check_folder(folder: Path) -> Path:
 
 
 def write_report(found: Evaluation, folder: str | Path) -> list[Path]:
-    """Write ``index.html`` with its figures, ``scores.json``, ``answers.csv``, ``plan.json`` and a list of them.
+    """Write the report of an evaluation to a folder.
+
+    ``index.html`` with its figures, ``scores.json``, ``answers.csv``, ``plan.json`` and a list of them.
 
     Parameters
     ----------
@@ -250,74 +261,82 @@ def write_report(found: Evaluation, folder: str | Path) -> list[Path]:
         for name, words, figure in figures_of(document):
             save_figure(figure, partial / f"{name}.png")
             pictures.append((f"{name}.png", words))
-        texts = _texts(found, pictures)
+        texts = {
+            "scores.json": json.dumps(document, indent=1, allow_nan=False) + "\n",
+            "answers.csv": found.answers.to_csv(index=False, lineterminator="\n"),
+            "plan.json": json.dumps(document["dataset"]["config"], indent=1, allow_nan=False) + "\n",
+        }
+        listing = {"format": FORMAT, "format_version": FORMAT_VERSION, "files": sorted([*texts, *dict(pictures)])}
+        texts[LISTING] = json.dumps(listing, indent=1) + "\n"
+        texts[PAGE] = page(document, pictures)
         for name, text in texts.items():
             (partial / name).write_text(text, encoding="utf-8", newline="\n")
     return [target / name for name in [*(name for name, _ in pictures), *texts]]
 
 
-def _texts(found: Evaluation, pictures: Sequence[tuple[str, str]]) -> dict[str, str]:
-    """All files but the figures, by name; the page last."""
-    document = found.document
-    texts = {
-        "scores.json": json.dumps(document, indent=1, allow_nan=False) + "\n",
-        "answers.csv": found.answers.to_csv(index=False, lineterminator="\n"),
-        "plan.json": json.dumps(document["dataset"]["config"], indent=1, allow_nan=False) + "\n",
-    }
-    listing = {"format": FORMAT, "format_version": FORMAT_VERSION, "files": sorted([*texts, *dict(pictures)])}
-    texts[LISTING] = json.dumps(listing, indent=1) + "\n"
-    return {**texts, PAGE: page(document, pictures)}
-
-
 def page(document: Mapping[str, Any], pictures: Sequence[tuple[str, str]]) -> str:
-    """The page as HTML."""
+    """Format the page as HTML."""
     data, other = document["dataset"], document["test_dataset"]
     tested = ", ".join(f"{count} {name}" for name, count in document["tested"].items())
     rows = []
     for fold in document["folds"]:
         words = {key: f"{fold[key]['n']} of {fold[key]['movers']} movers" for key in ("train", "held", "test")}
         rows.append({"fold": fold["name"], **words})
+    plans = []
+    for facts, role in ((data, "learnt"), (other, "tested")):
+        if facts is not None:
+            name, identity = escape(str(facts["name"])), escape(str(facts["id"]))
+            plans.append(f"<h2>Plan, {role}: {name}, id {identity}</h2>")
+            if facts["config"] is None:
+                plans[-1] += f"<p>It has no plan ({escape(facts['origin'])}).</p>"
+            else:
+                plans[-1] += f"<pre>{escape(json.dumps(facts['config'], indent=1))}</pre>"
+    # The model that details are shown of: the best, or the first trained where none can be called so.
+    trained = [name for name, model in document["models"].items() if not model["kind"]["baseline"]]
+    best, details = str(document["best_on_held_rows"] or trained[0]), []
+    for column, models in document["breakdowns"].items():
+        shares = [
+            {column: entry["value"], "is": entry["label"], "rows": entry["n"], "movers": entry["movers"],
+             "share right": f"{number(entry['share_value'])} ({number(entry['low'])} to {number(entry['high'])})"}
+            for entry in models[best]
+        ]  # fmt: skip
+        details += [f"<h2>{escape(best)} by {escape(column)}</h2>", _format_table(shares)]
+    baselines = {name for name, model in document["models"].items() if model["kind"]["baseline"]}
+    alarms = alarm_table(document)
     parts = [
         f"<h1>{escape(str(data['name']))}: classification</h1>",
-        f"<p>Learnt from {_dataset(data)}; tested on {_dataset(other) if other else 'rows of it'}: {escape(tested)}. "
+        f"<p>Learnt from {_describe(data)}; tested on {_describe(other) if other else 'rows of it'}: {escape(tested)}. "
         f"Nobody who is tested was learnt from. doppelgait {escape(document['doppelgait_version'])}, seed "
         f"{document['seed']}.</p>",
         *(f'<p class="note">{escape(note)}</p>' for note in document["notes"]),
-        _table(
+        _format_table(
             [{str(key): text for key, text in row.items()} for row in score_table(document)],
-            baselines={n for n, m in document["models"].items() if m["kind"]["baseline"]},
+            baselines=baselines,
         ),
         "<p>Balanced accuracy with its 95 % interval over movers (bootstrap; exact where there are few movers or no "
         "errors). <i>Decided</i>: rows that the model does not abstain from, and its balanced accuracy among them. "
         "Grey: what a score must be compared with: the most frequent class (chance); the parameters that must not tell "
         "the class (nuisance); the speed alone.</p>",
-        *_alarm(document),
+        *([ALARM_TEXT, _format_table(alarms, baselines=baselines)] if alarms else []),
         *(
             f'<figure><img src="{escape(name)}" alt="{escape(words)}"><figcaption>{escape(words)}</figcaption></figure>'
             for name, words in pictures
         ),
-        *_breakdowns(document),
+        *details,
         "<h2>Who learnt, who was tested</h2>",
-        _table(rows),
-        *(_plan(part, role) for part, role in ((data, "learnt"), (other, "tested")) if part is not None),
+        _format_table(rows),
+        *plans,
     ]
     head = f"<meta charset='utf-8'><title>{escape(str(data['name']))}: classification</title><style>{STYLE}</style>"
     return f"<!doctype html>\n<html lang='en'><head>{head}</head>\n<body>\n" + "\n".join(parts) + "\n</body></html>\n"
 
 
-def _plan(facts: Mapping[str, Any], role: str) -> str:
-    title = f"<h2>Plan, {role}: {escape(str(facts['name']))}, id {escape(str(facts['id']))}</h2>"
-    if facts["config"] is None:
-        return f"{title}<p>It has no plan ({escape(facts['origin'])}).</p>"
-    return f"{title}<pre>{escape(json.dumps(facts['config'], indent=1))}</pre>"
-
-
-def _dataset(facts: Mapping[str, Any]) -> str:
+def _describe(facts: Mapping[str, Any]) -> str:
     name, identity = escape(str(facts["name"])), escape(str(facts["id"]))
     return f"{name} ({facts['n_rows']} rows, {escape(facts['origin'])}, id {identity})"
 
 
-def _table(rows: Sequence[Mapping[str, Any]], baselines: Iterable[str] = ()) -> str:
+def _format_table(rows: Sequence[Mapping[str, Any]], baselines: Iterable[str] = ()) -> str:
     if not rows:
         return ""
     grey = set(baselines)
@@ -331,7 +350,7 @@ def _table(rows: Sequence[Mapping[str, Any]], baselines: Iterable[str] = ()) -> 
 
 
 def score_table(document: Mapping[str, Any]) -> list[dict[str, str]]:
-    """One row per model, in words: what the page and the command line show."""
+    """Format one row of scores per model, for page and command line."""
     rows = []
     for name, model in document["models"].items():
         found, decided = model["balanced_accuracy"], model["decided"]
@@ -349,7 +368,10 @@ def score_table(document: Mapping[str, Any]) -> list[dict[str, str]]:
 
 
 def alarm_table(document: Mapping[str, Any]) -> list[dict[str, str]]:
-    """Who triggers an alarm that detects 95 % of people, by model; empty where there is no such class."""
+    """Format the alarm rates of every class, by model.
+
+    The alarm detects 95 % of people; empty where there is no such class.
+    """
     rows = []
     for name, model in document["models"].items():
         alarm = model["alarm"]
@@ -360,38 +382,13 @@ def alarm_table(document: Mapping[str, Any]) -> list[dict[str, str]]:
     return rows
 
 
-def _alarm(document: Mapping[str, Any]) -> list[str]:
-    rows = alarm_table(document)
-    if not rows:
-        return []
-    return [
-        "<h2>As an alarm</h2><p>Share of every class that triggers where the threshold is set for 95 % of people: by "
-        "the rows held back for calibration, as in use, and read off the ROC curve of the tested rows.</p>",
-        _table(rows, baselines={n for n, m in document["models"].items() if m["kind"]["baseline"]}),
-    ]
-
-
-def _breakdowns(document: Mapping[str, Any]) -> list[str]:
-    # The model that details are shown of: the best, or the first trained where none can be called so.
-    trained = [name for name, model in document["models"].items() if not model["kind"]["baseline"]]
-    best, parts = str(document["best_on_held_rows"] or trained[0]), []
-    for column, models in document["breakdowns"].items():
-        rows = [
-            {column: entry["value"], "is": entry["label"], "rows": entry["n"], "movers": entry["movers"],
-             "share right": f"{number(entry['share_value'])} ({number(entry['low'])} to {number(entry['high'])})"}
-            for entry in models[best]
-        ]  # fmt: skip
-        parts += [f"<h2>{escape(best)} by {escape(column)}</h2>", _table(rows)]
-    return parts
-
-
 def number(value: float | None, digits: int = 3) -> str:
-    """A share for people; ``-`` for None."""
+    """Format a share; ``-`` for None."""
     return "-" if value is None else f"{value:.{digits}f}"
 
 
 def with_interval(found: Mapping[str, Any]) -> str:
-    """A share with its interval; why there is none where not all classes are tested."""
+    """Format a share with its interval, or why there is none."""
     if found["value"] is None and "interval" in found:
         return str(found["interval"])
     return f"{number(found['value'])} ({number(found['low'])} to {number(found['high'])})"

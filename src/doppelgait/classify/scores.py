@@ -1,8 +1,10 @@
-"""Scores of probabilities against labels, with intervals that know that rows of one mover are no independent trials."""
+"""Scores of probabilities against labels, with intervals.
+
+The intervals allow for rows of one target that are not independent.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -20,12 +22,12 @@ Bools = npt.NDArray[np.bool_]
 LEVEL = 0.95
 REPLICATES = 2000
 FEW_GROUPS = 20
-"""With fewer movers in a class the interval is the exact one."""
+"""With fewer targets in a class the interval is exact."""
 CALIBRATION_BINS = 15
 
 
 class Interval(NamedTuple):
-    """A 95 % interval and how it was found: ``exact`` or ``bootstrap``."""
+    """A 95 % interval and its method: ``exact`` or ``bootstrap``."""
 
     low: float
     high: float
@@ -33,25 +35,31 @@ class Interval(NamedTuple):
 
 
 def confusion(labels: IntArray, guesses: IntArray, n_classes: int) -> IntArray:
-    """Rows by their class (first axis) and by what they were taken for."""
+    """Count rows by true (first axis) and predicted class."""
     counts = np.bincount(labels * n_classes + guesses, minlength=n_classes**2)
     return counts.reshape(n_classes, n_classes).astype(np.int64)
 
 
 def recalls(labels: IntArray, right: Bools, n_classes: int) -> FloatArray:
-    """Share of every class that is right; NaN for a class that does not occur."""
+    """Return the recall of every class; NaN for an absent class."""
     counts = np.bincount(labels, minlength=n_classes)
     with np.errstate(invalid="ignore"):
         return np.asarray(np.bincount(labels, weights=right, minlength=n_classes) / counts)
 
 
 def balanced_accuracy(labels: IntArray, right: Bools, n_classes: int) -> float:
-    """Mean of the recalls of all classes; NaN where one does not occur: the recall of one alone is no accuracy."""
+    """Return the mean recall of all classes.
+
+    NaN where one is absent: the recall of one class alone is no accuracy.
+    """
     return float(recalls(labels, right, n_classes).mean())
 
 
 def clopper_pearson(hits: float, n: float, level: float = LEVEL) -> tuple[float, float]:
-    """Exact interval of a share: hits among n trials (Clopper and Pearson 1934); (0, 1) without trials."""
+    """Return the exact interval of a share (Clopper and Pearson 1934).
+
+    ``hits`` among n trials; (0, 1) without trials.
+    """
     from scipy.stats import beta
 
     tail = (1.0 - level) / 2.0
@@ -61,7 +69,10 @@ def clopper_pearson(hits: float, n: float, level: float = LEVEL) -> tuple[float,
 
 
 def share_interval(right: Bools, groups: Groups, level: float = LEVEL) -> tuple[float, float]:
-    """Exact interval of a share of rows, as if every mover were one trial: wide enough where its rows are all alike."""
+    """Return the exact interval of a share, one trial per target.
+
+    It is wide enough where all rows of a target are alike.
+    """
     count = np.unique(groups).size
     return clopper_pearson(float(right.mean()) * count, float(count), level) if count else (0.0, 1.0)
 
@@ -69,11 +80,11 @@ def share_interval(right: Bools, groups: Groups, level: float = LEVEL) -> tuple[
 def balanced_interval(
     labels: IntArray, right: Bools, groups: Groups, n_classes: int, rng: np.random.Generator
 ) -> Interval:
-    """Interval of the balanced accuracy.
+    """Return the interval of the balanced accuracy.
 
-    With 20 movers or more in every class that occurs and both hits and errors there: percentiles of a bootstrap over
-    movers, those of each class (or set of classes) for themselves. Otherwise, where a bootstrap would be too sure: the
-    mean of exact intervals of every class's share at the level that holds for all of them together.
+    With 20 targets or more in every present class and both hits and errors there: percentiles of a bootstrap over
+    targets, separately for each class (or set of classes). Otherwise, where a bootstrap would be too narrow: the mean
+    of exact intervals of the recalls at the level that holds for all of them together.
     """
     present = np.unique(labels)
     if not present.size:
@@ -95,7 +106,9 @@ def balanced_interval(
 
 
 def group_weights(labels: IntArray, groups: Groups, rng: np.random.Generator, *, count: int = REPLICATES) -> FloatArray:
-    """How often every row is in each bootstrap sample of groups, drawn among those with the same classes.
+    """Sample bootstrap weights of rows by group.
+
+    Groups are sampled among those with the same classes.
 
     Returns
     -------
@@ -114,7 +127,10 @@ def group_weights(labels: IntArray, groups: Groups, rng: np.random.Generator, *,
 
 
 def auc(scores: FloatArray, positive: Bools, weights: FloatArray | None = None) -> float:
-    """Probability that a positive row scores higher than a negative one, ties counting half; NaN with one kind."""
+    """Return the area under the ROC curve.
+
+    The probability that a positive row scores higher than a negative one, ties counting half; NaN with one kind.
+    """
     weight = np.ones(scores.size) if weights is None else weights
     _, place = np.unique(scores, return_inverse=True)
     size = int(place.max()) + 1 if scores.size else 0
@@ -129,7 +145,10 @@ def auc(scores: FloatArray, positive: Bools, weights: FloatArray | None = None) 
 def auc_interval(
     scores: FloatArray, positive: Bools, groups: Groups, rng: np.random.Generator
 ) -> tuple[float, float] | None:
-    """Percentiles of a bootstrap over movers; None where a kind has fewer than 20 of them or nothing overlaps."""
+    """Return the bootstrap interval of the AUC over targets, or None.
+
+    None where a kind has fewer than 20 targets or nothing overlaps.
+    """
     few = min(np.unique(groups[positive]).size, np.unique(groups[~positive]).size) < FEW_GROUPS
     if few or auc(scores, positive) in (0.0, 1.0):
         return None
@@ -139,7 +158,10 @@ def auc_interval(
 
 
 def roc(scores: FloatArray, positive: Bools) -> tuple[FloatArray, FloatArray]:
-    """Share of negative and of positive rows at or above every threshold, from (0, 0) to (1, 1)."""
+    """Return false and true positive rates from (0, 0) to (1, 1).
+
+    At every threshold.
+    """
     order = np.argsort(-scores, kind="stable")
     last = np.append(np.flatnonzero(np.diff(scores[order])), scores.size - 1)
     hits, alarms = np.cumsum(positive[order])[last], np.cumsum(~positive[order])[last]
@@ -148,14 +170,20 @@ def roc(scores: FloatArray, positive: Bools) -> tuple[FloatArray, FloatArray]:
 
 
 def brier(probability: FloatArray, labels: IntArray, weights: FloatArray) -> float:
-    """Mean squared error of the probabilities, half the sum over classes: from 0 to 1."""
+    """Return the Brier score, from 0 to 1.
+
+    The mean of half the squared errors summed over classes.
+    """
     wrong = probability.copy()
     wrong[np.arange(labels.size), labels] -= 1.0
     return float(np.average(0.5 * (wrong**2).sum(axis=1), weights=weights))
 
 
 def reliability(confidence: FloatArray, right: Bools, weights: FloatArray, lowest: float) -> list[dict[str, float]]:
-    """Confidence and share that is right in 15 even bins from the lowest possible confidence to 1; no empty ones."""
+    """Return confidence and accuracy in bins of confidence.
+
+    15 even bins from the lowest possible confidence to 1; no empty ones.
+    """
     edges = np.linspace(lowest, 1.0, CALIBRATION_BINS + 1)
     place = np.clip(np.searchsorted(edges, confidence, side="right") - 1, 0, CALIBRATION_BINS - 1)
     found = []
@@ -171,7 +199,10 @@ def reliability(confidence: FloatArray, right: Bools, weights: FloatArray, lowes
 
 
 def expected_calibration_error(bins: list[dict[str, float]]) -> float:
-    """Mean distance of confidence and accuracy over the bins of :func:`reliability`, by their share of the rows."""
+    """Return the expected calibration error over bins of :func:`reliability`.
+
+    Mean distance of confidence and accuracy, weighted by the share of rows.
+    """
     return float(sum(entry["share"] * abs(entry["confidence"] - entry["accuracy"]) for entry in bins))
 
 
@@ -186,7 +217,7 @@ NOT_ALL = "not all classes are tested"
 
 @dataclass(frozen=True, eq=False)
 class Answers:
-    """What a model said about rows that it did not learn from.
+    """Predictions of a model for test rows.
 
     Parameters
     ----------
@@ -197,9 +228,9 @@ class Answers:
     classes : tuple of str
     probability : ndarray, shape (n, n_classes)
     threshold : ndarray, shape (n,)
-        Of the alarm class, set on held rows; NaN where there was none.
+        Of the alarm class, set on held-out rows; NaN where there was none.
     decided : ndarray of bool, shape (n,)
-        Rows about which a decision was given.
+        Rows with a decision.
     """
 
     index: pd.DataFrame
@@ -212,7 +243,7 @@ class Answers:
 
     @property
     def guesses(self) -> IntArray:
-        """Most likely class of every row."""
+        """Most likely class of every row, shape (n,)."""
         return np.asarray(self.probability.argmax(axis=1), dtype=np.int64)
 
     @property
@@ -222,7 +253,9 @@ class Answers:
 
 
 def scorecard(answers: Answers, *, seed: int) -> dict[str, Any]:
-    """Every overall score of a model, for JSON; intervals are of 95 %.
+    """Compute every overall score of a model, for JSON.
+
+    Intervals are of 95 %.
 
     Parameters
     ----------
@@ -233,12 +266,27 @@ def scorecard(answers: Answers, *, seed: int) -> dict[str, Any]:
     n_classes = len(answers.classes)
     weights = class_weights(answers.labels, n_classes)
     bins = reliability(answers.probability.max(axis=1), answers.right, weights, 1.0 / n_classes)
+    detected = answers.classes
+    if n_classes <= 2:  # one curve: of the class to detect if it is there
+        detected = (ALARM_CLASS,) if ALARM_CLASS in answers.classes else answers.classes[:1]
+    curves: dict[str, dict[str, Any]] = {}
+    for name in detected:
+        number = answers.classes.index(name)
+        probability, positive = answers.probability[:, number], answers.labels == number
+        if not 0 < positive.sum() < positive.size:
+            curves[name] = {"auc": float("nan"), "low": None, "high": None, "false": [], "true": []}
+            continue
+        low, high = auc_interval(probability, positive, answers.groups, np.random.default_rng(seed)) or (None, None)
+        false, true = roc(probability, positive)
+        kept = np.unique(np.linspace(0, false.size - 1, MOST_POINTS).round().astype(int))
+        area, points = auc(probability, positive), {"false": false[kept].tolist(), "true": true[kept].tolist()}
+        curves[name] = {"auc": area, "low": low, "high": high, **points}
     return {
-        "balanced_accuracy": _balanced(answers, np.ones(len(answers.labels), dtype=bool), seed),
+        "balanced_accuracy": _score_balanced(answers, np.ones(len(answers.labels), dtype=bool), seed),
         "accuracy": float(answers.right.mean()),
-        "recall": {name: _share(answers, answers.labels == n) for n, name in enumerate(answers.classes)},
+        "recall": {name: _score_share(answers, answers.labels == n) for n, name in enumerate(answers.classes)},
         "confusion": confusion(answers.labels, answers.guesses, n_classes).tolist(),
-        "roc": {name: _roc(answers, name, seed) for name in _positives(answers.classes)},
+        "roc": curves,
         "brier": brier(answers.probability, answers.labels, weights),
         "expected_calibration_error": expected_calibration_error(bins),
         "reliability": bins,
@@ -246,19 +294,12 @@ def scorecard(answers: Answers, *, seed: int) -> dict[str, Any]:
         "decided": {
             "share": float(answers.decided.mean()),
             "n": int(answers.decided.sum()),
-            "balanced_accuracy": _balanced(answers, answers.decided, seed),
+            "balanced_accuracy": _score_balanced(answers, answers.decided, seed),
         },
     }
 
 
-def _positives(classes: Sequence[str]) -> list[str]:
-    """Classes that are told from all others: of two only one, which is the one to detect if it is there."""
-    if len(classes) > 2:
-        return list(classes)
-    return [ALARM_CLASS if ALARM_CLASS in classes else classes[0]]
-
-
-def _balanced(answers: Answers, chosen: Bools, seed: int) -> dict[str, Any]:
+def _score_balanced(answers: Answers, chosen: Bools, seed: int) -> dict[str, Any]:
     labels, right = answers.labels[chosen], answers.right[chosen]
     n_classes = len(answers.classes)
     if np.unique(labels).size < n_classes:
@@ -268,8 +309,11 @@ def _balanced(answers: Answers, chosen: Bools, seed: int) -> dict[str, Any]:
     return {"value": value, "low": found.low, "high": found.high, "interval": found.method}
 
 
-def _share(answers: Answers, chosen: Bools) -> dict[str, Any]:
-    """Share of some rows that is right; the interval is exact, every mover one trial."""
+def _score_share(answers: Answers, chosen: Bools) -> dict[str, Any]:
+    """Return the accuracy of some rows with its exact interval.
+
+    Every target is one trial.
+    """
     low, high = share_interval(answers.right[chosen], answers.groups[chosen])
     count = int(chosen.sum())
     return {
@@ -281,22 +325,12 @@ def _share(answers: Answers, chosen: Bools) -> dict[str, Any]:
     }
 
 
-def _roc(answers: Answers, name: str, seed: int) -> dict[str, Any]:
-    number = answers.classes.index(name)
-    probability, positive = answers.probability[:, number], answers.labels == number
-    if not 0 < positive.sum() < positive.size:
-        return {"auc": float("nan"), "low": None, "high": None, "false": [], "true": []}
-    low, high = auc_interval(probability, positive, answers.groups, np.random.default_rng(seed)) or (None, None)
-    false, true = roc(probability, positive)
-    kept = np.unique(np.linspace(0, false.size - 1, MOST_POINTS).round().astype(int))
-    area = auc(probability, positive)
-    return {"auc": area, "low": low, "high": high, "false": false[kept].tolist(), "true": true[kept].tolist()}
-
-
 def alarm_point(answers: Answers) -> dict[str, Any] | None:
-    """Who triggers an alarm that detects 95 % of people; None where there is no such class or no threshold.
+    """Compute alarm rates at 95 % detection of people, or None.
 
-    ``held``: with the threshold that the held rows gave, as in use. ``curve``: read off the test rows' own ROC curve.
+    None where there is no such class or no threshold.
+
+    ``held``: with the threshold of the held-out rows, as in use. ``curve``: from the ROC curve of the test rows.
     """
     if ALARM_CLASS not in answers.classes:
         return None
@@ -307,14 +341,14 @@ def alarm_point(answers: Answers) -> dict[str, Any] | None:
     from doppelgait.classify.model import detection_threshold
 
     own = detection_threshold(probability, positive, DETECTED_SHARE)
-    found: dict[str, Any] = {"detected_share": DETECTED_SHARE, "curve": _triggered(answers, probability >= own)}
+    found: dict[str, Any] = {"detected_share": DETECTED_SHARE, "curve": _alarm_rates(answers, probability >= own)}
     if np.isfinite(answers.threshold).all():
-        found["held"] = _triggered(answers, probability >= answers.threshold)
+        found["held"] = _alarm_rates(answers, probability >= answers.threshold)
     return found
 
 
-def _triggered(answers: Answers, triggers: Bools) -> dict[str, Any]:
-    """Share of every class that triggers."""
+def _alarm_rates(answers: Answers, triggers: Bools) -> dict[str, Any]:
+    """Return the share of every class that triggers."""
     found = {}
     for number, name in enumerate(answers.classes):
         member = answers.labels == number
@@ -326,7 +360,7 @@ def _triggered(answers: Answers, triggers: Bools) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Condition:
-    """A condition that accuracy is shown against.
+    """A condition of which accuracy is plotted.
 
     Parameters
     ----------
@@ -355,7 +389,10 @@ CONDITIONS = (
 
 
 def condition_values(index: pd.DataFrame, condition: Condition) -> tuple[str, FloatArray]:
-    """The first column that is known of half of the rows or more, and its values; the angle from 0 to 90 degrees."""
+    """Return the best known column of a condition and its values.
+
+    It is known of half of the rows or more; angles are from 0 to 90 degrees.
+    """
     for column in condition.columns:
         if column not in index:
             continue
@@ -370,7 +407,10 @@ def condition_values(index: pd.DataFrame, condition: Condition) -> tuple[str, Fl
 
 
 def bin_edges(values: FloatArray, step: float) -> FloatArray:
-    """Edges at whole steps, doubled until 12 bins take in all known values."""
+    """Return even bin edges, 12 bins at most.
+
+    Edges are at whole steps, which are doubled until the bins hold all known values.
+    """
     known = values[np.isfinite(values)]
     if not known.size:
         return np.zeros(0)
@@ -382,16 +422,19 @@ def bin_edges(values: FloatArray, step: float) -> FloatArray:
 
 
 def curve(answers: Answers, values: FloatArray, edges: FloatArray, *, seed: int) -> list[dict[str, Any]]:
-    """Balanced accuracy in every bin with rows of all classes, with its interval; recalls of every class there is."""
+    """Return balanced accuracy and recalls in bins of a condition.
+
+    Balanced accuracy only in bins with rows of all classes.
+    """
     found = []
     for low, high in pairwise(edges.tolist()):
         inside = (values >= low) & (values < high)
         if inside.any():
             found.append({
                 "from": float(low), "to": float(high), "n": int(inside.sum()),
-                **_balanced(answers, inside, seed),
+                **_score_balanced(answers, inside, seed),
                 "recall": {
-                    name: _share(answers, inside & (answers.labels == n))
+                    name: _score_share(answers, inside & (answers.labels == n))
                     for n, name in enumerate(answers.classes)
                     if (inside & (answers.labels == n)).any()
                 },
@@ -404,11 +447,11 @@ MOST_VALUES = 40
 
 
 def breakdown(answers: Answers, texts: npt.NDArray[np.str_]) -> list[dict[str, Any]]:
-    """Share right of every class at every value of a column."""
+    """Return the accuracy of every class at every value of a column."""
     return [
         {"value": value, "label": name, **{f"share_{k}" if k == "value" else k: v for k, v in shares.items()}}
         for value in np.unique(texts).tolist()
         for number, name in enumerate(answers.classes)
         if (member := (texts == value) & (answers.labels == number)).any()
-        for shares in (_share(answers, member),)
+        for shares in (_score_share(answers, member),)
     ]

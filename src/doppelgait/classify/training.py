@@ -1,4 +1,4 @@
-"""Models by name: what each looks at and how it learns."""
+"""Classifiers by name, with their inputs and training functions."""
 
 from __future__ import annotations
 
@@ -14,17 +14,20 @@ from doppelgait.core.worker import one_blas_thread
 
 
 class Trainer(Protocol):
-    """What a plug-in of the group ``classifier`` is: a function that trains."""
+    """A plug-in of the group ``classifier``: a function that trains."""
 
     def __call__(self, train: Part, held: Part, *, n_classes: int, seed: int) -> Learned:
-        """Train on the first rows; the others, of other movers, only say when to stop."""
+        """Train on ``train``.
+
+        The rows in ``held``, of other targets, only decide when to stop.
+        """
 
 
 CLASSIFIERS: Group[Trainer] = Group(
     "classifier", built_in=("doppelgait.classify.training", "doppelgait.classify.network")
 )
-"""Classifiers by name. Facts: ``features`` (``six``, ``extended``, ``speed``, ``signature``, ...) is what one looks at,
-``learner`` what it is called in reports, ``baseline`` whether it is for comparison only."""
+"""Classifiers by name. Facts: ``features`` (``six``, ``extended``, ``speed``, ``signature``, ...) are its inputs,
+``learner`` its name in reports, ``baseline`` marks one that is for comparison only."""
 
 BUILT_IN = ("six-logistic", "six-boosting", "extended-logistic", "extended-boosting", "signature-network")
 BASELINES = ("chance", "nuisance", "speed")
@@ -32,14 +35,17 @@ BASELINES = ("chance", "nuisance", "speed")
 
 
 class Kind(NamedTuple):
-    """What a model looks at, and how it learns."""
+    """Inputs and training method of a model."""
 
     features: str
     learner: str
 
 
 def model_names() -> list[str]:
-    """Names of the classifiers that are no baselines: the built-in ones, then those of other packages."""
+    """Return the names of all classifiers but the baselines.
+
+    The built-in ones come first.
+    """
     return [*BUILT_IN, *(item.name for item in CLASSIFIERS.values() if item.name not in BUILT_IN + BASELINES)]
 
 
@@ -47,11 +53,17 @@ BOOSTING = {
     "max_iter": 150, "learning_rate": 0.08, "max_leaf_nodes": 15, "min_samples_leaf": 10, "l2_regularization": 1.0,
     "early_stopping": False,
 }  # fmt: skip
-"""Chosen once, before any test set was looked at."""
+"""Chosen once, before any test set was used."""
+
+
+_OTHER_TREES = (
+    "scikit-learn {version} stores the trees of HistGradientBoostingClassifier in another form ({reason}); install "
+    "another version, or train models without trees: --models six-logistic"
+)
 
 
 def kind_of(name: str) -> Kind:
-    """Model of a name; an unknown one is a :class:`ConfigError`."""
+    """Return inputs and method of a model; unknown names are refused."""
     if name not in CLASSIFIERS:
         raise ConfigError(f"--models: model {name!r} is not known; allowed are {', '.join(model_names())}")
     facts = CLASSIFIERS[name].facts
@@ -67,7 +79,7 @@ def fit(kind: Kind, train: Part, held: Part, *, n_classes: int, seed: int) -> Le
     train : Part
         At least one row of every class.
     held : Part
-        Rows of other movers; only the network looks at them, to stop in time. May be empty.
+        Rows of other targets; only the network uses them, to stop in time. May be empty.
     n_classes : int
     seed : int
         Same seed, same rows, same machine: same model.
@@ -83,7 +95,7 @@ def fit(kind: Kind, train: Part, held: Part, *, n_classes: int, seed: int) -> Le
 
 @plugin("classifier", "chance", features="nothing", learner="majority", baseline=True)
 def train_majority(train: Part, held: Part, *, n_classes: int, seed: int) -> Constant:
-    """Be certain of the most frequent class; the first of them if there are several."""
+    """Predict the most frequent class, the first of several."""
     shares = np.full(n_classes, 1e-9)
     shares[np.bincount(train.labels, minlength=n_classes).argmax()] = 1.0
     return Constant(np.log(shares / shares.sum()))
@@ -113,7 +125,8 @@ def train_logistic(train: Part, held: Part, *, n_classes: int, seed: int) -> Lin
 @plugin("classifier", "nuisance", features="nuisance", learner="boosting", baseline=True)
 @plugin("classifier", "speed", features="speed", learner="boosting", baseline=True)
 def train_boosting(train: Part, held: Part, *, n_classes: int, seed: int) -> Learned:
-    """Fit boosted decision trees, which take unknown features as they are."""
+    """Fit boosted decision trees, which accept unknown features."""
+    import sklearn
     from sklearn.ensemble import HistGradientBoostingClassifier
 
     known = np.flatnonzero(~np.isnan(train.values).all(axis=0))  # scikit-learn has no bins for what is never known
@@ -123,8 +136,19 @@ def train_boosting(train: Part, held: Part, *, n_classes: int, seed: int) -> Lea
     with one_blas_thread():  # of some thousand rows, threads that wait for each other take longer than one
         model.fit(values, train.labels, sample_weight=class_weights(train.labels, n_classes))
         expected = model.predict_proba(values)
+    # A model is kept as plain arrays, but scikit-learn has no public access to these trees. Its private attributes are
+    # read here and nowhere else; a version that stores other ones gives one clear error, here or by the comparison.
+    try:
+        trees = [[tree.nodes for tree in one_round] for one_round in model._predictors]
+        start = np.ravel(model._baseline_prediction).astype(np.float64)
+        missing = {"is_leaf", "feature_idx", "num_threshold", "value", "missing_go_to_left", "left", "right"} - set(
+            trees[0][0].dtype.names
+        )
+    except AttributeError as error:
+        raise DatasetError(_OTHER_TREES.format(version=sklearn.__version__, reason=error)) from error
+    if missing:
+        raise DatasetError(_OTHER_TREES.format(version=sklearn.__version__, reason=f"no {', '.join(sorted(missing))}"))
     # Nodes of all trees in one list, of a model that saw these columns.
-    trees = [[tree.nodes for tree in one_round] for one_round in model._predictors]
     nodes = [part for one_round in trees for part in one_round]
     first = np.cumsum([0, *(part.size for part in nodes[:-1])])
     shift = np.repeat(first, [part.size for part in nodes])
@@ -142,8 +166,8 @@ def train_boosting(train: Part, held: Part, *, n_classes: int, seed: int) -> Lea
         left=whole(every["left"].astype(np.int64) + shift),
         right=whole(every["right"].astype(np.int64) + shift),
         root=first.reshape(len(trees), len(trees[0])).astype(np.int64),
-        start=np.ravel(model._baseline_prediction).astype(np.float64),
+        start=start,
     )
     if not np.allclose(np.exp(found.log_probability(train.values)), expected, atol=1e-9):
-        raise DatasetError("this version of scikit-learn keeps its trees in another way; install another one")
+        raise DatasetError(_OTHER_TREES.format(version=sklearn.__version__, reason="other probabilities"))
     return found

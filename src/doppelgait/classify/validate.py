@@ -1,4 +1,7 @@
-"""Who learns and who is tested: movers, and all who share a scene with them, are on one side."""
+"""Training and test rows, with every target on one side.
+
+So are all targets that share a scene.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from doppelgait.classify.data import Rows, split_of
 from doppelgait.classify.learned import IntArray
@@ -19,13 +21,13 @@ MOST_LEFT_OUT = 50
 
 @dataclass(frozen=True, eq=False)
 class Fold:
-    """Rows by what they are for.
+    """Rows for training, validation and testing.
 
     Parameters
     ----------
     name : str
     train, held, test : ndarray of int
-        To learn from; to stop in time, calibrate and set thresholds; to be tested on.
+        For training; for stopping in time, calibration and thresholds; for testing.
     """
 
     name: str
@@ -35,60 +37,54 @@ class Fold:
 
 
 def own_splits(rows: Rows, *, seed: int) -> tuple[Fold, list[str]]:
-    """The dataset's own splits, or those to learn from and all rows of the other dataset to test on.
+    """Return the dataset's own splits, tested on the other dataset if any.
 
-    Rows of the other dataset whose recording, mover or motion is also learnt from are left out.
+    Rows of the other dataset are left out if their recording, target or motion is in the training data.
 
     Returns
     -------
     Fold
     list of str
-        What the reader must know of it.
+        Remarks for the report.
 
     Raises
     ------
     DatasetError
-        If there is nothing to learn from or nothing to be tested on.
+        If there are no training rows or no test rows.
     """
-    train, held, notes = _learning_rows(rows, seed)
     first = rows.datasets[0].directory
+    train, held, notes = split_of(rows, "train"), split_of(rows, "validation"), []
+    _check_all_classes(rows, train, f"{first}: the split train")
+    if not held.size:
+        train, held = hold_back(rows, train, seed)
+        notes.append(f"no validation split: {held.size} rows of train were held back for calibration")
     if len(rows.datasets) == 1:
         test, words = split_of(rows, "test"), f"{first}: has no rows in the split test"
         if not test.size:
             raise DatasetError(f"{words}; give another dataset (--test) or cross-validate (--cv 5)")
         return Fold("test split", train, held, test), notes
     other = np.flatnonzero(rows.origin == 1)
-    known = _known(rows, np.concatenate([train, held]), other)
-    if known.any():
-        notes.append(
-            f"{int(known.sum())} of {other.size} rows of the test dataset left out: movers that are learnt from"
-        )
-    if known.all():
-        raise DatasetError(f"--test {rows.datasets[1].directory}: all of its movers are learnt from, nothing is left")
-    return Fold("other dataset", train, held, other[~known]), notes
-
-
-def _learning_rows(rows: Rows, seed: int) -> tuple[IntArray, IntArray, list[str]]:
-    train, held = split_of(rows, "train"), split_of(rows, "validation")
-    _all_classes(rows, train, f"{rows.datasets[0].directory}: the split train")
-    if held.size:
-        return train, held, []
-    train, held = hold_back(rows, train, seed)
-    return train, held, [f"no validation split: {held.size} rows of train were held back for calibration"]
-
-
-def _known(rows: Rows, learnt: IntArray, other: IntArray) -> npt.NDArray[np.bool_]:
-    """Which rows have a group, a recording or a motion that is learnt from."""
+    learnt = np.concatenate([train, held])
     known = np.isin(rows.groups[other], rows.groups[learnt])
     for column in ("motion", "recording"):
         if column in rows.index:
             texts = rows.index[column].fillna("").to_numpy(dtype=str)
             known |= np.isin(texts[other], texts[learnt]) & (texts[other] != "")
-    return np.asarray(known)
+    if known.any():
+        notes.append(
+            f"{int(known.sum())} of {other.size} rows of the test dataset left out: movers that are learnt from"
+        )
+    if known.all():
+        raise DatasetError(
+            f"--test {rows.datasets[1].directory}: all of its targets are in the training data, no row is left"
+        )
+    return Fold("other dataset", train, held, other[~known]), notes
 
 
 def cross_validation(rows: Rows, n_folds: int, *, seed: int) -> list[Fold]:
-    """Folds over all rows that keep groups together and classes in proportion; each row is tested once.
+    """Split all rows into stratified folds of whole groups.
+
+    Each row is tested once.
 
     Raises
     ------
@@ -99,20 +95,22 @@ def cross_validation(rows: Rows, n_folds: int, *, seed: int) -> list[Fold]:
 
     fewest = min(np.unique(rows.groups[rows.labels == number]).size for number in range(len(rows.classes)))
     if not 2 <= n_folds <= fewest:
-        raise ConfigError(f"--cv {n_folds}: must be from 2 to {fewest}, the movers of the smallest class")
+        raise ConfigError(f"--cv {n_folds}: must be from 2 to {fewest}, the targets of the smallest class")
     splitter = StratifiedGroupKFold(n_folds, shuffle=True, random_state=seed)
     folds = []
     for number, (learn, test) in enumerate(splitter.split(rows.labels, rows.labels, rows.groups)):
         train, held = hold_back(rows, learn, seed)
-        _all_classes(rows, train, f"fold {number}")
+        _check_all_classes(rows, train, f"fold {number}")
         folds.append(Fold(f"fold {number}", train, held, test))
     return folds
 
 
 def leave_out(rows: Rows, column: str, *, seed: int) -> tuple[list[Fold], list[str]]:
-    """Folds that each leave out what has one value of a column: a source, an animal, a kind of motion.
+    """Make folds that each leave out one value of a column.
 
-    Groups with a row on both sides are tested only. Values without which a class could not be learnt are passed over.
+    For example a source, an animal or a kind of motion.
+
+    Groups with a row on both sides are only tested. Values without which a class has no training rows are skipped.
 
     Raises
     ------
@@ -142,7 +140,10 @@ def leave_out(rows: Rows, column: str, *, seed: int) -> tuple[list[Fold], list[s
 
 
 def hold_back(rows: Rows, learn: IntArray, seed: int) -> tuple[IntArray, IntArray]:
-    """Rows to learn from and a fifth of the groups that is held back; none where a class has fewer than 5 groups."""
+    """Hold back a fifth of the groups for calibration.
+
+    None where a class has fewer than 5 groups.
+    """
     from sklearn.model_selection import StratifiedGroupKFold
 
     labels, groups = rows.labels[learn], rows.groups[learn]
@@ -154,16 +155,19 @@ def hold_back(rows: Rows, learn: IntArray, seed: int) -> tuple[IntArray, IntArra
     return learn[train], learn[held]
 
 
-def _all_classes(rows: Rows, learn: IntArray, words: str) -> None:
+def _check_all_classes(rows: Rows, learn: IntArray, words: str) -> None:
     missing = [name for number, name in enumerate(rows.classes) if not (rows.labels[learn] == number).any()]
     if missing:
-        raise DatasetError(f"{words} has nobody of {', '.join(missing)}: nothing to learn them from")
+        raise DatasetError(f"{words} has no row of {', '.join(missing)}: these classes cannot be trained")
 
 
 def refuse_shared(rows: Rows, folds: Sequence[Fold]) -> None:
-    """A :class:`DatasetError` if a group is on two sides of a fold: the dataset was not split by mover."""
+    """Refuse folds with a group on two sides.
+
+    Raises :class:`DatasetError`: the dataset was not split by target.
+    """
     for fold in folds:
         learnt = np.concatenate([fold.train, fold.held])
         both = np.intersect1d(rows.groups[learnt], rows.groups[fold.test])
         if both.size:
-            raise DatasetError(f"{fold.name}: {both[0]} is learnt from and tested on; split by mover")
+            raise DatasetError(f"{fold.name}: {both[0]} is in the training and in the test data; split by target")

@@ -1,4 +1,4 @@
-"""``doppelgait analyze``: recording -> signature, step-Doppler map and features."""
+"""``doppelgait analyze``: recording -> signature, cadence-velocity diagram and features."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from doppelgait.cli.output import check_output, number, print_json, print_table,
 if TYPE_CHECKING:
     from doppelgait.pipeline import Result
 
-OPTION_HELP = "What the file does not tell, KEY=VALUE, for example carrier_hz=7.29e9; repeatable."
+OPTION_HELP = "What the file does not store, KEY=VALUE, for example carrier_hz=7.29e9; repeatable."
 
 Changes = Annotated[
     list[str] | None,
@@ -40,7 +40,9 @@ def analyze(
     figures: Annotated[Path | None, typer.Option("--figures", help="Folder to draw figures into.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Analyse a recording: micro-Doppler signature, step-Doppler map and six gait features per target.
+    """Analyse a recording: signature, cadence-velocity diagram and features per target.
+
+    The six gait features of every target are printed, or all results written with -o.
 
     Example: doppelgait analyze walk.h5 -o result.h5 --figures figures
 
@@ -77,7 +79,10 @@ def analyze(
 
 
 def print_features(results: Sequence[Result]) -> None:
-    """Feature table, one column a target, with flags."""
+    """Print the table of features, one column per target.
+
+    Flags of the targets follow below the table.
+    """
     from doppelgait.features import FEATURE_UNITS
 
     if not results:

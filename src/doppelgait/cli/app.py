@@ -1,4 +1,7 @@
-"""The command ``doppelgait`` and its error handling. Heavy imports happen inside the commands."""
+"""The command ``doppelgait`` and its error handling.
+
+Heavy imports happen inside the commands.
+"""
 
 from __future__ import annotations
 
@@ -55,8 +58,8 @@ app.command("plugins")(plugins.plugins)
 _debug = False
 
 
-def _print_version(asked: bool) -> None:
-    if asked:
+def _print_version(wanted: bool) -> None:
+    if wanted:
         print(__version__)
         raise typer.Exit
 
@@ -68,13 +71,16 @@ def options(
         bool, typer.Option("--version", help="Print the version.", callback=_print_version, is_eager=True)
     ] = False,
 ) -> None:
-    """Take the options that hold for every command."""
+    """Set the options that hold for every command."""
     global _debug
     _debug = debug
 
 
 def main() -> None:
-    """Run the command; a user's mistake is one paragraph on standard error and exit status 2 (1 if the work failed)."""
+    """Run the command line.
+
+    A user's mistake is one paragraph on standard error and exit status 2, or 1 if the work failed.
+    """
     show_warnings_plainly()
     try:
         app()

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from doppelgait.cli.analyze import ReaderOptions
 from doppelgait.cli.output import number, print_json, print_table, progress, reader_options, say
-
-if TYPE_CHECKING:
-    from doppelgait.classify.decide import Decision
 
 
 def classify(
@@ -29,7 +26,9 @@ def classify(
     options: ReaderOptions = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Say what every target of a recording is: class and calibrated probability, or an abstention with its reason.
+    """Classify every target of a recording, with a calibrated probability.
+
+    Where the model does not decide, the reason is printed.
 
     Example: doppelgait classify walk.h5 --model home-alarm-model.npz
     """
@@ -43,11 +42,13 @@ def classify(
     if is_result_file(recording):
         from doppelgait.core.errors import ConfigError
 
-        given = [name for name, value in (("--set", changes), ("--option", options)) if value]
+        refused = [name for name, value in (("--set", changes), ("--option", options)) if value]
         if gate != "track":
-            given.append("--gate")
-        if given:
-            raise ConfigError(f"{', '.join(given)}: the file holds results, which are as they are; give the recording")
+            refused.append("--gate")
+        if refused:
+            raise ConfigError(
+                f"{', '.join(refused)}: the file holds results, which cannot be changed; name the recording"
+            )
         decisions = run_classification(recording, loaded)
     else:
         from doppelgait.core.config import apply_overrides, validate
@@ -72,33 +73,27 @@ def classify(
                  "alarm_people": facts.alarm_people}  # fmt: skip
         print_json({"file": str(recording), "model": about, "targets": [decision.as_dict() for decision in decisions]})
     else:
-        _print(decisions)
+        rows: list[dict[str, Any]] = [
+            {
+                "target": found.target,
+                "range (m)": number(found.quality.get("track_range_m"), 2),
+                "decision": "none" if found.abstained else found.label,
+                "likeliest": found.label,
+                "probability": number(found.probability),
+                "alarm": {None: "-", True: "yes", False: "no"}[found.alarm],
+                "why no decision": found.reason,
+            }
+            for found in decisions
+        ]
+        print_table(rows) if rows else print("no target found")
         if decisions and not loaded.calibration.n_rows:
             say(f"note: {model}: its probabilities are not calibrated")
         if decisions and rests_on(facts):
             say(f"note: {rests_on(facts)}")
 
 
-def _print(decisions: list[Decision]) -> None:
-    if not decisions:
-        print("no target found")
-        return
-    rows: list[dict[str, Any]] = []
-    for found in decisions:
-        rows.append({
-            "target": found.target,
-            "range (m)": number(found.quality.get("track_range_m"), 2),
-            "decision": "none" if found.abstained else found.label,
-            "likeliest": found.label,
-            "probability": number(found.probability),
-            "alarm": {None: "-", True: "yes", False: "no"}[found.alarm],
-            "why no decision": found.reason,
-        })  # fmt: skip
-    print_table(rows)
-
-
 def evaluate(
-    dataset: Annotated[Path, typer.Argument(help="Folder of the dataset to learn from.")],
+    dataset: Annotated[Path, typer.Argument(help="Folder of the dataset to train on.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder for the report.")],
     test: Annotated[Path | None, typer.Option("--test", help="Another dataset to test on instead.")] = None,
     models: Annotated[
@@ -116,7 +111,7 @@ def evaluate(
     ] = None,
     save: Annotated[
         Path | None,
-        typer.Option("--save", help="Keep the best model (by rows held back, not tested), .npz."),
+        typer.Option("--save", help="Save the model that is best on the validation set, .npz."),
     ] = None,
     motion_folder: Annotated[
         Path | None, typer.Option("--motion-folder", help="Where the motion files of the plan are.")
@@ -124,7 +119,9 @@ def evaluate(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of folds, training and intervals.")] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Train classifiers on a dataset's own splits and write a report: scores, figures, the plan of the data.
+    """Train classifiers on a dataset's own splits and write a report.
+
+    The report has scores, figures and the plan of the data.
 
     Example: doppelgait evaluate home-alarm -o report --save home-alarm-model.npz
     """
@@ -160,7 +157,10 @@ def evaluate(
 
 
 def _check_save(save: Path, output: Path) -> None:
-    """Refuse, before any work is done, a name for the model that cannot be written."""
+    """Refuse a name for the model that cannot be written.
+
+    This is done before any work.
+    """
     from doppelgait.classify.model_file import SUFFIX
     from doppelgait.core.errors import ConfigError
 
@@ -168,7 +168,9 @@ def _check_save(save: Path, output: Path) -> None:
     if save.suffix.lower() != SUFFIX:
         raise ConfigError(f"--save {save}: must end in {SUFFIX}")
     if folder == output.resolve() or output.resolve() in folder.parents:
-        raise ConfigError(f"--save {save}: lies in the folder of the report, which a later one replaces; put it beside")
+        raise ConfigError(
+            f"--save {save}: lies in the folder of the report, which a later one replaces; put it elsewhere"
+        )
     if not folder.is_dir():
         raise ConfigError(f"--save {save}: the folder {save.parent} does not exist; make it first")
     if save.is_dir():

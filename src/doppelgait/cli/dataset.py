@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from doppelgait.cli.output import print_json, print_table, progress, say
+from doppelgait.cli.output import duration_text, print_json, print_table, progress, say
 
 app = typer.Typer(help="Plan, build, check and use labelled datasets.", no_args_is_help=True, rich_markup_mode=None)
 
@@ -18,13 +18,15 @@ Changes = Annotated[
 ]
 MotionFolder = Annotated[
     Path | None,
-    typer.Option("--motion-folder", help="Where the motion files of the plan are; by default beside the plan file."),
+    typer.Option(
+        "--motion-folder", help="Where the motion files of the plan are; by default the folder of the plan file."
+    ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 LEAKS_LOOKED_AT = 1000
-"""From this many examples a plan is judged whether its nuisance parameters tell the class."""
+"""Number of examples of the leakage test of a plan."""
 ALL_CHECKED = 20_000
-"""Up to this many examples are drawn in full by ``dataset plan``; of larger plans as many, evenly spread."""
+"""Most examples that ``dataset plan`` samples in full; those of a larger plan are evenly spread."""
 
 
 @app.callback()
@@ -50,7 +52,9 @@ def plan_command(
     pilot: Annotated[int, typer.Option("--pilot", min=0, help="Examples made to estimate time and size.")] = 8,
     as_json: AsJson = False,
 ) -> None:
-    """Say what a plan will make, how large and how long, and whether it is allowed; nothing is built.
+    """Check a plan and estimate its size and duration, building nothing.
+
+    The numbers of examples, subjects and files are printed.
 
     Example: doppelgait dataset plan home-alarm --set dataset.examples_per_class=50000
     """
@@ -63,20 +67,16 @@ def plan_command(
 
     loaded, folder = _load(plan, changes, motion_folder)
     with progress("reading motion files", quiet=as_json) as on_progress:
-        laid_out = plan_dataset(loaded, folder=folder, on_progress=on_progress)
-    checked = check_examples(laid_out, most=ALL_CHECKED)
-    refuse_leaks(list(spread(laid_out, LEAKS_LOOKED_AT)), np.random.default_rng(0))
-    summary = summarise(laid_out, dataset_id(laid_out.config, folder), n_checked=checked, pilot=pilot)
+        planned = plan_dataset(loaded, folder=folder, on_progress=on_progress)
+    checked = check_examples(planned, most=ALL_CHECKED)
+    refuse_leaks(list(spread(planned, LEAKS_LOOKED_AT)), np.random.default_rng(0))
+    summary = summarise(planned, dataset_id(planned.config, folder), n_checked=checked, pilot=pilot)
     if specs is not None:
-        write_specs(laid_out, specs)
+        write_specs(planned, specs)
         say(f"{specs}: {summary.n_examples} resolved examples")
     if as_json:
         print_json(summary.as_dict())
-    else:
-        _print_summary(summary)
-
-
-def _print_summary(summary: Any) -> None:
+        return
     print_table(summary.counts)
     print()
     print_table(summary.subjects)
@@ -86,11 +86,9 @@ def _print_summary(summary: Any) -> None:
     print()
     print(
         f"{summary.name}: {summary.n_examples} examples in {summary.n_shards} shards, id {summary.dataset_id}; "
-        f"{summary.n_checked} were drawn in full, their values are allowed and do not tell the class"
+        f"{summary.n_checked} were sampled in full, their values are allowed and do not predict the class"
     )
     if summary.estimate:
-        from doppelgait.cli.output import duration_text
-
         e = summary.estimate
         print(
             f"about {e['total_bytes'] / 1e9:.2g} GB and {duration_text(e['total_seconds'])} on {e['processors']} "
@@ -166,7 +164,9 @@ SHOWN_FAILURES = 10
 
 
 def card(directory: Directory) -> None:
-    """Print the card of a dataset; of a half-built one, of what is there.
+    """Print the card of a dataset.
+
+    The card of an incomplete dataset describes the shards that exist.
 
     Example: doppelgait dataset card home-alarm
     """
@@ -180,7 +180,9 @@ def status(
     quick: Annotated[bool, typer.Option("--quick", help="Compare sizes only, hash nothing.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Say how far a dataset is, and what is missing or damaged; leftovers of dead builds are removed.
+    """Report how complete a dataset is, and which shards are damaged.
+
+    Leftovers of builds that were killed are removed.
 
     Example: doppelgait dataset status home-alarm
     """
@@ -229,7 +231,10 @@ def verify(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the samples that are taken.")] = 0,
     as_json: AsJson = False,
 ) -> None:
-    """Prove a dataset: hashes, a part made again, truth against features, leaks between splits and by nuisances.
+    """Verify a dataset: hashes, repeated simulation, truth, and leaks.
+
+    A share of the examples is simulated again and compared, features are compared with the truth, and leaks are
+    searched between splits and through nuisance parameters.
 
     Example: doppelgait dataset verify home-alarm --figures pages
     """
@@ -294,7 +299,7 @@ def export(
 
 
 def forms(as_json: AsJson = False) -> None:
-    """List the forms that a dataset can be exported in, with their parameters.
+    """List the export formats of a dataset, with their parameters.
 
     Example: doppelgait dataset forms
     """
@@ -334,8 +339,8 @@ def import_recordings(
     from doppelgait.core.config import apply_overrides, validate
     from doppelgait.dataset.importing import ImportConfig, import_dataset
 
-    given = {"gate": gate, "window_s": window_s, "hop_s": hop_s, "split": split}
-    table = apply_overrides({key: value for key, value in given.items() if value is not None}, changes or [])
+    named = {"gate": gate, "window_s": window_s, "hop_s": hop_s, "split": split}
+    table = apply_overrides({key: value for key, value in named.items() if value is not None}, changes or [])
     config = validate(ImportConfig, table, where="import")
     with progress("importing", quiet=as_json) as on_progress:
         report = import_dataset(folder, labels, output, config=config, on_progress=on_progress)

@@ -37,7 +37,7 @@ def demo(
         "demo"
     ),
 ) -> None:
-    """Simulate a walking person and a trotting dog, analyse both, draw figures.
+    """Simulate a walking person and a trotting dog, analyse both, plot figures.
 
     Example: doppelgait demo -o demo
     """

@@ -1,4 +1,4 @@
-"""The figures of one recording and its results: what ``analyze --figures`` and ``demo`` draw."""
+"""Figures of a recording and its results, for ``analyze --figures`` and ``demo``."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ from doppelgait.radar import Recording
 
 
 def draw_all(recording: Recording, results: Sequence[Result], analysis: Analysis, folder: Path) -> Iterator[Path]:
-    """Draw every figure into a folder; yields each path when it is written.
+    """Draw every figure into a folder.
+
+    Each path is yielded as soon as its file is written.
 
     Raises
     ------
@@ -36,6 +38,8 @@ def draw_all(recording: Recording, results: Sequence[Result], analysis: Analysis
 def _figures(recording: Recording, results: Sequence[Result], analysis: Analysis) -> Iterator[tuple[str, Figure]]:
     names = {_name(number, result): result.gate.limits for number, result in enumerate(results)}
     yield "range-time", viz.range_time(recording.baseband, tracks=names)
+    wavelength_m = recording.radar.wavelength_m
+    as_reported = analysis.method == "liland2018"
     for number, result in enumerate(results):
         prefix = _name(number, result).replace(" ", "-")
         yield (
@@ -49,14 +53,45 @@ def _figures(recording: Recording, results: Sequence[Result], analysis: Analysis
                 gate={_name(number, result): result.gate.limits},
                 main_line_hz=result.main_line_hz,
                 gait_frequency_hz=result.gait_frequency_hz,
-                amplitude=analysis.method == "liland2018",
+                amplitude=as_reported,
                 flags=result.flags,
                 title=_name(number, result),
             ),
         )
-        yield from _target_figures(prefix, recording, result, analysis)
+        middle = result.signature.sizes["time"] // 2
+        cube = next(iter(range_doppler(recording.baseband, analysis, wavelength_m=wavelength_m, columns=[middle])))
+        yield f"{prefix}-range-doppler", viz.range_doppler_map(cube.isel(time=0), gate=result.gate.limits)
+        yield f"{prefix}-signature", viz.signature(result.signature)
+        yield (
+            f"{prefix}-signature-normalised",
+            viz.signature_normalisation(result.signature, normalised=result.normalised_signature),
+        )
+        yield f"{prefix}-step-doppler", viz.step_doppler(result.cadence_map, gait_frequency_hz=result.gait_frequency_hz)
+        ratios, f_mu_hz = (result.features.harmonic_ratio_2, result.features.harmonic_ratio_3), result.gait_frequency_hz
+        yield (
+            f"{prefix}-cadence-spectrum",
+            viz.cadence_spectrum(
+                result.cadence_spectrum,
+                gait_frequency_hz=f_mu_hz,
+                harmonics_hz=[]
+                if f_mu_hz is None
+                else [None if ratio is None else ratio * f_mu_hz for ratio in ratios],
+                amplitude=as_reported,
+            ),
+        )
+        yield (
+            f"{prefix}-mean-doppler",
+            viz.mean_doppler_spectrum(
+                result.mean_doppler_spectrum,
+                doppler_hz=result.signature.coords["doppler"].values,
+                wavelength_m=wavelength_m,
+                torso_doppler_hz=result.torso_doppler_hz,
+                bandwidth_hz=result.features.doppler_bandwidth_hz,
+                threshold=analysis.bandwidth_threshold if as_reported else None,
+            ),
+        )
         if result.gate.source == "truth" and number < len(recording.truth):
-            scatterers, wavelength_m = recording.truth[number].scatterers, recording.radar.wavelength_m
+            scatterers = recording.truth[number].scatterers
             yield f"{prefix}-truth-range", viz.range_lines(scatterers)
             yield f"{prefix}-truth-doppler", viz.doppler_lines(scatterers, wavelength_m=wavelength_m)
             truth = viz.scatterer_doppler(scatterers, wavelength_m=wavelength_m)
@@ -68,40 +103,3 @@ def _figures(recording: Recording, results: Sequence[Result], analysis: Analysis
 
 def _name(number: int, result: Result) -> str:
     return f"{number} {result.label or 'target'}"
-
-
-def _target_figures(
-    prefix: str, recording: Recording, result: Result, analysis: Analysis
-) -> Iterator[tuple[str, Figure]]:
-    wavelength_m = recording.radar.wavelength_m
-    middle = result.signature.sizes["time"] // 2
-    ratios, f_mu_hz = (result.features.harmonic_ratio_2, result.features.harmonic_ratio_3), result.gait_frequency_hz
-    harmonics_hz = [] if f_mu_hz is None else [None if ratio is None else ratio * f_mu_hz for ratio in ratios]
-    cube = next(iter(range_doppler(recording.baseband, analysis, wavelength_m=wavelength_m, columns=[middle])))
-    yield f"{prefix}-range-doppler", viz.range_doppler_map(cube.isel(time=0), gate=result.gate.limits)
-    yield f"{prefix}-signature", viz.signature(result.signature)
-    yield (
-        f"{prefix}-signature-normalised",
-        viz.signature_normalisation(result.signature, normalised=result.normalised_signature),
-    )
-    yield f"{prefix}-step-doppler", viz.step_doppler(result.cadence_map, gait_frequency_hz=result.gait_frequency_hz)
-    yield (
-        f"{prefix}-cadence-spectrum",
-        viz.cadence_spectrum(
-            result.cadence_spectrum,
-            gait_frequency_hz=result.gait_frequency_hz,
-            harmonics_hz=harmonics_hz,
-            amplitude=analysis.method == "liland2018",
-        ),
-    )
-    yield (
-        f"{prefix}-mean-doppler",
-        viz.mean_doppler_spectrum(
-            result.mean_doppler_spectrum,
-            doppler_hz=result.signature.coords["doppler"].values,
-            wavelength_m=wavelength_m,
-            torso_doppler_hz=result.torso_doppler_hz,
-            bandwidth_hz=result.features.doppler_bandwidth_hz,
-            threshold=analysis.bandwidth_threshold if analysis.method == "liland2018" else None,
-        ),
-    )

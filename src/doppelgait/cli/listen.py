@@ -25,7 +25,7 @@ DEEP_HZ = 250.0
 
 
 class Ears(StrEnum):
-    """What the two channels hold."""
+    """Contents of the two channels."""
 
     iq = "iq"
     sides = "sides"
@@ -53,10 +53,10 @@ def listen(
     options: ReaderOptions = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Make the Doppler signal of one target audible: a stereo WAV file as long as the recording.
+    """Make the Doppler signal of one target audible.
 
-    What stands still is taken off first, as 'analyze --gate track' does, whatever the gate; --set clutter=none keeps
-    it.
+    The stereo WAV file is as long as the recording. Static clutter is removed first, as 'analyze --gate track' does,
+    whatever the gate; --set clutter=none keeps it.
 
     Example: doppelgait listen walk.h5 -o walk.wav
 
@@ -114,7 +114,10 @@ def listen(
 
 
 def _gates(recording: Recording, gate: str, settings: Analysis, tracking: Tracking) -> list[LabelledGate]:
-    """Label and gate of every target; a gate that is known beforehand needs no analysis."""
+    """Return label and gate of every target.
+
+    A gate that is known in advance needs no analysis.
+    """
     from doppelgait.pipeline import analyze
     from doppelgait.processing import Gate
 

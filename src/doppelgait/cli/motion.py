@@ -1,4 +1,4 @@
-"""``doppelgait motion``: look at motion recordings and convert them."""
+"""``doppelgait motion``: inspect motion recordings and convert them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,9 @@ def info(
     options: Options = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Say what was read: rate, units, axes, points, gaps, height, speed, stride, straight stretches at constant speed.
+    """Print the facts of a motion recording, as stored and as cleaned.
+
+    These are rate, units, axes, points, gaps, height, speed, stride, and the straight segments at constant speed.
 
     Example: doppelgait motion info 07_01.c3d
     """
@@ -49,7 +51,7 @@ def info(
         say(f"warning: cannot be used as a target: {cleaned['refused']}")
     names = [*facts, *(key for key in cleaned if key not in facts and key != "refused")]
     print_table([{"fact": n, "in the file": _plain(facts.get(n)), "cleaned": _plain(cleaned.get(n))} for n in names])
-    say(f"straight stretches at constant velocity: {len(segments) or 'none'}")
+    say(f"straight segments at constant velocity: {len(segments) or 'none'}")
     columns = ("start_s", "stop_s", "mean_speed_mps", "heading_deg", "lateral_m", "gait", "stride_frequency_hz")
     if segments:
         rows = [{name: _plain(segment[name]) for name in columns} for segment in segments]
@@ -75,7 +77,9 @@ def convert(
     stop: Stop = None,
     options: Options = None,
 ) -> None:
-    """Write the cleaned motion as a table: time_s, then x, y, z in m of every point.
+    """Write the cleaned motion as a CSV table.
+
+    Columns are time_s, then x, y, z in m of every point.
 
     Example: doppelgait motion convert 07_01.c3d -o walk.csv
     """

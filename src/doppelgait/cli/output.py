@@ -1,4 +1,4 @@
-"""How commands speak: JSON, tables, progress, warnings and errors."""
+"""Output of the commands: JSON, tables, progress, warnings and errors."""
 
 from __future__ import annotations
 
@@ -20,17 +20,20 @@ WANTED = re.compile(r"\b(?P<name>[a-z][a-z_]*) ?= ?(?P<value>'[^']*'|\.\.\.|\w+)
 
 
 def print_json(document: Any) -> None:
-    """One JSON document on standard output."""
+    """Print one JSON document on standard output."""
     print(json.dumps(document, indent=2, allow_nan=False))
 
 
 def say(text: str) -> None:
-    """A line for people, on standard error."""
+    """Print a line for people on standard error."""
     print(text, file=sys.stderr)
 
 
 def print_table(rows: Sequence[Mapping[str, Any]]) -> None:
-    """Aligned table on standard output; columns in the order of the first row."""
+    """Print an aligned table on standard output.
+
+    Columns are in the order of the first row.
+    """
     if not rows:
         return
     names = list(rows[0])
@@ -41,31 +44,32 @@ def print_table(rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """A number for people; ``-`` for None."""
+    """Format a number for people; ``-`` for None."""
     return "-" if value is None else f"{value:.{digits}g}" if abs(value) >= 1e4 else f"{value:.{digits}f}"
 
 
 @contextmanager
 def reader_options() -> Iterator[None]:
-    """Errors of a reader that ask for an option, with how this is given to a command."""
+    """Extend a reader's error with the command-line options it needs."""
     try:
         yield
     except RecordingError as error:
         text = str(error)
         asks = ASKS.search(text)
-        wanted = dict.fromkeys(_as_option(match) for match in WANTED.finditer(text, asks.end())) if asks else {}
+        wanted: dict[str, None] = {}
+        for match in WANTED.finditer(text, asks.end()) if asks else ():
+            value = (match["value"] or "...").strip("'")
+            wanted[f"--option {match['name'] or match['bare']}={value}"] = None
         if not wanted:
             raise
         raise RecordingError(f"{text}; here: {' '.join(wanted)}") from None
 
 
-def _as_option(match: re.Match[str]) -> str:
-    value = (match["value"] or "...").strip("'")
-    return f"--option {match['name'] or match['bare']}={value}"
-
-
 def show_warnings_plainly() -> None:
-    """Warnings of doppelgait as one line each, said once, without file and line of the source."""
+    """Print each warning of doppelgait once, on one line.
+
+    File and line of the source are left out.
+    """
     usual = warnings.showwarning
     said: set[str] = set()
 
@@ -83,14 +87,31 @@ def show_warnings_plainly() -> None:
 
 @contextmanager
 def progress(what: str, *, quiet: bool = False) -> Iterator[Callable[[int, int], None] | None]:
-    """Progress of long work as ``on_progress(done, total)``: a bar on a terminal, plain lines elsewhere."""
+    """Report progress of long work as ``on_progress(done, total)``.
+
+    On a terminal it is a bar, elsewhere plain lines.
+    """
     if quiet:
         yield None
-    elif sys.stderr.isatty():
+        return
+    if sys.stderr.isatty():
         with _bar(what) as advance:
             yield advance
-    else:
-        yield _lines(what)
+        return
+    began = time.monotonic()
+    last_tenth = 0
+
+    def print_tenth(done: int, total: int) -> None:
+        nonlocal last_tenth
+        tenth = 10 * done // max(total, 1)
+        if tenth == last_tenth:
+            return
+        last_tenth = tenth
+        seconds = time.monotonic() - began
+        left = seconds / done * (total - done)
+        say(f"{what}: {done} of {total}, {done / max(seconds, 1e-9):.1f} per second, {left:.0f} s left")
+
+    yield print_tenth
 
 
 @contextmanager
@@ -116,25 +137,8 @@ def _bar(what: str) -> Iterator[Callable[[int, int], None]]:
         yield advance
 
 
-def _lines(what: str) -> Callable[[int, int], None]:
-    began = time.monotonic()
-    last_tenth = 0
-
-    def advance(done: int, total: int) -> None:
-        nonlocal last_tenth
-        tenth = 10 * done // max(total, 1)
-        if tenth == last_tenth:
-            return
-        last_tenth = tenth
-        seconds = time.monotonic() - began
-        left = seconds / done * (total - done)
-        say(f"{what}: {done} of {total}, {done / max(seconds, 1e-9):.1f} per second, {left:.0f} s left")
-
-    return advance
-
-
 def duration_text(seconds: float) -> str:
-    """A time for people: seconds, minutes or hours."""
+    """Format a duration in seconds, minutes or hours."""
     for unit, length in (("h", 3600.0), ("min", 60.0)):
         if seconds >= 2 * length:
             return f"{seconds / length:.1f} {unit}"
@@ -142,7 +146,10 @@ def duration_text(seconds: float) -> str:
 
 
 def check_output(path: Path, suffix: str) -> Path:
-    """Path of a file to write; wrong ending or missing folder is an error before any work is done."""
+    """Return the path of a file, if it can be written.
+
+    A wrong ending or a missing folder is an error before any work is done.
+    """
     if path.suffix.lower() != suffix:
         raise ConfigError(f"-o {path}: must end in {suffix}")
     if not path.resolve().parent.is_dir():

@@ -1,4 +1,4 @@
-"""``doppelgait plugins``: everything that can be plugged in, and what is."""
+"""``doppelgait plugins``: groups of plug-ins and their members."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def plugins(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """List the plug-ins of doppelgait and of installed packages, with their parameters.
+    """List the plug-ins of doppelgait and installed packages, with their parameters.
 
     Examples: doppelgait plugins; doppelgait plugins impairment waveform --json
     """

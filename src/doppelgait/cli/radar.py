@@ -1,4 +1,4 @@
-"""``doppelgait radar``: presets, what follows from them, and a sensor model from a recording."""
+"""``doppelgait radar``: presets, derived quantities, and sensor models fitted to recordings."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
 def fit(
     empty: Annotated[Path, typer.Argument(help="Recording of an empty room, any format that can be read.")],
-    output: Annotated[Path, typer.Option("-o", "--output", help="Twin to write, .toml.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Calibrated preset to write, .toml.")],
     preset: Annotated[
-        str | None, typer.Option("--preset", help="Preset that tells what the file does not; same as --option radar=.")
+        str | None, typer.Option("--preset", help="Preset for what the file does not store; same as --option radar=.")
     ] = None,
     options: Annotated[
         list[str] | None,
@@ -28,7 +28,9 @@ def fit(
     figures: Annotated[Path | None, typer.Option("--figures", help="Folder to draw a figure into.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Fit noise, clutter, phase drift and faults of a sensor and write them as a twin to simulate with.
+    """Fit a sensor's noise, clutter, phase drift and faults to a recording.
+
+    The result is written as a calibrated preset to simulate with.
 
     Example: doppelgait radar fit empty-room.h5 -o my-x4.toml
     """
@@ -52,12 +54,34 @@ def fit(
     with atomic_path(output) as partial:
         partial.write_text(calibrated_preset(found), encoding="utf-8")
     if figures is not None:
-        say(f"figure: {_draw(found, figures)}")
+        import numpy as np
+
+        from doppelgait import viz
+        from doppelgait.core.errors import OutputError
+        from doppelgait.core.units import power_to_db
+        from doppelgait.viz.ranges import twin_figure
+
+        try:
+            figures.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise OutputError(f"{figures}: cannot be made: {error}") from None
+        figure = twin_figure(
+            range_m=found.range_m,
+            static_db=power_to_db(np.abs(found.echo_v) ** 2),
+            noise_db=power_to_db(found.noise.by_bin_v2),
+            knots_m=found.clutter.range_m,
+            knots_db=found.clutter.level_db,
+            time_s=found.time_s,
+            phase_rad=np.unwrap(np.angle(found.factor)),
+            gain_db=power_to_db(np.abs(found.factor) ** 2),
+            title=f"Twin fitted from {found.source or 'a recording'}",
+        )
+        say(f"figure: {viz.save_figure(figure, figures / 'twin-fit.png')}")
     if as_json:
         print_json({**sensor_as_dict(found), "twin": str(output)})
         return
     _print(found)
-    say(f'twin: {output}; use it as radar.preset = "{output}" in a scene')
+    say(f'calibrated preset: {output}; use it as radar.preset = "{output}" in a scene')
 
 
 def _print(found: SensorFit) -> None:
@@ -83,35 +107,8 @@ def _print(found: SensorFit) -> None:
         say(f"note: {flag}")
 
 
-def _draw(found: SensorFit, folder: Path) -> Path:
-    import numpy as np
-
-    from doppelgait import viz
-    from doppelgait.core.errors import OutputError
-    from doppelgait.core.units import power_to_db
-    from doppelgait.viz.ranges import twin_figure
-
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{folder}: cannot be made: {error}") from None
-    figure = twin_figure(
-        range_m=found.range_m,
-        static_db=power_to_db(np.abs(found.echo_v) ** 2),
-        noise_db=power_to_db(found.noise.by_bin_v2),
-        knots_m=found.clutter.range_m,
-        knots_db=found.clutter.level_db,
-        time_s=found.time_s,
-        phase_rad=np.unwrap(np.angle(found.factor)),
-        gain_db=power_to_db(np.abs(found.factor) ** 2),
-        title=f"Twin fitted from {found.source or 'a recording'}",
-    )
-    path: Path = viz.save_figure(figure, folder / "twin-fit.png")
-    return path
-
-
 app = typer.Typer(
-    help="Radar presets, twins fitted to a sensor, and formats of recordings.",
+    help="Radar presets, sensors fitted to recordings, and formats of recordings.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -155,7 +152,9 @@ def list_presets(as_json: Annotated[bool, typer.Option("--json", help="Print JSO
 
 @app.command("formats")
 def list_formats(as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False) -> None:
-    """List the formats of recordings that are read, and the options for what their files do not tell.
+    """List the formats of recordings that can be read.
+
+    The options supply what files of a format do not store.
 
     Example: doppelgait radar formats
     """
@@ -182,7 +181,7 @@ def show(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Show parameters and derived quantities of a preset or of a file with a radar's parameters.
+    """Show parameters and derived quantities of a preset or parameter file.
 
     Examples: doppelgait radar show x4 --set prf_hz=600; doppelgait radar show my-radar.toml
     """
@@ -192,20 +191,23 @@ def show(
     radar = Radar.preset(preset, **apply_overrides({}, changes or []))
     parameters = radar.model_dump(mode="json")
     table = preset_table(preset)
-    beside = {key: table[key] for key in ("environment", "impairments") if key in table}
+    conditions = {key: table[key] for key in ("environment", "impairments") if key in table}
     if as_json:
-        print_json({"parameters": parameters, "derived": derived_quantities(radar), **beside})
+        print_json({"parameters": parameters, "derived": derived_quantities(radar), **conditions})
         return
     print_table([{"parameter": key, **_shown(key, value)} for key, value in parameters.items()])
     print()
     print_table([{"derived": key, **_shown(key, value)} for key, value in derived_quantities(radar).items()])
-    for key, entries in beside.items():
+    for key, entries in conditions.items():
         kinds = [str(entry.get("kind", "?")) if isinstance(entry, dict) else str(entry) for entry in entries]
         print(f"\n{key}, in this order: {', '.join(kinds)}")
 
 
 def _shown(key: str, value: Any) -> dict[str, str]:
-    """Value and unit of a parameter, the unit taken from its name."""
+    """Format the value of a parameter, with its unit.
+
+    The unit is taken from the parameter's name.
+    """
     if value is None:
         return {"value": "-", "unit": ""}
     if isinstance(value, dict):

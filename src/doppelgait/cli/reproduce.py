@@ -1,4 +1,4 @@
-"""``doppelgait reproduce``: the figures and tables of Liland (2018), made again and judged."""
+"""``doppelgait reproduce``: figures and tables of Liland (2018), reproduced and judged."""
 
 from __future__ import annotations
 
@@ -22,7 +22,9 @@ def reproduce(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Root of what is random in the scenarios.")] = 2018,
     quiet: Annotated[bool, typer.Option("--quiet", help="No progress.")] = False,
 ) -> None:
-    """Make the figures and tables of Liland (2018) again, on one page beside what the report says.
+    """Reproduce the figures and tables of Liland (2018) on one page.
+
+    Every value stands next to that of the report.
 
     Example: doppelgait reproduce report --motion-folder MOCAP
 

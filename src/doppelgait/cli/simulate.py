@@ -1,4 +1,8 @@
-"""Where a simulated recording goes: our HDF5 file, a XeThru folder, NumPy arrays or SigMF."""
+"""``doppelgait simulate``: scene file, motion file or motion model -> recording.
+
+Command-line options are put into the table of the scene, which is then read like any scene file. The ending of ``-o``
+sets the format of the recording: our HDF5 file, NumPy arrays, SigMF, or a folder for a XeThru recording.
+"""
 
 from __future__ import annotations
 
@@ -15,24 +19,30 @@ if TYPE_CHECKING:
     from doppelgait.radar import Recording
 
 START_TIME = "2000-01-01T00:00:00"
-"""Start of a XeThru recording unless another is given: a clock's time would make equal runs differ."""
+"""Start of a XeThru recording by default: the time of the clock would make equal runs differ."""
 
 
 @dataclass(frozen=True)
 class XethruNames:
-    """What a XeThru recording is called and holds, as the command line has it; None where it was not given."""
+    """Options of a XeThru recording, as on the command line.
+
+    A value is None where the option was not set.
+    """
 
     data_type: str | None = None
     start_time: str | None = None
     session_id: str | None = None
 
-    def given(self) -> list[str]:
-        """Options that were given."""
+    def named(self) -> list[str]:
+        """Return the options that were set."""
         return [f"--{name.replace('_', '-')}" for name, value in vars(self).items() if value is not None]
 
 
 def check_destination(path: Path, names: XethruNames) -> None:
-    """Refuse, before any work is done, a name that says no format, a missing folder or options of another format."""
+    """Refuse a destination that cannot be written, before any work is done.
+
+    The ending must be that of a format, the folder must exist, and the options must belong to that format.
+    """
     from doppelgait.core.errors import ConfigError
     from doppelgait.radar.readers import writers_by_suffix
 
@@ -41,21 +51,24 @@ def check_destination(path: Path, names: XethruNames) -> None:
     if suffix not in known:
         endings = ", ".join(sorted(filter(None, known)))
         raise ConfigError(f"-o {path}: must end in {endings}, or be a folder for a XeThru recording")
-    if suffix and names.given():
-        raise ConfigError(f"{names.given()[0]} is for XeThru recordings: give a folder instead of -o {path}")
+    if suffix and names.named():
+        raise ConfigError(f"{names.named()[0]} is for XeThru recordings: give a folder instead of -o {path}")
     check_output(path, suffix)
     if not suffix:
         _start(names)
         from doppelgait.core.errors import ConfigError
         from doppelgait.radar.xethru.convert import CONVERTIBLE
 
-        allowed = [name for name in CONVERTIBLE if name != "radar_rf"]  # counters, whose scale only Python can give
+        allowed = [name for name in CONVERTIBLE if name != "radar_rf"]  # counters: only Python can set their scale
         if names.data_type is not None and names.data_type not in allowed:
             raise ConfigError(f"--data-type {names.data_type}: is not allowed; writable are {', '.join(allowed)}")
 
 
 def write_to(recording: Recording, path: Path, names: XethruNames) -> Path:
-    """Write a recording in the format that its destination says; returns what was made."""
+    """Write a recording in the format of its destination.
+
+    The path that was written is returned.
+    """
     from doppelgait.radar.readers import writers_by_suffix
 
     writer = writers_by_suffix()[path.suffix.lower()]
@@ -141,12 +154,9 @@ def simulate(
     where = str(scene or "--motion")
     spec = parse_run(apply_overrides(table, changes or []), where=where, text=text, folder=folder)
     recording = run_simulation(spec, folder=folder)
-    _tell(recording, write_to(recording, output, names), as_json)
-
-
-def _tell(recording: Recording, output: Path, as_json: bool) -> None:
+    written = write_to(recording, output, names)
     facts = {
-        "file": str(output),
+        "file": str(written),
         "n_pulses": recording.n_pulses,
         "n_range_bins": recording.n_range_bins,
         "prf_hz": recording.radar.prf_hz,
@@ -157,11 +167,11 @@ def _tell(recording: Recording, output: Path, as_json: bool) -> None:
         print_json(facts)
     else:
         size = f"{facts['n_pulses']} frames of {facts['n_range_bins']} range bins"
-        say(f"{output}: {size} at {recording.radar.prf_hz:g} Hz")
+        say(f"{written}: {size} at {recording.radar.prf_hz:g} Hz")
 
 
 def motion_table(motion: str) -> dict[str, Any]:
-    """Scene table of one target from a motion file or the name of a model."""
+    """Return the scene table of a target from a file or model."""
     from doppelgait.core.errors import ConfigError
     from doppelgait.motion.models import MOTION_MODELS
 
@@ -177,7 +187,10 @@ def motion_table(motion: str) -> dict[str, Any]:
 def put_options(
     table: dict[str, Any], *, radar: str | None, duration: float | None, snr_db: float | None, seed: int | None
 ) -> None:
-    """Put command-line options into a scene table; a radar preset replaces the scene's whole radar."""
+    """Put command-line options into a scene table.
+
+    A radar preset replaces the scene's whole radar.
+    """
     if radar is not None:
         table["radar"] = {"preset": radar}
     if duration is not None:
@@ -197,7 +210,7 @@ def put_target_options(
     Raises
     ------
     ConfigError
-        If there is no target, or a speed is given for a recording.
+        If there is no target, or a speed is set for a recording.
     """
     from doppelgait.core.errors import ConfigError
 

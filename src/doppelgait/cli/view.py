@@ -1,7 +1,9 @@
-"""``doppelgait view``: a page on this computer that shows a recording, a result or a dataset."""
+"""``doppelgait view``: local page that shows a recording, result or dataset."""
 
 from __future__ import annotations
 
+import os
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -37,9 +39,9 @@ def view(
     port: Annotated[int, typer.Option("--port", min=0, max=65535, help="Port; 0 for any free one.")] = 0,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Only print the address.")] = False,
 ) -> None:
-    """Look at a recording, a result or a dataset in the browser; Ctrl-C ends it.
+    """View a recording, a result or a dataset in the browser.
 
-    Only this computer can reach the page, and only with the address that is printed.
+    Ctrl-C ends it. Only this computer can reach the page, and only with the address that is printed.
 
     Example: doppelgait view walk.h5
 
@@ -67,14 +69,7 @@ def view(
             webbrowser.open(url)
 
     serve(opened, settings=settings, port=port, on_ready=on_ready)
-    _leave()
-
-
-def _leave() -> None:
-    """End the process without waiting for an analysis that nobody will look at; there is nothing to be saved."""
-    import os
-    import sys
-
+    # End the process without waiting for a running analysis: nothing is left to be saved.
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(0)

@@ -1,1 +1,1 @@
-"""Names, units, errors, configuration, randomness and kernels: what every other layer stands on."""
+"""Names, units, errors, configuration, randomness and kernels for all other layers."""

@@ -24,7 +24,10 @@ if TYPE_CHECKING:
 else:
 
     class _Checked(type(BaseModel)):
-        """Makes a model that Python code calls raise :class:`ConfigError`, and take its main fields by position."""
+        """Metaclass that makes models raise :class:`ConfigError`.
+
+        Main fields may be passed by position.
+        """
 
         def __call__(cls, *values: Any, **data: Any) -> Any:
             if len(values) > len(cls.POSITIONAL):
@@ -40,7 +43,10 @@ else:
 
 
 class FrozenModel(BaseModel, metaclass=_Checked):
-    """Base of all parameter models: immutable, unknown keys forbidden, no NaN or infinity, text is no number."""
+    """Immutable base of all parameter models.
+
+    Unknown keys, NaN and infinity are refused, and text is no number.
+    """
 
     POSITIONAL: ClassVar[tuple[str, ...]] = ()
     """Fields that Python code may give by position."""
@@ -48,7 +54,7 @@ class FrozenModel(BaseModel, metaclass=_Checked):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
     def replace(self, **changes: Any) -> Self:
-        """Return the model with some fields changed, all checked again."""
+        """Return a copy with some fields changed and checked."""
         return type(self)(**{name: getattr(self, name) for name in self.model_fields_set} | changes)
 
     @field_validator("*", mode="before")
@@ -64,10 +70,33 @@ class FrozenModel(BaseModel, metaclass=_Checked):
 M = TypeVar("M", bound=BaseModel)
 
 
+def check_type(value: Any, kinds: type | tuple[type, ...], name: str, remedy: str) -> None:
+    """Refuse an argument of another type with one clear error.
+
+    Parameters
+    ----------
+    value : object
+    kinds : type or tuple of type
+    name : str
+        Name of the argument.
+    remedy : str
+        How to make what is allowed.
+
+    Raises
+    ------
+    ConfigError
+        If ``value`` is no instance of ``kinds``.
+    """
+    if not isinstance(value, kinds):
+        raise ConfigError(f"{name}: {type(value).__name__} is not allowed; {remedy}")
+
+
 def validate(
     model: type[M], data: Mapping[str, Any], *, where: str = "", text: str = "", section: tuple[str, ...] = ()
 ) -> M:
-    """Build ``model`` from ``data``; every fault in one :class:`ConfigError`.
+    """Build ``model`` from ``data``; name all faults in one error.
+
+    The error is a :class:`ConfigError`.
 
     Parameters
     ----------
@@ -92,11 +121,14 @@ def validate(
 def _list_faults(
     error: ValidationError, model: type[BaseModel], text: str = "", section: tuple[str, ...] = ()
 ) -> str:  # fmt: skip
-    return "; ".join(_describe(fault, model, text, section) for fault in _own_faults(error.errors()))
+    return "; ".join(_describe(fault, model, text, section) for fault in _drop_derived_faults(error.errors()))
 
 
-def _own_faults(faults: Sequence[Any]) -> list[Any]:
-    """Faults without those that only follow from others: a list that is too short because its entries are faulty."""
+def _drop_derived_faults(faults: Sequence[Any]) -> list[Any]:
+    """Remove faults that only follow from others.
+
+    A list can be too short because its entries are faulty.
+    """
     places = [fault["loc"] for fault in faults]
     return [
         fault
@@ -147,13 +179,16 @@ def _model_inside(annotation: Any) -> type[BaseModel] | None:
 
 
 def line_note(text: str, location: Sequence[str | int]) -> str:
-    """`` (line 7)`` for a key that stands in the text, else nothing."""
+    """Return `` (line 7)`` for a key in the text, else nothing."""
     line = line_of_key(text, location)
     return f" (line {line})" if line else ""
 
 
 def line_of_key(text: str, location: Sequence[str | int]) -> int | None:
-    """Line number (from 1) of a dotted key in a TOML text; a number in ``location`` picks the n-th ``[[table]]``."""
+    """Find the line (from 1) of a dotted TOML key.
+
+    A number in ``location`` picks the n-th ``[[table]]``.
+    """
     rows = [row.split("#")[0] for row in text.splitlines()]
     names = [str(part) for part in location if isinstance(part, str)]
     if not rows or not names:
@@ -177,11 +212,16 @@ def _index_after(location: Sequence[str | int], name: str) -> int:
 
 
 def read_toml(path: str | Path) -> tuple[dict[str, Any], str]:
-    """Table and text of a TOML file; a missing or broken file is a :class:`ConfigError` that names it."""
+    """Read the table and the text of a TOML file.
+
+    A missing or broken file is a :class:`ConfigError` that names it.
+    """
     try:
         text = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: cannot be read: {error}") from None
+    except UnicodeDecodeError:
+        raise ConfigError(f"{path}: is not TOML: it is a binary file or no UTF-8 text") from None
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from None
     try:
         return tomllib.loads(text), text
     except tomllib.TOMLDecodeError as error:
@@ -189,7 +229,9 @@ def read_toml(path: str | Path) -> tuple[dict[str, Any], str]:
 
 
 def apply_overrides(table: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
-    """Table with ``KEY=VALUE`` changes put in; a key is dotted, list entries are numbers (``targets.0.label=dog``).
+    """Apply ``KEY=VALUE`` changes to a table.
+
+    A key is dotted, list entries are numbers (``targets.0.label=dog``).
 
     Values are TOML (``900``, ``true``, ``[1, 2]``, ``"text"``); what is not TOML is taken as text.
     """
@@ -232,7 +274,10 @@ def _set_key(table: dict[str, Any], key: str, value: Any, override: str) -> None
 
 
 def json_value(value: Any) -> Any:
-    """Convert to what JSON holds: numbers that are not finite become None, NumPy values plain ones, others text."""
+    """Convert a value to plain JSON types.
+
+    Numbers that are not finite become None, NumPy values plain ones, everything else text.
+    """
     if isinstance(value, Mapping):
         return {str(key): json_value(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):
@@ -246,7 +291,10 @@ def json_value(value: Any) -> Any:
 
 
 def as_table(model: BaseModel) -> dict[str, Any]:
-    """Fields of a model that were given, and every ``kind``, as plain values that a TOML file can hold."""
+    """Return the fields that were set and every ``kind``.
+
+    The values are plain, as a TOML file can hold them.
+    """
     names = [name for name in type(model).model_fields if name in model.model_fields_set or name == "kind"]
     return {name: _plain(value) for name in names if (value := getattr(model, name)) is not None}
 
@@ -264,13 +312,16 @@ def _plain(value: Any) -> Any:
 
 
 def write_toml(table: Mapping[str, Any]) -> str:
-    """TOML text of a table of plain values."""
+    """Format a table of plain values as TOML text."""
     import tomli_w
 
     return tomli_w.dumps(table)
 
 
 def canonical_json(value: BaseModel | Mapping[str, Any]) -> str:
-    """One-line JSON with sorted keys: the same parameters give the same text."""
+    """Format parameters as one-line JSON with sorted keys.
+
+    The same parameters give the same text.
+    """
     data = value.model_dump(mode="json") if isinstance(value, BaseModel) else value
     return json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)

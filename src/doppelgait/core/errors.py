@@ -1,38 +1,64 @@
-"""The errors and the warning that a user of doppelgait can meet."""
+"""Errors and the warning of doppelgait."""
+
+from __future__ import annotations
+
+import os
+import sys
+import warnings
+from pathlib import Path
+
+_PACKAGE = str(Path(__file__).parents[1]) + os.sep
 
 
 class DoppelgaitError(Exception):
-    """Root of every error raised on purpose: its text names what is wrong, what is allowed and what to do."""
+    """Base of every error raised on purpose.
+
+    Its text names what is wrong, what is allowed and what to do.
+    """
 
     exit_code = 2
     """Exit status of the command line: 2 wrong usage or input, 1 the work failed."""
 
 
 class ConfigError(DoppelgaitError):
-    """A parameter, a key of a configuration file or a combination of them is not allowed."""
+    """Parameter, configuration key or combination that is not allowed."""
 
 
 class MotionError(DoppelgaitError):
-    """A motion recording cannot be read, or cannot be used as a radar target."""
+    """Motion recording that cannot be read or used as a radar target."""
 
 
 class RecordingError(DoppelgaitError):
-    """A radar recording cannot be read or written."""
+    """Radar recording that cannot be read or written."""
 
 
 class AnalysisError(DoppelgaitError):
-    """A recording cannot be analysed as asked."""
+    """Recording that cannot be analysed with these settings."""
 
 
 class DatasetError(DoppelgaitError):
-    """A dataset cannot be planned, built, opened or extended."""
+    """Dataset that cannot be planned, built, opened or extended."""
 
 
 class OutputError(DoppelgaitError):
-    """A result cannot be written: no folder, no right, a full disk. What was there before is untouched."""
+    """Result that cannot be written.
+
+    Examples are a missing folder, a missing right and a full disk. Earlier contents are untouched.
+    """
 
     exit_code = 1
 
 
 class DoppelgaitWarning(UserWarning):
-    """Something works but not as the user may think: aliasing, a target outside the frame, dropped markers."""
+    """Result that may differ from the user's expectation.
+
+    Examples are aliasing, a target outside the frame and dropped markers.
+    """
+
+
+def warn_caller(text: str) -> None:
+    """Give a :class:`DoppelgaitWarning` at the line that called doppelgait."""
+    frame, level = sys._getframe(1), 2
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(_PACKAGE):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(text, DoppelgaitWarning, stacklevel=level)

@@ -39,6 +39,8 @@ def atomic_path(path: str | os.PathLike[str], *, os_errors: bool = False) -> Ite
         If the file cannot be written (no folder, no right, disk full); an older file of that name is then untouched.
     """
     target = Path(path)
+    if not os_errors and not target.parent.is_dir():
+        raise OutputError(f"{target}: cannot be written: no such folder {target.parent}")
     partial = target.with_name(f"{target.name}.{platform.node()}-{os.getpid()}-{next(_NUMBERS)}.partial")
     try:
         yield partial
@@ -47,14 +49,18 @@ def atomic_path(path: str | os.PathLike[str], *, os_errors: bool = False) -> Ite
     except OSError as error:
         if os_errors:
             raise
-        raise OutputError(f"{target}: cannot be written: {error}") from None
+        reason = os.strerror(error.errno) if error.errno else error  # HDF5's own text is several lines long
+        raise OutputError(f"{target}: cannot be written: {reason}") from None
     finally:
         with suppress(OSError):
             partial.unlink()
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Write a small file so that it is complete or as it was before; errors are those of the system."""
+    """Write a small file atomically.
+
+    The file is complete or as it was before; errors are those of the system.
+    """
     with atomic_path(path, os_errors=True) as partial:
         partial.write_bytes(content)
 
@@ -66,6 +72,6 @@ def sync_file(path: Path) -> None:
 
 
 def file_sha256(path: Path) -> str:
-    """SHA-256 of a file, hex."""
+    """Compute the hexadecimal SHA-256 of a file."""
     with path.open("rb") as handle:
         return hashlib.file_digest(handle, "sha256").hexdigest()

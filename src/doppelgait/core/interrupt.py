@@ -1,4 +1,7 @@
-"""Stop long work in order: a signal sets a mark, and the work looks at it where it can stop."""
+"""Orderly interruption of long work.
+
+A signal sets a mark, and the work checks it where it can stop.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class _Mark:
-    """Whether a signal asked this process to stop."""
+    """Mark that a signal to stop has arrived."""
 
     requested = False
 
@@ -22,7 +25,9 @@ _mark = _Mark()
 
 @contextmanager
 def stop_in_order() -> Iterator[None]:
-    """Let Ctrl-C and a request to terminate mark the work in this block, which stops at :func:`raise_if_stopped`.
+    """Let signals stop this block only at :func:`raise_if_stopped`.
+
+    The signals are Ctrl-C and the request to terminate.
 
     A handler that raises does so wherever the main thread is, and so may leave the mutex of a process pool locked for
     ever. A second signal ends the process at once. A signal that is ignored stays ignored (``nohup``); in other threads
@@ -66,7 +71,10 @@ def _request(number: int, frame: FrameType | None) -> None:
 
 @contextmanager
 def without_ctrl_c() -> Iterator[None]:
-    """Start processes in this block that Ctrl-C never reaches; here, it waits for the end of the block."""
+    """Start processes that Ctrl-C does not reach.
+
+    In this process Ctrl-C is postponed to the end of the block.
+    """
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return

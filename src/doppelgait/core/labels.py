@@ -1,4 +1,4 @@
-"""Names of dimensions and variables, and the schema that every labelled array of doppelgait keeps.
+"""Names of dimensions and variables, and schemas of labelled arrays.
 
 Time-like dimension first, range or Doppler last, SI units, unit of the values in ``attrs["units"]``.
 """
@@ -32,7 +32,7 @@ COORDINATE_UNITS = {
 
 @dataclass(frozen=True)
 class Schema:
-    """What a labelled array must look like.
+    """Dimensions, units and coordinates of a kind of labelled array.
 
     Parameters
     ----------
@@ -88,7 +88,9 @@ def make_array(
     *,
     like: xr.DataArray | None = None,
 ) -> xr.DataArray:
-    """Labelled array that keeps ``schema``; units are set here, so that no caller can forget them.
+    """Make a labelled array that keeps ``schema``.
+
+    Units are set here, so that no caller can forget them.
 
     Parameters
     ----------
@@ -101,7 +103,7 @@ def make_array(
     attrs : mapping, optional
         Further attributes.
     like : DataArray, optional
-        Array whose coordinates are taken where the schema asks for one that ``coords`` does not give.
+        Array that provides coordinates of the schema that are missing in ``coords``.
 
     Returns
     -------
@@ -110,17 +112,17 @@ def make_array(
     variables: dict[Any, xr.Variable] = {}
     indexes: dict[Any, Any] = {}
     for name, coordinate in coords.items():
-        variables[name], index = _labelled(name, coordinate)
+        variables[name], index = _label_coordinate(name, coordinate)
         indexes |= {name: index} if index is not None else {}
     if like is not None:
         wanted = [name for name in (*schema.dims, *schema.extra) if name not in coords]
-        variables |= {name: _own_copy(like.coords.variables[name]) for name in wanted}
+        variables |= {name: _copy_coordinate(like.coords.variables[name]) for name in wanted}
         indexes |= {name: like.xindexes[name] for name in wanted if name in like.xindexes}
     array = xr.Variable(schema.dims, np.asarray(values), {"units": schema.units, **(attrs or {})})
     for name, variable in variables.items():
         if any(array.sizes.get(dim) != size for dim, size in variable.sizes.items()):
             raise ValueError(f"coordinate {name!r} has {dict(variable.sizes)}, {schema.name} has {dict(array.sizes)}")
-    return check_signal(_assembled(array, variables, indexes, schema.name), schema)
+    return check_signal(_assemble_array(array, variables, indexes, schema.name), schema)
 
 
 def with_values(
@@ -130,7 +132,7 @@ def with_values(
     schema: Schema | None = None,
     attrs: Mapping[str, Any] | None = None,
 ) -> xr.DataArray:
-    """New values of the same shape on copies of the coordinates of an array.
+    """Return an array with new values and copied coordinates.
 
     Parameters
     ----------
@@ -146,22 +148,33 @@ def with_values(
         raise ValueError(f"values of shape {values.shape} do not fit coordinates of shape {array.shape}")
     variable = xr.Variable(array.dims, values, facts)
     name = array.name if schema is None else schema.name
-    coords = {name: _own_copy(coordinate) for name, coordinate in array.coords.variables.items()}
-    return _assembled(variable, coords, array.xindexes, name)
+    coords = {name: _copy_coordinate(coordinate) for name, coordinate in array.coords.variables.items()}
+    return _assemble_array(variable, coords, array.xindexes, name)
 
 
-def _own_copy(coordinate: xr.Variable) -> xr.Variable:
-    """Coordinate that may be edited without changing the array that it came from; the values of an index are fixed."""
+def _copy_coordinate(coordinate: xr.Variable) -> xr.Variable:
+    """Copy a coordinate so that edits do not reach the original.
+
+    The values of an index are fixed.
+    """
     return coordinate.copy(deep=not isinstance(coordinate, xr.IndexVariable))
 
 
-def _assembled(variable: xr.Variable, coords: dict[Any, Any], indexes: Mapping[Any, Any], name: Any) -> xr.DataArray:
-    """Labelled array of parts that fit: xarray's own path for them, ten times as fast as the one that looks again."""
+def _assemble_array(
+    variable: xr.Variable, coords: dict[Any, Any], indexes: Mapping[Any, Any], name: Any
+) -> xr.DataArray:
+    """Build a labelled array from parts that are known to fit.
+
+    This is xarray's own path for them, ten times as fast as the one that checks again.
+    """
     return xr.DataArray(variable, coords, name=name, indexes=indexes, fastpath=True)
 
 
-def _labelled(name: str, coordinate: Any) -> tuple[xr.Variable, PandasIndex | None]:
-    """Coordinate as a variable with its unit, and its index if it is named after its dimension."""
+def _label_coordinate(name: str, coordinate: Any) -> tuple[xr.Variable, PandasIndex | None]:
+    """Make a coordinate with its unit.
+
+    It has an index if it is named after its dimension.
+    """
     if isinstance(coordinate, xr.DataArray | xr.Variable):
         coordinate = (coordinate.dims, coordinate.values, coordinate.attrs)
     dims, values, attrs = (*coordinate, {})[:3] if isinstance(coordinate, tuple) else (name, coordinate, {})
@@ -176,7 +189,10 @@ def _labelled(name: str, coordinate: Any) -> tuple[xr.Variable, PandasIndex | No
 
 
 def axis(array: xr.DataArray | xr.Dataset, name: str) -> npt.NDArray[Any]:
-    """Values of a coordinate. ``array.coords[name]`` makes a labelled array first, which takes 30 times as long."""
+    """Return the values of a coordinate.
+
+    ``array.coords[name]`` makes a labelled array first, which takes 30 times as long.
+    """
     variable = array.coords.variables[name]
     if isinstance(variable, xr.IndexVariable):
         values = array.get_index(name).values  # as they are; those of the variable go through five more hands
@@ -186,7 +202,7 @@ def axis(array: xr.DataArray | xr.Dataset, name: str) -> npt.NDArray[Any]:
 
 
 def check_signal(array: xr.DataArray, schema: Schema) -> xr.DataArray:
-    """Return ``array`` unchanged if it keeps ``schema``; otherwise one error that lists every fault.
+    """Return an array that keeps ``schema``, or list all faults.
 
     Raises
     ------
@@ -212,7 +228,10 @@ def check_signal(array: xr.DataArray, schema: Schema) -> xr.DataArray:
 
 
 def sampling_rate_hz(axis: npt.ArrayLike) -> float:
-    """Rate of a uniform time axis from its ends; an axis of one sample is an :class:`AnalysisError`."""
+    """Compute the rate of a uniform time axis from its ends.
+
+    An axis of one sample is an :class:`AnalysisError`.
+    """
     times = np.asarray(axis, dtype=float)
     if times.size < 2 or not times[-1] > times[0]:
         raise AnalysisError(f"a time axis needs two rising samples or more, this one has {times.size}")

@@ -1,4 +1,7 @@
-"""Output folders that appear complete or not at all, and replace nothing but an earlier one of their kind."""
+"""Output folders that appear complete or not at all.
+
+They replace nothing but an earlier one of their kind.
+"""
 
 from __future__ import annotations
 
@@ -15,13 +18,15 @@ PAGE = "index.html"
 
 
 def check_out(out: Path, *, listing: str, file_format: str, command: str) -> None:
-    """Refuse, before any work is done, a place that cannot become the output folder or holds something else.
+    """Refuse a path that cannot become the output folder.
+
+    This happens before any work is done; a folder with something else in it is refused, too.
 
     Parameters
     ----------
     out : Path
     listing : str
-        Name of the JSON file in it that lists under ``files`` what else there is beside it and the page.
+        Name of the JSON file in it that lists all other files under ``files``, except the page.
     file_format : str
         What that file has under ``format``.
     command : str
@@ -36,7 +41,7 @@ def check_out(out: Path, *, listing: str, file_format: str, command: str) -> Non
         raise ConfigError(f"{out}: the folder {out.resolve().parent} does not exist; make it first")
     if out.exists() and not out.is_dir():
         raise ConfigError(f"{out}: is a file; give a folder that does not exist yet")
-    foreign = _foreign(out, listing, file_format)
+    foreign = _list_foreign(out, listing, file_format)
     if foreign:
         raise ConfigError(
             f"{out}: holds {foreign[0]}{' and more' if len(foreign) > 1 else ''}, which no run of "
@@ -44,8 +49,8 @@ def check_out(out: Path, *, listing: str, file_format: str, command: str) -> Non
         )
 
 
-def _foreign(out: Path, listing: str, file_format: str) -> list[str]:
-    """Files of a folder that are not those that its listing names."""
+def _list_foreign(out: Path, listing: str, file_format: str) -> list[str]:
+    """List files of a folder that its listing does not name."""
     present = [path.relative_to(out).as_posix() for path in out.rglob("*") if not path.is_dir()] if out.exists() else []
     try:
         document = json.loads((out / listing).read_text(encoding="utf-8"))
@@ -57,7 +62,9 @@ def _foreign(out: Path, listing: str, file_format: str) -> list[str]:
 
 @contextmanager
 def complete_folder(out: Path) -> Iterator[Path]:
-    """Folder to write to; it takes the name ``out`` when the block ends well and is removed if not.
+    """Write a folder that gets its name only when complete.
+
+    The block writes to the yielded folder, which takes the name ``out`` when the block ends well and is removed if not.
 
     Raises
     ------

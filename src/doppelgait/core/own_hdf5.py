@@ -1,4 +1,4 @@
-"""HDF5 files of strangers: what is read from one lies in it.
+"""Protection against HDF5 files that read values from other files.
 
 HDF5 has three ways to make a file show what lies in another one: links, datasets with external storage (the bytes of
 any file become numbers) and virtual datasets. We write none of them, so a file that has one is not as we wrote it.
@@ -6,11 +6,27 @@ any file become numbers) and virtual datasets. We write none of them, so a file 
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 
+def stated_format(path: str | Path) -> str | None:
+    """Return the format that an HDF5 file states, or None.
+
+    None for any file that is not of doppelgait.
+    """
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            stated = file.attrs.get("format")
+    except (OSError, RuntimeError, ValueError, TypeError, LookupError):
+        return None
+    return stated if isinstance(stated, str) else None
+
+
 def own_member(group: Any, name: str) -> Any:
-    """Dataset or group of an open HDF5 group, which must hold it itself.
+    """Return a dataset or group that the HDF5 group itself holds.
 
     Parameters
     ----------
@@ -43,7 +59,9 @@ def own_member(group: Any, name: str) -> Any:
 
 
 def check_own(file: Any) -> None:
-    """Check that an open HDF5 file holds all of its groups and datasets itself; reads no values.
+    """Check that an HDF5 file holds all of its members itself.
+
+    It reads no values.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""One way to plug in: a function or small object, its frozen parameters, one decorator.
+"""Plug-ins: a function or object, its frozen parameters and one decorator.
 
 A package adds its own by importing this decorator in a module and naming that module as an entry point of the group
 ``doppelgait.plugins``. Every group of plug-ins is a :class:`Group` in the room that uses it.
@@ -7,7 +7,6 @@ A package adds its own by importing this decorator in a module and naming that m
 from __future__ import annotations
 
 import sys
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -21,22 +20,26 @@ from typing import Annotated, Any, Generic, TypeVar
 from pydantic import BeforeValidator, SerializeAsAny
 
 from doppelgait.core.config import FrozenModel, validate
-from doppelgait.core.errors import ConfigError, DoppelgaitWarning
+from doppelgait.core.errors import ConfigError, warn_caller
 
 T = TypeVar("T")
 
 ENTRY_POINTS = "doppelgait.plugins"
 """Entry-point group of other packages: each entry is a module that registers plug-ins when it is imported."""
 
-
+GROUP_NAMES = (
+    "classifier", "environment", "exporter", "feature", "impairment", "motion_model", "motion_reader", "path",
+    "radar_reader", "radar_writer", "rcs", "waveform",
+)  # fmt: skip
+"""Names of doppelgait's groups, known before the rooms that declare them are imported."""
 NAMING_KEYS = ("kind", "gate", "format")
-"""Keys of a configuration whose text, or choice of texts, names a plug-in; the name of a group is another."""
+"""Keys of a configuration that name plug-ins by a text or several; the name of a group is another."""
 CHOICES = ("choice", "cycle")
 
 
 @dataclass(frozen=True)
 class Plugin(Generic[T]):
-    """A plug-in of one group.
+    """Plug-in of one group.
 
     Parameters
     ----------
@@ -51,6 +54,8 @@ class Plugin(Generic[T]):
         Top-level package that it comes from.
     facts : mapping
         What the group must know besides, for example a feature's unit.
+    module : str
+        Module that registered it.
     """
 
     group: str
@@ -60,10 +65,14 @@ class Plugin(Generic[T]):
     version: str = "1"
     package: str = "doppelgait"
     facts: Mapping[str, Any] = field(default_factory=dict)
+    module: str = ""
 
     @property
     def identity(self) -> dict[str, str]:
-        """Name, version and package release, as a dataset's identity records a plug-in of another package."""
+        """Name, version and package release of a plug-in.
+
+        A dataset's identity records them for plug-ins of other packages.
+        """
         releases = packages_distributions().get(self.package, [])
         release = version(releases[0]) if releases else ""
         return {"group": self.group, "name": self.name, "version": self.version, "package": self.package,
@@ -82,6 +91,8 @@ def plugin(
 ) -> Callable[[T], T]:  # fmt: skip
     """Register the decorated function, class or object as a plug-in.
 
+    Registered again by the same module, for example by a notebook cell that is run again, it replaces the former one.
+
     Parameters
     ----------
     group : str
@@ -98,9 +109,12 @@ def plugin(
     Raises
     ------
     ConfigError
-        If the name is missing or taken.
+        If the group is unknown, the name is missing or taken by another module, or the group refuses a fact.
     """
-    package = str(sys._getframe(1).f_globals.get("__name__", "")).partition(".")[0]
+    module = str(sys._getframe(1).f_globals.get("__name__", ""))
+    if group not in GROUP_NAMES and group not in _GROUPS:
+        known_groups = ", ".join(sorted({*GROUP_NAMES, *_GROUPS}))
+        raise ConfigError(f"unknown group of plug-ins {group!r}; known are: {known_groups}")
 
     def register(item: T) -> T:
         model = parameters
@@ -112,17 +126,20 @@ def plugin(
         if not isinstance(key, str) or not key:
             raise ConfigError(f"plugin({group!r}): needs a name, or parameters with a field kind that has a default")
         known = _REGISTERED.setdefault(group, {})
-        if key in known:
-            raise ConfigError(f"the {group.replace('_', ' ')} {key!r} is registered twice: by {known[key].package} "
-                              f"and by {package}")  # fmt: skip
-        known[key] = Plugin(group, key, item, model, version, package, facts)
+        if key in known and known[key].module != module:
+            raise ConfigError(f"the {group.replace('_', ' ')} {key!r} is registered twice: by {known[key].module} "
+                              f"and by {module}")  # fmt: skip
+        made = Plugin(group, key, item, model, version, module.partition(".")[0], facts, module)
+        if group in _GROUPS:  # otherwise when the group is first looked at
+            _GROUPS[group].check(made)
+        known[key] = made
         return item
 
     return register
 
 
 class Group(Generic[T]):
-    """Plug-ins of one kind by name: those of doppelgait and of installed packages.
+    """Plug-ins of one kind by name, from doppelgait and installed packages.
 
     Parameters
     ----------
@@ -132,10 +149,16 @@ class Group(Generic[T]):
         Modules of doppelgait that register this group's plug-ins; imported on first use.
     noun : str, optional
         For messages; by default the name with spaces.
+    check : callable, optional
+        Refuses a plug-in whose facts the group cannot use, by a :class:`ConfigError`.
     """
 
-    def __init__(self, name: str, built_in: Sequence[str] = (), *, noun: str | None = None) -> None:
+    def __init__(
+        self, name: str, built_in: Sequence[str] = (), *, noun: str | None = None,
+        check: Callable[[Plugin[Any]], None] = lambda plugin: None,
+    ) -> None:  # fmt: skip
         self.name = name
+        self.check = check
         self.noun = noun or name.replace("_", " ")
         self._built_in = tuple(built_in)
         self._complete = False
@@ -149,6 +172,8 @@ class Group(Generic[T]):
             for module in self._built_in:
                 import_module(module)
             _load_packages()
+            for item in list(known.values()):
+                self.check(item)
             self._complete = True
         return known
 
@@ -168,19 +193,22 @@ class Group(Generic[T]):
         return len(self._plugins())
 
     def values(self) -> list[Plugin[T]]:
-        """All plug-ins, in the order of their names."""
+        """Return all plug-ins in the order of their names."""
         found = self._plugins()
         return [found[name] for name in sorted(found)]
 
     def of(self, parameters: FrozenModel) -> Plugin[T]:
-        """Plug-in that a parameter model belongs to, by its field ``kind``."""
+        """Return the plug-in of a parameter model.
+
+        The model's field ``kind`` decides.
+        """
         found = self[str(getattr(parameters, "kind", None))]
         if found.parameters is None or not isinstance(parameters, found.parameters):
             raise ConfigError(f"{self.noun} {found.name!r} takes {found.parameters}, not {type(parameters).__name__}")
         return found
 
     def parse(self, value: Any) -> FrozenModel:
-        """Parameters from a table with ``kind``, a plug-in's name, or a parameter model, which is only checked.
+        """Parse parameters from a table with ``kind``, or check a model.
 
         Raises
         ------
@@ -200,7 +228,7 @@ class Group(Generic[T]):
         return validate(model, table, where=f"{self.noun} kind {kind!r}")
 
     def field(self) -> Any:
-        """Type of a model's field that takes a table or a parameter model of this group."""
+        """Build the field type that takes this group's tables or models."""
 
         def parse(value: Any) -> Any:
             try:
@@ -212,7 +240,10 @@ class Group(Generic[T]):
 
 
 def plugin_groups() -> dict[str, Group[Any]]:
-    """All groups of plug-ins by name; those of rooms that were not imported yet are imported."""
+    """Return all groups of plug-ins by name.
+
+    Rooms that were not imported yet are imported.
+    """
     from doppelgait import PLUGIN_ROOMS
 
     for module in PLUGIN_ROOMS:
@@ -221,14 +252,16 @@ def plugin_groups() -> dict[str, Group[Any]]:
 
 
 def foreign_plugins() -> list[Plugin[Any]]:
-    """Plug-ins that do not come with doppelgait."""
+    """List the plug-ins that do not come with doppelgait."""
     _load_packages()
     found = [item for known in _REGISTERED.values() for item in known.values()]
     return sorted((item for item in found if item.package != "doppelgait"), key=lambda p: (p.group, p.name))
 
 
 def identify_plugins(tables: Any, files: Mapping[str, Sequence[Path]] | None = None) -> list[dict[str, Any]]:
-    """Identify the plug-ins of other packages that a configuration uses: name, version, release, default parameters.
+    """Identify the plug-ins of other packages in a configuration.
+
+    The identity is name, version, release and default parameters.
 
     Parameters
     ----------
@@ -276,9 +309,24 @@ def _head_of(path: Path) -> bytes:
 
 
 def _load_packages() -> None:
-    """Import the plug-in modules of installed packages, once; one that fails is a warning and is left out."""
+    """Import the plug-in modules of installed packages, once.
+
+    One that fails is a warning and is left out.
+    """
     with _LOADING:
-        new = [entry for entry in entry_points(group=ENTRY_POINTS) if entry.value not in _LOADED]
+        found = entry_points()
+        ours = [
+            entry for group in found.groups if group.startswith("doppelgait.") for entry in found.select(group=group)
+        ]
+        for entry in ours:
+            if entry.group != ENTRY_POINTS and entry.value not in _LOADED:  # as in version 0.1.0
+                _LOADED.add(entry.value)
+                warn_caller(
+                    f"the plug-in {entry.name!r} ({entry.value}) is in the entry-point group {entry.group!r}, which is "
+                    f"not read, and is left out: name a module in the group {ENTRY_POINTS!r} that registers it with "
+                    "doppelgait.plugin"
+                )
+        new = [entry for entry in ours if entry.group == ENTRY_POINTS and entry.value not in _LOADED]
         if not new:
             return
         _LOADED.update(entry.value for entry in new)
@@ -293,8 +341,4 @@ def _load_packages() -> None:
                 for name, known in _REGISTERED.items():
                     for added in known.keys() - before.get(name, {}).keys():
                         del known[added]
-                warnings.warn(
-                    f"plug-ins of {entry.name!r} ({entry.value}) cannot be loaded and are left out: {error}",
-                    DoppelgaitWarning,
-                    stacklevel=2,
-                )
+                warn_caller(f"plug-ins of {entry.name!r} ({entry.value}) cannot be loaded and are left out: {error}")

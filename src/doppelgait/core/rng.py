@@ -1,4 +1,7 @@
-"""Random streams: one for every (seed, example, purpose), so that no draw shifts another."""
+"""Random streams, one for every (seed, example, purpose).
+
+No draw shifts another.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +15,12 @@ import numpy as np
 from doppelgait.core.errors import ConfigError
 
 PURPOSES = ("plan", "motion", "scene", "noise", "gate", "impairments", "split", "batches")
-"""What streams are for. The position in this tuple is part of the stream's key: append only."""
+"""Purposes of the streams. The position in this tuple is part of the stream's key: append only."""
 
 
 @dataclass(frozen=True)
 class Streams:
-    """All random streams of one example, independent of each other and of the order in which they are used.
+    """Random streams of one example, independent of each other and of order.
 
     Parameters
     ----------
@@ -54,7 +57,7 @@ class Streams:
             object.__setattr__(self, name, number)
 
     def generator(self, purpose: str, key: str = "") -> np.random.Generator:
-        """Independent generator of one purpose, from its beginning.
+        """Make an independent generator of one purpose, from its beginning.
 
         Parameters
         ----------
@@ -74,7 +77,9 @@ class Streams:
 
 
 def rng(seed: int) -> Streams:
-    """Random streams of a single run; the same bytes as ``seed`` in a scene file and ``--seed``.
+    """Make the random streams of a single run.
+
+    The bytes are the same as with ``seed`` in a scene file and ``--seed``.
 
     Raises
     ------
@@ -85,9 +90,12 @@ def rng(seed: int) -> Streams:
 
 
 RandomSource: TypeAlias = "Streams | np.random.Generator"
-"""What a function takes that samples of one purpose: streams, or a generator to continue."""
+"""Source of random numbers of one purpose: streams, or a generator to continue."""
 
 
 def as_generator(source: RandomSource, purpose: str) -> np.random.Generator:
-    """Generator of a purpose; a generator is returned as it is, to continue where it stands."""
+    """Return the generator of a purpose.
+
+    A generator is returned unchanged, to continue at its state.
+    """
     return source.generator(purpose) if isinstance(source, Streams) else source

@@ -1,8 +1,13 @@
-"""Complex samples of a recording as float32 planes or as a matrix, with receiver noise added where it is read."""
+"""Complex samples of a recording as float32 planes or a matrix.
+
+Receiver noise is added where samples are read.
+"""
 
 from __future__ import annotations
 
 import math
+import threading
+import weakref
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -16,18 +21,53 @@ Matrix = npt.NDArray[np.complex64]
 Spans = npt.NDArray[np.int64]
 
 ROWS = 32
-"""Rows of planes or of a matrix that are changed at a time, so that what is computed on the way stays in the cache."""
+"""Rows of planes or of a matrix that are changed at a time, so that intermediate results stay in the cache."""
+
+
+LARGEST_SPARE_BYTES = 1 << 25
+"""Largest memory that a thread keeps for its next samples; a long recording gives its memory back at once."""
+_of_thread = threading.local()
+
+
+def borrow_planes(shape: tuple[int, ...]) -> Planes:
+    """Make float32 planes in memory of this thread.
+
+    It is memory that the thread has used before, where some is free.
+
+    New memory of this size costs a third of the echoes that are written to it, because the system clears every page.
+    The memory is free again when nobody refers to the planes or a view of them.
+    """
+    n_values = math.prod(shape)
+    spare: list[Planes] = _of_thread.__dict__.setdefault("spare", [])
+    while spare and spare[-1].size != n_values:
+        spare.pop()
+    memory = spare.pop() if spare else np.empty(n_values, dtype=np.float32)
+    # Views of an array refer to the array that owns the memory; behind a buffer they refer to this one.
+    planes = np.frombuffer(memory.data, dtype=np.float32)
+    if 0 < memory.nbytes <= LARGEST_SPARE_BYTES:
+        weakref.finalize(planes, _give_back, spare, memory).atexit = False
+    return planes.reshape(shape)
+
+
+def _give_back(spare: list[Planes], memory: Planes) -> None:
+    if len(spare) < 2:
+        spare.append(memory)
 
 
 class Noise(NamedTuple):
-    """Receiver noise that is not added yet: a function of (key, pulse, sample), and its root mean square in V."""
+    """Pending receiver noise: its key and root mean square in V.
+
+    The noise is a function of (key, pulse, sample).
+    """
 
     key: np.uint64
     rms_v: float
 
 
 class Samples:
-    """Complex samples, one row a pulse; in arithmetic like a complex64 array of shape (pulses, samples).
+    """Complex samples, one row per pulse.
+
+    They behave in arithmetic like a complex64 array of shape (pulses, samples).
 
     ``samples + 0.1``, ``samples * turn[:, None]`` and the like give new samples; ``samples += row`` uses their memory
     again where it belongs to them. ``numpy.asarray(samples)`` is the complex matrix.
@@ -76,18 +116,24 @@ class Samples:
 
     @classmethod
     def own(cls, matrix: Matrix) -> Samples:
-        """Samples that may change this complex64 matrix, which nobody else uses."""
+        """Wrap a complex64 matrix that nobody else uses.
+
+        The samples may change it.
+        """
         return cls._make(matrix.shape, np.ascontiguousarray(matrix, dtype=np.complex64), None, None, True)
 
     @classmethod
     def from_planes(cls, planes: Planes, n_pulses: int) -> Samples:
-        """Samples that may change these planes, (2, samples, n_pulses or more), which nobody else uses."""
+        """Wrap planes that nobody else uses.
+
+        They have the shape (2, samples, n_pulses or more), and the samples may change them.
+        """
         return cls._make((n_pulses, planes.shape[1]), None, planes, None, True)
 
     @property
     def matrix(self) -> Matrix:
-        """Complex64 array, one row a pulse."""
-        settled = self._shown()
+        """Complex64 array, one row per pulse."""
+        settled = self._add_noise()
         if settled._matrix is not None:
             return settled._matrix
         from doppelgait.core.kernels.synthesis import join_planes
@@ -99,19 +145,21 @@ class Samples:
 
     @property
     def planes(self) -> Planes:
-        """Real and imaginary planes, float32, one row a sample."""
-        settled = self._shown()
+        """Real and imaginary planes, float32, one row per sample."""
+        settled = self._add_noise()
         return settled._planes if settled._planes is not None else _split(settled.matrix, slice(0, self.shape[1]))
 
     def read(self, spans: Spans, margin: int = 0) -> tuple[Planes, int]:
-        """Planes of some samples (range bins), with the noise of the pulses that are needed only.
+        """Read planes of some samples (range bins).
+
+        Noise is computed only for the pulses that are needed.
 
         Parameters
         ----------
         spans : ndarray, shape (samples, 2)
             First and one past the last pulse that is needed of every sample; an empty span for one that is not needed.
         margin : int
-            So many pulses after each span are finite numbers, whatever they are.
+            Number of pulses after each span that are finite, with any value.
 
         Returns
         -------
@@ -131,12 +179,12 @@ class Samples:
             return source, first
         from doppelgait.core.kernels.noise import copy_noise_spans
 
-        noisy = source if split is not None else np.empty_like(source)
+        noisy = source if split is not None else borrow_planes(source.shape)
         copy_noise_spans(source[0], source[1], spans[rows], first, *self._noise, margin, noisy[0], noisy[1])
         return noisy, first
 
     def with_noise(self, key: np.uint64, power_v2: float) -> Samples:
-        """The same samples with complex white Gaussian noise pending.
+        """Return the samples with complex white Gaussian noise pending.
 
         The values are shared, not copied, and so is the memory: from now on the result alone may change it.
         """
@@ -145,7 +193,7 @@ class Samples:
         return self._make(quiet.shape, quiet._matrix, quiet._planes, Noise(key, math.sqrt(power_v2)), owned)
 
     def settle(self) -> Samples:
-        """The samples with pending noise added, in their own memory where they have some."""
+        """Add the pending noise in place where memory is owned."""
         if self._noise is None:
             return self
         from doppelgait.core.kernels.noise import add_noise_block, add_noise_matrix
@@ -159,26 +207,32 @@ class Samples:
             self._noise = None
         return noisy
 
-    def _shown(self) -> Samples:
-        """The samples with pending noise, in memory that is not theirs where there is some."""
+    def _add_noise(self) -> Samples:
+        """Add the pending noise in memory that is not theirs."""
         return self._make(self.shape, self._matrix, self._planes, self._noise, False).settle()
 
     def _writable(self) -> Samples:
         return self if self._owned else self.copy()
 
     def copy(self) -> Samples:
-        """Samples of their own memory."""
+        """Copy the samples to memory of their own."""
         matrix = None if self._matrix is None else self._matrix.copy()
         planes = None if self._planes is None else self._planes.copy()
         return self._make(self.shape, matrix, planes, self._noise, True)
 
     def freeze(self) -> Samples:
-        """The same values, of which nothing is changed any more: changes of either are made in a copy."""
+        """Return the same values, protected from change.
+
+        Changes of either are made in a copy.
+        """
         self._owned = False
         return self._make(self.shape, self._matrix, self._planes, self._noise, False)
 
     def map_parts(self, function: Callable[[npt.NDArray[np.float64]], npt.NDArray[np.float64]]) -> Samples:
-        """Apply a function to all in-phase and quadrature values, some of them at a time, as float64."""
+        """Apply a function to all in-phase and quadrature values.
+
+        The function gets some of them at a time, as float64.
+        """
         changed = self.settle()._writable()
         values = changed._planes if changed._matrix is None else changed._matrix.view(np.float32)
         assert values is not None
@@ -188,7 +242,7 @@ class Samples:
         return changed
 
     def largest_part(self) -> float:
-        """Largest magnitude of an in-phase or quadrature value."""
+        """Return the largest magnitude of an in-phase or quadrature value."""
         settled = self.settle()
         if settled._planes is not None:
             values = settled._planes[:, :, : self.shape[0]]
@@ -197,14 +251,16 @@ class Samples:
         return max(float(values.max(initial=0.0)), -float(values.min(initial=0.0)))
 
     def take(self, pulses: npt.NDArray[np.int64]) -> Samples:
-        """Samples of some pulses, in this order."""
+        """Select some pulses, in this order."""
         settled = self.settle()
         if settled._planes is None:
             return Samples.own(settled.matrix[pulses])
         return Samples.from_planes(np.ascontiguousarray(settled._planes[:, :, pulses]), pulses.size)
 
     def add_at(self, pulses: npt.NDArray[np.int64], columns: npt.NDArray[np.int64], values: npt.ArrayLike) -> Samples:
-        """Add complex values to the samples ``columns`` of ``pulses``; every sample at most once.
+        """Add complex values to the samples ``columns`` of ``pulses``.
+
+        Every sample may occur once at most.
 
         Parameters
         ----------
@@ -219,7 +275,10 @@ class Samples:
         return changed
 
     def unbalance(self, gain: float, phase_rad: float) -> Samples:
-        """Give the quadrature part a gain and turn it against the in-phase part: Re y + j gain Im(y e^(j phase))."""
+        """Apply gain and phase imbalance to the quadrature part.
+
+        The result is Re y + j gain Im(y e^(j phase)).
+        """
         changed = self.settle()._writable()
         by_im, by_re = np.float32(gain * math.cos(phase_rad)), np.float32(gain * math.sin(phase_rad))
         if changed._planes is not None:
@@ -287,7 +346,10 @@ class Samples:
 
 
 def _change(samples: Samples, ufunc: Any, other: Any) -> Samples:
-    """Samples plus, minus or times a number, an array that fits (pulses, samples), or samples."""
+    """Add, subtract or multiply samples by an operand.
+
+    The operand is a number, an array that fits (pulses, samples), or samples.
+    """
     changed = samples.settle()._writable()
     if changed._matrix is not None:
         values = other.matrix if isinstance(other, Samples) else np.asarray(other)
@@ -317,9 +379,9 @@ def _change(samples: Samples, ufunc: Any, other: Any) -> Samples:
 
 
 def _split(matrix: Matrix, rows: slice) -> Planes:
-    """Planes of some columns of a matrix."""
+    """Copy some columns of a matrix to planes."""
     from doppelgait.core.kernels.synthesis import split_planes
 
-    planes = np.empty((2, rows.stop - rows.start, matrix.shape[0]), dtype=np.float32)
+    planes = borrow_planes((2, rows.stop - rows.start, matrix.shape[0]))
     split_planes(matrix, rows.start, planes[0], planes[1])
     return planes

@@ -1,4 +1,4 @@
-"""Constants and every conversion between index, physical unit and decibel.
+"""Constants and conversions between index, physical unit and decibel.
 
 Equation labels (E-nn) are those of ``docs/theory.md``. All functions take scalars or arrays and return float64.
 """
@@ -21,86 +21,101 @@ FloatArray = npt.NDArray[np.float64]
 
 
 def db_to_power(level_db: npt.ArrayLike) -> Any:
-    """Power ratio of a level in dB."""
+    """Convert a level in dB to a power ratio."""
     return 10.0 ** (np.asarray(level_db, dtype=float) / 10.0)
 
 
 def power_to_db(power: npt.ArrayLike) -> Any:
-    """Level in dB of a power ratio; 0 gives -inf without a warning."""
+    """Convert a power ratio to dB; 0 gives -inf without warning."""
     with np.errstate(divide="ignore"):
         return 10.0 * np.log10(np.asarray(power, dtype=float))
 
 
 def db_to_amplitude(level_db: npt.ArrayLike) -> Any:
-    """Voltage ratio of a level in dB."""
+    """Convert a level in dB to a voltage ratio."""
     return 10.0 ** (np.asarray(level_db, dtype=float) / 20.0)
 
 
 def dbm_to_watt(level_dbm: npt.ArrayLike) -> Any:
-    """Power in watts of a level in dBm."""
+    """Convert a level in dBm to a power in watts."""
     return 1e-3 * db_to_power(level_dbm)
 
 
 def watt_to_dbm(power_w: npt.ArrayLike) -> Any:
-    """Level in dBm of a power in watts."""
+    """Convert a power in watts to a level in dBm."""
     return power_to_db(np.asarray(power_w, dtype=float) / 1e-3)
 
 
 def watt_to_volt(power_w: npt.ArrayLike) -> Any:
-    """Envelope amplitude in volts of a mean power in watts: sqrt(2 Z0 P) (E-14)."""
+    """Convert mean power to envelope amplitude, sqrt(2 Z0 P) (E-14)."""
     return np.sqrt(2.0 * REFERENCE_IMPEDANCE_OHM * np.asarray(power_w, dtype=float))
 
 
 def volt_to_watt(envelope_v: npt.ArrayLike) -> Any:
-    """Mean power in watts of an envelope amplitude in volts: a^2 / (2 Z0) (E-14)."""
+    """Convert envelope amplitude to mean power, a^2 / (2 Z0) (E-14)."""
     return np.abs(np.asarray(envelope_v)) ** 2 / (2.0 * REFERENCE_IMPEDANCE_OHM)
 
 
 def carrier_to_wavelength_m(carrier_hz: float) -> float:
-    """Wavelength (lambda) of a carrier frequency f_c."""
+    """Convert a carrier frequency to its wavelength."""
     return SPEED_OF_LIGHT_MPS / carrier_hz
 
 
 def range_to_delay_s(range_m: npt.ArrayLike) -> Any:
-    """Two-way delay t_0 = 2 R / c of a target at range R (E-10)."""
+    """Convert a range to the two-way delay, 2 R / c (E-10)."""
     return 2.0 * np.asarray(range_m, dtype=float) / SPEED_OF_LIGHT_MPS
 
 
 def velocity_to_doppler_hz(velocity_mps: npt.ArrayLike, wavelength_m: float) -> Any:
-    """Doppler shift f_d = 2 v_r / lambda; positive for an approaching target (E-05)."""
+    """Convert radial velocity to Doppler shift, 2 v_r / lambda (E-05).
+
+    It is positive for an approaching target.
+    """
     return 2.0 * np.asarray(velocity_mps, dtype=float) / wavelength_m
 
 
 def doppler_to_velocity_mps(doppler_hz: npt.ArrayLike, wavelength_m: float) -> Any:
-    """Radial velocity v_r = f_d lambda / 2; positive for an approaching target (E-05)."""
+    """Convert Doppler shift to radial velocity, f_d lambda / 2 (E-05).
+
+    It is positive for an approaching target.
+    """
     return np.asarray(doppler_hz, dtype=float) * wavelength_m / 2.0
 
 
 def unambiguous_velocity_mps(prf_hz: float, wavelength_m: float) -> float:
-    """Largest radial speed that does not alias: lambda f_p / 4 (E-06)."""
+    """Compute the largest unaliased radial speed, lambda f_p / 4 (E-06)."""
     return wavelength_m * prf_hz / 4.0
 
 
 def cpi_to_pulses(cpi_s: float, prf_hz: float) -> int:
-    """Number M of pulses in a coherent processing interval T_d: 2 floor(T_d f_p / 2) + 1, always odd (E-21)."""
+    """Compute the number of pulses in a coherent processing interval (E-21).
+
+    M = 2 floor(T_d f_p / 2) + 1 is always odd.
+    """
     return 2 * math.floor(cpi_s * prf_hz / 2.0 + 1e-9) + 1
 
 
 def doppler_axis_hz(n_bins: int, prf_hz: float) -> FloatArray:
-    """Doppler of every bin of a K-point transform, ascending: f_p (k - floor(K/2)) / K (E-25); contains 0 exactly."""
+    """Compute the ascending Doppler axis of a K-point transform (E-25).
+
+    Bin k is f_p (k - floor(K/2)) / K; the axis contains 0 exactly.
+    """
     return prf_hz * (np.arange(n_bins) - n_bins // 2) / n_bins
 
 
 def doppler_to_bin(doppler_hz: npt.ArrayLike, n_bins: int, prf_hz: float) -> Any:
-    """Fractional bin number of a Doppler frequency on :func:`doppler_axis_hz`."""
+    """Convert a Doppler frequency to a fractional bin number.
+
+    Bins are those of :func:`doppler_axis_hz`.
+    """
     return np.asarray(doppler_hz, dtype=float) * n_bins / prf_hz + n_bins // 2
 
 
 def slow_time_axis_s(n_pulses: int, prf_hz: float) -> FloatArray:
-    """Time of every pulse: t_i = i / f_p, i = 0..I-1."""
+    """Compute the time of every pulse, t_i = i / f_p."""
     return np.arange(n_pulses) / prf_hz
 
 
 def duration_to_pulses(duration_s: float, prf_hz: float) -> int:
-    """Number I of pulses that fit in an observation time T_o: floor(T_o f_p)."""
+    """Count the pulses in an observation time, floor(T_o f_p)."""
     return math.floor(duration_s * prf_hz + 1e-9)

@@ -1,4 +1,4 @@
-"""What parallel jobs need: small worker processes, and bytes that do not depend on the number of threads."""
+"""Small worker processes, and bytes independent of the number of threads."""
 
 from __future__ import annotations
 
@@ -27,7 +27,10 @@ for its pages again, a tenth of its time. Other systems ignore them."""
 
 @contextmanager
 def worker_environment() -> Iterator[None]:
-    """Processes started in this context are workers; the caller's own environment is as before afterwards."""
+    """Mark processes started in this context as workers.
+
+    The caller's own environment is restored afterwards.
+    """
     before = {name: os.environ.get(name) for name in WORKER_ENVIRONMENT}
     os.environ.update(WORKER_ENVIRONMENT)
     try:
@@ -42,14 +45,16 @@ def worker_environment() -> Iterator[None]:
 
 _limiting = threading.Lock()
 _limits: list[Any] = []
-"""The limit that holds, then one entry for everybody who needs it."""
+"""The active limit, then one entry for each user."""
 
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Run all matrix products of this process in one thread until nobody needs it: their bytes depend on the number.
+    """Limit all matrix products of this process to one thread.
 
-    Right in threads, too: a cluster's worker may begin an example while one that it was told to give up still runs; the
+    The limit lasts until the last user ends: the bytes of a product depend on the number of threads.
+
+    Right in threads, too: a cluster's worker may begin an example while one that it had to give up still runs; the
     first of them to end must not give the other its threads back.
     """
     with _limiting:
@@ -67,7 +72,10 @@ def one_blas_thread() -> Iterator[None]:
 
 @lru_cache(maxsize=1)
 def _blas() -> Any:
-    """Controller of all BLAS of this process; finding them takes 5 ms, so once. SciPy's must be loaded to be found."""
+    """Find and cache the controller of all BLAS libraries.
+
+    Finding them takes 5 ms, so it is done once. SciPy's must be loaded to be found.
+    """
     import scipy.linalg  # noqa: F401
     from threadpoolctl import ThreadpoolController
 
@@ -75,7 +83,9 @@ def _blas() -> Any:
 
 
 def prepare_worker(alive: Connection | None = None) -> None:
-    """First call in a new worker process: Ctrl-C is the main process's alone, and pandas is to do without Arrow.
+    """Prepare a new worker process; its first call.
+
+    Ctrl-C is left to the main process, and pandas does without Arrow.
 
     Arrow is 66 MB that only writing tables needs. Too late for that where the main script imports pandas, or this
     package's datasets, at its top: workers import that, too.

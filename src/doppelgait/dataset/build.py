@@ -1,4 +1,7 @@
-"""Build a dataset: shards by any executor, resumable, in parts if wanted; then what makes it a dataset."""
+"""Build a dataset from a plan.
+
+Shards are built by any executor and in parts if wanted; a build that was stopped can be resumed.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +48,7 @@ RELEASE = (__version__, DATA_VERSION)
 
 @dataclass(frozen=True)
 class BuildReport:
-    """What a build did.
+    """Report of a build.
 
     Parameters
     ----------
@@ -58,7 +61,7 @@ class BuildReport:
     n_failed : int
         Examples that failed and are not in the dataset; the next build tries them again.
     failures : list of dict
-        The first 100 of them: id, reason and specification. All are in the records beside the shards.
+        The first 100 of them: id, reason and specification. All are in the records next to the shards.
     missing : int
         Shards of other parts that are not there yet; the dataset is finished at 0.
     too_many_failed : bool
@@ -110,7 +113,9 @@ def build_dataset(
     workers: int | None = None, part: str | None = None, max_failed_share: float = 0.0,
     on_progress: Progress | None = None,
 ) -> BuildReport:  # fmt: skip
-    """Build a dataset, or finish one that was begun; shards that are whole and without failures are not made again.
+    """Build a dataset, or finish one that was begun.
+
+    Shards that are complete and without failures are not built again.
 
     Parameters
     ----------
@@ -142,7 +147,7 @@ def build_dataset(
     ConfigError
         If the plan gives examples that are not allowed, nothing is written then; if there is no such executor or part.
     KeyboardInterrupt
-        On Ctrl-C and on a request to terminate, after the example under way, with a text that says how to go on; what
+        On Ctrl-C and on a request to terminate, after the example under way, with a text on how to resume; what
         was built is kept. A second signal ends the process at once.
     """
     began = time.monotonic()
@@ -193,7 +198,7 @@ def build_dataset(
 
 
 def _refuse_foreign(job: _Job) -> None:
-    """Nothing but this dataset may be in the folder."""
+    """Refuse a folder that holds anything but this dataset."""
     description = job.target / "dataset.json"
     if description.is_file():
         try:
@@ -220,9 +225,9 @@ def _refuse_foreign(job: _Job) -> None:
 
 
 def _build_missing(job: _Job, executor: str, workers: int | None, on_progress: Progress | None) -> _Tally:
-    """Build those of the own shards that are not there."""
+    """Build the own shards that do not exist yet."""
     began, tally = time.monotonic(), _Tally()
-    _refuse_foreign(job)  # again, now that nobody else can write
+    _refuse_foreign(job)  # again, now that no other build can write
     missing = []
     for shard in job.own:
         record = finished_record(job.target, shard)
@@ -264,7 +269,10 @@ def _build_missing(job: _Job, executor: str, workers: int | None, on_progress: P
 
 
 def _build_one(shard: Shard, *, context: BuildContext, release: tuple[str, int]) -> dict[str, Any]:
-    """Build a shard where a worker is; only counts travel back, the record is in the folder."""
+    """Build a shard in its worker and return the counts.
+
+    The record stays in the folder.
+    """
     if release != RELEASE:
         raise DatasetError(f"a worker has doppelgait {RELEASE}, this build {release}; install the same everywhere")
     try:
@@ -276,13 +284,13 @@ def _build_one(shard: Shard, *, context: BuildContext, release: tuple[str, int])
 
 
 def finished_record(target: Path, shard: Shard) -> dict[str, Any] | None:
-    """Record of a shard that is built, whole and without failed examples, else None."""
+    """Return the record of a complete shard without failures, else None."""
     record = _whole_record(target, shard)
     return None if record is None or record["failures"] else record
 
 
 def _whole_record(target: Path, shard: Shard) -> dict[str, Any] | None:
-    """Record of a shard that is built and whole, else None."""
+    """Return the record of a complete shard, else None."""
     raise_if_stopped()
     path = target / "shards" / f"{shard.name}.h5"
     try:
@@ -295,7 +303,10 @@ def _whole_record(target: Path, shard: Shard) -> dict[str, Any] | None:
 
 
 def _sweep(job: _Job) -> None:
-    """Remove half-written files: all of the folder, or those of the own shards where other parts may be at work."""
+    """Remove half-written files.
+
+    Where other parts may be at work only those of the own shards are removed.
+    """
     own = {shard.name for shard in job.own}
     for leftover in job.target.rglob("*.partial"):
         if job.part is None or leftover.name.partition(".")[0] in own:
@@ -304,7 +315,10 @@ def _sweep(job: _Job) -> None:
 
 @contextmanager
 def _stoppable(target: Path) -> Iterator[None]:
-    """Stop the block in order on Ctrl-C and on a request to terminate; say how to go on."""
+    """Stop the block in order on Ctrl-C and on termination.
+
+    The message says how to resume.
+    """
     try:
         with stop_in_order():
             yield

@@ -16,16 +16,21 @@ FREE = re.compile(
     re.IGNORECASE,
 )
 """Licences under which what is made from a file may be handed on, as SPDX writes them, and ``own`` recordings. Every
-other text blocks a release: nobody can list all the ways of saying no."""
+other text blocks a release: the texts that forbid it cannot be listed."""
 
 
 def blocks_release(licence: str) -> bool:
-    """Whether a licence keeps what is made from a file from being released: all that are not known to allow it."""
+    """Return True if a licence blocks the release of derived data.
+
+    All licences block it that are not known to allow it.
+    """
     return FREE.fullmatch(licence.strip()) is None
 
 
 def licences_of(index: pd.DataFrame) -> pd.DataFrame:
-    """Recordings of an index with their licences: ``recording``, ``licence``, ``rows``, ``blocked``; empty for models.
+    """List the recordings of an index with their licences.
+
+    Columns are ``recording``, ``licence``, ``rows`` and ``blocked``; the table is empty for models.
 
     Parameters
     ----------
@@ -42,14 +47,17 @@ def licences_of(index: pd.DataFrame) -> pd.DataFrame:
 
 
 def blocked_recordings(index: pd.DataFrame) -> list[str]:
-    """Each recording whose licence blocks a release, with that licence, for a message."""
+    """List the recordings whose licence blocks a release, with the licence."""
     table = licences_of(index)
     blocked = table[table["blocked"]].to_dict("records")
     return [f"{row['recording']} ({row['licence'] or 'licence unknown'})" for row in blocked]
 
 
 def release_warning(licences: pd.DataFrame) -> str:
-    """Sentence on what blocks a release, from :func:`licences_of`; empty if nothing does."""
+    """Return a sentence on the licences that block a release.
+
+    It is made from :func:`licences_of`, and empty if nothing blocks.
+    """
     blocked = int(licences["blocked"].sum())
     if not blocked:
         return ""
@@ -159,17 +167,33 @@ def dataset_card(plan: PlanConfig, identity: str, index: pd.DataFrame) -> str:
             "A motion file without an entry `subject` in `[[sources]]` is one subject, whoever moves in it: two "
             "recordings of the same person or animal may be in different splits."
         )
+    kinds = [] if index.empty else sorted(set(index["motion_kind"]) - {"file"})
+    law = "total drawn by one law for every class, assumed"
+    rcs = plan.target.get("rcs", {})
+    if "total_m2" not in rcs and "choice" not in rcs:
+        law = "by body mass, assumed for dogs; so the echo's power differs between classes"
+    simplifications = ["occlusion as planned" if "occlusion" in rcs else "no occlusion"]
+    if plan.environment in (None, [], {}):
+        simplifications.append("no multipath")
+    if plan.impairments in (None, [], {}):
+        simplifications.append("no clutter or receiver faults but those of the radar's preset")
+    limits = "\n".join([
+        f"- Isotropic point scatterers, {', '.join(simplifications)}.",
+        *(f"- {MODEL_SENTENCES.get(kind, f'Motion model `{kind}`.')}" for kind in kinds),
+        f"- Radar cross section: {law}.",
+        "- What is assumed about bodies, rooms and the receiver is randomised, not measured in your room.",
+    ])  # fmt: skip
     gate = TRACK_GATE if plan.dataset.gate == "track" else TRUTH_GATE.format(error=plan.dataset.gate_error_sd_m)
     return _fill(
         index, name=name, front=front, subjects=" ".join(subjects), making="", rows=SIMULATED_ROWS,
         summary=f"{total} simulated micro-Doppler examples made by doppelgait {__version__}, dataset id `{identity}`.\n"
         + _origin(plan, index, recorded),
-        files=SIMULATED_FILES.format(gate=gate), limits=_limits(plan, index) + MAKE_AGAIN.format(name=name),
+        files=SIMULATED_FILES.format(gate=gate), limits=limits + MAKE_AGAIN.format(name=name),
     )  # fmt: skip
 
 
 def _origin(plan: PlanConfig, index: pd.DataFrame, recorded: pd.DataFrame) -> str:
-    """Where the motion comes from, and the recordings with their licences where there are any."""
+    """Describe the source of the motion, with recordings and their licences."""
     if recorded.empty:
         return f"Everything is simulated: {RADAR_SENTENCE} No recording of a person or animal is in it."
     others = "" if len(recorded) == len(index) else " The motion of the others comes from models."
@@ -187,25 +211,6 @@ def _origin(plan: PlanConfig, index: pd.DataFrame, recorded: pd.DataFrame) -> st
         f"their licences apply to this dataset.{f'{chr(10) * 2}{warning}' if warning else ''}\n\n" + "\n".join(files)
         + ("\n\n## To be cited\n" + "".join(f"\n- {text}" for text in cited) if cited else "")
     )  # fmt: skip
-
-
-def _limits(plan: PlanConfig, index: pd.DataFrame) -> str:
-    kinds = [] if index.empty else sorted(set(index["motion_kind"]) - {"file"})
-    law = "total drawn by one law for every class, assumed"
-    rcs = plan.target.get("rcs", {})
-    if "total_m2" not in rcs and "choice" not in rcs:
-        law = "by body mass, assumed for dogs; so the echo's power differs between classes"
-    simplifications = ["occlusion as planned" if "occlusion" in rcs else "no occlusion"]
-    if plan.environment in (None, [], {}):
-        simplifications.append("no multipath")
-    if plan.impairments in (None, [], {}):
-        simplifications.append("no clutter or receiver faults but those of the radar's preset")
-    return "\n".join([
-        f"- Isotropic point scatterers, {', '.join(simplifications)}.",
-        *(f"- {MODEL_SENTENCES.get(kind, f'Motion model `{kind}`.')}" for kind in kinds),
-        f"- Radar cross section: {law}.",
-        "- What is assumed about bodies, rooms and the receiver is randomised, not measured in your room.",
-    ])  # fmt: skip
 
 
 IMPORTED_ROWS = """recording{or_window}: label, split, subject, recording with its SHA-256, licence,
@@ -297,7 +302,7 @@ def import_card(
 
 
 def counts_table(index: pd.DataFrame) -> pd.DataFrame:
-    """Number of examples by class and split."""
+    """Count the examples by class and split."""
     if index.empty:
         return pd.DataFrame({"label": []})
     counts = index.groupby(["label", "split"]).size().unstack(fill_value=0)
@@ -305,7 +310,10 @@ def counts_table(index: pd.DataFrame) -> pd.DataFrame:
 
 
 def feature_table(index: pd.DataFrame) -> pd.DataFrame:
-    """Median and 5 % to 95 % range of every feature by class, as text, with the number of missing values."""
+    """Tabulate median and range (5 to 95 %) per feature and class.
+
+    The cells are texts and include the number of missing values.
+    """
     rows = []
     for name, unit in {**FEATURE_UNITS, "gait_frequency_hz": "Hz"}.items():
         column = name if name in index else f"feature_{name}"
@@ -323,7 +331,7 @@ def feature_table(index: pd.DataFrame) -> pd.DataFrame:
 
 
 def markdown_table(table: pd.DataFrame) -> str:
-    """Markdown of a table."""
+    """Format a table as Markdown."""
     header = [str(name) for name in table.columns]
     lines = ["| " + " | ".join(header) + " |", "|" + " --- |" * len(header)]
     lines += ["| " + " | ".join(str(value) for value in row) + " |" for row in table.itertuples(index=False)]

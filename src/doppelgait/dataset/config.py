@@ -1,4 +1,4 @@
-"""How a dataset is made: a plan to simulate, or recordings to import."""
+"""Configuration of a dataset: a plan to simulate, or recordings to import."""
 
 from __future__ import annotations
 
@@ -26,7 +26,10 @@ _ABSENT = object()
 
 
 def shorten(value: Any) -> str:
-    """JSON of a value with the middle left out where it is longer than :data:`SHOWN_LENGTH`."""
+    """Format a value as JSON of at most :data:`SHOWN_LENGTH` characters.
+
+    The middle of a longer text is left out.
+    """
     text = json.dumps(value, ensure_ascii=False, default=str)
     if len(text) <= SHOWN_LENGTH:
         return text
@@ -34,7 +37,10 @@ def shorten(value: Any) -> str:
 
 
 def differences(old: Any, new: Any, key: str = "") -> Iterator[str]:
-    """Dotted keys whose values differ, each as ``key: old -> new``; ``absent`` where one side has no such key."""
+    """Yield the dotted keys whose values differ, as ``key: old -> new``.
+
+    A key that is missing on one side has the value ``absent``.
+    """
     if isinstance(old, dict) and isinstance(new, dict):
         for name in sorted(set(old) | set(new)):
             yield from differences(old.get(name, _ABSENT), new.get(name, _ABSENT), f"{key}.{name}" if key else name)
@@ -51,15 +57,15 @@ def _shown(value: Any) -> str:
 
 SCENE_KEYS = tuple(name for name in Scene.model_fields if name != "targets")
 SPLITS = ("train", "validation", "test")
-AUTO_PRF_REFUSED = "radar.prf_hz = 'auto' is not allowed in a dataset: it tells the speed to every feature"
+AUTO_PRF_REFUSED = "radar.prf_hz = 'auto' is not allowed in a dataset: it reveals the speed to every feature"
 ORACLE_REFUSED = (
     "analysis.method = 'liland2018' is not allowed in a dataset: its gate takes the span from the class and the "
-    "Doppler band from the truth, which tells both to every feature; use 'standard'"
+    "Doppler band from the truth, which reveals both to every feature; use 'standard'"
 )
 
 
 class FieldSpec(FrozenModel):
-    """An array to keep beside the features of every row.
+    """Array to store in addition to the features of every row.
 
     Parameters
     ----------
@@ -88,7 +94,9 @@ class FieldSpec(FrozenModel):
 
 
 class SplitSection(FrozenModel):
-    """``[dataset.split]``: who goes where. A subject, and all who share a scene with it, is in one split.
+    """``[dataset.split]``: assignment of subjects to splits.
+
+    A subject, and all who share a scene with it, is in one split.
 
     Parameters
     ----------
@@ -108,7 +116,9 @@ class SplitSection(FrozenModel):
 
 
 class SourceSection(FrozenModel):
-    r"""``[[sources]]``: whose motion files these are, and on what terms. The first entry that fits a file counts.
+    r"""``[[sources]]``: subjects, licences and citations of motion files.
+
+    The first entry that fits a file counts.
 
     Parameters
     ----------
@@ -161,7 +171,7 @@ class DatasetSection(FrozenModel):
     gate_error_sd_m : float
         Standard deviation of the range error of the truth gate, the same for every class.
     fields : list
-        Arrays to keep beside the features: names, or tables (:class:`FieldSpec`).
+        Arrays to store in addition to the features: names, or tables (:class:`FieldSpec`).
     """
 
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")
@@ -204,8 +214,8 @@ class ClassSection(FrozenModel):
     motion : table or "none"
         As in a scene file, with distributions: ``{ kind = "boulic", speed_mps = { uniform = [0.6, 2.0] } }``; a
         ``{ choice = [...] }`` of several such tables mixes sources. ``{ kind = "folder", path = "dogs" }`` takes the
-        straight stretches of all motion files of a folder in turn (:mod:`doppelgait.dataset.motions`). ``"none"`` is
-        nobody: an empty room, whatever is in the background; the gate follows a body that is not there.
+        straight segments of all motion files of a folder in turn (:mod:`doppelgait.dataset.motions`). ``"none"`` is
+        an empty scene, whatever is in the background; the gate follows a body that does not exist.
     examples : int, optional
         ``dataset.examples_per_class`` by default.
     """
@@ -228,7 +238,9 @@ class ClassSection(FrozenModel):
 
 
 class PlanConfig(FrozenModel):
-    """A dataset plan; what is outside ``[[classes]]`` holds for every class alike, so that it cannot tell them apart.
+    """Dataset plan.
+
+    Everything outside ``[[classes]]`` holds for every class alike, so that it cannot distinguish them.
 
     Parameters
     ----------
@@ -251,7 +263,7 @@ class PlanConfig(FrozenModel):
         (``{ choice = [{ kind = "wall", ... }, {}] }``) is left out.
     radar, noise, analysis : table
         As in a scene file. All tables may hold distributions. ``radar.prf_hz = "auto"`` and the oracle gate of
-        ``analysis.method = "liland2018"`` are refused: both tell the features what they should find.
+        ``analysis.method = "liland2018"`` are refused: both reveal the truth to the features.
     """
 
     dataset: DatasetSection
@@ -283,7 +295,7 @@ class PlanConfig(FrozenModel):
         if nobody and self.noise.get("kind", "thermal") != "thermal":
             raise ValueError(
                 f"noise.kind: {shorten(self.noise['kind'])} is not allowed with motion = 'none' (class {nobody[0]!r}): "
-                "an SNR needs somebody; use 'thermal'"
+                "an SNR needs a target; use 'thermal'"
             )
         unknown = set(self.scene) - set(SCENE_KEYS)
         if unknown:
@@ -291,18 +303,20 @@ class PlanConfig(FrozenModel):
         return self
 
     def examples_of(self, section: ClassSection) -> int:
-        """Number of examples of a class."""
+        """Return the number of examples of a class."""
         return section.examples or self.dataset.examples_per_class
 
 
 def plan_names() -> list[str]:
-    """Names of the built-in plans."""
+    """List the names of the built-in plans."""
     folder = resources.files("doppelgait.dataset.plans")
     return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
 
 
 def load_plan(plan: str | Path, *, overrides: Sequence[str] = ()) -> tuple[PlanConfig, Path]:
-    """Plan of a TOML file or of a built-in name, and the folder that relative motion paths start from.
+    """Load the plan of a TOML file or of a built-in name.
+
+    The folder that relative motion paths start from is returned, too.
 
     Raises
     ------
@@ -328,24 +342,27 @@ FIELDS_OF_RECORDINGS = ("signature", "cadence_map", "baseband")
 
 
 def parse_gate(value: Any, *, where: str = "") -> GateChoice:
-    """Parse the gate of measured recordings: ``"track"``, ``"1.2:2.8"`` or two ranges in m; a ConfigError if none."""
+    """Parse the gate of measured recordings.
+
+    It is ``"track"``, ``"1.2:2.8"`` or two ranges in m; anything else is a ConfigError.
+    """
     return Gate.parse(value, names=("track",), lowest_m=0.0, where=where)
 
 
 class ImportConfig(FrozenModel):
-    """How labelled recordings become a dataset.
+    """Configuration of an import of labelled recordings.
 
     Parameters
     ----------
     gate : "track" or (float, float)
-        Where the target is, for recordings whose line does not say: found and followed, or between two ranges in m.
+        Where the target is, for recordings without a gate of their own: tracked, or between two ranges in m.
         A recording without range (a continuous-wave radar) needs two ranges; any that its frame holds will do.
     window_s, hop_s : float, optional
         Cut recordings into windows of this length, one every ``hop_s`` (by default one after the other). A rest that
         is shorter than a window is left out. By default a recording, or its part from ``start_s`` to ``stop_s``, is
         one example.
     fields : list
-        Arrays to keep beside the features: ``signature``, ``cadence_map``, ``baseband``.
+        Arrays to store in addition to the features: ``signature``, ``cadence_map``, ``baseband``.
     split : "train", "validation", "test" or table
         Where everything goes, or shares of the subjects of every class. By default the column ``split`` of the
         labels, and ``test`` without one.

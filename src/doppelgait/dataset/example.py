@@ -1,4 +1,4 @@
-"""Examples of a dataset: rows of the index as labelled arrays and as a feature matrix."""
+"""Examples of a dataset, as labelled arrays and as a feature matrix."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Features:
     ids: npt.NDArray[np.str_]
 
     def __iter__(self) -> Iterator[Rows]:
-        """X, y and groups, in this order."""
+        """Iterate over X, y and groups, in this order."""
         return iter((self.X, self.y, self.groups))
 
     def __len__(self) -> int:
@@ -70,7 +70,10 @@ class Features:
 
 
 def feature_matrix(index: pd.DataFrame, names: str | Sequence[str], without_flags: Sequence[str]) -> Features:
-    """Features of the rows of an index; see :meth:`doppelgait.dataset.Dataset.features`."""
+    """Build the feature matrix of the rows of an index.
+
+    See :meth:`doppelgait.dataset.Dataset.features`.
+    """
     columns = feature_columns(index, names)
     rows = index
     if without_flags:
@@ -94,7 +97,10 @@ def feature_matrix(index: pd.DataFrame, names: str | Sequence[str], without_flag
 
 
 def feature_columns(index: pd.DataFrame, names: str | Sequence[str]) -> dict[str, str]:
-    """Columns of the index by feature name: of a set (``six``, ``extended``), or as listed."""
+    """Return the columns of the index by feature name.
+
+    The names are a set (``six``, ``extended``) or a list.
+    """
     six = {name: f"feature_{name}" for name in FEATURE_UNITS}
     if names == "six":
         return six
@@ -110,12 +116,15 @@ def feature_columns(index: pd.DataFrame, names: str | Sequence[str]) -> dict[str
 
 
 def unit_of(column: str) -> str:
-    """Unit of a column, which the end of its name tells."""
+    """Return the unit of a column, from the end of its name."""
     return UNIT_OF_SUFFIX.get(column.rpartition("_")[2], "1")
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """``; near in spelling are ...`` for the end of an error message, or how many names there are."""
+    """Return a hint of similar names for an error message.
+
+    Without similar names it says how many names there are.
+    """
     names = sorted(known)
     close = get_close_matches(name, names, n=5, cutoff=0.5)
     if close:
@@ -130,7 +139,7 @@ Stored = Callable[[str], npt.NDArray[Any] | None]
 
 
 def analysis_of(description: Mapping[str, Any], row: Mapping[str, Any]) -> Analysis:
-    """Settings that a row was analysed with, from the dataset's configuration.
+    """Return the analysis settings of a row, from the dataset's configuration.
 
     Parameters
     ----------
@@ -139,9 +148,9 @@ def analysis_of(description: Mapping[str, Any], row: Mapping[str, Any]) -> Analy
     row : mapping
         A row of the index.
     """
-    config = description.get("config") or {}
-    table, number = config.get("analysis", {}), number_in_plan(config, str(row["scene_id"]))
-    if number is not None and description.get("origin", "simulated") == "simulated":
+    config, number = _plan_place(description, row)
+    table = config.get("analysis", {})
+    if number is not None:
         turn = int(str(row["scene_id"]).rpartition("-")[2])
         table = resolve(table, seed=config["dataset"]["seed"], example=number, key="analysis", turn=turn)
     return validate(Analysis, table, where="dataset.json: analysis")
@@ -167,7 +176,9 @@ class Example:
 
     @cached_property
     def specification(self) -> ExampleSpec:
-        """What was simulated: scene, radar, conditions, analysis and seed, no distribution left.
+        """Specification of the simulation: scene, radar, conditions, analysis and seed.
+
+        No distribution is left in it.
 
         It is resolved at the first use. Relative motion paths start from the working folder;
         :meth:`Dataset.specification` accepts another.
@@ -185,11 +196,16 @@ class Example:
 
     @property
     def truth(self) -> dict[str, Any]:
-        """What only the simulation or the labels know, by name without ``truth_``; None for unknown."""
+        """Facts that only the simulation or the labels know.
+
+        The names are without ``truth_``; unknown is None.
+        """
         return {name.removeprefix("truth_"): v for name, v in self.row.items() if name.startswith("truth_")}
 
     def result(self, analysis: Analysis | None = None) -> Result:
-        """Return the result of the analysis: numbers, flags and the arrays that are kept, in their stored precision.
+        """Return the result of the analysis.
+
+        It holds numbers, flags and the stored arrays, in their stored precision.
 
         Parameters
         ----------
@@ -245,7 +261,7 @@ def _number(value: Any) -> float:
 def label_arrays(
     fields: Mapping[str, Mapping[str, Any]], row: Mapping[str, Any], stored: Stored, *, carrier_hz: float
 ) -> dict[str, xr.DataArray]:
-    """Labelled arrays of one example.
+    """Label the arrays of one example.
 
     Parameters
     ----------
@@ -286,7 +302,7 @@ def label_arrays(
 
 
 def carrier_of(description: Mapping[str, Any], row: Mapping[str, Any]) -> float:
-    """Carrier frequency of a row, Hz; NaN where the dataset does not tell."""
+    """Return the carrier frequency of a row, Hz; NaN where unknown."""
     if "carrier_hz" in row:
         return _number(row["carrier_hz"])
     try:
@@ -296,7 +312,7 @@ def carrier_of(description: Mapping[str, Any], row: Mapping[str, Any]) -> float:
 
 
 def radar_of(description: Mapping[str, Any], row: Mapping[str, Any]) -> Radar:
-    """Radar of a simulated row, drawn once more from the dataset's configuration.
+    """Return the radar of a simulated row.
 
     Parameters
     ----------
@@ -312,17 +328,18 @@ def radar_of(description: Mapping[str, Any], row: Mapping[str, Any]) -> Radar:
     ConfigError
         If the plan names a preset's file that is not in the working folder.
     """
-    config = description.get("config") or {}
-    number = number_in_plan(config, str(row["scene_id"]))
-    if number is None or description.get("origin", "simulated") != "simulated":
-        raise DatasetError(f"{row['id']}: the dataset does not tell its radar; only simulated ones do")
+    config, number = _plan_place(description, row)
+    if number is None:
+        raise DatasetError(f"{row['id']}: the dataset does not state its radar; only simulated ones do")
     table = resolve(config.get("radar", {}), seed=config["dataset"]["seed"], example=number, key="radar")
     radar: Radar = parse_radar(table, where="dataset.json", folder=Path())["radar"]
     return radar
 
 
 def simulated_number(description: Mapping[str, Any], row: Mapping[str, Any]) -> int:
-    """Return the number of a row's example in its plan, if this version can simulate it again.
+    """Return the number of a row's example in its plan.
+
+    This version must be able to simulate it again.
 
     Parameters
     ----------
@@ -350,8 +367,18 @@ def simulated_number(description: Mapping[str, Any], row: Mapping[str, Any]) -> 
     return number
 
 
+def _plan_place(description: Mapping[str, Any], row: Mapping[str, Any]) -> tuple[Mapping[str, Any], int | None]:
+    """Return the configuration and the place of a simulated row."""
+    config = description.get("config") or {}
+    simulated = description.get("origin", "simulated") == "simulated"
+    return config, number_in_plan(config, str(row["scene_id"])) if simulated else None
+
+
 def number_in_plan(config: Mapping[str, Any], scene_id: str) -> int | None:
-    """Number of an example among all of its plan, from its id: the classes follow each other."""
+    """Return the number of an example in its plan, from its id.
+
+    The classes follow each other.
+    """
     label, _, within = scene_id.rpartition("-")
     first = 0
     for section in config.get("classes", ()):

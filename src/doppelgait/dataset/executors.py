@@ -1,4 +1,7 @@
-"""Who builds the shards: this process, several processes, or a Dask cluster. The result is the same bytes."""
+"""Executors of a build: this process, several processes, or a Dask cluster.
+
+The bytes of the result are the same.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, closing, contextmanager, suppress
 from itertools import islice
+from multiprocessing.connection import wait as wait_for_pipes
 from typing import TYPE_CHECKING, Any
 
 from doppelgait.core.errors import ConfigError, DatasetError
@@ -32,11 +36,13 @@ MAX_LOSSES = 5
 
 
 class WorkersLostError(Exception):
-    """The workers are gone; what they were at is not finished."""
+    """Error of a build whose workers were lost."""
 
 
 def with_new_workers(run: Callable[[Sequence[Shard]], Results], shards: Sequence[Shard]) -> Results:
-    """Results of ``run``, which is called again for the shards that are missing when it loses its workers.
+    """Yield the results of ``run``, restarting it when its workers are lost.
+
+    It is called again for the shards that are missing.
 
     Raises
     ------
@@ -64,10 +70,12 @@ def with_new_workers(run: Callable[[Sequence[Shard]], Results], shards: Sequence
 QUEUED_PER_WORKER = 2
 LOOK_SECONDS = 0.1
 """How often to look whether the build is to stop."""
+MUTE_LOOKS = 20
+"""Looks in a row that find a dead worker before the pool itself noticed."""
 
 
 def run_processes(work: Work, shards: Sequence[Shard], workers: int) -> Results:
-    """Results as they come.
+    """Run the shards in processes and yield results as they finish.
 
     Raises
     ------
@@ -76,7 +84,8 @@ def run_processes(work: Work, shards: Sequence[Shard], workers: int) -> Results:
     """
     queue = iter(shards)
     running: dict[Future[dict[str, Any]], Shard] = {}
-    with _pool(workers) as pool:
+    mute = 0
+    with _pool(workers) as (pool, end_workers):
         while True:
             # a submission starts a process while fewer than ``workers`` are there
             with worker_environment(), without_ctrl_c():
@@ -88,18 +97,33 @@ def run_processes(work: Work, shards: Sequence[Shard], workers: int) -> Results:
             done, _ = wait(running, LOOK_SECONDS, FIRST_COMPLETED)
             for future in sorted(done, key=lambda f: f.exception() is not None):  # what is there before what broke
                 yield running.pop(future), future.result()
+            dead = wait_for_pipes([process.sentinel for process in (pool._processes or {}).values()], 0)
+            mute = mute + 1 if dead and not done else 0
+            if mute == MUTE_LOOKS:
+                end_workers()
 
 
 @contextmanager
-def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """Pool whose processes are gone when the block ends: after their work, or at once if it ends by an error."""
+def _pool(workers: int) -> Iterator[tuple[ProcessPoolExecutor, Callable[[], None]]]:
+    """Open a pool whose processes end with the block.
+
+    The second value ends them at once.
+
+    They end after their work, or at once if the block ends by an error.
+    """
     spawn = multiprocessing.get_context("spawn")
     alive, hold = spawn.Pipe(duplex=False)
     pool = ProcessPoolExecutor(workers, mp_context=spawn, initializer=prepare_worker, initargs=(alive,))
-    try:
-        yield pool
-    except BaseException as error:
+
+    def end_workers() -> None:
         hold.close()
+        # where one died within a message to here, the pool reads on as long as anybody might write the rest
+        pool._result_queue._writer.close()  # type: ignore[attr-defined]
+
+    try:
+        yield pool, end_workers
+    except BaseException as error:
+        end_workers()
         if isinstance(error, BrokenProcessPool):
             raise WorkersLostError from None
         raise
@@ -122,7 +146,7 @@ PRELOAD = "from doppelgait.core import worker; worker.prepare_worker()"
 
 
 def run_dask(work: Work, shards: Sequence[Shard], address: str, workers: int) -> Results:
-    """Results as they come.
+    """Run the shards on Dask and yield results as they finish.
 
     Parameters
     ----------
@@ -156,7 +180,7 @@ def run_dask(work: Work, shards: Sequence[Shard], address: str, workers: int) ->
                     running[client.submit(work, shard, pure=False)] = shard
                 if not running:
                     return
-                for future in _finished(client, running, is_local=not address):
+                for future in _wait_for_some(client, running, is_local=not address):
                     with suppress(TimeoutError):  # its worker died with the record: Dask makes the shard again
                         record = future.result(timeout=RESULT_SECONDS)
                         yield running.pop(future), record
@@ -168,7 +192,7 @@ def run_dask(work: Work, shards: Sequence[Shard], address: str, workers: int) ->
             client.cancel(list(running))
 
 
-def _finished(client: Client, running: dict[DaskFuture[Any], Any], *, is_local: bool) -> list[DaskFuture[Any]]:
+def _wait_for_some(client: Client, running: dict[DaskFuture[Any], Any], *, is_local: bool) -> list[DaskFuture[Any]]:
     from distributed import wait
 
     look = time.monotonic() + DASK_LOOK_SECONDS
@@ -185,7 +209,10 @@ def _finished(client: Client, running: dict[DaskFuture[Any], Any], *, is_local: 
 
 @contextmanager
 def _client(address: str, workers: int) -> Iterator[Client]:
-    """Client of the scheduler at an address, or of a cluster of this machine that ends with the block."""
+    """Connect to the scheduler at an address, or to a local cluster.
+
+    A local cluster ends with the block.
+    """
     import dask
     from distributed import Client, LocalCluster
     from distributed.system import MEMORY_LIMIT
@@ -216,7 +243,9 @@ def run_shards(
     work: Work, shards: Sequence[Shard], *, executor: str = "processes",
     workers: int | None = None,
 ) -> Results:  # fmt: skip
-    """Call ``work`` for every shard and give each result as soon as it is there, in any order.
+    """Call ``work`` for every shard and yield results as they finish.
+
+    The order is arbitrary.
 
     Only a bounded number of shards is under way at a time, so the caller's memory does not grow with their number. A
     caller that stops early, or an error, ends the workers; a shard that they were at is then not finished.
@@ -255,7 +284,7 @@ def run_shards(
 
 
 def check_executor(executor: str) -> None:
-    """Refuse a name that no executor has.
+    """Refuse the name of an unknown executor.
 
     Raises
     ------

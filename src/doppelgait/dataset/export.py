@@ -41,7 +41,7 @@ SHOWN_FILES = 8
 
 @dataclass(frozen=True)
 class ExportReport:
-    """What an export wrote.
+    """Report of an export.
 
     Parameters
     ----------
@@ -62,7 +62,9 @@ def export_dataset(
     dataset: Dataset, destination: str | Path, *, form: str | Mapping[str, Any] | FrozenModel,
     fields: Sequence[str] | None = None, release: bool = False, on_progress: Progress | None = None,
 ) -> ExportReport:  # fmt: skip
-    """Write a dataset, or a part of it, in another form; the folder appears complete or not at all.
+    """Write a dataset, or a part of it, in another form.
+
+    The folder appears complete or not at all.
 
     Next to the data are ``dataset.json``, with what was exported under ``export``, and ``source-card.md``, the card of
     the source dataset. Arrays are in linear units and single precision.
@@ -131,7 +133,9 @@ def export_dataset(
 
 
 def refuse_unreleasable(dataset: Dataset) -> None:
-    """A :class:`DatasetError` that names every recording of a dataset that its licence keeps from being handed on.
+    """Raise a :class:`DatasetError` if a licence blocks the release.
+
+    It names every recording that is concerned.
 
     Everybody who is in a scene counts, selected or not: the echoes of all are in its arrays.
     """
@@ -147,7 +151,10 @@ def refuse_unreleasable(dataset: Dataset) -> None:
 
 @contextmanager
 def _new_folder(target: Path) -> Iterator[Path]:
-    """Folder beside ``target`` that takes its name when the block ends well and is removed if not."""
+    """Open a temporary folder that becomes ``target`` on success.
+
+    It is removed if the block fails.
+    """
     partial = target.with_name(target.name + ".partial")
     if target.exists():
         raise DatasetError(f"{target}: is there already; nothing is overwritten, choose another folder")
@@ -174,7 +181,7 @@ PLACES = ("shard", "row", "shard_sha256")
 
 
 def splits_of(dataset: Dataset) -> Iterator[tuple[str, npt.NDArray[np.int64]]]:
-    """Splits that have rows, and those rows."""
+    """Yield the splits that have rows, with those rows."""
     for split in SPLITS:
         rows = np.flatnonzero((dataset.index["split"] == split).to_numpy(dtype=bool))
         if rows.size:
@@ -182,14 +189,20 @@ def splits_of(dataset: Dataset) -> Iterator[tuple[str, npt.NDArray[np.int64]]]:
 
 
 def flat_index(dataset: Dataset) -> pd.DataFrame:
-    """The index without places in shard files, with ``class_number`` behind the label."""
+    """Return the index without places in shard files.
+
+    ``class_number`` follows the label.
+    """
     table = dataset.index.drop(columns=[name for name in PLACES if name in dataset.index])
     table.insert(list(table.columns).index("label") + 1, "class_number", dataset.class_numbers())
     return table
 
 
 def arrays_of(dataset: Dataset, row: int, fields: tuple[str, ...]) -> dict[str, npt.NDArray[np.generic]]:
-    """Arrays of a row in linear units and their axes by name; a field without axes in its shard comes alone."""
+    """Return the arrays of a row in linear units, with their axes.
+
+    A field without axes in its shard comes alone.
+    """
     arrays: dict[str, npt.NDArray[np.generic]] = {}
     for name in fields:
         arrays[name] = dataset.array(name, row)
@@ -202,5 +215,8 @@ def arrays_of(dataset: Dataset, row: int, fields: tuple[str, ...]) -> dict[str, 
 
 
 def file_name(example_id: str) -> str:
-    """Name for the files of an example: its id, with everything but letters, digits, ``_`` and ``-`` escaped."""
+    """Return a file name for an example's id.
+
+    Everything but letters, digits, ``_`` and ``-`` is escaped.
+    """
     return quote(example_id, safe="").replace(".", "%2E").replace("~", "%7E")

@@ -53,7 +53,7 @@ class Parquet(FrozenModel):
 
 
 class WebDataset(FrozenModel):
-    """Tar files in which the files of an example follow each other and share a name.
+    """Tar files with consecutive files per example that share a name.
 
     Parameters
     ----------
@@ -87,7 +87,10 @@ class Sigmf(FrozenModel):
 def write_csv(
     dataset: Dataset, folder: Path, fields: tuple[str, ...], parameters: Csv, done: Callable[[int], None]
 ) -> None:
-    """``index.csv``: one line per row with a header; empty for unknown; every number as exactly as it is."""
+    """Write ``index.csv``: a header and one line per row.
+
+    Unknown is empty; every number is exact.
+    """
     table = flat_index(dataset)
     table.to_csv(folder / "index.csv", index=False, lineterminator="\n")
     done(len(table))
@@ -97,7 +100,9 @@ def write_csv(
 def write_parquet(
     dataset: Dataset, folder: Path, fields: tuple[str, ...], parameters: Parquet, done: Callable[[int], None]
 ) -> None:
-    """One ``SPLIT.parquet`` per split: the index, and every field as a list ``FIELD_values`` with its ``FIELD_shape``.
+    """Write one ``SPLIT.parquet`` per split: the index and all fields.
+
+    Every field is a list ``FIELD_values`` with its ``FIELD_shape``.
 
     Rows of an array follow each other (C order); a complex number is two numbers, so that its shape ends with 2. Axes
     are lists, too. Units stand in the metadata of the columns, the description of the fields in that of the file.
@@ -143,7 +148,7 @@ def _array_columns(dataset: Dataset, rows: npt.NDArray[np.int64], fields: tuple[
 
 
 def _with_units(table: pa.Table, dataset: Dataset) -> pa.Table:
-    """Table with the unit of every column of numbers in its metadata."""
+    """Put the unit of every column of numbers into its metadata."""
     import pyarrow as pa
 
     fields = dataset.description["fields"]
@@ -162,7 +167,9 @@ def _with_units(table: pa.Table, dataset: Dataset) -> pa.Table:
 def write_webdataset(
     dataset: Dataset, folder: Path, fields: tuple[str, ...], parameters: WebDataset, done: Callable[[int], None]
 ) -> None:
-    """``SPLIT-NNNNNN.tar``; of every example ``ID.FIELD.npy``, its axes, ``ID.json`` (its row) and ``ID.cls``.
+    """Write ``SPLIT-NNNNNN.tar`` files in the form of WebDataset.
+
+    Every example has ``ID.FIELD.npy``, its axes, ``ID.json`` (its row) and ``ID.cls``.
 
     The same dataset gives the same bytes: no time, no user. Dots of an id are escaped: the first one ends the key.
     """
@@ -192,10 +199,10 @@ def _add(tar: tarfile.TarFile, name: str, content: bytes) -> None:
 def write_zarr(
     dataset: Dataset, folder: Path, fields: tuple[str, ...], parameters: Zarr, done: Callable[[int], None]
 ) -> None:
-    """``dataset.zarr`` with the groups ``SPLIT/index`` and ``SPLIT/FIELD``.
+    """Write ``dataset.zarr`` with the groups ``SPLIT/index`` and ``SPLIT/FIELD``.
 
     Every column of the index is an array (example). A field is an array (example, ...) with the dimensions of the
-    library and its axes beside it: a coordinate of its dimension where all examples of the split share it, else an
+    library, next to its axes: a coordinate of its dimension where all examples of the split share it, else an
     array (example, ...) with the unit in its name. Where the shapes of a field differ in a split, every example has a
     group ``SPLIT/FIELD/ID`` instead.
 
@@ -219,7 +226,14 @@ def write_zarr(
             if len({dataset.shape(int(row), name) for row in rows}) == 1:
                 _write_stacked(group, dataset, name, rows, parameters.examples_per_file)
             else:
-                _write_ragged(group, dataset, name, rows)
+                facts = dataset.description["fields"][name]
+                for row in map(int, rows):
+                    own = group.create_group(file_name(str(dataset.index["id"].iat[row])))
+                    for dim in facts["dims"]:
+                        axis = _axis(dataset, name, dim, row)
+                        if axis is not None:
+                            _whole(own, dim, axis, (dim,), {"units": COORDINATE_UNITS[dim]})
+                    _whole(own, name, dataset.array(name, row), tuple(facts["dims"]), {"units": facts["units"]})
         done(rows.size)
 
 
@@ -259,17 +273,6 @@ def _write_stacked(
         target[first : first + len(block)] = block
 
 
-def _write_ragged(group: Any, dataset: Dataset, field: str, rows: npt.NDArray[np.int64]) -> None:
-    facts = dataset.description["fields"][field]
-    for row in map(int, rows):
-        own = group.create_group(file_name(str(dataset.index["id"].iat[row])))
-        for dim in facts["dims"]:
-            axis = _axis(dataset, field, dim, row)
-            if axis is not None:
-                _whole(own, dim, axis, (dim,), {"units": COORDINATE_UNITS[dim]})
-        _whole(own, field, dataset.array(field, row), tuple(facts["dims"]), {"units": facts["units"]})
-
-
 def _axis(dataset: Dataset, field: str, dim: str, row: int) -> npt.NDArray[Any] | None:
     name = axis_name(field, dim)
     return None if name is None else dataset.stored(row, name)
@@ -294,12 +297,14 @@ def _whole(
 def write_sigmf_folder(
     dataset: Dataset, folder: Path, fields: tuple[str, ...], parameters: Sigmf, done: Callable[[int], None]
 ) -> None:
-    """``SPLIT/SCENE.sigmf-meta`` and ``.sigmf-data``: the baseband of every scene, its targets as annotations.
+    """Write the baseband of every scene as a SigMF recording.
+
+    Files are ``SPLIT/SCENE.sigmf-meta`` and ``.sigmf-data``; targets are annotations.
 
     Raises
     ------
     DatasetError
-        If the dataset does not tell the radar of a scene.
+        If the dataset does not state the radar of a scene.
     """
     nothing = np.empty(0)
     description = dataset.description

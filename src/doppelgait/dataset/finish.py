@@ -1,4 +1,4 @@
-"""From finished shards to a dataset: identity, description, index, lists of the splits, card."""
+"""Finish a dataset: identity, description, index, split lists, card."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 SCHEMA_VERSION = 2
 """Form of the files of a dataset. 2: one row per target with scene, group, licence; axes by field; half precision."""
 
-DATA_VERSION = 8
+DATA_VERSION = 9
 """What a configuration means in bytes. It is part of every dataset's identity and raised by hand whenever the same
 configuration gives other bytes (a draw, a kernel, a stored type), so that a dataset is never finished with examples of
 another making. 1: first form. 2: compiled kernels for geometry, noise and signature; splits by subject names.
@@ -40,7 +40,10 @@ rooms and behind impairments."""
 
 
 def plan_plugins(plan: PlanConfig, folder: Path) -> list[dict[str, Any]]:
-    """Identify the plug-ins of other packages that a plan, its presets and its motion files use."""
+    """Identify the plug-ins of other packages that a plan uses.
+
+    Its presets and motion files count, too.
+    """
     tables = [plan.model_dump(mode="json")]
     for path in _preset_files(plan.radar):
         tables.append(read_toml(folder / path)[0])
@@ -82,7 +85,10 @@ def _motion_files(plan: PlanConfig) -> list[str]:
 
 
 def _preset_files(value: Any) -> Iterator[str]:
-    """Files of sensor twins that a radar table names, under ``preset`` or among its choices."""
+    """Yield the preset files that a radar table names.
+
+    They are under ``preset`` or among its choices.
+    """
     if isinstance(value, Mapping):
         value = [inner for key, inner in value.items() if key != "name"]
     if isinstance(value, list):
@@ -106,7 +112,7 @@ TEXT_COLUMNS = ("truth_gait", "quality_gait_decision")
 
 @dataclass
 class Totals:
-    """What the finished shards hold.
+    """Totals of the finished shards.
 
     Parameters
     ----------
@@ -129,7 +135,7 @@ class Totals:
 
 @dataclass(frozen=True)
 class Header:
-    """What a dataset is, whatever its examples are made from.
+    """Identity and configuration of a dataset, simulated or imported.
 
     Parameters
     ----------
@@ -189,7 +195,7 @@ class Header:
 
 
 def plan_header(plan: PlanConfig, identity: str, folder: Path) -> Header:
-    """Header of the dataset of a plan."""
+    """Return the header of the dataset of a plan."""
     from doppelgait.dataset.card import dataset_card
 
     return Header(
@@ -206,7 +212,9 @@ def plan_header(plan: PlanConfig, identity: str, folder: Path) -> Header:
 
 
 def finish_dataset(target: Path, header: Header, names: Sequence[str], *, max_failed_share: float = 0.0) -> Totals:
-    """Write index, split lists, card and description of a folder whose shards are all there; the description last.
+    """Write index, split lists, card and description of a folder.
+
+    All shards must exist. The description is written last.
 
     Parameters
     ----------
@@ -237,7 +245,10 @@ def finish_dataset(target: Path, header: Header, names: Sequence[str], *, max_fa
 
 
 def contents_sha256(target: Path, names: Iterable[str]) -> str:
-    """SHA-256 over the records of all shards, which hold every row and the hash of every array file."""
+    """Return the SHA-256 over the records of all shards.
+
+    The records hold every row and the hash of every array file.
+    """
     digest = hashlib.sha256()
     for name in names:
         digest.update(hashlib.sha256((target / "shards" / f"{name}.json").read_bytes()).digest())
@@ -245,7 +256,9 @@ def contents_sha256(target: Path, names: Iterable[str]) -> str:
 
 
 def card_of(directory: str | Path) -> str:
-    """Card of a dataset; of a half-built one, made of the shards that are there.
+    """Return the card of a dataset.
+
+    The card of an incomplete dataset is made from the shards that exist.
 
     Raises
     ------
@@ -267,7 +280,7 @@ def card_of(directory: str | Path) -> str:
 
 
 def read_description(folder: Path) -> dict[str, Any]:
-    """``dataset.json`` of a folder.
+    """Read ``dataset.json`` of a folder.
 
     Raises
     ------
@@ -277,6 +290,8 @@ def read_description(folder: Path) -> dict[str, Any]:
     path = folder / "dataset.json"
     try:
         description = json.loads(path.read_text())
+    except NotADirectoryError:
+        raise DatasetError(f"{folder}: is a file; give the folder of a dataset") from None
     except FileNotFoundError:
         raise DatasetError(f"{folder}: holds no dataset, dataset.json is missing") from None
     except (OSError, ValueError) as error:
@@ -292,7 +307,10 @@ def write_description(target: Path, description: Mapping[str, Any]) -> None:
 
 
 def write_splits(folder: Path, index: pd.DataFrame) -> None:
-    """Write the ids of every split that has rows, one per line, in the order of the index."""
+    """Write the ids of every split that has rows.
+
+    There is one id per line, in the order of the index.
+    """
     folder.mkdir(exist_ok=True)
     for split in SPLITS:
         ids: Iterable[str] = index["id"][index["split"] == split] if len(index) else ()
@@ -300,7 +318,7 @@ def write_splits(folder: Path, index: pd.DataFrame) -> None:
 
 
 def count_shards(names: Iterable[str]) -> dict[str, int]:
-    """Number of shards of every split, from their names."""
+    """Count the shards of every split, from their names."""
     counts: dict[str, int] = {}
     for name in names:
         split = name.partition("-")[0]
@@ -309,19 +327,19 @@ def count_shards(names: Iterable[str]) -> dict[str, int]:
 
 
 def shard_names(counts: Mapping[str, int]) -> list[str]:
-    """Names of all shards, from the number of every split."""
+    """List the names of all shards, from the number of every split."""
     return [f"{split}-{n:05d}-of-{count:05d}" for split, count in counts.items() for n in range(count)]
 
 
 def read_records(target: Path, names: Iterable[str]) -> Iterator[Record]:
-    """Records of shards, one in memory at a time."""
+    """Yield the records of shards, one in memory at a time."""
     for name in names:
         raise_if_stopped()
         yield json.loads((target / "shards" / f"{name}.json").read_text())
 
 
 def tally(records: Iterable[Record]) -> Totals:
-    """Counts, first failures and columns of many records."""
+    """Count the rows and failures of records, and find the columns."""
     totals, labels = Totals(), set()
     for record in records:
         totals.rows += len(record["rows"])
@@ -341,7 +359,10 @@ def tally(records: Iterable[Record]) -> Totals:
 
 
 def make_index(records: Iterable[Record]) -> pd.DataFrame:
-    """Index table of all shards, one row per target, numbers as float64 with NaN for unknown."""
+    """Make the index table of all shards, one row per target.
+
+    Numbers are float64 with NaN for unknown.
+    """
     kept = list(records)
     columns = tally(kept).columns
     frame: pd.DataFrame = _table(list(_rows(kept)), columns).to_pandas()
@@ -349,7 +370,7 @@ def make_index(records: Iterable[Record]) -> pd.DataFrame:
 
 
 def write_index(path: Path, records: Iterable[Record], columns: Mapping[str, str]) -> None:
-    """Write the index as Parquet, :data:`ROWS_AT_A_TIME` rows in memory at a time.
+    """Write the index as Parquet, block by block.
 
     Parameters
     ----------

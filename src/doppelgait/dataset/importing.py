@@ -32,7 +32,9 @@ __all__ = ["ImportConfig", "ImportReport", "LabelEntry", "import_dataset", "impo
 
 @contextmanager
 def new_folder(target: Path) -> Iterator[Path]:
-    """Folder to fill; it takes its name when the block ends well, and is gone if not.
+    """Open a temporary folder that becomes ``target`` on success.
+
+    It is removed if the block fails.
 
     Raises
     ------
@@ -58,11 +60,6 @@ def new_folder(target: Path) -> Iterator[Path]:
         raise
 
 
-def config_as_dict(config: ImportConfig) -> dict[str, Any]:
-    """Configuration as JSON; of the analysis what was given by hand, because that can mean more than its value."""
-    return {**config.model_dump(mode="json"), "analysis": config.analysis.model_dump(mode="json", exclude_unset=True)}
-
-
 Progress = Callable[[int, int], None]
 
 NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9._-]+")
@@ -70,7 +67,7 @@ NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9._-]+")
 
 @dataclass(frozen=True)
 class ImportReport:
-    """What an import did.
+    """Report of an import.
 
     Parameters
     ----------
@@ -81,7 +78,7 @@ class ImportReport:
     n_rows : int
         Rows of the index: one per recording or window.
     n_not_tracked : int
-        Rows without features, because nobody was found where somebody should be.
+        Rows without features, because an expected target was not found.
     n_failed : int
         Recordings or windows that could not be read or analysed; they are not in the dataset.
     failures : list of dict
@@ -112,11 +109,11 @@ def import_dataset(
     folder: str | Path, labels: str | Path, directory: str | Path, *, config: ImportConfig | None = None,
     name: str | None = None, on_progress: Progress | None = None,
 ) -> ImportReport:  # fmt: skip
-    """Make a dataset from a folder of radar recordings and a file that says what they show.
+    """Make a dataset from radar recordings and a file of labels.
 
     Each recording, part of one or window is a row: the target that is found in it gets the label. Where several are
-    found it is the one that was followed longest and surest; ``n_tracks`` and a flag tell. Where none is found the row
-    has no features and the flag ``not_tracked``, so that a score counts it.
+    found it is the track with the most seconds and confidence; ``n_tracks`` and a flag show it. Where none is found
+    the row has no features and the flag ``not_tracked``, so that a score counts it.
 
     Parameters
     ----------
@@ -155,7 +152,7 @@ def import_dataset(
     planned = plan_entries(entries, settings, table.name)
     hashes = {one.entry.recording: "" for one in planned}
     hashes = {recording: recording_sha256(source, recording) for recording in hashes}
-    plugins = identify_plugins(config_as_dict(settings), {"radar_reader": [source / name for name in hashes]})
+    plugins = identify_plugins(settings.model_dump(mode="json"), {"radar_reader": [source / name for name in hashes]})
     identity = import_id(table, hashes, settings, plugins)
     there = _same_import(target, identity)
     if there is not None:
@@ -168,7 +165,7 @@ def import_dataset(
         labels=tuple(dict.fromkeys(one.entry.label for one in planned)),
         fields=settings.fields,
         n_examples=len(planned),
-        config=config_as_dict(settings),
+        config=settings.model_dump(mode="json"),
         card=lambda index, n_failed: import_card(
             index, name=title, identity=identity, config=settings, labels=table.name, n_failed=n_failed
         ),
@@ -216,7 +213,9 @@ def _build(folder: Path, shards: Sequence[Shard], maker: RecordedExamples, on_pr
 def import_id(
     labels: Path, hashes: dict[str, str], config: ImportConfig, plugins: Sequence[Mapping[str, Any]] = ()
 ) -> str:
-    """Identity of an import: hash of labels, recordings, configuration and data version; 16 hex digits.
+    """Compute the identity of an import, 16 hex digits.
+
+    It is a hash of labels, recordings, configuration and data version.
 
     Parameters
     ----------
@@ -228,7 +227,7 @@ def import_id(
     plugins : sequence of mapping
         Plug-ins of other packages, from :func:`doppelgait.core.plugins.identify_plugins`.
     """
-    settings = canonical_json(config_as_dict(config) | {"defaults": config.analysis.model_dump(mode="json")})
+    settings = canonical_json(config)
     digest = hashlib.sha256(f"import {DATA_VERSION}\n{settings}\n{canonical_json(hashes)}\n".encode())
     digest.update(labels.read_bytes())
     for item in plugins:
@@ -237,7 +236,10 @@ def import_id(
 
 
 def _same_import(target: Path, identity: str) -> list[str] | None:
-    """Shards of the same import if the folder holds it, None if it holds nothing; anything else is an error."""
+    """Return the shards of the same import in the folder.
+
+    It is None if the folder holds nothing; anything else is an error.
+    """
     description = target / "dataset.json"
     if not description.is_file():
         return None

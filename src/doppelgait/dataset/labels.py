@@ -1,4 +1,4 @@
-"""``labels.csv``: what recordings show, line by line, with every mistake named."""
+"""File of labels, ``labels.csv``: parser that reports every mistake."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import hashlib
 import io
 import math
 import re
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
@@ -17,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from doppelgait.core.config import apply_overrides
-from doppelgait.core.errors import ConfigError, DoppelgaitWarning
+from doppelgait.core.errors import ConfigError, warn_caller
 from doppelgait.core.files import file_sha256
 from doppelgait.dataset.config import SPLITS, parse_gate
 from doppelgait.processing.gate import GateChoice
@@ -25,11 +24,11 @@ from doppelgait.radar.xethru.records import META_NAME
 
 PAIRS = (("_RE.txt", "_IM.txt"), (".sigmf-meta", ".sigmf-data"))
 WITH_SIDECAR = (".npy", ".npz")
-"""Arrays, whose meaning stands in a TOML file of the same stem."""
+"""Arrays that a TOML file of the same stem describes."""
 
 
 def find_recordings(folder: Path, pattern: str) -> list[str]:
-    """Recordings of a folder that a name or a pattern with ``*``, ``?`` and ``**`` means.
+    """Find the recordings of a folder that a name or pattern means.
 
     Parameters
     ----------
@@ -82,7 +81,7 @@ def _exists(path: Path) -> bool:
 
 
 def files_of(path: Path) -> tuple[Path, ...]:
-    """All files that a recording consists of, by the names that its format gives them."""
+    """Return all files of a recording, by its format's names."""
     if path.is_dir():
         return tuple(sorted(inner for inner in path.rglob("*") if inner.is_file()))
     for pair in PAIRS:
@@ -99,7 +98,10 @@ def files_of(path: Path) -> tuple[Path, ...]:
 
 
 def recording_sha256(folder: Path, recording: str) -> str:
-    """SHA-256 of names and bytes of all files of a recording, hex; a file that cannot be read counts as such."""
+    """Hash names and bytes of all files of a recording (SHA-256, hex).
+
+    A file that cannot be read counts as such.
+    """
     digest = hashlib.sha256()
     for path in files_of(folder / recording):
         try:
@@ -133,13 +135,13 @@ class LabelTable:
 
 
 def read_table(path: Path, *, needed: tuple[str, ...]) -> LabelTable:
-    """Table of a CSV file whose first line names the columns.
+    """Read a CSV file whose first line names the columns.
 
     Parameters
     ----------
     path : Path
     needed : tuple of str
-        Columns that must be there; they also tell which delimiter is the right one.
+        Columns that must be there; they also determine the delimiter.
 
     Raises
     ------
@@ -195,7 +197,10 @@ def read_table(path: Path, *, needed: tuple[str, ...]) -> LabelTable:
 
 
 def _cells(path: Path, text: str, delimiter: str, *, most: int | None = None) -> list[tuple[int, list[str]]]:
-    """Lines that hold anything, with their numbers; a line is numbered by its start."""
+    """Split a CSV text into non-empty lines with their numbers.
+
+    A line is numbered by its start.
+    """
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, skipinitialspace=True, strict=True)
     lines: list[tuple[int, list[str]]] = []
     before = 0
@@ -227,7 +232,7 @@ NEAR_COLUMN, NEAR_LABEL = 0.75, 0.8
 
 @dataclass(frozen=True)
 class LabelEntry:
-    """One recording, or a part of it, as its line labels it.
+    """Recording, or a part of it, as its line labels it.
 
     Parameters
     ----------
@@ -242,7 +247,7 @@ class LabelEntry:
     subject, split, session, licence, citation : str
         Empty where not told.
     nobody : bool
-        Whether nobody is there: then it is right to find nothing.
+        Whether the scene is empty: then it is right to find nothing.
     options : dict
         For the reader of the format.
     further : dict
@@ -265,7 +270,7 @@ class LabelEntry:
     further: Mapping[str, Any] = field(default_factory=dict)
 
     def overlaps(self, other: LabelEntry) -> bool:
-        """Whether both mean the same time and place of one recording."""
+        """Return True if both mean the same time and place."""
         same_place = self.gate == other.gate and self.options == other.options
         return same_place and (self.start_s or 0.0) < _end(other) and (other.start_s or 0.0) < _end(self)
 
@@ -275,7 +280,7 @@ def _end(entry: LabelEntry) -> float:
 
 
 def read_labels(path: str | Path, folder: str | Path, *, gate: GateChoice = "track") -> list[LabelEntry]:
-    """Entries of a file of labels, one per recording and line, in the order of the lines.
+    """Read a file of labels: entries in the order of its lines.
 
     Parameters
     ----------
@@ -324,11 +329,9 @@ def read_labels(path: str | Path, folder: str | Path, *, gate: GateChoice = "tra
     for label, line in first.items():
         if close := get_close_matches(label.lower(), folded, n=1, cutoff=NEAR_LABEL):
             other = folded[close[0]]
-            warnings.warn(
+            warn_caller(
                 f"{table.name}: labels {other!r} (line {first[other]}) and {label!r} (line {line}) are near in "
-                "spelling and count as two classes",
-                DoppelgaitWarning,
-                stacklevel=3,
+                "spelling and count as two classes"
             )
         folded[label.lower()] = label
     return entries
@@ -389,7 +392,7 @@ def _number(name: str, cell: str) -> float | None:
 
 
 def _conflicts(entries: Sequence[LabelEntry]) -> Iterator[str]:
-    """What two lines say of the same part of one recording."""
+    """Yield the contradictions of two lines about one part of a recording."""
     by_recording: dict[str, list[LabelEntry]] = {}
     for entry in entries:
         by_recording.setdefault(entry.recording, []).append(entry)

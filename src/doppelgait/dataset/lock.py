@@ -1,4 +1,7 @@
-"""One build at a time in a dataset's folder; the parts of one partition may go on side by side."""
+"""Lock of a dataset's folder: one build at a time.
+
+The parts of one partition may run at the same time.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +33,7 @@ class Part(NamedTuple):
 
     @classmethod
     def parse(cls, text: str) -> Part:
-        """Part of a text like ``3/16``.
+        """Parse a part like ``3/16``.
 
         Raises
         ------
@@ -45,7 +48,7 @@ class Part(NamedTuple):
 
 @dataclass(frozen=True)
 class Holder:
-    """Who holds a lock.
+    """Holder of a lock.
 
     Parameters
     ----------
@@ -68,7 +71,10 @@ class Holder:
 
     @property
     def alive(self) -> bool:
-        """False if that process is surely gone; one of another host cannot be asked."""
+        """False if that process is certainly gone.
+
+        A process of another host cannot be checked.
+        """
         if self.host != platform.node():
             return True
         if self.pid == os.getpid():
@@ -82,7 +88,9 @@ class Holder:
 
 @contextmanager
 def build_lock(directory: Path, part: Part | None = None) -> Iterator[None]:
-    """Hold the folder, or a part of it, for the length of the block; a lock that a dead process left is taken over.
+    """Lock the folder, or a part of it, for the block.
+
+    A lock of a dead process is taken over.
 
     Raises
     ------
@@ -93,43 +101,6 @@ def build_lock(directory: Path, part: Part | None = None) -> Iterator[None]:
     """
     name = "build.lock" if part is None else f"build-{part.number}-of-{part.among}.lock"
     path = (directory / name).resolve()
-    _take(path, part)
-    _held.add(path)
-    try:
-        for other in running_builds(directory):
-            mine = other.path.resolve() == path and other.pid == os.getpid()
-            side_by_side = part is not None and other.part is not None and part.among == other.part.among
-            if not mine and not side_by_side:
-                raise _busy(directory, other)
-        yield
-    finally:
-        _held.discard(path)
-        path.unlink(missing_ok=True)
-
-
-def running_builds(directory: Path) -> list[Holder]:
-    """Builds that are at work in a folder, as far as their locks tell."""
-    found = (read_lock(path) for path in sorted(directory.glob(PATTERN)))
-    return [holder for holder in found if holder is not None and holder.alive]
-
-
-def read_lock(path: Path) -> Holder | None:
-    """Who holds a lock; None if it is gone or was never written to its end."""
-    end = time.monotonic() + WRITING_SECONDS
-    while True:
-        try:
-            table = json.loads(path.read_text())
-            part = None if table["part"] is None else Part(*table["part"])
-            return Holder(path, int(table["pid"]), table["host"], table["since"], part, table["begun"])
-        except FileNotFoundError:
-            return None
-        except (ValueError, KeyError, TypeError):
-            if time.monotonic() > end:
-                return None
-            time.sleep(0.05)
-
-
-def _take(path: Path, part: Part | None) -> None:
     since, pid = datetime.now(UTC).isoformat(timespec="seconds"), os.getpid()
     own = {"pid": pid, "host": platform.node(), "since": since, "part": part, "begun": _begun(pid)}
     while True:
@@ -148,6 +119,42 @@ def _take(path: Path, part: Part | None) -> None:
         raise
     finally:
         os.close(handle)
+    _held.add(path)
+    try:
+        for other in running_builds(directory):
+            mine = other.path.resolve() == path and other.pid == os.getpid()
+            side_by_side = part is not None and other.part is not None and part.among == other.part.among
+            if not mine and not side_by_side:
+                raise _busy(directory, other)
+        yield
+    finally:
+        _held.discard(path)
+        path.unlink(missing_ok=True)
+
+
+def running_builds(directory: Path) -> list[Holder]:
+    """List the builds at work in a folder, from their locks."""
+    found = (read_lock(path) for path in sorted(directory.glob(PATTERN)))
+    return [holder for holder in found if holder is not None and holder.alive]
+
+
+def read_lock(path: Path) -> Holder | None:
+    """Read the holder of a lock.
+
+    It is None if the lock is gone or was never written to its end.
+    """
+    end = time.monotonic() + WRITING_SECONDS
+    while True:
+        try:
+            table = json.loads(path.read_text())
+            part = None if table["part"] is None else Part(*table["part"])
+            return Holder(path, int(table["pid"]), table["host"], table["since"], part, table["begun"])
+        except FileNotFoundError:
+            return None
+        except (ValueError, KeyError, TypeError):
+            if time.monotonic() > end:
+                return None
+            time.sleep(0.05)
 
 
 def _busy(directory: Path, holder: Holder) -> DatasetError:
@@ -173,7 +180,10 @@ def _is_running(pid: int) -> bool:
 
 
 def _begun(pid: int) -> str:
-    """Start of a process in ticks of the system's clock; empty where the system does not tell."""
+    """Return the start of a process in ticks of the system's clock.
+
+    It is empty where the system does not know it.
+    """
     with suppress(OSError):
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
         return "ended" if fields[0] == "Z" else fields[19]

@@ -1,4 +1,4 @@
-"""Motions of a plan: their checks, subjects and source files, and folders of motion files."""
+"""Motions of a plan: checks, subjects, source files and folders."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 from pydantic import Field
 
 from doppelgait.core.config import FrozenModel, validate
-from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitError, DoppelgaitWarning
+from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitError, DoppelgaitWarning, warn_caller
 from doppelgait.dataset.config import PlanConfig, SourceSection, shorten
 
 NOBODY = "none"
@@ -23,17 +23,22 @@ PHANTOM_SPEED_MPS = {"uniform": [0.4, 2.0]}
 
 
 def recording_of(motion: Mapping[str, Any]) -> str:
-    """Recording that a resolved motion table takes, its path as written; empty for a model."""
+    """Return the path of a resolved motion's recording, as written.
+
+    It is empty for a model.
+    """
     return str(motion["path"]) if motion["kind"] == "file" else ""
 
 
 def source_entry(recording: str, sources: Sequence[SourceSection]) -> SourceSection | None:
-    """The first entry of ``[[sources]]`` that fits a recording."""
+    """Return the first entry of ``[[sources]]`` that fits a recording."""
     return next((entry for entry in sources if fnmatchcase(recording, entry.files)), None)
 
 
 def subject_of(motion: Mapping[str, Any], row_id: str, sources: Sequence[SourceSection] = ()) -> str:
-    """Whose motion it is: as ``[[sources]]`` says, else the recording; a model's draw is its own subject.
+    """Return the subject of a motion.
+
+    It is that of ``[[sources]]``, else the recording; a model's draw is its own subject.
 
     Raises
     ------
@@ -92,7 +97,21 @@ def check_motion(motion: Any, folder: Path, *, key: str) -> None:
     if kind == "folder":
         raise ConfigError(f"{key}.kind: a folder is allowed in [[classes]] only; name a file")
     if kind == "file":
-        _check_file(options, folder, key)
+        path = options.pop("path", None)
+        if not isinstance(path, str) or not path:
+            raise ConfigError(f'{key}.path: {shorten(path)} is not allowed: kind "file" needs path = "..."')
+        if not (folder / path).is_file():
+            raise ConfigError(f"{key}.path: {path!r} is not allowed: there is no such file in {folder.resolve()}")
+        from doppelgait.motion.readers import MOTION_READERS, read, reader_options
+
+        # The options of all readers: only a file's content says which of them reads it.
+        functions = [read, *(reader.run for reader in MOTION_READERS.values())]
+        allowed = list(dict.fromkeys(name for function in functions for name in reader_options(function)))
+        for name in sorted(set(options) - set(allowed)):
+            raise ConfigError(
+                f"{key}.{name}: {shorten(options[name])} is not allowed: unknown key; allowed are path, "
+                f"{', '.join(allowed)}"
+            )
     elif kind == NOBODY:
         validate(Phantom, options, section=tuple(key.split(".")))
     elif kind not in MOTION_MODELS:
@@ -105,26 +124,11 @@ def check_motion(motion: Any, folder: Path, *, key: str) -> None:
             raise ConfigError(f"{error} (motion is {shorten(motion)})") from None
 
 
-def _check_file(options: dict[str, Any], folder: Path, key: str) -> None:
-    path = options.pop("path", None)
-    if not isinstance(path, str) or not path:
-        raise ConfigError(f'{key}.path: {shorten(path)} is not allowed: kind "file" needs path = "..."')
-    if not (folder / path).is_file():
-        raise ConfigError(f"{key}.path: {path!r} is not allowed: there is no such file in {folder.resolve()}")
-    from doppelgait.motion.readers import MOTION_READERS, read, reader_options
-
-    # the options of all readers: which of them takes a file is known only from its content
-    functions = [read, *(reader.run for reader in MOTION_READERS.values())]
-    allowed = list(dict.fromkeys(name for function in functions for name in reader_options(function)))
-    for name in sorted(set(options) - set(allowed)):
-        raise ConfigError(
-            f"{key}.{name}: {shorten(options[name])} is not allowed: unknown key; allowed are path, "
-            f"{', '.join(allowed)}"
-        )
-
-
 def motion_files(motions: Iterable[Mapping[str, Any]]) -> list[str]:
-    """Paths of all motion files that motion tables name, drawn or not, as written and sorted."""
+    """List the paths of all motion files that motion tables name.
+
+    They are as written and sorted; all choices of a distribution count.
+    """
     found: set[str] = set()
 
     def walk(value: Any) -> None:
@@ -143,7 +147,7 @@ def motion_files(motions: Iterable[Mapping[str, Any]]) -> list[str]:
 
 
 def _strings(value: Any) -> list[str]:
-    """The text, or every text that a ``choice`` or ``cycle`` can give."""
+    """Return a text, or all texts of a ``choice`` or ``cycle``."""
     if isinstance(value, str):
         return [value]
     if isinstance(value, Mapping):
@@ -153,16 +157,22 @@ def _strings(value: Any) -> list[str]:
 
 
 def refuse_two_spellings(paths: Iterable[str], folder: Path) -> None:
-    """A :class:`ConfigError` if two paths lead to one file: it would be two subjects, perhaps in two splits."""
+    """Raise a :class:`ConfigError` if two paths lead to one file.
+
+    It would be two subjects, perhaps in two splits.
+    """
     seen: dict[Path, str] = {}
     for path in paths:
         first = seen.setdefault((folder / path).resolve(), path)
         if first != path:
-            raise ConfigError(f"motion files {first!r} and {path!r} are the same file; write its path in one way")
+            raise ConfigError(f"motion files {first!r} and {path!r} are the same file; write its path in one form")
 
 
 def refuse_copies(paths: Iterable[str], folder: Path, sources: Sequence[SourceSection]) -> None:
-    """A :class:`ConfigError` if files of equal content would be different subjects, perhaps in two splits."""
+    """Raise a :class:`ConfigError` if equal files would be different subjects.
+
+    These could be in two splits.
+    """
     by_size: dict[int, list[str]] = {}
     for path in paths:
         if (folder / path).is_file():
@@ -196,9 +206,9 @@ class FolderMotion(FrozenModel):
     pattern : str
         Which files of it and of its folders, for example ``"*.bvh"``.
     loop : bool
-        Stretches shorter than the scene are repeated over whole strides; else they are left out.
+        Segments shorter than the scene are repeated over whole strides; else they are left out.
     min_duration_s : float
-        Shorter stretches are left out.
+        Shorter segments are left out.
     options : table
         Options of the reader, such as ``units``.
     """
@@ -211,7 +221,7 @@ class FolderMotion(FrozenModel):
 
 
 def has_folders(plan: PlanConfig) -> bool:
-    """Whether a class takes its motion from a folder."""
+    """Return True if a class takes its motion from a folder."""
     return any(_folders_in(section.motion) for section in plan.classes)
 
 
@@ -222,7 +232,9 @@ def _folders_in(value: Any) -> bool:
 
 
 def expand_folders(plan: PlanConfig, folder: Path, *, on_progress: Progress | None = None) -> PlanConfig:
-    """The plan with every folder replaced by the list of its stretches; the only step of planning that reads files.
+    """Replace every folder of a plan by the list of its segments.
+
+    This is the only step of planning that reads files.
 
     Parameters
     ----------
@@ -236,9 +248,9 @@ def expand_folders(plan: PlanConfig, folder: Path, *, on_progress: Progress | No
     ------
     ConfigError
         If a folder is missing or a key is not allowed, or ``scene.duration_s`` is not a number, which a list of
-        stretches needs.
+        segments needs.
     DatasetError
-        If a folder has no usable stretch.
+        If a folder has no usable segment.
     """
     if not has_folders(plan):
         return plan
@@ -252,7 +264,7 @@ def expand_folders(plan: PlanConfig, folder: Path, *, on_progress: Progress | No
         if isinstance(value, Mapping):
             if value.get("kind") == "folder":
                 spec = validate(FolderMotion, {k: v for k, v in value.items() if k != "kind"}, section=(key,))
-                return {"cycle": _stretches(spec, folder, float(seconds), key, on_progress)}
+                return {"cycle": _list_segments(spec, folder, float(seconds), key, on_progress)}
             return {k: expand(v, f"{key}.{k}") for k, v in value.items()}
         return [expand(v, f"{key}.{n}") for n, v in enumerate(value)] if isinstance(value, list) else value
 
@@ -263,10 +275,13 @@ def expand_folders(plan: PlanConfig, folder: Path, *, on_progress: Progress | No
     return plan.model_copy(update={"classes": classes})
 
 
-def _stretches(
+def _list_segments(
     spec: FolderMotion, folder: Path, seconds: float, key: str, on_progress: Progress | None
 ) -> list[dict[str, Any]]:
-    """Motion tables of all usable stretches of a folder: the first of every file, then the second, and so on."""
+    """Return the motion tables of all usable segments of a folder.
+
+    The first segment of every file comes first, then the second, and so on.
+    """
     root = folder / spec.path
     if not root.is_dir():
         raise ConfigError(f"{key}.path: {spec.path!r} is not allowed: there is no such folder in {folder.resolve()}")
@@ -276,7 +291,7 @@ def _stretches(
     for number, file in enumerate(files, start=1):
         name = (Path(spec.path) / file.relative_to(root)).as_posix()
         try:
-            found += _of_file(spec, file, name, seconds)
+            found += _segments_of_file(spec, file, name, seconds)
         except DoppelgaitError as error:
             refused[name] = str(error).replace(f"{file}: ", "").partition(";")[0]
         if on_progress is not None:
@@ -284,18 +299,16 @@ def _stretches(
     if not found:
         reasons = "; ".join(list(refused.values())[:SHOWN_REASONS])
         raise DatasetError(
-            f"{key}: {root} has no straight stretch of gait that can be used in {len(files)} files"
+            f"{key}: {root} has no straight segment of gait that can be used in {len(files)} files"
             + (f": {reasons}" if reasons else "")
         )
     if refused:
         shown = "; ".join(f"{name}: {reason}" for name, reason in list(refused.items())[:SHOWN_REASONS])
-        warnings.warn(
-            f"{spec.path}: {len(refused)} of {len(files)} files are left out: {shown}", DoppelgaitWarning, stacklevel=3
-        )
+        warn_caller(f"{spec.path}: {len(refused)} of {len(files)} files are left out: {shown}")
     return sorted(found, key=lambda table: (table["segment"], table["path"]))
 
 
-def _of_file(spec: FolderMotion, file: Path, name: str, seconds: float) -> list[dict[str, Any]]:
+def _segments_of_file(spec: FolderMotion, file: Path, name: str, seconds: float) -> list[dict[str, Any]]:
     from doppelgait.motion.loop import loop
     from doppelgait.motion.readers import read
     from doppelgait.motion.segments import crop, find_segments

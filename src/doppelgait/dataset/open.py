@@ -1,4 +1,4 @@
-"""Open a dataset: its index, features ready for scikit-learn, labelled examples and batches."""
+"""Open a dataset: index, features for scikit-learn, labelled examples, batches."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ TEXT_COLUMNS = ("id", "label", "split", "shard")
 
 
 def check_description(description: Any) -> None:
-    """Check what ``dataset.json`` holds.
+    """Check the content of ``dataset.json``.
 
     Raises
     ------
@@ -72,7 +72,10 @@ def check_description(description: Any) -> None:
 
 
 def _check_plan(config: Any) -> None:
-    """What finds an example in its plan; the rest of it counts only when one is simulated again."""
+    """Check the part of a configuration that locates an example.
+
+    The rest counts only when an example is simulated again.
+    """
     if not isinstance(config, Mapping):
         raise ValueError("dataset.json: config must be a table")
     sections = config.get("classes", [])
@@ -87,7 +90,7 @@ def _check_plan(config: Any) -> None:
 
 
 def check_index(index: pd.DataFrame, classes: Mapping[str, int]) -> None:
-    """Check the columns of an index that tell which example is what, and where its arrays lie.
+    """Check the columns of an index that identify and locate examples.
 
     Parameters
     ----------
@@ -119,11 +122,11 @@ def check_index(index: pd.DataFrame, classes: Mapping[str, int]) -> None:
 
 
 POOL_SHARDS = MAX_OPEN // 2
-"""Shards whose rows are shuffled together."""
+"""Number of shards that are shuffled together."""
 
 
 def shuffled_rows(index: pd.DataFrame, rng: np.random.Generator) -> npt.NDArray[np.int64]:
-    """Rows of an index in a random order that opens every shard file once.
+    """Shuffle the rows so that every shard file is opened once.
 
     The shards are put in random order; the rows of :data:`POOL_SHARDS` of them at a time are shuffled together. A
     dataset of that many shards or fewer is shuffled as a whole. Shards hold all classes in turn, so a pool is mixed.
@@ -147,7 +150,7 @@ def shuffled_rows(index: pd.DataFrame, rng: np.random.Generator) -> npt.NDArray[
 def batches_of(
     dataset: Dataset, fields: Sequence[str], batch_size: int, rng: RandomSource | None, *, shuffle: bool
 ) -> Iterator[dict[str, npt.NDArray[Any]]]:
-    """Batches of a dataset; see :meth:`doppelgait.dataset.Dataset.batches`."""
+    """Yield batches; see :meth:`doppelgait.dataset.Dataset.batches`."""
     dataset.check_fields(fields)
     if batch_size < 1:
         raise DatasetError(f"batch_size: {batch_size} is not allowed; it must be 1 or larger")
@@ -170,7 +173,10 @@ def _read(
 
 
 def stack(dataset: Dataset, field: str, rows: npt.NDArray[np.int64]) -> npt.NDArray[Any]:
-    """Arrays of some rows as one array (row, ...); different shapes are a :class:`DatasetError`."""
+    """Stack the arrays of some rows as one array (row, ...).
+
+    Different shapes are a :class:`DatasetError`.
+    """
     values = [dataset.array(field, int(row)) for row in rows]
     for row, value in zip(rows, values, strict=True):
         if value.shape != values[0].shape:
@@ -218,7 +224,7 @@ class Dataset:
     @overload
     def __getitem__(self, key: str) -> Any: ...
     def __getitem__(self, key: str) -> Dataset | Example:
-        """The examples of one split, or the example of an id.
+        """Return the examples of a split, or the example of an id.
 
         Raises
         ------
@@ -240,7 +246,9 @@ class Dataset:
         return Dataset(self.directory, self.description, self.index[chosen].reset_index(drop=True), self.files)
 
     def select(self, query: str) -> Dataset:
-        """The examples that fulfil a pandas query, for example ``"truth_aspect_deg < 30 and label == 'dog'"``.
+        """Select the examples that fulfil a pandas query.
+
+        An example is ``"truth_aspect_deg < 30 and label == 'dog'"``.
 
         Raises
         ------
@@ -263,14 +271,16 @@ class Dataset:
         return self._part(chosen.fillna(False).to_numpy(dtype=bool))
 
     def features(self, names: str | Sequence[str] = "six", *, without_flags: Sequence[str] = ()) -> Features:
-        """Features, labels and groups for scikit-learn: ``X, y, groups = dataset.features()``.
+        """Return features, labels and groups for scikit-learn.
+
+        ``X, y, groups = dataset.features()`` unpacks them.
 
         Parameters
         ----------
         names : {"six", "extended"} or list of str
             ``six``: the feature set F in the order of :data:`doppelgait.features.FEATURE_UNITS`. ``extended``: these,
             the gait frequency and all of ``extended_*``. A list: columns of the index; only so can what an analysis
-            does not know (``truth_*``) or what tells no class (``snr_frame_db``) get among the features.
+            does not know (``truth_*``) or what predicts no class (``snr_frame_db``) get among the features.
         without_flags : sequence of str
             Leave out rows with one of these flags; ``*`` fits anything, for example ``"*:uncertain_by_*"``.
 
@@ -282,7 +292,7 @@ class Dataset:
         return feature_matrix(self.index, names, without_flags)
 
     def array(self, field: str, number: int) -> Array:
-        """Array of the ``number``-th example of this part, in linear units.
+        """Return an array of the ``number``-th example, in linear units.
 
         A target that no track follows has an empty one.
         """
@@ -293,12 +303,12 @@ class Dataset:
         return decode(values, self.description["fields"][field])
 
     def shape(self, number: int, name: str) -> tuple[int, ...] | None:
-        """Shape of :meth:`stored`, without reading it."""
+        """Return the shape of :meth:`stored` without reading it."""
         shards, rows = self._places
         return self.files.shape(shards[number], name, rows[number])
 
     def example(self, number: int) -> Example:
-        """The ``number``-th example of this part with all of its arrays, labelled."""
+        """Return the ``number``-th example of this part with labelled arrays."""
         row = json_value(self.index.iloc[number].to_dict())
         fields = self.description["fields"]
         carrier_hz = carrier_of(self.description, row) if fields else float("nan")
@@ -306,7 +316,9 @@ class Dataset:
         return Example(row, arrays, partial(self.specification, number))
 
     def specification(self, number: int, *, folder: str | Path | None = None) -> ExampleSpec:
-        """Return what was simulated for the ``number``-th example; :meth:`result` is what the analysis gave.
+        """Return the specification of the ``number``-th example's simulation.
+
+        :meth:`result` is the outcome of its analysis.
 
         Parameters
         ----------
@@ -333,36 +345,45 @@ class Dataset:
         return validate(PlanConfig, self.description.get("config") or {}, where="dataset.json")
 
     def result(self, number: int) -> Result:
-        """Return the result of the ``number``-th example with its settings; its truth is :attr:`Example.truth`."""
+        """Return the result of the ``number``-th example with its settings.
+
+        Its truth is :attr:`Example.truth`.
+        """
         example = self.example(number)
         return example.result(analysis_of(self.description, example.row))
 
     def stored(self, number: int, name: str) -> Array | None:
-        """Array or axis of the ``number``-th example by its name in the shard, as stored; None where there is none."""
+        """Return an array or axis of the ``number``-th example, as stored.
+
+        The name is that in the shard; None where there is none.
+        """
         shards, rows = self._places
         return self.files.read(shards[number], name, rows[number])
 
     @cached_property
     def _places(self) -> tuple[list[str], list[int]]:
-        """Shard and row of every example: a list gives them a hundred times as fast as a table."""
+        """Shard and row of every example.
+
+        A list gives them a hundred times as fast as a table.
+        """
         return self.index["shard"].tolist(), self.index["row"].tolist()
 
     def check_fields(self, fields: Sequence[str]) -> None:
-        """A :class:`DatasetError` unless the dataset keeps all of these fields."""
+        """Raise a :class:`DatasetError` if a field is not kept."""
         known: Mapping[str, Any] = self.description["fields"]
         for name in fields:
             if name not in known:
                 raise DatasetError(f"{self.directory}: keeps no {name!r}; it keeps {', '.join(known) or 'no arrays'}")
 
     def class_numbers(self) -> npt.NDArray[np.int64]:
-        """Number of every row's class, as in ``dataset.json``."""
+        """Return the class number of every row, as in ``dataset.json``."""
         return self.index["label"].map(self.description["classes"]).to_numpy(dtype=np.int64)
 
     def batches(
         self, fields: Sequence[str] = ("signature",), batch_size: int = 32, rng: RandomSource | None = None,
         *, shuffle: bool = True,
     ) -> Iterator[dict[str, Array]]:  # fmt: skip
-        """Batches of arrays, each example once.
+        """Yield batches of arrays, each example once.
 
         Parameters
         ----------
@@ -391,7 +412,9 @@ class Dataset:
         self, fields: Sequence[str] = ("signature",), *, transform: Callable[[Any], Any] | None = None,
         target: Literal["label", "index"] = "label",
     ) -> TorchExamples:  # fmt: skip
-        """The examples as a ``torch.utils.data.Dataset`` for any number of workers.
+        """Return the examples as a ``torch.utils.data.Dataset``.
+
+        It works with any number of workers.
 
         Parameters
         ----------

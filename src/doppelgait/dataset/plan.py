@@ -1,4 +1,7 @@
-"""Dataset plan -> examples with their splits, and shards. Nothing is simulated; only motion folders are read."""
+"""Plan of a dataset: examples with their splits, and shards.
+
+Nothing is simulated; only motion folders are read.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,9 @@ from doppelgait.dataset.splits import assign_splits, groups_of
 
 
 class PlannedExample(NamedTuple):
-    """Who is in an example and where it goes; its distributions are drawn where it is built.
+    """Planned example with its subjects and split.
+
+    Its distributions are sampled where it is built.
 
     Parameters
     ----------
@@ -38,7 +43,10 @@ class PlannedExample(NamedTuple):
 
 @dataclass(frozen=True)
 class Shard:
-    """The examples of one shard file: planned ones, or labelled recordings, each with ``id`` and ``split``."""
+    """Examples of one shard file.
+
+    They are planned ones or labelled recordings, each with ``id`` and ``split``.
+    """
 
     name: str
     split: str
@@ -46,7 +54,10 @@ class Shard:
 
 
 def split_into_shards(entries: Sequence[Any], size: int) -> Iterator[Shard]:
-    """Shards of up to ``size`` examples of one split each, in the order of the entries."""
+    """Yield shards of up to ``size`` examples of one split each.
+
+    The order is that of the entries.
+    """
     for split in SPLITS:
         chosen = [entry for entry in entries if entry.split == split]
         count = -(-len(chosen) // size)
@@ -57,7 +68,7 @@ def split_into_shards(entries: Sequence[Any], size: int) -> Iterator[Shard]:
 
 @dataclass(frozen=True)
 class Plan:
-    """A plan laid out.
+    """Plan with its examples.
 
     Parameters
     ----------
@@ -73,12 +84,15 @@ class Plan:
     examples: tuple[PlannedExample, ...]
 
     def example(self, number: int) -> ExampleSpec:
-        """An example with every distribution drawn."""
+        """Resolve an example: every distribution is sampled."""
         entry = self.examples[number]
         return resolve_example(self.config, number, self.folder, split=entry.split, group=entry.group)
 
     def shards(self) -> Iterator[Shard]:
-        """Shards of one split each, examples of all classes interleaved so that every shard is mixed."""
+        """Yield shards of one split each.
+
+        Examples of all classes are interleaved, so that every shard is mixed.
+        """
 
         def place(entry: PlannedExample) -> tuple[float, int]:
             section = self.config.classes[entry.class_number]
@@ -88,7 +102,7 @@ class Plan:
 
 
 def plan_dataset(config: PlanConfig, *, folder: Path | None = None, on_progress: Progress | None = None) -> Plan:
-    """Lay out a dataset: who is in every example, groups and splits.
+    """Plan a dataset: subjects, groups and split of every example.
 
     Parameters
     ----------
@@ -110,7 +124,19 @@ def plan_dataset(config: PlanConfig, *, folder: Path | None = None, on_progress:
     files = motion_files([*(s.motion for s in expanded.classes), {"companions": expanded.companions}])
     refuse_two_spellings(files, source)
     refuse_copies(files, source, expanded.sources)
-    scenes = [subjects for place in range(len(expanded.classes)) for subjects in _subjects(expanded, place, source)]
+    scenes: list[tuple[str, ...]] = []
+    for section in expanded.classes:
+        from_files = bool(expanded.companions) or bool(motion_files([section.motion]))
+        for within in range(expanded.examples_of(section)):
+            name = example_id(section.label, within)
+            if not from_files:  # the subject of a model needs no sampling
+                scenes.append((f"model/{name}",))
+                continue
+            try:
+                rows, _ = rows_of(expanded, len(scenes), source)
+            except ConfigError as error:
+                raise ConfigError(f"class {section.label!r}: example {name}: {error}") from None
+            scenes.append(tuple(row.subject for row in rows))
     groups = groups_of(scenes)
     members: dict[str, list[str]] = {section.label: [] for section in expanded.classes}
     for number, subjects in enumerate(scenes):
@@ -124,25 +150,10 @@ def plan_dataset(config: PlanConfig, *, folder: Path | None = None, on_progress:
     return Plan(expanded, source, tuple(examples))
 
 
-def _subjects(plan: PlanConfig, place: int, folder: Path) -> Iterator[tuple[str, ...]]:
-    """Subjects of every example of a class; models need no drawing for it."""
-    section = plan.classes[place]
-    first = sum(plan.examples_of(other) for other in plan.classes[:place])
-    from_files = bool(plan.companions) or bool(motion_files([section.motion]))
-    for within in range(plan.examples_of(section)):
-        name = example_id(section.label, within)
-        if not from_files:
-            yield (f"model/{name}",)
-            continue
-        try:
-            rows, _ = rows_of(plan, first + within, folder)
-        except ConfigError as error:
-            raise ConfigError(f"class {section.label!r}: example {name}: {error}") from None
-        yield tuple(row.subject for row in rows)
-
-
 def check_examples(plan: Plan, *, most: int | None = None) -> int:
-    """Draw examples, spread over the plan, so that what is not allowed shows before anything is built.
+    """Resolve examples spread over the plan, to find values not allowed.
+
+    So they show before anything is built.
 
     Parameters
     ----------
@@ -164,7 +175,7 @@ def check_examples(plan: Plan, *, most: int | None = None) -> int:
 
 
 def spread(plan: Plan, most: int | None = None) -> Iterator[ExampleSpec]:
-    """Up to ``most`` examples of a plan (all by default), evenly spread, drawn one by one."""
+    """Yield up to ``most`` resolved examples, evenly spread over a plan."""
     total = len(plan.examples)
     count = total if most is None else min(most, total)
     for place in range(count):
@@ -172,13 +183,15 @@ def spread(plan: Plan, most: int | None = None) -> Iterator[ExampleSpec]:
 
 
 def nuisance_of(example: ExampleSpec, row: int = 0) -> dict[str, Any]:
-    """All drawn values of a row but its motion: what must not tell the class; dotted keys, numbers and texts.
+    """Return all sampled values of a row except its motion.
+
+    These must not predict the class. Keys are dotted, values numbers and texts.
 
     Parameters
     ----------
     example : ExampleSpec
     row : int
-        Which target; movers in the background count with their motion, other targets do not.
+        Which target; targets in the background count with their motion, other targets do not.
     """
     run = example.run.model_dump(mode="json", exclude={"seed", "example"})
     targets = run["scene"].pop("targets")

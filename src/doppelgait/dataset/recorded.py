@@ -1,4 +1,4 @@
-"""One labelled recording: its windows, its rows of the index and their arrays."""
+"""Labelled recordings: windows, index rows and stored arrays."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ TOLERANCE = 0.01
 
 @dataclass(frozen=True)
 class Part:
-    """A part of a recording, its times from 0.
+    """Part of a recording, its times from 0.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class _Blocks:
         return self.starts_s.size * self.period_s
 
     def between(self, start_s: float, stop_s: float) -> slice:
-        """Pulses of the blocks that begin in [start_s, stop_s)."""
+        """Return the pulses of the blocks that begin in [start_s, stop_s)."""
         margin_s = TOLERANCE * self.period_s
         first, last = np.searchsorted(self.starts_s, [start_s - margin_s, stop_s - margin_s])
         return slice(int(first) * self.pulses, int(last) * self.pulses)
@@ -81,7 +81,7 @@ def cut(
     recording: Recording, *, start_s: float | None = None, stop_s: float | None = None,
     window_s: float | None = None, step_s: float | None = None,
 ) -> list[Part]:  # fmt: skip
-    """Parts of a recording.
+    """Cut a recording into parts.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def cut(
 
 
 def _part(recording: Recording, blocks: _Blocks, start_s: float, stop_s: float) -> Part:
-    """A recording of its own from a part of another."""
+    """Make a recording from a part of another."""
     whole = recording.baseband
     chosen = blocks.between(start_s, stop_s)
     times_s = axis(whole, "slow_time")[chosen]
@@ -159,7 +159,10 @@ class RecordedExamples:
     hashes: Mapping[str, str]
 
     def make(self, entry: PlannedEntry) -> Made:
-        """Analyse an entry; whatever is wrong with its recording is a failure, not an error."""
+        """Analyse the windows of an entry.
+
+        Whatever is wrong with its recording is a failure, not an error.
+        """
         made, line, config = Made(), entry.entry, self.config
 
         def fail(name: str, error: Exception) -> None:
@@ -218,10 +221,10 @@ class RecordedExamples:
                 **{"environment": "", "impairments": "", "radar_height_m": None, "rcs_total_m2": None},
                 "snr_frame_db": analysed.snr_frame_db,
                 "gate_error_m": None,
-                "notes": _joined(_portable(note, self.folder) for note in analysed.notes),
+                "notes": _join(_portable(note, self.folder) for note in analysed.notes),
                 **line.further,
                 **_outcome_columns(entry, results, result),
-                "warnings": _joined((*notes, *messages)),
+                "warnings": _join((*notes, *messages)),
             }
             made.rows.append(json_value(columns))
             made.arrays.append(stored)
@@ -238,7 +241,9 @@ def _read(
 
 
 def labelled_result(results: Sequence[Result]) -> Result | None:
-    """The target that a recording's one label belongs to: the track with the most seconds, each by its confidence.
+    """Return the result that the one label of a recording belongs to.
+
+    It is the track with the most seconds, weighted by its confidence.
 
     Bodies that move come before those found by their breath only.
     """
@@ -266,7 +271,10 @@ def _outcome_columns(planned: PlannedEntry, results: Sequence[Result], result: R
 
 @contextmanager
 def _messages(folder: Path) -> Iterator[list[str]]:
-    """Warnings of the block, without where the folder is; a list that is filled when the block ends."""
+    """Collect the warnings of the block, without the folder's path.
+
+    The list is filled when the block ends.
+    """
     messages: list[str] = []
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DoppelgaitWarning)
@@ -276,10 +284,10 @@ def _messages(folder: Path) -> Iterator[list[str]]:
 
 
 def _portable(text: str, folder: Path) -> str:
-    """Text without the folder's place on this machine."""
+    """Remove the path of a folder from a text."""
     return text.replace(f"{folder}/", "").replace(f"{folder}\\", "")
 
 
-def _joined(texts: Iterable[str]) -> str:
-    """Texts in one column, each once."""
+def _join(texts: Iterable[str]) -> str:
+    """Join texts in one column, each once."""
     return ";".join(dict.fromkeys(text.replace(";", ",") for text in texts))

@@ -1,4 +1,7 @@
-"""One example of a plan with every distribution sampled: a pure function of configuration and number."""
+"""Resolved examples of a plan: every distribution sampled.
+
+An example is a pure function of configuration and number.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ from doppelgait.core.rng import Streams
 from doppelgait.dataset.config import AUTO_PRF_REFUSED, ORACLE_REFUSED, ClassSection, PlanConfig, shorten
 from doppelgait.dataset.motions import NOBODY, PHANTOM_SPEED_MPS, check_motion, source_entry, subject_of
 from doppelgait.pipeline import Run, parse_run
-from doppelgait.pipeline.run import TWIN_KEYS
+from doppelgait.pipeline.run import FITTED_KEYS
 
 Drawer = Callable[[list[Any], np.random.Generator], Any]
 CYCLE = "cycle"
@@ -70,7 +73,7 @@ DISTRIBUTIONS: dict[str, Drawer] = {
 
 
 def resolve(value: Any, *, seed: int, example: int, key: str, turn: int | None = None) -> Any:
-    """Draw every distribution inside a value of a plan.
+    """Sample every distribution inside a value of a plan.
 
     Parameters
     ----------
@@ -114,7 +117,7 @@ def resolve(value: Any, *, seed: int, example: int, key: str, turn: int | None =
 
 
 UNSEEN_M2 = 1e-30
-"""Radar cross section of the body whose gate an empty room takes: 300 dB below a person."""
+"""Radar cross section of the body that the gate of an empty scene follows: 300 dB below a person."""
 
 Draw = Callable[[Any, str], Any]
 
@@ -127,7 +130,7 @@ class RowSpec(FrozenModel):
     id : str
     label, subject : str
         The subject is ``person/NAME`` where ``[[sources]]`` says who it is, ``file/PATH`` for another recording,
-        ``model/ID`` for a draw of a model's parameters or nobody.
+        ``model/ID`` for a draw of a model's parameters or an empty scene.
     source : {"model", "recording", "none"}
     recording, licence : str
         Motion file and what ``[[sources]]`` says of it; empty for models.
@@ -153,7 +156,7 @@ class ExampleSpec(FrozenModel):
     gate_error_m : float
         Range error of the truth gates.
     rows : tuple of RowSpec
-        One per target, in the order of the scene's; one for nobody.
+        One per target, in the order of the scene's; one for an empty scene.
     run : Run
     """
 
@@ -171,7 +174,10 @@ class ExampleSpec(FrozenModel):
 
 
 def class_of(plan: PlanConfig, number: int) -> tuple[int, int]:
-    """Class number and number within the class of an example; beyond the plan the classes take turns."""
+    """Return class number and number within the class of an example.
+
+    Beyond the plan the classes take turns.
+    """
     rest = number
     for place, section in enumerate(plan.classes):
         count = plan.examples_of(section)
@@ -183,22 +189,32 @@ def class_of(plan: PlanConfig, number: int) -> tuple[int, int]:
 
 
 def example_id(label: str, number: int) -> str:
-    """Identifier of the ``number``-th example of a class."""
+    """Return the identifier of the ``number``-th example of a class."""
     return f"{label.replace(' ', '_')}-{number:06d}"
 
 
 def rows_of(plan: PlanConfig, number: int, folder: Path) -> tuple[tuple[RowSpec, ...], list[dict[str, Any]]]:
-    """Rows of an example and the targets that they are, motion drawn, placement not."""
+    """Return the rows of an example and their targets.
+
+    Motions are sampled, placements are not.
+    """
     place, within = class_of(plan, number)
     section, name = plan.classes[place], example_id(plan.classes[place].label, within)
     key = f"classes.{place}.motion"
-    motion = _draw(plan, section.motion, number, "motion")
+    motion = _sample(plan, section.motion, number, "motion")
     if isinstance(motion, Mapping) and motion.get("kind") == NOBODY and "speed_mps" not in motion:
-        motion = {**motion, "speed_mps": _draw(plan, PHANTOM_SPEED_MPS, number, "motion.speed_mps")}
+        motion = {**motion, "speed_mps": _sample(plan, PHANTOM_SPEED_MPS, number, "motion.speed_mps")}
     check_motion(motion, folder, key=key)
     motion = dict(motion)
     alone = motion["kind"] == NOBODY  # a row of nobody must not show somebody
-    targets = [{"label": section.label, "motion": motion}, *([] if alone else _companions(plan, number, folder))]
+    targets: list[dict[str, Any]] = [{"label": section.label, "motion": motion}]
+    for count, companion in enumerate([] if alone else _sample_list(plan, "companions", number)):
+        known = isinstance(companion, Mapping) and companion.get("label")
+        if not known or not isinstance(companion.get("motion"), Mapping):
+            raise ConfigError(f"companions.{count}: {shorten(companion)} is not allowed: needs label and motion")
+        check_motion(companion["motion"], folder, key=f"companions.{count}.motion")
+        placement = _sample(plan, plan.target, number, f"companions.{count}.target")
+        targets.append({**placement, **companion})
     rows = []
     for count, target in enumerate(targets):
         row_id = name if count == 0 else f"{name}-c{count}"
@@ -218,26 +234,18 @@ def rows_of(plan: PlanConfig, number: int, folder: Path) -> tuple[tuple[RowSpec,
     return tuple(rows), targets
 
 
-def _draw(plan: PlanConfig, value: Any, number: int, key: str) -> Any:
-    """A value of the plan drawn for an example; cycles turn by the number within the class, alike in every class."""
+def _sample(plan: PlanConfig, value: Any, number: int, key: str) -> Any:
+    """Sample a value of the plan for an example.
+
+    Cycles turn by the number within the class, alike in every class.
+    """
     return resolve(value, seed=plan.dataset.seed, example=number, key=key, turn=class_of(plan, number)[1])
-
-
-def _companions(plan: PlanConfig, number: int, folder: Path) -> list[dict[str, Any]]:
-    found = []
-    for place, entry in enumerate(_drawn_list(plan, "companions", number)):
-        if not isinstance(entry, Mapping) or not entry.get("label") or not isinstance(entry.get("motion"), Mapping):
-            raise ConfigError(f"companions.{place}: {shorten(entry)} is not allowed: needs label and motion")
-        check_motion(entry["motion"], folder, key=f"companions.{place}.motion")
-        placement = _draw(plan, plan.target, number, f"companions.{place}.target")
-        found.append({**placement, **entry})
-    return found
 
 
 def resolve_example(
     plan: PlanConfig, number: int, folder: Path, *, split: str = "", group: str = ""
 ) -> ExampleSpec:  # fmt: skip
-    """Example of a plan with every distribution drawn.
+    """Resolve an example of a plan: sample every distribution.
 
     Parameters
     ----------
@@ -269,22 +277,32 @@ def resolve_example(
 def _run_spec(
     plan: PlanConfig, section: ClassSection, number: int, targets: list[dict[str, Any]], name: str, folder: Path
 ) -> Run:
-    """Everything but the motions is drawn by a rule that never sees the class."""
+    """Resolve the run of an example.
+
+    Everything but the motions is sampled by a rule that does not depend on the class.
+    """
     seed = plan.dataset.seed
 
     def draw(table: Any, key: str) -> Any:
-        return _draw(plan, table, number, key)
+        return _sample(plan, table, number, key)
 
     first = {**draw(plan.target, "target"), **targets[0]}
     if section.motion.get("kind") == NOBODY or targets[0]["motion"]["kind"] == NOBODY:
         phantom = {"kind": "point", "speed_mps": targets[0]["motion"]["speed_mps"]}
         first |= {"motion": phantom, "rcs": {"kind": "equal", "total_m2": UNSEEN_M2}}
+    scene = draw(plan.scene, "scene")
+    background = _sample_list(plan, "background", number)
+    for place, target in enumerate(background):
+        if not isinstance(target, Mapping) or not isinstance(target.get("motion"), Mapping):
+            raise ConfigError(f"background.{place}: {shorten(target)} is not allowed: needs motion = {{ kind = ... }}")
+        if target["motion"].get("kind") == "file":
+            raise ConfigError(f"background.{place}.motion: a recording is not allowed here, it would have no subject")
     table = {
-        **draw(plan.scene, "scene"),
-        "targets": [first, *targets[1:], *_background(plan, number)],
+        **scene,
+        "targets": [first, *targets[1:], *({**target, "background": True} for target in background)],
         "radar": draw(plan.radar, "radar"),
         "noise": draw(plan.noise, "noise"),
-        **{key: _drawn_list(plan, key, number) for key in TWIN_KEYS if getattr(plan, key) is not None},
+        **{key: _sample_list(plan, key, number) for key in FITTED_KEYS if getattr(plan, key) is not None},
         "analysis": draw(plan.analysis, "analysis"),
         "seed": seed,
     }
@@ -297,20 +315,12 @@ def _run_spec(
     return run.model_copy(update={"example": number})
 
 
-def _background(plan: PlanConfig, number: int) -> list[dict[str, Any]]:
-    """Background movers of one example as targets of a scene file."""
-    movers = _drawn_list(plan, "background", number)
-    for place, mover in enumerate(movers):
-        if not isinstance(mover, Mapping) or not isinstance(mover.get("motion"), Mapping):
-            raise ConfigError(f"background.{place}: {shorten(mover)} is not allowed: needs motion = {{ kind = ... }}")
-        if mover["motion"].get("kind") == "file":
-            raise ConfigError(f"background.{place}.motion: a recording is not allowed here, it would have no subject")
-    return [{**mover, "background": True} for mover in movers]
+def _sample_list(plan: PlanConfig, key: str, number: int) -> list[Any]:
+    """Sample a list of the plan.
 
-
-def _drawn_list(plan: PlanConfig, key: str, number: int) -> list[Any]:
-    """A list of the plan with every distribution drawn, without the entries drawn as ``{}``."""
-    drawn = _draw(plan, getattr(plan, key), number, key)
+    Entries that were sampled as ``{}`` are left out.
+    """
+    drawn = _sample(plan, getattr(plan, key), number, key)
     if not isinstance(drawn, list):
         raise ConfigError(f"{key}: {shorten(drawn)} is not allowed: must be a list of tables")
     return [entry for entry in drawn if entry != {}]

@@ -1,4 +1,4 @@
-"""One shard: simulate, analyse and write its examples, all or nothing."""
+"""Shards: simulate, analyse and write their examples, all or nothing."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from typing import Any, Literal, Protocol
 import numpy as np
 import xarray as xr
 
+from doppelgait.core import files
 from doppelgait.core.config import FrozenModel, canonical_json, json_value
 from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning
-from doppelgait.core.files import atomic_path, file_sha256, write_atomically
 from doppelgait.core.interrupt import raise_if_stopped
 from doppelgait.core.worker import one_blas_thread
 from doppelgait.dataset.config import FieldSpec, PlanConfig
@@ -34,7 +34,9 @@ LEAST_SHARE = 0.3
 
 
 def match_tracks(results: Sequence[Result], truths: Sequence[TargetTruth], observation_s: float) -> list[Result | None]:
-    """Result of every target: the nearest track to its body, each track used once, nearest pairs first.
+    """Match every target to the nearest track of its body.
+
+    Each track is used once, nearest pairs first.
 
     Parameters
     ----------
@@ -44,32 +46,27 @@ def match_tracks(results: Sequence[Result], truths: Sequence[TargetTruth], obser
     observation_s : float
     """
     found: list[Result | None] = [None] * len(truths)
-    pairs = sorted(
-        (distance_m, number, place)
-        for number, truth in enumerate(truths)
-        for place, result in enumerate(results)
-        if (distance_m := _distance_m(result, truth, observation_s)) <= MOST_APART_M
-    )
+    pairs = []
+    for number, truth in enumerate(truths):
+        true_times_s = np.linspace(0.0, observation_s, truth.centre_range_m.size, endpoint=False)
+        for place, result in enumerate(results):
+            times_s = result.gate.time_s
+            if times_s.size < 2 or times_s[-1] - times_s[0] < LEAST_SHARE * observation_s:
+                continue
+            middle_m = (result.gate.low_m + result.gate.high_m) / 2.0
+            distance_m = float(np.abs(middle_m - np.interp(times_s, true_times_s, truth.centre_range_m)).mean())
+            if distance_m <= MOST_APART_M:
+                pairs.append((distance_m, number, place))
     used: set[int] = set()
-    for _, number, place in pairs:
+    for _, number, place in sorted(pairs):
         if found[number] is None and place not in used:
             found[number] = results[place]
             used.add(place)
     return found
 
 
-def _distance_m(result: Result, truth: TargetTruth, observation_s: float) -> float:
-    """Mean distance between the middle of a gate and the body; infinite where the track is too short."""
-    times_s = result.gate.time_s
-    if times_s.size < 2 or times_s[-1] - times_s[0] < LEAST_SHARE * observation_s:
-        return float("inf")
-    middle_m = (result.gate.low_m + result.gate.high_m) / 2.0
-    true_times_s = np.linspace(0.0, observation_s, truth.centre_range_m.size, endpoint=False)
-    return float(np.abs(middle_m - np.interp(times_s, true_times_s, truth.centre_range_m)).mean())
-
-
 def strongest_track(results: Sequence[Result]) -> list[Result | None]:
-    """For an empty room: the track that is surest to be something, if there is any."""
+    """Return the most confident track of an empty scene, or None."""
     tracked = [result for result in results if "track_confidence" in result.quality]
     return [max(tracked, key=lambda result: float(result.quality["track_confidence"]), default=None)]
 
@@ -84,7 +81,7 @@ NOTHING = {
 def index_rows(
     example: ExampleSpec, recording: Recording, results: Sequence[Result | None], messages: Sequence[str]
 ) -> list[dict[str, Any]]:
-    """Rows of an example, one per target; None for unknown.
+    """Make the index rows of an example, one per target.
 
     Parameters
     ----------
@@ -101,8 +98,8 @@ def index_rows(
         "carrier_hz": run.radar.carrier_hz,
         "prf_hz": run.radar.prf_hz,
         "observation_s": recording.n_pulses / run.radar.prf_hz,
-        "environment": _listed(run.environment),
-        "impairments": _listed(run.impairments),
+        "environment": _format_specs(run.environment),
+        "impairments": _format_specs(run.impairments),
         "radar_height_m": run.scene.radar_position_m[2],
         "snr_frame_db": None if nobody else recording.snr_frame_db,
         "gate_error_m": example.gate_error_m,
@@ -132,13 +129,16 @@ def index_rows(
     return rows
 
 
-def _listed(specs: Sequence[FrozenModel]) -> str:
-    """Environment or impairments of an example as one line of JSON."""
+def _format_specs(specs: Sequence[FrozenModel]) -> str:
+    """Format environment or impairments as one line of JSON."""
     return json.dumps([spec.model_dump(mode="json") for spec in specs], sort_keys=True, separators=(",", ":"))
 
 
 def truth_columns(truth: TargetTruth) -> dict[str, Any]:
-    """Columns of the index that only a simulation knows; their names begin with ``truth_``."""
+    """Return the columns of the index that only a simulation knows.
+
+    Their names begin with ``truth_``.
+    """
     aspect_rad = truth.centre_aspect_rad[np.isfinite(truth.centre_aspect_rad)]  # unknown while the body stands still
     return {
         "truth_gait": truth.gait,
@@ -155,7 +155,7 @@ def truth_columns(truth: TargetTruth) -> dict[str, Any]:
 
 @dataclass
 class Made:
-    """What became of one example.
+    """Rows, arrays and failures of one example.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ class Made:
 
 
 class Maker(Protocol):
-    """Makes the examples of a dataset: simulates planned ones, or analyses recorded ones."""
+    """Maker of the examples of a dataset, from a plan or recordings."""
 
     @property
     def directory(self) -> str:
@@ -181,7 +181,10 @@ class Maker(Protocol):
         ...
 
     def make(self, entry: Any) -> Made:
-        """Make an example; what is wrong with it is a failure, not an error."""
+        """Make an example.
+
+        A fault of the example is a failure, not an error.
+        """
         ...
 
 
@@ -217,7 +220,7 @@ class BuildContext:
 
 
 def build_shard(shard: Shard, maker: Maker, *, tick: Callable[[Any, Made], None] | None = None) -> dict[str, Any]:
-    """Build one shard file and its record, all or nothing; returns the record.
+    """Build one shard file and its record, all or nothing.
 
     Parameters
     ----------
@@ -245,28 +248,28 @@ def build_shard(shard: Shard, maker: Maker, *, tick: Callable[[Any, Made], None]
         if tick is not None:
             tick(entry, made)
     path = Path(maker.directory) / "shards" / f"{shard.name}.h5"
-    with atomic_path(path, os_errors=True) as partial:
+    with files.atomic_path(path, os_errors=True) as partial:
         write_shard(partial, shard.split, [row["id"] for row in rows], arrays)
         record = {
             "shard": shard.name,
-            "sha256": file_sha256(partial),
+            "sha256": files.file_sha256(partial),
             "bytes": partial.stat().st_size,
             "rows": rows,
             "failures": failures,
         }
-    write_atomically(path.with_suffix(".json"), json.dumps(record, allow_nan=False).encode())
+    files.write_atomically(path.with_suffix(".json"), json.dumps(record, allow_nan=False).encode())
     return record
 
 
 def failure_reason(error: Exception) -> str:
-    """Text of an error for the record of a shard."""
+    """Return the text of an error for the record of a shard."""
     if isinstance(error, DoppelgaitError):
         return str(error)
     return "internal error: " + "".join(traceback.format_exception_only(error)).strip()
 
 
 def build_planned(entry: PlannedExample, context: BuildContext) -> list[tuple[dict[str, Any], Arrays]]:
-    """Rows and stored arrays of a planned example."""
+    """Build the rows and stored arrays of a planned example."""
     folder = Path(context.folder)
     example = resolve_example(context.config, entry.number, folder, split=entry.split, group=entry.group)
     settings = context.config.dataset
@@ -277,7 +280,7 @@ def build_planned(entry: PlannedExample, context: BuildContext) -> list[tuple[di
 def build_example(
     example: ExampleSpec, fields: Sequence[FieldSpec], folder: Path, *, gate: Literal["truth", "track"] = "truth"
 ) -> list[tuple[dict[str, Any], Arrays]]:
-    """Index row and stored arrays of every target of an example.
+    """Build index row and stored arrays of every target.
 
     Parameters
     ----------
@@ -290,7 +293,8 @@ def build_example(
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DoppelgaitWarning)
         recording = run_simulation(example.run, folder=folder, angles=False)
-        found = analyze(recording, gate=gate, analysis=example.run.analysis, gate_error_m=example.gate_error_m)
+        error_m = example.gate_error_m if gate == "truth" else 0.0
+        found = analyze(recording, gate=gate, analysis=example.run.analysis, gate_error_m=error_m)
     results: Sequence[Result | None] = found
     if gate == "track" and example.rows[0].source == "none" and len(example.rows) == 1:
         results = strongest_track(found)

@@ -1,4 +1,4 @@
-"""Arrays that a dataset keeps: what each is, how it is stored, and shard files read by row."""
+"""Stored arrays of a dataset: fields, encoding, and shard files."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ FIELDS: dict[str, dict[str, Any]] = {
     "truth_range_m": {"dims": ["slow_time", "scatterer"], "units": "m", "dtype": "float32"},
     "truth_radial_velocity_mps": {"dims": ["slow_time", "scatterer"], "units": "m/s", "dtype": "float32"},
 }
-"""Fields in full precision; axes stand beside them as ``FIELD_AXIS_UNIT``, for example ``signature_time_s``."""
+"""Fields in full precision; their axes are stored as ``FIELD_AXIS_UNIT``, for example ``signature_time_s``."""
 
 AXIS_UNITS = {"time": "s", "doppler": "hz", "cadence": "hz", "slow_time": "s", "range": "m"}
 
@@ -39,7 +39,7 @@ DB_FLOOR = -400.0
 
 
 def facts_of(specs: Sequence[FieldSpec]) -> dict[str, dict[str, Any]]:
-    """What ``dataset.json`` says of each field: dims, units, dtype, scale and hop."""
+    """Describe each field: dims, units, dtype, scale and hop."""
     facts: dict[str, dict[str, Any]] = {}
     for spec in specs:
         half = spec.dtype == "half"
@@ -49,7 +49,9 @@ def facts_of(specs: Sequence[FieldSpec]) -> dict[str, dict[str, Any]]:
 
 
 def encode(values: npt.ArrayLike, spec: FieldSpec) -> Array:
-    """Array as it is stored: every ``hop``-th row, in the precision of the field.
+    """Encode an array for storage in the precision of its field.
+
+    Every ``hop``-th row is kept.
 
     ``half`` stores 10 log10 of a power; float16 has steps of 0.125 dB between 128 and 256 dB from 1, finer below.
     """
@@ -62,7 +64,10 @@ def encode(values: npt.ArrayLike, spec: FieldSpec) -> Array:
 
 
 def decode(values: npt.ArrayLike, facts: Mapping[str, Any]) -> Array:
-    """Array in linear units from what is stored; ``facts`` is the field's entry of ``dataset.json``."""
+    """Decode a stored array to linear units.
+
+    ``facts`` is the field's entry of ``dataset.json``.
+    """
     stored = np.asarray(values)
     if facts.get("scale", "linear") == "linear":
         return stored
@@ -71,12 +76,18 @@ def decode(values: npt.ArrayLike, facts: Mapping[str, Any]) -> Array:
 
 
 def axis_name(field: str, dim: str) -> str | None:
-    """Name of the axis of a field in a shard, None for a dimension without (``scatterer``)."""
+    """Return the name of a field's axis in a shard.
+
+    It is None for a dimension without one (``scatterer``).
+    """
     return f"{field}_{dim}_{AXIS_UNITS[dim]}" if dim in AXIS_UNITS else None
 
 
 def stored_arrays(fields: Sequence[FieldSpec], signals: Mapping[str, xr.DataArray | None]) -> Arrays:
-    """Arrays of one row with their axes, as stored; those of a target that was not found (None) are empty."""
+    """Encode the arrays of one row, with their axes.
+
+    Those of a target that was not found (None) are empty.
+    """
     stored: dict[str, Array] = {}
     for spec in fields:
         signal = signals[spec.name]
@@ -93,7 +104,10 @@ def stored_arrays(fields: Sequence[FieldSpec], signals: Mapping[str, xr.DataArra
 
 
 def write_shard(path: Path, split: str, ids: list[str], arrays: Sequence[Arrays]) -> None:
-    """One dataset per field, (row, ...), one chunk per row; or one per row where shapes differ."""
+    """Write one dataset per field, (row, ...), with one chunk per row.
+
+    Where shapes differ every row has a dataset of its own.
+    """
     import h5py
 
     image = io.BytesIO()  # a full disk then meets one plain write, not the middle of HDF5
@@ -140,7 +154,7 @@ class ShardFiles:
         return ShardFiles, (self.folder,)
 
     def read(self, shard: str, name: str, row: int) -> npt.NDArray[Any] | None:
-        """Array ``name`` of one row of a shard, as stored.
+        """Read array ``name`` of one row of a shard, as stored.
 
         Returns
         -------
@@ -157,7 +171,7 @@ class ShardFiles:
             return None if found is None else np.asarray(found[row] if one_row else found[:])
 
     def shape(self, shard: str, name: str, row: int) -> tuple[int, ...] | None:
-        """Shape of what :meth:`read` gives, without reading it."""
+        """Return the shape of the result of :meth:`read`."""
         with self._faults_named(shard, name, row):
             found, one_row = self._find(shard, name, row)
             return None if found is None else tuple(found.shape[1:] if one_row else found.shape)
@@ -174,10 +188,24 @@ class ShardFiles:
             ) from None
 
     def _find(self, shard: str, name: str, row: int) -> tuple[Any, bool]:
-        """HDF5 dataset that holds an array, None where there is none, and whether the array is one row of it."""
+        """Find the HDF5 dataset of an array, None where there is none.
+
+        The second item is True if the array is one row of it.
+        """
         import h5py
 
-        file, known = self._opened(shard)
+        files = self._files()
+        if shard in files:
+            files.move_to_end(shard)
+        else:
+            # An index or a link may put a shard anywhere: outside the folder it is no part of the dataset. The folder
+            # of shards may be no link either; that of the whole dataset may.
+            if self._path(shard).resolve().parent != self.folder.parent.resolve() / self.folder.name:
+                raise ValueError("it lies outside the folder of the dataset")
+            files[shard] = (h5py.File(self._path(shard), "r", rdcc_nbytes=0), {})  # a row is seldom read twice
+            if len(files) > MAX_OPEN:
+                files.popitem(last=False)[1][0].close()
+        file, known = files[shard]
         if name not in known:
             known[name] = own_member(file, name)
         found = known[name]
@@ -185,24 +213,11 @@ class ShardFiles:
             return found, True
         return own_member(found, str(row)), False
 
-    def _opened(self, shard: str) -> tuple[Any, dict[str, Any]]:
-        import h5py
-
-        files = self._files()
-        if shard in files:
-            files.move_to_end(shard)
-            return files[shard]
-        # an index or a link may put a shard anywhere: outside the folder it is no part of the dataset. The folder of
-        # shards may be no link either; that of the whole dataset may.
-        if self._path(shard).resolve().parent != self.folder.parent.resolve() / self.folder.name:
-            raise ValueError("it lies outside the folder of the dataset")
-        files[shard] = (h5py.File(self._path(shard), "r", rdcc_nbytes=0), {})  # a row is read once in a while
-        if len(files) > MAX_OPEN:
-            files.popitem(last=False)[1][0].close()
-        return files[shard]
-
     def _files(self) -> OrderedDict[str, tuple[Any, dict[str, Any]]]:
-        """Files of this process and thread; after a fork the parent's are left to the parent."""
+        """Return the files of this process and thread.
+
+        After a fork the parent's files are left to the parent.
+        """
         if getattr(self._local, "pid", None) != os.getpid():
             self._local.pid = os.getpid()
             self._local.files = OrderedDict()
@@ -213,7 +228,10 @@ class ShardFiles:
         return self.folder / f"{shard}.h5"
 
     def close(self) -> None:
-        """Close the files of this process and thread; reading opens them again."""
+        """Close the files of this process and thread.
+
+        Reading opens them again.
+        """
         files = self._files()
         while files:
             files.popitem()[1][0].close()

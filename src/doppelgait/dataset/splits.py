@@ -1,4 +1,7 @@
-"""Who goes into which split: subjects, and all who share a scene or a recording with them, stay together."""
+"""Splits of a dataset.
+
+Subjects, and all who share a scene or a recording with them, stay together.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,9 @@ SHOWN_NAMES = 4
 
 
 def groups_of(scenes: Iterable[Sequence[str]]) -> dict[str, str]:
-    """Group of every subject: subjects that share a scene share a group, named after the first of them in order.
+    """Return the group of every subject.
+
+    Subjects that share a scene share a group, named after the first of them in order.
 
     Parameters
     ----------
@@ -40,12 +45,12 @@ def groups_of(scenes: Iterable[Sequence[str]]) -> dict[str, str]:
 
 
 def source_of(subject: str) -> str:
-    """``model`` or ``recording``, from the name of a subject."""
+    """Return ``model`` or ``recording``, from a subject's name."""
     return "model" if subject.startswith("model/") else "recording"
 
 
 def assign_splits(dataset: DatasetSection, members: Mapping[str, Sequence[str]]) -> dict[str, str]:
-    """Split of every group.
+    """Assign a split to every group.
 
     Groups that ``split.subjects`` or ``split.sources`` name come first; the others by ``split.strategy`` at the
     planned fractions.
@@ -59,7 +64,7 @@ def assign_splits(dataset: DatasetSection, members: Mapping[str, Sequence[str]])
     Raises
     ------
     DatasetError
-        If a split with a share above 0 would hold nobody of a class, a name fits nobody or two splits, or a group
+        If a split with a share above 0 would hold no subject of a class, a name fits none or two splits, or a group
         that two classes share cannot be in one split.
     """
     names = list(dict.fromkeys(name for groups in members.values() for name in groups))
@@ -70,7 +75,7 @@ def assign_splits(dataset: DatasetSection, members: Mapping[str, Sequence[str]])
             found = [n for n in names if fnmatchcase(n.partition("/")[2], pattern) or fnmatchcase(n, pattern)]
             if not found:
                 raise DatasetError(
-                    f"dataset.split.subjects.{split}: {pattern!r} fits nobody; {_some('there are', names)}"
+                    f"dataset.split.subjects.{split}: {pattern!r} fits no subject; {_some('there are', names)}"
                 )
             torn = [name for name in found if named.get(name, split) != split]
             if torn:
@@ -130,7 +135,7 @@ def _some(text: str, names: Sequence[str]) -> str:
 
 
 class PlannedEntry(NamedTuple):
-    """An entry with its place in the dataset.
+    """Entry with its place in the dataset.
 
     Parameters
     ----------
@@ -150,7 +155,7 @@ class PlannedEntry(NamedTuple):
 
 
 def plan_entries(entries: Sequence[LabelEntry], config: ImportConfig, labels: str) -> list[PlannedEntry]:
-    """Ids and splits of all entries, in their order.
+    """Plan ids and splits of all entries, in their order.
 
     Parameters
     ----------

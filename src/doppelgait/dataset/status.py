@@ -1,4 +1,4 @@
-"""How far a dataset is, and what exactly is in it."""
+"""Status of a dataset, and the hash of its content."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class Status:
     removed: tuple[str, ...]
 
     def count(self, state: str) -> int:
-        """Number of shards in a state."""
+        """Count the shards in a state."""
         return sum(shard.state == state for shard in self.shards)
 
     @property
@@ -85,7 +85,9 @@ class Status:
 
 
 def dataset_status(directory: str | Path, *, quick: bool = False) -> Status:
-    """How far a dataset is; half-written files are removed where no build is at work.
+    """Report the status of a dataset.
+
+    Half-written files are removed where no build is at work.
 
     Parameters
     ----------
@@ -141,7 +143,9 @@ def _shard_status(folder: Path, name: str, *, quick: bool) -> ShardStatus:
 
 
 def dataset_hash(directory: str | Path) -> str:
-    """SHA-256 of what a dataset says and holds: two builds made the same dataset if it is the same.
+    """Hash the content of a dataset (SHA-256).
+
+    Two builds made the same dataset if their hashes are equal.
 
     Of the description, the rows of the index (not the bytes of its file, which depend on the version of the Parquet
     writer), the lists of the splits, and every shard file. The log and the card are not in it.

@@ -1,15 +1,14 @@
-"""Examples simulated while they are used: no disk, no end."""
+"""Streams of examples that are simulated on use: no disk, no end."""
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitError, DoppelgaitWarning
+from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitError, warn_caller
 from doppelgait.core.worker import one_blas_thread
 from doppelgait.dataset.config import PlanConfig, load_plan
 from doppelgait.dataset.example import Example, label_arrays
@@ -28,7 +27,9 @@ MAX_FAILURES = 10
 
 @dataclass(frozen=True)
 class ExampleStream:
-    """Endless examples of a plan, in the order of their numbers; every iteration starts anew.
+    """Endless examples of a plan, in the order of their numbers.
+
+    Every iteration starts anew.
 
     Parameters
     ----------
@@ -51,7 +52,9 @@ class ExampleStream:
         return (example for _, example in self.numbered())
 
     def numbered(self) -> Iterator[tuple[int, Example]]:
-        """Examples with their numbers; a scene of several targets gives one example each.
+        """Yield examples with their numbers.
+
+        A scene of several targets gives one example each.
 
         An example that fails is left out with a :class:`DoppelgaitWarning`.
 
@@ -78,14 +81,14 @@ class ExampleStream:
                     raise DatasetError(
                         f"{failed} examples in a row failed, the last is number {number}: {error}"
                     ) from None
-                warnings.warn(DoppelgaitWarning(f"example number {number} failed: {error}; left out"), stacklevel=2)
+                warn_caller(f"example number {number} failed: {error}; left out")
             for row, arrays in made:
                 labelled = label_arrays(facts, row, arrays.get, carrier_hz=spec.run.radar.carrier_hz)
                 yield number, Example(row, labelled, partial(resolve_example, self.config, number, self.folder))
             number += self.step
 
     def class_number(self, label: str) -> int:
-        """Number of a class, in the order of the plan."""
+        """Return the number of a class, in the order of the plan."""
         labels = [section.label for section in self.config.classes]
         if label not in labels:
             raise DatasetError(
@@ -94,7 +97,10 @@ class ExampleStream:
         return labels.index(label)
 
     def part(self, number: int, count: int) -> ExampleStream:
-        """The share of one of ``count`` workers: all shares together are this stream, nothing twice."""
+        """Return the share of one of ``count`` workers.
+
+        All shares together are this stream, without duplicates.
+        """
         if not 0 <= number < count:
             raise DatasetError(f"worker: ({number}, {count}) is not allowed; it must be (k, n) with k from 0 to n - 1")
         return replace(self, start=self.start + number * self.step, step=self.step * count)
@@ -103,7 +109,9 @@ class ExampleStream:
         self, fields: Sequence[str] = ("signature",), *, transform: Callable[[Any], Any] | None = None,
         target: Literal["label", "index"] = "label",
     ) -> TorchStream:  # fmt: skip
-        """The stream as a ``torch.utils.data.IterableDataset``, whose numbers the workers of a loader share.
+        """Return the stream as a ``torch.utils.data.IterableDataset``.
+
+        The workers of a loader share its numbers.
 
         Parameters
         ----------
@@ -136,7 +144,7 @@ def stream_examples(
     plan: PlanConfig | Plan | str | Path, *, folder: Path | None = None, seed: int | None = None,
     worker: tuple[int, int] = (0, 1), start: int | None = None,
 ) -> ExampleStream:  # fmt: skip
-    """Simulate the examples of a plan one after the other, without end and without a disk.
+    """Simulate the examples of a plan on use, without end or disk.
 
     The example of a number is the same as in the built dataset. By default the stream starts behind those, so that
     training on it never sees what a built test split holds; there the classes take turns. People and animals of
@@ -168,8 +176,8 @@ def stream_examples(
         If ``worker`` or ``start`` is not allowed, or a folder holds nothing usable.
     """
     if isinstance(plan, str | Path):
-        plan, beside = load_plan(plan)
-        folder = folder or beside
+        plan, plan_folder = load_plan(plan)
+        folder = folder or plan_folder
     source = folder or (plan.folder if isinstance(plan, Plan) else Path())
     config = plan.config if isinstance(plan, Plan) else expand_folders(plan, source)
     if seed is not None:

@@ -1,4 +1,4 @@
-"""What a plan will make: counts, subjects, size and time, before anything is built."""
+"""Summary of a plan before a build: counts, subjects, size, time."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class PlanSummary:
-    """What a plan will make.
+    """Summary of the dataset that a plan will make.
 
     Parameters
     ----------
@@ -58,12 +58,12 @@ class PlanSummary:
     estimate: dict[str, float]
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return the fields by name, as values for JSON."""
         return asdict(self)
 
 
 def summarise(plan: Plan, identity: str, *, n_checked: int, pilot: int = PILOT_EXAMPLES) -> PlanSummary:
-    """Summary of a plan.
+    """Summarise a plan: examples, subjects, files and duration.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def summarise(plan: Plan, identity: str, *, n_checked: int, pilot: int = PILOT_E
 
 
 def _estimate(plan: Plan, shards: list[Shard], pilot: int) -> dict[str, float]:
-    """Time and size of a few examples spread over the plan, and what follows for the whole."""
+    """Estimate time and size of a plan from a few examples."""
     total = len(plan.examples)
     count = min(pilot, total)
     entries = tuple(plan.examples[place * total // count] for place in range(count))
@@ -139,7 +139,7 @@ def _estimate(plan: Plan, shards: list[Shard], pilot: int) -> dict[str, float]:
 
 
 def write_specs(plan: Plan, path: Path) -> None:
-    """Every example with its distributions drawn, one line of JSON each.
+    """Write every resolved example, one line of JSON each.
 
     Raises
     ------

@@ -25,7 +25,7 @@ Item = tuple[Any, int]
 
 
 class StoredExamples(Protocol):
-    """What :class:`TorchExamples` needs of a :class:`doppelgait.dataset.Dataset`."""
+    """Interface that :class:`TorchExamples` needs of :class:`doppelgait.dataset.Dataset`."""
 
     def __len__(self) -> int: ...
 
@@ -39,7 +39,7 @@ class StoredExamples(Protocol):
 
 
 class NumberedExamples(Protocol):
-    """What :class:`TorchStream` needs of an :class:`doppelgait.dataset.ExampleStream`."""
+    """Interface that :class:`TorchStream` needs of :class:`doppelgait.dataset.ExampleStream`."""
 
     def numbered(self) -> Iterator[tuple[int, Example]]:
         """Yield examples with their numbers."""
@@ -55,14 +55,17 @@ class NumberedExamples(Protocol):
 
 
 def as_item(arrays: Mapping[str, npt.NDArray[Any]], transform: Transform | None, target: int) -> Item:
-    """What a loader collects: ``(tensor, target)`` for one field, ``({field: tensor}, target)`` for several."""
+    """Make the item of a loader.
+
+    It is ``(tensor, target)`` for one field, ``({field: tensor}, target)`` for several.
+    """
     tensors = {name: torch.from_numpy(np.ascontiguousarray(values)) for name, values in arrays.items()}
     inputs = next(iter(tensors.values())) if len(tensors) == 1 else tensors
     return (inputs if transform is None else transform(inputs)), target
 
 
 def check_request(fields: Sequence[str], target: str) -> None:
-    """A :class:`DatasetError` if no field is asked for or the target is unknown."""
+    """Raise a :class:`DatasetError` without fields or for an unknown target."""
     if not fields:
         raise DatasetError("fields: names no field; name at least one")
     if target not in ("label", "index"):

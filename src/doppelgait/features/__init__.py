@@ -1,4 +1,4 @@
-"""Gait features from labelled signatures and cadence maps; nothing here knows whether they were simulated."""
+"""Gait features from labelled signatures and cadence maps."""
 
 from doppelgait.features.feature_set import FEATURE_UNITS, FEATURES, Extraction, GaitFeatures
 from doppelgait.features.gait import extract, snr_mu_db

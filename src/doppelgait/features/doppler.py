@@ -20,7 +20,9 @@ DETECTION_SIGMAS = 4.0
 
 
 def envelopes_hz(signature: xr.DataArray, floor_v2: float) -> tuple[FloatArray, FloatArray]:
-    """Lower and upper Doppler envelope of every column, NaN where nothing stands above the noise; shapes (J,).
+    """Compute lower and upper Doppler envelope of every column.
+
+    NaN where nothing stands above the noise; shapes (J,).
 
     Power quantiles 1 % and 99 % over Doppler of the cells that noise alone exceeds as seldom as a normal variable
     exceeds 4 standard deviations (E-35).
@@ -39,7 +41,9 @@ def envelopes_hz(signature: xr.DataArray, floor_v2: float) -> tuple[FloatArray, 
 
 @lru_cache(maxsize=256)
 def noise_quantile(n_bins: float) -> float:
-    """Power that a cell of noise exceeds with the probability of 4 normal standard deviations, over its mean.
+    """Compute the noise threshold of a cell over its mean.
+
+    Noise exceeds it with the probability of 4 normal standard deviations.
 
     A cell sums N_g exponential variables: a gamma distribution. E-35's own 1 + 4 / sqrt(N_g) takes it for a normal one,
     which it nears for large N_g only: with 2 bins noise exceeds that 130 times as often as meant, and the bandwidth
@@ -51,7 +55,9 @@ def noise_quantile(n_bins: float) -> float:
 
 
 def bandwidth_envelope_hz(signature: xr.DataArray, floor_v2: float) -> float | None:
-    """Micro-Doppler bandwidth: 95th percentile over time of the upper envelope minus the 5th of the lower (E-35).
+    """Compute the micro-Doppler bandwidth from percentiles of envelopes (E-35).
+
+    It is the 95th percentile over time of the upper envelope minus the 5th of the lower.
 
     None where less than half of the columns stand above the noise.
     """
@@ -59,7 +65,7 @@ def bandwidth_envelope_hz(signature: xr.DataArray, floor_v2: float) -> float | N
 
 
 def bandwidth_of_hz(low_hz: FloatArray, high_hz: FloatArray) -> float | None:
-    """:func:`bandwidth_envelope_hz` from the envelopes."""
+    """Compute :func:`bandwidth_envelope_hz` from the envelopes."""
     seen = np.isfinite(low_hz)
     if seen.mean() < 0.5:
         return None
@@ -67,7 +73,9 @@ def bandwidth_of_hz(low_hz: FloatArray, high_hz: FloatArray) -> float | None:
 
 
 def bandwidth_threshold_hz(mean_spectrum: FloatArray, doppler_hz: FloatArray, *, threshold: float) -> float:
-    """Width of the time-mean Doppler spectrum above a share of its peak, contiguous from the peak, Hz.
+    """Measure the mean Doppler spectrum's width above a share of its peak.
+
+    The width is contiguous from the peak, Hz.
 
     Parameters
     ----------
@@ -94,5 +102,8 @@ def _crossing(level: FloatArray, doppler_hz: FloatArray, start: int, step: int, 
 
 
 def single_tone_width_hz(*, cpi_s: float, window_steepness: float, threshold: float) -> float:
-    """Width that one constant Doppler line has at the threshold: 2 sqrt(-ln t) / (2 pi sigma_w T_d / 2) (E-35)."""
+    """Compute the threshold width of one constant Doppler line (E-35).
+
+    2 sqrt(-ln t) / (2 pi sigma_w T_d / 2).
+    """
     return math.sqrt(-math.log(threshold)) / (math.pi * window_steepness * cpi_s / 2.0)

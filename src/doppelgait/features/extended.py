@@ -1,4 +1,4 @@
-"""Features beyond the set F: envelopes, shares of the power, cadence, the torso's swing.
+"""Features beyond the set F: envelopes, power shares, cadence, torso swing.
 
 Björklund, Petersson and Hendeby, "Features for micro-Doppler based activity classification", IET Radar, Sonar &
 Navigation 9(9), 2015, describe walkers by the main cycle time and properties of the envelope. Kim and Ling, "Human
@@ -27,7 +27,7 @@ UNDETERMINED = "undetermined"
 
 @dataclass(frozen=True)
 class ExtendedFeatures:
-    """Values of all features beyond the set F, and why some are missing.
+    """Values of all features beyond the set F, with flags.
 
     Parameters
     ----------
@@ -41,7 +41,10 @@ class ExtendedFeatures:
     reasons: dict[str, str]
 
     def flags(self) -> tuple[str, ...]:
-        """One flag per reason: the features that lack it, then the reason, as in the flags of the six."""
+        """Return one flag per reason for missing features.
+
+        The features that lack it, then the reason, as in the flags of the six.
+        """
         names: dict[str, list[str]] = {}
         for name, reason in self.reasons.items():
             names.setdefault(reason, []).append(name)
@@ -73,7 +76,10 @@ def measure_extended(observed: Observed) -> ExtendedFeatures:
 
 
 def feature_table() -> list[tuple[str, str, str]]:
-    """List name, unit and source of every feature beyond the set F, in alphabetical order."""
+    """List name, unit and source of every extended feature.
+
+    The list is in alphabetical order.
+    """
     found = [feature for feature in FEATURES.values() if "set_f" not in feature.facts]
     return [(feature.name, feature.facts["unit"], feature.facts["source"]) for feature in found]
 
@@ -89,45 +95,48 @@ SIDES = ("direction", "envelope")
 
 @plugin("feature", "forward_envelope_mean_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
 def forward_mean_mps(observed: Observed) -> float:
-    """Mean reach of the leading envelope ahead of the main line."""
+    """Measure the leading envelope's mean reach ahead of the main line."""
     return float(observed.forward_mps.mean())
 
 
 @plugin("feature", "backward_envelope_mean_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
 def backward_mean_mps(observed: Observed) -> float:
-    """Mean reach of the trailing envelope behind the main line."""
+    """Measure the trailing envelope's mean reach behind the main line."""
     return float(observed.backward_mps.mean())
 
 
 @plugin("feature", "forward_envelope_sd_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
 def forward_sd_mps(observed: Observed) -> float:
-    """Standard deviation over time of the leading envelope about the main line."""
+    """Measure the leading envelope's standard deviation about the main line."""
     return float(observed.forward_mps.std())
 
 
 @plugin("feature", "backward_envelope_sd_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
 def backward_sd_mps(observed: Observed) -> float:
-    """Standard deviation over time of the trailing envelope about the main line."""
+    """Measure the trailing envelope's standard deviation about the main line."""
     return float(observed.backward_mps.std())
 
 
 @plugin("feature", "forward_envelope_range_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
 def forward_range_mps(observed: Observed) -> float:
-    """95th minus 5th percentile over time of the leading envelope."""
+    """Measure the leading envelope's 5 to 95 % range over time."""
     low, high = observed.forward_limits_mps
     return high - low
 
 
 @plugin("feature", "backward_envelope_range_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
 def backward_range_mps(observed: Observed) -> float:
-    """95th minus 5th percentile over time of the trailing envelope."""
+    """Measure the trailing envelope's 5 to 95 % range over time."""
     low, high = observed.backward_limits_mps
     return high - low
 
 
 @plugin("feature", "envelope_asymmetry", unit="1", source="ours: bandwidth ahead against behind (E-35)", needs=SIDES)
 def asymmetry(observed: Observed) -> float | None:
-    """Bandwidth ahead minus bandwidth behind, over their sum; 95th percentiles over time, -1 to 1."""
+    """Compare the bandwidths ahead of and behind the main line.
+
+    Their difference over their sum; 95th percentiles over time, -1 to 1.
+    """
     ahead = observed.forward_limits_mps[1]
     behind = observed.backward_limits_mps[1]
     return (ahead - behind) / (ahead + behind) if ahead > 0 and behind > 0 else None
@@ -135,19 +144,25 @@ def asymmetry(observed: Observed) -> float | None:
 
 @plugin("feature", "envelope_offset_mps", unit="m/s", source=KIM_LING, needs=SIDES)
 def offset_mps(observed: Observed) -> float:
-    """Mean middle of the envelopes ahead of the main line."""
+    """Measure the envelopes' mean middle ahead of the main line."""
     return float((observed.forward_mps - observed.backward_mps).mean()) / 2.0
 
 
 @plugin("feature", "torso_bandwidth_mps", unit="m/s", source=KIM_LING, needs=("envelope",))
 def torso_bandwidth_mps(observed: Observed) -> float:
-    """Width between the envelopes where it is least, the 5th percentile over time: the body without its swings."""
+    """Measure the smallest width between the envelopes.
+
+    It is the 5th percentile over time: the body without its swings.
+    """
     return limits(observed.width_mps)[0]
 
 
 @plugin("feature", "strength_variation", unit="1", source=KIM_LING)
 def strength_variation(observed: Observed) -> float | None:
-    """Standard deviation over mean of the power near the main line over time, range taken out (E-28)."""
+    """Measure the variation of power near the main line.
+
+    It is standard deviation over mean over time, with range removed (E-28).
+    """
     power = observed.near_power_v2
     mean = float(power.mean())
     return float(power.std()) / mean if mean > 0 else None
@@ -161,7 +176,10 @@ def strength_variation(observed: Observed) -> float | None:
     needs=("gait_frequency", "envelope"),
 )
 def periodicity(observed: Observed) -> float | None:
-    """Likeness of the envelopes' width to itself one gait period later, at most 1 (E-33)."""
+    """Measure the autocorrelation of the envelope width at one period.
+
+    Normalised, of one gait period, at most 1 (E-33).
+    """
     if not observed.seen.all():  # the width is known at every column or the lag means nothing
         return None
     width = observed.width_mps
@@ -170,7 +188,10 @@ def periodicity(observed: Observed) -> float | None:
 
 @plugin("feature", "swing_duty", unit="1", source="ours: duration of limb spikes (E-35)", needs=SIDES)
 def swing_duty(observed: Observed) -> float | None:
-    """Share of the time in which the leading envelope is beyond the middle of its range: duration of limb spikes."""
+    """Measure the share of time with limb spikes.
+
+    The leading envelope is then beyond the middle of its range.
+    """
     low, high = observed.forward_limits_mps
     if high - low < 2.0 * observed.bin_mps:
         return None
@@ -191,25 +212,31 @@ def _share(power_v2: FloatArray, observed: Observed) -> float | None:
 
 @plugin("feature", "torso_share", unit="1", source=BAND_SOURCE)
 def torso_share(observed: Observed) -> float | None:
-    """Share of the power within 0.4 m/s of the main line."""
+    """Measure the power share within 0.4 m/s of the main line."""
     return _share(observed.torso_power_v2, observed)
 
 
 @plugin("feature", "limb_share", unit="1", source=BAND_SOURCE)
 def limb_share(observed: Observed) -> float | None:
-    """Share of the power at 0.4 to 1.6 m/s from the main line."""
+    """Measure the power share 0.4 to 1.6 m/s from the line."""
     return _share(observed.near_power_v2 - observed.torso_power_v2, observed)
 
 
 @plugin("feature", "far_limb_share", unit="1", source=BAND_SOURCE)
 def far_limb_share(observed: Observed) -> float | None:
-    """Share of the power beyond 1.6 m/s from the main line: feet in full swing, and paws."""
+    """Measure the power share beyond 1.6 m/s from the line.
+
+    It is that of feet in full swing, and of paws.
+    """
     return _share(observed.total_power_v2 - observed.near_power_v2, observed)
 
 
 @plugin("feature", "stance_share", unit="1", source="ours: power of standing feet")
 def stance_share(observed: Observed) -> float | None:
-    """Share of the power within 0.3 m/s of standing still: feet on the ground; None for a target as slow as they."""
+    """Measure the power share within 0.3 m/s of zero velocity.
+
+    It is that of feet on the ground; None for a target as slow as they.
+    """
     if abs(float(observed.line_mps.mean())) < STANCE_BAND_MPS + TORSO_BAND_MPS:
         return None
     share = np.clip((STANCE_BAND_MPS - np.abs(observed.velocity_mps)) / observed.bin_mps + 0.5, 0.0, 1.0)
@@ -220,7 +247,9 @@ def stance_share(observed: Observed) -> float | None:
 
 @plugin("feature", "entropy_width_mps", unit="m/s", source="Shannon entropy of the mean Doppler spectrum")
 def entropy_width_mps(observed: Observed) -> float | None:
-    """Width that an even spread of power with the entropy of the mean Doppler spectrum would have.
+    """Measure the entropy of the mean Doppler spectrum as a width.
+
+    An even spread of power of this width has the same entropy.
 
     ``exp(-sum p ln p)`` bins times their width, over the rows that stand above the noise (E-38): it does not depend on
     the transform's length, unlike the entropy itself.
@@ -235,7 +264,10 @@ def entropy_width_mps(observed: Observed) -> float | None:
 
 @plugin("feature", "cadence_centroid_hz", unit="Hz", source=CADENCE_SOURCE)
 def cadence_centroid_hz(observed: Observed) -> float | None:
-    """Mean cadence from 0.5 to 20 Hz, weighted with S."""
+    """Compute the mean cadence from 0.5 to 20 Hz.
+
+    The cadence is weighted with S.
+    """
     cadence_hz, power = observed.cadence
     total = float(power.sum())
     return float(cadence_hz @ power) / total if total > 0 else None
@@ -243,7 +275,10 @@ def cadence_centroid_hz(observed: Observed) -> float | None:
 
 @plugin("feature", "cadence_bandwidth_hz", unit="Hz", source=CADENCE_SOURCE)
 def cadence_bandwidth_hz(observed: Observed) -> float | None:
-    """Standard deviation of the cadence from 0.5 to 20 Hz, weighted with S."""
+    """Compute the standard deviation of the cadence, 0.5 to 20 Hz.
+
+    The cadence is weighted with S.
+    """
     centroid_hz = cadence_centroid_hz(observed)
     if centroid_hz is None:
         return None
@@ -252,7 +287,9 @@ def cadence_bandwidth_hz(observed: Observed) -> float | None:
 
 
 def relative_harmonic(observed: Observed, *, harmonic: int) -> float | None:
-    """S at a harmonic over S at f_mu, each the highest value within half a resolution cell, without the noise (E-37).
+    """Compare S at a harmonic with S at f_mu (E-37).
+
+    Each is the highest value within half a resolution cell, less the noise.
 
     The noise is the median of S between the first four harmonics. None beyond the end of the cadence axis.
     """
@@ -263,12 +300,12 @@ def relative_harmonic(observed: Observed, *, harmonic: int) -> float | None:
     half_cell_hz = 0.5 / observed.observation_s
     noise = observed.between_harmonics
     first, upper = (
-        max(_highest(cadence_hz, power, h * frequency_hz, half_cell_hz) - noise, 0.0) for h in (1, harmonic)
+        max(_highest_power(cadence_hz, power, h * frequency_hz, half_cell_hz) - noise, 0.0) for h in (1, harmonic)
     )
     return upper / first if first > 0 else None
 
 
-def _highest(cadence_hz: FloatArray, power: FloatArray, centre_hz: float, reach_hz: float) -> float:
+def _highest_power(cadence_hz: FloatArray, power: FloatArray, centre_hz: float, reach_hz: float) -> float:
     first, last = np.searchsorted(cadence_hz, (centre_hz - reach_hz, centre_hz + reach_hz))
     return float(power[first : max(last, first + 1)].max()) if first < power.size else 0.0
 
@@ -284,39 +321,45 @@ for _harmonic in (2, 3, 4):
 
 TORSO_LINE = "ours: torso line of E-33 about the main line"
 MIN_PERIODS_OF_PAIRS = 3.0
-"""Pairs of periods can be told apart only where this many single periods are seen."""
+"""Pairs of periods can be distinguished only where this many single periods are observed."""
 MIN_LIKENESS = 0.1
 
 
 @plugin("feature", "torso_ripple_mps", unit="m/s", source=TORSO_LINE, needs=("line",))
 def ripple_mps(observed: Observed) -> float:
-    """Root mean square of the torso's velocity about its slow part."""
+    """Measure the RMS torso velocity about its slow part."""
     return float(np.sqrt(np.mean(observed.torso_ripple_mps**2)))
 
 
 @plugin("feature", "torso_ripple_gait_mps", unit="m/s", source=TORSO_LINE, needs=("gait_frequency", "line"))
 def ripple_at_gait_mps(observed: Observed) -> float | None:
-    """Root mean square of the part of the torso's swing that repeats with f_mu."""
+    """Measure the RMS torso swing that repeats with f_mu."""
     return _component_mps(observed, 2)
 
 
 @plugin("feature", "torso_ripple_half_mps", unit="m/s", source=TORSO_LINE, needs=("gait_frequency", "line"))
 def ripple_at_half_mps(observed: Observed) -> float | None:
-    """Root mean square of the part that repeats with f_mu / 2: sway and limp, which alternate from step to step."""
+    """Measure the RMS torso swing that repeats with f_mu / 2.
+
+    It shows sway and limp, which alternate from step to step.
+    """
     if observed.frequency_hz * observed.observation_s < MIN_PERIODS_OF_PAIRS:
         return None
     return _component_mps(observed, 1)
 
 
 def _component_mps(observed: Observed, number: int) -> float:
-    """One of f/2, f, 3f/2, 2f, all fitted together, so that the leakage of one does not read as another."""
+    """Measure one of the torso swing components.
+
+    f/2, f, 3f/2 and 2f are fitted together, so that the leakage of one does not read as another.
+    """
     orders, amplitude = observed.ripple_parts
     return float(np.sqrt(0.5 * np.sum(amplitude[:, orders.index(number)] ** 2)))
 
 
 @plugin("feature", "alternate_likeness", unit="1", source=PERIODS, needs=("gait_frequency",))
 def alternate_likeness(observed: Observed) -> float | None:
-    """Likeness of neighbouring periods over that of every second one, at most about 1.
+    """Compare autocorrelations of neighbouring and alternate periods, at most about 1.
 
     Near 1 where a period is a step whose mirror image looks the same to the radar; less where left and right, or the
     two halves of a stride, differ. Noise lowers both alike; rows without signal are left out (K+ of E-38).

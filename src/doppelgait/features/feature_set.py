@@ -1,4 +1,4 @@
-"""The registry of all features, the set F among them, and what is extracted of one target."""
+"""Registry of all features, with the set F and the extraction."""
 
 from __future__ import annotations
 
@@ -9,12 +9,28 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.plugins import Group
+from doppelgait.core.errors import ConfigError
+from doppelgait.core.plugins import Group, Plugin
 
 FloatArray = npt.NDArray[np.float64]
 
+NEEDS = ("gait_frequency", "direction", "envelope", "line")
+"""What a feature can need of an :class:`doppelgait.features.observed.Observed`."""
+
+
+def check_feature(feature: Plugin[Any]) -> None:
+    """Refuse a feature whose facts cannot be used (:class:`ConfigError`)."""
+    where, needs = f"feature {feature.name!r} of {feature.module}", feature.facts.get("needs", ())
+    if not isinstance(needs, tuple | list) or not set(needs) <= set(NEEDS):
+        raise ConfigError(f"{where}: needs {needs!r} is not allowed; it is a tuple of {', '.join(NEEDS)}")
+    for name in ("unit", "source"):
+        text = feature.facts.get(name)
+        if not isinstance(text, str) or not text:
+            raise ConfigError(f"{where}: {name} {text!r} is not allowed; it must be a text")
+
+
 FEATURES: Group[Callable[[Any], float | None]] = Group(
-    "feature", built_in=("doppelgait.features.gait", "doppelgait.features.extended")
+    "feature", built_in=("doppelgait.features.gait", "doppelgait.features.extended"), check=check_feature
 )
 """All features by name: functions of an :class:`doppelgait.features.observed.Observed`.
 
@@ -46,7 +62,7 @@ FEATURE_UNITS = {
 
 @dataclass(frozen=True)
 class GaitFeatures:
-    """The six features; None where one cannot be determined.
+    """Six gait features; None where one cannot be determined.
 
     Parameters
     ----------
@@ -70,17 +86,17 @@ class GaitFeatures:
     limb_torso_ratio: float | None = None
 
     def vector(self) -> FloatArray:
-        """The features in order, NaN for None, shape (6,)."""
+        """Return the features in order, NaN for None, shape (6,)."""
         return np.array([np.nan if v is None else v for v in self.as_dict().values()], dtype=np.float64)
 
     def as_dict(self) -> dict[str, float | None]:
-        """The features by name."""
+        """Return the features by name."""
         return {name: getattr(self, name) for name in FEATURE_UNITS}
 
 
 @dataclass(frozen=True)
 class Extraction:
-    """Everything extracted from one target's signature.
+    """Features, quality and flags of one target's signature.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The six gait features and what qualifies them (E-34 to E-39)."""
+"""Six gait features with their quality (E-34 to E-39)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MAX_HOP_SHARE = 0.5
 MIN_PERIODS = 1.5
 LOW_CONFIDENCE = 0.7
 """Measured at all noise levels and views: 84 % of the models' estimates reach it and 96 % of those are within 5 %; of
-recorded movers that were not looked at before 67 % and 87 % (a periodicity of 0.3: 25 % and 80 %)."""
+recorded targets that were held out 67 % and 87 % (a periodicity of 0.3: 25 % and 80 %)."""
 FEW_PERIODS = 2.0
 CLOSE_MARGIN = 0.25
 """Below this margin the decision for the step instead of the stride is said to be close."""
@@ -35,7 +35,10 @@ NO_GAIT_RATIO = 0.1
 
 
 def snr_mu_db(signature: xr.DataArray, floor_v2: float) -> float:
-    """Signature SNR: median over time of the strongest cell above the floor, over the floor, dB; inf without noise."""
+    """Compute the signature SNR in dB.
+
+    It is the median over time of the strongest cell above the floor, over the floor; inf without noise.
+    """
     cells = signature.values
     peak = quantile(cells[np.arange(cells.shape[0]), cells.argmax(axis=1)], 0.5)  # max along rows takes twice as long
     if peak <= floor_v2:
@@ -44,7 +47,7 @@ def snr_mu_db(signature: xr.DataArray, floor_v2: float) -> float:
 
 
 def extract(observed: Observed, *, bandwidth_threshold: float, cpi_s: float, window_steepness: float) -> Extraction:
-    """Six features from one target's signature, each in the form of E-34 to E-38.
+    """Extract the six features from one target's signature (E-34 to E-38).
 
     Parameters
     ----------
@@ -75,28 +78,19 @@ def extract(observed: Observed, *, bandwidth_threshold: float, cpi_s: float, win
     bandwidth_hz = bandwidth_of_hz(*observed.envelopes_hz)
     if bandwidth_hz is None:
         flags.append("doppler_bandwidth:signal_in_too_few_columns")
-    frequency_hz = _checked_frequency(gait, observed.signature.attrs, flags)
-    rho = _modulation(observed, frequency_hz)
+    frequency_hz = _check_frequency(gait, observed.signature.attrs, flags)
+    rho = LimbTorsoRatio(None, None)
+    if frequency_hz is not None:
+        rho = limb_torso_ratio(observed.step_doppler, observed.mean_row, frequency_hz, observed.occupied)
     if rho.ratio is not None and rho.ratio < NO_GAIT_RATIO:
         flags.append("gait_frequency:no_modulation")
         frequency_hz = None
     whole = GaitFeatures(torso_velocity_mps=velocity_mps, doppler_bandwidth_hz=bandwidth_hz)
-    features = _with_gait(whole, observed.spectrum, frequency_hz, rho, flags)
+    features = _add_gait(whole, observed.spectrum, frequency_hz, rho, flags)
     threshold_hz = bandwidth_threshold_hz(
         observed.mean_row, axis(observed.aligned, "doppler"), threshold=bandwidth_threshold
     ) - single_tone_width_hz(cpi_s=cpi_s, window_steepness=window_steepness, threshold=bandwidth_threshold)
     quality |= {
-        **_gait_quality(gait),
-        "doppler_bandwidth_threshold_hz": threshold_hz,
-        "limb_torso_amplitude_ratio": rho.amplitude_ratio,
-        "main_line_drift_hz": float(observed.main_line_hz[-1] - observed.main_line_hz[0]),
-    }
-    periods = gait.n_periods if frequency_hz is not None else None
-    return Extraction(features, frequency_hz, torso_hz, periods, quality, tuple(flags))
-
-
-def _gait_quality(gait: GaitFrequency) -> dict[str, Any]:
-    return {
         "periodicity": gait.periodicity,
         "salience": gait.salience,
         "second_candidate_hz": gait.second_hz,
@@ -105,10 +99,15 @@ def _gait_quality(gait: GaitFrequency) -> dict[str, Any]:
         "gait_margin": gait.margin,
         "gait_confidence": gait.confidence,
         "gait_uncertainty_hz": gait.uncertainty_hz,
+        "doppler_bandwidth_threshold_hz": threshold_hz,
+        "limb_torso_amplitude_ratio": rho.amplitude_ratio,
+        "main_line_drift_hz": float(observed.main_line_hz[-1] - observed.main_line_hz[0]),
     }
+    periods = gait.n_periods if frequency_hz is not None else None
+    return Extraction(features, frequency_hz, torso_hz, periods, quality, tuple(flags))
 
 
-def _checked_frequency(gait: GaitFrequency, columns: Mapping[Any, Any], flags: list[str]) -> float | None:
+def _check_frequency(gait: GaitFrequency, columns: Mapping[Any, Any], flags: list[str]) -> float | None:
     if columns["hop"] > MAX_HOP_SHARE * columns["cpi_pulses"]:
         flags.append("gait_frequency:columns_do_not_overlap")
         return None
@@ -125,13 +124,7 @@ def _checked_frequency(gait: GaitFrequency, columns: Mapping[Any, Any], flags: l
     return gait.frequency_hz
 
 
-def _modulation(observed: Observed, frequency_hz: float | None) -> LimbTorsoRatio:
-    if frequency_hz is None:
-        return LimbTorsoRatio(None, None)
-    return limb_torso_ratio(observed.step_doppler, observed.mean_row, frequency_hz, observed.occupied)
-
-
-def _with_gait(
+def _add_gait(
     whole: GaitFeatures, spectrum: xr.DataArray, frequency_hz: float | None, rho: LimbTorsoRatio, flags: list[str]
 ) -> GaitFeatures:
     if frequency_hz is None:
@@ -154,7 +147,10 @@ def _with_gait(
 
 
 def _set_f(observed: Observed, *, name: str) -> float | None:
-    """Return a feature of the set F, which :func:`extract` measures together because each needs those before it."""
+    """Return a feature of the set F.
+
+    :func:`extract` measures the set together because each feature needs those before it.
+    """
     value: float | None = getattr(observed.extraction.features, name)
     return value
 

@@ -1,10 +1,9 @@
-"""Fundamental repetition frequency f_mu of a signature (E-33)."""
+"""Gait frequency f_mu of a signature (E-33)."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +21,7 @@ LAG_TOLERANCE, LAG_MARGIN = 0.12, 0.1
 TRUST_LAG_FROM = 0.6
 LONGEST_LAG_SHARE = 0.7
 WHOLE_IS_CLEAR, LIMBS_ARE_CLEAR = 0.4, 0.25
-"""The limbs' peak replaces the strongest repetition if the whole repeats less than the first, the limbs at least as
+"""The limbs' peak replaces the strongest cadence if the whole repeats less than the first, the limbs at least as
 the second says (normalised autocorrelation at one period)."""
 LIMBS_CODES = {"as_found": "limbs", "doubled": "limbs_doubled"}
 AGREEMENT = 0.08
@@ -31,7 +30,7 @@ CONFIDENCE_WEIGHTS = (-1.85, 0.57, 1.57, 2.42, 0.25, -35.1)
 """Of 1, margin, periodicity, agreement of the limbs' peak (0 or 1), periods up to 10 and relative uncertainty."""
 
 
-# Step or stride: which multiple of the strongest repetition is f_mu
+# Step or stride: which multiple of the strongest cadence is f_mu
 HIGHEST_HZ = 8.0
 NEAR_LAG_TOLERANCE, NEAR_POINTS = 0.05, 9
 N_HARMONICS = 6
@@ -49,7 +48,7 @@ TAPER_FROM_S = 4.0
 
 @dataclass(frozen=True)
 class Candidate:
-    """A frequency that f_mu could be.
+    """Candidate for the gait frequency.
 
     Parameters
     ----------
@@ -65,7 +64,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class GaitFrequency:
-    """An estimate of f_mu and how far to trust it.
+    """Estimate of f_mu with its confidence.
 
     Parameters
     ----------
@@ -83,13 +82,13 @@ class GaitFrequency:
         Largest peak of the spectrum of the limbs relative to the torso, the second opinion of E-33 step 4.
     decision : str or None
         ``as_found``, ``doubled`` or ``no_limbs`` (:class:`Decision`); ``limbs`` and
-        ``limbs_doubled`` where the limbs alone gave the strongest repetition; None where it was not asked for.
+        ``limbs_doubled`` where the limbs alone gave the strongest cadence; None where it was not requested.
     margin : float or None
         How clearly the limbs speak for the decision: |n(T/2)| over the greater of |n(T/2)| and n(T), 0 to 1.
     candidates : tuple of Candidate
-        Half, once and twice the strongest repetition with their scores.
+        Half, once and twice the strongest cadence with their scores.
     confidence : float or None
-        Share of estimates as good as this one that were within 5 % in the study of models and recorded movers, 0 to 1.
+        Share of estimates as good as this one that were within 5 % in the study of models and recorded targets, 0 to 1.
     uncertainty_hz : float or None
         Standard deviation to expect if the multiple is right.
     """
@@ -108,7 +107,9 @@ class GaitFrequency:
 
 
 def gait_frequency(spectrum: xr.DataArray, rows: xr.DataArray) -> GaitFrequency:
-    """Estimate f_mu from the cadence power spectrum, refined by the autocorrelation of the rows (E-33).
+    """Estimate f_mu from the cadence spectrum and autocorrelation (E-33).
+
+    The spectrum is one of power; the autocorrelation of the rows refines the estimate.
 
     Parameters
     ----------
@@ -150,12 +151,14 @@ def gait_frequency(spectrum: xr.DataArray, rows: xr.DataArray) -> GaitFrequency:
 def settle(
     first: GaitFrequency, spectrum: xr.DataArray, aligned: xr.DataArray, excess: xr.DataArray, floor_v2: float
 ) -> GaitFrequency:
-    """f_mu from the strongest repetition: step or stride, exact frequency, and how far to trust it.
+    """Resolve the octave of the gait frequency and refine it.
+
+    The result also has a confidence.
 
     Parameters
     ----------
     first : GaitFrequency
-        From :func:`gait_frequency`: the strongest repetition of the signature as a whole.
+        From :func:`gait_frequency`: the strongest cadence of the signature as a whole.
     spectrum : DataArray (cadence)
         The spectrum that gave it.
     aligned : DataArray (time, doppler)
@@ -180,17 +183,23 @@ def settle(
     power = np.asarray(spectrum.values, dtype=np.float64)
     limb_hz, limb_power = power_spectrum(limbs)
     limb_peak_hz = _highest_peak_hz(limb_hz, limb_power, seconds)
-    repeats = _repeats(limbs, min(first.frequency_hz, limb_peak_hz or math.inf))
-    by_limbs = _limbs_know_better(first, limb_peak_hz, repeats, limbs.rate_hz)
+    # autocorrelation of the limbs up to twice the longest period, or to the end of the record
+    longest = math.ceil(2.0 * (1.0 + LAG_MARGIN) * limbs.rate_hz / min(first.frequency_hz, limb_peak_hz or math.inf))
+    repeats = square_difference(limbs.values, 0, min(longest + 1, limbs.values.shape[0] - 1))
+    by_limbs = _only_limbs_repeat(first, limb_peak_hz, repeats, limbs.rate_hz)
     start_hz = limb_peak_hz if by_limbs and limb_peak_hz is not None else first.frequency_hz
     found = decide(start_hz, repeats, limbs.rate_hz)
     exact_hz, width_hz = refine_on_harmonics(start_hz, [(cadence_hz, power), (limb_hz, limb_power)])
     multiple = found.frequency_hz / start_hz
     frequency_hz = multiple * exact_hz
-    return _rated(
+    # autocorrelation of the whole signature at one period
+    wide, lag = summed_rows(slow, slow.bin_hz), slow.rate_hz / frequency_hz
+    count = min(wide.values.shape[0] - 1, math.ceil(1.1 * lag) + 1)
+    whole = near_lag(square_difference(detrended(wide.values, slow.rate_hz), 0, count), lag)
+    settled = replace(
         first,
         frequency_hz=frequency_hz,
-        periodicity=_periodicity(slow, frequency_hz),
+        periodicity=0.0 if whole is None else whole,
         salience=_salience(power, cadence_hz, frequency_hz, seconds),
         n_periods=frequency_hz * seconds,
         limb_relative_hz=limb_peak_hz,
@@ -199,16 +208,13 @@ def settle(
         candidates=found.candidates,
         uncertainty_hz=multiple * width_hz if math.isfinite(width_hz) else None,
     )
+    return replace(settled, confidence=_confidence(settled))
 
 
-def _repeats(limbs: Rows, lowest_hz: float) -> FloatArray:
-    """Autocorrelation of the limbs up to twice the longest period that is looked at, or to the end of the record."""
-    longest = math.ceil(2.0 * (1.0 + LAG_MARGIN) * limbs.rate_hz / lowest_hz) + 1
-    return square_difference(limbs.values, 0, min(longest, limbs.values.shape[0] - 1))
+def _only_limbs_repeat(first: GaitFrequency, limb_hz: float | None, repeats: FloatArray, rate_hz: float) -> bool:
+    """Return True if only the limbs repeat at their peak.
 
-
-def _limbs_know_better(first: GaitFrequency, limb_hz: float | None, repeats: FloatArray, rate_hz: float) -> bool:
-    """Whether the limbs repeat at their own peak and the body as a whole does not repeat at its.
+    The body as a whole then does not repeat at its own.
 
     A runner's trunk rises and falls and drifts across more Doppler than its step shows, so that the strongest line of
     the whole can lie anywhere below it; the limbs, relative to the torso, still repeat.
@@ -219,13 +225,10 @@ def _limbs_know_better(first: GaitFrequency, limb_hz: float | None, repeats: Flo
     return own is not None and own >= LIMBS_ARE_CLEAR and (other is None or own > other)
 
 
-def _rated(first: GaitFrequency, **found: Any) -> GaitFrequency:
-    settled = replace(first, **found)
-    return replace(settled, confidence=_confidence(settled))
-
-
 def _cell_noise(aligned: xr.DataArray, excess: xr.DataArray, floor_v2: float) -> FloatArray:
-    """Standard deviation of the noise in a cell of each column that :func:`slowed` leaves; shape (J',).
+    """Compute the noise of a cell in averaged columns.
+
+    It is the standard deviation in each column of :func:`slowed`; shape (J',).
 
     Columns that are averaged overlap nearly whole, so that their noise is one and the same.
     """
@@ -234,15 +237,6 @@ def _cell_noise(aligned: xr.DataArray, excess: xr.DataArray, floor_v2: float) ->
     total_v2 = grouped(np.einsum("jk->j", np.maximum(excess.values, 0.0)).astype(np.float64), size)
     weight = grouped(np.einsum("jk->j", aligned.values), size)
     return cell_v2 * np.divide(weight, total_v2, out=np.zeros(total_v2.size), where=total_v2 > 0)
-
-
-def _periodicity(slow: Rows, frequency_hz: float) -> float:
-    """Autocorrelation n of the whole signature at one period."""
-    wide = summed_rows(slow, slow.bin_hz)
-    lag = slow.rate_hz / frequency_hz
-    count = min(wide.values.shape[0] - 1, math.ceil(1.1 * lag) + 1)
-    found = near_lag(square_difference(detrended(wide.values, slow.rate_hz), 0, count), lag)
-    return found if found is not None else 0.0
 
 
 def _highest_peak_hz(frequency_hz: FloatArray, power: FloatArray, seconds: float) -> float | None:
@@ -254,7 +248,10 @@ def _highest_peak_hz(frequency_hz: FloatArray, power: FloatArray, seconds: float
 
 
 def _confidence(settled: GaitFrequency) -> float:
-    """Logistic fit to which estimates were within 5 %, on models and half A of the recorded movers."""
+    """Rate an estimate by a logistic fit.
+
+    It predicts which estimates are within 5 %, on models and half A of the recorded targets.
+    """
     frequency_hz = settled.frequency_hz or math.inf
     agrees = abs((settled.limb_relative_hz or 0.0) / frequency_hz - 1.0) < AGREEMENT
     relative = (settled.uncertainty_hz or 0.0) / frequency_hz
@@ -296,17 +293,17 @@ def _salience(power: FloatArray, cadence_hz: FloatArray, frequency_hz: float, se
 
 @dataclass(frozen=True)
 class Decision:
-    """f_mu among half, once and twice the strongest repetition.
+    """Choice of f_mu among half, once and twice the strongest cadence.
 
     Parameters
     ----------
     frequency_hz : float
     code : {"as_found", "doubled", "no_limbs"}
-        ``doubled``: the limbs repeat after half the period, so the strongest repetition is a stride of two like steps
+        ``doubled``: the limbs repeat after half the period, so the strongest cadence is a stride of two like steps
         (the sway of the trunk). ``as_found``: they do not. ``no_limbs``: no Doppler row beyond the torso stands above
-        the noise, or the record is too short to tell.
+        the noise, or the record is too short.
     half_period : float or None
-        n of the limbs at half the period of the strongest repetition: above 0 doubles.
+        n of the limbs at half the period of the strongest cadence: above 0 doubles.
     one_period : float or None
         n of the limbs at its period.
     candidates : tuple of Candidate
@@ -320,7 +317,7 @@ class Decision:
 
     @property
     def margin(self) -> float | None:
-        """|n(T/2)| over the greater of |n(T/2)| and n(T)."""
+        """Ratio of |n(T/2)| to the greater of |n(T/2)| and n(T)."""
         if self.half_period is None or self.one_period is None:
             return None
         scale = max(abs(self.half_period), self.one_period)
@@ -328,18 +325,18 @@ class Decision:
 
 
 def decide(frequency_hz: float, autocorrelation: FloatArray, rate_hz: float) -> Decision:
-    """Choose f_mu from the strongest repetition and the limbs' autocorrelation.
+    """Choose f_mu by the limbs' autocorrelation.
 
     People, and dogs that walk, pace or trot, take two like steps a stride: f_mu = 2 f_stride. The trunk sways once per
-    stride, and in side views this outweighs the steps in the signature as a whole. Limbs seen relative to the torso
-    tell: after half a stride the other leg does what the first one did, so ``n(T/2) > 0``, where T is the period found;
-    if T is already that of a step, or the gait a gallop, forward and backward swing face each other and ``n(T/2) < 0``.
-    The strongest repetition of people and dogs is f_stride or f_mu and not above, so that half of it is never taken.
+    stride, and in side views this outweighs the steps in the signature as a whole. Limbs relative to the torso decide:
+    after half a stride the other leg does what the first one did, so ``n(T/2) > 0``, where T is the period found; if T
+    is already that of a step, or the gait a gallop, forward and backward swing face each other and ``n(T/2) < 0``. The
+    strongest cadence of people and dogs is f_stride or f_mu and not above, so that half of it is never taken.
 
     Parameters
     ----------
     frequency_hz : float
-        Strongest repetition of the signature as a whole.
+        Strongest cadence of the signature as a whole.
     autocorrelation : ndarray
         n of the limbs at all lags.
     rate_hz : float
@@ -360,7 +357,10 @@ def decide(frequency_hz: float, autocorrelation: FloatArray, rate_hz: float) -> 
 
 
 def near_lag(autocorrelation: FloatArray, lag: float) -> float | None:
-    """Largest value within 5 % of a lag (which may lie between samples); None where the record is too short."""
+    """Find the largest value within 5 % of a lag.
+
+    The lag may lie between samples; None where the record is too short.
+    """
     from doppelgait.core.kernels.periodicity import highest_between
 
     last = autocorrelation.size - 1
@@ -371,9 +371,11 @@ def near_lag(autocorrelation: FloatArray, lag: float) -> float | None:
 
 
 def power_spectrum(rows: Rows) -> tuple[FloatArray, FloatArray]:
-    """Frequencies and power of the rows over time, summed over the rows, zero-padded; tapered from 4 s on (E-30).
+    """Compute the power spectrum of all rows over time (E-30).
 
-    As the transform of the sum of the rows' autocorrelations, which costs one transform instead of one a row.
+    It is summed over the rows, zero-padded, and tapered from 4 s on.
+
+    It is the transform of the sum of the rows' autocorrelations: one transform instead of one per row.
     """
     from scipy import fft
 
@@ -388,7 +390,9 @@ def power_spectrum(rows: Rows) -> tuple[FloatArray, FloatArray]:
 
 
 def refine_on_harmonics(frequency_hz: float, spectra: list[tuple[FloatArray, FloatArray]]) -> tuple[float, float]:
-    """The frequency whose harmonics hold most power, and the curvature of that sum: a multi-harmonic fit.
+    """Refine a frequency by the power of its harmonics.
+
+    This is a multi-harmonic fit; the width of its maximum is returned, too.
 
     For white noise and resolved harmonics the maximum of ``sum_h S(h f)`` is the least-squares fit of a periodic signal
     (Quinn and Thomson 1991). Each spectrum counts by its share of power above 0.5 Hz.

@@ -1,4 +1,4 @@
-"""Speed over ground and aspect angle from the range history alone (E-34b)."""
+"""Ground speed and aspect angle from the range history (E-34b)."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class GroundMotion:
     Parameters
     ----------
     ground_speed_mps : float or None
-        v_g; None where the recording is shorter than 3 s (its history than 2.6 s) or bends the wrong way.
+        v_g; None where the recording is shorter than 3 s (its history than 2.6 s) or bends in the wrong direction.
     aspect_deg : float or None
         psi at the middle of the observation, 0 approaching, 180 receding.
     """
@@ -43,7 +43,9 @@ class GroundMotion:
 
 
 def ground_motion(time_s: npt.ArrayLike, range_m: npt.ArrayLike) -> GroundMotion:
-    """Fit R^2(t) = R_0^2 + 2 (r_0 . v) t + |v|^2 t^2, which holds for straight motion at constant velocity.
+    """Fit a straight motion at constant velocity to a range history.
+
+    R^2(t) = R_0^2 + 2 (r_0 . v) t + |v|^2 t^2.
 
     Parameters
     ----------
@@ -78,12 +80,12 @@ def ground_motion(time_s: npt.ArrayLike, range_m: npt.ArrayLike) -> GroundMotion
 
 @dataclass(frozen=True)
 class PieceMotion:
-    r"""Straight motion over ground in one piece.
+    r"""Straight motion over ground in one segment.
 
     Parameters
     ----------
     ground_speed_mps, aspect_deg : float or None
-        As :class:`GroundMotion`; None where the piece is shorter than 3 s or no straight motion.
+        As :class:`GroundMotion`; None where the segment is shorter than 3 s or no straight motion.
     visibility : {"clear", "limbs_only", "hidden", "unknown"}
         What the aspect leaves of the gait: everything from \|cos psi\| = 0.6 on, the limbs against the torso from
         0.25 on, nothing to trust below; unknown without an aspect.
@@ -95,14 +97,14 @@ class PieceMotion:
 
 
 def piece_motion(time_s: npt.ArrayLike, range_m: npt.ArrayLike, *, start_s: float, stop_s: float) -> PieceMotion:
-    """Motion over ground between two times of a range track (E-34b).
+    """Estimate motion over ground in a segment of a track (E-34b).
 
     Parameters
     ----------
     time_s, range_m : array_like, shape (J,)
         Range track of the body, rising times.
     start_s, stop_s : float
-        The piece, both ends included.
+        The segment, both ends included.
 
     Returns
     -------
@@ -111,7 +113,7 @@ def piece_motion(time_s: npt.ArrayLike, range_m: npt.ArrayLike, *, start_s: floa
     Raises
     ------
     AnalysisError
-        If times and ranges are not of one length, or the piece holds fewer than three of them.
+        If times and ranges are not of one length, or the segment holds fewer than three of them.
     """
     times, ranges = np.asarray(time_s, dtype=np.float64), np.asarray(range_m, dtype=np.float64)
     if times.ndim != 1 or times.shape != ranges.shape:
@@ -119,14 +121,17 @@ def piece_motion(time_s: npt.ArrayLike, range_m: npt.ArrayLike, *, start_s: floa
     inside = (times >= start_s - 1e-9) & (times <= stop_s + 1e-9)
     if inside.sum() < 3:
         raise AnalysisError(
-            f"the piece from {start_s:g} to {stop_s:g} s holds {int(inside.sum())} ranges of the track; it takes 3"
+            f"the segment from {start_s:g} to {stop_s:g} s holds {int(inside.sum())} ranges of the track; 3 are needed"
         )
     found = ground_motion(times[inside], ranges[inside])
     return PieceMotion(found.ground_speed_mps, found.aspect_deg, visibility_of(found))
 
 
 def visibility_of(motion: GroundMotion) -> Visibility:
-    """What an aspect leaves of the gait, as in :class:`PieceMotion`."""
+    """Classify the visibility of the gait at an aspect.
+
+    The classes are those of :class:`PieceMotion`.
+    """
     if motion.aspect_deg is None:
         return "unknown"
     cosine = abs(math.cos(math.radians(motion.aspect_deg)))

@@ -1,4 +1,4 @@
-"""Harmonic ratios beta_1, beta_2 (E-37) and the limb-to-torso ratio rho (E-38)."""
+"""Harmonic ratios beta_1, beta_2 (E-37) and limb-to-torso ratio rho (E-38)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ NEAR_SHARE, NEAR_HZ = 0.06, 0.25
 
 
 def harmonic_ratio(spectrum: xr.DataArray, frequency_hz: float, harmonic: int) -> float | None:
-    """Frequency of a harmonic over the fundamental: a self-check, near ``harmonic`` when f_mu is right (E-37).
+    """Compare the frequency of a harmonic with the fundamental (E-37).
+
+    A self-check, near ``harmonic`` when f_mu is right.
 
     Parameters
     ----------
@@ -42,7 +44,7 @@ def harmonic_ratio(spectrum: xr.DataArray, frequency_hz: float, harmonic: int) -
 
 
 def peak_ratio(cadence_hz: FloatArray, values: FloatArray, frequency_hz: float, harmonic: int) -> float | None:
-    """:func:`harmonic_ratio` of a spectrum that is known to keep its schema."""
+    """Compute :func:`harmonic_ratio` of a spectrum without checking its schema."""
     expected = harmonic * frequency_hz
     first, last = np.searchsorted(cadence_hz, [expected * (1 - SEARCH), expected * (1 + SEARCH)])
     peaks = local_maxima(values, first=int(first), last=int(last) - 1)
@@ -58,7 +60,10 @@ def peak_ratio(cadence_hz: FloatArray, values: FloatArray, frequency_hz: float, 
 
 @dataclass(frozen=True)
 class LimbTorsoRatio:
-    """Micro-Doppler share of the power, in the energy form (``ratio``) and in amplitudes (closest to the report)."""
+    """Limb-to-torso ratio in energy and in amplitude form.
+
+    ``ratio`` is the energy form; the amplitude form is closest to the report.
+    """
 
     ratio: float | None
     amplitude_ratio: float | None
@@ -67,7 +72,9 @@ class LimbTorsoRatio:
 def limb_torso_ratio(
     step_doppler: xr.DataArray, mean_spectrum: FloatArray, frequency_hz: float, occupied: npt.NDArray[np.bool_]
 ) -> LimbTorsoRatio:
-    """Oscillating over constant Doppler power, rows alike on both sides of the fraction (E-38).
+    """Compute oscillating over constant Doppler power (E-38).
+
+    The rows are the same on both sides of the fraction.
 
     Parameters
     ----------
@@ -107,7 +114,10 @@ def limb_torso_ratio(
 def _between_harmonics_power(
     values: FloatArray, occupied: npt.NDArray[np.bool_], cadence_hz: FloatArray, frequency_hz: float
 ) -> FloatArray:
-    """Mean noise power of the occupied rows from its median between the harmonics; shape (K+,)."""
+    """Estimate the occupied rows' noise power between the harmonics.
+
+    The mean follows from the median there; shape (K+,).
+    """
     phase = np.mod(cadence_hz / frequency_hz, 1.0)
     between = (cadence_hz > frequency_hz) & (cadence_hz < 4.0 * frequency_hz) & (np.abs(phase - 0.5) <= 0.2)
     rows = np.flatnonzero(occupied)

@@ -1,4 +1,7 @@
-"""The report's own feature extraction, kept for comparison (its section 4.5, literal where it is definite)."""
+"""Feature extraction of the report (section 4.5), for comparison.
+
+It is literal where the report is definite.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,10 @@ HARMONIC_WINDOW = 0.2
 
 
 def bandwidth_hz(mean_spectrum: FloatArray, doppler_hz: FloatArray, threshold: float) -> float:
-    """B_mu: from the first to the last Doppler at which D_1 / max(D_1) reaches the threshold."""
+    """Compute B_mu from the mean Doppler spectrum.
+
+    It is the span from the first to the last Doppler at which D_1 / max(D_1) reaches the threshold.
+    """
     above = np.flatnonzero(mean_spectrum >= threshold * mean_spectrum.max())
     return float(doppler_hz[above[-1]] - doppler_hz[above[0]])
 
@@ -26,12 +32,12 @@ def bandwidth_hz(mean_spectrum: FloatArray, doppler_hz: FloatArray, threshold: f
 def extract(
     mean_spectrum: FloatArray, doppler_hz: FloatArray, spectrum: xr.DataArray, *, wavelength_m: float, threshold: float
 ) -> Extraction:
-    """Six features by the report's method.
+    """Extract the six features by the report's method.
 
     Parameters
     ----------
     mean_spectrum : ndarray, shape (K,)
-        D_1 of the signature whose columns are divided by their maximum.
+        D_1 of the signature with columns divided by their maximum.
     doppler_hz : ndarray, shape (K,)
     spectrum : DataArray (cadence)
         D_g: sum over Doppler of D_0 (mean removed, no taper, no padding).

@@ -1,4 +1,7 @@
-"""Doppler rows of the limbs relative to the torso, in which steps show and the body's sway does not (E-33 step 4)."""
+"""Doppler rows of the limbs relative to the torso (E-33 step 4).
+
+Steps show in them, and the body's sway does not.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +54,10 @@ class Rows:
 
 
 def slowed(normalised: xr.DataArray) -> Rows:
-    """Rows of a normalised signature whose columns are averaged in groups, to no less than 40 a second."""
+    """Average columns of a normalised signature in groups.
+
+    No less than 40 columns a second remain.
+    """
     check_signal(normalised, NORMALISED_SIGNATURE)
     rate_hz = sampling_rate_hz(axis(normalised, "time"))
     group = group_size(rate_hz)
@@ -59,12 +65,15 @@ def slowed(normalised: xr.DataArray) -> Rows:
 
 
 def group_size(rate_hz: float) -> int:
-    """Columns in one group of :func:`slowed`."""
+    """Return the number of columns in one group of :func:`slowed`."""
     return max(1, int(rate_hz / COLUMN_RATE_HZ))
 
 
 def grouped(values: FloatArray, size: int) -> FloatArray:
-    """Sums over groups along the first axis; what is left over at its end is dropped."""
+    """Sum groups along the first axis.
+
+    An incomplete last group is dropped.
+    """
     stop = values.shape[0] // size * size
     total = values[0:stop:size].copy()
     for first in range(1, size):  # strided views added up: faster than a sum over an axis of three
@@ -73,12 +82,14 @@ def grouped(values: FloatArray, size: int) -> FloatArray:
 
 
 def torso_line_hz(rows: Rows) -> FloatArray:
-    """Doppler of the torso in every column: power-squared centroid about the main line, smoothed (E-33 step 4).
+    """Follow the Doppler of the torso (E-33 step 4).
+
+    In every column it is the power-squared centroid about the main line, smoothed.
 
     Parameters
     ----------
     rows : Rows
-        Normalised signature whose main line does not drift.
+        Normalised signature without drift of its main line.
 
     Returns
     -------
@@ -98,21 +109,23 @@ def torso_line_hz(rows: Rows) -> FloatArray:
 
 
 def limb_rows(rows: Rows, noise: FloatArray) -> Rows:
-    """Rows beyond 30 Hz of the torso line, cleaned of noise, in amplitude, detrended; Doppler relative to the torso.
+    """Extract the rows beyond 30 Hz of the torso line.
+
+    They are cleaned of noise, in amplitude, and detrended; Doppler is relative to the torso.
 
     Parameters
     ----------
     rows : Rows
-        Normalised signature whose main line does not drift.
+        Normalised signature without drift of its main line.
     noise : ndarray, shape (J,)
         Standard deviation of the noise in one cell of each column, in the units of ``rows``.
 
     Returns
     -------
     Rows
-        Every column shifted by its torso line; one standard deviation of noise taken off every cell; rows whose mean
-        does not stand 3 standard deviations above what noise leaves are 0; neighbours summed to 16 Hz; square root, so
-        that the weak echoes of fast limbs count beside the strong ones of slow ones.
+        Every column shifted by its torso line; one standard deviation of noise subtracted from every cell; rows whose
+        mean does not stand 3 standard deviations above what noise leaves are 0; neighbours summed to 16 Hz; square
+        root, so that the weak echoes of fast limbs count next to the strong ones of slow ones.
     """
     from doppelgait.core.kernels.features import shift_columns
     from doppelgait.core.kernels.periodicity import limb_amplitudes
@@ -124,7 +137,10 @@ def limb_rows(rows: Rows, noise: FloatArray) -> Rows:
     shift_columns(
         np.ascontiguousarray(rows.values), whole.astype(np.int64) % rows.doppler_hz.size, shift - whole, moved
     )
-    occupied = _occupied(moved, noise, seconds=noise.size / rows.rate_hz)
+    # rows that stand above the noise: as E-38, for cells that were clipped at the floor
+    independent = max(1.0, noise.size / rows.rate_hz / INDEPENDENT_AFTER_S)
+    spread = CLIPPED_SD * float(np.sqrt((noise**2).mean() / independent))
+    occupied = np.asarray(moved.mean(axis=0) - CLIPPED_MEAN * noise.mean() > OCCUPIED_SIGMAS * spread)
     torso = int(TORSO_WIDTH_HZ / bin_hz)
     below = _groups(0, max(zero - torso, 0), bin_hz)
     above = _groups(min(zero + torso + 1, rows.doppler_hz.size), rows.doppler_hz.size, bin_hz)
@@ -136,7 +152,10 @@ def limb_rows(rows: Rows, noise: FloatArray) -> Rows:
 
 
 def _groups(first: int, stop: int, bin_hz: float) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """First row of every group of about 16 Hz and one past its last; what is left over is dropped."""
+    """Return the limits of groups of about 16 Hz.
+
+    First row of every group and one past its last; an incomplete group is dropped.
+    """
     size = min(_group_rows(bin_hz), max(stop - first, 1))
     starts = first + size * np.arange((stop - first) // size)
     return starts, starts + size
@@ -146,23 +165,18 @@ def _group_rows(bin_hz: float) -> int:
     return max(1, round(ROW_WIDTH_HZ / bin_hz))
 
 
-def _occupied(limbs: FloatArray, noise: FloatArray, *, seconds: float) -> npt.NDArray[np.bool_]:
-    """Which rows stand above the noise; as E-38, for rows that were clipped at the floor."""
-    independent = max(1.0, seconds / INDEPENDENT_AFTER_S)
-    excess = limbs.mean(axis=0) - CLIPPED_MEAN * noise.mean()
-    spread = CLIPPED_SD * float(np.sqrt((noise**2).mean() / independent))
-    return np.asarray(excess > OCCUPIED_SIGMAS * spread)
-
-
 def summed_rows(rows: Rows, bin_hz: float) -> Rows:
-    """Neighbouring rows summed, to about 16 Hz each."""
+    """Sum neighbouring rows to about 16 Hz each."""
     size = min(_group_rows(bin_hz), max(rows.values.shape[1], 1))
     values = np.ascontiguousarray(grouped(rows.values.T, size).T)
     return Rows(values, grouped(rows.doppler_hz, size) / size, rows.rate_hz)
 
 
 def detrended(values: FloatArray, rate_hz: float) -> FloatArray:
-    """Rows less their least-squares polynomial of order round(1.2 T_o), 1 to 6 (E-31)."""
+    """Remove every row's least-squares polynomial (E-31).
+
+    The order is round(1.2 T_o), 1 to 6.
+    """
     order = int(np.clip(round(1.2 * values.shape[0] / rate_hz), 1, 6))
     basis = _orthonormal_basis(values.shape[0], order)
     return np.asarray(values - basis @ (basis.T @ values))
@@ -170,7 +184,10 @@ def detrended(values: FloatArray, rate_hz: float) -> FloatArray:
 
 @lru_cache(maxsize=4)
 def _orthonormal_basis(n_columns: int, order: int) -> FloatArray:
-    """Orthonormal polynomials over the observation, shape (J, order + 1), read only."""
+    """Compute orthonormal polynomials over the observation.
+
+    The result has the shape (J, order + 1) and is read only.
+    """
     basis = np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, n_columns), order))[0]
     basis.flags.writeable = False
     return np.asarray(basis, dtype=np.float64)

@@ -1,4 +1,7 @@
-"""What several features need of one target's signature: envelopes, the torso's line, powers about it; made once."""
+"""Intermediate results of one target that several features share.
+
+Envelopes, the torso's line and powers about it are computed once.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +31,7 @@ NEAR_REACH_MPS = 1.6
 TIME_SHARES = (0.05, 0.95)
 CADENCE_HZ = (0.5, 20.0)
 MIN_PERIODS_OF_HALVES = 2.0
-"""From here on the half of f_mu is told apart from the polynomial that has been removed."""
+"""From here on the half of f_mu is distinguished from the polynomial that has been removed."""
 SMOOTHED_OVER_S = 0.04
 """Standard deviation of the Gaussian that smooths the torso's line (E-33)."""
 
@@ -44,7 +47,7 @@ REASONS = {
 
 @dataclass(eq=False)
 class Observed:
-    """What processing found of one target, with intermediate results computed on first use.
+    """Processed signature of one target, with cached intermediate results.
 
     Velocities are radial. "Forward" is the direction in which the target moves along the line of sight, so that an
     approaching and a receding target have the same features.
@@ -87,7 +90,10 @@ class Observed:
     extraction: Extraction = field(default_factory=lambda: Extraction(GaitFeatures(), None, None, None))
 
     def lacks(self, needs: tuple[str, ...]) -> str | None:
-        """Reason why one of these cannot be had, or None; a signal is always needed."""
+        """Return the reason why one of these is missing, or None.
+
+        A signal is always needed.
+        """
         if not self.has_signal:
             return REASONS["signal"]
         for need in needs:
@@ -97,33 +103,33 @@ class Observed:
 
     @cached_property
     def has_signal(self) -> bool:
-        """Whether anything stands above the noise."""
+        """True if anything stands above the noise."""
         return self.extraction.torso_doppler_hz is not None
 
     @cached_property
     def has_gait_frequency(self) -> bool:
-        """Whether f_mu is known."""
+        """True if f_mu is known."""
         return self.extraction.gait_frequency_hz is not None
 
     @cached_property
     def has_direction(self) -> bool:
-        """Whether the target moves towards or away from the radar."""
+        """True if the target moves towards or away from the radar."""
         return self.direction != 0.0
 
     @cached_property
     def has_envelope(self) -> bool:
-        """Whether half of the columns or more have power above the noise."""
+        """True if at least half of the columns stand above noise."""
         return bool(self.seen.mean() >= SEEN_SHARE)
 
     @cached_property
     def has_line(self) -> bool:
-        """Whether the torso can be followed along the main line."""
+        """True if the torso can be followed along the main line."""
         return bool(np.isfinite(self.torso_line_mps).all())
 
-    # .values of an xarray object costs more than many of the sums made of them: asked for once
+    # .values of an xarray object costs more than many of the sums made of them: read once
     @cached_property
     def power_v2(self) -> npt.NDArray[Any]:
-        """The signature, shape (J, K)."""
+        """Signature, shape (J, K)."""
         return np.ascontiguousarray(self.signature.values)
 
     @cached_property
@@ -138,7 +144,10 @@ class Observed:
 
     @cached_property
     def occupied(self) -> npt.NDArray[np.bool_]:
-        """Doppler rows whose mean power stands 3 standard deviations above the noise, K+ (E-38); shape (K,)."""
+        """Doppler rows K+ that stand above the noise (E-38).
+
+        Their mean power is 3 standard deviations above it; shape (K,).
+        """
         spread = self.floor_v2 / np.sqrt(self.signature.attrs["n_gate_bins"] * self.n_independent)
         return np.asarray(self.excess.values.mean(axis=0) > OCCUPIED_SIGMAS * spread)
 
@@ -149,7 +158,7 @@ class Observed:
 
     @cached_property
     def occupied_columns(self) -> FloatArray:
-        """The aligned normalised signature in the rows K+ alone; shape (J, K+)."""
+        """Aligned normalised signature in the rows K+; shape (J, K+)."""
         return np.asarray(np.take(self.aligned.values, self.occupied_rows, axis=1))
 
     @cached_property
@@ -191,7 +200,10 @@ class Observed:
 
     @cached_property
     def edges_mps(self) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper envelope (E-35), NaN in columns without power above the noise; shapes (J,)."""
+        """Lower and upper envelope (E-35) as velocities; shapes (J,).
+
+        NaN in columns without power above the noise.
+        """
         low_hz, high_hz = self.envelopes_hz
         return low_hz * self.mps_per_hz, high_hz * self.mps_per_hz
 
@@ -208,12 +220,18 @@ class Observed:
 
     @cached_property
     def forward_mps(self) -> FloatArray:
-        """How far the leading envelope (E-35) is ahead of the main line, in the seen columns."""
+        """Lead of the leading envelope (E-35) over the main line.
+
+        It covers the columns with power above the noise.
+        """
         return self._reach_mps(self.edges_mps[1 if self.direction >= 0 else 0], 1.0)
 
     @cached_property
     def backward_mps(self) -> FloatArray:
-        """How far the trailing envelope is behind the main line, in the seen columns; positive behind."""
+        """Lag of the trailing envelope behind the main line.
+
+        It covers the columns with power above the noise and is positive behind.
+        """
         return self._reach_mps(self.edges_mps[0 if self.direction >= 0 else 1], -1.0)
 
     def _reach_mps(self, edge: FloatArray, side: float) -> FloatArray:
@@ -232,14 +250,19 @@ class Observed:
 
     @cached_property
     def range_weight(self) -> FloatArray:
-        """Fourth power of the gate's range over its mean: undoes the radar equation (E-28); shape (J,)."""
+        """Factor that removes the radar equation (E-28); shape (J,).
+
+        It is the fourth power of the gate's range over its mean.
+        """
         centre_m = axis(self.signature, "centre_range")
         return np.asarray((centre_m / centre_m.mean()) ** 4)
 
     @cached_property
     def about_line(self) -> FloatArray:
-        """Of every column: power within 0.4 and 1.6 m/s of the main line, V^2, and sum and moment of the squared power
-        within 0.8 m/s of it, V^4 and V^4 bins (:func:`doppelgait.core.kernels.columns.sums_about_line`); (4, J).
+        """Sums of power about the main line, shape (4, J).
+
+        Of every column: power within 0.4 and 1.6 m/s of the main line, V^2, and sum and moment of the squared power
+        within 0.8 m/s of it, V^4 and V^4 bins (:func:`doppelgait.core.kernels.columns.sums_about_line`).
         """
         from doppelgait.core.kernels.columns import sums_about_line
 
@@ -251,24 +274,35 @@ class Observed:
 
     @cached_property
     def torso_power_v2(self) -> FloatArray:
-        """Power above the noise within 0.4 m/s of the main line, cells at the edge in part, range taken out; (J,)."""
+        """Power above the noise within 0.4 m/s of the main line.
+
+        Cells at the edge count in part, range is removed; shape (J,).
+        """
         return np.asarray(self.about_line[0] * self.range_weight)
 
     @cached_property
     def near_power_v2(self) -> FloatArray:
-        """The same within 1.6 m/s; shape (J,)."""
+        """Power above the noise within 1.6 m/s; shape (J,).
+
+        The rest is as for :attr:`torso_power_v2`.
+        """
         return np.asarray(self.about_line[1] * self.range_weight)
 
     @cached_property
     def total_power_v2(self) -> FloatArray:
-        """Power above the noise of all rows, range taken out; shape (J,)."""
+        """Power above the noise of all rows; shape (J,).
+
+        Range is removed.
+        """
         excess = self.power_v2.sum(axis=1, dtype=np.float64)
         excess -= self.floor_v2 * self.velocity_mps.size
         return np.asarray(excess * self.range_weight)
 
     @cached_property
     def torso_line_mps(self) -> FloatArray:
-        """Velocity of the torso relative to the main line: centroid of the squared power near it, smoothed (E-33).
+        """Velocity of the torso relative to the main line (E-33).
+
+        It is the smoothed centroid of the squared power near that line.
 
         Shape (J,); columns without power are filled from their neighbours, NaN where half of them have none.
         """
@@ -286,14 +320,20 @@ class Observed:
 
     @cached_property
     def torso_ripple_mps(self) -> FloatArray:
-        """The torso's line without its slow part: a polynomial of the order that E-29 allows; shape (J,)."""
+        """Torso's line without its slow part; shape (J,).
+
+        The slow part is a polynomial of the order that E-29 allows.
+        """
         line = self.torso_line_mps
         basis = slow_basis(line.size, 1 if self.observation_s < 1.3 else self._slow_order)
         return np.asarray(line - basis @ (basis.T @ line))
 
     @cached_property
     def ripple_parts(self) -> tuple[list[int], FloatArray]:
-        """Orders of f_mu / 2 that were fitted to the torso's swing, and their cosine and sine, shape (2, orders)."""
+        """Orders of f_mu / 2 in the torso's swing, with amplitudes.
+
+        Cosine and sine have the shape (2, orders).
+        """
         ripple = self.torso_ripple_mps
         phase = np.exp(1j * np.pi * self.frequency_hz / self.rate_hz * np.arange(ripple.size))
         halves = self.frequency_hz * self.observation_s >= MIN_PERIODS_OF_HALVES
@@ -316,7 +356,10 @@ class Observed:
 
     @cached_property
     def between_harmonics(self) -> float:
-        """Median of S between the first four harmonics of f_mu, 0 where there is nothing between them (E-38)."""
+        """Median of S between the first four harmonics (E-38).
+
+        It is 0 where there is nothing between them.
+        """
         cadence_hz, power = self.cadence
         off = np.abs(np.mod(cadence_hz / self.frequency_hz, 1.0) - 0.5) <= 0.2
         found = power[off & (cadence_hz > self.frequency_hz) & (cadence_hz < 4.0 * self.frequency_hz)]
@@ -324,7 +367,10 @@ class Observed:
 
 
 def limits(values: FloatArray) -> tuple[float, float]:
-    """5th and 95th percentile, interpolated as np.percentile does at three times the cost."""
+    """Compute the 5th and 95th percentile.
+
+    They are interpolated as by np.percentile, which costs three times as much.
+    """
     ordered = np.sort(values)
     low, high = np.interp(np.array(TIME_SHARES) * (ordered.size - 1), np.arange(ordered.size), ordered)
     return float(low), float(high)
@@ -332,7 +378,10 @@ def limits(values: FloatArray) -> tuple[float, float]:
 
 @lru_cache(maxsize=8)
 def slow_basis(n_columns: int, order: int) -> FloatArray:
-    """Orthonormal polynomials over the observation, shape (J, order + 1); read only."""
+    """Compute orthonormal polynomials over the observation.
+
+    The result has the shape (J, order + 1) and is read only.
+    """
     positions = np.linspace(-1.0, 1.0, n_columns)
     basis = np.asarray(np.linalg.qr(np.polynomial.legendre.legvander(positions, order))[0], dtype=np.float64)
     basis.flags.writeable = False
@@ -340,7 +389,9 @@ def slow_basis(n_columns: int, order: int) -> FloatArray:
 
 
 def likeness_at(rows: FloatArray, lag: float) -> float | None:
-    """Normalised square-difference autocorrelation at a lag that need not be whole (E-33), None beyond the record.
+    """Compute the normalised autocorrelation at a fractional lag (E-33).
+
+    It is the square-difference form; None beyond the record.
 
     Parameters
     ----------

@@ -1,9 +1,9 @@
-"""How far each feature may be off: standard deviations from the scatter between gait periods.
+"""Standard deviations of features from the scatter between gait periods.
 
 The record is cut into blocks of one gait period. What repeats in every period cancels; what is left (noise, uneven
 strides, glints) differs from block to block, and that scatter gives the error of a mean over the blocks. Only the
 constants below were set by simulation (``studies/feature_quality.py``: walking and running people, dogs in seven gaits,
-SNR 5 to 30 dB, 2 to 6 s, within 30 degrees of the line of sight), on other movers than those of its table.
+SNR 5 to 30 dB, 2 to 6 s, within 30 degrees of the line of sight), on other targets than those of its table.
 
 The figures hold where the gait frequency is the right one and not its half or double. They say how much a value would
 scatter from one record to the next; they do not contain what noise hides from every record alike, such as feet too weak
@@ -30,7 +30,7 @@ VELOCITY_FACTOR = 1.5
 VELOCITY_LEAST_MPS, VELOCITY_RIPPLE_SHARE = 0.01, 0.05
 FREQUENCY_LEAST_SHARE = 0.003
 RATIO_END_SHARE = 0.1
-"""What an unfinished period at the ends may do to rho, of the share that it has in the record."""
+"""Effect of an unfinished period at the ends on rho, of its share in the record."""
 HARMONIC_FACTOR = 2.0
 MIN_BLOCKS = 3
 GROUPS = 8
@@ -48,7 +48,9 @@ UNCERTAIN_SHARE = {
 
 
 def uncertainties_of(observed: Observed) -> dict[str, float | None]:
-    """Standard deviation of the six features and of the gait frequency, each in the unit of its value.
+    """Estimate standard deviations of the features and gait frequency.
+
+    Each has the unit of its value.
 
     Parameters
     ----------
@@ -69,11 +71,14 @@ def uncertainties_of(observed: Observed) -> dict[str, float | None]:
         return found
     if features.doppler_bandwidth_hz is not None:
         found["doppler_bandwidth_hz"] = bandwidth_sd_hz(observed)
-    periods = _periods(observed)
+    periods = _measure_periods(observed)
     if periods is None:
         return found
-    found["gait_frequency_hz"] = frequency_sd_hz(periods)
-    found["step_length_m"] = _step_length_sd_m(extraction, found)
+    found["gait_frequency_hz"] = frequency_sd = frequency_sd_hz(periods)
+    length_m, velocity_sd = features.step_length_m, found["torso_velocity_mps"]
+    if length_m is not None and extraction.gait_frequency_hz is not None and velocity_sd is not None:
+        # L_m = v_m / f_mu: relative variances add (E-36)
+        found["step_length_m"] = math.hypot(velocity_sd, length_m * frequency_sd) / extraction.gait_frequency_hz
     if features.limb_torso_ratio is not None:
         found["limb_torso_ratio"] = ratio_sd(periods)
     if features.harmonic_ratio_2 is not None:
@@ -82,7 +87,9 @@ def uncertainties_of(observed: Observed) -> dict[str, float | None]:
 
 
 def uncertainty_flags(extraction: Extraction, sd: dict[str, float | None]) -> tuple[str, ...]:
-    """Flags for features that are known only roughly: a standard deviation above a share of the value.
+    """Flag features with a large standard deviation.
+
+    A feature is flagged above a share of its value.
 
     5 % for the gait frequency, 10 % for the step length, 20 % for velocity, bandwidth and limb-torso ratio.
     """
@@ -96,7 +103,10 @@ def uncertainty_flags(extraction: Extraction, sd: dict[str, float | None]) -> tu
 
 
 def _edges(observed: Observed, seconds: float) -> npt.NDArray[np.int64]:
-    """Ends of whole blocks of this length, in the middle of the record; columns."""
+    """Compute ends of whole blocks, centred in the record.
+
+    They are counted in columns.
+    """
     n_columns = observed.power_v2.shape[0]
     length = seconds * observed.rate_hz
     count = int(n_columns / length + 1e-9)
@@ -105,13 +115,20 @@ def _edges(observed: Observed, seconds: float) -> npt.NDArray[np.int64]:
 
 
 def velocity_sd_mps(observed: Observed) -> float | None:
-    """Standard deviation of v_m: that of a robust mean of dependent columns (E-34).
+    """Estimate the standard deviation of v_m (E-34).
+
+    It is that of a robust mean of dependent columns.
 
     The line is an M-estimate with Cauchy weights, tapered in time. Its variance is the sum over blocks of the squared
     sum of the influence in a block, over the squared sum of the influence's slope: independent blocks, any dependence
     within them (the sandwich form, Huber 1967, for clusters). A share of the torso's own swing and 1 cm/s are added.
     """
-    residual = _peaks_mps(observed) - observed.line_mps
+    from doppelgait.core.kernels.columns import peak_offsets
+
+    values = observed.power_v2
+    best, offset = values.argmax(axis=1), np.empty(values.shape[0])
+    peak_offsets(values, best, offset)  # the strongest cell of every column, refined by a parabola in dB
+    residual = observed.velocity_mps[best] + offset * observed.bin_mps - observed.line_mps
     scale = max(1.4826 * quantile(np.abs(residual), 0.5), observed.bin_mps / 4.0)
     square = (residual / (CAUCHY_TUNING * scale)) ** 2
     taper = 1.0 - np.linspace(-1.0, 1.0, residual.size) ** 2 + 1e-3
@@ -129,18 +146,11 @@ def velocity_sd_mps(observed: Observed) -> float | None:
     return math.hypot(VELOCITY_FACTOR * sandwich_mps, VELOCITY_RIPPLE_SHARE * ripple_mps, VELOCITY_LEAST_MPS)
 
 
-def _peaks_mps(observed: Observed) -> FloatArray:
-    """Velocity of the strongest cell of every column, refined by a parabola in dB; shape (J,)."""
-    from doppelgait.core.kernels.columns import peak_offsets
-
-    values = observed.power_v2
-    best, offset = values.argmax(axis=1), np.empty(values.shape[0])
-    peak_offsets(values, best, offset)
-    return np.asarray(observed.velocity_mps[best] + offset * observed.bin_mps)
-
-
 def bandwidth_sd_hz(observed: Observed) -> float | None:
-    """Standard deviation of B_mu: jackknife over groups of periods (E-35), and the rounding to Doppler bins."""
+    """Estimate the standard deviation of B_mu (E-35).
+
+    It is a jackknife over groups of periods, plus the rounding to Doppler bins.
+    """
     edges = _edges(observed, 1.0 / observed.frequency_hz)
     if edges.size - 1 < MIN_BLOCKS or observed.seen.mean() < SEEN_SHARE:
         return None
@@ -148,13 +158,13 @@ def bandwidth_sd_hz(observed: Observed) -> float | None:
     block = np.searchsorted(edges, np.flatnonzero(observed.seen), side="right") - 1
     group = np.where((block >= 0) & (block < edges.size - 1), block * n_groups // (edges.size - 1), -1)
     low, high = (edge[observed.seen] for edge in observed.edges_mps)
-    without = _left_out(high, group, n_groups, TIME_SHARES[1]) - _left_out(low, group, n_groups, TIME_SHARES[0])
+    without = _leave_out(high, group, n_groups, TIME_SHARES[1]) - _leave_out(low, group, n_groups, TIME_SHARES[0])
     scatter_mps = math.sqrt((n_groups - 1) / n_groups * float(((without - without.mean()) ** 2).sum()))
     return math.hypot(scatter_mps, observed.bin_mps / math.sqrt(6.0)) / observed.mps_per_hz
 
 
-def _left_out(values: FloatArray, group: npt.NDArray[np.int64], n_groups: int, share: float) -> FloatArray:
-    """Quantile of the values without one group, for each group; shape (n_groups,)."""
+def _leave_out(values: FloatArray, group: npt.NDArray[np.int64], n_groups: int, share: float) -> FloatArray:
+    """Compute quantiles without each group in turn; shape (n_groups,)."""
     from doppelgait.core.kernels.periodicity import quantiles_without
 
     order, quantiles = np.argsort(values), np.empty(n_groups)
@@ -165,7 +175,7 @@ def _left_out(values: FloatArray, group: npt.NDArray[np.int64], n_groups: int, s
 
 @dataclass(frozen=True)
 class Periods:
-    """Fourier coefficients of every gait period by itself.
+    """Fourier coefficients of every single gait period.
 
     Parameters
     ----------
@@ -184,7 +194,7 @@ class Periods:
     frequency_hz: float
 
 
-def _periods(observed: Observed) -> Periods | None:
+def _measure_periods(observed: Observed) -> Periods | None:
     from doppelgait.core.kernels.periodicity import period_harmonics
 
     frequency_hz, rate_hz = observed.frequency_hz, observed.rate_hz
@@ -200,14 +210,19 @@ def _periods(observed: Observed) -> Periods | None:
 
 
 def _phase_parts(periods: Periods) -> tuple[FloatArray, FloatArray]:
-    """Imaginary part of every harmonic against its mean over the periods, and the real part's mean; (B, 3), (3,)."""
+    """Compute harmonics of each period relative to their mean.
+
+    Imaginary part of every harmonic against its mean over the periods, and the real part's mean; (B, 3), (3,).
+    """
     mean = periods.harmonics.mean(axis=0)
     against = np.einsum("bhk,hk->bh", periods.harmonics, mean.conj())
     return against.imag, against.real.mean(axis=0)
 
 
 def frequency_sd_hz(periods: Periods) -> float:
-    """Standard deviation of f_mu from how unevenly the periods follow each other.
+    """Estimate the standard deviation of f_mu from period to period.
+
+    It follows from how unevenly the periods follow each other.
 
     Every period is early or late by a phase, the least-squares shift of its first three harmonics against their mean.
     The increments of that phase from period to period, independent of each other, add up to the error of a frequency
@@ -221,7 +236,9 @@ def frequency_sd_hz(periods: Periods) -> float:
 
 
 def ratio_sd(periods: Periods) -> float:
-    """Standard deviation of rho: scatter of the ratio of single periods, over the root of their number (E-38).
+    """Estimate the standard deviation of rho (E-38).
+
+    It is the scatter of the ratio of single periods, over the root of their number.
 
     What an unfinished period at the ends may change is added: a tenth of the ratio over the number of periods.
     """
@@ -232,7 +249,10 @@ def ratio_sd(periods: Periods) -> float:
 
 
 def harmonic_ratio_sd(periods: Periods, harmonic: int) -> float:
-    """Standard deviation of beta: how well the phases of a harmonic and of f_mu lie on straight lines (E-37)."""
+    """Estimate the standard deviation of beta (E-37).
+
+    It follows from how well the phases of a harmonic and of f_mu lie on straight lines.
+    """
     imaginary, real = _phase_parts(periods)
     time_s = periods.centre_s - periods.centre_s.mean()
     spread = 0.0
@@ -242,12 +262,3 @@ def harmonic_ratio_sd(periods: Periods, harmonic: int) -> float:
         residual = phase_rad - phase_rad.mean() - slope * time_s
         spread += float(residual @ residual) / (time_s.size - 2) / float(time_s @ time_s)
     return HARMONIC_FACTOR * harmonic * math.sqrt(spread) / (2.0 * math.pi * periods.frequency_hz)
-
-
-def _step_length_sd_m(extraction: Extraction, sd: dict[str, float | None]) -> float | None:
-    """From L_m = v_m / f_mu: relative variances add (E-36)."""
-    length_m, frequency_hz = extraction.features.step_length_m, extraction.gait_frequency_hz
-    velocity_sd, frequency_sd = sd["torso_velocity_mps"], sd["gait_frequency_hz"]
-    if length_m is None or frequency_hz is None or velocity_sd is None or frequency_sd is None:
-        return None
-    return math.hypot(velocity_sd, length_m * frequency_sd) / frequency_hz

@@ -1,4 +1,4 @@
-"""Which axis of a recording points up, and the rotation that makes it z."""
+"""Find the upward axis of a recording and rotate it to z."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _WORDS = {"mill": "mm", "cent": "cm", "mete": "m", "metr": "m", "inch": "in", "f
 
 
 def metres_per_unit(name: str, *, where: str) -> float:
-    """Factor from a named length unit to metres.
+    """Return the factor from a named length unit to metres.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def turn_z_up(position: FloatArray, up_axis: str) -> FloatArray:
 
 
 def find_up_axis(position: FloatArray, parts: Sequence[str], *, declared: str = "") -> dict[str, Any]:
-    """Upward direction of a recording of a standing, walking or running body.
+    """Find the upward axis of a standing, walking or running body.
 
     Known feet, torso and head decide. Else it is the axis letter that the file declares, unless the body is more than
     twice as long along a steadier axis; else the longer of the two axes along which the body travels least. The sign
@@ -97,7 +97,15 @@ def find_up_axis(position: FloatArray, parts: Sequence[str], *, declared: str = 
         ``up_axis`` (one of :data:`AXES`) and ``up_axis_from`` ("body parts", "file", "motion" or "assumed").
     """
     typical = _nanmedian(position, axis=0)
-    lift = _lift(typical, parts)
+    # from the feet to head and torso; the mean of all points replaces the one that is unknown
+    feet = [i for i, part in enumerate(parts) if part in FOOT_PARTS]
+    body = [i for i, part in enumerate(parts) if part in ("head", "torso", "trunk")]
+    head = [i for i, part in enumerate(parts) if part == "head"]
+    lift = np.zeros(3)
+    if feet or head:
+        upper = typical[body if feet and body else head] if (feet and body) or head else typical
+        lower = typical[feet] if feet else typical
+        lift = np.nan_to_num(_nanmedian(upper, axis=0) - _nanmedian(lower, axis=0))
     order = np.argsort(-np.abs(lift))
     if abs(lift[order[0]]) > 1.5 * abs(lift[order[1]]):
         return {"up_axis": _name(int(order[0]), lift[order[0]]), "up_axis_from": "body parts"}
@@ -118,18 +126,6 @@ def find_up_axis(position: FloatArray, parts: Sequence[str], *, declared: str = 
     return {"up_axis": _name(axis, _height_sign(position, typical, axis)), "up_axis_from": "motion"}
 
 
-def _lift(typical: FloatArray, parts: Sequence[str]) -> FloatArray:
-    """Vector from the feet to head and torso; the mean of all points stands in for the one that is unknown."""
-    feet = [i for i, part in enumerate(parts) if part in FOOT_PARTS]
-    body = [i for i, part in enumerate(parts) if part in ("head", "torso", "trunk")]
-    head = [i for i, part in enumerate(parts) if part == "head"]
-    if not feet and not head:
-        return np.zeros(3)
-    upper = typical[body if feet and body else head] if (feet and body) or head else typical
-    lower = typical[feet] if feet else typical
-    return np.asarray(np.nan_to_num(_nanmedian(upper, axis=0) - _nanmedian(lower, axis=0)))
-
-
 def _name(axis: int, sign: float) -> str:
     return ("" if sign >= 0 else "-") + "xyz"[axis]
 
@@ -142,7 +138,9 @@ def _nanmedian(values: FloatArray, axis: int) -> FloatArray:
 
 
 def body_extent(position: FloatArray) -> FloatArray:
-    """Typical extent of the body along each axis: median over time of highest minus lowest point, shape (3,).
+    """Return the typical extent of the body along each axis.
+
+    It is the median over time of highest minus lowest point, shape (3,).
 
     Parameters
     ----------
@@ -155,7 +153,7 @@ def body_extent(position: FloatArray) -> FloatArray:
 
 
 def _height_sign(position: FloatArray, typical: FloatArray, axis: int) -> float:
-    """+1 if the axis points up, -1 if down, +1 if it cannot be told.
+    """Return +1 for an upward axis, -1 for downward; +1 if unknown.
 
     The floor of nearly every laboratory is at 0. Where it is not, the points that come to rest at times are feet.
     """

@@ -1,4 +1,4 @@
-"""Clean a recording: gaps, spikes and jitter go, and so do points that are no part of the body."""
+"""Clean a recording: fill gaps, remove spikes, noise and foreign points."""
 
 from __future__ import annotations
 
@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.errors import MotionError
+from doppelgait.core.errors import MotionError, warn_caller
 from doppelgait.motion.motion import Motion, make_motion
-from doppelgait.motion.skeleton import DOG_PARTS, FOOT_PARTS, HUMAN_PARTS
+from doppelgait.motion.skeleton import BODY_CENTRE_PARTS, DOG_PARTS, FOOT_PARTS, HUMAN_PARTS
+from doppelgait.motion.stature import measure_height
 from doppelgait.motion.suspects import find_jumps, repair_swaps, useless_points
+from doppelgait.motion.treadmill import belt_note, belt_velocity_mps
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -24,7 +26,9 @@ SPIKE_ACCELERATION_MPS2 = 400.0
 
 
 def remove_spikes(position: FloatArray, *, rate_hz: float) -> int:
-    """Turn single frames and pairs of frames that jump away from a point's path into gaps, in place.
+    """Replace short jumps away from a point's path by gaps, in place.
+
+    A jump is one frame or two.
 
     Parameters
     ----------
@@ -51,7 +55,9 @@ def remove_spikes(position: FloatArray, *, rate_hz: float) -> int:
 
 
 def fill_linear(position: FloatArray) -> FloatArray:
-    """Every gap bridged by a straight line, the ends by the nearest value; points never seen stay NaN.
+    """Fill every gap by a straight line.
+
+    The ends get the nearest value; points never seen stay NaN.
 
     Parameters
     ----------
@@ -69,7 +75,7 @@ def fill_linear(position: FloatArray) -> FloatArray:
 
 
 def fill_gaps(position: FloatArray, *, gap_limit: int) -> tuple[FloatArray, dict[str, Any]]:
-    """Gaps inside a point's path filled by a cubic spline through its samples.
+    """Fill gaps inside a point's path by a cubic spline.
 
     Parameters
     ----------
@@ -106,7 +112,7 @@ def fill_gaps(position: FloatArray, *, gap_limit: int) -> tuple[FloatArray, dict
 
 
 def runs(mask: BoolArray) -> list[tuple[int, int]]:
-    """First and past-the-last index of every run of true values."""
+    """Return start and stop index of every run of true values."""
     edges = np.flatnonzero(np.diff(np.r_[False, mask, False].astype(np.int8)))
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
@@ -120,12 +126,17 @@ noise: that keeps it from growing."""
 
 
 def can_lowpass(rate_hz: float, cutoff_hz: float | None) -> bool:
-    """Whether a recording has three frames per period of the cutoff, enough for the filter; None is no filter."""
+    """Return whether the frame rate suits the low-pass.
+
+    The filter needs three frames per period of the cutoff; None is no filter.
+    """
     return cutoff_hz is not None and rate_hz >= MIN_RATE_PER_CUTOFF * cutoff_hz
 
 
 def lowpass(position: FloatArray, *, rate_hz: float, cutoff_hz: float | None) -> FloatArray:
-    """Zero-phase low-pass: a fourth-order Butterworth, forwards and backwards, half power at the cutoff (E-02).
+    """Low-pass positions with zero phase (E-02).
+
+    The filter is a fourth-order Butterworth, forwards and backwards, with half power at the cutoff.
 
     Before filtering, the ends are continued by linear prediction. The usual point reflection alone bends the path at
     the ends and spoils the velocity there by a tenth of its peak.
@@ -157,7 +168,7 @@ def lowpass(position: FloatArray, *, rate_hz: float, cutoff_hz: float | None) ->
 
 
 def _continue(recent: FloatArray, n_frames: int, memory: int) -> FloatArray:
-    """Next ``n_frames`` of each column: its straight trend plus the linear prediction of what remains.
+    """Continue each column by linear prediction about its straight trend.
 
     A jump among the recent frames can make the prediction grow: where it leaves the span of what it was made from, the
     column is continued by point reflection instead.
@@ -196,11 +207,13 @@ def clean_motion(
     floor: bool = True,
     min_duration_s: float = MIN_DURATION_S,
 ) -> Motion:
-    """Prepare a recording for the radar: no gaps, only points of the body, smooth, floor at z = 0.
+    """Prepare a recording for the radar: smooth, complete, on the floor.
+
+    Only points of the body remain; the floor is at z = 0.
 
     Points that exchanged their names get them back; spikes become gaps; longer jumps are only reported; points that
     never show, stand still while the body walks away, double another point, live short without a name or lie far off
-    are dropped; gaps are filled by a cubic spline; the stretch and the points that together give the most complete data
+    are dropped; gaps are filled by a cubic spline; the segment and the points that together give the most complete data
     are kept; positions are low-passed (E-02) and put on the floor (E-01).
 
     Parameters
@@ -215,14 +228,15 @@ def clean_motion(
     floor : bool
         Shift z so that the floor is at 0.
     min_duration_s : float
-        Shortest stretch that is accepted, in s.
+        Shortest segment that is accepted, in s.
 
     Returns
     -------
     Motion
         Motion without NaN; what was done is in ``report``: ``swaps_repaired``, ``spikes_removed``, ``jumps``
         (frames of the recording), ``gaps_filled``, ``dropped`` (reason: names), ``parts`` (how many of the points have
-        a known body part; without all of them the radar cross section is split equally) and more.
+        a known body part; without a trunk among them the radar cross section is split equally), ``unknown_parts``
+        (names of the others) and more.
 
     Raises
     ------
@@ -249,7 +263,7 @@ def clean_motion(
     dropped = useless_points(position, names, parts) | _unmoved_points(position)
     kept = np.array([i for i in range(len(names)) if i not in dropped], dtype=int)
     filled, fill_facts = fill_gaps(position[:, kept], gap_limit=round(gap_limit_s * rate))
-    first, stop, complete = _best_stretch(np.asarray(np.isfinite(filled).all(axis=2)), [names[i] for i in kept])
+    first, stop, complete = _best_segment(np.asarray(np.isfinite(filled).all(axis=2)), [names[i] for i in kept])
     dropped |= {int(i): f"not seen throughout (gaps up to {gap_limit_s:g} s are filled)" for i in kept[~complete]}
     kept, filled = kept[complete], filled[first:stop, complete]
     duration_s = (stop - first) / rate
@@ -267,50 +281,96 @@ def clean_motion(
     kept_names, kept_parts = [names[i] for i in kept], [parts[i] for i in kept]
     floor_m = floor_height(smooth, kept_parts) if floor else 0.0
     smooth = smooth - np.array([0.0, 0.0, floor_m])
+    facts, size_note = motion.facts, ""
+    if not math.isfinite(facts.height_m):
+        height_m, size_note = measure_height(smooth, kept_names, kept_parts)
+        facts = replace(facts, height_m=height_m)
+    belt = belt_velocity_mps(smooth, kept_parts, rate_hz=rate)
+    sides = _side_notes(smooth, kept_parts, rate_hz=rate, belt_mps=belt)
+    for note in (note for note in sides if note.endswith(EXCHANGED)):
+        warn_caller(f"{where}: {note}; the gait measured from them is that of the exchanged names.")
+    notes = [*sides, *([] if belt is None else [belt_note(belt)]), *([size_note] if size_note else [])]
     report = {
         **motion.report,
         **fill_facts,
         "swaps_repaired": swaps,
         "spikes_removed": spikes,
         "jumps": [jump for jump in jumps if jump["point"] in kept_names],
-        "notes": [*motion.report.get("notes", []), *_side_notes(smooth, kept_parts)],
+        "notes": [*motion.report.get("notes", []), *notes],
         "dropped": dropped_names,
         "points_kept": len(kept),
         "parts": known_parts(kept_parts),
+        "unknown_parts": [name for name, part in zip(kept_names, kept_parts, strict=True) if not part],
         "kept_from_s": first / rate,
         "kept_to_s": (stop - 1) / rate,
         "lowpass_hz": lowpass_hz if can_lowpass(rate, lowpass_hz) else None,
         "floor_shift_m": -floor_m,
     }
-    facts = motion.facts
-    height_m = facts.height_m if math.isfinite(facts.height_m) else stature(smooth, kept_parts)
-    facts = replace(facts, height_m=height_m, file_time_s=facts.file_time_s + first / rate)
+    facts = replace(facts, file_time_s=facts.file_time_s + first / rate)
     return make_motion(smooth, rate_hz=rate, markers=kept_names, parts=kept_parts, facts=facts, report=report)
 
 
 def known_parts(parts: Sequence[str]) -> str:
-    """Say "known", "k of n known" or "unknown: equal split": for how many points the body part is known."""
+    """Describe how many points have a known body part.
+
+    The text is "known", "k of n known" (with ": equal split" where no trunk is) or "unknown: equal split".
+    """
     known = sum(part in HUMAN_PARTS or part in DOG_PARTS for part in parts)
     if known == 0:
         return "unknown: equal split"
-    return "known" if known == len(parts) else f"{known} of {len(parts)} known"
+    if known == len(parts):
+        return "known"
+    split = "" if any(part in BODY_CENTRE_PARTS for part in parts) else ": equal split"
+    return f"{known} of {len(parts)} known{split}"
 
 
-def _side_notes(position: FloatArray, parts: Sequence[str]) -> list[str]:
-    """A note where the left parts go to the right of the right ones, seen along the way gone."""
-    left = [i for i, part in enumerate(parts) if part.startswith("left_")]
-    right = [i for i, part in enumerate(parts) if part.startswith("right_")]
-    way = position[-1, :, :2].mean(axis=0) - position[0, :, :2].mean(axis=0)
-    if not left or not right or float(np.hypot(*way)) < MOVING_BODY_M:
+EXCHANGED = "their names are exchanged"
+HEADING_S = 0.25
+"""The direction of the path at a frame is that from so long before it to so long after it."""
+SLOWEST_MPS = 0.2
+WRONG_SIDE = 0.25
+"""A pair of parts is exchanged if it is apart the wrong way by more than this part of the widest pair."""
+
+
+def _side_notes(
+    position: FloatArray, parts: Sequence[str], *, rate_hz: float, belt_mps: FloatArray | None = None
+) -> list[str]:
+    """Return a note if left parts lie on the right side.
+
+    Sides are seen along the path, at every frame in which the body moves (on a treadmill, over the belt): a turn or a
+    circle changes nothing.
+    """
+    pairs = {
+        part.removeprefix("left_"): [[i for i, one in enumerate(parts) if one == name] for name in (part, other)]
+        for part in dict.fromkeys(parts)
+        if part.startswith("left_") and (other := part.replace("left_", "right_", 1)) in parts
+    }
+    half = max(1, round(HEADING_S * rate_hz))
+    path = position[:, :, :2].mean(axis=1)
+    if not pairs or len(path) <= 2 * half:
         return []
-    apart = (position[:, left, :2].mean(axis=1) - position[:, right, :2].mean(axis=1)).mean(axis=0)
-    if way[0] * apart[1] - way[1] * apart[0] >= 0.0:
+    velocity = (path[2 * half :] - path[: -2 * half]) * rate_hz / (2 * half)
+    if belt_mps is not None:
+        velocity = velocity - belt_mps
+    speed = np.linalg.norm(velocity, axis=1)
+    moves = speed > SLOWEST_MPS
+    if float(speed[moves].sum()) / rate_hz < MOVING_BODY_M:
         return []
-    return ["left parts are on the right side of the way gone: walked backwards, mirrored axes or exchanged names"]
+    to_left = np.stack([-velocity[:, 1], velocity[:, 0]], axis=1)[moves] / speed[moves, np.newaxis]
+    inner = position[half:-half][moves]
+    apart_m = {}
+    for name, (left, right) in pairs.items():
+        offset = inner[:, left, :2].mean(axis=1) - inner[:, right, :2].mean(axis=1)
+        apart_m[name] = float(np.median(np.einsum("tk,tk->t", offset, to_left)))
+    usual = float(np.mean(list(apart_m.values())))
+    if usual < 0.0:
+        return ["left parts are on the right side of the path: walked backwards, mirrored axes or exchanged names"]
+    wrong = [name for name, apart in apart_m.items() if apart < -WRONG_SIDE * max(apart_m.values())]
+    return [f"left_{name} and right_{name} are on each other's side: {EXCHANGED}" for name in wrong]
 
 
 def _unmoved_points(position: FloatArray) -> dict[int, str]:
-    """Points never seen, and points that stand still while the body moves away from them."""
+    """Find points never seen, and points the body moves away from."""
     seen = np.isfinite(position).all(axis=2)
     reasons = {int(i): "never seen" for i in np.flatnonzero(~seen.any(axis=0))}
     still = stationary_points(position)
@@ -322,7 +382,9 @@ def _unmoved_points(position: FloatArray) -> dict[int, str]:
 
 
 def stationary_points(position: FloatArray, *, limit_m: float = STATIONARY_M) -> BoolArray:
-    """Points whose total excursion (diagonal of the box that holds them) stays below a limit, shape (P,).
+    """Find the points that hardly move, shape (P,).
+
+    Their total excursion, the diagonal of the box that holds them, stays below a limit.
 
     Parameters
     ----------
@@ -339,7 +401,9 @@ def stationary_points(position: FloatArray, *, limit_m: float = STATIONARY_M) ->
 
 
 def body_centre(position: FloatArray) -> FloatArray:
-    """Mean of the points that move and are seen in at least 40 % of the frames, gaps filled linearly, shape (T, 3).
+    """Return the path of the body centre, shape (T, 3).
+
+    It is the mean of the points that move and are seen in at least 40 % of the frames, with gaps filled linearly.
 
     Parameters
     ----------
@@ -358,11 +422,13 @@ def body_centre(position: FloatArray) -> FloatArray:
     return np.asarray(fill_linear(position[:, chosen]).mean(axis=1))
 
 
-def _best_stretch(seen: BoolArray, names: Sequence[str]) -> tuple[int, int, BoolArray]:
-    """Stretch without gaps and its points, for the largest number of samples: frames times points.
+def _best_segment(seen: BoolArray, names: Sequence[str]) -> tuple[int, int, BoolArray]:
+    """Find the gap-free segment and points with most samples.
+
+    Samples are frames times points.
 
     Points are given up one by one, the one seen least first (by name where two are seen as often); what is complete in
-    the stretch stays all the same.
+    the segment stays anyway.
     """
     best, score = (0, 0), -1
     order = np.lexsort((np.array(names, dtype=str), seen.sum(axis=0)))
@@ -378,7 +444,9 @@ def _best_stretch(seen: BoolArray, names: Sequence[str]) -> tuple[int, int, Bool
 
 
 def floor_height(position: FloatArray, parts: Sequence[str]) -> float:
-    """Height of the floor in m: 1st percentile of the feet's z (E-01), or of the three lowest points' z.
+    """Return the height of the floor in m (E-01).
+
+    It is the 1st percentile of the feet's z, or of the z of the three lowest points.
 
     A body whose parts are known but whose feet were not recorded stays where it is, unless it reaches below z = 0.
 
@@ -393,20 +461,3 @@ def floor_height(position: FloatArray, parts: Sequence[str]) -> float:
     lowest = feet or list(np.argsort(position[:, :, 2].min(axis=0))[:3])
     height = float(np.percentile(position[:, lowest, 2], 1))
     return min(height, 0.0) if any(parts) and not feet else height
-
-
-def stature(position: FloatArray, parts: Sequence[str]) -> float:
-    """Height of a body in m above z = 0: median over time of the highest point of the head, or of all points.
-
-    An animal is as high as its withers: there the highest point of the trunk counts, which is near them.
-
-    Parameters
-    ----------
-    position : ndarray, shape (T, P, 3)
-        In m, floor at z = 0, no NaN.
-    parts : sequence of str, length P
-        Body part of each point.
-    """
-    top = "trunk" if "trunk" in parts else "head"
-    highest = [i for i, part in enumerate(parts) if part == top] or list(range(len(parts)))
-    return float(np.median(position[:, highest, 2].max(axis=1)))

@@ -1,4 +1,4 @@
-"""Facts of a motion recording: what was read, how the mover moves, how often it steps."""
+"""Facts of a motion recording: file, travel, stride."""
 
 from __future__ import annotations
 
@@ -24,7 +24,9 @@ __all__ = ["describe_motion", "describe_recording", "smooth_path"]
 
 
 def describe_recording(path: str | os.PathLike[str], **options: Any) -> dict[str, Any]:
-    """Facts of a motion file: as recorded, and under ``"cleaned"`` after cleaning, or there why cleaning refuses it.
+    """Return facts of a motion file, raw and cleaned.
+
+    Facts of the cleaned motion are under ``"cleaned"``, or there the reason why cleaning refuses it.
 
     ``"segments"`` are those of the cleaned motion where there is one.
 
@@ -43,7 +45,8 @@ def describe_recording(path: str | os.PathLike[str], **options: Any) -> dict[str
     if "clean" in options:
         raise MotionError("clean is no option here: the motion is described both as recorded and cleaned")
     check_types(Path(path), options)
-    part = {"segment": options.pop("segment", None), "loop_to_s": options.pop("loop_to_s", None)}
+    part: dict[str, Any] = {"segment": None, "loop_to_s": None, "loop_variation": 1.0, "treadmill": False}
+    part = {name: options.pop(name, default) for name, default in part.items()}
     raw = read(path, clean=False, **options)
     try:
         motion = clean_motion(raw)
@@ -57,7 +60,9 @@ def describe_recording(path: str | os.PathLike[str], **options: Any) -> dict[str
 
 
 def describe_motion(motion: Motion) -> dict[str, Any]:
-    """Facts of a motion, as plain values that JSON can hold; None where something cannot be measured.
+    """Return facts of a motion as plain values for JSON.
+
+    None stands where something cannot be measured.
 
     Parameters
     ----------
@@ -70,7 +75,7 @@ def describe_motion(motion: Motion) -> dict[str, Any]:
         Lengths in m, speeds in m/s, frequencies in Hz. ``height_m`` is the span of the points (median over time of
         highest minus lowest), ``stature_m`` the height above the floor where it is known. Positions are about the
         centre of the points that are seen nearly always; its path is averaged over 0.5 s. ``segments``: the straight
-        stretches at constant velocity (:func:`~doppelgait.motion.segments.find_segments`), one mapping each.
+        segments at constant velocity (:func:`~doppelgait.motion.segments.find_segments`), one mapping each.
     """
     position = motion.position_m
     rate = motion.rate_hz
@@ -103,7 +108,10 @@ def describe_motion(motion: Motion) -> dict[str, Any]:
 
 
 def _segment_facts(segment: Segment, starts_s: float) -> dict[str, Any]:
-    """Plain facts, with times that count from the first frame of the file, as ``start_s`` and ``stop_s`` of read do."""
+    """Return plain facts of a segment.
+
+    Times count from the first frame of the file, as ``start_s`` and ``stop_s`` of read do.
+    """
     gait = segment.gait
     facts = {
         "start_s": starts_s + segment.start_s,

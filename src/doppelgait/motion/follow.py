@@ -1,4 +1,7 @@
-"""Lay a straight, steady gait on a path over the ground: the phase of the gait follows the distance gone."""
+"""Place a straight, steady gait on a path over the ground.
+
+The phase of the gait follows the distance travelled.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +37,7 @@ FloatArray = npt.NDArray[np.float64]
 SPEED_BAND = 0.3
 """A gait is slowed down or quickened by this share at most: beyond it stride length and posture would change."""
 UNEVEN_M, UNEVEN_SHARE = 0.15, 0.05
-"""A motion is straight and steady if its body stays this near, plus this share of its way, to even straight travel."""
+"""A motion is straight and steady if its body stays this near, plus this share of the distance, to even travel."""
 SUPPORT_STRIDES = 0.12
 """Share of a stride over which the speed of the feet is averaged to find double support: what it lasts in a walk."""
 _SAMPLES_PER_STRIDE = 400
@@ -42,12 +45,14 @@ _SAMPLES_PER_STRIDE = 400
 
 @dataclass(frozen=True)
 class Gait:
-    """A straight motion in the frame that travels with it: x ahead, y left, origin below the mean body centre.
+    """A straight motion in the frame that travels with it.
+
+    x points ahead, y to the left; the origin is below the mean body centre.
 
     Parameters
     ----------
     motion : DataArray
-        As given.
+        The straight motion.
     spline : Spline
         Positions in the frame of the start.
     speed_mps : float
@@ -61,7 +66,7 @@ class Gait:
     lasts_s: float
 
     def offsets_m(self, time_s: FloatArray) -> FloatArray:
-        """Points about the origin of the travelling frame, shape (I, P, 3)."""
+        """Return the points about the travelling origin, shape (I, P, 3)."""
         position = self.spline.at(np.ascontiguousarray(time_s))[0].reshape(time_s.size, -1, 3)
         position[..., 0] -= self.speed_mps * time_s[:, None]
         return position
@@ -69,7 +74,7 @@ class Gait:
 
 @dataclass(frozen=True)
 class Course:
-    """A gait's way: curve, pace, and the place beside them."""
+    """A gait's path: curve, pace and lateral offset."""
 
     curve: Curve
     pace: Pace
@@ -78,7 +83,10 @@ class Course:
     gait_speed_mps: float
 
     def phase_time_s(self, time_s: FloatArray) -> FloatArray:
-        """Time in the straight motion at which the body has gone as far as it has on its own track (E-02b)."""
+        """Return the time in the straight motion with the same distance (E-02b).
+
+        The distance is that of the body on its own track.
+        """
         gone_m = distance_m(self.pace, time_s)
         if self.side_m == 0:
             return gone_m / self.gait_speed_mps
@@ -94,12 +102,14 @@ def follow(
     heading_deg: float = 0.0,
     duration_s: float | None = None,
 ) -> Motion:
-    r"""Motion that follows a path, its feet as still on the ground as curvature allows (E-02b).
+    r"""Make a motion follow a path (E-02b).
+
+    The feet stand as still on the ground as curvature allows.
 
     .. math:: x(t) = c(s) + R_z(\psi(s)) [\, x_0(\tau) - V \tau \,], \qquad \tau = s(t) / V
 
-    with c the ground curve, s(t) the distance gone, psi the tangent averaged over 0.5 m and x_0 the straight motion of
-    mean speed V. The phase of the gait is s over its stride length, which stays as it is: at another speed on the path
+    with c the ground curve, s(t) the distance travelled, psi the tangent averaged over 0.5 m and x_0 the straight
+    motion of mean speed V. The phase of the gait is s over its stride length, which stays: at another speed on the path
     the stride frequency changes in proportion. A foot at rest in the straight motion, at the horizontal distance d
     from the path's point, moves at d \|d psi / dt\|. Stops are moved to the nearest phase in which the feet are
     stillest, at most a quarter stride; while the body stands, its posture fades to the mean of the two double-support
@@ -108,7 +118,7 @@ def follow(
     Parameters
     ----------
     motion : DataArray (time, marker, space)
-        Travels straight and steadily, without gaps: a model, a loop or a straight stretch of a recording.
+        Travels straight and steadily, without gaps: a model, a loop or a straight segment of a recording.
     path : Path
         One of the path kinds (:mod:`doppelgait.motion.paths`).
     start_position_m : (float, float)
@@ -135,7 +145,16 @@ def follow(
     require_motion(motion)
     gait, layout = _straight_gait(motion), layout_of(path)
     pace = _pace(gait, path, layout)
-    curve = _placed_curve(layout, pace, start_position_m, math.radians(heading_deg))
+    # the curve in the world frame; a turn on the spot divides its line where the body comes to rest
+    start_heading_rad = math.radians(heading_deg)
+    pieces = list(layout.pieces)
+    if any(stop.turn_rad for stop in pace.stops):
+        stop = pace.stops[0]
+        pieces = [Piece(stop.at_m), Piece(math.inf, turn_rad=stop.turn_rad)]
+    x, y = layout.start_m
+    cosine, sine = math.cos(start_heading_rad), math.sin(start_heading_rad)
+    start_m = (start_position_m[0] + x * cosine - y * sine, start_position_m[1] + x * sine + y * cosine)
+    curve = join(pieces, start_m=start_m, heading_rad=start_heading_rad + layout.heading_rad)
     for bend in curve.curvature_per_m:
         if bend * path.side_m != 0:
             what = f"side_m = {path.side_m:g} on an arc of radius {1 / abs(bend):.3g} m"
@@ -144,8 +163,26 @@ def follow(
     rate_hz = motion.rate_hz
     frames = _frame_count(course, gait, path, duration_s, rate_hz)
     times_s = np.arange(frames) / rate_hz
+    # the motion's points on the path (E-02b)
+    along_m = distance_m(course.pace, times_s) + course.ahead_m
+    heading = smooth_heading_rad(course.curve, along_m) + spot_turn_rad(course.pace, times_s)
+    offset = gait.offsets_m(np.clip(course.phase_time_s(times_s), 0.0, gait.lasts_s))
+    for number in range(len(course.pace.stops)):
+        still = stillness(course.pace, number, times_s)[:, None, None]
+        # the standing posture: mean of the frozen one and of that half a stride away
+        frozen_s, half_s = course.pace.stops[number].at_m / gait.speed_mps, 0.5 / gait.motion.facts.stride_frequency_hz
+        other_s = frozen_s + half_s if frozen_s + half_s <= gait.lasts_s else max(frozen_s - half_s, 0.0)
+        standing_m = np.asarray(gait.offsets_m(np.array([frozen_s, other_s])).mean(axis=0))
+        offset += still * (standing_m - offset)
+    offset[..., 1] += course.side_m
+    origin = point_at(course.curve, along_m)
+    cosines, sines = np.cos(heading)[:, None], np.sin(heading)[:, None]
+    position = np.empty_like(offset)
+    position[..., 0] = origin[:, :1] + cosines * offset[..., 0] - sines * offset[..., 1]
+    position[..., 1] = origin[:, 1:] + sines * offset[..., 0] + cosines * offset[..., 1]
+    position[..., 2] = offset[..., 2]
     return make_motion(
-        _positions_m(course, gait, times_s),
+        position,
         rate_hz=rate_hz,
         markers=motion.markers,
         parts=motion.parts,
@@ -156,7 +193,9 @@ def follow(
 
 
 def steady_speed_mps(motion: Motion) -> float:
-    """Speed of a straight, steady motion, over whole strides where they are known.
+    """Return the speed of a straight, steady motion.
+
+    It is taken over whole strides where they are known.
 
     Raises
     ------
@@ -167,7 +206,10 @@ def steady_speed_mps(motion: Motion) -> float:
 
 
 def _straight_gait(motion: Motion) -> Gait:
-    """The motion turned to +x with its mean line through the origin; a :class:`MotionError` if it is not straight."""
+    """Rotate a straight motion to +x, its mean line through the origin.
+
+    A :class:`MotionError` if it is not straight.
+    """
     lasts_s = motion.duration_s
     centre = fit_centre(motion)
     # over as many whole strides as there are, or over everything where none is known
@@ -196,13 +238,13 @@ def _straight_gait(motion: Motion) -> Gait:
     if off_m > UNEVEN_M + UNEVEN_SHARE * speed_mps * lasts_s:
         raise MotionError(
             f"{motion.facts.source}: its body is up to {off_m:.2f} m away from straight and even travel; a "
-            "path needs a straight steady stretch: cut one out with start_s and stop_s"
+            "path needs a straight steady segment: cut one out with start_s and stop_s"
         )
     return gait
 
 
 def _pace(gait: Gait, path: Path, layout: Layout) -> Pace:
-    """Pace at the path's speed, with its stops where the gait can stop."""
+    """Return the pace on the path, with stops where possible."""
     speed_mps = path.speed_mps or gait.speed_mps
     _check_speed(speed_mps, gait, "speed_mps")
     if not layout.stops:
@@ -229,7 +271,10 @@ def _check_speed(speed_mps: float, gait: Gait, what: str) -> None:
 
 
 def _stop_phase_s(gait: Gait, at_m: float) -> float:
-    """Time in the motion, within a quarter stride of a distance, at which the feet are stillest."""
+    """Find the time of stillest feet near a distance.
+
+    It is at most a quarter stride from it.
+    """
     source, facts = gait.motion.facts.source, gait.motion.facts
     feet = [n for n, part in enumerate(gait.motion.parts) if part in FOOT_PARTS]
     if not feet or not facts.step_frequency_hz > 0:
@@ -252,20 +297,11 @@ def _stop_phase_s(gait: Gait, at_m: float) -> float:
     return max(float(times_s[support + moving.argmin()]), 0.0)
 
 
-def _placed_curve(layout: Layout, pace: Pace, position_m: tuple[float, float], heading_rad: float) -> Curve:
-    """Curve in the world; a turn on the spot parts its line where the body comes to rest."""
-    pieces = list(layout.pieces)
-    if any(stop.turn_rad for stop in pace.stops):
-        stop = pace.stops[0]
-        pieces = [Piece(stop.at_m), Piece(math.inf, turn_rad=stop.turn_rad)]
-    x, y = layout.start_m
-    cosine, sine = math.cos(heading_rad), math.sin(heading_rad)
-    start_m = (position_m[0] + x * cosine - y * sine, position_m[1] + x * sine + y * cosine)
-    return join(pieces, start_m=start_m, heading_rad=heading_rad + layout.heading_rad)
-
-
 def _frame_count(course: Course, gait: Gait, path: Path, wanted_s: float | None, rate_hz: float) -> int:
-    """Frames until the path or the motion ends, or as many as are asked for."""
+    """Return the number of frames for the wanted time.
+
+    By default until the path or the motion ends.
+    """
     slowest_mps = (1 - SPEED_BAND) ** 2 * gait.speed_mps
     stops_s = sum(course.pace.ramp_s + stop.pause_s for stop in course.pace.stops)
     bound_s = gait.lasts_s * gait.speed_mps / slowest_mps + stops_s + 1.0
@@ -277,36 +313,14 @@ def _frame_count(course: Course, gait: Gait, path: Path, wanted_s: float | None,
     if last / rate_hz > path_s + 1 / rate_hz:
         raise MotionError(
             f"path kind {path.kind!r}: is {course.curve.length_m:.2f} m long and takes {path_s:.3f} s, but "
-            f"{wanted_s:g} s are asked for; lengthen the path or shorten duration_s"
+            f"{wanted_s:g} s are wanted; lengthen the path or shorten duration_s"
         )
     if last / rate_hz > motion_s + 1e-6:
         raise MotionError(
-            f"{gait.motion.facts.source}: lasts {motion_s:.3f} s on its path, but {wanted_s:g} s are asked for; "
+            f"{gait.motion.facts.source}: lasts {motion_s:.3f} s on its path, but {wanted_s:g} s are wanted; "
             "shorten duration_s or use a longer motion"
         )
     return last + 1
-
-
-def _positions_m(course: Course, gait: Gait, times_s: FloatArray) -> FloatArray:
-    """The motion's points on the course, shape (T, P, 3) (E-02b)."""
-    along_m = distance_m(course.pace, times_s) + course.ahead_m
-    heading = smooth_heading_rad(course.curve, along_m) + spot_turn_rad(course.pace, times_s)
-    offset = gait.offsets_m(np.clip(course.phase_time_s(times_s), 0.0, gait.lasts_s))
-    for number in range(len(course.pace.stops)):
-        still = stillness(course.pace, number, times_s)[:, None, None]
-        # the standing posture: mean of the frozen one and of that half a stride away
-        frozen_s, half_s = course.pace.stops[number].at_m / gait.speed_mps, 0.5 / gait.motion.facts.stride_frequency_hz
-        other_s = frozen_s + half_s if frozen_s + half_s <= gait.lasts_s else max(frozen_s - half_s, 0.0)
-        standing_m = np.asarray(gait.offsets_m(np.array([frozen_s, other_s])).mean(axis=0))
-        offset += still * (standing_m - offset)
-    offset[..., 1] += course.side_m
-    origin = point_at(course.curve, along_m)
-    cosine, sine = np.cos(heading)[:, None], np.sin(heading)[:, None]
-    position = np.empty_like(offset)
-    position[..., 0] = origin[:, :1] + cosine * offset[..., 0] - sine * offset[..., 1]
-    position[..., 1] = origin[:, 1:] + sine * offset[..., 0] + cosine * offset[..., 1]
-    position[..., 2] = offset[..., 2]
-    return position
 
 
 def _facts(course: Course, gait: Gait, path: Path, times_s: FloatArray) -> MotionFacts:

@@ -1,9 +1,9 @@
-"""Measure how a body travels and steps: path, footfalls, stride frequency and gait (E-07)."""
+"""Measure travel, footfalls, stride frequency and gait of a body (E-07)."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from doppelgait.motion.clean import body_centre, fill_linear, runs, stationary_points
 from doppelgait.motion.motion import Motion, require_motion
+from doppelgait.motion.repetition import mirrored_repetition_hz, repetition_hz
 from doppelgait.motion.skeleton import FOOT_PARTS
 
 FloatArray = npt.NDArray[np.float64]
@@ -24,7 +25,7 @@ STRIDE_BAND_HZ = (0.4, 6.0)
 
 
 def smooth_path(position: FloatArray, *, rate_hz: float, smoothing_s: float = SMOOTHING_S) -> FloatArray:
-    """Horizontal path of the body centre, averaged over a time, shape (T, 2).
+    """Return the averaged horizontal path of the body centre, shape (T, 2).
 
     Parameters
     ----------
@@ -35,9 +36,15 @@ def smooth_path(position: FloatArray, *, rate_hz: float, smoothing_s: float = SM
     smoothing_s : float
         Length of the average in s, 0 or more.
     """
+    return _smooth(body_centre(position)[:, :2], rate_hz=rate_hz, smoothing_s=smoothing_s)
+
+
+def _smooth(path: FloatArray, *, rate_hz: float, smoothing_s: float) -> FloatArray:
+    """Return the running mean of a path (T, 2)."""
     from scipy.ndimage import uniform_filter1d
 
-    path = body_centre(position)[:, :2]
+    if len(path) < 2:
+        return path
     width = max(1, round(smoothing_s * rate_hz)) | 1
     # a straight continuation of the ends: repeating the last value would shorten the path
     edge = min(width // 2, len(path) - 1)
@@ -46,7 +53,9 @@ def smooth_path(position: FloatArray, *, rate_hz: float, smoothing_s: float = SM
 
 
 def travel_facts(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
-    """Where and how straight the body goes: displacement, path, straightness, mean speed.
+    """Measure displacement, path length, straightness and mean speed.
+
+    Over the longest segment in which half of the points are seen: a body that has not entered yet does not stand.
 
     Parameters
     ----------
@@ -55,7 +64,7 @@ def travel_facts(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
     rate_hz : float
         Frames per second.
     """
-    path = smooth_path(position, rate_hz=rate_hz)
+    path = _smooth(_seen_path(_seen_frames(position)), rate_hz=rate_hz, smoothing_s=SMOOTHING_S)
     if len(path) < 2 or not np.isfinite(path).all():
         return {}
     step = np.diff(path, axis=0)
@@ -77,15 +86,48 @@ def travel_facts(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
     }
 
 
+def _seen_path(position: FloatArray) -> FloatArray:
+    """Return the path of the body centre, shape (T, 2).
+
+    It adds the steps of the points that are seen.
+
+    A point that was not seen yet, or no more, does not hold the centre back.
+    """
+    path = body_centre(position)[:, :2]
+    if len(path) < 2 or not np.isfinite(path).all():
+        return path
+    steps = np.diff(position[:, ~stationary_points(position), :2], axis=0)
+    seen = np.asarray(np.isfinite(steps).all(axis=2))
+    count = seen.sum(axis=1)
+    total = np.where(seen[..., np.newaxis], steps, 0.0).sum(axis=1)
+    mean = np.where(count[:, np.newaxis] > 0, total / np.maximum(count, 1)[:, np.newaxis], np.diff(path, axis=0))
+    return np.asarray(path[0] + np.concatenate([np.zeros((1, 2)), np.cumsum(mean, axis=0)]))
+
+
+def _seen_frames(position: FloatArray) -> FloatArray:
+    """Return the longest segment in which half of the points are seen."""
+    seen = np.asarray(np.isfinite(position).all(axis=2))
+    seen = seen[:, seen.any(axis=0)]
+    if not seen.size:
+        return position
+    first, stop = max(runs(seen.mean(axis=1) >= 0.5), key=lambda run: run[1] - run[0], default=(0, 0))
+    return position[first:stop]
+
+
 def principal_direction(path: FloatArray) -> FloatArray:
-    """Unit vector along which a path (T, 2) spreads most, pointing the way the body goes."""
+    """Return the unit vector of largest spread of a path (T, 2).
+
+    It points in the direction of travel.
+    """
     offset = path - path.mean(axis=0)
     along = np.linalg.svd(offset, full_matrices=False)[2][0]
     return np.asarray(-along if (path[-1] - path[0]) @ along < 0 else along)
 
 
 def stride_facts(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
-    """Stride and step frequency from the fore-aft motion of all points about the centre; None for a standing body.
+    """Measure stride and step frequency from the limbs' swing.
+
+    The fore-aft motion of all points about the centre is used; None for a standing body.
 
     The spectra of all points are summed; limbs swing once per stride, so its peak is the stride frequency. A step is
     half a stride (person; trot and walk of a dog).
@@ -98,11 +140,7 @@ def stride_facts(position: FloatArray, *, rate_hz: float) -> dict[str, Any]:
         Frames per second.
     """
     none = {"stride_hz": None, "step_hz": None}
-    seen = np.asarray(np.isfinite(position).all(axis=2))
-    seen = seen[:, seen.any(axis=0)]
-    if seen.size:  # the longest stretch in which half of the points are seen: outside it there is no gait to measure
-        first, stop = max(runs(seen.mean(axis=1) >= 0.5), key=lambda run: run[1] - run[0], default=(0, 0))
-        position = position[first:stop]
+    position = _seen_frames(position)
     if len(position) < rate_hz * 0.8:
         return none
     path = smooth_path(position, rate_hz=rate_hz)
@@ -142,7 +180,7 @@ LOW_POINTS = 0.15
 
 @dataclass(frozen=True)
 class Steps:
-    """What one foot does.
+    """Touchdowns and duty factor of one foot.
 
     Parameters
     ----------
@@ -161,13 +199,15 @@ class Steps:
 
 
 def is_quadruped(motion: Motion) -> bool:
-    """Whether a motion has paws, or names a species other than human."""
+    """Return whether a motion has paws or a non-human species."""
     paws = any(part.endswith("_paw") for part in motion.parts)
     return paws or motion.facts.species not in ("", "human")
 
 
 def find_feet(motion: Motion) -> dict[str, list[int]]:
-    """Numbers of the points of each foot: ``left_foot``, ``right_foot``, or ``left_hind``, ``left_fore``, ...
+    """Return the point numbers of each foot by its name.
+
+    Names are ``left_foot``, ``right_foot``, or ``left_hind``, ``left_fore``, ...
 
     By body part where parts name feet; otherwise the lowest points, left and right of the centre (and before and behind
     it for a quadruped). Empty where neither gives feet on both sides.
@@ -197,7 +237,7 @@ def find_feet(motion: Motion) -> dict[str, list[int]]:
 
 
 def find_steps(motion: Motion, feet: Mapping[str, list[int]] | None = None) -> dict[str, Steps]:
-    """Touchdowns and duty factor of each foot of a mover.
+    """Find touchdowns and duty factor of each foot.
 
     A foot swings forward faster than the body goes and is nearly still on the ground. It lands where, after a swing,
     its forward speed stops falling or reaches 1 % of its highest value in that swing. Speeds are those over the ground
@@ -230,29 +270,25 @@ def find_steps(motion: Motion, feet: Mapping[str, list[int]] | None = None) -> d
         filled = filled[:, np.isfinite(filled).all(axis=(0, 2)), :2]
         if filled.shape[1]:
             forward = np.einsum("tpk,tk->tp", np.gradient(filled, 1.0 / rate, axis=0), ahead)
-            found[foot] = _steps(forward, body_mps, times, rate)
+            # swings of the foot, and where it lands after each
+            speed, slowest = forward.mean(axis=1), forward.min(axis=1)
+            touchdown, overtaken, peaks = [], [], []
+            for first, stop in runs(speed > body_mps):
+                peak = first + int(np.argmax(speed[first:stop]))
+                if speed[peak] < SWING_PEAK * body_mps[peak] or stop - first < SHORTEST_SWING_S * rate:
+                    continue
+                peaks.append(peak)
+                slow = STILL * speed[peak]
+                later = range(stop, len(speed) - 1)
+                landed = next((n for n in later if speed[n] <= slow or speed[n + 1] >= speed[n]), None)
+                if landed is not None:
+                    touchdown.append(times[landed])
+                    excess = (speed - body_mps)[stop - 1 : stop + 1]
+                    overtaken.append(times[stop - 1] + excess[0] / (excess[0] - excess[1]) / rate)
+            bears = slowest < STANCE_SPEED * body_mps
+            duty = float(bears[peaks[0] : peaks[-1]].mean()) if len(peaks) > 1 else float("nan")
+            found[foot] = Steps(np.array(touchdown), np.array(overtaken), duty)
     return found
-
-
-def _steps(forward_mps: FloatArray, body_mps: FloatArray, times_s: FloatArray, rate_hz: float) -> Steps:
-    """Steps of one foot from the forward speeds of its points, shape (T, P)."""
-    speed, slowest = forward_mps.mean(axis=1), forward_mps.min(axis=1)
-    touchdown, overtaken, peaks = [], [], []
-    for first, stop in runs(speed > body_mps):
-        peak = first + int(np.argmax(speed[first:stop]))
-        if speed[peak] < SWING_PEAK * body_mps[peak] or stop - first < SHORTEST_SWING_S * rate_hz:
-            continue
-        peaks.append(peak)
-        slow = STILL * speed[peak]
-        later = range(stop, len(speed) - 1)
-        landed = next((n for n in later if speed[n] <= slow or speed[n + 1] >= speed[n]), None)
-        if landed is not None:
-            touchdown.append(times_s[landed])
-            excess = (speed - body_mps)[stop - 1 : stop + 1]
-            overtaken.append(times_s[stop - 1] + excess[0] / (excess[0] - excess[1]) / rate_hz)
-    bears = slowest < STANCE_SPEED * body_mps
-    duty = float(bears[peaks[0] : peaks[-1]].mean()) if len(peaks) > 1 else float("nan")
-    return Steps(np.array(touchdown), np.array(overtaken), duty)
 
 
 NAN = float("nan")
@@ -270,6 +306,10 @@ QUARTER = 0.125
 """Half way between the lateral lags of pace (0), walk (0.25) and trot (0.5); also from canter to gallop."""
 STEADY = 0.8
 """Shortest mean vector of a lag's phases over the strides; below that the footfalls keep no order."""
+LANDING_HEIGHT = 0.25
+"""In a gallop nine of ten touchdowns are lower than this part of the paw's range of height (at most 0.15 in recorded
+gallops, 0.6 and more where a dog jumps)."""
+LEAST_LIFT_M = 0.02
 LARGEST_SCATTER = 0.15
 """Touchdowns that scatter more than this part of a stride about an even beat give no stride frequency."""
 FLIGHT_ACCELERATION_MPS2 = -5.9
@@ -285,7 +325,7 @@ PAIRS = {
 
 @dataclass(frozen=True)
 class GaitFacts:
-    """How a mover steps; NaN, ``""`` or empty where it cannot be told.
+    """Measured gait; NaN, ``""`` or empty where unknown.
 
     Parameters
     ----------
@@ -301,7 +341,7 @@ class GaitFacts:
     duty_factor : float
         Share of the stride for which a foot bears weight, mean over the feet.
     measured_from : str
-        ``"footfalls"`` or ``"spectrum"``: where the stride frequency comes from.
+        ``"footfalls"`` or ``"autocorrelation"``: where the stride frequency comes from.
     """
 
     gait: str = ""
@@ -315,10 +355,13 @@ class GaitFacts:
 
 
 def measure_gait(motion: Motion) -> GaitFacts:
-    """Footfalls, stride frequency, phases and gait of a motion at about constant speed.
+    """Measure footfalls, stride frequency, phases and gait.
+
+    The speed should be about constant.
 
     The stride frequency is that of an even beat fitted to the landings of all feet; where there are too few or they
-    keep no beat, the peak of the spectrum of the limbs' swing.
+    keep no beat, that at which the limbs' motion repeats, or at which the left limbs repeat the right ones half a
+    stride later. The peak of a spectrum is not used: in a segment of a stride or two it is 7 % off.
 
     Parameters
     ----------
@@ -330,20 +373,60 @@ def measure_gait(motion: Motion) -> GaitFacts:
     footfalls = {foot: [float(t) for t in step.touchdown_s] for foot, step in steps.items()}
     stride_hz, source = _beat([step.overtaken_s for step in steps.values()]), "footfalls"
     if not math.isfinite(stride_hz):
-        spectral = stride_facts(motion.position_m, rate_hz=motion.rate_hz)
-        stride_hz, source = spectral["stride_hz"] or NAN, "spectrum"
+        stride_hz, source = _limbs_hz(motion), "autocorrelation"
     if not math.isfinite(stride_hz):
         return GaitFacts(footfalls=footfalls)
-    phases = {name: _lag(steps[a], steps[b], stride_hz) for name, (a, b) in PAIRS.items() if a in steps and b in steps}
-    phases = {name: lag for name, lag in phases.items() if math.isfinite(lag)}
+    # mean lag of every pair of feet, 0 to 1 strides; none where it keeps no value
+    phases: dict[str, float] = {}
+    for name, (a, b) in ((name, pair) for name, pair in PAIRS.items() if set(pair) <= set(steps)):
+        lags = (steps[b].touchdown_s[:, np.newaxis] - steps[a].touchdown_s) * stride_hz
+        near = lags[np.abs(lags) < 1]
+        vector = complex(np.exp(2j * np.pi * near).mean()) if near.size else 0j
+        if abs(vector) >= STEADY:
+            phases[name] = (math.atan2(vector.imag, vector.real) / (2 * math.pi)) % 1.0
     duties = [step.duty_factor for step in steps.values() if math.isfinite(step.duty_factor)]
     duty = float(np.mean(duties)) if duties else NAN
     gait = name_quadruped_gait(phases) if is_quadruped(motion) else _name_human_gait(motion, phases, duty)
+    if gait in ASYMMETRICAL and not _lands_low(motion, footfalls):
+        gait = ""
     return GaitFacts(gait, stride_hz, *step_and_gait_frequency_hz(gait, stride_hz), footfalls, phases, duty, source)
 
 
+def _lands_low(motion: Motion, footfalls: Mapping[str, Sequence[float]]) -> bool:
+    """Return True if the paws are low where they touch down.
+
+    In a leap they stop in the air.
+    """
+    feet, heights = find_feet(motion), []
+    for foot, touchdown_s in footfalls.items():
+        z = fill_linear(motion.position_m[:, feet[foot]])[:, :, 2].min(axis=1)
+        low, high = np.percentile(z, (5, 95))
+        frames = np.round((np.array(touchdown_s) - motion.time_s[0]) * motion.rate_hz).astype(int)
+        heights.append((z[frames] - low) / max(float(high - low), LEAST_LIFT_M))
+    every = np.concatenate(heights or [np.empty(0)])
+    return bool(every.size) and float(np.percentile(every, 90)) <= LANDING_HEIGHT
+
+
+def _limbs_hz(motion: Motion) -> float:
+    """Return the stride frequency at which the limbs' motion repeats, or NaN."""
+    position, rate = motion.position_m, motion.rate_hz
+    path = smooth_path(position, rate_hz=rate)
+    if len(path) < 3 or not np.isfinite(path).all() or np.linalg.norm(path[-1] - path[0]) < MIN_TRAVEL_M:
+        return NAN
+    seen = np.asarray(np.isfinite(position).all(axis=2).any(axis=0))
+    relative = fill_linear(position[:, seen]) - body_centre(position)[:, np.newaxis]
+    swing = np.stack([relative[:, :, :2] @ principal_direction(path), relative[:, :, 2]], axis=2)
+    whole_hz = repetition_hz(swing, rate_hz=rate)
+    if math.isfinite(whole_hz):
+        return whole_hz
+    parts = [part for part, is_seen in zip(motion.parts, seen, strict=True) if is_seen]
+    return mirrored_repetition_hz(swing, parts, rate_hz=rate)
+
+
 def with_gait_facts(motion: Motion) -> Motion:
-    """A motion whose facts on gait are filled in by measurement; what it already states stays.
+    """Fill in missing gait facts of a motion by measurement.
+
+    Facts that it already states stay.
 
     Fills ``gait``, ``footfalls``, ``stride_frequency_hz``, ``step_frequency_hz`` and ``gait_frequency_hz``, and
     ``report["gait"]`` with phases, duty factor and source. A step frequency is not stated for gallop, canter and bound
@@ -374,14 +457,19 @@ def with_gait_facts(motion: Motion) -> Motion:
 
 
 def step_and_gait_frequency_hz(gait: str, stride_frequency_hz: float) -> tuple[float, float]:
-    """Step frequency and fundamental of the signature f_mu of a gait (E-07); NaN where not defined or not known."""
+    """Return step frequency and f_mu of a gait (E-07).
+
+    f_mu is the fundamental of the signature; NaN where not defined or not known.
+    """
     if gait in SYMMETRICAL:
         return 2 * stride_frequency_hz, 2 * stride_frequency_hz
     return NAN, stride_frequency_hz if gait in ASYMMETRICAL else NAN
 
 
 def name_quadruped_gait(phases: Mapping[str, float]) -> str:
-    """Gait of a quadruped from the lags of its footfalls (after Hildebrand 1965 and 1977).
+    """Name the gait of a quadruped from footfall lags.
+
+    After Hildebrand 1965 and 1977.
 
     Hind pair and fore pair both half a stride apart: symmetrical, and the lag of the fore limb behind the hind limb of
     its side tells pace (0), walk (0.25 or 0.75) and trot (0.5). Neither: hind pair and fore pair each at once is a
@@ -421,7 +509,10 @@ def name_quadruped_gait(phases: Mapping[str, float]) -> str:
 
 
 def _name_human_gait(motion: Motion, phases: Mapping[str, float], duty: float) -> str:
-    """``run`` where each foot bears weight for less than half of the stride and the body falls freely between them."""
+    """Name the gait of a person: walk, run or unknown.
+
+    In a run each foot bears weight for less than half of the stride and the body falls freely between steps.
+    """
     if "l_r" not in phases or abs(phases["l_r"] - 0.5) > HALF_STRIDE or not math.isfinite(duty):
         return ""
     # 2nd percentile of the vertical acceleration of the body centre, over spans of 0.1 s
@@ -435,7 +526,10 @@ def _name_human_gait(motion: Motion, phases: Mapping[str, float], duty: float) -
 
 
 def _beat(landings: list[FloatArray]) -> float:
-    """Frequency of an even beat through the landings of each foot, in Hz; NaN where there is none."""
+    """Fit an even beat to the landings of all feet, Hz.
+
+    NaN where there is none.
+    """
     intervals = np.concatenate([np.diff(times) for times in landings] or [np.empty(0)])
     if intervals.size < min(2, len(landings)):
         return NAN
@@ -452,14 +546,6 @@ def _beat(landings: list[FloatArray]) -> float:
     return 1.0 / fitted if scatter < LARGEST_SCATTER * fitted else NAN
 
 
-def _lag(first: Steps, second: Steps, stride_hz: float) -> float:
-    """Mean lag from the touchdowns of one foot to those of another, 0 to 1 strides; NaN where it keeps no value."""
-    lags = (second.touchdown_s[:, np.newaxis] - first.touchdown_s) * stride_hz
-    near = lags[np.abs(lags) < 1]
-    vector = complex(np.exp(2j * np.pi * near).mean()) if near.size else 0j
-    return (math.atan2(vector.imag, vector.real) / (2 * math.pi)) % 1.0 if abs(vector) >= STEADY else NAN
-
-
 def _about_zero(lag: float) -> float:
-    """The same lag in -0.5 to 0.5."""
+    """Wrap a lag to -0.5 to 0.5."""
     return lag - math.floor(lag + 0.5)

@@ -1,17 +1,24 @@
-"""A short clip of a gait repeated over whole strides, without a seam in position or velocity."""
+"""Make a short clip of a gait longer, without a seam.
+
+The clip is cut over whole strides; successive strides vary about the recorded ones.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.errors import MotionError
-from doppelgait.motion.gait import find_steps, with_gait_facts
+from doppelgait.core.errors import MotionError, warn_caller
+from doppelgait.core.rng import RandomSource, Streams, as_generator
+from doppelgait.motion.gait import find_steps, is_quadruped, with_gait_facts
+from doppelgait.motion.models.strides import autoregressive, cubic_spline
 from doppelgait.motion.motion import Motion, make_motion, require_motion
 from doppelgait.motion.retime import Spline, fit_spline, travel_speed_mps
+from doppelgait.motion.skeleton import BODY_CENTRE_PARTS
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -24,11 +31,69 @@ GRID_PER_STRIDE, MOST_STRIDES = 60, 12
 UNSEEN_M = 1e-3
 """A seam below a millimetre is as good as none."""
 PRECISION_FRAMES = 1e-6
+SLOWEST = 0.05
+"""A point counts as no slower than this share of the mean speed: its share of a correction has no corner at rest."""
+FEW_STRIDES = 2.0
+"""A clip with fewer strides does not show how they vary."""
+
+
+@dataclass(frozen=True)
+class StrideVariation:
+    """Standard deviations of successive strides about their mean.
+
+    Parameters
+    ----------
+    time, length : float
+        Of the stride time and of the stride length, which scales with the fore-aft swing of the limbs; relative.
+    length_with_time : float
+        Correlation of the two.
+    limb_phase : float
+        Of the lead of each limb, in strides.
+    arm, head, tail, trunk : float
+        Of the swing of the upper body, relative.
+    pose : mapping of str to (float, float, float)
+        Of the place of leg, arm, head, tail and trunk relative to the body: ahead, to the side and up, as shares of the
+        stride length.
+    """
+
+    time: float
+    length: float
+    length_with_time: float
+    limb_phase: float
+    pose: Mapping[str, tuple[float, float, float]]
+    arm: float = 0.0
+    head: float = 0.0
+    tail: float = 0.0
+    trunk: float = 0.0
+
+
+PERSON = StrideVariation(
+    0.016, 0.03, 0.4, 0.009, arm=0.06, head=0.08, trunk=0.08,
+    pose={
+        "leg": (0.0115, 0.008, 0.0), "arm": (0.012, 0.0075, 0.006), "head": (0.0075, 0.004, 0.0025),
+        "trunk": (0.0045, 0.0026, 0.0019),
+    },
+)  # fmt: skip
+"""Of people: medians over shared recordings with several strides; how they were measured is in docs/motion.md."""
+QUADRUPED = StrideVariation(
+    0.048, 0.06, 0.35, 0.035, head=0.4, tail=0.5, trunk=0.05,
+    pose={
+        "leg": (0.036, 0.036, 0.0), "head": (0.012, 0.045, 0.025), "tail": (0.025, 0.075, 0.04),
+        "trunk": (0.006, 0.012, 0.005),
+    },
+)  # fmt: skip
+"""Of dogs, in the same way."""
+POSES_PER_STRIDE = 2
+"""A pose deviates anew at this rate."""
+SHARE_OF_SWING = 2.0
+"""A swing is multiplied by 0 to this factor at most."""
+KNOT_MARGIN = 3
+"""Strides before the first and after the last frame, so that the ends of the splines do not show."""
 
 
 @dataclass(frozen=True)
 class Seam:
-    """Where a clip is cut, and how well its ends fit.
+    """Position of a cut in a clip, with the mismatch.
 
     Parameters
     ----------
@@ -49,16 +114,21 @@ class Seam:
     velocity_mps: float
 
 
-def loop(motion: Motion, *, duration_s: float) -> Motion:
-    """Repeat a clip of straight gait over whole strides for as long as asked.
+def loop(motion: Motion, *, duration_s: float, variation: float = 1.0, rng: RandomSource | None = None) -> Motion:
+    """Make a clip of straight gait longer, over whole strides.
 
     The clip is cut where pose and velocity after n strides are nearest to those before, n as large as it can be with
     neither differing more than is usual (the median) between neighbouring strides. With cycle time L and advance D
-    (the mean displacement of all points over one cycle, in the ground plane) the motion is
-    x(t) = q(t mod L) + D t / L, where q is the clip without its advance. At the start of each cycle q fades from what
+    (the mean displacement of all points over one cycle, in the ground plane) the endless cycle is
+    c(u) = q(u mod L) + D u / L, where q is the clip without its advance. At the start of each cycle q fades from what
     follows the last cycle into the first one, with a weight that has no slope or curvature at its ends: position,
-    velocity and acceleration go on through the seam, and every cycle is the same. What a point does not come back by,
-    and what the body gains in speed, are taken off evenly along the cycle before.
+    velocity and acceleration go on through the seam. What a point does not come back by, and what the body gains in
+    speed, are taken off along the cycle before, in proportion to the speed of each point.
+
+    Strides vary about this cycle: their times and lengths, the lead and place of each limb and the swing of the upper
+    body are first-order autoregressive from stride to stride with the spreads of recordings (:data:`PERSON`,
+    :data:`QUADRUPED`), reduced by sqrt(1/n) because a cycle of n strides holds the rest. Advance and fore-aft swing
+    are scaled by one factor, so that a foot on the ground stays where it is. The mean speed is that of the clip.
 
     Parameters
     ----------
@@ -66,23 +136,35 @@ def loop(motion: Motion, *, duration_s: float) -> Motion:
         Motion (time, marker, space) in m, z up, no gaps: one segment at constant velocity, at least 1.2 strides long.
     duration_s : float
         Time to cover, above 0; the last frame is at or just after it.
+    variation : float
+        Factor on the spreads, 0 to 2; with 0 every cycle is the same.
+    rng : Streams or numpy.random.Generator, optional
+        Source of the variation. By default it is derived from source, subject and place of the clip: the same clip
+        gives the same motion.
 
     Returns
     -------
     Motion
-        Motion with the same points, frame rate and facts, from time 0. ``stride_frequency_hz`` is that of the cycle,
-        exactly; footfalls are repeated; ``report["loop"]`` holds the cut and its residuals beside the median
-        difference of neighbouring strides.
+        Motion with the same points, frame rate and facts, from time 0. ``stride_frequency_hz`` is that of the cycle and
+        exactly the mean over the duration; footfalls are repeated; ``report["loop"]`` holds the cut, its residuals next
+        to the median difference of neighbouring strides, the variation and the correction of the stride length.
 
     Raises
     ------
     MotionError
         If the motion has gaps, no known gait cycle, or is shorter than 1.2 strides.
+
+    Warns
+    -----
+    DoppelgaitWarning
+        If the clip has less than two strides.
     """
     require_motion(motion)
     where = motion.label
     if not (math.isfinite(duration_s) and duration_s > 0):
         raise MotionError(f"duration_s: {duration_s!r} is not allowed: must be a number above 0 s")
+    if not 0.0 <= variation <= 2.0:
+        raise MotionError(f"variation: {variation!r} is not allowed: must be a number from 0 to 2")
     if not np.isfinite(motion.position_m).all():
         raise MotionError(f"{where}: has gaps, so it cannot be looped; clean it first")
     known = with_gait_facts(motion)
@@ -100,8 +182,25 @@ def loop(motion: Motion, *, duration_s: float) -> Motion:
             f"loop needs {(period + overlap + 1) / rate:.3g} s or more"
         )
     seam, usual = _best_seam(motion, period, overlap)
-    position = _repeat(motion, seam, overlap, math.ceil(duration_s * rate - 1e-9) + 1)
+    cycle = _fit_cycle(motion, seam, overlap)
+    count = math.ceil(duration_s * rate - 1e-9) + 1
+    clip = f"loop {known.facts.source} {known.facts.subject} {known.facts.file_time_s:.3f}"
+    source = Streams(0).generator("motion", clip) if rng is None else as_generator(rng, "motion")
+    spread = QUADRUPED if is_quadruped(known) else PERSON
+    share = variation / math.sqrt(seam.strides)
+    cycle_mps = float(np.hypot(*cycle.advance[:2])) / seam.lag * rate
+    speed_mps = cycle_mps * _speed_ratio(cycle, known)
+    position, clocks, stretch = _vary(cycle, known, count, speed_mps, spread, share, source)
     stride_hz = seam.strides * rate / seam.lag
+    has_strides = (motion.n_frames - 1) / period
+    if has_strides < FEW_STRIDES:
+        varied = (
+            f"their times vary by {100 * share * spread.time:.2g} %, as in recordings" if share else "all are the same"
+        )
+        warn_caller(
+            f"{where}: has {has_strides:.2g} strides, fewer than {FEW_STRIDES:g}: the strides of the loop repeat one "
+            f"recorded stride ({varied}); take a longer part of the recording"
+        )
     facts = known.facts.with_frequencies(lambda hz: hz / known.facts.stride_frequency_hz * stride_hz)
     looped = make_motion(position, rate_hz=rate, markers=motion.markers, parts=motion.parts, facts=facts).with_report(
         **known.report,
@@ -109,25 +208,49 @@ def loop(motion: Motion, *, duration_s: float) -> Motion:
             "from_s": seam.start / rate,
             "to_s": (seam.start + seam.lag) / rate,
             "strides": seam.strides,
+            "clip_strides": has_strides,
             "seam_position_m": seam.position_m,
             "seam_velocity_mps": seam.velocity_mps,
             "usual_position_m": usual.position_m,
             "usual_velocity_mps": usual.velocity_mps,
             "clip_speed_mps": travel_speed_mps(known),
+            "cycle_speed_mps": cycle_mps,
+            "speed_mps": speed_mps,
+            "stride_length_factor": stretch,
+            "stride_time_sd": share * spread.time,
+            "stride_length_sd": share * spread.length,
         },
     )
-    touchdowns = _cycle_touchdowns(motion, looped, seam, overlap)
+    # touchdowns of one cycle in s after its start: as stated, else as found in the middle one of three cycles
     every_s, until_s = seam.lag / rate, (len(position) - 1) / rate
-    turns = range(math.floor(until_s / every_s) + 1)
-    footfalls = {
-        foot: [t + turn * every_s for turn in turns for t in once if t + turn * every_s <= until_s]
-        for foot, once in touchdowns.items()
-    }
+    if motion.facts.footfalls:
+        begins_s = float(motion.time_s[0]) + seam.start / rate
+        times = {foot: np.array(stated) - begins_s for foot, stated in motion.facts.footfalls.items()}
+    else:
+        three = make_motion(
+            cycle.at(np.arange(math.ceil(3 * seam.lag) + 1.0)),
+            rate_hz=rate,
+            markers=looped.markers,
+            parts=looped.parts,
+            facts={"species": looped.facts.species},
+        )
+        times = {foot: step.touchdown_s - every_s for foot, step in find_steps(three).items()}
+    touchdowns = {foot: [float(t) for t in found if 0.0 <= t < every_s - 1e-9] for foot, found in times.items()}
+    turns = range(-1, math.floor(until_s / every_s) + 2)
+    footfalls = {}
+    for foot, once in touchdowns.items():
+        clock_s = clocks.get(_limb_of(foot), clocks[""]) / rate
+        due_s = np.array([t + turn * every_s for turn in turns for t in once])
+        due_s = due_s[(due_s >= clock_s[0] - 1e-12) & (due_s <= clock_s[-1] + 1e-12)]
+        footfalls[foot] = [float(t) for t in np.interp(due_s, clock_s, np.arange(count) / rate)]
     return looped.with_facts(footfalls=footfalls)
 
 
 def _best_seam(motion: Motion, period: float, overlap: float) -> tuple[Seam, Seam]:
-    """The cut with the most strides that is no worse than usual, and the median seam after one stride.
+    """Find the longest usual cut and the median seam.
+
+    The cut has as many strides as it can with a mismatch no larger than usual; the median seam is that after one
+    stride.
 
     Cuts are tried on a grid of a sixtieth of a stride; the length of the best one is then refined between frames.
     """
@@ -137,7 +260,15 @@ def _best_seam(motion: Motion, period: float, overlap: float) -> tuple[Seam, Sea
     velocity = np.gradient(position, step / rate, axis=0)
     stride, width = period / step, max(2, math.ceil(overlap / step) + 1)
     weight_s = period / rate / (2 * math.pi)
-    usual = _median_seam(curve, motion.positions.shape, rate, period, step, width)
+    # median mismatch of cuts one stride apart
+    frames = np.arange(0.0, motion.positions.shape[0] - 1 - period, step)
+    before, after = (curve.at(at / rate) for at in (frames, frames + period))
+    stride_moved, stride_change = (
+        b.reshape(frames.size, *motion.positions.shape[1:]) - a.reshape(frames.size, *motion.positions.shape[1:])
+        for a, b in zip(before, after, strict=True)
+    )
+    stride_m, stride_mps = _apart(stride_moved, stride_change, min(width, frames.size))
+    usual = Seam(0.0, period, 1, float(np.median(stride_m)), float(np.median(stride_mps)))
     best: list[Seam] = []
     for strides in range(1, min(MOST_STRIDES, max(1, int((len(position) - width) // stride))) + 1):
         lags = range(math.ceil((strides - SEARCH) * stride), math.floor((strides + SEARCH) * stride) + 1)
@@ -161,26 +292,17 @@ def _best_seam(motion: Motion, period: float, overlap: float) -> tuple[Seam, Sea
 
 
 def _cost(seam: Seam, weight_s: float) -> float:
-    """Residual of position and velocity in m: a velocity weighs like the position of a swing at the stride rate."""
+    """Combine position and velocity mismatch in m.
+
+    A velocity weighs like the position of a swing at the stride rate.
+    """
     return math.hypot(seam.position_m, weight_s * seam.velocity_mps)
 
 
-def _median_seam(curve: Spline, shape: tuple[int, ...], rate_hz: float, period: float, step: int, width: int) -> Seam:
-    """What is usual between neighbouring strides: the median over all cuts one stride apart."""
-    frames = np.arange(0.0, shape[0] - 1 - period, step)
-    before, after = (curve.at(at / rate_hz) for at in (frames, frames + period))
-    moved, change = (
-        b.reshape(frames.size, *shape[1:]) - a.reshape(frames.size, *shape[1:])
-        for a, b in zip(before, after, strict=True)
-    )
-    apart_m, apart_mps = _apart(moved, change, min(width, frames.size))
-    return Seam(0.0, period, 1, float(np.median(apart_m)), float(np.median(apart_mps)))
-
-
 def _apart(moved: FloatArray, change: FloatArray, width: int) -> tuple[FloatArray, FloatArray]:
-    """Root mean square over points and ``width`` frames, for every first frame.
+    """Return the rms mismatch of position and velocity per first frame.
 
-    Of displacements less their ground advance, and of changes in velocity.
+    It is taken over points and ``width`` frames, of displacements less their ground advance and of changes in velocity.
     """
     moved[..., :2] -= moved[..., :2].mean(axis=(0, 1))
     advance = _running_mean(moved[..., :2].mean(axis=1), width)
@@ -195,7 +317,7 @@ def _running_mean(values: FloatArray, width: int) -> FloatArray:
 def _between_frames(
     curve: Spline, shape: tuple[int, ...], rate_hz: float, seam: Seam, step: int, overlap: float, weight_s: float
 ) -> Seam:
-    """The same cut with its length refined to a fraction of a frame."""
+    """Refine the length of a cut to a fraction of a frame."""
     from scipy.optimize import minimize_scalar
 
     frames = seam.start + np.linspace(0.0, overlap, max(3, math.ceil(overlap)))
@@ -220,56 +342,211 @@ def _between_frames(
     return min(at(float(found.x)), at(min(seam.lag, latest)), key=lambda cut: _cost(cut, weight_s))
 
 
-def _repeat(motion: Motion, seam: Seam, overlap: float, count: int) -> FloatArray:
-    """Positions of ``count`` frames of the endless cycle, shape (count, P, 3)."""
-    rate = motion.rate_hz
-    curve = fit_spline(motion)
+@dataclass(frozen=True)
+class _Cycle:
+    """Endless cycle of a clip.
 
-    def clip(frames: FloatArray) -> tuple[FloatArray, FloatArray]:
+    Times count in frames; ``advance`` in m is that of one cycle, ``astray`` in m what each point does not come back by,
+    ``faster`` in m per frame what the body gains in speed. ``travel`` has two columns per point: its path since the
+    start of the cycle as a part of its path in the cycle, about the mean, and the path that it gains.
+    """
+
+    curve: Spline
+    shape: tuple[int, ...]
+    rate_hz: float
+    seam: Seam
+    overlap: float
+    advance: FloatArray
+    astray: FloatArray
+    faster: FloatArray
+    travel: Spline
+
+    def at(self, total: FloatArray, points: list[int] | None = None) -> FloatArray:
+        """Return positions of points at times in frames, shape (I, P, 3).
+
+        All points by default.
+        """
+        chosen = list(range(self.shape[1])) if points is None else points
+        numbers = np.array(chosen)
+        curve = _some_columns(self.curve, np.add.outer(3 * numbers, np.arange(3)).ravel())
+        lag, turns = self.seam.lag, np.floor(total / self.seam.lag)
+        into = total - turns * lag
+        travel = _some_columns(self.travel, np.concatenate([numbers, self.shape[1] + numbers]))
+        astray = self.astray[chosen]
+
+        def once(frames: FloatArray) -> FloatArray:
+            share, gained = np.moveaxis(travel.at(frames)[0].reshape(frames.size, 2, len(chosen), 1), 1, 0)
+            within = np.clip(self.seam.start + frames, 0.0, self.shape[0] - 1.0)
+            value = curve.at(within / self.rate_hz)[0].reshape(frames.size, len(chosen), 3)
+            return np.asarray(value - astray * share - self.faster * gained)
+
+        position = once(into) + self.advance * turns[:, np.newaxis, np.newaxis]
+        fading = into < self.overlap
+        share = into[fading] / self.overlap
+        # no slope and no curvature at either end
+        weight = (share**3 * (10.0 - 15.0 * share + 6.0 * share**2))[:, np.newaxis, np.newaxis]
+        follows = once(lag + into[fading]) + self.advance * (turns[fading] - 1.0)[:, np.newaxis, np.newaxis]
+        position[fading] = weight * position[fading] + (1.0 - weight) * follows
+        return np.asarray(position)
+
+    def strides_gone(self, total: FloatArray, points: list[int]) -> FloatArray:
+        """Count strides since time 0 along each path, shape (I, P).
+
+        They are about the same for all points.
+        """
+        turns = np.floor(total / self.seam.lag)
+        travel = _some_columns(self.travel, np.array(points))
+        share = travel.at(total - turns * self.seam.lag)[0] + 0.5
+        return np.asarray((turns[:, np.newaxis] + share) * self.seam.strides)
+
+
+def _some_columns(curve: Spline, columns: npt.NDArray[np.int64]) -> Spline:
+    values, moments = (np.ascontiguousarray(part[:, columns]) for part in (curve.values, curve.moments))
+    return Spline(values, moments, curve.step_s)
+
+
+def _fit_cycle(motion: Motion, seam: Seam, overlap: float) -> _Cycle:
+    """Return the endless cycle of a cut clip."""
+    from doppelgait.core.kernels.spline import spline_moments
+
+    rate, curve = motion.rate_hz, fit_spline(motion)
+    ends = seam.start + np.linspace(0.0, overlap, max(3, math.ceil(overlap)))
+
+    def clip(frames: FloatArray) -> list[FloatArray]:
         found = curve.at(np.clip(frames, 0.0, motion.n_frames - 1.0) / rate)
-        value, slope = (part.reshape(frames.size, *motion.positions.shape[1:]) for part in found)
-        return value, slope / rate
+        return [part.reshape(frames.size, *motion.positions.shape[1:]) for part in found]
 
-    ends = np.linspace(0.0, overlap, max(3, math.ceil(overlap)))
-    later, earlier = clip(seam.start + seam.lag + ends), clip(seam.start + ends)
+    later, earlier = clip(ends + seam.lag), clip(ends)
     moved = (later[0] - earlier[0]).mean(axis=0)
     advance = moved.mean(axis=0) * (1.0, 1.0, 0.0)
-    # what a point does not come back by, and what the body gains in speed, are taken off along the whole cycle: within
-    # the overlap alone they would be a jerk
-    astray, faster = moved - advance, (later[1] - earlier[1]).mean(axis=(0, 1)) * (1.0, 1.0, 0.0)
+    # what a point does not come back by, and what the body gains in speed, are taken off along the whole cycle (within
+    # the overlap alone they would be a jerk), in proportion to the speed of the point: a foot on the ground stays
+    faster = (later[1] - earlier[1]).mean(axis=(0, 1)) / rate * (1.0, 1.0, 0.0)
+    lasts = seam.lag + overlap + 1.0
+    grid = np.linspace(0.0, lasts, max(64, math.ceil(lasts)))
+    step = float(grid[1])
+    speed = np.linalg.norm(clip(seam.start + grid)[1][..., :2], axis=2)
+    speed = np.hypot(speed, SLOWEST * speed.mean())
 
-    def cycle(into: FloatArray) -> FloatArray:
-        share = (into / seam.lag)[:, np.newaxis, np.newaxis]
-        gained = faster * seam.lag * (share**2 - share) / 2.0
-        return np.asarray(clip(seam.start + into)[0] - astray * (share - 0.5) - gained)
+    def integrate(values: FloatArray) -> FloatArray:
+        sums = np.cumsum((values[1:] + values[:-1]) / 2.0 * step, axis=0)
+        return np.concatenate([np.zeros((1, values.shape[1])), sums])
 
-    total = np.arange(count, dtype=np.float64)
-    into = np.mod(total, seam.lag)
-    position = cycle(into) + advance * np.floor(total / seam.lag)[:, np.newaxis, np.newaxis]
-    fading = into < overlap
-    share = into[fading] / overlap
-    # no slope and no curvature at either end
-    weight = (share**3 * (10.0 - 15.0 * share + 6.0 * share**2))[:, np.newaxis, np.newaxis]
-    follows = cycle(seam.lag + into[fading])
-    follows += advance * (np.floor(total[fading] / seam.lag) - 1.0)[:, np.newaxis, np.newaxis]
-    position[fading] = weight * position[fading] + (1.0 - weight) * follows
-    return np.asarray(position)
+    def at_end(values: FloatArray) -> FloatArray:
+        return np.array([np.interp(seam.lag, grid, column) for column in values.T])
+
+    path = integrate(speed)
+    whole = at_end(path)
+    share = path / whole
+    gained = integrate((grid / seam.lag - 0.5)[:, np.newaxis] * speed * seam.lag / whole)
+    gained -= at_end(gained) * share
+    within = grid < seam.lag
+    values = np.concatenate([share - share[within].mean(axis=0), gained], axis=1)
+    moments = np.empty_like(values)
+    spline_moments(values, step, moments)
+    travel = Spline(values, moments, step)
+    return _Cycle(curve, motion.positions.shape, rate, seam, overlap, advance, moved - advance, faster, travel)
 
 
-def _cycle_touchdowns(motion: Motion, looped: Motion, seam: Seam, overlap: float) -> dict[str, list[float]]:
-    """Touchdowns of one cycle, in s after its beginning: as stated, else as found in the middle one of three cycles."""
-    rate = motion.rate_hz
-    lasts_s = seam.lag / rate
-    if motion.facts.footfalls:
-        begins_s = float(motion.time_s[0]) + seam.start / rate
-        times = {foot: np.array(stated) - begins_s for foot, stated in motion.facts.footfalls.items()}
-    else:
-        three = make_motion(
-            _repeat(motion, seam, overlap, math.ceil(3 * seam.lag) + 1),
-            rate_hz=rate,
-            markers=looped.markers,
-            parts=looped.parts,
-            facts={"species": looped.facts.species},
-        )
-        times = {foot: step.touchdown_s - lasts_s for foot, step in find_steps(three).items()}
-    return {foot: [float(t) for t in found if 0.0 <= t < lasts_s - 1e-9] for foot, found in times.items()}
+def _limb_of(part: str) -> str:
+    """Return the limb of a body part or foot.
+
+    An arm, a leg, head or tail; ``""`` for the trunk and unknown points.
+    """
+    side, _, rest = part.partition("_")
+    if side not in ("left", "right"):
+        return {"neck": "head", "head": "head", "tail": "tail"}.get(part, "")
+    end = rest.partition("_")[0]
+    if end in ("fore", "hind"):
+        return f"{side}_{end}"
+    return f"{side}_{'leg' if end in ('foot', 'shank', 'thigh') else 'arm'}"
+
+
+def _speed_ratio(cycle: _Cycle, motion: Motion) -> float:
+    """Return the speed of a clip over that of its cycle.
+
+    Both are net travels of the body centre from the first to the last frame of the clip, that is between the same two
+    phases of the gait: the swing of the body within a stride, which a clip of no whole number of strides contains,
+    cancels.
+    """
+    ends = np.array([0.0, motion.n_frames - 1.0])
+    central = [n for n, part in enumerate(motion.parts) if part in BODY_CENTRE_PARTS] or list(range(cycle.shape[1]))
+    clip, repeated = motion.position_m[ends.astype(int)][:, central], cycle.at(ends - cycle.seam.start, central)
+    gone, would = (float((values[1] - values[0]).mean(axis=0) @ cycle.advance) for values in (clip, repeated))
+    return gone / would if gone > 0 and would > 0 else 1.0
+
+
+def _vary(
+    cycle: _Cycle,
+    motion: Motion,
+    count: int,
+    speed_mps: float,
+    spread: StrideVariation,
+    share: float,
+    rng: np.random.Generator,
+) -> tuple[FloatArray, dict[str, FloatArray], float]:
+    """Return frames of the varied cycle.
+
+    Also returns the clock of each limb, and the factor on the stride length.
+
+    A clock gives the time in the cycle, in frames; ``share`` multiplies all spreads.
+    """
+    seam = cycle.seam
+    stride = seam.lag / seam.strides
+    frames = np.arange(count, dtype=np.float64)
+    strides = math.ceil((count - 1) / stride * 1.5) + 2 * KNOT_MARGIN + 2
+    number = np.arange(strides) - KNOT_MARGIN
+    shorter = autoregressive(strides, rng)
+    # time of the cycle against that of the motion; over all frames they agree
+    starts = np.cumsum(stride * (1.0 + share * spread.time * shorter))
+    starts -= starts[KNOT_MARGIN]
+    clock = cubic_spline(starts, number * stride)
+    ends = float(clock.where(float(count - 1))) if share else float(count - 1)
+    body = clock(frames * (ends / (count - 1)))
+
+    def series(sd: float, values: FloatArray | None = None) -> FloatArray:
+        drawn = autoregressive(strides, rng) if values is None else values
+        return np.asarray(cubic_spline(number * stride, share * sd * drawn)(body))
+
+    common = spread.length_with_time
+    longer = common * shorter + math.sqrt(1.0 - common**2) * autoregressive(strides, rng)
+    length = 1.0 + series(spread.length, longer)
+    # speed: the stride length takes up what the cut cycle lacks
+    per_frame = cycle.advance / seam.lag
+    way = np.concatenate([[0.0], np.cumsum((length[1:] + length[:-1]) / 2.0 * np.diff(body))])
+    cycle_m, clip_m = float(np.hypot(*per_frame[:2])) * way[-1], speed_mps * (count - 1) / cycle.rate_hz
+    stretch = float(clip_m / cycle_m) if cycle_m > 0 else 1.0
+    ahead = per_frame / np.hypot(*per_frame[:2]) if cycle_m > 0 else np.zeros(3)
+    # place of each point about which it swings
+    grid = np.linspace(0.0, seam.lag, max(64, math.ceil(seam.lag)), endpoint=False)
+    limbs: dict[str, list[int]] = {}
+    for point, part in enumerate(motion.parts):
+        limbs.setdefault(_limb_of(part), []).append(point)
+    swings = {"head": spread.head, "tail": spread.tail, "": spread.trunk}
+    aside = np.array([-ahead[1], ahead[0], 0.0])
+    stride_m = stretch * float(np.hypot(*per_frame[:2])) * stride
+    poses = POSES_PER_STRIDE * strides
+    knots = np.arange(poses) / POSES_PER_STRIDE - KNOT_MARGIN
+    position, clocks = np.empty((count, *cycle.shape[1:])), {"": body}
+    for limb in sorted(limbs):
+        points = limbs[limb]
+        lead = stride * series(spread.limb_phase) if limb else np.zeros(count)
+        own_sd = spread.arm if limb.endswith("_arm") else swings.get(limb, 0.0)
+        # points without a part may be feet: their swing goes with the stride length only
+        known = np.array([bool(motion.parts[point]) for point in points])[np.newaxis, :, np.newaxis]
+        own = np.clip(1.0 + series(own_sd), 0.0, SHARE_OF_SWING)[:, np.newaxis, np.newaxis]
+        at = clocks[limb] = body + lead
+        middle = (cycle.at(grid, points) - np.multiply.outer(grid, per_frame)[:, np.newaxis]).mean(axis=0)
+        swing = cycle.at(at, points) - np.multiply.outer(at, per_frame)[:, np.newaxis] - middle
+        swing = np.where(known, own, 1.0) * swing
+        forward = (swing @ ahead)[..., np.newaxis] * ahead
+        moved = middle + swing + (stretch * length[:, np.newaxis, np.newaxis] - 1.0) * forward
+        kind = limb.rpartition("_")[2] or "trunk"
+        sds = spread.pose.get("leg" if kind in ("fore", "hind") else kind, (0.0, 0.0, 0.0))
+        # counted along the travel of each point: a foot on the ground keeps its place
+        step = cycle.strides_gone(at, points)
+        for sd, direction in zip(sds, (ahead, aside, np.array([0.0, 0.0, 1.0])), strict=True):
+            pose = cubic_spline(knots, share * sd * stride_m * autoregressive(poses, rng))(step)
+            moved += np.where(known, pose[..., np.newaxis], 0.0) * direction
+        position[:, points] = moved + stretch * np.multiply.outer(way, per_frame)[:, np.newaxis]
+    return position, clocks, stretch

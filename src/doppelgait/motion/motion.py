@@ -1,4 +1,4 @@
-"""A motion: labelled positions of named points over time, with frozen facts about who moves."""
+"""A motion: labelled positions of named points, with facts."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FREQUENCIES = ("stride_frequency_hz", "step_frequency_hz", "gait_frequency_hz")
 
 @dataclass(frozen=True)
 class PathFacts:
-    """How a motion follows the path that it was placed on.
+    """Facts of the path that a motion follows.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class PathFacts:
 
 @dataclass(frozen=True)
 class MotionFacts:
-    """What is known about a motion and who moves; empty or NaN where nothing is known.
+    """Facts about a motion and its body; empty or NaN where unknown.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class MotionFacts:
     footfalls : mapping of str to sequence of float
         Touchdown times in s by foot, where exactly known.
     stride_from : str
-        ``"footfalls"`` or ``"spectrum"`` where the stride frequency was measured.
+        ``"footfalls"`` or ``"autocorrelation"`` where the stride frequency was measured.
     path : PathFacts, optional
         For a motion that follows a path.
     file_time_s : float
@@ -92,7 +92,10 @@ class MotionFacts:
     file_time_s: float = 0.0
 
     def with_frequencies(self, change: Callable[[float], float]) -> MotionFacts:
-        """Return the facts with stride, step and gait frequency changed by a function."""
+        """Return the facts with a function applied to all frequencies.
+
+        These are stride, step and gait frequency.
+        """
         return replace(
             self,
             stride_frequency_hz=change(self.stride_frequency_hz),
@@ -103,7 +106,7 @@ class MotionFacts:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Positions of named points over time, and what is known about who moves.
+    """Positions of named points over time, with facts.
 
     Parameters
     ----------
@@ -182,7 +185,7 @@ class Motion:
         return self.facts.source or "motion"
 
     def with_positions(self, position_m: npt.NDArray[Any]) -> Motion:
-        """Return the motion with other positions of the same points at the same times."""
+        """Return the motion with other positions of the same points."""
         return replace(self, positions=with_values(self.positions, position_m))
 
     def with_facts(self, **facts: Any) -> Motion:
@@ -194,16 +197,22 @@ class Motion:
         return replace(self, report={**self.report, **entries})
 
     def with_points(self, position_m: npt.NDArray[Any], markers: Sequence[str], parts: Sequence[str]) -> Motion:
-        """Return a motion of other points (T, P, 3) at the same times, with the same facts."""
+        """Return a motion of other points (T, P, 3).
+
+        Times and facts stay.
+        """
         coords = {"time": self.time_s, "marker": list(markers), "space": list(SPACE), "part": ("marker", list(parts))}
         return replace(self, positions=make_array(MOTION, position_m, coords, {"rate_hz": self.rate_hz}))
 
     def frames(self, first: int, stop: int) -> Motion:
-        """Return the frames ``first`` to ``stop`` - 1 at the times that they have."""
+        """Return frames ``first`` to ``stop`` - 1 with their times."""
         return replace(self, positions=self.positions.isel(time=slice(first, stop)))
 
     def cut(self, first: int, stop: int) -> Motion:
-        """Return the frames ``first`` to ``stop`` - 1 as a motion that starts at time 0, footfalls moved along."""
+        """Return frames ``first`` to ``stop`` - 1, starting at time 0.
+
+        Footfalls move along.
+        """
         part, times = self.positions.isel(time=slice(first, stop)), self.time_s[first:stop]
         positions = part.assign_coords(
             time=("time", np.arange(part.sizes["time"]) / self.rate_hz, self.positions.time.attrs)
@@ -218,7 +227,7 @@ class Motion:
 
 
 def require_motion(motion: object) -> Motion:
-    """Return a motion unchanged; a :class:`MotionError` for anything else."""
+    """Return a motion unchanged; anything else is a :class:`MotionError`."""
     if not isinstance(motion, Motion):
         raise MotionError(
             f"a motion must be a doppelgait.motion.Motion, not {type(motion).__name__}: use a model, read() or "
@@ -288,6 +297,9 @@ def make_motion(
 
 @lru_cache(maxsize=64)
 def _names(markers: tuple[str, ...], parts: tuple[str, ...]) -> xr.DataArray:
-    """Names of points as coordinates of no frames; a model asks for the same again and again."""
+    """Cache the point names as coordinates of no frames.
+
+    A model needs the same names again and again.
+    """
     coords = {"time": np.empty(0), "marker": list(markers), "space": list(SPACE), "part": ("marker", list(parts))}
     return make_array(MOTION, np.empty((0, len(markers), len(SPACE))), coords)

@@ -1,4 +1,4 @@
-"""Paths over the ground: their configuration, ground curves of lines and arcs, stops on the way.
+"""Paths over the ground: parameters, curves of lines and arcs, stops.
 
 Coordinates of a path are those of its target at the start: origin there, x in its heading, y to its left.
 """
@@ -30,7 +30,7 @@ _HALVINGS = 80
 
 @dataclass(frozen=True)
 class Piece:
-    """A stretch of a curve.
+    """A line or an arc of a curve.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class Piece:
 
 @dataclass(frozen=True)
 class Curve:
-    """Pieces joined end to end; arrays have one entry per piece.
+    """Joined lines and arcs; arrays have one entry per piece.
 
     Parameters
     ----------
@@ -73,13 +73,16 @@ class Curve:
     length_m: float
 
     def pieces_at(self, distance_m: FloatArray) -> tuple[npt.NDArray[np.intp], FloatArray]:
-        """Number of the piece at each distance, and the distance gone in it; the end pieces go on for ever."""
+        """Return the piece at each distance, and the distance in it.
+
+        The first and the last piece continue without end.
+        """
         number = np.clip(np.searchsorted(self.start_m, distance_m, side="right") - 1, 0, None)
         return number, distance_m - self.start_m[number]
 
 
 def join(pieces: Sequence[Piece], *, start_m: tuple[float, float], heading_rad: float) -> Curve:
-    """Curve of pieces that starts at a ground point with a heading."""
+    """Join pieces to a curve from a ground point and heading."""
     lengths = np.array([piece.length_m for piece in pieces])
     bends = np.array([piece.curvature_per_m for piece in pieces])
     spots = np.cumsum([piece.turn_rad for piece in pieces])
@@ -98,7 +101,10 @@ def join(pieces: Sequence[Piece], *, start_m: tuple[float, float], heading_rad: 
 
 
 def _chord_m(length_m: npt.ArrayLike, heading_rad: npt.ArrayLike, curvature_per_m: npt.ArrayLike) -> FloatArray:
-    """Vector from the start of an arc to a point at ``length_m`` on it, shape (..., 2); a line at curvature 0."""
+    """Return the vector from the start of an arc to a point.
+
+    The point is at ``length_m`` on the arc, shape (..., 2); curvature 0 is a line.
+    """
     half = np.asarray(length_m) * np.asarray(curvature_per_m) / 2
     chord = np.asarray(length_m) * np.sinc(half / np.pi)
     middle = np.asarray(heading_rad) + half
@@ -106,14 +112,16 @@ def _chord_m(length_m: npt.ArrayLike, heading_rad: npt.ArrayLike, curvature_per_
 
 
 def point_at(curve: Curve, distance_m: FloatArray) -> FloatArray:
-    """Points of the curve, shape (n, 2)."""
+    """Return points of the curve, shape (n, 2)."""
     number, gone_m = curve.pieces_at(distance_m)
     tangent = curve.heading_rad[number] + curve.spot_rad[number]
     return np.asarray(curve.point_m[number] + _chord_m(gone_m, tangent, curve.curvature_per_m[number]))
 
 
 def smooth_heading_rad(curve: Curve, distance_m: FloatArray) -> FloatArray:
-    """Tangent averaged over :data:`HEADING_WINDOW_M` about each distance, turns on the spot left out; shape (n,).
+    """Return the tangent averaged over :data:`HEADING_WINDOW_M`, shape (n,).
+
+    Turns on the spot are left out.
 
     The tangent is piecewise linear in the distance, so its mean is exact, has a continuous rate and is the tangent
     itself wherever the window lies in one piece.
@@ -135,7 +143,7 @@ def _heading_integral(curve: Curve, distance_m: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Stop:
-    """A halt: where, how long the body stands, and how far it turns meanwhile."""
+    """A stop: distance, pause, and turn on the spot."""
 
     at_m: float
     pause_s: float
@@ -161,7 +169,7 @@ class Pace:
     stops: tuple[Stop, ...] = ()
 
     def rest_s(self, number: int) -> float:
-        """Time at which the mover comes to rest at a stop."""
+        """Return the time at which the body rests at a stop."""
         lost_s = sum(self.ramp_s + stop.pause_s for stop in self.stops[:number])
         return self.stops[number].at_m / self.speed_mps + lost_s + self.ramp_s / 2
 
@@ -172,7 +180,10 @@ class Pace:
 
 
 def distance_m(pace: Pace, time_s: FloatArray) -> FloatArray:
-    """Distance gone: v t less what each stop costs; its speed and acceleration are continuous."""
+    """Return the distance travelled at each time.
+
+    It is v t less the loss at each stop; speed and acceleration are continuous.
+    """
     lost_s = np.zeros_like(time_s)
     for number, stop in enumerate(pace.stops):
         rest_s = pace.rest_s(number)
@@ -184,13 +195,19 @@ def distance_m(pace: Pace, time_s: FloatArray) -> FloatArray:
 
 
 def _ramp_up(time_s: FloatArray, ramp_s: float) -> FloatArray:
-    """Integral of the share (1 - cos(pi t / T)) / 2 over the ramp, constant outside it."""
+    """Return the integral of a half-cosine ramp.
+
+    The share is (1 - cos(pi t / T)) / 2; outside the ramp the integral is constant.
+    """
     t = np.clip(time_s, 0.0, ramp_s)
     return np.asarray(t / 2 - ramp_s / (2 * np.pi) * np.sin(np.pi * t / ramp_s))
 
 
 def spot_turn_rad(pace: Pace, time_s: FloatArray) -> FloatArray:
-    """Sum of all turns on the spot so far; a turn fills its pause but for settling before and after it."""
+    """Return the sum of all turns on the spot.
+
+    A turn fills its pause but for settling before and after it.
+    """
     turned = np.zeros_like(time_s)
     for number, stop in enumerate(pace.stops):
         settle_s = _settle_s(stop)
@@ -200,7 +217,9 @@ def spot_turn_rad(pace: Pace, time_s: FloatArray) -> FloatArray:
 
 
 def stillness(pace: Pace, number: int, time_s: FloatArray) -> FloatArray:
-    """How far the posture has faded from the frozen stride (0) to standing (1) at a stop.
+    """Return the share of standing posture at a stop.
+
+    0 is the frozen stride, 1 the standing body.
 
     A pause shorter than two settling times fades in part, so that limbs do not move faster in it.
     """
@@ -222,7 +241,10 @@ def _half_cosine(share: FloatArray) -> FloatArray:
 
 
 def first_time_s(progress: Callable[[FloatArray], FloatArray], wanted: npt.ArrayLike, *, stop_s: float) -> FloatArray:
-    """First times in [0, ``stop_s``] at which a progress that never falls reaches wanted values, by bisection."""
+    """Find the first times at which a progress reaches values.
+
+    By bisection in [0, ``stop_s``]; the progress never falls.
+    """
     goal = np.atleast_1d(np.asarray(wanted, dtype=float))
     low, high = np.zeros_like(goal), np.full_like(goal, stop_s)
     for _ in range(_HALVINGS):
@@ -233,7 +255,7 @@ def first_time_s(progress: Callable[[FloatArray], FloatArray], wanted: npt.Array
 
 
 def arc(radius_m: float, turn_rad: float) -> Piece:
-    """Arc of a radius, to the left for a positive turn."""
+    """Return an arc of a radius, to the left for positive turns."""
     return Piece(radius_m * abs(turn_rad), math.copysign(1 / radius_m, turn_rad))
 
 
@@ -245,7 +267,7 @@ ENDLESS = Piece(math.inf)
 
 @dataclass(frozen=True)
 class Layout:
-    """Geometry of a path: pieces, stops and the acceleration about them, and where and how it starts."""
+    """Geometry of a path: pieces, stops, acceleration and start."""
 
     pieces: tuple[Piece, ...]
     stops: tuple[Stop, ...] = ()
@@ -255,14 +277,14 @@ class Layout:
 
 
 class Path(FrozenModel):
-    """What every path takes; a kind of path adds ``kind`` and its shape.
+    """Parameters of every path; each kind adds its shape.
 
     Parameters
     ----------
     speed_mps : float, optional
         Speed along the path, within 30 % of the motion's own, which it is by default.
     side_m, ahead_m : float
-        The mover keeps this far to the left of the path's point and this much further along the path, as somebody
+        The body keeps this far to the left of the path's point and this much further along the path, as somebody
         does who accompanies another.
     """
 
@@ -273,7 +295,7 @@ class Path(FrozenModel):
 
 
 class StraightPath(Path):
-    """Straight ahead for as long as the motion lasts."""
+    """Straight line for as long as the motion lasts."""
 
     kind: Literal["straight"] = "straight"
 
@@ -323,7 +345,7 @@ class PolylinePath(Path):
 
 
 class StopSpec(FrozenModel):
-    """A stop: distance from the start, and time at rest there, 0.1 to 120 s."""
+    """A stop: distance from the start and pause, 0.1 to 120 s."""
 
     at_m: float = Field(gt=0, le=1e5)
     pause_s: float = Field(ge=0.1, le=120)
@@ -354,7 +376,9 @@ class StopAndGoPath(Path):
 
 
 class TurnAroundPath(Path):
-    """Out, half a turn to the left, and back for as long as the motion lasts.
+    """Straight out, half a turn to the left, and back.
+
+    For as long as the motion lasts.
 
     Parameters
     ----------
@@ -386,26 +410,29 @@ class TurnAroundPath(Path):
 
 @plugin("path", parameters=StraightPath)
 def lay_straight(path: StraightPath) -> Layout:
-    """Go straight ahead without end."""
+    """Return a straight line without end."""
     return Layout((ENDLESS,))
 
 
 @plugin("path", parameters=ArcPath)
 def lay_arc(path: ArcPath) -> Layout:
-    """Go round a part of a circle."""
+    """Return a part of a circle."""
     return Layout((arc(path.radius_m, math.radians(path.turn_deg)),))
 
 
 @plugin("path", parameters=StopAndGoPath)
 def lay_stops(path: StopAndGoPath) -> Layout:
-    """Go straight ahead and rest at the stops."""
+    """Return a straight line with stops."""
     stops = tuple(Stop(stop.at_m, stop.pause_s) for stop in path.stops)
     return Layout((ENDLESS,), stops, path.acceleration_mps2)
 
 
 @plugin("path", parameters=TurnAroundPath)
 def lay_turn(path: TurnAroundPath) -> Layout:
-    """Go out, turn in a U or on the spot, and come back."""
+    """Return a path out, a turn and the path back.
+
+    The turn is a U or on the spot.
+    """
     if path.radius_m is not None:
         return Layout((Piece(path.out_m), arc(path.radius_m, math.pi), ENDLESS))
     stop = Stop(path.out_m, 2 * SETTLE_S + (path.turn_s or TURN_S), math.pi)
@@ -414,7 +441,10 @@ def lay_turn(path: TurnAroundPath) -> Layout:
 
 @plugin("path", parameters=PolylinePath)
 def lay_polyline(path: PolylinePath) -> Layout:
-    """Legs and corner arcs of a polyline; a ValueError where they do not fit."""
+    """Return legs and corner arcs of a polyline.
+
+    A ValueError where they do not fit.
+    """
     legs = np.diff(np.array(path.points_m), axis=0)
     lengths = np.hypot(legs[:, 0], legs[:, 1])
     if lengths.min() < _SHORTEST_M:
@@ -446,7 +476,7 @@ PATHS: Group[Callable[[Any], Layout]] = Group("path", built_in=("doppelgait.moti
 
 
 def make_path(table: Mapping[str, Any] | Path) -> Path:
-    """Path of a ``path = { kind = ... }`` table.
+    """Make a path from its table in a scene file.
 
     Raises
     ------
@@ -466,5 +496,8 @@ def make_path(table: Mapping[str, Any] | Path) -> Path:
 
 
 def layout_of(path: Path) -> Layout:
-    """Pieces and stops of a path; turns on the spot are in its stops alone."""
+    """Return the layout of a path.
+
+    Turns on the spot are in its stops alone.
+    """
     return PATHS.of(path).run(path)

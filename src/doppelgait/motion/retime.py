@@ -1,4 +1,4 @@
-"""Fit a motion to a scene: height, place, and positions with velocities at any times."""
+"""Fit a motion to a scene: height, position, and resampling."""
 
 from __future__ import annotations
 
@@ -21,12 +21,15 @@ STILL_BELOW_M = 0.2
 
 
 def body_centre_m(motion: Motion) -> FloatArray:
-    """Mean position of the torso or trunk points, or of all points where none is known; shape (T, 3), m."""
+    """Return the mean position of the torso or trunk, shape (T, 3).
+
+    In m; of all points where no torso or trunk is known.
+    """
     return _mean_of(motion.position_m, _central_points(motion))
 
 
 def _central_points(motion: Motion) -> npt.NDArray[np.int64]:
-    """Numbers of the torso or trunk points, or of all where none is known."""
+    """Return the torso or trunk point numbers, or all."""
     central = [n for n, part in enumerate(motion.parts) if part in BODY_CENTRE_PARTS]
     return np.array(central or range(motion.positions.shape[1]), dtype=np.int64)
 
@@ -36,19 +39,28 @@ def _mean_of(values: npt.NDArray[Any], points: npt.NDArray[np.int64]) -> FloatAr
 
 
 def _net_travel_m(motion: Motion, last: int = -1) -> FloatArray:
-    """Ground-plane displacement of the body centre from the first to another frame, by default the last; shape (2,)."""
+    """Return the ground displacement of the body centre, shape (2,).
+
+    From the first to another frame, by default the last.
+    """
     before, after = _mean_of(motion.position_m[[0, last]], _central_points(motion))[:, :2]
     return np.asarray(after - before)
 
 
 def travel_heading_rad(motion: Motion) -> float:
-    """Direction of net travel in the ground plane, from +x towards +y; 0 for a body that stays in place."""
+    """Return the direction of net travel in the ground plane.
+
+    From +x towards +y; 0 for a body that stays in place.
+    """
     net = _net_travel_m(motion)
     return math.atan2(net[1], net[0]) if math.hypot(*net) > STILL_BELOW_M else 0.0
 
 
 def travel_speed_mps(motion: Motion, *, first_s: float = math.inf) -> float:
-    """Net ground speed of the body centre over the first seconds of a motion, by default all of it."""
+    """Return the net ground speed of the body centre.
+
+    Over the first seconds of a motion, by default all of it.
+    """
     times = motion.time_s
     last = int(np.searchsorted(times, times[0] + first_s, side="right")) - 1
     return float(math.hypot(*_net_travel_m(motion, last)) / (times[last] - times[0]))
@@ -57,7 +69,9 @@ def travel_speed_mps(motion: Motion, *, first_s: float = math.inf) -> float:
 def scale_to_height(
     motion: Motion, *, height_m: float, mode: ScalingMode = "uniform", recorded_height_m: float | None = None
 ) -> Motion:
-    """Scale a mover to another height about the floor point below its starting position (E-01).
+    """Scale a body to another height (E-01).
+
+    The fixed point is the floor below its starting position.
 
     Parameters
     ----------
@@ -80,8 +94,9 @@ def scale_to_height(
     recorded = motion.facts.height_m if recorded_height_m is None else recorded_height_m
     if not recorded > 0:
         raise MotionError(
-            f"{motion.facts.source}: the recorded subject's height is unknown, so it cannot be scaled to "
-            f"{height_m} m; give recorded_height_m"
+            f"{motion.facts.source}: the recorded subject's height is unknown (no head is known among its points, and "
+            f"no hips, knees and ankles), so it cannot be scaled to {height_m} m; leave out height_m, state "
+            "facts.height_m of the motion, or give recorded_height_m to scale_to_height"
         )
     factor = height_m / recorded
     anchor = np.array([*_centre_at(motion, 0.0)[:2], 0.0])
@@ -106,7 +121,9 @@ def scale_to_height(
 
 
 def place(motion: Motion, *, position_m: tuple[float, float], heading_deg: float, at_s: float) -> Motion:
-    """Turn a motion to a heading and move it so that its body centre is at a ground point at a given time.
+    """Rotate and move a motion to a heading and position.
+
+    Its body centre is at the ground point at the given time.
 
     Parameters
     ----------
@@ -130,7 +147,10 @@ def place(motion: Motion, *, position_m: tuple[float, float], heading_deg: float
 
 
 def _centre_at(motion: Motion, at_s: float) -> FloatArray:
-    """Body centre at a time after the first frame, by linear interpolation; shape (3,)."""
+    """Interpolate the body centre at a time, shape (3,).
+
+    The time counts from the first frame; the interpolation is linear.
+    """
     times = motion.time_s
     frame = float(np.interp(times[0] + at_s, times, np.arange(times.size)))
     before, share = int(frame), frame - int(frame)
@@ -141,7 +161,9 @@ def _centre_at(motion: Motion, at_s: float) -> FloatArray:
 
 
 def resample(motion: Motion, time_s: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Positions and analytic velocities at given times, by a cubic (C2) spline through the frames (E-02).
+    """Resample positions and velocities by a cubic spline (E-02).
+
+    The spline goes through the frames (C2); velocities are its slope.
 
     Parameters
     ----------
@@ -167,14 +189,20 @@ def resample(motion: Motion, time_s: npt.ArrayLike) -> tuple[FloatArray, FloatAr
 
 @dataclass(frozen=True)
 class Spline:
-    """Cubic spline through the frames of a motion: values and second derivatives, shape (T, 3 P), and frame time."""
+    """Cubic spline through the frames of a motion.
+
+    It holds values and second derivatives, shape (T, 3 P), and the frame time.
+    """
 
     values: FloatArray
     moments: FloatArray
     step_s: float
 
     def at(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Values and slopes at times after the first frame, both (I, C)."""
+        """Return values and slopes at times, both (I, C).
+
+        Times count from the first frame.
+        """
         from doppelgait.core.kernels.spline import positions_and_velocities
 
         value, slope = np.empty((2, times_s.size, self.values.shape[1]))
@@ -183,7 +211,7 @@ class Spline:
 
 
 def fit_spline(motion: Motion) -> Spline:
-    """Cubic (C2, not-a-knot) spline through a motion's frames (E-02).
+    """Fit a cubic (C2, not-a-knot) spline to a motion (E-02).
 
     Raises
     ------
@@ -194,7 +222,10 @@ def fit_spline(motion: Motion) -> Spline:
 
 
 def fit_centre(motion: Motion) -> Spline:
-    """Spline through the body centre (:func:`body_centre_m`), as :func:`fit_spline`; 3 columns."""
+    """Fit a spline to the body centre; 3 columns.
+
+    As :func:`fit_spline`, to :func:`body_centre_m`.
+    """
     return _spline_through(motion, body_centre_m(motion))
 
 
@@ -212,12 +243,15 @@ def _spline_through(motion: Motion, columns: npt.NDArray[Any]) -> Spline:
 
 
 def check_times(motion: Motion, time_s: npt.ArrayLike) -> FloatArray:
-    """Times after the first frame as float64; a :class:`MotionError` if one lies outside the motion."""
+    """Return times as float64 and check their range.
+
+    They count from the first frame; a :class:`MotionError` if one lies outside the motion.
+    """
     wanted = np.ascontiguousarray(time_s, dtype=np.float64)
     lasts = motion.duration_s
     if wanted.size and (wanted.min() < 0 or wanted.max() > lasts + 1e-9):
         raise MotionError(
-            f"{motion.facts.source}: lasts {lasts:.3f} s, but {wanted.max():.3f} s are asked for; shorten "
+            f"{motion.facts.source}: lasts {lasts:.3f} s, but {wanted.max():.3f} s are wanted; shorten "
             "duration_s or use a longer motion"
         )
     return wanted

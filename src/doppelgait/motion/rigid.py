@@ -1,4 +1,7 @@
-"""Find segments, feet and bones of a body without names: points that keep their distances."""
+"""Find segments, feet and bones of a body without names.
+
+Points of one segment keep their distances.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ MIN_TRAVEL_M = 1.0
 
 
 def rigid_clusters(position_m: npt.ArrayLike, *, limit_m: float = RIGID_M) -> list[list[int]]:
-    """Groups of two and more points whose mutual distances all stay constant.
+    """Group points whose mutual distances all stay constant.
 
     The spread of a distance is 1.4826 times its median absolute deviation from its median. Groups grow by complete
     linkage: every pair of a group stays within the limit. Parts of a body that do not move against each other come out
@@ -56,12 +59,12 @@ def rigid_clusters(position_m: npt.ArrayLike, *, limit_m: float = RIGID_M) -> li
 
 
 def propose_parts(position_m: npt.ArrayLike, *, rate_hz: float) -> list[str]:
-    """Segments, and the two feet of a walking body, found without names.
+    """Propose rigid segments and the two feet without names.
 
     A cluster (:func:`rigid_clusters`) is a foot if it lies in the lowest 15 % of the body's height, rests at times
     (below 0.35 of the body's speed) and swings at others (above 1.5 of it). If there are just two of them and the body
-    travels by 1 m or more, the one on the left of its way is the left foot. Head, torso and the others are not told
-    apart: heads and trunks are rigid together in many recordings.
+    travels by 1 m or more, the one on the left of its path is the left foot. Head, torso and the others are not
+    distinguished: heads and trunks are rigid together in many recordings.
 
     Parameters
     ----------
@@ -90,10 +93,13 @@ def propose_parts(position_m: npt.ArrayLike, *, rate_hz: float) -> list[str]:
 
 
 def _feet(position: FloatArray, groups: list[list[int]], rate_hz: float) -> dict[int, str]:
-    """Name of the left and the right foot by index of the group; empty unless just two groups behave like feet."""
+    """Name the two groups that behave like feet.
+
+    Keys are group indices; empty unless just two groups behave so.
+    """
     middle = np.median(position, axis=1)
-    way = middle[-1, :2] - middle[0, :2]
-    travel = float(np.linalg.norm(way))
+    net = middle[-1, :2] - middle[0, :2]
+    travel = float(np.linalg.norm(net))
     if travel < MIN_TRAVEL_M:
         return {}
     body_mps = travel * rate_hz / (len(position) - 1)
@@ -107,8 +113,8 @@ def _feet(position: FloatArray, groups: list[list[int]], rate_hz: float) -> dict
             found.append(n)
     if len(found) != 2:
         return {}
-    left_of_way = np.array([-way[1], way[0]]) / travel
-    offset = [float(np.median((position[:, groups[n], :2].mean(axis=1) - middle[:, :2]) @ left_of_way)) for n in found]
+    leftwards = np.array([-net[1], net[0]]) / travel
+    offset = [float(np.median((position[:, groups[n], :2].mean(axis=1) - middle[:, :2]) @ leftwards)) for n in found]
     return (
         {found[0]: "left_foot", found[1]: "right_foot"}
         if offset[0] > offset[1]
@@ -117,7 +123,9 @@ def _feet(position: FloatArray, groups: list[list[int]], rate_hz: float) -> dict
 
 
 def distance_spread(position: FloatArray) -> FloatArray:
-    """Robust standard deviation of the distance between every two points over time, in m, shape (P, P).
+    """Return the robust spread of all point distances, shape (P, P).
+
+    It is a robust standard deviation over time, in m.
 
     Parameters
     ----------
@@ -145,7 +153,9 @@ FEWEST_FRAMES, MOST_FRAMES = 2, 64
 
 
 def bones_of(position_m: npt.ArrayLike) -> npt.NDArray[np.int32]:
-    """Bones of a moving body: the tree through all of its points whose branches are short and keep their length.
+    """Return the bones of a moving body.
+
+    They are the tree through all of its points whose branches are short and keep their length.
 
     A minimum spanning tree (Kruskal 1956) of ``mean(d) + 40 sd(d)``, d being the distance of two points over time: the
     two ends of a bone keep theirs, a hand and the thigh it passes do not. No names are needed.

@@ -1,4 +1,7 @@
-"""Straight stretches at constant velocity: a long mixed recording becomes several examples."""
+"""Straight segments at constant velocity.
+
+A long mixed recording becomes several examples.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,7 @@ GRID_S = 0.05
 
 @dataclass(frozen=True)
 class SegmentLimits:
-    """What counts as straight and as constant.
+    """Limits of straightness and of constant speed.
 
     Parameters
     ----------
@@ -48,7 +51,7 @@ QUADRUPED = SegmentLimits(smoothing_s=0.35, lateral_m=0.15, speed_deviation=0.25
 
 @dataclass(frozen=True)
 class Segment:
-    """A straight stretch at constant velocity.
+    """A straight segment at constant velocity.
 
     Parameters
     ----------
@@ -84,10 +87,12 @@ class Segment:
 
 
 def find_segments(motion: Motion, *, limits: SegmentLimits | None = None) -> list[Segment]:
-    """Every straight stretch at constant velocity, longest taken first, none overlapping, in order of time.
+    """Find all straight segments at constant velocity.
+
+    The longest is taken first, none overlap, and they come in order of time.
 
     The body centre is the mean of the moving points. Its ground path, averaged over ``smoothing_s``, stays within
-    ``lateral_m`` of the chord of the stretch, its speed within ``speed_deviation`` of the mean speed.
+    ``lateral_m`` of the chord of the segment, its speed within ``speed_deviation`` of the mean speed.
 
     Parameters
     ----------
@@ -101,6 +106,8 @@ def find_segments(motion: Motion, *, limits: SegmentLimits | None = None) -> lis
     list of Segment
         Empty when there is none.
     """
+    from doppelgait.core.kernels.stretch import longest_stretch
+
     require_motion(motion)
     limits = limits or (QUADRUPED if is_quadruped(motion) else PERSON)
     position = motion.position_m
@@ -110,12 +117,53 @@ def find_segments(motion: Motion, *, limits: SegmentLimits | None = None) -> lis
         return []
     grid = np.arange(0, len(path), max(1, round(GRID_S * rate)))
     speed = np.linalg.norm(np.gradient(path, 1.0 / rate, axis=0), axis=1)
-    found = _longest_first(path[grid], speed[grid], float(grid[1] if grid.size > 1 else 1) / rate, limits)
-    return [_describe(motion, path, speed, int(grid[a]), int(grid[b])) for a, b in sorted(found)]
+    # ends (inclusive) of the longest allowed segment, then of those before and after it
+    coarse_path, coarse_speed = path[grid], speed[grid]
+    step_s = float(grid[1] if grid.size > 1 else 1) / rate
+    shortest = max(2, math.ceil(limits.min_duration_s / step_s - 1e-9))
+    found, waiting = [], [(0, len(coarse_path))]
+    while waiting:
+        first, stop = waiting.pop()
+        start, end = longest_stretch(
+            np.ascontiguousarray(coarse_path[first:stop]),
+            np.ascontiguousarray(coarse_speed[first:stop]),
+            step_s,
+            limits.lateral_m,
+            limits.speed_deviation,
+            limits.min_length_m,
+            limits.min_speed_mps,
+            shortest,
+        )
+        if start < 0:
+            continue
+        a, b = first + start, first + end
+        found.append((a, b))
+        waiting += [(first, a), (b + 1, stop)]
+    times, segments = motion.time_s, []
+    for first, last in ((int(grid[a]), int(grid[b])) for a, b in sorted(found)):
+        part, pace = path[first : last + 1], speed[first : last + 1]
+        offset = part - part[0]
+        distance = float(np.linalg.norm(offset[-1]))
+        along = offset[-1] / distance
+        segments.append(
+            Segment(
+                start_s=float(times[first]),
+                stop_s=float(times[last]),
+                mean_speed_mps=distance * rate / (last - first),
+                straightness=min(1.0, distance / float(np.linalg.norm(np.diff(part, axis=0), axis=1).sum())),
+                lateral_m=float(np.abs(offset[:, 0] * along[1] - offset[:, 1] * along[0]).max()),
+                speed_deviation=float(np.abs(pace / pace.mean() - 1).max()),
+                heading_deg=math.degrees(math.atan2(along[1], along[0])),
+                gait=measure_gait(motion.frames(first, last + 1)),
+            )
+        )
+    return segments
 
 
 def crop(motion: Motion, segment: Segment) -> Motion:
-    """The part of a motion that a segment spans, as a motion of its own that starts at time 0.
+    """Cut one segment out of a motion.
+
+    The result starts at time 0.
 
     Facts that the motion states are kept, its footfalls shifted; what it does not state can be measured in the part
     (:func:`doppelgait.motion.gait.with_gait_facts`), as ``read(segment=...)`` does.
@@ -134,42 +182,3 @@ def crop(motion: Motion, segment: Segment) -> Motion:
     first, last = (round((t - times[0]) * rate) for t in (segment.start_s, segment.stop_s))
     report = {"segment_from_s": float(times[first]), "segment_to_s": float(times[last])}
     return motion.cut(first, last + 1).with_report(**report)
-
-
-def _longest_first(path: FloatArray, speed: FloatArray, step_s: float, limits: SegmentLimits) -> list[tuple[int, int]]:
-    """Ends (inclusive) of the longest allowed stretch, then of those before and after it."""
-    from doppelgait.core.kernels.stretch import longest_stretch
-
-    shortest = max(2, math.ceil(limits.min_duration_s / step_s - 1e-9))
-    found, waiting = [], [(0, len(path))]
-    while waiting:
-        first, stop = waiting.pop()
-        start, end = longest_stretch(
-            np.ascontiguousarray(path[first:stop]), np.ascontiguousarray(speed[first:stop]), step_s, limits.lateral_m,
-            limits.speed_deviation, limits.min_length_m, limits.min_speed_mps, shortest,
-        )  # fmt: skip
-        if start < 0:
-            continue
-        a, b = first + start, first + end
-        found.append((a, b))
-        waiting += [(first, a), (b + 1, stop)]
-    return found
-
-
-def _describe(motion: Motion, path: FloatArray, speed: FloatArray, first: int, last: int) -> Segment:
-    times, rate = motion.time_s, motion.rate_hz
-    part, pace = path[first : last + 1], speed[first : last + 1]
-    chord = part[-1] - part[0]
-    distance = float(np.linalg.norm(chord))
-    along = chord / distance
-    offset = part - part[0]
-    return Segment(
-        start_s=float(times[first]),
-        stop_s=float(times[last]),
-        mean_speed_mps=distance * rate / (last - first),
-        straightness=min(1.0, distance / float(np.linalg.norm(np.diff(part, axis=0), axis=1).sum())),
-        lateral_m=float(np.abs(offset[:, 0] * along[1] - offset[:, 1] * along[0]).max()),
-        speed_deviation=float(np.abs(pace / pace.mean() - 1).max()),
-        heading_deg=math.degrees(math.atan2(along[1], along[0])),
-        gait=measure_gait(motion.frames(first, last + 1)),
-    )

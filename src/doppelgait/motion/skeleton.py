@@ -1,4 +1,4 @@
-"""Body parts, and the markers and joints of known sets with the part that each belongs to.
+"""Body parts, and the parts of known markers and joints.
 
 Two kinds of names exist. Markers, and joints named after the joint (knee, wrist) or after the bone that ends there
 (femur, humerus in ASF/AMC), are in :data:`PERSON_WORDS` and :data:`ANIMAL_WORDS`. Joints of BVH skeletons carry the
@@ -56,6 +56,12 @@ _ANIMAL_SIDED = {
     "hind_lower": "leg lowerleg tibia shank hock ankle tarsus tarsal metatarsus heel calcaneus",
     "hind_paw": "foot toe toes toebase mtp hindpaw hindfoot rearpaw rearfoot backpaw hindhoof hindtoe",
 }
+_HOOVES = {
+    f"h{end[0]}{side[0]}": f"{side}_{'fore' if end == 'front' else 'hind'}_paw"
+    for end in ("front", "hind")
+    for side in ("left", "right")
+}
+"""Hooves of the Vienna Horse Data Collection: HFL is the hoof front left, HHR the hoof hind right."""
 _ANIMAL_STARTS = {
     "trunk": "shoulder clavicle clav upleg upperleg legupper thigh",
     "fore_upper": "arm upperarm forearm lowerarm",
@@ -67,7 +73,10 @@ _UNSIDED_PARTS = ("head", "neck", "torso", "trunk", "tail")
 
 
 def _words(midline: Mapping[str, str], sided: Mapping[str, str]) -> dict[str, str]:
-    """Part by plain word: every sided word with each spelling of its side before it, then the words of the midline."""
+    """Return body parts by plain word.
+
+    Every sided word has each spelling of its side before it; the words of the midline follow.
+    """
     table: dict[str, str] = {}
     for part, names in sided.items():
         for side, letter in (("left", "l"), ("right", "r")):
@@ -79,7 +88,7 @@ def _words(midline: Mapping[str, str], sided: Mapping[str, str]) -> dict[str, st
 
 
 PERSON_WORDS = _words(_PERSON_MIDLINE, _PERSON_SIDED)
-ANIMAL_WORDS = _words(_ANIMAL_MIDLINE, _ANIMAL_SIDED)
+ANIMAL_WORDS = _words(_ANIMAL_MIDLINE, _ANIMAL_SIDED) | _HOOVES
 PERSON_STARTS = _words({}, _PERSON_STARTS)
 ANIMAL_STARTS = _words({}, _ANIMAL_STARTS)
 
@@ -89,7 +98,9 @@ _END = re.compile(r"[_. -]?(end[_ ]?site|end|site|nub)$", re.IGNORECASE)
 
 
 def plain_word(name: str) -> str:
-    """Name in small letters and digits, its side in front, without a rig's prefix: ``"UpperLeg_L"`` is "lupperleg".
+    """Reduce a name to small letters and digits, side first.
+
+    A rig's prefix is removed: ``"UpperLeg_L"`` is "lupperleg".
 
     Parameters
     ----------
@@ -105,17 +116,23 @@ def plain_word(name: str) -> str:
 
 
 def look_up(word: str, table: Mapping[str, str]) -> str:
-    """Part of a word, with its number (``"lknee2"``) or else without; ``""`` when neither is known."""
+    """Return the part of a word, with or without its number.
+
+    For example ``"lknee2"``; ``""`` when neither is known.
+    """
     return table.get(word) or table.get(word.rstrip("0123456789"), "")
 
 
 def without_end(word: str) -> str:
-    """Name of the bone whose free end a word names (``"lefthandend"``), ``""`` for any other word."""
+    """Return the bone of a free end (``"lefthandend"``), else ``""``."""
     return word.removesuffix("end") if word.endswith("end") else ""
 
 
 def starts_bones(words: set[str]) -> bool:
-    """Whether joints carry the names of the bones that start there, as in BVH files: there is an upper leg."""
+    """Return whether joints are named after the bones they start.
+
+    BVH files do so: there is an upper leg.
+    """
     legs = {word for word in words if re.fullmatch(r"(l|r|left|right)(upleg|upperleg|legupper)\d*", word)}
     return bool(legs) or {"lthigh", "lcalf"} <= words
 
@@ -181,12 +198,12 @@ KNOWN_SETS: Mapping[str, frozenset[str]] = {
 
 
 def bare_name(marker: str) -> str:
-    """Marker name without its subject: ``"liu:LFIN"`` gives ``"LFIN"``."""
+    """Return a marker name without its subject: ``"liu:LFIN"`` is ``"LFIN"``."""
     return marker.rsplit(":", 1)[-1].strip()
 
 
 def part_of(name: str, species: Species = "human") -> str:
-    """Body part of a named marker or joint, by this one name alone.
+    """Return the body part of one marker or joint name.
 
     :func:`parts_of` knows more, because it sees the whole set.
 
@@ -213,7 +230,9 @@ def _find(word: str, species: Species, *, starts: bool) -> str:
 
 
 def guess_species(names: Iterable[str]) -> Species | Literal[""]:
-    """Kind of body that a set of marker or joint names belongs to, ``""`` when they do not tell.
+    """Guess the species from marker or joint names.
+
+    ``""`` when they do not show it.
 
     A tail, a paw, withers, a hock and the like make it a four-legged animal, called "dog" here whatever its species
     is. Without these, at least 10 of the 14 parts of a person make it a person: joints of a leg alone do not, animals
@@ -231,7 +250,9 @@ def guess_species(names: Iterable[str]) -> Species | Literal[""]:
 
 
 def parts_of(names: Iterable[str]) -> list[str]:
-    """Body part of every marker or joint of one body, ``""`` where a name is not known.
+    """Return the body part of every name of one body.
+
+    ``""`` where a name is not known.
 
     The species comes from :func:`guess_species`, a person's words are taken where it does not tell. A joint counts to
     the part above it, whatever it is called: in skeletons whose joints carry the name of the bone that starts there
@@ -261,7 +282,9 @@ def _parts(names: Sequence[str], species: Species) -> list[str]:
 
 
 def complete_set(markers: Iterable[str]) -> frozenset[str]:
-    """Names of the known set that these markers (nearly) complete, at least 90 %; empty when there is none.
+    """Return the known marker set that these markers complete.
+
+    At least 90 % must be there; empty when there is none.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Points that do what no part of a body does: they jump, exchange names, double another point or lie far away."""
+"""Find points that jump, swap names, coincide or lie far away."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ N_LOOKS = 200
 
 
 def repair_swaps(position: FloatArray, names: Sequence[str], *, rate_hz: float) -> list[dict[str, Any]]:
-    """Give two points their paths back where they exchanged names, in place.
+    """Exchange the paths of points that swapped names, in place.
 
     Two points have swapped at a frame if both make a step there (:func:`find_steps`) and exchanging their samples from
     that frame on takes at least 70 % of both steps away. The names before the frame are taken as the right ones.
@@ -67,11 +67,19 @@ def repair_swaps(position: FloatArray, names: Sequence[str], *, rate_hz: float) 
 def _next_swap(
     position: FloatArray, step: FloatArray, limit: FloatArray, *, first: int, rate_hz: float
 ) -> tuple[list[int], int]:
-    """The two points that swap first from a frame on, those that gain most if several do, and the frame."""
+    """Find the next two points that swap, and the frame.
+
+    Those that gain most if several do.
+    """
     stepping = step[first:] > limit[first:]
     for frame in (int(k) + first for k in np.flatnonzero(stepping.sum(axis=1) >= 2)):
         points = np.flatnonzero(stepping[frame - first])
-        rest, before = _exchanged(position[:, points], frame, rate_hz), step[frame, points]
+        # step [i, j] that is left if from this frame on the path of point i goes on as that of point j
+        start = max(0, frame - 2 - max(1, round(MAX_BRIDGE_S * rate_hz)))
+        near = position[start : frame + 2, points]
+        last, arriving, leaving, gap = (values[frame - start] for values in _paths(near, rate_hz))
+        predicted = last[:, np.newaxis] + gap[:, np.newaxis, np.newaxis] * (arriving[:, np.newaxis] + leaving) / 2
+        rest, before = np.linalg.norm(near[frame - start] - predicted, axis=2), step[frame, points]
         least = np.minimum(before[:, np.newaxis], before)
         fits = np.maximum(rest, rest.T) < SWAP_RATIO * least
         gain = np.where(fits, before[:, np.newaxis] + before - rest - rest.T, 0.0)
@@ -83,7 +91,9 @@ def _next_swap(
 
 
 def find_jumps(position: FloatArray, names: Sequence[str], *, rate_hz: float) -> list[dict[str, Any]]:
-    """Steps that are no part of a smooth path; nothing is changed.
+    """Find steps that are no part of a smooth path.
+
+    Nothing is changed.
 
     Parameters
     ----------
@@ -102,7 +112,7 @@ def find_jumps(position: FloatArray, names: Sequence[str], *, rate_hz: float) ->
     step, limit = find_steps(position, rate_hz=rate_hz, floor_m=JUMP_M, jerk_mps3=JUMP_JERK_MPS3)
     edge = np.full((1, step.shape[1]), -1.0)
     known = np.concatenate([edge, np.nan_to_num(step, nan=-1.0), edge])
-    # a jump disturbs the velocities beside it: the frames before and after seem to step by half as much
+    # a jump disturbs the velocities next to it: the frames before and after seem to step by half as much
     peak = (step > limit) & (known[1:-1] > known[:-2]) & (known[1:-1] >= known[2:])
     found = [{"frame": int(k), "point": names[p], "step_m": round(float(step[k, p]), 4)} for k, p in np.argwhere(peak)]
     return sorted(found, key=lambda jump: (jump["frame"], jump["point"]))
@@ -111,7 +121,9 @@ def find_jumps(position: FloatArray, names: Sequence[str], *, rate_hz: float) ->
 def find_steps(
     position: FloatArray, *, rate_hz: float, floor_m: float, jerk_mps3: float
 ) -> tuple[FloatArray, FloatArray]:
-    """How far every sample lies from where its point was before, but for the mean of the velocities there and here.
+    """Measure the step of every sample against its predicted position.
+
+    The prediction adds the mean of the velocities before and after to the sample before.
 
     For a path of constant acceleration this is 0, for one of constant jerk j it is ``j t^3 / 2``. A gap of up to 0.1 s
     is bridged; where a point is not seen in two frames on both sides, the step is NaN.
@@ -140,7 +152,10 @@ def find_steps(
 
 
 def _paths(position: FloatArray, rate_hz: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Where each point was seen last, its way per frame there and from here on, and how many frames ago it was."""
+    """Return the last sample of each point, velocities and gap.
+
+    Velocities are per frame, there and from here on; the gap is in frames.
+    """
     n_frames, n_points = position.shape[:2]
     seen, point = np.isfinite(position).all(axis=2), np.arange(n_points)
     frames = np.arange(n_frames)[:, np.newaxis]
@@ -149,22 +164,12 @@ def _paths(position: FloatArray, rate_hz: float) -> tuple[FloatArray, FloatArray
     gap = (frames - previous).astype(np.float64)
     gap[(gap > max(1, round(MAX_BRIDGE_S * rate_hz))) | (gap < 1)] = np.nan
     none = np.full((1, n_points, 3), np.nan)
-    way = np.concatenate([none, np.diff(position, axis=0), none])
-    return position[previous, point], way[previous, point], way[1:], gap
-
-
-def _exchanged(position: FloatArray, frame: int, rate_hz: float) -> FloatArray:
-    """Step [i, j] that is left if from a frame on the path of point i goes on as that of point j; shape (P, P)."""
-    start = max(0, frame - 2 - max(1, round(MAX_BRIDGE_S * rate_hz)))
-    near = position[start : frame + 2]
-    last, before, after, gap = (values[frame - start] for values in _paths(near, rate_hz))
-    frames_ago = gap[:, np.newaxis, np.newaxis]
-    come = last[:, np.newaxis] + frames_ago * (before[:, np.newaxis] + after) / 2
-    return np.asarray(np.linalg.norm(near[frame - start] - come, axis=2))
+    velocity = np.concatenate([none, np.diff(position, axis=0), none])
+    return position[previous, point], velocity[previous, point], velocity[1:], gap
 
 
 def useless_points(position: FloatArray, names: Sequence[str], parts: Sequence[str]) -> dict[int, str]:
-    """Points that are no part of the body, though they were recorded, and why.
+    """Find recorded points that are no part of the body.
 
     Unknown points that live short (seen in less than a fifth of the frames in which points of this recording usually
     are), points that go with another (closer than 5 mm half of the time, than 2 cm 95 % of it; the one that is
@@ -192,44 +197,32 @@ def useless_points(position: FloatArray, names: Sequence[str], parts: Sequence[s
         for i, part in enumerate(parts)
         if not part and 0 < n_seen[i] < SHORT_LIVED * usual
     }
-    reasons |= {i: why for i, why in _far_points(position).items() if i not in reasons}
+    n_frames = len(position)
+    frames = np.unique(np.linspace(0, max(0, n_frames - 1), min(n_frames, N_LOOKS)).round().astype(int))
+    position = position[frames]
+    # points far from the middle of the body
+    occupied = position[np.asarray(np.isfinite(position).all(axis=2)).any(axis=1)]
+    if occupied.size:
+        distance = np.linalg.norm(occupied - np.nanmedian(occupied, axis=1, keepdims=True), axis=2)
+        seen = np.asarray(np.isfinite(distance).sum(axis=0) > 0)
+        typical = np.full(len(seen), np.nan)
+        typical[seen] = np.nanmedian(distance[:, seen], axis=0)
+        limit = max(FAR_M, FAR_FACTOR * float(np.nanmedian(typical)))
+        far = (int(i) for i in np.flatnonzero(typical > limit))
+        reasons |= {i: "far away from the body" for i in far if i not in reasons}
+    # points of lower rank at the place of one of higher rank
     rank = sorted(range(len(names)), key=lambda i: (i in reasons, -n_seen[i], not parts[i], names[i]))
-    return reasons | {i: why for i, why in _doubles(position, names, rank).items() if i not in reasons}
-
-
-def _far_points(position: FloatArray) -> dict[int, str]:
-    position = position[_looks(len(position))]
-    position = position[np.asarray(np.isfinite(position).all(axis=2)).any(axis=1)]
-    if not position.size:
-        return {}
-    middle = np.nanmedian(position, axis=1, keepdims=True)
-    distance = np.linalg.norm(position - middle, axis=2)
-    seen = np.asarray(np.isfinite(distance).sum(axis=0) > 0)
-    typical = np.full(len(seen), np.nan)
-    typical[seen] = np.nanmedian(distance[:, seen], axis=0)
-    limit = max(FAR_M, FAR_FACTOR * float(np.nanmedian(typical)))
-    return {int(i): "far away from the body" for i in np.flatnonzero(typical > limit)}
-
-
-def _doubles(position: FloatArray, names: Sequence[str], rank: Sequence[int]) -> dict[int, str]:
-    """Points of lower rank at the place of one of higher rank."""
-    position = position[_looks(len(position))]
-    reasons: dict[int, str] = {}
+    doubles: dict[int, str] = {}
     for n, i in enumerate(rank):
-        others = np.array([j for j in rank[n + 1 :] if j not in reasons], dtype=int)
-        if i in reasons or not others.size:
+        others = np.array([j for j in rank[n + 1 :] if j not in doubles], dtype=int)
+        if i in doubles or not others.size:
             continue
-        apart = np.linalg.norm(position[:, others] - position[:, [i]], axis=2)
-        near = np.flatnonzero((apart < SAME_PLACE_M).sum(axis=0) >= 2)
-        for k in near:
-            seen = np.isfinite(apart[:, k])
-            median, nearly_all = np.percentile(apart[seen, k], (50, 95))
+        distance = np.linalg.norm(position[:, others] - position[:, [i]], axis=2)
+        for k in np.flatnonzero((distance < SAME_PLACE_M).sum(axis=0) >= 2):
+            seen = np.isfinite(distance[:, k])
+            median, nearly_all = np.percentile(distance[seen, k], (50, 95))
             # a point at rest cannot be judged
             moves = float(np.linalg.norm(np.ptp(position[seen, others[k]], axis=0))) > MOVING_M
             if moves and median < SAME_PLACE_M and nearly_all < NEARLY_SAME_PLACE_M:
-                reasons[int(others[k])] = f"at the place of {names[i]}"
-    return reasons
-
-
-def _looks(n_frames: int) -> IntArray:
-    return np.unique(np.linspace(0, max(0, n_frames - 1), min(n_frames, N_LOOKS)).round().astype(int))
+                doubles[int(others[k])] = f"at the place of {names[i]}"
+    return reasons | {i: why for i, why in doubles.items() if i not in reasons}

@@ -1,4 +1,4 @@
-"""One run: scene + radar -> recording -> results."""
+"""Simulation and analysis of one scene with one radar."""
 
 from doppelgait.pipeline.analyze import analyze
 from doppelgait.pipeline.conditions import Conditions, Noise

@@ -1,7 +1,8 @@
-"""Recording -> signature, cadence map and features, one result per target."""
+"""Analysis of a recording: signature, cadence map and features of every target."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -9,7 +10,8 @@ import numpy as np
 import xarray as xr
 
 from doppelgait import processing
-from doppelgait.core.errors import AnalysisError
+from doppelgait.core.config import check_type
+from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.pipeline.result import Result
 from doppelgait.pipeline.target import analyze_signature
 from doppelgait.pipeline.tracking import Tracking, track_targets
@@ -23,7 +25,7 @@ __all__ = ["Result", "analyze", "analyze_signature", "flag_overlaps", "gated_sig
 
 
 def analyze(
-    recording: Recording, *, gate: GateChoice | Gate = "track",
+    recording: Recording, *, gate: GateChoice | Gate | str = "track",
     analysis: Analysis | None = None, tracking: Tracking | None = None, gate_error_m: float = 0.0,
 ) -> list[Result]:  # fmt: skip
     """Analyse a recording, simulated or measured.
@@ -31,7 +33,7 @@ def analyze(
     Parameters
     ----------
     recording : Recording
-    gate : {"track", "truth"}, (float, float) or Gate
+    gate : {"track", "truth"}, (float, float), text such as ``"1.2:2.8"``, or Gate
         ``truth`` takes the body's true range from a simulated recording, and nothing else; two numbers are a gate that
         stays between these ranges, m; a :class:`doppelgait.processing.Gate` is used unchanged.
         ``track`` (the default) finds and follows moving bodies without any truth, and people who keep still by their
@@ -51,16 +53,26 @@ def analyze(
     Raises
     ------
     AnalysisError
-        If there is no gate, or the recording is too short.
+        If the recording has no truth for the gate, or is too short.
+    ConfigError
+        If an argument is not allowed.
     """
+    check_type(recording, Recording, "recording", "read a file with doppelgait.radar.read_recording(PATH)")
+    check_type(analysis, (Analysis, type(None)), "analysis", "make one with doppelgait.Analysis(...)")
+    if not isinstance(gate, Gate):
+        gate = Gate.parse(gate, where="gate")
+    check_type(tracking, (Tracking, type(None)), "tracking", "make it with doppelgait.pipeline.Tracking(...)")
+    check_type(gate_error_m, (float, int), "gate_error_m", "give a number of m")
+    if not math.isfinite(gate_error_m) or (gate_error_m != 0 and gate != "truth"):
+        raise ConfigError(f"gate_error_m: {gate_error_m} is not allowed; it must be a finite number, with gate='truth'")
     settings = (analysis or Analysis()).resolved(gate)
-    if isinstance(gate, str) and gate == "track":
+    if gate == "track":
         return flag_overlaps(track_targets(recording, settings, tracking or Tracking()))
     gates, labels = _choose_gates(recording, gate, settings, gate_error_m)
     signatures = gated_signatures(recording, gates, settings)
     results = [
-        analyze_signature(mu, gate, settings, label=label)
-        for mu, gate, label in zip(signatures, gates, labels, strict=True)
+        analyze_signature(mu, own_gate, settings, label=label)
+        for mu, own_gate, label in zip(signatures, gates, labels, strict=True)
     ]
     return flag_overlaps(results)
 
@@ -68,18 +80,16 @@ def analyze(
 def _choose_gates(
     recording: Recording, gate: str | tuple[float, float] | Gate, analysis: Analysis, error_m: float
 ) -> tuple[list[Gate], list[str | None]]:
-    """Gates that do not need tracking, and the labels of their targets."""
+    """Return gates that need no tracking, and their targets' labels."""
     slow_time_s, wavelength_m = recording.slow_time_s, recording.radar.wavelength_m
     if isinstance(gate, tuple):
         gate = Gate.fixed(*gate, time_s=slow_time_s, range_m=recording.range_m)
     if isinstance(gate, Gate):
         return [gate], [None]
-    if gate != "truth":
-        raise AnalysisError(f"gate {gate!r} is not known; allowed are 'track', 'truth', two ranges or a Gate")
     if not recording.truth:
         raise AnalysisError(
-            f"{recording.source}: has no truth, so --gate truth is not possible; take --gate track, or give the range, "
-            "--gate 1.2:2.8"
+            f"{recording.source}: has no truth, so gate truth is not possible; take gate track, or give the range, "
+            "for example 1.2:2.8"
         )
     gates = [
         Gate.from_truth(truth, slow_time_s, analysis, wavelength_m=wavelength_m, error_m=error_m)
@@ -89,7 +99,10 @@ def _choose_gates(
 
 
 def gated_signatures(recording: Recording, gates: Sequence[Gate], analysis: Analysis) -> list[xr.DataArray]:
-    """Micro-Doppler signatures of several gates without static clutter, from the samples that they need."""
+    """Compute clutter-free micro-Doppler signatures of several gates.
+
+    Only the samples that the gates need are read.
+    """
     wavelength_m = recording.radar.wavelength_m
     if "burst_pulses" in recording.facts:
         clean = processing.remove_clutter(recording.baseband, analysis)
@@ -100,6 +113,7 @@ def gated_signatures(recording: Recording, gates: Sequence[Gate], analysis: Anal
     ]
     spans = np.stack([cut.needed_pulses() for cut in cuts])
     spans = np.stack([spans[:, :, 0].min(axis=0), spans[:, :, 1].max(axis=0)], axis=1)
+    analysis = analysis.resolved(None)
     if analysis.clutter != "none":  # looks at the whole recording
         spans[spans[:, 0] < spans[:, 1]] = (0, recording.n_pulses)
     planes, first_bin = recording.samples.read(spans, cuts[0].margin_pulses)
@@ -108,7 +122,7 @@ def gated_signatures(recording: Recording, gates: Sequence[Gate], analysis: Anal
 
 
 def flag_overlaps(results: Sequence[Result]) -> list[Result]:
-    """Add the flag ``gates_overlap`` where the gates of two targets share range."""
+    """Flag results with ``gates_overlap`` where gates of two targets share range."""
     return [
         replace(result, flags=(*result.flags, "gates_overlap"))
         if any(other is not result and result.gate.overlaps(other.gate) for other in results)

@@ -28,7 +28,7 @@ class Noise(FrozenModel):
 
 
 class Conditions(FrozenModel):
-    """What stands between an ideal recording and a real one.
+    """Receiver noise, environment and impairments of a recording.
 
     Parameters
     ----------
@@ -50,5 +50,5 @@ class Conditions(FrozenModel):
     impairments: Impairments = ()
 
     def has_impairment(self, kind: str) -> bool:
-        """Whether an impairment of this kind is among them."""
+        """Return True if there is an impairment of this kind."""
         return any(getattr(spec, "kind", "") == kind for spec in self.impairments)

@@ -1,4 +1,7 @@
-"""The result of one target: one value with its analysis settings, in memory, as JSON, in HDF5 files and table rows."""
+"""Result of one target, in memory, as JSON, HDF5 and table row.
+
+A result is one value that carries its analysis settings.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,6 @@ import base64
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +17,10 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.config import canonical_json, json_value, validate
-from doppelgait.core.errors import AnalysisError, DoppelgaitError
+from doppelgait.core.errors import AnalysisError, ConfigError, DoppelgaitError
 from doppelgait.core.files import atomic_path
 from doppelgait.core.labels import CADENCE_MAP, CADENCE_SPECTRUM, NORMALISED_SIGNATURE, SIGNATURE, Schema, check_signal
-from doppelgait.core.own_hdf5 import check_own
+from doppelgait.core.own_hdf5 import check_own, stated_format
 from doppelgait.features import FEATURE_UNITS, GaitFeatures
 from doppelgait.processing import Analysis, Gate
 from doppelgait.radar import Radar
@@ -47,7 +49,7 @@ GROUPS = {"quality": "quality_", "standard_deviation": "sd_", "extended": "exten
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """Signature, cadence map and features of one target, with the settings that they were made with.
+    """Signature, cadence map, features and analysis settings of one target.
 
     Two results are equal if everything in them is, to the last bit; NaN equals NaN.
 
@@ -100,6 +102,14 @@ class Result:
 
     __hash__ = None  # type: ignore[assignment]
 
+    def __repr__(self) -> str:
+        figures = {**self.features.as_dict(), "gait_frequency_hz": self.gait_frequency_hz}
+        known = [f"{name}={value:.4g}" for name, value in figures.items() if value is not None]
+        parts = [f"label={self.label!r}", f"gate={self.gate_source!r}", *known, f"flags={list(self.flags)}"]
+        if self.segments:
+            parts.append(f"segments={len(self.segments)}")
+        return f"Result({', '.join(parts)})"
+
     # Arrays ----------------------------------------------------------------------------------------------------------
 
     def _array(self, name: str) -> Any:
@@ -109,7 +119,10 @@ class Result:
 
     @property
     def gate(self) -> Gate:
-        """The gate; an AnalysisError where it was not kept."""
+        """Gate of the target.
+
+        Raises an :class:`AnalysisError` where it was not kept.
+        """
         if self.gate_limits is None:
             raise AnalysisError("this result holds no gate; it was read from a table row, which does not store it")
         return self.gate_limits
@@ -121,12 +134,18 @@ class Result:
 
     @property
     def normalised_signature(self) -> xr.DataArray:
-        """Normalised columns (time, doppler) that features are taken from: every n-th where the hop is finer."""
+        """Normalised signature (time, doppler) that features are computed from.
+
+        It has every n-th column where the hop is finer.
+        """
         return self._array("normalised_signature")  # type: ignore[no-any-return]
 
     @property
     def cadence_map(self) -> xr.DataArray:
-        """Cadence-velocity diagram (cadence, doppler); ``aligned``: Doppler is measured from the main line."""
+        """Cadence-velocity diagram (cadence, doppler).
+
+        With the attribute ``aligned``, Doppler is measured from the main line.
+        """
         return self._array("cadence_map")  # type: ignore[no-any-return]
 
     @property
@@ -144,19 +163,12 @@ class Result:
         """Straight main Doppler line at the columns of the signature, shape (J,)."""
         return self._array("main_line_hz")  # type: ignore[no-any-return]
 
-    @cached_property
-    def span_s(self) -> tuple[float, float]:
-        """Times that the result is about: of its segment, or of the whole gate."""
-        start_s, stop_s = self.quality.get("start_s"), self.quality.get("stop_s")
-        return (
-            self.gate.start_s if start_s is None else float(start_s),
-            self.gate.stop_s if stop_s is None else float(stop_s),
-        )
-
     # JSON ------------------------------------------------------------------------------------------------------------
 
     def to_json(self, *, arrays: bool = True) -> dict[str, Any]:
-        """Convert to plain values that ``json.dumps`` writes; :meth:`from_json` gives an equal result.
+        """Convert to plain values that ``json.dumps`` writes.
+
+        :meth:`from_json` returns an equal result.
 
         Parameters
         ----------
@@ -183,7 +195,18 @@ class Result:
         if arrays:
             gate = self.gate_limits
             plain["analysis"] = self.analysis.model_dump(mode="json")
-            plain["arrays"] = {name: _array_to_json(array) for name, array in self.arrays.items()}
+            stored: dict[str, Any] = {}
+            for name, array in self.arrays.items():
+                stored[name] = _values_to_json(np.asarray(array))
+                if isinstance(array, xr.DataArray):
+                    coords = {
+                        str(key): {**_values_to_json(one.values), "dims": list(one.dims), "attrs": _plain(one.attrs)}
+                        for key, one in array.coords.items()
+                    }
+                    stored[name] |= {
+                        "dims": list(array.dims), "name": array.name, "attrs": _plain(array.attrs), "coords": coords,
+                    }  # fmt: skip
+            plain["arrays"] = stored
             plain["gate_limits"] = None if gate is None else {
                 "time_s": _values_to_json(gate.time_s), "centre_m": _values_to_json(gate.centre_m),
                 "span_m": gate.span_m, "doppler_hz": None if gate.doppler_hz is None else list(gate.doppler_hz),
@@ -193,8 +216,25 @@ class Result:
 
     @classmethod
     def from_json(cls, plain: Mapping[str, Any]) -> Result:
-        """Make a result from what :meth:`to_json` returned with its arrays."""
+        """Make a result from the output of :meth:`to_json` with arrays.
+
+        Raises
+        ------
+        AnalysisError
+            If something is missing, as in the document of ``doppelgait analyze --json``.
+        """
+        needed = ("analysis", "label", "gate", "features", *NUMBERS, *GROUPS, "flags", "arrays", "gate_limits")
+        _check_keys(plain, needed, "document", "make it with Result.to_json(), with arrays")
         gate = plain["gate_limits"]
+        arrays: dict[str, Any] = {}
+        for name, stored in plain["arrays"].items():
+            arrays[name] = _values_from_json(stored)
+            if "dims" in stored:
+                axes = stored["coords"].items()
+                arrays[name] = xr.DataArray(
+                    arrays[name], dims=stored["dims"], name=stored["name"], attrs=stored["attrs"],
+                    coords={key: (one["dims"], _values_from_json(one), one["attrs"]) for key, one in axes},
+                )  # fmt: skip
         return cls(
             analysis=validate(Analysis, plain["analysis"], where="analysis"),
             label=plain["label"],
@@ -202,7 +242,7 @@ class Result:
             features=GaitFeatures(**plain["features"]),
             **{name: plain[name] for name in (*NUMBERS, *GROUPS)},
             flags=tuple(plain["flags"]),
-            arrays={name: _array_from_json(array) for name, array in plain["arrays"].items()},
+            arrays=arrays,
             gate_limits=None if gate is None else Gate(
                 _values_from_json(gate["time_s"]), _values_from_json(gate["centre_m"]), gate["span_m"],
                 None if gate["doppler_hz"] is None else tuple(gate["doppler_hz"]), gate["source"],
@@ -213,7 +253,10 @@ class Result:
     # Table rows ------------------------------------------------------------------------------------------------------
 
     def to_row(self) -> dict[str, Any]:
-        """Convert numbers and flags to the columns of a table; the label and the analysis have columns elsewhere."""
+        """Convert numbers and flags to the columns of a table.
+
+        The label and the analysis have columns elsewhere.
+        """
         row = {
             "gate": self.gate_source,
             **{f"feature_{name}": value for name, value in self.features.as_dict().items()},
@@ -228,7 +271,9 @@ class Result:
         cls, row: Mapping[str, Any], analysis: Analysis, *, label: str | None = None,
         arrays: Mapping[str, Any] | None = None, gate_limits: Gate | None = None,
     ) -> Result:  # fmt: skip
-        """Make a result from the columns of :meth:`to_row`; other columns are ignored.
+        """Make a result from the columns of :meth:`to_row`.
+
+        Other columns are ignored.
 
         Parameters
         ----------
@@ -239,7 +284,14 @@ class Result:
         arrays : mapping, optional
             Arrays that are stored with the row.
         gate_limits : Gate, optional
+
+        Raises
+        ------
+        AnalysisError
+            If a column is missing.
         """
+        needed = ("gate", "flags", *NUMBERS, *(f"feature_{name}" for name in FEATURE_UNITS))
+        _check_keys(row, needed, "row", "make it with Result.to_row()")
         groups: dict[str, Any] = {
             name: {key.removeprefix(prefix): row[key] for key in row if key.startswith(prefix)}
             for name, prefix in GROUPS.items()
@@ -257,8 +309,14 @@ class Result:
         )
 
 
+def _check_keys(stored: Any, needed: Sequence[str], noun: str, remedy: str) -> None:
+    missing = [name for name in needed if not isinstance(stored, Mapping) or name not in stored]
+    if missing:
+        raise AnalysisError(f"this {noun} of a result has no {', '.join(missing[:3])}; {remedy}")
+
+
 def _plain(value: Any) -> Any:
-    """Convert NumPy scalars inside of mappings and sequences to Python's."""
+    """Convert NumPy scalars in mappings and sequences to Python scalars."""
     if isinstance(value, Mapping):
         return {str(key): _plain(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):
@@ -278,33 +336,12 @@ def _values_from_json(plain: Mapping[str, Any]) -> npt.NDArray[Any]:
     return data.reshape(plain["shape"]).copy()
 
 
-def _array_to_json(array: Any) -> dict[str, Any]:
-    if not isinstance(array, xr.DataArray):
-        return _values_to_json(array)
-    coords = {
-        str(name): {**_values_to_json(one.values), "dims": list(one.dims), "attrs": _plain(one.attrs)}
-        for name, one in array.coords.items()
-    }
-    return {
-        **_values_to_json(array.values), "dims": list(array.dims), "name": array.name, "attrs": _plain(array.attrs),
-        "coords": coords,
-    }  # fmt: skip
-
-
-def _array_from_json(plain: Mapping[str, Any]) -> Any:
-    values = _values_from_json(plain)
-    if "dims" not in plain:
-        return values
-    coords = {name: (one["dims"], _values_from_json(one), one["attrs"]) for name, one in plain["coords"].items()}
-    return xr.DataArray(values, coords=coords, dims=plain["dims"], name=plain["name"], attrs=plain["attrs"])
-
-
 # Files ---------------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Results:
-    """Results of one recording, as a file holds them.
+    """Results of one recording, as stored in a file.
 
     Parameters
     ----------
@@ -320,7 +357,10 @@ class Results:
 
 
 def describe_results(recording: Recording, results: Sequence[Result]) -> dict[str, Any]:
-    """Build the document that ``doppelgait analyze --json`` prints; what is not finite is None."""
+    """Build the document that ``doppelgait analyze --json`` prints.
+
+    Values that are not finite become None.
+    """
     facts = {
         "file": recording.source,
         "n_pulses": recording.n_pulses,
@@ -338,7 +378,7 @@ def describe_results(recording: Recording, results: Sequence[Result]) -> dict[st
 
 
 def write_results(path: str | Path, recording: Recording, results: Sequence[Result]) -> None:
-    """Write results to one HDF5 file; it appears complete or not at all.
+    """Write results to one HDF5 file, completely or not at all.
 
     Each target is a group ``targets/<number>``: label, gate source, features and numbers as attributes (empty where
     undetermined), further mappings as JSON, arrays as datasets, their coordinates under ``axes``, segments in groups of
@@ -348,9 +388,15 @@ def write_results(path: str | Path, recording: Recording, results: Sequence[Resu
     ------
     OutputError
         If it cannot be written; an older file of that name is then untouched.
+    ConfigError
+        If ``results`` is one result.
     """
     import h5py
 
+    if isinstance(results, Result):
+        raise ConfigError(
+            "write_results takes a list of results; write one as write_results(path, recording, [result])"
+        )
     with atomic_path(path) as partial, h5py.File(partial, "w", track_order=True) as file:
         file.attrs.update(format=FORMAT, format_version=FORMAT_VERSION, source=recording.source)
         file.attrs["radar"] = canonical_json(recording.radar)
@@ -396,7 +442,10 @@ def _write_result(group: Any, result: Result, written: dict[Any, Any]) -> None:
 def _write_values(
     group: Any, name: str, values: npt.NDArray[Any], facts: Mapping[str, Any], written: dict[Any, Any]
 ) -> None:
-    """Write a dataset with its facts, or link to one that is the same: arrays share axes, a target its segment."""
+    """Write a dataset with its facts, or link to an equal one.
+
+    Arrays share axes, and a target shares them with its segment.
+    """
     values = np.ascontiguousarray(values)
     text = {key: value if isinstance(value, str) else json.dumps(value) for key, value in facts.items()}
     key = (values.dtype.str, values.shape, values.tobytes(), tuple(sorted(text.items())))
@@ -408,18 +457,12 @@ def _write_values(
 
 
 def is_result_file(path: str | Path) -> bool:
-    """Whether a file is HDF5 and states that it holds results."""
-    import h5py
-
-    try:
-        with h5py.File(path, "r") as file:
-            return bool(file.attrs.get("format") == FORMAT)
-    except (OSError, RuntimeError, ValueError, TypeError, LookupError):
-        return False
+    """Return True for an HDF5 file that states that it holds results."""
+    return stated_format(path) == FORMAT
 
 
 def read_results(path: str | Path) -> Results:
-    """Read a file of :func:`write_results`; the results are equal to those that were written.
+    """Read results that :func:`write_results` wrote, equal to the written ones.
 
     Raises
     ------
@@ -430,14 +473,15 @@ def read_results(path: str | Path) -> Results:
 
     if not Path(path).is_file():
         raise AnalysisError(f"{path}: no such file")
+    remedy = f"make it again: doppelgait analyze RECORDING -o {Path(path).name}"
     try:
         with h5py.File(path, "r") as file:
             if file.attrs.get("format") != FORMAT:
                 raise ValueError(f"attribute format is {file.attrs.get('format')!r}, must be {FORMAT!r}")
             if int(file.attrs["format_version"]) != FORMAT_VERSION:
-                raise ValueError(
-                    f"format_version is {file.attrs['format_version']}, must be {FORMAT_VERSION} (results of another "
-                    "version of doppelgait are not converted)"
+                raise AnalysisError(
+                    f"{path}: is a result of another version of doppelgait (format_version "
+                    f"{file.attrs['format_version']}, this one reads {FORMAT_VERSION}); {remedy}"
                 )
             check_own(file)
             return Results(
@@ -446,10 +490,9 @@ def read_results(path: str | Path) -> Results:
                 targets=tuple(_read_result(file["targets"][name]) for name in sorted(file["targets"], key=int)),
             )
     except (OSError, LookupError, ValueError, TypeError, AttributeError, RuntimeError, DoppelgaitError) as error:
-        raise AnalysisError(
-            f"{path}: is damaged or no result of doppelgait analyze: {error}; make it again: "
-            f"doppelgait analyze RECORDING -o {Path(path).name}"
-        ) from None
+        if str(error).startswith(f"{path}: "):
+            raise
+        raise AnalysisError(f"{path}: is damaged or no result of doppelgait analyze: {error}; {remedy}") from None
 
 
 def _read_result(group: Any) -> Result:

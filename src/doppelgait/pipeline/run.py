@@ -1,9 +1,8 @@
-"""A run as configuration: the scene file, resolved and carried out."""
+"""Configuration of a run: read a scene file and simulate it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +26,7 @@ from doppelgait.radar.impairments import Impairments
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.presets import changed_preset, preset_table
 from doppelgait.radar.recording import Recording
-from doppelgait.scene import PlacedScene, Scene, place
+from doppelgait.scene import Scene, place
 from doppelgait.scene.environment import Environment
 from doppelgait.scene.scene import with_file_paths
 
@@ -35,7 +34,7 @@ AUTO_PRF_START_HZ = 1000.0
 
 
 class Run(FrozenModel):
-    """Everything that makes one recording and its analysis.
+    """Configuration of one recording and its analysis.
 
     Parameters
     ----------
@@ -67,7 +66,9 @@ class Run(FrozenModel):
 
     @classmethod
     def from_toml(cls, path: str | Path, *, overrides: Sequence[str] = ()) -> Run:
-        """Read a scene file, with ``KEY=VALUE`` overrides put in; paths of motion files start from its folder.
+        """Read a scene file and apply ``KEY=VALUE`` overrides.
+
+        Relative paths of motion files start from its folder.
 
         Raises
         ------
@@ -80,7 +81,7 @@ class Run(FrozenModel):
         return run.model_copy(update={"scene": with_file_paths(run.scene, folder.resolve())})
 
     def to_toml(self) -> str:
-        """Write the run as the text of a scene file; :meth:`from_toml` reads an equal run.
+        """Write the run as a scene file that :meth:`from_toml` reads back.
 
         Raises
         ------
@@ -106,12 +107,12 @@ class Run(FrozenModel):
 
 
 SCENE_KEYS = tuple(Scene.model_fields)
-TWIN_KEYS = ("environment", "impairments")
-SECTIONS = ("seed", "example", *SCENE_KEYS, "radar", "noise", *TWIN_KEYS, "analysis")
+FITTED_KEYS = ("environment", "impairments")
+SECTIONS = ("seed", "example", *SCENE_KEYS, "radar", "noise", *FITTED_KEYS, "analysis")
 
 
 def parse_run(table: Mapping[str, Any], *, where: str = "scene", text: str = "", folder: Path | None = None) -> Run:
-    """Run specification from the tables of a scene file.
+    """Parse a run from the tables of a scene file.
 
     Parameters
     ----------
@@ -133,15 +134,18 @@ def parse_run(table: Mapping[str, Any], *, where: str = "scene", text: str = "",
     if unknown:
         places = ", ".join(key + line_note(text, [key]) for key in unknown)
         raise ConfigError(f"{where}: {places}: unknown key; allowed are {', '.join(SECTIONS)}")
-    twin = parse_radar(table.get("radar", {"preset": "x4"}), where=where, text=text, folder=folder)
+    radar = parse_radar(table.get("radar", {"preset": "x4"}), where=where, text=text, folder=folder)
     scene = {key: table[key] for key in SCENE_KEYS if key in table}
-    rest = {key: table[key] for key in ("noise", *TWIN_KEYS, "analysis", "seed", "example") if key in table}
+    rest = {key: table[key] for key in ("noise", *FITTED_KEYS, "analysis", "seed", "example") if key in table}
     parsed = validate(Scene, scene, where=where, text=text)
-    return validate(Run, {"scene": parsed, **twin, **rest}, where=where, text=text)
+    return validate(Run, {"scene": parsed, **radar, **rest}, where=where, text=text)
 
 
 def parse_radar(table: Any, *, where: str = "radar", text: str = "", folder: Path | None = None) -> dict[str, Any]:
-    """What a ``[radar]`` table gives a run: ``radar``, ``auto_prf`` and the lists of a sensor twin's preset."""
+    """Parse the ``[radar]`` table of a run.
+
+    Returns ``radar``, ``auto_prf`` and the lists of a calibrated preset.
+    """
     if isinstance(table, str):
         table = {"preset": table}
     if not isinstance(table, Mapping):
@@ -155,37 +159,29 @@ def parse_radar(table: Any, *, where: str = "radar", text: str = "", folder: Pat
     lists = {}
     if preset is not None:
         try:
-            place = _preset_place(str(preset), folder)
-            values = changed_preset(place, values)
-            lists = {key: value for key, value in preset_table(place).items() if key in TWIN_KEYS}
+            source = str(preset)
+            if source.endswith(".toml"):  # a file, seen from the folder of the scene file
+                source = str((folder or Path()) / source)
+            values = changed_preset(source, values)
+            lists = {key: value for key, value in preset_table(source).items() if key in FITTED_KEYS}
         except ConfigError as error:
             raise ConfigError(f"{where}: radar.preset{line_note(text, ['radar', 'preset'])}: {error}") from None
     radar = validate(Radar, values, where=where, text=text, section=("radar",))
     return {"radar": radar, "auto_prf": auto_prf, **lists}
 
 
-def _preset_place(preset: str, folder: Path | None) -> str:
-    """Name of a preset, or the path of its file seen from the folder of the scene file."""
-    return str((folder or Path()) / preset) if preset.endswith(".toml") else preset
-
-
-def run_simulation(spec: Run, *, folder: Path | None = None, angles: bool = True) -> Recording:
-    """Simulate the recording that a specification describes; same specification, same bytes.
+def run_simulation(run: Run, *, folder: Path | None = None, angles: bool = True) -> Recording:
+    """Simulate the recording of a run; equal runs give equal bytes.
 
     Parameters
     ----------
-    spec : Run
+    run : Run
     folder : Path, optional
         Folder that relative motion paths start from.
     angles : bool
         As for :func:`doppelgait.pipeline.simulate`.
     """
-    scene, radar = _place(spec, folder)
-    recording = simulate(scene, radar, angles=angles, rng=spec.streams, conditions=spec.conditions)
-    return replace(recording, seed=spec.seed)
-
-
-def _place(run: Run, folder: Path | None) -> tuple[PlacedScene, Radar]:
-    """Placed scene and radar of a run."""
-    placed = place(run.scene, run.streams, folder=folder)
-    return placed, with_lowest_prf(placed, run.radar, cpi_s=run.analysis.cpi_s) if run.auto_prf else run.radar
+    scene, radar = place(run.scene, run.streams, folder=folder), run.radar
+    if run.auto_prf:
+        radar = with_lowest_prf(scene, radar, cpi_s=run.analysis.cpi_s)
+    return simulate(scene, radar, angles=angles, rng=run.streams, conditions=run.conditions)

@@ -1,4 +1,4 @@
-"""Scene + radar -> recording."""
+"""Simulation of a recording from a scene and a radar."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.config import validate
+from doppelgait.core.config import check_type, validate
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.labels import axis
 from doppelgait.core.rng import Streams
 from doppelgait.core.units import duration_to_pulses, slow_time_axis_s
-from doppelgait.motion.motion import FREQUENCIES, Motion
+from doppelgait.motion.motion import FREQUENCIES
 from doppelgait.pipeline.conditions import Conditions
 from doppelgait.radar.antenna import apply_antenna
 from doppelgait.radar.impairments import ThermalNoise, apply_impairments, noise_power_per_sample_v2, pulse_times
@@ -68,7 +68,7 @@ def simulate(
         Wanted SNR_frame instead of ``conditions.noise``: time mean of the strongest bin's power over the noise power,
         in dB; ``inf`` for no noise. The power is that of the targets: no ghosts, background bodies or clutter.
     angles : bool
-        Whether the truth holds every scatterer's aspect angle and the bodies to draw; without, the simulation is
+        Include every scatterer's aspect angle and the bodies for plots in the truth; without, the simulation is
         faster.
 
     Returns
@@ -78,31 +78,44 @@ def simulate(
     Raises
     ------
     ConfigError
-        If ``snr_db`` or impairments are given without a source of random numbers.
+        If ``snr_db`` or impairments have no source of random numbers.
 
     Warns
     -----
     DoppelgaitWarning
         If a scatterer aliases in Doppler or leaves the frame.
     """
-    conditions = conditions or Conditions()
+    check_type(scene, (Scene, PlacedScene), "scene", "make one with doppelgait.Scene(targets=[...])")
+    check_type(radar, Radar, "radar", 'make one with doppelgait.Radar.preset("x4")')
+    conditions = conditions if conditions is not None else Conditions()
+    check_type(conditions, Conditions, "conditions", "make them with doppelgait.Conditions(impairments=[...])")
+    check_type(snr_db, (float, int, type(None)), "snr_db", "give a number of dB")
+    check_type(rng, (Streams, type(None)), "rng", "pass rng=doppelgait.rng(SEED)")
     snr_db = _check_noise(conditions, rng=rng, snr_db=snr_db)
     placed = as_placed(scene, rng)
     slow_time_s = pulse_times_s(placed.observation_s, radar)
     scatterers, tracks = observe_scene(placed, radar, slow_time_s, conditions, angles=angles, streams=rng)
     warn_of_limits(scatterers, radar)
+    # the echoes of the targets set the signal level; ghosts and background bodies are added to them
     targets, others = split_targets(scatterers)
     samples = radar.waveform.synthesise_planes(targets, radar)
     signal_v2 = frame_power_v2(compress_samples(samples, radar))
     if others is not None:
         samples += radar.waveform.synthesise_planes(others, radar)
-    noise_v2 = _noise_v2(conditions, radar, signal_v2, rng=rng, snr_db=snr_db)
-    if rng is not None:
-        if noise_v2 > 0 and not conditions.has_impairment("thermal_noise"):
+    # level of the receiver noise, mean square in a range bin
+    thermal = [spec for spec in conditions.impairments if isinstance(spec, ThermalNoise)]
+    noise_v2 = 0.0
+    if thermal:
+        noise_v2 = sum(noise_power_per_sample_v2(spec, radar) for spec in thermal) * radar.waveform.noise_gain(radar)
+    elif rng is not None and (snr_db is not None or conditions.noise.kind != "none"):
+        noise_v2 = noise_level_v2(radar, signal_v2, snr_db)
+    if rng is not None:  # noise first, then the impairments in their order
+        if noise_v2 > 0 and not thermal:
             power_v2 = noise_v2 / radar.waveform.noise_gain(radar)
             samples = samples.with_noise(draw_key(rng.generator("noise")), power_v2)
-        _, impairments_rng = rng.generator("impairments").spawn(2)
-        samples = apply_impairments(samples, conditions.impairments, radar=radar, rng=impairments_rng)
+        _, samples_rng = _impairment_generators(rng)
+        samples = apply_impairments(samples, conditions.impairments, radar=radar, rng=samples_rng)
+    # the bodies in the truth are for plots, at the rate of a screen
     shown_s = slow_time_s[:: math.ceil(radar.prf_hz / BODY_RATE_HZ)] if angles else None
     return Recording(
         compress_samples(samples, radar),
@@ -124,13 +137,14 @@ def simulate(
 
 
 def _check_noise(conditions: Conditions, *, rng: Streams | None, snr_db: float | None) -> float | None:
-    """Wanted SNR_frame; a :class:`ConfigError` where something random has no source or the noise two levels."""
-    if rng is not None and not isinstance(rng, Streams):
-        raise ConfigError(f"rng: {type(rng).__name__} is not allowed; pass rng=doppelgait.rng(SEED)")
+    """Check the noise settings and return the wanted SNR_frame.
+
+    Raises a :class:`ConfigError` where something random has no source, or the noise has two levels.
+    """
     if snr_db is None and conditions.noise.kind == "snr":
         snr_db = conditions.noise.snr_db
     if snr_db is not None and rng is None and not math.isinf(snr_db):
-        raise ConfigError(f"snr_db = {snr_db} asks for noise, which needs rng: pass rng=doppelgait.rng(SEED)")
+        raise ConfigError(f"snr_db = {snr_db} adds noise, which needs rng: pass rng=doppelgait.rng(SEED)")
     if conditions.impairments and rng is None:
         raise ConfigError("impairments draw random numbers: pass rng=doppelgait.rng(SEED)")
     if snr_db is not None and conditions.has_impairment("thermal_noise"):
@@ -138,18 +152,6 @@ def _check_noise(conditions: Conditions, *, rng: Streams | None, snr_db: float |
             f"snr_db = {snr_db:g} and an impairment thermal_noise both set the noise level: leave one out"
         )
     return snr_db
-
-
-def _noise_v2(
-    conditions: Conditions, radar: Radar, signal_v2: float, *, rng: Streams | None, snr_db: float | None
-) -> float:
-    """Mean square of the receiver noise in a range bin, V^2."""
-    own = [spec for spec in conditions.impairments if isinstance(spec, ThermalNoise)]
-    if own:
-        return sum(noise_power_per_sample_v2(spec, radar) for spec in own) * radar.waveform.noise_gain(radar)
-    if rng is None or (snr_db is None and conditions.noise.kind == "none"):
-        return 0.0
-    return noise_level_v2(radar, signal_v2, snr_db)
 
 
 def observe_scene(
@@ -179,7 +181,7 @@ def observe_scene(
     """
     placed, times_s = as_placed(scene, streams), slow_time_s
     if conditions.impairments and streams is not None:
-        timing_rng, _ = streams.generator("impairments").spawn(2)
+        timing_rng, _ = _impairment_generators(streams)
         times_s = pulse_times(slow_time_s, conditions.impairments, radar=radar, rng=timing_rng)
     patterned = radar.antenna.kind != "isotropic"
     directions = patterned or needs_angles(conditions.environment)
@@ -203,8 +205,14 @@ def observe_scene(
     return scatterers, tracks
 
 
+def _impairment_generators(streams: Streams) -> tuple[np.random.Generator, np.random.Generator]:
+    """Return random sources of frame times and of sample impairments."""
+    timing, samples = streams.generator("impairments").spawn(2)
+    return timing, samples
+
+
 def split_targets(scatterers: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset | None]:
-    """Split a table into the rows of targets and those of ghosts and background bodies, if any."""
+    """Separate the rows of targets from ghosts and background bodies."""
     own = axis(scatterers, "target") >= 0
     if own.all():
         return scatterers, None
@@ -215,7 +223,10 @@ def split_targets(scatterers: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset | None
 
 
 def pulse_times_s(observation_s: float, radar: Radar) -> FloatArray:
-    """Pulse times of a scene; a :class:`ConfigError` where the scene is too short or too large."""
+    """Compute pulse times of a scene, within the limits of its size.
+
+    Raises a :class:`ConfigError` where the scene is too short or too large.
+    """
     slow_time_s = slow_time_axis_s(duration_to_pulses(observation_s, radar.prf_hz), radar.prf_hz)
     if slow_time_s.size < 2:
         raise ConfigError(f"{observation_s} s at prf_hz = {radar.prf_hz:g} is less than two frames; observe longer")
@@ -231,13 +242,27 @@ def target_truth(
     placed: PlacedTarget, observation_s: float, scatterers: xr.Dataset, centre: LineOfSight,
     *, shown_s: FloatArray | None = None,
 ) -> TargetTruth:  # fmt: skip
-    """Truth of one target of a scene, from the same geometry that the radar sees; frequencies over the observation.
+    """Build the truth of one target, from the geometry of the simulation.
 
-    Its body is there at the times ``shown_s``, if they are given.
+    Stride, step and gait frequency are those of the observation, from the touchdowns; NaN where nothing is known. The
+    body is included at the times ``shown_s``, if there are any.
     """
     own = axis(scatterers, "target") == placed.number
     rows = scatterers if own.all() else scatterers.isel(scatterer=np.flatnonzero(own))
     facts = placed.motion.facts
+    frequencies_hz = {key: getattr(facts, key) for key in FREQUENCIES}
+    if facts.path is None or facts.path.pause_s <= 0:  # with pauses already a mean over the time not paused
+        start_s = float(placed.motion.time_s[0])
+        found = []
+        for touchdowns_s in (np.asarray(times_s) for times_s in facts.footfalls.values() if len(times_s) > 1):
+            # strides of one foot from its first to its last touchdown in the observation, or those just outside
+            first, stop = np.searchsorted(touchdowns_s, [start_s - 1e-9, start_s + observation_s + 1e-9])
+            while stop - first < 2:
+                first, stop = max(first - 1, 0), min(stop + 1, touchdowns_s.size)
+            found.append(float((stop - first - 1) / (touchdowns_s[stop - 1] - touchdowns_s[first])))
+        factor = float(np.mean(found)) / frequencies_hz["stride_frequency_hz"] if found else 1.0
+        if not math.isclose(factor, 1.0, rel_tol=1e-9):  # touchdowns are roots of a spline: keep an even gait exact
+            frequencies_hz = {key: factor * hz for key, hz in frequencies_hz.items()}
     return TargetTruth(
         label=placed.target.label,
         scatterers=rows,
@@ -249,27 +274,9 @@ def target_truth(
         subject=facts.subject,
         motion=facts.source,
         height_m=facts.height_m,
-        **_observed_frequencies_hz(placed.motion, observation_s),
+        **frequencies_hz,
         body=None if shown_s is None else body_at(placed, shown_s),
     )
-
-
-def _observed_frequencies_hz(motion: Motion, observation_s: float) -> dict[str, float]:
-    """Stride, step and gait frequency over the observation, from the touchdowns; NaN where nothing is known."""
-    whole = {key: getattr(motion.facts, key) for key in FREQUENCIES}
-    if motion.facts.path is not None and motion.facts.path.pause_s > 0:
-        return whole  # already a mean over the time not paused
-    start_s = float(motion.time_s[0])
-    found = []
-    for touchdowns_s in (np.asarray(times_s) for times_s in motion.facts.footfalls.values() if len(times_s) > 1):
-        # strides of one foot from its first to its last touchdown in the observation, or those just outside
-        first, stop = np.searchsorted(touchdowns_s, [start_s - 1e-9, start_s + observation_s + 1e-9])
-        while stop - first < 2:
-            first, stop = max(first - 1, 0), min(stop + 1, touchdowns_s.size)
-        found.append(float((stop - first - 1) / (touchdowns_s[stop - 1] - touchdowns_s[first])))
-    factor = float(np.mean(found)) / whole["stride_frequency_hz"] if found else 1.0
-    # touchdowns are roots of a spline: an even gait keeps its frequency to the last digit
-    return whole if math.isclose(factor, 1.0, rel_tol=1e-9) else {key: factor * hz for key, hz in whole.items()}
 
 
 def with_lowest_prf(scene: Scene | PlacedScene, radar: Radar, *, cpi_s: float) -> Radar:
@@ -281,5 +288,5 @@ def with_lowest_prf(scene: Scene | PlacedScene, radar: Radar, *, cpi_s: float) -
     probe_s = slow_time_axis_s(duration_to_pulses(placed.observation_s, PROBE_RATE_HZ), PROBE_RATE_HZ)
     prf_hz = lowest_prf_hz(
         assemble(placed, probe_s, angles=False, rng=np.random.default_rng(0)), radar, cpi_s
-    )  # speeds do not depend on what is drawn
+    )  # speeds do not depend on random values
     return validate(Radar, {**radar.model_dump(), "prf_hz": prf_hz}, where="radar")

@@ -1,4 +1,4 @@
-"""Spectrograms made by others: from displayed levels to a signature that the features can be taken from."""
+"""Signatures from displayed levels of spectrograms that others made."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SAME_SPACING = 0.01
 """Columns, rows and hop may disagree by this share; the two durations that figures give often differ by more."""
 MIN_ROWS, MIN_COLUMNS = 8, 8
 LOBE_DB_PER_CELL2 = 6.0
-"""How far a spectral line is below its top, per squared distance from it in resolution cells (1 / T_d).
+"""Fall of a spectral line from its top, per squared distance in resolution cells (1 / T_d).
 
 With a Hann window a line is 3 dB down at 0.72 cells: 3 / 0.72^2 = 5.8.
 """
@@ -33,7 +33,9 @@ def signature_of_levels(
     range_m: tuple[float, float], floor_db: float | None = None, ceiling_db: float | None = None,
     highest_db: float | None = None, blank_below_mps: float = 0.0, n_gate_bins: float = 1.0,
 ) -> xr.DataArray:  # fmt: skip
-    """Signature from the levels of a spectrogram, to enter the analysis after the short-time transform.
+    """Convert spectrogram levels to a signature.
+
+    The signature enters the analysis after the short-time transform.
 
     Parameters
     ----------
@@ -43,16 +45,16 @@ def signature_of_levels(
         Middle of every column's processing interval, evenly spaced and rising.
     doppler_hz, velocity_mps : array_like, shape (K,)
         One of the two: Doppler or radial velocity of every row, approaching positive, evenly spaced; falling axes are
-        turned round.
+        reversed.
     wavelength_m : float
         Carrier wavelength.
     prf_hz : float
         Pulses (sweeps) per second.
     cpi_pulses, hop : int
         Pulses of a processing interval and from column to column, 1 or more: what one column averages over decides
-        whether steps can be told apart, so they have no default.
+        whether steps can be distinguished, so they have no default.
     range_m : (float, float)
-        Ranges that went into the spectrogram; where the source does not tell, those that it may lie in. No feature
+        Ranges that went into the spectrogram; where the source does not state them, those that are possible. No feature
         depends on a gate that stays put.
     floor_db, ceiling_db : float, optional
         Levels to which the display was clipped. Cells at the floor keep its level: with half of the
@@ -65,7 +67,7 @@ def signature_of_levels(
     blank_below_mps : float
         Rows slower than this are emptied (the line of static echoes), 0 for none.
     n_gate_bins : float
-        Range cells whose power was summed in a cell of the spectrogram, 1 or more: decides how its noise is spread.
+        Range cells that were summed in a cell of the spectrogram, 1 or more: decides how its noise is spread.
 
     Returns
     -------
@@ -80,18 +82,44 @@ def signature_of_levels(
         hop / prf_hz.
     """
     level = np.asarray(level_db, dtype=np.float64)
-    times_s = _uniform(time_s, "time_s", MIN_COLUMNS)
-    rows_hz, level = _doppler(level, doppler_hz, velocity_mps, _positive(wavelength_m, "wavelength_m"))
-    _check_shape(level, times_s, rows_hz)
-    _check_timing(times_s, _positive(prf_hz, "prf_hz"), cpi_pulses, hop)
-    _positive(n_gate_bins, "n_gate_bins")
-    level, clipped = _unclipped(
+    times_s = _check_uniform(time_s, "time_s", MIN_COLUMNS)
+    for name, value in {"wavelength_m": wavelength_m, "prf_hz": prf_hz, "n_gate_bins": n_gate_bins}.items():
+        if not 0 < value < math.inf:
+            raise AnalysisError(f"{name} is {value}; it must be positive")
+    if (doppler_hz is None) == (velocity_mps is None):
+        raise AnalysisError("pass doppler_hz or velocity_mps, one of the two, for the rows of a spectrogram")
+    name, rows = ("doppler_hz", doppler_hz) if velocity_mps is None else ("velocity_mps", velocity_mps)
+    rows = np.asarray(rows, dtype=np.float64)
+    if rows.ndim == 1 and rows.size > 1 and rows[0] > rows[-1]:
+        rows, level = rows[::-1], level[..., ::-1]
+    rows = _check_uniform(rows, name, MIN_ROWS)
+    rows_hz = rows if velocity_mps is None else np.asarray(velocity_to_doppler_hz(rows, wavelength_m))
+    if level.shape != (times_s.size, rows_hz.size):
+        raise AnalysisError(
+            f"level_db has shape {level.shape}, its axes {times_s.size} times and {rows_hz.size} rows: it must be "
+            "(time, doppler), time first"
+        )
+    if not np.isfinite(level).all():
+        raise AnalysisError(
+            "level_db holds values that are not finite; pass the display's lowest level where nothing was shown"
+        )
+    if cpi_pulses < 1 or hop < 1:
+        raise AnalysisError(f"cpi_pulses is {cpi_pulses} and hop {hop}; both must be 1 pulse or more")
+    column_s = float((times_s[-1] - times_s[0]) / (times_s.size - 1))
+    if abs(column_s * prf_hz / hop - 1.0) > SAME_SPACING:
+        raise AnalysisError(
+            f"time_s has a column every {1e3 * column_s:.4g} ms, but hop {hop} at prf_hz {prf_hz:.6g} is "
+            f"{1e3 * hop / prf_hz:.4g} ms: one of the three is wrong, and with it every frequency of the gait"
+        )
+    level, clipped = _unclip(
         level, floor_db, ceiling_db, highest_db,
         rows_per_cell=prf_hz / cpi_pulses / float(rows_hz[1] - rows_hz[0]),
     )  # fmt: skip
     power = np.asarray(db_to_power(level)).astype(np.float32)
     rows_mps = doppler_to_velocity_mps(rows_hz, wavelength_m)
-    power[:, np.abs(rows_mps) < _not_negative(blank_below_mps, "blank_below_mps")] = 0.0
+    if not 0 <= blank_below_mps < math.inf:
+        raise AnalysisError(f"blank_below_mps is {blank_below_mps}; it must be 0 or more")
+    power[:, np.abs(rows_mps) < blank_below_mps] = 0.0
     low_m, high_m = range_m
     gate = Gate.fixed(low_m, high_m, time_s=times_s)
     coords = {
@@ -117,20 +145,8 @@ def gate_of_levels(signature: xr.DataArray) -> Gate:
     return Gate.fixed(centre_m - half_m, centre_m + half_m, time_s=times_s)
 
 
-def _positive(value: float, name: str) -> float:
-    if not 0 < value < math.inf:
-        raise AnalysisError(f"{name} is {value}; it must be positive")
-    return value
-
-
-def _not_negative(value: float, name: str) -> float:
-    if not 0 <= value < math.inf:
-        raise AnalysisError(f"{name} is {value}; it must be 0 or more")
-    return value
-
-
-def _uniform(values: npt.ArrayLike, name: str, least: int) -> FloatArray:
-    """A rising, evenly spaced axis."""
+def _check_uniform(values: npt.ArrayLike, name: str, least: int) -> FloatArray:
+    """Check that an axis rises in even steps and return it."""
     array = np.asarray(values, dtype=np.float64)
     if array.ndim != 1 or array.size < least:
         raise AnalysisError(f"{name} has shape {array.shape}; a spectrogram needs one axis of {least} values or more")
@@ -140,48 +156,14 @@ def _uniform(values: npt.ArrayLike, name: str, least: int) -> FloatArray:
     return array
 
 
-def _doppler(
-    level: FloatArray, doppler_hz: Any, velocity_mps: Any, wavelength_m: float
-) -> tuple[FloatArray, FloatArray]:
-    """Rising Doppler axis and the levels in its order."""
-    if (doppler_hz is None) == (velocity_mps is None):
-        raise AnalysisError("give doppler_hz or velocity_mps, one of the two, for the rows of a spectrogram")
-    name = "doppler_hz" if velocity_mps is None else "velocity_mps"
-    rows = np.asarray(doppler_hz if velocity_mps is None else velocity_mps, dtype=np.float64)
-    if rows.ndim == 1 and rows.size > 1 and rows[0] > rows[-1]:
-        rows, level = rows[::-1], level[..., ::-1]
-    rows = _uniform(rows, name, MIN_ROWS)
-    return (rows if velocity_mps is None else np.asarray(velocity_to_doppler_hz(rows, wavelength_m))), level
-
-
-def _check_shape(level: FloatArray, times_s: FloatArray, rows_hz: FloatArray) -> None:
-    if level.shape != (times_s.size, rows_hz.size):
-        raise AnalysisError(
-            f"level_db has shape {level.shape}, its axes {times_s.size} times and {rows_hz.size} rows: it must be "
-            "(time, doppler), time first"
-        )
-    if not np.isfinite(level).all():
-        raise AnalysisError(
-            "level_db holds values that are not finite; give the display's lowest level where nothing was shown"
-        )
-
-
-def _check_timing(times_s: FloatArray, prf_hz: float, cpi_pulses: int, hop: int) -> None:
-    if cpi_pulses < 1 or hop < 1:
-        raise AnalysisError(f"cpi_pulses is {cpi_pulses} and hop {hop}; both must be 1 pulse or more")
-    column_s = float((times_s[-1] - times_s[0]) / (times_s.size - 1))
-    if abs(column_s * prf_hz / hop - 1.0) > SAME_SPACING:
-        raise AnalysisError(
-            f"time_s has a column every {1e3 * column_s:.4g} ms, but hop {hop} at prf_hz {prf_hz:.6g} is "
-            f"{1e3 * hop / prf_hz:.4g} ms: one of the three is wrong, and with it every frequency of the gait"
-        )
-
-
-def _unclipped(
+def _unclip(
     level: FloatArray, floor_db: float | None, ceiling_db: float | None, highest_db: float | None, *,
     rows_per_cell: float,
 ) -> tuple[FloatArray, dict[str, Any]]:  # fmt: skip
-    """Levels between the clips, domes on the upper one, and what is to be kept about it."""
+    """Clip levels and rebuild the peaks above the ceiling as domes.
+
+    Also returns the facts to store about it.
+    """
     if highest_db is not None and (ceiling_db is None or highest_db <= ceiling_db):
         raise AnalysisError(f"highest_db is {highest_db}; it needs a ceiling_db below it, which is {ceiling_db}")
     if floor_db is not None and ceiling_db is not None and floor_db >= ceiling_db:
@@ -191,20 +173,16 @@ def _unclipped(
     kept: FloatArray = np.clip(level, low, high)
     if highest_db is not None:
         curvature_db = LOBE_DB_PER_CELL2 / rows_per_cell**2
-        kept += _domes_db(at_ceiling, curvature_db, room_db=highest_db - high)
+        # a parabola through both edges of its run of clipped cells
+        rows = np.arange(level.shape[1])
+        last = np.maximum.accumulate(np.where(at_ceiling, -1, rows), axis=1)
+        following = np.minimum.accumulate(np.where(at_ceiling, rows.size, rows)[:, ::-1], axis=1)[:, ::-1]
+        below, above = last + 0.5, following - 0.5  # edges of the run, between rows
+        half = np.where(at_ceiling, (above - below) / 2.0, 1.0)
+        dome = (rows - below) * (above - rows) * np.minimum(curvature_db, (highest_db - high) / half**2)
+        kept += np.where(at_ceiling, dome, 0.0)
     facts = {
         "floor_db": floor_db, "ceiling_db": ceiling_db, "highest_db": highest_db,
         "floor_share": float(at_floor.mean()), "ceiling_share": float(at_ceiling.mean()),
     }  # fmt: skip
     return kept, facts
-
-
-def _domes_db(clipped: npt.NDArray[np.bool_], curvature_db: float, *, room_db: float) -> FloatArray:
-    """What a parabola through both edges of its run of clipped cells adds to each of them, dB; same shape."""
-    rows = np.arange(clipped.shape[1])
-    last = np.maximum.accumulate(np.where(clipped, -1, rows), axis=1)
-    following = np.minimum.accumulate(np.where(clipped, rows.size, rows)[:, ::-1], axis=1)[:, ::-1]
-    below, above = last + 0.5, following - 0.5  # edges of the run, between rows
-    half = np.where(clipped, (above - below) / 2.0, 1.0)
-    dome = (rows - below) * (above - rows) * np.minimum(curvature_db, room_db / half**2)
-    return np.where(clipped, dome, 0.0)

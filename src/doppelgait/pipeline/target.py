@@ -1,4 +1,4 @@
-"""One target: from a gate or a signature to its cadence map and features."""
+"""Analysis of one target: from gate or signature to features."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ GROUND_QUALITY = ("ground_speed_mps", "aspect_deg", "ground_step_length_m")
 def analyze_gated(
     baseband: xr.DataArray, wavelength_m: float, gate: Gate, analysis: Analysis, label: str | None
 ) -> Result:
-    """Analyse the target in a gate of a recording without clutter.
+    """Analyse the target in a gate of a clutter-free recording.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def analyze_gated(
 
 
 def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label: str | None) -> Result:
-    """Analyse the signature of one target: everything after the short-time transform.
+    """Analyse the signature of one target, after the short-time transform.
 
     Parameters
     ----------
@@ -67,7 +67,15 @@ def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label
     shown = usable if usable.attrs["hop"] == mu.attrs["hop"] else processing.within_frame(mu)[0]
     further: dict[str, Any] = {}
     if liland:
-        extraction, normalised, cadence_map, spectrum = _analyze_liland(usable, analysis)
+        # the report's chain: columns over their maximum, mean removed, plain transform, sum over Doppler
+        normalised = processing.normalise(usable, 0.0, mode="max")
+        rows = processing.detrend(normalised, order=0)
+        cadence_map = processing.cadence_map(rows, padded=False, tapered=False)
+        spectrum = processing.cadence_spectrum(cadence_map, power=False)
+        extraction = liland2018.extract(
+            processing.mean_doppler_spectrum(normalised), axis(usable, "doppler"), spectrum,
+            wavelength_m=float(usable.attrs["wavelength_m"]), threshold=analysis.bandwidth_threshold,
+        )  # fmt: skip
         line_hz = np.full(usable.sizes["time"], extraction.torso_doppler_hz)
     else:
         observed, normalised = observe(usable, analysis)
@@ -104,7 +112,10 @@ def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label
 
 
 def _measure_ground_motion(mu: xr.DataArray, extraction: Extraction) -> tuple[dict[str, Any], list[str]]:
-    """Measure ground speed and aspect from the gate's range history (E-34b); return the flags, too."""
+    """Measure ground speed and aspect from the gate's range (E-34b).
+
+    Also returns the flags.
+    """
     centre_m = axis(mu, "centre_range")
     follows = np.ptp(centre_m) > 0  # a fixed gate follows no one
     motion = ground_motion(axis(mu, "time"), centre_m) if follows else GroundMotion()
@@ -163,21 +174,3 @@ def observe(mu: xr.DataArray, analysis: Analysis) -> tuple[Observed, xr.DataArra
         window_steepness=analysis.window_steepness,
     )  # fmt: skip
     return observed, normalised
-
-
-def _analyze_liland(
-    mu: xr.DataArray, analysis: Analysis
-) -> tuple[Extraction, xr.DataArray, xr.DataArray, xr.DataArray]:
-    """Analyse by the report's chain: columns over their maximum, mean removed, plain transform, sum over Doppler."""
-    normalised = processing.normalise(mu, 0.0, mode="max")
-    rows = processing.detrend(normalised, order=0)
-    cadence_map = processing.cadence_map(rows, padded=False, tapered=False)
-    spectrum = processing.cadence_spectrum(cadence_map, power=False)
-    extraction = liland2018.extract(
-        processing.mean_doppler_spectrum(normalised),
-        axis(mu, "doppler"),
-        spectrum,
-        wavelength_m=float(mu.attrs["wavelength_m"]),
-        threshold=analysis.bandwidth_threshold,
-    )
-    return extraction, normalised, cadence_map, spectrum

@@ -1,8 +1,7 @@
-"""Find targets without the truth: tracks of moving bodies, and people who keep still."""
+"""Target detection without truth: tracks of moving bodies and breathing persons."""
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +9,7 @@ import xarray as xr
 
 from doppelgait import processing
 from doppelgait.core.config import FrozenModel
-from doppelgait.core.errors import DoppelgaitWarning
+from doppelgait.core.errors import warn_caller
 from doppelgait.core.labels import axis, sampling_rate_hz
 from doppelgait.features import GaitFeatures
 from doppelgait.features.ground_motion import piece_motion
@@ -35,7 +34,7 @@ STILL_SPAN_M = 0.6
 
 
 class Tracking(FrozenModel):
-    """How ``gate = "track"`` finds targets.
+    """Parameters of ``gate = "track"``.
 
     Parameters
     ----------
@@ -56,7 +55,9 @@ class Tracking(FrozenModel):
 
 
 def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) -> list[Result]:
-    """Find and analyse all bodies of a recording, moving ones first, in order of appearance.
+    """Find and analyse all bodies of a recording.
+
+    Moving bodies come first, in order of appearance.
 
     Parameters
     ----------
@@ -73,12 +74,10 @@ def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) 
     prf_hz = sampling_rate_hz(times_s)
     tracks: list[Track] = []
     if prf_hz * tracking.detector.cpi_s < MIN_CPI_PULSES:
-        warnings.warn(
+        warn_caller(
             f"frame rate {prf_hz:g} Hz: radial speeds are unambiguous to {wavelength_m * prf_hz / 4:.2g} m/s only and "
             f"{tracking.detector.cpi_s:g} s hold fewer than {MIN_CPI_PULSES} frames; moving bodies are not looked for, "
-            "only people who keep still",
-            DoppelgaitWarning,
-            stacklevel=3,
+            "only people who keep still"
         )
     else:
         scans = find_scans(raw, tracking.detector, wavelength_m=wavelength_m, in_phase=True)
@@ -98,7 +97,7 @@ def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) 
 def _analyze_track(
     raw: xr.DataArray, clean: xr.DataArray, wavelength_m: float, found: Track, analysis: Analysis, tracking: Tracking
 ) -> Result:
-    """Analyse every segment of a track; the result is that of the longest, with all of them."""
+    """Analyse every segment of a track; return the longest with all."""
     gate = Gate.from_track(
         found, span_m=analysis.gate_span_m, time_s=axis(raw, "slow_time"), cpi_s=tracking.detector.cpi_s,
         doppler_hz=analysis.gate_doppler_hz,
@@ -129,7 +128,7 @@ def _analyze_track(
 def _analyze_segment(
     raw: xr.DataArray, clean: xr.DataArray, wavelength_m: float, found: Track, gate: Gate, analysis: Analysis
 ) -> Result:
-    """Analyse a gate during one segment; flag a hidden gait and what clutter removal took."""
+    """Analyse one segment; flag hidden gait and clutter removal losses."""
     result = analyze_gated(gate.crop(clean), wavelength_m, gate, analysis, None)
     start_s, stop_s = gate.start_s, gate.stop_s
     flags = list(result.flags)
@@ -139,7 +138,7 @@ def _analyze_segment(
         if motion.visibility == "hidden":
             flags.append("aspect_beyond_75_deg:gait_is_hidden")
     removed = 0.0
-    if analysis.clutter != "none":  # as measured where a reference is known, and by the gain of the filter
+    if analysis.clutter not in ("none", "auto"):  # as measured where a reference is known, else by the filter's gain
         measured = share_removed(raw, clean, gate).values
         known = measured[np.isfinite(measured)]
         times_s = axis(raw, "slow_time")
@@ -155,7 +154,7 @@ def _analyze_segment(
 
 
 def _analyze_breathing(clean: xr.DataArray, wavelength_m: float, person: BreathingTarget, analysis: Analysis) -> Result:
-    """Analyse a person who keeps still: a breath, no gait."""
+    """Analyse a motionless person who was detected by breathing."""
     prf_hz = sampling_rate_hz(axis(clean, "slow_time"))
     slow = analysis.model_copy(update={"cpi_s": max(analysis.cpi_s, 3 * MIN_CPI_PULSES / prf_hz)})
     span_m = STILL_SPAN_M / 2

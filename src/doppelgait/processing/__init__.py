@@ -1,4 +1,4 @@
-"""From complex baseband to micro-Doppler signature and step-Doppler map; simulated and measured data alike."""
+"""Signal processing from complex baseband to signature and cadence-velocity diagram."""
 
 from doppelgait.processing.bursts import burst_pulses_of, burst_signature, find_burst_pulses
 from doppelgait.processing.cadence import (

@@ -1,4 +1,4 @@
-"""Signals that breathing is found in: spectrum, displacement, and the gain that all range bins share."""
+"""Spectrum, displacement and common gain of slow-time series with breathing."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ ComplexArray = npt.NDArray[np.complex128]
 
 PADDING = 4
 BACKGROUND_HZ = (0.1, 2.0)
-"""Band whose median is a window's own level: wide against a breath's line."""
+"""Band for the median that is a window's own level: wide against a breath's line."""
 SIDE_CELLS = (2.0, 6.0)
-"""A line's sides lie so far from it, in cells of 1 / window."""
+"""Limits of a line's sides, in cells of 1 / window from it."""
 LEAST_LOWER_CELL = 0.75
 BREATHS_IN_WINDOW = 3.0
 
@@ -53,14 +53,16 @@ class BreathSpectrum:
         return self.window_pulses / self.rate_hz
 
     def only(self, window: int, chosen: int) -> BreathSpectrum:
-        """One bin in one window."""
+        """Return one bin in one window."""
         return replace(
             self, power=self.power[window : window + 1, :, chosen : chosen + 1], starts=self.starts[window : window + 1]
         )
 
 
 def breath_spectrum(series: ComplexArray, rate_hz: float, *, window_s: float) -> BreathSpectrum:
-    """Spectra of half-overlapping windows, tapered by Hann's window after a straight line is taken off.
+    """Compute spectra of half-overlapping, detrended and tapered windows.
+
+    A straight line is removed and Hann's window applied.
 
     Parameters
     ----------
@@ -94,7 +96,7 @@ def breath_spectrum(series: ComplexArray, rate_hz: float, *, window_s: float) ->
 
 
 def line_ratio(spectrum: BreathSpectrum, *, low_hz: float, high_hz: float) -> FloatArray:
-    """Mean power of the windows over the level about each frequency.
+    """Compare the windows' mean power with the level around each frequency.
 
     The level is the highest of three medians: over the wide band, and over the cells on either side of the line (a
     harmonic or a second line hardly moves them), brought to the mean of gamma-distributed values. Where the lower side
@@ -119,7 +121,9 @@ def line_ratio(spectrum: BreathSpectrum, *, low_hz: float, high_hz: float) -> Fl
 
 
 def threshold(spectrum: BreathSpectrum, false_alarm: float, *, low_hz: float, high_hz: float) -> float:
-    """Ratio that white noise exceeds anywhere, in any bin, with the given chance.
+    """Compute the ratio that white noise exceeds with this chance.
+
+    It counts over all rates and all bins.
 
     Sum of 2 W exponential variables against the level of 2 W n, n independent cells in the wide band: F distribution
     with (4 W, 4 W n / 2) degrees of freedom (a median is worth about half its values), over so many independent cells
@@ -135,7 +139,10 @@ def threshold(spectrum: BreathSpectrum, false_alarm: float, *, low_hz: float, hi
 
 
 def median_over_mean(count: int) -> float:
-    """Median over mean of a sum of ``count`` exponential variables."""
+    """Compute median over mean of a sum of exponential variables.
+
+    There are ``count`` variables.
+    """
     return float((1.0 - 1.0 / (9.0 * count)) ** 3)
 
 
@@ -146,11 +153,13 @@ def _background(frequency_hz: FloatArray) -> npt.NDArray[np.bool_]:
 LEAST_RADIUS_SD = 4.0
 """Radius over the spread about it below which noise would break the phase's thread."""
 RADIUS_ERROR = 0.2
-"""Relative error of an arc's radius up to which its displacement is told."""
+"""Relative error of an arc's radius up to which its displacement is known."""
 
 
 def circle_of(values: ComplexArray) -> tuple[complex, float]:
-    """Centre and radius of the circle through points of the complex plane (Taubin, IEEE PAMI 13, 1991).
+    """Fit a circle through points of the complex plane.
+
+    The method is that of Taubin, IEEE PAMI 13, 1991.
 
     Parameters
     ----------
@@ -179,7 +188,9 @@ def circle_of(values: ComplexArray) -> tuple[complex, float]:
 
 
 def displacement_of(values: ComplexArray, *, wavelength_m: float) -> tuple[FloatArray, bool]:
-    r"""Displacement along the range against its mean, positive away, and whether its scale is known.
+    r"""Compute displacement along the range from the phase.
+
+    It is relative to its mean and positive away from the radar; the scale may be unknown.
 
     An echo that moves by d turns by :math:`-4 \pi d / \lambda` on a circle about the static part of the bin (E-18):
     centre and radius come from the points, the phase is unwrapped. Where the arc is too short or too noisy for that
@@ -205,8 +216,8 @@ def displacement_of(values: ComplexArray, *, wavelength_m: float) -> tuple[Float
         phase = np.unwrap(np.angle(about))
         noise = float(np.std(np.abs(about)))
         arc = float(np.ptp(np.quantile(phase, [0.02, 0.98])))
-        told = noise * math.sqrt(720.0 / values.size) < RADIUS_ERROR * radius * arc**2
-        if told and radius > LEAST_RADIUS_SD * noise:
+        accurate = noise * math.sqrt(720.0 / values.size) < RADIUS_ERROR * radius * arc**2
+        if accurate and radius > LEAST_RADIUS_SD * noise:
             return np.asarray(-(phase - phase.mean()) * wavelength_m / (4.0 * math.pi)), True
     moved = values - values.mean()
     plane = np.stack([moved.real, moved.imag])
@@ -222,7 +233,7 @@ PASSES = 3
 
 
 def without_common_gain(values: ComplexArray, range_m: FloatArray) -> ComplexArray:
-    r"""Slow-time series of all bins, each divided by the complex gain that the bins elsewhere have in common.
+    r"""Divide every bin's slow-time series by the other bins' common gain.
 
     The gain of frame i for bin n is
 
@@ -231,7 +242,7 @@ def without_common_gain(values: ComplexArray, range_m: FloatArray) -> ComplexArr
 
     over the bins m at least 0.75 m away, so that a body's own motion is never in its own reference. Three passes: the
     weights become those of the corrected series. Bins whose reference is too weak, or that fluctuate more with it than
-    without, are left as they are.
+    without, stay unchanged.
 
     Parameters
     ----------
@@ -245,19 +256,13 @@ def without_common_gain(values: ComplexArray, range_m: FloatArray) -> ComplexArr
     """
     corrected = values
     own_power = np.maximum(np.var(values, axis=0), 1e-300)
+    far = (np.abs(range_m[:, None] - range_m) >= APART_M).astype(np.float64)
     for _ in range(PASSES):
-        gain, weight = _reference(values, corrected, range_m)
-        trial = values / gain
-        better = (weight >= LEAST_WEIGHT) & (np.var(trial, axis=0) < own_power)
+        mean = corrected.mean(axis=0)
+        weight = 1.0 / np.maximum(np.var(corrected, axis=0), 1e-300 + 1e-14 * np.abs(mean) ** 2)
+        strength = (weight * np.abs(mean) ** 2) @ far
+        gain = (values * (weight * mean.conj())) @ far / np.maximum(strength, 1e-300)
+        trial = values / np.where((strength >= LEAST_WEIGHT) & (np.abs(gain) > 0.1), gain, 1.0)
+        better = (strength >= LEAST_WEIGHT) & (np.var(trial, axis=0) < own_power)
         corrected = np.where(better, trial, values)
     return corrected
-
-
-def _reference(values: ComplexArray, corrected: ComplexArray, range_m: FloatArray) -> tuple[ComplexArray, FloatArray]:
-    """Gain of every frame and bin, shape (I, N), and the weight behind it, shape (N,)."""
-    mean = corrected.mean(axis=0)
-    weight = 1.0 / np.maximum(np.var(corrected, axis=0), 1e-300 + 1e-14 * np.abs(mean) ** 2)
-    far = (np.abs(range_m[:, None] - range_m) >= APART_M).astype(np.float64)
-    strength = (weight * np.abs(mean) ** 2) @ far
-    gain = (values * (weight * mean.conj())) @ far / np.maximum(strength, 1e-300)
-    return np.where((strength >= LEAST_WEIGHT) & (np.abs(gain) > 0.1), gain, 1.0), strength

@@ -1,4 +1,4 @@
-"""People who sit or stand still, found by their breath in the slow-time phase of range bins."""
+"""Detection of motionless persons by breathing in the slow-time phase."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ WORKING_RATE_HZ = 10.0
 LEAST_RATE_HZ = 3.0
 SHORTEST_S = 10.0
 COHERENT = 0.8
-"""Two places whose motion agrees so far are one breath: an echo by a second way, or what it shadows."""
+"""Two places with this correlation of motion are one breath: an echo by a second path, or a shadowed echo."""
 WINDOW_FALSE_ALARM = 1e-3
 NAN = float("nan")
 
 
 class BreathingSettings(FrozenModel):
-    """How breathing is looked for.
+    """Parameters of breathing detection.
 
     Parameters
     ----------
@@ -45,15 +45,15 @@ class BreathingSettings(FrozenModel):
     window_s : float
         Length of a processing window; windows overlap by half. A shorter recording is one window.
     false_alarm : float
-        Chance of a target in a recording of white noise, at most; drifting echoes give more.
+        Maximum probability of a target in a recording of white noise; drifting echoes give more.
     gap_m : float
-        Bins with a breath that are not further apart are one person.
+        Bins with breathing within this distance are one person.
     extent_m : float
         Within this distance of a stronger person, a weaker one of the same rate or of a multiple of it is that person.
     largest_displacement_m : float
-        What moves to and fro further is no breath.
+        Motion of a larger amplitude is no breath.
     least_share : float
-        Least share of the slow motion that is at the rate and its double; irregular motion has less.
+        Smallest share of the slow motion that is at the rate and its double; irregular motion has less.
     """
 
     low_hz: float = Field(default=0.1, gt=0, le=5)
@@ -84,9 +84,9 @@ class BreathingTarget:
         Breaths per second, median over the windows with a breath.
     displacement_m : float
         Amplitude (half of peak to peak) of the motion along the range at that rate; NaN where the phase turns too
-        little or too noisily to tell what of the bin moves.
+        little or too noisily.
     snr_db : float
-        Power at the rate over the power beside it, in the spectra of all windows.
+        Power at the rate over the power next to it, in the spectra of all windows.
     confidence : float
         0 to 1: share of the windows with a breath, times the share of the motion between 0.05 Hz and the end of the
         band that is at the rate and its double.
@@ -105,7 +105,7 @@ class BreathingTarget:
 
 @dataclass(frozen=True)
 class _Candidate:
-    """A cluster of bins and what its strongest bin does in the windows with a breath."""
+    """Cluster of bins with the breathing of its strongest bin."""
 
     target: BreathingTarget
     power: float
@@ -114,7 +114,7 @@ class _Candidate:
 
 @dataclass(frozen=True)
 class _Look:
-    """What is looked at: slow series (I, N) with its axes and spectra."""
+    """Slow series (I, N) with axes, spectra and settings."""
 
     series: ComplexArray
     times: FloatArray
@@ -158,7 +158,7 @@ def find_breathing(
     AnalysisError
         If the recording is shorter than 10 s, below 3 Hz, not finite, or the wavelength is not above 0.
     """
-    given = settings or BreathingSettings()
+    options = settings or BreathingSettings()
     check_signal(baseband, BASEBAND)
     pulse_times, range_m = axis(baseband, "slow_time"), axis(baseband, "range")
     if not (math.isfinite(wavelength_m) and wavelength_m > 0):
@@ -170,36 +170,58 @@ def find_breathing(
             f"{pulse_times.size / rate_hz:.3g} s at {rate_hz:.4g} Hz"
         )
     if not np.isfinite(baseband.values).all():
-        raise AnalysisError("the baseband has values that are not finite; take those pulses out or fill them")
+        raise AnalysisError("the baseband has values that are not finite; remove those pulses or fill them")
     # averaged to about 10 Hz
     size = max(1, int(rate_hz / WORKING_RATE_HZ))
     count = pulse_times.size // size
     values = baseband.values[: count * size].reshape(count, size, -1).mean(axis=1, dtype=np.complex128)
     times = pulse_times[: count * size].reshape(count, size).mean(axis=1)
     series = without_common_gain(values, range_m)
-    spectrum = breath_spectrum(series, sampling_rate_hz(times), window_s=given.window_s)
-    ratio = line_ratio(spectrum, low_hz=given.low_hz, high_hz=given.high_hz)
-    limit = threshold(spectrum, given.false_alarm, low_hz=given.low_hz, high_hz=given.high_hz)
-    look = _Look(series, times, range_m, spectrum, ratio, limit, wavelength_m, given)
+    spectrum = breath_spectrum(series, sampling_rate_hz(times), window_s=options.window_s)
+    ratio = line_ratio(spectrum, low_hz=options.low_hz, high_hz=options.high_hz)
+    limit = threshold(spectrum, options.false_alarm, low_hz=options.low_hz, high_hz=options.high_hz)
+    look = _Look(series, times, range_m, spectrum, ratio, limit, wavelength_m, options)
     bins = np.flatnonzero(ratio.max(axis=0) > limit)  # bins with a breath, in groups of neighbours
-    groups = np.split(bins, np.flatnonzero(np.diff(range_m[bins]) > given.gap_m) + 1) if bins.size else []
-    found = [candidate for candidate in (_candidate(look, group) for group in groups) if candidate is not None]
+    groups = np.split(bins, np.flatnonzero(np.diff(range_m[bins]) > options.gap_m) + 1) if bins.size else []
+    found = [candidate for candidate in (_measure_cluster(look, group) for group in groups) if candidate is not None]
     kept: list[_Candidate] = []  # without those that a stronger one explains
     for candidate in sorted(found, key=lambda one: -one.power):
-        if not any(_is_part_of(candidate, other, given.extent_m, 1.0 / spectrum.window_s) for other in kept):
+        if not any(_is_part_of(candidate, other, options.extent_m, 1.0 / spectrum.window_s) for other in kept):
             kept.append(candidate)
     return [candidate.target for candidate in kept]
 
 
-def _candidate(look: _Look, bins: npt.NDArray[np.int64]) -> _Candidate | None:
-    """Rate, displacement and time span of one cluster, from its strongest bin; None if it is no breath."""
+def _measure_cluster(look: _Look, bins: npt.NDArray[np.int64]) -> _Candidate | None:
+    """Measure rate, displacement and time span of one cluster.
+
+    They are those of its strongest bin; None if it is no breath.
+    """
     spectrum, settings = look.spectrum, look.settings
-    bins, line = _grown(look, bins)
+    # add the bins nearby with a quarter of the threshold ratio at its rate: the strongest echo of a body is not always
+    # the one with the steadiest line
+    frequency_hz = spectrum.frequency_hz
+    line = int(np.argmax(look.ratio[:, bins].max(axis=1)))
+    near = np.abs(frequency_hz - frequency_hz[line]) <= 1.5 / spectrum.window_s
+    weak = look.ratio[near].max(axis=0) >= look.limit / 4.0
+    reach_m = settings.extent_m / 2.0
+    low_m, high_m = look.range_m[bins[0]] - reach_m, look.range_m[bins[-1]] + reach_m
+    member = weak & (look.range_m >= low_m) & (look.range_m <= high_m)
+    member[bins] = True
+    bins = np.flatnonzero(member)
     powers = spectrum.mean_power[line, bins]
     best = int(np.argmax(powers))
-    chosen, line_hz = int(bins[best]), float(spectrum.frequency_hz[line])
+    chosen, line_hz = int(bins[best]), float(frequency_hz[line])
     breathes = _windows_with_breath(spectrum, chosen, line_hz, settings)
-    rate_hz, share, displacement_m = _of_windows(look, chosen, line_hz, spectrum.starts[breathes])
+    rows = []
+    for start in spectrum.starts[breathes]:
+        part = look.series[start : start + spectrum.window_pulses, chosen]
+        motion, known = displacement_of(part, wavelength_m=look.wavelength_m)
+        rate_hz, share, amplitude_m = _strongest_rate(motion, line_hz, spectrum, settings)
+        rows.append((rate_hz, share, amplitude_m if known else NAN))
+    rates_hz, shares, amplitudes_m = np.array(rows).T
+    known_m = amplitudes_m[np.isfinite(amplitudes_m)]
+    rate_hz, share = float(np.median(rates_hz)), float(shares.mean())
+    displacement_m = float(np.median(known_m)) if known_m.size else NAN
     if share < settings.least_share or displacement_m > settings.largest_displacement_m:
         return None
     strong = powers >= powers[best] / 4.0
@@ -217,46 +239,19 @@ def _candidate(look: _Look, bins: npt.NDArray[np.int64]) -> _Candidate | None:
     )
     # both quadratures of the bin about its rate, plus and minus half of it, for the whole recording
     series = look.series[:, chosen]
-    frequency_hz = np.abs(np.fft.fftfreq(series.size, 1.0 / spectrum.rate_hz))
-    inside = np.abs(frequency_hz - rate_hz) <= 0.5 * rate_hz
+    both_hz = np.abs(np.fft.fftfreq(series.size, 1.0 / spectrum.rate_hz))
+    inside = np.abs(both_hz - rate_hz) <= 0.5 * rate_hz
     moving = np.fft.ifft(np.where(inside, np.fft.fft(series - series.mean()), 0.0))
     return _Candidate(target, float(powers[best]), np.stack([moving.real, moving.imag]))
-
-
-def _grown(look: _Look, bins: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.int64], int]:
-    """Cluster with the bins about it that show a quarter of the ratio asked for at its rate, and its line.
-
-    The strongest echo of a body is not always the one with the steadiest line.
-    """
-    frequency_hz = look.spectrum.frequency_hz
-    line = int(np.argmax(look.ratio[:, bins].max(axis=1)))
-    near = np.abs(frequency_hz - frequency_hz[line]) <= 1.5 / look.spectrum.window_s
-    weak = look.ratio[near].max(axis=0) >= look.limit / 4.0
-    reach_m = look.settings.extent_m / 2.0
-    low_m, high_m = look.range_m[bins[0]] - reach_m, look.range_m[bins[-1]] + reach_m
-    member = weak & (look.range_m >= low_m) & (look.range_m <= high_m)
-    member[bins] = True
-    return np.flatnonzero(member), line
-
-
-def _of_windows(look: _Look, chosen: int, line_hz: float, starts: npt.NDArray[np.int64]) -> tuple[float, float, float]:
-    """Median rate over windows, mean share of the motion at it, and the median of the known displacements."""
-    rows = []
-    for start in starts:
-        part = look.series[start : start + look.spectrum.window_pulses, chosen]
-        motion, known = displacement_of(part, wavelength_m=look.wavelength_m)
-        rate_hz, share, amplitude_m = _strongest_rate(motion, line_hz, look.spectrum, look.settings)
-        rows.append((rate_hz, share, amplitude_m if known else NAN))
-    rates, shares, amplitudes = np.array(rows).T
-    told = amplitudes[np.isfinite(amplitudes)]
-    displacement_m = float(np.median(told)) if told.size else NAN
-    return float(np.median(rates)), float(shares.mean()), displacement_m
 
 
 def _windows_with_breath(
     spectrum: BreathSpectrum, chosen: int, rate_hz: float, settings: BreathingSettings
 ) -> npt.NDArray[np.bool_]:
-    """Windows in which the bin shows a line within 1.5 cells of the rate; the strongest one at least."""
+    """Find the windows in which a bin shows the line.
+
+    The line is within 1.5 cells of the rate; the strongest window always counts.
+    """
     single = np.stack(
         [
             line_ratio(spectrum.only(number, chosen), low_hz=settings.low_hz, high_hz=settings.high_hz)[:, 0]
@@ -272,7 +267,9 @@ def _windows_with_breath(
 def _strongest_rate(
     motion: FloatArray, line_hz: float, spectrum: BreathSpectrum, settings: BreathingSettings
 ) -> tuple[float, float, float]:
-    """Rate of a real motion, share of its slow power at it and its double, and amplitude at it.
+    """Measure rate, power share and amplitude of a real motion.
+
+    The share is that of its slow power at the rate and its double.
 
     The rate is that of the line, or half of it: a swing beyond a wide arc shows its double most.
     """

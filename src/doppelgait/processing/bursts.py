@@ -1,4 +1,4 @@
-"""Signature of data that come in bursts: some pulses at a high rate, a pause, the next pulses.
+"""Signature of data in bursts of pulses with pauses between them.
 
 Frames of sensors that sleep in between and microcontrollers that sample and send in turn give such data. A processing
 interval must not cross a pause, so every burst becomes one column.
@@ -7,7 +7,6 @@ interval must not cross a pause, so every burst becomes one column.
 from __future__ import annotations
 
 import json
-import warnings
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.errors import AnalysisError, DoppelgaitWarning
+from doppelgait.core.errors import AnalysisError, warn_caller
 from doppelgait.core.labels import BASEBAND, SIGNATURE, axis, check_signal, make_array
 from doppelgait.core.units import doppler_axis_hz, doppler_to_velocity_mps
 from doppelgait.processing.config import MIN_CPI_PULSES, Analysis, gaussian_window, next_fast_length
@@ -30,7 +29,9 @@ UNEVEN = 0.1
 
 
 def find_burst_pulses(slow_time_s: npt.ArrayLike) -> int | None:
-    """Pulses in each burst, found from the pauses in the times; None where there is no pause.
+    """Count the pulses in each burst from pauses in the times.
+
+    The result is None where there is no pause.
 
     Parameters
     ----------
@@ -66,7 +67,10 @@ def find_burst_pulses(slow_time_s: npt.ArrayLike) -> int | None:
 
 
 def burst_pulses_of(baseband: xr.DataArray) -> int | None:
-    """Pulses in each burst of a recording: its attribute ``burst_pulses``, else what its times show, else None."""
+    """Return the pulses in each burst of a recording.
+
+    It is the attribute ``burst_pulses``, else found from the times, else None.
+    """
     stated = baseband.attrs.get("burst_pulses")
     return int(stated) if stated is not None else find_burst_pulses(axis(baseband, "slow_time"))
 
@@ -101,7 +105,9 @@ def burst_signature(
     burst_pulses: int | None = None,
     remove_mean: bool = True,
 ) -> xr.DataArray:
-    """Micro-Doppler signature of data in bursts, one column per burst (E-23 to E-27 with M = pulses of a burst).
+    """Compute the micro-Doppler signature with one column per burst.
+
+    It follows E-23 to E-27 with M = pulses of a burst.
 
     ``mu[j, k] = sum_n g[j, n] |sum_m w[m] (Y[jM + m, n] - mean_m) e^{-j 2 pi k m / K}|^2``, g the share of range
     bin n inside the gate. What is periodic in the columns aliases above half a column per burst period.
@@ -133,8 +139,10 @@ def burst_signature(
     AnalysisError
         If there are no bursts, they have fewer than 5 pulses, K < M, or the gate lies outside the frame.
     """
+    from scipy import fft
+
     check_signal(baseband, BASEBAND)
-    bursts = _bursts(axis(baseband, "slow_time"), burst_pulses or burst_pulses_of(baseband))
+    bursts = _split_bursts(axis(baseband, "slow_time"), burst_pulses or burst_pulses_of(baseband))
     wanted = analysis.doppler_bins or (
         bursts.pulses if analysis.method == "liland2018" else next_fast_length(bursts.pulses)
     )
@@ -152,7 +160,17 @@ def burst_signature(
         gate.touched_bins(low, high, ranges_m)
         middle_m, facts = gate.centre_at(bursts.time_s), gate.facts
     window = gaussian_window(bursts.pulses, analysis.window_steepness)
-    power = _gated_power(baseband.values, bursts, window, low, high, n_doppler=wanted, remove_mean=remove_mean)
+    cube = baseband.values[: bursts.count * bursts.pulses].reshape(bursts.count, bursts.pulses, -1)
+    power = np.zeros((bursts.count, wanted), dtype=np.float32)
+    for n in range(cube.shape[2]):
+        share = np.clip(np.minimum(high, n + 0.5) - np.maximum(low, n - 0.5), 0.0, 1.0)
+        if not share.any():
+            continue
+        pulses = cube[:, :, n].astype(np.complex128)
+        if remove_mean:
+            pulses -= pulses.mean(axis=1, keepdims=True)
+        spectrum = fft.fftshift(fft.fft(pulses * window, wanted, axis=1), axes=1)
+        power += (share[:, None] * (spectrum.real**2 + spectrum.imag**2)).astype(np.float32)
     doppler_hz = doppler_axis_hz(wanted, bursts.prf_hz)
     if gate is not None:
         gate.close_doppler_band(power, doppler_hz)
@@ -176,12 +194,12 @@ def burst_signature(
     return make_array(SIGNATURE, power, coords, attrs)
 
 
-def _bursts(slow_time_s: FloatArray, pulses: int | None) -> _Bursts:
+def _split_bursts(slow_time_s: FloatArray, pulses: int | None) -> _Bursts:
     if pulses is None:
         raise AnalysisError("the recording has no bursts: its pulses are evenly spaced; use the plain signature")
     if pulses < MIN_CPI_PULSES:
         raise AnalysisError(
-            f"a burst has {pulses} pulse{'s' * (pulses != 1)}, at least {MIN_CPI_PULSES} are needed to tell Doppler"
+            f"a burst has {pulses} pulse{'s' * (pulses != 1)}, at least {MIN_CPI_PULSES} are needed to measure Doppler"
         )
     count = slow_time_s.size // pulses
     if not count:
@@ -199,31 +217,8 @@ def _bursts(slow_time_s: FloatArray, pulses: int | None) -> _Bursts:
     period_s = float(np.median(periods_s)) if count > 1 else pulses / prf_hz
     uneven = int((np.abs(periods_s - period_s) > UNEVEN * period_s).sum())
     if uneven:
-        warnings.warn(
+        warn_caller(
             f"{uneven} of {periods_s.size} pauses between bursts differ from the usual {period_s:.4g} s: bursts are "
-            "missing or late, so frequencies in the rhythm of the columns are off there",
-            DoppelgaitWarning,
-            stacklevel=3,
+            "missing or late, so frequencies in the rhythm of the columns are off there"
         )
     return _Bursts(count, pulses, prf_hz, period_s, middle_s)
-
-
-def _gated_power(
-    samples: npt.NDArray[Any], bursts: _Bursts, window: FloatArray, low: FloatArray, high: FloatArray, *,
-    n_doppler: int, remove_mean: bool,
-) -> npt.NDArray[np.float32]:  # fmt: skip
-    """Power over Doppler of every burst, summed over the range bins by their share inside the gate, (J, K)."""
-    from scipy import fft
-
-    cube = samples[: bursts.count * bursts.pulses].reshape(bursts.count, bursts.pulses, -1)
-    out = np.zeros((bursts.count, n_doppler), dtype=np.float32)
-    for n in range(cube.shape[2]):
-        share = np.clip(np.minimum(high, n + 0.5) - np.maximum(low, n - 0.5), 0.0, 1.0)
-        if not share.any():
-            continue
-        pulses = cube[:, :, n].astype(np.complex128)
-        if remove_mean:
-            pulses -= pulses.mean(axis=1, keepdims=True)
-        spectrum = fft.fftshift(fft.fft(pulses * window, n_doppler, axis=1), axes=1)
-        out += (share[:, None] * (spectrum.real**2 + spectrum.imag**2)).astype(np.float32)
-    return out

@@ -1,4 +1,4 @@
-"""Static clutter out of the baseband, before anything else looks at it."""
+"""Removal of static clutter from the baseband."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from doppelgait.core.samples import Planes, Samples
 from doppelgait.processing.config import Analysis
 from doppelgait.processing.gate import Gate
 
-ClutterKind = Literal["none", "mean", "median", "exponential", "mti"]
+ClutterKind = Literal["auto", "none", "mean", "median", "exponential", "mti"]
 Values = npt.NDArray[np.complex64]
 FloatArray = npt.NDArray[np.float64]
 
@@ -24,11 +24,13 @@ MTI_CUTOFF_HZ = 3.0
 """3 dB point of the high-pass: of the 2 to 5 Hz in which it must lie, what costs a torso at 0.3 m/s 0.01 dB."""
 MTI_ORDER = 2
 MEDIAN_BLOCK_S = 0.1
-"""Blocks whose means the median is taken of: a body that walks leaves next to nothing of itself in such a mean."""
+"""Length of the blocks for the median of block means: a walking body leaves almost nothing in such a mean."""
 
 
 def remove_clutter(baseband: xr.DataArray, analysis: Analysis) -> xr.DataArray:
-    """Baseband without what stands still, by ``analysis.clutter``: see :func:`without_clutter`.
+    """Remove static clutter by ``analysis.clutter``.
+
+    See :func:`without_clutter`.
 
     Parameters
     ----------
@@ -38,7 +40,7 @@ def remove_clutter(baseband: xr.DataArray, analysis: Analysis) -> xr.DataArray:
     Returns
     -------
     DataArray (slow_time, range)
-        The same object for ``clutter = "none"``.
+        The same object for ``clutter = "none"``, and for ``"auto"``, as in a given gate.
     """
     return without_clutter(baseband, kind=analysis.clutter, time_s=analysis.clutter_time_s)
 
@@ -46,7 +48,7 @@ def remove_clutter(baseband: xr.DataArray, analysis: Analysis) -> xr.DataArray:
 def without_clutter(
     baseband: xr.DataArray, *, kind: ClutterKind, time_s: float = CLUTTER_TIME_S, cutoff_hz: float = MTI_CUTOFF_HZ
 ) -> xr.DataArray:
-    r"""Baseband without what stands still.
+    r"""Remove static clutter from the baseband.
 
     ``mean`` takes off every range bin's time mean: a notch of width :math:`1 / T_o` at 0 Hz, which leaves all that
     moves by more than half a wavelength in the recording. Of a body that stands for a part p of the recording the mean
@@ -60,7 +62,7 @@ def without_clutter(
     :math:`1 / 2 \pi \tau`; :math:`c_0` is the mean of the first :math:`\tau`. Slower motion fades with it: at 2 s and
     7.29 GHz that of below 1.6 mm/s, so that breathing stays and the torso of a person who crosses at 90 degrees loses
     only what lies within 0.08 Hz of 0. ``mti`` is a Butterworth high-pass of order 2 at ``cutoff_hz``, started as if
-    the mean of its first period had been there for ever. It also takes off what sways: breathing, curtains, drift of
+    the mean of its first period had always been there. It also removes swaying motion: breathing, curtains, drift of
     the phase; and at 3 Hz and 7.29 GHz everything that is slower than 0.06 m/s, a crossing torso among it.
 
     Their gain at a Doppler frequency is :func:`clutter_gain`; what a gate lost to them is :func:`share_removed`. A
@@ -69,7 +71,8 @@ def without_clutter(
     Parameters
     ----------
     baseband : DataArray (slow_time, range)
-    kind : {"none", "mean", "median", "exponential", "mti"}
+    kind : {"auto", "none", "mean", "median", "exponential", "mti"}
+        ``"auto"`` removes nothing here: it is ``"none"`` where nothing is tracked.
     time_s : float
         Time constant of ``exponential``.
     cutoff_hz : float
@@ -78,7 +81,7 @@ def without_clutter(
     Returns
     -------
     DataArray (slow_time, range)
-        The same object for ``"none"``.
+        The same object for ``"none"`` and ``"auto"``.
 
     Raises
     ------
@@ -86,7 +89,7 @@ def without_clutter(
         If the frame rate is too low for ``cutoff_hz``.
     """
     check_signal(baseband, BASEBAND)
-    if kind == "none":
+    if kind in ("none", "auto"):
         return baseband
     prf_hz = sampling_rate_hz(axis(baseband, "slow_time"))
     planes = Samples(baseband.values).planes
@@ -95,10 +98,14 @@ def without_clutter(
 
 
 def remove_from_planes(planes: Planes, n_pulses: int, analysis: Analysis, *, prf_hz: float) -> Planes:
-    """Planes (2, bins, n_pulses or more) less static clutter, by ``analysis.clutter``; see :func:`without_clutter`."""
-    if analysis.clutter == "none":
+    """Remove static clutter from planes by ``analysis.clutter``.
+
+    They have the shape (2, bins, n_pulses or more); see :func:`without_clutter`.
+    """
+    kind = analysis.clutter
+    if kind in ("none", "auto"):
         return planes
-    return _clean_planes(planes[:, :, :n_pulses], analysis.clutter, prf_hz=prf_hz, time_s=analysis.clutter_time_s)
+    return _clean_planes(planes[:, :, :n_pulses], kind, prf_hz=prf_hz, time_s=analysis.clutter_time_s)
 
 
 def _clean_planes(
@@ -128,7 +135,10 @@ def _clean_planes(
 
 
 def block_means(values: npt.NDArray[np.float32], block_pulses: int) -> FloatArray:
-    """Means of real values over whole blocks of pulses along the last axis; a rest shorter than a block is left out."""
+    """Average real values over blocks along the last axis.
+
+    A rest shorter than a block is left out.
+    """
     n_blocks = values.shape[-1] // block_pulses
     blocks = values[..., : n_blocks * block_pulses].reshape(*values.shape[:-1], n_blocks, block_pulses)
     return np.asarray(blocks.mean(axis=-1, dtype=np.float64))
@@ -138,7 +148,9 @@ def clutter_gain(
     doppler_hz: npt.ArrayLike, *, kind: ClutterKind, prf_hz: float, n_pulses: int | None = None,
     time_s: float = CLUTTER_TIME_S, cutoff_hz: float = MTI_CUTOFF_HZ,
 ) -> FloatArray:  # fmt: skip
-    r"""Amplitude that clutter removal leaves of an echo with a constant Doppler frequency.
+    r"""Compute the amplitude of an echo after clutter removal.
+
+    The echo has a constant Doppler frequency.
 
     With :math:`\theta = \pi f / f_p`: ``mean`` over I pulses leaves, as a mean over the recording,
     :math:`\sqrt{1 - D^2}, D = \sin(I \theta) / (I \sin \theta)`, and so does ``median`` to within 0.04;
@@ -164,7 +176,7 @@ def clutter_gain(
     Raises
     ------
     AnalysisError
-        If ``mean`` or ``median`` is asked for without the number of pulses.
+        If ``mean`` or ``median`` has no number of pulses.
     """
     angle = np.pi * np.asarray(doppler_hz, dtype=float) / prf_hz
     sine = np.abs(np.sin(angle))
@@ -172,7 +184,7 @@ def clutter_gain(
         return np.ones(angle.shape)
     if kind in ("mean", "median"):
         if n_pulses is None:
-            raise AnalysisError(f"the gain of clutter removal {kind!r} depends on the recording: give n_pulses")
+            raise AnalysisError(f"the gain of clutter removal {kind!r} depends on the recording: set n_pulses")
         kernel = np.divide(np.sin(n_pulses * angle), n_pulses * np.sin(angle), out=np.ones_like(angle), where=sine > 0)
         return np.asarray(np.sqrt(np.maximum(1.0 - kernel**2, 0.0)))
     if kind == "exponential":
@@ -186,7 +198,9 @@ def clutter_gain(
 def share_removed(
     before: xr.DataArray, after: xr.DataArray, gate: Gate, *, piece_s: float = 0.1, reference_share: float = 0.2
 ) -> xr.DataArray:
-    r"""Share of a body's power in its gate that clutter removal took, over time.
+    r"""Measure the power share that clutter removal took from a body.
+
+    The share is that in the body's gate, over time.
 
     Static clutter is in a range bin all the time, a body only while its gate covers the bin. The mean c of every bin
     over the pulses when the gate is *elsewhere* is therefore clutter without the body, and the body alone is the
@@ -194,11 +208,10 @@ def share_removed(
 
     .. math:: \text{share} = 1 - \frac{\sum |y_{after}|^2}{\sum |y_{before} - c|^2}
 
-    summed over the gate's bins and the pulses of a piece, not below 0. Noise is in both sums, so that the share is of
-    body and noise together. Where the gate leaves a bin too seldom there is no reference: a body that stays and clutter
-    are the same to a radar, and the answer is NaN rather than a guess; :func:`torso_share_removed` tells then what the
-    range history alone predicts. Clutter that drifts counts as removed
-    body.
+    summed over the gate's bins and the pulses of a time block, not below 0. Noise is in both sums, so that the share is
+    of body and noise together. Where the gate leaves a bin too seldom there is no reference: a body that stays and
+    clutter are the same to a radar, and the result is NaN rather than a guess; :func:`torso_share_removed` then
+    predicts the share from the range history alone. Clutter that drifts counts as removed body.
 
     Parameters
     ----------
@@ -206,14 +219,14 @@ def share_removed(
         Baseband before and after clutter removal.
     gate : Gate
     piece_s : float
-        Length of a piece of time.
+        Length of a time block.
     reference_share : float
         Share of the recording that the gate must be elsewhere for a bin to be used; 0 to 1.
 
     Returns
     -------
     DataArray (time)
-        One share for every piece, 0 to 1; NaN where fewer than half of the gate's bins have a reference.
+        One share for every block, 0 to 1; NaN where fewer than half of the gate's bins have a reference.
     """
     check_signal(before, BASEBAND)
     check_signal(after, BASEBAND)
@@ -243,11 +256,13 @@ def torso_share_removed(
     gate: Gate, time_s: npt.ArrayLike, *, kind: ClutterKind, wavelength_m: float, prf_hz: float,
     n_pulses: int | None = None, clutter_time_s: float = CLUTTER_TIME_S, cutoff_hz: float = MTI_CUTOFF_HZ,
 ) -> FloatArray:  # fmt: skip
-    r"""Share of the torso's power that clutter removal takes by its gain, from the range history of the gate alone.
+    r"""Predict the torso's power share that clutter removal takes.
+
+    It uses the gain of the filter and the range history of the gate alone.
 
     The torso's Doppler frequency is that of the gate's centre, :math:`f = -2 \dot R / \lambda`, and the share
-    :math:`1 - |H(f)|^2` with the gain of :func:`clutter_gain`. Nothing is read from the data: it also tells where body
-    and clutter cannot be told apart, as for somebody who crosses at 90 degrees within one gate. Limbs, which move,
+    :math:`1 - |H(f)|^2` with the gain of :func:`clutter_gain`. Nothing is read from the data: it also holds where body
+    and clutter cannot be distinguished, as for a person who crosses at 90 degrees within one gate. Limbs, which move,
     lose less.
 
     Parameters

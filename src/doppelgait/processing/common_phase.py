@@ -1,4 +1,4 @@
-"""The phase that whole frames share: the clock of a radar, seen on what stands still."""
+"""Common phase of whole frames: the radar's clock, measured on static echoes."""
 
 from __future__ import annotations
 
@@ -20,24 +20,26 @@ ZONE_BINS = 5
 LEAST_WEIGHT = 1e3
 """Power of the static echoes over their own fluctuation that makes a reference; its phase is good to 0.02 rad."""
 MARGIN = 10.0
-"""So much more of it than a bin's own static echo has: the error of the phase then adds a twentieth of its noise."""
+"""Weight of a reference over that of a bin's own static echo: the phase error then adds a twentieth of its noise."""
 BLOCK_S = 0.1
-"""So long the phase of a clock hardly changes."""
+"""Time in which the phase of a clock hardly changes."""
 LEAST_VARIANCE = 1e-14
 """Variance of |y| over its power that rounding leaves of an echo that never changes."""
 TINY = float(np.finfo(np.float32).tiny)
 
 
 def without_common_phase(baseband: xr.DataArray) -> xr.DataArray:
-    r"""Baseband with every range bin turned back by the phase that the bins elsewhere have in common.
+    r"""Remove the phase that the bins elsewhere have in common.
+
+    Every range bin is turned back by the phase that bins of other zones share.
 
     A clock that drifts turns the static echoes of all ranges alike, and what no longer stands still looks like a body.
     The phase of frame i for the bins of a zone of 0.75 m, or of five bins where they are wide, is
 
     .. math:: \varphi_i = \arg \sum_m w_m y_{i,m} \bar c_m, \qquad w_m = 1 / \mathrm{var}\,|y_m|
 
-    over the bins m of all zones but this and its neighbours, so that a body's own motion is not in its own reference.
-    A common phase leaves :math:`|y_m|` as it is and a body that goes from cell to cell does not: hence the weights. One
+    over the bins m of all zones but this and its neighbours, so that a body's own motion is not in its own reference. A
+    common phase leaves :math:`|y_m|` unchanged and a body that moves from cell to cell does not: hence the weights. One
     that stays in its cell and breathes is a reference for others where there is next to no clutter. The static echoes
     :math:`c_m` are means over blocks that were aligned one to the next, so that the phase may drift by any number of
     turns. The weight of a reference :math:`S = \sum w_m |c_m|^2` must be 1000, and ten times that of the echo it
@@ -67,17 +69,25 @@ def without_common_phase(baseband: xr.DataArray) -> xr.DataArray:
     far = (np.abs(np.subtract.outer(np.arange(zone[-1] + 1), np.arange(zone[-1] + 1))) > 1).astype(np.float32)
     power, variance = _moments(np.abs(values))
     weight = 1.0 / np.maximum(variance, LEAST_VARIANCE * power + TINY)
-    static = _static_echo(block_means(values, block), weight, (member @ far)[:, zone])
+    # mean of every bin over the blocks, after each block was turned to the one before by the far bins
+    blocks = block_means(values, block)
+    steps = (blocks[1:] * blocks[:-1].conj() * weight) @ (member @ far)[:, zone]
+    phase_rad = np.cumsum(np.angle(steps), axis=0)
+    static = (blocks[0] + (blocks[1:] * np.exp(-1j * phase_rad)).sum(axis=0)) / blocks.shape[0]
     own = weight * np.abs(static) ** 2
     wanted = np.maximum(LEAST_WEIGHT, MARGIN * own) / np.maximum(own @ member @ far, TINY)[zone]
     sums = values @ ((weight / weight.max() * static.conj())[:, None] * member).astype(np.complex64) @ far
-    turned = values.copy()
+    turned, place = values.copy(), np.arange(values.shape[0])
     for number in range(zone[-1] + 1):
         bins = slice(*np.searchsorted(zone, [number, number + 1]))
         served = wanted[bins] <= block
         if served.any():
             pulses = math.ceil(wanted[bins][served].max())
-            pointer, zone_values = _running_sum(sums[:, number], pulses), turned[:, bins]
+            pointer, zone_values = sums[:, number], turned[:, bins]
+            if pulses > 1:  # sum over so many frames around each, over fewer at both ends
+                total = np.concatenate([[0.0], np.cumsum(pointer, dtype=np.complex128)])
+                stop = np.minimum(place + pulses - pulses // 2, place.size)
+                pointer = np.asarray(total[stop] - total[np.maximum(place - pulses // 2, 0)], dtype=np.complex64)
             turn = (pointer.conj() / np.maximum(np.abs(pointer), TINY)).astype(np.complex64)
             trial = np.asarray(zone_values * turn[:, None], dtype=np.complex64)
             better = served & (_moments(trial)[1] < _moments(zone_values)[1])  # only bins that vary less for it
@@ -85,18 +95,10 @@ def without_common_phase(baseband: xr.DataArray) -> xr.DataArray:
     return baseband.copy(data=turned)
 
 
-def _running_sum(values: Values, pulses: int) -> Values:
-    """Sum over so many values about each; over fewer at both ends."""
-    if pulses == 1:
-        return values
-    total = np.concatenate([[0.0], np.cumsum(values, dtype=np.complex128)])
-    place = np.arange(values.size)
-    stop = np.minimum(place + pulses - pulses // 2, values.size)
-    return np.asarray(total[stop] - total[np.maximum(place - pulses // 2, 0)], dtype=np.complex64)
-
-
 def block_means(values: Values, block_pulses: int) -> ComplexArray:
-    """Means over whole blocks of pulses, shape (K, N); a rest shorter than a block is left out.
+    """Average values over whole blocks of pulses.
+
+    The result has the shape (K, N); a rest shorter than a block is left out.
 
     Parameters
     ----------
@@ -109,15 +111,11 @@ def block_means(values: Values, block_pulses: int) -> ComplexArray:
     return np.asarray(blocks.mean(axis=1, dtype=np.complex128))
 
 
-def _static_echo(blocks: ComplexArray, weight: FloatArray, far: npt.NDArray[np.float32]) -> ComplexArray:
-    """Mean of every bin over the blocks, after each block was turned to the one before by what the far bins say."""
-    steps = (blocks[1:] * blocks[:-1].conj() * weight) @ far
-    phase_rad = np.cumsum(np.angle(steps), axis=0)
-    return np.asarray((blocks[0] + (blocks[1:] * np.exp(-1j * phase_rad)).sum(axis=0)) / blocks.shape[0])
-
-
 def _moments(values: npt.NDArray[np.float32] | Values) -> tuple[FloatArray, FloatArray]:
-    """Power of the mean and variance of every column."""
+    """Compute mean power and variance of every column.
+
+    The power is that of the mean.
+    """
     mean = values.mean(axis=0, dtype=np.complex128 if np.iscomplexobj(values) else np.float64)
     rest = values - mean.astype(values.dtype)
     variance = np.einsum("in,in->n", rest, rest.conj()).real / values.shape[0]

@@ -1,4 +1,4 @@
-"""How a recording is analysed."""
+"""Parameters of the analysis and the short-time transform."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Method = Literal["standard", "liland2018"]
 Normalisation = Literal["sum", "max", "r4"]
 
 LILAND2018_OWN = {"gate_span_m": None, "gate_edges": "sharp", "gate_doppler_hz": None, "normalisation": "max"}
-"""What the report fixes by its own choices, and the values that may be given all the same, because they agree."""
+"""Choices of the report, with the values that may still be set because they agree."""
 MIN_CPI_PULSES = 5
 """Fewest pulses of a processing interval that say anything about Doppler."""
 
@@ -31,9 +31,10 @@ class Analysis(FrozenModel):
     method : {"standard", "liland2018"}
         ``liland2018`` takes the report's own choices: hop 1, K = M, zero padding at the ends, columns divided by
         their maximum, the cadence spectrum's highest peak, gate span by class, sharp gate edges and Doppler gate from
-        the truth; it does not go together with the parameters that say otherwise.
-    clutter : {"none", "mean", "median", "exponential", "mti"}
-        How static clutter is taken off first (:func:`doppelgait.processing.remove_clutter`).
+        the truth; it excludes parameters that contradict these.
+    clutter : {"auto", "none", "mean", "median", "exponential", "mti"}
+        Removal of static clutter before the analysis (:func:`doppelgait.processing.remove_clutter`). ``auto`` is
+        ``median`` for tracking, which needs it, and ``none`` for any other gate.
     clutter_time_s : float
         Time constant of ``exponential``.
     cpi_s : float
@@ -48,20 +49,20 @@ class Analysis(FrozenModel):
     gate_span_m : float
         Range extent of the gate, the same for every class (E-26).
     gate_edges : {"fractional", "sharp"}
-        Whether a range bin at the gate's edge counts by the share of its cell inside, or wholly or not at all as in
-        the report; sharp edges jump from bin to bin and put steps into the signature.
+        A range bin at the gate's edge counts by the share of its cell inside (``fractional``), or wholly or not at all
+        as in the report (``sharp``); sharp edges jump from bin to bin and put steps into the signature.
     gate_doppler_hz : (float, float), optional
         Doppler band of the gate; none by default.
     normalisation : {"sum", "max", "r4"}
-        What columns are divided by: sum or maximum over Doppler, or multiplied by range^4 (E-28).
+        Columns are divided by their sum or maximum over Doppler, or multiplied by range^4 (E-28).
     bandwidth_threshold : float
         t_mu of the threshold form of the micro-Doppler bandwidth (E-35).
     extended : bool
-        Whether the further features and the standard deviations are made too; not by ``liland2018``.
+        Compute the extended features and the standard deviations; not with ``liland2018``.
     """
 
     method: Method = "standard"
-    clutter: Literal["none", "mean", "median", "exponential", "mti"] = "none"
+    clutter: Literal["auto", "none", "mean", "median", "exponential", "mti"] = "auto"
     clutter_time_s: float = Field(default=2.0, gt=0, le=3600)
     cpi_s: float = Field(default=0.1, gt=0, le=10)
     window_steepness: float = Field(default=0.4, gt=0, le=10)
@@ -78,8 +79,8 @@ class Analysis(FrozenModel):
     def _check(self) -> Self:
         if self.gate_doppler_hz is not None and self.gate_doppler_hz[0] >= self.gate_doppler_hz[1]:
             raise ValueError(f"gate_doppler_hz {self.gate_doppler_hz} must rise")
-        given = {name: getattr(self, name) for name in LILAND2018_OWN if name in self.model_fields_set}
-        ignored = [name for name, value in given.items() if value != LILAND2018_OWN[name]]
+        stated = {name: getattr(self, name) for name in LILAND2018_OWN if name in self.model_fields_set}
+        ignored = [name for name, value in stated.items() if value != LILAND2018_OWN[name]]
         if self.method == "liland2018" and ignored:
             raise ValueError(f"method 'liland2018' has its own {', '.join(ignored)}; leave that out or take 'standard'")
         return self
@@ -90,28 +91,28 @@ class Analysis(FrozenModel):
         return {name: value for name, value in plain(self).items() if name not in ignored}
 
     def resolved(self, gate: object) -> Analysis:
-        """Return the settings that an analysis in this gate uses.
-
-        Tracking needs static clutter removed: with gate ``"track"`` it is, by the median, unless ``clutter`` was given.
-        """
-        if gate != "track" or "clutter" in self.model_fields_set:
+        """Return the settings that an analysis in this gate uses, without ``"auto"``."""
+        if self.clutter != "auto":
             return self
-        return self.model_copy(update={"clutter": "median"})
+        return self.model_copy(update={"clutter": "median" if gate == "track" else "none"})
 
     @property
     def sharp_edges(self) -> bool:
-        """Whether range bins are in the gate wholly or not at all."""
+        """True if range bins are in the gate wholly or not."""
         return self.gate_edges == "sharp" or self.method == "liland2018"
 
     @property
     def zero_padded(self) -> bool:
-        """Whether the signature reaches to both ends of the recording by zero padding (reproduction only)."""
+        """True if zero padding extends the signature to both ends.
+
+        This is for reproduction only.
+        """
         return self.method == "liland2018"
 
 
 @dataclass(frozen=True)
 class Transform:
-    """Everything the short-time transform needs for one recording.
+    """Short-time transform of one recording.
 
     Parameters
     ----------
@@ -134,32 +135,43 @@ class Transform:
 
     @property
     def half_window(self) -> int:
-        """Pulses on either side of the centre, h = (M - 1) / 2."""
+        """Pulses h on either side of the centre, (M - 1)/2."""
         return (self.window.size - 1) // 2
 
     def centre_pulses(self) -> npt.NDArray[np.int64]:
-        """Pulse number i_j at the centre of every column (E-22)."""
+        """Compute the pulse number at every column's centre (E-22)."""
         return self.first_pulse + self.half_window + self.hop * np.arange(self.n_columns)
 
 
 def gaussian_window(n_pulses: int, steepness: float) -> npt.NDArray[np.float64]:
-    """Gaussian window exp(-0.5 ((m - h) / (sigma_w h))^2), h = (M - 1) / 2, shape (M,) (E-23)."""
+    """Compute a Gaussian window of shape (M,) (E-23).
+
+    exp(-0.5 ((m - h) / (sigma_w h))^2), h = (M - 1) / 2.
+    """
     half = (n_pulses - 1) / 2.0
     return np.asarray(np.exp(-0.5 * ((np.arange(n_pulses) - half) / (steepness * max(half, 0.5))) ** 2))
 
 
 def next_fast_length(n_pulses: int) -> int:
-    """Smallest 2^a, 3 2^a or 5 2^a that is not below ``n_pulses``."""
+    """Find the smallest fast transform length.
+
+    2^a, 3 2^a or 5 2^a that is not below ``n_pulses``.
+    """
     return min(base << max(0, math.ceil(math.log2(n_pulses / base))) for base in (1, 3, 5) if base <= n_pulses)
 
 
 def lossless_hop(cpi_pulses: int) -> int:
-    """Largest hop that loses nothing: T_d f_p / 12, rounded down. The columns are band-limited by the window (E-23)."""
+    """Compute the largest hop that loses nothing (E-23).
+
+    T_d f_p / 12, rounded down: the columns are band-limited by the window.
+    """
     return max(1, cpi_pulses // 12)
 
 
 def plan_transform(analysis: Analysis, *, n_pulses: int, prf_hz: float) -> Transform:
-    """Window, transform length, hop and columns for a recording of ``n_pulses`` at ``prf_hz``.
+    """Plan window, transform length, hop and columns of a recording.
+
+    It has ``n_pulses`` at ``prf_hz``.
 
     Raises
     ------

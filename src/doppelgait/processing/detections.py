@@ -1,4 +1,4 @@
-"""What a detector says about one moment: clusters of cells above the noise, one per body."""
+"""Detections of one scan: clusters of cells above the noise."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Detection:
 
 @dataclass(frozen=True)
 class Scan:
-    """All detections of one coherent processing interval.
+    """Detections of one coherent processing interval.
 
     Parameters
     ----------

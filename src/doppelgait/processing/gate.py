@@ -1,4 +1,4 @@
-"""The range-Doppler gate: where in the data a target is, from the truth, a track or a user."""
+"""Range-Doppler gate of a target: its ranges and Doppler frequencies over time."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from doppelgait.processing.track.live import Track
 FloatArray = npt.NDArray[np.float64]
 GateName = Literal["track", "truth"]
 GateChoice = GateName | tuple[float, float]
-"""What a user may ask for: targets to be found, the simulation's truth, or two ranges in m."""
+"""Gates that a user may choose: targets to be found, the simulation's truth, or two ranges in m."""
 
 LILAND_SPAN_M = {"human": 1.0, "dog": 1.5}
 """Gate span by class in the report (its Table 4.1): the label leaks into the signature; for reproduction only."""
@@ -27,7 +27,7 @@ SLACK_S = 1e-9
 
 
 class TrueTrack(Protocol):
-    """What a gate takes from the truth of a target."""
+    """Truth of a target, as a gate reads it."""
 
     @property
     def label(self) -> str:
@@ -38,12 +38,14 @@ class TrueTrack(Protocol):
         """Range of the body's centre at every pulse."""
 
     def doppler_hz(self, wavelength_m: float) -> FloatArray:
-        """Doppler shift of every scatterer at every pulse."""
+        """Return the Doppler shift of every scatterer at every pulse."""
 
 
 @dataclass(frozen=True, eq=False)
 class Gate:
-    """Ranges and Doppler frequencies of one target over time, with a constant range extent (E-26).
+    """Ranges and Doppler frequencies of one target over time (E-26).
+
+    The range extent is constant.
 
     Parameters
     ----------
@@ -107,7 +109,9 @@ class Gate:
         cls, low_m: float, high_m: float, *, time_s: npt.ArrayLike, range_m: npt.ArrayLike | None = None,
         source: str = "given",
     ) -> Self:  # fmt: skip
-        """Make a gate that stays between two ranges from the first to the last of some times.
+        """Make a gate that stays between two ranges.
+
+        It lasts from the first to the last of some times.
 
         Parameters
         ----------
@@ -129,7 +133,7 @@ class Gate:
         if cells_m.size > 1:
             first_m, last_m = frame_limits_m(cells_m)
             if high_m <= first_m or low_m >= last_m:
-                raise _outside_frame(low_m, high_m, cells_m)
+                raise _frame_error(low_m, high_m, cells_m)
             low_m, high_m = max(low_m, first_m), min(high_m, last_m)
         ends_s = np.asarray(time_s, dtype=float)[[0, -1]]
         return cls(ends_s, np.full(2, (low_m + high_m) / 2), high_m - low_m, None, source)
@@ -139,14 +143,14 @@ class Gate:
         cls, track: Track, *, time_s: npt.ArrayLike, span_m: float, cpi_s: float = 0.1,
         doppler_hz: tuple[float, float] | None = None,
     ) -> Self:  # fmt: skip
-        """Make the gate of a track over the pulses that the track is about.
+        """Make the gate of a track over its pulses.
 
         Parameters
         ----------
         track : Track
         time_s : array_like, shape (I,)
             Pulse times of the recording. Kept are those from half a processing interval before the first detection to
-            as much after the last: a scan rests on the pulses so near to its time.
+            as much after the last: a scan uses the pulses within this distance of its time.
         span_m : float
             The same for every body.
         cpi_s : float
@@ -202,7 +206,9 @@ class Gate:
     def parse(
         value: Any, *, names: Sequence[GateName] = ("track", "truth"), lowest_m: float = -math.inf, where: str = ""
     ) -> GateChoice:  # fmt: skip
-        """Parse what a user asks for: ``"track"``, ``"truth"``, ``"1.2:2.8"`` or two ranges in m.
+        """Parse a gate: a name, ``"1.2:2.8"`` or two ranges.
+
+        The names are ``"track"`` and ``"truth"``; ranges are in m.
 
         Parameters
         ----------
@@ -229,8 +235,8 @@ class Gate:
         except (TypeError, ValueError):
             raise ConfigError(f"{said}must be {', '.join(names)} or FROM:TO in m, for example 1.2:2.8") from None
         if not (-math.inf < low_m < high_m < math.inf and low_m >= lowest_m):
-            least = "" if lowest_m == -math.inf else f", {lowest_m:g} or more"
-            raise ConfigError(f"{said}must be two rising ranges in m{least}, for example 1.2:2.8")
+            lowest = "" if lowest_m == -math.inf else f", {lowest_m:g} or more"
+            raise ConfigError(f"{said}must be two rising ranges in m{lowest}, for example 1.2:2.8")
         return low_m, high_m
 
     # What it is -------------------------------------------------------------------------------------------------------
@@ -257,12 +263,12 @@ class Gate:
 
     @property
     def facts(self) -> dict[str, str | float | bool]:
-        """What a signature keeps of its gate."""
+        """Facts of the gate that a signature stores."""
         return {"source": self.source, "span_m": self.span_m, "doppler_limited": self.doppler_hz is not None}
 
     @property
     def limits(self) -> xr.Dataset:
-        """Limits over time with labels and units, as the figures take them."""
+        """Limits over time with labels and units, for figures."""
         low_hz, high_hz = self.doppler_hz or (-np.inf, np.inf)
         shape = self.time_s.shape
         values = {
@@ -282,7 +288,7 @@ class Gate:
         return np.asarray(np.interp(np.asarray(time_s, dtype=float), self.time_s, middle))
 
     def overlaps(self, other: Gate) -> bool:
-        """Whether two gates share ranges at some time of both."""
+        """Return True if two gates share ranges at some time."""
         both = self.time_s[(self.time_s >= other.start_s) & (self.time_s <= other.stop_s)]
         low, high = (np.interp(both, self.time_s, limit) for limit in (self.low_m, self.high_m))
         other_low, other_high = (np.interp(both, other.time_s, limit) for limit in (other.low_m, other.high_m))
@@ -296,14 +302,16 @@ class Gate:
         return replace(self, time_s=self.time_s[chosen], centre_m=self.centre_m[chosen])
 
     def crop(self, baseband: xr.DataArray) -> xr.DataArray:
-        """Cut a recording to the pulses from the gate's first to its last time."""
+        """Crop a recording to the times of the gate."""
         times_s = axis(baseband, "slow_time")
         first = int(np.searchsorted(times_s, self.start_s - SLACK_S))
         stop = int(np.searchsorted(times_s, self.stop_s + SLACK_S))
         return baseband.isel(slow_time=slice(first, stop))
 
     def edges(self, range_m: FloatArray, time_s: npt.ArrayLike, *, sharp: bool) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper edge in bins of a range axis; a bin's cell reaches half a bin to either side.
+        """Compute lower and upper edge in bins of a range axis.
+
+        A bin's cell extends half a bin to either side.
 
         Sharp edges are put between bins, so that every cell is inside or outside (:meth:`whole_bins`). A recording
         without range (one bin) is inside as a whole.
@@ -322,7 +330,9 @@ class Gate:
     def whole_bins(
         self, time_s: npt.ArrayLike, *, first_bin_m: float, bin_spacing_m: float
     ) -> tuple[npt.NDArray[np.int64], int]:
-        """First range bin of the gate at some times and the (constant) number of bins (E-27).
+        """Compute first range bins and number of bins (E-27).
+
+        The number is constant.
 
         Returns
         -------
@@ -336,7 +346,9 @@ class Gate:
         return first, int(np.floor(self.span_m / bin_spacing_m + 1e-9)) + 1
 
     def touched_bins(self, low: FloatArray, high: FloatArray, range_m: FloatArray) -> slice:
-        """Range bins that a gate with these :meth:`edges` ever touches.
+        """Return the range bins that these edges ever touch.
+
+        See :meth:`edges`.
 
         Raises
         ------
@@ -344,23 +356,29 @@ class Gate:
             If the gate lies outside the recorded frame all the time.
         """
         if (high <= -0.5).all() or (low >= range_m.size - 0.5).all():
-            raise _outside_frame(float(self.low_m.min()), float(self.high_m.max()), range_m)
+            raise _frame_error(float(self.low_m.min()), float(self.high_m.max()), range_m)
         return slice(max(math.floor(low.min()), 0), min(math.ceil(high.max()) + 1, range_m.size))
 
     def close_doppler_band(self, power: npt.NDArray[np.float32], doppler_hz: FloatArray) -> None:
-        """Set the Doppler cells outside the gate's band to zero, in place; ``power`` has shape (J, K)."""
+        """Zero the Doppler cells outside the gate's band.
+
+        This is done in place; ``power`` has the shape (J, K).
+        """
         if self.doppler_hz is not None:
             low_hz, high_hz = self.doppler_hz
             power[:, (doppler_hz < low_hz) | (doppler_hz > high_hz)] = 0.0
 
 
 def frame_limits_m(range_m: FloatArray) -> tuple[float, float]:
-    """Ranges at which the first cell of a range axis of two or more begins and the last ends."""
+    """Compute where the range axis's cells begin and end.
+
+    The axis has two or more cells.
+    """
     half_m = float(range_m[1] - range_m[0]) / 2
     return float(range_m[0]) - half_m, float(range_m[-1]) + half_m
 
 
-def _outside_frame(low_m: float, high_m: float, range_m: FloatArray) -> AnalysisError:
+def _frame_error(low_m: float, high_m: float, range_m: FloatArray) -> AnalysisError:
     first_m, last_m = frame_limits_m(range_m)
     return AnalysisError(
         f"gate {low_m:.4g} to {high_m:.4g} m: lies outside the recorded frame, {first_m:.2f} to {last_m:.2f} m; take "
@@ -369,5 +387,8 @@ def _outside_frame(low_m: float, high_m: float, range_m: FloatArray) -> Analysis
 
 
 def bin_share(baseband: xr.DataArray) -> float:
-    """Independent noise values per range bin, as the radar's recording tells; 1 where it tells nothing."""
+    """Return the independent noise values per range bin.
+
+    They are an attribute of the recording; 1 where it is missing.
+    """
     return float(baseband.attrs.get("independent_bin_share", 1.0))

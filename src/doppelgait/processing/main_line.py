@@ -1,4 +1,4 @@
-"""The main Doppler line of a signature (the torso) and the alignment of a signature to it (E-29)."""
+"""Main Doppler line (the torso) and alignment to it (E-29)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,10 @@ ALIGN_ABOVE_HZ = 10.0
 
 
 def column_peaks_hz(signature: xr.DataArray) -> FloatArray:
-    """Doppler of the strongest cell of every column, refined by a parabola through its neighbours; shape (J,), Hz."""
+    """Find the Doppler of every column's strongest cell.
+
+    It is refined by a parabola through its neighbours; shape (J,), Hz.
+    """
     from doppelgait.core.kernels.columns import peak_offsets
 
     values, doppler_hz = np.ascontiguousarray(signature.values), axis(signature, "doppler")
@@ -32,7 +35,7 @@ def column_peaks_hz(signature: xr.DataArray) -> FloatArray:
 
 
 def main_line_hz(signature: xr.DataArray, *, order: int, tapered: bool = False) -> FloatArray:
-    """Robust polynomial through the strongest Doppler of every column (E-29, E-34).
+    """Fit a robust polynomial through the strongest Doppler (E-29, E-34).
 
     Parameters
     ----------
@@ -53,7 +56,10 @@ def main_line_hz(signature: xr.DataArray, *, order: int, tapered: bool = False) 
 
 
 def line_through(peaks_hz: FloatArray, bin_hz: float, *, order: int, tapered: bool = False) -> FloatArray:
-    """The line of :func:`main_line_hz` through given column peaks, so that several lines share one search for them."""
+    """Fit the line of :func:`main_line_hz` through column peaks.
+
+    Several lines then share one search for the peaks.
+    """
     from doppelgait.core.kernels.robust import robust_fit
 
     basis, parabola, ones = _line_basis(peaks_hz.size, min(order, peaks_hz.size - 1))
@@ -65,7 +71,10 @@ def line_through(peaks_hz: FloatArray, bin_hz: float, *, order: int, tapered: bo
 
 @lru_cache(maxsize=8)
 def _line_basis(n_columns: int, order: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Legendre polynomials over the observation, shape (order + 1, J), the parabola that tapers it, and ones."""
+    """Compute the Legendre basis, taper and ones of a fit.
+
+    Legendre polynomials over the observation, shape (order + 1, J), the parabola that tapers it, and ones.
+    """
     position = np.linspace(-1.0, 1.0, n_columns)
     basis = np.ascontiguousarray(np.polynomial.legendre.legvander(position, order).T, dtype=np.float64)
     parabola = 1.0 - position**2 + 1e-3
@@ -73,7 +82,10 @@ def _line_basis(n_columns: int, order: int) -> tuple[FloatArray, FloatArray, Flo
 
 
 def straight_at(line_hz: FloatArray, signature: xr.DataArray, wanted: xr.DataArray) -> FloatArray:
-    """A straight line through the columns of one signature, at the columns of another; shape (J of ``wanted``,)."""
+    """Extrapolate a straight line to the columns of another signature.
+
+    The result has the shape (J of ``wanted``,).
+    """
     if wanted is signature:
         return line_hz
     times_s = axis(signature, "time")
@@ -82,28 +94,36 @@ def straight_at(line_hz: FloatArray, signature: xr.DataArray, wanted: xr.DataArr
 
 
 def bin_width_hz(signature: xr.DataArray) -> float:
-    """Width of a Doppler bin."""
+    """Return the width of a Doppler bin."""
     doppler_hz = axis(signature, "doppler")
     return float(doppler_hz[1] - doppler_hz[0])
 
 
 def line_order(observation_s: float) -> int:
-    """Order of the line that may be removed without touching the steps: 1 below 1.3 s, 2 below 2.5 s, else 3 (E-29)."""
+    """Choose the line order that leaves the steps (E-29).
+
+    1 below 1.3 s, 2 below 2.5 s, else 3.
+    """
     return 1 if observation_s < 1.3 else 2 if observation_s < 2.5 else 3
 
 
 def needs_alignment(signature: xr.DataArray) -> bool:
-    """Whether the straight main line drifts by more than 10 Hz over the observation."""
+    """Return True if the straight main line drifts by over 10 Hz."""
     return drifts(main_line_hz(signature, order=1))
 
 
 def drifts(straight_hz: FloatArray) -> bool:
-    """Whether a straight line (order 1, not tapered) drifts by more than 10 Hz over the observation."""
+    """Return True if a straight line drifts by over 10 Hz.
+
+    The drift is over the observation; the line has order 1 and is not tapered.
+    """
     return bool(abs(straight_hz[-1] - straight_hz[0]) > ALIGN_ABOVE_HZ)
 
 
 def align(array: xr.DataArray, line_hz: FloatArray) -> xr.DataArray:
-    """Shift every column by minus the line, circularly, with cubic convolution between Doppler bins (E-29).
+    """Shift every column by minus the line (E-29).
+
+    Circularly, with cubic convolution between Doppler bins.
 
     Parameters
     ----------

@@ -18,7 +18,9 @@ QUIET_SHARE = 1.0 / 3.0
 
 
 def noise_floor_v2(signature: xr.DataArray) -> float:
-    """Mean noise power in one cell of a signature, estimated from its quiet Doppler rows (E-28).
+    """Estimate the mean noise power of a signature's cells (E-28).
+
+    It is found from the quiet Doppler rows.
 
     The third of the rows with the least mean power gives a first value; all rows that agree with it give the second.
     A cell of pure noise sums N_g exponential variables: its median is (1 - 1/(9 N_g))^3 of its mean (ln 2 up to
@@ -54,7 +56,10 @@ def noise_floor_v2(signature: xr.DataArray) -> float:
 
 
 def median(cells: npt.NDArray[np.floating[Any]]) -> float:
-    """Median of all cells, none of them NaN: several times faster than np.median, which partitions about two values."""
+    """Compute the median of cells without NaN.
+
+    It is several times faster than np.median, which partitions about two values.
+    """
     middle = cells.size // 2
     ordered = np.partition(cells, middle, axis=None)
     if cells.size % 2:
@@ -63,13 +68,16 @@ def median(cells: npt.NDArray[np.floating[Any]]) -> float:
 
 
 def independent_columns(signature: xr.DataArray) -> float:
-    """Number of practically independent columns, J_eff = T_o / 60 ms, at least 1 (E-38)."""
+    """Count the practically independent columns, J_eff (E-38).
+
+    T_o / 60 ms, at least 1.
+    """
     times = axis(signature, "time")
     return max(1.0, float(times[-1] - times[0]) / INDEPENDENT_AFTER_S)
 
 
 def normalise(signature: xr.DataArray, floor_v2: float, *, mode: Normalisation = "sum") -> xr.DataArray:
-    """Signature without noise floor, every column on one scale (E-28).
+    """Remove the noise floor and scale every column (E-28).
 
     Parameters
     ----------

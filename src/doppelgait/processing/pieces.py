@@ -1,4 +1,4 @@
-"""Segments of steady motion of a track: from the least-cost partition to the segments that are used."""
+"""Segments of steady motion of a track, from the least-cost partition."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import AnalysisError
 
 TYPICAL_SPEED_MPS = 3.0
-"""Standard deviation of a piece's radial velocity before it is seen, and of its ground speed: hardly a restriction."""
+"""Standard deviation of a segment's unknown radial velocity, and of its ground speed: hardly a restriction."""
 UNKNOWN_SD = 1e3
 """Standard deviation of the squared range at a change point before anything is seen, in units of its error."""
 ENVELOPE_SPAN_SD = 6.0
@@ -32,10 +32,12 @@ def best_knots(
     penalty: float,
     min_piece_s: float,
 ) -> tuple[list[int], float]:
-    r"""Indices of the inner change points that minimise the cost of :func:`doppelgait.processing.find_pieces`.
+    r"""Find the change points of minimum cost.
 
-    Everything is in s = R^2 (E-34b). Within a piece the state is (s, s', s''), s'' constant but for the departures
-    :math:`2 R a`; at a change point s stays and s', s'' begin anew. For pieces from i to j the least cost, given the
+    The cost is that of :func:`doppelgait.processing.find_pieces`; returns indices of the inner points.
+
+    Everything is in s = R^2 (E-34b). Within a segment the state is (s, s', s''), s'' constant but for the departures
+    :math:`2 R a`; at a change point s stays and s', s'' begin anew. For segments from i to j the least cost, given the
     values at both ends, is a quadratic form of the two, which a Kalman filter with the first value kept in its state
     yields for all i at once. The least cost up to j, given the value there, is the lower envelope of parabolas, one a
     history; those nowhere lowest are dropped (the envelope is compared at 25 values).
@@ -53,9 +55,9 @@ def best_knots(
     Returns
     -------
     knots : list of int
-        Rising, without the ends; a change point is a sample that both pieces share.
+        Rising, without the ends; a change point is a sample that both segments share.
     cost : float
-        The least cost; inf if the track is shorter than one piece.
+        The lowest cost; inf if the track is shorter than one segment.
     """
     n = time_s.size
     value, noise = range_m**2, 2.0 * range_m * range_sd_m
@@ -71,7 +73,10 @@ def best_knots(
 
 
 class _Histories:
-    """Parabolas a (x - b)^2 + c of the value x at a change point ``at``, and which history each continues."""
+    """Parabolas a (x - b)^2 + c of a change point's value.
+
+    x is the value at the change point ``at``; each parabola continues a history.
+    """
 
     def __init__(self, value: float, noise: float) -> None:
         self.abc = np.array([[noise**-2], [value], [0.0]])
@@ -79,7 +84,9 @@ class _Histories:
         self.before = np.full(1, -1, dtype=np.int64)
 
     def extend(self, j: int, last_start: int, filters: _Filters, penalty: float, measured: tuple[float, float]) -> None:
-        """Add the histories that are lowest somewhere at sample j, and the one of the least minimum.
+        """Add the histories that are lowest somewhere at sample j.
+
+        The one of the lowest minimum is added, too.
 
         The filter gives cost + (z - m)^T P^-1 (z - m) for z = (value at the start, value here), so that the history's
         a (x - b)^2 acts as one more measurement of the start's value: b, with variance 1 / a.
@@ -102,7 +109,10 @@ class _Histories:
         self.before = np.append(self.before, kept)
 
     def knots(self, last: int) -> tuple[list[int], float]:
-        """Change points of the cheapest history of the last sample, and its cost; none and inf if there is none."""
+        """Return change points and cost of the cheapest history.
+
+        It is a history of the last sample; none and inf if there is none.
+        """
         ends = np.flatnonzero(self.at == last)
         if not ends.size:
             return [], float("inf")
@@ -116,7 +126,10 @@ class _Histories:
 
 
 class _Filters:
-    """One Kalman filter for every start i, at one sample; state (s_i, s, s', s''), filters along axis -1."""
+    """Kalman filters of every start i at one sample.
+
+    State (s_i, s, s', s''), filters along axis -1.
+    """
 
     def __init__(self, n: int) -> None:
         self.count = 0
@@ -125,7 +138,10 @@ class _Filters:
         self.cost = np.zeros(n)
 
     def start(self, i: int, value: float, noise: float, range_m: float) -> None:
-        """A piece from sample i on; what its value is is left to the piece before."""
+        """Start a segment at sample i.
+
+        Its value is left to the segment before.
+        """
         self.mean[:2, i] = value
         self.covariance[:2, :2, i] = (UNKNOWN_SD * noise) ** 2
         self.covariance[2, 2, i] = (2.0 * range_m * TYPICAL_SPEED_MPS) ** 2
@@ -133,7 +149,7 @@ class _Filters:
         self.count = i + 1
 
     def step(self, dt: float, value: float, noise: float, drive: float) -> None:
-        """Predict over dt, then take in one value."""
+        """Predict over dt, then update with one value."""
         mean, covariance = self.mean[:, : self.count], self.covariance[:, :, : self.count]
         for moved in (mean, covariance, covariance.swapaxes(0, 1)):  # F m, then F P F^T: its rows, then its columns
             moved[1] += dt * moved[2] + dt * dt / 2.0 * moved[3]
@@ -151,32 +167,32 @@ class _Filters:
 FloatArray = npt.NDArray[np.float64]
 
 RANGE_SD_M = 0.065
-"""Error of one range; makes the penalty 0.06 m^2 for 110 ranges, the value that was worked with."""
+"""Error of one range; makes the penalty 0.06 m^2 for 110 ranges, the value of the studies."""
 
 
 class PieceSettings(FrozenModel):
-    """How a range track is cut.
+    """Parameters of the segmentation of a range track.
 
     Parameters
     ----------
     penalty_factor : float
-        Cost of a change point: this times sd^2 ln n, n ranges in the track.
+        Cost of a change point: this times sd^2 ln n, for n ranges in the track.
     min_piece_s : float
-        Least time between change points.
+        Shortest time between change points.
     drop_s : float
-        Taken off on either side of a change point.
+        Time that is removed on either side of a change point.
     same_speed_mps : float
-        Neighbours are joined where the radial velocity changes by less across their change point.
+        Neighbours are merged where the radial velocity changes by less across their change point.
     smooth_mps2 : float
         Standard deviation of a steady walker's acceleration along the range, averaged over 0.1 s and independent from
-        one 0.1 s to the next. With 0.6, speed that swings by up to 0.3 m/s^2 over 8 s or less is followed instead of
+        one 0.1 s to the next. With 0.6, speed that varies by up to 0.3 m/s^2 over 8 s or less is followed instead of
         cut, a sudden change by 0.8 m/s is cut in 19 tracks of 20 (1 m/s: all), and one by 0.5 m/s is not.
     min_usable_s : float
-        A piece is used for gait if so much is left of it.
+        Shortest remaining segment that is used for gait.
     still_mps : float
-        A piece is one of standing where the radial velocity stays below this from end to end.
+        The target stands still in a segment where the radial velocity stays below this from end to end.
     longest_gap_s : float
-        No piece reaches across a longer gap in the track.
+        Longest gap in the track that a segment may span.
     """
 
     penalty_factor: float = Field(default=3.0, gt=0, le=1000)
@@ -191,12 +207,12 @@ class PieceSettings(FrozenModel):
 
 @dataclass(frozen=True)
 class Piece:
-    """One piece of a range track.
+    """One segment of a range track.
 
     Parameters
     ----------
     start_s, stop_s : float
-        Without what is dropped beside change points.
+        Without what is dropped next to change points.
     radial_velocity_mps : float
         -dR/dt at the middle, positive when approaching; NaN for fewer than three ranges.
     curvature_mps2 : float
@@ -204,7 +220,7 @@ class Piece:
     residual_m : float
         Root mean square of the ranges about constant velocity over ground; NaN as before.
     reason : str
-        Why the piece is no good for gait: ``"too_short"``, ``"stands_still"``; empty where it is good.
+        Why the segment is no good for gait: ``"too_short"``, ``"stands_still"``; empty where it is good.
     """
 
     start_s: float
@@ -216,13 +232,13 @@ class Piece:
 
     @property
     def usable(self) -> bool:
-        """Whether the piece is good for gait."""
+        """True if the segment is good for gait."""
         return not self.reason
 
 
 @dataclass(frozen=True)
 class _Fit:
-    """R^2 = a + b t + c t^2 about the middle of a stretch."""
+    """Parabola a + b t + c t^2 through R^2."""
 
     middle_s: float
     coefficients: FloatArray
@@ -251,8 +267,8 @@ def find_pieces(
 ) -> tuple[Piece, ...]:
     r"""Cut a range track where its velocity over ground changes.
 
-    A piece is straight motion at constant velocity, for which :math:`R^2(t)` is a parabola whatever the aspect (E-34b),
-    plus a slow change of speed. The path is continuous; change points :math:`\tau` and path minimise
+    A segment is straight motion at constant velocity, for which :math:`R^2(t)` is a parabola whatever the aspect
+    (E-34b), plus a slow change of speed. The path is continuous; change points :math:`\tau` and path minimise
 
     .. math:: \sum_i \frac{(R_i^2 - s_i)^2}{4 R_i^2 \sigma^2} + \sum_i \frac{a_i^2}{\sigma_a^2} + 3 K \ln n
 
@@ -273,7 +289,7 @@ def find_pieces(
     Returns
     -------
     tuple of Piece
-        All pieces in order, also those of no use; the dropped parts about change points lie between them. Empty for
+        All segments in order, also unusable ones; the dropped parts about change points lie between them. Empty for
         a track of fewer than three ranges.
 
     Raises
@@ -281,31 +297,45 @@ def find_pieces(
     AnalysisError
         If times and ranges are not of one length, finite, rising and positive, or ``range_sd_m`` is not above 0.
     """
-    given = settings or PieceSettings()
-    times, ranges = _checked(time_s, range_m, range_sd_m)
+    options = settings or PieceSettings()
+    times, ranges = np.asarray(time_s, dtype=np.float64), np.asarray(range_m, dtype=np.float64)
+    if times.ndim != 1 or times.shape != ranges.shape:
+        raise AnalysisError(
+            f"a range track needs as many times as ranges, in one row each; these have shapes {times.shape} and "
+            f"{ranges.shape}"
+        )
+    if not (np.isfinite(times).all() and np.isfinite(ranges).all() and (np.diff(times) > 0).all()):
+        raise AnalysisError("a range track needs finite ranges at finite, rising times; remove missing values")
+    if ranges.size and ranges.min() <= 0:
+        raise AnalysisError(f"a range track needs ranges above 0 m; the smallest of these is {ranges.min():g} m")
+    if not (math.isfinite(range_sd_m) and range_sd_m > 0):
+        raise AnalysisError(f"range_sd_m = {range_sd_m:g} is not allowed: it must be above 0 m")
     if times.size < 3:
         return ()
-    gaps = np.flatnonzero(np.diff(times) > given.longest_gap_s)
+    gaps = np.flatnonzero(np.diff(times) > options.longest_gap_s)
     edges = [0, *(gaps + 1).tolist(), times.size]
     found: list[Piece] = []
     for start, stop in pairwise(edges):
         if stop - start >= 3:
-            penalty = given.penalty_factor * math.log(times.size)
+            penalty = options.penalty_factor * math.log(times.size)
             part_s, part_m = times[start:stop], ranges[start:stop]
             inner, _ = best_knots(
-                part_s, part_m, range_sd_m=range_sd_m, smooth_mps2=given.smooth_mps2, penalty=penalty,
-                min_piece_s=given.min_piece_s,
+                part_s, part_m, range_sd_m=range_sd_m, smooth_mps2=options.smooth_mps2, penalty=penalty,
+                min_piece_s=options.min_piece_s,
             )  # fmt: skip
-            knots = _joined([0, *inner, part_s.size - 1], part_s, part_m, given)
+            knots = _merge_similar([0, *inner, part_s.size - 1], part_s, part_m, options)
             found += [
-                _piece(part_s, part_m, (low, high), (number > 0, number < len(knots) - 2), given)
+                _make_piece(part_s, part_m, (low, high), (number > 0, number < len(knots) - 2), options)
                 for number, (low, high) in enumerate(pairwise(knots))
             ]
     return tuple(found)
 
 
-def _joined(knots: list[int], times: FloatArray, ranges: FloatArray, settings: PieceSettings) -> list[int]:
-    """Knots without those where the velocity hardly changes; the least change goes first."""
+def _merge_similar(knots: list[int], times: FloatArray, ranges: FloatArray, settings: PieceSettings) -> list[int]:
+    """Remove knots where the velocity hardly changes.
+
+    The smallest change is removed first.
+    """
     while len(knots) > 2:
         fits = [_fit(times[low : high + 1], ranges[low : high + 1]) for low, high in pairwise(knots)]
         changes = [
@@ -319,10 +349,10 @@ def _joined(knots: list[int], times: FloatArray, ranges: FloatArray, settings: P
     return knots
 
 
-def _piece(
+def _make_piece(
     times: FloatArray, ranges: FloatArray, ends: tuple[int, int], cut: tuple[bool, bool], settings: PieceSettings
 ) -> Piece:
-    """One piece, less what is dropped at those of its ends that are change points."""
+    """Make one segment, trimmed at ends that are change points."""
     start_s = float(times[ends[0]] + settings.drop_s * cut[0])
     stop_s = float(times[ends[1]] - settings.drop_s * cut[1])
     if stop_s < start_s:
@@ -341,7 +371,10 @@ def _piece(
 
 
 def _fit(times: FloatArray, ranges: FloatArray) -> _Fit:
-    """Parabola through R^2 with weights 1 / R, a straight line for three ranges."""
+    """Fit a parabola through R^2 with weights 1 / R.
+
+    For three ranges it is a straight line.
+    """
     middle = (times[0] + times[-1]) / 2.0
     t = times - middle
     order = 3 if times.size > 3 else 2
@@ -351,19 +384,3 @@ def _fit(times: FloatArray, ranges: FloatArray) -> _Fit:
     coefficients[:order] = solution
     model = np.sqrt(np.maximum(basis @ solution, 1e-12))
     return _Fit(float(middle), coefficients, float(np.sqrt(np.mean((ranges - model) ** 2))))
-
-
-def _checked(time_s: npt.ArrayLike, range_m: npt.ArrayLike, range_sd_m: float) -> tuple[FloatArray, FloatArray]:
-    times, ranges = np.asarray(time_s, dtype=np.float64), np.asarray(range_m, dtype=np.float64)
-    if times.ndim != 1 or times.shape != ranges.shape:
-        raise AnalysisError(
-            f"a range track needs as many times as ranges, in one row each; these have shapes {times.shape} and "
-            f"{ranges.shape}"
-        )
-    if not (np.isfinite(times).all() and np.isfinite(ranges).all() and (np.diff(times) > 0).all()):
-        raise AnalysisError("a range track needs finite ranges at finite, rising times; take out what is missing")
-    if ranges.size and ranges.min() <= 0:
-        raise AnalysisError(f"a range track needs ranges above 0 m; the least of these is {ranges.min():g} m")
-    if not (math.isfinite(range_sd_m) and range_sd_m > 0):
-        raise AnalysisError(f"range_sd_m = {range_sd_m:g} is not allowed: it must be above 0 m")
-    return times, ranges

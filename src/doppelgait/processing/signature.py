@@ -29,7 +29,10 @@ from doppelgait.processing.gate import Gate, bin_share
 
 
 def plan_for(baseband: xr.DataArray, analysis: Analysis) -> tuple[Transform, float]:
-    """Transform of a baseband recording and its frame rate in Hz."""
+    """Plan the transform of a baseband recording.
+
+    Its frame rate in Hz is returned, too.
+    """
     check_signal(baseband, BASEBAND)
     return _plan(axis(baseband, "slow_time"), analysis)
 
@@ -43,7 +46,9 @@ def range_doppler(
     baseband: xr.DataArray, analysis: Analysis, *, wavelength_m: float, columns: npt.ArrayLike | None = None,
     block: int = 64,
 ) -> Iterator[xr.DataArray]:  # fmt: skip
-    """Range-Doppler maps of the recording, in blocks of time so that the whole cube never exists (E-24).
+    """Compute range-Doppler maps in blocks of time (E-24).
+
+    The whole cube never exists.
 
     Parameters
     ----------
@@ -86,7 +91,9 @@ def range_doppler(
 
 
 def signature(baseband: xr.DataArray, gate: Gate, analysis: Analysis, *, wavelength_m: float) -> xr.DataArray:
-    """Micro-Doppler signature mu: range-Doppler power summed over the gate (E-27).
+    """Compute the micro-Doppler signature mu (E-27).
+
+    Range-Doppler power summed over the gate.
 
     Parameters
     ----------
@@ -116,7 +123,7 @@ def signature(baseband: xr.DataArray, gate: Gate, analysis: Analysis, *, wavelen
 
 @dataclass(frozen=True)
 class Cut:
-    """What the gate and the transform take out of one recording.
+    """Gate and transform of one recording.
 
     Parameters
     ----------
@@ -152,11 +159,16 @@ class Cut:
 
     @property
     def margin_pulses(self) -> int:
-        """Pulses after the needed ones that are read with weight zero, and must be finite."""
+        """Pulses that are read after the needed ones.
+
+        Their weight is zero, and they must be finite.
+        """
         return self.transform.n_doppler_bins - self.transform.window.size + 2 * self.transform.hop
 
     def needed_pulses(self) -> npt.NDArray[np.int64]:
-        """First and one past the last pulse that the signature may read of every range bin, (N, 2); (I, 0) for none.
+        """Return first and last needed pulses of every range bin.
+
+        First and one past the last that the signature may read, (N, 2); (I, 0) for none.
 
         Raises
         ------
@@ -184,7 +196,7 @@ NEED_BLOCK = 32
 
 
 def cut_out(gate: Gate, slow_time_s: Any, range_m: Any, analysis: Analysis, *, bin_share: float = 1.0) -> Cut:
-    """Gate and transform of a recording with these axes."""
+    """Prepare gate and transform of a recording with these axes."""
     transform, prf_hz = _plan(slow_time_s, analysis)
     time_s = slow_time_s[0] + transform.centre_pulses() / prf_hz
     low, high = gate.edges(range_m, time_s, sharp=analysis.sharp_edges)
@@ -195,7 +207,9 @@ def signature_of_planes(
     plane_re: npt.NDArray[np.float32], plane_im: npt.NDArray[np.float32], first_bin: int, cut: Cut, *,
     wavelength_m: float,
 ) -> xr.DataArray:  # fmt: skip
-    """Micro-Doppler signature as :func:`signature`, from the real and imaginary planes of some range bins.
+    """Compute the signature from planes of some range bins.
+
+    They are real and imaginary planes; the rest is as for :func:`signature`.
 
     Parameters
     ----------
@@ -239,7 +253,9 @@ def signature_of_planes(
 
 
 def thin(signature: xr.DataArray) -> xr.DataArray:
-    """Every n-th column of a signature whose hop is finer than the lossless one, else the signature itself.
+    """Decimate a signature to the lossless hop.
+
+    Every n-th column is kept where the hop is finer than the lossless one, else all are.
 
     What is between them can be interpolated from them (E-23), so features gain nothing from it: they are the same as
     for the lossless hop where that is a whole multiple of the hop, else those of the largest multiple below.
@@ -257,7 +273,9 @@ MIN_COLUMNS = 8
 
 
 def within_frame(signature: xr.DataArray) -> tuple[xr.DataArray, float]:
-    """Signature without the time in which its gate is mostly outside the frame.
+    """Crop a signature to the time inside the frame.
+
+    Time in which the gate is mostly outside is removed.
 
     Parameters
     ----------

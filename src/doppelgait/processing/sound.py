@@ -1,4 +1,4 @@
-"""The Doppler signal of a target as sound: what the first radar operators heard."""
+"""Doppler signal of a target as sound."""
 
 from __future__ import annotations
 
@@ -24,12 +24,14 @@ OVERLAP = 4
 """Frames that overlap in the result: Hann windows squared, a quarter apart, sum to a constant."""
 FRAMES_AT_ONCE = 512
 ONSET = 1e-3
-"""A line whose amplitude was below this share of what it is one hop later begins: it starts with its own phase."""
+"""A line below this share of its amplitude one hop later begins: it starts with its own phase."""
 TINY = float(np.finfo(np.float32).tiny)
 
 
 def stretched(values: npt.ArrayLike, factor: float, *, window_samples: int) -> Values:
-    r"""The signal with the same frequencies and ``factor`` times as many samples.
+    r"""Lengthen a signal by a factor at the same frequencies.
+
+    The result has ``factor`` times as many samples.
 
     Played ``factor`` times as fast, it lasts as long as before and every frequency is ``factor`` times as high.
     Frame u of the result is the short-time spectrum X at the input's sample :math:`u H / P`, H the hop of the result
@@ -65,16 +67,19 @@ def stretched(values: npt.ArrayLike, factor: float, *, window_samples: int) -> V
     places = np.arange(math.ceil(n_out / hop) + 1) * (hop / factor) + middle
     starts = np.clip(np.round(places).astype(int), 0, signal.size)
     out = np.zeros((starts.size + OVERLAP) * hop, dtype=np.complex64)
-    for u, frame in enumerate(_turned(padded, starts, hop, window)):
+    for u, frame in enumerate(_rotate_frames(padded, starts, hop, window)):
         out[u * hop : u * hop + size] += frame * window
     first = size // 2
     return np.asarray(out[first : first + n_out] / np.float32((window**2).sum() / hop))
 
 
-def _turned(
+def _rotate_frames(
     padded: Values, starts: npt.NDArray[np.int64], hop: int, window: npt.NDArray[np.float32]
 ) -> Iterator[Values]:
-    """Frames of the result, one hop apart, before the second window."""
+    """Yield frames with continued phases, one hop apart.
+
+    The second window is not yet applied.
+    """
     from scipy import fft
 
     size = window.size
@@ -85,28 +90,31 @@ def _turned(
     last = np.zeros(size, dtype=np.complex64)
     for first in range(0, starts.size, FRAMES_AT_ONCE):
         places = starts[first : first + FRAMES_AT_ONCE, None] + offsets
-        before = _tied(fft.fft(padded[places] * window, axis=1) * signs)
+        before = _sum_neighbours(fft.fft(padded[places] * window, axis=1) * signs)
         now = fft.fft(padded[places + hop] * window, axis=1) * signs
-        known = np.abs(before) > ONSET * np.abs(_tied(now))
+        known = np.abs(before) > ONSET * np.abs(_sum_neighbours(now))
         made = np.empty_like(now)
         for row in range(now.shape[0]):
-            turn = _tied(last) * before[row].conj()
+            turn = _sum_neighbours(last) * before[row].conj()
             size_of = np.abs(turn)
             last = now[row] * np.where(known[row] & (size_of > 0), turn / np.maximum(size_of, TINY), 1)
             made[row] = last
         yield from fft.ifft(made * signs, axis=1)
 
 
-def _tied(spectrum: Values) -> Values:
+def _sum_neighbours(spectrum: Values) -> Values:
     return np.asarray(spectrum + np.roll(spectrum, 1, axis=-1) + np.roll(spectrum, -1, axis=-1))
 
 
 def continued(values: Values, before: int, after: int) -> Values:
-    """Signal with so many samples more at its ends as if it went on: mirrored in time and phase, so that tones do."""
-    return np.concatenate([_mirrored(values, before), values, _mirrored(values[::-1], after)[::-1]])
+    """Extend a signal at its ends by mirroring.
+
+    Mirroring is in time and phase, so that tones continue.
+    """
+    return np.concatenate([_mirror(values, before), values, _mirror(values[::-1], after)[::-1]])
 
 
-def _mirrored(values: Values, count: int) -> Values:
+def _mirror(values: Values, count: int) -> Values:
     if not values.size:
         return np.zeros(count, dtype=np.complex64)
     turn = np.exp(2j * np.angle(values[0])).astype(np.complex64)
@@ -124,11 +132,11 @@ USUAL_PITCH = 4.0
 """The torso of a walker, 60 Hz at 7.29 GHz and 1.2 m/s, is at 240 Hz then: small speakers begin at about 200."""
 PITCH_LIMITS = (0.1, 5000.0)
 HEADROOM_DB = 1.0
-"""The loudest sample lies so far below full scale."""
+"""Distance of the loudest sample from full scale."""
 FADE_S = 0.005
 """At both ends of the sound, and where a track begins and ends."""
 WINDOW_S, WINDOW_PULSES = 0.1, 16
-"""Frames of the pitch shift: the processing interval of the analysis, or so many pulses if that takes longer."""
+"""Frames of the pitch shift: the processing interval of the analysis, or this number of pulses if that takes longer."""
 BLOCK_PULSES = 1 << 15
 MOST_STEPS = 500
 """Largest denominator of a change of rate: exact to 4 us per second and better."""
@@ -138,14 +146,16 @@ FULL_SCALE = 32767
 
 
 def doppler_signal(baseband: xr.DataArray, gate: Gate, analysis: Analysis | None = None) -> Values:
-    r"""Complex Doppler signal of the target in a gate: one number per pulse.
+    r"""Compute the complex Doppler signal of a gated target.
+
+    It has one number per pulse.
 
     .. math:: d_i = \sum_n g_{i,n} \, y_{i,n} \, e^{-j \theta n}, \qquad
               \theta = \arg \sum_{i,n} g_{i,n} g_{i,n+1} \, y_{i,n+1} \bar y_{i,n}
 
     with g the share of range bin n inside the gate at pulse i. The bins of one echo differ in phase only by a ramp,
-    :math:`\theta` per bin, the same for all echoes: 0 for an impulse radar whose carrier is removed exactly (E-17,
-    E-18) and for a sweep whose time counts from its middle, :math:`\pi` for one whose time counts from its first
+    :math:`\theta` per bin, the same for all echoes: 0 for an impulse radar with an exactly removed carrier (E-17,
+    E-18) and for a sweep with time counted from its middle, :math:`\pi` for one with time counted from its first
     sample, and whatever an inexact carrier leaves of itself. Without the ramp they add in phase: every scatterer keeps
     its amplitude and its Doppler frequency, whichever bins it goes through. The sum along range is one line of the
     echo's spectrum, so d is what a CW radar at the carrier would receive, were it to hear the gate alone. (Turning
@@ -180,17 +190,25 @@ def doppler_signal(baseband: xr.DataArray, gate: Gate, analysis: Analysis | None
     low, high = gate.edges(range_m, time_s, sharp=False)
     bins = gate.touched_bins(low, high, range_m)
     clean = remove_clutter(baseband.isel(range=bins), analysis or Analysis())
-    parts = list(_gated(clean.values, low - bins.start, high - bins.start))
+    parts = []  # pulses times the share of each range bin inside the gate, in blocks
+    numbers = np.arange(bins.start, bins.start + clean.shape[1])
+    for first in range(0, clean.shape[0], BLOCK_PULSES):
+        rows = slice(first, first + BLOCK_PULSES)
+        inside = np.minimum(high[rows, None], numbers + 0.5) - np.maximum(low[rows, None], numbers - 0.5)
+        parts.append(clean.values[rows] * np.clip(inside, 0.0, 1.0).astype(np.float32))
     ramp = sum(complex(np.vdot(part[:, :-1], part[:, 1:])) for part in parts) if clean.shape[1] > 1 else 0.0
     turn = np.exp(-1j * np.angle(ramp) * np.arange(clean.shape[1]))
-    # 1 while the gate has times, and a short way to 0 before and after
+    # 1 while the gate has times, with a short fade to 0 before and after
     outside_s = np.maximum(np.maximum(gate.start_s - time_s, time_s - gate.stop_s), 0.0)
     present = (0.5 + 0.5 * np.cos(np.pi * np.minimum(outside_s / FADE_S, 1.0))).astype(np.float32)
     return np.concatenate([part @ turn for part in parts]).astype(np.complex64) * present
 
 
 def why_silent(baseband: xr.DataArray) -> str | None:
-    """Why a recording (slow_time, range) has no sound, whatever the gate; None where it has."""
+    """Return why a recording has no sound, or None.
+
+    The reason holds for every gate; the recording is (slow_time, range).
+    """
     if burst_pulses_of(baseband) is not None:
         return "the pulses of this recording come in bursts, with pauses between them: it has no sound"
     return None
@@ -202,20 +220,13 @@ def _check_steady(baseband: xr.DataArray) -> None:
         raise AnalysisError(reason)
 
 
-def _gated(values: Values, low: FloatArray, high: FloatArray) -> Iterator[Values]:
-    """Pulses times the share of each range bin inside the gate, in blocks."""
-    bins = np.arange(values.shape[1])
-    for first in range(0, values.shape[0], BLOCK_PULSES):
-        rows = slice(first, first + BLOCK_PULSES)
-        inside = np.minimum(high[rows, None], bins + 0.5) - np.maximum(low[rows, None], bins - 0.5)
-        yield values[rows] * np.clip(inside, 0.0, 1.0).astype(np.float32)
-
-
 def doppler_sound(
     baseband: xr.DataArray, gate: Gate, analysis: Analysis | None = None, *, pitch: float | None = None,
     channels: Channels = "iq",
 ) -> tuple[int, npt.NDArray[np.int16]]:  # fmt: skip
-    """Stereo sound of the target in a gate, as long as the recording.
+    """Convert the target in a gate to stereo sound.
+
+    The sound is as long as the recording.
 
     Parameters
     ----------
@@ -227,8 +238,8 @@ def doppler_sound(
         allows, but no less than 1: a walker's torso is then well audible at 7 GHz.
     channels : {"iq", "sides"}
         ``iq``: left is the real part and right the imaginary part, so that left + j right is the complex signal again.
-        ``sides``: left is what approaches (positive Doppler frequencies) and right what recedes, which ears can tell
-        apart.
+        ``sides``: left is what approaches (positive Doppler frequencies) and right what recedes, which ears can
+        distinguish.
 
     Returns
     -------
@@ -243,23 +254,45 @@ def doppler_sound(
     AnalysisError
         As :func:`doppler_signal`, or if the band times the pitch does not fit into the highest audio rate.
     """
+    from scipy.fft import next_fast_len
+    from scipy.signal import firwin, hilbert, resample_poly
+
     _check_steady(baseband)  # before the rate: the mean rate of bursts means nothing
     prf_hz = sampling_rate_hz(axis(baseband, "slow_time"))
     factor, rate_hz = plan_sound(prf_hz, pitch)
     signal = doppler_signal(baseband, gate, analysis)
     ratio = Fraction(rate_hz / (factor * prf_hz)).limit_denominator(MOST_STEPS)
-    heard = _resampled(signal, ratio)
+    # another rate without images and aliases: 0.9 of the narrower band is unchanged
+    up, down = ratio.numerator, ratio.denominator
+    most = max(up, down)
+    low_pass: Any = firwin(2 * HALF_FILTER * most + 1, 1.0 / most, window=("kaiser", 8.0)) if most > 1 else np.ones(1)
+    steps = math.ceil(HALF_FILTER * most / (up * down))  # so many times ``down`` samples count beyond the ends
+    made = resample_poly(continued(signal, steps * down, steps * down), up, down, window=low_pass)
+    heard = np.asarray(made[steps * up : made.size - steps * up], dtype=np.complex64)
     if factor != 1.0:
         frame_s = max(WINDOW_S, WINDOW_PULSES / prf_hz)
         heard = stretched(heard, factor, window_samples=round(frame_s * rate_hz / factor))
     count = round(signal.size / prf_hz * rate_hz)
     heard = np.pad(heard[:count], (0, max(count - heard.size, 0)))
-    stereo = _sides(heard) if channels == "sides" else np.stack([heard.real, heard.imag], axis=1)
-    return rate_hz, _levelled(stereo, round(FADE_S * rate_hz))
+    stereo: npt.NDArray[np.float32] = np.stack([heard.real, heard.imag], axis=1)
+    if channels == "sides":  # positive and negative frequencies, Re(z +- j H z) / 2, H of Hilbert
+        quarter = hilbert(heard.imag, next_fast_len(heard.size))[: heard.size].imag
+        stereo = np.asarray(np.stack([heard.real - quarter, heard.real + quarter], axis=1) / 2, dtype=np.float32)
+    fade = min(round(FADE_S * rate_hz), stereo.shape[0] // 2)
+    if fade:
+        rise = 0.5 - 0.5 * np.cos(np.pi * np.arange(fade, dtype=np.float32) / fade)
+        stereo[:fade] *= rise[:, None]
+        stereo[-fade:] *= rise[::-1, None]
+    peak = float(np.abs(stereo).max(initial=0.0))
+    scale = FULL_SCALE * 10 ** (-HEADROOM_DB / 20) / peak if peak > 0 else 0.0
+    return rate_hz, np.round(stereo * scale).astype(np.int16)
 
 
 def plan_sound(prf_hz: float, pitch: float | None = None) -> tuple[float, int]:
-    """Pitch and audio rate of :func:`doppler_sound` for a frame rate, with its error."""
+    """Choose pitch and audio rate for a frame rate.
+
+    They are those of :func:`doppler_sound`, and so is the error.
+    """
     highest_hz = AUDIO_RATES_HZ[-1]
     most = highest_hz / min(prf_hz, highest_hz)
     factor = min(USUAL_PITCH, most) if pitch is None else pitch
@@ -274,40 +307,8 @@ def plan_sound(prf_hz: float, pitch: float | None = None) -> tuple[float, int]:
     return factor, next((rate for rate in AUDIO_RATES_HZ if rate >= factor * prf_hz * (1 - 1e-9)), highest_hz)
 
 
-def _resampled(signal: Values, ratio: Fraction) -> Values:
-    """Signal at another rate, without images and aliases; 0.9 of the narrower band is as it was."""
-    from scipy.signal import firwin, resample_poly
-
-    up, down = ratio.numerator, ratio.denominator
-    most = max(up, down)
-    low_pass: Any = firwin(2 * HALF_FILTER * most + 1, 1.0 / most, window=("kaiser", 8.0)) if most > 1 else np.ones(1)
-    steps = math.ceil(HALF_FILTER * most / (up * down))  # so many times ``down`` samples are looked at beyond the ends
-    made = resample_poly(continued(signal, steps * down, steps * down), up, down, window=low_pass)
-    return np.asarray(made[steps * up : made.size - steps * up], dtype=np.complex64)
-
-
-def _sides(signal: Values) -> npt.NDArray[np.float32]:
-    """Positive frequencies left and negative ones right, each as a real signal: Re(z +- j H z) / 2, H of Hilbert."""
-    from scipy.fft import next_fast_len
-    from scipy.signal import hilbert
-
-    quarter = hilbert(signal.imag, next_fast_len(signal.size))[: signal.size].imag
-    return np.asarray(np.stack([signal.real - quarter, signal.real + quarter], axis=1) / 2, dtype=np.float32)
-
-
-def _levelled(stereo: npt.NDArray[np.float32], fade: int) -> npt.NDArray[np.int16]:
-    fade = min(fade, stereo.shape[0] // 2)
-    if fade:
-        rise = 0.5 - 0.5 * np.cos(np.pi * np.arange(fade, dtype=np.float32) / fade)
-        stereo[:fade] *= rise[:, None]
-        stereo[-fade:] *= rise[::-1, None]
-    peak = float(np.abs(stereo).max(initial=0.0))
-    scale = FULL_SCALE * 10 ** (-HEADROOM_DB / 20) / peak if peak > 0 else 0.0
-    return np.round(stereo * scale).astype(np.int16)
-
-
 def write_wav(file: str | IO[bytes], rate_hz: int, samples: npt.NDArray[np.int16]) -> None:
-    """Write a WAV file, 16 bits a sample.
+    """Write a WAV file with 16 bits per sample.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Antenna pattern: relative gain by direction, put into the path gain of a scatterer table."""
+"""Antenna pattern: relative gain by direction."""
 
 from __future__ import annotations
 
@@ -25,7 +25,9 @@ FIELDS_OF_KIND = {
 
 
 class Antenna(FrozenModel):
-    r"""Pattern of the antenna relative to its peak gain, the same for transmission and reception.
+    r"""Pattern of the antenna relative to its peak gain.
+
+    It is the same for transmission and reception.
 
     The peak gains are ``tx_gain_dbi`` and ``rx_gain_dbi`` of the radar; an echo gets the square of the one-way pattern.
     Directions are off-boresight angles: the azimuth :math:`\phi` in the plane of the antenna's horizontal axis and the
@@ -101,7 +103,7 @@ class Antenna(FrozenModel):
 
 
 def antenna_gain(antenna: Antenna, azimuth_rad: npt.ArrayLike, elevation_rad: npt.ArrayLike) -> FloatArray:
-    """One-way power gain of a direction, relative to the peak.
+    """Return the one-way power gain of a direction, relative to the peak.
 
     Parameters
     ----------
@@ -122,19 +124,22 @@ def antenna_gain(antenna: Antenna, azimuth_rad: npt.ArrayLike, elevation_rad: np
         return np.asarray(np.maximum(lobe, db_to_power(antenna.floor_db)))
     if antenna.kind == "table":
         cuts = ((azimuth, antenna.azimuth_db), (elevation, antenna.elevation_db))
-        return np.asarray(db_to_power(sum(_cut_db(antenna, angle, cut_db) for angle, cut_db in cuts)))
+        angle_deg = np.array(antenna.angle_deg, dtype=float)
+        last = -1 if angle_deg[-1] - angle_deg[0] == 360 else None  # -180 and 180 are one direction
+        gains_db = [
+            np.interp(np.degrees(angle_rad), angle_deg[:last], np.array(cut_db, dtype=float)[:last], period=360.0)
+            for angle_rad, cut_db in cuts
+        ]
+        return np.asarray(db_to_power(sum(gains_db)))
     return np.ones(azimuth.shape)
 
 
 def cosine_exponent(hpbw_deg: float) -> float:
-    """Exponent q = -3 / (10 lg cos(HPBW / 2)) of a cosine whose power is 3 dB down at half the beam width."""
+    """Return the cosine exponent of a half-power beam width.
+
+    q = -3 / (10 lg cos(HPBW / 2)): the power is 3 dB down at half the beam width.
+    """
     return -3.0 / (10.0 * math.log10(math.cos(math.radians(hpbw_deg) / 2.0)))
-
-
-def _cut_db(antenna: Antenna, angle_rad: FloatArray, cut_db: tuple[float, ...] | None) -> FloatArray:
-    angle_deg, gain_db = np.array(antenna.angle_deg, dtype=float), np.array(cut_db, dtype=float)
-    last = -1 if angle_deg[-1] - angle_deg[0] == 360 else None  # -180 and 180 are one direction
-    return np.asarray(np.interp(np.degrees(angle_rad), angle_deg[:last], gain_db[:last], period=360.0))
 
 
 def off_boresight(
@@ -144,7 +149,9 @@ def off_boresight(
     boresight_azimuth_rad: float = 0.0,
     boresight_tilt_rad: float = 0.0,
 ) -> tuple[FloatArray, FloatArray]:
-    r"""Azimuth and elevation in the frame of an antenna that was tilted up and then turned about the vertical.
+    r"""Rotate directions into the frame of an antenna.
+
+    The antenna was tilted up and then turned about the vertical.
 
     Parameters
     ----------
@@ -174,7 +181,7 @@ def off_boresight(
 def apply_antenna(
     scatterers: xr.Dataset, antenna: Antenna, *, boresight_azimuth_rad: float = 0.0, boresight_tilt_rad: float = 0.0
 ) -> xr.Dataset:
-    """Scatterer table with the two-way pattern in its path gain.
+    """Multiply path gains by the two-way antenna pattern.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Link budget: echo amplitude by the radar equation, receiver noise, and what follows from a radar's parameters."""
+"""Link budget: echo amplitude, receiver noise, derived quantities."""
 
 from __future__ import annotations
 
@@ -25,13 +25,15 @@ from doppelgait.radar.parameters import Radar
 MIN_RANGE_M = 0.2
 """Ranges are taken as at least this in the radar equation, which is a far-field law (E-14)."""
 CPI_S = 0.1
-"""Processing interval that the derived velocity resolution is given for."""
+"""Processing interval that the derived velocity resolution is stated for."""
 RANGE_M = 5.0
-"""Range that the derived power and SNR of 1 m^2 are given for."""
+"""Range that the derived power and SNR of 1 m^2 are stated for."""
 
 
 def received_power_w(radar: Radar, *, range_m: npt.ArrayLike, rcs_m2: npt.ArrayLike) -> Any:
-    """Peak power of an echo at the receiving antenna, by the radar equation (E-14).
+    """Return the peak power of an echo at the antenna (E-14).
+
+    By the radar equation.
 
     Parameters
     ----------
@@ -56,7 +58,9 @@ def received_power_w(radar: Radar, *, range_m: npt.ArrayLike, rcs_m2: npt.ArrayL
 def echo_amplitude_v(
     radar: Radar, *, range_m: npt.ArrayLike, rcs_m2: npt.ArrayLike, path_gain: npt.ArrayLike = 1.0
 ) -> Any:
-    """Amplitude a = sqrt(2 Z0 P_r) 10^(G_rx/20) of an echo at the receiver output, V into 50 ohm (E-14).
+    """Return the echo amplitude at the receiver output, V (E-14).
+
+    a = sqrt(2 Z0 P_r) 10^(G_rx/20) into 50 ohm.
 
     ``path_gain`` is a further two-way power ratio (walls, antenna pattern).
     """
@@ -69,24 +73,36 @@ def echo_amplitude_v(
 
 
 def white_noise_v2(radar: Radar, bandwidth_hz: float) -> float:
-    """Mean square E|w|^2 of complex receiver noise in a bandwidth: 2 Z0 k T0 F B G_rx / N_eff, V^2 (E-18)."""
+    """Return the mean square of receiver noise in a bandwidth, V^2.
+
+    E|w|^2 = 2 Z0 k T0 F B G_rx / N_eff of complex noise (E-18).
+    """
     power = NOISE_DENSITY_W_PER_HZ * db_to_power(radar.noise_figure_db) * bandwidth_hz
     volts2 = 2.0 * REFERENCE_IMPEDANCE_OHM * power * db_to_power(radar.receiver_gain_db)
     return float(volts2 / radar.averages_per_frame)
 
 
 def sample_noise_v2(radar: Radar) -> float:
-    """Mean square of the complex receiver noise in one receiver sample, V^2 (E-18)."""
+    """Return the mean square noise of one receiver sample, V^2.
+
+    Complex receiver noise (E-18).
+    """
     return white_noise_v2(radar, radar.receiver_bandwidth_hz)
 
 
 def noise_power_v2(radar: Radar) -> float:
-    """Mean square of the complex receiver noise in one range bin, V^2: that of a receiver sample, compressed (E-18)."""
+    """Return the mean square noise of one range bin, V^2.
+
+    It is that of a receiver sample, compressed (E-18).
+    """
     return sample_noise_v2(radar) * radar.waveform.noise_gain(radar)
 
 
 def scatterer_arrays(scatterers: xr.Dataset, radar: Radar) -> tuple[Any, Any]:
-    """Contiguous float64 ranges (m) and echo amplitudes (V) of a scatterer table, both (slow_time, scatterer)."""
+    """Return ranges (m) and echo amplitudes (V) of scatterers.
+
+    Contiguous float64 arrays, both (slow_time, scatterer).
+    """
     range_m = np.ascontiguousarray(scatterers["range"].values, dtype=np.float64)
     amplitude_v = echo_amplitude_v(
         radar, range_m=range_m, rcs_m2=_row(scatterers["rcs"].values), path_gain=_row(scatterers["path_gain"].values)
@@ -95,32 +111,46 @@ def scatterer_arrays(scatterers: xr.Dataset, radar: Radar) -> tuple[Any, Any]:
 
 
 def _row(values: Any) -> Any:
-    """The values; of a table that repeats one row (a broadcast view) that row, which saves a pass over memory."""
+    """Return one row of a table that repeats it.
+
+    Other tables are unchanged; a broadcast view saves a pass over memory.
+    """
     return values[:1] if values.strides[0] == 0 else values
 
 
 def path_turns(scatterers: xr.Dataset) -> npt.NDArray[np.float64] | None:
-    """Extra phase of every echo in turns, (slow_time, scatterer), C-contiguous; None where the table has none."""
+    """Return the extra phase of every echo in turns.
+
+    (slow_time, scatterer), C-contiguous; None where the table has none.
+    """
     phase_rad = path_phase_rad(scatterers)
     return None if phase_rad is None else np.ascontiguousarray(phase_rad * (0.5 / np.pi))
 
 
 def path_phase_rad(scatterers: xr.Dataset) -> npt.NDArray[np.float64] | None:
-    """Extra phase of every echo, (slow_time, scatterer); None where the table has none."""
+    """Return the extra phase of every echo, (slow_time, scatterer).
+
+    None where the table has none.
+    """
     if "path_phase" not in scatterers:
         return None
     return np.asarray(scatterers["path_phase"].values, dtype=np.float64)
 
 
 def radial_velocity_mps(scatterers: xr.Dataset) -> npt.NDArray[np.float64]:
-    """Radial velocity of every scatterer, (slow_time, scatterer); a waveform that sweeps cannot do without."""
+    """Return the radial velocity of scatterers, (slow_time, scatterer).
+
+    A waveform that sweeps needs it.
+    """
     if "radial_velocity" not in scatterers:
         raise ConfigError("the scatterer table has no radial_velocity, which a waveform that sweeps needs; add it")
     return np.asarray(scatterers["radial_velocity"].values, dtype=np.float64)
 
 
 def derived_quantities(radar: Radar) -> dict[str, float]:
-    """Derived quantities of a radar by name, the unit at the end of each.
+    """Return derived quantities of a radar by name.
+
+    The unit is at the end of each name.
 
     Quantities that the waveform does not have are left out. Power and SNR are those of 1 m^2 at 5 m in a single frame,
     in the middle of its bin (E-14, E-18).

@@ -1,4 +1,4 @@
-"""What every reader of measured recordings does: check options, make the radar, label the baseband."""
+"""Common steps of all readers of measured recordings."""
 
 from __future__ import annotations
 
@@ -21,7 +21,10 @@ CHECK_ROWS = 4096
 
 
 def check_number(path: Path, name: str, value: Any, *, above: float = -math.inf, most: float = math.inf) -> float:
-    """A finite number above ``above`` and up to ``most``; anything else is a :class:`RecordingError`."""
+    """Return a finite number within limits.
+
+    It is above ``above`` and at most ``most``; anything else is a :class:`RecordingError`.
+    """
     number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
     if number and math.isfinite(value) and above < value <= most:
         return float(value)
@@ -34,7 +37,9 @@ def check_number(path: Path, name: str, value: Any, *, above: float = -math.inf,
 
 
 def preset_radar(path: Path, preset: str | Path, *, n_range_bins: int, range_start_m: float, **facts: Any) -> Radar:
-    """A preset with what a recording says: its frame, as many range bins as it has, and further parameters.
+    """Return a preset radar with a recording's own facts.
+
+    These are its frame, its number of range bins, and further parameters.
 
     The range axis of a file may differ by some tenths of a per cent (drivers count with c = 3e8 m/s) and may begin
     below 0 m; the axis of the recording counts, the radar's frame describes it.
@@ -65,7 +70,7 @@ def label_measured(
     notes: Sequence[str] = (),
     attrs: Mapping[str, Any] | None = None,
 ) -> Recording:
-    """Recording of measured values.
+    """Make a recording of measured values.
 
     Parameters
     ----------
@@ -95,14 +100,17 @@ def label_measured(
 
 
 def check_shape(path: Path, values: npt.NDArray[Any]) -> None:
-    """Refuse a (pulse, bin) matrix of fewer than two pulses or one range bin."""
+    """Refuse fewer than two pulses or one range bin."""
     n_pulses, n_bins = values.shape
     if n_pulses < 2 or n_bins < 1:
         raise RecordingError(f"{path}: holds {n_pulses} pulses of {n_bins} range bins; a recording has at least 2 by 1")
 
 
 def check_finite(path: Path, values: npt.NDArray[Any]) -> None:
-    """Refuse NaN and infinity in (pulse, bin) values, or values beyond single precision; say how many and where."""
+    """Refuse values that are not finite; give count and first place.
+
+    NaN, infinity, and values beyond single precision.
+    """
     faults, first = 0, (0, 0)
     for start in range(0, values.shape[0], CHECK_ROWS):
         rows = values[start : start + CHECK_ROWS]
@@ -123,7 +131,10 @@ CW_FRAME_M = (0.0, 10.0)
 
 
 def radar_of_facts(path: Path, **facts: Any) -> Radar:
-    """Radar with these parameters; one that is not allowed is a :class:`RecordingError` that names the file."""
+    """Make a radar from facts of a file.
+
+    A parameter that is not allowed is a :class:`RecordingError` that names the file.
+    """
     try:
         return validate(Radar, facts, where="radar")
     except ConfigError as error:
@@ -131,7 +142,9 @@ def radar_of_facts(path: Path, **facts: Any) -> Radar:
 
 
 def cw_radar(path: Path, *, name: str, carrier_hz: float, prf_hz: float, **facts: Any) -> Radar:
-    """Continuous-wave radar: one sample per pulse, one range bin for the whole frame.
+    """Make a continuous-wave radar with one range bin.
+
+    It has one sample per pulse; the bin stands for the whole frame.
 
     Parameters
     ----------

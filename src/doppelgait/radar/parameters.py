@@ -1,4 +1,4 @@
-"""The radar's parameters, and what a waveform is: how it turns scatterers into receiver samples and range bins.
+"""Parameters of a radar, and the interface of its waveform.
 
 Both are here because each needs the other; the link budget and the waveforms themselves are built on this module.
 """
@@ -41,11 +41,13 @@ OPTIONAL = {
     "sweep_levels": 1,
     "pulse_rate_hz": None,
 }
-"""Parameters of a radar that not every waveform uses, and the values that count as not given."""
+"""Parameters of a radar that not every waveform uses, and the values that count as unset."""
 
 
 class Waveform(FrozenModel):
-    """What a radar transmits: from scatterers to receiver samples, and from those to range bins.
+    """Waveform of a radar: synthesis of samples, and their compression.
+
+    It turns scatterers into receiver samples, and those into range bins.
 
     A waveform is a subclass with the default of ``kind``, parameters of its own as further fields where it has any,
     and at least :meth:`synthesise` and :meth:`resolution_m`; ``plugin("waveform")`` registers it. Everything else has
@@ -55,7 +57,7 @@ class Waveform(FrozenModel):
     Attributes
     ----------
     needs, takes : tuple of str
-        Parameters of the radar among ``OPTIONAL`` that must be given, and those that may be.
+        Parameters of the radar among ``OPTIONAL`` that are required, and those that are allowed.
     folds : bool
         Whether :meth:`synthesise` shows echoes from beyond the unambiguous range at a wrong one, instead of losing
         them.
@@ -71,78 +73,105 @@ class Waveform(FrozenModel):
     kind: str
 
     def fill(self, table: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Parameters of a radar with those filled in that may be left out."""
+        """Fill in radar parameters that may be left out."""
         return table
 
     def check(self, radar: Radar) -> None:
         """Refuse a radar that this waveform cannot have (``ValueError``)."""
 
     def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
-        """Noise-free receiver samples, V, shape (I, S)."""
+        """Return noise-free receiver samples, V, shape (I, S)."""
         raise NotImplementedError(f"waveform {self.kind!r} has no method synthesise")
 
     def synthesise_planes(self, scatterers: xr.Dataset, radar: Radar) -> Samples:
-        """The samples of :meth:`synthesise` in the layout that is made fastest; what :func:`simulate` calls."""
+        """Return the samples of :meth:`synthesise` in their fastest layout.
+
+        :func:`simulate` calls this method.
+        """
         return Samples.own(self.synthesise(scatterers, radar))
 
     def compress(self, samples: npt.NDArray[Any], radar: Radar) -> Matrix:
-        """Range bins of receiver samples, V, shape (I, N).
+        """Compress receiver samples to range bins, V, shape (I, N).
 
         A point echo in the middle of a bin keeps its amplitude a and has the phase theta - 4 pi R / lambda.
         """
         return np.asarray(samples, dtype=np.complex64)
 
     def resolution_m(self, radar: Radar) -> float:
-        """Half-power width in range of one echo."""
+        """Return the half-power width in range of one echo."""
         raise NotImplementedError(f"waveform {self.kind!r} has no method resolution_m")
 
     def n_samples(self, radar: Radar) -> int:
-        """Receiver samples S of one frame."""
+        """Return the number of receiver samples S of one frame."""
         return self.n_range_bins(radar)
 
     def n_range_bins(self, radar: Radar) -> int:
-        """Range bins of one frame, N = ceil(r_span / bin spacing) (E-15)."""
+        """Return the number of range bins of one frame (E-15).
+
+        N = ceil(r_span / bin spacing).
+        """
         return math.ceil((radar.range_stop_m - radar.range_start_m) / self.bin_spacing_m(radar) - 1e-9)
 
     def first_bin_m(self, radar: Radar) -> float:
-        """Range of the first bin: the start of the frame (E-15)."""
+        """Return the range of the first bin (E-15).
+
+        It is the start of the frame.
+        """
         return radar.range_start_m
 
     def bin_spacing_m(self, radar: Radar) -> float:
-        """Spacing of the range bins: D c / (2 f_s) (E-15)."""
+        """Return the spacing of the range bins (E-15).
+
+        D c / (2 f_s).
+        """
         return radar.decimation * SPEED_OF_LIGHT_MPS / (2.0 * radar.sample_rate_hz)
 
     def noise_bandwidth_hz(self, radar: Radar) -> float:
-        """Noise bandwidth of one receiver sample unless the radar has its own: the sampling rate, as of white noise."""
+        """Return the noise bandwidth of one receiver sample.
+
+        The radar may state its own; else it is the sampling rate, as of white noise.
+        """
         return radar.sample_rate_hz
 
     def noise_gain(self, radar: Radar) -> float:
-        """Power of white noise in a range bin over that in a receiver sample."""
+        """Return the noise power of a bin over that of a sample.
+
+        For white noise in the receiver samples.
+        """
         return 1.0
 
     def independent_bins(self, radar: Radar) -> float:
-        """Independent noise values per range bin; 1 where neighbouring bins share no noise."""
+        """Return the independent noise values per range bin.
+
+        1 where neighbouring bins share no noise.
+        """
         return 1.0
 
     def unambiguous_range_m(self, radar: Radar) -> float:
-        """Range at which echoes fold back to 0, inf for none: where the next pulse leaves, c / (2 pulse rate)."""
+        """Return the range at which echoes fold back to 0.
+
+        inf for none; here where the next pulse leaves, c / (2 pulse rate).
+        """
         return SPEED_OF_LIGHT_MPS / (2.0 * (radar.pulse_rate_hz or radar.prf_hz))
 
     def coupling_s(self, radar: Radar) -> float:
-        """Apparent range shift per radial velocity: -f_c T_c / B of a frequency sweep, else 0."""
+        """Return the apparent range shift per radial velocity.
+
+        -f_c T_c / B of a frequency sweep, else 0.
+        """
         return 0.0
 
     def figures(self, radar: Radar) -> dict[str, float]:
-        """Further derived quantities by name."""
+        """Return further derived quantities by name."""
         return {}
 
     @property
     def samples_are_bins(self) -> bool:
-        """Whether the receiver samples are the range bins."""
+        """True where the receiver samples are the range bins."""
         return type(self).compress is Waveform.compress
 
     def check_given(self, radar: Radar) -> None:
-        """Refuse a radar that lacks what the waveform needs, or has what it does not use (``ValueError``)."""
+        """Refuse parameters that the waveform lacks or does not use (``ValueError``)."""
         missing = [name for name in self.needs if getattr(radar, name) == OPTIONAL[name]]
         if missing:
             raise ValueError(f"waveform {self.kind!r} needs {' and '.join(missing)}")
@@ -164,7 +193,10 @@ WAVEFORMS: Group[type[Waveform]] = Group(
 
 
 def _parse_waveform(value: Any) -> Any:
-    """Waveform from its name, a table with ``kind``, or a waveform."""
+    """Return the waveform of a name, a table or a waveform.
+
+    The table has a ``kind``.
+    """
     if isinstance(value, str) and value not in WAVEFORMS:
         raise ValueError(f"known are {', '.join(WAVEFORMS)}")
     try:
@@ -174,7 +206,10 @@ def _parse_waveform(value: Any) -> Any:
 
 
 def _plain_waveform(waveform: Waveform, info: SerializationInfo) -> Any:
-    """The name of a waveform without parameters of its own, else a table."""
+    """Return a waveform as its name, or as a table.
+
+    The name alone where it has no parameters of its own.
+    """
     if set(type(waveform).model_fields) == {"kind"}:
         return waveform.kind
     return waveform.model_dump(mode=info.mode, exclude_none=info.exclude_none)
@@ -301,7 +336,9 @@ class Radar(FrozenModel):
 
     @classmethod
     def preset(cls, preset_name: str | Path, /, **changes: Any) -> Radar:
-        """Radar by the name of a preset or the path of such a file, with single parameters changed.
+        """Make a radar from a preset, with some parameters changed.
+
+        The preset is a name or the path of a file.
 
         Parameters
         ----------
@@ -333,17 +370,26 @@ class Radar(FrozenModel):
         return GAUSSIAN_WIDTH[self.bandwidth_level_db] / float(self.bandwidth_hz or math.nan)
 
     def pulse_bandwidth_hz(self, level_db: Literal[3, 10]) -> float:
-        """Two-sided bandwidth of an impulse radar's pulse at 3 or 10 dB below its peak (E-11)."""
+        """Return the two-sided bandwidth of an impulse radar's pulse (E-11).
+
+        At 3 or 10 dB below its peak.
+        """
         return GAUSSIAN_WIDTH[level_db] / self.sigma_s
 
     @property
     def range_resolution_m(self) -> float:
-        """Half-power width in range of one echo; of a cw radar the frame's span."""
+        """Half-power width in range of one echo.
+
+        Of a cw radar it is the span of the frame.
+        """
         return self.waveform.resolution_m(self)
 
     @property
     def bin_spacing_m(self) -> float:
-        """Spacing of the range bins: D c / (2 f_s) (E-15), or c / (2 B) where they come out of a transform."""
+        """Spacing of the range bins (E-15).
+
+        D c / (2 f_s), or c / (2 B) where they come out of a transform.
+        """
         return self.waveform.bin_spacing_m(self)
 
     @property
@@ -352,7 +398,10 @@ class Radar(FrozenModel):
         return self.waveform.n_range_bins(self)
 
     def range_axis_m(self) -> npt.NDArray[np.float64]:
-        """Range of every bin, ascending (E-15); of a cw radar the middle of the frame."""
+        """Return the range of every bin, ascending (E-15).
+
+        Of a cw radar it is the middle of the frame.
+        """
         steps = np.arange(self.n_range_bins)
         return np.asarray(self.waveform.first_bin_m(self) + self.bin_spacing_m * steps, dtype=np.float64)
 
@@ -363,14 +412,20 @@ class Radar(FrozenModel):
 
     @property
     def averages_per_frame(self) -> int:
-        """Pulses averaged into one frame, N_eff: floor(pulse rate / (f_p levels)); 1 without a pulse rate (E-18)."""
+        """Number of pulses averaged into one frame, N_eff (E-18).
+
+        floor(pulse rate / (f_p levels)); 1 without a pulse rate.
+        """
         if self.pulse_rate_hz is None:
             return 1
         return math.floor(self.pulse_rate_hz / (self.prf_hz * self.sweep_levels))
 
     @property
     def receiver_bandwidth_hz(self) -> float:
-        """Noise bandwidth B_n of a receiver sample: as given, else the waveform's own."""
+        """Noise bandwidth B_n of a receiver sample.
+
+        The radar's own, else that of the waveform.
+        """
         return (
             self.noise_bandwidth_hz if self.noise_bandwidth_hz is not None else self.waveform.noise_bandwidth_hz(self)
         )
@@ -386,7 +441,7 @@ def check_band(radar: Radar, bandwidth_hz: float) -> None:
 
 
 def check_sweep_fits(radar: Radar, duration_s: float) -> None:
-    """Refuse a sweep or pulse that is longer than the time from one to the next."""
+    """Refuse a sweep or pulse longer than the frame time."""
     if duration_s * radar.prf_hz > 1.0 + 1e-9:
         raise ValueError(
             f"sweep_s {duration_s:g} is longer than a frame at prf_hz {radar.prf_hz:g}, {1 / radar.prf_hz:.4g} s; "

@@ -1,4 +1,4 @@
-"""A radar recording: samples, the radar, and (simulated ones only) the truth about every target."""
+"""A radar recording: samples, radar, and truth of simulated targets."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ NAN = float("nan")
 
 @dataclass(frozen=True)
 class TargetTruth:
-    """What a simulation knows about one target.
+    """Truth of a simulation about one target.
 
     Parameters
     ----------
     label : str
-        Class, ``""`` when none was given.
+        Class, ``""`` when unknown.
     scatterers : Dataset (slow_time, scatterer)
         Its rows of the scatterer table: range, radial velocity, aspect, radar cross section.
     centre_range_m, centre_velocity_mps, centre_aspect_rad : ndarray, shape (I,)
@@ -41,7 +41,7 @@ class TargetTruth:
     stride_frequency_hz, step_frequency_hz, gait_frequency_hz : float
         Means over the observation, NaN when unknown (E-07).
     body : DataArray (time, marker, space), optional
-        Where the points of the body are, to be drawn: at most 60 positions a second, in the frame of the scene, whose
+        Where the points of the body are, for plots: at most 60 positions a second, in the frame of the scene, whose
         floor is at z = 0.
     """
 
@@ -61,7 +61,10 @@ class TargetTruth:
     body: xr.DataArray | None = None
 
     def doppler_hz(self, wavelength_m: float) -> npt.NDArray[np.float64]:
-        """True Doppler shift of every scatterer, shape (I, L): 2 v_r / lambda (E-05)."""
+        """Return the true Doppler shift of every scatterer (E-05).
+
+        2 v_r / lambda, shape (I, L).
+        """
         values = velocity_to_doppler_hz(self.scatterers["radial_velocity"].values, wavelength_m)
         return np.asarray(values, dtype=np.float64)
 
@@ -125,7 +128,9 @@ class Recording:
 
     @classmethod
     def from_baseband(cls, baseband: xr.DataArray, radar: Radar, **facts: Any) -> Recording:
-        """Recording of a labelled complex array (slow_time, range), in V, such as a measurement.
+        """Make a recording from a labelled complex array.
+
+        The array is (slow_time, range), in V, such as a measurement.
 
         Parameters
         ----------
@@ -146,7 +151,7 @@ class Recording:
         return cls(Samples(baseband.values), radar, slow_time_s, range_m, facts=further, **facts)
 
     def with_baseband(self, baseband: xr.DataArray, **changes: Any) -> Recording:
-        """The same recording with other samples, and further changes of its parameters."""
+        """Return the recording with other samples and further changes."""
         kept = {item.name: getattr(self, item.name) for item in fields(self)}
         for name in ("samples", "radar", "slow_time_s", "range_m", "facts"):
             del kept[name]
@@ -154,7 +159,10 @@ class Recording:
 
     @cached_property
     def baseband(self) -> xr.DataArray:
-        """Samples as a labelled complex64 array (slow_time, range), V, that cannot be changed; made on first access."""
+        """Samples as a labelled, read-only complex64 array, V.
+
+        (slow_time, range); it is made on first access.
+        """
         matrix = self.samples.matrix.view()
         matrix.flags.writeable = False
         coords = {"slow_time": self.slow_time_s, "range": self.range_m}
@@ -172,23 +180,35 @@ class Recording:
 
     @property
     def observation_s(self) -> float:
-        """Time from the first pulse to the end of the last, T_o, with the pauses between bursts."""
+        """Time T_o from the first pulse to the last's end.
+
+        With the pauses between bursts.
+        """
         return float(self.slow_time_s[-1] - self.slow_time_s[0]) + 1.0 / self.radar.prf_hz
 
     @property
     def independent_bin_share(self) -> float:
-        """Independent noise values per range bin; less than 1 where a window over the sweep joins bins."""
+        """Independent noise values per range bin.
+
+        Less than 1 where a window over the sweep joins bins.
+        """
         share = self.facts.get("independent_bin_share")
         return self.radar.waveform.independent_bins(self.radar) if share is None else float(share)
 
 
 def baseband_facts(radar: Radar) -> dict[str, str | float]:
-    """Attributes of a baseband array: its radar as JSON, and independent noise values per range bin if below 1."""
+    """Return the attributes of a baseband array.
+
+    They are its radar as JSON, and independent noise values per range bin if below 1.
+    """
     share = radar.waveform.independent_bins(radar)
     return {"radar": canonical_json(radar), **({"independent_bin_share": share} if share < 1.0 else {})}
 
 
 def further_facts(baseband: xr.DataArray) -> dict[str, str | int | float]:
-    """Facts on the baseband that have no place of their own in a file, for example the pulses of a burst."""
+    """Return the baseband's facts without an own place in files.
+
+    For example the pulses of a burst.
+    """
     facts = {name: value.item() if isinstance(value, np.generic) else value for name, value in baseband.attrs.items()}
     return {k: v for k, v in facts.items() if k not in ("units", "radar") and isinstance(v, str | int | float)}

@@ -63,7 +63,28 @@ def write_recording(recording: Recording, path: str | Path) -> None:
             if recording.radar_position_m is not None:
                 file.attrs.update({name: getattr(recording, name) for name in POSE})
             for number, truth in enumerate(recording.truth):
-                _write_truth(file.create_group(f"truth/{number}", track_order=True), truth)
+                group = file.create_group(f"truth/{number}", track_order=True)
+                for fact in TRUTH_FACTS:
+                    group.attrs[fact] = getattr(truth, fact)
+                group.attrs["marker"] = json.dumps([str(m) for m in axis(truth.scatterers, "marker")])
+                group.attrs["part"] = json.dumps([str(p) for p in axis(truth.scatterers, "part")])
+                for name in CENTRE_ARRAYS:
+                    _put(
+                        group,
+                        name,
+                        getattr(truth, name),
+                        {"m": "m", "mps": "m/s", "rad": "rad"}[name.rsplit("_", 1)[1]],
+                    )
+                for name in (n for n in STORED_VARIABLES if n in truth.scatterers):
+                    units = SCATTERER_VARIABLES[name]
+                    values = truth.scatterers[name].values
+                    constant = name in ("rcs", "path_gain") and bool((values == values[:1]).all())
+                    _put(group, name + UNIT_SUFFIX[units], values[:1] if constant else values, units)
+                if truth.body is not None:
+                    group.attrs["body_marker"] = json.dumps([str(m) for m in axis(truth.body, "marker")])
+                    group.attrs["body_part"] = json.dumps([str(p) for p in axis(truth.body, "part")])
+                    _put(group, "body_time_s", axis(truth.body, "time"), "s")
+                    _put(group, "body_position_m", truth.body.values.astype("<f4"), "m")
 
 
 def _put(group: Any, name: str, values: Any, units: str) -> None:
@@ -71,27 +92,11 @@ def _put(group: Any, name: str, values: Any, units: str) -> None:
     dataset.attrs["units"] = units
 
 
-def _write_truth(group: Any, truth: TargetTruth) -> None:
-    for fact in TRUTH_FACTS:
-        group.attrs[fact] = getattr(truth, fact)
-    group.attrs["marker"] = json.dumps([str(m) for m in axis(truth.scatterers, "marker")])
-    group.attrs["part"] = json.dumps([str(p) for p in axis(truth.scatterers, "part")])
-    for name in CENTRE_ARRAYS:
-        _put(group, name, getattr(truth, name), {"m": "m", "mps": "m/s", "rad": "rad"}[name.rsplit("_", 1)[1]])
-    for name in (n for n in STORED_VARIABLES if n in truth.scatterers):
-        units = SCATTERER_VARIABLES[name]
-        values = truth.scatterers[name].values
-        constant = name in ("rcs", "path_gain") and bool((values == values[:1]).all())
-        _put(group, name + UNIT_SUFFIX[units], values[:1] if constant else values, units)
-    if truth.body is not None:
-        group.attrs["body_marker"] = json.dumps([str(m) for m in axis(truth.body, "marker")])
-        group.attrs["body_part"] = json.dumps([str(p) for p in axis(truth.body, "part")])
-        _put(group, "body_time_s", axis(truth.body, "time"), "s")
-        _put(group, "body_position_m", truth.body.values.astype("<f4"), "m")
-
-
 def sniff_hdf5(path: Path) -> bool:
-    """Whether a file is HDF5 and says that it is a doppelgait recording, or is HDF5 so damaged that it says nothing."""
+    """Return whether a file is a doppelgait recording.
+
+    HDF5 so damaged that it has no format counts too.
+    """
     with path.open("rb") as file:
         if file.read(len(SIGNATURE)) != SIGNATURE:
             return False
@@ -172,7 +177,8 @@ def _read_truth(group: Any, slow_time_s: Any, number: int) -> TargetTruth:
             "part": ("scatterer", np.array(parts, dtype=str)),
         },
     )
-    facts = {fact: _plain(group.attrs[fact]) for fact in TRUTH_FACTS}
+    stored = {fact: group.attrs[fact] for fact in TRUTH_FACTS}
+    facts: dict[str, Any] = {k: str(v) if isinstance(v, str | bytes) else float(v) for k, v in stored.items()}
     centre = {name: group[name][:] for name in CENTRE_ARRAYS}
     body = None  # recordings of versions that kept none
     if "body_position_m" in group:
@@ -180,7 +186,3 @@ def _read_truth(group: Any, slow_time_s: Any, number: int) -> TargetTruth:
         coords = {"time": group["body_time_s"][:], "marker": markers, "space": list(SPACE), "part": ("marker", parts)}
         body = make_array(MOTION, group["body_position_m"][:].astype(np.float32), coords)
     return TargetTruth(scatterers=scatterers, body=body, **centre, **facts)
-
-
-def _plain(value: Any) -> Any:
-    return str(value) if isinstance(value, str | bytes) else float(value)

@@ -20,7 +20,7 @@ FILTER_BETA = 9.5
 
 
 def sample_rf_frames(scatterers: xr.Dataset, radar: Radar, *, margin: int) -> npt.NDArray[np.float64]:
-    """Real samples of the received RF frames at the full sampling rate (E-16).
+    """Return full-rate real samples of the received RF frames (E-16).
 
     Parameters
     ----------
@@ -52,7 +52,10 @@ def sample_rf_frames(scatterers: xr.Dataset, radar: Radar, *, margin: int) -> np
 
 
 def low_pass_taps(radar: Radar) -> npt.NDArray[np.float64]:
-    """Symmetric Kaiser low-pass that passes the pulse and stops the image at twice the carrier (E-17)."""
+    """Return the taps of a symmetric Kaiser low-pass (E-17).
+
+    It passes the pulse and stops the image at twice the carrier.
+    """
     from scipy.signal import firwin
 
     taps: npt.NDArray[np.float64] = firwin(
@@ -62,7 +65,9 @@ def low_pass_taps(radar: Radar) -> npt.NDArray[np.float64]:
 
 
 def down_convert(frames: npt.NDArray[np.float64], radar: Radar, *, margin: int) -> npt.NDArray[np.complex128]:
-    """Complex baseband of real RF frames: mix with exp(-j 2 pi f_c t), low-pass, keep every D-th sample (E-17).
+    """Convert real RF frames to complex baseband (E-17).
+
+    Mix with exp(-j 2 pi f_c t), low-pass, keep every D-th sample.
 
     Parameters
     ----------
@@ -82,7 +87,9 @@ def down_convert(frames: npt.NDArray[np.float64], radar: Radar, *, margin: int) 
 
 
 def synthesise_rf(scatterers: xr.Dataset, radar: Radar) -> xr.DataArray:
-    """Noise-free baseband by simulated RF sampling and real down-conversion: the oracle of the closed form.
+    """Synthesise the baseband by RF sampling and down-conversion.
+
+    It is noise-free and the oracle of the closed form.
 
     Parameters and result as :func:`doppelgait.radar.simulate.synthesise`, complex128.
     """

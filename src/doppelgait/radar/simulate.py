@@ -1,16 +1,15 @@
-"""Scatterer table -> receiver samples -> complex baseband data matrix; receiver noise and its level."""
+"""Synthesise receiver samples and baseband of scatterers, with noise."""
 
 from __future__ import annotations
 
 import math
-import warnings
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.errors import AnalysisError, ConfigError, DoppelgaitWarning
+from doppelgait.core.errors import AnalysisError, ConfigError, warn_caller
 from doppelgait.core.labels import BASEBAND, axis, make_array
 from doppelgait.core.samples import Samples
 from doppelgait.core.units import velocity_to_doppler_hz
@@ -25,7 +24,9 @@ __all__ = [
 
 
 def synthesise(scatterers: xr.Dataset, radar: Radar) -> xr.DataArray:
-    """Noise-free baseband of all scatterers: receiver samples, compressed to range bins.
+    """Synthesise the noise-free baseband of all scatterers.
+
+    Receiver samples are compressed to range bins.
 
     Parameters
     ----------
@@ -45,7 +46,7 @@ def synthesise(scatterers: xr.Dataset, radar: Radar) -> xr.DataArray:
 
 
 def synthesise_samples(scatterers: xr.Dataset, radar: Radar) -> npt.NDArray[np.complex64]:
-    """Noise-free receiver samples of all scatterers.
+    """Synthesise noise-free receiver samples of all scatterers.
 
     Parameters
     ----------
@@ -63,7 +64,9 @@ def synthesise_samples(scatterers: xr.Dataset, radar: Radar) -> npt.NDArray[np.c
 
 
 def compress(samples: Samples | npt.NDArray[Any], radar: Radar) -> npt.NDArray[np.complex64]:
-    """Range bins of receiver samples: window and transform for fmcw and stepped, else the samples themselves.
+    """Compress receiver samples to range bins.
+
+    Window and transform for fmcw and stepped, else the samples themselves.
 
     Parameters
     ----------
@@ -92,18 +95,20 @@ def compress(samples: Samples | npt.NDArray[Any], radar: Radar) -> npt.NDArray[n
 
 
 def label_baseband(values: Any, slow_time_s: Any, radar: Radar) -> xr.DataArray:
-    """Data matrix with its axes and the radar that made it."""
+    """Label a data matrix with its axes and radar."""
     coords = {"slow_time": slow_time_s, "range": radar.range_axis_m()}
     return make_array(BASEBAND, values, coords, baseband_facts(radar))
 
 
 def draw_key(rng: np.random.Generator) -> np.uint64:
-    """Key of one noise, one draw of a generator."""
+    """Draw the key of one noise from a generator."""
     return np.uint64(rng.integers(0, 2**64, dtype=np.uint64))
 
 
 def add_noise(baseband: xr.DataArray, *, noise_power_v2: float, rng: np.random.Generator) -> xr.DataArray:
-    """Baseband with complex white Gaussian receiver noise of mean square ``noise_power_v2`` in every bin (E-18).
+    """Add white Gaussian receiver noise to a baseband (E-18).
+
+    It is complex, of mean square ``noise_power_v2`` in every bin.
 
     Takes a single 64-bit key from ``rng``; the value in a bin of a frame is a function of (key, frame, bin) only.
     """
@@ -111,7 +116,10 @@ def add_noise(baseband: xr.DataArray, *, noise_power_v2: float, rng: np.random.G
 
 
 def noisy(samples: npt.NDArray[Any], *, noise_power_v2: float, rng: np.random.Generator) -> npt.NDArray[np.complex64]:
-    """Receiver samples or range bins with noise, as :func:`add_noise`; a new array."""
+    """Return samples or range bins with noise.
+
+    As :func:`add_noise`; a new array.
+    """
     from doppelgait.core.kernels.noise import add_noise_matrix
 
     result = np.array(samples, dtype=np.result_type(samples.dtype, np.complex64), order="C")
@@ -120,12 +128,18 @@ def noisy(samples: npt.NDArray[Any], *, noise_power_v2: float, rng: np.random.Ge
 
 
 def compress_samples(samples: Samples, radar: Radar) -> Samples:
-    """Range bins of receiver samples, as :func:`compress`; the samples themselves where they are the range bins."""
+    """Compress receiver samples to range bins.
+
+    As :func:`compress`; the samples themselves where they are the range bins.
+    """
     return samples if radar.waveform.samples_are_bins else Samples.own(compress(samples.matrix, radar))
 
 
 def frame_power_v2(bins: Samples) -> float:
-    """Signal level of SNR_frame: time mean of the strongest bin's |y|^2, V^2."""
+    """Return the signal level of SNR_frame, V^2.
+
+    It is the time mean of the strongest bin's |y|^2.
+    """
     from doppelgait.core.kernels.planes import strongest_power
 
     if 0 in bins.shape:
@@ -137,17 +151,19 @@ def frame_power_v2(bins: Samples) -> float:
 
 
 def noise_level_v2(radar: Radar, signal_v2: float, snr_db: float | None) -> float:
-    """Noise level to add: thermal (E-18), or what gives the wanted SNR_frame in dB; inf gives 0.
+    """Return the noise level to add, V^2.
+
+    Thermal (E-18), or the level of the wanted SNR_frame in dB; inf gives 0.
 
     Raises
     ------
     ConfigError
-        If an SNR is asked for but there is no signal: every target lies outside the frame.
+        If an SNR is wanted but there is no signal: every target lies outside the frame.
     """
     if snr_db is None:
         return noise_power_v2(radar)
-    if math.isnan(snr_db):
-        raise ConfigError("snr_db is nan; it must be a number of dB, or inf for no noise")
+    if math.isnan(snr_db) or snr_db == -math.inf:
+        raise ConfigError(f"snr_db is {snr_db}; it must be a number of dB, or inf for no noise")
     if not signal_v2 > 0:
         raise ConfigError(
             f"snr_db = {snr_db:g} cannot be set: no echo falls into the frame of {radar.range_start_m:g} to "
@@ -157,14 +173,19 @@ def noise_level_v2(radar: Radar, signal_v2: float, snr_db: float | None) -> floa
 
 
 def snr_frame_db(signal_v2: float, noise_v2: float) -> float:
-    """SNR_frame in dB: inf without noise, -inf where no echo falls into the frame."""
+    """Return SNR_frame in dB.
+
+    inf without noise, -inf where no echo falls into the frame.
+    """
     if not noise_v2 > 0:
         return math.inf
     return 10.0 * math.log10(signal_v2 / noise_v2) if signal_v2 > 0 else -math.inf
 
 
 def lowest_prf_hz(scatterers: xr.Dataset, radar: Radar, cpi_s: float) -> float:
-    """Lowest frame rate at which no scatterer aliases: 2 (max |f_d| + 3 / T_d), rounded up to 1 Hz (E-06).
+    """Return the lowest frame rate without Doppler aliasing (E-06).
+
+    2 (max |f_d| + 3 / T_d), rounded up to 1 Hz.
 
     For reproducing the report only: chosen per recording it tells the speed to every feature.
     """
@@ -174,7 +195,9 @@ def lowest_prf_hz(scatterers: xr.Dataset, radar: Radar, cpi_s: float) -> float:
 
 
 def warn_of_limits(scatterers: xr.Dataset, radar: Radar) -> None:
-    """Warn, naming the values, of what the radar cannot show of these scatterers.
+    """Warn of scatterers that the radar cannot show.
+
+    The warnings name the values.
 
     Sparse range bins (further apart than twice the half-power width of an echo), aliasing in Doppler (E-06), and
     targets outside the frame (E-15) or beyond the range at which echoes fold. Scatterers that belong to no target
@@ -183,7 +206,7 @@ def warn_of_limits(scatterers: xr.Dataset, radar: Radar) -> None:
     less than a quarter wavelength and its range-Doppler coupling, f_c v T_c / B, stays below c / (4 B), half a cell.
     """
     if radar.n_range_bins > 1 and radar.bin_spacing_m > 2.0 * radar.range_resolution_m:
-        _warn(
+        warn_caller(
             f"sparse range bins: they are {radar.bin_spacing_m:.3g} m apart, but an echo is only "
             f"{radar.range_resolution_m:.3g} m wide, so that targets between two bins vanish; lower radar.decimation "
             f"({radar.decimation}) or raise radar.sample_rate_hz"
@@ -194,38 +217,28 @@ def warn_of_limits(scatterers: xr.Dataset, radar: Radar) -> None:
     fastest_mps = max(float(speeds.max()), -float(speeds.min()))
     if fastest_mps >= radar.unambiguous_velocity_mps:
         needed = 2.0 * float(velocity_to_doppler_hz(fastest_mps, radar.wavelength_m)) + 60.0
-        _warn(
+        warn_caller(
             f"aliasing: a scatterer reaches {fastest_mps:.2f} m/s, but prf_hz = {radar.prf_hz:g} is unambiguous only "
             f"to {radar.unambiguous_velocity_mps:.2f} m/s; set radar.prf_hz to {np.ceil(needed / 10) * 10:g} or more"
         )
-    ranges_m = _target_ranges_m(scatterers)
+    ranges_m = np.asarray(scatterers["range"].values)
+    own = axis(scatterers, "target") >= 0 if "target" in scatterers.coords else np.ones(1, dtype=bool)
+    ranges_m = ranges_m if own.all() else ranges_m[:, own]
     if ranges_m.size == 0 or not radar.waveform.ranged:
         return
     nearest, farthest = float(ranges_m.min()), float(ranges_m.max())
     waveform = radar.waveform
     folding_m = waveform.unambiguous_range_m(radar)
     if waveform.folds and farthest >= folding_m:
-        _warn(
+        warn_caller(
             f"folding: a scatterer is {farthest:.2f} m away, beyond the unambiguous range of {folding_m:.4g} m, where "
             "echoes appear again from 0 m on; move the target, raise radar.sample_rate_hz or lower radar.bandwidth_hz"
         )
     elif nearest < radar.range_start_m or farthest > radar.range_stop_m:
         outside = float(((ranges_m < radar.range_start_m) | (ranges_m > radar.range_stop_m)).mean())
         share = f"{100 * outside:.0f} %" if outside >= 0.005 else "less than 1 %"
-        _warn(
+        warn_caller(
             f"outside the frame: {share} of all scatterer samples (ranges {nearest:.2f} to "
             f"{farthest:.2f} m) lie outside {radar.range_start_m:g} to {radar.range_stop_m:g} m and are lost; move "
             "the target or change radar.range_start_m / range_stop_m"
         )
-
-
-def _warn(text: str) -> None:
-    warnings.warn(text, DoppelgaitWarning, stacklevel=4)
-
-
-def _target_ranges_m(scatterers: xr.Dataset) -> npt.NDArray[np.float64]:
-    ranges_m = np.asarray(scatterers["range"].values)
-    if "target" not in scatterers.coords:
-        return ranges_m
-    own = axis(scatterers, "target") >= 0
-    return ranges_m if own.all() else ranges_m[:, own]

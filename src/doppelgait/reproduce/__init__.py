@@ -1,1 +1,4 @@
-"""The figures and tables of Liland (2018), made again and judged; the command ``doppelgait reproduce``."""
+"""Figures and tables of Liland (2018), reproduced and judged.
+
+The command is ``doppelgait reproduce``.
+"""

@@ -1,4 +1,7 @@
-"""Appendix A of the report: how long a processing interval should be (Figs. A.1 to A.6)."""
+"""Appendix A of the report: length of the processing interval.
+
+Figs. A.1 to A.6.
+"""
 
 from __future__ import annotations
 
@@ -38,8 +41,11 @@ SAME_DB = 1.0
 """Prominences this near to each other are the same."""
 
 
-def _result(material: Material, cpi_s: float) -> tuple[Result, float]:
-    """Result of the walk of chapter 4 with another T_d, and its true step frequency."""
+def _analyze_walk(material: Material, cpi_s: float) -> tuple[Result, float]:
+    """Analyse the walk of chapter 4 with another T_d.
+
+    Returns the result and the true step frequency.
+    """
     recording = material.recording(material.walker(), prf_hz=PRF_HZ)
     analysis = Analysis(
         method="liland2018", cpi_s=cpi_s, window_steepness=STEEPNESS, bandwidth_threshold=THRESHOLD,
@@ -50,16 +56,16 @@ def _result(material: Material, cpi_s: float) -> tuple[Result, float]:
 
 
 def prominences_db(material: Material, cpi_s: float) -> list[float]:
-    """Prominence of f_m, f_2 and f_3 in D_g with a processing interval T_d."""
-    result, true_hz = _result(material, cpi_s)
+    """Return the prominence of f_m, f_2 and f_3 at an interval T_d."""
+    result, true_hz = _analyze_walk(material, cpi_s)
     return [prominence_db(result.cadence_spectrum, true_hz, harmonic) for harmonic in HARMONICS]
 
 
 def summary(material: Material) -> pd.DataFrame:
-    """Prominence of the three peaks, and f_m as found, by T_d."""
+    """Tabulate the prominences and the measured f_m by T_d."""
     rows = []
     for cpi_s in INTERVALS_S:
-        result, true_hz = _result(material, cpi_s)
+        result, true_hz = _analyze_walk(material, cpi_s)
         levels = prominences_db(material, cpi_s)
         rows.append(
             {"T_d (s)": cpi_s, **{f"{name} (dB)": level for name, level in zip(HARMONIC_NAMES, levels, strict=True)},
@@ -69,8 +75,8 @@ def summary(material: Material) -> pd.DataFrame:
 
 
 def make_interval(cpi_s: float, material: Material) -> Made:
-    """One of Figs. A.1 to A.6."""
-    result, true_hz = _result(material, cpi_s)
+    """Make one of Figs. A.1 to A.6."""
+    result, true_hz = _analyze_walk(material, cpi_s)
     figure, (left, middle, right) = panels(3, width_in=14.0, height_in=4.6)
     draw_signature(left, result.normalised_signature, db_range=30.0, doppler_hz=(-200.0, 450.0))
     name_axes(left, title="(a) signature, 30 dB", x="time (s)", y=DOPPLER_LABEL)
@@ -84,27 +90,10 @@ def make_interval(cpi_s: float, material: Material) -> Made:
     readings = [
         Reading(f"prominence of {name}", level, "dB") for name, level in zip(HARMONIC_NAMES, levels, strict=True)
     ]
-    readings += _stated_readings(cpi_s, summary(material))
-    found = number(found_hz(result)[0])
-    readings.append(
-        Reading("f_m as found", found, "Hz", note=f"true {true_hz:.3f} Hz; a bin is {bin_hz(result):.3f} Hz")
-    )
-    right_step = abs(found - true_hz) <= 0.6 * bin_hz(result)
-    table = summary(material) if cpi_s == INTERVALS_S[0] else None
-    seen = [name for name, level in zip(HARMONIC_NAMES, levels, strict=True) if level >= CLEAR_DB]
-    text = (
-        f"{', '.join(seen) or 'no peak'} stand{'s' if len(seen) < 2 else ''} out by {CLEAR_DB:g} dB or more, and f_m "
-        f"as found is {'right' if right_step else 'wrong'}."
-    )
-    return Made(figure, readings, judged(readings, text), table)
-
-
-def _stated_readings(cpi_s: float, table: pd.DataFrame) -> list[Reading]:
-    """What the report says of every peak with this T_d, as yes (1) or no (0)."""
-    levels = table.set_index("T_d (s)")[[f"{name} (dB)" for name in HARMONIC_NAMES]]
-    readings = []
+    # What the report states of every peak with this T_d, as yes (1) or no (0).
+    by_interval = summary(material).set_index("T_d (s)")
     for name in HARMONIC_NAMES:
-        column = levels[f"{name} (dB)"]
+        column = by_interval[f"{name} (dB)"]
         if cpi_s > max(BEST_S):
             words, is_so, stated = "detected", column[cpi_s] >= CLEAR_DB, 0.0
             note = f"detected: stands out by {CLEAR_DB:g} dB"
@@ -117,7 +106,18 @@ def _stated_readings(cpi_s: float, table: pd.DataFrame) -> list[Reading]:
             words, is_so, stated = f"more prominent than with {REFERENCE_S:g} s", gain_db > SAME_DB, 0.0
             note = f"{gain_db:+.1f} dB; more: by over {SAME_DB:g} dB"
         readings.append(Reading(f"{name} {words} (1: yes)", float(is_so), "1", stated, note=note))
-    return readings
+    found = number(found_hz(result)[0])
+    readings.append(
+        Reading("f_m as found", found, "Hz", note=f"true {true_hz:.3f} Hz; a bin is {bin_hz(result):.3f} Hz")
+    )
+    right_step = abs(found - true_hz) <= 0.6 * bin_hz(result)
+    table = summary(material) if cpi_s == INTERVALS_S[0] else None
+    seen = [name for name, level in zip(HARMONIC_NAMES, levels, strict=True) if level >= CLEAR_DB]
+    text = (
+        f"{', '.join(seen) or 'no peak'} stand{'s' if len(seen) < 2 else ''} out by {CLEAR_DB:g} dB or more, and f_m "
+        f"as found is {'right' if right_step else 'wrong'}."
+    )
+    return Made(figure, readings, judged(readings, text), table)
 
 
 STATED = {

@@ -1,10 +1,12 @@
-"""Chapter 2 of the report: Doppler shift, walkers and a galloping dog (Figs. 2.6 to 2.20)."""
+"""Chapter 2 of the report: Doppler shift, walkers and a dog.
+
+Figs. 2.6 to 2.20.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait import viz
 from doppelgait.core.labels import axis
@@ -31,10 +33,10 @@ BONES = (
 
 
 def make_2_6(material: Material) -> Made:
-    """Doppler shift against radial velocity: the line, and what the radar measures of single points."""
+    """Make Fig. 2.6: Doppler shift against radial velocity."""
     radar = material.radar(prf_hz=PRF_2_6_HZ, range_stop_m=16.0)
     velocity_mps = np.linspace(-6.0, 6.0, 97)
-    measured_hz = np.array([_measured_doppler_hz(radar, speed) for speed in velocity_mps])
+    measured_hz = np.array([_measure_doppler_hz(radar, speed) for speed in velocity_mps])
     line_hz = velocity_to_doppler_hz(velocity_mps, radar.wavelength_m)
     figure, axes = new_axes(width_in=8.0, height_in=6.0)
     axes.plot(velocity_mps, line_hz, color="black", lw=1.5, label="2 v / λ")
@@ -63,15 +65,18 @@ def make_2_6(material: Material) -> Made:
     return Made(figure, readings, judged(readings, text))
 
 
-def _measured_doppler_hz(radar: Radar, velocity_mps: float) -> float:
-    """Mean phase step from frame to frame of the range bin that a moving point passes, as a frequency."""
+def _measure_doppler_hz(radar: Radar, velocity_mps: float) -> float:
+    """Measure the Doppler shift of a moving point.
+
+    By the mean phase step from frame to frame of the range bin that it passes.
+    """
     table = point_table(radar, FRAMES_2_6, range_m=8.0, velocity_mps=velocity_mps)
     signal_v = slow_time_signal(radar, table, range_m=8.0)
     return float(np.angle(np.vdot(signal_v[:-1], signal_v[1:])) / (2 * np.pi) * radar.prf_hz)
 
 
 def make_2_15(material: Material) -> Made:
-    """The walker's points with their names, from the side and from the front."""
+    """Make Fig. 2.15: the points of the walker with their names."""
     motion = material.walker().motion
     frame = int(0.55 * np.ptp(motion.time_s) / 5 * motion.rate_hz)
     side_m = side_view_m(motion.position_m)[frame]
@@ -86,7 +91,7 @@ def make_2_15(material: Material) -> Made:
         name_axes(panel, title="", x=across, y="height (m)")
         panel.set(aspect="equal", xlim=(-0.9, 0.9), ylim=(-0.05, 1.8))
         panel.tick_params(labelleft=True)
-    # Names beside the points: those of the left on the left, of the right on the right, none over another.
+    # Names next to the points, on their own side, without overlap.
     name_panel = panels[1]
     placed: dict[float, float] = {-1.0: np.inf, 1.0: np.inf}
     for number in np.argsort(-front_m[:, 1]):
@@ -110,7 +115,7 @@ def make_2_15(material: Material) -> Made:
 
 
 def make_2_16(material: Material) -> Made:
-    """Doppler shift of the walker's points during one gait cycle, the right ankle in bold."""
+    """Make Fig. 2.16: Doppler shift of the walker in one gait cycle."""
     walker = material.walker()
     recording = material.recording(walker)
     truth, wavelength_m = recording.truth[0], recording.radar.wavelength_m
@@ -171,7 +176,7 @@ OPPOSITE_TOLERANCE_DEG = 20.0
 
 
 def make_2_12(material: Material) -> Made:
-    """Nine side views of a gait cycle."""
+    """Make Fig. 2.12: nine side views of a gait cycle."""
     person = material.person()
     motion = person.motion
     start_s, cycle_s = one_cycle_s(motion, "right_foot")
@@ -197,14 +202,14 @@ def make_2_12(material: Material) -> Made:
 
 
 def make_2_13(material: Material) -> Made:
-    """Range of every point over time."""
+    """Make Fig. 2.13: range of every point over time."""
     person = material.person()
     truth = material.recording(person).truth[0]
     figure = viz.range_lines(truth.scatterers, title="Range of every point of a walking person")
     range_m = truth.scatterers["range"]
     left_m, right_m, torso_m = (part_line(range_m, part) for part in ("left_foot", "right_foot", "torso"))
     phase = phase_between_deg(left_m, right_m, stride_hz=truth.stride_frequency_hz, rate_hz=1000.0)
-    # Whether both feet together swing farther than any other part; those of limbs count left and right together.
+    # True if both feet together swing farther than any other part; limbs count left and right together.
     swings: dict[str, list[float]] = {}
     for part in parts_of(range_m):
         pair = part.removeprefix("left_").removeprefix("right_")
@@ -230,7 +235,7 @@ def make_2_13(material: Material) -> Made:
 
 
 def make_2_14(material: Material) -> Made:
-    """Doppler shift of every point during one gait cycle."""
+    """Make Fig. 2.14: doppler shift of every point during one gait cycle."""
     person = material.person()
     recording = material.recording(person)
     truth, wavelength_m = recording.truth[0], recording.radar.wavelength_m
@@ -293,19 +298,23 @@ def _gait_note(dog: Mover) -> str:
 
 
 def make_2_18(material: Material) -> Made:
-    """Nine side views of a gait cycle."""
+    """Make Fig. 2.18: nine side views of a gait cycle."""
     dog = material.galloping_dog()
     start_s, cycle_s = one_cycle_s(dog.motion, "left_hind")
     figure = viz.stick_frames(dog.motion, start_s=start_s, duration_s=cycle_s, title=f"One gait cycle, {dog.gait}")
-    lines = forward_m(dog.motion)
+    lines, facts, rate_hz = forward_m(dog.motion), dog.motion.facts, dog.motion.rate_hz
+    phases_deg = {}
+    for pair in ("fore", "hind"):
+        left, right = (part_line(lines, f"{side}_{pair}_paw") for side in ("left", "right"))
+        phases_deg[pair] = phase_between_deg(left, right, stride_hz=facts.stride_frequency_hz, rate_hz=rate_hz)
     readings = [
         Reading("points of the body", len(dog.motion.markers), "1", note="the report's dog carries 24 markers"),
         *[
-            Reading(f"phase between left and right {pair} paw", _phase_deg(dog, lines, pair), "deg", 0.0,
-                    TOGETHER_TOLERANCE_DEG, _gait_note(dog), not dog.real)
-            for pair in ("fore", "hind")
+            Reading(f"phase between left and right {pair} paw", phase_deg, "deg", 0.0, TOGETHER_TOLERANCE_DEG,
+                    _gait_note(dog), not dog.real)
+            for pair, phase_deg in phases_deg.items()
         ],
-        Reading("stride frequency", dog.motion.facts.stride_frequency_hz, "Hz"),
+        Reading("stride frequency", facts.stride_frequency_hz, "Hz"),
     ]  # fmt: skip
     text = (
         "with left and right together it is a bound, which the report calls a gallop; its stride is the period of "
@@ -316,14 +325,8 @@ def make_2_18(material: Material) -> Made:
     return Made(figure, readings, judged(readings, text))
 
 
-def _phase_deg(dog: Mover, lines: xr.DataArray, pair: str) -> float:
-    left, right = (part_line(lines, f"{side}_{pair}_paw") for side in ("left", "right"))
-    stride_hz, rate_hz = dog.motion.facts.stride_frequency_hz, dog.motion.rate_hz
-    return phase_between_deg(left, right, stride_hz=stride_hz, rate_hz=rate_hz)
-
-
 def make_2_19(material: Material) -> Made:
-    """Range of every point over time."""
+    """Make Fig. 2.19: range of every point over time."""
     dog = material.galloping_dog()
     truth = material.recording(dog, prf_hz=DOG_PRF_HZ).truth[0]
     figure = viz.range_lines(truth.scatterers, title=f"Range of every point of a dog, {dog.gait}")
@@ -347,7 +350,7 @@ def make_2_19(material: Material) -> Made:
 
 
 def make_2_20(material: Material) -> Made:
-    """Doppler shift of every point over time."""
+    """Make Fig. 2.20: doppler shift of every point over time."""
     dog = material.galloping_dog()
     recording = material.recording(dog, prf_hz=DOG_PRF_HZ)
     truth, wavelength_m = recording.truth[0], recording.radar.wavelength_m
@@ -366,8 +369,8 @@ def make_2_20(material: Material) -> Made:
         Reading("hind paws, smallest shift", max(float(np.abs(line).min()) for line in paws_hz), "Hz", 0.0, 10.0,
                 "at rest on the ground", not dog.real),
         Reading("hind paws, highest shift", max(float(line.max()) for line in paws_hz), "Hz"),
-        Reading("trunk, rms variation", variation_hz[0], "Hz", note=_relative(trunk_hz)),
-        Reading("torso of a person, rms variation", variation_hz[1], "Hz", note=_relative(torso_hz)),
+        Reading("trunk, rms variation", variation_hz[0], "Hz", note=_relative_note(trunk_hz)),
+        Reading("torso of a person, rms variation", variation_hz[1], "Hz", note=_relative_note(torso_hz)),
         Reading("trunk varies more than a person's torso (1: yes)", float(variation_hz[0] > variation_hz[1]), "1", 1.0,
                 note="in Hz, as the figures show it"),
     ]  # fmt: skip
@@ -379,7 +382,7 @@ def make_2_20(material: Material) -> Made:
     return Made(figure, readings, judged(readings, text))
 
 
-def _relative(line_hz: npt.NDArray[np.float64]) -> str:
+def _relative_note(line_hz: npt.NDArray[np.float64]) -> str:
     return f"{np.std(line_hz) / abs(np.mean(line_hz)):.0%} of the mean"
 
 

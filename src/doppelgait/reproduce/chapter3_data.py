@@ -1,4 +1,7 @@
-"""Chapter 3 of the report, slow time: Doppler, resolution and the data matrix (Figs. 3.11 to 3.15, Tables 3.2, 3.3)."""
+"""Chapter 3 of the report, slow time: Doppler, resolution, data matrix.
+
+Figs. 3.11 to 3.15, Tables 3.2 and 3.3.
+"""
 
 from __future__ import annotations
 
@@ -42,13 +45,16 @@ def _radar(material: Material) -> Radar:
 
 
 def tones(radar: Radar, n_frames: int, shifts_hz: npt.ArrayLike) -> npt.NDArray[np.complex128]:
-    """Slow-time signal of equal points at these Doppler shifts, in phase in the middle of the frames."""
+    """Simulate the slow-time signal of equal points at Doppler shifts.
+
+    They are in phase in the middle of the frames.
+    """
     speeds = doppler_to_velocity_mps(np.atleast_1d(np.asarray(shifts_hz, dtype=float)), radar.wavelength_m)
     return slow_time_signal(radar, point_table(radar, n_frames, range_m=RANGE_M, velocity_mps=speeds), range_m=RANGE_M)
 
 
 def make_3_11(material: Material) -> Made:
-    """The slow-time signal of one point over 10 and over 31 frames."""
+    """Make Fig. 3.11: slow-time signal of one point."""
     radar = _radar(material)
     figure = new_figure(width_in=11.0, height_in=4.2)
     periods = {}
@@ -73,7 +79,7 @@ def make_3_11(material: Material) -> Made:
 
 
 def make_3_12(material: Material) -> Made:
-    """Doppler spectrum of one range bin with noise, a wall and three movers, over two periods."""
+    """Make Fig. 3.12: Doppler spectrum with noise, a wall and three targets."""
     radar, frames = _radar(material), 300
     shifts_hz = np.array([0.0, *MOVERS_3_12])
     table = point_table(
@@ -98,7 +104,8 @@ def make_3_12(material: Material) -> Made:
     name_axes(axes, title="Doppler spectrum of one range bin, two periods", x="Doppler (Hz)", y="power (dB)")
     fine_hz = np.arange(-PRF_HZ / 2, PRF_HZ / 2, 0.05)
     own = _power_at(signal, fine_hz)
-    places = [_peak_near_hz(fine_hz, own, shift_hz) for shift_hz in shifts_hz]
+    near = [np.abs(fine_hz - shift_hz) < 5.0 for shift_hz in shifts_hz]
+    places = [float(fine_hz[around][own[around].argmax()]) for around in near]
     # Smallest shift, from 50 Hz on in steps of 1 Hz, at which the spectrum is itself again.
     grid_hz, trial_hz = np.linspace(-60.0, 60.0, 61), np.arange(50.0, 2 * PRF_HZ + 1)
     own_hz = _power_at(signal, grid_hz)
@@ -135,13 +142,8 @@ def _power_at(signal: npt.ArrayLike, frequency_hz: FloatArray) -> FloatArray:
     return np.asarray(np.abs(carriers @ values) ** 2)
 
 
-def _peak_near_hz(frequency_hz: FloatArray, power: FloatArray, place_hz: float) -> float:
-    near = np.abs(frequency_hz - place_hz) < 5.0
-    return float(frequency_hz[near][power[near].argmax()])
-
-
 def make_3_13(material: Material) -> Made:
-    """Spectra of two equal points at four spacings."""
+    """Make Fig. 3.13: spectra of two equal points at four spacings."""
     radar = _radar(material)
     figure = new_figure(width_in=11.0, height_in=7.0)
     panels = figure.subplots(2, 2, sharex=True, sharey=True)
@@ -181,7 +183,10 @@ def make_3_13(material: Material) -> Made:
 
 
 def count_and_dip(power: FloatArray) -> tuple[int, float]:
-    """Maxima within 6 dB of the highest, and how far the power falls between the outermost two, dB (0 for one)."""
+    """Count the maxima within 6 dB and measure their dip.
+
+    The dip between the outermost two is in dB, 0 for one maximum.
+    """
     peaks = find_peaks(power, height=float(power.max()) * 10 ** (PEAK_LEVEL_DB / 10))[0]
     if peaks.size < 2:
         return int(peaks.size), 0.0
@@ -190,7 +195,10 @@ def count_and_dip(power: FloatArray) -> tuple[int, float]:
 
 
 def smallest_spacing_hz(radar: Radar) -> float:
-    """Smallest spacing, in steps of 0.1 Hz, at which two equal points in phase have two peaks."""
+    """Return the smallest spacing with two peaks, in steps of 0.1 Hz.
+
+    Of two equal points in phase.
+    """
     for spacing_hz in np.arange(5.0, 30.0, 0.1):
         both = tones(radar, CPI_FRAMES, [-spacing_hz / 2, spacing_hz / 2])
         if count_and_dip(spectrum(both, PRF_HZ, points=POINTS)[1])[0] == 2:
@@ -231,7 +239,7 @@ ENDS_S = 0.2
 
 
 def _two_panels(recording: Recording, title: str) -> Figure:
-    """Range of every point, and the data matrix, on the same range axis."""
+    """Plot the ranges of all points next to the data matrix."""
     figure = new_figure(width_in=13.0, height_in=5.0)
     left, right = figure.subplots(1, 2)
     for truth in recording.truth:
@@ -245,18 +253,13 @@ def _two_panels(recording: Recording, title: str) -> Figure:
 
 
 def _gain_db(power: FloatArray, rate_hz: float) -> float:
-    """Power over the last 0.2 s against the first 0.2 s."""
+    """Return the power of the last 0.2 s over the first, dB."""
     ends = round(ENDS_S * rate_hz)
     return float(power_to_db(power[-ends:].mean() / power[:ends].mean()))
 
 
-def _expected_db(range_m: FloatArray, rate_hz: float) -> float:
-    """The same for an echo that goes with R^-4."""
-    return _gain_db(range_m**-4.0, rate_hz)
-
-
 def make_3_14(material: Material) -> Made:
-    """A galloping dog from 14 m towards the radar."""
+    """Make Fig. 3.14: a galloping dog approaches from 14 m."""
     dog = material.galloping_dog()
     seconds = min(SECONDS_3_14, dog.seconds)
     radar = material.radar(prf_hz=PRF_3_14_HZ, range_start_m=6.5, range_stop_m=14.8)
@@ -279,7 +282,7 @@ def make_3_14(material: Material) -> Made:
         Reading("radial velocity, mean", speed_mps, "m/s",
                 note="3 m/s in its Figure 2.20, 5.4 m/s in chapter 5; 8.3 m of bins have room for either"),
         Reading("echo at the end over that at the start", rises_db, "dB",
-                note=f"R⁻⁴ alone: {_expected_db(centre_m, radar.prf_hz):.1f} dB; the points interfere"),
+                note=f"R⁻⁴ alone: {_gain_db(centre_m**-4.0, radar.prf_hz):.1f} dB; the points interfere"),
         Reading("stronger when nearer (1: yes)", float(rises_db > 0), "1", 1.0),
     ]  # fmt: skip
     text = (
@@ -291,7 +294,7 @@ def make_3_14(material: Material) -> Made:
 
 
 def make_3_15(material: Material) -> Made:
-    """Two people who walk at the radar and pass each other."""
+    """Make Fig. 3.15: two people pass each other in range."""
     first = material.person()
     speed_mps = _speed_mps(first)
     others = [one for one in material.walkers() if one.name != first.name and one.seconds >= 2.0] or [first]
@@ -318,12 +321,9 @@ def make_3_15(material: Material) -> Made:
         Reading("echo at the end over that at the start", rises_db, "dB"),
         Reading("stronger when nearer (1: yes)", float(rises_db > 0), "1", 1.0),
     ]  # fmt: skip
-    text = f"the two sets of lines cross {_times(crossings.size)}; the echo changes by {rises_db:+.0f} dB to the end."
+    times = "once" if crossings.size == 1 else f"{crossings.size} times"
+    text = f"the two sets of lines cross {times}; the echo changes by {rises_db:+.0f} dB to the end."
     return Made(_two_panels(recording, "two people"), readings, judged(readings, text))
-
-
-def _times(count: int) -> str:
-    return "once" if count == 1 else f"{count} times"
 
 
 def _speed_mps(mover: Mover) -> float:
@@ -333,7 +333,7 @@ def _speed_mps(mover: Mover) -> float:
 
 
 def make_table_3_2(material: Material) -> Made:
-    """Radar cross sections: the report's, those of the scatterers here, and what datasets take."""
+    """Make Table 3.2: radar cross sections."""
     import pandas as pd
 
     rows, readings = [], []
@@ -357,7 +357,7 @@ def make_table_3_2(material: Material) -> Made:
 
 
 def make_table_3_3(material: Material) -> Made:
-    """The four scales of time and frequency, for the radar of Table 5.1."""
+    """Make Table 3.3: four scales of time and frequency."""
     import pandas as pd
 
     from doppelgait.reproduce.chapter3_frame import half_power_width, spectrum

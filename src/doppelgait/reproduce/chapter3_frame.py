@@ -1,4 +1,7 @@
-"""Chapter 3 of the report, fast time: pulse, spectrum, range bins, down-conversion (Figs. 3.4 to 3.10)."""
+"""Chapter 3 of the report, fast time: pulse, range bins, down-conversion.
+
+Figs. 3.4 to 3.10.
+"""
 
 from __future__ import annotations
 
@@ -21,13 +24,16 @@ TRAIN = {"pulses": 8, "pulse_s": 0.1, "interval_s": 1.0}
 
 
 def spectrum(values: npt.ArrayLike, rate_hz: float, *, points: int) -> tuple[FloatArray, FloatArray]:
-    """Frequencies and power of a signal relative to its highest, zero padded to ``points``."""
+    """Return frequencies and normalised power of a zero-padded signal."""
     power = np.abs(np.fft.fftshift(np.fft.fft(np.asarray(values), points))) ** 2
     return np.fft.fftshift(np.fft.fftfreq(points, 1.0 / rate_hz)), np.asarray(power / power.max())
 
 
 def half_power_width(axis: FloatArray, power: FloatArray) -> float:
-    """Width of the highest peak at half its height, with straight lines between the samples."""
+    """Return the width of the highest peak at half height.
+
+    By linear interpolation.
+    """
     peak, level = int(power.argmax()), power.max() / 2.0
     left, right = peak, peak
     while power[left] > level:
@@ -40,14 +46,14 @@ def half_power_width(axis: FloatArray, power: FloatArray) -> float:
 
 
 def first_null(axis: FloatArray, power: FloatArray) -> float:
-    """Distance from the peak to the first minimum above it."""
+    """Return the distance from the peak to the first minimum above."""
     peak = int(power.argmax())
     rising = np.flatnonzero(np.diff(power[peak:]) > 0)
     return float(axis[peak + rising[0]] - axis[peak])
 
 
 def make_3_4(material: Material) -> Made:
-    """A rectangular pulse and its spectrum."""
+    """Make Fig. 3.4: a rectangular pulse and its spectrum."""
     rate_hz, points = 1000.0 / PULSE_S, 1 << 18
     time_s = (np.arange(4000) - 1999.5) / rate_hz
     pulse = (np.abs(time_s) < PULSE_S / 2).astype(float)
@@ -76,7 +82,7 @@ def make_3_4(material: Material) -> Made:
 
 
 def make_3_5(material: Material) -> Made:
-    """A finite train of rectangular pulses on a carrier, and the three scales of its spectrum."""
+    """Make Fig. 3.5: a pulse train and the scales of its spectrum."""
     count, pulse_s, interval_s = int(TRAIN["pulses"]), TRAIN["pulse_s"], TRAIN["interval_s"]
     rate_hz, carrier_hz = 1000.0, 100.0
     time_s = np.arange(round(count * interval_s * rate_hz)) / rate_hz
@@ -111,7 +117,7 @@ def make_3_5(material: Material) -> Made:
 
 
 def make_3_8(material: Material) -> Made:
-    """The Gaussian pulse on its carrier and its spectrum."""
+    """Make Fig. 3.8: the Gaussian pulse and its spectrum."""
     radar = material.radar()
     sigma_s, rate_hz = radar.sigma_s, 100e9
     time_s = (np.arange(4096) - 2047.5) / rate_hz
@@ -179,7 +185,7 @@ def _full_rate(material: Material) -> Radar:
 
 
 def make_3_9(material: Material) -> Made:
-    """Samples of one frame with an echo."""
+    """Make Fig. 3.9: samples of one frame with an echo."""
     full = _full_rate(material)
     kept = full.model_copy(update={"decimation": 8})
     table = point_table(full, 2, range_m=RANGE_M, velocity_mps=0.0)
@@ -212,7 +218,7 @@ def make_3_9(material: Material) -> Made:
 
 
 def make_3_10(material: Material) -> Made:
-    """Spectrum of a received frame before and after the down-conversion."""
+    """Make Fig. 3.10: spectrum before and after down-conversion."""
     radar = _full_rate(material)
     table = point_table(radar, 2, range_m=RANGE_M, velocity_mps=0.0)
     frames = sample_rf_frames(table, radar, margin=MARGIN)

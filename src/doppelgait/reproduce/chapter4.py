@@ -1,4 +1,7 @@
-"""Chapter 4 of the report up to the signature: window, maps, gate, columns, true Doppler (Figs. 4.3 to 4.11)."""
+"""Chapter 4 of the report up to the signature.
+
+Window, maps, gate, columns, true Doppler (Figs. 4.3 to 4.11).
+"""
 
 from __future__ import annotations
 
@@ -55,13 +58,16 @@ TORSO_HZ, TORSO_READ_HZ = 100.0, 15.0
 
 
 def walk(material: Material) -> tuple[Recording, Result]:
-    """The scenario of chapter 4: five gait cycles towards the radar at 1000 Hz, by the report's method."""
+    """Simulate and analyse the scenario of chapter 4.
+
+    Five gait cycles towards the radar at 1000 Hz, by the report's method.
+    """
     walker = material.walker()
     return material.recording(walker, prf_hz=1000.0), material.result(walker, prf_hz=1000.0)
 
 
 def make_window(material: Material) -> Made:
-    """Fig. 4.3."""
+    """Make Fig. 4.3: window over the frames and its spectrum."""
     window = gaussian_window(WINDOW_PULSES, WINDOW_STEEPNESS)
     figure, (left, right) = panels(2)
     left.plot(np.arange(1, window.size + 1), window, color=LINE, marker=".")
@@ -89,7 +95,7 @@ def make_window(material: Material) -> Made:
 
 
 def _map_at_backward_foot(material: Material) -> tuple[xr.DataArray, Result, float]:
-    """Range-Doppler map at the frame at which a part of the walker moves backwards fastest; and how fast, Hz."""
+    """Return the range-Doppler map of the fastest backward motion, and its Doppler."""
     recording, result = walk(material)
     doppler_hz = recording.truth[0].doppler_hz(recording.radar.wavelength_m)
     fifth = doppler_hz.shape[0] // 5
@@ -103,7 +109,7 @@ def _map_at_backward_foot(material: Material) -> tuple[xr.DataArray, Result, flo
     return material.once(("range-Doppler map", frame), make), result, float(doppler_hz[frame].min())
 
 
-def _cropped(power: xr.DataArray, centre_m: float) -> xr.DataArray:
+def _crop(power: xr.DataArray, centre_m: float) -> xr.DataArray:
     return power.isel(range=np.abs(axis(power, "range") - centre_m) <= SHOWN_M)
 
 
@@ -112,9 +118,9 @@ def _centre_m(result: Result, time_s: float) -> float:
 
 
 def make_range_doppler(material: Material) -> Made:
-    """Fig. 4.5."""
+    """Make Fig. 4.5: range-Doppler map of a walking person."""
     power, result, lowest_hz = _map_at_backward_foot(material)
-    shown = _cropped(power, _centre_m(result, float(power.coords["time"])))
+    shown = _crop(power, _centre_m(result, float(power.coords["time"])))
     strongest = shown.values.max(axis=1)
     torso_hz = float(axis(shown, "doppler")[int(strongest.argmax())])
     below = axis(shown, "doppler") < min(lowest_hz / 2.0, 0.0)
@@ -165,10 +171,10 @@ def make_range_doppler(material: Material) -> Made:
 
 
 def make_gate_figure(material: Material) -> Made:
-    """Fig. 4.7."""
+    """Make Fig. 4.7: range-Doppler map with the gate."""
     power, result, _ = _map_at_backward_foot(material)
     time_s = float(power.coords["time"])
-    shown = _cropped(power, _centre_m(result, time_s))
+    shown = _crop(power, _centre_m(result, time_s))
     gate, band_hz = result.gate, result.gate.doppler_hz or (-np.inf, np.inf)
     ranges = np.abs(axis(power, "range") - _centre_m(result, time_s)) <= gate.span_m / 2.0
     rows = (axis(power, "doppler") >= band_hz[0]) & (axis(power, "doppler") <= band_hz[1])
@@ -189,7 +195,7 @@ def make_gate_figure(material: Material) -> Made:
 
 
 def make_span_table(material: Material) -> Made:
-    """Table 4.1."""
+    """Make Table 4.1."""
     movers = {"human": [material.walker(), material.person()], "dog": [material.galloping_dog()]}
     readings, too_long = [], []
     for label, several in movers.items():
@@ -211,7 +217,7 @@ def make_span_table(material: Material) -> Made:
 
 
 def make_doppler_limits(material: Material) -> Made:
-    """Fig. 4.8."""
+    """Make Fig. 4.8: Doppler limits of the gate."""
     recording, result = walk(material)
     wavelength_m = recording.radar.wavelength_m
     figure = viz.doppler_lines(
@@ -237,7 +243,7 @@ def make_doppler_limits(material: Material) -> Made:
 
 
 def make_normalisation(material: Material) -> Made:
-    """Fig. 4.9."""
+    """Make Fig. 4.9: signature of a dog before and after normalisation."""
     dog = material.galloping_dog()
     recording = material.recording(dog, prf_hz=DOG_PRF_HZ)
     result = material.result(dog, prf_hz=DOG_PRF_HZ)
@@ -299,7 +305,7 @@ SMOOTHING_S = 0.03
 
 
 def make_lines_and_signature(material: Material) -> Made:
-    """Fig. 4.10."""
+    """Make Fig. 4.10: true Doppler of all points, and the signature."""
     recording, result = walk(material)
     lines = viz.scatterer_doppler(recording.truth[0].scatterers, wavelength_m=recording.radar.wavelength_m)
     stride_s = 1.0 / recording.truth[0].stride_frequency_hz
@@ -338,7 +344,7 @@ def make_lines_and_signature(material: Material) -> Made:
 
 
 def make_five_cycles(material: Material) -> Made:
-    """Fig. 4.11."""
+    """Make Fig. 4.11: signature of five gait cycles with labels."""
     recording, result = walk(material)
     mu, truth = result.normalised_signature, recording.truth[0]
     rate_hz = columns_per_second(mu)
@@ -375,7 +381,7 @@ def make_five_cycles(material: Material) -> Made:
 
 
 def _mark_parts(axes: Axes, step_s: FloatArray, torso_hz: FloatArray, top_hz: float, bottom_hz: float) -> None:
-    """The labels (1) to (6) of the report."""
+    """Draw the labels (1) to (6) of the report."""
     both = {"arrowstyle": "<->", "color": "white", "lw": 1.3}
     low, high = axes.get_ylim()
     above = min(top_hz + 25.0, high - 0.12 * (high - low))

@@ -1,4 +1,7 @@
-"""Chapter 4 of the report from the step-Doppler map to the features (Figs. 4.12 to 4.15)."""
+"""Chapter 4 of the report: cadence map and features.
+
+Figs. 4.12 to 4.15.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +30,7 @@ RATIO_BIN = 0.1
 
 
 def found_hz(result: Result) -> list[float | None]:
-    """f_m, f_2 and f_3 as a result has them."""
+    """Return f_m, f_2 and f_3 of a result."""
     fundamental, ratios = result.gait_frequency_hz, result.features
     if fundamental is None:
         return [None, None, None]
@@ -36,12 +39,12 @@ def found_hz(result: Result) -> list[float | None]:
 
 
 def bin_hz(result: Result) -> float:
-    """Bin of the report's cadence spectrum, 1 / T_o."""
+    """Return the bin of the report's cadence spectrum, 1 / T_o."""
     return float(axis(result.cadence_spectrum, "cadence")[1])
 
 
 def make_step_doppler(material: Material) -> Made:
-    """Fig. 4.12."""
+    """Make Fig. 4.12: step-Doppler map up to 20 Hz."""
     recording, result = walk(material)
     with_constant = cadence_map(result.normalised_signature, padded=False, tapered=False)
     figure = viz.step_doppler(
@@ -73,7 +76,7 @@ def make_step_doppler(material: Material) -> Made:
 
 
 def make_cadence_spectrum(material: Material) -> Made:
-    """Fig. 4.13."""
+    """Make Fig. 4.13: step-Doppler spectrum with f_m, f_2 and f_3."""
     recording, result = walk(material)
     true_hz = recording.truth[0].gait_frequency_hz
     figure, axes = new_axes(height_in=4.6)
@@ -103,7 +106,7 @@ def make_cadence_spectrum(material: Material) -> Made:
 
 
 def make_first_column(material: Material) -> Made:
-    """Fig. 4.14."""
+    """Make Fig. 4.14: constant part with the Doppler of the torso."""
     recording, result = walk(material)
     figure, (axes,) = panels(1, width_in=10.5)
     doppler_hz = axis(result.signature, "doppler")
@@ -130,7 +133,7 @@ def make_first_column(material: Material) -> Made:
 
 
 def make_bandwidth(material: Material) -> Made:
-    """Fig. 4.15."""
+    """Make Fig. 4.15: micro-Doppler bandwidth from the constant part."""
     recording, result = walk(material)
     figure, (axes,) = panels(1, width_in=10.5)
     draw_mean_doppler(

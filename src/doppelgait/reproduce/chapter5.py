@@ -1,4 +1,7 @@
-"""Chapter 5 of the report: parameters, and two people and two walkers, each slow and fast (Figs. 5.1, 5.3 to 5.6)."""
+"""Chapter 5 of the report: parameters, slow and fast people and walkers.
+
+Tables 5.1 and 5.2, Figs. 5.1, 5.3 to 5.6.
+"""
 
 from __future__ import annotations
 
@@ -50,12 +53,12 @@ REPORT_RADAR = {
 
 
 def number(value: float | None) -> float:
-    """A feature as a number, NaN where it is not known."""
+    """Return a feature as a number, NaN where unknown."""
     return NAN if value is None else float(value)
 
 
 def four(material: Material) -> list[tuple[str, Mover, Recording, Result]]:
-    """A slow and a fast person and walker, by the report's method."""
+    """Analyse slow and fast persons and walkers by the report's method."""
     people = material.people()
     fast = material.use(max(people, key=lambda one: travel_speed_mps(one.motion)))
     movers = [
@@ -78,18 +81,8 @@ def _four_panels(
     return figure
 
 
-def _body_hz(recording: Recording) -> float:
-    """True mean Doppler of the body."""
-    return float(2.0 * recording.truth[0].centre_velocity_mps.mean() / recording.radar.wavelength_m)
-
-
-def _span_hz(recording: Recording) -> float:
-    """True Doppler from the lowest to the highest of all points and times."""
-    return float(np.ptp(recording.truth[0].doppler_hz(recording.radar.wavelength_m)))
-
-
 def make_radar_table(material: Material) -> Made:
-    """Table 5.1."""
+    """Make Table 5.1."""
     radar = material.radar()
     readings = [
         Reading(words, float(getattr(radar, name)) / scale, unit, value, 1e-9, given=True)
@@ -110,7 +103,7 @@ def make_radar_table(material: Material) -> Made:
 
 
 def make_analysis_table(material: Material) -> Made:
-    """Table 5.2."""
+    """Make Table 5.2."""
     result = four(material)[0][3]
     cpi_s = result.signature.attrs["cpi_pulses"] / PRF_HZ
     readings = [
@@ -124,17 +117,21 @@ def make_analysis_table(material: Material) -> Made:
 
 
 def make_ranges(material: Material) -> Made:
-    """Fig. 5.1."""
+    """Make Fig. 5.1: range of every point, recorded person and walker."""
     movers = (material.person(), material.walker(SLOW_WALKER_MPS, cycles=5))
     figure, axes = panels(2, height_in=5.4)
     counts, swings = [], []
     for letter, panel, mover in zip("ab", axes, movers, strict=True):
-        scatterers = material.recording(mover, prf_hz=PRF_HZ).truth[0].scatterers
+        truth = material.recording(mover, prf_hz=PRF_HZ).truth[0]
+        scatterers = truth.scatterers
         draw_part_lines(panel, part_lines(scatterers["range"]))
         name_axes(panel, title=f"({letter}) {mover.about}"[:80], x="time (s)", y="range (m)")
         panel.grid(color="#e0e0e0", lw=0.6)
         counts.append(scatterers.sizes["scatterer"])
-        swings.append(_foot_swing_m(material.recording(mover, prf_hz=PRF_HZ)))
+        # Span of the distance of a foot ahead of the body centre; NaN where no foot is known.
+        feet = [n for n, part in enumerate(axis(scatterers, "part")) if str(part).endswith("_foot")]
+        ahead_m = truth.centre_range_m[:, None] - scatterers["range"].values[:, feet]
+        swings.append(float((ahead_m.max(axis=0) - ahead_m.min(axis=0)).mean()) if feet else NAN)
     legend_below(figure, axes[0])
     readings = [
         Reading("points of the recorded person", float(counts[0]), "1", 50.0, 20.0,
@@ -151,18 +148,8 @@ def make_ranges(material: Material) -> Made:
     )  # fmt: skip
 
 
-def _foot_swing_m(recording: Recording) -> float:
-    """Range of a foot's distance ahead of the body centre; NaN where no foot is known."""
-    scatterers = recording.truth[0].scatterers
-    feet = [n for n, part in enumerate(axis(scatterers, "part")) if str(part).endswith("_foot")]
-    if not feet:
-        return NAN
-    ahead_m = recording.truth[0].centre_range_m[:, None] - scatterers["range"].values[:, feet]
-    return float((ahead_m.max(axis=0) - ahead_m.min(axis=0)).mean())
-
-
 def make_signatures(material: Material) -> Made:
-    """Fig. 5.3."""
+    """Make Fig. 5.3: signatures of two people and two walkers."""
     results = four(material)
     limits = [doppler_limits_hz(result.normalised_signature) for *_, result in results]
     shared_hz = min(low for low, _ in limits), max(high for _, high in limits)
@@ -172,22 +159,24 @@ def make_signatures(material: Material) -> Made:
         name_axes(axes, title="", x="time (s)", y=DOPPLER_LABEL)
 
     figure = _four_panels(material, draw)
-    readings = [
-        Reading(f"main line, {name}", number(result.torso_doppler_hz), "Hz",
-                note=f"true mean of the body {_body_hz(recording):.0f} Hz")
-        for name, _, recording, result in results
-    ]  # fmt: skip
+    readings = []
+    for name, _, recording, result in results:
+        body_hz = float(2.0 * recording.truth[0].centre_velocity_mps.mean() / recording.radar.wavelength_m)
+        note = f"true mean of the body {body_hz:.0f} Hz"
+        readings.append(Reading(f"main line, {name}", number(result.torso_doppler_hz), "Hz", note=note))
     readings += [
         Reading(f"part of the signature above {ENVELOPE:g} of its column, {name}",
                 float((result.normalised_signature.values >= ENVELOPE).mean()), "1")
         for name, _, _, result in results
     ]  # fmt: skip
-    readings += _faster("main line at a higher Doppler for the faster", [reading.ours for reading in readings[:4]])
+    readings += _compare_speeds(
+        "main line at a higher Doppler for the faster", [reading.ours for reading in readings[:4]]
+    )
     return Made(figure, readings, judged(readings, "the main lines of slow and fast are compared, pair by pair."))
 
 
-def _faster(words: str, values: list[float]) -> list[Reading]:
-    """Whether a number is higher for the fast person than for the slow one, and for the fast walker."""
+def _compare_speeds(words: str, values: list[float]) -> list[Reading]:
+    """Read if values are higher for the fast person and walker."""
     return [
         Reading(f"{words}, {kind} (1: yes)", float(values[slow + 1] > values[slow]), "1", 1.0)
         for kind, slow in (("person", 0), ("walker", 2))
@@ -195,7 +184,7 @@ def _faster(words: str, values: list[float]) -> list[Reading]:
 
 
 def make_step_spectra(material: Material) -> Made:
-    """Fig. 5.4."""
+    """Make Fig. 5.4: step-Doppler spectra of the four."""
     results = four(material)
 
     def draw(axes: Axes, recording: Recording, result: Result) -> None:
@@ -218,7 +207,15 @@ def make_step_spectra(material: Material) -> Made:
                 float(sides[walker] < sides[person]), "1", 1.0)
         for walker in (2, 3) for person in (0, 1)
     ]  # fmt: skip
-    readings += _hidden_harmonics(results[1])
+    # Prominence of f_2 and f_3 of the fast person: the report finds both hidden.
+    name, _, recording, result = results[1]
+    for harmonic, words in list(zip(HARMONICS, HARMONIC_NAMES, strict=True))[1:]:
+        level_db = prominence_db(result.cadence_spectrum, recording.truth[0].gait_frequency_hz, harmonic)
+        readings += [
+            Reading(f"prominence of {words}, {name}", level_db, "dB"),
+            Reading(f"{words} hidden, {name} (1: yes)", float(level_db < CLEAR_DB), "1", 1.0,
+                    note=f"hidden: stands out by less than {CLEAR_DB:g} dB"),
+        ]  # fmt: skip
     slow, fast = (results[n][2].truth[0].gait_frequency_hz for n in (2, 3))
     readings.append(
         Reading("step frequency of the fast walker over that of the slow one", fast / slow, "1", 1.0, 0.02,
@@ -231,23 +228,8 @@ def make_step_spectra(material: Material) -> Made:
     )  # fmt: skip
 
 
-def _hidden_harmonics(fast: tuple[str, Mover, Recording, Result]) -> list[Reading]:
-    """Prominence of f_2 and f_3 of the fast person, and whether each is hidden, as the report says of its own."""
-    name, _, recording, result = fast
-    true_hz = recording.truth[0].gait_frequency_hz
-    readings = []
-    for harmonic, words in list(zip(HARMONICS, HARMONIC_NAMES, strict=True))[1:]:
-        level_db = prominence_db(result.cadence_spectrum, true_hz, harmonic)
-        readings += [
-            Reading(f"prominence of {words}, {name}", level_db, "dB"),
-            Reading(f"{words} hidden, {name} (1: yes)", float(level_db < CLEAR_DB), "1", 1.0,
-                    note=f"hidden: stands out by less than {CLEAR_DB:g} dB"),
-        ]  # fmt: skip
-    return readings
-
-
 def make_torso_lines(material: Material) -> Made:
-    """Fig. 5.5."""
+    """Make Fig. 5.5: Doppler and height of the torso's line."""
 
     def draw(axes: Axes, recording: Recording, result: Result) -> None:
         draw_mean_doppler(axes, result.mean_doppler_spectrum, axis(result.signature, "doppler"),
@@ -270,7 +252,7 @@ def make_torso_lines(material: Material) -> Made:
         Reading(f"A_fd much the same, within {100 * SAME:.0f} % of each other (1: yes)",
                 float(max(heights) / min(heights) <= 1.0 + SAME), "1", 1.0, note="the report gives no number for it")
     )  # fmt: skip
-    readings += _faster("f_d higher for the faster", [reading.ours for reading in readings[:4]])
+    readings += _compare_speeds("f_d higher for the faster", [reading.ours for reading in readings[:4]])
     return Made(
         figure, readings,
         judged(readings, f"the heights differ by a factor of {max(heights) / min(heights):.2f}; the report calls its "
@@ -281,7 +263,7 @@ def make_torso_lines(material: Material) -> Made:
 
 
 def make_bandwidths(material: Material) -> Made:
-    """Fig. 5.6."""
+    """Make Fig. 5.6: micro-Doppler bandwidth of the four."""
 
     def draw(axes: Axes, recording: Recording, result: Result) -> None:
         draw_mean_doppler(axes, result.mean_doppler_spectrum, axis(result.signature, "doppler"), threshold=THRESHOLD,
@@ -290,11 +272,11 @@ def make_bandwidths(material: Material) -> Made:
     results = four(material)
     figure = _four_panels(material, draw)
     widths = [number(result.features.doppler_bandwidth_hz) for *_, result in results]
-    readings = [
-        Reading(f"B_mu, {name}", width, "Hz", note=f"true span of the points {_span_hz(recording):.0f} Hz")
-        for width, (name, _, recording, _) in zip(widths, results, strict=True)
-    ]  # fmt: skip
-    readings += _faster("B_mu larger for the faster", widths)
+    readings = []
+    for width, (name, _, recording, _) in zip(widths, results, strict=True):
+        span_hz = float(np.ptp(recording.truth[0].doppler_hz(recording.radar.wavelength_m)))
+        readings.append(Reading(f"B_mu, {name}", width, "Hz", note=f"true span of the points {span_hz:.0f} Hz"))
+    readings += _compare_speeds("B_mu larger for the faster", widths)
     return Made(figure, readings, judged(readings, "the bandwidths of slow and fast are compared, pair by pair."))
 
 

@@ -1,4 +1,7 @@
-"""Chapter 5 of the report: step length against speed, and the six features of all scenarios (Figs. 5.8 and 5.9)."""
+"""Chapter 5 of the report: step lengths and features of all scenarios.
+
+Figs. 5.8 and 5.9.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,6 @@ import numpy as np
 import pandas as pd
 
 from doppelgait.features import FEATURE_UNITS
-from doppelgait.motion.motion import Motion
 from doppelgait.reproduce.drawing import LINE, panels
 from doppelgait.reproduce.entry import Entry, Made, Reading, judged
 from doppelgait.reproduce.material import RUNS
@@ -30,7 +32,7 @@ from doppelgait.viz.style import legend_below, name_axes, quantity_label
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from doppelgait.reproduce.material import Material, Mover
+    from doppelgait.reproduce.material import Material
 
 GROUP_COLOURS = {
     "recorded person": "#0072b2", "model person": "#56b4e9", "Boulic walker": "#009e73",
@@ -40,7 +42,7 @@ WALKERS, PEOPLE = "Boulic walker", ("recorded person", "model person")
 COMPARED = (*FEATURE_UNITS, "gait_frequency_hz")
 CLASSES = ("human", "dog")
 NEAR_M = 0.15
-"""This near to the line through the people a step length is as the line says."""
+"""Step lengths within this distance of the line through the people agree with it."""
 LONG_M = 1.5
 """Steps longer than this are called wrong in the report."""
 NEAR_RATIO = 0.1
@@ -50,10 +52,20 @@ FEWEST_STRIDES = 1.2
 
 
 def table_of(material: Material) -> pd.DataFrame:
-    """Feature table of the study: two rows a scenario, one by method; speeds and step lengths without their sign."""
+    """Return the features of the study by scenario and method.
+
+    Speeds and step lengths are without sign.
+    """
 
     def make() -> pd.DataFrame:
-        people, dogs = (_recordings(movers) for movers in (material.people(), material.dogs()))
+        # recorded motions with a known stride that is seen more than once
+        people, dogs = (
+            {
+                one.name: one.motion for one in movers
+                if one.real and one.seconds * one.motion.facts.stride_frequency_hz >= FEWEST_STRIDES
+            }
+            for movers in (material.people(), material.dogs())
+        )  # fmt: skip
         found = study(all_scenarios(people, dogs, seed=material.seed), material.radar())
         unsigned = {name: found[name].abs() for name in ("torso_velocity_mps", "step_length_m")}
         wrong = is_wrong(found, WRONG)
@@ -65,29 +77,21 @@ def table_of(material: Material) -> pd.DataFrame:
     return table
 
 
-def _recordings(movers: list[Mover]) -> dict[str, Motion]:
-    """Motions of the recorded movers whose stride is known and seen more than once, by name."""
-    return {
-        one.name: one.motion for one in movers
-        if one.real and one.seconds * one.motion.facts.stride_frequency_hz >= FEWEST_STRIDES
-    }  # fmt: skip
-
-
 def counted(table: pd.DataFrame) -> str:
-    """Scenarios by group, in words."""
+    """Describe the number of scenarios by group."""
     sizes = table[table["method"] == METHODS[0]].groupby("group", sort=False).size()
     words = [f"{size} {group}{'' if size == 1 else 's'}" for group, size in sizes.items()]
     return ", ".join(words).replace("persons", "people")
 
 
 def make_step_length(material: Material) -> Made:
-    """Fig. 5.8."""
+    """Make Fig. 5.8: step length against speed, people and dogs."""
     table = table_of(material)
     figure, axes = panels(2, height_in=5.6)
     for letter, panel, method in zip("ab", axes, METHODS, strict=True):
         part = table[table["method"] == method]
-        _scatter(panel, part, "torso_velocity_mps", "step_length_m")
-        slope, offset = _line(part)
+        _plot_groups(panel, part, "torso_velocity_mps", "step_length_m")
+        slope, offset = _fit_line(part)
         speeds = np.array([0.3, float(part["torso_velocity_mps"].max())])
         panel.plot(speeds, offset + slope * speeds, color=LINE, lw=1.2, ls="--", label="line through the people")
         panel.axhline(LONG_M, color="#606060", lw=0.8, ls=":")
@@ -102,7 +106,7 @@ def make_step_length(material: Material) -> Made:
         )
         long_steps = length_part[length_part["step_length_m"] > LONG_M]
         length_readings += [
-            Reading(f"slope of the line through the people, {name}", _line(length_part)[0], "s"),
+            Reading(f"slope of the line through the people, {name}", _fit_line(length_part)[0], "s"),
             Reading(f"people within {NEAR_M} m of it, {name}", 100.0 * _on_the_line(length_part), "%"),
             Reading(f"correlation of step length and speed, people, {name}", float(people[0, 1]), "1"),
             *_off_readings(length_part, name),
@@ -121,12 +125,19 @@ def make_step_length(material: Material) -> Made:
                     note="more than half of them",
                 )
             )
-        length_readings += [_speed_reading(length_part, name), *wrong_readings(length_part, name)]
+        error_mps = (length_part["torso_velocity_mps"] - length_part["true_velocity_mps"].abs()).abs()
+        still = int((length_part["torso_velocity_mps"] < SLOW_MPS).sum())
+        length_readings.append(Reading(
+            f"speeds off by more than {SPEED_OFF_MPS} m/s, {name}", 100.0 * float((error_mps > SPEED_OFF_MPS).mean()),
+            "%", note=f"of {len(length_part)}"
+            + (f"; {still} near 0, where a standing foot outshines the torso" if still else ""),
+        ))  # fmt: skip
+        length_readings += wrong_readings(length_part, name)
     readings = length_readings
-    return Made(figure, readings, judged(readings, _length_words(table)), table)
+    return Made(figure, readings, judged(readings, _describe_lengths(table)), table)
 
 
-def _scatter(axes: Axes, part: pd.DataFrame, x: str, y: str) -> None:
+def _plot_groups(axes: Axes, part: pd.DataFrame, x: str, y: str) -> None:
     for group, colour in GROUP_COLOURS.items():
         chosen = part[part["group"] == group]
         if len(chosen):
@@ -135,34 +146,31 @@ def _scatter(axes: Axes, part: pd.DataFrame, x: str, y: str) -> None:
     axes.set_axisbelow(True)
 
 
-def _line(part: pd.DataFrame) -> tuple[float, float]:
+def _fit_line(part: pd.DataFrame) -> tuple[float, float]:
     people = part[part["label"] == "human"]
     return line_through(people["torso_velocity_mps"], people["step_length_m"])
 
 
 def _off_the_line(part: pd.DataFrame, label: str) -> pd.Series:
-    """Step lengths less those of the line through the people at the same speed."""
-    slope, offset = _line(part)
+    """Return step lengths relative to the line through the people.
+
+    At the same speed.
+    """
+    slope, offset = _fit_line(part)
     chosen = part[part["label"] == label]
     return chosen["step_length_m"] - offset - slope * chosen["torso_velocity_mps"]
 
 
 def _on_the_line(part: pd.DataFrame) -> float:
-    """Share of the people, of those with a step length, whose steps are as the line says."""
+    """Return the share of people with a step length near the line."""
     return float(_off_the_line(part, "human").dropna().abs().le(NEAR_M).mean())
 
 
-def _speed_reading(part: pd.DataFrame, name: str) -> Reading:
-    error_mps = (part["torso_velocity_mps"] - part["true_velocity_mps"].abs()).abs()
-    still = int((part["torso_velocity_mps"] < SLOW_MPS).sum())
-    return Reading(
-        f"speeds off by more than {SPEED_OFF_MPS} m/s, {name}", 100.0 * float((error_mps > SPEED_OFF_MPS).mean()), "%",
-        note=f"of {len(part)}" + (f"; {still} near 0, where a standing foot outshines the torso" if still else ""),
-    )  # fmt: skip
-
-
 def _off_readings(part: pd.DataFrame, name: str) -> list[Reading]:
-    """How far dogs lie below the line through the people, by kind of gait, and whether that tells them apart."""
+    """Read how far dogs lie below the line through the people.
+
+    By kind of gait, with the separation of the classes.
+    """
     people_m, dogs_m = (_off_the_line(part, label) for label in CLASSES)
     asymmetric = part.loc[dogs_m.index, "gait"].isin(RUNS)
     kinds = {"walk, pace, trot": dogs_m[~asymmetric], "canter, gallop, bound": dogs_m[asymmetric]}
@@ -179,7 +187,10 @@ def _off_readings(part: pd.DataFrame, name: str) -> list[Reading]:
 
 
 def wrong_readings(part: pd.DataFrame, name: str) -> list[Reading]:
-    """Share of wrong step frequencies of one method: of all, by class, and beyond what its bin can tell."""
+    """Read the shares of wrong step frequencies of one method.
+
+    Of all, by class, and beyond the resolution of its bin.
+    """
     part = part[part["true_gait_frequency_hz"].notna()]
     beyond = is_wrong(part, WRONG, bins=1.0)
     readings = [
@@ -204,7 +215,7 @@ def wrong_readings(part: pd.DataFrame, name: str) -> list[Reading]:
     return readings
 
 
-def _length_words(table: pd.DataFrame) -> str:
+def _describe_lengths(table: pd.DataFrame) -> str:
     report = table[table["method"] == METHODS[0]]
     ours = table[table["method"] == METHODS[1]]
     near = [100.0 * _on_the_line(part) for part in (report, ours)]
@@ -219,15 +230,20 @@ def _length_words(table: pd.DataFrame) -> str:
 
 
 def make_features(material: Material) -> Made:
-    """Fig. 5.9."""
+    """Make Fig. 5.9: six features of all scenarios."""
     table = table_of(material)
     # Every feature against the number of the scenario, the report's method on the left, ours on the right.
     feature_figure, axes = panels(2, len(FEATURE_UNITS), width_in=12.0, height_in=16.0)
     for row, name in enumerate(FEATURE_UNITS):
         for column, method in enumerate(METHODS):
             panel, part = axes[2 * row + column], table[table["method"] == method]
-            _scatter(panel, part, "number", name)
-            panel.set_ylim(*_shown(part[name]))
+            _plot_groups(panel, part, "number", name)
+            # Limits that hold all but the outermost 1 % at either end; from 0 unless most of the axis were empty then.
+            known, limits = part[name].dropna(), (0.0, 1.0)
+            if not known.empty:
+                low, high = (float(known.quantile(share)) for share in (0.01, 0.99))
+                limits = (0.85 * low if low > 0.5 * high else 0.0), 1.15 * max(high, 1e-9)
+            panel.set_ylim(*limits)
             letter = "abcdef"[row]
             title = f"({letter}) {METHOD_NAMES[method]}" if row == 0 else f"({letter})"
             name_axes(panel, title=title, x="scenario" if row == len(FEATURE_UNITS) - 1 else "", y=quantity_label(name))
@@ -243,12 +259,14 @@ def make_features(material: Material) -> Made:
             feature_part[feature_part["group"].isin(PEOPLE)],
         )
         rho, width = "limb_torso_ratio", "doppler_bandwidth_hz"
+        speeds = walkers["torso_velocity_mps"]
+        as_fast = people[people["torso_velocity_mps"].between(speeds.min(), speeds.max())]
         feature_readings += [
             Reading(f"rho of the walkers over that of the other people, medians, {feature_name}",
                     float(walkers[rho].median() / people[rho].median()), "1"),
             Reading(f"rho of people over that of dogs, medians, {feature_name}", _ratio(feature_part, rho), "1"),
             Reading(f"B_mu of the walkers over that of other people at their speeds, medians, {feature_name}",
-                    float(walkers[width].median() / _as_fast(people, walkers)[width].median()), "1"),
+                    float(walkers[width].median() / as_fast[width].median()), "1"),
             *(
                 Reading(f"beta_{place} within {NEAR_RATIO} of {place + 1}, {feature_name}",
                         100.0 * float((feature_part[column].dropna() - (place + 1)).abs().le(NEAR_RATIO).mean()), "%",
@@ -267,20 +285,11 @@ def make_features(material: Material) -> Made:
             )
         )
     readings = feature_readings
-    return Made(figure, readings, judged(readings, _feature_words(table, separation)), separation)
-
-
-def _shown(values: pd.Series) -> tuple[float, float]:
-    """Limits that hold all but the outermost 1 % at either end; from 0 unless that leaves most of the axis empty."""
-    known = values.dropna()
-    if known.empty:
-        return 0.0, 1.0
-    low, high = (float(known.quantile(share)) for share in (0.01, 0.99))
-    return (0.85 * low if low > 0.5 * high else 0.0), 1.15 * max(high, 1e-9)
+    return Made(figure, readings, judged(readings, _describe_features(table, separation)), separation)
 
 
 def _stated_readings(readings: list[Reading], name: str) -> list[Reading]:
-    """What the report says in words of its own features, by the numbers read off them."""
+    """Compare statements of the report about features with the numbers."""
     ours = {reading.name: reading.ours for reading in readings}
     said = {
         "rho higher for the walkers": ours[f"rho of the walkers over that of the other people, medians, {name}"] > 1.0,
@@ -297,12 +306,7 @@ def _ratio(part: pd.DataFrame, name: str) -> float:
     return float(part.loc[part["label"] == "human", name].median() / part.loc[part["label"] == "dog", name].median())
 
 
-def _as_fast(people: pd.DataFrame, walkers: pd.DataFrame) -> pd.DataFrame:
-    speeds = walkers["torso_velocity_mps"]
-    return people[people["torso_velocity_mps"].between(speeds.min(), speeds.max())]
-
-
-def _feature_words(table: pd.DataFrame, separation: pd.DataFrame) -> str:
+def _describe_features(table: pd.DataFrame, separation: pd.DataFrame) -> str:
     report = table[table["method"] == METHODS[0]]
     told = separation.assign(apart=(separation["roc_area"] - 0.5).abs()).sort_values("apart")
     best = told[told["method"] == METHOD_NAMES[METHODS[0]]].iloc[-1]

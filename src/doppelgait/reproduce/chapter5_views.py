@@ -1,4 +1,9 @@
-"""Chapter 5 of the report: its galloping dog, a walk across, a walk to and fro (Figs. 5.2, 5.7, 5.10, 5.11)."""
+"""Chapter 5 of the report: galloping dog and other directions.
+
+A walk across the line of sight, and one to and fro.
+
+Figs. 5.2, 5.7, 5.10 and 5.11.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +55,10 @@ PRF_HZ = 1491.0
 
 
 def fast_dog(material: Material) -> Mover:
-    """The fastest galloping dog at hand; else a model at the speed that the report's f_d = 263 Hz tells, 5.41 m/s."""
+    """Return the fastest recorded galloping dog, or a model.
+
+    The model has the speed of the report's f_d = 263 Hz, 5.41 m/s.
+    """
     recorded = [one for one in material.dogs() if one.real and one.gait in RUNS]
     if recorded:
         return material.use(max(recorded, key=lambda one: travel_speed_mps(one.motion)))
@@ -64,7 +72,7 @@ def fast_dog(material: Material) -> Mover:
 
 
 def make_ranges(material: Material) -> Made:
-    """Fig. 5.2."""
+    """Make Fig. 5.2: range of every point of the galloping dog."""
     dog = material.galloping_dog()
     recording = material.recording(dog, prf_hz=PRF_HZ)
     truth = recording.truth[0]
@@ -85,7 +93,7 @@ def make_ranges(material: Material) -> Made:
 
 
 def make_features(material: Material) -> Made:
-    """Fig. 5.7."""
+    """Make Fig. 5.7: features of the galloping dog."""
     dog = fast_dog(material)
     recording, result = material.recording(dog, prf_hz=PRF_HZ), material.result(dog, prf_hz=PRF_HZ)
     ours = material.result(dog, prf_hz=PRF_HZ, method="standard")
@@ -110,11 +118,11 @@ def make_features(material: Material) -> Made:
                 float(doppler_to_velocity_mps(REPORT_DOPPLER_HZ, recording.radar.wavelength_m)), "m/s", 3.0, 0.5,
                 "the report reads about 3 m/s off its Fig. 2.20 for the same dog: its numbers contradict each other"),
     ]  # fmt: skip
-    return Made(figure, readings, judged(readings, _whose_peak(number(first), stride_hz, bin_hz(result))))
+    return Made(figure, readings, judged(readings, _judge_peak(number(first), stride_hz, bin_hz(result))))
 
 
-def _whose_peak(found: float, stride_hz: float, width_hz: float) -> str:
-    """What the highest peak here says, and does not say, about the report's 2.98 Hz."""
+def _judge_peak(found: float, stride_hz: float, width_hz: float) -> str:
+    """Judge the report's 2.98 Hz by the highest peak."""
     if math.isclose(found, stride_hz, abs_tol=0.6 * width_hz):
         return (
             "another dog, hence its f_m, f_2, B_mu, A_fd and f_d are not compared. The highest peak here is at the "
@@ -176,15 +184,15 @@ ACROSS_RANGE_M = 8.0
 LEG_M, LANE_M, CORNER_M = 4.0, 1.0, 0.4
 START_M = (9.0, -1.5)
 WALKED_SHARE = 0.9
-"""Of the way along the corners; rounded, they are shorter than that."""
+"""Share of the path with sharp corners; rounded corners make it shorter."""
 LEGS = 4
 STILL_MPS = 0.3
 SNR_DB = 20.0
-"""Of the frames, for the tracker: it needs a noise floor to tell a target from nothing."""
+"""SNR of the frames: the tracker needs a noise floor to detect a target."""
 
 
 def make_aspect(material: Material) -> Made:
-    """Fig. 5.10."""
+    """Make Fig. 5.10: a walk across and along the line of sight."""
     person = material.person()
     views = {
         90.0: material.result(person, prf_hz=VIEWS_PRF_HZ, aspect_deg=90.0, range_m=ACROSS_RANGE_M),
@@ -214,7 +222,10 @@ def make_aspect(material: Material) -> Made:
 
 
 def to_and_fro(material: Material) -> tuple[Recording, Result, Result]:
-    """A person on four parallel lanes, towards the radar and away in turn: recording, the report's result and ours."""
+    """Simulate and analyse a person on four parallel lanes.
+
+    Towards the radar and away in turn. Returns the recording, the report's result and ours.
+    """
     person = material.person()
 
     def make() -> tuple[Recording, Result, Result]:
@@ -229,10 +240,10 @@ def to_and_fro(material: Material) -> tuple[Recording, Result, Result]:
 
 
 def lanes(motion: Motion) -> Scene:
-    """A straight walk laid on four parallel lanes, the ends joined by short ways across."""
+    """Make a scene of a walk along four connected parallel lanes."""
     points = [(LEG_M * ((lane + end) % 2), LANE_M * lane) for lane in range(LEGS) for end in (0, 1)]
     way_m = LEGS * LEG_M + (LEGS - 1) * LANE_M
-    walked = loop(motion, duration_s=2.0 * way_m / travel_speed_mps(motion))
+    walked = loop(motion, duration_s=2.0 * way_m / travel_speed_mps(motion), variation=0.0)
     seconds = WALKED_SHARE * way_m / travel_speed_mps(walked)
     target = Target(
         walked, label="human", rcs=RcsSpec(kind="equal", total_m2=RCS_M2["human"]), start_position_m=START_M,
@@ -242,7 +253,7 @@ def lanes(motion: Motion) -> Scene:
 
 
 def make_directions(material: Material) -> Made:
-    """Fig. 5.11."""
+    """Make Fig. 5.11: signature of a person who walks to and fro."""
     recording, report, ours = to_and_fro(material)
     true_hz = recording.truth[0].gait_frequency_hz
     figure = viz.signature(report.normalised_signature, db_range=25.0, title="A person who walks to and fro")
@@ -273,7 +284,7 @@ def make_directions(material: Material) -> Made:
 
 
 def pieces_of(result: Result) -> pd.DataFrame:
-    """Times, speed and step frequency of the pieces of steady motion of a track."""
+    """Tabulate the segments of steady motion of a track."""
     return pd.DataFrame(
         {
             "from (s)": float(axis(piece.signature, "time")[0]), "to (s)": float(axis(piece.signature, "time")[-1]),
@@ -284,7 +295,10 @@ def pieces_of(result: Result) -> pd.DataFrame:
 
 
 def sign_changes(values: npt.ArrayLike, still: float) -> int:
-    """How often a curve changes its sign; values nearer to 0 than ``still`` have none."""
+    """Count the sign changes of a curve.
+
+    Values nearer to 0 than ``still`` have no sign.
+    """
     curve = np.asarray(values, dtype=np.float64)
     return int(np.count_nonzero(np.diff(np.sign(curve[np.abs(curve) > still]))))
 

@@ -1,4 +1,7 @@
-"""Drawing that chapters 4 and 5 and the appendix share: the report's spectra in amplitude, as it draws them."""
+"""Plots shared by chapters 4, 5 and the appendix.
+
+The report's spectra in amplitude, in its style.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +30,7 @@ NAMES = ("f_m", "f₂", "f₃")
 
 
 def panels(across: int, down: int = 1, *, width_in: float = 12.0, height_in: float = 4.4) -> tuple[Figure, list[Axes]]:
-    """Figure with a grid of axes, row by row."""
+    """Make a figure with a grid of axes, row by row."""
     figure = new_figure(width_in=width_in, height_in=height_in)
     return figure, list(figure.subplots(down, across, squeeze=False).flat)
 
@@ -36,7 +39,7 @@ def draw_cadence_amplitude(
     axes: Axes, spectrum: xr.DataArray, found_hz: Sequence[float | None], *, true_hz: float | None = None,
     max_cadence_hz: float = MAX_CADENCE_HZ, title: str = "",
 ) -> None:  # fmt: skip
-    """D_g over cadence with the peaks that were taken for f_m, f_2 and f_3.
+    """Plot D_g over cadence with the measured f_m, f_2 and f_3.
 
     Parameters
     ----------
@@ -73,7 +76,9 @@ def draw_mean_doppler(
     axes: Axes, values: npt.ArrayLike, doppler_hz: npt.ArrayLike, *, peak_hz: float | None = None,
     threshold: float | None = None, normalised: bool = False, title: str = "",
 ) -> None:  # fmt: skip
-    """D_1 over Doppler, as it is with its peak, or over its maximum with the threshold of the bandwidth.
+    """Plot D_1 over Doppler.
+
+    As it is with its peak, or over its maximum with the threshold of the bandwidth.
 
     Parameters
     ----------
@@ -82,7 +87,7 @@ def draw_mean_doppler(
     peak_hz : float, optional
         f_d: marked with its height A_fd.
     threshold : float, optional
-        t_mu, drawn with the band from the first to the last crossing.
+        t_mu, plotted with the band from the first to the last crossing.
     normalised : bool
         Divide by the maximum.
     title : str
@@ -121,13 +126,13 @@ def draw_mean_doppler(
 
 
 def band_hz(level: FloatArray, doppler_hz: FloatArray, threshold: float) -> tuple[float, float]:
-    """First and last Doppler at which a spectrum reaches a share of its maximum."""
+    """Return the first and last Doppler above a share of the maximum."""
     above = np.flatnonzero(level >= threshold * level.max())
     return float(doppler_hz[above[0]]), float(doppler_hz[above[-1]])
 
 
 def numbered_marks(axes: Axes, places: Mapping[str, tuple[float, float]]) -> None:
-    """Numbers in circles at places of the axes' data, as the report points at parts of a figure."""
+    """Draw numbers in circles at places in data coordinates."""
     for name, place in places.items():
         axes.annotate(
             name, place, fontsize=10, ha="center", va="center", color="black",

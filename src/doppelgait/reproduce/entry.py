@@ -1,4 +1,4 @@
-"""Entries of the reproduction: what the report states, what is read, the verdict and the outcome."""
+"""Entries of the reproduction: statements, readings, verdict and outcome."""
 
 from __future__ import annotations
 
@@ -20,30 +20,30 @@ if TYPE_CHECKING:
     from doppelgait.reproduce.material import Material
 
 KINDS = ("agrees", "set", "differs", "not stated")
-"""What a number may be beside the report's: within its tolerance; set here as the report has it; outside; or nothing
-to compare it with."""
+"""Kinds of a reading: within the tolerance of the report's number; set as the report has it; outside; nothing to
+compare."""
 
 
 @dataclass(frozen=True)
 class Reading:
-    """One number read off what was made.
+    """One number measured in a reproduced entry.
 
     Attributes
     ----------
     name : str
         The quantity, in words.
     ours : float
-        What is measured here; NaN if it could not be measured.
+        Measured value; NaN if it could not be measured.
     unit : str
         "Hz", "m/s", ...; "1" for pure numbers.
     stated : float, optional
-        What the report states; None where it states no number.
+        Value in the report; None without one.
     tolerance : float, optional
-        How far ``ours`` may lie from ``stated`` and still agree, absolute, in ``unit``. It comes from how exactly the
-        report states the number (a value printed, a value read off an axis), not from what is measured here. Exact
-        agreement is asked for by None.
+        Largest absolute difference of ``ours`` and ``stated`` that still agrees, in ``unit``. It comes from the
+        precision of the report's number (a value printed, a value read off an axis), not from the measured value. None
+        requires exact agreement.
     note : str
-        Why they differ, or where the number comes from.
+        Reason of a difference, or source of the number.
     given : bool
         Set as the report has it, or a fact of the model that stands in: that it is as stated shows nothing, so it never
         counts as agreeing. It still differs where it is not as stated.
@@ -68,12 +68,14 @@ class Reading:
 
     @property
     def agrees(self) -> bool | None:
-        """Whether the number lies within the tolerance; None where the report states none or the number was set."""
+        """True within the tolerance; None without a stated or measured number."""
         return {"agrees": True, "differs": False}.get(self.kind)
 
 
 def verdict(readings: Sequence[Reading]) -> str:
-    """What the readings say of an entry as a whole, in words that begin a judgement.
+    """Summarise the readings of an entry in words.
+
+    The words begin a judgement.
 
     Returns
     -------
@@ -90,14 +92,14 @@ def verdict(readings: Sequence[Reading]) -> str:
 
 
 def judged(readings: Sequence[Reading], text: str) -> str:
-    """A judgement that begins with the verdict on the readings and names those that differ."""
+    """Format a judgement with the verdict and the differing readings."""
     differing = [reading.name for reading in readings if reading.kind == "differs"]
     return f"{'Differs in: ' + '; '.join(differing) + '. ' if differing else verdict(readings) + ': '}{text}"
 
 
 @dataclass(frozen=True)
 class Made:
-    """What making an entry gives.
+    """Figure, readings and judgement of an entry.
 
     Attributes
     ----------
@@ -105,9 +107,9 @@ class Made:
         Drawing of the entry; None for a table.
     readings : sequence of Reading
     judgement : str
-        One to three sentences: it agrees, or why it does not.
+        One to three sentences: agreement, or the reason of a difference.
     table : DataFrame, optional
-        Table shown on the page beside or instead of the figure.
+        Table shown on the page next to or instead of the figure.
     """
 
     figure: Figure | None
@@ -125,9 +127,9 @@ class Entry:
     number : str
         As in the report: "fig-4.13", "table-3.2".
     title : str
-        What it shows, in our words.
+        Its subject, in our words.
     stated : str
-        What the report says about it, in our words.
+        The statement of the report about it, in our words.
     make : callable
         Makes it from the material of the run.
     """
@@ -140,7 +142,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Outcome:
-    """An entry after its making.
+    """An entry with its outcome.
 
     Attributes
     ----------
@@ -152,7 +154,7 @@ class Outcome:
     remarks : sequence of str
         Warnings while it was made.
     seconds : float
-        Time it took, drawing among it; what is shared counts for the first that needs it.
+        Time with plotting; shared results count for the first entry that needs them.
     error : str
     """
 
@@ -165,11 +167,11 @@ class Outcome:
 
     @property
     def readings(self) -> Sequence[Reading]:
-        """Numbers read, none if it could not be made."""
+        """Readings of the entry, empty if it failed."""
         return self.made.readings if self.made else ()
 
     def count_kind(self, kind: str) -> int:
-        """Readings of one of `KINDS`."""
+        """Count the readings of one of `KINDS`."""
         return sum(reading.kind == kind for reading in self.readings)
 
     @property
@@ -183,7 +185,7 @@ class Outcome:
         return f"tables/{self.entry.number}.csv" if self.made and self.made.table is not None else None
 
     def as_dict(self) -> dict[str, Any]:
-        """Everything but the figure and the table, for JSON; NaN is None."""
+        """Return all but figure and table for JSON; NaN becomes None."""
         return {
             "number": self.entry.number,
             "title": self.entry.title,
@@ -191,7 +193,10 @@ class Outcome:
             "made": self.made is not None,
             "error": self.error or None,
             "made_from": list(self.used),
-            "readings": [_reading_as_dict(reading) for reading in self.readings],
+            "readings": [
+                {**{name: _finite(value) for name, value in vars(one).items()}, "agrees": one.agrees, "kind": one.kind}
+                for one in self.readings
+            ],
             "judgement": self.made.judgement if self.made else None,
             "remarks": list(self.remarks),
             "seconds": round(self.seconds, 3),
@@ -200,13 +205,11 @@ class Outcome:
         }
 
 
-def _reading_as_dict(reading: Reading) -> dict[str, Any]:
-    plain = {name: _finite(value) for name, value in vars(reading).items()}
-    return {**plain, "agrees": reading.agrees, "kind": reading.kind}
-
-
 def _finite(value: str | float | None) -> str | float | None:
-    """Texts and truths as they are, numbers as plain floats, what is no finite number as None."""
+    """Convert a number to a plain float, None if not finite.
+
+    Texts, truth values and None stay as they are.
+    """
     if value is None or isinstance(value, (str, bool)):
         return value
     return float(value) if math.isfinite(value) else None
@@ -217,7 +220,7 @@ CHAPTERS = re.compile(r"(chapter\d|appendix)")
 
 
 def all_entries() -> tuple[Entry, ...]:
-    """Every entry, chapter by chapter; within a chapter figures come first, then tables."""
+    """Return every entry, chapter by chapter, figures before tables."""
     package = import_module("doppelgait.reproduce")
     names = sorted(module.name for module in pkgutil.iter_modules(package.__path__) if CHAPTERS.match(module.name))
     found: list[Entry] = []
@@ -227,14 +230,19 @@ def all_entries() -> tuple[Entry, ...]:
 
 
 def place_of(number: str) -> tuple[int, str, int]:
-    """Place in the report of an entry's number: chapter, kind and number in the chapter; appendices come last."""
+    """Return the sort key of a number: chapter, kind, number within.
+
+    Appendices come last.
+    """
     kind, _, rest = number.partition("-")
     chapter, _, within = rest.partition(".")
     return int(chapter) if chapter.isdigit() else 100 + ord(chapter), kind, int(within)
 
 
 def pick(entries: Sequence[Entry], only: Sequence[str]) -> tuple[Entry, ...]:
-    """The entries of these numbers, in the order of the report; all if none is given.
+    """Select entries by number, in the order of the report.
+
+    All entries without numbers.
 
     Raises
     ------

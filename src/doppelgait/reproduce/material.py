@@ -1,4 +1,4 @@
-"""Radar, movers, recordings and results that the figures are made from."""
+"""Radar, targets, recordings and results behind the figures."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.errors import ConfigError, DoppelgaitError, DoppelgaitWarning
+from doppelgait.core.errors import ConfigError, DoppelgaitError, DoppelgaitWarning, warn_caller
 from doppelgait.core.labels import SCATTERER_VARIABLES
 from doppelgait.core.units import slow_time_axis_s
 from doppelgait.motion.motion import Motion
@@ -38,18 +38,18 @@ SHOWN_REASONS = 3
 
 @dataclass(frozen=True)
 class Mover:
-    """A motion with a name.
+    """A named motion.
 
     Attributes
     ----------
     name : str
-        "walker", or the file and the number of its stretch.
+        "walker", or the file and the number of its segment.
     label : str
         "human" or "dog".
     motion : Motion
         m, z up; travels straight ahead.
     real : bool
-        Whether it was recorded; a model otherwise.
+        True for a recording, False for a model.
     """
 
     name: str
@@ -64,7 +64,7 @@ class Mover:
 
     @property
     def gait(self) -> str:
-        """Gait as the model or the measurement of its footfalls says; empty if unknown."""
+        """Gait by the model or by measured footfalls; empty if unknown."""
         return str(self.motion.facts.gait)
 
     @property
@@ -74,17 +74,19 @@ class Mover:
 
     @property
     def about(self) -> str:
-        """For people: recording or model, and which."""
+        """Description: recording or model, and its name."""
         return f"{'recording' if self.real else 'model'}: {self.name}"
 
 
 def chen_walker(speed_mps: float = CHEN_SPEED_MPS, *, cycles: int = 5) -> Mover:
-    """Walker of the published program (Chen 2011) for whole gait cycles, right foot landing first.
+    """Make the walker of the published program (Chen 2011).
+
+    For whole gait cycles, right foot landing first.
 
     Parameters
     ----------
     speed_mps : float
-        Nominal speed V; the published program then goes at V over the leg length, 2.0 m/s for the default.
+        Nominal speed V; the published program then moves at V over the leg length, 2.0 m/s for the default.
     cycles : int
     """
     from doppelgait.motion import boulic_walk
@@ -98,7 +100,10 @@ def chen_walker(speed_mps: float = CHEN_SPEED_MPS, *, cycles: int = 5) -> Mover:
 
 
 def model_people() -> list[Mover]:
-    """Walkers and a runner of the jointed model, feet locked to the floor: stand-ins for recorded people."""
+    """Make walkers and a runner as stand-ins for recorded people.
+
+    By the jointed model, with feet locked to the floor.
+    """
     from doppelgait.motion import human_gait
 
     found = []
@@ -110,7 +115,10 @@ def model_people() -> list[Mover]:
 
 
 def model_dogs() -> list[Mover]:
-    """A bounding dog as the report's, left and right legs together, and one in every other gait."""
+    """Make a bounding dog as in the report, and other gaits.
+
+    A bound moves left and right legs together.
+    """
     from doppelgait.motion import quadruped_gait
 
     gaits: tuple[GaitName, ...] = ("bound", "walk", "trot", "gallop")
@@ -124,7 +132,7 @@ def model_dogs() -> list[Mover]:
 
 
 def check_folder(folder: Path) -> None:
-    """A :class:`ConfigError` if a motion folder holds neither people nor dogs."""
+    """Check that a motion folder holds people or dogs."""
     if not any((folder / name).is_dir() for name in FOLDERS.values()):
         wanted = " and ".join(f"{name}/" for name in FOLDERS.values())
         raise ConfigError(
@@ -134,7 +142,7 @@ def check_folder(folder: Path) -> None:
 
 
 def recorded(folder: Path, label: str) -> list[Mover]:
-    """Every straight stretch at constant velocity of the files of one label, the longest first.
+    """Read every straight, steady segment of one label, longest first.
 
     Parameters
     ----------
@@ -146,42 +154,38 @@ def recorded(folder: Path, label: str) -> list[Mover]:
     Warns
     -----
     DoppelgaitWarning
-        If files are left out; it says how many and why the first were.
+        If files are left out, with their number and the reasons of the first.
     """
+    from doppelgait.motion import find_segments, read
+    from doppelgait.motion.gait import with_gait_facts
+    from doppelgait.motion.segments import crop
+
     root = folder / FOLDERS[label]
     files = sorted(path for path in root.rglob("*") if path.is_file()) if root.is_dir() else []
     found: list[Mover] = []
     refused: dict[str, str] = {}
     for file in files:
         try:
-            found += _stretches(file, label, file.relative_to(folder).as_posix())
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", DoppelgaitWarning)  # of cleaning; the command "motion info" shows them
+                motion, name = read(file), file.relative_to(folder).as_posix()
+                found += [
+                    Mover(f"{name}, stretch {number}", label, with_gait_facts(crop(motion, segment)), real=True)
+                    for number, segment in enumerate(find_segments(motion), start=1)
+                ]
         except DoppelgaitError as error:
             refused[file.name] = str(error).replace(f"{file}: ", "").partition(";")[0]
     if refused:
         shown = "; ".join(f"{name}: {reason}" for name, reason in list(refused.items())[:SHOWN_REASONS])
         text = f"{root.name}: {len(refused)} of {len(files)} motion files are left out: {shown}"
-        warnings.warn(text, DoppelgaitWarning, stacklevel=4)
+        warn_caller(text)
     return sorted(found, key=lambda mover: (-mover.seconds, mover.name))
-
-
-def _stretches(file: Path, label: str, name: str) -> list[Mover]:
-    from doppelgait.motion import find_segments, read
-    from doppelgait.motion.gait import with_gait_facts
-    from doppelgait.motion.segments import crop
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DoppelgaitWarning)  # of cleaning; the command "motion info" says them
-        motion = read(file)
-        return [
-            Mover(f"{name}, stretch {number}", label, with_gait_facts(crop(motion, segment)), real=True)
-            for number, segment in enumerate(find_segments(motion), start=1)
-        ]
 
 
 def point_table(
     radar: Radar, n_frames: int, *, range_m: npt.ArrayLike, velocity_mps: npt.ArrayLike, rcs_m2: npt.ArrayLike = 1.0
 ) -> xr.Dataset:
-    """Scatterer table of points at constant radial velocity.
+    """Make the scatterer table of points at constant radial velocity.
 
     Parameters
     ----------
@@ -222,7 +226,7 @@ def point_table(
 
 
 def slow_time_signal(radar: Radar, table: xr.Dataset, *, range_m: float) -> npt.NDArray[np.complex128]:
-    """Noise-free samples of the range bin at a range over the frames, V."""
+    """Simulate the noise-free slow-time signal at a range, V."""
     baseband = synthesise(table, radar)
     return np.asarray(baseband.sel(range=range_m, method="nearest").values, dtype=np.complex128)
 
@@ -241,12 +245,14 @@ RUNS = ("gallop", "canter", "bound", "transverse_gallop")
 
 
 class Material:
-    """Radar, movers, recordings and results of one run of the reproduction; nothing is made before it is asked for.
+    """Radar, targets, recordings and results of one run.
+
+    Each is computed on first use.
 
     Parameters
     ----------
     seed : int
-        Root of what is random in the study of scenarios.
+        Root seed of the study of scenarios.
     motion_folder : Path, optional
         Folder with ``human/`` and ``dog/``, whose recordings take the place of models.
 
@@ -265,67 +271,80 @@ class Material:
         self._used: dict[str, None] = {}
 
     def once(self, key: Hashable, make: Callable[[], T]) -> T:
-        """What ``make`` gives, made at the first call with this key."""
+        """Return the result of ``make``, computed once per key."""
         if key not in self._made:
             self._made[key] = make()
         found: T = self._made[key]
         return found
 
     def begin_entry(self) -> None:
-        """Forget what was used so far: the next entry begins."""
+        """Begin the next entry: forget what was used so far."""
         self._used.clear()
 
     def used(self) -> tuple[str, ...]:
-        """What the entry was made from: "model: ..." or "recording: ..." for every mover that it took."""
+        """Return the sources of the entry, such as "model: ..."."""
         return tuple(self._used)
 
     def use(self, mover: Mover) -> Mover:
-        """The mover, noted as one that the present entry is made from."""
+        """Note a target as a source of the present entry."""
         self._used[mover.about] = None
         return mover
 
     def note(self, text: str) -> None:
-        """Say of the present entry what it is made from, where single movers are too many to name."""
+        """Note the sources of the present entry as one text."""
         self._used[text] = None
 
     def people(self) -> list[Mover]:
-        """Recorded people of the motion folder, the longest stretch first; models where there are none."""
-        return self.once("people", lambda: self._recorded("human") or model_people())
+        """Return recorded people, longest first, or models."""
+        return self.once("people", lambda: self._read_recorded("human") or model_people())
 
     def dogs(self) -> list[Mover]:
-        """Recorded dogs of the motion folder, the longest stretch first; models where there are none."""
-        return self.once("dogs", lambda: self._recorded("dog") or model_dogs())
+        """Return recorded dogs, longest first, or models."""
+        return self.once("dogs", lambda: self._read_recorded("dog") or model_dogs())
 
-    def _recorded(self, label: str) -> list[Mover]:
+    def _read_recorded(self, label: str) -> list[Mover]:
         return [] if self.motion_folder is None else recorded(self.motion_folder, label)
 
     def walker(self, speed_mps: float = CHEN_SPEED_MPS, *, cycles: int = 5) -> Mover:
-        """The report's "Chen target model": always a model, in the report too."""
+        """Return the report's "Chen target model", which is always a model."""
         key = ("walker", speed_mps, cycles)
         return self.use(self.once(key, lambda: chen_walker(speed_mps, cycles=cycles)))
 
     def walkers(self) -> list[Mover]:
-        """People who walk for some strides with known feet, the most points first: the report's had 41."""
-        fit = [one for one in self.people() if one.gait in WALKS and _has_feet(one) and one.strides >= MIN_STRIDES]
+        """Return people who walk for some strides with known feet.
+
+        The most points first: the report's person had 41.
+        """
+        parts = {"left_foot", "right_foot", "torso"}
+        fit = [
+            one for one in self.people()
+            if one.gait in WALKS and parts <= set(one.motion.parts) and one.strides >= MIN_STRIDES
+        ]  # fmt: skip
         return sorted(fit, key=lambda one: (-len(one.motion.markers), -one.seconds)) or self.people()
 
     def person(self) -> Mover:
-        """The recorded walk of the report's chapters 2, 3 and 5: the first of :meth:`walkers`."""
+        """Return the recorded walk of chapters 2, 3 and 5.
+
+        The first of :meth:`walkers`.
+        """
         return self.use(self.walkers()[0])
 
     def galloping_dog(self) -> Mover:
-        """The recorded dog of the report: the longest gallop, canter or bound at hand."""
+        """Return the longest gallop, canter or bound.
+
+        It stands for the recorded dog of the report.
+        """
         return self.use(next((one for one in self.dogs() if one.gait in RUNS), self.dogs()[0]))
 
     def radar(self, **changes: Any) -> Radar:
-        """The radar as the report simulated it (its Table 5.1), with single parameters changed."""
+        """Return the report's radar (Table 5.1) with changes."""
         return Radar.preset("liland2018", **changes)
 
     def recording(
         self, mover: Mover, *, prf_hz: float = 1000.0, aspect_deg: float = 0.0, range_m: float | None = None,
         duration_s: float | None = None,
     ) -> Recording:  # fmt: skip
-        """Noise-free recording of a mover by the report's radar.
+        """Simulate the noise-free recording of a target by the report's radar.
 
         Parameters
         ----------
@@ -347,7 +366,7 @@ class Material:
         return self.once(key, lambda: simulate(Scene([target], duration_s=duration_s), self.radar(prf_hz=prf_hz)))
 
     def result(self, mover: Mover, *, method: str = "liland2018", cpi_s: float = 0.1, **recording: Any) -> Result:
-        """Result of a mover in its truth gate.
+        """Analyse a target in its true gate.
 
         Parameters
         ----------
@@ -364,8 +383,3 @@ class Material:
         )  # fmt: skip
         key = ("result", id(seen), method, cpi_s)  # the recording is kept, so its id stays its own
         return self.once(key, lambda: analyze(seen, gate="truth", analysis=analysis)[0])
-
-
-def _has_feet(mover: Mover) -> bool:
-    parts = set(mover.motion.parts)
-    return {"left_foot", "right_foot", "torso"} <= parts

@@ -1,4 +1,4 @@
-"""Numbers read off windows, signatures, cadence spectra and lines of body parts."""
+"""Measures of windows, signatures, cadence spectra and body-part lines."""
 
 from __future__ import annotations
 
@@ -24,13 +24,18 @@ CLEAR_DB = 6.0
 
 
 def printed_window(n_pulses: int, steepness: float) -> FloatArray:
-    """Window of the report's Eq. 4.4 as printed, half a sample off its centre; shape (M,)."""
+    """Return the window of Eq. 4.4 as printed, shape (M,).
+
+    It is half a sample off its centre.
+    """
     m = np.arange(1, n_pulses + 1)
     return np.asarray(np.exp(-0.5 * ((m - n_pulses / 2) / (steepness * n_pulses / 2)) ** 2))
 
 
 def side_lobe_db(window: npt.ArrayLike) -> float:
-    """Highest side lobe of a real window below the peak of its main lobe, dB (negative).
+    """Return the highest side lobe of a real window, dB.
+
+    Relative to the main lobe, hence negative.
 
     The main lobe ends at the first minimum of the magnitude of the zero-padded transform.
     """
@@ -41,7 +46,10 @@ def side_lobe_db(window: npt.ArrayLike) -> float:
 
 
 def half_power_width_bins(window: npt.ArrayLike) -> float:
-    """Full width of the main lobe at half power, in bins of 1 / T_d."""
+    """Return the half-power width of the main lobe in bins.
+
+    A bin is 1 / T_d.
+    """
     weights = np.asarray(window, dtype=np.float64)
     power = np.abs(np.fft.rfft(weights, FINE)) ** 2
     below = int(np.flatnonzero(power < 0.5 * power[0])[0])
@@ -50,7 +58,10 @@ def half_power_width_bins(window: npt.ArrayLike) -> float:
 
 
 def upper_envelope_hz(signature: xr.DataArray, level: float) -> FloatArray:
-    """Highest Doppler of every column whose power reaches a share of the column's maximum; shape (J,)."""
+    """Return the upper envelope of a signature, shape (J,).
+
+    The highest Doppler at which a column reaches a share of its maximum.
+    """
     values, doppler_hz = signature.values, axis(signature, "doppler")
     reached = values >= level * values.max(axis=1, keepdims=True)
     last = values.shape[1] - 1 - np.argmax(reached[:, ::-1], axis=1)
@@ -58,7 +69,9 @@ def upper_envelope_hz(signature: xr.DataArray, level: float) -> FloatArray:
 
 
 def find_peaks(values: npt.ArrayLike, rate_hz: float, *, smoothing_s: float) -> npt.NDArray[np.int64]:
-    """Places of the peaks of a curve that rise over half its usual height (5th to 95th percentile), both ends counted.
+    """Find the peaks above half the usual height of a curve.
+
+    The usual height is from the 5th to the 95th percentile; both ends count.
 
     Parameters
     ----------
@@ -79,7 +92,10 @@ def find_peaks(values: npt.ArrayLike, rate_hz: float, *, smoothing_s: float) -> 
 
 
 def main_frequency_hz(values: npt.ArrayLike, rate_hz: float) -> float:
-    """Frequency of the strongest oscillation of a curve: highest bin of the zero-padded spectrum without its trend."""
+    """Return the frequency of the strongest oscillation of a curve.
+
+    The highest bin of the zero-padded spectrum without its trend.
+    """
     from scipy.signal import detrend
 
     curve = detrend(np.asarray(values, dtype=np.float64)) * np.hanning(len(np.asarray(values)))
@@ -89,7 +105,10 @@ def main_frequency_hz(values: npt.ArrayLike, rate_hz: float) -> float:
 
 
 def torso_line_hz(signature: xr.DataArray, *, reach_hz: float) -> FloatArray:
-    """Power-weighted mean Doppler of every column within a reach of the strongest row of all; shape (J,)."""
+    """Return the power-weighted mean Doppler per column, shape (J,).
+
+    Within a reach of the strongest row of all.
+    """
     doppler_hz = axis(signature, "doppler")
     middle_hz = doppler_hz[int(signature.values.mean(axis=0).argmax())]
     near = np.abs(doppler_hz - middle_hz) <= reach_hz
@@ -99,7 +118,7 @@ def torso_line_hz(signature: xr.DataArray, *, reach_hz: float) -> FloatArray:
 
 def share_near_lines(signature: xr.DataArray, lines_hz: npt.ArrayLike, line_time_s: npt.ArrayLike, *,
                      reach_hz: float) -> float:  # fmt: skip
-    """Share of a signature's power that lies within a reach of one of several Doppler lines.
+    """Return the share of power near one of several Doppler lines.
 
     Parameters
     ----------
@@ -116,8 +135,9 @@ def share_near_lines(signature: xr.DataArray, lines_hz: npt.ArrayLike, line_time
 
 
 def prominence_db(spectrum: xr.DataArray, frequency_hz: float, harmonic: int) -> float:
-    """How far a harmonic stands out of an amplitude spectrum D_g: its peak over the median from half a fundamental
-    before it to half a fundamental behind it, dB.
+    """Return the prominence of a harmonic in D_g, dB.
+
+    Its peak over the median from half a fundamental below it to half a fundamental above it.
 
     Parameters
     ----------
@@ -142,7 +162,10 @@ def prominence_db(spectrum: xr.DataArray, frequency_hz: float, harmonic: int) ->
 
 
 def side_lobe_of_cadence_db(spectrum: xr.DataArray, frequency_hz: float) -> float:
-    """Highest value of D_g between f_m and f_2 (0.3 to 0.7 of the way) below the peak of f_m, dB."""
+    """Return the highest side lobe of D_g between f_m and f_2, dB.
+
+    Relative to the peak of f_m, within 0.3 to 0.7 of the interval.
+    """
     cadence_hz, values = axis(spectrum, "cadence"), np.asarray(spectrum.values, dtype=np.float64)
     phase = cadence_hz / frequency_hz
     between, near = (phase >= 1.3) & (phase <= 1.7), np.abs(phase - 1.0) <= NEAR
@@ -152,19 +175,24 @@ def side_lobe_of_cadence_db(spectrum: xr.DataArray, frequency_hz: float) -> floa
 
 
 def column_level_rise_db(signature: xr.DataArray) -> float:
-    """Level of the last tenth of a signature's columns over that of the first tenth, by their mean maximum, dB."""
+    """Return the level of the last over the first columns, dB.
+
+    The mean maximum of a tenth of the columns each.
+    """
     top = signature.values.max(axis=1)
     count = max(1, top.size // 10)
     return float(10.0 * np.log10(top[-count:].mean() / top[:count].mean()))
 
 
 def columns_per_second(signature: xr.DataArray) -> float:
-    """Column rate of a signature, Hz."""
+    """Return the column rate of a signature, Hz."""
     return sampling_rate_hz(axis(signature, "time"))
 
 
 def one_cycle_s(motion: Motion, foot: str) -> tuple[float, float]:
-    """Start and duration of a gait cycle: between the first two touchdowns of a foot.
+    """Return start and duration of the first gait cycle of a foot.
+
+    Between its first two touchdowns.
 
     Parameters
     ----------
@@ -187,7 +215,10 @@ def one_cycle_s(motion: Motion, foot: str) -> tuple[float, float]:
 
 
 def forward_m(motion: Motion) -> xr.DataArray:
-    """Place of every point along the direction of travel, from the mean of all points: lines (time, marker), m."""
+    """Return the place of every point along the direction of travel, m.
+
+    Relative to the mean of all points; lines (time, marker).
+    """
     ground = motion.position_m[:, :, :2]
     centre = ground.mean(axis=1)
     travel = centre[-1] - centre[0]
@@ -196,7 +227,7 @@ def forward_m(motion: Motion) -> xr.DataArray:
 
 
 def part_line(lines: xr.DataArray, part: str) -> FloatArray:
-    """Mean line of the points of a body part, shape (I,).
+    """Average the lines of the points of a body part, shape (I,).
 
     Raises
     ------
@@ -210,19 +241,21 @@ def part_line(lines: xr.DataArray, part: str) -> FloatArray:
 
 
 def parts_of(lines: xr.DataArray) -> list[str]:
-    """Body parts of the points, by alphabet."""
+    """Return the body parts of the points in alphabetical order."""
     return sorted(set(axis(lines, "part").astype(str)))
 
 
 def departure(values: npt.ArrayLike) -> float:
-    """Root mean square departure of a line from the straight line through it, in its own unit."""
+    """Return the rms deviation of a line from a straight fit."""
     line = np.asarray(values, dtype=np.float64)
     time = np.arange(line.size)
     return float(np.std(line - np.polyval(np.polyfit(time, line, 1), time)))
 
 
 def phase_between_deg(first: npt.ArrayLike, second: npt.ArrayLike, *, stride_hz: float, rate_hz: float) -> float:
-    """Phase between two lines at the stride frequency: straight line and wave fitted to whole strides of each.
+    """Return the phase between two lines at the stride frequency, deg.
+
+    A straight line and a wave are fitted to whole strides of each.
 
     Parameters
     ----------

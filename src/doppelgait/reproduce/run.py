@@ -1,4 +1,4 @@
-"""One run of the reproduction: every entry made, judged and put on one page."""
+"""One run of the reproduction and its page."""
 
 from __future__ import annotations
 
@@ -9,20 +9,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from doppelgait import __version__
 from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning
 from doppelgait.core.own_folder import PAGE, check_out, complete_folder
-from doppelgait.reproduce.entry import KINDS, Outcome, Reading, all_entries, pick
+from doppelgait.reproduce.entry import KINDS, Outcome, all_entries, pick
 from doppelgait.reproduce.material import Material
 from doppelgait.viz.style import save_figure
 
-if TYPE_CHECKING:
-    pass
-
 SHOWN_ROWS = 30
-"""Rows of a table shown on the page; the whole of it is beside the page."""
+"""Rows of a table shown on the page; the whole table is a file next to the page."""
 CLASSES = {"agrees": "yes", "set": "set", "differs": "no", "not stated": "none"}
 """Style of a reading by its kind."""
 
@@ -41,13 +37,15 @@ font-variant-numeric: tabular-nums; white-space: nowrap; }
 
 
 def page(outcomes: Sequence[Outcome], *, recordings: bool) -> str:
-    """The whole page as HTML that asks for nothing but the figures beside it.
+    """Format the page as HTML.
+
+    It needs only the figures next to it.
 
     Parameters
     ----------
     outcomes : sequence of Outcome
     recordings : bool
-        Whether a motion folder was given.
+        True for a run with a motion folder.
     """
     links = " ".join(f'<a href="#{one.entry.number}">{escape(heading(one.entry.number))}</a>' for one in outcomes)
     return "\n".join([
@@ -55,20 +53,20 @@ def page(outcomes: Sequence[Outcome], *, recordings: bool) -> str:
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
         f"<title>Liland 2018, reproduced</title>\n<style>{STYLE}</style>\n</head>\n<body>",
         "<h1>A radar simulator for generating micro-Doppler datasets (Liland 2018): its figures and tables again</h1>",
-        _introduction(outcomes, recordings),
+        _format_introduction(outcomes, recordings),
         f"<nav>{links}</nav>",
-        *[_section(one) for one in outcomes],
+        *[_format_section(one) for one in outcomes],
         "</body>\n</html>\n",
     ])  # fmt: skip
 
 
 def heading(number: str) -> str:
-    """Number of an entry for people: "Figure 4.13"."""
+    """Format the number of an entry: "Figure 4.13"."""
     kind, _, rest = number.partition("-")
     return f"{'Figure' if kind == 'fig' else 'Table'} {rest}"
 
 
-def _introduction(outcomes: Sequence[Outcome], recordings: bool) -> str:
+def _format_introduction(outcomes: Sequence[Outcome], recordings: bool) -> str:
     agree, given, differ, unstated = (sum(one.count_kind(kind) for one in outcomes) for kind in KINDS)
     failed = sum(one.made is None for one in outcomes)
     motion = (
@@ -87,7 +85,7 @@ def _introduction(outcomes: Sequence[Outcome], recordings: bool) -> str:
     )
 
 
-def _section(one: Outcome) -> str:
+def _format_section(one: Outcome) -> str:
     entry = one.entry
     parts = [
         f'<section id="{entry.number}">\n<h2>{escape(heading(entry.number))}: {escape(entry.title)}</h2>',
@@ -108,27 +106,23 @@ def _section(one: Outcome) -> str:
             parts.append(
                 f'<div class="wide">{shown}</div><p class="how">{more}<a href="{path}">the table as CSV</a></p>'
             )
-        parts += [_readings(one.readings), f"<p><b>Judgement:</b> {escape(one.made.judgement)}</p>"]
+        rows = "\n".join(
+            f"<tr><td>{escape(read.name)}</td>{_number_cell(read.ours, read.unit)}"
+            f"{_number_cell(read.stated, read.unit)}{_number_cell(read.tolerance, read.unit)}"
+            f'<td class="{CLASSES[read.kind]}">{read.kind}</td>'
+            f"<td>{escape(read.note)}</td></tr>"
+            for read in one.readings
+        )
+        head = "<tr><th>quantity</th><th>here</th><th>report</th><th>within</th><th></th><th></th></tr>"
+        parts.append(f'<div class="wide"><table>\n{head}\n{rows}\n</table></div>' if rows else "")
+        parts.append(f"<p><b>Judgement:</b> {escape(one.made.judgement)}</p>")
     sources = "; ".join(one.used) or "no mover"
     parts.append(f'<p class="how">Made from {escape(sources)}, in {one.seconds:.1f} s.</p>')
     parts += [f'<p class="how">Warning while it was made: {escape(remark)}</p>' for remark in one.remarks]
     return "\n".join([*parts, "</section>"])
 
 
-def _readings(readings: Sequence[Reading]) -> str:
-    if not readings:
-        return ""
-    head = "<tr><th>quantity</th><th>here</th><th>report</th><th>within</th><th></th><th></th></tr>"
-    rows = "\n".join(
-        f"<tr><td>{escape(one.name)}</td>{_cell(one.ours, one.unit)}{_cell(one.stated, one.unit)}"
-        f'{_cell(one.tolerance, one.unit)}<td class="{CLASSES[one.kind]}">{one.kind}</td>'
-        f"<td>{escape(one.note)}</td></tr>"
-        for one in readings
-    )
-    return f'<div class="wide"><table>\n{head}\n{rows}\n</table></div>'
-
-
-def _cell(value: float | None, unit: str) -> str:
+def _number_cell(value: float | None, unit: str) -> str:
     text = "" if value is None else f"{value:.4g}" + ("" if unit == "1" else f" {unit}")
     return f'<td class="number">{escape(text)}</td>'
 
@@ -153,21 +147,21 @@ def reproduce(
     motion_folder : Path, optional
         Folder with ``human/`` and ``dog/``: real recordings in place of the models.
     seed : int
-        Root of what is random in the study of scenarios.
+        Root seed of the study of scenarios.
     progress : callable, optional
         Called with (entries made, entries in total).
 
     Returns
     -------
     list of Outcome
-        In the order of the report. An entry that cannot be made of the given motions says so; the others are made.
+        In the order of the report. An entry that cannot be made has an error; the others are made.
 
     Raises
     ------
     ConfigError
         If ``out`` holds something else, a number is not known, or the motion folder has no people and no dogs.
     OutputError
-        If the folder cannot be written; what was there before is untouched.
+        If the folder cannot be written; an earlier one then stays unchanged.
     """
     check_out(out, listing=READINGS, file_format=FORMAT, command="reproduce")
     entries = pick(all_entries(), only)
@@ -177,7 +171,7 @@ def reproduce(
         for name in ("figures", "tables"):
             (folder / name).mkdir()
         for number, entry in enumerate(entries, start=1):
-            # Make an entry and write its figure and table; a fault of its motion is said, not raised.
+            # Make an entry and write its figure and table; an error of its motion is reported, not raised.
             began = time.perf_counter()
             made, error = None, ""
             material.begin_entry()
@@ -187,7 +181,7 @@ def reproduce(
                     made = entry.make(material)
                 except DoppelgaitError as fault:
                     error = str(fault)
-            # Our own warnings as texts, each once; others are said again, they are for whoever runs this.
+            # Our own warnings become remarks, each once; others are issued again.
             for one in caught:
                 if not issubclass(one.category, DoppelgaitWarning):
                     warnings.warn_explicit(one.message, one.category, one.filename, one.lineno)
@@ -206,20 +200,16 @@ def reproduce(
             outcomes.append(replace(outcome, seconds=time.perf_counter() - began))
             if progress is not None:
                 progress(number, len(entries))
-        _write_summary(outcomes, material, folder)
+        document = {
+            "format": FORMAT,
+            "format_version": FORMAT_VERSION,
+            "doppelgait": __version__,
+            "seed": seed,
+            "recordings": motion_folder is not None,
+            "entries": [outcome.as_dict() for outcome in outcomes],
+            "files": sorted(path for one in outcomes for path in (one.figure_path, one.table_path) if path),
+        }
+        text = json.dumps(document, indent=2, allow_nan=False)
+        (folder / READINGS).write_text(text + "\n", encoding="utf-8")
+        (folder / PAGE).write_text(page(outcomes, recordings=motion_folder is not None), encoding="utf-8")
     return outcomes
-
-
-def _write_summary(outcomes: Sequence[Outcome], material: Material, folder: Path) -> None:
-    document = {
-        "format": FORMAT,
-        "format_version": FORMAT_VERSION,
-        "doppelgait": __version__,
-        "seed": material.seed,
-        "recordings": material.motion_folder is not None,
-        "entries": [outcome.as_dict() for outcome in outcomes],
-        "files": sorted(path for one in outcomes for path in (one.figure_path, one.table_path) if path),
-    }
-    text = json.dumps(document, indent=2, allow_nan=False)
-    (folder / READINGS).write_text(text + "\n", encoding="utf-8")
-    (folder / PAGE).write_text(page(outcomes, recordings=material.motion_folder is not None), encoding="utf-8")

@@ -1,4 +1,4 @@
-"""How far apart the classes of a feature table lie, and how often a step frequency is wrong."""
+"""Scenarios of the study, their features and class separation."""
 
 from __future__ import annotations
 
@@ -25,19 +25,20 @@ from doppelgait.scene.rcs import RcsSpec
 if TYPE_CHECKING:
     import pandas as pd
 
-    from doppelgait.pipeline import Result
     from doppelgait.radar.recording import Recording
 
 FloatArray = npt.NDArray[np.float64]
 
 
-def _known(values: npt.ArrayLike) -> FloatArray:
+def _drop_unknown(values: npt.ArrayLike) -> FloatArray:
     array = np.asarray(values, dtype=np.float64)
     return np.asarray(array[np.isfinite(array)])
 
 
 def cohens_d(first: npt.ArrayLike, second: npt.ArrayLike) -> float:
-    """Difference of the means over the pooled standard deviation; NaN with fewer than two values in a class.
+    """Return Cohen's d: difference of means over the pooled standard deviation.
+
+    NaN with fewer than two values in a class.
 
     Parameters
     ----------
@@ -49,7 +50,7 @@ def cohens_d(first: npt.ArrayLike, second: npt.ArrayLike) -> float:
     float
         ``(mean_1 - mean_2) / sqrt(((n_1 - 1) s_1^2 + (n_2 - 1) s_2^2) / (n_1 + n_2 - 2))``.
     """
-    a, b = _known(first), _known(second)
+    a, b = _drop_unknown(first), _drop_unknown(second)
     if min(a.size, b.size) < 2:
         return math.nan
     pooled = ((a.size - 1) * a.var(ddof=1) + (b.size - 1) * b.var(ddof=1)) / (a.size + b.size - 2)
@@ -57,11 +58,14 @@ def cohens_d(first: npt.ArrayLike, second: npt.ArrayLike) -> float:
 
 
 def roc_area(first: npt.ArrayLike, second: npt.ArrayLike) -> float:
-    """Area under the ROC curve: share of pairs in which the first class has the larger value, ties counted half.
+    """Return the area under the ROC curve.
 
-    0.5 says nothing about the class, 0 and 1 tell it apart; NaN are left out, NaN without a value in either class.
+    The share of pairs in which the first class has the larger value, ties counted half.
+
+    0.5 carries no information on the class, 0 and 1 separate the classes; NaN values are left out, NaN without a value
+    in either class.
     """
-    a, b = _known(first), np.sort(_known(second))
+    a, b = _drop_unknown(first), np.sort(_drop_unknown(second))
     if not a.size or not b.size:
         return math.nan
     below = np.searchsorted(b, a, side="left") + np.searchsorted(b, a, side="right")
@@ -69,7 +73,7 @@ def roc_area(first: npt.ArrayLike, second: npt.ArrayLike) -> float:
 
 
 def separation_table(table: pd.DataFrame, features: Sequence[str], *, classes: tuple[str, str]) -> pd.DataFrame:
-    """Median of every feature in both classes, Cohen's d and area under the ROC curve, by method.
+    """Tabulate medians, Cohen's d and ROC area of features by method.
 
     Parameters
     ----------
@@ -96,7 +100,9 @@ def separation_table(table: pd.DataFrame, features: Sequence[str], *, classes: t
 
 
 def is_wrong(table: pd.DataFrame, share: float, *, bins: float = 0.0) -> pd.Series:
-    """Whether a gait frequency is missing or off by more than a share of the true one; NaN truths give False.
+    """Mark gait frequencies that are missing or wrong.
+
+    Wrong by more than a share of the true one; NaN truths give False.
 
     Parameters
     ----------
@@ -105,7 +111,7 @@ def is_wrong(table: pd.DataFrame, share: float, *, bins: float = 0.0) -> pd.Seri
     share : float
         Relative error that is still right.
     bins : float
-        Errors up to so many bins of 1 / T_o are right, too: what a spectrum that is not zero-padded cannot tell.
+        Errors up to so many bins of 1 / T_o are right, too: the resolution of a spectrum without zero padding.
     """
     error_hz = (table["gait_frequency_hz"] - table["true_gait_frequency_hz"]).abs()
     allowed_hz = np.maximum(share * table["true_gait_frequency_hz"], bins / table["observation_s"])
@@ -113,7 +119,9 @@ def is_wrong(table: pd.DataFrame, share: float, *, bins: float = 0.0) -> pd.Seri
 
 
 def line_through(x: npt.ArrayLike, y: npt.ArrayLike) -> tuple[float, float]:
-    """Slope and offset of a straight line through most points: the median of the slopes of all pairs (Theil, Sen).
+    """Return slope and offset of a robust line (Theil, Sen).
+
+    The slope is the median of the slopes of all pairs.
 
     Up to 29 % of the points may be anywhere without carrying it off. Offset: the median of ``y - slope x``. NaN are
     left out; NaN below three points.
@@ -138,7 +146,7 @@ SHORTEST_S = 1.0
 RECORDED_M = (3.0, 6.0)
 """Distance that a recording room holds: a model is observed for as long as it takes for so much, 1 to 5 s."""
 AWAY_EVERY = 3
-"""Every third goes away from the radar, the others come."""
+"""Every third recedes from the radar, the others approach."""
 WALKER_CYCLES = 5
 RUNNER_SHARE = 0.35
 DOG_GAITS: tuple[GaitName, ...] = ("walk", "pace", "trot", "canter", "gallop", "bound")
@@ -153,7 +161,7 @@ METHOD_NAMES = {"liland2018": "the report's method", "standard": "ours"}
 
 @dataclass(frozen=True)
 class Scenario:
-    """One mover that goes straight to or from the radar.
+    """One target that moves straight towards or away from the radar.
 
     Parameters
     ----------
@@ -162,7 +170,7 @@ class Scenario:
     label : str
         "human" or "dog".
     name : str
-        Where the motion comes from.
+        Source of the motion.
     motion : Motion
     seconds : float
         Observation time T_o.
@@ -181,7 +189,7 @@ def all_scenarios(
     people: Mapping[str, Motion], dogs: Mapping[str, Motion], *, seed: int,
     counts: tuple[int, int, int] = (N_PEOPLE, N_WALKERS, N_DOGS),
 ) -> list[Scenario]:  # fmt: skip
-    """The scenarios of the study.
+    """Make the scenarios of the study.
 
     Parameters
     ----------
@@ -192,27 +200,33 @@ def all_scenarios(
         People, walkers and dogs; recordings beyond are left out.
     """
     n_people, n_walkers, n_dogs = counts
-    found = [_recorded("human", name, motion) for name, motion in list(people.items())[:n_people]]
+    found = [_recorded_scenario("human", name, motion) for name, motion in list(people.items())[:n_people]]
     found += [_model_person(seed, number) for number in range(n_people - len(found))]
-    found += [_walker(mps) for mps in np.linspace(0.5, 2.5, n_walkers)]
-    recorded = [_recorded("dog", name, motion) for name, motion in list(dogs.items())[:n_dogs]]
+    for speed_mps in np.linspace(0.5, 2.5, n_walkers):
+        motion = boulic_walk(speed_mps=float(speed_mps), height_m=PERSON_M, duration_s=20.0)
+        seconds = WALKER_CYCLES / motion.facts.stride_frequency_hz
+        found.append(Scenario("Boulic walker", "human", f"Boulic walker {speed_mps:.1f} m/s", motion, seconds))
+    recorded = [_recorded_scenario("dog", name, motion) for name, motion in list(dogs.items())[:n_dogs]]
     found += recorded + [_model_dog(seed, number) for number in range(n_dogs - len(recorded))]
     return [replace(one, away=number % AWAY_EVERY == AWAY_EVERY - 1) for number, one in enumerate(found)]
 
 
-def _recorded(label: str, name: str, motion: Motion) -> Scenario:
+def _recorded_scenario(label: str, name: str, motion: Motion) -> Scenario:
     seconds = min(float(np.ptp(motion.time_s)), LONGEST_S)
     return Scenario(f"recorded {'person' if label == 'human' else 'dog'}", label, name, motion, seconds)
 
 
 def _model_person(seed: int, number: int) -> Scenario:
-    """Someone as people come, who walks at 0.7 to 1.4 of the preferred speed or runs."""
+    """Sample a person who walks or runs.
+
+    A walk has 0.7 to 1.4 of the preferred speed.
+    """
     rng = Streams(seed, number).generator("motion", "person")
     person = sample_person(rng)
     runs = rng.random() < RUNNER_SHARE
     low, high = (2.3, 4.5) if runs else (0.7 * person.speed_mps, min(1.4 * person.speed_mps, 1.9))
     speed_mps = float(rng.uniform(low, high))
-    seconds = _seconds_recorded(speed_mps, rng)
+    seconds = _sample_seconds(speed_mps, rng)
     motion = human_gait(
         gait="run" if runs else "walk", speed_mps=speed_mps, height_m=person.height_m,
         walk_ratio=float(np.clip(person.walk_ratio, 0.7, 1.4)), step_time_sd=0.02, step_length_sd=0.02,
@@ -221,21 +235,18 @@ def _model_person(seed: int, number: int) -> Scenario:
     return Scenario("model person", "human", f"person {number}", motion, seconds)
 
 
-def _walker(speed_mps: float) -> Scenario:
-    motion = boulic_walk(speed_mps=float(speed_mps), height_m=PERSON_M, duration_s=20.0)
-    seconds = WALKER_CYCLES / motion.facts.stride_frequency_hz
-    return Scenario("Boulic walker", "human", f"Boulic walker {speed_mps:.1f} m/s", motion, seconds)
-
-
 def _model_dog(seed: int, number: int) -> Scenario:
-    """A dog of 0.25 to 0.65 m in one gait after another, its Froude number within the middle of the gait's range."""
+    """Sample a dog of 0.25 to 0.65 m, one gait after another.
+
+    Its Froude number is in the middle of the range of the gait.
+    """
     rng = Streams(seed, number).generator("motion", "dog")
     gait = DOG_GAITS[number % len(DOG_GAITS)]
     slowest, fastest, usual = GAITS[gait].froude
     low, high = math.sqrt(slowest * usual), math.sqrt(usual * fastest)
     withers_m, froude = float(rng.uniform(0.25, 0.65)), float(rng.uniform(low, high))
     speed_mps = froude_speed_mps(froude, hip_height_m(BUILDS["standard"], withers_m))
-    seconds = _seconds_recorded(speed_mps, rng)
+    seconds = _sample_seconds(speed_mps, rng)
     motion = quadruped_gait(
         gait=gait, speed_mps=speed_mps, withers_m=withers_m, stride_variation=0.02,
         start_phase=float(rng.random()), duration_s=seconds + 0.1, rng=rng,
@@ -243,12 +254,12 @@ def _model_dog(seed: int, number: int) -> Scenario:
     return Scenario("model dog", "dog", f"{gait} {number}", motion, seconds)
 
 
-def _seconds_recorded(speed_mps: float, rng: np.random.Generator) -> float:
+def _sample_seconds(speed_mps: float, rng: np.random.Generator) -> float:
     return float(np.clip(rng.uniform(*RECORDED_M) / speed_mps, SHORTEST_S, LONGEST_S))
 
 
 def observe(scenario: Scenario, radar: Radar) -> Recording:
-    """The noise-free recording of a scenario, at the lowest frame rate at which it does not alias."""
+    """Simulate a scenario without noise at its lowest unaliased frame rate."""
     height_m = PERSON_M if scenario.group == "recorded person" else None
     target = Target(
         scenario.motion, label=scenario.label, rcs=RcsSpec(kind="equal", total_m2=RCS_M2[scenario.label]),
@@ -263,7 +274,7 @@ def observe(scenario: Scenario, radar: Radar) -> Recording:
 def study(
     scenarios: Sequence[Scenario], radar: Radar, *, on_progress: Callable[[int, int], None] | None = None
 ) -> pd.DataFrame:
-    """Features of every scenario by both methods.
+    """Measure the features of every scenario by both methods.
 
     Parameters
     ----------
@@ -276,8 +287,8 @@ def study(
     Returns
     -------
     DataFrame
-        Two rows a scenario, one by method, with what is true and the six features; a scenario that cannot be observed
-        is left out, and ``attrs["left_out"]`` says which and why.
+        One row per scenario and method, with the truth and the six features; scenarios that cannot be observed are left
+        out and listed with the reason in ``attrs["left_out"]``.
     """
     import pandas as pd
 
@@ -300,10 +311,13 @@ def study(
                 "true_gait_frequency_hz": truth.gait_frequency_hz,
             }
             report = Analysis(method="liland2018", hop=max(1, round(REPORT_HOP_S * prf_hz)))
-            rows += [
-                {**facts, "method": method, **_found(analyze(recording, gate="truth", analysis=analysis)[0])}
-                for method, analysis in zip(METHODS, (report, Analysis(extended=False)), strict=True)
-            ]
+            both = []
+            for method, analysis in zip(METHODS, (report, Analysis(extended=False)), strict=True):
+                result = analyze(recording, gate="truth", analysis=analysis)[0]
+                numbers = {"gait_frequency_hz": result.gait_frequency_hz, **result.features.as_dict()}
+                known = {name: math.nan if value is None else value for name, value in numbers.items()}
+                both.append({**facts, "method": method, **known, "flagged": "low_confidence" in result.flags})
+            rows += both  # both methods or neither
         except DoppelgaitError as error:
             left_out[scenario.name] = str(error)
         if on_progress is not None:
@@ -311,10 +325,3 @@ def study(
     table = pd.DataFrame(rows)
     table.attrs["left_out"] = left_out
     return table
-
-
-def _found(result: Result) -> dict[str, Any]:
-    numbers = {"gait_frequency_hz": result.gait_frequency_hz, **result.features.as_dict()}
-    return {name: math.nan if value is None else value for name, value in numbers.items()} | {
-        "flagged": "low_confidence" in result.flags
-    }

@@ -1,4 +1,4 @@
-"""Bodies of ellipsoids: where they are, what each shows to the radar, and which points they hide (E-08c, E-08e).
+"""Bodies of ellipsoids: joints, radar cross sections and occlusion (E-08c, E-08e).
 
 Joints are means of points, so that the walking model, two usual marker sets and the quadruped model share one
 description each of a person and of a four-legged animal.
@@ -32,14 +32,14 @@ class Segment:
     name, part : str
         Name of the scatterer, and the body part that it counts to.
     start, end : str
-        Joints; the ellipsoid's centre is half way, its long axis the line between them.
+        Joints; the ellipsoid's centre is the middle, its long axis the line between them.
     across, upright : float
         Transverse semi-axes over the body's height (stature or withers height): from side to side, and at right angles
         to that.
     along : float, optional
         Semi-axis along the segment over the body's height; by default half the distance between the joints.
     sideways : (str, str), optional
-        Joints whose line is the direction of ``across``; needed only where the two transverse semi-axes differ.
+        Joints with their line in the direction of ``across``; needed only where the two transverse semi-axes differ.
     """
 
     name: str
@@ -54,7 +54,10 @@ class Segment:
 
 @dataclass(frozen=True)
 class Body:
-    """Segments of a body, and every joint as the points whose mean it is."""
+    """Segments and joints of a body.
+
+    Every joint is the mean of some points.
+    """
 
     segments: tuple[Segment, ...]
     joints: Mapping[str, tuple[str, ...]]
@@ -85,7 +88,7 @@ def _person() -> tuple[Segment, ...]:
 
 
 def _animal() -> tuple[Segment, ...]:
-    hips = ("left_hip", "right_hip")  # the shoulders would not do: they swing with the scapulae
+    hips = ("left_hip", "right_hip")  # not the shoulders: they swing with the scapulae
     found = [
         Segment("thorax", "trunk", "breast", "midriff", 0.14, 0.23, 0.30, hips),
         Segment("abdomen", "trunk", "midriff", "pelvis", 0.12, 0.17, 0.28, hips),
@@ -115,12 +118,14 @@ ANIMAL = _animal()
 """17 ellipsoids of a four-legged animal: semi-axes over the withers height, assumed from the proportions of dogs."""
 
 
-def _themselves(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
+def _name_themselves(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
     return {name: (name,) for name in names}
 
 
 def _marker_joints(waist_front: str, waist_back: str) -> dict[str, tuple[str, ...]]:
-    """Joints from the markers of a person: those of the skin over them, so outside the true centre of rotation.
+    """Describe a person's joints by means of markers.
+
+    The markers are on the skin over the joints, so outside the true centre of rotation.
 
     Waist markers sit above the hips: a hip is taken a fifth of the way from them to the knee (assumed; hip at 0.53,
     waist at 0.58, knee at 0.285 of the stature).
@@ -140,27 +145,30 @@ def _marker_joints(waist_front: str, waist_back: str) -> dict[str, tuple[str, ..
     }
 
 
-def _animal_joints() -> dict[str, tuple[str, ...]]:
-    limb = ("shoulder", "elbow", "carpus", "fore_paw", "hip", "knee", "hock", "hind_paw")
-    own = [f"{side}_{joint}" for side in ("left", "right") for joint in limb]
-    return _themselves([*own, "neck_base", "head", "nose", "tail_base", "tail_tip"]) | {
-        "breast": ("neck_base", "chest"),
-        "midriff": ("back", "belly"),
-        "pelvis": ("rump", "left_hip", "right_hip"),
-    }
-
+ANIMAL_LIMBS = ("shoulder", "elbow", "carpus", "fore_paw", "hip", "knee", "hock", "hind_paw")
 
 BODIES: Mapping[str, Body] = {
-    "boulic": Body(PERSON, _themselves(list(BOULIC_PARTS))),
+    "boulic": Body(PERSON, _name_themselves(list(BOULIC_PARTS))),
     "CMU 41": Body(PERSON, _marker_joints("FWT", "BWT")),
     "Plug-in Gait": Body(PERSON, _marker_joints("ASI", "PSI")),
-    "quadruped": Body(ANIMAL, _animal_joints()),
+    "quadruped": Body(
+        ANIMAL,
+        {
+            **_name_themselves([f"{side}_{joint}" for side in ("left", "right") for joint in ANIMAL_LIMBS]),
+            **_name_themselves(["neck_base", "head", "nose", "tail_base", "tail_tip"]),
+            "breast": ("neck_base", "chest"),
+            "midriff": ("back", "belly"),
+            "pelvis": ("rump", "left_hip", "right_hip"),
+        },
+    ),
 }
 """Bodies by the set of points that they are known from."""
 
 
 def body_of(markers: Sequence[str], source: str) -> tuple[Body, dict[str, list[int]]]:
-    """Body of a motion and, for every joint, the numbers of the points whose mean it is.
+    """Find the body of a motion and the points of every joint.
+
+    A joint is the mean of its points.
 
     Parameters
     ----------
@@ -189,7 +197,10 @@ def body_of(markers: Sequence[str], source: str) -> tuple[Body, dict[str, list[i
 
 
 def mean_points(motion: Motion, groups: Sequence[Sequence[int]]) -> npt.NDArray[np.float64]:
-    """Mean positions of groups of points, shape (T, G, 3), m. A spline through means is the mean of the splines."""
+    """Average groups of points.
+
+    The result has the shape (T, G, 3), m. A spline through means is the mean of the splines.
+    """
     values = motion.position_m
     return np.stack([values[:, list(group)].mean(axis=1) for group in groups], axis=1)
 
@@ -215,20 +226,25 @@ class Ellipsoids:
 
 @dataclass(frozen=True)
 class Skeleton:
-    """Joints of one motion as a motion table, its segments and their semi-axes (S, 3), m: across, upright, along."""
+    """Joints, segments and semi-axes of one body.
+
+    Joints are a motion table; semi-axes are (S, 3), m: across, upright, along.
+    """
 
     joints: Motion
     segments: tuple[Segment, ...]
     semi_axes_m: FloatArray
 
     def numbers(self, end: str) -> list[int]:
-        """Numbers of the joints where the segments ``"start"`` or ``"end"``."""
+        """Return joint numbers of the segments' ``"start"`` or ``"end"``."""
         number = {name: n for n, name in enumerate(self.joints.markers)}
         return [number[getattr(segment, end)] for segment in self.segments]
 
 
 def ellipsoid_rcs_m2(semi_axes_m: npt.ArrayLike, direction: npt.ArrayLike) -> FloatArray:
-    r"""Backscatter of a perfectly conducting ellipsoid in the optical limit (E-08c; Mahafza 2003, Chen 2011).
+    r"""Compute the optical backscatter of a perfectly conducting ellipsoid (E-08c).
+
+    The sources are Mahafza 2003 and Chen 2011.
 
     .. math:: \sigma = \pi (a b c)^2 / (a^2 u_1^2 + b^2 u_2^2 + c^2 u_3^2)^2
 
@@ -253,7 +269,9 @@ def ellipsoid_rcs_m2(semi_axes_m: npt.ArrayLike, direction: npt.ArrayLike) -> Fl
 
 
 def horizontal_mean_rcs_m2(body: Ellipsoids) -> FloatArray:
-    r"""Mean of :func:`ellipsoid_rcs_m2` over all horizontal directions, shape (I, S), m^2.
+    r"""Average :func:`ellipsoid_rcs_m2` over all horizontal directions.
+
+    The result has the shape (I, S), m^2.
 
     With N the horizontal 2 x 2 block of :math:`\sum_k s_k^2 e_k e_k^T` (semi-axes s, axes e) the mean over azimuth is
     :math:`\pi (a b c)^2 \, \mathrm{tr} N / (2 (\det N)^{3/2})`.
@@ -269,7 +287,7 @@ def horizontal_mean_rcs_m2(body: Ellipsoids) -> FloatArray:
 
 
 def skeleton_of(motion: Motion) -> Skeleton:
-    """Joints and ellipsoids of a motion.
+    """Build joints and ellipsoids of a motion.
 
     Parameters
     ----------
@@ -299,19 +317,25 @@ def skeleton_of(motion: Motion) -> Skeleton:
 
 
 def centres(skeleton: Skeleton) -> Motion:
-    """Motion of the ellipsoids' centres, one point per segment with its name and body part."""
+    """Compute the motion of the ellipsoids' centres.
+
+    It has one point per segment, with its name and body part.
+    """
     pairs = list(zip(skeleton.numbers("start"), skeleton.numbers("end"), strict=True))
     names, parts = ([getattr(s, key) for s in skeleton.segments] for key in ("name", "part"))
     return skeleton.joints.with_points(mean_points(skeleton.joints, pairs), names, parts)
 
 
 def ellipsoids_at(skeleton: Skeleton, time_s: FloatArray) -> Ellipsoids:
-    """The ellipsoids at times after the first frame (spline of E-02)."""
+    """Compute the ellipsoids at times after the first frame.
+
+    Positions are on the spline of E-02.
+    """
     return _ellipsoids(skeleton, resample(skeleton.joints, time_s)[0])
 
 
 def ellipsoids_of_frames(skeleton: Skeleton) -> Ellipsoids:
-    """The ellipsoids at the frames of the motion."""
+    """Compute the ellipsoids at the frames of the motion."""
     return _ellipsoids(skeleton, skeleton.joints.position_m)
 
 
@@ -338,12 +362,18 @@ def _dot(first: FloatArray, second: FloatArray) -> FloatArray:
 
 
 def mean_rcs_m2(skeleton: Skeleton) -> float:
-    """Sum over the ellipsoids of their mean over all frames of the motion and all horizontal directions, m^2."""
+    """Compute the body's RCS averaged over frames and horizontal directions.
+
+    The result is the sum over the ellipsoids, m^2.
+    """
     return float(horizontal_mean_rcs_m2(ellipsoids_of_frames(skeleton)).mean(axis=0).sum())
 
 
 def seen_rcs_m2(body: Ellipsoids, radar_position_m: npt.ArrayLike) -> FloatArray:
-    """RCS of every ellipsoid towards the radar (E-08c), not scaled to a total; shape (I, S), m^2."""
+    """Compute the RCS of every ellipsoid towards the radar (E-08c).
+
+    The result is not scaled to a total; shape (I, S), m^2.
+    """
     sight = _unit(np.asarray(radar_position_m, dtype=float) - body.centre_m)
     along, across = _dot(sight, body.along), _dot(sight, body.across)
     upright = np.sqrt(np.maximum(1.0 - along**2 - across**2, 0.0))
@@ -353,7 +383,7 @@ def seen_rcs_m2(body: Ellipsoids, radar_position_m: npt.ArrayLike) -> FloatArray
 EDGE_M = 0.05
 """Half width of the border between light and shadow, m: the Fresnel scale sqrt(lambda d / 2) of a shadow that falls
 d = 0.12 m behind its edge at 7.29 GHz. The border is smooth, so that a limb that passes behind the trunk fades over
-0.1 m of its way instead of clicking."""
+0.1 m of its path instead of clicking."""
 
 OWN_REACH = 1.1
 """An ellipsoid never hides points that it contains, up to a tenth beyond its surface: they stand for that surface."""
@@ -367,12 +397,14 @@ def visible_power(
     *,
     edge_m: float = EDGE_M,
 ) -> FloatArray:
-    r"""Two-way power gain of the lines of sight past the body's ellipsoids (E-08e): 1 in sight, 0 hidden.
+    r"""Compute the two-way gain past the body's ellipsoids (E-08e).
+
+    It is 1 in sight and 0 where a point is hidden.
 
     At the point of the line of sight where the ellipsoid's form :math:`q = x^T K x` is smallest its clearance is, to
     first order, :math:`d = (q - 1) / (2 |K x|)` (negative inside). The amplitude rises from 0 at d = -edge to 1 at
     d = +edge with two continuous derivatives; an ellipsoid counts only as far as it lies before the point, by the same
-    ramp over the first ``edge`` of the way. Amplitudes past several ellipsoids multiply; the gain is the square. Waves
+    ramp over the first ``edge`` of the path. Amplitudes past several ellipsoids multiply; the gain is the square. Waves
     that creep round the body or pass through it are left out.
 
     Parameters
@@ -403,7 +435,11 @@ def visible_power(
 
 
 def own_points(point_m: FloatArray, body: Ellipsoids) -> npt.NDArray[np.bool_]:
-    """Whether an ellipsoid contains a point (to a tenth beyond its surface) half of the time or more, shape (P, S)."""
+    """Determine which ellipsoids contain which points.
+
+    An ellipsoid contains a point that is inside it (to a tenth beyond its surface) half of the time or more; shape (P,
+    S).
+    """
     step = -(-point_m.shape[0] // 100)
     offset = point_m[::step, :, None] - body.centre_m[::step, None]
     across, upright, along = body.semi_axes_m.T

@@ -1,4 +1,4 @@
-"""Movers that go together: two people side by side, a person with a leashed dog."""
+"""Targets that move together: two people, or person and leashed dog."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from doppelgait.scene.scene import Target
 
 
 def side_by_side(first: Target, second: Target, *, side_m: float = 0.7, ahead_m: float = 0.0) -> list[Target]:
-    """Two targets that keep together.
+    """Make two targets that keep together.
 
     The second follows the first one's path at the first one's speed, at its side: where the path curves, the outer
-    one goes faster (:func:`doppelgait.motion.follow.follow`), so that both stay abreast. Each stops in its own stride,
+    one moves faster (:func:`doppelgait.motion.follow.follow`), so that both stay abreast. Each stops in its own stride,
     up to half a stride apart from where they would be abreast.
 
     Parameters
     ----------
     first : Target
-        Has ``start_position_m`` and ``heading_deg``; without a path it goes straight.
+        Has ``start_position_m`` and ``heading_deg``; without a path it moves straight.
     second : Target
-        Its own place and path, if any, give way; its own speed must be within 30 % of what the path asks of it.
+        Its own place and path, if any, are ignored; its own speed must be within 30 % of what the path needs.
     side_m : float
         How far the second is to the left of the first, negative to the right.
     ahead_m : float
@@ -59,14 +59,16 @@ def side_by_side(first: Target, second: Target, *, side_m: float = 0.7, ahead_m:
         heading_deg=first.heading_deg,
         path=companion_path,
     )
-    scaled_motion(companion)  # refuses here what the path asks too much of
+    scaled_motion(companion)  # refuses a motion that cannot follow the path
     return [first.replace(path=path), companion]
 
 
 def leashed_dog(
     person: Target, dog_motion: Motion, *, side_m: float = -0.5, ahead_m: float = 0.5, label: str = "dog"
 ) -> list[Target]:
-    """Person and dog on a leash, which keeps the person's speed and place; see :func:`side_by_side`.
+    """Make a person and a dog on a leash.
+
+    The dog keeps the person's speed and place; see :func:`side_by_side`.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Scene -> scatterer table at the radar's pulse times: ranges, radial velocities and aspects (E-03 to E-05)."""
+"""Scatterer table of a scene: ranges, velocities and aspects (E-03 to E-05)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,10 @@ ASPECT_MIN_SPEED_MPS = 0.05
 
 @dataclass(frozen=True)
 class LineOfSight:
-    """Geometry of points seen from the radar; every array has the shape of the points' leading axes."""
+    """Geometry of points seen from the radar.
+
+    Every array has the shape of the points' leading axes.
+    """
 
     range_m: FloatArray
     radial_velocity_mps: FloatArray
@@ -35,7 +38,7 @@ class LineOfSight:
 
 
 def line_of_sight(position_m: FloatArray, velocity_mps: FloatArray, radar_position_m: npt.ArrayLike) -> LineOfSight:
-    """Range, radial velocity and angles of moving points as seen from the radar.
+    """Compute range, radial velocity and angles of moving points.
 
     Parameters
     ----------
@@ -71,7 +74,9 @@ def bistatic_line_of_sight(
     transmitter_position_m: npt.ArrayLike,
     receiver_position_m: npt.ArrayLike,
 ) -> LineOfSight:
-    """Range, radial velocity and angles of moving points as seen by a radar whose receiver is elsewhere.
+    """Compute the bistatic geometry of moving points.
+
+    Range, radial velocity and angles for a radar with its receiver elsewhere.
 
     Parameters
     ----------
@@ -94,7 +99,9 @@ def bistatic_line_of_sight(
 
 
 def bistatic_spreading(transmitter_range_m: npt.ArrayLike, receiver_range_m: npt.ArrayLike) -> FloatArray:
-    r"""Two-way power gain that turns the monostatic radar equation into the bistatic one.
+    r"""Compute the gain from the monostatic to the bistatic radar equation.
+
+    It is a two-way power gain.
 
     The radar equation (E-14) takes :math:`R = (R_t + R_r) / 2` to the power -4; with the gain :math:`(R^2 / (R_t
     R_r))^2` the echo goes with :math:`R_t^{-2} R_r^{-2}` (Willis, Bistatic Radar, ch. 4). It is 1 for
@@ -119,7 +126,7 @@ def assemble(
     directions: bool = False,
     rng: np.random.Generator | None = None,
 ) -> xr.Dataset:
-    """Scatterer table of all targets of a scene.
+    """Assemble the scatterer table of all targets of a scene.
 
     Parameters
     ----------
@@ -155,8 +162,8 @@ def assemble(
     """
     placed, times = as_placed(scene), np.asarray(slow_time_s, dtype=float)
     wanted = ("azimuth", "elevation", "aspect") if angles else ("azimuth", "elevation") if directions else ()
-    bodies = [_scatterers(target, placed.scene, times, rng) for target in placed.targets]
-    seen = [_seen(body, placed.scene, times, wanted) for body in bodies]
+    bodies = [_make_scatterers(target, placed.scene, times, rng) for target in placed.targets]
+    seen = [_observe(body, placed.scene, times, wanted) for body in bodies]
     columns = {
         "target": np.array(
             [t.number for t, b in zip(placed.targets, bodies, strict=True) for _ in b.motion.markers], int
@@ -182,8 +189,8 @@ def assemble(
     )
 
 
-def _seen(scatterers: Scatterers, scene: Scene, times: FloatArray, angles: Sequence[str]) -> dict[str, FloatArray]:
-    """What the radar sees of a target's scatterers, by variable of the table."""
+def _observe(scatterers: Scatterers, scene: Scene, times: FloatArray, angles: Sequence[str]) -> dict[str, FloatArray]:
+    """Observe a target's scatterers, by variable of the table."""
     range_m, approach_mps = ranges_and_velocities(scatterers.motion, times, scene.radar_position_m)
     gain = scatterers.path_gain
     if scene.receiver_position_m is not None:
@@ -208,8 +215,13 @@ def _seen(scatterers: Scatterers, scene: Scene, times: FloatArray, angles: Seque
     return values
 
 
-def _scatterers(target: PlacedTarget, scene: Scene, times: FloatArray, rng: np.random.Generator | None) -> Scatterers:
-    """Scatterers of a target, with the occlusion of the paths from the transmitter and to the receiver."""
+def _make_scatterers(
+    target: PlacedTarget, scene: Scene, times: FloatArray, rng: np.random.Generator | None
+) -> Scatterers:
+    """Compute a target's scatterers with occlusion.
+
+    The paths from the transmitter and to the receiver count.
+    """
     motion, rcs = target.motion, target.target.rcs
     if scene.receiver_position_m is None:
         return scatterers_of(motion, rcs, times, scene.radar_position_m, rng=rng)
@@ -230,7 +242,9 @@ def _scatterers(target: PlacedTarget, scene: Scene, times: FloatArray, rng: np.r
 def ranges_and_velocities(
     motion: Motion, time_s: npt.ArrayLike, radar_position_m: npt.ArrayLike
 ) -> tuple[FloatArray, FloatArray]:
-    """Range and radial velocity (positive approaching) of every point at the given times, both (I, P) (E-03, E-04).
+    """Compute ranges and radial velocities of all points (E-03, E-04).
+
+    Both have the shape (I, P); velocity is positive when approaching.
 
     Raises
     ------
@@ -248,7 +262,10 @@ def ranges_and_velocities(
 
 
 def body_track(target: PlacedTarget, scene: Scene, slow_time_s: npt.ArrayLike) -> LineOfSight:
-    """Line of sight of a placed target's body centre at the pulse times, each array of shape (I,)."""
+    """Compute the line of sight of a target's body centre.
+
+    It holds at the pulse times; each array has the shape (I,).
+    """
     times = check_times(target.motion, np.asarray(slow_time_s, dtype=float))
     position_m, velocity_mps = fit_centre(target.motion).at(times)
     if scene.receiver_position_m is None:
@@ -262,7 +279,10 @@ def body_track(target: PlacedTarget, scene: Scene, slow_time_s: npt.ArrayLike) -
 
 
 def body_at(target: PlacedTarget, time_s: npt.ArrayLike) -> xr.DataArray:
-    """Points of a placed body at times from the start of its scene, float32 (time, marker, space), m."""
+    """Compute the points of a placed body at some times.
+
+    Times count from the start of the scene; the result is float32 (time, marker, space), m.
+    """
     times, motion = np.asarray(time_s, dtype=float), target.motion
     coords = {"time": times, "marker": motion.markers, "space": list(SPACE), "part": ("marker", motion.parts)}
     return make_array(MOTION, resample(motion, times)[0].astype(np.float32), coords)

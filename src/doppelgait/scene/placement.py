@@ -1,9 +1,10 @@
-"""Motions of a scene made or read, scaled and placed: once for a simulation."""
+"""Motions of a scene: made or read, scaled and placed once."""
 
 from __future__ import annotations
 
 import json
 import math
+import warnings
 from collections import OrderedDict
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -15,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from doppelgait.core.config import validate
-from doppelgait.core.errors import ConfigError, MotionError
+from doppelgait.core.errors import ConfigError, DoppelgaitWarning, MotionError, warn_caller
 from doppelgait.core.rng import Streams
 from doppelgait.motion.follow import follow
 from doppelgait.motion.motion import Motion
@@ -28,15 +29,16 @@ BACKGROUND = -1
 
 DEFAULT_DURATION_S = 5.0
 KEPT_BYTES = 128 * 2**20
-"""Of motions read before; some three hundred stretches of motion capture."""
+"""Of motions read before; some three hundred segments of motion capture."""
 
 _read_before: OrderedDict[tuple[Path, tuple[int, int], str], Motion] = OrderedDict()
+_warnings_of: dict[tuple[Path, tuple[int, int], str], list[str]] = {}
 _reading = Lock()
 
 
 @dataclass(frozen=True, eq=False)
 class PlacedTarget:
-    """A target with its motion in the frame of the scene.
+    """Target with its motion in the frame of the scene.
 
     Parameters
     ----------
@@ -57,7 +59,7 @@ class PlacedTarget:
 
 @dataclass(frozen=True, eq=False)
 class PlacedScene:
-    """A scene whose motions are made and placed.
+    """Scene with made and placed motions.
 
     Parameters
     ----------
@@ -74,12 +76,12 @@ class PlacedScene:
 
     @property
     def observed(self) -> tuple[PlacedTarget, ...]:
-        """Targets that are no background, in the order of their numbers."""
+        """Targets that are no background, in order of their numbers."""
         return tuple(target for target in self.targets if target.number != BACKGROUND)
 
 
 def place(scene: Scene, streams: Streams | None = None, *, folder: Path | None = None) -> PlacedScene:
-    """Make or read, scale and place every motion of a scene, each once.
+    """Make or read, scale and place every motion, each once.
 
     Parameters
     ----------
@@ -135,12 +137,12 @@ def place(scene: Scene, streams: Streams | None = None, *, folder: Path | None =
 
 
 def as_placed(scene: Scene | PlacedScene, streams: Streams | None = None) -> PlacedScene:
-    """Return a placed scene unchanged, and place a scene."""
+    """Place a scene; return a placed scene unchanged."""
     return scene if isinstance(scene, PlacedScene) else place(scene, streams)
 
 
 def scaled_motion(target: Target) -> Motion:
-    """Motion of a target alone: made or read, scaled and on its path."""
+    """Make or read a single target's motion, scaled and on its path."""
     motion = target.motion
     if not isinstance(motion, Motion):
         motion = build_motion(motion, duration_s=DEFAULT_DURATION_S)
@@ -148,7 +150,10 @@ def scaled_motion(target: Target) -> Motion:
 
 
 def _scale(target: Target, motion: Motion, wanted_s: float | None) -> Motion:
-    """Scale a motion to the target's height and lay it on its path, in the frame of the scene if it has one."""
+    """Scale a motion to the target's height and path.
+
+    It is put on its path, in the frame of the scene if it has one.
+    """
     if target.height_m is not None:
         motion = scale_to_height(motion, height_m=target.height_m, mode=target.scaling)
     if target.path is None or target.start_position_m is None or target.heading_deg is None:
@@ -165,7 +170,10 @@ def _scale(target: Target, motion: Motion, wanted_s: float | None) -> Motion:
 
 
 def _place(target: Target, motion: Motion, scene: Scene, observation_s: float) -> Motion:
-    """Turn and move a scaled motion to its place; one on a path is there already."""
+    """Rotate and move a scaled motion to its place.
+
+    A motion on a path is already there.
+    """
     if target.path is not None:
         return motion
     if target.start_position_m is not None and target.heading_deg is not None:
@@ -181,7 +189,10 @@ def _place(target: Target, motion: Motion, scene: Scene, observation_s: float) -
 
 
 def _make_motions(scene: Scene, streams: Streams | None, folder: Path | None) -> list[Motion]:
-    """Motions of all targets; files first, because the shortest one sets how long the models' motions must be."""
+    """Make the motions of all targets.
+
+    Files come first, because the shortest one sets how long the models' motions must be.
+    """
     rng = None if streams is None else streams.generator("motion")
 
     def make(number: int, table: Mapping[str, Any], seconds: float) -> Motion:
@@ -212,7 +223,10 @@ def _make_motions(scene: Scene, streams: Streams | None, folder: Path | None) ->
 def build_motion(
     table: Mapping[str, Any], *, duration_s: float, folder: Path | None = None, rng: np.random.Generator | None = None
 ) -> Motion:
-    """Motion of a ``motion = { kind = ... }`` table: a model of ``duration_s`` or a file read and cleaned."""
+    """Make the motion of a ``{ kind = ... }`` table.
+
+    It is a model of ``duration_s``, or a file that is read and cleaned.
+    """
     options = {key: value for key, value in table.items() if key != "kind"}
     kind = str(table["kind"])
     if kind != "file":
@@ -238,14 +252,27 @@ def build_motion(
 
 
 def _read_once(file: Path, stamp: tuple[int, int], options: str) -> Motion:
-    """Motion of a file as it is now; examples of a dataset take the same stretches of the same files in turn."""
+    """Read the motion of a file, cached while the file is unchanged.
+
+    Examples of a dataset take the same segments of the same files in turn. Each gets the warnings of the reading, so
+    that its row does not depend on what the same process read before.
+    """
     from doppelgait.motion.readers import read
 
     key = (file, stamp, options)
     with _reading:
         if key not in _read_before:
-            _read_before[key] = read(file, **json.loads(options))
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always", DoppelgaitWarning)
+                _read_before[key] = read(file, **json.loads(options))
+            _warnings_of[key] = [str(w.message) for w in caught if issubclass(w.category, DoppelgaitWarning)]
+            for other in (w for w in caught if not issubclass(w.category, DoppelgaitWarning)):
+                warnings.warn_explicit(other.message, other.category, other.filename, other.lineno)
+            _read_before[key].position_m.setflags(write=False)  # shared by all scenes of the process
             while len(_read_before) > 1 and sum(one.positions.nbytes for one in _read_before.values()) > KEPT_BYTES:
-                _read_before.popitem(last=False)
+                _warnings_of.pop(_read_before.popitem(last=False)[0], None)
         _read_before.move_to_end(key)
-        return _read_before[key]
+        motion, texts = _read_before[key], _warnings_of.get(key, [])
+    for text in texts:
+        warn_caller(text)
+    return motion

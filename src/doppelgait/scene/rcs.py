@@ -1,4 +1,4 @@
-"""Radar cross section of a target: its total, and the share of every point.
+"""Radar cross section of a target: its total and point shares.
 
 Total: 0.01 m^2 per kilogram of body mass, that is 0.8 m^2 for 80 kg (E-08b; measured 0.37 to 1.9 m^2 for a person of
 91 kg at 4.8 and 9.4 GHz). The same law for people and animals, so that the class is not in the power.
@@ -14,8 +14,10 @@ import numpy.typing as npt
 from pydantic import Field, field_validator, model_validator
 
 from doppelgait.core.config import FrozenModel
-from doppelgait.core.errors import ConfigError
+from doppelgait.core.errors import ConfigError, warn_caller
 from doppelgait.core.plugins import Group
+from doppelgait.motion.motion import Motion
+from doppelgait.motion.skeleton import BODY_CENTRE_PARTS, DOG_PARTS, HUMAN_PARTS
 
 FloatArray = npt.NDArray[np.float64]
 Fluctuation = Literal["none", "swerling1", "swerling3"]
@@ -36,6 +38,9 @@ The person's is the middle of what was measured all round a man of 91 kg, 0.37 t
 1.22 m^2 at 9.4 GHz, with the cross section roughly in proportion to body mass (Schultz, Burgener and King 1958). No
 measurement of a dog or a cat at these frequencies is known: theirs are assumed, by the same proportion.
 """
+
+MOST_NAMES = 8
+"""Names of points in a warning."""
 
 PART_WEIGHTS = {
     "torso": 0.50, "head": 0.10,
@@ -67,19 +72,21 @@ RCS: Group[Any] = Group("rcs", built_in=("doppelgait.scene.scatterers",), noun="
 
 
 class RcsSpec(FrozenModel):
-    """How a target scatters: its total radar cross section, how that is split, and how it changes with time.
+    """Parameters of a target's radar cross section.
+
+    They set the total, its split among points and its change with time.
 
     Parameters
     ----------
     kind : {"auto", "body_parts", "equal", "ellipsoids"}, or that of a plug-in
-        ``auto``: by body part where every point's part is known, else equal. ``ellipsoids``: one scatterer per body
-        segment whose cross section depends on the direction it is seen from (:mod:`doppelgait.scene.bodies`);
-        needs points whose joints are known.
+        ``auto``: by body part where the trunk or every point's part is known, else equal. ``ellipsoids``: one scatterer
+        per body segment with a cross section that depends on the direction (:mod:`doppelgait.scene.bodies`); needs
+        points with known joints.
     total_m2 : float, optional
         Sum over the scatterers (sigma), m^2; by default 0.01 m^2 per kilogram of body mass. For ellipsoids the mean of
         the sum over the motion's frames and all horizontal directions.
     total_spread_db : float
-        Standard deviation of a log-normal factor of mean 1 on the total, drawn once per target, 0 to 10 dB; 2 dB is
+        Standard deviation of a log-normal factor of mean 1 on the total, sampled once per target, 0 to 10 dB; 2 dB is
         usual between people.
     fluctuation : {"none", "swerling1", "swerling3"}
         Slow independent fluctuation of every scatterer around its mean (:mod:`doppelgait.scene.rcs`).
@@ -89,7 +96,7 @@ class RcsSpec(FrozenModel):
         Merge points that are closer than this; a quarter wavelength (1.03 cm at 7.29 GHz) keeps them from adding
         coherently.
     occlusion : bool
-        Whether the body's ellipsoids hide scatterers behind them; needs points whose joints are known.
+        Let the body's ellipsoids hide scatterers behind them; needs points with known joints.
     """
 
     kind: str = "auto"
@@ -115,17 +122,20 @@ class RcsSpec(FrozenModel):
 
     @property
     def needs_rng(self) -> bool:
-        """Whether something of it is drawn."""
+        """True if something of it is random."""
         return self.total_spread_db > 0 or self.fluctuation != "none"
 
 
 def part_weights(parts: Sequence[str]) -> npt.NDArray[np.float64]:
-    """Weights by body part, shared equally by the points of a part, so that the marker set does not matter (E-08).
+    """Compute weights by body part, shared equally by its points (E-08).
+
+    The marker set then does not matter.
 
     Parameters
     ----------
     parts : sequence of str, length L
-        Body part of every scatterer. Points without a known part get the mean weight of the others.
+        Body part of every scatterer. Points without a known part share what the parts that no point has would get:
+        nothing, where all parts of the body are there.
 
     Returns
     -------
@@ -146,19 +156,60 @@ def part_weights(parts: Sequence[str]) -> npt.NDArray[np.float64]:
         if part not in counts and heir in counts:
             shares[heir] += PART_WEIGHTS[part]
     weights = np.array([shares[p] / counts[p] for p in parts])
-    weights[~known] = weights[known].mean()
+    if not known.all():
+        body = DOG_PARTS if "trunk" in counts else HUMAN_PARTS
+        absent = [part for part in body if part not in counts and HEIRS.get(part) not in counts]
+        weights[~known] = sum(PART_WEIGHTS[part] for part in absent) / (~known).sum()
     return np.asarray(weights / weights.sum(), dtype=np.float64)
 
 
+def splits_by_part(parts: Sequence[str]) -> bool:
+    """Return True if ``auto`` splits by body part.
+
+    It does where the trunk is known, or every point's part.
+    """
+    return any(part in BODY_CENTRE_PARTS for part in parts) or all(part in PART_WEIGHTS for part in parts)
+
+
+def warn_of_unknown_parts(spec: RcsSpec, motion: Motion) -> None:
+    """Warn of points without a known body part.
+
+    The message says what they get.
+
+    A computed motion without any known part, a fan say, is no body.
+    """
+    unknown = [name for name, part in zip(motion.markers, motion.parts, strict=True) if part not in PART_WEIGHTS]
+    is_body = motion.facts.kind == "recording" or len(unknown) < len(motion.parts)
+    if spec.kind == "equal" or not unknown or not is_body:
+        return
+    shown = ", ".join(unknown[:MOST_NAMES]) + (", ..." if len(unknown) > MOST_NAMES else "")
+    if spec.kind == "auto" and not splits_by_part(motion.parts):
+        warn_caller(
+            f"{motion.label}: no trunk is known and these points have no known body part: {shown}. All points scatter "
+            "equally, which makes limbs too strong. Name the points after body parts, or state rcs kind 'equal'."
+        )
+        return
+    warn_caller(
+        f"{motion.label}: points without a known body part: {shown}. They share the cross section of parts that no "
+        "point has, or get none. Name them after body parts, or leave them out."
+    )
+
+
 def total_rcs_m2(spec: RcsSpec, mass_kg: float) -> float:
-    """Mean total sigma: as given, or 0.01 m^2 per kilogram (E-08b), of 80 kg where the mass is unknown; m^2."""
+    """Compute the mean total sigma, m^2.
+
+    It is the stated total, or 0.01 m^2 per kilogram (E-08b), of 80 kg where the mass is unknown.
+    """
     mass = mass_kg if mass_kg > 0 else ASSUMED_MASS_KG
     return RCS_PER_MASS_M2_PER_KG * mass if spec.total_m2 is None else spec.total_m2
 
 
 def scatterer_rcs_m2(spec: RcsSpec, parts: Sequence[str], mass_kg: float) -> npt.NDArray[np.float64]:
-    """Mean radar cross section of every point, sigma_l = sigma w_l (E-08); shape (L,), m^2."""
-    by_part = spec.kind == "body_parts" or (spec.kind == "auto" and all(p in PART_WEIGHTS for p in parts))
+    """Compute every point's mean radar cross section, sigma w_l (E-08).
+
+    The result has the shape (L,), m^2.
+    """
+    by_part = spec.kind == "body_parts" or (spec.kind == "auto" and splits_by_part(parts))
     weights = part_weights(parts) if by_part else np.full(len(parts), 1.0 / len(parts))
     return total_rcs_m2(spec, mass_kg) * weights
 
@@ -171,7 +222,9 @@ def fluctuation_factor(
     correlation_s: float,
     rng: np.random.Generator,
 ) -> FloatArray:
-    r"""Factors of mean 1 that fluctuate slowly, independent from scatterer to scatterer (E-08d).
+    r"""Draw slowly fluctuating factors of mean 1 (E-08d).
+
+    They are independent from scatterer to scatterer.
 
     .. math:: \xi = \frac{1}{D} \sum_{d=1}^{D} g_d^2, \quad
               \overline{g_d(t) g_d(t + \tau)} = e^{-\tau^2 / (2 T_c^2)}
@@ -209,6 +262,9 @@ def fluctuation_factor(
 
 
 def spread_factor(spread_db: float, rng: np.random.Generator) -> float:
-    """Log-normal factor of mean 1 whose decibels have the standard deviation ``spread_db`` (E-08b)."""
+    """Draw a log-normal factor of mean 1 (E-08b).
+
+    Its decibels have the standard deviation ``spread_db``.
+    """
     deviation = spread_db * np.log(10.0) / 10.0
     return float(np.exp(deviation * rng.standard_normal() - deviation**2 / 2.0))

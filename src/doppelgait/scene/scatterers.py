@@ -1,4 +1,7 @@
-"""Points of a placed motion -> scatterers with their radar cross sections: the one place where the kinds differ."""
+"""Scatterers of a placed motion with their radar cross sections.
+
+Only here do the kinds of radar cross section differ.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +29,15 @@ from doppelgait.scene.bodies import (
     skeleton_of,
     visible_power,
 )
-from doppelgait.scene.rcs import RCS, RcsSpec, fluctuation_factor, scatterer_rcs_m2, spread_factor, total_rcs_m2
+from doppelgait.scene.rcs import (
+    RCS,
+    RcsSpec,
+    fluctuation_factor,
+    scatterer_rcs_m2,
+    spread_factor,
+    total_rcs_m2,
+    warn_of_unknown_parts,
+)
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -36,7 +47,7 @@ MAX_FRAMES = 200
 
 @dataclass(frozen=True)
 class Scatterers:
-    """Where a target scatters and how much.
+    """Positions and radar cross sections of a target's scatterers.
 
     Parameters
     ----------
@@ -53,7 +64,7 @@ class Scatterers:
 
 @dataclass(frozen=True)
 class View:
-    """What a radar cross section is a function of.
+    """Arguments of a radar cross section.
 
     Parameters
     ----------
@@ -70,23 +81,31 @@ class View:
 
     @cached_property
     def skeleton(self) -> Skeleton:
-        """Joints and ellipsoids of the body; a :class:`ConfigError` where its joints or height are unknown."""
+        """Joints and ellipsoids of the body.
+
+        A :class:`ConfigError` where its joints or height are unknown.
+        """
         return skeleton_of(self.motion)
 
     @cached_property
     def body(self) -> Ellipsoids:
-        """The ellipsoids at the pulse times."""
+        """Ellipsoids at the pulse times."""
         return ellipsoids_at(self.skeleton, self.time_s)
 
 
 class Scatter(Protocol):
-    """A kind of radar cross section: points of the placed motion and their mean cross sections.
+    """Kind of radar cross section.
+
+    It returns points of the placed motion and their mean cross sections.
 
     Spread, fluctuation, merging and occlusion are applied afterwards, for every kind.
     """
 
     def __call__(self, view: View, parameters: Any, /) -> tuple[Motion, FloatArray]:
-        """Motion of L points, and cross sections in m^2, shape (L,) or (I, L)."""
+        """Return the motion and cross sections of L points.
+
+        Cross sections in m^2, shape (L,) or (I, L).
+        """
 
 
 def scatterers_of(
@@ -97,7 +116,7 @@ def scatterers_of(
     *,
     rng: np.random.Generator | None = None,
 ) -> Scatterers:
-    """Scatterers of one target (E-08).
+    """Compute the scatterers of one target (E-08).
 
     Parameters
     ----------
@@ -108,7 +127,7 @@ def scatterers_of(
         Pulse times after the motion's first frame.
     radar_position_m : array_like, shape (3,)
     rng : numpy.random.Generator, optional
-        Touched only where ``spec`` draws something.
+        Used only where something of ``spec`` is random.
 
     Raises
     ------
@@ -117,7 +136,7 @@ def scatterers_of(
     """
     if spec.needs_rng and rng is None:
         raise ConfigError(
-            f"rcs: total_spread_db = {spec.total_spread_db:g}, fluctuation = {spec.fluctuation!r}: what is drawn needs "
+            f"rcs: total_spread_db = {spec.total_spread_db:g}, fluctuation = {spec.fluctuation!r}: randomness needs "
             "rng: pass rng=doppelgait.rng(SEED)"
         )
     view = View(motion, time_s, np.asarray(radar_position_m, dtype=float))
@@ -130,42 +149,40 @@ def scatterers_of(
     if spec.occlusion:
         own = own_points(points.position_m, ellipsoids_of_frames(view.skeleton))
         gain = visible_power(resample(points, time_s)[0], view.body, own, radar_position_m)
-    return Scatterers(points, _sample(rcs_m2, spec, time_s, rng) if rng is not None else rcs_m2, gain)
+    if rng is not None and spec.total_spread_db > 0:
+        rcs_m2 = rcs_m2 * spread_factor(spec.total_spread_db, rng)
+    if rng is not None and spec.fluctuation != "none":
+        rcs_m2 = rcs_m2 * fluctuation_factor(
+            spec.fluctuation, time_s, rcs_m2.shape[-1], correlation_s=spec.correlation_s, rng=rng
+        )
+    return Scatterers(points, rcs_m2, gain)
 
 
 @plugin("rcs", "auto", parameters=RcsSpec)
 @plugin("rcs", "body_parts", parameters=RcsSpec)
 @plugin("rcs", "equal", parameters=RcsSpec)
 def scatter_points(view: View, spec: RcsSpec) -> tuple[Motion, FloatArray]:
-    """Take the motion's points, each with a constant share of the total, (L,)."""
+    """Use the motion's points, each with a constant share (L,)."""
+    warn_of_unknown_parts(spec, view.motion)
     return view.motion, scatterer_rcs_m2(spec, view.motion.parts, view.motion.facts.mass_kg)
 
 
 @plugin("rcs", "ellipsoids", parameters=RcsSpec)
 def scatter_ellipsoids(view: View, spec: RcsSpec) -> tuple[Motion, FloatArray]:
-    """Take the ellipsoids' centres; the mean sum of their cross sections (I, S) is the total (E-08c)."""
+    """Use the ellipsoids' centres (E-08c).
+
+    The mean sum of their cross sections (I, S) is the total.
+    """
     total_m2 = total_rcs_m2(spec, view.motion.facts.mass_kg)
     seen_m2 = seen_rcs_m2(view.body, view.radar_position_m)
     return centres(view.skeleton), seen_m2 * (total_m2 / mean_rcs_m2(view.skeleton))
 
 
-def _sample(rcs_m2: FloatArray, spec: RcsSpec, time_s: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Cross sections around a drawn total, fluctuating as asked for."""
-    if spec.total_spread_db > 0:
-        rcs_m2 = rcs_m2 * spread_factor(spec.total_spread_db, rng)
-    if spec.fluctuation != "none":
-        factor = fluctuation_factor(
-            spec.fluctuation, time_s, rcs_m2.shape[-1], correlation_s=spec.correlation_s, rng=rng
-        )
-        rcs_m2 = rcs_m2 * factor
-    return rcs_m2
-
-
 def merge_close(motion: Motion, rcs_m2: npt.ArrayLike, *, closer_than_m: float) -> tuple[Motion, FloatArray]:
-    """Merge points whose median distance over the motion is below a limit (E-08).
+    """Merge points whose median distance is below a limit (E-08).
 
     Echoes of points within a quarter wavelength (1.03 cm at 7.29 GHz) add coherently: L of them send back up to L times
-    what their cross sections add up to. Who is merged with whom is decided once for the whole motion, by complete
+    what their cross sections add up to. The groups are fixed once for the whole motion, by complete
     linkage: any two points of a group are closer than the limit. Equal distances (a body that is its own mirror image)
     are taken in the order of the points.
 
@@ -197,7 +214,10 @@ def merge_close(motion: Motion, rcs_m2: npt.ArrayLike, *, closer_than_m: float) 
 
 
 def close_groups(motion: Motion, closer_than_m: float) -> list[list[int]]:
-    """Groups of points with every median distance within a group below the limit, in order of their first points."""
+    """Group points whose median distances are below the limit.
+
+    All pairs within a group are; groups are in order of their first points.
+    """
     from scipy.cluster.hierarchy import fcluster, linkage
     from scipy.spatial.distance import squareform
 
@@ -215,7 +235,10 @@ def close_groups(motion: Motion, closer_than_m: float) -> list[list[int]]:
 
 
 def median_distances_m(motion: Motion) -> FloatArray:
-    """Median over time of the distance of any two points, shape (P, P), m."""
+    """Compute median distances over time between all points.
+
+    The result has the shape (P, P), m.
+    """
     step = -(-motion.n_frames // MAX_FRAMES)
     frames = motion.position_m[::step]
     result = np.zeros((len(motion.markers), len(motion.markers)))

@@ -1,4 +1,4 @@
-"""Targets and scenes: who moves where, seen from which radar position; the same models for TOML and Python."""
+"""Targets and scenes, with the same models for TOML and Python."""
 
 from __future__ import annotations
 
@@ -18,7 +18,10 @@ from doppelgait.scene.rcs import RCS, RcsSpec
 
 
 def _parse_motion(value: Any) -> Any:
-    """Check a motion: one in memory, a table with ``kind``, or the parameters of a model."""
+    """Parse a motion: an object, a table, or model parameters.
+
+    An object is a motion in memory; a table has a ``kind``.
+    """
     if isinstance(value, Motion):
         return value
     if isinstance(value, str):
@@ -46,7 +49,7 @@ def _parse_motion(value: Any) -> Any:
 
 
 def _parse_rcs(value: Any) -> Any:
-    """Take the name of a kind for its table, and a table for the parameters of its kind."""
+    """Parse the name or the table of a radar cross section."""
     table = {"kind": value} if isinstance(value, str) else value
     if not isinstance(table, Mapping) or (kind := table.get("kind")) is None or kind not in RCS:
         return table
@@ -55,7 +58,7 @@ def _parse_rcs(value: Any) -> Any:
 
 
 class Target(FrozenModel):
-    """A body of a scene: its motion, place and radar cross section.
+    """Body of a scene: its motion, place and radar cross section.
 
     Parameters
     ----------
@@ -227,7 +230,9 @@ class Scene(FrozenModel):
 
     @classmethod
     def from_toml(cls, path: str | FilePath) -> Scene:
-        """Read the scene of a TOML file; paths of motion files start from its folder.
+        """Read the scene of a TOML file.
+
+        Paths of motion files start from its folder.
 
         Parameters
         ----------
@@ -244,7 +249,7 @@ class Scene(FrozenModel):
         return with_file_paths(validate(cls, own, where=str(path), text=text), FilePath(path).resolve().parent)
 
     def to_toml(self) -> str:
-        """Write the scene as the text of a scene file; :meth:`from_toml` reads an equal scene.
+        """Write the scene as TOML text that :meth:`from_toml` reads back.
 
         Raises
         ------
@@ -261,17 +266,15 @@ class Scene(FrozenModel):
 
     @property
     def observed_targets(self) -> tuple[Target, ...]:
-        """Targets that are no background, in the order of their numbers in the scatterer table."""
-        return tuple(target for target in self.targets if not target.background)
+        """Targets that are no background.
 
-    @property
-    def receiver_m(self) -> tuple[float, float, float]:
-        """Position of the receiver; the radar's, unless it is bistatic."""
-        return self.receiver_position_m if self.receiver_position_m is not None else self.radar_position_m
+        Their order is that of their numbers in the scatterer table.
+        """
+        return tuple(target for target in self.targets if not target.background)
 
 
 def with_file_paths(scene: Scene, folder: FilePath) -> Scene:
-    """Return the scene with relative paths of motion files starting from a folder."""
+    """Resolve relative paths of motion files against a folder."""
 
     def resolve(target: Target) -> Target:
         motion = target.motion

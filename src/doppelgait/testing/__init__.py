@@ -1,25 +1,28 @@
-"""Checks that other software can be put through: contracts of plug-ins here, the physics in :mod:`.conformance`."""
+"""Checks for other software: contracts of plug-ins, and the physics in :mod:`.conformance`."""
 
 from importlib import import_module
 from typing import Any
 
-__all__ = [
-    "check_classifier",
-    "check_environment",
-    "check_exporter",
-    "check_feature",
-    "check_impairment",
-    "check_motion_model",
-    "check_motion_reader",
-    "check_path",
-    "check_radar_reader",
-    "check_radar_writer",
-    "check_rcs",
-    "check_waveform",
-]
+_MODULES = {
+    "check_classifier": "results",
+    "check_environment": "scene",
+    "check_exporter": "results",
+    "check_feature": "results",
+    "check_impairment": "radar",
+    "check_motion_model": "scene",
+    "check_motion_reader": "scene",
+    "check_path": "scene",
+    "check_radar_reader": "radar",
+    "check_radar_writer": "radar",
+    "check_rcs": "scene",
+    "check_waveform": "radar",
+}
+"""Module of :mod:`.contracts` with each check, imported on first use: the checks need every room."""
+
+__all__ = sorted(_MODULES)
 
 
 def __getattr__(name: str) -> Any:
-    if name in __all__:
-        return getattr(import_module("doppelgait.testing.contracts"), name)
+    if name in _MODULES:
+        return getattr(import_module(f"doppelgait.testing.contracts.{_MODULES[name]}"), name)
     raise AttributeError(f"module 'doppelgait.testing' has no attribute {name!r}")

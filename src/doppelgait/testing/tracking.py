@@ -1,4 +1,4 @@
-"""How well tracks agree with a reference: OSPA, GOSPA, overlap of gates, purity and identity switches."""
+"""Agreement of tracks with a reference: OSPA, GOSPA, gates, purity, switches."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ FloatArray = npt.NDArray[np.float64]
 
 
 class Gospa(NamedTuple):
-    """GOSPA at one moment; ``distance`` is the p-th root of the sum of the other parts."""
+    """GOSPA at one time.
+
+    ``distance`` is the p-th root of the sum of the other parts.
+    """
 
     distance: float
     localisation: float
@@ -25,7 +28,9 @@ class Gospa(NamedTuple):
 
 
 def ospa(found: npt.ArrayLike, reference: npt.ArrayLike, *, cutoff: float = 1.0, order: float = 2.0) -> float:
-    """Optimal subpattern assignment distance (Schuhmacher, Vo, Vo, IEEE Trans. Signal Process. 56, 2008, 3447).
+    """Compute the optimal subpattern assignment distance (OSPA).
+
+    Schuhmacher, Vo, Vo, IEEE Trans. Signal Process. 56, 2008, 3447.
 
     Parameters
     ----------
@@ -41,7 +46,7 @@ def ospa(found: npt.ArrayLike, reference: npt.ArrayLike, *, cutoff: float = 1.0,
     float
         ((min over assignments of sum min(d, c)^p + c^p |M - N|) / max(M, N))^(1/p); 0 for two empty sets.
     """
-    a, b = _points(found), _points(reference)
+    a, b = _to_points(found), _to_points(reference)
     n = max(len(a), len(b))
     if n == 0:
         return 0.0
@@ -52,7 +57,9 @@ def ospa(found: npt.ArrayLike, reference: npt.ArrayLike, *, cutoff: float = 1.0,
 
 
 def gospa(found: npt.ArrayLike, reference: npt.ArrayLike, *, cutoff: float = 1.0, order: float = 2.0) -> Gospa:
-    """Generalised OSPA with alpha = 2 (Rahmathullah, Garcia-Fernandez, Svensson, FUSION 2017, Proposition 1).
+    """Compute the generalised OSPA with alpha = 2.
+
+    Rahmathullah, Garcia-Fernandez, Svensson, FUSION 2017, Proposition 1.
 
     Parameters
     ----------
@@ -65,7 +72,7 @@ def gospa(found: npt.ArrayLike, reference: npt.ArrayLike, *, cutoff: float = 1.0
         ``localisation`` is sum d^p over the pairs nearer than the cutoff, ``missed`` and ``false`` are c^p/2 for every
         point without partner.
     """
-    a, b = _points(found), _points(reference)
+    a, b = _to_points(found), _to_points(reference)
     near = np.minimum(_distances(a, b), cutoff) ** order
     rows, columns = _assign(near)
     pairs = near[rows, columns]
@@ -78,7 +85,7 @@ def gospa(found: npt.ArrayLike, reference: npt.ArrayLike, *, cutoff: float = 1.0
 
 
 def range_iou(gate: Gate, reference: Gate) -> FloatArray:
-    """Intersection over union of the ranges of two gates at each time of the reference.
+    """Compute intersection over union of two gates, per time of the reference.
 
     Returns
     -------
@@ -112,7 +119,7 @@ class Agreement:
     owner : ndarray of int, shape (M,)
         That reference; -1 for a track that is never matched.
     switches : int
-        How often a reference track changes the track that it is matched with.
+        Changes of the track that a reference track is matched with.
     first_match : ndarray of int, shape (N,)
         Time index of each reference's first match; -1 for none.
     """
@@ -133,9 +140,9 @@ def agreement(found: npt.ArrayLike, reference: npt.ArrayLike, *, cutoff: float =
     Parameters
     ----------
     found : array_like, shape (T, M)
-        One value (a range) per time and track; NaN where a track is not.
+        One value (a range) per time and track; NaN where a track is absent.
     reference : array_like, shape (T, N)
-        The same for what is compared with.
+        The same for the reference.
     cutoff, order : float
         As in :func:`ospa`; no pair further apart than the cutoff is matched.
     """
@@ -143,7 +150,7 @@ def agreement(found: npt.ArrayLike, reference: npt.ArrayLike, *, cutoff: float =
     matches = np.full(truths.shape, -1, dtype=np.int64)
     before: dict[int, int] = {}
     for t in range(len(truths)):
-        pairs = _matched(tracks[t], truths[t], cutoff=cutoff, order=order, before=before)
+        pairs = _match(tracks[t], truths[t], cutoff=cutoff, order=order, before=before)
         before.update(pairs)
         for truth, own in pairs.items():
             matches[t, truth] = own
@@ -159,15 +166,18 @@ def agreement(found: npt.ArrayLike, reference: npt.ArrayLike, *, cutoff: float =
         completeness=(matches >= 0).sum(axis=0) / np.maximum(present, 1),
         purity=counts.max(axis=0) / np.maximum(lasting, 1),
         owner=counts.argmax(axis=0) - 1,
-        switches=sum(_changes(column[column >= 0]) for column in matches.T),
+        switches=sum(int(np.count_nonzero(np.diff(column[column >= 0]))) for column in matches.T),
         first_match=np.where((matches >= 0).any(axis=0), (matches >= 0).argmax(axis=0), -1),
     )
 
 
-def _matched(
+def _match(
     tracks: FloatArray, truths: FloatArray, *, cutoff: float, order: float, before: dict[int, int]
 ) -> dict[int, int]:
-    """Track of each reference at one time; pairs of before stay together while they are near (as in CLEAR MOT)."""
+    """Match tracks to references at one time.
+
+    Pairs persist while they are near (as in CLEAR MOT).
+    """
     cost = np.abs(tracks[:, None] - truths[None, :])
     kept = {n: m for n, m in before.items() if cost[m, n] < cutoff}
     rest_n = [n for n in range(truths.size) if n not in kept and np.isfinite(truths[n])]
@@ -178,11 +188,7 @@ def _matched(
     return {**kept, **new}
 
 
-def _changes(sequence: npt.NDArray[np.int64]) -> int:
-    return int(np.count_nonzero(np.diff(sequence)))
-
-
-def _points(values: npt.ArrayLike) -> FloatArray:
+def _to_points(values: npt.ArrayLike) -> FloatArray:
     points = np.asarray(values, dtype=float)
     points = points.reshape(len(points), -1) if points.size else np.zeros((0, 1))
     return points[np.isfinite(points).all(axis=1)]

@@ -1,1 +1,4 @@
-"""Local viewer: a page on this computer that shows recordings, results and datasets, and only to who started it."""
+"""Local viewer of recordings, results and datasets.
+
+The page is served on this computer, and only to the user who started it.
+"""

@@ -1,4 +1,4 @@
-"""Who may ask the viewer's server, and what every answer says to the browser."""
+"""Routes of the viewer's server, and the guard in front of them."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ ANSWER_HEADERS = (
 
 
 class Guard:
-    """ASGI middleware that lets through only what the page that this server gave out asks for.
+    """ASGI middleware that passes only requests of the viewer's own page.
 
     A page of another site can make the browser ask any port of this computer, and make a name of its own mean
     127.0.0.1 (DNS rebinding): so the host must be a name of this computer, and the secret token the first part of the
@@ -85,19 +85,33 @@ class Guard:
             if scope["type"] == "lifespan":
                 await self.app(scope, receive, send)
             return  # no web sockets: the server closes them when nothing answers
-        guarded = _with_headers(send)
+
+        async def guarded(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                message = {**message, "headers": [*message.get("headers", ()), *ANSWER_HEADERS]}
+            await send(message)
+
         fault = self.fault(scope)
-        if fault is not None:
-            await _refuse(guarded, *fault)
-            return
         inner = scope["path"].removeprefix(f"/{self.token.decode()}")
-        if not inner:
-            await _redirect(guarded, f"/{self.token.decode()}/".encode(), scope["query_string"])
+        if fault is None and inner:
+            await self.app({**scope, "path": inner, "raw_path": inner.encode(), "root_path": ""}, receive, guarded)
             return
-        await self.app({**scope, "path": inner, "raw_path": inner.encode(), "root_path": ""}, receive, guarded)
+        if fault is not None:
+            status, reason = fault
+            body = as_json({"error": reason})
+            headers = [(b"content-type", b"application/json"), (b"content-length", str(len(body)).encode())]
+            if status == 405:
+                headers.append((b"allow", ", ".join(METHODS).encode()))
+        else:
+            # The page at its address without the last slash: from there its own links would lead nowhere.
+            query: bytes = scope["query_string"]
+            place = f"/{self.token.decode()}/".encode() + (b"?" + query if query else b"")
+            status, body, headers = 307, b"", [(b"location", place), (b"content-length", b"0")]
+        await guarded({"type": "http.response.start", "status": status, "headers": headers})
+        await guarded({"type": "http.response.body", "body": body})
 
     def fault(self, scope: Message) -> tuple[int, str] | None:
-        """Status and reason of a refusal, None for a request that may pass."""
+        """Return status and reason of a refusal, or None to pass."""
         headers = list(scope["headers"])
         if len(scope.get("raw_path") or scope["path"].encode()) + len(scope["query_string"]) > MOST_URL_BYTES:
             return 414, f"the address is longer than {MOST_URL_BYTES} bytes"
@@ -119,31 +133,6 @@ def _values(headers: Headers, name: bytes) -> list[bytes]:
     return [value.lower() for key, value in headers if key.lower() == name]
 
 
-def _with_headers(send: Send) -> Send:
-    async def guarded(message: Message) -> None:
-        if message["type"] == "http.response.start":
-            message = {**message, "headers": [*message.get("headers", ()), *ANSWER_HEADERS]}
-        await send(message)
-
-    return guarded
-
-
-async def _redirect(send: Send, place: bytes, query: bytes) -> None:
-    """To the page from its address without the last slash, from which the page's own links would lead nowhere."""
-    headers = [(b"location", place + (b"?" + query if query else b"")), (b"content-length", b"0")]
-    await send({"type": "http.response.start", "status": 307, "headers": headers})
-    await send({"type": "http.response.body", "body": b""})
-
-
-async def _refuse(send: Send, status: int, reason: str) -> None:
-    body = as_json({"error": reason})
-    headers = [(b"content-type", b"application/json"), (b"content-length", str(len(body)).encode())]
-    if status == 405:
-        headers.append((b"allow", ", ".join(METHODS).encode()))
-    await send({"type": "http.response.start", "status": status, "headers": headers})
-    await send({"type": "http.response.body", "body": body})
-
-
 T = TypeVar("T")
 Endpoint = Callable[[Request], Awaitable[Response]]
 
@@ -160,7 +149,7 @@ GONE = 499
 
 
 def make_app(opened: Opened | None, *, token: str, port: int, settings: Settings | None = None) -> Guard:
-    """ASGI application of the viewer, behind its guard.
+    """Make the ASGI application of the viewer, behind its guard.
 
     Parameters
     ----------
@@ -233,7 +222,10 @@ def _scene(run: Run, reference: Reference) -> bytes:
 
 
 def _dataset_routes(opened: Opened | None) -> list[Route]:
-    """Answers about the dataset; about none that is open, too: an error that says so."""
+    """Make the routes about the dataset.
+
+    Without an open dataset each answers with an error.
+    """
 
     def browser() -> Browser:
         if opened is None or opened.browser is None:
@@ -264,7 +256,10 @@ def _session(opened: Opened | None, settings: Settings, query: Pairs) -> Any:
 
 
 def _answer(make: Callable[[Pairs], Any], media_type: str) -> Endpoint:
-    """Endpoint without a run: made in a thread, several at once."""
+    """Make an endpoint that needs no run.
+
+    It works in a thread; several run at once.
+    """
 
     async def endpoint(request: Request) -> Response:
         query = request.query_params.multi_items()
@@ -275,14 +270,20 @@ def _answer(make: Callable[[Pairs], Any], media_type: str) -> Endpoint:
 
 
 async def in_thread(make: Callable[[], T]) -> T:
-    """What a function gives that takes its time; a server that ends does not wait for it."""
+    """Run a slow function in a thread.
+
+    A server that ends does not wait for it.
+    """
     return await anyio.to_thread.run_sync(make, abandon_on_cancel=True)
 
 
 def _run_answer(
     make: Callable[[Run, Reference], bytes], names: tuple[str, ...], media_type: str, shelf: Shelf, lock: anyio.Lock
 ) -> Endpoint:
-    """Endpoint about one run: one at a time, and not for a page that has stopped waiting."""
+    """Make an endpoint about one run.
+
+    One runs at a time, and none for a page that has stopped waiting.
+    """
 
     async def endpoint(request: Request) -> Response:
         reference = parse_reference(request.query_params.multi_items(), names)
@@ -297,7 +298,10 @@ def _run_answer(
 
 
 def static_files() -> dict[str, tuple[bytes, str]]:
-    """Content and type of every file of the page, by name: what is not in this table cannot be asked for."""
+    """Read content and type of every file of the page, by name.
+
+    Other files cannot be requested.
+    """
     folder = resources.files("doppelgait.viewer") / "static"
     files = {}
     for file in folder.iterdir():
@@ -327,7 +331,10 @@ def _file(request: Request, name: str) -> Response:
 async def _lifespan(
     app: Starlette, *, shelf: Shelf, lock: anyio.Lock, opened: Opened | None, settings: Settings
 ) -> AsyncIterator[dict[str, Any]]:
-    """Read the page's files, and make what will be asked for first while the browser is starting."""
+    """Read the page's files and prepare its first answers.
+
+    This is done while the browser starts.
+    """
 
     async def prepare() -> None:
         async with lock:
@@ -340,9 +347,9 @@ async def _lifespan(
 
 
 def _prepare(shelf: Shelf, opened: Opened | None, settings: Settings) -> None:
-    """Analyse what was opened; an error is told when the page asks for it.
+    """Analyse what was opened; an error is reported on the page's request.
 
-    Of a dataset nothing: what its plan makes a simulation do is left until somebody opens an example.
+    Nothing is prepared for a dataset: its plan is simulated only when the user opens an example.
     """
     session_facts(opened, settings)
     if opened is None or opened.browser is None:
@@ -352,7 +359,10 @@ def _prepare(shelf: Shelf, opened: Opened | None, settings: Settings) -> None:
 
 
 async def _on_error(request: Request, error: Exception, *, folders: tuple[Path, ...]) -> Response:
-    """What a parameter or the data do not allow, in the words of the library, without this computer's folders."""
+    """Answer an error of the library in its own words.
+
+    The folders of this computer are left out.
+    """
     return _error(400 if isinstance(error, ConfigError) else 422, without_folders(str(error), *folders))
 
 

@@ -1,4 +1,4 @@
-"""Dataset browser: counts, rows, scatter and contact sheet of the rows that a request's filters mean."""
+"""Dataset browser: counts, rows, scatter plot and contact sheet."""
 
 from __future__ import annotations
 
@@ -39,7 +39,9 @@ MOST_THUMBNAILS = 96
 
 
 class Browser:
-    """Answers about an open dataset; it reads arrays only for the contact sheet and an opened example.
+    """Answers about an open dataset.
+
+    Arrays are read only for the contact sheet and an opened example.
 
     Parameters
     ----------
@@ -56,12 +58,18 @@ class Browser:
 
     @property
     def folders(self) -> tuple[Path, ...]:
-        """Folders that the page must not learn."""
+        """Folders that the page must not show."""
         return self._runs.folders
 
     def summary(self) -> dict[str, Any]:
-        """What the dataset is and what can be filtered, sorted and drawn."""
+        """Describe the dataset and its columns."""
         description = self.dataset.description
+        # Classes and splits come in their own order, not in that of the alphabet.
+        ordered = {"label": self.classes, "split": list(SPLITS)}
+        columns = [self.columns.facts(name) for name in self.columns.kinds]
+        for facts in columns:
+            if facts["name"] in ordered:
+                facts["values"] = [value for value in ordered[facts["name"]] if value in facts["values"]]
         return {
             "name": description["name"],
             "id": description["id"],
@@ -72,17 +80,11 @@ class Browser:
             "splits": self.splits,
             "fields": list(description["fields"]),
             "balance": self._counts(np.arange(len(self.dataset))),
-            "columns": [self._column_facts(name) for name in self.columns.kinds],
+            "columns": columns,
             "filters": self.filtered,
             "shown": self.shown,
             "flags": self.columns.flag_counts(),
         }
-
-    def _column_facts(self, name: str) -> dict[str, Any]:
-        """Facts of a column; classes and splits come in their own order, not by alphabet."""
-        facts = self.columns.facts(name)
-        own = {"label": self.classes, "split": list(SPLITS)}.get(name)
-        return facts if own is None else {**facts, "values": [value for value in own if value in facts["values"]]}
 
     @property
     def splits(self) -> list[str]:
@@ -102,7 +104,7 @@ class Browser:
         return ["id", *self.filtered, *(name for name in SHOWN if name in self.columns.kinds)]
 
     def rows(self, query: Pairs) -> dict[str, Any]:
-        """One page of the table."""
+        """Return one page of the table."""
         filters, parameters = parse_query(query, self.columns, ("sort", "descending", "offset", "limit"))
         offset = whole_of(parameters, "offset", 0, least=0, most=10**9)
         limit = whole_of(parameters, "limit", 50, least=1, most=MOST_ROWS)
@@ -115,15 +117,20 @@ class Browser:
         return {"n_matching": found.size, "offset": offset, "columns": shown, "rows": rows}
 
     def balance(self, query: Pairs) -> dict[str, Any]:
-        """Matching rows of every class in every split."""
+        """Count the matching rows of every class in every split."""
         filters, _ = parse_query(query, self.columns)
         found = filters.rows(self.columns)
         return {"n_matching": found.size, "splits": self.splits, "counts": self._counts(found)}
 
     def scatter(self, query: Pairs) -> bytes:
-        """Two number columns of the matching rows that know both."""
+        """Return two number columns of the matching rows that have both."""
         filters, parameters = parse_query(query, self.columns, ("x", "y"))
-        x, y = (self._axis_column(parameters, key) for key in ("x", "y"))
+        names = []
+        for key in ("x", "y"):
+            if key not in parameters:
+                raise ConfigError(f"{key}: is missing; name a number column")
+            names.append(self.columns.of_kind(parameters[key], "number", key=key))
+        x, y = names
         found = filters.rows(self.columns)
         known = found[np.isfinite(self.columns.numbers(x)[found]) & np.isfinite(self.columns.numbers(y)[found])]
         numbers = self._class_numbers
@@ -143,7 +150,7 @@ class Browser:
         })  # fmt: skip
 
     def sheet(self, query: Pairs) -> bytes:
-        """Small signatures of one page of the matching rows."""
+        """Return small signatures of one page of the matching rows."""
         filters, parameters = parse_query(query, self.columns, ("sort", "descending", "offset", "limit"))
         offset = whole_of(parameters, "offset", 0, least=0, most=10**9)
         limit = whole_of(parameters, "limit", 24, least=1, most=MOST_THUMBNAILS)
@@ -152,7 +159,7 @@ class Browser:
         facts, arrays = thumbnails(self.dataset, page)
         facts["reasons"] = [reason and without_folders(reason, *self.folders) for reason in facts["reasons"]]
         chosen = self.dataset.index.iloc[page]
-        # What tells one example of a class from another, of each row of a page.
+        # What distinguishes the examples of a class, for each row of a page.
         shown = [self.columns.facts(name) for name in self.filtered[2:]]
         captions = []
         for number in page:
@@ -162,7 +169,7 @@ class Browser:
         return pack({**named, **facts, "n_matching": int(found.size), "offset": offset}, arrays)
 
     def row_id(self, number: int) -> dict[str, Any]:
-        """Id and class of a row.
+        """Return id and class of a row.
 
         Raises
         ------
@@ -175,11 +182,14 @@ class Browser:
         return {"id": str(row["id"]), "label": str(row["label"])}
 
     def run(self, example_id: str) -> Run:
-        """An example opened (:class:`doppelgait.viewer.examples.ExampleRuns`)."""
+        """Open an example (:class:`doppelgait.viewer.examples.ExampleRuns`)."""
         return self._runs.run(example_id)
 
     def _sorted(self, filters: Filters, parameters: dict[str, str]) -> Rows:
-        """Matching rows in the order asked for; unknown values last either way, equal ones as in the index."""
+        """Return the matching rows in the requested order.
+
+        Unknown values come last in either direction, equal ones as in the index.
+        """
         descending = whole_of(parameters, "descending", 0, least=0, most=1)
         found = filters.rows(self.columns)
         if "sort" not in parameters:
@@ -188,19 +198,17 @@ class Browser:
         keys = self.columns.order(name)[found]
         return found[np.argsort(-keys if descending else keys, kind="stable")]
 
-    def _axis_column(self, parameters: dict[str, str], key: str) -> str:
-        if key not in parameters:
-            raise ConfigError(f"{key}: is missing; name a number column")
-        return self.columns.of_kind(parameters[key], "number", key=key)
-
     @cached_property
     def _lots(self) -> npt.NDArray[np.int64]:
-        """Lot of every row, always the same, so that a filter does not change which of its points are shown."""
+        """Random rank of every row, always the same.
+
+        So a filter does not change which of its points are shown.
+        """
         return np.random.default_rng(0).permutation(len(self.dataset))
 
     @property
     def _class_numbers(self) -> npt.NDArray[np.int64]:
-        """Place of every row's class among the classes of the dataset; shape (rows,)."""
+        """Class number of every row; shape (rows,)."""
         codes, labels = self.columns.codes("label")
         strange = [label for label in labels if label not in self.classes]
         if strange:
@@ -208,7 +216,7 @@ class Browser:
         return np.array([self.classes.index(label) for label in labels], dtype=np.int64)[codes]
 
     def _counts(self, rows: Rows) -> dict[str, list[int]]:
-        """Rows of every class, one number per split."""
+        """Count the rows of every class, one number per split."""
         codes, known = self.columns.codes("split")
         n_splits = len(known)
         both = np.bincount(
@@ -219,7 +227,9 @@ class Browser:
 
 
 def even_choice(rows: Rows, classes: Rows, lots: Rows, most: int) -> Rows:
-    """Up to ``most`` rows, the same for the same rows: of every class its share, by lot.
+    """Choose up to ``most`` rows at random, each class by its share.
+
+    The same rows give the same choice.
 
     Every n-th row will not do: classes take turns in an index, and so do the values of a plan's ``cycle``.
 
@@ -250,7 +260,7 @@ FloatArray = npt.NDArray[np.float64]
 def thumbnails(
     dataset: Dataset, rows: npt.NDArray[np.int64]
 ) -> tuple[dict[str, Any], dict[str, npt.NDArray[np.uint8]]]:
-    """Signatures of some rows as small images.
+    """Make small images of the signatures of some rows.
 
     Parameters
     ----------
@@ -271,15 +281,25 @@ def thumbnails(
     facts: dict[str, Any] = {"reasons": [reason for _, reason in found], "image": None}
     if not signatures:
         return facts, {}
-    edges = _common_edges(signatures)
-    maps = [None if signature is None else _small(signature, *edges) for signature, _ in found]
-    known = [values for values in maps if values is not None]
-    from doppelgait.viz.maps import level_limits_db
+    from doppelgait.viz.maps import doppler_limits_hz, level_limits_db
 
-    low, high = level_limits_db(np.concatenate([values.ravel() for values in known]), None)
-    codes = np.stack([np.zeros(THUMBNAIL, dtype=np.uint8) if m is None else _coded(m, low, high) for m in maps])
-    times_s, velocities = edges
-    moving = "m/s" if _has_velocity(signatures) else "Hz"
+    # All thumbnails share their axes: time from the start of each, and the velocities that any of them occupies.
+    seconds = max(float(np.ptp(axis(s, "time"))) for s in signatures)
+    limits = np.array([doppler_limits_hz(s) for s in signatures])
+    moving = "Hz"
+    if all(np.isfinite(axis(signature, "velocity")).all() for signature in signatures):
+        limits *= np.array([[s.attrs["wavelength_m"] / 2.0] for s in signatures])
+        moving = "m/s"
+    n_columns, n_rows = THUMBNAIL
+    times_s = np.linspace(0.0, seconds, n_columns + 1)
+    velocities = np.linspace(limits[:, 0].min(), limits[:, 1].max(), n_rows + 1)
+    maps = [None if signature is None else _small(signature, times_s, velocities) for signature, _ in found]
+    low, high = level_limits_db(np.concatenate([values.ravel() for values in maps if values is not None]), None)
+    codes = np.zeros((len(maps), *THUMBNAIL), dtype=np.uint8)
+    for number, level_db in enumerate(maps):
+        if level_db is not None:
+            share = np.nan_to_num((level_db - low) / (high - low), nan=0.0, posinf=1.0, neginf=0.0)
+            codes[number] = np.rint(np.clip(share, 0.0, 1.0) * LEVELS).astype(np.uint8)
     facts["image"] = {
         "array": "thumbnails",
         "x": _axis_facts("time", "s", times_s),
@@ -292,7 +312,7 @@ def thumbnails(
 
 
 def _signature(dataset: Dataset, row: int) -> tuple[xr.DataArray | None, str | None]:
-    """Stored signature of a row, or why there is none to show."""
+    """Read the stored signature of a row, or the reason for none."""
     try:
         dataset.check_fields(["signature"])
         signature = dataset.example(row).arrays.get("signature")
@@ -301,29 +321,15 @@ def _signature(dataset: Dataset, row: int) -> tuple[xr.DataArray | None, str | N
     if signature is None:
         return None, "no signature: the target was not tracked"
     if not {"time", "doppler"} <= set(signature.coords) or min(signature.shape) < 2:
-        return None, "its shard tells no axes of the signature"
+        return None, "its shard has no axes of the signature"
     return signature, None
 
 
-def _has_velocity(signatures: list[xr.DataArray]) -> bool:
-    """Whether the wavelength, and so the velocity axis, of all of them is known."""
-    return all(np.isfinite(axis(signature, "velocity")).all() for signature in signatures)
-
-
-def _common_edges(signatures: list[xr.DataArray]) -> tuple[FloatArray, FloatArray]:
-    """Edges of the cells in time from the start of each, and in velocity, that hold the occupied part of all."""
-    from doppelgait.viz.maps import doppler_limits_hz
-
-    seconds = max(float(np.ptp(axis(s, "time"))) for s in signatures)
-    limits = np.array([doppler_limits_hz(s) for s in signatures])
-    if _has_velocity(signatures):
-        limits *= np.array([[s.attrs["wavelength_m"] / 2.0] for s in signatures])
-    columns, rows = THUMBNAIL
-    return np.linspace(0.0, seconds, columns + 1), np.linspace(limits[:, 0].min(), limits[:, 1].max(), rows + 1)
-
-
 def _small(signature: xr.DataArray, times_s: FloatArray, velocities: FloatArray) -> FloatArray:
-    """Strongest level of every cell, dB; NaN where the signature does not reach."""
+    """Return the strongest level of every cell in dB.
+
+    It is NaN where the signature does not reach.
+    """
     from doppelgait.viz.maps import level_db_of
 
     own_s = axis(signature, "time") - axis(signature, "time")[0]
@@ -335,7 +341,9 @@ def _small(signature: xr.DataArray, times_s: FloatArray, velocities: FloatArray)
 
 
 def strongest(values: FloatArray, samples: FloatArray, edges: FloatArray) -> FloatArray:
-    """Largest of the samples that a cell touches, along the first axis; NaN where there are none.
+    """Return the largest sample that each cell touches, along the first axis.
+
+    A cell without samples is NaN.
 
     Parameters
     ----------
@@ -354,11 +362,6 @@ def strongest(values: FloatArray, samples: FloatArray, edges: FloatArray) -> Flo
     padded = np.concatenate([values, np.full((1, values.shape[1]), np.nan)])
     found = np.maximum.reduceat(padded, np.column_stack([first, behind]).ravel(), axis=0)[::2]
     return np.asarray(np.where((first < behind)[:, None], found, np.nan))
-
-
-def _coded(level_db: FloatArray, low: float, high: float) -> npt.NDArray[np.uint8]:
-    share = np.clip(np.nan_to_num((level_db - low) / (high - low), nan=0.0, posinf=1.0, neginf=0.0), 0.0, 1.0)
-    return np.rint(share * LEVELS).astype(np.uint8)
 
 
 def _axis_facts(name: str, unit: str, edges: FloatArray) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Columns of a dataset's index and the filters that a request sets on them."""
+"""Columns of a dataset's index, and the filters that a request sets."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ OWN_WORDS = {"label": ("class", ""), "snr_frame_db": ("SNR of the frame", "dB"),
 
 
 class Columns:
-    """What can be shown, filtered, sorted and drawn of an index.
+    """Columns of an index that can be shown, filtered, sorted and plotted.
 
     Parameters
     ----------
@@ -59,7 +59,9 @@ class Columns:
 
     @cached_property
     def kinds(self) -> dict[str, str]:
-        """``number``, ``category`` or ``text`` of every column that is offered, in the order of the index.
+        """Kind of every offered column: ``number``, ``category`` or ``text``.
+
+        The order is that of the index.
 
         A column in which no row knows a value is not offered.
         """
@@ -73,7 +75,10 @@ class Columns:
         return kinds
 
     def _is_category(self, name: str) -> bool:
-        """Whether a text column is a category; the first rows tell it of most that are none."""
+        """Return True if a text column is a category.
+
+        The first rows exclude most that are none.
+        """
         if name in ("label", "split"):
             return True
         if name in (*NAMES, "flags") or _texts(self.index[name].iloc[: 10 * MOST_VALUES]).nunique() > MOST_VALUES:
@@ -81,7 +86,7 @@ class Columns:
         return len(self.codes(name)[1]) <= MOST_VALUES
 
     def facts(self, name: str) -> dict[str, Any]:
-        """Name, words, unit and group of a column, and its limits or values."""
+        """Describe a column: name, words, unit, group, and limits or values."""
         facts: dict[str, Any] = {"name": name, **words_of(name), "kind": self.kinds[name]}
         if facts["kind"] == "number":
             values = self.numbers(name)
@@ -92,24 +97,27 @@ class Columns:
         return facts
 
     def numbers(self, name: str) -> npt.NDArray[np.float64]:
-        """Values of a number column, NaN for unknown; shape (rows,)."""
+        """Return the values of a number column, NaN for unknown; shape (rows,)."""
         if name not in self._numbers:
             self._numbers[name] = self.index[name].to_numpy(dtype=np.float64, na_value=np.nan)
         return self._numbers[name]
 
     def codes(self, name: str) -> tuple[npt.NDArray[np.int64], list[str]]:
-        """Place of every row's text among the sorted different ones, and these; unknown counts as the empty text."""
+        """Return the code of every row's text, and the sorted distinct texts.
+
+        Unknown counts as the empty text.
+        """
         if name not in self._codes:
             codes, values = pd.factorize(_texts(self.index[name]), sort=True)
             self._codes[name] = codes.astype(np.int64), [str(value) for value in values]
         return self._codes[name]
 
     def values(self, name: str) -> list[str]:
-        """Different texts of a column as they are shown, by place."""
+        """Return the distinct texts of a column as shown, by code."""
         return [value or UNKNOWN for value in self.codes(name)[1]]
 
     def of_kind(self, name: str, *kinds: str, key: str) -> str:
-        """``name`` if it is a column of one of these kinds.
+        """Return ``name`` if it is a column of one of these kinds.
 
         Raises
         ------
@@ -122,7 +130,7 @@ class Columns:
         return name
 
     def flag_counts(self) -> dict[str, int]:
-        """Number of rows with each flag, the most frequent first."""
+        """Count the rows with each flag, the most frequent first."""
         codes, texts = self._flag_texts
         counts: dict[str, int] = {}
         for text, count in zip(texts, np.bincount(codes, minlength=len(texts)).tolist(), strict=True):
@@ -131,7 +139,10 @@ class Columns:
         return dict(sorted(counts.items(), key=lambda entry: (-entry[1], entry[0])))
 
     def flagged(self, pattern: str) -> npt.NDArray[np.bool_]:
-        """Rows with a flag that fits a pattern, in which ``*`` stands for anything; shape (rows,)."""
+        """Select the rows with a flag that fits a pattern; shape (rows,).
+
+        ``*`` stands for anything.
+        """
         codes, texts = self._flag_texts
         fits = [any(fnmatchcase(flag, pattern) for flag in filter(None, text.split(";"))) for text in texts]
         return np.asarray(np.array(fits, dtype=bool)[codes])
@@ -143,7 +154,12 @@ class Columns:
         return np.zeros(len(self), dtype=np.int64), [""]
 
     def order(self, name: str) -> npt.NDArray[np.float64]:
-        """What rows are sorted by: numbers, or places in the alphabet; unknown is NaN. Shape (rows,)."""
+        """Return the sort key of every row; shape (rows,).
+
+        It is the number or the alphabetical rank.
+
+        Unknown is NaN.
+        """
         if self.kinds[name] == "number":
             return self.numbers(name)
         codes, values = self.codes(name)
@@ -158,14 +174,14 @@ def _can_be_offered(name: Any) -> bool:
 
 
 def _texts(column: pd.Series[Any]) -> pd.Series[str]:
-    """Values of a column as texts, whatever they are; unknown ones are empty."""
+    """Convert the values of a column to texts; unknown ones are empty."""
     if isinstance(column.dtype, pd.StringDtype):
         return column.fillna("")
     return column.astype(object).where(column.notna(), "").map(str)
 
 
 def words_of(name: str) -> dict[str, str]:
-    """Words, unit and group of a column, from its name.
+    """Return words, unit and group of a column, from its name.
 
     Returns
     -------
@@ -189,7 +205,7 @@ LIMITS = (".min", ".max")
 
 @dataclass
 class Filters:
-    """Which rows are meant: all conditions at once.
+    """Conditions that a row must meet, all at once.
 
     Parameters
     ----------
@@ -210,7 +226,7 @@ class Filters:
     text: str = ""
 
     def rows(self, columns: Columns) -> npt.NDArray[np.int64]:
-        """Numbers of the rows that are meant, in the order of the index."""
+        """Return the numbers of the matching rows, in the index's order."""
         kept = np.ones(len(columns), dtype=bool)
         for name, wanted in self.values.items():
             kept &= np.isin(columns.values(name), wanted)[columns.codes(name)[0]]
@@ -228,7 +244,7 @@ class Filters:
 
 
 def parse_query(query: Pairs, columns: Columns, further: Sequence[str] = ()) -> tuple[Filters, dict[str, str]]:
-    """Filters and further parameters of a request.
+    """Parse filters and further parameters of a request.
 
     Parameters
     ----------
@@ -270,18 +286,13 @@ def parse_query(query: Pairs, columns: Columns, further: Sequence[str] = ()) -> 
                 raise ConfigError(
                     f"{name}.min: {limits['.min']:g} is above {name}.max, {limits['.max']:g}; no row can be meant"
                 )
+        elif columns.kinds.get(key) != "category":
+            categories = (name for name, kind in columns.kinds.items() if kind == "category")
+            hint = nearest(key, [*further, "text", "flag", "no_flag", *categories])
+            raise ConfigError(f"{key!r} is not known here{hint}; numbers are limited with COLUMN.min and COLUMN.max")
         else:
-            _add_value(filters, columns, key, value, further)
+            known_values = columns.values(key)
+            if value not in known_values:
+                raise ConfigError(f"{key}: no row has {value!r}{nearest(value, known_values)}")
+            filters.values.setdefault(key, []).append(value)
     return filters, parameters
-
-
-def _add_value(filters: Filters, columns: Columns, key: str, value: str, further: Sequence[str]) -> None:
-    if columns.kinds.get(key) != "category":
-        known = [*further, "text", "flag", "no_flag", *(n for n, kind in columns.kinds.items() if kind == "category")]
-        raise ConfigError(
-            f"{key!r} is not known here{nearest(key, known)}; numbers are limited with COLUMN.min and COLUMN.max"
-        )
-    known_values = columns.values(key)
-    if value not in known_values:
-        raise ConfigError(f"{key}: no row has {value!r}{nearest(value, known_values)}")
-    filters.values.setdefault(key, []).append(value)

@@ -1,4 +1,7 @@
-"""What the plan of somebody's dataset may make the viewer do: no huge simulations, no files but those of one folder."""
+"""Examples of a dataset, simulated again within limits.
+
+The plan of somebody else's dataset starts no huge simulation and reads only files of one folder.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ from doppelgait.core.config import json_value
 from doppelgait.core.errors import DatasetError, DoppelgaitError, DoppelgaitWarning
 from doppelgait.dataset import Dataset, Example, PlanConfig
 from doppelgait.dataset.example import nearest, simulated_number
-from doppelgait.dataset.resolve import ExampleSpec, class_of, resolve, resolve_example
+from doppelgait.dataset.resolve import class_of, resolve, resolve_example
 from doppelgait.dataset.shard import truth_columns
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline import run as pipeline_run
@@ -41,7 +44,7 @@ PATH_KEYS = ("path", "skeleton")
 
 
 def check_size(run: pipeline_run.Run) -> None:
-    """Refuse what would take minutes and gigabytes to simulate.
+    """Refuse an example whose simulation would take minutes and gigabytes.
 
     Raises
     ------
@@ -61,12 +64,12 @@ def check_size(run: pipeline_run.Run) -> None:
 
 
 def check_files(plan: PlanConfig, number: int, folder: Path | None) -> None:
-    """Refuse an example that takes files from anywhere but the folder that the user named.
+    """Refuse an example that uses files outside the user's folder.
 
     Parameters
     ----------
     plan : PlanConfig
-        As the dataset tells it.
+        As the dataset stores it.
     number : int
         Of the example.
     folder : Path or None
@@ -100,7 +103,7 @@ def check_files(plan: PlanConfig, number: int, folder: Path | None) -> None:
 
 
 def _motion_files(value: Any) -> Iterator[tuple[str, str]]:
-    """Files that a motion, or one of the choices of a motion, names, each with its key."""
+    """Yield the files, with keys, that a motion or its choices name."""
     if isinstance(value, Mapping):
         if "file" in _texts(value.get("kind")):
             for key in PATH_KEYS:
@@ -112,7 +115,7 @@ def _motion_files(value: Any) -> Iterator[tuple[str, str]]:
 
 
 def _texts(value: Any) -> list[str]:
-    """All texts in a value: the value, or the choices of a distribution."""
+    """Collect all texts of a value or of a distribution's choices."""
     if isinstance(value, Mapping):
         value = list(value.values())
     if isinstance(value, list | tuple):
@@ -129,7 +132,7 @@ FACT_TOLERANCE = 1e-2
 
 
 class ExampleRuns:
-    """Opens examples of a dataset.
+    """Opener of the examples of a dataset.
 
     Parameters
     ----------
@@ -143,7 +146,9 @@ class ExampleRuns:
         self.folder = folder
 
     def run(self, example_id: str) -> Run:
-        """What is stored of an example, and its recording where it can be simulated again.
+        """Open the stored results of an example.
+
+        Its recording is simulated again where that is possible.
 
         Parameters
         ----------
@@ -155,79 +160,91 @@ class ExampleRuns:
         DatasetError
             If there is no such row.
         """
-        rows = self._rows(example_id)
+        index = self.dataset.index
+        found = np.flatnonzero((index["id"] == example_id).to_numpy(dtype=bool))
+        if not found.size:
+            raise DatasetError(f"example: no {example_id!r} in this dataset{nearest(example_id, index['id'])}")
+        rows = found[:1]
+        # All targets of a simulated scene; of a recording only this one, as the others are later.
+        if self.dataset.description.get("origin") != "imported" and "scene_id" in index:
+            rows = np.flatnonzero((index["scene_id"] == index["scene_id"].iloc[found[0]]).to_numpy(dtype=bool))
         first = json_value(self.dataset.index.iloc[rows[0]].to_dict())
         gate: GateName = "track" if first.get("gate") == "track" else "truth"
         notes = tuple(filter(None, _text(first.get("warnings")).split(";")))
         run = Run(example_id, "example", Settings(gate=gate), notes=notes)
         run.stored = lambda: [self._view(int(row), place, run) for place, row in enumerate(rows)]
         try:
-            spec = self._spec(first)
+            number = simulated_number(self.dataset.description, first)
+            plan = self.dataset.plan_config
+            check_files(plan, number, self.folder)
+            spec = resolve_example(plan, number, self.folder or Path())
             check_size(spec.run)
         except DoppelgaitError as error:
             run.reason = self.told(error)
             return run
         run.settings = replace(run.settings, analysis=spec.run.analysis)
-        run.load = lambda: self._simulated(spec, first)
+
+        def simulate() -> Recording:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", DoppelgaitWarning)  # those of the build are among the notes
+                try:
+                    recording = run_simulation(spec.run, folder=self.folder)
+                except DoppelgaitError as error:
+                    raise DatasetError(self.told(error)) from None
+            if first.get("source") == "none":
+                return recording
+            # Another truth than when the dataset was built: a motion file has changed.
+            truth = truth_columns(recording.truth[0])
+            for name in ("truth_range_m", "truth_ground_speed_mps", "truth_radial_velocity_mps"):
+                made, there = truth[name], first.get(name)
+                if there is None or not np.isclose(made, there, rtol=FACT_TOLERANCE, atol=1e-6):
+                    raise DatasetError(
+                        f"{first['id']}: {name} is {there} in the dataset, simulated again {made:.4g}; its motion file "
+                        "is not the one that the dataset was built from"
+                    )
+            return recording
+
+        run.load = simulate
         return run
 
     def told(self, error: Exception) -> str:
-        """What an error says, without where on this computer the folders are."""
+        """Return an error's text without the folders of this computer."""
         return without_folders(str(error), *self.folders)
 
     @property
     def folders(self) -> tuple[Path, ...]:
-        """Folders that the page must not learn."""
+        """Folders that the page must not show."""
         return self.dataset.directory, *(() if self.folder is None else (self.folder,))
 
-    def _rows(self, example_id: str) -> list[int]:
-        """Numbers of the rows of an example's scene; of a measured one only its own, as the others are later."""
-        index = self.dataset.index
-        found = np.flatnonzero((index["id"] == example_id).to_numpy(dtype=bool))
-        if not found.size:
-            raise DatasetError(f"example: no {example_id!r} in this dataset{nearest(example_id, index['id'])}")
-        if self.dataset.description.get("origin") == "imported" or "scene_id" not in index:
-            return [int(found[0])]
-        scene = index["scene_id"].iloc[found[0]]
-        return [int(row) for row in np.flatnonzero((index["scene_id"] == scene).to_numpy(dtype=bool))]
-
-    def _spec(self, row: dict[str, Any]) -> ExampleSpec:
-        """The example with every distribution drawn; an error says why it cannot be simulated again."""
-        number = simulated_number(self.dataset.description, row)
-        plan = self.dataset.plan_config
-        check_files(plan, number, self.folder)
-        return resolve_example(plan, number, self.folder or Path())
-
-    def _simulated(self, spec: ExampleSpec, row: dict[str, Any]) -> Recording:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DoppelgaitWarning)  # those of the build are among the notes
-            try:
-                recording = run_simulation(spec.run, folder=self.folder)
-            except DoppelgaitError as error:
-                raise DatasetError(self.told(error)) from None
-        if row.get("source") != "none":
-            _check_same(truth_columns(recording.truth[0]), row)
-        return recording
-
     def _view(self, row: int, place: int, run: Run) -> TargetView:
-        """One target as its row and the stored arrays tell it; only its gate comes from the simulation."""
+        """Build the view of one target from its row and stored arrays.
+
+        Only its gate comes from the simulation.
+        """
         example = self.dataset.example(row)
         signature = example.arrays.get("signature")
         cadence = _cadence(example, run.settings.analysis)
         line_hz = None if signature is None else processing.main_line_hz(signature, order=1, tapered=True)
         view = stored_view(example)
+        # The gate that the example was made with, where it was that of the truth and the recording can be simulated.
+        recording, gate = run.recording if view.gate == "truth" else None, None
+        if recording is not None and place < len(recording.truth):
+            gate = Gate.from_truth(
+                recording.truth[place], recording.slow_time_s, run.settings.analysis,
+                wavelength_m=recording.radar.wavelength_m, error_m=_number(example.row.get("gate_error_m")) or 0.0,
+            )  # fmt: skip
         return replace(
             view,
             signature=signature,
             cadence_map=cadence,
             cadence_spectrum=None if cadence is None else processing.cadence_spectrum(cadence),
             main_line_hz=line_hz,
-            gate_limits=_gate(run, place, view, _number(example.row.get("gate_error_m"))),
+            gate_limits=gate,
         )
 
 
 def stored_view(example: Example) -> TargetView:
-    """What the row of an example tells."""
+    """Build the view of a target from an example's row."""
     row = example.row
     features = {name: _number(row.get(f"feature_{name}")) for name in FEATURE_UNITS}
     gait_frequency_hz = _number(row.get("gait_frequency_hz"))
@@ -247,7 +264,10 @@ def stored_view(example: Example) -> TargetView:
 
 
 def _number(value: Any) -> float | None:
-    """A number of an index; None for unknown, and where a column holds something else."""
+    """Return a number of an index.
+
+    It is None for unknown, and where a column holds something else.
+    """
     return value if isinstance(value, int | float) else None
 
 
@@ -264,7 +284,10 @@ def _beginning(row: dict[str, Any], prefix: str) -> dict[str, Any]:
 
 
 def _truth(row: dict[str, Any]) -> dict[str, Any] | None:
-    """True values by the names of the features and frequencies; None for what was measured, and for nobody."""
+    """Return the true values by the names of features and frequencies.
+
+    It is None for measured data and empty scenes.
+    """
     known = _beginning(row, "truth_")
     velocity_mps, frequency_hz = (
         _number(known.pop("radial_velocity_mps", None)),
@@ -278,9 +301,11 @@ def _truth(row: dict[str, Any]) -> dict[str, Any] | None:
 
 
 def _cadence(example: Example, analysis: Analysis) -> xr.DataArray | None:
-    """The stored step-Doppler map, else that of the stored signature (E-28 to E-31); None without both.
+    """Return the stored cadence map, or compute it (E-28 to E-31).
 
-    The noise floor is the one that the row tells; the coordinates that it was estimated with are not stored.
+    It is None without both.
+
+    The noise floor is that of the row; the coordinates that it was estimated with are not stored.
     """
     signature, floor_v2 = example.arrays.get("signature"), _number(example.row.get("quality_noise_floor_v2"))
     if "cadence_map" in example.arrays or signature is None or floor_v2 is None:
@@ -290,25 +315,3 @@ def _cadence(example: Example, analysis: Analysis) -> xr.DataArray | None:
     if processing.needs_alignment(signature):
         rows = processing.align(rows, processing.main_line_hz(signature, order=processing.line_order(seconds)))
     return processing.cadence_map(processing.detrend(rows, order=processing.detrend_order(seconds)))
-
-
-def _gate(run: Run, place: int, view: TargetView, gate_error_m: float | None) -> Gate | None:
-    """Truth gate that the example was made with; None where the recording cannot be had, or the gate was a track's."""
-    recording = run.recording if view.gate == "truth" else None
-    if recording is None or place >= len(recording.truth):
-        return None
-    return Gate.from_truth(
-        recording.truth[place], recording.slow_time_s, run.settings.analysis,
-        wavelength_m=recording.radar.wavelength_m, error_m=gate_error_m or 0.0,
-    )  # fmt: skip
-
-
-def _check_same(truth: dict[str, Any], row: dict[str, Any]) -> None:
-    """A DatasetError where the truth is another one than when the dataset was built: a motion file has changed."""
-    for name in ("truth_range_m", "truth_ground_speed_mps", "truth_radial_velocity_mps"):
-        made, there = truth[name], row.get(name)
-        if there is None or not np.isclose(made, there, rtol=FACT_TOLERANCE, atol=1e-6):
-            raise DatasetError(
-                f"{row['id']}: {name} is {there} in the dataset, simulated again {made:.4g}; its motion file is not "
-                "the one that the dataset was built from"
-            )

@@ -1,4 +1,4 @@
-"""Answers of the server: JSON header and binary arrays, images, errors without folders."""
+"""Answers of the server: JSON and binary arrays, images, errors."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ DTYPES = ("uint8", "uint16", "uint32", "int16", "int32", "float32", "float64")
 
 
 def pack(facts: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> bytes:
-    """One body: magic, length of the header (uint32), header, arrays.
+    """Pack magic, length of the header (uint32), header and arrays.
 
     Everything is little-endian. The header is JSON (UTF-8), padded with spaces; every array starts at a multiple of 8
     bytes, so that typed arrays can look at it where it lies.
@@ -53,12 +53,17 @@ def pack(facts: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> by
 
 
 def as_json(value: Any) -> bytes:
-    """JSON in UTF-8; what is no finite number becomes null, NumPy's numbers and arrays plain ones, all else text."""
+    """Encode a value as JSON in UTF-8.
+
+    A number that is not finite becomes null, NumPy's numbers and arrays become plain ones, everything else text.
+    """
     return json.dumps(json_value(value), ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode()
 
 
 def without_folders(text: str, *folders: Path) -> str:
-    """Text with some folders, as given or in full, and the working folder by their last name.
+    """Replace folders in a text by their last name.
+
+    The working folder is replaced, too.
 
     Parameters
     ----------
@@ -86,12 +91,15 @@ Axis = dict[str, Any]
 
 
 def level_db(power: npt.ArrayLike) -> FloatArray:
-    """Level in dB of powers, in their own precision; 0 and below give -inf."""
+    """Convert powers to levels in dB, in their own precision.
+
+    Powers of 0 and below give -inf.
+    """
     return np.asarray(power_to_db(np.maximum(np.asarray(power), 0.0)))
 
 
 def axis_facts(name: str, unit: str, values: npt.ArrayLike) -> Axis:
-    """Uniform axis as the page takes it: first value, step and number.
+    """Describe a uniform axis: first value, step and number.
 
     Parameters
     ----------
@@ -105,7 +113,10 @@ def axis_facts(name: str, unit: str, values: npt.ArrayLike) -> Axis:
 
 
 def doppler_facts(doppler_hz: npt.ArrayLike, wavelength_m: float) -> Axis:
-    """Doppler axis with the radial velocity as its second scale; without one where the wavelength is not known."""
+    """Describe a Doppler axis, with radial velocity as its second scale.
+
+    The second scale is missing where the wavelength is not known.
+    """
     axis = axis_facts("Doppler", "Hz", doppler_hz)
     if math.isfinite(wavelength_m):
         scale = float(doppler_to_velocity_mps(1.0, wavelength_m))
@@ -116,7 +127,7 @@ def doppler_facts(doppler_hz: npt.ArrayLike, wavelength_m: float) -> Axis:
 def image_facts(
     name: str, power: FloatArray, x: Axis, y: Axis, *, unit: str, most: tuple[int, int] = MOST
 ) -> tuple[dict[str, Any], npt.NDArray[np.uint16]]:
-    """Picture of levels.
+    """Encode a picture of levels.
 
     Parameters
     ----------
@@ -154,17 +165,20 @@ def image_facts(
 
 
 def block_of(size: int, most: int) -> int:
-    """Cells that are put together so that no more than ``most`` blocks are left."""
+    """Return the cells per block that leave at most ``most`` blocks."""
     return max(1, math.ceil(size / most))
 
 
 def some_of(values: FloatArray) -> FloatArray:
-    """Every so many-th column of a large array, enough for its median."""
+    """Decimate the columns of a large array, keeping enough for its median."""
     return values[:: max(1, values.size // MEDIAN_OF)]
 
 
 def block_maxima(values: FloatArray, columns: int, rows: int) -> FloatArray:
-    """Strongest cell of every block of ``columns`` times ``rows`` cells; the last blocks may hold fewer."""
+    """Return the strongest cell of every block of ``columns`` times ``rows``.
+
+    The last blocks may hold fewer cells.
+    """
     for axis, block in enumerate((columns, rows)):
         if block > 1:
             values = np.maximum.reduceat(values, np.arange(0, values.shape[axis], block), axis=axis)
@@ -172,7 +186,7 @@ def block_maxima(values: FloatArray, columns: int, rows: int) -> FloatArray:
 
 
 def _in_blocks(axis: Axis, block: int) -> Axis:
-    """Axis of the centres of blocks."""
+    """Return the axis of the centres of blocks."""
     if block == 1:
         return axis
     first = axis["first"] + (block - 1) / 2 * axis["step"]
@@ -180,7 +194,10 @@ def _in_blocks(axis: Axis, block: int) -> Axis:
 
 
 def level_span_db(levels_db: FloatArray) -> tuple[float, float]:
-    """Lowest and highest finite level, at most 160 dB apart; -1 and 0 dB where none is finite."""
+    """Return lowest and highest finite level, at most 160 dB apart.
+
+    They are -1 and 0 dB where none is finite.
+    """
     finite = levels_db[np.isfinite(levels_db)]
     if not finite.size:
         return -1.0, 0.0
@@ -189,13 +206,19 @@ def level_span_db(levels_db: FloatArray) -> tuple[float, float]:
 
 
 def shown_range_db(levels_db: FloatArray, high_db: float) -> list[float]:
-    """Levels to show at first: from 3 dB below their median, so that noise is dark, but 20 to 40 dB."""
+    """Return the levels to show at first, 20 to 40 dB.
+
+    It starts 3 dB below the median, so that noise is dark.
+    """
     finite = levels_db[np.isfinite(levels_db)]
     noise_db = float(np.median(finite)) - 3.0 if finite.size else -math.inf
     return [high_db - float(np.clip(high_db - noise_db, *AUTO_DB_RANGE)), high_db]
 
 
 def encode(levels_db: FloatArray, low_db: float, high_db: float) -> npt.NDArray[np.uint16]:
-    """Codes 0 to 65535 of levels from ``low_db`` to ``high_db``; what lies outside is clipped, NaN is 0."""
+    """Encode levels from ``low_db`` to ``high_db`` as codes 0 to 65535.
+
+    Levels outside are clipped, NaN is 0.
+    """
     scaled = (levels_db - np.float64(low_db)) * (CODES / (high_db - low_db))
     return np.asarray(np.rint(np.clip(np.nan_to_num(scaled, nan=0.0), 0.0, CODES)), dtype=np.uint16)

@@ -1,4 +1,4 @@
-"""Panels of a whole recording: range against time, bodies, range-Doppler maps and sound."""
+"""Panels of a whole recording: range-time map, bodies, range-Doppler maps, sound."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ TRUTH_FACTS = (
 
 
 def recording_payload(run: Run, gate: GateChoice | None, *, clutter: Clutter | None = None) -> bytes:
-    """Payload of ``api/recording``.
+    """Make the payload of ``api/recording``.
 
     Parameters
     ----------
@@ -62,6 +62,15 @@ def recording_payload(run: Run, gate: GateChoice | None, *, clutter: Clutter | N
     baseband = run.clean_baseband(gate, clutter)
     times_s = axis(baseband, "slow_time")
     arrays: Arrays = {}
+    range_time, range_m = None, axis(baseband, "range")
+    if range_m.size > 1:
+        range_time, arrays["range_time"] = image_facts(
+            "range_time",
+            baseband.values.real**2 + baseband.values.imag**2,
+            axis_facts("time", "s", times_s),
+            axis_facts("range", "m", range_m),
+            unit="dB re 1 V",
+        )
     facts: dict[str, Any] = {
         "name": run.name,
         "kind": run.kind,
@@ -74,7 +83,7 @@ def recording_payload(run: Run, gate: GateChoice | None, *, clutter: Clutter | N
         "wavelength_m": recording.radar.wavelength_m,
         "clutter": run.analysis(gate, clutter).clutter,
         "no_sound": why_silent(recording.baseband),
-        "range_time": _range_time(baseband, arrays),
+        "range_time": range_time,
         "scene": None
         if recording.radar_position_m is None
         else {
@@ -95,7 +104,16 @@ def _facts(recording: Recording) -> Iterator[tuple[str, str]]:
     range_m = axis(baseband, "range")
     yield "radar", radar.name or radar.waveform.kind
     yield "carrier", f"{radar.carrier_hz / 1e9:.4g} GHz"
-    yield from _time_facts(recording)
+    times_s, prf_hz, pulses = recording.slow_time_s, radar.prf_hz, burst_pulses_of(baseband)
+    if pulses is None:
+        yield "frame rate", f"{prf_hz:.4g} Hz"
+    else:
+        starts_s = times_s[::pulses]
+        yield "frame rate", f"{prf_hz:.4g} Hz within a burst"
+        yield "bursts", f"{starts_s.size} of {pulses} frames"
+        if starts_s.size > 1:
+            yield "burst rate", f"{1 / np.median(np.diff(starts_s)):.4g} Hz"
+    yield "duration", f"{recording.observation_s:.2f} s, {times_s.size} frames"
     if range_m.size > 1:
         yield "range", f"{range_m[0]:.2f} to {range_m[-1]:.2f} m, {range_m.size} bins"
     yield "unambiguous speed", f"± {radar.wavelength_m * radar.prf_hz / 4:.3g} m/s"
@@ -103,38 +121,6 @@ def _facts(recording: Recording) -> Iterator[tuple[str, str]]:
         yield "SNR in a frame", f"{recording.snr_frame_db:.1f} dB"
     if recording.seed is not None:
         yield "seed", str(recording.seed)
-
-
-def _time_facts(recording: Recording) -> Iterator[tuple[str, str]]:
-    """Rate and number of frames; of a recording in bursts, of the bursts and of the frames in them."""
-    times_s, prf_hz = recording.slow_time_s, recording.radar.prf_hz
-    pulses = burst_pulses_of(recording.baseband)
-    if pulses is None:
-        yield "frame rate", f"{prf_hz:.4g} Hz"
-        yield "duration", f"{recording.observation_s:.2f} s, {times_s.size} frames"
-        return
-    starts_s = times_s[::pulses]
-    yield "frame rate", f"{prf_hz:.4g} Hz within a burst"
-    yield "bursts", f"{starts_s.size} of {pulses} frames"
-    if starts_s.size > 1:
-        yield "burst rate", f"{1 / np.median(np.diff(starts_s)):.4g} Hz"
-    yield "duration", f"{recording.observation_s:.2f} s, {times_s.size} frames"
-
-
-def _range_time(baseband: xr.DataArray, arrays: Arrays) -> dict[str, Any] | None:
-    """Magnitudes over range and time; None for a radar without range."""
-    range_m = axis(baseband, "range")
-    if range_m.size < 2:
-        return None
-    values = baseband.values
-    facts, arrays["range_time"] = image_facts(
-        "range_time",
-        values.real**2 + values.imag**2,
-        axis_facts("time", "s", axis(baseband, "slow_time")),
-        axis_facts("range", "m", range_m),
-        unit="dB re 1 V",
-    )
-    return facts
 
 
 def _body(number: int, truth: TargetTruth, arrays: Arrays) -> dict[str, Any]:
@@ -172,7 +158,7 @@ def _truth(number: int, truth: TargetTruth, recording: Recording, arrays: Arrays
 
 
 def part_lines_hz(truth: TargetTruth, wavelength_m: float, step: int) -> tuple[list[str], npt.NDArray[np.float32]]:
-    """True Doppler of every body part at each ``step``-th pulse, with the part's group.
+    """Return the true Doppler of every body part at each ``step``-th pulse.
 
     Scatterers of one part are averaged: a picture has no room for all of them.
 
@@ -227,7 +213,7 @@ class Frames:
 def range_doppler_payload(
     run: Run, gate: GateChoice | None, *, start: int, count: int, clutter: Clutter | None = None
 ) -> bytes:
-    """Payload of ``api/range-doppler``.
+    """Make the payload of ``api/range-doppler``.
 
     Raises
     ------
@@ -245,10 +231,20 @@ def range_doppler_payload(
         raise ConfigError(f"from: {start} is not allowed; this recording has frames 0 to {frames.columns.size - 1}")
     wanted = frames.columns[start : start + count]
     cube = _cube(baseband, analysis, wavelength_m, wanted)
-    levels, ranges, rows = _for_screen(cube)
+    levels = level_db(cube.transpose("time", "range", "doppler").values)
+    doppler_hz = axis(cube, "doppler")
+    ranges = axis_facts("range", "m", axis(cube, "range"))
+    rows = doppler_facts(doppler_hz, float(2.0 * axis(cube, "velocity")[0] / doppler_hz[0]))
+    # No larger than a screen needs: the strongest cell of every block.
+    for dim, facts in ((1, ranges), (2, rows)):
+        block = math.ceil(levels.shape[dim] / MOST_PARTS[dim - 1])
+        if block > 1:
+            levels = np.maximum.reduceat(levels, np.arange(0, levels.shape[dim], block), axis=dim)
+            first, step = facts["first"] + (block - 1) / 2 * facts["step"], block * facts["step"]
+            facts.update({"first": first, "step": step, "n": levels.shape[dim], "block": block})
     transform, prf_hz = plan_for(baseband, analysis)
     times_s = axis(baseband, "slow_time")[0] + transform.centre_pulses()[frames.columns] / prf_hz
-    facts = {
+    header = {
         "time": axis_facts("time", "s", times_s),
         "from": start,
         "count": int(wanted.size),
@@ -262,11 +258,11 @@ def range_doppler_payload(
         "frames": "frames",
         "reason": None,
     }
-    return pack(facts, {"frames": encode(levels, *frames.db)})
+    return pack(header, {"frames": encode(levels, *frames.db)})
 
 
 def why_none(run: Run) -> str | None:
-    """Why a run has no range-Doppler maps, None where it has."""
+    """Return why a run has no range-Doppler maps, or None."""
     if run.recording is None:
         return run.reason
     baseband = run.recording.baseband
@@ -282,13 +278,19 @@ def why_none(run: Run) -> str | None:
 
 
 def frame_analysis(baseband: xr.DataArray, analysis: Analysis) -> Analysis:
-    """Parameters of the frames: of slow recordings the interval is longer, as for people who keep still."""
+    """Return the analysis of the frames.
+
+    A slow recording has a longer interval, as for people who keep still.
+    """
     least_s = SLOW_PULSES / sampling_rate_hz(axis(baseband, "slow_time"))
     return analysis if analysis.cpi_s >= least_s else analysis.model_copy(update={"cpi_s": least_s})
 
 
 def plan_frames(baseband: xr.DataArray, analysis: Analysis, wavelength_m: float) -> Frames:
-    """Which intervals are shown, and levels that hold for all: no map can be higher than all its echoes in phase."""
+    """Choose the intervals to show, and levels that hold for all.
+
+    No map can be higher than all its echoes in phase.
+    """
     transform, _ = plan_for(baseband, analysis)
     step = math.ceil(transform.n_columns / MOST_FRAMES)
     columns = np.arange(0, transform.n_columns, step)
@@ -309,30 +311,13 @@ def _cube(
     return xr.concat(list(blocks), dim="time")
 
 
-def _for_screen(cube: xr.DataArray) -> tuple[npt.NDArray[Any], dict[str, Any], dict[str, Any]]:
-    """Levels (time, range, Doppler) no larger than a screen needs, and the axes of range and Doppler."""
-    levels = level_db(cube.transpose("time", "range", "doppler").values)
-    ranges = axis_facts("range", "m", axis(cube, "range"))
-    doppler_hz = axis(cube, "doppler")
-    wavelength_m = float(2.0 * axis(cube, "velocity")[0] / doppler_hz[0])
-    rows = doppler_facts(doppler_hz, wavelength_m)
-    for dim, facts in ((1, ranges), (2, rows)):
-        block = math.ceil(levels.shape[dim] / MOST_PARTS[dim - 1])
-        if block > 1:
-            levels = np.maximum.reduceat(levels, np.arange(0, levels.shape[dim], block), axis=dim)
-            count = levels.shape[dim]
-            first = facts["first"] + (block - 1) / 2 * facts["step"]
-            facts.update({"first": first, "step": block * facts["step"], "n": count, "block": block})
-    return levels, ranges, rows
-
-
 MOST_PITCH = 1e6
 
 
 def sound_wav(
     run: Run, gate: GateChoice | None, parameters: Mapping[str, str], clutter: Clutter | None = None
 ) -> bytes:
-    """WAV file of one target, as long as the recording.
+    """Make the WAV file of one target, as long as the recording.
 
     Parameters
     ----------

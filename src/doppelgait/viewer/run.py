@@ -1,4 +1,4 @@
-"""What a simulation knows of the targets that an analysis found: which body each is, and what is true of it."""
+"""Runs and target views, with the truth of the analysed targets."""
 
 from __future__ import annotations
 
@@ -34,13 +34,15 @@ DIGITS = 6
 
 
 def span_of(result: Result) -> Span:
-    """Times that a result is about: of its piece, or all of its gate."""
+    """Return start and stop of a result's segment or whole gate."""
     quality, gate = result.quality, result.gate
     return float(quality.get("start_s", gate.start_s)), float(quality.get("stop_s", gate.stop_s))
 
 
 def truths_of(recording: Recording, results: Sequence[Result]) -> list[Truths]:
-    """For every result, what gives the truth of its body between two times.
+    """Match every result to a body of the simulation.
+
+    Each item gives the truth of that body between two times.
 
     A gate of the truth is of the body of the same number. Other gates are matched by range: each body to the result
     whose gate is nearest to it, on the median over the times of the result and within 0.8 m, and to no other result of
@@ -86,14 +88,14 @@ def truths_of(recording: Recording, results: Sequence[Result]) -> list[Truths]:
 
 
 def _distance_m(truth: TargetTruth, times_s: npt.NDArray[np.float64], result: Result, span: Span) -> float:
-    """Median distance of the middle of a gate from a body."""
+    """Return the median distance of a gate's centre from a body."""
     chosen = _during(times_s, span)
     middle_m = result.gate.centre_at(times_s[chosen])
     return float(np.median(np.abs(middle_m - truth.centre_range_m[chosen])))
 
 
 def _during(times_s: npt.NDArray[np.float64], span: Span) -> npt.NDArray[np.bool_]:
-    """Pulses between two times; all where none is between."""
+    """Select the pulses between two times; all where none is between."""
     inside = (times_s >= span[0] - 1e-9) & (times_s <= span[1] + 1e-9)
     return inside if inside.any() else np.ones(times_s.shape, dtype=bool)
 
@@ -113,7 +115,9 @@ def _truths(
 
 
 def true_values(truth: TargetTruth, wavelength_m: float, during: npt.NDArray[np.bool_]) -> dict[str, Any]:
-    """What a simulation knows of the features and frequencies, by their names; the rest under names of its own.
+    """Return the true features and frequencies by their names.
+
+    Further facts of the simulation have names of their own.
 
     Parameters
     ----------
@@ -152,7 +156,7 @@ MOST_ANALYSES = 2
 
 @dataclass(frozen=True)
 class TargetView:
-    """What is shown of one target, from an analysis, a result file or a dataset.
+    """View of one target, from an analysis, result file or dataset.
 
     Parameters
     ----------
@@ -208,7 +212,9 @@ Analysed = tuple[list[TargetView], list[str]]
 
 @dataclass(eq=False)
 class Run:
-    """A recording with its analyses, made when they are first asked for; not safe for several threads at once.
+    """Recording with its analyses, made on first use.
+
+    It is not safe for several threads at once.
 
     Parameters
     ----------
@@ -253,13 +259,13 @@ class Run:
         return list(self.stored()) if self.stored is not None else []
 
     def needed_recording(self) -> Recording:
-        """The recording, or an AnalysisError that says why there is none."""
+        """Return the recording; raise an AnalysisError with the reason for none."""
         if self.recording is None:
             raise AnalysisError(f"{self.name}: there is no recording to take it from: {self.reason}")
         return self.recording
 
     def analysis(self, gate: GateChoice | None, clutter: Clutter | None = None) -> Analysis:
-        """Parameters that targets in a gate are analysed with.
+        """Return the analysis parameters of targets in a gate.
 
         Of a recording static clutter is taken off, by the median, unless the user said how; what "Try it" simulates has
         none; an example of a dataset is analysed as the dataset was.
@@ -268,29 +274,29 @@ class Run:
         if clutter == "kept":
             return known.model_copy(update={"clutter": "none"})
         if clutter == "removed":
-            return known if known.clutter != "none" else known.model_copy(update={"clutter": "median"})
+            return known if known.clutter not in ("none", "auto") else known.model_copy(update={"clutter": "median"})
         if self.kind == "try":
-            return known.model_copy(update={"clutter": known.clutter})  # as if it was asked for: tracking keeps it
-        if self.kind == "recording" or (gate or self.settings.gate) == "track":
-            return known.resolved("track")
-        return known
+            return known.resolved(None)  # tracking, too, keeps it
+        return known.resolved("track" if self.kind == "recording" else gate or self.settings.gate)
 
     def clean_baseband(self, gate: GateChoice | None, clutter: Clutter | None = None) -> xr.DataArray:
-        """Baseband without clutter, as it is analysed."""
+        """Return the baseband without clutter, as it is analysed."""
         analysis = self.analysis(gate, clutter)
         return self.keep(
             f"baseband, {analysis.clutter}", lambda: remove_clutter(self.needed_recording().baseband, analysis)
         )
 
     def keep(self, name: str, make: Callable[[], T]) -> T:
-        """What was made under this name, made now if it was not."""
+        """Return the cached value for ``name``, computing it on first use."""
         if name not in self._kept:
             self._kept[name] = make()
         kept: T = self._kept[name]
         return kept
 
     def targets(self, gate: GateChoice | None, clutter: Clutter | None = None) -> list[TargetView]:
-        """Targets in a gate; in None those that were stored, or those in the gate that is shown first.
+        """Return the targets in a gate.
+
+        Without a gate these are the stored ones, or those in the gate that is shown first.
 
         Raises
         ------
@@ -302,30 +308,35 @@ class Run:
         return self._analysis_in(gate or self.settings.gate, clutter)[0]
 
     def shows_stored(self, gate: GateChoice | None) -> bool:
-        """Whether targets in a gate are those that were stored."""
+        """Return True if the targets in a gate are the stored ones."""
         return gate is None and self.stored is not None
 
     def warnings(self, gate: GateChoice | None, clutter: Clutter | None = None) -> list[str]:
-        """What the analysis of :meth:`targets` warned of."""
+        """Return the warnings of the analysis of :meth:`targets`."""
         return [] if self.shows_stored(gate) else self._analysis_in(gate or self.settings.gate, clutter)[1]
 
     def _analysis_in(self, gate: GateChoice, clutter: Clutter | None) -> Analysed:
         done = self.analysis(gate, clutter)
         key = (gate, str(done.clutter))
+
+        def views() -> list[TargetView]:
+            recording = self.needed_recording()
+            results = analyze(recording, gate=gate, analysis=done, tracking=self.settings.tracking)
+            truths = truths_of(recording, results)
+            return [view_of(result, known) for result, known in zip(results, truths, strict=True)]
+
         if key not in self._analyses:
             while len(self._analyses) >= MOST_ANALYSES:
                 self._analyses.pop(next(iter(self._analyses)))
-            self._analyses[key] = with_warnings(lambda: self._analysed(gate, done))
+            self._analyses[key] = with_warnings(views)
         return self._analyses[key]
-
-    def _analysed(self, gate: GateChoice, analysis: Analysis) -> list[TargetView]:
-        recording = self.needed_recording()
-        results = analyze(recording, gate=gate, analysis=analysis, tracking=self.settings.tracking)
-        return [view_of(result, truths) for result, truths in zip(results, truths_of(recording, results), strict=True)]
 
 
 def with_warnings(make: Callable[[], T]) -> tuple[T, list[str]]:
-    """What a function gives, and what doppelgait warned of meanwhile, each text once."""
+    """Call a function and return its result and doppelgait's warnings.
+
+    Each text of a warning appears once.
+    """
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", DoppelgaitWarning)
         made = make()
@@ -334,7 +345,9 @@ def with_warnings(make: Callable[[], T]) -> tuple[T, list[str]]:
 
 
 def view_of(result: Result, truths: Truths) -> TargetView:
-    """What is shown of an analysed target: of a tracked one its longest piece, and its other pieces beside.
+    """Build the view of an analysed target.
+
+    A tracked target shows its longest segment, and has views of the others.
 
     Parameters
     ----------
@@ -382,7 +395,7 @@ def _view(result: Result, truths: Truths) -> TargetView:
 def harmonics_of(
     features: Mapping[str, float | None], gait_frequency_hz: float | None
 ) -> tuple[float | None, float | None]:
-    """Cadence of the second and third harmonic, Hz, from the ratios to the gait frequency."""
+    """Return the second and third harmonic, Hz, from their ratios."""
     ratios = (features.get("harmonic_ratio_2"), features.get("harmonic_ratio_3"))
     second, third = (None if r is None or gait_frequency_hz is None else r * gait_frequency_hz for r in ratios)
     return second, third

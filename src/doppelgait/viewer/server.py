@@ -24,7 +24,9 @@ def serve(
     opened: Opened | None, *, settings: Settings | None = None, port: int = 0,
     on_ready: Callable[[str], None] = lambda url: None,
 ) -> None:  # fmt: skip
-    """Serve the viewer on this computer, and to no other, until it is interrupted.
+    """Serve the viewer until it is interrupted.
+
+    Only this computer can reach it.
 
     Parameters
     ----------
@@ -64,7 +66,10 @@ def serve(
 
 
 def check_installed() -> None:
-    """A DoppelgaitError that tells what to install, unless the server's packages are there."""
+    """Raise a DoppelgaitError if a package of the server is missing.
+
+    The error names the command that installs it.
+    """
     from importlib.util import find_spec
 
     if any(find_spec(name) is None for name in ("starlette", "uvicorn")):
@@ -72,7 +77,7 @@ def check_installed() -> None:
 
 
 def listening(port: int) -> socket.socket:
-    """Socket that listens on this computer's own address alone.
+    """Open a socket that listens on this computer's own address alone.
 
     Raises
     ------

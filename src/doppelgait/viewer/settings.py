@@ -1,4 +1,4 @@
-"""Parameters of requests and of the command line, and the settings made of them."""
+"""Parameters of requests and of the command line, and their settings."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Pairs = Sequence[tuple[str, str]]
 
 
 def single(query: Pairs, allowed: Collection[str]) -> dict[str, str]:
-    """Parameters by name, each known and given once.
+    """Return parameters by name, each known and present once.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def single(query: Pairs, allowed: Collection[str]) -> dict[str, str]:
 
 
 def number_of(key: str, value: str, *, least: float = -math.inf, most: float = math.inf) -> float:
-    """A finite number between two limits.
+    """Parse a finite number between two limits.
 
     Raises
     ------
@@ -59,7 +59,9 @@ def number_of(key: str, value: str, *, least: float = -math.inf, most: float = m
 
 
 def whole_of(parameters: Mapping[str, str], key: str, default: int, *, least: int, most: int) -> int:
-    """A whole number between two limits; a ``default`` outside of them stands for none.
+    """Parse a whole number between two limits.
+
+    A ``default`` outside of them stands for none.
 
     Raises
     ------
@@ -81,7 +83,7 @@ Clutter = Literal["kept", "removed"]
 
 @dataclass(frozen=True)
 class Settings:
-    """How recordings are read and analysed.
+    """Settings for reading and analysing recordings.
 
     Parameters
     ----------
@@ -92,7 +94,7 @@ class Settings:
     analysis : Analysis
     tracking : Tracking
     options : mapping
-        What a recording's file does not tell.
+        Options for what a recording's file does not store.
     motion_folder : Path, optional
         Where the motion files of a dataset's plan are; without, none is opened.
     """
@@ -106,7 +108,7 @@ class Settings:
 
 
 def parse_settings(gate: str | None, changes: Sequence[str], options: Sequence[str]) -> Settings:
-    """Settings from ``--gate``, ``--set KEY=VALUE`` and ``--option KEY=VALUE``.
+    """Parse ``--gate``, ``--set KEY=VALUE`` and ``--option KEY=VALUE`` into settings.
 
     Raises
     ------

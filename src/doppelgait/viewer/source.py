@@ -1,4 +1,4 @@
-"""What is open, and which run a request refers to."""
+"""Opened data, and the run that a request refers to."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ DATASET_FILES = ("dataset.json", "index.parquet")
 
 @dataclass(frozen=True)
 class Opened:
-    """What the viewer was started with.
+    """Recording, result or dataset that the viewer was started with.
 
     Parameters
     ----------
     kind : {"recording", "result", "dataset"}
     name : str
     path_name : str
-        Last part of the path, for the page; it never learns where that is.
+        Last part of the path, for the page, which never gets the folder.
     run : Run, optional
         Recording or result.
     browser : Browser, optional
@@ -48,7 +48,7 @@ class Opened:
 
     @property
     def folders(self) -> tuple[Path, ...]:
-        """Folders that the page must not learn."""
+        """Folders that the page must not show."""
         return () if self.browser is None else self.browser.folders
 
 
@@ -104,17 +104,20 @@ def open_path(path: str | Path, settings: Settings) -> Opened:
             raise ConfigError(f"--gate: {error}, or --gate track") from None
     if not settings.gate_asked and not can_track(recording):
         settings = replace(settings, gate=all_ranges_m(recording))
-    notes = tuple(text.replace(f"{place}", name) for text in said)  # the page does not learn where the file is
+    notes = tuple(text.replace(f"{place}", name) for text in said)  # the page does not show the folder
     return Opened("recording", name, name, run=Run(name, "recording", settings, load=lambda: recording, notes=notes))
 
 
 def can_track(recording: Recording) -> bool:
-    """Whether bodies can be followed: there are ranges, and no pauses between the pulses."""
+    """Return True if targets can be tracked.
+
+    There must be ranges, and no pauses between the pulses.
+    """
     return recording.n_range_bins > 1 and burst_pulses_of(recording.baseband) is None
 
 
 def all_ranges_m(recording: Recording) -> tuple[float, float]:
-    """A gate around all range cells, m."""
+    """Return the limits of a gate around all range cells, m."""
     range_m = recording.range_m
     if range_m.size == 1:
         return recording.radar.range_start_m, recording.radar.range_stop_m
@@ -150,7 +153,9 @@ class Reference:
 
 
 def parse_reference(query: Pairs, names: Sequence[str] = ()) -> Reference:
-    """Reference to a run: nothing for what was opened, ``example=ID``, or ``try=1`` with the controls' values.
+    """Parse the reference to a run.
+
+    Nothing refers to what was opened, ``example=ID`` to an example, ``try=1`` to the values of the controls.
 
     Parameters
     ----------
@@ -177,33 +182,24 @@ def parse_reference(query: Pairs, names: Sequence[str] = ()) -> Reference:
     key: tuple[str | tuple[str, str], ...] = ("example", found["example"]) if "example" in found else ()
     if trying:
         key = ("try", *sorted((name, value) for name, value in found.items() if name in own))
-    return Reference(key, gate, further, clutter=_clutter_of(further), piece=_piece_of(further))
-
-
-def _clutter_of(further: dict[str, str]) -> Clutter | None:
-    text = further.pop("clutter", None)
-    for known in get_args(Clutter):
-        if text == known:
-            chosen: Clutter = known
-            return chosen
-    if text is None:
-        return None
-    raise ConfigError(f"clutter: {text!r} is not allowed; it must be {' or '.join(get_args(Clutter))}")
-
-
-def _piece_of(further: dict[str, str]) -> tuple[int, int] | None:
-    """Target and piece of ``piece=T:K``."""
-    text = further.pop("piece", None)
-    if text is None:
-        return None
-    target, colon, piece = text.partition(":")
-    if not colon or not all(part.isascii() and part.isdigit() and len(part) <= 6 for part in (target, piece)):
-        raise ConfigError(f"piece: {text!r} is not allowed; it must be TARGET:PIECE, for example 0:2")
-    return int(target), int(piece)
+    clutter: Clutter | None = None
+    if (text := further.pop("clutter", None)) is not None:
+        clutter = next((known for known in get_args(Clutter) if known == text), None)
+        if clutter is None:
+            raise ConfigError(f"clutter: {text!r} is not allowed; it must be {' or '.join(get_args(Clutter))}")
+    piece: tuple[int, int] | None = None
+    if (text := further.pop("piece", None)) is not None:
+        target, colon, number = text.partition(":")
+        if not colon or not all(part.isascii() and part.isdigit() and len(part) <= 6 for part in (target, number)):
+            raise ConfigError(f"piece: {text!r} is not allowed; it must be TARGET:PIECE, for example 0:2")
+        piece = int(target), int(number)
+    return Reference(key, gate, further, clutter=clutter, piece=piece)
 
 
 class Shelf:
-    """The opened run and the last few others; for one thread at a time.
+    """Opened run and the last few others.
+
+    It is for one thread at a time.
 
     Parameters
     ----------
@@ -215,7 +211,7 @@ class Shelf:
         self._runs: OrderedDict[tuple[str | tuple[str, str], ...], Run] = OrderedDict()
 
     def run(self, reference: Reference) -> Run:
-        """The run that is meant.
+        """Return the run of a reference.
 
         Raises
         ------
@@ -248,7 +244,7 @@ KNOWN_CLASSES = ("human", "dog", "cat")
 
 
 def session_facts(opened: Opened | None, settings: Settings) -> dict[str, Any]:
-    """Content of ``api/session``."""
+    """Return the content of ``api/session``."""
     from doppelgait.viewer.try_it import controls
 
     browser = None if opened is None else opened.browser
@@ -273,7 +269,7 @@ def session_facts(opened: Opened | None, settings: Settings) -> dict[str, Any]:
 
 
 def gates_of(run: Run | None) -> list[str]:
-    """Named gates that can be asked for without an error."""
+    """Return the named gates that can be requested without an error."""
     if run is None or run.recording is None:
         return []
     named = {"track": can_track(run.recording), "truth": bool(run.recording.truth)}
@@ -281,13 +277,13 @@ def gates_of(run: Run | None) -> list[str]:
 
 
 def gate_text(gate: GateChoice) -> str:
-    """GateChoice as a request has it."""
+    """Format a gate as a request has it."""
     return gate if isinstance(gate, str) else f"{gate[0]:g}:{gate[1]:g}"
 
 
 @cache
 def _looks(classes: tuple[str, ...]) -> dict[str, Any]:
-    """Colours of maps, body parts and classes, the same as in the figures."""
+    """Return colours of maps, body parts and classes, as in the figures."""
     from matplotlib import colormaps
 
     from doppelgait.viz.motion import PART_COLOURS

@@ -1,4 +1,4 @@
-"""What is shown of the targets: signature, step-Doppler map, cadence spectrum, features and gate."""
+"""Panels of the targets: signature, cadence map and spectrum, features, gate."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from doppelgait import processing
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.labels import axis
 from doppelgait.pipeline.target import ALIGNED
-from doppelgait.processing.gate import Gate, GateChoice
-from doppelgait.viewer.payload import MOST, axis_facts, block_of, doppler_facts, image_facts, level_db, pack
+from doppelgait.processing.gate import GateChoice
+from doppelgait.viewer.payload import MOST, Axis, axis_facts, block_of, doppler_facts, image_facts, level_db, pack
 from doppelgait.viewer.run import Run, TargetView
 from doppelgait.viewer.settings import Clutter
 
@@ -28,7 +28,9 @@ NO_TARGET = "no target was found: nothing moves steadily or breathes in this rec
 def targets_payload(
     run: Run, gate: GateChoice | None, clutter: Clutter | None = None, *, piece: tuple[int, int] | None = None
 ) -> bytes:
-    """Payload of ``api/targets``; of a run that cannot be analysed so, the reason.
+    """Make the payload of ``api/targets``.
+
+    A run that cannot be analysed gives the reason instead.
 
     Parameters
     ----------
@@ -57,7 +59,7 @@ def targets_payload(
 
 
 def with_piece(targets: Sequence[TargetView], number: int, piece: int) -> list[TargetView]:
-    """The targets, of one of which another piece is shown."""
+    """Replace the view of one target by that of another segment."""
     if number >= len(targets):
         known = f"there are targets 0 to {len(targets) - 1}" if targets else "there is no target"
         raise ConfigError(f"piece: {number}:{piece} is not allowed; {known}")
@@ -69,10 +71,35 @@ def with_piece(targets: Sequence[TargetView], number: int, piece: int) -> list[T
 
 
 def _target(number: int, view: TargetView, method: str, arrays: Arrays) -> dict[str, Any]:
-    prefix = f"target_{number}_"
-    # Rows of the step-Doppler map that are worth looking at, as in its figure.
     from doppelgait.viz.maps import doppler_limits_hz
 
+    prefix = f"target_{number}_"
+    signature = view.signature if view.signature is not None and view.signature.size else None
+    cadence_map = view.cadence_map if view.cadence_map is not None and view.cadence_map.size else None
+    pictures: dict[str, dict[str, Any] | None] = {"signature": None, "cadence_map": None}
+    if signature is not None:
+        unit = "dB re 1 V²" if signature.attrs.get("units") == "V^2" else "dB re 1"
+        time = axis_facts("time", "s", axis(signature, "time"))
+        pictures["signature"] = _picture(signature, signature.values, time, f"{prefix}signature", unit, arrays)
+    main_line = None
+    if signature is not None and view.main_line_hz is not None:
+        # At the columns of the picture: the middle of every block of columns.
+        block = block_of(signature.sizes["time"], MOST[0])
+        at = np.arange(0, view.main_line_hz.size, block) + (block - 1) / 2
+        main_line = f"{prefix}main_line"
+        arrays[main_line] = np.interp(at, np.arange(view.main_line_hz.size), view.main_line_hz).astype(np.float32)
+    if cadence_map is not None:
+        cadence, power = axis_facts("cadence", "Hz", axis(cadence_map, "cadence")), np.square(cadence_map.values)
+        pictures["cadence_map"] = _picture(cadence_map, power, cadence, f"{prefix}cadence_map", "dB re 1", arrays)
+    spectrum = _spectrum(view, f"{prefix}cadence_spectrum", method, arrays)
+    gate_limits = None
+    if view.gate_limits is not None:
+        gate = view.gate_limits
+        count = gate.time_s.size
+        chosen = np.unique(np.linspace(0, count - 1, min(count, MOST_GATE_POINTS)).round().astype(int))
+        lines = {"time": gate.time_s, "low": gate.low_m, "high": gate.high_m}
+        arrays.update({f"{prefix}gate_{key}": values[chosen].astype(np.float32) for key, values in lines.items()})
+        gate_limits = {key: f"{prefix}gate_{key}" for key in lines}
     return {
         "number": number,
         "label": view.label,
@@ -87,54 +114,36 @@ def _target(number: int, view: TargetView, method: str, arrays: Arrays) -> dict[
         "extended": view.extended,
         "flags": view.flags,
         "truth": view.truth,
-        "signature": _signature(view.signature, f"{prefix}signature", arrays),
-        "main_line": _main_line(view, f"{prefix}main_line", arrays),
+        "signature": pictures["signature"],
+        "main_line": main_line,
         "aligned": is_aligned(view, method),
-        "cadence_band_hz": None
-        if view.cadence_map is None or view.cadence_map.size == 0
-        else doppler_limits_hz(view.cadence_map**2),
-        "cadence_map": _cadence_map(view.cadence_map, f"{prefix}cadence_map", arrays),
-        "cadence_spectrum": _spectrum(view, f"{prefix}cadence_spectrum", method, arrays),
-        "gate_limits": _gate_limits(view.gate_limits, prefix, arrays),
+        # Rows of the cadence-velocity diagram that are worth looking at, as in its figure.
+        "cadence_band_hz": None if cadence_map is None else doppler_limits_hz(cadence_map**2),
+        "cadence_map": pictures["cadence_map"],
+        "cadence_spectrum": spectrum,
+        "gate_limits": gate_limits,
         "pieces": view.pieces,
         "piece": view.piece,
     }
 
 
-def _wavelength_m(array: xr.DataArray) -> float:
-    """Wavelength that the velocity axis was made with; NaN without such an axis."""
-    doppler_hz = axis(array, "doppler")
-    furthest = int(np.abs(doppler_hz).argmax())
-    if "velocity" not in array.coords or doppler_hz[furthest] == 0:
-        return float("nan")
-    return float(2.0 * axis(array, "velocity")[furthest] / doppler_hz[furthest])
-
-
-def _signature(signature: xr.DataArray | None, name: str, arrays: Arrays) -> dict[str, Any] | None:
-    if signature is None or signature.size == 0:
-        return None
-    facts, arrays[name] = image_facts(
-        name,
-        signature.values,
-        axis_facts("time", "s", axis(signature, "time")),
-        doppler_facts(axis(signature, "doppler"), _wavelength_m(signature)),
-        unit="dB re 1 V²" if signature.attrs.get("units") == "V^2" else "dB re 1",
-    )
+def _picture(
+    array: xr.DataArray, power: npt.NDArray[Any], x: Axis, name: str, unit: str, arrays: Arrays
+) -> dict[str, Any]:
+    """Encode powers over some quantity and Doppler as a picture."""
+    doppler_hz, wavelength_m = axis(array, "doppler"), float("nan")
+    farthest = int(np.abs(doppler_hz).argmax())
+    if "velocity" in array.coords and doppler_hz[farthest] != 0:
+        wavelength_m = float(2.0 * axis(array, "velocity")[farthest] / doppler_hz[farthest])
+    facts, arrays[name] = image_facts(name, power, x, doppler_facts(doppler_hz, wavelength_m), unit=unit)
     return facts
 
 
-def _main_line(view: TargetView, name: str, arrays: Arrays) -> str | None:
-    """Main line at the columns of the picture: at the middle of every block of columns."""
-    if view.main_line_hz is None or view.signature is None or view.signature.size == 0:
-        return None
-    block = block_of(view.signature.sizes["time"], MOST[0])
-    at = np.arange(0, view.main_line_hz.size, block) + (block - 1) / 2
-    arrays[name] = np.interp(at, np.arange(view.main_line_hz.size), view.main_line_hz).astype(np.float32)
-    return name
-
-
 def is_aligned(view: TargetView, method: str) -> bool | None:
-    """Whether the Doppler of the step-Doppler map is measured from the main line; None where it is not known."""
+    """Return True if the map's Doppler is relative to the main line.
+
+    It is None where that is not known.
+    """
     if method == "liland2018" or view.cadence_map is None:
         return None if view.cadence_map is None else False
     if ALIGNED in view.cadence_map.attrs:
@@ -144,21 +153,11 @@ def is_aligned(view: TargetView, method: str) -> bool | None:
     return processing.needs_alignment(view.signature)  # stored by an older version, or in a dataset
 
 
-def _cadence_map(cadence_map: xr.DataArray | None, name: str, arrays: Arrays) -> dict[str, Any] | None:
-    if cadence_map is None or cadence_map.size == 0:
-        return None
-    facts, arrays[name] = image_facts(
-        name,
-        np.square(cadence_map.values),
-        axis_facts("cadence", "Hz", axis(cadence_map, "cadence")),
-        doppler_facts(axis(cadence_map, "doppler"), _wavelength_m(cadence_map)),
-        unit="dB re 1",
-    )
-    return facts
-
-
 def _spectrum(view: TargetView, name: str, method: str, arrays: Arrays) -> dict[str, Any] | None:
-    """Cadence spectrum in dB with its peaks; the report's own is a sum of magnitudes."""
+    """Describe the cadence spectrum in dB with its peaks.
+
+    The report's own spectrum is a sum of magnitudes.
+    """
     spectrum = view.cadence_spectrum
     if spectrum is None or spectrum.size == 0:
         return None
@@ -171,14 +170,3 @@ def _spectrum(view: TargetView, name: str, method: str, arrays: Arrays) -> dict[
         "unit": "dB re 1",
         "peaks": [{"hz": hz, "name": name} for name, hz in named if hz is not None],
     }
-
-
-def _gate_limits(gate: Gate | None, prefix: str, arrays: Arrays) -> dict[str, Any] | None:
-    if gate is None:
-        return None
-    count = gate.time_s.size
-    chosen = np.unique(np.linspace(0, count - 1, min(count, MOST_GATE_POINTS)).round().astype(int))
-    lines = {"time": gate.time_s, "low": gate.low_m, "high": gate.high_m}
-    for key, values in lines.items():
-        arrays[f"{prefix}gate_{key}"] = values[chosen].astype(np.float32)
-    return {key: f"{prefix}gate_{key}" for key in lines}

@@ -1,4 +1,4 @@
-"""Controls of Try it: limits, allowed values and where the target walks."""
+"""Controls of Try it: limits, allowed values, and the target's path."""
 
 from __future__ import annotations
 
@@ -24,15 +24,17 @@ from doppelgait.radar.presets import preset_names
 from doppelgait.viewer.settings import number_of
 
 BUILD_OF = {"dog": "standard", "cat": "cat"}
-"""Build of the animals, by mover."""
+"""Build of the animals, by target."""
 SIZE_OF = {"person": "height_m", "dog": "withers_m", "cat": "withers_m"}
 COMPANY_M = {"person": 1.75, "dog": 0.5}
-"""Size of a second mover."""
+"""Size of a second target."""
 
 
 @dataclass(frozen=True)
 class Limit:
-    """Limits ``low`` to ``high`` of a control while other controls have the values ``when``.
+    """Limits of a control that depend on other controls.
+
+    They hold from ``low`` to ``high`` while the others have the values ``when``.
 
     Parameters
     ----------
@@ -41,7 +43,7 @@ class Limit:
     low, high : float, optional
         None where there is no limit.
     size, power : str, float
-        Control whose value, to this power, multiplies both; "" for none.
+        Control that multiplies both by its value to this power; "" for none.
     """
 
     when: Mapping[str, str]
@@ -51,13 +53,16 @@ class Limit:
     power: float = 1.0
 
     def applies(self, values: Mapping[str, Any]) -> bool:
-        """Whether the other controls have these values."""
+        """Return True if the other controls have these values."""
         return all(values.get(name) == value for name, value in self.when.items())
 
 
 @cache
 def speed_limits() -> tuple[Limit, ...]:
-    """Limits of the speed in every gait of every mover, and beside a second mover."""
+    """Return the speed limits of every gait of every target.
+
+    Those next to a second target follow.
+    """
     found = []
     for who, size in SIZE_OF.items():
         for gait, low, high, power in _gaits(who):
@@ -69,7 +74,10 @@ def speed_limits() -> tuple[Limit, ...]:
 
 
 def _gaits(who: str) -> Iterator[tuple[str, float, float, float]]:
-    """Gait, slowest and fastest at a size of 1 m, and the power of the size that they go by; "auto" comes first."""
+    """Yield every gait with its speed limits at 1 m size.
+
+    The last item is the power of the size that the speeds scale with; "auto" comes first.
+    """
     if who == "person":
         run = _human_mps("run")
         yield "auto", 0.0, run[1], 0.5
@@ -90,25 +98,30 @@ def _human_mps(gait: Literal["walk", "run"]) -> tuple[float, float]:
 
 
 def seen_m(radar: str) -> tuple[float, float | None]:
-    """Nearest and farthest range that a preset sees, m; continuous wave has no farthest."""
+    """Return the nearest and farthest range of a preset, m.
+
+    Continuous wave has no farthest range.
+    """
     preset = Radar.preset(radar)
     return (preset.range_start_m, preset.range_stop_m) if preset.waveform.ranged else (0.0, None)
 
 
 def range_limits(radars: Mapping[str, str]) -> tuple[Limit, ...]:
-    """Limits of the range by radar."""
+    """Return the limits of the range by radar."""
     return tuple(Limit({"radar": name}, *seen_m(name)) for name in radars)
 
 
 NEAREST_M = 1.0
 """Nearer a body fills the beam, and the moment of passing holds all the power that the SNR is measured by."""
 BESIDE_M = 1.0
-"""Way between two movers."""
+"""Distance of the paths of two targets."""
 STEP_M = 0.1
 
 
 def middle_range_m(values: Mapping[str, Any]) -> float:
-    """Range in the middle of the time: what was asked for, or the next farther that keeps all movers away enough.
+    """Return the range in the middle of the time.
+
+    It is the requested range, or the next farther one that keeps all targets away from the radar.
 
     Raises
     ------
@@ -128,7 +141,10 @@ def middle_range_m(values: Mapping[str, Any]) -> float:
 
 
 def nearest_m(values: Mapping[str, Any], range_m: float) -> float:
-    """Least distance of the movers' ways from the radar, m, if they are at a range in the middle of the time."""
+    """Return the least distance of the targets' paths from the radar, m.
+
+    The range is that in the middle of the time.
+    """
     half_m = float(values.get("speed_mps", 0.0)) * float(values["duration_s"]) / 2.0
     heading = math.radians(180.0 + float(values["aspect_deg"]))
     sides = [0.0] if values.get("company", "nobody") == "nobody" else [0.0, BESIDE_M]
@@ -140,19 +156,22 @@ def nearest_m(values: Mapping[str, Any], range_m: float) -> float:
 
 
 def moved_note(values: Mapping[str, Any]) -> tuple[str, ...]:
-    """Sentence that says that the movers stand elsewhere than asked for; none if they do not."""
+    """Return a note that the targets are farther than requested.
+
+    It is empty if they are not.
+    """
     asked_m, taken_m = float(values["range_m"]), middle_range_m(values)
     if taken_m == asked_m:
         return ()
     allowed_m = max(NEAREST_M, seen_m(str(values["radar"]))[0])
     return (
-        f"range: {taken_m:g} m in the middle of the time instead of {asked_m:g} m, so that nobody comes nearer to the "
+        f"range: {taken_m:g} m in the middle of the time instead of {asked_m:g} m, so that no target is nearer to the "
         f"radar than {allowed_m:.3g} m",
     )
 
 
 def beside(range_m: float, aspect_deg: float) -> dict[str, float]:
-    """Place of a second mover, to the side of the first and on a parallel way."""
+    """Place a second target next to the first, on a parallel path."""
     heading = math.radians(180.0 + aspect_deg)
     x, y = range_m - BESIDE_M * math.sin(heading), BESIDE_M * math.cos(heading)
     bearing_deg = math.degrees(math.atan2(y, x))
@@ -172,7 +191,7 @@ TOO_SLOW = ("x4-17fps",)
 
 @dataclass(frozen=True)
 class Control:
-    """One control.
+    """Control of the page.
 
     Parameters
     ----------
@@ -186,9 +205,9 @@ class Control:
     who : tuple of str
         Movers that have it; all by default.
     by_who : mapping
-        Other limits and defaults by mover.
+        Other limits and defaults by target.
     values_by_who : mapping
-        Values that a mover has, where it does not have all.
+        Values that a target has, where it does not have all.
     limits : tuple of Limit
         What other controls leave of the limits.
     """
@@ -209,16 +228,16 @@ class Control:
     limits: tuple[Limit, ...] = ()
 
     def default_for(self, who: str) -> Value:
-        """Default of a mover."""
+        """Return the default of a target."""
         return self.by_who.get(who, {}).get("default", self.default)
 
     def parse(self, text: str, who: str) -> Value:
-        """Value of a request.
+        """Parse the value of a request.
 
         Raises
         ------
         ConfigError
-            If it is not allowed for this mover.
+            If it is not allowed for this target.
         """
         if who not in self.who:
             owners = ", ".join(MOVERS[name] for name in self.who)
@@ -239,7 +258,10 @@ class Control:
 
 @cache
 def all_controls() -> tuple[Control, ...]:
-    """All controls in the order of the page; ``who`` comes first."""
+    """Return all controls in the order of the page.
+
+    ``who`` comes first.
+    """
     radars = {name: name for name in preset_names() if name not in TOO_SLOW}
     # Who moves, how fast and how.
     gaits = {"auto": "by speed", "run": "run", **{name: name.replace("_", " ") for name in get_args(GaitName)}}
@@ -277,7 +299,7 @@ def all_controls() -> tuple[Control, ...]:
                 },
             ),
         ),
-        # What the mover is like, and whether it is alone.
+        # Size and company of the target.
         Control(
             "height_m", "stature", "Height of the person: longer legs step more slowly at the same speed.", unit="m",
             low=0.9, high=2.2, step=0.01, default=1.75, who=("person",),

@@ -1,4 +1,4 @@
-"""A few seconds of one mover or two before a radar, simulated as the controls of "Try it" say."""
+"""Short simulations of one or two targets, for Try it."""
 
 from __future__ import annotations
 
@@ -31,12 +31,17 @@ GATE: GateName = "truth"
 
 
 def controls() -> list[dict[str, Any]]:
-    """The controls, as the page gets them: fields of :class:`doppelgait.viewer.try_controls.Control`."""
+    """Return the controls as the page gets them.
+
+    They have the fields of :class:`doppelgait.viewer.try_controls.Control`.
+    """
     return [{**asdict(control), "values": list(control.values.items())} for control in all_controls()]
 
 
 def chosen(parameters: Mapping[str, str]) -> dict[str, Value]:
-    """Value of every control that the mover has: of the request, else its default.
+    """Return the value of every control that the target has.
+
+    It is that of the request, else the default.
 
     Raises
     ------
@@ -58,7 +63,9 @@ def chosen(parameters: Mapping[str, str]) -> dict[str, Value]:
 
 
 def scene_table(parameters: Mapping[str, str]) -> dict[str, Any]:
-    """Tables of the scene file that the controls mean; see :func:`doppelgait.pipeline.parse_run`.
+    """Return the tables of the controls' scene file.
+
+    See :func:`doppelgait.pipeline.parse_run`.
 
     Raises
     ------
@@ -66,6 +73,13 @@ def scene_table(parameters: Mapping[str, str]) -> dict[str, Any]:
         As :func:`chosen`.
     """
     values = chosen(parameters)
+    who, company = str(values["who"]), str(values.get("company", "nobody"))
+    place = {"range_m": middle_range_m(values), "aspect_deg": float(values["aspect_deg"])}
+    targets = [{"label": LABELS.get(who, who), **place, "motion": MOTIONS[who](values)}]
+    if company != "nobody":
+        size = {SIZE_OF[company]: COMPANY_M[company]}
+        motion = MOTIONS[company]({"speed_mps": values["speed_mps"], "gait": "auto", **size})
+        targets.append({"label": LABELS.get(company, company), **beside(**place), "motion": motion})
     noise = {"kind": "snr", "snr_db": values["snr_db"]} if values["noise"] == "on" else {"kind": "none"}
     return {
         "seed": values["seed"],
@@ -73,24 +87,8 @@ def scene_table(parameters: Mapping[str, str]) -> dict[str, Any]:
         "radar": {"preset": values["radar"]},
         "noise": noise,
         "analysis": {"cpi_s": values["cpi_s"]},
-        "targets": _targets(values),
+        "targets": targets,
     }
-
-
-def _targets(values: Mapping[str, Value]) -> list[dict[str, Any]]:
-    range_m, aspect_deg = middle_range_m(values), float(values["aspect_deg"])
-    who = str(values["who"])
-    first = {"label": _label(who), "range_m": range_m, "aspect_deg": aspect_deg, "motion": MOTIONS[who](values)}
-    company = values.get("company", "nobody")
-    if company == "nobody":
-        return [first]
-    kind = str(company)
-    motion = MOTIONS[kind]({"speed_mps": values["speed_mps"], "gait": "auto", SIZE_OF[kind]: COMPANY_M[kind]})
-    return [first, {"label": _label(kind), **beside(range_m, aspect_deg), "motion": motion}]
-
-
-def _label(who: str) -> str:
-    return LABELS.get(who, who)
 
 
 def _person(values: Mapping[str, Value]) -> dict[str, Value]:
@@ -118,7 +116,9 @@ MOTIONS: Mapping[str, Callable[[Mapping[str, Value]], dict[str, Value]]] = {
 
 
 def run_of(parameters: Mapping[str, str]) -> Run:
-    """The run that the controls mean, simulated; its targets are analysed when they are asked for.
+    """Simulate the run of the controls.
+
+    Its targets are analysed on first use.
 
     Parameters
     ----------
@@ -152,12 +152,18 @@ def run_of(parameters: Mapping[str, str]) -> Run:
 
 
 def scene_answer(run: Run, parameters: Mapping[str, str]) -> dict[str, Any]:
-    """Answer of ``api/scene``: the scene as a file for ``doppelgait simulate``, and what there is to note."""
+    """Return the answer of ``api/scene``.
+
+    It holds the scene as a file for ``doppelgait simulate``, and notes.
+    """
     return {"toml": scene_toml(scene_table(parameters)), "notes": list(run.notes)}
 
 
 def scene_toml(table: Mapping[str, Any]) -> str:
-    """Text of a scene file: values first, then sections, then one section per target."""
+    """Format a scene file as TOML.
+
+    Values come first, then sections, then one section per target.
+    """
     plain = {key: value for key, value in table.items() if not isinstance(value, dict | list)}
     lines = ["# doppelgait simulate scene.toml -o recording.h5", *_rows(plain)]
     for name, section in table.items():
@@ -169,10 +175,11 @@ def scene_toml(table: Mapping[str, Any]) -> str:
 
 
 def _rows(section: Mapping[str, Any]) -> list[str]:
-    return [f"{key} = {_value(value)}" for key, value in section.items()]
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, dict):
-        return "{ " + ", ".join(_rows(value)) + " }"
-    return f'"{value}"' if isinstance(value, str) else repr(value)
+    lines = []
+    for key, value in section.items():
+        if isinstance(value, dict):
+            text = "{ " + ", ".join(_rows(value)) + " }"
+        else:
+            text = f'"{value}"' if isinstance(value, str) else repr(value)
+        lines.append(f"{key} = {text}")
+    return lines

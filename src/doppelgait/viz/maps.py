@@ -1,4 +1,4 @@
-"""Two-dimensional arrays in decibel: levels, limits, the map itself, its colour bar and the velocity axis."""
+"""Maps in decibel: levels, limits, colour bar and velocity axis."""
 
 from __future__ import annotations
 
@@ -26,7 +26,10 @@ AUTO_DB_RANGE = (20.0, 40.0)
 
 
 def checked(array: xr.DataArray, schema: Schema) -> xr.DataArray:
-    """``array`` if it keeps ``schema`` and holds values; otherwise an :class:`AnalysisError`."""
+    """Return ``array`` if it keeps ``schema`` and holds values.
+
+    Otherwise raise an :class:`AnalysisError`.
+    """
     check_signal(array, schema)
     if array.size == 0:
         raise AnalysisError(f"{schema.name}: nothing to draw, its shape is {array.shape}")
@@ -34,30 +37,35 @@ def checked(array: xr.DataArray, schema: Schema) -> xr.DataArray:
 
 
 def checked_signature(array: xr.DataArray) -> xr.DataArray:
-    """A signature, raw (V^2) or normalised (1)."""
+    """Check a signature, raw (V^2) or normalised (1)."""
     raw = getattr(array, "attrs", {}).get("units") == SIGNATURE.units
     return checked(array, SIGNATURE if raw else NORMALISED_SIGNATURE)
 
 
 def check_db_range(db_range: float) -> float:
-    """A positive, finite dynamic range in dB."""
+    """Check that a dynamic range in dB is positive and finite."""
     if not (np.isfinite(db_range) and db_range > 0):
         raise AnalysisError(f"db_range is {db_range}; the dynamic range must be a positive number of dB")
     return float(db_range)
 
 
 def level_db_of(power: npt.ArrayLike) -> FloatArray:
-    """Level in dB of powers; 0 and below (a floor was subtracted) give -inf without a warning, NaN stays NaN."""
+    """Convert powers to levels in dB.
+
+    0 and below (a floor was subtracted) give -inf without a warning, NaN stays NaN.
+    """
     return np.asarray(power_to_db(np.maximum(np.asarray(power, dtype=np.float64), 0.0)), dtype=np.float64)
 
 
 def amplitude_to_db(amplitude: npt.ArrayLike) -> FloatArray:
-    """Level in dB of a magnitude; 0 gives -inf without a warning."""
+    """Convert magnitudes to dB; 0 gives -inf without a warning."""
     return 2.0 * level_db_of(np.abs(np.asarray(amplitude)))
 
 
 def level_limits_db(level_db: FloatArray, db_range: float | None) -> tuple[float, float]:
-    """Lower and upper end of the colour scale: ``db_range`` below the highest finite level, and that level.
+    """Return the lower and upper end of the colour scale.
+
+    The upper is the highest finite level, the lower ``db_range`` below it.
 
     Without a range 3 dB below the median of the finite levels, so that noise is dark, but 20 to 40 dB. Without any
     finite level (all cells zero) the scale ends at 0 dB.
@@ -71,7 +79,7 @@ def level_limits_db(level_db: FloatArray, db_range: float | None) -> tuple[float
 
 
 def wavelength_m(array: xr.DataArray) -> float:
-    """Wavelength that the velocity axis of an array was made with: 2 v / f_d.
+    """Return the wavelength of an array's velocity axis, 2 v / f_d.
 
     Raises
     ------
@@ -86,7 +94,9 @@ def wavelength_m(array: xr.DataArray) -> float:
 
 
 def occupied_rows(power: FloatArray) -> npt.NDArray[np.bool_]:
-    """Three or more adjacent Doppler rows of powers (J, K) that stand out of the noise, always or at times; shape (K,).
+    """Select Doppler rows of powers (J, K) above the noise; shape (K,).
+
+    Three or more adjacent rows must stand out, always or at times.
 
     The floor is what a fifth of the rows keep below, the threshold 3 dB above it or more where quiet rows scatter
     more; rows 40 dB below the strongest are not counted.
@@ -102,14 +112,20 @@ def occupied_rows(power: FloatArray) -> npt.NDArray[np.bool_]:
 
 
 def three_in_a_row(flags: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Only those flags that stand in a run of three or more: a line is as wide as that, chance peaks are not."""
+    """Keep only flags in a run of three or more.
+
+    A line is as wide as that, chance peaks are not.
+    """
     padded = np.pad(flags, 2)
     runs = padded[:-2] & padded[1:-1] & padded[2:]
     return runs[:-2] | runs[1:-1] | runs[2:]
 
 
 def doppler_limits_hz(array: xr.DataArray, *, lines_hz: npt.ArrayLike = ()) -> tuple[float, float]:
-    """Part of the Doppler axis worth showing: occupied rows, given lines, 0 Hz and a margin; all if that is most."""
+    """Return the part of the Doppler axis worth showing.
+
+    It holds occupied rows, marked lines, 0 Hz and a margin; it is the whole axis if that is most of it.
+    """
     doppler_hz = np.asarray(array.coords["doppler"].values, dtype=np.float64)
     whole = float(doppler_hz.min()), float(doppler_hz.max())
     lines = np.asarray(lines_hz, dtype=np.float64).ravel()
@@ -123,7 +139,10 @@ def doppler_limits_hz(array: xr.DataArray, *, lines_hz: npt.ArrayLike = ()) -> t
 
 
 def cell_edges(axis: npt.ArrayLike) -> tuple[float, float] | None:
-    """Outer edges of the cells of a uniform axis; None if its steps differ by more than 0.1 %."""
+    """Return the outer edges of the cells of a uniform axis.
+
+    It is None if the steps differ by more than 0.1 %.
+    """
     values = np.asarray(axis, dtype=np.float64)
     if values.size == 1:
         return float(values[0]) - 0.5, float(values[0]) + 0.5
@@ -138,7 +157,10 @@ def draw_map(
     axes: Axes, *, x: npt.ArrayLike, y: npt.ArrayLike, level_db: FloatArray, limits_db: tuple[float, float],
     colours: str = MAP_COLOURS,
 ) -> ScalarMappable:  # fmt: skip
-    """Draw levels of shape (y, x), clipped to the limits: -inf becomes the lower one, NaN stays grey."""
+    """Plot levels of shape (y, x), clipped to the limits.
+
+    -inf becomes the lower limit, NaN stays grey.
+    """
     clipped = np.clip(level_db, *limits_db)
     palette = colormaps[colours].with_extremes(bad=NO_DATA)
     settings: dict[str, Any] = {"cmap": palette, "vmin": limits_db[0], "vmax": limits_db[1]}
@@ -149,7 +171,7 @@ def draw_map(
 
 
 def colour_bar(image: ScalarMappable, *axes: Axes, quantity: str, reference: str = "") -> None:
-    """Colour bar beside the axes with quantity, reference level and the dynamic range shown."""
+    """Add a colour bar with quantity, reference level and dynamic range."""
     low, high = image.get_clim()
     figure = axes[0].get_figure(root=True)
     assert figure is not None
@@ -160,7 +182,10 @@ def colour_bar(image: ScalarMappable, *axes: Axes, quantity: str, reference: str
 
 
 def velocity_axis(axes: Axes, wavelength: float, *, above: bool = False, label: str = VELOCITY_LABEL) -> Any:
-    """Second axis in m/s, v = f lambda / 2, on the right of a Doppler axis or above it."""
+    """Add a second axis in m/s, v = f lambda / 2.
+
+    It is to the right of a Doppler axis, or above it.
+    """
     if not (np.isfinite(wavelength) and wavelength > 0):
         raise AnalysisError(f"wavelength_m is {wavelength}; it must be positive")
 

@@ -1,4 +1,4 @@
-"""Bodies in motion: parts and their colours, side views, range and Doppler of every scatterer."""
+"""Figures of bodies in motion: side views, scatterer range and Doppler."""
 
 from __future__ import annotations
 
@@ -53,7 +53,10 @@ THIN, BOLD = 0.7, 2.2
 
 
 def part_group(part: str) -> str:
-    """Group of a body part of :mod:`doppelgait.motion.skeleton`; ``"other"`` when unknown."""
+    """Return the group of a body part of :mod:`doppelgait.motion.skeleton`.
+
+    It is ``"other"`` when unknown.
+    """
     if part in TORSO:
         return "torso"
     side, _, rest = part.partition("_")
@@ -65,17 +68,20 @@ def part_group(part: str) -> str:
 
 
 def limb_rank(part: str) -> int:
-    """Place of a part in its limb, from the body outwards."""
+    """Return the place of a part in its limb, from the body."""
     return next(rank for rank, ending in enumerate(LIMB_ORDER) if part.endswith(ending))
 
 
 def part_colour(part: str) -> str:
-    """Colour of a body part."""
+    """Return the colour of a body part."""
     return PART_COLOURS[part_group(part)]
 
 
 def bold_name(part: str) -> str | None:
-    """Legend entry of a part whose mean is drawn bold (torso, feet, paws); None for all others."""
+    """Return the legend entry of a part with a bold mean line.
+
+    These are torso, feet and paws; it is None for all others.
+    """
     if part in TORSO:
         return "torso"
     return part.replace("_", " ") if part.endswith(FEET) else None
@@ -101,7 +107,7 @@ class PartLines:
 
 
 def part_lines(array: xr.DataArray) -> PartLines:
-    """Lines of an array (slow_time, scatterer) with the coordinate ``part``.
+    """Return the lines of an array (slow_time, scatterer), by ``part``.
 
     Raises
     ------
@@ -128,7 +134,9 @@ def part_lines(array: xr.DataArray) -> PartLines:
 
 
 def draw_part_lines(axes: Axes, lines: PartLines, *, width: float = THIN, bold: float = BOLD) -> None:
-    """Every line thin in its part's colour; the mean of the torso and of every foot bold.
+    """Plot every line thin in its part's colour.
+
+    The mean of the torso and of every foot is bold.
 
     ``bold=0`` leaves the bold lines out. Targets after the first are dashed.
     """
@@ -157,7 +165,10 @@ def _dash(number: int) -> str:
 
 
 def mean_ignoring_nan(values: FloatArray, columns: Sequence[int]) -> FloatArray:
-    """Mean over some columns, NaN only where all of them are; shape (T,)."""
+    """Average some columns; shape (T,).
+
+    The mean is NaN only where all of them are.
+    """
     chosen = values[:, list(columns)]
     known = np.isfinite(chosen)
     count = known.sum(axis=1)
@@ -177,7 +188,7 @@ def _variable(scatterers: xr.Dataset, name: str) -> xr.DataArray:
 
 
 def scatterer_doppler(scatterers: xr.Dataset, *, wavelength_m: float) -> xr.DataArray:
-    """True Doppler shift of every scatterer, for overlays (E-05).
+    """Compute the true Doppler shift of every scatterer, for overlays (E-05).
 
     Parameters
     ----------
@@ -197,7 +208,9 @@ def scatterer_doppler(scatterers: xr.Dataset, *, wavelength_m: float) -> xr.Data
 
 
 def range_lines(scatterers: xr.Dataset, *, title: str = "Range of every scatterer") -> Figure:
-    """Range of every scatterer over time, coloured by body part (the report's Fig. 2.13).
+    """Plot the range of every scatterer over time.
+
+    Lines are coloured by body part (the report's Fig. 2.13).
 
     Parameters
     ----------
@@ -225,7 +238,9 @@ def range_lines(scatterers: xr.Dataset, *, title: str = "Range of every scattere
 def doppler_lines(
     scatterers: xr.Dataset, *, wavelength_m: float, title: str = "True Doppler of every scatterer"
 ) -> Figure:
-    """True Doppler shift of every scatterer over time (the report's Fig. 2.14 and 2.16).
+    """Plot the true Doppler shift of every scatterer over time.
+
+    These are the report's Fig. 2.14 and 2.16.
 
     Parameters
     ----------
@@ -263,7 +278,10 @@ def _finish_lines(axes: Axes, time_s: FloatArray, *, title: str, y: str) -> None
 
 
 class LabelledMotion(Protocol):
-    """What is drawn of a :class:`doppelgait.motion.Motion`: its positions, and the stride frequency of its facts."""
+    """Interface of the motions that can be plotted.
+
+    These are positions and stride frequency of a :class:`doppelgait.motion.Motion`.
+    """
 
     @property
     def positions(self) -> xr.DataArray:
@@ -282,7 +300,9 @@ def stick_frames(
     n_frames: int = 9,
     title: str = "One gait cycle from the side",
 ) -> Figure:
-    """Side view of the points of a body at instants of one gait cycle (the report's Fig. 2.12 and 2.18).
+    """Plot side views of a body at instants of one gait cycle.
+
+    These are the report's Fig. 2.12 and 2.18.
 
     Parameters
     ----------
@@ -349,7 +369,9 @@ def _cycle_frames(
 
 
 def side_view_m(position_m: FloatArray) -> FloatArray:
-    """Points seen at right angles to the path: along the path from the middle of the body, and height.
+    """Project points along the path of the body and height.
+
+    The origin is the middle of the body.
 
     Parameters
     ----------
@@ -373,7 +395,10 @@ def side_view_m(position_m: FloatArray) -> FloatArray:
 
 
 def _panels(side_m: FloatArray, n_frames: int) -> tuple[Figure, list[Axes]]:
-    """Figure and one panel a frame, all on one scale that is equal in both directions."""
+    """Make a figure with one panel per frame.
+
+    All have one scale that is equal in both directions.
+    """
     rows = 1 if n_frames <= 5 else 2
     across = -(-n_frames // rows)
     reach = 1.15 * float(np.nanmax(np.abs(side_m[..., 0])))

@@ -46,7 +46,9 @@ def overview(
     flags: Sequence[str] = (),
     title: str = "Overview",
 ) -> Figure:
-    """Range-time, signature, step-Doppler map, cadence spectrum and features of one target on one page.
+    """Plot one target on one page.
+
+    The page has range-time map, signature, cadence-velocity diagram, cadence spectrum and features.
 
     Parameters
     ----------
@@ -139,7 +141,10 @@ def _draw_features(axes: Axes, values: Mapping[str, float | None], flags: Sequen
 
 
 def value_text(name: str, value: float | None) -> str:
-    """A value with its unit in three digits or so; "not determined" for None and NaN."""
+    """Format a value with its unit in about three digits.
+
+    It is "not determined" for None and NaN.
+    """
     if value is None or not np.isfinite(value):
         return "not determined"
     unit = quantity(name)[1]

@@ -1,4 +1,4 @@
-"""Range against time, range-Doppler maps, and what a sensor model was fitted from."""
+"""Range-time maps, range-Doppler maps, and levels of fitted sensors."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ GATE_BAND = ("doppler_low", "doppler_high")
 
 
 def check_gate(gate: xr.Dataset, *names: str) -> xr.Dataset:
-    """``gate`` if it is a Dataset over time with these variables."""
+    """Return ``gate`` if it is a Dataset over time with these variables."""
     wrong = not isinstance(gate, xr.Dataset) or "time" not in gate.coords
     missing = list(names) if wrong else [name for name in names if name not in gate or gate[name].dims != ("time",)]
     if missing:
@@ -50,7 +50,7 @@ def range_time(
     db_range: float | None = None,
     title: str = "Range against time",
 ) -> Figure:
-    """Magnitude of the radar data matrix in dB (the report's Fig. 3.14b and 3.15).
+    """Plot the data matrix in dB (the report's Fig. 3.14b and 3.15).
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def range_time(
 def draw_range_time(
     axes: Axes, baseband: xr.DataArray, *, tracks: xr.Dataset | Mapping[str, xr.Dataset] | None, db_range: float | None
 ) -> ScalarMappable:
-    """The map and gate limits of :func:`range_time` on given axes."""
+    """Plot map and gate limits of :func:`range_time` on existing axes."""
     checked(baseband, BASEBAND)
     level_db, range_m = amplitude_to_db(baseband.values).T, baseband.coords["range"].values
     if range_m.size == 1:  # a radar without range: one band, as high as the axis
@@ -117,7 +117,7 @@ def range_doppler_map(
     db_range: float | None = None,
     title: str = "Range-Doppler map",
 ) -> Figure:
-    """One range-Doppler map in dB with the gate drawn on it (the report's Fig. 4.5 and 4.7).
+    """Plot a range-Doppler map and its gate (report's Fig. 4.5, 4.7).
 
     Parameters
     ----------
@@ -195,7 +195,7 @@ def twin_figure(
     gain_db: FloatArray,
     title: str = "Sensor twin",
 ) -> Figure:
-    """Levels over range above, common phase and gain of the frames below.
+    """Plot levels over range, and common phase and gain over time.
 
     Parameters
     ----------

@@ -48,7 +48,7 @@ def signature(
     doppler_hz: Limits | None = None,
     title: str = "Micro-Doppler signature",
 ) -> Figure:
-    """Micro-Doppler signature in dB, approaching up (the report's Fig. 4.10 and 4.11).
+    """Plot a signature in dB, approaching up (report's Fig. 4.10, 4.11).
 
     Parameters
     ----------
@@ -92,7 +92,10 @@ def signature(
 
 
 def reference_of(signature: xr.DataArray) -> str:
-    """Reference of the levels: 1 V² for a raw signature, 1 for a normalised one."""
+    """Return the reference of the levels.
+
+    It is 1 V² for a raw signature, 1 for a normalised one.
+    """
     return "1 V²" if signature.attrs["units"] == "V^2" else "1"
 
 
@@ -106,7 +109,10 @@ def draw_signature(
     doppler_hz: Limits | None = None,
     limits_db: Limits | None = None,
 ) -> ScalarMappable:
-    """The map and lines of :func:`signature` on given axes; ``limits_db`` fixes the colour scale."""
+    """Plot map and lines of :func:`signature` on existing axes.
+
+    ``limits_db`` fixes the colour scale.
+    """
     checked_signature(signature)
     level_db = level_db_of(signature.values).T
     limits_hz = doppler_hz or doppler_limits_hz(
@@ -150,7 +156,7 @@ def signature_normalisation(
     db_range: float | None = None,
     doppler_hz: Limits | None = None,
 ) -> Figure:
-    """Signature before and after its columns are normalised, side by side (the report's Fig. 4.9).
+    """Plot a signature before and after normalisation (the report's Fig. 4.9).
 
     Parameters
     ----------

@@ -46,7 +46,9 @@ def cadence_spectrum(
     amplitude: bool = False,
     title: str = "Cadence spectrum",
 ) -> Figure:
-    """Cadence spectrum in dB below its peak, with the gait frequency and its harmonics (the report's Fig. 4.13).
+    """Plot a cadence spectrum in dB below its peak.
+
+    Gait frequency and harmonics are marked (the report's Fig. 4.13).
 
     Parameters
     ----------
@@ -86,7 +88,7 @@ def draw_cadence_spectrum(
     axes: Axes, spectrum: xr.DataArray, *, gait_frequency_hz: float | None, harmonics_hz: Sequence[float | None],
     max_cadence_hz: float | None, db_range: float, amplitude: bool,
 ) -> None:  # fmt: skip
-    """The curve and marks of :func:`cadence_spectrum` on given axes."""
+    """Plot curve and marks of :func:`cadence_spectrum` on existing axes."""
     shown = below_cadence(checked(spectrum, CADENCE_SPECTRUM), cadence_reach_hz(max_cadence_hz, gait_frequency_hz))
     cadence_hz = shown.coords["cadence"].values
     level_db = levels_below_peak_db(shown.values, db_range, amplitude=amplitude)
@@ -112,7 +114,10 @@ def _mark_peak(axes: Axes, cadence_hz: float, level_db: float, text: str) -> Non
 
 
 def levels_below_peak_db(values: npt.ArrayLike, db_range: float, *, amplitude: bool) -> FloatArray:
-    """Levels in dB relative to the maximum, not lower than twice the range; all at the bottom without a peak."""
+    """Return levels in dB relative to the maximum.
+
+    They are not lower than twice the range; without a peak all are at the bottom.
+    """
     check_db_range(db_range)
     power = np.asarray(values, dtype=np.float64) ** (2 if amplitude else 1)
     top = float(np.nanmax(power)) if np.isfinite(power).any() else 0.0
@@ -122,7 +127,10 @@ def levels_below_peak_db(values: npt.ArrayLike, db_range: float, *, amplitude: b
 
 
 def level_axis_db(level_db: FloatArray, db_range: float) -> tuple[float, float]:
-    """Ends of the level axis: no deeper than the range, nor 5 to 10 dB below what lies there; room for words above."""
+    """Return the ends of the level axis.
+
+    It is no deeper than the range, nor than 5 to 10 dB below the data; there is room for words above.
+    """
     lowest = 5.0 * float(np.floor(np.nanquantile(level_db, 0.05) / 5.0)) - 5.0
     bottom = max(-db_range, min(lowest, -15.0))
     return bottom, -0.2 * bottom
@@ -139,7 +147,9 @@ def mean_doppler_spectrum(
     db_range: float = 40.0,
     title: str = "Mean Doppler spectrum",
 ) -> Figure:
-    """Time mean of every Doppler row in dB below its peak (the report's Fig. 4.14 and 4.15).
+    """Plot the time mean of every Doppler row below its peak, dB.
+
+    These are the report's Fig. 4.14 and 4.15.
 
     Parameters
     ----------
@@ -211,7 +221,10 @@ def mean_doppler_spectrum(
 
 
 def densest_band_hz(power: FloatArray, doppler_hz: FloatArray, width_hz: float) -> tuple[float, float]:
-    """Edges of the band of a given width that holds the most power; the middle one of all that hold 99.9 % of it."""
+    """Return the edges of the band that holds the most power.
+
+    Its width is fixed; it is the middle one of all that hold 99.9 % of the maximum.
+    """
     span = min(max(width_hz, 0.0), float(np.ptp(doppler_hz)))
     starts = np.linspace(doppler_hz[0], doppler_hz[-1] - span, 4 * doppler_hz.size)
     steps = np.diff(doppler_hz, prepend=doppler_hz[0])
@@ -234,7 +247,7 @@ def step_doppler(
     db_range: float | None = None,
     title: str = "Step-Doppler map",
 ) -> Figure:
-    """Step-Doppler (cadence-velocity) map in dB (the report's Fig. 4.12).
+    """Plot a cadence-velocity diagram in dB (the report's Fig. 4.12).
 
     Parameters
     ----------
@@ -268,12 +281,18 @@ def step_doppler(
 
 
 def step_doppler_label(cadence_map: xr.DataArray) -> str:
-    """Name of a map's Doppler axis: columns that were moved onto the main line are measured from there."""
+    """Return the label of a cadence map's Doppler axis.
+
+    Columns that were moved onto the main line are measured from there.
+    """
     return FROM_LINE_LABEL if from_main_line(cadence_map) else DOPPLER_LABEL
 
 
 def from_main_line(cadence_map: xr.DataArray) -> bool:
-    """Whether a map's Doppler is measured from the main line; maps of older result files do not tell."""
+    """Return True if a map's Doppler is relative to the main line.
+
+    Maps of older result files do not store it.
+    """
     return bool(cadence_map.attrs.get("aligned", False))
 
 
@@ -286,7 +305,7 @@ def draw_step_doppler(
     db_range: float | None,
     doppler_hz: tuple[float, float] | None = None,
 ) -> ScalarMappable:
-    """The map of :func:`step_doppler` on given axes."""
+    """Plot the map of :func:`step_doppler` on existing axes."""
     shown = below_cadence(checked(cadence_map, CADENCE_MAP), cadence_reach_hz(max_cadence_hz, gait_frequency_hz))
     level_db = amplitude_to_db(shown.values).T
     image = draw_map(
@@ -311,14 +330,20 @@ def draw_step_doppler(
 
 
 def cadence_reach_hz(max_cadence_hz: float | None, gait_frequency_hz: float | None) -> float:
-    """Right end of the cadence axis: as asked, or 3.6 times the gait frequency but 8 to 20 Hz."""
+    """Return the right end of the cadence axis.
+
+    By default it is 3.6 times the gait frequency, but 8 to 20 Hz.
+    """
     if max_cadence_hz is not None:
         return max_cadence_hz
     return min(max(8.0, 3.6 * (gait_frequency_hz or 0.0)), 20.0)
 
 
 def below_cadence(array: xr.DataArray, max_cadence_hz: float) -> xr.DataArray:
-    """Part of an array (cadence, ...) up to a cadence; two values at least."""
+    """Cut an array (cadence, ...) at a cadence.
+
+    At least two values are left.
+    """
     shown = array.isel(cadence=array.coords["cadence"].values <= max_cadence_hz + 1e-9)
     if shown.sizes["cadence"] < 2:
         raise AnalysisError(

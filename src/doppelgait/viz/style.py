@@ -1,4 +1,4 @@
-"""What all figures share: colours, sizes, the words on axes, and how a figure becomes a file."""
+"""Common style of figures: colours, sizes, axis labels and files."""
 
 from __future__ import annotations
 
@@ -41,7 +41,10 @@ FEATURE_NAMES = tuple(QUANTITY_NAMES)[:6]
 
 
 def quantity(name: str) -> tuple[str, str]:
-    """Words and unit of a column or field from its name: ``("gait frequency", "Hz")`` for ``gait_frequency_hz``."""
+    """Return words and unit of a column or field from its name.
+
+    ``gait_frequency_hz`` gives ``("gait frequency", "Hz")``.
+    """
     stem, _, suffix = name.rpartition("_")
     unit = UNIT_OF_SUFFIX.get(suffix, "1") if stem else "1"
     words = (stem if unit != "1" else name).replace("_", " ")
@@ -49,13 +52,16 @@ def quantity(name: str) -> tuple[str, str]:
 
 
 def quantity_label(name: str) -> str:
-    """Axis label of a column: words and unit."""
+    """Return the axis label of a column: words and unit."""
     words, unit = quantity(name)
     return f"{words} ({unit})"
 
 
 def class_colours(classes: Iterable[str]) -> dict[str, str]:
-    """Colour of every class: fixed for those we know, by alphabet for others."""
+    """Return the colour of every class.
+
+    Known classes have fixed colours, others follow the alphabet.
+    """
     names = sorted(set(classes))
     others = [name for name in names if name not in CLASS_COLOURS]
     extra = {name: OTHER_CLASS_COLOURS[n % len(OTHER_CLASS_COLOURS)] for n, name in enumerate(others)}
@@ -63,7 +69,10 @@ def class_colours(classes: Iterable[str]) -> dict[str, str]:
 
 
 def new_figure(*, width_in: float = 10.5, height_in: float = 5.5, compressed: bool = False) -> Figure:
-    """Empty figure with its own canvas, no global state; the layout keeps texts apart (``compressed``: panels too)."""
+    """Make an empty figure with its own canvas and no global state.
+
+    The layout keeps texts apart (``compressed``: panels, too).
+    """
     layout: Literal["compressed", "constrained"] = "compressed" if compressed else "constrained"
     figure = Figure(figsize=(width_in, height_in), dpi=DPI, layout=layout, facecolor="white")
     FigureCanvasAgg(figure)
@@ -71,13 +80,13 @@ def new_figure(*, width_in: float = 10.5, height_in: float = 5.5, compressed: bo
 
 
 def new_axes(*, width_in: float = 10.5, height_in: float = 5.5) -> tuple[Figure, Axes]:
-    """Figure with one pair of axes."""
+    """Make a figure with one pair of axes."""
     figure = new_figure(width_in=width_in, height_in=height_in)
     return figure, figure.add_subplot()
 
 
 def name_axes(axes: Axes, *, title: str, x: str, y: str) -> None:
-    """Title and axis labels, the same everywhere."""
+    """Set title and axis labels, the same everywhere."""
     axes.set_title(title, fontsize=11.5, loc="left")
     axes.set_xlabel(x, fontsize=10)
     axes.set_ylabel(y, fontsize=10)
@@ -85,7 +94,10 @@ def name_axes(axes: Axes, *, title: str, x: str, y: str) -> None:
 
 
 def legend_below(figure: Figure, axes: Axes, *, columns: int = 6) -> None:
-    """Legend of the axes under them, where it covers no data; none without labelled artists."""
+    """Put the legend of the axes below them, off the data.
+
+    Without labelled artists there is none.
+    """
     handles, labels = axes.get_legend_handles_labels()
     if handles:
         legend = figure.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize=9, frameon=False)
@@ -94,7 +106,9 @@ def legend_below(figure: Figure, axes: Axes, *, columns: int = 6) -> None:
 
 
 def save_figure(figure: Figure, path: str | Path, *, dpi: float | None = None) -> Path:
-    """Write a figure as PNG; the file appears complete or not at all, and the same input gives the same bytes.
+    """Write a figure as PNG, complete or not at all.
+
+    The same input gives the same bytes.
 
     That holds for a figure as it came: each drawing lays it out anew and may move panels by a fraction of a pixel.
 

@@ -1,4 +1,4 @@
-"""Features of many examples against each other and by class; many signatures on one page."""
+"""Figures of many examples: features by class, and contact sheets."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def _count(name: str, known: BoolArray, members: BoolArray) -> str:
 
 
 def feature_scatter(table: pd.DataFrame, *, x: str, y: str, by: str = "label", title: str | None = None) -> Figure:
-    """One feature against another by class (the report's Fig. 5.8).
+    """Plot one feature against another by class (report's Fig. 5.8).
 
     Parameters
     ----------
@@ -109,7 +109,9 @@ def feature_scatter(table: pd.DataFrame, *, x: str, y: str, by: str = "label", t
 def feature_matrix(
     table: pd.DataFrame, *, features: Sequence[str] = FEATURE_NAMES, by: str = "label", title: str = "Features by class"
 ) -> Figure:
-    """Distribution of every feature by class, one small histogram each (the report's Fig. 5.9).
+    """Plot the distribution of every feature by class.
+
+    Each is a small histogram (the report's Fig. 5.9).
 
     Parameters
     ----------
@@ -168,7 +170,10 @@ def feature_matrix(
 
 
 def bin_edges(known: FloatArray) -> FloatArray:
-    """Edges of 30 bins between the outer quantiles of the values; around them if all are the same, shape (31,)."""
+    """Return the edges of 30 bins; shape (31,).
+
+    The bins lie between the outer quantiles of the values, or around equal values.
+    """
     if not known.size:
         return np.linspace(0.0, 1.0, BINS + 1)
     low, high = (float(level) for level in np.quantile(known, [TAIL, 1.0 - TAIL]))
@@ -186,7 +191,7 @@ def contact_sheet(
     columns: int | None = None,
     doppler_hz: Limits | None = None,
 ) -> Figure:
-    """Many signatures on one page, all with the same axes and the same dB scale.
+    """Plot many signatures on one page with equal axes and scale.
 
     Parameters
     ----------

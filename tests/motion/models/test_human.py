@@ -7,10 +7,11 @@ from scipy.integrate import solve_bvp
 
 from doppelgait.core.errors import ConfigError
 from doppelgait.motion.models import MOTION_MODELS, boulic_walk
-from doppelgait.motion.models.boulic import LENGTHS, POINTS, support_fraction
+from doppelgait.motion.models.boulic import LENGTHS, POINTS
 from doppelgait.motion.models.human import HumanConfig, human_gait, run_duty_factor, run_height_m, run_step_frequency_hz
 from doppelgait.motion.models.human_body import sample_person, segment_lengths
-from doppelgait.motion.models.human_feet import FLAT
+from doppelgait.motion.models.human_curves import walk_duty
+from doppelgait.motion.models.human_feet import FOOT, HEEL, STANDING_RAD
 from doppelgait.motion.models.strides import step_series
 
 INDEX = {name: n for n, name in enumerate(POINTS)}
@@ -35,26 +36,37 @@ def duty(motion, speed_mps):
     """Share of a stride on the ground, from the laws of the two gaits."""
     if motion.facts.gait == "run":
         return run_duty_factor(speed_mps)
-    return support_fraction(speed_mps / (0.491 * 1.75))
+    return walk_duty(speed_mps / np.sqrt(9.81 * 0.491 * 1.75))
 
 
 def points(motion, *names):
     return motion.position_m[:, [INDEX[name] for name in names]]
 
 
+def foot_points(motion, side):
+    """Heel, ankle and toe of a foot, (n, 3) each, and the pitch of its sole."""
+    ankle, toe = np.moveaxis(points(motion, f"{side}_ankle", f"{side}_toe"), 1, 0)
+    pitch = np.arctan2(toe[:, 2] - ankle[:, 2], toe[:, 0] - ankle[:, 0]) + STANDING_RAD
+    foot_m, height_m = (share * motion.facts.height_m for share in FOOT)
+    x = -HEEL * foot_m * np.cos(pitch) + height_m * np.sin(pitch)
+    z = -HEEL * foot_m * np.sin(pitch) - height_m * np.cos(pitch)
+    return ankle + np.stack([x, 0 * x, z], axis=1), ankle, toe, pitch
+
+
 def stance_speed_mps(motion, speed_mps):
-    """Speed of what is on the floor: the ankle while the sole is flat, the toe while the heel rises."""
+    """Speed of what is on the floor: the heel while the sole comes down, then the ankle, then the toe."""
     landings, share = motion.facts.footfalls, duty(motion, speed_mps)
     stride_s, time = 1 / motion.facts.stride_frequency_hz, motion.time_s
-    velocity = np.gradient(motion.position_m, time, axis=0)
     speeds = []
     for side in ("left", "right"):
+        heel, ankle, toe, pitch = foot_points(motion, side)
         for landed in landings[f"{side}_foot"]:
-            stance = (time - landed) / stride_s / share
-            for joint, first, last in (("ankle", FLAT[0], FLAT[1]), ("toe", FLAT[1], 1.0)):
-                still = (stance > first + 0.02) & (stance < last - 0.02)
-                still[[0, 1, -2, -1]] = False
-                speeds.append(np.linalg.norm(velocity[still, INDEX[f"{side}_{joint}"]], axis=1))
+            stance = (time - landed) / stride_s
+            for point, on_floor in ((heel, pitch > 1e-9), (ankle, np.abs(pitch) < 1e-12), (toe, pitch < -1e-9)):
+                still = (stance > 0.01) & (stance < share - 0.01) & on_floor
+                still &= np.roll(still, 1) & np.roll(still, -1)
+                still[[0, -1]] = False
+                speeds.append(np.linalg.norm(np.gradient(point, time, axis=0)[still], axis=1))
     return np.concatenate(speeds)
 
 
@@ -81,7 +93,8 @@ def test_segments_keep_their_lengths_and_nothing_is_below_the_floor(speed_mps):
     motion = gait(speed_mps)
     for a, b, bone in BONES:
         length_m = np.linalg.norm(np.diff(points(motion, a, b), axis=1), axis=2)
-        np.testing.assert_allclose(length_m, 1.75 * LENGTHS[bone], rtol=0, atol=1e-9, err_msg=f"{a} {b}")
+        share = FOOT[0] if bone == "foot" else LENGTHS[bone]
+        np.testing.assert_allclose(length_m, 1.75 * share, rtol=0, atol=1e-9, err_msg=f"{a} {b}")
     assert motion.position_m[:, :, 2].min() > -1e-12
 
 
@@ -110,11 +123,14 @@ def test_it_goes_at_its_speed_and_left_is_right_half_a_stride_later(speed_mps):
 def test_footfalls_are_when_the_foot_begins_to_stand(speed_mps):
     motion = gait(speed_mps, start_phase=0.2, rate_hz=2000)
     for side in ("left", "right"):
-        x = points(motion, f"{side}_ankle")[:, 0, 0]
-        still = np.abs(np.gradient(x, motion.time_s)) < 1e-6
+        still = np.zeros(motion.time_s.size, dtype=bool)
+        for point in foot_points(motion, side)[:3]:
+            still |= np.linalg.norm(np.gradient(point, motion.time_s, axis=0), axis=1) < 1e-6
         begins = motion.time_s[1:][still[1:] & ~still[:-1]]
         expected = [t for t in motion.facts.footfalls[f"{side}_foot"] if 0.01 < t < 3.99]
-        np.testing.assert_allclose(begins, expected, atol=0.002)
+        assert len(expected) > 2
+        for landed in expected:
+            assert np.abs(begins - landed).min() < 0.002
 
 
 @pytest.mark.parametrize(
@@ -123,15 +139,15 @@ def test_footfalls_are_when_the_foot_begins_to_stand(speed_mps):
 def test_a_run_has_the_usual_timing_and_flight(speed_mps, steps_hz, share):
     motion = gait(speed_mps, rate_hz=1000)
     assert motion.facts.step_frequency_hz == pytest.approx(steps_hz, rel=1e-9)
-    toes = points(motion, "left_toe", "right_toe")[:, :, 2].min(axis=1)
-    ankles = points(motion, "left_ankle", "right_ankle")[:, :, 2].min(axis=1)
-    flight = np.minimum(toes, ankles) > 1e-9
+    soles = [point[:, 2] for side in ("left", "right") for point in foot_points(motion, side)[::2]]
+    flight = np.min(soles, axis=0) > 1e-9
     assert flight.mean() == pytest.approx(1 - 2 * share, abs=0.02)
     assert 0.05 < flight.mean() / steps_hz < 0.145, "flight of 0.05 to 0.14 s"
     rise_m = np.ptp(points(motion, "base")[:, 0, 2])
     assert 0.06 < rise_m < 0.11, "6 to 11 cm"
     walk = human_gait(gait="walk", speed_mps=2.5, rate_hz=1000)
-    assert points(walk, "left_toe", "right_toe", "left_ankle", "right_ankle")[:, :, 2].min(axis=1).max() < 1e-9
+    soles = [point[:, 2] for side in ("left", "right") for point in foot_points(walk, side)[::2]]
+    assert np.min(soles, axis=0).max() < 1e-9
 
 
 def test_the_height_of_a_run_solves_its_equation_of_motion():
@@ -151,10 +167,10 @@ def test_the_height_of_a_run_solves_its_equation_of_motion():
 
 
 def test_knees_elbows_and_lean_of_a_runner():
-    for speed_mps, knee_deg in ((3.0, 90), (9.0, 125)):
+    for speed_mps, knee_deg, by_deg in ((3.0, 90, 15), (9.0, 125, 25)):  # feet are measured up to 3.5 m/s
         motion = gait(speed_mps)
         hip, knee, ankle = np.moveaxis(points(motion, "right_hip", "right_knee", "right_ankle"), 1, 0)
-        assert angle_deg(hip - knee, ankle - knee).min() == pytest.approx(180 - knee_deg, abs=15)
+        assert angle_deg(hip - knee, ankle - knee).min() == pytest.approx(180 - knee_deg, abs=by_deg)
         shoulder, elbow, hand = np.moveaxis(points(motion, "left_shoulder", "left_elbow", "left_hand"), 1, 0)
         flexion = 180 - angle_deg(shoulder - elbow, hand - elbow)
         assert 79 < flexion.min() < flexion.max() < 101
@@ -243,12 +259,12 @@ def test_standing_feet_stay_still_when_steps_differ():
     for side in ("left", "right"):
         for t in [t for t in motion.facts.footfalls[f"{side}_foot"] if t < 7]:
             flat = points(
-                replace(motion, positions=motion.positions.sel(time=slice(t + 0.14, t + 0.22))), f"{side}_ankle"
+                replace(motion, positions=motion.positions.sel(time=slice(t + 0.2, t + 0.27))), f"{side}_ankle"
             )[:, 0]
             assert np.ptp(flat, axis=0).max() < 1e-9
     for a, b, bone in BONES:
         length_m = np.linalg.norm(np.diff(points(motion, a, b), axis=1), axis=2)
-        np.testing.assert_allclose(length_m, 1.75 * LENGTHS[bone], rtol=0, atol=1e-9)
+        np.testing.assert_allclose(length_m, 1.75 * (FOOT[0] if bone == "foot" else LENGTHS[bone]), rtol=0, atol=1e-9)
 
 
 def test_step_series_begins_at_its_phase_and_needs_a_generator():
@@ -325,11 +341,12 @@ def test_people_are_drawn_as_cited():
     six = [p.height_m for p in children if 5.5 < p.age_years < 6.5]
     assert np.mean(six) == pytest.approx(1.13, abs=0.02)
     assert min(p.height_m for p in children) >= 0.9
+    for key, mean, sd in (("trunk_ripple", 0.0, 0.2), ("arm_swing", 0.0, 0.4), ("walk_ratio", 0.0, 0.16)):
+        logs = np.log([getattr(p, key) for p in adults])
+        assert (np.median(logs), logs.std()) == (pytest.approx(mean, abs=0.02), pytest.approx(sd, rel=0.06))
+    assert np.std([p.swing_peak for p in adults]) == pytest.approx(0.24, rel=0.06)
     for person in [*adults[:25], *seniors[:25], *children[:25]]:
-        motion = human_gait(
-            speed_mps=person.speed_mps, height_m=person.height_m, mass_kg=person.mass_kg, body=person.body,
-            walk_ratio=person.walk_ratio, duration_s=0.5,
-        )  # fmt: skip
+        motion = human_gait(**person.parameters(), duration_s=0.5, rng=rng)
         assert np.isfinite(motion.position_m).all()
         assert motion.facts.mass_kg == person.mass_kg
     assert sample_person(np.random.default_rng(9)) == sample_person(np.random.default_rng(9))

@@ -184,6 +184,24 @@ def test_limbs_reach_bend_the_right_way_and_keep_their_lengths(name, froude):
         assert np.ptp(np.linalg.norm(points[a] - points[b], axis=1)) < 1e-12
 
 
+@pytest.mark.parametrize("name", GAITS)
+def test_the_trunk_moves_more_or_less_and_limbs_keep_their_lengths(name):
+    def ripple_m(factor):
+        motion = quadruped_gait(gait=name, trunk_ripple=factor, duration_s=4.0)
+        places = dict(zip(motion.markers, np.moveaxis(motion.position_m, 1, 0), strict=True))
+        for side in SIDES:
+            for a, b, _ in LINKS:
+                distance_m = np.linalg.norm(places[f"{side}_{a}"] - places[f"{side}_{b}"], axis=1)
+                np.testing.assert_allclose(distance_m, distance_m[0], rtol=1e-9)
+        x = places["rump"][:, 0]
+        assert (x[-1] - x[0]) / motion.time_s[-1] == pytest.approx(
+            QuadrupedConfig(gait=name).actual_speed_mps, rel=0.03
+        )
+        return np.std(x - np.polyval(np.polyfit(motion.time_s, x, 1), motion.time_s))
+
+    assert ripple_m(0.5) < 0.85 * ripple_m(1.0) < 0.85 * 0.85 * ripple_m(2.0)
+
+
 @pytest.mark.parametrize("build", BUILDS)
 @pytest.mark.parametrize("name", GAITS)
 def test_a_limb_that_cannot_reach_lowers_the_trunk_and_never_stretches(name, build):

@@ -38,6 +38,9 @@ def test_a_segment_is_looped_over_whole_strides(walk_then_stand):
     )
     centre = looped.position_m.mean(axis=1)[:, 0]
     assert (centre[-1] - centre[0]) / 8.0 == pytest.approx(1.3, rel=0.02)
+    repeated = read(walk_then_stand, segment=2, loop_to_s=8.0, loop_variation=0.0)
+    assert [motion.report["loop"]["stride_time_sd"] > 0 for motion in (repeated, looped)] == [False, True]
+    assert np.abs(repeated.position_m - looped.position_m).max() > 0.01
 
 
 @pytest.mark.parametrize(
@@ -48,7 +51,7 @@ def test_a_segment_is_looped_over_whole_strides(walk_then_stand):
         ({"segment": True}, "segment = True is not allowed"),
         ({"segment": 1, "loop_to_s": -1.0}, "loop_to_s = -1.0 is not allowed"),
         ({"segment": 1, "clean": False}, "need a cleaned motion"),
-        ({"start_s": 4.2, "stop_s": 5.8, "segment": 1}, "no straight stretch at constant velocity"),
+        ({"start_s": 4.2, "stop_s": 5.8, "segment": 1}, "no straight segment at constant velocity"),
     ],
 )
 def test_a_wrong_choice_is_one_clear_error(walk_then_stand, options, says):
@@ -74,6 +77,7 @@ def test_exchanged_sides_are_noted(walk_then_stand, tmp_path):
         ({"stop_s": float("nan")}, "is not in the recording"),
         ({"units": 5}, "units = 5 is not allowed; it must be a text"),
         ({"loop_to_s": 1e9}, "loop_to_s = 1000000000.0 is not allowed; it must be above 0 and up to 3600 s"),
+        ({"loop_variation": -0.5}, "loop_variation = -0.5 is not allowed; it must be 0 to 2"),
         ({"loop_to_s": "long"}, "loop_to_s = 'long' is not allowed"),
         ({"clean": "no"}, "clean = 'no' is not allowed; it must be true or false"),
     ],

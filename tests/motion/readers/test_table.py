@@ -242,6 +242,41 @@ def test_one_point_and_two_frames_are_no_motion(tmp_path: Path) -> None:
         read(path, clean=False)
 
 
+@pytest.mark.parametrize("form", ["{name}{Axis}", "{name}{axis}", "{Axis}_{name}", "{axis}{name}"])
+def test_triples_without_a_mark_between_name_and_axis(tmp_path: Path, form: str) -> None:
+    path = write_table(tmp_path / "w.csv", 1e3 * BODY_M, titles(form), time="Time")
+    motion = read(path, clean=False, units="mm")
+    np.testing.assert_allclose(motion.position_m, BODY_M, atol=1e-8)
+    assert motion.markers == NAMES
+
+
+@pytest.mark.parametrize("form", ["{Axis}{number}", "{Axis}"])
+def test_triples_without_names_are_numbered(tmp_path: Path, form: str) -> None:
+    head = [form.format(number=n + 1, Axis=a) for n in range(len(NAMES)) for a in "XYZ"]
+    path = tmp_path / "w.csv"
+    rows = [",".join([f"{i / 100}", *(f"{v:.9g}" for v in frame.ravel())]) for i, frame in enumerate(BODY_M)]
+    path.write_text("\n".join([",".join(["Time", *head]), *rows]))
+    motion = read(path, clean=False, units="m", up_axis="z")
+    np.testing.assert_allclose(motion.position_m, BODY_M, atol=1e-8)
+    assert motion.markers == [f"point_{n + 1}" for n in range(len(NAMES))]
+
+
+@pytest.mark.parametrize(
+    "name", ["CoM", "COM_L", "center of mass", "CentreOfPressure", "Virtual_Hip", "V_Pelvis", "LGRF", "knee velocity"]
+)
+def test_computed_points_are_no_markers(tmp_path: Path, name: str) -> None:
+    names = [*NAMES[:-1], name]
+    path = write_table(tmp_path / "w.csv", BODY_M, titles("{name}_{axis}_m", names=names))
+    motion = read(path, clean=False)
+    assert motion.markers == NAMES[:-1]
+    assert motion.report["points_measured"] == len(NAMES) - 1
+
+
+def test_names_that_end_in_an_axis_letter_are_no_triples(tmp_path: Path) -> None:
+    path = write_table(tmp_path / "w.csv", BODY_M[:, :1], ["maxX", "maxY", "minZ"])
+    assert not doppelgait.motion.readers.table.sniff_table(path, path.read_bytes()[:4096])
+
+
 @pytest.mark.parametrize(
     "text",
     [

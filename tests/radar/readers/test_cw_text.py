@@ -8,6 +8,7 @@ import pytest
 from doppelgait.core.errors import DoppelgaitWarning, RecordingError
 from doppelgait.processing import Analysis
 from doppelgait.processing.bursts import burst_signature
+from doppelgait.radar import read_recording
 from doppelgait.radar.readers.cw_text import read_cw_text, sniff_cw_text
 from recording_damage import outcomes
 
@@ -88,8 +89,11 @@ def test_what_it_is_not(tmp_path):
 def test_clipping_is_told(tmp_path):
     re, im = codes(256)
     re[:10], im[5:20] = 4095, 0  # samples 0 to 19
-    with pytest.warns(DoppelgaitWarning, match="7.8 % of the samples are clipped"):
-        read_cw_text(write_pair(tmp_path, re, im))
+    file = write_pair(tmp_path, re, im)
+    for read in (read_cw_text, read_recording):
+        with pytest.warns(DoppelgaitWarning, match="7.8 % of the samples are clipped") as caught:
+            read(file)
+        assert [one.filename for one in caught] == [__file__]
 
 
 def test_a_last_burst_that_is_not_whole_is_left_out(tmp_path):

@@ -73,6 +73,13 @@ def test_what_no_reader_takes_is_refused_with_the_known_formats(tmp_path):
         read_recording(tmp_path / "absent.npz")
 
 
+def test_a_file_of_results_is_named_as_such(tmp_path):
+    with h5py.File(tmp_path / "gait.h5", "w") as file:
+        file.attrs.update(format="doppelgait-result", format_version=1)
+    with pytest.raises(RecordingError, match=r"gait\.h5: holds results of doppelgait analyze, no recording; give the"):
+        read_recording(tmp_path / "gait.h5")
+
+
 def test_a_folder_without_a_name_is_refused_like_any_other(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for place in (".", "/"):
@@ -389,9 +396,9 @@ def test_axes_in_the_file_are_taken_as_they_are(tmp_path):
 
 def test_all_that_is_not_told_is_named_at_once(tmp_path):
     np.save(tmp_path / "a.npy", VALUES)
-    with pytest.raises(RecordingError, match=r"carrier_hz, range_start_m, bin_spacing_m are told nowhere.*a\.toml"):
+    with pytest.raises(RecordingError, match=r"carrier_hz, range_start_m, bin_spacing_m are stated nowhere.*a\.toml"):
         read_recording(tmp_path / "a.npy", prf_hz=100)
-    with pytest.raises(RecordingError, match="carrier_hz is told nowhere"):
+    with pytest.raises(RecordingError, match="carrier_hz is stated nowhere"):
         read_recording(tmp_path / "a.npy", prf_hz=100, range_start_m=0, bin_spacing_m=0.1)
 
 

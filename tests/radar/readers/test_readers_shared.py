@@ -1,5 +1,6 @@
 """Real X4 frames in MATLAB files: axes, noise, a breathing person; the same through our own file and plain arrays."""
 
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ from scipy.signal import firwin
 
 from doppelgait.core.errors import RecordingError
 from doppelgait.radar import Recording, read_recording, write_recording
-from doppelgait.radar.readers import RADAR_READERS, _matches
+from doppelgait.radar.readers import RADAR_READERS
 from doppelgait.radar.readers.arrays import write_arrays
 from doppelgait.radar.readers.matlab import list_variables, load_variable
 
@@ -140,7 +141,10 @@ def test_every_measured_file_is_taken_by_one_reader(shared):
         paths = sorted(radar.glob(pattern))
         assert paths, pattern
         for path in paths:
-            taken = [one.name for one in RADAR_READERS.values() if _matches(one, path)]
+            taken = []
+            for one in RADAR_READERS.values():
+                with suppress(OSError):
+                    taken += [one.name] if one.facts["sniff"](path) else []
             assert taken == ([] if name is None else [name]), path.name
 
 

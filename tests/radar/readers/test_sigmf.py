@@ -225,7 +225,7 @@ def test_a_checksum_guards_the_samples(tmp_path):
         ({"core:version": "0.0.2"}, "is SigMF 0.0.2; only 1.x"),
         ({"rate_hz": 20e6}, "samples within pulses. Give samples_per_pulse"),
         ({"rate_hz": -1}, "core:sample_rate is -1"),
-        ({"frequency": None}, "tells no carrier; give carrier_hz"),
+        ({"frequency": None}, "has no carrier; give carrier_hz"),
         ({"core:num_channels": 0}, "core:num_channels is 0"),
         ({"core:dataset": "../x.bin"}, "must be the name of a file in the same folder"),
         ({"core:trailing_bytes": 4}, "stand among other bytes"),

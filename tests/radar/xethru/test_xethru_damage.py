@@ -229,7 +229,7 @@ def test_a_chain_that_bites_its_tail_or_leaves_is_refused(tmp_path: Path) -> Non
     with pytest.raises(RecordingError, match="which came before"):
         read_xethru(folder)
     last.write_bytes(content.replace(b"../xethru_recording_2", b"../../../../../../../"))
-    with pytest.raises(RecordingError, match="only a folder beside its own"):
+    with pytest.raises(RecordingError, match="only a folder next to its own"):
         read_xethru(folder)
     last.write_bytes(content)
     shutil.rmtree(parts[2])
@@ -241,5 +241,5 @@ def test_a_data_file_elsewhere_is_refused(tmp_path: Path) -> None:
     meta = good(tmp_path) / META_NAME
     content = meta.read_bytes()
     meta.write_bytes(content.replace(b"xethru_baseband_iq_", b"../thru_baseband_iq"))
-    with pytest.raises(RecordingError, match="only a file beside the meta file"):
+    with pytest.raises(RecordingError, match="only a file in the folder of the meta file"):
         read_xethru(meta)

@@ -265,8 +265,10 @@ def test_who_is_behind_the_wall_has_no_ghost_and_who_crosses_it_is_told():
     position = np.stack([3.0 + 0 * y, y, 1.0 + 0 * y], axis=-1)
     table = echo_table(position, (0, 0, 1.0), t, names=["near", "far", "walker"])
     wall = WallGhost(material="brick", thickness_m=0.1, side_m=2.0)
-    with pytest.warns(DoppelgaitWarning, match=r"1 of 3 scatterers cross the wall, walker first seen to at 0.50 s"):
+    crossing = r"1 of 3 scatterers cross the wall, walker first seen to at 0.50 s"
+    with pytest.warns(DoppelgaitWarning, match=crossing) as caught:
         after = apply_environment(table, [wall], Setting(LAMBDA_M, (0, 0, 1.0)))
+    assert caught[0].filename == __file__
     assert list(after["marker"].values[3:]) == [
         f"{n}:{k}" for k in ("ghost_mixed", "ghost") for n in ("near", "walker")
     ]

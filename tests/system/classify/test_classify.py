@@ -230,9 +230,9 @@ def test_a_dataset_that_was_split_by_row_is_refused():
     dataset = made_up()
     dataset.index["split"] = np.resize(["train", "test"], len(dataset))
     rows = rows_of(dataset)
-    with pytest.raises(DatasetError, match="is learnt from and tested on"):
+    with pytest.raises(DatasetError, match="is in the training and in the test data"):
         refuse_shared(rows, [own_splits(rows, seed=0)[0]])
-    with pytest.raises(DatasetError, match="is learnt from and tested on"):
+    with pytest.raises(DatasetError, match="is in the training and in the test data"):
         evaluate(dataset, models=["six-logistic"])
 
 
@@ -293,7 +293,7 @@ def wrong_datasets():
         (untested, {}, "no rows in the split test"),
         (made_up(), {"other": lacking}, "has no feature 'limb_torso_ratio'"),
         (made_up(), {"other": cats}, "has the classes cat"),
-        (made_up(), {"other": made_up()}, "is the dataset to learn from"),
+        (made_up(), {"other": made_up()}, "is the training dataset"),
         (made_up(), {"models": ["six-svm"]}, "model 'six-svm' is not known"),
         (made_up(), {"n_folds": 1}, "must be from 2 to 60"),
         (made_up(), {"left_out": "colour"}, "no such column"),

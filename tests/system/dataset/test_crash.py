@@ -7,6 +7,7 @@ import os
 import signal
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ import pytest
 import processes
 from checkout import SUPPORT
 from dataset_plans import check_whole, tiny_plan
+from doppelgait.core.worker import THREAD_VARIABLES
 from doppelgait.dataset.build import build_dataset
 from doppelgait.dataset.status import dataset_hash, dataset_status
 
@@ -35,6 +37,8 @@ def start():
     server.set_forkserver_preload(["crash_work"])
     with pytest.MonkeyPatch.context() as change:
         change.setenv("PYTHONPATH", str(SUPPORT), prepend=os.pathsep)  # the server does not take sys.path
+        for variable in THREAD_VARIABLES:
+            change.setenv(variable, "1")  # a process that has threads cannot fork safely
         from multiprocessing.forkserver import ensure_running
 
         ensure_running()
@@ -78,18 +82,27 @@ def reference(start, tmp_path_factory):
 def workers_of(pid):
     """Worker processes of a process; not the helper that looks after shared resources."""
     found = []
-    for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
-        command = Path(f"/proc/{child}/cmdline").read_bytes()
-        if b"spawn_main" in command:
-            found.append(int(child))
+    with suppress(FileNotFoundError, ProcessLookupError):  # one of them has just ended
+        for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
+            command = Path(f"/proc/{child}/cmdline").read_bytes()
+            if b"spawn_main" in command:
+                found.append(int(child))
     return found
+
+
+def at_work(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
 
 
 def kill_main(process, seconds):
     process.join(seconds)
+    workers = workers_of(process.pid) if process.exitcode is None else []
     process.kill()
     processes.join(process)
-    time.sleep(0.5)  # its workers notice
+    processes.wait_until(lambda: not any(at_work(pid) for pid in workers))  # they notice
 
 
 def kill_worker(process, rng, seconds):

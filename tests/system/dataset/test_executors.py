@@ -15,7 +15,16 @@ from checkout import SUPPORT
 from doppelgait.core.errors import ConfigError, DatasetError, OutputError
 from doppelgait.core.worker import WORKER_ENVIRONMENT
 from doppelgait.dataset.executors import check_executor, run_shards
-from executor_work import killed_always, killed_once, no_space, quick_then_slow, shards, started, surroundings
+from executor_work import (
+    killed_always,
+    killed_in_its_answer,
+    killed_once,
+    no_space,
+    quick_then_slow,
+    shards,
+    started,
+    surroundings,
+)
 
 LOCAL = ["serial", "processes", "dask"]
 SEVERAL = ["processes", "dask"]
@@ -79,6 +88,15 @@ def test_an_error_of_the_work_is_the_callers(executor):
 def test_killed_workers_lose_nothing(tmp_path, executor):
     planned = shards(8)
     results = list(run_shards(partial(killed_once, folder=str(tmp_path)), planned, executor=executor, workers=2))
+    assert sorted(shard.name for shard, _ in results) == [shard.name for shard in planned]
+
+
+@pytest.mark.timeout(120)
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGKILL")
+def test_a_worker_killed_within_its_answer_loses_nothing_and_nobody_waits_for_the_rest(tmp_path):
+    planned, work = shards(8), partial(killed_in_its_answer, folder=str(tmp_path))
+    results = list(run_shards(work, planned, executor="processes", workers=2))
+    assert (tmp_path / "killed").exists()
     assert sorted(shard.name for shard, _ in results) == [shard.name for shard in planned]
 
 

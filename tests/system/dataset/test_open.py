@@ -142,7 +142,7 @@ def test_radar_of_a_later_class():
 @pytest.mark.parametrize("description", [{}, {"config": {}}, {"origin": "imported", "config": {"classes": []}}])
 def test_radar_that_no_plan_tells(description):
     row = {"id": "walk-1", "scene_id": "walk-1", "prf_hz": 500.0}
-    with pytest.raises(DatasetError, match="walk-1: the dataset does not tell its radar"):
+    with pytest.raises(DatasetError, match="walk-1: the dataset does not state its radar"):
         radar_of(description, row)
     assert np.isnan(carrier_of(description, row))
     assert carrier_of(description, row | {"carrier_hz": 24e9}) == 24e9

@@ -153,8 +153,8 @@ def test_a_folder_gives_its_straight_stretches_in_turn_and_loops_short_ones(walk
     [
         ({"path": "runs"}, ConfigError, r"classes\.0\.motion\.path: 'runs' is not allowed: there is no such folder"),
         ({"patern": "*"}, ConfigError, r"patern: unknown key; allowed are .*pattern"),
-        ({"pattern": "*.txt"}, DatasetError, r"has no straight stretch of gait .* in 1 files: .*no motion format"),
-        ({"min_duration_s": 50}, DatasetError, r"has no straight stretch of gait"),
+        ({"pattern": "*.txt"}, DatasetError, r"has no straight segment of gait .* in 1 files: .*no motion format"),
+        ({"min_duration_s": 50}, DatasetError, r"has no straight segment of gait"),
     ],
 )
 def test_wrong_folders_are_refused(walks, options, error, says):

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
-from collections.abc import Iterator
 from dataclasses import replace
 from importlib import import_module
 from types import ModuleType
@@ -13,17 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from checkout import ROOT
 from doppelgait.processing import Analysis, Gate, signature
-
-STUDIES = ROOT / "studies"
-
-
-@pytest.fixture(scope="module", autouse=True)
-def studies_on_path() -> Iterator[None]:
-    sys.path.insert(0, str(STUDIES))
-    yield
-    sys.path.remove(str(STUDIES))
 
 
 @pytest.fixture(scope="module")
@@ -234,7 +222,7 @@ def test_every_row_counts_for_its_gait_and_its_class(errors: ModuleType) -> None
 
 
 def test_true_bandwidths_of_an_example(errors: ModuleType) -> None:
-    example = replace(errors.model_examples(1)[0], seconds=2.0)
+    example = replace(import_module("gait_frequency").model_examples(1)[0], seconds=2.0)
     recording = errors.observe(example)
     found = errors.facts(example, recording)
     speeds = recording.truth[0].scatterers["radial_velocity"].values

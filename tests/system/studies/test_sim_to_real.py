@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator
 from importlib import import_module
 from types import ModuleType
 from typing import Any
@@ -12,17 +10,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from checkout import ROOT
-
-STUDIES = ROOT / "studies"
 SECONDS = 3.0
-
-
-@pytest.fixture(scope="module", autouse=True)
-def studies_on_path() -> Iterator[None]:
-    sys.path.insert(0, str(STUDIES))
-    yield
-    sys.path.remove(str(STUDIES))
 
 
 @pytest.fixture(scope="module")

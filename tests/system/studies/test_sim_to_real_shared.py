@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
@@ -12,18 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from checkout import ROOT
-
 pytestmark = pytest.mark.shared
-STUDIES = ROOT / "studies"
 COUNT = 20
-
-
-@pytest.fixture(scope="module", autouse=True)
-def studies_on_path() -> Iterator[None]:
-    sys.path.insert(0, str(STUDIES))
-    yield
-    sys.path.remove(str(STUDIES))
 
 
 @pytest.fixture(scope="module")

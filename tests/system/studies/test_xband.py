@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -11,20 +9,10 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from checkout import ROOT
-
-STUDIES = ROOT / "studies"
 PRI_S = 1.68e-3
 WAVELENGTH_M = 299_792_458.0 / 9.7e9
 N_ROWS, N_COLUMNS, COLUMN_S = 256, 624, 8 * PRI_S
 ROW_MPS = 9.2 / 256
-
-
-@pytest.fixture(scope="module", autouse=True)
-def studies_on_path() -> Iterator[None]:
-    sys.path.insert(0, str(STUDIES))
-    yield
-    sys.path.remove(str(STUDIES))
 
 
 @pytest.fixture(scope="module")

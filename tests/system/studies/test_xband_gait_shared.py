@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -11,11 +9,9 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from checkout import ROOT
 from doppelgait.pipeline import Result
 
 pytestmark = pytest.mark.shared
-STUDIES = ROOT / "studies"
 
 KNOWN_MPS = {
     "human__NormalToward": 1.13,
@@ -47,10 +43,8 @@ KNOWN_HZ = {
 
 
 @pytest.fixture(scope="module")
-def study() -> Iterator[ModuleType]:
-    sys.path.insert(0, str(STUDIES))
-    yield import_module("xband_gait")
-    sys.path.remove(str(STUDIES))
+def study() -> ModuleType:
+    return import_module("xband_gait")
 
 
 @pytest.fixture(scope="module")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -11,10 +9,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from checkout import ROOT
-
 pytestmark = pytest.mark.shared
-STUDIES = ROOT / "studies"
 
 MEASURED_MPS = {
     "human__NormalToward": 1.13,
@@ -26,13 +21,6 @@ MEASURED_MPS = {
     "dog__LinkWalkAway2": 2.68,
 }
 """Torso speeds read from the same figures by another program."""
-
-
-@pytest.fixture(scope="module", autouse=True)
-def studies_on_path() -> Iterator[None]:
-    sys.path.insert(0, str(STUDIES))
-    yield
-    sys.path.remove(str(STUDIES))
 
 
 @pytest.fixture(scope="module")

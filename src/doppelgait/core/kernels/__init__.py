@@ -1,4 +1,6 @@
-"""Compiled loops (Numba), one module a kernel. Import them inside functions: compiling and loading takes time.
+"""Compiled loops (Numba), one module per kernel.
+
+Import them inside functions: compiling and loading takes time.
 
 Each has one implementation; the tests hold it against the literal float64 equation.
 """
@@ -7,7 +9,7 @@ from __future__ import annotations
 
 
 def use_widest_vectors() -> None:
-    """Let Numba compile for the widest vectors that the processor has.
+    """Let Numba compile for the processor's widest vectors.
 
     LLVM keeps to half of them (256 of 512 bits) on several Intel processors, for fear of their clock; the signature
     then takes 1.3 times as long, the synthesis 1.8 times. The setting is Numba's and counts for all it compiles in

@@ -23,7 +23,9 @@ def apply_cosine_pattern(
     path_gain: Float64Array,
     out: Float64Array,
 ) -> None:
-    """Multiply path gains by the square of a cosine pattern, max(cos^p(azimuth) cos^q(elevation), floor).
+    """Multiply path gains by the square of a cosine pattern.
+
+    The pattern is max(cos^p(azimuth) cos^q(elevation), floor).
 
     Azimuth and elevation from the boresight are not needed themselves: with the direction's components x forward, y to
     the left and z up their cosines are x / sqrt(x^2 + y^2) and sqrt(1 - z^2).

@@ -1,4 +1,4 @@
-"""The last pass of the step-Doppler map (E-30)."""
+"""Last pass of the cadence-velocity diagram (E-30)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numba import njit
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def magnitudes_of_parts(parts: npt.NDArray[np.float64], out: npt.NDArray[np.float64]) -> None:
-    """Magnitude of complex numbers whose real parts stand left and whose imaginary parts stand right in a row.
+    """Compute magnitudes of rows of real, then imaginary parts.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Passes over the columns of a signature for what several features need of them (E-28, E-29, E-33, E-38)."""
+"""Passes over signature columns that several features share (E-28 to E-38)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ AnyFloatArray = npt.NDArray[np.floating[Any]]
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
 def excess_columns(values: AnyFloatArray, floor: float, out: FloatArray, sums: FloatArray) -> None:
-    """Cells less the floor, 0 where that is negative, and the sum of every column (E-28).
+    """Subtract the floor, clip at 0 and sum every column (E-28).
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def excess_columns(values: AnyFloatArray, floor: float, out: FloatArray, sums: F
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def peak_offsets(values: AnyFloatArray, best: npt.NDArray[np.int64], offset: FloatArray) -> None:
-    """Top of the parabola in the logarithm through the strongest cell of every column and its neighbours.
+    """Refine every column's strongest cell by a parabola in the logarithm.
 
     Parameters
     ----------
@@ -67,7 +67,9 @@ def sums_about_line(
     weight: FloatArray,
     moment: FloatArray,
 ) -> None:
-    r"""Power about the main line, cells at the edge in part, and the centroid of its square, not yet divided.
+    r"""Sum power and squared power about the main line.
+
+    Cells at the edge count in part; the centroid of the squared power is not yet divided.
 
     With :math:`p = v - \nu` and the distance x of a cell's centre from the line, bins: :math:`\sum p\,
     \min(\max(r - |x| + 1/2, 0), 1)` for two reaches r, and :math:`\sum \max(p, 0)^2` and :math:`\sum x \max(p, 0)^2`
@@ -102,7 +104,10 @@ def sums_about_line(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def row_means(values: AnyFloatArray, out: FloatArray) -> None:
-    """Mean of every Doppler row over time; ``values`` has shape (J, K), ``out`` (K,)."""
+    """Average every Doppler row over time.
+
+    ``values`` has shape (J, K), ``out`` (K,).
+    """
     out[:] = 0.0
     for j in range(values.shape[0]):
         for k in range(values.shape[1]):

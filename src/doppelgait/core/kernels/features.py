@@ -1,4 +1,4 @@
-"""Passes over the columns of a signature that array expressions would make ten times over memory (E-29, E-35)."""
+"""Column passes that array expressions would repeat in memory (E-29, E-35)."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ def shift_columns(
     part: npt.NDArray[np.float64],
     out: npt.NDArray[np.float64],
 ) -> None:
-    r"""Shift every column downwards in Doppler, circularly, by whole bins and a part of one.
+    r"""Shift every column downwards in Doppler, circularly, by fractional bins.
 
     .. math:: o_{j,k} = \sum_{m=-1}^{2} c_m(p_j)\, v_{j,\,(k + w_j + m) \bmod K}
 
     with Keys' cubic convolution, :math:`c_{-1} = -\tfrac{1}{2} p (1 - p)^2`,
     :math:`c_0 = 1 - \tfrac{5}{2} p^2 + \tfrac{3}{2} p^3`, :math:`c_1(p) = c_0(1 - p)`, :math:`c_2(p) = c_{-1}(1 - p)`
     (IEEE Trans. ASSP 29, 1981). The weights sum to 1, so column sums are kept; between two bins it lowers a narrow line
-    far less than a straight line between them would. Beside a step it overshoots by up to 7 % of it.
+    far less than a straight line between them would. Next to a step it overshoots by up to 7 % of it.
 
     Parameters
     ----------
@@ -57,7 +57,9 @@ def power_quantiles(
     low: npt.NDArray[np.float64],
     high: npt.NDArray[np.float64],
 ) -> None:
-    r"""Two quantiles over Doppler of the power above a threshold, as fractional bin numbers (E-35).
+    r"""Find two quantiles over Doppler of the power above a threshold.
+
+    They are fractional bin numbers (E-35).
 
     With :math:`p_k = v_k - \nu` where :math:`v_k` exceeds the threshold, else 0, and :math:`P_k = \sum_{i \le k} p_i`,
     the quantile of share q is in the first bin with :math:`P_k \ge q P_{K-1}`; power is spread evenly over a bin, so
@@ -97,5 +99,5 @@ def power_quantiles(
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract", "nsz"}, inline="always")
 def _above(value, threshold, floor):  # type: ignore[no-untyped-def]
-    """Power of a cell above the floor, 0 unless it exceeds the threshold."""
+    """Return a cell's power above the floor if it exceeds the threshold."""
     return np.float64(value) - floor if value > threshold else 0.0

@@ -13,7 +13,9 @@ FloatArray = npt.NDArray[np.float64]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def smoothed_chi_square(normal: FloatArray, times: FloatArray, correlation: float, reach: int, out: FloatArray) -> None:
-    """Mean square of Gaussian processes made from white numbers on a grid of half a correlation time.
+    """Average the squares of Gaussian processes.
+
+    They are made from white numbers on a grid of half a correlation time.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What the short-time transform needs besides compiled code: order of its passes, twiddle factors, compiler options."""
+"""Parts of the short-time transform: pass order, twiddle factors, compiler options."""
 
 from __future__ import annotations
 
@@ -13,13 +13,15 @@ Float32Array = npt.NDArray[np.float32]
 
 
 class Apart(Compiler):
-    """Compiles a function whose array arguments never overlap, so that its loops need no test for that.
+    """Compiler for functions whose array arguments never overlap.
+
+    Their loops need no test for overlap.
 
     The tests, of sixteen streams in pairs, cost as much as a pass over sixteen lanes.
     """
 
     def define_pipelines(self) -> Any:
-        """Numba's own passes with the arguments marked."""
+        """Return Numba's own passes with the arguments marked."""
         self.state.flags.noalias = True
         return super().define_pipelines()  # type: ignore[no-untyped-call]
 
@@ -30,7 +32,10 @@ INLINE: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"c
 
 
 def stage_radices(n_bins: int) -> npt.NDArray[np.int64]:
-    """Radix of every pass: an eight first and a four or a two last where they divide, prime factors between."""
+    """Factorise a length into the radices of all passes.
+
+    An eight comes first, a four or a two last where they divide, prime factors between.
+    """
     first, rest = ([8], n_bins // 8) if n_bins % 8 == 0 else ([], n_bins)
     last = [4] if rest % 4 == 0 else [2] if rest % 2 == 0 else []
     rest //= math.prod(last)
@@ -45,6 +50,6 @@ def stage_radices(n_bins: int) -> npt.NDArray[np.int64]:
 
 
 def twiddle_table(n_bins: int) -> tuple[Float32Array, Float32Array]:
-    """Real and imaginary part of exp(-j 2 pi q / K), q = 0..K-1, float32."""
+    """Compute twiddle factors exp(-j 2 pi q / K) as float32 planes."""
     angle = -2.0 * np.pi * np.arange(n_bins) / n_bins
     return np.cos(angle).astype(np.float32), np.sin(angle).astype(np.float32)

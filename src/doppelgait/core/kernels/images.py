@@ -1,4 +1,4 @@
-"""Echoes by one and by two reflections, from the direct and the reflected path of every scatterer."""
+"""Echoes by one and by two reflections of every scatterer."""
 
 from __future__ import annotations
 
@@ -19,10 +19,12 @@ def fill_images(
     range_m: Float64Array, velocity_mps: Float64Array, azimuth_rad: Float64Array, elevation_rad: Float64Array,
     path_gain: Float64Array, path_phase: Float64Array,
 ) -> None:  # fmt: skip
-    """Write the images of n scatterers into the columns of a table from ``place`` on: n by one reflection, n by two.
+    """Write the images of n scatterers into a table.
+
+    Columns from ``place`` on hold n images by one reflection, then n by two.
 
     By one reflection, there or back: range (R + g) / 2, power gain 4 |c|^2 (((R + g) / 2)^2 / (R g))^2, the phase of c,
-    and the direction midway between those of its ways. By two: range g, gain |c|^4, twice the phase.
+    and the direction midway between those of its paths. By two: range g, gain |c|^4, twice the phase.
 
     Parameters
     ----------

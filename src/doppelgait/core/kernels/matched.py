@@ -15,21 +15,26 @@ Float64Array = npt.NDArray[np.float64]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _turned(turns):  # type: ignore[no-untyped-def]
-    """Unit phasor of a number of turns, reduced to half a turn first."""
+def _phasor(turns):  # type: ignore[no-untyped-def]
+    """Compute the unit phasor of a number of turns.
+
+    The number is reduced to half a turn first.
+    """
     angle = 2.0 * math.pi * (turns - np.rint(turns))
     return complex(math.cos(angle), math.sin(angle))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _bin(n, n_bins):  # type: ignore[no-untyped-def]
-    """A bin number cut to 0..n_bins."""
+    """Limit a bin number to 0..n_bins."""
     return int(min(max(n, 0.0), float(n_bins)))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _add_side(total, begin, end, first, step, side, delta, beta, peak):  # type: ignore[no-untyped-def]
-    """Add a response to bins begin..end-1, all on one side of its middle; x of bin n is first + n step.
+    """Add a response to the bins on one side of its middle.
+
+    The bins are begin..end-1; x of bin n is first + n step.
 
     On one side (side = 1 above the middle, -1 below) the sine's argument g is quadratic in x, so that its phasor is
     turned on by its step, and the step by its own. The other factor is turned on by a step that stays.
@@ -37,11 +42,11 @@ def _add_side(total, begin, end, first, step, side, delta, beta, peak):  # type:
     x = first + begin * step
     slope = beta - side * delta
     g = delta + x * (slope - side * beta * x)
-    sine = _turned(0.5 * g)
-    turn = _turned(0.5 * step * (slope - side * beta * (2.0 * x + step)))
-    bend = _turned(-side * beta * step * step)
-    doppler = peak * _turned(0.5 * delta * x)
-    doppler_turn = _turned(0.5 * delta * step)
+    sine = _phasor(0.5 * g)
+    turn = _phasor(0.5 * step * (slope - side * beta * (2.0 * x + step)))
+    bend = _phasor(-side * beta * step * step)
+    doppler = peak * _phasor(0.5 * delta * x)
+    doppler_turn = _phasor(0.5 * delta * step)
     for n in range(begin, end):
         x = first + n * step
         angle = math.pi * (delta + x * (slope - side * beta * x))
@@ -63,7 +68,7 @@ def add_responses(
     time_bandwidth: float,
     out: npt.NDArray[np.complex64],
 ) -> None:
-    r"""Write the sum of the matched-filter responses of all scatterers into every pulse.
+    r"""Write the matched-filter responses of all scatterers into every pulse.
 
     .. math::
 
@@ -90,7 +95,7 @@ def add_responses(
     for pulse in range(out.shape[0]):
         total[:] = 0.0
         for scatterer in range(amplitude.shape[1]):
-            peak = amplitude[pulse, scatterer] * _turned(turns[pulse, scatterer])
+            peak = amplitude[pulse, scatterer] * _phasor(turns[pulse, scatterer])
             start = first - delay[pulse, scatterer]
             lowest = _bin(math.floor((-1.0 - start) / step) + 1, n_bins)
             middle = _bin(math.ceil(-start / step), n_bins)

@@ -1,6 +1,8 @@
-"""Complex white Gaussian receiver noise (E-18) from a counter: every value is a function of (key, frame, bin).
+"""Counter-based complex white Gaussian receiver noise (E-18).
 
-Nothing is drawn in sequence, so any block of frames and bins, in any order and by any worker, has the same values.
+Every value is a function of (key, frame, bin).
+
+Nothing depends on a sequence, so any block of frames and bins, in any order and by any worker, has the same values.
 All steps are exact integer operations or single IEEE operations (fused multiply-adds are not allowed: no fastmath), so
 the bytes depend neither on the blocking nor on what vector instructions the compiler chooses.
 """
@@ -46,7 +48,9 @@ C0, C1, C2 = np.float32(0.0416666456), np.float32(-0.0013887316), np.float32(0.0
 
 @njit(inline="always", **OPTIONS)
 def philox(c0, c1, c2, c3, key):  # type: ignore[no-untyped-def]
-    r"""Philox4x32-10: four random words of a counter of four words and a key of two.
+    r"""Compute four random words by Philox4x32-10.
+
+    The counter has four words, the key two.
 
     Ten times, with the multipliers M and the Weyl constants W,
 
@@ -69,7 +73,9 @@ def philox(c0, c1, c2, c3, key):  # type: ignore[no-untyped-def]
 
 @njit(inline="always", **OPTIONS)
 def exponential(word):  # type: ignore[no-untyped-def]
-    r"""Exponential variable of mean 1: :math:`-\ln u` with :math:`u = (w + 1/2) / 2^{32}`, float32.
+    r"""Compute an exponential variable of mean 1.
+
+    It is :math:`-\ln u` with :math:`u = (w + 1/2) / 2^{32}`, float32.
 
     u = m 2^e with m in [sqrt(1/2), sqrt(2)), and f = m - 1 is exact. Near u = 0, the far tail, all 32 bits count: the
     largest value is 33 ln 2, and the largest |w| is 4.8 times its root mean square (6.8 standard deviations of one
@@ -87,7 +93,9 @@ def exponential(word):  # type: ignore[no-untyped-def]
 
 @njit(inline="always", **OPTIONS)
 def direction(word):  # type: ignore[no-untyped-def]
-    r"""Uniformly distributed point (x, y) of the unit circle, float32, error below 2^-23.
+    r"""Compute a uniformly distributed point (x, y) of the unit circle.
+
+    It is float32, with an error below 2^-23.
 
     The low 30 bits give an angle in [-pi/4, pi/4); bit 30 exchanges x and y, bit 31 changes both signs: four images
     of the first quarter, which together cover the circle once.
@@ -102,7 +110,9 @@ def direction(word):  # type: ignore[no-untyped-def]
 
 @njit(**OPTIONS)
 def _draw(first_frame, pair, key, words):  # type: ignore[no-untyped-def]
-    """Words of LANES frames for one pair of bins; the four words of a frame lie LANES apart.
+    """Draw the words of LANES frames for one pair of bins.
+
+    The four words of a frame lie LANES apart.
 
     The counter is (frame, pair, 0, 0). Written as a loop of its own, because its 64-bit lanes are half as many per
     vector as the 32-bit lanes of the transform.
@@ -117,8 +127,11 @@ def _draw(first_frame, pair, key, words):  # type: ignore[no-untyped-def]
 
 
 @njit(**OPTIONS)
-def _shape(words, rms, parts):  # type: ignore[no-untyped-def]
-    r"""Box and Muller's transform: :math:`w = s \sqrt{-\ln u}\, e^{j \varphi}`; real parts, then imaginary parts."""
+def _transform(words, rms, parts):  # type: ignore[no-untyped-def]
+    r"""Transform random words to Gaussian noise (Box-Muller).
+
+    :math:`w = s \sqrt{-\ln u}\, e^{j \varphi}`; real parts first, then imaginary parts.
+    """
     for lane in range(LANES):
         radius = rms * math.sqrt(exponential(words[lane]))
         x, y = direction(words[LANES + lane])
@@ -145,7 +158,7 @@ def add_noise_block(
     key: int | np.uint64,
     rms: float,
 ) -> None:
-    r"""Add receiver noise to a block of range bins and frames, in planes.
+    r"""Add receiver noise to planes of some range bins and frames.
 
     .. math:: Y_{i,n} \leftarrow Y_{i,n} + s\, \sqrt{-\ln u_{i,n}}\, e^{j \varphi_{i,n}}
 
@@ -180,7 +193,7 @@ def add_noise_block(
             for odd in range(2):
                 row = 2 * pair + odd - first_bin
                 if 0 <= row < n_bins:
-                    _shape(words[2 * odd * LANES :], scale, parts)
+                    _transform(words[2 * odd * LANES :], scale, parts)
                     _add(parts, plane_re[row, column:end], plane_im[row, column:end])
 
 
@@ -196,7 +209,9 @@ def copy_noise_spans(
     plane_re: Float32Array,
     plane_im: Float32Array,
 ) -> None:
-    """Copy what is needed of planes and add receiver noise to it: values of :func:`add_noise_block`.
+    """Copy the needed spans of planes and add receiver noise.
+
+    The values are those of :func:`add_noise_block`.
 
     Parameters
     ----------
@@ -208,7 +223,7 @@ def copy_noise_spans(
     key, rms
         As for :func:`add_noise_block`.
     margin : int
-        So many frames after each span are copied too, without noise.
+        Number of frames after each span that are copied too, without noise.
     plane_re, plane_im : ndarray, shape of the source, float32
         Overwritten within the spans; may be the source.
     """
@@ -228,7 +243,9 @@ def copy_noise_spans(
 
 @njit(**OPTIONS)
 def add_noise_matrix(matrix: npt.NDArray[Any], key: int | np.uint64, rms: float) -> None:
-    """Add receiver noise to a whole data matrix: the values of :func:`add_noise_block` from bin 0 and frame 0.
+    """Add receiver noise to a whole data matrix.
+
+    The values are those of :func:`add_noise_block` from bin 0 and frame 0.
 
     Parameters
     ----------
@@ -245,8 +262,8 @@ def add_noise_matrix(matrix: npt.NDArray[Any], key: int | np.uint64, rms: float)
         rows = matrix[start : start + LANES]
         for n in range(0, n_bins, 2):
             _draw(start, n // 2, key_word, words)
-            _shape(words, scale, even)
-            _shape(words[2 * LANES :], scale, odd)
+            _transform(words, scale, even)
+            _transform(words[2 * LANES :], scale, odd)
             for i in range(rows.shape[0]):
                 rows[i, n] += complex(even[i], even[LANES + i])
                 if n + 1 < n_bins:
@@ -254,5 +271,8 @@ def add_noise_matrix(matrix: npt.NDArray[Any], key: int | np.uint64, rms: float)
 
 
 def draw_key(rng: np.random.Generator) -> np.uint64:
-    """Key of one noise, one draw of a generator that is itself a function of (seed, example)."""
+    """Draw the key of one noise from a generator.
+
+    The generator is itself a function of (seed, example).
+    """
     return np.uint64(rng.integers(0, 2**64, dtype=np.uint64))

@@ -1,4 +1,4 @@
-"""Lines of sight against ellipsoids."""
+"""Occlusion of lines of sight by ellipsoids."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ BoolArray = npt.NDArray[np.bool_]
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def ramp(x: float) -> float:
-    """0 below 0, 1 above 1, between them the polynomial of degree 5 with two continuous derivatives."""
+    """Evaluate a smooth step from 0 to 1.
+
+    Between them it is the polynomial of degree 5 with two continuous derivatives.
+    """
     x = min(max(x, 0.0), 1.0)
     return x * x * x * (10.0 + x * (6.0 * x - 15.0))
 
@@ -31,7 +34,7 @@ def sight_amplitudes(
     edge: float,
     amplitude: FloatArray,
 ) -> None:
-    """Amplitude that the ellipsoids let through from every point to the radar.
+    """Compute amplitudes past the ellipsoids from every point to the radar.
 
     Parameters
     ----------
@@ -69,12 +72,12 @@ def sight_amplitudes(
                 reach = max(semi_axes[s, 0], semi_axes[s, 1], semi_axes[s, 2]) + 2.0 * edge
                 if ahead < -reach or apart - ahead * ahead > reach * reach:
                     continue
-                through *= _past_one(offset, sight, length, along[i, s], across[i, s], semi_axes[s], edge)
+                through *= _amplitude_past(offset, sight, length, along[i, s], across[i, s], semi_axes[s], edge)
             amplitude[i, p] = through
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _past_one(
+def _amplitude_past(
     offset: FloatArray,
     sight: FloatArray,
     length: float,
@@ -83,7 +86,10 @@ def _past_one(
     semi_axes: FloatArray,
     edge: float,
 ) -> float:
-    """Amplitude past one ellipsoid, from the point of the line of sight where its quadratic form is smallest."""
+    """Compute the amplitude past one ellipsoid.
+
+    It follows from the point of the line of sight where the ellipsoid's quadratic form is smallest.
+    """
     base = 1.0 / semi_axes[1] ** 2
     wide, long = 1.0 / semi_axes[0] ** 2 - base, 1.0 / semi_axes[2] ** 2 - base
     offset_wide = offset[0] * across[0] + offset[1] * across[1] + offset[2] * across[2]

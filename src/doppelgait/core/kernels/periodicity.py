@@ -1,4 +1,4 @@
-"""Sums over lags and harmonics: how a signature repeats (E-33)."""
+"""Sums over lags and harmonics of a signature (E-33)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ FloatArray = npt.NDArray[np.float64]
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
 def lag_products(rows: FloatArray, first: int, out: FloatArray) -> None:
-    r"""Products of columns some lags apart, summed over time and rows (E-33).
+    r"""Sum products of lagged columns over time and rows (E-33).
 
     .. math:: o_i = \sum_j \sum_k v_{j,k}\, v_{j + m + i,\, k}
 
@@ -52,7 +52,7 @@ def lag_products(rows: FloatArray, first: int, out: FloatArray) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
 def square_difference(rows: FloatArray, first: int, out: FloatArray) -> None:
-    r"""Normalised square-difference autocorrelation at some lags (E-33).
+    r"""Compute the normalised square-difference autocorrelation at some lags (E-33).
 
     .. math:: n_i = 2 \sum_j \sum_k v_{j,k} v_{j+m+i,k} \Big/ \sum_j \sum_k (v_{j,k}^2 + v_{j+m+i,k}^2)
 
@@ -88,7 +88,7 @@ def period_harmonics(
     imaginary: FloatArray,
     means: FloatArray,
 ) -> None:
-    r"""Fourier coefficients of stretches of the record, each without its mean.
+    r"""Compute Fourier coefficients of single periods without their means.
 
     .. math:: c_{b,h,k} = \frac{1}{L} \sum_{j=s_b}^{s_b+L-1} (v_{j,k} - \bar v_{b,k})\, e^{-i (h+1) \theta j}
 
@@ -132,7 +132,7 @@ def period_harmonics(
 def quantiles_without(
     ordered: FloatArray, member: npt.NDArray[np.int64], counts: npt.NDArray[np.int64], share: float, out: FloatArray
 ) -> None:
-    """Quantile of sorted values without one group of them, for each group.
+    """Compute quantiles of sorted values without each group in turn.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ def quantiles_without(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def add_between(values: FloatArray, place: FloatArray, weight: float, out: FloatArray) -> None:
-    """Add weighted values between samples, by the cubic of Catmull and Rom.
+    """Add weighted values between samples, by the Catmull-Rom cubic.
 
     Parameters
     ----------
@@ -187,7 +187,10 @@ def add_between(values: FloatArray, place: FloatArray, weight: float, out: Float
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def highest_between(values: FloatArray, low: float, high: float, count: int) -> float:
-    """Largest of ``count`` values on straight lines between samples, at even steps from ``low`` to ``high``."""
+    """Find the largest of interpolated values at even steps.
+
+    ``count`` values lie on straight lines between samples, from ``low`` to ``high``.
+    """
     last, best = values.size - 1, -np.inf
     for n in range(count):
         place = min(max(low + n * (high - low) / (count - 1), 0.0), float(last))
@@ -205,7 +208,7 @@ def limb_amplitudes(
     stops: npt.NDArray[np.int64],
     out: FloatArray,
 ) -> None:
-    """Amplitude of groups of rows after the noise is taken off every cell (E-33 step 4).
+    """Compute amplitudes of row groups after removing noise (E-33 step 4).
 
     Parameters
     ----------

@@ -1,4 +1,7 @@
-"""Single passes over real and imaginary planes of samples, one row a sample and slow time contiguous."""
+"""Single passes over real and imaginary planes of samples.
+
+There is one row per sample, with slow time contiguous.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,10 @@ Float32Array = npt.NDArray[np.float32]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def strongest_power(plane_re: Float32Array, plane_im: Float32Array, strongest: Float32Array) -> None:
-    """Largest re^2 + im^2 over the rows, for every column; ``strongest`` of shape (I,) is overwritten."""
+    """Find the largest re^2 + im^2 of every column over the rows.
+
+    ``strongest`` of shape (I,) is overwritten.
+    """
     strongest[:] = 0.0
     for n in range(plane_re.shape[0]):
         re, im = plane_re[n], plane_im[n]
@@ -22,7 +28,10 @@ def strongest_power(plane_re: Float32Array, plane_im: Float32Array, strongest: F
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def turn_planes(plane_re: Float32Array, plane_im: Float32Array, re: Float32Array, im: Float32Array) -> None:
-    """Multiply planes by complex factors of one row, for all samples, or of as many rows as there are samples."""
+    """Multiply planes by complex factors.
+
+    The factors are one row for all samples, or one row per sample.
+    """
     for n in range(plane_re.shape[0]):
         x, y = plane_re[n], plane_im[n]
         u, v = re[n % re.shape[0]], im[n % im.shape[0]]

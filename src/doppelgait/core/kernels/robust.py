@@ -11,7 +11,10 @@ FloatArray = npt.NDArray[np.float64]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def median_in_place(values: FloatArray) -> float:
-    """Median of one value or more, none of them NaN; their order is changed (Hoare's selection)."""
+    """Compute a median by selection (Hoare) and reorder the values.
+
+    It needs one value or more, none of them NaN.
+    """
     low, high, middle = 0, values.size - 1, values.size // 2
     while low < high:
         pivot, i, j = values[(low + high) // 2], low, high
@@ -49,7 +52,7 @@ def robust_fit(
     line: FloatArray,
     coefficients: FloatArray,
 ) -> None:
-    r"""Iteratively reweighted least squares with Cauchy weights.
+    r"""Fit by iteratively reweighted least squares with Cauchy weights.
 
     In every iteration, with residuals :math:`r_j = (y_j - l_j) / d_j` and their scale
     :math:`s = \max(1.4826 \operatorname{med} |r|, s_0)`, the coefficients that minimise
@@ -100,7 +103,10 @@ def robust_fit(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _solve(matrix: FloatArray, right: FloatArray) -> None:
-    """Solution of a positive definite system in place of its right side; the lower half of the matrix is used up."""
+    """Solve a positive definite system in place.
+
+    The solution replaces the right side; the lower half of the matrix is overwritten.
+    """
     n = right.size
     for p in range(n):
         for q in range(p):

@@ -1,4 +1,4 @@
-"""Gated, windowed, squared short-time Fourier transform, summed over range bins (E-24, E-27).
+"""Gated, windowed, squared short-time Fourier transform, summed over range (E-24, E-27).
 
 Sixteen columns of the signature are transformed side by side ("lanes"), so that every buffer stays in the first-level
 cache. The transform is Stockham's, decimation in frequency: in the pass with stride s, s times the number of lanes
@@ -36,7 +36,7 @@ _C144, _S144 = np.float32(math.cos(math.radians(144))), np.float32(math.sin(math
 
 @njit(**INLINE)
 def _at(re, im, i):  # type: ignore[no-untyped-def]
-    """Value i of a pair of planes."""
+    """Return value i of a pair of planes."""
     return complex(re[i], im[i])
 
 
@@ -48,36 +48,36 @@ def _put(re, im, i, z):  # type: ignore[no-untyped-def]
 
 
 @njit(**INLINE)
-def _turned(z):  # type: ignore[no-untyped-def]
-    """-j z."""
+def _rotate(z):  # type: ignore[no-untyped-def]
+    """Return -j z."""
     return complex(z.imag, -z.real)
 
 
 @njit(**INLINE)
 def _power_of(z):  # type: ignore[no-untyped-def]
-    """Squared magnitude."""
+    """Return the squared magnitude."""
     return z.real * z.real + z.imag * z.imag
 
 
 @njit(**INLINE)
 def _four_points(a, b, c, d):  # type: ignore[no-untyped-def]
-    """Transform of four values."""
-    even, diff, odd, turn = a + c, a - c, b + d, _turned(b - d)
+    """Compute the Fourier transform of four values."""
+    even, diff, odd, turn = a + c, a - c, b + d, _rotate(b - d)
     return even + odd, diff + turn, even - odd, diff - turn
 
 
 @njit(**INLINE)
 def _eight_points(a, b, c, d, e, f, g, h):  # type: ignore[no-untyped-def]
-    """Transform of eight values, from those of the even and of the odd ones."""
+    """Transform eight values from those of even and odd ones."""
     e0, e1, e2, e3 = _four_points(a, c, e, g)
     o0, o1, o2, o3 = _four_points(b, d, f, h)
-    o1, o2, o3 = _ROOT_HALF * (o1 + _turned(o1)), _turned(o2), _ROOT_HALF * (_turned(o3) - o3)
+    o1, o2, o3 = _ROOT_HALF * (o1 + _rotate(o1)), _rotate(o2), _ROOT_HALF * (_rotate(o3) - o3)
     return e0 + o0, e1 + o1, e2 + o2, e3 + o3, e0 - o0, e1 - o1, e2 - o2, e3 - o3
 
 
 @njit(**APART)
 def _radix4(xr, xi, yr, yi, run, n_groups, cos, sin):  # type: ignore[no-untyped-def]
-    """Pass of radix 4."""
+    """Apply a pass of radix 4."""
     step = _U(cos.shape[0] // (4 * n_groups))
     r, apart = _U(run), _U(n_groups * run)
     for group in range(n_groups):
@@ -96,7 +96,10 @@ def _radix4(xr, xi, yr, yi, run, n_groups, cos, sin):  # type: ignore[no-untyped
 
 @njit(**APART)
 def _radix5(xr, xi, yr, yi, run, n_groups, cos, sin):  # type: ignore[no-untyped-def]
-    """Pass of radix 5: sums and differences of the pairs (1, 4) and (2, 3), then rotations by fifths of a turn."""
+    """Apply a pass of radix 5.
+
+    Sums and differences of the pairs (1, 4) and (2, 3), then rotations by fifths of a turn.
+    """
     step = _U(cos.shape[0] // (5 * n_groups))
     r, apart = _U(run), _U(n_groups * run)
     for group in range(n_groups):
@@ -107,7 +110,7 @@ def _radix5(xr, xi, yr, yi, run, n_groups, cos, sin):  # type: ignore[no-untyped
             i, to = p * r + _U(lane), _5 * p * r + _U(lane)
             a, b, c = _at(xr, xi, i), _at(xr, xi, i + apart), _at(xr, xi, i + _2 * apart)
             d, e = _at(xr, xi, i + _3 * apart), _at(xr, xi, i + _4 * apart)
-            s1, d1, s2, d2 = b + e, _turned(b - e), c + d, _turned(c - d)
+            s1, d1, s2, d2 = b + e, _rotate(b - e), c + d, _rotate(c - d)
             u, v = a + _C72 * s1 + _C144 * s2, a + _C144 * s1 + _C72 * s2
             f, g = _S72 * d1 + _S144 * d2, _S144 * d1 - _S72 * d2
             _put(yr, yi, to, a + s1 + s2)
@@ -119,7 +122,7 @@ def _radix5(xr, xi, yr, yi, run, n_groups, cos, sin):  # type: ignore[no-untyped
 
 @njit(**APART)
 def _radix3(xr, xi, yr, yi, run, n_groups, cos, sin):  # type: ignore[no-untyped-def]
-    """Pass of radix 3."""
+    """Apply a pass of radix 3."""
     step = _U(cos.shape[0] // (3 * n_groups))
     r, apart = _U(run), _U(n_groups * run)
     for group in range(n_groups):
@@ -128,7 +131,7 @@ def _radix3(xr, xi, yr, yi, run, n_groups, cos, sin):  # type: ignore[no-untyped
         for lane in range(run):
             i, to = p * r + _U(lane), _3 * p * r + _U(lane)
             a, b, c = _at(xr, xi, i), _at(xr, xi, i + apart), _at(xr, xi, i + _2 * apart)
-            s, d = b + c, _S60 * _turned(b - c)
+            s, d = b + c, _S60 * _rotate(b - c)
             u = a - _HALF * s
             _put(yr, yi, to, a + s)
             _put(yr, yi, to + r, (u + d) * w1)
@@ -143,7 +146,7 @@ def _add_turned(xr, xi, w, yr, yi):  # type: ignore[no-untyped-def]
 
 @njit(**OPTIONS)
 def _radix_any(xr, xi, yr, yi, run, n_groups, radix, cos, sin):  # type: ignore[no-untyped-def]
-    """Pass of any radix by its definition."""
+    """Apply a pass of any radix by its definition."""
     n_bins = cos.shape[0]
     step = n_bins // (radix * n_groups)
     for p in range(n_groups):
@@ -160,7 +163,10 @@ def _radix_any(xr, xi, yr, yi, run, n_groups, radix, cos, sin):  # type: ignore[
 
 @njit(**OPTIONS)
 def _any_pass(xr, xi, yr, yi, run, n_groups, radix, cos, sin):  # type: ignore[no-untyped-def]
-    """One pass: ``n_groups`` groups of ``radix`` runs from the x planes into the y planes."""
+    """Apply one pass from the x planes to the y planes.
+
+    ``n_groups`` groups of ``radix`` runs each.
+    """
     if radix == 4:
         _radix4(xr, xi, yr, yi, run, n_groups, cos, sin)
     elif radix == 5:
@@ -197,7 +203,10 @@ def _last_radix2(xr, xi, power):  # type: ignore[no-untyped-def]
 
 @njit(**OPTIONS)
 def _last_pass(xr, xi, radix, n_groups, power):  # type: ignore[no-untyped-def]
-    """What is left to do: a pass of radix 4 or 2, or none (n_groups is then 1), and the squared magnitudes."""
+    """Apply the last pass and compute the squared magnitudes.
+
+    The pass has radix 4 or 2, or is left out (n_groups is then 1).
+    """
     if n_groups == 1:
         for i in range(power.shape[0]):
             power[i] += _power_of(_at(xr, xi, i))
@@ -209,7 +218,10 @@ def _last_pass(xr, xi, radix, n_groups, power):  # type: ignore[no-untyped-def]
 
 @njit(**OPTIONS)
 def _gather(row, n_pulses, start, hop, spread, out):  # type: ignore[no-untyped-def]
-    """Pulses start, start + 1, ... by their remainder modulo hop, so that columns lie side by side; zero outside."""
+    """Gather pulses from ``start`` on by their remainder modulo hop.
+
+    Columns then lie side by side; pulses outside the recording are zero.
+    """
     inside = start >= 0 and start + hop * spread <= n_pulses
     for remainder in range(hop):
         to = _U(remainder * spread)
@@ -225,7 +237,10 @@ def _gather(row, n_pulses, start, hop, spread, out):  # type: ignore[no-untyped-
 
 @njit(**APART)
 def _first_radix8(xr, xi, place, window, yr, yi, cos, sin):  # type: ignore[no-untyped-def]
-    """First pass, radix 8: the run of lanes of pulse m starts at place[m] and is multiplied by window[m]."""
+    """Apply the windowed first pass of radix 8.
+
+    The run of lanes of pulse m starts at place[m] and is multiplied by window[m].
+    """
     g, r = _U(place.shape[0] // 8), _U(LANES)
     for group in range(place.shape[0] // 8):
         p = _U(group)
@@ -254,7 +269,7 @@ def _first_radix8(xr, xi, place, window, yr, yi, cos, sin):  # type: ignore[no-u
 
 @njit(**OPTIONS)
 def _first_any(xr, xi, place, window, yr, yi, radix, cos, sin):  # type: ignore[no-untyped-def]
-    """First pass of any radix: the windowed pulses side by side, then as any other pass."""
+    """Apply the windowed first pass of any radix."""
     n_groups = place.shape[0] // radix
     runs_r, runs_i = np.empty(yr.shape[0], dtype=np.float32), np.empty(yi.shape[0], dtype=np.float32)
     for m in range(place.shape[0]):
@@ -266,7 +281,7 @@ def _first_any(xr, xi, place, window, yr, yi, radix, cos, sin):  # type: ignore[
 
 @njit(**OPTIONS)
 def _add_power(xr, xi, places, window, ar, ai, br, bi, radices, cos, sin, power):  # type: ignore[no-untyped-def]
-    """Windowed transform of one range bin for all lanes; adds its squared magnitudes to ``power``."""
+    """Transform one range bin for all lanes and add the power."""
     if radices[0] == 8:
         _first_radix8(xr, xi, places, window, ar, ai, cos, sin)
     else:
@@ -289,7 +304,10 @@ def _add_power(xr, xi, places, window, ar, ai, br, bi, radices, cos, sin, power)
 
 @njit(**OPTIONS)
 def _add_weighted(part, low, high, first_column, count, n, power):  # type: ignore[no-untyped-def]
-    """Add power of bin n, weighted by the share of its cell that lies inside each column's gate."""
+    """Add power of bin n, weighted by its share inside the gate.
+
+    Each column has its own gate.
+    """
     weight = np.empty(LANES, dtype=np.float32)
     for lane in range(LANES):
         j = first_column + min(lane, count - 1)
@@ -301,7 +319,10 @@ def _add_weighted(part, low, high, first_column, count, n, power):  # type: igno
 
 @njit(**OPTIONS)
 def _store(power, lane, row):  # type: ignore[no-untyped-def]
-    """One column with its Doppler bins in ascending order, zero Doppler at K // 2."""
+    """Store one column with Doppler bins in ascending order.
+
+    Zero Doppler is at K // 2.
+    """
     n_doppler = row.shape[0]
     below = n_doppler // 2
     positive, negative = row[below:], row[:below]
@@ -313,7 +334,10 @@ def _store(power, lane, row):  # type: ignore[no-untyped-def]
 
 @njit(**OPTIONS)
 def _aligned_rows(n_rows, row_size):  # type: ignore[no-untyped-def]
-    """Float32 buffers that begin on a cache line, if ``row_size`` is a multiple of 16."""
+    """Allocate float32 buffers that begin on a cache line.
+
+    This holds if ``row_size`` is a multiple of 16.
+    """
     memory = np.empty(n_rows * row_size + CACHE_LINE // 4, dtype=np.float32)
     skip = (-memory.ctypes.data % CACHE_LINE) // 4
     return memory[skip : skip + n_rows * row_size].reshape(n_rows, row_size)
@@ -334,7 +358,7 @@ def gated_signature(
     sin: Float32Array,
     out: Float32Array,
 ) -> None:
-    r"""Micro-Doppler signature of a moving range gate.
+    r"""Compute the micro-Doppler signature of a moving range gate.
 
     .. math:: \mu_{j,k} = \sum_n g_{j,n} \Big| \sum_{m=0}^{M-1} w_m\, Y_{i_j+m-h,\,n}\, e^{-j 2 \pi k m / K} \Big|^2
 

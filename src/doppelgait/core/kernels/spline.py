@@ -1,4 +1,4 @@
-"""Cubic spline through uniform frames, and ranges of moving points from it (E-02 to E-04)."""
+"""Cubic spline through uniform frames, and ranges from it (E-02 to E-04)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ FloatArray = npt.NDArray[np.float64]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def spline_moments(values: FloatArray, step: float, moments: FloatArray) -> None:
-    r"""Second derivatives at the frames of the C2 cubic spline with not-a-knot ends.
+    r"""Compute second derivatives of the C2 not-a-knot cubic spline.
 
     .. math:: M_{i-1} + 4 M_i + M_{i+1} = d_i = 6 (y_{i-1} - 2 y_i + y_{i+1}) / h^2, \quad M_0 - 2 M_1 + M_2 = 0
 
@@ -61,7 +61,10 @@ def spline_moments(values: FloatArray, step: float, moments: FloatArray) -> None
 def spline_at(
     values: FloatArray, moments: FloatArray, step: float, time: float, value: FloatArray, slope: FloatArray
 ) -> None:
-    """Value and slope of the spline at one time after the first frame; both of shape (C,), overwritten."""
+    """Evaluate value and slope of the spline at one time.
+
+    The time counts from the first frame; both outputs have shape (C,) and are overwritten.
+    """
     i = min(max(math.floor(time / step), 0), values.shape[0] - 2)
     b = time / step - i
     a = 1.0 - b
@@ -77,7 +80,10 @@ def spline_at(
 def positions_and_velocities(
     values: FloatArray, moments: FloatArray, step: float, times: FloatArray, value: FloatArray, slope: FloatArray
 ) -> None:
-    """Spline values and slopes at all times; ``value`` and ``slope`` of shape (I, C) are overwritten."""
+    """Evaluate spline values and slopes at all times.
+
+    ``value`` and ``slope`` of shape (I, C) are overwritten.
+    """
     for i in range(times.shape[0]):
         spline_at(values, moments, step, times[i], value[i], slope[i])
 
@@ -92,7 +98,9 @@ def ranges_and_velocities(
     range_m: FloatArray,
     approach_mps: FloatArray,
 ) -> None:
-    """Range from ``origin`` and approach speed -dR/dt of points on splines (E-03, E-04).
+    """Compute range and approach speed of points on splines (E-03, E-04).
+
+    The range is from ``origin``, the speed -dR/dt.
 
     Parameters
     ----------
@@ -127,7 +135,9 @@ def angles_of_sight(
     least_mps: float,
     aspect_rad: FloatArray | None = None,
 ) -> None:
-    """Azimuth, elevation and aspect angle of points on splines, seen from ``origin`` (E-04).
+    """Compute azimuth, elevation and aspect angle of points (E-04).
+
+    The points lie on splines and are seen from ``origin``.
 
     Parameters
     ----------

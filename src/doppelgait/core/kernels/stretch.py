@@ -1,4 +1,4 @@
-"""The longest straight stretch at constant velocity of a ground path: a search over all pairs of ends."""
+"""Search for the longest straight segment of constant velocity in a path."""
 
 from __future__ import annotations
 
@@ -22,7 +22,9 @@ def longest_stretch(
     min_speed_mps: float,
     shortest: int,
 ) -> tuple[int, int]:
-    """Ends (inclusive) of the first longest stretch that keeps the limits.
+    """Find the first longest segment of a path within the limits.
+
+    Its ends are inclusive.
 
     The chord through a point within ``lateral_m`` of a path sample lies in a cone of directions; a chord is straight
     enough when it lies in the cones of all samples before it. That makes one pass of what is a search over triples.
@@ -59,7 +61,7 @@ def longest_stretch(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _steps_allowed(path, speed, step_s, lateral_m, deviation, min_length_m, min_speed_mps):  # type: ignore[no-untyped-def]
-    """Steps from the first sample to the last one at which a stretch may end; -1 if there is none."""
+    """Count the steps after which a segment may end; -1 if none."""
     spread = (1.0 + deviation) / (1.0 - deviation)
     high, low, total = -math.inf, math.inf, 0.0
     left, right = math.inf, -math.inf
@@ -74,7 +76,7 @@ def _steps_allowed(path, speed, step_s, lateral_m, deviation, min_length_m, min_
             half = math.asin(lateral_m / length)
             left, right = min(left, angle + half), max(right, angle - half)
         if left < right or high > spread * low:
-            break  # neither mends later
+            break  # neither gets better later
         mean = total / (step + 1)
         steady = high <= (1.0 + deviation) * mean and low >= (1.0 - deviation) * mean
         if steady and right <= angle <= left and length >= max(min_length_m, min_speed_mps * step_s * step):

@@ -23,7 +23,7 @@ BINS_PER_TURN = 64
 """Bins transposed together: 64 bins of 32 frames, real and imaginary, are 16 KiB and stay in the first-level cache."""
 
 PLACE, REST, IN_PHASE, QUADRATURE = 0, LANES, 2 * LANES, 3 * LANES
-"""Where the four numbers of an echo stand in its buffer, each for all lanes."""
+"""Places of an echo's four numbers in its buffer, each for all lanes."""
 
 Float32Array = npt.NDArray[np.float32]
 Float64Array = npt.NDArray[np.float64]
@@ -43,7 +43,10 @@ _EXPONENT = np.int32(23)  # position of the exponent in a float32
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _exp2(x: np.float32) -> np.float32:
-    """2^x for -126 < x <= 0 as 2^(x - round(x)) by a polynomial, times 2^round(x) by adding to the exponent's bits."""
+    """Compute 2^x for -126 < x <= 0.
+
+    A polynomial gives 2^(x - round(x)); 2^round(x) is added to the exponent's bits.
+    """
     rounded = np.float32(x + _ROUNDER)
     f = x - (rounded - _ROUNDER)
     power = np.float32(_ONE + f * (_E1 + f * (_E2 + f * (_E3 + f * (_E4 + f * _E5)))))
@@ -53,7 +56,9 @@ def _exp2(x: np.float32) -> np.float32:
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _describe(range_m, amplitude, extra_turns, geometry, reach, echo):  # type: ignore[no-untyped-def]
-    """Place in bins and complex amplitude of one scatterer's echo in all lanes; the first and last bin it reaches.
+    """Compute place, amplitude and bins of one echo in all lanes.
+
+    The place is in bins, the amplitude is complex; first and last bin are those that the echo reaches.
 
     Turns are reduced in float64 to at most a quarter, the half turn left over is a sign.
     """
@@ -82,7 +87,9 @@ def _describe(range_m, amplitude, extra_turns, geometry, reach, echo):  # type: 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _add(echo, first, stop, exponent, cut, start, stride, re, im):  # type: ignore[no-untyped-def]
-    """Add one echo in all lanes to bins first..stop-1, which stand in the flat planes from start on, stride apart.
+    """Add one echo in all lanes to bins first..stop-1.
+
+    They are in the flat planes from ``start`` on, ``stride`` apart.
 
     The envelope beyond the cut is exactly zero in every lane, however far the other lanes reach.
     """
@@ -100,7 +107,10 @@ def _add(echo, first, stop, exponent, cut, start, stride, re, im):  # type: igno
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _load(range_m, amplitude, first_frame, ranges, amplitudes, extra_turns, extra):  # type: ignore[no-untyped-def]
-    """Transpose one block of frames to (scatterer, lane); frames outside the record are silent."""
+    """Transpose one block of frames to (scatterer, lane).
+
+    Frames outside the record are silent.
+    """
     n_frames, n_scatterers = range_m.shape
     for lane in range(LANES):
         wanted = first_frame + lane
@@ -127,7 +137,9 @@ def echo_planes(
     plane_im: Float32Array,
     extra_turns: Float64Array | None = None,
 ) -> tuple[int, int]:
-    r"""Write the echoes of all scatterers into a tile of the data matrix, slow time contiguous.
+    r"""Write the echoes of all scatterers into a tile of planes.
+
+    Slow time is contiguous.
 
     .. math:: Y_{i,n} = \sum_l a_{il}\, e^{-(R_n - R_{il})^2 / 2 s^2}\, e^{j(\theta - 4 \pi R_{il} / \lambda)}
 
@@ -196,7 +208,9 @@ def echo_planes(
 def join_planes(
     plane_re: Float32Array, plane_im: Float32Array, lowest: int, highest: int, out: npt.NDArray[np.complex64]
 ) -> None:
-    """Transpose planes to a matrix of complex samples; the reverse of :func:`split_planes`.
+    """Transpose planes to a matrix of complex samples.
+
+    This is the reverse of :func:`split_planes`.
 
     Parameters
     ----------
@@ -235,7 +249,9 @@ def add_echoes(
     out: npt.NDArray[np.complex64],
     extra_turns: Float64Array | None = None,
 ) -> None:
-    """Write the echoes of all scatterers into the whole data matrix, by tiles of :func:`echo_planes`.
+    """Write the echoes of all scatterers into the data matrix.
+
+    The work is done by tiles of :func:`echo_planes`.
 
     Parameters
     ----------
@@ -271,7 +287,9 @@ def add_echoes(
 def split_planes(
     matrix: npt.NDArray[np.complex64], first_bin: int, plane_re: Float32Array, plane_im: Float32Array
 ) -> None:
-    """Real and imaginary planes, slow time contiguous, of some range bins of a data matrix.
+    """Copy range bins of a data matrix to real and imaginary planes.
+
+    Slow time is contiguous.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Sums of complex tones with a quadratic phase: the receiver samples of frequency-swept radars."""
+"""Sums of complex tones with quadratic phase, for frequency-swept radars."""
 
 from __future__ import annotations
 
@@ -12,14 +12,17 @@ LANES = 16
 """Sweeps side by side in the inner loop."""
 
 Z_RE, Z_IM, W_RE, W_IM, Q_RE, Q_IM = 0, LANES, 2 * LANES, 3 * LANES, 4 * LANES, 5 * LANES
-"""Where the tone, its step and the step's step stand in the buffer, each for all lanes."""
+"""Places of the tone, its step and the step's step in the buffer, each for all lanes."""
 
 Float64Array = npt.NDArray[np.float64]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _start(turns, state, lane, amplitude):  # type: ignore[no-untyped-def]
-    """Set tone, step and the step's step of one lane from their numbers of turns, reduced to half a turn."""
+    """Set tone, step and the step's step of one lane.
+
+    They are numbers of turns, reduced to half a turn.
+    """
     for part in range(3):
         angle = 2.0 * math.pi * (turns[part] - np.rint(turns[part]))
         size = amplitude if part == 0 else 1.0
@@ -29,7 +32,10 @@ def _start(turns, state, lane, amplitude):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _run(state, n_samples, re, im):  # type: ignore[no-untyped-def]
-    """Add one tone in all lanes to the sums, sample by sample: z <- z w, w <- w q."""
+    """Add one tone in all lanes to the sums.
+
+    Sample by sample: z <- z w, w <- w q.
+    """
     for n in range(n_samples):
         row = n * LANES
         for lane in range(LANES):

@@ -1,4 +1,4 @@
-"""Verify a dataset: whether it is what its plan says, and honest to learn from."""
+"""Verification that a dataset follows its plan and has no leaks."""
 
 from doppelgait.dataset.verify.contents import Check, Verification
 from doppelgait.dataset.verify.run import verify_dataset

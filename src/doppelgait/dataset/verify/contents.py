@@ -1,4 +1,4 @@
-"""What a verification looks at, and what it found."""
+"""Content that a verification checks, and its findings."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SHOWN_NAMES = 5
 
 @dataclass(frozen=True)
 class Check:
-    """One check.
+    """Check with its status and summary.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class Check:
 
 @dataclass(frozen=True)
 class Verification:
-    """What a verification found.
+    """Findings of a verification.
 
     Parameters
     ----------
@@ -72,21 +72,21 @@ class Verification:
 
     @property
     def passed(self) -> bool:
-        """Whether no check failed."""
+        """True if no check failed."""
         return all(check.status != "failed" for check in self.checks)
 
     def check(self, name: str) -> Check:
-        """The check of a name."""
+        """Return the check of a name."""
         return next(check for check in self.checks if check.name == name)
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return the verification for JSON."""
         figures = [str(path) for path in self.figures]
         return {**asdict(self), "directory": str(self.directory), "figures": figures, "passed": self.passed}
 
 
 def some(names: Sequence[str]) -> str:
-    """The first few of many names."""
+    """List the first few of many names."""
     more = f" and {len(names) - SHOWN_NAMES} more" if len(names) > SHOWN_NAMES else ""
     return f"{', '.join(map(str, names[:SHOWN_NAMES]))}{more}"
 
@@ -97,7 +97,7 @@ MOST_DRAWN = 2000
 
 @dataclass(frozen=True)
 class Contents:
-    """A dataset as it lies there.
+    """Files, index and plan of a dataset.
 
     Parameters
     ----------
@@ -129,19 +129,25 @@ class Contents:
 
     @property
     def measured(self) -> bool:
-        """Whether it was imported from recordings of a radar."""
+        """True if it was imported from recordings of a radar."""
         return self.description.get("origin") == "imported"
 
     @property
     def unlike(self) -> str:
-        """Why this version cannot make the same bytes again; empty if it can."""
+        """Reason why this version cannot make the same bytes again.
+
+        It is empty if it can.
+        """
         version = self.description.get("data_version")
         if version == DATA_VERSION:
             return ""
         return f"made with data version {version}, this doppelgait makes {DATA_VERSION}"
 
     def drawn(self, rng: np.random.Generator, *, most: int = MOST_DRAWN) -> list[ExampleSpec]:
-        """Examples that are in the index, drawn again: all, or ``most`` at random, as many of every class."""
+        """Resolve examples of the index again, all or up to ``most``.
+
+        They are chosen at random, as many of every class.
+        """
         if self.plan is None:
             return []
         present = set(self.index["scene_id"])
@@ -156,7 +162,7 @@ class Contents:
 
 
 def known_description(directory: Path) -> dict[str, Any]:
-    """``dataset.json`` if this version can read the dataset.
+    """Read ``dataset.json`` if this version can read the dataset.
 
     Raises
     ------
@@ -177,12 +183,12 @@ def known_description(directory: Path) -> dict[str, Any]:
 
 
 def planned_shards(description: Mapping[str, Any]) -> list[str]:
-    """Names of all shards that the dataset should have."""
+    """List the names of all shards that the dataset should have."""
     return shard_names(description["shards"])
 
 
 def plan_of(description: Mapping[str, Any], folder: Path) -> tuple[Plan | None, str]:
-    """The plan that a dataset was made from, or why there is none."""
+    """Return the plan of a dataset, or why there is none."""
     if description.get("origin") == "imported":
         return None, "imported recordings have no plan"
     try:
@@ -192,7 +198,7 @@ def plan_of(description: Mapping[str, Any], folder: Path) -> tuple[Plan | None, 
 
 
 def plain(values: pd.Series | None) -> list[Any]:
-    """Values of a column as plain Python values, None for unknown."""
+    """Convert a column to plain Python values, None for unknown."""
     if values is None:
         return []
     return [None if value is None or value != value else value for value in values.tolist()]

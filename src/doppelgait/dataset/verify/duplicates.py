@@ -30,25 +30,36 @@ Pair = tuple[float, int, int]
 
 
 def check_duplicates(contents: Contents, rng: np.random.Generator, tick: Callable[[], None]) -> Check:
-    """No two signatures of different splits may be the same, or the same but for level and rounding.
+    """Find signatures that occur in two splits.
+
+    They may not be the same, or differ in level and rounding only.
 
     Identical: equal bytes, of all rows. Near-identical: a correlation above 0.999 of amplitudes (square root of the
     power, mean removed), found among pairs whose small pictures in dB, above the median level, correlate above 0.98.
     Amplitudes weigh the body's lines, not the noise: other noise on the same echoes at 30 dB is still near-identical.
-    Rooms without anybody look alike by right and are compared for identity only. Without stored signatures equal
+    Empty scenes look alike by right and are compared for identity only. Without stored signatures equal
     features are looked for.
     """
     splits = contents.index["split"].to_numpy(dtype=str)
     if len(set(splits)) < 2:
         return Check("duplicates", "skipped", "rows of one split only")
     if "signature" not in contents.description["fields"]:
-        return _check_features(contents, splits)
+        columns = [f"feature_{name}" for name in FEATURE_UNITS]
+        values = contents.index[columns].to_numpy(dtype=np.float64)
+        known = np.isfinite(values[:, :2]).all(axis=1)
+        digests = {int(n): values[n].tobytes() for n in np.flatnonzero(known)}
+        same = _equal(digests, splits)
+        numbers: dict[str, Any] = {"rows": len(digests), "compared_for_likeness": len(digests), "identical": len(same)}
+        check = _check(contents, same, [], numbers)
+        words = check.summary.replace("signatures", "rows' features")
+        words = words.replace(", no near-identical ones in different splits", "")
+        return Check(check.name, check.status, f"no signatures are kept; of the features: {words}", numbers)
     count = len(splits)
     chosen = np.sort(rng.choice(count, min(count, MOST_COMPARED), replace=False))
     digests, pictures = _read(contents, set(chosen.tolist()), tick)
     same = _equal(digests, splits)
-    somebody = (contents.index["source"] != "none").to_numpy(dtype=bool)
-    rows = np.array([n for n in chosen if somebody[n] and n in pictures], dtype=np.int64)
+    has_target = (contents.index["source"] != "none").to_numpy(dtype=bool)
+    rows = np.array([n for n in chosen if has_target[n] and n in pictures], dtype=np.int64)
     # of every row the likeliest one in each later split, where alike enough for a look
     parts = {split: rows[splits[rows] == split] for split in SPLITS}
     found = [
@@ -59,7 +70,17 @@ def check_duplicates(contents: Contents, rng: np.random.Generator, tick: Callabl
         for pair in _nearest(parts[other], parts[split], pictures)
     ]
     candidates = sorted(found, reverse=True)[:MOST_CANDIDATES]
-    near = sorted(_confirmed(contents, candidates, set(same)), reverse=True)
+    near, identical, dataset = [], set(same), contents.dataset
+    for _, first, second in candidates:
+        if (first, second) in identical or (second, first) in identical:
+            continue
+        one, two = (np.sqrt(np.maximum(dataset.array("signature", n), 0.0)) for n in (first, second))
+        if one.shape == two.shape:
+            correlation = float(_unit(one.ravel()) @ _unit(two.ravel()))
+            if correlation > ALIKE:
+                near.append((correlation, first, second))
+    dataset.files.close()
+    near.sort(reverse=True)
     numbers = {
         "rows": count, "compared_for_likeness": len(rows), "candidates": len(candidates),
         "identical": len(same), "near_identical": len(near),
@@ -81,24 +102,10 @@ def _check(contents: Contents, same: Sequence[tuple[int, int]], near: Sequence[P
     return Check("duplicates", "passed", words, numbers)
 
 
-def _check_features(contents: Contents, splits: npt.NDArray[np.str_]) -> Check:
-    columns = [f"feature_{name}" for name in FEATURE_UNITS]
-    values = contents.index[columns].to_numpy(dtype=np.float64)
-    known = np.isfinite(values[:, :2]).all(axis=1)
-    digests = {int(n): values[n].tobytes() for n in np.flatnonzero(known)}
-    same = _equal(digests, splits)
-    numbers = {"rows": len(digests), "compared_for_likeness": len(digests), "identical": len(same)}
-    found = _check(contents, same, [], numbers)
-    words = found.summary.replace("signatures", "rows' features").replace(
-        ", no near-identical ones in different splits", ""
-    )
-    return Check(found.name, found.status, f"no signatures are kept; of the features: {words}", numbers)
-
-
 def _read(
     contents: Contents, chosen: set[int], tick: Callable[[], None]
 ) -> tuple[dict[int, bytes], dict[int, Float32Array]]:
-    """Hash of every row's signature, and small pictures of the chosen rows."""
+    """Hash every row's signature, and make pictures of the chosen rows."""
     files, facts = contents.dataset.files, contents.description["fields"]["signature"]
     shards, rows = contents.index["shard"].tolist(), contents.index["row"].tolist()
     digests: dict[int, bytes] = {}
@@ -119,14 +126,20 @@ def _read(
 
 
 def picture(power: npt.NDArray[Any]) -> Float32Array:
-    """Signature averaged into :data:`SHAPE` cells, in dB above their median, mean removed, norm 1; flat."""
-    small = _averaged(_averaged(np.asarray(power, dtype=np.float32), SHAPE[0]).T, SHAPE[1]).T
+    """Average a signature into :data:`SHAPE` cells for comparison.
+
+    The cells are in dB above their median, with the mean removed and norm 1, flat.
+    """
+    small = _average(_average(np.asarray(power, dtype=np.float32), SHAPE[0]).T, SHAPE[1]).T
     level = np.maximum(small, max(float(np.median(small)), 1e-37))
     return _unit(10.0 * np.log10(level).ravel())
 
 
-def _averaged(values: npt.NDArray[Any], count: int) -> npt.NDArray[Any]:
-    """Rows averaged into ``count`` parts; rows taken again where there are fewer."""
+def _average(values: npt.NDArray[Any], count: int) -> npt.NDArray[Any]:
+    """Average rows into ``count`` groups.
+
+    Rows are repeated where there are fewer.
+    """
     size = values.shape[0]
     starts = np.arange(count) * size // count
     if size < count:
@@ -142,7 +155,10 @@ def _unit(values: npt.NDArray[Any]) -> Float32Array:
 
 
 def _equal(digests: dict[int, bytes], splits: npt.NDArray[np.str_]) -> list[tuple[int, int]]:
-    """First pair of rows in different splits of every digest that occurs in more than one."""
+    """Return the first pair of rows in different splits per digest.
+
+    Only digests that occur in more than one split have a pair.
+    """
     first: dict[tuple[bytes, str], int] = {}
     for number, digest in digests.items():
         first.setdefault((digest, str(splits[number])), number)
@@ -155,7 +171,10 @@ def _equal(digests: dict[int, bytes], splits: npt.NDArray[np.str_]) -> list[tupl
 def _nearest(
     rows: npt.NDArray[np.int64], others: npt.NDArray[np.int64], pictures: dict[int, Float32Array]
 ) -> Iterator[Pair]:
-    """Nearest of ``others`` to each of ``rows``, a block of products at a time."""
+    """Yield the nearest of ``others`` to each of ``rows``.
+
+    Products are computed block by block.
+    """
     table = np.stack([pictures[int(n)] for n in others])
     for start in range(0, len(rows), BLOCK):
         block = rows[start : start + BLOCK]
@@ -169,18 +188,3 @@ def _nearest(
             best = np.maximum(value, best)
         for n in np.flatnonzero(best > CANDIDATE):
             yield float(best[n]), int(others[where[n]]), int(block[n])
-
-
-def _confirmed(contents: Contents, candidates: Sequence[Pair], same: set[tuple[int, int]]) -> Iterator[Pair]:
-    """Candidates that are alike in full; identical ones are known already."""
-    dataset = contents.dataset
-    for _, first, second in candidates:
-        if (first, second) in same or (second, first) in same:
-            continue
-        one, two = (np.sqrt(np.maximum(dataset.array("signature", n), 0.0)) for n in (first, second))
-        if one.shape != two.shape:
-            continue
-        likeness = float(_unit(one.ravel()) @ _unit(two.ravel()))
-        if likeness > ALIKE:
-            yield likeness, first, second
-    dataset.files.close()

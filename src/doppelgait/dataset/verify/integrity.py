@@ -1,4 +1,4 @@
-"""Files of a dataset against their records, its index and its plan."""
+"""Files of a dataset compared with their records, index and plan."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from doppelgait.dataset.verify.contents import Check, Contents, plain, some
 
 @dataclass(frozen=True)
 class ShardFindings:
-    """What the shards are like.
+    """Findings about the shards.
 
     Parameters
     ----------
@@ -46,7 +46,10 @@ class ShardFindings:
 def look_at_shards(
     directory: Path, names: Sequence[str], index: pd.DataFrame | None, tick: Callable[[], None]
 ) -> ShardFindings:
-    """Hash every shard and compare it with its record, and the record with the index; one shard in memory at a time."""
+    """Compare every shard with its record, and this with the index.
+
+    Shards are hashed; one is in memory at a time.
+    """
     findings = ShardFindings((), (), {}, {}, {})
     places = {} if index is None else index.groupby("shard", sort=False).indices
     whole, missing = [], []
@@ -78,38 +81,35 @@ def look_at_shards(
 
 
 def _record(path: Path) -> tuple[dict[str, Any] | None, str]:
-    """Record of a shard that is what its record says, or why it is not."""
+    """Return the record of an intact shard, or why it is damaged."""
+    import h5py
+
     try:
         record = json.loads(path.with_suffix(".json").read_text())
         if file_sha256(path) != record["sha256"]:
             return None, "the file is not the one that its record describes (another hash)"
-        reason = _inside(path, record)
+        rows = record["rows"]
+        with h5py.File(path, "r") as file:
+            ids = [text.decode() for text in file["id"][:]]
+            split = str(file.attrs["split"])
+        if ids != [row["id"] for row in rows]:
+            return None, "holds other ids than its record"
+        if [row["row"] for row in rows] != list(range(len(ids))) or {row["shard"] for row in rows} - {path.stem}:
+            return None, "its record counts the rows differently"
+        if {row["split"] for row in rows} - {split} or not path.stem.startswith(f"{split}-"):
+            return None, f"is of split {split} and has rows of another"
     except FileNotFoundError as error:
         return None, f"{Path(error.filename).name} is missing"
     except (OSError, ValueError, KeyError, TypeError) as error:
         return None, f"cannot be read: {error}"
-    return (None, reason) if reason else (record, "")
-
-
-def _inside(path: Path, record: Mapping[str, Any]) -> str:
-    """How a shard file and its record differ; empty if they do not."""
-    import h5py
-
-    rows = record["rows"]
-    with h5py.File(path, "r") as file:
-        ids = [text.decode() for text in file["id"][:]]
-        split = str(file.attrs["split"])
-    if ids != [row["id"] for row in rows]:
-        return "holds other ids than its record"
-    if [row["row"] for row in rows] != list(range(len(ids))) or {row["shard"] for row in rows} - {path.stem}:
-        return "its record counts the rows in another way"
-    if {row["split"] for row in rows} - {split} or not path.stem.startswith(f"{split}-"):
-        return f"is of split {split} and has rows of another"
-    return ""
+    return record, ""
 
 
 def _difference(part: pd.DataFrame, record: Mapping[str, Any]) -> str:
-    """First thing in which rows of the index differ from a record; empty if nothing does."""
+    """Describe the first difference of index rows and a record.
+
+    The text is empty if there is none.
+    """
     rows = record["rows"]
     ids = [row["id"] for row in rows]
     if part["id"].tolist() != ids:
@@ -126,7 +126,10 @@ def _difference(part: pd.DataFrame, record: Mapping[str, Any]) -> str:
 
 
 def check_shards(findings: ShardFindings, *, complete: bool) -> Check:
-    """Shards against their records; missing ones are no damage while the dataset is not complete."""
+    """Check the shards against their records.
+
+    Missing ones are no damage while the dataset is not complete.
+    """
     total = len(findings.whole) + len(findings.missing) + len(findings.damaged)
     numbers = {
         "shards": total, "whole": len(findings.whole), "missing": list(findings.missing), "damaged": findings.damaged
@@ -142,7 +145,7 @@ def check_shards(findings: ShardFindings, *, complete: bool) -> Check:
 
 
 def check_index(findings: ShardFindings, index: pd.DataFrame | None, reason: str) -> Check:
-    """Index against the records, value by value."""
+    """Check the index against the records, value by value."""
     if index is None:
         status: Any = "failed" if reason else "skipped"
         return Check("index", status, reason or "no index.parquet yet; the rows are those of the shards' records")
@@ -154,7 +157,7 @@ def check_index(findings: ShardFindings, index: pd.DataFrame | None, reason: str
 
 
 def check_split_lists(directory: Path, index: pd.DataFrame | None) -> Check:
-    """``splits/*.txt`` against the index."""
+    """Check ``splits/*.txt`` against the index."""
     if index is None:
         return Check("splits", "skipped", "no index.parquet yet, so no lists")
     wrong, counts = [], {}
@@ -179,7 +182,7 @@ def check_split_lists(directory: Path, index: pd.DataFrame | None) -> Check:
 
 
 def check_leftovers(directory: Path) -> Check:
-    """Files that do not belong there: half-written ones, shards of no plan."""
+    """Check for half-written files."""
     running = [str(holder) for holder in running_builds(directory)]
     found = sorted(str(path.relative_to(directory)) for path in directory.rglob("*.partial"))
     numbers = {"partial": found, "running": running}
@@ -195,7 +198,10 @@ MOST_LOST = 0.05
 
 
 def check_identity(contents: Contents) -> Check:
-    """``id`` of ``dataset.json`` against its configuration and the source files, hashed again."""
+    """Check the ``id`` of ``dataset.json``.
+
+    Configuration and source files are hashed again.
+    """
     if contents.plan is None or contents.unlike:
         return Check("identity", "skipped", contents.no_plan or f"cannot be hashed again: {contents.unlike}")
     stated = contents.description["id"]
@@ -215,7 +221,7 @@ def check_identity(contents: Contents) -> Check:
 
 
 def check_rows(contents: Contents) -> Check:
-    """Label, split, group and subjects of every row against the plan."""
+    """Check label, split, group and subjects of every row."""
     if contents.plan is None:
         return Check("rows", "skipped", contents.no_plan)
     planned = {}
@@ -236,7 +242,10 @@ def check_rows(contents: Contents) -> Check:
 
 
 def check_balance(contents: Contents, *, missing_shards: int) -> Check:
-    """Examples of every class in every split against the plan; those that failed are named."""
+    """Check the examples of every class in every split.
+
+    Failed ones are named.
+    """
     if contents.plan is None:
         found: Any = contents.index.groupby(["label", "split"]).size() if len(contents.index) else {}
         there = {f"{label}/{split}": int(count) for (label, split), count in dict(found).items()}

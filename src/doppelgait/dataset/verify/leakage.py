@@ -2,13 +2,12 @@
 
 The classifier is a Bayes classifier on cells: quantile bins of every parameter and coarser ones of every pair, their
 log-likelihood ratios added up. Each parameter and pair counts by how much of its G statistic exceeds twice its degrees
-of freedom, so that those without any say stay silent. Cells do not depend on the labels; learning is counting, and a
+of freedom, so that those without any say stay silent. Cells do not depend on the labels; training is counting, and a
 thousand permutations of the labels, each learned anew, are a few matrix products.
 """
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from itertools import combinations
@@ -18,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from doppelgait.core.errors import DatasetError, DoppelgaitWarning
+from doppelgait.core.errors import DatasetError, warn_caller
 from doppelgait.dataset.plan import nuisance_of
 from doppelgait.dataset.resolve import ExampleSpec
 from doppelgait.dataset.verify.contents import Check, Contents, some
@@ -33,7 +32,7 @@ MOST_PAIRED = 40
 PRIOR_ROWS = 2.0
 """Rows that every class is given beforehand, spread as all rows are."""
 ABOVE_CHANCE = 0.1
-"""Allowed part of the way from chance to certainty: 0.55 balanced accuracy of two classes, 0.4 of three."""
+"""Allowed share of the distance from chance to certainty: 0.55 balanced accuracy of two classes, 0.4 of three."""
 LEVEL = 1e-3
 PERMUTATIONS = 1000
 """1 in 1001 is below the level: none of them may do as well."""
@@ -43,7 +42,7 @@ LEAST_GROUPS = 5
 
 @dataclass(frozen=True)
 class Guess:
-    """How well classes were guessed.
+    """Result of guessing classes from nuisance parameters.
 
     Parameters
     ----------
@@ -68,11 +67,11 @@ class Guess:
 
     @property
     def leaks(self) -> bool:
-        """Whether the classes can be told, beyond chance."""
+        """True if the classes can be predicted beyond chance."""
         return self.accuracy > self.allowed and self.p_value < LEVEL
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return the guess for JSON."""
         known = {**asdict(self), "telling": dict(self.telling)}
         return {name: None if value != value else value for name, value in known.items()}
 
@@ -94,7 +93,9 @@ class Cells:
 
 
 def guess_classes(table: pd.DataFrame, rng: np.random.Generator) -> Guess:
-    """Guess ``label`` from all other columns but ``group``, in folds that keep groups together.
+    """Guess ``label`` from all other columns but ``group``.
+
+    Folds keep groups together.
 
     Parameters
     ----------
@@ -129,7 +130,10 @@ def guess_classes(table: pd.DataFrame, rng: np.random.Generator) -> Guess:
 
 
 def cells_of(columns: Sequence[pd.Series]) -> Cells:
-    """Cells of every column and, of up to :data:`MOST_PAIRED`, of every pair."""
+    """Return the cells of every column and of every pair.
+
+    Pairs are used for up to :data:`MOST_PAIRED` columns.
+    """
     terms = [bins_of(column, BINS) for column in columns]
     if len(columns) <= MOST_PAIRED:
         coarse = [bins_of(column, PAIR_BINS) for column in columns]
@@ -144,7 +148,10 @@ def cells_of(columns: Sequence[pd.Series]) -> Cells:
 
 
 def bins_of(column: pd.Series, count: int) -> IntArray:
-    """Quantile bin of every value, from 1; 0 where it is missing. Few different values have a bin each."""
+    """Return the quantile bin of every value, from 1; missing is 0.
+
+    Few different values have a bin each.
+    """
     if pd.api.types.is_bool_dtype(column) or pd.api.types.is_numeric_dtype(column):
         values = column.to_numpy(dtype=np.float64, na_value=np.nan)
     else:
@@ -158,7 +165,10 @@ def bins_of(column: pd.Series, count: int) -> IntArray:
 
 
 def scores(cells: Cells, folds: IntArray, labels: IntArray) -> npt.NDArray[np.float64]:
-    """Mean balanced accuracy of the folds, each guessed from the others, for each column of labels (n, n_columns)."""
+    """Return the mean balanced accuracy of the folds per label column.
+
+    Each fold is guessed from the others; labels have the shape (n, n_columns).
+    """
     n_classes = int(labels.max()) + 1
     found = []
     for fold in range(FOLDS):
@@ -170,7 +180,10 @@ def scores(cells: Cells, folds: IntArray, labels: IntArray) -> npt.NDArray[np.fl
 
 
 def _levels(cells: Cells, test: npt.NDArray[np.bool_], labels: IntArray, n_classes: int) -> Float32Array:
-    """Log-likelihood ratio of every class against all rows, for the rows of a fold; shape (n_classes, n_test, P)."""
+    """Return the log-likelihood ratio of every class against all rows.
+
+    It is that of the rows of a fold; shape (n_classes, n_test, P).
+    """
     train = cells.members[~test]
     spread = (train.mean(axis=0) + 1e-6)[:, None]
     ratios, strength = [], np.zeros((len(cells.starts), labels.shape[1]), dtype=np.float32)
@@ -187,7 +200,7 @@ def _levels(cells: Cells, test: npt.NDArray[np.bool_], labels: IntArray, n_class
 
 
 def balanced_accuracy(labels: IntArray, guesses: IntArray, n_classes: int) -> npt.NDArray[np.float64]:
-    """Mean over the classes that occur of the share of their rows that is right, for each column."""
+    """Return the mean accuracy over the classes that occur, per column."""
     hits, present = np.zeros(labels.shape[1]), np.zeros(labels.shape[1])
     for number in range(n_classes):
         member = labels == number
@@ -198,7 +211,10 @@ def balanced_accuracy(labels: IntArray, guesses: IntArray, n_classes: int) -> np
 
 
 def permuted(labels: IntArray, groups: IntArray, rng: np.random.Generator) -> IntArray:
-    """Labels permuted over groups: among groups of one label each, and within groups of several."""
+    """Permute labels over groups.
+
+    Groups of one label swap theirs, groups of several permute within.
+    """
     n_groups = int(groups.max()) + 1
     low, high = np.full(n_groups, labels.max()), np.zeros(n_groups, dtype=labels.dtype)
     np.minimum.at(low, groups, labels)
@@ -217,7 +233,9 @@ KINDS = {"group": "groups", "subject": "subjects", "recording": "recordings", "s
 
 
 def check_groups(contents: Contents) -> Check:
-    """No group, subject, recording or scene may be in two splits; whoever shares a scene is then in one split, too.
+    """Check that no group, subject, recording or scene is in two splits.
+
+    All who share a scene are then in one split, too.
 
     Walkers of models with the same parameters in two splits are a warning: the plan draws nothing, so that training
     and test meet the same body.
@@ -244,15 +262,17 @@ def check_groups(contents: Contents) -> Check:
 
 MEASURED = ("prf_hz", "observation_s", "rcs_total_m2", "gate_error_m", "radar_height_m")
 UNSEEN = ("target.rcs", "rcs_total_m2", "snr_frame_db")
-"""Levels of echoes that an empty room does not have; a class of nobody is judged by the other parameters."""
+"""Levels of echoes that an empty room does not have; such a class is judged by the other parameters."""
 MOST_ROWS = 2000
 SHOWN_PARAMETERS = 3
 
 
 def check_nuisance(contents: Contents, drawn: Sequence[ExampleSpec], rng: np.random.Generator) -> Check:
-    """Classes must not be told by PRF, range, bearing, aspect, level, noise, gate error and the like.
+    """Leakage test: check that nuisance parameters do not predict the class.
 
-    A classifier learns the class from these values, as the plan drew them and as the index states them, and is scored
+    Parameters are PRF, range, bearing, aspect, level, noise, gate error and the like.
+
+    A classifier is trained on these values, as the plan drew them and as the index states them, and is scored
     in folds that keep groups together. The check fails where the mean balanced accuracy of the folds exceeds
     0.55 (of two classes; as far above chance for more) and fewer than 0.1 % of permutations of the labels over the
     groups do as well (:mod:`doppelgait.dataset.verify.leakage`). Imported recordings are as they are: a warning only.
@@ -264,7 +284,7 @@ def check_nuisance(contents: Contents, drawn: Sequence[ExampleSpec], rng: np.ran
         table = _measured(index)
     else:
         table = _measured(index.iloc[np.sort(rng.choice(len(index), MOST_ROWS, replace=False))])
-    # movers among each other by all parameters, and all classes by those that an empty room has, too
+    # classes with targets by all parameters, and all classes by those that an empty room has, too
     nobody = table["nobody"].to_numpy(dtype=bool)
     table = table.drop(columns="nobody")
     questions = [("classes of movers" if nobody.any() else "classes", _varying(table[~nobody]))]
@@ -295,14 +315,20 @@ def check_nuisance(contents: Contents, drawn: Sequence[ExampleSpec], rng: np.ran
 
 
 def _varying(table: pd.DataFrame) -> pd.DataFrame:
-    """Label, group and the parameters that differ by more than rounding: no radar sees the sixth digit of a level."""
+    """Select label, group and the parameters that differ beyond rounding.
+
+    No radar measures the sixth digit of a level.
+    """
     table = table.apply(lambda values: rounded(values) if pd.api.types.is_float_dtype(values) else values)
     kept = [name for name in table.columns if name in ("label", "group") or table[name].nunique(dropna=False) > 1]
     return table[kept]
 
 
 def rounded(values: pd.Series) -> pd.Series:
-    """Numbers to five significant digits, which makes one of what was summed up in another order."""
+    """Round numbers to five significant digits.
+
+    So values that were summed in another order become equal.
+    """
     numbers = values.to_numpy(dtype=np.float64)
     known = np.isfinite(numbers) & (numbers != 0)
     unit = 10.0 ** (np.floor(np.log10(np.abs(numbers[known]))) - 4.0)
@@ -312,7 +338,10 @@ def rounded(values: pd.Series) -> pd.Series:
 
 
 def nuisance_table(index: pd.DataFrame, drawn: Sequence[ExampleSpec]) -> pd.DataFrame:
-    """Nuisance parameters of examples that were drawn again, and what the index states of them."""
+    """Tabulate the nuisance parameters of examples that were resolved again.
+
+    The values of the index are in the table, too.
+    """
     flat = drawn_table(drawn).drop(columns=["label", "group"])
     rows = index.drop_duplicates("id").set_index("id").loc[flat.index]
     stated = _measured(rows).rename(
@@ -324,7 +353,10 @@ def nuisance_table(index: pd.DataFrame, drawn: Sequence[ExampleSpec]) -> pd.Data
 
 
 def drawn_table(drawn: Sequence[ExampleSpec]) -> pd.DataFrame:
-    """Label, group and nuisance parameters of every row of resolved examples, by its identifier."""
+    """Tabulate label, group and nuisance parameters of resolved examples.
+
+    Rows are named by their identifiers.
+    """
     records, names = [], []
     for example in drawn:
         snr_db = example.run.noise.snr_db if example.run.noise.kind == "snr" else np.nan
@@ -336,7 +368,9 @@ def drawn_table(drawn: Sequence[ExampleSpec]) -> pd.DataFrame:
 
 
 def refuse_leaks(drawn: Sequence[ExampleSpec], rng: np.random.Generator) -> None:
-    """A :class:`DatasetError` if the drawn nuisance parameters of a plan tell its classes; nothing is simulated.
+    """Raise a :class:`DatasetError` if nuisance parameters predict the class.
+
+    Nothing is simulated.
 
     Parameters
     ----------
@@ -344,8 +378,8 @@ def refuse_leaks(drawn: Sequence[ExampleSpec], rng: np.random.Generator) -> None
     rng : Generator
         Folds and permutations.
     """
-    movers = [e for e in drawn if all(row.source != "none" for row in e.rows)]
-    table = _varying(drawn_table(movers)) if movers else pd.DataFrame({"label": []})
+    moving = [e for e in drawn if all(row.source != "none" for row in e.rows)]
+    table = _varying(drawn_table(moving)) if moving else pd.DataFrame({"label": []})
     if table["label"].nunique() < 2 or len(table.columns) < 3:
         return
     guess = guess_classes(table, rng)
@@ -354,13 +388,14 @@ def refuse_leaks(drawn: Sequence[ExampleSpec], rng: np.random.Generator) -> None
 
 
 def warn_of_leaks(drawn: Sequence[ExampleSpec], rng: np.random.Generator) -> None:
-    """A warning of what :func:`refuse_leaks` refuses, for a build that somebody may want all the same."""
+    """Warn of what :func:`refuse_leaks` refuses.
+
+    The build goes on.
+    """
     try:
         refuse_leaks(drawn, rng)
     except DatasetError as error:
-        warnings.warn(
-            f"{error}; the dataset is built, but what learns from it learns these", DoppelgaitWarning, stacklevel=3
-        )
+        warn_caller(f"{error}; the dataset is built, but what learns from it learns these")
 
 
 def _measured(rows: pd.DataFrame) -> pd.DataFrame:
@@ -369,23 +404,21 @@ def _measured(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def _words(words: str, guess: Guess, table: pd.DataFrame) -> str:
-    telling = [_parameter(name, alone, table) for name, alone in guess.telling[:SHOWN_PARAMETERS]]
+    telling = []
+    for name, alone in guess.telling[:SHOWN_PARAMETERS]:
+        # The parameter in every class: the median of numbers, else the most frequent value.
+        per_class: list[str] = []
+        for label, part in table.groupby("label")[name]:
+            known: Any = part.dropna()
+            if known.empty:
+                value = "none"
+            elif pd.api.types.is_numeric_dtype(known):
+                value = f"{float(known.median()):.3g}"
+            else:
+                value = str(known.mode().iloc[0])
+            per_class.append(f"{label} {value}")
+        telling.append(f"{name.removeprefix('index.')} ({', '.join(per_class)}; alone {alone:.2f})")
     return (
         f"{words} are told by nuisance parameters alone: balanced accuracy {guess.accuracy:.2f} (allowed "
         f"{guess.allowed:.2f}), p = {guess.p_value:.1g}; most telling: {', '.join(telling)}"
     )
-
-
-def _parameter(name: str, alone: float, table: pd.DataFrame) -> str:
-    """Name of a parameter and what it is like in every class: the median of numbers, else the commonest value."""
-    per_class: list[str] = []
-    for label, part in table.groupby("label")[name]:
-        known: Any = part.dropna()
-        if known.empty:
-            value = "none"
-        elif pd.api.types.is_numeric_dtype(known):
-            value = f"{float(known.median()):.3g}"
-        else:
-            value = str(known.mode().iloc[0])
-        per_class.append(f"{label} {value}")
-    return f"{name.removeprefix('index.')} ({', '.join(per_class)}; alone {alone:.2f})"

@@ -1,8 +1,12 @@
-"""A random part of a dataset made again from its plan, and its SNR measured from signal and noise kept apart."""
+"""Random examples of a dataset, simulated again from its plan.
+
+The SNR is measured from signal and noise that are kept apart.
+"""
 
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -17,6 +21,7 @@ from doppelgait.dataset.shard_files import Arrays, decode
 from doppelgait.dataset.verify.contents import Check, Contents, some
 from doppelgait.dataset.verify.truth import SNR_TOLERANCE_DB
 from doppelgait.features import FEATURE_UNITS
+from doppelgait.pipeline import run_simulation
 
 LEAST_PER_CLASS = 3
 ARRAY_TOLERANCE, HALF_TOLERANCE = 1e-4, 2e-2
@@ -33,7 +38,7 @@ FACTS = ("truth_", "prf_hz", "observation_s", "radar_height_m", "rcs_total_m2", 
 
 @dataclass(frozen=True)
 class Difference:
-    """How a row made again differs from the one that is there.
+    """Difference of a stored row and the same row made again.
 
     Parameters
     ----------
@@ -54,7 +59,10 @@ class Difference:
 
 
 def choose(contents: Contents, share: float, rng: np.random.Generator) -> list[PlannedExample]:
-    """A random share of the examples that are there, at least three of every class."""
+    """Choose a random share of the existing examples.
+
+    At least three of every class are chosen.
+    """
     if contents.plan is None or not share > 0:
         return []
     present = set(contents.index["scene_id"])
@@ -67,7 +75,9 @@ def choose(contents: Contents, share: float, rng: np.random.Generator) -> list[P
 
 
 def check_resimulation(contents: Contents, chosen: Sequence[PlannedExample], tick: Callable[[], None]) -> Check:
-    """Examples made again: identical bytes, or equal within tolerances that another processor or library needs.
+    """Compare examples that are made again with the stored ones.
+
+    They are identical bytes, or equal within tolerances that another processor or library needs.
 
     Fails where an array is off by more than a relative L2 of 1e-4 (2e-2 in half precision), where features of more
     than 5 % of the rows are off by more than 1 %, or where an id, label, subject or shape is another one.
@@ -141,14 +151,17 @@ def _compare(contents: Contents, there: pd.Series, row: dict[str, Any], arrays: 
 
 
 def _same(there: Any, made: Any) -> bool:
-    """Equal, unknown being None or NaN."""
+    """Return True for equal values, unknown being None or NaN."""
     if there is None or there != there:
         return made is None
     return bool(there == made)
 
 
 def _relative(made: Any, there: Any) -> float:
-    """Relative difference of two numbers; infinite where only one of them is known."""
+    """Return the relative difference of two numbers.
+
+    It is infinite where only one of them is known.
+    """
     unknown = (made is None, there is None or there != there)
     if any(unknown):
         return 0.0 if all(unknown) else math.inf
@@ -157,7 +170,9 @@ def _relative(made: Any, there: Any) -> float:
 
 
 def check_measured_snr(contents: Contents, chosen: Sequence[PlannedExample], tick: Callable[[], None]) -> Check:
-    """SNR_frame of a few examples from the echoes and the noise, each simulated apart, against the index.
+    """Compare SNR_frame of a few examples with the index.
+
+    Echoes and noise are simulated apart.
 
     Signal: time mean of the strongest range bin's power without noise. Noise: mean power of what the noise adds, in all
     bins. Both without impairments, as the definition says; within 0.1 dB.
@@ -174,8 +189,19 @@ def check_measured_snr(contents: Contents, chosen: Sequence[PlannedExample], tic
     for entry in few:
         tick()
         stated = known.get(entry.id)
-        if stated is not None and stated == stated:
-            errors[entry.id] = _snr_db(contents, entry) - float(stated)
+        if stated is None or stated != stated:
+            continue
+        run = contents.plan.example(entry.number).run.model_copy(update={"impairments": ()})
+        quiet = run.model_copy(update={"noise": run.noise.model_copy(update={"kind": "none"})})
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DoppelgaitWarning)
+            both, echoes = (
+                run_simulation(spec, folder=contents.plan.folder, angles=False).baseband.values for spec in (run, quiet)
+            )
+        signal_v2 = float(np.mean(np.max(np.abs(echoes) ** 2, axis=1)))
+        noise_v2 = float(np.mean(np.abs(both - echoes) ** 2))
+        snr_db = 10.0 * math.log10(signal_v2 / noise_v2) if signal_v2 > 0 and noise_v2 > 0 else math.nan
+        errors[entry.id] = snr_db - float(stated)
     if not errors:
         return Check("measured SNR", "skipped", "no example to measure, or none with a known SNR")
     wrong = [f"{name} by {error:+.1f} dB" for name, error in errors.items() if not abs(error) <= SNR_TOLERANCE_DB]
@@ -184,21 +210,3 @@ def check_measured_snr(contents: Contents, chosen: Sequence[PlannedExample], tic
         return Check("measured SNR", "failed", f"SNR_frame of the index is off: {some(wrong)}", numbers)
     words = f"{len(errors)} examples: SNR_frame as in the index, off by {numbers['largest_error_db']:.2f} dB at most"
     return Check("measured SNR", "passed", words, numbers)
-
-
-def _snr_db(contents: Contents, entry: PlannedExample) -> float:
-    import warnings
-
-    from doppelgait.pipeline import run_simulation
-
-    assert contents.plan is not None
-    run = contents.plan.example(entry.number).run.model_copy(update={"impairments": ()})
-    quiet = run.model_copy(update={"noise": run.noise.model_copy(update={"kind": "none"})})
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DoppelgaitWarning)
-        both, echoes = (
-            run_simulation(spec, folder=contents.plan.folder, angles=False).baseband.values for spec in (run, quiet)
-        )
-    signal_v2 = float(np.mean(np.max(np.abs(echoes) ** 2, axis=1)))
-    noise_v2 = float(np.mean(np.abs(both - echoes) ** 2))
-    return 10.0 * math.log10(signal_v2 / noise_v2) if signal_v2 > 0 and noise_v2 > 0 else math.nan

@@ -1,4 +1,4 @@
-"""All checks of a dataset, one after the other, and pages to look at."""
+"""All checks of a dataset in order, and pages of figures."""
 
 from __future__ import annotations
 
@@ -44,7 +44,9 @@ MOST_TIMES = 400
 
 
 def draw_sheets(contents: Contents, folder: Path, rng: np.random.Generator) -> list[Path]:
-    """One page of up to 24 signatures for every class, where they are kept, and one of the six features by class.
+    """Plot a page of signatures per class, and one of the features.
+
+    A page has up to 24 signatures, where they are kept.
 
     Signatures of a class share axes and scale, in dB above the noise floor of each.
 
@@ -73,7 +75,10 @@ def draw_sheets(contents: Contents, folder: Path, rng: np.random.Generator) -> l
 
 
 def _sheet(contents: Contents, label: str, rng: np.random.Generator) -> Any:
-    """Page of one class; None where no row of it has a signature."""
+    """Plot the page of one class.
+
+    It is None where no row has a signature.
+    """
     from doppelgait.viz import contact_sheet
 
     members = np.flatnonzero((contents.index["label"] == label).to_numpy(dtype=bool))
@@ -106,7 +111,10 @@ def _sheet(contents: Contents, label: str, rng: np.random.Generator) -> Any:
 
 
 def above_floor(signature: xr.DataArray, floor_v2: float | None) -> xr.DataArray:
-    """Signature over its noise floor, or over its median where no floor is known; as many columns as a page shows."""
+    """Divide a signature by its noise floor.
+
+    Without a known floor its median is used. The columns are decimated to what a page shows.
+    """
     known = floor_v2 is not None and floor_v2 > 0
     level = float(floor_v2) if known and floor_v2 is not None else float(signature.median())
     shown = signature[:: max(1, signature.sizes["time"] // MOST_TIMES)]
@@ -116,7 +124,7 @@ def above_floor(signature: xr.DataArray, floor_v2: float | None) -> xr.DataArray
 
 
 class _Steps:
-    """Steps of a verification: shards read twice, examples made again."""
+    """Progress of a verification: shards read twice, examples made again."""
 
     def __init__(self, total: int, on_progress: Progress | None) -> None:
         self.done, self.total, self.on_progress = 0, total, on_progress
@@ -132,7 +140,9 @@ def verify_dataset(
     directory: str | Path, *, folder: Path | None = None, share: float = 0.01, rng: np.random.Generator,
     on_progress: Progress | None = None, figures: Path | None = None,
 ) -> Verification:  # fmt: skip
-    """Check a dataset: files, plan, a part made again, truth against features, leaks; if unfinished, what is there.
+    """Verify a dataset: files, plan, repeated simulation, truth, leaks.
+
+    Of an unfinished dataset the existing part is checked.
 
     Nothing in the dataset's folder is changed.
 
@@ -184,7 +194,10 @@ def verify_dataset(
 def _open(
     target: Path, description: dict[str, Any], folder: Path, tick: Callable[[], None]
 ) -> tuple[Contents, list[Check], int]:
-    """Contents of the whole shards, the checks of the files, and the number of shards that are not there."""
+    """Return the contents of the intact shards and the file checks.
+
+    The last item is the number of shards that are missing or damaged.
+    """
     index, reason = None, ""
     if (target / "index.parquet").exists():
         try:

@@ -1,4 +1,6 @@
-"""Features against truth, class by class: wrong labels, units or levels show as a class that is off as a whole.
+"""Checks of features against truth, class by class.
+
+Wrong labels, units or levels show as a class that is off as a whole.
 
 A check of one class fails where fewer than :data:`LEAST_SHARE` of its rows are within the tolerance, at a level of
 significance of 0.1 % (one-sided binomial test), so that single wrong estimates or a handful of rows never fail it, and
@@ -40,14 +42,14 @@ SHOWN_DB = 3.0
 
 
 def off_as_a_whole(hits: int, rows: int, least: float = LEAST_SHARE) -> bool:
-    """Whether fewer than ``least`` of many rows hit, beyond chance."""
+    """Return True if fewer than ``least`` rows hit, beyond chance."""
     from scipy.special import bdtr
 
     return rows > 0 and bool(bdtr(hits, rows, least) < LEVEL)
 
 
 def judge(name: str, table: pd.DataFrame, what: str, *, extra: str = "") -> Check:
-    """A check of many rows with columns ``label``, ``inside`` (bool) and ``error``, class by class."""
+    """Check rows with ``label``, ``inside`` (bool) and ``error``, class by class."""
     if table.empty:
         return Check(name, "skipped", f"no row to compare: {what}")
     numbers: dict[str, Any] = {}
@@ -66,13 +68,16 @@ def judge(name: str, table: pd.DataFrame, what: str, *, extra: str = "") -> Chec
 
 
 def column(index: pd.DataFrame, name: str) -> FloatArray:
-    """A column of numbers, NaN where it is not there."""
+    """Return a column of numbers, NaN where it does not exist."""
     values = index[name] if name in index else pd.Series(np.nan, index=index.index)
     return np.asarray(pd.to_numeric(values).to_numpy(dtype=np.float64, na_value=np.nan))
 
 
 def check_velocity(index: pd.DataFrame) -> Check:
-    """Torso velocity against the mean radial velocity of the body's centre, in rows that show something."""
+    """Check the torso velocity against the body's mean radial velocity.
+
+    Rows that show nothing are left out.
+    """
     truth, found = column(index, "truth_radial_velocity_mps"), column(index, "feature_torso_velocity_mps")
     error = np.abs(found - truth)
     table = pd.DataFrame({"label": index["label"], "error": error})
@@ -82,7 +87,10 @@ def check_velocity(index: pd.DataFrame) -> Check:
 
 
 def check_gait_frequency(index: pd.DataFrame) -> Check:
-    """Gait frequency against the truth, in rows of 10 dB and more that are not flagged."""
+    """Check the gait frequency against the truth.
+
+    Rows of 10 dB and more that are not flagged are used.
+    """
     truth, found = column(index, "truth_gait_frequency_hz"), column(index, "gait_frequency_hz")
     with np.errstate(divide="ignore", invalid="ignore"):
         error = np.abs(found / truth - 1.0)
@@ -94,7 +102,10 @@ def check_gait_frequency(index: pd.DataFrame) -> Check:
 
 
 def check_snr(index: pd.DataFrame, drawn: Sequence[ExampleSpec]) -> Check:
-    """SNR_frame of the index against what the plan asks for; of plans that give a level of noise, nothing."""
+    """Check SNR_frame of the index against the plan.
+
+    A plan that sets a level of noise has nothing to check.
+    """
     asked = {e.id: e.run.noise.snr_db for e in drawn if e.run.noise.kind == "snr"}
     if not asked:
         return Check("planned SNR", "skipped", "the plan sets no SNR")
@@ -105,7 +116,10 @@ def check_snr(index: pd.DataFrame, drawn: Sequence[ExampleSpec]) -> Check:
 
 
 def check_aspect(index: pd.DataFrame, drawn: Sequence[ExampleSpec]) -> Check:
-    """Aspect angle against the plan's, for bodies that walk straight through the place that the plan says."""
+    """Check the aspect angle against the plan's.
+
+    Bodies that walk straight through the planned place are used.
+    """
     table = []
     first = index[index["id"] == index["scene_id"]].drop_duplicates("id")
     rows: dict[str, Any] = {row["id"]: row for row in first.to_dict("records")}
@@ -124,7 +138,9 @@ def check_aspect(index: pd.DataFrame, drawn: Sequence[ExampleSpec]) -> Check:
 
 
 def expected_aspect_deg(example: ExampleSpec, row: Mapping[str, Any]) -> float:
-    """Mean aspect of a point that goes straight through the planned place at mid-time, half the body's height up.
+    """Return the mean aspect of a point on the planned path.
+
+    It passes the planned place at mid-time, half the body's height up.
 
     The angle between the velocity and the line to the radar, E-04, at 41 times.
     """
@@ -146,7 +162,9 @@ MOST_SEEN_OF_NOBODY = 0.05
 
 
 def check_movers(contents: Contents) -> Check:
-    """A class that declares motion but is only noise, or mostly, fails; a class of nobody that moves is a warning.
+    """Check that targets which declare motion are visible.
+
+    A class that is only noise, or mostly, fails; an empty scene that moves is a warning.
 
     A row shows something where the strongest Doppler cell of its columns stands 3 dB and more above the noise floor
     (``quality_snr_mu_db``); a target that no track follows shows nothing. Noise alone is below 0 dB where the gate

@@ -1,4 +1,4 @@
-"""Motion from equations: people, dogs and cats in their gaits, confusers, and primitives with known answers."""
+"""Motion from equations: people, dogs, cats, confusers, and primitives."""
 
 from doppelgait.motion.models.boulic import BoulicConfig, boulic_points, boulic_walk
 from doppelgait.motion.models.confusers import CurtainConfig, FanConfig, VacuumConfig, curtain, fan, robot_vacuum

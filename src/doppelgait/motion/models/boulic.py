@@ -1,4 +1,6 @@
-"""A walking person: the model of Boulic et al. 1990 in the form of Chen 2011, 17 points.
+"""A walking person: the model of Boulic et al. 1990, 17 points.
+
+The form is that of Chen 2011.
 
 The equations are those of the two publications with the units made consistent: relative lengths are in
 units of the leg length L = 0.491 H, so that a person of stature H at speed V has q = V/L, a stride of
@@ -48,7 +50,10 @@ SAME_KNOT = 1e-6
 
 
 def check_relative_speed(relative_speed: float) -> float:
-    """The relative speed q = V/L if the model holds for it, 0 < q <= 3; else a :class:`ConfigError`."""
+    """Return the relative speed if the model holds for it.
+
+    That is q = V/L with 0 < q <= 3; else a :class:`ConfigError`.
+    """
     if not 0 < relative_speed <= TOP_RELATIVE_SPEED * (1 + 1e-9):
         raise ConfigError(
             f"relative speed (speed / leg length): {relative_speed:.4g} per second is not allowed: "
@@ -58,12 +63,12 @@ def check_relative_speed(relative_speed: float) -> float:
 
 
 def cycle_duration_s(relative_speed: float) -> float:
-    """Stride time T = 1.346 / sqrt(q)."""
+    """Return the stride time T = 1.346 / sqrt(q)."""
     return 1.346 / math.sqrt(relative_speed)
 
 
 def support_fraction(relative_speed: float) -> float:
-    """Share of the cycle for which a foot is on the ground: s = 0.752 - 0.143 / T."""
+    """Return the duty factor of a foot, 0.752 - 0.143 / T."""
     return 0.752 - 0.143 / cycle_duration_s(relative_speed)
 
 
@@ -76,7 +81,9 @@ def _cos(cycles: FloatArray) -> FloatArray:
 
 
 def body_offset(phase: FloatArray, relative_speed: float, *, signs: OffsetSigns = "continuous") -> FloatArray:
-    """Offset of the body from uniform motion, in units of the offset scale k.
+    """Return the offset of the body from uniform motion.
+
+    It is in units of the offset scale k.
 
     Parameters
     ----------
@@ -114,17 +121,28 @@ def body_offset(phase: FloatArray, relative_speed: float, *, signs: OffsetSigns 
 
 
 def pelvic_list_deg(phase: FloatArray, relative_speed: float) -> FloatArray:
-    """Pelvic list l(p): negative = left side lower; 0 at p = 0 and 0.5."""
+    """Return the pelvic list l(p); negative: left side lower.
+
+    It is 0 at p = 0 and 0.5.
+    """
     p = np.mod(phase, 1.0)
     half = np.mod(p, 0.5)
     drop = np.where(half < 0.15, 1 - _cos(10 * half / 3), 1 + _cos(10 * (half - 0.15) / 7))
     return np.asarray(np.where(p < 0.5, -1.0, 1.0) * 1.66 * relative_speed * drop)
 
 
-def trunk_angles_deg(phase: FloatArray, relative_speed: float) -> dict[str, FloatArray]:
-    """Trunk pitch, pelvic torsion and list, thorax torsion by name, each of shape (n,), in degrees."""
+def lean_deg(relative_speed: float) -> float:
+    """Mean forward lean of the trunk."""
     q = relative_speed
-    pitch = 8 * q - 8 * q * q if q < 0.5 else 2.0
+    return 8 * q - 8 * q * q if q < 0.5 else 2.0
+
+
+def trunk_angles_deg(phase: FloatArray, relative_speed: float) -> dict[str, FloatArray]:
+    """Return the angles of pelvis and trunk by name, degrees.
+
+    They are trunk pitch, pelvic torsion and list, and thorax torsion, each of shape (n,).
+    """
+    q, pitch = relative_speed, lean_deg(relative_speed)
     thorax = [(0.1, 4 * q / 3), (0.4, -1.5 * q), (0.6, -4 * q / 3), (0.9, 1.5 * q)]
     return {
         "trunk_pitch": -pitch + pitch * _sin(2 * phase - 0.1),
@@ -135,7 +153,10 @@ def trunk_angles_deg(phase: FloatArray, relative_speed: float) -> dict[str, Floa
 
 
 def limb_angles_deg(phase: FloatArray, relative_speed: float) -> dict[str, FloatArray]:
-    """Flexion of hip, knee, ankle, shoulder, elbow of one side by name, in degrees, shaped like ``phase``."""
+    """Return the flexion of one side's joints by name, degrees.
+
+    They are hip, knee, ankle, shoulder and elbow, shaped like ``phase``.
+    """
     q = relative_speed
     angles = {joint: periodic_pchip(knots, phase) for joint, knots in joint_knots(q).items()}
     angles["shoulder"] = 3 - 0.5 * 9.88 * q - 9.88 * q * _cos(phase)
@@ -143,7 +164,10 @@ def limb_angles_deg(phase: FloatArray, relative_speed: float) -> dict[str, Float
 
 
 def joint_knots(relative_speed: float) -> dict[str, Knots]:
-    """Control points (phase, degrees) of hip, knee, ankle and elbow at a relative speed."""
+    """Return the control points (phase, degrees) of the joint curves.
+
+    They are those of hip, knee, ankle and elbow at a relative speed.
+    """
     q, s = relative_speed, support_fraction(relative_speed)
     if q < 0.5:
         return {
@@ -175,13 +199,16 @@ def joint_knots(relative_speed: float) -> dict[str, Knots]:
 
 
 def periodic_pchip(knots: Knots, phase: FloatArray) -> FloatArray:
-    """Shape-preserving cubic (Fritsch-Carlson) through knots that repeat every cycle."""
+    """Interpolate repeating knots by a shape-preserving cubic (Fritsch-Carlson)."""
     return _pchip(tuple(knots))(np.mod(phase, 1.0))
 
 
 @lru_cache(maxsize=256)
 def _pchip(knots: tuple[tuple[float, float], ...]) -> Curve:
-    """The curve; a motion asks for the same few again and again."""
+    """Compute the shape-preserving periodic cubic through knots.
+
+    Results are kept: a motion needs the same few again and again.
+    """
     one = sorted((float(np.mod(p, 1.0)), float(value)) for p, value in knots)
     kept = [one[0]] + [b for a, b in pairwise(one) if b[0] - a[0] > SAME_KNOT]
     if kept[0][0] + 1 - kept[-1][0] <= SAME_KNOT:
@@ -249,7 +276,7 @@ class BoulicConfig(FrozenModel):
 def boulic_walk(
     *, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = None, **parameters: Any
 ) -> Motion:
-    """Walking person after Boulic et al. 1990; Chen 2011.
+    """Generate a walking person (Boulic et al. 1990; Chen 2011).
 
     Parameters
     ----------
@@ -323,7 +350,9 @@ def boulic_points(
     offset_scale_m: float,
     offset_signs: OffsetSigns = "continuous",
 ) -> FloatArray:
-    """Points of the walker in place, without forward motion (Boulic et al. 1990; Chen 2011).
+    """Return the walker's points in place, without forward motion.
+
+    After Boulic et al. 1990 and Chen 2011.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Things in a home that move but do not walk: a robot vacuum cleaner, a curtain, a fan."""
+"""Confusers in a home: a robot vacuum cleaner, a curtain, a fan."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from doppelgait.core.plugins import plugin
 from doppelgait.core.rng import Streams
 from doppelgait.motion.models.primitives import rotor
 from doppelgait.motion.models.registry import generate
-from doppelgait.motion.models.strides import sample_times_s
+from doppelgait.motion.models.strides import sample_times_s, stack_xyz
 from doppelgait.motion.motion import Motion, make_motion
 
 FloatArray = npt.NDArray[np.float64]
@@ -24,7 +24,7 @@ FRAMES_PER_TURN = 16
 RIM_POINTS = 8
 BRUSH_ARMS = 3
 MASS_KG = {"vacuum": 3.5, "curtain": 1.5, "fan": 3.0}
-"""Masses, assumed; they set the radar cross section where none is given."""
+"""Masses, assumed; they set the radar cross section where none is set."""
 
 
 class VacuumConfig(FrozenModel):
@@ -151,7 +151,9 @@ def _check_turns(rate_hz: float, rotation_hz: float, key: str) -> None:
 def robot_vacuum(
     *, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = None, **parameters: Any
 ) -> Motion:
-    """Flat round robot on a straight line or an arc, with an optional side brush.
+    """Generate a flat round robot with an optional side brush.
+
+    It moves on a straight line or an arc.
 
     It starts at the origin along +x and turns at a constant rate w: its centre is on a circle of radius V/w. Its rim
     turns with it. The three arms of the brush turn about a point of the rim, ahead and to the right; the speed of a
@@ -180,7 +182,9 @@ def robot_vacuum(
 
 
 def curtain(*, duration_s: float = 10.0, rng: np.random.Generator | Streams | None = None, **parameters: Any) -> Motion:
-    """Curtain before a window: points that sway along x, a (d/D) sin(2 pi f t - phi y/W), under a rail along y.
+    """Generate a curtain that sways before a window.
+
+    Points move along x by a (d/D) sin(2 pi f t - phi y/W), under a rail along y.
 
     Parameters
     ----------
@@ -205,9 +209,11 @@ def curtain(*, duration_s: float = 10.0, rng: np.random.Generator | Streams | No
 
 
 def fan(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = None, **parameters: Any) -> Motion:
-    """Fan that blows along +x: a rotor in the plane (y, z) and a stand at rest.
+    """Generate a fan that blows along +x.
 
-    The tips move at 2 pi rotation_hz radius_m, 19 m/s as given, which few radars' frame rates can show.
+    It is a rotor in the plane (y, z) with a stand at rest.
+
+    The tips move at 2 pi rotation_hz radius_m, 19 m/s by default, which few radars' frame rates can show.
 
     Parameters
     ----------
@@ -237,9 +243,9 @@ def _vacuum(config: VacuumConfig, duration_s: float, rng: np.random.Generator | 
     turn = math.radians(config.turn_deg_per_s)
     heading = turn * times_s
     # x = V t sinc, y = V t (1 - cos)/angle: both hold for a straight line too.
-    way, half = config.speed_mps * times_s, heading / 2
-    chord = way * np.sinc(half / np.pi)
-    centre = _xyz(chord * np.cos(half), chord * np.sin(half), config.height_m)
+    distance, half = config.speed_mps * times_s, heading / 2
+    chord = distance * np.sinc(half / np.pi)
+    centre = stack_xyz(chord * np.cos(half), chord * np.sin(half), config.height_m)
     points = {"centre": centre}
     drop = np.array([0.0, 0.0, -config.height_m / 2])
     for k in range(RIM_POINTS):
@@ -261,7 +267,7 @@ def _curtain(config: CurtainConfig, duration_s: float, rng: np.random.Generator 
         wave = config.amplitude_m * np.sin(2 * np.pi * config.sway_hz * times_s - lag)
         for row in range(config.rows):
             down = (row + 1) / config.rows
-            place = _xyz(down * wave, across * config.width_m, config.rail_height_m - down * config.drop_m)
+            place = stack_xyz(down * wave, across * config.width_m, config.rail_height_m - down * config.drop_m)
             points[f"cloth_{column + 1}_{row + 1}"] = place
     rate = {"gait_frequency_hz": config.sway_hz} if config.amplitude_m > 0 else {}
     return _motion("curtain", points, config.rate_hz, height_m=config.rail_height_m, **rate)
@@ -280,13 +286,9 @@ def _fan(config: FanConfig, duration_s: float, rng: np.random.Generator | None =
     )
     points = {name: turning.position_m[:, n] for n, name in enumerate(turning.markers)}
     still = np.zeros(turning.n_frames)
-    points |= {"stand": _xyz(still, 0.0, config.hub_height_m / 2), "foot": _xyz(still, 0.0, 0.0)}
+    points |= {"stand": stack_xyz(still, 0.0, config.hub_height_m / 2), "foot": stack_xyz(still, 0.0, 0.0)}
     top_m = config.hub_height_m + config.radius_m
     return _motion("fan", points, config.rate_hz, height_m=top_m, gait_frequency_hz=turning.facts.gait_frequency_hz)
-
-
-def _xyz(x: FloatArray, y: FloatArray | float, z: float) -> FloatArray:
-    return np.stack([x, np.broadcast_to(y, x.shape), np.full_like(x, z)], axis=1)
 
 
 def _round(angle_rad: FloatArray, radius_m: float) -> FloatArray:

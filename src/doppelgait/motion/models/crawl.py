@@ -1,4 +1,7 @@
-"""A person on hands and knees: a human who moves like a four-legged animal, and low."""
+"""A person on hands and knees.
+
+A human who moves like a four-legged animal, and low.
+"""
 
 from __future__ import annotations
 
@@ -20,6 +23,7 @@ from doppelgait.motion.models.strides import (
     mean_stride_frequency_hz,
     phase_at,
     sample_times_s,
+    stack_xyz,
     stride_clock,
 )
 from doppelgait.motion.motion import Motion, MotionFacts, make_motion
@@ -81,7 +85,9 @@ class CrawlConfig(FrozenModel):
 def crawling_person(
     *, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = None, **parameters: Any
 ) -> Motion:
-    """Person who crawls on hands and knees, diagonal limbs together.
+    """Generate a person who crawls on hands and knees.
+
+    Diagonal limbs move together.
 
     Stride frequency f = sqrt(V/(0.36 H)) per second, stride length V/f (assumed, as are all proportions of the gait).
     Hands and knees stand still over the floor for 65 % of a stride; segments keep their lengths.
@@ -146,7 +152,9 @@ def _generate(config: CrawlConfig, duration_s: float, rng: np.random.Generator |
 
 
 def placed(cycles: FloatArray, duty: float) -> tuple[FloatArray, FloatArray]:
-    """Advance in strides of a limb that stands still and swings, and its lift, 0 to 1; cycles after touchdown.
+    """Return advance and lift of a limb that stands and swings.
+
+    The advance is in strides, the lift 0 to 1; ``cycles`` count from touchdown.
 
     The swing is x = s^3 (10 - 15 s + 6 s^2), at rest with no acceleration at both ends; the lift sin^2(pi s).
     """
@@ -156,7 +164,9 @@ def placed(cycles: FloatArray, duty: float) -> tuple[FloatArray, FloatArray]:
 
 
 def crawling_points(phase: FloatArray, stride: float) -> dict[str, FloatArray]:
-    """Points of the crawler by name, each (n, 3), in statures; the pelvis is at ``stride`` times the phase.
+    """Return the crawler's points by name, (n, 3), in statures.
+
+    The pelvis is at ``stride`` times the phase.
 
     Parameters
     ----------
@@ -169,27 +179,23 @@ def crawling_points(phase: FloatArray, stride: float) -> dict[str, FloatArray]:
     reach = ARM_STRETCH * (size["upper_arm"] + size["forearm"])
     rise = math.sqrt(reach**2 - (DUTY * stride / 2) ** 2) - size["thigh"]
     along = math.sqrt(size["torso"] ** 2 - rise**2)
-    points = {"base": _xyz(x, 0.0, size["thigh"]), "neck": _xyz(x + along, 0.0, size["thigh"] + rise)}
+    points = {"base": stack_xyz(x, 0.0, size["thigh"]), "neck": stack_xyz(x + along, 0.0, size["thigh"] + rise)}
     points["head"] = points["neck"] + size["head"] * np.array([math.cos(0.6), 0.0, math.sin(0.6)])
     for side, sigma in (("left", 1.0), ("right", -1.0)):
         shoulder = points["neck"] + np.array([0.0, sigma * size["half_shoulder"], 0.0])
         touchdown = TOUCHDOWN[f"{side}_hand"]
         advance, lift = placed(phase - touchdown, DUTY)
         ahead = points["neck"][:, 0] - stride * phase + stride * (advance + touchdown + DUTY / 2)
-        hand = _xyz(ahead, sigma * size["half_shoulder"], HAND_LIFT * lift)
+        hand = stack_xyz(ahead, sigma * size["half_shoulder"], HAND_LIFT * lift)
         elbow = two_link(shoulder, hand, size["upper_arm"], size["forearm"], bend=-1.0)
         # the thigh turns about the hip over the standing knee, which so rises a little at either end
         hip = points["base"] + np.array([0.0, sigma * size["half_hip"], 0.0])
         touchdown = TOUCHDOWN[f"{side}_knee"]
         advance, _ = placed(phase - touchdown, DUTY)
         ahead = stride * (advance + touchdown + DUTY / 2 - phase)
-        knee = hip + _xyz(ahead, 0.0, -np.sqrt(size["thigh"] ** 2 - ahead**2))
+        knee = hip + stack_xyz(ahead, 0.0, -np.sqrt(size["thigh"] ** 2 - ahead**2))
         ankle = knee - [size["shank"], 0.0, 0.0]
         limbs = {"shoulder": shoulder, "elbow": elbow, "hand": hand, "hip": hip, "knee": knee, "ankle": ankle}
         points |= {f"{side}_{name}": xyz for name, xyz in limbs.items()}
         points[f"{side}_toe"] = ankle - [size["foot"], 0.0, 0.0]
     return points
-
-
-def _xyz(x: FloatArray, y: float, z: FloatArray | float) -> FloatArray:
-    return np.stack([x, np.full_like(x, y), np.broadcast_to(z, x.shape)], axis=1)

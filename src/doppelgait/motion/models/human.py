@@ -1,15 +1,15 @@
-"""A person who walks or runs: the Boulic walk with feet that stand still, arms, differing steps, and a runner.
+"""A person who walks or runs as recorded people do.
 
-No published set of equations was at hand for the runner: timing is a table of usual values, the rise and fall follows
-from it by mechanics, joint curves are control points with usual amplitudes. Speeds are those of an adult of 1.75 m;
-others run dynamically similar, V ~ sqrt(H), f ~ 1/sqrt(H).
+Trunk, ankles and feet follow curves measured on recorded people (:mod:`doppelgait.motion.models.human_curves`); feet
+stand still. A walk has the step length, timing, torsion and arms of Boulic et al. 1990. No published set of equations
+was at hand for the runner: timing is a table of usual values, the rise and fall follows from it by mechanics. Speeds
+are those of an adult of 1.75 m; others run dynamically similar, V ~ sqrt(H), f ~ 1/sqrt(H).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from functools import partial
+from collections.abc import Callable, Mapping
 from typing import Any, Literal
 
 import numpy as np
@@ -23,8 +23,8 @@ from doppelgait.motion.models.boulic import (
     TOP_RELATIVE_SPEED,
     body_offset,
     cycle_duration_s,
+    lean_deg,
     limb_angles_deg,
-    periodic_pchip,
     support_fraction,
     trunk_angles_deg,
 )
@@ -39,10 +39,12 @@ from doppelgait.motion.models.human_body import (
     segment_lengths,
     swing_arms,
 )
-from doppelgait.motion.models.human_feet import Style, place_feet
+from doppelgait.motion.models.human_curves import measured_curve, walk_duty
+from doppelgait.motion.models.human_feet import FOOT, Style, place_feet
 from doppelgait.motion.models.registry import generate
 from doppelgait.motion.models.strides import (
     Curve,
+    columns,
     cubic_spline,
     footfall_times_s,
     mean_stride_frequency_hz,
@@ -64,23 +66,27 @@ WALK_RUN_MPS = 2.0
 
 _STEPS = ((2.2, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0), (2.55, 2.75, 2.88, 3.0, 3.2, 3.45, 3.8, 4.2))
 _DUTY = ((2.2, 3.0, 4.0, 5.0, 7.0, 9.0), (0.40, 0.35, 0.30, 0.30, 0.25, 0.21))
-_SWING_KNEE = ((3.0, 9.0), (90.0, 125.0))
-_SWING_HIP = ((2.2, 3.0, 9.0), (32.0, 37.0, 55.0))
 _ARM_SWING = ((2.2, 9.0), (20.0, 30.0))
 
 
 def adult_speed_mps(speed_mps: float, height_m: float) -> float:
-    """Speed at which an adult of 1.75 m moves dynamically similar (equal Froude numbers)."""
+    """Return the dynamically similar speed of a 1.75 m adult.
+
+    Froude numbers are equal.
+    """
     return speed_mps * math.sqrt(ADULT_M / height_m)
 
 
 def run_step_frequency_hz(speed_mps: float, height_m: float = ADULT_M) -> float:
-    """Steps per second of a runner, by a table against speed; below 2.2 m/s (at 1.75 m) its first slope goes on."""
+    """Return the steps per second of a runner.
+
+    They follow a table against speed; below 2.2 m/s (at 1.75 m) its first slope is continued.
+    """
     return _table(_STEPS, adult_speed_mps(speed_mps, height_m)) * math.sqrt(ADULT_M / height_m)
 
 
 def run_duty_factor(speed_mps: float, height_m: float = ADULT_M) -> float:
-    """Share of the stride for which a runner's foot is on the ground, by a table against speed."""
+    """Return the duty factor of a runner's foot, by speed."""
     return _table(_DUTY, adult_speed_mps(speed_mps, height_m))
 
 
@@ -92,7 +98,9 @@ def _table(table: tuple[tuple[float, ...], tuple[float, ...]], at: float) -> flo
 
 
 def run_height_m(phase: npt.ArrayLike, stride_s: float, duty: float) -> FloatArray:
-    """Height of a runner's body against that at touchdown, from the half-sine ground force (Morin et al. 2005).
+    """Return the height of a runner's body against touchdown.
+
+    It follows from the half-sine ground force (Morin et al. 2005).
 
     In stance z'' = A sin(pi t/t_c) - g with A = pi g t_step/(2 t_c), which carries the weight over a step; in flight
     z'' = -g. Position, velocity and acceleration are continuous; the rise and fall over a step is
@@ -122,13 +130,18 @@ def run_height_m(phase: npt.ArrayLike, stride_s: float, duty: float) -> FloatArr
 
 
 def run_offset_m(phase: FloatArray, leg_m: float, stride_s: float, duty: float) -> FloatArray:
-    """Offset of the body from uniform motion, (n, 3): sideways over the standing leg (assumed), up and down."""
+    """Return a runner's offset from uniform motion, shape (n, 3).
+
+    Sideways over the standing leg (assumed), up and down.
+    """
     sway = -0.012 * leg_m * np.sin(2 * np.pi * (phase - 0.1))
     return np.stack([np.zeros_like(phase), sway, run_height_m(phase, stride_s, duty)], axis=-1)
 
 
 def run_trunk_deg(phase: FloatArray, adult_mps: float) -> dict[str, FloatArray]:
-    """Trunk angles, named and signed as in :func:`doppelgait.motion.models.boulic.trunk_angles_deg`.
+    """Return a runner's trunk angles by name, degrees.
+
+    Names and signs are those of :func:`doppelgait.motion.models.boulic.trunk_angles_deg`.
 
     The trunk leans 5 to 10 degrees; turns of pelvis and shoulders are assumed.
     """
@@ -142,43 +155,24 @@ def run_trunk_deg(phase: FloatArray, adult_mps: float) -> dict[str, FloatArray]:
     }
 
 
-def run_limbs_deg(phase: FloatArray, adult_mps: float, duty: float) -> dict[str, FloatArray]:
-    """Flexion of the joints of one side, shaped like ``phase``; 0 is its touchdown.
+def run_arms_deg(phase: FloatArray, adult_mps: float) -> dict[str, FloatArray]:
+    """Return flexion of shoulder and elbow of one side.
 
-    In swing the knee flexes by 90 degrees at 3 m/s to 125 at 9, the thigh comes 37 to 55 degrees forward; the elbow is
-    at 80 to 100 degrees, the upper arm swings 40 to 60 degrees in all, against the leg.
+    Shaped like ``phase``, of which 0 is the touchdown of that side.
+
+    The elbow is at 80 to 100 degrees, the upper arm swings 40 to 60 degrees in all, against the leg.
     """
-    knee, hip, arm = (float(_table(table, adult_mps)) for table in (_SWING_KNEE, _SWING_HIP, _ARM_SWING))
-    swing = partial(_after, duty)
-    curves = {
-        "hip": [(0.0, 0.6 * hip), (duty, -24.0), (swing(0.7), hip)],
-        "knee": [(0.0, 22.0), (0.45 * duty, 40.0), (duty, 25.0), (swing(0.45), knee), (swing(0.95), 20.0)],
-        "ankle": [(0.0, 0.0), (0.55 * duty, 20.0), (duty, -18.0), (swing(0.5), 10.0)],
-    }
-    angles = {joint: periodic_pchip(knots, phase) for joint, knots in curves.items()}
     back = np.cos(2 * np.pi * (phase - 0.03))
-    angles["shoulder"] = -12.0 - arm * back
-    angles["elbow"] = 90.0 - 10.0 * back
-    return angles
-
-
-def run_sole_deg(adult_mps: float) -> tuple[float, float, float]:
-    """Angle of the sole when it lands, stands and leaves: on the heel up to 3 m/s, ever more on the forefoot from 3.5.
-
-    All assumed.
-    """
-    landing = float(np.interp(adult_mps, (3.0, 3.5, 7.0), (12.0, 0.0, -25.0)))
-    return landing, min(landing, 0.0), -65.0
-
-
-def _after(duty: float, share: float) -> float:
-    """Leg phase at a share of swing."""
-    return duty + share * (1 - duty)
+    return {"shoulder": -12.0 - _table(_ARM_SWING, adult_mps) * back, "elbow": 90.0 - 10.0 * back}
 
 
 GaitName = Literal["auto", "walk", "run"]
 
 BODY_MASS_INDEX = 23.0
+RUN_DUTY = 0.337
+"""Duty factor of the recorded runs, from the table at their mean speed."""
+WALK_ARMS = 0.65
+"""Arm swing of recorded walkers over Boulic's: hands 0.63 V about the trunk against 0.97 V, at 1.1 m/s."""
 _FEET = [n for n, name in enumerate(POINTS) if name.endswith(("ankle", "toe"))]
 _WHOLE_CYCLE = np.arange(1000) / 1000
 
@@ -201,11 +195,20 @@ class HumanConfig(FrozenModel):
         ``"adult"``: Boulic's proportions and times at every stature. ``"child"``, 0.9 to 1.6 m: a child's proportions,
         and the walk of an adult of 1.75 m at the same Froude number, with times as the square root of the leg.
     foot_lock : bool
-        Put the feet on the floor so that they stand still; hips and trunk keep their course and knees follow.
+        Move trunk and feet as measured, the feet standing still on the floor. Without, a walk is that of Boulic et al.
+        1990 (:func:`doppelgait.motion.models.boulic.boulic_walk`), whose feet slide.
     walk_ratio : float
         Step length over step frequency, relative to the model's, 0.7 to 1.4; about 8 % between persons.
+    trunk_ripple : float
+        Forward and back motion of trunk and head within a step, relative to the measured mean, 0 to 2.5; between
+        persons with a standard deviation of 0.2.
+    lean_deg : float
+        Further lean of the trunk, forward positive, -15 to 25.
+    swing_peak : float
+        How far the speed of a swinging foot differs from its mean, relative to the measured one, 0.5 to 1.5; between
+        persons with a standard deviation of 0.2.
     arm_swing : float
-        Swing of shoulders and elbows relative to the gait's own, 0 to 2.
+        Swing of shoulders and elbows relative to the gait's own, 0 to 2; between persons 0.3 to 2.
     left_hand, right_hand : str
         ``"free"``, ``"pockets"`` or ``"carrying"``.
     step_time_sd, step_length_sd : float
@@ -227,6 +230,9 @@ class HumanConfig(FrozenModel):
     body: Body = "adult"
     foot_lock: bool = True
     walk_ratio: float = Field(1.0, ge=0.7, le=1.4)
+    trunk_ripple: float = Field(1.0, ge=0, le=2.5)
+    lean_deg: float = Field(0.0, ge=-15, le=25)
+    swing_peak: float = Field(1.0, ge=0.5, le=1.5)
     arm_swing: float = Field(1.0, ge=0, le=2)
     left_hand: Hands = "free"
     right_hand: Hands = "free"
@@ -256,7 +262,10 @@ class HumanConfig(FrozenModel):
 
     @property
     def actual_gait(self) -> Literal["walk", "run"]:
-        """The gait; with ``"auto"`` a run above 2 m/s for 1.75 m, at equal Froude number for other statures."""
+        """The gait; ``"auto"`` is resolved by speed.
+
+        A run above 2 m/s for 1.75 m, at equal Froude number for other statures.
+        """
         if self.gait != "auto":
             return self.gait
         return "run" if adult_speed_mps(self.speed_mps, self.height_m) > WALK_RUN_MPS else "walk"
@@ -274,11 +283,10 @@ class HumanConfig(FrozenModel):
 def human_gait(
     *, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = None, **parameters: Any
 ) -> Motion:
-    """Walking or running person.
+    """Generate a walking or running person.
 
-    A walk is that of Boulic et al. 1990 (:func:`doppelgait.motion.models.boulic.boulic_walk`), and with
-    ``foot_lock=False`` and all else as it is exactly so. A run has a flight phase; see
-    :func:`run_height_m`.
+    Trunk, ankles and feet follow the mean of recorded people; a run has a flight phase (:func:`run_height_m`). With
+    ``foot_lock=False`` and all else as it is, a walk is exactly that of Boulic et al. 1990.
 
     Parameters
     ----------
@@ -306,13 +314,34 @@ def human_gait(
 def _generate(config: HumanConfig, duration_s: float, rng: np.random.Generator | None) -> Motion:
     times_s = sample_times_s(duration_s, config.rate_hz)
     size_m = {name: part * config.height_m for name, part in segment_lengths(config.body, config.height_m).items()}
-    style = _run_style(config, size_m) if config.actual_gait == "run" else _walk_style(config, size_m)
-    clock, way = _clock_and_way(config, style, times_s[-1], rng)
+    if config.foot_lock:
+        size_m["foot"] = FOOT[0] * config.height_m
+    style = (
+        _run_style(config, size_m)
+        if config.actual_gait == "run"
+        else _walk_style(config, size_m)
+        if config.foot_lock
+        else _boulic_style(config, size_m)
+    )
+    # knots of time against phase, and a spline of the distance against phase where it is no straight line
+    varied = {
+        "time_sd": config.step_time_sd, "length_sd": config.step_length_sd,
+        "time_asymmetry": config.time_asymmetry, "length_asymmetry": config.length_asymmetry,
+    }  # fmt: skip
+    path: Curve | None = None
+    if any(varied.values()):
+        steps_s, phases, path_m = step_series(
+            times_s[-1], stride_s=style.period_s, stride_m=style.stride_m, start_phase=config.start_phase, rng=rng,
+            **varied,
+        )  # fmt: skip
+        clock, path = (steps_s, phases), cubic_spline(phases, path_m)
+    else:
+        clock = stride_clock(times_s[-1], period_s=style.period_s, start_phase=config.start_phase)
     phase = phase_at(clock, times_s)
 
     def advance(cycles: FloatArray, order: int) -> FloatArray:
-        if way is not None:
-            return way(cycles, order)
+        if path is not None:
+            return path(cycles, order)
         return style.stride_m * (cycles - phase[0]) if order == 0 else np.full_like(cycles, style.stride_m)
 
     if config.foot_lock:
@@ -344,24 +373,11 @@ def _generate(config: HumanConfig, duration_s: float, rng: np.random.Generator |
     )  # fmt: skip
 
 
-def _clock_and_way(
-    config: HumanConfig, style: Style, end_s: float, rng: np.random.Generator | None
-) -> tuple[tuple[FloatArray, FloatArray], Curve | None]:
-    """Knots of time against phase, and a spline of the way against phase, None where it is a straight line."""
-    varied = {
-        "time_sd": config.step_time_sd, "length_sd": config.step_length_sd,
-        "time_asymmetry": config.time_asymmetry, "length_asymmetry": config.length_asymmetry,
-    }  # fmt: skip
-    if not any(varied.values()):
-        return stride_clock(end_s, period_s=style.period_s, start_phase=config.start_phase), None
-    times_s, phases, way_m = step_series(
-        end_s, stride_s=style.period_s, stride_m=style.stride_m, start_phase=config.start_phase, rng=rng, **varied
-    )
-    return (times_s, phases), cubic_spline(phases, way_m)
-
-
 def _leg_and_tempo(config: HumanConfig) -> tuple[float, float]:
-    """Leg length in m, and how much faster than Boulic's the walk's clock runs: 1, or by Froude number for a child."""
+    """Return leg length in m and tempo relative to Boulic's.
+
+    The tempo is 1, or by Froude number for a child.
+    """
     lengths = segment_lengths(config.body, config.height_m)
     leg_m = (lengths["thigh"] + lengths["shank"]) * config.height_m
     adult = segment_lengths("adult", ADULT_M)
@@ -369,10 +385,9 @@ def _leg_and_tempo(config: HumanConfig) -> tuple[float, float]:
     return leg_m, 1.0 if config.body == "adult" else math.sqrt(adult_m / leg_m)
 
 
-def _walk_style(config: HumanConfig, size_m: Mapping[str, float]) -> Style:
-    leg_m, tempo = _leg_and_tempo(config)
-    q = config.speed_mps / leg_m / tempo
-    longer = math.sqrt(config.walk_ratio)
+def _boulic_style(config: HumanConfig, size_m: Mapping[str, float]) -> Style:
+    """Make the walk of Boulic et al. 1990, whose feet slide."""
+    leg_m, stride_m, period_s, q = _walk_timing(config)
     limbs = _with_arms(config, lambda phase: limb_angles_deg(phase, q))
 
     def pose(phase: FloatArray) -> FloatArray:
@@ -380,31 +395,86 @@ def _walk_style(config: HumanConfig, size_m: Mapping[str, float]) -> Style:
         points = figure_points(trunk, _radians(limbs(np.stack([phase + 0.5, phase]))), size_m)
         return np.asarray(points + (leg_m * body_offset(phase, q))[:, None])
 
-    stride_m, period_s = 1.346 * math.sqrt(q) * leg_m * longer, cycle_duration_s(q) / tempo * longer
-    duty = support_fraction(q)
-    return Style("walk", stride_m, period_s, duty, walk_sole_deg(q, duty), pose)
+    return Style("walk", stride_m, period_s, support_fraction(q), np.zeros_like, pose)
 
 
-def walk_sole_deg(q: float, duty: float) -> tuple[float, float, float]:
-    """Angle of the sole when it lands (Boulic's, 30 degrees at most), stands (flat) and leaves (65 degrees at most)."""
-    limbs = limb_angles_deg(np.array([0.0, duty]), q)
-    landing, leaving = limbs["hip"] - limbs["knee"] + limbs["ankle"]
-    return float(np.clip(landing, 0, 30)), 0.0, float(np.clip(leaving, -65, -20))
+def _walk_timing(config: HumanConfig) -> tuple[float, float, float, float]:
+    """Return leg, stride, stride time and relative speed of a walk.
+
+    Lengths in m, the time in s; the speed is Boulic's q.
+    """
+    leg_m, tempo = _leg_and_tempo(config)
+    q = config.speed_mps / leg_m / tempo
+    longer = math.sqrt(config.walk_ratio)
+    return leg_m, 1.346 * math.sqrt(q) * leg_m * longer, cycle_duration_s(q) / tempo * longer, q
+
+
+def _walk_style(config: HumanConfig, size_m: Mapping[str, float]) -> Style:
+    leg_m, stride_m, period_s, q = _walk_timing(config)
+    speed = config.speed_mps / math.sqrt(G_MPS2 * leg_m)
+
+    def arms(phase: FloatArray) -> dict[str, FloatArray]:
+        limbs = limb_angles_deg(phase, q)
+        return {joint: limbs[joint] for joint in ("shoulder", "elbow")}
+
+    def trunk(phase: FloatArray) -> tuple[dict[str, FloatArray], FloatArray]:
+        angles = trunk_angles_deg(phase, q)
+        angles["trunk_pitch"] = np.full_like(phase, -lean_deg(q))
+        return angles, leg_m * body_offset(phase, q)
+
+    arms_like_recorded = swing_arms(arms, factor=WALK_ARMS, hands=("free", "free"))
+    pose, foot = _measured_motion(config, "walk", stride_m, stride_m, size_m, trunk, arms_like_recorded)
+    return Style("walk", stride_m, period_s, walk_duty(speed), foot, pose)
 
 
 def _run_style(config: HumanConfig, size_m: Mapping[str, float]) -> Style:
     adult_mps = adult_speed_mps(config.speed_mps, config.height_m)
     period_s = 2 / run_step_frequency_hz(config.speed_mps, config.height_m) * math.sqrt(config.walk_ratio)
     duty = run_duty_factor(config.speed_mps, config.height_m)
-    limbs = _with_arms(config, lambda phase: run_limbs_deg(phase, adult_mps, duty))
+    leg_m, stride_m = size_m["thigh"] + size_m["shank"], config.speed_mps * period_s
+
+    def trunk(phase: FloatArray) -> tuple[dict[str, FloatArray], FloatArray]:
+        return run_trunk_deg(phase, adult_mps), run_offset_m(phase, leg_m, period_s, duty)
+
+    pose, foot = _measured_motion(
+        config, "run", stride_m, stride_m * duty / RUN_DUTY, size_m, trunk, lambda phase: run_arms_deg(phase, adult_mps)
+    )
+    return Style("run", stride_m, period_s, duty, foot, pose)
+
+
+def _measured_motion(
+    config: HumanConfig, gait: Literal["walk", "run"], stride_m: float, reach_m: float, size_m: Mapping[str, float],
+    trunk: Callable[[FloatArray], tuple[dict[str, FloatArray], FloatArray]], arms: Curves,
+) -> tuple[Callable[[FloatArray], FloatArray], Callable[[FloatArray], FloatArray]]:  # fmt: skip
+    """Make pose and foot of a style from measured curves.
+
+    The gait's own trunk and arms get the measured ripple and feet.
+
+    The feet go back and forth by ``reach_m`` times the measured curve, which is over the stride.
+    """
     leg_m = size_m["thigh"] + size_m["shank"]
+    speed = config.speed_mps / math.sqrt(G_MPS2 * leg_m)
+    pelvis, neck, ankle = (
+        measured_curve(gait, name, speed, integral=True) for name in ("pelvis_speed", "neck_speed", "ankle_speed")
+    )
+    height, pitch = (measured_curve(gait, name, speed) for name in ("ankle_height", "foot_pitch"))
+    ripple_m, arms = config.trunk_ripple * stride_m, _with_arms(config, arms)
 
     def pose(phase: FloatArray) -> FloatArray:
-        trunk = _radians(run_trunk_deg(phase, adult_mps))
-        points = figure_points(trunk, _radians(limbs(np.stack([phase + 0.5, phase]))), size_m)
-        return np.asarray(points + run_offset_m(phase, leg_m, period_s, duty)[:, None])
+        angles, offset_m = trunk(phase)
+        offset_m[:, 0] = ripple_m * pelvis(phase)
+        ahead = (ripple_m * neck(phase) - offset_m[:, 0]) / size_m["torso"]  # of the neck, against the pelvis
+        angles["trunk_pitch"] = (
+            angles["trunk_pitch"] - config.lean_deg - np.degrees(np.arcsin(np.clip(ahead, -0.5, 0.5)))
+        )
+        legs = dict.fromkeys(("hip", "knee", "ankle"), np.zeros((2, phase.size)))  # place_feet bends them
+        points = figure_points(_radians(angles), _radians(arms(np.stack([phase + 0.5, phase]))) | legs, size_m)
+        return np.asarray(points + offset_m[:, None])
 
-    return Style("run", config.speed_mps * period_s, period_s, duty, run_sole_deg(adult_mps), pose)
+    def foot(phase: FloatArray) -> FloatArray:
+        return columns(reach_m * config.swing_peak * ankle(phase), leg_m * height(phase), np.radians(pitch(phase)))
+
+    return pose, foot
 
 
 def _with_arms(config: HumanConfig, curves: Curves) -> Curves:

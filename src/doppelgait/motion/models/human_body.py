@@ -1,11 +1,14 @@
-"""The body of a person: 17 points from joint angles, segment lengths, and persons sampled from statistics."""
+"""The body of a person: 17 points, segment lengths, sampled persons.
+
+Points follow from joint angles; persons are sampled from statistics.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -32,7 +35,7 @@ _CYCLE = np.arange(200) / 200
 
 
 def swing_arms(curves: Curves, *, factor: float, hands: tuple[Hands, Hands]) -> Curves:
-    """Joint curves with another arm swing.
+    """Change the arm swing of joint curves.
 
     Parameters
     ----------
@@ -77,7 +80,7 @@ _UPPER = [
 def figure_points(
     trunk_rad: Mapping[str, FloatArray], limbs_rad: Mapping[str, FloatArray], size_m: Mapping[str, float]
 ) -> FloatArray:
-    """Points of the figure about the base of its spine (Chen 2011).
+    """Return the figure's points about its spine's base (Chen 2011).
 
     Parameters
     ----------
@@ -94,10 +97,23 @@ def figure_points(
         Metres in the order of :data:`POINTS`; x forward, y left, z up.
     """
     count = limbs_rad["hip"].shape[1]
-    lower, upper = (
-        _columns(_pelvis_and_legs(limbs_rad, size_m), count),
-        _columns(_spine_and_arms(limbs_rad, size_m), count),
-    )
+    # base of the spine, then hip, knee, ankle and toe of either side
+    below: list[Place] = [(0.0, 0.0, 0.0)]
+    shank = limbs_rad["hip"] - limbs_rad["knee"]
+    # the foot is a rod at right angles to the shank when the ankle is at zero
+    foot = shank + limbs_rad["ankle"] + np.pi / 2
+    leg = ((limbs_rad["hip"], size_m["thigh"]), (shank, size_m["shank"]), (foot, size_m["foot"]))
+    x, z = _hanging((0.0, 0.0), leg)
+    for row, y in enumerate((size_m["half_hip"], -size_m["half_hip"])):
+        below += [(0.0, y, 0.0), *((x_k[row], y, z_k[row]) for x_k, z_k in zip(x, z, strict=True))]
+    # neck and head, then shoulder, elbow and hand of either side
+    top = size_m["torso"]
+    above: list[Place] = [(0.0, 0.0, top), (0.0, 0.0, top + size_m["head"])]
+    forearm = limbs_rad["shoulder"] + limbs_rad["elbow"]
+    x, z = _hanging((0.0, top), ((limbs_rad["shoulder"], size_m["upper_arm"]), (forearm, size_m["forearm"])))
+    for row, y in enumerate((size_m["half_shoulder"], -size_m["half_shoulder"])):
+        above += [(0.0, y, top), *((x_k[row], y, z_k[row]) for x_k, z_k in zip(x, z, strict=True))]
+    lower, upper = _columns(below, count), _columns(above, count)
     _rotate(lower, trunk_rad["pelvic_list"], axis=0)
     _rotate(lower, -trunk_rad["pelvic_torsion"], axis=2)
     _rotate(upper, -trunk_rad["trunk_pitch"], axis=1)
@@ -108,7 +124,10 @@ def figure_points(
 
 
 def _columns(points: Sequence[Place], count: int) -> FloatArray:
-    """Coordinates of points as (3, k, n): whole columns are turned at a time."""
+    """Stack the coordinates of points as (3, k, n).
+
+    Whole columns are rotated at a time.
+    """
     found = np.empty((3, len(points), count))
     for number, point in enumerate(points):
         for row, part in zip(found[:, number], point, strict=True):
@@ -116,34 +135,13 @@ def _columns(points: Sequence[Place], count: int) -> FloatArray:
     return found
 
 
-def _pelvis_and_legs(limbs: Mapping[str, FloatArray], size: Mapping[str, float]) -> list[Place]:
-    """Base of the spine, then hip, knee, ankle and toe of the left and the right side."""
-    found: list[Place] = [(0.0, 0.0, 0.0)]
-    shank = limbs["hip"] - limbs["knee"]
-    # The foot is a rod at right angles to the shank when the ankle is at zero.
-    foot = shank + limbs["ankle"] + np.pi / 2
-    links = ((limbs["hip"], size["thigh"]), (shank, size["shank"]), (foot, size["foot"]))
-    x, z = _hanging((0.0, 0.0), links)
-    for row, beside in enumerate((size["half_hip"], -size["half_hip"])):
-        found += [(0.0, beside, 0.0), *((x_k[row], beside, z_k[row]) for x_k, z_k in zip(x, z, strict=True))]
-    return found
-
-
-def _spine_and_arms(limbs: Mapping[str, FloatArray], size: Mapping[str, float]) -> list[Place]:
-    """Neck and head, then shoulder, elbow and hand of the left and the right side."""
-    top = size["torso"]
-    found: list[Place] = [(0.0, 0.0, top), (0.0, 0.0, top + size["head"])]
-    links = ((limbs["shoulder"], size["upper_arm"]), (limbs["shoulder"] + limbs["elbow"], size["forearm"]))
-    x, z = _hanging((0.0, top), links)
-    for row, beside in enumerate((size["half_shoulder"], -size["half_shoulder"])):
-        found += [(0.0, beside, top), *((x_k[row], beside, z_k[row]) for x_k, z_k in zip(x, z, strict=True))]
-    return found
-
-
 def _hanging(
     start: tuple[float, float], links: Sequence[tuple[FloatArray, float]]
 ) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Ends (x, z) of links one below the other that hang straight down at angle 0 and swing forward with it."""
+    """Return the ends (x, z) of a chain of links.
+
+    Links hang straight down at angle 0 and swing forward with it.
+    """
     ends_x, ends_z = [], []
     x, z = (np.asarray(part) for part in start)
     for angle_rad, length in links:
@@ -154,7 +152,10 @@ def _hanging(
 
 
 def _rotate(xyz: FloatArray, angle_rad: FloatArray, *, axis: int) -> None:
-    """Right-handed rotation of points (3, k, n), in place, about a coordinate axis through the origin by n angles."""
+    """Rotate points (3, k, n) about a coordinate axis, in place.
+
+    Right-handed, through the origin, by n angles.
+    """
     first, second = (axis + 1) % 3, (axis + 2) % 3
     cosine, sine = np.cos(angle_rad), np.sin(angle_rad)
     turned = cosine * xyz[first] - sine * xyz[second]
@@ -180,7 +181,10 @@ _SPEED_MPS: dict[AgeClass, tuple[float, float]] = {
 
 @dataclass(frozen=True)
 class Person:
-    """Someone drawn by :func:`sample_person`; the speed is the preferred one in a walk."""
+    """Someone sampled by :func:`sample_person`.
+
+    The speed is the preferred one in a walk.
+    """
 
     sex: str
     age_class: AgeClass
@@ -189,15 +193,34 @@ class Person:
     mass_kg: float
     speed_mps: float
     walk_ratio: float
+    trunk_ripple: float
+    swing_peak: float
+    arm_swing: float
+    lean_deg: float
+    step_time_sd: float
+    step_length_sd: float
+    time_asymmetry: float
+    length_asymmetry: float
+
+    def parameters(self, **changes: Any) -> dict[str, Any]:
+        """Return the parameters of :func:`doppelgait.motion.human_gait` for this person.
+
+        Parameters
+        ----------
+        **changes
+            Parameters that replace the person's own, for example ``speed_mps``.
+        """
+        own = {key: value for key, value in asdict(self).items() if key not in ("sex", "age_class", "age_years")}
+        return {**own, "body": self.body, **changes}
 
     @property
     def body(self) -> Body:
-        """Proportions of the figure: a child's where the stature is within their range."""
+        """Proportions of the figure: a child's within the child's statures."""
         return "child" if self.age_class == "child" and self.height_m <= CHILD_M[1] else "adult"
 
 
 def segment_lengths(body: Body, height_m: float) -> dict[str, float]:
-    """Segment lengths as fractions of the stature.
+    """Return segment lengths as fractions of the stature.
 
     A child has shorter legs and a larger head, by straight lines in the stature from 1.6 m down to 0.9 m; the trunk
     takes the difference, so that head, trunk and leg add up as in the adult.
@@ -223,19 +246,22 @@ def segment_lengths(body: Body, height_m: float) -> dict[str, float]:
 
 
 def sample_person(rng: np.random.Generator, *, age_class: AgeClass = "adult") -> Person:
-    """Draw a person.
+    """Sample a person from population statistics.
 
     Adults (20 to 65 years) and seniors (65 to 85): stature normal, men 1.75 +- 0.07 m, women 1.62 +- 0.065 m; body mass
     index lognormal about 24 kg/m^2 with 13 % (assumed); preferred speed normal, 1.35 +- 0.18 m/s, seniors
     1.15 +- 0.2 m/s, within 0.4 to 2.0 (after Bohannon 1997; Bohannon and Andrews 2011). Children (3 to 12 years):
     Weech's rules, H = 0.77 m + 0.06 m a with 4.5 % (assumed), mass (2 a + 8) kg to 6 years, then (7 a - 5)/2 kg, with
-    12 % (assumed); an adult's speed at equal Froude number. Walk ratio relative to the model's: lognormal, 8 %, within
-    3 deviations.
+    12 % (assumed); an adult's speed at equal Froude number. How they move, measured on the recorded
+    walkers that the model's mean is of, lognormal within 3 deviations: walk ratio with 16 % (stride frequency at equal
+    dimensionless speed with 8 %), ripple of the trunk with 20 %, swing of the arms with 40 %; normal: peak of the swing
+    with 0.24 (peak speed of the ankle with 6 %), lean with 3 degrees (assumed). Standard deviation of a step's time and
+    length uniform from 0.01 to 0.04, asymmetry of both normal with 0.02 (assumed).
 
     Parameters
     ----------
     rng : numpy.random.Generator
-        Source of chance; always six draws.
+        Source of chance; always fourteen draws.
     age_class : str
         ``"child"``, ``"adult"`` or ``"senior"``.
 
@@ -258,5 +284,13 @@ def sample_person(rng: np.random.Generator, *, age_class: AgeClass = "adult") ->
         mass_kg, scale = 24.0 * math.exp(0.13 * weight) * height_m**2, 1.0
     mean_mps, sd_mps = _SPEED_MPS[age_class]
     speed_mps = scale * float(np.clip(mean_mps + sd_mps * pace, 0.4, 2.0))
-    person = {"age_years": age_years, "height_m": height_m, "mass_kg": mass_kg, "speed_mps": speed_mps}
-    return Person(sex, age_class, walk_ratio=math.exp(0.08 * ratio), **{k: float(v) for k, v in person.items()})
+    ripple, peak, arms, lean, time, length = np.clip(rng.standard_normal(6), -3.0, 3.0)
+    time_sd, length_sd = rng.uniform(0.01, 0.04, 2)
+    person = {
+        "age_years": age_years, "height_m": height_m, "mass_kg": mass_kg, "speed_mps": speed_mps,
+        "walk_ratio": min(max(math.exp(0.16 * ratio), 0.7), 1.4), "trunk_ripple": math.exp(0.2 * ripple),
+        "swing_peak": min(max(1 + 0.24 * peak, 0.5), 1.5), "arm_swing": min(math.exp(0.4 * arms), 2.0),
+        "lean_deg": 3.0 * lean, "step_time_sd": time_sd, "step_length_sd": length_sd,
+        "time_asymmetry": 0.02 * time, "length_asymmetry": 0.02 * length,
+    }  # fmt: skip
+    return Person(sex, age_class, **{key: float(value) for key, value in person.items()})

@@ -1,12 +1,13 @@
-"""Feet that stay where they land: footprints on the floor, and legs that reach them.
+"""Feet that stay where they land, and legs that reach them.
 
-A gait's curves say where the ankle would go. In stance it is put on the floor instead, with the foot rolling from heel
-to toe; in swing the difference fades from one stance to the next, so that the swing keeps the gait's own shape. The
-knee follows from hip and ankle.
+A gait's curves say where the ankle would go. In stance the foot stands on the floor instead and rolls from heel to toe
+by the gait's own pitch; in swing the difference fades from one stance to the next, so that the swing keeps the gait's
+shape. The knee follows from hip and ankle.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -21,12 +22,20 @@ from doppelgait.motion.models.strides import columns
 
 FloatArray = npt.NDArray[np.float64]
 Advance = Callable[[FloatArray, int], FloatArray]
-"""Way done in m at phases in cycles (derivative order 0), or its slope per cycle (order 1)."""
+"""Distance travelled in m at phases in cycles (derivative order 0), or its slope per cycle (order 1)."""
 
 STRETCH = 0.99
 """A leg is never straighter than this share of its length: a knee flexed by 16 degrees or more."""
-FLAT = (0.15, 0.4)
-"""Shares of stance at which the sole comes down and the heel begins to rise (assumed)."""
+FOOT = (0.097, 0.034)
+"""Distance from ankle to toe and height of the ankle over the sole, as shares of the stature: medians of recordings."""
+STANDING_RAD = math.asin(FOOT[1] / FOOT[0])
+"""Slope of the line from ankle to toe while the sole is flat."""
+HEEL = 0.5
+"""Distance from the heel to below the ankle over that from ankle to toe (assumed)."""
+LEVEL_RAD = math.radians(1.5)
+"""A sole that is measured this near to level stands flat."""
+SWING_REACH = (0.75, 0.88)
+"""Horizontal distance of a swinging ankle from its hip over the leg's reach: free below the first, below the second."""
 CLEARANCE_M = 0.03
 """Rounding of the swing where the toe would go through the floor: it passes at half of this or more."""
 OFFSET = {"left": 0.5, "right": 0.0}
@@ -38,7 +47,7 @@ _NUDGE = 1e-5
 
 @dataclass(frozen=True)
 class Style:
-    """What a gait does in one cycle.
+    """One cycle of a gait: stride, timing, sole and pose.
 
     Parameters
     ----------
@@ -48,8 +57,9 @@ class Style:
         Mean length and time of a stride.
     duty : float
         Share of the cycle for which a foot is on the ground.
-    sole_deg : (float, float, float)
-        Angle of the sole, toe up positive, when it lands, while it stands, when it leaves.
+    foot : callable
+        Leg phases in cycles, shape (n,), to (x of the ankle against uniform motion in m, its height in m, pitch of the
+        sole in rad, toe up positive), (n, 3).
     pose : callable
         Phases in cycles, shape (n,), to points in place, (n, 17, 3) in m, about the base of the spine.
     """
@@ -58,14 +68,16 @@ class Style:
     stride_m: float
     period_s: float
     duty: float
-    sole_deg: tuple[float, float, float]
+    foot: Callable[[FloatArray], FloatArray]
     pose: Callable[[FloatArray], FloatArray]
 
 
 def place_feet(
     points_m: FloatArray, phase: FloatArray, advance: Advance, style: Style, size_m: Mapping[str, float]
 ) -> FloatArray:
-    """Put a figure on the floor, its feet still while they stand; segment lengths stay.
+    """Put a figure on the floor with feet that stand still.
+
+    Segment lengths stay.
 
     Parameters
     ----------
@@ -78,7 +90,7 @@ def place_feet(
     style : Style
         The gait.
     size_m : mapping of float
-        ``thigh``, ``shank`` and ``foot``.
+        ``thigh``, ``shank`` and ``foot``, the distance from ankle to toe.
 
     Returns
     -------
@@ -100,7 +112,16 @@ def place_feet(
     rise_m, result = np.inf, points_m.copy()
     for side, pose in zip(OFFSET, of_legs, strict=True):
         hip, ankle, toe = (_number(side, joint) for joint in ("hip", "ankle", "toe"))
-        place, pitch = ankle_and_pitch(make_foot(style, side, pose, size_m), _rows(both, side), every, advance)
+        own = style.foot(every + OFFSET[side])
+        own = columns(own[:, 0] + advance(every, 0), both[:, hip, 1], own[:, 1], own[:, 2] - STANDING_RAD)
+        place, pitch = ankle_and_pitch(make_foot(style, side, pose, size_m), own, every, advance)
+        # a swinging foot beyond the legs' reach, as of very fast runners, is drawn in; a standing one is where it is
+        swings = np.mod(every + OFFSET[side], 1.0) >= style.duty
+        away_m = place[:, :2] - both[:, hip, :2]
+        far = np.maximum(np.hypot(away_m[:, 0], away_m[:, 1]) / reach_m, 1e-9)
+        near, width = SWING_REACH[0], SWING_REACH[1] - SWING_REACH[0]
+        drawn_in = np.where(swings & (far > near), near + width * np.tanh((far - near) / width), far)
+        place[:, :2] += away_m * (drawn_in / far - 1.0)[:, None]
         sole = columns(np.cos(pitch[:count]), 0.0, np.sin(pitch[:count]))
         result[:, ankle], result[:, toe] = place[:count], place[:count] + size_m["foot"] * sole
         # the hips are raised until a leg is stretched
@@ -125,7 +146,9 @@ def _number(side: str, joint: str) -> int:
 
 @dataclass(frozen=True)
 class Foot:
-    """One foot through a cycle; rows are (x, y, z of the ankle in m, pitch of the sole in rad).
+    """One foot through a cycle.
+
+    Rows are (x, y, z of the ankle in m, slope of the line from ankle to toe in rad).
 
     Parameters
     ----------
@@ -138,7 +161,7 @@ class Foot:
     roll : callable
         Leg phases (n,) in stance to rows against the footprint, (n, 4).
     print_m : ndarray, shape (4,)
-        Footprint against the way done when the foot lands.
+        Footprint against the distance travelled when the foot lands.
     landing, leaving : (ndarray, ndarray), shape (4,)
         Roll less the gait's own row in place at that moment, and the slope of this difference per cycle.
     """
@@ -153,40 +176,43 @@ class Foot:
 
 
 def _leg_phases(duty: float) -> FloatArray:
-    """Stance in a hundred steps, then touchdown and lift-off with a neighbour on either side each."""
+    """Return sample phases of stance, touchdown and lift-off.
+
+    Stance has a hundred steps; touchdown and lift-off have a neighbour on either side each.
+    """
     around = np.array([0.0, -_NUDGE, _NUDGE])
     return np.concatenate([duty * np.arange(100) / 99, around, duty + around])
 
 
 def make_foot(style: Style, side: str, points: FloatArray, size_m: Mapping[str, float]) -> Foot:
-    """Foot of a gait that takes ``points`` at :func:`_leg_phases`, its print placed so that the trunk sinks least."""
+    """Make the foot of a gait and place its footprint.
+
+    The gait takes ``points`` at :func:`_leg_phases`; the footprint lets the trunk sink least.
+    """
     duty, cycles = style.duty, _leg_phases(style.duty)
     stance = cycles[:100]
-    roll = partial(_roll, duty=duty, sole_rad=np.radians(style.sole_deg), foot_m=size_m["foot"])
-    error = roll(cycles) - _rows(points, side)
+    own, side_m = style.foot(cycles), points[:, _number(side, "hip"), 1]
+    roll = partial(_roll, style=style, foot_m=size_m["foot"])
+    error = roll(cycles) - columns(own[:, 0], side_m, own[:, 1], own[:, 2] - STANDING_RAD)
     hip = points[:100, _number(side, "hip")] + style.stride_m * np.outer(stance, [1, 0, 0])
-    beside_m = float(points[:100, _number(side, "ankle"), 1].mean())
+    beside_m = float(side_m[:100].mean())
     ahead_m = _best_print(hip, roll(stance), beside_m, STRETCH * (size_m["thigh"] + size_m["shank"]))
     ends = [(at[0], (at[2] - at[1]) / (2 * _NUDGE)) for at in (error[-6:-3], error[-3:])]
     return Foot(OFFSET[side], duty, size_m["foot"], roll, np.array([ahead_m, beside_m, 0.0, 0.0]), *ends)
 
 
-def _rows(points: FloatArray, side: str) -> FloatArray:
-    ankle, toe = (points[:, _number(side, joint)] for joint in ("ankle", "toe"))
-    pitch = np.arctan2(toe[:, 2] - ankle[:, 2], toe[:, 0] - ankle[:, 0])
-    return columns(ankle[:, 0], ankle[:, 1], ankle[:, 2], pitch)
-
-
 def _best_print(hip: FloatArray, roll: FloatArray, side_m: float, reach_m: float) -> float:
-    """Place of the footprint along the way for which the hip can be highest all through stance.
+    """Find the footprint for which the hip can be highest.
+
+    The hip must reach all through stance.
 
     The height is concave in the place, as the least of arcs of circles: a coarse look tells where to look closely.
     """
     places = np.linspace(-0.5, 1.0, 301) * reach_m
     room_m2 = reach_m**2 - (side_m - hip[:, 1]) ** 2
 
-    def highest(asked: FloatArray) -> FloatArray:
-        room = room_m2 - (asked[:, None] + roll[:, 0] - hip[:, 0]) ** 2
+    def highest(at: FloatArray) -> FloatArray:
+        room = room_m2 - (at[:, None] + roll[:, 0] - hip[:, 0]) ** 2
         heights = np.where(room > 0, roll[:, 2] + np.sqrt(np.maximum(room, 0.0)) - hip[:, 2], -np.inf)
         return np.asarray(heights.min(axis=1))
 
@@ -198,19 +224,26 @@ def _best_print(hip: FloatArray, roll: FloatArray, side_m: float, reach_m: float
     return float(places[np.argmax(highest(places))])
 
 
-def _roll(cycles: FloatArray, *, duty: float, sole_rad: FloatArray, foot_m: float) -> FloatArray:
-    """Ankle and pitch against the footprint: the toe comes down about the ankle, then the heel rises about the toe."""
-    landing, standing, leaving = sole_rad
-    down, up = FLAT[0] * duty, FLAT[1] * duty
-    early = np.maximum(1 - cycles / down, 0.0) ** 2
-    late = np.maximum((cycles - up) / (duty - up), 0.0) ** 2
-    heel = standing + (leaving - standing) * late
-    pitch = heel + (landing - standing) * early
-    return columns(foot_m * (1 - np.cos(heel)), 0.0, -foot_m * np.sin(heel), pitch)
+def _roll(cycles: FloatArray, *, style: Style, foot_m: float) -> FloatArray:
+    """Return ankle and pitch against the footprint in stance.
+
+    The sole comes down about the heel, then the heel rises about the toe.
+    """
+    sole = style.foot(cycles)[:, 2]
+    beyond = np.maximum(np.abs(sole) - LEVEL_RAD, 0.0)
+    turned = np.sign(sole) * beyond**2 / (beyond + LEVEL_RAD)  # smooth where the sole becomes level
+    up, slope = np.maximum(turned, 0.0), STANDING_RAD - np.minimum(turned, 0.0)
+    heel_m, height_m = HEEL * foot_m, math.sin(STANDING_RAD) * foot_m
+    return columns(
+        heel_m * (np.cos(up) - 1) - height_m * np.sin(up) + foot_m * (math.cos(STANDING_RAD) - np.cos(slope)),
+        0.0,
+        heel_m * np.sin(up) + height_m * (np.cos(up) - 1) + foot_m * np.sin(slope),
+        turned - STANDING_RAD,
+    )
 
 
 def ankle_and_pitch(foot: Foot, own: FloatArray, phase: FloatArray, advance: Advance) -> tuple[FloatArray, FloatArray]:
-    """Path of a foot over the floor.
+    """Return the path of a foot over the floor.
 
     In swing the gait's own path is corrected by a cubic that takes up value and slope of the stances around it.
 
@@ -229,7 +262,7 @@ def ankle_and_pitch(foot: Foot, own: FloatArray, phase: FloatArray, advance: Adv
     -------
     ankle_m : ndarray, shape (n, 3)
     pitch_rad : ndarray, shape (n,)
-        Angle of the sole, toe up positive.
+        Slope of the line from ankle to toe, toe up positive.
     """
     number = np.floor(phase + foot.offset)
     cycles, lands = phase + foot.offset - number, number - foot.offset
@@ -242,19 +275,17 @@ def ankle_and_pitch(foot: Foot, own: FloatArray, phase: FloatArray, advance: Adv
     left = 1 - share
     values = left**2 * (1 + 2 * share) * leaving[0] + share**2 * (3 - 2 * share) * landing[0]
     correction = values + width * (left**2 * share * leaving[1] - share**2 * left * landing[1])
-    swing = _clear_of_the_floor(own + correction, share[:, 0], foot.length_m)
+    # raise a swinging foot smoothly where it would meet the floor, and not at the ends of the swing
+    rows = own + correction
+    rounding = CLEARANCE_M * 16 * (share[:, 0] * (1 - share[:, 0])) ** 2
+    swing = rows.copy(order="K")
+    sole = rows[:, 3] + STANDING_RAD
+    heel_m = -foot.length_m * (HEEL * np.sin(sole) + math.sin(STANDING_RAD) * np.cos(sole))
+    for point_m in (heel_m, foot.length_m * np.sin(rows[:, 3])):  # height of heel and toe over the ankle
+        depth = -swing[:, 2] - point_m
+        swing[:, 2] += (depth + np.hypot(depth, rounding)) / 2
     both = np.where((cycles < foot.duty)[:, None], stance, swing)
     return both[:, :3], both[:, 3]
-
-
-def _clear_of_the_floor(rows: FloatArray, share: FloatArray, foot_m: float) -> FloatArray:
-    """Raise a foot in swing where it would go through the floor, smoothly, and not at the ends of the swing."""
-    rounding = CLEARANCE_M * 16 * (share * (1 - share)) ** 2
-    lifted = rows.copy(order="K")
-    for point_m in (0.0, foot_m):
-        depth = -lifted[:, 2] - point_m * np.sin(rows[:, 3])
-        lifted[:, 2] += (depth + np.hypot(depth, rounding)) / 2
-    return lifted
 
 
 def _forward(way_m: FloatArray) -> FloatArray:
@@ -264,6 +295,9 @@ def _forward(way_m: FloatArray) -> FloatArray:
 def _correction(
     foot: Foot, error: tuple[FloatArray, FloatArray], lands: FloatArray, at: FloatArray, advance: Advance
 ) -> tuple[FloatArray, FloatArray]:
-    """What brings the gait's own path onto the floor at phases of stances that began at ``lands``, and its slope."""
+    """Return the correction of the gait's own path and its slope.
+
+    It moves the path onto the floor at phases of stances that began at ``lands``.
+    """
     value = _forward(advance(lands, 0) - advance(at, 0)) + foot.print_m + error[0]
     return value, error[1] - _forward(advance(at, 1))

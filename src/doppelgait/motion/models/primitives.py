@@ -1,4 +1,4 @@
-"""Movers with known answers: a point at constant velocity, a pendulum, a rotor, a breathing person."""
+"""Targets with known answers: point, pendulum, rotor, breathing person."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from doppelgait.core.config import FrozenModel, validate
 from doppelgait.core.plugins import plugin
 from doppelgait.core.rng import Streams
 from doppelgait.motion.models.registry import generate
-from doppelgait.motion.models.strides import sample_times_s
+from doppelgait.motion.models.strides import sample_times_s, stack_xyz
 from doppelgait.motion.motion import Motion, make_motion
 
 FloatArray = npt.NDArray[np.float64]
@@ -139,7 +139,9 @@ class BreathingConfig(FrozenModel):
 def moving_point(
     *, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = None, **parameters: Any
 ) -> Motion:
-    """One point on a straight line: x = V t at a constant height.
+    """Generate a point on a straight line.
+
+    x = V t at a constant height.
 
     Parameters
     ----------
@@ -164,9 +166,11 @@ def moving_point(
 
 
 def pendulum(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = None, **parameters: Any) -> Motion:
-    """One point that swings in x under a pivot above x = 0, with the angle a sin(2 pi f t) forward of the vertical.
+    """Generate a point that swings in x under a pivot.
 
-    The frequency is given, not that of free fall. The highest speed is 2 pi f a l, at the lowest point.
+    The pivot is above x = 0; the angle is a sin(2 pi f t) forward of the vertical.
+
+    The frequency is a parameter, not that of free fall. The highest speed is 2 pi f a l, at the lowest point.
 
     Parameters
     ----------
@@ -191,7 +195,9 @@ def pendulum(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | No
 
 
 def rotor(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = None, **parameters: Any) -> Motion:
-    """A hub at rest above x = 0 and the tips of blades that turn about it at constant rate.
+    """Generate a hub at rest with rotating blade tips.
+
+    The hub is above x = 0; the rate is constant.
 
     Blade k is at the angle 2 pi (rotation_hz t + k / blades), from the plane's first axis to its second. The highest
     speed is 2 pi rotation_hz radius_m; a signature repeats blades times per turn.
@@ -221,7 +227,9 @@ def rotor(*, duration_s: float = 5.0, rng: np.random.Generator | Streams | None 
 def breathing_person(
     *, duration_s: float = 20.0, rng: np.random.Generator | Streams | None = None, **parameters: Any
 ) -> Motion:
-    """Head and torso of a person who stands still, facing +x, and breathes: the chest moves as a sin(2 pi f t) in x.
+    """Generate head and torso of a breathing person.
+
+    The person stands still, facing +x; the chest moves as a sin(2 pi f t) in x.
 
     Parameters
     ----------
@@ -248,7 +256,7 @@ def breathing_person(
 @plugin("motion_model", parameters=PointConfig)
 def _point(config: PointConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
     times_s = sample_times_s(duration_s, config.rate_hz)
-    xyz = _xyz(config.speed_mps * times_s, 0.0, config.height_m)
+    xyz = stack_xyz(config.speed_mps * times_s, 0.0, config.height_m)
     return _motion("point", {"point": xyz}, config.rate_hz)
 
 
@@ -257,13 +265,13 @@ def _pendulum(config: PendulumConfig, duration_s: float, rng: np.random.Generato
     times_s = sample_times_s(duration_s, config.rate_hz)
     angle = np.radians(config.amplitude_deg) * np.sin(2 * np.pi * config.frequency_hz * times_s)
     x, z = config.length_m * np.sin(angle), config.pivot_height_m - config.length_m * np.cos(angle)
-    return _motion("pendulum", {"bob": _xyz(x, 0.0, z)}, config.rate_hz, gait_frequency_hz=config.frequency_hz)
+    return _motion("pendulum", {"bob": stack_xyz(x, 0.0, z)}, config.rate_hz, gait_frequency_hz=config.frequency_hz)
 
 
 @plugin("motion_model", parameters=RotorConfig)
 def _rotor(config: RotorConfig, duration_s: float, rng: np.random.Generator | None = None) -> Motion:
     times_s = sample_times_s(duration_s, config.rate_hz)
-    points = {"hub": _xyz(np.zeros_like(times_s), 0.0, config.hub_height_m)}
+    points = {"hub": stack_xyz(np.zeros_like(times_s), 0.0, config.hub_height_m)}
     first, second = ("xyz".index(axis) for axis in config.plane)
     for blade in range(config.blades):
         angle = 2 * np.pi * (config.rotation_hz * times_s + blade / config.blades)
@@ -291,7 +299,7 @@ def _breathing(config: BreathingConfig, duration_s: float, rng: np.random.Genera
     chest_m = config.amplitude_m * np.sin(2 * np.pi * config.breathing_hz * times_s)
     size_m = config.height_m
     points = {
-        name: _xyz(x * size_m + share * chest_m, y * size_m, z * size_m)
+        name: stack_xyz(x * size_m + share * chest_m, y * size_m, z * size_m)
         for name, (_, x, y, z, share) in _STANDING.items()
     }
     return _motion(
@@ -300,10 +308,6 @@ def _breathing(config: BreathingConfig, duration_s: float, rng: np.random.Genera
         gait_frequency_hz=config.breathing_hz,
         report={"mass_kg": "assumed: body mass index 23 kg/m^2", "proportions": "assumed"},
     )  # fmt: skip
-
-
-def _xyz(x: FloatArray, y: float, z: FloatArray | float) -> FloatArray:
-    return np.stack([x, np.full_like(x, y), np.broadcast_to(z, x.shape)], axis=1)
 
 
 def _motion(

@@ -1,4 +1,6 @@
-"""A dog or cat from footfalls: paws that stay where they land, a heaving trunk, jointed limbs.
+"""A dog or cat from footfalls.
+
+Paws stay where they land, the trunk heaves, the limbs are jointed.
 
 A gait is data (:mod:`doppelgait.motion.models.quadruped_gaits`); size and speed set stride length and timing by
 dynamic similarity (:mod:`doppelgait.motion.models.quadruped_gaits`); the limbs follow from trunk and paws
@@ -7,6 +9,7 @@ dynamic similarity (:mod:`doppelgait.motion.models.quadruped_gaits`); the limbs 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -87,6 +90,8 @@ class QuadrupedConfig(FrozenModel):
     asymmetry : float
         Strides by which both right feet land late, -0.05 to 0.05. The frequencies of the facts stay those of the
         gait: f_mu by E-07, although half strides then differ.
+    trunk_ripple : float
+        Fore-aft motion of the trunk and swing of the neck within a stride relative to the gait's own, 0 to 2.
     tail_frequency_hz, tail_sweep_deg : float
         The tail swings sideways to this angle either way at its own frequency, 0 to 5 Hz and 0 to 60 degrees: the
         motion as a whole is periodic only where that fits the stride.
@@ -104,6 +109,7 @@ class QuadrupedConfig(FrozenModel):
     start_phase: float = Field(0.0, ge=0, lt=1)
     stride_variation: float = Field(0.0, ge=0, le=0.1)
     asymmetry: float = Field(0.0, ge=-0.05, le=0.05)
+    trunk_ripple: float = Field(1.0, ge=0, le=2)
     tail_frequency_hz: float = Field(1.7, ge=0, le=5)
     tail_sweep_deg: float = Field(30.0, ge=0, le=60)
     rate_hz: float = Field(250.0, ge=50, le=10_000)
@@ -136,14 +142,17 @@ class QuadrupedConfig(FrozenModel):
 
     @property
     def actual_gait(self) -> GaitName:
-        """The gait; where it is ``"auto"`` the one that goes with the speed."""
+        """The gait; ``"auto"`` is resolved by speed."""
         if self.gait != "auto":
             return self.gait
         return pick_gait(froude_number(self.actual_speed_mps, self.hip_m))
 
     @property
     def actual_speed_mps(self) -> float:
-        """The speed, or that of the Froude number, which is the gait's usual one where neither is given."""
+        """The speed, or that of the Froude number.
+
+        Without either it is the speed of the gait's usual Froude number.
+        """
         if self.speed_mps is not None:
             return self.speed_mps
         froude = GAITS[self.actual_gait].froude[2] if self.froude is None else self.froude
@@ -153,7 +162,7 @@ class QuadrupedConfig(FrozenModel):
 def quadruped_gait(
     *, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = None, **parameters: Any
 ) -> Motion:
-    """Dog or cat that goes straight ahead in one gait.
+    """Generate a dog or cat in one straight gait.
 
     Stride length L = c h Fr^0.3 with Fr = V^2/(g h) and a dog's hip height h = 0.8 withers heights (Alexander and
     Jayes 1983; c from one measured dog, assumed for all); stride frequency f = V/L. A paw is on the ground, at rest,
@@ -185,6 +194,8 @@ def quadruped_gait(
 def _generate(config: QuadrupedConfig, duration_s: float, rng: np.random.Generator | None) -> Motion:
     build, speed_mps, hip_m = BUILDS[config.build], config.actual_speed_mps, config.hip_m
     gait = fitted_gait(config.actual_gait, build, config.asymmetry)
+    if config.trunk_ripple != 1.0:
+        gait = replace(gait, surge=config.trunk_ripple * gait.surge, neck_deg=config.trunk_ripple * gait.neck_deg)
     stride_m = stride_length_m(gait, speed_mps, hip_m)
     times_s = sample_times_s(duration_s, config.rate_hz)
     clock = stride_clock(

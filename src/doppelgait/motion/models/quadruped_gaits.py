@@ -1,4 +1,6 @@
-"""Gaits and builds of a quadruped as data, and the laws of speed, stride and duty factor.
+"""Gaits and builds of a quadruped as data.
+
+The laws of speed, stride and duty factor are here too.
 
 Lengths are in units of the hip height h, a share of the withers height; phases in cycles after touchdown of the left
 hind foot, shares in units of the stride. Values marked "measured" are summary numbers of one medium-sized dog in
@@ -19,7 +21,7 @@ Extremes = tuple[tuple[float, float], tuple[float, float]]
 
 @dataclass(frozen=True)
 class Girdle:
-    """What one pair of limbs, hind or fore, does in a gait.
+    """Motion of one pair of limbs, hind or fore, in a gait.
 
     Parameters
     ----------
@@ -68,7 +70,8 @@ class Gait:
         Trunk cycles per stride, and fundamental of the radar signature over the stride frequency (E-07): 2 when left
         and right are half a stride apart, else 1.
     surge, surge_fastest : float
-        Amplitude of the trunk's fore-aft motion and the phase at which it is fastest.
+        Amplitude of the trunk's fore-aft motion and the phase at which it is fastest (measured in walk and
+        pace; two recorded dogs canter and gallop fastest when the hind feet leave, which the gaits do not have yet).
     sway : float
         Amplitude of its sideways motion, once per stride.
     neck_deg, neck_highest : float
@@ -101,8 +104,8 @@ GAITS: dict[str, Gait] = {
         froude=(0.05, 0.5, 0.2),
         stride_factor=2.5,
         harmonic=2,
-        surge=0.010,
-        surge_fastest=0.33,
+        surge=0.016,
+        surge_fastest=0.28,
         sway=0.025,
         neck_deg=4.0,
         neck_highest=0.20,
@@ -117,8 +120,8 @@ GAITS: dict[str, Gait] = {
         froude=(0.1, 1.0, 0.4),
         stride_factor=2.5,
         harmonic=2,
-        surge=0.012,
-        surge_fastest=0.12,
+        surge=0.017,
+        surge_fastest=0.17,
         sway=0.025,
         neck_deg=4.0,
         neck_highest=0.18,
@@ -210,7 +213,10 @@ GAITS_BY_SPEED: tuple[GaitName, ...] = ("walk", "trot", "gallop")
 
 
 def pick_gait(froude: float) -> GaitName:
-    """Gait of a dog at a Froude number: walk up to 0.5, trot up to 2.5, then gallop."""
+    """Return a dog's gait at a Froude number.
+
+    Walk up to 0.5, trot up to 2.5, then gallop.
+    """
     fits = (name for name in GAITS_BY_SPEED if froude <= GAITS[name].froude[1] * (1 + 1e-9))
     return next(fits, GAITS_BY_SPEED[-1])
 
@@ -230,7 +236,9 @@ WITHERS_PER_CUBE_ROOT_MASS = 0.175
 
 @dataclass(frozen=True)
 class Build:
-    """Size and proportions by name; lengths relative to those of the standard dog of the same hip height.
+    """Size and proportions by name.
+
+    Lengths are relative to those of the standard dog of the same hip height.
 
     Parameters
     ----------
@@ -297,39 +305,51 @@ BUILDS: dict[str, Build] = {
 
 
 def hip_height_m(build: Build, withers_m: float) -> float:
-    """Standing height h of the hip joint."""
+    """Return the standing height h of the hip joint."""
     return build.hip * withers_m
 
 
 def froude_speed_mps(froude: float, hip_m: float) -> float:
-    """Speed V of a Froude number Fr = V^2/(g h)."""
+    """Return the speed V of a Froude number Fr = V^2/(g h)."""
     return math.sqrt(froude * GRAVITY_MPS2 * hip_m)
 
 
 def froude_number(speed_mps: float, hip_m: float) -> float:
-    """Froude number Fr = V^2/(g h)."""
+    """Return the Froude number Fr = V^2/(g h)."""
     return speed_mps**2 / (GRAVITY_MPS2 * hip_m)
 
 
 def stride_length_m(gait: Gait, speed_mps: float, hip_m: float) -> float:
-    """Stride length L = c h Fr^0.3 (dynamic similarity, Alexander and Jayes 1983)."""
+    """Return the stride length L = c h Fr^0.3.
+
+    Dynamic similarity, Alexander and Jayes 1983.
+    """
     return gait.stride_factor * hip_m * math.pow(froude_number(speed_mps, hip_m), 0.3)
 
 
 def duty_factor(girdle: Girdle, stride_frequency_hz: float, hip_m: float) -> float:
-    """Share of the stride for which a paw is on the ground: 1 - t_swing f, offset by girdle, within limits."""
+    """Return the duty factor of a paw, 1 - t_swing f.
+
+    The girdle adds an offset; the result stays within limits.
+    """
     swing_s = SWING_TIME_S * math.sqrt(hip_m / SWING_HEIGHT_M)
     duty = 1 - swing_s * stride_frequency_hz + girdle.duty_offset
     return min(max(duty, DUTY_LIMITS[0]), DUTY_LIMITS[1])
 
 
 def mass_kg(build: Build, withers_m: float) -> float:
-    """Body mass of a build at another height: geometric similarity, M ~ withers^3, assumed."""
+    """Return the body mass of a build at another height.
+
+    Geometric similarity, M ~ withers^3, assumed.
+    """
     return build.mass_kg * (withers_m / build.withers_m) ** 3
 
 
 def fitted_gait(name: str, build: Build, asymmetry: float = 0.0) -> Gait:
-    """A gait as a build performs it, its right feet ``asymmetry`` strides late."""
+    """Return a gait as a build performs it.
+
+    Its right feet are ``asymmetry`` strides late.
+    """
     gait = GAITS[name]
     touchdown = dict(gait.touchdown)
     if name == "walk":

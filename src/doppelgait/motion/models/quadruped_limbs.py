@@ -1,4 +1,6 @@
-"""Trunk, neck, tail and limbs of a quadruped: from the paths of trunk and paws to all points.
+"""Trunk, neck, tail and limbs of a quadruped.
+
+All points follow from the paths of trunk and paws.
 
 Lengths are in units of the hip height h; x forward, y left, z up. Proportions are those of one measured dog and of
 breed standards; a build scales them.
@@ -22,7 +24,7 @@ LIFT_RAMP = 0.15
 
 
 def paw_path(cycles: FloatArray, girdle: Girdle, duty: float) -> tuple[FloatArray, FloatArray]:
-    """Path of a paw over the ground.
+    """Return the path of a paw over the ground.
 
     Parameters
     ----------
@@ -50,17 +52,14 @@ def paw_path(cycles: FloatArray, girdle: Girdle, duty: float) -> tuple[FloatArra
     # bell on top), which keeps the stroke of the limb near the measured one.
     even = (1 - girdle.swing_peak / 2) / (0.5 - LIFT_RAMP)
     bell = swing / 2 - np.sin(2 * np.pi * swing) / (4 * np.pi)
-    return turn + (even * _ramped_distance(swing, LIFT_RAMP) + (girdle.swing_peak - even) * bell), height
-
-
-def _ramped_distance(share: FloatArray, ramp: float) -> FloatArray:
-    """Distance at speed 1 but for half-cosine ramps of length ``ramp`` at either end of time 0..1."""
-    first = np.minimum(share, ramp)
-    last = np.maximum(share - (1 - ramp), 0.0)
-    cruise = np.clip(share - ramp, 0.0, 1 - 2 * ramp)
-    rise = first / 2 - ramp / (2 * np.pi) * np.sin(np.pi * first / ramp)
-    fall = last / 2 + ramp / (2 * np.pi) * np.sin(np.pi * last / ramp)
-    return np.asarray(rise + cruise + fall)
+    # distance at an even speed of 1 with half-cosine ramps at either end
+    first = np.minimum(swing, LIFT_RAMP)
+    last = np.maximum(swing - (1 - LIFT_RAMP), 0.0)
+    cruise = np.clip(swing - LIFT_RAMP, 0.0, 1 - 2 * LIFT_RAMP)
+    rise = first / 2 - LIFT_RAMP / (2 * np.pi) * np.sin(np.pi * first / LIFT_RAMP)
+    fall = last / 2 + LIFT_RAMP / (2 * np.pi) * np.sin(np.pi * last / LIFT_RAMP)
+    ramped = rise + cruise + fall
+    return turn + (even * ramped + (girdle.swing_peak - even) * bell), height
 
 
 Points = dict[str, FloatArray]
@@ -92,7 +91,9 @@ LIMBS = tuple((side, end) for end in ("fore", "hind") for side in ("left", "righ
 
 
 def two_link(start: FloatArray, end: FloatArray, first: float, second: float, *, bend: float) -> FloatArray:
-    """Middle joint of two links from ``start`` to ``end``, shape (n, 3).
+    """Return the middle joint of two links, shape (n, 3).
+
+    They go from ``start`` to ``end``.
 
     Parameters
     ----------
@@ -114,7 +115,10 @@ def two_link(start: FloatArray, end: FloatArray, first: float, second: float, *,
 
 
 def elevation_rad(cycles: FloatArray, extremes_deg: Extremes, duty: float) -> FloatArray:
-    """Elevation of a segment, in half cosines between its lowest and highest value; cycles after touchdown."""
+    """Return the elevation of a segment, in half cosines.
+
+    It swings between its lowest and highest value; ``cycles`` count from touchdown.
+    """
     (low_at, low), (high_at, high) = extremes_deg
     since_low = np.mod(cycles - duty - low_at * (1 - duty), 1.0)
     rise = (high_at - low_at) * (1 - duty)
@@ -125,12 +129,17 @@ def elevation_rad(cycles: FloatArray, extremes_deg: Extremes, duty: float) -> Fl
 
 
 def hanging(angle_rad: FloatArray) -> FloatArray:
-    """Unit vectors that point down at angle 0 and swing forward with it, shape (n, 3)."""
+    """Return unit vectors that point down at angle 0, (n, 3).
+
+    They swing forward with the angle.
+    """
     return columns(np.sin(angle_rad), 0.0, -np.cos(angle_rad))
 
 
 def trunk_motion(phase: FloatArray, gait: Gait, build: Build) -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
-    """Offset of the trunk's centre from uniform motion at standing height, (n, 3); cosine and sine of its pitch, (n,).
+    """Return the trunk's offset, and cosine and sine of its pitch.
+
+    The offset (n, 3) is that of its centre from uniform motion at standing height.
 
     Each girdle heaves as the gait says; pitch, positive nose up, is what the two heaves make of it.
     """
@@ -147,7 +156,9 @@ def trunk_motion(phase: FloatArray, gait: Gait, build: Build) -> tuple[FloatArra
 
 
 def on_trunk(x: float, y: float, height: float, centre: FloatArray, turn: tuple[FloatArray, FloatArray]) -> FloatArray:
-    """Path of a point fixed to the trunk, given where it is when the dog stands with its trunk's middle at x = 0.
+    """Return the path of a point fixed to the trunk.
+
+    The point is named by its position when the dog stands with the middle of its trunk at x = 0.
 
     ``turn`` is cosine and sine of the trunk's pitch.
     """
@@ -157,7 +168,10 @@ def on_trunk(x: float, y: float, height: float, centre: FloatArray, turn: tuple[
 
 
 def paws(phase: FloatArray, gait: Gait, build: Build, stride: float, duty: dict[str, float]) -> Points:
-    """Path of each paw over the ground, the trunk's mean position being ``stride`` times the phase."""
+    """Return the path of each paw over the ground.
+
+    The trunk's mean position is ``stride`` times the phase.
+    """
     result = {}
     for side, end in LIMBS:
         girdle, touchdown = getattr(gait, end), gait.touchdown[f"{side}_{end}"]
@@ -169,7 +183,10 @@ def paws(phase: FloatArray, gait: Gait, build: Build, stride: float, duty: dict[
 
 
 def limb_ends(phase: FloatArray, gait: Gait, build: Build, stride: float, duty: dict[str, float]) -> Points:
-    """Paw, carpus or hock, and the joint at the trunk of all limbs, with the trunk at standing height."""
+    """Return paw, carpus or hock, and trunk joint of all limbs.
+
+    The trunk is at standing height.
+    """
     centre, turn = trunk_motion(phase, gait, build)
     girdle_x = GIRDLE_X * build.trunk
     centre[:, 0] += stride * phase
@@ -190,7 +207,9 @@ def limb_ends(phase: FloatArray, gait: Gait, build: Build, stride: float, duty: 
 
 
 def crouch(gait: Gait, build: Build, stride: float, duty: dict[str, float]) -> float:
-    """How far the trunk must be lowered so that every limb reaches its paw all through the stride.
+    """Return by how much the trunk must be lowered.
+
+    Then every limb reaches its paw all through the stride.
 
     Raises
     ------
@@ -224,7 +243,9 @@ def all_points(
     lowered: float,
     wag_rad: FloatArray,
 ) -> Points:
-    """All points of the dog by name, each (n, 3), in units of h; trunk's middle at ``stride`` times the phase.
+    """Return all points of the dog by name, (n, 3).
+
+    They are in units of h; the trunk's middle is at ``stride`` times the phase.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Motion models: a frozen parameter model and a function of it, registered under a kind."""
+"""Motion models: parameter models with a function, registered under a kind."""
 
 from __future__ import annotations
 

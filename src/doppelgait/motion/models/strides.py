@@ -1,4 +1,6 @@
-"""Time and phase of all gait models: sample times, stride clock, footfalls, steps that vary, cubic curves.
+"""Time and phase of all gait models.
+
+Sample times, stride clock, footfalls, steps that vary, cubic curves.
 
 SciPy has the cubic curves; its module of interpolation takes as long to load as all of xarray does without pandas.
 """
@@ -19,7 +21,9 @@ FloatArray = npt.NDArray[np.float64]
 
 
 def columns(first: FloatArray, *others: FloatArray | float) -> FloatArray:
-    """Columns side by side, shape (n, number of columns); a number stands for a constant one.
+    """Stack columns to shape (n, number of columns).
+
+    A number stands for a constant column.
 
     Each column is contiguous in memory, and so it stays through arithmetic: a third of the time of rows of three.
     """
@@ -30,6 +34,14 @@ def columns(first: FloatArray, *others: FloatArray | float) -> FloatArray:
     return found.T
 
 
+def stack_xyz(x: FloatArray, y: FloatArray | float, z: FloatArray | float) -> FloatArray:
+    """Stack coordinates to points, shape (n, 3).
+
+    A number stands for a constant coordinate.
+    """
+    return np.stack([np.broadcast_to(part, x.shape) for part in (x, y, z)], axis=1)
+
+
 _STEPS = 60
 """Most steps towards a root: Newton's method needs four, halving an interval to its last digit 52."""
 _LAST_STEP = 1e-9
@@ -38,7 +50,9 @@ _LAST_STEP = 1e-9
 
 @dataclass(frozen=True)
 class Curve:
-    """A cubic between every two knots; the outermost ones hold beyond the ends.
+    """A cubic between every two knots.
+
+    The outermost ones hold beyond the ends.
 
     Parameters
     ----------
@@ -52,7 +66,7 @@ class Curve:
     coefficients: FloatArray
 
     def __call__(self, x: npt.ArrayLike, order: int = 0) -> FloatArray:
-        """Values (``order`` 0) or first derivatives (1), shaped like ``x``."""
+        """Return values (``order`` 0) or first derivatives (1)."""
         at = np.asarray(x, dtype=float)
         place = self.knots[1:-1].searchsorted(at, side="right")
         u = at - self.knots[place]
@@ -62,7 +76,9 @@ class Curve:
         return np.asarray(c_0 + u * (c_1 + u * (c_2 + u * c_3)))
 
     def where(self, values: npt.ArrayLike) -> FloatArray:
-        """Where a curve with rising knots takes values that lie between its first and its last knot's.
+        """Invert a curve with rising knots.
+
+        The values lie between those of its first and its last knot.
 
         Newton's method from the chord, halved back into the interval where it would leave it.
         """
@@ -84,7 +100,7 @@ class Curve:
 
 
 def _hermite(knots: FloatArray, heights: FloatArray, slopes: FloatArray) -> Curve:
-    """Cubics from heights and slopes at the knots."""
+    """Return cubics from heights and slopes at the knots."""
     step = np.diff(knots)
     chord = np.diff(heights) / step
     bend = slopes[:-1] + slopes[1:] - 2.0 * chord
@@ -93,7 +109,7 @@ def _hermite(knots: FloatArray, heights: FloatArray, slopes: FloatArray) -> Curv
 
 
 def cubic_spline(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
-    r"""Cubic spline with two continuous derivatives and not-a-knot ends.
+    r"""Return a C2 cubic spline with not-a-knot ends.
 
     .. math:: h_i s_{i-1} + 2 (h_{i-1} + h_i) s_i + h_{i-1} s_{i+1} = 3 (h_i m_{i-1} + h_{i-1} m_i)
 
@@ -130,7 +146,9 @@ def cubic_spline(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
 
 
 def periodic_pchip_curve(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
-    """Shape-preserving cubic (Fritsch and Carlson 1980) through knots that repeat every cycle, for 0 <= x <= 1.
+    """Return a shape-preserving cubic through periodic knots, 0 <= x <= 1.
+
+    After Fritsch and Carlson 1980.
 
     A slope is 0 where the chords on both sides differ in sign or one is level, else their weighted harmonic mean
     (Fritsch and Butland 1984).
@@ -163,7 +181,7 @@ _MARGIN = 2
 
 
 def sample_times_s(duration_s: float, rate_hz: float) -> FloatArray:
-    """Times of the frames from 0 to the first one at or after ``duration_s``.
+    """Return the frame times from 0 to ``duration_s`` or just after.
 
     Raises
     ------
@@ -183,7 +201,7 @@ def stride_clock(
     variation: float = 0.0,
     rng: RandomSource | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Knots of the clock that says how many strides are done at a time.
+    """Return the knots of the clock that counts strides.
 
     Parameters
     ----------
@@ -206,7 +224,7 @@ def stride_clock(
     Raises
     ------
     ConfigError
-        If variation is asked for without ``rng``.
+        If variation is wanted without ``rng``.
     """
     ahead = math.ceil(duration_s / (period_s * (1 - LARGEST_DEVIATION * variation))) + _MARGIN
     deviation = np.zeros(_MARGIN + ahead)
@@ -220,7 +238,7 @@ def stride_clock(
 
 
 def autoregressive(count: int, rng: np.random.Generator) -> FloatArray:
-    """First-order autoregressive numbers of unit variance, within :data:`LARGEST_DEVIATION`."""
+    """Draw autoregressive numbers of unit variance, within :data:`LARGEST_DEVIATION`."""
     noise = rng.standard_normal(count)
     values = np.empty(count)
     values[0] = noise[0]
@@ -231,14 +249,20 @@ def autoregressive(count: int, rng: np.random.Generator) -> FloatArray:
 
 
 def phase_at(clock: tuple[FloatArray, FloatArray], times_s: npt.ArrayLike) -> FloatArray:
-    """Phase in cycles at given times: a cubic spline through the clock, hence with continuous rate."""
+    """Return the phase in cycles at some times.
+
+    It is a cubic spline through the clock, hence with continuous rate.
+    """
     return cubic_spline(*clock)(times_s)
 
 
 def footfall_times_s(
     clock: tuple[FloatArray, FloatArray], touchdown_phase: Mapping[str, float], end_s: float
 ) -> dict[str, list[float]]:
-    """Times in [0, ``end_s``] at which each foot lands; ``touchdown_phase`` in cycles by name of the foot."""
+    """Return the landing times of each foot in [0, ``end_s``].
+
+    ``touchdown_phase`` is in cycles by name of the foot.
+    """
     spline = cubic_spline(*clock)
     first, last = (float(p) for p in spline([0.0, end_s]))
     phases = [
@@ -251,12 +275,12 @@ def footfall_times_s(
 
 
 def mean_stride_frequency_hz(times_s: FloatArray, phase: FloatArray) -> float:
-    """Strides per second over a whole motion."""
+    """Return the strides per second over a whole motion."""
     return float((phase[-1] - phase[0]) / (times_s[-1] - times_s[0]))
 
 
 Steps = tuple[FloatArray, FloatArray, FloatArray]
-"""Touchdowns: times in s, phases in cycles (a left one at every half, a right one at every whole), way done in m."""
+"""Touchdowns: times in s, phases in cycles (a left one at every half, a right one at every whole), distance in m."""
 
 _STEP_MARGIN = 5
 """Touchdowns before the first and after the last frame, so that the ends of the splines do not show."""
@@ -274,7 +298,9 @@ def step_series(
     length_asymmetry: float = 0.0,
     rng: RandomSource | None = None,
 ) -> Steps:
-    """Touchdowns of both feet from well before time 0 to well after ``duration_s``.
+    """Sample the touchdowns of both feet.
+
+    They begin well before time 0 and end well after ``duration_s``.
 
     Parameters
     ----------
@@ -286,7 +312,7 @@ def step_series(
         Phase in cycles at time 0.
     time_sd, length_sd : float
         Standard deviation of the time and the length of a step, relative to their means; each is a first-order
-        autoregressive sequence with correlation 0.5, drawn one apart from the other, within 3 deviations.
+        autoregressive sequence with correlation 0.5, sampled independently, within 3 deviations.
     time_asymmetry, length_asymmetry : float
         (left - right) / mean of the step; a left step ends when the left foot lands.
     rng : Streams or numpy.random.Generator, optional
@@ -294,13 +320,13 @@ def step_series(
 
     Returns
     -------
-    times_s, phases, way_m : ndarray, shape (K,)
-        All rising; time and way are 0 at the start phase.
+    times_s, phases, distance_m : ndarray, shape (K,)
+        All rising; time and distance are 0 at the start phase.
 
     Raises
     ------
     ConfigError
-        If variation is asked for without ``rng``.
+        If variation is wanted without ``rng``.
     """
     if rng is None and (time_sd > 0 or length_sd > 0):
         raise ConfigError(
@@ -313,10 +339,10 @@ def step_series(
     first = math.floor(2 * start_phase) - _STEP_MARGIN
     left = np.where(np.arange(first + 1, first + count) % 2, 0.5, -0.5)
     times = _sums(stride_s / 2 * (1 + time_asymmetry * left + _deviations(time_sd, count - 1, source)))
-    way = _sums(stride_m / 2 * (1 + length_asymmetry * left + _deviations(length_sd, count - 1, source)))
+    distance = _sums(stride_m / 2 * (1 + length_asymmetry * left + _deviations(length_sd, count - 1, source)))
     phases = (first + np.arange(count)) / 2
-    start_s, start_m = cubic_spline(times, phases).where(start_phase), cubic_spline(phases, way)(start_phase)
-    return times - float(start_s), phases, way - float(start_m)
+    start_s, start_m = cubic_spline(times, phases).where(start_phase), cubic_spline(phases, distance)(start_phase)
+    return times - float(start_s), phases, distance - float(start_m)
 
 
 def _sums(steps: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Motion files: one reader per format, picked by what the file holds, not by what it is called.
+"""Motion files: one reader per format, selected by the content.
 
 A reader is a function ``(path, **options) -> Motion`` with keyword-only options, registered by
 ``plugin("motion_reader", NAME, sniff=..., suffixes=(...))``: ``sniff(path, head) -> bool`` decides by the first 4096
@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from doppelgait.core.errors import MotionError
-from doppelgait.core.plugins import Group, Plugin
+from doppelgait.core.plugins import Group
 from doppelgait.motion.motion import Motion
 
 __all__ = ["MOTION_READERS", "check_types", "read", "reader_options", "take_part"]
@@ -38,6 +38,8 @@ def read(
     stop_s: float | None = None,
     segment: int | Literal["longest"] | None = None,
     loop_to_s: float | None = None,
+    loop_variation: float = 1.0,
+    treadmill: bool = False,
     **options: Any,
 ) -> Motion:
     """Read a motion recording.
@@ -53,10 +55,16 @@ def read(
         Part of the recording to keep, in s from its first frame, applied before cleaning. The time axis of the
         result starts at 0 again.
     segment : int or "longest", optional
-        Keep one straight stretch at constant velocity (:func:`~doppelgait.motion.segments.find_segments`): its number,
+        Keep one straight segment at constant velocity (:func:`~doppelgait.motion.segments.find_segments`): its number,
         1 for the first, as ``motion info`` lists them, or the longest. Needs ``clean``.
     loop_to_s : float, optional
-        Repeat what is kept over whole strides up to this time (:func:`~doppelgait.motion.loop.loop`). Needs ``clean``.
+        Make what is kept last up to this time, by strides that vary about the recorded ones
+        (:func:`~doppelgait.motion.loop.loop`). Needs ``clean``.
+    loop_variation : float
+        Factor on that variation, 0 (exact repetition) to 2.
+    treadmill : bool
+        Take the motion as one over the ground at the measured speed of the belt
+        (:func:`~doppelgait.motion.treadmill.move_over_ground`). Needs ``clean``.
     **options
         Options of the reader, for example ``units``, ``up_axis``, ``rate_hz`` and ``subject`` for C3D.
 
@@ -71,40 +79,101 @@ def read(
         If there is no such file, no reader takes it, an option is not allowed, or it cannot be read right.
     """
     file = Path(path)
-    reader = _find_reader(file)
+    if file.is_dir():
+        raise MotionError(f"{file}: is a folder; give one motion file")
+    if not file.is_file():
+        raise MotionError(f"{file}: there is no such file")
+    try:
+        with file.open("rb") as stream:
+            head = stream.read(HEAD_BYTES)
+    except OSError as error:
+        raise MotionError(f"{file}: cannot be read: {error.strerror or error}") from None
+    if not head:
+        raise MotionError(f"{file}: is empty (0 bytes)")
+    readers = MOTION_READERS.values()
+    names = [reader.name for reader in readers if reader.facts["sniff"](file, head)]
+    if not names:
+        known = ", ".join(f"{reader.name} ({', '.join(reader.facts['suffixes'])})" for reader in readers)
+        raise MotionError(f"{file}: its content is no motion format that is read; these are: {known}")
+    if len(names) > 1:
+        raise MotionError(f"{file}: its content could be {' or '.join(names)}; it is not clear which reader is right")
+    reader = MOTION_READERS[names[0]]
     allowed = reader_options(reader.run)
     if unknown := sorted(set(options) - set(allowed)):
         raise MotionError(
             f"the {reader.name} reader has no option {', '.join(unknown)}; allowed are clean, start_s, stop_s, "
-            f"segment, loop_to_s, {', '.join(allowed)}"
+            f"segment, loop_to_s, loop_variation, treadmill, {', '.join(allowed)}"
         )
-    check_types(file, {"clean": clean, "start_s": start_s, "stop_s": stop_s, "loop_to_s": loop_to_s, **options})
+    check_types(
+        file,
+        {
+            "clean": clean,
+            "start_s": start_s,
+            "stop_s": stop_s,
+            "loop_to_s": loop_to_s,
+            "loop_variation": loop_variation,
+            "treadmill": treadmill,
+            **options,
+        },
+    )
     try:
         motion = reader.run(file, **options)
     except OSError as error:
         raise MotionError(f"{file}: cannot be read: {error.strerror or error}") from None
-    motion = _crop(file, motion, start_s, stop_s)
+    if start_s is not None or stop_s is not None:
+        rate = motion.rate_hz
+        last_s = (motion.n_frames - 1) / rate
+        start, stop = 0.0 if start_s is None else float(start_s), last_s if stop_s is None else float(stop_s)
+        if not 0.0 <= start < stop <= last_s + 0.5 / rate:
+            raise MotionError(
+                f"{file}: the part from {start:g} s to {stop:g} s is not in the recording; allowed is a start below "
+                f"the stop, both in 0 to {last_s:.4g} s"
+            )
+        first = round(start * rate)
+        motion = motion.cut(first, round(stop * rate) + 1)
+        motion = motion.with_report(read_from_s=first / rate, read_to_s=(first + motion.n_frames - 1) / rate)
     if not clean:
-        if segment is not None or loop_to_s is not None:
-            raise MotionError(f"{file}: segment and loop_to_s need a cleaned motion; leave out clean = false")
+        if segment is not None or loop_to_s is not None or treadmill:
+            raise MotionError(
+                f"{file}: segment, loop_to_s and treadmill need a cleaned motion; leave out clean = false"
+            )
         return motion
     from doppelgait.motion.clean import clean_motion
 
-    return take_part(file, clean_motion(motion), segment=segment, loop_to_s=loop_to_s)
+    return take_part(
+        file,
+        clean_motion(motion),
+        segment=segment,
+        loop_to_s=loop_to_s,
+        loop_variation=loop_variation,
+        treadmill=treadmill,
+    )
 
 
 def take_part(
-    path: Path, motion: Motion, *, segment: int | Literal["longest"] | None, loop_to_s: float | None
+    path: Path,
+    motion: Motion,
+    *,
+    segment: int | Literal["longest"] | None,
+    loop_to_s: float | None,
+    loop_variation: float = 1.0,
+    treadmill: bool = False,
 ) -> Motion:
-    """Return one segment of a cleaned motion, with its gait measured, looped; arguments as for :func:`read`."""
+    """Return one segment of a cleaned motion, looped if wanted.
+
+    The gait of a segment is measured. The arguments are those of :func:`read`.
+    """
     from doppelgait.motion.gait import with_gait_facts
     from doppelgait.motion.loop import loop
     from doppelgait.motion.segments import crop, find_segments
+    from doppelgait.motion.treadmill import move_over_ground
 
+    if treadmill:
+        motion = move_over_ground(motion)
     if segment is not None:
         found = find_segments(motion)
         if not found:
-            raise MotionError(f"{path}: has no straight stretch at constant velocity; give start_s and stop_s instead")
+            raise MotionError(f"{path}: has no straight segment at constant velocity; give start_s and stop_s instead")
         if segment == "longest":
             wanted = max(found, key=lambda one: one.duration_s)
         elif isinstance(segment, bool) or not isinstance(segment, int) or not 1 <= segment <= len(found):
@@ -114,33 +183,11 @@ def take_part(
         else:
             wanted = found[segment - 1]
         motion = with_gait_facts(crop(motion, wanted))
-    return motion if loop_to_s is None else loop(motion, duration_s=loop_to_s)
-
-
-def _find_reader(path: Path) -> Plugin[Callable[..., Motion]]:
-    if path.is_dir():
-        raise MotionError(f"{path}: is a folder; give one motion file")
-    if not path.is_file():
-        raise MotionError(f"{path}: there is no such file")
-    try:
-        with path.open("rb") as file:
-            head = file.read(HEAD_BYTES)
-    except OSError as error:
-        raise MotionError(f"{path}: cannot be read: {error.strerror or error}") from None
-    if not head:
-        raise MotionError(f"{path}: is empty (0 bytes)")
-    readers = MOTION_READERS.values()
-    names = [reader.name for reader in readers if reader.facts["sniff"](path, head)]
-    if not names:
-        known = ", ".join(f"{reader.name} ({', '.join(reader.facts['suffixes'])})" for reader in readers)
-        raise MotionError(f"{path}: its content is no motion format that is read; these are: {known}")
-    if len(names) > 1:
-        raise MotionError(f"{path}: its content could be {' or '.join(names)}; it cannot be told which reader is right")
-    return MOTION_READERS[names[0]]
+    return motion if loop_to_s is None else loop(motion, duration_s=loop_to_s, variation=loop_variation)
 
 
 def reader_options(read: Callable[..., Motion]) -> list[str]:
-    """Return the names of a reader's options: its keyword-only parameters."""
+    """Return the option names of a reader, its keyword-only parameters."""
     return [p.name for p in inspect.signature(read).parameters.values() if p.kind is p.KEYWORD_ONLY]
 
 
@@ -149,6 +196,7 @@ NUMBERS = {
     "start_s": "a number of seconds",
     "stop_s": "a number of seconds",
     "loop_to_s": f"above 0 and up to {LONGEST_S:g} s",
+    "loop_variation": "0 to 2",
     "rate_hz": "above 0 and at most 10000 Hz",
 }
 """Options that are numbers, and what is allowed."""
@@ -156,31 +204,19 @@ WORDS = ("units", "up_axis", "subject", "skeleton", "key")
 
 
 def check_types(path: Path, options: dict[str, Any]) -> None:
-    """One clear error for an option of the wrong kind, whichever reader would meet it; ranges are the readers' own."""
+    """Raise one clear error for an option of the wrong type.
+
+    Every reader checks the ranges of its own options.
+    """
     for name, value in options.items():
         number = isinstance(value, int | float) and not isinstance(value, bool)
-        if name == "clean" and not isinstance(value, bool):
-            raise MotionError(f"{path}: clean = {value!r} is not allowed; it must be true or false")
+        if name in ("clean", "treadmill") and not isinstance(value, bool):
+            raise MotionError(f"{path}: {name} = {value!r} is not allowed; it must be true or false")
         if value is None:
             continue
         too_long = name == "loop_to_s" and number and not 0.0 < value <= LONGEST_S
-        if name in NUMBERS and (not number or too_long):
+        too_varied = name == "loop_variation" and number and not 0.0 <= value <= 2.0
+        if name in NUMBERS and (not number or too_long or too_varied):
             raise MotionError(f"{path}: {name} = {value!r} is not allowed; it must be {NUMBERS[name]}")
         if name in WORDS and not isinstance(value, str | os.PathLike):
             raise MotionError(f"{path}: {name} = {value!r} is not allowed; it must be a text")
-
-
-def _crop(path: Path, motion: Motion, start_s: float | None, stop_s: float | None) -> Motion:
-    if start_s is None and stop_s is None:
-        return motion
-    rate = motion.rate_hz
-    last_s = (motion.n_frames - 1) / rate
-    start, stop = 0.0 if start_s is None else float(start_s), last_s if stop_s is None else float(stop_s)
-    if not 0.0 <= start < stop <= last_s + 0.5 / rate:
-        raise MotionError(
-            f"{path}: the part from {start:g} s to {stop:g} s is not in the recording; allowed is a start below the "
-            f"stop, both in 0 to {last_s:.4g} s"
-        )
-    first, end = round(start * rate), round(stop * rate) + 1
-    part = motion.cut(first, end)
-    return part.with_report(read_from_s=first / rate, read_to_s=(first + part.n_frames - 1) / rate)

@@ -1,9 +1,13 @@
-"""ASF skeletons and AMC motions (Acclaim, the CMU database): points are the root and the far ends of the bones."""
+"""ASF skeletons and AMC motions (Acclaim format, CMU database).
+
+Points are the root and the far ends of the bones.
+"""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -105,10 +109,32 @@ def read_asf(path: Path) -> Skeleton:
     if not length > 0.0:
         raise MotionError(f"{path}: has the length unit {length:g}; it must be above 0")
     degrees = not " ".join(units.get("angle", (0, ["deg"]))[1]).lower().startswith("rad")
-    root, origin = parse_root(path, sections["root"], degrees)
-    bones = {"root": root} | parse_bones(path, sections["bonedata"], degrees)
-    parents = parse_parents(path, sections["hierarchy"], bones)
-    return Skeleton(order_bones(path, bones, parents), origin, INCH_M / length, degrees)
+    # the root, and the position that its translation is added to
+    stated = {words[0].lower(): (line, words[1:]) for line, words in sections["root"]}
+    axis_line, axis_words = stated.get("axis", (0, ["XYZ"]))
+    order = "".join(axis_words).lower()
+    _check_order(path, axis_line, order)
+    axes = _turn(order, _numbers(path, *stated.get("orientation", (0, ["0"] * 3)), count=3), degrees)
+    origin = np.array(_numbers(path, *stated.get("position", (0, ["0"] * 3)), count=3))
+    values = stated.get("order", (0, ["TX", "TY", "TZ", "RX", "RY", "RZ"]))
+    root = Bone("root", -1, np.zeros(3), axes, order, _freedoms(path, *values, "rx ry rz tx ty tz"))
+    bones = {"root": root} | _parse_bones(path, sections["bonedata"], degrees)
+    parents = _parse_parents(path, sections["hierarchy"], bones)
+    # sort the bones so that parents come before children
+    placed = {"root": 0}
+    ordered = [bones["root"]]
+    waiting = [name for name in bones if name != "root"]
+    found = True
+    while waiting and found:
+        found = False
+        for name in waiting:
+            if parents.get(name) in placed:
+                placed[name], found = len(ordered), True
+                ordered.append(replace(bones[name], parent=placed[parents[name]]))
+        waiting = [name for name in waiting if name not in placed]
+    if waiting:
+        raise MotionError(f"{path}: the bones {', '.join(waiting[:5])} do not hang on the root")
+    return Skeleton(tuple(ordered), origin, INCH_M / length, degrees)
 
 
 def _numbers(path: Path, line: int, words: Sequence[str], *, count: int) -> list[float]:
@@ -129,22 +155,12 @@ def _check_order(path: Path, line: int, order: str) -> None:
 
 
 def _turn(order: str, angles: Sequence[float], degrees: bool) -> FloatArray:
-    """Rotation by the x, y and z angles in that order, the first letter first."""
+    """Return the rotation by x, y and z angles in that order.
+
+    The rotation of the first letter is applied first.
+    """
     radians = np.radians(angles) if degrees else np.asarray(angles)
     return euler_rotations(order[::-1], radians[["xyz".index(axis) for axis in order[::-1]]])
-
-
-def parse_root(path: Path, section: Section, degrees: bool) -> tuple[Bone, FloatArray]:
-    """Parse the root, and the place that its translation is added to."""
-    found = {words[0].lower(): (line, words[1:]) for line, words in section}
-    line, words = found.get("axis", (0, ["XYZ"]))
-    order = "".join(words).lower()
-    _check_order(path, line, order)
-    axes = _turn(order, _numbers(path, *found.get("orientation", (0, ["0"] * 3)), count=3), degrees)
-    origin = np.array(_numbers(path, *found.get("position", (0, ["0"] * 3)), count=3))
-    line, words = found.get("order", (0, ["TX", "TY", "TZ", "RX", "RY", "RZ"]))
-    freedoms = _freedoms(path, line, words, "rx ry rz tx ty tz")
-    return Bone("root", -1, np.zeros(3), axes, order, freedoms), origin
 
 
 def _freedoms(path: Path, line: int, words: Sequence[str], allowed: str) -> tuple[str, ...]:
@@ -156,7 +172,7 @@ def _freedoms(path: Path, line: int, words: Sequence[str], allowed: str) -> tupl
     return found
 
 
-def parse_bones(path: Path, section: Section, degrees: bool) -> dict[str, Bone]:
+def _parse_bones(path: Path, section: Section, degrees: bool) -> dict[str, Bone]:
     """Parse all bones by name, without their parents."""
     bones: dict[str, Bone] = {}
     entry: dict[str, tuple[int, list[str]]] | None = None
@@ -165,7 +181,20 @@ def parse_bones(path: Path, section: Section, degrees: bool) -> dict[str, Bone]:
         if word == "begin":
             entry = {"begin": (line, [])}
         elif word == "end" and entry is not None:
-            bone = parse_bone(path, entry, degrees)
+            # one bone from its statements by first word
+            bone_line = entry["begin"][0]
+            for needed in ("name", "direction", "length"):
+                if not entry.get(needed, (0, []))[1]:
+                    raise MotionError(f"{path}, line {bone_line}: this bone has no {needed}")
+            direction = np.array(_numbers(path, *entry["direction"], count=3))
+            norm = float(np.linalg.norm(direction))
+            vector = direction / norm * _numbers(path, *entry["length"], count=1)[0] if norm > 0.0 else np.zeros(3)
+            axis_line, axis_words = entry.get("axis", (bone_line, ["0", "0", "0", "XYZ"]))
+            order = axis_words[3].lower() if len(axis_words) == 4 else "xyz"
+            _check_order(path, axis_line, order)
+            axes = _turn(order, _numbers(path, axis_line, axis_words[:3], count=3), degrees)
+            freedoms = _freedoms(path, *entry.get("dof", (bone_line, [])), "rx ry rz")
+            bone = Bone(" ".join(entry["name"][1]), -1, vector, axes, order, freedoms)
             if bone.name in bones or bone.name == "root" or len(bones) >= MAX_BONES:
                 raise MotionError(f"{path}, line {line}: bone {bone.name!r} is there twice, or there are too many")
             bones[bone.name] = bone
@@ -177,24 +206,7 @@ def parse_bones(path: Path, section: Section, degrees: bool) -> dict[str, Bone]:
     return bones
 
 
-def parse_bone(path: Path, entry: Mapping[str, tuple[int, list[str]]], degrees: bool) -> Bone:
-    """Parse one bone from its statements by first word."""
-    line = entry["begin"][0]
-    for needed in ("name", "direction", "length"):
-        if not entry.get(needed, (0, []))[1]:
-            raise MotionError(f"{path}, line {line}: this bone has no {needed}")
-    direction = np.array(_numbers(path, *entry["direction"], count=3))
-    norm = float(np.linalg.norm(direction))
-    vector = direction / norm * _numbers(path, *entry["length"], count=1)[0] if norm > 0.0 else np.zeros(3)
-    axis_line, words = entry.get("axis", (line, ["0", "0", "0", "XYZ"]))
-    order = words[3].lower() if len(words) == 4 else "xyz"
-    _check_order(path, axis_line, order)
-    axes = _turn(order, _numbers(path, axis_line, words[:3], count=3), degrees)
-    freedoms = _freedoms(path, *entry.get("dof", (line, [])), "rx ry rz")
-    return Bone(" ".join(entry["name"][1]), -1, vector, axes, order, freedoms)
-
-
-def parse_parents(path: Path, section: Section, bones: Mapping[str, Bone]) -> dict[str, str]:
+def _parse_parents(path: Path, section: Section, bones: Mapping[str, Bone]) -> dict[str, str]:
     """Parse the parent of each bone from the hierarchy."""
     parents: dict[str, str] = {}
     for line, words in section:
@@ -210,26 +222,8 @@ def parse_parents(path: Path, section: Section, bones: Mapping[str, Bone]) -> di
     return parents
 
 
-def order_bones(path: Path, bones: Mapping[str, Bone], parents: Mapping[str, str]) -> tuple[Bone, ...]:
-    """Bones with the index of their parent, in the order of the file as far as parents come first."""
-    placed = {"root": 0}
-    ordered = [bones["root"]]
-    waiting = [name for name in bones if name != "root"]
-    found = True
-    while waiting and found:
-        found = False
-        for name in waiting:
-            if parents.get(name) in placed:
-                placed[name], found = len(ordered), True
-                ordered.append(replace(bones[name], parent=placed[parents[name]]))
-        waiting = [name for name in waiting if name not in placed]
-    if waiting:
-        raise MotionError(f"{path}: the bones {', '.join(waiting[:5])} do not hang on the root")
-    return tuple(ordered)
-
-
 def find_asf(path: Path, named: str) -> Path:
-    """The skeleton of a motion file, among the ASF files beside it.
+    """Find the skeleton of a motion file in the same folder.
 
     It is the one whose name begins the motion's name (``07.asf`` for ``07_01.amc``), else the one that the motion's
     first line names, else the only one.
@@ -246,15 +240,16 @@ def find_asf(path: Path, named: str) -> Path:
     MotionError
         If there is none, or it is not clear which one it is.
     """
-    beside = sorted(file for file in path.parent.iterdir() if file.suffix.lower() == ".asf")
-    begins = [f for f in beside if re.match(re.escape(f.stem.lower()) + r"(?![0-9a-z])", path.stem.lower())]
-    by_comment = [f for f in beside if f.name.lower() == named.lower()]
-    for found in (sorted(begins, key=lambda f: -len(f.stem))[:1], by_comment, beside):
+    neighbours = sorted(file for file in path.parent.iterdir() if file.suffix.lower() == ".asf")
+    begins = [f for f in neighbours if re.match(re.escape(f.stem.lower()) + r"(?![0-9a-z])", path.stem.lower())]
+    by_comment = [f for f in neighbours if f.name.lower() == named.lower()]
+    for found in (sorted(begins, key=lambda f: -len(f.stem))[:1], by_comment, neighbours):
         if len(found) == 1:
             return found[0]
-    problem = f"several could be meant: {', '.join(f.name for f in beside[:8])}" if beside else "there is none"
+    problem = f"several could be meant: {', '.join(f.name for f in neighbours[:8])}" if neighbours else "there is none"
     raise MotionError(
-        f"{path}: an AMC file needs the ASF skeleton of its subject beside it; {problem}. Give it: skeleton='FILE.asf'"
+        f"{path}: an AMC file needs the ASF skeleton of its subject in its folder; {problem}. Give it: "
+        "skeleton='FILE.asf'"
     )
 
 
@@ -284,7 +279,10 @@ class AmcContent:
 
 
 def sniff_amc(path: Path, head: bytes) -> bool:
-    """Whether a file looks like AMC: a line ``:FULLY-SPECIFIED``, ``:DEGREES`` or ``:RADIANS``, and no skeleton."""
+    """Return whether a file starts like an AMC motion.
+
+    It has a line ``:FULLY-SPECIFIED``, ``:DEGREES`` or ``:RADIANS``, and no skeleton.
+    """
     return _KEYWORD.search(head) is not None and b":bonedata" not in head.lower()
 
 
@@ -306,7 +304,7 @@ def read_amc(
     path : Path
         An existing AMC file.
     skeleton : path-like, optional
-        ASF file of the subject; default: found beside the motion.
+        ASF file of the subject; default: found in the folder of the motion.
     units : str, optional
         ``"mm"``, ``"cm"``, ``"m"``, ``"in"``, ``"ft"`` or ``"cmu"`` (1/0.45 inch); default: what the skeleton says.
     up_axis : str, optional
@@ -325,7 +323,14 @@ def read_amc(
     MotionError
         If motion or skeleton cannot be read right, or do not belong together.
     """
-    content = read_amc_content(path)
+    text = read_text(path)
+    start = re.search(r"(?m)^[ \t]*\d+[ \t]*$", text)
+    if start is None:
+        raise MotionError(f"{path}: holds no frames; a frame begins with its number on a line of its own")
+    head = text[: start.start()].lower()
+    degrees = False if ":radians" in head else True if ":degrees" in head else None
+    named = _NAMED.search(text[: start.start()])
+    content = AmcContent(_parse_frames(path, text, start.start()), degrees, named[1] if named else "")
     asf = Path(skeleton) if skeleton is not None else find_asf(path, content.named)
     body = read_asf(asf)
     notes = (
@@ -336,7 +341,7 @@ def read_amc(
         Joints(
             tuple(bone.name for bone in body.bones),
             tuple(bone.parent for bone in body.bones),
-            amc_positions(path, body, content),
+            _amc_positions(path, body, content),
         ),
         kind="amc",
         rate_hz=CMU_RATE_HZ if rate_hz is None else rate_hz,
@@ -350,57 +355,33 @@ def read_amc(
     )
 
 
-def read_amc_content(path: Path) -> AmcContent:
-    """Parse an AMC file.
+def _parse_frames(path: Path, text: str, at: int) -> dict[str, FloatArray]:
+    """Parse the values of every bone.
 
-    Raises
-    ------
-    MotionError
-        If it is damaged; the message names the line.
+    All frames have the same words at the same places, so that one table holds them.
     """
-    text = read_text(path)
-    start = re.search(r"(?m)^[ \t]*\d+[ \t]*$", text)
-    if start is None:
-        raise MotionError(f"{path}: holds no frames; a frame begins with its number on a line of its own")
-    head = text[: start.start()].lower()
-    degrees = False if ":radians" in head else True if ":degrees" in head else None
-    named = _NAMED.search(text[: start.start()])
-    return AmcContent(parse_frames(path, text, start.start()), degrees, named[1] if named else "")
-
-
-def parse_frames(path: Path, text: str, at: int) -> dict[str, FloatArray]:
-    """Values by bone. All frames have the same words at the same places, so that one table holds them."""
     second = re.compile(r"(?m)^[ \t]*\d+[ \t]*$").search(text, text.index("\n", at) if "\n" in text[at:] else len(text))
     lines = [line.split() for line in text[at : second.start() if second else len(text)].split("\n")[1:]]
     lines = [words for words in lines if words]
     names = [words[0] for words in lines]
     lengths = [len(words) for words in lines]
-    values = parse_frame_table(text[at:].split(), names, lengths)
-    if values is None:
-        raise MotionError(find_frame_fault(path, text, at, lines))
+    words, size = text[at:].split(), 1 + sum(lengths)
+    values = np.full((1, 1), np.nan)
+    # a word of a megabyte would make every cell of the table as long
+    if names and len(set(names)) == len(names) and not len(words) % size and max(map(len, words)) <= MAX_WORD:
+        places = np.cumsum([1, *lengths])[:-1]
+        table = np.array(words).reshape(-1, size)
+        if (table[:, places] == names).all():
+            with suppress(ValueError):
+                values = np.delete(table, places, axis=1).astype(np.float64)
+    if not np.isfinite(values).all():
+        raise MotionError(_find_frame_fault(path, text, at, lines))
     columns = np.cumsum([1, *(length - 1 for length in lengths)])
     return {name: values[:, columns[n] : columns[n + 1]] for n, name in enumerate(names)}
 
 
-def parse_frame_table(words: list[str], names: list[str], lengths: list[int]) -> FloatArray | None:
-    """Frame number and values of each frame; None when not every frame is made like the first one."""
-    size = 1 + sum(lengths)
-    # a word of a megabyte would make every cell of the table as long
-    if len(words) % size or not names or len(set(names)) < len(names) or max(map(len, words)) > MAX_WORD:
-        return None
-    places = np.cumsum([1, *lengths])[:-1]
-    table = np.array(words).reshape(-1, size)
-    if (table[:, places] != names).any():
-        return None
-    try:
-        values = np.delete(table, places, axis=1).astype(np.float64)
-    except ValueError:
-        return None
-    return values if np.isfinite(values).all() else None
-
-
-def find_frame_fault(path: Path, text: str, at: int, first: Sequence[Sequence[str]]) -> str:
-    """First line that does not look like the one at the same place in the first frame."""
+def _find_frame_fault(path: Path, text: str, at: int, first: Sequence[Sequence[str]]) -> str:
+    """Describe the first line that differs from the first frame."""
     if not first:
         return f"{path}: its first frame holds no bones"
     n = len(first)
@@ -423,8 +404,10 @@ def find_frame_fault(path: Path, text: str, at: int, first: Sequence[Sequence[st
     return f"{path}: ends inside of frame {frame}, after {n} of {len(first)} bones; it is cut off"
 
 
-def amc_positions(path: Path, skeleton: Skeleton, content: AmcContent) -> FloatArray:
-    """Positions of the root and of all bone ends in the skeleton's unit and axes, shape (T, J, 3).
+def _amc_positions(path: Path, skeleton: Skeleton, content: AmcContent) -> FloatArray:
+    """Compute the positions (T, J, 3) of root and bone ends.
+
+    They are in the unit and the axes of the skeleton.
 
     A bone turns by ``C M C^-1`` in its parent's frame: C its axes, M its angles in the order of its axes, the first
     letter first. Bones without values, or without a degree of freedom, keep their rest pose.

@@ -1,4 +1,4 @@
-"""Joint positions as arrays: npz files (as AMASS, with joints) and JSON files."""
+"""Joint positions as arrays in npz files (AMASS) and JSON files."""
 
 from __future__ import annotations
 
@@ -49,7 +49,10 @@ SMPL_COUNTS = (22, 24)
 
 
 def sniff_arrays(path: Path, head: bytes) -> bool:
-    """Whether a file looks like npz (a zip archive that starts with a ``.npy``) or like JSON of a motion."""
+    """Return whether a file starts like npz or a JSON motion.
+
+    An npz file is a zip archive that starts with a ``.npy``.
+    """
     text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
     keys = (*POSITION_KEYS, *RATE_KEYS)
     return _is_npz(head) or (text[:1] == b"{" and any(f'"{key}"'.encode() in text for key in keys))
@@ -71,7 +74,7 @@ def read_arrays(
     up_axis: str | None = None,
     rate_hz: float | None = None,
 ) -> Motion:
-    """Joint positions of an npz or JSON file, not cleaned.
+    """Read joint positions of an npz or JSON file, not cleaned.
 
     The file holds an array (frames, points, 3) under ``positions``, ``joints`` or ``Jtr``, the frame rate under
     ``rate_hz``, ``mocap_framerate``, ``mocap_frame_rate`` or ``fps``, and, where known, one name per point under
@@ -108,12 +111,25 @@ def read_arrays(
     """
     with path.open("rb") as file:
         is_npz = _is_npz(file.read(4096))
-    content = load_npz(path, key) if is_npz else load_json(path)
-    position = find_positions(path, content, key)
+    content = _load_npz(path, key) if is_npz else _load_json(path)
+    # positions (T, P, 3), NaN where not finite
+    name = _find_position_key(path, content, key)
+    array = _as_array(path, name, content[name])
+    if array.ndim != 3 or array.shape[2] != 3:
+        raise MotionError(
+            f"{path}: {name!r} has the shape {array.shape}; it must be (frames, points, 3). Reshape it, or name "
+            "another array: key='...'"
+        )
+    position = np.where(np.isfinite(array), array, np.nan)
     check_amount(path, *position.shape[:2])
     rate = check_rate(path, rate_hz, said="was given") if rate_hz is not None else _rate(path, content)
-    labels = find_labels(path, content, position.shape[1], skeleton)
-    unit = unit_or_guess(path, units or _word(path, content, UNIT_KEY), position)
+    labels = _find_labels(path, content, position.shape[1], skeleton)
+    stated = _scalar(content.get(UNIT_KEY, ""))
+    if isinstance(stated, bytes):
+        stated = stated.decode("latin-1")
+    if not units and not isinstance(stated, str):
+        raise MotionError(f"{path}: {UNIT_KEY} is {stated!r}; it must be text such as 'm' or 'mm'")
+    unit = unit_or_guess(path, units or stated, position)
     return points_to_motion(
         path,
         position,
@@ -125,8 +141,8 @@ def read_arrays(
     )
 
 
-def load_npz(path: Path, key: str | None) -> dict[str, Any]:
-    """Wanted arrays, and the names of the others with None."""
+def _load_npz(path: Path, key: str | None) -> dict[str, Any]:
+    """Load the arrays that are needed; the names of others get None."""
     wanted = (*POSITION_KEYS, *NAME_KEYS, *RATE_KEYS, UNIT_KEY, *([key] if key else []))
     try:
         with zipfile.ZipFile(path) as archive:
@@ -142,7 +158,7 @@ def load_npz(path: Path, key: str | None) -> dict[str, Any]:
         ) from None
 
 
-def load_json(path: Path) -> dict[str, Any]:
+def _load_json(path: Path) -> dict[str, Any]:
     """Read the object of a JSON file."""
     if path.stat().st_size > MAX_BYTES:
         raise MotionError(f"{path}: has {path.stat().st_size} bytes; JSON files of up to {MAX_BYTES} bytes are read")
@@ -157,20 +173,8 @@ def load_json(path: Path) -> dict[str, Any]:
     return content
 
 
-def find_positions(path: Path, content: Mapping[str, Any], key: str | None) -> FloatArray:
-    """Return the positions (T, P, 3), NaN where a number is not finite."""
-    name = find_position_key(path, content, key)
-    array = _as_array(path, name, content[name])
-    if array.ndim != 3 or array.shape[2] != 3:
-        raise MotionError(
-            f"{path}: {name!r} has the shape {array.shape}; it must be (frames, points, 3). Reshape it, or name "
-            "another array: key='...'"
-        )
-    return np.where(np.isfinite(array), array, np.nan)
-
-
-def find_position_key(path: Path, content: Mapping[str, Any], key: str | None) -> str:
-    """Return the key of the positions: the given one, else the only known one."""
+def _find_position_key(path: Path, content: Mapping[str, Any], key: str | None) -> str:
+    """Return the key of the positions: the option, else the known one."""
     held = ", ".join(content) or "nothing"
     if key is not None:
         if key not in content:
@@ -199,13 +203,13 @@ def _as_array(path: Path, name: str, value: Any) -> FloatArray:
         raise MotionError(f"{path}: {name!r} holds {value.dtype} values; positions are real numbers")
     try:
         if isinstance(value, list):
-            refuse_text(path, name, value)
+            _refuse_text(path, name, value)
         return np.asarray(value, dtype=np.float64)
     except (ValueError, TypeError, OverflowError):
-        raise MotionError(f"{path}: {describe_unevenness(name, value)}") from None
+        raise MotionError(f"{path}: {_describe_unevenness(name, value)}") from None
 
 
-def refuse_text(path: Path, name: str, frames: Sequence[Any]) -> None:
+def _refuse_text(path: Path, name: str, frames: Sequence[Any]) -> None:
     """Refuse text, even where it looks like a number."""
     for t, frame in enumerate(frames):
         for p, point in enumerate(frame if isinstance(frame, list) else []):
@@ -216,8 +220,8 @@ def refuse_text(path: Path, name: str, frames: Sequence[Any]) -> None:
                     )
 
 
-def describe_unevenness(name: str, frames: Any) -> str:
-    """What is uneven in nested lists."""
+def _describe_unevenness(name: str, frames: Any) -> str:
+    """Describe the first irregular entry of nested lists."""
     lengths = [len(frame) if isinstance(frame, list) else -1 for frame in frames] if isinstance(frames, list) else []
     for t, length in enumerate(lengths):
         if length != lengths[0] or length < 0:
@@ -245,17 +249,8 @@ def _scalar(value: Any) -> Any:
     return value.item() if isinstance(value, np.ndarray) and value.size == 1 else value
 
 
-def _word(path: Path, content: Mapping[str, Any], name: str) -> str:
-    value = _scalar(content.get(name, ""))
-    if isinstance(value, bytes):
-        value = value.decode("latin-1")
-    if not isinstance(value, str):
-        raise MotionError(f"{path}: {name} is {value!r}; it must be text such as 'm' or 'mm'")
-    return value
-
-
-def find_labels(path: Path, content: Mapping[str, Any], n_points: int, skeleton: str | None) -> list[str]:
-    """Return one label per point, from the file or of the SMPL joints."""
+def _find_labels(path: Path, content: Mapping[str, Any], n_points: int, skeleton: str | None) -> list[str]:
+    """Return one label per point, from the file or from SMPL."""
     if skeleton not in (None, "smpl"):
         raise MotionError(f"{path}: skeleton={skeleton!r} is not allowed; allowed is 'smpl'")
     key = next((name for name in NAME_KEYS if content.get(name) is not None), "")

@@ -1,4 +1,7 @@
-"""BVH files (joint hierarchies of animation programs): points are the joints and the ends of their chains."""
+"""BVH files (joint hierarchies of animation programs).
+
+Points are the joints and the ends of their chains.
+"""
 
 from __future__ import annotations
 
@@ -83,8 +86,17 @@ def read_bvh_content(path: Path) -> BvhContent:
     split = re.search(r"(?im)^[ \t]*MOTION[ \t\r]*$", text)
     if split is None:
         raise MotionError(f"{path}: has no line MOTION; the file ends before its motion begins")
-    nodes = parse_hierarchy(path, text[: split.start()])
-    n_frames, frame_time_s, at = parse_motion_head(path, text, split.end())
+    nodes: list[Node] = []
+    open_nodes: list[int] = []  # nodes whose brace is open
+    for number, line in enumerate(text[: split.start()].split("\n"), start=1):
+        for statement in re.split(r"([{}])", line):
+            if words := statement.split():
+                _run_statement(path, number, words, nodes, open_nodes)
+    if not nodes:
+        raise MotionError(f"{path}: its hierarchy holds no ROOT")
+    if open_nodes:
+        raise MotionError(f"{path}: the hierarchy ends inside of {nodes[open_nodes[-1]].name!r}: a '}}' is missing")
+    n_frames, frame_time_s, at = _parse_motion_head(path, text, split.end())
     n_channels = sum(len(node.channels) for node in nodes)
     if n_channels == 0:
         raise MotionError(f"{path}: none of its {len(nodes)} joints has a channel, so nothing moves")
@@ -92,23 +104,11 @@ def read_bvh_content(path: Path) -> BvhContent:
     return BvhContent(tuple(nodes), frame_time_s, values)
 
 
-def parse_hierarchy(path: Path, text: str) -> list[Node]:
-    """Parse the statements of the hierarchy into nodes, parents before children."""
-    nodes: list[Node] = []
-    open_nodes: list[int] = []  # nodes whose brace is open
-    for number, line in enumerate(text.split("\n"), start=1):
-        for statement in re.split(r"([{}])", line):
-            if words := statement.split():
-                run_statement(path, number, words, nodes, open_nodes)
-    if not nodes:
-        raise MotionError(f"{path}: its hierarchy holds no ROOT")
-    if open_nodes:
-        raise MotionError(f"{path}: the hierarchy ends inside of {nodes[open_nodes[-1]].name!r}: a '}}' is missing")
-    return nodes
+def _run_statement(path: Path, number: int, words: list[str], nodes: list[Node], open_nodes: list[int]) -> None:
+    """Execute one statement of the hierarchy.
 
-
-def run_statement(path: Path, number: int, words: list[str], nodes: list[Node], open_nodes: list[int]) -> None:
-    """Carry out one statement of the hierarchy: nodes are declared, opened, described and closed."""
+    Statements declare, open, describe and close nodes.
+    """
     word = words[0].upper()
     if word in ("ROOT", "JOINT", "END"):
         if word == "ROOT" and nodes:
@@ -135,9 +135,9 @@ def run_statement(path: Path, number: int, words: list[str], nodes: list[Node], 
         if not open_nodes or open_nodes[-1] != len(nodes) - 1:
             raise MotionError(f"{path}, line {number}: {word} outside of a joint")
         if word == "OFFSET":
-            nodes[-1].offset = parse_offset(path, number, words[1:])
+            nodes[-1].offset = _parse_offset(path, number, words[1:])
         else:
-            nodes[-1].channels = parse_channels(path, number, words[1:])
+            nodes[-1].channels = _parse_channels(path, number, words[1:])
     elif word != "HIERARCHY":
         raise MotionError(
             f"{path}, line {number}: {' '.join(words)[:60]!r} is no statement of a BVH hierarchy; allowed are ROOT, "
@@ -145,7 +145,7 @@ def run_statement(path: Path, number: int, words: list[str], nodes: list[Node], 
         )
 
 
-def parse_offset(path: Path, number: int, words: list[str]) -> tuple[float, float, float]:
+def _parse_offset(path: Path, number: int, words: list[str]) -> tuple[float, float, float]:
     """Parse the three numbers of an OFFSET."""
     try:
         x, y, z = (float(word) for word in words)
@@ -156,7 +156,7 @@ def parse_offset(path: Path, number: int, words: list[str]) -> tuple[float, floa
     return x, y, z
 
 
-def parse_channels(path: Path, number: int, words: list[str]) -> list[str]:
+def _parse_channels(path: Path, number: int, words: list[str]) -> list[str]:
     """Parse the names of CHANNELS: ``"px"`` for Xposition, ``"rx"`` for Xrotation."""
     found = [_CHANNEL.match(word) for word in words[1:]]
     names = [match[2][0].lower() + match[1].lower() for match in found if match]
@@ -169,8 +169,8 @@ def parse_channels(path: Path, number: int, words: list[str]) -> list[str]:
     return names
 
 
-def parse_motion_head(path: Path, text: str, at: int) -> tuple[int, float, int]:
-    """Declared number of frames, frame time in s, and where the values begin."""
+def _parse_motion_head(path: Path, text: str, at: int) -> tuple[int, float, int]:
+    """Parse number of frames, frame time (s) and position of the values."""
     found: list[str] = []
     for pattern, wanted in ((_FRAMES, "Frames: N"), (_FRAME_TIME, "Frame Time: SECONDS")):
         while at < len(text) and text[at].isspace():
@@ -190,7 +190,7 @@ def parse_motion_head(path: Path, text: str, at: int) -> tuple[int, float, int]:
 
 
 def sniff_bvh(path: Path, head: bytes) -> bool:
-    """Whether a file looks like BVH: its first word is HIERARCHY."""
+    """Return whether the first word of a file is HIERARCHY."""
     return head.removeprefix(b"\xef\xbb\xbf").lstrip()[:9].upper() == b"HIERARCHY"
 
 
@@ -198,7 +198,7 @@ def sniff_bvh(path: Path, head: bytes) -> bool:
 def read_bvh(
     path: Path, *, units: str | None = None, up_axis: str | None = None, rate_hz: float | None = None
 ) -> Motion:
-    """Joints of the body in a BVH file, not cleaned.
+    """Read the joints of the body in a BVH file, not cleaned.
 
     Rotations are applied in the order of their channels. A position channel of any joint replaces that coordinate of
     its OFFSET. Ends of chains are kept where they are away from their joint: they are finger tips, toes, paws, the
@@ -251,7 +251,9 @@ def read_bvh(
 
 
 def bvh_positions(content: BvhContent) -> FloatArray:
-    """Positions of all nodes in the file's unit and axes, shape (T, J, 3).
+    """Compute the positions (T, J, 3) of all nodes.
+
+    They are in the unit and the axes of the file.
 
     Parameters
     ----------

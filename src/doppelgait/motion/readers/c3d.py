@@ -1,4 +1,7 @@
-"""C3D files (marker motion capture): units, axes, gaps and the physical markers of one subject."""
+"""C3D files (marker motion capture).
+
+The reader handles units, axes, gaps and the physical markers of one subject.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,10 @@ from doppelgait.motion.readers.points import LengthUnit, check_rate, pick_marker
 
 
 def sniff_c3d(path: Path, head: bytes) -> bool:
-    """Whether a file looks like C3D: 0x50 after the block number of its parameters, and no text."""
+    """Return whether a file starts like C3D.
+
+    That is 0x50 after the block number of its parameters, and no text.
+    """
     return len(head) >= 2 and head[0] >= 1 and head[1] == MAGIC and b"\0" in head[:512]
 
 
@@ -28,7 +34,7 @@ def read_c3d(
     up_axis: str | None = None,
     rate_hz: float | None = None,
 ) -> Motion:
-    """Physical markers of one subject of a C3D file, not cleaned.
+    """Read the physical markers of a C3D file, not cleaned.
 
     Parameters
     ----------
@@ -74,7 +80,7 @@ def read_c3d(
         names = [declared[0]] * len(body.kept)
     first = max(dict.fromkeys(names), key=names.count)
     each = np.array([metres_per_unit(name, where=str(path)) for name in names])[:, np.newaxis]
-    # the axis drawn upwards on the screen; its sign is unreliable in practice
+    # the axis plotted upwards on the screen; its sign is unreliable in practice
     screen = content.texts.get("POINT:Y_SCREEN", ())
     return points_to_motion(
         path,

@@ -1,6 +1,6 @@
-"""Numbers, names and units of a C3D file, decoded from records that are walked and checked one by one.
+"""Decode numbers, names and units of a C3D file.
 
-Header and parameter section declare how the samples are laid out; a file is read only where the records fit exactly
+Header and parameter section declare the layout of the samples; a file is read only where the records fit exactly
 into each other and the declared samples fit into the file. Byte orders: Intel, DEC and SGI (MIPS).
 """
 
@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import math
 import struct
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.errors import DoppelgaitWarning, MotionError
+from doppelgait.core.errors import MotionError, warn_caller
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -41,7 +40,7 @@ NUMBERS = tuple(
 
 @dataclass(frozen=True)
 class Span:
-    """Where in the section a record stands: its start, its pointer to the next, the end of its values, the next."""
+    """Byte positions of a record: start, pointer, end of values, next record."""
 
     start: int
     step: int
@@ -51,7 +50,10 @@ class Span:
 
 @dataclass(frozen=True)
 class Record:
-    """One parameter: its type (-1 text, 1 or 2 integer, 4 float), dimensions, values and place."""
+    """One parameter with type, dimensions, values and byte positions.
+
+    Types are -1 (text), 1 and 2 (integer) and 4 (float).
+    """
 
     kind: int
     shape: tuple[int, ...]
@@ -60,11 +62,11 @@ class Record:
     span: Span
 
     def count(self) -> int:
-        """How many values the parameter holds; texts of one length count as rows."""
+        """Return the number of values; texts of one length count as rows."""
         return math.prod(self.shape[1:] if self.kind == -1 else self.shape)
 
     def number(self) -> float | None:
-        """First value as a number, None for text and for an empty parameter."""
+        """Return the first value, None for text or no value."""
         if self.kind == -1 or len(self.raw) < abs(self.kind):
             return None
         if self.kind == 4:
@@ -72,17 +74,25 @@ class Record:
         return float(int.from_bytes(self.raw[: self.kind], "big" if self.processor == SGI else "little", signed=True))
 
     def texts(self) -> tuple[str, ...]:
-        """Texts without their padding; none for numbers."""
+        """Return the texts without padding; none for numbers."""
         if self.kind != -1:
             return ()
         length = self.shape[0]
-        rows = (self.raw[n * length : (n + 1) * length] for n in range(self.count()))
-        return tuple(decode_text(row).strip(" \0") for row in rows)
+        found = []
+        for row in (self.raw[n * length : (n + 1) * length] for n in range(self.count())):
+            try:
+                found.append(row.decode("utf-8").strip(" \0"))
+            except UnicodeDecodeError:
+                found.append(row.decode("latin-1").strip(" \0"))
+        return tuple(found)
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Counts and places that header and parameters of a C3D file declare; ``analog`` is in words per frame."""
+    """Counts and byte positions that a C3D file declares.
+
+    They come from header and parameters; ``header_analog`` is in words per frame.
+    """
 
     size: int
     section_at: int
@@ -98,52 +108,53 @@ class Layout:
     spans: tuple[Span, ...]
 
     def number(self, group: str, name: str) -> float | None:
-        """Number in a parameter, None when it is absent or holds text."""
+        """Return the number in a parameter, None without one."""
         record = self.records.get((group, name))
         return record.number() if record else None
 
     def count(self, group: str, name: str) -> int:
-        """How many values a parameter holds, 0 when it is absent."""
+        """Return the number of values of a parameter, 0 when absent."""
         record = self.records.get((group, name))
         return record.count() if record else 0
 
     def _per_frame(self, group: str) -> float:
-        """Samples per point frame of a group, from its own rate."""
+        """Return the samples per point frame of a group by its rate."""
         point_rate = self.number("POINT", "RATE") or self.header_rate_hz
         return round((self.number(group, "RATE") or 0.0) / point_rate) if point_rate > 1e-3 else 0.0
 
     def declared_analog(self) -> float:
-        """Analog words per frame as the parameters have it: channels times samples per frame."""
+        """Return the analog words per frame that the parameters declare.
+
+        That is channels times samples per frame.
+        """
         return (self.number("ANALOG", "USED") or 0.0) * self._per_frame("ANALOG")
 
     def declared_rotations(self) -> float:
-        """Rotation matrices per frame."""
+        """Return the number of rotation matrices per frame."""
         ratio = self.number("ROTATION", "RATIO")
         return max(self.number("ROTATION", "USED") or 0.0, 1.0) * (
             self._per_frame("ROTATION") if ratio is None else ratio
         )
 
     def frames_that_fit(self, points: int, analog: int) -> float:
-        """How many frames of that many points and analog words the data section can hold."""
+        """Return how many such frames the data section can hold."""
         stride = (4 * points + analog) * (4 if self.is_float else 2)
         return (self.size - self.data_at) / stride if stride else math.inf
 
     def is_tight(self, frames: int, points: int, analog: int) -> bool:
-        """Whether that many frames fill the data section but for the padding of its last block."""
+        """Return whether so many frames fill the data section.
+
+        The padding of the last block is allowed.
+        """
         stride = (4 * points + analog) * (4 if self.is_float else 2)
         return 0 <= self.size - self.data_at - frames * stride <= BLOCK
 
 
-def decode_text(raw: bytes) -> str:
-    """Decode a text, UTF-8 or Latin-1."""
-    try:
-        return raw.decode("utf-8")
-    except UnicodeDecodeError:
-        return raw.decode("latin-1")
-
-
 def float32(raw: bytes, processor: int) -> float:
-    """Decode one 32-bit float; DEC swaps its two words and its exponent is two higher than that of IEEE."""
+    """Decode one 32-bit float.
+
+    DEC swaps the two words, and its exponent is two higher than that of IEEE.
+    """
     if processor == DEC:
         return float(struct.unpack("<f", raw[2:4] + raw[0:2])[0]) / 4.0
     return float(struct.unpack(">f" if processor == SGI else "<f", raw[:4])[0])
@@ -191,7 +202,7 @@ def read_layout(path: Path) -> Layout:
             )
         file.seek(section_at)
         section = file.read(data_at - section_at)
-    records, spans = walk_records(path, section, section_at, processor[0])
+    records, spans = _walk_records(path, section, section_at, processor[0])
     layout = Layout(
         size=size,
         section_at=section_at,
@@ -221,10 +232,13 @@ def read_layout(path: Path) -> Layout:
     return layout
 
 
-def walk_records(
+def _walk_records(
     path: Path, section: bytes, section_at: int, processor: int
 ) -> tuple[dict[tuple[str, str], Record], tuple[Span, ...]]:
-    """All parameters by (group, name), upper case, and all records; a record that does not fit is an error."""
+    """Return all parameters by (group, name) and all records.
+
+    Names are in upper case; a record that does not fit is an error.
+    """
     groups: dict[int, str] = {}
     found: list[tuple[int, str, Record]] = []
     spans: list[Span] = []
@@ -232,7 +246,7 @@ def walk_records(
     # "no parameters at all" is declared by a section of zero blocks
     while section[2] and at < len(section) and section[at]:
         try:
-            spans.append(read_record(section, at, processor, groups, found))
+            spans.append(_read_record(section, at, processor, groups, found))
         except (ValueError, IndexError, struct.error) as error:
             fault = str(error) if type(error) is ValueError else "runs beyond the end of the section"
             raise MotionError(
@@ -244,7 +258,7 @@ def walk_records(
     return {(groups.get(number, ""), name): record for number, name, record in found}, tuple(spans)
 
 
-def read_record(
+def _read_record(
     section: bytes, at: int, processor: int, groups: dict[int, str], found: list[tuple[int, str, Record]]
 ) -> Span:
     """Read one group or parameter."""
@@ -254,7 +268,13 @@ def read_record(
     if number == 0 or any(byte < 32 for byte in name):
         raise ValueError("has no name or belongs to no group")
     text = name.decode("latin-1").strip().upper()
-    kind, shape, start = (0, (), step_at + 2) if number < 0 else read_shape(section, step_at + 2, text)
+    kind, start = 0, step_at + 2
+    shape: tuple[int, ...] = ()
+    if number > 0:  # a parameter; groups hold no values
+        kind, n_dims = struct.unpack_from("bB", section, start)
+        if kind == 0 or kind not in TYPE_SIZES or n_dims > 7 or (kind == -1 and n_dims == 0):
+            raise ValueError(f"({text}) has the unknown type {kind} or {n_dims} dimensions (1 to 7)")
+        shape, start = tuple(section[start + 2 : start + 2 + n_dims]), start + 2 + n_dims
     end = start + TYPE_SIZES[kind] * math.prod(shape)
     for order in (">", "<") if processor == SGI else ("<",):
         # some SGI files, samples of c3d.org among them, hold single pointers in Intel order
@@ -274,18 +294,9 @@ def read_record(
     return span
 
 
-def read_shape(section: bytes, at: int, text: str) -> tuple[int, tuple[int, ...], int]:
-    """Type, dimensions and place of the values of a parameter."""
-    kind, n_dims = struct.unpack_from("bB", section, at)
-    if kind == 0 or kind not in TYPE_SIZES or n_dims > 7 or (kind == -1 and n_dims == 0):
-        raise ValueError(f"({text}) has the unknown type {kind} or {n_dims} dimensions (1 to 7)")
-    start = at + 2 + n_dims
-    return kind, tuple(section[at + 2 : start]), start
-
-
 @dataclass(frozen=True)
 class C3dContent:
-    """What the 3D part of a C3D file holds, in the units of the file.
+    """Content of the 3D part of a C3D file, in its units.
 
     Parameters
     ----------
@@ -320,10 +331,22 @@ def read_content(path: Path) -> C3dContent:
         If the file is damaged, holds no points, or its header and parameters disagree and the data do not decide.
     """
     layout = read_layout(path)
-    check_points(path, layout)
-    analog, n_frames = resolve_layout(path, layout)
+    # refuse a file without points, or with two numbers of points
+    declared = layout.number("POINT", "USED")
+    points_n_points = layout.header_points if declared is None else int(declared) % 65536
+    if points_n_points == 0:
+        held = "rotation matrices but no points" if layout.number("ROTATION", "USED") else "no points"
+        raise MotionError(
+            f"{path}: holds {held}; a motion needs the positions of markers or joints. "
+            "Export marker positions from the program that recorded it."
+        )
+    if points_n_points != layout.header_points:
+        raise MotionError(
+            f"{path}: its header declares {layout.header_points} points, its parameters {points_n_points}. {RESAVE}."
+        )
+    analog, n_frames = _resolve_layout(path, layout)
     try:
-        position = decode_points(path, layout, analog, n_frames)
+        position = _decode_points(path, layout, analog, n_frames)
     except MemoryError:
         raise MotionError(f"{path}: does not fit into memory; is it damaged? {RESAVE}.") from None
     notes: tuple[str, ...] = ()
@@ -336,7 +359,7 @@ def read_content(path: Path) -> C3dContent:
         notes += ("frames were read by the layout of the header, because the parameters do not describe it",)
     if n_frames < layout.header_frames:
         notes += (f"declares {layout.header_frames} frames but holds {n_frames}",)
-        warnings.warn(f"{path}: {notes[-1]}; is it cut off? Those are read.", DoppelgaitWarning, stacklevel=4)
+        warn_caller(f"{path}: {notes[-1]}; is it cut off? Those are read.")
     texts = {f"{group}:{name}": record.texts() for (group, name), record in layout.records.items() if record.kind == -1}
     n_points = position.shape[1]
     labels = [label for n in ("", *range(2, 12)) for label in texts.get(f"POINT:LABELS{n}", ())]
@@ -345,24 +368,11 @@ def read_content(path: Path) -> C3dContent:
     return C3dContent(position, tuple(labels), float(rate), texts.get("POINT:UNITS", ()), texts, notes)
 
 
-def check_points(path: Path, layout: Layout) -> None:
-    """Refuse a file without points, or with two numbers of them."""
-    declared = layout.number("POINT", "USED")
-    n_points = layout.header_points if declared is None else int(declared) % 65536
-    if n_points == 0:
-        held = "rotation matrices but no points" if layout.number("ROTATION", "USED") else "no points"
-        raise MotionError(
-            f"{path}: holds {held}; a motion needs the positions of markers or joints. "
-            "Export marker positions from the program that recorded it."
-        )
-    if n_points != layout.header_points:
-        raise MotionError(
-            f"{path}: its header declares {layout.header_points} points, its parameters {n_points}. {RESAVE}."
-        )
+def _resolve_layout(path: Path, layout: Layout) -> tuple[int, int]:
+    """Find analog words per frame and number of frames.
 
-
-def resolve_layout(path: Path, layout: Layout) -> tuple[int, int]:
-    """Analog words per frame and number of frames that fill the data section."""
+    Together they fill the data section.
+    """
     frames, points = layout.header_frames, layout.header_points
     if frames < 1:
         raise MotionError(f"{path}: its header declares {frames} frames. {RESAVE}.")
@@ -380,8 +390,11 @@ def resolve_layout(path: Path, layout: Layout) -> tuple[int, int]:
     )
 
 
-def decode_points(path: Path, layout: Layout, analog: int, n_frames: int) -> FloatArray:
-    """Positions (T, P, 3) in the units of the file; NaN where a point was not seen."""
+def _decode_points(path: Path, layout: Layout, analog: int, n_frames: int) -> FloatArray:
+    """Decode the positions (T, P, 3), NaN for gaps.
+
+    They are in the units of the file.
+    """
     width = 4 * layout.header_points + analog
     order, scale = ">" if layout.processor == SGI else "<", 1.0
     if not layout.is_float:

@@ -1,4 +1,7 @@
-"""Exponential-map text files (the CMU and Human3.6M motions of motion-prediction studies) with their skeleton."""
+"""Exponential-map text files with their skeleton.
+
+The CMU and Human3.6M motions of motion-prediction studies have this form.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +34,7 @@ SKELETON = "skeleton.json"
 
 @dataclass(frozen=True)
 class ExpmapSkeleton:
-    """What the numbers of a file mean.
+    """Skeleton that defines the numbers of a file.
 
     Parameters
     ----------
@@ -56,7 +59,7 @@ class ExpmapSkeleton:
 
 
 def sniff_expmap(path: Path, head: bytes) -> bool:
-    """Whether a file looks like exponential maps: 99 or 117 numbers with commas between them in its first line."""
+    """Return whether the first line has 99 or 117 comma-separated numbers."""
     words = head.removeprefix(b"\xef\xbb\xbf").lstrip().split(b"\n", 1)[0].rstrip(b"\r").split(b",")
     try:
         return len(words) in COLUMNS and all(np.isfinite(float(word)) for word in words)
@@ -73,7 +76,7 @@ def read_expmap(
     up_axis: str | None = None,
     rate_hz: float | None = None,
 ) -> Motion:
-    """Joints of a recording stored as exponential maps, not cleaned.
+    """Read the joints of an exponential-map recording, not cleaned.
 
     A rest pose that was put in front of the recording is left out.
 
@@ -83,7 +86,7 @@ def read_expmap(
         An existing file.
     skeleton : path-like, optional
         JSON file with ``joint_names``, ``parents``, ``offsets`` and optionally ``metres_per_unit``,
-        ``frame_rate_hz`` and ``up_axis``; default: ``skeleton.json`` beside the file.
+        ``frame_rate_hz`` and ``up_axis``; default: ``skeleton.json`` in the folder of the file.
     units : str, optional
         ``"mm"``, ``"cm"``, ``"m"``, ``"in"``, ``"ft"`` or ``"cmu"`` (1/0.45 inch); default: what the skeleton says,
         else found from its size.
@@ -108,7 +111,7 @@ def read_expmap(
             f"{path}: holds joint angles only; a skeleton with joint_names, parents and offsets is needed, and "
             f"there is no {file}. Put it there or give it: skeleton='FILE.json'"
         )
-    body = read_expmap_skeleton(file)
+    body = _read_expmap_skeleton(file)
     text = read_text(path)
     n_joints = len(body.parents)
     columns = text.lstrip().split("\n", 1)[0].count(",") + 1
@@ -118,7 +121,12 @@ def read_expmap(
             "the right one: skeleton='FILE.json'"
         )
     values = parse_rows(path, text, 0, n_columns=columns, separator=",")
-    position = expmap_positions(body, values)
+    # compute the positions (T, J, 3) of all joints
+    expmap_n_joints = len(body.parents)
+    vectors = values[:, 3:].reshape(len(values), expmap_n_joints, 3).swapaxes(0, 1)
+    translation = np.repeat(body.offsets[:, np.newaxis], len(values), axis=1)
+    translation[0] = values[:, :3]
+    position = forward_kinematics(body.parents, translation, vector_rotations(-vectors))
     rest_pose = begins_with_rest_pose(values[:, 3:6], position)
     rate = body.frame_rate_hz if rate_hz is None else rate_hz
     if rate is None:
@@ -138,26 +146,7 @@ def read_expmap(
     )
 
 
-def expmap_positions(skeleton: ExpmapSkeleton, values: FloatArray) -> FloatArray:
-    """Positions of all joints in the file's unit and axes, shape (T, J, 3).
-
-    The files were made with row vectors, ``G_j = R_j G_parent``, so that R_j turns columns the other way round.
-
-    Parameters
-    ----------
-    skeleton : ExpmapSkeleton
-        J joints.
-    values : ndarray, shape (T, 3 + 3 J)
-        Translation of the root, then the rotation vector of each joint in rad.
-    """
-    n_joints = len(skeleton.parents)
-    vectors = values[:, 3:].reshape(len(values), n_joints, 3).swapaxes(0, 1)
-    translation = np.repeat(skeleton.offsets[:, np.newaxis], len(values), axis=1)
-    translation[0] = values[:, :3]
-    return forward_kinematics(skeleton.parents, translation, vector_rotations(-vectors))
-
-
-def read_expmap_skeleton(path: Path) -> ExpmapSkeleton:
+def _read_expmap_skeleton(path: Path) -> ExpmapSkeleton:
     """Read and check a skeleton in JSON.
 
     Raises

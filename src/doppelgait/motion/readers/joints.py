@@ -1,4 +1,4 @@
-"""Joint hierarchies: forward kinematics, which nodes are points of the body, and their length unit.
+"""Joint hierarchies: forward kinematics, joints of the body, length unit.
 
 Vectors are columns: a child's frame is ``G_child = G_parent @ R_child`` and its origin
 ``p_child = p_parent + G_parent @ t_child``.
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.errors import MotionError
+from doppelgait.core.errors import MotionError, warn_caller
 from doppelgait.motion.axes import metres_per_unit
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers.points import (
@@ -25,7 +25,6 @@ from doppelgait.motion.readers.points import (
     check_rate,
     points_to_motion,
     unique_names,
-    warn_reader,
 )
 from doppelgait.motion.skeleton import guess_species, parts_of
 
@@ -34,7 +33,7 @@ FloatArray = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Joints:
-    """Positions of the nodes of one hierarchy, with what its file says about them.
+    """Nodes of one hierarchy: names, parents and positions.
 
     Parameters
     ----------
@@ -52,7 +51,7 @@ class Joints:
 
 
 def axis_rotations(axis: str, angle_rad: FloatArray) -> FloatArray:
-    """Rotations by angles about one coordinate axis, right-handed.
+    """Return right-handed rotations by angles about one coordinate axis.
 
     Parameters
     ----------
@@ -76,7 +75,9 @@ def axis_rotations(axis: str, angle_rad: FloatArray) -> FloatArray:
 
 
 def euler_rotations(axes: str, angles_rad: FloatArray) -> FloatArray:
-    """Product of axis rotations, ``R = R_axes[0] @ R_axes[1] @ ...``: the last named turns a vector first.
+    """Return the product of axis rotations, ``R_axes[0] @ R_axes[1] @ ...``.
+
+    The last axis rotates a vector first.
 
     Parameters
     ----------
@@ -99,7 +100,9 @@ def euler_rotations(axes: str, angles_rad: FloatArray) -> FloatArray:
 
 
 def vector_rotations(vector_rad: FloatArray) -> FloatArray:
-    """Rotations from rotation vectors (exponential maps): ``R = I + sin(a) K + (1 - cos(a)) K K`` (Rodrigues).
+    """Convert rotation vectors (exponential maps) to rotation matrices.
+
+    ``R = I + sin(a) K + (1 - cos(a)) K K`` (Rodrigues).
 
     Parameters
     ----------
@@ -122,7 +125,9 @@ def vector_rotations(vector_rad: FloatArray) -> FloatArray:
 
 
 def forward_kinematics(parents: Sequence[int], translation: FloatArray, rotation: FloatArray) -> FloatArray:
-    """Positions of all nodes: ``p_j = p_parent + G_parent @ t_j``, ``G_j = G_parent @ R_j``.
+    """Compute the positions of all nodes of a hierarchy.
+
+    ``p_j = p_parent + G_parent @ t_j``, ``G_j = G_parent @ R_j``.
 
     Parameters
     ----------
@@ -149,7 +154,9 @@ def forward_kinematics(parents: Sequence[int], translation: FloatArray, rotation
 
 
 def begins_with_rest_pose(root_rotation: FloatArray, position: FloatArray) -> bool:
-    """Whether the first frame is a rest pose put in front of a recording, as conversions of the CMU database have it.
+    """Return whether the first frame is an added rest pose.
+
+    Conversions of the CMU database have one.
 
     Its root is not turned at all while that of the second frame is, and the body jumps from it into the motion: further
     than five times the median of the other steps.
@@ -201,7 +208,7 @@ def joint_motion(
     report: Mapping[str, Any] | None = None,
     notes: Sequence[str] = (),
 ) -> Motion:
-    """Motion of the joints that are points of the body, not cleaned.
+    """Make the motion of the joints of the body, not cleaned.
 
     Parameters
     ----------
@@ -244,7 +251,7 @@ def joint_motion(
         body,
         file_format=kind,
         rate_hz=float(rate_hz),
-        unit=find_unit(path, joints, body.kept, unit, unit_from),
+        unit=_find_unit(path, joints, body.kept, unit, unit_from),
         up_axis=up_axis,
         declared_up=declared_axis,
         rate_from=rate_from,
@@ -261,29 +268,8 @@ def pick_joints(path: Path, joints: Joints, subject: str = "") -> BodyPoints:
     MotionError
         If there are none.
     """
-    reasons = sort_joints(joints, skeleton_size(joints.parents, bone_lengths(joints)))
-    kept = [j for j in range(len(joints.names)) if j not in reasons]
-    if not kept:
-        raise MotionError(f"{path}: holds no joints of a body: {', '.join(sorted(set(reasons.values())))}")
-    names = unique_names([joints.names[j].strip() or f"point_{j + 1}" for j in kept])
-    species = guess_species(joints.names)
-    if species == "dog" and not any(re.search(r"(?i)(^|[^a-z])dog([^a-z]|$)", name) for name in joints.names):
-        species = ""  # joint names of an animal fit others as well; those of a person leave no doubt
-    return BodyPoints(
-        joints.names, kept, names, parts_of(names), reasons, subject=subject, species=species, is_skeleton=True
-    )
-
-
-def sort_joints(joints: Joints, size: float) -> dict[int, str]:
-    """Reason why a node is no point of the body, by index; nodes that are have no entry.
-
-    Parameters
-    ----------
-    joints : Joints
-        All nodes.
-    size : float
-        Of the skeleton, in the file's unit.
-    """
+    # why a node is no point of the body
+    size = skeleton_size(joints.parents, _bone_lengths(joints))
     reasons = {j: "rig helper (by its name)" for j, name in enumerate(joints.names) if _HELPER.search(name)}
     bones = [j for j, name in enumerate(joints.names) if _BONE.match(name)]
     # 3ds Max rigs call the bones that carry the body b_...; what else is there drives them or hangs on them
@@ -301,25 +287,39 @@ def sort_joints(joints: Joints, size: float) -> dict[int, str]:
             elif still and np.linalg.norm(np.ptp(child, axis=0)) >= STILL * size:
                 reasons[0] = "root node, no joint of the body (it never moves)"
     # nodes that lie on an earlier one in every frame
-    kept = [j for j in range(len(joints.names)) if j not in reasons]
-    for n, j in enumerate(kept):
-        near = np.linalg.norm(joints.position[0, kept[:n]] - joints.position[0, j], axis=1) <= SAME_PLACE * size
-        for i in (i for i, close in zip(kept, near, strict=False) if close and i not in reasons):
+    rest = [j for j in range(len(joints.names)) if j not in reasons]
+    for n, j in enumerate(rest):
+        near = np.linalg.norm(joints.position[0, rest[:n]] - joints.position[0, j], axis=1) <= SAME_PLACE * size
+        for i in (i for i, close in zip(rest, near, strict=False) if close and i not in reasons):
             if np.linalg.norm(joints.position[:, i] - joints.position[:, j], axis=1).max() <= SAME_PLACE * size:
                 reasons[j] = f"same place as {joints.names[i]}"
                 break
-    return reasons
+    kept = [j for j in range(len(joints.names)) if j not in reasons]
+    if not kept:
+        raise MotionError(f"{path}: holds no joints of a body: {', '.join(sorted(set(reasons.values())))}")
+    names = unique_names([joints.names[j].strip() or f"point_{j + 1}" for j in kept])
+    species = guess_species(joints.names)
+    if species == "dog" and not any(re.search(r"(?i)(^|[^a-z])dog([^a-z]|$)", name) for name in joints.names):
+        species = ""  # joint names of an animal fit others as well; those of a person leave no doubt
+    return BodyPoints(
+        joints.names, kept, names, parts_of(names), reasons, subject=subject, species=species, is_skeleton=True
+    )
 
 
-def bone_lengths(joints: Joints) -> FloatArray:
-    """Median distance of each node from its parent in the file's unit, shape (J,); 0 for the root."""
+def _bone_lengths(joints: Joints) -> FloatArray:
+    """Return the median distance of each node from its parent, shape (J,).
+
+    It is in the unit of the file, 0 for the root.
+    """
     parents = np.array([max(parent, 0) for parent in joints.parents])
     lengths = np.median(np.linalg.norm(joints.position - joints.position[:, parents], axis=2), axis=0)
     return np.where(np.array(joints.parents) < 0, 0.0, lengths)
 
 
 def skeleton_size(parents: Sequence[int], lengths: FloatArray) -> float:
-    """Longest way from one end of a hierarchy to another along its bones, whatever the pose.
+    """Return the longest path along the bones of a hierarchy.
+
+    It goes from one end to another and does not depend on the pose.
 
     Parameters
     ----------
@@ -334,16 +334,16 @@ def skeleton_size(parents: Sequence[int], lengths: FloatArray) -> float:
         parent = parents[j]
         size = max(size, float(depth[j]))
         if parent >= 0:
-            way = float(depth[j] + lengths[j])
-            size = max(size, float(depth[parent]) + way)
-            depth[parent] = max(float(depth[parent]), way)
+            length = float(depth[j] + lengths[j])
+            size = max(size, float(depth[parent]) + length)
+            depth[parent] = max(float(depth[parent]), length)
     return size
 
 
-def find_unit(path: Path, joints: Joints, kept: Sequence[int], unit: str | float | None, unit_from: str) -> LengthUnit:
-    """Return the length unit; where the file names none, the one that gives the skeleton a usual size.
+def _find_unit(path: Path, joints: Joints, kept: Sequence[int], unit: str | float | None, unit_from: str) -> LengthUnit:
+    """Return the stated length unit, else guess it from skeleton size.
 
-    A warning is given where that is not certain (other units fit too, none fits, or the names do not show what body it
+    A warning is issued where that is not certain (other units fit too, none fits, or the names do not show what body it
     is), and where a stated unit gives an unusual size.
 
     Parameters
@@ -366,7 +366,7 @@ def find_unit(path: Path, joints: Joints, kept: Sequence[int], unit: str | float
             parent = joints.parents[parent]
         parents.append(number[parent] if parent >= 0 else min(n, 1) - 1)
     tree = Joints(tuple(joints.names[j] for j in kept), tuple(parents), joints.position[:, list(kept)])
-    size = skeleton_size(parents, bone_lengths(tree))
+    size = skeleton_size(parents, _bone_lengths(tree))
     species = guess_species(joints.names)
     (low, high), typical = SIZES_M[species]
     if unit is not None:
@@ -375,7 +375,7 @@ def find_unit(path: Path, joints: Joints, kept: Sequence[int], unit: str | float
         else:
             name, metres = f"{unit:.6g} m", float(unit)
         if not low / 2.0 < size * metres < 2.0 * high:
-            warn_reader(
+            warn_caller(
                 f"{path}: with {name} ({unit_from}) the skeleton measures {size * metres:.3g} m along its bones, usual "
                 f"are {low:g} to {high:g} m. If that is wrong, give the unit: units='cm', 'm', 'in', 'mm' or 'cmu'."
             )
@@ -385,7 +385,7 @@ def find_unit(path: Path, joints: Joints, kept: Sequence[int], unit: str | float
     best = min(known, key=lambda name: abs(np.log(max(size, 1e-300) * known[name] / typical)))
     if fits != [best] or not species:
         others = f"; {' or '.join(name for name in fits if name != best)} is possible too" if set(fits) - {best} else ""
-        warn_reader(
+        warn_caller(
             f"{path}: names no length unit and its skeleton measures {size:.4g} along its bones, so {best} is taken"
             f"{others}. If that is wrong, give the unit: units='cm', 'm', 'in', 'mm' or 'cmu' (1/0.45 inch)."
         )

@@ -1,4 +1,4 @@
-"""From the points of a file to a motion: which ones are kept, unit, rate, upward axis, report.
+"""Make a motion of the points of a file.
 
 All readers end here: :func:`pick_markers` (or :func:`~doppelgait.motion.readers.joints.pick_joints`) selects the points
 of one body, :func:`points_to_motion` makes the motion.
@@ -7,8 +7,6 @@ of one body, :func:`points_to_motion` makes the motion.
 from __future__ import annotations
 
 import re
-import sys
-import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -18,7 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.errors import DoppelgaitWarning, MotionError
+from doppelgait.core.errors import MotionError, warn_caller
 from doppelgait.motion.axes import body_extent, find_up_axis, turn_z_up
 from doppelgait.motion.clean import MIN_MARKERS
 from doppelgait.motion.motion import Motion, make_motion
@@ -28,8 +26,11 @@ FloatArray = npt.NDArray[np.float64]
 
 _OUTPUT_LISTS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "MODELED_MARKERS", "MODELLED_MARKERS", "REACTIONS")
 _OUTPUT_NAME = re.compile(
-    r"(?i)(angles?|forces?|moments?|powers?|grf|centreofmass(floor)?|centerofmass(floor)?|com(floor)?)$"
+    r"(?i)((angles?|forces?|moments?|powers?|torques?|accelerations?|velocit(y|ies)|grf|"
+    r"cent(re|er)[ _.-]?of[ _.-]?(mass|gravity|pressure)|com|cog|cop)([ _.-]?(floor|[xyzlr]|left|right|\d+))?$)"
+    r"|^virtual|^v_(?=\w)"
 )
+"""Computed points: angles, forces, centres of mass and pressure, virtual points."""
 _UNLABELLED = re.compile(r"(?i)^(\*\s*\d+|#|u(name)?\*?\d+|new \d+|unlabell?ed.*|unidentified.*)$")
 _GHOST = re.compile(r"^(.+)-\d+$")
 _SEGMENTS = (
@@ -41,8 +42,8 @@ _SEGMENTS = (
 MIN_SUBJECT_POINTS = 8
 
 
-def sort_points(labels: Sequence[str], texts: Mapping[str, Sequence[str]]) -> dict[int, str]:
-    """Reason why a point is no physical marker, by index; points that are markers have no entry.
+def _sort_points(labels: Sequence[str], texts: Mapping[str, Sequence[str]]) -> dict[int, str]:
+    """Return the reason of each point that is no physical marker.
 
     Parameters
     ----------
@@ -86,7 +87,7 @@ def sort_points(labels: Sequence[str], texts: Mapping[str, Sequence[str]]) -> di
     return reasons
 
 
-def pick_subject(path: Path, labels: Sequence[str], kept: Sequence[int], subject: str | None) -> tuple[str, list[int]]:
+def _pick_subject(path: Path, labels: Sequence[str], kept: Sequence[int], subject: str | None) -> tuple[str, list[int]]:
     """Return the subject to read and the indices of its points.
 
     Parameters
@@ -122,7 +123,7 @@ def _prefix(label: str) -> str:
 
 
 def unique_names(names: Sequence[str]) -> list[str]:
-    """Number names that repeat (T8, T8_2) and name the nameless ``point_7``."""
+    """Make names unique (T8, T8_2) and name nameless points ``point_7``."""
     found: list[str] = []
     taken: set[str] = set()
     for i, wanted in enumerate(names):
@@ -187,7 +188,7 @@ def pick_markers(
     subject : str, optional
         Prefix of the wanted labels.
     texts : mapping, optional
-        Text parameters by ``"GROUP:NAME"``, as :func:`sort_points` takes them.
+        Text parameters by ``"GROUP:NAME"``.
     known_parts : mapping, optional
         Body part by lower-case name, before those of :mod:`doppelgait.motion.skeleton`.
 
@@ -196,14 +197,14 @@ def pick_markers(
     MotionError
         If there are no markers, the wanted subject is absent, or several could be meant.
     """
-    reasons = sort_points(labels, texts or {})
+    reasons = _sort_points(labels, texts or {})
     markers = [i for i in range(len(labels)) if i not in reasons]
     if not markers:
         kinds = ", ".join(sorted(set(reasons.values())))
         raise MotionError(f"{path}: holds no marker positions: its {len(reasons)} points are {kinds}")
     # cameras saw ghosts and unlabelled points, too
     measured = len(labels) - sum(reason.startswith("model output") for reason in reasons.values())
-    name, kept = pick_subject(path, labels, markers, subject)
+    name, kept = _pick_subject(path, labels, markers, subject)
     for i in set(markers) - set(kept):
         reasons[i] = (
             f"belongs to subject or prop {_prefix(labels[i])!r}" if ":" in labels[i] else "belongs to no subject"
@@ -243,7 +244,7 @@ MAX_RATE_HZ = 10_000.0
 
 
 def check_amount(path: Path, n_frames: int, n_points: int = MIN_MARKERS) -> None:
-    """Refuse what is too little for a motion.
+    """Refuse too few frames or points for a motion.
 
     Raises
     ------
@@ -267,7 +268,7 @@ def check_rate(path: Path, rate_hz: float | str | None, *, said: str) -> float:
     path : Path
         For the message.
     rate_hz : float, str or None
-        What was found or given.
+        From the file or the option.
     said : str
         Where it comes from, for the message (``"declares"``, ``"was given"``).
 
@@ -290,7 +291,7 @@ def check_rate(path: Path, rate_hz: float | str | None, *, said: str) -> float:
 
 
 def unit_or_guess(path: Path, name: str, position: FloatArray) -> str:
-    """Return the named unit; without a name, mm or m by the size of the body, with a warning.
+    """Return the named unit, else mm or m by body size.
 
     Parameters
     ----------
@@ -305,7 +306,7 @@ def unit_or_guess(path: Path, name: str, position: FloatArray) -> str:
         return name
     span = float(np.nan_to_num(body_extent(position)).max())
     guess = "m" if span < 10.0 else "mm"
-    warn_reader(
+    warn_caller(
         f"{path}: names no length unit; its points span {span:.3g}, so {guess} is taken. "
         "If that is wrong, give the unit: units='mm', 'cm' or 'm'."
     )
@@ -327,7 +328,9 @@ def points_to_motion(
     report: Mapping[str, Any] | None = None,
     notes: Sequence[str] = (),
 ) -> Motion:
-    """Make the motion of the points of one body, not cleaned: the last step of every reader.
+    """Make the motion of one body's points, not cleaned.
+
+    This is the last step of every reader.
 
     Parameters
     ----------
@@ -378,7 +381,7 @@ def points_to_motion(
         if axis_facts["up_axis_from"] == "assumed":
             # called again only for the sign of the usual axis
             axis_facts = {**find_up_axis(position_m, shown, declared=usual_up), "up_axis_from": "assumed"}
-            warn_reader(
+            warn_caller(
                 f"{path}: neither names nor shows which axis points up; {axis_facts['up_axis']} is taken. If that is "
                 "wrong, give it: up_axis='x', 'y', 'z', '-x', '-y' or '-z'."
             )
@@ -411,12 +414,3 @@ def points_to_motion(
             "notes": list(notes),
         },
     )
-
-
-def warn_reader(text: str) -> None:
-    """Warn about a file, at the line that called :func:`doppelgait.motion.read`."""
-    package = str(Path(__file__).parent)
-    frame, level = sys._getframe(1), 2
-    while frame.f_back is not None and frame.f_code.co_filename.startswith(package):
-        frame, level = frame.f_back, level + 1
-    warnings.warn(text, DoppelgaitWarning, stacklevel=level)

@@ -1,4 +1,7 @@
-"""Delimited marker tables: a row of names, then a row of coordinates for every frame (csv, tsv, ACCAD text)."""
+"""Delimited marker tables (csv, tsv, ACCAD text).
+
+A row of names comes first, then a row of coordinates for every frame.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.errors import MotionError
+from doppelgait.core.errors import MotionError, warn_caller
 from doppelgait.core.plugins import plugin
 from doppelgait.motion.axes import body_extent, metres_per_unit
 from doppelgait.motion.motion import Motion
@@ -21,7 +24,6 @@ from doppelgait.motion.readers.points import (
     check_rate,
     pick_markers,
     points_to_motion,
-    warn_reader,
 )
 from doppelgait.motion.readers.text import Row, decode, last_digit, rate_of_times, read_lines, to_numbers, trim_cells
 from doppelgait.motion.readers.trc import sniff_trc
@@ -31,6 +33,11 @@ FloatArray = npt.NDArray[np.float64]
 _UNIT = r"mm|cm|dm|m|in|ft|milli\w+|centi\w+|met(?:er|re)s?|inch(?:es)?|feet|foot"
 _COORDINATE = re.compile(rf"(?i)(.+?)\s*[_.: ]\s*([xyz])(?:\s*[\[(]\s*({_UNIT})\s*[\])]|[_ ]({_UNIT}))?")
 _ALIEN_UNIT = re.compile(r"(?i)(.+?)\s*[_.: ]\s*([xyz])(?:\s*[\[(]\s*([^\])]+?)\s*[\])]|[_ ]([a-z]+))")
+_GLUED = (
+    re.compile(rf"(?i)(?P<name>.*?)(?P<axis>[xyz])(?:\s*[\[(]\s*(?P<unit>{_UNIT})\s*[\])]|_(?P<bare>{_UNIT}))?"),
+    re.compile(rf"(?i)(?P<axis>[xyz])[_.: ]?(?P<name>.+?)(?:\s*[\[(]\s*(?P<unit>{_UNIT})\s*[\])]|_(?P<bare>{_UNIT}))?"),
+)
+"""``HeadX`` and ``x_Head``: read only in triples of neighbouring columns, because other names end in x, too."""
 _AXIS = re.compile(rf"(?i)([xyz])\d*(?:\s*[\[(]?({_UNIT})[\])]?)?")
 _TIME = re.compile(r"(?i)(?:time|t|timestamp)(?:[_ ]?[\[(]?\s*(s|sec|seconds?|ms|msec|milliseconds?)\s*[\])]?)?")
 _FRAME = re.compile(r"(?i)(?:frames?|field|index|samples?|sub ?frame|#)?(?:#|[_ ]?(?:no|number|nr)\.?)?")
@@ -39,7 +46,7 @@ FORM = "time_s, NAME_x_m, NAME_y_m, NAME_z_m, then the next point (m may be mm, 
 
 @dataclass(frozen=True)
 class Header:
-    """What the column names of a table say.
+    """Meaning of the column names of a table.
 
     Parameters
     ----------
@@ -72,27 +79,30 @@ class Header:
 
     @property
     def is_accad(self) -> bool:
-        """Whether the names are laid out as those of ACCAD: ``Field``, ``Time``, ``NAME:X``."""
+        """True for the column names of ACCAD: ``Field``, ``Time``, ``NAME:X``."""
         first = [title.lower() for title in self.titles[:2]]
         return first == ["field", "time"] and all(":" in self.titles[c[0]] for c in self.columns)
 
 
-def content_lines(lines: Sequence[str]) -> list[tuple[int, str]]:
-    """Lines that are neither blank nor a comment (``# ``), with their numbers from 1."""
+def _content_lines(lines: Sequence[str]) -> list[tuple[int, str]]:
+    """Return numbered lines (from 1) without blank and comment lines.
+
+    A comment starts with ``# ``.
+    """
     return [(i + 1, line) for i, line in enumerate(lines) if line.strip(' \t,;"') and not line.startswith("# ")]
 
 
-def split_rows(path: Path, lines: Sequence[str]) -> tuple[list[Row], str]:
-    """Cells of the content lines with their line numbers, and the delimiter.
+def _split_rows(path: Path, lines: Sequence[str]) -> tuple[list[Row], str]:
+    """Split the content lines into numbered rows of cells.
 
-    The delimiter is the one of tab, ``;`` and ``,`` that the first such line holds most.
+    Also returns the delimiter: the one of tab, ``;`` and ``,`` that the first such line holds most.
 
     Raises
     ------
     MotionError
         If a quoted cell does not end.
     """
-    numbered = content_lines(lines)
+    numbered = _content_lines(lines)
     if not numbered:
         return [], ","
     first = numbered[0][1]
@@ -109,16 +119,8 @@ def split_rows(path: Path, lines: Sequence[str]) -> tuple[list[Row], str]:
     return rows, delimiter
 
 
-def is_marker_header(rows: Sequence[Row]) -> bool:
-    """Whether the first rows name coordinates of points, or seem to mean to."""
-    if not rows:
-        return False
-    one = [cell for cell in rows[0][1] if _COORDINATE.fullmatch(cell) or _ALIEN_UNIT.fullmatch(cell)]
-    return bool(one) or _has_axis_row(rows)
-
-
 def read_header(path: Path, rows: Sequence[Row]) -> Header:
-    """Column names of a table.
+    """Interpret the column names of a table.
 
     Parameters
     ----------
@@ -133,10 +135,35 @@ def read_header(path: Path, rows: Sequence[Row]) -> Header:
         If no columns are coordinates of points, or a coordinate of a point is missing.
     """
     two = not any(_COORDINATE.fullmatch(cell) for cell in rows[0][1]) and _has_axis_row(rows)
-    titles = join_titles(path, rows) if two else trim_cells(rows[0][1])
-    labels, columns, units = group_coordinates(titles)
+    titles = _join_titles(path, rows) if two else trim_cells(rows[0][1])
+    spelled = titles if any(_COORDINATE.fullmatch(title) for title in titles) else _split_triples(titles)
+    # names, columns and units of the points; a name that repeats is a point each time
+    found: list[tuple[str, list[int], list[str]]] = []
+    latest: dict[str, int] = {}
+    for i, title in enumerate(spelled):
+        match = _COORDINATE.fullmatch(title)
+        if not match:
+            continue
+        name, axis = match[1], "xyz".index(match[2].lower())
+        at = latest.get(name, -1)
+        if at < 0 or found[at][1][axis] >= 0:
+            at = latest[name] = len(found)
+            found.append((name, [-1, -1, -1], ["", "", ""]))
+        found[at][1][axis] = i
+        found[at][2][axis] = (match[3] or match[4] or "").lower()
+    labels = [name for name, _, _ in found]
+    columns = [(c[0], c[1], c[2]) for _, c, _ in found]
+    units = [(u[0], u[1], u[2]) for _, _, u in found]
     if not labels:
-        refuse_without_points(path, rows[0][0], titles)
+        line = rows[0][0]
+        for title in titles:
+            alien = _ALIEN_UNIT.fullmatch(title)
+            if alien:
+                raise MotionError(
+                    f"{path}: line {line}: column {title!r} names the unit {alien[3] or alien[4]!r}, which is no known "
+                    "length; use mm, cm, dm, m, in or ft"
+                )
+        raise MotionError(f"{path}: line {line} names no coordinates of points; name the columns {FORM}")
     for label, places in zip(labels, columns, strict=True):
         if -1 in places:
             have = ", ".join(titles[i] for i in places if i >= 0)
@@ -162,13 +189,42 @@ def read_header(path: Path, rows: Sequence[Row]) -> Header:
     )
 
 
+def _split_triples(titles: Sequence[str]) -> list[str]:
+    """Spell triples of columns as ``NAME x (UNIT)``.
+
+    Triples are ``HeadX, HeadY, HeadZ``, ``X1, Y1, Z1`` or ``X, Y, Z``.
+
+    Other titles stay. A point without a name, or with a bare number, is ``point_N``.
+    """
+    spelled, n_points, i = list(titles), 0, 0
+    while i + 2 < len(titles):
+        for form in _GLUED:
+            three = [match for match in map(form.fullmatch, titles[i : i + 3]) if match]
+            names = {match["name"].strip(" _.:") for match in three}
+            if "".join(match["axis"] for match in three).lower() == "xyz" and len(names) == 1:
+                n_points += 1
+                name = names.pop()
+                name = f"point_{name or n_points}" if not name or name.isdecimal() else name
+                units = [match["unit"] or match["bare"] for match in three]
+                spelled[i : i + 3] = [
+                    f"{name} {a}" + (f" ({u})" if u else "") for a, u in zip("xyz", units, strict=True)
+                ]
+                i += 2
+                break
+        i += 1
+    return spelled
+
+
 def _has_axis_row(rows: Sequence[Row]) -> bool:
-    """Whether the second row is X, Y, Z, X, Y, Z, ... under a row of names."""
+    """Return whether the second row is X, Y, Z, X, ..."""
     return len(rows) > 1 and sum(bool(_AXIS.fullmatch(cell)) for cell in rows[1][1]) >= 3
 
 
-def join_titles(path: Path, rows: Sequence[Row]) -> list[str]:
-    """One row of titles from a row of names, each over its first coordinate or over all three, and a row of axes."""
+def _join_titles(path: Path, rows: Sequence[Row]) -> list[str]:
+    """Join a row of names and a row of axes into titles.
+
+    A name stands over its first coordinate or over all three.
+    """
     axes = trim_cells(rows[1][1])
     names = rows[0][1] + [""] * (len(axes) - len(rows[0][1]))
     titles, name = [], ""
@@ -184,58 +240,29 @@ def join_titles(path: Path, rows: Sequence[Row]) -> list[str]:
     return titles
 
 
-def group_coordinates(
-    titles: Sequence[str],
-) -> tuple[list[str], list[tuple[int, int, int]], list[tuple[str, str, str]]]:
-    """Names, columns and units of points."""
-    found: list[tuple[str, list[int], list[str]]] = []
-    latest: dict[str, int] = {}
-    for i, title in enumerate(titles):
-        match = _COORDINATE.fullmatch(title)
-        if not match:
-            continue
-        name, axis = match[1], "xyz".index(match[2].lower())
-        at = latest.get(name, -1)
-        if at < 0 or found[at][1][axis] >= 0:
-            at = latest[name] = len(found)
-            found.append((name, [-1, -1, -1], ["", "", ""]))
-        found[at][1][axis] = i
-        found[at][2][axis] = (match[3] or match[4] or "").lower()
-    labels = [name for name, _, _ in found]
-    return labels, [(c[0], c[1], c[2]) for _, c, _ in found], [(u[0], u[1], u[2]) for _, _, u in found]
-
-
-def refuse_without_points(path: Path, line: int, titles: Sequence[str]) -> None:
-    """Refuse column names without coordinates; name the unit that is not known."""
-    for title in titles:
-        alien = _ALIEN_UNIT.fullmatch(title)
-        if alien:
-            raise MotionError(
-                f"{path}: line {line}: column {title!r} names the unit {alien[3] or alien[4]!r}, which is no known "
-                "length; use mm, cm, dm, m, in or ft"
-            )
-    raise MotionError(f"{path}: line {line} names no coordinates of points; name the columns {FORM}")
-
-
 HEADER_BYTES = 2**20
-"""Column names of many points are longer than the head that is given to :func:`sniff_table`."""
+"""Column names of many points are longer than the head that :func:`sniff_table` gets."""
 ACCAD_UNIT = "mm"
 ACCAD_MISSING = -9999.99
 BODY_M = (0.1, 10.0)
 
 
 def sniff_table(path: Path, head: bytes) -> bool:
-    """Whether a file looks like a marker table: text whose column names are coordinates of points."""
+    """Return whether the column names are coordinates of points."""
     if b"\0" in head or sniff_trc(path, head) or head.lstrip()[:1] in (b"{", b"["):
         return False
     if head.count(b"\n") < 3:
         with path.open("rb") as file:
             head = file.read(HEADER_BYTES)
     try:
-        rows, _ = split_rows(path, [line for _, line in content_lines(decode(head).splitlines())[:2]])
+        rows, _ = _split_rows(path, [line for _, line in _content_lines(decode(head).splitlines())[:2]])
     except MotionError:
         return False
-    return is_marker_header(rows)
+    # the first rows name coordinates of points, if perhaps in an unknown unit
+    if not rows:
+        return False
+    one = [cell for cell in rows[0][1] if _COORDINATE.fullmatch(cell) or _ALIEN_UNIT.fullmatch(cell)]
+    return bool(one) or _has_axis_row(rows) or _split_triples(rows[0][1]) != rows[0][1]
 
 
 @plugin("motion_reader", "table", sniff=sniff_table, suffixes=(".csv", ".tsv", ".txt"))
@@ -248,12 +275,13 @@ def read_table(
     rate_hz: float | None = None,
     missing: float | None = None,
 ) -> Motion:
-    """Points of a delimited table, not cleaned.
+    """Read the points of a delimited table, not cleaned.
 
     Column names: ``time_s`` (or ``time_ms``, ``Time``) and ``NAME_x_m, NAME_y_m, NAME_z_m`` (what ``doppelgait motion
     convert`` writes), ``NAME_x``, ``NAME:X``, ``NAME X (mm)``; or a row of names over a row ``X, Y, Z``; or those of
-    ACCAD (``Field``, ``Time``, ``NAME:X``: mm, -9999.99 where a marker was not seen). Tabs, ``;`` or ``,`` part the
-    cells; with ``;`` a decimal comma is read. Blank cells are gaps. Times without a unit are in s.
+    ACCAD (``Field``, ``Time``, ``NAME:X``: mm, -9999.99 where a marker was not seen); or triples of neighbouring
+    columns without a mark between name and axis (``NAMEX, NAMEY, NAMEZ``; ``X1, Y1, Z1``; ``X, Y, Z``). Tabs, ``;`` or
+    ``,`` part the cells; with ``;`` a decimal comma is read. Blank cells are gaps. Times without a unit are in s.
 
     Parameters
     ----------
@@ -280,7 +308,7 @@ def read_table(
     MotionError
         If the table cannot be read right; names line and column.
     """
-    rows, delimiter = split_rows(path, read_lines(path))
+    rows, delimiter = _split_rows(path, read_lines(path))
     if not rows:
         raise MotionError(f"{path}: holds no rows")
     header = read_header(path, rows)
@@ -294,7 +322,7 @@ def read_table(
                 "or, if the file is cut off there, remove it."
             )
     comma = delimiter == ";"
-    rate = table_rate(path, header, frames, rate_hz, comma)
+    rate = _table_rate(path, header, frames, rate_hz, comma)
     columns = [i for places in header.columns for i in places]
     titles = [header.titles[i] for i in columns]
     position = to_numbers(path, frames, columns, titles, decimal_comma=comma).reshape(len(frames), -1, 3)
@@ -305,7 +333,7 @@ def read_table(
     if missing is not None:
         position[(position == float(missing)).all(axis=2)] = np.nan
     notes = [f"columns left out: {', '.join(header.left_out)}"] if header.left_out else []
-    names = coordinate_units(path, header, units, notes)
+    names = _coordinate_units(path, header, units, notes)
     metres = np.array([[metres_per_unit(name, where=str(path)) for name in point] for point in names])
     if header.is_accad and units is None:
         size = float(np.nan_to_num(body_extent(position * metres)).max())
@@ -329,8 +357,8 @@ def read_table(
     )
 
 
-def table_rate(path: Path, header: Header, frames: Sequence[Row], rate_hz: float | None, comma: bool) -> float:
-    """Return the frame rate: the given one, else that of the column of times."""
+def _table_rate(path: Path, header: Header, frames: Sequence[Row], rate_hz: float | None, comma: bool) -> float:
+    """Return the frame rate: the option, else from the time column."""
     if rate_hz is not None:
         return check_rate(path, rate_hz, said="was given")
     column = header.time_column
@@ -345,8 +373,8 @@ def table_rate(path: Path, header: Header, frames: Sequence[Row], rate_hz: float
     )
 
 
-def coordinate_units(path: Path, header: Header, units: str | None, notes: list[str]) -> list[list[str]]:
-    """Return the unit of every coordinate: that in its name, else the given one."""
+def _coordinate_units(path: Path, header: Header, units: str | None, notes: list[str]) -> list[list[str]]:
+    """Return the unit of each coordinate: its name's, else the default."""
     stated = {name for point in header.units for name in point if name}
     default = units or (ACCAD_UNIT if header.is_accad else "")
     bare = [i for i, point in enumerate(header.units) if "" in point]
@@ -357,8 +385,8 @@ def coordinate_units(path: Path, header: Header, units: str | None, notes: list[
             "the columns NAME_x_mm, NAME_y_mm, NAME_z_mm"
         )
     if units is not None and stated:
-        given = metres_per_unit(units, where=str(path))
-        if any(metres_per_unit(name, where=str(path)) != given for name in stated):
+        wanted_m = metres_per_unit(units, where=str(path))
+        if any(metres_per_unit(name, where=str(path)) != wanted_m for name in stated):
             notes.append(f"the column names give {', '.join(sorted(stated))}; units={units} was not used for those")
-            warn_reader(f"{path}: {notes[-1]}")
+            warn_caller(f"{path}: {notes[-1]}")
     return [[name or default for name in point] for point in header.units]

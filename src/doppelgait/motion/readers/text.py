@@ -1,4 +1,4 @@
-"""Text of motion files: lines, tables of numbers, and the frame rate of frames that carry their times."""
+"""Text of motion files: lines, number tables, frame rate from times."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 def read_text(path: Path) -> str:
-    """Text of a file, whatever ends its lines and whether it is UTF-8 or Latin-1.
+    """Read a text file of any line ending, UTF-8 or Latin-1.
 
     Raises
     ------
@@ -29,7 +29,7 @@ def read_text(path: Path) -> str:
 def parse_rows(
     path: Path, text: str, at: int, *, n_columns: int, n_rows: int | None = None, separator: str = " "
 ) -> FloatArray:
-    """Table of numbers from a place in a text to its end.
+    """Parse a table of numbers up to the end of a text.
 
     Parameters
     ----------
@@ -66,11 +66,11 @@ def parse_rows(
     if separator != " ":
         whole = whole and all(line.count(separator) == n_columns - 1 for line in lines)
     if not whole or not values.size or not np.isfinite(values).all():
-        raise MotionError(find_row_fault(path, text, at, n_columns, n_rows, separator))
+        raise MotionError(_find_row_fault(path, text, at, n_columns, n_rows, separator))
     return values.reshape(-1, n_columns)
 
 
-def find_row_fault(path: Path, text: str, at: int, n_columns: int, n_rows: int | None, separator: str) -> str:
+def _find_row_fault(path: Path, text: str, at: int, n_columns: int, n_rows: int | None, separator: str) -> str:
     """Describe the first row of a table that :func:`parse_rows` cannot read."""
     first_line = text.count("\n", 0, at) + 1
     row = 0
@@ -106,7 +106,10 @@ _BLANK = {"", "na", "n/a", "null", "none", "-"}
 
 
 def decode(raw: bytes) -> str:
-    """Text of a table, UTF-8 with or without byte-order mark, else Latin-1."""
+    """Decode the text of a table, UTF-8 or else Latin-1.
+
+    A byte-order mark is removed.
+    """
     try:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -114,7 +117,7 @@ def decode(raw: bytes) -> str:
 
 
 def read_lines(path: Path) -> list[str]:
-    """Lines of a text file, whatever ends them.
+    """Read the lines of a text file of any line ending.
 
     Raises
     ------
@@ -128,7 +131,7 @@ def read_lines(path: Path) -> list[str]:
 
 
 def trim_cells(cells: Sequence[str]) -> list[str]:
-    """Return the cells without the blank ones at the end."""
+    """Return the cells without blank ones at the end."""
     last = max((i for i, cell in enumerate(cells) if cell), default=-1)
     return list(cells[: last + 1])
 
@@ -136,7 +139,9 @@ def trim_cells(cells: Sequence[str]) -> list[str]:
 def to_numbers(
     path: Path, rows: Sequence[Row], columns: Sequence[int], titles: Sequence[str], *, decimal_comma: bool = False
 ) -> FloatArray:
-    """Cells as numbers, shape (rows, columns); blank cells, ``na``, ``n/a``, ``null``, ``none`` and ``-`` become NaN.
+    """Convert cells to numbers, shape (rows, columns).
+
+    Blank cells, ``na``, ``n/a``, ``null``, ``none`` and ``-`` become NaN.
 
     Parameters
     ----------
@@ -164,22 +169,17 @@ def to_numbers(
         try:
             values[k] = list(map(float, wanted))
         except ValueError:
-            values[k] = [_number(path, line, title, cell) for title, cell in zip(titles, wanted, strict=True)]
+            for n, (title, cell) in enumerate(zip(titles, wanted, strict=True)):
+                word = cell.strip()
+                try:
+                    values[k, n] = np.nan if word.lower() in _BLANK else float(word)
+                except ValueError:
+                    raise MotionError(
+                        f"{path}: line {line}, column {title!r}: {word[:40]!r} is no number. Correct it, or leave the "
+                        "cell blank where the point was not seen."
+                    ) from None
     values[~np.isfinite(values)] = np.nan
     return values
-
-
-def _number(path: Path, line: int, title: str, cell: str) -> float:
-    word = cell.strip()
-    if word.lower() in _BLANK:
-        return np.nan
-    try:
-        return float(word)
-    except ValueError:
-        raise MotionError(
-            f"{path}: line {line}, column {title!r}: {word[:40]!r} is no number. Correct it, or leave the cell blank "
-            "where the point was not seen."
-        ) from None
 
 
 MIN_RATE_HZ = 1.0
@@ -193,7 +193,7 @@ INSTEAD = "or give rate_hz= if the frames are evenly spaced nevertheless"
 def rate_of_times(
     path: Path, time_s: FloatArray, lines: Sequence[int], *, digit_s: float, declared_hz: float | None = None
 ) -> float:
-    """Frame rate that the times of the frames tell.
+    """Determine the frame rate from the times of the frames.
 
     The declared rate if the times agree with it; else the roundest that explains all times to their last printed
     digit (times printed 0.0083, 0.0167 are 120 Hz, not 120.0008 Hz); else frames by first and last time.
@@ -249,17 +249,22 @@ def rate_of_times(
 
 
 def _offset_s(time_s: FloatArray, rate_hz: float) -> float:
-    """Largest distance of a time from evenly spaced frames that lie as near as they can."""
+    """Return the largest deviation of the times from even spacing.
+
+    The evenly spaced frames lie as near as they can.
+    """
     return float(np.ptp(time_s - np.arange(len(time_s)) / rate_hz)) / 2.0
 
 
 def _rounding_s(digit_s: float, rate_hz: float) -> float:
-    """Distance that rounding to the last digit explains."""
+    """Return the deviation that rounding to the last digit explains."""
     return min(0.5 * digit_s * (1.0 + 1e-6), COARSEST / rate_hz)
 
 
 def last_digit(cells: Sequence[str], time_s: FloatArray, factor: float = 1.0) -> float:
-    """One unit of the last printed digit of a column of times, in s; at least 1e-8 of the largest time.
+    """Return the last printed digit of a time column, s.
+
+    It is at least 1e-8 of the largest time.
 
     Parameters
     ----------

@@ -1,4 +1,7 @@
-"""TRC files (Motion Analysis, OpenSim): a text table of marker positions under five header lines."""
+"""TRC files (Motion Analysis, OpenSim): marker positions in a text table.
+
+Five header lines come first.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.errors import MotionError
+from doppelgait.core.errors import MotionError, warn_caller
 from doppelgait.core.plugins import plugin
 from doppelgait.motion.axes import metres_per_unit
 from doppelgait.motion.motion import Motion
@@ -19,7 +22,6 @@ from doppelgait.motion.readers.points import (
     pick_markers,
     points_to_motion,
     unit_or_guess,
-    warn_reader,
 )
 from doppelgait.motion.readers.text import Row, last_digit, rate_of_times, read_lines, to_numbers, trim_cells
 
@@ -33,7 +35,7 @@ FIRST = 2
 
 @dataclass(frozen=True)
 class _Content:
-    """Values of the header by lower-case key, one label per point ("" without), data rows."""
+    """Header values by lower-case key, labels ("" without) and data rows."""
 
     header: dict[str, str]
     labels: list[str]
@@ -41,7 +43,7 @@ class _Content:
 
 
 def sniff_trc(path: Path, head: bytes) -> bool:
-    """Whether a file looks like TRC: its first word is PathFileType."""
+    """Return whether the first word of a file is PathFileType."""
     return head.removeprefix(b"\xef\xbb\xbf").lstrip()[: len(START)].lower() == START.lower()
 
 
@@ -54,7 +56,7 @@ def read_trc(
     up_axis: str | None = None,
     rate_hz: float | None = None,
 ) -> Motion:
-    """Markers of a TRC file, not cleaned.
+    """Read the markers of a TRC file, not cleaned.
 
     Blank cells and points at exactly 0, 0, 0 are gaps. The times of the frames decide where the header gives another
     rate; a warning says so.
@@ -82,9 +84,18 @@ def read_trc(
     MotionError
         If the file cannot be read right; names the line.
     """
-    content = parse_trc(path)
+    content = _parse_trc(path)
     check_amount(path, len(content.rows), len(content.labels))
-    notes = _frame_notes(path, content)
+    notes, n_frames = [], len(content.rows)
+    declared = content.header.get("numframes", "")
+    if not content.header:
+        notes.append("values of the header do not match its keys; they were not used")
+    if declared.isdecimal() and int(declared) != n_frames:
+        notes.append(f"declares {declared} frames but holds {n_frames}")
+        warn_caller(f"{path}: {notes[-1]}; is it cut off? Those are read.")
+    points = content.header.get("nummarkers", "")
+    if points.isdecimal() and int(points) != len(content.labels):
+        notes.append(f"declares {points} markers but holds {len(content.labels)}")
     rate = check_rate(path, rate_hz, said="was given") if rate_hz is not None else _rate(path, content, notes)
     titles = [f"{label or f'point {i + 1}'} {axis}" for i, label in enumerate(content.labels) for axis in "XYZ"]
     columns = range(FIRST, FIRST + len(titles))
@@ -104,7 +115,7 @@ def read_trc(
     )
 
 
-def parse_trc(path: Path) -> _Content:
+def _parse_trc(path: Path) -> _Content:
     """Parse header, labels and rows."""
     lines = [
         [cell.strip() for cell in (line.split("\t") if "\t" in line else line.split())] for line in read_lines(path)
@@ -124,14 +135,7 @@ def parse_trc(path: Path) -> _Content:
     while labels and not labels[-1]:
         labels.pop()
     named = max(len(labels), sum(1 for cell in axes if cell) // 3 if has_axes else 0)
-    n_points = max(named, count_points(path, rows, named))
-    return _Content(
-        parse_header(lines[:at]), labels + [""] * (n_points - len(labels)), pad_rows(path, rows, named, n_points)
-    )
-
-
-def count_points(path: Path, rows: list[Row], named: int) -> int:
-    """Points of the fullest row: unlabelled ones come after those that the header names."""
+    # points of the fullest row: unlabelled ones come after those that the header names
     line, cells = max(rows, key=lambda row: len(trim_cells(row[1])), default=(0, []))
     extra = len(trim_cells(cells)) - FIRST - 3 * named
     if extra > 0 and extra % 3:
@@ -139,23 +143,22 @@ def count_points(path: Path, rows: list[Row], named: int) -> int:
             f"{path}: line {line} has {len(trim_cells(cells))} cells; {FIRST} and three for each of {named} markers "
             f"are {FIRST + 3 * named}. Correct the line or remove it."
         )
-    return named + max(extra, 0) // 3
-
-
-def pad_rows(path: Path, rows: list[Row], named: int, n_points: int) -> list[Row]:
-    """Rows with a cell for every coordinate; a row that lacks cells of named markers is an error."""
+    n_points = named + max(extra, 0) // 3
     for line, cells in rows:
         if len(cells) < FIRST + 3 * named:
             raise MotionError(
                 f"{path}: line {line} has {len(cells)} cells; {FIRST} and three for each of {named} markers are "
                 f"{FIRST + 3 * named}. Is the file cut off? Correct the line or remove it."
             )
-    width = FIRST + 3 * n_points
-    return [(line, cells + [""] * (width - len(cells))) for line, cells in rows]
+    return _Content(
+        _parse_header(lines[:at]),
+        labels + [""] * (n_points - len(labels)),
+        [(line, cells + [""] * (FIRST + 3 * n_points - len(cells))) for line, cells in rows],
+    )
 
 
-def parse_header(lines: list[list[str]]) -> dict[str, str]:
-    """Values below the line of keys; empty when they do not match it one to one."""
+def _parse_header(lines: list[list[str]]) -> dict[str, str]:
+    """Parse the values below the keys; empty where they do not match."""
     at = next((i for i, cells in enumerate(lines) if cells and cells[0].lower() == "datarate"), -1)
     if at < 0 or at + 1 >= len(lines):
         return {}
@@ -165,20 +168,6 @@ def parse_header(lines: list[list[str]]) -> dict[str, str]:
         # some writers put two tabs between values
         values = " ".join(values).split()
     return dict(zip(keys, values, strict=True)) if len(values) == len(keys) else {}
-
-
-def _frame_notes(path: Path, content: _Content) -> list[str]:
-    notes, n_frames = [], len(content.rows)
-    declared = content.header.get("numframes", "")
-    if not content.header:
-        notes.append("values of the header do not match its keys; they were not used")
-    if declared.isdecimal() and int(declared) != n_frames:
-        notes.append(f"declares {declared} frames but holds {n_frames}")
-        warn_reader(f"{path}: {notes[-1]}; is it cut off? Those are read.")
-    points = content.header.get("nummarkers", "")
-    if points.isdecimal() and int(points) != len(content.labels):
-        notes.append(f"declares {points} markers but holds {len(content.labels)}")
-    return notes
 
 
 def _rate(path: Path, content: _Content, notes: list[str]) -> float:
@@ -196,5 +185,5 @@ def _rate(path: Path, content: _Content, notes: list[str]) -> float:
     rate = rate_of_times(path, time_s, lines, digit_s=last_digit(printed, time_s), declared_hz=header_hz or None)
     if rate != header_hz:
         notes.append(f"the header says {declared or 'no rate'} Hz, the times {rate:g} Hz; the times were taken")
-        warn_reader(f"{path}: {notes[-1]}. If that is wrong, give the rate: rate_hz=...")
+        warn_caller(f"{path}: {notes[-1]}. If that is wrong, give the rate: rate_hz=...")
     return rate

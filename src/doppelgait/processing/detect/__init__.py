@@ -1,4 +1,4 @@
-"""Finding bodies: thresholds with a known false-alarm rate, clusters of cells, scans."""
+"""Detection of bodies: thresholds with known false-alarm rate, clusters, scans."""
 
 from doppelgait.processing.detect.cfar import ca_factor, os_factor, os_pfa
 from doppelgait.processing.detect.config import Detector

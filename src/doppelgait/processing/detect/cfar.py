@@ -1,4 +1,4 @@
-"""Constant false-alarm rate: threshold factors in closed form, and the window along range."""
+"""Constant false-alarm rate: threshold factors and the window along range."""
 
 from __future__ import annotations
 
@@ -21,7 +21,9 @@ MIN_TRAINING = 4
 
 
 def ca_factor(n_training: int, pfa: float, *, n_summed: int = 1) -> float:
-    r"""Threshold over the mean of ``n_training`` cells of noise (cell averaging).
+    r"""Compute the threshold factor of cell averaging.
+
+    The factor applies to the mean of ``n_training`` cells of noise.
 
     .. math:: \alpha = N (P_{fa}^{-1/N} - 1)
 
@@ -45,7 +47,9 @@ def ca_factor(n_training: int, pfa: float, *, n_summed: int = 1) -> float:
 
 
 def os_pfa(factor: float, n_training: int, rank: int, *, n_summed: int = 1) -> float:
-    r"""False-alarm probability of a threshold ``factor`` times the ``rank``-th smallest of N cells (Rohling, 1983).
+    r"""Compute the false-alarm probability of an ordered-statistic threshold (Rohling, 1983).
+
+    The threshold is ``factor`` times the ``rank``-th smallest of N cells.
 
     .. math:: P_{fa} = \prod_{i=0}^{k-1} \frac{N - i}{N - i + \alpha}
 
@@ -75,7 +79,9 @@ def os_pfa(factor: float, n_training: int, rank: int, *, n_summed: int = 1) -> f
 
 @lru_cache(maxsize=512)
 def os_factor(n_training: int, rank: int, pfa: float, *, n_summed: int = 1) -> float:
-    """Threshold over the ``rank``-th smallest of ``n_training`` cells of noise: :func:`os_pfa` solved for alpha.
+    """Compute the threshold factor of an ordered statistic.
+
+    It applies to the ``rank``-th smallest of ``n_training`` cells of noise: :func:`os_pfa` solved for alpha.
 
     Raises
     ------
@@ -101,7 +107,7 @@ def os_factor(n_training: int, rank: int, pfa: float, *, n_summed: int = 1) -> f
 
 @dataclass(frozen=True)
 class RangeWindow:
-    """Training cells of a CFAR window along range, the same on both sides of a cell.
+    """Training cells along range, the same on both sides.
 
     Parameters
     ----------
@@ -120,7 +126,10 @@ class RangeWindow:
 
 
 def range_window(*, bin_spacing_m: float, window_m: float, guard_m: float, resolution_m: float) -> RangeWindow:
-    """Window of cells from ``guard_m`` to ``window_m`` away, about ``resolution_m`` apart."""
+    """Build the window of training cells along range.
+
+    Cells are from ``guard_m`` to ``window_m`` away and about ``resolution_m`` apart.
+    """
     return RangeWindow(
         first=math.floor(guard_m / bin_spacing_m + 1e-9) + 1,
         reach=math.floor(window_m / bin_spacing_m + 1e-9),
@@ -129,7 +138,9 @@ def range_window(*, bin_spacing_m: float, window_m: float, guard_m: float, resol
 
 
 def ca_mask(power_v2: Power, window: RangeWindow, pfa: float) -> Mask:
-    """Cells above their cell-averaged threshold along the last axis (range); see :func:`ca_factor`.
+    """Find cells above their cell-averaged threshold along range.
+
+    Range is the last axis; see :func:`ca_factor`.
 
     Parameters
     ----------
@@ -153,7 +164,9 @@ def ca_mask(power_v2: Power, window: RangeWindow, pfa: float) -> Mask:
 
 
 def os_mask(power_v2: Power, window: RangeWindow, pfa: float, *, rank_share: float) -> Mask:
-    """Cells above their ordered-statistic threshold along the last axis (range); see :func:`os_factor`.
+    """Find cells above their ordered-statistic threshold along range.
+
+    Range is the last axis; see :func:`os_factor`.
 
     A cell is above alpha times the k-th smallest training cell just when k of them are below its alpha-th part: they
     are counted and never sorted.
@@ -185,7 +198,10 @@ def os_mask(power_v2: Power, window: RangeWindow, pfa: float, *, rank_share: flo
 
 
 def training_counts(window: RangeWindow, n_bins: int) -> npt.NDArray[np.int64]:
-    """Number of training cells of every range bin, fewer at the ends of the frame; shape (N,)."""
+    """Count the training cells of every range bin.
+
+    There are fewer at the ends of the frame; shape (N,).
+    """
     counts = np.zeros(n_bins, dtype=np.int64)
     for here, _ in _pairs(window, n_bins):
         counts[here] += 1
@@ -193,7 +209,7 @@ def training_counts(window: RangeWindow, n_bins: int) -> npt.NDArray[np.int64]:
 
 
 def _pairs(window: RangeWindow, n_bins: int) -> Iterator[tuple[slice, slice]]:
-    """Slices of cells and of their training cells, distance by distance."""
+    """Yield slices of cells and training cells by distance."""
     for distance in window.distances:
         if distance < n_bins:
             near, far = slice(0, n_bins - distance), slice(distance, n_bins)

@@ -1,4 +1,4 @@
-"""Cells above the threshold -> clusters, one per body."""
+"""Clusters of cells above the threshold, one per body."""
 
 from __future__ import annotations
 
@@ -42,7 +42,10 @@ class Cells:
         return int(self.cluster.max(initial=-1)) + 1
 
     def regrouped(self, group: IntArray) -> Cells:
-        """The cells with clusters put together: cluster i becomes part of ``group[i]``, or goes where that is -1."""
+        """Merge clusters by group numbers.
+
+        Cluster i becomes part of ``group[i]``, or is removed where that is -1.
+        """
         wanted = group[self.cluster]
         kept = wanted >= 0
         _, numbers = np.unique(wanted[kept], return_inverse=True)
@@ -50,7 +53,9 @@ class Cells:
 
 
 def find_clusters(mask: Mask, *, join_bins: int, join_doppler_bins: int) -> Cells:
-    """Connected groups of cells, after dilation; the Doppler axis is a ring.
+    """Find connected groups of cells after dilation.
+
+    The Doppler axis is a ring.
 
     Parameters
     ----------
@@ -65,34 +70,30 @@ def find_clusters(mask: Mask, *, join_bins: int, join_doppler_bins: int) -> Cell
     Cells
     """
     from scipy import ndimage
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
 
     grown = ndimage.maximum_filter1d(mask.view(np.uint8), join_bins, axis=2, mode="constant")
     grown = ndimage.maximum_filter1d(grown, join_doppler_bins, axis=1, mode="wrap")
     labels, count = ndimage.label(grown, structure=IN_PLANE)
     scan, doppler, range_bin = np.nonzero(mask)
-    group = _around_the_ring(labels, count)
-    cells = Cells(scan, doppler, range_bin, group[labels[scan, doppler, range_bin]])
-    return cells.regrouped(np.arange(count + 1))
-
-
-def _around_the_ring(labels: npt.NDArray[np.signedinteger[Any]], count: int) -> IntArray:
-    """Number of the group of every label, where labels that meet across the ends of the Doppler axis are one."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
+    group = np.arange(count + 1)
     first, last = labels[:, 0], labels[:, -1]
     both = (first > 0) & (last > 0)
-    if not both.any():
-        return np.arange(count + 1)
-    pairs = (first[both], last[both])
-    graph = coo_array((np.ones(pairs[0].size), pairs), shape=(count + 1, count + 1))
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+    if both.any():  # labels that meet across the ends of the Doppler axis are one group
+        pairs = (first[both], last[both])
+        graph = coo_array((np.ones(pairs[0].size), pairs), shape=(count + 1, count + 1))
+        group = np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+    cells = Cells(scan, doppler, range_bin, group[labels[scan, doppler, range_bin]])
+    return cells.regrouped(np.arange(count + 1))
 
 
 def only_bodies(
     cells: Cells, peak: Mask, power_v2: npt.NDArray[np.floating[Any]], floor_v2: FloatArray, *, min_snr: float
 ) -> Cells:
-    """Clusters that hold a peak, or whose cells have a sum of power over noise of at least ``min_snr``.
+    """Keep clusters that hold a peak or enough power.
+
+    Enough is a sum of power over noise of at least ``min_snr``.
 
     Parameters
     ----------
@@ -111,7 +112,9 @@ def only_bodies(
 
 @dataclass(frozen=True)
 class Shape:
-    """What every cluster looks like; arrays of one value per cluster, positions in bins.
+    """Centre, size and power of every cluster.
+
+    Arrays of one value per cluster, positions in bins.
 
     Parameters
     ----------
@@ -142,7 +145,7 @@ class Shape:
 def shape_of(
     cells: Cells, power_v2: npt.NDArray[np.floating[Any]], floor_v2: FloatArray, *, box_quantile: float
 ) -> Shape:
-    """Centre, box and power of every cluster.
+    """Measure centre, box and power of every cluster.
 
     Parameters
     ----------
@@ -160,8 +163,12 @@ def shape_of(
     along_range = _profile(cells.cluster, cells.range_bin, weight, n, n_bins)
     along_doppler = _profile(cells.cluster, cells.doppler, weight, n, n_doppler)
     range_bin, range_spread, range_box = _moments(along_range, box_quantile)
-    start, unrolled = _unroll(along_doppler)
-    doppler_bin, doppler_spread, doppler_box = _moments(unrolled, box_quantile)
+    start = np.zeros(n)  # profiles that reach both ends of the ring are unrolled where they are emptiest
+    for row in np.flatnonzero((along_doppler[:, 0] > 0) & (along_doppler[:, -1] > 0)):
+        profile = along_doppler[row]
+        start[row] = np.argmin(profile + np.roll(profile, 1) + np.roll(profile, -1))
+        along_doppler[row] = np.roll(profile, -int(start[row]))
+    doppler_bin, doppler_spread, doppler_box = _moments(along_doppler, box_quantile)
     turns = n_doppler * np.floor((start + doppler_bin + 0.5) / n_doppler)
     scan = np.zeros(n, dtype=np.int64)
     scan[cells.cluster] = cells.scan
@@ -180,17 +187,20 @@ def shape_of(
 
 
 def _profile(cluster: IntArray, place: IntArray, weight: FloatArray, n: int, size: int) -> FloatArray:
-    """Power of every cluster along one axis, shape (n, size)."""
+    """Sum the power of every cluster along one axis.
+
+    The result has the shape (n, size).
+    """
     return _sums(cluster * size + place, weight, n * size).reshape(n, size)
 
 
 def _sums(number: IntArray, weight: FloatArray, n: int) -> FloatArray:
-    """Sum of the weights of every number below n."""
+    """Sum the weights of every number below n."""
     return np.asarray(np.bincount(number, weight, n), dtype=np.float64)
 
 
 def _moments(profile: FloatArray, quantile: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Centre, standard deviation and edges of profiles of power, in bins."""
+    """Compute centre, spread and edges of power profiles, in bins."""
     bins = np.arange(profile.shape[1])
     share = profile / profile.sum(axis=1, keepdims=True)
     centre = share @ bins
@@ -201,22 +211,10 @@ def _moments(profile: FloatArray, quantile: float) -> tuple[FloatArray, FloatArr
     return centre, spread, np.stack([low, high], axis=1)
 
 
-def _unroll(profile: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Profiles around a ring, cut where they are emptiest: bin at which each now starts, and the profiles from there.
-
-    What does not reach both ends of the axis is left as it is.
-    """
-    start = np.zeros(profile.shape[0])
-    unrolled = profile.copy()
-    for row in np.flatnonzero((profile[:, 0] > 0) & (profile[:, -1] > 0)):
-        near = profile[row] + np.roll(profile[row], 1) + np.roll(profile[row], -1)
-        start[row] = np.argmin(near)
-        unrolled[row] = np.roll(profile[row], -int(start[row]))
-    return start, unrolled
-
-
 def merge_groups(shape: Shape, *, range_bins: float, gap_bins: float, limb_gap_bins: float, n_doppler: int) -> IntArray:
-    """For every cluster the one that it is part of: the strongest of its scan that it belongs to, or itself.
+    """Assign every cluster to the body that it is part of.
+
+    It is the strongest of its scan that it belongs to, or itself.
 
     Parameters
     ----------
@@ -236,13 +234,14 @@ def merge_groups(shape: Shape, *, range_bins: float, gap_bins: float, limb_gap_b
     """
     group = np.arange(shape.power.size)
     order = np.lexsort((-shape.power, shape.scan))
-    still = n_doppler // 2
+    still, turns = n_doppler // 2, n_doppler * np.arange(-1, 2)
     leaders: list[int] = []
     for number in order:
         if leaders and shape.scan[leaders[0]] != shape.scan[number]:
             leaders = []
         for leader in leaders:
-            gap = _ring_gap(shape.doppler_box[leader], shape.doppler_box[number], n_doppler)
+            one, other = shape.doppler_box[leader], shape.doppler_box[number]
+            gap = float(np.maximum(other[0] + turns - one[1], one[0] - other[1] - turns).min())  # 0 or less: they meet
             same_way = (shape.doppler_bin[leader] - still) * (shape.doppler_bin[number] - still) > 0
             is_limb = same_way and shape.power[number] < LIMB_SHARE * shape.power[leader]
             near = abs(shape.range_bin[leader] - shape.range_bin[number]) < range_bins
@@ -252,9 +251,3 @@ def merge_groups(shape: Shape, *, range_bins: float, gap_bins: float, limb_gap_b
         else:
             leaders.append(int(number))
     return group
-
-
-def _ring_gap(one: FloatArray, other: FloatArray, n_doppler: int) -> float:
-    """Gap between two intervals on a ring, in bins; negative or 0 where they meet."""
-    turns = n_doppler * np.arange(-1, 2)
-    return float(np.maximum(other[0] + turns - one[1], one[0] - other[1] - turns).min())

@@ -1,4 +1,4 @@
-"""How bodies are found in range-Doppler maps."""
+"""Parameters of the detector."""
 
 from __future__ import annotations
 
@@ -13,16 +13,18 @@ ClutterKind = Literal["none", "mean", "median", "exponential", "mti"]
 
 
 class Detector(FrozenModel):
-    """Parameters of the detector; the defaults suit an impulse radar with cells of 5 cm that looks at people and dogs.
+    """Parameters of the detector.
+
+    The defaults suit an impulse radar with cells of 5 cm that observes people and dogs.
 
     Parameters
     ----------
     method : {"noise_map", "os_cfar", "ca_cfar"}
-        What a cell is compared with: the noise floor of its range bin over time and Doppler, or the cells around it in
-        range at the same Doppler, ordered (OS) or averaged (CA).
+        Reference of a cell: the noise floor of its range bin over time and Doppler, or the cells around it in range at
+        the same Doppler, ordered (OS) or averaged (CA).
     clutter : {"none", "mean", "median", "exponential", "mti"}
-        What is taken off first (:func:`doppelgait.processing.clutter.without_clutter`); harmless where the baseband has
-        been through it already.
+        Clutter removal before detection (:func:`doppelgait.processing.clutter.without_clutter`); harmless where the
+        clutter has been removed already.
     cpi_s : float
         Coherent processing interval of a scan T_d.
     hop_s : float
@@ -32,7 +34,7 @@ class Detector(FrozenModel):
     pfa : float
         False-alarm probability of a cell that may belong to a body.
     peak_pfa : float
-        That of a cell which makes a body of its cluster by itself: not above ``pfa``.
+        False-alarm probability of a cell that is enough for its cluster to be a body: not above ``pfa``.
     min_snr : float
         A cluster without such a cell is a body too if the power of its cells over the noise of one adds up to this.
         At 50 noise alone does so about 10 times a minute (1 kHz, 188 range bins, the other defaults), and
@@ -41,12 +43,11 @@ class Detector(FrozenModel):
         Cells this far below the strongest Doppler cell of the same range bin and scan are its side lobes (43.8 dB for
         sigma_w = 0.4) and no body's.
     slow_mps : float
-        Below this speed, the half width of a Doppler line, a cell is also compared with what is in it nearly all the
-        time (lower quartile of the scans), so that what is left of static clutter is no body. A body that keeps as
-        still for half of the recording or more goes with it. 0 to leave that out.
+        Below this speed, the half width of a Doppler line, a cell is also compared with its permanent power (lower
+        quartile of the scans), so that the rest of static clutter is no body. A body that is as still for half of the
+        recording or more is lost. 0 switches this off.
     near_m : float
-        Range bins nearer than this hold the direct path between the antennas and are not looked at, unless there is
-        only one bin.
+        Nearer range bins hold the direct path between the antennas and are ignored, unless there is only one bin.
     window_m, guard_m : float
         Half length of the CFAR window in range, and how much of it next to the cell is left out: a body must fit into
         the guard.
@@ -62,7 +63,7 @@ class Detector(FrozenModel):
     merge_velocity_mps : float
         See ``merge_range_m``.
     limb_velocity_mps : float
-        The same for a cluster that is much weaker and moves the same way: the foot that swings.
+        The same for a much weaker cluster with the same direction of motion: the swinging foot.
     box_quantile : float
         Share of a cluster's power left out on either side of its box.
     min_cells : int

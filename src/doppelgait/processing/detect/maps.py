@@ -27,7 +27,9 @@ MIN_SCANS = 10
 
 
 def noise_factor(pfa: float, *, n_summed: int = 1) -> float:
-    r"""Threshold over a known mean noise power, for a cell that sums independent cells.
+    r"""Compute the threshold over a known mean noise power.
+
+    It is for a cell that sums independent cells.
 
     A cell of noise with mean :math:`\nu` is exponential, :math:`P(x > T) = e^{-T / \nu}`; the sum of ``n_summed`` is a
     Gamma variable. For one cell the factor is :math:`-\ln P_{fa}`.
@@ -51,7 +53,7 @@ def noise_factor(pfa: float, *, n_summed: int = 1) -> float:
 
 
 def noise_map(power_v2: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.float64]:
-    r"""Mean noise power in one cell of every range bin.
+    r"""Estimate the mean noise power of every range bin's cells.
 
     The 0.3-quantile over time and Doppler, divided by :math:`-\ln 0.7`, gives a first value. The mean of the cells
     below four times that, over the mean :math:`1 - 4 e^{-4} / (1 - e^{-4})` of an exponential variable cut there, gives
@@ -67,7 +69,7 @@ def noise_map(power_v2: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.float64
     ndarray, shape (N,)
         In the unit of ``power_v2``.
     """
-    cells = power_v2[:, ::2].reshape(-1, power_v2.shape[2])  # neighbours in Doppler tell little new (E-23)
+    cells = power_v2[:, ::2].reshape(-1, power_v2.shape[2])  # neighbours in Doppler add little (E-23)
     place = int(FIRST_QUANTILE * cells.shape[0])
     floor = np.partition(cells, place, axis=0)[place].astype(np.float64) / -math.log1p(-FIRST_QUANTILE)
     share = 1.0 - CUT_AT * math.exp(-CUT_AT) / -math.expm1(-CUT_AT)
@@ -79,10 +81,12 @@ def noise_map(power_v2: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.float64
 
 
 def residue_map(power_v2: npt.NDArray[np.floating[Any]]) -> npt.NDArray[np.float64]:
-    r"""Mean power of every cell that is there all the time: its 0.25-quantile over the scans over -ln 0.75.
+    r"""Estimate the mean power of permanent echoes in every cell.
+
+    It is the 0.25-quantile over the scans, divided by -ln 0.75.
 
     What a body adds to a cell hardly counts as long as it is there for less than half of the scans. With fewer than
-    ten scans a body cannot be told from what stays, and the map is 0.
+    ten scans a body cannot be distinguished from permanent echoes, and the map is 0.
 
     Parameters
     ----------
@@ -108,7 +112,9 @@ TRANSFORM_SCANS = 64
 
 @dataclass(frozen=True)
 class Maps:
-    """Range-Doppler maps of some scans, in power per cell: the mean of noise is its variance.
+    """Range-Doppler maps of some scans.
+
+    They hold power per cell: the mean of noise is its variance.
 
     Parameters
     ----------
@@ -129,7 +135,10 @@ class Maps:
 
     @property
     def bin_spacing_m(self) -> float:
-        """Distance of range bins; infinite for a radar without range resolution."""
+        """Distance of range bins.
+
+        Infinite for a radar without range resolution.
+        """
         size = self.range_m.size
         return float(self.range_m[-1] - self.range_m[0]) / (size - 1) if size > 1 else math.inf
 
@@ -140,7 +149,9 @@ class Maps:
 
 
 def maps_of(baseband: xr.DataArray, settings: Detector, *, wavelength_m: float) -> Iterator[Maps]:
-    """Maps of a recording in blocks of about a minute, each with its own noise map.
+    """Compute maps in blocks of about a minute.
+
+    Each block has its own noise map.
 
     Parameters
     ----------
@@ -175,7 +186,9 @@ def maps_of(baseband: xr.DataArray, settings: Detector, *, wavelength_m: float) 
 def power_per_cell(
     values: npt.NDArray[np.complex64], transform: Transform, scans: npt.NDArray[np.int64]
 ) -> npt.NDArray[np.float32]:
-    """Power of every range-Doppler cell of some scans over sum(w^2), so that white noise keeps its variance (E-24).
+    """Compute the power of every range-Doppler cell (E-24).
+
+    It is divided by sum(w^2), so that white noise keeps its variance.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Baseband -> scans: range-Doppler maps at about 10 Hz, and the bodies found in each."""
+"""Scans of a recording: range-Doppler maps at about 10 Hz, with detections."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ NO_RANGE_SD_M = 1000.0
 def find_scans(
     baseband: xr.DataArray, settings: Detector | None = None, *, wavelength_m: float, in_phase: bool = False
 ) -> list[Scan]:
-    """Bodies in every coherent processing interval of a recording.
+    """Find bodies in every coherent processing interval of a recording.
 
     The common phase of the frames and static clutter are taken off, range-Doppler maps are made (E-24), cells above the
     threshold are joined to clusters, and clusters that are one body to one detection. A radar without range resolution
@@ -74,16 +74,36 @@ def find_scans(
     scans: list[Scan] = []
     for maps in maps_of(moving, chosen, wavelength_m=wavelength_m):
         mask, peak = detected_cells(maps, chosen)
-        shape = _bodies(maps, mask, peak, chosen)
+        cells = find_clusters(
+            mask,
+            join_bins=_odd(chosen.join_range_m / maps.bin_spacing_m),
+            join_doppler_bins=_odd(chosen.join_doppler_hz / float(maps.doppler_hz[1] - maps.doppler_hz[0])),
+        )
+        cells = only_bodies(cells, peak, maps.power_v2, maps.floor_v2, min_snr=chosen.min_snr)
+        # clusters of one body become one, and bodies of too few cells are left out
+        shape = shape_of(cells, maps.power_v2, maps.floor_v2, box_quantile=chosen.box_quantile)
+        group = merge_groups(
+            shape,
+            range_bins=chosen.merge_range_m / maps.bin_spacing_m,
+            gap_bins=chosen.merge_velocity_mps / maps.velocity_spacing_mps,
+            limb_gap_bins=chosen.limb_velocity_mps / maps.velocity_spacing_mps,
+            n_doppler=maps.velocity_mps.size,
+        )
+        sizes = np.bincount(group, shape.n_cells, group.size)
+        cells = cells.regrouped(np.where(sizes[group] >= chosen.min_cells, group, -1))
+        shape = shape_of(cells, maps.power_v2, maps.floor_v2, box_quantile=chosen.box_quantile)
         found: list[list[Detection]] = [[] for _ in maps.time_s]
         for number in range(shape.power.size):
-            found[shape.scan[number]].append(_detection(maps, shape, number))
+            found[shape.scan[number]].append(_make_detection(maps, shape, number))
         scans += [Scan(float(t), tuple(detections)) for t, detections in zip(maps.time_s, found, strict=True)]
     return scans
 
 
 def detected_cells(maps: Maps, settings: Detector) -> tuple[Mask, Mask]:
-    """Cells that may belong to a body, and the stronger ones that each body must have; both shape (J, K, N)."""
+    """Find cells that may belong to a body, and peaks.
+
+    A peak is a stronger cell that each body must have; both shape (J, K, N).
+    """
     power = maps.power_v2
     least = np.maximum(
         power.max(axis=1, keepdims=True) * np.float32(1.0 / db_to_power(settings.dynamic_range_db)),
@@ -96,13 +116,13 @@ def detected_cells(maps: Maps, settings: Detector) -> tuple[Mask, Mask]:
     residue = residue_map(power[:, slow])
     masks = []
     for pfa in (settings.pfa, settings.peak_pfa):
-        mask = _threshold(maps, settings, pfa) & above
+        mask = _apply_threshold(maps, settings, pfa) & above
         mask[:, slow] &= power[:, slow] > noise_factor(pfa) * residue
         masks.append(mask)
     return masks[0], masks[1] & masks[0]
 
 
-def _threshold(maps: Maps, settings: Detector, pfa: float) -> Mask:
+def _apply_threshold(maps: Maps, settings: Detector, pfa: float) -> Mask:
     if settings.method == "noise_map":
         return np.asarray(maps.power_v2 > (noise_factor(pfa) * maps.floor_v2).astype(np.float32))
     window = range_window(
@@ -121,34 +141,15 @@ def _threshold(maps: Maps, settings: Detector, pfa: float) -> Mask:
     return ca_mask(maps.power_v2, window, pfa)
 
 
-def _bodies(maps: Maps, mask: Mask, peak: Mask, settings: Detector) -> Shape:
-    """Clusters put together to bodies."""
-    doppler_spacing_hz = float(maps.doppler_hz[1] - maps.doppler_hz[0])
-    cells = find_clusters(
-        mask,
-        join_bins=_odd(settings.join_range_m / maps.bin_spacing_m),
-        join_doppler_bins=_odd(settings.join_doppler_hz / doppler_spacing_hz),
-    )
-    cells = only_bodies(cells, peak, maps.power_v2, maps.floor_v2, min_snr=settings.min_snr)
-    shape = shape_of(cells, maps.power_v2, maps.floor_v2, box_quantile=settings.box_quantile)
-    group = merge_groups(
-        shape,
-        range_bins=settings.merge_range_m / maps.bin_spacing_m,
-        gap_bins=settings.merge_velocity_mps / maps.velocity_spacing_mps,
-        limb_gap_bins=settings.limb_velocity_mps / maps.velocity_spacing_mps,
-        n_doppler=maps.velocity_mps.size,
-    )
-    sizes = np.bincount(group, shape.n_cells, group.size)
-    cells = cells.regrouped(np.where(sizes[group] >= settings.min_cells, group, -1))
-    return shape_of(cells, maps.power_v2, maps.floor_v2, box_quantile=settings.box_quantile)
-
-
 def _odd(size_bins: float) -> int:
-    """The odd number next to a size, at least 3: touching cells are always joined."""
+    """Round a size to an odd number of at least 3.
+
+    Touching cells are always joined.
+    """
     return max(3, 2 * round((size_bins - 1.0) / 2.0) + 1)
 
 
-def _detection(maps: Maps, shape: Shape, number: int) -> Detection:
+def _make_detection(maps: Maps, shape: Shape, number: int) -> Detection:
     to_m = maps.bin_spacing_m if maps.range_m.size > 1 else 0.0
     to_mps = maps.velocity_spacing_mps
     low_m, high_m = maps.range_m[0] + to_m * shape.range_box[number]
@@ -172,5 +173,8 @@ def _detection(maps: Maps, shape: Shape, number: int) -> Detection:
 
 
 def _centre_sd(spread: float, cell: float, snr: float, always: float, share: float) -> float:
-    """Standard deviation of a centre: constant, limbs that come and go, and noise on a cell's width (Cramer-Rao)."""
+    """Compute the standard deviation of a centre.
+
+    It has three parts: a constant, moving limbs, and noise on a cell's width (Cramer-Rao).
+    """
     return math.sqrt(always**2 + (share * spread) ** 2 + cell**2 / snr)

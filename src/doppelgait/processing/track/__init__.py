@@ -1,4 +1,4 @@
-"""Following bodies in range and radial velocity through the detections of a recording."""
+"""Tracking of bodies in range and radial velocity."""
 
 from doppelgait.processing.track.live import Track, Tracker
 from doppelgait.processing.track.tracker import track

@@ -1,4 +1,4 @@
-"""Which detection belongs to which track: global nearest neighbour and joint probabilistic data association."""
+"""Association of detections and tracks: nearest neighbour and joint probabilistic."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MAX_EVENTS = 20_000
 
 
 class Associations(NamedTuple):
-    """Who gets what in one scan.
+    """Assignment and association weights of one scan.
 
     Parameters
     ----------
@@ -30,7 +30,10 @@ class Associations(NamedTuple):
 
 
 def gate_threshold(probability: float) -> float:
-    """Quantile of the chi-square distribution of two degrees of freedom: -2 ln(1 - P)."""
+    """Compute the chi-square quantile of two degrees of freedom.
+
+    -2 ln(1 - P).
+    """
     return -2.0 * math.log1p(-probability)
 
 
@@ -74,7 +77,10 @@ def associate(
 
 
 def clusters(in_gate: npt.NDArray[np.bool_]) -> list[tuple[list[int], list[int]]]:
-    """Connected groups of tracks and detections; tracks without any detection are in none."""
+    """Find connected groups of tracks and detections.
+
+    Tracks without any detection are in none.
+    """
     wanted = {t: {d for d, inside in enumerate(row) if inside} for t, row in enumerate(in_gate.tolist())}
     found: list[tuple[list[int], list[int]]] = []
     for track, own in wanted.items():
@@ -91,7 +97,9 @@ def clusters(in_gate: npt.NDArray[np.bool_]) -> list[tuple[list[int], list[int]]
 
 
 def best_assignment(gain: FloatArray, miss: float) -> list[int]:
-    """Assignment of the largest total gain (Hungarian method), -1 where a track is better left without.
+    """Find the assignment of the largest total gain.
+
+    It uses the Hungarian method; -1 where a track is better left without.
 
     Parameters
     ----------
@@ -115,7 +123,9 @@ def best_assignment(gain: FloatArray, miss: float) -> list[int]:
 
 
 def joint_probabilities(gain: FloatArray, miss: float) -> FloatArray:
-    """Marginal association probabilities over all joint events (Fortmann, Bar-Shalom, Scheffe 1983).
+    """Compute marginal association probabilities over all joint events.
+
+    The method is that of Fortmann, Bar-Shalom and Scheffe 1983.
 
     In an event every track takes one detection of its gate or none and no detection is taken twice; its weight is the
     product of P_D N / lambda over the hits and of 1 - P_D P_G over the misses.

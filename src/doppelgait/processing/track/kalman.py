@@ -1,4 +1,6 @@
-"""Kalman filter of range and radial velocity, written out for two states, and its fixed-interval smoother.
+"""Kalman filter of range and radial velocity, and its fixed-interval smoother.
+
+It is written out for two states.
 
 A body at range R with radial velocity v, positive when approaching, moves by dR/dt = -v. A detection measures both with
 independent errors, so the measurement matrix is the identity.
@@ -27,7 +29,10 @@ class Gaussian(NamedTuple):
 
 
 class Model(NamedTuple):
-    """Motion over one interval: R -> R - carry_s v, v -> keep v, and the covariance of what is added."""
+    """Motion model over one interval.
+
+    R -> R - carry_s v, v -> keep v, and the covariance of what is added.
+    """
 
     carry_s: float
     keep: float
@@ -37,7 +42,10 @@ class Model(NamedTuple):
 
 
 class Innovation(NamedTuple):
-    """Measured less predicted, its covariance, its normalised square and its log density."""
+    """Difference of measurement and prediction, with its statistics.
+
+    Its covariance, its normalised square and its log density.
+    """
 
     range_m: float
     velocity_mps: float
@@ -49,7 +57,9 @@ class Innovation(NamedTuple):
 
 
 def constant_velocity(interval_s: float, *, acceleration_noise_m2ps3: float) -> Model:
-    """Constant velocity disturbed by white acceleration of spectral density q.
+    """Build a constant-velocity model with white acceleration.
+
+    The spectral density is q.
 
     The covariance is q [[dt^3/3, -dt^2/2], [-dt^2/2, dt]]; the sign is that of dR/dt = -v (Bar-Shalom, Li,
     Kirubarajan, Estimation with Applications to Tracking and Navigation, section 6.2.2).
@@ -59,7 +69,9 @@ def constant_velocity(interval_s: float, *, acceleration_noise_m2ps3: float) -> 
 
 
 def resting(interval_s: float, *, time_constant_s: float, velocity_sd_mps: float) -> Model:
-    """A body that comes to rest and creeps about: its velocity is an Ornstein-Uhlenbeck process around 0.
+    """Build the model of a body that comes to rest.
+
+    Its velocity is an Ornstein-Uhlenbeck process around 0.
 
     Parameters
     ----------
@@ -77,7 +89,10 @@ def resting(interval_s: float, *, time_constant_s: float, velocity_sd_mps: float
 
 
 def predict(state: Gaussian, model: Model) -> Gaussian:
-    """State after an interval: F x, F P F' + Q with F = [[1, -carry], [0, keep]]."""
+    """Predict the state after an interval.
+
+    F x, F P F' + Q with F = [[1, -carry], [0, keep]].
+    """
     carry, keep = model.carry_s, model.keep
     return Gaussian(
         state.range_m - carry * state.velocity_mps,
@@ -97,7 +112,7 @@ def innovation(
     velocity_sd_mps: float,
     velocity_span_mps: float | None = None,
 ) -> Innovation:
-    """A measurement against the prediction.
+    """Compare a measurement with the prediction.
 
     Parameters
     ----------
@@ -118,7 +133,10 @@ def innovation(
 
 
 def update(predicted: Gaussian, measured: Innovation) -> Gaussian:
-    """State after a measurement: x + K y, K = P S^-1; as H = I, the covariance is K times that of the measurement."""
+    """Update a state with a measurement.
+
+    x + K y, K = P S^-1; as H = I, the covariance is K times that of the measurement.
+    """
     p_rr, p_rv, p_vv = predicted.range_m2, predicted.cross_m2ps, predicted.velocity_m2ps2
     s_rr, s_rv, s_vv = measured.range_m2, measured.cross_m2ps, measured.velocity_m2ps2
     determinant = s_rr * s_vv - s_rv**2
@@ -134,7 +152,10 @@ def update(predicted: Gaussian, measured: Innovation) -> Gaussian:
 
 
 def mixture(states: Sequence[Gaussian], weights: Sequence[float]) -> Gaussian:
-    """The Gaussian with the mean and covariance of a mixture; weights sum to 1."""
+    """Reduce a mixture to one Gaussian.
+
+    With the mean and covariance of the mixture; weights sum to 1.
+    """
     r = sum(w * s.range_m for w, s in zip(weights, states, strict=True))
     v = sum(w * s.velocity_mps for w, s in zip(weights, states, strict=True))
     rr = rv = vv = 0.0
@@ -147,7 +168,9 @@ def mixture(states: Sequence[Gaussian], weights: Sequence[float]) -> Gaussian:
 
 
 def smooth(filtered: Sequence[Gaussian], predicted: Sequence[Gaussian], models: Sequence[Model]) -> list[Gaussian]:
-    """Fixed-interval smoother of Rauch, Tung and Striebel (AIAA J. 3, 1965, 1445).
+    """Smooth over a fixed interval (Rauch, Tung and Striebel).
+
+    The method is published in AIAA J. 3, 1965, 1445.
 
     Parameters
     ----------
@@ -165,24 +188,19 @@ def smooth(filtered: Sequence[Gaussian], predicted: Sequence[Gaussian], models: 
     """
     states = list(filtered)
     for n in range(len(states) - 2, -1, -1):
-        states[n] = _one_back(filtered[n], predicted[n + 1], models[n + 1], states[n + 1])
+        # x + C (x_after - x_predicted), P + C (P_after - P_predicted) C', C = P F' P_predicted^-1
+        before, ahead, model, after = filtered[n], predicted[n + 1], models[n + 1], states[n + 1]
+        transition = np.array([[1.0, -model.carry_s], [0.0, model.keep]])
+        before_cov, ahead_cov = covariance(before), covariance(ahead)
+        determinant = ahead.range_m2 * ahead.velocity_m2ps2 - ahead.cross_m2ps**2
+        adjugate = np.array([[ahead.velocity_m2ps2, -ahead.cross_m2ps], [-ahead.cross_m2ps, ahead.range_m2]])
+        gain = before_cov @ transition.T @ adjugate / determinant
+        mean = np.array(before[:2]) + gain @ (np.array(after[:2]) - np.array(ahead[:2]))
+        cov = before_cov + gain @ (covariance(after) - ahead_cov) @ gain.T
+        states[n] = Gaussian(*map(float, (mean[0], mean[1], cov[0, 0], cov[0, 1], cov[1, 1])))
     return states
 
 
-def _one_back(filtered: Gaussian, predicted: Gaussian, model: Model, after: Gaussian) -> Gaussian:
-    """One step of the smoother: x + C (x_after - x_predicted), P + C (P_after - P_predicted) C', C = P F' P_pred^-1."""
-    transition = np.array([[1.0, -model.carry_s], [0.0, model.keep]])
-    before_cov, predicted_cov = covariance(filtered), covariance(predicted)
-    determinant = predicted.range_m2 * predicted.velocity_m2ps2 - predicted.cross_m2ps**2
-    adjugate = np.array(
-        [[predicted.velocity_m2ps2, -predicted.cross_m2ps], [-predicted.cross_m2ps, predicted.range_m2]]
-    )
-    gain = before_cov @ transition.T @ adjugate / determinant
-    mean = np.array(filtered[:2]) + gain @ (np.array(after[:2]) - np.array(predicted[:2]))
-    cov = before_cov + gain @ (covariance(after) - predicted_cov) @ gain.T
-    return Gaussian(float(mean[0]), float(mean[1]), float(cov[0, 0]), float(cov[0, 1]), float(cov[1, 1]))
-
-
 def covariance(state: Gaussian) -> FloatArray:
-    """Covariance matrix, shape (2, 2)."""
+    """Return the covariance matrix, shape (2, 2)."""
     return np.array([[state.range_m2, state.cross_m2ps], [state.cross_m2ps, state.velocity_m2ps2]])

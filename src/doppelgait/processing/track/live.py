@@ -1,4 +1,4 @@
-"""Settings of the tracker, a track while it is followed, and what a finished one looks like."""
+"""Parameters of the tracker, live tracks and finished tracks."""
 
 from __future__ import annotations
 
@@ -17,14 +17,16 @@ Association = Literal["auto", "gnn", "jpda"]
 
 
 class Tracker(FrozenModel):
-    """Parameters of the tracker; one set for every class, made for people and pets and about ten scans a second.
+    """Parameters of the tracker, the same for every class.
+
+    They are made for people and pets and about ten scans a second.
 
     Parameters
     ----------
     acceleration_noise_m2ps3 : float
         Spectral density q of the white acceleration of a walking body: 0.5 to 1.
     range_sd_min_m, velocity_sd_min_mps : float
-        Lowest standard deviations that a detection is believed to have: limbs sway about the body from scan to scan.
+        Lower limits of a detection's standard deviations: limbs move about the body from scan to scan.
     start_velocity_sd_mps : float
         Lowest standard deviation of a new track's velocity.
     gate_probability : float
@@ -37,32 +39,31 @@ class Tracker(FrozenModel):
         ``gnn``: the best assignment as a whole (global nearest neighbour). ``jpda``: mean over all joint events,
         weighted by their probability. ``auto``: ``jpda`` where gates of several tracks share a detection, else ``gnn``.
     confirm_hits, confirm_scans : int
-        A track is confirmed once it had a detection in so many of so many scans.
+        A track is confirmed by ``confirm_hits`` detections in ``confirm_scans`` scans.
     delete_s : float
-        A confirmed track without detection for longer ends.
+        A confirmed track ends after this time without a detection.
     rest_speed_mps, rest_s : float
-        A track whose body was slower when last detected is taken to stand still, where no Doppler betrays it: it is
-        held at its place with a growing gate for so long.
+        A body that was slower than this when last detected may stand still, without Doppler: its track stays at its
+        place for this time, with a growing gate.
     rest_velocity_sd_mps, rest_time_constant_s : float
-        How far a resting body may creep: its velocity returns to 0 with this time constant.
+        Slow motion of a resting body: its velocity returns to 0 with this time constant.
     share_s : float
-        Longest time that a track lives on inside another body's detection, while the two pass each other.
+        Longest time of a track inside another body's detection, while the two pass each other.
     separation_m : float
-        Nearer than this to a track no other one starts: two bodies so near are one detection.
+        No track starts nearer than this to another one: two bodies at this distance are one detection.
     twin_s : float
-        Two tracks of nearly equal range and velocity that have one detection between them for so long are one body.
+        Two tracks of nearly equal range and velocity with one detection between them are one body after this time.
     min_duration_s : float
-        Shortest time from first to last detection of a track that counts.
+        Shortest time from first to last detection; shorter tracks are dropped.
     still_travel_m, still_velocity_mps : float
-        A track that never moves further in range than the one, with detections no wider in velocity than twice the
-        other (median), is no mover and does not count: where somebody stood for half of a recording, the clutter that
-        was taken off leaves an echo at all other times. Someone who only breathes goes with it. 0 keeps all.
+        A track with less travel in range than ``still_travel_m`` and detections narrower in velocity than twice
+        ``still_velocity_mps`` (median) is dropped: where a person stood for half of a recording, clutter removal leaves
+        an echo at all other times. A person who only breathes is dropped, too. 0 keeps all.
     still_speed_mps : float
-        Nor does one count that is not faster than this (median) and nearly never (a tenth of the time) wider in
-        velocity than twice ``still_velocity_mps``: what changes its range has a Doppler shift, but for strong clutter
-        before a clock that drifts.
+        A track that is slower than this (median) and for nine tenths of the time narrower in velocity than twice
+        ``still_velocity_mps`` is dropped, too: it is strong clutter seen with a drifting clock.
     max_targets : int, optional
-        At most so many tracks, those with the most detections; all by default.
+        Maximum number of tracks; those with the most detections are kept. All by default.
     fastest_mps : float
         Highest radial velocity considered where Doppler is ambiguous.
     """
@@ -113,7 +114,10 @@ MEASURED, SHARED, MISSED = "measured", "shared", "missed"
 
 
 class Step(NamedTuple):
-    """One scan of a track: ``box`` holds the detection's limits less its centre (range low, high; velocity ...)."""
+    """One scan of a track.
+
+    ``box`` holds the detection's limits less its centre (range low, high; velocity ...).
+    """
 
     time_s: float
     model: Model
@@ -127,7 +131,10 @@ class Step(NamedTuple):
 
 @dataclass(eq=False)
 class Live:
-    """A track that is being followed; of one ``family`` are those started by the same detection."""
+    """Track that is being followed.
+
+    Tracks started by the same detection are of one ``family``.
+    """
 
     steps: list[Step]
     family: int
@@ -149,7 +156,10 @@ class Live:
         return self.steps[-1].filtered
 
     def add(self, step: Step, *, share_s: float) -> None:
-        """Put a scan to the history; a shared detection is a sign of life for a while after the last own one."""
+        """Add a scan to the history.
+
+        A shared detection is a sign of life for a while after the last own one.
+        """
         again = self.steps[-1].outcome == MEASURED
         self.steps.append(step)
         if step.outcome == MEASURED:
@@ -159,7 +169,9 @@ class Live:
             self.last_sign_s = step.time_s
 
     def is_slow(self, settings: Tracker) -> bool:
-        """Whether the body was slow enough when last seen to have come to rest since.
+        """Return True if the body may have come to rest.
+
+        It was slow enough when last seen.
 
         A single detection between misses does not change what was known: it may be clutter in a grown gate.
         """
@@ -168,7 +180,9 @@ class Live:
 
 @dataclass(frozen=True)
 class Track:
-    """One body over time, from its first to its last detection, smoothed over all of them.
+    """One body over time, smoothed.
+
+    It lasts from its first to its last detection.
 
     Parameters
     ----------
@@ -219,22 +233,37 @@ class Track:
 
     @property
     def detected_share(self) -> float:
-        """Share of its scans with a detection of its own; those inside another body's detection do not count."""
+        """Share of scans with a detection of the body's own.
+
+        Scans inside another body's detection do not count.
+        """
         return float(self.measured.sum() / np.count_nonzero(~self.shared | self.measured))
 
     @property
     def confidence(self) -> float:
-        """From 0 to 1: ``detected_share``, times 2 / ``mean_nis`` where the detections jump more than expected."""
+        """Confidence from 0 to 1.
+
+        ``detected_share``, times 2 / ``mean_nis`` where the detections jump more than expected.
+        """
         surprise = self.mean_nis / NIS_EXPECTED if np.isfinite(self.mean_nis) else 1.0
         return self.detected_share / max(1.0, surprise)
 
 
 def finished(live: Live) -> Track:
-    """The track of a confirmed :class:`Live`, cut after its last own detection and smoothed."""
+    """Build the smoothed track of a confirmed :class:`Live`.
+
+    It ends with the last own detection.
+    """
     stop = max(n for n, step in enumerate(live.steps) if step.outcome == MEASURED) + 1
     steps = live.steps[:stop]
     states = np.array(smooth([s.filtered for s in steps], [s.predicted for s in steps], [s.model for s in steps]))
-    boxes = states[:, [0, 0, 1, 1]] + _filtered_boxes(steps)
+    # box about the centre: weighted mean of those so far, each worth 0.9 times its follower
+    boxes = states[:, [0, 0, 1, 1]]
+    total, weight = np.zeros(4), 0.0
+    for n, step in enumerate(steps):
+        if step.box is not None:
+            total, weight = BOX_MEMORY * total + np.array(step.box), BOX_MEMORY * weight + 1.0
+        boxes[n] += total / weight
     innovations = [s.nis for s in steps if np.isfinite(s.nis)]
     assert live.confirmed_at_s is not None
     return Track(
@@ -255,19 +284,8 @@ def finished(live: Live) -> Track:
     )
 
 
-def _filtered_boxes(steps: list[Step]) -> FloatArray:
-    """Box about the centre, shape (T, 4): weighted mean of those so far, each worth 0.9 times its follower."""
-    boxes = np.zeros((len(steps), 4))
-    total, weight = np.zeros(4), 0.0
-    for n, step in enumerate(steps):
-        if step.box is not None:
-            total, weight = BOX_MEMORY * total + np.array(step.box), BOX_MEMORY * weight + 1.0
-        boxes[n] = total / weight
-    return boxes
-
-
 def box_of(detection: Detection) -> tuple[float, float, float, float]:
-    """Limits of a detection less its centre."""
+    """Return the limits of a detection less its centre."""
     return (
         detection.range_low_m - detection.range_m,
         detection.range_high_m - detection.range_m,

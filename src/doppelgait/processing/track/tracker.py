@@ -1,10 +1,12 @@
-"""From scans to tracks: start, confirm, follow, pass each other, rest, end."""
+"""Tracker: tracks from scans by start, confirmation, association and end."""
 
 from __future__ import annotations
 
 import itertools
 import math
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -16,9 +18,9 @@ from doppelgait.processing.track.kalman import Gaussian, Innovation, Model
 from doppelgait.processing.track.live import MEASURED, MISSED, SHARED, Live, Step, Track, Tracker, box_of, finished
 
 LEAST_SPAN_MPS = 2.0
-"""A radar whose unambiguous velocities span less tells nothing of a walker's velocity."""
+"""A radar with a smaller unambiguous span cannot measure a walker's velocity."""
 NO_VELOCITY_SD_MPS = 3.0
-"""Standard deviation of a velocity that is not told: about 0, as fast as people and pets go."""
+"""Standard deviation of an unknown velocity: about 0, up to the speed of people and pets."""
 BOX_MARGIN_M = 0.2
 BOX_MARGIN_MPS = 0.3
 TWIN_RANGE_M = 0.4
@@ -55,25 +57,6 @@ def track(
         If times do not rise, or a detection is not finite.
     """
     options = settings or Tracker()
-    _check(scans)
-    if velocity_span_mps is not None and velocity_span_mps < LEAST_SPAN_MPS:
-        scans, velocity_span_mps = [_without_velocity(scan) for scan in scans], None
-    live: list[Live] = []
-    ended: list[Live] = []
-    family = itertools.count()
-    for scan in scans:
-        live = _after_scan(live, scan, options, velocity_span_mps)
-        for new in _starts(live, scan, options, velocity_span_mps):
-            number = next(family)
-            live += [Live([step], number) for step in new]
-        _confirm(live, scan.time_s, options)
-        over = [one for one in live if _is_over(one, live, scan.time_s, options)]
-        ended += over
-        live = [one for one in live if one not in over]
-    return _chosen([one for one in [*ended, *live] if one.confirmed_at_s is not None], options)
-
-
-def _check(scans: Sequence[Scan]) -> None:
     times_s = np.array([scan.time_s for scan in scans])
     if not (np.isfinite(times_s).all() and (np.diff(times_s) > 0).all()):
         raise AnalysisError("scans must be in the order of time, one at a time; sort them by time_s")
@@ -86,19 +69,43 @@ def _check(scans: Sequence[Scan]) -> None:
                     f"standard deviations {d.range_sd_m:g} m and {d.velocity_sd_mps:g} m/s; all must be finite, "
                     "standard deviations above 0 (a radar without range cannot be tracked in range)"
                 )
+    if velocity_span_mps is not None and velocity_span_mps < LEAST_SPAN_MPS:
+        unknown = partial(
+            replace, velocity_mps=0.0, velocity_sd_mps=NO_VELOCITY_SD_MPS,
+            velocity_low_mps=-NO_VELOCITY_SD_MPS, velocity_high_mps=NO_VELOCITY_SD_MPS,
+        )  # fmt: skip
+        scans = [Scan(scan.time_s, tuple(map(unknown, scan.detections))) for scan in scans]
+        velocity_span_mps = None
+    live: list[Live] = []
+    ended: list[Live] = []
+    family = itertools.count()
+    for scan in scans:
+        _update_tracks(live, scan, options, velocity_span_mps)
+        for new in _start_tracks(live, scan, options, velocity_span_mps):
+            number = next(family)
+            live += [Live([step], number) for step in new]
+        for one in live:
+            hits = sum(step.outcome == MEASURED for step in one.steps[-options.confirm_scans :])
+            siblings = [other for other in live if other is not one and other.family == one.family]
+            # another unfolding of the same first detection that was confirmed, or has more hits
+            rival = any(other.confirmed_at_s is not None or other.hits > one.hits for other in siblings)
+            if one.confirmed_at_s is None and hits >= options.confirm_hits and not rival:
+                one.confirmed_at_s = scan.time_s
+        over = [one for one in live if _is_over(one, live, scan.time_s, options)]
+        ended += over
+        live = [one for one in live if one not in over]
+    found = [one for one in [*ended, *live] if one.confirmed_at_s is not None]
+    lasting = [one for one in found if one.last_own.time_s - one.steps[0].time_s >= options.min_duration_s - 1e-9]
+    moving = [one for one in map(finished, lasting) if not _is_still(one, options)]
+    best = sorted(moving, key=lambda one: -int(one.measured.sum()))[: options.max_targets]
+    return sorted(best, key=lambda one: one.first_s)
 
 
-def _without_velocity(scan: Scan) -> Scan:
-    blind = tuple(
-        Detection(d.range_m, 0.0, d.power_v2, d.range_sd_m, NO_VELOCITY_SD_MPS, d.range_low_m, d.range_high_m,
-                  -NO_VELOCITY_SD_MPS, NO_VELOCITY_SD_MPS, d.n_cells)
-        for d in scan.detections
-    )  # fmt: skip
-    return Scan(scan.time_s, blind)
+def _update_tracks(live: list[Live], scan: Scan, options: Tracker, span_mps: float | None) -> None:
+    """Predict, associate and update every track.
 
-
-def _after_scan(live: list[Live], scan: Scan, options: Tracker, span_mps: float | None) -> list[Live]:
-    """Predict, associate and update every track; the confirmed ones choose first."""
+    The confirmed ones choose first.
+    """
     free = list(scan.detections)
     groups = (
         [one for one in live if one.confirmed_at_s is not None],
@@ -107,7 +114,7 @@ def _after_scan(live: list[Live], scan: Scan, options: Tracker, span_mps: float 
     for confirmed, group in zip((True, False), groups, strict=True):
         if not group:
             continue
-        models = [_model(one, scan.time_s, options) for one in group]
+        models = [_choose_model(one, scan.time_s, options) for one in group]
         predictions = [kalman.predict(one.state, model) for one, model in zip(group, models, strict=True)]
         measured = [
             [
@@ -133,7 +140,7 @@ def _after_scan(live: list[Live], scan: Scan, options: Tracker, span_mps: float 
             association=options.association if confirmed else "gnn",
         )
         steps = [
-            _step(scan.time_s, models[n], predictions[n], free, measured[n], chosen, n, options)
+            _update_track(scan.time_s, models[n], predictions[n], free, measured[n], chosen, n, options)
             for n in range(len(group))
         ]
         if confirmed:
@@ -142,11 +149,13 @@ def _after_scan(live: list[Live], scan: Scan, options: Tracker, span_mps: float 
             one.add(step, share_s=options.share_s)
         taken = {int(d) for d in chosen.assigned if d >= 0}
         free = [d for n, d in enumerate(free) if n not in taken]
-    return live
 
 
-def _model(one: Live, time_s: float, options: Tracker) -> Model:
-    """Motion to the next scan: constant velocity, or rest for a body that was slow and is not seen any more."""
+def _choose_model(one: Live, time_s: float, options: Tracker) -> Model:
+    """Choose the motion model up to the next scan.
+
+    It is constant velocity, or rest for a body that was slow and is not detected any more.
+    """
     interval_s = time_s - one.steps[-1].time_s
     if one.confirmed_at_s is not None and one.steps[-1].outcome == MISSED and one.is_slow(options):
         return kalman.resting(
@@ -157,11 +166,14 @@ def _model(one: Live, time_s: float, options: Tracker) -> Model:
     return kalman.constant_velocity(interval_s, acceleration_noise_m2ps3=options.acceleration_noise_m2ps3)
 
 
-def _step(
+def _update_track(
     time_s: float, model: Model, predicted: Gaussian, detections: list[Detection], measured: list[Innovation],
     chosen: Associations, number: int, options: Tracker,
 ) -> Step:  # fmt: skip
-    """One track after one scan; the best assignment says whose a detection is, the weights what it does."""
+    """Update one track after one scan.
+
+    The best assignment decides the owner of a detection, the weights its effect.
+    """
     own, weights = int(chosen.assigned[number]), chosen.weights[number]
     parts = [(kalman.update(predicted, measured[d]), weights[d]) for d in np.flatnonzero(weights[:-1])]
     if weights[-1] > 0:
@@ -178,11 +190,11 @@ def _step(
 def _second_chance(
     steps: list[Step], chosen: Associations, detections: list[Detection], options: Tracker, span_mps: float | None
 ) -> list[Step]:
-    """Tracks inside the box of a detection that is not theirs.
+    """Update tracks inside the box of another detection.
 
-    A box that nobody took and that holds one track alone is this body after all, its centre drawn aside by a limb.
+    A box without an owner that holds one track alone belongs to this body: a limb has shifted its centre.
     A box that holds several tracks, one of them without a detection of its own, is that of bodies that pass each other:
-    its centre is nobody's, and every one of them is measured only as well as the box is wide.
+    its centre belongs to none of them, and each is measured only as well as the box is wide.
     """
     inside = {m: [n for n, s in enumerate(steps) if _covers(d, s.predicted, span_mps)]
               for m, d in enumerate(detections)}  # fmt: skip
@@ -203,7 +215,10 @@ def _second_chance(
 
 
 def _wide_step(step: Step, d: Detection, options: Tracker, span_mps: float | None, outcome: str) -> Step:
-    """A scan in which a body is somewhere in a box: measured with half its width as standard deviation."""
+    """Update a track that is somewhere in a box.
+
+    The standard deviation is half the width of the box.
+    """
     half_m, half_mps = (d.range_high_m - d.range_low_m) / 2, (d.velocity_high_mps - d.velocity_low_mps) / 2
     measured = kalman.innovation(
         step.predicted,
@@ -222,7 +237,10 @@ def _wide_step(step: Step, d: Detection, options: Tracker, span_mps: float | Non
 
 
 def _covers(d: Detection, predicted: Gaussian, span_mps: float | None) -> bool:
-    """Whether a detection's box holds a predicted place and velocity."""
+    """Return True if a detection's box holds a prediction.
+
+    The prediction is a place and a velocity.
+    """
     if not d.range_low_m - BOX_MARGIN_M <= predicted.range_m <= d.range_high_m + BOX_MARGIN_M:
         return False
     middle, half = (d.velocity_low_mps + d.velocity_high_mps) / 2, (d.velocity_high_mps - d.velocity_low_mps) / 2
@@ -232,8 +250,11 @@ def _covers(d: Detection, predicted: Gaussian, span_mps: float | None) -> bool:
     return abs(off) <= half + BOX_MARGIN_MPS
 
 
-def _starts(live: list[Live], scan: Scan, options: Tracker, span_mps: float | None) -> list[list[Step]]:
-    """First steps of new tracks: the strongest first, none near a track; one for each unfolded velocity."""
+def _start_tracks(live: list[Live], scan: Scan, options: Tracker, span_mps: float | None) -> list[list[Step]]:
+    """Return the first steps of new tracks.
+
+    The strongest come first, none near a track; there is one for each unfolded velocity.
+    """
     ranges_m = [one.state.range_m for one in live]
     new = []
     for d in sorted(scan.detections, key=lambda d: -d.power_v2):
@@ -243,31 +264,18 @@ def _starts(live: list[Live], scan: Scan, options: Tracker, span_mps: float | No
         range_sd_m = max(d.range_sd_m, options.range_sd_min_m)
         velocity_sd_mps = max(d.velocity_sd_mps, options.velocity_sd_min_mps, options.start_velocity_sd_mps)
         steps = []
-        for velocity_mps in _unfolded(d.velocity_mps, options, span_mps):
+        velocities = [d.velocity_mps]
+        if span_mps is not None:  # all velocities up to the fastest that a folded one may stand for
+            limit_mps = max(options.fastest_mps, abs(d.velocity_mps))
+            zones = math.ceil((options.fastest_mps + abs(d.velocity_mps)) / span_mps)
+            unfolded = (d.velocity_mps + zone * span_mps for zone in range(-zones, zones + 1))
+            velocities = [velocity_mps for velocity_mps in unfolded if abs(velocity_mps) <= limit_mps]
+        for velocity_mps in velocities:
             state = Gaussian(d.range_m, velocity_mps, range_sd_m**2, 0.0, velocity_sd_mps**2)
             stay = Model(0.0, 1.0, 0.0, 0.0, 0.0)
             steps.append(Step(scan.time_s, stay, state, state, MEASURED, box=box_of(d), power_v2=d.power_v2))
         new.append(steps)
     return new
-
-
-def _unfolded(velocity_mps: float, options: Tracker, span_mps: float | None) -> list[float]:
-    """All velocities up to the fastest that a folded one may stand for; at least the folded one."""
-    if span_mps is None:
-        return [velocity_mps]
-    most = math.ceil((options.fastest_mps + abs(velocity_mps)) / span_mps)
-    candidates = (velocity_mps + zone * span_mps for zone in range(-most, most + 1))
-    return [v for v in candidates if abs(v) <= max(options.fastest_mps, abs(velocity_mps))]
-
-
-def _confirm(live: list[Live], time_s: float, options: Tracker) -> None:
-    for one in live:
-        hits = sum(step.outcome == MEASURED for step in one.steps[-options.confirm_scans :])
-        family = [other for other in live if other is not one and other.family == one.family]
-        # another unfolding of the same first detection that was confirmed, or has more hits
-        rival = any(other.confirmed_at_s is not None or other.hits > one.hits for other in family)
-        if one.confirmed_at_s is None and hits >= options.confirm_hits and not rival:
-            one.confirmed_at_s = time_s
 
 
 def _is_over(one: Live, live: list[Live], time_s: float, options: Tracker) -> bool:
@@ -277,20 +285,21 @@ def _is_over(one: Live, live: list[Live], time_s: float, options: Tracker) -> bo
         rival = any(o.family == one.family and o.confirmed_at_s is not None for o in live)
         return rival or misses > options.confirm_scans - options.confirm_hits
     limit_s = max(options.rest_s, options.delete_s) if one.is_slow(options) else options.delete_s
-    return time_s - one.last_sign_s > limit_s or _is_twin(one, live, time_s, options)
-
-
-def _is_twin(one: Live, live: list[Live], time_s: float, options: Tracker) -> bool:
-    """Whether a track with more hits has been at the same place with the same velocity, on one detection, for long."""
-    if not any(_doubles(one, other) for other in live):
+    if time_s - one.last_sign_s > limit_s:
+        return True
+    # another track with more hits has been at the same place with the same velocity, on one detection, for long
+    if not any(_duplicates(one, other) for other in live):
         one.twin_since_s = None
         return False
     one.twin_since_s = time_s if one.twin_since_s is None else one.twin_since_s
     return time_s - one.twin_since_s >= options.twin_s - 1e-9
 
 
-def _doubles(one: Live, other: Live) -> bool:
-    """Whether ``one`` now only repeats ``other``; of two equals it is the younger one."""
+def _duplicates(one: Live, other: Live) -> bool:
+    """Return True if ``one`` now only repeats ``other``.
+
+    Of two equals it is the younger one.
+    """
     if other is one or other.confirmed_at_s is None or other.steps[-1].time_s != one.steps[-1].time_s:
         return False
     if (other.hits, -other.steps[0].time_s, -other.family) < (one.hits, -one.steps[0].time_s, -one.family):
@@ -298,15 +307,6 @@ def _doubles(one: Live, other: Live) -> bool:
     a, b = one.state, other.state
     near = abs(a.range_m - b.range_m) < TWIN_RANGE_M and abs(a.velocity_mps - b.velocity_mps) < TWIN_VELOCITY_MPS
     return near and one.steps[-1].outcome != MEASURED
-
-
-def _chosen(found: list[Live], options: Tracker) -> list[Track]:
-    """The tracks of movers that last, the best ``max_targets`` of them, in the order of their first detection."""
-    lasting = [one for one in found if one.last_own.time_s - one.steps[0].time_s >= options.min_duration_s - 1e-9]
-    tracks = [finished(one) for one in lasting]
-    movers = [one for one in tracks if not _is_still(one, options)]
-    best = sorted(movers, key=lambda one: -int(one.measured.sum()))[: options.max_targets]
-    return sorted(best, key=lambda one: one.first_s)
 
 
 def _is_still(one: Track, options: Tracker) -> bool:

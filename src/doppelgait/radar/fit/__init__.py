@@ -1,4 +1,7 @@
-"""Fit of a sensor model: noise, clutter, phase drift and faults of a radar from a recording of an empty room."""
+"""Fit a sensor model to a recording of an empty room.
+
+The model has noise, clutter, phase drift and faults of the radar.
+"""
 
 from doppelgait.radar.fit.model import SensorFit, estimate_rows, fit_sensor, sensor_as_dict
 from doppelgait.radar.fit.preset import calibrated_preset, calibrated_radar

@@ -1,4 +1,4 @@
-"""Frames that are not what they seem: repeated, blank, lost, hit by another transmitter."""
+"""Find faulty frames: repeated, blank, lost, hit by another transmitter."""
 
 from __future__ import annotations
 
@@ -48,7 +48,9 @@ class FrameFaults:
 
 
 def frame_faults(samples_v: ComplexArray, *, slow_time_s: FloatArray) -> FrameFaults:
-    """Dropped frames by exact repetition or zeros (noise never repeats), lost ones by gaps of the time axis.
+    """Find dropped and lost frames.
+
+    Dropped ones repeat exactly or are zero (noise never repeats); lost ones are gaps of the time axis.
 
     The uncertainty of the probability is binomial, with one more success and failure than seen (Laplace), times the
     root of the mean run length, as frames are not lost one by one.
@@ -89,7 +91,9 @@ class Bursts:
 
 
 def bursts(rest_v: ComplexArray, *, noise_power_v2: float, quiet: Mask) -> Bursts:
-    """Frames with cells far over the noise, after a running median that takes out what moves slowly.
+    """Find frames with interference.
+
+    They have cells far over the noise after a running median that takes out what moves slowly.
 
     A cell is hit above ln(cells / 1e-3) times the noise power, that is once in 1000 recordings of noise alone; where a
     bin is more restless than noise, above that many times its own median power. The first and last four frames, where
@@ -122,7 +126,10 @@ def bursts(rest_v: ComplexArray, *, noise_power_v2: float, quiet: Mask) -> Burst
 
 
 def _running_median(values: FloatArray) -> FloatArray:
-    """Median of nine frames about each, per bin; the first and last frame are repeated beyond the ends."""
+    """Return the running median of nine frames per bin.
+
+    The first and last frame are repeated beyond the ends.
+    """
     half = MEDIAN_FRAMES // 2
     padded = np.pad(values, ((half, half), (0, 0)), mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, MEDIAN_FRAMES, axis=0)

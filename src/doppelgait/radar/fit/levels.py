@@ -1,4 +1,4 @@
-"""Levels of an empty room: noise floor, static clutter over range, leakage of the transmitter."""
+"""Levels of an empty room: noise floor, static clutter, leakage."""
 
 from __future__ import annotations
 
@@ -52,7 +52,9 @@ class NoiseFloor:
 
 
 def noise_floor(static: StaticPart, *, range_m: FloatArray) -> NoiseFloor:
-    """Mean square of the noise, from frame-to-frame differences of what the static part leaves.
+    """Estimate the mean square of the noise.
+
+    It comes from frame-to-frame differences of what the static part leaves.
 
     Each bin gives sum |d|^2 / (2 n), corrected for the share taken out with the common factor; the level is the median
     over bins, divided by the median of the gamma law that such a sum follows. Static echoes, slow drift, phase jitter
@@ -85,7 +87,10 @@ def noise_floor(static: StaticPart, *, range_m: FloatArray) -> NoiseFloor:
 
 
 def bin_correlation(steps: ComplexArray) -> ComplexArray:
-    """Correlation rho_l of the noise of bins l apart, median over the bins; lags within chance of 0 are 0."""
+    """Estimate the noise correlation rho_l of bins l apart.
+
+    It is the median over the bins; lags within chance of 0 are 0.
+    """
     size = np.sqrt(np.maximum(np.mean(np.abs(steps) ** 2, axis=0), 1e-300))
     unit = steps / size
     lags = min(LAGS, steps.shape[1] - 1)
@@ -101,7 +106,10 @@ def bin_correlation(steps: ComplexArray) -> ComplexArray:
 
 
 def _slope(by_bin: FloatArray, range_m: FloatArray, independent: float) -> tuple[Estimate, bool]:
-    """Theil-Sen slope of the level in dB over range; its sd from the median absolute deviation."""
+    """Fit the slope of the level in dB over range.
+
+    Theil-Sen slope; its standard deviation is from the median absolute deviation.
+    """
     from scipy.stats import theilslopes
 
     used = np.isfinite(by_bin) & (by_bin > 0)
@@ -143,14 +151,19 @@ class ClutterProfile:
     sd_db: FloatArray
 
     def at(self, range_m: npt.ArrayLike) -> FloatArray:
-        """Level at any range, dB re 1 V; held constant beyond the ends."""
+        """Return the level at any range, dB re 1 V.
+
+        It is constant beyond the ends.
+        """
         return np.asarray(np.interp(np.asarray(range_m, dtype=float), self.range_m, self.level_db))
 
 
 def clutter_profile(
     echo_v: ComplexArray, *, range_m: FloatArray, noise_power_v2: float, resolution_m: float
 ) -> ClutterProfile:
-    """Profile under which the measured static powers are most likely if each cell is complex Gaussian.
+    """Fit the most likely clutter profile to static powers.
+
+    Each cell is taken as complex Gaussian.
 
     Powers are then exponential with mean mu(R); log mu is piecewise linear between knots and fitted by Fisher scoring.
     Unlike a smoothed mean it neither smears the steep near end nor falls low, as a mean of dB values does by 2.5 dB.
@@ -174,13 +187,8 @@ def clutter_profile(
     power = np.maximum(np.abs(echo_v) ** 2 - noise_power_v2, 0.1 * noise_power_v2)
     basis = np.stack([np.interp(range_m, knots, row) for row in np.eye(count)], axis=1)
     inverse = np.linalg.pinv(basis.T @ basis)
-    logs = _score(np.maximum(power, np.finfo(float).tiny), basis, np.asarray(inverse, dtype=np.float64))
-    sd = DB_PER_NEPER * np.sqrt(np.diag(inverse) * per_cell)
-    return ClutterProfile(knots, DB_PER_NEPER * logs, sd)
-
-
-def _score(power: FloatArray, basis: FloatArray, inverse: FloatArray) -> FloatArray:
-    """Fisher scoring for exponential powers with log mean ``basis @ logs``; steps are limited, the cost is convex."""
+    # Fisher scoring for exponential powers with log mean basis @ logs; steps are limited, the cost is convex
+    power = np.maximum(power, np.finfo(float).tiny)
     logs = np.asarray(inverse @ basis.T @ np.log(power), dtype=np.float64) + np.euler_gamma
     for _ in range(200):
         ratio = power * np.exp(-np.clip(basis @ logs, -700.0, 700.0))
@@ -188,7 +196,8 @@ def _score(power: FloatArray, basis: FloatArray, inverse: FloatArray) -> FloatAr
         logs = logs + step
         if np.max(np.abs(step)) < 1e-9:
             break
-    return logs
+    sd = DB_PER_NEPER * np.sqrt(np.diag(inverse) * per_cell)
+    return ClutterProfile(knots, DB_PER_NEPER * logs, sd)
 
 
 @dataclass(frozen=True)
@@ -215,7 +224,7 @@ NEAR_M = 1.0
 
 
 def leakage(echo_v: ComplexArray, *, range_m: FloatArray, noise_power_v2: float, per_cell: float = 2.0) -> Leakage:
-    """Direct path and constant of the static echo.
+    """Estimate direct path and constant of the static echo.
 
     Parameters
     ----------

@@ -1,4 +1,7 @@
-"""A recording of an empty room -> a sensor model: every number with its uncertainty, and warnings as flags."""
+"""Fit a sensor model to a recording of an empty room.
+
+Every number has its uncertainty; warnings are flags.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +46,7 @@ MAX_PHASE_VARIANCE = 0.05
 
 @dataclass(frozen=True)
 class Mover:
-    """A stretch of range in which something moved.
+    """A range interval in which something moved.
 
     Parameters
     ----------
@@ -60,7 +63,7 @@ class Mover:
 
 @dataclass(frozen=True)
 class SensorFit:
-    """What a recording of an empty room says about its radar.
+    """Sensor model fitted to a recording of an empty room.
 
     Parameters
     ----------
@@ -125,13 +128,18 @@ class SensorFit:
 
     @property
     def level_of_unit_db(self) -> float | None:
-        """Level of one unit of the sensor's own files, dB re 1 V; None where the radar does not tell."""
+        """Level of one unit of the sensor's files, dB re 1 V.
+
+        None where the radar does not state it.
+        """
         unit = self.radar.volts_per_unit
         return None if unit is None else 20.0 * math.log10(unit)
 
 
 def fit_sensor(recording: Recording, *, start_s: float | None = None, stop_s: float | None = None) -> SensorFit:
-    """Fit noise, clutter, phase drift and faults from a recording of an empty room.
+    """Fit a sensor model to a recording of an empty room.
+
+    The model has noise, clutter, phase drift and faults.
 
     The model is y[i, n] = z_i c_n + w[i, n]: static echoes c times one complex factor per frame, whose angle is the
     phase and whose size the gain of that frame, plus white Gaussian noise (E-18) that may be correlated between
@@ -156,7 +164,7 @@ def fit_sensor(recording: Recording, *, start_s: float | None = None, stop_s: fl
     time_s, range_m = recording.slow_time_s, recording.range_m
     if "burst_pulses" in recording.baseband.attrs:
         raise AnalysisError(
-            f"{recording.source}: comes in bursts, whose pauses would count as lost frames; a model is fitted to "
+            f"{recording.source}: comes in bursts; their pauses would count as lost frames; a model is fitted to "
             "unbroken recordings only: record without pauses"
         )
     chosen = np.ones(time_s.size, dtype=bool)
@@ -214,13 +222,18 @@ def _name(recording: Recording) -> str:
 
 
 def _separate(samples: ComplexArray, range_m: FloatArray) -> tuple[Bursts, NoiseFloor, StaticPart, tuple[Mover, ...]]:
-    """Interference, noise, static part and movers; two passes, as each hides the others at first."""
+    """Separate interference, noise, static part and movers.
+
+    In two passes, as each hides the others at first.
+    """
     quiet = np.ones(range_m.size, dtype=bool)
     kept = np.ones(len(samples), dtype=bool)
     for _ in range(2):
         static, noise = _static_and_noise(samples[kept], range_m, quiet)
         quiet = _without_movers(static.rest_v, noise, range_m)[0]
-        everything = samples - _common_factor(samples, static)[:, None] * static.echo_v
+        energy = float(np.sum(np.abs(static.reference_v) ** 2))
+        factor = samples @ static.reference_v.conj() / energy if energy > 0 else np.ones(len(samples), dtype=complex)
+        everything = samples - factor[:, None] * static.echo_v
         hit = bursts(everything, noise_power_v2=noise.power_v2.value, quiet=quiet)
         kept = ~hit.frames if int((~hit.frames).sum()) >= MIN_FRAMES else kept
     static, noise = _static_and_noise(samples[kept], range_m, quiet)
@@ -239,15 +252,8 @@ def _static_and_noise(samples: ComplexArray, range_m: FloatArray, quiet: Mask) -
     return static, noise
 
 
-def _common_factor(samples: ComplexArray, static: StaticPart) -> ComplexArray:
-    energy = float(np.sum(np.abs(static.reference_v) ** 2))
-    if not energy > 0:
-        return np.ones(len(samples), dtype=complex)
-    return np.asarray(samples @ static.reference_v.conj() / energy)
-
-
 def _without_movers(rest: ComplexArray, noise: NoiseFloor, range_m: FloatArray) -> tuple[Mask, tuple[Mover, ...]]:
-    """Bins without movers, and the movers as stretches of range."""
+    """Return bins without movers, and the movers by range."""
     excess = np.mean(np.abs(rest) ** 2, axis=0) / max(noise.power_v2.value, np.finfo(float).tiny)
     busy = excess > float(db_to_power(MOVER_DB))
     edges = np.flatnonzero(np.diff(np.concatenate([[0], busy.astype(int), [0]])))
@@ -268,7 +274,7 @@ SHORT_S = 10.0
 
 
 def flags_of(fit: SensorFit) -> tuple[str, ...]:
-    """What to know before the numbers are used; empty when nothing is odd."""
+    """Return warnings about the numbers; empty when nothing is odd."""
     flags = []
     if fit.movers:
         where = ", ".join(f"{m.start_m:.2f} to {m.stop_m:.2f} m ({m.excess_db:.0f} dB)" for m in fit.movers)
@@ -297,10 +303,15 @@ def flags_of(fit: SensorFit) -> tuple[str, ...]:
 
 
 def estimate_rows(fit: SensorFit) -> list[tuple[str, Estimate, str]]:
-    """Name, estimate and unit of every scalar that was fitted, in the order to print."""
-    rows = [
-        ("noise level", fit.noise_level_db, "dB re 1 V"),
-        *_in_units("noise level", fit.noise_level_db, fit),
+    """Return name, estimate and unit of every fitted scalar.
+
+    They are in the order to print.
+    """
+    level, unit_db = fit.noise_level_db, fit.level_of_unit_db
+    rows = [("noise level", level, "dB re 1 V")]
+    if unit_db is not None:
+        rows.append(("noise level, sensor's unit", Estimate(level.value - unit_db, level.sd), "dB re 1 unit"))
+    rows += [
         ("noise slope over range", fit.noise.slope_db_per_m, "dB/m"),
         ("equivalent noise figure", fit.noise_figure_db, "dB"),
         ("or receiver gain", fit.receiver_gain_db, "dB"),
@@ -322,15 +333,11 @@ def estimate_rows(fit: SensorFit) -> list[tuple[str, Estimate, str]]:
     return rows
 
 
-def _in_units(name: str, estimate: Estimate, fit: SensorFit) -> list[tuple[str, Estimate, str]]:
-    unit_db = fit.level_of_unit_db
-    if unit_db is None:
-        return []
-    return [(f"{name}, sensor's unit", Estimate(estimate.value - unit_db, estimate.sd), "dB re 1 unit")]
-
-
 def sensor_as_dict(fit: SensorFit) -> dict[str, Any]:
-    """All of a fit as plain values for JSON; what is unknown is None."""
+    """Return all of a fit as plain values for JSON.
+
+    None stands for what is unknown.
+    """
     unit_db = fit.level_of_unit_db
     return {
         "source": fit.source,

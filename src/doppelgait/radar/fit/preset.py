@@ -1,4 +1,7 @@
-"""A fitted sensor model as a calibrated preset: radar parameters, then the impairments that it was fitted with."""
+"""Write a fitted sensor model as a calibrated preset.
+
+Radar parameters come first, then the impairments that were fitted with them.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,9 @@ SIGNIFICANT = 3.0
 
 
 def calibrated_radar(fit: SensorFit, radar: Radar | None = None) -> Radar:
-    """Radar with the recording's frame rate and range axis and the fitted noise.
+    """Return the radar with fitted noise and measured axes.
+
+    Frame rate and range axis are those of the recording.
 
     The noise figure is changed where that is plausible (0 to 30 dB), else the receiver gain.
 
@@ -50,7 +55,9 @@ def _noise_change(fit: SensorFit, radar: Radar) -> tuple[str, float]:
 
 
 def calibrated_preset(fit: SensorFit, radar: Radar | None = None) -> str:
-    """Text of a calibrated preset: loads as ``Radar.preset("FILE.toml")``, its ``[[impairments]]`` go into a scene.
+    """Return the text of a calibrated preset.
+
+    It loads as ``Radar.preset("FILE.toml")``, its ``[[impairments]]`` go into a scene.
 
     Every value has a comment that says where it comes from.
 
@@ -79,7 +86,17 @@ def calibrated_preset(fit: SensorFit, radar: Radar | None = None) -> str:
     if fit.gain is not None and _matters(fit.gain.white):
         lines.append(f"# Not modelled: gain jitter of {fit.gain.white.value:.2g} dB from frame to frame.")
     lines += [*(f"# Note: {_one_line(flag)}." for flag in fit.flags), ""]
-    lines += _radar_lines(calibrated, fit, fit.radar if radar is None else radar)
+    base = fit.radar if radar is None else radar
+    key, _ = _noise_change(fit, base.model_copy(update={"prf_hz": fit.radar.prf_hz}))
+    axes = f"axis of {fit.source or 'the recording'}"
+    origins = dict.fromkeys(("prf_hz", "range_start_m", "range_stop_m"), axes)
+    origins[key] = _fitted(fit, fit.noise_level_db.sd, "dB") + "; gives the measured noise per bin and frame"
+    values = calibrated.model_dump(mode="json", exclude_none=True)
+    nested = {name: value for name, value in values.items() if isinstance(value, dict)}
+    default = f"as {base.name}"
+    lines += [_line(k, v, origins.get(k, default)) for k, v in values.items() if k not in nested]
+    for name, table in nested.items():
+        lines += ["", f"[{name}]", *(_line(k, v, default) for k, v in table.items())]
     for table, comments in tables:
         lines += ["", "[[impairments]]", *(_line(key, value, comments.get(key, "")) for key, value in table.items())]
     return "\n".join(lines) + "\n"
@@ -93,22 +110,11 @@ def _fitted(fit: SensorFit, sd: float, unit: str) -> str:
     return f"fitted from {_origin(fit)}, +-{sd:.2g} {unit}"
 
 
-def _radar_lines(calibrated: Radar, fit: SensorFit, base: Radar) -> list[str]:
-    key, _ = _noise_change(fit, base.model_copy(update={"prf_hz": fit.radar.prf_hz}))
-    axes = f"axis of {fit.source or 'the recording'}"
-    comments = dict.fromkeys(("prf_hz", "range_start_m", "range_stop_m"), axes)
-    comments[key] = _fitted(fit, fit.noise_level_db.sd, "dB") + "; gives the measured noise per bin and frame"
-    values = calibrated.model_dump(mode="json", exclude_none=True)
-    nested = {name: value for name, value in values.items() if isinstance(value, dict)}
-    default = f"as {base.name}"
-    lines = [_line(k, v, comments.get(k, default)) for k, v in values.items() if k not in nested]
-    for name, table in nested.items():
-        lines += ["", f"[{name}]", *(_line(k, v, default) for k, v in table.items())]
-    return lines
-
-
 def _impairments(fit: SensorFit) -> Iterable[tuple[dict[str, Any], dict[str, str]]]:
-    """Tables in the order they act, with comments: echoes of the room, their phase, then the recorder's faults."""
+    """Yield impairment tables with comments in their order.
+
+    Echoes of the room, their phase, then the recorder's faults.
+    """
     knots = [[round(r, 4), round(level, 2)] for r, level in zip(fit.clutter.range_m, fit.clutter.level_db, strict=True)]
     sd_db = float(fit.clutter.sd_db.max())
     yield (
@@ -138,7 +144,21 @@ def _impairments(fit: SensorFit) -> Iterable[tuple[dict[str, Any], dict[str, str
     if fit.bursts.frames.any():
         yield _interference_table(fit)
     if fit.faults.probability.value > 0:
-        yield _dropped_table(fit)
+        repeated = int(fit.faults.dropped.sum()) - fit.faults.blank
+        length = max(fit.faults.mean_length, 1.0)
+        share = min(fit.faults.probability.value, length / (1.0 + length))
+        faults = {
+            "kind": "dropped_frames",
+            "probability": _digits(share),
+            "mean_length": _digits(length),
+            "fill": "zero" if fit.faults.blank > repeated else "repeat",
+        }
+        comments = {
+            "probability": _fitted(fit, fit.faults.probability.sd, "of all frames"),
+            "mean_length": "fitted: mean length of the runs",
+            "fill": f"fitted: {repeated} frames repeated, {fit.faults.blank} zero",
+        }
+        yield faults, comments
 
 
 def _interference_table(fit: SensorFit) -> tuple[dict[str, Any], dict[str, str]]:
@@ -160,24 +180,6 @@ def _interference_table(fit: SensorFit) -> tuple[dict[str, Any], dict[str, str]]
     return table, comments
 
 
-def _dropped_table(fit: SensorFit) -> tuple[dict[str, Any], dict[str, str]]:
-    repeated = int(fit.faults.dropped.sum()) - fit.faults.blank
-    length = max(fit.faults.mean_length, 1.0)
-    share = min(fit.faults.probability.value, length / (1.0 + length))
-    table = {
-        "kind": "dropped_frames",
-        "probability": _digits(share),
-        "mean_length": _digits(length),
-        "fill": "zero" if fit.faults.blank > repeated else "repeat",
-    }
-    comments = {
-        "probability": _fitted(fit, fit.faults.probability.sd, "of all frames"),
-        "mean_length": "fitted: mean length of the runs",
-        "fill": f"fitted: {repeated} frames repeated, {fit.faults.blank} zero",
-    }
-    return table, comments
-
-
 def _matters(estimate: Estimate) -> bool:
     return abs(estimate.value) > SIGNIFICANT * estimate.sd
 
@@ -192,12 +194,18 @@ def _line(key: str, value: Any, comment: str) -> str:
 
 
 def _one_line(comment: str) -> str:
-    """A comment without line breaks and control characters, which would end it or are not allowed in TOML."""
+    """Remove line breaks and control characters from a comment.
+
+    They would end it or are not allowed in TOML.
+    """
     return " ".join("".join(c if c.isprintable() else " " for c in comment).split())
 
 
 def _toml(value: Any) -> str:
-    """A value in TOML: JSON's text is TOML's for text, numbers, truth values and lists of them."""
+    """Return a value in TOML.
+
+    JSON's text is TOML's for text, numbers, truth values and lists of them.
+    """
     if isinstance(value, list) and value and isinstance(value[0], list):
         return "[\n" + "".join(f"    {_toml(row)},\n" for row in value) + "]"
     return json.dumps(value, ensure_ascii=False)

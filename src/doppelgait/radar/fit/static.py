@@ -1,4 +1,6 @@
-"""Static echoes and their common factor per frame: phase and gain as drift, random walk and jitter.
+"""Static echoes and their common factor per frame.
+
+Phase and gain are fitted as drift, random walk and jitter.
 
 Every fitted value is an :class:`Estimate`, a value with its standard uncertainty.
 """
@@ -31,7 +33,7 @@ class Estimate:
     sd: float
 
     def scaled(self, factor: float) -> Estimate:
-        """The same in another unit."""
+        """Return the estimate in another unit."""
         return Estimate(self.value * factor, self.sd * abs(factor))
 
 
@@ -80,7 +82,9 @@ class StaticPart:
 
 
 def static_part(samples_v: ComplexArray, *, bins: Mask | None = None) -> StaticPart:
-    """Least-squares static echo and common factor: strongest eigenvector of the bins' covariance, then one average.
+    """Fit static echo and common factor by least squares.
+
+    The factor is the strongest eigenvector of the bins' covariance; one average follows.
 
     A time mean alone would lose level when the phase wanders; the eigenvector does not.
 
@@ -107,7 +111,10 @@ def static_part(samples_v: ComplexArray, *, bins: Mask | None = None) -> StaticP
 
 
 def still_part(samples_v: ComplexArray) -> StaticPart:
-    """Time mean and rest, for echoes too weak to show a common phase."""
+    """Return time mean and rest.
+
+    For echoes too weak to show a common phase.
+    """
     echo = np.mean(samples_v, axis=0)
     return StaticPart(echo, np.zeros_like(echo), np.ones(len(samples_v), dtype=complex), samples_v - echo)
 
@@ -117,7 +124,10 @@ def _energy(values_v: ComplexArray) -> float:
 
 
 def correlation_sum(values_v: ComplexArray, correlation: ComplexArray) -> ComplexArray:
-    """R a: the noise correlation matrix, given by its lags 0, 1, ... (rho_l = E w_n+l w_n*), times a vector."""
+    """Multiply the noise correlation matrix by a vector.
+
+    The matrix R has the lags 0, 1, ... (rho_l = E w_n+l w_n*); the result is R a.
+    """
     both = np.concatenate([correlation[:0:-1].conj(), correlation])
     summed = np.convolve(values_v, both, mode="full")
     first = len(correlation) - 1
@@ -125,7 +135,9 @@ def correlation_sum(values_v: ComplexArray, correlation: ComplexArray) -> Comple
 
 
 def leverage(static: StaticPart, correlation: ComplexArray) -> FloatArray:
-    """Share of each bin's noise that taking out the common factor removes too, shape (N,).
+    """Return each bin's noise share lost with the common factor.
+
+    Shape (N,).
 
     For r = w - c (a^H w) / S, a the reference and S its energy: 2 Re(c_n* (R a)_n) / S - |c_n|^2 a^H R a / S^2.
     """
@@ -140,7 +152,10 @@ def leverage(static: StaticPart, correlation: ComplexArray) -> FloatArray:
 
 
 def factor_variance(static: StaticPart, correlation: ComplexArray, *, noise_power_v2: float) -> float:
-    """Variance that noise adds to the phase (rad^2) and to the relative gain of a frame: a^H R a sigma^2 / (2 S^2)."""
+    """Return the variance that noise adds to the common factor.
+
+    It is that of the phase (rad^2) and of the relative gain of a frame: a^H R a sigma^2 / (2 S^2).
+    """
     reference = static.reference_v
     energy = _energy(reference)
     if not energy > 0:
@@ -157,7 +172,9 @@ NEAR_BOUND = 1.0
 
 @dataclass(frozen=True)
 class SeriesFit:
-    """Drift, random walk and white jitter of a series; u is its unit.
+    """Drift, random walk and white jitter of a series.
+
+    u is the unit of the series.
 
     Parameters
     ----------
@@ -175,7 +192,9 @@ class SeriesFit:
 
 
 def fit_series(values: FloatArray, *, time_s: FloatArray, measurement_variance: float = 0.0) -> SeriesFit:
-    """Drift b, walk q and white variance s^2 of x(t) = a + b t + W(t) + e.
+    """Fit drift, random walk and white jitter to a series.
+
+    The drift is b, the walk q, the white variance s^2 of x(t) = a + b t + W(t) + e.
 
     The differences of x have the covariance q dt I + s^2 T, T tridiagonal with 2 and -1, whose eigenvectors are sines
     and whose eigenvalues are q dt + s^2 (2 - 2 cos(pi k / (n + 1))): after a sine transform the likelihood is exact and

@@ -1,4 +1,4 @@
-"""Faults of real receivers and rooms, applied one after the other to the receiver samples."""
+"""Faults of real receivers and rooms, applied to receiver samples in order."""
 
 from doppelgait.core.samples import Samples
 from doppelgait.radar.impairments.apply import (

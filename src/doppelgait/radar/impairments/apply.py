@@ -1,4 +1,7 @@
-"""How an impairment is declared and applied, and what several of them need: levels, unit echoes, ranges of samples."""
+"""Declare and apply impairments.
+
+Levels, unit echoes and ranges of samples are here too.
+"""
 
 from __future__ import annotations
 
@@ -28,14 +31,17 @@ class Apply(Protocol):
     """
 
     def __call__(self, samples: Samples, parameters: Any, radar: Radar, rng: np.random.Generator, /) -> Any:
-        """Receiver samples (pulse, sample), V, after the impairment."""
+        """Return the receiver samples (pulse, sample), V, after the impairment."""
 
 
 class ShiftTimes(Protocol):
-    """Fact ``shift_times`` of an impairment that moves the pulses in time, before the scene is observed."""
+    """Fact ``shift_times`` of an impairment that moves pulses in time.
+
+    It acts before the scene is observed.
+    """
 
     def __call__(self, times_s: Times, parameters: Any, radar: Radar, rng: np.random.Generator, /) -> Times:
-        """Times of the pulses, s, after the impairment."""
+        """Return the times of the pulses, s, after the impairment."""
 
 
 IMPAIRMENTS: Group[Apply] = Group(
@@ -56,7 +62,9 @@ else:
 
 
 def make_impairment(table: Mapping[str, Any] | FrozenModel) -> FrozenModel:
-    """Impairment of a ``[[impairments]]`` table; one that is a model already is returned as it is.
+    """Make an impairment from a ``[[impairments]]`` table.
+
+    One that is a model already is returned unchanged.
 
     Raises
     ------
@@ -69,7 +77,7 @@ def make_impairment(table: Mapping[str, Any] | FrozenModel) -> FrozenModel:
 def apply_impairments(
     samples: Samples | npt.NDArray[Any], specs: Sequence[FrozenModel], *, radar: Radar, rng: np.random.Generator
 ) -> Samples:
-    """Receiver samples after all impairments, in the order of the list.
+    """Apply all impairments to receiver samples in the order listed.
 
     The n-th acts with the n-th child of ``rng``, so that its random numbers do not depend on those before it.
 
@@ -96,12 +104,17 @@ def apply_impairments(
     """
     current = samples if isinstance(samples, Samples) else Samples(samples)
     for spec, own_rng in zip(specs, rng.spawn(len(specs)), strict=True):
-        found = IMPAIRMENTS.of(spec).run(current, spec, radar, own_rng)
-        changed = found if isinstance(found, Samples) else Samples(found)
+        item = IMPAIRMENTS.of(spec)
+        found = item.run(current, spec, radar, own_rng)
+        whose = f"impairment {item.name!r} of {item.package}"
+        if found is None:
+            raise AnalysisError(f"{whose} returns nothing; it must return the samples, also those it changed in place")
+        try:
+            changed = found if isinstance(found, Samples) else Samples(found)
+        except (AnalysisError, ValueError) as error:  # ValueError: of rows of several lengths
+            raise AnalysisError(f"{whose}: {error}") from None
         if changed.shape != current.shape:
-            raise AnalysisError(
-                f"impairment {spec.kind!r} makes samples of shape {changed.shape} of {current.shape}"  # type: ignore[attr-defined]
-            )
+            raise AnalysisError(f"{whose} makes samples of shape {changed.shape} of {current.shape}")
         current = changed
     return current
 
@@ -109,7 +122,9 @@ def apply_impairments(
 def pulse_times(
     slow_time_s: npt.ArrayLike, specs: Sequence[FrozenModel], *, radar: Radar, rng: np.random.Generator
 ) -> Times:
-    """Times at which the pulses really leave, to observe the scene at; the recording keeps the nominal ones.
+    """Return the times at which the pulses really leave.
+
+    The scene is observed at them; the recording keeps the nominal ones.
 
     Parameters
     ----------
@@ -141,7 +156,7 @@ def pulse_times(
 
 
 def volts_per_unit(radar: Radar, *, wanted_by: str) -> float:
-    """Volts per unit of the sensor's own files.
+    """Return the volts per unit of the sensor's own files.
 
     Raises
     ------
@@ -157,7 +172,10 @@ def volts_per_unit(radar: Radar, *, wanted_by: str) -> float:
 
 
 def level_to_volt(level_db: float, radar: Radar, *, in_units: bool, wanted_by: str) -> float:
-    """Volts of a level in dB re 1 V, or re one unit of the sensor's own files."""
+    """Convert a level in dB to volts.
+
+    The level is re 1 V, or re one unit of the sensor's own files.
+    """
     unit_v = volts_per_unit(radar, wanted_by=wanted_by) if in_units else 1.0
     return float(db_to_amplitude(level_db)) * unit_v
 
@@ -165,7 +183,9 @@ def level_to_volt(level_db: float, radar: Radar, *, in_units: bool, wanted_by: s
 def static_samples(
     range_m: npt.NDArray[np.float64], amplitude_v: npt.NDArray[np.float64], radar: Radar
 ) -> npt.NDArray[np.complex64]:
-    """Receiver samples of scatterers at rest, each row of ``range_m`` a pulse.
+    """Return receiver samples of scatterers at rest.
+
+    Each row of ``range_m`` is a pulse.
 
     Parameters
     ----------
@@ -191,7 +211,7 @@ def static_samples(
 
 
 def check_width(samples: Samples, radar: Radar) -> None:
-    """Refuse samples that this radar does not take (:class:`AnalysisError`)."""
+    """Refuse samples of a wrong number per pulse (:class:`AnalysisError`)."""
     wanted = radar.waveform.n_samples(radar)
     if samples.shape[1] != wanted:
         raise AnalysisError(
@@ -201,7 +221,10 @@ def check_width(samples: Samples, radar: Radar) -> None:
 
 
 def sample_range_m(radar: Radar) -> npt.NDArray[np.float64]:
-    """Range of every sample, m; of waveforms with samples that mix all ranges only one, the middle of the frame."""
+    """Return the range of every sample, m.
+
+    Waveforms with samples that mix all ranges have only one, the middle of the frame.
+    """
     if radar.waveform.samples_are_bins:
         return radar.range_axis_m()
     return np.array([(radar.range_start_m + radar.range_stop_m) / 2.0])

@@ -1,4 +1,4 @@
-"""What stands still: the direct path from transmitter to receiver, and the room."""
+"""Static echoes: the direct path and the room."""
 
 from __future__ import annotations
 
@@ -28,7 +28,9 @@ Level = tuple[Annotated[float, Field(ge=0, le=1e6)], Annotated[float, Field(ge=-
 
 
 class Leakage(FrozenModel):
-    """Direct path from transmitter to receiver: one echo that never moves, of the width the waveform has.
+    """Direct path from transmitter to receiver.
+
+    It is one echo that never moves, of the width the waveform has.
 
     An X4 shows about 0.06 units at 0 m and a tail of 1.3e-2 units at 0.7 m: two such tables.
 
@@ -41,7 +43,7 @@ class Leakage(FrozenModel):
     in_units : bool
         ``level_db`` is re one unit of the sensor's own files (``radar.volts_per_unit``).
     isolation_db : float, optional
-        Loss from the transmit power to the receiver's input; 34 dB if no level is given (what an X4 shows, assumed).
+        Loss from the transmit power to the receiver's input; 34 dB if no level is set (what an X4 shows, assumed).
     phase_deg : float
         Phase added to that of the path.
     """
@@ -58,7 +60,7 @@ class Leakage(FrozenModel):
         if self.level_db is not None and self.isolation_db is not None:
             raise ValueError("give level_db or isolation_db, not both")
         if self.in_units and self.level_db is None:
-            raise ValueError("in_units belongs to level_db, which is not given")
+            raise ValueError("in_units belongs to level_db, which is not set")
         return self
 
 
@@ -66,7 +68,10 @@ DEFAULT_ISOLATION_DB = 34.0
 
 
 def leakage_v(spec: Leakage, radar: Radar) -> float:
-    """Amplitude of the direct path at the receiver output: as given, or sqrt(2 Z0 P_t) 10^((G_rx - isolation) / 20)."""
+    """Return the direct path's amplitude at the receiver output, V.
+
+    As stated, or sqrt(2 Z0 P_t) 10^((G_rx - isolation) / 20).
+    """
     if spec.level_db is not None:
         return level_to_volt(spec.level_db, radar, in_units=spec.in_units, wanted_by="leakage: level_db")
     loss_db = DEFAULT_ISOLATION_DB if spec.isolation_db is None else spec.isolation_db
@@ -85,7 +90,9 @@ def add_leakage(samples: Samples, parameters: Leakage, radar: Radar, rng: np.ran
 
 
 class StaticClutter(FrozenModel):
-    r"""The room: scatterers at rest at all ranges, drawn once for a recording.
+    r"""The room: scatterers at rest at all ranges.
+
+    They are sampled once for a recording.
 
     Several scatterers stand in every resolution cell, each of random phase and exponential power, so that |y| is
     Rayleigh distributed over realisations with the mean square
@@ -124,7 +131,7 @@ class StaticClutter(FrozenModel):
         if (self.levels is None) == (self.rcs_per_metre_m2 is None):
             raise ValueError("give exactly one of levels and rcs_per_metre_m2")
         if self.in_units and self.levels is None:
-            raise ValueError("in_units belongs to levels, which are not given")
+            raise ValueError("in_units belongs to levels, which are not set")
         return self
 
 
@@ -142,7 +149,10 @@ def add_static_clutter(samples: Samples, parameters: StaticClutter, radar: Radar
 
 
 def echo_energy_m(radar: Radar) -> float:
-    """Integral over range of the power of an echo of peak 1 after compression, m; measured on one in mid-frame."""
+    """Return the energy of a compressed unit echo, m.
+
+    It is the integral over range of the power of an echo of peak 1, measured on one in mid-frame.
+    """
     bin_m = radar.bin_spacing_m
     n_places = int(np.clip(math.ceil(4.0 * bin_m / radar.range_resolution_m), 8, 512))
     middle_m = radar.range_start_m + (radar.n_range_bins // 2) * bin_m
@@ -152,7 +162,7 @@ def echo_energy_m(radar: Radar) -> float:
 
 
 def clutter_ranges(radar: Radar) -> tuple[npt.NDArray[np.float64], float]:
-    """Ranges of the clutter's scatterers and their spacing, m.
+    """Return the ranges and the spacing of clutter scatterers, m.
 
     They begin before range 0 where the frame does not: without them its first cell would get half its power.
     """
@@ -166,23 +176,18 @@ def clutter_ranges(radar: Radar) -> tuple[npt.NDArray[np.float64], float]:
     n_scatterers = min(n_scatterers, MAX_SCATTERERS)
     spacing_m = (span_m + 2.0 * beyond_m) / n_scatterers
     range_m = radar.range_start_m - beyond_m + spacing_m * (np.arange(n_scatterers) + 0.5)
-    return _that_stay(np.asarray(range_m, dtype=np.float64), radar), spacing_m
-
-
-def _that_stay(range_m: npt.NDArray[np.float64], radar: Radar) -> npt.NDArray[np.float64]:
-    """Ranges without those that a folding waveform would show at the other end of the frame."""
-    waveform = radar.waveform
-    end_m = waveform.unambiguous_range_m(radar)
-    if not waveform.folds or not math.isfinite(end_m):
-        return range_m
-    reach_m = CELLS_BEYOND * radar.range_resolution_m
-    appears_m = range_m % end_m
-    near = (appears_m > radar.range_start_m - reach_m) & (appears_m < radar.range_stop_m + reach_m)
-    return range_m[((range_m >= 0) & (range_m < end_m)) | ~near]
+    end_m = radar.waveform.unambiguous_range_m(radar)
+    if radar.waveform.folds and math.isfinite(end_m):
+        # without those that would fold into the frame from its other end
+        reach_m = CELLS_BEYOND * radar.range_resolution_m
+        appears_m = range_m % end_m
+        near = (appears_m > radar.range_start_m - reach_m) & (appears_m < radar.range_stop_m + reach_m)
+        range_m = range_m[((range_m >= 0) & (range_m < end_m)) | ~near]
+    return np.asarray(range_m, dtype=np.float64), spacing_m
 
 
 def clutter_rms_v(range_m: npt.NDArray[np.float64], spec: StaticClutter, radar: Radar) -> npt.NDArray[np.float64]:
-    """Root mean square of the clutter after compression at each range, V."""
+    """Return the rms of the compressed clutter at each range, V."""
     if spec.levels is None:
         one_m2_v = echo_amplitude_v(radar, range_m=range_m, rcs_m2=1.0)
         return np.asarray(one_m2_v * math.sqrt(float(spec.rcs_per_metre_m2 or 0.0) * echo_energy_m(radar)))

@@ -1,9 +1,8 @@
-"""Analogue-to-digital conversion: a uniform quantiser, and the swept threshold of the X4."""
+"""Analogue-to-digital conversion: a uniform quantiser, and the X4's threshold."""
 
 from __future__ import annotations
 
 import math
-import warnings
 from typing import Literal
 
 import numpy as np
@@ -11,7 +10,7 @@ import numpy.typing as npt
 from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel
-from doppelgait.core.errors import ConfigError, DoppelgaitWarning
+from doppelgait.core.errors import ConfigError, warn_caller
 from doppelgait.core.plugins import plugin
 from doppelgait.core.samples import Samples
 from doppelgait.core.units import db_to_amplitude
@@ -19,11 +18,13 @@ from doppelgait.radar.impairments.apply import volts_per_unit
 from doppelgait.radar.parameters import Radar
 
 WARN_CLIPPED = 0.01
-"""Share of clipped values above which a user is told."""
+"""Share of clipped values above which the user is warned."""
 
 
 class Adc(FrozenModel):
-    r"""Two's complement converter for I and for Q, each of 2^bits levels from -full scale to full scale.
+    r"""Two's complement converter for I and for Q.
+
+    Each has 2^bits levels from -full scale to full scale.
 
     A sine that reaches full scale less the back-off has the signal-to-quantisation-noise ratio
     6.02 bits + 1.76 - back-off, dB.
@@ -36,7 +37,7 @@ class Adc(FrozenModel):
         Largest voltage of I or Q. Give this or ``backoff_db``.
     backoff_db : float, optional
         How far the largest value of I or Q in the recording stays below full scale, as a gain control sets it; 12 dB
-        if neither is given. Negative values clip.
+        if neither is set. Negative values clip.
     """
 
     kind: Literal["adc"] = "adc"
@@ -56,7 +57,10 @@ DEFAULT_BACKOFF_DB = 12.0
 
 @plugin("impairment", parameters=Adc)
 def quantise(samples: Samples, parameters: Adc, radar: Radar, rng: np.random.Generator) -> Samples:
-    """Put the samples on the converter's levels; more than 1 % of clipped values is a warning."""
+    """Round the samples to the converter's levels.
+
+    More than 1 % of clipped values is a warning.
+    """
     backoff_db = DEFAULT_BACKOFF_DB if parameters.backoff_db is None else parameters.backoff_db
     samples = samples.settle()
     largest_v = samples.largest_part()
@@ -76,7 +80,7 @@ def quantise(samples: Samples, parameters: Adc, radar: Radar, rng: np.random.Gen
 
 def _warn_clipped(share: float, what: str, cure: str) -> None:
     if share > WARN_CLIPPED:
-        warnings.warn(f"{what}: {100 * share:.0f} % of the values are clipped; {cure}", DoppelgaitWarning, stacklevel=2)
+        warn_caller(f"{what}: {100 * share:.0f} % of the values are clipped; {cure}")
 
 
 X4_CLOCK_HZ = 243e6
@@ -87,7 +91,9 @@ X4_BANDS = {7.29e9: (306, 0.78), 8.748e9: (316, 0.77)}
 
 
 class X4Counts(FrozenModel):
-    r"""Counters of the XeThru X4, which compares with a swept threshold and counts.
+    r"""Counters of the XeThru X4 chip.
+
+    It compares with a swept threshold and counts.
 
     One count is :math:`d / (1024\,i\,p)` units in RF (i iterations of p pulses per step d of the threshold DAC) and
     :math:`d / (1024\,i\,p\,\sum|h|)` units in I and Q after the chip's down-conversion filter h. RF stays within
@@ -124,53 +130,46 @@ class X4Counts(FrozenModel):
 
 
 def x4_frame_rate_hz(spec: X4Counts) -> float:
-    """Highest frame rate: 0.95 PRF / (iterations pulses_per_step levels), levels = (dac_max - dac_min) / step + 1."""
+    """Return the highest frame rate of an X4.
+
+    0.95 PRF / (iterations pulses_per_step levels), levels = (dac_max - dac_min) / step + 1.
+    """
     levels = (spec.dac_max - spec.dac_min) // spec.dac_step + 1
     return X4_DUTY * X4_CLOCK_HZ / spec.prf_div / (spec.iterations * spec.pulses_per_step * levels)
 
 
 @plugin("impairment", parameters=X4Counts)
 def count(samples: Samples, parameters: X4Counts, radar: Radar, rng: np.random.Generator) -> Samples:
-    """Turn samples into whole counts; an impossible frame rate or more than 1 % of saturated samples is a warning."""
+    """Convert samples to whole counts.
+
+    An impossible frame rate or more than 1 % of saturated samples is a warning.
+    """
     unit_v = volts_per_unit(radar, wanted_by="x4_counts")
-    taps, baseband_gain = _band(radar)
+    band = [band for carrier_hz, band in X4_BANDS.items() if math.isclose(carrier_hz, radar.carrier_hz, rel_tol=0.01)]
+    if not band:
+        raise ConfigError(
+            f"x4_counts: radar.carrier_hz = {radar.carrier_hz:g} is not an X4's: it sends at 7.29e9 or 8.748e9 Hz; "
+            'take kind = "adc" for other radars'
+        )
+    taps, baseband_gain = band[0]
     highest_hz = x4_frame_rate_hz(parameters)
     if radar.prf_hz > highest_hz:
-        warnings.warn(
+        warn_caller(
             f"x4_counts: {parameters.iterations} iterations of {parameters.pulses_per_step} pulses allow "
-            f"{highest_hz:.1f} frames/s, but radar.prf_hz is {radar.prf_hz:g}; lower one of them",
-            DoppelgaitWarning,
-            stacklevel=2,
+            f"{highest_hz:.1f} frames/s, but radar.prf_hz is {radar.prf_hz:g}; lower one of them"
         )
     limit = baseband_gain * (parameters.dac_max - parameters.dac_min + 1) / 2048.0
     samples = samples.settle()
     if samples.largest_part() / unit_v > limit / math.sqrt(2.0):  # else no magnitude reaches the limit
-        values, saturated = _limit(samples.matrix / np.float32(unit_v), limit)
+        values = samples.matrix / np.float32(unit_v)
+        size = np.abs(values)
+        over = size > limit
+        # the envelope of a clipped sinusoid
+        ratio = limit / size[over].astype(np.float64)
+        gain = 2.0 / math.pi * (np.arcsin(ratio) + ratio * np.sqrt(1.0 - ratio**2))
+        values[over] *= gain.astype(np.float32)
         text = f"x4_counts: thresholds {parameters.dac_min} to {parameters.dac_max}"
-        _warn_clipped(saturated, text, "widen dac_min to dac_max")
+        _warn_clipped(float(over.mean()), text, "widen dac_min to dac_max")
         samples = Samples(values) * np.float32(unit_v)
     step_v = unit_v * parameters.dac_step / (1024.0 * parameters.iterations * parameters.pulses_per_step * taps)
     return samples.map_parts(lambda parts_v: np.rint(parts_v / step_v) * step_v)
-
-
-def _band(radar: Radar) -> tuple[int, float]:
-    for carrier_hz, band in X4_BANDS.items():
-        if math.isclose(carrier_hz, radar.carrier_hz, rel_tol=0.01):
-            return band
-    raise ConfigError(
-        f"x4_counts: radar.carrier_hz = {radar.carrier_hz:g} is not an X4's: it sends at 7.29e9 or 8.748e9 Hz; take "
-        'kind = "adc" for other radars'
-    )
-
-
-def _limit(values: npt.NDArray[np.complex64], limit: float) -> tuple[npt.NDArray[np.complex64], float]:
-    """Values with the envelope of a clipped sinusoid where it exceeds ``limit``, and their share."""
-    size = np.abs(values)
-    over = size > limit
-    if not over.any():
-        return values, 0.0
-    ratio = limit / size[over].astype(np.float64)
-    gain = 2.0 / math.pi * (np.arcsin(ratio) + ratio * np.sqrt(1.0 - ratio**2))
-    limited = values.copy()
-    limited[over] *= gain.astype(np.float32)
-    return limited, float(over.mean())

@@ -1,4 +1,4 @@
-"""Oscillator and mixer: phase that is not the same in every frame, unequal quadrature channels, a constant."""
+"""Oscillator and mixer: phase noise, quadrature imbalance, constant leakage."""
 
 from __future__ import annotations
 
@@ -18,7 +18,9 @@ from doppelgait.radar.parameters import Radar
 
 
 class PhaseNoise(FrozenModel):
-    r"""Random phase of a whole frame, slow drift, and the oscillator's phase noise after range correlation.
+    r"""Phase noise of the oscillator.
+
+    It has a random phase of a whole frame, slow drift, and the phase noise after range correlation.
 
     Sample n of frame i becomes :math:`y_{i,n} e^{j(\varphi_i + \psi_{i,n})}`. One oscillator serves transmitter and
     receiver, so that only the difference of its phase over the delay counts:
@@ -47,7 +49,7 @@ class PhaseNoise(FrozenModel):
         Phase noise L of the oscillator at ``offset_hz``, single sideband; none by default. Offsets to f_p / 2 count:
         those above average out within a frame.
     offset_hz : float
-        Offset from the carrier at which the density is given.
+        Offset from the carrier at which the density applies.
     slope_db_per_decade : float
         Slope of L against the offset, -40 to 0: -20 white and -30 flickering frequency noise.
     """
@@ -64,7 +66,9 @@ class PhaseNoise(FrozenModel):
 
 @plugin("impairment", parameters=PhaseNoise)
 def add_phase_noise(samples: Samples, parameters: PhaseNoise, radar: Radar, rng: np.random.Generator) -> Samples:
-    """Turn samples by the phase of their frame and, with a density, of their range.
+    """Rotate samples by phase noise.
+
+    The phase depends on the frame and, with a density, on the range.
 
     Where samples mix all ranges (fmcw, stepped), the density acts as it does in the middle of the frame.
     """
@@ -81,7 +85,10 @@ def add_phase_noise(samples: Samples, parameters: PhaseNoise, radar: Radar, rng:
 def common_phase_rad(
     n_frames: int, spec: PhaseNoise, *, radar: Radar, rng: np.random.Generator
 ) -> npt.NDArray[np.float64]:
-    """Phase that all samples of a frame share, rad: white part, jitter, linear drift from 0 and random walk from 0."""
+    """Return the phase shared by all samples of a frame, rad.
+
+    White part, jitter, linear drift from 0 and random walk from 0.
+    """
     sd_rad = math.hypot(spec.white_rad, 2.0 * math.pi * radar.carrier_hz * spec.jitter_s)
     minutes = np.arange(n_frames) / (60.0 * radar.prf_hz)
     step_rad = spec.walk_rad_per_sqrt_min / math.sqrt(60.0 * radar.prf_hz)
@@ -94,9 +101,11 @@ def common_phase_rad(
 def residual_phase_rad(
     n_frames: int, spec: PhaseNoise, *, radar: Radar, rng: np.random.Generator
 ) -> npt.NDArray[np.float64]:
-    """Oscillator phase at reception less that at transmission, rad, shape (frame, sample) or (frame, 1).
+    """Return the oscillator phase left after range correlation, rad.
 
-    One oscillator phase serves all ranges: each gets it through the filter 1 - exp(-j 2 pi f 2R/c). It is drawn over
+    It is that at reception less that at transmission, shape (frame, sample) or (frame, 1).
+
+    One oscillator phase serves all ranges: each gets it through the filter 1 - exp(-j 2 pi f 2R/c). It is sampled over
     twice the recording, since its Fourier series repeats.
     """
     from scipy import fft
@@ -116,7 +125,9 @@ def residual_phase_rad(
 
 
 class IqImbalance(FrozenModel):
-    r"""Quadrature channel of other gain, and not quite 90 degrees from the in-phase one.
+    r"""Quadrature channel of unequal gain and phase.
+
+    It is not quite 90 degrees from the in-phase one.
 
     .. math:: y' = \mathrm{Re}\,y + j g\,\mathrm{Im}(y e^{j \varphi}) = \alpha y + \beta y^*, \qquad
         \alpha = \frac{1 + g e^{j \varphi}}{2}, \quad \beta = \frac{1 - g e^{-j \varphi}}{2}
@@ -145,19 +156,24 @@ def image_weights(spec: IqImbalance) -> tuple[complex, complex]:
 
 
 def image_ratio_db(spec: IqImbalance) -> float:
-    """Power of the image over that of the signal: 10 log10 (1 + g^2 - 2 g cos phi) / (1 + g^2 + 2 g cos phi)."""
+    """Return the power of the image over the signal, dB.
+
+    10 log10 (1 + g^2 - 2 g cos phi) / (1 + g^2 + 2 g cos phi).
+    """
     signal, image = image_weights(spec)
     return 20.0 * math.log10(abs(image) / abs(signal)) if image else -math.inf
 
 
 @plugin("impairment", parameters=IqImbalance)
 def unbalance(samples: Samples, parameters: IqImbalance, radar: Radar, rng: np.random.Generator) -> Samples:
-    """Add the image."""
+    """Add the mirror image that unequal I and Q channels cause."""
     return samples.unbalance(float(db_to_amplitude(parameters.gain_db)), math.radians(parameters.phase_deg))
 
 
 class DcLeak(FrozenModel):
-    """Constant in every sample, as a mixer makes of its own oscillator, with a slow random walk.
+    """Constant in every sample, with a slow random walk.
+
+    A mixer makes it of its own oscillator.
 
     Parameters
     ----------
@@ -166,7 +182,7 @@ class DcLeak(FrozenModel):
     in_units : bool
         ``level_db`` is re one unit of the sensor's own files (``radar.volts_per_unit``).
     phase_deg : float, optional
-        Its phase; drawn by default.
+        Its phase; random by default.
     walk_per_sqrt_min : float
         Change after one minute (root mean square of a complex random walk) over the constant.
     """

@@ -17,7 +17,9 @@ from doppelgait.radar.parameters import Radar
 
 
 class ThermalNoise(FrozenModel):
-    """Complex white Gaussian noise of the receiver (E-18); by default the radar's own.
+    """Complex white Gaussian noise of the receiver (E-18).
+
+    The level is the radar's own by default.
 
     Parameters
     ----------
@@ -39,7 +41,7 @@ class ThermalNoise(FrozenModel):
         if self.noise_figure_db is not None and self.level_db is not None:
             raise ValueError("give noise_figure_db or level_db, not both")
         if self.in_units and self.level_db is None:
-            raise ValueError("in_units belongs to level_db, which is not given")
+            raise ValueError("in_units belongs to level_db, which is not set")
         return self
 
 
@@ -58,7 +60,10 @@ def noise_power_per_sample_v2(spec: ThermalNoise, radar: Radar) -> float:
 
 @plugin("impairment", parameters=ThermalNoise)
 def add_thermal_noise(samples: Samples, parameters: ThermalNoise, radar: Radar, rng: np.random.Generator) -> Samples:
-    """Add noise; its value in a sample of a pulse is a function of (key, pulse, sample) only."""
+    """Add receiver noise to samples.
+
+    Its value in a sample of a pulse is a function of (key, pulse, sample) only.
+    """
     from doppelgait.core.kernels.noise import draw_key
 
     return samples.with_noise(draw_key(rng), noise_power_per_sample_v2(parameters, radar)).settle()
@@ -98,7 +103,7 @@ class Interference(FrozenModel):
 
 @plugin("impairment", parameters=Interference)
 def add_interference(samples: Samples, parameters: Interference, radar: Radar, rng: np.random.Generator) -> Samples:
-    """Add the bursts."""
+    """Add noise bursts to the pulses that interference hits."""
     where = "interference: level_db"
     level_v = level_to_volt(parameters.level_db, radar, in_units=parameters.in_units, wanted_by=where)
     n_pulses, n_samples = samples.shape
@@ -111,7 +116,10 @@ def add_interference(samples: Samples, parameters: Interference, radar: Radar, r
 
 
 def pulses_hit(n_pulses: int, spec: Interference, *, radar: Radar, rng: np.random.Generator) -> Pulses:
-    """Numbers of the pulses, rising, whose interval i/f_p to (i+1)/f_p overlaps a burst."""
+    """Return the numbers of the pulses that bursts hit.
+
+    Rising; the interval i/f_p to (i+1)/f_p of such a pulse overlaps a burst.
+    """
     record_s = n_pulses / radar.prf_hz
     n_bursts = rng.poisson(spec.rate_hz * (record_s + spec.duration_s))  # those that began before the record count too
     start_s = rng.uniform(-spec.duration_s, record_s, size=n_bursts)

@@ -20,7 +20,9 @@ LARGEST_JITTER = 0.1
 
 
 class FrameJitter(FrozenModel):
-    """Pulses that leave early or late, each on its own; for a frame that a host asks for.
+    """Independent timing errors of the pulses.
+
+    A frame that a host requests leaves early or late.
 
     Acts where the scene is observed (:func:`doppelgait.radar.impairments.pulse_times`), and not on the samples.
 
@@ -35,7 +37,10 @@ class FrameJitter(FrozenModel):
 
 
 def jitter_times(times_s: Times, parameters: FrameJitter, radar: Radar, rng: np.random.Generator) -> Times:
-    """Times of the pulses plus independent normal errors; too large a jitter is a :class:`ConfigError`."""
+    """Add independent normal errors to the pulse times.
+
+    Too large a jitter is a :class:`ConfigError`.
+    """
     largest_s = LARGEST_JITTER / radar.prf_hz
     if parameters.sd_s > largest_s:
         raise ConfigError(
@@ -47,12 +52,15 @@ def jitter_times(times_s: Times, parameters: FrameJitter, radar: Radar, rng: np.
 
 @plugin("impairment", parameters=FrameJitter, shift_times=jitter_times)
 def keep_samples(samples: Samples, parameters: FrameJitter, radar: Radar, rng: np.random.Generator) -> Samples:
-    """Leave the samples: the jitter is in the times at which the scene was observed."""
+    """Return the samples unchanged.
+
+    The jitter is in the times at which the scene was observed.
+    """
     return samples
 
 
 class DroppedFrames(FrozenModel):
-    """Frames lost on the way to the recorder, alone or in bursts.
+    """Frames lost between sensor and recorder, alone or in bursts.
 
     A two-state chain (Gilbert 1960): lost runs are geometric of mean ``mean_length``, and so long between them that
     the share ``probability`` is lost in the mean.
@@ -95,7 +103,10 @@ class DroppedFrames(FrozenModel):
 
 @plugin("impairment", parameters=DroppedFrames)
 def drop_frames(samples: Samples, parameters: DroppedFrames, radar: Radar, rng: np.random.Generator) -> Samples:
-    """Fill lost frames as the recorder does; a listed frame beyond the end is a :class:`ConfigError`."""
+    """Fill lost frames as the recorder does.
+
+    A listed frame beyond the end is a :class:`ConfigError`.
+    """
     lost = lost_frames(samples.shape[0], parameters, rng=rng)
     if not lost.any():
         return samples
@@ -108,7 +119,7 @@ def drop_frames(samples: Samples, parameters: DroppedFrames, radar: Radar, rng: 
 
 
 def lost_frames(n_frames: int, spec: DroppedFrames, *, rng: np.random.Generator) -> npt.NDArray[np.bool_]:
-    """Whether each of ``n_frames`` frames is lost."""
+    """Return a mask of the lost frames of ``n_frames``."""
     lost = np.zeros(n_frames, dtype=bool)
     if spec.frames is not None:
         if spec.frames and max(spec.frames) >= n_frames:

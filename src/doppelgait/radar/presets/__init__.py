@@ -17,7 +17,7 @@ CONDITIONS = ("environment", "impairments")
 
 
 def preset_names() -> list[str]:
-    """Names of all presets."""
+    """Return the names of all presets."""
     return list(_built_in_names())
 
 
@@ -28,7 +28,7 @@ def _built_in_names() -> tuple[str, ...]:
 
 
 def changed_preset(name: str | Path, changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Parameters of a preset with some changed.
+    """Return the parameters of a preset with some changed.
 
     A changed pulse form replaces the preset's; a table ``waveform`` without ``kind`` changes the preset's own waveform.
     """
@@ -41,14 +41,16 @@ def changed_preset(name: str | Path, changes: Mapping[str, Any]) -> dict[str, An
         table["waveform"] = waveform = waveform if "kind" in waveform else {**own, **waveform}
         waveform = waveform["kind"]
     if waveform == "impulse":
-        for given, other in (("pulse_sigma_s", "bandwidth_hz"), ("bandwidth_hz", "pulse_sigma_s")):
-            if given in changes and other not in changes:
+        for key, other in (("pulse_sigma_s", "bandwidth_hz"), ("bandwidth_hz", "pulse_sigma_s")):
+            if key in changes and other not in changes:
                 table.pop(other, None)
     return table
 
 
 def preset_table(name: str | Path) -> dict[str, Any]:
-    """Everything that a preset's file says, lists of environment and impairments among it.
+    """Return everything that a preset's file states.
+
+    Lists of environment and impairments are among it.
 
     Parameters
     ----------
@@ -72,6 +74,9 @@ def preset_table(name: str | Path) -> dict[str, Any]:
 
 @lru_cache(maxsize=64)
 def _built_in(name: str) -> dict[str, Any]:
-    """Table of a preset that comes with the package, parsed once: planning asks for it for every example."""
+    """Parse the table of a built-in preset once.
+
+    Planning needs it for every example.
+    """
     with resources.as_file(resources.files("doppelgait.radar.presets") / f"{name}.toml") as path:
         return read_toml(path)[0]

@@ -1,8 +1,8 @@
-"""Radar recordings: one reader per format, picked by what the file holds, not by its name; and the writers.
+"""Radar recordings: readers selected by content, and writers.
 
 A reader is a function ``(path, **options) -> Recording`` with keyword-only options, registered by
 ``plugin("radar_reader", NAME, sniff=..., suffixes=(...))``; ``sniff(path) -> bool`` is cheap, looks at the content and
-is asked about everything, also about what does not exist. A writer is a function ``(recording, path, **options)``,
+is called for every path, also for one that does not exist. A writer is a function ``(recording, path, **options)``,
 registered by ``plugin("radar_writer", NAME, suffix=...)``; the suffix picks it, "" stands for a folder.
 """
 
@@ -13,10 +13,12 @@ import mmap
 import os
 import struct
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from doppelgait.core.errors import RecordingError
+from doppelgait.core.own_hdf5 import stated_format
 from doppelgait.core.plugins import Group, Plugin
 from doppelgait.radar.recording import Recording
 
@@ -103,18 +105,26 @@ def read_recording(path: str | os.PathLike[str], *, format: str | None = None, *
 
 
 def _find_format(path: Path) -> str:
-    names = [reader.name for reader in RADAR_READERS.values() if _matches(reader, path)]
+    names = []
+    for reader in RADAR_READERS.values():
+        with suppress(OSError):  # what cannot be opened does not look like a format
+            if reader.facts["sniff"](path):
+                names.append(reader.name)
     if len(names) == 1:
         return names[0]
     if names:
         raise RecordingError(
-            f"{path}: its content could be {' or '.join(names)}; it cannot be told which reader is right: name it, "
+            f"{path}: its content could be {' or '.join(names)}; it is not clear which reader is right: name it, "
             f"format='{names[0]}'"
         )
     if not path.exists():
         raise RecordingError(f"{path}: no such file")
     if path.is_file() and not path.stat().st_size:
         raise RecordingError(f"{path}: is empty (0 bytes)")
+    if stated_format(path) == "doppelgait-result":
+        raise RecordingError(
+            f"{path}: holds results of doppelgait analyze, no recording; give the recording that they were made from"
+        )
     raise RecordingError(f"{path}: its content is no recording format that is read; these are: {_known()}")
 
 
@@ -122,16 +132,8 @@ def _known() -> str:
     return ", ".join(f"{one.name} ({', '.join(one.facts['suffixes'])})" for one in RADAR_READERS.values())
 
 
-def _matches(reader: Plugin[Reader], path: Path) -> bool:
-    """Whether a file or folder looks like a reader's format; what cannot be opened does not."""
-    try:
-        return bool(reader.facts["sniff"](path))
-    except OSError:
-        return False
-
-
 def writers_by_suffix() -> dict[str, Plugin[Writer]]:
-    """Writers by the ending of a file's name; "" for a folder."""
+    """Return the writers by suffix; "" for a folder."""
     return {one.facts["suffix"]: one for one in RADAR_WRITERS.values()}
 
 
@@ -144,7 +146,9 @@ HEAP_BYTES, OBJECT_BYTES = 16, 16
 
 
 def check_hdf5(path: Path) -> None:
-    """Refuse an HDF5 file with a global heap whose chain of objects does not end; other files pass.
+    """Refuse an HDF5 file with an endless chain of objects.
+
+    Other files pass. The chain is one of a global heap.
 
     Texts lie in global heaps, chains of objects that each hold their length; the HDF5 library follows a length of 0
     without end. Layout: "HDF5 File Format Specification", section III.E.
@@ -167,7 +171,7 @@ def check_hdf5(path: Path) -> None:
 
 
 def _chain_ends(content: mmap.mmap, start: int) -> bool:
-    """Whether every object of the heap at ``start`` leads further towards its end."""
+    """Return whether the chain of objects of a heap ends."""
     if start + HEAP_BYTES > len(content):
         return True  # cut off; the library says so
     end = min(start + struct.unpack_from("<Q", content, start + 8)[0], len(content))

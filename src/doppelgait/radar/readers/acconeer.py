@@ -1,4 +1,6 @@
-"""Recordings of Acconeer's A121 sensor (60.5 GHz pulsed coherent radar), HDF5 of the vendor's exploration tool.
+"""Recordings of Acconeer's A121 sensor (60.5 GHz pulsed coherent radar).
+
+They are HDF5 files of the vendor's exploration tool.
 
 A frame is some sweeps in a row, a sweep one complex value per range point; between frames the sensor may sleep.
 """
@@ -7,7 +9,6 @@ from __future__ import annotations
 
 import json
 import math
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.errors import DoppelgaitWarning, RecordingError
+from doppelgait.core.errors import RecordingError, warn_caller
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.radar.measured import check_number, label_measured, radar_of_facts
@@ -67,7 +68,7 @@ class Entry:
     continuous : bool
         No pause between the last sweep of a frame and the first of the next.
     sweep_rate_hz, frame_rate_hz, max_sweep_rate_hz : float, optional
-        As asked for, and the most that the sensor can do with these settings; None where not stored.
+        As configured, and the most that the sensor can do with these settings; None where not stored.
     step_m : float
         Distance of neighbouring range points.
     step_assumed : bool
@@ -91,13 +92,19 @@ class Entry:
     n_delayed: int
 
     def columns(self, number: int) -> slice:
-        """Points of a subsweep among those of a sweep: subsweeps follow one another."""
+        """Return the points of a subsweep in a sweep.
+
+        Subsweeps follow one another.
+        """
         first = sum(one.num_points for one in self.subsweeps[:number])
         return slice(first, first + self.subsweeps[number].num_points)
 
 
 def open_entry(path: Path, file: Any, *, session: int, group: int, entry: int) -> Entry:
-    """Read one entry of an open file; anything missing is an error of h5py, ValueError or RecordingError."""
+    """Read one entry of an open file.
+
+    Anything missing is an error of h5py, ValueError or RecordingError.
+    """
     generation = _text(file["generation"])
     if generation != "a121":
         raise RecordingError(f"{path}: is of sensor generation {generation!r}; only 'a121' is read")
@@ -178,7 +185,10 @@ def _whole(config: Mapping[str, Any], key: str, least: int, most: int) -> int:
 
 
 def _optional(config: Mapping[str, Any], key: str, most: float) -> float | None:
-    """A positive number; None where it is missing, null or 0, by which the vendor means "does not apply"."""
+    """Return a positive number or None.
+
+    None where it is missing, null or 0, by which the vendor means "does not apply".
+    """
     value = config.get(key)
     if value is None or value == 0:
         return None
@@ -192,7 +202,10 @@ def _optional(config: Mapping[str, Any], key: str, most: float) -> float | None:
 
 
 def _ticks(result: Any, n_frames: int) -> npt.NDArray[np.int64]:
-    """Times of the frames; the counter of some boards starts again after 2^32."""
+    """Return the times of the frames in ticks.
+
+    The counter of some boards starts again after 2^32.
+    """
     if "tick" not in result:
         return np.empty(0, dtype=np.int64)
     ticks = np.asarray(result["tick"][()], dtype=np.int64)
@@ -216,7 +229,7 @@ LATE_TICKS = 1.5
 
 
 def sniff_acconeer(path: Path) -> bool:
-    """Whether a file is HDF5 with sessions of Acconeer's exploration tool."""
+    """Return whether a file is HDF5 of Acconeer's exploration tool."""
     import h5py
 
     if not Path(path).is_file() or not h5py.is_hdf5(path):
@@ -286,11 +299,9 @@ def read_acconeer(
         raise RecordingError(f"{file}: {said}; give subsweep=0 to {len(part.subsweeps) - 1} ({listed})")
     chosen = part.subsweeps[number]
     if part.n_saturated:
-        warnings.warn(
+        warn_caller(
             f"{file}: the sensor reports saturation in {part.n_saturated} of {part.values.shape[0]} frames; lower its "
-            "receiver gain",
-            DoppelgaitWarning,
-            stacklevel=2,
+            "receiver gain"
         )
     slow_time_s, prf_hz, notes = _sweep_times(file, part, sweep_rate_hz)
     paused = part.sweeps_per_frame > 1 and not part.continuous
@@ -343,7 +354,10 @@ def _open(path: Path, **which: int) -> Entry:
 def _sweep_times(
     path: Path, part: Entry, sweep_rate_hz: float | None
 ) -> tuple[npt.NDArray[np.float64], float, list[str]]:
-    """Time of every sweep, sweeps per second within a frame, and what had to be assumed."""
+    """Return sweep times, sweep rate and notes on assumptions.
+
+    The rate is that within a frame.
+    """
     n_frames, per_frame = part.values.shape[:2]
     if part.continuous:
         rate_hz = sweep_rate_hz or part.sweep_rate_hz
@@ -378,7 +392,10 @@ def _sweep_times(
 
 
 def _frame_times(path: Path, part: Entry) -> tuple[npt.NDArray[np.float64], list[str]]:
-    """Start of every frame from the recorder's ticks, evenly spaced where they are so up to their rounding."""
+    """Return the start of every frame by the recorder's ticks.
+
+    Evenly spaced where they are so up to their rounding.
+    """
     ticks = part.ticks
     if part.values.shape[0] == 1:
         return np.zeros(1), []
@@ -388,10 +405,8 @@ def _frame_times(path: Path, part: Entry) -> tuple[npt.NDArray[np.float64], list
         even = np.abs(ticks - ticks[0] - slope * number).max() <= LATE_TICKS
         counts = slope * number if even else (ticks - ticks[0]).astype(np.float64)
         if not even:
-            warnings.warn(
-                f"{path}: frames came late or are missing; their times are the recorder's ticks and not evenly spaced",
-                DoppelgaitWarning,
-                stacklevel=4,
+            warn_caller(
+                f"{path}: frames came late or are missing; their times are the recorder's ticks and not evenly spaced"
             )
         return np.asarray(counts / part.ticks_per_second, dtype=np.float64), [
             f"times of frames are the recorder's ticks, {part.ticks_per_second / slope:.6g} frames/s"

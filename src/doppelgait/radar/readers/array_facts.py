@@ -1,4 +1,7 @@
-"""What is told about a plain array: the TOML file beside it, the options, and the axes and radar that follow."""
+"""Facts about a plain array, and its axes and radar.
+
+They are in the TOML file of the same stem and in the options.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +28,7 @@ CW_RANGE_STOP_M = 1.0
 
 
 class ArrayFacts(FrozenModel):
-    """What the TOML file beside an array, or the options, tell about it.
+    """Facts about an array from its TOML file or the options.
 
     Parameters
     ----------
@@ -66,7 +69,9 @@ class ArrayFacts(FrozenModel):
 
 
 def read_facts(path: Path, options: Mapping[str, Any]) -> ArrayFacts:
-    """Facts about an array from the TOML file of the same stem, where there is one, and the options, which win.
+    """Read facts about an array.
+
+    They come from the TOML file of the same stem, where there is one, and the options, which win.
 
     Raises
     ------
@@ -86,7 +91,7 @@ def read_facts(path: Path, options: Mapping[str, Any]) -> ArrayFacts:
 
 @dataclass(frozen=True)
 class Frame:
-    """Axes of an array, the radar they belong to, and what had to be assumed.
+    """Axes of an array, its radar, and assumptions.
 
     Parameters
     ----------
@@ -102,7 +107,7 @@ class Frame:
 
 
 def describe(path: Path, facts: ArrayFacts, shape: tuple[int, ...], axes: Mapping[str, Any]) -> Frame:
-    """Axes and radar of a (pulses, range bins) array.
+    """Determine axes and radar of a (pulses, range bins) array.
 
     An entry of ``facts`` counts before an axis in the file, and that before the radar's own parameter.
 
@@ -118,7 +123,7 @@ def describe(path: Path, facts: ArrayFacts, shape: tuple[int, ...], axes: Mappin
     Raises
     ------
     RecordingError
-        If something needed is told nowhere (all of it is named), or what is told does not go together.
+        If something needed is stated nowhere (all of it is named), or what is stated does not fit together.
     """
     n_pulses, n_bins = shape
     stated = _stated_radar(path, facts)
@@ -126,22 +131,22 @@ def describe(path: Path, facts: ArrayFacts, shape: tuple[int, ...], axes: Mappin
     range_m = None if facts.range_start_m is not None or facts.bin_spacing_m else _axis(path, axes, "range_m", n_bins)
     # rate, carrier and frame, the strongest word last
     names = ("prf_hz", "carrier_hz", "range_start_m", "bin_spacing_m")
-    told = {name: float(getattr(stated, name)) for name in names} if stated is not None else {}
-    if slow_time_s is not None and "prf_hz" not in told:  # of bursts, the rate inside them
-        told["prf_hz"] = 1.0 / float(np.median(np.diff(slow_time_s)))
+    known = {name: float(getattr(stated, name)) for name in names} if stated is not None else {}
+    if slow_time_s is not None and "prf_hz" not in known:  # of bursts, the rate inside them
+        known["prf_hz"] = 1.0 / float(np.median(np.diff(slow_time_s)))
     if range_m is not None:
-        told["range_start_m"] = float(range_m[0])
-        told |= {"bin_spacing_m": float(np.diff(range_m).mean())} if range_m.size > 1 else {}
-    told = told | {name: value for name in names if (value := getattr(facts, name)) is not None}
+        known["range_start_m"] = float(range_m[0])
+        known |= {"bin_spacing_m": float(np.diff(range_m).mean())} if range_m.size > 1 else {}
+    known = known | {name: value for name in names if (value := getattr(facts, name)) is not None}
     if n_bins == 1:
-        told = {"range_start_m": 0.0, "bin_spacing_m": CW_RANGE_STOP_M, **told}
+        known = {"range_start_m": 0.0, "bin_spacing_m": CW_RANGE_STOP_M, **known}
     needed = ("prf_hz", "carrier_hz", "range_start_m", "bin_spacing_m")
-    if missing := [name for name in needed if name not in told]:
+    if missing := [name for name in needed if name not in known]:
         raise RecordingError(
-            f"{path}: {', '.join(missing)} {'is' if len(missing) == 1 else 'are'} told nowhere; write them into "
-            f"{path.with_suffix('.toml').name} beside it or give them as options (radar='PRESET' tells all four)"
+            f"{path}: {', '.join(missing)} {'is' if len(missing) == 1 else 'are'} stated nowhere; write them into "
+            f"{path.with_suffix('.toml').name} in its folder or give them as options (radar='PRESET' has all four)"
         )
-    ranges = np.asarray(told["range_start_m"] + told["bin_spacing_m"] * np.arange(n_bins), dtype=np.float64)
+    ranges = np.asarray(known["range_start_m"] + known["bin_spacing_m"] * np.arange(n_bins), dtype=np.float64)
     # what neither the array nor its TOML file nor the options state
     notes = []
     if facts.conjugate is None:
@@ -153,11 +158,11 @@ def describe(path: Path, facts: ArrayFacts, shape: tuple[int, ...], axes: Mappin
     elif facts.radar is None and n_bins == 1:
         notes.append("radar: not told; one range bin is taken as a continuous wave, its range as nothing")
     elif facts.radar is None:
-        notes.append(f"radar: not told; an echo is taken as one range bin wide ({told['bin_spacing_m']:g} m)")
+        notes.append(f"radar: not told; an echo is taken as one range bin wide ({known['bin_spacing_m']:g} m)")
     return Frame(
-        slow_time_axis_s(n_pulses, told["prf_hz"]) if slow_time_s is None else slow_time_s,
+        slow_time_axis_s(n_pulses, known["prf_hz"]) if slow_time_s is None else slow_time_s,
         ranges if range_m is None else range_m,
-        _radar(path, facts, stated, told, n_bins),
+        _radar(path, facts, stated, known, n_bins),
         notes,
     )
 
@@ -187,12 +192,28 @@ def _stated_radar(path: Path, facts: ArrayFacts) -> Radar | None:
         raise RecordingError(f"{path}: {error}") from None
 
 
-def _radar(path: Path, facts: ArrayFacts, stated: Radar | None, told: Mapping[str, float], n_bins: int) -> Radar:
-    """The stated radar with what the recording tells otherwise, or one made of that alone."""
-    table: dict[str, Any] = {name: told[name] for name in ("prf_hz", "carrier_hz")}
-    start_m = max(told["range_start_m"], 0.0)
-    if stated is None:
-        table |= _plain_radar(told, start_m, n_bins)
+def _radar(path: Path, facts: ArrayFacts, stated: Radar | None, known: Mapping[str, float], n_bins: int) -> Radar:
+    """Return the stated radar updated by the recording's facts.
+
+    Without one it is made of these facts alone.
+    """
+    table: dict[str, Any] = {name: known[name] for name in ("prf_hz", "carrier_hz")}
+    start_m = max(known["range_start_m"], 0.0)
+    if stated is None and n_bins == 1:
+        table |= {"name": "continuous wave", "waveform": "cw", "range_start_m": start_m}
+        table["range_stop_m"] = start_m + CW_RANGE_STOP_M
+    elif stated is None:
+        # an echo as wide as a range bin (E-11)
+        spacing_m = known["bin_spacing_m"]
+        sigma_s = spacing_m / (SPEED_OF_LIGHT_MPS * math.sqrt(math.log(2)))
+        shortest_s = max(PULSE_SIGMA_S[0], GAUSSIAN_WIDTH[10] / (2.0 * known["carrier_hz"]))
+        table |= {
+            "name": "unknown",
+            "sample_rate_hz": SPEED_OF_LIGHT_MPS / (2.0 * spacing_m),
+            "range_start_m": start_m,
+            "range_stop_m": start_m + n_bins * spacing_m,
+            "pulse_sigma_s": min(max(sigma_s, shortest_s), PULSE_SIGMA_S[1]),
+        }
     else:
         table = {**stated.model_dump(), **table}
         if facts.radar is not None and "preset" in facts.radar:  # a complete radar is taken with its own frame
@@ -203,24 +224,3 @@ def _radar(path: Path, facts: ArrayFacts, stated: Radar | None, told: Mapping[st
         return validate(Radar, table, where=str(path))
     except ConfigError as error:
         raise RecordingError(str(error)) from None
-
-
-def _plain_radar(told: Mapping[str, float], start_m: float, n_bins: int) -> dict[str, Any]:
-    """A radar whose echo is as wide as a range bin (E-11), or a continuous wave for one bin."""
-    if n_bins == 1:
-        return {
-            "name": "continuous wave",
-            "waveform": "cw",
-            "range_start_m": start_m,
-            "range_stop_m": start_m + CW_RANGE_STOP_M,
-        }
-    spacing_m = told["bin_spacing_m"]
-    sigma_s = spacing_m / (SPEED_OF_LIGHT_MPS * math.sqrt(math.log(2)))
-    shortest_s = max(PULSE_SIGMA_S[0], GAUSSIAN_WIDTH[10] / (2.0 * told["carrier_hz"]))
-    return {
-        "name": "unknown",
-        "sample_rate_hz": SPEED_OF_LIGHT_MPS / (2.0 * spacing_m),
-        "range_start_m": start_m,
-        "range_stop_m": start_m + n_bins * spacing_m,
-        "pulse_sigma_s": min(max(sigma_s, shortest_s), PULSE_SIGMA_S[1]),
-    }

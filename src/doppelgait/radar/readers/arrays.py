@@ -1,4 +1,6 @@
-"""Plain complex matrices, .npz and .npy, with a TOML file of the same stem that describes them: read and written.
+"""Complex matrices in .npz and .npy files, read and written.
+
+A TOML file of the same stem describes them.
 
 Lengths are checked against the length of the file before memory is taken; nothing is ever unpickled.
 """
@@ -23,7 +25,7 @@ from doppelgait.core.errors import OutputError, RecordingError
 from doppelgait.core.files import atomic_path
 from doppelgait.core.plugins import plugin
 from doppelgait.radar.measured import check_shape, label_measured
-from doppelgait.radar.readers.array_facts import ArrayFacts, describe, read_facts
+from doppelgait.radar.readers.array_facts import describe, read_facts
 from doppelgait.radar.recording import NAN, Recording, further_facts
 
 NPY_MAGIC = b"\x93NUMPY"
@@ -37,13 +39,19 @@ NUMPY_FAULTS = (ValueError, EOFError, KeyError, TypeError, MemoryError, Overflow
 
 
 def is_npz(head: bytes) -> bool:
-    """Whether these first bytes are those of a zip archive that starts with a ``.npy``."""
+    """Return whether first bytes are those of an npz file.
+
+    It is a zip archive that starts with a ``.npy``.
+    """
     length = int.from_bytes(head[26:28], "little")
     return head[:4] == b"PK\x03\x04" and head[30 : 30 + length].endswith(b".npy")
 
 
 def load_npy_file(path: Path) -> npt.NDArray[Any]:
-    """The array of a ``.npy`` file; a damaged one is a :class:`RecordingError`."""
+    """Load the array of a ``.npy`` file.
+
+    A damaged one is a :class:`RecordingError`.
+    """
     try:
         with path.open("rb") as stream:
             return _load_array(path, "the array", stream, path.stat().st_size)
@@ -52,7 +60,9 @@ def load_npy_file(path: Path) -> npt.NDArray[Any]:
 
 
 def load_npz(path: Path, wanted: Collection[str]) -> dict[str, npt.NDArray[Any] | None]:
-    """Arrays of an npz file by name, None for those that are not wanted; the only array is always loaded.
+    """Load arrays of an npz file by name.
+
+    None stands for those that are not wanted; the only array is always loaded.
 
     Raises
     ------
@@ -63,18 +73,17 @@ def load_npz(path: Path, wanted: Collection[str]) -> dict[str, npt.NDArray[Any] 
         with zipfile.ZipFile(path) as archive:
             members = {m.filename.removesuffix(".npy"): m for m in archive.infolist() if m.filename.endswith(".npy")}
             chosen = set(members) & set(wanted) or set(list(members)[:1] if len(members) == 1 else [])
-            return {name: _load_member(path, archive, members[name]) if name in chosen else None for name in members}
+            found: dict[str, npt.NDArray[Any] | None] = dict.fromkeys(members)
+            for name in (name for name in members if name in chosen):
+                with archive.open(members[name]) as stream:
+                    found[name] = _load_array(path, members[name].filename, stream, members[name].file_size)
+            return found
     except NUMPY_FAULTS as error:
         raise _damaged_array(path, error) from None
 
 
-def _load_member(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> npt.NDArray[Any]:
-    with archive.open(member) as stream:
-        return _load_array(path, member.filename, stream, member.file_size)
-
-
 def _load_array(path: Path, name: str, stream: IO[bytes], size: int) -> npt.NDArray[Any]:
-    """One array of a stream of ``size`` bytes."""
+    """Load one array of a stream of ``size`` bytes."""
     version = np.lib.format.read_magic(stream)
     if version not in ((1, 0), (2, 0)):
         raise ValueError(f"version {version[0]}.{version[1]} of the npy format")
@@ -108,7 +117,7 @@ Arrays = Mapping[str, npt.NDArray[Any] | None]
 
 
 def sniff_arrays(path: Path) -> bool:
-    """Whether a file is a ``.npy`` array or a zip archive that starts with one."""
+    """Return whether a file is ``.npy`` or npz."""
     with path.open("rb") as file:
         head = file.read(4096)
     return head.startswith(NPY_MAGIC) or is_npz(head)
@@ -128,7 +137,9 @@ def read_arrays(
     scale_v: float | None = None,
     key: str | None = None,
 ) -> Recording:
-    """Recording of a complex matrix (pulses, range bins), or of a list of pulses of a continuous-wave radar.
+    """Read a recording of a complex matrix (pulses, range bins).
+
+    A list of pulses is one of a continuous-wave radar.
 
     A ``.npy`` file holds one array, an ``.npz`` file the matrix as ``baseband``, as its only array or as real ``i``
     and ``q``, and optionally the axes ``slow_time_s`` and ``range_m``. Real arrays are I and Q along a last axis of
@@ -152,7 +163,7 @@ def read_arrays(
     Raises
     ------
     RecordingError
-        If the file is damaged, holds objects, NaN or infinity, something needed is not told, or a value is not
+        If the file is damaged, holds objects, NaN or infinity, something needed is not stated, or a value is not
         allowed. Nothing is ever unpickled.
     """
     options = {
@@ -166,7 +177,22 @@ def read_arrays(
     arrays = (
         {facts.key or MATRIX: load_npy_file(path)} if is_npy else load_npz(path, (facts.key or MATRIX, *PARTS, *AXES))
     )
-    values = _as_baseband(path, _pick(path, arrays, facts.key), facts)
+    values = _pick(path, arrays, facts.key)
+    if values.dtype.kind not in "fiuc":
+        raise RecordingError(f"{path}: holds {values.dtype} values; a baseband is numbers")
+    if values.dtype.kind != "c":
+        if values.ndim < 2 or values.shape[-1] != 2:
+            raise RecordingError(
+                f"{path}: holds real values of shape {values.shape}; a baseband is complex, or real with I and Q along "
+                "a last axis of 2, or two arrays named i and q"
+            )
+        values = _join(values[..., 0], values[..., 1])
+    if values.ndim not in (1, 2):
+        raise RecordingError(f"{path}: has the shape {values.shape}; it must be (pulses, range bins) or (pulses,)")
+    if values.ndim == 1:
+        values = values[:, None]
+    elif not facts.time_first:
+        values = values.T
     check_shape(path, values)
     values = values.conj() if facts.conjugate else values
     if facts.scale_v is not None and facts.scale_v != 1.0:
@@ -190,7 +216,7 @@ def read_arrays(
 
 
 def _pick(path: Path, arrays: Arrays, key: str | None) -> npt.NDArray[Any]:
-    """The matrix as it is in the file."""
+    """Return the matrix as stored in the file."""
     found = arrays.get(key or MATRIX)
     if found is None and key is None and len(arrays) == 1:
         found = next(iter(arrays.values()))
@@ -211,28 +237,13 @@ def _pick(path: Path, arrays: Arrays, key: str | None) -> npt.NDArray[Any]:
 
 
 def _join(i: npt.NDArray[Any], q: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Complex values of I and Q; wide enough that 32-bit integers stay exact until they are scaled."""
+    """Join I and Q to complex values.
+
+    They are wide enough that 32-bit integers stay exact until they are scaled.
+    """
     joined = np.empty(i.shape, np.result_type(i.dtype, np.complex64))
     joined.real, joined.imag = i, q
     return joined
-
-
-def _as_baseband(path: Path, values: npt.NDArray[Any], facts: ArrayFacts) -> npt.NDArray[Any]:
-    """Complex matrix (pulses, range bins), not scaled."""
-    if values.dtype.kind not in "fiuc":
-        raise RecordingError(f"{path}: holds {values.dtype} values; a baseband is numbers")
-    if values.dtype.kind != "c":
-        if values.ndim < 2 or values.shape[-1] != 2:
-            raise RecordingError(
-                f"{path}: holds real values of shape {values.shape}; a baseband is complex, or real with I and Q along "
-                "a last axis of 2, or two arrays named i and q"
-            )
-        values = _join(values[..., 0], values[..., 1])
-    if values.ndim == 1:
-        return values[:, None]
-    if values.ndim != 2:
-        raise RecordingError(f"{path}: has the shape {values.shape}; it must be (pulses, range bins) or (pulses,)")
-    return values if facts.time_first else values.T
 
 
 FIRST_LINE = "# Radar recording, written by doppelgait: what the arrays beside it are."
@@ -240,7 +251,9 @@ FIRST_LINE = "# Radar recording, written by doppelgait: what the arrays beside i
 
 @plugin("radar_writer", "arrays", suffix=".npz")
 def write_arrays(recording: Recording, path: str | os.PathLike[str]) -> None:
-    """Write a recording as NumPy arrays and a TOML file of the same stem; reading gives the same back.
+    """Write a recording as NumPy arrays and a TOML file.
+
+    Both have the same stem; reading restores the same recording.
 
     The ``.npz`` file holds ``baseband`` complex64 (pulses, range bins) in V, ``slow_time_s`` and ``range_m``; the TOML
     file holds the radar, the notes and the further facts. The truth about the targets is not stored.
@@ -299,7 +312,7 @@ def _lines(table: Mapping[str, Any]) -> list[str]:
 
 
 def _value(value: Any) -> str:
-    """A value in TOML."""
+    """Return a value in TOML."""
     if isinstance(value, Mapping):
         return "{" + ", ".join(_lines(value)) + "}"
     if isinstance(value, list | tuple):
@@ -310,5 +323,8 @@ def _value(value: Any) -> str:
 
 
 def _text(text: str) -> str:
-    """A quoted TOML text; JSON's escapes are TOML's but for one character."""
+    """Quote a text in TOML.
+
+    JSON's escapes are TOML's but for one character.
+    """
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

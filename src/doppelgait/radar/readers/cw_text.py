@@ -1,4 +1,6 @@
-"""Continuous-wave recordings as two text files, ``NAME_RE.txt`` and ``NAME_IM.txt``: one integer per line.
+"""Continuous-wave recordings as two text files of integers.
+
+``NAME_RE.txt`` and ``NAME_IM.txt`` have one integer per line.
 
 So stored by programs for 24 GHz Doppler modules whose 12-bit converter fills a buffer, sends it and starts again: the
 samples are continuous within a burst only.
@@ -6,13 +8,12 @@ samples are continuous within a burst only.
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.errors import DoppelgaitWarning, RecordingError
+from doppelgait.core.errors import RecordingError, warn_caller
 from doppelgait.core.plugins import plugin
 from doppelgait.radar.measured import CW_FRAME_M, check_number, cw_radar, label_measured
 from doppelgait.radar.recording import Recording
@@ -26,18 +27,20 @@ HEAD_BYTES = 256
 
 
 def sniff_cw_text(path: Path) -> bool:
-    """Whether a path is one of such a pair of files, or their common stem."""
+    """Return whether a path is such a pair of files.
+
+    It is one of them, or their common stem.
+    """
     try:
         names = _pair(Path(path))
     except RecordingError:
         return False
-    return any(name.is_file() and _looks_like_integers(name) for name in names)
-
-
-def _looks_like_integers(path: Path) -> bool:
-    with path.open("rb") as file:
-        words = file.read(HEAD_BYTES).split()
-    return bool(words) and all(word.isdigit() for word in words)
+    for name in (name for name in names if name.is_file()):
+        with name.open("rb") as file:
+            words = file.read(HEAD_BYTES).split()
+        if words and all(word.isdigit() for word in words):
+            return True
+    return False
 
 
 @plugin("radar_reader", "cw-text", sniff=sniff_cw_text, suffixes=(".txt",))
@@ -112,11 +115,9 @@ def read_cw_text(
         )
     clipped = np.isin(codes[0], (0, 2**BITS - 1)) | np.isin(codes[1], (0, 2**BITS - 1))
     if clipped.any():
-        warnings.warn(
+        warn_caller(
             f"{file}: {100 * clipped.mean():.2g} % of the samples are clipped (0 or {2**BITS - 1}): the target was too "
-            "near; expect its image and harmonics in Doppler",
-            DoppelgaitWarning,
-            stacklevel=2,
+            "near; expect its image and harmonics in Doppler"
         )
     count, rest = divmod(codes[0].size, burst_pulses)
     if not count:
@@ -125,11 +126,7 @@ def read_cw_text(
             "burst_pulses must be given"
         )
     if rest:
-        warnings.warn(
-            f"{file}: the last burst has {rest} of {burst_pulses} samples and is left out",
-            DoppelgaitWarning,
-            stacklevel=2,
-        )
+        warn_caller(f"{file}: the last burst has {rest} of {burst_pulses} samples and is left out")
     centred = [(one[: count * burst_pulses] - MID_CODE) * scale_v for one in codes]
     samples = centred[0] + (-1j if conjugate else 1j) * centred[1]
     starts_s = period_s * np.arange(samples.size // burst_pulses)
@@ -155,7 +152,7 @@ def read_cw_text(
 
 
 def _pair(path: Path) -> tuple[Path, Path]:
-    """Paths of the real and the imaginary part."""
+    """Return the paths of real and imaginary part."""
     stem = path.name
     for part in PARTS:
         stem = stem.removesuffix(f"{part}.txt")
@@ -166,7 +163,7 @@ def _pair(path: Path) -> tuple[Path, Path]:
 
 
 def _read_codes(path: Path) -> npt.NDArray[np.int64]:
-    """Integers of one file, all within the converter's range."""
+    """Read the integers of one file within the converter's range."""
     if not path.is_file():
         raise RecordingError(f"{path}: no such file; both NAME_RE.txt and NAME_IM.txt are needed")
     if path.stat().st_size > MAX_BYTES:

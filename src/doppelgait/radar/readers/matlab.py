@@ -1,4 +1,4 @@
-"""RF frames of a XeThru X4 in a MATLAB file, down-converted on reading.
+"""XeThru X4 RF frames in a MATLAB file, down-converted on reading.
 
 SciPy's own reader ends the whole program (segmentation fault) at some damaged files of version 5 to 7, so their number
 matrices are read here, so that no damaged byte can do harm. Layout: "MAT-File Format", The MathWorks, level 5.
@@ -68,7 +68,9 @@ class Variable:
 
 
 def list_variables(path: Path, *, max_bytes: int) -> dict[str, Variable]:
-    """Variables of a file by name; the file is read, nothing is unpacked.
+    """List the variables of a file by name.
+
+    The file is read, nothing is unpacked.
 
     Raises
     ------
@@ -88,7 +90,27 @@ def list_variables(path: Path, *, max_bytes: int) -> dict[str, Variable]:
         body = content[at + 8 : at + 8 + n_bytes]
         if kind not in (MATRIX_ELEMENT, COMPRESSED_ELEMENT) or len(body) < n_bytes:
             raise ValueError(f"the element at byte {at} is of type {kind} and has {len(body)} of its {n_bytes} bytes")
-        variable = _front(body, kind == COMPRESSED_ELEMENT, marks[mark])
+        # flags, shape and name of the matrix
+        is_packed = kind == COMPRESSED_ELEMENT
+        order = marks[mark]
+        front = zlib.decompressobj().decompress(body, FRONT_BYTES) if is_packed else bytes(body[:FRONT_BYTES])
+        whole_bytes, start = len(body), 0
+        if is_packed:
+            inner, whole_bytes = _unpack(front, 0, f"{order}II")
+            start = 8
+            if inner != MATRIX_ELEMENT:
+                raise ValueError(f"a compressed element holds type {inner}, not a matrix")
+        flags, data_at = _element(front, start, order)
+        sizes, data_at = _element(front, data_at, order)
+        name, data_at = _element(front, data_at, order)
+        word = int(_unpack(flags, 0, f"{order}I")[0])
+        shape = tuple(int(n) for n in np.frombuffer(sizes, f"{order}i4"))
+        if len(shape) < 2 or min(shape) < 0:
+            raise ValueError(f"a matrix has the shape {shape}")
+        text = bytes(name).decode("latin-1")
+        variable = Variable(
+            text, shape, word & 0xFF, bool(word & COMPLEX_FLAG), body, is_packed, whole_bytes + start, data_at, order
+        )
         found[variable.name] = variable
         at += 8 + n_bytes
     return found
@@ -101,28 +123,8 @@ def _unpack(content: memoryview | bytes, at: int, layout: str) -> tuple[Any, ...
         raise ValueError(f"an element is cut off at byte {at}") from None
 
 
-def _front(body: memoryview, is_packed: bool, order: str) -> Variable:
-    """Flags, shape and name of a matrix."""
-    front = zlib.decompressobj().decompress(body, FRONT_BYTES) if is_packed else bytes(body[:FRONT_BYTES])
-    n_bytes, start = len(body), 0
-    if is_packed:
-        kind, n_bytes = _unpack(front, 0, f"{order}II")
-        start = 8
-        if kind != MATRIX_ELEMENT:
-            raise ValueError(f"a compressed element holds type {kind}, not a matrix")
-    flags, at = _element(front, start, order)
-    sizes, at = _element(front, at, order)
-    name, at = _element(front, at, order)
-    word = int(_unpack(flags, 0, f"{order}I")[0])
-    shape = tuple(int(n) for n in np.frombuffer(sizes, f"{order}i4"))
-    if len(shape) < 2 or min(shape) < 0:
-        raise ValueError(f"a matrix has the shape {shape}")
-    text = bytes(name).decode("latin-1")
-    return Variable(text, shape, word & 0xFF, bool(word & COMPLEX_FLAG), body, is_packed, n_bytes + start, at, order)
-
-
 def _element(content: bytes, at: int, order: str) -> tuple[bytes, int]:
-    """Bytes of one element, and where the next begins."""
+    """Return the bytes of one element, and the next position."""
     kind, n_bytes = _unpack(content, at, f"{order}II")
     if kind >> 16:  # at most 4 bytes, packed into the second word
         n_bytes, start, after = kind >> 16, at + 4, at + 8
@@ -134,7 +136,7 @@ def _element(content: bytes, at: int, order: str) -> tuple[bytes, int]:
 
 
 def load_variable(variable: Variable) -> npt.NDArray[Any]:
-    """Values of a variable of numbers, in the type of its class.
+    """Load a variable of numbers in the type of its class.
 
     Raises
     ------
@@ -143,25 +145,20 @@ def load_variable(variable: Variable) -> npt.NDArray[Any]:
     """
     if variable.kind not in CLASSES:
         raise ValueError(f"{variable.name} is of class {variable.kind}, which holds no plain numbers")
-    content = _whole(variable)
+    content = bytes(variable.packed)
+    if variable.is_packed:
+        worst = variable.data_at + 2 * (8 + 8 * math.prod(variable.shape))
+        if variable.n_bytes > worst:
+            raise ValueError(f"{variable.name} claims {variable.n_bytes} bytes for the shape {variable.shape}")
+        unpacker = zlib.decompressobj()
+        content = unpacker.decompress(variable.packed, variable.n_bytes)
+        rest = unpacker.decompress(unpacker.unconsumed_tail, 1)
+        if len(content) < variable.n_bytes or rest or not unpacker.eof:
+            raise ValueError(f"{variable.name} unpacks to less or more than its {variable.n_bytes} bytes")
     real, at = _numbers(content, variable.data_at, variable)
     if not variable.is_complex:
         return real
     return np.asarray(real + 1j * _numbers(content, at, variable)[0])
-
-
-def _whole(variable: Variable) -> bytes:
-    if not variable.is_packed:
-        return bytes(variable.packed)
-    worst = variable.data_at + 2 * (8 + 8 * math.prod(variable.shape))
-    if variable.n_bytes > worst:
-        raise ValueError(f"{variable.name} claims {variable.n_bytes} bytes for the shape {variable.shape}")
-    unpacker = zlib.decompressobj()
-    content = unpacker.decompress(variable.packed, variable.n_bytes)
-    rest = unpacker.decompress(unpacker.unconsumed_tail, 1)
-    if len(content) < variable.n_bytes or rest or not unpacker.eof:
-        raise ValueError(f"{variable.name} unpacks to less or more than its {variable.n_bytes} bytes")
-    return content
 
 
 def _numbers(content: bytes, at: int, variable: Variable) -> tuple[npt.NDArray[Any], int]:
@@ -193,7 +190,7 @@ DRIVER_LIGHT_SPEED_MPS = 3e8
 
 
 def sniff_matlab(path: Path) -> bool:
-    """Whether a file begins as MATLAB files of version 5 to 7.3 do."""
+    """Return whether a file starts like MATLAB 5 to 7.3."""
     with path.open("rb") as file:
         return file.read(len(HEADERS[0])) in HEADERS
 
@@ -210,7 +207,9 @@ def read_matlab(
     bin_spacing_m: float | None = None,
     filter: Literal["hamming", "chip"] = "hamming",
 ) -> Recording:
-    """Recording of X4 RF frames (frames, RF bins) in a MATLAB file (version 5, 7 or 7.3).
+    """Read X4 RF frames (frames, RF bins) of a MATLAB file.
+
+    Versions 5, 7 and 7.3 are read.
 
     The file holds the frames as ``Data_Matrix``, ``Data_Matrix_1`` ..., in the normalised unit of the driver
     (1 = 1024 DAC codes), and ``actual_fps``, ``bin_length`` and ``range_axis``, ``range_vector`` or ``frame_start``.
@@ -283,7 +282,10 @@ def read_matlab(
 
 
 def _load(path: Path, matrix: str | None) -> dict[str, Any]:
-    """The frames under ``MATRIX``, the name they have, and the facts that are there."""
+    """Load the frames, their name and the facts.
+
+    The frames are under ``MATRIX``; only facts that are there.
+    """
     if matrix is not None and not isinstance(matrix, str):
         raise RecordingError(f"{path}: matrix = {matrix!r} is not allowed; it must be the name of a matrix")
     with path.open("rb") as file:
@@ -291,7 +293,13 @@ def _load(path: Path, matrix: str | None) -> dict[str, Any]:
     try:
         content: dict[str, Any]
         if is_hdf5:
-            content = _load_hdf5(path, matrix)
+            import h5py  # version 7.3 is HDF5 with the axes of every matrix reversed
+
+            with h5py.File(path, "r") as hdf5:
+                shapes = {name: hdf5[name].shape[::-1] for name in hdf5 if isinstance(hdf5[name], h5py.Dataset)}
+                name = _pick(path, shapes, matrix)
+                facts = {fact: hdf5[fact][()].T for fact in FACTS if fact in shapes}
+                content = {MATRIX: hdf5[name][()].T, "name": name, **facts}
         else:
             variables = list_variables(path, max_bytes=8 * MAX_VALUES)
             name = _pick(path, {name: one.shape for name, one in variables.items()}, matrix)
@@ -316,17 +324,6 @@ def _load(path: Path, matrix: str | None) -> dict[str, Any]:
     return content
 
 
-def _load_hdf5(path: Path, matrix: str | None) -> dict[str, Any]:
-    """Version 7.3 is HDF5 with the axes of every matrix reversed."""
-    import h5py
-
-    with h5py.File(path, "r") as file:
-        shapes = {name: file[name].shape[::-1] for name in file if isinstance(file[name], h5py.Dataset)}
-        name = _pick(path, shapes, matrix)
-        facts = {fact: file[fact][()].T for fact in FACTS if fact in shapes}
-        return {MATRIX: file[name][()].T, "name": name, **facts}
-
-
 def _pick(path: Path, shapes: dict[str, Any], wanted: str | None) -> str:
     found = [name for name in shapes if re.fullmatch(rf"{MATRIX}(_\d+)?", name)]
     if wanted is not None and wanted not in shapes:
@@ -342,10 +339,10 @@ def _pick(path: Path, shapes: dict[str, Any], wanted: str | None) -> str:
     return name
 
 
-def _fact(path: Path, content: dict[str, Any], key: str, given: float | None, option: str) -> float:
-    """A positive number from an option or the file."""
-    if given is not None:
-        return check_number(path, option, given, above=SMALLEST, most=1e6)
+def _fact(path: Path, content: dict[str, Any], key: str, value: float | None, option: str) -> float:
+    """Return a positive number from an option or the file."""
+    if value is not None:
+        return check_number(path, option, value, above=SMALLEST, most=1e6)
     if key not in content:
         raise RecordingError(f"{path}: has no {key}; give it: {option}=...")
     return check_number(path, key, _scalar(content[key]), above=SMALLEST, most=1e6)
@@ -355,10 +352,13 @@ def _scalar(value: npt.NDArray[Any]) -> Any:
     return value.ravel()[0].item() if value.size == 1 else value.tolist()
 
 
-def _start_m(path: Path, content: dict[str, Any], n_bins: int, spacing_m: float, given: float | None) -> float:
-    """Range of the first RF bin: the option, the axis or the frame's start."""
-    if given is not None:
-        return check_number(path, "range_start_m", given, above=-1e3, most=1e6)
+def _start_m(path: Path, content: dict[str, Any], n_bins: int, spacing_m: float, value: float | None) -> float:
+    """Return the range of the first RF bin.
+
+    From the option, the axis or the frame's start.
+    """
+    if value is not None:
+        return check_number(path, "range_start_m", value, above=-1e3, most=1e6)
     for key in (name for name in AXES if name in content):
         axis_m = np.asarray(content[key], dtype=np.float64).ravel()
         wanted = axis_m[:1] + spacing_m * np.arange(n_bins)

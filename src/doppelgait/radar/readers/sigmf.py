@@ -1,11 +1,13 @@
-"""Recordings as SigMF: samples in NAME.sigmf-data, what they are in NAME.sigmf-meta (JSON, specification 1.x)."""
+"""Recordings as SigMF (specification 1.x).
+
+Samples are in NAME.sigmf-data, their description in NAME.sigmf-meta (JSON).
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import math
-import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -15,7 +17,7 @@ import numpy.typing as npt
 
 from doppelgait import __version__
 from doppelgait.core.config import validate
-from doppelgait.core.errors import ConfigError, DoppelgaitWarning, RecordingError
+from doppelgait.core.errors import ConfigError, RecordingError, warn_caller
 from doppelgait.core.files import atomic_path
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
@@ -32,7 +34,10 @@ MAX_ROWS = 100_000_000
 
 
 def sniff_sigmf(path: Path) -> bool:
-    """Whether a path is one of a SigMF pair: its metadata begin as JSON and tell a SigMF data type."""
+    """Return whether a path is one of a SigMF pair.
+
+    Its metadata begin as JSON and have a SigMF data type.
+    """
     file = Path(path)
     meta = sigmf_pair(file)[0]
     if not file.is_file() or not meta.is_file():
@@ -56,7 +61,9 @@ def read_sigmf(
     conjugate: bool = False,
     ignore_checksum: bool = False,
 ) -> Recording:
-    """Read a SigMF recording: one of :func:`write_sigmf`, or any other with complex samples.
+    """Read a SigMF recording with complex samples.
+
+    It is one of :func:`write_sigmf`, or any other.
 
     Without our own keys the samples are those of a continuous-wave radar at ``core:sample_rate``, one range bin, the
     carrier ``core:frequency``; with ``samples_per_pulse`` they are rows of range bins, one row per pulse.
@@ -64,7 +71,7 @@ def read_sigmf(
     Parameters
     ----------
     path : path-like
-        ``NAME.sigmf-meta`` or ``NAME.sigmf-data``; the other one lies beside it.
+        ``NAME.sigmf-meta`` or ``NAME.sigmf-data``; the other one is in the same folder.
     carrier_hz : float, optional
         Carrier, where the file does not tell ``core:frequency``, or tells that of a tuner behind a mixer.
     samples_per_pulse : int, optional
@@ -91,7 +98,7 @@ def read_sigmf(
     Raises
     ------
     RecordingError
-        If a file is missing or damaged, the samples are real, or something is needed that is not told.
+        If a file is missing or damaged, the samples are real, or something needed is not stated.
     """
     file = Path(path)
     meta = read_metadata(file)
@@ -101,12 +108,18 @@ def read_sigmf(
         samples = (samples.conj() if conjugate else samples) * np.float32(scale)
     notes = [*meta.notes(), *(["the samples are conjugated"] if conjugate else [])]
     if meta.own is not None:
-        given = {"samples_per_pulse": samples_per_pulse, "prf_hz": prf_hz, "range_start_m": range_start_m}
-        refused = [name for name, value in {**given, "bin_spacing_m": bin_spacing_m}.items() if value is not None]
+        options = {"samples_per_pulse": samples_per_pulse, "prf_hz": prf_hz, "range_start_m": range_start_m}
+        refused = [name for name, value in {**options, "bin_spacing_m": bin_spacing_m}.items() if value is not None]
         if refused:
             raise RecordingError(f"{file}: tells its own axes; leave out {', '.join(refused)}")
         return _read_own(file, meta, samples, carrier_hz, notes)
-    carrier = check_number(file, "carrier_hz", _carrier_hz(file, meta) if carrier_hz is None else carrier_hz, above=0)
+    if carrier_hz is None:
+        found = sorted({float(c["core:frequency"]) for c in meta.captures if _is_number(c.get("core:frequency"))})
+        if len(found) != 1:
+            said = f"has several carriers ({', '.join(f'{one:g}' for one in found)} Hz)" if found else "has no carrier"
+            raise RecordingError(f"{file}: {said}; give carrier_hz")
+        carrier_hz = found[0]
+    carrier = check_number(file, "carrier_hz", carrier_hz, above=0)
     n_samples = samples.size
     n_bins = 1 if samples_per_pulse is None else samples_per_pulse
     if isinstance(n_bins, bool) or not isinstance(n_bins, int) or not 1 <= n_bins <= max(n_samples // 2, 1):
@@ -115,7 +128,7 @@ def read_sigmf(
             "the samples there are"
         )
     if n_samples % n_bins:
-        _warn(
+        warn_caller(
             f"{file}: {n_samples} samples are not whole pulses of {n_bins}; the last {n_samples % n_bins} are left out"
         )
     shape = n_samples // n_bins, n_bins
@@ -130,7 +143,7 @@ def read_sigmf(
 def _read_own(
     path: Path, meta: Metadata, samples: npt.NDArray[np.complex64], carrier_hz: float | None, notes: list[str]
 ) -> Recording:
-    """Recording with the axes and the radar that our own keys tell."""
+    """Read a recording with the axes of our own keys."""
     own = meta.own or {}
     try:
         range_m = np.asarray(own["doppelgait:range_m"], dtype=np.float64)
@@ -162,17 +175,21 @@ def _read_own(
             f"{path}: times of its pulses do not rise; doppelgait:time_s or doppelgait:prf_hz is wrong"
         )
     if samples.size % range_m.size:
-        _warn(f"{path}: its last pulse is not whole and is left out; the file is cut off")
+        warn_caller(f"{path}: its last pulse is not whole and is left out; the file is cut off")
     if carrier_hz is not None:
         radar = radar_of_facts(path, **{**radar.model_dump(), "carrier_hz": carrier_hz})
     values = samples[: rows * range_m.size].reshape(rows, range_m.size)
+    stored = meta.common.get("doppelgait:notes")
+    own_notes = [note for note in stored if isinstance(note, str)] if isinstance(stored, list) else []
+    if any("doppelgait:target" in one for one in meta.annotations):
+        own_notes.append("simulated; SigMF holds the labels of its targets, the further truth about them is not stored")
     recording = label_measured(
         path,
         values,
         radar=radar,
         slow_time_s=slow_time_s,
         range_m=range_m,
-        notes=[*_own_notes(meta), *notes],
+        notes=[*own_notes, *notes],
         attrs=attrs,
     )
     # noise power, signal-to-noise ratio and seed, where they are stored and make sense
@@ -184,22 +201,6 @@ def _read_own(
     return replace(
         recording, **({**facts, "seed": seed} if isinstance(seed, int) and not isinstance(seed, bool) else facts)
     )
-
-
-def _own_notes(meta: Metadata) -> list[str]:
-    stored = meta.common.get("doppelgait:notes")
-    notes = [note for note in stored if isinstance(note, str)] if isinstance(stored, list) else []
-    if any("doppelgait:target" in one for one in meta.annotations):
-        notes.append("simulated; SigMF holds the labels of its targets, the further truth about them is not stored")
-    return notes
-
-
-def _carrier_hz(path: Path, meta: Metadata) -> float:
-    found = sorted({float(c["core:frequency"]) for c in meta.captures if _is_number(c.get("core:frequency"))})
-    if len(found) == 1:
-        return found[0]
-    said = f"tells several carriers ({', '.join(f'{one:g}' for one in found)} Hz)" if found else "tells no carrier"
-    raise RecordingError(f"{path}: {said}; give carrier_hz")
 
 
 def _is_number(value: Any) -> bool:
@@ -222,7 +223,10 @@ def _foreign_radar(
     path: Path, meta: Metadata, carrier_hz: float, prf_hz: float, n_bins: int, range_start_m: float | None,
     bin_spacing_m: float | None, notes: list[str],
 ) -> tuple[Radar, FloatArray]:  # fmt: skip
-    """Radar and range axis of a foreign file; adds to ``notes``."""
+    """Return radar and range axis of a foreign file.
+
+    Adds to ``notes``.
+    """
     name = str(meta.common.get("core:hw", "SigMF recording"))[:200]
     if n_bins == 1:
         radar = cw_radar(path, name=name, carrier_hz=carrier_hz, prf_hz=prf_hz)
@@ -247,10 +251,6 @@ def _foreign_radar(
     return radar, np.asarray(start_m + spacing_m * np.arange(n_bins), dtype=np.float64)
 
 
-def _warn(text: str) -> None:
-    warnings.warn(text, DoppelgaitWarning, stacklevel=4)
-
-
 SPECIFICATION = "1.2.0"
 EXTENSION = {"name": "doppelgait", "version": "1.0.0", "optional": True}
 UNEVEN = 1e-6
@@ -263,7 +263,7 @@ def write_sigmf(recording: Recording, path: str | Path, *, datatype: Literal["cf
     """Write a recording as a SigMF pair.
 
     Samples are stored pulse by pulse, each pulse its range bins in order. ``core:sample_rate`` is pulses per second
-    times range bins, so that durations come out right; with one range bin it is the slow-time rate. Every stretch of
+    times range bins, so that durations come out right; with one range bin it is the slow-time rate. Every segment of
     evenly spaced pulses is a capture. Under ``doppelgait:`` stand the pulse rate, range axis and radar; the truth
     about targets is not stored, only their labels, as annotations.
 
@@ -293,7 +293,7 @@ def write_sigmf(recording: Recording, path: str | Path, *, datatype: Literal["cf
         content = np.round(pairs.astype(np.float64) / scale_v).astype("<i2").tobytes()
     checksum = hashlib.sha512(content).hexdigest()
     slow_time_s, range_m = recording.slow_time_s, recording.range_m
-    firsts, prf_hz = _stretches(slow_time_s, recording.radar.prf_hz)
+    firsts, prf_hz = _even_segments(slow_time_s, recording.radar.prf_hz)
     common = {
         "core:datatype": datatype,
         "core:version": SPECIFICATION,
@@ -344,8 +344,11 @@ def write_sigmf(recording: Recording, path: str | Path, *, datatype: Literal["cf
         partial.write_text(json.dumps(meta, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def _stretches(slow_time_s: npt.NDArray[np.float64], radar_prf_hz: float) -> tuple[npt.NDArray[np.int64], float]:
-    """First pulse of every evenly spaced stretch, and pulses per second in the longest of them."""
+def _even_segments(slow_time_s: npt.NDArray[np.float64], radar_prf_hz: float) -> tuple[npt.NDArray[np.int64], float]:
+    """Find the evenly spaced segments of slow time.
+
+    Returns the first pulse of each, and the pulses per second in the longest.
+    """
     if slow_time_s.size < 2:
         return np.zeros(1, dtype=np.int64), radar_prf_hz
     steps_s = np.diff(slow_time_s)

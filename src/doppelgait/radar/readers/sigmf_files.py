@@ -1,11 +1,10 @@
-"""The two files of a SigMF recording: metadata parsed and checked, samples decoded."""
+"""The two files of a SigMF recording: metadata and samples."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import math
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.errors import DoppelgaitWarning, RecordingError
+from doppelgait.core.errors import RecordingError, warn_caller
 
 META = ".sigmf-meta"
 DATA = ".sigmf-data"
@@ -60,25 +59,28 @@ class Metadata:
 
     @property
     def scale_v(self) -> Any:
-        """Volts of one unit of the samples: as told, else 1 V at the largest integer or at 1."""
+        """Volts of one unit of the samples.
+
+        As stated, else 1 V at the largest integer or at 1.
+        """
         largest = float(2 ** (8 * self.number.itemsize - 1)) if self.number.kind in "iu" else 1.0
         return self.common.get("doppelgait:scale_v", 1.0 / largest)
 
     def notes(self) -> list[str]:
-        """What the file tells in words, and what it cannot tell."""
+        """Return the labels of the annotations as a note."""
         labels = [str(one["core:label"])[:80] for one in self.annotations if "core:label" in one]
         shown = list(dict.fromkeys(labels))[:MAX_NOTE_LABELS]
         return [f"annotated: {', '.join(shown)}"] if shown else []
 
 
 def sigmf_pair(path: Path) -> tuple[Path, Path]:
-    """Paths of metadata and samples of a recording, from either of them."""
+    """Return the paths of metadata and samples from either."""
     stem = path.name.removesuffix(META).removesuffix(DATA)
     return path.with_name(stem + META), path.with_name(stem + DATA)
 
 
 def read_metadata(path: Path) -> Metadata:
-    """Metadata of a recording, from either file.
+    """Read the metadata of a recording, from either file.
 
     Raises
     ------
@@ -99,7 +101,7 @@ def read_metadata(path: Path) -> Metadata:
     try:
         content = json.loads(meta_path.read_text(encoding="utf-8"))
         common, captures, annotations = (content[key] for key in ("global", "captures", "annotations"))
-        return _check(meta_path, data_path, dict(common), _objects(captures), _objects(annotations))
+        return _parse_metadata(meta_path, data_path, dict(common), _objects(captures), _objects(annotations))
     except OSError as error:
         raise RecordingError(f"{meta_path}: cannot be read: {error.strerror or error}") from None
     except (ValueError, LookupError, TypeError, RecursionError) as error:
@@ -112,7 +114,7 @@ def _objects(values: Any) -> list[dict[str, Any]]:
     return values
 
 
-def _check(
+def _parse_metadata(
     meta_path: Path, data_path: Path, common: dict[str, Any], captures: list[dict[str, Any]],
     annotations: list[dict[str, Any]],
 ) -> Metadata:  # fmt: skip
@@ -120,7 +122,7 @@ def _check(
     if not version.startswith("1."):
         raise RecordingError(f"{meta_path}: is SigMF {version}; only 1.x is read")
     if "core:dataset" in common:
-        # file of samples under another name, which must lie beside the metadata
+        # file of samples under another name, which must be in the folder of the metadata
         name = str(common["core:dataset"])
         if not name or Path(name).name != name or "\\" in name or "\0" in name:
             raise RecordingError(
@@ -154,7 +156,9 @@ def _check(
 def read_samples(
     path: Path, meta: Metadata, *, channel: int | None, ignore_checksum: bool
 ) -> npt.NDArray[np.complex64]:
-    """Complex samples of one channel, in units of the file, shape (samples,).
+    """Read the complex samples of one channel, shape (samples,).
+
+    They are in units of the file.
 
     Raises
     ------
@@ -182,7 +186,7 @@ def read_samples(
         raise RecordingError(f"{meta.data_path}: holds {len(content)} bytes, less than two samples of {frame_bytes}")
     if len(content) % frame_bytes:
         text = f"{meta.data_path}: its last sample is not whole and is left out; the file is cut off"
-        warnings.warn(text, DoppelgaitWarning, stacklevel=3)
+        warn_caller(text)
     values = np.frombuffer(
         content, dtype=meta.number, count=len(content) // frame_bytes * frame_bytes // meta.number.itemsize
     )

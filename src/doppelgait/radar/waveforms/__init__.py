@@ -1,4 +1,4 @@
-"""Waveforms: how a radar turns scatterers into receiver samples, and those into range bins."""
+"""Waveforms: synthesis of receiver samples, and compression to range bins."""
 
 from doppelgait.radar.parameters import WAVEFORMS, Waveform
 

@@ -16,7 +16,10 @@ from doppelgait.radar.parameters import Radar, Waveform
 
 @plugin("waveform")
 class Cw(Waveform):
-    """One sample per frame, the sum of all echoes at whatever range; its one bin stands for the whole frame."""
+    """Continuous wave: one sample per frame, one range bin.
+
+    The sample is the sum of all echoes at whatever range; the bin stands for the whole frame.
+    """
 
     takes: ClassVar[tuple[str, ...]] = ("noise_bandwidth_hz",)
     ranged: ClassVar[bool] = False
@@ -24,13 +27,19 @@ class Cw(Waveform):
     kind: Literal["cw"] = "cw"
 
     def fill(self, table: Mapping[str, Any]) -> Mapping[str, Any]:
-        """The sampling rate has no effect: by default it is the frame rate."""
+        """Set the default sampling rate, the frame rate.
+
+        The sampling rate has no effect.
+        """
         if "sample_rate_hz" in table or "prf_hz" not in table:
             return table
         return {**table, "sample_rate_hz": table["prf_hz"]}
 
     def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
-        """Sum of a exp(j(theta + phi - 4 pi R / lambda)) over all scatterers, at whatever range."""
+        """Sum the echoes of all scatterers at whatever range.
+
+        Each is a exp(j(theta + phi - 4 pi R / lambda)).
+        """
         range_m, amplitude_v = scatterer_arrays(scatterers, radar)
         turns = range_m * (2.0 / radar.wavelength_m)
         phase_rad = -2.0 * np.pi * (turns - np.rint(turns)) + radar.transmit_phase_rad
@@ -45,19 +54,22 @@ class Cw(Waveform):
         return 1
 
     def first_bin_m(self, radar: Radar) -> float:
-        """Middle of the frame."""
+        """Return the middle of the frame."""
         return 0.5 * (radar.range_start_m + radar.range_stop_m)
 
     def bin_spacing_m(self, radar: Radar) -> float:
-        """The frame's span."""
+        """Return the span of the frame."""
         return radar.range_stop_m - radar.range_start_m
 
     def resolution_m(self, radar: Radar) -> float:
-        """The frame's span."""
+        """Return the span of the frame."""
         return self.bin_spacing_m(radar)
 
     def noise_bandwidth_hz(self, radar: Radar) -> float:
-        """Noise bandwidth of a sample that averages over its frame: the frame rate."""
+        """Return the noise bandwidth of a sample: the frame rate.
+
+        A sample averages over its frame.
+        """
         return radar.prf_hz
 
     def unambiguous_range_m(self, radar: Radar) -> float:

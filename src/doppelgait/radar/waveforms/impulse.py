@@ -1,4 +1,7 @@
-"""The impulse radar: a Gaussian pulse, down-converted and sampled along fast time (E-11, E-15, E-18)."""
+"""The impulse radar: a sampled Gaussian pulse (E-11, E-15, E-18).
+
+It is down-converted and sampled along fast time.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from doppelgait.core.plugins import plugin
-from doppelgait.core.samples import Matrix, Samples
+from doppelgait.core.samples import Matrix, Samples, borrow_planes
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.radar.link import path_turns, scatterer_arrays
 from doppelgait.radar.parameters import PULSE_SIGMA_S, Radar, Waveform
@@ -27,14 +30,17 @@ class Impulse(Waveform):
     kind: Literal["impulse"] = "impulse"
 
     def check(self, radar: Radar) -> None:
-        """Refuse a pulse that is given twice or not at all, too long or short, or wider than its carrier allows."""
+        """Refuse an impossible pulse.
+
+        It must be stated once, be neither too long nor too short, and not be wider than its carrier allows.
+        """
         if (radar.bandwidth_hz is None) == (radar.pulse_sigma_s is None):
             raise ValueError("give exactly one of bandwidth_hz and pulse_sigma_s")
         shortest_s, longest_s = PULSE_SIGMA_S
         if not shortest_s <= radar.sigma_s <= longest_s:
-            given = "bandwidth_hz" if radar.pulse_sigma_s is None else "pulse_sigma_s"
+            key = "bandwidth_hz" if radar.pulse_sigma_s is None else "pulse_sigma_s"
             raise ValueError(
-                f"{given} {getattr(radar, given)} makes a pulse of sigma {radar.sigma_s:.3g} s; allowed are "
+                f"{key} {getattr(radar, key)} makes a pulse of sigma {radar.sigma_s:.3g} s; allowed are "
                 f"{shortest_s:g} to {longest_s:g} s"
             )
         half_band_hz = radar.pulse_bandwidth_hz(10) / 2.0
@@ -45,7 +51,7 @@ class Impulse(Waveform):
             )
 
     def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
-        """Sum of Gaussian echoes, exact with an extra phase of each path."""
+        """Sum Gaussian echoes, exact with an extra phase per path."""
         from doppelgait.core.kernels.synthesis import add_echoes
 
         range_m, amplitude_v = scatterer_arrays(scatterers, radar)
@@ -54,14 +60,14 @@ class Impulse(Waveform):
         return out
 
     def synthesise_planes(self, scatterers: xr.Dataset, radar: Radar) -> Samples:
-        """Sum of Gaussian echoes, as the kernel writes them."""
+        """Sum Gaussian echoes in the layout of the kernel."""
         if type(self).synthesise is not Impulse.synthesise:  # a subclass with samples of its own
             return super().synthesise_planes(scatterers, radar)
         from doppelgait.core.kernels.synthesis import LANES, echo_planes
 
         range_m, amplitude_v = scatterer_arrays(scatterers, radar)
         n_pulses = range_m.shape[0]
-        planes = np.empty((2, radar.n_range_bins, -(-n_pulses // LANES) * LANES), dtype=np.float32)
+        planes = borrow_planes((2, radar.n_range_bins, -(-n_pulses // LANES) * LANES))
         turns = path_turns(scatterers)
         echo_planes(range_m, amplitude_v, *_geometry(radar), 0, 0, planes[0], planes[1], turns)
         return Samples.from_planes(planes, n_pulses)
@@ -71,7 +77,10 @@ class Impulse(Waveform):
         return SPEED_OF_LIGHT_MPS * math.sqrt(math.log(2)) * radar.sigma_s
 
     def noise_bandwidth_hz(self, radar: Radar) -> float:
-        """Bandwidth of the down-conversion filter: the pulse's at 10 dB below its peak."""
+        """Return the bandwidth of the down-conversion filter.
+
+        It is the pulse's at 10 dB below its peak.
+        """
         return radar.pulse_bandwidth_hz(10)
 
     def figures(self, radar: Radar) -> dict[str, float]:
@@ -84,6 +93,9 @@ class Impulse(Waveform):
 
 
 def _geometry(radar: Radar) -> tuple[float, float, float, float, float]:
-    """First bin, spacing and standard deviation of a pulse in range, wavelength (m), and transmitted phase (rad)."""
+    """Return the pulse geometry for the kernels.
+
+    First bin, spacing and standard deviation of a pulse in range, wavelength (m), and transmitted phase (rad).
+    """
     sigma_m = radar.sigma_s * SPEED_OF_LIGHT_MPS / 2.0
     return radar.range_start_m, radar.bin_spacing_m, sigma_m, radar.wavelength_m, radar.transmit_phase_rad

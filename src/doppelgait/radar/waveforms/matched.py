@@ -1,4 +1,6 @@
-r"""Rectangular pulse and linear chirp (lfm) behind a matched filter, by the closed form of its response.
+r"""Rectangular pulse and linear chirp (lfm) behind a matched filter.
+
+Responses are in closed form.
 
 With x = t - t_0 from the echo's delay and f_d = 2 v / lambda (Richards, Fundamentals of Radar Signal Processing, 2nd
 ed., sections 4.2 and 4.6.4: the ambiguity function of a pulse and of a chirp of slope S = B / T):
@@ -38,7 +40,7 @@ class _MatchedPulse(Waveform):
     """A pulse of duration ``sweep_s`` behind its matched filter."""
 
     def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
-        """Sum of the matched-filter responses of all scatterers."""
+        """Sum the matched-filter responses of all scatterers."""
         from doppelgait.core.kernels.matched import add_responses
 
         range_m, amplitude_v = scatterer_arrays(scatterers, radar)
@@ -55,7 +57,10 @@ class _MatchedPulse(Waveform):
         return out
 
     def noise_bandwidth_hz(self, radar: Radar) -> float:
-        """Noise bandwidth of the matched filter whose peak keeps the echo's amplitude: 1 / T."""
+        """Return the noise bandwidth of the matched filter, 1 / T.
+
+        Its peak keeps the amplitude of the echo.
+        """
         return 1.0 / _duration_s(radar)
 
 
@@ -68,15 +73,21 @@ class Rectangular(_MatchedPulse):
     kind: Literal["rectangular"] = "rectangular"
 
     def check(self, radar: Radar) -> None:
-        """Refuse a pulse that is longer than 1 ms or than a frame, or of less than half a turn of its carrier."""
+        """Refuse an impossible pulse.
+
+        That is longer than 1 ms or than a frame, or of less than half a turn of its carrier.
+        """
         _check_pulse(radar, 1.0 / _duration_s(radar))
 
     def resolution_m(self, radar: Radar) -> float:
-        """Half-power width of the triangle: (2 - sqrt 2) c T / 2."""
+        """Return the half-power width of the triangle.
+
+        (2 - sqrt 2) c T / 2.
+        """
         return RECTANGULAR_WIDTH * SPEED_OF_LIGHT_MPS * _duration_s(radar) / 2.0
 
     def figures(self, radar: Radar) -> dict[str, float]:
-        """Half-power bandwidth (E-09)."""
+        """Return the half-power bandwidth (E-09)."""
         return {"pulse_bandwidth_3db_hz": RECTANGULAR_BANDWIDTH / _duration_s(radar)}
 
 
@@ -89,7 +100,10 @@ class Lfm(_MatchedPulse):
     kind: Literal["lfm"] = "lfm"
 
     def check(self, radar: Radar) -> None:
-        """Refuse a chirp that is longer than 1 ms or than a frame, reaches below 0 Hz, or hardly sweeps."""
+        """Refuse an impossible chirp.
+
+        That is longer than 1 ms or than a frame, reaches below 0 Hz, or hardly sweeps.
+        """
         bandwidth_hz = float(radar.bandwidth_hz or 0.0)
         _check_pulse(radar, bandwidth_hz)
         if bandwidth_hz * _duration_s(radar) < 2.0:
@@ -99,17 +113,23 @@ class Lfm(_MatchedPulse):
             )
 
     def resolution_m(self, radar: Radar) -> float:
-        """Half-power width of a compressed chirp, near 0.886 c / (2 B)."""
+        """Return the half-power width of a compressed chirp.
+
+        It is near 0.886 c / (2 B).
+        """
         duration_s = _duration_s(radar)
         width_s = _half_power_width(float(radar.bandwidth_hz or 0.0) * duration_s) * duration_s
         return width_s * SPEED_OF_LIGHT_MPS / 2.0
 
     def coupling_s(self, radar: Radar) -> float:
-        """Range shift per velocity of a rising chirp: -f_c T / B."""
+        """Return the range shift per velocity, -f_c T / B.
+
+        For a rising chirp.
+        """
         return -radar.carrier_hz * _duration_s(radar) / float(radar.bandwidth_hz or math.nan)
 
     def figures(self, radar: Radar) -> dict[str, float]:
-        """Slope, time-bandwidth product and range shift of 1 m/s."""
+        """Return slope, time-bandwidth product and range shift at 1 m/s."""
         bandwidth_hz, duration_s = float(radar.bandwidth_hz or 0.0), _duration_s(radar)
         return {
             "sweep_slope_hz_per_s": bandwidth_hz / duration_s,
@@ -132,7 +152,10 @@ def _check_pulse(radar: Radar, bandwidth_hz: float) -> None:
 
 @lru_cache(maxsize=64)
 def _half_power_width(time_bandwidth: float) -> float:
-    """Half-power width of a chirp's response in pulse durations; near 0.886 / (B T)."""
+    """Return the half-power width of a chirp's response.
+
+    In pulse durations; near 0.886 / (B T).
+    """
     from scipy.optimize import brentq
 
     def excess(x: float) -> float:

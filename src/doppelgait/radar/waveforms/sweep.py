@@ -43,14 +43,20 @@ COSINES = {
 
 
 class _Sweep(Waveform):
-    """A frequency sweep per frame, transformed to range; ``lag`` is the epsilon of the module's equation."""
+    """A frequency sweep per frame, transformed to range.
+
+    ``lag`` is the epsilon of the module's equation.
+    """
 
     needs: ClassVar[tuple[str, ...]] = ("bandwidth_hz", "sweep_s")
     folds: ClassVar[bool] = True
     lag: ClassVar[float]
 
     def check(self, radar: Radar) -> None:
-        """Refuse too few or too many samples, a sweep that overlaps the next, or a frame beyond the folding range."""
+        """Refuse an impossible sweep.
+
+        That has too few or too many samples, overlaps the next, or belongs to a frame beyond the folding range.
+        """
         if not 2 <= self.n_samples(radar) <= MAX_SAMPLES:
             raise ValueError(
                 f"sweep_s {radar.sweep_s} at sample_rate_hz {radar.sample_rate_hz:g} makes {self.n_samples(radar):,} "
@@ -67,7 +73,9 @@ class _Sweep(Waveform):
             )
 
     def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
-        """Samples of every sweep, with the motion within it; of FMCW with the residual video phase.
+        """Synthesise the samples of every sweep.
+
+        They have the motion within the sweep, and of FMCW the residual video phase.
 
         With t_d = t_0 - beta u, beta = 2 v / c, the phase is the quadratic in u with the coefficients computed here.
         """
@@ -90,7 +98,9 @@ class _Sweep(Waveform):
         return out
 
     def compress(self, samples: npt.NDArray[Any], radar: Radar) -> Matrix:
-        """Window and inverse transform, divided by the window's sum and referred to the sweep's middle.
+        """Window and transform the samples to range bins.
+
+        The inverse transform is divided by the window's sum and referred to the sweep's middle.
 
         The bins of FMCW are turned by exp(-j pi S t_k^2), t_k the delay of the bin's middle, which removes the
         residual video phase of a scatterer there. Half a bin from it at most pi t_d / T_c remains: 0.008 rad at
@@ -112,46 +122,67 @@ class _Sweep(Waveform):
         return out
 
     def n_samples(self, radar: Radar) -> int:
-        """Receiver samples S of one sweep: sweep duration times sampling rate, rounded."""
+        """Return the receiver samples S of one sweep.
+
+        Sweep duration times sampling rate, rounded.
+        """
         return round(float(radar.sweep_s or 0.0) * radar.sample_rate_hz)
 
     def n_range_bins(self, radar: Radar) -> int:
-        """Bins of the transform from range_start_m to below range_stop_m."""
+        """Return the number of transform bins in the frame.
+
+        From range_start_m to below range_stop_m.
+        """
         return math.ceil(radar.range_stop_m / self.bin_spacing_m(radar) - 1e-9) - self._first_bin(radar)
 
     def first_bin_m(self, radar: Radar) -> float:
-        """Range of the first bin of the transform inside the frame."""
+        """Return the first transform bin's range inside the frame."""
         return self._first_bin(radar) * self.bin_spacing_m(radar)
 
     def _first_bin(self, radar: Radar) -> int:
         return math.ceil(radar.range_start_m / self.bin_spacing_m(radar) - 1e-9)
 
     def bin_spacing_m(self, radar: Radar) -> float:
-        """Spacing of the range bins, c / (2 B): one per sample, without zero padding."""
+        """Return the spacing of the range bins, c / (2 B).
+
+        One per sample, without zero padding.
+        """
         return SPEED_OF_LIGHT_MPS / (2.0 * float(radar.bandwidth_hz or math.nan))
 
     def resolution_m(self, radar: Radar) -> float:
-        """Half-power width of an echo: 0.886 (no window) to 1.64 (Blackman) times c / (2 B)."""
+        """Return the half-power width of an echo.
+
+        0.886 (no window) to 1.64 (Blackman) times c / (2 B).
+        """
         return half_power_bins(radar.range_window, self.n_samples(radar)) * self.bin_spacing_m(radar)
 
     def noise_gain(self, radar: Radar) -> float:
-        """Noise power in a bin over that in a sample: sum(w^2) / sum(w)^2; neighbouring bins share noise."""
+        """Return the noise power of a bin over a sample's.
+
+        sum(w^2) / sum(w)^2; neighbouring bins share noise.
+        """
         return noise_ratio(radar.range_window, self.n_samples(radar))
 
     def independent_bins(self, radar: Radar) -> float:
-        """Independent noise values per range bin."""
+        """Return the independent noise values per range bin."""
         return independent_share(radar.range_window, self.n_samples(radar))
 
     def unambiguous_range_m(self, radar: Radar) -> float:
-        """Range at which the beat makes one turn from sample to sample: f_s c / (2 S) = S_samples c / (2 B)."""
+        """Return the range at which echoes fold.
+
+        The beat makes one turn from sample to sample: f_s c / (2 S) = S_samples c / (2 B).
+        """
         return self.n_samples(radar) * self.bin_spacing_m(radar)
 
     def coupling_s(self, radar: Radar) -> float:
-        """Range shift per velocity by range-Doppler coupling of a rising sweep: -f_c T_c / B."""
+        """Return the range shift per velocity, -f_c T_c / B.
+
+        By range-Doppler coupling of a rising sweep.
+        """
         return -radar.carrier_hz / _slope_hz_per_s(radar)
 
     def figures(self, radar: Radar) -> dict[str, float]:
-        """Slope, samples and range shift of 1 m/s."""
+        """Return slope, samples and range shift at 1 m/s."""
         return {
             "n_samples": self.n_samples(radar),
             "sweep_slope_hz_per_s": _slope_hz_per_s(radar),
@@ -180,12 +211,15 @@ class Stepped(_Sweep):
 
 
 def _slope_hz_per_s(radar: Radar) -> float:
-    """Sweep slope: the bandwidth over the time T_c = S / f_s in which the samples are taken."""
+    """Return the sweep slope.
+
+    It is the bandwidth over the time T_c = S / f_s in which the samples are taken.
+    """
     return float(radar.bandwidth_hz or 0.0) / (radar.waveform.n_samples(radar) / radar.sample_rate_hz)
 
 
 def range_window(name: str, n_samples: int) -> npt.NDArray[np.float64]:
-    r"""Window of a sweep, symmetric about its middle, no sample of which is zero.
+    r"""Return the symmetric window of a sweep without zeros.
 
     .. math:: w_n = \sum_k (-1)^k c_k \cos(2 \pi k (n + 1/2) / S)
 
@@ -208,14 +242,19 @@ def range_window(name: str, n_samples: int) -> npt.NDArray[np.float64]:
 
 
 def noise_ratio(name: str, n_samples: int) -> float:
-    """Noise power after the transform over noise power before it: sum(w^2) / sum(w)^2."""
+    """Return the noise power ratio of the windowed transform.
+
+    sum(w^2) / sum(w)^2, after over before.
+    """
     window = range_window(name, n_samples)
     return float((window**2).sum() / window.sum() ** 2)
 
 
 @lru_cache(maxsize=64)
 def independent_share(name: str, n_samples: int) -> float:
-    r"""Independent noise values per bin: the window makes neighbouring bins share noise.
+    r"""Return the independent noise values per bin.
+
+    The window makes neighbouring bins share noise.
 
     .. math:: \Big(\sum_k |r_k|^2\Big)^{-1}, \quad r_k = \sum_n w_n^2 e^{-j 2 \pi k n / S} / \sum_n w_n^2
 
@@ -228,7 +267,10 @@ def independent_share(name: str, n_samples: int) -> float:
 
 @lru_cache(maxsize=64)
 def half_power_bins(name: str, n_samples: int) -> float:
-    """Width of a tone's main line at half power, in bins of a transform of the window's length."""
+    """Return the half-power width of a tone, bins.
+
+    It is the width of the main line in a transform of the window's length.
+    """
     from scipy.optimize import brentq
 
     window = range_window(name, n_samples)

@@ -1,9 +1,11 @@
-"""XeThru recordings as :class:`~doppelgait.radar.recording.Recording`: baseband in volts with its axes."""
+"""XeThru recordings as :class:`~doppelgait.radar.recording.Recording`.
+
+The baseband is in volts with its axes.
+"""
 
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,7 +14,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.errors import DoppelgaitWarning, RecordingError
+from doppelgait.core.errors import RecordingError, warn_caller
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import slow_time_axis_s
 from doppelgait.radar.measured import check_number, label_measured, preset_radar
@@ -26,7 +28,7 @@ LARGEST_GAP = 1_000_000
 
 
 def frame_numbers(counters: npt.NDArray[np.uint32]) -> tuple[npt.NDArray[np.int64], int, int]:
-    """Number of every frame from its 32-bit counter, and how many are lost.
+    """Derive frame numbers from 32-bit counters, and count lost frames.
 
     Parameters
     ----------
@@ -50,7 +52,9 @@ def frame_numbers(counters: npt.NDArray[np.uint32]) -> tuple[npt.NDArray[np.int6
 
 
 def measured_rate_hz(time_ms: npt.NDArray[np.int64], numbers: npt.NDArray[np.int64]) -> float | None:
-    """Frame rate from the times of the records, which are whole milliseconds and may come in bursts.
+    """Measure the frame rate from the times of the records.
+
+    These are whole milliseconds and may come in bursts.
 
     Parameters
     ----------
@@ -92,7 +96,7 @@ RF_DECIMATION = 8
 DRIVER_SPEED_OF_LIGHT_MPS = 3.0e8
 """The driver's; bin lengths in its files come from it."""
 TYPICAL = {
-    "range_start_m": "0.386 for an X4 frame asked from 0.4 m with an offset of 0.18 m",
+    "range_start_m": "0.386 for an X4 frame requested from 0.4 m with an offset of 0.18 m",
     "bin_spacing_m": "0.05144033 for X4 baseband, 0.00643004 for X4 RF",
     "carrier_hz": "7.29e9 for the X4's low band, 8.748e9 for its high band",
     "prf_hz": "17 in the vendor's examples, 500 for gait",
@@ -190,19 +194,19 @@ def recording_from_xethru(
     DoppelgaitWarning
         If frame counters are missing, or a data file is damaged.
     """
-    given = {
+    options = {
         "range_start_m": range_start_m, "bin_spacing_m": bin_spacing_m, "carrier_hz": carrier_hz, "prf_hz": prf_hz,
         "counts_per_unit": counts_per_unit,
     }  # fmt: skip
     file = Path(path)
-    for option, given_word, words in (
+    for option, word_used, words in (
         ("kind", kind, ("baseband", "rf")),
         ("iq", iq, ("separate", "interleaved")),
         ("conjugate", conjugate, (False, True)),
     ):
-        if not any(given_word is word or (isinstance(word, str) and given_word == word) for word in words):
+        if not any(word_used is word or (isinstance(word, str) and word_used == word) for word in words):
             allowed = " and ".join(repr(word) for word in words)
-            raise RecordingError(f"{file}: {option} = {given_word!r} is not allowed; allowed are {allowed}")
+            raise RecordingError(f"{file}: {option} = {word_used!r} is not allowed; allowed are {allowed}")
     content = read_xethru(path)
     usable = [name for name, stream in content.streams.items() if name in CONVERTIBLE and len(stream)]
     held = ", ".join(content.streams)
@@ -222,17 +226,15 @@ def recording_from_xethru(
     count = int(records["count"][0])
     if count < 1 or len(records) < 2:
         raise RecordingError(f"{file}: holds {len(records)} frames of {count} bins; a recording has at least 2 by 1")
-    source = _Source(file, name, records, content.streams[name].time_ms, given)
+    source = _Source(file, name, records, content.streams[name].time_ms, options)
     is_rf = source.name in ("radar_rf", "radar_rf_normalized") or (source.name == "datafloat" and kind == "rf")
     # frame rate from the times of the records; warns of lost frames
     counters = source.records["info" if source.name == "datafloat" else "frame_counter"]
     numbers, n_lost, n_gaps = frame_numbers(counters)
     if n_lost:
-        warnings.warn(
+        warn_caller(
             f"{source.path}: {n_lost:,} frames are lost at {n_gaps:,} places (frame counter); the {len(counters):,} "
-            "that are there are taken as if they followed each other",
-            DoppelgaitWarning,
-            stacklevel=2,
+            "that are there are taken as if they followed each other"
         )
     rate_hz = measured_rate_hz(source.time_ms, numbers)
     needed = ("range_start_m", "bin_spacing_m", "carrier_hz", "prf_hz")
@@ -284,7 +286,10 @@ def _refuse_missing(source: _Source, missing: list[str]) -> None:
 
 
 def _constant(source: _Source, name: str) -> float:
-    """A header field that all records share, as the shortest decimal number that is this float32."""
+    """Return a header field that all records share.
+
+    As the shortest decimal number that is this float32.
+    """
     values = np.ascontiguousarray(source.records[name])
     bits = values.view("<u4")  # so that a damaged NaN is equal to itself
     changed = np.flatnonzero(bits != bits[0])

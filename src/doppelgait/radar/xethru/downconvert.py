@@ -1,4 +1,6 @@
-"""RF frames to complex baseband and back, for chips that sample the carrier itself.
+"""Convert RF frames to complex baseband and back.
+
+For chips that sample the carrier itself.
 
 The recordings of such chips hold real samples of every echo, carrier included. :func:`down_convert_frames` makes
 baseband of them as a host does (mix, low-pass, keep every D-th sample) or, with ``filter="chip"``, as the X4 does.
@@ -6,7 +8,7 @@ baseband of them as a host does (mix, low-pass, keep every D-th sample) or, with
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -117,13 +119,25 @@ def down_convert_frames(
     starts = np.arange(0, samples.shape[1] - taps.size + 1, decimation)
     cycles = carrier_hz / sample_rate_hz * (range_start_m / spacing_m + starts)
     mixer = np.exp(-2j * np.pi * np.mod(cycles, 1.0))
-    return _filtered(samples, taps, starts) * mixer.astype(np.complex64), range_start_m + spacing_m * (starts + centre)
+    # filter samples at some starts only
+    result = np.empty((samples.shape[0], starts.size), dtype=np.complex64)
+    pair = np.stack([taps.real, taps.imag], axis=1)  # real products: half the work of complex ones, and in BLAS
+    step = max(1, CHUNK_SAMPLES // (starts.size * taps.size))
+    for first in range(0, samples.shape[0], step):
+        rows = np.asarray(samples[first : first + step], dtype=float)
+        windows = np.lib.stride_tricks.sliding_window_view(rows, taps.size, axis=1)[:, starts]
+        parts = windows.reshape(-1, taps.size) @ pair
+        result[first : first + step].reshape(-1)[:] = parts[:, 0] + 1j * parts[:, 1]
+    return result * mixer.astype(np.complex64), range_start_m + spacing_m * (starts + centre)
 
 
 def _complex_taps(
     cycles_per_sample: float, decimation: int, filter: FrameFilter
 ) -> tuple[npt.NDArray[np.complex128], float]:
-    """Filter and mixer in one, ``h[k] exp(-j 2 pi f_c k / f_s)``, and the centre of its envelope in samples."""
+    """Return filter and mixer in one, and its centre.
+
+    ``h[k] exp(-j 2 pi f_c k / f_s)``; the centre of its envelope is in samples.
+    """
     if filter == "chip":
         bands = [band for band, value in CHIP_CARRIER.items() if abs(value - cycles_per_sample) < 1e-3]
         if not bands or decimation != 8:
@@ -146,21 +160,6 @@ def _complex_taps(
     return taps * np.exp(-2j * np.pi * cycles_per_sample * np.arange(HAMMING_TAPS)), (HAMMING_TAPS - 1) / 2.0
 
 
-def _filtered(
-    samples: Any, taps: npt.NDArray[np.complex128], starts: npt.NDArray[np.int64]
-) -> npt.NDArray[np.complex64]:
-    """``sum_k taps[k] samples[:, start + k]`` for every start; only the outputs that are kept are computed."""
-    result = np.empty((samples.shape[0], starts.size), dtype=np.complex64)
-    pair = np.stack([taps.real, taps.imag], axis=1)  # real products: half the work of complex ones, and in BLAS
-    step = max(1, CHUNK_SAMPLES // (starts.size * taps.size))
-    for first in range(0, samples.shape[0], step):
-        rows = np.asarray(samples[first : first + step], dtype=float)
-        windows = np.lib.stride_tricks.sliding_window_view(rows, taps.size, axis=1)[:, starts]
-        parts = windows.reshape(-1, taps.size) @ pair
-        result[first : first + step].reshape(-1)[:] = parts[:, 0] + 1j * parts[:, 1]
-    return result
-
-
 def up_convert_frames(
     baseband: npt.NDArray[np.complexfloating],
     *,
@@ -170,7 +169,9 @@ def up_convert_frames(
     range_start_m: float = 0.0,
     bin_length_m: float | None = None,
 ) -> npt.NDArray[np.float64]:
-    """Real RF frames of a complex baseband: ``x[n] = 2 Re(y(t[n]) exp(j 2 pi f_c t[n]))``.
+    """Convert complex baseband to real RF frames.
+
+    ``x[n] = 2 Re(y(t[n]) exp(j 2 pi f_c t[n]))``.
 
     The baseband is band-limited to half its sampling rate, so that ``y`` between its samples follows from them; near
     both ends of the frame, where samples are missing, it does so within a few bins only. The factor 2 is the one that

@@ -1,10 +1,12 @@
-"""Recordings as XeThru files, so that software made for the sensor reads what was simulated."""
+"""Write recordings as XeThru files.
+
+Software made for the sensor then reads simulated data.
+"""
 
 from __future__ import annotations
 
 import math
 import os
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime
@@ -14,7 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.errors import DoppelgaitWarning, RecordingError
+from doppelgait.core.errors import RecordingError, warn_caller
 from doppelgait.core.labels import sampling_rate_hz
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
@@ -33,7 +35,7 @@ CHUNK_FRAMES = 1024
 
 @dataclass(frozen=True)
 class _Frames:
-    """Baseband in the unit of the file, and what the headers say."""
+    """Baseband in units of the file, and header values."""
 
     name: str
     values: npt.NDArray[np.complex64]
@@ -56,7 +58,9 @@ def write_xethru_recording(
     conjugate: bool = False,
     counts_per_unit: float | None = None,
 ) -> Path:
-    """Write a recording as XeThru files; :func:`~doppelgait.radar.xethru.recording_from_xethru` reads it back.
+    """Write a recording as XeThru files.
+
+    :func:`~doppelgait.radar.xethru.recording_from_xethru` reads it back.
 
     Amplitudes become the driver's unit by ``radar.volts_per_unit`` (1 V where the radar has none). Bin length and
     range of the first bin are written as our range axis has them, with the true speed of light, in float32; the truth
@@ -190,9 +194,5 @@ def _payload(frames: _Frames, values: npt.NDArray[np.complex64]) -> dict[str, An
     most = SWEEP_CODES / 1024.0 * frames.counts_per_unit
     counts = np.rint(frames.counts_per_unit * rf + most / 2.0)
     if clipped := int(np.count_nonzero((counts < 0) | (counts > most))):
-        warnings.warn(
-            f"{clipped:,} of {counts.size:,} RF samples lie outside the threshold sweep and are clipped",
-            DoppelgaitWarning,
-            stacklevel=2,
-        )
+        warn_caller(f"{clipped:,} of {counts.size:,} RF samples lie outside the threshold sweep and are clipped")
     return {"counts": np.asarray(np.clip(counts, 0, min(most, 2**32 - 1)), dtype="<u4")}

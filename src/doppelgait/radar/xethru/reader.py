@@ -1,9 +1,11 @@
-"""XeThru recordings from disk: every data type with the time of each record, chained folders followed."""
+"""Read XeThru recordings: all data types with record times.
+
+Chained folders are followed.
+"""
 
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.errors import DoppelgaitWarning, RecordingError
+from doppelgait.core.errors import RecordingError, warn_caller
 from doppelgait.radar.xethru.records import (
     MAGIC_BYTES,
     META_NAME,
@@ -120,7 +122,7 @@ class XethruRecording:
 
 @dataclass(frozen=True)
 class _Piece:
-    """What one data file holds."""
+    """Content of one data file."""
 
     kind: DataType
     stream: XethruStream
@@ -128,7 +130,7 @@ class _Piece:
 
 
 def sniff_xethru(path: str | os.PathLike[str]) -> bool:
-    """Whether this is a XeThru recording.
+    """Return whether a path is a XeThru recording.
 
     That is a meta file, a folder with one, or a data file by its name that starts with a plausible record.
 
@@ -163,7 +165,7 @@ def read_xethru(path: str | os.PathLike[str]) -> XethruRecording:
     ----------
     path : path-like
         The folder of a recording (with its meta file, or with the folders ``_0``, ``_1`` ... of a split one), a meta
-        file, or one data file. Of a data file whose meta file stands beside it the times are taken from there.
+        file, or one data file. Of a data file with a meta file in its folder the times are taken from there.
 
     Returns
     -------
@@ -178,12 +180,12 @@ def read_xethru(path: str | os.PathLike[str]) -> XethruRecording:
     place = _main_path(Path(path))
     try:
         if data_type_of_file(place.name) is not None:
-            # one data file, with its times where a good meta file beside it lists it
+            # one data file, with its times where a good meta file in its folder lists it
             file = place
             if not file.is_file():
                 raise RecordingError(f"{file}: there is no such file")
             kind = data_type_of_file(file.name)
-            meta, reason = _meta_beside(file)
+            meta, reason = _listing_meta(file)
             if meta is not None:
                 return _join(file, [_read_listed(file, meta, meta.file_names.index(file.name), 0)], (meta,))
             content = file.read_bytes()
@@ -191,7 +193,7 @@ def read_xethru(path: str | os.PathLike[str]) -> XethruRecording:
                 raise RecordingError(f"{file}: is empty (0 bytes)")
             if kind is None or not (kind.header or kind.text):
                 raise RecordingError(f"{file}: its records can only be cut with a meta file: {reason}")
-            _warn(f"{file}: read without the times of its records: {reason}")
+            warn_caller(f"{file}: read without the times of its records: {reason}")
             none = np.empty(0, dtype=np.int64)
             stream = _text_stream(kind, content, none) if kind.text else _binary_stream(file, kind, content, None)
             if not len(stream):
@@ -199,13 +201,26 @@ def read_xethru(path: str | os.PathLike[str]) -> XethruRecording:
                     f"{file}: holds no whole record of {kind.name}; it is cut off, damaged or of another kind"
                 )
             return _join(file, [_Piece(kind, stream)], ())
-        return _read_with_meta(Path(path), _chain(place))
+        chain = _chain(place)
+        pieces = []
+        for meta_path, meta in chain:
+            shift_ms = meta.start_ms - chain[0][1].start_ms
+            if abs(shift_ms) > LONGEST_MS:
+                raise RecordingError(
+                    f"{meta_path}: starts {shift_ms / 8.64e7:,.0f} days after {chain[0][0]}; one is damaged"
+                )
+            for number, name in enumerate(meta.file_names):
+                pieces.append(_read_listed(meta_path.parent / name, meta, number, shift_ms))
+        return _join(Path(path), pieces, tuple(meta for _, meta in chain))
     except OSError as error:
         raise RecordingError(f"{place}: cannot be read: {error.strerror or error}") from None
 
 
 def _main_path(path: Path) -> Path:
-    """The file to start from: a folder's meta file, else its first part's, else its only data file."""
+    """Return the file to start from.
+
+    A folder's meta file, else its first part's, else its only data file.
+    """
     if not path.is_dir():
         return path
     if (path / META_NAME).is_file():
@@ -223,7 +238,7 @@ def _part_number(meta: Path) -> tuple[int, str]:
 
 
 def _chain(first: Path) -> list[tuple[Path, Meta]]:
-    """Meta files of a recording in order, from the first one on."""
+    """Return the meta files of a recording in order."""
     found: list[tuple[Path, Meta]] = []
     seen: set[Path] = set()
     place = first
@@ -242,23 +257,12 @@ def _chain(first: Path) -> list[tuple[Path, Meta]]:
         target = Path(os.path.normpath(folder / relative))
         if relative.is_absolute() or folder.parent not in target.parents:
             raise RecordingError(
-                f"{place}: says that it goes on in {following!r}; only a folder beside its own is allowed"
+                f"{place}: says that it goes on in {following!r}; only a folder next to its own is allowed"
             )
         place = target
         if place.resolve() in seen:
             raise RecordingError(f"{found[-1][0]}: says that the recording goes on in {place}, which came before")
     raise RecordingError(f"{first}: is split over more than {MAX_PARTS:,} folders")
-
-
-def _read_with_meta(path: Path, chain: Sequence[tuple[Path, Meta]]) -> XethruRecording:
-    pieces = []
-    for place, meta in chain:
-        shift_ms = meta.start_ms - chain[0][1].start_ms
-        if abs(shift_ms) > LONGEST_MS:
-            raise RecordingError(f"{place}: starts {shift_ms / 8.64e7:,.0f} days after {chain[0][0]}; one is damaged")
-        for number, name in enumerate(meta.file_names):
-            pieces.append(_read_listed(place.parent / name, meta, number, shift_ms))
-    return _join(path, pieces, tuple(meta for _, meta in chain))
 
 
 def _read_listed(file: Path, meta: Meta, number: int, shift_ms: int) -> _Piece:
@@ -275,7 +279,7 @@ def _read_listed(file: Path, meta: Meta, number: int, shift_ms: int) -> _Piece:
         )
     if not file.is_file():
         raise RecordingError(
-            f"{file}: there is no such data file; the meta file beside it lists it with this recording"
+            f"{file}: there is no such data file; the meta file in its folder lists it with this recording"
         )
     content = file.read_bytes()
     first = min(int(entries["size"][header].sum(dtype=np.int64)), len(content))
@@ -285,7 +289,16 @@ def _read_listed(file: Path, meta: Meta, number: int, shift_ms: int) -> _Piece:
     elif kind.header:
         stream = _binary_stream(file, kind, content[first:], times)
     else:
-        stream = _raw_stream(file, kind, content, entries[~header], times)
+        entries = entries[~header]
+        ends = entries["offset"] + entries["size"].astype(np.int64)
+        whole = np.flatnonzero(ends > len(content))
+        count = int(whole[0]) if whole.size else len(entries)
+        if count < len(entries):
+            warn_caller(f"{file}: {count:,} records of {len(entries):,} read; it is cut off at byte {len(content):,}")
+        if int(entries["size"][:count].sum(dtype=np.int64)) > len(content):
+            raise RecordingError(f"{file}: its records overlap by the meta file in its folder, which is damaged")
+        raw = tuple(content[int(e["offset"]) : int(e["offset"]) + int(e["size"])] for e in entries[:count])
+        stream = XethruStream(kind, time_ms=times[:count], raw=raw)
     return _Piece(kind, stream, content[:first])
 
 
@@ -294,7 +307,9 @@ def _binary_stream(file: Path, kind: DataType, content: bytes, times: npt.NDArra
     count = sum(map(len, blocks))
     if used < len(content) or (times is not None and count != times.size):
         of = f"of {times.size:,}" if times is not None else "(how many there were, nothing tells)"
-        _warn(f"{file}: {count:,} records {of} read; after byte {used:,} of {len(content):,} it is cut off or damaged")
+        warn_caller(
+            f"{file}: {count:,} records {of} read; after byte {used:,} of {len(content):,} it is cut off or damaged"
+        )
     known = np.empty(0, dtype=np.int64) if times is None else times[:count]
     return XethruStream(kind, tuple(blocks), time_ms=known)
 
@@ -304,33 +319,15 @@ def _text_stream(kind: DataType, content: bytes, times: npt.NDArray[np.int64]) -
     return XethruStream(kind, time_ms=times[: len(lines)], lines=lines)
 
 
-def _raw_stream(
-    file: Path, kind: DataType, content: bytes, entries: npt.NDArray[np.void], times: npt.NDArray[np.int64]
-) -> XethruStream:
-    ends = entries["offset"] + entries["size"].astype(np.int64)
-    whole = np.flatnonzero(ends > len(content))
-    count = int(whole[0]) if whole.size else len(entries)
-    if count < len(entries):
-        _warn(f"{file}: {count:,} records of {len(entries):,} read; it is cut off at byte {len(content):,}")
-    if int(entries["size"][:count].sum(dtype=np.int64)) > len(content):
-        raise RecordingError(f"{file}: its records overlap by the meta file beside it, which is damaged")
-    raw = tuple(content[int(e["offset"]) : int(e["offset"]) + int(e["size"])] for e in entries[:count])
-    return XethruStream(kind, time_ms=times[:count], raw=raw)
-
-
-def _warn(text: str) -> None:
-    warnings.warn(text, DoppelgaitWarning, stacklevel=4)
-
-
-def _meta_beside(file: Path) -> tuple[Meta | None, str]:
+def _listing_meta(file: Path) -> tuple[Meta | None, str]:
     place = file.parent / META_NAME
     if not place.is_file():
-        return None, f"there is no {META_NAME} beside it"
+        return None, f"there is no {META_NAME} in its folder"
     try:
         meta = parse_meta(place.read_bytes(), where=place.name)
     except RecordingError as error:
         return None, str(error)
-    return (meta, "") if file.name in meta.file_names else (None, f"the {META_NAME} beside it does not list it")
+    return (meta, "") if file.name in meta.file_names else (None, f"the {META_NAME} in its folder does not list it")
 
 
 def _join(path: Path, pieces: Sequence[_Piece], metas: tuple[Meta, ...]) -> XethruRecording:

@@ -1,4 +1,4 @@
-"""Structure of XeThru files: the meta file (version 13), and the records of the data files.
+"""Structure of XeThru meta files (version 13) and data records.
 
 The meta file has one table entry per record and the names of the data files. A table of data types holds what a record
 of each is, as structured NumPy types. All records are little endian, follow each other without padding, and hold their
@@ -83,7 +83,10 @@ class Meta:
 
 
 def pack_meta(meta: Meta) -> bytes:
-    """Bytes of a meta file; what :func:`parse_meta` reads."""
+    """Return the bytes of a meta file.
+
+    :func:`parse_meta` reads them.
+    """
     session = meta.session_id.encode("utf-8") + b"\0"
     time_ms = meta.duration_ms if meta.trailer_ms is None else meta.trailer_ms
     trailer = TRAILER_HEAD.pack(time_ms, TRAILER, len(meta.file_names)) + b"".join(
@@ -110,7 +113,7 @@ def _pack_text(text: str) -> bytes:
 
 
 def parse_meta(content: bytes, *, where: str) -> Meta:
-    """Read the bytes of a meta file.
+    """Parse the bytes of a meta file.
 
     Parameters
     ----------
@@ -157,7 +160,9 @@ def parse_meta(content: bytes, *, where: str) -> Meta:
         name, at = _sized_text(content, at, where)
         names.append(name)
         if PurePosixPath(name.replace("\\", "/")).name != name or name in ("", ".", ".."):
-            raise RecordingError(f"{where}: names the data file {name!r}; only a file beside the meta file is allowed")
+            raise RecordingError(
+                f"{where}: names the data file {name!r}; only a file in the folder of the meta file is allowed"
+            )
     following = "" if next_at == NO_NEXT else _sized_text(content, next_at, where)[0]
     entries = meta.entries
     wrong = np.flatnonzero(
@@ -244,17 +249,17 @@ class DataType:
 
     @property
     def mask(self) -> int:
-        """Its bit as the meta file writes it."""
+        """Value of the bit in the meta file's mask of data types."""
         return 1 << self.bit
 
     @property
     def suffix(self) -> str:
-        """Ending of its files."""
+        """Suffix of the data files."""
         return ".csv" if self.text else ".dat"
 
     @property
     def base_name(self) -> str:
-        """First part of the names of its files."""
+        """Common start of the file names."""
         return f"xethru_{self.name}"
 
 
@@ -289,19 +294,22 @@ _BY_MASK = {entry.mask: entry for entry in _TYPES}
 
 
 def data_type(name: str) -> DataType:
-    """Data type by its name; an unknown one is a :class:`RecordingError` that lists them."""
+    """Return the data type of a name.
+
+    An unknown one is a :class:`RecordingError` that lists them.
+    """
     if name not in DATA_TYPES:
         raise RecordingError(f"unknown XeThru data type {name!r}; known are: {', '.join(DATA_TYPES)}")
     return DATA_TYPES[name]
 
 
 def data_type_of_mask(mask: int) -> DataType | None:
-    """Data type by its bit mask, None if there is no such type."""
+    """Return the data type of a bit mask, or None."""
     return _BY_MASK.get(mask)
 
 
 def data_type_of_file(file_name: str) -> DataType | None:
-    """Data type that the name of a data file tells, None if it is no such name."""
+    """Return the data type of a data file's name, or None."""
     for entry in sorted(_TYPES, key=lambda one: -len(one.name)):
         if file_name.startswith(entry.base_name + "_") and file_name.endswith(entry.suffix):
             return entry
@@ -309,7 +317,9 @@ def data_type_of_file(file_name: str) -> DataType | None:
 
 
 def record_dtype(kind: DataType, *, count: int) -> np.dtype[np.void]:
-    """Structured type of a record with ``count`` values in each of its arrays.
+    """Return the structured type of a record.
+
+    It has ``count`` values in each of its arrays.
 
     Raises
     ------
@@ -324,13 +334,18 @@ def record_dtype(kind: DataType, *, count: int) -> np.dtype[np.void]:
 
 
 def record_bytes(kind: DataType, *, count: int) -> int:
-    """Length of a record with ``count`` values, without building its type (a damaged count can be absurd)."""
+    """Return the length of a record with ``count`` values.
+
+    Its type is not built, since a damaged count can be absurd.
+    """
     head = np.dtype(list(kind.header)).itemsize
     return head + count * sum(np.dtype(code).itemsize for _, code in kind.payload)
 
 
 def make_records(name: str, **fields: Any) -> npt.NDArray[np.void]:
-    """Records of one type from their fields; ``count`` follows from the arrays.
+    """Make records of one type from their fields.
+
+    ``count`` follows from the arrays.
 
     Parameters
     ----------
@@ -397,7 +412,10 @@ def parse_records(content: bytes | memoryview, kind: DataType) -> tuple[list[npt
 
 
 def _next_block(content: bytes | memoryview, kind: DataType, offset: int) -> npt.NDArray[np.void] | None:
-    """As many records from ``offset`` on as have the size of the first; None if there is no whole one."""
+    """Return the next run of equally long records, or None.
+
+    They start at ``offset``; None if there is no whole one.
+    """
     head = np.dtype(list(kind.header))
     left = len(content) - offset
     if left < head.itemsize:
@@ -420,6 +438,6 @@ def _next_block(content: bytes | memoryview, kind: DataType, offset: int) -> npt
 
 
 def iterate(blocks: list[npt.NDArray[np.void]]) -> Iterator[np.void]:
-    """Every record of the blocks, in order."""
+    """Iterate over every record of the blocks, in order."""
     for block in blocks:
         yield from block

@@ -1,4 +1,4 @@
-"""XeThru recordings to disk, byte for byte as the vendor's recorder writes them."""
+"""Write XeThru recordings as the vendor's recorder does, byte for byte."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ class _Part:
 
 @dataclass(frozen=True)
 class _Job:
-    """What holds for the whole recording."""
+    """Parameters of the whole recording."""
 
     root: Path
     start_time: datetime
@@ -113,7 +113,7 @@ def write_xethru(
     splitting: Splitting = NO_SPLITTING,
     rename_lag_ms: int = 0,
 ) -> Path:
-    """Write a XeThru recording: data files, and a meta file of version 13.
+    """Write data files and a meta file of version 13.
 
     Open files end in ``.writing``; each takes its name when it is closed, the meta file last.
 
@@ -215,12 +215,20 @@ def _write_parts(job: _Job, records: Iterable[TimedRecord], stops_ms: Sequence[i
             file = None
         part.last_ms = record.time_ms
         if file is None:
-            file = _open_file(job, part, kind, record.time_ms)
+            opened = part.start + timedelta(milliseconds=record.time_ms - part.opened_ms)
+            path = part.folder / f"{kind.base_name}_{opened:%Y%m%d_%H%M%S}{kind.suffix}"
+            file_number = len(part.names)
+            stream = path.with_name(f"{path.name}.{file_number}{WRITING}").open("xb")
+            file = _DataFile(kind, file_number, record.time_ms, stream, path)
+            part.names.append("")
+            part.open_files[kind.name] = file
+            if job.user_header:
+                _append(part, file, job.user_header, record.time_ms, ~kind.mask & 0xFFFFFFFF)
         _append(part, file, record.content, record.time_ms, kind.mask)
         if _is_full(file, record.time_ms, job.splitting.file_bytes, None):
             _close_file(job, part, file, record.time_ms)
     if part is None:
-        raise RecordingError("a XeThru recording needs one record or more; none was given")
+        raise RecordingError("a XeThru recording needs one record or more; there is none")
     stop = stops_ms[-1] if stops_ms else part.last_ms
     _close_part(job, part, stop_ms=_checked_stop(stop, part), duration_ms=duration_ms)
 
@@ -238,19 +246,6 @@ def _is_full(opened: _Part | _DataFile, time_ms: int, limit_bytes: int | None, l
 
 def _part_name(job: _Job, number: int) -> str:
     return f"{job.root.name}_{number}"
-
-
-def _open_file(job: _Job, part: _Part, kind: DataType, time_ms: int) -> _DataFile:
-    opened = part.start + timedelta(milliseconds=time_ms - part.opened_ms)
-    path = part.folder / f"{kind.base_name}_{opened:%Y%m%d_%H%M%S}{kind.suffix}"
-    number = len(part.names)
-    stream = path.with_name(f"{path.name}.{number}{WRITING}").open("xb")
-    file = _DataFile(kind, number, time_ms, stream, path)
-    part.names.append("")
-    part.open_files[kind.name] = file
-    if job.user_header:
-        _append(part, file, job.user_header, time_ms, ~kind.mask & 0xFFFFFFFF)
-    return file
 
 
 def _append(part: _Part, file: _DataFile, content: bytes, time_ms: int, mask: int) -> None:

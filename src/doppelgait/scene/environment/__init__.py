@@ -1,4 +1,4 @@
-"""Surroundings: walls, reflections by floor and walls, and what the radar sees of the rest.
+"""Environment effects: walls, reflections by floor and walls, and visibility.
 
 Every effect is a parameter model with a ``kind`` and a pure function from scatterer table to scatterer table. A scene
 file lists them as ``[[environment]]`` tables; they act in that order.
@@ -13,8 +13,7 @@ import xarray as xr
 from pydantic import AfterValidator
 
 from doppelgait.core.config import FrozenModel
-from doppelgait.core.errors import ConfigError
-from doppelgait.core.plugins import Plugin
+from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.scene.environment.materials import MATERIALS, Dielectric, Material, relative_permittivity
 from doppelgait.scene.environment.reflections import GroundBounce, WallGhost, apply_ground_bounce, apply_wall_ghost
 from doppelgait.scene.environment.registry import ENVIRONMENT, Apply, Setting
@@ -45,7 +44,7 @@ __all__ = [
 
 
 def make_effect(table: Mapping[str, Any]) -> FrozenModel:
-    """Environment effect of an ``[[environment]]`` table.
+    """Make the environment effect of an ``[[environment]]`` table.
 
     Raises
     ------
@@ -56,7 +55,7 @@ def make_effect(table: Mapping[str, Any]) -> FrozenModel:
 
 
 def apply_environment(scatterers: xr.Dataset, effects: Sequence[FrozenModel], setting: Setting) -> xr.Dataset:
-    """Scatterer table after all effects, in the order of the list.
+    """Apply all effects to a scatterer table, in order.
 
     Parameters
     ----------
@@ -76,20 +75,33 @@ def apply_environment(scatterers: xr.Dataset, effects: Sequence[FrozenModel], se
     ------
     ConfigError
         If something is no effect, the order is not allowed, or an effect cannot work on this table.
+    AnalysisError
+        If an effect returns other than a table with the same pulses and columns.
     """
     for spec in check_order(effects):
-        scatterers = ENVIRONMENT.of(spec).run(scatterers, spec, setting)
+        item, before = ENVIRONMENT.of(spec), scatterers
+        scatterers = item.run(before, spec, setting)
+        whose = f"environment effect {item.name!r} of {item.package}"
+        if not isinstance(scatterers, xr.Dataset):
+            raise AnalysisError(f"{whose} returns {type(scatterers).__name__}, not a scatterer table")
+        if missing := [str(name) for name in before.variables if name not in scatterers.variables]:
+            raise AnalysisError(f"{whose} returns a table without {', '.join(missing)}")
+        n_before, n_after = before.sizes["slow_time"], scatterers.sizes["slow_time"]
+        if n_after != n_before:
+            raise AnalysisError(f"{whose} makes {n_after} pulses of {n_before}; it must keep them")
     return scatterers
 
 
 def needs_angles(effects: Sequence[FrozenModel]) -> bool:
-    """Whether one of the effects needs azimuth and elevation in the table."""
+    """Return True if an effect needs azimuth and elevation."""
     wanted = [(ENVIRONMENT.of(spec).facts.get("needs_angles", False), spec) for spec in effects]
     return any(bool(needs(spec)) if callable(needs) else bool(needs) for needs, spec in wanted)
 
 
 def check_order(effects: Sequence[FrozenModel]) -> tuple[FrozenModel, ...]:
-    """The effects; a :class:`ConfigError` where reflections come after something that changes ranges or levels.
+    """Check and return the effects in their order.
+
+    Raises a :class:`ConfigError` where reflections come after something that changes ranges or levels.
 
     Images are made from the places of the scatterers, which a wall's delay would falsify, and they cross walls and
     fade with range themselves.
@@ -99,10 +111,17 @@ def check_order(effects: Sequence[FrozenModel]) -> tuple[FrozenModel, ...]:
         raise ConfigError("environment: 'ground_bounce' is there twice, but there is one floor; leave one out")
     changed = ""
     for spec in effects:
-        if not _effect_of(spec).facts.get("makes_images"):
-            changed = changed or str(getattr(spec, "kind", ""))
+        kind = str(getattr(spec, "kind", ""))
+        try:
+            makes_images = ENVIRONMENT.of(spec).facts.get("makes_images")
+        except ConfigError:
+            raise ConfigError(
+                f"{spec!r} is no environment effect; make one with make_effect({{'kind': ...}}), kinds are "
+                f"{', '.join(ENVIRONMENT)}"
+            ) from None
+        if not makes_images:
+            changed = changed or kind
         elif changed:
-            kind = str(getattr(spec, "kind", ""))
             raise ConfigError(
                 f"environment: {kind!r} comes after {changed!r}, but reflections must come first, so that they cross "
                 f"walls and lose level too; move {kind!r} before {changed!r}"
@@ -110,17 +129,7 @@ def check_order(effects: Sequence[FrozenModel]) -> tuple[FrozenModel, ...]:
     return tuple(effects)
 
 
-def _effect_of(spec: FrozenModel) -> Plugin[Apply]:
-    try:
-        return ENVIRONMENT.of(spec)
-    except ConfigError:
-        raise ConfigError(
-            f"{spec!r} is no environment effect; make one with make_effect({{'kind': ...}}), kinds are "
-            f"{', '.join(ENVIRONMENT)}"
-        ) from None
-
-
-def _in_order(effects: tuple[FrozenModel, ...]) -> tuple[FrozenModel, ...]:
+def _validate_order(effects: tuple[FrozenModel, ...]) -> tuple[FrozenModel, ...]:
     try:
         return check_order(effects)
     except ConfigError as error:
@@ -130,5 +139,5 @@ def _in_order(effects: tuple[FrozenModel, ...]) -> tuple[FrozenModel, ...]:
 if TYPE_CHECKING:
     Environment = tuple[FrozenModel, ...]
 else:
-    Environment = Annotated[tuple[ENVIRONMENT.field(), ...], AfterValidator(_in_order)]
+    Environment = Annotated[tuple[ENVIRONMENT.field(), ...], AfterValidator(_validate_order)]
 """Type of a model's field that takes a list of environment effects, as tables or as their models."""

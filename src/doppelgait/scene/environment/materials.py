@@ -1,4 +1,4 @@
-"""Permittivity of building materials and of the ground; reflection and transmission by an interface and by a slab.
+"""Permittivity of materials; reflection and transmission of interfaces and slabs.
 
 Fields go as exp(j omega t), so a medium with loss has eps = eps' - j eps''. Modes: ``te`` has the electric field
 perpendicular to the plane of incidence, ``tm`` in it. Constants and equations of Recommendation ITU-R P.2040.
@@ -6,7 +6,6 @@ perpendicular to the plane of incidence, ``tm`` in it. Constants and equations o
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping
 from typing import Annotated, Any, Literal, NamedTuple, get_args
 
@@ -15,7 +14,7 @@ import numpy.typing as npt
 from pydantic import BeforeValidator, Field
 
 from doppelgait.core.config import FrozenModel, validate
-from doppelgait.core.errors import ConfigError, DoppelgaitWarning
+from doppelgait.core.errors import ConfigError, warn_caller
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 
 FloatArray = npt.NDArray[np.float64]
@@ -28,7 +27,10 @@ MaterialName = Literal[
 
 
 class Constants(NamedTuple):
-    """eps' = a f^b and sigma = c f^d (S/m), f in GHz, and the band in GHz that they were fitted in."""
+    """Constants of a material, with the band of their fit.
+
+    eps' = a f^b and sigma = c f^d (S/m), f and the band in GHz.
+    """
 
     a: float
     b: float
@@ -61,7 +63,7 @@ CONDUCTION_OHM_GHZ_M = 17.98
 
 
 class Dielectric(FrozenModel):
-    """A material that is not in the table.
+    """Material that is not in the table.
 
     Parameters
     ----------
@@ -75,8 +77,11 @@ class Dielectric(FrozenModel):
     conductivity_s_per_m: float = Field(default=0.0, ge=0, le=1e8)
 
 
-def _known(material: Any) -> Any:
-    """One plain message for a faulty material, where a union would give one per alternative."""
+def _check_material(material: Any) -> Any:
+    """Refuse a faulty material with one plain message.
+
+    A union would give one message per alternative.
+    """
     if isinstance(material, Dielectric) or material in get_args(MaterialName):
         return material
     if not isinstance(material, Mapping):
@@ -89,12 +94,12 @@ def _known(material: Any) -> Any:
         raise ValueError(str(error)) from None
 
 
-Material = Annotated[MaterialName | Dielectric, BeforeValidator(_known)]
+Material = Annotated[MaterialName | Dielectric, BeforeValidator(_check_material)]
 """Type of a model's field that takes a material by name or as a table."""
 
 
 def relative_permittivity(material: Material, *, wavelength_m: float) -> complex:
-    """Complex relative permittivity of a material at a radar's wavelength.
+    """Compute complex relative permittivity at a radar's wavelength.
 
     Parameters
     ----------
@@ -123,28 +128,23 @@ def relative_permittivity(material: Material, *, wavelength_m: float) -> complex
     if isinstance(material, Dielectric):
         real, conductivity = material.permittivity, material.conductivity_s_per_m
     else:
-        constants = _constants_at(material, frequency_ghz)
+        if material not in MATERIALS:
+            raise ConfigError(f"material {material!r} is not known; known are {', '.join(get_args(MaterialName))}")
+        constants = MATERIALS[material]
+        if not constants.lowest_ghz <= frequency_ghz <= constants.highest_ghz:
+            outside = (
+                f"{material}: its constants hold from {constants.lowest_ghz:g} to {constants.highest_ghz:g} GHz, "
+                f"the carrier is {frequency_ghz:.4g} GHz"
+            )
+            if material.endswith("ground"):
+                raise ConfigError(
+                    f"{outside}; take another material, or give it as "
+                    "{ permittivity = ..., conductivity_s_per_m = ... }"
+                )
+            warn_caller(f"{outside}; they are extrapolated")
         real = constants.a * frequency_ghz**constants.b
         conductivity = constants.c * frequency_ghz**constants.d
     return complex(real, -CONDUCTION_OHM_GHZ_M * conductivity / frequency_ghz)
-
-
-def _constants_at(material: str, frequency_ghz: float) -> Constants:
-    if material not in MATERIALS:
-        raise ConfigError(f"material {material!r} is not known; known are {', '.join(get_args(MaterialName))}")
-    constants = MATERIALS[material]
-    if constants.lowest_ghz <= frequency_ghz <= constants.highest_ghz:
-        return constants
-    outside = (
-        f"{material}: its constants hold from {constants.lowest_ghz:g} to {constants.highest_ghz:g} GHz, "
-        f"the carrier is {frequency_ghz:.4g} GHz"
-    )
-    if material.endswith("ground"):
-        raise ConfigError(
-            f"{outside}; take another material, or give it as {{ permittivity = ..., conductivity_s_per_m = ... }}"
-        )
-    warnings.warn(f"{outside}; they are extrapolated", DoppelgaitWarning, stacklevel=3)
-    return constants
 
 
 Mode = Literal["te", "tm"]
@@ -155,7 +155,7 @@ GRAZING_COSINE = 1e-6
 
 
 def interface_reflection(cos_incidence: npt.ArrayLike, *, permittivity: complex, mode: Mode) -> ComplexArray:
-    """Fresnel reflection coefficient of a half space seen from air.
+    """Compute Fresnel's reflection coefficient of a half space in air.
 
     Parameters
     ----------
@@ -180,7 +180,9 @@ def interface_reflection(cos_incidence: npt.ArrayLike, *, permittivity: complex,
 def slab_reflection(
     cos_incidence: npt.ArrayLike, *, permittivity: complex, thickness_m: float, wavelength_m: float, mode: Mode
 ) -> ComplexArray:
-    """Reflection coefficient of a slab in air at its front face, with all internal reflections.
+    """Compute the reflection coefficient of a slab in air.
+
+    It holds at the front face and includes all internal reflections.
 
     Parameters
     ----------
@@ -205,7 +207,9 @@ def slab_reflection(
 def slab_transmission(
     cos_incidence: npt.ArrayLike, *, permittivity: complex, thickness_m: float, wavelength_m: float, mode: Mode
 ) -> ComplexArray:
-    """Transmission coefficient of a slab in air, with all internal reflections.
+    """Compute the transmission coefficient of a slab in air.
+
+    It includes all internal reflections.
 
     Parameters
     ----------
@@ -231,9 +235,11 @@ def slab_transmission(
 def insertion_coefficient(
     cos_incidence: npt.ArrayLike, *, permittivity: complex, thickness_m: float, wavelength_m: float, mode: Mode
 ) -> ComplexArray:
-    """What a slab put into the way of a plane wave multiplies the field behind it by: t exp(j 2 pi d cos / lambda).
+    """Compute the factor of a slab inserted into a plane wave.
 
-    Parameters as :func:`slab_transmission`.
+    The field behind it is multiplied by t exp(j 2 pi d cos / lambda).
+
+    Parameters are those of :func:`slab_transmission`.
     """
     cosine = np.maximum(np.asarray(cos_incidence, dtype=float), GRAZING_COSINE)
     t = slab_transmission(
@@ -243,7 +249,9 @@ def insertion_coefficient(
 
 
 def slab_delay_m(cos_incidence: npt.ArrayLike, *, permittivity: complex, thickness_m: float) -> FloatArray:
-    """One-way lengthening of a path by a slab: (sqrt(eps' - sin^2) - cos) d.
+    """Compute how much a slab lengthens a path.
+
+    The one-way length is (sqrt(eps' - sin^2) - cos) d.
 
     It is what the wave that crosses once is late by, (sqrt(eps') - 1) d at normal incidence. At an angle the shift of
     the refracted ray along the slab is part of it.
@@ -259,7 +267,9 @@ def sampled(
     thickness_m: float = 0.0,
     wavelength_m: float = 1.0,
 ) -> ComplexArray:
-    """Coefficient for many rays from fewer of its values, by straight lines between them.
+    """Interpolate a coefficient for many rays from fewer values.
+
+    The interpolation is linear.
 
     Parameters
     ----------
@@ -288,7 +298,9 @@ def sampled(
 
 
 def te_share(along: FloatArray, aside: FloatArray, up: FloatArray) -> FloatArray:
-    """Share of a vertically polarised wave's power that meets an upright wall in te mode.
+    """Compute the te share of a wave at an upright wall.
+
+    The wave is vertically polarised; the share is one of power.
 
     Parameters
     ----------
@@ -309,7 +321,10 @@ def te_share(along: FloatArray, aside: FloatArray, up: FloatArray) -> FloatArray
 
 
 def _inside(cosine: FloatArray, permittivity: complex) -> ComplexArray:
-    """sqrt(eps - sin^2): the normal component of the wave vector in the medium over that in air at normal incidence."""
+    """Compute sqrt(eps - sin^2).
+
+    It is the normal component of the wave vector in the medium over that in air at normal incidence.
+    """
     square = permittivity.real - 1.0 + cosine**2
     out = np.empty(square.shape, dtype=np.complex128)
     # by the real and imaginary part: a complex root takes ten times as long

@@ -1,4 +1,4 @@
-"""Echoes by way of the floor and of an upright wall next to the scene (image method).
+"""Echoes reflected by the floor and an upright wall (image method).
 
 One reflection on the way there or back gives one added echo, one on both another.
 """
@@ -6,7 +6,6 @@ One reflection on the way there or back gives one added echo, one on both anothe
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -16,7 +15,7 @@ import xarray as xr
 from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel
-from doppelgait.core.errors import ConfigError, DoppelgaitWarning
+from doppelgait.core.errors import ConfigError, warn_caller
 from doppelgait.core.labels import SCATTERER_VARIABLES, axis
 from doppelgait.core.plugins import plugin
 from doppelgait.radar.link import MIN_RANGE_M
@@ -44,7 +43,9 @@ IMAGE_ENDINGS = (ONE_REFLECTION, TWO_REFLECTIONS, ONE_GHOST, TWO_GHOSTS)
 
 @dataclass(frozen=True)
 class Rays:
-    """Paths from the radar to points, every array (slow_time, scatterer): length, approach speed, place from the radar.
+    """Paths from the radar to points.
+
+    Length, approach speed and place from the radar, every array (slow_time, scatterer).
 
     Of a mixed path the place gives the direction only.
     """
@@ -56,12 +57,12 @@ class Rays:
     z_m: FloatArray
 
     def along(self, azimuth_rad: float) -> FloatArray:
-        """How far the points lie from the radar in a level direction."""
+        """Project the points' places on a level direction."""
         return np.asarray(self.x_m * math.cos(azimuth_rad) + self.y_m * math.sin(azimuth_rad))
 
 
 def direct_rays(scatterers: xr.Dataset, *, effect: str) -> Rays:
-    """Direct paths of a table.
+    """Return the direct paths of a table.
 
     Raises
     ------
@@ -93,7 +94,9 @@ def direct_rays(scatterers: xr.Dataset, *, effect: str) -> Rays:
 
 
 def rate_per_s(values: FloatArray, slow_time_s: FloatArray) -> FloatArray:
-    """Time derivative along the first axis by central differences, error T^2/6 of the third derivative.
+    """Differentiate along the first axis by central differences.
+
+    The error is T^2/6 of the third derivative.
 
     Heights of a walking person at 1 kHz: 3e-6 m/s in the median, 2e-3 m/s at the jerks of a footfall. A single pulse
     has no rate: 0.
@@ -106,7 +109,7 @@ def rate_per_s(values: FloatArray, slow_time_s: FloatArray) -> FloatArray:
 def image_length(
     rays: Rays, *, radar_distance_m: float, target_distance_m: FloatArray, target_rate_mps: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Length of the once reflected way to points, and its approach speed.
+    """Compute length and approach speed of once reflected paths.
 
     Parameters
     ----------
@@ -129,13 +132,16 @@ def image_length(
 
 
 def originals(scatterers: xr.Dataset) -> npt.NDArray[np.intp]:
-    """Indices of the rows that are no images: images of images are left out."""
+    """Return indices of the rows that are no images.
+
+    Images of images are left out.
+    """
     names = np.char.endswith(axis(scatterers, "marker").astype(str)[:, None], np.array(IMAGE_ENDINGS)).any(axis=1)
     return np.flatnonzero(~(names & (axis(scatterers, "target") == -1)))
 
 
 def take(rays: Rays, columns: npt.NDArray[np.intp]) -> Rays:
-    """Some of the paths, in their order."""
+    """Select some of the paths, in their order."""
     if columns.size == rays.range_m.shape[1]:  # in order and without repetition, so all of them
         return rays
     parts = (rays.range_m, rays.velocity_mps, rays.x_m, rays.y_m, rays.z_m)
@@ -151,7 +157,7 @@ def add_images(
     reflection: ComplexArray,
     endings: tuple[str, str],
 ) -> xr.Dataset:
-    """Table with the echoes by one and by two reflections after its rows.
+    """Append the echoes by one and by two reflections.
 
     Parameters
     ----------
@@ -205,7 +211,10 @@ def add_images(
 
 
 def with_phase(scatterers: xr.Dataset) -> xr.Dataset:
-    """The table with ``path_phase``; 0 where it had none."""
+    """Return the table with ``path_phase``.
+
+    It is 0 where it was missing.
+    """
     if "path_phase" in scatterers:
         return scatterers
     shape = tuple(scatterers.sizes[dim] for dim in DIMS)
@@ -213,19 +222,19 @@ def with_phase(scatterers: xr.Dataset) -> xr.Dataset:
 
 
 def with_values(scatterers: xr.Dataset, **values: FloatArray) -> xr.Dataset:
-    """The table with some of its variables replaced or added."""
+    """Return the table with some variables replaced or added."""
     return scatterers.assign(
         {name: (DIMS, array, {"units": SCATTERER_VARIABLES[name]}) for name, array in values.items()}
     )
 
 
 def phase_of(scatterers: xr.Dataset) -> FloatArray | float:
-    """``path_phase`` of the table, 0 where it has none."""
+    """Return ``path_phase`` of the table, 0 where it is missing."""
     return np.asarray(scatterers["path_phase"].values) if "path_phase" in scatterers else 0.0
 
 
 class GroundBounce(FrozenModel):
-    """A flat floor at z = 0 that reflects.
+    """Flat reflecting floor at z = 0.
 
     Parameters
     ----------
@@ -246,7 +255,7 @@ class GroundBounce(FrozenModel):
 
 @plugin("environment", parameters=GroundBounce, needs_angles=True, makes_images=True)
 def apply_ground_bounce(scatterers: xr.Dataset, spec: GroundBounce, setting: Setting) -> xr.Dataset:
-    """Table with two echoes by the floor added for every scatterer.
+    """Add two floor echoes for every scatterer.
 
     Parameters
     ----------
@@ -278,19 +287,29 @@ def apply_ground_bounce(scatterers: xr.Dataset, spec: GroundBounce, setting: Set
         )
     columns = originals(scatterers)
     direct = take(direct_rays(scatterers, effect=spec.kind), columns)
-    image, sin_grazing = _below_the_floor(direct, height_m, axis(scatterers, "slow_time"))
+    above_m = np.maximum(height_m + direct.z_m, 0.0)
+    length_m, velocity_mps = image_length(
+        direct,
+        radar_distance_m=height_m,
+        target_distance_m=above_m,
+        target_rate_mps=rate_per_s(above_m, axis(scatterers, "slow_time")),
+    )
+    down_m = height_m + above_m
     return add_images(
         scatterers,
         columns,
         direct=direct,
-        image=image,
-        reflection=floor_reflection(sin_grazing, spec, setting.wavelength_m),
+        image=Rays(length_m, velocity_mps, direct.x_m, direct.y_m, -down_m),
+        reflection=floor_reflection(np.minimum(down_m / length_m, 1.0), spec, setting.wavelength_m),
         endings=(ONE_REFLECTION, TWO_REFLECTIONS),
     )
 
 
 def floor_reflection(sin_grazing: FloatArray, spec: GroundBounce, wavelength_m: float) -> ComplexArray:
-    """Coefficient of a bounce at the sine of the grazing angle, 0 to 1: Fresnel's times that of the roughness."""
+    """Compute the coefficient of a bounce off a rough floor.
+
+    It is Fresnel's at the sine of the grazing angle, 0 to 1, times that of the roughness.
+    """
     permittivity = relative_permittivity(spec.material, wavelength_m=wavelength_m)
     mode: Mode = "tm" if spec.polarisation == "vertical" else "te"
     smooth = sampled(lambda sine: interface_reflection(sine, permittivity=permittivity, mode=mode), sin_grazing)
@@ -298,21 +317,10 @@ def floor_reflection(sin_grazing: FloatArray, spec: GroundBounce, wavelength_m: 
     return np.asarray(smooth * np.exp(-2.0 * swing**2))
 
 
-def _below_the_floor(direct: Rays, radar_height_m: float, slow_time_s: FloatArray) -> tuple[Rays, FloatArray]:
-    """Mirror images, and the sines of their grazing angles."""
-    height_m = np.maximum(radar_height_m + direct.z_m, 0.0)
-    length_m, velocity_mps = image_length(
-        direct,
-        radar_distance_m=radar_height_m,
-        target_distance_m=height_m,
-        target_rate_mps=rate_per_s(height_m, slow_time_s),
-    )
-    down_m = radar_height_m + height_m
-    return Rays(length_m, velocity_mps, direct.x_m, direct.y_m, -down_m), np.minimum(down_m / length_m, 1.0)
-
-
 class WallGhost(FrozenModel):
-    """An upright, flat, endless wall that reflects. Either ``side_m``, or ``position_m`` and ``normal_azimuth_deg``.
+    """Upright, flat, endless reflecting wall.
+
+    Either ``side_m``, or ``position_m`` and ``normal_azimuth_deg``.
 
     Parameters
     ----------
@@ -352,7 +360,9 @@ class WallGhost(FrozenModel):
 
 @plugin("environment", parameters=WallGhost, needs_angles=True, makes_images=True)
 def apply_wall_ghost(scatterers: xr.Dataset, spec: WallGhost, setting: Setting) -> xr.Dataset:
-    """Table with two echoes by the wall added for every scatterer on the radar's side of it.
+    """Add two wall echoes for every scatterer.
+
+    Only scatterers on the radar's side of the wall have them.
 
     Parameters
     ----------
@@ -387,7 +397,19 @@ def apply_wall_ghost(scatterers: xr.Dataset, spec: WallGhost, setting: Setting) 
     seen = (from_wall_m > 0).any(axis=0)
     _warn_of_crossing(scatterers, rows, from_wall_m)
     rows, direct, from_wall_m = rows[seen], take(direct, np.flatnonzero(seen)), from_wall_m[:, seen]
-    image = _mirror(direct, normal_rad, radar_distance_m, from_wall_m, axis(scatterers, "slow_time"))
+    length_m, velocity_mps = image_length(
+        direct,
+        radar_distance_m=radar_distance_m,
+        target_distance_m=from_wall_m,
+        target_rate_mps=rate_per_s(from_wall_m, axis(scatterers, "slow_time")),
+    )
+    image = Rays(
+        length_m,
+        velocity_mps,
+        x_m=direct.x_m + 2.0 * math.cos(normal_rad) * from_wall_m,
+        y_m=direct.y_m + 2.0 * math.sin(normal_rad) * from_wall_m,
+        z_m=direct.z_m,
+    )
     reflection = wall_reflection(image, normal_rad, spec, setting.wavelength_m)
     reflection = np.where(from_wall_m > 0, reflection, 0.0)
     return add_images(
@@ -396,7 +418,7 @@ def apply_wall_ghost(scatterers: xr.Dataset, spec: WallGhost, setting: Setting) 
 
 
 def wall_plane(spec: WallGhost, setting: Setting) -> tuple[float, float]:
-    """Azimuth in rad of the normal from the radar to the wall, and the distance between them in m.
+    """Compute a wall's normal azimuth (rad) and distance (m).
 
     Raises
     ------
@@ -419,7 +441,7 @@ def wall_plane(spec: WallGhost, setting: Setting) -> tuple[float, float]:
 
 
 def wall_reflection(image: Rays, normal_rad: float, spec: WallGhost, wavelength_m: float) -> ComplexArray:
-    """Co-polar coefficient of the wall for the paths to mirror images.
+    """Compute the co-polar coefficient of paths to mirror images.
 
     The share w of the power that meets the wall in te mode (:func:`te_share`) gives r_te w - r_tm (1 - w) for
     vertical polarisation and r_tm w - r_te (1 - w) for horizontal, whose field is counted along rising azimuth; what
@@ -435,24 +457,6 @@ def wall_reflection(image: Rays, normal_rad: float, spec: WallGhost, wavelength_
     return te * share - tm * (1.0 - share) if spec.polarisation == "vertical" else tm * share - te * (1.0 - share)
 
 
-def _mirror(
-    direct: Rays, normal_rad: float, radar_distance_m: float, from_wall_m: FloatArray, slow_time_s: FloatArray
-) -> Rays:
-    length_m, velocity_mps = image_length(
-        direct,
-        radar_distance_m=radar_distance_m,
-        target_distance_m=from_wall_m,
-        target_rate_mps=rate_per_s(from_wall_m, slow_time_s),
-    )
-    return Rays(
-        range_m=length_m,
-        velocity_mps=velocity_mps,
-        x_m=direct.x_m + 2.0 * math.cos(normal_rad) * from_wall_m,
-        y_m=direct.y_m + 2.0 * math.sin(normal_rad) * from_wall_m,
-        z_m=direct.z_m,
-    )
-
-
 def _warn_of_crossing(scatterers: xr.Dataset, rows: np.ndarray, from_wall_m: FloatArray) -> None:
     before = from_wall_m > 0
     crosses = before.any(axis=0) & ~before.all(axis=0)
@@ -461,9 +465,7 @@ def _warn_of_crossing(scatterers: xr.Dataset, rows: np.ndarray, from_wall_m: Flo
     number = int(np.flatnonzero(crosses)[0])
     time_s = float(axis(scatterers, "slow_time")[int(np.flatnonzero(before[:, number] != before[0, number])[0])])
     name = axis(scatterers, "marker")[rows[number]]
-    warnings.warn(
+    warn_caller(
         f"wall_ghost: {int(crosses.sum())} of {crosses.size} scatterers cross the wall, {name} first seen to at "
-        f"{time_s:.2f} s; they have no ghost while they are behind it. Move the wall or the target",
-        DoppelgaitWarning,
-        stacklevel=3,
+        f"{time_s:.2f} s; they have no ghost while they are behind it. Move the wall or the target"
     )

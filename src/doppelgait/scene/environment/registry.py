@@ -1,4 +1,4 @@
-"""How an environment effect is declared, and the names that a scene file can give."""
+"""Registration of environment effects and their names in scene files."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from doppelgait.core.plugins import Group
 
 @dataclass(frozen=True)
 class Setting:
-    """Radar as the surroundings see it.
+    """Wavelength, position and azimuth of the radar.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ class Setting:
 
 
 class Apply(Protocol):
-    """An environment effect: the scatterer table after it, without a change to the one before.
+    """Environment effect: a new scatterer table from an unchanged one.
 
     Originals come first, added rows after them; added rows belong to no target (``target`` -1). Facts of the plug-in:
     ``needs_angles`` (bool, or a function of the parameters) if the table must have azimuth and elevation, and
@@ -39,7 +39,7 @@ class Apply(Protocol):
     """
 
     def __call__(self, scatterers: xr.Dataset, parameters: Any, setting: Setting, /) -> xr.Dataset:
-        """Scatterer table (slow_time, scatterer) after the effect."""
+        """Return the scatterer table (slow_time, scatterer) after the effect."""
 
 
 ENVIRONMENT: Group[Apply] = Group(

@@ -1,4 +1,4 @@
-"""How well the radar sees by range: sensitivity time control, blind zone, end of the display."""
+"""Visibility by range: sensitivity time control, blind zone, end of display."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Visibility(FrozenModel):
 
 @plugin("environment", parameters=Visibility)
 def apply_visibility(scatterers: xr.Dataset, spec: Visibility, setting: Setting) -> xr.Dataset:
-    """Scatterer table with the gain of every echo's range in its path gain.
+    """Apply the gain of every echo's range to its path gain.
 
     Parameters
     ----------

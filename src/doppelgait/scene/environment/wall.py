@@ -1,18 +1,16 @@
-"""A wall between the radar and the targets: loss, delay and phase of what goes through it."""
+"""Wall between the radar and the targets: loss, delay and phase."""
 
 from __future__ import annotations
 
 import math
-import warnings
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 import xarray as xr
 from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel
-from doppelgait.core.errors import DoppelgaitWarning
+from doppelgait.core.errors import warn_caller
 from doppelgait.core.labels import axis
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import db_to_power
@@ -37,7 +35,7 @@ from doppelgait.scene.environment.registry import Setting
 
 
 class Wall(FrozenModel):
-    """An upright, flat, endless wall, given by its material or as measured.
+    """Upright, flat, endless wall, of a material or as measured.
 
     Parameters
     ----------
@@ -80,13 +78,16 @@ class Wall(FrozenModel):
 
 
 def wall_needs_angles(spec: Wall) -> bool:
-    """Whether it matters in which direction a scatterer lies: not for a measured wall in front of everything."""
+    """Return True if the direction of a scatterer matters.
+
+    It does not for a measured wall in front of everything.
+    """
     return spec.range_m is not None or spec.material is not None
 
 
 @plugin("environment", parameters=Wall, needs_angles=wall_needs_angles)
 def apply_wall(scatterers: xr.Dataset, spec: Wall, setting: Setting) -> xr.Dataset:
-    """Table in which the scatterers behind the wall are weaker and further away.
+    """Weaken and delay the scatterers behind the wall.
 
     Parameters
     ----------
@@ -116,14 +117,20 @@ def apply_wall(scatterers: xr.Dataset, spec: Wall, setting: Setting) -> xr.Datas
     thickness over range.
     """
     if not wall_needs_angles(spec):
-        return _measured(scatterers, spec, np.True_)
+        return _apply_measured(scatterers, spec, np.True_)
     direct = direct_rays(scatterers, effect=spec.kind)
-    normal_rad = _normal_rad(spec, setting)
+    normal_rad = setting.radar_azimuth_rad
+    if spec.normal_azimuth_deg is not None:
+        normal_rad = math.radians(spec.normal_azimuth_deg)
     toward_m = direct.along(normal_rad)
     behind = toward_m > (spec.range_m if spec.range_m is not None else -math.inf)
-    _warn_of_crossing(behind, spec)
+    if (behind.any(axis=0) & ~behind.all(axis=0)).any():
+        warn_caller(
+            f"wall at {spec.range_m} m: a scatterer is in front of it at one time and behind it at another; its range "
+            "and level jump there; move the wall or the target"
+        )
     if spec.material is None:
-        return _measured(scatterers, spec, behind)
+        return _apply_measured(scatterers, spec, behind)
     permittivity = relative_permittivity(spec.material, wavelength_m=setting.wavelength_m)
     cosine = np.minimum(np.abs(toward_m) / np.maximum(direct.range_m, 1e-12), 1.0)
     share = te_share(toward_m, direct.along(normal_rad + math.pi / 2), direct.z_m)
@@ -134,28 +141,20 @@ def apply_wall(scatterers: xr.Dataset, spec: Wall, setting: Setting) -> xr.Datas
     rest_rad = np.angle(through) + 2.0 * np.pi / setting.wavelength_m * delay_m
     rest_rad = 2.0 * ((rest_rad + np.pi) % (2.0 * np.pi) - np.pi)
     gain = (through.real**2 + through.imag**2) ** 2
-    lengthened = _lengthened(scatterers, delay_m, rate_per_s(delay_m, axis(scatterers, "slow_time")), behind)
+    delayed = _lengthen(scatterers, delay_m, rate_per_s(delay_m, axis(scatterers, "slow_time")), behind)
     return with_values(
-        lengthened,
+        delayed,
         path_gain=np.where(behind, scatterers["path_gain"].values * gain, scatterers["path_gain"].values),
         path_phase=phase_of(scatterers) + np.where(behind, rest_rad, 0.0),
     )
 
 
-def _warn_of_crossing(behind: npt.NDArray[np.bool_], spec: Wall) -> None:
-    if (behind.any(axis=0) & ~behind.all(axis=0)).any():
-        warnings.warn(
-            f"wall at {spec.range_m} m: a scatterer is in front of it at one time and behind it at another; its range "
-            "and level jump there; move the wall or the target",
-            DoppelgaitWarning,
-            stacklevel=4,
-        )
-
-
 def wall_insertion(
     cos_incidence: FloatArray, *, vertical_te: FloatArray, permittivity: complex, spec: Wall, wavelength_m: float
 ) -> ComplexArray:
-    """Co-polar insertion coefficient of an upright slab: T_te w + T_tm (1 - w), w = ``vertical_te``.
+    """Compute the co-polar insertion coefficient of an upright slab.
+
+    T_te w + T_tm (1 - w), w = ``vertical_te``.
 
     ``vertical_te`` is that of :func:`te_share`. For horizontal polarisation w and 1 - w change places. What turns
     into the other polarisation is lost.
@@ -171,18 +170,13 @@ def wall_insertion(
     return np.asarray(te * share + tm * (1.0 - share))
 
 
-def _normal_rad(spec: Wall, setting: Setting) -> float:
-    given = spec.normal_azimuth_deg
-    return setting.radar_azimuth_rad if given is None else math.radians(given)
-
-
-def _measured(scatterers: xr.Dataset, spec: Wall, behind: np.ndarray | np.bool_) -> xr.Dataset:
+def _apply_measured(scatterers: xr.Dataset, spec: Wall, behind: np.ndarray | np.bool_) -> xr.Dataset:
     gain = float(db_to_power(-2.0 * (spec.loss_db or 0.0)))
-    lengthened = _lengthened(scatterers, np.asarray(spec.delay_m or 0.0), np.asarray(0.0), behind)
-    return with_values(lengthened, path_gain=scatterers["path_gain"].values * np.where(behind, gain, 1.0))
+    delayed = _lengthen(scatterers, np.asarray(spec.delay_m or 0.0), np.asarray(0.0), behind)
+    return with_values(delayed, path_gain=scatterers["path_gain"].values * np.where(behind, gain, 1.0))
 
 
-def _lengthened(
+def _lengthen(
     scatterers: xr.Dataset, delay_m: FloatArray, rate_mps: FloatArray, behind: np.ndarray | np.bool_
 ) -> xr.Dataset:
     return with_values(

@@ -1,4 +1,4 @@
-"""Put this package's simulator through the suite: ``python -m doppelgait.testing.conformance [--json]``."""
+"""Measure this package's simulator: ``python -m doppelgait.testing.conformance [--json]``."""
 
 from __future__ import annotations
 
@@ -14,18 +14,21 @@ from doppelgait.testing.conformance import format_report, run_conformance
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the table of figures; 0 if all passed, 1 if one failed, 2 for wrong usage."""
+    """Print the table of figures and return the exit code.
+
+    0 if all passed, 1 if one failed, 2 for wrong usage.
+    """
     parser = argparse.ArgumentParser(prog="python -m doppelgait.testing.conformance", description=main.__doc__)
     parser.add_argument("--json", action="store_true", help="a list of checks in JSON instead of a table")
     parser.add_argument("--only", action="append", metavar="CHECK", help="this check alone (may be repeated)")
-    given = parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
     try:
-        checks = run_conformance(only=given.only)
+        checks = run_conformance(only=options.only)
     except ConfigError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
     print(
-        json.dumps([json_value(asdict(check)) for check in checks], indent=1) if given.json else format_report(checks)
+        json.dumps([json_value(asdict(check)) for check in checks], indent=1) if options.json else format_report(checks)
     )
     return int(any(check.passed is False for check in checks))
 

@@ -1,4 +1,4 @@
-"""What is put through the suite: a simulator and its parts, and doppelgait's own."""
+"""The tested simulator and its parts, and those of doppelgait."""
 
 from __future__ import annotations
 
@@ -22,34 +22,37 @@ Simulator = Callable[[xr.Dataset, Radar], Any]
 
 
 class Sweep(Protocol):
-    """De-chirped samples of every sweep of an fmcw radar."""
+    """De-chirped samples of every sweep of an FMCW radar."""
 
     def __call__(self, scatterers: xr.Dataset, radar: Radar, /) -> Any:
-        """Complex samples (I, S), the sweep's first sample first; the sign of the beat does not matter."""
+        """Return complex samples (I, S) in order of time.
+
+        The sign of the beat does not matter.
+        """
 
 
 class Noise(Protocol):
     """Receiver noise in the range bins of an empty room."""
 
     def __call__(self, radar: Radar, /, *, n_pulses: int, rng: np.random.Generator) -> Any:
-        """Complex noise (n_pulses, N), V."""
+        """Return complex noise (n_pulses, N), V."""
 
 
 class Quantise(Protocol):
     """Analogue-to-digital conversion of complex samples."""
 
     def __call__(self, samples: npt.NDArray[np.complex64], /, *, bits: int, full_scale_v: float) -> Any:
-        """Samples as converted, I and Q with 2^bits levels from -full_scale_v to full_scale_v."""
+        """Convert I and Q to 2^bits levels from -full_scale_v to full_scale_v."""
 
 
 class Wall(Protocol):
-    """A wall square to +x between the radar and all scatterers; vertical polarisation."""
+    """A wall, normal along +x, between radar and scatterers; vertical polarisation."""
 
     def __call__(
         self, scatterers: xr.Dataset, /, *, permittivity: float, conductivity_s_per_m: float, thickness_m: float,
         carrier_hz: float,
     ) -> xr.Dataset:  # fmt: skip
-        """Table with changed ``range``, ``path_gain`` and perhaps ``path_phase``; azimuth and elevation are given."""
+        """Change ``range``, ``path_gain`` and, if used, ``path_phase`` of a table with angles."""
 
 
 class TwoRay(Protocol):
@@ -59,12 +62,12 @@ class TwoRay(Protocol):
         self, scatterers: xr.Dataset, /, *, permittivity: float, conductivity_s_per_m: float, radar_height_m: float,
         carrier_hz: float,
     ) -> xr.Dataset:  # fmt: skip
-        """Table with the reflected echoes as further rows; azimuth and elevation are given."""
+        """Append the reflected echoes to a table with azimuth and elevation."""
 
 
 @dataclass(frozen=True)
 class Bench:
-    """A simulator and its parts; None for a part that it does not have."""
+    """A simulator and its parts; None for a missing part."""
 
     simulator: Simulator
     sweep: Sweep | None = None
@@ -75,7 +78,7 @@ class Bench:
 
 
 def bins_of(bench: Bench, scatterers: xr.Dataset, radar: Radar) -> tuple[Float, Complex]:
-    """Range axis (N,) and baseband (I, N) that the simulator gives.
+    """Return range axis (N,) and baseband (I, N) of the simulator.
 
     Raises
     ------
@@ -97,7 +100,7 @@ def bins_of(bench: Bench, scatterers: xr.Dataset, radar: Radar) -> tuple[Float, 
 
 
 def complex_of(values: Any, shape: tuple[int, int], *, what: str) -> Complex:
-    """Values as complex128, after a look at their shape."""
+    """Check the shape of values and return them as complex128."""
     array = np.asarray(values)
     if array.shape != shape:
         raise AnalysisError(f"{what} has the shape {array.shape}; it must be {shape}")
@@ -105,21 +108,21 @@ def complex_of(values: Any, shape: tuple[int, int], *, what: str) -> Complex:
 
 
 def simulate_bins(scatterers: xr.Dataset, radar: Radar) -> xr.DataArray:
-    """Noise-free baseband."""
+    """Simulate the noise-free baseband."""
     from doppelgait.radar.simulate import synthesise
 
     return synthesise(scatterers, radar)
 
 
 def sweep_samples(scatterers: xr.Dataset, radar: Radar, /) -> npt.NDArray[np.complex64]:
-    """Receiver samples of every sweep."""
+    """Simulate the receiver samples of every sweep."""
     from doppelgait.radar.simulate import synthesise_samples
 
     return synthesise_samples(scatterers, radar)
 
 
 def receiver_noise(radar: Radar, /, *, n_pulses: int, rng: np.random.Generator) -> npt.NDArray[np.complex64]:
-    """Thermal noise of the receiver's samples, compressed to range bins."""
+    """Sample thermal noise of the receiver, compressed to range bins."""
     from doppelgait.radar.impairments import ThermalNoise, apply_impairments
     from doppelgait.radar.simulate import compress
 
@@ -128,7 +131,7 @@ def receiver_noise(radar: Radar, /, *, n_pulses: int, rng: np.random.Generator) 
 
 
 def quantised(samples: npt.NDArray[np.complex64], /, *, bits: int, full_scale_v: float) -> npt.NDArray[np.complex64]:
-    """Samples behind the uniform converter."""
+    """Pass samples through the uniform converter."""
     from doppelgait.radar.impairments import Adc, apply_impairments
     from doppelgait.testing.conformance.radars import suite_radars
 
@@ -140,9 +143,9 @@ def behind_wall(
     scatterers: xr.Dataset, /, *, permittivity: float, conductivity_s_per_m: float, thickness_m: float,
     carrier_hz: float,
 ) -> xr.Dataset:  # fmt: skip
-    """Table behind a wall of the material."""
+    """Apply a wall of the material to a table."""
     material = {"permittivity": permittivity, "conductivity_s_per_m": conductivity_s_per_m}
-    return _in_surroundings(
+    return _apply_effect(
         scatterers, {"kind": "wall", "material": material, "thickness_m": thickness_m}, carrier_hz, height_m=1.0
     )
 
@@ -151,16 +154,14 @@ def over_floor(
     scatterers: xr.Dataset, /, *, permittivity: float, conductivity_s_per_m: float, radar_height_m: float,
     carrier_hz: float,
 ) -> xr.Dataset:  # fmt: skip
-    """Table over a floor of the material."""
+    """Apply a floor of the material to a table."""
     material = {"permittivity": permittivity, "conductivity_s_per_m": conductivity_s_per_m}
-    return _in_surroundings(
+    return _apply_effect(
         scatterers, {"kind": "ground_bounce", "material": material}, carrier_hz, height_m=radar_height_m
     )
 
 
-def _in_surroundings(
-    scatterers: xr.Dataset, effect: dict[str, Any], carrier_hz: float, *, height_m: float
-) -> xr.Dataset:
+def _apply_effect(scatterers: xr.Dataset, effect: dict[str, Any], carrier_hz: float, *, height_m: float) -> xr.Dataset:
     from doppelgait.core.units import carrier_to_wavelength_m
     from doppelgait.scene.environment import Setting, apply_environment, make_effect
 

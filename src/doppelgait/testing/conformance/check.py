@@ -1,4 +1,4 @@
-"""One measured figure of a simulator against theory, and the table of many."""
+"""Measured figures of a simulator against theory, and their table."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Check:
     name : str
         ``RULE[RADAR]``, or ``RULE`` where no radar's waveform matters.
     what : str
-        What is compared.
+        Quantity that is compared.
     figure : float
         Largest deviation from theory that was found; NaN where none could be measured.
     limit : float
@@ -25,11 +25,11 @@ class Check:
     unit : str
         Of figure and limit.
     passed : bool or None
-        Whether ``figure <= limit``; None where the simulator does not have what is checked.
+        ``figure <= limit``; None where the simulator does not have what is checked.
     source : str
-        Where the theory is from.
+        Source of the theory.
     note : str
-        Why there is no figure.
+        Reason for a missing figure.
     """
 
     name: str
@@ -43,7 +43,7 @@ class Check:
 
 
 def format_report(checks: Sequence[Check]) -> str:
-    """Table of checks in Markdown, and a line that counts them.
+    """Format checks as a table in Markdown, and count them.
 
     Parameters
     ----------
@@ -55,18 +55,16 @@ def format_report(checks: Sequence[Check]) -> str:
         Notes stand in the row's last column.
     """
     head = ["check", "compared", "figure", "limit", "unit", "result", "theory"]
-    rows = [head, ["---", "---", "---:", "---:", "---", "---", "---"], *(_row(check) for check in checks)]
+    rows = [head, ["---", "---", "---:", "---:", "---", "---", "---"]]
+    for check in checks:
+        result = {True: "passed", False: "FAILED", None: NOT_APPLICABLE}[check.passed]
+        figure = "" if check.figure != check.figure else f"{check.figure:.2g}"
+        source = f"{check.source} ({check.note})" if check.note else check.source
+        cells = [check.name, check.what, figure, f"{check.limit:g}", check.unit, result, source]
+        rows.append([cell.replace("|", "\\|").replace("\n", " ") for cell in cells])
     failed = sum(check.passed is False for check in checks)
     missing = sum(check.passed is None for check in checks)
     count = (
         f"{len(checks)} checks: {len(checks) - failed - missing} passed, {failed} failed, {missing} {NOT_APPLICABLE}"
     )
     return "\n".join([*("| " + " | ".join(row) + " |" for row in rows), "", count])
-
-
-def _row(check: Check) -> list[str]:
-    result = {True: "passed", False: "FAILED", None: NOT_APPLICABLE}[check.passed]
-    figure = "" if check.figure != check.figure else f"{check.figure:.2g}"
-    source = f"{check.source} ({check.note})" if check.note else check.source
-    cells = [check.name, check.what, figure, f"{check.limit:g}", check.unit, result, source]
-    return [cell.replace("|", "\\|").replace("\n", " ") for cell in cells]

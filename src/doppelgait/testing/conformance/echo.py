@@ -1,4 +1,4 @@
-"""Checks of a point echo and of the response in range: level, phase, Doppler, place, profile, coupling."""
+"""Checks of a point echo: level, phase, Doppler, range, profile, coupling."""
 
 from __future__ import annotations
 
@@ -8,14 +8,19 @@ import numpy as np
 
 from doppelgait.radar.parameters import Radar
 from doppelgait.testing.conformance import theory
-from doppelgait.testing.conformance.bench import Bench, Complex, bins_of, complex_of
+from doppelgait.testing.conformance.bench import Bench, bins_of, complex_of
 from doppelgait.testing.conformance.radars import approach, place_m, speed_mps, table
 
 FRACTIONS = (0.12, 0.3, 0.5, 0.7, 0.9)
 
 
 def radar_equation(bench: Bench, radar: Radar) -> float:
-    """Level of the strongest bin over sqrt(2 Z0 P_r G_rx), dB, for several ranges, cross sections and path gains."""
+    """Compare the level of an echo with the radar equation, dB.
+
+    The level is that of the strongest bin, over sqrt(2 Z0 P_r G_rx).
+
+    Taken over several ranges, cross sections and path gains.
+    """
     range_m = np.array([place_m(radar, fraction) for fraction in FRACTIONS])
     rcs_m2, gain = np.array([0.1, 0.5, 1.0, 3.0, 10.0]), np.array([1.0, 0.25, 1.0, 0.01, 2.0])
     _, bins = bins_of(bench, table(range_m, rcs=rcs_m2, path_gain=gain), radar)
@@ -24,15 +29,22 @@ def radar_equation(bench: Bench, radar: Radar) -> float:
 
 
 def phase_linearity(bench: Bench, radar: Radar) -> float:
-    """Deviation of the strongest bin's phase from -4 pi / lambda per metre, over half a wavelength, rad."""
+    """Compare the phase per metre with theory, rad.
+
+    Theory is -4 pi / lambda, over half a wavelength.
+    """
     offset_m = np.linspace(-0.25, 0.25, 17) * theory.wavelength_m(radar)
-    bins = _column(bench, place_m(radar, 0.5) + offset_m, radar)
+    _, bins = bins_of(bench, table(place_m(radar, 0.5) + offset_m), radar)
+    bins = bins[:, np.abs(bins[8]).argmax()]  # strongest in the middle row
     wanted = np.exp(-4j * np.pi * offset_m / theory.wavelength_m(radar))
     return float(np.abs(np.angle(bins / (wanted * bins[8]))).max())
 
 
 def absolute_phase(bench: Bench, radar: Radar) -> float:
-    """Deviation of the phase of an echo in the middle of a bin from theta - 4 pi R / lambda, rad."""
+    """Compare the phase of an echo with theory, rad.
+
+    The echo is in the middle of a bin; theory is theta - 4 pi R / lambda.
+    """
     range_m = np.array([place_m(radar, fraction) for fraction in FRACTIONS])
     _, bins = bins_of(bench, table(range_m), radar)
     strongest = bins[np.arange(range_m.size), np.abs(bins).argmax(axis=1)]
@@ -41,7 +53,7 @@ def absolute_phase(bench: Bench, radar: Radar) -> float:
 
 
 def path_phase(bench: Bench, radar: Radar) -> float:
-    """Deviation of an echo with ``path_phase`` from the one without, turned by it, rad."""
+    """Compare an echo with ``path_phase`` with a rotated one without, rad."""
     phase_rad = np.array([-3.0, -1.0, 0.0, 0.5, 2.0, 5.0])
     range_m = np.full(phase_rad.size, place_m(radar, 0.4))
     _, plain = bins_of(bench, table(range_m), radar)
@@ -51,7 +63,12 @@ def path_phase(bench: Bench, radar: Radar) -> float:
 
 
 def doppler_sign(bench: Bench, radar: Radar) -> float:
-    """Deviation of the Doppler shift from +2 v / lambda, approaching and receding, % (pulse pairs over all bins)."""
+    """Compare the Doppler shift with +2 v / lambda, %.
+
+    Of an approaching and a receding scatterer.
+
+    Measured by pulse pairs over all bins.
+    """
     errors = []
     for velocity_mps in (speed_mps(radar), -speed_mps(radar)):
         step_m, middle_m = velocity_mps / radar.prf_hz, place_m(radar, 0.5)
@@ -66,7 +83,12 @@ def doppler_sign(bench: Bench, radar: Radar) -> float:
 
 
 def range_migration(bench: Bench, radar: Radar) -> float:
-    """Distance of the strongest bin from a scatterer that crosses the frame, in bins; half a bin is natural."""
+    """Compare the strongest bin with the true range, in bins.
+
+    The scatterer crosses the frame.
+
+    Half a bin is natural.
+    """
     start_m, stop_m = place_m(radar, 0.85), place_m(radar, 0.2)
     velocity_mps = speed_mps(radar)
     scene = approach(radar, start_m=start_m, stop_m=stop_m, n_pulses=301, velocity_mps=velocity_mps)
@@ -76,7 +98,7 @@ def range_migration(bench: Bench, radar: Radar) -> float:
 
 
 def superposition(bench: Bench, radar: Radar) -> float:
-    """Deviation of three echoes together from the sum of them one by one, over the largest value."""
+    """Compare three echoes together with their sum, relative to the maximum."""
     rng = np.random.default_rng(5)
     range_m = np.array([place_m(radar, fraction) for fraction in (0.3, 0.32, 0.6)]) + rng.uniform(-0.1, 0.1, (7, 3))
     together = table(
@@ -88,27 +110,24 @@ def superposition(bench: Bench, radar: Radar) -> float:
 
 
 def worst_db(ratio: np.ndarray) -> float:
-    """Largest deviation of amplitude ratios from 1, dB; inf where one is 0."""
+    """Return the largest deviation of amplitude ratios from 1, dB.
+
+    Infinite where a ratio is 0.
+    """
     smallest, largest = float(ratio.min()), float(ratio.max())
     return 20.0 * max(abs(math.log10(smallest)), abs(math.log10(largest))) if smallest > 0 else math.inf
 
 
-def _column(bench: Bench, range_m: np.ndarray, radar: Radar) -> Complex:
-    """The bin that is strongest in the middle row, in every row."""
-    _, bins = bins_of(bench, table(range_m), radar)
-    return np.asarray(bins[:, np.abs(bins[range_m.size // 2]).argmax()])
-
-
 LOWEST_DB = -40.0
-"""Levels of the profile below this are left out: near a null dB mean nothing."""
+"""Levels of the profile below this are left out: decibels mean nothing near a null."""
 CELLS = 2.0
 
 
 def range_profile(bench: Bench, radar: Radar) -> float:
-    """Deviation of the range profile from the transform of the spectrum, dB, within two cells (equivalence i).
+    """Compare the range profile with the transform of the spectrum, dB.
 
-    Echoes stand at several places between two bins; levels are relative to the strongest bin of the same frame, which
-    leaves the radar equation out.
+    Within two cells (equivalence i). Echoes stand at several places between two bins; levels are relative to the
+    strongest bin of the same frame, which leaves the radar equation out.
     """
     axis_m = theory.range_axis_m(radar)
     middle_m, step_m = place_m(radar, 0.6), axis_m[1] - axis_m[0]
@@ -130,7 +149,12 @@ def _relative_db(amplitude: np.ndarray, column: np.ndarray) -> np.ndarray:
 
 
 def beat_frequency(bench: Bench, radar: Radar) -> float:
-    """Deviation of the beat from S 2 R / c - 2 v f_c / c, %, at rest and moving; its sign is a convention."""
+    """Compare the beat frequency with theory, %, at rest and moving.
+
+    Theory is S 2 R / c - 2 v f_c / c.
+
+    The sign of the beat is a convention.
+    """
     assert bench.sweep is not None
     range_m, velocity_mps = place_m(radar, 0.3), speed_mps(radar) * np.array([0.0, 1.0, -1.0])
     scene = table(np.full(3, range_m), radial_velocity=velocity_mps)
@@ -145,10 +169,13 @@ def beat_frequency(bench: Bench, radar: Radar) -> float:
 
 
 def range_doppler_coupling(bench: Bench, radar: Radar) -> float:
-    """Deviation of the range shift of a moving scatterer from -f_c v T / B, %; v makes it 0.3 cells.
+    """Compare the range shift of a moving scatterer with theory, %.
 
-    The scatterer stands at many places around a bin; the one at which this bin is strongest tells the shift. Half the
-    difference between approaching and receding leaves out everything that does not depend on velocity.
+    Theory is -f_c v T / B.
+
+    The velocity makes it 0.3 cells. The scatterer stands at many places around a bin; the one at which this bin is
+    strongest gives the shift. Half the difference between approaching and receding leaves out everything that does not
+    depend on velocity.
     """
     cell_m = theory.half_power_width_m(radar)
     velocity_mps = -0.3 * cell_m / theory.coupling_s(radar)
@@ -158,7 +185,10 @@ def range_doppler_coupling(bench: Bench, radar: Radar) -> float:
 
 
 def _strongest_place_m(bench: Bench, radar: Radar, velocity_mps: float, cell_m: float) -> float:
-    """Place, relative to the bin that shows a scatterer at rest, at which a moving one is strongest there."""
+    """Find where a moving scatterer is strongest in a bin.
+
+    The bin is that of a scatterer at rest; the place is relative to it.
+    """
     middle_m = place_m(radar, 0.6)
     _, resting = bins_of(bench, table(np.array([middle_m])), radar)
     offset_m = np.linspace(-0.7, 0.7, 141) * cell_m

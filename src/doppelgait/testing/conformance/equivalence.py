@@ -1,4 +1,7 @@
-"""Checks that every waveform of a small band shows the same walk as the sum of its scatterers' phasors."""
+"""Checks that every narrow-band waveform shows the same walk.
+
+The reference is the sum of the phasors of the scatterers.
+"""
 
 from __future__ import annotations
 
@@ -27,26 +30,36 @@ STEPS_HZ = (0.8, 4.0)
 
 
 def same_signature(bench: Bench, radar: Radar) -> float:
-    """1 minus the correlation of the signature with that of sum a exp(j(theta - 4 pi R / lambda)) (equivalence iii)."""
-    return float(1.0 - np.corrcoef(_shown(bench, radar).ravel(), wanted_signature().ravel())[0, 1])
+    """Return 1 minus the correlation of the signature with the reference.
+
+    The reference is sum a exp(j(theta - 4 pi R / lambda)) (equivalence iii).
+    """
+    return float(1.0 - np.corrcoef(_simulate_signature(bench, radar).ravel(), wanted_signature().ravel())[0, 1])
 
 
 def same_gait(bench: Bench, radar: Radar) -> float:
-    """Larger of the deviations of torso speed and step frequency from those in that sum, % (equivalence iv)."""
-    mine, wanted, prf_hz = _shown(bench, radar), wanted_signature(), narrow_radar(radar.waveform.kind).prf_hz
+    """Compare torso speed and step frequency with the reference, % (equivalence iv)."""
+    mine, wanted, prf_hz = (
+        _simulate_signature(bench, radar),
+        wanted_signature(),
+        narrow_radar(radar.waveform.kind).prf_hz,
+    )
     speed = abs(torso_doppler_hz(mine, prf_hz) / torso_doppler_hz(wanted, prf_hz) - 1.0)
     steps = abs(step_frequency_hz(mine, prf_hz) / step_frequency_hz(wanted, prf_hz) - 1.0)
     return 100.0 * max(speed, steps)
 
 
-def _shown(bench: Bench, radar: Radar) -> Float:
+def _simulate_signature(bench: Bench, radar: Radar) -> Float:
     narrow = narrow_radar(radar.waveform.kind)
     return signature(bins_of(bench, walk(narrow.prf_hz), narrow)[1])
 
 
 @lru_cache(maxsize=1)
 def wanted_signature() -> Float:
-    """Signature of the sum of the walker's phasors; all radars of a small band share carrier, frame rate and levels."""
+    """Compute the signature of the sum of the phasors of the walk.
+
+    All radars of a small band share carrier, frame rate and levels.
+    """
     radar = narrow_radar("cw")
     scene = walk(radar.prf_hz)
     range_m = scene["range"].values
@@ -57,7 +70,7 @@ def wanted_signature() -> Float:
 
 @lru_cache(maxsize=1)
 def walk(prf_hz: float) -> xr.Dataset:
-    """Scatterer table of a person who walks towards the radar."""
+    """Simulate the scatterer table of a person who approaches the radar."""
     from doppelgait.motion import boulic_walk
     from doppelgait.scene import Scene, Target, assemble
 
@@ -66,9 +79,9 @@ def walk(prf_hz: float) -> xr.Dataset:
 
 
 def signature(bins: Complex) -> Float:
-    """Share of the power (time, Doppler) in a Hann window of CPI pulses, summed over range; Doppler ascending.
+    """Compute the share of power (time, Doppler) in Hann windows.
 
-    Every column adds up to 1, which leaves the fall of power with range out.
+    Power is summed over range, Doppler ascends. Every column adds up to 1, which removes the fall of power with range.
     """
     starts = np.arange(0, bins.shape[0] - CPI + 1, HOP)
     frames = bins[starts[:, None] + np.arange(CPI)] * np.hanning(CPI)[None, :, None]
@@ -78,13 +91,13 @@ def signature(bins: Complex) -> Float:
 
 
 def torso_doppler_hz(share: Float, prf_hz: float) -> float:
-    """Peak of the mean Doppler spectrum, between bins by a parabola."""
+    """Return the interpolated peak of the mean Doppler spectrum."""
     place = _peak(share.mean(axis=0), 1, N_DOPPLER - 1)
     return float((place - N_DOPPLER // 2) * prf_hz / N_DOPPLER)
 
 
 def step_frequency_hz(share: Float, prf_hz: float) -> float:
-    """Strongest frequency in the width of the spectrum over time, between bins by a parabola.
+    """Return the interpolated strongest frequency of the width of the spectrum.
 
     The width is the same for steps of the left and the right foot.
     """

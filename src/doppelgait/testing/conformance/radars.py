@@ -24,12 +24,15 @@ def table(
     slow_time_s: npt.ArrayLike | None = None,
     **values: npt.ArrayLike,
 ) -> xr.Dataset:
-    """Scatterer table of ranges (I, L), or (I,) for one scatterer; 1 m^2 at rest unless ``values`` say otherwise."""
+    """Make a scatterer table of ranges (I, L) or (I,).
+
+    Cross sections are 1 m^2 and velocities 0 unless ``values`` has others.
+    """
     ranges_m = np.asarray(range_m, dtype=float)
     ranges_m = ranges_m[:, None] if ranges_m.ndim == 1 else ranges_m
-    given = {"range": ranges_m, "radial_velocity": 0.0, "rcs": 1.0, "path_gain": 1.0, **values}
+    wanted = {"range": ranges_m, "radial_velocity": 0.0, "rcs": 1.0, "path_gain": 1.0, **values}
     columns = {}
-    for name, value in given.items():
+    for name, value in wanted.items():
         array = np.asarray(value, dtype=float)
         array = array[:, None] if array.ndim == 1 else array
         columns[name] = (DIMS, np.array(np.broadcast_to(array, ranges_m.shape)), {"units": SCATTERER_VARIABLES[name]})
@@ -47,7 +50,12 @@ def table(
 
 
 def place_m(radar: Radar, fraction: float) -> float:
-    """Range at a fraction of the frame, in the middle of a bin (of a cw radar as it is); 1 m or more."""
+    """Return the range at a fraction of the frame.
+
+    It is 1 m or more.
+
+    It is the middle of a bin, except for a CW radar.
+    """
     wanted_m = radar.range_start_m + fraction * (radar.range_stop_m - radar.range_start_m)
     wanted_m = max(wanted_m, 1.0)
     if radar.waveform.kind == "cw":
@@ -57,12 +65,12 @@ def place_m(radar: Radar, fraction: float) -> float:
 
 
 def speed_mps(radar: Radar) -> float:
-    """A speed at 0.6 of the unambiguous one, lambda f_p / 4."""
+    """Return 0.6 of the unambiguous speed lambda f_p / 4."""
     return 0.6 * theory.wavelength_m(radar) * radar.prf_hz / 4.0
 
 
 def approach(radar: Radar, *, start_m: float, stop_m: float, n_pulses: int, velocity_mps: float) -> xr.Dataset:
-    """Table of one scatterer that goes from start to stop at its velocity (positive where stop is nearer)."""
+    """Make the table of a scatterer at constant velocity."""
     range_m = np.linspace(start_m, stop_m, n_pulses)
     duration_s = abs(stop_m - start_m) / abs(velocity_mps)
     times_s = np.linspace(0.0, duration_s, n_pulses)
@@ -97,7 +105,7 @@ NARROW: dict[str, dict[str, Any]] = {
 
 
 def suite_radars(*waveforms: str) -> dict[str, Radar]:
-    """Radars of the suite by waveform; all, or those named.
+    """Return the radars of the suite by waveform; all, or those named.
 
     Raises
     ------
@@ -110,12 +118,12 @@ def suite_radars(*waveforms: str) -> dict[str, Radar]:
 
 
 def narrow_radar(waveform: str) -> Radar:
-    """Radar of a small band for the comparison of waveforms."""
+    """Make a narrow-band radar for the comparison of waveforms."""
     return Radar(waveform=waveform, **NARROW_COMMON, **NARROW[waveform])
 
 
 def changed(radar: Radar, **changes: Any) -> Radar:
-    """The radar with other parameters, checked again."""
+    """Return the radar with other parameters, checked again."""
     return Radar.model_validate({**radar.model_dump(), **changes})
 
 

@@ -19,54 +19,52 @@ MIN_PULSES = 2000
 
 
 def noise_power(bench: Bench, radar: Radar) -> float:
-    """Deviation of the noise's mean square in a range bin from E-18, dB."""
-    power_v2 = float((np.abs(_noise(bench, radar)) ** 2).mean())
+    """Compare the noise power in a range bin with E-18, dB."""
+    power_v2 = float((np.abs(_sample_noise(bench, radar)) ** 2).mean())
     return abs(10.0 * math.log10(power_v2 / theory.bin_noise_v2(radar))) if power_v2 > 0 else math.inf
 
 
 def noise_whiteness(bench: Bench, radar: Radar) -> float:
-    """Largest of: correlation of noise from pulse to pulse, and |E w^2| / E |w|^2 (0 where I and Q are alike)."""
-    noise = _noise(bench, radar)
+    """Return the larger of pulse correlation and non-circularity of noise.
+
+    The latter is |E w^2| / E |w|^2, 0 where I and Q are alike.
+    """
+    noise = _sample_noise(bench, radar)
     power_v2 = (np.abs(noise) ** 2).mean()
     pair = np.abs((noise[1:] * np.conj(noise[:-1])).mean())
     return float(max(pair, np.abs((noise**2).mean())) / power_v2)
 
 
 def matched_snr(bench: Bench, radar: Radar) -> float:
-    """Deviation of the signal-to-noise ratio after matched processing from E / N0, dB (equivalence v).
+    """Compare the SNR after matched processing with E / N0, dB.
+
+    Equivalence v.
 
     Without a window along sweeps; with noise up to the sampling rate of an impulse radar, whose bins are then summed
     with the pulse's shape. The other waveforms' bins are matched already.
     """
     from scipy.signal import fftconvolve
 
-    radar = _whole_band(radar)
+    impulse = radar.waveform.kind == "impulse"
+    if impulse:
+        radar = changed(radar, noise_bandwidth_hz=radar.sample_rate_hz / radar.decimation)
+    else:
+        window = {"range_window": "none"} if radar.waveform.kind in theory.SWEPT else {}
+        radar = changed(radar, noise_bandwidth_hz=None, **window)
     range_m = place_m(radar, 0.5)
     axis_m, bins = bins_of(bench, table(np.array([range_m])), radar)
-    shape = _matched(radar, axis_m[1] - axis_m[0] if axis_m.size > 1 else 1.0)
-    noise_v2 = float((np.abs(fftconvolve(_noise(bench, radar), shape[None], mode="valid")) ** 2).mean())
+    shape = np.ones(1)
+    if impulse:  # the pulse's shape to 5 sigma
+        spread_bins = theory.C_MPS * theory.pulse_sigma_s(radar) / 2.0 / (axis_m[1] - axis_m[0])
+        half = math.ceil(5.0 * spread_bins)
+        shape = np.exp(-0.5 * (np.arange(-half, half + 1) / spread_bins) ** 2)
+    noise_v2 = float((np.abs(fftconvolve(_sample_noise(bench, radar), shape[None], mode="valid")) ** 2).mean())
     signal_v2 = float((np.abs(fftconvolve(bins, shape[None], mode="same")) ** 2).max())
     wanted = theory.energy_over_noise_density(radar, range_m=range_m, gain_m2=1.0)
     return abs(10.0 * math.log10(signal_v2 / noise_v2 / wanted)) if signal_v2 * noise_v2 > 0 else math.inf
 
 
-def _whole_band(radar: Radar) -> Radar:
-    if radar.waveform.kind == "impulse":
-        return changed(radar, noise_bandwidth_hz=radar.sample_rate_hz / radar.decimation)
-    changes = {"range_window": "none"} if radar.waveform.kind in theory.SWEPT else {}
-    return changed(radar, noise_bandwidth_hz=None, **changes)
-
-
-def _matched(radar: Radar, bin_m: float) -> np.ndarray:
-    """Weights of neighbouring bins: the pulse's shape to 5 sigma, or one bin alone."""
-    if radar.waveform.kind != "impulse":
-        return np.ones(1)
-    spread_bins = theory.C_MPS * theory.pulse_sigma_s(radar) / 2.0 / bin_m
-    half = math.ceil(5.0 * spread_bins)
-    return np.asarray(np.exp(-0.5 * (np.arange(-half, half + 1) / spread_bins) ** 2))
-
-
-def _noise(bench: Bench, radar: Radar) -> Complex:
+def _sample_noise(bench: Bench, radar: Radar) -> Complex:
     assert bench.noise is not None
     n_bins = theory.range_axis_m(radar).size
     n_pulses = max(NOISE_VALUES // n_bins, MIN_PULSES)
@@ -75,7 +73,10 @@ def _noise(bench: Bench, radar: Radar) -> Complex:
 
 
 def quantisation_snr(bench: Bench, radar: Radar) -> float:
-    """Deviation of a complex tone's signal-to-quantisation-noise ratio from 6.02 b + 1.76 - back-off, dB."""
+    """Compare the quantisation SNR of a tone with theory, dB.
+
+    Theory is 6.02 b + 1.76 - back-off.
+    """
     del radar
     errors = [_quantisation_error_db(bench, bits, backoff_db) for bits in (8, 10, 12) for backoff_db in (1.0, 12.0)]
     return max(errors)
@@ -95,9 +96,10 @@ def _quantisation_error_db(bench: Bench, bits: int, backoff_db: float) -> float:
 
 
 def quantisation_bias(bench: Bench, radar: Radar) -> float:
-    """Largest mean error of a level between two codes under noise of half a step rms, in steps.
+    """Return the largest mean error between two codes, in steps.
 
-    Gaussian noise of s steps leaves exp(-2 pi^2 s^2) / pi of it: 0.0023 (Widrow and Kollar, Quantization Noise, 2008).
+    With noise of half a step rms. Gaussian noise of s steps leaves exp(-2 pi^2 s^2) / pi of it: 0.0023 (Widrow and
+    Kollar, Quantization Noise, 2008).
     """
     del radar
     assert bench.quantise is not None
@@ -130,24 +132,27 @@ LOWEST_FIELD = 10.0 ** (-30.0 / 20.0)
 
 
 def wall_loss(bench: Bench, radar: Radar) -> float:
-    """Deviation of a wall's two-way loss from |T|^4 of the slab, dB: three walls, three angles."""
-    return max(abs(10.0 * math.log10(gain / abs(t) ** 4)) for gain, _, t, _ in _walls(bench, radar))
+    """Compare the two-way loss of walls with |T|^4 of the slab, dB."""
+    return max(abs(10.0 * math.log10(gain / abs(t) ** 4)) for gain, _, t, _ in _measure_walls(bench, radar))
 
 
 def wall_delay(bench: Bench, radar: Radar) -> float:
-    """Deviation of the lengthened range from (sqrt(eps' - sin^2) - cos) d, mm."""
-    return max(1e3 * abs(later_m - wanted_m) for _, (later_m, _), _, wanted_m in _walls(bench, radar))
+    """Compare the added range with (sqrt(eps' - sin^2) - cos) d, mm."""
+    return max(1e3 * abs(later_m - wanted_m) for _, (later_m, _), _, wanted_m in _measure_walls(bench, radar))
 
 
 def wall_phase(bench: Bench, radar: Radar) -> float:
-    """Deviation of the echo's turn by range and ``path_phase`` together from that of T^2, rad."""
+    """Compare the phase of range and ``path_phase`` together with T^2, rad."""
     per_metre = 4.0 * np.pi / theory.wavelength_m(radar)
-    turns = [(extra_rad - per_metre * later_m, t) for _, (later_m, extra_rad), t, _ in _walls(bench, radar)]
+    turns = [(extra_rad - per_metre * later_m, t) for _, (later_m, extra_rad), t, _ in _measure_walls(bench, radar)]
     return max(abs(float(np.angle(np.exp(1j * turn) / t**2))) for turn, t in turns)
 
 
-def _walls(bench: Bench, radar: Radar) -> list[tuple[float, tuple[float, float], complex, float]]:
-    """Of every wall and angle: power gain, (further range, extra phase), and what T and that range should be."""
+def _measure_walls(bench: Bench, radar: Radar) -> list[tuple[float, tuple[float, float], complex, float]]:
+    """Measure every wall at every angle.
+
+    Returns power gain, (added range, added phase), and the theoretical T and added range.
+    """
     assert bench.wall is not None
     results = []
     for wall, azimuth_rad in product(WALLS, AZIMUTHS_RAD):
@@ -175,9 +180,10 @@ def _phase_rad(scatterers: xr.Dataset) -> np.ndarray:
 
 
 def two_ray_pattern(bench: Bench, radar: Radar) -> float:
-    """Deviation of the field over a floor from (exp(-jkR) / R + Gamma exp(-jkg) / g)^2, dB, heights 0.05 to 1.8 m.
+    """Compare the field over a floor with the two-ray formula, dB.
 
-    All echoes of a scatterer are summed at one frequency, as a cw radar does.
+    The formula is (exp(-jkR) / R + Gamma exp(-jkg) / g)^2, at heights from 0.05 to 1.8 m. All echoes of a scatterer are
+    summed at one frequency, as a cw radar does.
     """
     assert bench.two_ray is not None
     height_m, ground_m = (side.ravel() for side in np.meshgrid(np.linspace(0.05, 1.8, 36), np.linspace(2.0, 8.0, 25)))

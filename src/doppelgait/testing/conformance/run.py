@@ -1,4 +1,4 @@
-"""All checks: what each compares, its limit, and what it needs."""
+"""All checks, with the compared quantity, limit and needs of each."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Rule:
     waveforms : tuple of str
         Waveforms of the radars that it is made with; empty: made once, with the first radar's carrier.
     needs : str
-        Part of the bench that it cannot do without, beside the simulator.
+        Part of the bench that it needs in addition to the simulator.
     """
 
     name: str
@@ -60,7 +60,7 @@ RULES = (
          RANGED),
     Rule("range_profile", "profile within 2 cells", 0.1, "dB", "transform of the spectrum", echo.range_profile,
          RANGED),
-    Rule("range_doppler_coupling", "range shift of a mover", 2.0, "%", "-f_c v T / B", echo.range_doppler_coupling,
+    Rule("range_doppler_coupling", "range shift of a target", 2.0, "%", "-f_c v T / B", echo.range_doppler_coupling,
          CHIRPED),
     Rule("beat_frequency", "beat of a point target", 0.1, "%", "S 2 R / c - 2 v f_c / c", echo.beat_frequency,
          ("fmcw",), "sweep"),
@@ -112,7 +112,7 @@ def run_conformance(
         Checks to make: ``"noise_power"`` (of every radar) or ``"noise_power[fmcw]"``.
     sweep, noise, quantise, wall, two_ray : callable, "auto" or None
         Further parts of the simulator, in the form of the protocols in :mod:`.bench`; None where it has none: its
-        checks are "not applicable" then. ``"auto"``: this package's own beside its own simulator, else None, so that
+        checks are "not applicable" then. ``"auto"``: this package's own with its own simulator, else None, so that
         no part passes that is not the simulator's.
 
     Returns
@@ -139,35 +139,31 @@ def run_conformance(
         raise ConfigError("conformance: radars is empty; give one radar or more, or leave it out")
     for radar in chosen.values():
         check_waveform(radar.waveform.kind)
-    return [_measure(rule, tested, radar, name) for name, rule, radar in _cases(chosen, only)]
-
-
-def _part(given: T | Auto | None, default: T, *, ours: bool) -> T | None:
-    if isinstance(given, str):
-        return default if ours else None
-    return given
-
-
-def _cases(radars: Mapping[str, Radar], only: Iterable[str] | None) -> list[tuple[str, Rule, Radar]]:
-    first = next(iter(radars.values()))
+    first = next(iter(chosen.values()))
     cases = []
     for rule in RULES:
         if not rule.waveforms:
             cases.append((rule.name, rule, first))
-        cases += [
-            (f"{rule.name}[{key}]", rule, one) for key, one in radars.items() if one.waveform.kind in rule.waveforms
-        ]
-    if only is None:
-        return cases
-    wanted = [only] if isinstance(only, str) else list(only)
-    known = {name for name, _, _ in cases} | {rule.name for rule in RULES}
-    unknown = [name for name in wanted if name not in known]
-    if unknown:
-        raise ConfigError(
-            f"conformance: there is no check {unknown[0]!r}; known are {', '.join(rule.name for rule in RULES)}, each "
-            f"also for one radar as in {cases[0][0]!r}"
-        )
-    return [case for case in cases if case[0] in wanted or case[1].name in wanted]
+        for key, one in chosen.items():
+            if one.waveform.kind in rule.waveforms:
+                cases.append((f"{rule.name}[{key}]", rule, one))
+    if only is not None:
+        wanted = [only] if isinstance(only, str) else list(only)
+        known = {name for name, _, _ in cases} | {rule.name for rule in RULES}
+        unknown = [name for name in wanted if name not in known]
+        if unknown:
+            raise ConfigError(
+                f"conformance: there is no check {unknown[0]!r}; known are {', '.join(rule.name for rule in RULES)}, "
+                f"each also for one radar as in {cases[0][0]!r}"
+            )
+        cases = [case for case in cases if case[0] in wanted or case[1].name in wanted]
+    return [_measure(rule, tested, radar, name) for name, rule, radar in cases]
+
+
+def _part(choice: T | Auto | None, default: T, *, ours: bool) -> T | None:
+    if isinstance(choice, str):
+        return default if ours else None
+    return choice
 
 
 def _measure(rule: Rule, bench: Bench, radar: Radar, name: str) -> Check:

@@ -1,6 +1,6 @@
-"""Closed forms that the checks compare with, from first principles and the radar's given parameters alone.
+"""Closed forms from first principles and the parameters of the radar alone.
 
-Nothing here calls what is tested: no derived property of :class:`Radar`, no other layer.
+Nothing here calls the tested code: no derived property of :class:`Radar`, no other layer.
 """
 
 from __future__ import annotations
@@ -25,17 +25,20 @@ WAVEFORMS = ("impulse", "rectangular", "lfm", "fmcw", "stepped", "cw")
 
 
 def wavelength_m(radar: Radar) -> float:
-    """Wavelength c / f_c."""
+    """Return the wavelength c / f_c."""
     return C_MPS / radar.carrier_hz
 
 
 def averages(radar: Radar) -> int:
-    """Pulses averaged in a frame: whole ones, per level of the threshold sweep (E-18)."""
+    """Return the whole pulses per frame and threshold level (E-18)."""
     return math.floor(radar.pulse_rate_hz / (radar.prf_hz * radar.sweep_levels)) if radar.pulse_rate_hz else 1
 
 
 def pulse_sigma_s(radar: Radar) -> float:
-    """Standard deviation of a Gaussian envelope whose power spectrum exp(-4 pi^2 tau^2 f^2) is L dB down at B/2."""
+    """Return the standard deviation of a Gaussian envelope.
+
+    Its power spectrum exp(-4 pi^2 tau^2 f^2) is L dB down at B/2.
+    """
     if radar.pulse_sigma_s is not None:
         return radar.pulse_sigma_s
     # the level "3 dB" is half power
@@ -44,17 +47,20 @@ def pulse_sigma_s(radar: Radar) -> float:
 
 
 def n_sweep(radar: Radar) -> int:
-    """Samples or steps of a sweep."""
+    """Return the number of samples or steps of a sweep."""
     return round((radar.sweep_s or 0.0) * radar.sample_rate_hz)
 
 
 def sweep_time_s(radar: Radar) -> float:
-    """Time that the samples of a sweep take; of a pulse its duration."""
+    """Return the duration of a sweep's samples or of a pulse."""
     return n_sweep(radar) / radar.sample_rate_hz if radar.waveform.kind in SWEPT else float(radar.sweep_s or math.nan)
 
 
 def range_axis_m(radar: Radar) -> Float:
-    """Range bins: every D c / (2 f_s) (E-15), every c / (2 B) counted from 0, or the frame's middle."""
+    """Return the range bins.
+
+    Every D c / (2 f_s) (E-15), every c / (2 B) counted from 0, or the middle of the frame.
+    """
     start_m, stop_m = radar.range_start_m, radar.range_stop_m
     if radar.waveform.kind == "cw":
         return np.array([(start_m + stop_m) / 2.0])
@@ -67,24 +73,35 @@ def range_axis_m(radar: Radar) -> Float:
 
 
 def received_w(radar: Radar, *, range_m: Float, gain_m2: Float) -> Float:
-    """Radar equation P_t G_t G_r lambda^2 sigma / ((4 pi)^3 R^4), W; ``gain_m2`` is sigma times the path's gain."""
+    """Evaluate the radar equation, W.
+
+    P_t G_t G_r lambda^2 sigma / ((4 pi)^3 R^4).
+
+    ``gain_m2`` is sigma times the path gain.
+    """
     sent_w = 10.0 ** ((radar.tx_power_dbm + radar.tx_gain_dbi + radar.rx_gain_dbi - 30.0) / 10.0)
     return np.asarray(sent_w * wavelength_m(radar) ** 2 * gain_m2 / ((4.0 * np.pi) ** 3 * range_m**4))
 
 
 def receiver_gain(radar: Radar) -> float:
-    """Power gain of the receiver."""
+    """Return the power gain of the receiver."""
     return float(10.0 ** (radar.receiver_gain_db / 10.0))
 
 
 def echo_v(radar: Radar, *, range_m: Float, gain_m2: Float) -> Float:
-    """Envelope of an echo at the receiver's output into 50 ohm: sqrt(2 Z0 P_r G_rx)."""
+    """Return the envelope of an echo into 50 ohm, V.
+
+    sqrt(2 Z0 P_r G_rx).
+    """
     power_w = received_w(radar, range_m=range_m, gain_m2=gain_m2)
     return np.asarray(np.sqrt(2.0 * OHM * power_w * receiver_gain(radar)))
 
 
 def window(radar: Radar) -> Float:
-    """Window along a sweep, of samples in the middle of S equal parts of the cosine sum (Harris 1978)."""
+    """Return the window along a sweep.
+
+    Samples in the middle of S equal parts of the cosine sum (Harris 1978).
+    """
     x = (np.arange(n_sweep(radar)) + 0.5) / n_sweep(radar)
     terms = {"none": (1.0,), "hann": (0.5, 0.5), "hamming": (0.54, 0.46), "blackman": (0.42, 0.5, 0.08)}
     shape = sum(c * (-1) ** k * np.cos(2.0 * np.pi * k * x) for k, c in enumerate(terms[radar.range_window]))
@@ -92,12 +109,15 @@ def window(radar: Radar) -> Float:
 
 
 def noise_figure(radar: Radar) -> float:
-    """Noise factor F."""
+    """Return the noise factor F."""
     return float(10.0 ** (radar.noise_figure_db / 10.0))
 
 
 def bin_noise_v2(radar: Radar) -> float:
-    """Mean square of the noise in a bin: 2 Z0 k T0 F B G_rx / N_eff (E-18), of a sweep times sum(w^2) / sum(w)^2."""
+    """Return the mean square of the noise in a bin, V^2.
+
+    2 Z0 k T0 F B G_rx / N_eff (E-18), of a sweep times sum(w^2) / sum(w)^2.
+    """
     own_hz = {
         "impulse": math.sqrt(math.log(10.0)) / (math.pi * pulse_sigma_s(radar))
         if radar.waveform.kind == "impulse"
@@ -117,7 +137,10 @@ def bin_noise_v2(radar: Radar) -> float:
 
 
 def energy_over_noise_density(radar: Radar, *, range_m: float, gain_m2: float) -> float:
-    """E / N0 of an echo, N_eff pulses averaged: P_r times the integral of the envelope's square, over k T0 F."""
+    """Return E / N0 of an echo with N_eff pulses averaged.
+
+    P_r times the integral of the square of the envelope, over k T0 F.
+    """
     if radar.waveform.kind == "impulse":
         length_s = math.sqrt(math.pi) * pulse_sigma_s(radar)
     else:
@@ -127,10 +150,10 @@ def energy_over_noise_density(radar: Radar, *, range_m: float, gain_m2: float) -
 
 
 def power_spectrum(radar: Radar) -> tuple[Float, Float]:
-    """Frequencies from the carrier, Hz, and the spectrum behind the receiver, whose transform is the profile.
+    """Return frequencies from the carrier, Hz, and the received spectrum.
 
-    The Gaussian of E-11 for an impulse; |S|^2 of the sampled pulse for a matched filter; the window over the band of a
-    sweep.
+    Its transform is the range profile. The Gaussian of E-11 for an impulse; |S|^2 of the sampled pulse for a matched
+    filter; the window over the band of a sweep.
     """
     if radar.waveform.kind == "impulse":
         tau = pulse_sigma_s(radar)
@@ -150,7 +173,12 @@ def power_spectrum(radar: Radar) -> tuple[Float, Float]:
 
 
 def profile(radar: Radar, offset_m: Float) -> Float:
-    """Amplitude of the range profile at offsets from a point echo: |transform of the spectrum|, 1 at 0."""
+    """Return the range profile at offsets from a point echo.
+
+    It is 1 at 0.
+
+    It is the magnitude of the transform of the spectrum.
+    """
     frequency_hz, weight = power_spectrum(radar)
     delay_s = 2.0 * offset_m.ravel() / C_MPS
     values = np.array([np.abs((weight * np.exp(2j * np.pi * frequency_hz * one)).sum()) for one in delay_s])
@@ -158,7 +186,7 @@ def profile(radar: Radar, offset_m: Float) -> Float:
 
 
 def half_power_width_m(radar: Radar) -> float:
-    """Resolution cell: width of the profile at half power, by bisection."""
+    """Return the width of the profile at half power, by bisection."""
     high = C_MPS * {"impulse": 2.0 * pulse_sigma_s(radar) if radar.waveform.kind == "impulse" else 0.0}.get(
         radar.waveform.kind, 1.0 / (radar.bandwidth_hz or 1.0 / sweep_time_s(radar))
     )
@@ -170,21 +198,28 @@ def half_power_width_m(radar: Radar) -> float:
 
 
 def coupling_s(radar: Radar) -> float:
-    """Range shift per approach speed of a rising sweep: -f_c T_c / B; 0 without a sweep."""
+    """Return the range shift per approach speed of a sweep.
+
+    -f_c T_c / B, or 0 without a sweep.
+    """
     if radar.waveform.kind not in ("lfm", *SWEPT):
         return 0.0
     return -radar.carrier_hz * sweep_time_s(radar) / (radar.bandwidth_hz or math.nan)
 
 
 def permittivity_of(*, permittivity: float, conductivity_s_per_m: float, carrier_hz: float) -> complex:
-    """Complex relative permittivity eps' - j sigma / (2 pi f eps_0)."""
+    """Return the complex relative permittivity.
+
+    eps' - j sigma / (2 pi f eps_0).
+    """
     return complex(permittivity, -conductivity_s_per_m / (2.0 * math.pi * carrier_hz * VACUUM_F_PER_M))
 
 
 def slab_insertion(cosine: float, *, permittivity: complex, thickness_m: float, wavelength_m: float) -> complex:
-    """Field behind a slab over the field without it, electric field parallel to the slab.
+    """Return the field behind a slab over the field without it.
 
-    By the slab's characteristic matrix (Born and Wolf, Principles of Optics, section 1.6).
+    The electric field is parallel to the slab. By the slab's characteristic matrix (Born and Wolf, Principles of
+    Optics, section 1.6).
     """
     inside = np.sqrt(permittivity - 1.0 + cosine**2)
     turn = 2.0 * np.pi * thickness_m / wavelength_m
@@ -198,6 +233,9 @@ def slab_insertion(cosine: float, *, permittivity: complex, thickness_m: float, 
 
 
 def floor_reflection(sin_grazing: Float, *, permittivity: complex) -> Complex:
-    """Fresnel coefficient of a half space for vertical polarisation, the upright field keeping its sign."""
+    """Return the Fresnel coefficient of a half space, vertical polarisation.
+
+    The upright field keeps its sign.
+    """
     root = np.sqrt(permittivity - 1.0 + sin_grazing**2)
     return np.asarray((permittivity * sin_grazing - root) / (permittivity * sin_grazing + root))

@@ -1,0 +1,112 @@
+"""Height of a recorded body (E-01).
+
+Stature of a person, withers height of an animal.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.motion.skeleton import bare_name, plain_word, starts_bones
+
+FloatArray = npt.NDArray[np.float64]
+
+LEG_SHARE = 0.245 + 0.246
+"""Hip to knee plus knee to ankle over stature (Drillis and Contini 1966, as in Winter 2009, figure 4.1)."""
+PERSON_M = (0.6, 2.4)
+UPRIGHT = 0.75
+"""An animal stands where its withers are higher than this part of their 95th percentile: lying frames do not count. A
+person's hips are higher than this part of the leg's length; those of a rat are not."""
+MARKERS_OF_JOINTS = (
+    "hip hjc hipjoint grt gtr ftc trochanter greatertrochanter",
+    "kne knee kjc kneelat kneelateral kneemed kneemedial kneein knm fle fme lfc mfc",
+    "ank ankle ajc anklelat anklelateral anklemed anklemedial ankin anm lma mma mall lmal mmal fal tam",
+)
+"""Names of hip, knee and ankle without their side, of markers and of joints named after themselves."""
+JOINTS_OF_BONES = ("upleg upperleg legupper thigh", "leg lowerleg calf shin", "foot")
+"""The same where joints carry the name of the bone that starts there."""
+
+
+def measure_height(position: FloatArray, names: Sequence[str], parts: Sequence[str]) -> tuple[float, str]:
+    """Measure the height of a body.
+
+    Also says how, where it is estimated.
+
+    A person with a head is as high as the highest point of it, an animal as its withers above its own fore paws. A
+    person without a head is taken to be as high as the legs suggest, where hips, knees and ankles are known.
+
+    Parameters
+    ----------
+    position : ndarray, shape (T, P, 3)
+        In m, floor at z = 0, no NaN.
+    names, parts : sequence of str, length P
+        Name and body part of each point.
+
+    Returns
+    -------
+    height_m : float
+        NaN where it is unknown.
+    note : str
+        For the report; empty where the height was measured.
+    """
+    z = position[:, :, 2]
+    if "trunk" in parts:
+        return _withers(z, names, parts), ""
+    head = [i for i, part in enumerate(parts) if part == "head"]
+    if head:
+        return float(np.median(z[:, head].max(axis=1))), ""
+    leg_m, hip_m = leg_length(position, names)
+    height_m = leg_m / LEG_SHARE
+    if PERSON_M[0] < height_m < PERSON_M[1] and hip_m > UPRIGHT * leg_m:
+        return height_m, (
+            f"no head among the points: height_m = {height_m:.2f} m is estimated from the legs, {leg_m:.2f} m from hip "
+            "to ankle"
+        )
+    return float("nan"), "no head among the points, and no hips, knees and ankles: the height is unknown"
+
+
+def leg_length(position: FloatArray, names: Sequence[str]) -> tuple[float, float]:
+    """Measure leg length and hip height, m.
+
+    The leg is from hip over knee to ankle.
+
+    Means of both legs; NaN where the names show no whole leg.
+
+    Parameters
+    ----------
+    position : ndarray, shape (T, P, 3)
+        In m, no NaN.
+    names : sequence of str, length P
+        Point names.
+    """
+    words = [plain_word(bare_name(name)) for name in names]
+    joints = JOINTS_OF_BONES if starts_bones(set(words)) else MARKERS_OF_JOINTS
+    words = [re.sub(r"\d+$", "", word) for word in words]
+    lengths, hips = [], []
+    for side in ("left", "right"):
+        sided = [{start + name for name in one.split() for start in (side, side[0])} for one in joints]
+        points = [[i for i, word in enumerate(words) if word in allowed] for allowed in sided]
+        if all(points):
+            hip, knee, ankle = (position[:, these].mean(axis=1) for these in points)
+            bones = (np.linalg.norm(hip - knee, axis=1), np.linalg.norm(knee - ankle, axis=1))
+            lengths.append(sum(float(np.median(bone)) for bone in bones))
+            hips.append(float(np.median(hip[:, 2])))
+    return (float(np.mean(lengths)), float(np.mean(hips))) if lengths else (float("nan"), float("nan"))
+
+
+def _withers(z: FloatArray, names: Sequence[str], parts: Sequence[str]) -> float:
+    """Return the height of the withers above the lower fore paw, m.
+
+    The median over the frames in which the animal stands. Without a point of that name the highest point of the trunk
+    counts, which is near them; without fore paws, the floor at z = 0. A sofa or a table below the animal then adds
+    nothing.
+    """
+    trunk = [i for i, part in enumerate(parts) if part == "trunk"]
+    named = [i for i in trunk if "withers" in plain_word(bare_name(names[i]))]
+    fore = [i for i, part in enumerate(parts) if part.endswith("_fore_paw")]
+    above = z[:, named or trunk].max(axis=1) - (z[:, fore].min(axis=1) if fore else 0.0)
+    return float(np.median(above[above >= UPRIGHT * np.percentile(above, 95)]))

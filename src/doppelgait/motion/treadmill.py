@@ -1,0 +1,111 @@
+"""Recordings from a treadmill: belt speed and motion over ground."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.core.errors import MotionError
+from doppelgait.motion.motion import Motion
+from doppelgait.motion.skeleton import FOOT_PARTS
+
+FloatArray = npt.NDArray[np.float64]
+
+LOW = 0.1
+"""A foot is on the ground in the lowest 10 % of its range of height (5th to 95th percentile)."""
+SLOWEST_BELT_MPS = 0.2
+DISAGREEMENT = 0.15
+"""The feet's velocities differ by less than this part of the belt speed (1 % for the horse of the Vienna data)."""
+DRIFT = 0.2
+"""The body itself moves at less than this part of the belt speed."""
+
+
+def belt_velocity_mps(position: FloatArray, parts: Sequence[str], *, rate_hz: float) -> FloatArray | None:
+    """Measure the velocity of a treadmill belt, shape (2,).
+
+    It is the median velocity of the feet while they are low, where all feet agree and the body keeps its place.
+
+    Parameters
+    ----------
+    position : ndarray, shape (T, P, 3)
+        In m, z up, no NaN.
+    parts : sequence of str, length P
+        Body part of each point; feet must be known on both sides.
+    rate_hz : float
+        Frames per second.
+
+    Returns
+    -------
+    ndarray or None
+        Horizontal velocity in m/s; None for a body that moves over the ground or stands, and where the feet are
+        unknown.
+    """
+    feet: dict[str, list[int]] = {}
+    for i, part in enumerate(parts):
+        if part in FOOT_PARTS:
+            feet.setdefault(part, []).append(i)
+    if len(feet) < 2 or len(position) < 3:
+        return None
+    on_belt = []
+    for points in feet.values():
+        path = position[:, points].mean(axis=1)
+        low, high = np.percentile(path[:, 2], (5, 95))
+        velocity = np.gradient(path[:, :2], 1.0 / rate_hz, axis=0)
+        on_belt.append(np.median(velocity[path[:, 2] <= low + LOW * (high - low)], axis=0))
+    belt = np.mean(on_belt, axis=0)
+    speed = float(np.hypot(*belt))
+    net = position[-1, :, :2].mean(axis=0) - position[0, :, :2].mean(axis=0)
+    drift = float(np.hypot(*net)) * rate_hz / (len(position) - 1)
+    apart = float(np.linalg.norm(np.array(on_belt) - belt, axis=1).max())
+    is_belt = speed >= SLOWEST_BELT_MPS and apart < DISAGREEMENT * speed and drift < DRIFT * speed
+    return belt if is_belt else None
+
+
+def move_over_ground(motion: Motion) -> Motion:
+    """Return a treadmill motion as it would be over the ground.
+
+    The measured velocity of the belt is subtracted from all points.
+
+    Parameters
+    ----------
+    motion : Motion
+        Cleaned motion on a treadmill.
+
+    Raises
+    ------
+    MotionError
+        If the feet show no belt.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import doppelgait as dg
+    >>> from doppelgait.motion.treadmill import move_over_ground
+    >>> walk = dg.motion.human_gait(speed_mps=1.3, height_m=1.8, duration_s=4.0, rate_hz=120)
+    >>> belt = walk.with_positions(walk.position_m - 1.3 * walk.time_s[:, np.newaxis, np.newaxis] * [1.0, 0.0, 0.0])
+    >>> round(float(move_over_ground(belt).report["belt_speed_mps"]), 1)
+    1.3
+    """
+    position, rate = motion.position_m, motion.rate_hz
+    belt = belt_velocity_mps(position, motion.parts, rate_hz=rate)
+    if belt is None:
+        raise MotionError(
+            f"{motion.label}: its feet show no treadmill belt (named feet of both sides that move back together at "
+            f"{SLOWEST_BELT_MPS:g} m/s or more while the body keeps its place); leave out treadmill = true"
+        )
+    elapsed_s = np.arange(len(position))[:, np.newaxis] / rate
+    moved = position.copy()
+    moved[:, :, :2] -= (elapsed_s * belt)[:, np.newaxis]
+    notes = [note for note in motion.report.get("notes", []) if note != belt_note(belt)]
+    return motion.with_positions(moved).with_report(belt_speed_mps=math.hypot(*belt), notes=notes)
+
+
+def belt_note(belt: FloatArray) -> str:
+    """Return the note that a recording was made on a treadmill."""
+    return (
+        f"walks on a treadmill: the feet on the belt move back at {math.hypot(*belt):.2f} m/s while the body keeps its "
+        "place; treadmill = true reads it as motion over the ground"
+    )

@@ -1,0 +1,232 @@
+"""Contract checks of features, classifiers and exporters."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from doppelgait.testing.contracts import require, require_close
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from doppelgait.dataset import Dataset
+
+
+def check_feature(name: str) -> None:
+    """Check that a feature keeps its contract.
+
+    The contract is that of :data:`doppelgait.features.FEATURES`.
+
+    Parameters
+    ----------
+    name : str
+        Its name in the group of features.
+
+    Raises
+    ------
+    AssertionError
+        If a rule is broken: registration, a plain number or None, the same value for
+        the same signature, a signature that is left alone, no dependence on the level of the signal, no value
+        without a signal.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> dg.testing.check_feature("limb_share")
+    """
+    from dataclasses import replace
+
+    from doppelgait.core.plugins import Plugin
+    from doppelgait.features import FEATURES, Observed
+    from doppelgait.pipeline.target import observe
+    from doppelgait.processing import Analysis
+
+    label = f"feature {name!r}"
+    require(name in FEATURES, f"{label} is not registered; known are {', '.join(FEATURES)}")
+    feature: Plugin[Any] = FEATURES[name]
+    needs = feature.facts.get("needs", ())
+
+    def measure(observed: Observed) -> float | None:
+        if observed.lacks(needs):
+            return None
+        before = observed.power_v2.copy(), observed.aligned.values.copy()
+        value = feature.run(observed)
+        unchanged = np.array_equal(before[0], observed.power_v2) and np.array_equal(before[1], observed.aligned.values)
+        require(unchanged, f"{label}: changes the signature")
+        text = f"{label}: gives {value!r}; it must be a number or None"
+        require(value is None or (isinstance(value, int | float | np.number) and np.ndim(value) == 0), text)
+        return None if value is None else float(value)
+
+    mu = _walking_signature()
+    first, louder = (observe(mu.copy(data=mu.values * gain), Analysis())[0] for gain in (np.float32(1), np.float32(4)))
+    value = measure(first)
+    fresh = measure(observe(mu, Analysis())[0])
+    require(_same_number(value, measure(first)) and _same_number(value, fresh), f"{label}: changes from call to call")
+    text = f"{label}: four times the power changes {value} to"
+    require(_same_number(value, loud := measure(louder)), f"{text} {loud}")
+    if "set_f" in feature.facts:
+        return
+    empty = replace(first, extraction=replace(first.extraction, torso_doppler_hz=None))
+    require(empty.lacks(needs) is not None, f"{label}: is measured without a signal")
+
+
+def _same_number(one: float | None, other: float | None) -> bool:
+    if one is None or other is None:
+        return one is other
+    return math.isclose(one, other, rel_tol=1e-3, abs_tol=1e-6) or (math.isnan(one) and math.isnan(other))
+
+
+@lru_cache(maxsize=1)
+def _walking_signature() -> xr.DataArray:
+    """Simulate the signature of a walk inside the frame.
+
+    Computed at the lossless hop.
+    """
+    from doppelgait.core.rng import Streams
+    from doppelgait.motion import boulic_walk
+    from doppelgait.pipeline import analyze, simulate
+    from doppelgait.radar import Radar
+    from doppelgait.scene import Scene, Target
+
+    scene = Scene([Target(boulic_walk(speed_mps=1.3, duration_s=3.1), label="human", range_m=6.0)], duration_s=3.0)
+    recording = simulate(scene, Radar.preset("x4"), rng=Streams(5), snr_db=25.0, angles=False)
+    return analyze(recording, gate="truth")[0].signature
+
+
+def check_classifier(name: str, *, seed: int = 0) -> None:
+    """Check that a classifier keeps its contract.
+
+    The contract is that of :class:`doppelgait.classify.training.Trainer`.
+
+    Parameters
+    ----------
+    name : str
+        Its name in the group of classifiers.
+    seed : int
+        Seed of the artificial rows.
+
+    Raises
+    ------
+    AssertionError
+        If a rule is broken: registration, a result in one of the forms that a model file keeps, probabilities of two
+        and of three classes, unknown values, no held-out rows, the same model for the same seed, inputs left alone,
+        classes that are easily separated.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> dg.testing.check_classifier("six-logistic")
+    """
+    from doppelgait.classify.learned import Constant, Linear, Network, Part, Trees
+    from doppelgait.classify.training import CLASSIFIERS
+
+    label = f"classifier {name!r}"
+    require(name in CLASSIFIERS, f"{label} is not registered; known are {', '.join(CLASSIFIERS)}")
+    train = CLASSIFIERS[name].run
+    features, baseline = CLASSIFIERS[name].facts.get("features"), CLASSIFIERS[name].facts.get("baseline", False)
+    known = ("six", "extended", "speed", "signature", "nuisance", "nothing")
+    text = f"{label}: the fact features is {features!r}; allowed are {', '.join(known)}"
+    require(features in known, text)
+    for n_classes in (2, 3):
+        rows, held = (_classifier_rows(str(features), n_classes, number, seed) for number in (48, 24))
+        before: list[Any] = [None if row is None else np.array(row, copy=True) for row in rows.values]
+        learned = train(rows, held, n_classes=n_classes, seed=1)
+        forms = Constant | Linear | Trees | Network
+        require(isinstance(learned, forms), f"{label}: gives {type(learned).__name__}, not one of {forms}")
+        same = [
+            (one is None and other is None) or np.array_equal(one, other, equal_nan=True)
+            for one, other in zip(before, rows.values, strict=True)
+        ]
+        require(all(same), f"{label}: training changes its inputs")
+        found = learned.log_probability(held.values)
+        shape = (held.labels.size, n_classes)
+        require(found.shape == shape, f"{label}: log_probability gives the shape {found.shape}, not {shape}")
+        require(np.isfinite(found).all(), f"{label}: a log-probability is not finite")
+        require_close(
+            np.exp(found).sum(axis=1), np.ones(len(found)), f"{label}: probabilities do not add up to 1", 1e-6
+        )
+        again = train(rows, held, n_classes=n_classes, seed=1).log_probability(held.values)
+        require(np.array_equal(found, again), f"{label}: the same seed and rows give another model")
+        empty = Part(held.values[:0], held.labels[:0])
+        alone = train(rows, empty, n_classes=n_classes, seed=1).log_probability(held.values)
+        require(np.isfinite(alone).all(), f"{label}: without held-out rows a log-probability is not finite")
+        if not baseline:
+            whole = np.array([row is not None and not np.isnan(row[:1]).any() for row in held.values])
+            right = float((found.argmax(axis=1) == held.labels)[whole].mean())
+            require(right > 0.8, f"{label}: only {right:.0%} of rows right, where the classes are far apart")
+
+
+def _classifier_rows(features: str, n_classes: int, count: int, seed: int) -> Any:
+    """Make rows of well-separated classes, a few with missing values."""
+    from doppelgait.classify.learned import Part
+    from doppelgait.classify.patches import Patch
+
+    rng = np.random.default_rng([seed, n_classes, count])
+    labels = np.arange(count, dtype=np.int64) % n_classes
+    if features == "signature":
+        patch = Patch()
+        values = np.empty(count, dtype=object)
+        band = patch.n_velocity // (n_classes + 1)
+        for number, label in enumerate(labels):
+            levels = rng.uniform(0.0, 0.2, (patch.n_velocity, patch.n_time)).astype(np.float32)
+            levels[: band * (label + 1)] += np.float32(0.7)
+            values[number] = levels
+        values[-1] = None
+        return Part(values, labels)
+    width = {"six": 6, "extended": 9, "speed": 1, "nuisance": 5, "nothing": 0}[features]
+    table = rng.standard_normal((count, width)) + 6.0 * labels[:, None]
+    if width > 1:
+        table[rng.random(table.shape) < 0.05] = np.nan
+        table[:, -1] = np.nan  # never known
+    return Part(table, labels)
+
+
+def check_exporter(kind: str, dataset: Dataset) -> None:
+    """Check that an exporter keeps its contract.
+
+    The contract is that of :data:`doppelgait.dataset.export.EXPORTERS`.
+
+    Parameters
+    ----------
+    kind : str
+        Its name in the group of exporters.
+    dataset : Dataset
+        A dataset with rows that keeps the fields that the exporter needs.
+
+    Raises
+    ------
+    AssertionError
+        If a rule is broken: registration, parameters with defaults, the number of rows that are done, files that do not
+        depend on when they are written, nothing outside of the folder.
+    """
+    from doppelgait.core.files import file_sha256
+    from doppelgait.dataset.export import EXPORTERS, export_dataset
+
+    def hashes(folder: Path) -> dict[str, str]:
+        return {str(p.relative_to(folder)): file_sha256(p) for p in sorted(folder.rglob("*")) if p.is_file()}
+
+    name = f"exporter {kind!r}"
+    require(kind in EXPORTERS, f"{name} is not registered; known are {', '.join(EXPORTERS)}")
+    parameters = EXPORTERS.parse(kind)  # all of them need a default
+    require(EXPORTERS.parse(parameters.model_dump(mode="json")) == parameters, f"{name}: other parameters after JSON")
+    require(len(dataset) > 0, f"{name}: the dataset of the check has no rows")
+    before = hashes(dataset.directory)
+    with TemporaryDirectory() as folder:
+        found, done = [], {"rows": 0}
+        for attempt in ("one", "two"):
+            done["rows"] = 0
+            report = export_dataset(
+                dataset, Path(folder) / attempt, form=kind, on_progress=lambda rows, _: done.update(rows=rows)
+            )
+            require(done["rows"] == len(dataset), f"{name}: counts {done['rows']} of {len(dataset)} rows as done")
+            require(report.n_files > 2, f"{name}: writes no file")
+            require(sorted(p.name for p in Path(folder).iterdir())[-1] == attempt, f"{name}: leaves files elsewhere")
+            found.append(hashes(Path(folder) / attempt))
+        require(found[0] == found[1], f"{name}: the same dataset gives other files")
+    require(hashes(dataset.directory) == before, f"{name}: changes the dataset")

@@ -1,0 +1,80 @@
+"""Studies of recorded movers against the models: curves, halves, table."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from doppelgait.motion.models import human_gait
+from doppelgait.motion.models.human_curves import CURVES, measured_curve
+
+
+@pytest.fixture
+def mocap(shared):
+    return shared / "data" / "mocap"
+
+
+def test_a_model_read_as_a_recording_gives_its_own_curves():
+    from motion_curves import fit_tables
+    from recorded_motion import measure_cycle
+
+    walks = [human_gait(gait="walk", speed_mps=speed, duration_s=6.0) for speed in (0.8, 1.1, 1.4, 1.6)]
+    cycles = [measure_cycle(walk) for walk in walks]
+    for walk, cycle in zip(walks, cycles, strict=True):
+        assert cycle.stride_s == pytest.approx(1 / walk.facts.stride_frequency_hz, rel=0.002)
+        assert cycle.leg_m == pytest.approx(0.491 * 1.75, rel=1e-3)
+    tables = fit_tables(cycles)
+    middle = np.mean([cycle.dimensionless_speed for cycle in cycles])
+    for name in ("pelvis_speed", "neck_speed"):
+        mean, _ = tables[name]
+        own = measured_curve("walk", name, middle)(np.arange(10) / 20)
+        shift = min(
+            np.abs(np.roll(own, step) - mean).max() for step in (0, 1)
+        )  # the ankle passes 0.75 V a little later
+        assert shift < 0.05
+
+
+@pytest.mark.shared
+def test_halves_split_people_and_not_clips(mocap):
+    from recorded_motion import find_clips, is_tuning
+
+    halves = {}
+    for clip in find_clips(mocap):
+        if clip.file.startswith("clinic/"):
+            halves.setdefault(clip.file.split("/")[1].split("_")[0], set()).add(is_tuning(clip, mocap))
+    assert len(halves) == 23
+    assert all(len(half) == 1 for half in halves.values())
+
+
+@pytest.mark.shared
+def test_the_tables_of_the_model_are_those_of_the_tuning_half(mocap):
+    from motion_curves import fit_tables, is_tuning
+    from recorded_motion import find_clips, measure_cycle
+
+    from doppelgait.core.errors import DoppelgaitError
+
+    cycles = []
+    for clip in find_clips(mocap):
+        if clip.gait == "run" and is_tuning(clip, mocap):
+            try:
+                cycles.append(measure_cycle(clip.read(mocap)))
+            except DoppelgaitError:
+                continue
+    for name, (mean, _) in fit_tables([cycle for cycle in cycles if cycle is not None]).items():
+        stored = np.array(CURVES["run", name][0])
+        assert np.abs(mean - stored).max() <= 0.03 * np.abs(stored).max()
+
+
+def test_the_table_gives_differences_in_pooled_standard_deviations():
+    from motion_comparison import FEATURES, summarise
+
+    rng = np.random.default_rng(1)
+    rows = [
+        {"mover": "walk", "half": "held", "source": source, **{name: rng.normal(mean, 0.5) for name in FEATURES}}
+        for source, mean in (("recorded", 2.0), ("model", 1.0))
+        for _ in range(4000)
+    ]
+    table = summarise(pd.DataFrame(rows))
+    assert set(table["feature"]) == set(FEATURES)
+    np.testing.assert_allclose(table["difference_sd"], 2.0, atol=0.1)
