@@ -22,7 +22,7 @@ from doppelgait.core.interrupt import raise_if_stopped, without_ctrl_c
 from doppelgait.core.worker import WORKER_ENVIRONMENT, prepare_worker, worker_environment
 
 if TYPE_CHECKING:
-    from distributed import Client
+    from distributed import Client, LocalCluster
     from distributed import Future as DaskFuture
 
     from doppelgait.dataset.plan import Shard
@@ -223,17 +223,26 @@ def _client(address: str, workers: int) -> Iterator[Client]:
         else:
             stack.enter_context(worker_environment())  # a worker that dies is started again, in any moment of the block
             stack.enter_context(dask.config.set({"distributed.nanny.pre-spawn-environ": WORKER_ENVIRONMENT}))
-            cluster = stack.enter_context(
-                LocalCluster(
-                    n_workers=workers, threads_per_worker=1, memory_limit=MEMORY_LIMIT // workers, preload=PRELOAD,
-                    dashboard_address=None, worker_dashboard_address=None, silence_logs=logging.CRITICAL,
-                )
+            cluster = LocalCluster(
+                n_workers=workers, threads_per_worker=1, memory_limit=MEMORY_LIMIT // workers, preload=PRELOAD,
+                dashboard_address=None, worker_dashboard_address=None, silence_logs=logging.CRITICAL,
             )  # fmt: skip
+            stack.callback(_close_cluster, cluster)
         try:
             client = Client(cluster, timeout=CONNECT_SECONDS)
         except OSError as error:
             raise ConfigError(f"executor dask://{address}: no Dask scheduler answers there: {error}") from None
         yield stack.enter_context(client)
+
+
+def _close_cluster(cluster: LocalCluster) -> None:
+    """Close a local cluster.
+
+    Dask may trip over a worker that dies or starts at that moment, or that a busy machine is slow to end. The build's
+    own outcome counts then; such a worker ends with this process at the latest.
+    """
+    with suppress(Exception):
+        cluster.close()
 
 
 EXECUTORS = ("serial", "processes", "dask", "dask://HOST:PORT")

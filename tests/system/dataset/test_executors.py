@@ -109,6 +109,19 @@ def test_workers_that_always_die_end_the_build_with_one_error(executor, monkeypa
         list(run_shards(killed_always, shards(2), executor=executor, workers=2))
 
 
+def test_a_cluster_that_does_not_close_does_not_hide_what_the_build_says(monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    close = distributed.LocalCluster.close
+
+    def close_with_an_error(cluster):
+        close(cluster)
+        raise AssertionError("can only join a started process")
+
+    monkeypatch.setattr("distributed.LocalCluster.close", close_with_an_error)
+    with pytest.raises(OutputError, match="No space left"):
+        list(run_shards(no_space, shards(2), executor="dask", workers=2))
+
+
 def test_only_a_few_shards_are_under_way_at_a_time(tmp_path):
     results = run_shards(partial(started, folder=str(tmp_path)), shards(60), executor="processes", workers=2)
     next(results)
