@@ -7,9 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import find_peaks
 
 from doppelgait.motion.models import quadruped_gait
 from doppelgait.motion.models.quadruped_gaits import GAITS, froude_number, pick_gait, stride_length_m
+from doppelgait.motion.readers import read
 
 pytestmark = pytest.mark.shared
 
@@ -68,3 +70,27 @@ def test_footfall_phases_of_the_symmetrical_gaits(
         model = (min(t for t in footfalls[foot] if t >= start - 1e-9) - start) * frequency_hz
         # Contacts of single segments are known to a frame or two: 0.03 to 0.05 strides.
         assert abs((model - measured + 0.5) % 1 - 0.5) < 0.05, foot
+
+
+@pytest.mark.parametrize(
+    ("gait", "speed_mps", "stride_hz", "lag"), [("walk", 1.58, 0.947, 0.24), ("trot", 2.88, 1.466, 0.46)]
+)
+def test_a_horse_strides_and_steps_as_the_recorded_one(
+    shared: Path, gait: str, speed_mps: float, stride_hz: float, lag: float
+) -> None:
+    found = []
+    for path in sorted((shared / "data/mocap/horse/vhdc-csv").glob(f"Horse1_M1_{gait}*.csv")):
+        motion = read(path, units="mm", treadmill=True)
+        x_m = {name: motion.position_m[:, list(motion.markers).index(name), 0] for name in ("Withers", "HFL", "HHL")}
+        ahead_s = {}
+        for hoof in ("HHL", "HFL"):
+            peaks, _ = find_peaks(x_m[hoof] - x_m["Withers"], prominence=0.3)
+            ahead_s[hoof] = motion.time_s[peaks]
+        stride_s = float(np.median(np.diff(ahead_s["HHL"])))
+        after_s = ahead_s["HFL"][ahead_s["HFL"] > ahead_s["HHL"][0]][0] - ahead_s["HHL"][0]
+        went_m = x_m["Withers"][-1] - x_m["Withers"][0]
+        found.append((went_m / motion.time_s[-1], 1 / stride_s, after_s / stride_s % 1))
+    assert np.mean(found, axis=0) == pytest.approx((speed_mps, stride_hz, lag), rel=0.06)
+    facts = quadruped_gait(build="horse", withers_m=1.28, gait=gait, speed_mps=speed_mps, duration_s=3.0).facts
+    assert facts.stride_frequency_hz == pytest.approx(stride_hz, rel=0.03)
+    assert facts.footfalls["left_fore"][0] * facts.stride_frequency_hz == pytest.approx(lag, abs=0.05)

@@ -1,4 +1,4 @@
-"""A dog or cat from footfalls.
+"""A dog, cat, horse or cow from footfalls.
 
 Paws stay where they land, the trunk heaves, the limbs are jointed.
 
@@ -79,9 +79,10 @@ class QuadrupedConfig(FrozenModel):
         ... or the Froude number that it follows from; without either the gait's usual one (trot 1, gallop 4).
     build : str
         Proportions, mass and usual size, a key of :data:`doppelgait.motion.models.quadruped_gaits.BUILDS`:
-        ``"standard"``, breeds of dog, ``"cat"``.
+        ``"standard"``, breeds of dog, ``"cat"``, ``"horse"``, ``"cow"``.
     withers_m : float, optional
-        Height of the withers when standing, 0.2 to 0.9; by default that of the build (standard 0.5).
+        Height of the withers when standing, 0.2 to 0.9, of a horse from 0.7 and a cow from 0.8 to 1.8; by default that
+        of the build (standard 0.5).
     start_phase : float
         Strides, 0 (left hind foot lands) to below 1.
     stride_variation : float
@@ -105,7 +106,7 @@ class QuadrupedConfig(FrozenModel):
     speed_mps: float | None = Field(None, gt=0)
     froude: float | None = Field(None, gt=0)
     build: BuildName = "standard"
-    withers_m: float | None = Field(None, ge=0.2, le=0.9)
+    withers_m: float | None = Field(None, gt=0)
     start_phase: float = Field(0.0, ge=0, lt=1)
     stride_variation: float = Field(0.0, ge=0, le=0.1)
     asymmetry: float = Field(0.0, ge=-0.05, le=0.05)
@@ -120,6 +121,12 @@ class QuadrupedConfig(FrozenModel):
             raise ValueError("give speed_mps or froude, not both")
         if self.gait == "auto" and self.speed_mps is None and self.froude is None:
             raise ValueError("gait: 'auto' goes by the speed: give speed_mps or froude, or name the gait")
+        lowest, highest = BUILDS[self.build].withers_range_m
+        if not lowest <= self.actual_withers_m <= highest:
+            raise ValueError(
+                f"withers_m: {self.actual_withers_m:g} is not allowed: {lowest:g} to {highest:g} m "
+                f"for a {BUILDS[self.build].species}"
+            )
         low, high, _ = GAITS[self.actual_gait].froude
         slowest, fastest = (froude_speed_mps(fr, self.hip_m) for fr in (low, high))
         if not slowest * (1 - 1e-9) <= self.actual_speed_mps <= fastest * (1 + 1e-9):
@@ -162,7 +169,7 @@ class QuadrupedConfig(FrozenModel):
 def quadruped_gait(
     *, duration_s: float = 5.0, rng: np.random.Generator | Streams | None = None, **parameters: Any
 ) -> Motion:
-    """Generate a dog or cat in one straight gait.
+    """Generate a four-legged animal in one straight gait.
 
     Stride length L = c h Fr^0.3 with Fr = V^2/(g h) and a dog's hip height h = 0.8 withers heights (Alexander and
     Jayes 1983; c from one measured dog, assumed for all); stride frequency f = V/L. A paw is on the ground, at rest,
