@@ -49,6 +49,18 @@ def test_a_head_is_measured_and_not_noted() -> None:
     assert not any("height" in note for note in whole.report["notes"])
 
 
+def test_a_skeleton_whose_head_is_the_lower_end_of_the_skull_is_as_high_as_its_legs_suggest() -> None:
+    bones = {"hip": "UpLeg", "knee": "Leg", "ankle": "Foot", "toe": "ToeBase"}
+    names = ["Head", "Spine", *(f"{side.title()}{bone}" for side in ("left", "right") for bone in bones.values())]
+    chosen = ["neck", "base", *(f"{side}_{joint}" for side in ("left", "right") for joint in bones)]
+    points = [WALK.markers.index(name) for name in chosen]
+    parts = ["head", *(WALK.parts[i] for i in points[1:])]
+    skeleton = WALK.with_points(WALK.position_m[:, points], names, parts).with_facts(height_m=math.nan)
+    cleaned = clean_motion(skeleton)
+    assert cleaned.facts.height_m == pytest.approx(1.75, rel=0.05)
+    assert any("joints of the head end at 1." in note for note in cleaned.report["notes"])
+
+
 @pytest.mark.parametrize("sofa_m", [0.0, 0.4])
 def test_withers_are_measured_above_the_animal_s_own_paws(sofa_m: float) -> None:
     walk = quadruped_gait(gait="walk", withers_m=0.5, duration_s=4.0)
@@ -90,3 +102,9 @@ def test_one_dog_has_one_withers_height_in_all_its_recordings(shared: Path) -> N
 def test_headless_recordings(shared: Path, name: str, height_m: float) -> None:
     found = read(shared / "data" / "mocap" / "human" / name).facts.height_m
     assert found == pytest.approx(height_m, abs=0.01, nan_ok=True)
+
+
+@pytest.mark.shared
+def test_a_skeleton_has_one_stature_whatever_the_posture(shared: Path) -> None:
+    files = sorted((shared / "data" / "mocap" / "human" / "bvh").glob("bandai2_*.bvh"))
+    assert [read(path).facts.height_m for path in files] == pytest.approx([1.631] * 14, abs=0.01)

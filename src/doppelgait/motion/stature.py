@@ -17,6 +17,8 @@ FloatArray = npt.NDArray[np.float64]
 
 LEG_SHARE = 0.245 + 0.246
 """Hip to knee plus knee to ankle over stature (Drillis and Contini 1966, as in Winter 2009, figure 4.1)."""
+SKULL_SHARE = 0.93
+"""Height of the eyes over stature (Drillis and Contini 1966): a skeleton's head that ends lower lacks the skull."""
 PERSON_M = (0.6, 2.4)
 UPRIGHT = 0.75
 """An animal stands where its withers are higher than this part of their 95th percentile: lying frames do not count. A
@@ -37,7 +39,8 @@ def measure_height(position: FloatArray, names: Sequence[str], parts: Sequence[s
     Also says how, where it is estimated.
 
     A person with a head is as high as the highest point of it, an animal as its withers above its own fore paws. A
-    person without a head is taken to be as high as the legs suggest, where hips, knees and ankles are known.
+    person without a head, or with one of joints that end below the eyes, is taken to be as high as the legs suggest,
+    where hips, knees and ankles are known.
 
     Parameters
     ----------
@@ -57,10 +60,17 @@ def measure_height(position: FloatArray, names: Sequence[str], parts: Sequence[s
     if "trunk" in parts:
         return _withers(z, names, parts), ""
     head = [i for i, part in enumerate(parts) if part == "head"]
-    if head:
-        return float(np.median(z[:, head].max(axis=1))), ""
     leg_m, hip_m = leg_length(position, names)
     height_m = leg_m / LEG_SHARE
+    if head:
+        top_m = float(np.median(z[:, head].max(axis=1)))
+        is_skeleton = starts_bones({plain_word(bare_name(name)) for name in names})
+        if not (is_skeleton and top_m < SKULL_SHARE * height_m < PERSON_M[1] and hip_m > UPRIGHT * leg_m):
+            return top_m, ""
+        return height_m, (
+            f"the joints of the head end at {top_m:.2f} m, below the top of the head of somebody with legs of "
+            f"{leg_m:.2f} m: height_m = {height_m:.2f} m is estimated from the legs"
+        )
     if PERSON_M[0] < height_m < PERSON_M[1] and hip_m > UPRIGHT * leg_m:
         return height_m, (
             f"no head among the points: height_m = {height_m:.2f} m is estimated from the legs, {leg_m:.2f} m from hip "
