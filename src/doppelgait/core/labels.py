@@ -62,6 +62,7 @@ SIGNATURE = Schema("signature", ("time", "doppler"), "V^2", extra={"velocity": "
 NORMALISED_SIGNATURE = Schema("normalised_signature", ("time", "doppler"), "1", extra={"velocity": "doppler"})
 CADENCE_MAP = Schema("cadence_map", ("cadence", "doppler"), "1", extra={"velocity": "doppler"})
 CADENCE_SPECTRUM = Schema("cadence_spectrum", ("cadence",), "1")
+SHARE_REMOVED = Schema("share_removed", ("time",), "1")
 
 SCATTERER_VARIABLES = {
     "range": "m",
@@ -118,7 +119,7 @@ def make_array(
         wanted = [name for name in (*schema.dims, *schema.extra) if name not in coords]
         variables |= {name: _copy_coordinate(like.coords.variables[name]) for name in wanted}
         indexes |= {name: like.xindexes[name] for name in wanted if name in like.xindexes}
-    array = xr.Variable(schema.dims, np.asarray(values), {"units": schema.units, **(attrs or {})})
+    array = label_values(schema.dims, values, {"units": schema.units, **(attrs or {})})
     for name, variable in variables.items():
         if any(array.sizes.get(dim) != size for dim, size in variable.sizes.items()):
             raise ValueError(f"coordinate {name!r} has {dict(variable.sizes)}, {schema.name} has {dict(array.sizes)}")
@@ -146,10 +147,23 @@ def with_values(
     facts = {**array.attrs, **({"units": schema.units} if schema is not None else {}), **(attrs or {})}
     if values.shape != array.shape:
         raise ValueError(f"values of shape {values.shape} do not fit coordinates of shape {array.shape}")
-    variable = xr.Variable(array.dims, values, facts)
+    variable = label_values(array.dims, values, facts)
     name = array.name if schema is None else schema.name
     coords = {name: _copy_coordinate(coordinate) for name, coordinate in array.coords.variables.items()}
     return _assemble_array(variable, coords, array.xindexes, name)
+
+
+def label_values(dims: Any, values: npt.ArrayLike, attrs: Mapping[str, Any] | None = None) -> xr.Variable:
+    """Make a variable of numbers or text.
+
+    Where Dask is installed, xarray's ordinary way imports it (0.3 s) to see whether the values are a Dask array.
+    """
+    return xr.Variable(dims, np.asarray(values), attrs, fastpath=True)
+
+
+def label_axis(name: str, values: npt.ArrayLike) -> xr.Variable:
+    """Make the coordinate of a dimension, with its unit and its index."""
+    return _label_coordinate(name, np.asarray(values))[0]
 
 
 def _copy_coordinate(coordinate: xr.Variable) -> xr.Variable:
@@ -180,9 +194,8 @@ def _label_coordinate(name: str, coordinate: Any) -> tuple[xr.Variable, PandasIn
     dims, values, attrs = (*coordinate, {})[:3] if isinstance(coordinate, tuple) else (name, coordinate, {})
     facts = {**attrs, **({"units": COORDINATE_UNITS[name]} if name in COORDINATE_UNITS else {})}
     if dims not in (name, (name,)):
-        return xr.Variable(dims, values, facts), None
-    plain = isinstance(values, np.ndarray) and values.dtype.kind == "f"
-    index = PandasIndex(pd.Index(values, name=name) if plain else values, name)
+        return label_values(dims, values, facts), None
+    index = PandasIndex(pd.Index(np.asarray(values), name=name), name)
     variable = index.create_variables()[name]
     variable.attrs = facts
     return variable, index

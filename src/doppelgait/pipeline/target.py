@@ -11,7 +11,7 @@ import xarray as xr
 
 from doppelgait import features as feature_layer
 from doppelgait import processing
-from doppelgait.core.labels import axis
+from doppelgait.core.labels import axis, with_values
 from doppelgait.features import Extraction, Observed, liland2018
 from doppelgait.features.extended import measure_extended
 from doppelgait.features.ground_motion import GroundMotion, ground_motion
@@ -155,7 +155,7 @@ def observe(mu: xr.DataArray, analysis: Analysis) -> tuple[Observed, xr.DataArra
     seconds = processing.observation_s(mu)
     peaks_hz, bin_hz = main_line.column_peaks_hz(mu), main_line.bin_width_hz(mu)  # found once for all lines
     straight = main_line.line_through(peaks_hz, bin_hz, order=1, tapered=True)
-    excess = mu.copy(deep=False, data=mu.values - np.float32(floor_v2))
+    excess = with_values(mu, mu.values - np.float32(floor_v2))
     aligned = normalised
     if main_line.drifts(main_line.line_through(peaks_hz, bin_hz, order=1)):
         line = main_line.line_through(peaks_hz, bin_hz, order=processing.line_order(seconds))

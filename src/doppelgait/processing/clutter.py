@@ -10,7 +10,15 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.labels import BASEBAND, axis, check_signal, sampling_rate_hz
+from doppelgait.core.labels import (
+    BASEBAND,
+    SHARE_REMOVED,
+    axis,
+    check_signal,
+    make_array,
+    sampling_rate_hz,
+    with_values,
+)
 from doppelgait.core.samples import Planes, Samples
 from doppelgait.processing.config import Analysis
 from doppelgait.processing.gate import Gate
@@ -94,7 +102,7 @@ def without_clutter(
     prf_hz = sampling_rate_hz(axis(baseband, "slow_time"))
     planes = Samples(baseband.values).planes
     cleaned = _clean_planes(planes, kind, prf_hz=prf_hz, time_s=time_s, cutoff_hz=cutoff_hz)
-    return baseband.copy(data=Samples.from_planes(cleaned, baseband.shape[0]).matrix)
+    return with_values(baseband, Samples.from_planes(cleaned, baseband.shape[0]).matrix)
 
 
 def remove_from_planes(planes: Planes, n_pulses: int, analysis: Analysis, *, prf_hz: float) -> Planes:
@@ -248,8 +256,7 @@ def share_removed(
     body = per_piece(np.einsum("in,in->i", _power(before.values - clutter), known))
     usable = (per_piece(known.sum(axis=1)) >= 0.5 * per_piece(inside.sum(axis=1))) & (body > 0)
     share = np.where(usable, np.maximum(1.0 - left / np.where(usable, body, 1.0), 0.0), np.nan)
-    coords = {"time": ("time", per_piece(times) / length, {"units": "s"})}
-    return xr.DataArray(share, dims="time", coords=coords, name="share_removed", attrs={"units": "1"})
+    return make_array(SHARE_REMOVED, share, {"time": per_piece(times) / length})
 
 
 def torso_share_removed(

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.labels import BASEBAND, axis, check_signal, sampling_rate_hz
+from doppelgait.core.labels import BASEBAND, axis, check_signal, sampling_rate_hz, with_values
 
 Values = npt.NDArray[np.complex64]
 ComplexArray = npt.NDArray[np.complex128]
@@ -92,7 +92,7 @@ def without_common_phase(baseband: xr.DataArray) -> xr.DataArray:
             trial = np.asarray(zone_values * turn[:, None], dtype=np.complex64)
             better = served & (_moments(trial)[1] < _moments(zone_values)[1])  # only bins that vary less for it
             zone_values[:, better] = trial[:, better]  # a view of ``turned``
-    return baseband.copy(data=turned)
+    return with_values(baseband, turned)
 
 
 def block_means(values: Values, block_pulses: int) -> ComplexArray:

@@ -314,4 +314,4 @@ def within_frame(signature: xr.DataArray) -> tuple[xr.DataArray, float]:
         )
     kept = signature.isel(time=slice(first, stop))
     scaled = kept.values / axis(kept, "gate_share")[:, None].astype(np.float32)
-    return kept.copy(data=scaled), float(share.mean())
+    return with_values(kept, scaled), float(share.mean())

@@ -12,7 +12,16 @@ import xarray as xr
 from doppelgait.core.config import canonical_json, validate
 from doppelgait.core.errors import DoppelgaitError, RecordingError
 from doppelgait.core.files import atomic_path
-from doppelgait.core.labels import BASEBAND, MOTION, SCATTERER_VARIABLES, SPACE, axis, make_array
+from doppelgait.core.labels import (
+    BASEBAND,
+    MOTION,
+    SCATTERER_VARIABLES,
+    SPACE,
+    axis,
+    label_axis,
+    label_values,
+    make_array,
+)
 from doppelgait.core.own_hdf5 import check_own
 from doppelgait.core.plugins import plugin
 from doppelgait.radar.parameters import Radar
@@ -169,12 +178,12 @@ def _read_truth(group: Any, slow_time_s: Any, number: int) -> TargetTruth:
         if name not in OPTIONAL_VARIABLES or name + UNIT_SUFFIX[SCATTERER_VARIABLES[name]] in group
     }
     scatterers = xr.Dataset(
-        {name: (dims, array, {"units": SCATTERER_VARIABLES[name]}) for name, array in values.items()},
+        {name: label_values(dims, array, {"units": SCATTERER_VARIABLES[name]}) for name, array in values.items()},
         coords={
-            "slow_time": ("slow_time", slow_time_s, {"units": "s"}),
-            "target": ("scatterer", np.full(shape[1], number)),
-            "marker": ("scatterer", np.array(markers, dtype=str)),
-            "part": ("scatterer", np.array(parts, dtype=str)),
+            "slow_time": label_axis("slow_time", slow_time_s),
+            "target": label_values("scatterer", np.full(shape[1], number)),
+            "marker": label_values("scatterer", np.array(markers, dtype=str)),
+            "part": label_values("scatterer", np.array(parts, dtype=str)),
         },
     )
     stored = {fact: group.attrs[fact] for fact in TRUTH_FACTS}

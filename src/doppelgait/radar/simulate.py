@@ -10,7 +10,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import AnalysisError, ConfigError, warn_caller
-from doppelgait.core.labels import BASEBAND, axis, make_array
+from doppelgait.core.labels import BASEBAND, axis, make_array, with_values
 from doppelgait.core.samples import Samples
 from doppelgait.core.units import velocity_to_doppler_hz
 from doppelgait.radar.link import noise_power_v2, scatterer_arrays
@@ -112,7 +112,7 @@ def add_noise(baseband: xr.DataArray, *, noise_power_v2: float, rng: np.random.G
 
     Takes a single 64-bit key from ``rng``; the value in a bin of a frame is a function of (key, frame, bin) only.
     """
-    return baseband.copy(data=noisy(baseband.values, noise_power_v2=noise_power_v2, rng=rng))
+    return with_values(baseband, noisy(baseband.values, noise_power_v2=noise_power_v2, rng=rng))
 
 
 def noisy(samples: npt.NDArray[Any], *, noise_power_v2: float, rng: np.random.Generator) -> npt.NDArray[np.complex64]:

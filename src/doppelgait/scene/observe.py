@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.labels import MOTION, SCATTERER_VARIABLES, SPACE, make_array
+from doppelgait.core.labels import MOTION, SCATTERER_VARIABLES, SPACE, label_axis, label_values, make_array
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import check_times, fit_centre, fit_spline, resample
 from doppelgait.radar.link import MIN_RANGE_M
@@ -177,13 +177,13 @@ def assemble(
     }  # fmt: skip
     return xr.Dataset(
         {
-            name: xr.Variable(("slow_time", "scatterer"), values[name], {"units": unit}, fastpath=True)
+            name: label_values(("slow_time", "scatterer"), values[name], {"units": unit})
             for name, unit in SCATTERER_VARIABLES.items()
             if name in values
         },
         coords={
-            "slow_time": xr.Variable("slow_time", times, {"units": "s"}, fastpath=True),
-            **{name: xr.Variable("scatterer", column, fastpath=True) for name, column in columns.items()},
+            "slow_time": label_axis("slow_time", times),
+            **{name: label_values("scatterer", column) for name, column in columns.items()},
         },
         attrs={} if placed.scene.receiver_position_m is None else {"bistatic": True},
     )

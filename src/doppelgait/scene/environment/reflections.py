@@ -16,7 +16,7 @@ from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError, warn_caller
-from doppelgait.core.labels import SCATTERER_VARIABLES, axis
+from doppelgait.core.labels import SCATTERER_VARIABLES, axis, label_values
 from doppelgait.core.plugins import plugin
 from doppelgait.radar.link import MIN_RANGE_M
 from doppelgait.scene.environment.materials import (
@@ -205,8 +205,8 @@ def add_images(
             rows = [np.char.add(added.astype(str), ending) for ending in endings]
         else:
             rows = [added, added]
-        coords[name] = xr.Variable("scatterer", np.concatenate([variable.values, *rows]), variable.attrs)
-    variables = {name: xr.Variable(DIMS, array, table[name].attrs) for name, array in values.items()}
+        coords[name] = label_values("scatterer", np.concatenate([variable.values, *rows]), variable.attrs)
+    variables = {name: label_values(DIMS, array, table[name].attrs) for name, array in values.items()}
     return xr.Dataset(variables, coords=coords, attrs=table.attrs)
 
 
