@@ -93,3 +93,19 @@ def test_another_scikit_learn_gives_one_clear_error(attribute, monkeypatch):
     rows = Part(np.random.default_rng(0).normal(size=(40, 3)), np.arange(40) % 2)
     with pytest.raises(DatasetError, match=f"scikit-learn .*{attribute}.*--models six-logistic"):
         train_boosting(rows, rows, n_classes=2, seed=0)
+
+
+def test_logistic_regression_separates_products_and_ratios():
+    """Two classes of hyperbolas x y = 1 and 1.5, which no plane between x and y separates."""
+    rng = np.random.default_rng(1)
+    labels = np.arange(400) % 2
+    x = np.exp(rng.uniform(-1.5, 1.5, 400))
+    y = np.where(labels, 1.5, 1.0) / x * np.exp(0.05 * rng.normal(size=400))
+    signed = rng.normal(size=400)
+    values = np.column_stack([x, y, signed])
+    values[::40, 0] = np.nan
+    model = train_logistic(Part(values, labels), Part(values[:0], labels[:0]), n_classes=2, seed=0)
+    assert (model.floor > 0).tolist() == [True, True, False]  # what can be negative has no logarithm
+    known = ~np.isnan(x) & ~np.isnan(values[:, 0])
+    assert ((model.log_probability(values).argmax(axis=1) == labels)[known]).mean() > 0.97
+    assert np.isfinite(model.log_probability(np.array([[0.0, -1.0, -5.0], [np.nan] * 3]))).all()

@@ -6,7 +6,7 @@ versions of the libraries.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,6 +35,14 @@ def log_softmax(scores: FloatArray) -> FloatArray:
     return np.asarray(shifted - np.log(np.exp(shifted).sum(axis=1, keepdims=True)))
 
 
+def log_from(values: Inputs, floor: FloatArray) -> FloatArray:
+    """Take the logarithm of features with a floor above 0, (n, d)."""
+    if not floor.size:
+        return np.asarray(values, dtype=np.float64)
+    raised = np.maximum(values, np.where(floor > 0, floor, -np.inf))  # NaN stays
+    return np.where(floor > 0, np.log(np.where(floor > 0, raised, 1.0)), raised)
+
+
 @dataclass(frozen=True, eq=False)
 class Constant:
     """Constant probabilities.
@@ -60,11 +68,14 @@ class Linear:
     Parameters
     ----------
     median : ndarray, shape (d,)
+        Of the logarithm where there is a floor.
     told : ndarray of int, shape (m,)
         Features with a further column that marks them as unknown.
     mean, scale : ndarray, shape (d + m,)
     weight : ndarray, shape (n_classes, d + m)
     bias : ndarray, shape (n_classes,)
+    floor : ndarray, shape (d,) or (0,)
+        A feature with a floor above 0 counts by its logarithm, from the floor up; empty: none does.
     """
 
     median: FloatArray
@@ -73,11 +84,12 @@ class Linear:
     scale: FloatArray
     weight: FloatArray
     bias: FloatArray
+    floor: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def log_probability(self, values: Inputs) -> FloatArray:
         """Return log-probabilities, shape (n, n_classes)."""
         unknown = np.isnan(values)
-        filled = np.where(unknown, self.median, values)
+        filled = np.where(unknown, self.median, log_from(values, self.floor))
         columns = np.hstack([filled, unknown[:, self.told].astype(np.float64)])
         return log_softmax((columns - self.mean) / self.scale @ self.weight.T + self.bias)
 

@@ -23,7 +23,8 @@ from doppelgait.core.files import atomic_path
 from doppelgait.features import FEATURE_UNITS
 
 FORMAT = "doppelgait-model"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
+"""2: a linear model has floors of logarithms; a file of version 1 has none."""
 SUFFIX = ".npz"
 MOST_BYTES = 256_000_000
 """Limit of all arrays together; models of doppelgait are far smaller."""
@@ -112,6 +113,8 @@ def load_model(path: str | Path) -> Model:
             learned: Learned = Network(kernels, scales, biases, arrays["weight"], arrays["bias"], spec)
         else:
             kind = KINDS[document["learned"]]
+            if kind is Linear:
+                arrays.setdefault("floor", np.zeros(0))
             learned = kind(**{part.name: arrays[part.name] for part in fields(kind)})
         slope, shift = float(arrays["calibration.slope"][0]), arrays["calibration.shift"]
         calibration = Calibration(slope, shift, int(document["calibration_rows"]))
@@ -199,6 +202,8 @@ def _check_linear(learned: Any, n_classes: int, n_features: int) -> None:
     _check_shape(learned.bias.shape, (n_classes,), "bias")
     for name in ("mean", "scale"):
         _check_shape(getattr(learned, name).shape, (columns,), name)
+    if learned.floor.size:
+        _check_shape(learned.floor.shape, (n_features,), "floor")
     if not (learned.scale > 0).all():
         raise ValueError("scale holds numbers that are not above 0")
     if learned.told.size and not (learned.told.min() >= 0 and learned.told.max() < n_features):

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from doppelgait.classify.learned import Constant, IntArray, Learned, Linear, Part, Trees
+from doppelgait.classify.learned import Constant, IntArray, Learned, Linear, Part, Trees, log_from
 from doppelgait.classify.model import class_weights
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.plugins import Group, plugin
@@ -56,6 +56,9 @@ BOOSTING = {
 """Chosen once, before any test set was used."""
 
 
+LOG_FLOOR = 0.03
+"""Smallest value that the logarithm tells apart, over the median; chosen on recordings of the tuning half."""
+
 _OTHER_TREES = (
     "scikit-learn {version} stores the trees of HistGradientBoostingClassifier in another form ({reason}); install "
     "another version, or train models without trees: --models six-logistic"
@@ -104,20 +107,26 @@ def train_majority(train: Part, held: Part, *, n_classes: int, seed: int) -> Con
 @plugin("classifier", "six-logistic", features="six", learner="logistic")
 @plugin("classifier", "extended-logistic", features="extended", learner="logistic")
 def train_logistic(train: Part, held: Part, *, n_classes: int, seed: int) -> Linear:
-    """Fit a logistic regression on standardised features."""
+    """Fit a logistic regression on standardised features.
+
+    Speeds, lengths and frequencies grow together with body and pace; by their logarithms a linear model sees ratios,
+    such as bandwidth over speed. So a feature that is never negative counts by its logarithm.
+    """
     from sklearn.impute import SimpleImputer
     from sklearn.linear_model import LogisticRegression
     from sklearn.preprocessing import StandardScaler
 
+    known = [column[~np.isnan(column)] for column in train.values.T]
+    floor = np.array([LOG_FLOOR * np.median(column) if column.size and column.min() >= 0 else 0.0 for column in known])
     imputer = SimpleImputer(strategy="median", add_indicator=True, keep_empty_features=True)
     scaler, model = StandardScaler(), LogisticRegression(max_iter=2000)
-    columns = scaler.fit_transform(imputer.fit_transform(train.values))
+    columns = scaler.fit_transform(imputer.fit_transform(log_from(train.values, floor)))
     model.fit(columns, train.labels, sample_weight=class_weights(train.labels, n_classes))
     weight, bias = model.coef_, model.intercept_
     if n_classes == 2:
         weight, bias = np.vstack([np.zeros_like(weight), weight]), np.array([0.0, bias[0]])
     told = np.asarray(imputer.indicator_.features_, dtype=np.int64)
-    return Linear(imputer.statistics_, told, scaler.mean_, scaler.scale_, weight, bias)
+    return Linear(imputer.statistics_, told, scaler.mean_, scaler.scale_, weight, bias, floor)
 
 
 @plugin("classifier", "six-boosting", features="six", learner="boosting")

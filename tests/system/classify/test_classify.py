@@ -14,7 +14,7 @@ from sklearn.ensemble import HistGradientBoostingClassifier
 from sklearn.impute import SimpleImputer
 from sklearn.linear_model import LogisticRegression
 from sklearn.pipeline import make_pipeline
-from sklearn.preprocessing import StandardScaler
+from sklearn.preprocessing import FunctionTransformer, StandardScaler
 from threadpoolctl import threadpool_limits
 
 from doppelgait.classify.data import rows_of, table_of
@@ -123,7 +123,16 @@ def test_plain_form_answers_as_sklearn_does(classes):
         expected = boosting.predict_proba(values[:, known])
     found = fit(Kind("six", "boosting"), train, nobody, n_classes=len(classes), seed=4)
     assert np.allclose(np.exp(found.log_probability(values)), expected, atol=1e-12)
+    floor = 0.03 * np.nanmedian(train.values[:, known], axis=0)  # all of them are above 0
+    assert np.nanmin(train.values[:, known]) > 0
+
+    def logarithms(inputs):
+        found = inputs.copy()
+        found[:, known] = np.log(np.maximum(inputs[:, known], floor))
+        return found
+
     logistic = make_pipeline(
+        FunctionTransformer(logarithms),
         SimpleImputer(strategy="median", add_indicator=True, keep_empty_features=True),
         StandardScaler(),
         LogisticRegression(max_iter=2000),
@@ -379,6 +388,20 @@ def test_weights_that_are_no_numbers_are_refused(found, tmp_path, name, value):
     path = save_model(found.models["six-logistic"], tmp_path / "m.npz")
     rewritten(path, lambda arrays: arrays[name].ravel().__setitem__(0, value))
     with pytest.raises(DatasetError, match=f"m.npz.*{name} holds"):
+        load_model(path)
+
+
+def test_a_linear_model_of_the_first_format_has_no_logarithms(found, tmp_path):
+    path = save_model(found.models["six-logistic"], tmp_path / "m.npz")
+    rewritten(path, lambda arrays: arrays.pop("floor"))
+    linear = load_model(path).learned
+    values = np.abs(np.random.default_rng(0).normal(size=(5, linear.median.size)))
+    columns = np.hstack([values, np.zeros((5, linear.told.size))])
+    scores = (columns - linear.mean) / linear.scale @ linear.weight.T + linear.bias
+    expected = scores - np.logaddexp.reduce(scores, axis=1, keepdims=True)
+    np.testing.assert_allclose(linear.log_probability(values), expected, rtol=1e-9, atol=1e-12)
+    rewritten(path, lambda arrays: arrays.update(floor=np.ones(2)))
+    with pytest.raises(DatasetError, match="floor has the shape"):
         load_model(path)
 
 
