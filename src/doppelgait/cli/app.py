@@ -26,6 +26,7 @@ from doppelgait.cli import (
 )
 from doppelgait.cli.output import say, show_warnings_plainly
 from doppelgait.core.errors import DoppelgaitError
+from doppelgait.core.worker import collect_garbage_rarely
 
 app = typer.Typer(
     name="doppelgait",
@@ -81,6 +82,7 @@ def main() -> None:
 
     A user's mistake is one paragraph on standard error and exit status 2, or 1 if the work failed.
     """
+    collect_garbage_rarely()
     show_warnings_plainly()
     try:
         app()
