@@ -1,12 +1,15 @@
 """Classification of people and dogs: trained on models, tested on motion capture.
 
-    python studies/classification.py MOTION_FOLDER OUT_FOLDER [--quick]
+    python studies/classification.py MOTION_FOLDER OUT_FOLDER [--share 0.05] [--ablation]
 
-MOTION_FOLDER holds recordings in its folders ``human`` and ``dog``, with subjects named as in :data:`SOURCES`. Datasets
-are built into OUT_FOLDER after ``plans/evidence.toml``; the report is
+MOTION_FOLDER holds recordings in its folders ``human``, ``clinic`` and ``dog``, with subjects named as in
+:data:`SOURCES`. Datasets are built into OUT_FOLDER after ``plans/evidence.toml``; the report is
 ``classification.md`` with its figures. The charter's conditions (:func:`easy`) were written down before any score.
 
 Complete datasets in OUT_FOLDER are taken as they are: empty it after a change of the package.
+
+The headline is the held half: people and the dog that the models were not made of (:func:`with_half`). ``--ablation``
+trains on variants of the plan (:data:`VARIANTS`) that lack one thing each.
 
 What learns: six features, all features, the network on signatures if torch is there; beside them chance, the nuisance
 parameters alone and the speed alone. Tested on are all straight stretches of all recordings, each several times.
@@ -18,13 +21,14 @@ import argparse
 import itertools
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
+from recorded_motion import Clip, is_tuning
 
 from doppelgait.classify.evaluate import Evaluation, evaluate
 from doppelgait.classify.scores import (
@@ -32,6 +36,7 @@ from doppelgait.classify.scores import (
     balanced_accuracy,
     balanced_interval,
     bin_edges,
+    clopper_pearson,
     condition_values,
     share_interval,
 )
@@ -44,22 +49,42 @@ from doppelgait.viz.style import new_figure
 PLAN = Path(__file__).parent / "plans" / "evidence.toml"
 DURATIONS_S = (1.0, 2.0, 4.0, 8.0)
 MAIN_S = 4.0
-SIZES = {"models": {MAIN_S: 1500}, "mocap": {MAIN_S: 500}}
-"""Examples of a class; of the other durations a third and a half of it."""
+SIZES = {"models": 1500, "mocap": 1500}
+"""Examples of a class; of the other durations and variants a third of it."""
 SOURCES = [
     {"files": "human/*/cmu_*", "subject": r"/(cmu_\d+)_", "licence": ""},
     {"files": "human/*/bandai2_*", "subject": "/(bandai2)_", "licence": ""},
+    {"files": "clinic/*", "subject": r"Subject([A-D]\d+)_", "licence": ""},
     {"files": "dog/*", "subject": "dog/([a-z]+)-", "licence": ""},
 ]
 """Who is who in the recordings; a file of none of these is a subject of its own."""
 CLASSES = [
-    {"label": "human", "motion": {"kind": "folder", "path": "human"}},
+    {"label": "human", "motion": {"choice": [{"kind": "folder", "path": path} for path in ("human", "clinic")]}},
     {"label": "dog", "motion": {"kind": "folder", "path": "dog"}},
 ]
+TUNING_DOG = "mann"
+"""The dog that the quadruped's curves were made of."""
+VARIATION = ("_sd", "_variation", "asymmetry")
+"""Endings of the parameters by which successive steps differ."""
+VARIANTS: dict[str, Callable[[dict[str, Any]], dict[str, Any] | None]] = {
+    "as planned": lambda motion: motion,
+    "walkers of Boulic alone": lambda motion: (
+        None if (motion["kind"], motion.get("gait")) == ("human", "walk") else motion
+    ),
+    "no walker of Boulic": lambda motion: None if motion["kind"] == "boulic" else motion,
+    "all steps alike": lambda motion: {k: v for k, v in motion.items() if not k.endswith(VARIATION)},
+    "trunk without ripple": lambda motion: motion | {"trunk_ripple": 0.0} if "trunk_ripple" in motion else motion,
+    "mean bodies": lambda motion: {k: v for k, v in motion.items() if k in BASIC or k.endswith(VARIATION)},
+    "no gallop": lambda motion: None if "gallop" in motion.get("gait", "") else motion,
+}
+"""Plans that lack one thing: what they make of each entry of a class; None leaves it out."""
+BASIC = ("kind", "gait", "speed_mps", "froude", "height_m", "withers_m", "start_phase")
 LEAST_PERIODS, WIDEST_DEG, LEAST_SNR_DB = 3.0, 30.0, 15.0
 FEATURE_MODELS = ("six-logistic", "six-boosting", "extended-logistic", "extended-boosting")
 """With each of the subjects left out in turn; the network would take half an hour more."""
-MODELS_ON_AXES = ("six-boosting", "extended-boosting", "signature-network", "speed")
+HALVES = ("held", "tuning")
+ABLATION_MODELS = ("extended-logistic", "extended-boosting")
+MODELS_ON_AXES = ("extended-logistic", "extended-boosting", "signature-network", "speed")
 
 
 def easy(index: pd.DataFrame) -> pd.Series:
@@ -74,15 +99,32 @@ def easy(index: pd.DataFrame) -> pd.Series:
     return (periods >= LEAST_PERIODS) & near & (index["quality_snr_mu_db"] >= LEAST_SNR_DB)
 
 
-def dataset(kind: str, duration_s: float, folder: Path, out: Path, *, share: float, clean: bool = False) -> Dataset:
+def with_half(index: pd.DataFrame, folder: Path) -> pd.DataFrame:
+    """Add the half of each recording to the index: held or tuning."""
+
+    def half(label: str, recording: str) -> str:
+        tuning = TUNING_DOG in recording if label == "dog" else is_tuning(Clip(recording, ""), folder)
+        return "tuning" if tuning else "held"
+
+    return index.assign(half=[half(*row) for row in zip(index["label"], index["recording"], strict=True)])
+
+
+def vary(table: dict[str, Any], variant: str) -> None:
+    """Change the motions of a plan to those of a variant."""
+    for section in table["classes"]:
+        changed = (VARIANTS[variant](dict(motion)) for motion in section["motion"]["choice"])
+        section["motion"] = {"choice": [motion for motion in changed if motion is not None]}
+
+
+def dataset(
+    kind: str, duration_s: float, folder: Path, out: Path, *, share: float, clean: bool = False, variant: str = ""
+) -> Dataset:
     """Build or resume one of the datasets."""
-    target = out / f"{kind}-{duration_s:g}s{'-clean' if clean else ''}"
+    target = out / "-".join(filter(None, (kind, f"{duration_s:g}s", clean * "clean", variant.replace(" ", "-"))))
     if (target / "dataset.json").is_file() and open_dataset(target).description.get("complete"):
         print(f"{target.name}: was there", flush=True)
         return open_dataset(target)
-    size = SIZES[kind][MAIN_S]
-    if duration_s != MAIN_S or clean:
-        size //= 3 if kind == "models" else 2
+    size = SIZES[kind] // (1 if duration_s == MAIN_S and not (clean or variant) else 3)
     plan, base = load_plan(PLAN, overrides=[
         f"scene.duration_s={duration_s}", f"dataset.examples_per_class={max(int(size * share), 20)}",
     ])  # fmt: skip
@@ -93,6 +135,10 @@ def dataset(kind: str, duration_s: float, folder: Path, out: Path, *, share: flo
         if clean:
             table["noise"] = {"kind": "none"}
         plan, base = validate(PlanConfig, table, where="evidence-mocap"), folder
+    elif variant:
+        table = plan.model_dump(mode="python")
+        vary(table, variant)
+        plan = validate(PlanConfig, table, where=variant)
     report = build_dataset(plan, target, folder=base, max_failed_share=0.02)
     print(f"{target.name}: {report.n_rows} rows, {report.n_built} made in {report.seconds:.0f} s", flush=True)
     return open_dataset(target)
@@ -176,6 +222,36 @@ def by_column(index: pd.DataFrame, columns: Sequence[str], names: Sequence[str])
     return lines
 
 
+def by_recording(index: pd.DataFrame, columns: Sequence[str], names: Sequence[str]) -> list[str]:
+    """Tabulate the recordings that are right in most of their rows, with exact intervals."""
+    lines = [f"| {' | '.join(columns)} | {' | '.join(names)} | wrong by {names[0]} |"]
+    lines.append("| --- " * (len(columns) + len(names) + 1) + "|")
+    for values, rows in index.groupby(list(columns), observed=True):
+        cells = []
+        for name in names:
+            right = rows.groupby("recording")[f"right:{name}"].mean() > 0.5
+            low, high = clopper_pearson(float(right.sum()), right.size)
+            cells.append(f"{right.sum()} of {right.size} ({percent(low)}-{percent(high)})")
+        share = rows.groupby("recording")[f"right:{names[0]}"].mean()
+        wrong = ", ".join(Path(recording).stem for recording in share.index[share <= 0.5])
+        lines.append(f"| {' | '.join(map(str, values))} | {' | '.join(cells)} | {wrong} |")
+    return lines
+
+
+def ablation(folder: Path, out: Path, tested: Dataset, *, share: float) -> list[str]:
+    """Tabulate what each variant of the plan is worth: balanced accuracy and recalls."""
+    lines = []
+    for variant in VARIANTS:
+        learnt = dataset("models", MAIN_S, folder, out, share=share, variant=variant)
+        rows = with_half(joined(evaluate(learnt, other=tested, models=ABLATION_MODELS), tested), folder)
+        rows = rows[easy(rows)]
+        parts = {half: rows[rows["half"] == half] for half in HALVES}
+        head, rule, *cells = main_table(parts, ABLATION_MODELS)
+        lines = lines or [f"| trained on {head}", f"| --- {rule}"]
+        lines += [f"| {variant} {line}" for line in cells]
+    return lines
+
+
 def speed_bins(index: pd.DataFrame) -> pd.DataFrame:
     """Add the ground speed in steps of 0.5 m/s to the index."""
     step = np.floor(index["truth_ground_speed_mps"] / 0.5) * 0.5
@@ -236,7 +312,7 @@ def errors_in_common(index: pd.DataFrame, name: str) -> list[str]:
     return lines
 
 
-def report(folder: Path, out: Path, *, share: float) -> list[str]:
+def report(folder: Path, out: Path, *, share: float, ablated: bool = False) -> list[str]:
     """Build, train and test; return the lines of the report."""
     began = time.monotonic()
     learnt = {s: dataset("models", s, folder, out, share=share) for s in DURATIONS_S}
@@ -248,24 +324,29 @@ def report(folder: Path, out: Path, *, share: float) -> list[str]:
     silent = joined(evaluate(learnt[MAIN_S], other=clean), clean)
     apart_found = evaluate(tested[MAIN_S], models=FEATURE_MODELS, left_out="subject")
     apart = joined(apart_found, tested[MAIN_S])
-    main, names = by_time[MAIN_S], list(found[MAIN_S].document["models"])
+    main, names = with_half(by_time[MAIN_S], folder), list(found[MAIN_S].document["models"])
     shown = [name for name in MODELS_ON_AXES if name in names]
     draw_curves(main, by_time, shown).savefig(out / "classification-curves.png", dpi=110)
     lines = ["# People and dogs told apart", "", f"{len(main)} rows tested, of {main['subject'].nunique()} movers.", ""]
-    lines += ["## Learnt from models, tested on motion capture", ""]
-    lines += main_table({"charter's conditions": main[easy(main)], "all rows": main, "no noise": silent}, names)
-    lines += ["", f"Rows under the charter's conditions: {int(easy(main).sum())}.", "", "By animal there:", ""]
-    lines += by_column(main[easy(main) & (main["label"] == "dog")], ["subject", "truth_gait"], shown)
-    lines += ["", "By gait and speed there:", ""]
-    lines += by_column(speed_bins(main[easy(main)]), ["label", "truth_gait", "speed"], shown)
+    lines += ["## Trained on models, tested on motion capture", ""]
+    under = main[easy(main)]
+    halves = {f"{half} half, charter's conditions": under[under["half"] == half] for half in HALVES}
+    lines += main_table({**halves, "both halves there": under, "all rows": main, "no noise": silent}, names)
+    lines += ["", f"Rows under the charter's conditions: {len(under)}.", "", "Recordings by gait there:", ""]
+    lines += by_recording(under, ["half", "label", "truth_gait"], shown)
+    lines += ["", "Rows by gait and speed there:", ""]
+    lines += by_column(speed_bins(under), ["half", "label", "truth_gait", "speed"], shown)
+    lines += ["", "Rows by mover there:", "", *by_column(under, ["label", "half", "subject"], shown)]
+    if ablated:
+        lines += ["", "## Ablation (a third of the examples, charter's conditions)", ""]
+        lines += ablation(folder, out, tested[MAIN_S], share=share)
     lines += ["", "## Motion capture in training, each subject left out in turn", ""]
     names_apart = [name for name in names if f"right:{name}" in apart]
     lines += main_table({"charter's conditions": apart[easy(apart)], "all rows": apart}, names_apart)
     lines += ["", "## Observation time (all rows)", ""]
     lines += main_table({f"{s:g} s": rows for s, rows in by_time.items()}, names)
     lines += ["", "## What the errors have in common (charter's conditions, then all)", ""]
-    best = shown[1] if len(shown) > 1 else shown[0]
-    lines += [*errors_in_common(main[easy(main)], best), "", *errors_in_common(main, best)]
+    lines += [*errors_in_common(under, shown[0]), "", *errors_in_common(main, shown[0])]
     done = time.monotonic()
     return [*lines, "", f"Datasets {built - began:.0f} s, training and scores {done - built:.0f} s."]
 
@@ -275,10 +356,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("motion_folder", type=Path)
     parser.add_argument("out", type=Path)
-    parser.add_argument("--quick", action="store_true", help="a twentieth of the examples")
+    parser.add_argument("--share", type=float, default=1.0, help="share of the examples, 0.02 to 1; 1 takes an hour")
+    parser.add_argument("--ablation", action="store_true", help="train on plans that lack one thing each, too")
     options = parser.parse_args(arguments)
     options.out.mkdir(parents=True, exist_ok=True)
-    lines = report(options.motion_folder.absolute(), options.out, share=0.05 if options.quick else 1.0)
+    lines = report(options.motion_folder.absolute(), options.out, share=options.share, ablated=options.ablation)
     (options.out / "classification.md").write_text("\n".join(lines) + "\n")
     print("\n".join(lines))
 
