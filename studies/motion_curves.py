@@ -2,7 +2,7 @@
 
     python studies/motion_curves.py MOTION_FOLDER
 
-Fits a straight line in V / sqrt(g l) to every harmonic of the curves of one half of the people, by subject, and prints
+Fits a straight line in sqrt(g l) / V to every harmonic of the curves of one half of the people, by subject, and prints
 the tables of ``doppelgait.motion.models.human_curves``.
 """
 
@@ -18,18 +18,27 @@ from recorded_motion import Cycle, find_clips, is_tuning, measure_cycle
 from doppelgait.core.errors import DoppelgaitError
 
 N_HARMONICS = 9
-TOUCHDOWN_SPEED = 0.75
-"""A foot lands where its ankle's forward speed over V falls through this."""
+LANDING_SPEED, LIFTING_SPEED = 0.45, 0.2
+"""A foot lands where its ankle's forward speed over V falls through the first: while the sole comes down about the heel
+the ankle still moves at 0.3 V to 0.4 V. It is lifted where the speed of its tip rises through the second, which is what
+smoothing leaves of its start from rest."""
 DECIMALS = {"pelvis_speed": 3, "neck_speed": 3, "ankle_speed": 2, "ankle_height": 3, "foot_pitch": 1}
 
 
 def landing_phase(cycle: Cycle) -> float:
     """Return the phase at which the foot lands after it is furthest ahead."""
-    speed = cycle.speed["own_ankle"]
-    for number in range(15):
-        if speed[number] >= TOUCHDOWN_SPEED > speed[number + 1]:
-            return (number + (speed[number] - TOUCHDOWN_SPEED) / (speed[number] - speed[number + 1])) / 100
-    return 0.025
+    return _crossing(-cycle.speed["own_ankle"], -LANDING_SPEED, 0)
+
+
+def lifting_phase(cycle: Cycle) -> float:
+    """Return the phase at which the tip of the foot leaves the floor."""
+    return _crossing(cycle.speed["own_tip"], LIFTING_SPEED, 20)
+
+
+def _crossing(curve: npt.NDArray[np.float64], level: float, first: int) -> float:
+    """Return the first phase from one on at which a curve rises through a level."""
+    number = first + int(np.flatnonzero((curve[first:-1] < level) & (curve[first + 1 :] >= level))[0])
+    return (number + float((level - curve[number]) / (curve[number + 1] - curve[number]))) / 100
 
 
 def curves_of(cycle: Cycle) -> dict[str, npt.NDArray[np.float64]]:
@@ -51,21 +60,24 @@ def curves_of(cycle: Cycle) -> dict[str, npt.NDArray[np.float64]]:
 
 def fit_tables(cycles: list[Cycle]) -> dict[str, tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]]:
     """Fit mean and slope of every curve, at 20 phases of a cycle or 10 of a step."""
-    middle = float(np.mean([cycle.dimensionless_speed for cycle in cycles]))
+    middle = float(np.mean([1 / cycle.dimensionless_speed for cycle in cycles]))
     harmonics: dict[str, list[tuple[float, npt.NDArray[np.complex128]]]] = {}
     for cycle in cycles:
         turn = np.exp(2j * np.pi * np.arange(N_HARMONICS + 1) * landing_phase(cycle))
         for name, curve in curves_of(cycle).items():
             found = np.fft.rfft(curve)[: N_HARMONICS + 1] / 50 * turn
             found[0] /= 2
-            harmonics.setdefault(name, []).append((cycle.dimensionless_speed - middle, found))
+            harmonics.setdefault(name, []).append((1 / cycle.dimensionless_speed - middle, found))
     tables = {}
     for name, rows in harmonics.items():
-        design = np.stack([np.ones(len(rows)), [speed for speed, _ in rows]], axis=1)
+        design = np.stack([np.ones(len(rows)), [slowness for slowness, _ in rows]], axis=1)
         fitted = np.linalg.lstsq(design, np.array([row for _, row in rows]), rcond=None)[0]
         n_phases = 20
         if name in ("pelvis_speed", "neck_speed"):  # the same in every step
             fitted[:, 0], fitted[:, 1::2], n_phases = 0, 0, 10
+            # people are not in phase: the mean of their amplitudes, not the smaller amplitude of their mean
+            sizes = np.linalg.lstsq(design, np.abs([row for _, row in rows]), rcond=None)[0][0]
+            fitted[:, 2:5:2] *= sizes[2:5:2] / np.abs(fitted[0, 2:5:2])
         phase = np.arange(n_phases) / 20
         turns = np.exp(2j * np.pi * np.outer(phase, np.arange(N_HARMONICS + 1)))
         mean, slope = (turns @ row for row in fitted)
@@ -91,10 +103,13 @@ def main() -> None:
         if usable and cycle is not None and cycle.speed["own_ankle"].max() < 4.5:  # a jump of the skeleton
             cycles[clip.gait].append(cycle)
     for gait, found in cycles.items():
-        speeds = [cycle.dimensionless_speed for cycle in found]
-        print(
-            f"{gait}: {len(found)} clips, V/sqrt(gl) {min(speeds):.2f}, mean {np.mean(speeds):.3f}, {max(speeds):.2f}"
-        )
+        speeds = np.array([cycle.dimensionless_speed for cycle in found])
+        middle = 1 / np.mean(1 / speeds)
+        print(f"{gait}: {len(found)} clips, V/sqrt(gl) {speeds.min():.2f}, mean {middle:.3f}, {speeds.max():.2f}")
+        tipped = [cycle for cycle in found if "own_tip" in cycle.speed]
+        shares = [lifting_phase(cycle) - landing_phase(cycle) for cycle in tipped]
+        slope, share = np.polyfit([1 / cycle.dimensionless_speed - 1 / middle for cycle in tipped], shares, 1)
+        print(f"  share on the ground: {share:.3f}, slope {slope:.3f}")
         for name, table in fit_tables(found).items():
             for row in table:
                 print(f"  {name}: " + ", ".join(f"{value:.{DECIMALS[name]}f}" for value in row))

@@ -11,7 +11,7 @@ from doppelgait.motion.models.boulic import LENGTHS, POINTS
 from doppelgait.motion.models.human import HumanConfig, human_gait, run_duty_factor, run_height_m, run_step_frequency_hz
 from doppelgait.motion.models.human_body import sample_person, segment_lengths
 from doppelgait.motion.models.human_curves import walk_duty
-from doppelgait.motion.models.human_feet import FOOT, HEEL, STANDING_RAD
+from doppelgait.motion.models.human_feet import ANKLE, FOOT, HEEL, MIDDLE, STANDING_RAD, TIP
 from doppelgait.motion.models.strides import step_series
 
 INDEX = {name: n for n, name in enumerate(POINTS)}
@@ -44,25 +44,26 @@ def points(motion, *names):
 
 
 def foot_points(motion, side):
-    """Heel, ankle and toe of a foot, (n, 3) each, and the pitch of its sole."""
+    """Heel, ankle and tip of a foot, (n, 3) each, and the pitch of its sole; heel and tip on its sole."""
     ankle, toe = np.moveaxis(points(motion, f"{side}_ankle", f"{side}_toe"), 1, 0)
     pitch = np.arctan2(toe[:, 2] - ankle[:, 2], toe[:, 0] - ankle[:, 0]) + STANDING_RAD
-    foot_m, height_m = (share * motion.facts.height_m for share in FOOT)
-    x = -HEEL * foot_m * np.cos(pitch) + height_m * np.sin(pitch)
-    z = -HEEL * foot_m * np.sin(pitch) - height_m * np.cos(pitch)
-    return ankle + np.stack([x, 0 * x, z], axis=1), ankle, toe, pitch
+    foot_m = FOOT[0] * motion.facts.height_m
+    x = -HEEL * foot_m * np.cos(pitch) + ANKLE * foot_m * np.sin(pitch)
+    z = -HEEL * foot_m * np.sin(pitch) - ANKLE * foot_m * np.cos(pitch)
+    tip = ankle + (toe - ankle) / MIDDLE - [0, 0, TIP * foot_m]
+    return ankle + np.stack([x, 0 * x, z], axis=1), ankle, tip, pitch
 
 
 def stance_speed_mps(motion, speed_mps):
-    """Speed of what is on the floor: the heel while the sole comes down, then the ankle, then the toe."""
+    """Speed of what is on the floor: the heel while the sole comes down, then the ankle, then the tip."""
     landings, share = motion.facts.footfalls, duty(motion, speed_mps)
     stride_s, time = 1 / motion.facts.stride_frequency_hz, motion.time_s
     speeds = []
     for side in ("left", "right"):
-        heel, ankle, toe, pitch = foot_points(motion, side)
+        heel, ankle, tip, pitch = foot_points(motion, side)
         for landed in landings[f"{side}_foot"]:
             stance = (time - landed) / stride_s
-            for point, on_floor in ((heel, pitch > 1e-9), (ankle, np.abs(pitch) < 1e-12), (toe, pitch < -1e-9)):
+            for point, on_floor in ((heel, pitch > 1e-9), (ankle, np.abs(pitch) < 1e-12), (tip, pitch < -1e-9)):
                 still = (stance > 0.01) & (stance < share - 0.01) & on_floor
                 still &= np.roll(still, 1) & np.roll(still, -1)
                 still[[0, -1]] = False
@@ -93,7 +94,7 @@ def test_segments_keep_their_lengths_and_nothing_is_below_the_floor(speed_mps):
     motion = gait(speed_mps)
     for a, b, bone in BONES:
         length_m = np.linalg.norm(np.diff(points(motion, a, b), axis=1), axis=2)
-        share = FOOT[0] if bone == "foot" else LENGTHS[bone]
+        share = MIDDLE * FOOT[0] if bone == "foot" else LENGTHS[bone]
         np.testing.assert_allclose(length_m, 1.75 * share, rtol=0, atol=1e-9, err_msg=f"{a} {b}")
     assert motion.position_m[:, :, 2].min() > -1e-12
 
@@ -134,7 +135,7 @@ def test_footfalls_are_when_the_foot_begins_to_stand(speed_mps):
 
 
 @pytest.mark.parametrize(
-    ("speed_mps", "steps_hz", "share"), [(2.5, 2.625, 0.381), (3, 2.75, 0.35), (4, 2.88, 0.30), (5, 3.0, 0.30)]
+    ("speed_mps", "steps_hz", "share"), [(2.5, 2.525, 0.381), (3, 2.65, 0.35), (4, 2.78, 0.30), (5, 2.92, 0.30)]
 )
 def test_a_run_has_the_usual_timing_and_flight(speed_mps, steps_hz, share):
     motion = gait(speed_mps, rate_hz=1000)
@@ -191,10 +192,10 @@ def test_auto_runs_above_two_metres_per_second_and_smaller_people_sooner():
 
 
 def test_steps_differ_as_asked():
-    asked = {"time_sd": 0.03, "length_sd": 0.02, "time_asymmetry": 0.1, "length_asymmetry": -0.06}
+    asked = {"time_sd": 0.03, "length_sd": 0.02, "time_asymmetry": 0.1}
     times, phases, way = step_series(10_000, stride_s=1.1, stride_m=1.4, rng=np.random.default_rng(5), **asked)
     left = np.mod(phases[1:], 1) == 0.5
-    for knots, mean, sd, asymmetry in ((times, 0.55, 0.03, 0.1), (way, 0.7, 0.02, -0.06)):
+    for knots, mean, sd, asymmetry in ((times, 0.55, 0.03, 0.1), (way, 0.7, 0.02, 0.0)):
         steps = np.diff(knots) / mean
         # 18,000 steps with correlation 0.5: standard error 0.7 % of a deviation and 0.0004 of a mean.
         assert steps[left].std() == pytest.approx(sd, rel=0.04)
@@ -242,6 +243,44 @@ def test_step_lengths_on_the_floor_differ_as_asked():
     assert mean * motion.facts.step_frequency_hz == pytest.approx(1.3, rel=0.01)
 
 
+def test_feet_that_land_unevenly_leave_the_trunk_even():
+    even, uneven = (human_gait(speed_mps=1.3, length_asymmetry=a, duration_s=4) for a in (0.0, 0.1))
+    np.testing.assert_allclose(points(uneven, "base")[..., :2], points(even, "base")[..., :2], atol=1e-12)
+    stride_m = 1.3 / even.facts.stride_frequency_hz
+    for side, ahead_m in (("left", 0.1 * stride_m / 8), ("right", -0.1 * stride_m / 8)):
+        frame = int(even.facts.footfalls[f"{side}_foot"][1] * even.rate_hz) + 40
+        moved = (points(uneven, f"{side}_ankle") - points(even, f"{side}_ankle"))[frame, 0]
+        np.testing.assert_allclose(moved, [ahead_m, 0, 0], atol=1e-9)
+
+
+def test_the_pace_drifts_slowly():
+    asked = {"stride_s": 1.0, "stride_m": 1.4, "pace_sd": 0.04, "rng": np.random.default_rng(4)}
+    times, _, way = step_series(20_000, **asked)
+    time, length = np.diff(times) / 0.5 - 1, np.diff(way) / 0.7 - 1
+    np.testing.assert_allclose(time, -length, atol=1e-6)
+    assert length.std() == pytest.approx(0.02, rel=0.08)
+    assert np.corrcoef(length[20:], length[:-20])[0, 1] == pytest.approx(0.95**20, abs=0.06)
+
+
+def test_one_side_of_trunk_and_arms_moves_more():
+    still = {"speed_mps": 1.3, "duration_s": 12 / human_gait(speed_mps=1.3).facts.stride_frequency_hz / 2}
+    ahead = points(human_gait(**still, trunk_asymmetry=0.8), "base")[:, 0, 0]
+    motion = human_gait(**still)
+    phase = motion.time_s * motion.facts.stride_frequency_hz
+    speed = np.gradient(ahead, motion.time_s) / 1.3 - 1
+    first, second = (np.abs(np.exp(-2j * np.pi * k * phase) @ speed) / speed.size * 2 for k in (1, 2))
+    assert first / second == pytest.approx(0.8 / 4, rel=0.02)
+    swings = [
+        np.ptp(
+            np.diff(points(human_gait(**still, arm_asymmetry=0.4), f"{side}_shoulder", f"{side}_elbow"), axis=1)[
+                :, 0, 0
+            ]
+        )
+        for side in ("left", "right")
+    ]
+    assert swings[0] / swings[1] == pytest.approx(1.2 / 0.8, rel=0.02)
+
+
 def test_asymmetry_is_exact_in_time():
     motion = human_gait(speed_mps=1.3, time_asymmetry=0.12, duration_s=10)
     left, right = (np.array(motion.facts.footfalls[f"{side}_foot"]) for side in ("left", "right"))
@@ -264,7 +303,9 @@ def test_standing_feet_stay_still_when_steps_differ():
             assert np.ptp(flat, axis=0).max() < 1e-9
     for a, b, bone in BONES:
         length_m = np.linalg.norm(np.diff(points(motion, a, b), axis=1), axis=2)
-        np.testing.assert_allclose(length_m, 1.75 * (FOOT[0] if bone == "foot" else LENGTHS[bone]), rtol=0, atol=1e-9)
+        np.testing.assert_allclose(
+            length_m, 1.75 * (MIDDLE * FOOT[0] if bone == "foot" else LENGTHS[bone]), rtol=0, atol=1e-9
+        )
 
 
 def test_step_series_begins_at_its_phase_and_needs_a_generator():
@@ -344,7 +385,15 @@ def test_people_are_drawn_as_cited():
     for key, mean, sd in (("trunk_ripple", 0.0, 0.2), ("arm_swing", 0.0, 0.4), ("walk_ratio", 0.0, 0.16)):
         logs = np.log([getattr(p, key) for p in adults])
         assert (np.median(logs), logs.std()) == (pytest.approx(mean, abs=0.02), pytest.approx(sd, rel=0.06))
-    assert np.std([p.swing_peak for p in adults]) == pytest.approx(0.24, rel=0.06)
+    for key, mean, sd in (
+        ("swing_peak", 1.0, 0.24), ("time_asymmetry", 0.0, 0.02), ("length_asymmetry", 0.0, 0.06),
+        ("arm_asymmetry", 0.15, 0.28), ("trunk_asymmetry", 0.0, 0.4),
+    ):  # fmt: skip
+        values = [getattr(p, key) for p in adults]
+        assert (np.mean(values), np.std(values)) == (pytest.approx(mean, abs=0.1 * sd), pytest.approx(sd, rel=0.06))
+    for key, middle, sd in (("step_time_sd", 0.025, 0.3), ("step_length_sd", 0.014, 0.7), ("pace_sd", 0.01, 0.5)):
+        logs = np.log([getattr(p, key) for p in adults])
+        assert (np.median(logs), logs.std()) == (pytest.approx(np.log(middle), abs=0.05), pytest.approx(sd, rel=0.08))
     for person in [*adults[:25], *seniors[:25], *children[:25]]:
         motion = human_gait(**person.parameters(), duration_s=0.5, rng=rng)
         assert np.isfinite(motion.position_m).all()
@@ -363,7 +412,16 @@ def test_people_are_drawn_as_cited():
         ({"step_time_sd": 0.5}, ["step_time_sd", "0.5", "0.1"]),
         ({"walk_ratio": 9}, ["walk_ratio", "9", "1.4"]),
         ({"duration_s": 0}, ["duration_s", "0"]),
-        ({"speed_mps": 2.5, "gait": "walk", "walk_ratio": 1.4, "length_asymmetry": 0.4}, ["too long", "walk_ratio"]),
+        (
+            {
+                "speed_mps": 2.5,
+                "walk_ratio": 1.4,
+                "gait": "walk",
+                "step_length_sd": 0.1,
+                "rng": np.random.default_rng(0),
+            },
+            ["too long", "walk_ratio"],
+        ),
     ],
 )
 def test_what_is_out_of_range_is_refused_with_the_value_and_the_range(options, expected):

@@ -8,6 +8,7 @@ import pytest
 
 from doppelgait.motion.models import human_gait
 from doppelgait.motion.models.human_curves import CURVES, measured_curve
+from doppelgait.motion.models.strides import autoregressive
 
 
 @pytest.fixture
@@ -33,6 +34,34 @@ def test_a_model_read_as_a_recording_gives_its_own_curves():
             np.abs(np.roll(own, step) - mean).max() for step in (0, 1)
         )  # the ankle passes 0.75 V a little later
         assert shift < 0.05
+
+
+def test_steps_of_a_model_are_measured_as_they_were_asked_for():
+    from step_variation import clean_deviations, correct_correlation, lag_one, lognormal_sd, measure_steps
+
+    rng = np.random.default_rng(2)
+    walk = human_gait(
+        speed_mps=1.3, duration_s=90, rate_hz=120, step_time_sd=0.025, step_length_sd=0.014, time_asymmetry=0.04,
+        length_asymmetry=0.08, rng=rng,
+    )  # fmt: skip
+    steps = measure_steps(walk)
+    free = np.array([steps.left.size - 2.0])
+    for values, sd, asymmetry in ((steps.time, 0.025, 0.04), (steps.length, 0.014, 0.08)):
+        deviation, sides = clean_deviations(values, steps.left)
+        variance = np.array([deviation[0] @ deviation[1]]) / free
+        assert np.sqrt(variance[0]) == pytest.approx(sd, rel=0.25)
+        np.testing.assert_allclose(sides, asymmetry, atol=0.008)
+    # people with 4 steps each whose deviations differ by 0.5: chance alone makes logarithms of variances scatter
+    sds = 0.02 * np.exp(0.5 * rng.standard_normal(4000))
+    clips = [clean_deviations(sd * rng.standard_normal((1, 6)), np.arange(6) % 2 == 0)[0][0] for sd in sds]
+    middle, spread = lognormal_sd(np.array([clip @ clip for clip in clips]) / 4, np.full(4000, 4.0))
+    assert (middle, spread) == (pytest.approx(0.02, rel=0.05), pytest.approx(0.5, rel=0.1))
+    left, shown = np.arange(6) % 2 == 0, []
+    for _ in range(2000):
+        values = autoregressive(200, rng, 0.6)[-6:]
+        shown.append(lag_one(clean_deviations(values[None], left)[0][0]))
+    assert np.mean(shown) < 0.45, "six steps look less alike than they are"
+    assert correct_correlation(np.array([np.mean(shown)]), [6] * 30)[0] == pytest.approx(0.6, abs=0.15)
 
 
 @pytest.mark.shared

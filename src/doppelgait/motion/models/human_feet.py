@@ -26,12 +26,20 @@ Advance = Callable[[FloatArray, int], FloatArray]
 
 STRETCH = 0.99
 """A leg is never straighter than this share of its length: a knee flexed by 16 degrees or more."""
-FOOT = (0.097, 0.034)
-"""Distance from ankle to toe and height of the ankle over the sole, as shares of the stature: medians of recordings."""
+FOOT = (0.108, 0.0252)
+"""Distance from the ankle to the tip of the toes and height of the ankle over it, as shares of the stature: means of
+recordings. The foot rises about the tip."""
+MIDDLE = 0.8
+"""Place of the point ``toe`` on the way from the ankle to the tip: midway between ball and tip, for it has the whole
+foot's cross section."""
 STANDING_RAD = math.asin(FOOT[1] / FOOT[0])
-"""Slope of the line from ankle to toe while the sole is flat."""
-HEEL = 0.5
-"""Distance from the heel to below the ankle over that from ankle to toe (assumed)."""
+"""Slope of the line from ankle to tip while the sole is flat."""
+ANKLE = 0.034 / FOOT[0]
+"""Height of the ankle over the sole, median of recordings, over the distance from ankle to tip."""
+TIP = ANKLE - FOOT[1] / FOOT[0]
+"""Height of the tip over the sole, likewise."""
+HEEL = 0.45
+"""Distance from the heel to below the ankle, likewise (assumed)."""
 LEVEL_RAD = math.radians(1.5)
 """A sole that is measured this near to level stands flat."""
 SWING_REACH = (0.75, 0.88)
@@ -73,8 +81,9 @@ class Style:
 
 
 def place_feet(
-    points_m: FloatArray, phase: FloatArray, advance: Advance, style: Style, size_m: Mapping[str, float]
-) -> FloatArray:
+    points_m: FloatArray, phase: FloatArray, advance: Advance, style: Style, size_m: Mapping[str, float],
+    left_ahead_m: float = 0.0,
+) -> FloatArray:  # fmt: skip
     """Put a figure on the floor with feet that stand still.
 
     Segment lengths stay.
@@ -90,7 +99,9 @@ def place_feet(
     style : Style
         The gait.
     size_m : mapping of float
-        ``thigh``, ``shank`` and ``foot``, the distance from ankle to toe.
+        ``thigh``, ``shank`` and ``foot``, the distance from ankle to tip.
+    left_ahead_m : float
+        Left feet are put down so much further ahead, right ones less far: the trunk goes on evenly.
 
     Returns
     -------
@@ -114,7 +125,8 @@ def place_feet(
         hip, ankle, toe = (_number(side, joint) for joint in ("hip", "ankle", "toe"))
         own = style.foot(every + OFFSET[side])
         own = columns(own[:, 0] + advance(every, 0), both[:, hip, 1], own[:, 1], own[:, 2] - STANDING_RAD)
-        place, pitch = ankle_and_pitch(make_foot(style, side, pose, size_m), own, every, advance)
+        ahead_m = left_ahead_m if side == "left" else -left_ahead_m
+        place, pitch = ankle_and_pitch(make_foot(style, side, pose, size_m, ahead_m), own, every, advance)
         # a swinging foot beyond the legs' reach, as of very fast runners, is drawn in; a standing one is where it is
         swings = np.mod(every + OFFSET[side], 1.0) >= style.duty
         away_m = place[:, :2] - both[:, hip, :2]
@@ -123,7 +135,7 @@ def place_feet(
         drawn_in = np.where(swings & (far > near), near + width * np.tanh((far - near) / width), far)
         place[:, :2] += away_m * (drawn_in / far - 1.0)[:, None]
         sole = columns(np.cos(pitch[:count]), 0.0, np.sin(pitch[:count]))
-        result[:, ankle], result[:, toe] = place[:count], place[:count] + size_m["foot"] * sole
+        result[:, ankle], result[:, toe] = place[:count], place[:count] + MIDDLE * size_m["foot"] * sole
         # the hips are raised until a leg is stretched
         leg_m = place - both[:, hip]
         room = reach_m**2 - leg_m[:, 0] ** 2 - leg_m[:, 1] ** 2
@@ -184,10 +196,11 @@ def _leg_phases(duty: float) -> FloatArray:
     return np.concatenate([duty * np.arange(100) / 99, around, duty + around])
 
 
-def make_foot(style: Style, side: str, points: FloatArray, size_m: Mapping[str, float]) -> Foot:
+def make_foot(style: Style, side: str, points: FloatArray, size_m: Mapping[str, float], ahead_m: float) -> Foot:
     """Make the foot of a gait and place its footprint.
 
-    The gait takes ``points`` at :func:`_leg_phases`; the footprint lets the trunk sink least.
+    The gait takes ``points`` at :func:`_leg_phases`; the footprint is ``ahead_m`` before the one for which the trunk
+    sinks least.
     """
     duty, cycles = style.duty, _leg_phases(style.duty)
     stance = cycles[:100]
@@ -196,7 +209,7 @@ def make_foot(style: Style, side: str, points: FloatArray, size_m: Mapping[str, 
     error = roll(cycles) - columns(own[:, 0], side_m, own[:, 1], own[:, 2] - STANDING_RAD)
     hip = points[:100, _number(side, "hip")] + style.stride_m * np.outer(stance, [1, 0, 0])
     beside_m = float(side_m[:100].mean())
-    ahead_m = _best_print(hip, roll(stance), beside_m, STRETCH * (size_m["thigh"] + size_m["shank"]))
+    ahead_m += _best_print(hip, roll(stance), beside_m, STRETCH * (size_m["thigh"] + size_m["shank"]))
     ends = [(at[0], (at[2] - at[1]) / (2 * _NUDGE)) for at in (error[-6:-3], error[-3:])]
     return Foot(OFFSET[side], duty, size_m["foot"], roll, np.array([ahead_m, beside_m, 0.0, 0.0]), *ends)
 
@@ -233,11 +246,11 @@ def _roll(cycles: FloatArray, *, style: Style, foot_m: float) -> FloatArray:
     beyond = np.maximum(np.abs(sole) - LEVEL_RAD, 0.0)
     turned = np.sign(sole) * beyond**2 / (beyond + LEVEL_RAD)  # smooth where the sole becomes level
     up, slope = np.maximum(turned, 0.0), STANDING_RAD - np.minimum(turned, 0.0)
-    heel_m, height_m = HEEL * foot_m, math.sin(STANDING_RAD) * foot_m
+    heel_m, height_m = HEEL * foot_m, ANKLE * foot_m
     return columns(
         heel_m * (np.cos(up) - 1) - height_m * np.sin(up) + foot_m * (math.cos(STANDING_RAD) - np.cos(slope)),
         0.0,
-        heel_m * np.sin(up) + height_m * (np.cos(up) - 1) + foot_m * np.sin(slope),
+        heel_m * np.sin(up) + height_m * (np.cos(up) - 1) + foot_m * (np.sin(slope) + TIP),
         turned - STANDING_RAD,
     )
 
@@ -280,8 +293,8 @@ def ankle_and_pitch(foot: Foot, own: FloatArray, phase: FloatArray, advance: Adv
     rounding = CLEARANCE_M * 16 * (share[:, 0] * (1 - share[:, 0])) ** 2
     swing = rows.copy(order="K")
     sole = rows[:, 3] + STANDING_RAD
-    heel_m = -foot.length_m * (HEEL * np.sin(sole) + math.sin(STANDING_RAD) * np.cos(sole))
-    for point_m in (heel_m, foot.length_m * np.sin(rows[:, 3])):  # height of heel and toe over the ankle
+    heel_m = -foot.length_m * (HEEL * np.sin(sole) + ANKLE * np.cos(sole))
+    for point_m in (heel_m, foot.length_m * (np.sin(rows[:, 3]) - TIP)):  # sole at heel and toe over the ankle
         depth = -swing[:, 2] - point_m
         swing[:, 2] += (depth + np.hypot(depth, rounding)) / 2
     both = np.where((cycles < foot.duty)[:, None], stance, swing)
