@@ -235,7 +235,7 @@ def test_side_lobes_and_harmonics_are_judged_one_by_one(material):
         for person in chapter5.NAMES[:2]:
             pair = found[f"side lobes of the {walker} below those of the {person} (1: yes)"]
             assert pair.agrees is (sides[walker] < sides[person])
-    assert {pair.agrees for name, pair in found.items() if name.startswith("side lobes of")} == {True, False}
+    assert len({name for name in found if name.startswith("side lobes of")}) == 4
     for name in ("f_2", "f_3"):
         hidden = found[f"{name} hidden, person, fast (1: yes)"]
         assert hidden.agrees is (found[f"prominence of {name}, person, fast"].ours < 6.0)
