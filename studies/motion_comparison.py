@@ -21,7 +21,8 @@ from recorded_motion import find_clips, is_tuning, measure_cycle
 
 from doppelgait.core.errors import DoppelgaitError
 from doppelgait.motion.loop import loop
-from doppelgait.motion.models import human_gait, quadruped_gait, sample_person
+from doppelgait.motion.models import human_gait, quadruped_gait, sample_dog, sample_person
+from doppelgait.motion.models.quadruped_gaits import BUILDS, froude_number, hip_height_m
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers import read
 from doppelgait.pipeline import analyze, simulate
@@ -33,8 +34,6 @@ RADAR = Radar.preset("x4-long", prf_hz=1600)
 """Unambiguous to 16 m/s: a paw in a gallop at 4.5 m/s comes near 12."""
 LEG_OF_STATURE = 0.491
 SHORTEST_S = 1.1
-STRIDE_VARIATION, ASYMMETRY_SD = 0.03, 0.02
-"""Of the models of dogs; people are those of ``sample_person``."""
 FEATURES = (
     "forward_envelope", "backward_envelope", "torso_ripple_gait", "torso_ripple", "bandwidth", "limb_torso_ratio",
     "alternate_steps", "stance_share", "gait_frequency_hz", "step_length_m",
@@ -108,19 +107,19 @@ def compare_dogs(folder: Path) -> Iterator[dict[str, Any]]:
         half = "MANN" if "mann" in row["file"] else "Tencent"
         for source, values in (("recorded", recorded), ("model", measure(model, "dog"))):
             clip = f"{row['file']} {row['start_frame']}"
-            yield {"clip": clip, "mover": model.facts.gait, "half": half, "source": source, **values}
+            yield {"clip": clip, "mover": "/".join(gaits), "half": half, "source": source, **values}
 
 
 def make_dog(gaits: tuple[str, ...], speed_mps: float, withers_m: float, number: int) -> Motion:
     """Make a dog in the first of some gaits that its speed allows."""
     for gait in gaits:
         rng = np.random.default_rng(number)
+        froude = froude_number(speed_mps, hip_height_m(BUILDS["standard"], withers_m))
+        dog = sample_dog(rng, gait=gait, froude=froude).parameters(
+            build="standard", speed_mps=speed_mps, withers_m=withers_m, start_phase=float(rng.uniform())
+        )
         try:
-            return quadruped_gait(
-                gait=gait, speed_mps=speed_mps, withers_m=withers_m, duration_s=OBSERVATION_S, rng=rng,
-                start_phase=float(rng.uniform()), stride_variation=STRIDE_VARIATION,
-                asymmetry=float(np.clip(ASYMMETRY_SD * rng.standard_normal(), -0.05, 0.05)),
-            )  # fmt: skip
+            return quadruped_gait(**dog, duration_s=OBSERVATION_S, rng=rng)
         except DoppelgaitError:
             if gait == gaits[-1]:
                 raise

@@ -15,6 +15,7 @@ from doppelgait.motion.models import (
     quadruped_gait,
     robot_vacuum,
     rotor,
+    sample_dog,
     sample_person,
 )
 from doppelgait.motion.motion import Motion, MotionFacts, make_motion
@@ -44,6 +45,7 @@ __all__ = [
     "read",
     "robot_vacuum",
     "rotor",
+    "sample_dog",
     "sample_person",
     "scale_to_height",
 ]

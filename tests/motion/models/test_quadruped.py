@@ -5,6 +5,7 @@ from scipy.interpolate import CubicSpline
 from doppelgait.core.errors import ConfigError
 from doppelgait.motion.models import MOTION_MODELS, QuadrupedConfig, quadruped_gait
 from doppelgait.motion.models.quadruped import POINTS
+from doppelgait.motion.models.quadruped_curves import swing_curve
 from doppelgait.motion.models.quadruped_gaits import (
     BUILDS,
     DUTY_LIMITS,
@@ -16,16 +17,21 @@ from doppelgait.motion.models.quadruped_gaits import (
     stride_length_m,
 )
 from doppelgait.motion.models.quadruped_limbs import (
+    DEEPEST_CROUCH,
     FEMUR,
+    FOLDED,
     FOREARM,
     HUMERUS,
     MANUS,
     METATARSUS,
-    STRETCH,
+    STRAIGHT,
     TIBIA,
+    Carriage,
     all_points,
     crouch,
+    glide,
     paw_path,
+    regular_course,
 )
 from doppelgait.motion.skeleton import DOG_PARTS
 
@@ -58,8 +64,8 @@ def closed_form(name, froude, phase=PHASE, build=STANDARD):
     """All points at given phases with the tail at rest, in units of hip height, and the stride in the same unit."""
     gait, _, stride, _, duty = settings(name, froude, build.withers_m, build)
     stride /= hip_height_m(build, build.withers_m)
-    lowered = crouch(gait, build, stride, duty)
-    return all_points(phase, gait, build, stride=stride, duty=duty, lowered=lowered, wag_rad=0 * phase), stride
+    course = regular_course(phase, gait, stride)
+    return all_points(phase, gait, build, course, duty, Carriage(42.0, -35.0, 0 * phase)), stride
 
 
 def dog(name, froude, withers_m, **options):
@@ -112,25 +118,31 @@ def test_paws_move_only_between_their_stances_and_never_under_the_floor(name, fr
 
 @pytest.mark.parametrize("name", GAITS)
 def test_a_swing_starts_and_ends_without_speed(name):
-    for girdle in (GAITS[name].hind, GAITS[name].fore):
-        for duty in (0.15, 0.3, 0.55):
+    for end in ("hind", "fore"):
+        girdle = getattr(GAITS[name], end)
+        highest = {}
+        for duty, peak in ((0.15, 1.0), (0.3, 0.8), (0.55, 1.2)):
+            swing = swing_curve(GAITS[name].curves, end, peak)
             near = np.array([duty, 1.0])[:, None] + [-1e-4, 1e-4]
-            advance, height = paw_path(near, girdle, duty)
+            advance, height = paw_path(near, girdle, duty, swing)
             assert np.abs(np.diff(advance, axis=1)).max() < 1e-6
             assert np.abs(np.diff(height, axis=1)).max() < 1e-6
             fine = np.linspace(0, 2, 40_001)
-            speed = np.gradient(paw_path(fine, girdle, duty)[0], fine)
-            assert speed.max() * (1 - duty) == pytest.approx(girdle.swing_peak, rel=1e-4)
+            speed = np.gradient(paw_path(fine, girdle, duty, swing)[0], fine)
+            highest[peak] = speed.max() * (1 - duty)
             assert speed.min() >= -1e-9
             assert np.abs(np.diff(speed)).max() < 0.02, "no jump of speed"
+        for peak in (0.8, 1.2):
+            assert highest[peak] / highest[1.0] == pytest.approx(peak, rel=0.1)
 
 
 @pytest.mark.parametrize(("name", "froude", "withers_m"), CASES)
 def test_stride_length_times_frequency_is_speed_and_follows_the_froude_law(name, froude, withers_m):
     facts = dog(name, froude, withers_m).facts
-    hip, factor = 0.8 * withers_m, 2.5 if name in SYMMETRICAL else {"canter": 2.6}.get(name, 2.7)
-    speed = np.sqrt(froude * 9.81 * hip)
-    assert facts.stride_frequency_hz == pytest.approx(speed**0.4 * 9.81**0.3 / (factor * hip**0.7), rel=1e-9)
+    hip = 0.8 * withers_m
+    factor, power = {"walk": (2.45, 0.23), "pace": (2.45, 0.23), "trot": (2.6, 0.3)}.get(name, (2.7, 0.3))
+    stride = factor * hip * froude**power
+    assert facts.stride_frequency_hz == pytest.approx(np.sqrt(froude * 9.81 * hip) / stride, rel=1e-9)
     assert facts.gait_frequency_hz / facts.stride_frequency_hz == (2 if name in SYMMETRICAL else 1)
     if name in SYMMETRICAL:
         assert facts.step_frequency_hz == 2 * facts.stride_frequency_hz
@@ -177,9 +189,9 @@ def test_limbs_reach_bend_the_right_way_and_keep_their_lengths(name, froude):
             angle = included_deg(points, f"{side}_{top}", f"{side}_{joint}", f"{side}_{low}")
             assert angle.min() > 35
             assert angle.max() < 155
-        # The joint at the trunk is fixed to it.
+        # The joint at the trunk is fixed to it, but for a nearly straight limb.
         hip = np.linalg.norm(points[f"{side}_hip"] - points["rump"], axis=1)
-        assert np.ptp(hip) < 1e-12
+        assert np.ptp(hip) < (1e-12 if froude < 0.25 else 0.05)
     for a, b in (("rump", "withers"), ("withers", "chest"), ("belly", "neck_base")):
         assert np.ptp(np.linalg.norm(points[a] - points[b], axis=1)) < 1e-12
 
@@ -210,28 +222,36 @@ def test_a_limb_that_cannot_reach_lowers_the_trunk_and_never_stretches(name, bui
     for froude in froudes(name, 12):
         gait, _, stride, _, duty = settings(name, froude, build.withers_m, build)
         lowered = crouch(gait, build, stride / hip_height_m(build, build.withers_m), duty)
-        assert 0.0 <= lowered < 0.25
+        assert 0.0 <= lowered <= DEEPEST_CROUCH
         points, _ = closed_form(name, froude, build=build)
         spans = [np.linalg.norm(points[f"{s}_shoulder"] - points[f"{s}_carpus"], axis=1).max() for s in SIDES]
         spans += [np.linalg.norm(points[f"{s}_hip"] - points[f"{s}_hock"], axis=1).max() for s in SIDES]
-        share = (np.array(spans) / lengths).max()
-        if lowered > 0:
-            assert share == pytest.approx(STRETCH, abs=1e-4)
-        else:
-            assert share <= STRETCH + 1e-4
+        assert (np.array(spans) / lengths).max() <= STRAIGHT[1]
 
 
-def test_a_step_beyond_the_limb_is_refused():
-    with pytest.raises(ConfigError, match="too long for the limb"):
-        crouch(GAITS["trot"], STANDARD, 6.0, {"hind": 0.4, "fore": 0.4})
+def test_a_joint_at_the_trunk_gives_only_where_a_limb_would_not_reach_or_fold_up():
+    top = np.array([[0.0, 0.0, 0.9], [0.3, 0.0, 1.1], [0.0, 0.0, 0.2]])
+    bottom, before = np.zeros((3, 3)), top.copy()
+    glide(top, bottom, 1.0)
+    np.testing.assert_array_equal(top[0], before[0])
+    assert STRAIGHT[0] < np.linalg.norm(top[1]) < STRAIGHT[1]
+    assert FOLDED[1] < np.linalg.norm(top[2]) < FOLDED[0]
+    np.testing.assert_allclose(np.cross(top, before), 0.0, atol=1e-15)
 
 
 MEASURED_PEAKS = {
-    # Highest forward speed over V of one measured dog.
-    ("pace", 0.4): {"fore_paw": 3.9, "carpus": 3.1, "hind_paw": 2.8, "hock": 2.3, "knee": 1.8},
-    ("trot", 1.3): {"fore_paw": 2.8, "carpus": 2.35, "hind_paw": 2.0, "hock": 1.7, "knee": 1.5},
-    ("gallop", 4.1): {"fore_paw": 2.2, "carpus": 1.9, "hind_paw": 1.8, "hock": 1.5, "knee": 1.4},
-}
+    # Highest forward speed over V, mean of the strides of one dog; of a second one, 3.2 / 2.9 (walk at 0.5).
+    ("pace", 0.24): {
+        "fore_paw": 4.1, "carpus": 3.3, "hind_paw": 3.1, "hock": 2.5, "knee": 1.9, "elbow": 1.9, "shoulder": 1.4
+    },
+    ("walk", 0.5): {"fore_paw": 3.2, "hind_paw": 2.9, "hock": 2.5, "carpus": 2.9, "knee": 1.8, "elbow": 2.1},
+    ("trot", 1.0): {
+        "fore_paw": 3.0, "carpus": 2.5, "hind_paw": 2.2, "hock": 1.8, "knee": 1.6, "elbow": 1.6, "shoulder": 1.24
+    },
+    ("gallop", 2.6): {
+        "fore_paw": 2.2, "carpus": 2.0, "hind_paw": 1.9, "hock": 1.7, "knee": 1.43, "elbow": 1.42, "shoulder": 1.18
+    },
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("name", "froude"), MEASURED_PEAKS)
@@ -240,7 +260,7 @@ def test_peak_speeds_are_near_the_measured_ones(name, froude):
     ahead, stride = closed_form(name, froude, PHASE + step)
     behind, _ = closed_form(name, froude, PHASE - step)
     for point, expected in MEASURED_PEAKS[name, froude].items():
-        tolerance = 0.03 if "paw" in point else 0.17
+        tolerance = 0.1 if "paw" in point else 0.4 if point == "elbow" else 0.17
         for side in SIDES:
             speed = (ahead[f"{side}_{point}"] - behind[f"{side}_{point}"])[:, 0] / (2 * step * stride)
             assert speed.max() == pytest.approx(expected, rel=tolerance), point
@@ -249,19 +269,20 @@ def test_peak_speeds_are_near_the_measured_ones(name, froude):
 
 
 def test_trunk_moves_as_measured():
+    # Heights of rump and neck base over the stride, as the mean curves of one dog have them.
     for name, froude, expected in (
-        ("pace", 0.4, (0.044, 0.09)),
-        ("trot", 1.3, (0.125, 0.10, 0.11)),
-        ("gallop", 4.1, (0.25, 0.22, 0.39)),
+        ("pace", 0.25, (0.014, 0.062)),
+        ("trot", 1.0, (0.104, 0.074)),
+        ("gallop", 2.6, (0.254, 0.182)),
     ):
         points, _ = closed_form(name, froude)
-        heave = [np.ptp(points[p][:, 2]) for p in ("rump", "neck_base", "head")[: len(expected)]]
+        heave = [np.ptp(points[p][:, 2]) for p in ("rump", "neck_base")]
         np.testing.assert_allclose(heave, expected, rtol=0.25)
 
 
 def test_duty_factor_follows_the_swing_time_rule_within_its_limits():
     trot = GAITS["trot"].fore
-    assert duty_factor(trot, 2.0, 0.46) == pytest.approx(1 - 0.3 * 2.0 + trot.duty_offset)
+    assert duty_factor(trot, 2.0, 0.46) == pytest.approx(1 - 0.35 * 2.0 + trot.duty_offset)
     assert duty_factor(trot, 0.1, 0.46) == DUTY_LIMITS[1]
     assert duty_factor(trot, 9.0, 0.46) == DUTY_LIMITS[0]
 
@@ -277,7 +298,7 @@ def test_default_rate_is_fast_enough_for_the_paws(name, withers_m):
             speed = CubicSpline(coarse.time_s, paw(coarse, foot)[:, 0])(time_s, 1)
             exact = CubicSpline(fine.time_s, paw(fine, foot)[:, 0])(time_s, 1)
             assert speed.max() == pytest.approx(exact.max(), rel=0.005)
-            assert np.abs(speed - exact).max() < 0.01 * exact.max()
+            assert np.abs(speed - exact).max() < 0.015 * exact.max()
 
 
 @pytest.mark.parametrize("name", GAITS)
@@ -339,3 +360,67 @@ def test_a_froude_number_sets_the_speed():
     np.testing.assert_allclose(by_number.position_m, by_speed.position_m, atol=1e-12)
     with pytest.raises(ConfigError, match="speed_mps or froude, not both"):
         quadruped_gait(froude=1.0, speed_mps=2.0)
+
+
+EXTREMES = {
+    "stride_variation": 0.06, "step_length_sd": 0.15, "footfall_sd": 0.04, "asymmetry": -0.05, "length_asymmetry": 0.3,
+    "trunk_ripple": 2.0, "hind_swing_peak": 1.2, "fore_swing_peak": 1.2, "neck_deg": 0.0, "tail_deg": 60.0,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", GAITS)
+@pytest.mark.parametrize("build", BUILDS)
+def test_every_build_has_every_gait_at_every_speed_and_setting(build, name):
+    size = BUILDS[build].limbs
+    for number, froude in enumerate(froudes(name, 5)):
+        for changes in ({}, EXTREMES, {"fore_swing_peak": 0.8, "hind_swing_peak": 0.8, "footfall_sd": 0.03}):
+            motion = quadruped_gait(
+                gait=name, build=build, froude=froude, duration_s=1.6, rate_hz=200, rng=np.random.default_rng(number),
+                **changes,
+            )  # fmt: skip
+            places = dict(zip(motion.markers, np.moveaxis(motion.position_m, 1, 0), strict=True))
+            hip_m = hip_height_m(BUILDS[build], motion.facts.height_m)
+            for side in SIDES:
+                for a, b, length in LINKS:
+                    distance = np.linalg.norm(places[f"{side}_{a}"] - places[f"{side}_{b}"], axis=1)
+                    np.testing.assert_allclose(distance, size * length * hip_m, rtol=1e-9)
+                shoulder_m = places[f"{side}_shoulder"] - places["withers"]
+                assert np.ptp(shoulder_m[:, 2]) < 0.8 * hip_m
+            for foot in FEET:
+                speed_mps = np.linalg.norm(np.diff(places[f"{foot}_paw"], axis=0), axis=1) * 200
+                for start_s in motion.facts.footfalls[foot]:
+                    lands = int(np.ceil(start_s * 200 + 1e-6))
+                    rest = 0.6 * DUTY_LIMITS[0] / motion.facts.stride_frequency_hz
+                    assert (speed_mps[lands : int((start_s + rest) * 200)] < 1e-6).all()
+                assert places[f"{foot}_paw"][:, 2].min() >= 0
+
+
+def test_uneven_strides_need_a_generator_and_keep_the_mean_speed():
+    with pytest.raises(ConfigError, match=r"step_length_sd = 0\.05"):
+        quadruped_gait(step_length_sd=0.05)
+    motion = quadruped_gait(
+        step_length_sd=0.05, footfall_sd=0.02, duration_s=120.0, rate_hz=50, rng=np.random.default_rng(4)
+    )
+    x = motion.positions.sel(marker="rump", space="x").values
+    # 470 half strides with a serial correlation of 0.5 scatter their mean by 0.05 (3 / 470)^0.5
+    assert (x[-1] - x[0]) / 120 / QuadrupedConfig().actual_speed_mps == pytest.approx(
+        1, abs=4 * 0.05 * (3 / 470) ** 0.5
+    )
+    uneven = quadruped_gait(length_asymmetry=0.2, duration_s=4.0, rate_hz=1000)
+    landings = uneven.facts.footfalls
+    x = uneven.positions.sel(marker="withers", space="x").values
+    halves = [x[round(t * 1000)] for t in sorted(landings["left_hind"] + landings["right_hind"])]
+    first, second = np.diff(halves)[::2].mean(), np.diff(halves)[1::2].mean()
+    assert (first - second) / (first + second) * 2 == pytest.approx(0.2, abs=0.05)
+
+
+def test_feet_land_when_the_facts_have_it_although_each_scatters():
+    motion = quadruped_gait(footfall_sd=0.03, rng=np.random.default_rng(8), duration_s=60.0, rate_hz=200)
+    frequency_hz, lags = motion.facts.stride_frequency_hz, []
+    for foot in FEET:
+        path, times = paw(motion, foot), np.array(motion.facts.footfalls[foot])[:-1]
+        landed = path[np.ceil(times * 200).astype(int) + 1, 2]
+        np.testing.assert_array_equal(landed, 0.0)
+        lags.append(times * frequency_hz - GAITS["trot"].touchdown[foot] - np.arange(times.size))
+    spread = np.concatenate([lag - np.round(lag.mean()) for lag in lags])
+    assert spread.std() == pytest.approx(0.03, rel=0.15)

@@ -18,7 +18,7 @@ from doppelgait.motion.models.quadruped_gaits import (
     pick_gait,
     stride_length_m,
 )
-from doppelgait.motion.models.quadruped_limbs import all_points, crouch
+from doppelgait.motion.models.quadruped_limbs import Carriage, all_points, regular_course
 
 FEET = ("left_hind", "left_fore", "right_hind", "right_fore")
 PHASE = np.arange(1500) / 1500
@@ -54,8 +54,8 @@ def stride_points(name, froude, phase=PHASE, build="standard", asymmetry=0.0):
     stride = stride_length_m(gait, speed, hip)
     duty = {end: duty_factor(getattr(gait, end), speed / stride, hip) for end in ("hind", "fore")}
     stride /= hip
-    lowered = crouch(gait, build, stride, duty)
-    points = all_points(phase, gait, build, stride=stride, duty=duty, lowered=lowered, wag_rad=0 * phase)
+    course = regular_course(phase, gait, stride)
+    points = all_points(phase, gait, build, course, duty, Carriage(42.0, -35.0, 0 * phase))
     return points, stride, duty
 
 
@@ -118,10 +118,10 @@ def test_the_bound_is_the_same_left_and_right():
 
 
 def supports(name, froude):
-    """Number of paws on the ground through one stride."""
-    gait = GAITS[name]
-    duty = stride_points(name, froude)[2]
-    return sum(np.mod(PHASE - gait.touchdown[foot], 1) < duty[foot.split("_")[1]] for foot in FEET)
+    """Number of paws that bear weight through one stride: those slower than half the body."""
+    points, stride, _ = stride_points(name, froude)
+    speeds = [np.gradient(points[f"{foot}_paw"][:, 0], PHASE) / stride for foot in FEET]
+    return sum(speed < 0.5 for speed in speeds)
 
 
 def test_a_walk_always_stands_on_two_feet_and_running_gaits_leave_the_ground():
@@ -181,7 +181,7 @@ def test_a_cat_walks_and_trots_as_published():
     walk = quadruped_gait(build="cat", gait="walk", speed_mps=0.7)
     assert walk.facts.gait == "walk"
     assert 1.35 < walk.facts.stride_frequency_hz < 1.7
-    still = np.diff(walk.positions.sel(marker="left_hind_paw", space="x").values)[:500] == 0
+    still = np.diff(walk.positions.sel(marker="left_hind_paw", space="x").values)[:500] * 250 < 0.5 * 0.7
     assert 0.58 < still.mean() < 0.72
     lag = walk.facts.footfalls["left_fore"][0] * walk.facts.stride_frequency_hz
     assert 0.25 < lag < 0.5
@@ -228,7 +228,7 @@ def test_stride_times_vary_with_the_given_deviation_and_memory():
     assert first.std() == pytest.approx(sd, rel=4 * np.sqrt(5 / 6 / n))
     assert np.corrcoef(first, second)[0, 1] == pytest.approx(0.5, abs=4 / np.sqrt(n))
     # L = c h at Fr = 1, whatever the stride times; the trunk's surge, under 0.1 h, is not whole at the end of a run.
-    np.testing.assert_allclose(lengths, 2.5 * 0.4, rtol=0.1 / count)
+    np.testing.assert_allclose(lengths, 2.6 * 0.4, rtol=0.1 / count)
 
 
 @pytest.mark.parametrize("name", GAITS)

@@ -3,6 +3,7 @@
 from doppelgait.motion.models.boulic import BoulicConfig, boulic_points, boulic_walk
 from doppelgait.motion.models.confusers import CurtainConfig, FanConfig, VacuumConfig, curtain, fan, robot_vacuum
 from doppelgait.motion.models.crawl import CrawlConfig, crawling_person
+from doppelgait.motion.models.dogs import Dog, sample_dog
 from doppelgait.motion.models.human import HumanConfig, human_gait
 from doppelgait.motion.models.human_body import Person, sample_person
 from doppelgait.motion.models.primitives import (
@@ -24,6 +25,7 @@ __all__ = [
     "BreathingConfig",
     "CrawlConfig",
     "CurtainConfig",
+    "Dog",
     "FanConfig",
     "HumanConfig",
     "PendulumConfig",
@@ -46,5 +48,6 @@ __all__ = [
     "quadruped_gait",
     "robot_vacuum",
     "rotor",
+    "sample_dog",
     "sample_person",
 ]

@@ -9,6 +9,7 @@ dynamic similarity (:mod:`doppelgait.motion.models.quadruped_gaits`); the limbs 
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -17,12 +18,14 @@ import numpy.typing as npt
 from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel, validate
+from doppelgait.core.errors import ConfigError
 from doppelgait.core.plugins import plugin
 from doppelgait.core.rng import Streams
 from doppelgait.motion.models.quadruped_gaits import (
     BUILDS,
     GAITS,
     BuildName,
+    Gait,
     GaitChoice,
     GaitName,
     duty_factor,
@@ -34,10 +37,11 @@ from doppelgait.motion.models.quadruped_gaits import (
     pick_gait,
     stride_length_m,
 )
-from doppelgait.motion.models.quadruped_limbs import all_points, crouch
+from doppelgait.motion.models.quadruped_limbs import Carriage, Course, all_points, regular_course
 from doppelgait.motion.models.registry import generate
 from doppelgait.motion.models.strides import (
-    footfall_times_s,
+    autoregressive,
+    cubic_spline,
     mean_stride_frequency_hz,
     phase_at,
     sample_times_s,
@@ -86,13 +90,22 @@ class QuadrupedConfig(FrozenModel):
     start_phase : float
         Strides, 0 (left hind foot lands) to below 1.
     stride_variation : float
-        Standard deviation of the stride time relative to its mean, 0 to 0.1; 0.03 to 0.05 is usual. The length of a
-        stride stays, so that the speed varies with it.
+        Standard deviation of the stride time relative to its mean, 0 to 0.1; 0.03 to 0.05 is usual.
+    step_length_sd : float
+        Standard deviation of the length of half a stride over its mean, 0 to 0.15.
+    footfall_sd : float
+        Standard deviation of the moment at which a foot lands, in strides, 0 to 0.04.
     asymmetry : float
         Strides by which both right feet land late, -0.05 to 0.05. The frequencies of the facts stay those of the
         gait: f_mu by E-07, although half strides then differ.
+    length_asymmetry : float
+        (first - second) / mean of the half strides from the landing of the left hind foot on, -0.4 to 0.4.
     trunk_ripple : float
-        Fore-aft motion of the trunk and swing of the neck within a stride relative to the gait's own, 0 to 2.
+        Fore-aft motion of the trunk and swing of the neck within a stride relative to the recorded ones, 0 to 2.
+    hind_swing_peak, fore_swing_peak : float
+        Highest speed of a swinging paw relative to that of the recorded dog, 0.8 to 1.2.
+    neck_deg, tail_deg : float
+        Mean elevation of the neck, -40 to 80 degrees, and of the tail, -80 to 80 degrees.
     tail_frequency_hz, tail_sweep_deg : float
         The tail swings sideways to this angle either way at its own frequency, 0 to 5 Hz and 0 to 60 degrees: the
         motion as a whole is periodic only where that fits the stride.
@@ -109,8 +122,15 @@ class QuadrupedConfig(FrozenModel):
     withers_m: float | None = Field(None, gt=0)
     start_phase: float = Field(0.0, ge=0, lt=1)
     stride_variation: float = Field(0.0, ge=0, le=0.1)
+    step_length_sd: float = Field(0.0, ge=0, le=0.15)
+    footfall_sd: float = Field(0.0, ge=0, le=0.04)
     asymmetry: float = Field(0.0, ge=-0.05, le=0.05)
+    length_asymmetry: float = Field(0.0, ge=-0.4, le=0.4)
     trunk_ripple: float = Field(1.0, ge=0, le=2)
+    hind_swing_peak: float = Field(1.0, ge=0.8, le=1.2)
+    fore_swing_peak: float = Field(1.0, ge=0.8, le=1.2)
+    neck_deg: float = Field(42.0, ge=-40, le=80)
+    tail_deg: float = Field(-35.0, ge=-80, le=80)
     tail_frequency_hz: float = Field(1.7, ge=0, le=5)
     tail_sweep_deg: float = Field(30.0, ge=0, le=60)
     rate_hz: float = Field(250.0, ge=50, le=10_000)
@@ -171,9 +191,11 @@ def quadruped_gait(
 ) -> Motion:
     """Generate a four-legged animal in one straight gait.
 
-    Stride length L = c h Fr^0.3 with Fr = V^2/(g h) and a dog's hip height h = 0.8 withers heights (Alexander and
-    Jayes 1983; c from one measured dog, assumed for all); stride frequency f = V/L. A paw is on the ground, at rest,
-    for the share 1 - t_swing f of the stride, give or take an offset of the gait, with t_swing = 0.30 s (h/0.46 m)^0.5.
+    Stride length L = c h Fr^p with Fr = V^2/(g h) and a dog's h = 0.8 withers heights (p = 0.3, Alexander and Jayes
+    1983; in walk and pace 0.23; c between those of two measured dogs, assumed for all); stride frequency f = V/L. A paw
+    is on the ground, at rest, for the share 1 - t_swing f of the stride, give or take an offset of the gait, with
+    t_swing = 0.35 s (h/0.46 m)^0.5. Trunk, neck, tail, swinging paws and the segments of the limbs follow the mean
+    curves of one recorded dog (:mod:`doppelgait.motion.models.quadruped_curves`).
 
     Parameters
     ----------
@@ -200,9 +222,7 @@ def quadruped_gait(
 @plugin("motion_model", parameters=QuadrupedConfig)
 def _generate(config: QuadrupedConfig, duration_s: float, rng: np.random.Generator | None) -> Motion:
     build, speed_mps, hip_m = BUILDS[config.build], config.actual_speed_mps, config.hip_m
-    gait = fitted_gait(config.actual_gait, build, config.asymmetry)
-    if config.trunk_ripple != 1.0:
-        gait = replace(gait, surge=config.trunk_ripple * gait.surge, neck_deg=config.trunk_ripple * gait.neck_deg)
+    gait = _styled_gait(config)
     stride_m = stride_length_m(gait, speed_mps, hip_m)
     times_s = sample_times_s(duration_s, config.rate_hz)
     clock = stride_clock(
@@ -213,13 +233,12 @@ def _generate(config: QuadrupedConfig, duration_s: float, rng: np.random.Generat
         rng=rng,
     )
     phase = phase_at(clock, times_s)
+    course = _course(config, phase, gait, stride_m / hip_m, rng)
     wag_rad = np.radians(config.tail_sweep_deg) * np.sin(2 * np.pi * config.tail_frequency_hz * times_s)
     duty = {end: duty_factor(getattr(gait, end), speed_mps / stride_m, hip_m) for end in ("hind", "fore")}
-    stride = stride_m / hip_m
-    lowered = crouch(gait, build, stride, duty)
-    points = all_points(phase, gait, build, stride=stride, duty=duty, lowered=lowered, wag_rad=wag_rad)
+    points = all_points(phase, gait, build, course, duty, Carriage(config.neck_deg, config.tail_deg, wag_rad))
     position_m = hip_m * np.stack([points[name] for name in POINTS], axis=1)
-    position_m[:, :, 0] -= stride_m * phase[0]
+    position_m[:, :, 0] -= hip_m * course.distance(phase[:1])
     stride_hz = mean_stride_frequency_hz(times_s, phase)
     facts = MotionFacts(
         source="quadruped",
@@ -231,7 +250,7 @@ def _generate(config: QuadrupedConfig, duration_s: float, rng: np.random.Generat
         stride_frequency_hz=stride_hz,
         step_frequency_hz=2 * stride_hz if gait.harmonic == 2 else NAN,
         gait_frequency_hz=gait.harmonic * stride_hz,
-        footfalls=footfall_times_s(clock, gait.touchdown, times_s[-1]),
+        footfalls=_footfalls_s(clock, course, phase, float(times_s[-1])),
     )
     parts = list(PART_OF_POINT.values())
     return make_motion(
@@ -242,3 +261,50 @@ def _generate(config: QuadrupedConfig, duration_s: float, rng: np.random.Generat
             "proportions": build.source,
         },
     )  # fmt: skip
+
+
+def _styled_gait(config: QuadrupedConfig) -> Gait:
+    """Return the gait with the paws' speeds and the trunk's ripple of one animal."""
+    gait = fitted_gait(config.actual_gait, BUILDS[config.build], config.asymmetry)
+    hind, fore = (
+        replace(girdle, swing_peak=peak)
+        for girdle, peak in ((gait.hind, config.hind_swing_peak), (gait.fore, config.fore_swing_peak))
+    )
+    return replace(gait, hind=hind, fore=fore, ripple=config.trunk_ripple)
+
+
+def _course(
+    config: QuadrupedConfig, phase: FloatArray, gait: Gait, stride: float, rng: np.random.Generator | None
+) -> Course:
+    """Return where and when the feet land; half strides and landings vary as first-order autoregressive sequences."""
+    regular = regular_course(phase, gait, stride)
+    length_sd, landing_sd = config.step_length_sd, config.footfall_sd
+    if length_sd == landing_sd == config.length_asymmetry == 0.0:
+        return regular
+    if rng is None and (length_sd > 0 or landing_sd > 0):
+        raise ConfigError(
+            f"step_length_sd = {length_sd:g}, footfall_sd = {landing_sd:g} need a random generator "
+            "(rng=dg.rng(seed)), or set both 0"
+        )
+    first = math.floor(2 * phase[0]) - 8
+    halves = np.arange(first, math.ceil(2 * phase[-1]) + 8)
+    lengths = stride / 2 * (1 + config.length_asymmetry * np.where(halves % 2, -0.5, 0.5))
+    landings = dict(regular.landings)
+    if rng is not None and length_sd > 0:
+        lengths += stride / 2 * length_sd * autoregressive(halves.size, rng)
+    if rng is not None and landing_sd > 0:
+        for foot, (number, phases) in regular.landings.items():
+            landings[foot] = number, phases + landing_sd * autoregressive(phases.size, rng)
+    way = np.concatenate([[0.0], np.cumsum(lengths)])
+    return Course(stride, landings, cubic_spline(np.arange(first, first + way.size) / 2, way))
+
+
+def _footfalls_s(
+    clock: tuple[FloatArray, FloatArray], course: Course, phase: FloatArray, end_s: float
+) -> dict[str, list[float]]:
+    """Return the times at which the feet land, 0 to ``end_s``."""
+    low, high = phase[0] - 1e-9, phase[-1] + 1e-9
+    landings = {foot: phases[(phases >= low) & (phases <= high)] for foot, (_, phases) in course.landings.items()}
+    found_s = np.clip(cubic_spline(*clock).where(np.concatenate([*landings.values()])), 0.0, end_s)
+    parts = np.split(found_s, np.cumsum([phases.size for phases in landings.values()])[:-1])
+    return {foot: part.tolist() for foot, part in zip(landings, parts, strict=True)}

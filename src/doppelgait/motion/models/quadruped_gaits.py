@@ -3,9 +3,9 @@
 The laws of speed, stride and duty factor are here too.
 
 Lengths are in units of the hip height h, a share of the withers height; phases in cycles after touchdown of the left
-hind foot, shares in units of the stride. Values marked "measured" are summary numbers of one medium-sized dog in
-motion capture, in the walk also of a Labrador; all others are approximations from the literature on dogs and cursorial
-mammals, assumed.
+hind foot, shares in units of the stride. Values of walk, pace, trot and gallop are between those of two dogs in motion
+capture, a medium-sized one and a Labrador, where both have the gait; canter, transverse gallop and bound are
+approximations from the literature on dogs and cursorial mammals, assumed, with the limbs of the gallop.
 """
 
 from __future__ import annotations
@@ -14,9 +14,10 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
+from doppelgait.motion.models.quadruped_curves import RecordedGait
+
 GaitName = Literal["walk", "pace", "trot", "canter", "gallop", "transverse_gallop", "bound"]
 GaitChoice = Literal["auto", "walk", "pace", "trot", "canter", "gallop", "transverse_gallop", "bound"]
-Extremes = tuple[tuple[float, float], tuple[float, float]]
 
 
 @dataclass(frozen=True)
@@ -27,31 +28,21 @@ class Girdle:
     ----------
     duty_offset : float
         Added to the duty factor that the swing-time rule gives.
-    swing_peak : float
-        Highest forward speed of the paw in swing over its mean speed in swing, above 1 and at most 2.
     clearance : float
         Highest point of the paw's path.
     clearance_at : float
         Where in the swing it is reached, 0.4 to 0.6.
     reach : float
-        How far ahead of the proximal joint the middle of the stance lies.
-    heave : float
-        Amplitude of the girdle's vertical motion; it is lowest at phase ``lowest``.
-    lowest : float
-        Cycles.
-    foot_deg : tuple
-        Elevation of metatarsus or manus: (share of the swing, degrees) of its lowest and of its highest
-        value; 0 = straight down, positive = lower end ahead. A share below 0 or above 1 lies in stance.
+        How far ahead of the girdle the paw is in the middle of its stance.
+    swing_peak : float
+        Highest forward speed of the paw relative to the recorded one, 0.8 to 1.2.
     """
 
     duty_offset: float
-    swing_peak: float
     clearance: float
     clearance_at: float
     reach: float
-    heave: float
-    lowest: float
-    foot_deg: Extremes
+    swing_peak: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -64,20 +55,17 @@ class Gait:
         Phase at which each foot lands.
     froude : tuple
         Allowed range and usual value of V^2/(g h): (lowest, highest, default).
-    stride_factor : float
-        c of the stride length L/h = c Fr^0.3.
+    stride_factor, stride_power : float
+        c and p of the stride length L/h = c Fr^p.
     harmonic : int
         Trunk cycles per stride, and fundamental of the radar signature over the stride frequency (E-07): 2 when left
         and right are half a stride apart, else 1.
-    surge, surge_fastest : float
-        Amplitude of the trunk's fore-aft motion and the phase at which it is fastest (measured in walk and
-        pace; two recorded dogs canter and gallop fastest when the hind feet leave, which the gaits do not have yet).
+    curves : str
+        Recorded gait whose curves it has (:mod:`doppelgait.motion.models.quadruped_curves`).
     sway : float
-        Amplitude of its sideways motion, once per stride.
-    neck_deg, neck_highest : float
-        Amplitude of the neck's elevation and the phase at which it is highest.
-    scapula_deg : tuple
-        Elevation of the scapula, in the form of :attr:`Girdle.foot_deg`.
+        Amplitude of the trunk's sideways motion, once per stride.
+    ripple : float
+        Fore-aft motion of the trunk within a stride and swing of the neck, relative to the recorded ones.
     hind, fore : Girdle
         The two pairs of limbs.
     """
@@ -86,79 +74,61 @@ class Gait:
     froude: tuple[float, float, float]
     stride_factor: float
     harmonic: int
-    surge: float
-    surge_fastest: float
+    curves: RecordedGait
     sway: float
-    neck_deg: float
-    neck_highest: float
-    scapula_deg: Extremes
     hind: Girdle
     fore: Girdle
+    ripple: float = 1.0
+    stride_power: float = 0.3
 
 
 GAITS: dict[str, Gait] = {
-    # Lateral sequence, four beats, each fore foot a sixth of a stride after its hind foot; each girdle vaults over its
-    # limbs (heave measured on the Labrador, limbs as in the pace).
+    # Lateral sequence, four beats, each fore foot a sixth of a stride after its hind foot.
     "walk": Gait(
         touchdown={"left_hind": 0.0, "left_fore": 0.17, "right_hind": 0.5, "right_fore": 0.67},
         froude=(0.05, 0.5, 0.2),
-        stride_factor=2.5,
+        stride_factor=2.45,
+        stride_power=0.23,
         harmonic=2,
-        surge=0.016,
-        surge_fastest=0.28,
+        curves="walk",
         sway=0.025,
-        neck_deg=4.0,
-        neck_highest=0.20,
-        scapula_deg=((-0.20, 20.0), (1.04, 48.0)),
-        hind=Girdle(0.04, 1.40, 0.08, 0.50, 0.02, 0.018, 0.12, ((0.16, -32.0), (1.03, 36.0))),
-        fore=Girdle(0.04, 1.70, 0.10, 0.52, 0.04, 0.015, 0.28, ((0.28, -55.0), (0.88, 50.0))),
+        hind=Girdle(-0.08, 0.08, 0.50, 0.08),
+        fore=Girdle(-0.01, 0.10, 0.52, 0.2),
     ),
-    # Both feet of a side together, the fore foot a little late (measured at Fr 0.2 to 0.5; angles and reach of the
-    # limbs set so that speeds and ranges of their joints come near the measured ones).
+    # Both feet of a side together, the fore foot a little late (measured at Fr 0.1 to 0.5).
     "pace": Gait(
         touchdown={"left_hind": 0.0, "left_fore": 0.02, "right_hind": 0.5, "right_fore": 0.52},
         froude=(0.1, 1.0, 0.4),
-        stride_factor=2.5,
+        stride_factor=2.45,
+        stride_power=0.23,
         harmonic=2,
-        surge=0.017,
-        surge_fastest=0.17,
+        curves="pace",
         sway=0.025,
-        neck_deg=4.0,
-        neck_highest=0.18,
-        scapula_deg=((-0.20, 20.0), (1.04, 48.0)),
-        hind=Girdle(-0.04, 1.40, 0.08, 0.50, 0.02, 0.018, 0.19, ((0.16, -32.0), (1.03, 36.0))),
-        fore=Girdle(0.02, 1.72, 0.10, 0.52, 0.04, 0.038, 0.25, ((0.28, -55.0), (0.88, 50.0))),
+        hind=Girdle(-0.065, 0.08, 0.50, -0.03),
+        fore=Girdle(-0.01, 0.10, 0.52, 0.175),
     ),
     # Diagonal pairs, the forefoot a little before its hind foot (measured), left and right exactly half a stride
     # apart; trunk lowest in the middle of each stance.
     "trot": Gait(
         touchdown={"left_hind": 0.0, "left_fore": 0.43, "right_hind": 0.5, "right_fore": 0.93},
         froude=(0.3, 2.5, 1.0),
-        stride_factor=2.5,
+        stride_factor=2.6,
         harmonic=2,
-        surge=0.03,
-        surge_fastest=0.45,
+        curves="trot",
         sway=0.035,
-        neck_deg=5.0,
-        neck_highest=0.08,
-        scapula_deg=((0.03, 18.0), (0.66, 59.0)),
-        hind=Girdle(-0.085, 1.34, 0.14, 0.50, -0.05, 0.0625, 0.19, ((0.15, -31.0), (0.85, 32.0))),
-        fore=Girdle(-0.02, 1.69, 0.19, 0.50, 0.07, 0.050, 0.17, ((0.24, -50.0), (0.75, 64.0))),
+        hind=Girdle(-0.095, 0.14, 0.50, 0),
+        fore=Girdle(-0.03, 0.19, 0.50, 0.19),
     ),
     # Right lead, three beats: left hind, then right hind with left fore, then right fore, then a short suspension.
     "canter": Gait(
         touchdown={"left_hind": 0.0, "left_fore": 0.275, "right_hind": 0.275, "right_fore": 0.55},
         froude=(1.0, 5.0, 2.0),
-        stride_factor=2.6,
+        stride_factor=2.7,
         harmonic=1,
-        surge=0.06,
-        surge_fastest=0.97,
+        curves="gallop",
         sway=0.025,
-        neck_deg=12.0,
-        neck_highest=0.10,
-        scapula_deg=((-0.05, 8.0), (0.72, 63.0)),
-        hind=Girdle(-0.03, 1.34, 0.24, 0.48, 0.0, 0.085, 0.31, ((0.17, -40.0), (0.95, 40.0))),
-        fore=Girdle(0.0, 1.60, 0.28, 0.50, 0.06, 0.080, 0.60, ((0.22, -51.0), (0.76, 68.0))),
+        hind=Girdle(-0.02, 0.24, 0.48, 0),
+        fore=Girdle(0, 0.28, 0.50, 0.16),
     ),
     # Rotary: right hind, left hind, left fore, right fore, then one gathered suspension (measured).
     "gallop": Gait(
@@ -166,14 +136,10 @@ GAITS: dict[str, Gait] = {
         froude=(1.2, 10.0, 4.0),
         stride_factor=2.7,
         harmonic=1,
-        surge=0.08,
-        surge_fastest=0.80,
+        curves="gallop",
         sway=0.025,
-        neck_deg=16.0,
-        neck_highest=0.91,
-        scapula_deg=((-0.05, 2.0), (0.72, 66.0)),
-        hind=Girdle(-0.065, 1.34, 0.34, 0.45, 0.01, 0.125, 0.02, ((0.19, -46.0), (1.04, 47.0))),
-        fore=Girdle(-0.03, 1.56, 0.38, 0.50, 0.05, 0.110, 0.41, ((0.20, -53.0), (0.76, 71.0))),
+        hind=Girdle(-0.055, 0.34, 0.45, 0),
+        fore=Girdle(-0.045, 0.38, 0.50, 0.16),
     ),
     # Right lead both behind and in front: left hind, right hind, left fore, right fore; limbs as in the rotary gallop.
     "transverse_gallop": Gait(
@@ -181,14 +147,10 @@ GAITS: dict[str, Gait] = {
         froude=(1.2, 10.0, 4.0),
         stride_factor=2.7,
         harmonic=1,
-        surge=0.08,
-        surge_fastest=0.97,
+        curves="gallop",
         sway=0.025,
-        neck_deg=16.0,
-        neck_highest=0.12,
-        scapula_deg=((-0.05, 2.0), (0.72, 66.0)),
-        hind=Girdle(-0.065, 1.34, 0.34, 0.45, 0.01, 0.125, 0.18, ((0.19, -46.0), (1.04, 47.0))),
-        fore=Girdle(-0.03, 1.56, 0.38, 0.50, 0.05, 0.110, 0.62, ((0.20, -53.0), (0.76, 71.0))),
+        hind=Girdle(-0.055, 0.34, 0.45, 0),
+        fore=Girdle(-0.045, 0.38, 0.50, 0.16),
     ),
     # Hind pair and fore pair each at once, left and right alike; limbs as in the rotary gallop.
     "bound": Gait(
@@ -196,14 +158,10 @@ GAITS: dict[str, Gait] = {
         froude=(1.0, 6.0, 2.5),
         stride_factor=2.7,
         harmonic=1,
-        surge=0.08,
-        surge_fastest=0.97,
+        curves="gallop",
         sway=0.0,
-        neck_deg=16.0,
-        neck_highest=0.10,
-        scapula_deg=((-0.05, 2.0), (0.72, 66.0)),
-        hind=Girdle(-0.03, 1.34, 0.30, 0.45, 0.01, 0.110, 0.12, ((0.19, -46.0), (1.04, 47.0))),
-        fore=Girdle(0.0, 1.56, 0.34, 0.50, 0.05, 0.100, 0.59, ((0.20, -53.0), (0.76, 71.0))),
+        hind=Girdle(-0.02, 0.30, 0.45, 0),
+        fore=Girdle(0, 0.34, 0.50, 0.16),
     ),
 }
 """All gaits; a further one is a further entry and its name in :data:`GaitName`."""
@@ -227,8 +185,8 @@ BuildName = Literal[
 ]  # fmt: skip
 
 GRAVITY_MPS2 = 9.81
-SWING_TIME_S, SWING_HEIGHT_M = 0.30, 0.46
-"""A swing takes 0.30 s at a hip height of 0.46 m, nearly the same in every gait (measured)."""
+SWING_TIME_S, SWING_HEIGHT_M = 0.35, 0.46
+"""A swing, from rest to rest, takes 0.35 s at a hip height of 0.46 m, nearly the same in every gait (measured)."""
 DUTY_LIMITS = (0.15, 0.75)
 WITHERS_PER_CUBE_ROOT_MASS = 0.175
 """Withers height in m over the cube root of the mass in kg, assumed: 0.15 to 0.20 over common breeds."""
@@ -300,19 +258,25 @@ BUILDS: dict[str, Build] = {
     ),
     "cat": Build(
         0.25, 4.5, species="cat", hip=0.92, trunk=1.1, limbs=1.15, tail=2.0,
-        stride={"walk": 1.20, "pace": 1.20, "trot": 1.20}, duty_offset=-0.04, walk_lag=0.30,
+        stride={"walk": 1.09, "pace": 1.09, "trot": 1.155}, duty_offset=-0.04, walk_lag=0.30,
         source="assumed: crouched limbs, hip height 0.74 of the straight limb, longer strides, diagonal couplets",
     ),
     # One recorded horse, 1.28 m high, has a dog's stride in the walk (c = 2.48) and a shorter one in the trot (2.03,
     # 0.81 of a dog's); 17 m/s at 2.4 strides per second of a racehorse give 0.80 in the gallop.
     "horse": Build(
         1.55, 480.0, species="horse", withers_range_m=(0.7, 1.8), head=1.2, walk_lag=0.24,
-        stride={"trot": 0.81, "canter": 0.80, "gallop": 0.80, "transverse_gallop": 0.80, "bound": 0.80},
+        stride={
+            "walk": 0.92, "pace": 0.92, "trot": 0.78, "canter": 0.80, "gallop": 0.80, "transverse_gallop": 0.80,
+            "bound": 0.80,
+        },
         source="strides of walk and trot and the lag measured on one horse; mass, head and gallop assumed",
     ),
     "cow": Build(
         1.45, 650.0, species="cow", withers_range_m=(0.8, 1.8), trunk=1.15, walk_lag=0.24,
-        stride={"trot": 0.81, "canter": 0.80, "gallop": 0.80, "transverse_gallop": 0.80, "bound": 0.80},
+        stride={
+            "walk": 0.92, "pace": 0.92, "trot": 0.78, "canter": 0.80, "gallop": 0.80, "transverse_gallop": 0.80,
+            "bound": 0.80,
+        },
         source="assumed: a large dairy cow; gaits as those of the horse",
     ),
 }  # fmt: skip
@@ -335,11 +299,11 @@ def froude_number(speed_mps: float, hip_m: float) -> float:
 
 
 def stride_length_m(gait: Gait, speed_mps: float, hip_m: float) -> float:
-    """Return the stride length L = c h Fr^0.3.
+    """Return the stride length L = c h Fr^p.
 
-    Dynamic similarity, Alexander and Jayes 1983.
+    Dynamic similarity, Alexander and Jayes 1983: p = 0.3; in the pace and the walk it grows less with speed (measured).
     """
-    return gait.stride_factor * hip_m * math.pow(froude_number(speed_mps, hip_m), 0.3)
+    return gait.stride_factor * hip_m * math.pow(froude_number(speed_mps, hip_m), gait.stride_power)
 
 
 def duty_factor(girdle: Girdle, stride_frequency_hz: float, hip_m: float) -> float:

@@ -9,21 +9,26 @@ breed standards; a build scales them.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.errors import ConfigError
-from doppelgait.motion.models.quadruped_gaits import Build, Extremes, Gait, Girdle
-from doppelgait.motion.models.strides import columns
+from doppelgait.motion.models.quadruped_curves import (
+    Segment,
+    TrunkCurve,
+    segment_elevation_rad,
+    swing_curve,
+    trunk_curve,
+)
+from doppelgait.motion.models.quadruped_gaits import Build, Gait, Girdle
+from doppelgait.motion.models.strides import Curve, columns, cubic_spline
 
 FloatArray = npt.NDArray[np.float64]
 
-LIFT_RAMP = 0.15
-"""Share of the swing in which a paw speeds up after lift-off, and slows down before touchdown."""
 
-
-def paw_path(cycles: FloatArray, girdle: Girdle, duty: float) -> tuple[FloatArray, FloatArray]:
+def paw_path(cycles: FloatArray, girdle: Girdle, duty: float, swing: Curve) -> tuple[FloatArray, FloatArray]:
     """Return the path of a paw over the ground.
 
     Parameters
@@ -34,42 +39,35 @@ def paw_path(cycles: FloatArray, girdle: Girdle, duty: float) -> tuple[FloatArra
         Its shape.
     duty : float
         Duty factor.
+    swing : Curve
+        See :func:`doppelgait.motion.models.quadruped_curves.swing_curve`.
 
     Returns
     -------
     advance : ndarray
-        Distance from the first footfall in strides: constant in stance, one more after each swing. Speed and its
-        rate are continuous; both are zero at lift-off and touchdown.
+        Distance from the first footfall in strides: constant in stance, one more after each swing. The speed is
+        continuous, and zero at lift-off and touchdown.
     height : ndarray
         In units of h: zero in stance, highest ``girdle.clearance``.
     """
     turn = np.floor(cycles)
-    swing = np.clip((cycles - turn - duty) / (1 - duty), 0.0, 1.0)
+    share = np.clip((cycles - turn - duty) / (1 - duty), 0.0, 1.0)
     early, late = 5 * girdle.clearance_at, 5 * (1 - girdle.clearance_at)
     top = girdle.clearance_at**early * (1 - girdle.clearance_at) ** late
-    height = girdle.clearance / top * swing**early * (1 - swing) ** late
-    # The paw leaves the ground quickly (short ramps up to an even speed) and is fastest as it passes under the body (a
-    # bell on top), which keeps the stroke of the limb near the measured one.
-    even = (1 - girdle.swing_peak / 2) / (0.5 - LIFT_RAMP)
-    bell = swing / 2 - np.sin(2 * np.pi * swing) / (4 * np.pi)
-    # distance at an even speed of 1 with half-cosine ramps at either end
-    first = np.minimum(swing, LIFT_RAMP)
-    last = np.maximum(swing - (1 - LIFT_RAMP), 0.0)
-    cruise = np.clip(swing - LIFT_RAMP, 0.0, 1 - 2 * LIFT_RAMP)
-    rise = first / 2 - LIFT_RAMP / (2 * np.pi) * np.sin(np.pi * first / LIFT_RAMP)
-    fall = last / 2 + LIFT_RAMP / (2 * np.pi) * np.sin(np.pi * last / LIFT_RAMP)
-    ramped = rise + cruise + fall
-    return turn + (even * ramped + (girdle.swing_peak - even) * bell), height
+    height = girdle.clearance / top * share**early * (1 - share) ** late
+    return turn + swing(share), height
 
 
 Points = dict[str, FloatArray]
 
-FEMUR, TIBIA, METATARSUS = 0.42, 0.47, 0.28
-SCAPULA, HUMERUS, FOREARM, MANUS = 0.36, 0.40, 0.47, 0.19
+FEMUR, TIBIA, METATARSUS = 0.455, 0.51, 0.305
+SCAPULA, HUMERUS, FOREARM, MANUS = 0.23, 0.435, 0.51, 0.205
 NECK, SKULL, TAIL = 0.37, 0.45, 0.63
 
-GIRDLE_X, HIP_Z, SCAPULA_Z = 0.52, 1.0, 1.19
-TRUNK_Z = (HIP_Z + SCAPULA_Z) / 2
+GIRDLE_X, HIP_Z, FORE_Z = 0.52, 1.08, 1.19
+TRUNK_Z = (HIP_Z + FORE_Z) / 2
+SCAPULA_X, SCAPULA_Z = 0.07, 1.11
+"""Top of the scapula, or the point about which it swings: ahead of the girdle, and its height."""
 HIP_Y, SCAPULA_Y, TRACK_Y = 0.125, 0.14, 0.12
 """Half widths: hips, tops of the scapulae, paws."""
 TRUNK_POINTS = {
@@ -82,11 +80,15 @@ TRUNK_POINTS = {
     "tail_base": (-0.70, 1.08),
 }
 """Points fixed to the trunk in the median plane: (x, height) when the dog stands."""
-NECK_DEG, SKULL_DEG, TAIL_DEG = 42.0, -22.0, -35.0
-"""Mean elevation above the horizontal of neck and skull, and of the tail behind the dog."""
+SKULL_DEG = -22.0
+"""Elevation of the skull above the horizontal."""
+SWAY_LAG = 0.13
+"""The trunk is furthest to the left this many strides after the left hind foot lands."""
 
-STRETCH = 0.965
-"""A limb is never straighter than this share of its full length; the trunk is lowered until that holds."""
+STRETCH, DEEPEST_CROUCH = 0.95, 0.16
+"""The trunk is lowered until no limb is straighter than this share of its length, or by this part of h."""
+STRAIGHT, FOLDED = (0.93, 0.97), (0.40, 0.30)
+"""Distance of a limb's ends over its length from which the joint at the trunk gives, and the limit."""
 LIMBS = tuple((side, end) for end in ("fore", "hind") for side in ("left", "right"))
 
 
@@ -114,20 +116,6 @@ def two_link(start: FloatArray, end: FloatArray, first: float, second: float, *,
     return np.asarray(start + line / distance * along + bend * across * aside)
 
 
-def elevation_rad(cycles: FloatArray, extremes_deg: Extremes, duty: float) -> FloatArray:
-    """Return the elevation of a segment, in half cosines.
-
-    It swings between its lowest and highest value; ``cycles`` count from touchdown.
-    """
-    (low_at, low), (high_at, high) = extremes_deg
-    since_low = np.mod(cycles - duty - low_at * (1 - duty), 1.0)
-    rise = (high_at - low_at) * (1 - duty)
-    rises = since_low < rise
-    wave = np.cos(np.where(rises, np.pi * since_low / rise, np.pi * (since_low - rise) / (1 - rise)))
-    np.negative(wave, out=wave, where=rises)
-    return np.radians((low + high) / 2 + (high - low) / 2 * wave)
-
-
 def hanging(angle_rad: FloatArray) -> FloatArray:
     """Return unit vectors that point down at angle 0, (n, 3).
 
@@ -136,152 +124,194 @@ def hanging(angle_rad: FloatArray) -> FloatArray:
     return columns(np.sin(angle_rad), 0.0, -np.cos(angle_rad))
 
 
-def trunk_motion(phase: FloatArray, gait: Gait, build: Build) -> tuple[FloatArray, tuple[FloatArray, FloatArray]]:
-    """Return the trunk's offset, and cosine and sine of its pitch.
+@dataclass(frozen=True)
+class Course:
+    """Distance gone, and when the feet land on it.
 
-    The offset (n, 3) is that of its centre from uniform motion at standing height.
-
-    Each girdle heaves as the gait says; pitch, positive nose up, is what the two heaves make of it.
+    Parameters
+    ----------
+    stride : float
+        Mean stride length in units of h.
+    landings : mapping
+        By foot, the number of its first stride and the phases in cycles at which it lands from then on.
+    advance : callable, optional
+        Distance in units of h at phases in cycles; by default all strides are alike in length and time.
     """
 
-    def wave(zero: float) -> FloatArray:
-        return np.asarray(np.cos(2 * np.pi * gait.harmonic * (phase - zero)))
+    stride: float
+    landings: Mapping[str, tuple[int, FloatArray]]
+    advance: Callable[[FloatArray], FloatArray] | None = None
 
-    hind, fore = (-g.heave * wave(g.lowest) for g in (gait.hind, gait.fore))
-    rate = 2 * np.pi * gait.harmonic
-    surge = gait.surge * np.sin(rate * (phase - gait.surge_fastest))
-    sway = gait.sway * np.cos(2 * np.pi * (phase - gait.hind.lowest))
-    pitch = np.arcsin((fore - hind) / (2 * GIRDLE_X * build.trunk))
-    return columns(surge, sway, (hind + fore) / 2), (np.cos(pitch), np.sin(pitch))
+    def distance(self, phase: FloatArray) -> FloatArray:
+        """Distance in units of h at phases in cycles."""
+        return self.stride * phase if self.advance is None else self.advance(phase)
 
 
-def on_trunk(x: float, y: float, height: float, centre: FloatArray, turn: tuple[FloatArray, FloatArray]) -> FloatArray:
+def regular_course(phase: FloatArray, gait: Gait, stride: float) -> Course:
+    """Return the course of equal strides that covers some phases."""
+    first = math.floor(phase.min()) - 2
+    numbers = np.arange(first, math.ceil(phase.max()) + 3.0)
+    return Course(stride, {foot: (first, numbers + lands) for foot, lands in gait.touchdown.items()})
+
+
+@dataclass(frozen=True)
+class Carriage:
+    """How neck and tail are held: mean elevations, and the angle of the tail to the left, (n,) in rad."""
+
+    neck_deg: float
+    tail_deg: float
+    wag_rad: FloatArray
+
+
+Trunk = tuple[FloatArray, FloatArray, FloatArray]
+"""Path of the trunk's centre, (n, 3), and cosine and sine of its pitch, positive nose up."""
+
+
+def trunk_motion(phase: FloatArray, gait: Gait, build: Build, course: Course) -> Trunk:
+    """Return the path of the trunk at standing height.
+
+    It surges and its girdles heave as recorded; the pitch is what the two heaves make of it.
+    """
+
+    def recorded(name: TrunkCurve) -> FloatArray:
+        curve, begins = trunk_curve(gait.curves, name, gait.touchdown)
+        return curve(phase - begins)
+
+    hind, fore = recorded("hind_heave"), recorded("fore_heave")
+    forward = course.distance(phase) + gait.ripple * course.stride * recorded("surge")
+    sway = gait.sway * np.cos(2 * np.pi * (phase - gait.touchdown["left_hind"] - SWAY_LAG))
+    sine = (fore - hind) / (2 * GIRDLE_X * build.trunk)
+    return columns(forward, sway, (hind + fore) / 2), np.sqrt(1 - sine**2), sine
+
+
+def on_trunk(x: float, y: float, height: float, trunk: Trunk) -> FloatArray:
     """Return the path of a point fixed to the trunk.
 
     The point is named by its position when the dog stands with the middle of its trunk at x = 0.
-
-    ``turn`` is cosine and sine of the trunk's pitch.
     """
     z = height - TRUNK_Z
-    cosine, sine = turn
+    centre, cosine, sine = trunk
     return np.asarray(centre + columns(x * cosine - z * sine, y, TRUNK_Z + x * sine + z * cosine))
 
 
-def paws(phase: FloatArray, gait: Gait, build: Build, stride: float, duty: dict[str, float]) -> Points:
-    """Return the path of each paw over the ground.
+def foot_cycles(phase: FloatArray, gait: Gait, course: Course, foot: str) -> FloatArray:
+    """Return the strides since a touchdown of a foot; whole where it lands."""
+    if course.advance is None:
+        return np.asarray(phase - gait.touchdown[foot])
+    first, landings = course.landings[foot]
+    return cubic_spline(landings, first + np.arange(landings.size))(phase)
 
-    The trunk's mean position is ``stride`` times the phase.
+
+def paw(
+    phase: FloatArray, cycles: FloatArray, gait: Gait, build: Build, course: Course, foot: str, duty: float
+) -> FloatArray:
+    """Return the path of a paw over the ground, (n, 3).
+
+    In the middle of its stance the paw is below its girdle, but for the reach of the gait.
     """
-    result = {}
-    for side, end in LIMBS:
-        girdle, touchdown = getattr(gait, end), gait.touchdown[f"{side}_{end}"]
-        advance, height = paw_path(phase - touchdown, girdle, duty[end])
-        middle = girdle.reach + build.trunk * (GIRDLE_X if end == "fore" else -GIRDLE_X)
-        x = middle + stride * (touchdown + duty[end] / 2 + advance)
-        result[f"{side}_{end}_paw"] = columns(x, TRACK_Y if side == "left" else -TRACK_Y, height)
-    return result
+    side, end = foot.split("_")
+    girdle: Girdle = getattr(gait, end)
+    first, landings = course.landings[foot]
+    prints = course.distance(landings + duty / 2)
+    advance, height = paw_path(cycles, girdle, duty, swing_curve(gait.curves, end, girdle.swing_peak))
+    turn = np.floor(cycles)
+    place = turn.astype(int) - first
+    x = prints[place] + (advance - turn) * (prints[place + 1] - prints[place])
+    x += girdle.reach + build.trunk * (GIRDLE_X if end == "fore" else -GIRDLE_X)
+    return columns(x, TRACK_Y if side == "left" else -TRACK_Y, height)
 
 
-def limb_ends(phase: FloatArray, gait: Gait, build: Build, stride: float, duty: dict[str, float]) -> Points:
+def limb_ends(
+    phase: FloatArray, gait: Gait, build: Build, course: Course, duty: dict[str, float], trunk: Trunk
+) -> Points:
     """Return paw, carpus or hock, and trunk joint of all limbs.
 
     The trunk is at standing height.
     """
-    centre, turn = trunk_motion(phase, gait, build)
-    girdle_x = GIRDLE_X * build.trunk
-    centre[:, 0] += stride * phase
-    result = paws(phase, gait, build, stride, duty)
+    result = {}
     for side, end in LIMBS:
-        sign = 1.0 if side == "left" else -1.0
-        cycles, paw = phase - gait.touchdown[f"{side}_{end}"], result[f"{side}_{end}_paw"]
-        foot = hanging(elevation_rad(cycles, getattr(gait, end).foot_deg, duty[end]))
+        sign, foot = 1.0 if side == "left" else -1.0, f"{side}_{end}"
+        cycles = foot_cycles(phase, gait, course, foot)
+        result[f"{foot}_paw"] = lowest = paw(phase, cycles, gait, build, course, foot, duty[end])
+        segment: Segment = "manus" if end == "fore" else "metatarsus"
+        along = hanging(segment_elevation_rad(gait.curves, segment, cycles, duty[end]))
         if end == "hind":
-            result[f"{side}_hock"] = paw - METATARSUS * build.limbs * foot
-            result[f"{side}_hip"] = on_trunk(-girdle_x, sign * HIP_Y, HIP_Z, centre, turn)
+            result[f"{side}_hock"] = lowest - METATARSUS * build.limbs * along
+            result[f"{side}_hip"] = on_trunk(-GIRDLE_X * build.trunk, sign * HIP_Y, HIP_Z, trunk)
         else:
-            result[f"{side}_carpus"] = paw - MANUS * build.limbs * foot
-            top = on_trunk(girdle_x, sign * SCAPULA_Y, SCAPULA_Z, centre, turn)
-            scapula = hanging(elevation_rad(cycles, gait.scapula_deg, duty[end]))
+            result[f"{side}_carpus"] = lowest - MANUS * build.limbs * along
+            top = on_trunk(GIRDLE_X * build.trunk + SCAPULA_X, sign * SCAPULA_Y, SCAPULA_Z, trunk)
+            scapula = hanging(segment_elevation_rad(gait.curves, "scapula", cycles, duty[end]))
             result[f"{side}_shoulder"] = top + SCAPULA * build.limbs * scapula
     return result
 
 
+CHAINS = (("hip", "hock", FEMUR, TIBIA), ("shoulder", "carpus", HUMERUS, FOREARM))
+"""Two links between a joint at the trunk and the lower end, of either side."""
+
+
 def crouch(gait: Gait, build: Build, stride: float, duty: dict[str, float]) -> float:
-    """Return by how much the trunk must be lowered.
+    """Return by how much the trunk is lowered for every limb to reach its paw all through equal strides.
 
-    Then every limb reaches its paw all through the stride.
-
-    Raises
-    ------
-    ConfigError
-        If no height does: a step too long for the limb, or a limb folded beyond what its joints allow.
+    No more than :data:`DEEPEST_CROUCH`; what is missing then, the joints at the trunk make up for.
     """
-    ends = limb_ends(np.arange(720) / 720, gait, build, stride, duty)
-    chains = [(f"{side}_hip", f"{side}_hock", FEMUR, TIBIA) for side in ("left", "right")]
-    chains += [(f"{side}_shoulder", f"{side}_carpus", HUMERUS, FOREARM) for side in ("left", "right")]
-    lower, folded = 0.0, []
-    for top, bottom, *links in chains:
-        first, second = (build.limbs * link for link in links)
-        line = ends[top] - ends[bottom]
-        room = (STRETCH * (first + second)) ** 2 - line[:, 0] ** 2 - line[:, 1] ** 2
-        if room.min() <= 0:
-            raise ConfigError(f"the step is too long for the limb: {top} to {bottom}")
-        lower = max(lower, float((line[:, 2] - np.sqrt(room)).max()))
-        folded.append((line, abs(first - second)))
-    if any((np.hypot(line[:, 0], line[:, 2] - lower) <= 1.05 * least).any() for line, least in folded):
-        raise ConfigError("the limb would have to fold up completely")
-    return lower
+    phase = np.arange(240) / 240
+    course = regular_course(phase, gait, stride)
+    ends = limb_ends(phase, gait, build, course, duty, trunk_motion(phase, gait, build, course))
+    lower = 0.0
+    for side in ("left", "right"):
+        for top, bottom, first, second in CHAINS:
+            line = ends[f"{side}_{top}"] - ends[f"{side}_{bottom}"]
+            room = (STRETCH * build.limbs * (first + second)) ** 2 - line[:, 0] ** 2 - line[:, 1] ** 2
+            lower = max(lower, float((line[:, 2] - np.sqrt(np.maximum(room, 0.0))).max()))
+    return min(lower, DEEPEST_CROUCH)
+
+
+def glide(top: FloatArray, bottom: FloatArray, length: float) -> None:
+    """Move a joint at the trunk along the limb, in place, where the limb is nearly straight or folded.
+
+    A scapula glides over the ribs and a back bends.
+    """
+    line = top - bottom
+    share = np.sqrt((line * line).sum(axis=1)) / length
+    far, near = share > STRAIGHT[0], share < FOLDED[0]
+    for where, (free, limit) in ((far, STRAIGHT), (near, FOLDED)):
+        if where.any():
+            more = limit - free
+            wanted = free + more * np.tanh((share[where] - free) / more)
+            top[where] = bottom[where] + line[where] * (wanted / share[where])[:, None]
 
 
 def all_points(
-    phase: FloatArray,
-    gait: Gait,
-    build: Build,
-    *,
-    stride: float,
-    duty: dict[str, float],
-    lowered: float,
-    wag_rad: FloatArray,
+    phase: FloatArray, gait: Gait, build: Build, course: Course, duty: dict[str, float], carriage: Carriage
 ) -> Points:
     """Return all points of the dog by name, (n, 3).
 
-    They are in units of h; the trunk's middle is at ``stride`` times the phase.
-
-    Parameters
-    ----------
-    phase : ndarray, shape (n,)
-        Strides.
-    gait : Gait
-        What it does.
-    build : Build
-        Its proportions.
-    stride : float
-        Stride length.
-    duty : dict
-        Duty factor of ``"hind"`` and ``"fore"`` paws.
-    lowered : float
-        See :func:`crouch`.
-    wag_rad : ndarray, shape (n,)
-        Angle of the tail to the left.
+    They are in units of h; the trunk is lowered until all limbs reach.
     """
-    centre, turn = trunk_motion(phase, gait, build)
-    centre += columns(stride * phase, 0.0, -lowered)
-    points = {name: on_trunk(build.trunk * x, 0.0, z, centre, turn) for name, (x, z) in TRUNK_POINTS.items()}
+    trunk = trunk_motion(phase, gait, build, course)
+    ends = limb_ends(phase, gait, build, course, duty, trunk)
+    lowered, size = crouch(gait, build, course.stride, duty), build.limbs
+    for side in ("left", "right"):
+        for top, bottom, first, second in CHAINS:
+            joint, end = ends[f"{side}_{top}"], ends[f"{side}_{bottom}"]
+            joint[:, 2] -= lowered
+            glide(joint, end, size * (first + second))
+    trunk[0][:, 2] -= lowered
+    points = {name: on_trunk(build.trunk * x, 0.0, z, trunk) for name, (x, z) in TRUNK_POINTS.items()}
     neck_base, tail_base = points["neck_base"], points["tail_base"]
-    nod = np.cos(2 * np.pi * gait.harmonic * (phase - gait.neck_highest))
-    elevation = np.radians(NECK_DEG + gait.neck_deg * nod)
+    nod, begins = trunk_curve(gait.curves, "neck", gait.touchdown)
+    elevation = np.radians(carriage.neck_deg + gait.ripple * nod(phase - begins))
     along = columns(np.cos(elevation), 0.0, np.sin(elevation))
     skull = math.radians(SKULL_DEG)
     points["neck"] = neck_base + build.head * NECK / 2 * along
     points["head"] = neck_base + build.head * NECK * along
     points["nose"] = points["head"] + build.head * SKULL * np.array([math.cos(skull), 0.0, math.sin(skull)])
-    drop, length = math.radians(TAIL_DEG), TAIL * build.tail
-    back = columns(-math.cos(drop) * np.cos(wag_rad), math.cos(drop) * np.sin(wag_rad), math.sin(drop))
+    lift, begins = trunk_curve(gait.curves, "tail", gait.touchdown)
+    elevation = np.radians(carriage.tail_deg + lift(phase - begins))
+    length, level, wag = TAIL * build.tail, np.cos(elevation), carriage.wag_rad
+    back = columns(-level * np.cos(wag), level * np.sin(wag), np.sin(elevation))
     points |= {"tail_middle": tail_base + length / 2 * back, "tail_tip": tail_base + length * back}
-    ends = limb_ends(phase, gait, build, stride, duty)
-    for name in [name for name in ends if name.endswith(("hip", "shoulder"))]:
-        ends[name] = ends[name] - [0.0, 0.0, lowered]
-    size = build.limbs
     for side in ("left", "right"):
         hip, hock, shoulder, carpus = (ends[f"{side}_{p}"] for p in ("hip", "hock", "shoulder", "carpus"))
         ends[f"{side}_elbow"] = two_link(shoulder, carpus, size * HUMERUS, size * FOREARM, bend=-1.0)

@@ -99,7 +99,7 @@ class Curve:
         return np.asarray(x)
 
 
-def _hermite(knots: FloatArray, heights: FloatArray, slopes: FloatArray) -> Curve:
+def cubic_hermite(knots: FloatArray, heights: FloatArray, slopes: FloatArray) -> Curve:
     """Return cubics from heights and slopes at the knots."""
     step = np.diff(knots)
     chord = np.diff(heights) / step
@@ -142,7 +142,7 @@ def cubic_spline(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
     slopes[-1] /= diagonal[-1]
     for i in range(len(slopes) - 2, -1, -1):
         slopes[i] = (slopes[i] - upper[i] * slopes[i + 1]) / diagonal[i]
-    return _hermite(x, y, np.array(slopes))
+    return cubic_hermite(x, y, np.array(slopes))
 
 
 def periodic_pchip_curve(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
@@ -169,7 +169,7 @@ def periodic_pchip_curve(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
     level = before * after <= 0.0
     safe = (np.where(level, 1.0, before), np.where(level, 1.0, after))
     mean = (weight_before + weight_after) / (weight_before / safe[0] + weight_after / safe[1])
-    return _hermite(x[1:-1], y[1:-1], np.where(level, 0.0, mean))
+    return cubic_hermite(x[1:-1], y[1:-1], np.where(level, 0.0, mean))
 
 
 STRIDE_CORRELATION = 0.5

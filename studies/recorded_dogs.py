@@ -1,0 +1,237 @@
+"""Recorded dogs: clips and mean curves over a stride.
+
+``dog_curves.py`` makes the tables of the dog's model of one dog; ``motion_comparison.py`` compares the model with both.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from scipy.signal import savgol_filter
+
+from doppelgait.motion.motion import Motion
+from doppelgait.motion.readers import read
+
+FloatArray = npt.NDArray[np.float64]
+
+SPEED_WINDOW_S = 0.06
+SWINGS, SWING_PEAK = 0.5, 1.4
+"""A paw swings while it is faster than half of V, if it reaches 1.4 V."""
+BEFORE, AFTER = 0.14, 0.08
+"""It leaves the ground this much of that time earlier, and comes to rest this much later (mean curves of both dogs)."""
+N_PHASES = 50
+N_SWING = 13
+CYCLE = np.arange(N_PHASES) / N_PHASES
+SIDED = {
+    "top": ("{S}Shoulder", "b_{S}Clav"),
+    "shoulder": ("{S}Arm", "b_{S}Arm", "{s}_shoulder"),
+    "elbow": ("{S}ForeArm", "b_{S}ForeArm", "{s}_elbow"),
+    "carpus": ("{S}Hand", "b_{S}Hand", "{s}_carpus"),
+    "fore_paw": ("{S}Hand_End", "b__{S}Finger", "b_{S}Finger", "{s}_fore_paw"),
+    "hip": ("{S}UpLeg", "b_{S}LegUpper", "{s}_hip"),
+    "knee": ("{S}Leg", "b_{S}Leg", "{s}_knee"),
+    "hock": ("{S}Foot", "b_{S}Leg1", "{s}_hock"),
+    "hind_paw": ("{S}Foot_End", "b_{S}Toe", "{s}_hind_paw"),
+}
+MIDDLE = {
+    "pelvis": ("Hips", "b_Hips", "rump"),
+    "withers": ("Spine1", "b_Spine3", "withers"),
+    "neck_base": ("Neck", "b__Neck", "neck_base"),
+    "neck": ("b__Neck1", "neck"),
+    "head": ("Head", "b_Head", "head"),
+    "nose": ("Head_End", "nose"),
+    "tail_base": ("Tail", "b_Tail001", "tail_base"),
+    "tail_middle": ("Tail1", "b_Tail005", "tail_middle"),
+    "tail_tip": ("Tail1_End", "b_Tail009", "tail_tip"),
+}
+"""Points of the body and their names in the recordings and in the model."""
+
+
+@dataclass(frozen=True)
+class Clip:
+    """A straight segment of a dog at a steady gait."""
+
+    file: str
+    gait: str
+    start_s: float
+    stop_s: float
+
+    @property
+    def dog(self) -> str:
+        """The data set; each has one dog."""
+        return "MANN" if "mann" in self.file else "Tencent"
+
+    def read(self, folder: Path) -> Motion:
+        """Read the motion below a folder."""
+        return read(folder / self.file, start_s=self.start_s, stop_s=self.stop_s)
+
+
+@dataclass(frozen=True)
+class Strides:
+    """Every stride of a clip, by limb.
+
+    Parameters
+    ----------
+    speed_mps, hip_m : float
+        Mean speed, and 0.8 of the withers height.
+    stride_s : ndarray
+        Stride times of all feet.
+    duty, lag, lag_sd : dict
+        Share of the stride for which each foot is at rest; circular mean and standard deviation of its landing after
+        the left hind foot's, in strides.
+    speed, height, ahead, aside : dict of ndarray, shape (strides, 50)
+        By point, ``left_`` or ``right_`` first where it has a side: forward speed over V less 1; height, place ahead of
+        the body and to its left in hip heights; over the stride after the landing of the point's own foot, of a hind
+        foot for points of the middle.
+    at : dict of ndarray
+        Times at which these strides begin.
+    swing : dict of ndarray, shape (swings, 13)
+        Forward speed over V of each paw from lift-off to landing.
+    """
+
+    speed_mps: float
+    hip_m: float
+    stride_s: FloatArray
+    duty: dict[str, float]
+    lag: dict[str, float]
+    lag_sd: dict[str, float]
+    speed: dict[str, FloatArray] = field(default_factory=dict)
+    height: dict[str, FloatArray] = field(default_factory=dict)
+    ahead: dict[str, FloatArray] = field(default_factory=dict)
+    aside: dict[str, FloatArray] = field(default_factory=dict)
+    at: dict[str, FloatArray] = field(default_factory=dict)
+    swing: dict[str, FloatArray] = field(default_factory=dict)
+
+
+def find_dogs(folder: Path) -> Iterator[Clip]:
+    """Yield steady segments of dogs with their gait."""
+    with (folder / "segments.csv").open() as file:
+        for row in csv.DictReader(file):
+            if row["class"] == "dog" and row["gait"] and not row["footfall_note"]:
+                rate_hz = float(row["frame_rate_hz"])
+                gait = "canter" if row["gait"].startswith("canter") else row["gait"]
+                yield Clip(row["file"], gait, int(row["start_frame"]) / rate_hz, int(row["end_frame"]) / rate_hz)
+
+
+def find_points(names: list[str]) -> dict[str, int]:
+    """Find the numbers of the body's points."""
+    wanted = dict(MIDDLE)
+    for side in ("left", "right"):
+        for point, patterns in SIDED.items():
+            wanted[f"{side}_{point}"] = tuple(p.format(S=side.title(), s=side) for p in patterns)
+    found = {}
+    for point, patterns in wanted.items():
+        for pattern in patterns:
+            if pattern in names:
+                found[point] = names.index(pattern)
+                break
+    return found
+
+
+def find_swings(speed: FloatArray, times_s: FloatArray) -> FloatArray:
+    """Find the times between which a paw goes at more than half the body's speed, shape (n, 2).
+
+    Parameters
+    ----------
+    speed : ndarray
+        Forward speed over V.
+    times_s : ndarray
+    """
+    rises = np.flatnonzero((speed[:-1] < SWINGS) & (speed[1:] >= SWINGS))
+    falls = np.flatnonzero((speed[:-1] >= SWINGS) & (speed[1:] < SWINGS))
+    found = []
+    for first in rises:
+        if (last := falls[falls > first]).size and speed[first : last[0]].max() > SWING_PEAK:
+            at = np.array([first, last[0]])
+            share = (SWINGS - speed[at]) / (speed[at + 1] - speed[at])
+            found.append(times_s[at] + share * (times_s[at + 1] - times_s[at]))
+    return np.array(found).reshape(-1, 2)
+
+
+def measure_strides(motion: Motion, *, zero: str = "left_hind") -> Strides | None:
+    """Measure all strides of a motion; None without two touchdowns of a foot."""
+    found, times_s = find_points(list(motion.markers)), motion.time_s
+    rate_hz = motion.rate_hz
+    place = {point: motion.position_m[:, number] for point, number in found.items()}
+    body = (place["pelvis"] + place["withers"]) / 2
+    way = body[-1, :2] - body[0, :2]
+    speed_mps = float(np.linalg.norm(way)) / float(times_s[-1] - times_s[0])
+    forward = way / np.linalg.norm(way)
+    left = np.array([-forward[1], forward[0]])
+    hip_m = 0.8 * motion.facts.height_m
+    x = {point: at[:, :2] @ forward for point, at in place.items()}
+    window = max(5, round(SPEED_WINDOW_S * rate_hz) | 1)
+    speed = {p: savgol_filter(at, window, 3, deriv=1, delta=1 / rate_hz) / speed_mps - 1 for p, at in x.items()}
+    centre = body[:, :2] @ forward
+    floor_m = float(
+        min(np.nanpercentile(place[f"{s}_{e}_paw"][:, 2], 5) for s in ("left", "right") for e in ("hind", "fore"))
+    )
+    swings = {
+        f"{side}_{end}": find_swings(speed[f"{side}_{end}_paw"] + 1, times_s)
+        for side in ("left", "right")
+        for end in ("hind", "fore")
+    }
+    touch = {foot: found_s[:, 1] + AFTER * (found_s[:, 1] - found_s[:, 0]) for foot, found_s in swings.items()}
+    periods = np.concatenate([np.diff(t) for t in touch.values()]) if touch else np.empty(0)
+    if not periods.size:
+        return None
+    usual_s = float(np.median(periods))
+    base = touch.get("left_hind", np.empty(0))
+    lag, lag_sd = {}, {}
+    for foot, t in touch.items():
+        phases = [((v - base[np.argmin(np.abs(base - v))]) / usual_s) for v in t] if base.size else []
+        if phases:
+            z = np.exp(2j * np.pi * np.array(phases)).mean()
+            lag[foot] = float(np.angle(z) / (2 * np.pi) % 1)
+            lag_sd[foot] = float(np.sqrt(max(-2 * np.log(abs(z)), 0)) / (2 * np.pi))
+    curves: tuple[dict[str, list[FloatArray]], ...] = ({}, {}, {}, {})
+    at: dict[str, list[float]] = {}
+    for point in found:
+        side = point.partition("_")[0]
+        if side in ("left", "right"):
+            end = "fore" if point.split("_", 1)[1] in ("top", "shoulder", "elbow", "carpus", "fore_paw") else "hind"
+            foot = f"{side}_{end}"
+        else:
+            foot = zero
+        landed = touch.get(foot, np.empty(0))
+        for first_s, last_s in pairwise(landed):
+            if not 0.75 < (last_s - first_s) / usual_s < 1.35:
+                continue
+            at_s = first_s + CYCLE * (last_s - first_s)
+            rows = (
+                speed[point],
+                (place[point][:, 2] - floor_m) / hip_m,
+                (x[point] - centre) / hip_m,
+                (place[point] - body)[:, :2] @ left / hip_m,
+            )
+            for table, row in zip(curves, rows, strict=True):
+                table.setdefault(point, []).append(np.interp(at_s, times_s, row))
+            at.setdefault(point, []).append(first_s)
+    shapes = {}
+    for foot, found_s in swings.items():
+        width_s = found_s[:, 1:] - found_s[:, :1]
+        at_s = found_s[:, :1] + width_s * np.linspace(-BEFORE, 1 + AFTER, N_SWING)
+        whole = (at_s[:, 0] >= times_s[0]) & (at_s[:, -1] <= times_s[-1])
+        shapes[foot] = np.interp(at_s[whole], times_s, speed[f"{foot}_paw"] + 1)
+    return Strides(
+        speed_mps,
+        hip_m,
+        periods,
+        {
+            foot: 1 - (1 + BEFORE + AFTER) * float(np.mean(found_s[:, 1] - found_s[:, 0])) / usual_s
+            if len(found_s)
+            else np.nan
+            for foot, found_s in swings.items()
+        },
+        lag,
+        lag_sd,
+        *({p: np.array(v) for p, v in table.items()} for table in curves),
+        {p: np.array(v) for p, v in at.items()},
+        shapes,
+    )

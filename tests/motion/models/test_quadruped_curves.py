@@ -1,0 +1,54 @@
+"""Tables of a dog's mean curves: what they integrate to, and how they move with gait and duty factor."""
+
+import numpy as np
+import pytest
+
+from doppelgait.motion.models.quadruped_curves import (
+    CURVES,
+    MEASURED_DUTY,
+    SWINGS,
+    segment_elevation_rad,
+    swing_curve,
+    trunk_curve,
+)
+from doppelgait.motion.models.quadruped_gaits import GAITS
+
+PHASE = np.arange(2000) / 2000
+
+
+@pytest.mark.parametrize("gait", MEASURED_DUTY)
+def test_the_surge_integrates_the_measured_speed(gait):
+    curve, begins = trunk_curve(gait, "surge", GAITS[gait].touchdown)
+    speed = (curve(PHASE + 1e-5) - curve(PHASE - 1e-5)) / 2e-5
+    samples = np.tile(CURVES[gait, "surge"], 20 // len(CURVES[gait, "surge"]))
+    np.testing.assert_allclose(speed[::100], samples - samples.mean(), atol=0.003)
+    assert begins == pytest.approx(0.0, abs=0.01)
+
+
+@pytest.mark.parametrize("gait", MEASURED_DUTY)
+@pytest.mark.parametrize("segment", ["manus", "metatarsus", "scapula"])
+def test_segments_follow_their_tables_and_stretch_with_the_duty_factor(gait, segment):
+    measured = MEASURED_DUTY[gait][segment != "metatarsus"]
+    own = np.degrees(segment_elevation_rad(gait, segment, PHASE, measured))
+    np.testing.assert_allclose(own[::100], CURVES[gait, segment], atol=3.5)
+    longer = 1.2 * measured
+    stretched = np.degrees(segment_elevation_rad(gait, segment, np.array([longer, 1.0 - 1e-9]), longer))
+    expected = np.degrees(segment_elevation_rad(gait, segment, np.array([measured, 1.0 - 1e-9]), measured))
+    np.testing.assert_allclose(stretched, expected, atol=1e-5)
+    rate = np.diff(segment_elevation_rad(gait, segment, np.linspace(0, 2, 40_001), longer))
+    assert np.abs(np.diff(rate)).max() < 3e-5, "no jump of the angular speed"
+
+
+@pytest.mark.parametrize(("gait", "end"), SWINGS)
+def test_a_swing_covers_the_stride_as_measured(gait, end):
+    swing = swing_curve(gait, end, 1.0)
+    assert swing(np.array([0.0, 1.0])) == pytest.approx([0.0, 1.0])
+    np.testing.assert_allclose(swing(np.arange(13) / 12, 1), SWINGS[gait, end], atol=0.02)
+
+
+def test_other_gaits_take_the_gallop_to_where_their_feet_land():
+    begins = {
+        name: trunk_curve("gallop", "fore_heave", GAITS[name].touchdown)[1] for name in ("gallop", "canter", "bound")
+    }
+    assert begins["canter"] - begins["gallop"] == pytest.approx((0.275 + 0.55 - 0.163 - 0.344) / 2, abs=1e-9)
+    assert begins["bound"] - begins["gallop"] == pytest.approx(0.45 - (0.163 + 0.344) / 2, abs=1e-9)
