@@ -236,6 +236,9 @@ def loop(motion: Motion, *, duration_s: float, variation: float = 1.0, rng: Rand
         )
         times = {foot: step.touchdown_s - every_s for foot, step in find_steps(three).items()}
     touchdowns = {foot: [float(t) for t in found if 0.0 <= t < every_s - 1e-9] for foot, found in times.items()}
+    # a landing at the cut is there at both ends of a cycle that is a little longer than its strides
+    half_s = every_s / seam.strides / 2
+    touchdowns = {foot: [t for t in found if t < found[0] + every_s - half_s] for foot, found in touchdowns.items()}
     turns = range(-1, math.floor(until_s / every_s) + 2)
     footfalls = {}
     for foot, once in touchdowns.items():
