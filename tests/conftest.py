@@ -19,6 +19,7 @@ from checkout import SHARED
 PROCESS_ROOMS = ("system", "browser")
 PROCESS_EVENTS = frozenset({"subprocess.Popen", "os.fork", "os.posix_spawn", "os.system"})
 
+gc.set_threshold(20_000)  # at every 700 new objects it takes a tenth of the suite's time, in imports above all
 platform.processor()  # kept by Python: importing h5py asks for it, by a process that some tests may not start
 
 TESTS = Path(__file__).parent

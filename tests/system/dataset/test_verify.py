@@ -115,7 +115,8 @@ def test_an_honest_dataset_passes_every_check_and_is_left_as_it_was(built):
 
 
 @pytest.mark.slow
-def test_every_class_has_a_page(built, tmp_path):
+def test_every_class_has_a_page(built, tmp_path, monkeypatch):
+    monkeypatch.setattr("doppelgait.dataset.verify.run.SHEET_SIZE", 6)  # two pages of 24 take 10 s to lay out and draw
     found = verify(built, figures=tmp_path / "pages" / "new")
     names = ["signatures-dog.png", "signatures-human.png", "features.png"]
     assert [path.name for path in found.figures] == names
