@@ -126,6 +126,7 @@ def _plan_models() -> list[tuple[str, type[BaseModel]]]:
     return _models(
         f"{config}:PlanConfig", f"{config}:DatasetSection", f"{config}:FieldSpec", f"{config}:SplitSection",
         f"{config}:ClassSection", f"{config}:SourceSection", "doppelgait.dataset.motions:FolderMotion",
+        "doppelgait.motion.hybrid:Hybrid",
         "doppelgait.dataset.config:ImportConfig",
     )  # fmt: skip
 

@@ -22,9 +22,9 @@ other text blocks a release: the texts that forbid it cannot be listed."""
 def blocks_release(licence: str) -> bool:
     """Return True if a licence blocks the release of derived data.
 
-    All licences block it that are not known to allow it.
+    All licences block it that are not known to allow it; of several, joined by AND, each must allow it.
     """
-    return FREE.fullmatch(licence.strip()) is None
+    return any(FREE.fullmatch(part.strip()) is None for part in licence.split(" AND "))
 
 
 def licences_of(index: pd.DataFrame) -> pd.DataFrame:

@@ -8,13 +8,14 @@ import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import Field
 
 from doppelgait.core.config import FrozenModel, validate
 from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitError, DoppelgaitWarning, warn_caller
 from doppelgait.dataset.config import PlanConfig, SourceSection, shorten
+from doppelgait.motion.motion import Motion
 
 NOBODY = "none"
 """Motion kind of an example without a target."""
@@ -28,6 +29,15 @@ def recording_of(motion: Mapping[str, Any]) -> str:
     It is empty for a model.
     """
     return str(motion["path"]) if motion["kind"] == "file" else ""
+
+
+def recordings_of(motion: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the paths of all recordings of a resolved motion, as written.
+
+    They are two for a blended one, none for a model.
+    """
+    other = (motion.get("hybrid") or {}).get("other") if motion["kind"] == "file" else None
+    return tuple(filter(None, (recording_of(motion), recording_of(other) if other else "")))
 
 
 def source_entry(recording: str, sources: Sequence[SourceSection]) -> SourceSection | None:
@@ -97,6 +107,12 @@ def check_motion(motion: Any, folder: Path, *, key: str) -> None:
     if kind == "folder":
         raise ConfigError(f"{key}.kind: a folder is allowed in [[classes]] only; name a file")
     if kind == "file":
+        if "hybrid" in options:
+            from doppelgait.motion.hybrid import Hybrid
+
+            hybrid = validate(Hybrid, options.pop("hybrid"), section=(*key.split("."), "hybrid"))
+            if hybrid.other is not None:
+                check_motion(hybrid.other, folder, key=f"{key}.hybrid.other")
         path = options.pop("path", None)
         if not isinstance(path, str) or not path:
             raise ConfigError(f'{key}.path: {shorten(path)} is not allowed: kind "file" needs path = "..."')
@@ -110,7 +126,7 @@ def check_motion(motion: Any, folder: Path, *, key: str) -> None:
         for name in sorted(set(options) - set(allowed)):
             raise ConfigError(
                 f"{key}.{name}: {shorten(options[name])} is not allowed: unknown key; allowed are path, "
-                f"{', '.join(allowed)}"
+                f"hybrid, {', '.join(allowed)}"
             )
     elif kind == NOBODY:
         validate(Phantom, options, section=tuple(key.split(".")))
@@ -194,6 +210,7 @@ SPARE_S = 0.1
 SHOWN_REASONS = 3
 
 Progress = Callable[[int, int], None]
+HybridMode = Literal["none", "retarget", "blend"]
 
 
 class FolderMotion(FrozenModel):
@@ -209,6 +226,9 @@ class FolderMotion(FrozenModel):
         Segments shorter than the scene are repeated over whole strides; else they are left out.
     min_duration_s : float
         Shorter segments are left out.
+    hybrid : {"none", "retarget", "blend"}
+        Whether every example changes speed, size and stride of its segment, and also blends it with another one
+        (:mod:`doppelgait.motion.hybrid`).
     options : table
         Options of the reader, such as ``units``.
     """
@@ -217,6 +237,7 @@ class FolderMotion(FrozenModel):
     pattern: str = "*"
     loop: bool = True
     min_duration_s: float = Field(default=0.0, ge=0)
+    hybrid: HybridMode = "none"
     options: dict[str, Any] = Field(default_factory=dict)
 
 
@@ -264,7 +285,7 @@ def expand_folders(plan: PlanConfig, folder: Path, *, on_progress: Progress | No
         if isinstance(value, Mapping):
             if value.get("kind") == "folder":
                 spec = validate(FolderMotion, {k: v for k, v in value.items() if k != "kind"}, section=(key,))
-                return {"cycle": _list_segments(spec, folder, float(seconds), key, on_progress)}
+                return {"cycle": _list_segments(spec, folder, float(seconds), key, plan.sources, on_progress)}
             return {k: expand(v, f"{key}.{k}") for k, v in value.items()}
         return [expand(v, f"{key}.{n}") for n, v in enumerate(value)] if isinstance(value, list) else value
 
@@ -276,7 +297,12 @@ def expand_folders(plan: PlanConfig, folder: Path, *, on_progress: Progress | No
 
 
 def _list_segments(
-    spec: FolderMotion, folder: Path, seconds: float, key: str, on_progress: Progress | None
+    spec: FolderMotion,
+    folder: Path,
+    seconds: float,
+    key: str,
+    sources: Sequence[SourceSection],
+    on_progress: Progress | None,
 ) -> list[dict[str, Any]]:
     """Return the motion tables of all usable segments of a folder.
 
@@ -286,7 +312,7 @@ def _list_segments(
     if not root.is_dir():
         raise ConfigError(f"{key}.path: {spec.path!r} is not allowed: there is no such folder in {folder.resolve()}")
     files = sorted(path for path in root.rglob(spec.pattern) if path.is_file())
-    found: list[dict[str, Any]] = []
+    found: list[tuple[dict[str, Any], Motion]] = []
     refused: dict[str, str] = {}
     for number, file in enumerate(files, start=1):
         name = (Path(spec.path) / file.relative_to(root)).as_posix()
@@ -305,10 +331,18 @@ def _list_segments(
     if refused:
         shown = "; ".join(f"{name}: {reason}" for name, reason in list(refused.items())[:SHOWN_REASONS])
         warn_caller(f"{spec.path}: {len(refused)} of {len(files)} files are left out: {shown}")
-    return sorted(found, key=lambda table: (table["segment"], table["path"]))
+    found.sort(key=lambda entry: (entry[0]["segment"], entry[0]["path"]))
+    tables = [table for table, _ in found]
+    if spec.hybrid == "none":
+        return tables
+    from doppelgait.dataset.hybrids import with_hybrids
+
+    subjects = [subject_of(table, "", sources) for table in tables]
+    return with_hybrids(tables, [clip for _, clip in found], subjects, spec.hybrid)
 
 
-def _segments_of_file(spec: FolderMotion, file: Path, name: str, seconds: float) -> list[dict[str, Any]]:
+def _segments_of_file(spec: FolderMotion, file: Path, name: str, seconds: float) -> list[tuple[dict[str, Any], Motion]]:
+    from doppelgait.motion.gait import with_gait_facts
     from doppelgait.motion.loop import loop
     from doppelgait.motion.readers import read
     from doppelgait.motion.segments import crop, find_segments
@@ -321,13 +355,18 @@ def _segments_of_file(spec: FolderMotion, file: Path, name: str, seconds: float)
             table = {"kind": "file", "path": name, "segment": number, **spec.options}
             if segment.duration_s < spec.min_duration_s:
                 continue
-            if segment.duration_s < seconds:
-                if not spec.loop:
-                    continue
+            clip = crop(motion, segment)
+            if segment.duration_s < seconds and not spec.loop:
+                continue
+            # a hybrid may be faster than its recording
+            if segment.duration_s < seconds or spec.hybrid != "none":
                 try:
-                    loop(crop(motion, segment), duration_s=seconds + SPARE_S)
+                    loop(clip, duration_s=seconds + SPARE_S)
                 except DoppelgaitError:
                     continue  # shorter than a stride: nothing to repeat
                 table["loop_to_s"] = seconds + SPARE_S
-            tables.append(table)
+            if spec.hybrid != "none":
+                clip = with_gait_facts(clip)
+                clip.position_m.setflags(write=False)  # its cycle is fitted once
+            tables.append((table, clip))
     return tables

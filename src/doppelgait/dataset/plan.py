@@ -30,7 +30,7 @@ class PlannedExample(NamedTuple):
     id, split, group : str
         Examples that share a subject, straight or through others, share the group; a group is in one split.
     subjects : tuple of str
-        One per row.
+        One per row, then the further ones of blended motions.
     """
 
     number: int
@@ -136,7 +136,8 @@ def plan_dataset(config: PlanConfig, *, folder: Path | None = None, on_progress:
                 rows, _ = rows_of(expanded, len(scenes), source)
             except ConfigError as error:
                 raise ConfigError(f"class {section.label!r}: example {name}: {error}") from None
-            scenes.append(tuple(row.subject for row in rows))
+            mine = [row.subject for row in rows]
+            scenes.append((*mine, *(other for row in rows for other in row.others)))
     groups = groups_of(scenes)
     members: dict[str, list[str]] = {section.label: [] for section in expanded.classes}
     for number, subjects in enumerate(scenes):

@@ -16,7 +16,7 @@ from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.rng import Streams
 from doppelgait.dataset.config import AUTO_PRF_REFUSED, ORACLE_REFUSED, ClassSection, PlanConfig, shorten
-from doppelgait.dataset.motions import NOBODY, PHANTOM_SPEED_MPS, check_motion, source_entry, subject_of
+from doppelgait.dataset.motions import NOBODY, PHANTOM_SPEED_MPS, check_motion, recordings_of, source_entry, subject_of
 from doppelgait.pipeline import Run, parse_run
 from doppelgait.pipeline.run import FITTED_KEYS
 
@@ -133,7 +133,10 @@ class RowSpec(FrozenModel):
         ``model/ID`` for a draw of a model's parameters or an empty scene.
     source : {"model", "recording", "none"}
     recording, licence : str
-        Motion file and what ``[[sources]]`` says of it; empty for models.
+        Motion file and what ``[[sources]]`` says of it; empty for models. Both files and both licences of a blended
+        motion, which is unknown where one of them is.
+    others : tuple of str
+        Further subjects of a blended motion; they are in the group of the first.
     """
 
     id: str
@@ -142,6 +145,7 @@ class RowSpec(FrozenModel):
     source: str
     recording: str = ""
     licence: str = ""
+    others: tuple[str, ...] = ()
 
 
 class ExampleSpec(FrozenModel):
@@ -219,16 +223,20 @@ def rows_of(plan: PlanConfig, number: int, folder: Path) -> tuple[tuple[RowSpec,
     for count, target in enumerate(targets):
         row_id = name if count == 0 else f"{name}-c{count}"
         motion = target["motion"]
-        path = str(motion["path"]) if motion["kind"] == "file" else ""
-        entry = source_entry(path, plan.sources) if path else None
+        recordings = recordings_of(motion)
+        entries = [source_entry(path, plan.sources) for path in recordings]
+        licences = list(dict.fromkeys("" if entry is None else entry.licence for entry in entries))
+        others = [subject_of({"kind": "file", "path": path}, row_id, plan.sources) for path in recordings[1:]]
+        subject = subject_of(motion, row_id, plan.sources)
         rows.append(
             RowSpec(
                 id=row_id,
                 label=str(target["label"]),
-                subject=subject_of(motion, row_id, plan.sources),
-                source="recording" if path else "none" if motion["kind"] == NOBODY else "model",
-                recording=path,
-                licence="" if entry is None else entry.licence,
+                subject=subject,
+                others=tuple(other for other in others if other != subject),
+                source="recording" if recordings else "none" if motion["kind"] == NOBODY else "model",
+                recording=" + ".join(dict.fromkeys(recordings)),
+                licence=" AND ".join(licences) if all(licences) else "",
             )
         )
     return tuple(rows), targets

@@ -14,7 +14,7 @@ from typing import Any
 from doppelgait.core.config import canonical_json
 from doppelgait.core.files import atomic_path
 from doppelgait.dataset.config import SPLITS
-from doppelgait.dataset.motions import source_entry
+from doppelgait.dataset.motions import recordings_of, source_entry, subject_of
 from doppelgait.dataset.plan import Plan, Shard
 from doppelgait.dataset.shard import BuildContext, build_planned, build_shard
 from doppelgait.dataset.splits import source_of
@@ -95,8 +95,13 @@ def summarise(plan: Plan, identity: str, *, n_checked: int, pilot: int = PILOT_E
     ]
     files = []
     if any(source_of(subject) != "model" for entry in plan.examples for subject in entry.subjects):
-        rows = (row for n in range(len(plan.examples)) for row in plan.example(n).rows if row.recording)
-        for (recording, subject), count in sorted(Counter((row.recording, row.subject) for row in rows).items()):
+        made = (
+            run.scene.targets[: len(rows)]
+            for run, rows in ((e.run, e.rows) for e in map(plan.example, range(len(plan.examples))))
+        )
+        used = Counter(path for targets in made for target in targets for path in recordings_of(target.motion))
+        for recording, count in sorted(used.items()):
+            subject = subject_of({"kind": "file", "path": recording}, "", plan.config.sources)
             entry = source_entry(recording, plan.config.sources)
             licence = entry.licence if entry is not None and entry.licence else "unknown"
             files.append({"file": recording, "subject": subject, "examples": count, "licence": licence})

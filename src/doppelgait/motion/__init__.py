@@ -1,6 +1,7 @@
 """Motion of people and animals: recordings, models, cleaning, segments, loops and paths."""
 
 from doppelgait.motion.follow import follow
+from doppelgait.motion.hybrid import blend, retarget
 from doppelgait.motion.loop import loop
 from doppelgait.motion.models import (
     boulic_walk,
@@ -27,6 +28,7 @@ from doppelgait.motion.segments import find_segments
 __all__ = [
     "Motion",
     "MotionFacts",
+    "blend",
     "boulic_walk",
     "breathing_person",
     "crawling_person",
@@ -43,6 +45,7 @@ __all__ = [
     "pendulum",
     "quadruped_gait",
     "read",
+    "retarget",
     "robot_vacuum",
     "rotor",
     "sample_dog",

@@ -8,16 +8,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import MotionError, warn_caller
 from doppelgait.core.rng import RandomSource, Streams, as_generator
-from doppelgait.motion.gait import find_steps, is_quadruped, with_gait_facts
+from doppelgait.motion.gait import find_feet, find_steps, is_quadruped, with_gait_facts
 from doppelgait.motion.models.strides import autoregressive, cubic_spline
 from doppelgait.motion.motion import Motion, make_motion, require_motion
 from doppelgait.motion.retime import Spline, fit_spline, travel_speed_mps
+from doppelgait.motion.rigid import pair_lengths, restore_lengths, rigid_pairs
 from doppelgait.motion.skeleton import BODY_CENTRE_PARTS
 
 FloatArray = npt.NDArray[np.float64]
@@ -87,6 +89,11 @@ POSES_PER_STRIDE = 2
 """A pose deviates anew at this rate."""
 SHARE_OF_SWING = 2.0
 """A swing is multiplied by 0 to this factor at most."""
+FOOT_WEIGHT = 100.0
+"""A point of a foot counts as this much heavier than another where the lengths of a body are restored."""
+RIDGE, STEPS = 2.0, 3
+"""Of restoring these lengths: soft, because a foot may deviate further than the leg reaches. What that gives in loops
+of the shared recordings is in docs/motion.md."""
 KNOT_MARGIN = 3
 """Strides before the first and after the last frame, so that the ends of the splines do not show."""
 
@@ -128,7 +135,8 @@ def loop(motion: Motion, *, duration_s: float, variation: float = 1.0, rng: Rand
     Strides vary about this cycle: their times and lengths, the lead and place of each limb and the swing of the upper
     body are first-order autoregressive from stride to stride with the spreads of recordings (:data:`PERSON`,
     :data:`QUADRUPED`), reduced by sqrt(1/n) because a cycle of n strides holds the rest. Advance and fore-aft swing
-    are scaled by one factor, so that a foot on the ground stays where it is. The mean speed is that of the clip.
+    are scaled by one factor, so that a foot on the ground stays where it is. The lengths between the points of the body
+    are restored to those of the cycle, with the feet held. The mean speed is that of the clip.
 
     Parameters
     ----------
@@ -159,30 +167,14 @@ def loop(motion: Motion, *, duration_s: float, variation: float = 1.0, rng: Rand
     DoppelgaitWarning
         If the clip has less than two strides.
     """
-    require_motion(motion)
-    where = motion.label
+    where = require_motion(motion).label
     if not (math.isfinite(duration_s) and duration_s > 0):
         raise MotionError(f"duration_s: {duration_s!r} is not allowed: must be a number above 0 s")
     if not 0.0 <= variation <= 2.0:
         raise MotionError(f"variation: {variation!r} is not allowed: must be a number from 0 to 2")
-    if not np.isfinite(motion.position_m).all():
-        raise MotionError(f"{where}: has gaps, so it cannot be looped; clean it first")
-    known = with_gait_facts(motion)
-    rate = motion.rate_hz
+    known, cycle, usual = fit_cycle(motion)
+    seam, rate = cycle.seam, motion.rate_hz
     period = rate / known.facts.stride_frequency_hz
-    overlap = OVERLAP_STRIDES * period
-    if not math.isfinite(period):
-        raise MotionError(
-            f"{where}: shows no gait cycle, so it cannot be looped over whole strides; give a part in which the body "
-            "walks, or state it: motion.with_facts(stride_frequency_hz=...)"
-        )
-    if motion.n_frames - 1 < period + overlap + 1:
-        raise MotionError(
-            f"{where}: lasts {(motion.n_frames - 1) / rate:.3g} s, but one stride takes {period / rate:.3g} s; a "
-            f"loop needs {(period + overlap + 1) / rate:.3g} s or more"
-        )
-    seam, usual = _best_seam(motion, period, overlap)
-    cycle = _fit_cycle(motion, seam, overlap)
     count = math.ceil(duration_s * rate - 1e-9) + 1
     clip = f"loop {known.facts.source} {known.facts.subject} {known.facts.file_time_s:.3f}"
     source = Streams(0).generator("motion", clip) if rng is None else as_generator(rng, "motion")
@@ -191,6 +183,10 @@ def loop(motion: Motion, *, duration_s: float, variation: float = 1.0, rng: Rand
     cycle_mps = float(np.hypot(*cycle.advance[:2])) / seam.lag * rate
     speed_mps = cycle_mps * _speed_ratio(cycle, known)
     position, clocks, stretch = _vary(cycle, known, count, speed_mps, spread, share, source)
+    if share:  # limbs that vary on their own would leave their joints
+        pairs = rigid_pairs(np.asarray(motion.position_m, dtype=np.float64))
+        wanted_m = pair_lengths(cycle.at(clocks[""]), pairs)
+        position = restore_lengths(position, pairs, wanted_m, foot_weights(motion), ridge=RIDGE, steps=STEPS)
     stride_hz = seam.strides * rate / seam.lag
     has_strides = (motion.n_frames - 1) / period
     if has_strides < FEW_STRIDES:
@@ -247,6 +243,53 @@ def loop(motion: Motion, *, duration_s: float, variation: float = 1.0, rng: Rand
         due_s = due_s[(due_s >= clock_s[0] - 1e-12) & (due_s <= clock_s[-1] + 1e-12)]
         footfalls[foot] = [float(t) for t in np.interp(due_s, clock_s, np.arange(count) / rate)]
     return looped.with_facts(footfalls=footfalls)
+
+
+def foot_weights(motion: Motion) -> FloatArray:
+    """Return weights of points for :func:`~doppelgait.motion.rigid.restore_lengths`: feet are held."""
+    weights = np.ones(len(motion.markers))
+    for points in find_feet(motion).values():
+        weights[points] = FOOT_WEIGHT
+    return weights
+
+
+_fitted: WeakKeyDictionary[Motion, tuple[Motion, Cycle, Seam]] = WeakKeyDictionary()
+
+
+def fit_cycle(motion: Motion) -> tuple[Motion, Cycle, Seam]:
+    """Fit the endless cycle of a clip over whole strides.
+
+    Also returns the clip with its gait facts, and the median difference of neighbouring strides.
+
+    Raises
+    ------
+    MotionError
+        If the motion has gaps, no known gait cycle, or is shorter than 1.2 strides.
+    """
+    if (before := _fitted.get(motion)) is not None:
+        return before
+    where = motion.label
+    if not np.isfinite(motion.position_m).all():
+        raise MotionError(f"{where}: has gaps, so it cannot be looped; clean it first")
+    known = with_gait_facts(motion)
+    rate = motion.rate_hz
+    period = rate / known.facts.stride_frequency_hz
+    overlap = OVERLAP_STRIDES * period
+    if not math.isfinite(period):
+        raise MotionError(
+            f"{where}: shows no gait cycle, so it cannot be looped over whole strides; give a part in which the body "
+            "walks, or state it: motion.with_facts(stride_frequency_hz=...)"
+        )
+    if motion.n_frames - 1 < period + overlap + 1:
+        raise MotionError(
+            f"{where}: lasts {(motion.n_frames - 1) / rate:.3g} s, but one stride takes {period / rate:.3g} s; a "
+            f"loop needs {(period + overlap + 1) / rate:.3g} s or more"
+        )
+    seam, usual = _best_seam(motion, period, overlap)
+    fitted = known, _close_cycle(motion, seam, overlap), usual
+    if not motion.position_m.flags.writeable:  # a clip that many examples of a dataset take
+        _fitted[motion] = fitted
+    return fitted
 
 
 def _best_seam(motion: Motion, period: float, overlap: float) -> tuple[Seam, Seam]:
@@ -346,7 +389,7 @@ def _between_frames(
 
 
 @dataclass(frozen=True)
-class _Cycle:
+class Cycle:
     """Endless cycle of a clip.
 
     Times count in frames; ``advance`` in m is that of one cycle, ``astray`` in m what each point does not come back by,
@@ -408,7 +451,7 @@ def _some_columns(curve: Spline, columns: npt.NDArray[np.int64]) -> Spline:
     return Spline(values, moments, curve.step_s)
 
 
-def _fit_cycle(motion: Motion, seam: Seam, overlap: float) -> _Cycle:
+def _close_cycle(motion: Motion, seam: Seam, overlap: float) -> Cycle:
     """Return the endless cycle of a cut clip."""
     from doppelgait.core.kernels.spline import spline_moments
 
@@ -448,7 +491,7 @@ def _fit_cycle(motion: Motion, seam: Seam, overlap: float) -> _Cycle:
     moments = np.empty_like(values)
     spline_moments(values, step, moments)
     travel = Spline(values, moments, step)
-    return _Cycle(curve, motion.positions.shape, rate, seam, overlap, advance, moved - advance, faster, travel)
+    return Cycle(curve, motion.positions.shape, rate, seam, overlap, advance, moved - advance, faster, travel)
 
 
 def _limb_of(part: str) -> str:
@@ -465,7 +508,7 @@ def _limb_of(part: str) -> str:
     return f"{side}_{'leg' if end in ('foot', 'shank', 'thigh') else 'arm'}"
 
 
-def _speed_ratio(cycle: _Cycle, motion: Motion) -> float:
+def _speed_ratio(cycle: Cycle, motion: Motion) -> float:
     """Return the speed of a clip over that of its cycle.
 
     Both are net travels of the body centre from the first to the last frame of the clip, that is between the same two
@@ -480,7 +523,7 @@ def _speed_ratio(cycle: _Cycle, motion: Motion) -> float:
 
 
 def _vary(
-    cycle: _Cycle,
+    cycle: Cycle,
     motion: Motion,
     count: int,
     speed_mps: float,

@@ -150,6 +150,8 @@ def distance_spread(position: FloatArray) -> FloatArray:
 SWAY_WEIGHT = 40.0
 """How much a change of distance counts against its length: what a joint moves apart is no bone."""
 FEWEST_FRAMES, MOST_FRAMES = 2, 64
+TIES = 9
+"""Costs and lengths are compared to this many digits, in m."""
 
 
 def bones_of(position_m: npt.ArrayLike) -> npt.NDArray[np.int32]:
@@ -182,6 +184,75 @@ def bones_of(position_m: npt.ArrayLike) -> npt.NDArray[np.int32]:
     sway = np.sqrt(np.where(seen, (distance - mean) ** 2, 0.0).sum(axis=0) / count)
     # pairs never seen together have no cost, hence no branch
     cost = np.where(seen.any(axis=0), np.maximum(mean + SWAY_WEIGHT * sway, 1e-9), 0.0)
+    cost = np.round(cost, TIES)  # equal sides of a body tie, whatever their heading
     tree = minimum_spanning_tree(np.triu(cost, k=1)).tocoo()
     pairs = np.sort(known[np.stack([tree.row, tree.col], axis=1)], axis=1)
     return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))].astype(np.int32)
+
+
+NEAR_POINTS = 2
+"""So many rigid neighbours of each point keep their distances, next to the bones."""
+
+
+def rigid_pairs(position: FloatArray) -> npt.NDArray[np.int32]:
+    """Return the pairs of points whose distance a body keeps: bones, and near points of one segment, shape (B, 2)."""
+    bones = bones_of(position)
+    some = position[:: max(1, len(position) // MOST_FRAMES)]
+    distance = np.linalg.norm(some[:, :, np.newaxis] - some[:, np.newaxis], axis=-1)
+    near = np.where(np.round(distance.std(axis=0), TIES) < RIGID_M, np.round(distance.mean(axis=0), TIES), np.inf)
+    np.fill_diagonal(near, np.inf)
+    pairs = {(int(a), int(b)) for a, b in bones}
+    for point in range(position.shape[1]):
+        for neighbour in np.argsort(near[point], kind="stable")[:NEAR_POINTS]:
+            if np.isfinite(near[point, neighbour]):
+                pairs.add((min(point, int(neighbour)), max(point, int(neighbour))))
+    return np.array(sorted(pairs), dtype=np.int32).reshape(-1, 2)
+
+
+def restore_lengths(
+    position: FloatArray,
+    pairs: npt.NDArray[np.int32],
+    wanted_m: FloatArray,
+    weights: FloatArray,
+    *,
+    ridge: float,
+    steps: int,
+) -> FloatArray:
+    """Move points as little as possible so that pairs have wanted distances.
+
+    Newton's method in every frame, on the least weighted sum of squares of the moves.
+
+    Parameters
+    ----------
+    position : ndarray, shape (T, P, 3)
+    pairs : ndarray, shape (B, 2)
+    wanted_m : ndarray, shape (T, B)
+    weights : ndarray, shape (P,)
+        A heavy point moves less.
+    ridge : float
+        Above 0; a larger one keeps moves small, hence smooth in time, where no pose has the wanted distances.
+    steps : int
+        Of Newton's method.
+    """
+    if not len(pairs):
+        return position
+    ends = np.zeros((len(pairs), len(weights)))
+    rows = np.arange(len(pairs))
+    ends[rows, pairs[:, 0]], ends[rows, pairs[:, 1]] = 1.0, -1.0
+    light = ends.T / weights[:, np.newaxis]
+    coupling = ends @ light
+    position = position.copy()
+    for _ in range(steps):
+        apart = position[:, pairs[:, 0]] - position[:, pairs[:, 1]]
+        length = np.maximum(np.linalg.norm(apart, axis=2), 1e-9)
+        along = apart / length[..., np.newaxis]
+        normal = coupling * (along @ along.transpose(0, 2, 1))
+        normal[:, rows, rows] += ridge
+        pull = np.linalg.solve(normal, (wanted_m - length)[..., np.newaxis])
+        position += light @ (pull * along)
+    return position
+
+
+def pair_lengths(position: FloatArray, pairs: npt.NDArray[np.int32]) -> FloatArray:
+    """Return the distances of pairs of points over time, shape (T, B)."""
+    return np.asarray(np.linalg.norm(position[:, pairs[:, 0]] - position[:, pairs[:, 1]], axis=2))

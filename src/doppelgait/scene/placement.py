@@ -193,9 +193,12 @@ def _make_motions(scene: Scene, streams: Streams | None, folder: Path | None) ->
 
     Files come first, because the shortest one sets how long the models' motions must be.
     """
-    rng = None if streams is None else streams.generator("motion")
+    models = None if streams is None else streams.generator("motion")
 
     def make(number: int, table: Mapping[str, Any], seconds: float) -> Motion:
+        rng = models
+        if streams is not None and table["kind"] == "file":  # a loop shifts no model
+            rng = streams.generator("motion", f"targets.{number}")
         try:
             return build_motion(table, duration_s=seconds, folder=folder, rng=rng)
         except ConfigError as error:
@@ -225,7 +228,8 @@ def build_motion(
 ) -> Motion:
     """Make the motion of a ``{ kind = ... }`` table.
 
-    It is a model of ``duration_s``, or a file that is read and cleaned.
+    It is a model of ``duration_s``, or a file that is read, cleaned, made a hybrid and looped. The clip of a file is
+    read once; hybrid and loop are made anew.
     """
     options = {key: value for key, value in table.items() if key != "kind"}
     kind = str(table["kind"])
@@ -235,6 +239,24 @@ def build_motion(
         if kind not in MOTION_MODELS:
             raise ConfigError(f"unknown kind {kind!r}; known are: file, {', '.join(MOTION_MODELS)}")
         return generate(validate(parameters_of(kind), options, where=f"kind {kind!r}"), duration_s=duration_s, rng=rng)
+    from doppelgait.motion.hybrid import Hybrid, make_hybrid
+    from doppelgait.motion.loop import loop
+    from doppelgait.motion.readers import check_types
+
+    wanted = None if "hybrid" not in options else validate(Hybrid, options.pop("hybrid"), where="hybrid")
+    made_later = {} if options.get("clean") is False else {"loop_to_s": None, "loop_variation": 1.0}
+    given = {name: options.pop(name, default) for name, default in made_later.items()}
+    check_types(Path(str(options.get("path", ""))), given)
+    motion = _read_clip(options, folder)
+    if wanted is not None:
+        motion = make_hybrid(motion, wanted, lambda table: build_motion(table, duration_s=duration_s, folder=folder))
+    if given.get("loop_to_s") is None:
+        return motion
+    return loop(motion, duration_s=given["loop_to_s"], variation=given["loop_variation"], rng=rng)
+
+
+def _read_clip(options: dict[str, Any], folder: Path | None) -> Motion:
+    """Read and clean the clip of a motion file."""
     from doppelgait.motion.readers import read
 
     path = options.pop("path", None)

@@ -280,6 +280,13 @@ def with_file_paths(scene: Scene, folder: FilePath) -> Scene:
         motion = target.motion
         if isinstance(motion, Motion) or motion["kind"] != "file":
             return target
-        return target.model_copy(update={"motion": {**motion, "path": str(folder / motion["path"])}})
+        return target.model_copy(update={"motion": within(motion)})
+
+    def within(motion: Mapping[str, Any]) -> dict[str, Any]:
+        table = {**motion, "path": str(folder / motion["path"])}
+        hybrid = table.get("hybrid")
+        if isinstance(hybrid, Mapping) and isinstance(hybrid.get("other"), Mapping):
+            table["hybrid"] = {**hybrid, "other": within(hybrid["other"])}
+        return table
 
     return scene.model_copy(update={"targets": tuple(resolve(target) for target in scene.targets)})

@@ -6,15 +6,18 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitWarning
+from doppelgait.dataset.build import build_dataset
 from doppelgait.dataset.config import PlanConfig, load_plan
 from doppelgait.dataset.motions import expand_folders
 from doppelgait.dataset.plan import plan_dataset
 from doppelgait.dataset.shard import BuildContext, build_planned, build_shard
 from doppelgait.dataset.shard_files import decode
+from doppelgait.dataset.status import dataset_hash
 from doppelgait.pipeline import run_simulation
 
 
@@ -146,6 +149,18 @@ def test_a_folder_gives_its_straight_stretches_in_turn_and_loops_short_ones(walk
     ((row, _),) = rows_of(folder_plan(pattern="*.csv"), number=1, folder=walks)
     assert row["truth_ground_speed_mps"] == pytest.approx(1.3, rel=0.03)
     assert row["recording"] == "walks/take_1.csv"
+
+
+def test_hybrids_are_the_same_bytes_with_any_number_of_workers(walks):
+    config = folder_plan(pattern="*.csv", hybrid="retarget")
+    config = config.model_copy(update={"dataset": config.dataset.replace(shard_size=2)})
+    for workers, name in ((1, "one"), (2, "two")):
+        assert build_dataset(config, walks / name, folder=walks, workers=workers).n_failed == 0
+    assert dataset_hash(walks / "one") == dataset_hash(walks / "two")
+    index = pd.read_parquet(walks / "one" / "index.parquet")
+    # two examples of each take, each at a speed and with strides of its own
+    speeds = index.groupby("recording")["truth_ground_speed_mps"].nunique()
+    assert speeds.tolist() == [2, 2, 2]
 
 
 @pytest.mark.parametrize(

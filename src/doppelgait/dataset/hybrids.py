@@ -1,0 +1,148 @@
+"""Distributions of hybrid motion for the clips of a folder, within what each clip allows."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any, Literal
+
+from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning
+from doppelgait.motion.gait import is_quadruped
+from doppelgait.motion.hybrid import (
+    FACTOR,
+    Hybrid,
+    blend,
+    make_hybrid,
+    retarget,
+    speed_law,
+    speed_limits,
+    stride_limits,
+)
+from doppelgait.motion.motion import Motion
+
+STATURE_SD = 0.056
+"""Of adults of both sexes, over the mean: men 1.75 +-0.07 m, women 1.62 +-0.065 m, as ``sample_person``."""
+FAMILY = 2
+"""So many subjects are blended with each other; they share a split."""
+PARTNERS = 4
+"""Most clips that one is blended with."""
+MOST_SHARE = 0.5
+"""A blended clip is its first recording's by half or more."""
+SHRINK, TRIES = 0.6, 4
+
+
+def with_hybrids(
+    tables: Sequence[Mapping[str, Any]],
+    clips: Sequence[Motion],
+    subjects: Sequence[str],
+    mode: Literal["retarget", "blend"],
+) -> list[dict[str, Any]]:
+    """Add distributions of speed, size, stride and blending to the tables of clips.
+
+    The ranges are those that :func:`~doppelgait.motion.hybrid.retarget` allows for the clip; they are narrowed until
+    both ends can be made. A clip is blended with clips of its own subject and of one or two others, always the same:
+    these subjects share a split. Clips that fit no other are retargeted only.
+
+    Parameters
+    ----------
+    tables : sequence of table
+        ``{ kind = "file", path = ..., segment = ... }`` with the options of the reader.
+    clips : sequence of Motion
+        What they name, not looped.
+    subjects : sequence of str
+        Of each clip.
+    mode : {"retarget", "blend"}
+    """
+    hybrids = [_ranges(clip) for clip in clips]
+    families = _families(clips, subjects) if mode == "blend" else []
+    found = []
+    for number, (table, clip, hybrid) in enumerate(zip(tables, clips, hybrids, strict=True)):
+        partners: list[dict[str, Any]] = []
+        for other in (n for family in families if number in family for n in family if n != number):
+            if len(partners) < PARTNERS and hybrid and (narrower := _fit(clip, clips[other], hybrid)):
+                hybrid = {**hybrid, "speed_factor": {"log_uniform": narrower}}
+                partners.append({k: v for k, v in tables[other].items() if k not in ("loop_to_s", "loop_variation")})
+        more = {"other": {"choice": partners}, "share": {"uniform": [0.0, MOST_SHARE]}} if partners else {}
+        found.append({**table, **({"hybrid": {**hybrid, **more}} if hybrid else {})})
+    return found
+
+
+def _ranges(clip: Motion) -> dict[str, Any]:
+    """Return the distributions of the three factors of a clip; empty where it cannot be changed at all."""
+    law = speed_law(clip)
+    speed, stride = (tuple(map(math.log, limits)) for limits in (speed_limits(clip), stride_limits(law)))
+    reach: list[float] = []
+    for side in (0, 1):
+        part = 1.0
+        for _ in range(TRIES):
+            factors = math.exp(part * speed[side]), math.exp(part * stride[side])
+            if _can(partial(_retarget, clip, *factors)):
+                break
+            part *= SHRINK
+        else:
+            return {}
+        reach.append(part)
+    sizes = {"log_uniform": list(FACTOR)} if is_quadruped(clip) else {"normal": [1.0, STATURE_SD]}
+    speeds, strides = (
+        [round(math.exp(part * end), 6) for part, end in zip(reach, ends, strict=True)] for ends in (speed, stride)
+    )
+    return {
+        "speed_factor": {"log_uniform": speeds},
+        "size_factor": sizes,
+        "stride_factor": {"log_uniform": strides},
+    }
+
+
+def _retarget(clip: Motion, speed_factor: float, stride_factor: float) -> None:
+    retarget(clip, speed_factor=speed_factor, stride_factor=stride_factor)
+
+
+def _families(clips: Sequence[Motion], subjects: Sequence[str]) -> list[list[int]]:
+    """Group clips whose subjects are blended with each other: of one gait and one set of points."""
+    alike: dict[tuple[Any, ...], dict[str, list[int]]] = {}
+    for number, (clip, subject) in enumerate(zip(clips, subjects, strict=True)):
+        key = (clip.facts.species, tuple(clip.markers))
+        alike.setdefault(key, {}).setdefault(subject, []).append(number)
+    found = []
+    for members in alike.values():
+        names = sorted(members)
+        starts = list(range(0, max(1, len(names) - FAMILY + 1), FAMILY))
+        for start, stop in zip(starts, [*starts[1:], len(names)], strict=True):
+            numbers = sorted(n for name in names[start:stop] for n in members[name])
+            by_gait: dict[str, list[int]] = {}
+            for number in numbers:
+                by_gait.setdefault(clips[number].facts.gait, []).append(number)
+            found += [group for gait, group in by_gait.items() if gait and len(group) > 1]
+    return found
+
+
+def _fit(clip: Motion, other: Motion, hybrid: Mapping[str, Any]) -> list[float]:
+    """Return the range of the speed factor of a clip that is blended with another; empty where they do not fit.
+
+    They fit where they can be blended half and half and both ends of the ranges can then be made.
+    """
+    speeds = hybrid["speed_factor"]["log_uniform"]
+    found: list[float] = []
+
+    def make() -> None:
+        low, high = speed_limits(blend(clip, other, share=MOST_SHARE))
+        narrower = [max(speeds[0], low), min(speeds[1], high)]
+        for speed, stride in zip(narrower, hybrid["stride_factor"]["log_uniform"], strict=True):
+            ends = Hybrid(speed_factor=speed, stride_factor=stride, other={"kind": "file"}, share=MOST_SHARE)
+            make_hybrid(clip, ends, lambda _: other)
+        found.extend(round(speed, 6) for speed in narrower)
+
+    return found if _can(make) else []
+
+
+def _can(make: Callable[[], None]) -> bool:
+    """Return True if a hybrid can be made."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DoppelgaitWarning)
+        try:
+            make()
+        except DoppelgaitError:
+            return False
+    return True

@@ -1,0 +1,564 @@
+"""Make other movers from recorded clips: another speed, size and stride, or two clips blended.
+
+The lengths between the points of the body are restored, feet on the ground stay where they are, and what still slides
+or bends too far is refused.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, Any
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field, field_validator
+
+from doppelgait.core.config import FrozenModel
+from doppelgait.core.errors import MotionError
+from doppelgait.motion.gait import (
+    STANCE_SPEED,
+    find_feet,
+    is_quadruped,
+    step_and_gait_frequency_hz,
+    with_gait_facts,
+)
+from doppelgait.motion.loop import Cycle, fit_cycle, foot_weights
+from doppelgait.motion.motion import Motion, make_motion, require_motion
+from doppelgait.motion.retime import travel_heading_rad, travel_speed_mps
+from doppelgait.motion.rigid import bones_of, pair_lengths, restore_lengths, rigid_pairs
+from doppelgait.motion.skeleton import bare_name
+from doppelgait.motion.stature import LEG_SHARE
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int32]
+
+GRAVITY_MPS2 = 9.81
+
+
+@dataclass(frozen=True)
+class SpeedLaw:
+    """Stride length over leg length as a power of the dimensionless speed V / sqrt(g l).
+
+    Parameters
+    ----------
+    exponent : float
+        The stride frequency takes up the rest: 1 - exponent.
+    spread : float
+        Standard deviation of the logarithm of the stride length about the law, between recordings.
+    speed : (float, float)
+        Dimensionless speeds of the recordings; l is the leg of a person, the withers height of an animal.
+    """
+
+    exponent: float
+    spread: float
+    speed: tuple[float, float]
+
+
+WALK = SpeedLaw(0.63, 0.11, (0.17, 0.60))
+"""Of 36 shared recordings of walking people (tuning half); exponent +-0.05."""
+RUN = SpeedLaw(0.74, 0.08, (0.43, 1.32))
+"""Of five shared recordings of runners (tuning half), exponent +-0.10; spread and range of all fourteen."""
+QUADRUPED = SpeedLaw(0.60, 0.07, (0.20, 2.0))
+"""L/h = c Fr^0.3 of the models of dogs; in 37 recordings of a pacing dog the exponent is 0.50 +-0.04, in four trots of
+another 0.69 +-0.05. The spread is the largest of pace, walk and trot."""
+FACTOR = (0.8, 1.25)
+"""Allowed factors on speed and size: a quarter at most (assumed; a path changes the speed of a motion by as much)."""
+SPREADS = 1.0
+"""The stride may be longer or shorter than the law says by so many standard deviations."""
+
+ROUNDED = 1e-5
+"""A factor may exceed its limit by this: messages and plans round."""
+FREE_PARTS = ("head", "neck", "tail", "left_hand", "right_hand")
+"""Their joints have no limits here: a head to the left and one to the right blend to a straight neck."""
+
+LONGER = 0.005
+"""A length between two points may be off by this part of it, at most, or by :data:`LONGER_M`."""
+LONGER_M = 1e-3
+RIDGE, STEPS = 0.02, 6
+"""Of restoring lengths; more exact than in a loop."""
+JERKS = 1.5
+"""Restoring lengths may raise the largest acceleration by this factor; more is a leg that snaps straight."""
+SLIDES = 0.02
+"""Feet on the ground may slide faster than in the recordings by this part of the speed: the most that looping adds to a
+shared recording."""
+BENDS_DEG = 14.0
+"""A joint may bend further than in the recordings by this angle: two standard deviations of the smallest and largest
+angle of a joint between recordings of one gait and skeleton (7 degrees: root mean square over nine sets, 4 to 11)."""
+LIKE = 0.7
+"""Least normalised correlation of the limbs of two clips in the same phase of the stride."""
+PHASES = 60
+CLIP_OVERLAP = 0.4
+"""A blended clip goes on for this part of a stride after its whole strides, so that it can be looped."""
+COMMON = 0.75
+"""Two clips must share this part of their points, and every body part."""
+
+Factor = Annotated[float, Field(ge=FACTOR[0], le=FACTOR[1])]
+
+
+class Hybrid(FrozenModel):
+    """What is done to a recorded clip, as a table of a scene or a plan.
+
+    Parameters
+    ----------
+    speed_factor, size_factor, stride_factor : float
+        As of :func:`retarget`.
+    other : table, optional
+        Second recording, ``{ kind = "file", path = "...", segment = 1 }``.
+    share : float
+        Part of the second recording, 0 to 1.
+    """
+
+    speed_factor: Factor = 1.0
+    size_factor: Factor = 1.0
+    stride_factor: Factor = 1.0
+    other: dict[str, Any] | None = None
+    share: float = Field(default=0.0, ge=0.0, le=1.0)
+
+    @field_validator("other")
+    @classmethod
+    def _check_other(cls, value: dict[str, Any] | None) -> dict[str, Any] | None:
+        if value is not None and (value.get("kind") != "file" or {"hybrid", "loop_to_s"} & set(value)):
+            raise ValueError('must be a recording as it is: { kind = "file", path = "...", segment = 1 }')
+        return value
+
+
+def make_hybrid(motion: Motion, hybrid: Hybrid, read_other: Callable[[Mapping[str, Any]], Motion]) -> Motion:
+    """Blend a clip with the other one of a table, where it names one, and retarget it."""
+    known = _require_gait(motion)
+    sources = [known]
+    if hybrid.other is not None:
+        known, sources = _blend(known, read_other(hybrid.other), hybrid.share)
+    return _retarget(known, sources, hybrid.speed_factor, hybrid.size_factor, hybrid.stride_factor)
+
+
+def retarget(
+    motion: Motion, *, speed_factor: float = 1.0, size_factor: float = 1.0, stride_factor: float = 1.0
+) -> Motion:
+    r"""Make a recorded gait faster, larger or longer in its stride.
+
+    Size scales all lengths, and times by its square root (dynamic similarity). Speed, relative to that, changes stride
+    length and stride frequency as recorded people and animals do:
+
+    .. math:: V' = V\,v\,\sqrt{b}, \qquad L' = L\,b\,v^{a}\,s, \qquad T' = T\,\sqrt{b}\,s\,v^{a-1}
+
+    with the factors of size b, speed v and stride s, and a = 0.63 (walk of people), 0.74 (run), 0.60 (animals). Every
+    point goes forward by L'/L times its own way, so that a foot on the ground stays there; then the lengths between
+    the points of the body are restored, with the feet held.
+
+    Parameters
+    ----------
+    motion : Motion
+        Motion (time, marker, space) in m, z up, no gaps: at least one stride of straight gait.
+    speed_factor : float
+        v, 0.8 to 1.25; of the dimensionless speed V / sqrt(g l), which stays within that of recordings of the gait.
+    size_factor : float
+        b, 0.8 to 1.25.
+    stride_factor : float
+        s, deviation of the stride length from the law at equal speed, up to one standard deviation of recordings:
+        0.90 to 1.12 (walk of people), 0.92 to 1.08 (run), 0.93 to 1.07 (animals).
+
+    Returns
+    -------
+    Motion
+        Same points and number of frames; frame rate, height, frequencies and footfalls scaled along.
+        ``report["hybrid"]`` holds the factors, the largest change of a length and the slide of the feet.
+
+    Raises
+    ------
+    MotionError
+        If a factor is outside its limits, the speed outside that of recordings, or the result slides or bends too far.
+
+    See Also
+    --------
+    blend : Mix two clips of one gait.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> walk = dg.motion.boulic_walk(speed_mps=1.2, duration_s=3.0)
+    >>> taller = dg.motion.retarget(walk, size_factor=1.1)
+    >>> round(taller.facts.height_m / walk.facts.height_m, 3), taller.duration_s > walk.duration_s
+    (1.1, True)
+    """
+    known = _require_gait(motion)
+    return _retarget(known, [known], speed_factor, size_factor, stride_factor)
+
+
+def _retarget(
+    known: Motion, sources: Sequence[Motion], speed_factor: float, size_factor: float, stride_factor: float
+) -> Motion:
+    """Retarget a motion whose joints may bend as in its sources."""
+    law = speed_law(known)
+    _check_factor(known, "speed_factor", speed_factor, FACTOR)
+    _check_factor(known, "size_factor", size_factor, FACTOR)
+    _check_factor(known, "stride_factor", stride_factor, stride_limits(law))
+    now = dimensionless_speed(known)
+    low, high = speed_limits(known)
+    if not low - ROUNDED <= speed_factor <= high + ROUNDED:
+        raise MotionError(
+            f"{known.label}: speed_factor = {speed_factor:g} is not allowed: the {known.facts.gait} would have the "
+            f"dimensionless speed {now * speed_factor:.2f}, recordings have {law.speed[0]:g} to {law.speed[1]:g}; "
+            f"allowed are {low:.3g} to {high:.3g}"
+        )
+    longer = speed_factor**law.exponent * stride_factor
+    slower = math.sqrt(size_factor) * stride_factor * speed_factor ** (law.exponent - 1.0)
+    position = np.asarray(known.position_m, dtype=np.float64)
+    wanted_pairs = rigid_pairs(position)
+    heading = travel_heading_rad(known)
+    ahead = np.array([math.cos(heading), math.sin(heading), 0.0])
+    forward = position @ ahead
+    # each point goes `longer` times its way about its mean place in the body over whole strides
+    whole = _whole_strides(known)
+    speed = (forward[-1] - forward[0]).mean() / (known.n_frames - 1)
+    place = (forward - speed * np.arange(known.n_frames)[:, np.newaxis])[:whole].mean(axis=0)
+    stretched = position + ((longer - 1.0) * (forward - place))[..., np.newaxis] * ahead
+    anchor = np.array([*stretched[0].mean(axis=0)[:2], 0.0])
+    scaled = anchor + size_factor * (stretched - anchor)
+    wanted = size_factor * pair_lengths(position, wanted_pairs)
+    restored = restore_lengths(scaled, wanted_pairs, wanted, foot_weights(known), ridge=RIDGE, steps=STEPS)
+    facts = known.facts.with_frequencies(lambda hz: hz / slower)
+    times = known.time_s
+    facts = replace(
+        facts,
+        height_m=facts.height_m * size_factor,
+        mass_kg=facts.mass_kg * size_factor**3,
+        footfalls={foot: [(t - times[0]) * slower for t in due] for foot, due in facts.footfalls.items()},
+    )
+    made = make_motion(
+        restored, rate_hz=known.rate_hz / slower, markers=known.markers, parts=known.parts, facts=facts
+    ).with_report(**known.report)
+    factors = {"speed_factor": speed_factor, "size_factor": size_factor, "stride_factor": stride_factor}
+    return _checked(made, sources, wanted_pairs, wanted, scaled, factors)
+
+
+def blend(first: Motion, second: Motion, *, share: float) -> Motion:
+    """Blend two clips of one gait, in the same phase of the stride.
+
+    Both become endless cycles (:func:`~doppelgait.motion.loop.loop`); the second is turned, scaled to the size of the
+    first and shifted in phase to where its points differ least. Positions, stride times and lengths between points are
+    mixed, then these lengths are restored, with the feet held.
+
+    Parameters
+    ----------
+    first, second : Motion
+        Motions (time, marker, space) in m, z up, no gaps: straight gait of the same kind and species, 1.2 strides or
+        more, with the same markers or joints; at most a quarter of the points may be in one of them only.
+    share : float
+        Part of the second, 0 to 1.
+
+    Returns
+    -------
+    Motion
+        Whole strides and a part of one, at the frame rate and heading of the first, with the points that both have.
+        Source, subject and licence name both; ``report["hybrid"]`` holds share, phase, ratio of the sizes, likeness of
+        the two, the largest change of a length and the slide of the feet.
+
+    Raises
+    ------
+    MotionError
+        If species, gait or points differ, one is more than 1.56 times as fast, the limbs do not move alike, or the
+        result slides or bends too far.
+
+    See Also
+    --------
+    retarget : Change speed, size and stride of one clip.
+
+    Examples
+    --------
+    >>> import doppelgait as dg
+    >>> slow, fast = (dg.motion.boulic_walk(speed_mps=v, duration_s=3.0) for v in (1.1, 1.3))
+    >>> between = dg.motion.blend(slow, fast, share=0.5)
+    >>> slow.facts.stride_frequency_hz < between.facts.stride_frequency_hz < fast.facts.stride_frequency_hz
+    True
+    """
+    return _blend(first, second, share)[0]
+
+
+def _blend(first: Motion, second: Motion, share: float) -> tuple[Motion, list[Motion]]:
+    """Blend two clips; also return both with the points that they share."""
+    if not 0.0 <= share <= 1.0:
+        raise MotionError(f"share: {share!r} is not allowed: must be a number from 0 to 1")
+    one, other = _require_gait(first), _require_gait(second)
+    points, parts, markers = _common_points(one, other)
+    where = f"{one.label} and {other.label}"
+    kinds = [(motion.facts.species, motion.facts.gait) for motion in (one, other)]
+    if kinds[0] != kinds[1] or not kinds[0][1]:
+        shown = [" ".join(filter(None, kind)) or "unknown" for kind in kinds]
+        raise MotionError(
+            f"{where}: cannot be blended: the gait is {shown[0]} and {shown[1]}; take two clips of one known gait"
+        )
+    (one, cycle, _), (other, second_cycle, _) = fit_cycle(one), fit_cycle(other)
+    chosen = [np.asarray(m.position_m[:, own], dtype=np.float64) for m, own in zip((one, other), points, strict=True)]
+    bones = bones_of(chosen[0])
+    sizes = [float(np.median(pair_lengths(position, bones), axis=0).sum()) for position in chosen]
+    ratio = sizes[0] / sizes[1]
+    speeds = [_cycle_speed_mps(c) for c in (cycle, second_cycle)]
+    faster = speeds[1] * math.sqrt(ratio) / speeds[0]
+    low, high = FACTOR[0] ** 2, FACTOR[1] ** 2  # their middle is no further from either than a retargeted clip
+    if not low <= faster <= high:
+        raise MotionError(
+            f"{where}: cannot be blended: at equal size the second goes {faster:.2f} times as fast; allowed are "
+            f"{low:.2g} to {high:.2g}; retarget one of them first"
+        )
+    scales = (1.0, ratio)
+    cycles = [_in_body(*each) for each in zip((cycle, second_cycle), points, scales, strict=True)]
+    shift, likeness, offset = _align(*(mean for mean, _ in cycles))
+    if likeness < LIKE:
+        raise MotionError(
+            f"{where}: cannot be blended: their limbs move alike by {likeness:.2f} only (normalised correlation; "
+            f"{LIKE:g} is needed), for example because the other leg leads"
+        )
+    periods = [c.seam.lag / c.seam.strides / c.rate_hz for c in (cycle, second_cycle)]
+    period_s = (1.0 - share) * periods[0] + share * periods[1] * math.sqrt(ratio)
+    strides = max(cycle.seam.strides, second_cycle.seam.strides) + CLIP_OVERLAP
+    count = math.ceil(strides * period_s * one.rate_hz) + 1
+    phase = np.arange(count) / one.rate_hz / period_s
+    here, there = cycles[0][1](phase), cycles[1][1](phase + shift) + offset
+    there = there - shift * _stride_m(second_cycle) * ratio * np.array([1.0, 0.0, 0.0])
+    pairs = rigid_pairs(chosen[0])
+    wanted = (1.0 - share) * pair_lengths(here, pairs) + share * pair_lengths(there, pairs)
+    mixed = (1.0 - share) * here + share * there
+    facts = _blended_facts(one, other, share, ratio, 1.0 / period_s)
+    made = make_motion(mixed, rate_hz=one.rate_hz, markers=markers, parts=parts, facts=facts)
+    restored = restore_lengths(mixed, pairs, wanted, foot_weights(made), ridge=RIDGE, steps=STEPS)
+    turned = _turn(restored, math.atan2(cycle.advance[1], cycle.advance[0]))
+    result = made.with_positions(turned).with_report(first=dict(one.report), second=dict(other.report))
+    entries = {
+        "first": one.facts.source, "second": other.facts.source, "share": share, "phase": shift, "size_ratio": ratio,
+        "likeness": likeness,
+    }  # fmt: skip
+    both = [m.with_points(position, markers, parts) for m, position in zip((one, other), chosen, strict=True)]
+    return _checked(result, both, pairs, wanted, mixed, entries), both
+
+
+def speed_law(motion: Motion) -> SpeedLaw:
+    """Return the law of speed and stride of a motion's gait."""
+    if is_quadruped(motion):
+        return QUADRUPED
+    return RUN if motion.facts.gait == "run" else WALK
+
+
+def dimensionless_speed(motion: Motion) -> float:
+    """Return V / sqrt(g l); NaN where the height is unknown."""
+    length_m = motion.facts.height_m * (1.0 if is_quadruped(motion) else LEG_SHARE)
+    return travel_speed_mps(motion) / math.sqrt(GRAVITY_MPS2 * length_m) if length_m > 0 else math.nan
+
+
+def speed_limits(motion: Motion) -> tuple[float, float]:
+    """Return the allowed range of a motion's ``speed_factor``, which contains 1."""
+    now, law = dimensionless_speed(motion), speed_law(motion)
+    if not now > 0:
+        return FACTOR
+    return min(1.0, max(FACTOR[0], law.speed[0] / now)), max(1.0, min(FACTOR[1], law.speed[1] / now))
+
+
+def stride_limits(law: SpeedLaw) -> tuple[float, float]:
+    """Return the allowed range of ``stride_factor``."""
+    return math.exp(-SPREADS * law.spread), math.exp(SPREADS * law.spread)
+
+
+def foot_slide(motion: Motion) -> float:
+    """Measure how fast feet slide while they bear weight, over the speed of the body.
+
+    The mean, over all feet and the frames in which the slowest point of a foot goes at less than half the body's speed,
+    of the speed of that point in the ground plane; NaN without known feet.
+    """
+    rate, speed_mps = motion.rate_hz, travel_speed_mps(motion)
+    found = []
+    for points in find_feet(motion).values():
+        velocity = np.gradient(motion.position_m[:, points, :2], 1.0 / rate, axis=0)
+        slowest = np.linalg.norm(velocity, axis=2).min(axis=1)
+        found.append(slowest[slowest < STANCE_SPEED * speed_mps] / speed_mps)
+    every = np.concatenate(found) if found else np.empty(0)
+    return float(every.mean()) if every.size else math.nan
+
+
+def _require_gait(motion: Motion) -> Motion:
+    """Return a gap-free motion with its gait facts, or raise."""
+    require_motion(motion)
+    if not np.isfinite(motion.position_m).all():
+        raise MotionError(f"{motion.label}: has gaps, so it cannot be retargeted or blended; clean it first")
+    known = with_gait_facts(motion)
+    if not motion.n_frames - 1 >= motion.rate_hz / known.facts.stride_frequency_hz:
+        raise MotionError(
+            f"{motion.label}: shows no whole stride, so it cannot be retargeted or blended; give a longer part in "
+            "which the body walks, or state it: motion.with_facts(stride_frequency_hz=...)"
+        )
+    return known
+
+
+def _check_factor(motion: Motion, name: str, value: float, limits: tuple[float, float]) -> None:
+    if not limits[0] - ROUNDED <= value <= limits[1] + ROUNDED:
+        raise MotionError(
+            f"{motion.label}: {name} = {value!r} is not allowed: must be a number from {limits[0]:.3g} to "
+            f"{limits[1]:.3g}, as far as recordings differ; take a recording that is nearer"
+        )
+
+
+def _whole_strides(motion: Motion) -> int:
+    """Return the number of frames of the whole strides in a motion."""
+    stride = motion.rate_hz / motion.facts.stride_frequency_hz
+    return max(1, round(math.floor((motion.n_frames - 1) / stride) * stride))
+
+
+def _common_points(one: Motion, other: Motion) -> tuple[tuple[list[int], list[int]], list[str], list[str]]:
+    """Return the numbers of the points that two motions share, their parts and their names."""
+    names = [[bare_name(marker).upper() for marker in motion.markers] for motion in (one, other)]
+    shared = [name for name in names[0] if name in names[1]]
+    numbers = ([names[0].index(name) for name in shared], [names[1].index(name) for name in shared])
+    parts = [one.parts[n] for n in numbers[0]]
+    lacking = (set(one.parts) | set(other.parts)) - set(parts) - {""}
+    if len(shared) < COMMON * max(map(len, names)) or lacking:
+        none_of = f", none of {', '.join(sorted(lacking))}" if lacking else ""
+        raise MotionError(
+            f"{one.label} and {other.label}: cannot be blended: they share {len(shared)} of {len(names[0])} and "
+            f"{len(names[1])} points{none_of}; take two recordings with the same markers or joints"
+        )
+    return numbers, parts, [one.markers[n] for n in numbers[0]]
+
+
+def _stride_m(cycle: Cycle) -> float:
+    return float(np.hypot(*cycle.advance[:2])) / cycle.seam.strides
+
+
+def _cycle_speed_mps(cycle: Cycle) -> float:
+    return float(np.hypot(*cycle.advance[:2])) / cycle.seam.lag * cycle.rate_hz
+
+
+def _turn(position: FloatArray, angle_rad: float) -> FloatArray:
+    cos, sin = math.cos(angle_rad), math.sin(angle_rad)
+    x, y = position[..., 0], position[..., 1]
+    return np.stack([x * cos - y * sin, x * sin + y * cos, position[..., 2]], axis=-1)
+
+
+def _in_body(cycle: Cycle, points: list[int], scale: float) -> tuple[FloatArray, Any]:
+    """Return the mean stride without its advance, and the cycle by phase in strides; both face +x."""
+    stride, angle = cycle.seam.lag / cycle.seam.strides, -math.atan2(cycle.advance[1], cycle.advance[0])
+
+    def at(phase: FloatArray) -> FloatArray:
+        return scale * _turn(cycle.at(phase * stride, points), angle)
+
+    phase = np.arange(PHASES * cycle.seam.strides) / PHASES
+    swing = at(phase) - np.multiply.outer(phase * _stride_m(cycle) * scale, np.array([1.0, 0.0, 0.0]))[:, np.newaxis]
+    return swing.reshape(cycle.seam.strides, PHASES, len(points), 3).mean(axis=0), at
+
+
+def _align(one: FloatArray, other: FloatArray) -> tuple[float, float, FloatArray]:
+    """Return the phase by which the second stride leads, the likeness and the offset in the ground plane."""
+    offset = (one.mean(axis=(0, 1)) - other.mean(axis=(0, 1))) * (1.0, 1.0, 0.0)
+    swings = [stride - stride.mean(axis=0) for stride in (one, other)]
+    spectra = [np.fft.rfft(swing.reshape(PHASES, -1), axis=0) for swing in swings]
+    # correlation by shift, sixteen times finer than the phases
+    product = (spectra[0].conj() * spectra[1]).sum(axis=1)
+    likeness = np.fft.irfft(product, 16 * PHASES) * 16 / np.sqrt(np.prod([(swing**2).sum() for swing in swings]))
+    best = int(np.argmax(likeness))
+    return (best / likeness.size + 0.5) % 1.0 - 0.5, float(likeness[best]), offset
+
+
+def _blended_facts(one: Motion, other: Motion, share: float, ratio: float, stride_hz: float) -> Mapping[str, Any]:
+    facts, further = one.facts, other.facts
+    step_hz, gait_hz = step_and_gait_frequency_hz(facts.gait, stride_hz)
+    heights = [facts.height_m, ratio * further.height_m]
+    return {
+        "source": _both(facts.source, further.source),
+        "kind": facts.kind,
+        "subject": _both(facts.subject, further.subject),
+        "licence": _both(facts.licence, further.licence, " AND ") if facts.licence and further.licence else "",
+        "species": facts.species,
+        "gait": facts.gait,
+        "height_m": (1.0 - share) * heights[0] + share * heights[1],
+        "mass_kg": facts.mass_kg,
+        "stride_frequency_hz": stride_hz,
+        "step_frequency_hz": step_hz,
+        "gait_frequency_hz": gait_hz,
+        "stride_from": facts.stride_from,
+        "file_time_s": facts.file_time_s,
+    }
+
+
+def _both(one: str, other: str, mark: str = " + ") -> str:
+    return mark.join(dict.fromkeys(filter(None, (one, other))))
+
+
+def _checked(
+    made: Motion,
+    sources: Sequence[Motion],
+    pairs: IntArray,
+    wanted: FloatArray,
+    loose: FloatArray,
+    entries: Mapping[str, Any],
+) -> Motion:
+    """Return a motion with its report, or raise where lengths, feet or joints are wrong.
+
+    ``loose`` has its positions before the lengths were restored.
+    """
+    position = made.position_m
+    error = np.abs(pair_lengths(position, pairs) - wanted)
+    worst = np.unravel_index(int(np.argmax(error - LONGER * wanted)), error.shape)
+    if error[worst] > max(LONGER_M, LONGER * wanted[worst]):
+        names = " and ".join(made.markers[n] for n in pairs[worst[1]])
+        raise MotionError(
+            f"{made.label}: cannot be made: {names} would be {1e3 * error[worst]:.1f} mm nearer or further than in the "
+            "recording; change less"
+        )
+    jerks = [float(np.abs(np.diff(values, n=2, axis=0)).max()) for values in (position, loose)]
+    if jerks[0] > JERKS * jerks[1]:
+        raise MotionError(
+            f"{made.label}: cannot be made: to keep its lengths the body would accelerate {jerks[0] / jerks[1]:.1f} "
+            f"times as much; allowed are {JERKS:g}; change less"
+        )
+    slides, before = foot_slide(made), max(foot_slide(source) for source in sources)
+    if slides > before + SLIDES:
+        raise MotionError(
+            f"{made.label}: cannot be made: feet on the ground slide at {slides:.3f} of the speed, {before:.3f} in the "
+            f"recordings; allowed are {SLIDES:g} more; change less"
+        )
+    free = [n for n, part in enumerate(made.parts) if part in FREE_PARTS]
+    joints = _joints(pairs, sources[0].position_m)
+    joints = joints[~np.isin(joints, free).any(axis=1)]
+    angles = [_angles_deg(motion.position_m, joints) for motion in (made, *sources)]
+    if joints.size:
+        low = np.min([angle.min(axis=0) for angle in angles[1:]], axis=0) - angles[0].min(axis=0)
+        high = angles[0].max(axis=0) - np.max([angle.max(axis=0) for angle in angles[1:]], axis=0)
+        beyond = np.maximum(low, high)
+        if beyond.max() > BENDS_DEG:
+            at = made.markers[joints[int(np.argmax(beyond)), 1]]
+            raise MotionError(
+                f"{made.label}: cannot be made: the joint at {at} would bend {beyond.max():.0f} degrees further than "
+                f"in the recordings; allowed are {BENDS_DEG:g}; change less"
+            )
+        further = max(0.0, float(beyond.max()))
+    else:
+        further = 0.0
+    report = {
+        **made.report.get("hybrid", {}), **entries, "length_error_m": float(error.max()), "foot_slide": slides,
+        "foot_slide_recorded": before, "bends_further_deg": further,
+    }  # fmt: skip
+    return made.with_report(hybrid=report)
+
+
+def _joints(pairs: IntArray, position: FloatArray) -> IntArray:
+    """Return joints as points a, b, c with bones a-b and b-c that are no part of one rigid segment, shape (J, 3)."""
+    bones = {(int(a), int(b)) for a, b in bones_of(position)}
+    rigid = {(int(a), int(b)) for a, b in pairs}
+    by_end: dict[int, list[int]] = {}
+    for a, b in bones:
+        by_end.setdefault(a, []).append(b)
+        by_end.setdefault(b, []).append(a)
+    found = [
+        (a, middle, c)
+        for middle, ends in sorted(by_end.items())
+        for a in sorted(ends)
+        for c in sorted(ends)
+        if a < c and (a, c) not in rigid
+    ]
+    return np.array(found, dtype=np.int32).reshape(-1, 3)
+
+
+def _angles_deg(position: FloatArray, joints: IntArray) -> FloatArray:
+    """Return the angles of joints over time, shape (T, J)."""
+    arms = [position[:, joints[:, end]] - position[:, joints[:, 1]] for end in (0, 2)]
+    lengths = np.maximum(np.linalg.norm(arms[0], axis=2) * np.linalg.norm(arms[1], axis=2), 1e-12)
+    return np.asarray(np.degrees(np.arccos(np.clip((arms[0] * arms[1]).sum(axis=2) / lengths, -1.0, 1.0))))

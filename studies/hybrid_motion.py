@@ -1,0 +1,182 @@
+"""Hybrids of recorded clips against plain loops: feet, lengths, spread of features, share refused.
+
+    python studies/hybrid_motion.py MOTION_FOLDER [--draws 3] [--out ROWS.csv]
+
+People are split by subject; hybrids of one half are compared with recordings of the other half, next to plain loops of
+the first half. Dogs are one animal a data set: the recordings of each are split in turn. Every mover comes head-on to
+the same radar without noise, as in ``motion_comparison.py``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+from motion_comparison import FEATURES, OBSERVATION_S, SHORTEST_S, measure
+from recorded_motion import find_clips, is_tuning
+
+from doppelgait.core.config import validate
+from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning
+from doppelgait.core.rng import Streams
+from doppelgait.dataset.hybrids import with_hybrids
+from doppelgait.dataset.resolve import resolve
+from doppelgait.motion.gait import with_gait_facts
+from doppelgait.motion.hybrid import Hybrid, foot_slide, make_hybrid
+from doppelgait.motion.loop import loop
+from doppelgait.motion.motion import Motion
+from doppelgait.motion.readers import read
+from doppelgait.motion.rigid import RIGID_M, pair_lengths, rigid_pairs
+
+FloatArray = npt.NDArray[np.float64]
+SPREAD_FEATURES = (*FEATURES, "speed_mps")
+
+
+def read_clips(folder: Path) -> Iterator[tuple[str, str, str, Motion]]:
+    """Yield mover, half, subject and motion of every straight clip."""
+    for clip in find_clips(folder):
+        short = clip.start_s is not None and clip.stop_s is not None and clip.stop_s - clip.start_s < SHORTEST_S
+        try:
+            motion = with_gait_facts(clip.read(folder))
+        except DoppelgaitError:
+            continue
+        if not short:
+            # a clinical walker has two clips
+            subject = clip.file.rpartition("_")[0] if clip.file.startswith("clinic/") else clip.file
+            yield clip.gait, "tuning" if is_tuning(clip, folder) else "held", subject, motion
+    with (folder / "segments.csv").open() as file:
+        rows = [row for row in csv.DictReader(file) if row["class"] == "dog" and not row["footfall_note"]]
+    files = sorted({row["file"] for row in rows})
+    for row in rows:
+        start_s, stop_s = (int(row[key]) / float(row["frame_rate_hz"]) for key in ("start_frame", "end_frame"))
+        try:
+            motion = with_gait_facts(read(folder / row["file"], start_s=start_s, stop_s=stop_s))
+        except DoppelgaitError:
+            continue
+        half = f"{'MANN' if 'mann' in row['file'] else 'Tencent'} {'ab'[files.index(row['file']) % 2]}"
+        yield f"dog {motion.facts.gait}", half, row["file"], motion
+
+
+def length_error(motion: Motion, pairs: npt.NDArray[np.int32]) -> float:
+    """Return the rms deviation of the lengths of rigid pairs from their means, as a share of these."""
+    length = pair_lengths(motion.position_m, pairs)
+    return float(np.sqrt(np.mean((length / length.mean(axis=0) - 1.0) ** 2)))
+
+
+def stiff_pairs(motion: Motion) -> npt.NDArray[np.int32]:
+    """Return the pairs of neighbours whose distance the recording keeps."""
+    pairs = rigid_pairs(np.asarray(motion.position_m))
+    length = pair_lengths(motion.position_m, pairs)
+    return pairs[(length.std(axis=0) < RIGID_M) & (length.mean(axis=0) > 0.03)]
+
+
+def compare(folder: Path, draws: int) -> Iterator[dict[str, Any]]:
+    """Yield a row per plain loop and per hybrid, the refused ones with a reason."""
+    entries = list(read_clips(folder))
+    for half in dict.fromkeys(entry[1] for entry in entries):
+        mine = [entry for entry in entries if entry[1] == half]
+        motions = [entry[3] for entry in mine]
+        for motion in motions:
+            motion.position_m.setflags(write=False)
+        plain = [{"kind": "file", "path": str(number)} for number in range(len(mine))]
+        tables = with_hybrids(plain, motions, [entry[2] for entry in mine], "blend")
+        for number, ((mover, _, _, motion), table) in enumerate(zip(mine, tables, strict=True)):
+            about = {"mover": mover, "half": half, "clip": f"{motion.label} {motion.facts.file_time_s:.2f}"}
+            pairs = stiff_pairs(motion)
+            for draw in range(-1, draws):
+                row: dict[str, Any] = {**about, "source": "recorded" if draw < 0 else "hybrid", "draw": draw}
+                rng = Streams(1, number * 1000 + draw + 1).generator("motion")
+                made = motion
+                try:
+                    if draw >= 0:
+                        if "hybrid" not in table:
+                            yield {**row, "refused": "clip"}
+                            continue
+                        drawn = resolve(table["hybrid"], seed=1, example=number * 1000 + draw, key=half)
+                        hybrid = validate(Hybrid, drawn, where="hybrid")
+                        made = make_hybrid(motion, hybrid, lambda other, all_of=motions: all_of[int(other["path"])])
+                        row["blended"] = hybrid.other is not None
+                    looped = loop(made, duration_s=OBSERVATION_S, rng=rng)
+                    row |= {"slide": foot_slide(looped), "clip_slide": foot_slide(made)}
+                    if made.markers == motion.markers and len(pairs):
+                        row |= {"length": length_error(looped, pairs), "clip_length": length_error(made, pairs)}
+                    yield row | measure(looped, mover.partition(" ")[0] if mover.startswith("dog") else "human")
+                except DoppelgaitError as error:
+                    yield {**row, "refused": str(error)}
+
+
+def summarise(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return feet, lengths and refusals by mover and half."""
+    found = []
+    for (mover, half), group in rows.groupby(["mover", "half"], sort=False):
+        for source, part in group.groupby("source", sort=False):
+            refused = part["refused"].notna()
+            good = part[~refused]
+            found.append(
+                {
+                    "mover": mover, "half": half, "source": source, "n": len(good), "refused": refused.mean(),
+                    "clip_refused": (part["refused"] == "clip").mean(),
+                    "blended": good["blended"].astype(float).mean(), "slide": good["slide"].mean(),
+                    "length_percent": 100 * good["length"].mean(),
+                    "clip_length_percent": 100 * good["clip_length"].mean(),
+                    "speed_sd": good["speed_mps"].std(),
+                }
+            )  # fmt: skip
+    return pd.DataFrame(found)
+
+
+def compare_spread(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return difference and spread of one half's loops and hybrids against the recordings of the other half."""
+    found = []
+    kept = rows[rows["refused"].isna()]
+    for mover, group in kept.groupby("mover", sort=False):
+        halves = list(dict.fromkeys(group["half"]))
+        for half, other in [(a, b) for a in halves for b in halves if a != b]:
+            target = group[(group["half"] == other) & (group["source"] == "recorded")]
+            for source in ("recorded", "hybrid"):
+                mine = group[(group["half"] == half) & (group["source"] == source)]
+                for name in SPREAD_FEATURES:
+                    real, ours = target[name].astype(float).dropna(), mine[name].astype(float).dropna()
+                    if min(real.size, ours.size) < 4:
+                        continue
+                    pooled = float(np.sqrt((real.var() + ours.var()) / 2))
+                    found.append(
+                        {
+                            "mover": mover, "of": half, "against": other, "source": source, "feature": name,
+                            "difference_sd": (real.mean() - ours.mean()) / pooled,
+                            "spread_ratio": ours.std() / real.std(),
+                            "covered": float(((real >= ours.min()) & (real <= ours.max())).mean()),
+                        }
+                    )  # fmt: skip
+    return pd.DataFrame(found)
+
+
+def main() -> None:
+    """Compare all clips and print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("motion_folder", type=Path)
+    parser.add_argument("--draws", type=int, default=3, help="hybrids per clip")
+    parser.add_argument("--out", type=Path, help="all rows, as CSV")
+    arguments = parser.parse_args()
+    warnings.simplefilter("ignore", DoppelgaitWarning)
+    rows = pd.DataFrame(compare(arguments.motion_folder, arguments.draws))
+    if arguments.out is not None:
+        rows.to_csv(arguments.out, index=False)
+    print(summarise(rows).round(3).to_string(index=False))
+    spread = compare_spread(rows)
+    numbers = ["difference_sd", "spread_ratio", "covered"]
+    by_feature = spread.pivot_table(index=["mover", "of", "feature"], columns="source", values=numbers, sort=False)
+    print(by_feature.round(2).to_string())
+    sizes = spread.assign(difference_sd=spread["difference_sd"].abs())
+    print(sizes.groupby(["mover", "of", "source"], sort=False)[numbers].median().round(2).to_string())
+    print(rows["refused"].dropna().str.replace(r"^.*?: ", "", regex=True).str.slice(0, 60).value_counts().to_string())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,155 @@
+"""Folders as hybrids: ranges, partners, subjects that share a split, licences, and the draw of every example."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+
+from doppelgait.core.config import validate
+from doppelgait.core.errors import ConfigError, DoppelgaitWarning
+from doppelgait.core.rng import Streams
+from doppelgait.dataset.card import blocks_release
+from doppelgait.dataset.config import PlanConfig
+from doppelgait.dataset.hybrids import with_hybrids
+from doppelgait.dataset.motions import motion_files, recordings_of
+from doppelgait.dataset.plan import plan_dataset
+from doppelgait.motion.gait import with_gait_facts
+from doppelgait.motion.models import human_gait, quadruped_gait
+from doppelgait.scene.placement import build_motion
+
+WALKS = {"ann": 1.1, "ben": 1.2, "cat": 1.3, "dan": 1.4, "eva": 1.25}
+
+
+def walk(speed_mps, seconds=3.0):
+    return human_gait(speed_mps=speed_mps, duration_s=seconds, rate_hz=60)
+
+
+@pytest.fixture(scope="module")
+def takes(tmp_path_factory):
+    """One take of each of five people, as tables."""
+    folder = tmp_path_factory.mktemp("hybrids")
+    (folder / "takes").mkdir()
+    for name, speed_mps in WALKS.items():
+        motion = walk(speed_mps)
+        header = ",".join(["time_s", *(f"{m}_{a}_m" for m in motion.markers for a in "xyz")])
+        table = np.column_stack([motion.time_s, motion.position_m.reshape(motion.n_frames, -1)])
+        np.savetxt(folder / "takes" / f"{name}_1.csv", table, delimiter=",", header=header, comments="")
+    return folder
+
+
+def plan(mode="blend", **changes):
+    table = {
+        "dataset": {"name": "small", "examples_per_class": 40, "fractions": {"train": 0.5, "test": 0.5}},
+        "classes": [{"label": "human", "motion": {"kind": "folder", "path": "takes", "hybrid": mode}}],
+        "scene": {"duration_s": 1.5},
+        "sources": [
+            {"files": "takes/ann*", "subject": "takes/([a-z]+)_", "licence": "MIT"},
+            {"files": "takes/*", "subject": "takes/([a-z]+)_", "licence": "CC-BY-4.0"},
+        ],
+        **changes,
+    }
+    return validate(PlanConfig, table, where="plan")
+
+
+@pytest.fixture(scope="module")
+def planned(takes):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DoppelgaitWarning)
+        return plan_dataset(plan(), folder=takes)
+
+
+def test_every_clip_has_ranges_and_partners_of_its_family(planned):
+    tables = planned.config.classes[0].motion["cycle"]
+    assert len(tables) == 5
+    partners = {t["path"][6:9]: {o["path"][6:9] for o in t["hybrid"]["other"]["choice"]} for t in tables}
+    assert partners["ann"] == {"ben"}
+    assert partners["ben"] == {"ann"}
+    assert partners["cat"] <= {"dan", "eva"}  # three, because five are odd
+    assert partners["eva"]
+    for table in tables:
+        low, high = table["hybrid"]["speed_factor"]["log_uniform"]
+        assert 0.8 <= low < 0.95
+        assert 1.05 < high <= 1.25
+        assert "loop_to_s" in table
+
+
+def test_every_example_is_another_mover_and_the_same_again(planned, takes):
+    motions = [planned.example(number).run.scene.targets[0].motion for number in range(40)]
+    factors = {(m["path"], m["hybrid"]["speed_factor"], m["hybrid"]["share"]) for m in motions}
+    assert len(factors) == 40
+    assert motions == [planned.example(number).run.scene.targets[0].motion for number in range(40)]
+    first, again, other = (
+        build_motion(motions[0], duration_s=1.5, folder=takes, rng=Streams(1, n).generator("motion", "targets.0"))
+        for n in (0, 0, 1)
+    )
+    np.testing.assert_array_equal(first.position_m, again.position_m)
+    # the strides of the loop are drawn per example, too
+    assert np.abs(first.position_m - other.position_m).max() > 1e-3
+    assert first.report["hybrid"]["speed_factor"] == motions[0]["hybrid"]["speed_factor"]
+    assert {first.report["hybrid"]["first"], first.report["hybrid"]["second"]} == {
+        path.rpartition("/")[2] for path in recordings_of(motions[0])
+    }
+
+
+def test_who_is_blended_shares_a_split(planned):
+    splits = {}
+    for number, entry in enumerate(planned.examples):
+        row = planned.example(number).rows[0]
+        assert row.subject == entry.subjects[0]
+        for subject in (row.subject, *row.others):
+            splits.setdefault(subject, set()).add(entry.split)
+        both = row.recording.split(" + ")
+        assert len(both) == 1 + len(row.others)
+        # both licences where they differ
+        licences = {"MIT" if "ann" in path else "CC-BY-4.0" for path in both}
+        assert set(row.licence.split(" AND ")) == licences
+    assert set(splits) == {f"person/{name}" for name in WALKS}
+    assert all(len(found) == 1 for found in splits.values())
+    assert splits["person/ann"] == splits["person/ben"] != splits["person/cat"]
+
+
+def test_the_identity_covers_both_files(planned):
+    cycle = planned.config.classes[0].motion["cycle"]
+    only = [table for table in cycle if "cat" in table["path"]]
+    named = motion_files(only)
+    assert len(named) > 1
+    assert "takes/cat_1.csv" in named
+
+
+def test_retarget_blends_nobody(takes):
+    laid_out = plan_dataset(plan("retarget"), folder=takes)
+    assert all("other" not in table["hybrid"] for table in laid_out.config.classes[0].motion["cycle"])
+    assert len({entry.group for entry in laid_out.examples}) == 5
+
+
+def test_clips_of_other_points_and_gaits_are_no_partners():
+    clips = [walk(1.2), walk(1.3), walk(2.9), quadruped_gait(gait="trot", speed_mps=1.6, duration_s=3.0, rate_hz=60)]
+    clips = [with_gait_facts(clip) for clip in clips]
+    tables = with_hybrids([{"path": str(n)} for n in range(4)], clips, ["a"] * 4, "blend")
+    partners = [[other["path"] for other in t["hybrid"].get("other", {}).get("choice", [])] for t in tables]
+    assert partners == [["1"], ["0"], [], []]
+    assert tables[3]["hybrid"]["size_factor"] == {"log_uniform": [0.8, 1.25]}
+    assert tables[0]["hybrid"]["size_factor"] == {"normal": [1.0, 0.056]}
+
+
+@pytest.mark.parametrize(
+    ("motion", "says"),
+    [
+        ({"kind": "folder", "path": "takes", "hybrid": "mix"}, r"hybrid.*'none', 'retarget' or 'blend'"),
+        ({"kind": "file", "path": "takes/ann_1.csv", "hybrid": {"speed_factor": 3.0}}, r"hybrid\.speed_factor"),
+        (
+            {"kind": "file", "path": "takes/ann_1.csv", "hybrid": {"other": {"kind": "file", "path": "x.csv"}}},
+            r"hybrid\.other\.path: 'x\.csv' is not allowed: there is no such file",
+        ),
+    ],
+)
+def test_wrong_hybrids_are_named(takes, motion, says):
+    with pytest.raises(ConfigError, match=says):
+        plan_dataset(plan(classes=[{"label": "human", "motion": motion}]), folder=takes)
+
+
+def test_each_of_several_licences_must_allow_a_release():
+    assert not blocks_release("MIT AND CC-BY-4.0")
+    assert blocks_release("MIT AND CC-BY-NC-4.0")

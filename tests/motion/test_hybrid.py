@@ -1,0 +1,256 @@
+"""Hybrids of clips: against the laws they state, against models of the wanted phase, and what is refused."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from doppelgait.core.config import validate
+from doppelgait.core.errors import ConfigError, MotionError
+from doppelgait.motion import Motion, blend, make_motion, retarget
+from doppelgait.motion.hybrid import (
+    RUN,
+    WALK,
+    Hybrid,
+    dimensionless_speed,
+    foot_slide,
+    make_hybrid,
+    speed_limits,
+    stride_limits,
+)
+from doppelgait.motion.loop import loop
+from doppelgait.motion.models import boulic_walk, human_gait, quadruped_gait
+from doppelgait.motion.retime import travel_speed_mps
+from doppelgait.motion.rigid import restore_lengths, rigid_pairs
+
+
+def _walk(**options: Any) -> Motion:
+    return human_gait(**{"speed_mps": 1.2, "duration_s": 4.0, **options})
+
+
+def _lengths(motion: Motion, pairs: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(motion.position_m[:, pairs[:, 0]] - motion.position_m[:, pairs[:, 1]], axis=2)
+
+
+@pytest.mark.parametrize(
+    ("speed", "size", "stride"),
+    [(1.15, 1.0, 1.0), (0.85, 1.0, 1.0), (1.0, 1.2, 1.0), (1.0, 1.0, 1.08), (1.1, 0.85, 0.95)],
+)
+def test_speed_stride_and_size_follow_the_law(speed: float, size: float, stride: float) -> None:
+    walk = _walk()
+    made = retarget(walk, speed_factor=speed, size_factor=size, stride_factor=stride)
+    assert travel_speed_mps(made) == pytest.approx(travel_speed_mps(walk) * speed * math.sqrt(size), rel=2e-3)
+    stride_m = travel_speed_mps(made) / made.facts.stride_frequency_hz
+    before_m = travel_speed_mps(walk) / walk.facts.stride_frequency_hz
+    assert stride_m == pytest.approx(before_m * size * speed**0.63 * stride, rel=2e-3)
+    # measured again, not only stated
+    measured = retarget(made.with_facts(stride_frequency_hz=math.nan, footfalls={}))
+    assert measured.facts.stride_frequency_hz == pytest.approx(made.facts.stride_frequency_hz, rel=5e-3)
+    assert made.facts.height_m == pytest.approx(size * walk.facts.height_m)
+    assert made.facts.mass_kg == pytest.approx(size**3 * walk.facts.mass_kg)
+    pairs = rigid_pairs(walk.position_m)
+    np.testing.assert_allclose(_lengths(made, pairs), size * _lengths(walk, pairs), atol=1e-3)
+    assert foot_slide(made) < foot_slide(walk) + 0.01
+    assert made.report["hybrid"]["speed_factor"] == speed
+    touch_s = made.facts.footfalls["left_foot"]
+    slower = walk.facts.stride_frequency_hz / made.facts.stride_frequency_hz
+    np.testing.assert_allclose(touch_s, np.array(walk.facts.footfalls["left_foot"]) * slower)
+
+
+def test_factors_of_one_change_nothing() -> None:
+    walk = _walk()
+    made = retarget(walk)
+    np.testing.assert_allclose(made.position_m, walk.position_m, atol=1e-12)
+    np.testing.assert_allclose(made.time_s, walk.time_s, atol=1e-12)
+
+
+def test_a_turned_clip_gives_the_turned_hybrid() -> None:
+    walk = _walk()
+    turn = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    straight, turned = (
+        retarget(walk.with_positions(walk.position_m @ by), speed_factor=1.1).position_m for by in (np.eye(3), turn)
+    )
+    np.testing.assert_allclose(straight @ turn, turned, atol=1e-9)
+
+
+def test_a_standing_foot_keeps_its_place() -> None:
+    walk = _walk(foot_lock=True)
+    feet = [n for n, name in enumerate(walk.markers) if name.endswith("toe")]
+    still = np.linalg.norm(np.gradient(walk.position_m[:, feet], axis=0), axis=2) < 2e-4
+    made = retarget(walk, speed_factor=1.15)
+    moves = np.linalg.norm(np.gradient(made.position_m[:, feet], axis=0), axis=2)
+    assert still.any()
+    assert moves[still].max() < 5e-4
+
+
+def test_blend_of_one_walk_in_two_phases_is_the_walk() -> None:
+    first, second = (boulic_walk(speed_mps=1.2, duration_s=4.0, start_phase=phase) for phase in (0.0, 0.37))
+    mixed = blend(first, second.with_positions(second.position_m + np.array([3.0, -2.0, 0.0])), share=0.5)
+    assert mixed.report["hybrid"]["likeness"] > 0.999
+    start = mixed.position_m[0].mean(axis=0) - loop(first, duration_s=1.0, variation=0.0).position_m[0].mean(axis=0)
+    whole = loop(first, duration_s=mixed.duration_s, variation=0.0).position_m[: mixed.n_frames]
+    np.testing.assert_allclose(mixed.position_m - start, whole, atol=5e-3)
+    assert mixed.facts.stride_frequency_hz == pytest.approx(first.facts.stride_frequency_hz, rel=1e-4)
+
+
+def test_a_blend_lies_between_its_clips() -> None:
+    slow, fast = _walk(speed_mps=1.1), _walk(speed_mps=1.35, height_m=1.85)
+    ends = [loop(clip, duration_s=4.0, variation=0.0) for clip in (slow, fast)]
+    hz = []
+    for share in (0.0, 0.3, 1.0):
+        mixed = blend(slow, fast, share=share)
+        hz.append(mixed.facts.stride_frequency_hz)
+        assert mixed.report["hybrid"]["length_error_m"] < 1e-3
+        assert foot_slide(mixed) < max(map(foot_slide, ends)) + 0.02
+        # as tall as the first: the second is scaled to it
+        assert mixed.facts.height_m == pytest.approx(slow.facts.height_m, rel=0.02)
+    slower = math.sqrt(slow.facts.height_m / fast.facts.height_m)
+    assert hz[0] == pytest.approx(slow.facts.stride_frequency_hz, rel=1e-3)
+    assert hz[2] == pytest.approx(fast.facts.stride_frequency_hz / slower, rel=5e-3)
+    assert 1 / hz[1] == pytest.approx(0.7 / hz[0] + 0.3 / hz[2], rel=1e-3)
+
+
+def test_a_blend_names_both_and_keeps_both_licences() -> None:
+    clips = [
+        _walk(speed_mps=1.1 + 0.1 * n).with_facts(source=f"{n}.c3d", subject=f"p{n}", licence=licence)
+        for n, licence in enumerate(("MIT", "CC-BY-4.0"))
+    ]
+    facts = blend(*clips, share=0.5).facts
+    assert (facts.source, facts.subject, facts.licence) == ("0.c3d + 1.c3d", "p0 + p1", "MIT AND CC-BY-4.0")
+    # unknown where one of them is
+    assert blend(clips[0], clips[1].with_facts(licence=""), share=0.5).facts.licence == ""
+
+
+def test_points_are_matched_by_name() -> None:
+    first, second = _walk(speed_mps=1.1), _walk(speed_mps=1.25)
+    order = np.random.default_rng(2).permutation(len(second.markers))
+    mixed_up = second.with_points(
+        second.position_m[:, order], [f"ann:{second.markers[n]}" for n in order], [second.parts[n] for n in order]
+    )
+    expected, found = blend(first, second, share=0.4), blend(first, mixed_up, share=0.4)
+    assert found.markers == first.markers
+    np.testing.assert_allclose(found.position_m, expected.position_m, atol=1e-6)
+
+
+def _trot(**options: Any) -> Motion:
+    return quadruped_gait(**{"gait": "trot", "speed_mps": 1.6, "duration_s": 3.0, **options})
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (
+            lambda: retarget(_walk(), speed_factor=1.4),
+            r"speed_factor = 1\.4 is not allowed: must be a number from 0\.8",
+        ),
+        (lambda: retarget(_walk(), size_factor=0.5), r"size_factor = 0\.5 is not allowed"),
+        (
+            lambda: retarget(_walk(), stride_factor=1.2),
+            r"stride_factor = 1\.2 is not allowed: must be .* 0\.896 to 1\.12",
+        ),
+        (
+            lambda: retarget(_walk(speed_mps=1.7), speed_factor=1.2),
+            r"dimensionless speed 0\.7\d, recordings have 0\.17",
+        ),
+        (lambda: retarget(_walk(duration_s=0.8)), "shows no whole stride"),
+        (lambda: blend(_walk(), _walk(), share=1.5), "share: 1.5 is not allowed"),
+        (lambda: blend(_walk(), _trot(), share=0.5), "they share 10 of 17 and 28 points, none of left_foot"),
+        (lambda: blend(_walk(), _walk(speed_mps=2.9), share=0.5), "the gait is human walk and human run"),
+        (lambda: blend(_walk(speed_mps=0.7), _walk(speed_mps=1.5), share=0.5), r"goes 2\.1\d times as fast"),
+        (lambda: blend(_trot(), _trot(gait="walk", speed_mps=1.3), share=0.5), "the gait is dog trot and dog walk"),
+    ],
+)
+def test_what_is_too_far_is_refused(make: Any, says: str) -> None:
+    with pytest.raises(MotionError, match=says):
+        make()
+
+
+def test_gaps_are_refused() -> None:
+    walk = _walk()
+    position = walk.position_m.copy()
+    position[10, 3] = np.nan
+    with pytest.raises(MotionError, match="has gaps"):
+        retarget(walk.with_positions(position), speed_factor=1.1)
+
+
+def test_a_leg_that_would_bend_too_far_is_refused() -> None:
+    """A rod as a leg: with feet further apart, hip and foot can keep their distance only by a bend elsewhere."""
+    walk = _walk(speed_mps=0.9)
+    with pytest.raises(MotionError, match=r"would bend \d+ degrees further than in the recordings"):
+        retarget(retarget(walk, speed_factor=1.25, stride_factor=1.1), speed_factor=1.25, stride_factor=1.1)
+
+
+def test_limits_are_those_of_recordings_and_hold_the_clip() -> None:
+    brisk = _walk(speed_mps=1.6)
+    now, (low, high) = dimensionless_speed(brisk), speed_limits(brisk)
+    assert now == pytest.approx(1.6 / math.sqrt(9.81 * 0.491 * brisk.facts.height_m), rel=0.02)
+    assert low == pytest.approx(0.8)
+    assert high == pytest.approx(WALK.speed[1] / now)
+    # a clip that is faster than all of them may be slowed down only
+    assert speed_limits(_walk(speed_mps=2.0))[1] == 1.0
+    assert speed_limits(brisk.with_facts(height_m=math.nan)) == (0.8, 1.25)
+    assert stride_limits(RUN)[1] == pytest.approx(math.exp(RUN.spread))
+
+
+def test_restored_lengths_need_the_least_moves() -> None:
+    rng = np.random.default_rng(4)
+    position, pairs = rng.normal(size=(1, 4, 3)), np.array([[0, 1], [1, 2], [2, 3]], dtype=np.int32)
+    wanted = np.linalg.norm(position[:, pairs[:, 0]] - position[:, pairs[:, 1]], axis=2) * 1.02
+    weights = np.array([100.0, 1.0, 1.0, 1.0])
+    found = restore_lengths(position, pairs, wanted, weights, ridge=0.01, steps=8)
+    np.testing.assert_allclose(np.linalg.norm(found[:, pairs[:, 0]] - found[:, pairs[:, 1]], axis=2), wanted, atol=1e-4)
+
+    def moves(x: np.ndarray) -> float:
+        return float((weights[:, None] * (x.reshape(4, 3) - position[0]) ** 2).sum())
+
+    lengths = {
+        "type": "eq",
+        "fun": lambda x: (
+            np.linalg.norm(x.reshape(4, 3)[pairs[:, 0]] - x.reshape(4, 3)[pairs[:, 1]], axis=1) - wanted[0]
+        ),
+    }
+    best = minimize(
+        moves, position.ravel(), constraints=lengths, method="SLSQP", options={"ftol": 1e-14, "maxiter": 500}
+    )
+    assert moves(found) == pytest.approx(best.fun, rel=0.02)
+    assert np.linalg.norm(found[0, 0] - position[0, 0]) < 0.1 * np.linalg.norm(found[0, 1] - position[0, 1])
+
+
+def test_foot_slide_of_a_known_slide() -> None:
+    """One foot rests for half of each second and slides forward at a tenth of the body's 1 m/s while it does."""
+    time_s = np.arange(0.0, 6.0, 0.005)
+    speeds = [np.where((time_s + shift) % 1.0 < 0.5, 0.1, 1.9) for shift in (0.0, 0.5)]
+    feet = [np.cumsum(speed) * 0.005 for speed in speeds]
+    x = np.stack([time_s, *feet], axis=1)
+    position = np.stack([x, np.broadcast_to([0.0, 0.1, -0.1], x.shape), np.broadcast_to([1.0, 0.0, 0.0], x.shape)], 2)
+    walk = make_motion(
+        position, rate_hz=200, markers=["c7", "l", "r"], parts=["torso", "left_foot", "right_foot"], facts={}
+    )
+    assert foot_slide(walk) == pytest.approx(0.1, rel=0.02)
+
+
+def test_the_table_of_a_scene_is_made() -> None:
+    clips = {"b.c3d": _walk(speed_mps=1.3)}
+    table = {"speed_factor": 1.1, "other": {"kind": "file", "path": "b.c3d"}, "share": 0.25}
+    made = make_hybrid(_walk(), validate(Hybrid, table, where="hybrid"), lambda other: clips[other["path"]])
+    expected = retarget(blend(_walk(), clips["b.c3d"], share=0.25), speed_factor=1.1)
+    np.testing.assert_array_equal(made.position_m, expected.position_m)
+    assert (made.report["hybrid"]["share"], made.report["hybrid"]["speed_factor"]) == (0.25, 1.1)
+
+
+@pytest.mark.parametrize(
+    ("table", "says"),
+    [
+        ({"speed_factor": 2.0}, r"speed_factor"),
+        ({"other": {"kind": "boulic"}, "share": 0.5}, "must be a recording as it is"),
+        ({"other": {"kind": "file", "path": "b", "hybrid": {}}}, "must be a recording as it is"),
+        ({"factor": 1.0}, "factor"),
+    ],
+)
+def test_wrong_tables_are_refused(table: dict[str, Any], says: str) -> None:
+    with pytest.raises(ConfigError, match=says):
+        validate(Hybrid, table, where="hybrid")
