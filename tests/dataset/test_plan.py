@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.stats import ks_2samp
 
+from checkout import ROOT
 from doppelgait.core import plugins
 from doppelgait.core.config import FrozenModel, validate
 from doppelgait.core.errors import ConfigError, DatasetError
@@ -282,6 +283,28 @@ def test_built_in_plans_load_and_an_unknown_name_lists_them(tmp_path):
         load_plan(tmp_path / "nothing.toml")
 
 
+STRIDE_LAW = {
+    "human": ("step_time_sd", "step_length_sd", "time_asymmetry", "length_asymmetry"),
+    "quadruped": ("stride_variation", "step_length_sd", "asymmetry", "length_asymmetry"),
+    "boulic": ("stride_variation",),
+}
+"""Settings of the variation and asymmetry of strides, in one order."""
+
+
+@pytest.mark.parametrize("plan", ["home-alarm", str(ROOT / "studies/plans/evidence.toml")])
+def test_strides_of_people_and_dogs_vary_by_one_law(plan):
+    config, _ = load_plan(plan)
+    laws, kinds = set(), set()
+    for part in config.classes:
+        for motion in part.motion["choice"]:
+            names = STRIDE_LAW[motion["kind"]]
+            kinds.add(motion["kind"])
+            laws.add(tuple(str(motion[name]) for name in names))
+    longest = max(laws, key=len)
+    assert kinds == set(STRIDE_LAW)
+    assert all(law == longest[: len(law)] for law in laws)
+
+
 def test_home_alarm_keeps_every_nuisance_outside_the_classes():
     loaded, _ = load_plan("home-alarm", overrides=["dataset.examples_per_class=40"])
     assert all(set(section.model_dump()) == {"label", "motion", "examples"} for section in loaded.classes)
@@ -291,7 +314,7 @@ def test_home_alarm_keeps_every_nuisance_outside_the_classes():
     assert {e.run.analysis.gate_span_m for e in examples} == {1.6}
     motions = [e.run.scene.targets[0].motion for e in examples]
     spread = {name: [m.get("stride_variation", m.get("step_time_sd")) for m in motions[at]] for name, at in HALVES}
-    assert all(0 <= value <= 0.03 for values in spread.values() for value in values)
+    assert all(0 <= value <= 0.04 for values in spread.values() for value in values)
     assert ks_2samp(spread["human"], spread["dog"]).pvalue > 1e-3  # strides vary by one law
 
 
