@@ -401,6 +401,38 @@ def test_people_are_drawn_as_cited():
     assert sample_person(np.random.default_rng(9)) == sample_person(np.random.default_rng(9))
 
 
+def test_complaints_and_loads_change_a_person_as_measured():
+    def people(**options):
+        return [sample_person(np.random.default_rng(n), **options) for n in range(600)]
+
+    well, weak, joint, nerves = (people(complaint=name) for name in ("none", "weak", "joint", "neurological"))
+    median = lambda key, found: np.median([getattr(p, key) for p in found])  # noqa: E731
+    assert median("walk_ratio", weak) == pytest.approx(0.73, abs=0.02)
+    for found, speed_mps, time_sd in ((weak, 0.91, 0.041), (joint, 0.81, 0.034), (nerves, 0.82, 0.046)):
+        assert median("speed_mps", found) == pytest.approx(speed_mps, abs=0.03)
+        assert median("step_time_sd", found) == pytest.approx(time_sd, rel=0.08)
+    assert np.std([p.time_asymmetry for p in joint]) > 4 * np.std([p.time_asymmetry for p in well])
+    hands = {load: {(p.left_hand, p.right_hand) for p in people(load=load)} for load in ("pockets", "phone", "pushing")}
+    assert hands == {
+        "pockets": {("pockets", "pockets")}, "phone": {("phone", "free"), ("free", "phone")},
+        "pushing": {("pushing", "pushing")},
+    }  # fmt: skip
+    for n, (age, complaint, load) in enumerate(
+        itertools.product(
+            ("adult", "senior", "child"), ("none", "weak", "joint", "neurological"), ("free", "bag", "phone", "pushing")
+        )
+    ):
+        rng = np.random.default_rng(n)
+        person = sample_person(rng, age_class=age, complaint=complaint, load=load)
+        motion = human_gait(**person.parameters(), duration_s=1.0, rng=rng)
+        hand, ear = points(motion, "left_hand", "head").transpose(1, 0, 2)
+        if person.left_hand == "phone":
+            assert np.linalg.norm(hand - ear, axis=1).max() < 0.2 * person.height_m
+        if load == "pushing":
+            ahead = np.ptp((hand - points(motion, "left_shoulder")[:, 0])[:, 0])
+            assert ahead < 0.08 * person.height_m
+
+
 @pytest.mark.parametrize(
     ("options", "expected"),
     [

@@ -217,7 +217,8 @@ class HumanConfig(FrozenModel):
     arm_asymmetry : float
         (left - right) / mean of the swing of the arms, -2 to 2; between persons 0.15 with a standard deviation of 0.28.
     left_hand, right_hand : str
-        ``"free"``, ``"pockets"`` or ``"carrying"``.
+        ``"free"``, ``"pockets"``, ``"carrying"`` (before the body), ``"bag"`` (the arm hangs), ``"phone"`` (at the ear)
+        or ``"pushing"``.
     step_time_sd, step_length_sd : float
         Standard deviation of the time and the length of a step over its mean, 0 to 0.1; healthy adults 0.025 and 0.014.
     pace_sd : float

@@ -20,7 +20,7 @@ FloatArray = npt.NDArray[np.float64]
 Limbs = dict[str, FloatArray]
 Curves = Callable[[FloatArray], Limbs]
 """Leg phases of left and right, (2, n), to flexions in degrees by joint, each (2, n)."""
-Hands = Literal["free", "pockets", "carrying"]
+Hands = Literal["free", "pockets", "carrying", "bag", "phone", "pushing"]
 
 LENGTHS = {
     "head": 0.130, "half_shoulder": 0.1295, "torso": 0.288, "half_hip": 0.0955, "thigh": 0.245,
@@ -28,7 +28,10 @@ LENGTHS = {
 }  # fmt: skip
 """Segment lengths as fractions of the stature."""
 
-HELD = {"pockets": (-12.0, 45.0, 0.15), "carrying": (5.0, 90.0, 0.1)}
+HELD = {
+    "pockets": (-12.0, 45.0, 0.15), "carrying": (5.0, 90.0, 0.1), "bag": (0.0, 8.0, 0.3), "phone": (75.0, 145.0, 0.1),
+    "pushing": (20.0, 60.0, 0.0),
+}  # fmt: skip
 """Mean shoulder and elbow flexion in degrees, and the share of the swing that is left (assumed)."""
 
 _CYCLE = np.arange(200) / 200
@@ -44,7 +47,7 @@ def swing_arms(curves: Curves, *, factors: tuple[float, float], hands: tuple[Han
     factors : (float, float)
         Swing of shoulder and elbow about their means relative to the gait's own, left and right; exactly its own at 1.
     hands : (str, str)
-        Left and right: ``"free"``; ``"pockets"`` or ``"carrying"``: see :data:`HELD`.
+        Left and right: ``"free"`` or one of :data:`HELD`.
     """
     if factors == (1.0, 1.0) and hands == ("free", "free"):
         return curves
@@ -173,10 +176,42 @@ CHILD_M = (0.9, 1.6)
 _SMALLEST = {"leg": 0.885, "head": 1.38}
 """Legs and head of a child of 0.9 m relative to an adult's, as shares of the stature (sitting height 0.575 H against
 0.52 H, a head height in 5 against 7.5; assumed)."""
+Load = Literal["free", "pockets", "bag", "phone", "pushing"]
+Complaint = Literal["none", "weak", "joint", "neurological"]
 _STATURE_M = {"male": (1.75, 0.07), "female": (1.62, 0.065)}
 _SPEED_MPS: dict[AgeClass, tuple[float, float]] = {
     "adult": (1.35, 0.18), "senior": (1.15, 0.20), "child": (1.35, 0.18)
 }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Manner:
+    """How people of a group differ from others and from step to step; logarithms have the spreads ``_spread``."""
+
+    walk_ratio: float = 1.0
+    trunk_ripple: float = 1.0
+    ripple_spread: float = 0.2
+    step_time_sd: float = 0.025
+    time_spread: float = 0.3
+    step_length_sd: float = 0.014
+    length_spread: float = 0.7
+    time_asymmetry: float = 0.02
+    length_asymmetry: float = 0.06
+    speed_mps: tuple[float, float] | None = None
+
+
+_MANNERS: dict[Complaint, _Manner] = {
+    "none": _Manner(),
+    "weak": _Manner(0.73, 1.12, 0.26, 0.041, 0.3, 0.034, 0.3, 0.02, 0.10, (0.91, 0.2)),
+    "joint": _Manner(0.89, 1.15, 0.2, 0.034, 0.3, 0.063, 0.3, 0.126, 0.06, (0.81, 0.25)),
+    "neurological": _Manner(0.92, 1.08, 0.28, 0.046, 0.6, 0.053, 0.5, 0.033, 0.05, (0.82, 0.3)),
+}
+"""Clinical walkers of the tuning half: 2 people with weak muscles (4 clips), 2 with joint problems (4), 5 neurological
+(10). Spreads below 0.3 by so few are assumed, as is that of the speed of the weak. Their share of the cycle on the
+ground and the peak speed of their ankles are those of others at their speed, within 3 %."""
+
+
+_NO_PARAMETERS = ("sex", "age_class", "complaint", "age_years")
 
 
 @dataclass(frozen=True)
@@ -188,6 +223,9 @@ class Person:
 
     sex: str
     age_class: AgeClass
+    complaint: Complaint
+    left_hand: Hands
+    right_hand: Hands
     age_years: float
     height_m: float
     mass_kg: float
@@ -213,7 +251,7 @@ class Person:
         **changes
             Parameters that replace the person's own, for example ``speed_mps``.
         """
-        own = {key: value for key, value in asdict(self).items() if key not in ("sex", "age_class", "age_years")}
+        own = {key: value for key, value in asdict(self).items() if key not in _NO_PARAMETERS}
         return {**own, "body": self.body, **changes}
 
     @property
@@ -248,7 +286,9 @@ def segment_lengths(body: Body, height_m: float) -> dict[str, float]:
     }
 
 
-def sample_person(rng: np.random.Generator, *, age_class: AgeClass = "adult") -> Person:
+def sample_person(
+    rng: np.random.Generator, *, age_class: AgeClass = "adult", complaint: Complaint = "none", load: Load = "free"
+) -> Person:
     """Sample a person from population statistics.
 
     Adults (20 to 65 years) and seniors (65 to 85): stature normal, men 1.75 +- 0.07 m, women 1.62 +- 0.065 m; body mass
@@ -264,21 +304,28 @@ def sample_person(rng: np.random.Generator, *, age_class: AgeClass = "adult") ->
 
     Steps, measured on 66 of 17 clips of walkers without complaints (``studies/step_variation.py``): standard deviation
     of their times lognormal about 0.025 with 30 % (assumed: people differ by no more than chance), of their lengths
-    about 0.014 with 70 %, at most 0.05; asymmetry normal with 0.02 in time, 0.06 in length. Drift of the pace lognormal
+    about 0.014 with 70 %, at most 0.09; asymmetry normal with 0.02 in time, 0.06 in length. Drift of the pace lognormal
     about 0.01 with 50 % (assumed: clips of 2 to 6 s show none beyond chance).
 
     Parameters
     ----------
     rng : numpy.random.Generator
-        Source of chance; always seventeen draws.
+        Source of chance; always eighteen draws.
     age_class : str
         ``"child"``, ``"adult"`` or ``"senior"``.
+    complaint : str
+        ``"none"``; ``"weak"`` (muscles: short, quick steps), ``"joint"`` (a limp: one step lasts longer) or
+        ``"neurological"`` (uneven from step to step): slower, with the means and spreads of the clinical walkers.
+    load : str
+        What the hands do: ``"free"``; ``"pockets"`` and ``"pushing"`` (a pram) both, ``"bag"`` and ``"phone"`` one of
+        them, by chance. A person who pushes leans forward by 5 degrees more (assumed).
 
     Returns
     -------
     Person
     """
-    male, old = rng.random(2)
+    male, old, hand = rng.random(3)
+    manner = _MANNERS[complaint]
     size, weight, pace, ratio = np.clip(rng.standard_normal(4), -3.0, 3.0)
     sex = "male" if male < 0.5 else "female"
     if age_class == "child":
@@ -291,17 +338,23 @@ def sample_person(rng: np.random.Generator, *, age_class: AgeClass = "adult") ->
         mean_m, sd_m = _STATURE_M[sex]
         height_m = mean_m + sd_m * size
         mass_kg, scale = 24.0 * math.exp(0.13 * weight) * height_m**2, 1.0
-    mean_mps, sd_mps = _SPEED_MPS[age_class]
+    mean_mps, sd_mps = manner.speed_mps or _SPEED_MPS[age_class]
     speed_mps = scale * float(np.clip(mean_mps + sd_mps * pace, 0.4, 2.0))
     ripple, peak, arms, lean, time, length, time_sd, length_sd, pace_sd, trunk, sides = np.clip(
         rng.standard_normal(11), -3.0, 3.0
     )
     person = {
         "age_years": age_years, "height_m": height_m, "mass_kg": mass_kg, "speed_mps": speed_mps,
-        "walk_ratio": min(max(math.exp(0.16 * ratio), 0.7), 1.4), "trunk_ripple": math.exp(0.2 * ripple),
+        "walk_ratio": min(max(manner.walk_ratio * math.exp(0.16 * ratio), 0.7), 1.4),
+        "trunk_ripple": min(manner.trunk_ripple * math.exp(manner.ripple_spread * ripple), 2.5),
         "trunk_asymmetry": 0.4 * trunk, "swing_peak": min(max(1 + 0.24 * peak, 0.5), 1.5),
-        "arm_swing": min(math.exp(0.4 * arms), 2.0), "arm_asymmetry": 0.15 + 0.28 * sides, "lean_deg": 3.0 * lean,
-        "step_time_sd": 0.025 * math.exp(0.3 * time_sd), "step_length_sd": min(0.014 * math.exp(0.7 * length_sd), 0.05),
-        "pace_sd": 0.01 * math.exp(0.5 * pace_sd), "time_asymmetry": 0.02 * time, "length_asymmetry": 0.06 * length,
+        "arm_swing": min(math.exp(0.4 * arms), 2.0), "arm_asymmetry": 0.15 + 0.28 * sides,
+        "lean_deg": 3.0 * lean + (5.0 if load == "pushing" else 0.0),
+        "step_time_sd": min(manner.step_time_sd * math.exp(manner.time_spread * time_sd), 0.09),
+        "step_length_sd": min(manner.step_length_sd * math.exp(manner.length_spread * length_sd), 0.09),
+        "pace_sd": 0.01 * math.exp(0.5 * pace_sd),
+        "time_asymmetry": manner.time_asymmetry * time, "length_asymmetry": manner.length_asymmetry * length,
     }  # fmt: skip
-    return Person(sex, age_class, **{key: float(value) for key, value in person.items()})
+    one_handed = load in ("bag", "phone")
+    left, right = (load if not one_handed or (hand < 0.5) == is_left else "free" for is_left in (True, False))
+    return Person(sex, age_class, complaint, left, right, **{key: float(value) for key, value in person.items()})
