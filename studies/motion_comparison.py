@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from recorded_motion import find_clips, is_tuning, measure_cycle
+from step_variation import clean_deviations, measure_steps
 
 from doppelgait.core.errors import DoppelgaitError
 from doppelgait.motion.loop import loop
@@ -64,6 +65,19 @@ def measure(motion: Motion, label: str) -> dict[str, Any]:
     }
 
 
+def measure_variation(motion: Motion) -> dict[str, float]:
+    """Measure how a person's steps differ, relative to their mean; nothing of too few steps."""
+    steps = measure_steps(motion)
+    if steps is None:
+        return {}
+    found = {}
+    for name in ("time", "length"):
+        deviation, sides = clean_deviations(getattr(steps, name), steps.left)
+        found[f"step_{name}_sd"] = float(np.sqrt((deviation**2).mean(axis=0).sum() / (steps.left.size - 2)))
+        found[f"{name}_asymmetry"] = float(sides.mean())
+    return found
+
+
 def compare_people(folder: Path) -> Iterator[dict[str, Any]]:
     """Yield rows of recorded people and of their models."""
     for number, clip in enumerate(find_clips(folder)):
@@ -83,7 +97,8 @@ def compare_people(folder: Path) -> Iterator[dict[str, Any]]:
             print(f"left out: {error}")
             continue
         half = "tuning" if is_tuning(clip, folder) else "held"
-        for source, values in (("recorded", recorded), ("model", measure(model, "human"))):
+        recorded |= measure_variation(motion)
+        for source, values in (("recorded", recorded), ("model", measure(model, "human") | measure_variation(model))):
             yield {"clip": f"{clip.file} {clip.start_s}", "mover": clip.gait, "half": half, "source": source, **values}
 
 
