@@ -2,8 +2,8 @@
 
     python studies/motion_pictures.py ROWS.csv FOLDER
 
-ROWS.csv is what ``motion_comparison.py --out`` writes. One figure of people (held half) and one of animals, of the movers
-that are there: a panel a feature, dots are clips, bars their 10, 50 and 90 % quantiles.
+ROWS.csv is what ``motion_comparison.py --out`` writes. One figure of people (held half) and one of animals, of the
+movers that are there: a panel a feature, dots are clips, bars their 10, 50 and 90 % quantiles.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-PEOPLE = ("walk", "run")
-HELD = "held"
+TUNING, HELD = "tuning", "held"
+"""Halves of people; those of animals are names of data sets."""
 FEWEST_CLIPS = 3
 COLOURS = {"recorded": "#444444", "model": "#d95f02"}
 LABELS = {
@@ -27,8 +27,7 @@ LABELS = {
     "step_time_sd": "sd of step time", "step_length_sd": "sd of step length",
     "time_asymmetry": "left less right, time", "length_asymmetry": "left less right, length",
 }  # fmt: skip
-INCHES = (1.25, 1.35)
-"""Width of a panel with its mover, height of a row."""
+LEAST_INCHES, INCHES_A_MOVER, ROW_INCHES = 2.2, 0.65, 1.7
 DPI = 80
 
 
@@ -37,8 +36,8 @@ def draw(rows: pd.DataFrame, movers: list[str]) -> Figure:
     names = [name for name in LABELS if name in rows and rows[name].notna().any()]
     columns = 4
     lines = -(-len(names) // columns)
-    width = columns * max(1.9, INCHES[0] * 0.55 * len(movers) + 0.9)
-    figure = Figure(figsize=(width, INCHES[1] * 1.25 * lines), dpi=DPI, layout="constrained")
+    width = columns * max(LEAST_INCHES, INCHES_A_MOVER * len(movers) + 0.5)
+    figure = Figure(figsize=(width, ROW_INCHES * lines), dpi=DPI, layout="constrained")
     rng = np.random.default_rng(0)
     for number, name in enumerate(names):
         axes = figure.add_subplot(lines, columns, number + 1)
@@ -50,7 +49,7 @@ def draw(rows: pd.DataFrame, movers: list[str]) -> Figure:
                 if values.size < FEWEST_CLIPS:
                     continue
                 x = place + side + rng.uniform(-0.09, 0.09, values.size)
-                axes.plot(x, values, ".", color=colour, alpha=0.45, markersize=3.5, markeredgewidth=0)
+                axes.plot(x, values, ".", color=colour, alpha=0.6, markersize=5, markeredgewidth=0)
                 low, middle, high = np.quantile(values, (0.1, 0.5, 0.9))
                 axes.vlines(place + side, low, high, color=colour, linewidth=1.2)
                 axes.hlines(middle, place + side - 0.16, place + side + 0.16, color=colour, linewidth=2)
@@ -66,7 +65,7 @@ def draw(rows: pd.DataFrame, movers: list[str]) -> Figure:
 
 def select(rows: pd.DataFrame) -> dict[str, tuple[pd.DataFrame, list[str]]]:
     """Split rows into figures: people who were not used for the curves, and all recorded animals."""
-    of_people = rows["mover"].isin(PEOPLE)
+    of_people = rows["half"].isin((TUNING, HELD))
     parts = {"people": rows[of_people & (rows["half"] == HELD)], "animals": rows[~of_people]}
     found = {}
     for title, part in parts.items():

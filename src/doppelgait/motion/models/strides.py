@@ -173,9 +173,10 @@ def periodic_pchip_curve(knots: npt.ArrayLike, heights: npt.ArrayLike) -> Curve:
 
 
 STRIDE_CORRELATION = 0.5
-"""Lag-one correlation of successive strides or steps, assumed (clips of walkers show -0.4 to 0.9, too few steps)."""
+"""Lag-one correlation of successive stride times, assumed."""
 PACE_CORRELATION = 0.95
-"""The same of the pace, which drifts over 20 steps (assumed)."""
+"""The same of a walker's pace, which drifts over 20 steps (assumed). Steps themselves do not depend on the one before:
+recorded ones show 0.3 (-0.4 to 0.95) in time and -0.3 (-0.6 to 0.5) in length."""
 LARGEST_DEVIATION = 3.0
 """Stride times stay within this many standard deviations, so that time never runs backwards."""
 _MARGIN = 2
@@ -313,10 +314,11 @@ def step_series(
     start_phase : float
         Phase in cycles at time 0.
     time_sd, length_sd : float
-        Standard deviation of the time and the length of a step, relative to their means; each is a first-order
-        autoregressive sequence with correlation 0.5, sampled independently, within 3 deviations.
+        Standard deviation of the time and the length of a step, relative to their means; sampled independently,
+        within 3 deviations.
     pace_sd : float
-        The same of the pace, with correlation 0.95: steps are longer by half of it and shorter in time by half.
+        The same of the pace, first-order autoregressive with correlation 0.95: steps are longer by half of it and
+        shorter in time by half.
     time_asymmetry : float
         (left - right) / mean of the times; a left step ends when the left foot lands.
     rng : Streams or numpy.random.Generator, optional
@@ -342,7 +344,7 @@ def step_series(
     count = 2 * _STEP_MARGIN + math.ceil(2 * duration_s / (stride_s * shortest)) + 1
     first = math.floor(2 * start_phase) - _STEP_MARGIN
     left = np.where(np.arange(first + 1, first + count) % 2, 0.5, -0.5)
-    time, length = (_deviations(sd, count - 1, source) for sd in (time_sd, length_sd))
+    time, length = (_deviations(sd, count - 1, source, 0.0) for sd in (time_sd, length_sd))
     pace = _deviations(pace_sd, count - 1, source, PACE_CORRELATION) / 2
     times = _sums(stride_s / 2 * (1 + time_asymmetry * left + time - pace))
     distance = _sums(stride_m / 2 * (1 + length + pace))
@@ -355,9 +357,7 @@ def _sums(steps: FloatArray) -> FloatArray:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def _deviations(
-    sd: float, count: int, rng: np.random.Generator | None, correlation: float = STRIDE_CORRELATION
-) -> FloatArray:
+def _deviations(sd: float, count: int, rng: np.random.Generator | None, correlation: float) -> FloatArray:
     if sd == 0 or rng is None:
         return np.zeros(count)
     return sd * autoregressive(count, rng, correlation)
