@@ -107,3 +107,22 @@ def test_the_table_gives_differences_in_pooled_standard_deviations():
     table = summarise(pd.DataFrame(rows))
     assert set(table["feature"]) == set(FEATURES)
     np.testing.assert_allclose(table["difference_sd"], 2.0, atol=0.1)
+
+
+def test_pictures_show_held_people_and_animals_apart():
+    from motion_pictures import LABELS, draw, select
+
+    movers = [("walk", "held", 5), ("run", "tuning", 5), ("walk", "MANN", 5), ("trot", "MANN", 2)]
+    rows = pd.DataFrame(
+        {"mover": mover, "half": half, "source": source, "bandwidth": 1.0 + number, "rho": np.nan}
+        for mover, half, count in movers
+        for source in ("recorded", "model")
+        for number in range(count)
+    )
+    parts = select(rows)
+    assert {title: found for title, (_, found) in parts.items()} == {"people": ["walk"], "animals": ["walk"]}
+    assert set(parts["people"][0]["half"]) == {"held"}
+    figure = draw(*parts["people"])
+    assert [axes.get_title() for axes in figure.axes] == [LABELS["bandwidth"]], "what has no values has no panel"
+    recorded = next(line for line in figure.axes[0].lines if len(line.get_ydata()) == 5)
+    np.testing.assert_array_equal(np.sort(recorded.get_ydata()), np.arange(1.0, 6.0))
