@@ -26,7 +26,7 @@ def reference(tmp_path_factory):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("executor", "workers"), [("processes", 2), ("processes", 4), ("dask", 2)])
+@pytest.mark.parametrize(("executor", "workers"), [("processes", 4), ("dask", 2)])  # two processes: test_build.py
 def test_every_executor_makes_the_same_dataset(tmp_path, reference, executor, workers):
     if executor == "dask":
         pytest.importorskip("distributed")
