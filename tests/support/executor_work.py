@@ -28,10 +28,15 @@ def shards(count):
 
 
 def started(shard, folder, seconds=0.0):
-    """Leave a file with the process number, then take some time."""
+    """Leave a file with the process number, then take some time; the record has what the worker was started with."""
     (Path(folder) / shard.name).write_text(str(os.getpid()))
     time.sleep(seconds)
-    return {"shard": shard.name, "pid": os.getpid()}
+    return {
+        "shard": shard.name,
+        "pid": os.getpid(),
+        "environment": {name: os.environ.get(name) for name in WORKER_ENVIRONMENT},
+        "no_arrow": sys.modules.get("pyarrow", "absent") is None,
+    }
 
 
 def quick_then_slow(shard, folder):
@@ -67,13 +72,6 @@ def killed_always(shard):
 
 def no_space(shard):
     raise OutputError(f"{shard.name}: No space left on device")
-
-
-def surroundings(shard):
-    return {
-        "environment": {name: os.environ.get(name) for name in WORKER_ENVIRONMENT},
-        "arrow": sys.modules.get("pyarrow", "absent") is None,
-    }
 
 
 if __name__ == "__main__":

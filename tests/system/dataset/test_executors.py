@@ -23,7 +23,6 @@ from executor_work import (
     quick_then_slow,
     shards,
     started,
-    surroundings,
 )
 
 LOCAL = ["serial", "processes", "dask"]
@@ -49,7 +48,7 @@ def pids_in(folder):
 
 
 @pytest.mark.parametrize("executor", LOCAL)
-def test_every_shard_comes_once_with_its_own_result(tmp_path, executor):
+def test_every_shard_comes_once_with_its_own_result_from_workers_of_one_thread_without_arrow(tmp_path, executor):
     planned = shards(9)
     results = list(run_shards(partial(started, folder=str(tmp_path)), planned, executor=executor, workers=2))
     assert sorted(shard.name for shard, _ in results) == [shard.name for shard in planned]
@@ -57,6 +56,9 @@ def test_every_shard_comes_once_with_its_own_result(tmp_path, executor):
     pids = {record["pid"] for _, record in results}
     assert (pids == {os.getpid()}) == (executor == "serial")
     assert not any(alive(pid) for pid in pids - {os.getpid()})
+    if executor != "serial":
+        assert all(record["environment"] == WORKER_ENVIRONMENT and record["no_arrow"] for _, record in results)
+    assert os.environ.get("MALLOC_TRIM_THRESHOLD_") != WORKER_ENVIRONMENT["MALLOC_TRIM_THRESHOLD_"]
 
 
 @pytest.mark.parametrize("executor", LOCAL)
@@ -67,13 +69,6 @@ def test_no_shard_is_no_work(executor):
 def test_one_process_is_this_one(tmp_path):
     ((_, record),) = run_shards(partial(started, folder=str(tmp_path)), shards(1), executor="processes", workers=4)
     assert record["pid"] == os.getpid()
-
-
-@pytest.mark.parametrize("executor", SEVERAL)
-def test_workers_have_one_thread_and_no_arrow(executor):
-    for _, found in run_shards(surroundings, shards(2), executor=executor, workers=2):
-        assert found == {"environment": WORKER_ENVIRONMENT, "arrow": True}
-    assert os.environ.get("MALLOC_TRIM_THRESHOLD_") != WORKER_ENVIRONMENT["MALLOC_TRIM_THRESHOLD_"]
 
 
 @pytest.mark.parametrize("executor", LOCAL)
