@@ -25,6 +25,7 @@ def test_dogs_are_sampled_as_stated():
     assert {dog.build for dog in dogs} == set(DOG_BUILDS)
     assert min(dog.withers_m for dog in dogs) == 0.2
     assert np.std([np.log(dog.trunk_ripple) for dog in dogs]) == pytest.approx(0.4, rel=0.1)
+    assert np.std([np.log(dog.stride_ratio) for dog in dogs]) == pytest.approx(0.07, rel=0.1)
     assert np.std([dog.fore_swing_peak for dog in dogs]) == pytest.approx(0.1, rel=0.1)
     assert np.std([dog.length_asymmetry * dog.froude**0.5 for dog in dogs]) == pytest.approx(0.04, rel=0.1)
     assert np.corrcoef([[dog.hind_swing_peak, dog.fore_swing_peak] for dog in dogs], rowvar=False)[

@@ -364,7 +364,8 @@ def test_a_froude_number_sets_the_speed():
 
 EXTREMES = {
     "stride_variation": 0.06, "step_length_sd": 0.15, "footfall_sd": 0.04, "asymmetry": -0.05, "length_asymmetry": 0.3,
-    "trunk_ripple": 2.0, "hind_swing_peak": 1.2, "fore_swing_peak": 1.2, "neck_deg": 0.0, "tail_deg": 60.0,
+    "stride_ratio": 1.25, "trunk_ripple": 2.0, "hind_swing_peak": 1.2, "fore_swing_peak": 1.2, "neck_deg": 0.0,
+    "tail_deg": 60.0,
 }  # fmt: skip
 
 
@@ -373,7 +374,11 @@ EXTREMES = {
 def test_every_build_has_every_gait_at_every_speed_and_setting(build, name):
     size = BUILDS[build].limbs
     for number, froude in enumerate(froudes(name, 5)):
-        for changes in ({}, EXTREMES, {"fore_swing_peak": 0.8, "hind_swing_peak": 0.8, "footfall_sd": 0.03}):
+        for changes in (
+            {},
+            EXTREMES,
+            {"fore_swing_peak": 0.8, "hind_swing_peak": 0.8, "footfall_sd": 0.03, "stride_ratio": 0.8},
+        ):
             motion = quadruped_gait(
                 gait=name, build=build, froude=froude, duration_s=1.6, rate_hz=200, rng=np.random.default_rng(number),
                 **changes,
@@ -424,3 +429,8 @@ def test_feet_land_when_the_facts_have_it_although_each_scatters():
         lags.append(times * frequency_hz - GAITS["trot"].touchdown[foot] - np.arange(times.size))
     spread = np.concatenate([lag - np.round(lag.mean()) for lag in lags])
     assert spread.std() == pytest.approx(0.03, rel=0.15)
+
+
+def test_a_stride_ratio_makes_strides_longer_and_rarer():
+    usual, longer = (quadruped_gait(stride_ratio=ratio, duration_s=2.0).facts for ratio in (1.0, 1.2))
+    assert longer.stride_frequency_hz == pytest.approx(usual.stride_frequency_hz / 1.2)

@@ -26,6 +26,7 @@ class Dog:
     gait: GaitName
     withers_m: float
     froude: float
+    stride_ratio: float
     trunk_ripple: float
     hind_swing_peak: float
     fore_swing_peak: float
@@ -57,17 +58,17 @@ def sample_dog(rng: np.random.Generator, *, gait: GaitName | None = None, froude
     """Sample a dog from what is known of the spreads.
 
     Build: one of the breeds, its height with 8 %; gait by :data:`GAIT_SHARES`; the Froude number log-uniform about the
-    gait's usual one (assumed). Measured on two dogs: highest speeds of hind and fore paws with 10 % from clip to clip,
-    the forward ripple of the trunk log-normal with 0.4; from stride to stride the time with 2 to 6 %, the landing of a
-    foot with 1 to 3.5 % of a stride, the length of half a stride with 2 to 4 % over the root of the Froude number, so
-    that the trunk's speed varies by as much in slow gaits as in fast ones; right feet late by 2 % of a stride, half
-    strides apart by 4 % over the same root. Neck and tail: assumed. Each sequence of strides has a serial correlation
-    of 0.5 (measured 0.52).
+    gait's usual one (assumed). Measured on two dogs: stride length with 7 % (half their difference), highest speeds of
+    hind and fore paws with 10 % from clip to clip, the forward ripple of the trunk log-normal with 0.4; from stride to
+    stride the time with 2 to 6 %, the landing of a foot with 1 to 3.5 % of a stride, the length of half a stride with 2
+    to 4 % over the root of the Froude number, so that the trunk's speed varies by as much in slow gaits as in fast
+    ones; right feet late by 2 % of a stride, half strides apart by 4 % over the same root. Neck and tail: assumed. Each
+    sequence of strides has a serial correlation of 0.5 (measured 0.52).
 
     Parameters
     ----------
     rng : numpy.random.Generator
-        Source of chance; always sixteen draws.
+        Source of chance; always seventeen draws.
     gait : str, optional
         A gait instead of a sampled one.
     froude : float, optional
@@ -85,7 +86,7 @@ def sample_dog(rng: np.random.Generator, *, gait: GaitName | None = None, froude
     'trot'
     """
     breed, way, effort, wag, sweep, time, length, landing = rng.random(8)
-    size, ripple, hind, fore, neck, tail, late, long = np.clip(rng.standard_normal(8), -2.5, 2.5)
+    size, ripple, hind, fore, neck, tail, late, long, far = np.clip(rng.standard_normal(9), -2.5, 2.5)
     build = DOG_BUILDS[int(breed * len(DOG_BUILDS))]
     if gait is None:
         limits = np.cumsum([*GAIT_SHARES.values()])
@@ -97,6 +98,7 @@ def sample_dog(rng: np.random.Generator, *, gait: GaitName | None = None, froude
     peaks = np.clip([1 + 0.1 * hind, 1 + 0.1 * fore], 0.8, 1.2)
     values = {
         "withers_m": max(BUILDS[build].withers_m * (1 + 0.08 * size), 0.2), "froude": froude,
+        "stride_ratio": math.exp(0.07 * far),
         "trunk_ripple": min(math.exp(0.4 * ripple), 2.0), "hind_swing_peak": peaks[0], "fore_swing_peak": peaks[1],
         "neck_deg": 40 + 15 * neck, "tail_deg": -10 + 20 * tail, "tail_frequency_hz": 0.5 + 3.5 * wag,
         "tail_sweep_deg": 40 * sweep, "stride_variation": 0.02 + 0.04 * time,

@@ -102,6 +102,8 @@ class QuadrupedConfig(FrozenModel):
         (first - second) / mean of the half strides from the landing of the left hind foot on, -0.4 to 0.4.
     trunk_ripple : float
         Fore-aft motion of the trunk and swing of the neck within a stride relative to the recorded ones, 0 to 2.
+    stride_ratio : float
+        Stride length relative to the gait's at this speed, 0.8 to 1.25; two recorded dogs differ by 14 %.
     hind_swing_peak, fore_swing_peak : float
         Highest speed of a swinging paw relative to that of the recorded dog, 0.8 to 1.2.
     neck_deg, tail_deg : float
@@ -127,6 +129,7 @@ class QuadrupedConfig(FrozenModel):
     asymmetry: float = Field(0.0, ge=-0.05, le=0.05)
     length_asymmetry: float = Field(0.0, ge=-0.4, le=0.4)
     trunk_ripple: float = Field(1.0, ge=0, le=2)
+    stride_ratio: float = Field(1.0, ge=0.8, le=1.25)
     hind_swing_peak: float = Field(1.0, ge=0.8, le=1.2)
     fore_swing_peak: float = Field(1.0, ge=0.8, le=1.2)
     neck_deg: float = Field(42.0, ge=-40, le=80)
@@ -223,7 +226,7 @@ def quadruped_gait(
 def _generate(config: QuadrupedConfig, duration_s: float, rng: np.random.Generator | None) -> Motion:
     build, speed_mps, hip_m = BUILDS[config.build], config.actual_speed_mps, config.hip_m
     gait = _styled_gait(config)
-    stride_m = stride_length_m(gait, speed_mps, hip_m)
+    stride_m = config.stride_ratio * stride_length_m(gait, speed_mps, hip_m)
     times_s = sample_times_s(duration_s, config.rate_hz)
     clock = stride_clock(
         times_s[-1],

@@ -255,7 +255,7 @@ def crouch(gait: Gait, build: Build, stride: float, duty: dict[str, float]) -> f
 
     No more than :data:`DEEPEST_CROUCH`; what is missing then, the joints at the trunk make up for.
     """
-    phase = np.arange(240) / 240
+    phase = np.arange(120) / 120
     course = regular_course(phase, gait, stride)
     ends = limb_ends(phase, gait, build, course, duty, trunk_motion(phase, gait, build, course))
     lower = 0.0
