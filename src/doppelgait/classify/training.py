@@ -57,7 +57,8 @@ BOOSTING = {
 
 
 LOG_FLOOR = 0.03
-"""Smallest value that the logarithm tells apart, over the median; chosen on recordings of the tuning half."""
+"""Smallest value that the logarithm distinguishes, over the median. A round number for the scale of what is nearly
+zero, assumed; recordings of both halves were in view when it was set."""
 
 _OTHER_TREES = (
     "scikit-learn {version} stores the trees of HistGradientBoostingClassifier in another form ({reason}); install "
