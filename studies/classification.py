@@ -80,11 +80,13 @@ VARIANTS: dict[str, Callable[[dict[str, Any]], dict[str, Any] | None]] = {
 """Plans that lack one thing: what they make of each entry of a class; None leaves it out."""
 BASIC = ("kind", "gait", "speed_mps", "froude", "height_m", "withers_m", "start_phase")
 LEAST_PERIODS, WIDEST_DEG, LEAST_SNR_DB = 3.0, 30.0, 15.0
-FEATURE_MODELS = ("six-logistic", "six-boosting", "extended-logistic", "extended-boosting")
+FEATURE_MODELS = (
+    "six-logistic", "six-boosting", "six-svm", "extended-logistic", "extended-boosting", "extended-svm",
+)  # fmt: skip
 """With each of the subjects left out in turn; the network would take half an hour more."""
 HALVES = ("held", "tuning")
-ABLATION_MODELS = ("extended-logistic", "extended-boosting")
-MODELS_ON_AXES = ("extended-logistic", "extended-boosting", "signature-network", "speed")
+ABLATION_MODELS = ("extended-logistic", "extended-boosting", "extended-svm")
+MODELS_ON_AXES = ("extended-logistic", "extended-boosting", "extended-svm", "signature-network", "speed")
 
 
 def easy(index: pd.DataFrame) -> pd.Series:

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.classify.patches import Levels, Patch, covering
+from doppelgait.core.worker import one_blas_thread
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -20,6 +21,8 @@ Inputs = npt.NDArray[Any]
 """Features (n, d), float64 with NaN for unknown; or levels (n,), objects, None for unknown."""
 
 PICTURES_AT_A_TIME = 32
+ROWS_AT_A_TIME = 64
+"""Of a kernel: distances to a thousand support vectors then stay in the processor's cache."""
 
 
 class Part(NamedTuple):
@@ -41,6 +44,14 @@ def log_from(values: Inputs, floor: FloatArray) -> FloatArray:
         return np.asarray(values, dtype=np.float64)
     raised = np.maximum(values, np.where(floor > 0, floor, -np.inf))  # NaN stays
     return np.where(floor > 0, np.log(np.where(floor > 0, raised, 1.0)), raised)
+
+
+def standardise(values: Inputs, learned: Linear | Kernel) -> FloatArray:
+    """Convert features (n, d) to the columns (n, d + m) of a model."""
+    unknown = np.isnan(values)
+    filled = np.where(unknown, learned.median, log_from(values, learned.floor))
+    columns = np.hstack([filled, unknown[:, learned.told].astype(np.float64)])
+    return np.asarray((columns - learned.mean) / learned.scale)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,10 +99,51 @@ class Linear:
 
     def log_probability(self, values: Inputs) -> FloatArray:
         """Return log-probabilities, shape (n, n_classes)."""
-        unknown = np.isnan(values)
-        filled = np.where(unknown, self.median, log_from(values, self.floor))
-        columns = np.hstack([filled, unknown[:, self.told].astype(np.float64)])
-        return log_softmax((columns - self.mean) / self.scale @ self.weight.T + self.bias)
+        return log_softmax(standardise(values, self) @ self.weight.T + self.bias)
+
+
+@dataclass(frozen=True, eq=False)
+class Kernel:
+    """Support vector machines with the kernel exp(-distance²).
+
+    Unknown features are treated as in :class:`Linear`. The signed distances from the boundaries serve as scores; only
+    the calibration makes probabilities of them.
+
+    Parameters
+    ----------
+    median : ndarray, shape (d,)
+    told : ndarray of int, shape (m,)
+    mean, scale : ndarray, shape (d + m,)
+        The width of the kernel is part of the scale.
+    floor : ndarray, shape (d,)
+    support : ndarray, shape (n_support, d + m)
+        Columns of the support vectors.
+    weight : ndarray, shape (n_scores, n_support)
+        One score for two classes, else one per class against all others.
+    bias : ndarray, shape (n_scores,)
+    """
+
+    median: FloatArray
+    told: IntArray
+    mean: FloatArray
+    scale: FloatArray
+    floor: FloatArray
+    support: FloatArray
+    weight: FloatArray
+    bias: FloatArray
+
+    def log_probability(self, values: Inputs) -> FloatArray:
+        """Return log-probabilities, shape (n, n_classes)."""
+        columns, norm = standardise(values, self), (self.support**2).sum(axis=1)
+        scores = np.zeros((len(columns), self.bias.size))
+        with one_blas_thread():
+            for first in range(0, len(columns), ROWS_AT_A_TIME):
+                rows = columns[first : first + ROWS_AT_A_TIME]
+                squared = (rows**2).sum(axis=1)[:, None] + norm - 2.0 * rows @ self.support.T
+                scores[first : first + len(rows)] = np.exp(-np.maximum(squared, 0.0)) @ self.weight.T + self.bias
+        if scores.shape[1] == 1:
+            scores = np.hstack([np.zeros_like(scores), scores])
+        return log_softmax(scores)
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,4 +249,4 @@ class Network:
         return np.concatenate(parts)
 
 
-Learned = Constant | Linear | Trees | Network
+Learned = Constant | Linear | Kernel | Trees | Network

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.classify.data import BANDWIDTH, SPEED, VELOCITY, WIDTH
-from doppelgait.classify.learned import Constant, Learned, Linear, Network, Trees
+from doppelgait.classify.learned import Constant, Kernel, Learned, Linear, Network, Trees
 from doppelgait.classify.model import Calibration, Facts, Model
 from doppelgait.classify.patches import Patch
 from doppelgait.core.config import validate
@@ -24,11 +24,11 @@ from doppelgait.features import FEATURE_UNITS
 
 FORMAT = "doppelgait-model"
 FORMAT_VERSION = 2
-"""2: a linear model has floors of logarithms; a file of version 1 has none."""
+"""2: a linear model has floors of logarithms, and there are support vector machines; version 1 has neither."""
 SUFFIX = ".npz"
 MOST_BYTES = 256_000_000
 """Limit of all arrays together; models of doppelgait are far smaller."""
-KINDS: dict[str, type[Any]] = {"constant": Constant, "linear": Linear, "trees": Trees}
+KINDS: dict[str, type[Any]] = {"constant": Constant, "linear": Linear, "kernel": Kernel, "trees": Trees}
 FEATURES = {SPEED, WIDTH, "gait_frequency_hz", *FEATURE_UNITS} - {VELOCITY, BANDWIDTH}
 """Features of an analysis, in addition to the registered extended features."""
 INTEGERS = {"told", "feature", "unknown_left", "left", "right", "root"}
@@ -181,7 +181,8 @@ def _check_model(model: Model) -> None:
                 if bad.any():
                     raise ValueError(f"{name} holds NaN or infinity")
     checks: dict[type, Callable[..., None]] = {
-        Constant: _check_constant, Linear: _check_linear, Trees: _check_trees, Network: _check_network
+        Constant: _check_constant, Linear: _check_linear, Kernel: _check_kernel, Trees: _check_trees,
+        Network: _check_network,
     }  # fmt: skip
     checks[type(model.learned)](model.learned, n_classes, n_features)
 
@@ -196,10 +197,21 @@ def _check_constant(learned: Any, n_classes: int, n_features: int) -> None:
 
 
 def _check_linear(learned: Any, n_classes: int, n_features: int) -> None:
-    columns = n_features + learned.told.size
-    _check_shape(learned.median.shape, (n_features,), "median")
-    _check_shape(learned.weight.shape, (n_classes, columns), "weight")
+    _check_shape(learned.weight.shape, (n_classes, _check_columns(learned, n_features)), "weight")
     _check_shape(learned.bias.shape, (n_classes,), "bias")
+
+
+def _check_kernel(learned: Any, n_classes: int, n_features: int) -> None:
+    n_scores, n_support = 1 if n_classes == 2 else n_classes, len(learned.support)
+    _check_shape(learned.support.shape, (n_support, _check_columns(learned, n_features)), "support")
+    _check_shape(learned.weight.shape, (n_scores, n_support), "weight")
+    _check_shape(learned.bias.shape, (n_scores,), "bias")
+
+
+def _check_columns(learned: Any, n_features: int) -> int:
+    """Check what standardises features; return the number of columns."""
+    columns: int = n_features + learned.told.size
+    _check_shape(learned.median.shape, (n_features,), "median")
     for name in ("mean", "scale"):
         _check_shape(getattr(learned, name).shape, (columns,), name)
     if learned.floor.size:
@@ -208,6 +220,7 @@ def _check_linear(learned: Any, n_classes: int, n_features: int) -> None:
         raise ValueError("scale holds numbers that are not above 0")
     if learned.told.size and not (learned.told.min() >= 0 and learned.told.max() < n_features):
         raise ValueError("told names features that are not there")
+    return columns
 
 
 def _check_trees(learned: Any, n_classes: int, n_features: int) -> None:

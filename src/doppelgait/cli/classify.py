@@ -100,8 +100,8 @@ def evaluate(
         list[str] | None,
         typer.Option(
             "--models",
-            help="six-logistic, six-boosting, extended-logistic, extended-boosting or signature-network (needs torch); "
-            "repeatable; all by default.",
+            help="six-logistic, six-boosting, six-svm, extended-logistic, extended-boosting, extended-svm or "
+            "signature-network (needs torch); repeatable; all by default.",
         ),
     ] = None,
     cv: Annotated[int | None, typer.Option("--cv", help="Cross-validate over all rows in so many folds.")] = None,

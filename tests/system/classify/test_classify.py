@@ -10,11 +10,13 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from scipy.special import softmax
 from sklearn.ensemble import HistGradientBoostingClassifier
 from sklearn.impute import SimpleImputer
 from sklearn.linear_model import LogisticRegression
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer, StandardScaler
+from sklearn.svm import SVC
 from threadpoolctl import threadpool_limits
 
 from doppelgait.classify.data import rows_of, table_of
@@ -24,7 +26,7 @@ from doppelgait.classify.learned import Part
 from doppelgait.classify.model import class_weights
 from doppelgait.classify.model_file import load_model, save_model
 from doppelgait.classify.report import write_report
-from doppelgait.classify.training import BOOSTING, Kind, fit
+from doppelgait.classify.training import BOOSTING, SVM_C, SVM_GAMMA, Kind, fit
 from doppelgait.classify.validate import cross_validation, leave_out, own_splits, refuse_shared
 from doppelgait.core.errors import AnalysisError, ConfigError, DatasetError, DoppelgaitWarning
 from doppelgait.dataset import open_dataset
@@ -36,7 +38,7 @@ from tiny_dataset import built, mixed_plan, tiny_plan
 
 SIX = tuple(FEATURE_UNITS)
 C = 299_792_458.0
-FEATURE_MODELS = ["six-logistic", "six-boosting"]
+FEATURE_MODELS = ["six-logistic", "six-boosting", "six-svm"]
 
 
 def made_up(
@@ -140,6 +142,15 @@ def test_plain_form_answers_as_sklearn_does(classes):
     logistic.fit(train.values, train.labels, logisticregression__sample_weight=weights)
     found = fit(Kind("six", "logistic"), train, nobody, n_classes=len(classes), seed=4)
     assert np.allclose(np.exp(found.log_probability(values)), logistic.predict_proba(values), atol=1e-9)
+    found = fit(Kind("six", "svm"), train, nobody, n_classes=len(classes), seed=4)
+    columns, distances = logistic[:-1].transform(values), []
+    for number in range(len(classes)):
+        machine = SVC(C=SVM_C, gamma=SVM_GAMMA / columns.shape[1])
+        machine.fit(columns[:150], train.labels == number, sample_weight=weights)
+        distances.append(machine.decision_function(columns))
+    if len(classes) == 2:
+        distances[0] = np.zeros(len(values))  # one machine, for the second class
+    assert np.allclose(np.exp(found.log_probability(values)), softmax(distances, axis=0).T, atol=1e-9)
 
 
 def test_scores_of_a_dataset_that_can_be_told(found):
@@ -303,7 +314,7 @@ def wrong_datasets():
         (made_up(), {"other": lacking}, "has no feature 'limb_torso_ratio'"),
         (made_up(), {"other": cats}, "has the classes cat"),
         (made_up(), {"other": made_up()}, "is the training dataset"),
-        (made_up(), {"models": ["six-svm"]}, "model 'six-svm' is not known"),
+        (made_up(), {"models": ["six-net"]}, "model 'six-net' is not known"),
         (made_up(), {"n_folds": 1}, "must be from 2 to 60"),
         (made_up(), {"left_out": "colour"}, "no such column"),
         (made_up(), {"left_out": "source"}, "has 1 values"),
@@ -388,6 +399,25 @@ def test_weights_that_are_no_numbers_are_refused(found, tmp_path, name, value):
     path = save_model(found.models["six-logistic"], tmp_path / "m.npz")
     rewritten(path, lambda arrays: arrays[name].ravel().__setitem__(0, value))
     with pytest.raises(DatasetError, match=f"m.npz.*{name} holds"):
+        load_model(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda a: a["support"].__setitem__((0, 0), np.nan), "support holds NaN"),
+        (lambda a: a["scale"].__setitem__(0, 0.0), "scale holds"),
+        (lambda a: a.update(support=a["support"][:, 1:]), "support has the shape"),
+        (lambda a: a.update(support=a["support"][1:]), "weight has the shape"),
+        (lambda a: a.update(bias=np.zeros(2)), "bias has the shape"),
+        (lambda a: a.update(median=a["median"][1:]), "median has the shape"),
+        (lambda a: a["told"].__setitem__(0, 6), "told names features"),
+    ],
+)
+def test_a_support_vector_machine_that_does_not_fit_together_is_refused(found, tmp_path, change, says):
+    path = save_model(found.models["six-svm"], tmp_path / "m.npz")
+    rewritten(path, change)
+    with pytest.raises(DatasetError, match=f"m.npz.*{says}"):
         load_model(path)
 
 
@@ -606,7 +636,7 @@ def test_without_held_rows_nothing_is_the_best(tmp_path):
     found = evaluate(few_movers(), models=FEATURE_MODELS)
     assert found.best is None
     assert found.document["best_on_held_rows"] is None
-    assert "six-logistic, six-boosting: not calibrated" in " ".join(found.document["notes"])
+    assert "six-logistic, six-boosting, six-svm: not calibrated" in " ".join(found.document["notes"])
     assert "not calibrated" in write_report(found, tmp_path / "out")[-1].read_text()
     assert evaluate(few_movers(), models=["six-logistic"], keep=True).best == "six-logistic"
 

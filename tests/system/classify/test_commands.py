@@ -75,8 +75,8 @@ def test_mistakes_are_one_clear_error(folder, tmp_path_factory, tmp_path):
             run("evaluate", dataset, "-o", tmp_path / "r", "--save", tmp_path / name)
     with pytest.raises(ConfigError, match="which no run of evaluate wrote"):
         run("evaluate", dataset, "-o", dataset)
-    with pytest.raises(ConfigError, match="--models: model 'six-svm' is not known"):
-        run("evaluate", dataset, "-o", tmp_path / "r", "--models", "six-svm")
+    with pytest.raises(ConfigError, match="--models: model 'six-net' is not known"):
+        run("evaluate", dataset, "-o", tmp_path / "r", "--models", "six-net")
     with pytest.raises(ConfigError, match=r"the folder .* does not exist"):
         run("evaluate", dataset, "-o", tmp_path / "a" / "b")
     with pytest.raises(ConfigError, match="from 2 to 6"):

@@ -10,6 +10,7 @@ from typing import Any
 import pandas as pd
 import pytest
 
+from doppelgait.classify.training import BUILT_IN
 from doppelgait.core.config import validate
 from doppelgait.dataset import load_plan
 from doppelgait.dataset.config import PlanConfig
@@ -68,3 +69,8 @@ def test_halves_are_those_of_the_models(study: ModuleType, tmp_path: Path) -> No
     })  # fmt: skip
     expected = ["tuning", "held", "tuning", "held", "tuning", "held"]
     assert study.with_half(rows, tmp_path)["half"].tolist() == expected
+
+
+def test_models_of_the_study_are_known(study: ModuleType) -> None:
+    assert {*study.FEATURE_MODELS} == {*BUILT_IN} - {"signature-network"}
+    assert {*study.ABLATION_MODELS} < {*study.MODELS_ON_AXES} < {*BUILT_IN, "speed"}
