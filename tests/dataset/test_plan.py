@@ -314,7 +314,7 @@ def test_home_alarm_keeps_every_nuisance_outside_the_classes():
     assert {e.run.analysis.gate_span_m for e in examples} == {1.6}
     motions = [e.run.scene.targets[0].motion for e in examples]
     spread = {name: [m.get("stride_variation", m.get("step_time_sd")) for m in motions[at]] for name, at in HALVES}
-    assert all(0 <= value <= 0.04 for values in spread.values() for value in values)
+    assert all(0 <= value <= 0.05 for values in spread.values() for value in values)
     assert ks_2samp(spread["human"], spread["dog"]).pvalue > 1e-3  # strides vary by one law
 
 
