@@ -16,7 +16,7 @@ from doppelgait.core.errors import ConfigError, DatasetError
 
 HELD_FOLDS = 5
 """One in so many groups is held back for calibration where there is no validation split."""
-MOST_LEFT_OUT = 50
+MOST_LEFT_OUT = 100
 
 
 @dataclass(frozen=True, eq=False)
