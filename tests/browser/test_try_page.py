@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from urllib.parse import parse_qs, urlsplit
 
@@ -52,7 +53,7 @@ def test_a_slider_redraws_and_the_last_position_wins(try_page):
     asked = [url.partition("speed_mps=")[2].partition("&")[0] for url in page.requested if "/api/scene" in url]
     assert asked[-1] == "1.6"
     assert len(asked) <= 3, "while one simulation ran, the positions between were not to be asked for"
-    assert "speed_mps=1.6" in page.url
+    expect(page).to_have_url(re.compile("speed_mps=1.6"), timeout=SLOW)
     expect(page.locator("#features")).to_contain_text("torso")
 
 
@@ -66,7 +67,7 @@ def test_another_mover_has_its_own_controls_and_an_example_fills_them(try_page):
     page.get_by_role("button", name="person and dog side by side").click()
     expect(page.locator("#target option")).to_have_count(2, timeout=SLOW)
     assert page.input_value("#try-who") == "person"
-    assert "company=dog" in page.url
+    expect(page).to_have_url(re.compile("company=dog"), timeout=SLOW)
 
 
 def test_the_scene_file_is_what_is_shown(try_page):
@@ -97,7 +98,7 @@ def test_a_mistake_stands_beside_the_form_and_goes(browser, serve):
     expect(page.locator("#try-status")).to_contain_text("'12' is not allowed", timeout=SLOW)
     page.fill("#try-speed_mps-number", "")  # empty is no number: not that end either
     page.wait_for_timeout(400)  # the address follows within 300 ms
-    assert "speed_mps=12" in page.url
+    expect(page).to_have_url(re.compile("speed_mps=12"), timeout=SLOW)
     page.locator("#try-speed_mps-number").blur()
     assert page.input_value("#try-speed_mps-number") == "12"
     page.close()
