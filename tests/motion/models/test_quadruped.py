@@ -37,7 +37,7 @@ from doppelgait.motion.skeleton import DOG_PARTS
 
 SIDES = ("left", "right")
 FEET = [f"{side}_{end}" for side in SIDES for end in ("hind", "fore")]
-SIZES = (0.2, 0.5, 0.9)
+SIZES = (0.15, 0.5, 0.9)
 PHASE = np.arange(2000) / 2000
 STANDARD = BUILDS["standard"]
 SYMMETRICAL = ("walk", "pace", "trot")
@@ -287,7 +287,7 @@ def test_duty_factor_follows_the_swing_time_rule_within_its_limits():
     assert duty_factor(trot, 9.0, 0.46) == DUTY_LIMITS[0]
 
 
-@pytest.mark.parametrize("withers_m", [0.2, 0.5])
+@pytest.mark.parametrize("withers_m", [0.15, 0.5])
 @pytest.mark.parametrize("name", GAITS)
 def test_default_rate_is_fast_enough_for_the_paws(name, withers_m):
     for froude in froudes(name, 3):
@@ -329,7 +329,7 @@ def test_the_tail_swings_at_its_own_frequency_and_nothing_else_depends_on_it():
         ({"gait": "trot", "withers_m": 0.5, "speed_mps": 5.0}, ["5", "trot", "1.08 to 3.13 m/s"]),
         ({"gait": "gallop", "withers_m": 0.5, "speed_mps": 1.0}, ["1", "gallop", "2.17 to 6.26 m/s"]),
         ({"gait": "hop"}, ["gait", "hop", "transverse_gallop"]),
-        ({"withers_m": 1.2}, ["withers_m", "1.2", "0.9"]),
+        ({"withers_m": 1.2}, ["withers_m", "1.2", "0.15 to 0.9"]),
         ({"start_phase": -0.1}, ["start_phase", "-0.1"]),
         ({"duration_s": -1}, ["duration_s", "-1"]),
         ({"stride_variation": 0.02}, ["stride_variation", "rng"]),
@@ -367,6 +367,25 @@ EXTREMES = {
     "stride_ratio": 1.25, "trunk_ripple": 2.0, "hind_swing_peak": 1.2, "fore_swing_peak": 1.2, "neck_deg": 0.0,
     "tail_deg": 60.0,
 }  # fmt: skip
+
+
+@pytest.mark.parametrize("name", GAITS)
+@pytest.mark.parametrize("build", BUILDS)
+def test_no_point_is_below_the_floor(build, name):
+    for froude in GAITS[name].froude:
+        for changes in ({}, {"tail_deg": -80, "neck_deg": -40, "trunk_ripple": 2.0, "hind_swing_peak": 1.2}):
+            motion = quadruped_gait(gait=name, build=build, froude=froude, duration_s=1.5, rate_hz=100, **changes)
+            lowest_m = dict(zip(motion.markers, motion.position_m[:, :, 2].min(axis=0), strict=True))
+            assert {point: height_m for point, height_m in lowest_m.items() if height_m < -1e-12} == {}
+
+
+def test_a_tail_that_would_touch_the_floor_hangs_above_it_without_a_jerk():
+    for tail_deg in (-30, -60):
+        motion = quadruped_gait(build="dachshund", gait="canter", tail_deg=tail_deg, rate_hz=2000, tail_sweep_deg=0)
+        tail_m = motion.position_m[:, POINTS.index("tail_tip"), 2]
+        speed_mps = np.diff(tail_m) * 2000
+        assert np.abs(np.diff(speed_mps)).max() < 0.02 * np.ptp(speed_mps)
+        assert tail_m.min() > 0
 
 
 @pytest.mark.parametrize("name", GAITS)

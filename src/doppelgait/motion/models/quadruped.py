@@ -85,7 +85,7 @@ class QuadrupedConfig(FrozenModel):
         Proportions, mass and usual size, a key of :data:`doppelgait.motion.models.quadruped_gaits.BUILDS`:
         ``"standard"``, breeds of dog, ``"cat"``, ``"horse"``, ``"cow"``.
     withers_m : float, optional
-        Height of the withers when standing, 0.2 to 0.9, of a horse from 0.7 and a cow from 0.8 to 1.8; by default that
+        Height of the withers when standing, 0.15 to 0.9, of a horse from 0.7 and a cow from 0.8 to 1.8; by default that
         of the build (standard 0.5).
     start_phase : float
         Strides, 0 (left hind foot lands) to below 1.
@@ -205,7 +205,7 @@ def quadruped_gait(
     duration_s : float
         Time to cover; the last frame is at or just after it.
     rng : numpy.random.Generator or Streams, optional
-        Needed when ``stride_variation`` is above 0.
+        Needed when ``stride_variation``, ``step_length_sd`` or ``footfall_sd`` is above 0.
     **parameters
         Fields of :class:`QuadrupedConfig`.
 

@@ -225,7 +225,7 @@ class Build:
     withers_m: float
     mass_kg: float
     species: str = "dog"
-    withers_range_m: tuple[float, float] = (0.2, 0.9)
+    withers_range_m: tuple[float, float] = (0.15, 0.9)
     hip: float = 0.8
     trunk: float = 1.0
     limbs: float = 1.0
@@ -261,8 +261,8 @@ BUILDS: dict[str, Build] = {
         stride={"walk": 1.09, "pace": 1.09, "trot": 1.155}, duty_offset=-0.04, walk_lag=0.30,
         source="assumed: crouched limbs, hip height 0.74 of the straight limb, longer strides, diagonal couplets",
     ),
-    # One recorded horse, 1.28 m high, has a dog's stride in the walk (c = 2.48) and a shorter one in the trot (2.03,
-    # 0.81 of a dog's); 17 m/s at 2.4 strides per second of a racehorse give 0.80 in the gallop.
+    # One recorded horse, 1.28 m high, has 0.92 of a dog's stride at its Froude number in the walk (of 2.45 Fr^0.23) and
+    # 0.78 in the trot (of 2.6 Fr^0.3); 17 m/s at 2.4 strides per second of a racehorse give 0.80 in the gallop.
     "horse": Build(
         1.55, 480.0, species="horse", withers_range_m=(0.7, 1.8), head=1.2, walk_lag=0.24,
         stride={

@@ -282,6 +282,21 @@ def glide(top: FloatArray, bottom: FloatArray, length: float) -> None:
             top[where] = bottom[where] + line[where] * (wanted / share[where])[:, None]
 
 
+TAIL_YIELD_RAD = 0.25
+"""A tail yields this far before it hangs as low as it can (assumed)."""
+
+
+def above_floor(elevation_rad: FloatArray, height: FloatArray) -> FloatArray:
+    """Lift a rod that would touch the floor, without a jerk.
+
+    ``height`` is that of its upper end over its length. It hangs by less than ``height`` rad, whose sine is smaller
+    still; the exact angle would jerk where the rod begins to reach the floor.
+    """
+    free = TAIL_YIELD_RAD - height
+    yielding = free - TAIL_YIELD_RAD * np.tanh((free - elevation_rad) / TAIL_YIELD_RAD)
+    return np.where(elevation_rad < free, yielding, elevation_rad)
+
+
 def all_points(
     phase: FloatArray, gait: Gait, build: Build, course: Course, duty: dict[str, float], carriage: Carriage
 ) -> Points:
@@ -308,8 +323,9 @@ def all_points(
     points["head"] = neck_base + build.head * NECK * along
     points["nose"] = points["head"] + build.head * SKULL * np.array([math.cos(skull), 0.0, math.sin(skull)])
     lift, begins = trunk_curve(gait.curves, "tail", gait.touchdown)
-    elevation = np.radians(carriage.tail_deg + lift(phase - begins))
-    length, level, wag = TAIL * build.tail, np.cos(elevation), carriage.wag_rad
+    length, wag = TAIL * build.tail, carriage.wag_rad
+    elevation = above_floor(np.radians(carriage.tail_deg + lift(phase - begins)), tail_base[:, 2] / length)
+    level = np.cos(elevation)
     back = columns(-level * np.cos(wag), level * np.sin(wag), np.sin(elevation))
     points |= {"tail_middle": tail_base + length / 2 * back, "tail_tip": tail_base + length * back}
     for side in ("left", "right"):
