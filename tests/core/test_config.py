@@ -4,7 +4,15 @@ import pytest
 from pydantic import Field, model_validator
 
 from checkout import ROOT
-from doppelgait.core.config import FrozenModel, apply_overrides, canonical_json, line_of_key, read_toml, validate
+from doppelgait.core.config import (
+    FrozenModel,
+    apply_overrides,
+    canonical_json,
+    check_choice,
+    line_of_key,
+    read_toml,
+    validate,
+)
 from doppelgait.core.errors import ConfigError, DoppelgaitError
 from doppelgait.pipeline import Run, parse_radar, parse_run
 from doppelgait.processing import Analysis
@@ -335,3 +343,11 @@ def test_a_binary_file_is_no_scene(tmp_path):
             read(path)
     with pytest.raises(ConfigError, match=r"none\.toml: cannot be read: No such file or directory$"):
         Scene.from_toml(tmp_path / "none.toml")
+
+
+@pytest.mark.parametrize("value", ["c", None, ["a"], "a, b"])
+def test_a_name_that_is_not_allowed_is_refused_with_those_that_are(value):
+    check_choice("a", ("a", "b"), "letter")
+    with pytest.raises(ConfigError) as caught:
+        check_choice(value, ("a", "b"), "letter")
+    assert str(caught.value) == f"letter: {value!r} is not allowed; it must be one of a, b"

@@ -10,7 +10,7 @@ import json
 import math
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar, get_args
 
@@ -89,6 +89,25 @@ def check_type(value: Any, kinds: type | tuple[type, ...], name: str, remedy: st
     """
     if not isinstance(value, kinds):
         raise ConfigError(f"{name}: {type(value).__name__} is not allowed; {remedy}")
+
+
+def check_choice(value: object, allowed: Collection[str], name: str) -> None:
+    """Refuse an argument that is none of the allowed names.
+
+    Parameters
+    ----------
+    value : object
+    allowed : collection of str
+    name : str
+        Name of the argument.
+
+    Raises
+    ------
+    ConfigError
+        If ``value`` is not among them.
+    """
+    if value not in [*allowed]:
+        raise ConfigError(f"{name}: {value!r} is not allowed; it must be one of {', '.join(allowed)}")
 
 
 def validate(

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_bvp
 
+import doppelgait as dg
 from doppelgait.core.errors import ConfigError
 from doppelgait.motion.models import MOTION_MODELS, boulic_walk
 from doppelgait.motion.models.boulic import LENGTHS, POINTS
@@ -399,6 +400,27 @@ def test_people_are_drawn_as_cited():
         assert np.isfinite(motion.position_m).all()
         assert motion.facts.mass_kg == person.mass_kg
     assert sample_person(np.random.default_rng(9)) == sample_person(np.random.default_rng(9))
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"complaint": "limp"}, "complaint: 'limp' is not allowed; it must be one of none, weak, joint, neurological"),
+        ({"age_class": "baby"}, "age_class: 'baby' is not allowed; it must be one of child, adult, senior"),
+        ({"load": "crutch"}, "load: 'crutch' is not allowed; it must be one of free, pockets, bag, phone, pushing"),
+        ({"load": ["bag"]}, "load: ['bag'] is not allowed"),
+    ],
+)
+def test_an_unknown_kind_of_person_is_refused_with_what_is_allowed(options, says):
+    with pytest.raises(ConfigError) as caught:
+        sample_person(np.random.default_rng(1), **options)
+    assert says in str(caught.value)
+
+
+def test_a_person_is_sampled_from_streams_too():
+    person = sample_person(dg.rng(1))
+    assert person == sample_person(dg.rng(1)) != sample_person(dg.rng(2))
+    assert human_gait(**person.parameters(), duration_s=0.5, rng=dg.rng(1)).facts.height_m == person.height_m
 
 
 def test_complaints_and_loads_change_a_person_as_measured():

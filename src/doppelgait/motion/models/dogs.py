@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
 
-from doppelgait.motion.models.quadruped_gaits import BUILDS, GAITS, BuildName, GaitName
+from doppelgait.core.config import check_choice, check_type
+from doppelgait.core.errors import ConfigError
+from doppelgait.core.rng import RandomSource, as_generator
+from doppelgait.motion.models.quadruped_gaits import BUILDS, GAITS, Build, BuildName, GaitName
 
 DOG_BUILDS: tuple[BuildName, ...] = (
     "standard", "chihuahua", "jack_russell", "beagle", "border_collie", "labrador", "german_shepherd", "great_dane",
@@ -20,7 +24,7 @@ GAIT_SHARES: dict[GaitName, float] = {"walk": 0.35, "pace": 0.1, "trot": 0.35, "
 
 @dataclass(frozen=True)
 class Dog:
-    """A dog sampled by :func:`sample_dog`, with the gait and the speed that it has."""
+    """A dog sampled by :func:`sample_dog`, its gait and speed."""
 
     build: BuildName
     gait: GaitName
@@ -54,11 +58,12 @@ class Dog:
         return {**own, **changes}
 
 
-def sample_dog(rng: np.random.Generator, *, gait: GaitName | None = None, froude: float | None = None) -> Dog:
+def sample_dog(rng: RandomSource, *, gait: GaitName | None = None, froude: float | None = None) -> Dog:
     """Sample a dog from what is known of the spreads.
 
-    Build: one of the breeds, its height with 8 %; gait by :data:`GAIT_SHARES`; the Froude number log-uniform about the
-    gait's usual one (assumed). Measured on two dogs: stride length with 7 % (half their difference), highest speeds of
+    Build: one of the breeds, its height normal with 8 % within 2.5 deviations and the limits of dogs; gait by
+    :data:`GAIT_SHARES`, of those that go at a given Froude number; the Froude number log-uniform about the gait's usual
+    one (assumed). Measured on two dogs: stride length with 7 % (half their difference), highest speeds of
     hind and fore paws with 10 % from clip to clip, the forward ripple of the trunk log-normal with 0.4; from stride to
     stride the time with 2 to 6 %, the landing of a foot with 1 to 3.5 % of a stride, the length of half a stride with 2
     to 4 % over the root of the Froude number, so that the trunk's speed varies by as much in slow gaits as in fast
@@ -67,16 +72,21 @@ def sample_dog(rng: np.random.Generator, *, gait: GaitName | None = None, froude
 
     Parameters
     ----------
-    rng : numpy.random.Generator
-        Source of chance; always seventeen draws.
+    rng : Streams or numpy.random.Generator
+        Source of chance; always seventeen draws. The same streams (``rng=dg.rng(seed)``) give the same dog.
     gait : str, optional
-        A gait instead of a sampled one.
+        A gait instead of a sampled one, a key of :data:`doppelgait.motion.models.quadruped_gaits.GAITS`.
     froude : float, optional
-        A Froude number instead of a sampled one.
+        A Froude number instead of a sampled one: within the range of the gait, 0.05 to 10 without one.
 
     Returns
     -------
     Dog
+
+    Raises
+    ------
+    ConfigError
+        If there is no such gait or the Froude number is outside its range.
 
     Examples
     --------
@@ -85,19 +95,23 @@ def sample_dog(rng: np.random.Generator, *, gait: GaitName | None = None, froude
     >>> sample_dog(np.random.default_rng(3), gait="trot").gait
     'trot'
     """
-    breed, way, effort, wag, sweep, time, length, landing = rng.random(8)
-    size, ripple, hind, fore, neck, tail, late, long, far = np.clip(rng.standard_normal(9), -2.5, 2.5)
+    gaits = _possible_gaits(gait, froude)
+    chance = as_generator(rng, "plan")  # the model draws from the streams' "motion"
+    breed, way, effort, wag, sweep, time, length, landing = chance.random(8)
+    size, *others = chance.standard_normal(9)
+    ripple, hind, fore, neck, tail, late, long, far = np.clip(others, -2.5, 2.5)
     build = DOG_BUILDS[int(breed * len(DOG_BUILDS))]
     if gait is None:
-        limits = np.cumsum([*GAIT_SHARES.values()])
-        gait = [*GAIT_SHARES][int(np.searchsorted(limits[:-1], way, side="right"))]
+        shares = np.array([GAIT_SHARES[name] for name in gaits])
+        limits = np.cumsum(shares / shares.sum())
+        gait = gaits[int(np.searchsorted(limits[:-1], way, side="right"))]
     slowest, fastest, usual = GAITS[gait].froude
     low, high = math.sqrt(slowest * usual), math.sqrt(usual * fastest)
     froude = low * (high / low) ** effort if froude is None else froude
     uneven = 1 / math.sqrt(max(froude, 0.1))
     peaks = np.clip([1 + 0.1 * hind, 1 + 0.1 * fore], 0.8, 1.2)
     values = {
-        "withers_m": max(BUILDS[build].withers_m * (1 + 0.08 * size), 0.2), "froude": froude,
+        "withers_m": _withers_m(BUILDS[build], size), "froude": froude,
         "stride_ratio": math.exp(0.07 * far),
         "trunk_ripple": min(math.exp(0.4 * ripple), 2.0), "hind_swing_peak": peaks[0], "fore_swing_peak": peaks[1],
         "neck_deg": 40 + 15 * neck, "tail_deg": -10 + 20 * tail, "tail_frequency_hz": 0.5 + 3.5 * wag,
@@ -106,3 +120,34 @@ def sample_dog(rng: np.random.Generator, *, gait: GaitName | None = None, froude
         "asymmetry": 0.02 * late, "length_asymmetry": max(min(0.04 * uneven * long, 0.4), -0.4),
     }  # fmt: skip
     return Dog(build, gait, **{name: float(value) for name, value in values.items()})
+
+
+def _possible_gaits(gait: GaitName | None, froude: float | None) -> list[GaitName]:
+    """Return the gaits that a dog may have; refuse a Froude number at which there is none."""
+    if gait is not None:
+        check_choice(gait, GAITS, "gait")
+    named: list[GaitName] = [*GAIT_SHARES] if gait is None else [gait]
+    if froude is None:
+        return named
+    check_type(froude, (int, float, np.number), "froude", "give a number or leave it out")
+    ranges = {name: GAITS[name].froude[:2] for name in named}
+    found = [name for name, (low, high) in ranges.items() if low <= froude <= high]
+    if not found:
+        low, high = min(low for low, _ in ranges.values()), max(high for _, high in ranges.values())
+        where = "" if gait is None else f" in a {gait}"
+        raise ConfigError(
+            f"froude: {froude!r} is not allowed; it must be a number from {low:g} to {high:g}{where}, or left out"
+        )
+    return found
+
+
+def _withers_m(build: Build, size: float) -> float:
+    """Return the height of a breed's dog from a standard normal number.
+
+    Its distribution is cut at the limits by rank, so that no height is more frequent than its neighbours.
+    """
+    normal, spread_m = NormalDist(), 0.08 * build.withers_m
+    low, high = (
+        normal.cdf(min(max((limit_m - build.withers_m) / spread_m, -2.5), 2.5)) for limit_m in build.withers_range_m
+    )
+    return build.withers_m + spread_m * normal.inv_cdf(low + normal.cdf(size) * (high - low))

@@ -208,7 +208,7 @@ class HumanConfig(FrozenModel):
         Further lean of the trunk, forward positive, -15 to 25.
     swing_peak : float
         How far the speed of a swinging foot differs from its mean, relative to the measured one, 0.5 to 1.5; between
-        persons with a standard deviation of 0.2.
+        persons with a standard deviation of 0.24.
     trunk_asymmetry : float
         (left - right) / mean of that motion in the halves of a stride that a left and a right landing end, -2 to 2;
         between persons with a standard deviation of 0.4.

@@ -8,11 +8,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait.core.config import check_choice
+from doppelgait.core.rng import RandomSource, as_generator
 from doppelgait.motion.skeleton import BOULIC_PARTS
 
 FloatArray = npt.NDArray[np.float64]
@@ -186,7 +188,10 @@ _SPEED_MPS: dict[AgeClass, tuple[float, float]] = {
 
 @dataclass(frozen=True)
 class _Manner:
-    """How people of a group differ from others and from step to step; logarithms have the spreads ``_spread``."""
+    """How people of a group differ, and their steps.
+
+    Logarithms have the spreads ``_spread``.
+    """
 
     walk_ratio: float = 1.0
     trunk_ripple: float = 1.0
@@ -287,7 +292,7 @@ def segment_lengths(body: Body, height_m: float) -> dict[str, float]:
 
 
 def sample_person(
-    rng: np.random.Generator, *, age_class: AgeClass = "adult", complaint: Complaint = "none", load: Load = "free"
+    rng: RandomSource, *, age_class: AgeClass = "adult", complaint: Complaint = "none", load: Load = "free"
 ) -> Person:
     """Sample a person from population statistics.
 
@@ -309,8 +314,8 @@ def sample_person(
 
     Parameters
     ----------
-    rng : numpy.random.Generator
-        Source of chance; always eighteen draws.
+    rng : Streams or numpy.random.Generator
+        Source of chance; always eighteen draws. The same streams (``rng=dg.rng(seed)``) give the same person.
     age_class : str
         ``"child"``, ``"adult"`` or ``"senior"``.
     complaint : str
@@ -323,10 +328,19 @@ def sample_person(
     Returns
     -------
     Person
+
+    Raises
+    ------
+    ConfigError
+        If ``age_class``, ``complaint`` or ``load`` is none of those.
     """
-    male, old, hand = rng.random(3)
+    check_choice(age_class, get_args(AgeClass), "age_class")
+    check_choice(complaint, get_args(Complaint), "complaint")
+    check_choice(load, get_args(Load), "load")
+    chance = as_generator(rng, "plan")  # the model draws from the streams' "motion"
+    male, old, hand = chance.random(3)
     manner = _MANNERS[complaint]
-    size, weight, pace, ratio = np.clip(rng.standard_normal(4), -3.0, 3.0)
+    size, weight, pace, ratio = np.clip(chance.standard_normal(4), -3.0, 3.0)
     sex = "male" if male < 0.5 else "female"
     if age_class == "child":
         age_years = 3.0 + 9.0 * old
@@ -341,7 +355,7 @@ def sample_person(
     mean_mps, sd_mps = manner.speed_mps or _SPEED_MPS[age_class]
     speed_mps = scale * float(np.clip(mean_mps + sd_mps * pace, 0.4, 2.0))
     ripple, peak, arms, lean, time, length, time_sd, length_sd, pace_sd, trunk, sides = np.clip(
-        rng.standard_normal(11), -3.0, 3.0
+        chance.standard_normal(11), -3.0, 3.0
     )
     person = {
         "age_years": age_years, "height_m": height_m, "mass_kg": mass_kg, "speed_mps": speed_mps,
