@@ -11,6 +11,7 @@ import pytest
 from doppelgait.core.errors import MotionError
 from doppelgait.motion import Motion
 from doppelgait.motion.clean import clean_motion
+from doppelgait.motion.describe import describe_recording
 from doppelgait.motion.models import human_gait, quadruped_gait
 from doppelgait.motion.readers import read
 from doppelgait.motion.retime import scale_to_height, travel_speed_mps
@@ -76,6 +77,34 @@ def test_a_dog_that_mostly_lies_has_the_withers_it_has_when_it_stands() -> None:
     position = walk.position_m.copy()
     position[walk.time_s > 2.0, :, 2] *= 0.3
     assert clean_motion(recorded(walk.with_positions(position))).facts.height_m == pytest.approx(0.5, rel=0.06)
+
+
+def test_a_part_of_a_recording_has_the_height_of_the_whole() -> None:
+    """All but the paws is higher by a quarter for a second: the part shows nothing else."""
+    walk = recorded(quadruped_gait(gait="walk", withers_m=0.5, duration_s=6.0))
+    position = walk.position_m.copy()
+    rears = np.flatnonzero((walk.time_s > 3.0) & (walk.time_s < 4.2))
+    above = [i for i, part in enumerate(walk.parts) if not part.endswith("_paw")]
+    position[np.ix_(rears, above, [2])] *= 1.25
+    whole = walk.with_positions(position)
+    part = whole.frames(int(rears[5]), int(rears[-5]))
+    height_m = clean_motion(whole).facts.height_m
+    assert height_m == pytest.approx(0.5, rel=0.06)
+    assert clean_motion(part).facts.height_m > 1.15 * height_m
+    assert clean_motion(part, whole=whole).facts.height_m == pytest.approx(height_m)
+    # a recording that cannot be cleaned says nothing
+    seen_once = whole.with_positions(np.where(np.arange(whole.n_frames)[:, None, None] == 0, position, np.nan))
+    assert clean_motion(part, whole=seen_once).facts.height_m == clean_motion(part).facts.height_m
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize(("name", "start_s"), [("D1_ex04_KAN02_001", 9.75), ("D1_ex04_KAN02_002", 6.6)])
+def test_a_dog_that_jumps_is_no_taller(shared: Path, name: str, start_s: float) -> None:
+    file = shared / "data" / "mocap" / "dog" / "mann-bvh" / f"{name}.bvh"
+    part = {"start_s": start_s, "stop_s": start_s + 1.0}
+    height_m = read(file, **part).facts.height_m
+    assert height_m == read(file).facts.height_m
+    assert describe_recording(file, **part)["cleaned"]["stature_m"] == height_m
 
 
 @pytest.mark.shared

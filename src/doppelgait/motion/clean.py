@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from doppelgait.core.errors import MotionError, warn_caller
+from doppelgait.core.errors import DoppelgaitWarning, MotionError, warn_caller
 from doppelgait.motion.motion import Motion, make_motion
 from doppelgait.motion.skeleton import BODY_CENTRE_PARTS, DOG_PARTS, FOOT_PARTS, HUMAN_PARTS
 from doppelgait.motion.stature import measure_height
@@ -206,6 +207,7 @@ def clean_motion(
     lowpass_hz: float | None = 12.0,
     floor: bool = True,
     min_duration_s: float = MIN_DURATION_S,
+    whole: Motion | None = None,
 ) -> Motion:
     """Prepare a recording for the radar: smooth, complete, on the floor.
 
@@ -229,6 +231,9 @@ def clean_motion(
         Shift z so that the floor is at 0.
     min_duration_s : float
         Shortest segment that is accepted, in s.
+    whole : Motion, optional
+        Recording that the motion is a part of: the height is measured there, where it can be. In a part the body may
+        jump, rear or sit throughout.
 
     Returns
     -------
@@ -283,7 +288,11 @@ def clean_motion(
     smooth = smooth - np.array([0.0, 0.0, floor_m])
     facts, size_note = motion.facts, ""
     if not math.isfinite(facts.height_m):
-        height_m, size_note = measure_height(smooth, kept_names, kept_parts)
+        height_m, size_note = math.nan, ""
+        if whole is not None:
+            height_m, size_note = _height_of(whole, gap_limit_s, lowpass_hz, floor)
+        if not math.isfinite(height_m):
+            height_m, size_note = measure_height(smooth, kept_names, kept_parts)
         facts = replace(facts, height_m=height_m)
     belt = belt_velocity_mps(smooth, kept_parts, rate_hz=rate)
     sides = _side_notes(smooth, kept_parts, rate_hz=rate, belt_mps=belt)
@@ -308,6 +317,20 @@ def clean_motion(
     }
     facts = replace(facts, file_time_s=facts.file_time_s + first / rate)
     return make_motion(smooth, rate_hz=rate, markers=kept_names, parts=kept_parts, facts=facts, report=report)
+
+
+def _height_of(whole: Motion, gap_limit_s: float, lowpass_hz: float | None, floor: bool) -> tuple[float, str]:
+    """Measure the height in a whole recording once it is cleaned.
+
+    It is NaN where cleaning refuses the recording.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DoppelgaitWarning)  # only the part is used otherwise
+        try:
+            cleaned = clean_motion(whole, gap_limit_s=gap_limit_s, lowpass_hz=lowpass_hz, floor=floor)
+        except MotionError:
+            return math.nan, ""
+    return measure_height(cleaned.position_m, cleaned.markers, cleaned.parts)
 
 
 def known_parts(parts: Sequence[str]) -> str:

@@ -15,7 +15,7 @@ from doppelgait.core.errors import MotionError
 from doppelgait.motion.clean import clean_motion, fill_linear, stationary_points
 from doppelgait.motion.gait import smooth_path, stride_facts, travel_facts
 from doppelgait.motion.motion import Motion
-from doppelgait.motion.readers import check_types, read, take_part
+from doppelgait.motion.readers import check_types, cut_part, read, take_part
 from doppelgait.motion.segments import Segment, find_segments
 
 FloatArray = npt.NDArray[np.float64]
@@ -47,9 +47,11 @@ def describe_recording(path: str | os.PathLike[str], **options: Any) -> dict[str
     check_types(Path(path), options)
     part: dict[str, Any] = {"segment": None, "loop_to_s": None, "loop_variation": 1.0, "treadmill": False}
     part = {name: options.pop(name, default) for name, default in part.items()}
-    raw = read(path, clean=False, **options)
+    start_s, stop_s = options.pop("start_s", None), options.pop("stop_s", None)
+    whole = read(path, clean=False, **options)
+    raw = cut_part(Path(path), whole, start_s, stop_s)
     try:
-        motion = clean_motion(raw)
+        motion = clean_motion(raw, whole=None if raw is whole else whole)
     except MotionError as error:
         cleaned = {"refused": str(error)}
     else:

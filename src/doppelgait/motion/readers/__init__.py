@@ -17,7 +17,7 @@ from doppelgait.core.errors import MotionError
 from doppelgait.core.plugins import Group
 from doppelgait.motion.motion import Motion
 
-__all__ = ["MOTION_READERS", "check_types", "read", "reader_options", "take_part"]
+__all__ = ["MOTION_READERS", "check_types", "cut_part", "read", "reader_options", "take_part"]
 
 MOTION_READERS: Group[Callable[..., Motion]] = Group(
     "motion_reader",
@@ -53,7 +53,7 @@ def read(
         (:func:`~doppelgait.motion.clean.clean_motion`).
     start_s, stop_s : float, optional
         Part of the recording to keep, in s from its first frame, applied before cleaning. The time axis of the
-        result starts at 0 again.
+        result starts at 0 again. The height of the body is measured in the whole recording.
     segment : int or "longest", optional
         Keep one straight segment at constant velocity (:func:`~doppelgait.motion.segments.find_segments`): its number,
         1 for the first, as ``motion info`` lists them, or the longest. Needs ``clean``.
@@ -117,21 +117,10 @@ def read(
         },
     )
     try:
-        motion = reader.run(file, **options)
+        whole = reader.run(file, **options)
     except OSError as error:
         raise MotionError(f"{file}: cannot be read: {error.strerror or error}") from None
-    if start_s is not None or stop_s is not None:
-        rate = motion.rate_hz
-        last_s = (motion.n_frames - 1) / rate
-        start, stop = 0.0 if start_s is None else float(start_s), last_s if stop_s is None else float(stop_s)
-        if not 0.0 <= start < stop <= last_s + 0.5 / rate:
-            raise MotionError(
-                f"{file}: the part from {start:g} s to {stop:g} s is not in the recording; allowed is a start below "
-                f"the stop, both in 0 to {last_s:.4g} s"
-            )
-        first = round(start * rate)
-        motion = motion.cut(first, round(stop * rate) + 1)
-        motion = motion.with_report(read_from_s=first / rate, read_to_s=(first + motion.n_frames - 1) / rate)
+    motion = cut_part(file, whole, start_s, stop_s)
     if not clean:
         if segment is not None or loop_to_s is not None or treadmill:
             raise MotionError(
@@ -142,12 +131,29 @@ def read(
 
     return take_part(
         file,
-        clean_motion(motion),
+        clean_motion(motion, whole=None if motion is whole else whole),
         segment=segment,
         loop_to_s=loop_to_s,
         loop_variation=loop_variation,
         treadmill=treadmill,
     )
+
+
+def cut_part(path: Path, motion: Motion, start_s: float | None, stop_s: float | None) -> Motion:
+    """Return a part of a recording, as ``start_s`` and ``stop_s`` of :func:`read` state it."""
+    if start_s is None and stop_s is None:
+        return motion
+    rate = motion.rate_hz
+    last_s = (motion.n_frames - 1) / rate
+    start, stop = 0.0 if start_s is None else float(start_s), last_s if stop_s is None else float(stop_s)
+    if not 0.0 <= start < stop <= last_s + 0.5 / rate:
+        raise MotionError(
+            f"{path}: the part from {start:g} s to {stop:g} s is not in the recording; allowed is a start below "
+            f"the stop, both in 0 to {last_s:.4g} s"
+        )
+    first = round(start * rate)
+    part = motion.cut(first, round(stop * rate) + 1)
+    return part.with_report(read_from_s=first / rate, read_to_s=(first + part.n_frames - 1) / rate)
 
 
 def take_part(
