@@ -140,7 +140,11 @@ def test_clips_of_other_points_and_gaits_are_no_partners():
         ({"kind": "folder", "path": "takes", "hybrid": "mix"}, r"hybrid.*'none', 'retarget' or 'blend'"),
         ({"kind": "file", "path": "takes/ann_1.csv", "hybrid": {"speed_factor": 3.0}}, r"hybrid\.speed_factor"),
         (
-            {"kind": "file", "path": "takes/ann_1.csv", "hybrid": {"other": {"kind": "file", "path": "x.csv"}}},
+            {
+                "kind": "file",
+                "path": "takes/ann_1.csv",
+                "hybrid": {"share": 0.3, "other": {"kind": "file", "path": "x.csv"}},
+            },
             r"hybrid\.other\.path: 'x\.csv' is not allowed: there is no such file",
         ),
     ],

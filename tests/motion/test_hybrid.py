@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from doppelgait.motion.hybrid import (
     RUN,
     WALK,
     Hybrid,
+    _checked,
     dimensionless_speed,
     foot_slide,
     make_hybrid,
@@ -156,6 +158,11 @@ def _trot(**options: Any) -> Motion:
             lambda: retarget(_walk(speed_mps=1.7), speed_factor=1.2),
             r"dimensionless speed 0\.7\d, recordings have 0\.17",
         ),
+        (lambda: retarget(_walk(), speed_factor="1"), "speed_factor = '1' is not allowed: must be a number from"),
+        (lambda: retarget(_walk(), stride_factor=None), "stride_factor = None is not allowed: must be a number from"),
+        (lambda: retarget(_walk(), speed_factor=True), "speed_factor = True is not allowed: must be a number from"),
+        (lambda: blend(_walk(), _walk(), share="a"), "share: 'a' is not allowed: must be a number from 0 to 1"),
+        (lambda: blend(_walk(), _walk(), share=True), "share: True is not allowed: must be a number from 0 to 1"),
         (lambda: retarget(_walk(duration_s=0.8)), "shows no whole stride"),
         (lambda: blend(_walk(), _walk(), share=1.5), "share: 1.5 is not allowed"),
         (lambda: blend(_walk(), _trot(), share=0.5), "they share 10 of 17 and 28 points, none of left_foot"),
@@ -233,6 +240,70 @@ def test_foot_slide_of_a_known_slide() -> None:
     assert foot_slide(walk) == pytest.approx(0.1, rel=0.02)
 
 
+def _checked_pairs(lengths_m: list[float], wanted_m: list[float]) -> Motion:
+    """Check bars at rest on top of each other."""
+    ends = np.concatenate([[[0.0, n, 1.0], [length, n, 1.0]] for n, length in enumerate(lengths_m)])
+    still = make_motion(
+        np.repeat(ends[np.newaxis], 20, axis=0),
+        rate_hz=20.0,
+        markers=[f"m{n}" for n in range(len(ends))],
+        parts=[""] * len(ends),
+    )
+    pairs = np.arange(len(ends), dtype=np.int32).reshape(-1, 2)
+    wanted = np.repeat([wanted_m], 20, axis=0)
+    return _checked(still, [still], pairs, wanted, still.position_m, {})
+
+
+def test_the_length_that_is_furthest_beyond_its_own_limit_counts() -> None:
+    """0.9 mm of 50 mm is allowed (1 mm), 5.5 mm of 1 m is not (5 mm)."""
+    assert _checked_pairs([0.0509, 1.0045], [0.05, 1.0]).report["hybrid"]["length_error_m"] == pytest.approx(4.5e-3)
+    with pytest.raises(MotionError, match=r"m2 and m3 would be 5\.5 mm nearer or further"):
+        _checked_pairs([0.0509, 1.0055], [0.05, 1.0])
+
+
+def test_a_body_without_feet_is_made_with_a_note() -> None:
+    walk = _walk()
+    assert "note" not in retarget(walk, speed_factor=1.05).report["hybrid"]
+    chosen = [n for n, part in enumerate(walk.parts) if not part.endswith("foot")]
+    position, names = walk.position_m[:, chosen], [walk.markers[n] for n in chosen]
+    footless = walk.with_points(position, names, [walk.parts[n] for n in chosen])
+    # the lowest point that is left is a knee in the middle of the body
+    level = footless.position_m.copy()
+    level[:, 0, 2] = -1.0
+    made = retarget(footless.with_positions(level), speed_factor=1.05).report["hybrid"]
+    assert math.isnan(made["foot_slide"])
+    assert "whether feet slide was not checked" in made["note"]
+
+
+def test_feet_that_no_longer_rest_are_refused() -> None:
+    walk = _walk()
+    feet = [n for n, part in enumerate(walk.parts) if part.endswith("foot")]
+    position = walk.position_m.copy()
+    position[:, feet] = position[:, :1] + np.array([0.0, 0.1, -0.8])
+    glides, pairs = walk.with_positions(position), np.array([[0, 1]], dtype=np.int32)
+    assert math.isnan(foot_slide(glides))
+    with pytest.raises(MotionError, match="no foot would rest on the ground"):
+        _checked(glides, [walk], pairs, _lengths(glides, pairs), position, {})
+
+
+def test_the_cycle_of_a_clip_is_fitted_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    loop_module = import_module("doppelgait.motion.loop")  # the package has the function under this name
+    searched: list[Motion] = []
+    search = loop_module._best_seam
+    monkeypatch.setattr(
+        loop_module, "_best_seam", lambda motion, *rest: searched.append(motion) or search(motion, *rest)
+    )
+    clips = [_walk(speed_mps=1.1), _walk(speed_mps=1.3)]
+    before = blend(*clips, share=0.3).position_m
+    for clip in clips:
+        clip.position_m.setflags(write=False)
+    del searched[:]
+    for share in (0.3, 0.3, 0.4):
+        np.testing.assert_array_equal(blend(*clips, share=0.3).position_m, before)
+        blend(*clips, share=share)
+    assert len(searched) == 2
+
+
 def test_the_table_of_a_scene_is_made() -> None:
     clips = {"b.c3d": _walk(speed_mps=1.3)}
     table = {"speed_factor": 1.1, "other": {"kind": "file", "path": "b.c3d"}, "share": 0.25}
@@ -249,6 +320,9 @@ def test_the_table_of_a_scene_is_made() -> None:
         ({"other": {"kind": "boulic"}, "share": 0.5}, "must be a recording as it is"),
         ({"other": {"kind": "file", "path": "b", "hybrid": {}}}, "must be a recording as it is"),
         ({"factor": 1.0}, "factor"),
+        ({"share": 0.5}, "share without other is not allowed: a blend needs both"),
+        ({"other": {"kind": "file", "path": "b"}}, "other without share is not allowed: a blend needs both"),
+        ({"speed_factor": True}, "speed_factor.*must be a number"),
     ],
 )
 def test_wrong_tables_are_refused(table: dict[str, Any], says: str) -> None:

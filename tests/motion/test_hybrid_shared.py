@@ -10,7 +10,7 @@ import pytest
 
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.motion import Motion, blend, loop, read, retarget
-from doppelgait.motion.hybrid import foot_slide, speed_limits
+from doppelgait.motion.hybrid import dimensionless_speed, foot_slide, speed_limits
 from doppelgait.motion.retime import travel_speed_mps
 
 pytestmark = pytest.mark.shared
@@ -53,6 +53,12 @@ def test_a_recording_goes_faster_without_sliding(shared: Path, file: str) -> Non
     made = retarget(clip, speed_factor=wanted, size_factor=1.05)
     assert travel_speed_mps(made) == pytest.approx(travel_speed_mps(clip) * wanted * np.sqrt(1.05), rel=5e-3)
     assert foot_slide(made) < foot_slide(clip) + 0.01
+
+
+def test_the_fastest_recorded_gallops_are_within_the_speeds_of_recordings(shared: Path) -> None:
+    gallop = read(shared / "data" / "mocap" / "dog" / "tencent-bvh" / "dog_quad_walkrun_001.bvh", segment=2)
+    assert dimensionless_speed(gallop) > 2.1
+    assert speed_limits(gallop)[1] > 1.05
 
 
 def test_recordings_with_other_markers_are_not_blended(shared: Path) -> None:
