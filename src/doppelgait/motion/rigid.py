@@ -195,7 +195,10 @@ NEAR_POINTS = 2
 
 
 def rigid_pairs(position: FloatArray) -> npt.NDArray[np.int32]:
-    """Return the pairs of points whose distance a body keeps: bones, and near points of one segment, shape (B, 2)."""
+    """Return the pairs of points whose distance a body keeps.
+
+    These are bones, and near points of one segment; shape (B, 2).
+    """
     bones = bones_of(position)
     some = position[:: max(1, len(position) // MOST_FRAMES)]
     distance = np.linalg.norm(some[:, :, np.newaxis] - some[:, np.newaxis], axis=-1)

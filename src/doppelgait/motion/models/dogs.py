@@ -123,7 +123,10 @@ def sample_dog(rng: RandomSource, *, gait: GaitName | None = None, froude: float
 
 
 def _possible_gaits(gait: GaitName | None, froude: float | None) -> list[GaitName]:
-    """Return the gaits that a dog may have; refuse a Froude number at which there is none."""
+    """Return the gaits that a dog may have.
+
+    A Froude number at which there is none is refused.
+    """
     if gait is not None:
         check_choice(gait, GAITS, "gait")
     named: list[GaitName] = [*GAIT_SHARES] if gait is None else [gait]

@@ -267,7 +267,7 @@ def _generate(config: QuadrupedConfig, duration_s: float, rng: np.random.Generat
 
 
 def _styled_gait(config: QuadrupedConfig) -> Gait:
-    """Return the gait with the paws' speeds and the trunk's ripple of one animal."""
+    """Return the gait with one animal's paw speeds and trunk ripple."""
     gait = fitted_gait(config.actual_gait, BUILDS[config.build], config.asymmetry)
     hind, fore = (
         replace(girdle, swing_peak=peak)
@@ -279,7 +279,10 @@ def _styled_gait(config: QuadrupedConfig) -> Gait:
 def _course(
     config: QuadrupedConfig, phase: FloatArray, gait: Gait, stride: float, rng: np.random.Generator | None
 ) -> Course:
-    """Return where and when the feet land; half strides and landings vary as first-order autoregressive sequences."""
+    """Return where and when the feet land.
+
+    Half strides and landings vary as first-order autoregressive sequences.
+    """
     regular = regular_course(phase, gait, stride)
     length_sd, landing_sd = config.step_length_sd, config.footfall_sd
     if length_sd == landing_sd == config.length_asymmetry == 0.0:

@@ -101,7 +101,7 @@ elevations in degrees by phase after the own foot: 0 hangs down, positive with t
 
 
 def trunk_curve(gait: RecordedGait, name: TrunkCurve, touchdown: Mapping[str, float]) -> tuple[CycleCurve, float]:
-    """Return a curve of the trunk and the phase at which it begins.
+    """Return a curve of the trunk and its first phase.
 
     Neck and front heave go with the fore feet, the rest with the hind feet.
 
@@ -152,7 +152,9 @@ def segment_elevation_rad(gait: RecordedGait, segment: Segment, cycles: FloatArr
 
 @cache
 def swing_curve(gait: RecordedGait, end: str, peak: float) -> Curve:
-    """Return the way of a swinging paw, 0 to 1, against the share of the swing.
+    """Return the way of a swinging paw, 0 to 1.
+
+    It is against the share of the swing.
 
     Parameters
     ----------

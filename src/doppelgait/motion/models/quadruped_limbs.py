@@ -156,7 +156,10 @@ def regular_course(phase: FloatArray, gait: Gait, stride: float) -> Course:
 
 @dataclass(frozen=True)
 class Carriage:
-    """How neck and tail are held: mean elevations, and the angle of the tail to the left, (n,) in rad."""
+    """Carriage of neck and tail.
+
+    Mean elevations, and the angle of the tail to the left, (n,) in rad.
+    """
 
     neck_deg: float
     tail_deg: float
@@ -195,7 +198,7 @@ def on_trunk(x: float, y: float, height: float, trunk: Trunk) -> FloatArray:
 
 
 def foot_cycles(phase: FloatArray, gait: Gait, course: Course, foot: str) -> FloatArray:
-    """Return the strides since a touchdown of a foot; whole where it lands."""
+    """Return the strides since a touchdown, whole where the foot lands."""
     if course.advance is None:
         return np.asarray(phase - gait.touchdown[foot])
     first, landings = course.landings[foot]
@@ -251,9 +254,10 @@ CHAINS = (("hip", "hock", FEMUR, TIBIA), ("shoulder", "carpus", HUMERUS, FOREARM
 
 
 def crouch(gait: Gait, build: Build, stride: float, duty: dict[str, float]) -> float:
-    """Return by how much the trunk is lowered for every limb to reach its paw all through equal strides.
+    """Return by how much the trunk is lowered for the limbs.
 
-    No more than :data:`DEEPEST_CROUCH`; what is missing then, the joints at the trunk make up for.
+    Every limb then reaches its paw all through equal strides. It is no more than :data:`DEEPEST_CROUCH`; what is
+    missing then, the joints at the trunk make up for.
     """
     phase = np.arange(120) / 120
     course = regular_course(phase, gait, stride)
@@ -268,9 +272,9 @@ def crouch(gait: Gait, build: Build, stride: float, duty: dict[str, float]) -> f
 
 
 def glide(top: FloatArray, bottom: FloatArray, length: float) -> None:
-    """Move a joint at the trunk along the limb, in place, where the limb is nearly straight or folded.
+    """Move a joint at the trunk along the limb, in place.
 
-    A scapula glides over the ribs and a back bends.
+    It moves where the limb is nearly straight or folded. A scapula glides over the ribs and a back bends.
     """
     line = top - bottom
     share = np.sqrt((line * line).sum(axis=1)) / length
