@@ -47,7 +47,7 @@ def log_from(values: Inputs, floor: FloatArray) -> FloatArray:
 
 
 def standardise(values: Inputs, learned: Linear | Kernel) -> FloatArray:
-    """Convert features (n, d) to the columns (n, d + m) of a model."""
+    """Convert features (n, d) to a model's columns (n, d + m)."""
     unknown = np.isnan(values)
     filled = np.where(unknown, learned.median, log_from(values, learned.floor))
     columns = np.hstack([filled, unknown[:, learned.told].astype(np.float64)])

@@ -181,7 +181,10 @@ def train_svm(train: Part, held: Part, *, n_classes: int, seed: int) -> Kernel:
 
 
 def _standardised(values: Inputs) -> tuple[FloatArray, IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return median, told, mean, scale and floor of features, and their standardised columns."""
+    """Standardise the columns of features.
+
+    Returns median, told, mean, scale and floor, then the columns.
+    """
     from sklearn.impute import SimpleImputer
     from sklearn.preprocessing import StandardScaler
 

@@ -86,7 +86,7 @@ def _blas() -> Any:
 
 
 def collect_garbage_rarely() -> None:
-    """Let Python's garbage collector run at every 5000 new objects, not at every 700.
+    """Let Python's garbage collector run every 5000 objects, not 700.
 
     While libraries are imported it finds nothing and looks through all that is loaded again and again: a tenth of the
     time that a command takes to begin.

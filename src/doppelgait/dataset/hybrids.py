@@ -39,7 +39,7 @@ def with_hybrids(
     subjects: Sequence[str],
     mode: Literal["retarget", "blend"],
 ) -> list[dict[str, Any]]:
-    """Add distributions of speed, size, stride and blending to the tables of clips.
+    """Add distributions of speed, size, stride and blending to clips.
 
     The ranges are those that :func:`~doppelgait.motion.hybrid.retarget` allows for the clip; they are narrowed until
     both ends can be made. A clip is blended with clips of its own subject and of one or two others, always the same:
@@ -70,7 +70,10 @@ def with_hybrids(
 
 
 def _ranges(clip: Motion) -> dict[str, Any]:
-    """Return the distributions of the three factors of a clip; empty where it cannot be changed at all."""
+    """Return the distributions of the three factors of a clip.
+
+    Empty where it cannot be changed at all.
+    """
     law = speed_law(clip)
     speed, stride = (tuple(map(math.log, limits)) for limits in (speed_limits(clip), stride_limits(law)))
     reach: list[float] = []
@@ -100,7 +103,10 @@ def _retarget(clip: Motion, speed_factor: float, stride_factor: float) -> None:
 
 
 def _families(clips: Sequence[Motion], subjects: Sequence[str]) -> list[list[int]]:
-    """Group clips whose subjects are blended with each other: of one gait and one set of points."""
+    """Group clips whose subjects are blended with each other.
+
+    They are of one gait and one set of points.
+    """
     alike: dict[tuple[Any, ...], dict[str, list[int]]] = {}
     for number, (clip, subject) in enumerate(zip(clips, subjects, strict=True)):
         key = (clip.facts.species, tuple(clip.markers))
@@ -119,9 +125,9 @@ def _families(clips: Sequence[Motion], subjects: Sequence[str]) -> list[list[int
 
 
 def _fit(clip: Motion, other: Motion, hybrid: Mapping[str, Any]) -> list[float]:
-    """Return the range of the speed factor of a clip that is blended with another; empty where they do not fit.
+    """Return the range of the speed factor of a blended clip.
 
-    They fit where they can be blended half and half and both ends of the ranges can then be made.
+    Empty where it cannot be blended half and half with the other, or either end of the ranges then cannot be made.
     """
     speeds = hybrid["speed_factor"]["log_uniform"]
     found: list[float] = []
