@@ -423,7 +423,7 @@ def test_a_support_vector_machine_that_does_not_fit_together_is_refused(found, t
 
 def test_a_linear_model_of_the_first_format_has_no_logarithms(found, tmp_path):
     path = save_model(found.models["six-logistic"], tmp_path / "m.npz")
-    rewritten(path, lambda arrays: arrays.pop("floor"))
+    rewritten(path, lambda arrays: (arrays.pop("floor"), put_text(arrays, lambda d: d.update(format_version=1))))
     linear = load_model(path).learned
     values = np.abs(np.random.default_rng(0).normal(size=(5, linear.median.size)))
     columns = np.hstack([values, np.zeros((5, linear.told.size))])
