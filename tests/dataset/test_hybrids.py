@@ -5,16 +5,19 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from doppelgait.core.config import validate
-from doppelgait.core.errors import ConfigError, DoppelgaitWarning
+from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitWarning
 from doppelgait.core.rng import Streams
 from doppelgait.dataset.card import blocks_release
 from doppelgait.dataset.config import PlanConfig
 from doppelgait.dataset.hybrids import with_hybrids
 from doppelgait.dataset.motions import motion_files, recordings_of
 from doppelgait.dataset.plan import plan_dataset
+from doppelgait.dataset.shard import BuildContext, build_planned
+from doppelgait.dataset.splits import names_of
 from doppelgait.motion.gait import with_gait_facts
 from doppelgait.motion.models import human_gait, quadruped_gait
 from doppelgait.scene.placement import build_motion
@@ -108,6 +111,29 @@ def test_who_is_blended_shares_a_split(planned):
     assert set(splits) == {f"person/{name}" for name in WALKS}
     assert all(len(found) == 1 for found in splits.values())
     assert splits["person/ann"] == splits["person/ben"] != splits["person/cat"]
+
+
+def test_the_index_knows_every_subject_and_recording_of_a_row(planned, takes):
+    number = next(n for n in range(40) if planned.example(n).rows[0].others)
+    row = planned.example(number).rows[0]
+    ((written, _),) = build_planned(planned.examples[number], BuildContext(planned.config, str(takes), ""))
+    index = pd.DataFrame([written])
+    assert names_of(index, "subject") == [(row.subject, *row.others)]
+    (paths,) = names_of(index, "recording")
+    assert len(paths) == 2
+    assert [f"person/{path[6:9]}" for path in paths] == [row.subject, *row.others]
+
+
+def test_a_path_with_a_plus_is_one_recording():
+    motion = '{"kind":"file","path":"a + b.bvh","hybrid":{"other":{"kind":"file","path":"c.bvh"}}}'
+    index = pd.DataFrame({
+        "recording": ["a + b.bvh", "a + b.bvh", "a + b.bvh + c.bvh", None],
+        "motion": ['{"kind":"file","path":"a + b.bvh"}', None, motion, "{}"],
+    })  # fmt: skip
+    assert names_of(index, "recording") == [("a + b.bvh",), ("a + b.bvh",), ("a + b.bvh", "c.bvh"), ()]
+    assert names_of(index, "subject") == [()] * 4
+    with pytest.raises(DatasetError, match=r"index: motion 'walk' of 'a \+ b\.bvh' cannot be read"):
+        names_of(index.assign(motion="walk"), "recording")
 
 
 def test_the_identity_covers_both_files(planned):

@@ -138,6 +138,24 @@ def test_whoever_is_in_two_splits_is_named(key):
     assert f"{table.loc[0, key]} (test, train)" in found.summary
 
 
+@pytest.mark.parametrize(
+    ("key", "found_name"), [("subject", "person/3 (test, train)"), ("recording", "3.bvh (test, train)")]
+)
+def test_a_part_of_a_blended_motion_in_two_splits_is_named(key, found_name):
+    table = people(others="")
+    blended = {
+        "subject": {"others": '["person/3"]'},
+        "recording": {
+            "recording": "1.bvh + 3.bvh",
+            "motion": '{"kind":"file","path":"1.bvh","hybrid":{"other":{"kind":"file","path":"3.bvh"}}}',
+        },
+    }[key]
+    table.loc[0, list(blended)] = list(blended.values())
+    found = check_groups(contents(table))
+    assert found.status == "failed"
+    assert found.numbers["in_two_splits"] == {key: [found_name]}
+
+
 def test_model_walkers_with_the_same_parameters_in_two_splits_are_a_warning():
     found = check_groups(contents(people(source="model", recording="", motion=["x", "y", "x", "z"])))
     assert found.status == "warning"

@@ -13,6 +13,7 @@ import numpy as np
 from doppelgait.classify.data import Rows, split_of
 from doppelgait.classify.learned import IntArray
 from doppelgait.core.errors import ConfigError, DatasetError
+from doppelgait.dataset.splits import names_of, source_of
 
 HELD_FOLDS = 5
 """One in so many groups is held back for calibration where there is no validation split."""
@@ -39,7 +40,8 @@ class Fold:
 def own_splits(rows: Rows, *, seed: int) -> tuple[Fold, list[str]]:
     """Return the dataset's own splits, tested on the other dataset if any.
 
-    Rows of the other dataset are left out if their recording, target or motion is in the training data.
+    Rows of the other dataset are left out if their target, a subject, a recording or the motion is in the training
+    data, and so are all rows of their scenes. Of a blended motion both subjects and both recordings count.
 
     Returns
     -------
@@ -66,10 +68,15 @@ def own_splits(rows: Rows, *, seed: int) -> tuple[Fold, list[str]]:
     other = np.flatnonzero(rows.origin == 1)
     learnt = np.concatenate([train, held])
     known = np.isin(rows.groups[other], rows.groups[learnt])
-    for column in ("motion", "recording"):
-        if column in rows.index:
-            texts = rows.index[column].fillna("").to_numpy(dtype=str)
-            known |= np.isin(texts[other], texts[learnt]) & (texts[other] != "")
+    for column in ("subject", "recording", "motion"):
+        names = names_of(rows.index, column)
+        seen = {name for number in learnt for name in names[number]}
+        if column == "subject":  # a sampled body is another one in every dataset
+            seen = {name for name in seen if source_of(name) != "model"}
+        known |= np.array([not seen.isdisjoint(names[number]) for number in other], dtype=bool)
+    if "scene_id" in rows.index:
+        scenes = rows.index["scene_id"].iloc[other]
+        known |= scenes.isin(scenes[known].dropna()).to_numpy(dtype=bool)
     if known.any():
         notes.append(
             f"{int(known.sum())} of {other.size} rows of the test dataset left out: movers that are learnt from"

@@ -17,6 +17,8 @@ from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitError, D
 from doppelgait.dataset.config import PlanConfig, SourceSection, shorten
 from doppelgait.motion.motion import Motion
 
+BOTH = " + "
+"""Between the paths of a blended motion in the column ``recording``."""
 NOBODY = "none"
 """Motion kind of an example without a target."""
 PHANTOM_SPEED_MPS = {"uniform": [0.4, 2.0]}

@@ -16,7 +16,15 @@ from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.rng import Streams
 from doppelgait.dataset.config import AUTO_PRF_REFUSED, ORACLE_REFUSED, ClassSection, PlanConfig, shorten
-from doppelgait.dataset.motions import NOBODY, PHANTOM_SPEED_MPS, check_motion, recordings_of, source_entry, subject_of
+from doppelgait.dataset.motions import (
+    BOTH,
+    NOBODY,
+    PHANTOM_SPEED_MPS,
+    check_motion,
+    recordings_of,
+    source_entry,
+    subject_of,
+)
 from doppelgait.pipeline import Run, parse_run
 from doppelgait.pipeline.run import FITTED_KEYS
 
@@ -235,7 +243,7 @@ def rows_of(plan: PlanConfig, number: int, folder: Path) -> tuple[tuple[RowSpec,
                 subject=subject,
                 others=tuple(other for other in others if other != subject),
                 source="recording" if recordings else "none" if motion["kind"] == NOBODY else "model",
-                recording=" + ".join(dict.fromkeys(recordings)),
+                recording=BOTH.join(dict.fromkeys(recordings)),
                 licence=" AND ".join(licences) if all(licences) else "",
             )
         )

@@ -113,6 +113,7 @@ def index_rows(
             "label": row.label,
             "split": example.split,
             "subject": row.subject,
+            "others": json.dumps(row.others, ensure_ascii=False) if row.others else "",
             "group": example.group,
             "source": row.source,
             "recording": row.recording,

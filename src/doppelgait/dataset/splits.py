@@ -6,13 +6,18 @@ Subjects, and all who share a scene or a recording with them, stay together.
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Iterable, Mapping, Sequence
 from fnmatch import fnmatchcase
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.dataset.config import SPLITS, DatasetSection, ImportConfig
 from doppelgait.dataset.labels import LabelEntry
+from doppelgait.dataset.motions import BOTH, recordings_of
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 SHOWN_NAMES = 4
 
@@ -47,6 +52,46 @@ def groups_of(scenes: Iterable[Sequence[str]]) -> dict[str, str]:
 def source_of(subject: str) -> str:
     """Return ``model`` or ``recording``, from a subject's name."""
     return "model" if subject.startswith("model/") else "recording"
+
+
+def names_of(index: pd.DataFrame, column: str) -> list[tuple[str, ...]]:
+    """List what every row of an index is made of.
+
+    Subjects and recordings are all that a blended motion has, each by itself; any other column has one name a row, and
+    an unknown one has none.
+
+    Parameters
+    ----------
+    index : DataFrame
+        Subjects after the first are in the column ``others``, paths after the first in ``motion``: a path may hold
+        what joins the two in ``recording``.
+    column : str
+        None of the rows has a name where the index lacks it.
+
+    Raises
+    ------
+    DatasetError
+        If ``others`` or ``motion`` of a blended row cannot be read.
+    """
+    further = {"subject": "others", "recording": "motion"}.get(column, "")
+    names, texts = (
+        index[name].fillna("").astype(str).tolist() if name in index else [""] * len(index)
+        for name in (column, further)
+    )
+    found: list[tuple[str, ...]] = []
+    for name, text in zip(names, texts, strict=True):
+        every: tuple[str, ...] = (name,)
+        try:
+            if column == "subject" and text:
+                every = (name, *map(str, json.loads(text)))
+            elif column == "recording" and BOTH in name and text:
+                every = recordings_of(json.loads(text)) or every
+        except (ValueError, KeyError, TypeError, AttributeError):
+            raise DatasetError(
+                f"index: {further} {text!r} of {name!r} cannot be read; build the dataset again"
+            ) from None
+        found.append(tuple(filter(None, every)))
+    return found
 
 
 def assign_splits(dataset: DatasetSection, members: Mapping[str, Sequence[str]]) -> dict[str, str]:

@@ -19,7 +19,7 @@ from doppelgait.viewer.settings import Pairs, number_of
 
 NOT_OFFERED = (
     "motion", "environment", "impairments", "warnings", "notes", "citation", "shard", "row", "shard_sha256",
-    "recording_sha256",
+    "recording_sha256", "others",
 )  # fmt: skip
 """Long texts, and where the arrays lie."""
 MOST_VALUES = 40

@@ -296,6 +296,35 @@ def test_the_same_motion_under_another_name_is_not_tested():
     assert "3 of 240 rows" in notes[0]
 
 
+BLENDED = {
+    "subject": "person/ann", "others": '["person/ben"]', "recording": "ann.bvh + ben.bvh",
+    "motion": '{"hybrid":{"other":{"kind":"file","path":"ben.bvh"},"share":0.4},"kind":"file","path":"ann.bvh"}',
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("known", [{"subject": "person/ben"}, {"recording": "ben.bvh"}])
+@pytest.mark.parametrize("is_learnt", [True, False])
+def test_a_part_of_a_blended_motion_is_not_learnt_from_and_tested(known, is_learnt):
+    columns = {name: [f"{name} {k}" for k in range(240)] for name in ("subject", "recording", "motion")}
+    dataset, other = (made_up(identity=name, others="", **columns) for name in "ab")
+    for name in columns:  # nobody but whom the test is about is in both
+        other.index[name] += " of b"
+    learnt = dataset.index.index[dataset.index["split"] == "train"][0]
+    sides = ((dataset, learnt), (other, 4))
+    for (side, place), cells in zip(sides if is_learnt else sides[::-1], (BLENDED, known), strict=True):
+        side.index.loc[place, list(cells)] = list(cells.values())
+    other.index.loc[5, "scene_id"] = other.index.loc[4, "scene_id"]
+    fold, notes = own_splits(rows_of(dataset, other), seed=0)
+    assert set(range(240, 480)) - set(fold.test) == {244, 245}
+    assert "2 of 240 rows" in notes[0]
+
+
+def test_bodies_of_models_are_others_in_another_dataset():
+    dataset, other = (made_up(identity=name, subject=[f"model/{k}" for k in range(240)]) for name in "ab")
+    fold, _ = own_splits(rows_of(dataset, other), seed=0)
+    assert fold.test.size == 240
+
+
 def test_without_validation_some_of_train_is_held_back():
     document = evaluate(made_up(split=(0.8, 0.0)), models=["six-logistic"]).document
     assert document["folds"][0]["held"]["n"] > 20

@@ -20,6 +20,7 @@ import pandas as pd
 from doppelgait.core.errors import DatasetError, warn_caller
 from doppelgait.dataset.plan import nuisance_of
 from doppelgait.dataset.resolve import ExampleSpec
+from doppelgait.dataset.splits import names_of
 from doppelgait.dataset.verify.contents import Check, Contents, some
 
 Float32Array = npt.NDArray[np.float32]
@@ -235,7 +236,7 @@ KINDS = {"group": "groups", "subject": "subjects", "recording": "recordings", "s
 def check_groups(contents: Contents) -> Check:
     """Check that no group, subject, recording or scene is in two splits.
 
-    All who share a scene are then in one split, too.
+    All who share a scene are then in one split, too. Of a blended motion every subject and every recording counts.
 
     Walkers of models with the same parameters in two splits are a warning: the plan draws nothing, so that training
     and test meet the same body.
@@ -243,9 +244,11 @@ def check_groups(contents: Contents) -> Check:
     index = contents.index
     torn: dict[str, list[str]] = {}
     for key in KINDS:
-        named = index[index[key].fillna("").astype(str) != ""] if key in index else index.iloc[:0]
-        splits = named.groupby(key)["split"].unique()
-        found = [f"{name} ({', '.join(sorted(some_of))})" for name, some_of in splits.items() if len(some_of) > 1]
+        splits: dict[str, set[str]] = {}
+        for names, split in zip(names_of(index, key), index["split"], strict=True):
+            for name in names:
+                splits.setdefault(name, set()).add(split)
+        found = [f"{name} ({', '.join(sorted(within))})" for name, within in sorted(splits.items()) if len(within) > 1]
         if found:
             torn[key] = found
     numbers = {"in_two_splits": torn, "groups": int(index["group"].nunique())}

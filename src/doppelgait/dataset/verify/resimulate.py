@@ -30,7 +30,7 @@ ARRAY_TOLERANCE, HALF_TOLERANCE = 1e-4, 2e-2
 FEATURE_TOLERANCE = 1e-2
 MOST_OTHER = 0.05
 """Share of rows whose features may be off by more: a decision between two nearly equal candidates can turn over."""
-NAMES = ("label", "split", "subject", "group", "source", "recording", "motion")
+NAMES = ("label", "split", "subject", "others", "group", "source", "recording", "motion")
 
 FACTS = ("truth_", "prf_hz", "observation_s", "radar_height_m", "rcs_total_m2", "snr_frame_db", "gate_error_m")
 """What the plan alone decides; off by more than :data:`FEATURE_TOLERANCE` it was not made by this plan."""
