@@ -28,7 +28,8 @@ from doppelgait.core.rng import Streams
 from doppelgait.dataset.hybrids import with_hybrids
 from doppelgait.dataset.resolve import resolve
 from doppelgait.motion.gait import with_gait_facts
-from doppelgait.motion.hybrid import Hybrid, foot_slide, make_hybrid
+from doppelgait.motion.hybrid import Hybrid, make_hybrid
+from doppelgait.motion.hybrid_checks import foot_slide
 from doppelgait.motion.loop import loop
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.readers import read

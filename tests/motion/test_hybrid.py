@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -12,18 +11,17 @@ from scipy.optimize import minimize
 
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, MotionError
-from doppelgait.motion import Motion, blend, make_motion, retarget
+from doppelgait.motion import Motion, blend, cycle, retarget
 from doppelgait.motion.hybrid import (
     RUN,
     WALK,
     Hybrid,
-    _checked,
     dimensionless_speed,
-    foot_slide,
     make_hybrid,
     speed_limits,
     stride_limits,
 )
+from doppelgait.motion.hybrid_checks import foot_slide
 from doppelgait.motion.loop import loop
 from doppelgait.motion.models import boulic_walk, human_gait, quadruped_gait
 from doppelgait.motion.retime import travel_speed_mps
@@ -227,40 +225,6 @@ def test_restored_lengths_need_the_least_moves() -> None:
     assert np.linalg.norm(found[0, 0] - position[0, 0]) < 0.1 * np.linalg.norm(found[0, 1] - position[0, 1])
 
 
-def test_foot_slide_of_a_known_slide() -> None:
-    """One foot rests for half of each second and slides forward at a tenth of the body's 1 m/s while it does."""
-    time_s = np.arange(0.0, 6.0, 0.005)
-    speeds = [np.where((time_s + shift) % 1.0 < 0.5, 0.1, 1.9) for shift in (0.0, 0.5)]
-    feet = [np.cumsum(speed) * 0.005 for speed in speeds]
-    x = np.stack([time_s, *feet], axis=1)
-    position = np.stack([x, np.broadcast_to([0.0, 0.1, -0.1], x.shape), np.broadcast_to([1.0, 0.0, 0.0], x.shape)], 2)
-    walk = make_motion(
-        position, rate_hz=200, markers=["c7", "l", "r"], parts=["torso", "left_foot", "right_foot"], facts={}
-    )
-    assert foot_slide(walk) == pytest.approx(0.1, rel=0.02)
-
-
-def _checked_pairs(lengths_m: list[float], wanted_m: list[float]) -> Motion:
-    """Check bars at rest on top of each other."""
-    ends = np.concatenate([[[0.0, n, 1.0], [length, n, 1.0]] for n, length in enumerate(lengths_m)])
-    still = make_motion(
-        np.repeat(ends[np.newaxis], 20, axis=0),
-        rate_hz=20.0,
-        markers=[f"m{n}" for n in range(len(ends))],
-        parts=[""] * len(ends),
-    )
-    pairs = np.arange(len(ends), dtype=np.int32).reshape(-1, 2)
-    wanted = np.repeat([wanted_m], 20, axis=0)
-    return _checked(still, [still], pairs, wanted, still.position_m, {})
-
-
-def test_the_length_that_is_furthest_beyond_its_own_limit_counts() -> None:
-    """0.9 mm of 50 mm is allowed (1 mm), 5.5 mm of 1 m is not (5 mm)."""
-    assert _checked_pairs([0.0509, 1.0045], [0.05, 1.0]).report["hybrid"]["length_error_m"] == pytest.approx(4.5e-3)
-    with pytest.raises(MotionError, match=r"m2 and m3 would be 5\.5 mm nearer or further"):
-        _checked_pairs([0.0509, 1.0055], [0.05, 1.0])
-
-
 def test_a_body_without_feet_is_made_with_a_note() -> None:
     walk = _walk()
     assert "note" not in retarget(walk, speed_factor=1.05).report["hybrid"]
@@ -275,24 +239,10 @@ def test_a_body_without_feet_is_made_with_a_note() -> None:
     assert "whether feet slide was not checked" in made["note"]
 
 
-def test_feet_that_no_longer_rest_are_refused() -> None:
-    walk = _walk()
-    feet = [n for n, part in enumerate(walk.parts) if part.endswith("foot")]
-    position = walk.position_m.copy()
-    position[:, feet] = position[:, :1] + np.array([0.0, 0.1, -0.8])
-    glides, pairs = walk.with_positions(position), np.array([[0, 1]], dtype=np.int32)
-    assert math.isnan(foot_slide(glides))
-    with pytest.raises(MotionError, match="no foot would rest on the ground"):
-        _checked(glides, [walk], pairs, _lengths(glides, pairs), position, {})
-
-
 def test_the_cycle_of_a_clip_is_fitted_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    loop_module = import_module("doppelgait.motion.loop")  # the package has the function under this name
     searched: list[Motion] = []
-    search = loop_module._best_seam
-    monkeypatch.setattr(
-        loop_module, "_best_seam", lambda motion, *rest: searched.append(motion) or search(motion, *rest)
-    )
+    search = cycle._best_seam
+    monkeypatch.setattr(cycle, "_best_seam", lambda motion, *rest: searched.append(motion) or search(motion, *rest))
     clips = [_walk(speed_mps=1.1), _walk(speed_mps=1.3)]
     before = blend(*clips, share=0.3).position_m
     for clip in clips:

@@ -10,7 +10,8 @@ import pytest
 
 from doppelgait.core.errors import DoppelgaitWarning, MotionError
 from doppelgait.motion import Motion, blend, loop, read, retarget
-from doppelgait.motion.hybrid import dimensionless_speed, foot_slide, speed_limits
+from doppelgait.motion.hybrid import dimensionless_speed, speed_limits
+from doppelgait.motion.hybrid_checks import foot_slide
 from doppelgait.motion.retime import travel_speed_mps
 
 pytestmark = pytest.mark.shared

@@ -7,34 +7,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from weakref import WeakKeyDictionary
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import MotionError, warn_caller
 from doppelgait.core.rng import RandomSource, Streams, as_generator
-from doppelgait.motion.gait import find_feet, find_steps, is_quadruped, with_gait_facts
+from doppelgait.motion.cycle import Cycle, fit_cycle
+from doppelgait.motion.gait import find_feet, find_steps, is_quadruped
 from doppelgait.motion.models.strides import autoregressive, cubic_spline
 from doppelgait.motion.motion import Motion, make_motion, require_motion
-from doppelgait.motion.retime import Spline, fit_spline, travel_speed_mps
+from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.motion.rigid import pair_lengths, restore_lengths, rigid_pairs
 from doppelgait.motion.skeleton import BODY_CENTRE_PARTS
 
 FloatArray = npt.NDArray[np.float64]
 
-OVERLAP_STRIDES = 0.15
-"""The end of a cycle fades into its beginning over this part of a stride."""
-SEARCH = 0.12
-"""The cycle may be longer or shorter than whole strides by this part of one."""
-GRID_PER_STRIDE, MOST_STRIDES = 60, 12
-"""Cuts are tried at this spacing, for cycles of up to so many strides: they hold all the variation that shows."""
-UNSEEN_M = 1e-3
-"""A seam below a millimetre is as good as none."""
-PRECISION_FRAMES = 1e-6
-SLOWEST = 0.05
-"""A point counts as no slower than this share of the mean speed: its share of a correction has no corner at rest."""
 FEW_STRIDES = 2.0
 """A clip with fewer strides does not show how they vary."""
 
@@ -96,29 +85,6 @@ RIDGE, STEPS = 2.0, 3
 of the shared recordings is in docs/motion.md."""
 KNOT_MARGIN = 3
 """Strides before the first and after the last frame, so that the ends of the splines do not show."""
-
-
-@dataclass(frozen=True)
-class Seam:
-    """Position of a cut in a clip, with the mismatch.
-
-    Parameters
-    ----------
-    start : float
-        First frame of the cycle.
-    lag : float
-        Length of the cycle in frames.
-    strides : int
-        Whole strides in it.
-    position_m, velocity_mps : float
-        Root mean square over points and overlap of what is left between the two cuts once the advance is taken off.
-    """
-
-    start: float
-    lag: float
-    strides: int
-    position_m: float
-    velocity_mps: float
 
 
 def loop(motion: Motion, *, duration_s: float, variation: float = 1.0, rng: RandomSource | None = None) -> Motion:
@@ -251,247 +217,6 @@ def foot_weights(motion: Motion) -> FloatArray:
     for points in find_feet(motion).values():
         weights[points] = FOOT_WEIGHT
     return weights
-
-
-_fitted: WeakKeyDictionary[Motion, tuple[Motion, Cycle, Seam]] = WeakKeyDictionary()
-
-
-def fit_cycle(motion: Motion) -> tuple[Motion, Cycle, Seam]:
-    """Fit the endless cycle of a clip over whole strides.
-
-    Also returns the clip with its gait facts, and the median difference of neighbouring strides.
-
-    Raises
-    ------
-    MotionError
-        If the motion has gaps, no known gait cycle, or is shorter than 1.2 strides.
-    """
-    if (before := _fitted.get(motion)) is not None:
-        return before
-    where = motion.label
-    if not np.isfinite(motion.position_m).all():
-        raise MotionError(f"{where}: has gaps, so it cannot be looped; clean it first")
-    known = with_gait_facts(motion)
-    rate = motion.rate_hz
-    period = rate / known.facts.stride_frequency_hz
-    overlap = OVERLAP_STRIDES * period
-    if not math.isfinite(period):
-        raise MotionError(
-            f"{where}: shows no gait cycle, so it cannot be looped over whole strides; give a part in which the body "
-            "walks, or state it: motion.with_facts(stride_frequency_hz=...)"
-        )
-    if motion.n_frames - 1 < period + overlap + 1:
-        raise MotionError(
-            f"{where}: lasts {(motion.n_frames - 1) / rate:.3g} s, but one stride takes {period / rate:.3g} s; a "
-            f"loop needs {(period + overlap + 1) / rate:.3g} s or more"
-        )
-    seam, usual = _best_seam(motion, period, overlap)
-    fitted = known, _close_cycle(motion, seam, overlap), usual
-    if not motion.position_m.flags.writeable:  # a clip that many examples of a dataset take
-        _fitted[motion] = fitted
-    return fitted
-
-
-def _best_seam(motion: Motion, period: float, overlap: float) -> tuple[Seam, Seam]:
-    """Find the longest usual cut and the median seam.
-
-    The cut has as many strides as it can with a mismatch no larger than usual; the median seam is that after one
-    stride.
-
-    Cuts are tried on a grid of a sixtieth of a stride; the length of the best one is then refined between frames.
-    """
-    curve, rate = fit_spline(motion), motion.rate_hz
-    step = max(1, round(period / GRID_PER_STRIDE))
-    position = np.asarray(motion.position_m[::step], dtype=np.float64)
-    velocity = np.gradient(position, step / rate, axis=0)
-    stride, width = period / step, max(2, math.ceil(overlap / step) + 1)
-    weight_s = period / rate / (2 * math.pi)
-    # median mismatch of cuts one stride apart
-    frames = np.arange(0.0, motion.positions.shape[0] - 1 - period, step)
-    before, after = (curve.at(at / rate) for at in (frames, frames + period))
-    stride_moved, stride_change = (
-        b.reshape(frames.size, *motion.positions.shape[1:]) - a.reshape(frames.size, *motion.positions.shape[1:])
-        for a, b in zip(before, after, strict=True)
-    )
-    stride_m, stride_mps = _apart(stride_moved, stride_change, min(width, frames.size))
-    usual = Seam(0.0, period, 1, float(np.median(stride_m)), float(np.median(stride_mps)))
-    best: list[Seam] = []
-    for strides in range(1, min(MOST_STRIDES, max(1, int((len(position) - width) // stride))) + 1):
-        lags = range(math.ceil((strides - SEARCH) * stride), math.floor((strides + SEARCH) * stride) + 1)
-        seams = []
-        for lag in (n for n in lags if n + width <= len(position)):
-            until = len(position) - lag
-            moved, change = position[lag:] - position[:until], velocity[lag:] - velocity[:until]
-            apart_m, apart_mps = _apart(moved, change, width)
-            n = int(np.argmin(np.hypot(apart_m, weight_s * apart_mps)))
-            seams.append(Seam(float(n), float(lag), strides, float(apart_m[n]), float(apart_mps[n])))
-        if seams:
-            cut = min(seams, key=lambda seam: _cost(seam, weight_s))
-            on_frames = replace(cut, start=cut.start * step, lag=cut.lag * step)
-            best.append(_between_frames(curve, motion.positions.shape, rate, on_frames, step, overlap, weight_s))
-    # neither pose nor velocity may differ more than is usual between neighbouring strides
-    most_m, most_mps = max(usual.position_m, UNSEEN_M), max(usual.velocity_mps, UNSEEN_M / weight_s)
-    fitting = [seam for seam in best if seam.position_m <= most_m and seam.velocity_mps <= most_mps]
-    if fitting:
-        return max(fitting, key=lambda seam: seam.strides), usual
-    return min(best, key=lambda seam: _cost(seam, weight_s)), usual
-
-
-def _cost(seam: Seam, weight_s: float) -> float:
-    """Combine position and velocity mismatch in m.
-
-    A velocity weighs like the position of a swing at the stride rate.
-    """
-    return math.hypot(seam.position_m, weight_s * seam.velocity_mps)
-
-
-def _apart(moved: FloatArray, change: FloatArray, width: int) -> tuple[FloatArray, FloatArray]:
-    """Return the rms mismatch of position and velocity per first frame.
-
-    It is taken over points and ``width`` frames, of displacements less their ground advance and of changes in velocity.
-    """
-    moved[..., :2] -= moved[..., :2].mean(axis=(0, 1))
-    advance = _running_mean(moved[..., :2].mean(axis=1), width)
-    squared = _running_mean((moved**2).sum(axis=2).mean(axis=1), width) - (advance**2).sum(axis=1)
-    return np.sqrt(np.maximum(squared, 0.0)), np.sqrt(_running_mean((change**2).sum(axis=2).mean(axis=1), width))
-
-
-def _running_mean(values: FloatArray, width: int) -> FloatArray:
-    return np.asarray(np.lib.stride_tricks.sliding_window_view(values, width, axis=0).mean(axis=-1))
-
-
-def _between_frames(
-    curve: Spline, shape: tuple[int, ...], rate_hz: float, seam: Seam, step: int, overlap: float, weight_s: float
-) -> Seam:
-    """Refine the length of a cut to a fraction of a frame."""
-    from scipy.optimize import minimize_scalar
-
-    frames = seam.start + np.linspace(0.0, overlap, max(3, math.ceil(overlap)))
-    before = [values.reshape(-1, *shape[1:]) for values in curve.at(frames / rate_hz)]
-
-    def at(lag: float) -> Seam:
-        after = [values.reshape(-1, *shape[1:]) for values in curve.at((frames + lag) / rate_hz)]
-        moved = after[0] - before[0]
-        moved[..., :2] -= moved[..., :2].mean(axis=(0, 1))
-        change = after[1] - before[1]
-        apart = [float(np.sqrt((values**2).sum(axis=2).mean())) for values in (moved, change)]
-        return replace(seam, lag=lag, position_m=apart[0], velocity_mps=apart[1])
-
-    latest = shape[0] - 1 - float(frames[-1])
-    bounds = (seam.lag - step, min(seam.lag + step, latest))
-    found = minimize_scalar(
-        lambda lag: _cost(at(float(lag)), weight_s),
-        bounds=bounds,
-        method="bounded",
-        options={"xatol": PRECISION_FRAMES},
-    )
-    return min(at(float(found.x)), at(min(seam.lag, latest)), key=lambda cut: _cost(cut, weight_s))
-
-
-@dataclass(frozen=True)
-class Cycle:
-    """Endless cycle of a clip.
-
-    Times count in frames; ``advance`` in m is that of one cycle, ``astray`` in m what each point does not come back by,
-    ``faster`` in m per frame what the body gains in speed. ``travel`` has two columns per point: its path since the
-    start of the cycle as a part of its path in the cycle, about the mean, and the path that it gains.
-    """
-
-    curve: Spline
-    shape: tuple[int, ...]
-    rate_hz: float
-    seam: Seam
-    overlap: float
-    advance: FloatArray
-    astray: FloatArray
-    faster: FloatArray
-    travel: Spline
-
-    def at(self, total: FloatArray, points: list[int] | None = None) -> FloatArray:
-        """Return positions of points at times in frames, shape (I, P, 3).
-
-        All points by default.
-        """
-        chosen = list(range(self.shape[1])) if points is None else points
-        numbers = np.array(chosen)
-        curve = _some_columns(self.curve, np.add.outer(3 * numbers, np.arange(3)).ravel())
-        lag, turns = self.seam.lag, np.floor(total / self.seam.lag)
-        into = total - turns * lag
-        travel = _some_columns(self.travel, np.concatenate([numbers, self.shape[1] + numbers]))
-        astray = self.astray[chosen]
-
-        def once(frames: FloatArray) -> FloatArray:
-            share, gained = np.moveaxis(travel.at(frames)[0].reshape(frames.size, 2, len(chosen), 1), 1, 0)
-            within = np.clip(self.seam.start + frames, 0.0, self.shape[0] - 1.0)
-            value = curve.at(within / self.rate_hz)[0].reshape(frames.size, len(chosen), 3)
-            return np.asarray(value - astray * share - self.faster * gained)
-
-        position = once(into) + self.advance * turns[:, np.newaxis, np.newaxis]
-        fading = into < self.overlap
-        share = into[fading] / self.overlap
-        # no slope and no curvature at either end
-        weight = (share**3 * (10.0 - 15.0 * share + 6.0 * share**2))[:, np.newaxis, np.newaxis]
-        follows = once(lag + into[fading]) + self.advance * (turns[fading] - 1.0)[:, np.newaxis, np.newaxis]
-        position[fading] = weight * position[fading] + (1.0 - weight) * follows
-        return np.asarray(position)
-
-    def strides_gone(self, total: FloatArray, points: list[int]) -> FloatArray:
-        """Count strides since time 0 along each path, shape (I, P).
-
-        They are about the same for all points.
-        """
-        turns = np.floor(total / self.seam.lag)
-        travel = _some_columns(self.travel, np.array(points))
-        share = travel.at(total - turns * self.seam.lag)[0] + 0.5
-        return np.asarray((turns[:, np.newaxis] + share) * self.seam.strides)
-
-
-def _some_columns(curve: Spline, columns: npt.NDArray[np.int64]) -> Spline:
-    values, moments = (np.ascontiguousarray(part[:, columns]) for part in (curve.values, curve.moments))
-    return Spline(values, moments, curve.step_s)
-
-
-def _close_cycle(motion: Motion, seam: Seam, overlap: float) -> Cycle:
-    """Return the endless cycle of a cut clip."""
-    from doppelgait.core.kernels.spline import spline_moments
-
-    rate, curve = motion.rate_hz, fit_spline(motion)
-    ends = seam.start + np.linspace(0.0, overlap, max(3, math.ceil(overlap)))
-
-    def clip(frames: FloatArray) -> list[FloatArray]:
-        found = curve.at(np.clip(frames, 0.0, motion.n_frames - 1.0) / rate)
-        return [part.reshape(frames.size, *motion.positions.shape[1:]) for part in found]
-
-    later, earlier = clip(ends + seam.lag), clip(ends)
-    moved = (later[0] - earlier[0]).mean(axis=0)
-    advance = moved.mean(axis=0) * (1.0, 1.0, 0.0)
-    # what a point does not come back by, and what the body gains in speed, are taken off along the whole cycle (within
-    # the overlap alone they would be a jerk), in proportion to the speed of the point: a foot on the ground stays
-    faster = (later[1] - earlier[1]).mean(axis=(0, 1)) / rate * (1.0, 1.0, 0.0)
-    lasts = seam.lag + overlap + 1.0
-    grid = np.linspace(0.0, lasts, max(64, math.ceil(lasts)))
-    step = float(grid[1])
-    speed = np.linalg.norm(clip(seam.start + grid)[1][..., :2], axis=2)
-    speed = np.hypot(speed, SLOWEST * speed.mean())
-
-    def integrate(values: FloatArray) -> FloatArray:
-        sums = np.cumsum((values[1:] + values[:-1]) / 2.0 * step, axis=0)
-        return np.concatenate([np.zeros((1, values.shape[1])), sums])
-
-    def at_end(values: FloatArray) -> FloatArray:
-        return np.array([np.interp(seam.lag, grid, column) for column in values.T])
-
-    path = integrate(speed)
-    whole = at_end(path)
-    share = path / whole
-    gained = integrate((grid / seam.lag - 0.5)[:, np.newaxis] * speed * seam.lag / whole)
-    gained -= at_end(gained) * share
-    within = grid < seam.lag
-    values = np.concatenate([share - share[within].mean(axis=0), gained], axis=1)
-    moments = np.empty_like(values)
-    spline_moments(values, step, moments)
-    travel = Spline(values, moments, step)
-    return Cycle(curve, motion.positions.shape, rate, seam, overlap, advance, moved - advance, faster, travel)
 
 
 def _limb_of(part: str) -> str:

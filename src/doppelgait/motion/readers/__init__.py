@@ -140,7 +140,10 @@ def read(
 
 
 def cut_part(path: Path, motion: Motion, start_s: float | None, stop_s: float | None) -> Motion:
-    """Return a part of a recording, as ``start_s`` and ``stop_s`` of :func:`read` state it."""
+    """Return a part of a recording.
+
+    ``start_s`` and ``stop_s`` are those of :func:`read`; with neither it is the recording itself.
+    """
     if start_s is None and stop_s is None:
         return motion
     rate = motion.rate_hz
