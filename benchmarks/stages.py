@@ -22,6 +22,7 @@ from scenario import Case, fill_matrix, fill_planes, make_radar, new_planes, pre
 
 from doppelgait.core.rng import rng
 from doppelgait.dataset import stream_examples
+from doppelgait.motion import boulic_walk, human_gait, quadruped_gait, sample_dog, sample_person
 from doppelgait.pipeline import analyze, simulate
 from doppelgait.pipeline.analyze import analyze_signature
 from doppelgait.processing import Analysis, signature
@@ -39,6 +40,9 @@ ROOM = "example of a room"
 ROOMS_PLAN = Path(__file__).parents[1] / "examples" / "rooms-plan.toml"
 N_ROOMS = 6
 """Examples of the plan that a call makes: they differ, so the stage is their mean."""
+PERSON, DOG, BOULIC = "motion of a sampled person", "motion of a sampled dog", "motion, Boulic's walk"
+N_MOVERS, MOTION_S = 4, 2.5
+"""Sampled persons and dogs likewise, and how long they walk: the window of a dataset's example."""
 
 
 def measure_stages(rounds: int) -> dict[str, Any]:
@@ -52,10 +56,12 @@ def measure_stages(rounds: int) -> dict[str, Any]:
         **signature_work(case),
         **whole_work(case),
         ROOM: room_work(),
+        **motion_work(),
         **floor_work(planes, full_planes),
     }
     seconds = measure(work, rounds)
-    seconds[ROOM] = combine(lambda s: s / N_ROOMS, seconds[ROOM])
+    for name, count in ((ROOM, N_ROOMS), (PERSON, N_MOVERS), (DOG, N_MOVERS)):
+        seconds[name] = combine(lambda s, count=count: s / count, seconds[name])
     n_transforms = sharp_gate(case)[0].size * sharp_gate(case)[1]
     return {
         "seconds": seconds,
@@ -155,6 +161,17 @@ def room_work() -> Work:
     return lambda: list(islice(examples, N_ROOMS))
 
 
+def motion_work() -> dict[str, Work]:
+    """Motions with everything that is sampled of a person and of a dog, and the plain walk beside them."""
+    people = [sample_person(np.random.default_rng(seed)).parameters() for seed in range(N_MOVERS)]
+    dogs = [sample_dog(np.random.default_rng(seed)).parameters() for seed in range(N_MOVERS)]
+    return {
+        PERSON: lambda: [human_gait(duration_s=MOTION_S, rng=rng(1), **person) for person in people],
+        DOG: lambda: [quadruped_gait(duration_s=MOTION_S, rng=rng(1), **dog) for dog in dogs],
+        BOULIC: lambda: boulic_walk(duration_s=MOTION_S),
+    }
+
+
 def stage_ratios(seconds: Seconds) -> dict[str, Timing]:
     """Times faster than the obvious NumPy, or than the peer that is named."""
     whole = total(seconds["obvious: synthesis"], seconds["obvious: signature, hop 1"])
@@ -177,6 +194,7 @@ def stage_ratios(seconds: Seconds) -> dict[str, Timing]:
     for peer in (SPECTROGRAM, BY_BIN, SHORT_TIME_FFT):
         rows[f"signature / {peer}"] = ratio(seconds[peer], hop_1)
         rows[f"signature of planes / {peer}"] = ratio(seconds[peer], of_planes)
+    rows |= {f"{name} / {BOULIC}": ratio(seconds[BOULIC], seconds[name]) for name in (PERSON, DOG)}
     for peer in ("obvious: noise", "NumPy normals alone, float32"):
         rows[f"noise, whole matrix / {peer}"] = ratio(seconds[peer], seconds["noise, whole matrix"])
     return rows

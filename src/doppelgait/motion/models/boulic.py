@@ -80,6 +80,14 @@ def _cos(cycles: FloatArray) -> FloatArray:
     return np.asarray(np.cos(2 * np.pi * cycles))
 
 
+def _share(phase: FloatArray) -> FloatArray:
+    """Return the phase within its cycle.
+
+    To the last bit the remainder, for which NumPy takes many times as long.
+    """
+    return np.asarray(phase - np.floor(phase))
+
+
 def body_offset(phase: FloatArray, relative_speed: float, *, signs: OffsetSigns = "continuous") -> FloatArray:
     """Return the offset of the body from uniform motion.
 
@@ -125,8 +133,8 @@ def pelvic_list_deg(phase: FloatArray, relative_speed: float) -> FloatArray:
 
     It is 0 at p = 0 and 0.5.
     """
-    p = np.mod(phase, 1.0)
-    half = np.mod(p, 0.5)
+    p = _share(phase)
+    half = np.where(p < 0.5, p, p - 0.5)
     drop = np.where(half < 0.15, 1 - _cos(10 * half / 3), 1 + _cos(10 * (half - 0.15) / 7))
     return np.asarray(np.where(p < 0.5, -1.0, 1.0) * 1.66 * relative_speed * drop)
 
@@ -143,13 +151,23 @@ def trunk_angles_deg(phase: FloatArray, relative_speed: float) -> dict[str, Floa
     They are trunk pitch, pelvic torsion and list, and thorax torsion, each of shape (n,).
     """
     q, pitch = relative_speed, lean_deg(relative_speed)
-    thorax = [(0.1, 4 * q / 3), (0.4, -1.5 * q), (0.6, -4 * q / 3), (0.9, 1.5 * q)]
     return {
         "trunk_pitch": -pitch + pitch * _sin(2 * phase - 0.1),
-        "pelvic_torsion": -4 * q * _cos(phase),
-        "pelvic_list": pelvic_list_deg(phase, q),
-        "thorax_torsion": periodic_pchip(thorax, phase),
+        **pelvis_angles_deg(phase, q),
+        "thorax_torsion": thorax_torsion_deg(phase, q),
     }
+
+
+def pelvis_angles_deg(phase: FloatArray, relative_speed: float) -> dict[str, FloatArray]:
+    """Return pelvic torsion and list by name."""
+    torsion = -4 * relative_speed * _cos(phase)
+    return {"pelvic_torsion": torsion, "pelvic_list": pelvic_list_deg(phase, relative_speed)}
+
+
+def thorax_torsion_deg(phase: FloatArray, relative_speed: float) -> FloatArray:
+    """Return the torsion of the upper body."""
+    q = relative_speed
+    return periodic_pchip([(0.1, 4 * q / 3), (0.4, -1.5 * q), (0.6, -4 * q / 3), (0.9, 1.5 * q)], phase)
 
 
 def limb_angles_deg(phase: FloatArray, relative_speed: float) -> dict[str, FloatArray]:
@@ -158,9 +176,15 @@ def limb_angles_deg(phase: FloatArray, relative_speed: float) -> dict[str, Float
     They are hip, knee, ankle, shoulder and elbow, shaped like ``phase``.
     """
     q = relative_speed
-    angles = {joint: periodic_pchip(knots, phase) for joint, knots in joint_knots(q).items()}
-    angles["shoulder"] = 3 - 0.5 * 9.88 * q - 9.88 * q * _cos(phase)
-    return angles
+    knots = joint_knots(q)
+    return {joint: periodic_pchip(knots[joint], phase) for joint in ("hip", "knee", "ankle")} | arm_angles_deg(phase, q)
+
+
+def arm_angles_deg(phase: FloatArray, relative_speed: float) -> dict[str, FloatArray]:
+    """Return the flexion of shoulder and elbow alone."""
+    q = relative_speed
+    shoulder = 3 - 0.5 * 9.88 * q - 9.88 * q * _cos(phase)
+    return {"shoulder": shoulder, "elbow": periodic_pchip(joint_knots(q)["elbow"], phase)}
 
 
 def joint_knots(relative_speed: float) -> dict[str, Knots]:
@@ -200,7 +224,7 @@ def joint_knots(relative_speed: float) -> dict[str, Knots]:
 
 def periodic_pchip(knots: Knots, phase: FloatArray) -> FloatArray:
     """Interpolate repeating knots by a shape-preserving cubic (Fritsch-Carlson)."""
-    return _pchip(tuple(knots))(np.mod(phase, 1.0))
+    return _pchip(tuple(knots))(_share(phase))
 
 
 @lru_cache(maxsize=256)

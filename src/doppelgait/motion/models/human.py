@@ -21,11 +21,14 @@ from doppelgait.core.plugins import plugin
 from doppelgait.core.rng import Streams
 from doppelgait.motion.models.boulic import (
     TOP_RELATIVE_SPEED,
+    arm_angles_deg,
     body_offset,
     cycle_duration_s,
     lean_deg,
     limb_angles_deg,
+    pelvis_angles_deg,
     support_fraction,
+    thorax_torsion_deg,
     trunk_angles_deg,
 )
 from doppelgait.motion.models.human_body import (
@@ -36,11 +39,13 @@ from doppelgait.motion.models.human_body import (
     Curves,
     Hands,
     figure_points,
+    left_hip,
+    legless_points,
     segment_lengths,
     swing_arms,
 )
-from doppelgait.motion.models.human_curves import measured_curve, walk_duty
-from doppelgait.motion.models.human_feet import FOOT, Style, place_feet
+from doppelgait.motion.models.human_curves import measured_curve, together, walk_duty
+from doppelgait.motion.models.human_feet import FOOT, Hips, Style, place_feet
 from doppelgait.motion.models.registry import generate
 from doppelgait.motion.models.strides import (
     Curve,
@@ -139,21 +144,21 @@ def run_offset_m(phase: FloatArray, leg_m: float, stride_s: float, duty: float) 
     return np.stack([np.zeros_like(phase), sway, run_height_m(phase, stride_s, duty)], axis=-1)
 
 
-def run_trunk_deg(phase: FloatArray, adult_mps: float) -> dict[str, FloatArray]:
-    """Return a runner's trunk angles by name, degrees.
+def run_pelvis_deg(phase: FloatArray) -> dict[str, FloatArray]:
+    """Return a runner's pelvic torsion and list by name, assumed.
 
-    Names and signs are those of :func:`doppelgait.motion.models.boulic.trunk_angles_deg`.
+    Signs are those of :func:`doppelgait.motion.models.boulic.trunk_angles_deg`, as of :func:`run_thorax_deg`.
+    """
+    return {"pelvic_torsion": -8.0 * np.cos(2 * np.pi * phase), "pelvic_list": -3.0 * np.sin(2 * np.pi * phase)}
 
-    The trunk leans 5 to 10 degrees; turns of pelvis and shoulders are assumed.
+
+def run_thorax_deg(phase: FloatArray, adult_mps: float) -> tuple[float, FloatArray]:
+    """Return mean pitch and torsion of a runner's upper body.
+
+    It leans 5 to 10 degrees; its turn is assumed.
     """
     lean = float(np.interp(adult_mps, (2.2, 9.0), (5.0, 10.0)))
-    turn = np.cos(2 * np.pi * phase)
-    return {
-        "trunk_pitch": np.full_like(phase, -lean),
-        "pelvic_torsion": -8.0 * turn,
-        "pelvic_list": -3.0 * np.sin(2 * np.pi * phase),
-        "thorax_torsion": 12.0 * turn,
-    }
+    return -lean, 12.0 * np.cos(2 * np.pi * phase)
 
 
 def run_arms_deg(phase: FloatArray, adult_mps: float) -> dict[str, FloatArray]:
@@ -168,6 +173,7 @@ def run_arms_deg(phase: FloatArray, adult_mps: float) -> dict[str, FloatArray]:
     return {"shoulder": -12.0 - _table(_ARM_SWING, adult_mps) * back, "elbow": 90.0 - 10.0 * back}
 
 
+OfPhase = Callable[[FloatArray], FloatArray]
 GaitName = Literal["auto", "walk", "run"]
 
 BODY_MASS_INDEX = 23.0
@@ -361,7 +367,8 @@ def _generate(config: HumanConfig, duration_s: float, rng: np.random.Generator |
     if config.foot_lock:
         points = style.pose(phase)
         points[:, :, 0] += advance(phase, 0)[:, None]
-        points = place_feet(points, phase, advance, style, size_m, config.length_asymmetry * style.stride_m / 8)
+        place_feet(points, phase, advance, style, size_m, config.length_asymmetry * style.stride_m / 8)
+        points = np.ascontiguousarray(points)
     else:
         both = style.pose(np.concatenate([_WHOLE_CYCLE, phase]))
         points = both[_WHOLE_CYCLE.size :]
@@ -409,7 +416,7 @@ def _boulic_style(config: HumanConfig, size_m: Mapping[str, float]) -> Style:
         points = figure_points(trunk, _radians(limbs(np.stack([phase + 0.5, phase]))), size_m)
         return np.asarray(points + (leg_m * body_offset(phase, q))[:, None])
 
-    return Style("walk", stride_m, period_s, support_fraction(q), np.zeros_like, pose)
+    return Style("walk", stride_m, period_s, support_fraction(q), np.zeros_like, pose, lambda phase: {})
 
 
 def _walk_timing(config: HumanConfig) -> tuple[float, float, float, float]:
@@ -427,18 +434,13 @@ def _walk_style(config: HumanConfig, size_m: Mapping[str, float]) -> Style:
     leg_m, stride_m, period_s, q = _walk_timing(config)
     speed = config.speed_mps / math.sqrt(G_MPS2 * leg_m)
 
-    def arms(phase: FloatArray) -> dict[str, FloatArray]:
-        limbs = limb_angles_deg(phase, q)
-        return {joint: limbs[joint] for joint in ("shoulder", "elbow")}
-
-    def trunk(phase: FloatArray) -> tuple[dict[str, FloatArray], FloatArray]:
-        angles = trunk_angles_deg(phase, q)
-        angles["trunk_pitch"] = np.full_like(phase, -lean_deg(q))
-        return angles, leg_m * body_offset(phase, q)
-
-    arms_like_recorded = swing_arms(arms, factors=(WALK_ARMS, WALK_ARMS), hands=("free", "free"))
-    pose, foot = _measured_motion(config, "walk", stride_m, stride_m, size_m, trunk, arms_like_recorded)
-    return Style("walk", stride_m, period_s, walk_duty(speed), foot, pose)
+    motion = _measured_motion(
+        config, "walk", stride_m, stride_m, size_m,
+        pelvis=lambda phase: (pelvis_angles_deg(phase, q), leg_m * body_offset(phase, q)),
+        thorax=lambda phase: (-lean_deg(q), thorax_torsion_deg(phase, q)),
+        arms=_with_arms(config, lambda phase: arm_angles_deg(phase, q), WALK_ARMS),
+    )  # fmt: skip
+    return Style("walk", stride_m, period_s, walk_duty(speed), *motion)
 
 
 def _run_style(config: HumanConfig, size_m: Mapping[str, float]) -> Style:
@@ -447,54 +449,65 @@ def _run_style(config: HumanConfig, size_m: Mapping[str, float]) -> Style:
     duty = run_duty_factor(config.speed_mps, config.height_m)
     leg_m, stride_m = size_m["thigh"] + size_m["shank"], config.speed_mps * period_s
 
-    def trunk(phase: FloatArray) -> tuple[dict[str, FloatArray], FloatArray]:
-        return run_trunk_deg(phase, adult_mps), run_offset_m(phase, leg_m, period_s, duty)
-
-    pose, foot = _measured_motion(
-        config, "run", stride_m, stride_m * duty / RUN_DUTY, size_m, trunk, lambda phase: run_arms_deg(phase, adult_mps)
-    )
-    return Style("run", stride_m, period_s, duty, foot, pose)
+    motion = _measured_motion(
+        config, "run", stride_m, stride_m * duty / RUN_DUTY, size_m,
+        pelvis=lambda phase: (run_pelvis_deg(phase), run_offset_m(phase, leg_m, period_s, duty)),
+        thorax=lambda phase: run_thorax_deg(phase, adult_mps),
+        arms=_with_arms(config, lambda phase: run_arms_deg(phase, adult_mps)),
+    )  # fmt: skip
+    return Style("run", stride_m, period_s, duty, *motion)
 
 
 def _measured_motion(
-    config: HumanConfig, gait: Literal["walk", "run"], stride_m: float, reach_m: float, size_m: Mapping[str, float],
-    trunk: Callable[[FloatArray], tuple[dict[str, FloatArray], FloatArray]], arms: Curves,
-) -> tuple[Callable[[FloatArray], FloatArray], Callable[[FloatArray], FloatArray]]:  # fmt: skip
-    """Make pose and foot of a style from measured curves.
+    config: HumanConfig, gait: Literal["walk", "run"], stride_m: float, reach_m: float, size_m: Mapping[str, float], *,
+    pelvis: Callable[[FloatArray], tuple[dict[str, FloatArray], FloatArray]],
+    thorax: Callable[[FloatArray], tuple[float, FloatArray]], arms: Curves,
+) -> tuple[OfPhase, OfPhase, Callable[[FloatArray], Hips]]:  # fmt: skip
+    """Make foot, pose and hips of a style from measured curves.
 
-    The gait's own trunk and arms get the measured ripple and feet.
+    The gait's own trunk and arms get the measured ripple and feet: ``pelvis`` gives its angles in degrees and the
+    offset of the body, ``thorax`` mean pitch and torsion.
 
     The feet go back and forth by ``reach_m`` times the measured curve, which is over the stride.
     """
     leg_m = size_m["thigh"] + size_m["shank"]
     speed = config.speed_mps / math.sqrt(G_MPS2 * leg_m)
-    pelvis, neck = (
+    pelvis_way, neck_way = (
         measured_curve(gait, name, speed, integral=True, asymmetry=config.trunk_asymmetry)
         for name in ("pelvis_speed", "neck_speed")
     )
-    ankle = measured_curve(gait, "ankle_speed", speed, integral=True)
-    height, pitch = (measured_curve(gait, name, speed) for name in ("ankle_height", "foot_pitch"))
-    ripple_m, arms = config.trunk_ripple * stride_m, _with_arms(config, arms)
+    both_ways = together(pelvis_way, neck_way)
+    foot_curves = together(
+        measured_curve(gait, "ankle_speed", speed, integral=True),
+        *(measured_curve(gait, name, speed) for name in ("ankle_height", "foot_pitch")),
+    )
+    ripple_m = config.trunk_ripple * stride_m
 
     def pose(phase: FloatArray) -> FloatArray:
-        angles, offset_m = trunk(phase)
-        offset_m[:, 0] = ripple_m * pelvis(phase)
-        ahead = (ripple_m * neck(phase) - offset_m[:, 0]) / size_m["torso"]  # of the neck, against the pelvis
-        angles["trunk_pitch"] = (
-            angles["trunk_pitch"] - config.lean_deg - np.degrees(np.arcsin(np.clip(ahead, -0.5, 0.5)))
-        )
-        legs = dict.fromkeys(("hip", "knee", "ankle"), np.zeros((2, phase.size)))  # place_feet bends them
-        points = figure_points(_radians(angles), _radians(arms(np.stack([phase + 0.5, phase]))) | legs, size_m)
-        return np.asarray(points + offset_m[:, None])
+        pelvis_m, neck_m = ripple_m * both_ways(phase)
+        angles, base_m = pelvis(phase)
+        base_m[:, 0] = pelvis_m
+        ahead = (neck_m - pelvis_m) / size_m["torso"]  # of the neck, against the pelvis
+        pitch, angles["thorax_torsion"] = thorax(phase)
+        angles["trunk_pitch"] = pitch - config.lean_deg - np.degrees(np.arcsin(np.clip(ahead, -0.5, 0.5)))
+        trunk_rad, arms_rad = _radians(angles), _radians(arms(np.stack([phase + 0.5, phase])))
+        return legless_points(base_m, left_hip(trunk_rad, size_m), trunk_rad, arms_rad, size_m)
+
+    def hips(phase: FloatArray) -> Hips:
+        angles, base_m = pelvis(phase)
+        base_m[:, 0] = ripple_m * pelvis_way(phase)
+        left_m = left_hip(_radians(angles), size_m)
+        return {"left": base_m + left_m, "right": base_m - left_m}
 
     def foot(phase: FloatArray) -> FloatArray:
-        return columns(reach_m * config.swing_peak * ankle(phase), leg_m * height(phase), np.radians(pitch(phase)))
+        ankle, height, pitch_deg = foot_curves(phase)
+        return columns(reach_m * config.swing_peak * ankle, leg_m * height, np.radians(pitch_deg))
 
-    return pose, foot
+    return foot, pose, hips
 
 
-def _with_arms(config: HumanConfig, curves: Curves) -> Curves:
-    left, right = (config.arm_swing * (1 + side * config.arm_asymmetry / 2) for side in (1, -1))
+def _with_arms(config: HumanConfig, curves: Curves, like_recorded: float = 1.0) -> Curves:
+    left, right = (like_recorded * config.arm_swing * (1 + side * config.arm_asymmetry / 2) for side in (1, -1))
     return swing_arms(curves, factors=(left, right), hands=(config.left_hand, config.right_hand))
 
 

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from doppelgait.core.config import check_choice
 from doppelgait.core.rng import RandomSource, as_generator
+from doppelgait.motion.models.strides import columns
 from doppelgait.motion.skeleton import BOULIC_PARTS
 
 FloatArray = npt.NDArray[np.float64]
@@ -111,21 +112,54 @@ def figure_points(
     x, z = _hanging((0.0, 0.0), leg)
     for row, y in enumerate((size_m["half_hip"], -size_m["half_hip"])):
         below += [(0.0, y, 0.0), *((x_k[row], y, z_k[row]) for x_k, z_k in zip(x, z, strict=True))]
-    # neck and head, then shoulder, elbow and hand of either side
-    top = size_m["torso"]
-    above: list[Place] = [(0.0, 0.0, top), (0.0, 0.0, top + size_m["head"])]
-    forearm = limbs_rad["shoulder"] + limbs_rad["elbow"]
-    x, z = _hanging((0.0, top), ((limbs_rad["shoulder"], size_m["upper_arm"]), (forearm, size_m["forearm"])))
-    for row, y in enumerate((size_m["half_shoulder"], -size_m["half_shoulder"])):
-        above += [(0.0, y, top), *((x_k[row], y, z_k[row]) for x_k, z_k in zip(x, z, strict=True))]
-    lower, upper = _columns(below, count), _columns(above, count)
+    lower = _columns(below, count)
     _rotate(lower, trunk_rad["pelvic_list"], axis=0)
     _rotate(lower, -trunk_rad["pelvic_torsion"], axis=2)
+    result = np.empty((count, len(POINTS), 3))
+    result[:, _LOWER], result[:, _UPPER] = lower.T, _upper_body(trunk_rad, limbs_rad, size_m).T
+    return result
+
+
+def _upper_body(
+    trunk_rad: Mapping[str, FloatArray], arms_rad: Mapping[str, FloatArray], size_m: Mapping[str, float]
+) -> FloatArray:
+    """Return neck, head, shoulders, elbows and hands, shape (3, 8, n)."""
+    top = size_m["torso"]
+    above: list[Place] = [(0.0, 0.0, top), (0.0, 0.0, top + size_m["head"])]
+    forearm = arms_rad["shoulder"] + arms_rad["elbow"]
+    x, z = _hanging((0.0, top), ((arms_rad["shoulder"], size_m["upper_arm"]), (forearm, size_m["forearm"])))
+    for row, y in enumerate((size_m["half_shoulder"], -size_m["half_shoulder"])):
+        above += [(0.0, y, top), *((x_k[row], y, z_k[row]) for x_k, z_k in zip(x, z, strict=True))]
+    upper = _columns(above, forearm.shape[1])
     _rotate(upper, -trunk_rad["trunk_pitch"], axis=1)
     _rotate(upper, -trunk_rad["thorax_torsion"], axis=2)
-    result = np.empty((count, len(POINTS), 3))
-    result[:, _LOWER], result[:, _UPPER] = lower.T, upper.T
-    return result
+    return upper
+
+
+def left_hip(pelvis_rad: Mapping[str, FloatArray], size_m: Mapping[str, float]) -> FloatArray:
+    """Return the left hip about the spine's base, shape (n, 3).
+
+    The right one is opposite; angles are those of :func:`figure_points`.
+    """
+    tilt, turn = pelvis_rad["pelvic_list"], pelvis_rad["pelvic_torsion"]
+    aside = size_m["half_hip"] * np.cos(tilt)
+    return columns(np.sin(turn) * aside, np.cos(turn) * aside, size_m["half_hip"] * np.sin(tilt))
+
+
+def legless_points(
+    base_m: FloatArray, left_m: FloatArray, trunk_rad: Mapping[str, FloatArray], arms_rad: Mapping[str, FloatArray],
+    size_m: Mapping[str, float],
+) -> FloatArray:  # fmt: skip
+    """Return a figure whose knees, ankles and toes are still to place.
+
+    Shape (n, 17, 3), each coordinate of a point contiguous in memory. ``base_m`` is the base of the spine, ``left_m``
+    what :func:`left_hip` gives, both (n, 3); the angles are those of :func:`figure_points`.
+    """
+    found = np.zeros((3, len(POINTS), base_m.shape[0]))
+    found[:, _UPPER] = _upper_body(trunk_rad, arms_rad, size_m)
+    found[:, POINTS.index("left_hip")], found[:, POINTS.index("right_hip")] = left_m.T, -left_m.T
+    found += base_m.T[:, None]
+    return found.T
 
 
 def _columns(points: Sequence[Place], count: int) -> FloatArray:

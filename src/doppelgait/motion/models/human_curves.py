@@ -88,24 +88,31 @@ ankle to toe against standing, degrees, toe up positive.
 
 @dataclass(frozen=True)
 class CycleCurve:
-    """Periodic curve from the phase in cycles, as a sum of harmonics.
+    """Periodic curves from the phase in cycles, as sums of harmonics.
 
     Parameters
     ----------
-    coefficients : ndarray, complex
+    coefficients : ndarray, complex, shape (K,) or (curves, K)
         c_k of Re(sum of c_k exp(2 pi j k phase)), from k = 0.
     """
 
     coefficients: npt.NDArray[np.complex128]
 
     def __call__(self, phase: FloatArray) -> FloatArray:
-        """Values at phases, shaped like them."""
+        """Values at phases (n,): shaped like them, of several curves (curves, n)."""
         turn = np.exp(2j * np.pi * phase)
-        total = np.full_like(turn, self.coefficients[-1])
-        for coefficient in self.coefficients[-2::-1]:
+        highest, *lower = np.moveaxis(self.coefficients, -1, 0)[::-1, ..., None]
+        total = np.empty(self.coefficients.shape[:-1] + turn.shape, dtype=complex)
+        total[...] = highest
+        for coefficient in lower:
             total *= turn
             total += coefficient
         return np.asarray(total.real)
+
+
+def together(*curves: CycleCurve) -> CycleCurve:
+    """Join curves of as many harmonics: one pass takes less time."""
+    return CycleCurve(np.stack([curve.coefficients for curve in curves]))
 
 
 def measured_curve(

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -49,6 +48,9 @@ CLEARANCE_M = 0.03
 OFFSET = {"left": 0.5, "right": 0.0}
 """Leg phase minus body phase: the right foot lands at 0, the left at 0.5."""
 
+Hips = Mapping[str, FloatArray]
+"""Places of the hips by side, (n, 3) in m."""
+
 _GRID = np.arange(400) / 400
 _NUDGE = 1e-5
 
@@ -70,6 +72,8 @@ class Style:
         sole in rad, toe up positive), (n, 3).
     pose : callable
         Phases in cycles, shape (n,), to points in place, (n, 17, 3) in m, about the base of the spine.
+    hips : callable
+        The same phases to the hips alone.
     """
 
     name: str
@@ -78,15 +82,16 @@ class Style:
     duty: float
     foot: Callable[[FloatArray], FloatArray]
     pose: Callable[[FloatArray], FloatArray]
+    hips: Callable[[FloatArray], Hips]
 
 
 def place_feet(
     points_m: FloatArray, phase: FloatArray, advance: Advance, style: Style, size_m: Mapping[str, float],
     left_ahead_m: float = 0.0,
-) -> FloatArray:  # fmt: skip
-    """Put a figure on the floor with feet that stand still.
+) -> None:  # fmt: skip
+    """Put a figure on the floor with feet that stand still, in place.
 
-    Segment lengths stay.
+    Segment lengths stay. The sole is on z = 0 while flat; the trunk is as high as the legs reach all the time.
 
     Parameters
     ----------
@@ -103,53 +108,47 @@ def place_feet(
     left_ahead_m : float
         Left feet are put down so much further ahead, right ones less far: the trunk goes on evenly.
 
-    Returns
-    -------
-    ndarray, shape (n, 17, 3)
-        Sole on z = 0 while flat; the trunk as high as the legs reach all the time.
-
     Raises
     ------
     ConfigError
         If the step is too long for the legs.
     """
     cycle, leg = np.floor(phase[0]) + _GRID, _leg_phases(style.duty)
-    poses = style.pose(np.concatenate([cycle, *(leg - offset for offset in OFFSET.values())]))
-    whole, *of_legs = np.split(poses, [cycle.size, cycle.size + leg.size])
-    whole[:, :, 0] += advance(cycle, 0)[:, None]
+    in_place = style.hips(np.concatenate([cycle, leg - OFFSET["left"], leg - OFFSET["right"]]))
+    of_legs = {"left": in_place["left"][cycle.size : -leg.size], "right": in_place["right"][-leg.size :]}
+    feet = make_feet(style, of_legs, size_m, left_ahead_m)
     reach_m = STRETCH * (size_m["thigh"] + size_m["shank"])
     # Frames and a whole cycle in one go: the hips must not be higher between the frames' phases than legs reach.
-    count, every, both = phase.size, np.concatenate([phase, cycle]), np.concatenate([points_m, whole])
-    rise_m, result = np.inf, points_m.copy()
-    for side, pose in zip(OFFSET, of_legs, strict=True):
-        hip, ankle, toe = (_number(side, joint) for joint in ("hip", "ankle", "toe"))
-        own = style.foot(every + OFFSET[side])
-        own = columns(own[:, 0] + advance(every, 0), both[:, hip, 1], own[:, 1], own[:, 2] - STANDING_RAD)
-        ahead_m = left_ahead_m if side == "left" else -left_ahead_m
-        place, pitch = ankle_and_pitch(make_foot(style, side, pose, size_m, ahead_m), own, every, advance)
+    count, every = phase.size, np.concatenate([phase, cycle])
+    way_m, rise_m, found = advance(every, 0), np.inf, {}
+    for side, foot in feet.items():
+        hip_m = np.concatenate([points_m[:, _number(side, "hip")], in_place[side][: cycle.size]])
+        hip_m[count:, 0] += way_m[count:]
+        own = style.foot(every + foot.offset)
+        own = columns(own[:, 0] + way_m, hip_m[:, 1], own[:, 1], own[:, 2] - STANDING_RAD)
+        place, pitch, swings = ankle_and_pitch(foot, own, every, advance)
         # a swinging foot beyond the legs' reach, as of very fast runners, is drawn in; a standing one is where it is
-        swings = np.mod(every + OFFSET[side], 1.0) >= style.duty
-        away_m = place[:, :2] - both[:, hip, :2]
+        away_m = place[:, :2] - hip_m[:, :2]
         far = np.maximum(np.hypot(away_m[:, 0], away_m[:, 1]) / reach_m, 1e-9)
         near, width = SWING_REACH[0], SWING_REACH[1] - SWING_REACH[0]
         drawn_in = np.where(swings & (far > near), near + width * np.tanh((far - near) / width), far)
         place[:, :2] += away_m * (drawn_in / far - 1.0)[:, None]
         sole = columns(np.cos(pitch[:count]), 0.0, np.sin(pitch[:count]))
-        result[:, ankle], result[:, toe] = place[:count], place[:count] + MIDDLE * size_m["foot"] * sole
+        found[side] = place[:count], place[:count] + MIDDLE * size_m["foot"] * sole
         # the hips are raised until a leg is stretched
-        leg_m = place - both[:, hip]
+        leg_m = place - hip_m
         room = reach_m**2 - leg_m[:, 0] ** 2 - leg_m[:, 1] ** 2
         if room.min() <= (0.4 * reach_m) ** 2:
             raise ConfigError(
                 "the steps are too long for the legs; lower speed_mps, walk_ratio, step_length_sd or length_asymmetry"
             )
         rise_m = min(rise_m, float((leg_m[:, 2] + np.sqrt(room)).min()))
-    legs = [_number(side, joint) for side in OFFSET for joint in ("ankle", "toe")]
-    result[:, [n for n in range(len(POINTS)) if n not in legs], 2] += rise_m
-    for side in OFFSET:
-        ends = result[:, _number(side, "hip")], result[:, _number(side, "ankle")]
-        result[:, _number(side, "knee")] = two_link(*ends, size_m["thigh"], size_m["shank"], bend=1.0)
-    return result
+    points_m[:, :, 2] += rise_m
+    for side, (ankle_m, toe_m) in found.items():
+        hip_m = points_m[:, _number(side, "hip")]
+        knee_m = two_link(hip_m, ankle_m, size_m["thigh"], size_m["shank"], bend=1.0)
+        for joint, place in (("knee", knee_m), ("ankle", ankle_m), ("toe", toe_m)):
+            points_m[:, _number(side, joint)] = place
 
 
 def _number(side: str, joint: str) -> int:
@@ -170,8 +169,6 @@ class Foot:
         Share of the cycle on the ground.
     length_m : float
         From ankle to toe.
-    roll : callable
-        Leg phases (n,) in stance to rows against the footprint, (n, 4).
     print_m : ndarray, shape (4,)
         Footprint against the distance travelled when the foot lands.
     landing, leaving : (ndarray, ndarray), shape (4,)
@@ -181,7 +178,6 @@ class Foot:
     offset: float
     duty: float
     length_m: float
-    roll: Callable[[FloatArray], FloatArray]
     print_m: FloatArray
     landing: tuple[FloatArray, FloatArray]
     leaving: tuple[FloatArray, FloatArray]
@@ -196,22 +192,24 @@ def _leg_phases(duty: float) -> FloatArray:
     return np.concatenate([duty * np.arange(100) / 99, around, duty + around])
 
 
-def make_foot(style: Style, side: str, points: FloatArray, size_m: Mapping[str, float], ahead_m: float) -> Foot:
-    """Make the foot of a gait and place its footprint.
+def make_feet(style: Style, hips: Hips, size_m: Mapping[str, float], left_ahead_m: float) -> dict[str, Foot]:
+    """Make the feet of a gait and place their footprints.
 
-    The gait takes ``points`` at :func:`_leg_phases`; the footprint is ``ahead_m`` before the one for which the trunk
-    sinks least.
+    The gait takes ``hips`` at :func:`_leg_phases`; the footprint is ``left_ahead_m`` before (a right one: behind) the
+    one for which the trunk sinks least.
     """
-    duty, cycles = style.duty, _leg_phases(style.duty)
-    stance = cycles[:100]
-    own, side_m = style.foot(cycles), points[:, _number(side, "hip"), 1]
-    roll = partial(_roll, style=style, foot_m=size_m["foot"])
-    error = roll(cycles) - columns(own[:, 0], side_m, own[:, 1], own[:, 2] - STANDING_RAD)
-    hip = points[:100, _number(side, "hip")] + style.stride_m * np.outer(stance, [1, 0, 0])
-    beside_m = float(side_m[:100].mean())
-    ahead_m += _best_print(hip, roll(stance), beside_m, STRETCH * (size_m["thigh"] + size_m["shank"]))
-    ends = [(at[0], (at[2] - at[1]) / (2 * _NUDGE)) for at in (error[-6:-3], error[-3:])]
-    return Foot(OFFSET[side], duty, size_m["foot"], roll, np.array([ahead_m, beside_m, 0.0, 0.0]), *ends)
+    cycles, reach_m = _leg_phases(style.duty), STRETCH * (size_m["thigh"] + size_m["shank"])
+    own = style.foot(cycles)
+    roll, way_m = _roll(own[:, 2], size_m["foot"]), style.stride_m * cycles[:100]
+    feet = {}
+    for side, hip in hips.items():
+        error = roll - columns(own[:, 0], hip[:, 1], own[:, 1], own[:, 2] - STANDING_RAD)
+        ends = [(at[0], (at[2] - at[1]) / (2 * _NUDGE)) for at in (error[-6:-3], error[-3:])]
+        moving, beside_m = hip[:100] + _forward(way_m)[:, :3], float(hip[:100, 1].mean())
+        ahead_m = left_ahead_m if side == "left" else -left_ahead_m
+        print_m = np.array([ahead_m + _best_print(moving, roll[:100], beside_m, reach_m), beside_m, 0.0, 0.0])
+        feet[side] = Foot(OFFSET[side], style.duty, size_m["foot"], print_m, *ends)
+    return feet
 
 
 def _best_print(hip: FloatArray, roll: FloatArray, side_m: float, reach_m: float) -> float:
@@ -237,12 +235,11 @@ def _best_print(hip: FloatArray, roll: FloatArray, side_m: float, reach_m: float
     return float(places[np.argmax(highest(places))])
 
 
-def _roll(cycles: FloatArray, *, style: Style, foot_m: float) -> FloatArray:
-    """Return ankle and pitch against the footprint in stance.
+def _roll(sole: FloatArray, foot_m: float) -> FloatArray:
+    """Return ankle and pitch against the footprint, (n, 4).
 
-    The sole comes down about the heel, then the heel rises about the toe.
+    From the slope of the sole in stance, which comes down about the heel; then the heel rises about the toe.
     """
-    sole = style.foot(cycles)[:, 2]
     beyond = np.maximum(np.abs(sole) - LEVEL_RAD, 0.0)
     turned = np.sign(sole) * beyond**2 / (beyond + LEVEL_RAD)  # smooth where the sole becomes level
     up, slope = np.maximum(turned, 0.0), STANDING_RAD - np.minimum(turned, 0.0)
@@ -255,7 +252,9 @@ def _roll(cycles: FloatArray, *, style: Style, foot_m: float) -> FloatArray:
     )
 
 
-def ankle_and_pitch(foot: Foot, own: FloatArray, phase: FloatArray, advance: Advance) -> tuple[FloatArray, FloatArray]:
+def ankle_and_pitch(
+    foot: Foot, own: FloatArray, phase: FloatArray, advance: Advance
+) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:
     """Return the path of a foot over the floor.
 
     In swing the gait's own path is corrected by a cubic that takes up value and slope of the stances around it.
@@ -276,12 +275,20 @@ def ankle_and_pitch(foot: Foot, own: FloatArray, phase: FloatArray, advance: Adv
     ankle_m : ndarray, shape (n, 3)
     pitch_rad : ndarray, shape (n,)
         Slope of the line from ankle to toe, toe up positive.
+    swings : ndarray of bool, shape (n,)
+        Whether the foot is off the ground.
     """
     number = np.floor(phase + foot.offset)
-    cycles, lands = phase + foot.offset - number, number - foot.offset
-    stance = _forward(advance(lands, 0)) + foot.print_m + foot.roll(cycles)
-    leaving = _correction(foot, foot.leaving, lands, lands + foot.duty, advance)
-    landing = _correction(foot, foot.landing, lands + 1, lands + 1, advance)
+    cycles, first = phase + foot.offset - number, number.min()
+    # what belongs to a step, once for each: rows of it are taken by the frames
+    step = (number - first).astype(np.intp)
+    lands = first + np.arange(step.max() + 1) - foot.offset
+    prints_m = _of_steps(_forward(advance(lands, 0)) + foot.print_m, step)
+    stance = prints_m + _roll(own[:, 3] + STANDING_RAD, foot.length_m)
+    leaving, landing = (
+        [_of_steps(part, step) for part in _correction(foot, error, begin, at, advance)]
+        for error, begin, at in ((foot.leaving, lands, lands + foot.duty), (foot.landing, lands + 1, lands + 1))
+    )
     # cubic Hermite from value and slope at lift-off (share 0) to those at touchdown (share 1)
     width = 1 - foot.duty
     share = ((cycles - foot.duty) / width)[:, None]
@@ -297,8 +304,13 @@ def ankle_and_pitch(foot: Foot, own: FloatArray, phase: FloatArray, advance: Adv
     for point_m in (heel_m, foot.length_m * (np.sin(rows[:, 3]) - TIP)):  # sole at heel and toe over the ankle
         depth = -swing[:, 2] - point_m
         swing[:, 2] += (depth + np.hypot(depth, rounding)) / 2
-    both = np.where((cycles < foot.duty)[:, None], stance, swing)
-    return both[:, :3], both[:, 3]
+    swings = cycles >= foot.duty
+    both = np.where(swings[:, None], swing, stance)
+    return both[:, :3], both[:, 3], swings
+
+
+def _of_steps(rows: FloatArray, step: npt.NDArray[np.intp]) -> FloatArray:
+    return rows.T.take(step, axis=1).T
 
 
 def _forward(way_m: FloatArray) -> FloatArray:
