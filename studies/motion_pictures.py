@@ -3,74 +3,106 @@
     python studies/motion_pictures.py ROWS.csv FOLDER
 
 ROWS.csv is what ``motion_comparison.py --out`` writes. One figure of people (held half) and one of animals, of the
-movers that are there: a panel a feature, dots are clips, bars their 10, 50 and 90 % quantiles.
+movers that are there: a panel a feature, dots are clips, bars their 10, 50 and 90 % quantiles, of three
+clips or more. Clips whose gait frequency was misread are not drawn.
 """
 
 from __future__ import annotations
 
 import argparse
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from motion_comparison import HORSE, is_misread
 
 TUNING, HELD = "tuning", "held"
 """Halves of people; those of animals are names of data sets."""
+GROUPS = {HELD: "people", "MANN": "tuning dog", "Tencent": "held dog", HORSE: "horse"}
 FEWEST_CLIPS = 3
 COLOURS = {"recorded": "#444444", "model": "#d95f02"}
 LABELS = {
-    "forward_envelope": "forward envelope\nrange over V", "backward_envelope": "backward envelope\nrange over V",
-    "torso_ripple_gait": "torso ripple\nat f_mu over V", "torso_ripple": "torso ripple\nover V",
-    "bandwidth": "B_mu over V", "limb_torso_ratio": "rho", "alternate_steps": "alternate steps\nalike",
-    "stance_share": "power of\nstanding feet", "gait_frequency_hz": "f_mu, Hz", "step_length_m": "step length, m",
+    "forward_envelope": "forward envelope, range over V", "backward_envelope": "backward envelope, range over V",
+    "torso_ripple_gait": "torso ripple at f_mu over V", "torso_ripple": "torso ripple over V",
+    "bandwidth": "B_mu over V", "limb_torso_ratio": "rho", "alternate_steps": "alternate steps alike",
+    "stance_share": "power of standing feet", "gait_frequency_hz": "f_mu, Hz", "step_length_m": "step length, m",
+    "duty_factor": "duty factor (of the motion)",
     "step_time_sd": "sd of step time", "step_length_sd": "sd of step length",
     "time_asymmetry": "left less right, time", "length_asymmetry": "left less right, length",
 }  # fmt: skip
-LEAST_INCHES, INCHES_A_MOVER, ROW_INCHES = 2.2, 0.65, 1.7
-DPI = 80
+LIMITS = {"alternate_steps": (-1.0, 2.0)}
+"""Axes that a few clips would stretch; what lies beyond is counted in the panel."""
+WIDTH_INCHES, ROW_INCHES, DPI = 9.6, 2.3, 100
+WIDE = 4
+"""Movers from which a figure has two columns, not three."""
 
 
-def draw(rows: pd.DataFrame, movers: list[str]) -> Figure:
-    """Draw the distributions of some movers."""
+def draw(rows: pd.DataFrame, movers: list[tuple[str, str]]) -> Figure:
+    """Draw the distributions of some movers, each a half and a gait."""
     names = [name for name in LABELS if name in rows and rows[name].notna().any()]
-    columns = 4
+    columns = 2 if len(movers) >= WIDE else 3
     lines = -(-len(names) // columns)
-    width = columns * max(LEAST_INCHES, INCHES_A_MOVER * len(movers) + 0.5)
-    figure = Figure(figsize=(width, ROW_INCHES * lines), dpi=DPI, layout="constrained")
+    figure = Figure(figsize=(WIDTH_INCHES, ROW_INCHES * lines), dpi=DPI, layout="constrained")
     rng = np.random.default_rng(0)
     for number, name in enumerate(names):
         axes = figure.add_subplot(lines, columns, number + 1)
-        axes.set_title(LABELS[name].replace("\n", " "), fontsize=8)
-        for place, mover in enumerate(movers):
+        axes.set_title(LABELS[name], fontsize=12)
+        for place, (half, mover) in enumerate(movers):
             for side, (source, colour) in zip((-0.2, 0.2), COLOURS.items(), strict=True):
-                chosen = (rows["mover"] == mover) & (rows["source"] == source)
+                chosen = (rows["mover"] == mover) & (rows["half"] == half) & (rows["source"] == source)
                 values = rows.loc[chosen, name].astype(float).dropna().to_numpy()
+                x = place + side + rng.uniform(-0.09, 0.09, values.size)
+                lowest, highest = LIMITS.get(name, (-np.inf, np.inf))
+                dots = np.where((values >= lowest) & (values <= highest), values, np.nan)
+                axes.plot(x, dots, ".", color=colour, alpha=0.6, markersize=6, markeredgewidth=0)
                 if values.size < FEWEST_CLIPS:
                     continue
-                x = place + side + rng.uniform(-0.09, 0.09, values.size)
-                axes.plot(x, values, ".", color=colour, alpha=0.6, markersize=5, markeredgewidth=0)
                 low, middle, high = np.quantile(values, (0.1, 0.5, 0.9))
-                axes.vlines(place + side, low, high, color=colour, linewidth=1.2)
-                axes.hlines(middle, place + side - 0.16, place + side + 0.16, color=colour, linewidth=2)
-        axes.set_xticks(range(len(movers)), movers, fontsize=8)
+                axes.vlines(place + side, low, high, color=colour, linewidth=1.4)
+                axes.hlines(middle, place + side - 0.16, place + side + 0.16, color=colour, linewidth=2.4)
+        shown = [mover.removeprefix(f"{HORSE} ").replace("/", "/\n") for _, mover in movers]
+        axes.set_xticks(range(len(movers)), shown, fontsize=11)
         axes.set_xlim(-0.5, len(movers) - 0.5)
-        axes.tick_params(axis="y", labelsize=7)
+        axes.tick_params(axis="y", labelsize=10)
         axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
+        if name in LIMITS:
+            low, high = LIMITS[name]
+            axes.set_ylim(low, high)
+            if beyond := int((~rows[name].astype(float).dropna().between(low, high)).sum()):
+                axes.text(0.98, 0.04, f"{beyond} beyond the axis", transform=axes.transAxes, ha="right", fontsize=10)
+        _name_groups(axes, [half for half, _ in movers])
     for source, colour in COLOURS.items():
-        figure.axes[0].plot([], [], ".", color=colour, label=source)
-    figure.axes[0].legend(fontsize=7, loc="lower left", frameon=False, handletextpad=0.1)
+        figure.axes[0].plot([], [], ".", color=colour, label=source, markersize=10)
+    figure.legend(fontsize=12, loc="outside upper center", ncols=2, frameon=False, handletextpad=0.1)
     return figure
 
 
-def select(rows: pd.DataFrame) -> dict[str, tuple[pd.DataFrame, list[str]]]:
+def _name_groups(axes: Axes, halves: list[str]) -> None:
+    """Part the movers of different groups by lines and name the groups."""
+    edges = [0, *(k for k, (a, b) in enumerate(pairwise(halves), 1) if a != b), len(halves)]
+    if len(edges) == 2:
+        return
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high + 0.16 * (high - low))
+    for first, last in pairwise(edges):
+        middle = (first + last - 1) / 2
+        axes.text(middle, high + 0.04 * (high - low), GROUPS[halves[first]], ha="center", fontsize=10)
+        if last < len(halves):
+            axes.axvline(last - 0.5, color="#bbbbbb", linewidth=0.8)
+
+
+def select(rows: pd.DataFrame) -> dict[str, tuple[pd.DataFrame, list[tuple[str, str]]]]:
     """Split rows into figures: people who were not used for the curves, and all recorded animals."""
+    rows = rows[~is_misread(rows)]
     of_people = rows["half"].isin((TUNING, HELD))
     parts = {"people": rows[of_people & (rows["half"] == HELD)], "animals": rows[~of_people]}
     found = {}
     for title, part in parts.items():
-        counts = part[part["source"] == "recorded"]["mover"].value_counts(sort=False)
-        movers = [str(mover) for mover, count in counts.items() if count >= FEWEST_CLIPS]
+        kinds = part[["half", "mover"]].drop_duplicates().itertuples(index=False)
+        movers = sorted(((kind.half, kind.mover) for kind in kinds), key=lambda kind: list(GROUPS).index(kind[0]))
         if movers:
             found[title] = (part, movers)
     return found
