@@ -1,4 +1,7 @@
-"""Distributions of hybrid motion for the clips of a folder, within what each clip allows."""
+"""Distributions of hybrid motion for the clips of a folder.
+
+They stay within what each clip allows.
+"""
 
 from __future__ import annotations
 

@@ -89,7 +89,7 @@ def place_feet(
     points_m: FloatArray, phase: FloatArray, advance: Advance, style: Style, size_m: Mapping[str, float],
     left_ahead_m: float = 0.0,
 ) -> None:  # fmt: skip
-    """Put a figure on the floor with feet that stand still, in place.
+    """Put a figure on the floor on feet that stand still.
 
     Segment lengths stay. The sole is on z = 0 while flat; the trunk is as high as the legs reach all the time.
 
