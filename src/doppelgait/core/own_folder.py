@@ -41,23 +41,18 @@ def check_out(out: Path, *, listing: str, file_format: str, command: str) -> Non
         raise ConfigError(f"{out}: the folder {out.resolve().parent} does not exist; make it first")
     if out.exists() and not out.is_dir():
         raise ConfigError(f"{out}: is a file; give a folder that does not exist yet")
-    foreign = _list_foreign(out, listing, file_format)
-    if foreign:
-        raise ConfigError(
-            f"{out}: holds {foreign[0]}{' and more' if len(foreign) > 1 else ''}, which no run of "
-            f"{command} wrote; give another folder"
-        )
-
-
-def _list_foreign(out: Path, listing: str, file_format: str) -> list[str]:
-    """List files of a folder that its listing does not name."""
     present = [path.relative_to(out).as_posix() for path in out.rglob("*") if not path.is_dir()] if out.exists() else []
     try:
         document = json.loads((out / listing).read_text(encoding="utf-8"))
         ours = {PAGE, listing, *document["files"]} if document["format"] == file_format else set()
     except (OSError, ValueError, KeyError, TypeError):
         ours = set()
-    return sorted(set(present) - ours)
+    foreign = sorted(set(present) - ours)
+    if foreign:
+        raise ConfigError(
+            f"{out}: holds {foreign[0]}{' and more' if len(foreign) > 1 else ''}, which no run of "
+            f"{command} wrote; give another folder"
+        )
 
 
 @contextmanager

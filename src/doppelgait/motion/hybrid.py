@@ -213,7 +213,8 @@ def _retarget(
     ahead = np.array([math.cos(heading), math.sin(heading), 0.0])
     forward = position @ ahead
     # each point goes `longer` times its way about its mean place in the body over whole strides
-    whole = _whole_strides(known)
+    stride = known.rate_hz / known.facts.stride_frequency_hz
+    whole = max(1, round(math.floor((known.n_frames - 1) / stride) * stride))
     speed = (forward[-1] - forward[0]).mean() / (known.n_frames - 1)
     place = (forward - speed * np.arange(known.n_frames)[:, np.newaxis])[:whole].mean(axis=0)
     stretched = position + ((longer - 1.0) * (forward - place))[..., np.newaxis] * ahead
@@ -298,7 +299,7 @@ def _blend(first: Motion, second: Motion, share: float) -> tuple[Motion, list[Mo
     bones = bones_of(chosen[0])
     sizes = [float(np.median(pair_lengths(position, bones), axis=0).sum()) for position in chosen]
     ratio = sizes[0] / sizes[1]
-    speeds = [_cycle_speed_mps(c) for c in (cycle, second_cycle)]
+    speeds = [float(np.hypot(*c.advance[:2])) / c.seam.lag * c.rate_hz for c in (cycle, second_cycle)]
     faster = speeds[1] * math.sqrt(ratio) / speeds[0]
     low, high = FACTOR[0] ** 2, FACTOR[1] ** 2  # their middle is no further from either than a retargeted clip
     if not low <= faster <= high:
@@ -395,12 +396,6 @@ def _check_factor(motion: Motion, name: str, value: float, limits: tuple[float, 
         )
 
 
-def _whole_strides(motion: Motion) -> int:
-    """Return the number of frames of the whole strides in a motion."""
-    stride = motion.rate_hz / motion.facts.stride_frequency_hz
-    return max(1, round(math.floor((motion.n_frames - 1) / stride) * stride))
-
-
 def _common_points(one: Motion, other: Motion) -> tuple[tuple[list[int], list[int]], list[str], list[str]]:
     """Find the points that two motions share.
 
@@ -422,10 +417,6 @@ def _common_points(one: Motion, other: Motion) -> tuple[tuple[list[int], list[in
 
 def _stride_m(cycle: Cycle) -> float:
     return float(np.hypot(*cycle.advance[:2])) / cycle.seam.strides
-
-
-def _cycle_speed_mps(cycle: Cycle) -> float:
-    return float(np.hypot(*cycle.advance[:2])) / cycle.seam.lag * cycle.rate_hz
 
 
 def _turn(position: FloatArray, angle_rad: float) -> FloatArray:

@@ -96,7 +96,13 @@ def overview(
     velocity_axis(right, wavelength_m(signature))
     colour_bar(signature_image, right, quantity="power", reference=reference_of(signature))
     left, middle, right = below.subplots(1, 3, width_ratios=(1.15, 1.15, 0.9))
-    _cadence_panel(left, cadence_map, gait_frequency_hz, limits_hz)
+    cadence_image = draw_step_doppler(
+        left, cadence_map, gait_frequency_hz=gait_frequency_hz, max_cadence_hz=None, db_range=None,
+        doppler_hz=None if from_main_line(cadence_map) else limits_hz,
+    )  # fmt: skip
+    name_axes(left, title="Step-Doppler map", x=CADENCE_LABEL, y=step_doppler_label(cadence_map))
+    velocity_axis(left, wavelength_m(cadence_map), label="(m/s)")
+    colour_bar(cadence_image, left, quantity="magnitude", reference="1")
     ratios = [features.get(f"harmonic_ratio_{number}") for number in (2, 3)]
     draw_cadence_spectrum(
         middle,
@@ -112,18 +118,6 @@ def overview(
     name_axes(middle, title="Cadence spectrum", x=CADENCE_LABEL, y=LEVEL_LABEL)
     _draw_features(right, {**features, "gait_frequency_hz": gait_frequency_hz}, flags)
     return figure
-
-
-def _cadence_panel(
-    axes: Axes, cadence_map: xr.DataArray, gait_frequency_hz: float | None, limits_hz: tuple[float, float]
-) -> None:
-    image = draw_step_doppler(
-        axes, cadence_map, gait_frequency_hz=gait_frequency_hz, max_cadence_hz=None, db_range=None,
-        doppler_hz=None if from_main_line(cadence_map) else limits_hz,
-    )  # fmt: skip
-    name_axes(axes, title="Step-Doppler map", x=CADENCE_LABEL, y=step_doppler_label(cadence_map))
-    velocity_axis(axes, wavelength_m(cadence_map), label="(m/s)")
-    colour_bar(image, axes, quantity="magnitude", reference="1")
 
 
 def _draw_features(axes: Axes, values: Mapping[str, float | None], flags: Sequence[str]) -> None:

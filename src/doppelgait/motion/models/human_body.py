@@ -222,7 +222,7 @@ _SPEED_MPS: dict[AgeClass, tuple[float, float]] = {
 
 @dataclass(frozen=True)
 class _Manner:
-    """How people of a group differ, and their steps.
+    """Manner of walking of a group of people, and its spreads.
 
     Logarithms have the spreads ``_spread``.
     """

@@ -225,7 +225,12 @@ def quadruped_gait(
 @plugin("motion_model", parameters=QuadrupedConfig)
 def _generate(config: QuadrupedConfig, duration_s: float, rng: np.random.Generator | None) -> Motion:
     build, speed_mps, hip_m = BUILDS[config.build], config.actual_speed_mps, config.hip_m
-    gait = _styled_gait(config)
+    gait = fitted_gait(config.actual_gait, build, config.asymmetry)
+    hind, fore = (
+        replace(girdle, swing_peak=peak)
+        for girdle, peak in ((gait.hind, config.hind_swing_peak), (gait.fore, config.fore_swing_peak))
+    )
+    gait = replace(gait, hind=hind, fore=fore, ripple=config.trunk_ripple)
     stride_m = config.stride_ratio * stride_length_m(gait, speed_mps, hip_m)
     times_s = sample_times_s(duration_s, config.rate_hz)
     clock = stride_clock(
@@ -264,16 +269,6 @@ def _generate(config: QuadrupedConfig, duration_s: float, rng: np.random.Generat
             "proportions": build.source,
         },
     )  # fmt: skip
-
-
-def _styled_gait(config: QuadrupedConfig) -> Gait:
-    """Return the gait with one animal's paw speeds and trunk ripple."""
-    gait = fitted_gait(config.actual_gait, BUILDS[config.build], config.asymmetry)
-    hind, fore = (
-        replace(girdle, swing_peak=peak)
-        for girdle, peak in ((gait.hind, config.hind_swing_peak), (gait.fore, config.fore_swing_peak))
-    )
-    return replace(gait, hind=hind, fore=fore, ripple=config.trunk_ripple)
 
 
 def _course(
