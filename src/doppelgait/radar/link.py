@@ -72,22 +72,35 @@ def echo_amplitude_v(
     return np.divide(one_metre_v, square, out=square if fits and square.ndim else None)
 
 
-def white_noise_v2(radar: Radar, bandwidth_hz: float) -> float:
-    """Return the mean square of receiver noise in a bandwidth, V^2.
+def comparator_noise_v(radar: Radar) -> float:
+    """Return the rms noise of one pulse at the comparator, V.
 
-    E|w|^2 = 2 Z0 k T0 F B G_rx / N_eff of complex noise (E-18).
+    Real input noise up to half the sampling rate, s^2 = Z0 k T0 F G_rx f_s / 2 (E-18b).
     """
-    power = NOISE_DENSITY_W_PER_HZ * db_to_power(radar.noise_figure_db) * bandwidth_hz
-    volts2 = 2.0 * REFERENCE_IMPEDANCE_OHM * power * db_to_power(radar.receiver_gain_db)
-    return float(volts2 / radar.averages_per_frame)
+    density_w = NOISE_DENSITY_W_PER_HZ * db_to_power(radar.noise_figure_db + radar.receiver_gain_db)
+    return math.sqrt(REFERENCE_IMPEDANCE_OHM * density_w * radar.sample_rate_hz / 2.0)
+
+
+def counter_noise_ratio(radar: Radar) -> float:
+    """Return the noise of a swept-threshold counter over averaging's.
+
+    d / (sqrt(pi) s), the ratio of the variances d s / (sqrt(pi) n) and s^2 / n (E-18b); 1 for a radar that averages.
+    It is below 1 where the thresholds are closer than 1.77 s: n pulses at each of several thresholds are more than n.
+    """
+    if radar.threshold_step_v is None:
+        return 1.0
+    return radar.threshold_step_v / (math.sqrt(math.pi) * comparator_noise_v(radar))
 
 
 def sample_noise_v2(radar: Radar) -> float:
     """Return the mean square noise of one receiver sample, V^2.
 
-    Complex receiver noise (E-18).
+    Complex noise: E|w|^2 = 2 Z0 k T0 F B_n G_rx / N_eff (E-18), of a swept-threshold counter times
+    :func:`counter_noise_ratio` (E-18b).
     """
-    return white_noise_v2(radar, radar.receiver_bandwidth_hz)
+    density_w = NOISE_DENSITY_W_PER_HZ * db_to_power(radar.noise_figure_db + radar.receiver_gain_db)
+    single_v2 = 2.0 * REFERENCE_IMPEDANCE_OHM * density_w * radar.receiver_bandwidth_hz
+    return float(single_v2 / radar.averages_per_frame * counter_noise_ratio(radar))
 
 
 def noise_power_v2(radar: Radar) -> float:

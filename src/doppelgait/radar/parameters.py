@@ -29,6 +29,7 @@ GAUSSIAN_WIDTH = {3: math.sqrt(math.log(2)) / math.pi, 10: math.sqrt(math.log(10
 PULSE_SIGMA_S = (1e-11, 1e-6)
 """Shortest and longest Gaussian pulse (standard deviation of its envelope)."""
 MAX_RANGE_BINS = 100_000
+MAX_CORRELATED_BINS = 16
 
 OPTIONAL = {
     "bandwidth_hz": None,
@@ -38,7 +39,9 @@ OPTIONAL = {
     "decimation": 1,
     "range_window": "hann",
     "noise_bandwidth_hz": None,
+    "noise_correlation": (),
     "sweep_levels": 1,
+    "threshold_step_v": None,
     "pulse_rate_hz": None,
 }
 """Parameters of a radar that not every waveform uses, and the values that count as unset."""
@@ -66,7 +69,7 @@ class Waveform(FrozenModel):
     """
 
     needs: ClassVar[tuple[str, ...]] = ()
-    takes: ClassVar[tuple[str, ...]] = ("decimation", "noise_bandwidth_hz", "pulse_rate_hz")
+    takes: ClassVar[tuple[str, ...]] = ("decimation", "noise_bandwidth_hz", "noise_correlation", "pulse_rate_hz")
     folds: ClassVar[bool] = False
     ranged: ClassVar[bool] = True
 
@@ -143,9 +146,10 @@ class Waveform(FrozenModel):
     def independent_bins(self, radar: Radar) -> float:
         """Return the independent noise values per range bin.
 
-        1 where neighbouring bins share no noise.
+        1 where neighbouring bins share no noise, else 1 / (1 + 2 sum rho_l^2) of the correlation rho_l between noise
+        l bins apart: the spread of a mean noise power over many bins is that of this many values.
         """
-        return 1.0
+        return 1.0 / (1.0 + 2.0 * math.fsum(rho**2 for rho in radar.noise_correlation))
 
     def unambiguous_range_m(self, radar: Radar) -> float:
         """Return the range at which echoes fold back to 0.
@@ -263,9 +267,16 @@ class Radar(FrozenModel):
     noise_bandwidth_hz : float, optional
         Noise bandwidth B_n of a receiver sample; by default the pulse's 10 dB bandwidth (impulse), 1 / sweep_s
         (rectangular, lfm), sample_rate_hz (fmcw, stepped) or prf_hz (cw).
+    noise_correlation : tuple of float
+        Correlation rho_1, rho_2, ... between the noise of bins 1, 2, ... apart, as the receiver's filter makes it; of
+        waveforms whose samples are the range bins. Empty: white. At most 16 values, and no noise may have a negative
+        spectrum: 1 + 2 sum rho_l cos(l w) >= 0 for every w.
     pulse_rate_hz, sweep_levels : float, int
         Pulses (sweeps) per second and levels of the threshold sweep; a frame averages pulse_rate / (prf * sweep_levels)
         of them.
+    threshold_step_v : float, optional
+        impulse with a threshold sweep: spacing d of the thresholds, V at the receiver output. The receiver then counts
+        comparisons, with the noise of a counter (E-18b); without, it averages samples.
     transmit_phase_rad : float
         Phase theta of the transmitted pulse.
     hypothetical : bool
@@ -295,8 +306,12 @@ class Radar(FrozenModel):
     receiver_gain_db: float = Field(default=0.0, ge=-100, le=100)
     noise_figure_db: float = Field(default=6.0, ge=0, le=100)
     noise_bandwidth_hz: float | None = Field(default=None, gt=0, le=1e13)
+    noise_correlation: tuple[Annotated[float, Field(ge=-1, le=1)], ...] = Field(
+        default=(), max_length=MAX_CORRELATED_BINS
+    )
     pulse_rate_hz: float | None = Field(default=None, gt=0)
     sweep_levels: int = Field(default=1, ge=1)
+    threshold_step_v: float | None = Field(default=None, gt=0, le=1e3)
     transmit_phase_rad: float = 0.0
     hypothetical: bool = False
 
@@ -332,6 +347,12 @@ class Radar(FrozenModel):
                 f"prf_hz {self.prf_hz} leaves no whole pulse to average: at most {self.pulse_rate_hz}"
                 f" / {self.sweep_levels} levels"
             )
+        if self.threshold_step_v is not None and self.sweep_levels == 1:
+            raise ValueError(
+                f"threshold_step_v {self.threshold_step_v:g} is the spacing of a threshold sweep, but sweep_levels is "
+                "1: give the number of thresholds, or leave out threshold_step_v for a receiver that averages"
+            )
+        check_correlation(self.noise_correlation)
         return self
 
     @classmethod
@@ -428,6 +449,24 @@ class Radar(FrozenModel):
         """
         return (
             self.noise_bandwidth_hz if self.noise_bandwidth_hz is not None else self.waveform.noise_bandwidth_hz(self)
+        )
+
+
+def check_correlation(noise_correlation: tuple[float, ...]) -> None:
+    """Refuse a correlation over bins that no noise can have.
+
+    Its spectrum 1 + 2 sum rho_l cos(l w) would be negative somewhere (``ValueError``).
+    """
+    if not noise_correlation:
+        return
+    angle = np.linspace(0.0, np.pi, 64 * len(noise_correlation) + 1)
+    lags = np.arange(1, len(noise_correlation) + 1)
+    least = 1.0 + 2.0 * float((np.cos(np.outer(angle, lags)) @ np.asarray(noise_correlation)).min())
+    if least < -1e-9:
+        raise ValueError(
+            f"noise_correlation {list(noise_correlation)} is that of no noise: its spectrum 1 + 2 sum rho_l cos(l w) "
+            f"falls to {least:.3g}, below 0; lower the values, or give more of them (a correlation that is cut off too "
+            "early does this)"
         )
 
 

@@ -23,8 +23,8 @@ class Impulse(Waveform):
     """A Gaussian pulse."""
 
     takes: ClassVar[tuple[str, ...]] = (
-        "bandwidth_hz", "bandwidth_level_db", "pulse_sigma_s", "decimation", "noise_bandwidth_hz", "sweep_levels",
-        "pulse_rate_hz",
+        "bandwidth_hz", "bandwidth_level_db", "pulse_sigma_s", "decimation", "noise_bandwidth_hz",
+        "noise_correlation", "sweep_levels", "threshold_step_v", "pulse_rate_hz",
     )  # fmt: skip
 
     kind: Literal["impulse"] = "impulse"

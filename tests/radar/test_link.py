@@ -1,0 +1,129 @@
+"""Noise of swept-threshold counters (E-18b) against comparisons counted one by one."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from doppelgait.core.errors import ConfigError
+from doppelgait.radar import Radar, derived_quantities
+from doppelgait.radar.impairments import ThermalNoise
+from doppelgait.radar.impairments.noise import noise_power_per_sample_v2
+from doppelgait.radar.link import comparator_noise_v, counter_noise_ratio, noise_power_v2
+
+SHAPE = {
+    "carrier_hz": 7.29e9, "prf_hz": 500.0, "sample_rate_hz": 23.328e9, "decimation": 8, "range_stop_m": 5.0,
+    "bandwidth_hz": 1.4e9, "pulse_rate_hz": 16e6, "sweep_levels": 200,
+}  # fmt: skip
+N = 160  # 16 MHz / (500 Hz x 200 levels)
+
+
+def counter_with_noise_of(steps: float, **changes) -> Radar:
+    """Return a counter whose input noise is this many threshold steps."""
+    averaging = Radar(**SHAPE, **changes)
+    return Radar(**SHAPE, **changes, threshold_step_v=comparator_noise_v(averaging) / steps)
+
+
+def counted(noise_steps: float, *, n_values: int, rng: np.random.Generator) -> np.ndarray:
+    """Sweep a threshold over values between two thresholds and count, comparison by comparison; in steps."""
+    place = rng.uniform(-0.5, 0.5, n_values)
+    reach = math.ceil(6 * noise_steps) + 1
+    total = np.zeros(n_values)
+    for threshold in range(-reach, reach + 1):
+        for _ in range(N):
+            total += place + noise_steps * rng.standard_normal(n_values) > threshold
+    return total / N - place
+
+
+@pytest.mark.parametrize(("steps", "n_values"), [(1.0, 20_000), (5.0, 10_000), (20.0, 4_000)])
+def test_a_counter_counted_one_by_one_has_the_noise_of_e18b(steps, n_values):
+    errors = counted(steps, n_values=n_values, rng=np.random.default_rng(19))
+    radar = counter_with_noise_of(steps)
+    assert radar.averages_per_frame == N
+    step_v = radar.threshold_step_v
+    formula = counter_noise_ratio(radar) * comparator_noise_v(radar) ** 2 / N / step_v**2
+    assert formula == pytest.approx({1.0: 0.0035, 5.0: 0.0176, 20.0: 0.0705}[steps], abs=6e-5)
+    # +-0.2 dB; the standard error of a variance of so many values is 0.04 to 0.1 dB
+    assert 10 * math.log10(np.var(errors) / formula) == pytest.approx(0.0, abs=0.2)
+
+
+@pytest.mark.parametrize("steps", [0.05, 0.4, 1.0, 2.5, 20.0])
+def test_the_closed_form_is_the_mean_over_all_places_between_two_thresholds(steps):
+    place = (np.arange(2000) + 0.5) / 2000
+    thresholds = np.arange(-200, 201)
+    above = norm.cdf((place[:, None] - thresholds) / steps)
+    variance = (above * (1 - above)).sum(axis=1).mean() / N  # steps^2
+    radar = counter_with_noise_of(steps)
+    formula = counter_noise_ratio(radar) * comparator_noise_v(radar) ** 2 / N / radar.threshold_step_v**2
+    assert formula == pytest.approx(variance, rel=1e-3)
+
+
+def test_bin_noise_of_a_counter_is_that_of_averaging_times_the_ratio():
+    radar = counter_with_noise_of(2.5)
+    averaging = Radar(**SHAPE)
+    change = noise_power_v2(radar) / noise_power_v2(averaging)
+    assert change == pytest.approx(1 / (math.sqrt(math.pi) * 2.5))
+    assert derived_quantities(radar)["noise_power_v2"] == noise_power_v2(radar)
+    snr = derived_quantities(radar)["snr_1m2_5m_db"] - derived_quantities(averaging)["snr_1m2_5m_db"]
+    assert snr == pytest.approx(-10 * math.log10(change))
+
+
+def test_noise_of_a_counter_rises_with_the_root_of_the_noise_figure_wherever_it_is_given():
+    step_v = counter_with_noise_of(2.5).threshold_step_v
+    six, twelve = (Radar(**SHAPE, threshold_step_v=step_v, noise_figure_db=db) for db in (6.0, 12.0))
+    ratio_db = 10 * math.log10(noise_power_v2(twelve) / noise_power_v2(six))
+    assert ratio_db == pytest.approx(3.0)
+    assert noise_power_per_sample_v2(ThermalNoise(noise_figure_db=12.0), six) == pytest.approx(noise_power_v2(twelve))
+    # more pulses lower it in proportion, as the vendor states: 3 dB for twice as many
+    half = Radar(**{**SHAPE, "prf_hz": 250.0}, threshold_step_v=step_v)
+    assert noise_power_v2(half) / noise_power_v2(six) == pytest.approx(0.5)
+
+
+def test_input_noise_is_that_of_half_the_sampling_rate():
+    radar = Radar(**SHAPE, noise_figure_db=0.0, receiver_gain_db=0.0)
+    power_w = 1.380649e-23 * 290 * 23.328e9 / 2
+    assert comparator_noise_v(radar) == pytest.approx(math.sqrt(50 * power_w), rel=1e-4)
+
+
+def test_a_threshold_step_needs_a_sweep_and_a_pulse():
+    with pytest.raises(ConfigError, match=r"threshold_step_v 0.001 .* sweep_levels is 1: give the number"):
+        Radar.preset("x4", sweep_levels=1, threshold_step_v=1e-3)
+    with pytest.raises(ConfigError, match="threshold_step_v means nothing to waveform 'fmcw'"):
+        Radar.preset("ti-60", threshold_step_v=1e-3)
+
+
+# --- Noise correlated over range ----------------------------------------------------------------------------------
+
+
+def test_independent_bins_follow_the_correlation():
+    radar = Radar(**SHAPE, noise_correlation=[0.6, 0.2])
+    share = radar.waveform.independent_bins(radar)
+    assert share == pytest.approx(1 / (1 + 2 * (0.36 + 0.04)))
+    assert Radar(**SHAPE).waveform.independent_bins(Radar(**SHAPE)) == 1.0
+    # the spread of a mean power over many bins of moving-average noise, by simulation
+    rng = np.random.default_rng(4)
+    white = (rng.standard_normal((4000, 402)) + 1j * rng.standard_normal((4000, 402))) / math.sqrt(2)
+    noise = (white[:, 2:] + white[:, 1:-1] + white[:, :-2]) / math.sqrt(3)  # rho 2/3, 1/3
+    boxcar = Radar(**SHAPE, noise_correlation=[2 / 3, 1 / 3])
+    independent = 1 / np.var((np.abs(noise) ** 2).mean(axis=1)) / noise.shape[1]
+    assert boxcar.waveform.independent_bins(boxcar) == pytest.approx(independent, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("correlation", "message"),
+    [
+        ([0.7], r"noise_correlation \[0.7\] is that of no noise: .* falls to -0.4, below 0; lower the values"),
+        ([0.0, -0.51], "that of no noise"),
+        ([1.2], "less than or equal to 1"),
+        ([0.0] * 17, "at most 16"),
+    ],
+)
+def test_an_impossible_correlation_is_refused(correlation, message):
+    with pytest.raises(ConfigError, match=message):
+        Radar.preset("x4", noise_correlation=correlation)
+
+
+def test_waveforms_that_transform_to_range_take_no_correlation():
+    with pytest.raises(ConfigError, match="noise_correlation means nothing to waveform 'fmcw'"):
+        Radar.preset("ti-60", noise_correlation=[0.3])
