@@ -114,13 +114,21 @@ def noise_power_v2(radar: Radar) -> float:
 def scatterer_arrays(scatterers: xr.Dataset, radar: Radar) -> tuple[Any, Any]:
     """Return ranges (m) and echo amplitudes (V) of scatterers.
 
-    Contiguous float64 arrays, both (slow_time, scatterer).
+    Contiguous float64 arrays, both (slow_time, scatterer). The amplitude is that of a frame: of E-14, less what its
+    integration loses (E-13b), negative beyond a null.
     """
     range_m = np.ascontiguousarray(scatterers["range"].values, dtype=np.float64)
-    amplitude_v = echo_amplitude_v(
-        radar, range_m=range_m, rcs_m2=_row(scatterers["rcs"].values), path_gain=_row(scatterers["path_gain"].values)
-    )
-    return range_m, np.ascontiguousarray(amplitude_v)
+    rcs_m2, path_gain = _row(scatterers["rcs"].values), _row(scatterers["path_gain"].values)
+    if radar.integration_share == 0.0:
+        amplitude_v = echo_amplitude_v(radar, range_m=range_m, rcs_m2=rcs_m2, path_gain=path_gain)
+        return range_m, np.ascontiguousarray(amplitude_v)
+    from doppelgait.core.kernels.integration import integrate_echoes
+
+    one_metre_v = np.atleast_2d(echo_amplitude_v(radar, range_m=1.0, rcs_m2=rcs_m2, path_gain=path_gain))
+    turns_per_mps = 2.0 / radar.wavelength_m * radar.integration_share / radar.prf_hz
+    amplitude_v = np.empty(range_m.shape)
+    integrate_echoes(range_m, radial_velocity_mps(scatterers), one_metre_v, MIN_RANGE_M, turns_per_mps, amplitude_v)
+    return range_m, amplitude_v
 
 
 def _row(values: Any) -> Any:
@@ -153,10 +161,13 @@ def path_phase_rad(scatterers: xr.Dataset) -> npt.NDArray[np.float64] | None:
 def radial_velocity_mps(scatterers: xr.Dataset) -> npt.NDArray[np.float64]:
     """Return the radial velocity of scatterers, (slow_time, scatterer).
 
-    A waveform that sweeps needs it.
+    Waveforms that sweep and radars that integrate need it.
     """
     if "radial_velocity" not in scatterers:
-        raise ConfigError("the scatterer table has no radial_velocity, which a waveform that sweeps needs; add it")
+        raise ConfigError(
+            "the scatterer table has no radial_velocity, which a waveform that sweeps and a radar with an "
+            "integration_share need; add it"
+        )
     return np.asarray(scatterers["radial_velocity"].values, dtype=np.float64)
 
 

@@ -43,6 +43,8 @@ OPTIONAL = {
     "sweep_levels": 1,
     "threshold_step_v": None,
     "pulse_rate_hz": None,
+    "integration_share": 0.0,
+    "fold_echoes": True,
 }
 """Parameters of a radar that not every waveform uses, and the values that count as unset."""
 
@@ -61,16 +63,14 @@ class Waveform(FrozenModel):
     ----------
     needs, takes : tuple of str
         Parameters of the radar among ``OPTIONAL`` that are required, and those that are allowed.
-    folds : bool
-        Whether :meth:`synthesise` shows echoes from beyond the unambiguous range at a wrong one, instead of losing
-        them.
     ranged : bool
         Whether the range bins measure range; False for a radar that sees all ranges in its one bin.
     """
 
     needs: ClassVar[tuple[str, ...]] = ()
-    takes: ClassVar[tuple[str, ...]] = ("decimation", "noise_bandwidth_hz", "noise_correlation", "pulse_rate_hz")
-    folds: ClassVar[bool] = False
+    takes: ClassVar[tuple[str, ...]] = (
+        "decimation", "noise_bandwidth_hz", "noise_correlation", "pulse_rate_hz", "integration_share", "fold_echoes",
+    )  # fmt: skip
     ranged: ClassVar[bool] = True
 
     kind: str
@@ -237,7 +237,7 @@ class Radar(FrozenModel):
         Frame rate f_p: slow-time samples per second. On swept-threshold chips one frame holds many pulses.
     sample_rate_hz : float
         Sampling rate f_s of the receiver: along fast time, along the sweep (fmcw) or steps per second (stepped). A
-        cw radar averages its samples over the frame; there it has no effect and is prf_hz when left out.
+        cw radar has one sample per frame; there it has no effect and is prf_hz when left out.
     decimation : int
         Baseband samples kept: every D-th (impulse, rectangular, lfm).
     range_start_m, range_stop_m : float
@@ -277,6 +277,13 @@ class Radar(FrozenModel):
     threshold_step_v : float, optional
         impulse with a threshold sweep: spacing d of the thresholds, V at the receiver output. The receiver then counts
         comparisons, with the noise of a counter (E-18b); without, it averages samples.
+    integration_share : float
+        Share of the frame time over which the samples of one frame are summed, 0 to 1: a moving echo loses
+        sinc(f_d T_i), T_i = integration_share / prf_hz (E-13b). 0 where a frame is one short look, and where the
+        waveform models the motion within a frame (fmcw, stepped).
+    fold_echoes : bool
+        Pulsed radars: show echoes from beyond c / (2 pulse rate) in the frame of a later pulse (E-10b). False for a
+        hypothetical radar that knows the echoes of its pulses apart. Sweeps fold in any case.
     transmit_phase_rad : float
         Phase theta of the transmitted pulse.
     hypothetical : bool
@@ -312,6 +319,8 @@ class Radar(FrozenModel):
     pulse_rate_hz: float | None = Field(default=None, gt=0)
     sweep_levels: int = Field(default=1, ge=1)
     threshold_step_v: float | None = Field(default=None, gt=0, le=1e3)
+    integration_share: float = Field(default=0.0, ge=0, le=1)
+    fold_echoes: bool = True
     transmit_phase_rad: float = 0.0
     hypothetical: bool = False
 

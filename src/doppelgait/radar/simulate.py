@@ -229,7 +229,7 @@ def warn_of_limits(scatterers: xr.Dataset, radar: Radar) -> None:
     nearest, farthest = float(ranges_m.min()), float(ranges_m.max())
     waveform = radar.waveform
     folding_m = waveform.unambiguous_range_m(radar)
-    if waveform.folds and farthest >= folding_m:
+    if not waveform.samples_are_bins and farthest >= folding_m:
         warn_caller(
             f"folding: a scatterer is {farthest:.2f} m away, beyond the unambiguous range of {folding_m:.4g} m, where "
             "echoes appear again from 0 m on; move the target, raise radar.sample_rate_hz or lower radar.bandwidth_hz"

@@ -177,8 +177,8 @@ def clutter_ranges(radar: Radar) -> tuple[npt.NDArray[np.float64], float]:
     spacing_m = (span_m + 2.0 * beyond_m) / n_scatterers
     range_m = radar.range_start_m - beyond_m + spacing_m * (np.arange(n_scatterers) + 0.5)
     end_m = radar.waveform.unambiguous_range_m(radar)
-    if radar.waveform.folds and math.isfinite(end_m):
-        # without those that would fold into the frame from its other end
+    if not radar.waveform.samples_are_bins and math.isfinite(end_m):
+        # a transform is periodic: without those that would fold into the frame from its other end
         reach_m = CELLS_BEYOND * radar.range_resolution_m
         appears_m = range_m % end_m
         near = (appears_m > radar.range_start_m - reach_m) & (appears_m < radar.range_stop_m + reach_m)

@@ -21,7 +21,7 @@ class Cw(Waveform):
     The sample is the sum of all echoes at whatever range; the bin stands for the whole frame.
     """
 
-    takes: ClassVar[tuple[str, ...]] = ("noise_bandwidth_hz",)
+    takes: ClassVar[tuple[str, ...]] = ("noise_bandwidth_hz", "integration_share")
     ranged: ClassVar[bool] = False
 
     kind: Literal["cw"] = "cw"
@@ -66,11 +66,12 @@ class Cw(Waveform):
         return self.bin_spacing_m(radar)
 
     def noise_bandwidth_hz(self, radar: Radar) -> float:
-        """Return the noise bandwidth of a sample: the frame rate.
+        """Return the noise bandwidth of a sample.
 
-        A sample averages over its frame.
+        A mean over T_i has 1 / T_i. A sample of no length (``integration_share`` 0) is one behind an ideal low-pass
+        of the frame rate's width, which no unambiguous echo loses anything in.
         """
-        return radar.prf_hz
+        return radar.prf_hz / (radar.integration_share or 1.0)
 
     def unambiguous_range_m(self, radar: Radar) -> float:
         """No range at which echoes fold."""

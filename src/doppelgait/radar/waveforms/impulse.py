@@ -24,7 +24,7 @@ class Impulse(Waveform):
 
     takes: ClassVar[tuple[str, ...]] = (
         "bandwidth_hz", "bandwidth_level_db", "pulse_sigma_s", "decimation", "noise_bandwidth_hz",
-        "noise_correlation", "sweep_levels", "threshold_step_v", "pulse_rate_hz",
+        "noise_correlation", "sweep_levels", "threshold_step_v", "pulse_rate_hz", "integration_share", "fold_echoes",
     )  # fmt: skip
 
     kind: Literal["impulse"] = "impulse"

@@ -49,7 +49,6 @@ class _Sweep(Waveform):
     """
 
     needs: ClassVar[tuple[str, ...]] = ("bandwidth_hz", "sweep_s")
-    folds: ClassVar[bool] = True
     lag: ClassVar[float]
 
     def check(self, radar: Radar) -> None:
