@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.samples import Samples, borrow_planes
+from doppelgait.core.samples import WHITE, Samples, borrow_planes
 
 N_PULSES, N_BINS, KEY = 70, 9, np.uint64(77)
 
@@ -66,11 +66,12 @@ def test_changes_in_place_keep_own_memory_and_leave_that_of_others():
         np.testing.assert_array_equal(own.matrix, matrix() + np.float32(1.0))
 
 
-def test_pending_noise_is_the_noise_that_settles_and_that_is_read_in_part():
+@pytest.mark.parametrize("factor", [WHITE, np.array([0.8, 0.56, 0.2], np.float32)])
+def test_pending_noise_is_the_noise_that_settles_and_that_is_read_in_part(factor):
     spans = np.array([[0, 0], [3, 40], [10, 70], [0, 0], [5, 6], [60, 70], [0, 0], [0, 0], [0, 0]])
-    expected = both()[0].with_noise(KEY, 4.0).settle().matrix
+    expected = both()[0].with_noise(KEY, 4.0, factor).settle().matrix
     for samples in both():
-        noisy = samples.with_noise(KEY, 4.0)
+        noisy = samples.with_noise(KEY, 4.0, factor)
         np.testing.assert_array_equal(noisy.matrix, expected)
         np.testing.assert_array_equal(noisy.planes[0, :, :N_PULSES], expected.real.T)
         planes, first = noisy.read(spans)

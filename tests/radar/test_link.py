@@ -7,10 +7,12 @@ import pytest
 from scipy.stats import norm
 
 from doppelgait.core.errors import ConfigError
+from doppelgait.core.samples import Samples
 from doppelgait.radar import Radar, derived_quantities
 from doppelgait.radar.impairments import ThermalNoise
 from doppelgait.radar.impairments.noise import noise_power_per_sample_v2
-from doppelgait.radar.link import comparator_noise_v, counter_noise_ratio, noise_power_v2
+from doppelgait.radar.link import comparator_noise_v, counter_noise_ratio, noise_factor, noise_power_v2
+from doppelgait.radar.simulate import draw_key
 
 SHAPE = {
     "carrier_hz": 7.29e9, "prf_hz": 500.0, "sample_rate_hz": 23.328e9, "decimation": 8, "range_stop_m": 5.0,
@@ -108,6 +110,28 @@ def test_independent_bins_follow_the_correlation():
     boxcar = Radar(**SHAPE, noise_correlation=[2 / 3, 1 / 3])
     independent = 1 / np.var((np.abs(noise) ** 2).mean(axis=1)) / noise.shape[1]
     assert boxcar.waveform.independent_bins(boxcar) == pytest.approx(independent, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    "correlation", [(), (0.633, 0.141, 0.006), (0.0, 0.0, 0.3), (-0.4, 0.1), (0.5,), (2 / 3, 1 / 3), (0.1,) * 5]
+)
+def test_the_factor_over_range_has_the_stated_correlation_and_is_minimum_phase(correlation):
+    taps = noise_factor(Radar(**SHAPE, noise_correlation=correlation)).astype(float)
+    assert taps.dtype == float
+    assert taps.size == len(correlation) + 1
+    np.testing.assert_allclose(np.correlate(taps, taps, "full")[taps.size - 1 :], [1.0, *correlation], atol=2e-6)
+    assert np.abs(np.roots(taps)).max(initial=0.0) < 1.0
+
+
+def test_simulated_noise_has_the_stated_correlation_and_power():
+    radar = Radar(**SHAPE, noise_correlation=[0.633, 0.141, 0.006])
+    silence = Samples(np.zeros((20_000, 60), np.complex64))
+    noise = silence.with_noise(draw_key(np.random.default_rng(1)), 4.0, noise_factor(radar)).matrix.astype(complex)
+    assert np.mean(np.abs(noise) ** 2) == pytest.approx(4.0, rel=0.005)
+    for lag, rho in enumerate([0.633, 0.141, 0.006, 0.0, 0.0], start=1):
+        found = np.mean(noise[:, lag:] * noise[:, :-lag].conj()) / 4.0
+        assert found == pytest.approx(rho, abs=0.006)
+    assert abs(np.mean(noise[1:] * noise[:-1].conj())) / 4.0 < 0.006  # pulses stay independent
 
 
 @pytest.mark.parametrize(

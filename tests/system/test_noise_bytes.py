@@ -10,8 +10,9 @@ CHECKSUM = """
 import zlib
 import numpy as np
 from doppelgait.core.kernels.noise import add_noise_block
+from doppelgait.core.samples import WHITE
 re, im = np.zeros((2, 40, 500), dtype=np.float32)
-add_noise_block(re, im, 0, 500, 3, 1000, np.uint64(77), 1e-5)
+add_noise_block(re, im, 0, 500, 3, 1000, np.uint64(77), 1e-5, WHITE)
 print(zlib.crc32(re.astype("<f4").tobytes() + im.astype("<f4").tobytes()))
 """
 

@@ -19,6 +19,7 @@ from doppelgait.core.errors import AnalysisError
 Planes = npt.NDArray[np.float32]
 Matrix = npt.NDArray[np.complex64]
 Spans = npt.NDArray[np.int64]
+Factor = npt.NDArray[np.float32]
 
 ROWS = 32
 """Rows of planes or of a matrix that are changed at a time, so that intermediate results stay in the cache."""
@@ -54,14 +55,19 @@ def _give_back(spare: list[Planes], memory: Planes) -> None:
         spare.append(memory)
 
 
+WHITE: Factor = np.ones(1, dtype=np.float32)
+"""Factor of white noise."""
+
+
 class Noise(NamedTuple):
-    """Pending receiver noise: its key and root mean square in V.
+    """Pending receiver noise: key, root mean square in V, factor over range.
 
     The noise is a function of (key, pulse, sample).
     """
 
     key: np.uint64
     rms_v: float
+    factor: Factor
 
 
 class Samples:
@@ -183,14 +189,15 @@ class Samples:
         copy_noise_spans(source[0], source[1], spans[rows], first, *self._noise, margin, noisy[0], noisy[1])
         return noisy, first
 
-    def with_noise(self, key: np.uint64, power_v2: float) -> Samples:
-        """Return the samples with complex white Gaussian noise pending.
+    def with_noise(self, key: np.uint64, power_v2: float, factor: Factor = WHITE) -> Samples:
+        """Return the samples with complex Gaussian noise pending.
 
-        The values are shared, not copied, and so is the memory: from now on the result alone may change it.
+        It is white, or correlated over samples by the taps ``factor`` of unit energy (E-18c). The values are shared,
+        not copied, and so is the memory: from now on the result alone may change it.
         """
         quiet = self.settle()
         owned, quiet._owned, self._owned = quiet._owned, False, False
-        return self._make(quiet.shape, quiet._matrix, quiet._planes, Noise(key, math.sqrt(power_v2)), owned)
+        return self._make(quiet.shape, quiet._matrix, quiet._planes, Noise(key, math.sqrt(power_v2), factor), owned)
 
     def settle(self) -> Samples:
         """Add the pending noise in place where memory is owned."""

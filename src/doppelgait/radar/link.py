@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -109,6 +110,40 @@ def noise_power_v2(radar: Radar) -> float:
     It is that of a receiver sample, compressed (E-18).
     """
     return sample_noise_v2(radar) * radar.waveform.noise_gain(radar)
+
+
+FACTOR_ROWS = 2000
+"""Steps after which a factor that still changes is taken: 2.5e-4 off for a spectrum that touches 0, else 1e-12."""
+
+
+def noise_factor(radar: Radar) -> npt.NDArray[np.float32]:
+    """Return the taps that correlate white noise over range bins.
+
+    The minimum-phase factor g of the radar's ``noise_correlation``, sum_k g_k g_(k+l) = rho_l (E-18c): float32, shape
+    (K + 1,), of unit energy; a single 1 for white noise.
+    """
+    return np.array(_factorise(radar.noise_correlation), dtype=np.float32)
+
+
+@lru_cache(maxsize=64)
+def _factorise(correlation: tuple[float, ...]) -> tuple[float, ...]:
+    """Factorise a correlation by Bauer's method.
+
+    The rows of the Cholesky factor of its Toeplitz matrix tend to the taps. In plain arithmetic, so that its bits do
+    not depend on the processor or a library (Bauer, Arch. Elektr. Uebertragung 9, 1955).
+    """
+    rho, last = (1.0, *correlation), len(correlation)
+    rows = [(1.0,) + (0.0,) * last]  # of each row the diagonal element and those before it
+    for step in range(FACTOR_ROWS):
+        row = [0.0] * (last + 1)
+        for lag in range(min(last, len(rows)), 0, -1):
+            before = rows[-lag]
+            row[lag] = (rho[lag] - sum(row[m] * before[m - lag] for m in range(lag + 1, last + 1))) / before[0]
+        row[0] = math.sqrt(1.0 - sum(tap * tap for tap in row))
+        rows = [*rows[-last:], tuple(row)]
+        if step >= last and max(abs(new - old) for new, old in zip(rows[-1], rows[0], strict=True)) < 1e-13:
+            break
+    return rows[-1]
 
 
 def scatterer_arrays(scatterers: xr.Dataset, radar: Radar) -> tuple[Any, Any]:

@@ -268,9 +268,9 @@ class Radar(FrozenModel):
         Noise bandwidth B_n of a receiver sample; by default the pulse's 10 dB bandwidth (impulse), 1 / sweep_s
         (rectangular, lfm), sample_rate_hz (fmcw, stepped) or prf_hz (cw).
     noise_correlation : tuple of float
-        Correlation rho_1, rho_2, ... between the noise of bins 1, 2, ... apart, as the receiver's filter makes it; of
-        waveforms whose samples are the range bins. Empty: white. At most 16 values, and no noise may have a negative
-        spectrum: 1 + 2 sum rho_l cos(l w) >= 0 for every w.
+        Correlation rho_1, rho_2, ... (E-18c) between the noise of bins 1, 2, ... apart, as the receiver's filter makes
+        it; of waveforms whose samples are the range bins. Empty: white. At most 16 values, and no noise may have a
+        negative spectrum: 1 + 2 sum rho_l cos(l w) >= 0 for every w.
     pulse_rate_hz, sweep_levels : float, int
         Pulses (sweeps) per second and levels of the threshold sweep; a frame averages pulse_rate / (prf * sweep_levels)
         of them.

@@ -108,7 +108,8 @@ def draw_key(rng: np.random.Generator) -> np.uint64:
 def add_noise(baseband: xr.DataArray, *, noise_power_v2: float, rng: np.random.Generator) -> xr.DataArray:
     """Add white Gaussian receiver noise to a baseband (E-18).
 
-    It is complex, of mean square ``noise_power_v2`` in every bin.
+    It is complex, of mean square ``noise_power_v2`` in every bin, and white whatever the radar: the noise of
+    :func:`doppelgait.simulate` has the radar's ``noise_correlation``.
 
     Takes a single 64-bit key from ``rng``; the value in a bin of a frame is a function of (key, frame, bin) only.
     """
@@ -121,9 +122,10 @@ def noisy(samples: npt.NDArray[Any], *, noise_power_v2: float, rng: np.random.Ge
     As :func:`add_noise`; a new array.
     """
     from doppelgait.core.kernels.noise import add_noise_matrix
+    from doppelgait.core.samples import WHITE
 
     result = np.array(samples, dtype=np.result_type(samples.dtype, np.complex64), order="C")
-    add_noise_matrix(result, draw_key(rng), float(np.sqrt(noise_power_v2)))
+    add_noise_matrix(result, draw_key(rng), float(np.sqrt(noise_power_v2)), WHITE)
     return result
 
 

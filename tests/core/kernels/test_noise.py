@@ -14,6 +14,7 @@ from scipy import stats
 from doppelgait.core.kernels import noise as kernel
 from doppelgait.core.kernels.noise import LANES, add_noise_block, add_noise_matrix, direction, draw_key, exponential
 from doppelgait.core.labels import BASEBAND, make_array
+from doppelgait.core.samples import WHITE
 from doppelgait.radar import add_noise
 
 KEY = 0x0123456789ABCDEF
@@ -21,10 +22,10 @@ ROOT_2 = math.sqrt(2.0)
 P_LIMIT = 1e-4
 
 
-def planes(n_bins, n_frames, *, key=KEY, rms=ROOT_2, first_bin=0, first_frame=0):
+def planes(n_bins, n_frames, *, key=KEY, rms=ROOT_2, first_bin=0, first_frame=0, factor=WHITE):
     """Noise alone; with the default rms both parts have variance 1."""
     re, im = np.zeros((2, n_bins, n_frames), dtype=np.float32)
-    add_noise_block(re, im, 0, n_frames, first_bin, first_frame, np.uint64(key), rms)
+    add_noise_block(re, im, 0, n_frames, first_bin, first_frame, np.uint64(key), rms, factor)
     return re, im
 
 
@@ -162,10 +163,14 @@ def test_noise_is_the_float64_reference(key):
 # Addressing
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_any_blocks_in_any_order_give_the_same_bytes(seed):
-    n_bins, n_frames = 37, 2 * LANES + 91
-    whole = planes(n_bins, n_frames)
+TAPS = {k: (0.7 ** np.arange(k + 1)).astype(np.float32) for k in (0, 1, 3, 6)}
+
+
+@pytest.mark.parametrize("n_taps", TAPS)
+@pytest.mark.parametrize("seed", range(4))
+def test_any_blocks_in_any_order_give_the_same_bytes(seed, n_taps):
+    n_bins, n_frames, taps = 37, 2 * LANES + 91, TAPS[n_taps]
+    whole = planes(n_bins, n_frames, factor=taps)
     rng = np.random.default_rng(seed)
     bins = np.unique([0, n_bins, *rng.integers(0, n_bins, 5)])
     frames = np.unique([0, n_frames, *rng.integers(0, n_frames, 7)])
@@ -175,27 +180,37 @@ def test_any_blocks_in_any_order_give_the_same_bytes(seed):
     for n, i in blocks:
         (top, end), (left, right) = bins[n : n + 2], frames[i : i + 2]
         if seed % 2:
-            add_noise_block(re[top:end], im[top:end], left, right, top, left, np.uint64(KEY), ROOT_2)
+            add_noise_block(re[top:end], im[top:end], left, right, top, left, np.uint64(KEY), ROOT_2, taps)
         else:  # cut out, no longer contiguous
             cut_re, cut_im = re[top:end, left:right], im[top:end, left:right]
-            add_noise_block(cut_re, cut_im, 0, right - left, top, left, np.uint64(KEY), ROOT_2)
+            add_noise_block(cut_re, cut_im, 0, right - left, top, left, np.uint64(KEY), ROOT_2, taps)
     assert re.tobytes() == whole[0].tobytes()
     assert im.tobytes() == whole[1].tobytes()
 
 
 @pytest.mark.parametrize("n_frames", [1, 2, LANES - 1, LANES, LANES + 1, 3 * LANES + 7])
 @pytest.mark.parametrize("n_bins", [1, 2, 9])
-def test_matrix_and_planes_hold_the_same_noise(n_bins, n_frames):
+@pytest.mark.parametrize("n_taps", TAPS)
+def test_matrix_and_planes_hold_the_same_noise(n_bins, n_frames, n_taps):
     matrix = np.zeros((n_frames, n_bins), dtype=np.complex64)
-    add_noise_matrix(matrix, np.uint64(KEY), ROOT_2)
-    re, im = planes(n_bins, n_frames)
+    add_noise_matrix(matrix, np.uint64(KEY), ROOT_2, TAPS[n_taps])
+    re, im = planes(n_bins, n_frames, factor=TAPS[n_taps])
     np.testing.assert_array_equal(matrix.real, re.T)
     np.testing.assert_array_equal(matrix.imag, im.T)
 
 
+def test_correlated_noise_is_white_noise_filtered_over_bins():
+    """Against a plain convolution of the white noise that the same key gives."""
+    taps = np.array([0.8, 0.5, -0.3, 0.1], dtype=np.float32)
+    white = np.array(planes(40, 300, first_bin=7, first_frame=50)).astype(np.float64)
+    expected = sum(tap * white[:, k : k + 30] for k, tap in enumerate(taps.tolist()))
+    found = planes(30, 300, first_bin=7, first_frame=50, factor=taps)
+    np.testing.assert_allclose(found, expected, atol=2e-6)
+
+
 def test_only_the_named_columns_change_and_values_are_added():
     re, im = np.full((2, 3, 300), 5.0, dtype=np.float32)
-    add_noise_block(re, im, 40, 240, 8, 1000, np.uint64(KEY), 1.0)
+    add_noise_block(re, im, 40, 240, 8, 1000, np.uint64(KEY), 1.0, WHITE)
     alone = planes(3, 200, rms=1.0, first_bin=8, first_frame=1000)
     for plane, added in zip((re, im), alone, strict=True):
         assert (plane[:, :40] == 5).all()
@@ -210,8 +225,8 @@ def test_scale_is_exact_and_zero_is_silence():
 
 
 def test_an_empty_block_is_no_work():
-    add_noise_matrix(np.zeros((0, 5), dtype=np.complex64), np.uint64(KEY), 1.0)
-    add_noise_matrix(np.zeros((5, 0), dtype=np.complex64), np.uint64(KEY), 1.0)
+    add_noise_matrix(np.zeros((0, 5), dtype=np.complex64), np.uint64(KEY), 1.0, WHITE)
+    add_noise_matrix(np.zeros((5, 0), dtype=np.complex64), np.uint64(KEY), 1.0, WHITE)
     planes(3, 0)
 
 
@@ -231,7 +246,7 @@ def test_public_noise_is_the_kernel_and_draws_once():
     noisy = add_noise(quiet, noise_power_v2=4.0, rng=generator)
     expected = np.zeros((150, 7), dtype=np.complex64)
     twin = np.random.default_rng(8)
-    add_noise_matrix(expected, draw_key(twin), 2.0)
+    add_noise_matrix(expected, draw_key(twin), 2.0, WHITE)
     assert noisy.values.tobytes() == expected.tobytes()
     assert generator.integers(2**63) == twin.integers(2**63)
     assert not quiet.values.any()

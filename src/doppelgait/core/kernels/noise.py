@@ -1,4 +1,4 @@
-"""Counter-based complex white Gaussian receiver noise (E-18).
+"""Counter-based complex Gaussian receiver noise (E-18), white or correlated over range (E-18c).
 
 Every value is a function of (key, frame, bin).
 
@@ -140,6 +140,22 @@ def _transform(words, rms, parts):  # type: ignore[no-untyped-def]
 
 
 @njit(**OPTIONS)
+def _filter(ring, oldest, factor, parts):  # type: ignore[no-untyped-def]
+    r"""Correlate the white noise of neighbouring bins.
+
+    :math:`w_n = g_0 u_n + g_1 u_{n+1} + \dots`, added in this order; u_n is in slot ``oldest`` of the ring.
+    """
+    slots = ring.shape[0]
+    first = ring[oldest % slots]
+    for lane in range(2 * LANES):
+        parts[lane] = factor[0] * first[lane]
+    for k in range(1, factor.shape[0]):
+        white = ring[(oldest + k) % slots]
+        for lane in range(2 * LANES):
+            parts[lane] += factor[k] * white[lane]
+
+
+@njit(**OPTIONS)
 def _add(parts, row_re, row_im):  # type: ignore[no-untyped-def]
     for i in range(row_re.shape[0]):
         row_re[i] += parts[i]
@@ -157,14 +173,16 @@ def add_noise_block(
     first_frame: int,
     key: int | np.uint64,
     rms: float,
+    factor: Float32Array,
 ) -> None:
     r"""Add receiver noise to planes of some range bins and frames.
 
-    .. math:: Y_{i,n} \leftarrow Y_{i,n} + s\, \sqrt{-\ln u_{i,n}}\, e^{j \varphi_{i,n}}
+    .. math:: Y_{i,n} \leftarrow Y_{i,n} + \sum_k g_k u_{i,n+k}, \qquad
+        u_{i,n} = s\, \sqrt{-\ln v_{i,n}}\, e^{j \varphi_{i,n}}
 
-    With u uniform in (0, 1) and phi uniform on the circle this is circular complex Gaussian noise of mean square s^2.
-    Both come from Philox4x32-10 with the counter (i, floor(n / 2), 0, 0): its first two words serve the even bin, the
-    other two the odd one. The same value for the same (key, i, n), whatever the block.
+    With v uniform in (0, 1) and phi uniform on the circle u is circular complex white Gaussian noise of mean square
+    s^2. Both come from Philox4x32-10 with the counter (i, floor(n / 2), 0, 0): its first two words serve the even bin,
+    the other two the odd one. The same value for the same (key, i, n), whatever the block.
 
     Parameters
     ----------
@@ -181,20 +199,25 @@ def add_noise_block(
         64-bit key of this noise, such as :func:`draw_key` takes from a generator.
     rms : float
         Root mean square s of the complex noise, V.
+    factor : ndarray, shape (K + 1,), float32
+        Taps g over range, sum g^2 = 1 (E-18c); a single 1 for white noise.
     """
-    n_bins = plane_re.shape[0]
+    n_bins, n_more = plane_re.shape[0], factor.shape[0] - 1
     scale, key_word = np.float32(rms), np.uint64(key)
     words = np.empty(4 * LANES, dtype=np.uint32)
+    ring = np.empty((factor.shape[0], 2 * LANES), dtype=np.float32)
     parts = np.empty(2 * LANES, dtype=np.float32)
-    for pair in range(first_bin // 2, (first_bin + n_bins + 1) // 2):
-        for column in range(start, stop, LANES):
-            end = min(column + LANES, stop)
+    for column in range(start, stop, LANES):
+        end = min(column + LANES, stop)
+        for pair in range(first_bin // 2, (first_bin + n_bins + n_more + 1) // 2):
             _draw(first_frame + column - start, pair, key_word, words)
             for odd in range(2):
                 row = 2 * pair + odd - first_bin
-                if 0 <= row < n_bins:
-                    _transform(words[2 * odd * LANES :], scale, parts)
-                    _add(parts, plane_re[row, column:end], plane_im[row, column:end])
+                if 0 <= row < n_bins + n_more:
+                    _transform(words[2 * odd * LANES :], scale, ring[row % (n_more + 1)])
+                    if row >= n_more:
+                        _filter(ring, row - n_more, factor, parts)
+                        _add(parts, plane_re[row - n_more, column:end], plane_im[row - n_more, column:end])
 
 
 @njit(**OPTIONS)
@@ -205,44 +228,54 @@ def copy_noise_spans(
     first_bin: int,
     key: int | np.uint64,
     rms: float,
+    factor: Float32Array,
     margin: int,
     plane_re: Float32Array,
     plane_im: Float32Array,
 ) -> None:
     """Copy the needed spans of planes and add receiver noise.
 
-    The values are those of :func:`add_noise_block`.
+    The values are those of :func:`add_noise_block`. Frames next to a span may get noise too.
 
     Parameters
     ----------
     source_re, source_im : ndarray, shape (N, I or more), float32
     spans : ndarray, shape (N, 2)
-        First and one past the last frame that every bin needs; two bins of a pair get the frames that either needs.
+        First and one past the last frame that every bin needs.
     first_bin : int
         Bin of row 0.
-    key, rms
+    key, rms, factor
         As for :func:`add_noise_block`.
     margin : int
-        Number of frames after each span that are copied too, without noise.
+        Number of frames after each span that are copied too.
     plane_re, plane_im : ndarray, shape of the source, float32
         Overwritten within the spans; may be the source.
     """
-    n_bins = source_re.shape[0]
-    row = 0
-    while row < n_bins:
-        end = min(row + 2 - (first_bin + row) % 2, n_bins)  # up to the end of the pair that shares random words
-        begin, stop = spans[row:end, 0].min(), spans[row:end, 1].max()
+    n_bins, n_frames = source_re.shape[0], plane_re.shape[1]
+    first_frame, last_frame = n_frames, 0
+    for n in range(n_bins):
+        begin, stop = spans[n]
         if begin < stop:
-            copied = min(stop + margin, plane_re.shape[1])
-            for n in range(row, end):
-                plane_re[n, begin:copied] = source_re[n, begin:copied]
-                plane_im[n, begin:copied] = source_im[n, begin:copied]
-            add_noise_block(plane_re[row:end], plane_im[row:end], begin, stop, first_bin + row, begin, key, rms)
-        row = end
+            copied = min(stop + margin, n_frames)
+            plane_re[n, begin:copied] = source_re[n, begin:copied]
+            plane_im[n, begin:copied] = source_im[n, begin:copied]
+            first_frame, last_frame = min(first_frame, begin), max(last_frame, stop)
+    # In every block of frames runs of bins get noise together: neighbours share random words and white noise.
+    for column in range(first_frame, last_frame, LANES):
+        end = min(column + LANES, last_frame)
+        row = 0
+        while row < n_bins:
+            top = row
+            while row < n_bins and spans[row, 0] < min(spans[row, 1], end) and spans[row, 1] > column:
+                row += 1
+            if row > top:
+                run_re, run_im = plane_re[top:row], plane_im[top:row]
+                add_noise_block(run_re, run_im, column, end, first_bin + top, column, key, rms, factor)
+            row += 1
 
 
 @njit(**OPTIONS)
-def add_noise_matrix(matrix: npt.NDArray[Any], key: int | np.uint64, rms: float) -> None:
+def add_noise_matrix(matrix: npt.NDArray[Any], key: int | np.uint64, rms: float, factor: Float32Array) -> None:
     """Add receiver noise to a whole data matrix.
 
     The values are those of :func:`add_noise_block` from bin 0 and frame 0.
@@ -251,22 +284,30 @@ def add_noise_matrix(matrix: npt.NDArray[Any], key: int | np.uint64, rms: float)
     ----------
     matrix : ndarray, shape (I, N), complex64
         Added to.
-    key, rms
+    key, rms, factor
         As for :func:`add_noise_block`.
     """
     n_frames, n_bins = matrix.shape
+    n_more = factor.shape[0] - 1
     scale, key_word = np.float32(rms), np.uint64(key)
     words = np.empty(4 * LANES, dtype=np.uint32)
+    ring = np.empty((factor.shape[0] + 1, 2 * LANES), dtype=np.float32)
     even, odd = np.empty(2 * LANES, dtype=np.float32), np.empty(2 * LANES, dtype=np.float32)
     for start in range(0, n_frames, LANES):  # LANES rows of the matrix stay in the cache for all bins
         rows = matrix[start : start + LANES]
-        for n in range(0, n_bins, 2):
-            _draw(start, n // 2, key_word, words)
-            _transform(words, scale, even)
-            _transform(words[2 * LANES :], scale, odd)
+        for pair in range((n_bins + n_more + 1) // 2):
+            _draw(start, pair, key_word, words)
+            _transform(words, scale, ring[2 * pair % ring.shape[0]])
+            _transform(words[2 * LANES :], scale, ring[(2 * pair + 1) % ring.shape[0]])
+            n = 2 * pair - n_more  # the first of two bins whose noise is now known
+            if n >= 0:
+                _filter(ring, n, factor, even)
+            if n >= -1:
+                _filter(ring, n + 1, factor, odd)
             for i in range(rows.shape[0]):
-                rows[i, n] += complex(even[i], even[LANES + i])
-                if n + 1 < n_bins:
+                if n >= 0:
+                    rows[i, n] += complex(even[i], even[LANES + i])
+                if -1 <= n < n_bins - 1:
                     rows[i, n + 1] += complex(odd[i], odd[LANES + i])
 
 

@@ -12,14 +12,14 @@ from doppelgait.core.config import FrozenModel
 from doppelgait.core.plugins import plugin
 from doppelgait.core.samples import Samples
 from doppelgait.radar.impairments.apply import level_to_volt
-from doppelgait.radar.link import sample_noise_v2
+from doppelgait.radar.link import noise_factor, sample_noise_v2
 from doppelgait.radar.parameters import Radar
 
 
 class ThermalNoise(FrozenModel):
-    """Complex white Gaussian noise of the receiver (E-18).
+    """Complex Gaussian noise of the receiver (E-18).
 
-    The level is the radar's own by default.
+    The level is the radar's own by default; the correlation over range is the radar's ``noise_correlation``.
 
     Parameters
     ----------
@@ -66,7 +66,8 @@ def add_thermal_noise(samples: Samples, parameters: ThermalNoise, radar: Radar, 
     """
     from doppelgait.core.kernels.noise import draw_key
 
-    return samples.with_noise(draw_key(rng), noise_power_per_sample_v2(parameters, radar)).settle()
+    power_v2 = noise_power_per_sample_v2(parameters, radar)
+    return samples.with_noise(draw_key(rng), power_v2, noise_factor(radar)).settle()
 
 
 Pulses = npt.NDArray[np.int64]
