@@ -18,6 +18,7 @@ from doppelgait.scene.environment.materials import (
     slab_transmission,
     te_share,
 )
+from doppelgait.testing.conformance.theory import refracted_radii_m
 from echo_table import C_MPS, LAMBDA_M, echo_table, echoes
 
 K = 2 * np.pi / LAMBDA_M
@@ -226,11 +227,39 @@ def test_whole_phase_and_level_behind_a_wall_are_those_of_t_squared(material):
     angles = np.degrees(np.arctan2([0.0, 2.5], 5.0))  # level rays: purely te
     exact = [film(eps, d, angle, "te")[1] * np.exp(1j * K * d * np.cos(np.radians(angle))) for angle in angles]
     before, seen = echoes(table)[0], echoes(after)[0]
-    lengthening = (table["range"] / after["range"]).values[0, :2] ** 2  # the radar equation, at the apparent range
-    np.testing.assert_allclose(seen[:2], before[:2] * np.array(exact) ** 2 * lengthening, rtol=1e-9)
+    tube = spreading(table["range"].values[0, :2], angles, eps, d)
+    np.testing.assert_allclose(seen[:2], before[:2] * np.array(exact) ** 2 * np.sqrt(tube), rtol=1e-6)
     assert after["range"].values[0, 0] == pytest.approx(5.0 + (np.sqrt(eps.real) - 1) * d)
     assert seen[2] == before[2]
     assert after["range"].values[0, 2] == table["range"].values[0, 2]
+
+
+def spreading(range_m, angle_deg, eps, thickness_m):
+    """Two-way power against free space of a bundle of rays through a slab, by Snell's law."""
+    radii = [
+        refracted_radii_m(r, np.radians(a), index=np.sqrt(eps.real), thickness_m=thickness_m)
+        for r, a in zip(range_m, angle_deg, strict=True)
+    ]
+    return (np.array(range_m) ** 2 / np.prod(radii, axis=1)) ** 2
+
+
+@pytest.mark.parametrize("range_m", [1.0, 2.0, 4.0, 8.0])
+def test_level_behind_brick_is_that_of_the_sum_of_plane_waves(range_m):
+    """Spherical wave behind a slab: Weyl's integral of plane waves along the path of steepest descent, both ways."""
+    d, eps = 0.115, relative_permittivity("brick", wavelength_m=LAMBDA_M)
+    node, weight = np.polynomial.laguerre.laggauss(60)
+    cosine = np.append(1 - 1j * node / (K * range_m), 1.0)
+    inside = np.sqrt(eps - 1 + cosine**2)
+    through = np.exp(-1j * K * d * inside)
+    field = []
+    for r in ((cosine - inside) / (cosine + inside), (eps * cosine - inside) / (eps * cosine + inside)):
+        t = (1 - r**2) * through / (1 - (r * through) ** 2) * np.exp(1j * K * d * cosine)
+        field.append((weight @ t[:-1]) / 2)  # te and tm waves by halves on the axis
+    exact = abs(sum(field)) ** 4
+    table = echo_table(np.array([[[range_m, 0.0, 1.0]]]), SETTING.radar_position_m)
+    after = apply_environment(table, [Wall(material="brick", thickness_m=d)], SETTING)
+    echo = after["path_gain"].item() * (table["range"] / after["range"]).item() ** 4
+    assert 10 * np.log10(echo / exact) == pytest.approx(0.0, abs=0.1)
 
 
 def test_wall_touches_only_what_is_behind_it():
@@ -272,7 +301,9 @@ def test_tm_crosses_more_easily_than_te():
     ]
     eps = relative_permittivity("wood", wavelength_m=LAMBDA_M)
     expected = [abs(film(eps, 0.01, np.degrees(np.arctan2(4, 3)), mode)[1]) for mode in ("te", "tm")]
-    np.testing.assert_allclose(gains, np.array(expected) ** 4, rtol=1e-9)
+    delayed = (1 + slab_delay_m(0.6, permittivity=eps, thickness_m=0.01) / 5.0) ** 4  # as the radar equation divides
+    wanted = np.array(expected) ** 4 * delayed * spreading([5.0], [np.degrees(np.arctan2(4, 3))], eps, 0.01)
+    np.testing.assert_allclose(gains, wanted, rtol=1e-6)
     assert gains[1] > gains[0]
 
 
@@ -281,7 +312,9 @@ def test_oblique_rays_cross_by_their_te_and_tm_parts(polarisation):
     position = places(12) + np.array([0.0, 0.0, 1.5])  # rays that rise
     turn = 0.3
     wall = Wall(material="glass", thickness_m=0.01, normal_azimuth_deg=np.degrees(turn), polarisation=polarisation)
-    after = apply_environment(echo_table(position, SETTING.radar_position_m), [wall], SETTING)
+    before = echo_table(position, SETTING.radar_position_m)
+    after = apply_environment(before, [wall], SETTING)
+    echo = after["path_gain"].values[0] * (before["range"] / after["range"]).values[0] ** 4
     normal, eps = np.array([np.cos(turn), np.sin(turn), 0.0]), relative_permittivity("glass", wavelength_m=LAMBDA_M)
     for n, place in enumerate(position[0] - SETTING.radar_position_m):
         u = place / np.linalg.norm(place)
@@ -293,18 +326,21 @@ def test_oblique_rays_cross_by_their_te_and_tm_parts(polarisation):
         angle = np.degrees(np.arccos(u @ normal))
         t_te, t_tm = (film(eps, 0.01, angle, mode)[1] for mode in ("te", "tm"))
         copolar = t_te * (field @ te) ** 2 + t_tm * (field @ tm) ** 2
-        assert after["path_gain"].values[0, n] == pytest.approx(abs(copolar) ** 4, rel=1e-9)
+        tube = spreading([np.linalg.norm(place)], [angle], eps, 0.01)[0]
+        assert echo[n] == pytest.approx(tube * abs(copolar) ** 4, rel=1e-6)
 
 
 def test_measured_wall_without_and_with_a_place():
     table = echo_table(places(), SETTING.radar_position_m)
     everywhere = apply_environment(table.drop_vars(["azimuth", "elevation"]), [Wall(loss_db=10, delay_m=0.2)], SETTING)
-    np.testing.assert_allclose(everywhere["path_gain"], 0.01, rtol=1e-12)  # 10 dB each way
+    echo = everywhere["path_gain"] * (table["range"] / everywhere["range"]) ** 4  # the radar equation takes the delay
+    np.testing.assert_allclose(echo, 0.01, rtol=1e-12)  # 10 dB each way
     np.testing.assert_allclose(everywhere["range"], table["range"] + 0.2)
     assert "path_phase" not in everywhere
     behind = places()[0, :, 0] > 3.0
     placed = apply_environment(table, [Wall(loss_db=10, delay_m=0.2, range_m=3.0)], SETTING)
-    np.testing.assert_allclose(placed["path_gain"].values[0], np.where(behind, 0.01, 1.0))
+    echo = placed["path_gain"] * (table["range"] / placed["range"]) ** 4
+    np.testing.assert_allclose(echo.values[0], np.where(behind, 0.01, 1.0))
     np.testing.assert_allclose(placed["range"].values[0], table["range"].values[0] + 0.2 * behind)
 
 

@@ -14,6 +14,7 @@ from doppelgait.core.errors import warn_caller
 from doppelgait.core.labels import axis
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import db_to_power
+from doppelgait.radar.link import MIN_RANGE_M
 from doppelgait.scene.environment.materials import (
     Material,
     Polarisation,
@@ -21,6 +22,7 @@ from doppelgait.scene.environment.materials import (
     relative_permittivity,
     sampled,
     slab_delay_m,
+    slab_spreading,
     te_share,
 )
 from doppelgait.scene.environment.reflections import (
@@ -103,7 +105,9 @@ def apply_wall(scatterers: xr.Dataset, spec: Wall, setting: Setting) -> xr.Datas
         angle of the straight line to the scatterer; ``range`` plus the delay of one crossing
         (:func:`slab_delay_m`), ``radial_velocity`` minus its rate. The range carries -4 pi / lambda times that
         delay into the phase of the echo; ``path_phase`` gets the rest, so that the whole phase is that of T^2.
-        A measured wall has no rest. Scatterers in front are as they were.
+        A measured wall has no rest. Spreading goes with the geometrical path, a little less in the slab
+        (:func:`slab_spreading`): ``path_gain`` makes up for the delay, which the radar equation takes for distance.
+        Scatterers in front are as they were.
 
     Raises
     ------
@@ -140,11 +144,13 @@ def apply_wall(scatterers: xr.Dataset, spec: Wall, setting: Setting) -> xr.Datas
     delay_m = slab_delay_m(cosine, permittivity=permittivity, thickness_m=spec.thickness_m or 0.0)
     rest_rad = np.angle(through) + 2.0 * np.pi / setting.wavelength_m * delay_m
     rest_rad = 2.0 * ((rest_rad + np.pi) % (2.0 * np.pi) - np.pi)
-    gain = (through.real**2 + through.imag**2) ** 2
+    gain = (through.real**2 + through.imag**2) ** 2 * slab_spreading(
+        cosine, scatterers["range"].values, permittivity=permittivity, thickness_m=spec.thickness_m or 0.0
+    )
     delayed = _lengthen(scatterers, delay_m, rate_per_s(delay_m, axis(scatterers, "slow_time")), behind)
     return with_values(
         delayed,
-        path_gain=np.where(behind, scatterers["path_gain"].values * gain, scatterers["path_gain"].values),
+        path_gain=delayed["path_gain"].values * np.where(behind, gain, 1.0),
         path_phase=phase_of(scatterers) + np.where(behind, rest_rad, 0.0),
     )
 
@@ -173,14 +179,19 @@ def wall_insertion(
 def _apply_measured(scatterers: xr.Dataset, spec: Wall, behind: np.ndarray | np.bool_) -> xr.Dataset:
     gain = float(db_to_power(-2.0 * (spec.loss_db or 0.0)))
     delayed = _lengthen(scatterers, np.asarray(spec.delay_m or 0.0), np.asarray(0.0), behind)
-    return with_values(delayed, path_gain=scatterers["path_gain"].values * np.where(behind, gain, 1.0))
+    return with_values(delayed, path_gain=delayed["path_gain"].values * np.where(behind, gain, 1.0))
 
 
 def _lengthen(
     scatterers: xr.Dataset, delay_m: FloatArray, rate_mps: FloatArray, behind: np.ndarray | np.bool_
 ) -> xr.Dataset:
+    """Lengthen the delay of paths, not their spreading."""
+    before_m = scatterers["range"].values
+    after_m = before_m + np.where(behind, delay_m, 0.0)
+    ratio = np.maximum(after_m, MIN_RANGE_M) / np.maximum(before_m, MIN_RANGE_M)
     return with_values(
         scatterers,
-        range=scatterers["range"].values + np.where(behind, delay_m, 0.0),
+        range=after_m,
+        path_gain=scatterers["path_gain"].values * ratio**4,
         radial_velocity=scatterers["radial_velocity"].values - np.where(behind, rate_mps, 0.0),
     )

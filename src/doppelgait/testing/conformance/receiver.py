@@ -132,8 +132,11 @@ LOWEST_FIELD = 10.0 ** (-30.0 / 20.0)
 
 
 def wall_loss(bench: Bench, radar: Radar) -> float:
-    """Compare the two-way loss of walls with |T|^4 of the slab, dB."""
-    return max(abs(10.0 * math.log10(gain / abs(t) ** 4)) for gain, _, t, _ in _measure_walls(bench, radar))
+    """Compare the two-way loss of walls with that of the slab, dB.
+
+    It is |T|^4 with the spreading of a bundle of rays that the slab refracts.
+    """
+    return max(abs(10.0 * math.log10(gain)) for gain, _, _, _ in _measure_walls(bench, radar))
 
 
 def wall_delay(bench: Bench, radar: Radar) -> float:
@@ -151,14 +154,14 @@ def wall_phase(bench: Bench, radar: Radar) -> float:
 def _measure_walls(bench: Bench, radar: Radar) -> list[tuple[float, tuple[float, float], complex, float]]:
     """Measure every wall at every angle.
 
-    Returns power gain, (added range, added phase), and the theoretical T and added range.
+    Returns the echo's power over the theoretical one, (added range, added phase), and the theoretical T and added
+    range.
     """
     assert bench.wall is not None
     results = []
     for wall, azimuth_rad in product(WALLS, AZIMUTHS_RAD):
         before = table(np.full(2, RANGE_M), azimuth=azimuth_rad, elevation=0.0)
         after = bench.wall(before, carrier_hz=radar.carrier_hz, **wall)
-        gain = float(after["path_gain"].values[0, 0])
         later_m = float(after["range"].values[0, 0]) - RANGE_M
         eps = theory.permittivity_of(
             permittivity=wall["permittivity"], conductivity_s_per_m=wall["conductivity_s_per_m"],
@@ -169,6 +172,10 @@ def _measure_walls(bench: Bench, radar: Radar) -> list[tuple[float, tuple[float,
             cosine, permittivity=eps, thickness_m=thickness_m, wavelength_m=theory.wavelength_m(radar)
         )
         wanted_m = (math.sqrt(eps.real - 1.0 + cosine**2) - cosine) * thickness_m
+        # the radar equation takes the delayed range; a bundle of rays spreads with the path
+        echo = float(after["path_gain"].values[0, 0]) * (RANGE_M / (RANGE_M + later_m)) ** 4
+        radii_m = theory.refracted_radii_m(RANGE_M, azimuth_rad, index=math.sqrt(eps.real), thickness_m=thickness_m)
+        gain = echo * (radii_m[0] * radii_m[1] / RANGE_M**2) ** 2 / abs(t) ** 4
         results.append((gain, (later_m, float(_phase_rad(after)[0, 0])), t, wanted_m))
     return results
 

@@ -232,6 +232,22 @@ def slab_insertion(cosine: float, *, permittivity: complex, thickness_m: float, 
     return complex(through * np.exp(1j * turn * cosine))
 
 
+def refracted_radii_m(range_m: float, angle_rad: float, *, index: float, thickness_m: float) -> tuple[float, float]:
+    """Return the principal radii of rays behind a slab.
+
+    By Snell's law: the rays from the radar meet the plane of the target, parallel to the slab, at x(angle); the bundle
+    is x / sin(angle) wide across the plane of incidence and cos(angle) dx / d(angle) in it, per angle.
+    """
+    depth_m = range_m * math.cos(angle_rad)
+
+    def place_m(angle: float) -> float:
+        return (depth_m - thickness_m) * math.tan(angle) + thickness_m * math.tan(math.asin(math.sin(angle) / index))
+
+    step, angle_rad = 1e-5, max(abs(angle_rad), 1e-4)
+    slope = (place_m(angle_rad + step) - place_m(angle_rad - step)) / (2.0 * step)
+    return place_m(angle_rad) / math.sin(angle_rad), math.cos(angle_rad) * slope
+
+
 def floor_reflection(sin_grazing: Float, *, permittivity: complex) -> Complex:
     """Return the Fresnel coefficient of a half space, vertical polarisation.
 
