@@ -1,20 +1,30 @@
-"""Real X4 modules compared with their sensor models.
-
-An empty room, and a person who breathes.
+"""Compare real X4 modules with what is simulated of them.
 
     python studies/x4_room.py RECORDINGS OUT_FOLDER
 
-RECORDINGS is a folder with the two MATLAB files named below (XeThru X4, RF frames, 25 frames/s). A twin is fitted to
-each of the two radars of the empty room; rooms drawn from the twin are fitted in the same way, and a breathing person
-simulated through it stands beside the recorded one. Prints a table in markdown, draws four figures, and writes the
-twins.
+RECORDINGS is a folder with the two MATLAB files named below (XeThru X4, RF frames, 25 frames/s). Prints a table in
+markdown, draws four figures, and writes the sensor models fitted to the two radars of the empty room.
 
-What is assumed: the carrier (7.29 GHz), the volts of a unit (so chosen that noise figure 6 dB gives this noise, which
-makes the noise figure no finding), the transmit power and antenna gains of the preset, which set the person's level.
-Of the person nothing but range and rate is known: 1.75 m of stature, radar cross section 0.8 m^2 times mass over 80 kg,
-radar at the height of the chest. The recorded person moves the whole body at first and then sits still; the simulated
-one does nothing but breathe. So the part from 40 s on is compared too, there with the chest's amplitude taken from the
-phase of the recording.
+Three simulations are compared, each in the units of the sensor's files, by the host's way of down-conversion (27
+Hamming taps) and by the chip's own taps:
+
+counters
+    The RF path, sample by sample: the echoes (for the empty room its own mean frame), read by a receiver that counts
+    comparisons with a swept threshold, then down-converted as the recording is.
+preset
+    Noise and person of the preset `x4` at the recordings' frame rate and averages, in closed form.
+sensor model
+    Rooms drawn from the model that was fitted to each radar. What was fitted is no finding.
+
+One number is taken from the recordings for counters and preset: the noise of an RF sample in the empty room. With it
+the law of the counter (E-18b) gives the input noise in units, and the preset's noise figure the volts of a unit. The
+step of the threshold over the pulses counted, the other number in the law, is the smallest step of the files' values.
+
+What is assumed: the carrier (7.29 GHz); noise figure (6 dB), transmit power and antenna gains of the preset, which
+set the person's level. Of the person nothing but range and rate is known: 1.75 m of stature, radar cross section
+0.8 m^2 times mass over 80 kg, radar at the height of the chest. The recorded person moves the whole body at first and
+then sits still; the simulated one does nothing but breathe. So the part from 40 s on is compared too, there with the
+chest's amplitude taken from the phase of the recording.
 """
 
 from __future__ import annotations
@@ -23,27 +33,37 @@ import argparse
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
+from scipy.io import loadmat
+from scipy.special import ndtr
 
 from doppelgait import viz
 from doppelgait.core.rng import Streams
 from doppelgait.motion.models.primitives import breathing_person
 from doppelgait.pipeline import simulate
-from doppelgait.pipeline.conditions import Conditions
+from doppelgait.pipeline.conditions import Conditions, Noise
 from doppelgait.radar import Radar, Recording
-from doppelgait.radar.fit import Estimate, SensorFit, calibrated_preset, fit_sensor
+from doppelgait.radar.fit import SensorFit, calibrated_preset, fit_sensor
+from doppelgait.radar.fit.static import fit_series
 from doppelgait.radar.impairments import apply_impairments, make_impairment
+from doppelgait.radar.link import comparator_noise_v, noise_power_v2
 from doppelgait.radar.readers import read_recording
+from doppelgait.radar.rf import sample_rf_frames
 from doppelgait.radar.simulate import label_baseband
-from doppelgait.scene import Scene, Target
+from doppelgait.radar.xethru.downconvert import down_convert_frames
+from doppelgait.scene import Scene, Target, assemble, place
 from doppelgait.viz.style import ACCENT, legend_below, name_axes, new_figure
 
 EMPTY = "rf_empty_room_two_radars_20220222_143239.mat"
 BREATHING = "rf_breathing_20220303_131324.mat"
 MATRICES = ("Data_Matrix_1", "Data_Matrix_2")
+CARRIER_HZ, SAMPLE_RATE_HZ, DECIMATION = 7.29e9, 23.328e9, 8
+Filter = Literal["hamming", "chip"]
+FILTERS: dict[Filter, str] = {"hamming": "host's filter", "chip": "chip's filter"}
 SEED = 20220222
 N_ROOMS = 12
 PERSON_M = 1.73
@@ -56,9 +76,43 @@ STILL_S = 40.0
 CHEST_FORWARD_M, CHEST_HEIGHT_M = 0.0525, 1.28
 """Chest of the breathing model before the mean of its points, and above the floor, for 1.75 m stature."""
 USUAL_AMPLITUDE_M = 0.005
+NEAR_M = 1.1
+"""Phase steps of the echoes up to here are compared with those of the echoes beyond."""
+BEHIND_M = 2.4
+"""From here on echoes are weak enough that their phase jitter does not show in the noise of RF samples."""
+MARGIN = 64
+"""RF samples simulated before and after the recorded frame: more than a filter is long."""
 MEASURED, SIMULATED, NOISE = "#1f3b57", ACCENT, "#56b4e9"
 
 FloatArray = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complex128]
+Row = tuple[str, str, str, str, str]
+
+
+@dataclass(frozen=True)
+class RfNoise:
+    """Noise of RF samples in the file's unit.
+
+    A unit is 1024 steps of the threshold converter.
+
+    Parameters
+    ----------
+    rms : float
+        Noise of a sample and frame: median over the samples of the rms of frame-to-frame differences / sqrt(2).
+    counts : int
+        Pulses per threshold over the threshold's step in converter steps, from the smallest step of the values.
+    """
+
+    rms: float
+    counts: int
+
+    @property
+    def input_rms(self) -> float:
+        """Return the noise of one pulse at the comparator, units.
+
+        It is sqrt(pi) var n / d (E-18b).
+        """
+        return float(np.sqrt(np.pi) * self.rms**2 * self.counts * 1024.0)
 
 
 @dataclass(frozen=True)
@@ -89,48 +143,123 @@ class Person:
     swing_rad: float
 
 
+def rf_noise(frames: FloatArray, *, frame_rate_hz: float) -> RfNoise:
+    """Measure noise and counting step of RF frames.
+
+    The noise is that above 9 Hz (of 12.5), where nobody in these rooms moves.
+    """
+    turns = frames[:, ::7].ravel()[::31] * 1024.0
+    tried = np.arange(16, 20000)
+    fits = np.array([abs(np.exp(2j * np.pi * turns * count).mean()) for count in tried])
+    count = int(tried[np.argmax(fits > 0.999)])
+    window = np.hanning(len(frames))
+    spectrum = np.fft.rfft((frames - frames.mean(axis=0)) * window[:, None], axis=0)
+    fast = np.fft.rfftfreq(len(frames), 1.0 / frame_rate_hz) > 9.0
+    power = np.mean(np.abs(spectrum[fast]) ** 2, axis=0) / np.sum(window**2)
+    return RfNoise(float(np.sqrt(np.median(power))), count)
+
+
+def count_thresholds(signal: FloatArray, noise: RfNoise, rng: np.random.Generator) -> FloatArray:
+    """Read samples with a counter.
+
+    It compares with a threshold that is swept in steps of 1/1024 unit.
+    """
+    step, reach = 1.0 / 1024.0, int(np.ceil(6.0 * noise.input_rms * 1024.0))
+    lowest = np.floor(signal / step) - reach
+    counts = np.zeros(signal.shape)
+    for k in range(2 * reach + 1):
+        over = ndtr((signal - (lowest + k) * step) / noise.input_rms)
+        counts += rng.binomial(noise.counts, over)
+    return np.asarray((lowest - 0.5) * step + step * counts / noise.counts)
+
+
+def convert(frames: FloatArray, filter: Filter, *, start_m: float, bin_m: float) -> tuple[ComplexArray, FloatArray]:
+    """Convert RF frames to baseband as a recording is on reading."""
+    values, range_m = down_convert_frames(
+        frames, carrier_hz=CARRIER_HZ, sample_rate_hz=SAMPLE_RATE_HZ, decimation=DECIMATION, range_start_m=start_m,
+        bin_length_m=bin_m, filter=filter,
+    )  # fmt: skip
+    return values.astype(complex), range_m
+
+
+def carrier_gain(filter: Filter) -> float:
+    """Return what a down-conversion makes of an RF sinusoid of amplitude 1."""
+    wave = np.cos(2.0 * np.pi * CARRIER_HZ / SAMPLE_RATE_HZ * np.arange(512))[None]
+    return float(np.abs(convert(wave, filter, start_m=0.0, bin_m=0.00643)[0]).mean())
+
+
 def unit_db(radar: Radar) -> float:
-    """Return the level of one unit, dB re 1 V."""
+    """Return the level of a read file's unit, dB re 1 V."""
     return float(20.0 * np.log10(radar.volts_per_unit or 1.0))
 
 
-def drawn_room(twin: Path, *, frames: int, seed: int) -> Recording:
+def level_of_bins(fit: SensorFit) -> FloatArray:
+    """Return the static echo of every bin, dB re one unit."""
+    return np.asarray(20.0 * np.log10(np.abs(fit.echo_v)) - unit_db(fit.radar))
+
+
+def counted_room(frames: FloatArray, noise: RfNoise, like: Recording, filter: Filter, *, bin_m: float) -> Recording:
+    """Simulate an empty room by counters.
+
+    Its mean frame is read as often as the recording has frames.
+    """
+    still = np.broadcast_to(frames.mean(axis=0), frames.shape)
+    counted = count_thresholds(still, noise, np.random.default_rng(SEED))
+    values, _ = convert(counted, filter, start_m=0.0, bin_m=bin_m)
+    scale_v = like.radar.volts_per_unit or 1.0
+    return Recording.from_baseband(label_baseband(scale_v * values, like.slow_time_s, like.radar), like.radar)
+
+
+def drawn_room(model: Path, *, frames: int, seed: int) -> Recording:
     """Simulate an empty room by a sensor model.
 
     Only thermal noise and the impairments of the model.
     """
-    radar = Radar.preset(str(twin))
-    tables = tomllib.loads(twin.read_text(encoding="utf-8"))["impairments"]
+    radar = Radar.preset(str(model))
+    tables = tomllib.loads(model.read_text(encoding="utf-8"))["impairments"]
     specs = [make_impairment(table) for table in [{"kind": "thermal_noise"}, *tables]]
     nothing = np.zeros((frames, radar.n_range_bins), dtype=np.complex64)
     samples = apply_impairments(nothing, specs, radar=radar, rng=np.random.default_rng(seed)).matrix
     baseband = label_baseband(samples, np.arange(frames) / radar.prf_hz, radar)
-    return Recording.from_baseband(baseband, radar, source=twin.name)
+    return Recording.from_baseband(baseband, radar, source=model.name)
 
 
-def drawn_person(twin: Path, like: Recording, *, amplitude_m: float, seed: int) -> Recording:
-    """Simulate a breathing person by a sensor model.
+def whole_jitter_rad(fit: SensorFit) -> float:
+    """Return the white jitter of the common phase, thermal noise included."""
+    return fit_series(np.unwrap(np.angle(fit.factor)), time_s=fit.time_s).white.value
 
-    In the frame and for the time of a recording.
+
+def common_share(recording: Recording, fit: SensorFit) -> float:
+    """Correlate the phase steps of near and far echoes.
+
+    1 for a clock that all share, 0 for thermal noise.
     """
-    range_m, time_s = like.range_m, like.slow_time_s
-    frame = {"range_start_m": float(range_m[0]), "range_stop_m": float(range_m[-1]) + 0.03}
-    radar = Radar.preset(str(twin), **frame)
+    still = np.ones(fit.range_m.size, dtype=bool)
+    for mover in fit.movers:
+        still &= (fit.range_m < mover.start_m) | (fit.range_m > mover.stop_m)
+    steps = []
+    for chosen in (still & (fit.range_m <= NEAR_M), still & (fit.range_m > NEAR_M)):
+        sums = recording.baseband.values[:, chosen].astype(complex) @ fit.echo_v[chosen].conj()
+        steps.append(np.diff(np.unwrap(np.angle(sums))))
+    return float(np.corrcoef(steps[0], steps[1])[0, 1])
+
+
+def breathing_scene(amplitude_m: float, duration_s: float) -> Scene:
+    """Place a person who only breathes where the recorded one stands."""
     motion = breathing_person(
-        breathing_hz=BREATHING_HZ, amplitude_m=amplitude_m, duration_s=float(time_s[-1]) + 1.0, rate_hz=radar.prf_hz
+        breathing_hz=BREATHING_HZ, amplitude_m=amplitude_m, duration_s=duration_s + 1.0, rate_hz=25.0
     )
     target = Target(motion, label="human", range_m=PERSON_M + CHEST_FORWARD_M)
-    scene = Scene([target], radar_position_m=(0.0, 0.0, CHEST_HEIGHT_M), duration_s=float(time_s[-1]))
-    tables = tomllib.loads(twin.read_text(encoding="utf-8"))["impairments"]
-    return simulate(scene, radar, rng=Streams(seed), conditions=Conditions(impairments=tables), angles=False)
+    return Scene([target], radar_position_m=(0.0, 0.0, CHEST_HEIGHT_M), duration_s=duration_s)
 
 
-def person(recording: Recording, *, start_s: float = 0.0) -> Person:
-    """Measure bin, size and rate of the strongest variation near the person."""
-    range_m, times_s = recording.range_m, recording.slow_time_s
-    chosen = times_s >= start_s
-    values, time_s = recording.baseband.values[chosen].astype(complex), times_s[chosen]
-    level_db = 20.0 * np.log10(values.std(axis=0)) - unit_db(recording.radar)
+def person(values: ComplexArray, range_m: FloatArray, time_s: FloatArray, *, start_s: float) -> Person:
+    """Measure the strongest variation near the person.
+
+    Values are in units.
+    """
+    values, time_s = values[time_s >= start_s], time_s[time_s >= start_s]
+    level_db = 20.0 * np.log10(np.maximum(values.std(axis=0), 1e-9))
     near = np.where(np.abs(range_m - PERSON_M) <= SEARCH_M, level_db, -np.inf)
     strongest = int(np.argmax(near))
     signal = values[:, strongest]
@@ -145,62 +274,11 @@ def person(recording: Recording, *, start_s: float = 0.0) -> Person:
     return Person(range_m, level_db, bin_m, bin_db, rate_hz, time_s, phase_rad, swing_rad)
 
 
-def circle_centre(values: npt.NDArray[np.complex128]) -> complex:
+def circle_centre(values: ComplexArray) -> complex:
     """Fit a circle to complex points (Kasa) and return its centre."""
     matrix = np.stack([values.real, values.imag, np.ones(values.size)], axis=1)
     solution = np.linalg.lstsq(matrix, np.abs(values) ** 2, rcond=None)[0]
     return complex(solution[0], solution[1]) / 2.0
-
-
-def room_rows(name: str, real: SensorFit, drawn: list[SensorFit]) -> list[tuple[str, str, str, str]]:
-    """Tabulate measured and simulated numbers of an empty room."""
-    own, minute = unit_db(real.radar), 60.0
-
-    def row(what: str, estimate: Estimate, others: list[float], unit: str) -> tuple[str, str, str, str]:
-        mean, sd = float(np.mean(others)), float(np.std(others))
-        measured = f"{estimate.value:.4g} +- {estimate.sd:.2g} {unit}"
-        return f"{name}: {what}", measured, f"{mean:.4g} +- {sd:.2g} {unit}", f"{mean - estimate.value:+.2g} {unit}"
-
-    level = Estimate(real.noise_level_db.value - own, real.noise_level_db.sd)
-    rows = [row("noise per bin and frame", level, [f.noise_level_db.value - own for f in drawn], "dB")]
-    single = level_of_bins(real)
-    for start_m, stop_m in ((0.75, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, 6.0), (6.0, 8.0)):
-        inside = (real.range_m >= start_m) & (real.range_m < stop_m)
-        measured = Estimate(float(np.median(single[inside])), 0.0)
-        others = [float(np.median(level_of_bins(f)[inside])) for f in drawn]
-        rows.append(row(f"static echo, median of {start_m:g} to {stop_m:g} m", measured, others, "dB"))
-    if real.phase is not None:
-        phases = [f.phase for f in drawn if f.phase is not None]
-        walk = minute**0.5
-        rows += [
-            row("white phase jitter", real.phase.white, [p.white.value for p in phases], "rad"),
-            row("phase walk", real.phase.walk_per_root_s.scaled(walk),
-                [p.walk_per_root_s.value * walk for p in phases], "rad/sqrt(min)"),
-            row("phase drift", real.phase.drift_per_s.scaled(minute),
-                [p.drift_per_s.value * minute for p in phases], "rad/min"),
-        ]  # fmt: skip
-    return rows
-
-
-def level_of_bins(fit: SensorFit) -> FloatArray:
-    """Return the static echo of every bin, dB re one unit."""
-    return np.asarray(20.0 * np.log10(np.abs(fit.echo_v)) - unit_db(fit.radar))
-
-
-def person_rows(what: str, real: Person, drawn: list[Person], *, noise_db: float) -> list[tuple[str, str, str, str]]:
-    """Tabulate measured and simulated numbers of the person."""
-    level, sd = (float(f([p.bin_db for p in drawn])) for f in (np.mean, np.std))
-    rate = float(np.mean([p.rate_hz for p in drawn]))
-    swing = float(np.mean([p.swing_rad for p in drawn]))
-    return [
-        (f"{what}: bin", f"{real.bin_m:.2f} m", f"{np.mean([p.bin_m for p in drawn]):.2f} m", ""),
-        (f"{what}: slow-time standard deviation", f"{real.bin_db:.1f} dB", f"{level:.1f} +- {sd:.1g} dB",
-         f"{level - real.bin_db:+.1f} dB"),
-        (f"{what}: over the noise of the empty room", f"{real.bin_db - noise_db:.1f} dB", f"{level - noise_db:.1f} dB",
-         f"{level - real.bin_db:+.1f} dB"),
-        (f"{what}: rate", f"{real.rate_hz:.3f} Hz", f"{rate:.3f} Hz", f"{rate - real.rate_hz:+.3f} Hz"),
-        (f"{what}: swing of the phase", f"{real.swing_rad:.2f} rad", f"{swing:.2f} rad", ""),
-    ]  # fmt: skip
 
 
 def draw_room(real: SensorFit, drawn: list[SensorFit], *, title: str) -> Figure:
@@ -227,7 +305,7 @@ def draw_person(real: Person, drawn: Person, *, title: str) -> Figure:
     """Plot slow-time deviation over range and phase at the person."""
     figure = new_figure(width_in=10.5, height_in=7.0)
     above, below = figure.subplots(2, 1)
-    for found, colour, words in ((real, MEASURED, "measured"), (drawn, SIMULATED, "simulated")):
+    for found, colour, words in ((real, MEASURED, "measured"), (drawn, SIMULATED, "simulated, counters")):
         above.plot(found.range_m, found.level_db, color=colour, lw=1.4, label=words)
         shown = found.time_s < found.time_s[0] + 40.0
         below.plot(found.time_s[shown], found.phase_rad[shown] - found.phase_rad[shown].mean(), color=colour, lw=0.9)
@@ -238,35 +316,176 @@ def draw_person(real: Person, drawn: Person, *, title: str) -> Figure:
     return figure
 
 
+def db(rms: float) -> float:
+    """Return the level of an amplitude."""
+    return float(20.0 * np.log10(rms))
+
+
+def pair(values: list[float], digits: int) -> str:
+    """Write the values of both radars, or the one of both."""
+    return " / ".join(f"{value:.{digits}f}" for value in values)
+
+
+def room_rows(recordings: Path, out: Path) -> tuple[list[Row], float]:
+    """Compare noise, echoes and phase of the empty room.
+
+    The volts of an RF unit are returned, too.
+    """
+    frames = {matrix: np.asarray(loadmat(recordings / EMPTY)[matrix], dtype=float) for matrix in MATRICES}
+    facts = loadmat(recordings / EMPTY, variable_names=["actual_fps", "bin_length"])
+    rate_hz, bin_m = (float(facts[name].item()) for name in ("actual_fps", "bin_length"))
+    noises = {matrix: rf_noise(frames[matrix], frame_rate_hz=rate_hz) for matrix in MATRICES}
+    counts = next(iter(noises.values())).counts
+    preset = Radar.preset("x4")
+    levels = round((preset.pulse_rate_hz or 0.0) / (rate_hz * counts))  # so that a frame averages as many pulses
+    preset = Radar.preset("x4", prf_hz=rate_hz, sweep_levels=levels)
+    volts = comparator_noise_v(preset) / float(np.sqrt(np.mean([noise.input_rms**2 for noise in noises.values()])))
+    rows: list[Row] = []
+
+    def row(what: str, measured: list[float], simulated: list[float], by: str, *, digits: int, unit: str) -> None:
+        off = [b - a for a, b in zip(measured, simulated, strict=True)]
+        signed = " / ".join(f"{value:+.{digits}f}" for value in off)
+        rows.append((what, f"{pair(measured, digits)} {unit}", f"{pair(simulated, digits)} {unit}", by, signed))
+
+    rms = [db(noise.rms) for noise in noises.values()]
+    rows.append(("noise of an RF sample", f"{pair(rms, 1)} dB", "as measured: gives the unit", "", ""))
+    for filter, name in FILTERS.items():
+        real, counted = {}, {}
+        for matrix in MATRICES:
+            recording = read_recording(recordings / EMPTY, matrix=matrix, filter=filter)
+            real[matrix] = recording, fit_sensor(recording)
+            room = counted_room(frames[matrix], noises[matrix], recording, filter, bin_m=bin_m)
+            counted[matrix] = room, fit_sensor(room)
+        own = unit_db(recording.radar)
+        fits, others = ([found[matrix][1] for matrix in MATRICES] for found in (real, counted))
+        levels_db, others_db = ([f.noise_level_db.value - own for f in group] for group in (fits, others))
+        row(f"noise of a bin, {name}", levels_db, others_db, "counters", digits=1, unit="dB")
+        for lag in (1, 2, 3):
+            rho, other = ([float(f.noise.correlation[lag].real) for f in group] for group in (fits, others))
+            row(f"its correlation {lag} bin{'s' * (lag > 1)} apart, {name}", rho, other, "counters", digits=2, unit="")
+            if filter == "chip":
+                stated = (*preset.noise_correlation, 0.0, 0.0, 0.0)[lag - 1]
+                row("the same", rho, [stated] * 2, "preset", digits=2, unit="")
+        if filter == "chip":
+            closed_db = 10.0 * np.log10(noise_power_v2(preset)) + db(carrier_gain(filter) / volts)
+            row(f"noise of a bin, {name}", levels_db, [closed_db] * 2, "preset", digits=1, unit="dB")
+        if filter == "hamming":
+            rows += model_rows(real, counted, out)
+    return rows, volts
+
+
+def model_rows(real: dict[str, tuple[Recording, SensorFit]], counted: dict[str, tuple[Recording, SensorFit]],
+               out: Path) -> list[Row]:  # fmt: skip
+    """Compare echoes and phase with rooms drawn from the sensor models."""
+    drawn: list[list[tuple[Recording, SensorFit]]] = []
+    for number, (_, fit) in enumerate(real.values(), start=1):
+        model = out / f"x4-twin-{number}.toml"
+        model.write_text(calibrated_preset(fit), encoding="utf-8")
+        seeds = np.random.SeedSequence([SEED, number]).generate_state(N_ROOMS)
+        rooms = [drawn_room(model, frames=fit.n_frames, seed=int(seed)) for seed in seeds]
+        drawn.append([(room, fit_sensor(room)) for room in rooms])
+        figure = draw_room(fit, [found for _, found in drawn[-1]], title=f"Empty room, radar {number}")
+        viz.save_figure(figure, out / f"empty-room-{number}.png")
+    fits = [fit for _, fit in real.values()]
+    rows: list[Row] = []
+
+    def row(what: str, measured: list[float], others: list[list[float]], digits: int, unit: str) -> None:
+        means, sds = ([float(f(values)) for values in others] for f in (np.mean, np.std))
+        simulated = " / ".join(f"{m:.{digits}f} ± {s:.{digits}f}" for m, s in zip(means, sds, strict=True))
+        off = " / ".join(f"{m - a:+.{digits}f}" for a, m in zip(measured, means, strict=True))
+        rows.append((what, f"{pair(measured, digits)} {unit}", f"{simulated} {unit}", "sensor model", off))
+
+    for start_m, stop_m in ((0.75, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, 6.0), (6.0, 8.0)):
+
+        def median_db(fit: SensorFit, start_m: float = start_m, stop_m: float = stop_m) -> float:
+            inside = (fit.range_m >= start_m) & (fit.range_m < stop_m)
+            return float(np.median(level_of_bins(fit)[inside]))
+
+        others = [[median_db(fit) for _, fit in rooms] for rooms in drawn]
+        row(f"static echo, median of {start_m:g} to {stop_m:g} m", [median_db(f) for f in fits], others, 1, "dB")
+    jitter = [1e3 * whole_jitter_rad(fit) for fit in fits]
+    thermal = [1e3 * whole_jitter_rad(fit) for _, fit in counted.values()]
+    rows.append(
+        ("white jitter of the common phase, all of it", f"{pair(jitter, 1)} mrad", f"{pair(thermal, 1)} mrad",
+         "counters: thermal noise alone", "")
+    )  # fmt: skip
+    row("the same", jitter, [[1e3 * whole_jitter_rad(fit) for _, fit in rooms] for rooms in drawn], 1, "mrad")
+    shares = [common_share(*found) for found in real.values()]
+    rows.append(
+        (f"phase steps of echoes below and above {NEAR_M:g} m, correlation", pair(shares, 2),
+         pair([common_share(*found) for found in counted.values()], 2), "counters: thermal noise alone", "")
+    )  # fmt: skip
+    row("the same", shares, [[common_share(*found) for found in rooms] for rooms in drawn], 2, "")
+    root_minute = 60.0**0.5
+    walk = [fit.phase.walk_per_root_s.value * root_minute for fit in fits if fit.phase]
+    others = [[fit.phase.walk_per_root_s.value * root_minute for _, fit in rooms if fit.phase] for rooms in drawn]
+    row("phase walk", walk, others, 3, "rad/√min")
+    return rows
+
+
+def person_rows(recordings: Path, out: Path, volts: float) -> list[Row]:
+    """Compare the breathing person."""
+    content = loadmat(recordings / BREATHING)
+    frames = np.asarray(content["Data_Matrix"], dtype=float)
+    rate_hz, bin_m = (float(content[name].item()) for name in ("actual_fps", "bin_length"))
+    start_m, time_s = float(content["range_vector"].flat[0]), np.arange(len(frames)) / rate_hz
+    behind = content["range_vector"].ravel() >= BEHIND_M
+    noise = rf_noise(frames[time_s >= STILL_S][:, behind], frame_rate_hz=rate_hz)
+    empty = np.asarray(loadmat(recordings / EMPTY)[MATRICES[0]], dtype=float)
+    room = rf_noise(empty, frame_rate_hz=rate_hz)
+    law = room.rms * np.sqrt(room.counts / noise.counts)
+    rows: list[Row] = [
+        (f"breathing: noise of an RF sample ({noise.counts} pulses a threshold, not {room.counts})",
+         f"{db(noise.rms):.1f} dB", f"{db(law):.1f} dB", "law, input noise of the empty room",
+         f"{db(law) - db(noise.rms):+.1f}")
+    ]  # fmt: skip
+    stop_m = start_m + frames.shape[1] * bin_m
+    radar = Radar.preset("x4", prf_hz=rate_hz, range_start_m=start_m, range_stop_m=stop_m)
+    measured = {filter: convert(frames, filter, start_m=start_m, bin_m=bin_m) for filter in FILTERS}
+    hosts = person(*measured["hamming"], time_s, start_s=STILL_S)
+    chest_m = hosts.swing_rad * radar.wavelength_m / (4.0 * np.pi)
+    rng = np.random.default_rng(SEED)
+    for what, from_s, amplitude_m in (
+        ("whole, chest ±5 mm", 0.0, USUAL_AMPLITUDE_M),
+        (f"still, chest ±{1e3 * chest_m:.1f} mm", STILL_S, chest_m),
+    ):
+        scene = breathing_scene(amplitude_m, float(time_s[-1]))
+        echoes_v = sample_rf_frames(assemble(place(scene), time_s), radar, margin=MARGIN)
+        samples = echoes_v / volts + law * rng.standard_normal(echoes_v.shape)
+        recording = simulate(
+            scene, radar, rng=Streams(SEED), conditions=Conditions(noise=Noise(kind="none")), angles=False
+        )
+        for filter, name in FILTERS.items():
+            gain = carrier_gain(filter)
+            real = person(*measured[filter], time_s, start_s=from_s)
+            converted = convert(samples, filter, start_m=start_m - MARGIN * bin_m, bin_m=bin_m)
+            counted = person(*converted, time_s, start_s=from_s)
+            closed_form = gain / volts * recording.baseband.values.astype(np.complex128)
+            closed = person(closed_form, recording.range_m, recording.slow_time_s, start_s=from_s)
+            simulated = [(counted, "counters"), (closed, "preset")] if filter == "chip" else [(counted, "counters")]
+            for found, by in simulated:
+                rows.append(
+                    (f"person, {what}: slow-time deviation, {name}", f"{real.bin_db:.1f} dB", f"{found.bin_db:.1f} dB",
+                     by, f"{found.bin_db - real.bin_db:+.1f}")
+                )  # fmt: skip
+            if filter == "hamming":
+                rows.append(
+                    (f"person, {what}: breathing rate", f"{real.rate_hz:.3f} Hz", f"{counted.rate_hz:.3f} Hz",
+                     "counters", f"{counted.rate_hz - real.rate_hz:+.3f}")
+                )  # fmt: skip
+                figure = draw_person(real, counted, title=f"Breathing person, {what}")
+                viz.save_figure(figure, out / ("breathing.png" if from_s == 0.0 else "breathing-still.png"))
+    return rows
+
+
 def main(recordings: Path, out: Path) -> None:
     """Fit, plot, compare and print."""
     out.mkdir(parents=True, exist_ok=True)
-    rows: list[tuple[str, str, str, str]] = []
-    noise_db = []
-    for number, matrix in enumerate(MATRICES, start=1):
-        real = fit_sensor(read_recording(recordings / EMPTY, matrix=matrix))
-        twin = out / f"x4-twin-{number}.toml"
-        twin.write_text(calibrated_preset(real), encoding="utf-8")
-        seeds = np.random.SeedSequence([SEED, number]).generate_state(N_ROOMS)
-        drawn = [fit_sensor(drawn_room(twin, frames=real.n_frames, seed=int(seed))) for seed in seeds]
-        rows += room_rows(f"radar {number}", real, drawn)
-        noise_db.append(real.noise_level_db.value - unit_db(real.radar))
-        viz.save_figure(draw_room(real, drawn, title=f"Empty room, radar {number}"), out / f"empty-room-{number}.png")
-    breathing = read_recording(recordings / BREATHING)
-    twin = out / "x4-twin-1.toml"
-    still = person(breathing, start_s=STILL_S)
-    chest_m = still.swing_rad * breathing.radar.wavelength_m / (4.0 * np.pi)
-    for what, start_s, amplitude_m in (
-        ("whole, chest +-5 mm", 0.0, USUAL_AMPLITUDE_M),
-        (f"still, chest +-{1e3 * chest_m:.1f} mm", STILL_S, chest_m),
-    ):
-        made = [drawn_person(twin, breathing, amplitude_m=amplitude_m, seed=SEED + n) for n in range(4)]
-        people = [person(recording, start_s=start_s) for recording in made]
-        measured = person(breathing, start_s=start_s)
-        rows += person_rows(what, measured, people, noise_db=noise_db[0])
-        name = "breathing" if start_s == 0.0 else "breathing-still"
-        viz.save_figure(draw_person(measured, people[0], title=f"Breathing person, {what}"), out / f"{name}.png")
-    print("| quantity | measured | simulated | difference |\n| --- | --- | --- | --- |")
+    rows, volts = room_rows(recordings, out)
+    rows += person_rows(recordings, out, volts)
+    own = Radar.preset("x4").volts_per_unit
+    print(f"one unit of RF samples is {volts:.4f} V; volts_per_unit of the preset is {own}\n")
+    print("| quantity | measured | simulated | by | difference |\n| --- | --- | --- | --- | --- |")
     for row in rows:
         print("| " + " | ".join(row) + " |")
 
@@ -274,6 +493,6 @@ def main(recordings: Path, out: Path) -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("recordings", type=Path, help="folder of the X4 recordings")
-    parser.add_argument("out", type=Path, help="folder for figures and twins; made if missing")
+    parser.add_argument("out", type=Path, help="folder for figures and sensor models; made if missing")
     arguments = parser.parse_args()
     main(arguments.recordings, arguments.out)
