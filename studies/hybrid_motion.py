@@ -23,10 +23,10 @@ from motion_comparison import FEATURES, OBSERVATION_S, SHORTEST_S, measure
 from recorded_motion import find_clips, is_tuning
 
 from doppelgait.core.config import validate
+from doppelgait.core.draws import resolve
 from doppelgait.core.errors import DoppelgaitError, DoppelgaitWarning
 from doppelgait.core.rng import Streams
 from doppelgait.dataset.hybrids import with_hybrids
-from doppelgait.dataset.resolve import resolve
 from doppelgait.motion.gait import with_gait_facts
 from doppelgait.motion.hybrid import Hybrid, make_hybrid
 from doppelgait.motion.hybrid_checks import foot_slide

@@ -13,12 +13,12 @@ from scipy.stats import ks_2samp
 from checkout import ROOT
 from doppelgait.core import plugins
 from doppelgait.core.config import FrozenModel, validate
+from doppelgait.core.draws import resolve
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.dataset.card import blocks_release
 from doppelgait.dataset.config import DatasetSection, PlanConfig, differences, load_plan, plan_names, shorten
 from doppelgait.dataset.finish import dataset_id, plan_header, plan_plugins
 from doppelgait.dataset.plan import check_examples, nuisance_of, plan_dataset, spread
-from doppelgait.dataset.resolve import resolve
 from doppelgait.dataset.splits import assign_splits, groups_of
 from doppelgait.dataset.verify.leakage import warn_of_leaks
 

@@ -17,6 +17,7 @@ from doppelgait.radar import WAVEFORMS, Radar, Waveform, scatterer_arrays
 from doppelgait.radar.impairments import (
     IMPAIRMENTS,
     Adc,
+    ColouredNoise,
     DcLeak,
     DroppedFrames,
     FrameJitter,
@@ -24,6 +25,7 @@ from doppelgait.radar.impairments import (
     IqImbalance,
     Leakage,
     PhaseNoise,
+    Spur,
     StaticClutter,
     ThermalNoise,
     X4Counts,
@@ -212,6 +214,7 @@ def test_a_small_waveform_needs_two_methods(register):
 IMPAIRED = (
     Adc(), DcLeak(), DroppedFrames(probability=0.2), FrameJitter(), Interference(rate_hz=50), IqImbalance(), Leakage(),
     PhaseNoise(density_dbc_per_hz=-80), StaticClutter(rcs_per_metre_m2=0.1), ThermalNoise(),
+    ColouredNoise(levels=((1.0, -90.0), (50.0, -110.0))), Spur(),
 )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,14 +11,21 @@ import typer
 from doppelgait.cli.output import check_output, number, print_json, print_table, reader_options, say
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from doppelgait.radar import Recording
     from doppelgait.radar.fit import SensorFit
 
 
 def fit(
-    empty: Annotated[Path, typer.Argument(help="Recording of an empty room, any format that can be read.")],
+    recordings: Annotated[
+        list[Path],
+        typer.Argument(help="A recording of an empty room; or several recordings, or folders of them, of any content."),
+    ],
     output: Annotated[Path, typer.Option("-o", "--output", help="Calibrated preset to write, .toml.")],
     preset: Annotated[
-        str | None, typer.Option("--preset", help="Preset for what the file does not store; same as --option radar=.")
+        str | None,
+        typer.Option("--preset", help="Preset for what the files do not store; of one file same as --option radar=."),
     ] = None,
     options: Annotated[
         list[str] | None,
@@ -25,20 +33,34 @@ def fit(
     ] = None,
     start: Annotated[float | None, typer.Option("--start", help="Use the recording from this time on, s.")] = None,
     stop: Annotated[float | None, typer.Option("--stop", help="Use the recording up to this time, s.")] = None,
+    people_at: Annotated[
+        float | None,
+        typer.Option("--people-at", help="Median range of the people in several recordings, m: sets the gain."),
+    ] = None,
     figures: Annotated[Path | None, typer.Option("--figures", help="Folder to draw a figure into.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Fit a sensor's noise, clutter, phase drift and faults to a recording.
+    """Fit a sensor's noise, clutter, phase drift and faults to recordings.
 
-    The result is written as a calibrated preset to simulate with.
+    One recording of an empty room gives a sensor. Several recordings, empty or with people in them, give a kind of
+    sensors: a preset with distributions, of which a plan draws one sensor for every example.
 
-    Example: doppelgait radar fit empty-room.h5 -o my-x4.toml
+    Examples: doppelgait radar fit empty-room.h5 -o my-x4.toml; doppelgait radar fit week/ -o my-sensor.toml
     """
     from doppelgait.core.files import atomic_path
     from doppelgait.radar.fit import calibrated_preset, fit_sensor, sensor_as_dict
     from doppelgait.radar.readers import read_recording
 
     check_output(output, ".toml")
+    if len(recordings) > 1 or _is_folder_of_recordings(recordings[0]):
+        for name, value in {"--start": start, "--stop": stop, "--figures": figures}.items():
+            if value is not None:
+                raise typer.BadParameter(f"{name} goes with one recording only; leave it out")
+        _fit_kind(recordings, output, preset, options or [], people_at, as_json)
+        return
+    if people_at is not None:
+        raise typer.BadParameter("--people-at goes with several recordings; leave it out")
+    empty = recordings[0]
     with reader_options():
         chosen = options or []
         from doppelgait.core.config import apply_overrides
@@ -82,6 +104,97 @@ def fit(
         return
     _print(found)
     say(f'calibrated preset: {output}; use it as radar.preset = "{output}" in a scene')
+
+
+def _is_folder_of_recordings(path: Path) -> bool:
+    """Return whether a path is a folder of recordings.
+
+    A XeThru recording is a folder, too.
+    """
+    from doppelgait.radar.readers import formats_of
+
+    return path.is_dir() and not formats_of(path)
+
+
+def recordings_under(paths: list[Path]) -> Iterator[Path]:
+    """Yield the recordings of files and folders, each once.
+
+    In the order of their names.
+    """
+    from doppelgait.radar.readers import formats_of
+
+    seen: set[Path] = set()
+    for path in paths:
+        if not _is_folder_of_recordings(path):
+            yield path
+            continue
+        for entry in sorted(path.iterdir()):
+            if entry.is_dir():
+                yield from recordings_under([entry])
+                continue
+            # I and Q of one recording in two files are one
+            whole = entry.with_name(entry.name.replace("_IM.txt", "_RE.txt"))
+            if whole in seen or not formats_of(entry):
+                continue
+            seen.add(whole)
+            yield whole if whole.is_file() else entry
+
+
+def read_several(paths: list[Path], options: list[str]) -> tuple[list[Recording], list[str]]:
+    """Read the recordings of files and folders.
+
+    Returns them, and why others cannot be read.
+    """
+    import inspect
+
+    from doppelgait.core.config import apply_overrides
+    from doppelgait.core.errors import DoppelgaitWarning, RecordingError
+    from doppelgait.radar.readers import RADAR_READERS, formats_of, read_recording
+
+    wanted, found, left_out = apply_overrides({}, options), [], []
+    for path in recordings_under(paths):
+        readers = [RADAR_READERS[name].run for name in formats_of(path)]
+        allowed = {name for reader in readers for name in inspect.signature(reader).parameters}
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", DoppelgaitWarning)  # clipping is in the result
+                found.append(read_recording(path, **{k: v for k, v in wanted.items() if k in allowed}))
+        except RecordingError as error:
+            left_out.append(str(error))
+    return found, left_out
+
+
+def _fit_kind(
+    paths: list[Path], output: Path, preset: str | None, options: list[str], people_at_m: float | None, as_json: bool
+) -> None:
+    from doppelgait.core.errors import RecordingError
+    from doppelgait.core.files import atomic_path
+    from doppelgait.radar import Radar
+    from doppelgait.radar.fit import fit_kind, kind_preset, kind_rows
+
+    radar = None if preset is None else Radar.preset(preset)
+    found, unread = read_several(paths, [*options, *([] if preset is None else [f'radar="{preset}"'])])
+    if not found:
+        raise RecordingError("no recording can be read: " + "; ".join(unread or map(str, paths)))
+    kind = fit_kind(found, radar=radar, people_at_m=people_at_m)
+    with atomic_path(output) as partial:
+        partial.write_text(kind_preset(kind), encoding="utf-8")
+    rows = kind_rows(kind)
+    used = [{"recording": m.recording.source, "used for": ", ".join(m.uses) or "nothing"} for m in kind.recordings]
+    left_out = [*unread, *kind.left_out]
+    if as_json:
+        print_json({"quantities": rows, "recordings": used, "refused": kind.refused, "left_out": left_out})
+        return
+    print_table(used[:20])
+    if len(used) > 20:
+        print(f"and {len(used) - 20} more")
+    print()
+    print_table(rows)
+    for name, why in kind.refused.items():
+        say(f"refused: {name}: {why}")
+    for why in left_out:
+        say(f"left out: {why}")
+    say(f'preset with distributions: {output}; use it as radar = {{ preset = "{output}" }} in a plan')
 
 
 def _print(found: SensorFit) -> None:

@@ -17,11 +17,12 @@ import pandas as pd
 import xarray as xr
 
 from doppelgait.core.config import validate
+from doppelgait.core.draws import resolve
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.labels import COORDINATE_UNITS
 from doppelgait.core.units import carrier_to_wavelength_m, doppler_to_velocity_mps
 from doppelgait.dataset.finish import DATA_VERSION
-from doppelgait.dataset.resolve import ExampleSpec, resolve
+from doppelgait.dataset.resolve import ExampleSpec
 from doppelgait.dataset.shard_files import axis_name, decode
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline.result import Result
@@ -331,8 +332,9 @@ def radar_of(description: Mapping[str, Any], row: Mapping[str, Any]) -> Radar:
     config, number = _plan_place(description, row)
     if number is None:
         raise DatasetError(f"{row['id']}: the dataset does not state its radar; only simulated ones do")
-    table = resolve(config.get("radar", {}), seed=config["dataset"]["seed"], example=number, key="radar")
-    radar: Radar = parse_radar(table, where="dataset.json", folder=Path())["radar"]
+    seed = config["dataset"]["seed"]
+    table = resolve(config.get("radar", {}), seed=seed, example=number, key="radar")
+    radar: Radar = parse_radar(table, where="dataset.json", folder=Path(), seed=seed, example=number)["radar"]
     return radar
 
 

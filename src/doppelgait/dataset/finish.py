@@ -68,13 +68,18 @@ def dataset_id(plan: PlanConfig, folder: Path) -> str:
     ConfigError
         If a motion or preset file cannot be read.
     """
-    digest = hashlib.sha256(f"{DATA_VERSION}\n{canonical_json(plan)}\n".encode())
+    contents: dict[str, bytes] = {}
     for noun, paths in {"motion file": _motion_files(plan), "preset file": _preset_files(plan.radar)}.items():
         for path in paths:
             try:
-                digest.update(hashlib.sha256((folder / path).read_bytes()).digest())
+                contents[path] = hashlib.sha256((folder / path).read_bytes()).digest()
             except OSError as error:
                 raise ConfigError(f"{noun} {path}: cannot be read: {error}") from None
+    table = plan.model_dump(mode="json")
+    table["radar"] = _name_by_content(table["radar"], contents)  # a sensor's file may be moved or renamed
+    digest = hashlib.sha256(f"{DATA_VERSION}\n{canonical_json(table)}\n".encode())
+    for content in contents.values():
+        digest.update(content)
     for item in plan_plugins(plan, folder):
         digest.update(canonical_json(item).encode())
     return digest.hexdigest()[:16]
@@ -96,6 +101,15 @@ def _preset_files(value: Any) -> Iterator[str]:
             yield from _preset_files(inner)
     elif isinstance(value, str) and value.endswith(".toml"):
         yield value
+
+
+def _name_by_content(value: Any, contents: Mapping[str, bytes]) -> Any:
+    """Replace the preset files that a radar table names by their hashes."""
+    if isinstance(value, Mapping):
+        return {k: inner if k == "name" else _name_by_content(inner, contents) for k, inner in value.items()}
+    if isinstance(value, list):
+        return [_name_by_content(inner, contents) for inner in value]
+    return contents[value].hex() if isinstance(value, str) and value in contents else value
 
 
 Record = Mapping[str, Any]

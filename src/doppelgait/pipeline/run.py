@@ -17,6 +17,7 @@ from doppelgait.core.config import (
     validate,
     write_toml,
 )
+from doppelgait.core.draws import resolve
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.rng import Streams
 from doppelgait.pipeline.conditions import Conditions, Noise
@@ -134,17 +135,21 @@ def parse_run(table: Mapping[str, Any], *, where: str = "scene", text: str = "",
     if unknown:
         places = ", ".join(key + line_note(text, [key]) for key in unknown)
         raise ConfigError(f"{where}: {places}: unknown key; allowed are {', '.join(SECTIONS)}")
-    radar = parse_radar(table.get("radar", {"preset": "x4"}), where=where, text=text, folder=folder)
+    known = {key: table[key] for key in ("seed", "example") if isinstance(table.get(key), int)}
+    radar = parse_radar(table.get("radar", {"preset": "x4"}), where=where, text=text, folder=folder, **known)
     scene = {key: table[key] for key in SCENE_KEYS if key in table}
     rest = {key: table[key] for key in ("noise", *FITTED_KEYS, "analysis", "seed", "example") if key in table}
     parsed = validate(Scene, scene, where=where, text=text)
     return validate(Run, {"scene": parsed, **radar, **rest}, where=where, text=text)
 
 
-def parse_radar(table: Any, *, where: str = "radar", text: str = "", folder: Path | None = None) -> dict[str, Any]:
+def parse_radar(
+    table: Any, *, where: str = "radar", text: str = "", folder: Path | None = None, seed: int = 0, example: int = 0
+) -> dict[str, Any]:
     """Parse the ``[radar]`` table of a run.
 
-    Returns ``radar``, ``auto_prf`` and the lists of a calibrated preset.
+    Returns ``radar``, ``auto_prf`` and the lists of a calibrated preset. Distributions in a preset's file are sampled
+    here, each from a stream of its own that seed, example and key name.
     """
     if isinstance(table, str):
         table = {"preset": table}
@@ -162,8 +167,9 @@ def parse_radar(table: Any, *, where: str = "radar", text: str = "", folder: Pat
             source = str(preset)
             if source.endswith(".toml"):  # a file, seen from the folder of the scene file
                 source = str((folder or Path()) / source)
-            values = changed_preset(source, values)
-            lists = {key: value for key, value in preset_table(source).items() if key in FITTED_KEYS}
+            found = resolve(preset_table(source), seed=seed, example=example, key="preset")
+            values = changed_preset(source, values, sampled=found)
+            lists = {key: value for key, value in found.items() if key in FITTED_KEYS}
         except ConfigError as error:
             raise ConfigError(f"{where}: radar.preset{line_note(text, ['radar', 'preset'])}: {error}") from None
     radar = validate(Radar, values, where=where, text=text, section=("radar",))

@@ -16,10 +16,11 @@ import xarray as xr
 
 from doppelgait import processing
 from doppelgait.core.config import json_value
+from doppelgait.core.draws import resolve
 from doppelgait.core.errors import DatasetError, DoppelgaitError, DoppelgaitWarning
 from doppelgait.dataset import Dataset, Example, PlanConfig
 from doppelgait.dataset.example import nearest, simulated_number
-from doppelgait.dataset.resolve import class_of, resolve, resolve_example
+from doppelgait.dataset.resolve import class_of, resolve_example
 from doppelgait.dataset.shard import truth_columns
 from doppelgait.features import FEATURE_UNITS
 from doppelgait.pipeline import run as pipeline_run

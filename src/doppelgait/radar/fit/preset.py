@@ -79,13 +79,13 @@ def calibrated_preset(fit: SensorFit, radar: Radar | None = None) -> str:
     for table, _ in tables:
         make_impairment(table)
     lines = [
-        f"# {_one_line(f'Sensor model fitted from {_origin(fit)}.')}",
+        f"# {single_line(f'Sensor model fitted from {_origin(fit)}.')}",
         "# Values with +- carry one standard deviation. Levels are dB re 1 V at the receiver output.",
         "# Receiver noise is in the radar's own parameters: add no thermal_noise on top.",
     ]
     if fit.gain is not None and _matters(fit.gain.white):
         lines.append(f"# Not modelled: gain jitter of {fit.gain.white.value:.2g} dB from frame to frame.")
-    lines += [*(f"# Note: {_one_line(flag)}." for flag in fit.flags), ""]
+    lines += [*(f"# Note: {single_line(flag)}." for flag in fit.flags), ""]
     base = fit.radar if radar is None else radar
     key, _ = _noise_change(fit, base.model_copy(update={"prf_hz": fit.radar.prf_hz}))
     axes = f"axis of {fit.source or 'the recording'}"
@@ -94,11 +94,15 @@ def calibrated_preset(fit: SensorFit, radar: Radar | None = None) -> str:
     values = calibrated.model_dump(mode="json", exclude_none=True)
     nested = {name: value for name, value in values.items() if isinstance(value, dict)}
     default = f"as {base.name}"
-    lines += [_line(k, v, origins.get(k, default)) for k, v in values.items() if k not in nested]
+    lines += [setting_line(k, v, origins.get(k, default)) for k, v in values.items() if k not in nested]
     for name, table in nested.items():
-        lines += ["", f"[{name}]", *(_line(k, v, default) for k, v in table.items())]
+        lines += ["", f"[{name}]", *(setting_line(k, v, default) for k, v in table.items())]
     for table, comments in tables:
-        lines += ["", "[[impairments]]", *(_line(key, value, comments.get(key, "")) for key, value in table.items())]
+        lines += [
+            "",
+            "[[impairments]]",
+            *(setting_line(key, value, comments.get(key, "")) for key, value in table.items()),
+        ]
     return "\n".join(lines) + "\n"
 
 
@@ -188,12 +192,13 @@ def _digits(value: float) -> float:
     return float(f"{value:.4g}")
 
 
-def _line(key: str, value: Any, comment: str) -> str:
+def setting_line(key: str, value: Any, comment: str) -> str:
+    """Return a line of TOML with a comment."""
     text = f"{key} = {_toml(value)}"
-    return f"{text:<40}  # {_one_line(comment)}" if comment else text
+    return f"{text:<40}  # {single_line(comment)}" if comment else text
 
 
-def _one_line(comment: str) -> str:
+def single_line(comment: str) -> str:
     """Remove line breaks and control characters from a comment.
 
     They would end it or are not allowed in TOML.
@@ -206,6 +211,8 @@ def _toml(value: Any) -> str:
 
     JSON's text is TOML's for text, numbers, truth values and lists of them.
     """
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{name} = {_toml(inner)}" for name, inner in value.items()) + " }"
     if isinstance(value, list) and value and isinstance(value[0], list):
-        return "[\n" + "".join(f"    {_toml(row)},\n" for row in value) + "]"
+        return "[\n" + "".join(f"    [{', '.join(_toml(cell) for cell in row)}],\n" for row in value) + "]"
     return json.dumps(value, ensure_ascii=False)

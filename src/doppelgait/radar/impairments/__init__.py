@@ -11,13 +11,14 @@ from doppelgait.radar.impairments.apply import (
 )
 from doppelgait.radar.impairments.clutter import Leakage, StaticClutter
 from doppelgait.radar.impairments.converter import Adc, X4Counts, x4_frame_rate_hz
+from doppelgait.radar.impairments.floor import ColouredNoise, Spur
 from doppelgait.radar.impairments.mixer import DcLeak, IqImbalance, PhaseNoise, image_ratio_db
 from doppelgait.radar.impairments.noise import Interference, ThermalNoise, noise_power_per_sample_v2
 from doppelgait.radar.impairments.timing import DroppedFrames, FrameJitter
 
 __all__ = [
-    "IMPAIRMENTS", "Adc", "Apply", "DcLeak", "DroppedFrames", "FrameJitter", "Impairments", "Interference",
-    "IqImbalance", "Leakage", "PhaseNoise", "Samples", "StaticClutter", "ThermalNoise", "X4Counts",
-    "apply_impairments", "image_ratio_db", "make_impairment", "noise_power_per_sample_v2", "pulse_times",
-    "x4_frame_rate_hz",
+    "IMPAIRMENTS", "Adc", "Apply", "ColouredNoise", "DcLeak", "DroppedFrames", "FrameJitter", "Impairments",
+    "Interference", "IqImbalance", "Leakage", "PhaseNoise", "Samples", "Spur", "StaticClutter", "ThermalNoise",
+    "X4Counts", "apply_impairments", "image_ratio_db", "make_impairment", "noise_power_per_sample_v2",
+    "pulse_times", "x4_frame_rate_hz",
 ]  # fmt: skip

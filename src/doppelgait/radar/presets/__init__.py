@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from doppelgait.core.config import read_toml
+from doppelgait.core.draws import middle
 from doppelgait.core.errors import ConfigError
 
 CONDITIONS = ("environment", "impairments")
@@ -27,12 +28,16 @@ def _built_in_names() -> tuple[str, ...]:
     return tuple(sorted(e.name.removesuffix(".toml") for e in folder.iterdir() if e.name.endswith(".toml")))
 
 
-def changed_preset(name: str | Path, changes: Mapping[str, Any]) -> dict[str, Any]:
+def changed_preset(
+    name: str | Path, changes: Mapping[str, Any], *, sampled: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
     """Return the parameters of a preset with some changed.
 
     A changed pulse form replaces the preset's; a table ``waveform`` without ``kind`` changes the preset's own waveform.
+    Of distributions in the file the middle counts, unless ``sampled`` is the preset's table after a draw.
     """
-    table = {key: value for key, value in preset_table(name).items() if key not in CONDITIONS}
+    found = middle(preset_table(name)) if sampled is None else sampled
+    table = {key: value for key, value in found.items() if key not in CONDITIONS}
     before = table.get("waveform", "impulse")
     table.update(changes)
     waveform = table.get("waveform", "impulse")

@@ -22,7 +22,7 @@ from doppelgait.core.own_hdf5 import stated_format
 from doppelgait.core.plugins import Group, Plugin
 from doppelgait.radar.recording import Recording
 
-__all__ = ["RADAR_READERS", "RADAR_WRITERS", "read_recording", "writers_by_suffix"]
+__all__ = ["RADAR_READERS", "RADAR_WRITERS", "formats_of", "read_recording", "writers_by_suffix"]
 
 Reader = Callable[..., Recording]
 Writer = Callable[..., Any]
@@ -104,12 +104,18 @@ def read_recording(path: str | os.PathLike[str], *, format: str | None = None, *
         raise RecordingError(f"{file}: cannot be read: {error.strerror or error}") from None
 
 
-def _find_format(path: Path) -> str:
+def formats_of(path: Path) -> list[str]:
+    """Return the names of the readers that recognise a file or folder."""
     names = []
     for reader in RADAR_READERS.values():
         with suppress(OSError):  # what cannot be opened does not look like a format
             if reader.facts["sniff"](path):
                 names.append(reader.name)
+    return names
+
+
+def _find_format(path: Path) -> str:
+    names = formats_of(path)
     if len(names) == 1:
         return names[0]
     if names:

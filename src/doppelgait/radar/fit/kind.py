@@ -1,0 +1,215 @@
+"""Write a kind of sensors as a preset with distributions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+from doppelgait.radar.fit.pool import MATTERS, SHAPE_DB, Pooled, SensorKind, mains_of
+from doppelgait.radar.fit.preset import setting_line, single_line
+from doppelgait.radar.fit.static import DB_PER_NEPER
+
+UNITS = {
+    "noise_level_db": "dB re 1 V", "noise_figure_db": "dB", "gain_db": "dB", "direct_path_db": "dB re 1 V",
+    "white_rad": "rad", "walk_rad_per_sqrt_min": "rad/sqrt(min)", "drift_rad_per_min": "rad/min",
+    "iq_gain_db": "dB", "iq_phase_deg": "deg", "dc_level_db": "dB re 1 V", "dc_i_v": "V", "dc_q_v": "V",
+    "drop_probability": "of all frames",
+}  # fmt: skip
+"""Unit of a pooled quantity by its name."""
+
+
+MOST_KNOTS = 16
+
+
+def kind_rows(kind: SensorKind) -> list[dict[str, str]]:
+    """Return pooled quantities as rows to print."""
+    named = {**kind.pooled, **{f"clutter at {range_m:.2f} m": level for range_m, level in kind.clutter}}
+    named |= {_line_name(kind, n): line.level_db for n, line in enumerate(kind.lines)}
+    return [
+        {
+            "quantity": name,
+            "mean": f"{p.mean.value:.4g}",
+            "+-": f"{p.mean.sd:.2g}",
+            "spread": "-" if math.isnan(p.spread) else f"{p.spread:.2g}",
+            "95 %": "-" if math.isnan(p.spread) else f"{p.low:.2g} to {p.high:.2g}",
+            "unit": UNITS.get(name, "dB re 1 V"),
+            "from": str(p.count),
+        }
+        for name, p in named.items()
+    ]
+
+
+def _line_name(kind: SensorKind, number: int) -> str:
+    line = kind.lines[number]
+    mains = mains_of(line.frequency_hz, kind.radar.prf_hz, max(2.0, 0.01 * kind.radar.prf_hz))
+    return f"line at {line.frequency_hz:+.4g} Hz" + (f" ({mains}?)" if mains else "")
+
+
+def kind_preset(kind: SensorKind) -> str:
+    """Return the text of a preset with distributions.
+
+    A plan draws each of them once per example.
+
+    Every value has a comment on what it rests on; what the recordings cannot show is listed at the top.
+
+    Raises
+    ------
+    ConfigError
+        If the fitted values do not make a radar or an impairment.
+    """
+    from doppelgait.core.draws import middle
+    from doppelgait.radar.impairments import make_impairment
+
+    tables = list(_impairments(kind))
+    for table, _ in tables:
+        make_impairment(middle(table))
+    names = ", ".join(m.recording.source or "a recording" for m in kind.recordings[:5])
+    more = len(kind.recordings) - 5
+    lines = [
+        f"# {single_line(f'Sensors of a kind, fitted from {len(kind.recordings)} recordings')}: "
+        f"{single_line(names)}{f' and {more} more' if more > 0 else ''}.",
+        "# A number with +- carries one standard deviation. A distribution is the spread between recordings, without",
+        "# that of the measurement; a plan draws it for every example, elsewhere its middle counts.",
+        "# Levels are dB re 1 V at the receiver output. Receiver noise is in the radar: add no thermal_noise on top.",
+        *(f"# Refused: {single_line(name)}: {single_line(why)}." for name, why in kind.refused.items()),
+        *(f"# Left out: {single_line(why)}." for why in kind.left_out),
+        "",
+    ]
+    values = kind.radar.model_dump(mode="json", exclude_none=True)
+    values["name"] = f"{kind.radar.name}, fitted"
+    comments: dict[str, str] = {}
+    if "noise_figure_db" in kind.pooled:
+        figure = kind.pooled["noise_figure_db"]
+        values["noise_figure_db"] = _draw(figure, kind.radar.noise_figure_db)
+        if figure.spread_is_known and figure.mean.value < MATTERS * figure.spread:  # a normal draw would fall below 0
+            values["noise_figure_db"] = _draw(figure, kind.radar.noise_figure_db, lowest=0.0)
+        comments["noise_figure_db"] = _comment(figure, "dB") + "; gives the measured noise"
+    if "gain_db" in kind.pooled:
+        gain = kind.pooled["gain_db"]
+        values["receiver_gain_db"] = _draw(gain, kind.radar.receiver_gain_db)
+        comments["receiver_gain_db"] = _comment(gain, "dB") + "; the spread is that of the direct path"
+    if kind.correlation and "noise_correlation" in kind.radar.waveform.takes:
+        values["noise_correlation"] = [round(rho, 4) for rho in kind.correlation]
+        comments["noise_correlation"] = "fitted: between bins 1, 2, ... apart"
+    default = f"as {kind.radar.name}"
+    nested = {name for name, value in values.items() if isinstance(value, dict) and name not in comments}
+    lines += [setting_line(k, v, comments.get(k, default)) for k, v in values.items() if k not in nested]
+    for name in sorted(nested):
+        lines += ["", f"[{name}]", *(setting_line(k, v, default) for k, v in values[name].items())]
+    for table, why in tables:
+        lines += ["", "[[impairments]]", *(setting_line(k, v, why.get(k, "")) for k, v in table.items())]
+    return "\n".join(lines) + "\n"
+
+
+def _draw(pooled: Pooled, middle: float, *, digits: int = 4, lowest: float | None = None) -> Any:
+    """Return a number, or a distribution where the spread is known.
+
+    Normal; uniform of the same spread where a value must not fall below ``lowest``.
+    """
+    value = round(middle, digits) if lowest is None else float(f"{middle:.4g}")
+    if not pooled.spread_is_known:
+        return value
+    if lowest is None:
+        return {"normal": [value, float(f"{pooled.spread:.3g}")]}
+    half = math.sqrt(3.0) * pooled.spread
+    return {"uniform": [float(f"{max(middle - half, lowest):.4g}"), float(f"{middle + half:.4g}")]}
+
+
+def _comment(pooled: Pooled, unit: str) -> str:
+    text = f"fitted from {pooled.count} recordings, mean +-{pooled.mean.sd:.2g} {unit}"
+    if math.isnan(pooled.spread):
+        return f"{text}; too few for a spread"
+    known = "spread" if pooled.spread_is_known else "no spread beyond the uncertainty: 95 %"
+    return f"{text}; {known} {pooled.low:.2g} to {pooled.high:.2g}"
+
+
+def _impairments(kind: SensorKind) -> Iterator[tuple[dict[str, Any], dict[str, str]]]:
+    """Yield impairments in the order they act, each with comments."""
+    found = kind.pooled
+    table: dict[str, Any]
+    noise_db = found["noise_level_db"].mean.value if "noise_level_db" in found else math.nan
+    if math.isfinite(noise_db) and sum(e.value > max(SHAPE_DB, MATTERS * e.sd) for _, e in kind.doppler) >= 2:
+        # what is there besides the white floor, in power
+        step = math.ceil(len(kind.doppler) / MOST_KNOTS)
+        by_doppler = [(f, e.value) for f, e in kind.doppler[::step]]
+        table = {"kind": "coloured_noise", "levels": _besides(by_doppler, noise_db, 0.0)}
+        yield table, {"levels": "fitted: noise over the white floor, by Doppler; as at the first knot below it"}
+    if math.isfinite(noise_db) and kind.range_db:
+        lowest_db = min(level_db for _, level_db in kind.range_db)
+        table = {"kind": "coloured_noise", "levels": [[0.0, round(noise_db, 2)]]}
+        table["range_db"] = _besides(list(kind.range_db), 0.0, lowest_db)
+        yield table, {"range_db": "fitted: noise over its lowest level, by range"}
+    for number, line in enumerate(kind.lines):
+        frequency = {"frequency_hz": round(line.frequency_hz, 3)}
+        table = {"kind": "spur", **frequency, "level_db": _draw(line.level_db, line.level_db.mean.value, digits=2)}
+        yield table, {"frequency_hz": _line_name(kind, number), "level_db": _comment(line.level_db, "dB")}
+    if kind.clutter:
+        levels = [[round(r, 3), _draw(level, level.mean.value, digits=2)] for r, level in kind.clutter]
+        worst = max(level.mean.sd for _, level in kind.clutter)
+        text = f"fitted from up to {max(level.count for _, level in kind.clutter)} recordings, +-{worst:.2g} dB a knot"
+        yield {"kind": "static_clutter", "levels": levels}, {"levels": text + "; holds the direct path too"}
+    if "white_rad" in found:
+        names = {"white_rad": "rad", "walk_rad_per_sqrt_min": "rad/sqrt(min)"}
+        table = {k: _draw(found[k], max(found[k].mean.value, 0.0), lowest=0.0) for k in names}
+        yield {"kind": "phase_noise", **table}, {k: _comment(found[k], unit) for k, unit in names.items()}
+    if "iq_gain_db" in found:
+        gain, phase = found["iq_gain_db"], found["iq_phase_deg"]
+        if any(p.spread_is_known or abs(p.mean.value) > MATTERS * p.mean.sd for p in (gain, phase)):
+            table = {"gain_db": _draw(gain, gain.mean.value), "phase_deg": _draw(phase, phase.mean.value, digits=3)}
+            yield (
+                {"kind": "iq_imbalance", **table},
+                {"gain_db": _comment(gain, "dB"), "phase_deg": _comment(phase, "deg")},
+            )
+    if (constant := _constant(kind)) is not None:
+        yield constant
+    share = found.get("drop_probability")
+    if share is not None and share.mean.value > 0.0:
+        most = 0.9 * kind.run_length / (1.0 + kind.run_length)
+        middle = min(share.mean.value, most)
+        table = {"probability": _draw(share, middle, lowest=0.0), "mean_length": round(max(kind.run_length, 1.0), 3)}
+        yield {"kind": "dropped_frames", **table}, {"probability": _comment(share, "of all frames")}
+    if kind.bits:
+        why = "reached" if math.isfinite(kind.full_scale_v) and kind.clipped else "never reached: assumed"
+        table = {"kind": "adc", "bits": kind.bits, "full_scale_v": float(f"{kind.full_scale_v:.6g}")}
+        yield (
+            table,
+            {"bits": "from the steps of the values", "full_scale_v": f"{why}; {100 * kind.clipped:.2g} % clipped"},
+        )
+
+
+def _besides(knots: list[tuple[float, float]], reference_db: float, lowest_db: float) -> list[list[float]]:
+    """Return knots of the power over a lowest level.
+
+    They are dB re a reference, at least 20 dB below it.
+    """
+    excess = [(x, max(10.0 ** (level_db / 10.0) - 10.0 ** (lowest_db / 10.0), 0.01)) for x, level_db in knots]
+    return [[round(x, 4), round(reference_db + DB_PER_NEPER * math.log(power), 2)] for x, power in excess]
+
+
+def _constant(kind: SensorKind) -> tuple[dict[str, Any], dict[str, str]] | None:
+    """Return the constant of all bins, where it is told from 0."""
+    found = kind.pooled
+    if "dc_level_db" in found and found["dc_level_db"].count > len(kind.recordings) / 2:
+        level = found["dc_level_db"]
+        return {"kind": "dc_leak", "level_db": _draw(level, level.mean.value, digits=2)}, {
+            "level_db": _comment(level, "dB")
+        }
+    if "dc_i_v" not in found or found["dc_i_v"].count < len(kind.recordings) / 2:
+        return None
+    in_phase, quadrature = found["dc_i_v"], found["dc_q_v"]
+    size_v = math.hypot(in_phase.mean.value, quadrature.mean.value)
+    spread_v = math.hypot(*(0.0 if math.isnan(p.spread) else p.spread for p in (in_phase, quadrature)))
+    if size_v < MATTERS * math.hypot(in_phase.mean.sd, quadrature.mean.sd) and spread_v == 0.0:
+        return None
+    why = f"fitted: I {in_phase.mean.value:.3g}, Q {quadrature.mean.value:.3g} V, each with the spread {spread_v:.2g} V"
+    if size_v < 2.0 * spread_v:  # no phase of its own: static echoes of the room more than a constant
+        level_db = 20.0 * math.log10(math.hypot(size_v, spread_v))
+        return {"kind": "dc_leak", "level_db": round(level_db, 2)}, {"level_db": why}
+    size: Any = round(20.0 * math.log10(size_v), 2)
+    phase: Any = round(math.degrees(math.atan2(quadrature.mean.value, in_phase.mean.value)), 2)
+    if in_phase.spread_is_known or quadrature.spread_is_known:
+        share = spread_v / math.sqrt(2.0) / size_v
+        size = {"normal": [size, round(2.0 * DB_PER_NEPER * share, 3)]}
+        phase = {"normal": [phase, round(math.degrees(share), 2)]}
+    return {"kind": "dc_leak", "level_db": size, "phase_deg": phase}, {"level_db": why}

@@ -1,0 +1,521 @@
+"""Measure a sensor in one recording, empty or with people in it.
+
+Only what is certain to be the sensor's counts: the upper half of the Doppler band in windows where it is noise and
+nothing else, low quantiles elsewhere. What a recording cannot show is refused with the reason.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.core.errors import AnalysisError
+from doppelgait.core.labels import BASEBAND, axis, make_array
+from doppelgait.core.units import db_to_power, power_to_db
+from doppelgait.radar.fit.levels import MAX_LEVERAGE, NEAR_M, ClutterProfile
+from doppelgait.radar.fit.model import BUSY_SHARE, MAX_PHASE_VARIANCE, MIN_BINS, MIN_FRAMES, SensorFit, fit_sensor
+from doppelgait.radar.fit.static import DB_PER_NEPER, Estimate, factor_variance, leverage, static_part
+from doppelgait.radar.recording import Recording
+
+ComplexArray = npt.NDArray[np.complex128]
+FloatArray = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+WINDOW = 64
+"""Pulses of a window of an unbroken recording; a burst is a window."""
+MIN_WINDOWS = 4
+MIN_PULSES = 8
+QUANTILE = 0.25
+"""Share of windows that may be believed to have nothing moving at a range and Doppler."""
+AT_QUANTILE = -math.log(1.0 - QUANTILE)
+"""That quantile of the power of noise, over its mean."""
+WHITE_RATIO = 1.5
+"""Upper over lower quartile of the power, over that of noise (4.82), from which cells are not noise alone."""
+HANN_SHARE = 2.0
+"""Neighbouring Doppler cells share noise through the Hann window: about so many are worth one."""
+SLOW_CELLS = 3
+"""Doppler cells around 0 that the window smears a static echo over."""
+LINE_SIGMAS, LINE_DB = 5.0, 3.0
+"""A line stands out of its neighbours by so many standard deviations, and by so much."""
+MOVING_DB = 15.0
+"""A window serves for the I/Q image where something moves with so much power over the noise."""
+
+ONE_WAY = 0.5
+"""... and its power ahead and behind differ by so much of their sum (5 dB)."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """Line in Doppler shared by all ranges and nearly all windows.
+
+    Parameters
+    ----------
+    frequency_hz : float
+    level_db : Estimate
+        Amplitude, dB re 1 V.
+    half_width_hz : float
+        How far the frequency may be off.
+    """
+
+    frequency_hz: float
+    level_db: Estimate
+    half_width_hz: float
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Sensor as one recording shows it.
+
+    Parameters
+    ----------
+    recording : Recording
+    estimates : dict
+        Scalars by name, each with its uncertainty; the unit is in the name.
+    refused : dict
+        Reason by the name of what the recording cannot show.
+    doppler_hz, doppler_db : ndarray, shape (F,)
+        Noise density over the size of the Doppler frequency, as the level of white noise, dB re 1 V; NaN where
+        something moved in too many windows.
+    doppler_sd_db : ndarray, shape (F,)
+    range_db, range_sd_db : ndarray, shape (N,)
+        Noise per bin over the mean of all, dB; empty for fewer than eight bins.
+    correlation : ndarray, shape (L,)
+        Noise correlation between bins l apart; empty where refused.
+    correlation_sd : float
+    clutter : ClutterProfile or None
+    lines : tuple of Line
+    n_faulty, n_frames : int
+        Frames dropped or lost, of all; 0 of 0 where refused.
+    run_length : float
+    full_scale_v, step_v : float
+        Of the converter; NaN where they do not show.
+    clipped : float
+        Share of the samples at full scale.
+    echo_db : float
+        Level of what moves: median over the windows of the strongest bin, dB re 1 V; NaN where nothing does.
+    uses : tuple of str
+        What the recording was used for.
+    """
+
+    recording: Recording
+    estimates: dict[str, Estimate]
+    refused: dict[str, str]
+    doppler_hz: FloatArray
+    doppler_db: FloatArray
+    doppler_sd_db: FloatArray
+    range_db: FloatArray
+    range_sd_db: FloatArray
+    correlation: ComplexArray
+    correlation_sd: float
+    clutter: ClutterProfile | None
+    lines: tuple[Line, ...]
+    n_faulty: int = 0
+    n_frames: int = 0
+    run_length: float = 1.0
+    full_scale_v: float = math.nan
+    step_v: float = math.nan
+    clipped: float = 0.0
+    echo_db: float = math.nan
+    uses: tuple[str, ...] = field(default=())
+
+
+def measure_recording(recording: Recording) -> Measured:
+    """Measure the sensor in one recording, whatever was before it.
+
+    Parameters
+    ----------
+    recording : Recording
+        At least 4 windows of at least 8 pulses; any number of range bins, bursts or unbroken.
+
+    Raises
+    ------
+    AnalysisError
+        If it is shorter, or all zero.
+    """
+    samples = np.asarray(recording.samples.matrix, dtype=np.complex128)
+    n_pulses, n_bins = samples.shape
+    burst = recording.facts.get("burst_pulses")
+    window = int(burst) if burst else min(WINDOW, 1 << max(int(math.log2(max(n_pulses / MIN_WINDOWS / 2, 1))), 0))
+    if window < MIN_PULSES or n_pulses < MIN_WINDOWS * window or not samples.any():
+        raise AnalysisError(
+            f"{recording.source}: {n_pulses} pulses{f' in bursts of {window}' if burst else ''} are too few to show "
+            f"anything of the sensor, or all are zero: at least {MIN_WINDOWS} windows of {MIN_PULSES} pulses are needed"
+        )
+    step_v, full_scale_v, at_limit = converter_of(samples)
+    estimates: dict[str, Estimate] = {}
+    refused: dict[str, str] = {}
+    room = _room(recording, refused)
+    repeated = np.concatenate([[False], (samples[1:] == samples[:-1]).all(axis=1)]) & (n_bins >= MIN_BINS)
+    bad = ~samples.any(axis=1) | repeated | at_limit.any(axis=1)
+    rest, taken = _without_common_phase(samples, bad)
+    count = n_pulses // window
+    good = ~bad[: count * window].reshape(count, window).any(axis=1)
+    if good.sum() < MIN_WINDOWS:  # clipped nearly everywhere: better biased than nothing, and the line says so
+        refused["noise"] = f"fewer than {MIN_WINDOWS} windows without clipped, blank or repeated samples"
+        good = np.ones(count, dtype=bool)
+    part = rest[: count * window].reshape(count, window, n_bins)[good]
+    f_hz, power, spectrum = windowed_power(part, recording.radar.prf_hz)
+    power = power / np.maximum(1.0 - taken, 1.0 - MAX_LEVERAGE)
+    upper = np.abs(f_hz) >= recording.radar.prf_hz / 4.0
+    quiet = _quiet(power, upper)
+    level_v2 = math.nan
+    range_db = range_sd_db = np.empty(0)
+    correlation, correlation_sd = np.empty(0, dtype=complex), math.nan
+    if quiet.sum() < MIN_WINDOWS:
+        refused.setdefault("noise", "in the upper half of the Doppler band something moved nearly all of the time")
+    if "noise" not in refused:
+        calm = power[quiet][:, upper]
+        noise = _jackknife(lambda chosen: power_to_db(_bin_levels(calm[chosen])[0]), int(quiet.sum()))
+        level_v2 = float(db_to_power(noise.value))
+        estimates["noise_level_db"] = noise
+        if n_bins >= MIN_BINS:
+            range_db = power_to_db(_bin_levels(calm)[1]) - noise.value
+            range_db[taken > MAX_LEVERAGE] = np.nan  # the common phase was taken from these
+            range_sd_db = np.full(n_bins, DB_PER_NEPER * math.sqrt(HANN_SHARE / (calm.shape[0] * calm.shape[1])) * 1.5)
+            correlation, correlation_sd = _correlation(spectrum[quiet][:, upper])
+        else:
+            refused["noise over range"] = refused["noise correlation"] = f"{n_bins} range bins; {MIN_BINS} are needed"
+    doppler = _over_doppler(f_hz, power)
+    lines = _lines(rest, bad, recording, window)
+    echo_db = math.nan
+    moving = power[:, np.abs(f_hz) > SLOW_CELLS * recording.radar.prf_hz / window].sum(axis=1) / window
+    if np.isfinite(level_v2):
+        strongest_db = power_to_db(np.maximum(moving.max(axis=1), level_v2))
+        if (busy := strongest_db > power_to_db(level_v2) + MOVING_DB).sum() >= MIN_WINDOWS:
+            every = windowed_power(rest[: count * window].reshape(count, window, n_bins), recording.radar.prf_hz)[1]
+            fast = np.abs(f_hz) > SLOW_CELLS * recording.radar.prf_hz / window
+            echo_db = float(power_to_db(np.median((every[:, fast].sum(axis=1) / window).max(axis=1))))
+            estimates |= _image(spectrum[busy], moving[busy], f_hz, refused)
+        else:
+            refused["I/Q image"] = "nothing moved fast and strongly enough to show an image"
+    else:
+        refused["I/Q image"] = "the noise is not known"
+    if n_bins < MIN_BINS:
+        estimates |= _constant(samples[: count * window].reshape(count, window * n_bins), step_v)
+    faults = (0, 0, 1.0)
+    if room is not None:
+        estimates |= _room_estimates(room, refused)
+        faulty = int(room.faults.dropped.sum()) + room.faults.lost
+        if not burst:
+            faults = (faulty, room.n_frames + room.faults.lost, max(room.faults.mean_length, 1.0))
+    if burst or room is None:
+        refused["frame drops"] = "comes in bursts" if burst else "single frames cannot be told"
+    movers = room is not None and bool(room.movers)
+    uses = [
+        *(["noise"] if "noise_level_db" in estimates else []),
+        *(["clutter"] if room is not None else []),
+        *(["phase noise"] if "white_rad" in estimates else []),
+        *(["frame drops"] if faults[1] else []),
+        *(["I/Q image, from what moved"] if "iq_gain_db" in estimates else []),
+    ]
+    return Measured(
+        recording=recording, estimates=estimates, refused=refused, doppler_hz=doppler[0], doppler_db=doppler[1],
+        doppler_sd_db=doppler[2], range_db=range_db, range_sd_db=range_sd_db, correlation=correlation,
+        correlation_sd=correlation_sd, clutter=None if room is None else room.clutter, lines=lines,
+        n_faulty=faults[0], n_frames=faults[1], run_length=faults[2], full_scale_v=full_scale_v, step_v=step_v,
+        clipped=float(at_limit.mean()), echo_db=echo_db,
+        uses=(*uses, *(["something moved: those ranges left out"] if movers else [])),
+    )  # fmt: skip
+
+
+def windowed_power(part: ComplexArray, prf_hz: float) -> tuple[FloatArray, FloatArray, ComplexArray]:
+    """Return Doppler axis, power and spectrum of windows without their means.
+
+    The window is Hann's; white noise has the power of one of its samples in every cell.
+
+    Parameters
+    ----------
+    part : ndarray, shape (W, L, N)
+
+    Returns
+    -------
+    f_hz : ndarray, shape (L,)
+    power : ndarray, shape (W, L, N)
+    spectrum : ndarray, shape (W, L, N), complex
+    """
+    length = part.shape[1]
+    shape = np.hanning(length + 2)[1:-1]
+    mean = np.tensordot(shape / shape.sum(), part, axes=(0, 1))[:, None]
+    spectrum = np.fft.fft((part - mean) * shape[:, None], axis=1) / math.sqrt(float(np.sum(shape**2)))
+    power: FloatArray = np.abs(spectrum) ** 2
+    return np.asarray(np.fft.fftfreq(length, 1.0 / prf_hz)), power, spectrum
+
+
+def converter_of(samples: ComplexArray) -> tuple[float, float, Mask]:
+    """Return step, full scale and clipped samples of a converter.
+
+    Steps show as values on a lattice, full scale as many equal values at both ends. NaN where they do not show.
+    """
+    parts = np.concatenate([samples.real.ravel(), samples.imag.ravel()])
+    found, counts = np.unique(parts, return_counts=True)
+    nobody = np.zeros(samples.shape, dtype=bool)
+    if found.size < 3 or found.size > parts.size / 2:
+        return math.nan, math.nan, nobody
+    gaps = np.diff(found)
+    step_v = float(gaps[gaps > 1e-6 * np.abs(found).max()].min())
+    if np.abs(gaps / step_v - np.round(gaps / step_v)).max() > 0.02 or found[-1] / step_v > 2**24:
+        return math.nan, math.nan, nobody
+    inner = max(float(np.median(counts)), 1.0)
+    ends = [counts[:2].sum() > 20 * inner, counts[-2:].sum() > 20 * inner]  # an end may be one step apart in I and Q
+    if not all(ends) or found[0] >= 0 or found[-1] <= 0:
+        return step_v, math.nan, nobody
+    full_v = float(max(-found[0], found[-1]))
+    limit = full_v - 1.5 * step_v
+    return step_v, full_v, np.asarray((np.abs(samples.real) >= limit) | (np.abs(samples.imag) >= limit))
+
+
+def _room(recording: Recording, refused: dict[str, str]) -> SensorFit | None:
+    """Fit static echoes, phase and faults of unbroken frames.
+
+    Of bursts the first pulse of each is such a frame.
+    """
+    what = "clutter and phase noise"
+    if recording.n_range_bins < MIN_BINS:
+        refused[what] = f"{recording.n_range_bins} range bins; {MIN_BINS} are needed"
+        return None
+    burst = recording.facts.get("burst_pulses")
+    if burst:
+        whole = recording.baseband[:: int(burst)]
+        time_s = axis(whole, "slow_time")
+        radar = recording.radar.model_copy(update={"prf_hz": 1.0 / float(np.median(np.diff(time_s)))})
+        frames = make_array(BASEBAND, whole.values, {"slow_time": time_s, "range": recording.range_m})
+        recording = Recording.from_baseband(frames, radar, source=recording.source)
+    if recording.n_pulses < MIN_FRAMES:
+        refused[what] = f"{recording.n_pulses} frames; {MIN_FRAMES} are needed"
+        return None
+    try:
+        return fit_sensor(recording)
+    except AnalysisError as error:
+        refused[what] = str(error).removeprefix(f"{recording.source}: ")
+        return None
+
+
+def _room_estimates(room: SensorFit, refused: dict[str, str]) -> dict[str, Estimate]:
+    found: dict[str, Estimate] = {}
+    busy_m = sum(m.stop_m - m.start_m for m in room.movers)
+    if room.phase is None:
+        refused["phase noise"] = "static echoes are too weak to show it"
+    elif busy_m > BUSY_SHARE * (room.range_m[-1] - room.range_m[0]):
+        refused["phase noise"] = "something moved in more than a third of the ranges"
+    else:
+        found["white_rad"] = room.phase.white
+        found["walk_rad_per_sqrt_min"] = room.phase.walk_per_root_s.scaled(math.sqrt(60.0))
+        found["drift_rad_per_min"] = room.phase.drift_per_s.scaled(60.0)
+    constant = room.leakage.constant_v
+    if constant.value > 3.0 * constant.sd:
+        level_db = 2.0 * DB_PER_NEPER * math.log(constant.value)
+        found["dc_level_db"] = Estimate(level_db, 2.0 * DB_PER_NEPER * constant.sd / constant.value)
+    else:
+        refused["constant (direct current)"] = "not distinguished from static echoes"
+    direct = room.leakage.level_db
+    beyond = room.range_m > 2.0 * NEAR_M
+    if math.isfinite(direct.value) and room.range_m[0] < NEAR_M / 2.0 and beyond.sum() >= MIN_BINS:
+        room_db = float(power_to_db(np.mean(np.abs(room.echo_v[(room.range_m > NEAR_M)]) ** 2)))
+        # a static echo of that level at random phase under the direct path
+        blur_db = 2.0 * DB_PER_NEPER * math.sqrt(float(db_to_power(room_db - direct.value)) / 2.0)
+        if blur_db < 2.0:
+            found["direct_path_db"] = Estimate(direct.value, math.hypot(direct.sd, blur_db))
+    if "direct_path_db" not in found:
+        refused["gain"] = "no direct path well over the clutter in the frame"
+    return found
+
+
+def _without_common_phase(samples: ComplexArray, bad: Mask) -> tuple[ComplexArray, FloatArray]:
+    """Take off static echoes times one factor per frame.
+
+    Nothing is taken off where they are too weak or too few.
+
+    Returns also the share of each bin's noise that this takes.
+    """
+    nothing = np.zeros(samples.shape[1])
+    if samples.shape[1] < MIN_BINS or (~bad).sum() < MIN_FRAMES:
+        return samples, nothing
+    static = static_part(samples[~bad])
+    noise = float(np.median(np.abs(np.diff(static.rest_v, axis=0)) ** 2)) / math.log(2.0) / 2.0
+    white = np.ones(1, dtype=complex)
+    if factor_variance(static, white, noise_power_v2=noise) > MAX_PHASE_VARIANCE:
+        return samples, nothing
+    rest = np.zeros_like(samples)
+    rest[~bad] = static.rest_v
+    return rest, leverage(static, white)
+
+
+def _quiet(power: FloatArray, upper: Mask) -> Mask:
+    """Return the windows with noise alone in the upper half-band.
+
+    Noise is told by the spread of its powers, not by its level. Where bins are many, a window counts by the half of
+    its bins that is most like noise.
+    """
+    cells = power[:, upper]
+    low, high = np.quantile(cells, (0.25, 0.75), axis=1)
+    ratio = high / np.maximum(low, np.finfo(float).tiny) / (math.log(4.0) / math.log(4.0 / 3.0))
+    # few cells scatter: the limit is that of noise plus twice its spread, about 2.6 / sqrt(independent cells)
+    limit = WHITE_RATIO + 2.6 * math.sqrt(HANN_SHARE / upper.sum())
+    return np.asarray(np.median(ratio, axis=1) < limit)
+
+
+def _bin_levels(cells: FloatArray) -> tuple[float, FloatArray]:
+    """Return noise power, and that of every bin.
+
+    Both are from low quantiles of quiet cells.
+    """
+    by_bin = np.quantile(cells.reshape(-1, cells.shape[2]), QUANTILE, axis=0) / AT_QUANTILE
+    return float(np.median(by_bin)), by_bin
+
+
+def _jackknife(estimate: Callable[[npt.NDArray[np.intp]], float], count: int, most: int = 16) -> Estimate:
+    """Return an estimate with the delete-a-group jackknife's uncertainty over windows in order."""
+    groups = np.array_split(np.arange(count), min(most, count))
+    left_out = np.array([estimate(np.setdiff1d(np.arange(count), group)) for group in groups])
+    g = len(groups)
+    sd = math.sqrt((g - 1) / g * float(np.sum((left_out - left_out.mean()) ** 2)))
+    return Estimate(float(estimate(np.arange(count))), sd)
+
+
+def _correlation(spectrum: ComplexArray, lags: int = 8) -> tuple[ComplexArray, float]:
+    """Return correlation between bins l apart, and its uncertainty.
+
+    Median over the bins of the mean over quiet cells.
+    """
+    n_bins = spectrum.shape[2]
+    size = np.abs(spectrum)
+    # a cell far over the others has an echo in it
+    cells = np.where(size > 4.0 * np.median(size, axis=(0, 1)), 0.0, spectrum)
+    unit = cells / np.sqrt(np.mean(np.abs(cells) ** 2, axis=(0, 1)))
+    lags = min(lags, n_bins // 2)
+    rho = np.ones(lags + 1, dtype=complex)
+    for lag in range(1, lags + 1):
+        products = np.mean(unit[:, :, lag:] * unit[:, :, :-lag].conj(), axis=(0, 1))
+        rho[lag] = np.median(products.real) + 1j * np.median(products.imag)
+    sd = 1.2533 * math.sqrt(HANN_SHARE / unit.size / 2.0 * (1.0 + 2.0 * float(np.sum(np.abs(rho[1:]) ** 2))))
+    return rho, sd
+
+
+def _over_doppler(f_hz: FloatArray, power: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return noise level over the size of the frequency.
+
+    NaN where something moved.
+    """
+    size_hz = np.unique(np.abs(f_hz))
+    level, sd = np.full(size_hz.size, np.nan), np.full(size_hz.size, np.nan)
+    expected = math.log(4.0) / math.log(4.0 / 3.0)
+    for place, frequency in enumerate(size_hz[1:], start=1):
+        cells = power[:, np.abs(f_hz) == frequency].reshape(-1, power.shape[2])
+        low, high = np.quantile(cells, (0.25, 0.75), axis=0)
+        calm = high / np.maximum(low, np.finfo(float).tiny) < expected * (WHITE_RATIO + 4.0 / math.sqrt(len(cells)))
+        if calm.mean() < 0.5 or (power.shape[2] < MIN_BINS and not calm.all()):
+            continue
+        level[place] = power_to_db(np.median(low[calm]) / AT_QUANTILE)
+        sd[place] = 2.0 * DB_PER_NEPER * math.sqrt(1.0 / (len(cells) * calm.sum()))
+    return size_hz, level, sd
+
+
+def _lines(rest: ComplexArray, bad: Mask, recording: Recording, window: int) -> tuple[Line, ...]:
+    """Find lines in Doppler.
+
+    They stand out of their neighbours in three quarters of all windows and bins.
+    """
+    n_pulses, n_bins = rest.shape
+    if not recording.facts.get("burst_pulses"):
+        window = max(window, 1 << int(math.log2(max(n_pulses / 8, 1))))
+    count = n_pulses // window
+    good = ~bad[: count * window].reshape(count, window).any(axis=1)
+    if good.sum() < MIN_WINDOWS:
+        return ()
+    part = rest[: count * window].reshape(count, window, n_bins)[good]
+    f_hz, power, _ = windowed_power(part, recording.radar.prf_hz)
+    low = np.quantile(power.reshape(-1, window, n_bins).transpose(1, 0, 2).reshape(window, -1), QUANTILE, axis=1)
+    low /= AT_QUANTILE
+    around = np.concatenate([np.arange(-6, -1), np.arange(2, 7)])
+    floor = np.median(low[(np.arange(window)[:, None] + around) % window], axis=1)
+    # bins share noise by the chip's filter, and a mover makes neighbours unequal: a third of the cells counts
+    needed = 1.0 + LINE_SIGMAS * 2.0 / math.sqrt(part.shape[0] * max(n_bins / 3.0, 1.0))
+    stands = (low > floor * max(needed, float(db_to_power(LINE_DB)))) & (np.minimum(
+        np.arange(window), window - np.arange(window)
+    ) > SLOW_CELLS)  # fmt: skip
+    # a line and noise scatter no more than noise does; what moves is stronger in some windows and bins
+    lower, upper = np.quantile(power.transpose(1, 0, 2).reshape(window, -1), (0.25, 0.75), axis=1)
+    stands &= upper < lower * WHITE_RATIO * math.log(4.0) / math.log(4.0 / 3.0)
+    stands &= (low >= np.roll(low, 1)) & (low > np.roll(low, -1))
+    gain = float(np.sum(np.hanning(window + 2)[1:-1]) ** 2 / np.sum(np.hanning(window + 2)[1:-1] ** 2))
+    found = []
+    for place in np.flatnonzero(stands):
+        logs = np.log(low[[place - 1, place, (place + 1) % window]])
+        shift = float(0.5 * (logs[0] - logs[2]) / (logs[0] - 2 * logs[1] + logs[2]))
+        peak = float(np.exp(logs[1] - 0.25 * (logs[0] - logs[2]) * shift))
+        middle = power[:, place].ravel()
+        level = Estimate(
+            float(power_to_db(peak / gain)), DB_PER_NEPER * float(np.std(np.log(middle))) / math.sqrt(len(part))
+        )
+        step_hz = recording.radar.prf_hz / window
+        found.append(Line(float(f_hz[place]) + shift * step_hz, level, 0.25 * step_hz))
+    return tuple(found)
+
+
+def _image(
+    spectrum: ComplexArray, moving: FloatArray, f_hz: FloatArray, refused: dict[str, str]
+) -> dict[str, Estimate]:  # fmt: skip
+    r"""Estimate gain and phase error of the quadrature channel from what moved.
+
+    An echo y of any Doppler is circular, E y^2 = 0; behind the channels E I^2, E Q^2 and E I Q are in the ratio
+    1 : g^2 : g sin(phi). A mover that turns less than three times in a window is left out.
+    """
+    if f_hz.size < WINDOW / 2:
+        refused["I/Q image"] = f"windows of {f_hz.size} pulses are too short to tell which way something moved"
+        return {}
+    best = np.argmax(moving, axis=1)
+    part = spectrum[np.arange(len(spectrum)), :, best]
+    slow = np.abs(f_hz) <= SLOW_CELLS * (f_hz[1] - f_hz[0])
+    part = np.where(slow, 0.0, part)
+    mirrored = np.roll(part[:, ::-1], 1, axis=1)
+    square = np.sum(part * mirrored, axis=1)
+    whole = np.sum(np.abs(part) ** 2, axis=1)
+    # a static echo whose phase trembles has equal side lines, which are not circular: only what moves one way counts
+    one_way = np.abs(np.sum(np.abs(part) ** 2 * np.sign(f_hz), axis=1)) > ONE_WAY * whole
+    if one_way.sum() < MIN_WINDOWS:
+        refused["I/Q image"] = "nothing moved one way, fast and strongly enough to show an image"
+        return {}
+    ratio = (square / whole)[one_way]
+    # two windows of the same turn of an echo are not independent: the uncertainty is from the jackknife over groups
+
+    def estimate(chosen: npt.NDArray[np.intp]) -> tuple[float, float]:
+        middle = complex(np.median(ratio[chosen].real), np.median(ratio[chosen].imag))
+        in_phase, quadrature = (1.0 + middle.real) / 2.0, (1.0 - middle.real) / 2.0
+        sine = middle.imag / 2.0 / math.sqrt(max(in_phase * quadrature, 1e-12))
+        gain_db = float(power_to_db(max(quadrature, 1e-9) / max(in_phase, 1e-9)))
+        return gain_db, math.degrees(math.asin(min(max(sine, -1.0), 1.0)))
+
+    gain = _jackknife(lambda chosen: estimate(chosen)[0], len(ratio))
+    phase = _jackknife(lambda chosen: estimate(chosen)[1], len(ratio))
+    # the jackknife of a median is rough: at least what the scatter of the windows gives
+    scatter = 1.4826 * float(np.median(np.abs(ratio - complex(np.median(ratio.real), np.median(ratio.imag)))))
+    least = 1.2533 * scatter / math.sqrt(2.0 * len(ratio))
+    if least > 0.2:
+        refused["I/Q image"] = "what moved turned too little to show an image"
+        return {}
+    return {
+        "iq_gain_db": Estimate(gain.value, max(gain.sd, 2.0 * DB_PER_NEPER * least)),
+        "iq_phase_deg": Estimate(phase.value, max(phase.sd, math.degrees(least))),
+    }
+
+
+def _constant(windows: ComplexArray, step_v: float) -> dict[str, Estimate]:
+    """Estimate the constant of a radar with few bins.
+
+    It is the median of I and of Q.
+    """
+
+    def value(chosen: npt.NDArray[np.intp]) -> complex:
+        part = windows[chosen].ravel()
+        return complex(np.median(part.real), np.median(part.imag))
+
+    whole = value(np.arange(len(windows)))
+    count = np.arange(len(windows))
+    others = np.array([value(np.delete(count, k)) for k in count])
+    sd = math.sqrt((count.size - 1) / count.size * float(np.sum(np.abs(others - others.mean()) ** 2)) / 2.0)
+    sd = math.hypot(sd, 0.0 if math.isnan(step_v) else step_v / math.sqrt(12.0))
+    return {"dc_i_v": Estimate(whole.real, sd), "dc_q_v": Estimate(whole.imag, sd)}

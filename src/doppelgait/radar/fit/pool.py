@@ -1,0 +1,481 @@
+"""Pool what several recordings show of a kind of sensor.
+
+Every quantity has a mean and a spread between recordings: what the uncertainties of single values do not explain.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.core.errors import AnalysisError
+from doppelgait.core.units import power_to_db
+from doppelgait.radar.fit.measure import Measured, measure_recording
+from doppelgait.radar.fit.static import DB_PER_NEPER, Estimate
+from doppelgait.radar.link import echo_amplitude_v, noise_power_v2
+from doppelgait.radar.parameters import Radar
+from doppelgait.radar.recording import Recording
+
+FloatArray = npt.NDArray[np.float64]
+
+MIN_FOR_SPREAD = 3
+"""Recordings below which no spread is stated."""
+LEVEL = 0.95
+SAME = 0.05
+"""Carrier, and bin spacing where it matters, of recordings of one kind agree within this share."""
+PERSON_M2 = 0.8
+"""Radar cross section of a person, of which the level of the echoes gives the gain."""
+MATTERS = 3.0
+"""Standard deviations from 0 at which a fault is put into the model."""
+SHAPE_DB = 1.0
+"""A floor over Doppler or range is put into the model from this deviation on, and three standard deviations."""
+
+
+@dataclass(frozen=True)
+class Pooled:
+    """A quantity over several recordings.
+
+    Parameters
+    ----------
+    mean : Estimate
+    spread, low, high : float
+        Standard deviation between recordings without that of the measurement, and its 95 % interval; NaN for fewer
+        than three recordings.
+    count : int
+        Recordings it rests on.
+    """
+
+    mean: Estimate
+    spread: float
+    low: float
+    high: float
+    count: int
+
+    @property
+    def spread_is_known(self) -> bool:
+        """True where recordings differ by more than their uncertainties.
+
+        At 2.5 %.
+        """
+        return self.count >= MIN_FOR_SPREAD and self.low > 0.0
+
+
+def pool(estimates: Iterable[Estimate]) -> Pooled:
+    r"""Pool estimates of a quantity that differs from recording to recording.
+
+    Mean and spread :math:`\tau` of :math:`x_k = \mu + \tau u_k + s_k e_k` by Paule and Mandel (J. Res. NBS 87, 1982,
+    377): :math:`Q(\tau^2) = \sum_k (x_k - \mu)^2 / (s_k^2 + \tau^2)` equals K - 1; the limits of :math:`\tau` are where
+    it equals the quantiles of chi squared (Viechtbauer, Stat. Med. 26, 2007, 37). The uncertainty of the mean is that
+    of the weighted mean, at least as large as the scatter says.
+
+    Raises
+    ------
+    AnalysisError
+        Without any finite estimate.
+    """
+    from scipy.optimize import brentq
+    from scipy.stats import chi2
+
+    good = [e for e in estimates if math.isfinite(e.value) and math.isfinite(e.sd)]
+    if not good:
+        raise AnalysisError("nothing to pool: no recording shows this quantity")
+    values, variances = np.array([e.value for e in good]), np.array([max(e.sd, 1e-12) ** 2 for e in good])
+    count = len(good)
+
+    def weighted(between: float) -> tuple[float, float, float]:
+        weights = 1.0 / (variances + between)
+        mean = float(np.sum(weights * values) / np.sum(weights))
+        return mean, float(np.sum(weights * (values - mean) ** 2)), float(np.sum(weights))
+
+    if count < MIN_FOR_SPREAD:
+        mean, scatter, weight = weighted(0.0)
+        inflation = max(scatter / max(count - 1, 1), 1.0)
+        return Pooled(Estimate(mean, math.sqrt(inflation / weight)), math.nan, math.nan, math.nan, count)
+
+    def variance_at(target: float) -> float:
+        if weighted(0.0)[1] <= target:
+            return 0.0
+        most = float(np.var(values)) * count + 1e-30
+        while weighted(most)[1] > target:
+            most *= 10.0
+        return float(brentq(lambda between: weighted(between)[1] - target, 0.0, most, xtol=most * 1e-12))
+
+    between = variance_at(count - 1.0)
+    mean, scatter, weight = weighted(between)
+    low, high = (variance_at(float(chi2.ppf(share, count - 1))) for share in ((1 + LEVEL) / 2, (1 - LEVEL) / 2))
+    sd = math.sqrt(max(scatter / (count - 1), 1.0) / weight)
+    return Pooled(Estimate(mean, sd), math.sqrt(between), math.sqrt(low), math.sqrt(high), count)
+
+
+@dataclass(frozen=True)
+class PooledLine:
+    """A line in Doppler that at least half of the recordings share."""
+
+    frequency_hz: float
+    level_db: Pooled
+
+
+@dataclass(frozen=True)
+class SensorKind:
+    """Sensors of a kind as distributions.
+
+    Parameters
+    ----------
+    radar : Radar
+        Of the longest recording, or that it was fitted with.
+    recordings : tuple of Measured
+        What each recording shows.
+    pooled : dict
+        Scalars by name.
+    refused : dict
+        Reason by the name of what no recording shows.
+    left_out : tuple of str
+        Recordings that were not used, with the reason.
+    clutter : tuple of (range_m, Pooled)
+        Level at the knots, dB re 1 V.
+    doppler : tuple of (frequency_hz, Estimate)
+        Noise level over the white floor's, dB.
+    range_db : tuple of (range_m, change_db)
+        Noise level over the mean of all ranges; empty where it is flat.
+    correlation : tuple of float
+        Noise correlation between bins 1, 2, ... apart.
+    lines : tuple of PooledLine
+    run_length : float
+        Mean number of frames lost in a row.
+    bits : int
+        Of the converter; 0 where it does not show.
+    full_scale_v : float
+        NaN where it was never reached.
+    clipped : float
+        Mean share of samples at full scale.
+    """
+
+    radar: Radar
+    recordings: tuple[Measured, ...]
+    pooled: dict[str, Pooled]
+    refused: dict[str, str]
+    left_out: tuple[str, ...]
+    clutter: tuple[tuple[float, Pooled], ...]
+    doppler: tuple[tuple[float, Estimate], ...]
+    range_db: tuple[tuple[float, float], ...]
+    correlation: tuple[float, ...]
+    lines: tuple[PooledLine, ...]
+    run_length: float
+    bits: int
+    full_scale_v: float
+    clipped: float
+
+
+def fit_kind(
+    recordings: Iterable[Recording], *, radar: Radar | None = None, people_at_m: float | None = None
+) -> SensorKind:
+    """Fit distributions to recordings of sensors of one kind.
+
+    Parameters
+    ----------
+    recordings : iterable of Recording
+        Unlabelled: empty rooms or daily life. Of one carrier; the others are left out.
+    radar : Radar, optional
+        Where to take from what no recording tells: power, antenna gains, pulse. The longest recording's by default.
+    people_at_m : float, optional
+        Median range of the people in the recordings: the receiver gain is set so that 0.8 m^2 there has the level of
+        the echoes. Without it the gain stays as it is.
+
+    Raises
+    ------
+    AnalysisError
+        If no recording can be used.
+    """
+    measured: list[Measured] = []
+    left_out: list[str] = []
+    for number, recording in enumerate(recordings):
+        try:
+            measured.append(measure_recording(recording))
+        except AnalysisError as error:
+            left_out.append(str(error) if recording.source else f"recording {number}: {error}")
+    if not measured:
+        raise AnalysisError("no recording can be used; " + "; ".join(left_out))
+    longest = max(measured, key=lambda one: one.recording.samples.matrix.size).recording
+    base = longest.radar if radar is None else _with_axes(radar, longest)
+    same = [m for m in measured if abs(m.recording.radar.carrier_hz / longest.radar.carrier_hz - 1.0) <= SAME]
+    left_out += [f"{m.recording.source}: another carrier" for m in measured if m not in same]
+    spaced = [m for m in same if abs(m.recording.radar.bin_spacing_m / longest.radar.bin_spacing_m - 1.0) <= SAME]
+    if len(spaced) < len(same):
+        left_out.append(
+            f"{len(same) - len(spaced)} recordings have other range bins: not used for clutter, correlation and shape"
+        )
+    pooled = {name: pool(found) for name, found in _by_name(same).items()}
+    base = _scaled(base, same, pooled, people_at_m, radar is not None)
+    refused = _reasons(same, pooled)
+    if people_at_m is None and "direct_path_db" not in pooled:
+        refused["receiver gain"] = "no level of a known echo; give the range of the people to set it"
+    share, length = _drops(same)
+    if share is not None:
+        pooled["drop_probability"] = share
+    step_v = min((m.step_v for m in same if math.isfinite(m.step_v)), default=math.nan)
+    limits = [m.full_scale_v for m in same if math.isfinite(m.full_scale_v)]
+    full_v = float(np.median(limits)) if limits else math.nan
+    bits = 0
+    if math.isfinite(step_v):
+        bits = round(math.log2(2.0 * full_v / step_v)) if limits else 16
+        if not limits:
+            refused["full scale of the converter"] = "never reached; 16 bits are assumed"
+    else:
+        refused["converter"] = "the values show no steps"
+    return SensorKind(
+        radar=base, recordings=tuple(same), pooled=pooled, refused=refused, left_out=tuple(left_out),
+        clutter=_clutter(spaced, longest.range_m), doppler=_doppler(same, refused), range_db=_over_range(spaced),
+        correlation=_correlation(spaced), lines=_lines(same), run_length=length, bits=bits,
+        full_scale_v=full_v if limits else step_v * 2.0**15,
+        clipped=float(np.mean([m.clipped for m in same])),
+    )  # fmt: skip
+
+
+def _with_axes(radar: Radar, recording: Recording) -> Radar:
+    """Return a radar with rate and range axis of a recording."""
+    start_m = max(float(recording.range_m[0]), 0.0) if recording.n_range_bins > 1 else radar.range_start_m
+    stop_m = radar.range_stop_m
+    if recording.n_range_bins > 1:
+        stop_m = start_m + (recording.n_range_bins - 0.5) * radar.bin_spacing_m
+    changes = {"prf_hz": recording.radar.prf_hz, "range_start_m": start_m, "range_stop_m": stop_m}
+    return Radar.model_validate({**radar.model_dump(), **changes})
+
+
+def _by_name(measured: Sequence[Measured]) -> dict[str, list[Estimate]]:
+    found: dict[str, list[Estimate]] = {}
+    for one in measured:
+        for name, estimate in one.estimates.items():
+            found.setdefault(name, []).append(estimate)
+    return found
+
+
+def _scaled(
+    radar: Radar, same: Sequence[Measured], pooled: dict[str, Pooled], people_at_m: float | None, radar_is_given: bool
+) -> Radar:
+    """Set gain and noise figure, and pool their spread.
+
+    The figure is what the noise needs in the radar of each recording; its spread is without that of the gain where the
+    direct path shows it, and without what unequal I and Q channels add.
+    """
+    if "noise_level_db" not in pooled:
+        return radar
+    direct = pooled.get("direct_path_db")
+    by_gain = direct is not None and direct.count == len(same) and direct.spread_is_known
+    quadrature_db = pooled["iq_gain_db"].mean.value if "iq_gain_db" in pooled else 0.0
+    added_db = DB_PER_NEPER * math.log((1.0 + 10.0 ** (quadrature_db / 10.0)) / 2.0)
+    gain_db = 0.0
+    echoes = [m.echo_db for m in same if math.isfinite(m.echo_db)]
+    if people_at_m is not None and echoes:
+        expected_v = float(echo_amplitude_v(radar, range_m=people_at_m, rcs_m2=PERSON_M2))
+        gain_db = float(np.median(echoes)) - 20.0 * math.log10(expected_v)
+
+    def figures() -> Pooled:
+        found = []
+        for one in same:
+            if "noise_level_db" not in one.estimates:
+                continue
+            level = one.estimates["noise_level_db"]
+            value, sd = level.value - added_db, level.sd
+            if by_gain and direct is not None:
+                value -= one.estimates["direct_path_db"].value - direct.mean.value
+                sd = math.hypot(sd, one.estimates["direct_path_db"].sd)
+            own = one.recording.radar
+            if radar_is_given:
+                own = radar.model_copy(update={"prf_hz": own.prf_hz})
+            own = own.model_copy(update={"receiver_gain_db": own.receiver_gain_db + gain_db})
+            found.append(figure_of(own, Estimate(value, sd)))
+        return pool(found)
+
+    figure = figures()
+    if people_at_m is None and not 0.0 <= figure.mean.value <= 30.0:
+        # no receiver has that: the scale of the file against volts is unknown, so that the gain takes the difference
+        plausible_db = max(radar.noise_figure_db, MATTERS * (figure.spread if figure.spread_is_known else 0.0))
+        gain_db = figure.mean.value - plausible_db
+        figure = figures()
+    if by_gain and direct is not None:
+        pooled["gain_db"] = direct
+    pooled["noise_figure_db"] = figure
+    limited_db = min(max(figure.mean.value, 0.0), 100.0)
+    changes = {"receiver_gain_db": radar.receiver_gain_db + gain_db, "noise_figure_db": limited_db}
+    return Radar.model_validate({**radar.model_dump(), **changes})
+
+
+def figure_of(radar: Radar, level_db: Estimate) -> Estimate:
+    """Return the noise figure, dB, that gives a measured level.
+
+    Found by bisection: behind a threshold counter the level is not proportional to it.
+    """
+    from scipy.optimize import brentq
+
+    def level_at(figure_db: float) -> float:
+        return float(power_to_db(noise_power_v2(radar.model_copy(update={"noise_figure_db": figure_db}))))
+
+    lowest, highest = -100.0, 250.0
+    if not level_at(lowest) < level_db.value < level_at(highest):
+        return Estimate(math.nan, math.inf)
+    value = float(brentq(lambda figure_db: level_at(figure_db) - level_db.value, lowest, highest))
+    slope = level_at(value + 0.5) - level_at(value - 0.5)
+    return Estimate(value, level_db.sd / slope)
+
+
+def _reasons(same: Sequence[Measured], pooled: Mapping[str, Pooled]) -> dict[str, str]:
+    """Return why a quantity is in no recording, or in how few."""
+    found: dict[str, list[str]] = {}
+    for one in same:
+        for name, reason in one.refused.items():
+            found.setdefault(name, []).append(reason)
+    texts = {}
+    for name, reasons in found.items():
+        usual = max(set(reasons), key=reasons.count)
+        texts[name] = f"{usual} (in {len(reasons)} of {len(same)} recordings)"
+    return texts
+
+
+def _drops(same: Sequence[Measured]) -> tuple[Pooled | None, float]:
+    counted = [m for m in same if m.n_frames]
+    if not counted:
+        return None, 1.0
+    faulty, frames = sum(m.n_faulty for m in counted), sum(m.n_frames for m in counted)
+    runs = sum(m.n_faulty / m.run_length for m in counted)
+    length = faulty / runs if runs else 1.0
+    share = (faulty + 0.5) / (frames + 1.0)
+    # runs of mean length L scatter 2 L - 1 times as much as single frames; one share for all, as that of a recording
+    # without any is not known exactly
+    each = share * (1.0 - share) * (2.0 * length - 1.0)
+    return pool(Estimate(m.n_faulty / m.n_frames, math.sqrt(each / m.n_frames)) for m in counted), length
+
+
+def _clutter(spaced: Sequence[Measured], range_m: FloatArray) -> tuple[tuple[float, Pooled], ...]:
+    with_clutter = [m for m in spaced if m.clutter is not None]
+    if not with_clutter:
+        return ()
+    longest = max(with_clutter, key=lambda m: m.recording.range_m.size)
+    knots = longest.clutter.range_m if longest.clutter is not None else range_m
+    found = []
+    for knot in knots.tolist():
+        estimates = []
+        for one in with_clutter:
+            profile = one.clutter
+            if profile is not None and profile.range_m[0] - 0.1 <= knot <= profile.range_m[-1] + 0.1:
+                sd = float(np.interp(knot, profile.range_m, profile.sd_db))
+                estimates.append(Estimate(float(profile.at(knot)), sd))
+        found.append((knot, pool(estimates)))
+    return tuple(found)
+
+
+def _doppler(same: Sequence[Measured], refused: dict[str, str]) -> tuple[tuple[float, Estimate], ...]:
+    """Return the noise over the white floor, by Doppler.
+
+    Recordings with other windows than the fastest are left out.
+    """
+    usable = [m for m in same if "noise_level_db" in m.estimates]
+    if not usable:
+        return ()
+    axis_of = max(usable, key=lambda m: m.recording.radar.prf_hz).doppler_hz
+    on_axis = [
+        m for m in usable if m.doppler_hz.shape == axis_of.shape and np.allclose(m.doppler_hz, axis_of, rtol=SAME)
+    ]
+    white = pool(m.estimates["noise_level_db"] for m in usable)
+    between_db = 0.0 if math.isnan(white.spread) else white.spread
+    found, missing = [], []
+    for place, frequency in enumerate(axis_of.tolist()):
+        if not place:
+            continue
+        level = np.array([m.doppler_db[place] - m.estimates["noise_level_db"].value for m in on_axis])
+        sd = np.array([m.doppler_sd_db[place] for m in on_axis])
+        calm = np.isfinite(level)
+        # noise is the same in all recordings but for the spread of the floor; what moves is not
+        spread = 1.4826 * float(np.median(np.abs(level[calm] - np.median(level[calm])))) if calm.any() else math.inf
+        expected = math.hypot(float(np.median(sd[calm])), between_db) if calm.any() else 0.0
+        if calm.mean() < 0.5 or (calm.sum() >= 4 and spread > 1.5 * expected + 0.5):
+            missing.append(frequency)
+            continue
+        middle_sd = 1.2533 * max(spread if calm.sum() >= 4 else 0.0, float(np.median(sd[calm]))) / math.sqrt(calm.sum())
+        found.append((frequency, Estimate(float(np.median(level[calm])), middle_sd)))
+    if missing:
+        refused["noise over Doppler"] = (
+            f"something moved at {missing[0]:.3g} to {missing[-1]:.3g} Hz in too many windows"
+        )
+    return tuple(found)
+
+
+def _over_range(spaced: Sequence[Measured]) -> tuple[tuple[float, float], ...]:
+    """Return the noise over range where it is not flat.
+
+    Bins count in groups.
+    """
+    usable = [m for m in spaced if m.range_db.size]
+    if not usable:
+        return ()
+    longest = max(usable, key=lambda m: m.range_db.size)
+    edges = np.linspace(longest.recording.range_m[0], longest.recording.range_m[-1], 9)
+    found, bent = [], False
+    for low, high in pairwise(edges):
+        values = []
+        for one in usable:
+            inside = (one.recording.range_m >= low) & (one.recording.range_m <= high) & np.isfinite(one.range_db)
+            if inside.sum() >= 3:
+                sd = 1.2533 * float(np.median(one.range_sd_db[inside])) / math.sqrt(inside.sum() / 2.0)
+                values.append(Estimate(float(np.median(one.range_db[inside])), sd))
+        if not values:
+            continue
+        level = pool(values).mean
+        found.append((float(low + high) / 2.0, level.value))
+        bent |= abs(level.value) > max(SHAPE_DB, 3.0 * level.sd)
+    return tuple(found) if bent else ()
+
+
+def _correlation(spaced: Sequence[Measured]) -> tuple[float, ...]:
+    usable = [m for m in spaced if m.correlation.size]
+    if not usable:
+        return ()
+    found: list[float] = []
+    for lag in range(1, min(m.correlation.size for m in usable)):
+        rho = pool(Estimate(float(m.correlation[lag].real), m.correlation_sd) for m in usable)
+        if abs(rho.mean.value) < max(3.0 * rho.mean.sd, 0.02):
+            break
+        found.append(rho.mean.value)
+    return tuple(found)
+
+
+def _lines(same: Sequence[Measured]) -> tuple[PooledLine, ...]:
+    """Return lines that at least half of the recordings share.
+
+    And two of them: what moves is elsewhere in each.
+    """
+    found: list[PooledLine] = []
+    for one in same:
+        for line in one.lines:
+            if any(abs(line.frequency_hz - other.frequency_hz) <= 2 * line.half_width_hz for other in found):
+                continue
+            twins = [
+                min(near, key=lambda other, line=line: abs(other.frequency_hz - line.frequency_hz))  # type: ignore[misc]
+                for m in same
+                if (near := [k for k in m.lines if abs(k.frequency_hz - line.frequency_hz) <= 2 * line.half_width_hz])
+            ]
+            if len(twins) >= max(2, len(same) / 2):
+                middle = float(np.median([k.frequency_hz for k in twins]))
+                found.append(PooledLine(middle, pool(k.level_db for k in twins)))
+    return tuple(found)
+
+
+MAINS_HZ = (50.0, 60.0)
+
+
+def mains_of(frequency_hz: float, prf_hz: float, half_width_hz: float) -> str:
+    """Return the multiple of the mains that a line may be.
+
+    It is seen as sampled; empty for none.
+    """
+    for mains_hz in MAINS_HZ:
+        for multiple in range(1, 9):
+            for sign in (1.0, -1.0):
+                seen = (sign * multiple * mains_hz + prf_hz / 2.0) % prf_hz - prf_hz / 2.0
+                if abs(seen - frequency_hz) <= half_width_hz:
+                    return f"{multiple} x {mains_hz:g} Hz"
+    return ""

@@ -1,0 +1,99 @@
+"""Plans whose preset holds distributions: one sensor per example."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from doppelgait.core.config import canonical_json
+from doppelgait.dataset import PlanConfig, plan_dataset
+from doppelgait.dataset.finish import dataset_id
+from doppelgait.pipeline import Run
+from doppelgait.radar import Radar
+
+SENSOR = """
+carrier_hz = 7.29e9
+prf_hz = 200
+sample_rate_hz = 23.328e9
+decimation = 8
+range_stop_m = 9.6
+bandwidth_hz = 1.4e9
+noise_figure_db = { normal = [8.0, 1.5] }
+
+[[impairments]]
+kind = "static_clutter"
+levels = [[0.5, { normal = [-60.0, 3.0] }], [8.0, -90.0]]
+
+[[impairments]]
+kind = "phase_noise"
+white_rad = { uniform = [0.001, 0.003] }
+"""
+
+
+def plan_of(preset: str, **radar: object) -> PlanConfig:
+    return PlanConfig.model_validate(
+        {
+            "dataset": {"name": "sensors", "examples_per_class": 40},
+            "classes": [{"label": "human", "motion": {"kind": "boulic"}}],
+            "radar": {"preset": preset, **radar},
+        }
+    )
+
+
+@pytest.fixture
+def sensor(tmp_path: Path) -> Path:
+    path = tmp_path / "my-sensor.toml"
+    path.write_text(SENSOR, encoding="utf-8")
+    return path
+
+
+def test_every_example_draws_its_sensor_from_the_file(sensor: Path) -> None:
+    laid_out = plan_dataset(plan_of("my-sensor.toml"), folder=sensor.parent)
+    runs = [laid_out.example(n).run for n in range(40)]
+    figures = np.array([run.radar.noise_figure_db for run in runs])
+    jitters = np.array([run.impairments[1].white_rad for run in runs])
+    levels = np.array([run.impairments[0].levels[0][1] for run in runs])
+    assert abs(figures.mean() - 8.0) < 4 * 1.5 / np.sqrt(40)
+    assert 1.0 < figures.std() < 2.1
+    assert 0.001 <= jitters.min() < 0.0015 < 0.0025 < jitters.max() <= 0.003
+    assert 2.0 < levels.std() < 4.2
+    for one, other in ((figures, jitters), (figures, levels), (jitters, levels)):  # streams of their own
+        assert abs(np.corrcoef(one, other)[0, 1]) < 0.5
+    assert {run.impairments[0].levels[1][1] for run in runs} == {-90.0}
+
+
+def test_an_example_is_the_same_alone_and_after_others(sensor: Path) -> None:
+    first, second = (plan_dataset(plan_of("my-sensor.toml"), folder=sensor.parent) for _ in range(2))
+    whole = [canonical_json(first.example(n)) for n in range(8)]
+    assert canonical_json(second.example(7)) == whole[7]
+    assert len(set(whole)) == 8
+
+
+def test_a_key_of_the_plan_replaces_a_draw_and_shifts_no_other(sensor: Path) -> None:
+    drawn = plan_dataset(plan_of("my-sensor.toml"), folder=sensor.parent).example(3).run
+    fixed = plan_dataset(plan_of("my-sensor.toml", noise_figure_db=5.0), folder=sensor.parent).example(3).run
+    assert fixed.radar.noise_figure_db == 5.0
+    assert fixed.impairments == drawn.impairments
+
+
+def test_the_identity_is_that_of_the_content_not_of_the_path(sensor: Path) -> None:
+    here = dataset_id(plan_of("my-sensor.toml"), sensor.parent)
+    (sensor.parent / "deep").mkdir()
+    shutil.copy(sensor, sensor.parent / "deep" / "other.toml")
+    assert dataset_id(plan_of("deep/other.toml"), sensor.parent) == here
+    sensor.write_text(SENSOR.replace("1.5]", "1.6]"), encoding="utf-8")
+    assert dataset_id(plan_of("my-sensor.toml"), sensor.parent) != here
+
+
+def test_elsewhere_the_middle_counts_and_a_scene_draws_by_its_seed(sensor: Path) -> None:
+    assert Radar.preset(sensor).noise_figure_db == 8.0
+    scene = sensor.parent / "scene.toml"
+    text = 'seed = {}\nduration_s = 2\n[radar]\npreset = "my-sensor.toml"\n'
+    found = []
+    for seed in (1, 1, 2):
+        scene.write_text(text.format(seed), encoding="utf-8")
+        found.append(Run.from_toml(scene).radar.noise_figure_db)
+    assert found[0] == found[1] != found[2]
