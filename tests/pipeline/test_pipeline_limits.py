@@ -125,7 +125,7 @@ def test_a_small_share_outside_the_frame_is_not_called_0_percent(walk):
     table = assemble(Scene([Target(walk)]), np.arange(500) / 1000)
     table["range"].values[0, 0] = 50.0
     with pytest.warns(DoppelgaitWarning, match=r"outside the frame: less than 1 % of all"):
-        warn_of_limits(table, Radar.preset("x4"))
+        warn_of_limits(table, Radar.preset("x4", fold_echoes=False))
 
 
 # --- Analysis -----------------------------------------------------------------------------------------------------

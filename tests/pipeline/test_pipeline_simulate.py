@@ -58,7 +58,7 @@ def test_two_recordings_share_no_memory_and_cannot_be_changed():
 def test_a_data_matrix_that_cannot_fit_is_refused():
     from doppelgait.core.errors import ConfigError
 
-    radar = Radar.preset("x4", range_stop_m=5000.0, prf_hz=9000)
+    radar = Radar.preset("x4-long", range_stop_m=5000.0, prf_hz=9000)
     with pytest.raises(ConfigError, match=r"more than 2e\+09 samples"):
         simulate(Scene([Target(boulic_walk(speed_mps=1.0, duration_s=30.0))]), radar)
 
@@ -122,7 +122,7 @@ def test_a_record_too_short_for_the_features_is_too_short_at_every_hop():
 
 
 def test_a_body_that_is_never_in_the_frame_has_no_snr():
-    radar = Radar.preset("x4", range_start_m=50.0, range_stop_m=55.0)
+    radar = Radar.preset("x4-long", range_start_m=50.0, range_stop_m=55.0)
     with pytest.warns(match="outside the frame"):
         recording = simulate(SCENES["one"], radar, rng=rng(0))
     assert recording.snr_frame_db == -np.inf

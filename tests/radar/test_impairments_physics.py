@@ -130,7 +130,7 @@ def test_walk_spreads_as_the_root_of_time():
     np.testing.assert_allclose(phase.std(axis=0)[1:], [0.1, 0.2], rtol=0.08)
 
 
-RANGING = Radar(carrier_hz=1e9, prf_hz=1e6, sample_rate_hz=3e6, range_stop_m=299, pulse_sigma_s=1e-7)
+RANGING = Radar(carrier_hz=1e9, prf_hz=1e6, sample_rate_hz=3e6, range_stop_m=299, pulse_sigma_s=1e-7, fold_echoes=False)
 
 
 @pytest.mark.parametrize("slope_db_per_decade", [0.0, -20.0, -30.0])

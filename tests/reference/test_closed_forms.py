@@ -43,9 +43,11 @@ def scatterer_table(range_m, rcs_m2=1.0, prf_hz=PRF_HZ):
     """Scatterers at given ranges (I, L)."""
     range_m = np.asarray(range_m, dtype=float)
     dims = ("slow_time", "scatterer")
+    still = range_m.shape[0] < 2
     return xr.Dataset(
         {
             "range": (dims, range_m),
+            "radial_velocity": (dims, 0.0 * range_m if still else -np.gradient(range_m, 1 / prf_hz, axis=0)),
             "rcs": (dims, np.broadcast_to(rcs_m2, range_m.shape)),
             "path_gain": (dims, np.ones(range_m.shape)),
         },

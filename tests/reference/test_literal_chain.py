@@ -31,7 +31,7 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("clutter", ["none", "mean"])
 def test_signature_of_the_chain_is_that_of_the_literal_equations(case, clutter):
-    """E-14, E-18, E-23 to E-27 from the scatterers that reach the receiver; noise-free."""
+    """E-13b, E-14, E-18, E-23 to E-27 from the scatterers that reach the receiver; noise-free."""
     radar = Radar.preset("x4", range_start_m=3.0, range_stop_m=7.0)
     scene = Scene([Target(WALK, label="human", range_m=5.0)], duration_s=DURATION_S)
     conditions = CASES[case]
@@ -44,6 +44,8 @@ def test_signature_of_the_chain_is_that_of_the_literal_equations(case, clutter):
     range_m = table["range"].values
     gain = table["path_gain"].values
     amplitude_v = echo_amplitude_v(radar, range_m=range_m, rcs_m2=table["rcs"].values, path_gain=gain)
+    turns = 2 * table["radial_velocity"].values / radar.wavelength_m * radar.integration_share / radar.prf_hz
+    amplitude_v = amplitude_v * np.sinc(turns)  # E-13b
     phase_rad = table["path_phase"].values if "path_phase" in table else np.zeros_like(range_m)
     axis_m = radar.range_start_m + radar.bin_spacing_m * np.arange(radar.n_range_bins)
     y = literal.baseband(

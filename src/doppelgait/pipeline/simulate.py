@@ -27,6 +27,7 @@ from doppelgait.radar.simulate import (
     lowest_prf_hz,
     noise_level_v2,
     snr_frame_db,
+    synthesise_planes,
     warn_of_limits,
 )
 from doppelgait.scene import LineOfSight, PlacedScene, PlacedTarget, Scene, assemble, body_at, body_track
@@ -99,10 +100,10 @@ def simulate(
     warn_of_limits(scatterers, radar)
     # the echoes of the targets set the signal level; ghosts and background bodies are added to them
     targets, others = split_targets(scatterers)
-    samples = radar.waveform.synthesise_planes(targets, radar)
+    samples = synthesise_planes(targets, radar)
     signal_v2 = frame_power_v2(compress_samples(samples, radar))
     if others is not None:
-        samples += radar.waveform.synthesise_planes(others, radar)
+        samples += synthesise_planes(others, radar)
     # level of the receiver noise, mean square in a range bin
     thermal = [spec for spec in conditions.impairments if isinstance(spec, ThermalNoise)]
     noise_v2 = 0.0

@@ -11,6 +11,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import ConfigError
+from doppelgait.core.labels import SCATTERER_VARIABLES, label_values
 from doppelgait.core.units import (
     NOISE_DENSITY_W_PER_HZ,
     REFERENCE_IMPEDANCE_OHM,
@@ -164,6 +165,53 @@ def scatterer_arrays(scatterers: xr.Dataset, radar: Radar) -> tuple[Any, Any]:
     amplitude_v = np.empty(range_m.shape)
     integrate_echoes(range_m, radial_velocity_mps(scatterers), one_metre_v, MIN_RANGE_M, turns_per_mps, amplitude_v)
     return range_m, amplitude_v
+
+
+def fold_scatterers(scatterers: xr.Dataset, radar: Radar) -> xr.Dataset:
+    """Place echoes of earlier pulses where the frame shows them (E-10b).
+
+    An echo from R appears at R - k c / (2 pulse rate), with the amplitude and the phase that belong to R. One whose
+    pulse reaches into both ends of the frame becomes two.
+
+    Parameters
+    ----------
+    scatterers : Dataset (slow_time, scatterer)
+    radar : Radar
+
+    Returns
+    -------
+    Dataset (slow_time, scatterer)
+        ``scatterers`` themselves where nothing folds.
+    """
+    range_m, waveform = scatterers["range"].values, radar.waveform
+    if not radar.folds_pulses or range_m.size == 0:
+        return scatterers
+    pulse_m, reach_m = waveform.unambiguous_range_m(radar), waveform.reach_m(radar)
+    first_m = waveform.first_bin_m(radar) - reach_m
+    last_m = radar.range_stop_m + reach_m
+    if range_m.min() >= last_m - pulse_m and range_m.max() <= first_m + pulse_m:
+        return scatterers
+    fewest, most = np.ceil((range_m - last_m) / pulse_m), np.floor((range_m - first_m) / pulse_m)
+    images = []
+    for further in range(max(int((most - fewest).max()), 0) + 1):
+        pulses = fewest + further
+        shown = (pulses <= most) | (further == 0)  # the first may lie outside the frame
+        columns = np.flatnonzero(shown.any(axis=0))
+        part = scatterers.isel(scatterer=columns)
+        true_m, lag_m = range_m[:, columns], pulses[:, columns] * pulse_m
+        nearer = np.maximum(true_m - lag_m, MIN_RANGE_M) / np.maximum(true_m, MIN_RANGE_M)
+        phase_rad = path_phase_rad(part)
+        turn_rad = -4.0 * np.pi / radar.wavelength_m * lag_m
+        values = {
+            "range": true_m - lag_m,
+            "path_gain": np.where(shown[:, columns], part["path_gain"].values * nearer**4, 0.0),
+            "path_phase": turn_rad if phase_rad is None else phase_rad + turn_rad,
+        }
+        dims = part["range"].dims
+        images.append(
+            part.assign({n: label_values(dims, v, {"units": SCATTERER_VARIABLES[n]}) for n, v in values.items()})
+        )
+    return xr.concat(images, dim="scatterer", data_vars="minimal", coords="minimal", compat="override", join="override")
 
 
 def _row(values: Any) -> Any:

@@ -104,6 +104,13 @@ class Waveform(FrozenModel):
         """Return the half-power width in range of one echo."""
         raise NotImplementedError(f"waveform {self.kind!r} has no method resolution_m")
 
+    def reach_m(self, radar: Radar) -> float:
+        """Return the distance from its range at which an echo ends.
+
+        4 widths, where a Gaussian echo is at -190 dB.
+        """
+        return 4.0 * self.resolution_m(radar)
+
     def n_samples(self, radar: Radar) -> int:
         """Return the number of receiver samples S of one frame."""
         return self.n_range_bins(radar)
@@ -351,6 +358,14 @@ class Radar(FrozenModel):
                 f"range bins of {self.bin_spacing_m:.3g} m; 1 to {MAX_RANGE_BINS:,} are allowed: change the frame, "
                 "sample_rate_hz or decimation"
             )
+        pulse_m = self.waveform.unambiguous_range_m(self)
+        if self.folds_pulses and self.range_stop_m - self.range_start_m > pulse_m * (1.0 + 1e-9):
+            raise ValueError(
+                f"range_start_m {self.range_start_m:g} to range_stop_m {self.range_stop_m:g} is longer than the "
+                f"{pulse_m:.4g} m from one pulse to the next, so that echoes would appear in it more than once: "
+                f"shorten the frame, lower {'prf_hz' if self.pulse_rate_hz is None else 'pulse_rate_hz'}, or set "
+                "fold_echoes = false for a hypothetical radar (as in preset x4-long)"
+            )
         if self.averages_per_frame < 1:
             raise ValueError(
                 f"prf_hz {self.prf_hz} leaves no whole pulse to average: at most {self.pulse_rate_hz}"
@@ -449,6 +464,14 @@ class Radar(FrozenModel):
         if self.pulse_rate_hz is None:
             return 1
         return math.floor(self.pulse_rate_hz / (self.prf_hz * self.sweep_levels))
+
+    @property
+    def folds_pulses(self) -> bool:
+        """True where echoes of earlier pulses appear in a frame (E-10b).
+
+        False for sweeps, whose samples fold by themselves, and without range.
+        """
+        return self.fold_echoes and self.waveform.samples_are_bins and self.waveform.ranged
 
     @property
     def receiver_bandwidth_hz(self) -> float:

@@ -11,8 +11,9 @@ import xarray as xr
 
 from doppelgait.core.labels import axis
 from doppelgait.core.units import range_to_delay_s
+from doppelgait.radar.link import fold_scatterers, path_phase_rad, scatterer_arrays
 from doppelgait.radar.parameters import Radar
-from doppelgait.radar.simulate import label_baseband, scatterer_arrays
+from doppelgait.radar.simulate import label_baseband
 
 FILTER_TAPS = 129
 FILTER_CUTOFF_HZ = 3.2e9
@@ -37,12 +38,15 @@ def sample_rf_frames(scatterers: xr.Dataset, radar: Radar, *, margin: int) -> np
     n_full = (radar.n_range_bins - 1) * radar.decimation + 1
     first_s = range_to_delay_s(radar.range_start_m) - margin / radar.sample_rate_hz
     time_s = first_s + np.arange(n_full + 2 * margin) / radar.sample_rate_hz
+    scatterers = fold_scatterers(scatterers, radar)
     range_m, amplitude_v = scatterer_arrays(scatterers, radar)
+    extra_rad = path_phase_rad(scatterers)
     frames = np.zeros((range_m.shape[0], time_s.size))
     for i in range(range_m.shape[0]):
         delay_s = range_to_delay_s(range_m[i])[:, None]
         phase = (
             radar.transmit_phase_rad
+            + (0.0 if extra_rad is None else extra_rad[i][:, None])
             - 4.0 * np.pi * np.mod(range_m[i], radar.wavelength_m)[:, None] / radar.wavelength_m
         )
         carrier = np.cos(2.0 * np.pi * radar.carrier_hz * time_s + phase)

@@ -13,13 +13,14 @@ from doppelgait.core.errors import AnalysisError, ConfigError, warn_caller
 from doppelgait.core.labels import BASEBAND, axis, make_array, with_values
 from doppelgait.core.samples import Samples
 from doppelgait.core.units import velocity_to_doppler_hz
-from doppelgait.radar.link import noise_power_v2, scatterer_arrays
+from doppelgait.radar.link import fold_scatterers, noise_power_v2, scatterer_arrays
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import baseband_facts
 
 __all__ = [
     "add_noise", "compress", "compress_samples", "draw_key", "frame_power_v2", "label_baseband", "lowest_prf_hz",
-    "noise_level_v2", "noisy", "scatterer_arrays", "snr_frame_db", "synthesise", "synthesise_samples", "warn_of_limits",
+    "noise_level_v2", "noisy", "scatterer_arrays", "snr_frame_db", "synthesise", "synthesise_planes",
+    "synthesise_samples", "warn_of_limits",
 ]  # fmt: skip
 
 
@@ -60,7 +61,15 @@ def synthesise_samples(scatterers: xr.Dataset, radar: Radar) -> npt.NDArray[np.c
         complex64, V. Of impulse, rectangular and lfm radars the range bins themselves, of fmcw the samples of every
         sweep, of stepped the frequency steps, of cw one sample per frame.
     """
-    return radar.waveform.synthesise(scatterers, radar)
+    return radar.waveform.synthesise(fold_scatterers(scatterers, radar), radar)
+
+
+def synthesise_planes(scatterers: xr.Dataset, radar: Radar) -> Samples:
+    """Synthesise receiver samples in their fastest layout.
+
+    As :func:`synthesise_samples`; :func:`doppelgait.pipeline.simulate` calls it.
+    """
+    return radar.waveform.synthesise_planes(fold_scatterers(scatterers, radar), radar)
 
 
 def compress(samples: Samples | npt.NDArray[Any], radar: Radar) -> npt.NDArray[np.complex64]:
@@ -231,10 +240,16 @@ def warn_of_limits(scatterers: xr.Dataset, radar: Radar) -> None:
     nearest, farthest = float(ranges_m.min()), float(ranges_m.max())
     waveform = radar.waveform
     folding_m = waveform.unambiguous_range_m(radar)
-    if not waveform.samples_are_bins and farthest >= folding_m:
+    folds = radar.folds_pulses or not waveform.samples_are_bins
+    if folds and farthest >= folding_m:
+        remedy = (
+            "lower radar.pulse_rate_hz, or set radar.fold_echoes = false for a hypothetical radar"
+            if radar.folds_pulses
+            else "raise radar.sample_rate_hz or lower radar.bandwidth_hz"
+        )
         warn_caller(
-            f"folding: a scatterer is {farthest:.2f} m away, beyond the unambiguous range of {folding_m:.4g} m, where "
-            "echoes appear again from 0 m on; move the target, raise radar.sample_rate_hz or lower radar.bandwidth_hz"
+            f"folding: a scatterer is {farthest:.2f} m away, beyond the unambiguous range of {folding_m:.4g} m; its "
+            f"echo appears at {farthest % folding_m:.2f} m, the truth keeps the range; move the target, {remedy}"
         )
     elif nearest < radar.range_start_m or farthest > radar.range_stop_m:
         outside = float(((ranges_m < radar.range_start_m) | (ranges_m > radar.range_stop_m)).mean())

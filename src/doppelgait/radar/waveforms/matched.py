@@ -56,6 +56,10 @@ class _MatchedPulse(Waveform):
         add_responses(amplitude_v, turns, delay, doppler_hz * duration_s, first, step, time_bandwidth, out)
         return out
 
+    def reach_m(self, radar: Radar) -> float:
+        """Return the half length of a response, c T / 2."""
+        return SPEED_OF_LIGHT_MPS * _duration_s(radar) / 2.0
+
     def noise_bandwidth_hz(self, radar: Radar) -> float:
         """Return the noise bandwidth of the matched filter, 1 / T.
 

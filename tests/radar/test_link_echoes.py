@@ -1,0 +1,184 @@
+"""What a frame's integration and the pulse repetition do to echoes, against closed forms and sums over pulses."""
+
+import numpy as np
+import pytest
+from scipy.special import ndtr
+
+from doppelgait.core.errors import ConfigError
+from doppelgait.radar import Radar, preset_names, synthesise
+from doppelgait.radar.link import fold_scatterers, noise_power_v2, scatterer_arrays
+from doppelgait.testing.conformance.radars import table
+
+C = 299_792_458.0
+X4 = Radar.preset("x4")
+PULSE_M = C / 2 / 15.1875e6
+"""From one pulse of the X4 to the next."""
+
+
+def same_but(radar, **changes):
+    return Radar.model_validate({**radar.model_dump(), **changes})
+
+
+# --- Integration of a frame (E-13b) -------------------------------------------------------------------------------
+
+INTEGRATING = [name for name in preset_names() if Radar.preset(name).integration_share > 0]
+
+
+@pytest.mark.parametrize("name", INTEGRATING)
+@pytest.mark.parametrize("prf_hz", [None, 200.0])
+def test_a_moving_echo_loses_the_sinc_of_its_turns_in_the_integration(name, prf_hz):
+    radar = Radar.preset(name) if prf_hz is None else Radar.preset(name, prf_hz=prf_hz)
+    speed_mps = np.array([0.0, 0.1, -0.3, 0.7, -1.2, 2.0, 4.5, -6.0])
+    echoes = table(np.full(8, 3.0), radial_velocity=speed_mps)
+    _, whole_v = scatterer_arrays(echoes, same_but(radar, integration_share=0.0))
+    _, found_v = scatterer_arrays(echoes, radar)
+    turns = np.pi * 2.0 * speed_mps * radar.carrier_hz / C * radar.integration_share / radar.prf_hz
+    turns[0] = 1e-9
+    assert found_v[:, 0] / whole_v[:, 0] == pytest.approx(np.sin(turns) / turns, abs=1e-9)
+
+
+@pytest.mark.parametrize(("name", "speed_mps", "loss_db"), [("x4-17fps", 1.2, -23.1), ("x4-255fps", 4.5, -13.4)])
+def test_loss_of_a_walking_body_and_of_a_foot(name, speed_mps, loss_db):
+    radar = Radar.preset(name)
+    moving, resting = synthesise(table([3.0, 3.0], radial_velocity=[speed_mps, 0.0]), radar).values
+    assert 20 * np.log10(np.abs(moving).max() / np.abs(resting).max()) == pytest.approx(loss_db, abs=0.06)
+
+
+@pytest.mark.parametrize("speed_mps", [0.4, -1.5, 4.0, 11.0])
+def test_a_frame_is_the_mean_of_looks_spread_over_the_integration(speed_mps):
+    """4000 looks at a scatterer that really moves: amplitude, place and phase change from look to look."""
+    radar = Radar.preset("x4", prf_hz=250, integration_share=0.9)
+    time_s = (np.arange(4000) + 0.5) / 4000 * 0.9 / 250
+    time_s -= time_s.mean()
+    looks = table(4.0 - speed_mps * time_s, radial_velocity=speed_mps)
+    mean = synthesise(looks, same_but(radar, integration_share=0.0)).values.astype(complex).mean(axis=0)
+    frame = synthesise(table([4.0], radial_velocity=speed_mps), radar).values[0]
+    peak = np.abs(synthesise(table([4.0]), radar).values).max()
+    n = np.abs(frame).argmax()
+    if speed_mps < 10:  # not near a null
+        assert 20 * np.log10(abs(frame[n] / mean[n])) == pytest.approx(0.0, abs=0.02)
+    # what is left out, the migration of the envelope in the integration: -29 dB of the echo at rest
+    assert np.abs(frame - mean).max() < 0.04 * peak
+
+
+def counted_amplitude(turns, *, iterations, amplitude, noise, levels=152):
+    """Amplitude of an echo as counts of a swept threshold show it: mean of all comparisons, without their chance.
+
+    Every iteration sweeps the levels once; the echo turns by ``turns`` in the frame. Amplitude and noise in steps.
+    """
+    phases = 2 * np.pi * np.arange(64) / 64  # RF samples of all phases
+    place = (np.arange(iterations * levels) + 0.5) / (iterations * levels) - 0.5
+    threshold = np.tile(np.arange(levels) - (levels - 1) / 2, iterations)
+    signal = amplitude * np.cos(phases[:, None] + 2 * np.pi * turns * place)
+    counts = ndtr((signal - threshold) / noise).reshape(64, iterations, levels).sum(axis=2).mean(axis=1)
+    return 2 / 64 * np.abs((counts * np.exp(-1j * phases)).sum()) / amplitude
+
+
+@pytest.mark.parametrize("noise", [1.0, 5.0, 20.0])
+@pytest.mark.parametrize(("iterations", "turns"), [(64, 0.3), (64, 0.8), (64, 1.5), (64, 3.3), (16, 0.8)])
+def test_sweeps_of_a_threshold_lose_the_sinc_too(noise, iterations, turns):
+    found = counted_amplitude(turns, iterations=iterations, amplitude=1.0, noise=noise)
+    assert 20 * np.log10(found / abs(np.sinc(turns))) == pytest.approx(0.0, abs=0.2)
+
+
+def test_the_sinc_of_swept_thresholds_ends_at_large_echoes_and_few_iterations():
+    few = counted_amplitude(3.3, iterations=16, amplitude=1.0, noise=5.0)  # instants, no longer an average
+    assert 20 * np.log10(few / abs(np.sinc(3.3))) == pytest.approx(0.6, abs=0.1)
+    clipped = counted_amplitude(0.0, iterations=64, amplitude=100.0, noise=5.0)
+    assert 20 * np.log10(clipped) < -1.0
+    strong = counted_amplitude(0.8, iterations=64, amplitude=60.0, noise=5.0)
+    assert 20 * np.log10(strong / np.sinc(0.8)) == pytest.approx(0.0, abs=0.2)
+
+
+def test_noise_of_a_cw_radar_belongs_to_the_same_integration():
+    plain = Radar.preset("xband-cw", integration_share=0.0)
+    half = Radar.preset("xband-cw", integration_share=0.5)
+    assert noise_power_v2(half) == pytest.approx(2 * noise_power_v2(plain))  # 1 / T_i in place of f_p
+
+
+def test_integration_needs_velocities_and_a_waveform_without_a_model_of_its_own():
+    with pytest.raises(ConfigError, match=r"no radial_velocity, which .* integration_share need"):
+        synthesise(table([3.0]).drop_vars("radial_velocity"), X4)
+    with pytest.raises(ConfigError, match="integration_share means nothing to waveform 'fmcw'"):
+        Radar.preset("ti-77", integration_share=0.5)
+    with pytest.raises(ConfigError, match=r"integration_share.*less than or equal to 1"):
+        Radar.preset("x4", integration_share=1.2)
+
+
+# --- Second-time-around echoes (E-10b) ----------------------------------------------------------------------------
+
+
+def pulse_train(radar, range_m):
+    """Baseband of a point of 1 m^2 in the steady state: the sum over all pulses that ever left."""
+    axis_m, wavelength_m = radar.range_axis_m(), C / radar.carrier_hz
+    spread_m, pulse_m = radar.sigma_s * C / 2, C / 2 / radar.pulse_rate_hz
+    level_db = radar.tx_power_dbm + radar.tx_gain_dbi + radar.rx_gain_dbi + radar.receiver_gain_db
+    peak_v = np.sqrt(0.1 * 10 ** (level_db / 10) / (4 * np.pi) ** 3) * wavelength_m / max(range_m, 0.2) ** 2
+    envelope = sum(np.exp(-((axis_m - range_m + k * pulse_m) ** 2) / (2 * spread_m**2)) for k in range(-6, 7))
+    return peak_v * envelope * np.exp(1j * (radar.transmit_phase_rad - 4 * np.pi * range_m / wavelength_m))
+
+
+@pytest.mark.parametrize("change", [{}, {"carrier_hz": 7.3e9}, {"range_start_m": 4.0, "range_stop_m": 13.5}])
+@pytest.mark.parametrize(
+    "range_m", [0.02, 0.3, 2.1, 9.55, 9.7, 9.8, 9.86, 9.87, 9.9, 10.1, 12.0, 19.7, 25.0, 43.3]
+)  # fmt: skip
+def test_an_echo_is_that_of_all_pulses_that_ever_left(change, range_m):
+    radar = Radar.preset("x4", **change)
+    found = synthesise(table([range_m]), radar).values[0]
+    wanted = pulse_train(radar, range_m)
+    assert np.abs(found - wanted).max() < 2e-6 * np.abs(wanted).max() + 1e-6 * np.abs(pulse_train(radar, 43.3)).max()
+
+
+def test_a_walker_at_12_m_appears_at_2_13_m_with_level_and_phase_of_12_m():
+    bins = synthesise(table([12.0]), same_but(X4, decimation=1))
+    n = int(np.abs(bins.values[0]).argmax())
+    assert float(bins["range"][n]) == pytest.approx(2.130, abs=0.004)
+    near = np.abs(synthesise(table([12.0 - PULSE_M]), same_but(X4, decimation=1)).values).max()
+    level_db = 20 * np.log10(np.abs(bins.values[0, n]) / near)
+    assert level_db == pytest.approx(40 * np.log10((12.0 - PULSE_M) / 12.0), abs=0.01)  # R^-4 of the true range
+    phase_rad = np.angle(bins.values[0, n] * np.exp(4j * np.pi * 12.0 * X4.carrier_hz / C))
+    assert phase_rad == pytest.approx(0.0, abs=1e-4)
+
+
+@pytest.mark.parametrize("waveform", ["rectangular", "lfm"])
+def test_matched_pulses_fold_whole(waveform):
+    """The folded response is that of the same radar at the place where it appears, but for level and phase."""
+    own = {"sweep_s": 4e-9} if waveform == "rectangular" else {"sweep_s": 2e-8, "bandwidth_hz": 4e8}
+    radar = Radar(
+        waveform=waveform, carrier_hz=7.29e9, prf_hz=1000, sample_rate_hz=2e9, range_stop_m=9.6,
+        pulse_rate_hz=15.1875e6, **own,
+    )  # fmt: skip
+    unfolded = same_but(radar, fold_echoes=False)
+    assert not np.abs(synthesise(table([14.0]), unfolded).values).any()
+    found = synthesise(table([14.0, 14.0 - PULSE_M], radial_velocity=3.0), radar).values
+    ratio = ((14.0 - PULSE_M) / 14.0) ** 2  # the carrier turns whole times between two pulses
+    assert found[0] == pytest.approx(found[1] * ratio, abs=2e-6 * float(np.abs(found[0]).max()))
+    # a response that reaches beyond the next pulse goes on at the start of the frame
+    at_end, cut = (np.abs(synthesise(table([9.5]), r).values[0]) for r in (radar, unfolded))
+    assert at_end[-10:] == pytest.approx(cut[-10:], rel=1e-5)
+    if waveform == "rectangular":  # the triangle's flank
+        assert at_end[0] / at_end.max() == pytest.approx(1 - (PULSE_M - 9.5) / (C * 4e-9 / 2), abs=0.02)
+
+
+def test_what_does_not_fold_is_not_touched():
+    near = table(np.full((5, 3), [2.0, 5.0, 9.0]))
+    far = table([[2.0, 12.0]], path_phase=0.3)
+    assert fold_scatterers(near, X4) is near
+    for radar in (Radar.preset("x4-long"), Radar.preset("liland2018"), Radar.preset("xband-cw"), Radar.preset("ti-77")):
+        assert fold_scatterers(far, radar) is far
+    folded = fold_scatterers(far, X4)
+    assert folded["range"].values[0] == pytest.approx([2.0, 12.0 - PULSE_M])
+    assert np.array_equal(folded["radial_velocity"], far["radial_velocity"])
+    # 480 wavelengths of the carrier from pulse to pulse, and back
+    assert np.mod(folded["path_phase"].values[0], 2 * np.pi) == pytest.approx([0.3, 0.3], abs=1e-6)
+
+
+def test_a_frame_longer_than_the_pulse_interval_is_refused_unless_hypothetical():
+    with pytest.raises(
+        ConfigError, match=r"0 to range_stop_m 12 is longer than the 9.87 m .*lower pulse_rate_hz.*fold"
+    ):
+        Radar.preset("x4", range_stop_m=12.0)
+    assert Radar.preset("x4", range_stop_m=12.0, fold_echoes=False).n_range_bins == 234
+    assert Radar.preset("x4", range_start_m=5.0, range_stop_m=14.8).n_range_bins > 180  # a frame that starts later
+    with pytest.raises(ConfigError, match="fold_echoes means nothing to waveform 'fmcw'"):
+        Radar.preset("ti-77", fold_echoes=False)
