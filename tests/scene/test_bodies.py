@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from doppelgait.core.errors import ConfigError
+from doppelgait.core.kernels import occlusion as kernel
 from doppelgait.core.labels import axis
 from doppelgait.motion import make_motion
 from doppelgait.motion.models.boulic import boulic_walk
@@ -16,14 +17,17 @@ from doppelgait.scene.bodies import (
     BODIES,
     PERSON,
     Ellipsoids,
-    centres,
+    Segment,
+    Skeleton,
     ellipsoid_rcs_m2,
     ellipsoids_at,
     ellipsoids_of_frames,
     horizontal_mean_rcs_m2,
+    nearest_points,
     seen_rcs_m2,
     skeleton_of,
 )
+from doppelgait.scene.observe import ranges_and_velocities
 
 T = np.arange(0, 0.9, 0.01)
 
@@ -92,28 +96,39 @@ def test_every_segment_joins_known_joints_and_is_there_once():
         assert {j for s in body.segments for j in (s.start, s.end, *(s.sideways or ()))} <= set(body.joints)
         uneven = [s for s in body.segments if s.across != s.upright]
         assert all(s.sideways is not None for s in uneven)
-    assert (len(PERSON), len(ANIMAL)) == (16, 17)
+    assert (len(PERSON), len(ANIMAL)) == (16, 19)
 
 
-def test_a_person_is_chens_with_radii_that_scale_with_stature():
+def test_a_person_is_chens_but_for_the_torso_with_radii_that_scale_with_stature():
     walk = boulic_walk(height_m=1.80, duration_s=1.0)
     size = dict(zip([s.name for s in PERSON], skeleton_of(walk).semi_axes_m, strict=True))
-    np.testing.assert_allclose(size["torso"], [0.15, 0.15, 0.288 * 1.8 / 2])
+    np.testing.assert_allclose(size["torso"], [0.16, 0.13, 0.288 * 1.8 / 2])
     np.testing.assert_allclose(size["left_shank"], [0.06, 0.06, 0.246 * 1.8 / 2])
     np.testing.assert_allclose(size["right_hip"], [0.07, 0.07, 0.0955 * 1.8 / 2])
     child = skeleton_of(boulic_walk(height_m=0.90, duration_s=1.0)).semi_axes_m
     np.testing.assert_allclose(child, skeleton_of(walk).semi_axes_m / 2, rtol=1e-9)
 
 
-def test_scatterers_are_at_the_middle_of_their_segments():
+def test_scatterers_are_the_segments_where_they_face_the_radar():
     walk = boulic_walk(duration_s=1.0)
-    middle = centres(skeleton_of(walk))
-    thigh = walk.positions.sel(marker=["left_hip", "left_knee"]).mean("marker")
-    np.testing.assert_allclose(middle.positions.sel(marker="left_thigh").values, thigh.values, atol=1e-15)
-    assert str(middle.positions.sel(marker="left_thigh").coords["part"].values) == "left_thigh"
     table = assemble(Scene([Target(walk, rcs="ellipsoids")]), T)
     assert table.sizes == {"slow_time": T.size, "scatterer": 16}
     assert axis(table, "marker").tolist() == [s.name for s in PERSON]
+    skeleton = skeleton_of(walk)
+    points = nearest_points(skeleton, ellipsoids_of_frames(skeleton), (1000.0, 0.0, 1.0))
+    ahead = (
+        points.positions.sel(marker="torso").values - walk.positions.sel(marker=["base", "neck"]).mean("marker").values
+    )
+    np.testing.assert_allclose(ahead[:, 0], 0.13 * walk.facts.height_m / 1.8, rtol=0.03)
+    assert np.abs(ahead[:, 1:]).max() < 0.04
+    assert str(points.positions.sel(marker="left_thigh").coords["part"].values) == "left_thigh"
+
+
+def test_the_front_of_a_torso_reflects_two_to_four_db_more_than_its_side():
+    skeleton = skeleton_of(boulic_walk(duration_s=1.0))
+    body = ellipsoids_of_frames(skeleton)
+    front, side = (seen_rcs_m2(body, at)[:, 1].mean() for at in ((1e4, 0, 1.2), (0, 1e4, 1.2)))
+    assert 2 < 10 * np.log10(front / side) < 4
 
 
 def test_the_axes_follow_the_joints_between_frames():
@@ -130,11 +145,31 @@ def test_the_trunk_of_an_animal_is_narrower_from_side_to_side_than_upright():
     dog = quadruped_gait(withers_m=0.5, duration_s=1.0)
     skeleton = skeleton_of(dog)
     thorax = ellipsoids_of_frames(skeleton)
-    np.testing.assert_allclose(skeleton.semi_axes_m[0], [0.07, 0.115, 0.15])
-    assert np.abs(thorax.across[:, 0, 1]).min() > 0.9  # the dog goes along x
-    assert np.abs((thorax.across[:, 0] * thorax.along[:, 0]).sum(axis=-1)).max() < 1e-12
-    side, front = (seen_rcs_m2(thorax, at)[:, 0].mean() for at in ((0, 1000, 0.5), (1000, 0, 0.5)))
+    np.testing.assert_allclose(skeleton.semi_axes_m[1], [0.07, 0.115, 0.15])
+    assert np.abs(thorax.across[:, 1, 1]).min() > 0.9  # the dog goes along x
+    assert np.abs((thorax.across[:, 1] * thorax.along[:, 1]).sum(axis=-1)).max() < 1e-12
+    side, front = (seen_rcs_m2(thorax, at)[:, 1].mean() for at in ((0, 1000, 0.5), (1000, 0, 0.5)))
     assert side / front > 10
+
+
+@pytest.mark.parametrize("build", ["standard", "cat"])
+def test_the_ends_of_an_animals_trunk_are_blunt(build):
+    """The chest ends at the points of the shoulders, the rump at the root of the tail, with the radii stated."""
+    animal = quadruped_gait(build=build, duration_s=1.0)
+    skeleton, withers_m = skeleton_of(animal), animal.facts.height_m
+    body = ellipsoids_of_frames(skeleton)
+    for number, (name, joint, sign) in {0: ("chest", "left_shoulder", 1), 3: ("rump", "tail_base", -1)}.items():
+        assert skeleton.segments[number].name == name
+        at = (sign * 1e5, 0.0, body.centre_m[:, number, 2].mean())
+        end = nearest_points(skeleton, body, at).positions.sel(marker=name).values[:, 0]
+        joint_m = animal.positions.sel(marker=joint).values[:, 0]
+        assert abs((end - joint_m).mean()) < 0.05 * withers_m
+        across, upright, along = skeleton.semi_axes_m[number]
+        curved = np.pi * (across**2 / along) * (upright**2 / along)  # pi R1 R2
+        assert seen_rcs_m2(body, at)[:, number].mean() == pytest.approx(curved, rel=0.1)
+    parts = np.array([s.part for s in skeleton.segments])
+    seen = seen_rcs_m2(body, (1e5, 0, 0.7 * withers_m)).mean(axis=0)
+    assert seen[parts == "trunk"].sum() / seen.sum() > 0.4
 
 
 def marker_person(prefix=""):
@@ -215,3 +250,125 @@ def test_the_default_total_follows_the_mass_e08b():
     by_mass = assemble(Scene([Target(walk, rcs="ellipsoids")]), T)["rcs"].values
     given = assemble(Scene([Target(walk, rcs=RcsSpec(kind="ellipsoids", total_m2=1.0))]), T)["rcs"].values
     np.testing.assert_allclose(by_mass, given * 0.01 * walk.facts.mass_kg, rtol=1e-12)
+
+
+# --- Where they reflect (E-08f) -------------------------------------------------------------------------------------
+
+
+def surface(axes, n=900):
+    """Points, outward normals and areas of an ellipsoid in its own axes: a fine grid in parametric angles."""
+    a, b, c = axes
+    polar, azimuth = (np.arange(n) + 0.5) * np.pi / n, np.arange(2 * n) * np.pi / n
+    u, v = np.meshgrid(polar, azimuth, indexing="ij")
+    sphere = np.stack([np.sin(u) * np.cos(v), np.sin(u) * np.sin(v), np.cos(u)], axis=-1).reshape(-1, 3)
+    normal = sphere / [a, b, c]
+    stretch = np.sqrt((normal**2).sum(axis=1))
+    area = a * b * c * stretch * np.sin(u).ravel() * (np.pi / n) ** 2
+    return sphere * [a, b, c], normal / stretch[:, None], area
+
+
+def swinging(axes, angle_rad):
+    """An ellipsoid that swings about its upper end in the plane of x and z, its frames as columns side, up, along."""
+    zero, one = np.zeros_like(angle_rad), np.ones_like(angle_rad)
+    along = np.stack([np.sin(angle_rad), zero, -np.cos(angle_rad)], axis=-1)
+    side = np.stack([zero, one, zero], axis=-1)
+    centre = np.array([0.0, 0.0, 0.8]) + axes[2] * along
+    return Ellipsoids(centre[:, None], along[:, None], side[:, None], np.array([axes])), np.stack(
+        [side, np.cross(along, side), along], axis=-1
+    )
+
+
+def one_segment(body):
+    """The skeleton of one swinging ellipsoid, 250 frames a second."""
+    ends = np.stack(
+        [body.centre_m[:, 0] + sign * body.semi_axes_m[0, 2] * body.along[:, 0] for sign in (-1, 1)], axis=1
+    )
+    joints = make_motion(ends, rate_hz=250.0, markers=["top", "end"], parts=["", ""])
+    return Skeleton(joints, (Segment("limb", "left_thigh", "top", "end", 1.0, 1.0),), body.semi_axes_m)
+
+
+SWING = 0.5 * np.sin(2 * np.pi * 1.0 * np.arange(0, 0.5, 1 / 250))
+
+
+@pytest.mark.parametrize("axes", [(0.07, 0.07, 0.22), (0.16, 0.13, 0.26)])
+def test_phase_and_doppler_are_those_of_the_physical_optics_integral(axes):
+    """The currents on the lit side of a mesh, summed with their own distances, far above resonance (k a = 90)."""
+    body, frames = swinging(axes, SWING)
+    wavelength_m, radar, every = 0.01, np.array([4.0, 0.5, 0.9]), 3
+    k, times = 2 * np.pi / wavelength_m, np.arange(SWING.size)[::every] / 250
+    point, normal, area = surface(axes, 360)
+    echo = np.empty(times.size, dtype=complex)
+    for i in range(times.size):
+        frame = frames[i * every]
+        sight = radar - (body.centre_m[i * every, 0] + point @ frame.T)
+        distance = np.sqrt((sight**2).sum(axis=1))
+        lit = np.maximum((sight / distance[:, None] * (normal @ frame.T)).sum(axis=1), 0.0)
+        echo[i] = (lit * area / distance**2 * np.exp(-2j * k * distance)).sum()
+    points = nearest_points(one_segment(body), body, radar)
+    range_m, approach_mps = (found[:, 0] for found in ranges_and_velocities(points, times, radar))
+    error = np.unwrap(np.angle(echo * np.exp(2j * k * range_m)))
+    assert np.ptp(error) < 0.02
+    doppler_mps = -np.gradient(range_m - error / (2 * k), times, edge_order=2)
+    assert np.abs(doppler_mps - approach_mps)[2:-2].max() < 0.005
+    middle_mps = ranges_and_velocities(points.with_positions(body.centre_m), times, radar)[1][:, 0]
+    assert np.abs(middle_mps - doppler_mps)[2:-2].max() > 0.15  # so far off is the middle of the segment
+    level_db = 10 * np.log10(4 * np.pi * 4.0**4 / wavelength_m**2 * np.abs(echo) ** 2)
+    level_db -= 10 * np.log10(seen_rcs_m2(body, radar)[::every, 0])
+    assert np.abs(level_db).max() < 1.5  # a wave that is spherical, and the direction to the middle
+
+
+@pytest.mark.parametrize("range_m", [0.6, 1.5, 20.0, 1e5])
+def test_nearest_points_against_a_minimum_found_blindly(range_m):
+    rng = np.random.default_rng(5)
+    for seed in range(6):
+        axes = tuple(rng.uniform(0.03, 0.3, 3))
+        body, frame = turned(seed, axes)
+        radar = rng.standard_normal(3)
+        radar *= range_m / np.linalg.norm(radar)
+        found = nearest_points(one_segment(body), body, radar).position_m[0, 0]
+        assert (((found @ frame.T) / axes) ** 2).sum() == pytest.approx(1.0, abs=1e-9)
+        point = surface(axes, 200)[0] @ frame
+        least_m = np.linalg.norm(point - radar, axis=1).min()
+        assert least_m - 1e-3 < np.linalg.norm(found - radar) <= least_m + 1e-9 * range_m
+        if range_m == 1e5:
+            u = radar / range_m
+            q = frame.T @ np.diag(np.array(axes) ** 2) @ frame
+            np.testing.assert_allclose(found, q @ u / np.sqrt(u @ q @ u), atol=1e-6)
+
+
+@pytest.mark.parametrize("mover", [boulic_walk(speed_mps=1.3, duration_s=1.2), quadruped_gait(duration_s=1.2)])
+def test_radial_velocity_is_the_rate_of_the_range_of_the_surface(mover):
+    """Ranges of the surfaces at the pulse times by themselves; what the spline through the frames adds is small."""
+    times, step_s = np.arange(0.3, 0.9, 0.013), 1e-4
+    scene = Scene([Target(mover, rcs="ellipsoids", range_m=3.0, aspect_deg=25.0)])
+    motion, radar = place(scene).targets[0].motion, np.array(scene.radar_position_m)
+
+    def surface_range_m(at_s):
+        body = ellipsoids_at(skeleton_of(motion), at_s)
+        points = np.empty_like(body.centre_m)
+        kernel.nearest_points(body.centre_m, body.along, body.across, body.semi_axes_m, radar, points)
+        return np.linalg.norm(points - radar, axis=-1)
+
+    table = assemble(scene, times)
+    assert np.abs(table["range"].values - surface_range_m(times)).max() < 1e-5
+    rate = (surface_range_m(times + step_s) - surface_range_m(times - step_s)) / (2 * step_s)
+    difference = table["radial_velocity"].values + rate
+    assert np.abs(difference).max() < 2e-3
+
+
+def test_a_bistatic_echo_takes_the_shortest_way_over_the_surface():
+    walk = boulic_walk(duration_s=1.0)
+    receiver = (0.0, 3.0, 1.0)
+    scene = Scene([Target(walk, rcs="ellipsoids", range_m=4.0)], receiver_position_m=receiver)
+    motion, times = place(scene).targets[0].motion, np.array([0.2, 0.6])
+    table = assemble(scene, times)
+    body = ellipsoids_at(skeleton_of(motion), times)
+    for n in (1, 4):  # torso and a limb
+        shape = surface(body.semi_axes_m[n], 300)[0]
+        for i in range(times.size):
+            along = body.along[i, n]
+            side = body.across[i, n] if np.any(body.across[i, n]) else np.cross(along, [1.0, 0, 0])
+            side = side / np.linalg.norm(side)
+            point = body.centre_m[i, n] + shape @ np.stack([side, np.cross(along, side), along])
+            ways = sum(np.linalg.norm(point - np.array(at), axis=1) for at in (scene.radar_position_m, receiver))
+            assert table["range"].values[i, n] == pytest.approx(ways.min() / 2, abs=2e-3)

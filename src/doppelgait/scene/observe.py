@@ -14,7 +14,7 @@ from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import check_times, fit_centre, fit_spline, resample
 from doppelgait.radar.link import MIN_RANGE_M
 from doppelgait.scene.placement import PlacedScene, PlacedTarget, as_placed
-from doppelgait.scene.scatterers import Scatterers, scatterers_of
+from doppelgait.scene.scatterers import Scatterers, View, scatterers_of
 from doppelgait.scene.scene import Scene
 
 FloatArray = npt.NDArray[np.float64]
@@ -234,8 +234,7 @@ def _make_scatterers(
     seen = scatterers_of(motion, rcs.model_copy(update={"occlusion": False}), times, bisector_m, rng=rng)
     if not rcs.occlusion:
         return seen
-    steady = rcs.model_copy(update={"fluctuation": "none", "total_spread_db": 0.0})  # the sampling is done
-    there, back = (scatterers_of(motion, steady, times, end).path_gain for end in ends)
+    there, back = (View(motion, times, end).sight_gain(seen.motion) for end in ends)
     return replace(seen, path_gain=np.sqrt(there * back))
 
 

@@ -19,11 +19,11 @@ from doppelgait.motion.retime import resample
 from doppelgait.scene.bodies import (
     Ellipsoids,
     Skeleton,
-    centres,
     ellipsoids_at,
     ellipsoids_of_frames,
     mean_points,
     mean_rcs_m2,
+    nearest_points,
     own_points,
     seen_rcs_m2,
     skeleton_of,
@@ -88,9 +88,19 @@ class View:
         return skeleton_of(self.motion)
 
     @cached_property
+    def frames(self) -> Ellipsoids:
+        """Ellipsoids at the frames of the motion."""
+        return ellipsoids_of_frames(self.skeleton)
+
+    @cached_property
     def body(self) -> Ellipsoids:
         """Ellipsoids at the pulse times."""
         return ellipsoids_at(self.skeleton, self.time_s)
+
+    def sight_gain(self, points: Motion) -> FloatArray:
+        """Compute the two-way gain past the body for its scatterers, (I, L)."""
+        own = own_points(points.position_m, self.frames)
+        return visible_power(resample(points, self.time_s)[0], self.body, own, self.radar_position_m)
 
 
 class Scatter(Protocol):
@@ -147,8 +157,7 @@ def scatterers_of(
         points, rcs_m2 = merge_close(points, rcs_m2, closer_than_m=spec.merge_closer_than_m)
     gain = np.ones(())
     if spec.occlusion:
-        own = own_points(points.position_m, ellipsoids_of_frames(view.skeleton))
-        gain = visible_power(resample(points, time_s)[0], view.body, own, radar_position_m)
+        gain = view.sight_gain(points)
     if rng is not None and spec.total_spread_db > 0:
         rcs_m2 = rcs_m2 * spread_factor(spec.total_spread_db, rng)
     if rng is not None and spec.fluctuation != "none":
@@ -169,13 +178,14 @@ def scatter_points(view: View, spec: RcsSpec) -> tuple[Motion, FloatArray]:
 
 @plugin("rcs", "ellipsoids", parameters=RcsSpec)
 def scatter_ellipsoids(view: View, spec: RcsSpec) -> tuple[Motion, FloatArray]:
-    """Use the ellipsoids' centres (E-08c).
+    """Use the points of the ellipsoids that face the radar (E-08c, E-08f).
 
     The mean sum of their cross sections (I, S) is the total.
     """
     total_m2 = total_rcs_m2(spec, view.motion.facts.mass_kg)
     seen_m2 = seen_rcs_m2(view.body, view.radar_position_m)
-    return centres(view.skeleton), seen_m2 * (total_m2 / mean_rcs_m2(view.skeleton))
+    points = nearest_points(view.skeleton, view.frames, view.radar_position_m)
+    return points, seen_m2 * (total_m2 / mean_rcs_m2(view.frames))
 
 
 def merge_close(motion: Motion, rcs_m2: npt.ArrayLike, *, closer_than_m: float) -> tuple[Motion, FloatArray]:

@@ -1,4 +1,4 @@
-"""Occlusion of lines of sight by ellipsoids."""
+"""Ellipsoids seen from the radar: their nearest points, and occlusion of lines of sight."""
 
 from __future__ import annotations
 
@@ -11,6 +11,9 @@ from numba import njit
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
+NEWTON_STEPS = 30
+"""At most; 4 to 8 are needed outside ten radii, more only near the surface."""
+
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def ramp(x: float) -> float:
@@ -20,6 +23,57 @@ def ramp(x: float) -> float:
     """
     x = min(max(x, 0.0), 1.0)
     return x * x * x * (10.0 + x * (6.0 * x - 15.0))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def nearest_points(
+    centre: FloatArray,
+    along: FloatArray,
+    across: FloatArray,
+    semi_axes: FloatArray,
+    radar: FloatArray,
+    points: FloatArray,
+) -> None:
+    """Find the point of every ellipsoid that is nearest to the radar.
+
+    In the axes of the ellipsoid it is x_k = s_k^2 y_k / (s_k^2 + t) for a radar at y, t > 0 the root of
+    sum (s_k y_k / (s_k^2 + t))^2 = 1. The sum is convex and falls, so that Newton's iteration from t = |s y| - max s^2,
+    where it is 1 or more, rises to the root.
+
+    Parameters
+    ----------
+    centre, along, across : ndarray, shape (I, S, 3)
+        As in :class:`doppelgait.scene.bodies.Ellipsoids`.
+    semi_axes : ndarray, shape (S, 3)
+    radar : ndarray, shape (3,)
+    points : ndarray, shape (I, S, 3)
+        Overwritten; the radar's own place where it is inside.
+    """
+    for i in range(centre.shape[0]):
+        for s in range(centre.shape[1]):
+            wide2, up2, long2 = semi_axes[s, 0] ** 2, semi_axes[s, 1] ** 2, semi_axes[s, 2] ** 2
+            y_wide, y_long, square = 0.0, 0.0, 0.0
+            for k in range(3):
+                y = radar[k] - centre[i, s, k]
+                y_wide += y * across[i, s, k]
+                y_long += y * along[i, s, k]
+                square += y * y
+            up_square = max(square - y_wide * y_wide - y_long * y_long, 0.0)
+            first, second, third = wide2 * y_wide * y_wide, up2 * up_square, long2 * y_long * y_long
+            root = max(math.sqrt(first + second + third) - max(wide2, up2, long2), 0.0)
+            for _ in range(NEWTON_STEPS):
+                p, q, r = wide2 + root, up2 + root, long2 + root
+                one, two, three = first / (p * p), second / (q * q), third / (r * r)
+                step = (one + two + three - 1.0) / (2.0 * (one / p + two / q + three / r) + 1e-300)
+                root = max(root + step, 0.0)
+                if abs(step) <= 1e-12 * root:
+                    break
+            plain = up2 / (up2 + root)
+            more_wide, more_long = wide2 / (wide2 + root) - plain, long2 / (long2 + root) - plain
+            for k in range(3):
+                y = radar[k] - centre[i, s, k]
+                off = plain * y + more_wide * y_wide * across[i, s, k] + more_long * y_long * along[i, s, k]
+                points[i, s, k] = centre[i, s, k] + off
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
