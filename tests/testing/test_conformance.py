@@ -49,7 +49,7 @@ def test_example_of_a_foreign_simulator_works():
 
 def literal(
     scatterers, radar, *, metres_per_turn=2.0, range_power=2, shift_m=0.0, frozen=False, theta=True, wide=1.0,
-    path_phase=True,
+    path_phase=True, integration=1.0, images=4, folded_phase=False, folded_level=False,
 ):  # fmt: skip
     """E-18 scatterer by scatterer, with room for mistakes."""
     wavelength_m = C / radar.carrier_hz
@@ -67,7 +67,14 @@ def literal(
         phase = phase - 2 * np.pi * metres_per_turn * row["range"] / wavelength_m
         place_m = row["range"][:1] if frozen else row["range"]
         echo_v = one_v * np.sqrt(row["rcs"] * row["path_gain"]) / row["range"] ** range_power
-        bins += echo_v * np.exp(1j * phase - (axis_m - place_m) ** 2 / (2 * spread_m**2))
+        turns = 2 * row["radial_velocity"] / wavelength_m * radar.integration_share / radar.prf_hz
+        echo_v = echo_v * np.sinc(integration * turns)
+        for k in range(images if radar.fold_echoes else 1):
+            lag_m = k * C / 2 / (radar.pulse_rate_hz or radar.prf_hz)
+            turn = 4 * np.pi * lag_m / wavelength_m if folded_phase else 0.0
+            level = (row["range"] / (row["range"] - lag_m)) ** 2 if folded_level else 1.0
+            envelope = np.exp(-((axis_m - place_m + lag_m) ** 2) / (2 * spread_m**2))
+            bins += level * echo_v * envelope * np.exp(1j * (phase + turn))
     return bins
 
 
@@ -107,6 +114,12 @@ FAULTS = {
     "3 % too long a pulse": (lambda s, r: literal(s, r, wide=1.03), ("range_profile",)),
     "no transmit phase": (lambda s, r: literal(s, r, theta=False), ("absolute_phase",)),
     "no path phase": (lambda s, r: literal(s, r, path_phase=False), ("path_phase",)),
+    "no integration": (lambda s, r: literal(s, r, integration=0.0), ("frame_integration",)),
+    "integration of half the time": (lambda s, r: literal(s, r, integration=0.5), ("frame_integration",)),
+    "no folding": (lambda s, r: literal(s, r, images=1), ("folding",)),
+    "folded once at most": (lambda s, r: literal(s, r, images=2), ("folding",)),
+    "folded phase": (lambda s, r: literal(s, r, folded_phase=True), ("folding",)),
+    "folded level": (lambda s, r: literal(s, r, folded_level=True), ("folding",)),
     "only the first echo": (
         lambda s, r: literal(s.isel(scatterer=[0]), r),
         ("superposition", "same_signature", "same_gait"),

@@ -9,7 +9,7 @@ import numpy as np
 from doppelgait.radar.parameters import Radar
 from doppelgait.testing.conformance import theory
 from doppelgait.testing.conformance.bench import Bench, bins_of, complex_of
-from doppelgait.testing.conformance.radars import approach, place_m, speed_mps, table
+from doppelgait.testing.conformance.radars import approach, changed, place_m, speed_mps, table
 
 FRACTIONS = (0.12, 0.3, 0.5, 0.7, 0.9)
 
@@ -107,6 +107,44 @@ def superposition(bench: Bench, radar: Radar) -> float:
     _, bins = bins_of(bench, together, radar)
     single = sum(bins_of(bench, together.isel(scatterer=[n]), radar)[1] for n in range(3))
     return float(np.abs(bins - single).max() / np.abs(single).max())
+
+
+def frame_integration(bench: Bench, radar: Radar) -> float:
+    """Compare the loss of a moving echo with sinc(f_d T_i), dB.
+
+    A frame sums over 0.8 of its time; a wrong sign beyond a null fails.
+    """
+    share, turns = 0.8, np.array([0.1, -0.35, 0.6, 0.85, -1.4, 2.5])
+    summing = changed(radar, integration_share=share)
+    speed_of_turn = 0.5 * theory.wavelength_m(radar) * radar.prf_hz / share
+    scene = table(np.full(7, place_m(radar, 0.5)), radial_velocity=speed_of_turn * np.append(turns, 0.0))
+    _, bins = bins_of(bench, scene, summing)
+    n = np.abs(bins[-1]).argmax()
+    loss = bins[:-1, n] / bins[-1, n]
+    return worst_db(loss.real * np.pi * turns / np.sin(np.pi * turns))
+
+
+def folding(bench: Bench, radar: Radar) -> float:
+    """Compare echoes of earlier pulses with frames that begin later, relative.
+
+    The pulses follow each other hardly slower than a frame lasts. What the frame must show of a scatterer is the sum
+    of what frames show that begin k pulses later, of a radar whose next pulse never comes: at the fold, and beyond it
+    once and twice.
+    """
+    start_m = radar.range_start_m + 0.2 * (radar.range_stop_m - radar.range_start_m)
+    pulse_m = 1.007 * (radar.range_stop_m - start_m)
+    short = {"sweep_s": 20.0 / (radar.bandwidth_hz or math.nan)} if radar.waveform.kind == "lfm" else {}
+    frame = {"range_start_m": start_m, "range_stop_m": radar.range_stop_m, **short}
+    folding_radar = changed(radar, pulse_rate_hz=theory.C_MPS / (2.0 * pulse_m), **frame)
+    beyond_m = np.array([-0.03, 0.01, 0.3, 0.55, 1.4]) * pulse_m
+    scene = table(start_m + pulse_m + beyond_m)
+    _, bins = bins_of(bench, scene, folding_radar)
+    wanted = np.zeros_like(bins)
+    for k in range(4):
+        later = {name: frame[name] + k * pulse_m for name in ("range_start_m", "range_stop_m")}
+        alone = changed(radar, pulse_rate_hz=None, fold_echoes=False, **{**frame, **later})
+        wanted += bins_of(bench, scene, alone)[1][:, : bins.shape[1]]
+    return float((np.abs(bins - wanted).max(axis=1) / np.abs(wanted).max(axis=1)).max())
 
 
 def worst_db(ratio: np.ndarray) -> float:

@@ -20,6 +20,7 @@ Measure = Callable[[Bench, Radar], float]
 
 RANGED = tuple(name for name in theory.WAVEFORMS if name != "cw")
 CHIRPED = ("lfm", "fmcw", "stepped")
+PULSED = ("impulse", "rectangular", "lfm")
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,9 @@ RULES = (
          CHIRPED),
     Rule("beat_frequency", "beat of a point target", 0.1, "%", "S 2 R / c - 2 v f_c / c", echo.beat_frequency,
          ("fmcw",), "sweep"),
+    Rule("frame_integration", "loss of a moving echo", 0.1, "dB", "sinc(f_d T_i), E-13b", echo.frame_integration,
+         (*PULSED, "cw")),
+    Rule("folding", "echoes beyond the next pulse", 1e-4, "1", "R - k c / (2 pulse rate), E-10b", echo.folding, PULSED),
     Rule("noise_power", "noise in a bin", 0.1, "dB", "2 Z0 k T0 F B G / N, E-18", receiver.noise_power, needs="noise"),
     Rule("noise_whiteness", "correlation, circularity", 0.02, "1", "0", receiver.noise_whiteness, needs="noise"),
     Rule("matched_snr", "SNR after matched processing", 0.3, "dB", "E / N0", receiver.matched_snr, needs="noise"),

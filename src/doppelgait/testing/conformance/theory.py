@@ -126,7 +126,7 @@ def bin_noise_v2(radar: Radar) -> float:
         "lfm": 1.0 / (radar.sweep_s or math.inf),
         "fmcw": radar.sample_rate_hz,
         "stepped": radar.sample_rate_hz,
-        "cw": radar.prf_hz,
+        "cw": radar.prf_hz / (radar.integration_share or 1.0),
     }
     width_hz = radar.noise_bandwidth_hz or own_hz[radar.waveform.kind]
     level_v2 = 2.0 * OHM * NOISE_DENSITY_W_PER_HZ * noise_figure(radar) * width_hz * receiver_gain(radar)
@@ -144,7 +144,9 @@ def energy_over_noise_density(radar: Radar, *, range_m: float, gain_m2: float) -
     if radar.waveform.kind == "impulse":
         length_s = math.sqrt(math.pi) * pulse_sigma_s(radar)
     else:
-        length_s = 1.0 / radar.prf_hz if radar.waveform.kind == "cw" else sweep_time_s(radar)
+        length_s = (
+            (radar.integration_share or 1.0) / radar.prf_hz if radar.waveform.kind == "cw" else sweep_time_s(radar)
+        )
     power_w = received_w(radar, range_m=np.array(range_m), gain_m2=np.array(gain_m2))
     return float(power_w * length_s * averages(radar) / (NOISE_DENSITY_W_PER_HZ * noise_figure(radar)))
 
