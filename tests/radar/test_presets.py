@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from importlib import resources
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from doppelgait.radar import (
     preset_table,
     synthesise,
 )
+from doppelgait.radar.effects import describe_effects
 
 C = 299_792_458.0
 WITHOUT_SOURCES = {"x4-long", "liland2018"}
@@ -186,6 +188,7 @@ def test_the_command_shows_every_preset_and_a_file(tmp_path):
         assert "unambiguous_velocity_mps" in plain.output
         document = json.loads(runner.invoke(app, ["show", name, "--json"]).stdout)
         assert document["parameters"]["waveform"] == Radar.preset(name).waveform.kind
+        assert document["effects"]["noise correlation"] in plain.output
         assert document["derived"] == derived_quantities(Radar.preset(name))
     assert "impairments, in this order: phase_noise, static_clutter" in plain.output
     assert document["impairments"][0]["drift_rad_per_min"] == 0.2
@@ -195,3 +198,42 @@ def test_the_command_shows_every_preset_and_a_file(tmp_path):
     assert rows["unambiguous_range_m"] == ["49.998", "m"]
     assert rows["sweep_slope_hz_per_s"][1] == "Hz/s"
     assert rows["snr_1m2_5m_db"][1] == "dB"
+
+
+# --- Effects ------------------------------------------------------------------------------------------------------
+
+
+def effects_table():
+    """The table of docs/radars.md: what every preset simulates, from its file."""
+    rows = {}
+    for name in preset_names():
+        impairments = {entry["kind"] for entry in preset_table(name).get("impairments", ())}
+        rows[name] = describe_effects(Radar.preset(name), impairments)
+    head = ["preset", *next(iter(rows.values()))]
+    cells = [head, ["---"] * len(head), *([f"`{name}`", *effects.values()] for name, effects in rows.items())]
+    return "\n".join("| " + " | ".join(row) + " |" for row in cells)
+
+
+def test_documented_effects_are_those_of_the_files():
+    page = (Path(__file__).parents[2] / "docs" / "radars.md").read_text(encoding="utf-8")
+    assert effects_table() in page, f"put this table into docs/radars.md:\n{effects_table()}"
+
+
+@pytest.mark.parametrize("name", sorted({*SPEEDS_MPS, *BINS_CM, "xband-cw", "liland2018"}))
+def test_every_preset_says_which_effects_it_has(name):
+    """Each effect is a key with its source, or stated in a comment."""
+    text = (resources.files("doppelgait.radar.presets") / f"{name}.toml").read_text(encoding="utf-8")
+    comments = "\n".join(line for line in text.splitlines()[1:] if line.startswith("#"))
+    for effect, keys in {
+        "noise law": ("pulse_rate_hz", "threshold_step_v"), "noise correlation": ("noise_correlation",),
+        "frame integration": ("integration_share",), "folding": ("fold_echoes",), "I/Q and clipping": (), "DC": (),
+        "phase noise and jitter": (),
+    }.items():  # fmt: skip
+        assert any(f"\n{key} = " in text for key in keys) or effect in comments, effect
+
+
+def test_effects_follow_parameters_and_impairments():
+    counter = Radar.preset("x4", threshold_step_v=1e-3, noise_correlation=(0.54, 0.15), fold_echoes=False)
+    assert list(describe_effects(counter, {"phase_noise", "frame_jitter", "adc"}).values()) == [
+        "counter, 1 mV a step", "0.54, 0.15", "0.95 of the frame", "none", "adc", "none", "phase_noise, frame_jitter",
+    ]  # fmt: skip

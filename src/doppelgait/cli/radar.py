@@ -294,26 +294,31 @@ def show(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Show parameters and derived quantities of a preset or parameter file.
+    """Show parameters, derived quantities and effects of a preset or file.
 
     Examples: doppelgait radar show x4 --set prf_hz=600; doppelgait radar show my-radar.toml
     """
     from doppelgait.core.config import apply_overrides
     from doppelgait.radar import Radar, derived_quantities, preset_table
+    from doppelgait.radar.effects import describe_effects
 
     radar = Radar.preset(preset, **apply_overrides({}, changes or []))
     parameters = radar.model_dump(mode="json")
     table = preset_table(preset)
     conditions = {key: table[key] for key in ("environment", "impairments") if key in table}
+    kinds = {str(entry.get("kind")) for entry in conditions.get("impairments", ()) if isinstance(entry, dict)}
+    effects = describe_effects(radar, kinds)
     if as_json:
-        print_json({"parameters": parameters, "derived": derived_quantities(radar), **conditions})
+        print_json({"parameters": parameters, "derived": derived_quantities(radar), "effects": effects, **conditions})
         return
     print_table([{"parameter": key, **_shown(key, value)} for key, value in parameters.items()])
     print()
     print_table([{"derived": key, **_shown(key, value)} for key, value in derived_quantities(radar).items()])
+    print()
+    print_table([{"effect": name, "simulated": value} for name, value in effects.items()])
     for key, entries in conditions.items():
-        kinds = [str(entry.get("kind", "?")) if isinstance(entry, dict) else str(entry) for entry in entries]
-        print(f"\n{key}, in this order: {', '.join(kinds)}")
+        listed = [str(entry.get("kind", "?")) if isinstance(entry, dict) else str(entry) for entry in entries]
+        print(f"\n{key}, in this order: {', '.join(listed)}")
 
 
 def _shown(key: str, value: Any) -> dict[str, str]:
