@@ -189,9 +189,10 @@ def _lengthen(
     before_m = scatterers["range"].values
     after_m = before_m + np.where(behind, delay_m, 0.0)
     ratio = np.maximum(after_m, MIN_RANGE_M) / np.maximum(before_m, MIN_RANGE_M)
+    squared = ratio * ratio
     return with_values(
         scatterers,
         range=after_m,
-        path_gain=scatterers["path_gain"].values * ratio**4,
+        path_gain=scatterers["path_gain"].values * (squared * squared),
         radial_velocity=scatterers["radial_velocity"].values - np.where(behind, rate_mps, 0.0),
     )
