@@ -57,6 +57,7 @@ def table_of(range_m, rcs_m2=1.0):
     return xr.Dataset(
         {
             "range": (dims, range_m),
+            "radial_velocity": (dims, -np.gradient(range_m, 1e-3, axis=0)),
             "rcs": (dims, np.broadcast_to(rcs_m2, range_m.shape)),
             "path_gain": (dims, np.ones(range_m.shape)),
         },
