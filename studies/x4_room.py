@@ -54,7 +54,7 @@ from doppelgait.radar.link import comparator_noise_v, noise_power_v2
 from doppelgait.radar.readers import read_recording
 from doppelgait.radar.rf import sample_rf_frames
 from doppelgait.radar.simulate import label_baseband
-from doppelgait.radar.xethru.downconvert import down_convert_frames
+from doppelgait.radar.xethru.downconvert import chip_gain, down_convert_frames
 from doppelgait.scene import Scene, Target, assemble, place
 from doppelgait.viz.style import ACCENT, legend_below, name_axes, new_figure
 
@@ -188,9 +188,9 @@ def carrier_gain(filter: Filter) -> float:
     return float(np.abs(convert(wave, filter, start_m=0.0, bin_m=0.00643)[0]).mean())
 
 
-def unit_db(radar: Radar) -> float:
+def unit_db(radar: Radar, filter: Filter = "hamming") -> float:
     """Return the level of a read file's unit, dB re 1 V."""
-    return float(20.0 * np.log10(radar.volts_per_unit or 1.0))
+    return db((radar.volts_per_unit or 1.0) * chip_gain(radar.carrier_hz, radar.sample_rate_hz, filter))
 
 
 def level_of_bins(fit: SensorFit) -> FloatArray:
@@ -206,7 +206,7 @@ def counted_room(frames: FloatArray, noise: RfNoise, like: Recording, filter: Fi
     still = np.broadcast_to(frames.mean(axis=0), frames.shape)
     counted = count_thresholds(still, noise, np.random.default_rng(SEED))
     values, _ = convert(counted, filter, start_m=0.0, bin_m=bin_m)
-    scale_v = like.radar.volts_per_unit or 1.0
+    scale_v = 10.0 ** (unit_db(like.radar, filter) / 20.0)
     return Recording.from_baseband(label_baseband(scale_v * values, like.slow_time_s, like.radar), like.radar)
 
 
@@ -356,7 +356,7 @@ def room_rows(recordings: Path, out: Path) -> tuple[list[Row], float]:
             real[matrix] = recording, fit_sensor(recording)
             room = counted_room(frames[matrix], noises[matrix], recording, filter, bin_m=bin_m)
             counted[matrix] = room, fit_sensor(room)
-        own = unit_db(recording.radar)
+        own = unit_db(recording.radar, filter)
         fits, others = ([found[matrix][1] for matrix in MATRICES] for found in (real, counted))
         levels_db, others_db = ([f.noise_level_db.value - own for f in group] for group in (fits, others))
         row(f"noise of a bin, {name}", levels_db, others_db, "counters", digits=1, unit="dB")

@@ -64,7 +64,8 @@ def test_floor_under_a_walker_e28(snr_db):
     recording = simulate(scene, Radar.preset("x4"), rng=Streams(1), snr_db=snr_db)
     gate = Gate.from_truth(recording.truth[0], recording.slow_time_s, Analysis())
     mu = signature(recording.baseband, gate, Analysis(), wavelength_m=recording.radar.wavelength_m)
-    wanted = mu.attrs["n_gate_bins"] * recording.noise_power_v2 * W2
+    n_gate = mu.attrs["n_gate_bins"] / recording.independent_bin_share  # the attribute counts independent ones
+    wanted = n_gate * recording.noise_power_v2 * W2
     assert noise_floor_v2(mu) == pytest.approx(wanted, rel=0.05)
 
 
@@ -140,6 +141,7 @@ def test_floor_of_a_gate_narrower_than_a_bin_e28(span_m):
         analysis,
         wavelength_m=recording.radar.wavelength_m,
     )
-    wanted = mu.attrs["n_gate_bins"] * recording.noise_power_v2 * W2
+    n_gate = mu.attrs["n_gate_bins"] / recording.independent_bin_share  # the attribute counts independent ones
+    wanted = n_gate * recording.noise_power_v2 * W2
     # a gate across a bin edge sums parts of two variables: up to 12 % above the law of one
     assert noise_floor_v2(mu) == pytest.approx(wanted, rel=0.12)

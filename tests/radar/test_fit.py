@@ -39,9 +39,14 @@ from doppelgait.radar.fit.static import (
     static_part,
 )
 from doppelgait.radar.impairments import apply_impairments, make_impairment
+from doppelgait.radar.link import noise_power_v2
 
 PRF_HZ = 25.0
-RADAR = Radar.preset("x4", prf_hz=PRF_HZ, range_start_m=0.7, range_stop_m=6.85)
+COUNTER = Radar.preset("x4", prf_hz=PRF_HZ, range_start_m=0.7, range_stop_m=6.85)
+RADAR = Radar.model_validate(
+    {**COUNTER.model_dump(), "threshold_step_v": None, "noise_bandwidth_hz": None, "noise_correlation": ()}
+)
+"""It averages: its noise is in proportion to noise figure and gain."""
 RANGE_M = RADAR.range_axis_m()
 LEVELS = ((0.7, -45.0), (2.0, -62.0), (7.0, -75.0))
 NOISE_DB = -105.0
@@ -150,6 +155,24 @@ def test_noise_figure_and_gain_reproduce_the_noise() -> None:
     assert fit.receiver_gain_db.value == pytest.approx(13.0, abs=4 * fit.receiver_gain_db.sd)
     assert fit.noise_figure_db.sd < 0.1
     assert calibrated_radar(fit).noise_figure_db == pytest.approx(fit.noise_figure_db.value)
+
+
+def test_noise_of_a_counter_changes_with_the_root_of_the_noise_figure() -> None:
+    """3 dB more noise than at 6 dB are 6 dB more input noise: noise figure 12 dB, or gain 16 dB."""
+    level_db = 10 * math.log10(noise_power_v2(COUNTER)) + 3.0
+    fit = fit_sensor(recording(room(5, noise_db=level_db)[0], COUNTER))
+    assert fit.noise_figure_db.value == pytest.approx(12.0, abs=4 * fit.noise_figure_db.sd)
+    assert fit.receiver_gain_db.value == pytest.approx(16.0, abs=4 * fit.receiver_gain_db.sd)
+    assert fit.noise_figure_db.sd == pytest.approx(2.0 * fit.noise_level_db.sd)
+    own = calibrated_radar(fit)
+    assert own.noise_figure_db == pytest.approx(fit.noise_figure_db.value)
+    assert 10 * math.log10(noise_power_v2(own)) == pytest.approx(fit.noise_level_db.value, abs=1e-3)
+
+
+def test_fitted_correlation_goes_into_the_radar() -> None:
+    own = calibrated_radar(fit_sensor(recording(room(5, correlated=True)[0])))
+    np.testing.assert_allclose(own.noise_correlation, [2 / 3, 1 / 6], atol=0.01)
+    assert calibrated_radar(fit_sensor(recording(room(5)[0]))).noise_correlation == ()
 
 
 def test_implausible_noise_figure_changes_the_gain_instead() -> None:

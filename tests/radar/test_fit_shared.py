@@ -13,6 +13,8 @@ from doppelgait.radar.readers import read_recording
 
 pytestmark = pytest.mark.shared
 
+HOST_DB = 20 * np.log10(2 * 0.7817)
+"""Level in the chip's baseband over that behind the host's 27 taps, whose gain is 1/2."""
 EMPTY = "rf_empty_room_two_radars_20220222_143239.mat"
 BREATHING = "rf_breathing_20220303_131324.mat"
 
@@ -39,16 +41,16 @@ def unit_db(fit: SensorFit) -> float:
 
 def test_noise_is_that_measured_by_hand(fit: SensorFit) -> None:
     """-105 dB re one unit after a 27-tap low-pass; white, so flat in range."""
-    assert fit.noise_level_db.value - unit_db(fit) == pytest.approx(-105.0, abs=0.6)
+    assert fit.noise_level_db.value - unit_db(fit) - HOST_DB == pytest.approx(-105.0, abs=0.6)
     assert fit.noise_level_db.sd < 0.1
     assert fit.noise.flat
-    assert fit.noise_figure_db.value == pytest.approx(6.0, abs=0.6)  # by the choice of volts_per_unit
+    assert fit.noise_figure_db.value == pytest.approx(6.0, abs=0.6)  # by the choice of threshold_step_v
 
 
 def test_clutter_falls_from_the_direct_path_into_the_room(fit: SensorFit) -> None:
     """-51 dB near 0.85 m, -60 to -88 dB by 8 m, in units; single bins scatter by more than the profile."""
-    levels = fit.clutter.level_db - unit_db(fit)
-    single = 20 * np.log10(np.abs(fit.echo_v)) - unit_db(fit)
+    levels = fit.clutter.level_db - unit_db(fit) - HOST_DB
+    single = 20 * np.log10(np.abs(fit.echo_v)) - unit_db(fit) - HOST_DB
     near = single[np.argmin(np.abs(fit.range_m - 0.85))]
     assert near == pytest.approx(-51.0, abs=4.0)
     far = fit.clutter.range_m > 5.0

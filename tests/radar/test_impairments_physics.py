@@ -24,6 +24,7 @@ from doppelgait.radar.impairments import (
 
 C = 299_792_458.0
 X4 = Radar.preset("x4", volts_per_unit=0.4)
+AVERAGING = Radar.preset("x4", threshold_step_v=None, noise_bandwidth_hz=None, noise_correlation=())
 FMCW = Radar(
     waveform="fmcw", carrier_hz=60e9, prf_hz=1000, sample_rate_hz=2e6, range_start_m=1, range_stop_m=9, sweep_s=64e-6,
     bandwidth_hz=1e9,
@@ -55,14 +56,14 @@ def db(ratio):
 
 
 def test_thermal_noise_has_the_power_of_the_radar_equation_s_receiver():
-    noise = only(zeros(4000), ThermalNoise())
+    noise = only(zeros(4000), ThermalNoise(), AVERAGING)
     pulses_per_frame = math.floor(15.1875e6 / (1000 * 152))
     wanted = 2 * 50 * 4.004e-21 * 10**0.6 * 1.4e9 * 10**1.0 / pulses_per_frame
     assert power(noise) == pytest.approx(wanted, rel=5 / math.sqrt(noise.size))
 
 
 def test_thermal_noise_is_white_and_circular():
-    noise = only(zeros(4000), ThermalNoise(level_db=0.0)).astype(np.complex128)
+    noise = only(zeros(4000), ThermalNoise(level_db=0.0), AVERAGING).astype(np.complex128)
     bound = 5 / math.sqrt(noise.size)
     assert abs(np.mean(noise**2)) < bound  # I and Q of equal power and independent
     for lagged in (noise[1:] * noise[:-1].conj(), noise[:, 1:] * noise[:, :-1].conj()):
@@ -75,8 +76,8 @@ def test_thermal_noise_is_white_and_circular():
 
 
 def test_other_noise_figure_and_level():
-    own, other = (only(zeros(100), ThermalNoise(noise_figure_db=figure)) for figure in (6.0, 9.0))
-    np.testing.assert_array_equal(own, only(zeros(100), ThermalNoise()))
+    own, other = (only(zeros(100), ThermalNoise(noise_figure_db=figure), AVERAGING) for figure in (6.0, 9.0))
+    np.testing.assert_array_equal(own, only(zeros(100), ThermalNoise(), AVERAGING))
     np.testing.assert_allclose(other, own * 10**0.15, rtol=1e-5, atol=0)
     units = only(zeros(1000), ThermalNoise(level_db=-105.0, in_units=True))
     assert db(power(units)) == pytest.approx(-105 + 20 * math.log10(0.4), abs=0.05)

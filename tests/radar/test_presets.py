@@ -22,6 +22,7 @@ from doppelgait.radar import (
     synthesise,
 )
 from doppelgait.radar.effects import describe_effects
+from doppelgait.radar.xethru.downconvert import CHIP_TAPS
 
 C = 299_792_458.0
 WITHOUT_SOURCES = {"x4-long", "liland2018"}
@@ -87,12 +88,27 @@ def test_pulse_of_the_a121_has_its_profiles_width():
 
 
 @pytest.mark.parametrize("name", [n for n in ("x4", "x4-long", "x4-high", "x4-17fps", "x4-255fps", "x4-512fps")])
-def test_volts_per_unit_puts_the_noise_of_4096_averages_at_minus_105_db(name):
+def test_noise_of_the_x4_follows_from_its_taps_and_the_noise_of_rf_samples(name):
+    """E-18b and E-18c, from the driver's taps and 1.80e-5 units per RF sample at 4096 pulses a threshold."""
     radar = Radar.preset(name)
-    bandwidth_hz = 1.5e9 if name == "x4-high" else 1.4e9
-    noise_v2 = 2 * 50 * 4.004e-21 * 10**0.6 * bandwidth_hz * 10 / 4096
-    assert 10 * np.log10(noise_v2 / radar.volts_per_unit**2) == pytest.approx(-105, abs=2e-3)
-    assert noise_power_v2(radar) == pytest.approx(noise_v2 * 4096 / radar.averages_per_frame, rel=1e-9)
+    in_phase, quadrature = (np.array(taps) for taps in CHIP_TAPS["high" if name == "x4-high" else "low"])
+    taps = in_phase - 1j * quadrature
+    turns = radar.carrier_hz / radar.sample_rate_hz * np.arange(32)
+    energy, gain = np.sum(np.abs(taps) ** 2), np.abs(np.sum(taps * np.exp(2j * np.pi * turns)))
+    assert radar.noise_bandwidth_hz == pytest.approx(radar.sample_rate_hz * energy / gain**2, rel=1e-4)
+    mixed = taps * np.exp(2j * np.pi * turns)
+    lags = [np.vdot(mixed[:-shift], mixed[shift:]).real / energy for shift in (8, 16, 24)]
+    np.testing.assert_allclose(radar.noise_correlation, lags, atol=1e-4)
+    input_noise_v = np.sqrt(50 * 4.004e-21 * 10**0.6 * 10 * radar.sample_rate_hz / 2)
+    steps = (1.80e-5 * 1024) ** 2 * 4096 * np.sqrt(np.pi)  # codes: the variance is s / (sqrt(pi) n)
+    assert steps == pytest.approx(2.47, abs=0.005)
+    assert radar.threshold_step_v == pytest.approx(input_noise_v / steps, rel=1e-3)
+    one_unit = gain / 2 / np.abs(in_phase).sum()
+    assert radar.volts_per_unit == pytest.approx(1024 * radar.threshold_step_v / one_unit, rel=1e-3)
+    # back to the file: noise of the chip's baseband, in its unit, is that of the RF samples through the taps
+    at_4096_v2 = noise_power_v2(radar) * radar.averages_per_frame / 4096
+    through_db = 20 * np.log10(1.80e-5) + 10 * np.log10(energy / np.abs(in_phase).sum() ** 2)
+    assert 10 * np.log10(at_4096_v2 / radar.volts_per_unit**2) == pytest.approx(through_db, abs=0.01)
 
 
 @pytest.mark.parametrize("name", SPEEDS_MPS | BINS_CM)
@@ -118,11 +134,13 @@ def test_every_value_names_its_source(name):
 
 
 def test_derived_quantities_of_the_link_budget():
-    # -80.7 dBm by hand for the X4 (E-14); noise -82.5 dBm + 6 dB + 10 dB gain, 99 averages
+    # -80.7 dBm by hand for the X4 (E-14); noise -82.5 dBm in 1.4 GHz + 6 dB + 10 dB gain, 99 averages; here 1.139 GHz,
+    # and a counter with input noise of 2.47 steps
+    less_db = 10 * np.log10(1.4 / 1.1391 * 2.467 * np.sqrt(np.pi))
     derived = derived_quantities(Radar.preset("x4"))
     assert derived["received_power_1m2_5m_dbm"] == pytest.approx(-80.7, abs=0.05)
-    assert derived["noise_level_dbv"] == pytest.approx(-82.5 + 6 + 10 - 10 * np.log10(99) - 10, abs=0.05)
-    assert derived["snr_1m2_5m_db"] == pytest.approx(-80.7 + 82.5 - 6 + 10 * np.log10(99), abs=0.1)
+    assert derived["noise_level_dbv"] == pytest.approx(-82.5 + 6 + 10 - 10 * np.log10(99) - 10 - less_db, abs=0.05)
+    assert derived["snr_1m2_5m_db"] == pytest.approx(-80.7 + 82.5 - 6 + 10 * np.log10(99) + less_db, abs=0.1)
     assert derived["velocity_resolution_100ms_mps"] == pytest.approx(0.2056, abs=1e-4)
     assert "unambiguous_range_m" not in derived_quantities(Radar.preset("infineon-24"))
     json.dumps([derived_quantities(Radar.preset(name)) for name in preset_names()], allow_nan=False)

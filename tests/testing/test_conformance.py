@@ -13,6 +13,7 @@ from doppelgait.core.errors import ConfigError
 from doppelgait.radar import Radar
 from doppelgait.testing import conformance
 from doppelgait.testing.conformance import Check, __main__, bench, format_report, run_conformance, suite_radars, theory
+from doppelgait.testing.conformance.radars import changed
 from doppelgait.testing.conformance.run import RULES
 
 C = 299_792_458.0
@@ -83,7 +84,8 @@ def test_a_literal_loop_passes_and_has_no_other_parts():
     assert failed(checks) == set()
     missing = {check.name for check in checks if check.passed is None}
     assert missing == {
-        "noise_power[impulse]", "noise_whiteness[impulse]", "matched_snr[impulse]", "quantisation_snr",
+        "noise_power[impulse]", "counter_noise[impulse]", "noise_correlation[impulse]", "noise_whiteness[impulse]",
+        "matched_snr[impulse]", "quantisation_snr",
         "quantisation_bias", "wall_loss", "wall_delay", "wall_phase", "two_ray_pattern",
     }  # fmt: skip
     assert all("the simulator has no" in check.note for check in checks if check.passed is None)
@@ -265,7 +267,46 @@ def test_a_fault_of_a_part_fails_exactly_its_checks(fault):
     parts, wanted = PART_FAULTS[fault]
     checks = run_conformance(radars=suite_radars("fmcw"), only=OF_PARTS, **parts)
     assert failed(checks) == wanted
-    assert len(checks) == len(OF_PARTS)
+    own = [rule for rule in RULES if rule.name in OF_PARTS and (not rule.waveforms or "fmcw" in rule.waveforms)]
+    assert len(checks) == len(own)
+
+
+def averaged_noise(radar, *, n_pulses, rng):
+    return bench.receiver_noise(changed(radar, threshold_step_v=None), n_pulses=n_pulses, rng=rng)
+
+
+def fixed_ratio_noise(radar, *, n_pulses, rng):
+    """A counter whose noise does not rise with the root of the input noise: right at 5 steps, not at 1 and 20."""
+    noise = bench.receiver_noise(changed(radar, threshold_step_v=None), n_pulses=n_pulses, rng=rng)
+    return noise if radar.threshold_step_v is None else noise * math.sqrt(1 / (5 * math.sqrt(math.pi)))
+
+
+def white_noise(radar, *, n_pulses, rng):
+    return bench.receiver_noise(changed(radar, noise_correlation=()), n_pulses=n_pulses, rng=rng)
+
+
+def shuffled_noise(radar, *, n_pulses, rng):
+    """The right correlation over every second bin."""
+    noise = bench.receiver_noise(radar, n_pulses=n_pulses, rng=rng)
+    return np.concatenate([noise[:, ::2], noise[:, 1::2]], axis=1)
+
+
+@pytest.mark.parametrize(
+    ("noise", "wanted"),
+    [
+        (averaged_noise, "counter_noise"),
+        (fixed_ratio_noise, "counter_noise"),
+        (white_noise, "noise_correlation"),
+        (shuffled_noise, "noise_correlation"),
+    ],
+)
+def test_a_fault_of_the_noise_of_bins_fails_exactly_its_check(noise, wanted):
+    checks = run_conformance(radars=suite_radars("impulse"), only=OF_PARTS, noise=noise)
+    assert failed(checks) == {f"{wanted}[impulse]"}
+    # the X4 states both itself: its noise power shows the law too
+    checks = run_conformance(radars={"x4": X4}, only=["noise_power", "noise_correlation"], noise=noise)
+    shown = {"counter_noise": "noise_power[x4]", "noise_correlation": "noise_correlation[x4]"}
+    assert failed(checks) == {shown[wanted]}
 
 
 def test_a_weak_echo_shows_in_the_signal_to_noise_ratio():
@@ -369,9 +410,12 @@ def test_theory_has_the_figures_of_the_literature():
     assert theory.averages(X4) == 99  # 15.1875 MHz / (1000 Hz x 152 levels)
     power_w = theory.received_w(X4, range_m=np.array(5.0), gain_m2=np.array(1.0))
     assert 10 * math.log10(1e3 * power_w) == pytest.approx(-80.7, abs=0.05)
-    one = Radar.model_validate({**X4.model_dump(), "receiver_gain_db": 0.0, "noise_figure_db": 0.0})
+    one = changed(X4, receiver_gain_db=0.0, noise_figure_db=0.0, noise_bandwidth_hz=1.4e9, threshold_step_v=None)
     noise_w = theory.bin_noise_v2(one) * 99 / (2 * 50)
     assert 10 * math.log10(1e3 * noise_w) == pytest.approx(-82.5, abs=0.05)
+    # a counter with input noise of 5 steps, n = 99: 0.564 x 5 / 99 steps^2 of an RF sample
+    five = changed(X4, threshold_step_v=theory.input_noise_v(X4) / 5, noise_bandwidth_hz=X4.sample_rate_hz / 4)
+    assert theory.bin_noise_v2(five) / five.threshold_step_v**2 == pytest.approx(0.5642 * 5 / 99, rel=1e-4)
     fmcw = Radar(waveform="fmcw", carrier_hz=24e9, bandwidth_hz=1e9, sweep_s=1e-3, sample_rate_hz=256e3, prf_hz=500.0,
                  range_stop_m=9.0)  # fmt: skip
     assert 2.0 * theory.coupling_s(fmcw) == pytest.approx(-0.048)

@@ -94,6 +94,14 @@ def counter_noise_ratio(radar: Radar) -> float:
     return radar.threshold_step_v / (math.sqrt(math.pi) * comparator_noise_v(radar))
 
 
+def noise_slope(radar: Radar) -> float:
+    """Return dB of noise per dB of noise figure or gain.
+
+    1 for a receiver that averages, 1/2 for a swept-threshold counter (E-18b).
+    """
+    return 1.0 if radar.threshold_step_v is None else 0.5
+
+
 def sample_noise_v2(radar: Radar) -> float:
     """Return the mean square noise of one receiver sample, V^2.
 

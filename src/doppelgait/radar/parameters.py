@@ -6,7 +6,7 @@ Both are here because each needs the other; the link budget and the waveforms th
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, cast
 
@@ -489,17 +489,35 @@ def check_correlation(noise_correlation: tuple[float, ...]) -> None:
 
     Its spectrum 1 + 2 sum rho_l cos(l w) would be negative somewhere (``ValueError``).
     """
-    if not noise_correlation:
-        return
-    angle = np.linspace(0.0, np.pi, 64 * len(noise_correlation) + 1)
-    lags = np.arange(1, len(noise_correlation) + 1)
-    least = 1.0 + 2.0 * float((np.cos(np.outer(angle, lags)) @ np.asarray(noise_correlation)).min())
+    least = _least_density(noise_correlation)
     if least < -1e-9:
         raise ValueError(
             f"noise_correlation {list(noise_correlation)} is that of no noise: its spectrum 1 + 2 sum rho_l cos(l w) "
             f"falls to {least:.3g}, below 0; lower the values, or give more of them (a correlation that is cut off too "
             "early does this)"
         )
+
+
+def possible_correlation(estimate: Iterable[float]) -> tuple[float, ...]:
+    """Return an estimated correlation, shrunk until some noise has it.
+
+    Estimates err, and are cut off where they are lost in chance. All values are multiplied by what lifts the least
+    spectral density to 0, and rounded to four decimals. At most the first 16 are kept.
+    """
+    found = np.asarray(tuple(estimate)[:MAX_CORRELATED_BINS], dtype=np.float64)
+    while True:
+        values = tuple(float(rho) for rho in np.round(found, 4))
+        least = _least_density(values)
+        if least >= 0.0:
+            return values
+        found = found * (1.0 - 1e-4) / (1.0 - least)
+
+
+def _least_density(noise_correlation: tuple[float, ...]) -> float:
+    """Return the least value of 1 + 2 sum rho_l cos(l w)."""
+    angle = np.linspace(0.0, np.pi, 64 * len(noise_correlation) + 1)
+    lags = np.arange(1, len(noise_correlation) + 1)
+    return 1.0 + 2.0 * float((np.cos(np.outer(angle, lags)) @ np.asarray(noise_correlation)).min())
 
 
 def check_band(radar: Radar, bandwidth_hz: float) -> None:

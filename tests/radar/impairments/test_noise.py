@@ -22,15 +22,16 @@ def noise():
 
 
 def test_thermal_noise_level_e18():
-    one_pulse = Radar.preset("x4", pulse_rate_hz=None, receiver_gain_db=0.0, noise_figure_db=6.0)
+    averaging = {"threshold_step_v": None, "noise_bandwidth_hz": None}
+    one_pulse = Radar.preset("x4", pulse_rate_hz=None, receiver_gain_db=0.0, noise_figure_db=6.0, **averaging)
     assert one_pulse.receiver_bandwidth_hz == pytest.approx(1.4e9)
     dbm = 10 * np.log10(noise_power_v2(one_pulse) / (2 * 50) / 1e-3)
     assert dbm == pytest.approx(-82.5 + 6, abs=0.02)
     # P = -76.5 dBm: |w|^2 = 2 Z0 P
     assert noise_power_v2(one_pulse) == pytest.approx(100 * 4.004e-21 * 10**0.6 * 1.4e9, rel=1e-9)
-    x4 = Radar.preset("x4")
+    x4 = Radar.preset("x4", **averaging)
     assert noise_power_v2(x4) == pytest.approx(noise_power_v2(one_pulse) * 10 / 99, rel=1e-9)
-    wide = Radar.preset("x4", noise_bandwidth_hz=2.8e9)
+    wide = Radar.preset("x4", threshold_step_v=None, noise_bandwidth_hz=2.8e9)
     assert noise_power_v2(wide) == pytest.approx(2 * noise_power_v2(x4), rel=1e-9)
 
 

@@ -180,14 +180,31 @@ def test_an_approaching_target_in_rf_frames_has_its_range_strength_and_positive_
     assert np.abs(axis_m[peak] - range_m).max() <= 4 * BIN_M * 1.01  # half a bin
     at_peak = np.abs(baseband).max() / scale_v
     taps = firwin(27, 1 / 16, window="hamming", fs=1.0)  # an envelope as short as the filter loses a little
-    through = (taps * np.exp(-0.5 * (np.arange(-13, 14) / RF_RATE_HZ / 0.35e-9) ** 2)).sum() / 2
-    assert at_peak == pytest.approx(through, rel=0.03)
+    through = (taps * np.exp(-0.5 * (np.arange(-13, 14) / RF_RATE_HZ / 0.35e-9) ** 2)).sum()
+    assert at_peak == pytest.approx(0.7817 * through, rel=0.03)  # in the unit of the chip, whose gain that is
     column = baseband[:, np.bincount(peak).argmax()]
     slope_hz = np.polyfit(np.arange(40) / 25.0, np.unwrap(np.angle(column)), 1)[0] / (2 * np.pi)
     assert slope_hz == pytest.approx(2 * 0.1 * CARRIER_HZ / 3e8, rel=0.02)
     # E-18: every bin of an echo has the phase -4 pi R / lambda; far from the peak other things show
     turned = baseband / np.exp(-4j * np.pi * range_m * CARRIER_HZ / 3e8)[:, None]
     assert np.abs(np.angle(turned[np.abs(baseband) > 0.1 * np.abs(baseband).max()])).max() < 0.01
+
+
+def test_an_echo_has_the_same_volts_with_either_filter_and_the_radar_the_noise_of_that_one(tmp_path):
+    path = tmp_path / "wave.mat"
+    n = np.arange(400)
+    savemat(path, {"Data_Matrix": np.tile(np.cos(2 * np.pi * 5 / 16 * n), (3, 1)), "actual_fps": 25.0,
+                   "bin_length": BIN_M, "frame_start": 0.7})  # fmt: skip
+    host, chip = (read_recording(path, filter=filter) for filter in ("hamming", "chip"))
+    level_v = np.abs(host.baseband.values).mean()
+    assert level_v == pytest.approx(np.abs(chip.baseband.values).mean(), rel=3e-3)
+    # 1 unit of RF is 1024 steps of the threshold
+    assert level_v == pytest.approx(1024 * Radar.preset("x4").threshold_step_v, rel=3e-3)
+    assert chip.radar.noise_bandwidth_hz == Radar.preset("x4").noise_bandwidth_hz
+    taps = firwin(27, 1 / 16, window="hamming", fs=1.0)
+    assert host.radar.noise_bandwidth_hz == pytest.approx(23.328e9 * np.sum(taps**2) / np.sum(taps) ** 2, rel=1e-3)
+    lags = [np.sum(taps[shift:] * taps[:-shift]) / np.sum(taps**2) for shift in (8, 16, 24)]
+    np.testing.assert_allclose(host.radar.noise_correlation, lags, atol=1e-6)
 
 
 def test_rate_axes_radar_and_notes_of_a_matlab_recording(moving_target):

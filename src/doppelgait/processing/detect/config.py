@@ -38,7 +38,8 @@ class Detector(FrozenModel):
     min_snr : float
         A cluster without such a cell is a body too if the power of its cells over the noise of one adds up to this.
         At 50 noise alone does so about 10 times a minute (1 kHz, 188 range bins, the other defaults), and
-        has a cell above ``peak_pfa`` as often.
+        has a cell above ``peak_pfa`` as often. Where range bins share noise, it is divided by the recording's
+        independent noise values per bin.
     dynamic_range_db : float
         Cells this far below the strongest Doppler cell of the same range bin and scan are its side lobes (43.8 dB for
         sigma_w = 0.4) and no body's.

@@ -19,6 +19,7 @@ from doppelgait.processing.detect.cluster import Shape, find_clusters, merge_gro
 from doppelgait.processing.detect.config import Detector
 from doppelgait.processing.detect.maps import Maps, maps_of, noise_factor, residue_map
 from doppelgait.processing.detections import Detection, Scan
+from doppelgait.processing.gate import bin_share
 
 FloatArray = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -79,7 +80,8 @@ def find_scans(
             join_bins=_odd(chosen.join_range_m / maps.bin_spacing_m),
             join_doppler_bins=_odd(chosen.join_doppler_hz / float(maps.doppler_hz[1] - maps.doppler_hz[0])),
         )
-        cells = only_bodies(cells, peak, maps.power_v2, maps.floor_v2, min_snr=chosen.min_snr)
+        # neighbouring bins that share noise exceed a threshold together, and their power adds up sooner
+        cells = only_bodies(cells, peak, maps.power_v2, maps.floor_v2, min_snr=chosen.min_snr / bin_share(baseband))
         # clusters of one body become one, and bodies of too few cells are left out
         shape = shape_of(cells, maps.power_v2, maps.floor_v2, box_quantile=chosen.box_quantile)
         group = merge_groups(

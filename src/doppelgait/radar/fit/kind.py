@@ -9,6 +9,7 @@ from typing import Any
 from doppelgait.radar.fit.pool import MATTERS, SHAPE_DB, Pooled, SensorKind, mains_of
 from doppelgait.radar.fit.preset import setting_line, single_line
 from doppelgait.radar.fit.static import DB_PER_NEPER
+from doppelgait.radar.parameters import possible_correlation
 
 UNITS = {
     "noise_level_db": "dB re 1 V", "noise_figure_db": "dB", "gain_db": "dB", "direct_path_db": "dB re 1 V",
@@ -90,7 +91,7 @@ def kind_preset(kind: SensorKind) -> str:
         values["receiver_gain_db"] = _draw(gain, kind.radar.receiver_gain_db)
         comments["receiver_gain_db"] = _comment(gain, "dB") + "; the spread is that of the direct path"
     if kind.correlation and "noise_correlation" in kind.radar.waveform.takes:
-        values["noise_correlation"] = [round(rho, 4) for rho in kind.correlation]
+        values["noise_correlation"] = list(possible_correlation(kind.correlation))
         comments["noise_correlation"] = "fitted: between bins 1, 2, ... apart"
     default = f"as {kind.radar.name}"
     nested = {name for name, value in values.items() if isinstance(value, dict) and name not in comments}

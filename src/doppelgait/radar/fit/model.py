@@ -26,7 +26,7 @@ from doppelgait.radar.fit.static import (
     static_part,
     still_part,
 )
-from doppelgait.radar.link import noise_power_v2
+from doppelgait.radar.link import noise_power_v2, noise_slope
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording
 
@@ -200,15 +200,16 @@ def fit_sensor(recording: Recording, *, start_s: float | None = None, stop_s: fl
         gain = fit_series(gain_db, time_s=time_s[used], measurement_variance=per_gain_db**2 * variance)
     left_v2 = noise.power_v2.value / used.size
     level = level_db(noise.power_v2)
-    excess_db = level.value - float(power_to_db(noise_power_v2(recording.radar)))
+    slope = noise_slope(recording.radar)
+    excess_db = (level.value - float(power_to_db(noise_power_v2(recording.radar)))) / slope
     clutter = clutter_profile(
         static.echo_v, range_m=range_m, noise_power_v2=left_v2, resolution_m=recording.radar.range_resolution_m
     )
     fit = SensorFit(
         source=recording.source, radar=recording.radar, range_m=range_m, n_frames=len(samples), n_used=used.size,
         duration_s=float(time_s[-1] - time_s[0]), noise=noise, noise_level_db=level,
-        noise_figure_db=Estimate(recording.radar.noise_figure_db + excess_db, level.sd),
-        receiver_gain_db=Estimate(recording.radar.receiver_gain_db + excess_db, level.sd),
+        noise_figure_db=Estimate(recording.radar.noise_figure_db + excess_db, level.sd / slope),
+        receiver_gain_db=Estimate(recording.radar.receiver_gain_db + excess_db, level.sd / slope),
         echo_v=static.echo_v, clutter=clutter,
         leakage=leakage(static.echo_v, range_m=range_m, noise_power_v2=left_v2),
         time_s=time_s[used], factor=static.factor, phase=phase, gain=gain,

@@ -12,7 +12,7 @@ from typing import Any
 
 from doppelgait.radar.fit.model import PLAUSIBLE_NOISE_FIGURE_DB, SensorFit
 from doppelgait.radar.fit.static import DB_PER_NEPER, Estimate
-from doppelgait.radar.parameters import Radar
+from doppelgait.radar.parameters import Radar, possible_correlation
 
 SIGNIFICANT = 3.0
 """Standard deviations from 0 at which a drift, a walk or a constant is put into the preset."""
@@ -40,13 +40,22 @@ def calibrated_radar(fit: SensorFit, radar: Radar | None = None) -> Radar:
     }  # fmt: skip
     same = base.model_copy(update={"prf_hz": fit.radar.prf_hz})
     key, value = _noise_change(fit, same)
+    if base.waveform.samples_are_bins and "noise_correlation" in base.waveform.takes:
+        changes["noise_correlation"] = _noise_correlation(fit)
     return Radar.model_validate({**base.model_dump(), **changes, key: value})
 
 
-def _noise_change(fit: SensorFit, radar: Radar) -> tuple[str, float]:
-    from doppelgait.radar.link import noise_power_v2
+def _noise_correlation(fit: SensorFit) -> tuple[float, ...]:
+    found = [float(rho.real) for rho in fit.noise.correlation[1:]]
+    while found and found[-1] == 0.0:  # lost in chance
+        found.pop()
+    return possible_correlation(found)
 
-    excess_db = fit.noise_level_db.value - DB_PER_NEPER * math.log(noise_power_v2(radar))
+
+def _noise_change(fit: SensorFit, radar: Radar) -> tuple[str, float]:
+    from doppelgait.radar.link import noise_power_v2, noise_slope
+
+    excess_db = (fit.noise_level_db.value - DB_PER_NEPER * math.log(noise_power_v2(radar))) / noise_slope(radar)
     figure_db = radar.noise_figure_db + excess_db
     low_db, high_db = PLAUSIBLE_NOISE_FIGURE_DB
     if low_db <= figure_db <= high_db:
@@ -73,6 +82,7 @@ def calibrated_preset(fit: SensorFit, radar: Radar | None = None) -> str:
         If the fitted values do not make a radar or an impairment.
     """
     from doppelgait.radar.impairments import make_impairment
+    from doppelgait.radar.link import noise_slope
 
     calibrated = calibrated_radar(fit, radar)
     tables = list(_impairments(fit))
@@ -90,7 +100,9 @@ def calibrated_preset(fit: SensorFit, radar: Radar | None = None) -> str:
     key, _ = _noise_change(fit, base.model_copy(update={"prf_hz": fit.radar.prf_hz}))
     axes = f"axis of {fit.source or 'the recording'}"
     origins = dict.fromkeys(("prf_hz", "range_start_m", "range_stop_m"), axes)
-    origins[key] = _fitted(fit, fit.noise_level_db.sd, "dB") + "; gives the measured noise per bin and frame"
+    origins["noise_correlation"] = f"fitted from {_origin(fit)}: between bins 1, 2, ... apart"
+    noise_sd_db = fit.noise_level_db.sd / noise_slope(base)
+    origins[key] = _fitted(fit, noise_sd_db, "dB") + "; gives the measured noise per bin and frame"
     values = calibrated.model_dump(mode="json", exclude_none=True)
     nested = {name: value for name, value in values.items() if isinstance(value, dict)}
     default = f"as {base.name}"

@@ -230,7 +230,8 @@ def read_matlab(
     prf_hz, range_start_m, bin_spacing_m : float, optional
         Frames per second, range of the first RF bin and their spacing, instead of what the file says.
     filter : {"hamming", "chip"}
-        Low-pass of the down-conversion: the host's or the chip's own.
+        Low-pass of the down-conversion: the host's or the chip's own. An echo has the same volts with either; the
+        radar states the noise bandwidth and correlation of the one that was taken.
 
     Returns
     -------
@@ -248,13 +249,14 @@ def read_matlab(
     spacing_m = _fact(path, content, "bin_length", bin_spacing_m, "bin_spacing_m")
     start_m = _start_m(path, content, frames.shape[1], spacing_m, range_start_m)
     check_number(path, "carrier_hz", carrier_hz, above=0.0)
-    from doppelgait.radar.xethru.downconvert import down_convert_frames
+    from doppelgait.radar.xethru.downconvert import chip_gain, down_convert_frames, with_filter_noise
 
+    sample_rate_hz = DRIVER_LIGHT_SPEED_MPS / (2.0 * spacing_m)
     try:
         values, range_m = down_convert_frames(
             frames,
             carrier_hz=carrier_hz,
-            sample_rate_hz=DRIVER_LIGHT_SPEED_MPS / (2.0 * spacing_m),
+            sample_rate_hz=sample_rate_hz,
             decimation=DECIMATION,
             range_start_m=start_m,
             bin_length_m=spacing_m,
@@ -268,15 +270,15 @@ def read_matlab(
     scale_v = made.volts_per_unit or 1.0
     return label_measured(
         path,
-        scale_v * values,
-        radar=made,
+        scale_v * chip_gain(carrier_hz, sample_rate_hz, filter) * values,
+        radar=with_filter_noise(made, filter),
         slow_time_s=slow_time_axis_s(len(values), rate_hz),
         range_m=range_m,
         notes=[
             f"frames: {content['name']}, real RF samples, down-converted on reading",
             f"carrier_hz = {carrier_hz:g}: not in the file",
             f"radar = {radar}: not in the file; pulse, power and antennas are the preset's",
-            f"1 unit of the file = {scale_v:g} V (volts_per_unit of the preset): not in the file",
+            f"1 unit of the chip's baseband = {scale_v:g} V (volts_per_unit of the preset): not in the file",
         ],
     )
 

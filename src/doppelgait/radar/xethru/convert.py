@@ -19,7 +19,7 @@ from doppelgait.core.plugins import plugin
 from doppelgait.core.units import slow_time_axis_s
 from doppelgait.radar.measured import check_number, label_measured, preset_radar
 from doppelgait.radar.recording import Recording
-from doppelgait.radar.xethru.downconvert import FrameFilter, down_convert_frames
+from doppelgait.radar.xethru.downconvert import FrameFilter, chip_gain, down_convert_frames, with_filter_noise
 from doppelgait.radar.xethru.reader import read_xethru, sniff_xethru
 
 COUNTER_PERIOD = 2**32
@@ -174,7 +174,8 @@ def recording_from_xethru(
         Take I - jQ instead of I + jQ. False is right for the X4, whose driver negates Q: with its filters an
         approaching target then has positive Doppler.
     filter : {"hamming", "chip"}
-        Low-pass for RF frames.
+        Low-pass for RF frames. An echo has the same volts with either; the radar states the noise bandwidth and
+        correlation of the one that was taken.
     counts_per_unit : float, optional
         Counter steps per unit for ``radar_rf`` records, which hold bare counters.
 
@@ -263,13 +264,13 @@ def recording_from_xethru(
     )  # fmt: skip
     scale_v = made.volts_per_unit or 1.0
     source.notes.append(f"radar = {radar}: not in the file; pulse, power and antennas are the preset's")
-    source.notes.append(f"1 unit of the file = {scale_v:g} V (volts_per_unit of the preset): not in the file")
+    source.notes.append(f"1 unit of baseband = {scale_v:g} V (volts_per_unit of the preset): not in the file")
     with np.errstate(over="ignore", invalid="ignore"):
         volts = np.asarray(scale_v * (np.conj(values) if conjugate else values), dtype=np.complex64)
     return label_measured(
         source.path,
         volts,
-        radar=made,
+        radar=with_filter_noise(made, filter) if is_rf else made,
         slow_time_s=slow_time_axis_s(len(volts), facts["prf_hz"]),
         range_m=range_m,
         notes=source.notes,
@@ -351,9 +352,10 @@ def _from_rf(
     else:
         sample_rate_hz = DRIVER_SPEED_OF_LIGHT_MPS / (2.0 * facts["bin_spacing_m"])
     try:
-        return down_convert_frames(
+        values, range_m = down_convert_frames(
             frames, carrier_hz=facts["carrier_hz"], sample_rate_hz=sample_rate_hz, decimation=RF_DECIMATION,
             range_start_m=facts["range_start_m"], bin_length_m=facts["bin_spacing_m"], filter=filter,
         )  # fmt: skip
     except RecordingError as error:
         raise RecordingError(f"{source.path}: {error}") from None
+    return np.float32(chip_gain(facts["carrier_hz"], sample_rate_hz, filter)) * values, range_m

@@ -2,6 +2,12 @@
 
 For chips that sample the carrier itself.
 
+Units: one unit of the X4's files is 1024 codes of its threshold DAC, in RF frames and in the chip's own baseband. A
+sinusoid of amplitude A in RF has 0.78 A in that baseband, the gain of the chip's taps. ``volts_per_unit`` of a preset
+is of the baseband, and volts are those of the RF amplitude: 1 unit of RF is 0.78 ``volts_per_unit``. What reads RF
+frames therefore multiplies what a filter gives by :func:`chip_gain`, so that an echo has the same volts by either
+filter, and those of the same echo in the chip's own baseband.
+
 The recordings of such chips hold real samples of every echo, carrier included. :func:`down_convert_frames` makes
 baseband of them as a host does (mix, low-pass, keep every D-th sample) or, with ``filter="chip"``, as the X4 does.
 """
@@ -15,6 +21,7 @@ import numpy.typing as npt
 
 from doppelgait.core.errors import RecordingError
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
+from doppelgait.radar.parameters import Radar
 
 FrameFilter = Literal["hamming", "chip"]
 
@@ -129,6 +136,54 @@ def down_convert_frames(
         parts = windows.reshape(-1, taps.size) @ pair
         result[first : first + step].reshape(-1)[:] = parts[:, 0] + 1j * parts[:, 1]
     return result * mixer.astype(np.complex64), range_start_m + spacing_m * (starts + centre)
+
+
+def chip_gain(carrier_hz: float, sample_rate_hz: float, filter: FrameFilter) -> float:
+    """Return the gain of the chip's filter over another's.
+
+    1 for ``"chip"``, 1.56 (low band) or 1.54 for ``"hamming"``; another carrier counts to the nearer band.
+    """
+    band = min(CHIP_CARRIER, key=lambda name: abs(CHIP_CARRIER[name] - carrier_hz / sample_rate_hz))
+    return 1.0 if filter == "chip" else _gain(CHIP_CARRIER[band], 8, "chip") / _gain(CHIP_CARRIER[band], 8, filter)
+
+
+def filter_noise(
+    carrier_hz: float, sample_rate_hz: float, *, decimation: int = 8, filter: FrameFilter = "chip"
+) -> tuple[float, tuple[float, ...]]:
+    """Return what a filter makes of white noise in RF samples (E-18c).
+
+    Returns
+    -------
+    bandwidth_hz : float
+        Noise bandwidth B_n.
+    correlation : tuple of float
+        Correlation of bins 1, 2, ... apart, as far as the filter reaches; its small imaginary part is left out.
+    """
+    cycles = carrier_hz / sample_rate_hz
+    taps, _ = _complex_taps(cycles, decimation, filter)
+    energy = float((np.abs(taps) ** 2).sum())
+    correlation = []
+    for shift in range(decimation, taps.size, decimation):
+        product = (taps[:-shift].conj() * taps[shift:]).sum() * np.exp(2j * np.pi * cycles * shift)
+        correlation.append(float(product.real) / energy)
+    return sample_rate_hz * energy / (2.0 * _gain(cycles, decimation, filter)) ** 2, tuple(correlation)
+
+
+def with_filter_noise(radar: Radar, filter: FrameFilter) -> Radar:
+    """Return a chip's radar with the noise of another filter.
+
+    Bandwidth and correlation of what RF frames were down-converted with; a radar that states no correlation is left.
+    """
+    if filter == "chip" or not radar.noise_correlation:
+        return radar
+    bandwidth_hz, correlation = filter_noise(radar.carrier_hz, radar.sample_rate_hz, filter=filter)
+    return radar.model_copy(update={"noise_bandwidth_hz": bandwidth_hz, "noise_correlation": correlation})
+
+
+def _gain(cycles_per_sample: float, decimation: int, filter: FrameFilter) -> float:
+    """Return the baseband amplitude of a unit sinusoid at the carrier."""
+    taps, _ = _complex_taps(cycles_per_sample, decimation, filter)
+    return float(abs((taps * np.exp(2j * np.pi * cycles_per_sample * np.arange(taps.size))).sum())) / 2.0
 
 
 def _complex_taps(

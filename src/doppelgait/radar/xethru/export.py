@@ -22,7 +22,7 @@ from doppelgait.core.plugins import plugin
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
 from doppelgait.radar.recording import Recording
 from doppelgait.radar.xethru.convert import CONVERTIBLE, TYPICAL
-from doppelgait.radar.xethru.downconvert import up_convert_frames
+from doppelgait.radar.xethru.downconvert import chip_gain, up_convert_frames
 from doppelgait.radar.xethru.records import make_records
 from doppelgait.radar.xethru.writer import NO_SPLITTING, Splitting, TimedRecord, write_xethru
 
@@ -62,7 +62,8 @@ def write_xethru_recording(
 
     :func:`~doppelgait.radar.xethru.recording_from_xethru` reads it back.
 
-    Amplitudes become the driver's unit by ``radar.volts_per_unit`` (1 V where the radar has none). Bin length and
+    Amplitudes become the driver's unit by ``radar.volts_per_unit`` (1 V where the radar has none), which is the unit of
+    the chip's baseband: RF frames are larger by the inverse of the chip's gain, 1 / 0.78. Bin length and
     range of the first bin are written as our range axis has them, with the true speed of light, in float32; the truth
     and the noise power of a simulation have no place in these files. Frame counters start at 1; the meta file holds the
     time of every frame in whole ms.
@@ -187,7 +188,7 @@ def _payload(frames: _Frames, values: npt.NDArray[np.complex64]) -> dict[str, An
         decimation=frames.recording.radar.decimation,
         range_start_m=frames.head["range_start_m"],
         bin_length_m=frames.head["bin_length_m"],
-    )
+    ) / chip_gain(frames.head["carrier_hz"], frames.head["sample_rate_hz"], "hamming")
     if frames.name == "radar_rf_normalized":
         return {"values": rf}
     # counters of a threshold sweep around 0; what lies outside it is clipped, as on the chip

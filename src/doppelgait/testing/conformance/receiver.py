@@ -35,19 +35,53 @@ def noise_whiteness(bench: Bench, radar: Radar) -> float:
     return float(max(pair, np.abs((noise**2).mean())) / power_v2)
 
 
+NOISE_STEPS = (1.0, 5.0, 20.0)
+"""Input noise of the counters that are compared, in steps of their threshold."""
+CORRELATION = (0.6, 0.15)
+"""Of radars that state none; as behind the filter of an X4."""
+LAGS = 4
+
+
+def counter_noise(bench: Bench, radar: Radar) -> float:
+    """Compare the noise of swept-threshold counters with E-18b, dB.
+
+    The largest deviation for input noise of 1, 5 and 20 threshold steps.
+    """
+    pulses = {"pulse_rate_hz": 160.0 * 4.0 * radar.prf_hz, "sweep_levels": 4}
+    errors = []
+    for steps in NOISE_STEPS:
+        step_v = theory.input_noise_v(radar) / steps
+        errors.append(noise_power(bench, changed(radar, **pulses, threshold_step_v=step_v)))
+    return max(errors)
+
+
+def noise_correlation(bench: Bench, radar: Radar) -> float:
+    """Compare the correlation of the noise over range with the stated one.
+
+    The largest deviation at 1 to 4 bins apart.
+    """
+    radar = changed(radar, noise_correlation=radar.noise_correlation or CORRELATION)
+    noise = _sample_noise(bench, radar)
+    power_v2 = (np.abs(noise) ** 2).mean()
+    wanted = [*radar.noise_correlation, *[0.0] * LAGS][:LAGS]
+    found = [(noise[:, lag:] * np.conj(noise[:, :-lag])).mean() / power_v2 for lag in range(1, LAGS + 1)]
+    return float(np.abs(np.array(found) - wanted).max())
+
+
 def matched_snr(bench: Bench, radar: Radar) -> float:
     """Compare the SNR after matched processing with E / N0, dB.
 
     Equivalence v.
 
-    Without a window along sweeps; with noise up to the sampling rate of an impulse radar, whose bins are then summed
-    with the pulse's shape. The other waveforms' bins are matched already.
+    Without a window along sweeps. An impulse radar averages, with white noise up to its sampling rate, and its bins are
+    summed with the pulse's shape. The other waveforms' bins are matched already.
     """
     from scipy.signal import fftconvolve
 
     impulse = radar.waveform.kind == "impulse"
     if impulse:
-        radar = changed(radar, noise_bandwidth_hz=radar.sample_rate_hz / radar.decimation)
+        bins_hz = radar.sample_rate_hz / radar.decimation
+        radar = changed(radar, noise_bandwidth_hz=bins_hz, noise_correlation=(), threshold_step_v=None)
     else:
         window = {"range_window": "none"} if radar.waveform.kind in theory.SWEPT else {}
         radar = changed(radar, noise_bandwidth_hz=None, **window)

@@ -19,6 +19,7 @@ from doppelgait.testing.conformance.radars import check_waveform, suite_radars
 Measure = Callable[[Bench, Radar], float]
 
 RANGED = tuple(name for name in theory.WAVEFORMS if name != "cw")
+PULSED = ("impulse", "rectangular", "lfm")
 CHIRPED = ("lfm", "fmcw", "stepped")
 PULSED = ("impulse", "rectangular", "lfm")
 
@@ -69,6 +70,10 @@ RULES = (
          (*PULSED, "cw")),
     Rule("folding", "echoes beyond the next pulse", 1e-4, "1", "R - k c / (2 pulse rate), E-10b", echo.folding, PULSED),
     Rule("noise_power", "noise in a bin", 0.1, "dB", "2 Z0 k T0 F B G / N, E-18", receiver.noise_power, needs="noise"),
+    Rule("counter_noise", "noise of a threshold sweep", 0.1, "dB", "0.564 s d / n, E-18b", receiver.counter_noise,
+         ("impulse",), "noise"),
+    Rule("noise_correlation", "noise of bins 1 to 4 apart", 0.02, "1", "the radar's own, E-18c",
+         receiver.noise_correlation, PULSED, "noise"),
     Rule("noise_whiteness", "correlation, circularity", 0.02, "1", "0", receiver.noise_whiteness, needs="noise"),
     Rule("matched_snr", "SNR after matched processing", 0.3, "dB", "E / N0", receiver.matched_snr, needs="noise"),
     Rule("same_signature", "signature of a walk: 1 - correlation", 0.01, "1", "sum of phasors",

@@ -116,7 +116,8 @@ def noise_figure(radar: Radar) -> float:
 def bin_noise_v2(radar: Radar) -> float:
     """Return the mean square of the noise in a bin, V^2.
 
-    2 Z0 k T0 F B G_rx / N_eff (E-18), of a sweep times sum(w^2) / sum(w)^2.
+    2 Z0 k T0 F B G_rx / N_eff (E-18), of a sweep times sum(w^2) / sum(w)^2, of a counter times d / (sqrt(pi) s)
+    (E-18b).
     """
     own_hz = {
         "impulse": math.sqrt(math.log(10.0)) / (math.pi * pulse_sigma_s(radar))
@@ -133,7 +134,15 @@ def bin_noise_v2(radar: Radar) -> float:
     if radar.waveform.kind in SWEPT:
         weights = window(radar)
         level_v2 *= float((weights**2).sum() / weights.sum() ** 2)
+    if radar.threshold_step_v is not None:
+        level_v2 *= radar.threshold_step_v / (math.sqrt(math.pi) * input_noise_v(radar))
     return level_v2 / averages(radar)
+
+
+def input_noise_v(radar: Radar) -> float:
+    """Return the rms of one pulse's real noise, V (E-18b)."""
+    density_w = NOISE_DENSITY_W_PER_HZ * noise_figure(radar) * receiver_gain(radar)
+    return math.sqrt(OHM * density_w * radar.sample_rate_hz / 2.0)
 
 
 def energy_over_noise_density(radar: Radar, *, range_m: float, gain_m2: float) -> float:
