@@ -277,13 +277,13 @@ def test_a_wrong_key_is_named_with_its_line(tmp_path):
     assert "s.toml: noise.snr_bd (line 10): unknown key" in done.stderr
 
 
-def test_aliasing_and_leaving_the_frame_are_warned_of(tmp_path):
+def test_aliasing_and_folding_are_warned_of(tmp_path):
     (tmp_path / "s.toml").write_text(SCENE)
     done = run(
         "simulate", "s.toml", "-o", "x.h5", "--set", "radar.prf_hz=200", "--set", "targets.0.range_m=9.5", cwd=tmp_path
     )
     assert "warning: aliasing" in done.stderr
-    assert "warning: outside the frame" in done.stderr
+    assert "warning: folding" in done.stderr
 
 
 def test_debug_shows_the_traceback(tmp_path):

@@ -325,8 +325,8 @@ def replanned(dataset, **sections):
 @pytest.mark.parametrize("sections", [
     {"scene": {"duration_s": 3600.0}},
     {"scene": {"duration_s": 400.0}, "radar": {"prf_hz": 1.0}},
-    {"radar": {"range_stop_m": 5000.0}},
-    {"radar": {"prf_hz": 100_000.0, "pulse_rate_hz": 1e9}, "scene": {"duration_s": 10.0}},
+    {"radar": {"range_stop_m": 5000.0, "fold_echoes": False}},
+    {"radar": {"prf_hz": 100_000.0, "pulse_rate_hz": 1e9, "fold_echoes": False}, "scene": {"duration_s": 10.0}},
 ])  # fmt: skip
 def test_what_is_too_large_is_not_simulated(tiny, monkeypatch, sections):
     def never(*arguments, **options):
