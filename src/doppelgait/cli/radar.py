@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -226,6 +227,64 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 app.command("fit")(fit)
+
+
+@app.command("compare")
+def compare(
+    recordings: Annotated[list[Path], typer.Argument(help="Real recordings, or folders; not those fitted to.")],
+    models: Annotated[
+        list[str],
+        typer.Option("--model", help="Sensor model .toml or preset to judge; may be repeated."),
+    ],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Page of pictures and tables to write, .png.")],
+    plan: Annotated[
+        str | None, typer.Option("--plan", help="Plan of the same kind of scene; an empty room without it.")
+    ] = None,
+    options: Annotated[
+        list[str] | None, typer.Option("--option", help="Reader option KEY=VALUE; may be repeated.")
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", help="Seed of the simulated recordings.")] = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Compare real recordings with those simulated from a sensor model.
+
+    A classifier is trained to tell them apart, and tested on recordings that it has not seen: an AUC of 0.5 means that
+    it cannot, 1 that it always can. A table has the distance of every statistic.
+
+    Example: doppelgait radar compare other-week/ --model x4 --model my-sensor.toml -o page.png
+    """
+    from doppelgait import viz
+    from doppelgait.classify.domain import compare_recordings, comparison_rows, picture, simulate_like
+    from doppelgait.core.errors import DoppelgaitWarning, RecordingError
+    from doppelgait.dataset.config import load_plan
+    from doppelgait.viz.domains import domain_page
+
+    check_output(output, ".png")
+    loaded, folder = (None, None) if plan is None else load_plan(plan)
+    real, unread = read_several(recordings, options or [])
+    if not real:
+        raise RecordingError("no recording can be read: " + "; ".join(unread or map(str, recordings)))
+    found, pictures = {}, {"real": [picture(one) for one in real[:SHOWN]]}
+    for model in models:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DoppelgaitWarning)  # a sensor that clips does so here, too
+            made = simulate_like(real, model, plan=loaded, folder=folder, seed=seed)
+        found[Path(model).stem] = compare_recordings(real, made, seed=seed)
+        pictures[Path(model).stem] = [picture(one) for one in made[:SHOWN]]
+    rows = comparison_rows(found)
+    title = f"{len(real)} real recordings, and as many simulated"
+    say(f"page: {viz.save_figure(domain_page(pictures, rows, title=title), output)}")
+    for why in unread:
+        say(f"left out: {why}")
+    if as_json:
+        print_json({name: dataclasses.asdict(one) for name, one in found.items()})
+    else:
+        print_table(rows)
+        say("distances are in standard deviations, with the AUC of that statistic alone")
+
+
+SHOWN = 4
+"""Recordings of each kind on the page."""
 
 UNITS = {
     "hz_per_s": "Hz/s", "per_unit": "V/unit", "mps": "m/s", "dbm": "dBm", "dbi": "dBi", "dbv": "dBV", "hz": "Hz",

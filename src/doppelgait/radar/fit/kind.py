@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from doppelgait.radar.fit.pool import MATTERS, SHAPE_DB, Pooled, SensorKind, mains_of
+from doppelgait.radar.fit.pool import MATTERS, SHAPE_DB, Pooled, SensorKind, mains_of, noise_is_apart
 from doppelgait.radar.fit.preset import setting_line, single_line
 from doppelgait.radar.fit.static import DB_PER_NEPER
 from doppelgait.radar.parameters import possible_correlation
@@ -14,7 +14,8 @@ from doppelgait.radar.parameters import possible_correlation
 UNITS = {
     "noise_level_db": "dB re 1 V", "noise_figure_db": "dB", "gain_db": "dB", "direct_path_db": "dB re 1 V",
     "white_rad": "rad", "walk_rad_per_sqrt_min": "rad/sqrt(min)", "drift_rad_per_min": "rad/min",
-    "iq_gain_db": "dB", "iq_phase_deg": "deg", "dc_level_db": "dB re 1 V", "dc_i_v": "V", "dc_q_v": "V",
+    "iq_gain_db": "dB", "iq_phase_deg": "deg", "noise_iq_gain_db": "dB", "noise_iq_phase_deg": "deg",
+    "dc_level_db": "dB re 1 V", "dc_i_v": "V", "dc_q_v": "V",
     "drop_probability": "of all frames",
 }  # fmt: skip
 """Unit of a pooled quantity by its name."""
@@ -129,22 +130,9 @@ def _impairments(kind: SensorKind) -> Iterator[tuple[dict[str, Any], dict[str, s
     """Yield impairments in the order they act, each with comments."""
     found = kind.pooled
     table: dict[str, Any]
-    noise_db = found["noise_level_db"].mean.value if "noise_level_db" in found else math.nan
-    if math.isfinite(noise_db) and sum(e.value > max(SHAPE_DB, MATTERS * e.sd) for _, e in kind.doppler) >= 2:
-        # what is there besides the white floor, in power
-        step = math.ceil(len(kind.doppler) / MOST_KNOTS)
-        by_doppler = [(f, e.value) for f, e in kind.doppler[::step]]
-        table = {"kind": "coloured_noise", "levels": _besides(by_doppler, noise_db, 0.0)}
-        yield table, {"levels": "fitted: noise over the white floor, by Doppler; as at the first knot below it"}
-    if math.isfinite(noise_db) and kind.range_db:
-        lowest_db = min(level_db for _, level_db in kind.range_db)
-        table = {"kind": "coloured_noise", "levels": [[0.0, round(noise_db, 2)]]}
-        table["range_db"] = _besides(list(kind.range_db), 0.0, lowest_db)
-        yield table, {"range_db": "fitted: noise over its lowest level, by range"}
-    for number, line in enumerate(kind.lines):
-        frequency = {"frequency_hz": round(line.frequency_hz, 3)}
-        table = {"kind": "spur", **frequency, "level_db": _draw(line.level_db, line.level_db.mean.value, digits=2)}
-        yield table, {"frequency_hz": _line_name(kind, number), "level_db": _comment(line.level_db, "dB")}
+    apart = noise_is_apart(found)
+    if not apart:
+        yield from _noise(kind)
     if kind.clutter:
         levels = [[round(r, 3), _draw(level, level.mean.value, digits=2)] for r, level in kind.clutter]
         worst = max(level.mean.sd for _, level in kind.clutter)
@@ -154,7 +142,33 @@ def _impairments(kind: SensorKind) -> Iterator[tuple[dict[str, Any], dict[str, s
         names = {"white_rad": "rad", "walk_rad_per_sqrt_min": "rad/sqrt(min)"}
         table = {k: _draw(found[k], max(found[k].mean.value, 0.0), lowest=0.0) for k in names}
         yield {"kind": "phase_noise", **table}, {k: _comment(found[k], unit) for k, unit in names.items()}
-    if "iq_gain_db" in found:
+    if apart:
+        # echoes pass both, the noise behind the mixer the second alone: I stays, and both together make Q of the echoes
+        g, phi, own_g, own_phi = (
+            10.0 ** (found[name].mean.value / 20.0) if name.endswith("_db") else math.radians(found[name].mean.value)
+            for name in ("iq_gain_db", "iq_phase_deg", "noise_iq_gain_db", "noise_iq_phase_deg")
+        )
+        kept = g * math.cos(phi) / (own_g * math.cos(own_phi))
+        mixed = (g * math.sin(phi) - own_g * math.sin(own_phi)) / (own_g * math.cos(own_phi))
+        gain_db, phase_deg = 20.0 * math.log10(math.hypot(kept, mixed)), math.degrees(math.atan2(mixed, kept))
+        gain, phase = found["iq_gain_db"], found["iq_phase_deg"]
+        table = {"gain_db": _draw(gain, gain_db), "phase_deg": _draw(phase, phase_deg, digits=3)}
+        why = f"; with the next one {gain.mean.value:.2f} dB and {phase.mean.value:.1f} deg"
+        comments = {"gain_db": _comment(gain, "dB") + why, "phase_deg": _comment(phase, "deg")}
+        yield {"kind": "iq_imbalance", **table}, comments
+        level = found["noise_level_db"]
+        level_db = level.mean.value - DB_PER_NEPER * math.log((1.0 + own_g**2) / 2.0)
+        yield (
+            {"kind": "thermal_noise", "level_db": _draw(level, level_db, digits=2)},
+            {"level_db": _comment(level, "dB") + "; in place of the radar's own: it arises behind the mixer"},
+        )
+        yield from _noise(kind)
+        table = {"gain_db": round(20.0 * math.log10(own_g), 3), "phase_deg": round(math.degrees(own_phi), 2)}
+        yield (
+            {"kind": "iq_imbalance", **table},
+            {"gain_db": _comment(found["noise_iq_gain_db"], "dB") + "; of the noise"},
+        )
+    elif "iq_gain_db" in found:
         gain, phase = found["iq_gain_db"], found["iq_phase_deg"]
         if any(p.spread_is_known or abs(p.mean.value) > MATTERS * p.mean.sd for p in (gain, phase)):
             table = {"gain_db": _draw(gain, gain.mean.value), "phase_deg": _draw(phase, phase.mean.value, digits=3)}
@@ -177,6 +191,27 @@ def _impairments(kind: SensorKind) -> Iterator[tuple[dict[str, Any], dict[str, s
             table,
             {"bits": "from the steps of the values", "full_scale_v": f"{why}; {100 * kind.clipped:.2g} % clipped"},
         )
+
+
+def _noise(kind: SensorKind) -> Iterator[tuple[dict[str, Any], dict[str, str]]]:
+    """Yield what is added to the samples besides white noise."""
+    noise_db = kind.pooled["noise_level_db"].mean.value if "noise_level_db" in kind.pooled else math.nan
+    table: dict[str, Any]
+    if math.isfinite(noise_db) and sum(e.value > max(SHAPE_DB, MATTERS * e.sd) for _, e in kind.doppler) >= 2:
+        # what is there besides the white floor, in power
+        step = math.ceil(len(kind.doppler) / MOST_KNOTS)
+        by_doppler = [(f, e.value) for f, e in kind.doppler[::step]]
+        table = {"kind": "coloured_noise", "levels": _besides(by_doppler, noise_db, 0.0)}
+        yield table, {"levels": "fitted: noise over the white floor, by Doppler; as at the first knot below it"}
+    if math.isfinite(noise_db) and kind.range_db:
+        lowest_db = min(level_db for _, level_db in kind.range_db)
+        table = {"kind": "coloured_noise", "levels": [[0.0, round(noise_db, 2)]]}
+        table["range_db"] = _besides(list(kind.range_db), 0.0, lowest_db)
+        yield table, {"range_db": "fitted: noise over its lowest level, by range"}
+    for number, line in enumerate(kind.lines):
+        frequency = {"frequency_hz": round(line.frequency_hz, 3)}
+        table = {"kind": "spur", **frequency, "level_db": _draw(line.level_db, line.level_db.mean.value, digits=2)}
+        yield table, {"frequency_hz": _line_name(kind, number), "level_db": _comment(line.level_db, "dB")}
 
 
 def _besides(knots: list[tuple[float, float]], reference_db: float, lowest_db: float) -> list[list[float]]:

@@ -172,6 +172,7 @@ def measure_recording(recording: Recording) -> Measured:
         noise = _jackknife(lambda chosen: power_to_db(_bin_levels(calm[chosen])[0]), int(quiet.sum()))
         level_v2 = float(db_to_power(noise.value))
         estimates["noise_level_db"] = noise
+        estimates |= _noise_of_channels(spectrum[quiet], f_hz, upper)
         if n_bins >= MIN_BINS:
             range_db = power_to_db(_bin_levels(calm)[1]) - noise.value
             range_db[taken > MAX_LEVERAGE] = np.nan  # the common phase was taken from these
@@ -199,6 +200,13 @@ def measure_recording(recording: Recording) -> Measured:
     faults = (0, 0, 1.0)
     if room is not None:
         estimates |= _room_estimates(room, refused)
+        if "iq_gain_db" in estimates:  # an image makes the phase turn faster or slower, by where the static echo points
+            gain = 10.0 ** (estimates["iq_gain_db"].value / 20.0)
+            turn = gain * np.exp(1j * np.radians(estimates["iq_phase_deg"].value))
+            share = math.sqrt(2.0) * float(abs((1.0 - turn.conjugate()) / (1.0 + turn)))
+            for name in {"white_rad", "walk_rad_per_sqrt_min"} & set(estimates):
+                one = estimates[name]
+                estimates[name] = Estimate(one.value, math.hypot(one.sd, share * one.value))
         faulty = int(room.faults.dropped.sum()) + room.faults.lost
         if not burst:
             faults = (faulty, room.n_frames + room.faults.lost, max(room.faults.mean_length, 1.0))
@@ -403,10 +411,16 @@ def _over_doppler(f_hz: FloatArray, power: FloatArray) -> tuple[FloatArray, Floa
     size_hz = np.unique(np.abs(f_hz))
     level, sd = np.full(size_hz.size, np.nan), np.full(size_hz.size, np.nan)
     expected = math.log(4.0) / math.log(4.0 / 3.0)
-    for place, frequency in enumerate(size_hz[1:], start=1):
+    for place, frequency in enumerate(size_hz[2:], start=2):  # the mean of a window takes from the first
         cells = power[:, np.abs(f_hz) == frequency].reshape(-1, power.shape[2])
         low, high = np.quantile(cells, (0.25, 0.75), axis=0)
         calm = high / np.maximum(low, np.finfo(float).tiny) < expected * (WHITE_RATIO + 4.0 / math.sqrt(len(cells)))
+        sides = [
+            np.quantile(power[:, f_hz == side], 0.25, axis=0)[0] for side in (frequency, -frequency) if side in f_hz
+        ]
+        if len(sides) == 2:  # noise is as strong ahead as behind, what moves is not
+            apart = np.abs(np.log(np.maximum(sides[0], 1e-300) / np.maximum(sides[1], 1e-300)))
+            calm &= apart < 4.0 * 2.0 * math.sqrt(2.0 / len(power))
         if calm.mean() < 0.5 or (power.shape[2] < MIN_BINS and not calm.all()):
             continue
         level[place] = power_to_db(np.median(low[calm]) / AT_QUANTILE)
@@ -446,8 +460,9 @@ def _lines(rest: ComplexArray, bad: Mask, recording: Recording, window: int) -> 
     for place in np.flatnonzero(stands):
         logs = np.log(low[[place - 1, place, (place + 1) % window]])
         shift = float(0.5 * (logs[0] - logs[2]) / (logs[0] - 2 * logs[1] + logs[2]))
-        peak = float(np.exp(logs[1] - 0.25 * (logs[0] - logs[2]) * shift))
         middle = power[:, place].ravel()
+        top = float(np.exp(-0.25 * (logs[0] - logs[2]) * shift))  # between two cells
+        peak = max(float(np.median(middle)) - floor[place], 0.1 * floor[place]) * top
         level = Estimate(
             float(power_to_db(peak / gain)), DB_PER_NEPER * float(np.std(np.log(middle))) / math.sqrt(len(part))
         )
@@ -480,14 +495,9 @@ def _image(
         refused["I/Q image"] = "nothing moved one way, fast and strongly enough to show an image"
         return {}
     ratio = (square / whole)[one_way]
-    # two windows of the same turn of an echo are not independent: the uncertainty is from the jackknife over groups
 
     def estimate(chosen: npt.NDArray[np.intp]) -> tuple[float, float]:
-        middle = complex(np.median(ratio[chosen].real), np.median(ratio[chosen].imag))
-        in_phase, quadrature = (1.0 + middle.real) / 2.0, (1.0 - middle.real) / 2.0
-        sine = middle.imag / 2.0 / math.sqrt(max(in_phase * quadrature, 1e-12))
-        gain_db = float(power_to_db(max(quadrature, 1e-9) / max(in_phase, 1e-9)))
-        return gain_db, math.degrees(math.asin(min(max(sine, -1.0), 1.0)))
+        return channels_of(complex(np.median(ratio[chosen].real), np.median(ratio[chosen].imag)))
 
     gain = _jackknife(lambda chosen: estimate(chosen)[0], len(ratio))
     phase = _jackknife(lambda chosen: estimate(chosen)[1], len(ratio))
@@ -500,6 +510,37 @@ def _image(
     return {
         "iq_gain_db": Estimate(gain.value, max(gain.sd, 2.0 * DB_PER_NEPER * least)),
         "iq_phase_deg": Estimate(phase.value, max(phase.sd, math.degrees(least))),
+    }
+
+
+def channels_of(ratio: complex) -> tuple[float, float]:
+    r"""Return gain, dB, and phase error, deg, of Q against I.
+
+    From E y^2 / E |y|^2 = (1 - g^2 + 2 j g sin phi) / (1 + g^2) behind the channels.
+    """
+    in_phase, quadrature = (1.0 + ratio.real) / 2.0, (1.0 - ratio.real) / 2.0
+    sine = ratio.imag / 2.0 / math.sqrt(max(in_phase * quadrature, 1e-12))
+    gain_db = float(power_to_db(max(quadrature, 1e-9) / max(in_phase, 1e-9)))
+    return gain_db, math.degrees(math.asin(min(max(sine, -1.0), 1.0)))
+
+
+def _noise_of_channels(spectrum: ComplexArray, f_hz: FloatArray, upper: Mask) -> dict[str, Estimate]:
+    """Estimate gain and phase of Q against I for the noise alone.
+
+    Amplifiers behind the mixer have noise of their own, which knows nothing of the mixer's error.
+    """
+    both = upper & (f_hz != f_hz.min())  # half the pulse rate has no partner
+    mirrored = np.roll(spectrum[:, ::-1], 1, axis=1)
+    square = np.sum((spectrum * mirrored)[:, both], axis=(1, 2))
+    whole = np.sum(np.abs(spectrum[:, both]) ** 2, axis=(1, 2))
+
+    def ratio(chosen: npt.NDArray[np.intp]) -> complex:
+        # every window counts alike, loud ones may hold a little of an echo
+        return complex(np.mean(square[chosen] / whole[chosen]))
+
+    return {
+        "noise_iq_gain_db": _jackknife(lambda chosen: channels_of(ratio(chosen))[0], len(square)),
+        "noise_iq_phase_deg": _jackknife(lambda chosen: channels_of(ratio(chosen))[1], len(square)),
     }
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -266,7 +266,8 @@ def _scaled(
         return radar
     direct = pooled.get("direct_path_db")
     by_gain = direct is not None and direct.count == len(same) and direct.spread_is_known
-    quadrature_db = pooled["iq_gain_db"].mean.value if "iq_gain_db" in pooled else 0.0
+    channels = "noise_iq_gain_db" if noise_is_apart(pooled) else "iq_gain_db"
+    quadrature_db = pooled[channels].mean.value if channels in pooled else 0.0
     added_db = DB_PER_NEPER * math.log((1.0 + 10.0 ** (quadrature_db / 10.0)) / 2.0)
     gain_db = 0.0
     echoes = [m.echo_db for m in same if math.isfinite(m.echo_db)]
@@ -299,10 +300,27 @@ def _scaled(
         figure = figures()
     if by_gain and direct is not None:
         pooled["gain_db"] = direct
+        # how far the mean gain of these units is from that of their kind, no level shows
+        mean = Estimate(figure.mean.value, math.hypot(figure.mean.sd, direct.mean.sd))
+        figure = replace(figure, mean=mean)
     pooled["noise_figure_db"] = figure
     limited_db = min(max(figure.mean.value, 0.0), 100.0)
     changes = {"receiver_gain_db": radar.receiver_gain_db + gain_db, "noise_figure_db": limited_db}
     return Radar.model_validate({**radar.model_dump(), **changes})
+
+
+def noise_is_apart(pooled: Mapping[str, Pooled]) -> bool:
+    """Return True where the noise of I and Q is unlike the image of echoes.
+
+    It then arises behind the mixer.
+    """
+    for name, least in (("iq_gain_db", 0.5), ("iq_phase_deg", 3.0)):
+        if name not in pooled:
+            return False
+        echo, noise = pooled[name].mean, pooled[f"noise_{name}"].mean
+        if abs(echo.value - noise.value) > max(MATTERS * math.hypot(echo.sd, noise.sd), least):
+            return True
+    return False
 
 
 def figure_of(radar: Radar, level_db: Estimate) -> Estimate:
@@ -397,6 +415,9 @@ def _doppler(same: Sequence[Measured], refused: dict[str, str]) -> tuple[tuple[f
             continue
         middle_sd = 1.2533 * max(spread if calm.sum() >= 4 else 0.0, float(np.median(sd[calm]))) / math.sqrt(calm.sum())
         found.append((frequency, Estimate(float(np.median(level[calm])), middle_sd)))
+    # next to what moves its window still smears a little of it
+    step_hz = float(axis_of[1])
+    found = [(f, e) for f, e in found if all(abs(f - other) > 2.5 * step_hz for other in missing)]
     if missing:
         refused["noise over Doppler"] = (
             f"something moved at {missing[0]:.3g} to {missing[-1]:.3g} Hz in too many windows"

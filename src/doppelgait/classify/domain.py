@@ -1,0 +1,296 @@
+"""Compare real recordings with those simulated from a sensor model.
+
+A classifier that is good at telling them apart shows what the model lacks. It sees the sensor, not classes of targets.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.classify.scores import auc, group_weights
+from doppelgait.core.errors import AnalysisError
+from doppelgait.core.labels import BASEBAND, make_array
+from doppelgait.core.units import power_to_db
+from doppelgait.dataset.config import PlanConfig
+from doppelgait.dataset.resolve import resolve_example
+from doppelgait.pipeline import parse_run, run_simulation
+from doppelgait.radar.fit.measure import windowed_power
+from doppelgait.radar.parameters import Radar
+from doppelgait.radar.recording import Recording
+
+FloatArray = npt.NDArray[np.float64]
+Statistics = dict[str, float]
+
+WINDOW = 32
+"""Pulses of a window of unbroken recordings; a burst is a window."""
+BANDS = 8
+"""Doppler bands of a window, from the most negative frequency to the most positive."""
+MOST_WINDOWS = 60
+"""Windows of a recording, evenly spread."""
+FOLDS = 5
+FEW = 4
+"""Recordings of a kind below which parts of recordings are held out instead of recordings."""
+REPLICATES = 500
+LEVELS = ("static", "moving", "largest", "constant")
+"""Statistics that begin so depend on the scale of the file; the others on the shape of the data only."""
+
+
+def simulate_like(
+    recordings: Sequence[Recording], preset: str | Path, *, plan: PlanConfig | None = None, folder: Path | None = None,
+    seed: int = 0,
+) -> list[Recording]:  # fmt: skip
+    """Simulate a recording for each real one: same pulses, same range bins.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+    preset : str or Path
+        Sensor model; its distributions are drawn anew for every recording.
+    plan : PlanConfig, optional
+        What is before the sensor: classes in turn, targets, environment. An empty room by default.
+    folder : Path, optional
+        Folder that relative paths of the plan start from.
+    seed : int
+    """
+    found = []
+    for number, real in enumerate(recordings):
+        times_s = real.slow_time_s - real.slow_time_s[0]
+        source = str(Path(preset).absolute()) if str(preset).endswith(".toml") else str(preset)
+        radar: dict[str, Any] = {"preset": source, "prf_hz": real.radar.prf_hz}
+        if real.n_range_bins > 1:
+            start_m = max(float(real.range_m[0]), 0.0)
+            spacing_m = Radar.preset(source).bin_spacing_m
+            radar |= {"range_start_m": start_m, "range_stop_m": start_m + (real.n_range_bins - 0.5) * spacing_m}
+        duration_s = float(times_s[-1]) + 2.0 / real.radar.prf_hz
+        if plan is None:
+            run = parse_run({"duration_s": duration_s, "radar": radar, "seed": seed, "example": number})
+        else:
+            dataset = plan.dataset.model_copy(update={"seed": seed})
+            scene = {**plan.scene, "duration_s": duration_s}
+            of_one = plan.model_copy(update={"dataset": dataset, "radar": radar, "scene": scene})
+            # beyond the plan's own examples the classes take turns
+            beyond = sum(plan.examples_of(section) for section in plan.classes) + number
+            run = resolve_example(of_one, beyond, folder or Path()).run
+        made = run_simulation(run, folder=folder, angles=False)
+        chosen = np.minimum(np.round(times_s * real.radar.prf_hz).astype(int), made.n_pulses - 1)
+        values = made.samples.matrix[chosen]
+        coords = {"slow_time": real.slow_time_s, "range": made.range_m}
+        baseband = make_array(BASEBAND, values, coords, {k: v for k, v in real.facts.items() if k == "burst_pulses"})
+        found.append(Recording.from_baseband(baseband, run.radar, source=f"simulated {number}"))
+    return found
+
+
+def window_statistics(recording: Recording) -> list[Statistics]:
+    """Return what a classifier sees of every window of a recording.
+
+    Levels and their spread over range, shape of the Doppler spectrum, correlation between bins, circularity and
+    asymmetry of I and Q, spread of the size, share of values at the largest and of repeated pulses.
+    """
+    samples = np.asarray(recording.samples.matrix, dtype=np.complex128)
+    window = int(recording.facts.get("burst_pulses", min(WINDOW, len(samples) // 4)))
+    count = len(samples) // window
+    if window < 8 or count < 2:
+        raise AnalysisError(f"{recording.source}: too short to compare: two windows of 8 pulses are needed")
+    chosen = np.unique(np.linspace(0, count - 1, min(count, MOST_WINDOWS)).astype(int))
+    parts = samples[: count * window].reshape(count, window, -1)[chosen]
+    f_hz, power, spectra = windowed_power(parts, recording.radar.prf_hz)
+    order = np.argsort(f_hz)
+    full = max(float(np.abs(samples.real).max()), float(np.abs(samples.imag).max()))
+    rows = []
+    for part, cells, spectrum in zip(parts, power, spectra, strict=True):
+        rest = part - part.mean(axis=0)
+        moving = np.mean(np.abs(rest) ** 2, axis=0)
+        row: Statistics = {}
+        quantiles = (0.1, 0.5, 0.9) if moving.size >= 4 else (0.5,)
+        for share in quantiles:
+            row[f"static level, {100 * share:.0f} % of the bins"] = _db(
+                np.quantile(np.abs(part.mean(axis=0)) ** 2, share)
+            )
+            row[f"moving level, {100 * share:.0f} % of the bins"] = _db(np.quantile(moving, share))
+        row["largest value"] = _db(max(np.abs(part.real).max(), np.abs(part.imag).max()) ** 2)
+        if moving.size < 4:
+            row["constant, I"], row["constant, Q"] = float(part.real.mean()), float(part.imag.mean())
+        shape = np.median(cells[order] / np.maximum(cells.mean(axis=0), 1e-300), axis=1)
+        for band, values in enumerate(np.array_split(shape, BANDS)):
+            row[f"Doppler band {band + 1} of {BANDS}"] = _db(np.mean(values))
+        best = spectrum[:, np.argmax(moving)]
+        square = np.sum(best[1:] * best[1:][::-1]) / max(float(np.sum(np.abs(best[1:]) ** 2)), 1e-300)
+        row["circularity, I over Q"], row["circularity, I times Q"] = float(square.real), float(square.imag)
+        row["spread of the size"] = float(
+            np.mean(np.abs(rest) ** 4) / max(float(np.mean(np.abs(rest) ** 2)) ** 2, 1e-300)
+        )
+        row["values at the largest"] = float(np.mean(np.maximum(np.abs(part.real), np.abs(part.imag)) > 0.999 * full))
+        steps = np.diff(part, axis=0)
+        row["repeated pulses"] = float(np.mean(np.abs(steps).max(axis=1) == 0))
+        if moving.size >= 4:
+            size = np.sqrt(np.maximum(np.mean(np.abs(steps) ** 2, axis=0), 1e-300))
+            unit = steps / size
+            for lag in (1, 2):
+                row[f"correlation, {lag} bin{'s' * (lag > 1)} apart"] = float(
+                    np.median(np.mean(unit[:, lag:] * unit[:, :-lag].conj(), axis=0).real)
+                )
+        rows.append(row)
+    return rows
+
+
+def _db(power: Any) -> float:
+    return float(power_to_db(max(float(power), 1e-30)))
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Real against simulated recordings.
+
+    Parameters
+    ----------
+    auc, auc_of_shape : (float, float, float)
+        AUC of a boosting classifier on all statistics, and on those that do not depend on the scale of the file; with
+        the 95 % bootstrap interval over recordings. 0.5: not told apart.
+    auc_linear : float
+        AUC of logistic regression on all statistics.
+    distances : dict
+        By statistic: Wasserstein distance over the pooled standard deviation, and AUC of it alone (0.5 to 1).
+    n_real, n_synthetic : int
+        Recordings.
+    held_out : str
+        ``recordings``, or ``parts of recordings`` where there are too few.
+    """
+
+    auc: tuple[float, float, float]
+    auc_of_shape: tuple[float, float, float]
+    auc_linear: float
+    distances: dict[str, tuple[float, float]]
+    n_real: int
+    n_synthetic: int
+    held_out: str
+
+
+def compare_recordings(real: Sequence[Recording], synthetic: Sequence[Recording], *, seed: int = 0) -> Comparison:
+    """Train a classifier to tell real from simulated windows, on recordings that it is not tested on.
+
+    Parameters
+    ----------
+    real, synthetic : sequence of Recording
+        Of the same scenes as far as that is known.
+    seed : int
+
+    Raises
+    ------
+    AnalysisError
+        If nothing can be compared.
+    """
+    from scipy.stats import wasserstein_distance
+
+    rows: list[Statistics] = []
+    labels, groups = [], []
+    few = min(len(real), len(synthetic)) < FEW
+    for label, recordings in enumerate((synthetic, real)):
+        for number, recording in enumerate(recordings):
+            found = window_statistics(recording)
+            rows += found
+            labels += [label] * len(found)
+            part = np.arange(len(found)) * FOLDS // len(found) if few else np.zeros(len(found), dtype=int)
+            groups += [f"{label}-{number:05d}-{k}" for k in part]
+    names = [name for name in rows[0] if all(name in row for row in rows)]
+    values = np.array([[row[name] for name in names] for row in rows])
+    positive, group = np.array(labels) == 1, np.array(groups)
+    shape = np.array([not name.startswith(LEVELS) for name in names])
+    everything = np.ones_like(shape)
+    wanted = {"all": ("boosting", everything), "shape": ("boosting", shape), "linear": ("linear", everything)}
+    scores = {
+        key: _held_out_scores(values[:, columns], positive, group, kind=kind, seed=seed)
+        for key, (kind, columns) in wanted.items()
+    }
+    weights = group_weights(positive.astype(np.int64), group, np.random.default_rng(seed), count=REPLICATES)
+    intervals = {}
+    for key in ("all", "shape"):
+        drawn = [auc(scores[key], positive, row) for row in weights]
+        low, high = np.nanquantile(drawn, (0.025, 0.975))
+        intervals[key] = (auc(scores[key], positive), float(low), float(high))
+    distances = {}
+    for name, column in zip(names, values.T, strict=True):
+        spread = math.sqrt((column[positive].var() + column[~positive].var()) / 2.0)
+        apart = wasserstein_distance(column[positive], column[~positive])
+        alone = auc(column, positive)
+        distances[name] = (apart / spread if spread > 0 else 0.0, max(alone, 1.0 - alone))
+    ordered = dict(sorted(distances.items(), key=lambda item: -item[1][0]))
+    held_out = "parts of recordings" if few else "recordings"
+    linear, counts = auc(scores["linear"], positive), (len(real), len(synthetic))
+    return Comparison(intervals["all"], intervals["shape"], linear, ordered, *counts, held_out)
+
+
+def _held_out_scores(
+    values: FloatArray, positive: npt.NDArray[np.bool_], groups: npt.NDArray[np.str_], *, kind: str, seed: int
+) -> FloatArray:
+    """Return scores of windows by a classifier that has seen no window of their group."""
+    from sklearn.ensemble import HistGradientBoostingClassifier
+    from sklearn.linear_model import LogisticRegression
+    from sklearn.model_selection import StratifiedGroupKFold
+    from sklearn.pipeline import make_pipeline
+    from sklearn.preprocessing import StandardScaler
+
+    def make() -> Any:
+        if kind == "linear":
+            return make_pipeline(StandardScaler(), LogisticRegression(max_iter=1000))
+        return HistGradientBoostingClassifier(max_iter=100, learning_rate=0.1, max_depth=3, random_state=seed)
+
+    scores = np.zeros(positive.size)
+    for train, test in StratifiedGroupKFold(FOLDS, shuffle=True, random_state=seed).split(values, positive, groups):
+        scores[test] = make().fit(values[train], positive[train]).decision_function(values[test])
+    return scores
+
+
+def picture(recording: Recording) -> tuple[FloatArray, FloatArray, str]:
+    """Return a picture of a recording for people.
+
+    Level over time and range, dB without the mean echo; over time and Doppler for fewer than eight bins.
+
+    Returns
+    -------
+    level_db : ndarray, shape (time, range or Doppler)
+    axis : ndarray
+        Range, m, or Doppler, Hz.
+    label : str
+    """
+    samples = np.asarray(recording.samples.matrix, dtype=np.complex128)
+    if samples.shape[1] >= 8 and "burst_pulses" not in recording.facts:
+        return (
+            power_to_db(np.maximum(np.abs(samples - samples.mean(axis=0)) ** 2, 1e-30)),
+            recording.range_m,
+            "range (m)",
+        )
+    window = int(recording.facts.get("burst_pulses", min(64, len(samples) // 4)))
+    count = len(samples) // window
+    f_hz, power, _ = windowed_power(samples[: count * window].reshape(count, window, -1), recording.radar.prf_hz)
+    strongest = power[:, :, int(np.argmax(power.sum(axis=(0, 1))))]
+    order = np.argsort(f_hz)
+    return power_to_db(np.maximum(strongest[:, order], 1e-30)), f_hz[order], "Doppler (Hz)"
+
+
+def comparison_rows(found: Mapping[str, Comparison], most: int = 12) -> list[dict[str, str]]:
+    """Return a table of distances by statistic, the largest of the last model first."""
+    last = list(found.values())[-1]
+    first_rows = [
+        {
+            "": words,
+            **{
+                name: "{:.2f} ({:.2f} to {:.2f})".format(*getattr(one, key)) for name, one in found.items()
+            },
+        }
+        for words, key in (("AUC, all statistics", "auc"), ("AUC, without levels", "auc_of_shape"))
+    ]  # fmt: skip
+    first_rows.append({"": "AUC, linear", **{name: f"{one.auc_linear:.2f}" for name, one in found.items()}})
+    for statistic in list(last.distances)[:most]:
+        cells = {
+            name: "{:.2f} ({:.2f})".format(*one.distances[statistic]) if statistic in one.distances else "-"
+            for name, one in found.items()
+        }
+        first_rows.append({"": statistic, **cells})
+    return first_rows

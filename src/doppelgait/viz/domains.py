@@ -1,0 +1,58 @@
+"""Page that shows real and simulated recordings next to each other."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.transforms import Bbox
+
+from doppelgait.viz.style import new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Picture = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], str]
+
+
+def domain_page(pictures: Mapping[str, Sequence[Picture]], table: Sequence[Mapping[str, str]], *, title: str) -> Figure:
+    """Plot recordings of every kind in a row each, and a table below.
+
+    Parameters
+    ----------
+    pictures : mapping
+        By kind (``real``, a model's name): level over time and range or Doppler in dB, that axis, its label.
+    table : sequence of mapping
+        Rows of text.
+    title : str
+    """
+    columns = max(len(row) for row in pictures.values())
+    figure = new_figure(width_in=11.0, height_in=2.6 * len(pictures) + 0.24 * len(table) + 0.8)
+    heights = [2.6] * len(pictures) + [0.24 * len(table) + 0.4]
+    grid = figure.add_gridspec(len(pictures) + 1, columns, height_ratios=heights)
+    figure.suptitle(title, fontsize=12, x=0.01, ha="left")
+    for line, (kind, shown) in enumerate(pictures.items()):
+        for column, (level_db, axis, label) in enumerate(shown):
+            axes = figure.add_subplot(grid[line, column])
+            middle = float(np.median(level_db))
+            extent = (0.0, float(len(level_db)), float(axis[0]), float(axis[-1]))
+            axes.imshow(
+                level_db.T, origin="lower", aspect="auto", extent=extent, vmin=middle - 10.0, vmax=middle + 25.0,
+                cmap="magma", interpolation="nearest",
+            )  # fmt: skip
+            axes.set_title(kind if column == 0 else "", fontsize=10, loc="left")
+            axes.set_ylabel(label if column == 0 else "", fontsize=9)
+            axes.set_xlabel("column" if line == len(pictures) - 1 else "", fontsize=8)
+            axes.tick_params(labelsize=7)
+    axes = figure.add_subplot(grid[-1, :])
+    axes.axis("off")
+    names = list(table[0])
+    cells = [[row[name] for name in names] for row in table]
+    made = axes.table(cellText=cells, colLabels=names, loc="upper center", cellLoc="left", bbox=Bbox.unit())
+    made.auto_set_font_size(False)
+    made.set_fontsize(8)
+    for cell in made.get_celld().values():
+        cell.set_linewidth(0.3)
+    return figure
