@@ -33,6 +33,8 @@ SLOWEST_MPS = 0.4
 QUIET_MPS = (0.8, 3.4)
 """Speeds on the far side of zero at which nothing but noise is expected."""
 ENVELOPE_DB = -22.0
+LINE_MPS = 0.3
+"""Half the width of the trunk's line."""
 MODULATION_HZ = (0.8, 6.0)
 
 
@@ -120,6 +122,16 @@ def torso_speed_mps(level_db: FloatArray) -> float:
     strongest = level_db[side] == level_db[side].max(axis=0)
     speed_mps = (strongest * VELOCITY_MPS[side, None]).sum(axis=0) / strongest.sum(axis=0)
     return float(np.median(speed_mps))
+
+
+def line_share(level_db: FloatArray) -> float:
+    """Return the share of columns in which the trunk's line is strongest.
+
+    Beyond 0.4 m/s on the side of the target; the line is within 0.3 m/s of :func:`torso_speed_mps`.
+    """
+    side = VELOCITY_MPS > SLOWEST_MPS
+    near = np.abs(VELOCITY_MPS[side] - torso_speed_mps(level_db)) <= LINE_MPS
+    return float((level_db[side][near].max(axis=0) >= level_db[side][~near].max(axis=0)).mean())
 
 
 def envelope_mps(level_db: FloatArray) -> float:

@@ -214,13 +214,14 @@ def draw_pair(pair: Pair, shown: dict[str, FloatArray]) -> Figure:
 def facts_of(level_db: FloatArray) -> list[float]:
     """Measure the facts of an image.
 
-    Torso, envelope, their ratio, modulation, floor and ceiling shares in percent, noise, step at joints.
+    Torso, share of the trunk's line in percent, envelope, its ratio to the torso, modulation, floor and ceiling shares
+    in percent, noise, step at joints.
     """
     torso, envelope = measures.torso_speed_mps(level_db), measures.envelope_mps(level_db)
     floor, ceiling = measures.clipped_shares(level_db)
     return [
-        torso, envelope, envelope / torso, measures.modulation_hz(level_db), 100 * floor, 100 * ceiling,
-        measures.noise_db(level_db), measures.boundary_step_db(level_db),
+        torso, 100 * measures.line_share(level_db), envelope, envelope / torso, measures.modulation_hz(level_db),
+        100 * floor, 100 * ceiling, measures.noise_db(level_db), measures.boundary_step_db(level_db),
     ]  # fmt: skip
 
 
@@ -237,7 +238,9 @@ def distances(one: FloatArray, other: FloatArray) -> list[float]:
 
 
 DISTANCES = ("histogram dB", "profile dB", "correlation", "profile dB, all v", "correlation, all v")
-FACTS = ("torso m/s", "envelope m/s", "ratio", "modulation Hz", "floor %", "ceiling %", "noise dB", "joints dB")
+FACTS = (
+    "torso m/s", "line %", "envelope m/s", "ratio", "modulation Hz", "floor %", "ceiling %", "noise dB", "joints dB",
+)  # fmt: skip
 
 
 def table(head: tuple[str, ...], rows: list[tuple[str, list[float]]]) -> str:

@@ -12,7 +12,7 @@ FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
 NEWTON_STEPS = 30
-"""At most; 4 to 8 are needed outside ten radii, more only near the surface."""
+"""At most; 2 to 4 are needed from a few radii on, more only near the surface."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -37,8 +37,8 @@ def nearest_points(
     """Find the point of every ellipsoid that is nearest to the radar.
 
     In the axes of the ellipsoid it is x_k = s_k^2 y_k / (s_k^2 + t) for a radar at y, t > 0 the root of
-    sum (s_k y_k / (s_k^2 + t))^2 = 1. The sum is convex and falls, so that Newton's iteration from t = |s y| - max s^2,
-    where it is 1 or more, rises to the root.
+    sum (s_k y_k / (s_k^2 + t))^2 = 1. The sum is convex and falls, so that Newton's iteration rises to the root from
+    t = |s y| - (mean of s^2, weighted by (s y)^2), where the sum is 1 or more (Jensen's inequality).
 
     Parameters
     ----------
@@ -49,30 +49,32 @@ def nearest_points(
     points : ndarray, shape (I, S, 3)
         Overwritten; the radar's own place where it is inside.
     """
+    y = np.empty(3)
     for i in range(centre.shape[0]):
         for s in range(centre.shape[1]):
             wide2, up2, long2 = semi_axes[s, 0] ** 2, semi_axes[s, 1] ** 2, semi_axes[s, 2] ** 2
             y_wide, y_long, square = 0.0, 0.0, 0.0
             for k in range(3):
-                y = radar[k] - centre[i, s, k]
-                y_wide += y * across[i, s, k]
-                y_long += y * along[i, s, k]
-                square += y * y
+                y[k] = radar[k] - centre[i, s, k]
+                y_wide += y[k] * across[i, s, k]
+                y_long += y[k] * along[i, s, k]
+                square += y[k] * y[k]
             up_square = max(square - y_wide * y_wide - y_long * y_long, 0.0)
             first, second, third = wide2 * y_wide * y_wide, up2 * up_square, long2 * y_long * y_long
-            root = max(math.sqrt(first + second + third) - max(wide2, up2, long2), 0.0)
+            weight = first + second + third
+            root = math.sqrt(weight) - (first * wide2 + second * up2 + third * long2) / max(weight, 1e-300)
+            root = max(root, 0.0)
             for _ in range(NEWTON_STEPS):
-                p, q, r = wide2 + root, up2 + root, long2 + root
-                one, two, three = first / (p * p), second / (q * q), third / (r * r)
-                step = (one + two + three - 1.0) / (2.0 * (one / p + two / q + three / r) + 1e-300)
+                p, q, r = 1.0 / (wide2 + root), 1.0 / (up2 + root), 1.0 / (long2 + root)
+                one, two, three = first * p * p, second * q * q, third * r * r
+                step = (one + two + three - 1.0) / (2.0 * (one * p + two * q + three * r) + 1e-300)
                 root = max(root + step, 0.0)
-                if abs(step) <= 1e-12 * root:
+                if abs(step) <= 1e-9 * root:  # the next one would be of the order of its square
                     break
             plain = up2 / (up2 + root)
             more_wide, more_long = wide2 / (wide2 + root) - plain, long2 / (long2 + root) - plain
             for k in range(3):
-                y = radar[k] - centre[i, s, k]
-                off = plain * y + more_wide * y_wide * across[i, s, k] + more_long * y_long * along[i, s, k]
+                off = plain * y[k] + more_wide * y_wide * across[i, s, k] + more_long * y_long * along[i, s, k]
                 points[i, s, k] = centre[i, s, k] + off
 
 
