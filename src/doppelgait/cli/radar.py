@@ -288,7 +288,7 @@ SHOWN = 4
 
 UNITS = {
     "hz_per_s": "Hz/s", "per_unit": "V/unit", "mps": "m/s", "dbm": "dBm", "dbi": "dBi", "dbv": "dBV", "hz": "Hz",
-    "rad": "rad", "v2": "V^2", "db": "dB", "m": "m", "s": "s",
+    "rad": "rad", "v2": "V^2", "v": "V", "db": "dB", "m": "m", "s": "s",
 }  # fmt: skip
 """Unit by the end of a name; the first that fits counts."""
 

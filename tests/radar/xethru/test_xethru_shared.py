@@ -162,6 +162,17 @@ def test_the_vendors_baseband_recording(shared: Path) -> None:
     assert 20 * np.log10(units[:, person].std(axis=0)).max() == pytest.approx(-56.0, abs=2.0)
 
 
+def test_noise_of_the_vendors_baseband_is_correlated_as_the_chips_taps_foretell(shared: Path) -> None:
+    """Far from the person, after five differences in slow time, when the person keeps still."""
+    recording = recording_from_xethru(novelda(shared))
+    values = np.diff(recording.baseband.values.astype(complex), n=5, axis=0)
+    energy = np.sum(np.abs(values[:, :27]) ** 2, axis=1)
+    values = values[energy < np.quantile(energy, 0.3), 27:]
+    values /= np.sqrt(np.mean(np.abs(values) ** 2, axis=0))
+    found = [np.median(np.mean(values[:, lag:] * values[:, :-lag].conj(), axis=0).real) for lag in (1, 2, 3)]
+    assert found == pytest.approx(recording.radar.noise_correlation, abs=0.03)
+
+
 def test_the_raw_recording(shared: Path) -> None:
     folder = marcus(shared)
     raw: XethruRecording = read_xethru(folder)
