@@ -227,7 +227,10 @@ def mean_points(motion: Motion, groups: Sequence[Sequence[int]]) -> npt.NDArray[
     The result has the shape (T, G, 3), m. A spline through means is the mean of the splines.
     """
     values = motion.position_m
-    return np.stack([values[:, list(group)].mean(axis=1) for group in groups], axis=1)
+    means = np.empty((values.shape[0], len(groups), 3))
+    for n, group in enumerate(groups):
+        means[:, n] = values[:, group[0]] if len(group) == 1 else values[:, list(group)].mean(axis=1)
+    return means
 
 
 @dataclass(frozen=True)
@@ -384,17 +387,17 @@ def ellipsoids_of_frames(skeleton: Skeleton) -> Ellipsoids:
 
 
 def _ellipsoids(skeleton: Skeleton, joint_m: FloatArray) -> Ellipsoids:
-    names = skeleton.joints.markers
+    number = {name: n for n, name in enumerate(skeleton.joints.markers)}
     start, end = joint_m[:, skeleton.numbers("start")], joint_m[:, skeleton.numbers("end")]
-    along = _unit(end - start)
+    span = end - start
+    along = _unit(span)
     across = np.zeros_like(along)
-    for n, segment in enumerate(skeleton.segments):
-        if segment.sideways is not None:
-            left, right = (joint_m[:, names.index(joint)] for joint in segment.sideways)
-            line = left - right
-            across[:, n] = _unit(line - _dot(line, along[:, n])[:, None] * along[:, n])
+    sides = {n: segment.sideways for n, segment in enumerate(skeleton.segments) if segment.sideways is not None}
+    left, right = (joint_m[:, [number[pair[side]] for pair in sides.values()]] for side in (0, 1))
+    line, own = left - right, along[:, list(sides)]
+    across[:, list(sides)] = _unit(line - _dot(line, own)[..., None] * own)
     place = np.array([segment.at for segment in skeleton.segments])[:, None]
-    return Ellipsoids(start + place * (end - start), along, across, skeleton.semi_axes_m)
+    return Ellipsoids(start + place * span, along, across, skeleton.semi_axes_m)
 
 
 def _unit(vector: FloatArray) -> FloatArray:
