@@ -5,8 +5,12 @@ import pytest
 from scipy.special import ndtr
 
 from doppelgait.core.errors import ConfigError
+from doppelgait.core.rng import rng
+from doppelgait.motion import make_motion
+from doppelgait.pipeline import Conditions, simulate
 from doppelgait.radar import Radar, preset_names, synthesise
 from doppelgait.radar.link import fold_scatterers, noise_power_v2, scatterer_arrays
+from doppelgait.scene import Scene, Target
 from doppelgait.testing.conformance.radars import table
 
 C = 299_792_458.0
@@ -158,6 +162,22 @@ def test_matched_pulses_fold_whole(waveform):
     assert at_end[-10:] == pytest.approx(cut[-10:], rel=1e-5)
     if waveform == "rectangular":  # the triangle's flank
         assert at_end[0] / at_end.max() == pytest.approx(1 - (PULSE_M - 9.5) / (C * 4e-9 / 2), abs=0.02)
+
+
+def test_reflections_beyond_the_next_pulse_fold_and_truth_does_not():
+    """A body 8 m away, a wall 4 m to the side: its mirror image is 11.3 m away and appears at 1.44 m."""
+    still = make_motion(np.tile([0.0, 0.0, 1.0], (20, 1, 1)), rate_hz=100, markers=["a"], parts=["torso"])
+    scene = Scene([Target(still, range_m=8.0)], duration_s=0.1)
+    wall = {"kind": "wall_ghost", "material": "concrete", "thickness_m": 0.2, "side_m": 4.0}
+    conditions = Conditions(environment=[wall])
+    for radar in (X4, same_but(X4, fold_echoes=False)):
+        recording = simulate(scene, radar, conditions=conditions, rng=rng(0), snr_db=np.inf)
+        level = np.abs(recording.baseband.values[50])
+        near = recording.range_m < 3.0
+        assert bool(level[near].max() > 0) is radar.fold_echoes
+        if radar.fold_echoes:
+            assert recording.range_m[near][level[near].argmax()] == pytest.approx(np.hypot(8, 8) - PULSE_M, abs=0.03)
+        assert recording.truth[0].centre_range_m == pytest.approx(8.0, abs=0.01)
 
 
 def test_what_does_not_fold_is_not_touched():

@@ -207,12 +207,12 @@ def fold_scatterers(scatterers: xr.Dataset, radar: Radar) -> xr.Dataset:
         columns = np.flatnonzero(shown.any(axis=0))
         part = scatterers.isel(scatterer=columns)
         true_m, lag_m = range_m[:, columns], pulses[:, columns] * pulse_m
-        nearer = np.maximum(true_m - lag_m, MIN_RANGE_M) / np.maximum(true_m, MIN_RANGE_M)
+        nearer = np.square(np.maximum(true_m - lag_m, MIN_RANGE_M) / np.maximum(true_m, MIN_RANGE_M))
         phase_rad = path_phase_rad(part)
         turn_rad = -4.0 * np.pi / radar.wavelength_m * lag_m
         values = {
             "range": true_m - lag_m,
-            "path_gain": np.where(shown[:, columns], part["path_gain"].values * nearer**4, 0.0),
+            "path_gain": np.where(shown[:, columns], part["path_gain"].values * np.square(nearer), 0.0),
             "path_phase": turn_rad if phase_rad is None else phase_rad + turn_rad,
         }
         dims = part["range"].dims
