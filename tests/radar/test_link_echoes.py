@@ -199,6 +199,7 @@ def test_a_frame_longer_than_the_pulse_interval_is_refused_unless_hypothetical()
     ):
         Radar.preset("x4", range_stop_m=12.0)
     assert Radar.preset("x4", range_stop_m=12.0, fold_echoes=False).n_range_bins == 234
+    assert Radar.preset("x4", decimation=1, range_stop_m=1536 * 1.5e8 / 23.328e9).n_range_bins == 1538  # a whole frame
     assert Radar.preset("x4", range_start_m=5.0, range_stop_m=14.8).n_range_bins > 180  # a frame that starts later
     with pytest.raises(ConfigError, match="fold_echoes means nothing to waveform 'fmcw'"):
         Radar.preset("ti-77", fold_echoes=False)

@@ -359,7 +359,8 @@ class Radar(FrozenModel):
                 "sample_rate_hz or decimation"
             )
         pulse_m = self.waveform.unambiguous_range_m(self)
-        if self.folds_pulses and self.range_stop_m - self.range_start_m > pulse_m * (1.0 + 1e-9):
+        # 1 %: whole frames of the X4 last a pulse interval, and their files state ranges with c = 3e8 m/s
+        if self.folds_pulses and self.range_stop_m - self.range_start_m > 1.01 * pulse_m:
             raise ValueError(
                 f"range_start_m {self.range_start_m:g} to range_stop_m {self.range_stop_m:g} is longer than the "
                 f"{pulse_m:.4g} m from one pulse to the next, so that echoes would appear in it more than once: "
