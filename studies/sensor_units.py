@@ -50,7 +50,7 @@ def make_unit(seed: int, number: int) -> Unit:
         },
         "targets": [
             {
-                "label": "human", "motion": {"kind": "human", "speed_mps": float(rng.uniform(0.8, 1.5))},
+                "label": "human", "motion": {"kind": "human", "speed_mps": float(rng.uniform(0.6, 0.9))},
                 "range_m": float(rng.uniform(3.0, 4.5)), "aspect_deg": float(rng.uniform(-30, 30)),
             }
         ],
@@ -93,7 +93,7 @@ def population_scores(kind: SensorKind, units: list[Unit]) -> dict[str, tuple[fl
     scores = {}
     for name, (mean, sd) in POPULATION.items():
         pooled: Pooled | None = kind.pooled.get(name)
-        if pooled is None:
+        if pooled is None or math.isnan(pooled.spread):  # shown by fewer than three units
             continue
         if name == "gain_db":
             mean = math.nan

@@ -242,7 +242,10 @@ def _held_out_scores(
         return HistGradientBoostingClassifier(max_iter=100, learning_rate=0.1, max_depth=3, random_state=seed)
 
     scores = np.zeros(positive.size)
-    for train, test in StratifiedGroupKFold(FOLDS, shuffle=True, random_state=seed).split(values, positive, groups):
+    folds = min(FOLDS, *(np.unique(groups[side]).size for side in (positive, ~positive)))
+    if folds < 2:
+        raise AnalysisError("nothing can be held out: two windows of real recordings and two of simulated are needed")
+    for train, test in StratifiedGroupKFold(folds, shuffle=True, random_state=seed).split(values, positive, groups):
         scores[test] = make().fit(values[train], positive[train]).decision_function(values[test])
     return scores
 

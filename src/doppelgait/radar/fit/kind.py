@@ -44,7 +44,7 @@ def kind_rows(kind: SensorKind) -> list[dict[str, str]]:
 
 def _line_name(kind: SensorKind, number: int) -> str:
     line = kind.lines[number]
-    mains = mains_of(line.frequency_hz, kind.radar.prf_hz, max(2.0, 0.01 * kind.radar.prf_hz))
+    mains = mains_of(line.frequency_hz, kind.radar.prf_hz, max(line.half_width_hz, 0.5))
     return f"line at {line.frequency_hz:+.4g} Hz" + (f" ({mains}?)" if mains else "")
 
 

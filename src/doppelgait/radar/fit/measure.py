@@ -41,6 +41,8 @@ SLOW_CELLS = 3
 """Doppler cells around 0 that the window smears a static echo over."""
 LINE_SIGMAS, LINE_DB = 5.0, 3.0
 """A line stands out of its neighbours by so many standard deviations, and by so much."""
+COHERENT = 0.4
+"""Share of its power that a line keeps when the whole recording is one window."""
 MOVING_DB = 15.0
 """A window serves for the I/Q image where something moves with so much power over the noise."""
 
@@ -139,7 +141,8 @@ def measure_recording(recording: Recording) -> Measured:
     samples = np.asarray(recording.samples.matrix, dtype=np.complex128)
     n_pulses, n_bins = samples.shape
     burst = recording.facts.get("burst_pulses")
-    window = int(burst) if burst else min(WINDOW, 1 << max(int(math.log2(max(n_pulses / MIN_WINDOWS / 2, 1))), 0))
+    short = max(1 << int(math.log2(max(n_pulses / MIN_WINDOWS / 2, 1))), MIN_PULSES)
+    window = int(burst) if burst else min(WINDOW, short)
     if window < MIN_PULSES or n_pulses < MIN_WINDOWS * window or not samples.any():
         raise AnalysisError(
             f"{recording.source}: {n_pulses} pulses{f' in bursts of {window}' if burst else ''} are too few to show "
@@ -456,6 +459,9 @@ def _lines(rest: ComplexArray, bad: Mask, recording: Recording, window: int) -> 
     stands &= upper < lower * WHITE_RATIO * math.log(4.0) / math.log(4.0 / 3.0)
     stands &= (low >= np.roll(low, 1)) & (low > np.roll(low, -1))
     gain = float(np.sum(np.hanning(window + 2)[1:-1]) ** 2 / np.sum(np.hanning(window + 2)[1:-1] ** 2))
+    whole = None
+    if not recording.facts.get("burst_pulses"):
+        whole_hz, whole, _ = windowed_power(rest[None, : count * window], recording.radar.prf_hz)
     found = []
     for place in np.flatnonzero(stands):
         logs = np.log(low[[place - 1, place, (place + 1) % window]])
@@ -467,6 +473,10 @@ def _lines(rest: ComplexArray, bad: Mask, recording: Recording, window: int) -> 
             float(power_to_db(peak / gain)), DB_PER_NEPER * float(np.std(np.log(middle))) / math.sqrt(len(part))
         )
         step_hz = recording.radar.prf_hz / window
+        if whole is not None:  # a clock keeps its phase over the whole recording, a body at a steady speed does not
+            near = np.abs(whole_hz - f_hz[place]) <= step_hz
+            if np.median(whole[0, near], axis=1).max() < COHERENT * peak * count:
+                continue
         found.append(Line(float(f_hz[place]) + shift * step_hz, level, 0.25 * step_hz))
     return tuple(found)
 

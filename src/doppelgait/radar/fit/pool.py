@@ -118,6 +118,7 @@ class PooledLine:
 
     frequency_hz: float
     level_db: Pooled
+    half_width_hz: float
 
 
 @dataclass(frozen=True)
@@ -281,15 +282,15 @@ def _scaled(
             if "noise_level_db" not in one.estimates:
                 continue
             level = one.estimates["noise_level_db"]
-            value, sd = level.value - added_db, level.sd
-            if by_gain and direct is not None:
-                value -= one.estimates["direct_path_db"].value - direct.mean.value
-                sd = math.hypot(sd, one.estimates["direct_path_db"].sd)
-            own = one.recording.radar
+            own, own_db, own_sd = one.recording.radar, gain_db, 0.0
             if radar_is_given:
                 own = radar.model_copy(update={"prf_hz": own.prf_hz})
-            own = own.model_copy(update={"receiver_gain_db": own.receiver_gain_db + gain_db})
-            found.append(figure_of(own, Estimate(value, sd)))
+            if by_gain and direct is not None:
+                own_db += one.estimates["direct_path_db"].value - direct.mean.value
+                own_sd = one.estimates["direct_path_db"].sd
+            own = own.model_copy(update={"receiver_gain_db": own.receiver_gain_db + own_db})
+            figure = figure_of(own, Estimate(level.value - added_db, level.sd))
+            found.append(Estimate(figure.value, math.hypot(figure.sd, own_sd)))
         return pool(found)
 
     figure = figures()
@@ -481,7 +482,7 @@ def _lines(same: Sequence[Measured]) -> tuple[PooledLine, ...]:
             ]
             if len(twins) >= max(2, len(same) / 2):
                 middle = float(np.median([k.frequency_hz for k in twins]))
-                found.append(PooledLine(middle, pool(k.level_db for k in twins)))
+                found.append(PooledLine(middle, pool(k.level_db for k in twins), line.half_width_hz))
     return tuple(found)
 
 

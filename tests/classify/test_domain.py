@@ -1,0 +1,107 @@
+"""Domain classifier: the same sensor is not told apart, another one is, by the statistic that differs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from doppelgait.classify.domain import (
+    compare_recordings,
+    comparison_rows,
+    picture,
+    simulate_like,
+    window_statistics,
+)
+from doppelgait.core.errors import AnalysisError
+from doppelgait.core.labels import BASEBAND, make_array
+from doppelgait.dataset import PlanConfig
+from doppelgait.radar import Radar, Recording
+from doppelgait.viz.domains import domain_page
+
+RADAR = Radar.preset("x4", prf_hz=100.0, range_start_m=0.5, range_stop_m=2.0)
+
+
+def sensors(seed: int, count: int = 8, *, rho: float = 0.0, jitter_db: float = 3.0) -> list[Recording]:
+    """Empty rooms before sensors of random level, by their definition."""
+    found = []
+    for number in range(count):
+        rng = np.random.default_rng([seed, number])
+        n = RADAR.n_range_bins
+        noise = rng.normal(size=(640, n + 1)) + 1j * rng.normal(size=(640, n + 1))
+        noise = noise[:, 1:] + rho * noise[:, :-1]
+        samples = 10 ** (rng.normal(-100, jitter_db) / 20) * noise / np.sqrt(2 * (1 + rho**2)) + 1e-3
+        coords = {"slow_time": np.arange(640) / 100.0, "range": RADAR.range_axis_m()}
+        array = make_array(BASEBAND, samples.astype(np.complex64), coords)
+        found.append(Recording.from_baseband(array, RADAR, source=f"{number}.h5"))
+    return found
+
+
+def test_the_same_kind_is_not_told_apart_and_another_is_by_what_differs() -> None:
+    same = compare_recordings(sensors(0), sensors(1))
+    assert same.held_out == "recordings"
+    assert same.auc_of_shape[1] < 0.5 < same.auc_of_shape[2]
+    assert same.auc_of_shape[0] == pytest.approx(0.5, abs=0.12)
+    other = compare_recordings(sensors(0), sensors(1, rho=0.4))
+    assert other.auc_of_shape[0] > 0.97
+    assert next(iter(other.distances)).startswith("correlation, 1 bin")
+    assert other.distances["correlation, 1 bin apart"][1] > 0.97
+    rows = comparison_rows({"before": other, "after": same})
+    assert rows[0]["before"].startswith(f"{other.auc[0]:.2f} (")
+
+
+def test_few_recordings_are_held_out_in_parts() -> None:
+    found = compare_recordings(sensors(0, 2), sensors(1, 2))
+    assert found.held_out == "parts of recordings"
+    assert (found.n_real, found.n_synthetic) == (2, 2)
+
+
+def test_simulated_recordings_have_the_pulses_and_bins_of_the_real_ones(tmp_path: Path) -> None:
+    cw = Radar.preset("infineon-24")
+    times_s = (0.2 * np.arange(6)[:, None] + np.arange(128) / 3000.0).ravel()
+    coords = {"slow_time": times_s, "range": cw.range_axis_m()}
+    values = np.ones((times_s.size, 1), np.complex64)
+    real = [Recording.from_baseband(make_array(BASEBAND, values, coords, {"burst_pulses": 128}), cw) for _ in range(2)]
+    model = tmp_path / "my.toml"
+    text = (
+        'waveform = "cw"\ncarrier_hz = 24e9\nprf_hz = 3000\nrange_stop_m = 10\nnoise_figure_db = { uniform = [5, 9] }\n'
+    )
+    model.write_text(text, encoding="utf-8")
+    plan = PlanConfig.model_validate(
+        {
+            "dataset": {"name": "walk", "examples_per_class": 2},
+            "classes": [{"label": "human", "motion": {"kind": "boulic"}}],
+            "target": {"range_m": 4.0},
+        }
+    )
+    empty, walk = simulate_like(real, model), simulate_like(real, model, plan=plan)
+    for one in (*empty, *walk):
+        assert one.samples.shape == real[0].samples.shape
+        assert one.slow_time_s == pytest.approx(times_s)
+        assert one.facts["burst_pulses"] == 128
+    assert empty[0].radar.noise_figure_db != empty[1].radar.noise_figure_db
+    power = [float(np.mean(np.abs(r.samples.matrix) ** 2)) for r in (empty[0], walk[0])]
+    assert power[1] > 10 * power[0]
+    again = simulate_like(real, model, plan=plan)
+    assert all(np.array_equal(a.samples.matrix, b.samples.matrix) for a, b in zip(walk, again, strict=True))
+
+
+def test_pictures_and_page() -> None:
+    room = sensors(0, 1)[0]
+    level_db, axis, label = picture(room)
+    assert (level_db.shape, label) == ((640, RADAR.n_range_bins), "range (m)")
+    assert axis == pytest.approx(room.range_m)
+    page = domain_page({"real": [picture(room)]}, [{"": "AUC", "model": "0.50"}], title="a page")
+    assert len(page.axes) == 2
+
+
+def test_statistics_of_a_repeating_and_clipping_sensor() -> None:
+    room = sensors(0, 1)[0]
+    values = np.array(room.samples.matrix)
+    values[10:20] = values[10]
+    (first, *_) = window_statistics(room.with_baseband(room.baseband.copy(data=values)))
+    assert first["repeated pulses"] == pytest.approx(9 / 31)
+    assert first["values at the largest"] < 0.01
+    with pytest.raises(AnalysisError, match="too short"):
+        window_statistics(room.with_baseband(room.baseband[:8]))
