@@ -10,6 +10,7 @@ import pytest
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.core.rng import rng
+from doppelgait.core.samples import Samples
 from doppelgait.motion import boulic_walk
 from doppelgait.pipeline import simulate
 from doppelgait.processing import Analysis, plan_transform
@@ -17,7 +18,8 @@ from doppelgait.processing.detect import Detector, find_scans, noise_factor, noi
 from doppelgait.processing.detect.cluster import find_clusters, merge_groups, shape_of
 from doppelgait.processing.detect.maps import maps_of, power_per_cell, residue_map
 from doppelgait.processing.detect.scans import NO_RANGE_SD_M, detected_cells
-from doppelgait.radar import Radar
+from doppelgait.radar import Radar, link
+from doppelgait.radar.simulate import draw_key, label_baseband
 from doppelgait.scene import Scene, Target
 
 WAVELENGTH_M, PRF_HZ, SPACING_M, FIRST_M = 0.0411, 1000.0, 0.05, 0.5
@@ -223,6 +225,18 @@ def test_merging_stays_within_a_scan():
 def test_noise_alone_is_a_body_a_few_times_a_minute_at_most():
     count = sum(len(scan.detections) for seed in range(6) for scan in scans_of(noise(5001, seed)))
     assert count <= 12  # 30 s; 64 % of the cells of an X4, which has about 7 a minute
+
+
+def test_noise_that_bins_share_is_a_body_as_seldom():
+    radar = Radar.preset("x4")
+    generator, count = np.random.default_rng(0), 0
+    for _ in range(6):
+        silence = Samples(np.zeros((5001, radar.n_range_bins), np.complex64))
+        shared = silence.with_noise(draw_key(generator), 1.0, link.noise_factor(radar)).matrix
+        baseband = label_baseband(shared, np.arange(5001) / radar.prf_hz, radar)
+        scans = find_scans(baseband, wavelength_m=radar.wavelength_m)
+        count += sum(len(scan.detections) for scan in scans)
+    assert count <= 16  # 30 s, all cells of an X4; 20 and more without regard to the shared noise
 
 
 def test_the_direct_path_is_left_out():

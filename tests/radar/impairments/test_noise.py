@@ -35,6 +35,18 @@ def test_thermal_noise_level_e18():
     assert noise_power_v2(wide) == pytest.approx(2 * noise_power_v2(x4), rel=1e-9)
 
 
+@pytest.mark.parametrize("snr_db", [None, 10.0])
+def test_noise_of_a_recording_has_the_correlation_of_its_radar_e18c(snr_db):
+    """At the radar's own level and at a stated one."""
+    scene = Scene([Target(boulic_walk(speed_mps=1.2, duration_s=3.0))])
+    radar = Radar.preset("x4")
+    noisy, quiet = simulate(scene, radar, rng=rng(1), snr_db=snr_db), simulate(scene, radar)
+    difference = (noisy.baseband.values - quiet.baseband.values).astype(complex) / np.sqrt(noisy.noise_power_v2)
+    found = [np.mean(difference[:, lag:] * difference[:, :-lag].conj()) for lag in (1, 2, 3)]
+    assert found == pytest.approx([0.633, 0.141, 0.006], abs=0.01)
+    assert np.mean(np.abs(difference) ** 2) == pytest.approx(1.0, rel=0.01)
+
+
 def test_noise_has_the_asked_power_e18(noise):
     # 200 000 exponential variables: standard error 0.22 %
     assert np.mean(np.abs(noise) ** 2) == pytest.approx(3e-10, rel=0.008)
