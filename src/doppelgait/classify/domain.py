@@ -173,7 +173,9 @@ class Comparison:
 
 
 def compare_recordings(real: Sequence[Recording], synthetic: Sequence[Recording], *, seed: int = 0) -> Comparison:
-    """Train a classifier to tell real from simulated windows, on recordings that it is not tested on.
+    """Tell real from simulated windows by a trained classifier.
+
+    It is tested on recordings that it has not seen.
 
     Parameters
     ----------
@@ -229,7 +231,7 @@ def compare_recordings(real: Sequence[Recording], synthetic: Sequence[Recording]
 def _held_out_scores(
     values: FloatArray, positive: npt.NDArray[np.bool_], groups: npt.NDArray[np.str_], *, kind: str, seed: int
 ) -> FloatArray:
-    """Return scores of windows by a classifier that has seen no window of their group."""
+    """Return scores of windows, each by a classifier without their group."""
     from sklearn.ensemble import HistGradientBoostingClassifier
     from sklearn.linear_model import LogisticRegression
     from sklearn.model_selection import StratifiedGroupKFold
@@ -278,7 +280,10 @@ def picture(recording: Recording) -> tuple[FloatArray, FloatArray, str]:
 
 
 def comparison_rows(found: Mapping[str, Comparison], most: int = 12) -> list[dict[str, str]]:
-    """Return a table of distances by statistic, the largest of the last model first."""
+    """Return a table of distances by statistic.
+
+    The largest of the last model comes first.
+    """
     last = list(found.values())[-1]
     first_rows = [
         {

@@ -18,7 +18,7 @@ Picture = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], str]
 
 
 def domain_page(pictures: Mapping[str, Sequence[Picture]], table: Sequence[Mapping[str, str]], *, title: str) -> Figure:
-    """Plot recordings of every kind in a row each, and a table below.
+    """Plot recordings of every kind, and a table below.
 
     Parameters
     ----------

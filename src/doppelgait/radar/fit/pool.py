@@ -311,9 +311,9 @@ def _scaled(
 
 
 def noise_is_apart(pooled: Mapping[str, Pooled]) -> bool:
-    """Return True where the noise of I and Q is unlike the image of echoes.
+    """Return True where the noise is unlike the image of echoes.
 
-    It then arises behind the mixer.
+    In gain or phase of Q against I; it then arises behind the mixer.
     """
     for name, least in (("iq_gain_db", 0.5), ("iq_phase_deg", 3.0)):
         if name not in pooled:
