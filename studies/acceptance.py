@@ -37,9 +37,8 @@ from doppelgait.motion.retime import travel_speed_mps
 from doppelgait.pipeline import analyze, simulate
 from doppelgait.pipeline.analyze import Result, analyze_signature
 from doppelgait.processing import Analysis, Gate
-from doppelgait.radar import Radar
+from doppelgait.radar import Radar, add_noise
 from doppelgait.radar.recording import Recording
-from doppelgait.radar.simulate import noisy
 from doppelgait.scene import Scene, Target
 from doppelgait.scene.rcs import RcsSpec
 
@@ -269,8 +268,8 @@ def tracked(trial: Trial, recording: Recording) -> Iterator[dict[str, Any]]:
     """Return the result of the track nearest to the target, if any."""
     noise_v2 = noise_for(trial, recording)
     rng = np.random.default_rng([25, trial.example.number])
-    values = noisy(recording.baseband.values, noise_power_v2=noise_v2, rng=rng)
-    seen = recording.with_baseband(recording.baseband.copy(deep=False, data=values), truth=())
+    baseband = add_noise(recording.baseband, noise_power_v2=noise_v2, rng=rng)
+    seen = recording.with_baseband(baseband, truth=())
     results = analyze(seen, gate="track", analysis=STANDARD)
     middle_m = float(np.median(recording.truth[0].centre_range_m))
     nearest = min(results, key=lambda r: abs(float(np.median(r.gate.low_m)) - middle_m), default=None)
@@ -281,7 +280,8 @@ def noise_for(trial: Trial, recording: Recording) -> float:
     """Return the noise power per sample for the first level."""
     _, clean = next(iter(signatures(trial.example, recording, STANDARD, (math.inf,))))
     top_v2 = float(np.median(clean.values.max(axis=1)))
-    cell_gain = clean.attrs["window_energy"] * clean.attrs["n_gate_bins"]
+    n_bins = clean.attrs["n_gate_bins"] / recording.independent_bin_share  # the attribute counts independent bins
+    cell_gain = clean.attrs["window_energy"] * n_bins
     return float(top_v2 / 10 ** (trial.levels_db[0] / 10) / cell_gain)
 
 

@@ -28,7 +28,7 @@ from doppelgait.processing import Analysis, Gate, signature
 from doppelgait.processing.detect import Detector, find_scans
 from doppelgait.processing.detect.config import Threshold
 from doppelgait.processing.detections import Detection, Scan
-from doppelgait.radar import Radar
+from doppelgait.radar import Radar, add_noise
 from doppelgait.radar.recording import Recording
 from doppelgait.scene import Scene, Target
 
@@ -90,23 +90,18 @@ def observe(label: str, target: Target) -> Mover:
     recording = simulate(Scene([target], duration_s=OBSERVATION_S), RADAR, angles=False)
     gate = Gate.around(recording.slow_time_s, recording.truth[0].centre_range_m, span_m=1.0, source="truth")
     mu = signature(recording.baseband, gate, Analysis(), wavelength_m=RADAR.wavelength_m)
-    cell_noise = float(mu.attrs["window_energy"] * mu.attrs["n_gate_bins"])
+    n_bins = float(mu.attrs["n_gate_bins"]) / recording.independent_bin_share  # the attribute counts independent bins
+    cell_noise = float(mu.attrs["window_energy"]) * n_bins
     return Mover(label, recording, float(np.median(mu.values.max(axis=1))), cell_noise)
 
 
 def spoilt(mover: Mover, snr_mu_db: float, generator: np.random.Generator) -> xr.DataArray:
     """Add noise of a level and static clutter to a baseband."""
+    noisy = add_noise(mover.recording.baseband, noise_power_v2=mover.noise_v2(snr_mu_db), rng=generator)
     values = mover.recording.baseband.values
-    noise = complex_noise(generator, values.shape, mover.noise_v2(snr_mu_db))
     echo_v2 = float((np.abs(values) ** 2).max(axis=1).mean()) * 10.0 ** (CLUTTER_OVER_ECHO_DB / 10.0)
-    clutter = complex_noise(generator, values.shape[1:], echo_v2)
-    return mover.recording.baseband.copy(data=(values + noise + clutter).astype(np.complex64))
-
-
-def complex_noise(generator: np.random.Generator, shape: tuple[int, ...], power_v2: float) -> npt.NDArray[np.complex64]:
-    """Sample circular white noise."""
-    parts = generator.standard_normal((2, *shape), dtype=np.float32) * np.float32(np.sqrt(power_v2 / 2.0))
-    return np.asarray(parts[0] + 1j * parts[1], dtype=np.complex64)
+    real, imaginary = generator.standard_normal((2, values.shape[1])) * np.sqrt(echo_v2 / 2.0)
+    return noisy.copy(data=(noisy.values + real + 1j * imaginary).astype(np.complex64))
 
 
 def true_boxes(recording: Recording, times_s: FloatArray, cpi_s: float) -> tuple[FloatArray, FloatArray]:

@@ -38,9 +38,8 @@ from doppelgait.motion.segments import crop, find_segments
 from doppelgait.pipeline import simulate
 from doppelgait.pipeline.analyze import analyze_signature
 from doppelgait.processing import Analysis, Gate, signature
-from doppelgait.radar import Radar
+from doppelgait.radar import Radar, add_noise
 from doppelgait.radar.recording import Recording
-from doppelgait.radar.simulate import noisy
 from doppelgait.scene import Scene, Target
 
 SNR_MU_DB = (math.inf, 20.0, 10.0, 5.0, 0.0)
@@ -207,15 +206,15 @@ def signatures(
     wavelength_m = recording.radar.wavelength_m
     clean = signature(recording.baseband, gate, analysis, wavelength_m=wavelength_m)
     top_v2 = float(np.median(clean.values.max(axis=1)))
-    cell_gain = clean.attrs["window_energy"] * clean.attrs["n_gate_bins"]
+    n_bins = clean.attrs["n_gate_bins"] / recording.independent_bin_share  # the attribute counts independent bins
+    cell_gain = clean.attrs["window_energy"] * n_bins
     for place, snr_db in enumerate(levels_db):
         if math.isinf(snr_db):
             yield snr_db, clean
             continue
         noise_v2 = top_v2 / 10 ** (snr_db / 10) / cell_gain
         rng = np.random.default_rng([11, example.number, place])
-        values = noisy(recording.baseband.values, noise_power_v2=noise_v2, rng=rng)
-        baseband = recording.baseband.copy(deep=False, data=values)
+        baseband = add_noise(recording.baseband, noise_power_v2=noise_v2, rng=rng)
         yield snr_db, signature(baseband, gate, analysis, wavelength_m=wavelength_m)
 
 

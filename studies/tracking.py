@@ -31,7 +31,7 @@ from doppelgait.processing import Gate
 from doppelgait.processing.detect.scans import find_scans
 from doppelgait.processing.detections import Detection, Scan
 from doppelgait.processing.track import Track, Tracker, track
-from doppelgait.radar import Radar
+from doppelgait.radar import Radar, add_noise
 from doppelgait.scene import Scene, Target
 from doppelgait.testing.tracking import agreement, range_iou
 from doppelgait.viz.style import legend_below, name_axes
@@ -261,11 +261,9 @@ def _merge(bodies: list[Detection]) -> list[Detection]:
 
 
 def noisy_copy(baseband: xr.DataArray, level_db: float, rng: np.random.Generator) -> xr.DataArray:
-    """Add white noise at SNR_frame, in an empty scene 1 V^2."""
+    """Add receiver noise at SNR_frame, in an empty scene 1 V^2."""
     signal_v2 = float((np.abs(baseband.values) ** 2).max(axis=1).mean())
-    sd = np.sqrt((signal_v2 / 10 ** (level_db / 10) if signal_v2 > 0 else 1.0) / 2)
-    noise = rng.standard_normal((*baseband.shape, 2), dtype=np.float32) * np.float32(sd)
-    return baseband.copy(data=baseband.values + noise[..., 0] + 1j * noise[..., 1])
+    return add_noise(baseband, noise_power_v2=signal_v2 / 10 ** (level_db / 10) if signal_v2 > 0 else 1.0, rng=rng)
 
 
 @dataclass(frozen=True)

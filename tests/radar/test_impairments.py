@@ -15,6 +15,7 @@ from doppelgait.radar import Radar
 from doppelgait.radar.impairments import (
     IMPAIRMENTS,
     Adc,
+    ColouredNoise,
     DcLeak,
     DroppedFrames,
     FrameJitter,
@@ -23,6 +24,7 @@ from doppelgait.radar.impairments import (
     IqImbalance,
     Leakage,
     PhaseNoise,
+    Spur,
     StaticClutter,
     ThermalNoise,
     X4Counts,
@@ -62,6 +64,8 @@ EXAMPLES = (
     Leakage(),
     StaticClutter(rcs_per_metre_m2=0.1),
     Adc(),
+    ColouredNoise(),
+    Spur(),
 )
 
 
@@ -133,7 +137,7 @@ def test_wrong_entries_are_named():
     table = {"impairments": [{"kind": "adc"}, {"kind": "adc", "bits": 99}]}
     with pytest.raises(ConfigError, match=r"impairments\.1.*kind 'adc': bits: 99 is not allowed"):
         validate(Owner, table, text=text)
-    with pytest.raises(ConfigError, match=r"kind 'echo' is not allowed: known are adc, dc_leak"):
+    with pytest.raises(ConfigError, match=r"kind 'echo' is not allowed: known are adc, coloured_noise, dc_leak"):
         make_impairment({"kind": "echo"})
     with pytest.raises(ConfigError, match="kind None is not allowed"):
         make_impairment({})

@@ -12,6 +12,7 @@ RADAR_M = np.array([10.0, 0.0, 2.0])
 # The program puts these scatterers at an end of their segment, the others at its middle (as we all of them).
 AT_END = ("head", "shoulder", "hip")
 AT_TIP = {"forearm": "end", "foot": "end"}
+CHEN_TORSO_M = 0.15
 
 
 def test_the_ellipsoid_routine(shared):
@@ -42,7 +43,7 @@ def test_every_segment_of_the_walker(shared):
             half_m = 0.152 * height_m / 2
         if kind == "upper_arm":
             half_m = 0.188 * height_m / 2
-        radius_m = segment.across * CHEN_HEIGHT_M
+        radius_m = CHEN_TORSO_M if kind == "torso" else segment.across * CHEN_HEIGHT_M  # our torso is elliptic
         body = Ellipsoids(
             scatterer[:, None], along[:, None], np.zeros((len(table), 1, 3)), np.array([[radius_m, radius_m, half_m]])
         )

@@ -11,9 +11,9 @@ import xarray as xr
 
 from doppelgait.core.errors import AnalysisError, ConfigError, warn_caller
 from doppelgait.core.labels import BASEBAND, axis, make_array, with_values
-from doppelgait.core.samples import Samples
+from doppelgait.core.samples import WHITE, Factor, Samples
 from doppelgait.core.units import velocity_to_doppler_hz
-from doppelgait.radar.link import fold_scatterers, noise_power_v2, scatterer_arrays
+from doppelgait.radar.link import fold_scatterers, noise_factor, noise_power_v2, scatterer_arrays
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import baseband_facts
 
@@ -115,26 +115,29 @@ def draw_key(rng: np.random.Generator) -> np.uint64:
 
 
 def add_noise(baseband: xr.DataArray, *, noise_power_v2: float, rng: np.random.Generator) -> xr.DataArray:
-    """Add white Gaussian receiver noise to a baseband (E-18).
+    """Add Gaussian receiver noise to a baseband (E-18).
 
-    It is complex, of mean square ``noise_power_v2`` in every bin, and white whatever the radar: the noise of
-    :func:`doppelgait.simulate` has the radar's ``noise_correlation``.
+    It is complex, of mean square ``noise_power_v2`` in every bin, correlated over range as the baseband's radar says
+    (``noise_correlation``); white where it names none.
 
     Takes a single 64-bit key from ``rng``; the value in a bin of a frame is a function of (key, frame, bin) only.
     """
-    return with_values(baseband, noisy(baseband.values, noise_power_v2=noise_power_v2, rng=rng))
+    stated = baseband.attrs.get("radar")
+    factor = WHITE if stated is None else noise_factor(Radar.model_validate_json(stated))
+    return with_values(baseband, noisy(baseband.values, noise_power_v2=noise_power_v2, rng=rng, factor=factor))
 
 
-def noisy(samples: npt.NDArray[Any], *, noise_power_v2: float, rng: np.random.Generator) -> npt.NDArray[np.complex64]:
+def noisy(
+    samples: npt.NDArray[Any], *, noise_power_v2: float, rng: np.random.Generator, factor: Factor = WHITE
+) -> npt.NDArray[np.complex64]:
     """Return samples or range bins with noise.
 
-    As :func:`add_noise`; a new array.
+    As :func:`add_noise`, with the correlation of ``factor``; a new array.
     """
     from doppelgait.core.kernels.noise import add_noise_matrix
-    from doppelgait.core.samples import WHITE
 
     result = np.array(samples, dtype=np.result_type(samples.dtype, np.complex64), order="C")
-    add_noise_matrix(result, draw_key(rng), float(np.sqrt(noise_power_v2)), WHITE)
+    add_noise_matrix(result, draw_key(rng), float(np.sqrt(noise_power_v2)), factor)
     return result
 
 

@@ -8,6 +8,7 @@ from doppelgait.core.rng import PURPOSES, Streams, rng
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.pipeline import parse_run, run_simulation, simulate
 from doppelgait.radar import Radar, add_noise, noise_power_v2, write_recording
+from doppelgait.radar.simulate import label_baseband
 from doppelgait.scene import Scene, Target
 
 
@@ -161,3 +162,11 @@ def test_the_noise_draw_shifts_no_motion():
     np.testing.assert_array_equal(quiet.truth[0].scatterers["range"], noisy.truth[0].scatterers["range"])
     assert not np.array_equal(quiet.truth[0].scatterers["range"], other.truth[0].scatterers["range"])
     assert not np.array_equal(quiet.baseband, noisy.baseband)
+
+
+def test_noise_added_to_a_baseband_is_correlated_as_its_radar_says():
+    radar = Radar.preset("x4")
+    quiet = label_baseband(np.zeros((4000, radar.n_range_bins), dtype=np.complex64), np.arange(4000) / 1000.0, radar)
+    noise = add_noise(quiet, noise_power_v2=1.0, rng=np.random.default_rng(2)).values
+    products = [np.vdot(noise[:, :-lag], noise[:, lag:]).real / noise[:, lag:].size for lag in (1, 2, 3)]
+    np.testing.assert_allclose(products, radar.noise_correlation[:3], atol=0.01)
