@@ -37,6 +37,7 @@ from scipy.optimize import linear_sum_assignment
 
 import doppelgait as dg
 from doppelgait.core.errors import DoppelgaitError
+from doppelgait.core.labels import axis
 from doppelgait.motion.retime import fit_centre
 from doppelgait.pipeline import Conditions, Result, analyze, simulate
 from doppelgait.pipeline.target import analyze_gated
@@ -180,9 +181,13 @@ def true_bandwidth_hz(body: Body, recording: Recording, result: Result) -> float
     start_s, stop_s = interval_of(result)
     settings = Analysis(clutter="none", extended=False)
     radar = recording.radar
-    gate = result.gate if recording.n_range_bins == 1 else Gate.from_truth(body.truth, recording.slow_time_s, settings)
-    gate = gate.during(start_s, stop_s)
-    baseband = gate.crop(synthesise(body.truth.scatterers, radar))
+    if recording.n_range_bins == 1:
+        gate = Gate.fixed(radar.range_start_m, radar.range_stop_m, time_s=[start_s, stop_s])
+    else:
+        gate = Gate.from_truth(body.truth, recording.slow_time_s, settings).during(start_s, stop_s)
+    whole = synthesise(body.truth.scatterers, radar)
+    pulses = np.searchsorted(axis(whole, "slow_time"), recording.slow_time_s - 0.5 / radar.prf_hz)
+    baseband = gate.crop(whole.isel(slow_time=pulses).assign_attrs(recording.facts))
     return analyze_gated(baseband, radar.wavelength_m, gate, settings, None).features.doppler_bandwidth_hz
 
 
@@ -329,6 +334,12 @@ def observe(setup: Setup, streams: dg.Streams) -> tuple[Recording, list[Body]]:
     placed = place(setup.scene, streams)
     conditions = Conditions(environment=setup.environment, impairments=setup.impairments)
     recording = simulate(placed, setup.radar, rng=streams, conditions=conditions, snr_db=setup.snr_db, angles=False)
+    if setup.bursts is not None:
+        pulses, period_s = setup.bursts
+        awake = (recording.slow_time_s + 0.1 / setup.radar.prf_hz) % period_s < pulses / setup.radar.prf_hz
+        awake[np.flatnonzero(awake)[pulses * (awake.sum() // pulses) :]] = False  # whole bursts
+        kept = recording.baseband.isel(slow_time=np.flatnonzero(awake)).assign_attrs(burst_pulses=pulses)
+        recording = recording.with_baseband(kept)
     bodies = [
         Body(one, truth, setup.scene.radar_position_m, placed.observation_s)
         for one, truth in zip(placed.observed, recording.truth, strict=True)
@@ -406,7 +417,8 @@ def report(rows: Sequence[Mapping[str, Any]], before: Sequence[Mapping[str, Any]
         f"{' / '.join(STATES)}, one count a result (number: a recording).",
         f"### {len(fine)} recordings by cause\n\n{table(fine, 'cause', STATES)}",
         f"### {len(fine)} recordings by scene, silent errors only\n\n{table(fine, 'scene', ('silent',))}",
-        "### Wrong number of targets\n\n" + str(_wrong_numbers(fine)),
+        "### Wrong number of targets\n\n" + _wrong_numbers(fine),
+        "### Error of B_mu\n\n" + _bandwidth_errors(fine),
     ]
     if before is not None:
         known = [row for row in before if "error" not in row]
@@ -420,6 +432,22 @@ def _wrong_numbers(rows: Sequence[Mapping[str, Any]]) -> str:
         found = Counter(row["scene"] for row in rows if row["number"] == "silent" and row["wrong"][kind])
         lines.append(f"- {kind}: " + (", ".join(f"{name} ({n})" for name, n in found.most_common()) or "none"))
     return "\n".join(lines)
+
+
+def _bandwidth_errors(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Format median and share of errors by cause, flagged or not."""
+    errors: dict[str, list[float]] = defaultdict(list)
+    for row, result in ((one, result) for one in rows for result in one["results"]):
+        found_hz, truths_hz = result["found"]["B"], [true["B"] for true in result.get("true", ()) if true["B"]]
+        if found_hz is not None and truths_hz:
+            off = min((found_hz / true_hz - 1 for true_hz in truths_hz), key=abs)
+            for name in (row["cause"], "all"):
+                errors[name].append(off)
+    return "\n".join(
+        f"- {name}: {len(own)} numbers, median {np.median(own):+.1%}, beyond {TOLERANCE:.0%}: "
+        f"{np.mean(np.abs(own) > TOLERANCE):.0%}"
+        for name, own in sorted(errors.items(), key=lambda item: item[0] == "all")
+    )
 
 
 def read_rows(path: Path) -> list[dict[str, Any]]:

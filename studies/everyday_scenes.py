@@ -49,13 +49,17 @@ STANDING_PARTS = ("foot", "shank")
 
 @dataclass(frozen=True)
 class Setup:
-    """A scene, its radar and what is unusual about the recording."""
+    """A scene, its radar and what is unusual about the recording.
+
+    ``bursts`` are pulses of one burst, and time from burst to burst: the sensor sleeps in between.
+    """
 
     scene: Scene
     radar: Radar = X4
     environment: tuple[Mapping[str, Any], ...] = ()
     further: tuple[Mapping[str, Any], ...] = ()
     snr_db: float | None = None
+    bursts: tuple[int, float] | None = None
 
     @property
     def impairments(self) -> tuple[Mapping[str, Any], ...]:
@@ -209,9 +213,9 @@ def alone(rng: Rng, *, what: int, seconds: float = LONGEST_S) -> Setup:
     return Setup(room(extras(rng, what), seconds, rng))
 
 
-def sitting(rng: Rng, *, radar: Radar = X4_SLOW, seconds: float = 20.0) -> Setup:
+def sitting(rng: Rng, *, radar: Radar = X4_SLOW, seconds: float = 20.0, **setup: Any) -> Setup:
     """Draw somebody who keeps still."""
-    return Setup(room([breather(rng, float(rng.uniform(1.5, 4.0)))], seconds, rng), radar)
+    return Setup(room([breather(rng, float(rng.uniform(1.5, 4.0)))], seconds, rng), radar, **setup)
 
 
 def on_path(
@@ -345,6 +349,8 @@ FURNISHED = (*FLOOR, *SIDE, {"kind": "wall", "material": "plasterboard", "thickn
 LOST = ({"kind": "dropped_frames", "probability": 0.01},)
 LOST_RUNS = ({"kind": "dropped_frames", "probability": 0.05, "mean_length": 5.0},)
 FRONT = (0.0, 30.0)
+BURSTS = (128, 0.2)
+"""As the recorded 24 GHz sensor sends them."""
 
 TI60, XBAND, ANCORTEK = Radar.preset("ti-60"), Radar.preset("xband-fmcw"), Radar.preset("ancortek-24")
 CW24, CW10 = Radar.preset("infineon-24"), Radar.preset("xband-cw", prf_hz=2000)
@@ -451,4 +457,6 @@ SCENES: dict[str, Kind] = {
     "CW 10 GHz, dog": _one("CW", partial(dog, gait="trot"), aspect_deg=FRONT, label="dog", radar=CW10),
     "CW 10 GHz, two": Kind("CW", two, {"first": "person", "second": "person", "places": "cross", "radar": CW10}),
     "CW 10 GHz, sitter": Kind("CW", sitting, {"radar": CW10, "seconds": 15.0}),
+    "CW 24 GHz in bursts": _one("CW", aspect_deg=FRONT, radar=CW24, bursts=BURSTS),
+    "CW 24 GHz in bursts, sitter": Kind("CW", sitting, {"radar": CW24, "seconds": 20.0, "bursts": BURSTS}),
 }  # fmt: skip

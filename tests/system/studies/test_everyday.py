@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from importlib import import_module
 from types import ModuleType
 
 import numpy as np
 import pytest
 
+import doppelgait as dg
+from doppelgait.pipeline import analyze, simulate
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
 from doppelgait.scene.placement import place
@@ -48,6 +51,24 @@ def test_a_pause_does_not_slow_the_steps(study: ModuleType) -> None:
     assert body.during(0.0, 6.0)["f"] == pytest.approx(even.during(0.0, 6.0)["f"], rel=0.03)
     assert body.during(0.0, 6.0)["ground"] < 0.8 * SPEED_MPS
     assert body.during(2.5, 3.2)["f"] is None
+
+
+def test_bandwidth_of_a_target_is_that_of_it_alone(study: ModuleType) -> None:
+    """Two people 5 m apart: each has the width of a recording of nobody else."""
+    radar = Radar.preset("x4", prf_hz=500)
+    both = [
+        Target({"kind": "human", "speed_mps": mps}, start_position_m=(start_m, 0.0), heading_deg=180.0)
+        for mps, start_m in ((0.8, 4.0), (1.2, 9.0))
+    ]
+    scenes = [study.Setup(Scene(chosen, duration_s=3.0), radar) for chosen in (both, both[1:])]
+    (recording, bodies), (_, (alone,)) = (study.observe(one, dg.rng(3)) for one in scenes)
+    lone = simulate(scenes[1].scene, radar, angles=False)
+    (result,) = analyze(lone, gate="truth")
+    named = replace(result, quality={**result.quality, "start_s": 0.0, "stop_s": 3.0})
+    wanted_hz = result.features.doppler_bandwidth_hz
+    assert study.true_bandwidth_hz(bodies[1], recording, named) == pytest.approx(wanted_hz, rel=1e-3)
+    assert study.true_bandwidth_hz(bodies[0], recording, named) < 0.9 * wanted_hz
+    assert study.true_bandwidth_hz(alone, recording, named) == pytest.approx(wanted_hz, rel=1e-3)
 
 
 def test_only_who_travels_in_the_frame_is_a_target(study: ModuleType) -> None:
