@@ -11,14 +11,23 @@ import pytest
 from typer.testing import CliRunner
 
 from doppelgait.cli.app import app
-from doppelgait.core.errors import AnalysisError
+from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.pipeline import parse_run
 from doppelgait.radar import Radar, Recording, write_recording
-from doppelgait.radar.fit import Estimate, fit_kind, kind_preset, measure_recording, pool
+from doppelgait.radar.fit import (
+    Estimate,
+    calibrated_radar,
+    fit_kind,
+    fit_sensor,
+    kind_preset,
+    measure_recording,
+    pool,
+)
+from doppelgait.radar.fit.gain import figure_of
 from doppelgait.radar.fit.measure import channels_of, converter_of
-from doppelgait.radar.fit.pool import figure_of, mains_of
-from doppelgait.radar.link import noise_power_v2
+from doppelgait.radar.fit.pool import mains_of
+from doppelgait.radar.link import derived_quantities, noise_power_v2
 
 PRF_HZ = 400.0
 CW = Radar(waveform="cw", carrier_hz=24e9, prf_hz=PRF_HZ, range_stop_m=10.0, noise_figure_db=10.0)
@@ -220,6 +229,51 @@ def test_the_range_of_people_sets_the_gain() -> None:
     kind = fit_kind(several(4), people_at_m=3.0)
     level_db = 20 * math.log10(float(echo_amplitude_v(kind.radar, range_m=3.0, rcs_m2=0.8)))
     assert level_db == pytest.approx(-40.0, abs=1.0)
+
+
+@pytest.mark.parametrize("step_v", [None, 1.236e-4])
+@pytest.mark.parametrize("scale", [20.0, 0.05, 1000.0, 0.001])
+def test_the_scale_of_the_values_changes_no_snr(step_v: float | None, scale: float) -> None:
+    """Echo over noise of a room written out, in a radar that averages and in one that counts."""
+    radar = X4.model_copy(update={"threshold_step_v": step_v})
+    level_v, rooms = math.sqrt(noise_power_v2(radar)), []
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        bins = radar.n_range_bins
+        rooms.append(100 * level_v * normal(rng, bins) + level_v * normal(rng, 800, bins))
+    several = [recording(scale * x, radar, source=f"{n}.h5") for n, x in enumerate(rooms)]
+    snr_db = derived_quantities(radar)["snr_1m2_5m_db"]
+    for found in (calibrated_radar(fit_sensor(several[0])), fit_kind(several).radar):
+        derived = derived_quantities(found)
+        assert derived["snr_1m2_5m_db"] == pytest.approx(snr_db, abs=0.3)
+        assert derived["noise_level_dbv"] == pytest.approx(20 * math.log10(scale * level_v), abs=0.3)
+    with pytest.raises(ConfigError, match=r"receiver_gain_db: .* is not allowed"):
+        fit_kind([recording(1e8 * x, radar) for x in rooms])
+    with pytest.raises(ConfigError, match=r"receiver_gain_db: .* is not allowed"):
+        calibrated_radar(fit_sensor(recording(1e8 * rooms[0], radar)))
+
+
+@pytest.mark.parametrize("own", ["gain", "figure"])
+def test_a_spread_of_gain_is_none_of_the_noise_figure(own: str) -> None:
+    """Units whose gain differs move echoes and noise together, units whose noise figure differs the noise alone."""
+    wide = Radar.preset("x4", prf_hz=PRF_HZ, range_start_m=0.0, range_stop_m=6.0, threshold_step_v=None)
+    level_v, found = math.sqrt(noise_power_v2(wide)), []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        changes = 10 ** (3.0 * rng.normal() / 20)
+        static = 100 * level_v * normal(np.random.default_rng(9), wide.n_range_bins)
+        static += 2e4 * level_v * np.exp(-((wide.range_axis_m() / 0.1) ** 2))
+        noise = level_v * normal(rng, 800, wide.n_range_bins)
+        samples = changes * (static + noise) if own == "gain" else static + changes * noise
+        found.append(recording(samples, wide, source=f"{seed}.h5"))
+    pooled = fit_kind(found).pooled
+    figure = pooled["noise_figure_db"]
+    if own == "gain":
+        assert pooled["gain_db"].spread > 1.5
+        assert figure.spread < 0.3
+    else:
+        assert "gain_db" not in pooled
+        assert figure.spread > 1.5
 
 
 def test_short_and_foreign_recordings_are_left_out_with_a_line() -> None:

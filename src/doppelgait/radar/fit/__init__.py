@@ -6,7 +6,8 @@ One recording of an empty room gives a sensor, several recordings give a kind of
 from doppelgait.radar.fit.kind import kind_preset, kind_rows
 from doppelgait.radar.fit.measure import Measured, measure_recording
 from doppelgait.radar.fit.model import SensorFit, estimate_rows, fit_sensor, sensor_as_dict
-from doppelgait.radar.fit.pool import Pooled, SensorKind, fit_kind, pool
+from doppelgait.radar.fit.pool import SensorKind, fit_kind
+from doppelgait.radar.fit.population import Pooled, pool
 from doppelgait.radar.fit.preset import calibrated_preset, calibrated_radar
 from doppelgait.radar.fit.static import Estimate
 

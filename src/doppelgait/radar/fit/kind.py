@@ -6,7 +6,9 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from doppelgait.radar.fit.pool import MATTERS, SHAPE_DB, Pooled, SensorKind, mains_of, noise_is_apart
+from doppelgait.radar.fit.gain import noise_is_apart
+from doppelgait.radar.fit.pool import SHAPE_DB, SensorKind, mains_of
+from doppelgait.radar.fit.population import MATTERS, Pooled
 from doppelgait.radar.fit.preset import setting_line, single_line
 from doppelgait.radar.fit.static import DB_PER_NEPER
 from doppelgait.radar.parameters import possible_correlation

@@ -7,109 +7,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.units import power_to_db
+from doppelgait.radar.fit.gain import with_fitted_gain
 from doppelgait.radar.fit.measure import Measured, measure_recording
-from doppelgait.radar.fit.static import DB_PER_NEPER, Estimate
-from doppelgait.radar.link import echo_amplitude_v, noise_power_v2
+from doppelgait.radar.fit.population import Pooled, pool
+from doppelgait.radar.fit.static import Estimate
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording
 
 FloatArray = npt.NDArray[np.float64]
 
-MIN_FOR_SPREAD = 3
-"""Recordings below which no spread is stated."""
-LEVEL = 0.95
 SAME = 0.05
 """Carrier, and bin spacing where it matters, of recordings of one kind agree within this share."""
-PERSON_M2 = 0.8
-"""Radar cross section of a person, of which the level of the echoes gives the gain."""
-MATTERS = 3.0
-"""Standard deviations from 0 at which a fault is put into the model."""
 SHAPE_DB = 1.0
 """A floor over Doppler or range is put into the model from this deviation on, and three standard deviations."""
-
-
-@dataclass(frozen=True)
-class Pooled:
-    """A quantity over several recordings.
-
-    Parameters
-    ----------
-    mean : Estimate
-    spread, low, high : float
-        Standard deviation between recordings without that of the measurement, and its 95 % interval; NaN for fewer
-        than three recordings.
-    count : int
-        Recordings it rests on.
-    """
-
-    mean: Estimate
-    spread: float
-    low: float
-    high: float
-    count: int
-
-    @property
-    def spread_is_known(self) -> bool:
-        """True where recordings differ by more than their uncertainties.
-
-        At 2.5 %.
-        """
-        return self.count >= MIN_FOR_SPREAD and self.low > 0.0
-
-
-def pool(estimates: Iterable[Estimate]) -> Pooled:
-    r"""Pool estimates of a quantity that differs from recording to recording.
-
-    Mean and spread :math:`\tau` of :math:`x_k = \mu + \tau u_k + s_k e_k` by Paule and Mandel (J. Res. NBS 87, 1982,
-    377): :math:`Q(\tau^2) = \sum_k (x_k - \mu)^2 / (s_k^2 + \tau^2)` equals K - 1; the limits of :math:`\tau` are where
-    it equals the quantiles of chi squared (Viechtbauer, Stat. Med. 26, 2007, 37). The uncertainty of the mean is that
-    of the weighted mean, at least as large as the scatter says.
-
-    Raises
-    ------
-    AnalysisError
-        Without any finite estimate.
-    """
-    from scipy.optimize import brentq
-    from scipy.stats import chi2
-
-    good = [e for e in estimates if math.isfinite(e.value) and math.isfinite(e.sd)]
-    if not good:
-        raise AnalysisError("nothing to pool: no recording shows this quantity")
-    values, variances = np.array([e.value for e in good]), np.array([max(e.sd, 1e-12) ** 2 for e in good])
-    count = len(good)
-
-    def weighted(between: float) -> tuple[float, float, float]:
-        weights = 1.0 / (variances + between)
-        mean = float(np.sum(weights * values) / np.sum(weights))
-        return mean, float(np.sum(weights * (values - mean) ** 2)), float(np.sum(weights))
-
-    if count < MIN_FOR_SPREAD:
-        mean, scatter, weight = weighted(0.0)
-        inflation = max(scatter / max(count - 1, 1), 1.0)
-        return Pooled(Estimate(mean, math.sqrt(inflation / weight)), math.nan, math.nan, math.nan, count)
-
-    def variance_at(target: float) -> float:
-        if weighted(0.0)[1] <= target:
-            return 0.0
-        most = float(np.var(values)) * count + 1e-30
-        while weighted(most)[1] > target:
-            most *= 10.0
-        return float(brentq(lambda between: weighted(between)[1] - target, 0.0, most, xtol=most * 1e-12))
-
-    between = variance_at(count - 1.0)
-    mean, scatter, weight = weighted(between)
-    low, high = (variance_at(float(chi2.ppf(share, count - 1))) for share in ((1 + LEVEL) / 2, (1 - LEVEL) / 2))
-    sd = math.sqrt(max(scatter / (count - 1), 1.0) / weight)
-    return Pooled(Estimate(mean, sd), math.sqrt(between), math.sqrt(low), math.sqrt(high), count)
 
 
 @dataclass(frozen=True)
@@ -211,7 +128,7 @@ def fit_kind(
             f"{len(same) - len(spaced)} recordings have other range bins: not used for clutter, correlation and shape"
         )
     pooled = {name: pool(found) for name, found in _by_name(same).items()}
-    base = _scaled(base, same, pooled, people_at_m, radar is not None)
+    base = with_fitted_gain(base, same, pooled, people_at_m, radar_is_given=radar is not None)
     refused = _reasons(same, pooled)
     if people_at_m is None and "direct_path_db" not in pooled:
         refused["receiver gain"] = "no level of a known echo; give the range of the people to set it"
@@ -253,93 +170,6 @@ def _by_name(measured: Sequence[Measured]) -> dict[str, list[Estimate]]:
         for name, estimate in one.estimates.items():
             found.setdefault(name, []).append(estimate)
     return found
-
-
-def _scaled(
-    radar: Radar, same: Sequence[Measured], pooled: dict[str, Pooled], people_at_m: float | None, radar_is_given: bool
-) -> Radar:
-    """Set gain and noise figure, and pool their spread.
-
-    The figure is what the noise needs in the radar of each recording; its spread is without that of the gain where the
-    direct path shows it, and without what unequal I and Q channels add.
-    """
-    if "noise_level_db" not in pooled:
-        return radar
-    direct = pooled.get("direct_path_db")
-    by_gain = direct is not None and direct.count == len(same) and direct.spread_is_known
-    channels = "noise_iq_gain_db" if noise_is_apart(pooled) else "iq_gain_db"
-    quadrature_db = pooled[channels].mean.value if channels in pooled else 0.0
-    added_db = DB_PER_NEPER * math.log((1.0 + 10.0 ** (quadrature_db / 10.0)) / 2.0)
-    gain_db = 0.0
-    echoes = [m.echo_db for m in same if math.isfinite(m.echo_db)]
-    if people_at_m is not None and echoes:
-        expected_v = float(echo_amplitude_v(radar, range_m=people_at_m, rcs_m2=PERSON_M2))
-        gain_db = float(np.median(echoes)) - 20.0 * math.log10(expected_v)
-
-    def figures() -> Pooled:
-        found = []
-        for one in same:
-            if "noise_level_db" not in one.estimates:
-                continue
-            level = one.estimates["noise_level_db"]
-            own, own_db, own_sd = one.recording.radar, gain_db, 0.0
-            if radar_is_given:
-                own = radar.model_copy(update={"prf_hz": own.prf_hz})
-            if by_gain and direct is not None:
-                own_db += one.estimates["direct_path_db"].value - direct.mean.value
-                own_sd = one.estimates["direct_path_db"].sd
-            own = own.model_copy(update={"receiver_gain_db": own.receiver_gain_db + own_db})
-            figure = figure_of(own, Estimate(level.value - added_db, level.sd))
-            found.append(Estimate(figure.value, math.hypot(figure.sd, own_sd)))
-        return pool(found)
-
-    figure = figures()
-    if people_at_m is None and not 0.0 <= figure.mean.value <= 30.0:
-        # no receiver has that: the scale of the file against volts is unknown, so that the gain takes the difference
-        plausible_db = max(radar.noise_figure_db, MATTERS * (figure.spread if figure.spread_is_known else 0.0))
-        gain_db = figure.mean.value - plausible_db
-        figure = figures()
-    if by_gain and direct is not None:
-        pooled["gain_db"] = direct
-        # how far the mean gain of these units is from that of their kind, no level shows
-        mean = Estimate(figure.mean.value, math.hypot(figure.mean.sd, direct.mean.sd))
-        figure = replace(figure, mean=mean)
-    pooled["noise_figure_db"] = figure
-    limited_db = min(max(figure.mean.value, 0.0), 100.0)
-    changes = {"receiver_gain_db": radar.receiver_gain_db + gain_db, "noise_figure_db": limited_db}
-    return Radar.model_validate({**radar.model_dump(), **changes})
-
-
-def noise_is_apart(pooled: Mapping[str, Pooled]) -> bool:
-    """Return True where the noise is unlike the image of echoes.
-
-    In gain or phase of Q against I; it then arises behind the mixer.
-    """
-    for name, least in (("iq_gain_db", 0.5), ("iq_phase_deg", 3.0)):
-        if name not in pooled:
-            return False
-        echo, noise = pooled[name].mean, pooled[f"noise_{name}"].mean
-        if abs(echo.value - noise.value) > max(MATTERS * math.hypot(echo.sd, noise.sd), least):
-            return True
-    return False
-
-
-def figure_of(radar: Radar, level_db: Estimate) -> Estimate:
-    """Return the noise figure, dB, that gives a measured level.
-
-    Found by bisection: behind a threshold counter the level is not proportional to it.
-    """
-    from scipy.optimize import brentq
-
-    def level_at(figure_db: float) -> float:
-        return float(power_to_db(noise_power_v2(radar.model_copy(update={"noise_figure_db": figure_db}))))
-
-    lowest, highest = -100.0, 250.0
-    if not level_at(lowest) < level_db.value < level_at(highest):
-        return Estimate(math.nan, math.inf)
-    value = float(brentq(lambda figure_db: level_at(figure_db) - level_db.value, lowest, highest))
-    slope = level_at(value + 0.5) - level_at(value - 0.5)
-    return Estimate(value, level_db.sd / slope)
 
 
 def _reasons(same: Sequence[Measured], pooled: Mapping[str, Pooled]) -> dict[str, str]:

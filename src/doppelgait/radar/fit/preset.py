@@ -10,6 +10,8 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
+from doppelgait.core.config import validate
+from doppelgait.radar.fit.gain import rescaled
 from doppelgait.radar.fit.model import PLAUSIBLE_NOISE_FIGURE_DB, SensorFit
 from doppelgait.radar.fit.static import DB_PER_NEPER, Estimate
 from doppelgait.radar.parameters import Radar, possible_correlation
@@ -39,10 +41,11 @@ def calibrated_radar(fit: SensorFit, radar: Radar | None = None) -> Radar:
         "range_stop_m": stop_m,
     }  # fmt: skip
     same = base.model_copy(update={"prf_hz": fit.radar.prf_hz})
-    key, value = _noise_change(fit, same)
+    noise = _noise_change(fit, same)
     if base.waveform.samples_are_bins and "noise_correlation" in base.waveform.takes:
         changes["noise_correlation"] = _noise_correlation(fit)
-    return Radar.model_validate({**base.model_dump(), **changes, key: value})
+    where = f"the radar fitted to {fit.source or 'a recording'}, whose values should be in V"
+    return validate(Radar, {**base.model_dump(), **changes, **noise}, where=where)
 
 
 def _noise_correlation(fit: SensorFit) -> tuple[float, ...]:
@@ -52,15 +55,17 @@ def _noise_correlation(fit: SensorFit) -> tuple[float, ...]:
     return possible_correlation(found)
 
 
-def _noise_change(fit: SensorFit, radar: Radar) -> tuple[str, float]:
+def _noise_change(fit: SensorFit, radar: Radar) -> dict[str, Any]:
+    """Return the noise figure, or where none is plausible another scale of all levels."""
     from doppelgait.radar.link import noise_power_v2, noise_slope
 
-    excess_db = (fit.noise_level_db.value - DB_PER_NEPER * math.log(noise_power_v2(radar))) / noise_slope(radar)
-    figure_db = radar.noise_figure_db + excess_db
+    excess_db = fit.noise_level_db.value - DB_PER_NEPER * math.log(noise_power_v2(radar))
+    figure_db = radar.noise_figure_db + excess_db / noise_slope(radar)
     low_db, high_db = PLAUSIBLE_NOISE_FIGURE_DB
     if low_db <= figure_db <= high_db:
-        return "noise_figure_db", figure_db
-    return "receiver_gain_db", radar.receiver_gain_db + excess_db
+        return {"noise_figure_db": figure_db}
+    scaled = rescaled(radar, excess_db)
+    return {key: getattr(scaled, key) for key in ("receiver_gain_db", "threshold_step_v")}
 
 
 def calibrated_preset(fit: SensorFit, radar: Radar | None = None) -> str:
@@ -97,12 +102,18 @@ def calibrated_preset(fit: SensorFit, radar: Radar | None = None) -> str:
         lines.append(f"# Not modelled: gain jitter of {fit.gain.white.value:.2g} dB from frame to frame.")
     lines += [*(f"# Note: {single_line(flag)}." for flag in fit.flags), ""]
     base = fit.radar if radar is None else radar
-    key, _ = _noise_change(fit, base.model_copy(update={"prf_hz": fit.radar.prf_hz}))
+    noise = _noise_change(fit, base.model_copy(update={"prf_hz": fit.radar.prf_hz}))
     axes = f"axis of {fit.source or 'the recording'}"
     origins = dict.fromkeys(("prf_hz", "range_start_m", "range_stop_m"), axes)
     origins["noise_correlation"] = f"fitted from {_origin(fit)}: between bins 1, 2, ... apart"
-    noise_sd_db = fit.noise_level_db.sd / noise_slope(base)
-    origins[key] = _fitted(fit, noise_sd_db, "dB") + "; gives the measured noise per bin and frame"
+    if "noise_figure_db" in noise:
+        noise_sd_db = fit.noise_level_db.sd / noise_slope(base)
+        origins["noise_figure_db"] = _fitted(fit, noise_sd_db, "dB") + "; gives the measured noise per bin and frame"
+    else:
+        origins["receiver_gain_db"] = (
+            _fitted(fit, fit.noise_level_db.sd, "dB") + "; gives the measured noise: no noise figure of a receiver does"
+        )
+        origins["threshold_step_v"] = "scaled with the gain, so that the SNR is that of the preset"
     values = calibrated.model_dump(mode="json", exclude_none=True)
     nested = {name: value for name, value in values.items() if isinstance(value, dict)}
     default = f"as {base.name}"
