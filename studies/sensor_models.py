@@ -31,7 +31,7 @@ from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.dataset.config import PlanConfig, load_plan
 from doppelgait.radar import Radar, Recording
 from doppelgait.radar.fit import fit_kind, kind_preset
-from doppelgait.radar.readers import read_recording
+from doppelgait.radar.readers import read_recording, read_several
 from doppelgait.viz.domains import domain_page
 
 SEEDS = 16
@@ -117,7 +117,7 @@ def main(data: Path, out: Path, *, seeds: int, most: int | None) -> None:
             name, train, test, "infineon-24", out, radar=sheet, people_at_m=PEOPLE_AT_M, plan=people
         )  # fmt: skip
     room = data / "x4_rf_giraffe_yin" / "rf_empty_room_two_radars_20220222_143239.mat"
-    one, other = (read_recording(room, matrix=f"Data_Matrix_{number}") for number in (1, 2))
+    (one, other), _ = read_several([room])
     found["x4-radar-2"] = judged("x4-radar-2", [one], [other], "x4-17fps", out, copies=COPIES)
     found["x4-radar-1"] = judged("x4-radar-1", [other], [one], "x4-17fps", out, copies=COPIES)
     a121 = data / "a121_acconeer"

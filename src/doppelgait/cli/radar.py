@@ -12,9 +12,6 @@ import typer
 from doppelgait.cli.output import check_output, number, print_json, print_table, reader_options, say
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from doppelgait.radar import Recording
     from doppelgait.radar.fit import SensorFit
 
 
@@ -50,29 +47,20 @@ def fit(
     """
     from doppelgait.core.files import atomic_path
     from doppelgait.radar.fit import calibrated_preset, fit_sensor, sensor_as_dict
-    from doppelgait.radar.readers import read_recording
+    from doppelgait.radar.readers import is_folder_of_recordings, read_recording
 
     check_output(output, ".toml")
-    if len(recordings) > 1 or _is_folder_of_recordings(recordings[0]):
+    if len(recordings) > 1 or is_folder_of_recordings(recordings[0]):
         for name, value in {"--start": start, "--stop": stop, "--figures": figures}.items():
             if value is not None:
                 raise typer.BadParameter(f"{name} goes with one recording only; leave it out")
-        _fit_kind(recordings, output, preset, options or [], people_at, as_json)
+        _fit_kind(recordings, output, preset, _parsed(options), people_at, as_json)
         return
     if people_at is not None:
         raise typer.BadParameter("--people-at goes with several recordings; leave it out")
     empty = recordings[0]
     with reader_options():
-        chosen = options or []
-        from doppelgait.core.config import apply_overrides
-        from doppelgait.core.errors import ConfigError
-
-        for option in chosen:
-            if "=" not in option.lstrip("="):
-                raise ConfigError(f"--option {option}: must be KEY=VALUE, for example matrix=Data_Matrix_1")
-        recording = read_recording(
-            empty, **{**({} if preset is None else {"radar": preset}), **apply_overrides({}, chosen)}
-        )
+        recording = read_recording(empty, **{**({} if preset is None else {"radar": preset}), **_parsed(options)})
     found = fit_sensor(recording, start_s=start, stop_s=stop)
     with atomic_path(output) as partial:
         partial.write_text(calibrated_preset(found), encoding="utf-8")
@@ -107,76 +95,32 @@ def fit(
     say(f'calibrated preset: {output}; use it as radar.preset = "{output}" in a scene')
 
 
-def _is_folder_of_recordings(path: Path) -> bool:
-    """Return whether a path is a folder of recordings.
-
-    A XeThru recording is a folder, too.
-    """
-    from doppelgait.radar.readers import formats_of
-
-    return path.is_dir() and not formats_of(path)
-
-
-def recordings_under(paths: list[Path]) -> Iterator[Path]:
-    """Yield the recordings of files and folders, each once.
-
-    In the order of their names.
-    """
-    from doppelgait.radar.readers import formats_of
-
-    seen: set[Path] = set()
-    for path in paths:
-        if not _is_folder_of_recordings(path):
-            yield path
-            continue
-        for entry in sorted(path.iterdir()):
-            if entry.is_dir():
-                yield from recordings_under([entry])
-                continue
-            # I and Q of one recording in two files are one
-            whole = entry.with_name(entry.name.replace("_IM.txt", "_RE.txt"))
-            if whole in seen or not formats_of(entry):
-                continue
-            seen.add(whole)
-            yield whole if whole.is_file() else entry
-
-
-def read_several(paths: list[Path], options: list[str]) -> tuple[list[Recording], list[str]]:
-    """Read the recordings of files and folders.
-
-    Returns them, and why others cannot be read.
-    """
-    import inspect
-
+def _parsed(options: list[str] | None) -> dict[str, Any]:
     from doppelgait.core.config import apply_overrides
-    from doppelgait.core.errors import DoppelgaitWarning, RecordingError
-    from doppelgait.radar.readers import RADAR_READERS, formats_of, read_recording
+    from doppelgait.core.errors import ConfigError
 
-    wanted, found, left_out = apply_overrides({}, options), [], []
-    for path in recordings_under(paths):
-        readers = [RADAR_READERS[name].run for name in formats_of(path)]
-        allowed = {name for reader in readers for name in inspect.signature(reader).parameters}
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", DoppelgaitWarning)  # clipping is in the result
-                found.append(read_recording(path, **{k: v for k, v in wanted.items() if k in allowed}))
-        except RecordingError as error:
-            left_out.append(str(error))
-    return found, left_out
+    for option in options or []:
+        if "=" not in option.lstrip("="):
+            raise ConfigError(f"--option {option}: must be KEY=VALUE, for example matrix=Data_Matrix_1")
+    return apply_overrides({}, options or [])
 
 
 def _fit_kind(
-    paths: list[Path], output: Path, preset: str | None, options: list[str], people_at_m: float | None, as_json: bool
+    paths: list[Path],
+    output: Path,
+    preset: str | None,
+    options: dict[str, Any],
+    people_at_m: float | None,
+    as_json: bool,
 ) -> None:
-    from doppelgait.core.errors import RecordingError
     from doppelgait.core.files import atomic_path
     from doppelgait.radar import Radar
     from doppelgait.radar.fit import fit_kind, kind_preset, kind_rows
+    from doppelgait.radar.readers import read_several
 
     radar = None if preset is None else Radar.preset(preset)
-    found, unread = read_several(paths, [*options, *([] if preset is None else [f'radar="{preset}"'])])
-    if not found:
-        raise RecordingError("no recording can be read: " + "; ".join(unread or map(str, paths)))
+    with reader_options():
+        found, unread = read_several(paths, **({} if preset is None else {"radar": preset}), **options)
     kind = fit_kind(found, radar=radar, people_at_m=people_at_m)
     with atomic_path(output) as partial:
         partial.write_text(kind_preset(kind), encoding="utf-8")
@@ -255,15 +199,15 @@ def compare(
     """
     from doppelgait import viz
     from doppelgait.classify.domain import compare_recordings, comparison_rows, picture, simulate_like
-    from doppelgait.core.errors import DoppelgaitWarning, RecordingError
+    from doppelgait.core.errors import DoppelgaitWarning
     from doppelgait.dataset.config import load_plan
+    from doppelgait.radar.readers import read_several
     from doppelgait.viz.domains import domain_page
 
     check_output(output, ".png")
     loaded, folder = (None, None) if plan is None else load_plan(plan)
-    real, unread = read_several(recordings, options or [])
-    if not real:
-        raise RecordingError("no recording can be read: " + "; ".join(unread or map(str, recordings)))
+    with reader_options():
+        real, unread = read_several(recordings, **_parsed(options))
     found, pictures = {}, {"real": [picture(one) for one in real[:SHOWN]]}
     for model in models:
         with warnings.catch_warnings():

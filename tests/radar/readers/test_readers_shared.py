@@ -10,7 +10,7 @@ from scipy.signal import firwin
 
 from doppelgait.core.errors import RecordingError
 from doppelgait.radar import Recording, read_recording, write_recording
-from doppelgait.radar.readers import RADAR_READERS
+from doppelgait.radar.readers import RADAR_READERS, read_several
 from doppelgait.radar.readers.arrays import write_arrays
 from doppelgait.radar.readers.matlab import list_variables, load_variable
 
@@ -158,3 +158,14 @@ def test_scipy_reads_the_same_values(folder):
         for name, variable in list_variables(path, max_bytes=1 << 30).items():
             if variable.kind in (6, 7, 8, 9, 10, 11):
                 np.testing.assert_array_equal(load_variable(variable), wanted[name])
+
+
+def test_a_folder_of_files_with_several_recordings_gives_them_all(shared, folder, empty_room):
+    found, left_out = read_several([folder])
+    assert left_out == []
+    assert [r.source.rpartition(" (")[2] for r in found[1:]] == ["matrix=Data_Matrix_1)", "matrix=Data_Matrix_2)"]
+    wanted = [read_recording(empty_room, matrix=f"Data_Matrix_{number}") for number in (1, 2)]
+    assert all(np.array_equal(a.samples.matrix, b.samples.matrix) for a, b in zip(found[1:], wanted, strict=True))
+    subsweeps, left_out = read_several([folder.parent / "a121_acconeer"])
+    assert left_out == []
+    assert sum("presence-default.h5 (subsweep=" in r.source for r in subsweeps) == 4

@@ -3,26 +3,38 @@
 A reader is a function ``(path, **options) -> Recording`` with keyword-only options, registered by
 ``plugin("radar_reader", NAME, sniff=..., suffixes=(...))``; ``sniff(path) -> bool`` is cheap, looks at the content and
 is called for every path, also for one that does not exist. A writer is a function ``(recording, path, **options)``,
-registered by ``plugin("radar_writer", NAME, suffix=...)``; the suffix picks it, "" stands for a folder.
+registered by ``plugin("radar_writer", NAME, suffix=...)``; the suffix picks it, "" stands for a folder. A reader of
+files that may hold several recordings also has ``parts(path) -> list of options``, one entry per recording.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import inspect
 import mmap
 import os
 import struct
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from doppelgait.core.errors import RecordingError
+from doppelgait.core.errors import DoppelgaitWarning, RecordingError
 from doppelgait.core.own_hdf5 import stated_format
 from doppelgait.core.plugins import Group, Plugin
 from doppelgait.radar.recording import Recording
 
-__all__ = ["RADAR_READERS", "RADAR_WRITERS", "formats_of", "read_recording", "writers_by_suffix"]
+__all__ = [
+    "RADAR_READERS",
+    "RADAR_WRITERS",
+    "formats_of",
+    "is_folder_of_recordings",
+    "read_recording",
+    "read_several",
+    "recordings_under",
+    "writers_by_suffix",
+]
 
 Reader = Callable[..., Recording]
 Writer = Callable[..., Any]
@@ -132,6 +144,101 @@ def _find_format(path: Path) -> str:
             f"{path}: holds results of doppelgait analyze, no recording; give the recording that they were made from"
         )
     raise RecordingError(f"{path}: its content is no recording format that is read; these are: {_known()}")
+
+
+def is_folder_of_recordings(path: Path) -> bool:
+    """Return whether a path is a folder of recordings.
+
+    A XeThru recording is a folder, too.
+    """
+    return path.is_dir() and not formats_of(path)
+
+
+def recordings_under(paths: Iterable[Path]) -> Iterator[tuple[Path, bool]]:
+    """Yield the recordings of files and folders, each once.
+
+    In the order of their names, with True for what was named and False for what was found in a folder. There files
+    without the suffix of a recording are passed over.
+    """
+    suffixes = tuple(s for one in RADAR_READERS.values() for s in one.facts["suffixes"] if s.startswith("."))
+    seen: set[Path] = set()
+
+    def walk(path: Path, named: bool) -> Iterator[tuple[Path, bool]]:
+        if is_folder_of_recordings(path):
+            for entry in sorted(path.iterdir()):
+                yield from walk(entry, False)
+            return
+        if not named and not (formats_of(path) or (path.name.endswith(suffixes) and not path.name.endswith(".txt"))):
+            return
+        whole = path
+        for part, other in (("_IM.txt", "_RE.txt"), (".sigmf-meta", ".sigmf-data")):  # one recording in two files
+            if path.name.endswith(part) and (twin := path.with_name(path.name.removesuffix(part) + other)).is_file():
+                whole = twin
+        if whole not in seen:
+            seen.add(whole)
+            yield whole, named
+
+    for path in paths:
+        yield from walk(path, True)
+
+
+def read_several(paths: Iterable[Path], **options: Any) -> tuple[list[Recording], list[str]]:
+    """Read the recordings of files and folders.
+
+    A file with several is read as several, unless the options say which.
+
+    Parameters
+    ----------
+    paths : iterable of Path
+        Files, and folders that are searched with their subfolders.
+    **options
+        Options of readers; each gets those that it has.
+
+    Returns
+    -------
+    found : list of Recording
+    left_out : list of str
+        Why others that were found in folders cannot be read.
+
+    Raises
+    ------
+    RecordingError
+        If a file that was named cannot be read, a folder cannot be listed, no recording is left, or no reader has an
+        option other than ``radar``.
+    """
+    paths, found, left_out, taken = list(paths), [], [], {"radar"}
+    try:
+        for path, named in recordings_under(paths):
+            readers = [RADAR_READERS[name] for name in formats_of(path)]
+            allowed = {name for reader in readers for name in inspect.signature(reader.run).parameters}
+            taken |= allowed
+            chosen = {name: value for name, value in options.items() if name in allowed}
+            parts = readers[0].facts["parts"](path) if len(readers) == 1 and "parts" in readers[0].facts else []
+            if len(parts) < 2 or set(parts[0]) & set(chosen):
+                parts = [{}]
+            for part in parts:
+                try:
+                    with warnings.catch_warnings():
+                        warnings.simplefilter("ignore", DoppelgaitWarning)  # clipping is seen in the values
+                        recording = read_recording(path, **chosen, **part)
+                except RecordingError as error:
+                    if named:
+                        raise
+                    left_out.append(str(error))
+                    continue
+                if part:
+                    said = ", ".join(f"{name}={value}" for name, value in part.items())
+                    recording = dataclasses.replace(recording, source=f"{recording.source} ({said})")
+                found.append(recording)
+    except OSError as error:
+        raise RecordingError(f"{error.filename}: cannot be read: {error.strerror or error}") from None
+    if not found:
+        raise RecordingError("no recording can be read: " + ("; ".join(left_out) or ", ".join(map(str, paths))))
+    if unknown := sorted(set(options) - taken):
+        raise RecordingError(
+            f"no reader of these files has the option {', '.join(unknown)}; see doppelgait radar formats"
+        )
+    return found, left_out
 
 
 def _known() -> str:

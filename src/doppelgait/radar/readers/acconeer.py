@@ -241,7 +241,19 @@ def sniff_acconeer(path: Path) -> bool:
         return False
 
 
-@plugin("radar_reader", "acconeer", sniff=sniff_acconeer, suffixes=(".h5",))
+def subsweeps_of(path: Path) -> list[dict[str, Any]]:
+    """List the subsweeps of a file's first entry as options of its reader.
+
+    Empty for a damaged file, of which the reader says more.
+    """
+    try:
+        part = _open(path, session=0, group=0, entry=0)
+    except RecordingError:
+        return []
+    return [{"subsweep": number} for number in range(len(part.subsweeps))]
+
+
+@plugin("radar_reader", "acconeer", sniff=sniff_acconeer, suffixes=(".h5",), parts=subsweeps_of)
 def read_acconeer(
     path: str | Path,
     *,

@@ -10,6 +10,7 @@ import math
 import re
 import struct
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -195,7 +196,33 @@ def sniff_matlab(path: Path) -> bool:
         return file.read(len(HEADERS[0])) in HEADERS
 
 
-@plugin("radar_reader", "matlab-rf", sniff=sniff_matlab, suffixes=(".mat",))
+def matrices_of(path: Path) -> list[dict[str, Any]]:
+    """List the matrices of frames in a file as options of its reader.
+
+    Empty for a damaged file, of which the reader says more.
+    """
+    try:
+        return [{"matrix": name} for name in _frame_matrices(_shapes(path))]
+    except Exception:  # the libraries raise nearly anything at damaged bytes
+        return []
+
+
+def _shapes(path: Path) -> dict[str, tuple[int, ...]]:
+    with path.open("rb") as file:
+        is_hdf5 = file.read(len(HEADERS[1])) == HEADERS[1]
+    if not is_hdf5:
+        return {name: one.shape for name, one in list_variables(path, max_bytes=8 * MAX_VALUES).items()}
+    import h5py  # version 7.3 is HDF5 with the axes of every matrix reversed
+
+    with h5py.File(path, "r") as hdf5:
+        return {name: hdf5[name].shape[::-1] for name in hdf5 if isinstance(hdf5[name], h5py.Dataset)}
+
+
+def _frame_matrices(shapes: Mapping[str, Any]) -> list[str]:
+    return [name for name in shapes if re.fullmatch(rf"{MATRIX}(_\d+)?", name)]
+
+
+@plugin("radar_reader", "matlab-rf", sniff=sniff_matlab, suffixes=(".mat",), parts=matrices_of)
 def read_matlab(
     path: Path,
     *,
@@ -295,10 +322,10 @@ def _load(path: Path, matrix: str | None) -> dict[str, Any]:
     try:
         content: dict[str, Any]
         if is_hdf5:
-            import h5py  # version 7.3 is HDF5 with the axes of every matrix reversed
+            import h5py
 
+            shapes = _shapes(path)
             with h5py.File(path, "r") as hdf5:
-                shapes = {name: hdf5[name].shape[::-1] for name in hdf5 if isinstance(hdf5[name], h5py.Dataset)}
                 name = _pick(path, shapes, matrix)
                 facts = {fact: hdf5[fact][()].T for fact in FACTS if fact in shapes}
                 content = {MATRIX: hdf5[name][()].T, "name": name, **facts}
@@ -327,7 +354,7 @@ def _load(path: Path, matrix: str | None) -> dict[str, Any]:
 
 
 def _pick(path: Path, shapes: dict[str, Any], wanted: str | None) -> str:
-    found = [name for name in shapes if re.fullmatch(rf"{MATRIX}(_\d+)?", name)]
+    found = _frame_matrices(shapes)
     if wanted is not None and wanted not in shapes:
         raise RecordingError(f"{path}: has no matrix {wanted!r}; it holds {', '.join(shapes) or 'nothing'}")
     if wanted is None and len(found) != 1:
