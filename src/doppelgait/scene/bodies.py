@@ -1,4 +1,4 @@
-"""Bodies of ellipsoids: joints, radar cross sections and occlusion (E-08c, E-08e).
+"""Bodies of ellipsoids: joints, radar cross sections, occlusion (E-08c, E-08e to E-08g).
 
 Joints are means of points, so that the walking model, two usual marker sets and the quadruped model share one
 description each of a person and of a four-legged animal.
@@ -418,14 +418,15 @@ def mean_rcs_m2(body: Ellipsoids) -> float:
 
 
 def seen_rcs_m2(body: Ellipsoids, radar_position_m: npt.ArrayLike) -> FloatArray:
-    """Compute the RCS of every ellipsoid towards the radar (E-08c).
+    """Compute the RCS of every ellipsoid at the radar's distance (E-08c, E-08g).
 
     The result is not scaled to a total; shape (I, S), m^2.
     """
-    sight = _unit(np.asarray(radar_position_m, dtype=float) - body.centre_m)
-    along, across = _dot(sight, body.along), _dot(sight, body.across)
-    upright = np.sqrt(np.maximum(1.0 - along**2 - across**2, 0.0))
-    return ellipsoid_rcs_m2(body.semi_axes_m, np.stack([across, upright, along], axis=-1))
+    from doppelgait.core.kernels import occlusion as kernel
+
+    rcs_m2, radar = np.empty(body.centre_m.shape[:2]), np.asarray(radar_position_m, dtype=np.float64)
+    kernel.seen_rcs(body.centre_m, body.along, body.across, body.semi_axes_m, radar, rcs_m2)
+    return rcs_m2
 
 
 EDGE_M = 0.05

@@ -178,9 +178,9 @@ def scatter_points(view: View, spec: RcsSpec) -> tuple[Motion, FloatArray]:
 
 @plugin("rcs", "ellipsoids", parameters=RcsSpec)
 def scatter_ellipsoids(view: View, spec: RcsSpec) -> tuple[Motion, FloatArray]:
-    """Use the points of the ellipsoids that face the radar (E-08c, E-08f).
+    """Use points of ellipsoids that face the radar (E-08c, E-08f, E-08g).
 
-    The mean sum of their cross sections (I, S) is the total.
+    The mean sum of their cross sections (I, S) is the total far from the radar.
     """
     total_m2 = total_rcs_m2(spec, view.motion.facts.mass_kg)
     seen_m2 = seen_rcs_m2(view.body, view.radar_position_m)

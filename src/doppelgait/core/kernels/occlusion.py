@@ -1,4 +1,4 @@
-"""Ellipsoids seen from the radar: their nearest points, and occlusion of lines of sight."""
+"""Ellipsoids seen from the radar: nearest points, cross sections, occlusion."""
 
 from __future__ import annotations
 
@@ -25,6 +25,56 @@ def ramp(x: float) -> float:
     return x * x * x * (10.0 + x * (6.0 * x - 15.0))
 
 
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _in_own_axes(
+    centre: FloatArray, along: FloatArray, across: FloatArray, radar: FloatArray
+) -> tuple[float, float, float]:
+    """Return the radar's place along the axes of one ellipsoid.
+
+    They are across, the square of upright, and along.
+    """
+    wide, long, square = 0.0, 0.0, 0.0
+    for k in range(3):
+        y = radar[k] - centre[k]
+        wide += y * across[k]
+        long += y * along[k]
+        square += y * y
+    return wide, max(square - wide * wide - long * long, 0.0), long
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _root(wide2: float, up2: float, long2: float, first: float, second: float, third: float) -> float:
+    """Find t of the nearest point.
+
+    In the axes of the ellipsoid it is x_k = s_k^2 y_k / (s_k^2 + t) for a radar at y, t > 0 the root of
+    sum (s_k y_k / (s_k^2 + t))^2 = 1. The sum is convex and falls, so that Newton's iteration rises to the root from
+    t = |s y| - (mean of s^2, weighted by (s y)^2), where the sum is 1 or more (Jensen's inequality).
+
+    Parameters
+    ----------
+    wide2, up2, long2 : float
+        Squares of the semi-axes s_k.
+    first, second, third : float
+        (s_k y_k)^2.
+
+    Returns
+    -------
+    float
+        0 where the radar is inside.
+    """
+    weight = first + second + third
+    root = math.sqrt(weight) - (first * wide2 + second * up2 + third * long2) / max(weight, 1e-300)
+    root = max(root, 0.0)
+    for _ in range(NEWTON_STEPS):
+        p, q, r = 1.0 / (wide2 + root), 1.0 / (up2 + root), 1.0 / (long2 + root)
+        one, two, three = first * p * p, second * q * q, third * r * r
+        step = (one + two + three - 1.0) / (2.0 * (one * p + two * q + three * r) + 1e-300)
+        root = max(root + step, 0.0)
+        if abs(step) <= 1e-9 * root:  # the next one would be of the order of its square
+            break
+    return root
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def nearest_points(
     centre: FloatArray,
@@ -36,10 +86,6 @@ def nearest_points(
 ) -> None:
     """Find the point of every ellipsoid that is nearest to the radar.
 
-    In the axes of the ellipsoid it is x_k = s_k^2 y_k / (s_k^2 + t) for a radar at y, t > 0 the root of
-    sum (s_k y_k / (s_k^2 + t))^2 = 1. The sum is convex and falls, so that Newton's iteration rises to the root from
-    t = |s y| - (mean of s^2, weighted by (s y)^2), where the sum is 1 or more (Jensen's inequality).
-
     Parameters
     ----------
     centre, along, across : ndarray, shape (I, S, 3)
@@ -49,33 +95,55 @@ def nearest_points(
     points : ndarray, shape (I, S, 3)
         Overwritten; the radar's own place where it is inside.
     """
-    y = np.empty(3)
     for i in range(centre.shape[0]):
         for s in range(centre.shape[1]):
             wide2, up2, long2 = semi_axes[s, 0] ** 2, semi_axes[s, 1] ** 2, semi_axes[s, 2] ** 2
-            y_wide, y_long, square = 0.0, 0.0, 0.0
-            for k in range(3):
-                y[k] = radar[k] - centre[i, s, k]
-                y_wide += y[k] * across[i, s, k]
-                y_long += y[k] * along[i, s, k]
-                square += y[k] * y[k]
-            up_square = max(square - y_wide * y_wide - y_long * y_long, 0.0)
-            first, second, third = wide2 * y_wide * y_wide, up2 * up_square, long2 * y_long * y_long
-            weight = first + second + third
-            root = math.sqrt(weight) - (first * wide2 + second * up2 + third * long2) / max(weight, 1e-300)
-            root = max(root, 0.0)
-            for _ in range(NEWTON_STEPS):
-                p, q, r = 1.0 / (wide2 + root), 1.0 / (up2 + root), 1.0 / (long2 + root)
-                one, two, three = first * p * p, second * q * q, third * r * r
-                step = (one + two + three - 1.0) / (2.0 * (one * p + two * q + three * r) + 1e-300)
-                root = max(root + step, 0.0)
-                if abs(step) <= 1e-9 * root:  # the next one would be of the order of its square
-                    break
+            y_wide, up_square, y_long = _in_own_axes(centre[i, s], along[i, s], across[i, s], radar)
+            root = _root(wide2, up2, long2, wide2 * y_wide * y_wide, up2 * up_square, long2 * y_long * y_long)
             plain = up2 / (up2 + root)
             more_wide, more_long = wide2 / (wide2 + root) - plain, long2 / (long2 + root) - plain
             for k in range(3):
-                off = plain * y[k] + more_wide * y_wide * across[i, s, k] + more_long * y_long * along[i, s, k]
+                y = radar[k] - centre[i, s, k]
+                off = plain * y + more_wide * y_wide * across[i, s, k] + more_long * y_long * along[i, s, k]
                 points[i, s, k] = centre[i, s, k] + off
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def seen_rcs(
+    centre: FloatArray,
+    along: FloatArray,
+    across: FloatArray,
+    semi_axes: FloatArray,
+    radar: FloatArray,
+    rcs: FloatArray,
+) -> None:
+    """Compute the cross section of every ellipsoid at the radar's distance.
+
+    With t of the nearest point, y the radar in the ellipsoid's axes, d = t / h the distance and
+    1 / h^2 = sum (y_k / (s_k^2 + t))^2 it is pi abc^2 / h^4 over the determinant of I + R / d, R the tensor
+    of the radii of curvature (Q - Q u u^T Q / h^2) / h. The determinant lemma makes of that determinant
+    t prod(1 + s_k^2 / t) sum s_k^2 y_k^2 / (s_k^2 + t)^3, so that nothing is divided by the distance.
+
+    Parameters
+    ----------
+    centre, along, across : ndarray, shape (I, S, 3)
+        As in :class:`doppelgait.scene.bodies.Ellipsoids`.
+    semi_axes : ndarray, shape (S, 3)
+    radar : ndarray, shape (3,)
+    rcs : ndarray, shape (I, S)
+        Overwritten; 0 where the radar is inside.
+    """
+    for i in range(centre.shape[0]):
+        for s in range(centre.shape[1]):
+            wide2, up2, long2 = semi_axes[s, 0] ** 2, semi_axes[s, 1] ** 2, semi_axes[s, 2] ** 2
+            y_wide, up_square, y_long = _in_own_axes(centre[i, s], along[i, s], across[i, s], radar)
+            first, second, third = wide2 * y_wide * y_wide, up2 * up_square, long2 * y_long * y_long
+            root = _root(wide2, up2, long2, first, second, third)
+            p, q, r = 1.0 / (wide2 + root), 1.0 / (up2 + root), 1.0 / (long2 + root)
+            gradient2 = y_wide * y_wide * p * p + up_square * q * q + y_long * y_long * r * r  # 1 / h^2
+            bent = first * p * p * p + second * q * q * q + third * r * r * r
+            far = root * gradient2
+            rcs[i, s] = math.pi * far * far * (wide2 * p) * (up2 * q) * (long2 * r) / (bent + 1e-300)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
