@@ -337,7 +337,8 @@ def room_rows(recordings: Path, out: Path) -> tuple[list[Row], float]:
     noises = {matrix: rf_noise(frames[matrix], frame_rate_hz=rate_hz) for matrix in MATRICES}
     counts = next(iter(noises.values())).counts
     preset = Radar.preset("x4")
-    levels = round((preset.pulse_rate_hz or 0.0) / (rate_hz * counts))  # so that a frame averages as many pulses
+    pulses = (preset.pulse_rate_hz or 0.0) * preset.integration_share / rate_hz
+    levels = round(pulses / counts)  # so that a frame averages as many pulses
     preset = Radar.preset("x4", prf_hz=rate_hz, sweep_levels=levels)
     volts = comparator_noise_v(preset) / float(np.sqrt(np.mean([noise.input_rms**2 for noise in noises.values()])))
     rows: list[Row] = []

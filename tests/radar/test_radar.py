@@ -78,8 +78,9 @@ def test_range_axis_e15():
 def test_unambiguous_velocity_and_averages_of_the_presets_e06_e18():
     assert Radar.preset("x4").unambiguous_velocity_mps == pytest.approx(10.28, abs=5e-3)
     assert Radar.preset("x4", prf_hz=300).unambiguous_velocity_mps == pytest.approx(3.084, abs=5e-4)
-    assert Radar.preset("x4").averages_per_frame == 99  # floor(15.1875e6 / (1000 * 152))
-    assert Radar.preset("x4", prf_hz=624).averages_per_frame == 160
+    assert Radar.preset("x4").averages_per_frame == 94  # floor(15.1875e6 * 0.95 / (1000 * 152))
+    assert Radar.preset("x4", prf_hz=624).averages_per_frame == 152
+    assert Radar.preset("x4", prf_hz=624, integration_share=0).averages_per_frame == 160  # no pause
     assert set(preset_names()) >= {"x4", "x4-long", "liland2018"}
     for name in preset_names():
         assert set(derived_quantities(Radar.preset(name))) >= {"wavelength_m", "snr_1m2_5m_db", "n_range_bins"}

@@ -407,15 +407,15 @@ def test_command_prints_a_table_or_json_and_its_exit_tells(capsys, monkeypatch):
 def test_theory_has_the_figures_of_the_literature():
     assert theory.pulse_sigma_s(X4) == pytest.approx(0.3450e-9, rel=1e-4)
     assert theory.half_power_width_m(X4) == pytest.approx(0.0861, abs=5e-5)
-    assert theory.averages(X4) == 99  # 15.1875 MHz / (1000 Hz x 152 levels)
+    assert theory.averages(X4) == 94  # 0.95 x 15.1875 MHz / (1000 Hz x 152 levels)
     power_w = theory.received_w(X4, range_m=np.array(5.0), gain_m2=np.array(1.0))
     assert 10 * math.log10(1e3 * power_w) == pytest.approx(-80.7, abs=0.05)
     one = changed(X4, receiver_gain_db=0.0, noise_figure_db=0.0, noise_bandwidth_hz=1.4e9, threshold_step_v=None)
-    noise_w = theory.bin_noise_v2(one) * 99 / (2 * 50)
+    noise_w = theory.bin_noise_v2(one) * 94 / (2 * 50)
     assert 10 * math.log10(1e3 * noise_w) == pytest.approx(-82.5, abs=0.05)
-    # a counter with input noise of 5 steps, n = 99: 0.564 x 5 / 99 steps^2 of an RF sample
+    # a counter with input noise of 5 steps, n = 94: 0.564 x 5 / 94 steps^2 of an RF sample
     five = changed(X4, threshold_step_v=theory.input_noise_v(X4) / 5, noise_bandwidth_hz=X4.sample_rate_hz / 4)
-    assert theory.bin_noise_v2(five) / five.threshold_step_v**2 == pytest.approx(0.5642 * 5 / 99, rel=1e-4)
+    assert theory.bin_noise_v2(five) / five.threshold_step_v**2 == pytest.approx(0.5642 * 5 / 94, rel=1e-4)
     fmcw = Radar(waveform="fmcw", carrier_hz=24e9, bandwidth_hz=1e9, sweep_s=1e-3, sample_rate_hz=256e3, prf_hz=500.0,
                  range_stop_m=9.0)  # fmt: skip
     assert 2.0 * theory.coupling_s(fmcw) == pytest.approx(-0.048)

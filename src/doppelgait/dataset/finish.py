@@ -36,7 +36,9 @@ another making. 1: first form. 2: compiled kernels for geometry, noise and signa
 3: another order of operations in amplitudes, tracks, the short-time transform and the cadence map; features from the
 columns of the lossless hop. 4: gait frequency by limbs, harmonics and a decision between step and stride. 5: rows by
 target, splits by groups. 6: alignment by cubic convolution; the last bits of features. 8: samples as float32 planes in
-rooms and behind impairments. 9: the human motion model. 10: noise of swept-threshold counters."""
+rooms and behind impairments. 9: the human motion model. 10: noise of swept-threshold counters and its correlation over
+range; integration over a frame, and averages within it; echoes of earlier pulses; where ellipsoids reflect, and the
+shapes of torsos; spreading behind walls."""
 
 
 def plan_plugins(plan: PlanConfig, folder: Path) -> list[dict[str, Any]]:

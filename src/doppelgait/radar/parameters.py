@@ -279,15 +279,15 @@ class Radar(FrozenModel):
         it; of waveforms whose samples are the range bins. Empty: white. At most 16 values, and no noise may have a
         negative spectrum: 1 + 2 sum rho_l cos(l w) >= 0 for every w.
     pulse_rate_hz, sweep_levels : float, int
-        Pulses (sweeps) per second and levels of the threshold sweep; a frame averages pulse_rate / (prf * sweep_levels)
-        of them.
+        Pulses (sweeps) per second and levels of the threshold sweep; a frame averages
+        pulse_rate / (prf * sweep_levels) of them, times integration_share where that is not 0.
     threshold_step_v : float, optional
         impulse with a threshold sweep: spacing d of the thresholds, V at the receiver output. The receiver then counts
         comparisons, with the noise of a counter (E-18b); without, it averages samples.
     integration_share : float
         Share of the frame time over which the samples of one frame are summed, 0 to 1: a moving echo loses
-        sinc(f_d T_i), T_i = integration_share / prf_hz (E-13b). 0 where a frame is one short look, and where the
-        waveform models the motion within a frame (fmcw, stepped).
+        sinc(f_d T_i), T_i = integration_share / prf_hz (E-13b), and pulses outside it are not averaged. 0 where a frame
+        is one short look, and where the waveform models the motion within a frame (fmcw, stepped).
     fold_echoes : bool
         Pulsed radars: show echoes from beyond c / (2 pulse rate) in the frame of a later pulse (E-10b). False for a
         hypothetical radar that knows the echoes of its pulses apart. Sweeps fold in any case.
@@ -370,7 +370,7 @@ class Radar(FrozenModel):
         if self.averages_per_frame < 1:
             raise ValueError(
                 f"prf_hz {self.prf_hz} leaves no whole pulse to average: at most {self.pulse_rate_hz}"
-                f" / {self.sweep_levels} levels"
+                f" * {self.integration_share or 1.0:g} of the frame / {self.sweep_levels} levels"
             )
         if self.threshold_step_v is not None and self.sweep_levels == 1:
             raise ValueError(
@@ -460,11 +460,11 @@ class Radar(FrozenModel):
     def averages_per_frame(self) -> int:
         """Number of pulses averaged into one frame, N_eff (E-18).
 
-        floor(pulse rate / (f_p levels)); 1 without a pulse rate.
+        floor(pulse rate * share / (f_p levels)), share = ``integration_share`` or 1; 1 without a pulse rate.
         """
         if self.pulse_rate_hz is None:
             return 1
-        return math.floor(self.pulse_rate_hz / (self.prf_hz * self.sweep_levels))
+        return math.floor(self.pulse_rate_hz * (self.integration_share or 1.0) / (self.prf_hz * self.sweep_levels))
 
     @property
     def folds_pulses(self) -> bool:

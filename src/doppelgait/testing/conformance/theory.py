@@ -30,8 +30,14 @@ def wavelength_m(radar: Radar) -> float:
 
 
 def averages(radar: Radar) -> int:
-    """Return the whole pulses per frame and threshold level (E-18)."""
-    return math.floor(radar.pulse_rate_hz / (radar.prf_hz * radar.sweep_levels)) if radar.pulse_rate_hz else 1
+    """Return the whole pulses per frame and threshold level (E-18).
+
+    Those that fit into the time that a frame sums.
+    """
+    if not radar.pulse_rate_hz:
+        return 1
+    summed_s = (radar.integration_share if radar.integration_share > 0 else 1.0) / radar.prf_hz
+    return int(summed_s * radar.pulse_rate_hz // radar.sweep_levels)
 
 
 def pulse_sigma_s(radar: Radar) -> float:
