@@ -146,6 +146,15 @@ def test_noise_over_doppler_range_and_between_bins() -> None:
     first, *_, last = (level for _, level in sloping.range_db)
     assert last - first == pytest.approx(10 * math.log10((1 + 10**0.52) / 1.011), abs=0.7)
     assert 'kind = "coloured_noise"' in kind_preset(coloured)
+    assert "noise over Doppler" not in coloured.refused
+    bodies = np.stack([mover(rng, 6400, -60.0, 25.0) for _ in range(wide.n_range_bins)], axis=1)
+    kind = fit_kind([recording(shaped[0] + bodies, wide)])
+    entries = {entry["kind"]: entry for entry in tomllib.loads(kind_preset(kind))["impairments"]}
+    levels = entries["coloured_noise"]["levels"]
+    knots_hz, levels_db = np.array(levels).T
+    white_db = kind.pooled["noise_level_db"].mean.value
+    assert "no more than the white floor is assumed there" in kind.refused["noise over Doppler"]
+    assert np.interp([0.0, 25.0], knots_hz, levels_db) == pytest.approx(white_db - 20.0, abs=0.1)
 
 
 def test_converters_show_their_steps_and_their_ends() -> None:
@@ -205,6 +214,7 @@ def test_the_preset_has_the_spreads_and_loads(tmp_path: Path) -> None:
     runs = [parse_run({"duration_s": 1.0, "radar": str(path), "example": n}) for n in range(20)]
     assert len({run.impairments[0].gain_db for run in runs}) == 20
     text = path.read_text(encoding="utf-8")
+    assert "add no thermal_noise on top" in text
     assert "# Refused: clutter and phase noise: 1 range bins; 8 are needed (in 10 of 10 recordings)." in text
 
 
@@ -215,6 +225,10 @@ def test_noise_that_arises_behind_the_mixer_comes_after_it(tmp_path: Path) -> No
     path = tmp_path / "my.toml"
     path.write_text(kind_preset(fit_kind(several(8, noise_apart=True))), encoding="utf-8")
     run = parse_run({"duration_s": 1.0, "radar": str(path)})
+    text = path.read_text(encoding="utf-8")
+    assert "the thermal_noise below stands in place of the radar's own" in text
+    assert "add no thermal_noise" not in text
+    assert "not used: thermal_noise below" in text
     assert [spec.kind for spec in run.impairments][:3] == ["iq_imbalance", "thermal_noise", "iq_imbalance"]
     rng = np.random.default_rng(7)
     again = apply_impairments(mover(rng, 6400, -40.0, 40.0)[:, None], run.impairments, radar=run.radar, rng=rng).matrix

@@ -29,6 +29,15 @@ def test_the_density_is_that_of_white_noise_of_the_stated_level() -> None:
     assert abs(both) < 0.08
 
 
+def test_its_end_knows_nothing_of_its_beginning() -> None:
+    """A Fourier series repeats, so that the last pulses would go on in the first."""
+    noise = made(ColouredNoise(levels=((0.0, -60.0), (5.0, -60.0), (10.0, -120.0))), 1024)
+    steps = [np.mean(np.abs(noise[pulse] - noise[pulse - 1]) ** 2) for pulse in (512, 0)]  # neighbours, and both ends
+    assert steps[1] > 20 * steps[0]
+    both = np.abs(np.sum(noise[0].conj() * noise[-1])) / np.linalg.norm(noise[0]) / np.linalg.norm(noise[-1])
+    assert both < 3 / np.sqrt(noise.shape[1])
+
+
 def test_its_change_over_range() -> None:
     noise = made(ColouredNoise(levels=((0.0, -60.0),), range_db=((2.0, 0.0), (6.0, -20.0))), 4096)
     level_db = 10 * np.log10(np.mean(np.abs(noise) ** 2, axis=0))

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import Any
 
 from doppelgait.radar.fit.gain import noise_is_apart
+from doppelgait.radar.fit.measure import SLOW_CELLS
 from doppelgait.radar.fit.pool import SHAPE_DB, SensorKind, mains_of
 from doppelgait.radar.fit.population import MATTERS, Pooled
 from doppelgait.radar.fit.preset import setting_line, single_line
@@ -75,7 +77,10 @@ def kind_preset(kind: SensorKind) -> str:
         f"{single_line(names)}{f' and {more} more' if more > 0 else ''}.",
         "# A number with +- carries one standard deviation. A distribution is the spread between recordings, without",
         "# that of the measurement; a plan draws it for every example, elsewhere its middle counts.",
-        "# Levels are dB re 1 V at the receiver output. Receiver noise is in the radar: add no thermal_noise on top.",
+        "# Levels are dB re 1 V at the receiver output.",
+        "# Receiver noise arises behind the mixer: the thermal_noise below stands in place of the radar's own."
+        if noise_is_apart(kind.pooled)
+        else "# Receiver noise is in the radar: add no thermal_noise on top.",
         *(f"# Refused: {single_line(name)}: {single_line(why)}." for name, why in kind.refused.items()),
         *(f"# Left out: {single_line(why)}." for why in kind.left_out),
         "",
@@ -88,7 +93,8 @@ def kind_preset(kind: SensorKind) -> str:
         values["noise_figure_db"] = _draw(figure, kind.radar.noise_figure_db)
         if figure.spread_is_known and figure.mean.value < MATTERS * figure.spread:  # a normal draw would fall below 0
             values["noise_figure_db"] = _draw(figure, kind.radar.noise_figure_db, lowest=0.0)
-        comments["noise_figure_db"] = _comment(figure, "dB") + "; gives the measured noise"
+        use = "not used: thermal_noise below" if noise_is_apart(kind.pooled) else "gives the measured noise"
+        comments["noise_figure_db"] = f"{_comment(figure, 'dB')}; {use}"
     if "gain_db" in kind.pooled:
         gain = kind.pooled["gain_db"]
         values["receiver_gain_db"] = _draw(gain, kind.radar.receiver_gain_db)
@@ -201,10 +207,9 @@ def _noise(kind: SensorKind) -> Iterator[tuple[dict[str, Any], dict[str, str]]]:
     table: dict[str, Any]
     if math.isfinite(noise_db) and sum(e.value > max(SHAPE_DB, MATTERS * e.sd) for _, e in kind.doppler) >= 2:
         # what is there besides the white floor, in power
-        step = math.ceil(len(kind.doppler) / MOST_KNOTS)
-        by_doppler = [(f, e.value) for f, e in kind.doppler[::step]]
-        table = {"kind": "coloured_noise", "levels": _besides(by_doppler, noise_db, 0.0)}
-        yield table, {"levels": "fitted: noise over the white floor, by Doppler; as at the first knot below it"}
+        table = {"kind": "coloured_noise", "levels": _besides(_doppler_knots(kind), noise_db, 0.0)}
+        text = "fitted: noise over the white floor, by Doppler; constant outside, 20 dB below the floor where refused"
+        yield table, {"levels": text}
     if math.isfinite(noise_db) and kind.range_db:
         lowest_db = min(level_db for _, level_db in kind.range_db)
         table = {"kind": "coloured_noise", "levels": [[0.0, round(noise_db, 2)]]}
@@ -214,6 +219,27 @@ def _noise(kind: SensorKind) -> Iterator[tuple[dict[str, Any], dict[str, str]]]:
         frequency = {"frequency_hz": round(line.frequency_hz, 3)}
         table = {"kind": "spur", **frequency, "level_db": _draw(line.level_db, line.level_db.mean.value, digits=2)}
         yield table, {"frequency_hz": _line_name(kind, number), "level_db": _comment(line.level_db, "dB")}
+
+
+def _doppler_knots(kind: SensorKind) -> list[tuple[float, float]]:
+    """Return knots of the noise over the white floor, by Doppler.
+
+    Where frequencies were refused it is that floor, 0 dB; an impairment holds its outer knots to either side.
+    """
+    step_hz, runs = kind.doppler_step_hz, [[kind.doppler[0]]]
+    for before, here in pairwise(kind.doppler):
+        if here[0] - before[0] > 1.5 * step_hz:
+            runs.append([])
+        runs[-1].append(here)
+    thin = math.ceil(len(kind.doppler) / MOST_KNOTS)
+    knots: list[tuple[float, float]] = []
+    for run in runs:
+        if run[0][0] > (SLOW_CELLS + 1.5) * step_hz:
+            knots.append((run[0][0] - step_hz, 0.0))
+        knots += [(f, e.value) for f, e in [*run[:-1:thin], run[-1]]]
+        if run[-1][0] < kind.radar.prf_hz / 2.0 - 1.5 * step_hz:
+            knots.append((run[-1][0] + step_hz, 0.0))
+    return knots
 
 
 def _besides(knots: list[tuple[float, float]], reference_db: float, lowest_db: float) -> list[list[float]]:

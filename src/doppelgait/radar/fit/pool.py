@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.radar.fit.gain import with_fitted_gain
-from doppelgait.radar.fit.measure import Measured, measure_recording
+from doppelgait.radar.fit.measure import SLOW_CELLS, Measured, measure_recording
 from doppelgait.radar.fit.population import Pooled, pool
 from doppelgait.radar.fit.static import Estimate
 from doppelgait.radar.parameters import Radar
@@ -57,7 +57,9 @@ class SensorKind:
     clutter : tuple of (range_m, Pooled)
         Level at the knots, dB re 1 V.
     doppler : tuple of (frequency_hz, Estimate)
-        Noise level over the white floor's, dB.
+        Noise level over the white floor's, dB; without the frequencies at which something moved.
+    doppler_step_hz : float
+        Distance of neighbouring frequencies.
     range_db : tuple of (range_m, change_db)
         Noise level over the mean of all ranges; empty where it is flat.
     correlation : tuple of float
@@ -80,6 +82,7 @@ class SensorKind:
     left_out: tuple[str, ...]
     clutter: tuple[tuple[float, Pooled], ...]
     doppler: tuple[tuple[float, Estimate], ...]
+    doppler_step_hz: float
     range_db: tuple[tuple[float, float], ...]
     correlation: tuple[float, ...]
     lines: tuple[PooledLine, ...]
@@ -145,9 +148,11 @@ def fit_kind(
             refused["full scale of the converter"] = "never reached; 16 bits are assumed"
     else:
         refused["converter"] = "the values show no steps"
+    doppler, doppler_step_hz = _doppler(same, refused)
     return SensorKind(
         radar=base, recordings=tuple(same), pooled=pooled, refused=refused, left_out=tuple(left_out),
-        clutter=_clutter(spaced, longest.range_m), doppler=_doppler(same, refused), range_db=_over_range(spaced),
+        clutter=_clutter(spaced, longest.range_m), doppler=doppler, doppler_step_hz=doppler_step_hz,
+        range_db=_over_range(spaced),
         correlation=_correlation(spaced), lines=_lines(same), run_length=length, bits=bits,
         full_scale_v=full_v if limits else step_v * 2.0**15,
         clipped=float(np.mean([m.clipped for m in same])),
@@ -217,14 +222,14 @@ def _clutter(spaced: Sequence[Measured], range_m: FloatArray) -> tuple[tuple[flo
     return tuple(found)
 
 
-def _doppler(same: Sequence[Measured], refused: dict[str, str]) -> tuple[tuple[float, Estimate], ...]:
-    """Return the noise over the white floor, by Doppler.
+def _doppler(same: Sequence[Measured], refused: dict[str, str]) -> tuple[tuple[tuple[float, Estimate], ...], float]:
+    """Return the noise over the white floor, by Doppler, and the cells' width.
 
     Recordings with other windows than the fastest are left out.
     """
     usable = [m for m in same if "noise_level_db" in m.estimates]
     if not usable:
-        return ()
+        return (), math.nan
     axis_of = max(usable, key=lambda m: m.recording.radar.prf_hz).doppler_hz
     on_axis = [
         m for m in usable if m.doppler_hz.shape == axis_of.shape and np.allclose(m.doppler_hz, axis_of, rtol=SAME)
@@ -233,7 +238,7 @@ def _doppler(same: Sequence[Measured], refused: dict[str, str]) -> tuple[tuple[f
     between_db = 0.0 if math.isnan(white.spread) else white.spread
     found, missing = [], []
     for place, frequency in enumerate(axis_of.tolist()):
-        if not place:
+        if place < 2:  # the mean of a window takes from these
             continue
         level = np.array([m.doppler_db[place] - m.estimates["noise_level_db"].value for m in on_axis])
         sd = np.array([m.doppler_sd_db[place] for m in on_axis])
@@ -248,12 +253,17 @@ def _doppler(same: Sequence[Measured], refused: dict[str, str]) -> tuple[tuple[f
         found.append((frequency, Estimate(float(np.median(level[calm])), middle_sd)))
     # next to what moves its window still smears a little of it
     step_hz = float(axis_of[1])
-    found = [(f, e) for f, e in found if all(abs(f - other) > 2.5 * step_hz for other in missing)]
+    found = [
+        (f, e)
+        for f, e in found
+        if f > (SLOW_CELLS + 0.5) * step_hz and all(abs(f - other) > 2.5 * step_hz for other in missing)
+    ]
     if missing:
         refused["noise over Doppler"] = (
-            f"something moved at {missing[0]:.3g} to {missing[-1]:.3g} Hz in too many windows"
+            f"something moved at {missing[0]:.3g} to {missing[-1]:.3g} Hz in too many windows; no more than the white "
+            "floor is assumed there"
         )
-    return tuple(found)
+    return tuple(found), step_hz
 
 
 def _over_range(spaced: Sequence[Measured]) -> tuple[tuple[float, float], ...]:
