@@ -1,4 +1,6 @@
-"""Radar cross sections of people, dogs and cats by part and aspect, and what follows for v_m and rho.
+"""Radar cross sections by part and aspect, and their effect on features.
+
+Of people, dogs and cats; the features are v_m and rho.
 
     python studies/cross_section.py [--trials N] [--out TABLE.md]
 
@@ -48,7 +50,7 @@ Make = Callable[[np.random.Generator], Motion]
 
 
 def animal(name: str, gait: str) -> Make:
-    """Return the maker of an animal in a gait, at a speed drawn within it."""
+    """Return the maker of an animal at a speed within its gait."""
     build, withers_m = ANIMALS[name]
 
     def make(rng: np.random.Generator) -> Motion:
@@ -82,7 +84,7 @@ def seen_m2(motion: Motion, aspect_deg: float, *, occlusion: bool) -> dict[str, 
 
 
 def aspect_table(movers: dict[str, Motion]) -> pd.DataFrame:
-    """Tabulate mean and spread over aspect, dBsm, and the trunk's part in it."""
+    """Tabulate mean and spread over aspect, dBsm, and the trunk's part."""
     aspects = np.arange(0.0, 360.0, STEP_DEG)
     rows = []
     for name, motion in movers.items():
@@ -142,7 +144,7 @@ def runs(trials: int) -> pd.DataFrame:
 
 
 def velocity_table(rows: pd.DataFrame) -> pd.DataFrame:
-    """Tabulate v_m over the truth: bias, scatter, and shares off by a tenth."""
+    """Tabulate v_m over truth: bias, scatter, shares off by a tenth."""
     found = []
     for (kind, name, gait), cell in rows.groupby(["kind", "target", "gait"], sort=False):
         ratio = cell["ratio"].astype(float).dropna()
@@ -156,7 +158,7 @@ def velocity_table(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def rho_table(rows: pd.DataFrame) -> pd.DataFrame:
-    """Tabulate the median of rho and its quartiles by kind of cross section."""
+    """Tabulate median and quartiles of rho by kind of cross section."""
     quartiles = rows.assign(rho=rows["rho"].astype(float)).groupby(["target", "gait", "kind"], sort=False)["rho"]
     text = quartiles.apply(lambda v: "{1:.2f} ({0:.2f}-{2:.2f})".format(*v.quantile([0.25, 0.5, 0.75])))
     return text.unstack("kind")[list(KINDS)].reset_index()

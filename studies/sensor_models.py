@@ -1,4 +1,4 @@
-"""Sensor models fitted to half of the recordings, compared with the other half.
+"""Sensor models fitted to half of the recordings, judged on the others.
 
     python studies/sensor_models.py RADAR_DATA OUT [--quick]
 
@@ -49,7 +49,7 @@ def markdown(rows: Sequence[Mapping[str, str]]) -> str:
 
 
 def units_table(seeds: int) -> str:
-    """Fit simulated units of a known population many times over, and tabulate the scores."""
+    """Fit simulated units of a known population repeatedly; tabulate the scores."""
     means: dict[str, list[float]] = {name: [] for name in POPULATION}
     ratios: dict[str, list[float]] = {name: [] for name in POPULATION}
     covered: dict[str, list[bool]] = {name: [] for name in POPULATION}
@@ -82,7 +82,7 @@ def judged(
     radar: Radar | None = None, people_at_m: float | None = None, plan: tuple[PlanConfig, Path] | None = None,
     copies: int = 1,
 ) -> dict[str, Comparison]:  # fmt: skip
-    """Fit to some recordings, compare with others before and after, and draw the page."""
+    """Fit to some recordings, compare with others, draw the page."""
     model = out / f"{name}.toml"
     model.write_text(kind_preset(fit_kind(train, radar=radar, people_at_m=people_at_m)), encoding="utf-8")
     scene, folder = plan if plan is not None else (None, None)

@@ -1,4 +1,4 @@
-"""Simulated sensors of a kind with known distributions, to test what is fitted to them.
+"""Simulated sensors of known distributions, to test the fit of kinds.
 
 A dozen units each record a person who walks in a room, all with the faults of one population; the fit knows neither.
 """
@@ -86,7 +86,9 @@ def own_score(one: Measured, name: str, truth: float) -> float:
 
 
 def population_scores(kind: SensorKind, units: list[Unit]) -> dict[str, tuple[float, float, bool]]:
-    """Return by quantity: score of the mean, spread over truth, and truth within the spread's interval.
+    """Return scores of means and spreads by quantity.
+
+    Score of the mean, spread over truth, and whether the truth is within the spread's interval.
 
     The gain of a data sheet is not measured but relative: its mean counts against that of these units.
     """

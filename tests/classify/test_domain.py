@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +15,23 @@ from doppelgait.classify.domain import (
     simulate_like,
     window_statistics,
 )
+from doppelgait.cli.radar import compare
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.dataset import PlanConfig
 from doppelgait.radar import Radar, Recording
+from doppelgait.radar.recordings import write_recording
 from doppelgait.viz.domains import domain_page
 
+MODEL = """
+waveform = "impulse"
+carrier_hz = 7.29e9
+sample_rate_hz = 23.328e9
+decimation = 8
+prf_hz = 100
+range_stop_m = 2.0
+bandwidth_hz = 1.4e9
+"""
 RADAR = Radar.preset("x4", prf_hz=100.0, range_start_m=0.5, range_stop_m=2.0)
 
 
@@ -54,6 +66,8 @@ def test_the_same_kind_is_not_told_apart_and_another_is_by_what_differs() -> Non
 def test_few_recordings_are_held_out_in_parts() -> None:
     found = compare_recordings(sensors(0, 2), sensors(1, 2))
     assert found.held_out == "parts of recordings"
+    (line,) = [row for row in comparison_rows({"my-sensor": found}) if row[""] == "tested on unseen"]
+    assert line["my-sensor"] == "parts of recordings"
     assert (found.n_real, found.n_synthetic) == (2, 2)
 
 
@@ -103,5 +117,35 @@ def test_statistics_of_a_repeating_and_clipping_sensor() -> None:
     (first, *_) = window_statistics(room.with_baseband(room.baseband.copy(data=values)))
     assert first["repeated pulses"] == pytest.approx(9 / 31)
     assert first["values at the largest"] < 0.01
-    with pytest.raises(AnalysisError, match="too short"):
-        window_statistics(room.with_baseband(room.baseband[:8]))
+
+
+@pytest.mark.parametrize("pulses", [1, 3, 31])
+def test_a_recording_of_a_few_pulses_is_refused(pulses: int) -> None:
+    room = sensors(0, 1)[0]
+    short = room.with_baseband(room.baseband[:pulses, :1])
+    for use in (window_statistics, picture):
+        with pytest.raises(AnalysisError, match=f"{pulses} pulses are too few to compare: 32 are needed"):
+            use(short)
+    assert len(window_statistics(room.with_baseband(room.baseband[:32]))) == 4
+
+
+def test_the_command_leaves_out_what_is_too_short_and_tells_models_of_one_name_apart(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (long, *_) = sensors(0, 1)
+    for name, recording in {"long": long, "short": long.with_baseband(long.baseband[:3])}.items():
+        write_recording(recording, tmp_path / f"{name}.h5")
+    models = [str(tmp_path / folder / "my.toml") for folder in ("old", "new")]
+    for model in models:
+        Path(model).parent.mkdir()
+        Path(model).write_text(MODEL, encoding="utf-8")
+    page = tmp_path / "page.png"
+    compare([tmp_path / "long.h5", tmp_path / "short.h5"], models, page, as_json=True)
+    printed = capsys.readouterr()
+    assert "short.h5: 3 pulses are too few to compare" in printed.err
+    document = json.loads(printed.out)
+    assert list(document) == models
+    assert [one["held_out"] for one in document.values()] == ["parts of recordings"] * 2
+    assert page.stat().st_size > 0
+    with pytest.raises(AnalysisError, match=r"no recording can be compared: .*short\.h5: 3 pulses"):
+        compare([tmp_path / "short.h5"], models, page)

@@ -193,13 +193,15 @@ def compare(
     """Compare real recordings with those simulated from a sensor model.
 
     A classifier is trained to tell them apart, and tested on recordings that it has not seen: an AUC of 0.5 means that
-    it cannot, 1 that it always can. A table has the distance of every statistic.
+    it cannot, 1 that it always can. With fewer than four recordings it is tested on parts of them that it has not seen,
+    which raises the AUC; the table says so. It has the distance of every statistic, too. Recordings of fewer than 32
+    pulses or two bursts are left out.
 
     Example: doppelgait radar compare other-week/ --model x4 --model my-sensor.toml -o page.png
     """
     from doppelgait import viz
-    from doppelgait.classify.domain import compare_recordings, comparison_rows, picture, simulate_like
-    from doppelgait.core.errors import DoppelgaitWarning
+    from doppelgait.classify.domain import compare_recordings, comparison_rows, picture, simulate_like, split_windows
+    from doppelgait.core.errors import AnalysisError, DoppelgaitWarning
     from doppelgait.dataset.config import load_plan
     from doppelgait.radar.readers import read_several
     from doppelgait.viz.domains import domain_page
@@ -207,18 +209,31 @@ def compare(
     check_output(output, ".png")
     loaded, folder = (None, None) if plan is None else load_plan(plan)
     with reader_options():
-        real, unread = read_several(recordings, **_parsed(options))
+        read, left_out = read_several(recordings, **_parsed(options))
+    real = []
+    for recording in read:
+        try:
+            split_windows(recording)
+            real.append(recording)
+        except AnalysisError as error:
+            left_out = [*left_out, str(error)]
+    if not real:
+        raise AnalysisError("no recording can be compared: " + "; ".join(left_out))
+    models = list(dict.fromkeys(models))
+    stems = ["real", *(Path(model).stem for model in models)]
     found, pictures = {}, {"real": [picture(one) for one in real[:SHOWN]]}
     for model in models:
+        stem = Path(model).stem
+        name = stem if stems.count(stem) == 1 else model  # two files of one name are told apart by their folders
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DoppelgaitWarning)  # a sensor that clips does so here, too
             made = simulate_like(real, model, plan=loaded, folder=folder, seed=seed)
-        found[Path(model).stem] = compare_recordings(real, made, seed=seed)
-        pictures[Path(model).stem] = [picture(one) for one in made[:SHOWN]]
+        found[name] = compare_recordings(real, made, seed=seed)
+        pictures[name] = [picture(one) for one in made[:SHOWN]]
     rows = comparison_rows(found)
     title = f"{len(real)} real recordings, and as many simulated"
     say(f"page: {viz.save_figure(domain_page(pictures, rows, title=title), output)}")
-    for why in unread:
+    for why in left_out:
         say(f"left out: {why}")
     if as_json:
         print_json({name: dataclasses.asdict(one) for name, one in found.items()})

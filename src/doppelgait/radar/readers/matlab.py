@@ -197,7 +197,7 @@ def sniff_matlab(path: Path) -> bool:
 
 
 def matrices_of(path: Path) -> list[dict[str, Any]]:
-    """List the matrices of frames in a file as options of its reader.
+    """List the matrices of frames in a file as reader options.
 
     Empty for a damaged file, of which the reader says more.
     """
