@@ -232,7 +232,7 @@ def test_noise_that_bins_share_is_a_body_as_seldom():
     generator, count = np.random.default_rng(0), 0
     for _ in range(6):
         silence = Samples(np.zeros((5001, radar.n_range_bins), np.complex64))
-        shared = silence.with_noise(draw_key(generator), 1.0, link.noise_factor(radar)).matrix
+        shared = silence.with_noise(draw_key(generator), 1.0, link.noise_taps(radar)).matrix
         baseband = label_baseband(shared, np.arange(5001) / radar.prf_hz, radar)
         scans = find_scans(baseband, wavelength_m=radar.wavelength_m)
         count += sum(len(scan.detections) for scan in scans)

@@ -11,7 +11,7 @@ from doppelgait.core.samples import Samples
 from doppelgait.radar import Radar, derived_quantities
 from doppelgait.radar.impairments import ThermalNoise
 from doppelgait.radar.impairments.noise import noise_power_per_sample_v2
-from doppelgait.radar.link import comparator_noise_v, counter_noise_ratio, noise_factor, noise_power_v2
+from doppelgait.radar.link import comparator_noise_v, counter_noise_ratio, noise_power_v2, noise_taps
 from doppelgait.radar.simulate import draw_key
 
 SHAPE = {
@@ -116,7 +116,7 @@ def test_independent_bins_follow_the_correlation():
     "correlation", [(), (0.633, 0.141, 0.006), (0.0, 0.0, 0.3), (-0.4, 0.1), (0.5,), (2 / 3, 1 / 3), (0.1,) * 5]
 )
 def test_the_factor_over_range_has_the_stated_correlation_and_is_minimum_phase(correlation):
-    taps = noise_factor(Radar(**SHAPE, noise_correlation=correlation)).astype(float)
+    taps = noise_taps(Radar(**SHAPE, noise_correlation=correlation)).astype(float)
     assert taps.dtype == float
     assert taps.size == len(correlation) + 1
     np.testing.assert_allclose(np.correlate(taps, taps, "full")[taps.size - 1 :], [1.0, *correlation], atol=2e-6)
@@ -126,7 +126,7 @@ def test_the_factor_over_range_has_the_stated_correlation_and_is_minimum_phase(c
 def test_simulated_noise_has_the_stated_correlation_and_power():
     radar = Radar(**SHAPE, noise_correlation=[0.633, 0.141, 0.006])
     silence = Samples(np.zeros((20_000, 60), np.complex64))
-    noise = silence.with_noise(draw_key(np.random.default_rng(1)), 4.0, noise_factor(radar)).matrix.astype(complex)
+    noise = silence.with_noise(draw_key(np.random.default_rng(1)), 4.0, noise_taps(radar)).matrix.astype(complex)
     assert np.mean(np.abs(noise) ** 2) == pytest.approx(4.0, rel=0.005)
     for lag, rho in enumerate([0.633, 0.141, 0.006, 0.0, 0.0], start=1):
         found = np.mean(noise[:, lag:] * noise[:, :-lag].conj()) / 4.0

@@ -17,7 +17,7 @@ from doppelgait.motion.motion import FREQUENCIES
 from doppelgait.pipeline.conditions import Conditions
 from doppelgait.radar.antenna import apply_antenna
 from doppelgait.radar.impairments import ThermalNoise, apply_impairments, noise_power_per_sample_v2, pulse_times
-from doppelgait.radar.link import noise_factor
+from doppelgait.radar.link import noise_taps
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import Recording, TargetTruth
 from doppelgait.radar.simulate import (
@@ -114,7 +114,7 @@ def simulate(
     if rng is not None:  # noise first, then the impairments in their order
         if noise_v2 > 0 and not thermal:
             power_v2 = noise_v2 / radar.waveform.noise_gain(radar)
-            samples = samples.with_noise(draw_key(rng.generator("noise")), power_v2, noise_factor(radar))
+            samples = samples.with_noise(draw_key(rng.generator("noise")), power_v2, noise_taps(radar))
         _, samples_rng = _impairment_generators(rng)
         samples = apply_impairments(samples, conditions.impairments, radar=radar, rng=samples_rng)
     # the bodies in the truth are for plots, at the rate of a screen

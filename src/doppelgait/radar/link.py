@@ -125,7 +125,7 @@ FACTOR_ROWS = 2000
 """Steps after which a factor that still changes is taken: 2.5e-4 off for a spectrum that touches 0, else 1e-12."""
 
 
-def noise_factor(radar: Radar) -> npt.NDArray[np.float32]:
+def noise_taps(radar: Radar) -> npt.NDArray[np.float32]:
     """Return the taps that correlate white noise over range bins.
 
     The minimum-phase factor g of the radar's ``noise_correlation``, sum_k g_k g_(k+l) = rho_l (E-18c): float32, shape

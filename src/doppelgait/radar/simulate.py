@@ -13,7 +13,7 @@ from doppelgait.core.errors import AnalysisError, ConfigError, warn_caller
 from doppelgait.core.labels import BASEBAND, axis, make_array, with_values
 from doppelgait.core.samples import WHITE, Factor, Samples
 from doppelgait.core.units import velocity_to_doppler_hz
-from doppelgait.radar.link import fold_scatterers, noise_factor, noise_power_v2, scatterer_arrays
+from doppelgait.radar.link import fold_scatterers, noise_power_v2, noise_taps, scatterer_arrays
 from doppelgait.radar.parameters import Radar
 from doppelgait.radar.recording import baseband_facts
 
@@ -123,7 +123,7 @@ def add_noise(baseband: xr.DataArray, *, noise_power_v2: float, rng: np.random.G
     Takes a single 64-bit key from ``rng``; the value in a bin of a frame is a function of (key, frame, bin) only.
     """
     stated = baseband.attrs.get("radar")
-    factor = WHITE if stated is None else noise_factor(Radar.model_validate_json(stated))
+    factor = WHITE if stated is None else noise_taps(Radar.model_validate_json(stated))
     return with_values(baseband, noisy(baseband.values, noise_power_v2=noise_power_v2, rng=rng, factor=factor))
 
 

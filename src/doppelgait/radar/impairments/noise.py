@@ -12,7 +12,7 @@ from doppelgait.core.config import FrozenModel
 from doppelgait.core.plugins import plugin
 from doppelgait.core.samples import Samples
 from doppelgait.radar.impairments.apply import level_to_volt
-from doppelgait.radar.link import noise_factor, sample_noise_v2
+from doppelgait.radar.link import noise_taps, sample_noise_v2
 from doppelgait.radar.parameters import Radar
 
 
@@ -67,7 +67,7 @@ def add_thermal_noise(samples: Samples, parameters: ThermalNoise, radar: Radar, 
     from doppelgait.core.kernels.noise import draw_key
 
     power_v2 = noise_power_per_sample_v2(parameters, radar)
-    return samples.with_noise(draw_key(rng), power_v2, noise_factor(radar)).settle()
+    return samples.with_noise(draw_key(rng), power_v2, noise_taps(radar)).settle()
 
 
 Pulses = npt.NDArray[np.int64]
