@@ -293,7 +293,7 @@ def test_every_preset_is_a_radar(name):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"prf_hz": 1e6}, r"prf_hz 1000000.0 leaves no whole pulse.*: at most 15187500.0 / 152"),
+        ({"prf_hz": 1e6}, r"prf_hz 1000000.0 leaves no whole pulse.*: at most 15187500.0 \* 0.95 of the frame / 152"),
         ({"range_start_m": 12.0}, r"range_stop_m 9.664 must be larger than range_start_m 12"),
         ({"decimation": 0}, r"decimation: 0 .*greater than or equal to 1"),
         ({"bandwidth_level_db": 6}, r"bandwidth_level_db: 6 .*3 or 10"),
