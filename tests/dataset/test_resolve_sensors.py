@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from doppelgait.core.config import canonical_json
+from doppelgait.core.errors import ConfigError
 from doppelgait.dataset import PlanConfig, plan_dataset
 from doppelgait.dataset.finish import dataset_id
 from doppelgait.pipeline import Run
@@ -97,3 +98,34 @@ def test_elsewhere_the_middle_counts_and_a_scene_draws_by_its_seed(sensor: Path)
         scene.write_text(text.format(seed), encoding="utf-8")
         found.append(Run.from_toml(scene).radar.noise_figure_db)
     assert found[0] == found[1] != found[2]
+
+
+def test_a_comment_in_the_file_changes_no_identity(sensor: Path) -> None:
+    here = dataset_id(plan_of("my-sensor.toml"), sensor.parent)
+    sensor.write_text("# measured in March\n" + SENSOR.replace(" = ", "  =  "), encoding="utf-8")
+    assert dataset_id(plan_of("my-sensor.toml"), sensor.parent) == here
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("normal = [8.0, 1.5]", "normal = [8.0, -1]", "noise_figure_db: normal = .*: needs a mean and a standard"),
+        ("normal = [8.0, 1.5]", "gauss = [8.0, 1]", r"noise_figure_db = \{'gauss'.*uniform, log_uniform, normal"),
+        ("noise_figure_db", "noise_figur_db", "noise_figur_db: unknown key; did you mean noise_figure_db"),
+    ],
+)
+def test_errors_name_the_file_and_the_key(sensor: Path, old: str, new: str, said: str) -> None:
+    sensor.write_text(SENSOR.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(ConfigError, match=f"radar.preset my-sensor.toml: {said}"):
+        plan_dataset(plan_of("my-sensor.toml"), folder=sensor.parent).example(0)
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"radar.preset none.toml: .*none.toml: cannot be read"):
+        plan_dataset(plan_of("none.toml"), folder=tmp_path).example(0)
+
+
+def test_an_impossible_draw_is_refused_where_the_middle_counts(sensor: Path) -> None:
+    sensor.write_text(SENSOR.replace("normal = [8.0, 1.5]", "normal = [8.0, -1]"), encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"my-sensor.toml: noise_figure_db: normal = \[8.0, -1\]"):
+        Radar.preset(sensor)

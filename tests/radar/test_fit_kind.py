@@ -298,7 +298,16 @@ def test_short_and_foreign_recordings_are_left_out_with_a_line() -> None:
     )
     assert len(kind.recordings) == 2
     assert any("short.h5: 16 pulses" in why for why in kind.left_out)
-    assert any("another carrier" in why for why in kind.left_out)
+    assert any("carrier 77 GHz instead of the 24 GHz of" in why for why in kind.left_out)
+
+
+def test_recordings_of_another_frame_rate_are_not_pooled():
+    """Their frames average another number of pulses, so that their noise has another level."""
+    slow = CW.model_copy(update={"prf_hz": CW.prf_hz / 10})
+    rng = np.random.default_rng(8)
+    kind = fit_kind([*several(2), recording(normal(rng, 900, 1), slow, source="slow.h5")])
+    assert len(kind.recordings) == 2
+    assert any("slow.h5: 40 frames a second instead of the 400 of" in why for why in kind.left_out)
     with pytest.raises(AnalysisError, match="no recording can be used"):
         fit_kind([recording(normal(rng, 16, 1))])
 

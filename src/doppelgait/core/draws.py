@@ -1,4 +1,4 @@
-"""Draw from distributions in tables, ``{ uniform = [0.5, 2] }`` and the like."""
+"""Draw from the distributions in a table of a plan."""
 
 from __future__ import annotations
 
@@ -107,19 +107,29 @@ def resolve(value: Any, *, seed: int, example: int, key: str, turn: int | None =
     return value
 
 
-def middle(value: Any) -> Any:
+def middle(value: Any, key: str = "") -> Any:
     """Replace every distribution inside a value by its middle.
 
     The mean of ``normal`` and ``uniform``, the geometric one of ``log_uniform``, the first entry of a list.
+
+    Raises
+    ------
+    ConfigError
+        If a distribution's numbers are not allowed; the message names the key.
     """
     if isinstance(value, Mapping):
-        if len(value) == 1 and (name := next(iter(value))) in (*DISTRIBUTIONS, CYCLE):
+        if len(value) == 1 and (name := next(iter(value))) in DISTRIBUTIONS:
             numbers = value[name]
-            if name in ("choice", CYCLE):
-                return middle(numbers[0]) if isinstance(numbers, list) and numbers else numbers
-            first, second = _two_numbers(name, numbers)
-            if name == "uniform":
-                return (first + second) / 2.0
-            return first if name == "normal" else math.sqrt(first * second)
-        return {k: middle(v) for k, v in value.items()}
-    return [middle(v) for v in value] if isinstance(value, list) else value
+            try:
+                DISTRIBUTIONS[name](numbers, np.random.default_rng(0))  # what no draw would take is refused
+            except ConfigError as error:
+                raise ConfigError(f"{key}: {error}" if key else str(error)) from None
+            first, last = numbers[0], numbers[-1]
+            if name in ("choice", "normal"):
+                return middle(first, key)
+            return (first + last) / 2.0 if name == "uniform" else math.sqrt(first * last)
+        if len(value) == 1 and CYCLE in value:
+            entries = value[CYCLE]
+            return middle(entries[0], key) if isinstance(entries, list) and entries else entries
+        return {k: middle(v, f"{key}.{k}" if key else k) for k, v in value.items()}
+    return [middle(v, f"{key}.{n}") for n, v in enumerate(value)] if isinstance(value, list) else value

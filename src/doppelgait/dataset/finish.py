@@ -71,12 +71,14 @@ def dataset_id(plan: PlanConfig, folder: Path) -> str:
         If a motion or preset file cannot be read.
     """
     contents: dict[str, bytes] = {}
-    for noun, paths in {"motion file": _motion_files(plan), "preset file": _preset_files(plan.radar)}.items():
-        for path in paths:
-            try:
-                contents[path] = hashlib.sha256((folder / path).read_bytes()).digest()
-            except OSError as error:
-                raise ConfigError(f"{noun} {path}: cannot be read: {error}") from None
+    for path in _motion_files(plan):
+        try:
+            contents[path] = hashlib.sha256((folder / path).read_bytes()).digest()
+        except OSError as error:
+            raise ConfigError(f"motion file {path}: cannot be read: {error}") from None
+    for path in _preset_files(plan.radar):  # a comment in a sensor's file changes nothing
+        content = json.dumps(read_toml(folder / path)[0], sort_keys=True, default=str)
+        contents[path] = hashlib.sha256(content.encode()).digest()
     table = plan.model_dump(mode="json")
     table["radar"] = _name_by_content(table["radar"], contents)  # a sensor's file may be moved or renamed
     digest = hashlib.sha256(f"{DATA_VERSION}\n{canonical_json(table)}\n".encode())

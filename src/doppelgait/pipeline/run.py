@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from doppelgait.core.config import (
     validate,
     write_toml,
 )
-from doppelgait.core.draws import resolve
+from doppelgait.core.draws import CYCLE, DISTRIBUTIONS, resolve
 from doppelgait.core.errors import ConfigError
 from doppelgait.core.rng import Streams
 from doppelgait.pipeline.conditions import Conditions, Noise
@@ -168,12 +169,26 @@ def parse_radar(
             if source.endswith(".toml"):  # a file, seen from the folder of the scene file
                 source = str((folder or Path()) / source)
             found = resolve(preset_table(source), seed=seed, example=example, key="preset")
+            _check_preset(found)
             values = changed_preset(source, values, sampled=found)
             lists = {key: value for key, value in found.items() if key in FITTED_KEYS}
         except ConfigError as error:
-            raise ConfigError(f"{where}: radar.preset{line_note(text, ['radar', 'preset'])}: {error}") from None
+            place = f"{where + ': ' if where else ''}radar.preset {preset}{line_note(text, ['radar', 'preset'])}"
+            raise ConfigError(f"{place}: {str(error).removeprefix('preset.')}") from None
     radar = validate(Radar, values, where=where, text=text, section=("radar",))
     return {"radar": radar, "auto_prf": auto_prf, **lists}
+
+
+def _check_preset(table: Mapping[str, Any]) -> None:
+    """Refuse unknown keys of a preset, and tables instead of numbers."""
+    known = {*Radar.model_fields, *FITTED_KEYS}
+    for key, value in table.items():
+        if key not in known:
+            near = difflib.get_close_matches(key, known, n=1)
+            raise ConfigError(f"{key}: unknown key{'; did you mean ' + near[0] + '?' if near else ''}")
+        if isinstance(value, Mapping) and key not in ("waveform", "antenna"):
+            laws = ", ".join((*DISTRIBUTIONS, CYCLE))
+            raise ConfigError(f"{key} = {value}: needs a number, or a table with one of {laws}")
 
 
 def run_simulation(run: Run, *, folder: Path | None = None, angles: bool = True) -> Recording:

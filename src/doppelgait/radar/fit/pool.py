@@ -92,6 +92,18 @@ class SensorKind:
     clipped: float
 
 
+def _unlike(radar: Radar, other: Radar) -> str:
+    """Name the quantity in which two radars differ, or nothing.
+
+    The noise of a frame depends on how many pulses it averages, so that frame rates must agree.
+    """
+    if abs(radar.carrier_hz / other.carrier_hz - 1.0) > SAME:
+        return f"carrier {radar.carrier_hz / 1e9:.4g} GHz instead of the {other.carrier_hz / 1e9:.4g} GHz"
+    if abs(radar.prf_hz / other.prf_hz - 1.0) > SAME:
+        return f"{radar.prf_hz:.4g} frames a second instead of the {other.prf_hz:.4g}"
+    return ""
+
+
 def fit_kind(
     recordings: Iterable[Recording], *, radar: Radar | None = None, people_at_m: float | None = None
 ) -> SensorKind:
@@ -100,7 +112,8 @@ def fit_kind(
     Parameters
     ----------
     recordings : iterable of Recording
-        Unlabelled: empty rooms or daily life. Of one carrier; the others are left out.
+        Unlabelled: empty rooms or daily life. Of one carrier and frame rate; the others
+        are left out.
     radar : Radar, optional
         Where to take from what no recording tells: power, antenna gains, pulse. The longest recording's by default.
     people_at_m : float, optional
@@ -123,8 +136,13 @@ def fit_kind(
         raise AnalysisError("no recording can be used; " + "; ".join(left_out))
     longest = max(measured, key=lambda one: one.recording.samples.matrix.size).recording
     base = longest.radar if radar is None else _with_axes(radar, longest)
-    same = [m for m in measured if abs(m.recording.radar.carrier_hz / longest.radar.carrier_hz - 1.0) <= SAME]
-    left_out += [f"{m.recording.source}: another carrier" for m in measured if m not in same]
+    same = []
+    for one in measured:
+        other = _unlike(one.recording.radar, longest.radar)
+        if other:
+            left_out.append(f"{one.recording.source}: {other} of {longest.source}, the longest recording")
+        else:
+            same.append(one)
     spaced = [m for m in same if abs(m.recording.radar.bin_spacing_m / longest.radar.bin_spacing_m - 1.0) <= SAME]
     if len(spaced) < len(same):
         left_out.append(
@@ -223,7 +241,7 @@ def _clutter(spaced: Sequence[Measured], range_m: FloatArray) -> tuple[tuple[flo
 
 
 def _doppler(same: Sequence[Measured], refused: dict[str, str]) -> tuple[tuple[tuple[float, Estimate], ...], float]:
-    """Return the noise over the white floor, by Doppler, and the cells' width.
+    """Return noise over the white floor by Doppler, and cell width.
 
     Recordings with other windows than the fastest are left out.
     """

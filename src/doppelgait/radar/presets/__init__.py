@@ -36,7 +36,10 @@ def changed_preset(
     A changed pulse form replaces the preset's; a table ``waveform`` without ``kind`` changes the preset's own waveform.
     Of distributions in the file the middle counts, unless ``sampled`` is the preset's table after a draw.
     """
-    found = middle(preset_table(name)) if sampled is None else sampled
+    try:
+        found = middle(preset_table(name)) if sampled is None else sampled
+    except ConfigError as error:
+        raise ConfigError(f"preset {name}: {error}") from None
     table = {key: value for key, value in found.items() if key not in CONDITIONS}
     before = table.get("waveform", "impulse")
     table.update(changes)
