@@ -77,8 +77,8 @@ def dataset_id(plan: PlanConfig, folder: Path) -> str:
         except OSError as error:
             raise ConfigError(f"motion file {path}: cannot be read: {error}") from None
     for path in _preset_files(plan.radar):  # a comment in a sensor's file changes nothing
-        content = json.dumps(read_toml(folder / path)[0], sort_keys=True, default=str)
-        contents[path] = hashlib.sha256(content.encode()).digest()
+        plain = json.dumps(read_toml(folder / path)[0], sort_keys=True, default=str)
+        contents[path] = hashlib.sha256(plain.encode()).digest()
     table = plan.model_dump(mode="json")
     table["radar"] = _name_by_content(table["radar"], contents)  # a sensor's file may be moved or renamed
     digest = hashlib.sha256(f"{DATA_VERSION}\n{canonical_json(table)}\n".encode())
