@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 SCHEMA_VERSION = 2
 """Form of the files of a dataset. 2: one row per target with scene, group, licence; axes by field; half precision."""
 
-DATA_VERSION = 10
+DATA_VERSION = 11
 """What a configuration means in bytes. It is part of every dataset's identity and raised by hand whenever the same
 configuration gives other bytes (a draw, a kernel, a stored type), so that a dataset is never finished with examples of
 another making. 1: first form. 2: compiled kernels for geometry, noise and signature; splits by subject names.
