@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from doppelgait.core.errors import DoppelgaitWarning
 from doppelgait.core.rng import rng
 from doppelgait.motion import boulic_walk, quadruped_gait
 from doppelgait.motion.models.primitives import breathing_person
-from doppelgait.pipeline import analyze, simulate
+from doppelgait.pipeline import analyze, describe_results, simulate
 from doppelgait.pipeline.conditions import Conditions
 from doppelgait.processing import Analysis
 from doppelgait.processing.clutter import without_clutter
@@ -82,6 +83,36 @@ def test_an_empty_room_holds_nobody():
     for seed in range(2):
         made = simulate(empty, RADAR, rng=rng(seed), conditions=ROOM)
         assert analyze(made) == []
+
+
+def test_an_empty_list_names_the_strongest_cell_and_the_level_that_it_needs():
+    """The level is that of exponential noise, its place and speed those of a walker below it."""
+    walker = Target(WALK, range_m=4.5)
+    made = simulate(Scene([walker], duration_s=4.0), RADAR, rng=rng(0), snr_db=-25.0)
+    found = analyze(made)
+    assert found == []
+    values = re.search(r"is ([0-9.]+) dB above the noise \(([0-9.]+) m, .* cells above ([0-9.]+) dB", found.reason)
+    best_db, place_m, needed_db = map(float, values.groups())
+    assert needed_db == pytest.approx(10 * math.log10(-math.log(1e-6)), abs=0.2)
+    assert 8.0 < best_db < needed_db + 4.0
+    assert RADAR.range_start_m < place_m < RADAR.range_stop_m
+    assert "4.0 s are too short for a breath, which needs 10 s" in found.reason
+    assert describe_results(made, found)["reason"] == found.reason
+
+
+def test_an_empty_list_says_that_something_keeps_its_place():
+    sitter = Target(breathing_person(duration_s=9.0, breathing_hz=0.3, amplitude_m=0.02), range_m=2.0)
+    found = analyze(simulate(Scene([sitter]), RADAR, rng=rng(1), snr_db=25.0))
+    assert found == []
+    assert re.search(r"[0-9]+ of [0-9]+ scans have detections", found.reason), found.reason
+
+
+def test_an_empty_list_says_that_frames_are_too_few():
+    made = simulate(Scene([], duration_s=12.0), Radar.preset("x4-17fps"), rng=rng(1))
+    with pytest.warns(DoppelgaitWarning, match="only people who keep still"):
+        found = analyze(made)
+    assert found == []
+    assert found.reason == ("moving bodies were not looked for at 17 frames/s; no bin breathes steadily for 12 s")
 
 
 def test_one_who_stops_and_goes_on_is_analysed_piece_by_piece():

@@ -106,6 +106,21 @@ def test_a_person_who_first_moves_is_found_once_still():
     assert person.stop_s == pytest.approx(times[-1], abs=0.2)
 
 
+@pytest.mark.parametrize("begins_s", [0.0, 11.0, 28.0])
+def test_a_person_who_keeps_still_for_a_third_of_the_time_is_found_then(begins_s):
+    """Long windows hold more of the motion by centimetres than of the breath; the interval is that of the breath."""
+    times = np.arange(round(42 * RATE_HZ)) / RATE_HZ
+    source = np.random.default_rng(6)
+    body = echo(times, range_m=1.75, amplitude_v=30, rate_hz=0.32, swing_m=0.002)
+    still = (times >= begins_s) & (times <= begins_s + 14)
+    wander = np.cumsum(np.where(still, 0.0, source.normal(0, 0.01, times.size)))[:, None]
+    (person,) = find(room(source) + body * np.exp(-4j * np.pi * wander / WAVE_M) + noise(source, times.size))
+    assert person.rate_hz == pytest.approx(0.32, rel=0.03)
+    assert person.range_m == pytest.approx(1.75, abs=0.05)
+    assert person.start_s >= begins_s - 3
+    assert person.stop_s <= begins_s + 14 + 3
+
+
 def test_white_noise_and_a_static_room_do_not_breathe():
     for seed in range(12):
         source = np.random.default_rng(seed)

@@ -325,7 +325,8 @@ def test_the_example_scene_of_the_repository_runs(tmp_path):
 def test_an_empty_room_needs_no_target(tmp_path):
     (tmp_path / "room.toml").write_text('duration_s = 1\n[radar]\npreset = "x4"\n')
     run("simulate", "room.toml", "-o", "room.h5", "--seed", "2", cwd=tmp_path)
-    assert "no target found" in run("analyze", "room.h5", cwd=tmp_path).stdout
+    assert "no target found: 0 of" in run("analyze", "room.h5", cwd=tmp_path).stdout
+    assert json.loads(run("analyze", "room.h5", "--json", cwd=tmp_path).stdout)["reason"].startswith("0 of")
     assert (
         "needs at least one" in run("simulate", "room.toml", "--speed", "1", "-o", "x.h5", cwd=tmp_path, code=2).stderr
     )

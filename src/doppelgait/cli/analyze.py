@@ -86,7 +86,8 @@ def print_features(results: Sequence[Result]) -> None:
     from doppelgait.features import FEATURE_UNITS
 
     if not results:
-        print("no target found")
+        reason = getattr(results, "reason", "")
+        print(f"no target found: {reason}" if reason else "no target found")
         return
     names = [f"{n}: {r.label or 'target'}" for n, r in enumerate(results)]
     values = [

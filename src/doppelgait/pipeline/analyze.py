@@ -12,7 +12,7 @@ import xarray as xr
 from doppelgait import processing
 from doppelgait.core.config import check_type
 from doppelgait.core.errors import AnalysisError, ConfigError
-from doppelgait.pipeline.result import Result
+from doppelgait.pipeline.result import Result, TargetList
 from doppelgait.pipeline.target import analyze_signature
 from doppelgait.pipeline.tracking import Tracking, track_targets
 from doppelgait.processing import Analysis, Gate
@@ -27,7 +27,7 @@ __all__ = ["Result", "analyze", "analyze_signature", "flag_overlaps", "gated_sig
 def analyze(
     recording: Recording, *, gate: GateChoice | Gate | str = "track",
     analysis: Analysis | None = None, tracking: Tracking | None = None, gate_error_m: float = 0.0,
-) -> list[Result]:  # fmt: skip
+) -> TargetList:  # fmt: skip
     """Analyse a recording, simulated or measured.
 
     Parameters
@@ -47,8 +47,9 @@ def analyze(
 
     Returns
     -------
-    list of Result
-        One per target of the truth or per track (none where nothing was found), or one for a given gate.
+    TargetList of Result
+        A list: one per target of the truth or per track, or one for a given gate. Where nothing was found it is empty
+        and its ``reason`` says why.
 
     Raises
     ------
@@ -67,14 +68,15 @@ def analyze(
         raise ConfigError(f"gate_error_m: {gate_error_m} is not allowed; it must be a finite number, with gate='truth'")
     settings = (analysis or Analysis()).resolved(gate)
     if gate == "track":
-        return flag_overlaps(track_targets(recording, settings, tracking or Tracking()))
+        found = track_targets(recording, settings, tracking or Tracking())
+        return TargetList(flag_overlaps(found), reason=found.reason)
     gates, labels = _choose_gates(recording, gate, settings, gate_error_m)
     signatures = gated_signatures(recording, gates, settings)
     results = [
         analyze_signature(mu, own_gate, settings, label=label)
         for mu, own_gate, label in zip(signatures, gates, labels, strict=True)
     ]
-    return flag_overlaps(results)
+    return TargetList(flag_overlaps(results))
 
 
 def _choose_gates(

@@ -339,6 +339,21 @@ def _values_from_json(plain: Mapping[str, Any]) -> npt.NDArray[Any]:
 # Files ---------------------------------------------------------------------------------------------------------------
 
 
+class TargetList(list[Result]):
+    """Results of one analysis, one per target: a list that knows why it is empty.
+
+    Parameters
+    ----------
+    results : iterable of Result
+    reason : str
+        One sentence with numbers where nothing was found, else empty.
+    """
+
+    def __init__(self, results: Iterable[Result] = (), *, reason: str = "") -> None:
+        super().__init__(results)
+        self.reason = reason
+
+
 @dataclass(frozen=True)
 class Results:
     """Results of one recording, as stored in a file.
@@ -359,7 +374,7 @@ class Results:
 def describe_results(recording: Recording, results: Sequence[Result]) -> dict[str, Any]:
     """Build the document that ``doppelgait analyze --json`` prints.
 
-    Values that are not finite become None.
+    Values that are not finite become None; an empty list of targets has its ``reason``.
     """
     facts = {
         "file": recording.source,
@@ -371,8 +386,9 @@ def describe_results(recording: Recording, results: Sequence[Result]) -> dict[st
         "seed": recording.seed,
         "radar": recording.radar.model_dump(mode="json"),
     }
+    reason = {"reason": results.reason} if isinstance(results, TargetList) and not results else {}
     document: dict[str, Any] = json_value(
-        {"recording": facts, "targets": [result.to_json(arrays=False) for result in results]}
+        {"recording": facts, "targets": [result.to_json(arrays=False) for result in results], **reason}
     )
     return document
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,14 +15,16 @@ from doppelgait.core.errors import warn_caller
 from doppelgait.core.labels import axis, sampling_rate_hz
 from doppelgait.features import GaitFeatures
 from doppelgait.features.ground_motion import piece_motion
-from doppelgait.pipeline.result import Result
+from doppelgait.pipeline.result import Result, TargetList
 from doppelgait.pipeline.target import analyze_gated
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.breathing import BreathingSettings, BreathingTarget, find_breathing
-from doppelgait.processing.clutter import share_removed, torso_share_removed
+from doppelgait.processing.clutter import share_removed, torso_share_removed, without_clutter
 from doppelgait.processing.common_phase import without_common_phase
 from doppelgait.processing.config import MIN_CPI_PULSES
 from doppelgait.processing.detect import Detector, find_scans
+from doppelgait.processing.detect.maps import maps_of, noise_factor
+from doppelgait.processing.detections import Scan
 from doppelgait.processing.pieces import PieceSettings, find_pieces
 from doppelgait.processing.track import Track, Tracker, track
 from doppelgait.radar.recording import Recording
@@ -54,10 +58,10 @@ class Tracking(FrozenModel):
     breathing: BreathingSettings = BreathingSettings()
 
 
-def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) -> list[Result]:
+def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) -> TargetList:
     """Find and analyse all bodies of a recording.
 
-    Moving bodies come first, in order of appearance.
+    Moving bodies come first, in order of appearance. An empty list has its reason.
 
     Parameters
     ----------
@@ -72,6 +76,7 @@ def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) 
     clean = processing.remove_clutter(raw, analysis)
     times_s = axis(raw, "slow_time")
     prf_hz = sampling_rate_hz(times_s)
+    scans: list[Scan] | None = None
     tracks: list[Track] = []
     if prf_hz * tracking.detector.cpi_s < MIN_CPI_PULSES:
         warn_caller(
@@ -83,15 +88,68 @@ def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) 
         scans = find_scans(raw, tracking.detector, wavelength_m=wavelength_m, in_phase=True)
         tracks = track(scans, tracking.tracker, velocity_span_mps=wavelength_m * prf_hz / 2)
     persons: list[BreathingTarget] = []
-    if times_s[-1] - times_s[0] >= MIN_BREATHING_S and prf_hz >= MIN_BREATHING_HZ and raw.sizes["range"] >= 2:
+    breath_needs = _breath_needs(raw)
+    if not breath_needs:
         persons = find_breathing(baseband, wavelength_m=wavelength_m, settings=tracking.breathing)
+    if not tracks and not persons:
+        nothing_moves = _why_no_track(raw, scans, wavelength_m, tracking)
+        return TargetList(reason=f"{nothing_moves}; {breath_needs or 'no bin breathes steadily for 12 s'}")
     moving = [_analyze_track(raw, clean, wavelength_m, found, analysis, tracking) for found in tracks]
     still = [
         _analyze_breathing(clean, wavelength_m, person, analysis)
         for person in persons
         if not any((np.abs(found.range_m - person.range_m) < NEAR_M).any() for found in tracks)
     ]
-    return moving + still
+    return TargetList(moving + still)
+
+
+def _breath_needs(raw: xr.DataArray) -> str:
+    """Return what a recording lacks for a breath; empty if nothing."""
+    times_s = axis(raw, "slow_time")
+    if times_s[-1] - times_s[0] < MIN_BREATHING_S:
+        return f"{times_s[-1] - times_s[0]:.1f} s are too short for a breath, which needs {MIN_BREATHING_S:g} s"
+    if sampling_rate_hz(times_s) < MIN_BREATHING_HZ:
+        return f"{sampling_rate_hz(times_s):.3g} frames/s are too few for a breath, which needs {MIN_BREATHING_HZ:g}"
+    return "breath is not looked for with one range bin" if raw.sizes["range"] < 2 else ""
+
+
+def _why_no_track(raw: xr.DataArray, scans: Sequence[Scan] | None, wavelength_m: float, tracking: Tracking) -> str:
+    """Explain why no moving body was found, with what came closest to one."""
+    if scans is None:
+        return f"moving bodies were not looked for at {sampling_rate_hz(axis(raw, 'slow_time')):.3g} frames/s"
+    detector, tracker = tracking.detector, tracking.tracker
+    hits = sum(bool(scan.detections) for scan in scans)
+    seen = f"{hits} of {len(scans)} scans have detections"
+    span_mps = wavelength_m * sampling_rate_hz(axis(raw, "slow_time")) / 2
+    resting = track(scans, tracker.model_copy(update={"still_travel_m": 0.0}), velocity_span_mps=span_mps)
+    if resting:
+        most_m = max(float(np.ptp(one.range_m)) for one in resting)
+        return (
+            f"{seen}, but what they follow keeps its place (at most {most_m:.2f} m of travel, "
+            f"{resting[0].range_m.mean():.2f} m from the radar), as do clutter and people at rest; "
+            f"tracking.tracker.still_travel_m=0 reports it"
+        )
+    brief = track(
+        scans, tracker.model_copy(update={"still_travel_m": 0.0, "min_duration_s": 0.0}), velocity_span_mps=span_mps
+    )
+    if brief:
+        longest_s = max(one.last_s - one.first_s for one in brief)
+        return f"{seen}, but none for {tracker.min_duration_s:g} s (longest {longest_s:.1f} s)"
+    best_db, place = -math.inf, ""
+    for maps in maps_of(without_clutter(raw, kind=detector.clutter), detector, wavelength_m=wavelength_m):
+        snr = maps.power_v2 / np.maximum(maps.floor_v2, 1e-300)
+        snr[:, np.abs(maps.velocity_mps) < detector.slow_mps] = 0.0  # what is left of the clutter
+        scan, doppler, number = np.unravel_index(int(snr.argmax()), snr.shape)
+        level_db = 10.0 * math.log10(max(float(snr[scan, doppler, number]), 1e-30))
+        if level_db > best_db:
+            best_db = level_db
+            place = f"{maps.range_m[number]:.2f} m, {maps.velocity_mps[doppler]:.2f} m/s, {maps.time_s[scan]:.1f} s"
+    needed_db = 10.0 * math.log10(noise_factor(detector.peak_pfa))
+    return (
+        f"{seen}, and never {tracker.confirm_hits} of {tracker.confirm_scans} in a row at one place: the strongest cell "
+        f"faster than {detector.slow_mps:g} m/s is {best_db:.1f} dB above the noise ({place}), a body has cells above "
+        f"{needed_db:.1f} dB"
+    )
 
 
 def _analyze_track(

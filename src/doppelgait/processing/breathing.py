@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +32,9 @@ SHORTEST_S = 10.0
 COHERENT = 0.8
 """Two places with this correlation of motion are one breath: an echo by a second path, or a shadowed echo."""
 WINDOW_FALSE_ALARM = 1e-3
+SHORT_WINDOWS_S = (15.0, 12.0)
+"""Lengths of single windows in which people are looked for who keep still for a part of the time only."""
+SHORT_HOP_S = 3.0
 NAN = float("nan")
 
 
@@ -91,7 +94,7 @@ class BreathingTarget:
         0 to 1: share of the windows with a breath, times the share of the motion between 0.05 Hz and the end of the
         band that is at the rate and its double.
     start_s, stop_s : float
-        From the first to the last window of the longest run with a breath.
+        From the first to the last window of the longest run with a breath, or the short windows that show it.
     """
 
     range_m: float
@@ -134,7 +137,7 @@ def find_breathing(
     Pulses are averaged to about 10 Hz and frames divided by the gain that distant bins have in common (jitter and drift
     of the clock), so that static echoes do not seem to breathe. Each bin's spectrum, both signs of Doppler together, is
     averaged over windows of 30 s, each divided by the window's own level in that bin: episodes of body motion count
-    little. A breath is a line that stands above what is at lower *and* at higher frequencies: the slope of a drift is
+    little. Single windows of 15 and 12 s, 3 s apart, add people who keep still for such a time only. A breath is a line that stands above what is at lower *and* at higher frequencies: the slope of a drift is
     none. The threshold is a quantile of the F distribution for all bins and rates together. Neighbouring bins are one
     person; multiples of the rate, and places that move as a stronger one does, belong to that one. Displacement and
     rate come from the phase about the centre of the arc that the strongest bin describes.
@@ -176,6 +179,47 @@ def find_breathing(
     count = pulse_times.size // size
     values = baseband.values[: count * size].reshape(count, size, -1).mean(axis=1, dtype=np.complex128)
     times = pulse_times[: count * size].reshape(count, size).mean(axis=1)
+    people = [one.target for one in _find_in(values, times, range_m, wavelength_m, options)]
+    # who moves for a part of the time: single windows, which share the chance of a false breath
+    spans = [
+        (start_s, start_s + window_s)
+        for window_s in SHORT_WINDOWS_S
+        if window_s < min(options.window_s, times[-1] - times[0])
+        for start_s in np.arange(times[0], times[-1] - window_s + 1e-9, SHORT_HOP_S)
+    ]
+    strict = options.model_copy(update={"false_alarm": options.false_alarm / max(len(spans), 1)})
+    found: list[BreathingTarget] = []
+    for start_s, stop_s in spans:
+        part = (times >= start_s - 1e-9) & (times <= stop_s + 1e-9)
+        found += [one.target for one in _find_in(values[part], times[part], range_m, wavelength_m, strict)]
+    brief: list[BreathingTarget] = []
+    for person in sorted(found, key=lambda one: -one.snr_db):
+        if any(abs(person.range_m - one.range_m) <= options.extent_m for one in people):
+            continue
+        same = [n for n, one in enumerate(brief) if _is_same(person, one, options.extent_m)]
+        for n in same:  # the clearest window gives the numbers, the others may lengthen its time
+            start_s, stop_s = min(person.start_s, brief[n].start_s), max(person.stop_s, brief[n].stop_s)
+            brief[n] = replace(brief[n], start_s=start_s, stop_s=stop_s)
+        if not same:
+            brief.append(person)
+    return people + brief
+
+
+def _is_same(person: BreathingTarget, other: BreathingTarget, extent_m: float) -> bool:
+    """Return True if breaths of two short windows are of one person.
+
+    They are at one place, or at one rate at one time: an echo by a second path.
+    """
+    if abs(person.range_m - other.range_m) <= extent_m:
+        return True
+    at_once = person.start_s < other.stop_s and other.start_s < person.stop_s
+    return at_once and abs(person.rate_hz - other.rate_hz) <= 1.0 / min(SHORT_WINDOWS_S)
+
+
+def _find_in(
+    values: ComplexArray, times: FloatArray, range_m: FloatArray, wavelength_m: float, options: BreathingSettings
+) -> list[_Candidate]:
+    """Find breaths in a recording as one, the strongest first."""
     series = without_common_gain(values, range_m)
     spectrum = breath_spectrum(series, sampling_rate_hz(times), window_s=options.window_s)
     ratio = line_ratio(spectrum, low_hz=options.low_hz, high_hz=options.high_hz)
@@ -188,7 +232,7 @@ def find_breathing(
     for candidate in sorted(found, key=lambda one: -one.power):
         if not any(_is_part_of(candidate, other, options.extent_m, 1.0 / spectrum.window_s) for other in kept):
             kept.append(candidate)
-    return [candidate.target for candidate in kept]
+    return kept
 
 
 def _measure_cluster(look: _Look, bins: npt.NDArray[np.int64]) -> _Candidate | None:
