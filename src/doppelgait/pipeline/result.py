@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -340,7 +340,7 @@ def _values_from_json(plain: Mapping[str, Any]) -> npt.NDArray[Any]:
 
 
 class TargetList(list[Result]):
-    """Results of one analysis, one per target: a list that knows why it is empty.
+    """List of results, one per target, with the reason if empty.
 
     Parameters
     ----------

@@ -114,7 +114,7 @@ def _breath_needs(raw: xr.DataArray) -> str:
 
 
 def _why_no_track(raw: xr.DataArray, scans: Sequence[Scan] | None, wavelength_m: float, tracking: Tracking) -> str:
-    """Explain why no moving body was found, with what came closest to one."""
+    """Explain why no moving body was found, with numbers."""
     if scans is None:
         return f"moving bodies were not looked for at {sampling_rate_hz(axis(raw, 'slow_time')):.3g} frames/s"
     detector, tracker = tracking.detector, tracking.tracker
@@ -146,8 +146,8 @@ def _why_no_track(raw: xr.DataArray, scans: Sequence[Scan] | None, wavelength_m:
             place = f"{maps.range_m[number]:.2f} m, {maps.velocity_mps[doppler]:.2f} m/s, {maps.time_s[scan]:.1f} s"
     needed_db = 10.0 * math.log10(noise_factor(detector.peak_pfa))
     return (
-        f"{seen}, and never {tracker.confirm_hits} of {tracker.confirm_scans} in a row at one place: the strongest cell "
-        f"faster than {detector.slow_mps:g} m/s is {best_db:.1f} dB above the noise ({place}), a body has cells above "
+        f"{seen}, and never {tracker.confirm_hits} of {tracker.confirm_scans} in a row at one place: the strongest "
+        f"cell faster than {detector.slow_mps:g} m/s is {best_db:.1f} dB above the noise ({place}), a body has cells above "
         f"{needed_db:.1f} dB"
     )
 
