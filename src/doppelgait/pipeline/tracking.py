@@ -147,8 +147,8 @@ def _why_no_track(raw: xr.DataArray, scans: Sequence[Scan] | None, wavelength_m:
     needed_db = 10.0 * math.log10(noise_factor(detector.peak_pfa))
     return (
         f"{seen}, and never {tracker.confirm_hits} of {tracker.confirm_scans} in a row at one place: the strongest "
-        f"cell faster than {detector.slow_mps:g} m/s is {best_db:.1f} dB above the noise ({place}), a body has cells above "
-        f"{needed_db:.1f} dB"
+        f"cell faster than {detector.slow_mps:g} m/s is {best_db:.1f} dB above the noise ({place}), a body has cells "
+        f"above {needed_db:.1f} dB"
     )
 
 

@@ -137,11 +137,11 @@ def find_breathing(
     Pulses are averaged to about 10 Hz and frames divided by the gain that distant bins have in common (jitter and drift
     of the clock), so that static echoes do not seem to breathe. Each bin's spectrum, both signs of Doppler together, is
     averaged over windows of 30 s, each divided by the window's own level in that bin: episodes of body motion count
-    little. Single windows of 15 and 12 s, 3 s
-    apart, add people who keep still for such a time only. A breath is a line that stands above what is at lower *and* at higher frequencies: the slope of a drift is
-    none. The threshold is a quantile of the F distribution for all bins and rates together. Neighbouring bins are one
-    person; multiples of the rate, and places that move as a stronger one does, belong to that one. Displacement and
-    rate come from the phase about the centre of the arc that the strongest bin describes.
+    little. Single windows of 15 and 12 s, 3 s apart, add people who keep still for such a time only. A breath is a line
+    that stands above what is at lower *and* at higher frequencies: the slope of a drift is none. The threshold is a
+    quantile of the F distribution for all bins and rates together. Neighbouring bins are one person; multiples of the
+    rate, and places that move as a stronger one does, belong to that one. Displacement and rate come from the phase
+    about the centre of the arc that the strongest bin describes.
 
     Parameters
     ----------
