@@ -20,7 +20,7 @@ from doppelgait.dataset.config import DatasetSection, PlanConfig, differences, l
 from doppelgait.dataset.finish import dataset_id, plan_header, plan_plugins
 from doppelgait.dataset.plan import check_examples, nuisance_of, plan_dataset, spread
 from doppelgait.dataset.splits import assign_splits, groups_of
-from doppelgait.dataset.verify.leakage import warn_of_leaks
+from doppelgait.dataset.verify.leakage import refuse_leaks, warn_of_leaks
 
 
 def draw(value, example=0, key="k"):
@@ -165,6 +165,30 @@ def test_leaks_are_refused_however_they_are_written(wrap):
         examples_of(plan(analysis={"method": wrap("liland2018")}))
 
 
+def test_only_a_plan_that_names_its_leaks_may_have_them():
+    def set_by_class(leaks):
+        dog = {"label": "dog", "motion": {"kind": "quadruped"}, "target": {"rcs": {"total_m2": 0.2}}}
+        return plan(
+            classes=[{"label": "human", "motion": {"kind": "boulic"}}, dog], radar={"preset": "x4", "prf_hz": "auto"},
+            target={"rcs": {"kind": "equal", "total_m2": 1.0}, "range_m": 5.0},
+            dataset={"name": "x", "examples_per_class": 60, "leaks": leaks},
+        )  # fmt: skip
+
+    with pytest.raises(ConfigError, match=r"classes\.1\.target\.rcs: is not allowed: it would reveal the class"):
+        set_by_class(["radar.prf_hz"])
+    with pytest.raises(ConfigError, match="'auto' is not allowed in a dataset"):
+        set_by_class(["target.rcs"])
+    with pytest.raises(ConfigError, match=r"leaks: .*'target\.label' is none of target\.rcs, .*radar\.prf_hz"):
+        set_by_class(["target.label"])
+    config = set_by_class(["target.rcs", "radar.prf_hz"])
+    examples = examples_of(config)
+    assert {(e.label, e.run.scene.targets[0].rcs.total_m2) for e in examples} == {("human", 1.0), ("dog", 0.2)}
+    assert {e.run.scene.targets[0].range_m for e in examples} == {5.0}
+    with pytest.raises(DatasetError, match=r"target\.rcs"):
+        refuse_leaks(examples, np.random.default_rng(0))
+    refuse_leaks(examples, np.random.default_rng(0), leaks=config.dataset.leaks)
+
+
 def with_dog_motion(motion):
     return plan(classes=[{"label": "human", "motion": {"kind": "boulic"}}, {"label": "dog", "motion": motion}])
 
@@ -307,7 +331,9 @@ def test_settings_of_uneven_strides_have_the_same_ranges_for_people_and_dogs(pla
 
 def test_home_alarm_keeps_every_nuisance_outside_the_classes():
     loaded, _ = load_plan("home-alarm", overrides=["dataset.examples_per_class=40"])
-    assert all(set(section.model_dump()) == {"label", "motion", "examples"} for section in loaded.classes)
+    assert all(
+        set(section.model_dump(exclude_defaults=True)) <= {"label", "motion", "examples"} for section in loaded.classes
+    )
     examples = examples_of(loaded)
     assert {e.run.radar.prf_hz for e in examples} == {1300.0}
     assert {e.run.scene.duration_s for e in examples} == {2.5}
@@ -522,8 +548,6 @@ def test_companions_are_placed_by_the_law_of_the_targets_and_never_beside_nobody
 
 
 def leaky(**changes):
-    from doppelgait.dataset.verify.leakage import refuse_leaks
-
     config = plan(dataset={"name": "x", "examples_per_class": 60}, **changes)
     refuse_leaks(examples_of(config), np.random.default_rng(0))
 

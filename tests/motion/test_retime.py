@@ -26,6 +26,18 @@ def swing(rate_hz=120.0, seconds=3.0):
     return motion_of(np.stack([x, 0 * t, 1 + 0 * t], axis=-1)[:, None], rate_hz)
 
 
+def test_heights_only_scale_to_the_highest_point_where_no_stature_is_known():
+    position = np.zeros((40, 2, 3))
+    position[:, 0, 0] = np.linspace(0.0, 1.0, 40)
+    position[:, 1, 2] = np.linspace(0.6, 0.8, 40)
+    motion = motion_of(position, parts=("torso", "left_foot"))
+    scaled = scale_to_height(motion, height_m=0.2, mode="z_only")
+    assert scaled.position_m[..., 2].max() == pytest.approx(0.2)
+    assert np.array_equal(scaled.position_m[..., 0], position[..., 0])
+    with pytest.raises(MotionError, match="height is unknown"):
+        scale_to_height(motion, height_m=0.2)
+
+
 def test_velocity_of_a_swinging_marker_after_resampling_e02():
     wanted_s = np.arange(0, 2.9, 1e-3)
     position, velocity = resample(swing(), wanted_s)

@@ -69,7 +69,7 @@ def plan_command(
     with progress("reading motion files", quiet=as_json) as on_progress:
         planned = plan_dataset(loaded, folder=folder, on_progress=on_progress)
     checked = check_examples(planned, most=ALL_CHECKED)
-    refuse_leaks(list(spread(planned, LEAKS_LOOKED_AT)), np.random.default_rng(0))
+    refuse_leaks(list(spread(planned, LEAKS_LOOKED_AT)), np.random.default_rng(0), leaks=loaded.dataset.leaks)
     summary = summarise(planned, dataset_id(planned.config, folder), n_checked=checked, pilot=pilot)
     if specs is not None:
         write_specs(planned, specs)

@@ -161,7 +161,7 @@ def build_dataset(
     plan = plan_dataset(config, folder=source)
     drawn = list(spread(plan, CHECKED_EXAMPLES))
     if not (target / "dataset.json").is_file():
-        warn_of_leaks(drawn, np.random.default_rng(0))
+        warn_of_leaks(drawn, np.random.default_rng(0), leaks=plan.config.dataset.leaks)
     shards = tuple(plan.shards())
     mine = shards if chosen is None else shards[chosen.number - 1 :: chosen.among]
     job = _Job(target, plan, dataset_id(plan.config, source), shards, mine, chosen, max_failed_share)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 import pandas as pd
 
@@ -172,6 +173,8 @@ def dataset_card(plan: PlanConfig, identity: str, index: pd.DataFrame) -> str:
     rcs = plan.target.get("rcs", {})
     if "total_m2" not in rcs and "choice" not in rcs:
         law = "by body mass, assumed for dogs; so the echo's power differs between classes"
+    if "target.rcs" in plan.dataset.leaks:
+        law = "set by class: a leak, see above"
     simplifications = ["occlusion as planned" if "occlusion" in rcs else "no occlusion"]
     if plan.environment in (None, [], {}):
         simplifications.append("no multipath")
@@ -185,11 +188,33 @@ def dataset_card(plan: PlanConfig, identity: str, index: pd.DataFrame) -> str:
     ])  # fmt: skip
     gate = TRACK_GATE if plan.dataset.gate == "track" else TRUTH_GATE.format(error=plan.dataset.gate_error_sd_m)
     return _fill(
-        index, name=name, front=front, subjects=" ".join(subjects), making="", rows=SIMULATED_ROWS,
+        index, name=name, front=front, subjects=" ".join(subjects), making=_leaks(plan.dataset.leaks),
+        rows=SIMULATED_ROWS,
         summary=f"{total} simulated micro-Doppler examples made by doppelgait {__version__}, dataset id `{identity}`.\n"
         + _origin(plan, index, recorded),
         files=SIMULATED_FILES.format(gate=gate), limits=limits + MAKE_AGAIN.format(name=name),
     )  # fmt: skip
+
+
+LEAK_SENTENCES = {
+    "radar.prf_hz": "the frame rate is the lowest without aliasing for each example, so that it reveals the speed",
+    "scene.duration_s": "every example is as long as its recording",
+}
+"""What a leak of a plan reveals; keys of ``target`` differ by class."""
+
+
+def _leaks(leaks: Sequence[str]) -> str:
+    """Write the section on the leaks of a plan.
+
+    It is empty without one.
+    """
+    if not leaks:
+        return ""
+    named = [f"- `{leak}`: {LEAK_SENTENCES.get(leak, 'set by class, so that it reveals the class')}." for leak in leaks]
+    return (
+        "## Leaks\n\nThis dataset remakes a published one, with what gives the class away in it. A score on it is not "
+        "a measure of how well people and animals are told apart.\n\n" + "\n".join(named) + "\n\n"
+    )
 
 
 def _origin(plan: PlanConfig, index: pd.DataFrame, recorded: pd.DataFrame) -> str:

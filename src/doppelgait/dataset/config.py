@@ -17,7 +17,7 @@ from doppelgait.core.errors import ConfigError
 from doppelgait.pipeline import Tracking
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.gate import GateChoice
-from doppelgait.scene.scene import Scene
+from doppelgait.scene.scene import Scene, Target
 
 SHOWN_LENGTH = 60
 """Characters of a value in a message."""
@@ -57,7 +57,16 @@ def _shown(value: Any) -> str:
 
 SCENE_KEYS = tuple(name for name in Scene.model_fields if name != "targets")
 SPLITS = ("train", "validation", "test")
-AUTO_PRF_REFUSED = "radar.prf_hz = 'auto' is not allowed in a dataset: it reveals the speed to every feature"
+LEAKS = (
+    *(f"target.{name}" for name in Target.model_fields if name not in ("motion", "label", "background")),
+    "radar.prf_hz",
+    "scene.duration_s",
+)
+"""Keys that a plan can name in ``dataset.leaks``."""
+AUTO_PRF_REFUSED = (
+    "radar.prf_hz = 'auto' is not allowed in a dataset: it reveals the speed to every feature; a plan that remakes a "
+    "published dataset names it in dataset.leaks"
+)
 ORACLE_REFUSED = (
     "analysis.method = 'liland2018' is not allowed in a dataset: its gate takes the span from the class and the "
     "Doppler band from the truth, which reveals both to every feature; use 'standard'"
@@ -172,6 +181,10 @@ class DatasetSection(FrozenModel):
         Standard deviation of the range error of the truth gate, the same for every class.
     fields : list
         Arrays to store in addition to the features: names, or tables (:class:`FieldSpec`).
+    leaks : list
+        Keys that this plan lets reveal the class, to remake a published dataset: ``target.KEY`` may differ by class
+        (``[classes.target]``), ``radar.prf_hz`` may be ``"auto"``, ``scene.duration_s`` may be left out (every
+        recording as long as it is). The card names them and ``verify`` does not judge them.
     """
 
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")
@@ -183,6 +196,15 @@ class DatasetSection(FrozenModel):
     gate: Literal["truth", "track"] = "truth"
     gate_error_sd_m: float = Field(default=0.2, ge=0, le=1)
     fields: tuple[FieldSpec, ...] = (FieldSpec(name="signature"),)
+    leaks: tuple[str, ...] = ()
+
+    @field_validator("leaks")
+    @classmethod
+    def _are_leaks(cls, leaks: tuple[str, ...]) -> tuple[str, ...]:
+        for leak in leaks:
+            if leak not in LEAKS:
+                raise ValueError(f"{leak!r} is none of {', '.join(LEAKS)}")
+        return leaks
 
     @field_validator("fields", mode="before")
     @classmethod
@@ -218,10 +240,13 @@ class ClassSection(FrozenModel):
         an empty scene, whatever is in the background; the gate follows a body that does not exist.
     examples : int, optional
         ``dataset.examples_per_class`` by default.
+    target : table
+        Keys that replace those of ``[target]`` in this class; each must be named in ``dataset.leaks``.
     """
 
     label: str = Field(min_length=1)
     motion: dict[str, Any]
+    target: dict[str, Any] = Field(default_factory=dict)
     examples: int | None = Field(default=None, ge=1, le=10_000_000)
 
     @field_validator("label")
@@ -240,7 +265,8 @@ class ClassSection(FrozenModel):
 class PlanConfig(FrozenModel):
     """Dataset plan.
 
-    Everything outside ``[[classes]]`` holds for every class alike, so that it cannot distinguish them.
+    Everything outside ``[[classes]]`` holds for every class alike, so that it cannot distinguish them. Exceptions are
+    the keys that ``dataset.leaks`` names.
 
     Parameters
     ----------
@@ -263,7 +289,8 @@ class PlanConfig(FrozenModel):
         (``{ choice = [{ kind = "wall", ... }, {}] }``) is left out.
     radar, noise, analysis : table
         As in a scene file. All tables may hold distributions. ``radar.prf_hz = "auto"`` and the oracle gate of
-        ``analysis.method = "liland2018"`` are refused: both reveal the truth to the features.
+        ``analysis.method = "liland2018"`` are refused, both reveal the truth to the features; the first is allowed
+        where ``dataset.leaks`` names it.
     """
 
     dataset: DatasetSection
@@ -284,7 +311,14 @@ class PlanConfig(FrozenModel):
         labels = [c.label for c in self.classes]
         if len({label.replace(" ", "_") for label in labels}) < len(labels):
             raise ValueError(f"classes: labels must differ by more than a space for a _, got {labels}")
-        if self.radar.get("prf_hz") == "auto":
+        for place, section in enumerate(self.classes):
+            for key in section.target:
+                if f"target.{key}" not in self.dataset.leaks:
+                    raise ValueError(
+                        f"classes.{place}.target.{key}: is not allowed: it would reveal the class; move it to "
+                        "[target], or name it in dataset.leaks where a published dataset had it so"
+                    )
+        if self.radar.get("prf_hz") == "auto" and "radar.prf_hz" not in self.dataset.leaks:
             raise ValueError(AUTO_PRF_REFUSED)
         if self.analysis.get("method") == "liland2018":
             raise ValueError(ORACLE_REFUSED)

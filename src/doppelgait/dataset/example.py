@@ -334,8 +334,9 @@ def radar_of(description: Mapping[str, Any], row: Mapping[str, Any]) -> Radar:
         raise DatasetError(f"{row['id']}: the dataset does not state its radar; only simulated ones do")
     seed = config["dataset"]["seed"]
     table = resolve(config.get("radar", {}), seed=seed, example=number, key="radar")
-    radar: Radar = parse_radar(table, where="dataset.json", folder=Path(), seed=seed, example=number)["radar"]
-    return radar
+    parsed = parse_radar(table, where="dataset.json", folder=Path(), seed=seed, example=number)
+    radar: Radar = parsed["radar"]
+    return radar.model_copy(update={"prf_hz": float(row["prf_hz"])}) if parsed["auto_prf"] else radar
 
 
 def simulated_number(description: Mapping[str, Any], row: Mapping[str, Any]) -> int:

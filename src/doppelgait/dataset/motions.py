@@ -225,7 +225,8 @@ class FolderMotion(FrozenModel):
     pattern : str
         Which files of it and of its folders, for example ``"*.bvh"``.
     loop : bool
-        Segments shorter than the scene are repeated over whole strides; else they are left out.
+        Segments shorter than the scene are repeated over whole strides; else they are left out. A scene without
+        ``duration_s`` is as long as its segment.
     min_duration_s : float
         Shorter segments are left out.
     hybrid : {"none", "retarget", "blend"}
@@ -271,14 +272,15 @@ def expand_folders(plan: PlanConfig, folder: Path, *, on_progress: Progress | No
     ------
     ConfigError
         If a folder is missing or a key is not allowed, or ``scene.duration_s`` is not a number, which a list of
-        segments needs.
+        segments needs unless ``dataset.leaks`` names it.
     DatasetError
         If a folder has no usable segment.
     """
     if not has_folders(plan):
         return plan
     seconds = plan.scene.get("duration_s")
-    if not isinstance(seconds, int | float):
+    as_recorded = seconds is None and "scene.duration_s" in plan.dataset.leaks
+    if not as_recorded and not isinstance(seconds, int | float):
         raise ConfigError(
             f"scene.duration_s: {shorten(seconds)} is not allowed with a folder of motion files; give a number of s"
         )
@@ -287,7 +289,10 @@ def expand_folders(plan: PlanConfig, folder: Path, *, on_progress: Progress | No
         if isinstance(value, Mapping):
             if value.get("kind") == "folder":
                 spec = validate(FolderMotion, {k: v for k, v in value.items() if k != "kind"}, section=(key,))
-                return {"cycle": _list_segments(spec, folder, float(seconds), key, plan.sources, on_progress)}
+                if as_recorded and spec.hybrid != "none":
+                    raise ConfigError(f"{key}.hybrid: {spec.hybrid!r} is not allowed without scene.duration_s")
+                length_s = 0.0 if seconds is None else float(seconds)  # of 0 s nothing is looped
+                return {"cycle": _list_segments(spec, folder, length_s, key, plan.sources, on_progress)}
             return {k: expand(v, f"{key}.{k}") for k, v in value.items()}
         return [expand(v, f"{key}.{n}") for n, v in enumerate(value)] if isinstance(value, list) else value
 

@@ -197,14 +197,14 @@ def _run_spec(
 ) -> Run:
     """Resolve the run of an example.
 
-    Everything but the motions is sampled by a rule that does not depend on the class.
+    Everything but the motions and what ``dataset.leaks`` names is sampled by a rule that knows no class.
     """
     seed = plan.dataset.seed
 
     def draw(table: Any, key: str) -> Any:
         return _sample(plan, table, number, key)
 
-    first = {**draw(plan.target, "target"), **targets[0]}
+    first = {**draw({**plan.target, **section.target}, "target"), **targets[0]}
     if section.motion.get("kind") == NOBODY or targets[0]["motion"]["kind"] == NOBODY:
         phantom = {"kind": "point", "speed_mps": targets[0]["motion"]["speed_mps"]}
         first |= {"motion": phantom, "rcs": {"kind": "equal", "total_m2": UNSEEN_M2}}
@@ -227,7 +227,7 @@ def _run_spec(
     }
     run = parse_run(table, where="", folder=folder)
     # what a plan may not hold, in whichever way it was written: here every distribution is drawn
-    if run.auto_prf:
+    if run.auto_prf and "radar.prf_hz" not in plan.dataset.leaks:
         raise ConfigError(AUTO_PRF_REFUSED)
     if run.analysis.method == "liland2018":
         raise ConfigError(ORACLE_REFUSED)

@@ -96,8 +96,8 @@ def index_rows(
     run, nobody = example.run, all(row.source == "none" for row in example.rows)
     scene = {
         "carrier_hz": run.radar.carrier_hz,
-        "prf_hz": run.radar.prf_hz,
-        "observation_s": recording.n_pulses / run.radar.prf_hz,
+        "prf_hz": recording.radar.prf_hz,
+        "observation_s": recording.n_pulses / recording.radar.prf_hz,
         "environment": _format_specs(run.environment),
         "impairments": _format_specs(run.impairments),
         "radar_height_m": run.scene.radar_position_m[2],
@@ -300,7 +300,7 @@ def build_example(
     if gate == "track" and example.rows[0].source == "none" and len(example.rows) == 1:
         results = strongest_track(found)
     elif gate == "track":
-        results = match_tracks(found, recording.truth, recording.n_pulses / example.run.radar.prf_hz)
+        results = match_tracks(found, recording.truth, recording.n_pulses / recording.radar.prf_hz)
     messages = (str(w.message).partition(":")[0] for w in caught if issubclass(w.category, DoppelgaitWarning))
     rows = index_rows(example, recording, results, list(dict.fromkeys(messages)))
     found_rows = []

@@ -83,7 +83,8 @@ def scale_to_height(
         ``uniform``: all coordinates, times kept. ``froude``: all coordinates, times by the square root
         (dynamically similar). ``z_only``: heights only, as the report does; speeds and steps stay.
     recorded_height_m : float, optional
-        Height of the recorded subject; the motion's own ``height_m`` by default.
+        Height of the recorded subject; the motion's own ``height_m`` by default, for ``z_only`` the highest point
+        where that is unknown.
 
     Raises
     ------
@@ -92,6 +93,8 @@ def scale_to_height(
     """
     require_motion(motion)
     recorded = motion.facts.height_m if recorded_height_m is None else recorded_height_m
+    if mode == "z_only" and not recorded > 0:
+        recorded = float(motion.position_m[..., 2].max())  # the report takes the highest marker always
     if not recorded > 0:
         raise MotionError(
             f"{motion.facts.source}: the recorded subject's height is unknown (no head is known among its points, and "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 
 from doppelgait.core.config import validate
 from doppelgait.core.errors import ConfigError, DatasetError, DoppelgaitWarning
+from doppelgait.dataset import open_dataset
 from doppelgait.dataset.build import build_dataset
 from doppelgait.dataset.config import PlanConfig, load_plan
 from doppelgait.dataset.motions import expand_folders
@@ -18,6 +20,7 @@ from doppelgait.dataset.plan import plan_dataset
 from doppelgait.dataset.shard import BuildContext, build_planned, build_shard
 from doppelgait.dataset.shard_files import decode
 from doppelgait.dataset.status import dataset_hash
+from doppelgait.dataset.verify import verify_dataset
 from doppelgait.pipeline import run_simulation
 
 
@@ -119,6 +122,43 @@ def folder_plan(path="walks", **options):
     )
 
 
+def test_the_report_plan_has_the_lowest_frame_rates_and_names_its_leaks(walks):
+    """On models' takes: every rate holds the fastest scatterer and the window's main lobe, and 1 Hz less does not."""
+    (walks / "dog").mkdir()
+    (walks / "walks" / "take_2.csv").rename(walks / "dog" / "take_2.csv")
+    changes = ["dataset.examples_per_class=2", "classes.0.motion.path=walks", "classes.0.motion.pattern=*.csv"]
+    config, _ = load_plan("liland2018", overrides=[*changes, "classes.0.examples=5", "classes.2.examples=4"])
+    for name in ("one", "two"):
+        assert build_dataset(config, walks / name, folder=walks, workers=1).n_failed == 0
+    assert dataset_hash(walks / "one") == dataset_hash(walks / "two")
+    index = pd.read_parquet(walks / "one" / "index.parquet").set_index("id")
+    assert index["label"].value_counts().to_dict() == {"human": 5, "walker": 4, "dog": 1}
+    laid_out = plan_dataset(config, folder=walks)
+    main_lobe_hz = 3.0 / config.analysis["cpi_s"]
+    for number, entry in enumerate(laid_out.examples):
+        run, prf_hz = laid_out.example(number).run, index.loc[entry.id, "prf_hz"]
+        # at 5 kHz nothing aliases: the speeds there are the truth
+        finely = run_simulation(
+            run.replace(auto_prf=False, radar=run.radar.model_copy(update={"prf_hz": 5000.0})), folder=walks
+        )
+        speed_mps = np.abs(finely.truth[0].scatterers["radial_velocity"].values).max()
+        needed_hz = 2.0 * (2.0 * speed_mps * run.radar.carrier_hz / 299792458.0 + main_lobe_hz)
+        assert prf_hz - 1.0 < needed_hz + 0.5  # between two frames a limb is at most so much faster
+        assert prf_hz >= needed_hz - 0.5
+    assert index.loc["human-000000", "observation_s"] == pytest.approx(6.0, abs=0.1)
+    assert index.loc["human-000001", "observation_s"] == pytest.approx(3.0, abs=0.1)
+    assert (index["truth_radial_velocity_mps"] < 0).tolist() == (index["truth_aspect_deg"].abs() > 90).tolist()
+    assert index.loc[["human-000002", "walker-000002"], "truth_radial_velocity_mps"].max() < -0.4
+    example = open_dataset(walks / "one")["human-000002"]
+    assert example.signature.attrs["prf_hz"] == index.loc["human-000002", "prf_hz"]
+    card = (walks / "one" / "README.md").read_text()
+    for leak in ("radar.prf_hz", "scene.duration_s", "target.height_m", "target.rcs"):
+        assert f"\n- `{leak}`: " in card
+    checks = verify_dataset(walks / "one", folder=walks, rng=np.random.default_rng(0))
+    assert checks.passed
+    assert checks.check("nuisance").summary.endswith("leaks that the plan names: " + ", ".join(config.dataset.leaks))
+
+
 @pytest.fixture
 def walks(tmp_path):
     """Three takes of a model written as tables: 6 s, 3 s and 1.4 s, and a file that is no motion."""
@@ -184,8 +224,30 @@ def test_a_folder_needs_a_duration(walks):
 
 
 @pytest.mark.shared
-def test_the_report_plan_takes_a_folder_of_real_people_and_dogs(shared):
+def test_the_report_plan_has_the_170_scenarios_of_its_chapter_5(shared):
     config, _ = load_plan("liland2018")
+    with pytest.warns(DoppelgaitWarning, match="files are left out"):
+        laid_out = plan_dataset(config, folder=shared / "data" / "mocap")
+    assert len(laid_out.examples) == 170
+    found = Counter()
+    for number in range(170):
+        example = laid_out.example(number)
+        (target,) = example.run.scene.targets
+        assert (example.run.radar.pulse_sigma_s, example.run.auto_prf) == (1e-9, True)
+        assert example.run.scene.duration_s is None
+        assert "loop_to_s" not in target.motion
+        found[example.label, target.aspect_deg, target.height_m, target.rcs.kind, target.rcs.total_m2] += 1
+    assert found == {
+        ("human", 0.0, 1.8, "equal", 1.0): 99, ("human", 180.0, 1.8, "equal", 1.0): 49,
+        ("dog", 0.0, 0.2, "equal", 0.2): 1,
+        ("walker", 0.0, 1.8, "equal", 1.0): 14, ("walker", 180.0, 1.8, "equal", 1.0): 7,
+    }  # fmt: skip
+
+
+@pytest.mark.shared
+def test_the_fair_report_plan_takes_a_folder_of_real_people_and_dogs(shared):
+    config, _ = load_plan("liland2018-fair")
+    assert config.dataset.leaks == ()
     with pytest.warns(DoppelgaitWarning, match="files are left out"):
         laid_out = plan_dataset(config, folder=shared / "data" / "mocap")
     labels = [laid_out.config.classes[e.class_number].label for e in laid_out.examples]

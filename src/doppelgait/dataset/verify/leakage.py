@@ -264,6 +264,12 @@ def check_groups(contents: Contents) -> Check:
 
 
 MEASURED = ("prf_hz", "observation_s", "rcs_total_m2", "gate_error_m", "radar_height_m")
+MEASURED_LEAKS = {
+    "radar.prf_hz": ("index.prf_hz", "prf_hz"),
+    "scene.duration_s": ("index.observation_s", "observation_s"),
+    "target.rcs": ("index.rcs_total_m2", "rcs_total_m2", "index.snr_frame_db"),
+}
+"""Columns of the index that follow a key of ``dataset.leaks``, in addition to the key itself."""
 UNSEEN = ("target.rcs", "rcs_total_m2", "snr_frame_db")
 """Levels of echoes that an empty room does not have; such a class is judged by the other parameters."""
 MOST_ROWS = 2000
@@ -281,12 +287,15 @@ def check_nuisance(contents: Contents, drawn: Sequence[ExampleSpec], rng: np.ran
     groups do as well (:mod:`doppelgait.dataset.verify.leakage`). Imported recordings are as they are: a warning only.
     """
     index = contents.index
+    leaks = (contents.description.get("config") or {}).get("dataset", {}).get("leaks", ())
     if drawn:
         table = nuisance_table(index, drawn)
     elif len(index) <= MOST_ROWS:
         table = _measured(index)
     else:
         table = _measured(index.iloc[np.sort(rng.choice(len(index), MOST_ROWS, replace=False))])
+    table = _without(table, leaks)
+    declared = f"; not judged, leaks that the plan names: {', '.join(leaks)}" if leaks else ""
     # classes with targets by all parameters, and all classes by those that an empty room has, too
     nobody = table["nobody"].to_numpy(dtype=bool)
     table = table.drop(columns="nobody")
@@ -300,21 +309,30 @@ def check_nuisance(contents: Contents, drawn: Sequence[ExampleSpec], rng: np.ran
         if part["label"].nunique() > 1 and len(part.columns) > 2
     ]
     if not findings:
-        return Check("nuisance", "skipped", "one class, or no nuisance parameter that differs")
+        return Check("nuisance", "skipped", f"one class, or no nuisance parameter that differs{declared}")
     numbers = {words: guess.as_dict() for words, guess in findings}
     told = [_words(words, guess, table) for words, guess in findings if guess.leaks]
     if told:
-        return Check("nuisance", "warning" if contents.measured else "failed", "; ".join(told), numbers)
+        words = "; ".join(told) + declared
+        return Check("nuisance", "warning" if contents.measured else "failed", words, numbers)
     unclear = [f"{words}: {guess.reason}" for words, guess in findings if guess.reason]
     if len(unclear) == len(findings):
-        return Check("nuisance", "skipped", "; ".join(unclear), numbers)
+        return Check("nuisance", "skipped", "; ".join(unclear) + declared, numbers)
     listed = "; ".join(
         f"{words} from {guess.n_parameters} parameters of {guess.n_rows} rows: balanced accuracy {guess.accuracy:.2f} "
         f"(p = {guess.p_value:.2g})"
         for words, guess in findings
         if not guess.reason
     )
-    return Check("nuisance", "passed", f"{listed}{'; not judged: ' + '; '.join(unclear) if unclear else ''}", numbers)
+    words = f"{listed}{'; not judged: ' + '; '.join(unclear) if unclear else ''}{declared}"
+    return Check("nuisance", "passed", words, numbers)
+
+
+def _without(table: pd.DataFrame, leaks: Sequence[str]) -> pd.DataFrame:
+    """Drop the columns of leaks that a plan names."""
+    known = {column for leak in leaks for column in MEASURED_LEAKS.get(leak, ())}
+    own = tuple(f"{leak}." for leak in leaks)
+    return table[[n for n in table.columns if n not in known and n not in leaks and not str(n).startswith(own)]]
 
 
 def _varying(table: pd.DataFrame) -> pd.DataFrame:
@@ -370,7 +388,7 @@ def drawn_table(drawn: Sequence[ExampleSpec]) -> pd.DataFrame:
     return pd.DataFrame(records, index=names)
 
 
-def refuse_leaks(drawn: Sequence[ExampleSpec], rng: np.random.Generator) -> None:
+def refuse_leaks(drawn: Sequence[ExampleSpec], rng: np.random.Generator, *, leaks: Sequence[str] = ()) -> None:
     """Raise a :class:`DatasetError` if nuisance parameters predict the class.
 
     Nothing is simulated.
@@ -380,9 +398,11 @@ def refuse_leaks(drawn: Sequence[ExampleSpec], rng: np.random.Generator) -> None
     drawn : sequence of ExampleSpec
     rng : Generator
         Folds and permutations.
+    leaks : sequence of str
+        Keys that the plan names in ``dataset.leaks``; they are not judged.
     """
     moving = [e for e in drawn if all(row.source != "none" for row in e.rows)]
-    table = _varying(drawn_table(moving)) if moving else pd.DataFrame({"label": []})
+    table = _varying(_without(drawn_table(moving), leaks)) if moving else pd.DataFrame({"label": []})
     if table["label"].nunique() < 2 or len(table.columns) < 3:
         return
     guess = guess_classes(table, rng)
@@ -390,13 +410,13 @@ def refuse_leaks(drawn: Sequence[ExampleSpec], rng: np.random.Generator) -> None
         raise DatasetError(f"{_words('classes', guess, table)}; draw them by one law for every class")
 
 
-def warn_of_leaks(drawn: Sequence[ExampleSpec], rng: np.random.Generator) -> None:
+def warn_of_leaks(drawn: Sequence[ExampleSpec], rng: np.random.Generator, *, leaks: Sequence[str] = ()) -> None:
     """Warn of what :func:`refuse_leaks` refuses.
 
     The build goes on.
     """
     try:
-        refuse_leaks(drawn, rng)
+        refuse_leaks(drawn, rng, leaks=leaks)
     except DatasetError as error:
         warn_caller(f"{error}; the dataset is built, but what learns from it learns these")
 
