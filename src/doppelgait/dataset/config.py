@@ -311,11 +311,11 @@ class PlanConfig(FrozenModel):
         labels = [c.label for c in self.classes]
         if len({label.replace(" ", "_") for label in labels}) < len(labels):
             raise ValueError(f"classes: labels must differ by more than a space for a _, got {labels}")
-        for place, section in enumerate(self.classes):
+        for number, section in enumerate(self.classes):
             for key in section.target:
                 if f"target.{key}" not in self.dataset.leaks:
                     raise ValueError(
-                        f"classes.{place}.target.{key}: is not allowed: it would reveal the class; move it to "
+                        f"classes.{number}.target.{key}: is not allowed: it would reveal the class; move it to "
                         "[target], or name it in dataset.leaks where a published dataset had it so"
                     )
         if self.radar.get("prf_hz") == "auto" and "radar.prf_hz" not in self.dataset.leaks:
