@@ -79,6 +79,7 @@ CONCERNS: dict[str, tuple[str, ...]] = {
     "doppler_band_full": ("v", "L", "B"),
     "gate_leaves_frame": QUANTITIES,
     "gates_overlap": ("v", "f", "L", "B"),
+    "more_than_one_body": ("number", "v", "f", "L", "B"),
     "more_than_one_rhythm": ("number", "f", "L"),
     "no_steady_piece": QUANTITIES,
 }

@@ -137,18 +137,7 @@ def classify(
     if isinstance(source, Recording):
         settings = analysis or analysis_of(model)
         _warn_about_settings(settings.model_dump(mode="json"), model)
-        recording, radar = source, source.radar
-        try:
-            source = analyze(recording, gate=gate, analysis=settings, tracking=tracking)
-        except AnalysisError as error:
-            if recording.n_range_bins > 1 or not isinstance(gate, str) or gate != "track":
-                raise
-            # Nothing can be tracked in one range bin: the message names the gate that takes all of it.
-            low_m, high_m = radar.range_start_m, radar.range_stop_m
-            raise AnalysisError(
-                f"{recording.source}: has one range bin, in which no target can be tracked; take all of it, "
-                f"--gate {low_m:g}:{high_m:g} (gate=({low_m:g}, {high_m:g}))"
-            ) from error
+        source = analyze(source, gate=gate, analysis=settings, tracking=tracking)
     return [decide(Seen(r.to_row(), r.signature), model, number) for number, r in enumerate(source)]
 
 

@@ -15,10 +15,12 @@ from doppelgait.core.errors import warn_caller
 from doppelgait.core.labels import axis, sampling_rate_hz
 from doppelgait.features import GaitFeatures
 from doppelgait.features.ground_motion import piece_motion
+from doppelgait.pipeline import rangeless
 from doppelgait.pipeline.result import Result, TargetList
 from doppelgait.pipeline.target import analyze_gated
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.breathing import BreathingSettings, BreathingTarget, find_breathing
+from doppelgait.processing.bursts import burst_means
 from doppelgait.processing.clutter import share_removed, torso_share_removed, without_clutter
 from doppelgait.processing.common_phase import without_common_phase
 from doppelgait.processing.config import MIN_CPI_PULSES
@@ -72,6 +74,8 @@ def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) 
     tracking : Tracking
     """
     baseband, wavelength_m = recording.baseband, recording.radar.wavelength_m
+    if baseband.sizes["range"] == 1:
+        return _targets_without_range(baseband, wavelength_m, analysis, tracking)
     raw = without_common_phase(baseband)
     clean = processing.remove_clutter(raw, analysis)
     times_s = axis(raw, "slow_time")
@@ -103,6 +107,32 @@ def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) 
     return TargetList(moving + still)
 
 
+def _targets_without_range(
+    baseband: xr.DataArray, wavelength_m: float, analysis: Analysis, tracking: Tracking
+) -> TargetList:
+    """Analyse what moves in the one range bin, or breathes in it."""
+    in_bursts = processing.burst_pulses_of(baseband) is not None
+    clean = baseband if in_bursts else processing.remove_clutter(baseband, analysis)
+    motion = rangeless.motion_of(clean, tracking.detector, wavelength_m=wavelength_m)
+    times = rangeless.find_motion(motion, tracking.detector, tracking.tracker)
+    if times:
+        found = rangeless.analyze_motion(
+            clean, motion, times, analysis, tracking.pieces, wavelength_m=wavelength_m
+        )  # fmt: skip
+        return TargetList([found])
+    slow = burst_means(baseband)
+    needs = _breath_needs(slow)
+    persons = [] if needs else find_breathing(slow, wavelength_m=wavelength_m, settings=tracking.breathing)
+    if persons:
+        return TargetList([_analyze_breathing(clean, wavelength_m, persons[0], analysis)])
+    moves = int(motion.moves(tracking.detector).sum())
+    return TargetList(
+        reason=f"{moves} of {motion.time_s.size} scans have Doppler above the noise at {tracking.detector.slow_mps:g} "
+        f"m/s or more, which is no motion of {tracking.tracker.min_duration_s:g} s; "
+        f"{needs or 'nothing breathes steadily for 12 s'}"
+    )
+
+
 def _breath_needs(raw: xr.DataArray) -> str:
     """Return what a recording lacks for a breath; empty if nothing."""
     times_s = axis(raw, "slow_time")
@@ -110,7 +140,7 @@ def _breath_needs(raw: xr.DataArray) -> str:
         return f"{times_s[-1] - times_s[0]:.1f} s are too short for a breath, which needs {MIN_BREATHING_S:g} s"
     if sampling_rate_hz(times_s) < MIN_BREATHING_HZ:
         return f"{sampling_rate_hz(times_s):.3g} frames/s are too few for a breath, which needs {MIN_BREATHING_HZ:g}"
-    return "breath is not looked for with one range bin" if raw.sizes["range"] < 2 else ""
+    return ""
 
 
 def _why_no_track(raw: xr.DataArray, scans: Sequence[Scan] | None, wavelength_m: float, tracking: Tracking) -> str:

@@ -75,6 +75,28 @@ def burst_pulses_of(baseband: xr.DataArray) -> int | None:
     return int(stated) if stated is not None else find_burst_pulses(axis(baseband, "slow_time"))
 
 
+def burst_means(baseband: xr.DataArray) -> xr.DataArray:
+    """Average the pulses of every burst: slow motion, such as breath.
+
+    Parameters
+    ----------
+    baseband : DataArray (slow_time, range)
+
+    Returns
+    -------
+    DataArray (slow_time, range)
+        One value a burst, at its middle; the same object where there are no bursts.
+    """
+    pulses = burst_pulses_of(baseband)
+    if pulses is None:
+        return baseband
+    count = baseband.sizes["slow_time"] // pulses
+    values = baseband.values[: count * pulses].reshape(count, pulses, -1).mean(axis=1)
+    times_s = axis(baseband, "slow_time")[: count * pulses].reshape(count, pulses).mean(axis=1)
+    attrs = {name: value for name, value in baseband.attrs.items() if name != "burst_pulses"}
+    return make_array(BASEBAND, values, {"slow_time": times_s, "range": axis(baseband, "range")}, attrs)
+
+
 @dataclass(frozen=True)
 class _Bursts:
     """Slow time in bursts.

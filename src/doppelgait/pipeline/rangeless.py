@@ -1,0 +1,216 @@
+"""Targets of a radar without range: times of motion in Doppler, and breath."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core.labels import axis
+from doppelgait.pipeline.result import Result
+from doppelgait.pipeline.target import analyze_gated
+from doppelgait.processing import Analysis, Gate, burst_pulses_of, burst_signature, noise_floor_v2
+from doppelgait.processing.detect import Detector
+from doppelgait.processing.detect.maps import maps_of, noise_factor
+from doppelgait.processing.pieces import Piece, PieceSettings, find_pieces
+from doppelgait.processing.track import Tracker
+
+FloatArray = npt.NDArray[np.float64]
+
+FAR_M = 100.0
+"""Start of a path that is measured by its velocity alone: so far away that straight motion has constant velocity."""
+SMOOTHED_S = 0.5
+"""Peaks of Doppler are replaced by their median over this time: a limb outshines the torso for less."""
+OPPOSITE_MPS = 0.5
+"""A torso at this speed or more: the limbs of somebody who walks the other way do not stay there."""
+OPPOSITE_S, OPPOSITE_SHARE, OPPOSITE_LEVEL = 1.0, 0.8, 0.1
+"""Share of this time with power on both sides, and the least of the weaker side over the stronger one's."""
+SURE_PFA = 1e-6
+IMAGE_QUANTILE, IMAGE_MARGIN = 0.3, 3.0
+"""Image of the receiver: this quantile over time of the mirrored power; limbs and windows blur it by the margin."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Doppler spectra of a recording without range, scan by scan.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (J,)
+    velocity_mps : ndarray, shape (K,)
+    power_v2 : ndarray, shape (J, K)
+    floor_v2 : float
+    """
+
+    time_s: FloatArray
+    velocity_mps: FloatArray
+    power_v2: npt.NDArray[np.float32]
+    floor_v2: float
+
+    def moves(self, detector: Detector) -> npt.NDArray[np.bool_]:
+        """Return True for scans with a cell that noise hardly reaches."""
+        fast = np.abs(self.velocity_mps) >= detector.slow_mps
+        return np.asarray(self.power_v2[:, fast].max(axis=1) > noise_factor(detector.peak_pfa) * self.floor_v2)
+
+    def peaks_mps(self) -> FloatArray:
+        """Return the velocity of every scan's strongest cell, smoothed."""
+        peaks = self.velocity_mps[self.power_v2.argmax(axis=1)]
+        half = SMOOTHED_S / 2.0
+        return np.array([np.median(peaks[np.abs(self.time_s - t) <= half + 1e-9]) for t in self.time_s])
+
+
+def motion_of(clean: xr.DataArray, detector: Detector, *, wavelength_m: float) -> Motion:
+    """Transform a recording of one range bin, in bursts or not.
+
+    Parameters
+    ----------
+    clean : DataArray (slow_time, range)
+        One range bin, without static clutter.
+    detector : Detector
+    wavelength_m : float
+
+    Raises
+    ------
+    AnalysisError
+        If the recording is too short or too slow for a processing interval.
+    """
+    if burst_pulses_of(clean) is not None:
+        mu = burst_signature(clean, None, Analysis(), wavelength_m=wavelength_m)
+        return Motion(axis(mu, "time"), axis(mu, "velocity"), mu.values, noise_floor_v2(mu))
+    blocks = list(maps_of(clean, detector, wavelength_m=wavelength_m))
+    return Motion(
+        np.concatenate([maps.time_s for maps in blocks]),
+        blocks[0].velocity_mps,
+        np.concatenate([maps.power_v2[:, :, 0] for maps in blocks]),
+        float(np.mean([maps.floor_v2[0] for maps in blocks])),
+    )
+
+
+def find_motion(motion: Motion, detector: Detector, tracker: Tracker) -> list[tuple[float, float]]:
+    """Find the times in which something moves.
+
+    They follow the rules of a track: scans with motion no further apart than ``delete_s``, for ``min_duration_s``, in
+    the share of scans that confirms a track.
+
+    Parameters
+    ----------
+    motion : Motion
+    detector : Detector
+    tracker : Tracker
+
+    Returns
+    -------
+    list of (float, float)
+        Start and stop, s, in the order of time.
+    """
+    moves = motion.moves(detector)
+    times_s = motion.time_s[moves]
+    found = []
+    for group in np.split(times_s, np.flatnonzero(np.diff(times_s) > tracker.delete_s) + 1) if times_s.size else []:
+        inside = (motion.time_s >= group[0]) & (motion.time_s <= group[-1])
+        lasting = group[-1] - group[0] >= tracker.min_duration_s
+        if lasting and moves[inside].mean() >= tracker.confirm_hits / tracker.confirm_scans:
+            found.append((float(group[0]), float(group[-1])))
+    return found
+
+
+def goes_both_ways(motion: Motion, start_s: float, stop_s: float) -> bool:
+    """Return True where bodies approach and recede at once.
+
+    For most of a second or more there is power on both sides of 0.5 m/s, above the noise and within 10 dB. A walker's
+    limbs do not go the other way at this speed, and those of a body that passes outshine a torso that is slower than
+    that. The mirror image that an uneven receiver adds is taken off first: its level at the mirrored Doppler of the
+    strongest cell is the same in most scans.
+
+    Parameters
+    ----------
+    motion : Motion
+    start_s, stop_s : float
+    """
+    inside = (motion.time_s >= start_s) & (motion.time_s <= stop_s)
+    power, times_s = motion.power_v2[inside].astype(np.float64), motion.time_s[inside]
+    if times_s.size < 3:
+        return False
+    n = motion.velocity_mps.size
+    mirrored = power[:, (2 * (n // 2) - np.arange(n)) % n]
+    fast = np.abs(motion.velocity_mps) >= OPPOSITE_MPS
+    peaks = np.where(fast, power, 0.0).argmax(axis=1)[:, None]
+    ratios = np.take_along_axis(mirrored, peaks, 1) / np.take_along_axis(power, peaks, 1)
+    own = power - IMAGE_MARGIN * np.quantile(ratios, IMAGE_QUANTILE) * mirrored
+    towards = own[:, motion.velocity_mps >= OPPOSITE_MPS].max(axis=1)
+    away = own[:, motion.velocity_mps <= -OPPOSITE_MPS].max(axis=1)
+    weaker, stronger = np.minimum(towards, away), np.maximum(towards, away)
+    above = weaker > noise_factor(SURE_PFA) * motion.floor_v2
+    both = above & (weaker > OPPOSITE_LEVEL * stronger) & (stronger > own[:, ~fast].max(axis=1))
+    length = min(max(1, round(OPPOSITE_S / float(np.median(np.diff(times_s))))), both.size)
+    return bool(np.convolve(both, np.ones(length) / length, mode="valid").max() >= OPPOSITE_SHARE)
+
+
+def steady_pieces(motion: Motion, start_s: float, stop_s: float, settings: PieceSettings) -> tuple[Piece, ...]:
+    """Cut a time of motion where its velocity changes.
+
+    The strongest Doppler, summed up, is a path far from the radar, which is cut like a range track.
+    """
+    inside = (motion.time_s >= start_s) & (motion.time_s <= stop_s)
+    times_s, velocity_mps = motion.time_s[inside], motion.peaks_mps()[inside]
+    way_m = np.concatenate([[0.0], np.cumsum(np.diff(times_s) * (velocity_mps[1:] + velocity_mps[:-1]) / 2.0)])
+    return find_pieces(times_s, FAR_M - way_m + max(0.0, float(way_m.max()) - FAR_M / 2.0), settings=settings)
+
+
+def analyze_motion(
+    clean: xr.DataArray, motion: Motion, times: list[tuple[float, float]], analysis: Analysis,
+    settings: PieceSettings, *, wavelength_m: float,
+) -> Result:  # fmt: skip
+    """Analyse all that moves in a recording without range.
+
+    Parameters
+    ----------
+    clean : DataArray (slow_time, range)
+        One range bin, without static clutter.
+    motion : Motion
+    times : list of (float, float)
+        Of :func:`find_motion`, one or more.
+    analysis : Analysis
+    settings : PieceSettings
+    wavelength_m : float
+
+    Returns
+    -------
+    Result
+        Of the longest steady segment, with all of them. ``more_than_one_body`` where some approach while others recede.
+    """
+    pieces = [piece for start_s, stop_s in times for piece in steady_pieces(motion, start_s, stop_s, settings)]
+    usable = [piece for piece in pieces if piece.usable]
+    flags: tuple[str, ...] = ()
+    if any(goes_both_ways(motion, *span) for span in times):
+        flags = ("more_than_one_body:some_approach_while_others_recede",)
+    spans = [(piece.start_s, piece.stop_s) for piece in usable]
+    if not usable:
+        reasons = sorted({piece.reason for piece in pieces}) or ["too_short"]
+        flags += tuple(f"no_steady_piece:{reason}" for reason in reasons)
+        spans = [max(times, key=lambda span: span[1] - span[0])]
+    gate = _whole_gate(clean, times[0][0], times[-1][1])
+    results = []
+    for start_s, stop_s in spans:
+        part = _whole_gate(clean, start_s, stop_s)
+        result = analyze_gated(part.crop(clean), wavelength_m, part, analysis, None)
+        quality = {**result.quality, "start_s": part.start_s, "stop_s": part.stop_s}
+        results.append(replace(result, quality=quality, flags=(*result.flags, *flags)))
+    longest = max(results, key=lambda one: one.quality["stop_s"] - one.quality["start_s"])
+    facts = {"track_start_s": times[0][0], "track_stop_s": times[-1][1], "n_pieces": len(usable)}
+    return replace(
+        longest, quality={**longest.quality, **facts}, gate_limits=gate, segments=tuple(results) if usable else (),
+    )  # fmt: skip
+
+
+def _whole_gate(clean: xr.DataArray, start_s: float, stop_s: float) -> Gate:
+    """Make a gate over the one range bin; bursts stay whole."""
+    times_s, range_m = axis(clean, "slow_time"), float(axis(clean, "range")[0])
+    pulses = burst_pulses_of(clean) or 1
+    edges = np.arange(0, times_s.size + 1, pulses)
+    first = max(int(np.searchsorted(times_s[edges[:-1]], start_s, side="right")) - 1, 0)
+    last = min(int(np.searchsorted(times_s[edges[1:] - 1], stop_s)), edges.size - 2)
+    inside = times_s[edges[first] : edges[last + 1]]
+    return Gate.fixed(range_m - 0.5, range_m + 0.5, time_s=inside, source="track")
