@@ -68,8 +68,8 @@ STATES = ("right", "cautious", "silent", "flagged", "null")
 """Right without and with a flag that concerns the number, wrong without and with one, and no number."""
 NAMES = {
     "torso_velocity_mps": "v", "gait_frequency": "f", "gait_frequency_hz": "f", "step_length": "L",
-    "step_length_m": "L", "ground_speed_mps": "ground", "aspect_deg": "aspect", "doppler_bandwidth": "B",
-    "doppler_bandwidth_hz": "B", "number_of_targets": "number",
+    "step_length_m": "L", "ground_speed": "ground", "ground_speed_mps": "ground", "aspect": "aspect",
+    "aspect_deg": "aspect", "doppler_bandwidth": "B", "doppler_bandwidth_hz": "B", "number_of_targets": "number",
 }  # fmt: skip
 """Names before the colon of a flag, and the quantity that each is."""
 CONCERNS: dict[str, tuple[str, ...]] = {

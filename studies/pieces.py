@@ -106,6 +106,9 @@ def shapes_table(trials: int, seed: int) -> None:
         shapes[f"speed 1.2 m/s swinging by 0.3 m/s^2, period {period_s:g} s"] = (
             lambda t, phase, w=w: 18 - 1.2 * t + 0.3 / w**2 * np.cos(w * t + phase), 12.0,
         )  # fmt: skip
+        shapes[f"speed 1.2 m/s swinging by 5 %, period {period_s:g} s"] = (
+            lambda t, phase, w=w: 18 - 1.2 * t + 0.06 / w * np.cos(w * t + phase), 12.0,
+        )  # fmt: skip
     for near_m in (1.5, 4.0):
         shapes[f"straight past the radar at {near_m:g} m, 1.4 m/s"] = (
             lambda t, phase, near_m=near_m: np.hypot(near_m, 1.4 * (t - 2.5)), 5.0,

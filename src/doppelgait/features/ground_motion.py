@@ -1,4 +1,4 @@
-"""Ground speed and aspect angle from the range history (E-34b)."""
+"""Ground speed and aspect angle with uncertainties from the range history (E-34b)."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import AnalysisError
+from doppelgait.processing.pieces import ERROR_MEMORY_S, LINE, PARABOLA, straight_probability
 
 Visibility = Literal["clear", "limbs_only", "hidden", "unknown"]
 
@@ -24,6 +25,19 @@ which begins and ends with a scan, 2.7 s."""
 ITERATIONS = 4
 CAUCHY_TUNING = 2.385
 LEAST_SCALE_M = 1e-6
+OUTLIER_SD = 3.0
+
+RANGE_SD_M = 0.02
+"""Error of a range whose error is not given: the body's sway against its path."""
+ACCELERATION_SD_MPS2, SPEED_SD_SHARE, ASPECT_SD_DEG = 0.01, 0.005, 0.7
+"""What a steady walker's mean acceleration, speed and direction depart from constant velocity. Set on simulated people,
+dogs and cats of other seeds than those of the tables."""
+STRAIGHT_LEVEL = 1e-3
+"""Ranges that fit straight motion with a lower chance than this are of another path."""
+GREATEST_SPEED_SD_SHARE, GREATEST_ASPECT_SD_DEG = 0.1, 15.0
+"""Above either standard deviation there is no number."""
+GRID, GRID_SD = np.linspace(0.0, 1.0, 128), 5.0
+"""Across speeds that are compared: from 0 to this many standard deviations above the best."""
 
 
 @dataclass(frozen=True)
@@ -33,49 +47,105 @@ class GroundMotion:
     Parameters
     ----------
     ground_speed_mps : float or None
-        v_g; None where the recording is shorter than 3 s (its history than 2.6 s) or bends in the wrong direction.
+        v_g; None where ``reason`` says why.
     aspect_deg : float or None
         psi at the middle of the observation, 0 approaching, 180 receding.
+    ground_speed_sd_mps, aspect_sd_deg : float or None
+        Their standard deviations; known where the fit is good but too uncertain to be told, too.
+    reason : str
+        Empty, ``"unknown"`` without a track, ``"too_short"`` (a recording shorter than 3 s, its history than 2.6 s),
+        ``"path_is_not_straight"`` or ``"too_uncertain"`` (above 10 % of the speed or 15 degrees).
     """
 
     ground_speed_mps: float | None = None
     aspect_deg: float | None = None
+    ground_speed_sd_mps: float | None = None
+    aspect_sd_deg: float | None = None
+    reason: str = "unknown"
 
 
-def ground_motion(time_s: npt.ArrayLike, range_m: npt.ArrayLike) -> GroundMotion:
-    """Fit a straight motion at constant velocity to a range history.
+def ground_motion(time_s: npt.ArrayLike, range_m: npt.ArrayLike, *, range_sd_m: float | None = None) -> GroundMotion:
+    r"""Estimate straight motion at constant velocity from a range history.
 
-    R^2(t) = R_0^2 + 2 (r_0 . v) t + |v|^2 t^2.
+    R^2(t) = R_0^2 + 2 (r_0 . v) t + |v|^2 t^2 (E-34b): least squares with weights 1/R^2 and Cauchy weights against
+    outliers. Its coefficients and their covariance, with errors that last for 0.5 s, give the radial speed
+    :math:`v_r = -c_1 / (2 \sqrt{c_0})` and the square of the speed across the line of sight,
+    :math:`u = c_2 - v_r^2`, with a Gaussian error. All speeds across :math:`v_t \ge 0` being as likely before, the
+    density of :math:`v_t` is that of u at :math:`v_t^2`; ground speed :math:`\sqrt{v_r^2 + v_t^2}` and aspect
+    :math:`\arctan(v_t / v_r)` are its means, their uncertainties its standard deviations.
 
     Parameters
     ----------
     time_s, range_m : array_like, shape (J,)
         Range track of the body.
+    range_sd_m : float, optional
+        Standard deviation of a range, that of a tracker's smoothed one for its track.
 
     Returns
     -------
     GroundMotion
-        v_g = sqrt(c_2), cos(psi) = -(dR/dt) / v_g at mid-observation, from a least-squares fit with weights 1/R^2 and
-        Cauchy weights against outliers.
+        Without numbers where ranges fit straight, steady motion with a chance below 0.001
+        (:func:`doppelgait.processing.pieces.straight_probability`) or say too little.
     """
     times = np.asarray(time_s, dtype=np.float64)
     ranges = np.asarray(range_m, dtype=np.float64)
-    if times[-1] - times[0] < MIN_OBSERVATION_S - ENDS_S:
-        return GroundMotion()
+    duration_s = float(times[-1] - times[0])
+    if duration_s < MIN_OBSERVATION_S - ENDS_S:
+        return GroundMotion(reason="too_short")
     from doppelgait.core.kernels.robust import robust_fit
 
-    half_s = float(times[-1] - times[0]) / 2.0
+    half_s = duration_s / 2.0
     middle = (times - (times[0] + times[-1]) / 2.0) / half_s
     basis = np.stack([np.ones_like(middle), middle, middle**2])
     square, solution = ranges**2, np.empty(3)
     # its first line goes through all points: the first weights are 1 / R^2 alone
     robust_fit(basis, square, 1.0 / square, ranges, LEAST_SCALE_M, CAUCHY_TUNING, ITERATIONS, square.copy(), solution)
     solution /= half_s ** np.arange(3)
-    if not (solution[2] > 0 and solution[0] > 0):  # NaN, too: of fewer than three times, or an unknown range
-        return GroundMotion()
-    speed = math.sqrt(solution[2])
-    approach = -solution[1] / (2.0 * math.sqrt(solution[0]))
-    return GroundMotion(speed, math.degrees(math.acos(max(-1.0, min(1.0, approach / speed)))))
+    if not solution[0] > 0:  # NaN, too: of fewer than three times, or an unknown range
+        return GroundMotion(reason="path_is_not_straight")
+    basis *= half_s ** np.arange(3)[:, None]
+    radial_mps = -solution[1] / (2.0 * math.sqrt(solution[0]))
+    across_2 = solution[2] - radial_mps**2
+    residual_m, n_parameters = ranges - np.sqrt(np.maximum(solution @ basis, 1e-12)), PARABOLA
+    if across_2 < 0:  # straight motion never bends a range towards the radar
+        line = np.polynomial.Polynomial.fit(middle, ranges, 1)
+        residual_m, n_parameters = ranges - line(middle), LINE
+    largest_m = OUTLIER_SD * 1.4826 * float(np.median(np.abs(residual_m)))
+    sd_m = range_sd_m or RANGE_SD_M
+    probability = straight_probability(
+        np.clip(residual_m, -largest_m, largest_m), range_sd_m=sd_m, duration_s=duration_s,
+        way_m=float(np.ptp(ranges)), n_parameters=n_parameters,
+    )  # fmt: skip
+    if probability < STRAIGHT_LEVEL:
+        return GroundMotion(reason="path_is_not_straight")
+    weighted = basis / (2.0 * ranges * sd_m)
+    repeated = times.size * ERROR_MEMORY_S / duration_s
+    covariance = np.linalg.inv(weighted @ weighted.T) * repeated
+    c0, c1 = float(solution[0]), float(solution[1])
+    by_across = np.array([c1**2 / (4.0 * c0**2), -c1 / (2.0 * c0), 1.0])
+    by_radial = np.array([c1 / (4.0 * c0**1.5), -1.0 / (2.0 * math.sqrt(c0)), 0.0])
+    across_sd = math.sqrt(float(by_across @ covariance @ by_across) + c0 * ACCELERATION_SD_MPS2**2)
+    radial_sd = math.sqrt(float(by_radial @ covariance @ by_radial) + (SPEED_SD_SHARE * radial_mps) ** 2)
+    return _posterior(radial_mps, radial_sd, float(across_2), across_sd)
+
+
+def _posterior(radial_mps: float, radial_sd: float, across_2: float, across_sd: float) -> GroundMotion:
+    """Compute means and standard deviations over the speed across."""
+    across_mps = GRID * math.sqrt(max(across_2, 0.0) + GRID_SD * across_sd)
+    weight = np.exp(-0.5 * (((across_mps**2 - across_2) / across_sd) ** 2))
+    weight /= weight.sum()
+    speed_mps = np.hypot(radial_mps, across_mps)
+    aspect_deg = np.degrees(np.arctan2(across_mps, radial_mps))
+    speed, aspect = float(weight @ speed_mps), float(weight @ aspect_deg)
+    along = abs(radial_mps) / max(speed, 1e-9)
+    speed_sd = math.sqrt(
+        float(weight @ (speed_mps - speed) ** 2) + (along * radial_sd) ** 2 + (SPEED_SD_SHARE * speed) ** 2
+    )
+    turned_deg = math.degrees(radial_sd / max(speed, 1e-9)) * math.sin(math.radians(aspect))
+    aspect_sd = math.sqrt(float(weight @ (aspect_deg - aspect) ** 2) + turned_deg**2 + ASPECT_SD_DEG**2)
+    if speed_sd > GREATEST_SPEED_SD_SHARE * speed or aspect_sd > GREATEST_ASPECT_SD_DEG:
+        return GroundMotion(None, None, speed_sd, aspect_sd, "too_uncertain")
+    return GroundMotion(speed, aspect, speed_sd, aspect_sd, "")
 
 
 @dataclass(frozen=True)

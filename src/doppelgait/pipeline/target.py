@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -26,6 +27,8 @@ FULL_BAND_SHARE = 0.9
 ALIGNED = "aligned"
 """Attribute of a cadence map: whether its Doppler is measured from the main line (E-29) or from 0 Hz."""
 
+NAMED_REASONS = ("path_is_not_straight", "too_uncertain")
+"""Reasons of a missing ground speed that are flags."""
 GROUND_QUALITY = ("ground_speed_mps", "aspect_deg", "ground_step_length_m")
 
 
@@ -85,7 +88,8 @@ def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label
             deviations = uncertainties_of(observed)
             further = {"extended": measure_extended(observed).values, "standard_deviation": deviations}
             extraction = replace(extraction, flags=(*extraction.flags, *uncertainty_flags(extraction, deviations)))
-    motion, flags = _measure_ground_motion(usable, extraction)
+    motion, ground_sd, flags = _measure_ground_motion(usable, gate, extraction, further.get("standard_deviation", {}))
+    further["standard_deviation"] = {**further.get("standard_deviation", {}), **ground_sd}
     if share < 1.0:
         flags.append("gate_leaves_frame")
     return Result(
@@ -111,18 +115,25 @@ def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label
     )
 
 
-def _measure_ground_motion(mu: xr.DataArray, extraction: Extraction) -> tuple[dict[str, Any], list[str]]:
+def _measure_ground_motion(
+    mu: xr.DataArray, gate: Gate, extraction: Extraction, deviations: Mapping[str, float | None]
+) -> tuple[dict[str, Any], dict[str, float | None], list[str]]:
     """Measure ground speed and aspect from the gate's range (E-34b).
 
-    Also returns the flags.
+    Also returns their standard deviations and the flags.
     """
     centre_m = axis(mu, "centre_range")
     follows = np.ptp(centre_m) > 0  # a fixed gate follows no one
-    motion = ground_motion(axis(mu, "time"), centre_m) if follows else GroundMotion()
-    step_m = None
-    if motion.ground_speed_mps is not None and extraction.gait_frequency_hz is not None:
-        step_m = motion.ground_speed_mps / extraction.gait_frequency_hz
+    motion = ground_motion(axis(mu, "time"), centre_m, range_sd_m=gate.range_sd_m) if follows else GroundMotion()
+    step_m = step_sd_m = None
+    frequency_hz, frequency_sd_hz = extraction.gait_frequency_hz, deviations.get("gait_frequency_hz")
+    if motion.ground_speed_mps is not None and frequency_hz is not None:
+        step_m = motion.ground_speed_mps / frequency_hz
+        if motion.ground_speed_sd_mps is not None and frequency_sd_hz is not None:
+            step_sd_m = math.hypot(motion.ground_speed_sd_mps, step_m * frequency_sd_hz) / frequency_hz
     flags = list(extraction.flags)
+    if motion.reason in NAMED_REASONS:
+        flags.append(f"ground_speed,aspect:{motion.reason}")
     sideways = motion.aspect_deg is not None and abs(math.cos(math.radians(motion.aspect_deg))) < SIDEWAYS_COSINE
     if sideways and extraction.gait_frequency_hz is not None:
         flags.append("aspect_beyond_53_deg:gait_frequency_may_be_the_stride")
@@ -131,7 +142,10 @@ def _measure_ground_motion(mu: xr.DataArray, extraction: Extraction) -> tuple[di
     width_hz = extraction.features.doppler_bandwidth_hz
     if width_hz is not None and width_hz > FULL_BAND_SHARE * float(mu.attrs["prf_hz"]):
         flags.append("doppler_band_full:aliasing_is_possible")
-    return dict(zip(GROUND_QUALITY, (motion.ground_speed_mps, motion.aspect_deg, step_m), strict=True)), flags
+    values = (motion.ground_speed_mps, motion.aspect_deg, step_m)
+    told = motion.ground_speed_mps is not None
+    sd = (motion.ground_speed_sd_mps if told else None, motion.aspect_sd_deg if told else None, step_sd_m)
+    return dict(zip(GROUND_QUALITY, values, strict=True)), dict(zip(GROUND_QUALITY, sd, strict=True)), flags
 
 
 def observe(mu: xr.DataArray, analysis: Analysis) -> tuple[Observed, xr.DataArray]:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 import xarray as xr
 
 from doppelgait import processing
@@ -31,12 +32,23 @@ from doppelgait.processing.pieces import PieceSettings, find_pieces
 from doppelgait.processing.track import Track, Tracker, track
 from doppelgait.radar.recording import Recording
 
+FloatArray = npt.NDArray[np.float64]
+
 MIN_BREATHING_S, MIN_BREATHING_HZ = 10.0, 3.0
 NEAR_M = 1.0
 """A breath found this close to a track is that of the tracked body."""
 CLUTTER_SHARE = 0.2
 """Above this share of a gate's power removed with the clutter, the torso may be removed, too."""
 STILL_SPAN_M = 0.6
+SAME_PLACE_M = 0.6
+"""A body that comes to rest and one that starts this near to it later are one, if"""
+LONGEST_REST_S = 10.0
+"""no longer time passed than this, or somebody breathes there in between."""
+REST_SPEED_MPS, MIN_REST_S = 0.6, 1.0
+EDGE_M = 0.5
+"""Who is lost this near to an end of the range frame has left it."""
+TRACK_SD_QUANTILE = 0.25
+"""The range error of a track is that of its clear scans: those in another body's detection are not as good."""
 
 
 class Tracking(FrozenModel):
@@ -98,7 +110,8 @@ def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) 
     if not tracks and not persons:
         nothing_moves = _why_no_track(raw, scans, wavelength_m, tracking)
         return TargetList(reason=f"{nothing_moves}; {breath_needs or 'no bin breathes steadily for 12 s'}")
-    moving = [_analyze_track(raw, clean, wavelength_m, found, analysis, tracking) for found in tracks]
+    tracks = _link(tracks, persons, axis(raw, "range"))
+    moving = [_analyze_track(raw, clean, wavelength_m, found, persons, analysis, tracking) for found in tracks]
     still = [
         _analyze_breathing(clean, wavelength_m, person, analysis)
         for person in persons
@@ -182,15 +195,71 @@ def _why_no_track(raw: xr.DataArray, scans: Sequence[Scan] | None, wavelength_m:
     )
 
 
+def _link(tracks: list[Track], persons: Sequence[BreathingTarget], range_m: FloatArray) -> list[Track]:
+    """Join tracks of a body that came to rest and went on.
+
+    The first ends at rest, the second begins at its place, and no third one could be either.
+    """
+    low_m, high_m = float(range_m[0]) + EDGE_M, float(range_m[-1]) - EDGE_M
+
+    def follows(early: Track, late: Track) -> bool:
+        place_m, rest_s = float(early.range_m[-1]), late.first_s - early.last_s
+        if rest_s <= 0 or abs(float(late.range_m[0]) - place_m) > SAME_PLACE_M or not low_m < place_m < high_m:
+            return False
+        if abs(float(early.velocity_mps[-1])) > REST_SPEED_MPS or abs(float(late.velocity_mps[0])) > REST_SPEED_MPS:
+            return False
+        return rest_s <= LONGEST_REST_S or any(
+            abs(person.range_m - place_m) < NEAR_M and person.start_s < late.first_s and person.stop_s > early.last_s
+            for person in persons
+        )
+
+    left = sorted(tracks, key=lambda one: one.first_s)
+    joined: list[Track] = []
+    while left:
+        first = left.pop(0)
+        later = [one for one in left if follows(first, one)]
+        if len(later) == 1 and sum(follows(one, later[0]) for one in [*joined, first, *left]) == 1:
+            left.remove(later[0])
+            left.insert(0, first.followed_by(later[0]))
+        else:
+            joined.append(first)
+    return joined
+
+
+def _breath_facts(found: Track, persons: Sequence[BreathingTarget]) -> dict[str, float]:
+    """Describe when a body kept still between its motion, and its breath."""
+    gap_s = np.diff(found.times_s)
+    longest = int(np.argmax(gap_s))
+    start_s, stop_s = float(found.times_s[longest]), float(found.times_s[longest + 1])
+    if stop_s - start_s < MIN_REST_S:
+        return {}
+    place_m = float(found.range_m[longest])
+    near = [one for one in persons if abs(one.range_m - place_m) < NEAR_M]
+    own = [one for one in near if one.start_s < stop_s and one.stop_s > start_s]
+    facts = {"still_start_s": start_s, "still_stop_s": stop_s}
+    return facts | (_breath_quality(own[0]) if own else {})
+
+
+def _breath_quality(person: BreathingTarget) -> dict[str, float]:
+    return {
+        "breathing_rate_hz": person.rate_hz,
+        "breathing_displacement_m": person.displacement_m,
+        "breathing_snr_db": person.snr_db,
+        "breathing_confidence": person.confidence,
+    }
+
+
 def _analyze_track(
-    raw: xr.DataArray, clean: xr.DataArray, wavelength_m: float, found: Track, analysis: Analysis, tracking: Tracking
-) -> Result:
+    raw: xr.DataArray, clean: xr.DataArray, wavelength_m: float, found: Track, persons: Sequence[BreathingTarget],
+    analysis: Analysis, tracking: Tracking,
+) -> Result:  # fmt: skip
     """Analyse every segment of a track; return the longest with all."""
     gate = Gate.from_track(
         found, span_m=analysis.gate_span_m, time_s=axis(raw, "slow_time"), cpi_s=tracking.detector.cpi_s,
         doppler_hz=analysis.gate_doppler_hz,
     )  # fmt: skip
-    segments = find_pieces(found.times_s, found.range_m, settings=tracking.pieces)
+    range_sd_m = float(np.quantile(found.range_sd_m, TRACK_SD_QUANTILE))
+    segments = find_pieces(found.times_s, found.range_m, range_sd_m=range_sd_m, settings=tracking.pieces)
     usable = [segment for segment in segments if segment.usable]
     results = [
         _analyze_segment(raw, clean, wavelength_m, found, gate.during(segment.start_s, segment.stop_s), analysis)
@@ -203,6 +272,7 @@ def _analyze_track(
         "track_confidence": found.confidence,
         "track_range_m": float(found.range_m.mean()),
         "n_pieces": len(results),
+        **_breath_facts(found, persons),
     }
     if not results:
         whole = _analyze_segment(raw, clean, wavelength_m, found, gate, analysis)
@@ -249,10 +319,7 @@ def _analyze_breathing(clean: xr.DataArray, wavelength_m: float, person: Breathi
     gate = Gate.fixed(person.range_m - span_m, person.range_m + span_m, time_s=axis(clean, "slow_time"), source="track")
     result = analyze_gated(clean, wavelength_m, gate, slow, None)
     quality = {
-        "breathing_rate_hz": person.rate_hz,
-        "breathing_displacement_m": person.displacement_m,
-        "breathing_snr_db": person.snr_db,
-        "breathing_confidence": person.confidence,
+        **_breath_quality(person),
         "track_range_m": person.range_m,
         "start_s": person.start_s,
         "stop_s": person.stop_s,

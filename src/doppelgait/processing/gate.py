@@ -57,6 +57,8 @@ class Gate:
         Doppler band B_L to B_H; all Doppler frequencies by default.
     source : str
         Where the track comes from: ``"truth"``, ``"track"`` or ``"given"``.
+    range_sd_m : float, optional
+        Standard deviation of the ranges R_c, where a tracker tells it.
 
     Raises
     ------
@@ -74,6 +76,7 @@ class Gate:
     span_m: float
     doppler_hz: tuple[float, float] | None = None
     source: str = "given"
+    range_sd_m: float | None = None
 
     def __post_init__(self) -> None:
         times, centre = np.asarray(self.time_s, dtype=float), np.asarray(self.centre_m, dtype=float)
@@ -172,7 +175,7 @@ class Gate:
         before_s, after_s = np.minimum(times_s - track.first_s, 0.0), np.maximum(times_s - track.last_s, 0.0)
         centre_m = np.interp(times_s, track.times_s, track.range_m)
         centre_m -= before_s * track.velocity_mps[0] + after_s * track.velocity_mps[-1]  # dR/dt = -v
-        return cls(times_s, centre_m, span_m, doppler_hz, "track")
+        return cls(times_s, centre_m, span_m, doppler_hz, "track", float(np.quantile(track.range_sd_m, 0.25)))
 
     @classmethod
     def from_truth(

@@ -13,6 +13,8 @@ from pydantic import Field
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import AnalysisError
 
+FloatArray = npt.NDArray[np.float64]
+
 TYPICAL_SPEED_MPS = 3.0
 """Standard deviation of a segment's unknown radial velocity, and of its ground speed: hardly a restriction."""
 UNKNOWN_SD = 1e3
@@ -164,10 +166,44 @@ class _Filters:
         covariance -= seen[:, None] * (seen / variance)[None]
 
 
-FloatArray = npt.NDArray[np.float64]
-
 RANGE_SD_M = 0.065
 """Error of one range; makes the penalty 0.06 m^2 for 110 ranges, the value of the studies."""
+ERROR_MEMORY_S = 0.5
+"""Errors of ranges that are nearer in time than this are alike: a stride, and the memory of a tracker's smoother."""
+SPEED_WANDER = 0.004
+"""What ranges of recorded people who walk steadily depart from constant velocity, of the way: their speed wanders by
+some 5 per cent over several seconds."""
+PARABOLA, LINE = 3, 2
+"""Parameters of straight motion, and of motion straight towards or away from the radar."""
+
+
+def straight_probability(
+    residual_m: FloatArray, *, range_sd_m: float, duration_s: float, way_m: float, n_parameters: int
+) -> float:
+    r"""Compute the chance of larger residuals if motion is straight and steady.
+
+    With :math:`\nu = T / 0.5\,\mathrm{s}` independent errors, :math:`\nu \overline{r^2} / \sigma^2` is chi-squared with
+    :math:`\nu` less the fitted parameters degrees of freedom (one half or more). The variance is that of a range and
+    of a steady walker's speed, 0.004 of the way.
+
+    Parameters
+    ----------
+    residual_m : ndarray
+        Ranges less those of the motion that fits best.
+    range_sd_m : float
+        Standard deviation of a range.
+    duration_s : float
+        From the first range to the last.
+    way_m : float
+        Way along the range.
+    n_parameters : int
+        Fitted parameters.
+    """
+    from scipy.special import chdtrc
+
+    n_errors = duration_s / ERROR_MEMORY_S
+    square = float(residual_m @ residual_m) / residual_m.size / (range_sd_m**2 + (SPEED_WANDER * way_m) ** 2)
+    return float(chdtrc(max(n_errors - n_parameters, 0.5), n_errors * square))
 
 
 class PieceSettings(FrozenModel):
@@ -185,8 +221,10 @@ class PieceSettings(FrozenModel):
         Neighbours are merged where the radial velocity changes by less across their change point.
     smooth_mps2 : float
         Standard deviation of a steady walker's acceleration along the range, averaged over 0.1 s and independent from
-        one 0.1 s to the next. With 0.6, speed that varies by up to 0.3 m/s^2 over 8 s or less is followed instead of
-        cut, a sudden change by 0.8 m/s is cut in 19 tracks of 20 (1 m/s: all), and one by 0.5 m/s is not.
+        one 0.1 s to the next: slow changes of speed are followed, sudden ones are cut.
+    straight_level : float
+        A segment whose ranges fit straight motion at constant velocity with a lower chance than this is cut again, and
+        is no good for gait where it is too short for that. 0 switches this off.
     min_usable_s : float
         Shortest remaining segment that is used for gait.
     still_mps : float
@@ -199,7 +237,8 @@ class PieceSettings(FrozenModel):
     min_piece_s: float = Field(default=0.8, gt=0, le=60)
     drop_s: float = Field(default=0.35, ge=0, le=10)
     same_speed_mps: float = Field(default=0.15, ge=0, le=10)
-    smooth_mps2: float = Field(default=0.6, gt=0, le=100)
+    smooth_mps2: float = Field(default=0.45, gt=0, le=100)
+    straight_level: float = Field(default=1e-3, ge=0, lt=1)
     min_usable_s: float = Field(default=2.0, ge=0, le=600)
     still_mps: float = Field(default=0.15, ge=0, le=10)
     longest_gap_s: float = Field(default=0.5, gt=0, le=60)
@@ -219,8 +258,11 @@ class Piece:
         d^2R/dt^2 at the middle; (v_g^2 - v^2) / R for straight motion at ground speed v_g. NaN as before.
     residual_m : float
         Root mean square of the ranges about constant velocity over ground; NaN as before.
+    straight_probability : float
+        Chance of a larger residual if the motion is straight at constant velocity; NaN as before.
     reason : str
-        Why the segment is no good for gait: ``"too_short"``, ``"stands_still"``; empty where it is good.
+        Why the segment is no good for gait: ``"too_short"``, ``"stands_still"``, ``"not_straight"``; empty where it is
+        good.
     """
 
     start_s: float
@@ -228,6 +270,7 @@ class Piece:
     radial_velocity_mps: float
     curvature_mps2: float
     residual_m: float
+    straight_probability: float = float("nan")
     reason: str = ""
 
     @property
@@ -242,7 +285,32 @@ class _Fit:
 
     middle_s: float
     coefficients: FloatArray
-    residual_m: float
+    times: FloatArray
+    ranges: FloatArray
+
+    @property
+    def residual_m(self) -> float:
+        """Root mean square of the residuals."""
+        return math.sqrt(float(np.mean(self.residuals_m() ** 2)))
+
+    def residuals_m(self) -> FloatArray:
+        t = self.times - self.middle_s
+        a, b, c = self.coefficients
+        return np.asarray(self.ranges - np.sqrt(np.maximum(a + b * t + c * t * t, 1e-12)))
+
+    def straight_probability(self, range_sd_m: float) -> float:
+        """Compute :func:`straight_probability` of motion in space.
+
+        Straight motion never bends a range towards the radar; the best that it can do then is a straight line.
+        """
+        residual_m, n_parameters = self.residuals_m(), PARABOLA
+        if self.curvature_mps2() < 0:
+            t = self.times - self.middle_s
+            residual_m, n_parameters = self.ranges - np.polynomial.Polynomial.fit(t, self.ranges, 1)(t), LINE
+        return straight_probability(
+            residual_m, range_sd_m=range_sd_m, duration_s=float(self.times[-1] - self.times[0]),
+            way_m=float(np.ptp(self.ranges)), n_parameters=n_parameters,
+        )  # fmt: skip
 
     def range_m(self, time_s: float) -> float:
         a, b, c = self.coefficients
@@ -274,7 +342,8 @@ def find_pieces(
 
     (s: path in :math:`R^2`; a_i: departure of the acceleration from the parabola between two ranges; K change points).
     Functional dynamic programming finds the minimum (Fearnhead, Maidstone and Letchford, J. Comput. Graph. Stat. 28,
-    2019).
+    2019). A segment that does not fit straight motion (:func:`straight_probability`) is then cut in two where that
+    leaves the least squares, and again, until all parts fit or are too short.
 
     Parameters
     ----------
@@ -283,7 +352,7 @@ def find_pieces(
     range_m : array_like, shape (J,)
         Ranges of one body, above 0.
     range_sd_m : float
-        Standard deviation of a range, errors independent. Above 0; for a smoothed track that of the ranges before.
+        Standard deviation of a range, above 0: of a tracker's smoothed one for its track.
     settings : PieceSettings, optional
 
     Returns
@@ -324,8 +393,9 @@ def find_pieces(
                 min_piece_s=options.min_piece_s,
             )  # fmt: skip
             knots = _merge_similar([0, *inner, part_s.size - 1], part_s, part_m, options)
+            knots = _split_bent(knots, part_s, part_m, range_sd_m, options)
             found += [
-                _make_piece(part_s, part_m, (low, high), (number > 0, number < len(knots) - 2), options)
+                _make_piece(part_s, part_m, (low, high), (number > 0, number < len(knots) - 2), range_sd_m, options)
                 for number, (low, high) in enumerate(pairwise(knots))
             ]
     return tuple(found)
@@ -349,9 +419,39 @@ def _merge_similar(knots: list[int], times: FloatArray, ranges: FloatArray, sett
     return knots
 
 
+def _split_bent(
+    knots: list[int], times: FloatArray, ranges: FloatArray, range_sd_m: float, settings: PieceSettings
+) -> list[int]:
+    """Cut segments in two until each fits straight, steady motion.
+
+    Both parts of a cut last for the shortest time between change points or longer.
+    """
+    low, *rest = knots
+    kept, waiting = [low], rest
+    while waiting:
+        low, high = kept[-1], waiting[0]
+        inner = np.arange(low + 1, high)
+        left_s, right_s = times[inner] - times[low], times[high] - times[inner]
+        places = inner[np.minimum(left_s, right_s) >= settings.min_piece_s - 1e-9]
+        whole = _fit(times[low : high + 1], ranges[low : high + 1])
+        if not places.size or whole.straight_probability(range_sd_m) >= settings.straight_level:
+            kept.append(waiting.pop(0))
+            continue
+        costs = [
+            sum(
+                float(np.sum(_fit(times[a : b + 1], ranges[a : b + 1]).residuals_m() ** 2))
+                for a, b in ((low, place), (place, high))
+            )
+            for place in places
+        ]
+        waiting.insert(0, int(places[int(np.argmin(costs))]))
+    return kept
+
+
 def _make_piece(
-    times: FloatArray, ranges: FloatArray, ends: tuple[int, int], cut: tuple[bool, bool], settings: PieceSettings
-) -> Piece:
+    times: FloatArray, ranges: FloatArray, ends: tuple[int, int], cut: tuple[bool, bool], range_sd_m: float,
+    settings: PieceSettings,
+) -> Piece:  # fmt: skip
     """Make one segment, trimmed at ends that are change points."""
     start_s = float(times[ends[0]] + settings.drop_s * cut[0])
     stop_s = float(times[ends[1]] - settings.drop_s * cut[1])
@@ -360,14 +460,17 @@ def _make_piece(
     inside = (times >= start_s - 1e-9) & (times <= stop_s + 1e-9)
     nan = float("nan")
     if inside.sum() < 3:
-        return Piece(start_s, stop_s, nan, nan, nan, "too_short")
+        return Piece(start_s, stop_s, nan, nan, nan, nan, "too_short")
     fit = _fit(times[inside], ranges[inside])
-    reason = ""
+    probability, reason = fit.straight_probability(range_sd_m), ""
     if stop_s - start_s < settings.min_usable_s - 1e-9:
         reason = "too_short"
     elif max(abs(fit.velocity_mps(start_s)), abs(fit.velocity_mps(stop_s))) < settings.still_mps:
         reason = "stands_still"
-    return Piece(start_s, stop_s, fit.velocity_mps(fit.middle_s), fit.curvature_mps2(), fit.residual_m, reason)
+    elif probability < settings.straight_level:
+        reason = "not_straight"
+    velocity_mps = fit.velocity_mps(fit.middle_s)
+    return Piece(start_s, stop_s, velocity_mps, fit.curvature_mps2(), fit.residual_m, probability, reason)
 
 
 def _fit(times: FloatArray, ranges: FloatArray) -> _Fit:
@@ -382,5 +485,4 @@ def _fit(times: FloatArray, ranges: FloatArray) -> _Fit:
     solution = np.linalg.lstsq(basis / ranges[:, None], ranges, rcond=None)[0]
     coefficients = np.zeros(3)
     coefficients[:order] = solution
-    model = np.sqrt(np.maximum(basis @ solution, 1e-12))
-    return _Fit(float(middle), coefficients, float(np.sqrt(np.mean((ranges - model) ** 2))))
+    return _Fit(float(middle), coefficients, times, ranges)

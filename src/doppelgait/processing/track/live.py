@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Literal, NamedTuple, Self
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -247,6 +247,19 @@ class Track:
         """
         surprise = self.mean_nis / NIS_EXPECTED if np.isfinite(self.mean_nis) else 1.0
         return self.detected_share / max(1.0, surprise)
+
+    def followed_by(self, later: Track) -> Track:
+        """Join a later track of the same body, with the gap between."""
+        arrays: dict[str, Any] = {
+            one.name: np.concatenate([getattr(self, one.name), getattr(later, one.name)])
+            for one in fields(self)
+            if isinstance(getattr(self, one.name), np.ndarray)
+        }
+        share = self.times_s.size / (self.times_s.size + later.times_s.size)
+        return replace(
+            self, **arrays, mean_nis=share * self.mean_nis + (1 - share) * later.mean_nis,
+            mean_power_v2=share * self.mean_power_v2 + (1 - share) * later.mean_power_v2,
+        )  # fmt: skip
 
 
 def finished(live: Live) -> Track:
