@@ -9,7 +9,7 @@ import pytest
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.features.ground_motion import piece_motion
-from doppelgait.processing.pieces import PieceSettings, best_knots, find_pieces, straight_probability
+from doppelgait.processing.pieces import PieceSettings, best_knots, find_pieces
 
 SD_M = 0.065
 
@@ -162,18 +162,6 @@ def test_straight_walks_are_hardly_ever_cut():
         clean = np.hypot(5 - 1.2 * np.cos(angle) * t, 1.2 * np.sin(angle) * t)
         cut += len(find_pieces(times, clean + lasting_errors(source, times.size), range_sd_m=0.02)) > 1
     assert cut <= 2
-
-
-def test_the_chance_of_residuals_is_chi_squared():
-    """Independent errors half a second apart, three parameters fitted: the chances are uniform."""
-    source, chances = np.random.default_rng(1), []
-    times = np.arange(0, 10, 0.5)
-    basis = np.stack([np.ones_like(times), times, times**2], axis=1)
-    for _ in range(2000):
-        errors = source.normal(0, 0.1, times.size)
-        residual = errors - basis @ np.linalg.lstsq(basis, errors, rcond=None)[0]
-        chances.append(straight_probability(residual, range_sd_m=0.1, duration_s=10.0, way_m=0.0, n_parameters=3))
-    assert np.quantile(chances, [0.1, 0.5, 0.9]) == pytest.approx([0.1, 0.5, 0.9], abs=0.03)
 
 
 def test_neighbours_of_nearly_one_speed_are_joined():

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.processing.pieces import ERROR_MEMORY_S, LINE, PARABOLA, straight_probability
+from doppelgait.core.straight import ERROR_MEMORY_S, LINE, PARABOLA, straight_probability
 
 Visibility = Literal["clear", "limbs_only", "hidden", "unknown"]
 
@@ -85,7 +85,7 @@ def ground_motion(time_s: npt.ArrayLike, range_m: npt.ArrayLike, *, range_sd_m: 
     -------
     GroundMotion
         Without numbers where ranges fit straight, steady motion with a chance below 0.001
-        (:func:`doppelgait.processing.pieces.straight_probability`) or say too little.
+        (:func:`doppelgait.core.straight.straight_probability`) or say too little.
     """
     times = np.asarray(time_s, dtype=np.float64)
     ranges = np.asarray(range_m, dtype=np.float64)

@@ -12,6 +12,7 @@ from pydantic import Field
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import AnalysisError
+from doppelgait.core.straight import LINE, PARABOLA, straight_probability
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -168,42 +169,6 @@ class _Filters:
 
 RANGE_SD_M = 0.065
 """Error of one range; makes the penalty 0.06 m^2 for 110 ranges, the value of the studies."""
-ERROR_MEMORY_S = 0.5
-"""Errors of ranges that are nearer in time than this are alike: a stride, and the memory of a tracker's smoother."""
-SPEED_WANDER = 0.004
-"""What ranges of recorded people who walk steadily depart from constant velocity, of the way: their speed wanders by
-some 5 per cent over several seconds."""
-PARABOLA, LINE = 3, 2
-"""Parameters of straight motion, and of motion straight towards or away from the radar."""
-
-
-def straight_probability(
-    residual_m: FloatArray, *, range_sd_m: float, duration_s: float, way_m: float, n_parameters: int
-) -> float:
-    r"""Compute the chance of larger residuals if motion is straight and steady.
-
-    With :math:`\nu = T / 0.5\,\mathrm{s}` independent errors, :math:`\nu \overline{r^2} / \sigma^2` is chi-squared with
-    :math:`\nu` less the fitted parameters degrees of freedom (one half or more). The variance is that of a range and
-    of a steady walker's speed, 0.004 of the way.
-
-    Parameters
-    ----------
-    residual_m : ndarray
-        Ranges less those of the motion that fits best.
-    range_sd_m : float
-        Standard deviation of a range.
-    duration_s : float
-        From the first range to the last.
-    way_m : float
-        Way along the range.
-    n_parameters : int
-        Fitted parameters.
-    """
-    from scipy.special import chdtrc
-
-    n_errors = duration_s / ERROR_MEMORY_S
-    square = float(residual_m @ residual_m) / residual_m.size / (range_sd_m**2 + (SPEED_WANDER * way_m) ** 2)
-    return float(chdtrc(max(n_errors - n_parameters, 0.5), n_errors * square))
 
 
 class PieceSettings(FrozenModel):
@@ -299,7 +264,7 @@ class _Fit:
         return np.asarray(self.ranges - np.sqrt(np.maximum(a + b * t + c * t * t, 1e-12)))
 
     def straight_probability(self, range_sd_m: float) -> float:
-        """Compute :func:`straight_probability` of motion in space.
+        """Compute the chance of larger residuals for motion in space.
 
         Straight motion never bends a range towards the radar; the best that it can do then is a straight line.
         """
@@ -342,7 +307,7 @@ def find_pieces(
 
     (s: path in :math:`R^2`; a_i: departure of the acceleration from the parabola between two ranges; K change points).
     Functional dynamic programming finds the minimum (Fearnhead, Maidstone and Letchford, J. Comput. Graph. Stat. 28,
-    2019). A segment that does not fit straight motion (:func:`straight_probability`) is then cut in two where that
+    2019). A segment that does not fit straight motion (:func:`doppelgait.core.straight.straight_probability`) is then cut in two where that
     leaves the least squares, and again, until all parts fit or are too short.
 
     Parameters
