@@ -307,8 +307,8 @@ def find_pieces(
 
     (s: path in :math:`R^2`; a_i: departure of the acceleration from the parabola between two ranges; K change points).
     Functional dynamic programming finds the minimum (Fearnhead, Maidstone and Letchford, J. Comput. Graph. Stat. 28,
-    2019). A segment that does not fit straight motion (:func:`doppelgait.core.straight.straight_probability`) is then cut in two where that
-    leaves the least squares, and again, until all parts fit or are too short.
+    2019). A segment that does not fit straight motion (:func:`doppelgait.core.straight.straight_probability`) is then
+    cut in two where that leaves the least squares, and again, until all parts fit or are too short.
 
     Parameters
     ----------
