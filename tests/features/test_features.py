@@ -16,11 +16,14 @@ from doppelgait.features import (
     snr_mu_db,
 )
 from doppelgait.features.doppler import (
-    bandwidth_envelope_hz,
     bandwidth_threshold_hz,
+    envelope_width_hz,
     envelopes_hz,
     noise_quantile,
+    raised_by_noise_v2,
     single_tone_width_hz,
+    width_level_v2,
+    width_of_bins,
 )
 from doppelgait.features.gait_frequency import square_difference
 from doppelgait.features.measures import local_maxima, refine
@@ -257,7 +260,7 @@ def test_an_empty_room_gives_no_features(noise_power_v2):
     assert result.to_json(arrays=False)["features"]["torso_velocity_mps"] is None
 
 
-# --- B_mu (E-35) --------------------------------------------------------------------------------------------------
+# --- B_mu (E-35, E-35b) -------------------------------------------------------------------------------------------
 
 
 def single_tone_signature(doppler_bins=4096):
@@ -309,12 +312,12 @@ def test_envelope_is_the_1_and_99_per_cent_quantile_of_the_power_above_the_noise
     # 100 equal cells: 1 % is reached in the first, 99 % in the 99th
     assert np.abs(low - doppler_hz[50]).max() <= 5.0
     assert np.abs(high - doppler_hz[148]).max() <= 5.0
-    assert bandwidth_envelope_hz(mu, 0.01) == pytest.approx(98 * 5.0, abs=5.0)
+    assert envelope_width_hz(*envelopes_hz(mu, 0.01)) == pytest.approx(98 * 5.0, abs=5.0)
     # cells that noise alone reaches do not count
     faint = mu.copy(data=np.where(mu.values > 0.5, mu.values, 0.0199))
-    assert bandwidth_envelope_hz(faint, 0.01) == bandwidth_envelope_hz(mu, 0.01)
+    assert envelope_width_hz(*envelopes_hz(faint, 0.01)) == envelope_width_hz(*envelopes_hz(mu, 0.01))
     strong = mu.copy(data=np.where(mu.values > 0.5, mu.values, 0.5))
-    assert bandwidth_envelope_hz(strong, 0.01) > 150 * 5.0
+    assert envelope_width_hz(*envelopes_hz(strong, 0.01)) > 150 * 5.0
 
 
 @pytest.mark.parametrize("n_bins", [1.0, 1.37, 4.0])
@@ -349,16 +352,72 @@ def test_bandwidth_is_between_the_95th_and_5th_percentiles_over_time_e35():
     high = np.full(100, 109)
     high[:3], high[3:13] = 190, 150
     mu = block_signature(np.full(100, 100), high, 0.0)
-    assert bandwidth_envelope_hz(mu, 0.0) == pytest.approx(50 * 5.0, abs=10.0)
+    assert envelope_width_hz(*envelopes_hz(mu, 0.0)) == pytest.approx(50 * 5.0, abs=10.0)
 
 
 def test_bandwidth_needs_signal_in_half_of_the_columns_e35():
     mu = block_signature(100, 109, 0.01)
     mu.values[:60] = 0.01
-    assert bandwidth_envelope_hz(mu, 0.01) is None
+    assert envelope_width_hz(*envelopes_hz(mu, 0.01)) is None
     low, _ = envelopes_hz(mu, 0.01)
     assert np.isnan(low[:60]).all()
     assert np.isfinite(low[60:]).all()
+
+
+def test_width_is_that_of_the_run_about_the_largest_share_e35():
+    share = np.array([0.3, 0.0, 0.02, 0.10, 0.6, 1.0, 0.4, 0.06, 0.01, 0.2, 0.0])
+    # left: between 2 (0.02) and 3 (0.10) at 3 - 5/8; right: between 7 (0.06) and 8 (0.01) at 7 + 1/5
+    assert width_of_bins(share) == pytest.approx(7.2 - (3 - 5 / 8))
+    assert width_of_bins(np.full(9, 0.5)) == 8.0
+    assert width_of_bins(np.full(9, 0.01)) is None
+    wide = np.convolve(np.ones(5), np.ones(3)) / 3  # symmetric
+    assert width_of_bins(wide) == pytest.approx(width_of_bins(wide[::-1]))
+
+
+def test_level_rises_by_the_noise_that_is_as_frequent_e35():
+    rng = np.random.default_rng(8)
+    for n_bins in (1.0, 4.0, 17.0):
+        noise = 0.3 * (rng.gamma(n_bins, 1 / n_bins, 400_000) - 1.0)
+        silent = raised_by_noise_v2(np.zeros(1), 0.3, n_bins)
+        assert (noise >= silent).mean() == pytest.approx(0.05, rel=0.03)
+        np.testing.assert_allclose(raised_by_noise_v2(np.full(1, 0.4), 0.3, n_bins), np.sqrt(0.16 + silent**2))
+
+
+def test_level_of_the_width_is_a_share_of_the_median_strongest_cell_with_range_removed_e35():
+    mu = block_signature(100, 109, 0.01)
+    range_m = np.linspace(3.0, 6.0, 100)
+    mu.values[:] = 0.01 + (mu.values - 0.01) * ((4.5 / range_m) ** 4)[:, None]  # the radar equation
+    mu.values[:7] += 50.0 * (mu.values[:7] - 0.01)  # glints count little
+    level = width_level_v2(mu, 0.01, (range_m / 4.5) ** 4)
+    np.testing.assert_allclose(level, 0.03 * (4.5 / range_m) ** 4, rtol=1e-5)
+
+
+def test_width_of_a_swinging_line_e35():
+    # a Gaussian line falls to 3 % of its top at sqrt(-2 ln 0.03) sigma; a shift counts if it is there 5 % of the time
+    time_s = np.arange(2000) / RATE_HZ
+    coords = {"time": time_s, **doppler_coords(200)}
+    centre_hz = 60.0 + 100.0 * np.sin(2 * np.pi * 1.7 * time_s)
+    mu = make_array(
+        SIGNATURE, np.exp(-0.5 * ((coords["doppler"] - centre_hz[:, None]) / 20.0) ** 2), coords, {"n_gate_bins": 16}
+    )
+    level = width_level_v2(mu, 0.0, np.ones(2000))
+    found = width_of_bins((mu.values >= level[:, None]).mean(axis=0)) * 5.0
+    top = np.quantile(np.sin(2 * np.pi * 1.7 * time_s), 0.95)
+    assert found == pytest.approx(2 * (20.0 * np.sqrt(-2 * np.log(0.03)) + 100.0 * top), rel=0.01)
+
+
+@pytest.mark.parametrize("snr_db", [20.0, 14.0, 10.0])
+def test_noise_does_not_move_the_bandwidth_e35(snr_db):
+    wanted = walked(1.2, 4.0)[0].features.doppler_bandwidth_hz
+    found = walked(1.2, 4.0, snr_db=snr_db)[0].features.doppler_bandwidth_hz
+    assert found == pytest.approx(wanted, rel=0.05)
+
+
+def test_bandwidth_below_the_noise_is_null_with_a_flag_e35():
+    result = walked(1.2, 4.0, snr_db=1.0)[0]
+    assert result.features.doppler_bandwidth_hz is None
+    assert "doppler_bandwidth:noise_above_its_level" in result.flags
+    assert result.features.torso_velocity_mps == pytest.approx(1.2, rel=0.05)
 
 
 def test_snr_of_a_signature():

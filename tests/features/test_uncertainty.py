@@ -6,6 +6,7 @@ import pytest
 import doppelgait.features as feature_layer
 from doppelgait.core.rng import Streams
 from doppelgait.features import Extraction, GaitFeatures
+from doppelgait.features.doppler import width_of_bins
 from doppelgait.features.uncertainty import (
     HARMONIC_FACTOR,
     VELOCITY_FACTOR,
@@ -94,17 +95,17 @@ def test_bandwidth_sd_is_a_jackknife_over_groups_of_periods():
     rng = np.random.default_rng(6)
     ahead = 1.5 + 0.5 * np.sin(2 * np.pi * 2.0 * T) + np.repeat(rng.normal(scale=0.5, size=10), 63)[: T.size]
     observed = with_extraction(evidence_of(block(0.5, 1.5 + ahead), 1.5), extraction_of(1.5, 2.0))
-    low, high = observed.edges_mps
+    above = observed.above_width_level
     edges = np.rint(np.arange(11) * 62.5).astype(int)
-    groups = [[b for b in range(10) if b * 8 // 10 == g] for g in range(8)]
+    groups = [[b for b in range(10) if (g * 10) // 8 <= b < ((g + 1) * 10) // 8] for g in range(8)]
+    bin_mps = observed.velocity_mps[1] - observed.velocity_mps[0]
     without = []
     for members in groups:
         keep = np.ones(T.size, bool)
         for b in members:
             keep[edges[b] : edges[b + 1]] = False
-        without.append(np.percentile(high[keep], 95) - np.percentile(low[keep], 5))
+        without.append(width_of_bins(above[keep].mean(axis=0)) * bin_mps)
     scatter = np.sqrt(7 / 8 * ((without - np.mean(without)) ** 2).sum())
-    bin_mps = observed.velocity_mps[1] - observed.velocity_mps[0]
     wanted = np.sqrt(scatter**2 + 2 * bin_mps**2 / 12) / observed.mps_per_hz
     assert bandwidth_sd_hz(observed) == pytest.approx(wanted, rel=1e-6)
     assert scatter > 2 * bin_mps

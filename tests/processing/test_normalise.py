@@ -12,6 +12,7 @@ from doppelgait.processing import (
     Analysis,
     Gate,
     gaussian_window,
+    independent_bins,
     independent_columns,
     noise_floor_v2,
     normalise,
@@ -25,11 +26,12 @@ W2 = (gaussian_window(101, 0.4) ** 2).sum()
 SPACING_M = 0.05
 
 
-def noise_signature(n_gate, *, seed=0, power=1e-6, doppler_bins=128, seconds=5.0, echo=0.0):
+def noise_signature(n_gate, *, seed=0, power=1e-6, doppler_bins=128, seconds=5.0, echo=0.0, taps=(1.0,)):
     """Signature of white noise, with an optional line at 100 Hz, gate of n_gate bins."""
     rng = np.random.default_rng(seed)
     n_pulses = round(seconds * 1000)
-    y = np.sqrt(power / 2) * (rng.standard_normal((n_pulses, n_gate, 2)) @ np.array([1, 1j]))
+    y = np.sqrt(power / 2) * (rng.standard_normal((n_pulses, n_gate + len(taps) - 1, 2)) @ np.array([1, 1j]))
+    y = np.apply_along_axis(np.convolve, 1, y, taps, mode="valid")
     t = np.arange(n_pulses) / 1000
     y[:, n_gate // 2] += echo * np.exp(2j * np.pi * 100 * t)
     padded = np.zeros((n_pulses, n_gate + 2), np.complex64)
@@ -41,6 +43,25 @@ def noise_signature(n_gate, *, seed=0, power=1e-6, doppler_bins=128, seconds=5.0
     mu = signature(make_array(BASEBAND, padded, coords), gate, sharp, wavelength_m=0.04)
     assert mu.attrs["n_gate_bins"] == n_gate
     return mu
+
+
+@pytest.mark.parametrize("taps", [(1.0,), (0.5, 0.7, 0.5), (0.2, 0.5, 0.7, 0.5, 0.2)])
+def test_independent_bins_are_counted_from_correlated_noise_e27(taps):
+    # a sum of n exponential variables whose amplitudes correlate with rho_l: mean^2 / var = n^2 / sum |rho_ij|^2
+    n = 20
+    share = np.correlate(taps, taps, mode="full")[len(taps) - 1 :] / np.dot(taps, taps)
+    rho = np.array([[share[abs(i - j)] if abs(i - j) < share.size else 0.0 for j in range(n)] for i in range(n)])
+    found = [
+        independent_bins(mu, noise_floor_v2(mu))
+        for mu in (noise_signature(n, seed=s, echo=1e-2, taps=taps) for s in range(4))
+    ]
+    assert np.mean(found) == pytest.approx(n**2 / (rho**2).sum(), rel=0.06)
+
+
+def test_bins_are_as_stated_where_there_are_few_quiet_rows_e27():
+    mu = noise_signature(6)
+    full = mu.copy(data=np.where(np.arange(128) < 11, mu.values, 1.0))
+    assert independent_bins(full, noise_floor_v2(mu)) == 6.0
 
 
 @pytest.mark.parametrize("n_gate", [1, 20, 32])

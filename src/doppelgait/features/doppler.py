@@ -1,4 +1,4 @@
-"""Micro-Doppler bandwidth B_mu in its two forms (E-35)."""
+"""Micro-Doppler bandwidth B_mu (E-35), its threshold form and the power envelopes (E-35b)."""
 
 from __future__ import annotations
 
@@ -17,6 +17,12 @@ FloatArray = npt.NDArray[np.float64]
 POWER_QUANTILES = (0.01, 0.99)
 TIME_SHARES = (0.05, 0.95)
 DETECTION_SIGMAS = 4.0
+WIDTH_LEVEL = 0.03
+"""Share of the body's power, 15 dB below: feet in full swing reach it, noise of a person at 5 m does not."""
+WIDTH_SHARE = 0.05
+"""A Doppler shift belongs to the body that exceeds the level for this share of the time."""
+LEAST_NOISE_SIGMAS = 1.0
+"""Below this many standard deviations of a cell of noise the width's level is lost in noise."""
 
 
 def envelopes_hz(signature: xr.DataArray, floor_v2: float) -> tuple[FloatArray, FloatArray]:
@@ -25,7 +31,7 @@ def envelopes_hz(signature: xr.DataArray, floor_v2: float) -> tuple[FloatArray, 
     NaN where nothing stands above the noise; shapes (J,).
 
     Power quantiles 1 % and 99 % over Doppler of the cells that noise alone exceeds as seldom as a normal variable
-    exceeds 4 standard deviations (E-35).
+    exceeds 4 standard deviations (E-35b).
     """
     from doppelgait.core.kernels.features import power_quantiles
 
@@ -54,18 +60,73 @@ def noise_quantile(n_bins: float) -> float:
     return float(gammainccinv(n_bins, float(ndtr(-DETECTION_SIGMAS)))) / n_bins
 
 
-def bandwidth_envelope_hz(signature: xr.DataArray, floor_v2: float) -> float | None:
-    """Compute the micro-Doppler bandwidth from percentiles of envelopes (E-35).
+def width_level_v2(signature: xr.DataArray, floor_v2: float, range_weight: FloatArray) -> FloatArray:
+    """Compute the level of B_mu in every column (E-35); shape (J,), V^2.
+
+    It is 3 % of the body's power, which is the median over time of the columns' strongest cells with range removed.
+
+    Parameters
+    ----------
+    signature : DataArray (time, doppler)
+        mu, V^2.
+    floor_v2 : float
+        Noise floor nu.
+    range_weight : ndarray, shape (J,)
+        Fourth power of the range over its mean (E-28).
+    """
+    cells = signature.values
+    strongest = cells[np.arange(cells.shape[0]), cells.argmax(axis=1)] - float(floor_v2)
+    return np.asarray(WIDTH_LEVEL * max(quantile(strongest * range_weight, 0.5), 0.0) / range_weight)
+
+
+def raised_by_noise_v2(level_v2: FloatArray, floor_v2: float, n_bins: float) -> FloatArray:
+    """Raise the level of B_mu by the noise (E-35).
+
+    Shape (J,). Of the mean of n exponential variables a share of 5 % exceeds nu by kappa; noise and level add as
+    powers of independent fluctuations, sqrt(L^2 + kappa^2).
+    """
+    return np.asarray(np.hypot(level_v2, floor_v2 * _noise_excess(n_bins)))
+
+
+@lru_cache(maxsize=256)
+def _noise_excess(n_bins: float) -> float:
+    from scipy.special import gammainccinv
+
+    return float(gammainccinv(n_bins, WIDTH_SHARE)) / n_bins - 1.0
+
+
+def width_of_bins(share: FloatArray) -> float | None:
+    """Measure the run of Doppler bins above the level (E-35).
+
+    They are above it often enough; None where none is. The run holds the bin of the largest share; its ends are
+    interpolated to 5 % of the time.
+
+    Parameters
+    ----------
+    share : ndarray, shape (K,)
+        Share of the time during which each bin exceeds the level.
+    """
+    best = int(share.argmax())
+    if not share[best] >= WIDTH_SHARE:
+        return None
+    width = 0.0
+    for side in (share[best::-1], share[best:]):
+        below = side < WIDTH_SHARE
+        n = int(below.argmax())
+        if below[n]:
+            width += n - (WIDTH_SHARE - side[n]) / (side[n - 1] - side[n])
+        else:
+            width += side.size - 1  # as far as the axis goes
+    return float(width)
+
+
+def envelope_width_hz(low_hz: FloatArray, high_hz: FloatArray) -> float | None:
+    """Compute the bandwidth between the envelopes (E-35b).
 
     It is the 95th percentile over time of the upper envelope minus the 5th of the lower.
 
     None where less than half of the columns stand above the noise.
     """
-    return bandwidth_of_hz(*envelopes_hz(signature, floor_v2))
-
-
-def bandwidth_of_hz(low_hz: FloatArray, high_hz: FloatArray) -> float | None:
-    """Compute :func:`bandwidth_envelope_hz` from the envelopes."""
     seen = np.isfinite(low_hz)
     if seen.mean() < 0.5:
         return None

@@ -4,7 +4,7 @@ Björklund, Petersson and Hendeby, "Features for micro-Doppler based activity cl
 Navigation 9(9), 2015, describe walkers by the main cycle time and properties of the envelope. Kim and Ling, "Human
 activity classification based on micro-Doppler signatures using a support vector machine", IEEE Transactions on
 Geoscience and Remote Sensing 47(5), 2009, use bandwidth, offset and strength of the whole signature. The exact forms
-here are ours, on the quantile envelopes of E-35, relative to the main line and in the direction of motion.
+here are ours, on the quantile envelopes of E-35b, relative to the main line and in the direction of motion.
 
 Velocity bands are in m/s, so that they hold for any carrier; at 7.29 GHz they are 20, 80 Hz and beyond. A short CPI
 at a low carrier blurs them: one constant velocity is about lambda / (2 T_d) wide, 0.2 m/s there.
@@ -19,6 +19,7 @@ from functools import partial
 import numpy as np
 
 from doppelgait.core.plugins import plugin
+from doppelgait.features.doppler import envelope_width_hz
 from doppelgait.features.feature_set import FEATURES, FloatArray
 from doppelgait.features.observed import TORSO_BAND_MPS, Observed, likeness_at, limits
 
@@ -86,11 +87,21 @@ def feature_table() -> list[tuple[str, str, str]]:
 
 # Envelopes -----------------------------------------------------------------------------------------------------------
 
-BJORKLUND = "envelope properties after Björklund et al. 2015, on the envelopes of E-35"
+BJORKLUND = "envelope properties after Björklund et al. 2015, on the envelopes of E-35b"
 WIDTH = "ours: E-33 on the width between the envelopes"
 PERIODS = "ours: E-33 at one and at two periods"
-KIM_LING = "after Kim and Ling 2009, on the envelopes of E-35"
+KIM_LING = "after Kim and Ling 2009, on the envelopes of E-35b"
 SIDES = ("direction", "envelope")
+
+
+@plugin("feature", "doppler_bandwidth_envelope_hz", unit="Hz", source="ours: envelopes of E-35b", needs=("envelope",))
+def bandwidth_envelope_hz(observed: Observed) -> float | None:
+    """Measure the bandwidth between the envelopes.
+
+    It is the 95th percentile over time of the upper envelope minus the 5th of the lower: of all that stands above the
+    noise, so that it depends on the noise.
+    """
+    return envelope_width_hz(*observed.envelopes_hz)
 
 
 @plugin("feature", "forward_envelope_mean_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
@@ -131,7 +142,7 @@ def backward_range_mps(observed: Observed) -> float:
     return high - low
 
 
-@plugin("feature", "envelope_asymmetry", unit="1", source="ours: bandwidth ahead against behind (E-35)", needs=SIDES)
+@plugin("feature", "envelope_asymmetry", unit="1", source="ours: bandwidth ahead against behind (E-35b)", needs=SIDES)
 def asymmetry(observed: Observed) -> float | None:
     """Compare the bandwidths ahead of and behind the main line.
 
@@ -186,7 +197,7 @@ def periodicity(observed: Observed) -> float | None:
     return likeness_at(width - width.mean(), observed.rate_hz / observed.frequency_hz)
 
 
-@plugin("feature", "swing_duty", unit="1", source="ours: duration of limb spikes (E-35)", needs=SIDES)
+@plugin("feature", "swing_duty", unit="1", source="ours: duration of limb spikes (E-35b)", needs=SIDES)
 def swing_duty(observed: Observed) -> float | None:
     """Measure the share of time with limb spikes.
 

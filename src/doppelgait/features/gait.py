@@ -13,7 +13,13 @@ import xarray as xr
 from doppelgait.core.labels import axis
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import doppler_to_velocity_mps, power_to_db
-from doppelgait.features.doppler import bandwidth_of_hz, bandwidth_threshold_hz, single_tone_width_hz
+from doppelgait.features.doppler import (
+    LEAST_NOISE_SIGMAS,
+    bandwidth_threshold_hz,
+    envelope_width_hz,
+    single_tone_width_hz,
+    width_of_bins,
+)
 from doppelgait.features.feature_set import FEATURE_UNITS, Extraction, GaitFeatures
 from doppelgait.features.gait_frequency import GaitFrequency, settle
 from doppelgait.features.harmonics import LimbTorsoRatio, limb_torso_ratio, peak_ratio
@@ -30,6 +36,8 @@ recorded targets that were held out 67 % and 87 % (a periodicity of 0.3: 25 % an
 FEW_PERIODS = 2.0
 CLOSE_MARGIN = 0.25
 """Below this margin the decision for the step instead of the stride is said to be close."""
+FULL_BAND_SHARE = 0.9
+"""Envelopes farther apart than this share of the pulse rate may be folded."""
 NO_GAIT_RATIO = 0.1
 """A target that oscillates less than this against its own mean (rho) has no gait; walkers and dogs: 0.4 and more."""
 
@@ -75,9 +83,10 @@ def extract(observed: Observed, *, bandwidth_threshold: float, cpi_s: float, win
     torso_hz = float(observed.main_line_hz.mean())
     wavelength_m = float(observed.signature.attrs["wavelength_m"])
     velocity_mps = float(doppler_to_velocity_mps(torso_hz, wavelength_m))
-    bandwidth_hz = bandwidth_of_hz(*observed.envelopes_hz)
-    if bandwidth_hz is None:
-        flags.append("doppler_bandwidth:signal_in_too_few_columns")
+    bandwidth_hz = _measure_bandwidth_hz(observed, flags)
+    full_hz = envelope_width_hz(*observed.envelopes_hz)
+    if full_hz is not None and full_hz > FULL_BAND_SHARE * float(observed.signature.attrs["prf_hz"]):
+        flags.append("doppler_band_full:aliasing_is_possible")
     frequency_hz = _check_frequency(gait, observed.signature.attrs, flags)
     rho = LimbTorsoRatio(None, None)
     if frequency_hz is not None:
@@ -105,6 +114,17 @@ def extract(observed: Observed, *, bandwidth_threshold: float, cpi_s: float, win
     }
     periods = gait.n_periods if frequency_hz is not None else None
     return Extraction(features, frequency_hz, torso_hz, periods, quality, tuple(flags))
+
+
+def _measure_bandwidth_hz(observed: Observed, flags: list[str]) -> float | None:
+    if quantile(observed.width_level_v2, 0.5) < LEAST_NOISE_SIGMAS * observed.noise_sd_v2:
+        flags.append("doppler_bandwidth:noise_above_its_level")
+        return None
+    width = width_of_bins(observed.above_width_level.mean(axis=0))
+    if width is None or not observed.width_level_v2.any():
+        flags.append("doppler_bandwidth:signal_in_too_few_columns")
+        return None
+    return width * observed.bin_mps / observed.mps_per_hz
 
 
 def _check_frequency(gait: GaitFrequency, columns: Mapping[Any, Any], flags: list[str]) -> float | None:

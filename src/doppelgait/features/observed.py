@@ -14,7 +14,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.labels import axis, sampling_rate_hz
-from doppelgait.features.doppler import envelopes_hz
+from doppelgait.features.doppler import TIME_SHARES, envelopes_hz, raised_by_noise_v2, width_level_v2
 from doppelgait.features.feature_set import Extraction, FloatArray, GaitFeatures
 from doppelgait.features.gait_frequency import GaitFrequency
 from doppelgait.features.measures import quantile, square_difference
@@ -28,7 +28,6 @@ TORSO_REACH_MPS = 0.8
 TORSO_BAND_MPS = 0.4
 NEAR_REACH_MPS = 1.6
 """Bands of the power shares: 20 and 80 Hz at 7.29 GHz, stated as velocities to hold for any carrier."""
-TIME_SHARES = (0.05, 0.95)
 CADENCE_HZ = (0.5, 20.0)
 MIN_PERIODS_OF_HALVES = 2.0
 """From here on the half of f_mu is distinguished from the polynomial that has been removed."""
@@ -134,8 +133,25 @@ class Observed:
 
     @cached_property
     def envelopes_hz(self) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper Doppler envelope (E-35); shapes (J,)."""
+        """Lower and upper Doppler envelope (E-35b); shapes (J,)."""
         return envelopes_hz(self.signature, self.floor_v2)
+
+    @cached_property
+    def width_level_v2(self) -> FloatArray:
+        """Power above the floor at which B_mu is measured (E-35); shape (J,)."""
+        return width_level_v2(self.signature, self.floor_v2, self.range_weight)
+
+    @cached_property
+    def above_width_level(self) -> npt.NDArray[np.bool_]:
+        """Cells above the raised level of B_mu (E-35); shape (J, K)."""
+        n_bins = max(1.0, float(self.signature.attrs["n_gate_bins"]))
+        level_v2 = raised_by_noise_v2(self.width_level_v2, self.floor_v2, n_bins)
+        return np.asarray(self.excess.values >= level_v2[:, None].astype(self.excess.dtype))
+
+    @cached_property
+    def noise_sd_v2(self) -> float:
+        """Standard deviation of a cell of noise, nu / sqrt(N_g)."""
+        return self.floor_v2 / float(np.sqrt(max(1.0, float(self.signature.attrs["n_gate_bins"]))))
 
     @cached_property
     def mean_row(self) -> FloatArray:
@@ -200,7 +216,7 @@ class Observed:
 
     @cached_property
     def edges_mps(self) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper envelope (E-35) as velocities; shapes (J,).
+        """Lower and upper envelope (E-35b) as velocities; shapes (J,).
 
         NaN in columns without power above the noise.
         """
@@ -214,13 +230,13 @@ class Observed:
 
     @cached_property
     def width_mps(self) -> FloatArray:
-        """Upper minus lower envelope (E-35) of the seen columns."""
+        """Upper minus lower envelope (E-35b) of the seen columns."""
         low, high = self.edges_mps
         return np.asarray((high - low)[self.seen])
 
     @cached_property
     def forward_mps(self) -> FloatArray:
-        """Lead of the leading envelope (E-35) over the main line.
+        """Lead of the leading envelope (E-35b) over the main line.
 
         It covers the columns with power above the noise.
         """

@@ -18,9 +18,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from doppelgait.features.doppler import width_of_bins
 from doppelgait.features.feature_set import Extraction, FloatArray
 from doppelgait.features.measures import quantile
-from doppelgait.features.observed import SEEN_SHARE, TIME_SHARES, Observed
+from doppelgait.features.observed import Observed
 
 CAUCHY_TUNING = 2.385
 VELOCITY_BLOCK_S = 0.5
@@ -152,25 +153,17 @@ def bandwidth_sd_hz(observed: Observed) -> float | None:
     It is a jackknife over groups of periods, plus the rounding to Doppler bins.
     """
     edges = _edges(observed, 1.0 / observed.frequency_hz)
-    if edges.size - 1 < MIN_BLOCKS or observed.seen.mean() < SEEN_SHARE:
+    if edges.size - 1 < MIN_BLOCKS:
         return None
     n_groups = min(edges.size - 1, GROUPS)
-    block = np.searchsorted(edges, np.flatnonzero(observed.seen), side="right") - 1
-    group = np.where((block >= 0) & (block < edges.size - 1), block * n_groups // (edges.size - 1), -1)
-    low, high = (edge[observed.seen] for edge in observed.edges_mps)
-    without = _leave_out(high, group, n_groups, TIME_SHARES[1]) - _leave_out(low, group, n_groups, TIME_SHARES[0])
-    scatter_mps = math.sqrt((n_groups - 1) / n_groups * float(((without - without.mean()) ** 2).sum()))
-    return math.hypot(scatter_mps, observed.bin_mps / math.sqrt(6.0)) / observed.mps_per_hz
-
-
-def _leave_out(values: FloatArray, group: npt.NDArray[np.int64], n_groups: int, share: float) -> FloatArray:
-    """Compute quantiles without each group in turn; shape (n_groups,)."""
-    from doppelgait.core.kernels.periodicity import quantiles_without
-
-    order, quantiles = np.argsort(values), np.empty(n_groups)
-    counts = np.bincount(group[group >= 0], minlength=n_groups)
-    quantiles_without(values[order], group[order], counts, share, quantiles)
-    return quantiles
+    edges = edges[np.arange(n_groups + 1) * (edges.size - 1) // n_groups]
+    above = observed.above_width_level[edges[0] : edges[-1]]
+    counts = np.add.reduceat(above, edges[:-1] - edges[0], axis=0, dtype=np.int64)
+    left = (edges[-1] - edges[0] - np.diff(edges))[:, None]
+    widths = [width_of_bins(share) for share in (counts.sum(axis=0) - counts) / left]
+    without = np.array([np.nan if width is None else width for width in widths])
+    scatter = (n_groups - 1) / n_groups * float(((without - without.mean()) ** 2).sum())
+    return math.sqrt(scatter + 1.0 / 6.0) * observed.bin_mps / observed.mps_per_hz
 
 
 @dataclass(frozen=True)

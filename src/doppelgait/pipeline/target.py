@@ -22,7 +22,6 @@ from doppelgait.processing import Analysis, Gate, main_line
 
 SIDEWAYS_COSINE = 0.6
 """Below this |cos psi| lateral sway, which repeats with the stride, can outweigh the steps (E-33)."""
-FULL_BAND_SHARE = 0.9
 
 ALIGNED = "aligned"
 """Attribute of a cadence map: whether its Doppler is measured from the main line (E-29) or from 0 Hz."""
@@ -139,9 +138,6 @@ def _measure_ground_motion(
         flags.append("aspect_beyond_53_deg:gait_frequency_may_be_the_stride")
         if "low_confidence" not in flags:
             flags.append("low_confidence")
-    width_hz = extraction.features.doppler_bandwidth_hz
-    if width_hz is not None and width_hz > FULL_BAND_SHARE * float(mu.attrs["prf_hz"]):
-        flags.append("doppler_band_full:aliasing_is_possible")
     values = (motion.ground_speed_mps, motion.aspect_deg, step_m)
     told = motion.ground_speed_mps is not None
     sd = (motion.ground_speed_sd_mps if told else None, motion.aspect_sd_deg if told else None, step_sd_m)
@@ -165,6 +161,7 @@ def observe(mu: xr.DataArray, analysis: Analysis) -> tuple[Observed, xr.DataArra
         Normalised signature, not aligned.
     """
     floor_v2 = processing.noise_floor_v2(mu)
+    mu = mu.assign_attrs(n_gate_bins=processing.independent_bins(mu, floor_v2))
     normalised = processing.normalise(mu, floor_v2, mode=analysis.normalisation)
     seconds = processing.observation_s(mu)
     peaks_hz, bin_hz = main_line.column_peaks_hz(mu), main_line.bin_width_hz(mu)  # found once for all lines

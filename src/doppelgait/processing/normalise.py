@@ -15,6 +15,9 @@ from doppelgait.processing.config import Normalisation
 INDEPENDENT_AFTER_S = 0.06
 """Columns this far apart are practically independent for T_d = 0.1 s (E-23)."""
 QUIET_SHARE = 1.0 / 3.0
+LEAST_QUIET_ROWS = 12
+COUNTED_EVERY = 4
+"""Neighbouring columns share most of their pulses: every fourth tells as much of the noise's spread as all."""
 
 
 def noise_floor_v2(signature: xr.DataArray) -> float:
@@ -53,6 +56,34 @@ def noise_floor_v2(signature: xr.DataArray) -> float:
     spread = 1.0 / np.sqrt(n_gate * independent_columns(signature))
     agreeing = open_rows[row_power[open_rows] < floor * (1.0 + 3.0 * spread)]
     return median(values.take(agreeing, axis=1)) / to_mean if agreeing.size > quiet.size else floor
+
+
+def independent_bins(signature: xr.DataArray, floor_v2: float) -> float:
+    """Count the independent range bins that a cell of noise sums (E-27).
+
+    They are counted from the quiet Doppler rows: the squared mean of their cells over the variance, at least 1.
+
+    Range bins that share their noise, as those of a chip with a filter after the sampler, are fewer than there are. Of
+    fewer than 12 quiet rows the number is not counted: it is the signature's own, ``n_gate_bins``.
+
+    Parameters
+    ----------
+    signature : DataArray (time, doppler)
+        Not normalised, V^2.
+    floor_v2 : float
+        :func:`noise_floor_v2`.
+    """
+    from doppelgait.core.kernels.columns import row_means
+
+    values, stated = np.ascontiguousarray(signature.values), max(1.0, float(signature.attrs["n_gate_bins"]))
+    row_power = np.empty(values.shape[1])
+    row_means(values, row_power)
+    highest_v2 = floor_v2 * (1.0 + 3.0 / np.sqrt(stated * independent_columns(signature)))
+    quiet = np.flatnonzero((row_power > 0) & (row_power < highest_v2))
+    if quiet.size < LEAST_QUIET_ROWS:
+        return stated
+    cells = values[::COUNTED_EVERY].take(quiet, axis=1).astype(np.float64)
+    return max(1.0, float(row_power[quiet].mean() ** 2 / cells.var()))
 
 
 def median(cells: npt.NDArray[np.floating[Any]]) -> float:

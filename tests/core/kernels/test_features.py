@@ -13,7 +13,6 @@ from doppelgait.core.kernels.periodicity import (
     lag_products,
     limb_amplitudes,
     period_harmonics,
-    quantiles_without,
     square_difference,
 )
 from doppelgait.core.kernels.robust import median_in_place, robust_fit
@@ -136,18 +135,6 @@ def test_harmonics_of_periods_are_fourier_sums_without_the_mean():
         for h in (1, 2, 3):
             wanted = np.exp(-1j * h * turn_rad * j) @ (part - part.mean(axis=0)) / length
             np.testing.assert_allclose(real[b, h - 1] + 1j * imaginary[b, h - 1], wanted, atol=1e-13)
-
-
-def test_quantiles_without_a_group_are_those_of_what_is_left():
-    values, member = random(80), np.random.default_rng(1).integers(-1, 5, 80)
-    order, found = np.argsort(values), np.empty(5)
-    for share in (0.05, 0.5, 0.95, 1.0):
-        counts = np.bincount(member[member >= 0], minlength=5)
-        quantiles_without(values[order], member[order], counts, share, found)
-        wanted = [np.quantile(values[member != g], share) for g in range(5)]
-        np.testing.assert_allclose(found, wanted, rtol=1e-12)
-    quantiles_without(np.zeros(2), np.zeros(2, dtype=np.int64), np.array([2]), 0.5, found[:1])
-    assert np.isnan(found[0])
 
 
 def test_sums_about_a_line_count_cells_at_the_edge_in_part_and_go_round():

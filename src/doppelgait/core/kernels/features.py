@@ -1,4 +1,4 @@
-"""Column passes that array expressions would repeat in memory (E-29, E-35)."""
+"""Column passes that array expressions would repeat in memory (E-29, E-35b)."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def power_quantiles(
 ) -> None:
     r"""Find two quantiles over Doppler of the power above a threshold.
 
-    They are fractional bin numbers (E-35).
+    They are fractional bin numbers (E-35b).
 
     With :math:`p_k = v_k - \nu` where :math:`v_k` exceeds the threshold, else 0, and :math:`P_k = \sum_{i \le k} p_i`,
     the quantile of share q is in the first bin with :math:`P_k \ge q P_{K-1}`; power is spread evenly over a bin, so

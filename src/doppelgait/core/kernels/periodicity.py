@@ -129,41 +129,6 @@ def period_harmonics(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def quantiles_without(
-    ordered: FloatArray, member: npt.NDArray[np.int64], counts: npt.NDArray[np.int64], share: float, out: FloatArray
-) -> None:
-    """Compute quantiles of sorted values without each group in turn.
-
-    Parameters
-    ----------
-    ordered : ndarray, shape (N,)
-        Rising.
-    member : ndarray, shape (N,)
-        Group of every value; below 0 for none.
-    counts : ndarray, shape (G,)
-        Values in every group.
-    share : float
-        0 to 1; between two values the quantile is interpolated.
-    out : ndarray, shape (G,)
-        Overwritten; NaN where a group holds all values.
-    """
-    for g in range(counts.size):
-        n_kept = ordered.size - counts[g]
-        out[g] = np.nan
-        place, seen, below = share * (n_kept - 1), 0, 0.0
-        for i in range(ordered.size):
-            if member[i] == g:
-                continue
-            if seen == int(place):
-                below = ordered[i]
-                out[g] = below
-            elif seen == int(place) + 1:
-                out[g] = below + (place - int(place)) * (ordered[i] - below)
-                break
-            seen += 1
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def add_between(values: FloatArray, place: FloatArray, weight: float, out: FloatArray) -> None:
     """Add weighted values between samples, by the Catmull-Rom cubic.
 
