@@ -1,4 +1,4 @@
-"""Targets of a radar without range: times of motion in Doppler, and breath."""
+"""Targets of a radar without range: motion in Doppler, and breath."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ from doppelgait.processing.detect import Detector, find_scans
 from doppelgait.processing.detect.maps import maps_of, noise_factor
 from doppelgait.processing.detections import Scan
 from doppelgait.processing.pieces import PieceSettings, find_pieces
-from doppelgait.processing.track import Track, Tracker, track
+from doppelgait.processing.track import Track, Tracker, split_tracks, track
 from doppelgait.radar.recording import Recording
 
 FloatArray = npt.NDArray[np.float64]
@@ -103,6 +103,7 @@ def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) 
     else:
         scans = find_scans(raw, tracking.detector, wavelength_m=wavelength_m, in_phase=True)
         tracks = track(scans, tracking.tracker, velocity_span_mps=wavelength_m * prf_hz / 2)
+        tracks = split_tracks(tracks, clean, wavelength_m=wavelength_m, cpi_s=tracking.detector.cpi_s)
     persons: list[BreathingTarget] = []
     breath_needs = _breath_needs(raw)
     if not breath_needs:
@@ -290,6 +291,8 @@ def _analyze_segment(
     result = analyze_gated(gate.crop(clean), wavelength_m, gate, analysis, None)
     start_s, stop_s = gate.start_s, gate.stop_s
     flags = list(result.flags)
+    if found.several:
+        flags.append("more_than_one_body:two_torso_echoes_in_the_gate")
     inside = (found.times_s >= start_s - 1e-9) & (found.times_s <= stop_s + 1e-9)
     if inside.sum() >= 3:
         motion = piece_motion(found.times_s, found.range_m, start_s=start_s, stop_s=stop_s)

@@ -204,6 +204,8 @@ class Track:
         Mean normalised innovation squared; about 2 for a consistent filter.
     mean_power_v2 : float
         Mean power of its detections.
+    several : bool
+        True where a second torso next to the body's is likely (:func:`doppelgait.processing.track.split_tracks`).
     """
 
     times_s: FloatArray
@@ -220,6 +222,7 @@ class Track:
     confirmed_at_s: float
     mean_nis: float
     mean_power_v2: float
+    several: bool = False
 
     @property
     def first_s(self) -> float:

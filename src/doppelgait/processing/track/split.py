@@ -1,0 +1,252 @@
+"""Bodies that one track holds, by the range profile of what moves with it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core.labels import axis, sampling_rate_hz
+from doppelgait.processing.config import gaussian_window
+from doppelgait.processing.track.live import Track
+
+FloatArray = npt.NDArray[np.float64]
+
+REACH_M, STEP_M = 1.6, 0.05
+BAND_MPS, N_BAND = 0.35, 7
+"""Doppler about the track's own: a torso stays inside, a swinging limb passes through."""
+LEAST_SPEED_MPS = 0.4
+"""A slower track is in one Doppler band with all that stands or sits beside it."""
+WINDOW_STEEPNESS = 0.4
+SMOOTHED_SCANS = 9
+"""Profiles are medians over this many scans, longer than a limb stays."""
+APART_M = 0.6
+"""Torso echoes farther apart than this are two bodies: chest and rump of dogs and crawlers are 0.45 m apart."""
+WEAKEST_DB, VALLEY_DB, DEEP_DB = 16.0, 6.0, 10.0
+"""Second peak below the first; valley between them, for a doubt and for a decision."""
+FLOOR_FROM_M, FLOOR_QUANTILE, FLOOR_FACTOR = 1.0, 0.3, 2.0
+SPLIT_S, SPLIT_SHARE = 2.0, 0.75
+DOUBT_S, DOUBT_SHARE = 1.0, 0.2
+"""Time of a second echo without a break, and its share of the scans in which the track is fast and no other is near."""
+RUN_SHARE = 0.9
+SAME_M, SAME_S = 0.4, 0.5
+"""A second peak this near to another track, or its end this near to that track's start, belongs to it."""
+
+
+@dataclass(frozen=True)
+class Ridge:
+    """Second torso echo next to a track's own.
+
+    Parameters
+    ----------
+    own_m, other_m : ndarray, shape (T,)
+        Ranges of the stronger and the weaker echo at the scans of the track; NaN where there is no second one.
+    deep : ndarray of bool, shape (T,)
+        Scans in which the valley between them is deep.
+    """
+
+    own_m: FloatArray
+    other_m: FloatArray
+    deep: npt.NDArray[np.bool_]
+
+
+def torso_profiles(clean: xr.DataArray, found: Track, *, wavelength_m: float, cpi_s: float) -> FloatArray:
+    """Compute the power that moves with a track along range.
+
+    Parameters
+    ----------
+    clean : DataArray (slow_time, range)
+        Without static clutter.
+    found : Track
+    wavelength_m, cpi_s : float
+
+    Returns
+    -------
+    ndarray, shape (T, D)
+        Power within 0.35 m/s of the track's velocity, from 1.6 m before the track to 1.6 m behind it, every 5 cm;
+        0 outside the frame.
+    """
+    times_s, range_m = axis(clean, "slow_time"), axis(clean, "range")
+    prf_hz = sampling_rate_hz(times_s)
+    size = min(max(1, round(cpi_s * prf_hz)), times_s.size)
+    window = gaussian_window(size, WINDOW_STEEPNESS)
+    slow_s = np.arange(size) / prf_hz
+    offsets_m = profile_offsets_m()
+    profiles = np.zeros((found.times_s.size, offsets_m.size))
+    for number, (time_s, centre_m, velocity_mps) in enumerate(
+        zip(found.times_s, found.range_m, found.velocity_mps, strict=True)
+    ):
+        first = int(np.clip(round((time_s - times_s[0]) * prf_hz - size / 2), 0, times_s.size - size))
+        low, high = np.searchsorted(range_m, [centre_m - REACH_M - STEP_M, centre_m + REACH_M + STEP_M])
+        if high - low < 2:
+            continue
+        doppler_hz = 2.0 * (velocity_mps + np.linspace(-BAND_MPS, BAND_MPS, N_BAND)) / wavelength_m
+        kernel = np.exp(-2j * np.pi * doppler_hz[:, None] * slow_s) * window
+        power = (np.abs(kernel @ clean.values[first : first + size, low:high]) ** 2).sum(axis=0)
+        profiles[number] = np.interp(centre_m + offsets_m, range_m[low:high], power, left=0.0, right=0.0)
+    return profiles
+
+
+def profile_offsets_m() -> FloatArray:
+    """Return the ranges of a profile less that of its track."""
+    count = round(REACH_M / STEP_M)
+    return STEP_M * np.arange(-count, count + 1)
+
+
+def find_ridge(profiles: FloatArray, found: Track, others: Sequence[Track]) -> Ridge:
+    """Find a second torso in the profiles of a track.
+
+    Parameters
+    ----------
+    profiles : ndarray, shape (T, D)
+        Of :func:`torso_profiles`.
+    found : Track
+    others : sequence of Track
+        A second echo near one of these at the time is theirs.
+    """
+    from scipy.ndimage import median_filter
+    from scipy.signal import find_peaks
+
+    offsets_m = profile_offsets_m()
+    smooth = median_filter(profiles, size=(min(SMOOTHED_SCANS, profiles.shape[0]), 1), mode="nearest")
+    floor = np.quantile(smooth[:, np.abs(offsets_m) > FLOOR_FROM_M], FLOOR_QUANTILE, axis=1)[:, None]
+    smooth = np.maximum(smooth, FLOOR_FACTOR * floor)
+    top = np.maximum(smooth.max(axis=1, keepdims=True), 1e-300)
+    level_db = 10.0 * np.log10(np.maximum(smooth / top, 1e-6))
+    own_m, other_m = np.full((2, profiles.shape[0]), np.nan)
+    deep = np.zeros(profiles.shape[0], dtype=bool)
+    taken = [np.interp(found.times_s, one.times_s, one.range_m, left=np.nan, right=np.nan) for one in others]
+    for number in np.flatnonzero(np.abs(found.velocity_mps) >= LEAST_SPEED_MPS):
+        row = level_db[number]
+        padded = np.concatenate([[-99.0], row, [-99.0]])
+        peaks, facts = find_peaks(padded, height=-WEAKEST_DB, prominence=VALLEY_DB)
+        if peaks.size < 2:
+            continue
+        places_m = found.range_m[number] + offsets_m[peaks - 1]
+        own_off_m = np.abs(places_m - found.range_m[number])
+        mine = np.ones(peaks.size, dtype=bool)
+        for one in taken:
+            off_m = np.abs(places_m - one[number])
+            mine &= ~((off_m < SAME_M) & (off_m < own_off_m))
+        heights = np.where(mine, facts["peak_heights"], -np.inf)
+        best = int(np.argmax(heights))
+        free = mine & mine[best] & (np.abs(places_m - places_m[best]) >= APART_M - 1e-9)
+        if not free.any():
+            continue
+        second = int(np.argmax(np.where(free, facts["peak_heights"], -np.inf)))
+        own_m[number], other_m[number] = places_m[best], places_m[second]
+        deep[number] = facts["prominences"][second] >= DEEP_DB
+    return Ridge(own_m, other_m, deep)
+
+
+def split_tracks(tracks: Sequence[Track], clean: xr.DataArray, *, wavelength_m: float, cpi_s: float) -> list[Track]:
+    """Divide tracks that follow two bodies.
+
+    Bodies nearer to each other than the detector's box are one track. What moves with the track, within 0.35 m/s, is
+    one narrow echo for a single person and spans up to 0.9 m for animals and for people who crawl. A second echo 0.6 m
+    or more from the strongest, with a valley of 10 dB between them for 2 s, is a body of its own and becomes a track;
+    one that is there for a part of the time or without such a valley makes the track ``several``.
+
+    Parameters
+    ----------
+    tracks : sequence of Track
+    clean : DataArray (slow_time, range)
+        Without static clutter.
+    wavelength_m, cpi_s : float
+
+    Returns
+    -------
+    list of Track
+        In the order of their first detection.
+    """
+    found = list(tracks)
+    for number in range(len(tracks)):
+        one = found[number]
+        others = [other for other in found if other is not one]
+        profiles = torso_profiles(clean, one, wavelength_m=wavelength_m, cpi_s=cpi_s)
+        ridge = find_ridge(profiles, one, others)
+        alone = np.abs(one.velocity_mps) >= LEAST_SPEED_MPS
+        for other in others:
+            near_m = np.interp(one.times_s, other.times_s, other.range_m, left=np.nan, right=np.nan) - one.range_m
+            alone &= ~(np.abs(near_m) < REACH_M)
+        step_s = float(np.median(np.diff(one.times_s))) if one.times_s.size > 1 else np.inf
+        run = _longest_run(ridge.deep, max(1, round(SPLIT_S / step_s)))
+        if run is not None and ridge.deep.sum() >= SPLIT_SHARE * alone.sum():
+            found = _replace(found, number, ridge, run)
+            continue
+        seen = np.isfinite(ridge.other_m)
+        lasting = _longest_run(seen, max(1, round(DOUBT_S / step_s))) is not None
+        found[number] = replace(one, several=lasting and bool(seen.sum() >= DOUBT_SHARE * alone.sum()))
+    return sorted(found, key=lambda one: one.first_s)
+
+
+def _longest_run(seen: npt.NDArray[np.bool_], least: int) -> tuple[int, int] | None:
+    """Find the longest run of scans in windows that are nearly full."""
+    if seen.size < least:
+        return None
+    full = np.convolve(seen, np.ones(least), mode="valid") >= RUN_SHARE * least
+    covered = np.convolve(full, np.ones(least), mode="full") > 0
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], covered, [False]])))
+    if not edges.size:
+        return None
+    first, stop = max(edges.reshape(-1, 2), key=lambda ends: ends[1] - ends[0])
+    return int(first), int(stop)
+
+
+def _replace(tracks: list[Track], number: int, ridge: Ridge, run: tuple[int, int]) -> list[Track]:
+    """Put two tracks in the place of one.
+
+    One of the two lasts as long as the track did; the other may be the beginning or the end of a track that is there.
+    """
+    found, one = list(tracks), tracks[number]
+    for echo in (1, 0):
+        second = _at_echo(one, ridge, run, echo, whole=False)
+        for place, other in enumerate(found):
+            joined = _join(second, other) or _join(other, second)
+            if place != number and joined is not None:
+                found[place] = joined
+                found[number] = _at_echo(one, ridge, run, 1 - echo, whole=True)
+                return found
+    found[number] = _at_echo(one, ridge, run, 0, whole=True)
+    return [*found, _at_echo(one, ridge, run, 1, whole=False)]
+
+
+def _at_echo(one: Track, ridge: Ridge, run: tuple[int, int], number: int, *, whole: bool) -> Track:
+    """Move a track to the nearer (0) or farther (1) of its two echoes.
+
+    It is cut to the time of both unless ``whole``.
+    """
+    inside = slice(*run)
+    place_m = np.sort(np.stack([ridge.own_m, ridge.other_m]), axis=0)[number]
+    known = np.flatnonzero(np.isfinite(place_m[inside])) + run[0]
+    width = min(SMOOTHED_SCANS, known.size)
+    filled = np.interp(np.arange(*run), known, (place_m - one.range_m)[known])
+    padded = np.pad(filled, (width // 2, width - 1 - width // 2), mode="edge")
+    smooth = np.convolve(padded, np.ones(width) / width, mode="valid")
+    offset_m = np.interp(np.arange(one.times_s.size), np.arange(*run), smooth)
+    half_m = (one.range_high_m - one.range_low_m) / 4.0
+    centre_m = one.range_m + offset_m
+    moved = replace(one, range_m=centre_m, range_low_m=centre_m - half_m, range_high_m=centre_m + half_m)
+    if whole:
+        return moved
+    arrays = {name: value[inside] for name, value in vars(moved).items() if isinstance(value, np.ndarray)}
+    return replace(moved, **arrays, confirmed_at_s=max(one.confirmed_at_s, float(one.times_s[run[0]])))
+
+
+def _join(before: Track, after: Track) -> Track | None:
+    """Join two tracks where one takes up what the other ends; else None."""
+    gap_s = after.first_s - before.last_s
+    place_m = float(np.interp(after.first_s, before.times_s, before.range_m))
+    place_m -= float(before.velocity_mps[-1]) * max(gap_s, 0.0)
+    if not -SAME_S <= gap_s <= 2.0 * SAME_S or abs(place_m - float(after.range_m[0])) > 2.0 * SAME_M:
+        return None
+    early = before.times_s < after.first_s - 1e-9
+    arrays = {
+        name: np.concatenate([value[early], getattr(after, name)])
+        for name, value in vars(before).items()
+        if isinstance(value, np.ndarray)
+    }
+    return replace(before, **arrays)
