@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -93,7 +94,7 @@ def torso_profiles(clean: xr.DataArray, found: Track, *, wavelength_m: float, cp
 def profile_offsets_m() -> FloatArray:
     """Return the ranges of a profile less that of its track."""
     count = round(REACH_M / STEP_M)
-    return STEP_M * np.arange(-count, count + 1)
+    return np.asarray(STEP_M * np.arange(-count, count + 1), dtype=np.float64)
 
 
 def find_ridge(profiles: FloatArray, found: Track, others: Sequence[Track]) -> Ridge:
@@ -232,7 +233,9 @@ def _at_echo(one: Track, ridge: Ridge, run: tuple[int, int], number: int, *, who
     moved = replace(one, range_m=centre_m, range_low_m=centre_m - half_m, range_high_m=centre_m + half_m)
     if whole:
         return moved
-    arrays = {name: value[inside] for name, value in vars(moved).items() if isinstance(value, np.ndarray)}
+    arrays: dict[str, Any] = {
+        name: value[inside] for name, value in vars(moved).items() if isinstance(value, np.ndarray)
+    }
     return replace(moved, **arrays, confirmed_at_s=max(one.confirmed_at_s, float(one.times_s[run[0]])))
 
 
@@ -244,7 +247,7 @@ def _join(before: Track, after: Track) -> Track | None:
     if not -SAME_S <= gap_s <= 2.0 * SAME_S or abs(place_m - float(after.range_m[0])) > 2.0 * SAME_M:
         return None
     early = before.times_s < after.first_s - 1e-9
-    arrays = {
+    arrays: dict[str, Any] = {
         name: np.concatenate([value[early], getattr(after, name)])
         for name, value in vars(before).items()
         if isinstance(value, np.ndarray)
