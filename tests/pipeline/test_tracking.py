@@ -15,9 +15,12 @@ from doppelgait.motion import boulic_walk, quadruped_gait
 from doppelgait.motion.models.primitives import breathing_person
 from doppelgait.pipeline import analyze, describe_results, simulate
 from doppelgait.pipeline.conditions import Conditions
+from doppelgait.pipeline.tracking import _link
 from doppelgait.processing import Analysis
+from doppelgait.processing.breathing import BreathingTarget
 from doppelgait.processing.clutter import without_clutter
 from doppelgait.processing.detect import Detector, find_scans
+from doppelgait.processing.track import Track
 from doppelgait.radar import Radar
 from doppelgait.scene import Scene, Target
 
@@ -131,6 +134,62 @@ def test_one_who_stops_and_goes_on_is_analysed_piece_by_piece():
         inside = (times >= piece.quality["start_s"]) & (times <= piece.quality["stop_s"])
         assert speed_mps[inside].min() > 0.3
     assert found[0].quality["n_pieces"] == 2
+
+
+def track_of(start_s, stop_s, range_m, velocity_mps):
+    """A track at 10 Hz with these ranges and velocities at its ends."""
+    times = np.arange(start_s, stop_s, 0.1)
+    ends = np.array([0.0, 1.0])
+    place = np.linspace(0.0, 1.0, times.size)
+    flat, seen = np.full(times.size, 0.02), np.ones(times.size, dtype=bool)
+    return Track(
+        times_s=times, range_m=np.interp(place, ends, range_m), velocity_mps=np.interp(place, ends, velocity_mps),
+        range_sd_m=flat, velocity_sd_mps=flat, measured=seen, shared=~seen, range_low_m=-flat, range_high_m=flat,
+        velocity_low_mps=-flat, velocity_high_mps=flat, confirmed_at_s=start_s + 0.5, mean_nis=1.0, mean_power_v2=1.0,
+    )  # fmt: skip
+
+
+FRAME_M = np.linspace(0.4, 9.4, 180)
+BREATH = BreathingTarget(4.1, 0.25, 0.004, 20.0, 0.9, 5.0, 55.0)
+COMES, GOES = track_of(0, 4, (8, 4), (1.2, 0.0)), track_of(50, 55, (4.2, 9), (-0.5, -1.2))
+
+
+@pytest.mark.parametrize(
+    ("late", "persons", "n_bodies"),
+    [
+        (GOES, [BREATH], 1),
+        (GOES, [], 2),  # too long without a sign of life
+        (track_of(12, 16, (4.2, 9), (-0.5, -1.2)), [], 1),
+        (track_of(12, 16, (5.2, 9), (-0.5, -1.2)), [], 2),  # another place
+        (track_of(12, 16, (4.2, 9), (-1.2, -1.2)), [], 2),  # was on the way when first seen
+        (track_of(3, 16, (4.2, 9), (-0.5, -1.2)), [], 2),  # at the same time
+    ],
+)
+def test_who_rests_and_goes_on_from_there_is_one(late, persons, n_bodies):
+    found = _link([late, COMES], persons, FRAME_M)
+    assert len(found) == n_bodies
+    if n_bodies == 1:
+        assert (found[0].first_s, found[0].last_s) == (COMES.first_s, late.last_s)
+        np.testing.assert_array_equal(found[0].range_m, np.concatenate([COMES.range_m, late.range_m]))
+
+
+def test_two_who_could_go_on_are_not_linked_nor_who_leaves_the_frame():
+    assert len(_link([COMES, GOES, track_of(51, 55, (3.9, 1), (0.5, 1.2))], [BREATH], FRAME_M)) == 3
+    assert len(_link([COMES, GOES], [BREATH], np.linspace(3.7, 9.4, 100))) == 2
+
+
+@pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")
+def test_a_pause_of_nine_seconds_is_inside_one_result():
+    path = {"kind": "stop_and_go", "stops": [{"at_m": 3.6, "pause_s": 9.0}]}
+    walk = boulic_walk(speed_mps=1.2, height_m=1.75, duration_s=30.0)
+    target = Target(walk, start_position_m=(8.9, 0.0), heading_deg=180.0, path=path)
+    made = simulate(Scene([target], duration_s=16.0), Radar.preset("x4", prf_hz=500), rng=rng(1), snr_db=25.0)
+    (found,) = analyze(made)
+    speed_mps = np.abs(made.truth[0].centre_velocity_mps)
+    rests = made.baseband.slow_time.values[speed_mps < 0.1]
+    assert found.quality["still_start_s"] == pytest.approx(rests[0], abs=1.5)
+    assert found.quality["still_stop_s"] == pytest.approx(rests[-1], abs=1.5)
+    assert all(one.features.torso_velocity_mps == pytest.approx(1.2, abs=0.12) for one in found.segments)
 
 
 DRIFTING = Conditions(

@@ -58,8 +58,8 @@ def test_a_piece_tells_velocity_and_leaves_out_what_lies_beside_a_turn():
         assert piece.curvature_mps2 == pytest.approx(0, abs=5e-3)
         assert piece.residual_m < 5e-4
     for left, right, turn_s in zip(pieces[:-1], pieces[1:], true, strict=True):
-        assert left.stop_s == pytest.approx(turn_s - 0.35, abs=0.051)
-        assert right.start_s == pytest.approx(turn_s + 0.35, abs=0.051)
+        assert left.stop_s == pytest.approx(turn_s - 0.25, abs=0.051)
+        assert right.start_s == pytest.approx(turn_s + 0.25, abs=0.051)
     assert (pieces[0].start_s, pieces[-1].stop_s) == (times[0], times[-1])
     assert [piece.usable for piece in pieces] == [True, True, True, True]
 

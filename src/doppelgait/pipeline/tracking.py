@@ -44,7 +44,9 @@ SAME_PLACE_M = 0.6
 """A body that comes to rest and one that starts this near to it later are one, if"""
 LONGEST_REST_S = 10.0
 """no longer time passed than this, or somebody breathes there in between."""
-REST_SPEED_MPS, MIN_REST_S = 0.6, 1.0
+STILL_SPEED_MPS, MIN_REST_S = 0.1, 2.0
+REST_SPEED_MPS, START_SPEED_MPS = 0.6, 1.0
+"""Highest speeds before and after a rest: who starts has moved for a while when seen."""
 EDGE_M = 0.5
 """Who is lost this near to an end of the range frame has left it."""
 TRACK_SD_QUANTILE = 0.25
@@ -207,7 +209,7 @@ def _link(tracks: list[Track], persons: Sequence[BreathingTarget], range_m: Floa
         place_m, rest_s = float(early.range_m[-1]), late.first_s - early.last_s
         if rest_s <= 0 or abs(float(late.range_m[0]) - place_m) > SAME_PLACE_M or not low_m < place_m < high_m:
             return False
-        if abs(float(early.velocity_mps[-1])) > REST_SPEED_MPS or abs(float(late.velocity_mps[0])) > REST_SPEED_MPS:
+        if abs(float(early.velocity_mps[-1])) > REST_SPEED_MPS or abs(float(late.velocity_mps[0])) > START_SPEED_MPS:
             return False
         return rest_s <= LONGEST_REST_S or any(
             abs(person.range_m - place_m) < NEAR_M and person.start_s < late.first_s and person.stop_s > early.last_s
@@ -229,12 +231,15 @@ def _link(tracks: list[Track], persons: Sequence[BreathingTarget], range_m: Floa
 
 def _breath_facts(found: Track, persons: Sequence[BreathingTarget]) -> dict[str, float]:
     """Describe when a body kept still between its motion, and its breath."""
-    gap_s = np.diff(found.times_s)
-    longest = int(np.argmax(gap_s))
-    start_s, stop_s = float(found.times_s[longest]), float(found.times_s[longest + 1])
+    moves = np.flatnonzero(found.measured & (np.abs(found.velocity_mps) > STILL_SPEED_MPS))
+    if moves.size < 2:
+        return {}
+    longest = int(np.argmax(np.diff(found.times_s[moves])))
+    before, after = int(moves[longest]), int(moves[longest + 1])
+    start_s, stop_s = float(found.times_s[before]), float(found.times_s[after])
     if stop_s - start_s < MIN_REST_S:
         return {}
-    place_m = float(found.range_m[longest])
+    place_m = float(found.range_m[before])
     near = [one for one in persons if abs(one.range_m - place_m) < NEAR_M]
     own = [one for one in near if one.start_s < stop_s and one.stop_s > start_s]
     facts = {"still_start_s": start_s, "still_stop_s": stop_s}

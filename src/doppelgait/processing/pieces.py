@@ -193,14 +193,14 @@ class PieceSettings(FrozenModel):
     min_usable_s : float
         Shortest remaining segment that is used for gait.
     still_mps : float
-        The target stands still in a segment where the radial velocity stays below this from end to end.
+        The target stands still in a segment where the radial speed, mean of both ends and the middle, is below this.
     longest_gap_s : float
         Longest gap in the track that a segment may span.
     """
 
     penalty_factor: float = Field(default=3.0, gt=0, le=1000)
     min_piece_s: float = Field(default=0.8, gt=0, le=60)
-    drop_s: float = Field(default=0.35, ge=0, le=10)
+    drop_s: float = Field(default=0.25, ge=0, le=10)
     same_speed_mps: float = Field(default=0.15, ge=0, le=10)
     smooth_mps2: float = Field(default=0.45, gt=0, le=100)
     straight_level: float = Field(default=1e-3, ge=0, lt=1)
@@ -430,7 +430,7 @@ def _make_piece(
     probability, reason = fit.straight_probability(range_sd_m), ""
     if stop_s - start_s < settings.min_usable_s - 1e-9:
         reason = "too_short"
-    elif max(abs(fit.velocity_mps(start_s)), abs(fit.velocity_mps(stop_s))) < settings.still_mps:
+    elif np.mean([abs(fit.velocity_mps(t)) for t in (start_s, fit.middle_s, stop_s)]) < settings.still_mps:
         reason = "stands_still"
     elif probability < settings.straight_level:
         reason = "not_straight"
