@@ -41,7 +41,10 @@ SCENE = {
     "radar": {"preset": "x4"},
     "targets": [{"label": "human", "motion": WALK, "start_position_m": [6.0, 0.3], "heading_deg": 180.0}],
 }
-ANALYSES = {"truth": Analysis(hop=4), "track": Analysis(clutter="median"), "report": Analysis(method="liland2018")}
+ANALYSES = {
+    "truth": Analysis(hop=4), "track": Analysis(clutter="median"), "report": Analysis(method="liland2018"),
+    "parts": Analysis(parts=True),
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +76,28 @@ def test_results_come_back_as_they_were(written, recording, name):
         for array in PLAIN_ARRAYS:
             np.testing.assert_array_equal(getattr(target, array), getattr(result, array))
         assert target.gate == result.gate
+        assert (target.parts is None) == (name != "parts")
+        if target.parts is not None:
+            xr.testing.assert_identical(target.parts, result.parts)
         assert Result.from_json(json.loads(json.dumps(result.to_json()))) == result
+
+
+def test_parts_are_there_where_they_were_asked_for(written, recording):
+    (plain,), (_, (result,)) = analyze(recording, gate="truth"), written["parts"]
+    assert plain.parts is None
+    assert result.features == plain.features
+    assert result.flags == plain.flags
+    parts = result.parts
+    assert parts["power"].shape == (3, *result.signature.shape)
+    assert [result.quality[f"{name}_energy_share"] for name in ("torso", "legs", "limbs")] == pytest.approx(
+        parts["share"].values
+    )
+    assert np.nanmedian(parts["velocity_mps"].values[0]) == pytest.approx(plain.features.torso_velocity_mps, rel=0.06)
+    (tracked,) = analyze(recording, gate="track", analysis=Analysis(parts=True))
+    assert tracked.parts["share"].values == pytest.approx(parts["share"].values, abs=0.05)
+    slow = analyze(recording, gate="truth", analysis=Analysis(parts=True, cpi_s=0.02))[0]
+    assert slow.parts is None
+    assert slow.flags[-1] == "parts:torso_slower_than_2_doppler_cells"
 
 
 def test_segments_share_what_they_have_in_common_on_disk(written):

@@ -20,6 +20,7 @@ from doppelgait.core.errors import AnalysisError
 SPACE = ("x", "y", "z")
 
 COORDINATE_UNITS = {
+    "part": "1",
     "time": "s",
     "slow_time": "s",
     "range": "m",
@@ -60,6 +61,7 @@ BASEBAND = Schema("baseband", ("slow_time", "range"), "V", kind="c")
 RANGE_DOPPLER = Schema("range_doppler", ("time", "doppler", "range"), "V^2", extra={"velocity": "doppler"})
 SIGNATURE = Schema("signature", ("time", "doppler"), "V^2", extra={"velocity": "doppler"})
 NORMALISED_SIGNATURE = Schema("normalised_signature", ("time", "doppler"), "1", extra={"velocity": "doppler"})
+PART_POWER = Schema("part_power", ("part", "time", "doppler"), "V^2", extra={"velocity": "doppler"})
 CADENCE_MAP = Schema("cadence_map", ("cadence", "doppler"), "1", extra={"velocity": "doppler"})
 CADENCE_SPECTRUM = Schema("cadence_spectrum", ("cadence",), "1")
 SHARE_REMOVED = Schema("share_removed", ("time",), "1")

@@ -13,7 +13,7 @@ from doppelgait import processing
 from doppelgait.core.config import check_type
 from doppelgait.core.errors import AnalysisError, ConfigError
 from doppelgait.pipeline.result import Result, TargetList
-from doppelgait.pipeline.target import analyze_signature
+from doppelgait.pipeline.target import analyze_signature, with_parts
 from doppelgait.pipeline.tracking import Tracking, track_targets
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.clutter import remove_from_planes
@@ -76,6 +76,9 @@ def analyze(
         analyze_signature(mu, own_gate, settings, label=label)
         for mu, own_gate, label in zip(signatures, gates, labels, strict=True)
     ]
+    if settings.parts:
+        baseband = processing.remove_clutter(recording.baseband, settings)
+        results = [with_parts(result, baseband) for result in results]
     return TargetList(flag_overlaps(results))
 
 

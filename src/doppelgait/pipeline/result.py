@@ -19,10 +19,19 @@ import xarray as xr
 from doppelgait.core.config import canonical_json, json_value, validate
 from doppelgait.core.errors import AnalysisError, ConfigError, DoppelgaitError
 from doppelgait.core.files import atomic_path
-from doppelgait.core.labels import CADENCE_MAP, CADENCE_SPECTRUM, NORMALISED_SIGNATURE, SIGNATURE, Schema, check_signal
+from doppelgait.core.labels import (
+    CADENCE_MAP,
+    CADENCE_SPECTRUM,
+    NORMALISED_SIGNATURE,
+    PART_POWER,
+    SIGNATURE,
+    Schema,
+    check_signal,
+)
 from doppelgait.core.own_hdf5 import check_own, stated_format
 from doppelgait.features import FEATURE_UNITS, GaitFeatures
 from doppelgait.processing import Analysis, Gate
+from doppelgait.processing.parts import measure_parts
 from doppelgait.radar import Radar
 from doppelgait.radar.recording import Recording
 
@@ -35,6 +44,8 @@ LABELLED_ARRAYS: dict[str, Schema] = {
     "cadence_map": CADENCE_MAP,
     "cadence_spectrum": CADENCE_SPECTRUM,
 }
+OPTIONAL_ARRAYS: dict[str, Schema] = {"part_power": PART_POWER}
+"""Labelled arrays that a result has only where they were asked for; what they hold has properties of its own."""
 PLAIN_AXES = {
     "time_s": "axes/signature/time",
     "doppler_hz": "axes/signature/doppler",
@@ -162,6 +173,16 @@ class Result:
     def main_line_hz(self) -> npt.NDArray[np.float64]:
         """Straight main Doppler line at the columns of the signature, shape (J,)."""
         return self._array("main_line_hz")  # type: ignore[no-any-return]
+
+    @property
+    def parts(self) -> xr.Dataset | None:
+        """Torso, legs and other limbs over time (E-40), None where undetermined.
+
+        With ``Analysis(parts=True)``; a flag ``parts:...`` says why there are none. Power (part, time, doppler), label
+        (time, doppler), energy share, and centroid and spread of the radial velocity (part, time).
+        """
+        power = self.arrays.get("part_power")
+        return None if power is None else measure_parts(power)
 
     # JSON ------------------------------------------------------------------------------------------------------------
 
@@ -518,10 +539,11 @@ def _read_result(group: Any) -> Result:
         value = group.attrs[name]
         return None if isinstance(value, h5py.Empty) else value.item()
 
+    schemas = {**LABELLED_ARRAYS, **OPTIONAL_ARRAYS}
     arrays: dict[str, Any] = {}
     for name in json.loads(group.attrs["arrays"]):
         values, facts = group[name][()], {key: str(text) for key, text in group[name].attrs.items()}
-        if name in LABELLED_ARRAYS:
+        if name in schemas:
             coords = {
                 key: (json.loads(one.attrs["dims"]), one[()], json.loads(one.attrs["attrs"]))
                 for key, one in group[f"axes/{name}"].items()
@@ -530,7 +552,7 @@ def _read_result(group: Any) -> Result:
                 values, coords=coords, dims=json.loads(facts["dims"]), name=facts["name"],
                 attrs=json.loads(facts["attrs"]),
             )  # fmt: skip
-            values = check_signal(array, LABELLED_ARRAYS[name])
+            values = check_signal(array, schemas[name])
         arrays[name] = values
     if {"signature", "main_line_hz"} <= set(arrays):
         line, columns = arrays["main_line_hz"], arrays["signature"].sizes["time"]

@@ -19,6 +19,7 @@ from doppelgait.features.ground_motion import GroundMotion, ground_motion
 from doppelgait.features.uncertainty import uncertainties_of, uncertainty_flags
 from doppelgait.pipeline.result import Result
 from doppelgait.processing import Analysis, Gate, main_line
+from doppelgait.processing.parts import PARTS, locate_parts
 
 SIDEWAYS_COSINE = 0.6
 """Below this |cos psi| lateral sway, which repeats with the stride, can outweigh the steps (E-33)."""
@@ -48,7 +49,29 @@ def analyze_gated(
     in_bursts = processing.burst_pulses_of(baseband) is not None
     make_signature = processing.burst_signature if in_bursts else processing.signature
     mu = make_signature(baseband, gate, analysis, wavelength_m=wavelength_m)
-    return analyze_signature(mu, gate, analysis, label=label)
+    result = analyze_signature(mu, gate, analysis, label=label)
+    return with_parts(result, baseband) if analysis.parts else result
+
+
+def with_parts(result: Result, baseband: xr.DataArray) -> Result:
+    """Add a body's parts, or the flag why not (E-40).
+
+    Parameters
+    ----------
+    result : Result
+    baseband : DataArray (slow_time, range)
+        Clutter-free; the gate and the columns of the signature lie in it.
+    """
+    mask, reason = None, "recorded_in_bursts"
+    if processing.burst_pulses_of(baseband) is None:
+        mask, reason = locate_parts(baseband, result.signature, result.gate, result.analysis)
+    if mask is None:
+        return replace(result, flags=(*result.flags, f"parts:{reason}"))
+    wavelength_m = float(result.signature.attrs["wavelength_m"])
+    power = mask.power_v2(baseband, result.analysis, wavelength_m=wavelength_m)
+    energy = power.values.sum(axis=(1, 2), dtype=np.float64)
+    shares = {f"{name}_energy_share": float(part) for name, part in zip(PARTS, energy / energy.sum(), strict=True)}
+    return replace(result, quality={**result.quality, **shares}, arrays={**result.arrays, "part_power": power})
 
 
 def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label: str | None) -> Result:

@@ -59,6 +59,9 @@ class Analysis(FrozenModel):
         t_mu of the threshold form of the micro-Doppler bandwidth (E-35).
     extended : bool
         Compute the extended features and the standard deviations; not with ``liland2018``.
+    parts : bool
+        Resolve the body into torso, legs and other limbs (:mod:`doppelgait.processing.parts`, E-40); it takes about
+        twice as long as everything else.
     """
 
     method: Method = "standard"
@@ -74,6 +77,7 @@ class Analysis(FrozenModel):
     normalisation: Normalisation = "sum"
     bandwidth_threshold: float = Field(default=0.04, gt=0, lt=1)
     extended: bool = True
+    parts: bool = False
 
     @model_validator(mode="after")
     def _check(self) -> Self:

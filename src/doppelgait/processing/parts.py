@@ -1,0 +1,270 @@
+"""Torso, legs and other limbs in range-Doppler maps (E-40).
+
+In the plane of range and radial velocity, both measured from the torso, a swinging limb circles the torso: it passes
+the torso's velocity when it is farthest ahead or behind, and the torso's range when it is fastest. The torso is what
+lies inside an ellipse around the origin. Its width in velocity is a share of the body's speed (the torso sways with
+every step) plus a share of the Doppler resolution. Its length is that of the body's own ridge: of what is at the
+torso's velocity for at least half of the time, which limbs are not and the long trunk of a dog is. What is faster or
+slower than arms ever are is a leg. Arms and thighs move alike, so that the rest is told apart no further.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core.labels import PART_POWER, SIGNATURE, axis, check_signal, make_array
+from doppelgait.core.units import doppler_to_velocity_mps
+from doppelgait.processing.cadence import observation_s
+from doppelgait.processing.config import Analysis
+from doppelgait.processing.gate import Gate
+from doppelgait.processing.main_line import line_order, main_line_hz
+from doppelgait.processing.normalise import noise_floor_v2
+from doppelgait.processing.signature import plan_for, range_doppler
+
+FloatArray = npt.NDArray[np.float64]
+
+PARTS = ("torso", "legs", "limbs")
+"""Names along ``part``; ``limbs`` are arms and those parts of legs that move like arms."""
+
+# studies/parts.py --tune: the share of energy assigned right to torso and limbs, mean of people and dogs, points and
+# ellipsoids, on its tuning seeds
+SWAY_SHARE, SWAY_CELLS = 0.19, 0.7
+"""Half the torso's width in velocity: a share of its radial speed and of the Doppler resolution lambda / (2 T_d)."""
+LENGTH_M, LENGTH_EXTENTS = 0.05, 3.25
+"""Half the torso's length in range: a constant, and times the half extent of the ridge's power."""
+LEGS_AHEAD, LEGS_BEHIND = 0.7, 0.5
+"""Legs alone are faster or slower than the body by more than these shares of its speed. On the tuning seeds more than
+three quarters of a person's energy there is of legs, whichever the direction and the scatterers."""
+SLOWEST, FASTEST = -1.5, 2.5
+"""No limb is slower or faster than the torso by more than these shares of its speed; beyond is noise."""
+LEAST_SPEED_CELLS = 2.0
+"""Below so many cells of Doppler resolution the limbs' swing is as narrow as the torso's line."""
+LEAST_SNR_DB = 10.0
+"""Median over time of a column's strongest cell over the noise floor."""
+LEAST_BINS = 5
+RIDGE_STEP_M = 0.05
+
+
+@dataclass(frozen=True)
+class PartMask:
+    """Mask of a body's parts in its range-Doppler maps.
+
+    Parameters
+    ----------
+    columns : ndarray of int, shape (J,)
+        Processing intervals of the recording.
+    torso_mps, torso_range_m : ndarray, shape (J,)
+        Torso line: radial velocity, positive when approaching, and range.
+    speed_mps : float
+        Radial speed of the torso, its median, positive.
+    direction : float
+        1 approaching, -1 receding.
+    width_mps, length_m : float
+        Semi-axes of the torso's ellipse; the length is infinite for a radar without range.
+    beyond_mps : float
+        Added to the limits of the limbs: the Doppler resolution.
+    floor_v2 : float
+        Noise power of a cell of a range bin.
+    low, high : ndarray, shape (J,)
+        Edges of the gate in range bins.
+    """
+
+    columns: npt.NDArray[np.int64]
+    torso_mps: FloatArray
+    torso_range_m: FloatArray
+    speed_mps: float
+    direction: float
+    width_mps: float
+    length_m: float
+    beyond_mps: float
+    floor_v2: float
+    low: FloatArray
+    high: FloatArray
+
+    def power_v2(self, baseband: xr.DataArray, analysis: Analysis, *, wavelength_m: float) -> xr.DataArray:
+        """Compute the power of every part, noise floor subtracted.
+
+        Parameters
+        ----------
+        baseband : DataArray (slow_time, range)
+            The recording that gave the mask, or the echo of a part of its scatterers.
+        analysis : Analysis
+        wavelength_m : float
+
+        Returns
+        -------
+        DataArray (part, time, doppler)
+            V^2, float32; the parts are :data:`PARTS`. Single cells may be negative where there is noise.
+        """
+        found: list[npt.NDArray[np.float32]] = []
+        times: list[FloatArray] = []
+        for maps, at, share in _gated_maps(baseband, analysis, self.columns, self.low, self.high, wavelength_m):
+            ahead = axis(maps, "velocity")[None, :] - self.torso_mps[at, None]
+            off_m = (axis(maps, "range")[None, :] - self.torso_range_m[at, None]) / self.length_m
+            inside = (ahead / self.width_mps)[:, :, None] ** 2 + off_m[:, None, :] ** 2 < 1.0
+            cells = (maps.values - np.float32(self.floor_v2)) * share[:, None, :]
+            torso, all_v2 = (cells * inside).sum(axis=2), cells.sum(axis=2)
+            swing = ahead * self.direction
+            limb = (swing > SLOWEST * self.speed_mps - self.beyond_mps) & (
+                swing < FASTEST * self.speed_mps + self.beyond_mps
+            )
+            leg = limb & ((swing > LEGS_AHEAD * self.speed_mps) | (swing < -LEGS_BEHIND * self.speed_mps))
+            rest = np.where(limb, all_v2 - torso, 0.0)
+            found.append(np.stack([torso, rest * leg, rest * ~leg]).astype(np.float32))
+            times.append(axis(maps, "time"))
+        coords = {
+            "part": np.arange(len(PARTS), dtype=np.float64), "time": np.concatenate(times),
+            "doppler": axis(maps, "doppler"), "velocity": ("doppler", axis(maps, "velocity")),
+        }  # fmt: skip
+        attrs = {"parts": " ".join(PARTS), "torso_mps": float(np.median(self.torso_mps))}
+        return make_array(PART_POWER, np.concatenate(found, axis=1), coords, attrs)
+
+
+def locate_parts(
+    baseband: xr.DataArray, signature: xr.DataArray, gate: Gate, analysis: Analysis
+) -> tuple[PartMask | None, str]:
+    """Locate torso and limbs of a body in its range-Doppler maps (E-40).
+
+    Parameters
+    ----------
+    baseband : DataArray (slow_time, range)
+        Without static clutter.
+    signature : DataArray (time, doppler)
+        Of the same gate and settings, V^2; the mask has its columns.
+    gate : Gate
+    analysis : Analysis
+
+    Returns
+    -------
+    mask : PartMask or None
+    reason : str
+        Why there is none, with the limit; else empty.
+    """
+    check_signal(signature, SIGNATURE)
+    wavelength_m = float(signature.attrs["wavelength_m"])
+    nu_v2 = noise_floor_v2(signature)
+    snr = float(np.median(signature.values.max(axis=1))) / max(nu_v2, 1e-300)
+    if snr < 10.0 ** (LEAST_SNR_DB / 10.0):
+        return None, f"snr_below_{LEAST_SNR_DB:.0f}_db"
+    seconds = observation_s(signature)
+    line_hz = main_line_hz(signature, order=line_order(seconds))
+    torso_mps = np.asarray(doppler_to_velocity_mps(line_hz, wavelength_m))
+    middle_mps, cell_mps = float(np.median(torso_mps)), wavelength_m / (2.0 * analysis.cpi_s)
+    speed_mps = abs(middle_mps)
+    if speed_mps < LEAST_SPEED_CELLS * cell_mps:
+        return None, f"torso_slower_than_{LEAST_SPEED_CELLS:g}_doppler_cells"
+    width_mps = SWAY_SHARE * speed_mps + SWAY_CELLS * cell_mps
+    transform, prf_hz = plan_for(baseband, analysis)
+    times_s = axis(signature, "time")
+    starts_s = axis(baseband, "slow_time")[0] + transform.centre_pulses() / prf_hz
+    columns = int(np.abs(starts_s - times_s[0]).argmin()) + np.arange(times_s.size)
+    range_m = axis(baseband, "range")
+    low, high = gate.edges(range_m, times_s, sharp=analysis.sharp_edges)
+    floor_v2 = nu_v2 / float(high[0] - low[0])
+    # power at the torso's velocity, by range
+    profile = np.zeros((times_s.size, range_m.size))
+    for maps, at, share in _gated_maps(baseband, analysis, columns, low, high, wavelength_m):
+        near = np.abs(axis(maps, "velocity")[None, :] - torso_mps[at, None]) < width_mps
+        cells = (maps.values - np.float32(floor_v2)) * share[:, None, :]
+        first = int(np.abs(range_m - axis(maps, "range")[0]).argmin())
+        profile[at, first : first + maps.sizes["range"]] = np.einsum("jkn,jk->jn", cells, near)
+    np.maximum(profile, 0.0, out=profile)
+    weight = profile.sum(axis=1)
+    known = weight > 0
+    centroid_m = (profile[known] @ range_m) / weight[known]
+    position = np.linspace(-1.0, 1.0, times_s.size)
+    fit = np.polynomial.legendre.Legendre.fit(
+        position[known], centroid_m, line_order(seconds), domain=[-1, 1], w=np.sqrt(weight[known])
+    )
+    torso_range_m = np.asarray(fit(position))
+    length_m = np.inf
+    if high[0] - low[0] >= LEAST_BINS:
+        # what is there for half of the time is the body's own ridge; limbs pass
+        off_m = np.arange(-gate.span_m / 2.0, gate.span_m / 2.0 + 1e-9, RIDGE_STEP_M)
+        ridge = np.median(
+            [
+                np.interp(centre_m + off_m, range_m, row) / total
+                for centre_m, row, total in zip(torso_range_m[known], profile[known], weight[known], strict=True)
+            ],
+            axis=0,
+        )
+        distance_m = np.abs(off_m - (ridge @ off_m) / ridge.sum())
+        order = np.argsort(distance_m)
+        summed = np.cumsum(ridge[order])
+        extent_m = float(np.interp(0.5, summed / summed[-1], distance_m[order]))
+        length_m = LENGTH_M + LENGTH_EXTENTS * extent_m
+    mask = PartMask(
+        columns, torso_mps, torso_range_m, speed_mps, float(np.sign(middle_mps)), width_mps, length_m, cell_mps,
+        floor_v2, low, high,
+    )  # fmt: skip
+    return mask, ""
+
+
+def _gated_maps(
+    baseband: xr.DataArray, analysis: Analysis, columns: npt.NDArray[np.int64], low: FloatArray, high: FloatArray,
+    wavelength_m: float,
+) -> Iterator[tuple[xr.DataArray, slice, FloatArray]]:  # fmt: skip
+    """Yield range-Doppler maps in blocks, their place, and bin shares.
+
+    The maps have the bins that the gate touches; a share (J of the block, bins) is the part of a bin inside it.
+    """
+    first = max(int(np.floor(low.min() + 0.5)), 0)
+    stop = min(int(np.ceil(high.max() + 0.5)), baseband.sizes["range"])
+    bins = np.arange(first, stop)
+    start = 0
+    for maps in range_doppler(
+        baseband.isel(range=slice(first, stop)), analysis, wavelength_m=wavelength_m, columns=columns
+    ):
+        at = slice(start, start + maps.sizes["time"])
+        start = at.stop
+        upper = np.minimum(bins[None, :] + 0.5, high[at, None])
+        share = np.clip(upper - np.maximum(bins[None, :] - 0.5, low[at, None]), 0.0, 1.0)
+        yield maps, at, share
+
+
+def measure_parts(power: xr.DataArray) -> xr.Dataset:
+    """Measure energy, Doppler and spread of every part over time (E-40).
+
+    Parameters
+    ----------
+    power : DataArray (part, time, doppler)
+        Of :meth:`PartMask.power_v2`.
+
+    Returns
+    -------
+    Dataset
+        ``power`` (part, time, doppler), V^2; ``label`` (time, doppler): number of the part with the most power, -1
+        where no part has any; ``share`` (part): energy share, sums to 1; ``velocity_mps`` and ``spread_mps``
+        (part, time): centroid and standard deviation of the radial velocity, NaN where a part has no power. The names
+        of the parts are the coordinate ``part``.
+    """
+    check_signal(power, PART_POWER)
+    values, velocity_mps = power.values.astype(np.float64), axis(power, "velocity")
+    energy = values.sum(axis=(1, 2))
+    column = values.sum(axis=2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        centroid = np.where(column > 0, (values @ velocity_mps) / column, np.nan)
+        square = (values * (velocity_mps - centroid[:, :, None]) ** 2).sum(axis=2) / column
+        spread = np.where((column > 0) & (square >= 0), np.sqrt(np.maximum(square, 0.0)), np.nan)
+    label = np.where(values.max(axis=0) > 0, values.argmax(axis=0), -1).astype(np.int8)
+    names = str(power.attrs["parts"]).split()
+    return xr.Dataset(
+        {
+            "power": (power.dims, power.values, {"units": "V^2"}),
+            "label": (("time", "doppler"), label, {"units": "1", "parts": power.attrs["parts"]}),
+            "share": ("part", energy / energy.sum(), {"units": "1"}),
+            "velocity_mps": (("part", "time"), centroid, {"units": "m/s"}),
+            "spread_mps": (("part", "time"), spread, {"units": "m/s"}),
+        },
+        coords={
+            "part": names,
+            "time": axis(power, "time"),
+            "doppler": axis(power, "doppler"),
+            "velocity": ("doppler", velocity_mps),
+        },
+    )
