@@ -181,7 +181,9 @@ def _why_no_track(raw: xr.DataArray, scans: Sequence[Scan] | None, wavelength_m:
     if brief:
         longest_s = max(one.last_s - one.first_s for one in brief)
         return f"{seen}, but none for {tracker.min_duration_s:g} s (longest {longest_s:.1f} s)"
-    best_db, place = -math.inf, ""
+    best_db, place, fastest_mps = -math.inf, "", wavelength_m * sampling_rate_hz(axis(raw, "slow_time")) / 4
+    if fastest_mps <= detector.slow_mps:
+        return f"{seen}; speeds are unambiguous to {fastest_mps:.2g} m/s only, slower than anybody walks"
     for maps in maps_of(without_clutter(raw, kind=detector.clutter), detector, wavelength_m=wavelength_m):
         snr = maps.power_v2 / np.maximum(maps.floor_v2, 1e-300)
         snr[:, np.abs(maps.velocity_mps) < detector.slow_mps] = 0.0  # what is left of the clutter
