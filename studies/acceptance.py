@@ -257,8 +257,8 @@ def found_in(result: Result | None) -> dict[str, Any]:
     quality = result.quality if result else {}
     features = result.features if result else GaitFeatures()
     return {
-        "found_hz": result.gait_frequency_hz if result else None, "decision": quality.get("gait_decision"),
-        "limb_hz": quality.get("limb_relative_hz"), "flagged": result is not None and "low_confidence" in result.flags,
+        "found_hz": result.gait_frequency_hz if result else None,
+        "flagged": result is not None and "low_confidence" in result.flags,
         "v_mps": features.torso_velocity_mps, "b_hz": features.doppler_bandwidth_hz,
         "rho": features.limb_torso_ratio, "speed_mps": quality.get("ground_speed_mps"),
     }  # fmt: skip

@@ -246,7 +246,7 @@ def run_example(example: Example) -> list[dict[str, Any]]:
 
 
 def _result_columns(result: Any) -> dict[str, Any]:
-    names = ("periodicity", "confidence", "decision", "uncertainty_hz", "margin", "limb_relative_hz", "aspect_deg")
+    names = ("periodicity", "confidence", "uncertainty_hz", "half_probability", "double_probability", "aspect_deg")
     quality = {name: result.quality.get(f"gait_{name}", result.quality.get(name)) for name in names}
     return {
         "found_hz": result.gait_frequency_hz, **{f"q_{name}": value for name, value in quality.items()},
@@ -285,7 +285,6 @@ def tables(rows: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
     few = rows[(rows["view"] == "0-45") & (rows["periods"] >= 3) & rows["snr_mu_db"].isin([math.inf, 10.0])]
     yield "by gait, to 45 degrees, 3 periods and more", _shares(few, [*by, "gait"])
     own = rows[rows["method"] == "standard"]
-    yield "by decision", _shares(own, ["snr_mu_db", "who", "q_decision"])
     level = pd.cut(own["q_confidence"], [0.0, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 1.0])
     yield "by confidence", _shares(own.assign(level=level.astype(str)), ["who", "level"])
     yield "acceptance", acceptance(own)

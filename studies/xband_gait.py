@@ -201,8 +201,8 @@ def gait_table(results: dict[str, Result]) -> str:
     """Tabulate measured, read and known values of every image."""
     lines = [
         "| image | v_m | by eye | known | f_mu Hz | second | by eye | known | B_mu m/s | fast limbs by eye "
-        "| step length m | rho | n | confidence | SNR dB | eye | decision | flags |",
-        "| --- |" + " ---: |" * 14 + " --- | --- | --- |",
+        "| step length m | rho | n | confidence | SNR dB | eye | flags |",
+        "| --- |" + " ---: |" * 14 + " --- | --- |",
     ]
     for image in IMAGES:
         found = results[image.key]
@@ -216,7 +216,7 @@ def gait_table(results: dict[str, Result]) -> str:
             quality["snr_mu_db"],
         )  # fmt: skip
         cells = " | ".join(shown_number(value) for value in numbers)
-        words = f"{image.sure} | {quality.get('gait_decision') or '-'} | {short_flags(found)}"
+        words = f"{image.sure} | {short_flags(found)}"
         lines.append(f"| {image.key.replace('__', ' ')} | {cells} | {words} |")
     return "\n".join(lines)
 

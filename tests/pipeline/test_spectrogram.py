@@ -74,7 +74,7 @@ def test_a_falling_velocity_axis_is_turned_round() -> None:
     assert np.array_equal(falling.values, rising.values)
 
 
-@pytest.mark.parametrize(("torso_hz", "step_hz"), [(82.0, 1.9), (-111.0, 1.3), (60.0, 3.7)])
+@pytest.mark.parametrize(("torso_hz", "step_hz"), [(82.0, 1.9), (-82.0, 1.9), (60.0, 3.7)])
 def test_gait_of_a_clipped_image(torso_hz: float, step_hz: float) -> None:
     level_db = np.clip(walker_db(torso_hz=torso_hz, step_hz=step_hz), -30.0, -10.0)
     mu = signature_of(level_db, floor_db=-30.0, ceiling_db=-10.0, highest_db=0.0)

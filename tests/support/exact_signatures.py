@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from doppelgait.core.labels import CADENCE_MAP, CADENCE_SPECTRUM, NORMALISED_SIGNATURE, SIGNATURE, make_array
-from doppelgait.features import Extraction, GaitFeatures, GaitFrequency, Observed
+from doppelgait.features import Extraction, GaitFeatures, Observed
 from doppelgait.features.extended import measure_extended
 
 RATE_HZ, PRF_HZ, WAVELENGTH_M = 125.0, 1000.0, 299_792_458 / 7.29e9
@@ -42,7 +42,7 @@ def evidence_of(values, line_mps, *, floor=0.0, spectrum=None, **changes):
         aligned=make_array(NORMALISED_SIGNATURE, aligned, coords),
         step_doppler=make_array(CADENCE_MAP, np.ones((cadence_hz.size, values.shape[1])), doppler),
         spectrum=make_array(CADENCE_SPECTRUM, power, {"cadence": cadence_hz}),
-        gait=GaitFrequency(), observation_s=values.shape[0] / RATE_HZ, n_independent=83.0,
+        observation_s=values.shape[0] / RATE_HZ, n_independent=83.0,
     )  # fmt: skip
 
 

@@ -21,7 +21,7 @@ from doppelgait.features.doppler import (
     width_of_bins,
 )
 from doppelgait.features.feature_set import FEATURE_UNITS, Extraction, GaitFeatures
-from doppelgait.features.gait_frequency import GaitFrequency, settle
+from doppelgait.features.gait_frequency import GaitFrequency, gait_frequency
 from doppelgait.features.harmonics import LimbTorsoRatio, limb_torso_ratio, peak_ratio
 from doppelgait.features.measures import quantile
 from doppelgait.features.observed import Observed
@@ -31,11 +31,9 @@ MAX_HOP_SHARE = 0.5
 """Columns farther apart than half a processing interval do not resolve the modulation between them: it aliases."""
 MIN_PERIODS = 1.5
 LOW_CONFIDENCE = 0.7
-"""Measured at all noise levels and views: 84 % of the models' estimates reach it and 96 % of those are within 5 %; of
-recorded targets that were held out 67 % and 87 % (a periodicity of 0.3: 25 % and 80 %)."""
 FEW_PERIODS = 2.0
-CLOSE_MARGIN = 0.25
-"""Below this margin the decision for the step instead of the stride is said to be close."""
+CLOSE_OCTAVE = 0.1
+"""Above this probability of half or twice f_mu, step or stride is said to be a close decision."""
 FULL_BAND_SHARE = 0.9
 """Envelopes farther apart than this share of the pulse rate may be folded."""
 NO_GAIT_RATIO = 0.1
@@ -79,10 +77,10 @@ def extract(observed: Observed, *, bandwidth_threshold: float, cpi_s: float, win
     if not snr_db > MIN_SNR_DB:
         return Extraction(GaitFeatures(), None, None, None, quality, ("no_signal",))
     flags: list[str] = []
-    gait = settle(observed.gait, observed.spectrum, observed.aligned, observed.excess, observed.floor_v2)
     torso_hz = float(observed.main_line_hz.mean())
     wavelength_m = float(observed.signature.attrs["wavelength_m"])
     velocity_mps = float(doppler_to_velocity_mps(torso_hz, wavelength_m))
+    gait = gait_frequency(observed.aligned, observed.excess, observed.floor_v2, velocity_mps=velocity_mps)
     bandwidth_hz = _measure_bandwidth_hz(observed, flags)
     full_hz = envelope_width_hz(*observed.envelopes_hz)
     if full_hz is not None and full_hz > FULL_BAND_SHARE * float(observed.signature.attrs["prf_hz"]):
@@ -103,10 +101,9 @@ def extract(observed: Observed, *, bandwidth_threshold: float, cpi_s: float, win
         "periodicity": gait.periodicity,
         "salience": gait.salience,
         "second_candidate_hz": gait.second_hz,
-        "limb_relative_hz": gait.limb_relative_hz,
-        "gait_decision": gait.decision,
-        "gait_margin": gait.margin,
         "gait_confidence": gait.confidence,
+        "gait_half_probability": gait.half_probability,
+        "gait_double_probability": gait.double_probability,
         "gait_uncertainty_hz": gait.uncertainty_hz,
         "doppler_bandwidth_threshold_hz": threshold_hz,
         "limb_torso_amplitude_ratio": rho.amplitude_ratio,
@@ -139,7 +136,7 @@ def _check_frequency(gait: GaitFrequency, columns: Mapping[Any, Any], flags: lis
         return None
     if (gait.confidence or 0.0) < LOW_CONFIDENCE or (gait.n_periods or 0.0) < FEW_PERIODS:
         flags.append("low_confidence")
-    if gait.decision in ("doubled", "limbs_doubled") and (gait.margin or 0.0) < CLOSE_MARGIN:
+    if max(gait.half_probability or 0.0, gait.double_probability or 0.0) > CLOSE_OCTAVE:
         flags.append("gait_frequency:step_or_stride_is_a_close_decision")
     return gait.frequency_hz
 

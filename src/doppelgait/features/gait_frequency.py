@@ -1,228 +1,178 @@
-"""Gait frequency f_mu of a signature (E-33)."""
+"""Gait frequency f_mu of a signature as a posterior over frequency (E-33).
+
+Four sets of rows speak: the whole signature and the limbs relative to the torso, each as it is and whitened over time
+with rows of equal weight (coloured noise). For each frequency of a grid they give nine terms each: how well the rows
+repeat after one period, half of it, one and a half and a third, and which share of the power lies at the harmonics and
+halfway between them. A weighted sum of these and of a weak prior is the logarithm of the posterior. Weights are those
+of maximum likelihood on half of the models and of the recordings (``studies/gait_frequency.py --fit``), with the sign
+that a term's meaning asks for: repetition and power at the harmonics count for a frequency, power halfway between them
+against it. Free signs fit better and double whatever is more regular than the examples. Limbs that are noise have
+flat terms and decide nothing.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.labels import CADENCE_SPECTRUM, NORMALISED_SIGNATURE, axis, check_signal, sampling_rate_hz
-from doppelgait.features.limbs import Rows, detrended, group_size, grouped, limb_rows, slowed, summed_rows
-from doppelgait.features.measures import lag_products, local_maxima, refine, square_difference
+from doppelgait.core.labels import axis, sampling_rate_hz
+from doppelgait.features.limbs import detrended, group_size, grouped, limb_rows, slowed, summed_rows
 
 FloatArray = npt.NDArray[np.float64]
 
-SEARCH_HZ = (0.5, 8.0)
-SALIENCE_HZ = (0.5, 20.0)
-LAG_TOLERANCE, LAG_MARGIN = 0.12, 0.1
-TRUST_LAG_FROM = 0.6
-LONGEST_LAG_SHARE = 0.7
-WHOLE_IS_CLEAR, LIMBS_ARE_CLEAR = 0.4, 0.25
-"""The limbs' peak replaces the strongest cadence if the whole repeats less than the first, the limbs at least as
-the second says (normalised autocorrelation at one period)."""
-LIMBS_CODES = {"as_found": "limbs", "doubled": "limbs_doubled"}
-AGREEMENT = 0.08
-"""The limbs' own spectrum agrees with an estimate when its highest peak is this near."""
-CONFIDENCE_WEIGHTS = (-1.85, 0.57, 1.57, 2.42, 0.25, -35.1)
-"""Of 1, margin, periodicity, agreement of the limbs' peak (0 or 1), periods up to 10 and relative uncertainty."""
+GRID_HZ: FloatArray = 0.5 * 2.0 ** (np.arange(193) / 48.0)
+"""0.5 to 8 Hz in steps of 1.45 %."""
+NEAR_STEPS = 3
+"""Frequencies this many steps either side are the same one: 4.4 %."""
+LEAST_PERIODS = 1.1
+WHITENING = 0.7
+"""Coefficient of the first-order whitening filter at 40 columns a second."""
+WEAK_ROW = 1e-3
+"""Rows weaker than this part of the strongest one lose their equal weight: without noise they are rounding errors."""
+TINY = 1e-300
+PADDING = 8
+SLOWEST_MPS = 0.25
+"""Torso velocities below this say nothing about the length of a step."""
+WEIGHTS: FloatArray = np.array(
+    [
+        [0, 0, 0, 10.5, 0, 12.5, 3.76, 0.0837, 0],
+        [0, 0, -0.68, 14.9, 0, -26.6, 2.13, 6.08, 0],
+        [0, -7.16, -3.98, -2.38, 12.4, 8.05, 0.679, 0.915, 0],
+        [0, 0, 0, 2.02, 28.5, 43.8, 0.352, 3.37, 0],
+    ]
+)
+"""Of the nine terms of :func:`doppelgait.core.kernels.periodicity.rhythm_evidence`, by set of rows: whole, whole
+whitened, limbs, limbs whitened."""
+PRIOR_WEIGHTS: FloatArray = np.array([2.27, -0.971, -1.34, -0.0757, -14.6])
+"""Of ln f, its square, ln of step length (torso velocity over f), its square, ln of the periods lacking to three."""
 
-
-# Step or stride: which multiple of the strongest cadence is f_mu
-HIGHEST_HZ = 8.0
-NEAR_LAG_TOLERANCE, NEAR_POINTS = 0.05, 9
+# Exact frequency
 N_HARMONICS = 6
 HIGHEST_HARMONIC_HZ = 14.0
 LOWEST_HZ = 0.5
+SALIENT_HZ = 20.0
 SEARCH = 0.06
 """Half width of the search for the exact frequency, relative."""
 FINE_STEPS = 97
 TOP = 6
 """The top of the sum is this many steps either side."""
 WIDTH_DROP = 0.02
-PADDING = 8
-TAPER_FROM_S = 4.0
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """Candidate for the gait frequency.
-
-    Parameters
-    ----------
-    frequency_hz : float
-    score : float
-        ``n(1/f) - n(1/(2f))`` of the limbs' autocorrelation, -2 to 2: large where the limbs repeat after one period
-        and do the opposite after half of it.
-    """
-
-    frequency_hz: float
-    score: float
 
 
 @dataclass(frozen=True)
 class GaitFrequency:
-    """Estimate of f_mu with its confidence.
+    """Estimate of f_mu with its probabilities.
 
     Parameters
     ----------
     frequency_hz : float or None
-        f_mu; None when the spectrum has no peak in the search band.
+        f_mu, mode of the posterior; None where nothing moves or the record is shorter than 1.1 periods of 8 Hz.
+    confidence : float or None
+        Probability that f_mu is right to within 5 %, 0 to 1.
+    uncertainty_hz : float or None
+        Standard deviation to expect if the octave is right; None where the harmonics have no top.
+    half_probability, double_probability : float or None
+        Posterior within 4.4 % of half and of twice f_mu, 0 to 1.
+    second_hz : float or None
+        The most probable frequency more than 9 % off.
     periodicity : float or None
-        Normalised autocorrelation n at one period, -1 to 1.
+        Normalised autocorrelation n of the whole signature at one period, -1 to 1.
     salience : float or None
-        Share of the cadence energy (0.5 to 20 Hz) in the first four harmonics.
+        Share of the cadence power (0.5 to 20 Hz) in the first four harmonics.
     n_periods : float or None
         Observed periods f_mu T_o.
-    second_hz : float or None
-        Next largest peak of the spectrum.
-    limb_relative_hz : float or None
-        Largest peak of the spectrum of the limbs relative to the torso, the second opinion of E-33 step 4.
-    decision : str or None
-        ``as_found``, ``doubled`` or ``no_limbs`` (:class:`Decision`); ``limbs`` and
-        ``limbs_doubled`` where the limbs alone gave the strongest cadence; None where it was not requested.
-    margin : float or None
-        How clearly the limbs speak for the decision: |n(T/2)| over the greater of |n(T/2)| and n(T), 0 to 1.
-    candidates : tuple of Candidate
-        Half, once and twice the strongest cadence with their scores.
-    confidence : float or None
-        Share of estimates as good as this one that were within 5 % in the study of models and recorded targets, 0 to 1.
-    uncertainty_hz : float or None
-        Standard deviation to expect if the multiple is right.
     """
 
     frequency_hz: float | None = None
+    confidence: float | None = None
+    uncertainty_hz: float | None = None
+    half_probability: float | None = None
+    double_probability: float | None = None
+    second_hz: float | None = None
     periodicity: float | None = None
     salience: float | None = None
     n_periods: float | None = None
-    second_hz: float | None = None
-    limb_relative_hz: float | None = None
-    decision: str | None = None
-    margin: float | None = None
-    candidates: tuple[Candidate, ...] = ()
-    confidence: float | None = None
-    uncertainty_hz: float | None = None
 
 
-def gait_frequency(spectrum: xr.DataArray, rows: xr.DataArray) -> GaitFrequency:
-    """Estimate f_mu from the cadence spectrum and autocorrelation (E-33).
-
-    The spectrum is one of power; the autocorrelation of the rows refines the estimate.
+@dataclass(frozen=True)
+class Rhythm:
+    """Autocorrelation and spectrum of a set of rows.
 
     Parameters
     ----------
-    spectrum : DataArray (cadence)
-        S[q], power sum over Doppler.
-    rows : DataArray (time, doppler)
-        The detrended normalised signature that gave it.
-
-    Returns
-    -------
-    GaitFrequency
-        Largest local maximum of S in max(0.5, 1.1 / T_o) to 8 Hz; replaced by the inverse of the autocorrelation's lag
-        within 12 % of its period where that is 0.6 or more and at most 0.7 T_o long.
+    likeness : ndarray, shape (J,)
+        Square-difference autocorrelation n (E-33) at whole lags.
+    rate_hz : float
+        Lags per second.
+    share : ndarray, shape (Q,)
+        Power over that above 0.5 Hz times T_o: a line has 1 at its top, at most.
+    step_hz : float
+        Spacing of the spectrum.
     """
-    check_signal(spectrum, CADENCE_SPECTRUM)
-    check_signal(rows, NORMALISED_SIGNATURE)
-    rate_hz = sampling_rate_hz(axis(rows, "time"))
-    seconds = rows.sizes["time"] / rate_hz
-    cadence_hz = axis(spectrum, "cadence")
-    values = np.asarray(spectrum.values, dtype=np.float64)
-    low = int(np.searchsorted(cadence_hz, max(SEARCH_HZ[0], 1.1 / seconds)))
-    high = int(np.searchsorted(cadence_hz, SEARCH_HZ[1], side="right")) - 1
-    peaks = local_maxima(values, first=low, last=high)
-    if not peaks.size:
-        return GaitFrequency()
-    ranked = peaks[np.argsort(-values[peaks], kind="stable")]
-    bin_hz = float(cadence_hz[1] - cadence_hz[0])
-    candidates = [refine(values, int(index))[0] * bin_hz for index in ranked[:2]]
-    frequency_hz, periodicity = _refine_by_lag(candidates[0], rows.values, rate_hz)
-    return GaitFrequency(
-        frequency_hz=frequency_hz,
-        periodicity=periodicity,
-        salience=_salience(values, cadence_hz, frequency_hz, seconds),
-        n_periods=frequency_hz * seconds,
-        second_hz=candidates[1] if len(candidates) > 1 else None,
-    )
+
+    likeness: FloatArray
+    rate_hz: float
+    share: FloatArray
+    step_hz: float
 
 
-def settle(
-    first: GaitFrequency, spectrum: xr.DataArray, aligned: xr.DataArray, excess: xr.DataArray, floor_v2: float
+def gait_frequency(
+    aligned: xr.DataArray, excess: xr.DataArray, floor_v2: float, *, velocity_mps: float
 ) -> GaitFrequency:
-    """Resolve the octave of the gait frequency and refine it.
-
-    The result also has a confidence.
+    """Estimate f_mu, its confidence and the octaves' probabilities (E-33).
 
     Parameters
     ----------
-    first : GaitFrequency
-        From :func:`gait_frequency`: the strongest cadence of the signature as a whole.
-    spectrum : DataArray (cadence)
-        The spectrum that gave it.
     aligned : DataArray (time, doppler)
         Normalised signature, not detrended, aligned to its main line if that drifts.
     excess : DataArray (time, doppler)
         mu - nu of the same cells, V^2.
     floor_v2 : float
         Noise floor nu.
+    velocity_mps : float
+        Radial velocity of the torso, for the weak prior on the length of a step.
 
     Returns
     -------
     GaitFrequency
-        Without a first estimate, ``first`` itself. Else the multiple is that of
-        :func:`decide`, the exact frequency that of the harmonics of the whole signature
-        and of the limbs together.
+        Empty where the signature does not change or the record is too short for any frequency.
     """
-    if first.frequency_hz is None or first.n_periods is None:
-        return first
-    slow = slowed(aligned)
-    limbs = limb_rows(slow, _cell_noise(aligned, excess, floor_v2))
-    seconds, cadence_hz = first.n_periods / first.frequency_hz, axis(spectrum, "cadence")
-    power = np.asarray(spectrum.values, dtype=np.float64)
-    limb_hz, limb_power = power_spectrum(limbs)
-    limb_peak_hz = _highest_peak_hz(limb_hz, limb_power, seconds)
-    # autocorrelation of the limbs up to twice the longest period, or to the end of the record
-    longest = math.ceil(2.0 * (1.0 + LAG_MARGIN) * limbs.rate_hz / min(first.frequency_hz, limb_peak_hz or math.inf))
-    repeats = square_difference(limbs.values, 0, min(longest + 1, limbs.values.shape[0] - 1))
-    by_limbs = _only_limbs_repeat(first, limb_peak_hz, repeats, limbs.rate_hz)
-    start_hz = limb_peak_hz if by_limbs and limb_peak_hz is not None else first.frequency_hz
-    found = decide(start_hz, repeats, limbs.rate_hz)
-    exact_hz, width_hz = refine_on_harmonics(start_hz, [(cadence_hz, power), (limb_hz, limb_power)])
-    multiple = found.frequency_hz / start_hz
-    frequency_hz = multiple * exact_hz
-    # autocorrelation of the whole signature at one period
-    wide, lag = summed_rows(slow, slow.bin_hz), slow.rate_hz / frequency_hz
-    count = min(wide.values.shape[0] - 1, math.ceil(1.1 * lag) + 1)
-    whole = near_lag(square_difference(detrended(wide.values, slow.rate_hz), 0, count), lag)
-    settled = replace(
-        first,
+    rhythms = rhythms_of(aligned, excess, floor_v2)
+    whole, limbs = rhythms[0], rhythms[2]
+    seconds = whole.likeness.size / whole.rate_hz
+    if not whole.likeness.any() or GRID_HZ[-1] * seconds < LEAST_PERIODS:
+        return GaitFrequency()
+    posterior = posterior_of(rhythms, velocity_mps)
+    near = np.convolve(posterior, np.ones(2 * NEAR_STEPS + 1), "same")
+    best = int(near.argmax())
+    around = slice(max(best - NEAR_STEPS, 0), best + NEAR_STEPS + 1)
+    start_hz = math.exp(float(posterior[around] @ np.log(GRID_HZ[around]) / posterior[around].sum()))
+    frequency_hz, width_hz = refine_on_harmonics(start_hz, [whole, limbs])
+    others = np.where(np.abs(np.arange(GRID_HZ.size) - best) > 2 * NEAR_STEPS, near, 0.0)
+    return GaitFrequency(
         frequency_hz=frequency_hz,
-        periodicity=0.0 if whole is None else whole,
-        salience=_salience(power, cadence_hz, frequency_hz, seconds),
+        confidence=min(float(near[best]), 1.0),
+        uncertainty_hz=width_hz if math.isfinite(width_hz) else None,
+        half_probability=_probability(near, 0.5 * frequency_hz),
+        double_probability=_probability(near, 2.0 * frequency_hz),
+        second_hz=float(GRID_HZ[others.argmax()]),
+        periodicity=_likeness_near(whole, frequency_hz),
+        salience=_salience(whole, frequency_hz, seconds),
         n_periods=frequency_hz * seconds,
-        limb_relative_hz=limb_peak_hz,
-        decision=LIMBS_CODES.get(found.code, found.code) if by_limbs else found.code,
-        margin=found.margin,
-        candidates=found.candidates,
-        uncertainty_hz=multiple * width_hz if math.isfinite(width_hz) else None,
     )
-    return replace(settled, confidence=_confidence(settled))
 
 
-def _only_limbs_repeat(first: GaitFrequency, limb_hz: float | None, repeats: FloatArray, rate_hz: float) -> bool:
-    """Return True if only the limbs repeat at their peak.
-
-    The body as a whole then does not repeat at its own.
-
-    A runner's trunk rises and falls and drifts across more Doppler than its step shows, so that the strongest line of
-    the whole can lie anywhere below it; the limbs, relative to the torso, still repeat.
-    """
-    if limb_hz is None or first.frequency_hz is None or (first.periodicity or 0.0) >= WHOLE_IS_CLEAR:
-        return False
-    own, other = near_lag(repeats, rate_hz / limb_hz), near_lag(repeats, rate_hz / first.frequency_hz)
-    return own is not None and own >= LIMBS_ARE_CLEAR and (other is None or own > other)
+def rhythms_of(aligned: xr.DataArray, excess: xr.DataArray, floor_v2: float) -> tuple[Rhythm, ...]:
+    """Measure the four sets of rows: whole, whitened, limbs, whitened."""
+    slow = slowed(aligned)
+    wide = summed_rows(slow, slow.bin_hz)
+    limbs = limb_rows(slow, _cell_noise(aligned, excess, floor_v2))
+    return (*measure_rhythm(detrended(wide.values, wide.rate_hz), wide.rate_hz),
+            *measure_rhythm(limbs.values, limbs.rate_hz))  # fmt: skip
 
 
 def _cell_noise(aligned: xr.DataArray, excess: xr.DataArray, floor_v2: float) -> FloatArray:
@@ -239,157 +189,106 @@ def _cell_noise(aligned: xr.DataArray, excess: xr.DataArray, floor_v2: float) ->
     return cell_v2 * np.divide(weight, total_v2, out=np.zeros(total_v2.size), where=total_v2 > 0)
 
 
-def _highest_peak_hz(frequency_hz: FloatArray, power: FloatArray, seconds: float) -> float | None:
-    low, high = np.searchsorted(frequency_hz, [max(SEARCH_HZ[0], 1.1 / seconds), SEARCH_HZ[1]])
-    peaks = local_maxima(power, first=int(low), last=int(high) - 1)
-    if not peaks.size:
-        return None
-    return refine(power, int(peaks[np.argmax(power[peaks])]))[0] * float(frequency_hz[1])
+def measure_rhythm(values: FloatArray, rate_hz: float) -> tuple[Rhythm, Rhythm]:
+    """Measure autocorrelation and spectrum of rows, plain and whitened.
 
-
-def _confidence(settled: GaitFrequency) -> float:
-    """Rate an estimate by a logistic fit.
-
-    It predicts which estimates are within 5 %, on models and half A of the recorded targets.
-    """
-    frequency_hz = settled.frequency_hz or math.inf
-    agrees = abs((settled.limb_relative_hz or 0.0) / frequency_hz - 1.0) < AGREEMENT
-    relative = (settled.uncertainty_hz or 0.0) / frequency_hz
-    spread = min(relative, SEARCH) if math.isfinite(relative) else SEARCH
-    terms = (
-        1.0,
-        settled.margin or 0.0,
-        min(max(settled.periodicity or 0.0, 0.0), 1.0),
-        float(agrees),
-        min(settled.n_periods or 0.0, 10.0),
-        spread,
-    )
-    return 1.0 / (1.0 + math.exp(-sum(w * x for w, x in zip(CONFIDENCE_WEIGHTS, terms, strict=True))))
-
-
-def _refine_by_lag(frequency_hz: float, rows: FloatArray, rate_hz: float) -> tuple[float, float]:
-    n_columns = rows.shape[0]
-    lag = rate_hz / frequency_hz
-    first, last = int(np.ceil(lag * (1 - LAG_TOLERANCE))), int(np.floor(lag * (1 + LAG_TOLERANCE)))
-    # one lag more on either side, for the neighbours of a maximum, and never beyond the record
-    low, high = min(max(first - 1, 0), n_columns - 1), min(max(last, math.ceil(lag)) + 1, n_columns - 1)
-    periodicity = square_difference(rows, low, high)
-    peaks = local_maxima(periodicity, first=first - low, last=last - low)
-    if not peaks.size:
-        return frequency_hz, float(np.interp(lag - low, np.arange(periodicity.size), periodicity))
-    position, height = refine(periodicity, int(peaks[np.argmax(periodicity[peaks])]))
-    trusted = height >= TRUST_LAG_FROM and low + position <= LONGEST_LAG_SHARE * n_columns
-    return (rate_hz / (low + position) if trusted else frequency_hz), height
-
-
-def _salience(power: FloatArray, cadence_hz: FloatArray, frequency_hz: float, seconds: float) -> float:
-    counted = (cadence_hz >= SALIENCE_HZ[0]) & (cadence_hz <= SALIENCE_HZ[1])
-    near = np.zeros_like(counted)
-    for harmonic in range(1, 5):
-        near |= np.abs(cadence_hz - harmonic * frequency_hz) <= 1.2 / seconds
-    total = float(power[counted].sum())
-    return float(power[counted & near].sum()) / total if total > 0 else 0.0
-
-
-@dataclass(frozen=True)
-class Decision:
-    """Choice of f_mu among half, once and twice the strongest cadence.
+    Whitened: ``v_j - 0.7 v_(j-1)``, and every row divided by its energy after that, so that noise which is strongest at
+    low cadence and in strong rows hides nothing elsewhere.
 
     Parameters
     ----------
-    frequency_hz : float
-    code : {"as_found", "doubled", "no_limbs"}
-        ``doubled``: the limbs repeat after half the period, so the strongest cadence is a stride of two like steps
-        (the sway of the trunk). ``as_found``: they do not. ``no_limbs``: no Doppler row beyond the torso stands above
-        the noise, or the record is too short.
-    half_period : float or None
-        n of the limbs at half the period of the strongest cadence: above 0 doubles.
-    one_period : float or None
-        n of the limbs at its period.
-    candidates : tuple of Candidate
-    """
-
-    frequency_hz: float
-    code: str
-    half_period: float | None = None
-    one_period: float | None = None
-    candidates: tuple[Candidate, ...] = ()
-
-    @property
-    def margin(self) -> float | None:
-        """Ratio of |n(T/2)| to the greater of |n(T/2)| and n(T)."""
-        if self.half_period is None or self.one_period is None:
-            return None
-        scale = max(abs(self.half_period), self.one_period)
-        return abs(self.half_period) / scale if scale > 0 else 0.0
-
-
-def decide(frequency_hz: float, autocorrelation: FloatArray, rate_hz: float) -> Decision:
-    """Choose f_mu by the limbs' autocorrelation.
-
-    People, and dogs that walk, pace or trot, take two like steps a stride: f_mu = 2 f_stride. The trunk sways once per
-    stride, and in side views this outweighs the steps in the signature as a whole. Limbs relative to the torso decide:
-    after half a stride the other leg does what the first one did, so ``n(T/2) > 0``, where T is the period found; if T
-    is already that of a step, or the gait a gallop, forward and backward swing face each other and ``n(T/2) < 0``. The
-    strongest cadence of people and dogs is f_stride or f_mu and not above, so that half of it is never taken.
-
-    Parameters
-    ----------
-    frequency_hz : float
-        Strongest cadence of the signature as a whole.
-    autocorrelation : ndarray
-        n of the limbs at all lags.
+    values : ndarray, shape (J, K)
+        Detrended rows.
     rate_hz : float
-        Lags per second.
-    """
-    half, one = (near_lag(autocorrelation, share * rate_hz / frequency_hz) for share in (0.5, 1.0))
-    if half is None or not autocorrelation[1:].any():
-        return Decision(frequency_hz, "no_limbs")
-    candidates = tuple(
-        Candidate(factor * frequency_hz, long - short)
-        for factor in (0.5, 1.0, 2.0)
-        if (long := near_lag(autocorrelation, rate_hz / (factor * frequency_hz))) is not None
-        and (short := near_lag(autocorrelation, 0.5 * rate_hz / (factor * frequency_hz))) is not None
-    )
-    doubled = half > 0.0 and 2.0 * frequency_hz <= HIGHEST_HZ
-    chosen = 2.0 * frequency_hz if doubled else frequency_hz
-    return Decision(chosen, "doubled" if doubled else "as_found", half, one, candidates)
-
-
-def near_lag(autocorrelation: FloatArray, lag: float) -> float | None:
-    """Find the largest value within 5 % of a lag.
-
-    The lag may lie between samples; None where the record is too short.
-    """
-    from doppelgait.core.kernels.periodicity import highest_between
-
-    last = autocorrelation.size - 1
-    if lag > last:
-        return None
-    low, high = lag * (1.0 - NEAR_LAG_TOLERANCE), min(lag * (1.0 + NEAR_LAG_TOLERANCE), last)
-    return highest_between(autocorrelation, low, high, NEAR_POINTS)
-
-
-def power_spectrum(rows: Rows) -> tuple[FloatArray, FloatArray]:
-    """Compute the power spectrum of all rows over time (E-30).
-
-    It is summed over the rows, zero-padded, and tapered from 4 s on.
-
-    It is the transform of the sum of the rows' autocorrelations: one transform instead of one per row.
+        Columns per second.
     """
     from scipy import fft
 
-    n_columns = rows.values.shape[0]
-    position = (np.arange(n_columns) + 1) / (n_columns + 1)
-    long = n_columns / rows.rate_hz > TAPER_FROM_S - 0.05
-    tapered = rows.values * (0.5 - 0.5 * np.cos(2.0 * np.pi * position))[:, None] if long else rows.values
-    products = lag_products(tapered, 0, n_columns)
-    length = fft.next_fast_len(PADDING * n_columns, real=True)
-    power = 2.0 * fft.rfft(products, length).real - products[0]
-    return np.arange(power.size) * (rows.rate_hz / length), np.maximum(power, 0.0)
+    n_columns = values.shape[0]
+    length = fft.next_fast_len(2 * n_columns, real=True)
+    transform = fft.rfft(values, length, axis=0)
+    power = transform.real**2 + transform.imag**2
+    response = 1.0 + WHITENING**2 - 2.0 * WHITENING * np.cos(2.0 * np.pi * np.arange(power.shape[0]) / length)
+    whitened = values.copy()
+    whitened[1:] -= WHITENING * values[:-1]
+    whitened *= whitened
+    energy = whitened.sum(axis=0)
+    weight = 1.0 / (energy + WEAK_ROW * energy.max(initial=0.0) + TINY)
+    return (
+        _rhythm(power.sum(axis=1), np.einsum("jk,jk->j", values, values), length, rate_hz),
+        _rhythm(response * (power @ weight), whitened @ weight, length, rate_hz),
+    )
 
 
-def refine_on_harmonics(frequency_hz: float, spectra: list[tuple[FloatArray, FloatArray]]) -> tuple[float, float]:
+def _rhythm(power: FloatArray, energy: FloatArray, length: int, rate_hz: float) -> Rhythm:
+    """Turn a power spectrum and every column's energy into a rhythm."""
+    from scipy import fft
+
+    n_columns = energy.size
+    products = fft.irfft(power, length)[:n_columns]
+    until = np.concatenate([[0.0], np.cumsum(energy)])
+    both = until[n_columns:0:-1] + (until[-1] - until[:-1])
+    likeness = np.divide(2.0 * products, both, out=np.zeros(n_columns), where=both > 0)
+    # Hann over lag: side lobes below 2.5 %
+    windowed = products * (0.5 + 0.5 * np.cos(np.pi * np.arange(n_columns) / n_columns))
+    padded = fft.next_fast_len(PADDING * n_columns, real=True)
+    spectrum = np.maximum(2.0 * fft.rfft(windowed, padded).real - windowed[0], 0.0)
+    step_hz = rate_hz / padded
+    total = spectrum[int(LOWEST_HZ / step_hz) + 1 :].sum() * step_hz * n_columns / rate_hz
+    return Rhythm(likeness, rate_hz, spectrum / total if total > 0 else spectrum, step_hz)
+
+
+def terms_of(rhythms: tuple[Rhythm, ...], velocity_mps: float) -> tuple[FloatArray, FloatArray]:
+    """Return the terms of the log posterior on the grid.
+
+    Shapes (4, 9, frequency) of the rows and (5, frequency) of the prior.
+    """
+    from doppelgait.core.kernels.periodicity import rhythm_evidence
+
+    evidence = np.empty((*WEIGHTS.shape, GRID_HZ.size))
+    for rhythm, out in zip(rhythms, evidence, strict=True):
+        rhythm_evidence(rhythm.likeness, rhythm.rate_hz, rhythm.share, rhythm.step_hz, GRID_HZ, out)
+    seconds = rhythms[0].likeness.size / rhythms[0].rate_hz
+    tone, step = np.log(GRID_HZ), math.log(max(abs(velocity_mps), SLOWEST_MPS)) - np.log(GRID_HZ)
+    lacking = np.maximum(0.0, np.log(3.0 / (GRID_HZ * seconds)))
+    return evidence, np.stack([tone, tone**2, step, step**2, lacking])
+
+
+def posterior_of(rhythms: tuple[Rhythm, ...], velocity_mps: float) -> FloatArray:
+    """Compute the posterior on the grid; shape (frequency,), sum 1."""
+    evidence, prior = terms_of(rhythms, velocity_mps)
+    log_odds = np.einsum("sn,snf->f", WEIGHTS, evidence) + PRIOR_WEIGHTS @ prior
+    seconds = rhythms[0].likeness.size / rhythms[0].rate_hz
+    log_odds[GRID_HZ * seconds < LEAST_PERIODS] = -np.inf
+    odds = np.exp(log_odds - log_odds.max())
+    return np.asarray(odds / odds.sum())
+
+
+def _probability(near: FloatArray, frequency_hz: float) -> float:
+    """Return the posterior about a frequency, 0 beyond the grid."""
+    place = round(48.0 * math.log2(frequency_hz / GRID_HZ[0]))
+    return min(float(near[place]), 1.0) if 0 <= place < near.size else 0.0
+
+
+def _likeness_near(rhythm: Rhythm, frequency_hz: float) -> float:
+    """Return the highest autocorrelation within 5 % of a period."""
+    from doppelgait.core.kernels.periodicity import highest_between
+
+    lag, last = rhythm.rate_hz / frequency_hz, float(rhythm.likeness.size - 1)
+    return highest_between(rhythm.likeness, 0.95 * lag, min(1.05 * lag, last), 9) if lag <= last else 0.0
+
+
+def _salience(rhythm: Rhythm, frequency_hz: float, seconds: float) -> float:
+    cadence_hz = np.arange(rhythm.share.size) * rhythm.step_hz
+    counted = (cadence_hz >= LOWEST_HZ) & (cadence_hz <= SALIENT_HZ)
+    near = np.zeros_like(counted)
+    for harmonic in range(1, 5):
+        near |= np.abs(cadence_hz - harmonic * frequency_hz) <= 1.2 / seconds
+    total = float(rhythm.share[counted].sum())
+    return float(rhythm.share[counted & near].sum()) / total if total > 0 else 0.0
+
+
+def refine_on_harmonics(frequency_hz: float, rhythms: list[Rhythm]) -> tuple[float, float]:
     """Refine a frequency by the power of its harmonics.
 
     This is a multi-harmonic fit; the width of its maximum is returned, too.
@@ -401,7 +300,7 @@ def refine_on_harmonics(frequency_hz: float, spectra: list[tuple[FloatArray, Flo
     ----------
     frequency_hz : float
         Within 6 % of the wanted one.
-    spectra : list of (frequencies, power)
+    rhythms : list of Rhythm
 
     Returns
     -------
@@ -413,13 +312,10 @@ def refine_on_harmonics(frequency_hz: float, spectra: list[tuple[FloatArray, Flo
 
     trial_hz = frequency_hz * np.linspace(1.0 - SEARCH, 1.0 + SEARCH, FINE_STEPS)
     total = np.zeros(FINE_STEPS)
-    for axis_hz, power in spectra:
-        counted = float(power[np.searchsorted(axis_hz, LOWEST_HZ, side="right") :].sum())
-        highest = min(HIGHEST_HARMONIC_HZ, float(axis_hz[-1]) / (1.0 + SEARCH))
-        n = min(N_HARMONICS, int(highest / frequency_hz))
-        if counted > 0 and n > 0:
-            for harmonic in range(1, n + 1):
-                add_between(power, harmonic * trial_hz / float(axis_hz[1]), 1.0 / counted, total)
+    for rhythm in rhythms:
+        highest = min(HIGHEST_HARMONIC_HZ, (rhythm.share.size - 1) * rhythm.step_hz / (1.0 + SEARCH))
+        for harmonic in range(1, min(N_HARMONICS, int(highest / frequency_hz)) + 1):
+            add_between(rhythm.share, harmonic * trial_hz / rhythm.step_hz, 1.0, total)
     best = int(total.argmax())
     if not 0 < best < FINE_STEPS - 1 or not total.any():
         return frequency_hz, math.nan

@@ -16,7 +16,6 @@ import xarray as xr
 from doppelgait.core.labels import axis, sampling_rate_hz
 from doppelgait.features.doppler import TIME_SHARES, envelopes_hz, raised_by_noise_v2, width_level_v2
 from doppelgait.features.feature_set import Extraction, FloatArray, GaitFeatures
-from doppelgait.features.gait_frequency import GaitFrequency
 from doppelgait.features.measures import quantile, square_difference
 
 OCCUPIED_SIGMAS = 3.0
@@ -67,7 +66,6 @@ class Observed:
         D of the detrended ``aligned``.
     spectrum : DataArray (cadence)
         Power spectrum S.
-    gait : GaitFrequency
     observation_s : float
     n_independent : float
         Independent columns J_eff.
@@ -82,7 +80,6 @@ class Observed:
     aligned: xr.DataArray
     step_doppler: xr.DataArray
     spectrum: xr.DataArray
-    gait: GaitFrequency
     observation_s: float
     n_independent: float
 

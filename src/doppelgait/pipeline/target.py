@@ -200,8 +200,8 @@ def observe(mu: xr.DataArray, analysis: Analysis) -> tuple[Observed, xr.DataArra
     spectrum = processing.cadence_spectrum(cadence_map)
     observed = Observed(
         signature=mu, floor_v2=floor_v2, main_line_hz=straight, excess=excess, aligned=aligned,
-        step_doppler=cadence_map, spectrum=spectrum, gait=feature_layer.gait_frequency(spectrum, rows),
-        observation_s=seconds, n_independent=processing.independent_columns(mu),
+        step_doppler=cadence_map, spectrum=spectrum, observation_s=seconds,
+        n_independent=processing.independent_columns(mu),
     )  # fmt: skip
     observed.extraction = feature_layer.extract(
         observed, bandwidth_threshold=analysis.bandwidth_threshold, cpi_s=analysis.cpi_s,

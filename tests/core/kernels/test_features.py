@@ -13,6 +13,7 @@ from doppelgait.core.kernels.periodicity import (
     lag_products,
     limb_amplitudes,
     period_harmonics,
+    rhythm_evidence,
     square_difference,
 )
 from doppelgait.core.kernels.robust import median_in_place, robust_fit
@@ -155,3 +156,27 @@ def test_magnitudes_of_real_parts_left_and_imaginary_parts_right():
     parts, found = random(9, 14), np.empty((8, 7))
     magnitudes_of_parts(parts, found)
     np.testing.assert_allclose(found, np.abs(parts[:8, :7] + 1j * parts[:8, 7:]), rtol=1e-14)
+
+
+@pytest.mark.parametrize("size", [60, 300])
+def test_rhythm_evidence_is_that_of_interpolated_numpy(size):
+    likeness, share = np.tanh(random(size)), random(400, seed=1) ** 2
+    rate_hz, step_hz, grid_hz = 40.0, 0.05, np.array([0.7, 1.9, 7.3])
+    found = np.empty((9, 3))
+    rhythm_evidence(likeness, rate_hz, share, step_hz, grid_hz, found)
+
+    def near(lag):
+        places = np.linspace(0.957 * lag, min(1.0443 * lag, size - 1), 7)
+        return np.interp(places, np.arange(size), likeness).max() if lag <= size - 1 else 0.0
+
+    def power(f):
+        return np.interp(f / step_hz, np.arange(400), share, right=0.0)
+
+    for column, f in zip(found.T, grid_hz, strict=True):
+        lag = rate_hz / f
+        whole, half = (sum(power((h - less) * f) for h in range(1, 7)) for less in (0.0, 0.5))
+        wanted = [
+            -np.log(1.1 - min(near(lag), 1.0)), near(lag / 2), near(1.5 * lag), near(lag / 3), power(f), power(2 * f),
+            np.log(power(f) + 0.01), np.log(whole + 0.1), np.log(half + 0.1),
+        ]  # fmt: skip
+        np.testing.assert_allclose(column, wanted, rtol=1e-9)

@@ -34,7 +34,7 @@ def rows(n: int, n_wrong: int, **given: object) -> pd.DataFrame:
     plain = {
         "part": "models", "source": "model", "method": "standard", "gait": "human walk", "psi_deg": 0.0, "seconds": 3.0,
         "snr_mu_db": 10.0, "periods": 6.0, "occluded": False, "truth_hz": 2.0, "true_mps": 1.2, "v_mps": 1.2,
-        "rho": 1.0, "flagged": False, "decision": "as_found", "limb_hz": 2.0,
+        "rho": 1.0, "flagged": False,
         "speed_mps": 1.2, "ground_mps": 1.2,
     }  # fmt: skip
     count = np.arange(n)
@@ -97,14 +97,13 @@ def test_every_level_and_aspect_goes_to_its_own_demand(tables: ModuleType) -> No
     }  # fmt: skip
 
 
-def test_whole_body_is_taken_back_to_before_it_was_doubled(tables: ModuleType) -> None:
-    # found 2 Hz by doubling 1 Hz, truth 1 Hz: wrong as f_mu, right as whole body
-    side = rows(4, 0, psi_deg=60.0, snr_mu_db=20.0, truth_hz=1.0, decision="doubled")
+def test_half_and_double_are_told_from_other_errors(tables: ModuleType) -> None:
+    # found 2 Hz, truth 1 Hz: wrong as f_mu, right but for the octave
+    side = rows(4, 0, psi_deg=60.0, snr_mu_db=20.0, truth_hz=1.0)
     table = tables.acceptance(side)
     condition = "psi 60-75, people, T_o >= 3 s, 20 dB"
     assert demand(table, condition)["reached"] == "100 %"
-    assert demand(table, condition, "neither whole body nor its double")["reached"] == "0 %"
-    assert demand(table, condition, "limb-relative candidate fails")["reached"] == "100 %"
+    assert demand(table, condition, "neither it nor its double or half")["reached"] == "0 %"
 
 
 def test_velocity_flags_ratio_and_bandwidth_by_hand(tables: ModuleType) -> None:

@@ -63,10 +63,9 @@ def test_gait_frequencies(results: dict[str, Result]) -> None:
         assert results[key].gait_frequency_hz == pytest.approx(known_hz, rel=0.05), key
 
 
-def test_steps_of_the_one_walking_away_are_found_or_doubled(results: dict[str, Result]) -> None:
-    """13 dips of the torso line in 7.4 s by eye; the other program found twice as much, 3.56 Hz, and so do we."""
-    rate_hz = results["human__NormalAway"].gait_frequency_hz or 0.0
-    assert min(abs(rate_hz / 1.77 - 1.0), abs(rate_hz / 3.54 - 1.0)) < 0.05
+def test_steps_of_the_one_walking_away_are_not_doubled(results: dict[str, Result]) -> None:
+    """13 dips of the torso line in 7.4 s by eye; the other program found twice as much, 3.56 Hz."""
+    assert results["human__NormalAway"].gait_frequency_hz == pytest.approx(1.77, rel=0.05)
 
 
 def test_the_running_dog_to_within_step_or_stride(results: dict[str, Result]) -> None:
@@ -77,7 +76,7 @@ def test_the_running_dog_to_within_step_or_stride(results: dict[str, Result]) ->
 
 def test_people_agree_with_the_eye(study: ModuleType, results: dict[str, Result]) -> None:
     for image in study.IMAGES:
-        if image.label == "human" and image.key != "human__NormalAway":  # has a test of its own
+        if image.label == "human":
             found = results[image.key]
             assert found.features.torso_velocity_mps == pytest.approx(image.eye_mps, rel=0.10), image.key
             if image.eye_hz is not None:
@@ -89,8 +88,8 @@ def test_walkers_steps_are_as_long_as_people_make_them(results: dict[str, Result
         assert 0.6 < (results[key].features.step_length_m or 0.0) < 0.9, key
 
 
-CONFIDENT_MISSES = 4
-"""Images whose frequency is wrong although nothing in the result says so: the confidence is too high on these data."""
+CONFIDENT_MISSES = 1
+"""Images whose frequency is wrong although nothing in the result says so: a dog that walks without a clear rhythm."""
 
 
 def test_what_cannot_be_told_is_flagged_but_for_a_few(study: ModuleType, results: dict[str, Result]) -> None:

@@ -195,3 +195,55 @@ def limb_amplitudes(
                 if occupied[k]:
                     total += max(moved[j, k] - noise[j], 0.0)
             out[j, g] = np.sqrt(total)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def rhythm_evidence(
+    likeness: FloatArray, rate_hz: float, share: FloatArray, step_hz: float, grid_hz: FloatArray, out: FloatArray
+) -> None:
+    r"""Compute what one set of rows says for each frequency (E-33).
+
+    With T the period, n the largest autocorrelation within 4.5 % of a lag (0 beyond the record), and S the share of the
+    power at a frequency: :math:`-\ln(1.1 - n(T))`, :math:`n(T/2)`, :math:`n(3T/2)`, :math:`n(T/3)`, :math:`S(f)`,
+    :math:`S(2f)`, :math:`\ln(S(f) + 0.01)`, :math:`\ln(\sum_h S(hf) + 0.1)` and
+    :math:`\ln(\sum_h S((h - 1/2) f) + 0.1)`, h from 1 to 6.
+
+    Parameters
+    ----------
+    likeness : ndarray, shape (J,)
+        Normalised autocorrelation at whole lags.
+    rate_hz : float
+        Lags per second.
+    share : ndarray, shape (Q,)
+        Spectrum.
+    step_hz : float
+        Spacing of the spectrum.
+    grid_hz : ndarray, shape (F,)
+    out : ndarray, shape (9, F)
+        Overwritten.
+    """
+    last = likeness.size - 1
+    for i in range(grid_hz.size):
+        frequency, period = grid_hz[i], rate_hz / grid_hz[i]
+        for row, factor in enumerate((1.0, 0.5, 1.5, 1.0 / 3.0)):
+            lag, found = factor * period, 0.0
+            if lag <= last:
+                found = highest_between(likeness, 0.957 * lag, min(1.0443 * lag, float(last)), 7)
+            out[row, i] = -np.log(1.1 - min(found, 1.0)) if row == 0 else found
+        whole = half = 0.0
+        for h in range(12):
+            place = 0.5 * (h + 1) * frequency / step_hz
+            left = int(place)
+            value = 0.0
+            if left + 1 < share.size:
+                value = share[left] + (place - left) * (share[left + 1] - share[left])
+            if h % 2:
+                whole += value
+            else:
+                half += value
+            if h == 1:
+                out[4, i] = value
+                out[6, i] = np.log(value + 0.01)
+            elif h == 3:
+                out[5, i] = value
+        out[7, i], out[8, i] = np.log(whole + 0.1), np.log(half + 0.1)
