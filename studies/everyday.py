@@ -67,7 +67,8 @@ GROUPS = {"number, v, f, L": CORE, "with ground speed and aspect": WITH_GROUND, 
 STATES = ("right", "cautious", "silent", "flagged", "null")
 """Right without and with a flag that concerns the number, wrong without and with one, and no number."""
 NAMES = {
-    "torso_velocity_mps": "v", "gait_frequency": "f", "gait_frequency_hz": "f", "step_length": "L",
+    "torso_velocity": "v", "torso_velocity_mps": "v", "gait_frequency": "f",
+    "gait_frequency_hz": "f", "step_length": "L",
     "step_length_m": "L", "ground_speed": "ground", "ground_speed_mps": "ground", "aspect": "aspect",
     "aspect_deg": "aspect", "doppler_bandwidth": "B", "doppler_bandwidth_hz": "B", "number_of_targets": "number",
 }  # fmt: skip

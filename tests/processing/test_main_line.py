@@ -1,10 +1,14 @@
-"""Main line and alignment (E-29, E-34)."""
+"""Main line, alignment, track and torso (E-29, E-34, E-34c)."""
+
+from itertools import product
 
 import numpy as np
 import pytest
 
+from doppelgait.core.kernels.columns import follow_ridge
 from doppelgait.core.labels import SIGNATURE, make_array
 from doppelgait.processing import align, line_order, main_line_hz, needs_alignment
+from doppelgait.processing.main_line import settle_velocity, torso_velocity_mps, track_velocity
 
 K, PRF_HZ = 128, 1000.0
 DOPPLER_HZ = (np.arange(K) - K // 2) * PRF_HZ / K
@@ -119,3 +123,76 @@ def test_a_line_of_another_length_is_refused():
     for size in (10, mu.sizes["time"] + 1):
         with pytest.raises(AnalysisError, match=rf"line_hz has shape \({size},\)"):
             align(mu, np.zeros(size))
+
+
+# --- Track and torso (E-34, E-34c) --------------------------------------------------------------------------------
+
+
+def walk_past(time_s, speed_mps=1.3, closest_m=2.0, start_m=6.0):
+    along_m = start_m - speed_mps * time_s
+    return np.hypot(along_m, closest_m)
+
+
+def test_track_velocity_is_the_slope_and_the_way_over_the_time_e34():
+    time_s = np.arange(400) * 0.0125
+    range_m = walk_past(time_s)
+    found = track_velocity(time_s, range_m)
+    assert found.line_mps.mean() == pytest.approx(-np.polyfit(time_s, range_m, 1)[0], rel=1e-3)
+    assert found.mean_mps == pytest.approx((range_m[0] - range_m[-1]) / np.ptp(time_s), rel=0.01)
+    assert found.mean_mps == pytest.approx(found.line_mps.mean() + found.bend_mps)
+    assert abs(found.bend_mps) > 0.03
+    steady = track_velocity(time_s, 9.0 - 1.2 * time_s)
+    np.testing.assert_allclose(steady.line_mps, 1.2)
+    assert steady.bend_mps == pytest.approx(0.0, abs=1e-12)
+
+
+def lines(time_s, velocities_mps, powers, k=128, prf_hz=500.0):
+    """Gaussian lines of 8 Hz, carrier of 2 cm half a wavelength, gate at the first velocity's range."""
+    doppler_hz = np.fft.fftshift(np.fft.fftfreq(k, 1 / prf_hz))
+    values = sum(
+        p * np.exp(-0.5 * ((doppler_hz - np.broadcast_to(v, time_s.shape)[:, None] / 0.02) / 8.0) ** 2)
+        for v, p in zip(velocities_mps, powers, strict=True)
+    )
+    coords = {"time": time_s, "doppler": doppler_hz, "velocity": ("doppler", 0.02 * doppler_hz)}
+    coords["centre_range"] = ("time", 8.0 - np.cumsum(np.broadcast_to(velocities_mps[0], time_s.shape)) * 0.01)
+    return make_array(SIGNATURE, values, coords, {"n_gate_bins": 8, "wavelength_m": 0.04})
+
+
+@pytest.mark.parametrize(
+    ("line_mps", "track_mps", "trunk", "wanted_mps", "agreed"),
+    [
+        (1.0, 1.02, 0.3, 1.0, True),  # they agree
+        (0.5, 1.0, 0.3, 1.0, True),  # the trunk is there, weaker than a limb
+        (0.5, 2.0, 0.01, 0.5, False),  # nothing on the track
+        (0.5, 4.6, 0.3, 0.5, True),  # near half the pulse rate: it may be folded
+    ],
+)
+def test_track_settles_what_the_main_line_is_e34(line_mps, track_mps, trunk, wanted_mps, agreed):
+    time_s = np.arange(300) * 0.01
+    mu = lines(time_s, [line_mps, track_mps], [1.0, trunk])
+    found, same = settle_velocity(mu, 0.0, np.full(300, line_mps / 0.02), np.full(300, track_mps / 0.02))
+    assert found.mean() * 0.02 == pytest.approx(wanted_mps)
+    assert same == agreed
+
+
+def test_torso_is_followed_under_a_stronger_limb_e34c():
+    time_s = np.arange(400) * 0.01
+    torso = 1.0 + 0.2 * np.sin(2 * np.pi * 0.7 * time_s)
+    limb = 1.0 + 2.0 * np.sin(2 * np.pi * 1.4 * time_s)  # crosses the torso, and is stronger
+    mu = lines(time_s, [torso, limb], [1.0, 3.0])
+    found = torso_velocity_mps(mu, 1e-3, np.full(400, 50.0))
+    far = np.abs(limb - torso) > 1.0
+    assert np.abs(found - torso)[far].max() < 0.12
+    assert found.mean() == pytest.approx(1.0, abs=0.03)
+
+
+def test_ridge_is_the_best_of_all_paths_e34c():
+    rng = np.random.default_rng(2)
+    for _ in range(5):
+        values, line = rng.exponential(1.0, (6, 16)), np.full(6, 3.0)
+        found = np.empty(6, np.int64)
+        follow_ridge(values, 0.05, line, 2, 0.7, found)
+        logs = np.log(np.maximum(values, 0.05))
+        paths = [p for p in product(range(1, 6), repeat=6) if np.abs(np.diff(p)).max() <= 1]
+        scores = [logs[np.arange(6), p].sum() - 0.7 * (np.diff(p) ** 2).sum() for p in map(np.array, paths)]
+        np.testing.assert_array_equal(found, paths[int(np.argmax(scores))])

@@ -77,7 +77,9 @@ def extract(observed: Observed, *, bandwidth_threshold: float, cpi_s: float, win
     if not snr_db > MIN_SNR_DB:
         return Extraction(GaitFeatures(), None, None, None, quality, ("no_signal",))
     flags: list[str] = []
-    torso_hz = float(observed.main_line_hz.mean())
+    torso_hz = float(observed.main_line_hz.mean()) + observed.bend_mps / observed.mps_per_hz
+    if not observed.agreed:
+        flags.append("torso_velocity,step_length:main_line_differs_from_track")
     wavelength_m = float(observed.signature.attrs["wavelength_m"])
     velocity_mps = float(doppler_to_velocity_mps(torso_hz, wavelength_m))
     gait = gait_frequency(observed.aligned, observed.excess, observed.floor_v2, velocity_mps=velocity_mps)
@@ -107,6 +109,7 @@ def extract(observed: Observed, *, bandwidth_threshold: float, cpi_s: float, win
         "gait_uncertainty_hz": gait.uncertainty_hz,
         "doppler_bandwidth_threshold_hz": threshold_hz,
         "limb_torso_amplitude_ratio": rho.amplitude_ratio,
+        "track_velocity_mps": observed.track_mps,
         "main_line_drift_hz": float(observed.main_line_hz[-1] - observed.main_line_hz[0]),
     }
     periods = gait.n_periods if frequency_hz is not None else None

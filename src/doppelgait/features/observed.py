@@ -69,6 +69,12 @@ class Observed:
     observation_s : float
     n_independent : float
         Independent columns J_eff.
+    track_mps : float, optional
+        Mean radial velocity of the gate's range; None where the gate is fixed.
+    bend_mps : float
+        What a straight line leaves out of it.
+    agreed : bool
+        Main line and track agree on the velocity, or their difference is resolved.
     extraction : Extraction
         The six features and what qualifies them; empty until :func:`doppelgait.features.extract` has been called.
     """
@@ -83,6 +89,9 @@ class Observed:
     observation_s: float
     n_independent: float
 
+    track_mps: float | None = None
+    bend_mps: float = 0.0
+    agreed: bool = True
     extraction: Extraction = field(default_factory=lambda: Extraction(GaitFeatures(), None, None, None))
 
     def lacks(self, needs: tuple[str, ...]) -> str | None:

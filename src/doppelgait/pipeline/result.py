@@ -52,7 +52,7 @@ PLAIN_AXES = {
     "cadence_hz": "axes/cadence_map/cadence",
 }
 """Links to the axes of the signature and of the cadence map in a file."""
-PLAIN_ARRAYS = ("mean_doppler_spectrum", "main_line_hz")
+PLAIN_ARRAYS = ("mean_doppler_spectrum", "main_line_hz", "torso_velocity_mps")
 NUMBERS = ("gait_frequency_hz", "torso_doppler_hz", "n_periods")
 GROUPS = {"quality": "quality_", "standard_deviation": "sd_", "extended": "extended_"}
 """Mappings of a result and the beginnings of their columns in a table."""
@@ -183,6 +183,14 @@ class Result:
         """
         power = self.arrays.get("part_power")
         return None if power is None else measure_parts(power)
+
+    @property
+    def torso_velocity_mps(self) -> npt.NDArray[np.float64]:
+        """Radial velocity of the torso at the columns of the signature, shape (J,).
+
+        Only of an analysis with ``extended``.
+        """
+        return self._array("torso_velocity_mps")  # type: ignore[no-any-return]
 
     # JSON ------------------------------------------------------------------------------------------------------------
 

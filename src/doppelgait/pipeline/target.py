@@ -91,6 +91,7 @@ def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label
     usable, share = processing.within_frame(mu if liland else processing.thin(mu))
     shown = usable if usable.attrs["hop"] == mu.attrs["hop"] else processing.within_frame(mu)[0]
     further: dict[str, Any] = {}
+    over_time: dict[str, Any] = {}
     if liland:
         # the report's chain: columns over their maximum, mean removed, plain transform, sum over Doppler
         normalised = processing.normalise(usable, 0.0, mode="max")
@@ -107,6 +108,8 @@ def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label
         extraction, cadence_map, spectrum = observed.extraction, observed.step_doppler, observed.spectrum
         line_hz = observed.main_line_hz
         if analysis.extended:
+            torso_mps = main_line.torso_velocity_mps(usable, observed.floor_v2, line_hz)
+            over_time["torso_velocity_mps"] = np.interp(axis(shown, "time"), axis(usable, "time"), torso_mps)
             deviations = uncertainties_of(observed)
             further = {"extended": measure_extended(observed).values, "standard_deviation": deviations}
             extraction = replace(extraction, flags=(*extraction.flags, *uncertainty_flags(extraction, deviations)))
@@ -132,6 +135,7 @@ def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label
             "cadence_spectrum": spectrum,
             "mean_doppler_spectrum": processing.mean_doppler_spectrum(normalised),
             "main_line_hz": main_line.straight_at(line_hz, usable, shown),
+            **over_time,
         },
         **further,
     )
@@ -189,6 +193,12 @@ def observe(mu: xr.DataArray, analysis: Analysis) -> tuple[Observed, xr.DataArra
     seconds = processing.observation_s(mu)
     peaks_hz, bin_hz = main_line.column_peaks_hz(mu), main_line.bin_width_hz(mu)  # found once for all lines
     straight = main_line.line_through(peaks_hz, bin_hz, order=1, tapered=True)
+    track_mps, bend_mps, agreed = None, 0.0, True
+    if np.ptp(axis(mu, "centre_range")) > 0:  # a fixed gate follows no one
+        track = main_line.track_velocity(axis(mu, "time"), axis(mu, "centre_range"))
+        track_mps, bend_mps = track.mean_mps, track.bend_mps
+        track_hz = 2.0 * track.line_mps / float(mu.attrs["wavelength_m"])
+        straight, agreed = main_line.settle_velocity(mu, floor_v2, straight, track_hz)
     excess = with_values(mu, mu.values - np.float32(floor_v2))
     aligned = normalised
     if main_line.drifts(main_line.line_through(peaks_hz, bin_hz, order=1)):
@@ -202,6 +212,7 @@ def observe(mu: xr.DataArray, analysis: Analysis) -> tuple[Observed, xr.DataArra
         signature=mu, floor_v2=floor_v2, main_line_hz=straight, excess=excess, aligned=aligned,
         step_doppler=cadence_map, spectrum=spectrum, observation_s=seconds,
         n_independent=processing.independent_columns(mu),
+        track_mps=track_mps, bend_mps=bend_mps, agreed=agreed,
     )  # fmt: skip
     observed.extraction = feature_layer.extract(
         observed, bandwidth_threshold=analysis.bandwidth_threshold, cpi_s=analysis.cpi_s,

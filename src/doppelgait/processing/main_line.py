@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -17,6 +18,16 @@ FloatArray = npt.NDArray[np.float64]
 ITERATIONS = 6
 CAUCHY_TUNING = 2.385
 """Tuning constant of the Cauchy weights: 95 % efficiency on Gaussian errors."""
+AGREEING_SHARE, DIFFERING_SHARE = 0.05, 0.1
+"""Main line and track differ by less, or so much that a value is doubtful: share of the track's velocity."""
+LEAST_APART_MPS = 0.03
+TRACK_ERROR_M = 0.15
+"""Error of a track's way: over a short time its velocity is worth less."""
+UNFOLDED_SHARE = 0.8
+"""Torso lines nearer to half the pulse rate may be folded: a track says nothing about them."""
+NEAR_TRACK_MPS = 0.4
+BODY_SHARE = 0.1
+RIDGE_REACH_MPS, RIDGE_COST, RIDGE_SMOOTH_S = 0.8, 2.0, 0.04
 ALIGN_ABOVE_HZ = 10.0
 """Drift of the straight main line over the observation above which a signature is aligned (E-29)."""
 
@@ -151,3 +162,119 @@ def align(array: xr.DataArray, line_hz: FloatArray) -> xr.DataArray:
     moved = np.empty(array.shape)
     shift_columns(np.ascontiguousarray(array.values), whole.astype(np.int64) % moved.shape[1], shift - whole, moved)
     return with_values(array, moved)
+
+
+@dataclass(frozen=True)
+class TrackVelocity:
+    """Radial velocity of a range track.
+
+    Parameters
+    ----------
+    line_mps : ndarray, shape (J,)
+        Straight line; its mean is the slope of a straight line through the ranges.
+    bend_mps : float
+        What the mean velocity, the way over the time, exceeds that slope by.
+    mean_mps : float
+        The way over the time.
+    """
+
+    line_mps: FloatArray
+    bend_mps: float
+    mean_mps: float
+
+
+def track_velocity(time_s: FloatArray, range_m: FloatArray) -> TrackVelocity:
+    """Measure the radial velocity of a range track (E-34).
+
+    Of the cubic R = sum_n a_n P_n(x) in Legendre polynomials the slope is -2 a_1 / T_o; the way over the time,
+    -2 (a_1 + a_3) / T_o, has the third coefficient besides: that of somebody who walks past.
+
+    Parameters
+    ----------
+    time_s, range_m : ndarray, shape (J,)
+    """
+    half_s = float(time_s[-1] - time_s[0]) / 2.0
+    a = _cubic(time_s.size) @ range_m
+    line_mps = -(a[1] + 3.0 * a[2] * np.linspace(-1.0, 1.0, time_s.size)) / half_s
+    return TrackVelocity(line_mps, -float(a[3]) / half_s, -float(a[1] + a[3]) / half_s)
+
+
+@lru_cache(maxsize=8)
+def _cubic(n_columns: int) -> FloatArray:
+    position = np.linspace(-1.0, 1.0, n_columns)
+    return np.asarray(np.linalg.pinv(np.polynomial.legendre.legvander(position, 3)), dtype=np.float64)
+
+
+def settle_velocity(
+    signature: xr.DataArray, floor_v2: float, line_hz: FloatArray, track_hz: FloatArray
+) -> tuple[FloatArray, bool]:
+    """Decide between the main line and the track's velocity (E-34).
+
+    The track's where limbs outshine the trunk or somebody stops, provided that the body is there: its strongest cells
+    near the track's line are within 10 dB of the strongest of all.
+
+    Parameters
+    ----------
+    signature : DataArray (time, doppler)
+    floor_v2 : float
+    line_hz, track_hz : ndarray, shape (J,)
+        Straight main line and straight line of the track.
+
+    Returns
+    -------
+    line_hz : ndarray, shape (J,)
+    agreed : bool
+        False where they differ by more than 10 % and the track's line holds too little power.
+    """
+    half_m = float(signature.attrs["wavelength_m"]) / 2.0
+    seconds = float(np.ptp(axis(signature, "time")))
+    apart_mps, speed_mps = abs(float(line_hz.mean() - track_hz.mean())) * half_m, abs(float(track_hz.mean())) * half_m
+    band_hz = bin_width_hz(signature) * signature.sizes["doppler"]
+    ambiguous = np.abs(track_hz).max() > UNFOLDED_SHARE * band_hz / 2.0
+    if ambiguous or apart_mps <= max(AGREEING_SHARE * speed_mps, LEAST_APART_MPS, TRACK_ERROR_M / seconds):
+        return line_hz, True
+    values, bin_hz = signature.values, bin_width_hz(signature)
+    first = float(axis(signature, "doppler")[0])
+    reach = round(NEAR_TRACK_MPS / half_m / bin_hz)
+    rows = np.rint((track_hz - first) / bin_hz).astype(np.int64)[:, None] + np.arange(-reach, reach + 1)
+    near = np.take_along_axis(values, rows % values.shape[1], axis=1).max(axis=1) - floor_v2
+    if median(near) >= BODY_SHARE * (median(values.max(axis=1)) - floor_v2):
+        return track_hz, True
+    return line_hz, apart_mps <= max(DIFFERING_SHARE * speed_mps, LEAST_APART_MPS, TRACK_ERROR_M / seconds)
+
+
+def torso_velocity_mps(signature: xr.DataArray, floor_v2: float, line_hz: FloatArray) -> FloatArray:
+    """Follow the torso's radial velocity over time (E-34c).
+
+    It is the strongest smooth ridge within 0.8 m/s of the gate's range rate, or of the main line where the gate is
+    fixed or the rate farther than that from it, refined by the centroid of three cells; shape (J,), m/s.
+
+    Parameters
+    ----------
+    signature : DataArray (time, doppler)
+    floor_v2 : float
+    line_hz : ndarray, shape (J,)
+        Main line.
+    """
+    from scipy.ndimage import gaussian_filter1d
+
+    from doppelgait.core.kernels.columns import follow_ridge
+
+    values, doppler_hz = np.ascontiguousarray(signature.values), axis(signature, "doppler")
+    bin_hz, half_m = bin_width_hz(signature), float(signature.attrs["wavelength_m"]) / 2.0
+    time_s, range_m = axis(signature, "time"), axis(signature, "centre_range")
+    if np.ptp(range_m) > 0 and time_s.size > 4:
+        track = track_velocity(time_s, range_m)
+        position = np.linspace(-1.0, 1.0, time_s.size)
+        curve_hz = (track.line_mps + track.bend_mps * (7.5 * position**2 - 1.5)) / half_m
+        if abs(float(curve_hz.mean() - line_hz.mean())) * half_m <= RIDGE_REACH_MPS:
+            line_hz = curve_hz
+    path = np.empty(values.shape[0], np.int64)
+    reach = min(max(1, round(RIDGE_REACH_MPS / half_m / bin_hz)), (values.shape[1] - 1) // 2)
+    follow_ridge(values, float(floor_v2), (line_hz - doppler_hz[0]) / bin_hz, reach, RIDGE_COST, path)
+    cells = np.take_along_axis(values, (path[:, None] + np.arange(-1, 2)) % values.shape[1], axis=1).astype(np.float64)
+    cells = np.maximum(cells - floor_v2, 1e-3 * cells) + 1e-300
+    offset = (cells[:, 2] - cells[:, 0]) / cells.sum(axis=1)
+    step_s = float(np.ptp(time_s)) / max(values.shape[0] - 1, 1)
+    ridge_hz = doppler_hz[0] + bin_hz * gaussian_filter1d(path + offset, RIDGE_SMOOTH_S / step_s, mode="nearest")
+    return np.asarray(half_m * ridge_hz)

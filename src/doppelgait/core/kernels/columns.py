@@ -113,3 +113,51 @@ def row_means(values: AnyFloatArray, out: FloatArray) -> None:
         for k in range(values.shape[1]):
             out[k] += values[j, k]
     out /= values.shape[0]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def follow_ridge(
+    values: AnyFloatArray, floor: float, line: FloatArray, reach: int, cost: float, path: npt.NDArray[np.int64]
+) -> None:
+    r"""Follow the strongest smooth ridge near a line (Viterbi, E-34c).
+
+    The path :math:`k_j = \mathrm{rint}(l_j) + i_j`, :math:`|i_j| \le r`, maximises
+    :math:`\sum_j \ln(\max(v_{j,k_j}, \nu)) - c \sum_j (k_j - k_{j-1})^2` with steps of at most one bin; the
+    Doppler axis is circular.
+
+    Parameters
+    ----------
+    values : ndarray, shape (J, K)
+    floor : float
+        nu.
+    line : ndarray, shape (J,)
+        Bins from the first.
+    reach : int
+        r.
+    cost : float
+        c.
+    path : ndarray, shape (J,)
+        Overwritten: k, not folded.
+    """
+    n_columns, n_bins = values.shape
+    width = 2 * reach + 1
+    score, before = np.zeros(width), np.zeros(width)
+    came = np.zeros((n_columns, width), np.int64)
+    for j in range(n_columns):
+        here = int(np.rint(line[j])) - reach
+        moved = here - (int(np.rint(line[j - 1])) - reach) if j else 0
+        for i in range(width):
+            most, origin = -np.inf, min(max(i + moved, 0), width - 1)
+            for step in range(-1, 2):
+                previous = i + moved + step
+                if 0 <= previous < width and before[previous] - cost * step * step > most:
+                    most, origin = before[previous] - cost * step * step, previous
+            if most == -np.inf:  # the line itself has jumped
+                most = before[origin] - cost
+            came[j, i] = origin
+            score[i] = most + np.log(max(np.float64(values[j, (here + i) % n_bins]), floor, 1e-300))
+        before[:] = score
+    i = int(score.argmax())
+    for j in range(n_columns - 1, -1, -1):
+        path[j] = int(np.rint(line[j])) - reach + i
+        i = came[j, i]
