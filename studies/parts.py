@@ -50,7 +50,7 @@ TUNING, REPORTED = range(100, 112), 300
 FIXED_MPS = 0.35
 """Half of the fixed band of the baseline; the best of the tuning grid."""
 ASPECTS_DEG = (0.0, 30.0, 60.0, 75.0, 90.0, 180.0)
-SNRS_DB = (math.inf, 20.0, 15.0, 10.0, 5.0)
+SNRS_DB = (math.inf, 20.0, 10.0, 5.0, 0.0)
 DOG_GAITS = ("walk", "pace", "trot", "canter", "gallop")
 BODIES = tuple(itertools.product(("person", "dog"), ("body_parts", "ellipsoids")))
 TRUNK = {"torso", "head", "trunk", "neck", "tail"}
@@ -173,10 +173,9 @@ def summarise(rows: pd.DataFrame, by: Sequence[str]) -> pd.DataFrame:
         "all torso", "fixed band", "right", "three parts", "legs are legs", "of all legs", "share_error",
     ]  # fmt: skip
     known = rows[rows["reason"] == ""]
-    table = known.groupby(list(by), sort=False)[shown].mean().round(2)
-    table.insert(0, "none", (rows["reason"] != "").groupby([rows[name] for name in by], sort=False).sum())
-    table.insert(0, "n", rows.groupby(list(by), sort=False).size())
-    return table.reset_index()
+    every = rows.assign(none=rows["reason"] != "").groupby(list(by), sort=False)["none"]
+    counts = pd.DataFrame({"n": every.size(), "none": every.sum()})
+    return counts.join(known.groupby(list(by))[shown].mean().round(2)).reset_index()
 
 
 def recorded_rows(mocap: Path) -> Iterator[dict[str, Any]]:

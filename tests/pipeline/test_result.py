@@ -99,7 +99,7 @@ def test_parts_are_there_where_they_were_asked_for(written, recording):
     assert tracked.parts["share"].values == pytest.approx(parts["share"].values, abs=0.05)
     slow = analyze(recording, gate="truth", analysis=Analysis(parts=True, cpi_s=0.02))[0]
     assert slow.parts is None
-    assert slow.flags[-1] == "parts:torso_slower_than_2_doppler_cells"
+    assert slow.flags[-1] == "parts:torso_slower_than_3_doppler_cells"
 
 
 def test_segments_share_what_they_have_in_common_on_disk(written):

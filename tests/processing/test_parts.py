@@ -140,7 +140,7 @@ def test_noise_does_not_move_the_shares():
     heard = energies(locate(noisy)[0], noisy)
     assert heard / heard.sum() == pytest.approx(clean / clean.sum(), abs=0.03)
     drowned = as_baseband(body.values + 10 * noise)
-    assert locate(drowned) == (None, "snr_below_10_db")
+    assert locate(drowned) == (None, "snr_below_5_db")
 
 
 def test_a_torso_without_radial_speed_has_no_parts():
@@ -149,7 +149,7 @@ def test_a_torso_without_radial_speed_has_no_parts():
     )
     mask, reason = locate(standing)
     assert mask is None
-    assert reason == "torso_slower_than_2_doppler_cells"
+    assert reason == "torso_slower_than_3_doppler_cells"
 
 
 def test_labels_and_moments_of_a_table_made_by_hand():

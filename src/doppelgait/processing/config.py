@@ -60,8 +60,8 @@ class Analysis(FrozenModel):
     extended : bool
         Compute the extended features and the standard deviations; not with ``liland2018``.
     parts : bool
-        Resolve the body into torso, legs and other limbs (:mod:`doppelgait.processing.parts`, E-40); it takes about
-        twice as long as everything else.
+        Resolve the body into torso, legs and other limbs (:mod:`doppelgait.processing.parts`, E-40). It takes several
+        times as long as the rest of the analysis in a given gate.
     """
 
     method: Method = "standard"
