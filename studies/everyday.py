@@ -85,7 +85,7 @@ CONCERNS: dict[str, tuple[str, ...]] = {
     "no_steady_piece": QUANTITIES,
 }
 """Beginnings of other flags, and what they concern."""
-NOT_COUNTED = ("keeps_still", "not_a_moving_body", "reflection_of")
+NOT_COUNTED = ("keeps_still", "not_a_moving_body", "reflection_of", "folded_echo_of")
 """Beginnings of flags of a result that does not claim to be a moving person or animal."""
 
 

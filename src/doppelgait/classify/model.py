@@ -217,10 +217,11 @@ def conditions_outside(found: Mapping[str, FloatArray], train: IntArray, test: I
 ABSTAIN_BELOW = 0.8
 BLOCKING = (
     "no_signal", "not_tracked", "keeps_still:*", "no_steady_piece:*", "aspect_beyond_75_deg:*", "gates_overlap",
-    "clutter_removal_took_*", "doppler_band_full:*", "*:columns_do_not_overlap",
+    "reflection_of:*", "folded_echo_of:*", "not_a_moving_body:*", "clutter_removal_took_*", "doppler_band_full:*",
+    "*:columns_do_not_overlap",
 )  # fmt: skip
-"""Flags that prevent a decision, * for anything: no target, no gait in the signature, the echo of another body, or too
-few columns to show a gait."""
+"""Flags that prevent a decision, * for anything: no target, no gait in the signature, the echo of another body, no
+body, or too few columns to show a gait."""
 OUTSIDE = 0.25
 """A feature may lie outside the training range by this share of its span."""
 RARELY = 0.01

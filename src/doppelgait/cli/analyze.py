@@ -89,7 +89,7 @@ def print_features(results: Sequence[Result]) -> None:
         reason = getattr(results, "reason", "")
         print(f"no target found: {reason}" if reason else "no target found")
         return
-    names = [f"{n}: {r.label or 'target'}" for n, r in enumerate(results)]
+    names = [f"{n}: {r.label or ('target' if r.is_body else r.verdict)}" for n, r in enumerate(results)]
     values = [
         {**r.features.as_dict(), "gait_frequency_hz": r.gait_frequency_hz, "n_periods": r.n_periods} for r in results
     ]
@@ -104,6 +104,11 @@ def print_features(results: Sequence[Result]) -> None:
         if any(r.quality.get(key) is not None for r in results)
     ]
     print_table(rows)
+    n_bodies = sum(r.is_body for r in results)
+    if n_bodies < len(results):
+        print(
+            f"bodies: {n_bodies} of {len(results)} targets; the others are echoes of a body or things, see their flags"
+        )
     for name, result in zip(names, results, strict=True):
         if result.flags:
             print(f"{name} flags: {', '.join(result.flags)}")

@@ -124,7 +124,7 @@ FAILURES_KEPT = 100
 LONG_COLUMNS = ("motion", "environment", "impairments", "shard_sha256", "warnings")
 """Columns that neither card nor lists need; the longest texts of all."""
 TEXT, NUMBER, INTEGER = "string", "float64", "int64"
-TEXT_COLUMNS = ("truth_gait",)
+TEXT_COLUMNS = ("truth_gait", "quality_verdict")
 """Columns that are text even where every row is without."""
 
 

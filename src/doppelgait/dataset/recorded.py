@@ -245,14 +245,15 @@ def labelled_result(results: Sequence[Result]) -> Result | None:
 
     It is the track with the most seconds, weighted by its confidence.
 
-    Bodies that move come before those found by their breath only.
+    Bodies come before echoes and things, and those that move before those found by their breath only.
     """
 
-    def weight(result: Result) -> tuple[bool, float]:
+    def weight(result: Result) -> tuple[bool, bool, float]:
         quality = result.quality
         if "track_confidence" not in quality:
-            return False, float(quality.get("breathing_confidence") or 0.0)
-        return True, float(quality["track_confidence"]) * float(quality["track_stop_s"] - quality["track_start_s"])
+            return result.is_body, False, float(quality.get("breathing_confidence") or 0.0)
+        seconds = float(quality["track_stop_s"] - quality["track_start_s"])
+        return result.is_body, True, float(quality["track_confidence"]) * seconds
 
     return max(results, key=weight, default=None)
 
@@ -264,7 +265,7 @@ def _outcome_columns(planned: PlannedEntry, results: Sequence[Result], result: R
         missing = "nobody:nothing_found" if planned.entry.nobody else "not_tracked"
         return {"gate": "track", **NOTHING, "flags": missing, "n_tracks": n_tracks}
     columns = {**result.to_row(), "n_tracks": n_tracks}
-    if tracked and len(results) > 1:
+    if tracked and sum(one.is_body for one in results) > 1:
         columns["flags"] = ";".join(filter(None, (columns["flags"], SEVERAL)))
     return columns
 

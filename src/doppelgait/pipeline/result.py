@@ -121,6 +121,20 @@ class Result:
             parts.append(f"segments={len(self.segments)}")
         return f"Result({', '.join(parts)})"
 
+    @property
+    def verdict(self) -> str | None:
+        """Kind of a tracked target: body, reflection, folded or thing.
+
+        None without tracking. Evidence is in ``quality``, and all but a body have a flag.
+        """
+        verdict = self.quality.get("verdict")
+        return None if verdict is None else str(verdict)
+
+    @property
+    def is_body(self) -> bool:
+        """True unless the verdict is reflection, folded or thing."""
+        return self.verdict in (None, "body")
+
     # Arrays ----------------------------------------------------------------------------------------------------------
 
     def _array(self, name: str) -> Any:
@@ -403,7 +417,8 @@ class Results:
 def describe_results(recording: Recording, results: Sequence[Result]) -> dict[str, Any]:
     """Build the document that ``doppelgait analyze --json`` prints.
 
-    Values that are not finite become None; an empty list of targets has its ``reason``.
+    Values that are not finite become None; an empty list of targets has its ``reason``. ``n_bodies`` leaves out targets
+    whose verdict is reflection, folded or thing.
     """
     facts = {
         "file": recording.source,
@@ -416,9 +431,9 @@ def describe_results(recording: Recording, results: Sequence[Result]) -> dict[st
         "radar": recording.radar.model_dump(mode="json"),
     }
     reason = {"reason": results.reason} if isinstance(results, TargetList) and not results else {}
-    document: dict[str, Any] = json_value(
-        {"recording": facts, "targets": [result.to_json(arrays=False) for result in results], **reason}
-    )
+    targets = [result.to_json(arrays=False) for result in results]
+    n_bodies = sum(result.is_body for result in results)
+    document: dict[str, Any] = json_value({"recording": facts, "n_bodies": n_bodies, "targets": targets, **reason})
     return document
 
 

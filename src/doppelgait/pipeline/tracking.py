@@ -19,6 +19,7 @@ from doppelgait.features.ground_motion import piece_motion
 from doppelgait.pipeline import rangeless
 from doppelgait.pipeline.result import Result, TargetList
 from doppelgait.pipeline.target import analyze_gated
+from doppelgait.pipeline.verdicts import judge
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.breathing import BreathingSettings, BreathingTarget, find_breathing
 from doppelgait.processing.bursts import burst_means
@@ -120,7 +121,7 @@ def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) 
         for person in persons
         if not any((np.abs(found.range_m - person.range_m) < NEAR_M).any() for found in tracks)
     ]
-    return TargetList(moving + still)
+    return TargetList(judge([*moving, *still], clean, analysis, recording.radar))
 
 
 def _targets_without_range(

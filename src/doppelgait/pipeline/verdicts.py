@@ -1,0 +1,313 @@
+"""Verdicts: whether tracked targets are bodies, echoes or things.
+
+Every verdict needs positive evidence; without it a target is a body.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait import processing
+from doppelgait.core.labels import axis
+from doppelgait.pipeline.result import Result
+from doppelgait.processing import Analysis, Gate
+from doppelgait.processing.gate import frame_limits_m
+from doppelgait.radar import Radar
+
+FloatArray = npt.NDArray[np.float64]
+
+STEP_S = 0.05
+"""Verdicts look at tracks and Doppler in steps of this time."""
+STRIP_M = 0.5
+"""Range extent of the strip around a track in which its Doppler is measured: less than that of a body's gate."""
+SIGNIFICANT = 4.0
+"""Cells of a strip count from this many times the noise on."""
+
+FOLD_GAP_S, FOLD_EDGE_M, FOLD_RANGE_M, FOLD_SPEED, FOLD_LEVEL_DB = 1.0, 1.0, 0.4, 0.2, 8.0
+"""Longest pause of a folding track, its distance from the edges then, and how well range, speed and level continue."""
+
+SLOWEST_MPS, FASTEST_MPS, FASTEST_GROUND_MPS = 0.08, 0.45, 0.5
+LEAST_THING_S, LEAST_THING_WAY_M = 2.0, 0.4
+SIDE_MPS = 0.3
+"""Doppler this far from the body's is that of moving parts."""
+BACKWARD, LEAST_BALANCE = (0.36, 0.6), 0.7
+"""Legs hardly move backward over the ground, less than 7 % of the power in all crawlers, slow walkers and dogs of the
+development scenes; the brushes of a vacuum cleaner move both ways alike: 38 to 56 %, and 74 to 97 % balance."""
+CLEAR_M = 1.2
+"""A strip is that of its target only while no other track is this near."""
+
+LEAST_MIRROR_S, LEAST_EXCESS_M, LEAST_CHANGE_M = 0.7, 0.3, 0.3
+MIRROR_ERROR_M, MIRROR_DRIFT_PER_S = 0.03, 0.2
+GHOST_LEVEL_DB, IN_STEP_LEVEL_DB = -9.0, 1.0
+RHYTHM_TOLERANCE, SURE, IN_STEP = 0.06, 0.5, 0.75
+"""Least confidence of two rhythms that differ, and least correlation of two that are one."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Track and Doppler of one target in steps of time.
+
+    Parameters
+    ----------
+    time_s, range_m, approach_mps : ndarray, shape (T,)
+    power_v2 : ndarray, shape (T, K)
+        Power above the noise of the strip; 0 where it is not significant.
+    velocity_mps : ndarray, shape (K,)
+        Positive when approaching.
+    """
+
+    time_s: FloatArray
+    range_m: FloatArray
+    approach_mps: FloatArray
+    power_v2: FloatArray
+    velocity_mps: FloatArray
+
+    @property
+    def level_db(self) -> FloatArray:
+        """Return the strength over time, at 1 m, in dB."""
+        power_v2 = np.maximum(self.power_v2.sum(axis=1), 1e-30)
+        return np.asarray(10.0 * np.log10(power_v2) + 40.0 * np.log10(np.maximum(self.range_m, 0.1)))
+
+    def between(self, start_s: float, stop_s: float) -> Seen:
+        """Return the part between two times."""
+        kept = (self.time_s >= start_s - 1e-9) & (self.time_s <= stop_s + 1e-9)
+        return self.at(kept)
+
+    def at(self, kept: npt.NDArray[np.bool_]) -> Seen:
+        """Return the steps that a mask keeps."""
+        return Seen(
+            self.time_s[kept], self.range_m[kept], self.approach_mps[kept], self.power_v2[kept], self.velocity_mps
+        )
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Verdict on one target with its evidence.
+
+    ``kind`` is body, reflection, folded or thing.
+    """
+
+    kind: str = "body"
+    flag: str | None = None
+    evidence: tuple[tuple[str, float], ...] = ()
+
+
+def judge(results: Sequence[Result], clean: xr.DataArray, analysis: Analysis, radar: Radar) -> list[Result]:
+    """Add the verdict, its evidence and its flag to every tracked target.
+
+    Parameters
+    ----------
+    results : sequence of Result
+        Of one recording, with the gates of their tracks.
+    clean : DataArray (slow_time, range)
+        Baseband without clutter.
+    analysis : Analysis
+    radar : Radar
+    """
+    first_m, last_m = frame_limits_m(axis(clean, "range"))
+    seen = {
+        n: see(result.gate, clean, analysis, radar.wavelength_m)
+        for n, result in enumerate(results)
+        if "track_start_s" in result.quality
+        and ((result.gate.centre_m > first_m) & (result.gate.centre_m < last_m)).any()
+    }
+    verdicts = {n: Verdict() for n in range(len(results))}
+    folding_m = radar.waveform.unambiguous_range_m(radar) if radar.folds_pulses else None
+    for n in seen:
+        others = [seen[other] for other in seen if other != n]
+        verdicts[n] = judge_thing(seen[n], others) or verdicts[n]
+    for n in seen:
+        for other in seen:
+            if n == other or verdicts[n].kind != "body" or verdicts[other].kind != "body":
+                continue
+            found = None if folding_m is None else judge_fold(
+                seen[n], seen[other], other, folding_m=folding_m, frame_stop_m=radar.range_stop_m
+            )  # fmt: skip
+            found = found or judge_reflection(seen[n], seen[other], other, _rhythms(results[n], results[other]))
+            verdicts[n] = found or verdicts[n]
+    return [_marked(result, verdicts[n]) for n, result in enumerate(results)]
+
+
+def _marked(result: Result, verdict: Verdict) -> Result:
+    quality: dict[str, Any] = {**result.quality, "verdict": verdict.kind, **dict(verdict.evidence)}
+    flags = result.flags if verdict.flag is None else (*result.flags, verdict.flag)
+    segments = tuple(_marked(segment, verdict) for segment in result.segments)
+    return replace(result, quality=quality, flags=flags, segments=segments)
+
+
+def _rhythms(ghost: Result, body: Result) -> tuple[float, float] | None:
+    """Return both gait frequencies where both are sure."""
+    both = (ghost, body)
+    if any(one.gait_frequency_hz is None or (one.quality.get("gait_confidence") or 0.0) < SURE for one in both):
+        return None
+    return float(ghost.gait_frequency_hz or 0.0), float(body.gait_frequency_hz or 0.0)
+
+
+def see(gate: Gate, clean: xr.DataArray, analysis: Analysis, wavelength_m: float) -> Seen:
+    """Look at the strip around the track of a target."""
+    strip = Gate(gate.time_s, gate.centre_m, STRIP_M)
+    mu = processing.thin(processing.signature(gate.crop(clean), strip, analysis, wavelength_m=wavelength_m))
+    floor_v2 = processing.noise_floor_v2(mu)
+    excess_v2 = np.where(mu.values > SIGNIFICANT * floor_v2, mu.values - floor_v2, 0.0)
+    times_s = axis(mu, "time")
+    every = max(round(STEP_S / max(float(np.median(np.diff(times_s))), 1e-9)), 1) if times_s.size > 1 else 1
+    steps = max(times_s.size // every, 1)
+    grouped = excess_v2[: steps * every].reshape(steps, -1, excess_v2.shape[1]).mean(axis=1)
+    time_s = times_s[: steps * every].reshape(steps, -1).mean(axis=1)
+    around_s = time_s[:, None] + np.array([-0.25, 0.25])
+    range_m = gate.centre_at(np.clip(around_s, gate.start_s, gate.stop_s))
+    width_s = np.diff(np.clip(around_s, gate.start_s, gate.stop_s), axis=1)[:, 0]
+    approach_mps = -np.diff(range_m, axis=1)[:, 0] / np.maximum(width_s, 1e-9)
+    velocity_mps = axis(mu, "doppler") * wavelength_m / 2
+    return Seen(time_s, gate.centre_at(time_s), approach_mps, grouped, velocity_mps)
+
+
+# Things --------------------------------------------------------------------------------------------------------------
+
+
+def judge_thing(one: Seen, others: Sequence[Seen]) -> Verdict | None:
+    """Recognise a slow thing with turning parts, as a robot vacuum cleaner.
+
+    It travels no faster than a crawler, and has Doppler to both sides alike: what is on legs moves them forward.
+    """
+    clear = np.ones(one.time_s.size, dtype=bool)
+    for other in others:
+        inside = (one.time_s >= other.time_s[0] - 0.2) & (one.time_s <= other.time_s[-1] + 0.2)
+        apart_m = np.abs(one.range_m - np.interp(one.time_s, other.time_s, other.range_m))
+        clear &= ~inside | (apart_m > CLEAR_M)
+    own = one.at(clear)
+    if own.time_s.size * STEP_S < LEAST_THING_S or np.ptp(own.range_m) < LEAST_THING_WAY_M:
+        return None
+    if np.percentile(np.abs(one.approach_mps), 95) > FASTEST_MPS:
+        return None
+    squared = np.polynomial.Polynomial.fit(one.time_s, one.range_m**2, 2).convert().coef
+    if len(squared) > 2 and squared[2] > FASTEST_GROUND_MPS**2:  # R^2 of a straight way is quadratic in time
+        return None
+    travels = np.abs(own.approach_mps) > SLOWEST_MPS
+    if travels.sum() * STEP_S < LEAST_THING_S / 2:
+        return None
+    relative_mps = own.velocity_mps[None, :] - own.approach_mps[:, None]
+    above = float(own.power_v2[relative_mps > SIDE_MPS].sum())
+    below = float(own.power_v2[relative_mps < -SIDE_MPS].sum())
+    forward = np.sign(own.approach_mps)[:, None] * travels[:, None]
+    ahead = float(own.power_v2[relative_mps * forward > SIDE_MPS].sum())
+    back = float(own.power_v2[own.velocity_mps[None, :] * forward < -SIDE_MPS].sum())
+    if min(above, below, ahead, back) <= 0:
+        return None
+    backward, balance = back / (back + ahead), min(above, below) / max(above, below)
+    if not BACKWARD[0] <= backward <= BACKWARD[1] or balance < LEAST_BALANCE:
+        return None
+    return Verdict(
+        "thing", "not_a_moving_body:turning_parts_without_gait",
+        (("thing_backward_share", backward), ("thing_balance", balance)),
+    )  # fmt: skip
+
+
+# Folding -------------------------------------------------------------------------------------------------------------
+
+
+def judge_fold(one: Seen, body: Seen, number: int, *, folding_m: float, frame_stop_m: float) -> Verdict | None:
+    """Recognise the folded echo of a body beyond the frame.
+
+    Its range plus the folding range continues the body's track past the end of the frame, before or after it.
+    """
+    later = one.time_s[0] > body.time_s[0]
+    first, second = (body, one) if later else (one, body)
+    gap_s = float(second.time_s[0] - first.time_s[-1])
+    if not -FOLD_GAP_S <= gap_s <= FOLD_GAP_S:
+        return None
+    far, near = (-1, 0) if later else (0, -1)
+    if body.range_m[far] < frame_stop_m - FOLD_EDGE_M or one.range_m[near] > FOLD_EDGE_M:
+        return None
+    # the second before the edge, but not the half right at it, where a part of the body is outside
+    count = min(one.time_s.size, body.time_s.size)
+    skip, stop = min(10, count // 2), min(30, count)
+    edge = slice(-stop, -skip or None) if later else slice(skip, stop)  # of the body
+    own_edge = slice(skip, stop) if later else slice(-stop, -skip or None)
+    speed_mps, own_mps = (float(np.median(x)) for x in (body.approach_mps[edge], one.approach_mps[own_edge]))
+    if speed_mps * own_mps <= 0 or abs(own_mps - speed_mps) > FOLD_SPEED * abs(speed_mps) + 0.05:
+        return None
+    expected_m = body.range_m[edge].mean() - speed_mps * (one.time_s[own_edge].mean() - body.time_s[edge].mean())
+    error_m = float(one.range_m[own_edge].mean() + folding_m - expected_m)
+    true = replace(one, range_m=one.range_m + folding_m)
+    level_db = float(np.median(true.level_db[own_edge]) - np.median(body.level_db[edge]))
+    if abs(error_m) > FOLD_RANGE_M or abs(level_db) > FOLD_LEVEL_DB:
+        return None
+    return Verdict("folded", f"folded_echo_of:{number}", (("fold_error_m", error_m), ("fold_level_db", level_db)))
+
+
+# Reflections ---------------------------------------------------------------------------------------------------------
+
+
+def judge_reflection(ghost: Seen, body: Seen, number: int, rhythms: tuple[float, float] | None) -> Verdict | None:
+    """Recognise a body's echo by an upright wall.
+
+    The mirror image at the range g fulfils g^2 = R^2 + 4 q, the path with one way by the wall m (m - R) = q, q the
+    product of the distances of radar and body from the wall, which changes little as the body walks.
+    """
+    start_s, stop_s = max(ghost.time_s[0], body.time_s[0]), min(ghost.time_s[-1], body.time_s[-1])
+    own, direct = ghost.between(start_s, stop_s), body.between(start_s, stop_s)
+    if stop_s - start_s < LEAST_MIRROR_S or own.time_s.size < 8 or direct.time_s.size < 8:
+        return None
+    if stop_s - start_s < 0.9 * (ghost.time_s[-1] - ghost.time_s[0]):
+        return None  # no ghost without its body
+    range_m = np.interp(own.time_s, direct.time_s, direct.range_m)
+    excess_m = own.range_m - range_m
+    if excess_m.min() < LEAST_EXCESS_M or np.ptp(excess_m) < LEAST_CHANGE_M:
+        return None
+    if rhythms is not None and abs(rhythms[0] - rhythms[1]) > RHYTHM_TOLERANCE * rhythms[1]:
+        return None
+    level_db = float(np.median(own.level_db - np.interp(own.time_s, direct.time_s, direct.level_db)))
+    in_step = rhythm_correlation(own, direct)
+    if level_db > (IN_STEP_LEVEL_DB if in_step > IN_STEP else GHOST_LEVEL_DB):
+        return None
+    found: list[tuple[float, float]] = []
+    for product, path in ((own.range_m * excess_m, "one_way"), ((own.range_m**2 - range_m**2) / 4, "two_ways")):
+        centre_s = own.time_s - own.time_s.mean()
+        drift, mean = np.polyfit(centre_s, product, 1)
+        fitted = np.maximum(mean + drift * centre_s, 0.0)
+        if path == "one_way":
+            modelled_m = (range_m + np.sqrt(range_m**2 + 4 * fitted)) / 2
+        else:
+            modelled_m = np.sqrt(range_m**2 + 4 * fitted)
+        error_m = float(np.sqrt(np.mean((modelled_m - own.range_m) ** 2)))
+        if error_m <= MIRROR_ERROR_M and abs(drift) <= MIRROR_DRIFT_PER_S * mean:
+            found.append((error_m, float(mean)))
+    if not found:
+        return None
+    error_m, mean_m2 = min(found)
+    evidence = (
+        ("mirror_error_m", error_m), ("mirror_product_m2", mean_m2), ("mirror_level_db", level_db),
+        ("mirror_rhythm_correlation", in_step),
+    )  # fmt: skip
+    return Verdict("reflection", f"reflection_of:{number}", evidence)
+
+
+def rhythm_correlation(one: Seen, other: Seen) -> float:
+    """Correlate how the Doppler of two targets moves and widens with time.
+
+    Returns the lesser of both correlations.
+    """
+    found = []
+    for first, second in zip(_moments(one), _moments(other), strict=True):
+        second = np.interp(one.time_s, other.time_s, second)
+        order = 1 if np.ptp(one.time_s) < 1.5 else 2
+        both = [x - np.polynomial.Polynomial.fit(one.time_s, x, order)(one.time_s) for x in (first, second)]
+        power = float(np.sqrt((both[0] ** 2).sum() * (both[1] ** 2).sum()))
+        found.append(float((both[0] * both[1]).sum()) / power if power > 0 else 0.0)
+    return min(found)
+
+
+def _moments(one: Seen) -> tuple[FloatArray, FloatArray]:
+    """Return mean and standard deviation of the Doppler, m/s, amplitude-weighted."""
+    amplitude = np.sqrt(one.power_v2) + 1e-30
+    total = amplitude.sum(axis=1)
+    mean_mps = (amplitude * one.velocity_mps).sum(axis=1) / total
+    squared = (amplitude * (one.velocity_mps[None, :] - mean_mps[:, None]) ** 2).sum(axis=1) / total
+    return mean_mps, np.sqrt(squared)

@@ -1,0 +1,211 @@
+"""Verdicts against mirror images and folded ranges that are computed here, and against simulated rooms."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from doppelgait.cli.analyze import print_features
+from doppelgait.core.rng import rng
+from doppelgait.motion import boulic_walk
+from doppelgait.motion.models import crawling_person, robot_vacuum
+from doppelgait.pipeline import Result, analyze, describe_results, simulate
+from doppelgait.pipeline.verdicts import Seen, judge_fold, judge_reflection, judge_thing, rhythm_correlation
+from doppelgait.radar import Radar
+from doppelgait.scene import Scene, Target
+
+TIME_S = np.arange(0.0, 4.0, 0.05)
+VELOCITY_MPS = np.linspace(-4.0, 4.0, 161)
+X4 = Radar.preset("x4")
+BODY_DB, RHYTHM_HZ = -20.0, 1.8
+
+
+def seen(range_m, *, level_db=BODY_DB, time_s=TIME_S, rhythm_hz=RHYTHM_HZ, parts=((0.0, 0.2, 1.0),)):
+    """Make a target whose power at 1 m is the level; its parts are offset, width in m/s and share.
+
+    The first part swings with the rhythm.
+    """
+    approach_mps = -np.gradient(range_m, time_s)
+    swing_mps = 0.3 * np.sin(2 * np.pi * rhythm_hz * time_s)
+    width = 0.2 + 0.08 * np.sin(2 * np.pi * rhythm_hz * time_s + 1.0)
+    power = np.zeros((time_s.size, VELOCITY_MPS.size))
+    for number, (offset, spread, share) in enumerate(parts):
+        centre = approach_mps + offset + (swing_mps if number == 0 else 0.0)
+        broad = width if number == 0 and rhythm_hz else np.full(time_s.size, spread)
+        shape = np.exp(-(((VELOCITY_MPS - centre[:, None]) / broad[:, None]) ** 2))
+        power += share * shape / shape.sum(axis=1, keepdims=True)
+    power *= (10 ** (level_db / 10) / range_m**4)[:, None]
+    return Seen(time_s, range_m, approach_mps, power, VELOCITY_MPS)
+
+
+def walk(x_m, y_m, wall_m=2.0):
+    """Return range of a body and distance of its mirror image in the wall y = wall_m."""
+    return np.hypot(x_m, y_m), np.hypot(x_m, 2 * wall_m - y_m)
+
+
+X_M, Y_M = 7.0 - 1.3 * TIME_S, 0.2 + 0.05 * TIME_S
+DIRECT_M, IMAGE_M = walk(X_M, Y_M)
+
+
+@pytest.mark.parametrize("path", ["one way", "both ways"])
+def test_a_mirror_image_is_a_reflection(path):
+    range_m = IMAGE_M if path == "both ways" else (DIRECT_M + IMAGE_M) / 2
+    found = judge_reflection(seen(range_m, level_db=BODY_DB - 12), seen(DIRECT_M), 3, (1.8, 1.81))
+    assert found is not None
+    assert (found.kind, found.flag) == ("reflection", "reflection_of:3")
+    evidence = dict(found.evidence)
+    assert evidence["mirror_level_db"] == pytest.approx(-12.0, abs=0.3)
+    assert evidence["mirror_product_m2"] == pytest.approx(2.0 * (2.0 - Y_M.mean()), rel=0.05)  # radar and body to wall
+    assert evidence["mirror_error_m"] < 0.01
+
+
+def test_a_strong_reflection_needs_the_same_rhythm():
+    ghost_m, body = (DIRECT_M + IMAGE_M) / 2, seen(DIRECT_M)
+    assert judge_reflection(seen(ghost_m), body, 0, None) is not None
+    assert judge_reflection(seen(ghost_m, rhythm_hz=2.3), body, 0, None) is None
+
+
+@pytest.mark.parametrize(
+    ("range_m", "rhythms"),
+    [
+        (DIRECT_M + 1.2, (1.8, 1.8)),  # follows in step
+        (DIRECT_M + 1.2 + 0.6 * TIME_S, (1.8, 1.8)),  # falls behind: the product grows
+        (IMAGE_M, (2.4, 1.8)),  # on the path of an image, in a rhythm of its own
+        (DIRECT_M - 0.9 + 0.02 * TIME_S, (1.8, 1.8)),  # nearer than the body
+    ],
+)
+def test_a_weak_follower_is_no_reflection(range_m, rhythms):
+    assert judge_reflection(seen(range_m, level_db=BODY_DB - 12), seen(DIRECT_M), 0, rhythms) is None
+
+
+def test_what_is_as_strong_as_the_body_out_of_step_is_no_reflection():
+    assert judge_reflection(seen(IMAGE_M, level_db=BODY_DB - 5, rhythm_hz=2.1), seen(DIRECT_M), 0, None) is None
+
+
+def test_what_outlasts_the_body_is_no_reflection():
+    body = seen(DIRECT_M).between(0.0, 2.0)
+    assert judge_reflection(seen(IMAGE_M, level_db=BODY_DB - 12), body, 0, None) is None
+
+
+def test_rhythm_correlation_is_one_in_step_and_low_in_another_rhythm():
+    assert rhythm_correlation(seen(IMAGE_M), seen(DIRECT_M)) > 0.95
+    assert rhythm_correlation(seen(DIRECT_M), seen(DIRECT_M, rhythm_hz=2.4)) < 0.3
+
+
+FOLDING_M = X4.waveform.unambiguous_range_m(X4)
+
+
+def leaving(speed_mps=1.4, *, beyond_m=FOLDING_M, level_db=BODY_DB):
+    """Return the track up to the end of the frame and the one of the folded echo from 0.4 m on."""
+    long_s = np.arange(0.0, 9.0, 0.05)
+    range_m = 3.0 + speed_mps * long_s
+    first, second = range_m < 9.5, range_m > FOLDING_M + 0.4
+    own = seen(range_m[second], time_s=long_s[second], level_db=level_db)  # the level of its true range
+    folded = Seen(own.time_s, own.range_m - beyond_m, own.approach_mps, own.power_v2, VELOCITY_MPS)
+    return seen(range_m[first], time_s=long_s[first]), folded
+
+
+def test_a_body_that_leaves_goes_on_as_its_folded_echo():
+    body, echo = leaving()
+    found = judge_fold(echo, body, 0, folding_m=FOLDING_M, frame_stop_m=9.66)
+    assert found is not None
+    assert (found.kind, found.flag) == ("folded", "folded_echo_of:0")
+    evidence = dict(found.evidence)
+    assert evidence["fold_error_m"] == pytest.approx(0.0, abs=0.02)
+    assert evidence["fold_level_db"] == pytest.approx(0.0, abs=0.1)
+
+
+def test_the_folded_echo_may_come_first():
+    body, echo = (
+        Seen(-one.time_s[::-1], one.range_m[::-1], -one.approach_mps[::-1], one.power_v2[::-1, ::-1], VELOCITY_MPS)
+        for one in leaving()
+    )
+    found = judge_fold(echo, body, 1, folding_m=FOLDING_M, frame_stop_m=9.66)
+    assert found is not None
+    assert dict(found.evidence)["fold_error_m"] == pytest.approx(0.0, abs=0.02)
+
+
+def test_another_body_near_the_radar_is_no_folded_echo():
+    body, _ = leaving()
+    _, fast = leaving(2.2)
+    _, elsewhere = leaving(beyond_m=FOLDING_M - 0.5)
+    _, strong = leaving(level_db=BODY_DB + 30)  # as one who really is there
+    for other in (fast, elsewhere, strong):
+        assert judge_fold(other, body, 0, folding_m=FOLDING_M, frame_stop_m=9.66) is None
+
+
+SLOW_M = 5.0 - 0.25 * TIME_S
+BRUSHES = ((0.0, 0.1, 1.0), (0.7, 0.2, 0.05), (-0.7, 0.2, 0.05))
+LEGS = ((0.0, 0.1, 1.0), (0.5, 0.2, 0.1))
+
+
+def test_turning_parts_on_a_slow_way_are_a_thing():
+    found = judge_thing(seen(SLOW_M, rhythm_hz=0.0, parts=BRUSHES), [])
+    assert found is not None
+    assert (found.kind, found.flag) == ("thing", "not_a_moving_body:turning_parts_without_gait")
+    assert dict(found.evidence)["thing_balance"] == pytest.approx(1.0, abs=0.05)
+
+
+def test_legs_speed_rest_and_company_are_no_thing():
+    assert judge_thing(seen(SLOW_M, rhythm_hz=0.0, parts=LEGS), []) is None
+    assert judge_thing(seen(5.0 - 0.8 * TIME_S, rhythm_hz=0.0, parts=BRUSHES), []) is None
+    assert judge_thing(seen(5.0 + 0.05 * np.sin(TIME_S), rhythm_hz=0.0, parts=BRUSHES), []) is None  # keeps its place
+    assert judge_thing(seen(SLOW_M, rhythm_hz=0.0, parts=BRUSHES), [seen(SLOW_M + 0.5)]) is None
+
+
+def test_a_walk_past_the_radar_is_no_thing():
+    past_m = np.hypot(1.0 * (TIME_S - 2.0), 8.0)  # radial speeds as of a vacuum cleaner
+    assert np.abs(np.gradient(past_m, TIME_S)).max() < 0.3
+    assert judge_thing(seen(past_m, rhythm_hz=0.0, parts=BRUSHES), []) is None
+
+
+# Simulated recordings ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.filterwarnings("ignore::doppelgait.core.errors.DoppelgaitWarning")
+def recorded(*targets, seed=1, environment=()):
+    from doppelgait.pipeline.conditions import Conditions
+
+    conditions = Conditions(environment=environment, impairments=[{"kind": "phase_noise", "white_rad": 0.002}])
+    return simulate(Scene(list(targets)), X4, rng=rng(seed), snr_db=20.0, conditions=conditions)
+
+
+VACUUM = Target(
+    robot_vacuum(speed_mps=0.3, brush_hz=2.0, duration_s=6.0), label="vacuum", range_m=4.5, rcs={"total_m2": 0.05}
+)
+
+
+def test_a_vacuum_cleaner_is_a_thing_and_not_counted(capsys):
+    recording = recorded(VACUUM)
+    results = analyze(recording)
+    assert [one.verdict for one in results] == ["thing"]
+    assert not results[0].is_body
+    document = describe_results(recording, results)
+    assert document["n_bodies"] == 0
+    assert document["targets"][0]["quality"]["verdict"] == "thing"
+    print_features(results)
+    shown = capsys.readouterr().out
+    assert "0: thing" in shown
+    assert "bodies: 0 of 1 targets" in shown
+    back = Result.from_json(json.loads(json.dumps(results[0].to_json())))
+    assert back.verdict == "thing"
+    assert Result.from_row(results[0].to_row(), results[0].analysis).verdict == "thing"
+
+
+@pytest.mark.parametrize(
+    "motion",
+    [boulic_walk(speed_mps=1.2, height_m=1.75, duration_s=5.0), crawling_person(speed_mps=0.4, duration_s=6.0)],
+)
+def test_a_walker_and_a_crawler_are_bodies_without_a_flag(motion):
+    (found,) = analyze(recorded(Target(motion, label="human", range_m=4.5)))
+    assert found.verdict == "body"
+    assert found.is_body
+    assert not [flag for flag in found.flags if flag.startswith(("not_a", "reflection", "folded"))]
+
+
+def test_results_without_tracking_have_no_verdict():
+    (found,) = analyze(recorded(VACUUM), gate="truth")
+    assert found.verdict is None
+    assert found.is_body
