@@ -1,4 +1,4 @@
-"""Posterior, octave and exact frequency of f_mu: signatures with an answer known by construction."""
+"""Posterior, octave and exact frequency of f_mu against closed forms."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ DOPPLER_HZ = (np.arange(N_DOPPLER) - N_DOPPLER // 2) * PRF_HZ / N_DOPPLER
 
 
 def drawn(*, stride_hz, alike, seconds=5.0, sway_hz=18.0, noise=0.0, torso=1.0, at_hz=60.0, seed=0):
-    """Normalised signature and excess of a torso that sways once a stride and two limbs, half a stride apart or not.
+    """Draw a torso that sways once a stride and two limbs.
 
     Every line is 14 Hz wide. A limb stands for half a stride at -40 Hz of the torso and swings up to 220 Hz above it in
     the other half. ``alike``: the second limb does the same half a stride later (f_mu is twice the stride rate); else
