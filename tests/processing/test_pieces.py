@@ -154,6 +154,19 @@ def test_usable_segments_hold_one_velocity(name):
     assert found >= 9
 
 
+def test_a_path_that_the_partition_takes_for_one_is_cut_by_the_goodness_of_fit():
+    """A circle beside the radar: smooth enough for the partition, but no straight walk."""
+    times, cut, loose = np.arange(0, 5, 0.1), 0, PieceSettings(straight_level=0.0)
+    for seed in range(20):
+        clean = 5 + 0.5 * np.sin(0.9 * times + seed)
+        track = clean + lasting_errors(np.random.default_rng(seed), times.size)
+        whole = find_pieces(times, track, range_sd_m=0.02, settings=loose)
+        pieces = find_pieces(times, track, range_sd_m=0.02)
+        cut += len(whole) == 1 and (len(pieces) > 1 or not pieces[0].usable)
+        assert all(piece.straight_probability >= 1e-3 for piece in pieces if piece.usable)
+    assert cut >= 10
+
+
 def test_straight_walks_are_hardly_ever_cut():
     cut, times = 0, np.arange(0, 6, 0.1)
     for seed in range(100):
