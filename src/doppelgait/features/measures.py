@@ -57,17 +57,3 @@ def square_difference(rows: FloatArray, first: int = 0, last: int | None = None)
     found = np.empty((rows.shape[0] if last is None else last + 1) - first)
     periodicity.square_difference(np.ascontiguousarray(rows), first, found)
     return found
-
-
-def lag_products(rows: FloatArray, first: int, count: int) -> FloatArray:
-    """Sum v_j v_{j+tau} over time and rows at some lags.
-
-    They are ``count`` lags from ``first`` on.
-
-    For the few lags of one search, or a few rows, this is less work than transforming all rows.
-    """
-    from doppelgait.core.kernels import periodicity
-
-    products = np.empty(count)
-    periodicity.lag_products(np.ascontiguousarray(rows), first, products)
-    return products
