@@ -80,6 +80,22 @@ def test_a_weak_follower_is_no_reflection(range_m, rhythms):
     assert judge_reflection(seen(range_m, level_db=BODY_DB - 12), seen(DIRECT_M), 0, rhythms) is None
 
 
+SLOWLY_M = 9.0 - 0.75 * TIME_S
+
+
+@pytest.mark.parametrize("behind_m", [1.2 + 0.0 * TIME_S, 1.2 + 0.6 * TIME_S])
+def test_a_slow_pair_far_away_has_no_product_that_keeps_its_value(behind_m):
+    ghost = seen(SLOWLY_M + behind_m, level_db=BODY_DB - 12)
+    assert judge_reflection(ghost, seen(SLOWLY_M), 0, None) is None
+
+
+def test_an_echo_within_the_body_is_no_reflection():
+    direct_m, image_m = walk(X_M, 1.5 + 0.0 * TIME_S)
+    assert (image_m - direct_m).min() < 0.3
+    assert np.ptp(image_m - direct_m) > 0.3
+    assert judge_reflection(seen(image_m, level_db=BODY_DB - 12), seen(direct_m), 0, None) is None
+
+
 def test_what_is_as_strong_as_the_body_out_of_step_is_no_reflection():
     assert judge_reflection(seen(IMAGE_M, level_db=BODY_DB - 5, rhythm_hz=2.1), seen(DIRECT_M), 0, None) is None
 
@@ -129,16 +145,18 @@ def test_the_folded_echo_may_come_first():
 
 def test_another_body_near_the_radar_is_no_folded_echo():
     body, _ = leaving()
-    _, fast = leaving(2.2)
     _, elsewhere = leaving(beyond_m=FOLDING_M - 0.5)
     _, strong = leaving(level_db=BODY_DB + 30)  # as one who really is there
-    for other in (fast, elsewhere, strong):
+    faster = [leaving(2.0, beyond_m=FOLDING_M + shift_m)[1] for shift_m in np.arange(-6.0, 6.0, 0.2)]
+    for other in (elsewhere, strong, *faster):
         assert judge_fold(other, body, 0, folding_m=FOLDING_M, frame_stop_m=9.66) is None
 
 
 SLOW_M = 5.0 - 0.25 * TIME_S
-BRUSHES = ((0.0, 0.1, 1.0), (0.7, 0.2, 0.05), (-0.7, 0.2, 0.05))
+BRUSHES = ((0.0, 0.1, 1.0), (1.3, 0.2, 0.05), (-1.3, 0.2, 0.05))
 LEGS = ((0.0, 0.1, 1.0), (0.5, 0.2, 0.1))
+TO_AND_FRO = ((0.0, 0.1, 1.0), (0.45, 0.1, 0.05), (-0.45, 0.1, 0.05))
+LOPSIDED = ((0.0, 0.1, 1.0), (1.3, 0.2, 0.033), (-1.3, 0.2, 0.05))
 
 
 def test_turning_parts_on_a_slow_way_are_a_thing():
@@ -149,9 +167,11 @@ def test_turning_parts_on_a_slow_way_are_a_thing():
 
 
 def test_legs_speed_rest_and_company_are_no_thing():
-    assert judge_thing(seen(SLOW_M, rhythm_hz=0.0, parts=LEGS), []) is None
-    assert judge_thing(seen(5.0 - 0.8 * TIME_S, rhythm_hz=0.0, parts=BRUSHES), []) is None
-    assert judge_thing(seen(5.0 + 0.05 * np.sin(TIME_S), rhythm_hz=0.0, parts=BRUSHES), []) is None  # keeps its place
+    for parts in (LEGS, TO_AND_FRO, LOPSIDED):
+        assert judge_thing(seen(SLOW_M, rhythm_hz=0.0, parts=parts), []) is None
+    assert judge_thing(seen(5.0 - 0.49 * TIME_S, rhythm_hz=0.0, parts=BRUSHES), []) is None
+    stays_m = 5.0 + 0.15 * np.sin(2.0 * TIME_S)
+    assert judge_thing(seen(stays_m, rhythm_hz=0.0, parts=BRUSHES), []) is None
     assert judge_thing(seen(SLOW_M, rhythm_hz=0.0, parts=BRUSHES), [seen(SLOW_M + 0.5)]) is None
 
 
