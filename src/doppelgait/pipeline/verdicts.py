@@ -45,7 +45,7 @@ CLEAR_M = 1.2
 LEAST_MIRROR_S, LEAST_EXCESS_M, LEAST_CHANGE_M = 0.7, 0.3, 0.3
 MIRROR_ERROR_M, MIRROR_DRIFT_PER_S = 0.03, 0.2
 GHOST_LEVEL_DB, IN_STEP_LEVEL_DB = -9.0, 1.0
-RHYTHM_TOLERANCE, SURE, IN_STEP = 0.06, 0.5, 0.75
+RHYTHM_TOLERANCE, SURE, IN_STEP = 0.12, 0.5, 0.75
 """Least confidence of two rhythms that differ, and least correlation of two that are one."""
 
 
