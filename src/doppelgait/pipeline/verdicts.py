@@ -44,7 +44,8 @@ CLEAR_M = 1.2
 
 LEAST_MIRROR_S, LEAST_EXCESS_M, LEAST_CHANGE_M = 0.7, 0.3, 0.3
 MIRROR_ERROR_M, MIRROR_DRIFT_PER_S = 0.03, 0.2
-GHOST_LEVEL_DB, IN_STEP_LEVEL_DB = -9.0, 1.0
+GHOST_LEVEL_DB, IN_STEP_LEVEL_DB = -11.0, 1.0
+"""Both ways by a brick wall lose 12 dB and more; small dogs are up to 10 dB weaker than a person."""
 RHYTHM_TOLERANCE, SURE, IN_STEP = 0.12, 0.5, 0.75
 """Least confidence of two rhythms that differ, and least correlation of two that are one."""
 
