@@ -471,9 +471,8 @@ def test_a_real_recording_says_what_it_does_not_have(page: Any, serve: Callable[
     opened(page, serve(folder, "--set", "cpi_s=1"))  # 17 frames a second: a longer interval
     assert look(page, "range-time")[1] > 20
     assert "only simulated recordings" in text(page, ".panel-scene .empty")
-    assert "no target was found" in text(page, ".panel-signature .empty")
+    assert text(page, ".panel-signature .empty") == ""  # somebody who breathes for the first 12 s
     assert page.locator("#gate option[value=truth]").count() == 0
-    assert page.is_disabled("#sound")
     before = look(page, "range-time-overlay")
     page.click("#play")
     until(lambda: seconds(page) > 0.3, "the clock does not run")

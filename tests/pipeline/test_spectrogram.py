@@ -83,8 +83,9 @@ def test_gait_of_a_clipped_image(torso_hz: float, step_hz: float) -> None:
     assert found.gait_frequency_hz == pytest.approx(step_hz, rel=0.01)
     assert found.features.torso_velocity_mps == pytest.approx(torso_hz * 0.015, abs=0.02)  # half a row
     assert found.features.step_length_m == pytest.approx(abs(torso_hz) * 0.015 / step_hz, rel=0.02)
-    # from the torso's line to the limb's farthest, both at about the width of a line
-    assert found.features.doppler_bandwidth_hz == pytest.approx(100.0, abs=15.0)
+    # the limb's reach, and half the widths of both lines, 10^(-0.6 (f / 5 Hz)^2), 15 dB below the torso's
+    own_hz = 5.0 * (np.sqrt(1.5 / 0.6) + np.sqrt((1.5 - 0.8) / 0.6))
+    assert found.features.doppler_bandwidth_hz == pytest.approx(100.0 + own_hz, abs=5.0)
 
 
 def test_through_levels_and_back_nothing_changes() -> None:
