@@ -8,8 +8,9 @@ from doppelgait.core.rng import Streams
 from doppelgait.features import Extraction, GaitFeatures
 from doppelgait.features.doppler import width_of_bins
 from doppelgait.features.uncertainty import (
+    FREQUENCY_FACTOR,
     HARMONIC_FACTOR,
-    VELOCITY_FACTOR,
+    RATIO_FACTOR,
     VELOCITY_LEAST_MPS,
     Periods,
     bandwidth_sd_hz,
@@ -40,9 +41,9 @@ def periods_with(phase_rad, rows=None, frequency_hz=2.0):
 def test_frequency_sd_is_the_scatter_of_the_increments():
     phase = np.array([-0.09, 0.03, -0.03, 0.09])
     step = np.sqrt((0.12**2 + 0.06**2 + 0.12**2) / 3)
-    wanted = 2.0 * np.hypot(step / (2 * np.pi * np.sqrt(3)), 0.003)
+    wanted = 2.0 * np.hypot(FREQUENCY_FACTOR * step / (2 * np.pi * np.sqrt(3)), 0.0015)
     assert frequency_sd_hz(periods_with(phase)) == pytest.approx(wanted, rel=0.03)
-    assert frequency_sd_hz(periods_with(np.zeros(30))) == pytest.approx(2.0 * 0.003)
+    assert frequency_sd_hz(periods_with(np.zeros(30))) == pytest.approx(2.0 * 0.0015)
 
 
 def test_harmonic_ratio_sd_is_that_of_two_straight_lines():
@@ -64,14 +65,14 @@ def test_ratio_sd_is_that_of_a_mean_over_periods():
     energy = 20 * (1.0 + 0.25 + 0.04)
     each = strength * np.sqrt(4 * energy / 20.0)
     assert ratio_sd(periods) == pytest.approx(
-        np.hypot(each.std(ddof=1) / np.sqrt(12), 0.1 * each.mean() / 12), rel=0.01
+        np.hypot(RATIO_FACTOR * each.std(ddof=1) / np.sqrt(12), 0.05 * each.mean() / 12), rel=0.01
     )
 
 
 def test_velocity_sd_of_independent_columns():
     rng = np.random.default_rng(5)
     taper = 1 - np.linspace(-1, 1, T.size) ** 2
-    wanted = VELOCITY_FACTOR * 0.1 * np.sqrt((taper**2).sum()) / taper.sum()
+    wanted = 0.1 * np.sqrt((taper**2).sum()) / taper.sum()
     found = []
     for _ in range(8):  # every column's strongest cell is off by 0.1 m/s, independently of the next
         evidence = evidence_of(line_at(1.5 + rng.normal(scale=0.1, size=T.size), k=255), 1.5)
@@ -123,11 +124,11 @@ def test_step_length_sd_adds_relative_variances_and_the_third_harmonic_has_none(
     share = np.hypot(found["torso_velocity_mps"] / 1.5, found["gait_frequency_hz"] / 2.0)
     assert found["step_length_m"] == pytest.approx(0.75 * share)
     assert found["harmonic_ratio_3"] is None
-    # even periods: what the ends may do is left, a tenth of the ratio over ten periods
+    # even periods: what the ends may do is left, a twentieth of the ratio over ten periods
     rows = swinging()[0].aligned.values[:, 480:]
     power = np.abs(np.fft.fft(rows, axis=0)[[10, 20, 30]] / T.size) ** 2
     ratio = np.sqrt(4 * power.sum() / (rows.mean(axis=0) ** 2).sum())
-    assert found["limb_torso_ratio"] == pytest.approx(0.1 * ratio / 10, rel=0.05)
+    assert found["limb_torso_ratio"] == pytest.approx(0.05 * ratio / 10, rel=0.05)
 
 
 def test_no_signal_and_few_periods_have_no_uncertainty():

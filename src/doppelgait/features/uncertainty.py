@@ -26,13 +26,12 @@ from doppelgait.features.observed import Observed
 CAUCHY_TUNING = 2.385
 VELOCITY_BLOCK_S = 0.5
 """Block length where there is no gait frequency."""
-VELOCITY_FACTOR = 1.5
-"""The strongest cell of a column is not the body's centre: errors are this much larger than the scatter."""
-VELOCITY_LEAST_MPS, VELOCITY_RIPPLE_SHARE = 0.01, 0.05
-FREQUENCY_LEAST_SHARE = 0.003
-RATIO_END_SHARE = 0.1
+VELOCITY_LEAST_MPS, VELOCITY_RIPPLE_SHARE = 0.006, 0.05
+FREQUENCY_FACTOR, FREQUENCY_LEAST_SHARE = 0.55, 0.0015
+"""Uneven steps that alternate are no error of the mean: errors are this much smaller than the scatter."""
+RATIO_FACTOR, RATIO_END_SHARE = 0.5, 0.05
 """Effect of an unfinished period at the ends on rho, of its share in the record."""
-HARMONIC_FACTOR = 2.0
+HARMONIC_FACTOR = 1.45
 MIN_BLOCKS = 3
 GROUPS = 8
 """Groups of periods of which the bandwidth's jackknife leaves out one at a time."""
@@ -122,7 +121,7 @@ def velocity_sd_mps(observed: Observed) -> float | None:
 
     The line is an M-estimate with Cauchy weights, tapered in time. Its variance is the sum over blocks of the squared
     sum of the influence in a block, over the squared sum of the influence's slope: independent blocks, any dependence
-    within them (the sandwich form, Huber 1967, for clusters). A share of the torso's own swing and 1 cm/s are added.
+    within them (the sandwich form, Huber 1967, for clusters). A share of the torso's own swing and 6 mm/s are added.
     """
     from doppelgait.core.kernels.columns import peak_offsets
 
@@ -144,7 +143,7 @@ def velocity_sd_mps(observed: Observed) -> float | None:
     sandwich_mps = math.sqrt(float((sums**2).sum()) * sums.size / (sums.size - 2)) / slope
     ripple = observed.torso_ripple_mps
     ripple_mps = math.sqrt(float(np.mean(ripple**2))) if np.isfinite(ripple).all() else 0.0
-    return math.hypot(VELOCITY_FACTOR * sandwich_mps, VELOCITY_RIPPLE_SHARE * ripple_mps, VELOCITY_LEAST_MPS)
+    return math.hypot(sandwich_mps, VELOCITY_RIPPLE_SHARE * ripple_mps, VELOCITY_LEAST_MPS)
 
 
 def bandwidth_sd_hz(observed: Observed) -> float | None:
@@ -219,26 +218,26 @@ def frequency_sd_hz(periods: Periods) -> float:
 
     Every period is early or late by a phase, the least-squares shift of its first three harmonics against their mean.
     The increments of that phase from period to period, independent of each other, add up to the error of a frequency
-    that counts periods from the first to the last: ``f rms(increment) / (2 pi sqrt(B - 1))``; and 0.3 % is added.
+    that counts periods from the first to the last: ``0.55 f rms(increment) / (2 pi sqrt(B - 1))``; and 0.15 % is added.
     """
     imaginary, real = _phase_parts(periods)
     phase_rad = imaginary @ HARMONICS / float(HARMONICS**2 @ real)
     step_rad = math.sqrt(float(np.mean(np.diff(phase_rad) ** 2)))
-    share = step_rad / (2.0 * math.pi * math.sqrt(phase_rad.size - 1))
+    share = FREQUENCY_FACTOR * step_rad / (2.0 * math.pi * math.sqrt(phase_rad.size - 1))
     return periods.frequency_hz * math.hypot(share, FREQUENCY_LEAST_SHARE)
 
 
 def ratio_sd(periods: Periods) -> float:
     """Estimate the standard deviation of rho (E-38).
 
-    It is the scatter of the ratio of single periods, over the root of their number.
+    It is half of the scatter of the ratio of single periods, over the root of their number: neighbours are unlike.
 
-    What an unfinished period at the ends may change is added: a tenth of the ratio over the number of periods.
+    What an unfinished period at the ends may change is added: 5 % of the ratio over the number of periods.
     """
     energy = (np.abs(periods.harmonics) ** 2).sum(axis=(1, 2))
     ratio = np.sqrt(4.0 * energy / (periods.means**2).sum(axis=1))
     ends = RATIO_END_SHARE * float(ratio.mean()) / ratio.size
-    return math.hypot(float(ratio.std(ddof=1)) / math.sqrt(ratio.size), ends)
+    return math.hypot(RATIO_FACTOR * float(ratio.std(ddof=1)) / math.sqrt(ratio.size), ends)
 
 
 def harmonic_ratio_sd(periods: Periods, harmonic: int) -> float:
