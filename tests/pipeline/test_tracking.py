@@ -242,3 +242,20 @@ def test_a_clutter_choice_is_kept_and_median_is_the_default():
     named = analyze(blind, analysis=Analysis(clutter="median"))[0]
     assert by_default.features == named.features
     assert as_asked.features != named.features
+
+
+def test_frames_that_were_filled_in_are_flagged():
+    """A recorder that repeats frames: counted exactly, flagged above 2 %."""
+    lost = {"kind": "dropped_frames", "probability": 0.06, "mean_length": 5.0}
+    scene = Scene([Target(WALK, start_position_m=(7.0, 0.0), heading_deg=180.0)])
+    shares = {}
+    for name, impairments in (("whole", []), ("lost", [lost])):
+        made = simulate(scene, RADAR, rng=rng(4), snr_db=15.0, conditions=Conditions(impairments=impairments))
+        (found,) = analyze(made)
+        inside = (made.slow_time_s >= found.quality["start_s"]) & (made.slow_time_s < found.quality["stop_s"])
+        frames = made.baseband.values[inside]
+        shares[name] = np.mean([np.array_equal(one, other) for one, other in zip(frames[1:], frames[:-1], strict=True)])
+        assert found.quality["lost_frame_share"] == pytest.approx(shares[name], abs=1e-3)
+        assert any("frames_were_lost" in flag for flag in found.flags) == (name == "lost")
+    assert shares["whole"] == 0.0
+    assert shares["lost"] > 0.02

@@ -38,6 +38,8 @@ FloatArray = npt.NDArray[np.float64]
 MIN_BREATHING_S, MIN_BREATHING_HZ = 10.0, 3.0
 NEAR_M = 1.0
 """A breath found this close to a track is that of the tracked body."""
+LOST_SHARE = 0.02
+"""Frames that were lost and filled in, up to which the bandwidth is hardly wider (1 % singly: 3 %)."""
 CLUTTER_SHARE = 0.2
 """Above this share of a gate's power removed with the clutter, the torso may be removed, too."""
 STILL_SPAN_M = 0.6
@@ -121,7 +123,24 @@ def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) 
         for person in persons
         if not any((np.abs(found.range_m - person.range_m) < NEAR_M).any() for found in tracks)
     ]
+    moving = [_flag_lost_frames(one, baseband) for one in moving]
     return TargetList(judge([*moving, *still], clean, analysis, recording.radar))
+
+
+def _flag_lost_frames(result: Result, baseband: xr.DataArray) -> Result:
+    """Flag the bandwidth where frames of a target were filled in.
+
+    A recorder that loses frames repeats the last one or stores zeros; the jumps that follow are wide in Doppler.
+    """
+    times_s, values = axis(baseband, "slow_time"), baseband.values
+    first, stop = np.searchsorted(times_s, [result.quality["start_s"], result.quality["stop_s"]])
+    part = values[first:stop]
+    share = float((part[1:] == part[:-1]).all(axis=1).mean()) if part.shape[0] > 1 else 0.0
+    segments = tuple(_flag_lost_frames(segment, baseband) for segment in result.segments)
+    quality, flags = {**result.quality, "lost_frame_share": share}, result.flags
+    if share > LOST_SHARE:
+        flags = (*flags, f"doppler_bandwidth:{100 * share:.0f}_per_cent_of_the_frames_were_lost")
+    return replace(result, quality=quality, flags=flags, segments=segments)
 
 
 def _targets_without_range(
