@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from doppelgait.core.errors import DoppelgaitWarning
+from doppelgait.core.errors import AnalysisError, DoppelgaitWarning
 from doppelgait.core.rng import rng
 from doppelgait.motion import boulic_walk, quadruped_gait
 from doppelgait.motion.models.primitives import breathing_person
@@ -259,3 +259,10 @@ def test_frames_that_were_filled_in_are_flagged():
         assert any("frames_were_lost" in flag for flag in found.flags) == (name == "lost")
     assert shares["whole"] == 0.0
     assert shares["lost"] > 0.02
+
+
+def test_values_that_are_not_finite_are_an_error_and_no_empty_list():
+    made = simulate(Scene([Target(WALK, range_m=4.0)]), RADAR, rng=rng(4), snr_db=15.0)
+    made.baseband.values[100, 7] = np.nan
+    with pytest.raises(AnalysisError, match=r"1 of \d+ frames .*not finite \(first: frame 100\)"):
+        analyze(made)

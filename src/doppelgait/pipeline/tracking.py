@@ -12,7 +12,7 @@ import xarray as xr
 
 from doppelgait import processing
 from doppelgait.core.config import FrozenModel
-from doppelgait.core.errors import warn_caller
+from doppelgait.core.errors import AnalysisError, warn_caller
 from doppelgait.core.labels import axis, sampling_rate_hz
 from doppelgait.features import GaitFeatures
 from doppelgait.features.ground_motion import piece_motion
@@ -91,6 +91,12 @@ def track_targets(recording: Recording, analysis: Analysis, tracking: Tracking) 
     tracking : Tracking
     """
     baseband, wavelength_m = recording.baseband, recording.radar.wavelength_m
+    unknown = np.flatnonzero(~np.isfinite(baseband.values).all(axis=1))
+    if unknown.size:
+        raise AnalysisError(
+            f"{recording.source}: {unknown.size} of {baseband.shape[0]} frames have values that are not finite (first: "
+            f"frame {unknown[0]}); remove those frames or fill them"
+        )
     if baseband.sizes["range"] == 1:
         return _targets_without_range(baseband, wavelength_m, analysis, tracking)
     raw = without_common_phase(baseband)
