@@ -263,6 +263,8 @@ def test_frames_that_were_filled_in_are_flagged():
 
 def test_values_that_are_not_finite_are_an_error_and_no_empty_list():
     made = simulate(Scene([Target(WALK, range_m=4.0)]), RADAR, rng=rng(4), snr_db=15.0)
-    made.baseband.values[100, 7] = np.nan
+    values = made.baseband.values.copy()
+    values[100, 7] = np.nan
+    made = made.with_baseband(made.baseband.copy(data=values))
     with pytest.raises(AnalysisError, match=r"1 of \d+ frames .*not finite \(first: frame 100\)"):
         analyze(made)
