@@ -7,9 +7,11 @@ import os
 import signal
 import sys
 import threading
+import traceback
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from functools import lru_cache
+from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -94,29 +96,51 @@ def collect_garbage_rarely() -> None:
     gc.set_threshold(5000)
 
 
-def prepare_worker(alive: Connection | None = None) -> None:
+def prepare_worker() -> None:
     """Prepare a new worker process; its first call.
 
     Ctrl-C is left to the main process, and pandas does without Arrow.
 
     Arrow is 66 MB that only writing tables needs. Too late for that where the main script imports pandas, or this
     package's datasets, at its top: workers import that, too.
-
-    Parameters
-    ----------
-    alive : Connection, optional
-        Reading end of a pipe whose writing end only the main process holds. The worker ends at once when that closes:
-        when the main process says so or is gone, however it went.
     """
     collect_garbage_rarely()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if "pandas" not in sys.modules:
         sys.modules.setdefault("pyarrow", None)  # type: ignore[arg-type]
-    if alive is not None:
-        threading.Thread(target=_end_with, args=(alive,), daemon=True).start()
 
 
-def _end_with(alive: Connection) -> None:
-    with suppress(OSError, EOFError):
-        alive.recv_bytes()
-    os._exit(1)
+def serve(pipe: Connection) -> None:
+    """Work on what comes through a pipe, until it closes.
+
+    First comes a function of one argument, then arguments; every one is answered with the result or the exception. A
+    thread reads the pipe, so that the process ends at once, at work or not, when the main process closes it or is
+    gone, however it went.
+    """
+    prepare_worker()
+    received: SimpleQueue[Any] = SimpleQueue()
+
+    def read() -> None:
+        try:
+            while True:
+                received.put(pipe.recv())
+        except (OSError, EOFError):
+            os._exit(0)
+        except Exception:  # what this process cannot read: another version, a module that is not here
+            traceback.print_exc()
+            os._exit(1)
+
+    threading.Thread(target=read, daemon=True).start()
+    work = received.get()
+    while True:
+        try:
+            answer = work(received.get())
+        except Exception as error:
+            error.add_note("in a worker process:\n" + "".join(traceback.format_tb(error.__traceback__)))
+            answer = error
+        try:
+            pipe.send(answer)
+        except OSError:
+            os._exit(1)
+        except Exception as error:  # what cannot be pickled
+            pipe.send(RuntimeError(f"a worker's answer cannot be sent: {error}: {answer!r}"))

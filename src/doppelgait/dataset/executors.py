@@ -10,18 +10,18 @@ import multiprocessing
 import os
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, closing, contextmanager, suppress
 from itertools import islice
 from multiprocessing.connection import wait as wait_for_pipes
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from doppelgait.core.errors import ConfigError, DatasetError
 from doppelgait.core.interrupt import raise_if_stopped, without_ctrl_c
-from doppelgait.core.worker import WORKER_ENVIRONMENT, prepare_worker, worker_environment
+from doppelgait.core.worker import WORKER_ENVIRONMENT, serve, worker_environment
 
 if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
+
     from distributed import Client, LocalCluster
     from distributed import Future as DaskFuture
 
@@ -67,11 +67,10 @@ def with_new_workers(run: Callable[[Sequence[Shard]], Results], shards: Sequence
                 ) from None
 
 
-QUEUED_PER_WORKER = 2
 LOOK_SECONDS = 0.1
 """How often to look whether the build is to stop."""
-MUTE_LOOKS = 20
-"""Looks in a row that find a dead worker before the pool itself noticed."""
+END_SECONDS = 10
+"""How long a worker that is told to end may take, before it is killed."""
 
 
 def run_processes(work: Work, shards: Sequence[Shard], workers: int) -> Results:
@@ -80,57 +79,67 @@ def run_processes(work: Work, shards: Sequence[Shard], workers: int) -> Results:
     Raises
     ------
     WorkersLostError
-        If a worker dies; the others have then ended, too.
+        If a worker dies; the others are ended, too.
     """
     queue = iter(shards)
-    running: dict[Future[dict[str, Any]], Shard] = {}
-    mute = 0
-    with _pool(workers) as (pool, end_workers):
+    busy: dict[Connection, Shard] = {}
+    with _started(work, workers) as idle:
         while True:
-            # a submission starts a process while fewer than ``workers`` are there
-            with worker_environment(), without_ctrl_c():
-                while len(running) < QUEUED_PER_WORKER * workers and (shard := next(queue, None)) is not None:
-                    running[pool.submit(work, shard)] = shard
-            if not running:
-                return
             raise_if_stopped()
-            done, _ = wait(running, LOOK_SECONDS, FIRST_COMPLETED)
-            for future in sorted(done, key=lambda f: f.exception() is not None):  # what is there before what broke
-                yield running.pop(future), future.result()
-            dead = wait_for_pipes([process.sentinel for process in (pool._processes or {}).values()], 0)
-            mute = mute + 1 if dead and not done else 0
-            if mute == MUTE_LOOKS:
-                end_workers()
+            answers, lost = [], False
+            try:
+                while idle and (shard := next(queue, None)) is not None:
+                    pipe = idle.pop()
+                    busy[pipe] = shard
+                    pipe.send(shard)
+            except OSError:
+                lost = True
+            if not busy:
+                return
+            for pipe in cast("list[Connection]", wait_for_pipes(list(busy), LOOK_SECONDS)):
+                try:
+                    answers.append((busy[pipe], pipe.recv()))
+                except (EOFError, OSError):
+                    lost = True
+                else:
+                    del busy[pipe]
+                    idle.append(pipe)
+            for shard, answer in answers:  # what is there before what is lost
+                if isinstance(answer, BaseException):
+                    raise answer
+                yield shard, answer
+            if lost:
+                raise WorkersLostError
 
 
 @contextmanager
-def _pool(workers: int) -> Iterator[tuple[ProcessPoolExecutor, Callable[[], None]]]:
-    """Open a pool whose processes end with the block.
+def _started(work: Work, workers: int) -> Iterator[list[Connection]]:
+    """Start worker processes that end with the block, and give the pipe to each.
 
-    The second value ends them at once.
-
-    They end after their work, or at once if the block ends by an error.
+    Every worker has a pipe of its own and shares no lock: whichever is killed, at whatever moment, its pipe closes and
+    nobody waits for it.
     """
     spawn = multiprocessing.get_context("spawn")
-    alive, hold = spawn.Pipe(duplex=False)
-    pool = ProcessPoolExecutor(workers, mp_context=spawn, initializer=prepare_worker, initargs=(alive,))
-
-    def end_workers() -> None:
-        hold.close()
-        # where one died within a message to here, the pool reads on as long as anybody might write the rest
-        pool._result_queue._writer.close()  # type: ignore[attr-defined]
-
+    pipes: list[Connection] = []
+    processes = []
     try:
-        yield pool, end_workers
-    except BaseException as error:
-        end_workers()
-        if isinstance(error, BrokenProcessPool):
-            raise WorkersLostError from None
-        raise
+        with worker_environment(), without_ctrl_c():
+            for _ in range(workers):
+                here, there = spawn.Pipe()
+                pipes.append(here)
+                processes.append(spawn.Process(target=serve, args=(there,), daemon=True))
+                processes[-1].start()
+                there.close()  # else the pipe would not close with its worker
+                with suppress(OSError):  # one that has died already is found by the first answer
+                    here.send(work)
+        yield list(pipes)
     finally:
-        pool.shutdown(wait=True, cancel_futures=True)
-        hold.close()
-        alive.close()
+        for pipe in pipes:
+            pipe.close()
+        for process in processes:
+            process.join(END_SECONDS)
+            process.kill()
+            process.join()
 
 
 MAX_QUEUED = 256

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 import time
 from functools import partial
+from multiprocessing import active_children
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import processes
@@ -93,6 +96,24 @@ def test_a_worker_killed_within_its_answer_loses_nothing_and_nobody_waits_for_th
     results = list(run_shards(work, planned, executor="processes", workers=2))
     assert (tmp_path / "killed").exists()
     assert sorted(shard.name for shard, _ in results) == [shard.name for shard in planned]
+
+
+@pytest.mark.timeout(300)
+def test_workers_killed_at_random_moments_at_work_or_idle_lose_nothing_and_nobody_waits_for_them(tmp_path):
+    rng, planned = np.random.default_rng(5), shards(12)
+    for number in range(8):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        work, victim = partial(started, folder=str(folder), seconds=0.005), number % 2
+        killer = threading.Timer(rng.uniform(0.0, 0.1), lambda: [p.kill() for p in active_children()[:1]])
+        names = []
+        for shard, _ in run_shards(work, planned, executor="processes", workers=2):
+            names.append(shard.name)
+            if len(names) == 1 and number < 4:
+                killer.start()
+            if len(names) == len(planned):  # the workers wait for work that does not come
+                [p.kill() for p in active_children()[victim:][:1]]
+        assert sorted(names) == [shard.name for shard in planned]
 
 
 @pytest.mark.slow
