@@ -1,11 +1,12 @@
 """Signals to whole processes: a pool that is interrupted anywhere, a second signal, a suite that ignores Ctrl-C."""
 
-import concurrent.futures.process as pools
+import multiprocessing
 import signal
 import subprocess
 import sys
 import time
 from functools import partial
+from multiprocessing.connection import Connection
 
 import pytest
 
@@ -19,22 +20,21 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no 
 
 @pytest.mark.timeout(120)
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_inside_the_pools_own_code_stops_the_work_and_not_the_pool(tmp_path, monkeypatch, number):
-    class Interrupted(pools._WorkItem):
-        """A submission during which the signal comes; what raised there would leave the pool in pieces."""
+def test_a_signal_while_the_workers_start_stops_the_work_and_leaves_no_worker(tmp_path, monkeypatch, number):
+    send, sent = Connection.send, []
 
-        def __init__(self, *arguments):
-            super().__init__(*arguments)
-            if not submitted:
-                signal.raise_signal(number)
-            submitted.append(self)
+    def interrupted(connection, message):
+        if not sent:
+            signal.raise_signal(number)  # what raised here would leave half of the workers without work
+        sent.append(message)
+        send(connection, message)
 
-    submitted = []
-    monkeypatch.setattr(pools, "_WorkItem", Interrupted)
+    monkeypatch.setattr(Connection, "send", interrupted)
     work = partial(quick_then_slow, folder=str(tmp_path))
     with pytest.raises(KeyboardInterrupt), processes.default_signals(), stop_in_order():
         list(run_shards(work, shards(6), executor="processes", workers=2))
-    assert len(submitted) == 4
+    assert len(sent) == 2  # the work to two workers, and no shard
+    assert multiprocessing.active_children() == []
 
 
 TWICE = """

@@ -83,19 +83,27 @@ def run_processes(work: Work, shards: Sequence[Shard], workers: int) -> Results:
     """
     queue = iter(shards)
     busy: dict[Connection, Shard] = {}
+    answers: list[tuple[Shard, Any]] = []
+    lost = False
     with _started(work, workers) as idle:
         while True:
             raise_if_stopped()
-            answers, lost = [], False
             try:
-                while idle and (shard := next(queue, None)) is not None:
+                while idle and (shard := next(queue, None)) is not None:  # no worker waits while the caller is at work
                     pipe = idle.pop()
                     busy[pipe] = shard
                     pipe.send(shard)
             except OSError:
                 lost = True
+            for shard, answer in answers:  # what is there before what is lost
+                if isinstance(answer, BaseException):
+                    raise answer
+                yield shard, answer
+            if lost:
+                raise WorkersLostError
             if not busy:
                 return
+            answers = []
             for pipe in cast("list[Connection]", wait_for_pipes(list(busy), LOOK_SECONDS)):
                 try:
                     answers.append((busy[pipe], pipe.recv()))
@@ -104,12 +112,6 @@ def run_processes(work: Work, shards: Sequence[Shard], workers: int) -> Results:
                 else:
                     del busy[pipe]
                     idle.append(pipe)
-            for shard, answer in answers:  # what is there before what is lost
-                if isinstance(answer, BaseException):
-                    raise answer
-                yield shard, answer
-            if lost:
-                raise WorkersLostError
 
 
 @contextmanager
