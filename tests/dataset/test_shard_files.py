@@ -13,16 +13,16 @@ from doppelgait.dataset.shard_files import DB_FLOOR, decode, encode, facts_of
 
 def test_full_precision_comes_back_as_it_was():
     values = np.random.default_rng(0).random((7, 5)).astype(np.float32)
-    spec = FieldSpec(name="signature")
+    spec = FieldSpec(name="signature", dtype="full")
     facts = facts_of([spec])["signature"]
     assert facts == {"dims": ["time", "doppler"], "units": "V^2", "dtype": "float32", "scale": "linear", "hop": 1}
     assert np.array_equal(decode(encode(values, spec), facts), values)
 
 
 @pytest.mark.parametrize("level", [1e-16, 1e-13, 1e-6, 1.0])
-def test_half_precision_is_within_what_is_promised_and_half_the_size(level):
+def test_half_precision_is_within_what_is_promised_and_the_default_of_signatures(level):
     values = (level * np.random.default_rng(1).chisquare(2, (400, 64))).astype(np.float32)
-    spec = FieldSpec(name="signature", dtype="half")
+    spec = FieldSpec(name="signature")
     stored = encode(values, spec)
     assert stored.nbytes * 2 == values.nbytes
     back = decode(stored, facts_of([spec])["signature"])
@@ -40,7 +40,7 @@ def test_silence_stays_silence():
 
 def test_a_hop_keeps_every_nth_column():
     values = np.arange(20.0).reshape(10, 2)
-    assert encode(values, FieldSpec(name="signature", hop=3))[:, 0].tolist() == [0.0, 6.0, 12.0, 18.0]
+    assert encode(values, FieldSpec(name="signature", dtype="full", hop=3))[:, 0].tolist() == [0.0, 6.0, 12.0, 18.0]
 
 
 def test_a_file_instead_of_the_folder_is_told(tmp_path):

@@ -20,7 +20,13 @@ def tiny_plan(**dataset):
         "examples_per_class": 6,
         "shard_size": 3,
         "fractions": {"train": 0.5, "test": 0.5},
-        "fields": ["signature", "cadence_map", "baseband", "truth_range_m", "truth_radial_velocity_mps"],
+        "fields": [
+            {"name": "signature", "dtype": "full"},
+            "cadence_map",
+            "baseband",
+            "truth_range_m",
+            "truth_radial_velocity_mps",
+        ],
     }
     return PlanConfig.model_validate({
         "dataset": section | dataset,

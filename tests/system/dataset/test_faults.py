@@ -96,7 +96,7 @@ def test_a_full_disk_at_log_and_lock_is_one_error(tmp_path, monkeypatch, mini_ha
 
 @pytest.fixture
 def small_disk(tmp_path):
-    """A file system of 700 kB, and a function that makes it large enough."""
+    """A file system of 350 kB, and a function that makes it large enough."""
     place = tmp_path / "disk"
     place.mkdir()
 
@@ -104,7 +104,7 @@ def small_disk(tmp_path):
         command = ["mount", *(("-t", "tmpfs") if what else ()), "-o", options, *what, str(place)]
         return processes.run(command, capture_output=True, check=False).returncode
 
-    if not sys.platform.startswith("linux") or mount("size=700k", "tmpfs") != 0:
+    if not sys.platform.startswith("linux") or mount("size=350k", "tmpfs") != 0:
         pytest.skip("no right to mount a tmpfs here")
     try:
         yield place, lambda: mount("remount,size=16m")

@@ -365,7 +365,7 @@ def test_parts_that_are_not_there_are_refused(limits, says):
 @pytest.fixture
 def imported(recordings):
     target = recordings.parent / "mine"
-    fields = ("signature", {"name": "baseband"})
+    fields = ({"name": "signature", "dtype": "full"}, {"name": "baseband"})
     config = ImportConfig(gate=(1.0, 2.0), fields=fields, shard_size=3)
     return import_dataset(recordings, write(recordings, LABELS), target, config=config), target, recordings
 
@@ -444,7 +444,7 @@ def test_a_folder_of_an_older_version_is_refused_with_the_command_that_makes_it_
 
 def test_the_same_again_changes_nothing_and_anything_else_is_refused(imported):
     report, target, recordings = imported
-    config = ImportConfig(gate=(1.0, 2.0), fields=("signature", "baseband"), shard_size=3)
+    config = ImportConfig(gate=(1.0, 2.0), fields=({"name": "signature", "dtype": "full"}, "baseband"), shard_size=3)
     before = {p: (p.read_bytes(), p.stat().st_mtime_ns) for p in target.rglob("*") if p.is_file()}
     again = import_dataset(recordings, recordings.parent / "labels.csv", target, config=config)
     assert again.was_there

@@ -110,7 +110,7 @@ def test_kept_arrays_have_axes_and_equal_the_simulation():
     assert stored["signature_time_s"].size == stored["signature"].shape[0]
     assert stored["signature_doppler_hz"].size == stored["signature"].shape[1]
     assert stored["cadence_map_cadence_hz"].size == stored["cadence_map"].shape[0]
-    ((_, full),) = rows_of(plan())
+    ((_, full),) = rows_of(plan(dataset={"fields": [{"name": "signature", "dtype": "full"}]}))
     half = decode(stored["signature"], {"scale": "db"})
     assert np.allclose(half, full["signature"][::2], rtol=0.015)
 
