@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import os
 import signal
 import sys
 import threading
 import traceback
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
+from importlib import import_module
 from queue import SimpleQueue
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
@@ -110,14 +112,39 @@ def prepare_worker() -> None:
         sys.modules.setdefault("pyarrow", None)  # type: ignore[arg-type]
 
 
-def serve(pipe: Connection) -> None:
-    """Work on what comes through a pipe, until it closes.
+def serve(pipes: Sequence[Connection], module: str) -> None:
+    """Load a module, then work on what comes through pipes, until they close.
 
-    First comes a function of one argument, then arguments; every one is answered with the result or the exception. A
-    thread reads the pipe, so that the process ends at once, at work or not, when the main process closes it or is
-    gone, however it went.
+    With more than one pipe, this process makes a copy of itself for each, and waits for their ends: the module is
+    loaded once. On Linux alone: elsewhere, libraries do not survive the copy.
+
+    Through a pipe comes first a function of one argument, then arguments; every one is answered with the result or the
+    exception. A thread reads the pipe, so that the process ends at once, at work or not, when the main process closes
+    it or is gone, however it went.
     """
     prepare_worker()
+    import_module(module)
+    if len(pipes) == 1:
+        _serve_one(pipes[0])
+    workers = []
+    for number, pipe in enumerate(pipes):
+        worker = os.fork()
+        if worker == 0:
+            ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)  # who kills this process, kills its workers
+            for other in (*pipes[:number], *pipes[number + 1 :]):  # the pipe of a worker closes with that worker
+                other.close()
+            _serve_one(pipe)
+        workers.append(worker)
+    for pipe in pipes:
+        pipe.close()
+    for worker in workers:
+        os.waitpid(worker, 0)
+
+
+PR_SET_PDEATHSIG = 1
+
+
+def _serve_one(pipe: Connection) -> NoReturn:
     received: SimpleQueue[Any] = SimpleQueue()
 
     def read() -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import logging
 import multiprocessing
 import os
+import sys
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
@@ -122,26 +123,29 @@ def _started(work: Work, workers: int) -> Iterator[list[Connection]]:
     nobody waits for it.
     """
     spawn = multiprocessing.get_context("spawn")
-    pipes: list[Connection] = []
-    processes = []
+    ends = [spawn.Pipe() for _ in range(workers)]
+    pipes = [here for here, _ in ends]
+    theirs = [there for _, there in ends]
+    groups = [theirs] if sys.platform == "linux" else [[there] for there in theirs]  # one process, which copies itself
+    processes = [spawn.Process(target=serve, args=(group, "doppelgait.dataset.shard"), daemon=True) for group in groups]
     try:
         with worker_environment(), without_ctrl_c():
-            for _ in range(workers):
-                here, there = spawn.Pipe()
-                pipes.append(here)
-                processes.append(spawn.Process(target=serve, args=(there,), daemon=True))
-                processes[-1].start()
-                there.close()  # else the pipe would not close with its worker
-                with suppress(OSError):  # one that has died already is found by the first answer
-                    here.send(work)
+            for process in processes:
+                process.start()
+        for there in theirs:
+            there.close()  # else the pipe would not close with its worker
+        for here in pipes:
+            with suppress(OSError):  # one that has died already is found by the first answer
+                here.send(work)
         yield list(pipes)
     finally:
         for pipe in pipes:
             pipe.close()
         for process in processes:
-            process.join(END_SECONDS)
-            process.kill()
-            process.join()
+            if process.pid is not None:  # else it was never started
+                process.join(END_SECONDS)
+                process.kill()
+                process.join()
 
 
 MAX_QUEUED = 256

@@ -80,13 +80,13 @@ def reference(start, tmp_path_factory):
 
 
 def workers_of(pid):
-    """Worker processes of a process; not the helper that looks after shared resources."""
+    """Worker processes of a process, and the one they are copies of; not the helper that looks after resources."""
     found = []
     with suppress(FileNotFoundError, ProcessLookupError):  # one of them has just ended
         for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
             command = Path(f"/proc/{child}/cmdline").read_bytes()
             if b"spawn_main" in command:
-                found.append(int(child))
+                found += [int(child), *workers_of(child)]
     return found
 
 
