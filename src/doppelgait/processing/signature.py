@@ -219,7 +219,6 @@ def signature_of_planes(
     cut : Cut
     wavelength_m : float
     """
-    from doppelgait.core.kernels.fourier import stage_radices, twiddle_table
     from doppelgait.core.kernels.signature import gated_signature
 
     transform = cut.transform
@@ -228,7 +227,7 @@ def signature_of_planes(
     out = np.empty((transform.n_columns, transform.n_doppler_bins), dtype=np.float32)
     gated_signature(
         plane_re, plane_im, cut.n_pulses, transform.first_pulse, transform.hop, window, cut.low - first_bin,
-        cut.high - first_bin, stage_radices(transform.n_doppler_bins), *twiddle_table(transform.n_doppler_bins), out,
+        cut.high - first_bin, out,
     )  # fmt: skip
     doppler_hz = doppler_axis_hz(transform.n_doppler_bins, cut.prf_hz)
     cut.gate.close_doppler_band(out, doppler_hz)

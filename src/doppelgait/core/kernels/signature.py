@@ -1,9 +1,10 @@
 """Gated, windowed, squared short-time Fourier transform, summed over range (E-24, E-27).
 
 Sixteen columns of the signature are transformed side by side ("lanes"), so that every buffer stays in the first-level
-cache. The transform is Stockham's, decimation in frequency: in the pass with stride s, s times the number of lanes
-values (a run) lie one after the other and take the same twiddle factor, so that the innermost loops are long,
-contiguous and become vector instructions. The first pass applies the window, the last one adds squared magnitudes.
+cache and the innermost loops become vector instructions. The transform is decimation in frequency, in place: a windowed
+first pass, passes of radix 4 or 2 where the length asks for them, and a last pass of radix 16 that adds squared
+magnitudes. Lengths of 48 to 256 have two passes. Bins come out in the order of their digits and are sorted as they are
+stored. Lengths without these factors go through SciPy.
 
 All compiled functions are in this one file: Numba keeps compiled code by the content of the outermost function's file,
 and would go on using an old pass after a change to another file.
@@ -12,61 +13,102 @@ and would go on using an old pass after a change to another file.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
-
-from doppelgait.core.kernels.fourier import APART, INLINE, OPTIONS
+from numba.core.compiler import Compiler
 
 LANES = 16
+LAST = 16
+"""Radix of the last pass."""
+FIRST = (16, 12, 10, 8, 5, 4, 3)
+"""Radices of the first pass, the preferred one first."""
 PADDING = 16
 """Floats between two buffers: at a distance of whole 4 KiB pages loads would wait for unrelated stores."""
 CACHE_LINE = 64
 """Bytes. Vectors that straddle two lines make the passes 1.4 times as slow, and memory comes at any multiple of 16."""
 
 Float32Array = npt.NDArray[np.float32]
+IntArray = npt.NDArray[np.int64]
+
+
+class Apart(Compiler):
+    """Compiler for functions whose array arguments never overlap.
+
+    Their loops need no test for overlap.
+
+    The tests, of sixteen streams in pairs, cost as much as a pass over sixteen lanes.
+    """
+
+    def define_pipelines(self) -> Any:
+        """Return Numba's own passes with the arguments marked."""
+        self.state.flags.noalias = True
+        return super().define_pipelines()  # type: ignore[no-untyped-call]
+
+
+_OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
+_APART: dict[str, Any] = {**_OPTIONS, "pipeline_class": Apart}
+_WITHIN: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}, "forceinline": True}
 
 _U = np.uint64  # unsigned: no test for an index from the end, which would stop vectorising
-_2, _3, _4, _5, _6, _7, _8 = (np.uint64(n) for n in range(2, 9))
 _ROOT_HALF, _HALF, _S60 = np.float32(math.sqrt(0.5)), np.float32(0.5), np.float32(math.sqrt(0.75))
 _C72, _S72 = np.float32(math.cos(math.radians(72))), np.float32(math.sin(math.radians(72)))
 _C144, _S144 = np.float32(math.cos(math.radians(144))), np.float32(math.sin(math.radians(144)))
+_C22, _S22 = np.float32(math.cos(math.radians(22.5))), np.float32(math.sin(math.radians(22.5)))
 
 
-@njit(**INLINE)
+@njit(**_WITHIN)
 def _at(re, im, i):  # type: ignore[no-untyped-def]
     """Return value i of a pair of planes."""
-    return complex(re[i], im[i])
+    return complex(re[_U(i)], im[_U(i)])
 
 
-@njit(**INLINE)
+@njit(**_WITHIN)
 def _put(re, im, i, z):  # type: ignore[no-untyped-def]
     """Store a value in a pair of planes."""
-    re[i] = z.real
-    im[i] = z.imag
+    re[_U(i)] = z.real
+    im[_U(i)] = z.imag
 
 
-@njit(**INLINE)
+@njit(**_WITHIN)
 def _rotate(z):  # type: ignore[no-untyped-def]
     """Return -j z."""
     return complex(z.imag, -z.real)
 
 
-@njit(**INLINE)
-def _power_of(z):  # type: ignore[no-untyped-def]
-    """Return the squared magnitude."""
-    return z.real * z.real + z.imag * z.imag
+@njit(**_WITHIN)
+def _turn(z, c, s):  # type: ignore[no-untyped-def]
+    """Return (c - j s) z."""
+    return complex(c * z.real + s * z.imag, c * z.imag - s * z.real)
 
 
-@njit(**INLINE)
+@njit(**_WITHIN)
+def _three_points(a, b, c):  # type: ignore[no-untyped-def]
+    s, d = b + c, _S60 * _rotate(b - c)
+    u = a - _HALF * s
+    return a + s, u + d, u - d
+
+
+@njit(**_WITHIN)
 def _four_points(a, b, c, d):  # type: ignore[no-untyped-def]
     """Compute the Fourier transform of four values."""
     even, diff, odd, turn = a + c, a - c, b + d, _rotate(b - d)
     return even + odd, diff + turn, even - odd, diff - turn
 
 
-@njit(**INLINE)
+@njit(**_WITHIN)
+def _five_points(a, b, c, d, e):  # type: ignore[no-untyped-def]
+    """Transform by sums and differences of the pairs (1, 4) and (2, 3)."""
+    s1, d1, s2, d2 = b + e, _rotate(b - e), c + d, _rotate(c - d)
+    u, v = a + _C72 * s1 + _C144 * s2, a + _C144 * s1 + _C72 * s2
+    f, g = _S72 * d1 + _S144 * d2, _S144 * d1 - _S72 * d2
+    return a + s1 + s2, u + f, v + g, v - g, u - f
+
+
+@njit(**_WITHIN)
 def _eight_points(a, b, c, d, e, f, g, h):  # type: ignore[no-untyped-def]
     """Transform eight values from those of even and odd ones."""
     e0, e1, e2, e3 = _four_points(a, c, e, g)
@@ -75,275 +117,393 @@ def _eight_points(a, b, c, d, e, f, g, h):  # type: ignore[no-untyped-def]
     return e0 + o0, e1 + o1, e2 + o2, e3 + o3, e0 - o0, e1 - o1, e2 - o2, e3 - o3
 
 
-@njit(**APART)
-def _radix4(xr, xi, yr, yi, run, n_groups, cos, sin):  # type: ignore[no-untyped-def]
-    """Apply a pass of radix 4."""
-    step = _U(cos.shape[0] // (4 * n_groups))
-    r, apart = _U(run), _U(n_groups * run)
-    for group in range(n_groups):
-        p = _U(group)
-        w1, w2, w3 = _at(cos, sin, p * step), _at(cos, sin, _2 * p * step), _at(cos, sin, _3 * p * step)
-        for lane in range(run):
-            i, to = p * r + _U(lane), _4 * p * r + _U(lane)
-            z0, z1, z2, z3 = _four_points(
-                _at(xr, xi, i), _at(xr, xi, i + apart), _at(xr, xi, i + _2 * apart), _at(xr, xi, i + _3 * apart)
-            )
+@njit(**_WITHIN)
+def _ten_points(a, b, c, d, e, f, g, h, i, j):  # type: ignore[no-untyped-def]
+    """Transform ten values as two by five, with no factor between (Good and Thomas)."""
+    e0, e1, e2, e3, e4 = _five_points(a, c, e, g, i)
+    o0, o1, o2, o3, o4 = _five_points(f, h, j, b, d)
+    return e0 + o0, e1 - o1, e2 + o2, e3 - o3, e4 + o4, e0 - o0, e1 + o1, e2 - o2, e3 + o3, e4 - o4
+
+
+@njit(**_WITHIN)
+def _twelve_points(a, b, c, d, e, f, g, h, i, j, k, m):  # type: ignore[no-untyped-def]
+    """Transform twelve values as three by four, with no factor between (Good and Thomas)."""
+    a0, a1, a2, a3 = _four_points(a, d, g, j)
+    b0, b1, b2, b3 = _four_points(e, h, k, b)
+    c0, c1, c2, c3 = _four_points(i, m, c, f)
+    z0, z4, z8 = _three_points(a0, b0, c0)
+    z9, z1, z5 = _three_points(a1, b1, c1)
+    z6, z10, z2 = _three_points(a2, b2, c2)
+    z3, z7, z11 = _three_points(a3, b3, c3)
+    return z0, z1, z2, z3, z4, z5, z6, z7, z8, z9, z10, z11
+
+
+@njit(**_WITHIN)
+def _sixteen_points(a, b, c, d, e, f, g, h, i, j, k, m, n, o, p, q):  # type: ignore[no-untyped-def]
+    """Transform sixteen values as four by four."""
+    a0, a1, a2, a3 = _four_points(a, e, i, n)
+    b0, b1, b2, b3 = _four_points(b, f, j, o)
+    c0, c1, c2, c3 = _four_points(c, g, k, p)
+    d0, d1, d2, d3 = _four_points(d, h, m, q)
+    b1, b2, b3 = _turn(b1, _C22, _S22), _ROOT_HALF * (b2 + _rotate(b2)), _turn(b3, _S22, _C22)
+    c1, c2, c3 = _ROOT_HALF * (c1 + _rotate(c1)), _rotate(c2), _ROOT_HALF * (_rotate(c3) - c3)
+    d1, d2, d3 = _turn(d1, _S22, _C22), _ROOT_HALF * (_rotate(d2) - d2), -_turn(d3, _C22, _S22)
+    z0, z4, z8, z12 = _four_points(a0, b0, c0, d0)
+    z1, z5, z9, z13 = _four_points(a1, b1, c1, d1)
+    z2, z6, z10, z14 = _four_points(a2, b2, c2, d2)
+    z3, z7, z11, z15 = _four_points(a3, b3, c3, d3)
+    return z0, z1, z2, z3, z4, z5, z6, z7, z8, z9, z10, z11, z12, z13, z14, z15
+
+
+@njit(**_WITHIN)
+def _in(xr, xi, place, window, m, lane):  # type: ignore[no-untyped-def]
+    """Return the windowed value of pulse m."""
+    return window[_U(m)] * _at(xr, xi, place[_U(m)] + lane)
+
+
+@njit(**_WITHIN)
+def _turned(yr, yi, to, z, cos, sin, q):  # type: ignore[no-untyped-def]
+    """Store a value, turned for the passes that follow."""
+    _put(yr, yi, to, z * _at(cos, sin, q))
+
+
+@njit(**_APART)
+def _first_3(xr, xi, place, window, yr, yi, cos, sin):  # type: ignore[no-untyped-def]
+    g = place.shape[0] // 3
+    for p in range(g):
+        for lane in range(LANES):
+            to = 3 * p * LANES + lane
+            z0, z1, z2 = _three_points(
+                _in(xr, xi, place, window, p, lane), _in(xr, xi, place, window, p + g, lane),
+                _in(xr, xi, place, window, p + 2 * g, lane),
+            )  # fmt: skip
             _put(yr, yi, to, z0)
-            _put(yr, yi, to + r, z1 * w1)
-            _put(yr, yi, to + _2 * r, z2 * w2)
-            _put(yr, yi, to + _3 * r, z3 * w3)
+            _turned(yr, yi, to + LANES, z1, cos, sin, p)
+            _turned(yr, yi, to + 2 * LANES, z2, cos, sin, 2 * p)
 
 
-@njit(**APART)
-def _radix5(xr, xi, yr, yi, run, n_groups, cos, sin):  # type: ignore[no-untyped-def]
-    """Apply a pass of radix 5.
-
-    Sums and differences of the pairs (1, 4) and (2, 3), then rotations by fifths of a turn.
-    """
-    step = _U(cos.shape[0] // (5 * n_groups))
-    r, apart = _U(run), _U(n_groups * run)
-    for group in range(n_groups):
-        p = _U(group)
-        w1, w2 = _at(cos, sin, p * step), _at(cos, sin, _2 * p * step)
-        w3, w4 = _at(cos, sin, _3 * p * step), _at(cos, sin, _4 * p * step)
-        for lane in range(run):
-            i, to = p * r + _U(lane), _5 * p * r + _U(lane)
-            a, b, c = _at(xr, xi, i), _at(xr, xi, i + apart), _at(xr, xi, i + _2 * apart)
-            d, e = _at(xr, xi, i + _3 * apart), _at(xr, xi, i + _4 * apart)
-            s1, d1, s2, d2 = b + e, _rotate(b - e), c + d, _rotate(c - d)
-            u, v = a + _C72 * s1 + _C144 * s2, a + _C144 * s1 + _C72 * s2
-            f, g = _S72 * d1 + _S144 * d2, _S144 * d1 - _S72 * d2
-            _put(yr, yi, to, a + s1 + s2)
-            _put(yr, yi, to + r, (u + f) * w1)
-            _put(yr, yi, to + _2 * r, (v + g) * w2)
-            _put(yr, yi, to + _3 * r, (v - g) * w3)
-            _put(yr, yi, to + _4 * r, (u - f) * w4)
+@njit(**_APART)
+def _first_4(xr, xi, place, window, yr, yi, cos, sin):  # type: ignore[no-untyped-def]
+    g = place.shape[0] // 4
+    for p in range(g):
+        for lane in range(LANES):
+            to = 4 * p * LANES + lane
+            z0, z1, z2, z3 = _four_points(
+                _in(xr, xi, place, window, p, lane), _in(xr, xi, place, window, p + g, lane),
+                _in(xr, xi, place, window, p + 2 * g, lane), _in(xr, xi, place, window, p + 3 * g, lane),
+            )  # fmt: skip
+            _put(yr, yi, to, z0)
+            _turned(yr, yi, to + LANES, z1, cos, sin, p)
+            _turned(yr, yi, to + 2 * LANES, z2, cos, sin, 2 * p)
+            _turned(yr, yi, to + 3 * LANES, z3, cos, sin, 3 * p)
 
 
-@njit(**APART)
-def _radix3(xr, xi, yr, yi, run, n_groups, cos, sin):  # type: ignore[no-untyped-def]
-    """Apply a pass of radix 3."""
-    step = _U(cos.shape[0] // (3 * n_groups))
-    r, apart = _U(run), _U(n_groups * run)
-    for group in range(n_groups):
-        p = _U(group)
-        w1, w2 = _at(cos, sin, p * step), _at(cos, sin, _2 * p * step)
-        for lane in range(run):
-            i, to = p * r + _U(lane), _3 * p * r + _U(lane)
-            a, b, c = _at(xr, xi, i), _at(xr, xi, i + apart), _at(xr, xi, i + _2 * apart)
-            s, d = b + c, _S60 * _rotate(b - c)
-            u = a - _HALF * s
-            _put(yr, yi, to, a + s)
-            _put(yr, yi, to + r, (u + d) * w1)
-            _put(yr, yi, to + _2 * r, (u - d) * w2)
+@njit(**_APART)
+def _first_5(xr, xi, place, window, yr, yi, cos, sin):  # type: ignore[no-untyped-def]
+    g = place.shape[0] // 5
+    for p in range(g):
+        for lane in range(LANES):
+            to = 5 * p * LANES + lane
+            z0, z1, z2, z3, z4 = _five_points(
+                _in(xr, xi, place, window, p, lane), _in(xr, xi, place, window, p + g, lane),
+                _in(xr, xi, place, window, p + 2 * g, lane), _in(xr, xi, place, window, p + 3 * g, lane),
+                _in(xr, xi, place, window, p + 4 * g, lane),
+            )  # fmt: skip
+            _put(yr, yi, to, z0)
+            _turned(yr, yi, to + LANES, z1, cos, sin, p)
+            _turned(yr, yi, to + 2 * LANES, z2, cos, sin, 2 * p)
+            _turned(yr, yi, to + 3 * LANES, z3, cos, sin, 3 * p)
+            _turned(yr, yi, to + 4 * LANES, z4, cos, sin, 4 * p)
 
 
-@njit(**APART)
-def _add_turned(xr, xi, w, yr, yi):  # type: ignore[no-untyped-def]
-    for i in range(yr.shape[0]):
-        _put(yr, yi, i, _at(yr, yi, i) + _at(xr, xi, i) * w)
+@njit(**_APART)
+def _first_8(xr, xi, place, window, yr, yi, cos, sin):  # type: ignore[no-untyped-def]
+    g = place.shape[0] // 8
+    for p in range(g):
+        for lane in range(LANES):
+            to = 8 * p * LANES + lane
+            z0, z1, z2, z3, z4, z5, z6, z7 = _eight_points(
+                _in(xr, xi, place, window, p, lane), _in(xr, xi, place, window, p + g, lane),
+                _in(xr, xi, place, window, p + 2 * g, lane), _in(xr, xi, place, window, p + 3 * g, lane),
+                _in(xr, xi, place, window, p + 4 * g, lane), _in(xr, xi, place, window, p + 5 * g, lane),
+                _in(xr, xi, place, window, p + 6 * g, lane), _in(xr, xi, place, window, p + 7 * g, lane),
+            )  # fmt: skip
+            _put(yr, yi, to, z0)
+            _turned(yr, yi, to + LANES, z1, cos, sin, p)
+            _turned(yr, yi, to + 2 * LANES, z2, cos, sin, 2 * p)
+            _turned(yr, yi, to + 3 * LANES, z3, cos, sin, 3 * p)
+            _turned(yr, yi, to + 4 * LANES, z4, cos, sin, 4 * p)
+            _turned(yr, yi, to + 5 * LANES, z5, cos, sin, 5 * p)
+            _turned(yr, yi, to + 6 * LANES, z6, cos, sin, 6 * p)
+            _turned(yr, yi, to + 7 * LANES, z7, cos, sin, 7 * p)
 
 
-@njit(**OPTIONS)
-def _radix_any(xr, xi, yr, yi, run, n_groups, radix, cos, sin):  # type: ignore[no-untyped-def]
-    """Apply a pass of any radix by its definition."""
-    n_bins = cos.shape[0]
-    step = n_bins // (radix * n_groups)
-    for p in range(n_groups):
-        for k in range(radix):
-            to = (radix * p + k) * run
-            out_r, out_i = yr[to : to + run], yi[to : to + run]
-            out_r[:] = 0.0
-            out_i[:] = 0.0
-            for j in range(radix):
-                turn = (k * p * step + j * k * (n_bins // radix)) % n_bins
-                i = (p + j * n_groups) * run
-                _add_turned(xr[i : i + run], xi[i : i + run], _at(cos, sin, turn), out_r, out_i)
+@njit(**_APART)
+def _first_10(xr, xi, place, window, yr, yi, cos, sin):  # type: ignore[no-untyped-def]
+    g = place.shape[0] // 10
+    for p in range(g):
+        for lane in range(LANES):
+            to = 10 * p * LANES + lane
+            z0, z1, z2, z3, z4, z5, z6, z7, z8, z9 = _ten_points(
+                _in(xr, xi, place, window, p, lane), _in(xr, xi, place, window, p + g, lane),
+                _in(xr, xi, place, window, p + 2 * g, lane), _in(xr, xi, place, window, p + 3 * g, lane),
+                _in(xr, xi, place, window, p + 4 * g, lane), _in(xr, xi, place, window, p + 5 * g, lane),
+                _in(xr, xi, place, window, p + 6 * g, lane), _in(xr, xi, place, window, p + 7 * g, lane),
+                _in(xr, xi, place, window, p + 8 * g, lane), _in(xr, xi, place, window, p + 9 * g, lane),
+            )  # fmt: skip
+            _put(yr, yi, to, z0)
+            _turned(yr, yi, to + LANES, z1, cos, sin, p)
+            _turned(yr, yi, to + 2 * LANES, z2, cos, sin, 2 * p)
+            _turned(yr, yi, to + 3 * LANES, z3, cos, sin, 3 * p)
+            _turned(yr, yi, to + 4 * LANES, z4, cos, sin, 4 * p)
+            _turned(yr, yi, to + 5 * LANES, z5, cos, sin, 5 * p)
+            _turned(yr, yi, to + 6 * LANES, z6, cos, sin, 6 * p)
+            _turned(yr, yi, to + 7 * LANES, z7, cos, sin, 7 * p)
+            _turned(yr, yi, to + 8 * LANES, z8, cos, sin, 8 * p)
+            _turned(yr, yi, to + 9 * LANES, z9, cos, sin, 9 * p)
 
 
-@njit(**OPTIONS)
-def _any_pass(xr, xi, yr, yi, run, n_groups, radix, cos, sin):  # type: ignore[no-untyped-def]
-    """Apply one pass from the x planes to the y planes.
+@njit(**_APART)
+def _first_12(xr, xi, place, window, yr, yi, cos, sin):  # type: ignore[no-untyped-def]
+    g = place.shape[0] // 12
+    for p in range(g):
+        for lane in range(LANES):
+            to = 12 * p * LANES + lane
+            z0, z1, z2, z3, z4, z5, z6, z7, z8, z9, z10, z11 = _twelve_points(
+                _in(xr, xi, place, window, p, lane), _in(xr, xi, place, window, p + g, lane),
+                _in(xr, xi, place, window, p + 2 * g, lane), _in(xr, xi, place, window, p + 3 * g, lane),
+                _in(xr, xi, place, window, p + 4 * g, lane), _in(xr, xi, place, window, p + 5 * g, lane),
+                _in(xr, xi, place, window, p + 6 * g, lane), _in(xr, xi, place, window, p + 7 * g, lane),
+                _in(xr, xi, place, window, p + 8 * g, lane), _in(xr, xi, place, window, p + 9 * g, lane),
+                _in(xr, xi, place, window, p + 10 * g, lane), _in(xr, xi, place, window, p + 11 * g, lane),
+            )  # fmt: skip
+            _put(yr, yi, to, z0)
+            _turned(yr, yi, to + LANES, z1, cos, sin, p)
+            _turned(yr, yi, to + 2 * LANES, z2, cos, sin, 2 * p)
+            _turned(yr, yi, to + 3 * LANES, z3, cos, sin, 3 * p)
+            _turned(yr, yi, to + 4 * LANES, z4, cos, sin, 4 * p)
+            _turned(yr, yi, to + 5 * LANES, z5, cos, sin, 5 * p)
+            _turned(yr, yi, to + 6 * LANES, z6, cos, sin, 6 * p)
+            _turned(yr, yi, to + 7 * LANES, z7, cos, sin, 7 * p)
+            _turned(yr, yi, to + 8 * LANES, z8, cos, sin, 8 * p)
+            _turned(yr, yi, to + 9 * LANES, z9, cos, sin, 9 * p)
+            _turned(yr, yi, to + 10 * LANES, z10, cos, sin, 10 * p)
+            _turned(yr, yi, to + 11 * LANES, z11, cos, sin, 11 * p)
 
-    ``n_groups`` groups of ``radix`` runs each.
-    """
-    if radix == 4:
-        _radix4(xr, xi, yr, yi, run, n_groups, cos, sin)
+
+@njit(**_APART)
+def _first_16(xr, xi, place, window, yr, yi, cos, sin):  # type: ignore[no-untyped-def]
+    g = place.shape[0] // 16
+    for p in range(g):
+        for lane in range(LANES):
+            to = 16 * p * LANES + lane
+            z0, z1, z2, z3, z4, z5, z6, z7, z8, z9, z10, z11, z12, z13, z14, z15 = _sixteen_points(
+                _in(xr, xi, place, window, p, lane), _in(xr, xi, place, window, p + g, lane),
+                _in(xr, xi, place, window, p + 2 * g, lane), _in(xr, xi, place, window, p + 3 * g, lane),
+                _in(xr, xi, place, window, p + 4 * g, lane), _in(xr, xi, place, window, p + 5 * g, lane),
+                _in(xr, xi, place, window, p + 6 * g, lane), _in(xr, xi, place, window, p + 7 * g, lane),
+                _in(xr, xi, place, window, p + 8 * g, lane), _in(xr, xi, place, window, p + 9 * g, lane),
+                _in(xr, xi, place, window, p + 10 * g, lane), _in(xr, xi, place, window, p + 11 * g, lane),
+                _in(xr, xi, place, window, p + 12 * g, lane), _in(xr, xi, place, window, p + 13 * g, lane),
+                _in(xr, xi, place, window, p + 14 * g, lane), _in(xr, xi, place, window, p + 15 * g, lane),
+            )  # fmt: skip
+            _put(yr, yi, to, z0)
+            _turned(yr, yi, to + LANES, z1, cos, sin, p)
+            _turned(yr, yi, to + 2 * LANES, z2, cos, sin, 2 * p)
+            _turned(yr, yi, to + 3 * LANES, z3, cos, sin, 3 * p)
+            _turned(yr, yi, to + 4 * LANES, z4, cos, sin, 4 * p)
+            _turned(yr, yi, to + 5 * LANES, z5, cos, sin, 5 * p)
+            _turned(yr, yi, to + 6 * LANES, z6, cos, sin, 6 * p)
+            _turned(yr, yi, to + 7 * LANES, z7, cos, sin, 7 * p)
+            _turned(yr, yi, to + 8 * LANES, z8, cos, sin, 8 * p)
+            _turned(yr, yi, to + 9 * LANES, z9, cos, sin, 9 * p)
+            _turned(yr, yi, to + 10 * LANES, z10, cos, sin, 10 * p)
+            _turned(yr, yi, to + 11 * LANES, z11, cos, sin, 11 * p)
+            _turned(yr, yi, to + 12 * LANES, z12, cos, sin, 12 * p)
+            _turned(yr, yi, to + 13 * LANES, z13, cos, sin, 13 * p)
+            _turned(yr, yi, to + 14 * LANES, z14, cos, sin, 14 * p)
+            _turned(yr, yi, to + 15 * LANES, z15, cos, sin, 15 * p)
+
+
+@njit(**_OPTIONS)
+def _first_pass(xr, xi, place, window, yr, yi, radix, cos, sin):  # type: ignore[no-untyped-def]
+    """Window the pulses and apply the first pass; pulse m of all lanes starts at place[m]."""
+    if radix == 8:
+        _first_8(xr, xi, place, window, yr, yi, cos, sin)
+    elif radix == 10:
+        _first_10(xr, xi, place, window, yr, yi, cos, sin)
+    elif radix == 12:
+        _first_12(xr, xi, place, window, yr, yi, cos, sin)
+    elif radix == 16:
+        _first_16(xr, xi, place, window, yr, yi, cos, sin)
     elif radix == 5:
-        _radix5(xr, xi, yr, yi, run, n_groups, cos, sin)
-    elif radix == 3:
-        _radix3(xr, xi, yr, yi, run, n_groups, cos, sin)
-    else:
-        _radix_any(xr, xi, yr, yi, run, n_groups, radix, cos, sin)
-
-
-@njit(**APART)
-def _last_radix4(xr, xi, power):  # type: ignore[no-untyped-def]
-    r = _U(power.shape[0] // 4)
-    for lane in range(power.shape[0] // 4):
-        i = _U(lane)
-        z0, z1, z2, z3 = _four_points(
-            _at(xr, xi, i), _at(xr, xi, i + r), _at(xr, xi, i + _2 * r), _at(xr, xi, i + _3 * r)
-        )
-        power[i] += _power_of(z0)
-        power[i + r] += _power_of(z1)
-        power[i + _2 * r] += _power_of(z2)
-        power[i + _3 * r] += _power_of(z3)
-
-
-@njit(**APART)
-def _last_radix2(xr, xi, power):  # type: ignore[no-untyped-def]
-    r = _U(power.shape[0] // 2)
-    for lane in range(power.shape[0] // 2):
-        i = _U(lane)
-        a, b = _at(xr, xi, i), _at(xr, xi, i + r)
-        power[i] += _power_of(a + b)
-        power[i + r] += _power_of(a - b)
-
-
-@njit(**OPTIONS)
-def _last_pass(xr, xi, radix, n_groups, power):  # type: ignore[no-untyped-def]
-    """Apply the last pass and compute the squared magnitudes.
-
-    The pass has radix 4 or 2, or is left out (n_groups is then 1).
-    """
-    if n_groups == 1:
-        for i in range(power.shape[0]):
-            power[i] += _power_of(_at(xr, xi, i))
+        _first_5(xr, xi, place, window, yr, yi, cos, sin)
     elif radix == 4:
-        _last_radix4(xr, xi, power)
+        _first_4(xr, xi, place, window, yr, yi, cos, sin)
     else:
-        _last_radix2(xr, xi, power)
+        _first_3(xr, xi, place, window, yr, yi, cos, sin)
 
 
-@njit(**OPTIONS)
-def _gather(row, n_pulses, start, hop, spread, out):  # type: ignore[no-untyped-def]
-    """Gather pulses from ``start`` on by their remainder modulo hop.
+@njit(**_APART)
+def _middle_4(yr, yi, run, size, cos, sin):  # type: ignore[no-untyped-def]
+    """Apply a pass of radix 4 in place to every block of ``size`` runs."""
+    step, apart = cos.shape[0] // size, size // 4 * run
+    for begin in range(0, yr.shape[0], size * run):
+        for p in range(size // 4):
+            for lane in range(run):
+                to = begin + p * run + lane
+                z0, z1, z2, z3 = _four_points(
+                    _at(yr, yi, to), _at(yr, yi, to + apart), _at(yr, yi, to + 2 * apart), _at(yr, yi, to + 3 * apart)
+                )
+                _put(yr, yi, to, z0)
+                _turned(yr, yi, to + apart, z1, cos, sin, p * step)
+                _turned(yr, yi, to + 2 * apart, z2, cos, sin, 2 * p * step)
+                _turned(yr, yi, to + 3 * apart, z3, cos, sin, 3 * p * step)
+
+
+@njit(**_APART)
+def _middle_2(yr, yi, run, size, cos, sin):  # type: ignore[no-untyped-def]
+    """Apply a pass of radix 2 in place to every block of ``size`` runs."""
+    step, apart = cos.shape[0] // size, size // 2 * run
+    for begin in range(0, yr.shape[0], size * run):
+        for p in range(size // 2):
+            for lane in range(run):
+                to = begin + p * run + lane
+                a, b = _at(yr, yi, to), _at(yr, yi, to + apart)
+                _put(yr, yi, to, a + b)
+                _turned(yr, yi, to + apart, a - b, cos, sin, p * step)
+
+
+@njit(**_WITHIN)
+def _add(power, i, z):  # type: ignore[no-untyped-def]
+    power[_U(i)] += z.real * z.real + z.imag * z.imag
+
+
+@njit(**_APART)
+def _last_pass(yr, yi, run, power):  # type: ignore[no-untyped-def]
+    """Transform every sixteen runs and add the squared magnitudes."""
+    for begin in range(0, power.shape[0], LAST * run):
+        for first in range(0, run, LANES):
+            for lane in range(LANES):
+                i, to = begin + first + lane, begin + LAST * first + lane
+                z0, z1, z2, z3, z4, z5, z6, z7, z8, z9, z10, z11, z12, z13, z14, z15 = _sixteen_points(
+                    _at(yr, yi, i), _at(yr, yi, i + run), _at(yr, yi, i + 2 * run), _at(yr, yi, i + 3 * run),
+                    _at(yr, yi, i + 4 * run), _at(yr, yi, i + 5 * run), _at(yr, yi, i + 6 * run),
+                    _at(yr, yi, i + 7 * run), _at(yr, yi, i + 8 * run), _at(yr, yi, i + 9 * run),
+                    _at(yr, yi, i + 10 * run), _at(yr, yi, i + 11 * run), _at(yr, yi, i + 12 * run),
+                    _at(yr, yi, i + 13 * run), _at(yr, yi, i + 14 * run), _at(yr, yi, i + 15 * run),
+                )  # fmt: skip
+                _add(power, to, z0)
+                _add(power, to + LANES, z1)
+                _add(power, to + 2 * LANES, z2)
+                _add(power, to + 3 * LANES, z3)
+                _add(power, to + 4 * LANES, z4)
+                _add(power, to + 5 * LANES, z5)
+                _add(power, to + 6 * LANES, z6)
+                _add(power, to + 7 * LANES, z7)
+                _add(power, to + 8 * LANES, z8)
+                _add(power, to + 9 * LANES, z9)
+                _add(power, to + 10 * LANES, z10)
+                _add(power, to + 11 * LANES, z11)
+                _add(power, to + 12 * LANES, z12)
+                _add(power, to + 13 * LANES, z13)
+                _add(power, to + 14 * LANES, z14)
+                _add(power, to + 15 * LANES, z15)
+
+
+@njit(**_OPTIONS)
+def _gather(plane, n, n_pulses, start, hop, spread, out):  # type: ignore[no-untyped-def]
+    """Gather pulses of bin n from ``start`` on by their remainder modulo hop.
 
     Columns then lie side by side; pulses outside the recording are zero.
     """
     inside = start >= 0 and start + hop * spread <= n_pulses
     for remainder in range(hop):
-        to = _U(remainder * spread)
+        to, first = _U(remainder * spread), start + remainder
         if inside:
-            first = _U(start + remainder)
             for step in range(spread):
-                out[to + _U(step)] = row[first + _U(step * hop)]
+                out[to + _U(step)] = plane[_U(n), _U(first + step * hop)]
         else:
             for step in range(spread):
-                i = start + remainder + step * hop
-                out[to + _U(step)] = row[_U(i)] if 0 <= i < n_pulses else np.float32(0.0)
+                i = first + step * hop
+                out[to + _U(step)] = plane[_U(n), _U(i)] if 0 <= i < n_pulses else np.float32(0.0)
 
 
-@njit(**APART)
-def _first_radix8(xr, xi, place, window, yr, yi, cos, sin):  # type: ignore[no-untyped-def]
-    """Apply the windowed first pass of radix 8.
-
-    The run of lanes of pulse m starts at place[m] and is multiplied by window[m].
-    """
-    g, r = _U(place.shape[0] // 8), _U(LANES)
-    for group in range(place.shape[0] // 8):
-        p = _U(group)
-        f0, f1, f2, f3 = window[p], window[p + g], window[p + _2 * g], window[p + _3 * g]
-        f4, f5, f6, f7 = window[p + _4 * g], window[p + _5 * g], window[p + _6 * g], window[p + _7 * g]
-        a, b, c, d = _U(place[p]), _U(place[p + g]), _U(place[p + _2 * g]), _U(place[p + _3 * g])
-        e, f, h, k = _U(place[p + _4 * g]), _U(place[p + _5 * g]), _U(place[p + _6 * g]), _U(place[p + _7 * g])
-        w1, w2, w3, w4 = _at(cos, sin, p), _at(cos, sin, _2 * p), _at(cos, sin, _3 * p), _at(cos, sin, _4 * p)
-        w5, w6, w7 = _at(cos, sin, _5 * p), _at(cos, sin, _6 * p), _at(cos, sin, _7 * p)
+@njit(**_APART)
+def _add_weighted(part, weight, power):  # type: ignore[no-untyped-def]
+    for begin in range(0, power.shape[0], LANES):
         for lane in range(LANES):
-            i = _U(lane)
-            to = _8 * p * r + i
-            z0, z1, z2, z3, z4, z5, z6, z7 = _eight_points(
-                f0 * _at(xr, xi, a + i), f1 * _at(xr, xi, b + i), f2 * _at(xr, xi, c + i), f3 * _at(xr, xi, d + i),
-                f4 * _at(xr, xi, e + i), f5 * _at(xr, xi, f + i), f6 * _at(xr, xi, h + i), f7 * _at(xr, xi, k + i),
-            )  # fmt: skip
-            _put(yr, yi, to, z0)
-            _put(yr, yi, to + r, z1 * w1)
-            _put(yr, yi, to + _2 * r, z2 * w2)
-            _put(yr, yi, to + _3 * r, z3 * w3)
-            _put(yr, yi, to + _4 * r, z4 * w4)
-            _put(yr, yi, to + _5 * r, z5 * w5)
-            _put(yr, yi, to + _6 * r, z6 * w6)
-            _put(yr, yi, to + _7 * r, z7 * w7)
+            power[_U(begin + lane)] += weight[_U(lane)] * part[_U(begin + lane)]
 
 
-@njit(**OPTIONS)
-def _first_any(xr, xi, place, window, yr, yi, radix, cos, sin):  # type: ignore[no-untyped-def]
-    """Apply the windowed first pass of any radix."""
-    n_groups = place.shape[0] // radix
-    runs_r, runs_i = np.empty(yr.shape[0], dtype=np.float32), np.empty(yi.shape[0], dtype=np.float32)
-    for m in range(place.shape[0]):
-        for lane in range(LANES):
-            runs_r[m * LANES + lane] = window[m] * xr[place[m] + lane]
-            runs_i[m * LANES + lane] = window[m] * xi[place[m] + lane]
-    _any_pass(runs_r, runs_i, yr, yi, LANES, n_groups, radix, cos, sin)
+@njit(**_OPTIONS)
+def _fill_signature(  # type: ignore[no-untyped-def]
+    re, im, n_pulses, start, hop, place, window, low, high, radices, cos, sin, order, xr, xi, yr, yi, power, part,
+    weight, out,
+):  # fmt: skip
+    """Fill the columns, sixteen at a time; see :func:`gated_signature`."""
+    n_columns, n_doppler = out.shape
+    run, spread = radices[0] * LANES, xr.shape[0] // hop
+    for block in range(0, n_columns, LANES):
+        count = min(LANES, n_columns - block)
+        low_min, low_max, high_min, high_max = low[block], low[block], high[block], high[block]
+        for j in range(block + 1, block + count):
+            low_min, low_max = min(low_min, low[j]), max(low_max, low[j])
+            high_min, high_max = min(high_min, high[j]), max(high_max, high[j])
+        for i in range(power.shape[0]):
+            power[_U(i)] = np.float32(0.0)
+        first_bin = max(0, math.floor(low_min - 0.5) + 1)
+        last_bin = min(re.shape[0], math.ceil(high_max + 0.5))
+        for n in range(first_bin, last_bin):
+            _gather(re, n, n_pulses, start + block * hop, hop, spread, xr)
+            _gather(im, n, n_pulses, start + block * hop, hop, spread, xi)
+            _first_pass(xr, xi, place, window, yr, yi, radices[0], cos, sin)
+            runs = n_doppler // radices[0]
+            for number in range(1, radices.shape[0]):
+                if radices[number] == 4:
+                    _middle_4(yr, yi, run, runs, cos, sin)
+                else:
+                    _middle_2(yr, yi, run, runs, cos, sin)
+                runs //= radices[number]
+            if n - 0.5 >= low_max and n + 0.5 <= high_min:
+                _last_pass(yr, yi, run, power)
+            else:
+                for lane in range(LANES):  # every column has its own gate
+                    j = block + min(lane, count - 1)
+                    weight[lane] = max(0.0, min(high[j], n + 0.5) - max(low[j], n - 0.5))
+                for i in range(part.shape[0]):
+                    part[_U(i)] = np.float32(0.0)
+                _last_pass(yr, yi, run, part)
+                _add_weighted(part, weight, power)
+        for lane in range(count):
+            for k in range(n_doppler):
+                out[_U(block + lane), _U(k)] = power[_U(order[_U(k)] * LANES + lane)]
 
 
-@njit(**OPTIONS)
-def _add_power(xr, xi, places, window, ar, ai, br, bi, radices, cos, sin, power):  # type: ignore[no-untyped-def]
-    """Transform one range bin for all lanes and add the power."""
-    if radices[0] == 8:
-        _first_radix8(xr, xi, places, window, ar, ai, cos, sin)
-    else:
-        _first_any(xr, xi, places, window, ar, ai, radices[0], cos, sin)
-    run, n_groups = LANES * radices[0], places.shape[0] // radices[0]
-    in_a, number = True, 1
-    while n_groups > 1 and not (n_groups == radices[number] and n_groups in (2, 4)):
-        n_groups //= radices[number]
-        if in_a:  # swapped by hand: exchanging array variables costs as much as a pass
-            _any_pass(ar, ai, br, bi, run, n_groups, radices[number], cos, sin)
-        else:
-            _any_pass(br, bi, ar, ai, run, n_groups, radices[number], cos, sin)
-        run *= radices[number]
-        in_a, number = not in_a, number + 1
-    if in_a:
-        _last_pass(ar, ai, radices[-1], n_groups, power)
-    else:
-        _last_pass(br, bi, radices[-1], n_groups, power)
+def radices_of(n_bins: int) -> tuple[int, ...]:
+    """Factorise a length into the radices of all passes but the last; empty where there are none."""
+    rest, no_rest = divmod(n_bins, LAST)
+    for first in FIRST if not no_rest else ():
+        middle = rest // first
+        if rest % first == 0 and middle.bit_count() == 1:
+            fours, twos = divmod(middle.bit_length() - 1, 2)
+            return (first, *(4,) * fours, *(2,) * twos)
+    return ()
 
 
-@njit(**OPTIONS)
-def _add_weighted(part, low, high, first_column, count, n, power):  # type: ignore[no-untyped-def]
-    """Add power of bin n, weighted by its share inside the gate.
-
-    Each column has its own gate.
-    """
-    weight = np.empty(LANES, dtype=np.float32)
-    for lane in range(LANES):
-        j = first_column + min(lane, count - 1)
-        weight[lane] = max(0.0, min(high[j], n + 0.5) - max(low[j], n - 0.5))
-    for start in range(0, power.shape[0], LANES):
-        for lane in range(LANES):
-            power[_U(start + lane)] += weight[lane] * part[_U(start + lane)]
+@lru_cache(maxsize=16)
+def _tables(n_bins: int) -> tuple[IntArray, Float32Array, Float32Array, IntArray]:
+    """Compute radices, twiddle factors exp(-j 2 pi q / K), and the place of every bin in ascending order."""
+    first, *middle = radices_of(n_bins)
+    bins, weight = np.zeros(1, dtype=np.int64), first
+    for radix in middle:
+        bins, weight = np.add.outer(bins, weight * np.arange(radix)).ravel(), weight * radix
+    bins = np.add.outer(np.add.outer(bins, np.arange(first)), weight * np.arange(LAST)).ravel()
+    angle = -2.0 * np.pi * np.arange(n_bins) / n_bins
+    order = np.fft.fftshift(np.argsort(bins))
+    return np.array([first, *middle]), np.cos(angle).astype(np.float32), np.sin(angle).astype(np.float32), order
 
 
-@njit(**OPTIONS)
-def _store(power, lane, row):  # type: ignore[no-untyped-def]
-    """Store one column with Doppler bins in ascending order.
-
-    Zero Doppler is at K // 2.
-    """
-    n_doppler = row.shape[0]
-    below = n_doppler // 2
-    positive, negative = row[below:], row[:below]
-    for k in range(n_doppler - below):
-        positive[k] = power[_U(k * LANES + lane)]
-    for k in range(below):
-        negative[k] = power[_U((k + n_doppler - below) * LANES + lane)]
-
-
-@njit(**OPTIONS)
-def _aligned_rows(n_rows, row_size):  # type: ignore[no-untyped-def]
-    """Allocate float32 buffers that begin on a cache line.
-
-    This holds if ``row_size`` is a multiple of 16.
-    """
-    memory = np.empty(n_rows * row_size + CACHE_LINE // 4, dtype=np.float32)
-    skip = (-memory.ctypes.data % CACHE_LINE) // 4
-    return memory[skip : skip + n_rows * row_size].reshape(n_rows, row_size)
-
-
-@njit(**OPTIONS)
 def gated_signature(
     plane_re: Float32Array,
     plane_im: Float32Array,
@@ -353,9 +513,6 @@ def gated_signature(
     window: Float32Array,
     low: npt.NDArray[np.float64],
     high: npt.NDArray[np.float64],
-    radices: npt.NDArray[np.int64],
-    cos: Float32Array,
-    sin: Float32Array,
     out: Float32Array,
 ) -> None:
     r"""Compute the micro-Doppler signature of a moving range gate.
@@ -379,37 +536,42 @@ def gated_signature(
         The window and zeros up to the transform length.
     low, high : ndarray, shape (J,), float64
         Edges of the gate in bins; parts outside the frame count as zero.
-    radices, cos, sin : ndarray
-        From :mod:`doppelgait.core.kernels.fourier` for the transform length K.
     out : ndarray, shape (J, K), float32
         Overwritten.
     """
-    n_columns, n_doppler = out.shape
-    spread = LANES + (n_doppler - 1) // hop + 1
-    places = np.empty(n_doppler, dtype=np.int64)
-    for m in range(n_doppler):
-        places[m] = (m % hop) * spread + m // hop
-    size = n_doppler * LANES
-    work = _aligned_rows(6, size + PADDING)
-    ar, ai, br, bi = work[0, :size], work[1, :size], work[2, :size], work[3, :size]
-    power, part = work[4, :size], work[5, :size]
-    seg_re, seg_im = np.empty(hop * spread, dtype=np.float32), np.empty(hop * spread, dtype=np.float32)
-    for block in range(0, n_columns, LANES):
-        count = min(LANES, n_columns - block)
-        start = first_pulse + block * hop
-        low_min, low_max = low[block : block + count].min(), low[block : block + count].max()
-        high_min, high_max = high[block : block + count].min(), high[block : block + count].max()
-        power[:] = 0.0
-        first_bin = max(0, math.floor(low_min - 0.5) + 1)
-        last_bin = min(plane_re.shape[0], math.ceil(high_max + 0.5))
-        for n in range(first_bin, last_bin):
-            _gather(plane_re[n], n_pulses, start, hop, spread, seg_re)
-            _gather(plane_im[n], n_pulses, start, hop, spread, seg_im)
-            if n - 0.5 >= low_max and n + 0.5 <= high_min:
-                _add_power(seg_re, seg_im, places, window, ar, ai, br, bi, radices, cos, sin, power)
-            else:
-                part[:] = 0.0
-                _add_power(seg_re, seg_im, places, window, ar, ai, br, bi, radices, cos, sin, part)
-                _add_weighted(part, low, high, block, count, n, power)
-        for lane in range(count):
-            _store(power, lane, out[block + lane])
+    n_doppler = out.shape[1]
+    if not radices_of(n_doppler):
+        _by_scipy(plane_re, plane_im, n_pulses, first_pulse, hop, window, low, high, out)
+        return
+    spread, size = LANES + (n_doppler - 1) // hop + 1, n_doppler * LANES
+    pulses = np.arange(n_doppler)
+    memory = np.empty(4 * (size + PADDING) + CACHE_LINE // 4, dtype=np.float32)
+    begin = (-memory.ctypes.data % CACHE_LINE) // 4
+    buffers = [memory[start : start + size] for start in range(begin, memory.size - size, size + PADDING)]
+    segments = np.empty((2, hop * spread), dtype=np.float32)
+    _fill_signature(
+        plane_re, plane_im, n_pulses, first_pulse, hop, (pulses % hop) * spread + pulses // hop, window, low, high,
+        *_tables(n_doppler), *segments, *buffers, np.empty(LANES, dtype=np.float32), out,
+    )  # fmt: skip
+
+
+def _by_scipy(
+    plane_re: Float32Array, plane_im: Float32Array, n_pulses: int, first_pulse: int, hop: int, window: Float32Array,
+    low: npt.NDArray[np.float64], high: npt.NDArray[np.float64], out: Float32Array,
+) -> None:  # fmt: skip
+    """Fill the columns of a length that has no passes."""
+    from scipy import fft
+
+    for block in range(0, out.shape[0], LANES):
+        columns = slice(block, block + LANES)
+        start, stop = low[columns], high[columns]
+        bins = np.arange(max(0, math.floor(start.min() - 0.5) + 1), min(plane_re.shape[0], math.ceil(stop.max() + 0.5)))
+        pulses = first_pulse + hop * np.arange(block, block + start.size)[:, None] + np.arange(window.size)
+        inside = (pulses >= 0) & (pulses < n_pulses)
+        at = np.where(inside, pulses, 0)
+        share = np.minimum(stop[:, None], bins + 0.5) - np.maximum(start[:, None], bins - 0.5)
+        frames = np.empty((bins.size, *pulses.shape), dtype=np.complex64)
+        frames.real, frames.imag = plane_re[bins][:, at], plane_im[bins][:, at]
+        spectrum = fft.fftshift(fft.fft(frames * np.where(inside, window, np.float32(0.0)), axis=-1), axes=-1)
+        power = spectrum.real**2 + spectrum.imag**2
+        out[columns] = np.einsum("jn,njk->jk", np.maximum(share, 0.0).astype(np.float32), power)
