@@ -1,19 +1,20 @@
 # make dataset   set everything up and build the home-alarm dataset from gait models
 # make check     set everything up and run what needs no process, built dataset, training, site or browser
 # make test      set everything up and run every check, as continuous integration does
+# make kernels   compile the kernels for the processors that object code ships for, after a change to one
 # make docs      build the documentation site into docs/_build/html, warnings are errors
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: dataset check lint test docs docs-links benchmark clean
+.PHONY: dataset kernels check lint test docs docs-links benchmark clean
 
 dataset: $(VENV)/.installed
 	$(BIN)/doppelgait dataset build home-alarm -o home-alarm
 
 lint: $(VENV)/.installed-test
-	$(BIN)/ruff check src tests benchmarks studies docs
-	$(BIN)/ruff format --check src tests benchmarks studies docs
+	$(BIN)/ruff check src tests benchmarks studies tools docs
+	$(BIN)/ruff format --check src tests benchmarks studies tools docs
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
@@ -41,6 +42,9 @@ docs: $(VENV)/.installed-docs
 
 docs-links: $(VENV)/.installed-docs
 	$(BIN)/sphinx-build -q -b linkcheck docs docs/_build/links
+
+kernels: $(VENV)/.installed
+	$(BIN)/python tools/compile_kernels.py
 
 benchmark: $(VENV)/.installed
 	$(BIN)/python benchmarks/chain.py

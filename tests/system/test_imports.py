@@ -19,8 +19,8 @@ def test_simulate_and_analyze_load_no_library_that_they_do_not_use(tmp_path: Pat
         "import sys; from doppelgait.cli.app import app; "
         "app(['simulate', '--motion', 'boulic', '--duration', '2', '-o', 'walk.h5'], standalone_mode=False); "
         "app(['analyze', 'walk.h5', '--gate', 'truth'], standalone_mode=False); "
-        "assert {'numba', 'xarray'} <= set(sys.modules); "
-        "heavy = {'dask', 'matplotlib', 'pyarrow.parquet', 'scipy.signal', 'scipy.stats', 'sklearn', 'torch', 'zarr'}; "
+        "assert 'xarray' in sys.modules; "
+        "heavy = {'dask', 'numba', 'matplotlib', 'pyarrow.parquet', 'scipy.signal', 'sklearn', 'torch'}; "
         "assert not heavy & set(sys.modules), heavy & set(sys.modules)"
     )
     processes.run([sys.executable, "-c", code], check=True, cwd=tmp_path)

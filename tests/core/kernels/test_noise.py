@@ -12,10 +12,12 @@ from numba import njit
 from scipy import stats
 
 from doppelgait.core.kernels import noise as kernel
-from doppelgait.core.kernels.noise import LANES, add_noise_block, add_noise_matrix, direction, draw_key, exponential
+from doppelgait.core.kernels.noise import LANES, add_noise_block, add_noise_matrix, draw_key
 from doppelgait.core.labels import BASEBAND, make_array
 from doppelgait.core.samples import WHITE
 from doppelgait.radar import add_noise
+
+philox, exponential, direction = (part.dispatcher for part in (kernel.philox, kernel.exponential, kernel.direction))
 
 KEY = 0x0123456789ABCDEF
 ROOT_2 = math.sqrt(2.0)
@@ -60,7 +62,7 @@ def kernel_philox(counter, key):
 
 @njit
 def philox_once(c0, c1, c2, c3, key):
-    return kernel.philox(c0, c1, c2, c3, key)
+    return philox(c0, c1, c2, c3, key)
 
 
 @njit

@@ -6,12 +6,13 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from doppelgait.core.kernels.compiled import kernel
 
 Float64Array = npt.NDArray[np.float64]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def apply_cosine_pattern(
     azimuth_rad: Float64Array,
     elevation_rad: Float64Array,

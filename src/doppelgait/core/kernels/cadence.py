@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from doppelgait.core.kernels.compiled import kernel
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def magnitudes_of_parts(parts: npt.NDArray[np.float64], out: npt.NDArray[np.float64]) -> None:
     """Compute magnitudes of rows of real, then imaginary parts.
 

@@ -6,13 +6,14 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from doppelgait.core.kernels.compiled import kernel
 
 FloatArray = npt.NDArray[np.float64]
 AnyFloatArray = npt.NDArray[np.floating[Any]]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
+@kernel(fastmath=("contract", "nsz"))
 def excess_columns(values: AnyFloatArray, floor: float, out: FloatArray, sums: FloatArray) -> None:
     """Subtract the floor, clip at 0 and sum every column (E-28).
 
@@ -34,7 +35,7 @@ def excess_columns(values: AnyFloatArray, floor: float, out: FloatArray, sums: F
         sums[j] = total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def peak_offsets(values: AnyFloatArray, best: npt.NDArray[np.int64], offset: FloatArray) -> None:
     """Refine every column's strongest cell by a parabola in the logarithm.
 
@@ -56,7 +57,7 @@ def peak_offsets(values: AnyFloatArray, best: npt.NDArray[np.int64], offset: Flo
         offset[j] = min(max(0.5 * (left - right) / bend, -0.5), 0.5) if bend < 0 else 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def sums_about_line(
     values: AnyFloatArray,
     floor: float,
@@ -102,7 +103,7 @@ def sums_about_line(
                 moment[j] += power * power * distance
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def row_means(values: AnyFloatArray, out: FloatArray) -> None:
     """Average every Doppler row over time.
 
@@ -115,7 +116,7 @@ def row_means(values: AnyFloatArray, out: FloatArray) -> None:
     out /= values.shape[0]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def follow_ridge(
     values: AnyFloatArray, floor: float, line: FloatArray, reach: int, cost: float, path: npt.NDArray[np.int64]
 ) -> None:
@@ -156,7 +157,8 @@ def follow_ridge(
                 most = before[origin] - cost
             came[j, i] = origin
             score[i] = most + np.log(max(np.float64(values[j, (here + i) % n_bins]), floor, 1e-300))
-        before[:] = score
+        for i in range(width):  # a loop: assigning a slice would bring its error messages along
+            before[i] = score[i]
     i = int(score.argmax())
     for j in range(n_columns - 1, -1, -1):
         path[j] = int(np.rint(line[j])) - reach + i

@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from doppelgait.core.kernels.compiled import kernel
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def shift_columns(
     values: npt.NDArray[np.floating[Any]],
     whole: npt.NDArray[np.int64],
@@ -47,7 +48,7 @@ def shift_columns(
             out[j, k] = before * row[k] + here * row[k + 1] + there * row[k + 2] + after * row[k + 3]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
+@kernel(fastmath=("contract", "nsz"))
 def power_quantiles(
     values: npt.NDArray[np.floating[Any]],
     threshold: float,
@@ -97,7 +98,7 @@ def power_quantiles(
         high[j] = k + 0.5 - ((1.0 - high_share) * total - beyond) / here
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract", "nsz"}, inline="always")
+@kernel(fastmath=("contract", "nsz"), inline="numba")
 def _above(value, threshold, floor):  # type: ignore[no-untyped-def]
     """Return a cell's power above the floor if it exceeds the threshold."""
     return np.float64(value) - floor if value > threshold else 0.0

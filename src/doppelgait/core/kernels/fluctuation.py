@@ -6,12 +6,13 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from doppelgait.core.kernels.compiled import kernel
 
 FloatArray = npt.NDArray[np.float64]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def smoothed_chi_square(normal: FloatArray, times: FloatArray, correlation: float, reach: int, out: FloatArray) -> None:
     """Average the squares of Gaussian processes.
 

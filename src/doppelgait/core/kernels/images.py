@@ -6,12 +6,13 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from doppelgait.core.kernels.compiled import kernel
 
 Float64Array = npt.NDArray[np.float64]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def fill_images(
     direct_m: Float64Array, direct_mps: Float64Array, direct_x: Float64Array, direct_y: Float64Array,
     direct_z: Float64Array, image_m: Float64Array, image_mps: Float64Array, image_x: Float64Array,

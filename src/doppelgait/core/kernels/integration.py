@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from doppelgait.core.kernels.compiled import kernel
 
 Float64Array = npt.NDArray[np.float64]
 
@@ -16,7 +17,7 @@ _S0, _S1, _S2, _S3, _S4, _S5, _S6, _S7 = (
 )
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@kernel(fastmath=("contract",))
 def integrate_echoes(
     range_m: Float64Array,
     velocity_mps: Float64Array,

@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from doppelgait.core.kernels.compiled import kernel
 
 SMALL_ANGLE = 1e-3
 """Below it sin(x) / x is 1 - x^2 / 6, to 1e-14."""
@@ -14,7 +15,7 @@ SMALL_ANGLE = 1e-3
 Float64Array = npt.NDArray[np.float64]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _phasor(turns):  # type: ignore[no-untyped-def]
     """Compute the unit phasor of a number of turns.
 
@@ -24,13 +25,13 @@ def _phasor(turns):  # type: ignore[no-untyped-def]
     return complex(math.cos(angle), math.sin(angle))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _bin(n, n_bins):  # type: ignore[no-untyped-def]
     """Limit a bin number to 0..n_bins."""
     return int(min(max(n, 0.0), float(n_bins)))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _add_side(total, begin, end, first, step, side, delta, beta, peak):  # type: ignore[no-untyped-def]
     """Add a response to the bins on one side of its middle.
 
@@ -57,7 +58,7 @@ def _add_side(total, begin, end, first, step, side, delta, beta, peak):  # type:
         doppler *= doppler_turn
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def add_responses(
     amplitude: Float64Array,
     turns: Float64Array,

@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from doppelgait.core.kernels.compiled import kernel
 
 LANES = 128
 """Frames generated side by side. Fixed, so that the innermost loops are vectors without a remainder."""
-OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
 
 Float32Array = npt.NDArray[np.float32]
 
@@ -46,7 +46,7 @@ S0, S1, S2 = np.float32(-0.1666665524), np.float32(0.0083321603), np.float32(-0.
 C0, C1, C2 = np.float32(0.0416666456), np.float32(-0.0013887316), np.float32(0.0000244332)
 
 
-@njit(inline="always", **OPTIONS)
+@kernel(inline="numba")
 def philox(c0, c1, c2, c3, key):  # type: ignore[no-untyped-def]
     r"""Compute four random words by Philox4x32-10.
 
@@ -71,7 +71,7 @@ def philox(c0, c1, c2, c3, key):  # type: ignore[no-untyped-def]
     return c0, c1, c2, c3
 
 
-@njit(inline="always", **OPTIONS)
+@kernel(inline="numba")
 def exponential(word):  # type: ignore[no-untyped-def]
     r"""Compute an exponential variable of mean 1.
 
@@ -91,7 +91,7 @@ def exponential(word):  # type: ignore[no-untyped-def]
     return -(exponent * LN_2 + series)
 
 
-@njit(inline="always", **OPTIONS)
+@kernel(inline="numba")
 def direction(word):  # type: ignore[no-untyped-def]
     r"""Compute a uniformly distributed point (x, y) of the unit circle.
 
@@ -108,7 +108,7 @@ def direction(word):  # type: ignore[no-untyped-def]
     return sign * (sin if swap else cos), sign * (cos if swap else sin)
 
 
-@njit(**OPTIONS)
+@kernel()
 def _draw(first_frame, pair, key, words):  # type: ignore[no-untyped-def]
     """Draw the words of LANES frames for one pair of bins.
 
@@ -126,7 +126,7 @@ def _draw(first_frame, pair, key, words):  # type: ignore[no-untyped-def]
         words[3 * LANES + lane] = np.uint32(w3 & WORD)
 
 
-@njit(**OPTIONS)
+@kernel()
 def _transform(words, rms, parts):  # type: ignore[no-untyped-def]
     r"""Transform random words to Gaussian noise (Box-Muller).
 
@@ -139,7 +139,7 @@ def _transform(words, rms, parts):  # type: ignore[no-untyped-def]
         parts[LANES + lane] = radius * y
 
 
-@njit(**OPTIONS)
+@kernel()
 def _filter(ring, oldest, factor, parts):  # type: ignore[no-untyped-def]
     r"""Correlate the white noise of neighbouring bins.
 
@@ -155,7 +155,7 @@ def _filter(ring, oldest, factor, parts):  # type: ignore[no-untyped-def]
             parts[lane] += factor[k] * white[lane]
 
 
-@njit(**OPTIONS)
+@kernel()
 def _add(parts, row_re, row_im):  # type: ignore[no-untyped-def]
     for i in range(row_re.shape[0]):
         row_re[i] += parts[i]
@@ -163,7 +163,7 @@ def _add(parts, row_re, row_im):  # type: ignore[no-untyped-def]
         row_im[i] += parts[LANES + i]
 
 
-@njit(**OPTIONS)
+@kernel()
 def add_noise_block(
     plane_re: Float32Array,
     plane_im: Float32Array,
@@ -220,7 +220,7 @@ def add_noise_block(
                         _add(parts, plane_re[row - n_more, column:end], plane_im[row - n_more, column:end])
 
 
-@njit(**OPTIONS)
+@kernel()
 def copy_noise_spans(
     source_re: Float32Array,
     source_im: Float32Array,
@@ -257,8 +257,9 @@ def copy_noise_spans(
         begin, stop = spans[n]
         if begin < stop:
             copied = min(stop + margin, n_frames)
-            plane_re[n, begin:copied] = source_re[n, begin:copied]
-            plane_im[n, begin:copied] = source_im[n, begin:copied]
+            for frame in range(begin, copied):  # a loop: assigning a slice would bring its error messages along
+                plane_re[n, np.uint64(frame)] = source_re[n, np.uint64(frame)]
+                plane_im[n, np.uint64(frame)] = source_im[n, np.uint64(frame)]
             first_frame, last_frame = min(first_frame, begin), max(last_frame, stop)
     # In every block of frames runs of bins get noise together: neighbours share random words and white noise.
     for column in range(first_frame, last_frame, LANES):
@@ -274,7 +275,7 @@ def copy_noise_spans(
             row += 1
 
 
-@njit(**OPTIONS)
+@kernel()
 def add_noise_matrix(matrix: npt.NDArray[Any], key: int | np.uint64, rms: float, factor: Float32Array) -> None:
     """Add receiver noise to a whole data matrix.
 

@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from doppelgait.core.kernels.compiled import kernel
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -15,7 +16,7 @@ NEWTON_STEPS = 30
 """At most; 2 to 4 are needed from a few radii on, more only near the surface."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="numba")
 def ramp(x: float) -> float:
     """Evaluate a smooth step from 0 to 1.
 
@@ -25,7 +26,7 @@ def ramp(x: float) -> float:
     return x * x * x * (10.0 + x * (6.0 * x - 15.0))
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="numba")
 def _in_own_axes(
     centre: FloatArray, along: FloatArray, across: FloatArray, radar: FloatArray
 ) -> tuple[float, float, float]:
@@ -42,7 +43,7 @@ def _in_own_axes(
     return wide, max(square - wide * wide - long * long, 0.0), long
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@kernel(inline="numba")
 def _root(wide2: float, up2: float, long2: float, first: float, second: float, third: float) -> float:
     """Find t of the nearest point.
 
@@ -75,7 +76,7 @@ def _root(wide2: float, up2: float, long2: float, first: float, second: float, t
     return root
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def nearest_points(
     centre: FloatArray,
     along: FloatArray,
@@ -108,7 +109,7 @@ def nearest_points(
                 points[i, s, k] = centre[i, s, k] + off
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def seen_rcs(
     centre: FloatArray,
     along: FloatArray,
@@ -146,7 +147,7 @@ def seen_rcs(
             rcs[i, s] = math.pi * far * far * (wide2 * p) * (up2 * q) * (long2 * r) / (bent + 1e-300)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def sight_amplitudes(
     points: FloatArray,
     centre: FloatArray,
@@ -200,7 +201,7 @@ def sight_amplitudes(
             amplitude[i, p] = through
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _amplitude_past(
     offset: FloatArray,
     sight: FloatArray,
@@ -234,4 +235,5 @@ def _amplitude_past(
         form += near * slope
         steepness += slope * slope
     clearance = (form - 1.0) / max(2.0 * math.sqrt(steepness), 1e-12)
-    return 1.0 - ramp(way / edge) * (1.0 - ramp((clearance + edge) / (2.0 * edge)))
+    passed: float = 1.0 - ramp(way / edge) * (1.0 - ramp((clearance + edge) / (2.0 * edge)))
+    return passed

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from doppelgait.core.kernels.compiled import kernel
 
 FloatArray = npt.NDArray[np.float64]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
+@kernel(fastmath=("contract", "nsz"))
 def lag_products(rows: FloatArray, first: int, out: FloatArray) -> None:
     r"""Sum products of lagged columns over time and rows (E-33).
 
@@ -50,7 +51,7 @@ def lag_products(rows: FloatArray, first: int, out: FloatArray) -> None:
             i += 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
+@kernel(fastmath=("contract", "nsz"))
 def square_difference(rows: FloatArray, first: int, out: FloatArray) -> None:
     r"""Compute the normalised square-difference autocorrelation at some lags (E-33).
 
@@ -78,7 +79,7 @@ def square_difference(rows: FloatArray, first: int, out: FloatArray) -> None:
         out[i] = 2.0 * out[i] / total if total > 0.0 else 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
+@kernel(fastmath=("contract", "nsz"))
 def period_harmonics(
     rows: FloatArray,
     starts: npt.NDArray[np.int64],
@@ -128,7 +129,7 @@ def period_harmonics(
                 wave *= turn
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def add_between(values: FloatArray, place: FloatArray, weight: float, out: FloatArray) -> None:
     """Add weighted values between samples, by the Catmull-Rom cubic.
 
@@ -150,7 +151,7 @@ def add_between(values: FloatArray, place: FloatArray, weight: float, out: Float
         out[n] += weight * (left + 0.5 * x * (right - before + x * (bend + x * twist)))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def highest_between(values: FloatArray, low: float, high: float, count: int) -> float:
     """Find the largest of interpolated values at even steps.
 
@@ -164,7 +165,7 @@ def highest_between(values: FloatArray, low: float, high: float, count: int) -> 
     return float(best)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def limb_amplitudes(
     moved: FloatArray,
     occupied: npt.NDArray[np.bool_],
@@ -197,7 +198,7 @@ def limb_amplitudes(
             out[j, g] = np.sqrt(total)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def rhythm_evidence(
     likeness: FloatArray, rate_hz: float, share: FloatArray, step_hz: float, grid_hz: FloatArray, out: FloatArray
 ) -> None:

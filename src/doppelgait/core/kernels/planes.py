@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from doppelgait.core.kernels.compiled import kernel
 
 Float32Array = npt.NDArray[np.float32]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def strongest_power(plane_re: Float32Array, plane_im: Float32Array, strongest: Float32Array) -> None:
     """Find the largest re^2 + im^2 of every column over the rows.
 
@@ -26,7 +27,7 @@ def strongest_power(plane_re: Float32Array, plane_im: Float32Array, strongest: F
             strongest[i] = max(strongest[i], power)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def turn_planes(plane_re: Float32Array, plane_im: Float32Array, re: Float32Array, im: Float32Array) -> None:
     """Multiply planes by complex factors.
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from doppelgait.core.kernels.compiled import kernel
 
 FloatArray = npt.NDArray[np.float64]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def median_in_place(values: FloatArray) -> float:
     """Compute a median by selection (Hoare) and reorder the values.
 
@@ -40,7 +41,7 @@ def median_in_place(values: FloatArray) -> float:
     return float(0.5 * (below + values[middle]))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def robust_fit(
     basis: FloatArray,
     values: FloatArray,
@@ -101,7 +102,7 @@ def robust_fit(
             line[j] = total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _solve(matrix: FloatArray, right: FloatArray) -> None:
     """Solve a positive definite system in place.
 

@@ -14,12 +14,11 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
-from numba.core.compiler import Compiler
+
+from doppelgait.core.kernels.compiled import kernel
 
 LANES = 16
 LAST = 16
@@ -35,23 +34,7 @@ Float32Array = npt.NDArray[np.float32]
 IntArray = npt.NDArray[np.int64]
 
 
-class Apart(Compiler):
-    """Compiler for functions whose array arguments never overlap.
-
-    Their loops need no test for overlap.
-
-    The tests, of sixteen streams in pairs, cost as much as a pass over sixteen lanes.
-    """
-
-    def define_pipelines(self) -> Any:
-        """Return Numba's own passes with the arguments marked."""
-        self.state.flags.noalias = True
-        return super().define_pipelines()  # type: ignore[no-untyped-call]
-
-
-_OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
-_APART: dict[str, Any] = {**_OPTIONS, "pipeline_class": Apart}
-_WITHIN: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}, "forceinline": True}
+_FAST = ("contract", "nsz")
 
 _U = np.uint64  # unsigned: no test for an index from the end, which would stop vectorising
 _ROOT_HALF, _HALF, _S60 = np.float32(math.sqrt(0.5)), np.float32(0.5), np.float32(math.sqrt(0.75))
@@ -60,46 +43,46 @@ _C144, _S144 = np.float32(math.cos(math.radians(144))), np.float32(math.sin(math
 _C22, _S22 = np.float32(math.cos(math.radians(22.5))), np.float32(math.sin(math.radians(22.5)))
 
 
-@njit(**_WITHIN)
+@kernel(fastmath=_FAST, inline="llvm")
 def _at(re, im, i):  # type: ignore[no-untyped-def]
     """Return value i of a pair of planes."""
     return complex(re[_U(i)], im[_U(i)])
 
 
-@njit(**_WITHIN)
+@kernel(fastmath=_FAST, inline="llvm")
 def _put(re, im, i, z):  # type: ignore[no-untyped-def]
     """Store a value in a pair of planes."""
     re[_U(i)] = z.real
     im[_U(i)] = z.imag
 
 
-@njit(**_WITHIN)
+@kernel(fastmath=_FAST, inline="llvm")
 def _rotate(z):  # type: ignore[no-untyped-def]
     """Return -j z."""
     return complex(z.imag, -z.real)
 
 
-@njit(**_WITHIN)
+@kernel(fastmath=_FAST, inline="llvm")
 def _turn(z, c, s):  # type: ignore[no-untyped-def]
     """Return (c - j s) z."""
     return complex(c * z.real + s * z.imag, c * z.imag - s * z.real)
 
 
-@njit(**_WITHIN)
+@kernel(fastmath=_FAST, inline="llvm")
 def _three_points(a, b, c):  # type: ignore[no-untyped-def]
     s, d = b + c, _S60 * _rotate(b - c)
     u = a - _HALF * s
     return a + s, u + d, u - d
 
 
-@njit(**_WITHIN)
+@kernel(fastmath=_FAST, inline="llvm")
 def _four_points(a, b, c, d):  # type: ignore[no-untyped-def]
     """Compute the Fourier transform of four values."""
     even, diff, odd, turn = a + c, a - c, b + d, _rotate(b - d)
     return even + odd, diff + turn, even - odd, diff - turn
 
 
-@njit(**_WITHIN)
+@kernel(fastmath=_FAST, inline="llvm")
 def _five_points(a, b, c, d, e):  # type: ignore[no-untyped-def]
     """Transform by sums and differences of the pairs (1, 4) and (2, 3)."""
     s1, d1, s2, d2 = b + e, _rotate(b - e), c + d, _rotate(c - d)
@@ -108,7 +91,7 @@ def _five_points(a, b, c, d, e):  # type: ignore[no-untyped-def]
     return a + s1 + s2, u + f, v + g, v - g, u - f
 
 
-@njit(**_WITHIN)
+@kernel(fastmath=_FAST, inline="llvm")
 def _eight_points(a, b, c, d, e, f, g, h):  # type: ignore[no-untyped-def]
     """Transform eight values from those of even and odd ones."""
     e0, e1, e2, e3 = _four_points(a, c, e, g)
@@ -117,7 +100,7 @@ def _eight_points(a, b, c, d, e, f, g, h):  # type: ignore[no-untyped-def]
     return e0 + o0, e1 + o1, e2 + o2, e3 + o3, e0 - o0, e1 - o1, e2 - o2, e3 - o3
 
 
-@njit(**_WITHIN)
+@kernel(fastmath=_FAST, inline="llvm")
 def _ten_points(a, b, c, d, e, f, g, h, i, j):  # type: ignore[no-untyped-def]
     """Transform ten values as two by five, with no factor between (Good and Thomas)."""
     e0, e1, e2, e3, e4 = _five_points(a, c, e, g, i)
@@ -125,7 +108,7 @@ def _ten_points(a, b, c, d, e, f, g, h, i, j):  # type: ignore[no-untyped-def]
     return e0 + o0, e1 - o1, e2 + o2, e3 - o3, e4 + o4, e0 - o0, e1 + o1, e2 - o2, e3 + o3, e4 - o4
 
 
-@njit(**_WITHIN)
+@kernel(fastmath=_FAST, inline="llvm")
 def _twelve_points(a, b, c, d, e, f, g, h, i, j, k, m):  # type: ignore[no-untyped-def]
     """Transform twelve values as three by four, with no factor between (Good and Thomas)."""
     a0, a1, a2, a3 = _four_points(a, d, g, j)
@@ -138,7 +121,7 @@ def _twelve_points(a, b, c, d, e, f, g, h, i, j, k, m):  # type: ignore[no-untyp
     return z0, z1, z2, z3, z4, z5, z6, z7, z8, z9, z10, z11
 
 
-@njit(**_WITHIN)
+@kernel(fastmath=_FAST, inline="llvm")
 def _sixteen_points(a, b, c, d, e, f, g, h, i, j, k, m, n, o, p, q):  # type: ignore[no-untyped-def]
     """Transform sixteen values as four by four."""
     a0, a1, a2, a3 = _four_points(a, e, i, n)
@@ -155,19 +138,19 @@ def _sixteen_points(a, b, c, d, e, f, g, h, i, j, k, m, n, o, p, q):  # type: ig
     return z0, z1, z2, z3, z4, z5, z6, z7, z8, z9, z10, z11, z12, z13, z14, z15
 
 
-@njit(**_WITHIN)
+@kernel(fastmath=_FAST, inline="llvm")
 def _in(xr, xi, place, window, m, lane):  # type: ignore[no-untyped-def]
     """Return the windowed value of pulse m."""
     return window[_U(m)] * _at(xr, xi, place[_U(m)] + lane)
 
 
-@njit(**_WITHIN)
+@kernel(fastmath=_FAST, inline="llvm")
 def _turned(yr, yi, to, z, cos, sin, q):  # type: ignore[no-untyped-def]
     """Store a value, turned for the passes that follow."""
     _put(yr, yi, to, z * _at(cos, sin, q))
 
 
-@njit(**_APART)
+@kernel(fastmath=_FAST, apart=True)
 def _first_3(xr, xi, place, window, yr, yi, cos, sin):  # type: ignore[no-untyped-def]
     g = place.shape[0] // 3
     for p in range(g):
@@ -182,7 +165,7 @@ def _first_3(xr, xi, place, window, yr, yi, cos, sin):  # type: ignore[no-untype
             _turned(yr, yi, to + 2 * LANES, z2, cos, sin, 2 * p)
 
 
-@njit(**_APART)
+@kernel(fastmath=_FAST, apart=True)
 def _first_4(xr, xi, place, window, yr, yi, cos, sin):  # type: ignore[no-untyped-def]
     g = place.shape[0] // 4
     for p in range(g):
@@ -198,7 +181,7 @@ def _first_4(xr, xi, place, window, yr, yi, cos, sin):  # type: ignore[no-untype
             _turned(yr, yi, to + 3 * LANES, z3, cos, sin, 3 * p)
 
 
-@njit(**_APART)
+@kernel(fastmath=_FAST, apart=True)
 def _first_5(xr, xi, place, window, yr, yi, cos, sin):  # type: ignore[no-untyped-def]
     g = place.shape[0] // 5
     for p in range(g):
@@ -216,7 +199,7 @@ def _first_5(xr, xi, place, window, yr, yi, cos, sin):  # type: ignore[no-untype
             _turned(yr, yi, to + 4 * LANES, z4, cos, sin, 4 * p)
 
 
-@njit(**_APART)
+@kernel(fastmath=_FAST, apart=True)
 def _first_8(xr, xi, place, window, yr, yi, cos, sin):  # type: ignore[no-untyped-def]
     g = place.shape[0] // 8
     for p in range(g):
@@ -238,7 +221,7 @@ def _first_8(xr, xi, place, window, yr, yi, cos, sin):  # type: ignore[no-untype
             _turned(yr, yi, to + 7 * LANES, z7, cos, sin, 7 * p)
 
 
-@njit(**_APART)
+@kernel(fastmath=_FAST, apart=True)
 def _first_10(xr, xi, place, window, yr, yi, cos, sin):  # type: ignore[no-untyped-def]
     g = place.shape[0] // 10
     for p in range(g):
@@ -263,7 +246,7 @@ def _first_10(xr, xi, place, window, yr, yi, cos, sin):  # type: ignore[no-untyp
             _turned(yr, yi, to + 9 * LANES, z9, cos, sin, 9 * p)
 
 
-@njit(**_APART)
+@kernel(fastmath=_FAST, apart=True)
 def _first_12(xr, xi, place, window, yr, yi, cos, sin):  # type: ignore[no-untyped-def]
     g = place.shape[0] // 12
     for p in range(g):
@@ -291,7 +274,7 @@ def _first_12(xr, xi, place, window, yr, yi, cos, sin):  # type: ignore[no-untyp
             _turned(yr, yi, to + 11 * LANES, z11, cos, sin, 11 * p)
 
 
-@njit(**_APART)
+@kernel(fastmath=_FAST, apart=True)
 def _first_16(xr, xi, place, window, yr, yi, cos, sin):  # type: ignore[no-untyped-def]
     g = place.shape[0] // 16
     for p in range(g):
@@ -325,7 +308,7 @@ def _first_16(xr, xi, place, window, yr, yi, cos, sin):  # type: ignore[no-untyp
             _turned(yr, yi, to + 15 * LANES, z15, cos, sin, 15 * p)
 
 
-@njit(**_OPTIONS)
+@kernel(fastmath=_FAST)
 def _first_pass(xr, xi, place, window, yr, yi, radix, cos, sin):  # type: ignore[no-untyped-def]
     """Window the pulses and apply the first pass; pulse m of all lanes starts at place[m]."""
     if radix == 8:
@@ -344,7 +327,7 @@ def _first_pass(xr, xi, place, window, yr, yi, radix, cos, sin):  # type: ignore
         _first_3(xr, xi, place, window, yr, yi, cos, sin)
 
 
-@njit(**_APART)
+@kernel(fastmath=_FAST, apart=True)
 def _middle_4(yr, yi, run, size, cos, sin):  # type: ignore[no-untyped-def]
     """Apply a pass of radix 4 in place to every block of ``size`` runs."""
     step, apart = cos.shape[0] // size, size // 4 * run
@@ -361,7 +344,7 @@ def _middle_4(yr, yi, run, size, cos, sin):  # type: ignore[no-untyped-def]
                 _turned(yr, yi, to + 3 * apart, z3, cos, sin, 3 * p * step)
 
 
-@njit(**_APART)
+@kernel(fastmath=_FAST, apart=True)
 def _middle_2(yr, yi, run, size, cos, sin):  # type: ignore[no-untyped-def]
     """Apply a pass of radix 2 in place to every block of ``size`` runs."""
     step, apart = cos.shape[0] // size, size // 2 * run
@@ -374,12 +357,12 @@ def _middle_2(yr, yi, run, size, cos, sin):  # type: ignore[no-untyped-def]
                 _turned(yr, yi, to + apart, a - b, cos, sin, p * step)
 
 
-@njit(**_WITHIN)
+@kernel(fastmath=_FAST, inline="llvm")
 def _add(power, i, z):  # type: ignore[no-untyped-def]
     power[_U(i)] += z.real * z.real + z.imag * z.imag
 
 
-@njit(**_APART)
+@kernel(fastmath=_FAST, apart=True)
 def _last_pass(yr, yi, run, power):  # type: ignore[no-untyped-def]
     """Transform every sixteen runs and add the squared magnitudes."""
     for begin in range(0, power.shape[0], LAST * run):
@@ -411,7 +394,7 @@ def _last_pass(yr, yi, run, power):  # type: ignore[no-untyped-def]
                 _add(power, to + 15 * LANES, z15)
 
 
-@njit(**_OPTIONS)
+@kernel(fastmath=_FAST)
 def _gather(plane, n, n_pulses, start, hop, spread, out):  # type: ignore[no-untyped-def]
     """Gather pulses of bin n from ``start`` on by their remainder modulo hop.
 
@@ -429,14 +412,14 @@ def _gather(plane, n, n_pulses, start, hop, spread, out):  # type: ignore[no-unt
                 out[to + _U(step)] = plane[_U(n), _U(i)] if 0 <= i < n_pulses else np.float32(0.0)
 
 
-@njit(**_APART)
+@kernel(fastmath=_FAST, apart=True)
 def _add_weighted(part, weight, power):  # type: ignore[no-untyped-def]
     for begin in range(0, power.shape[0], LANES):
         for lane in range(LANES):
             power[_U(begin + lane)] += weight[_U(lane)] * part[_U(begin + lane)]
 
 
-@njit(**_OPTIONS)
+@kernel(fastmath=_FAST)
 def _fill_signature(  # type: ignore[no-untyped-def]
     re, im, n_pulses, start, hop, place, window, low, high, radices, cos, sin, order, xr, xi, yr, yi, power, part,
     weight, out,

@@ -6,12 +6,13 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from doppelgait.core.kernels.compiled import kernel
 
 FloatArray = npt.NDArray[np.float64]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def spline_moments(values: FloatArray, step: float, moments: FloatArray) -> None:
     r"""Compute second derivatives of the C2 not-a-knot cubic spline.
 
@@ -57,7 +58,7 @@ def spline_moments(values: FloatArray, step: float, moments: FloatArray) -> None
         moments[n_frames - 1, c] = 2.0 * moments[n_frames - 2, c] - moments[n_frames - 3, c]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def spline_at(
     values: FloatArray, moments: FloatArray, step: float, time: float, value: FloatArray, slope: FloatArray
 ) -> None:
@@ -76,7 +77,7 @@ def spline_at(
         slope[c] = (y1[c] - y0[c]) / step + slope_low * m0[c] + slope_high * m1[c]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def positions_and_velocities(
     values: FloatArray, moments: FloatArray, step: float, times: FloatArray, value: FloatArray, slope: FloatArray
 ) -> None:
@@ -88,7 +89,7 @@ def positions_and_velocities(
         spline_at(values, moments, step, times[i], value[i], slope[i])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def ranges_and_velocities(
     values: FloatArray,
     moments: FloatArray,
@@ -123,7 +124,7 @@ def ranges_and_velocities(
             approach_mps[i, p] = -away / max(distance, 1e-12)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def angles_of_sight(
     values: FloatArray,
     moments: FloatArray,

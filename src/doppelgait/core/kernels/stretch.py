@@ -6,12 +6,13 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from doppelgait.core.kernels.compiled import kernel
 
 FloatArray = npt.NDArray[np.float64]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def longest_stretch(
     path: FloatArray,
     speed: FloatArray,
@@ -59,7 +60,7 @@ def longest_stretch(
     return best_first, best_last
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _steps_allowed(path, speed, step_s, lateral_m, deviation, min_length_m, min_speed_mps):  # type: ignore[no-untyped-def]
     """Count the steps after which a segment may end; -1 if none."""
     spread = (1.0 + deviation) / (1.0 - deviation)

@@ -11,7 +11,8 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from doppelgait.core.kernels.compiled import kernel
 
 SUPPORT_SIGMAS = 5.5
 """An echo is cut where its envelope is below exp(-5.5^2 / 2) = 2.7e-7 of its peak."""
@@ -41,7 +42,7 @@ _ROUNDER = np.float32(1.5 * 2**23)  # a float32 this large has no fraction: addi
 _EXPONENT = np.int32(23)  # position of the exponent in a float32
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@kernel(fastmath=("contract",))
 def _exp2(x: np.float32) -> np.float32:
     """Compute 2^x for -126 < x <= 0.
 
@@ -54,7 +55,7 @@ def _exp2(x: np.float32) -> np.float32:
     return np.float32(bits.view(np.float32))
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@kernel(fastmath=("contract",))
 def _describe(range_m, amplitude, extra_turns, geometry, reach, echo):  # type: ignore[no-untyped-def]
     """Compute place, amplitude and bins of one echo in all lanes.
 
@@ -85,7 +86,7 @@ def _describe(range_m, amplitude, extra_turns, geometry, reach, echo):  # type: 
     return first, last
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@kernel(fastmath=("contract",))
 def _add(echo, first, stop, exponent, cut, start, stride, re, im):  # type: ignore[no-untyped-def]
     """Add one echo in all lanes to bins first..stop-1.
 
@@ -105,7 +106,7 @@ def _add(echo, first, stop, exponent, cut, start, stride, re, im):  # type: igno
             im[at] += envelope * echo[QUADRATURE + lane]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _load(range_m, amplitude, first_frame, ranges, amplitudes, extra_turns, extra):  # type: ignore[no-untyped-def]
     """Transpose one block of frames to (scatterer, lane).
 
@@ -122,7 +123,6 @@ def _load(range_m, amplitude, first_frame, ranges, amplitudes, extra_turns, extr
                 extra[scatterer, lane] = extra_turns[frame, scatterer]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
 def echo_planes(
     range_m: Float64Array,
     amplitude: Float64Array,
@@ -171,10 +171,23 @@ def echo_planes(
     tuple of int
         Rows of the tile, from and up to, outside of which it is zero.
     """
-    n_bins, n_frames = plane_re.shape
-    n_scatterers = range_m.shape[1]
-    if n_frames % LANES or plane_im.shape != plane_re.shape:
+    if plane_re.shape[1] % LANES or plane_im.shape != plane_re.shape:
         raise ValueError("both planes need the same shape, and a multiple of 32 frames")
+    rows = np.empty(2, dtype=np.int64)
+    _fill_planes(
+        range_m, amplitude, first_bin_m, bin_spacing_m, pulse_sigma_m, wavelength_m, phase_rad, first_frame, first_bin,
+        plane_re.shape[1], plane_re.reshape(-1), plane_im.reshape(-1), extra_turns, rows,
+    )  # fmt: skip
+    return int(rows[0]), int(rows[1])
+
+
+@kernel()
+def _fill_planes(  # type: ignore[no-untyped-def]
+    range_m, amplitude, first_bin_m, bin_spacing_m, pulse_sigma_m, wavelength_m, phase_rad, first_frame, first_bin,
+    n_frames, re, im, extra_turns, rows,
+):  # fmt: skip
+    """Write the echoes into flat planes of ``n_frames`` a row; see :func:`echo_planes`."""
+    n_bins, n_scatterers = re.shape[0] // n_frames, range_m.shape[1]
     sigma = pulse_sigma_m / bin_spacing_m
     cut = np.float32((SUPPORT_SIGMAS * sigma) ** 2)
     reach = SUPPORT_SIGMAS * sigma + 1e-3  # float32 may round a bin at the cut to either side
@@ -184,8 +197,6 @@ def echo_planes(
     amplitudes = np.empty((n_scatterers, LANES))
     extra = np.zeros((n_scatterers, LANES))
     echo = np.empty(4 * LANES, dtype=np.float32)
-    re = plane_re.reshape(-1)
-    im = plane_im.reshape(-1)
     re[:] = 0.0
     im[:] = 0.0
     lowest = n_bins
@@ -201,10 +212,9 @@ def echo_planes(
                 _add(echo, first + first_bin, stop + first_bin, exponent, cut, start, n_frames, re, im)
                 lowest = min(lowest, first)
                 highest = max(highest, stop)
-    return min(lowest, highest), highest
+    rows[0], rows[1] = min(lowest, highest), highest
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
 def join_planes(
     plane_re: Float32Array, plane_im: Float32Array, lowest: int, highest: int, out: npt.NDArray[np.complex64]
 ) -> None:
@@ -220,24 +230,22 @@ def join_planes(
     out : ndarray, shape (I, bins), complex64, C-contiguous
         Overwritten.
     """
-    width = plane_re.shape[1]
-    re = plane_re.reshape(-1)
-    im = plane_im.reshape(-1)
     pairs = out.view(np.float32)
-    for frame in range(out.shape[0]):
-        row = pairs[frame]
-        row[: 2 * lowest] = 0.0
-        row[2 * highest :] = 0.0
+    pairs[:, : 2 * lowest] = 0.0
+    pairs[:, 2 * highest :] = 0.0
+    _join(plane_re.reshape(-1), plane_im.reshape(-1), plane_re.shape[1], lowest, highest, pairs)
+
+
+@kernel()
+def _join(re, im, width, lowest, highest, pairs):  # type: ignore[no-untyped-def]
     for begin in range(lowest, highest, BINS_PER_TURN):
         end = min(begin + BINS_PER_TURN, highest)
-        for frame in range(out.shape[0]):
-            row = pairs[frame]
+        for frame in range(pairs.shape[0]):
             for n in range(begin, end):
-                row[np.uint64(2 * n)] = re[np.uint64(n * width + frame)]
-                row[np.uint64(2 * n + 1)] = im[np.uint64(n * width + frame)]
+                pairs[np.uint64(frame), np.uint64(2 * n)] = re[np.uint64(n * width + frame)]
+                pairs[np.uint64(frame), np.uint64(2 * n + 1)] = im[np.uint64(n * width + frame)]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
 def add_echoes(
     range_m: Float64Array,
     amplitude: Float64Array,
@@ -251,8 +259,6 @@ def add_echoes(
 ) -> None:
     """Write the echoes of all scatterers into the data matrix.
 
-    The work is done by tiles of :func:`echo_planes`.
-
     Parameters
     ----------
     range_m, amplitude, first_bin_m, bin_spacing_m, pulse_sigma_m, wavelength_m, phase_rad
@@ -262,28 +268,15 @@ def add_echoes(
     extra_turns
         As for :func:`echo_planes`.
     """
-    n_frames, n_bins = out.shape
-    re = np.empty((n_bins, LANES), dtype=np.float32)
-    im = np.empty((n_bins, LANES), dtype=np.float32)
-    for frame in range(0, n_frames, LANES):
-        lowest, highest = echo_planes(
-            range_m,
-            amplitude,
-            first_bin_m,
-            bin_spacing_m,
-            pulse_sigma_m,
-            wavelength_m,
-            phase_rad,
-            frame,
-            0,
-            re,
-            im,
-            extra_turns,
-        )
-        join_planes(re, im, lowest, highest, out[frame : min(frame + LANES, n_frames)])
+    planes = np.empty((2, out.shape[1], -(-out.shape[0] // LANES) * LANES), dtype=np.float32)
+    rows = echo_planes(
+        range_m, amplitude, first_bin_m, bin_spacing_m, pulse_sigma_m, wavelength_m, phase_rad, 0, 0, planes[0],
+        planes[1], extra_turns,
+    )  # fmt: skip
+    join_planes(planes[0], planes[1], *rows, out)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def split_planes(
     matrix: npt.NDArray[np.complex64], first_bin: int, plane_re: Float32Array, plane_im: Float32Array
 ) -> None:

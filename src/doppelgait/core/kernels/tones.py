@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from doppelgait.core.kernels.compiled import kernel
 
 LANES = 16
 """Sweeps side by side in the inner loop."""
@@ -17,7 +18,7 @@ Z_RE, Z_IM, W_RE, W_IM, Q_RE, Q_IM = 0, LANES, 2 * LANES, 3 * LANES, 4 * LANES, 
 Float64Array = npt.NDArray[np.float64]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _start(turns, state, lane, amplitude):  # type: ignore[no-untyped-def]
     """Set tone, step and the step's step of one lane.
 
@@ -30,7 +31,7 @@ def _start(turns, state, lane, amplitude):  # type: ignore[no-untyped-def]
         state[(2 * part + 1) * LANES + lane] = size * math.sin(angle)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@kernel(fastmath=("contract",))
 def _run(state, n_samples, re, im):  # type: ignore[no-untyped-def]
     """Add one tone in all lanes to the sums.
 
@@ -51,7 +52,7 @@ def _run(state, n_samples, re, im):  # type: ignore[no-untyped-def]
             state[W_IM + lane] = w_re * q_im + w_im * q_re
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def add_tones(
     amplitude: Float64Array,
     turns: Float64Array,

@@ -193,7 +193,7 @@ def add_images(
     new: list[Any] = [
         values[name] for name in ("range", "radial_velocity", "azimuth", "elevation", "path_gain", "path_phase")
     ]
-    fill_images(*paths, np.ascontiguousarray(reflection), MIN_RANGE_M, n_rows, *new)  # type: ignore[call-arg]
+    fill_images(*paths, np.ascontiguousarray(reflection), MIN_RANGE_M, n_rows, *new)
     coords = dict(table.coords.variables)
     for name, variable in table.coords.variables.items():
         if variable.dims != ("scatterer",):

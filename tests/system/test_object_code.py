@@ -1,0 +1,73 @@
+"""Object code that ships with the package: the same bytes as Numba's, and Numba where there is none."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import sys
+from pathlib import Path
+
+import pytest
+
+import processes
+
+ROOMS = Path(__file__).parents[2] / "examples" / "rooms-plan.toml"
+PROGRAM = """
+import hashlib, json, sys
+{before}
+from doppelgait.core.kernels import compiled
+if {level!r}:
+    compiled.LEVELS = {{{level!r}: compiled.LEVELS[{level!r}]}}
+from doppelgait.dataset import load_plan, plan_dataset
+from doppelgait.dataset.shard import BuildContext, build_planned
+digest = hashlib.sha256()
+for name in ("home-alarm", {rooms!r}):
+    config, folder = load_plan(name, overrides=["dataset.examples_per_class=12"])
+    plan = plan_dataset(config, folder=folder)
+    for entry in plan.examples[::6]:
+        for row, arrays in build_planned(entry, BuildContext(plan.config, str(plan.folder), ".")):
+            digest.update(repr(sorted(row.items())).encode())
+            for values in arrays.values():
+                digest.update(values.tobytes())
+print(json.dumps([digest.hexdigest(), "numba" in sys.modules]))
+"""
+
+pytestmark = pytest.mark.skipif(
+    sys.platform != "linux" or platform.machine() != "x86_64", reason="no object code for this system"
+)
+
+
+def run(before: str = "", level: str = "", **environment: str) -> list[object]:
+    program = PROGRAM.format(before=before, level=level, rooms=str(ROOMS))
+    done = processes.run(
+        [sys.executable, "-c", program], env={**os.environ, **environment}, capture_output=True, text=True, check=True
+    )
+    found: list[object] = json.loads(done.stdout.splitlines()[-1])
+    return found
+
+
+@pytest.fixture(scope="module")
+def plain() -> list[object]:
+    return run()
+
+
+def test_examples_of_datasets_need_no_numba(plain):
+    assert plain[1] is False
+
+
+@pytest.mark.slow
+def test_numba_gives_the_same_bytes(plain):
+    from llvmlite.binding import get_host_cpu_name
+
+    assert run(NUMBA_CPU_NAME=get_host_cpu_name()) == [plain[0], True]
+
+
+def test_processors_without_the_widest_vectors_give_the_same_bytes(plain):
+    assert run(level="x86-64-v3") == plain
+
+
+def test_what_a_user_compiles_before_changes_nothing(plain, tmp_path):
+    before = "import numba; numba.njit(lambda x: x + 1)(1)"
+    assert run(before, NUMBA_CACHE_DIR=str(tmp_path)) == [plain[0], True]
+    assert not list(tmp_path.rglob("*.nbi")), "kernels were compiled again"
