@@ -179,7 +179,7 @@ def test_occupied_rows_stand_three_standard_deviations_above_the_noise_e38():
     mu = make_array(SIGNATURE, np.tile(mean, (50, 1)), coords, {"n_gate_bins": 16})
     evidence = Observed(
         signature=mu, floor_v2=1.0, excess=mu - 1.0, n_independent=25.0,
-        main_line_hz=None, aligned=None, step_doppler=None, spectrum=None, observation_s=0.4,
+        main_line_hz=None, aligned=None, rows=None, spectrum=None, observation_s=0.4,
     )  # fmt: skip
     np.testing.assert_array_equal(evidence.occupied, [False, False, True, False, True])
 

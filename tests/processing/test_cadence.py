@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from doppelgait.core.labels import NORMALISED_SIGNATURE, make_array
+from doppelgait.core.labels import NORMALISED_SIGNATURE, Plain, make_array
 from doppelgait.processing import (
     cadence_map,
     cadence_spectrum,
@@ -12,7 +12,7 @@ from doppelgait.processing import (
     mean_doppler_spectrum,
     observation_s,
 )
-from doppelgait.processing.cadence import magnitudes
+from doppelgait.processing.cadence import cadence_power, cadence_rows, magnitudes, summed_powers
 
 RATE_HZ = 100.0
 
@@ -121,6 +121,22 @@ def test_power_sum_and_amplitude_sum_e32():
     np.testing.assert_allclose(cadence_spectrum(found, power=False).values, found.values.sum(axis=1))
 
 
+@pytest.mark.parametrize(("n_columns", "n_rows"), [(300, 8), (613, 7), (1500, 9)])
+def test_spectrum_and_rows_are_those_of_the_whole_map_e30_e32(n_columns, n_rows):
+    plain = Plain.of(
+        rows_of(np.random.default_rng(n_columns).standard_normal((n_columns, n_rows))), NORMALISED_SIGNATURE
+    )
+    whole, power = cadence_map(plain), cadence_power(plain)
+    spectrum = cadence_spectrum(whole)
+    np.testing.assert_array_equal(power.labelled().coords["cadence"], spectrum.labelled().coords["cadence"])
+    np.testing.assert_allclose(power.values, spectrum.values, rtol=0, atol=1e-12 * spectrum.values.max())
+    cadence_hz, found = cadence_rows(plain, np.array([1, 4]), 7.3)
+    assert cadence_hz[-2] <= 7.3 < cadence_hz[-1]
+    np.testing.assert_array_equal(cadence_hz, whole.axes["cadence"][: cadence_hz.size])
+    wanted = whole.values[: cadence_hz.size, [1, 4]]
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12 * whole.values.max())
+
+
 @pytest.mark.parametrize(
     ("n_columns", "length", "n_kept"),
     # smeared in time (step 9, 8, 3) and interpolated; interpolated by 4, 3, 2; plain where nothing else fits
@@ -134,6 +150,8 @@ def test_lowest_lines_are_those_of_the_full_transform_to_rounding(n_columns, len
     found = magnitudes(values, weights, length, n_kept)
     assert found.shape == wanted.shape
     assert np.abs(found - wanted).max() < 1e-12 * wanted.max()
+    powers = summed_powers(values, weights, length, n_kept)
+    assert np.abs(powers - (wanted**2).sum(axis=1)).max() < 1e-12 * (wanted**2).sum(axis=1).max()
     # a strong wave beyond the lines asked for stays out of them as far as in the full transform
     if length > 12 * n_kept:
         high = 1e3 * np.cos(2 * np.pi * (0.4 * length) * np.arange(n_columns) / length)[:, None] * np.ones((1, 2))

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from doppelgait.core.labels import CADENCE_MAP, CADENCE_SPECTRUM, NORMALISED_SIGNATURE, SIGNATURE, make_array
+from doppelgait.core.labels import CADENCE_SPECTRUM, NORMALISED_SIGNATURE, SIGNATURE, make_array
 from doppelgait.features import Extraction, GaitFeatures, Observed
 from doppelgait.features.extended import measure_extended
 
@@ -35,12 +35,11 @@ def evidence_of(values, line_mps, *, floor=0.0, spectrum=None, **changes):
     aligned = (values - floor) / (values - floor).sum(axis=1, keepdims=True)
     coords = {name: mu.coords[name] for name in ("time", "doppler", "velocity")}
     cadence_hz = np.arange(0, 20, 0.025)
-    doppler = {name: mu.coords[name] for name in ("doppler", "velocity")} | {"cadence": cadence_hz}
     power = np.ones(cadence_hz.size) if spectrum is None else spectrum(cadence_hz)
     return Observed(
         signature=mu, floor_v2=floor, main_line_hz=np.broadcast_to(line_mps, T.shape) / HALF_M, excess=mu - floor,
         aligned=make_array(NORMALISED_SIGNATURE, aligned, coords),
-        step_doppler=make_array(CADENCE_MAP, np.ones((cadence_hz.size, values.shape[1])), doppler),
+        rows=None,
         spectrum=make_array(CADENCE_SPECTRUM, power, {"cadence": cadence_hz}),
         observation_s=values.shape[0] / RATE_HZ, n_independent=83.0,
     )  # fmt: skip

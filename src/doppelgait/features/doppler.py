@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.labels import SIGNATURE, axis, check_signal
+from doppelgait.core.labels import SIGNATURE, Plain, axis, check_signal
 from doppelgait.features.measures import quantile
 
 FloatArray = npt.NDArray[np.float64]
@@ -25,7 +25,7 @@ LEAST_NOISE_SIGMAS = 1.0
 """Below this many standard deviations of a cell of noise the width's level is lost in noise."""
 
 
-def envelopes_hz(signature: xr.DataArray, floor_v2: float) -> tuple[FloatArray, FloatArray]:
+def envelopes_hz(signature: xr.DataArray | Plain, floor_v2: float) -> tuple[FloatArray, FloatArray]:
     """Compute lower and upper Doppler envelope of every column.
 
     NaN where nothing stands above the noise; shapes (J,).
@@ -60,7 +60,7 @@ def noise_quantile(n_bins: float) -> float:
     return float(gammainccinv(n_bins, float(ndtr(-DETECTION_SIGMAS)))) / n_bins
 
 
-def width_level_v2(signature: xr.DataArray, floor_v2: float, range_weight: FloatArray) -> FloatArray:
+def width_level_v2(signature: xr.DataArray | Plain, floor_v2: float, range_weight: FloatArray) -> FloatArray:
     """Compute the level of B_mu in every column (E-35); shape (J,), V^2.
 
     It is 3 % of the body's power, which is the median over time of the columns' strongest cells with range removed.

@@ -8,9 +8,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import xarray as xr
 
-from doppelgait.core.labels import axis
+from doppelgait.core.labels import Plain, axis
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import doppler_to_velocity_mps, power_to_db
 from doppelgait.features.doppler import (
@@ -22,9 +21,10 @@ from doppelgait.features.doppler import (
 )
 from doppelgait.features.feature_set import FEATURE_UNITS, Extraction, GaitFeatures
 from doppelgait.features.gait_frequency import GaitFrequency, gait_frequency
-from doppelgait.features.harmonics import LimbTorsoRatio, limb_torso_ratio, peak_ratio
+from doppelgait.features.harmonics import LimbTorsoRatio, highest_cadence_hz, peak_ratio, ratio_of_rows
 from doppelgait.features.measures import quantile
 from doppelgait.features.observed import Observed
+from doppelgait.processing.cadence import cadence_rows
 
 MIN_SNR_DB = 0.0
 MAX_HOP_SHARE = 0.5
@@ -40,7 +40,7 @@ NO_GAIT_RATIO = 0.1
 """A target that oscillates less than this against its own mean (rho) has no gait; walkers and dogs: 0.4 and more."""
 
 
-def snr_mu_db(signature: xr.DataArray, floor_v2: float) -> float:
+def snr_mu_db(signature: Plain, floor_v2: float) -> float:
     """Compute the signature SNR in dB.
 
     It is the median over time of the strongest cell above the floor, over the floor; inf without noise.
@@ -89,8 +89,9 @@ def extract(observed: Observed, *, bandwidth_threshold: float, cpi_s: float, win
         flags.append("doppler_band_full:aliasing_is_possible")
     frequency_hz = _check_frequency(gait, observed.signature.attrs, flags)
     rho = LimbTorsoRatio(None, None)
-    if frequency_hz is not None:
-        rho = limb_torso_ratio(observed.step_doppler, observed.mean_row, frequency_hz, observed.occupied)
+    if frequency_hz is not None and observed.occupied_rows.size:
+        cadence_hz, values = cadence_rows(observed.rows, observed.occupied_rows, highest_cadence_hz(frequency_hz))
+        rho = ratio_of_rows(cadence_hz, values, observed.mean_row[observed.occupied], frequency_hz)
     if rho.ratio is not None and rho.ratio < NO_GAIT_RATIO:
         flags.append("gait_frequency:no_modulation")
         frequency_hz = None
@@ -145,7 +146,7 @@ def _check_frequency(gait: GaitFrequency, columns: Mapping[Any, Any], flags: lis
 
 
 def _add_gait(
-    whole: GaitFeatures, spectrum: xr.DataArray, frequency_hz: float | None, rho: LimbTorsoRatio, flags: list[str]
+    whole: GaitFeatures, spectrum: Plain, frequency_hz: float | None, rho: LimbTorsoRatio, flags: list[str]
 ) -> GaitFeatures:
     if frequency_hz is None:
         flags.append("step_length,harmonic_ratios,limb_torso_ratio:need_a_gait_frequency")

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.labels import axis, sampling_rate_hz
+from doppelgait.core.labels import Plain, axis, sampling_rate_hz
 from doppelgait.features.limbs import detrended, group_size, grouped, limb_rows, slowed, summed_rows
 
 FloatArray = npt.NDArray[np.float64]
@@ -121,7 +121,7 @@ class Rhythm:
 
 
 def gait_frequency(
-    aligned: xr.DataArray, excess: xr.DataArray, floor_v2: float, *, velocity_mps: float
+    aligned: xr.DataArray | Plain, excess: xr.DataArray | Plain, floor_v2: float, *, velocity_mps: float
 ) -> GaitFrequency:
     """Estimate f_mu, its confidence and the octaves' probabilities (E-33).
 
@@ -166,7 +166,7 @@ def gait_frequency(
     )
 
 
-def rhythms_of(aligned: xr.DataArray, excess: xr.DataArray, floor_v2: float) -> tuple[Rhythm, ...]:
+def rhythms_of(aligned: xr.DataArray | Plain, excess: xr.DataArray | Plain, floor_v2: float) -> tuple[Rhythm, ...]:
     """Measure the four sets of rows: whole, whitened, limbs, whitened."""
     slow = slowed(aligned)
     wide = summed_rows(slow, slow.bin_hz)
@@ -175,7 +175,7 @@ def rhythms_of(aligned: xr.DataArray, excess: xr.DataArray, floor_v2: float) -> 
             *measure_rhythm(limbs.values, limbs.rate_hz))  # fmt: skip
 
 
-def _cell_noise(aligned: xr.DataArray, excess: xr.DataArray, floor_v2: float) -> FloatArray:
+def _cell_noise(aligned: xr.DataArray | Plain, excess: xr.DataArray | Plain, floor_v2: float) -> FloatArray:
     """Compute the noise of a cell in averaged columns.
 
     It is the standard deviation in each column of :func:`slowed`; shape (J',).

@@ -93,38 +93,52 @@ def limb_torso_ratio(
         None where no row is occupied.
     """
     check_signal(step_doppler, CADENCE_MAP)
-    cadence_hz = axis(step_doppler, "cadence")
-    values = step_doppler.values
-    base = mean_spectrum[occupied]
-    if not occupied.any() or base.sum() <= 0:
+    values = np.ascontiguousarray(step_doppler.values[:, occupied])
+    return ratio_of_rows(axis(step_doppler, "cadence"), values, mean_spectrum[occupied], frequency_hz)
+
+
+def highest_cadence_hz(frequency_hz: float) -> float:
+    """Return the highest cadence that :func:`ratio_of_rows` looks at."""
+    return 4.0 * frequency_hz + NEAR_HZ
+
+
+def ratio_of_rows(cadence_hz: FloatArray, values: FloatArray, base: FloatArray, frequency_hz: float) -> LimbTorsoRatio:
+    """Compute :func:`limb_torso_ratio` of D in the rows K+ alone.
+
+    Parameters
+    ----------
+    cadence_hz : ndarray, shape (Q,)
+    values : ndarray, shape (Q, K+)
+    base : ndarray, shape (K+,)
+        Time mean of the rows.
+    frequency_hz : float
+    """
+    if not base.size or base.sum() <= 0:
         return LimbTorsoRatio(None, None)
-    noise = _between_harmonics_power(values, occupied, cadence_hz, frequency_hz)
+    noise = _between_harmonics_power(values, cadence_hz, frequency_hz)
     energy, amplitude = 0.0, 0.0
     for harmonic in (1, 2, 3):
         expected = harmonic * frequency_hz
         near = np.flatnonzero(np.abs(cadence_hz - expected) <= max(NEAR_SHARE * expected, NEAR_HZ))
         if not near.size:
             continue
-        peak = values[near[0] : near[-1] + 1].max(axis=0)[occupied]
+        peak = values[near[0] : near[-1] + 1].max(axis=0)
         energy += float(np.maximum(peak**2 - 2.0 * noise, 0.0).sum())
         amplitude += float(2.0 * peak.sum())
     return LimbTorsoRatio(float(np.sqrt(4.0 * energy / (base**2).sum())), amplitude / float(base.sum()))
 
 
-def _between_harmonics_power(
-    values: FloatArray, occupied: npt.NDArray[np.bool_], cadence_hz: FloatArray, frequency_hz: float
-) -> FloatArray:
-    """Estimate the occupied rows' noise power between the harmonics.
+def _between_harmonics_power(values: FloatArray, cadence_hz: FloatArray, frequency_hz: float) -> FloatArray:
+    """Estimate the rows' noise power between the harmonics.
 
     The mean follows from the median there; shape (K+,).
     """
     phase = np.mod(cadence_hz / frequency_hz, 1.0)
     between = (cadence_hz > frequency_hz) & (cadence_hz < 4.0 * frequency_hz) & (np.abs(phase - 0.5) <= 0.2)
-    rows = np.flatnonzero(occupied)
     if not between.any():
-        return np.zeros(rows.size)
+        return np.zeros(values.shape[1])
     # medians along the contiguous axis: partitioning one column at a time through memory takes four times as long
-    cells = np.ascontiguousarray(values[between].take(rows, axis=1).T)
+    cells = np.ascontiguousarray(values[between].T)
     np.square(cells, out=cells)
     middle = cells.shape[1] // 2
     cells.partition(middle, axis=1)

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.labels import NORMALISED_SIGNATURE, axis, check_signal, sampling_rate_hz
+from doppelgait.core.labels import NORMALISED_SIGNATURE, Plain, axis, check_signal, sampling_rate_hz
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -53,7 +53,7 @@ class Rows:
         return float(self.doppler_hz[1] - self.doppler_hz[0])
 
 
-def slowed(normalised: xr.DataArray) -> Rows:
+def slowed(normalised: xr.DataArray | Plain) -> Rows:
     """Average columns of a normalised signature in groups.
 
     No less than 40 columns a second remain.

@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
-from doppelgait.core.labels import axis, sampling_rate_hz
+from doppelgait.core.labels import Plain, axis, sampling_rate_hz
 from doppelgait.features.doppler import TIME_SHARES, envelopes_hz, raised_by_noise_v2, width_level_v2
 from doppelgait.features.feature_set import Extraction, FloatArray, GaitFeatures
 from doppelgait.features.measures import quantile, square_difference
@@ -52,19 +51,19 @@ class Observed:
 
     Parameters
     ----------
-    signature : DataArray (time, doppler)
+    signature : Plain (time, doppler)
         mu, V^2.
     floor_v2 : float
         Noise floor nu.
     main_line_hz : ndarray, shape (J,)
         Straight main line.
-    excess : DataArray (time, doppler)
+    excess : Plain (time, doppler)
         mu - nu, aligned as ``aligned``.
-    aligned : DataArray (time, doppler)
+    aligned : Plain (time, doppler)
         Normalised signature, aligned to the main line if that drifts.
-    step_doppler : DataArray (cadence, doppler)
-        D of the detrended ``aligned``.
-    spectrum : DataArray (cadence)
+    rows : Plain (time, doppler)
+        ``aligned``, detrended.
+    spectrum : Plain (cadence)
         Power spectrum S.
     observation_s : float
     n_independent : float
@@ -79,13 +78,13 @@ class Observed:
         The six features and what qualifies them; empty until :func:`doppelgait.features.extract` has been called.
     """
 
-    signature: xr.DataArray
+    signature: Plain
     floor_v2: float
     main_line_hz: FloatArray
-    excess: xr.DataArray
-    aligned: xr.DataArray
-    step_doppler: xr.DataArray
-    spectrum: xr.DataArray
+    excess: Plain
+    aligned: Plain
+    rows: Plain
+    spectrum: Plain
     observation_s: float
     n_independent: float
 
@@ -131,11 +130,10 @@ class Observed:
         """True if the torso can be followed along the main line."""
         return bool(np.isfinite(self.torso_line_mps).all())
 
-    # .values of an xarray object costs more than many of the sums made of them: read once
     @cached_property
     def power_v2(self) -> npt.NDArray[Any]:
         """Signature, shape (J, K)."""
-        return np.ascontiguousarray(self.signature.values)
+        return self.signature.values
 
     @cached_property
     def envelopes_hz(self) -> tuple[FloatArray, FloatArray]:
@@ -152,7 +150,7 @@ class Observed:
         """Cells above the raised level of B_mu (E-35); shape (J, K)."""
         n_bins = max(1.0, float(self.signature.attrs["n_gate_bins"]))
         level_v2 = raised_by_noise_v2(self.width_level_v2, self.floor_v2, n_bins)
-        return np.asarray(self.excess.values >= level_v2[:, None].astype(self.excess.dtype))
+        return np.asarray(self.excess.values >= level_v2[:, None].astype(self.excess.values.dtype))
 
     @cached_property
     def noise_sd_v2(self) -> float:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -56,6 +56,37 @@ PLAIN_ARRAYS = ("mean_doppler_spectrum", "main_line_hz", "torso_velocity_mps")
 NUMBERS = ("gait_frequency_hz", "torso_doppler_hz", "n_periods")
 GROUPS = {"quality": "quality_", "standard_deviation": "sd_", "extended": "extended_"}
 """Mappings of a result and the beginnings of their columns in a table."""
+
+
+class LateArrays(Mapping[str, Any]):
+    """Arrays by name, made when they are asked for.
+
+    Parameters
+    ----------
+    others : mapping, optional
+        Arrays that these are added to.
+    **arrays
+        Arrays, or functions without arguments that make them.
+    """
+
+    def __init__(self, others: Mapping[str, Any] | None = None, **arrays: Any) -> None:
+        made = others._found if isinstance(others, LateArrays) else others or {}
+        self._found: dict[str, Any] = {**made, **arrays}
+
+    def __getitem__(self, name: str) -> Any:
+        found = self._found[name]
+        if callable(found):
+            found = self._found[name] = found()
+        return found
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._found)
+
+    def __len__(self) -> int:
+        return len(self._found)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return dict, (dict(self),)
 
 
 @dataclass(frozen=True, eq=False)

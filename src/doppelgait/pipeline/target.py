@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,13 +13,14 @@ import xarray as xr
 
 from doppelgait import features as feature_layer
 from doppelgait import processing
-from doppelgait.core.labels import axis, with_values
+from doppelgait.core.labels import SIGNATURE, Plain, axis, with_values
 from doppelgait.features import Extraction, Observed, liland2018
 from doppelgait.features.extended import measure_extended
 from doppelgait.features.ground_motion import GroundMotion, ground_motion
 from doppelgait.features.uncertainty import uncertainties_of, uncertainty_flags
-from doppelgait.pipeline.result import Result
+from doppelgait.pipeline.result import LateArrays, Result
 from doppelgait.processing import Analysis, Gate, main_line
+from doppelgait.processing.cadence import cadence_power
 from doppelgait.processing.parts import PARTS, locate_parts
 
 SIDEWAYS_COSINE = 0.6
@@ -71,7 +73,7 @@ def with_parts(result: Result, baseband: xr.DataArray) -> Result:
     power = mask.power_v2(baseband, result.analysis, wavelength_m=wavelength_m)
     energy = power.values.sum(axis=(1, 2), dtype=np.float64)
     shares = {f"{name}_energy_share": float(part) for name, part in zip(PARTS, energy / energy.sum(), strict=True)}
-    return replace(result, quality={**result.quality, **shares}, arrays={**result.arrays, "part_power": power})
+    return replace(result, quality={**result.quality, **shares}, arrays=LateArrays(result.arrays, part_power=power))
 
 
 def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label: str | None) -> Result:
@@ -103,13 +105,25 @@ def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label
             wavelength_m=float(usable.attrs["wavelength_m"]), threshold=analysis.bandwidth_threshold,
         )  # fmt: skip
         line_hz = np.full(usable.sizes["time"], extraction.torso_doppler_hz)
+        late = LateArrays(
+            normalised_signature=normalised, cadence_map=cadence_map, cadence_spectrum=spectrum,
+            mean_doppler_spectrum=processing.mean_doppler_spectrum(normalised),
+        )  # fmt: skip
     else:
-        observed, normalised = observe(usable, analysis)
-        extraction, cadence_map, spectrum = observed.extraction, observed.step_doppler, observed.spectrum
-        line_hz = observed.main_line_hz
+        observed, plain = observe(usable, analysis)
+        extraction, line_hz = observed.extraction, observed.main_line_hz
+        aligned = observed.aligned is not plain
+        late = LateArrays(
+            normalised_signature=plain.labelled,
+            cadence_map=partial(_labelled_map, observed.rows, aligned),
+            cadence_spectrum=observed.spectrum.labelled,
+            mean_doppler_spectrum=partial(processing.mean_doppler_spectrum, plain),
+        )
         if analysis.extended:
-            torso_mps = main_line.torso_velocity_mps(usable, observed.floor_v2, line_hz)
-            over_time["torso_velocity_mps"] = np.interp(axis(shown, "time"), axis(usable, "time"), torso_mps)
+            torso_mps = main_line.torso_velocity_mps(observed.signature, observed.floor_v2, line_hz)
+            over_time["torso_velocity_mps"] = np.interp(
+                axis(shown, "time"), axis(observed.signature, "time"), torso_mps
+            )
             deviations = uncertainties_of(observed)
             further = {"extended": measure_extended(observed).values, "standard_deviation": deviations}
             extraction = replace(extraction, flags=(*extraction.flags, *uncertainty_flags(extraction, deviations)))
@@ -128,17 +142,17 @@ def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label
         n_periods=extraction.n_periods,
         quality={**extraction.quality, **motion, "gate_inside_frame": share},
         flags=tuple(flags),
-        arrays={
-            "signature": shown,
-            "normalised_signature": normalised,
-            "cadence_map": cadence_map,
-            "cadence_spectrum": spectrum,
-            "mean_doppler_spectrum": processing.mean_doppler_spectrum(normalised),
-            "main_line_hz": main_line.straight_at(line_hz, usable, shown),
-            **over_time,
-        },
+        arrays=LateArrays(
+            late, signature=shown, main_line_hz=main_line.straight_at(line_hz, usable, shown), **over_time
+        ),
         **further,
     )
+
+
+def _labelled_map(rows: Plain, aligned: bool) -> xr.DataArray:
+    found = processing.cadence_map(rows).labelled()
+    found.attrs[ALIGNED] = aligned
+    return found
 
 
 def _measure_ground_motion(
@@ -171,12 +185,12 @@ def _measure_ground_motion(
     return dict(zip(GROUND_QUALITY, values, strict=True)), dict(zip(GROUND_QUALITY, sd, strict=True)), flags
 
 
-def observe(mu: xr.DataArray, analysis: Analysis) -> tuple[Observed, xr.DataArray]:
+def observe(usable: xr.DataArray, analysis: Analysis) -> tuple[Observed, Plain]:
     """Observe everything in a signature that features need (E-28 to E-38).
 
     Parameters
     ----------
-    mu : DataArray (time, doppler)
+    usable : DataArray (time, doppler)
         Signature inside the frame, decimated to the lossless hop.
     analysis : Analysis
 
@@ -184,11 +198,12 @@ def observe(mu: xr.DataArray, analysis: Analysis) -> tuple[Observed, xr.DataArra
     -------
     observed : Observed
         With its extraction.
-    normalised : DataArray (time, doppler)
+    normalised : Plain (time, doppler)
         Normalised signature, not aligned.
     """
+    mu = Plain.of(usable, SIGNATURE)
     floor_v2 = processing.noise_floor_v2(mu)
-    mu = mu.assign_attrs(n_gate_bins=processing.independent_bins(mu, floor_v2))
+    mu.attrs["n_gate_bins"] = processing.independent_bins(mu, floor_v2)
     normalised = processing.normalise(mu, floor_v2, mode=analysis.normalisation)
     seconds = processing.observation_s(mu)
     peaks_hz, bin_hz = main_line.column_peaks_hz(mu), main_line.bin_width_hz(mu)  # found once for all lines
@@ -205,12 +220,9 @@ def observe(mu: xr.DataArray, analysis: Analysis) -> tuple[Observed, xr.DataArra
         line = main_line.line_through(peaks_hz, bin_hz, order=processing.line_order(seconds))
         aligned, excess = processing.align(normalised, line), processing.align(excess, line)
     rows = processing.detrend(aligned, order=processing.detrend_order(seconds))
-    cadence_map = processing.cadence_map(rows)
-    cadence_map.attrs[ALIGNED] = aligned is not normalised
-    spectrum = processing.cadence_spectrum(cadence_map)
     observed = Observed(
         signature=mu, floor_v2=floor_v2, main_line_hz=straight, excess=excess, aligned=aligned,
-        step_doppler=cadence_map, spectrum=spectrum, observation_s=seconds,
+        rows=rows, spectrum=cadence_power(rows), observation_s=seconds,
         n_independent=processing.independent_columns(mu),
         track_mps=track_mps, bend_mps=bend_mps, agreed=agreed,
     )  # fmt: skip

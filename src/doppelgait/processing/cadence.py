@@ -15,16 +15,18 @@ from doppelgait.core.labels import (
     CADENCE_MAP,
     CADENCE_SPECTRUM,
     NORMALISED_SIGNATURE,
+    Plain,
+    Signal,
     axis,
     check_signal,
-    make_array,
+    make_like,
     sampling_rate_hz,
     with_values,
 )
 
 FloatArray = npt.NDArray[np.float64]
 
-WIDTH = 14
+WIDTH = 18
 """Length of the interpolation kernel in grid steps; with the rates below it leaves an error of 1e-13."""
 LOWEST_OVERSAMPLING = 2.0
 BLOCK = 16
@@ -62,26 +64,10 @@ def magnitudes(rows: FloatArray, weights: FloatArray, length: int, n_kept: int) 
     """
     from scipy import fft
 
-    # the largest whole step by which the column rate may fall and stay 2.5 times the two-sided band
-    steps = (d for d in range(1, length // (5 * n_kept) + 1) if length % d == 0)
-    step = max((d for d in steps if rows.shape[0] / d + WIDTH + 1 <= length / d), default=1)
+    step = _coarsest_step(rows.shape[0], length, n_kept)
     if step > 1:
-        # (1): the kernel at every step-th column only, in blocks of small matrix products
-        n_columns, n_rows = rows.shape
-        n_coarse = -(-n_columns // step) + WIDTH
-        n_blocks = -(-n_coarse // BLOCK)
-        band, shape_factor = _time_band(step, length / step / (2.0 * n_kept))
-        padded = np.empty((step * (n_blocks * BLOCK + WIDTH), n_rows))
-        before = step * WIDTH - 1
-        padded[:before] = padded[before + n_columns :] = 0.0
-        np.multiply(rows, weights[:, None], out=padded[before : before + n_columns])
-        blocks = np.empty((n_blocks, BLOCK, n_rows))
-        for block in range(n_blocks):
-            start = block * BLOCK * step
-            np.matmul(band, padded[start : start + band.shape[1]], out=blocks[block])
-        coarse = blocks.reshape(-1, n_rows)[:n_coarse]
-        response = _kernel_transform(np.arange(n_kept) * step / length, shape_factor)
-        return magnitudes(coarse, np.ones(n_coarse), length // step, n_kept) / response[:, None]
+        coarse, response = _smear(rows, weights, length, n_kept, step)
+        return magnitudes(coarse, np.ones(coarse.shape[0]), length // step, n_kept) / response[:, None]
     for between in (4, 3, 2):
         fewer = length // between
         fits = fewer >= LOWEST_OVERSAMPLING * rows.shape[0] and fewer // 2 > n_kept / between + WIDTH + 1
@@ -89,6 +75,65 @@ def magnitudes(rows: FloatArray, weights: FloatArray, length: int, n_kept: int) 
             return _interpolate_lines(rows, weights, length // between, between, n_kept)
     lines = fft.rfft(np.ascontiguousarray((rows * weights[:, None]).T), length, axis=1)[:, :n_kept]
     return np.ascontiguousarray(np.abs(lines).T)
+
+
+def summed_powers(rows: FloatArray, weights: FloatArray, length: int, n_kept: int) -> FloatArray:
+    r"""Compute the sum over all rows of :func:`magnitudes` squared.
+
+    It is the transform of the rows' summed autocorrelation, for which a padding to twice the record is enough: a fifth
+    of the cost of the magnitudes.
+
+    Parameters and errors are those of :func:`magnitudes`.
+
+    Returns
+    -------
+    ndarray, shape (Q,)
+    """
+    from scipy import fft
+
+    step = _coarsest_step(rows.shape[0], length, n_kept)
+    if step > 1:
+        coarse, response = _smear(rows, weights, length, n_kept, step)
+        return np.asarray(summed_powers(coarse, np.ones(coarse.shape[0]), length // step, n_kept) / response**2)
+    n_columns, n_rows = rows.shape
+    padded = fft.next_fast_len(2 * n_columns, real=True)
+    pairs = np.zeros((padded, (n_rows + 1) // 2), dtype=np.complex128)
+    np.multiply(rows, weights[:, None], out=pairs.view(np.float64)[:n_columns, :n_rows])
+    # two rows make one of complex numbers; of the squares of its transform the even part is that of both rows
+    lines = fft.fft(pairs, axis=0, overwrite_x=True).view(np.float64)
+    powers = np.einsum("qk,qk->q", lines, lines)
+    products = 0.5 * np.fft.irfft(powers[: padded // 2 + 1] + powers[-np.arange(padded // 2 + 1)], padded)[:n_columns]
+    return np.asarray(np.maximum(2.0 * fft.rfft(products, length)[:n_kept].real - products[0], 0.0))
+
+
+def _coarsest_step(n_columns: int, length: int, n_kept: int) -> int:
+    """Find the largest step by which the column rate may fall.
+
+    It is whole and leaves 1.5 times the two-sided band.
+    """
+    steps = (d for d in range(1, length // (3 * n_kept) + 1) if length % d == 0)
+    return max((d for d in steps if n_columns / d + WIDTH + 1 <= length / d), default=1)
+
+
+def _smear(rows: FloatArray, weights: FloatArray, length: int, n_kept: int, step: int) -> tuple[FloatArray, FloatArray]:
+    """Apply step (1) of :func:`magnitudes`.
+
+    The kernel at every step-th column only, in blocks of small matrix products; the kernel's response is returned, too.
+    """
+    n_columns, n_rows = rows.shape
+    n_coarse = -(-n_columns // step) + WIDTH
+    n_blocks = -(-n_coarse // BLOCK)
+    band, shape_factor = _time_band(step, length / step / (2.0 * n_kept))
+    padded = _buffer("padded", (step * (n_blocks * BLOCK + WIDTH), n_rows))
+    before = step * WIDTH - 1
+    padded[:before] = padded[before + n_columns :] = 0.0
+    np.multiply(rows, weights[:, None], out=padded[before : before + n_columns])
+    overlapping = np.lib.stride_tricks.as_strided(
+        padded, (n_blocks, step * (BLOCK + WIDTH), n_rows), (BLOCK * step * padded.strides[0], *padded.strides),
+        writeable=False,
+    )  # fmt: skip
+    coarse = np.matmul(band, overlapping).reshape(-1, n_rows)[:n_coarse]
+    return coarse, _kernel_transform(np.arange(n_kept) * step / length, shape_factor)
 
 
 def _interpolate_lines(rows: FloatArray, weights: FloatArray, length: int, between: int, n_kept: int) -> FloatArray:
@@ -196,7 +241,7 @@ PADDING = 8
 """Zero padding of the cadence transform: a bin of 1 / T_o alone is coarser than 10 % below five periods (E-30)."""
 
 
-def observation_s(signature: xr.DataArray) -> float:
+def observation_s(signature: xr.DataArray | Plain) -> float:
     """Compute the observed time T_o of a signature.
 
     T_o is columns times their spacing.
@@ -212,7 +257,7 @@ def detrend_order(seconds: float) -> int:
     return int(np.clip(round(1.2 * seconds), 1, 6))
 
 
-def detrend(normalised: xr.DataArray, *, order: int) -> xr.DataArray:
+def detrend(normalised: Signal, *, order: int) -> Signal:
     """Remove every Doppler row's least-squares polynomial in time (E-31).
 
     Order 0 removes the mean.
@@ -242,7 +287,7 @@ def _orthonormal_basis(n_columns: int, order: int) -> npt.NDArray[np.float64]:
     return np.asarray(basis, dtype=np.float64)
 
 
-def cadence_map(rows: xr.DataArray, *, padded: bool = True, tapered: bool | None = None) -> xr.DataArray:
+def cadence_map(rows: Signal, *, padded: bool = True, tapered: bool | None = None) -> Signal:
     """Compute the cadence-velocity diagram D (E-30).
 
     The magnitude of the Fourier transform of every Doppler row over time.
@@ -261,16 +306,58 @@ def cadence_map(rows: xr.DataArray, *, padded: bool = True, tapered: bool | None
     DataArray (cadence, doppler)
         ``D[q,k] = |sum_j a_j v[j,k] e^{-j 2 pi q j / J_fft}| / sum(a)``, cadence 0 to 20 Hz.
     """
+    check_signal(rows, NORMALISED_SIGNATURE)
+    weights, length, cadence_hz = _cadence_grid(rows, padded, tapered)
+    magnitude = magnitudes(rows.values, weights, length, cadence_hz.size)
+    return make_like(rows, CADENCE_MAP, magnitude, {"cadence": cadence_hz})
+
+
+def cadence_power(rows: Plain) -> Plain:
+    """Compute the cadence power spectrum S without the diagram (E-32).
+
+    Parameters
+    ----------
+    rows : Plain (time, doppler)
+        Detrended normalised signature.
+
+    Returns
+    -------
+    Plain (cadence)
+        What :func:`cadence_spectrum` makes of :func:`cadence_map`, within 1e-12 of its largest value.
+    """
+    weights, length, cadence_hz = _cadence_grid(rows, True, None)
+    powers = summed_powers(rows.values, weights, length, cadence_hz.size)
+    return make_like(rows, CADENCE_SPECTRUM, powers, {"cadence": cadence_hz})
+
+
+def cadence_rows(rows: Plain, wanted: npt.NDArray[np.int64], highest_hz: float) -> tuple[FloatArray, FloatArray]:
+    """Compute some Doppler rows of the diagram D up to a cadence.
+
+    Parameters
+    ----------
+    rows : Plain (time, doppler)
+    wanted : ndarray of int, shape (R,)
+    highest_hz : float
+
+    Returns
+    -------
+    cadence_hz : ndarray, shape (Q,)
+    magnitudes : ndarray, shape (Q, R)
+    """
+    weights, length, cadence_hz = _cadence_grid(rows, True, None)
+    cadence_hz = cadence_hz[: np.searchsorted(cadence_hz, highest_hz, side="right") + 1]
+    return cadence_hz, magnitudes(rows.values.take(wanted, axis=1), weights, length, cadence_hz.size)
+
+
+def _cadence_grid(rows: xr.DataArray | Plain, padded: bool, tapered: bool | None) -> tuple[FloatArray, int, FloatArray]:
+    """Return weights of columns, the transform's length and cadences."""
     from scipy import fft
 
-    check_signal(rows, NORMALISED_SIGNATURE)
-    n_columns = rows.sizes["time"]
-    taper = taper_weights(n_columns, observation_s(rows) > TAPER_FROM_S - 1e-9 if tapered is None else tapered)
+    n_columns, rate_hz = rows.shape[0], sampling_rate_hz(axis(rows, "time"))
+    taper = taper_weights(n_columns, n_columns / rate_hz > TAPER_FROM_S - 1e-9 if tapered is None else tapered)
     length = fft.next_fast_len(PADDING * n_columns, real=True) if padded else n_columns
-    cadence_hz = np.arange(length // 2 + 1) * sampling_rate_hz(axis(rows, "time")) / length
-    cadence_hz = cadence_hz[: np.searchsorted(cadence_hz, MAX_CADENCE_HZ, side="right")]
-    magnitude = magnitudes(rows.values, taper / taper.sum(), length, cadence_hz.size)
-    return make_array(CADENCE_MAP, magnitude, {"cadence": cadence_hz}, like=rows)
+    cadence_hz = np.arange(length // 2 + 1) * rate_hz / length
+    return taper / taper.sum(), length, cadence_hz[: np.searchsorted(cadence_hz, MAX_CADENCE_HZ, side="right")]
 
 
 def taper_weights(n_columns: int, tapered: bool) -> npt.NDArray[np.float64]:
@@ -283,7 +370,7 @@ def taper_weights(n_columns: int, tapered: bool) -> npt.NDArray[np.float64]:
     return np.asarray(0.5 - 0.5 * np.cos(2.0 * np.pi * (np.arange(n_columns) + 1) / (n_columns + 1)))
 
 
-def mean_doppler_spectrum(normalised: xr.DataArray) -> npt.NDArray[np.float64]:
+def mean_doppler_spectrum(normalised: xr.DataArray | Plain) -> npt.NDArray[np.float64]:
     """Average every Doppler row over time (E-30).
 
     D_1, the constant column of the cadence-velocity diagram, shape (K,).
@@ -292,7 +379,7 @@ def mean_doppler_spectrum(normalised: xr.DataArray) -> npt.NDArray[np.float64]:
     return np.asarray(normalised.values.mean(axis=0))
 
 
-def cadence_spectrum(step_doppler: xr.DataArray, *, power: bool = True) -> xr.DataArray:
+def cadence_spectrum(step_doppler: Signal, *, power: bool = True) -> Signal:
     """Sum the cadence-velocity diagram over Doppler.
 
     Parameters
@@ -308,4 +395,4 @@ def cadence_spectrum(step_doppler: xr.DataArray, *, power: bool = True) -> xr.Da
     check_signal(step_doppler, CADENCE_MAP)
     values = step_doppler.values
     summed = np.einsum("qk,qk->q", values, values) if power else values.sum(axis=1)
-    return make_array(CADENCE_SPECTRUM, summed, {}, like=step_doppler)
+    return make_like(step_doppler, CADENCE_SPECTRUM, summed, {})

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.labels import axis, with_values
+from doppelgait.core.labels import Plain, Signal, axis, with_values
 from doppelgait.processing.normalise import median
 
 FloatArray = npt.NDArray[np.float64]
@@ -32,7 +32,7 @@ ALIGN_ABOVE_HZ = 10.0
 """Drift of the straight main line over the observation above which a signature is aligned (E-29)."""
 
 
-def column_peaks_hz(signature: xr.DataArray) -> FloatArray:
+def column_peaks_hz(signature: xr.DataArray | Plain) -> FloatArray:
     """Find the Doppler of every column's strongest cell.
 
     It is refined by a parabola through its neighbours; shape (J,), Hz.
@@ -45,7 +45,7 @@ def column_peaks_hz(signature: xr.DataArray) -> FloatArray:
     return np.asarray(doppler_hz[best] + offset * (doppler_hz[1] - doppler_hz[0]))
 
 
-def main_line_hz(signature: xr.DataArray, *, order: int, tapered: bool = False) -> FloatArray:
+def main_line_hz(signature: xr.DataArray | Plain, *, order: int, tapered: bool = False) -> FloatArray:
     """Fit a robust polynomial through the strongest Doppler (E-29, E-34).
 
     Parameters
@@ -92,7 +92,7 @@ def _line_basis(n_columns: int, order: int) -> tuple[FloatArray, FloatArray, Flo
     return basis, parabola, np.ones(n_columns)
 
 
-def straight_at(line_hz: FloatArray, signature: xr.DataArray, wanted: xr.DataArray) -> FloatArray:
+def straight_at(line_hz: FloatArray, signature: xr.DataArray | Plain, wanted: xr.DataArray | Plain) -> FloatArray:
     """Extrapolate a straight line to the columns of another signature.
 
     The result has the shape (J of ``wanted``,).
@@ -104,7 +104,7 @@ def straight_at(line_hz: FloatArray, signature: xr.DataArray, wanted: xr.DataArr
     return np.asarray(line_hz[0] + slope * (axis(wanted, "time") - times_s[0]))
 
 
-def bin_width_hz(signature: xr.DataArray) -> float:
+def bin_width_hz(signature: xr.DataArray | Plain) -> float:
     """Return the width of a Doppler bin."""
     doppler_hz = axis(signature, "doppler")
     return float(doppler_hz[1] - doppler_hz[0])
@@ -118,7 +118,7 @@ def line_order(observation_s: float) -> int:
     return 1 if observation_s < 1.3 else 2 if observation_s < 2.5 else 3
 
 
-def needs_alignment(signature: xr.DataArray) -> bool:
+def needs_alignment(signature: xr.DataArray | Plain) -> bool:
     """Return True if the straight main line drifts by over 10 Hz."""
     return drifts(main_line_hz(signature, order=1))
 
@@ -131,7 +131,7 @@ def drifts(straight_hz: FloatArray) -> bool:
     return bool(abs(straight_hz[-1] - straight_hz[0]) > ALIGN_ABOVE_HZ)
 
 
-def align(array: xr.DataArray, line_hz: FloatArray) -> xr.DataArray:
+def align(array: Signal, line_hz: FloatArray) -> Signal:
     """Shift every column by minus the line (E-29).
 
     Circularly, with cubic convolution between Doppler bins.
@@ -206,7 +206,7 @@ def _cubic(n_columns: int) -> FloatArray:
 
 
 def settle_velocity(
-    signature: xr.DataArray, floor_v2: float, line_hz: FloatArray, track_hz: FloatArray
+    signature: xr.DataArray | Plain, floor_v2: float, line_hz: FloatArray, track_hz: FloatArray
 ) -> tuple[FloatArray, bool]:
     """Decide between the main line and the track's velocity (E-34).
 
@@ -243,7 +243,7 @@ def settle_velocity(
     return line_hz, apart_mps <= max(DIFFERING_SHARE * speed_mps, LEAST_APART_MPS, TRACK_ERROR_M / seconds)
 
 
-def torso_velocity_mps(signature: xr.DataArray, floor_v2: float, line_hz: FloatArray) -> FloatArray:
+def torso_velocity_mps(signature: xr.DataArray | Plain, floor_v2: float, line_hz: FloatArray) -> FloatArray:
     """Follow the torso's radial velocity over time (E-34c).
 
     It is the strongest smooth ridge within 0.8 m/s of the gate's range rate, or of the main line where the gate is

@@ -9,7 +9,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.labels import NORMALISED_SIGNATURE, SIGNATURE, axis, check_signal, with_values
+from doppelgait.core.labels import NORMALISED_SIGNATURE, SIGNATURE, Plain, Signal, axis, check_signal, with_values
 from doppelgait.processing.config import Normalisation
 
 INDEPENDENT_AFTER_S = 0.06
@@ -20,7 +20,7 @@ COUNTED_EVERY = 4
 """Neighbouring columns share most of their pulses: every fourth tells as much of the noise's spread as all."""
 
 
-def noise_floor_v2(signature: xr.DataArray) -> float:
+def noise_floor_v2(signature: xr.DataArray | Plain) -> float:
     """Estimate the mean noise power of a signature's cells (E-28).
 
     It is found from the quiet Doppler rows.
@@ -58,7 +58,7 @@ def noise_floor_v2(signature: xr.DataArray) -> float:
     return median(values.take(agreeing, axis=1)) / to_mean if agreeing.size > quiet.size else floor
 
 
-def independent_bins(signature: xr.DataArray, floor_v2: float) -> float:
+def independent_bins(signature: xr.DataArray | Plain, floor_v2: float) -> float:
     """Count the independent range bins that a cell of noise sums (E-27).
 
     They are counted from the quiet Doppler rows: the squared mean of their cells over the variance, at least 1.
@@ -98,7 +98,7 @@ def median(cells: npt.NDArray[np.floating[Any]]) -> float:
     return float(ordered[:middle].max() + ordered[middle]) / 2.0
 
 
-def independent_columns(signature: xr.DataArray) -> float:
+def independent_columns(signature: xr.DataArray | Plain) -> float:
     """Count the practically independent columns, J_eff (E-38).
 
     T_o / 60 ms, at least 1.
@@ -107,7 +107,7 @@ def independent_columns(signature: xr.DataArray) -> float:
     return max(1.0, float(times[-1] - times[0]) / INDEPENDENT_AFTER_S)
 
 
-def normalise(signature: xr.DataArray, floor_v2: float, *, mode: Normalisation = "sum") -> xr.DataArray:
+def normalise(signature: Signal, floor_v2: float, *, mode: Normalisation = "sum") -> Signal:
     """Remove the noise floor and scale every column (E-28).
 
     Parameters
