@@ -179,7 +179,8 @@ def test_occupied_rows_stand_three_standard_deviations_above_the_noise_e38():
     mu = make_array(SIGNATURE, np.tile(mean, (50, 1)), coords, {"n_gate_bins": 16})
     evidence = Observed(
         signature=mu, floor_v2=1.0, excess=mu - 1.0, n_independent=25.0,
-        main_line_hz=None, aligned=None, rows=None, spectrum=None, observation_s=0.4,
+        main_line_hz=None, aligned=None, rows=None, cadence_parts=None, strongest_v2=None,
+        peaks_hz=None, spectrum=None, observation_s=0.4,
     )  # fmt: skip
     np.testing.assert_array_equal(evidence.occupied, [False, False, True, False, True])
 
@@ -349,7 +350,7 @@ def test_level_of_the_width_is_a_share_of_the_median_strongest_cell_with_range_r
     range_m = np.linspace(3.0, 6.0, 100)
     mu.values[:] = 0.01 + (mu.values - 0.01) * ((4.5 / range_m) ** 4)[:, None]  # the radar equation
     mu.values[:7] += 50.0 * (mu.values[:7] - 0.01)  # glints count little
-    level = width_level_v2(mu, 0.01, (range_m / 4.5) ** 4)
+    level = width_level_v2(mu.values.max(axis=1), 0.01, (range_m / 4.5) ** 4)
     np.testing.assert_allclose(level, 0.03 * (4.5 / range_m) ** 4, rtol=1e-5)
 
 
@@ -361,7 +362,7 @@ def test_width_of_a_swinging_line_e35():
     mu = make_array(
         SIGNATURE, np.exp(-0.5 * ((coords["doppler"] - centre_hz[:, None]) / 20.0) ** 2), coords, {"n_gate_bins": 16}
     )
-    level = width_level_v2(mu, 0.0, np.ones(2000))
+    level = width_level_v2(mu.values.max(axis=1), 0.0, np.ones(2000))
     found = width_of_bins((mu.values >= level[:, None]).mean(axis=0)) * 5.0
     top = np.quantile(np.sin(2 * np.pi * 1.7 * time_s), 0.95)
     assert found == pytest.approx(2 * (20.0 * np.sqrt(-2 * np.log(0.03)) + 100.0 * top), rel=0.01)

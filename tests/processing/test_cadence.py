@@ -12,7 +12,7 @@ from doppelgait.processing import (
     mean_doppler_spectrum,
     observation_s,
 )
-from doppelgait.processing.cadence import cadence_power, cadence_rows, magnitudes, summed_powers
+from doppelgait.processing.cadence import CadenceParts, magnitudes, summed_powers
 
 RATE_HZ = 100.0
 
@@ -126,11 +126,12 @@ def test_spectrum_and_rows_are_those_of_the_whole_map_e30_e32(n_columns, n_rows)
     plain = Plain.of(
         rows_of(np.random.default_rng(n_columns).standard_normal((n_columns, n_rows))), NORMALISED_SIGNATURE
     )
-    whole, power = cadence_map(plain), cadence_power(plain)
+    parts = CadenceParts(plain)
+    whole, power = cadence_map(plain), parts.spectrum()
     spectrum = cadence_spectrum(whole)
     np.testing.assert_array_equal(power.labelled().coords["cadence"], spectrum.labelled().coords["cadence"])
     np.testing.assert_allclose(power.values, spectrum.values, rtol=0, atol=1e-12 * spectrum.values.max())
-    cadence_hz, found = cadence_rows(plain, np.array([1, 4]), 7.3)
+    cadence_hz, found = parts.rows(np.array([1, 4]), 7.3)
     assert cadence_hz[-2] <= 7.3 < cadence_hz[-1]
     np.testing.assert_array_equal(cadence_hz, whole.axes["cadence"][: cadence_hz.size])
     wanted = whole.values[: cadence_hz.size, [1, 4]]

@@ -7,6 +7,7 @@ import numpy as np
 from doppelgait.core.labels import CADENCE_SPECTRUM, NORMALISED_SIGNATURE, SIGNATURE, make_array
 from doppelgait.features import Extraction, GaitFeatures, Observed
 from doppelgait.features.extended import measure_extended
+from doppelgait.processing.main_line import column_peaks
 
 RATE_HZ, PRF_HZ, WAVELENGTH_M = 125.0, 1000.0, 299_792_458 / 7.29e9
 HALF_M = WAVELENGTH_M / 2
@@ -39,7 +40,7 @@ def evidence_of(values, line_mps, *, floor=0.0, spectrum=None, **changes):
     return Observed(
         signature=mu, floor_v2=floor, main_line_hz=np.broadcast_to(line_mps, T.shape) / HALF_M, excess=mu - floor,
         aligned=make_array(NORMALISED_SIGNATURE, aligned, coords),
-        rows=None,
+        rows=None, cadence_parts=None, strongest_v2=values.max(axis=1), peaks_hz=column_peaks(mu)[1],
         spectrum=make_array(CADENCE_SPECTRUM, power, {"cadence": cadence_hz}),
         observation_s=values.shape[0] / RATE_HZ, n_independent=83.0,
     )  # fmt: skip

@@ -252,7 +252,8 @@ def stance_share(observed: Observed) -> float | None:
         return None
     share = np.clip((STANCE_BAND_MPS - np.abs(observed.velocity_mps)) / observed.bin_mps + 0.5, 0.0, 1.0)
     rows = np.flatnonzero(share)
-    power = observed.power_v2[:, rows] @ share[rows] - observed.floor_v2 * share.sum()
+    inside = slice(rows[0], rows[-1] + 1) if rows.size else slice(0)
+    power = observed.power_v2[:, inside] @ share[inside] - observed.floor_v2 * share.sum()
     return _share(power * observed.range_weight, observed)
 
 

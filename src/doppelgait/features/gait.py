@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from doppelgait.core.labels import Plain, axis
 from doppelgait.core.plugins import plugin
@@ -17,6 +18,7 @@ from doppelgait.features.doppler import (
     bandwidth_threshold_hz,
     envelope_width_hz,
     single_tone_width_hz,
+    strongest_cells_v2,
     width_of_bins,
 )
 from doppelgait.features.feature_set import FEATURE_UNITS, Extraction, GaitFeatures
@@ -24,7 +26,6 @@ from doppelgait.features.gait_frequency import GaitFrequency, gait_frequency
 from doppelgait.features.harmonics import LimbTorsoRatio, highest_cadence_hz, peak_ratio, ratio_of_rows
 from doppelgait.features.measures import quantile
 from doppelgait.features.observed import Observed
-from doppelgait.processing.cadence import cadence_rows
 
 MIN_SNR_DB = 0.0
 MAX_HOP_SHARE = 0.5
@@ -45,8 +46,11 @@ def snr_mu_db(signature: Plain, floor_v2: float) -> float:
 
     It is the median over time of the strongest cell above the floor, over the floor; inf without noise.
     """
-    cells = signature.values
-    peak = quantile(cells[np.arange(cells.shape[0]), cells.argmax(axis=1)], 0.5)  # max along rows takes twice as long
+    return _snr_db(strongest_cells_v2(signature), floor_v2)
+
+
+def _snr_db(strongest_v2: npt.NDArray[Any], floor_v2: float) -> float:
+    peak = quantile(strongest_v2, 0.5)
     if peak <= floor_v2:
         return -np.inf
     return float(power_to_db((peak - floor_v2) / floor_v2)) if floor_v2 > 0 else np.inf
@@ -68,7 +72,7 @@ def extract(observed: Observed, *, bandwidth_threshold: float, cpi_s: float, win
     Extraction
         With all features None and the flag ``no_signal`` where nothing stands above the noise.
     """
-    snr_db = snr_mu_db(observed.signature, observed.floor_v2)
+    snr_db = _snr_db(observed.strongest_v2, observed.floor_v2)
     quality: dict[str, Any] = {
         "snr_mu_db": snr_db,
         "noise_floor_v2": observed.floor_v2,
@@ -90,7 +94,7 @@ def extract(observed: Observed, *, bandwidth_threshold: float, cpi_s: float, win
     frequency_hz = _check_frequency(gait, observed.signature.attrs, flags)
     rho = LimbTorsoRatio(None, None)
     if frequency_hz is not None and observed.occupied_rows.size:
-        cadence_hz, values = cadence_rows(observed.rows, observed.occupied_rows, highest_cadence_hz(frequency_hz))
+        cadence_hz, values = observed.cadence_parts.rows(observed.occupied_rows, highest_cadence_hz(frequency_hz))
         rho = ratio_of_rows(cadence_hz, values, observed.mean_row[observed.occupied], frequency_hz)
     if rho.ratio is not None and rho.ratio < NO_GAIT_RATIO:
         flags.append("gait_frequency:no_modulation")
@@ -121,7 +125,8 @@ def _measure_bandwidth_hz(observed: Observed, flags: list[str]) -> float | None:
     if quantile(observed.width_level_v2, 0.5) < LEAST_NOISE_SIGMAS * observed.noise_sd_v2:
         flags.append("doppler_bandwidth:noise_above_its_level")
         return None
-    width = width_of_bins(observed.above_width_level.mean(axis=0))
+    above = observed.above_width_level
+    width = width_of_bins(above.sum(axis=0).astype(np.float64) / above.shape[0])
     if width is None or not observed.width_level_v2.any():
         flags.append("doppler_bandwidth:signal_in_too_few_columns")
         return None

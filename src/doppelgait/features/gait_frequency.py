@@ -13,7 +13,9 @@ flat terms and decide nothing.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +28,7 @@ FloatArray = npt.NDArray[np.float64]
 
 GRID_HZ: FloatArray = 0.5 * 2.0 ** (np.arange(193) / 48.0)
 """0.5 to 8 Hz in steps of 1.45 %."""
+LOG_GRID: FloatArray = np.log(GRID_HZ)
 NEAR_STEPS = 3
 """Frequencies this many steps either side are the same one: 4.4 %."""
 LEAST_PERIODS = 1.1
@@ -150,7 +153,7 @@ def gait_frequency(
     near = np.convolve(posterior, np.ones(2 * NEAR_STEPS + 1), "same")
     best = int(near.argmax())
     around = slice(max(best - NEAR_STEPS, 0), best + NEAR_STEPS + 1)
-    start_hz = math.exp(float(posterior[around] @ np.log(GRID_HZ[around]) / posterior[around].sum()))
+    start_hz = math.exp(float(posterior[around] @ LOG_GRID[around] / posterior[around].sum()))
     frequency_hz, width_hz = refine_on_harmonics(start_hz, [whole, limbs])
     others = np.where(np.abs(np.arange(GRID_HZ.size) - best) > 2 * NEAR_STEPS, near, 0.0)
     return GaitFrequency(
@@ -171,8 +174,7 @@ def rhythms_of(aligned: xr.DataArray | Plain, excess: xr.DataArray | Plain, floo
     slow = slowed(aligned)
     wide = summed_rows(slow, slow.bin_hz)
     limbs = limb_rows(slow, _cell_noise(aligned, excess, floor_v2))
-    return (*measure_rhythm(detrended(wide.values, wide.rate_hz), wide.rate_hz),
-            *measure_rhythm(limbs.values, limbs.rate_hz))  # fmt: skip
+    return measure_rhythms([detrended(wide.values, wide.rate_hz), limbs.values], wide.rate_hz)
 
 
 def _cell_noise(aligned: xr.DataArray | Plain, excess: xr.DataArray | Plain, floor_v2: float) -> FloatArray:
@@ -189,53 +191,70 @@ def _cell_noise(aligned: xr.DataArray | Plain, excess: xr.DataArray | Plain, flo
     return cell_v2 * np.divide(weight, total_v2, out=np.zeros(total_v2.size), where=total_v2 > 0)
 
 
-def measure_rhythm(values: FloatArray, rate_hz: float) -> tuple[Rhythm, Rhythm]:
-    """Measure autocorrelation and spectrum of rows, plain and whitened.
+def measure_rhythms(rows: Sequence[FloatArray], rate_hz: float) -> tuple[Rhythm, ...]:
+    """Measure autocorrelation and spectrum of sets of rows.
 
-    Whitened: ``v_j - 0.7 v_(j-1)``, and every row divided by its energy after that, so that noise which is strongest at
-    low cadence and in strong rows hides nothing elsewhere.
+    Each plain and whitened: ``v_j - 0.7 v_(j-1)``, and every row divided by its energy after that, so that noise which
+    is strongest at low cadence and in strong rows hides nothing elsewhere.
 
     Parameters
     ----------
-    values : ndarray, shape (J, K)
+    rows : sequence of ndarray, shape (J, K)
         Detrended rows.
     rate_hz : float
         Columns per second.
+
+    Returns
+    -------
+    tuple of Rhythm
+        Plain and whitened of the first set, then those of the next.
     """
     from scipy import fft
 
+    values = np.concatenate(rows, axis=1)
     n_columns = values.shape[0]
-    length = fft.next_fast_len(2 * n_columns, real=True)
+    length, padded = (fft.next_fast_len(times * n_columns, real=True) for times in (2, PADDING))
     transform = fft.rfft(values, length, axis=0)
     power = transform.real**2 + transform.imag**2
-    response = 1.0 + WHITENING**2 - 2.0 * WHITENING * np.cos(2.0 * np.pi * np.arange(power.shape[0]) / length)
     whitened = values.copy()
     whitened[1:] -= WHITENING * values[:-1]
     whitened *= whitened
-    energy = whitened.sum(axis=0)
-    weight = 1.0 / (energy + WEAK_ROW * energy.max(initial=0.0) + TINY)
-    return (
-        _rhythm(power.sum(axis=1), np.einsum("jk,jk->j", values, values), length, rate_hz),
-        _rhythm(response * (power @ weight), whitened @ weight, length, rate_hz),
+    energy, first = whitened.sum(axis=0), 0
+    sums = np.zeros((values.shape[1], 2 * len(rows)))  # which rows each result adds up, and with which weight
+    for number, some in enumerate(rows):
+        of_set = slice(first, first + some.shape[1])
+        sums[of_set, 2 * number] = 1.0
+        sums[of_set, 2 * number + 1] = 1.0 / (energy[of_set] + WEAK_ROW * energy[of_set].max(initial=0.0) + TINY)
+        first = of_set.stop
+    response, lag_window = _responses(n_columns, length)
+    powers = power @ sums
+    powers[:, 1::2] *= response
+    until = np.zeros((n_columns + 1, sums.shape[1]))
+    np.cumsum(values**2 @ sums[:, ::2], axis=0, out=until[1:, ::2])
+    np.cumsum(whitened @ sums[:, 1::2], axis=0, out=until[1:, 1::2])
+    products = fft.irfft(powers, length, axis=0)[:n_columns]
+    both = until[:0:-1] + (until[-1] - until[:-1])
+    likeness = np.divide(2.0 * products, both, out=np.zeros(both.shape), where=both > 0)
+    windowed = products * lag_window
+    spectra = np.maximum(2.0 * fft.rfft(windowed, padded, axis=0).real - windowed[0], 0.0)
+    step_hz = rate_hz / padded
+    totals = spectra[int(LOWEST_HZ / step_hz) + 1 :].sum(axis=0) * (step_hz * n_columns / rate_hz)
+    shares = spectra / np.where(totals > 0, totals, 1.0)
+    return tuple(
+        Rhythm(np.ascontiguousarray(of_one), rate_hz, np.ascontiguousarray(share), step_hz)
+        for of_one, share in zip(likeness.T, shares.T, strict=True)
     )
 
 
-def _rhythm(power: FloatArray, energy: FloatArray, length: int, rate_hz: float) -> Rhythm:
-    """Turn a power spectrum and every column's energy into a rhythm."""
-    from scipy import fft
+@lru_cache(maxsize=8)
+def _responses(n_columns: int, length: int) -> tuple[FloatArray, FloatArray]:
+    """Compute the whitening's response and a Hann window over lag.
 
-    n_columns = energy.size
-    products = fft.irfft(power, length)[:n_columns]
-    until = np.concatenate([[0.0], np.cumsum(energy)])
-    both = until[n_columns:0:-1] + (until[-1] - until[:-1])
-    likeness = np.divide(2.0 * products, both, out=np.zeros(n_columns), where=both > 0)
-    # Hann over lag: side lobes below 2.5 %
-    windowed = products * (0.5 + 0.5 * np.cos(np.pi * np.arange(n_columns) / n_columns))
-    padded = fft.next_fast_len(PADDING * n_columns, real=True)
-    spectrum = np.maximum(2.0 * fft.rfft(windowed, padded).real - windowed[0], 0.0)
-    step_hz = rate_hz / padded
-    total = spectrum[int(LOWEST_HZ / step_hz) + 1 :].sum() * step_hz * n_columns / rate_hz
-    return Rhythm(likeness, rate_hz, spectrum / total if total > 0 else spectrum, step_hz)
+    Shapes (length / 2 + 1, 1) and (J, 1); the window keeps side lobes below 2.5 %.
+    """
+    turn = np.cos(2.0 * np.pi * np.arange(length // 2 + 1) / length)
+    window = 0.5 + 0.5 * np.cos(np.pi * np.arange(n_columns) / n_columns)
+    return (1.0 + WHITENING**2 - 2.0 * WHITENING * turn)[:, None], window[:, None]
 
 
 def terms_of(rhythms: tuple[Rhythm, ...], velocity_mps: float) -> tuple[FloatArray, FloatArray]:
@@ -249,7 +268,7 @@ def terms_of(rhythms: tuple[Rhythm, ...], velocity_mps: float) -> tuple[FloatArr
     for rhythm, out in zip(rhythms, evidence, strict=True):
         rhythm_evidence(rhythm.likeness, rhythm.rate_hz, rhythm.share, rhythm.step_hz, GRID_HZ, out)
     seconds = rhythms[0].likeness.size / rhythms[0].rate_hz
-    tone, step = np.log(GRID_HZ), math.log(max(abs(velocity_mps), SLOWEST_MPS)) - np.log(GRID_HZ)
+    tone, step = LOG_GRID, math.log(max(abs(velocity_mps), SLOWEST_MPS)) - LOG_GRID
     lacking = np.maximum(0.0, np.log(3.0 / (GRID_HZ * seconds)))
     return evidence, np.stack([tone, tone**2, step, step**2, lacking])
 
@@ -257,7 +276,7 @@ def terms_of(rhythms: tuple[Rhythm, ...], velocity_mps: float) -> tuple[FloatArr
 def posterior_of(rhythms: tuple[Rhythm, ...], velocity_mps: float) -> FloatArray:
     """Compute the posterior on the grid; shape (frequency,), sum 1."""
     evidence, prior = terms_of(rhythms, velocity_mps)
-    log_odds = np.einsum("sn,snf->f", WEIGHTS, evidence) + PRIOR_WEIGHTS @ prior
+    log_odds = WEIGHTS.ravel() @ evidence.reshape(WEIGHTS.size, -1) + PRIOR_WEIGHTS @ prior
     seconds = rhythms[0].likeness.size / rhythms[0].rate_hz
     log_odds[GRID_HZ * seconds < LEAST_PERIODS] = -np.inf
     odds = np.exp(log_odds - log_odds.max())
@@ -288,6 +307,15 @@ def _salience(rhythm: Rhythm, frequency_hz: float, seconds: float) -> float:
     return float(rhythm.share[counted & near].sum()) / total if total > 0 else 0.0
 
 
+@lru_cache(maxsize=16)
+def _parabola(first: int, stop: int) -> FloatArray:
+    """Compute what fits a parabola to values at whole places; shape (3, places)."""
+    return np.asarray(np.linalg.pinv(np.vander(np.arange(first, stop, dtype=np.float64), 3)))
+
+
+FINE: FloatArray = np.linspace(1.0 - SEARCH, 1.0 + SEARCH, FINE_STEPS)
+
+
 def refine_on_harmonics(frequency_hz: float, rhythms: list[Rhythm]) -> tuple[float, float]:
     """Refine a frequency by the power of its harmonics.
 
@@ -310,7 +338,7 @@ def refine_on_harmonics(frequency_hz: float, rhythms: list[Rhythm]) -> tuple[flo
     """
     from doppelgait.core.kernels.periodicity import add_between
 
-    trial_hz = frequency_hz * np.linspace(1.0 - SEARCH, 1.0 + SEARCH, FINE_STEPS)
+    trial_hz = frequency_hz * FINE
     total = np.zeros(FINE_STEPS)
     for rhythm in rhythms:
         highest = min(HIGHEST_HARMONIC_HZ, (rhythm.share.size - 1) * rhythm.step_hz / (1.0 + SEARCH))
@@ -321,9 +349,8 @@ def refine_on_harmonics(frequency_hz: float, rhythms: list[Rhythm]) -> tuple[flo
         return frequency_hz, math.nan
     near = slice(max(best - TOP, 0), best + TOP + 1)
     step_hz = float(trial_hz[1] - trial_hz[0])
-    powers = np.vander(np.arange(near.start, min(near.stop, FINE_STEPS)) - float(best), 3)
-    fitted = np.linalg.solve(powers.T @ powers, powers.T @ total[near])
-    bend, slope, height = fitted / (step_hz**2, step_hz, 1.0)
+    bend, slope, height = _parabola(near.start - best, min(near.stop, FINE_STEPS) - best) @ total[near]
+    bend, slope = bend / step_hz**2, slope / step_hz
     if bend >= 0 or height <= 0:
         return float(trial_hz[best]), math.nan
     reach_hz = step_hz * TOP

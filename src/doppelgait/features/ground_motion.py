@@ -108,8 +108,8 @@ def ground_motion(time_s: npt.ArrayLike, range_m: npt.ArrayLike, *, range_sd_m: 
     across_2 = solution[2] - radial_mps**2
     residual_m, n_parameters = ranges - np.sqrt(np.maximum(solution @ basis, 1e-12)), PARABOLA
     if across_2 < 0:  # straight motion never bends a range towards the radar
-        line = np.polynomial.Polynomial.fit(middle, ranges, 1)
-        residual_m, n_parameters = ranges - line(middle), LINE
+        about, way = middle - middle.mean(), ranges - ranges.mean()
+        residual_m, n_parameters = way - about * (about @ way / (about @ about)), LINE
     largest_m = OUTLIER_SD * 1.4826 * float(np.median(np.abs(residual_m)))
     sd_m = range_sd_m or RANGE_SD_M
     probability = straight_probability(

@@ -16,6 +16,7 @@ from doppelgait.core.labels import Plain, axis, sampling_rate_hz
 from doppelgait.features.doppler import TIME_SHARES, envelopes_hz, raised_by_noise_v2, width_level_v2
 from doppelgait.features.feature_set import Extraction, FloatArray, GaitFeatures
 from doppelgait.features.measures import quantile, square_difference
+from doppelgait.processing.cadence import CadenceParts
 
 OCCUPIED_SIGMAS = 3.0
 LEAST_SPEED_MPS = 0.2
@@ -55,6 +56,8 @@ class Observed:
         mu, V^2.
     floor_v2 : float
         Noise floor nu.
+    strongest_v2, peaks_hz : ndarray, shape (J,)
+        Strongest cell of every column, and its Doppler.
     main_line_hz : ndarray, shape (J,)
         Straight main line.
     excess : Plain (time, doppler)
@@ -63,6 +66,8 @@ class Observed:
         Normalised signature, aligned to the main line if that drifts.
     rows : Plain (time, doppler)
         ``aligned``, detrended.
+    cadence_parts : CadenceParts
+        Single rows of the cadence map of ``rows``.
     spectrum : Plain (cadence)
         Power spectrum S.
     observation_s : float
@@ -80,10 +85,13 @@ class Observed:
 
     signature: Plain
     floor_v2: float
+    strongest_v2: npt.NDArray[Any]
+    peaks_hz: FloatArray
     main_line_hz: FloatArray
     excess: Plain
     aligned: Plain
     rows: Plain
+    cadence_parts: CadenceParts
     spectrum: Plain
     observation_s: float
     n_independent: float
@@ -143,14 +151,15 @@ class Observed:
     @cached_property
     def width_level_v2(self) -> FloatArray:
         """Power above the floor at which B_mu is measured (E-35); shape (J,)."""
-        return width_level_v2(self.signature, self.floor_v2, self.range_weight)
+        return width_level_v2(self.strongest_v2, self.floor_v2, self.range_weight)
 
     @cached_property
-    def above_width_level(self) -> npt.NDArray[np.bool_]:
-        """Cells above the raised level of B_mu (E-35); shape (J, K)."""
+    def above_width_level(self) -> npt.NDArray[np.float32]:
+        """Cells above the raised level of B_mu (E-35): 1, else 0; shape (J, K)."""
         n_bins = max(1.0, float(self.signature.attrs["n_gate_bins"]))
         level_v2 = raised_by_noise_v2(self.width_level_v2, self.floor_v2, n_bins)
-        return np.asarray(self.excess.values >= level_v2[:, None].astype(self.excess.values.dtype))
+        above = self.excess.values >= level_v2[:, None].astype(self.excess.values.dtype)
+        return above.astype(np.float32)  # sums of truth values take ten times as long; these are exact to 2^24
 
     @cached_property
     def noise_sd_v2(self) -> float:

@@ -123,12 +123,7 @@ def velocity_sd_mps(observed: Observed) -> float | None:
     sum of the influence in a block, over the squared sum of the influence's slope: independent blocks, any dependence
     within them (the sandwich form, Huber 1967, for clusters). A share of the torso's own swing and 6 mm/s are added.
     """
-    from doppelgait.core.kernels.columns import peak_offsets
-
-    values = observed.power_v2
-    best, offset = values.argmax(axis=1), np.empty(values.shape[0])
-    peak_offsets(values, best, offset)  # the strongest cell of every column, refined by a parabola in dB
-    residual = observed.velocity_mps[best] + offset * observed.bin_mps - observed.line_mps
+    residual = observed.peaks_hz * observed.mps_per_hz - observed.line_mps
     scale = max(1.4826 * quantile(np.abs(residual), 0.5), observed.bin_mps / 4.0)
     square = (residual / (CAUCHY_TUNING * scale)) ** 2
     taper = 1.0 - np.linspace(-1.0, 1.0, residual.size) ** 2 + 1e-3
@@ -157,7 +152,7 @@ def bandwidth_sd_hz(observed: Observed) -> float | None:
     n_groups = min(edges.size - 1, GROUPS)
     edges = edges[np.arange(n_groups + 1) * (edges.size - 1) // n_groups]
     above = observed.above_width_level[edges[0] : edges[-1]]
-    counts = np.add.reduceat(above, edges[:-1] - edges[0], axis=0, dtype=np.int64)
+    counts = np.add.reduceat(above, edges[:-1] - edges[0], axis=0).astype(np.float64)
     left = (edges[-1] - edges[0] - np.diff(edges))[:, None]
     widths = [width_of_bins(share) for share in (counts.sum(axis=0) - counts) / left]
     without = np.array([np.nan if width is None else width for width in widths])

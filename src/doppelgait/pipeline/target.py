@@ -20,7 +20,7 @@ from doppelgait.features.ground_motion import GroundMotion, ground_motion
 from doppelgait.features.uncertainty import uncertainties_of, uncertainty_flags
 from doppelgait.pipeline.result import LateArrays, Result
 from doppelgait.processing import Analysis, Gate, main_line
-from doppelgait.processing.cadence import cadence_power
+from doppelgait.processing.cadence import CadenceParts
 from doppelgait.processing.parts import PARTS, locate_parts
 
 SIDEWAYS_COSINE = 0.6
@@ -206,7 +206,7 @@ def observe(usable: xr.DataArray, analysis: Analysis) -> tuple[Observed, Plain]:
     mu.attrs["n_gate_bins"] = processing.independent_bins(mu, floor_v2)
     normalised = processing.normalise(mu, floor_v2, mode=analysis.normalisation)
     seconds = processing.observation_s(mu)
-    peaks_hz, bin_hz = main_line.column_peaks_hz(mu), main_line.bin_width_hz(mu)  # found once for all lines
+    (strongest_v2, peaks_hz), bin_hz = main_line.column_peaks(mu), main_line.bin_width_hz(mu)  # once for all
     straight = main_line.line_through(peaks_hz, bin_hz, order=1, tapered=True)
     track_mps, bend_mps, agreed = None, 0.0, True
     if np.ptp(axis(mu, "centre_range")) > 0:  # a fixed gate follows no one
@@ -220,9 +220,11 @@ def observe(usable: xr.DataArray, analysis: Analysis) -> tuple[Observed, Plain]:
         line = main_line.line_through(peaks_hz, bin_hz, order=processing.line_order(seconds))
         aligned, excess = processing.align(normalised, line), processing.align(excess, line)
     rows = processing.detrend(aligned, order=processing.detrend_order(seconds))
+    parts = CadenceParts(rows)
     observed = Observed(
-        signature=mu, floor_v2=floor_v2, main_line_hz=straight, excess=excess, aligned=aligned,
-        rows=rows, spectrum=cadence_power(rows), observation_s=seconds,
+        signature=mu, floor_v2=floor_v2, strongest_v2=strongest_v2, peaks_hz=peaks_hz,
+        main_line_hz=straight, excess=excess, aligned=aligned,
+        rows=rows, cadence_parts=parts, spectrum=parts.spectrum(), observation_s=seconds,
         n_independent=processing.independent_columns(mu),
         track_mps=track_mps, bend_mps=bend_mps, agreed=agreed,
     )  # fmt: skip

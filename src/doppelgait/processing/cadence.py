@@ -312,41 +312,50 @@ def cadence_map(rows: Signal, *, padded: bool = True, tapered: bool | None = Non
     return make_like(rows, CADENCE_MAP, magnitude, {"cadence": cadence_hz})
 
 
-def cadence_power(rows: Plain) -> Plain:
-    """Compute the cadence power spectrum S without the diagram (E-32).
+class CadenceParts:
+    """The spectrum S and single rows of the diagram D, without the rest.
+
+    Their rows are smeared onto a coarser time grid once (step (1) of :func:`magnitudes`).
 
     Parameters
     ----------
     rows : Plain (time, doppler)
         Detrended normalised signature.
-
-    Returns
-    -------
-    Plain (cadence)
-        What :func:`cadence_spectrum` makes of :func:`cadence_map`, within 1e-12 of its largest value.
     """
-    weights, length, cadence_hz = _cadence_grid(rows, True, None)
-    powers = summed_powers(rows.values, weights, length, cadence_hz.size)
-    return make_like(rows, CADENCE_SPECTRUM, powers, {"cadence": cadence_hz})
 
+    def __init__(self, rows: Plain) -> None:
+        self._like, self._values = rows, rows.values
+        self._weights, self._length, self.cadence_hz = _cadence_grid(rows, True, None)
+        self._response = np.ones(self.cadence_hz.size)
+        step = _coarsest_step(self._values.shape[0], self._length, self.cadence_hz.size)
+        if step > 1:
+            self._values, self._response = _smear(self._values, self._weights, self._length, self.cadence_hz.size, step)
+            self._weights, self._length = np.ones(self._values.shape[0]), self._length // step
 
-def cadence_rows(rows: Plain, wanted: npt.NDArray[np.int64], highest_hz: float) -> tuple[FloatArray, FloatArray]:
-    """Compute some Doppler rows of the diagram D up to a cadence.
+    def spectrum(self) -> Plain:
+        """Compute the power spectrum S (E-32).
 
-    Parameters
-    ----------
-    rows : Plain (time, doppler)
-    wanted : ndarray of int, shape (R,)
-    highest_hz : float
+        It is what :func:`cadence_spectrum` makes of :func:`cadence_map`, within 1e-12 of its largest value.
+        """
+        powers = summed_powers(self._values, self._weights, self._length, self.cadence_hz.size) / self._response**2
+        return make_like(self._like, CADENCE_SPECTRUM, powers, {"cadence": self.cadence_hz})
 
-    Returns
-    -------
-    cadence_hz : ndarray, shape (Q,)
-    magnitudes : ndarray, shape (Q, R)
-    """
-    weights, length, cadence_hz = _cadence_grid(rows, True, None)
-    cadence_hz = cadence_hz[: np.searchsorted(cadence_hz, highest_hz, side="right") + 1]
-    return cadence_hz, magnitudes(rows.values.take(wanted, axis=1), weights, length, cadence_hz.size)
+    def rows(self, wanted: npt.NDArray[np.int64], highest_hz: float) -> tuple[FloatArray, FloatArray]:
+        """Compute some Doppler rows of the diagram D up to a cadence.
+
+        Parameters
+        ----------
+        wanted : ndarray of int, shape (R,)
+        highest_hz : float
+
+        Returns
+        -------
+        cadence_hz : ndarray, shape (Q,)
+        magnitudes : ndarray, shape (Q, R)
+        """
+        n_kept = min(int(np.searchsorted(self.cadence_hz, highest_hz, side="right")) + 1, self.cadence_hz.size)
+        found = magnitudes(self._values.take(wanted, axis=1), self._weights, self._length, n_kept)
+        return self.cadence_hz[:n_kept], found / self._response[:n_kept, None]
 
 
 def _cadence_grid(rows: xr.DataArray | Plain, padded: bool, tapered: bool | None) -> tuple[FloatArray, int, FloatArray]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -32,17 +33,18 @@ ALIGN_ABOVE_HZ = 10.0
 """Drift of the straight main line over the observation above which a signature is aligned (E-29)."""
 
 
-def column_peaks_hz(signature: xr.DataArray | Plain) -> FloatArray:
-    """Find the Doppler of every column's strongest cell.
+def column_peaks(signature: xr.DataArray | Plain) -> tuple[npt.NDArray[Any], FloatArray]:
+    """Find every column's strongest cell and its Doppler.
 
-    It is refined by a parabola through its neighbours; shape (J,), Hz.
+    The cell as it is, V^2, and the Doppler refined by a parabola through its neighbours, Hz; shapes (J,).
     """
     from doppelgait.core.kernels.columns import peak_offsets
 
     values, doppler_hz = np.ascontiguousarray(signature.values), axis(signature, "doppler")
     best, offset = values.argmax(axis=1), np.empty(values.shape[0])
+    strongest = values[np.arange(values.shape[0]), best]
     peak_offsets(values, best, offset)
-    return np.asarray(doppler_hz[best] + offset * (doppler_hz[1] - doppler_hz[0]))
+    return strongest, np.asarray(doppler_hz[best] + offset * (doppler_hz[1] - doppler_hz[0]))
 
 
 def main_line_hz(signature: xr.DataArray | Plain, *, order: int, tapered: bool = False) -> FloatArray:
@@ -63,7 +65,7 @@ def main_line_hz(signature: xr.DataArray | Plain, *, order: int, tapered: bool =
         Main line m[j] in Hz: iteratively reweighted least squares with Cauchy weights, so that columns in which a leg
         or a stance foot is strongest count little.
     """
-    return line_through(column_peaks_hz(signature), bin_width_hz(signature), order=order, tapered=tapered)
+    return line_through(column_peaks(signature)[1], bin_width_hz(signature), order=order, tapered=tapered)
 
 
 def line_through(peaks_hz: FloatArray, bin_hz: float, *, order: int, tapered: bool = False) -> FloatArray:
