@@ -15,6 +15,7 @@ from doppelgait.core.rng import Streams
 from doppelgait.core.units import duration_to_pulses, slow_time_axis_s
 from doppelgait.motion.motion import FREQUENCIES
 from doppelgait.pipeline.conditions import Conditions
+from doppelgait.pipeline.room import through_room
 from doppelgait.radar.antenna import apply_antenna
 from doppelgait.radar.impairments import ThermalNoise, apply_impairments, noise_power_per_sample_v2, pulse_times
 from doppelgait.radar.link import noise_taps
@@ -32,6 +33,7 @@ from doppelgait.radar.simulate import (
 )
 from doppelgait.scene import LineOfSight, PlacedScene, PlacedTarget, Scene, assemble, body_at, body_track
 from doppelgait.scene.environment import Setting, apply_environment, needs_angles
+from doppelgait.scene.observe import make_scatterers, tabulate
 from doppelgait.scene.placement import as_placed
 
 FloatArray = npt.NDArray[np.float64]
@@ -188,20 +190,26 @@ def observe_scene(
     patterned = radar.antenna.kind != "isotropic"
     directions = patterned or needs_angles(conditions.environment)
     scene_rng = None if streams is None else streams.generator("scene")
-    scatterers = assemble(placed, times_s, angles=angles, directions=directions, rng=scene_rng)
     room = placed.scene
     tracks = [body_track(target, room, times_s) for target in placed.observed]
-    if conditions.environment:
-        azimuth_rad = math.radians(room.radar_azimuth_deg)
-        setting = Setting(radar.wavelength_m, room.radar_position_m, azimuth_rad)
-        scatterers = apply_environment(scatterers, conditions.environment, setting)
-    if patterned:
-        scatterers = apply_antenna(
-            scatterers,
-            radar.antenna,
-            boresight_azimuth_rad=math.radians(room.radar_azimuth_deg),
-            boresight_tilt_rad=math.radians(room.radar_tilt_deg),
+    setting = Setting(radar.wavelength_m, room.radar_position_m, math.radians(room.radar_azimuth_deg))
+
+    def through(table: xr.Dataset) -> xr.Dataset:
+        if conditions.environment:
+            table = apply_environment(table, conditions.environment, setting)
+        if not patterned:
+            return table
+        tilt_rad = math.radians(room.radar_tilt_deg)
+        return apply_antenna(
+            table, radar.antenna, boresight_azimuth_rad=setting.radar_azimuth_rad, boresight_tilt_rad=tilt_rad
         )
+
+    bodies = make_scatterers(placed, times_s, scene_rng)
+    wanted = ("azimuth", "elevation", "aspect") if angles else ()
+    table = tabulate(placed, bodies, times_s, wanted)
+    scatterers = through_room(table, placed, bodies, conditions.environment, through) if directions else through(table)
+    if scatterers is None:
+        scatterers = through(tabulate(placed, bodies, times_s, wanted or ("azimuth", "elevation")))
     if times_s is not slow_time_s:
         scatterers = scatterers.assign_coords(slow_time=("slow_time", slow_time_s, {"units": "s"}))
     return scatterers, tracks

@@ -161,17 +161,17 @@ def scatterer_arrays(scatterers: xr.Dataset, radar: Radar) -> tuple[Any, Any]:
     Contiguous float64 arrays, both (slow_time, scatterer). The amplitude is that of a frame: of E-14, less what its
     integration loses (E-13b), negative beyond a null.
     """
-    range_m = np.ascontiguousarray(scatterers["range"].values, dtype=np.float64)
-    rcs_m2, path_gain = _row(scatterers["rcs"].values), _row(scatterers["path_gain"].values)
-    if radar.integration_share == 0.0:
-        amplitude_v = echo_amplitude_v(radar, range_m=range_m, rcs_m2=rcs_m2, path_gain=path_gain)
-        return range_m, np.ascontiguousarray(amplitude_v)
     from doppelgait.core.kernels.integration import integrate_echoes
 
-    one_metre_v = np.atleast_2d(echo_amplitude_v(radar, range_m=1.0, rcs_m2=rcs_m2, path_gain=path_gain))
+    range_m = np.ascontiguousarray(scatterers["range"].values, dtype=np.float64)
+    rcs_m2, path_gain = (
+        np.ascontiguousarray(_row(scatterers[name].values), dtype=np.float64) for name in ("rcs", "path_gain")
+    )
     turns_per_mps = 2.0 / radar.wavelength_m * radar.integration_share / radar.prf_hz
+    speeds = range_m if radar.integration_share == 0.0 else np.ascontiguousarray(radial_velocity_mps(scatterers))
+    one_metre_v = float(echo_amplitude_v(radar, range_m=1.0, rcs_m2=1.0))
     amplitude_v = np.empty(range_m.shape)
-    integrate_echoes(range_m, radial_velocity_mps(scatterers), one_metre_v, MIN_RANGE_M, turns_per_mps, amplitude_v)
+    integrate_echoes(range_m, speeds, rcs_m2, path_gain, one_metre_v, MIN_RANGE_M, turns_per_mps, amplitude_v)
     return range_m, amplitude_v
 
 

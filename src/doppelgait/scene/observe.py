@@ -162,7 +162,18 @@ def assemble(
     """
     placed, times = as_placed(scene), np.asarray(slow_time_s, dtype=float)
     wanted = ("azimuth", "elevation", "aspect") if angles else ("azimuth", "elevation") if directions else ()
-    bodies = [_make_scatterers(target, placed.scene, times, rng) for target in placed.targets]
+    return tabulate(placed, make_scatterers(placed, times, rng), times, wanted)
+
+
+def make_scatterers(placed: PlacedScene, times: FloatArray, rng: np.random.Generator | None) -> list[Scatterers]:
+    """Make the scatterers of all targets, with what is random."""
+    return [_make_scatterers(target, placed.scene, times, rng) for target in placed.targets]
+
+
+def tabulate(
+    placed: PlacedScene, bodies: Sequence[Scatterers], times: FloatArray, wanted: Sequence[str]
+) -> xr.Dataset:  # fmt: skip
+    """Observe scatterers at some times; the table of :func:`assemble` with the ``wanted`` angles."""
     seen = [_observe(body, placed.scene, times, wanted) for body in bodies]
     columns = {
         "target": np.array(
@@ -172,7 +183,7 @@ def assemble(
         "part": np.array([part for body in bodies for part in body.motion.parts], dtype=str),
     }
     values = seen[0] if len(seen) == 1 else {
-        name: np.concatenate([np.empty((times.size, 0)), *(table[name] for table in seen)], axis=1)
+        name: _side_by_side([np.empty((times.size, 0)), *(table[name] for table in seen)])
         for name in ("range", "radial_velocity", "rcs", "path_gain", *wanted)
     }  # fmt: skip
     return xr.Dataset(
@@ -187,6 +198,15 @@ def assemble(
         },
         attrs={} if placed.scene.receiver_position_m is None else {"bistatic": True},
     )
+
+
+def _side_by_side(parts: list[FloatArray]) -> FloatArray:
+    """Join tables; those that repeat a row become one that does."""
+    rows = [part[:1] for part in parts if part.shape[1]]
+    if rows and all(row.strides[0] == 0 for row in rows):
+        row = np.concatenate(rows, axis=1)
+        return np.broadcast_to(row, (parts[0].shape[0], row.shape[1]))
+    return np.concatenate(parts, axis=1)
 
 
 def _observe(scatterers: Scatterers, scene: Scene, times: FloatArray, angles: Sequence[str]) -> dict[str, FloatArray]:

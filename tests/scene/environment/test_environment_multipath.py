@@ -110,6 +110,8 @@ def test_rows_added_by_the_floor():
     table = echo_table(position, RADAR, names=["LFOO", "a:bounce", "head"], aspect=True).assign_attrs(note="kept")
     table["rcs"] = (("slow_time", "scatterer"), np.broadcast_to([0.1, 0.2, 0.3], (4, 3)), {"units": "m^2"})
     after = apply_environment(table, [GroundBounce()], SETTING)
+    (mirror,) = after.attrs.pop("mirrors")
+    assert (mirror.first, list(mirror.sources)) == (3, [0, 1, 2])
     xr.testing.assert_identical(after.isel(scatterer=slice(0, 3)).drop_vars("path_phase"), table)
     assert (after["path_phase"].values[:, :3] == 0).all()
     assert list(after["target"].values) == [0, 0, 0, -1, -1, -1, -1, -1, -1]

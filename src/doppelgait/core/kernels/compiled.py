@@ -134,7 +134,7 @@ def _chain(entries: list[Callable[..., Any]], member: Kernel) -> Callable[..., A
     """Try the entries, each for its own types of arguments, then Numba."""
 
     def call(*args: Any) -> Any:
-        for entry in entries:
+        for entry in entries:  # one, nearly always
             found = entry(args)
             if found is not NotImplemented:
                 return found
@@ -176,16 +176,20 @@ def _entry(address: int, arguments: list[str], returns: str) -> Callable[[tuple[
     result_type = SCALARS.get(returns)
 
     def run(args: tuple[Any, ...]) -> Any:
-        if len(args) != n_arguments or any(args[place] is not None for place in none):
+        if len(args) != n_arguments or (none and any(args[place] is not None for place in none)):
             return NotImplemented
-        given = list(args)
+        result = None if result_type is None else result_type()
+        place = None if result is None else ctypes.addressof(result)
         try:
-            for place in whole:
-                given[place] = index(given[place])
-            result = None if result_type is None else result_type()
-            status = function(np.ndarray, None if result is None else ctypes.addressof(result), *given)
-        except (TypeError, ctypes.ArgumentError):
-            return NotImplemented
+            status = function(np.ndarray, place, *args)
+        except ctypes.ArgumentError:  # NumPy's whole numbers; nothing has been called yet
+            given = list(args)
+            try:
+                for number in whole:
+                    given[number] = index(given[number])
+                status = function(np.ndarray, place, *given)
+            except (TypeError, ctypes.ArgumentError):
+                return NotImplemented
         if status == OTHER_TYPES:
             return NotImplemented
         if status == RAISED:

@@ -65,3 +65,42 @@ def fill_images(
             path_gain[i, two] *= power * power
             path_phase[i, one] += turn
             path_phase[i, two] += 2.0 * turn
+
+
+@kernel()
+def image_ranges(
+    direct_m: Float64Array, direct_mps: Float64Array, height_m: Float64Array, height_mps: Float64Array,
+    sources: npt.NDArray[np.int64], radar_m: float, first: int, range_m: Float64Array, velocity_mps: Float64Array,
+) -> None:  # fmt: skip
+    r"""Write ranges and approach speeds of images into a table.
+
+    .. math:: g = \sqrt{R^2 + 4 h_r \max(h, 0)}, \quad -g' = (R v - 2 h_r h') / g
+
+    Columns from ``first`` on hold the n images by one reflection, (R + g) / 2, then the n by two, g.
+
+    Parameters
+    ----------
+    direct_m, direct_mps, height_m, height_mps : ndarray, shape (I, L), float64
+        Ranges R and approach speeds v of scatterers, their distances h from the plane and the rates h'.
+    sources : ndarray, shape (n,)
+        Scatterers of the images.
+    radar_m : float
+        Distance h_r of the radar from the plane.
+    first : int
+    range_m, velocity_mps : ndarray, shape (I, at least first + 2 n), float64
+        Written.
+    """
+    n_images = sources.shape[0]
+    for i in range(direct_m.shape[0]):
+        for k in range(n_images):
+            n = sources[k]
+            near, speed = direct_m[i, n], direct_mps[i, n]
+            above, rate = height_m[i, n], height_mps[i, n]
+            if above < 0.0:
+                above, rate = 0.0, 0.0
+            far = math.sqrt(near * near + 4.0 * radar_m * above)
+            approach = (near * speed - 2.0 * radar_m * rate) / max(far, 1e-12)
+            range_m[i, first + k] = 0.5 * (near + far)
+            range_m[i, first + n_images + k] = far
+            velocity_mps[i, first + k] = 0.5 * (speed + approach)
+            velocity_mps[i, first + n_images + k] = approach

@@ -21,14 +21,17 @@ _S0, _S1, _S2, _S3, _S4, _S5, _S6, _S7 = (
 def integrate_echoes(
     range_m: Float64Array,
     velocity_mps: Float64Array,
-    one_metre: Float64Array,
+    rcs_m2: Float64Array,
+    path_gain: Float64Array,
+    one_metre: float,
     nearest_m: float,
     turns_per_mps: float,
     out: Float64Array,
 ) -> None:
     r"""Compute the amplitude of every echo in every frame.
 
-    .. math:: a = a_1\, \max(R, R_0)^{-2}\, \mathrm{sinc}(\kappa v), \quad \mathrm{sinc}(x) = \sin(\pi x) / \pi x
+    .. math:: a = a_1 \sqrt{\sigma g}\, \max(R, R_0)^{-2}\, \mathrm{sinc}(\kappa v), \quad
+              \mathrm{sinc}(x) = \sin(\pi x) / \pi x
 
     One pass without branches, which the compiler turns into vector instructions: x is reduced to r, its distance from
     the nearest whole number, and sin(pi x) is that of r with a sign. The sinc is exact to 1e-11.
@@ -37,8 +40,10 @@ def integrate_echoes(
     ----------
     range_m, velocity_mps : ndarray, shape (I, L)
         Range and radial velocity of every scatterer.
-    one_metre : ndarray, shape (I, L), (1, L), (I, 1) or (1, 1)
-        Amplitude a_1 of the echo from 1 m.
+    rcs_m2, path_gain : ndarray, shape (I, L) or (1, L)
+        Radar cross sections sigma and power gains g of the paths.
+    one_metre : float
+        Amplitude a_1 of the echo of 1 m^2 from 1 m.
     nearest_m : float
         Ranges are taken as at least this R_0.
     turns_per_mps : float
@@ -48,8 +53,7 @@ def integrate_echoes(
     """
     n_frames, n_scatterers = out.shape
     for frame in range(n_frames):
-        level = one_metre[frame if one_metre.shape[0] > 1 else 0]
-        apart = 1 if level.size > 1 else 0
+        of_rcs, of_gain = frame if rcs_m2.shape[0] > 1 else 0, frame if path_gain.shape[0] > 1 else 0
         for scatterer in range(n_scatterers):
             distance = max(range_m[frame, scatterer], nearest_m)
             x = turns_per_mps * velocity_mps[frame, scatterer]
@@ -59,4 +63,5 @@ def integrate_echoes(
             half = _S0 + q * (_S1 + q * (_S2 + q * (_S3 + q * (_S4 + q * (_S5 + q * (_S6 + q * _S7))))))
             odd = whole - 2.0 * np.floor(0.5 * whole)
             loss = half * (1.0 / math.pi) if whole == 0.0 else half * r * (1.0 - 2.0 * odd) / (math.pi * x)
-            out[frame, scatterer] = level[scatterer * apart] * loss / (distance * distance)
+            level = one_metre * math.sqrt(rcs_m2[of_rcs, scatterer] * path_gain[of_gain, scatterer])
+            out[frame, scatterer] = level * loss / (distance * distance)

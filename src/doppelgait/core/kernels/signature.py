@@ -554,7 +554,7 @@ def _by_scipy(
         at = np.where(inside, pulses, 0)
         share = np.minimum(stop[:, None], bins + 0.5) - np.maximum(start[:, None], bins - 0.5)
         frames = np.empty((bins.size, *pulses.shape), dtype=np.complex64)
-        frames.real, frames.imag = plane_re[bins][:, at], plane_im[bins][:, at]
-        spectrum = fft.fftshift(fft.fft(frames * np.where(inside, window, np.float32(0.0)), axis=-1), axes=-1)
+        frames.real, frames.imag = (np.where(inside, plane[bins][:, at], 0.0) for plane in (plane_re, plane_im))
+        spectrum = fft.fftshift(fft.fft(frames * window, axis=-1), axes=-1)
         power = spectrum.real**2 + spectrum.imag**2
         out[columns] = np.einsum("jn,njk->jk", np.maximum(share, 0.0).astype(np.float32), power)

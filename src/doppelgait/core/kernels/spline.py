@@ -89,6 +89,23 @@ def positions_and_velocities(
         spline_at(values, moments, step, times[i], value[i], slope[i])
 
 
+@kernel(fastmath=("contract",), apart=True)
+def values_between(values: FloatArray, moments: FloatArray, step: float, times: FloatArray, out: FloatArray) -> None:
+    """Evaluate spline values alone at all times.
+
+    ``out`` of shape (I, C) is overwritten.
+    """
+    for j in range(times.shape[0]):
+        i = min(max(math.floor(times[j] / step), 0), values.shape[0] - 2)
+        b = times[j] / step - i
+        a = 1.0 - b
+        low, high = (a * a * a - a) * step * step / 6.0, (b * b * b - b) * step * step / 6.0
+        here, there, to = np.uint64(i), np.uint64(i + 1), np.uint64(j)
+        for c in range(out.shape[1]):
+            k = np.uint64(c)
+            out[to, k] = a * values[here, k] + b * values[there, k] + low * moments[here, k] + high * moments[there, k]
+
+
 @kernel()
 def ranges_and_velocities(
     values: FloatArray,

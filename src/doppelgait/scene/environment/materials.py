@@ -294,7 +294,7 @@ def slab_spreading(
     squared = bent * bent  # numpy's general powers cost ten times as much
     tangential = 1.0 - share * (1.0 - max(permittivity.real, 1.0) * bent * squared)
     product = (1.0 - share * (1.0 - bent)) * tangential
-    return np.asarray(1.0 / (product * product))
+    return np.asarray(1.0 / np.maximum(product * product, 1e-24))  # along the wall nothing comes through
 
 
 def sampled(

@@ -42,6 +42,28 @@ IMAGE_ENDINGS = (ONE_REFLECTION, TWO_REFLECTIONS, ONE_GHOST, TWO_GHOSTS)
 
 
 @dataclass(frozen=True)
+class Mirror:
+    """A reflecting plane, and the rows of a table that are images in it.
+
+    Parameters
+    ----------
+    normal : ndarray, shape (3,)
+        Unit vector from the plane towards the radar's side.
+    radar_distance_m : float
+        Of the radar from the plane, above 0.
+    sources : ndarray of int, shape (n,)
+        Rows of the scatterers.
+    first : int
+        First row of the n images by one reflection; those by two come after them.
+    """
+
+    normal: FloatArray
+    radar_distance_m: float
+    sources: npt.NDArray[np.intp]
+    first: int
+
+
+@dataclass(frozen=True)
 class Rays:
     """Paths from the radar to points.
 
@@ -156,6 +178,7 @@ def add_images(
     image: Rays,
     reflection: ComplexArray,
     endings: tuple[str, str],
+    plane: tuple[FloatArray, float],
 ) -> xr.Dataset:
     """Append the echoes by one and by two reflections.
 
@@ -170,6 +193,8 @@ def add_images(
         Coefficient c of each reflection.
     endings : (str, str)
         For marker and part names: one reflection, two reflections.
+    plane : (ndarray, float)
+        Normal and radar's distance, for the :class:`Mirror` that is added to the attribute ``mirrors``.
 
     Returns
     -------
@@ -207,7 +232,8 @@ def add_images(
             rows = [added, added]
         coords[name] = label_values("scatterer", np.concatenate([variable.values, *rows]), variable.attrs)
     variables = {name: label_values(DIMS, array, table[name].attrs) for name, array in values.items()}
-    return xr.Dataset(variables, coords=coords, attrs=table.attrs)
+    mirrors = (*table.attrs.get("mirrors", ()), Mirror(*plane, columns, n_rows))
+    return xr.Dataset(variables, coords=coords, attrs={**table.attrs, "mirrors": mirrors})
 
 
 def with_phase(scatterers: xr.Dataset) -> xr.Dataset:
@@ -253,7 +279,7 @@ class GroundBounce(FrozenModel):
     polarisation: Polarisation = "vertical"
 
 
-@plugin("environment", parameters=GroundBounce, needs_angles=True, makes_images=True)
+@plugin("environment", parameters=GroundBounce, needs_angles=True, makes_images=True, is_smooth=True)
 def apply_ground_bounce(scatterers: xr.Dataset, spec: GroundBounce, setting: Setting) -> xr.Dataset:
     """Add two floor echoes for every scatterer.
 
@@ -302,6 +328,7 @@ def apply_ground_bounce(scatterers: xr.Dataset, spec: GroundBounce, setting: Set
         image=Rays(length_m, velocity_mps, direct.x_m, direct.y_m, -down_m),
         reflection=floor_reflection(np.minimum(down_m / length_m, 1.0), spec, setting.wavelength_m),
         endings=(ONE_REFLECTION, TWO_REFLECTIONS),
+        plane=(np.array([0.0, 0.0, 1.0]), height_m),
     )
 
 
@@ -358,7 +385,7 @@ class WallGhost(FrozenModel):
         return self
 
 
-@plugin("environment", parameters=WallGhost, needs_angles=True, makes_images=True)
+@plugin("environment", parameters=WallGhost, needs_angles=True, makes_images=True, is_smooth=True)
 def apply_wall_ghost(scatterers: xr.Dataset, spec: WallGhost, setting: Setting) -> xr.Dataset:
     """Add two wall echoes for every scatterer.
 
@@ -412,9 +439,11 @@ def apply_wall_ghost(scatterers: xr.Dataset, spec: WallGhost, setting: Setting) 
     )
     reflection = wall_reflection(image, normal_rad, spec, setting.wavelength_m)
     reflection = np.where(from_wall_m > 0, reflection, 0.0)
+    normal = -np.array([math.cos(normal_rad), math.sin(normal_rad), 0.0])
     return add_images(
-        scatterers, rows, direct=direct, image=image, reflection=reflection, endings=(ONE_GHOST, TWO_GHOSTS)
-    )
+        scatterers, rows, direct=direct, image=image, reflection=reflection, endings=(ONE_GHOST, TWO_GHOSTS),
+        plane=(normal, radar_distance_m),
+    )  # fmt: skip
 
 
 def wall_plane(spec: WallGhost, setting: Setting) -> tuple[float, float]:

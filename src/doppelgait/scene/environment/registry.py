@@ -35,7 +35,9 @@ class Apply(Protocol):
     Originals come first, added rows after them; added rows belong to no target (``target`` -1). Facts of the plug-in:
     ``needs_angles`` (bool, or a function of the parameters) if the table must have azimuth and elevation, and
     ``makes_images=True`` if it adds echoes by reflected paths. Such effects take places from ranges, so they come
-    before those that lengthen or attenuate paths.
+    before those that lengthen or attenuate paths. ``is_smooth=True`` says that gains, phases and delays change no
+    faster than directions do and that every added row is an image in a
+    :class:`~doppelgait.scene.environment.reflections.Mirror`: the effect then sees the scene 200 times a second.
     """
 
     def __call__(self, scatterers: xr.Dataset, parameters: Any, setting: Setting, /) -> xr.Dataset:

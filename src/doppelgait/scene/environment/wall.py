@@ -87,7 +87,7 @@ def wall_needs_angles(spec: Wall) -> bool:
     return spec.range_m is not None or spec.material is not None
 
 
-@plugin("environment", parameters=Wall, needs_angles=wall_needs_angles)
+@plugin("environment", parameters=Wall, needs_angles=wall_needs_angles, is_smooth=True)
 def apply_wall(scatterers: xr.Dataset, spec: Wall, setting: Setting) -> xr.Dataset:
     """Weaken and delay the scatterers behind the wall.
 

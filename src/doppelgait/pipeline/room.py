@@ -1,0 +1,183 @@
+"""Scatterers through a room and the antenna, with gains from fewer times than pulses.
+
+Ranges are exact at every pulse, directly and by every mirror. Gains, phases and delays of walls follow the directions
+of the scatterers, which change little in a hundredth of a second: effects and antenna see the scene 200 times a second,
+and cubic splines through what they give (amplitude, phase, delay) lead to the pulses. The error is below 1e-4 of the
+strongest echo for a sprinter and a galloping dog half a metre from a wall, and 1e-6 for walkers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from doppelgait.core.config import FrozenModel
+from doppelgait.core.labels import SCATTERER_VARIABLES, axis, label_values
+from doppelgait.motion.retime import fit_spline
+from doppelgait.scene import PlacedScene
+from doppelgait.scene.environment import ENVIRONMENT
+from doppelgait.scene.environment.reflections import Mirror
+from doppelgait.scene.observe import tabulate
+from doppelgait.scene.scatterers import Scatterers
+
+FloatArray = npt.NDArray[np.float64]
+Through = Callable[[xr.Dataset], xr.Dataset]
+
+GAIN_STEP_S = 0.005
+"""Time between two looks at gains, at most."""
+MIN_LOOKS = 5
+MAX_TURN_RAD = 0.015
+"""Angle by which a scatterer's direction changes from look to look, at most."""
+MAX_CHANGE = 0.25
+"""Change of an amplitude from look to look, at most, of its largest value: more is a jump."""
+DIMS = ("slow_time", "scatterer")
+
+
+def through_room(
+    table: xr.Dataset,
+    placed: PlacedScene,
+    bodies: Sequence[Scatterers],
+    effects: Sequence[FrozenModel],
+    through: Through,
+) -> xr.Dataset | None:
+    """Lead a scatterer table through a room.
+
+    Parameters
+    ----------
+    table : Dataset (slow_time, scatterer)
+        Of ``bodies``, without the room.
+    placed : PlacedScene
+    bodies : sequence of Scatterers
+    effects : sequence of FrozenModel
+        Those that ``through`` applies.
+    through : callable
+        Effects and antenna: a table with images and gains from a table with directions.
+
+    Returns
+    -------
+    Dataset (slow_time, scatterer) or None
+        Angles are there for the scatterers of ``table`` alone, if it has them. None where every pulse counts: an effect
+        is not smooth, pulses are rare, the receiver is elsewhere, somebody goes by the radar within reach, or a
+        scatterer goes through a wall.
+    """
+    smooth = all(ENVIRONMENT.of(spec).facts.get("is_smooth", False) for spec in effects)
+    if not smooth or placed.scene.receiver_position_m is not None or not bodies:
+        return None
+    times_s = axis(table, "slow_time")
+    looks = _look(placed, bodies, times_s)
+    if looks is None:
+        return None
+    looks_s, before = looks
+    after = through(before)
+    amplitude = np.sqrt(after["path_gain"].values)
+    if (np.abs(np.diff(amplitude, axis=0)).max(axis=0) > MAX_CHANGE * amplitude.max(axis=0)).any():
+        return None
+    mirrors: tuple[Mirror, ...] = after.attrs.get("mirrors", ())
+    n_rows, n_own = after.sizes["scatterer"], table.sizes["scatterer"]
+    range_m, velocity_mps = _with_images(table, bodies, placed, times_s, mirrors, n_rows)
+    geometric_m, _ = _with_images(before, bodies, placed, looks_s, mirrors, n_rows)
+    delay_m = after["range"].values - geometric_m
+    if np.abs(delay_m).max(initial=0.0) > 1e-9:  # a wall, and no rounding
+        range_m += _between(delay_m, looks_s, times_s)
+        velocity_mps -= _between(np.gradient(delay_m, looks_s, axis=0, edge_order=2), looks_s, times_s)
+    amplitude = _between(amplitude, looks_s, times_s)
+    sources = np.arange(n_rows)
+    for mirror in mirrors:
+        n_images = mirror.sources.size
+        sources[mirror.first : mirror.first + 2 * n_images] = np.tile(mirror.sources, 2)
+    values = {
+        "range": range_m,
+        "radial_velocity": velocity_mps,
+        "rcs": _of_sources(table["rcs"].values, sources),
+        "path_gain": _of_sources(table["path_gain"].values, sources) * np.square(amplitude),
+    }
+    if "path_phase" in after:
+        turned = np.unwrap(after["path_phase"].values, axis=0)
+        values["path_phase"] = _between(turned, looks_s, times_s)
+    for name in ("azimuth", "elevation", "aspect"):
+        if name in table:
+            values[name] = np.full((times_s.size, n_rows), np.nan)
+            values[name][:, :n_own] = table[name].values
+    coords = {name: v for name, v in after.coords.variables.items() if v.dims == ("scatterer",)}
+    return xr.Dataset(
+        {name: label_values(DIMS, array, {"units": SCATTERER_VARIABLES[name]}) for name, array in values.items()},
+        coords={"slow_time": table.coords.variables["slow_time"], **coords},
+        attrs=table.attrs,
+    )
+
+
+def _look(
+    placed: PlacedScene, bodies: Sequence[Scatterers], times_s: FloatArray
+) -> tuple[FloatArray, xr.Dataset] | None:  # fmt: skip
+    """Choose times close enough, and observe scatterers of unit cross section at them."""
+    alike = [replace(b, rcs_m2=np.ones(len(b.motion.markers)), path_gain=np.ones(1)) for b in bodies]
+    n_looks = max(math.ceil(float(np.ptp(times_s)) / GAIN_STEP_S) + 1, MIN_LOOKS)
+    while 2 * n_looks <= times_s.size:
+        looks_s = np.linspace(times_s.min(), times_s.max(), n_looks)
+        seen = tabulate(placed, alike, looks_s, ("azimuth", "elevation"))
+        elevation, azimuth = seen["elevation"].values, seen["azimuth"].values
+        level = np.cos(elevation)
+        turned = np.hypot(np.diff(elevation, axis=0), level[1:] * np.sin(np.diff(azimuth, axis=0) / 2.0) * 2.0)
+        closer = float(turned.max(initial=0.0)) / MAX_TURN_RAD
+        if closer <= 1.0:
+            return looks_s, seen
+        n_looks = math.ceil(1.2 * closer * n_looks)
+    return None
+
+
+def _with_images(
+    table: xr.Dataset, bodies: Sequence[Scatterers], placed: PlacedScene, times_s: FloatArray,
+    mirrors: Sequence[Mirror], n_rows: int,
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+    """Compute ranges and radial velocities of scatterers and their images in mirrors."""
+    from doppelgait.core.kernels.images import image_ranges
+    from doppelgait.core.kernels.spline import positions_and_velocities
+
+    direct_m, direct_mps = (np.ascontiguousarray(table[name].values) for name in ("range", "radial_velocity"))
+    n_own = direct_m.shape[1]
+    range_m, velocity_mps = np.empty((2, times_s.size, n_rows))
+    range_m[:, :n_own], velocity_mps[:, :n_own] = direct_m, direct_mps
+    splines = [fit_spline(body.motion) for body in bodies]
+    for mirror in mirrors:
+        from_plane = mirror.radar_distance_m - mirror.normal @ np.asarray(placed.scene.radar_position_m)
+        height_m, height_mps = np.empty((2, times_s.size, n_own))
+        column = 0
+        for spline in splines:  # a distance from a plane is a spline as well
+            heights, moments = (
+                np.ascontiguousarray(part.reshape(part.shape[0], -1, 3) @ mirror.normal)
+                for part in (spline.values, spline.moments)
+            )
+            own_m, own_mps = np.empty((2, times_s.size, heights.shape[1]))
+            positions_and_velocities(heights, moments, spline.step_s, times_s, own_m, own_mps)
+            height_m[:, column : column + heights.shape[1]] = own_m + from_plane
+            height_mps[:, column : column + heights.shape[1]] = own_mps
+            column += heights.shape[1]
+        image_ranges(
+            direct_m, direct_mps, height_m, height_mps, mirror.sources.astype(np.int64), mirror.radar_distance_m,
+            mirror.first, range_m, velocity_mps,
+        )  # fmt: skip
+    return range_m, velocity_mps
+
+
+def _between(values: FloatArray, looks_s: FloatArray, times_s: FloatArray) -> FloatArray:
+    """Interpolate the columns of a table by cubic splines."""
+    from doppelgait.core.kernels.spline import spline_moments, values_between
+
+    given = np.ascontiguousarray(values)
+    moments, step_s = np.empty_like(given), float(looks_s[1] - looks_s[0])
+    spline_moments(given, step_s, moments)
+    out = np.empty((times_s.size, given.shape[1]))
+    values_between(given, moments, step_s, times_s - looks_s[0], out)
+    return out
+
+
+def _of_sources(values: FloatArray, sources: npt.NDArray[np.intp]) -> FloatArray:
+    """Take columns of a table; one that repeats a row stays such a table."""
+    if values.strides[0] == 0:
+        return np.broadcast_to(values[:1, sources], (values.shape[0], sources.size))
+    return values[:, sources]
