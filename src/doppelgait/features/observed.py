@@ -16,7 +16,6 @@ from doppelgait.core.labels import Plain, axis, sampling_rate_hz
 from doppelgait.features.doppler import TIME_SHARES, envelopes_hz, raised_by_noise_v2, width_level_v2
 from doppelgait.features.feature_set import Extraction, FloatArray, GaitFeatures
 from doppelgait.features.measures import quantile, square_difference
-from doppelgait.processing.cadence import CadenceParts
 
 OCCUPIED_SIGMAS = 3.0
 LEAST_SPEED_MPS = 0.2
@@ -91,7 +90,7 @@ class Observed:
     excess: Plain
     aligned: Plain
     rows: Plain
-    cadence_parts: CadenceParts
+    cadence_parts: Any
     spectrum: Plain
     observation_s: float
     n_independent: float
