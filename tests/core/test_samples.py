@@ -85,13 +85,15 @@ def test_pending_noise_is_the_noise_that_settles_and_that_is_read_in_part(factor
 
 
 def test_other_changes_agree_in_both_layouts():
-    def halve(parts):
-        return parts / 2
-
+    turns = np.random.default_rng(3).standard_normal((3, matrix().shape[0]))
+    weights = np.random.default_rng(4).standard_normal((matrix().shape[1], 2))
     pulses, columns = np.array([[1], [5]]), np.array([[0, 1], [7, 8]])
     one, other = both()
     for change in (
-        lambda s: s.map_parts(halve),
+        lambda s: s.quantise(0.25, -4, 4)[0],
+        lambda s: s.freeze().quantise(0.25, -4, 4)[0],
+        lambda s: s.rotate(turns[0], turns[1:], weights),
+        lambda s: s.freeze().rotate(turns[0], turns[1:], weights),
         lambda s: s.take(np.array([3, 3, 1])),
         lambda s: s.add_at(pulses, columns, np.array([[1j, 2], [3, 4]])),
         lambda s: s.unbalance(1.1, 0.2),

@@ -21,6 +21,7 @@ from doppelgait.radar.impairments import (
     make_impairment,
     x4_frame_rate_hz,
 )
+from doppelgait.radar.impairments.mixer import residual_phase_rad
 
 C = 299_792_458.0
 X4 = Radar.preset("x4", volts_per_unit=0.4)
@@ -161,6 +162,26 @@ def test_oscillator_noise_is_one_process_for_all_ranges():
 
 
 # --- leakage
+
+
+@pytest.mark.parametrize(("prf_hz", "farthest_m"), [(1000.0, 10.0), (20_000.0, 3000.0)])
+def test_oscillator_phase_at_all_ranges_is_the_literal_filter(prf_hz, farthest_m):
+    n_frames, spec = 400, PhaseNoise(density_dbc_per_hz=-60.0, slope_db_per_decade=0.0)
+    radar = Radar(
+        carrier_hz=7e9, prf_hz=prf_hz, sample_rate_hz=2e9, bandwidth_hz=1e9, range_stop_m=farthest_m, decimation=99
+    )
+    residual_rad, weights = residual_phase_rad(n_frames, spec, radar=radar, rng=np.random.default_rng(5))
+    rng, length = np.random.default_rng(5), 2 * n_frames
+    f_hz = np.arange(n_frames + 1) * prf_hz / length
+    density = 2.0 * 10.0 ** (-60.0 / 10.0)
+    parts = rng.standard_normal((2, n_frames))
+    spectrum = (parts[0] + 1j * parts[1]) * np.sqrt(density * prf_hz * length) / 2.0
+    delay_s = 2.0 * radar.range_axis_m() / C
+    seen = np.append(0.0, spectrum) * (1.0 - np.exp(-2j * np.pi * f_hz * delay_s[:, None]))
+    literal_rad = np.fft.irfft(seen, n=length)[:, :n_frames]
+    assert len(residual_rad) < 12
+    error = np.abs(weights @ residual_rad - literal_rad).max(axis=1)
+    assert (error <= 1e-8 * literal_rad.std(axis=1)).all()
 
 
 @pytest.mark.parametrize("delay_m", [0.0, 0.7, 4.2])

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 import threading
 import weakref
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,6 +19,7 @@ Planes = npt.NDArray[np.float32]
 Matrix = npt.NDArray[np.complex64]
 Spans = npt.NDArray[np.int64]
 Factor = npt.NDArray[np.float32]
+Turns = npt.NDArray[np.float64]
 
 ROWS = 32
 """Rows of planes or of a matrix that are changed at a time, so that intermediate results stay in the cache."""
@@ -134,7 +134,7 @@ class Samples:
 
         They have the shape (2, samples, n_pulses or more), and the samples may change them.
         """
-        return cls._make((n_pulses, planes.shape[1]), None, planes, None, True)
+        return cls._make((n_pulses, planes.shape[1]), None, np.ascontiguousarray(planes), None, True)
 
     @property
     def matrix(self) -> Matrix:
@@ -218,13 +218,23 @@ class Samples:
         """Add the pending noise in memory that is not theirs."""
         return self._make(self.shape, self._matrix, self._planes, self._noise, False).settle()
 
-    def _writable(self) -> Samples:
-        return self if self._owned else self.copy()
+    def _writable(self, keep: bool = True) -> Samples:
+        """Return samples that may be changed.
+
+        Where they are not these themselves, their values are copied (``keep``) or mean nothing.
+        """
+        return self if self._owned else self._allocate(keep)
 
     def copy(self) -> Samples:
         """Copy the samples to memory of their own."""
-        matrix = None if self._matrix is None else self._matrix.copy()
-        planes = None if self._planes is None else self._planes.copy()
+        return self._allocate(keep=True)
+
+    def _allocate(self, keep: bool) -> Samples:
+        matrix = None if self._matrix is None else np.empty_like(self._matrix)
+        planes = None if self._planes is None else borrow_planes(self._planes.shape)
+        for new, old in ((matrix, self._matrix), (planes, self._planes)):
+            if keep and new is not None:
+                np.copyto(new, old)
         return self._make(self.shape, matrix, planes, self._noise, True)
 
     def freeze(self) -> Samples:
@@ -235,27 +245,60 @@ class Samples:
         self._owned = False
         return self._make(self.shape, self._matrix, self._planes, self._noise, False)
 
-    def map_parts(self, function: Callable[[npt.NDArray[np.float64]], npt.NDArray[np.float64]]) -> Samples:
-        """Apply a function to all in-phase and quadrature values.
+    def quantise(self, step: float, lowest: float, highest: float, limit: float = math.inf) -> tuple[Samples, int]:
+        """Round in-phase and quadrature values to whole steps between two codes.
 
-        The function gets some of them at a time, as float64.
+        Returns
+        -------
+        samples : Samples
+        n_beyond : int
+            Number of values that were larger in magnitude than ``limit``.
         """
-        changed = self.settle()._writable()
-        values = changed._planes if changed._matrix is None else changed._matrix.view(np.float32)
-        assert values is not None
-        for rows in values if values.ndim == 3 else (values,):
-            for begin in range(0, rows.shape[0], ROWS):
-                rows[begin : begin + ROWS] = function(rows[begin : begin + ROWS].astype(np.float64))
+        from doppelgait.core.kernels.parts import quantise_parts
+
+        settled = self.settle()
+        changed = settled._writable(keep=False)
+        values, n = settled._rows()
+        n_beyond = quantise_parts(
+            values, n, float(step), float(lowest), float(highest), float(limit), changed._rows()[0]
+        )
+        return changed, n_beyond
+
+    def rotate(self, common: Turns, phases: Turns, weights: Turns) -> Samples:
+        """Rotate every sample by a weighted sum of phases.
+
+        Sample n of pulse i is rotated by common[i] + sum_k weights[n, k] phases[k, i] turns.
+
+        Parameters
+        ----------
+        common : ndarray, shape (pulses,)
+        phases : ndarray, shape (K, pulses)
+        weights : ndarray, shape (samples, K)
+        """
+        from doppelgait.core.kernels.parts import LANES, rotate_parts
+
+        settled = self.settle()
+        if settled._planes is None:
+            settled = Samples.from_planes(settled.planes, self.shape[0])
+        changed = settled._writable(keep=False)
+        assert settled._planes is not None
+        assert changed._planes is not None
+        work = np.empty(LANES), np.empty(LANES, dtype=np.float32)
+        rotate_parts(*settled._planes, *map(np.ascontiguousarray, (common, phases, weights)), *work, *changed._planes)
         return changed
 
     def largest_part(self) -> float:
         """Return the largest magnitude of an in-phase or quadrature value."""
-        settled = self.settle()
-        if settled._planes is not None:
-            values = settled._planes[:, :, : self.shape[0]]
-        else:
-            values = settled.matrix.view(np.float32)
-        return max(float(values.max(initial=0.0)), -float(values.min(initial=0.0)))
+        from doppelgait.core.kernels.parts import largest_bits
+
+        values, n = self.settle()._rows()
+        return float(np.int32(largest_bits(values.view(np.int32), n)).view(np.float32))
+
+    def _rows(self) -> tuple[Planes, int]:
+        """Return all values as float32 rows, and how many columns hold some."""
+        if self._planes is not None:
+            return self._planes.reshape(-1, self._planes.shape[2]), self.shape[0]
+        return self.matrix.view(np.float32), 2 * self.shape[1]
 
     def take(self, pulses: npt.NDArray[np.int64]) -> Samples:
         """Select some pulses, in this order."""

@@ -6,7 +6,6 @@ import math
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel
@@ -63,19 +62,15 @@ def quantise(samples: Samples, parameters: Adc, radar: Radar, rng: np.random.Gen
     """
     backoff_db = DEFAULT_BACKOFF_DB if parameters.backoff_db is None else parameters.backoff_db
     samples = samples.settle()
-    largest_v = samples.largest_part()
-    full_scale_v = parameters.full_scale_v or largest_v * float(db_to_amplitude(backoff_db))
+    full_scale_v = parameters.full_scale_v or samples.largest_part() * float(db_to_amplitude(backoff_db))
     if full_scale_v == 0.0:
         return samples
     half = 2 ** (parameters.bits - 1)
-    if largest_v > full_scale_v:
-        clipped = float((np.abs(samples.matrix.view(np.float32).astype(np.float64)) > full_scale_v).mean())
-        _warn_clipped(clipped, f"adc: {full_scale_v:.3g} V full scale", "raise full_scale_v or backoff_db")
-
-    def convert(parts_v: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        return np.asarray(np.clip(np.rint(parts_v * (half / full_scale_v)), -half, half - 1) * (full_scale_v / half))
-
-    return samples.map_parts(convert)
+    coded, n_clipped = samples.quantise(full_scale_v / half, -half, half - 1, full_scale_v)
+    if n_clipped:
+        text = f"adc: {full_scale_v:.3g} V full scale"
+        _warn_clipped(n_clipped / (2 * math.prod(samples.shape)), text, "raise full_scale_v or backoff_db")
+    return coded
 
 
 def _warn_clipped(share: float, what: str, cure: str) -> None:
@@ -172,4 +167,4 @@ def count(samples: Samples, parameters: X4Counts, radar: Radar, rng: np.random.G
         _warn_clipped(float(over.mean()), text, "widen dac_min to dac_max")
         samples = Samples(values) * np.float32(unit_v)
     step_v = unit_v * parameters.dac_step / (1024.0 * parameters.iterations * parameters.pulses_per_step * taps)
-    return samples.map_parts(lambda parts_v: np.rint(parts_v / step_v) * step_v)
+    return samples.quantise(step_v, -math.inf, math.inf)[0]

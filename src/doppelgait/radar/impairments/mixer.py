@@ -12,9 +12,12 @@ from pydantic import Field
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.plugins import plugin
 from doppelgait.core.samples import Samples
-from doppelgait.core.units import db_to_amplitude, db_to_power, range_to_delay_s
+from doppelgait.core.units import db_to_amplitude, range_to_delay_s
 from doppelgait.radar.impairments.apply import check_width, level_to_volt, sample_range_m
 from doppelgait.radar.parameters import Radar
+
+INTERPOLATION_ERROR = 1e-9
+"""Error allowed of the residual phase between the delays at which it is computed, over that phase."""
 
 
 class PhaseNoise(FrozenModel):
@@ -72,12 +75,15 @@ def add_phase_noise(samples: Samples, parameters: PhaseNoise, radar: Radar, rng:
 
     Where samples mix all ranges (fmcw, stepped), the density acts as it does in the middle of the frame.
     """
-    phase_rad = common_phase_rad(samples.shape[0], parameters, radar=radar, rng=rng)[:, None]
+    phase_rad = common_phase_rad(samples.shape[0], parameters, radar=radar, rng=rng)
     if parameters.density_dbc_per_hz is not None:
         check_width(samples, radar)
-        phase_rad = phase_rad + residual_phase_rad(samples.shape[0], parameters, radar=radar, rng=rng)
-    turn = np.empty(phase_rad.shape, dtype=np.complex64)
-    turn.real, turn.imag = np.cos(phase_rad), np.sin(phase_rad)
+        residual_rad, weights = residual_phase_rad(samples.shape[0], parameters, radar=radar, rng=rng)
+        if len(weights) > 1:
+            return samples.rotate(phase_rad / (2.0 * math.pi), residual_rad / (2.0 * math.pi), weights)
+        phase_rad = phase_rad + weights[0] @ residual_rad
+    turn = np.empty((phase_rad.size, 1), dtype=np.complex64)
+    turn.real, turn.imag = np.cos(phase_rad)[:, None], np.sin(phase_rad)[:, None]
     samples *= turn
     return samples
 
@@ -100,28 +106,73 @@ def common_phase_rad(
 
 def residual_phase_rad(
     n_frames: int, spec: PhaseNoise, *, radar: Radar, rng: np.random.Generator
-) -> npt.NDArray[np.float64]:
-    """Return the oscillator phase left after range correlation, rad.
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    r"""Return the oscillator phase left after range correlation, rad.
 
-    It is that at reception less that at transmission, shape (frame, sample) or (frame, 1).
+    It is that at reception less that at transmission. One oscillator phase serves all ranges: each gets it through the
+    filter :math:`1 - e^{-j 2 \pi f \tau}`, tau = 2R/c. Over tau the filter is very smooth, so that it is computed at a
+    few delays :math:`\tau_k` only; :math:`\psi(\tau) / \tau` in between is the polynomial through them (Chebyshev
+    nodes, error below 1e-9 of psi). The series is sampled over twice the recording, since it repeats.
 
-    One oscillator phase serves all ranges: each gets it through the filter 1 - exp(-j 2 pi f 2R/c). It is sampled over
-    twice the recording, since its Fourier series repeats.
+    Parameters
+    ----------
+    n_frames : int
+    spec : PhaseNoise
+        With a density.
+    radar : Radar
+    rng : Generator
+
+    Returns
+    -------
+    phase_rad : ndarray, shape (K, n_frames)
+        Phase at the delays tau_k.
+    weights : ndarray, shape (samples or 1, K)
+        ``weights @ phase_rad`` is the phase of every sample; one row where samples mix all ranges.
     """
     from scipy import fft
 
     length = fft.next_fast_len(2 * n_frames, real=True)
     f_hz = np.arange(1, length // 2 + 1) * (radar.prf_hz / length)
     level_db = float(spec.density_dbc_per_hz or 0.0) + spec.slope_db_per_decade * np.log10(f_hz / spec.offset_hz)
-    density = 2.0 * db_to_power(level_db)  # one-sided, rad^2/Hz; the mean is left out, the drift has it
+    size = db_to_amplitude(level_db) * math.sqrt(2.0 * radar.prf_hz * length)  # S = 2 L, one-sided, rad^2/Hz
     parts = rng.standard_normal((2, f_hz.size))
-    spectrum = (parts[0] + 1j * parts[1]) * np.sqrt(density * radar.prf_hz * length) / 2.0
-    range_m = sample_range_m(radar)
-    phase_rad = np.empty((n_frames, range_m.size))
-    for column, delay_s in enumerate(range_to_delay_s(range_m)):
-        seen = np.concatenate([[0.0], spectrum * -np.expm1(-2j * np.pi * f_hz * delay_s)])
-        phase_rad[:, column] = fft.irfft(seen, n=length)[:n_frames]
-    return phase_rad
+    node_s, weights = delay_nodes(range_to_delay_s(sample_range_m(radar)), radar.prf_hz / 2.0)
+    seen = np.zeros((node_s.size, f_hz.size + 1), dtype=np.complex128)  # the mean is left out, the drift has it
+    angle = np.pi * f_hz * node_s[:, None]
+    sin, cos = np.sin(angle), np.cos(angle)
+    size = size * sin  # 1 - exp(-2 j a) = 2 sin(a) (sin(a) + j cos(a))
+    seen.real[:, 1:] = size * (parts[0] * sin - parts[1] * cos)
+    seen.imag[:, 1:] = size * (parts[0] * cos + parts[1] * sin)
+    return np.ascontiguousarray(fft.irfft(seen, n=length)[:, :n_frames]), weights
+
+
+def delay_nodes(
+    delay_s: npt.NDArray[np.float64], highest_hz: float
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    r"""Return delays to interpolate the residual phase from, and weights.
+
+    Interpolation of :math:`(1 - e^{-j 2 \pi f \tau}) / \tau` at K Chebyshev nodes over an interval of half length h
+    errs by at most :math:`(2 \pi f h)^K / (2^{K-1} K!)` times :math:`2 \pi f / (K + 1)`.
+    """
+    middle_s, half_s = (delay_s.max() + delay_s.min()) / 2.0, (delay_s.max() - delay_s.min()) / 2.0
+    if not half_s:
+        return delay_s[:1], np.ones((delay_s.size, 1))
+    reach, n_nodes = 2.0 * math.pi * highest_hz * half_s, 1
+    error = reach / 2.0
+    while error > INTERPOLATION_ERROR:
+        n_nodes += 1
+        error *= reach / (2.0 * (n_nodes + 1))
+    node = np.cos(np.pi * (np.arange(n_nodes) + 0.5) / n_nodes)
+    node_s = middle_s + half_s * node
+    distance = (delay_s[:, None] - node_s) / half_s
+    weights = np.stack(
+        [
+            np.prod(np.delete(distance, k, axis=1), axis=1) / np.prod(np.delete(node[k] - node, k)) / node_s[k]
+            for k in range(n_nodes)
+        ],
+        axis=1,
+    )
+    return node_s, weights * delay_s[:, None]
 
 
 class IqImbalance(FrozenModel):
