@@ -21,6 +21,7 @@ from functools import lru_cache
 from typing import ClassVar, Literal
 
 import numpy as np
+import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.plugins import plugin
@@ -34,6 +35,14 @@ RECTANGULAR_WIDTH = 2.0 - math.sqrt(2.0)
 RECTANGULAR_BANDWIDTH = 0.8859
 """Half-power bandwidth of a rectangular pulse times its duration (E-09)."""
 MAX_PULSE_S = 1e-3
+DOPPLER_ERROR = 5e-7
+"""Doppler shift over bandwidth, and so error over the peak, up to which a chirp's response is only moved by it."""
+LONGEST_FRAME = 0.95
+"""Longest frame, in pulse durations, whose responses come from a table: they have another kink where they end."""
+VECTOR = 32
+"""Rows of the table are long enough for whole vectors of so many bins."""
+TABLE_ERROR = 1e-7
+"""Error of the response between the places of its table, over its peak."""
 
 
 class _MatchedPulse(Waveform):
@@ -41,7 +50,7 @@ class _MatchedPulse(Waveform):
 
     def synthesise(self, scatterers: xr.Dataset, radar: Radar) -> Matrix:
         """Sum the matched-filter responses of all scatterers."""
-        from doppelgait.core.kernels.matched import add_responses
+        from doppelgait.core.kernels.matched import add_responses, add_tabled_responses
 
         range_m, amplitude_v = scatterer_arrays(scatterers, radar)
         phase_rad = path_phase_rad(scatterers)
@@ -53,7 +62,15 @@ class _MatchedPulse(Waveform):
         delay = range_to_delay_s(range_m) / duration_s
         time_bandwidth = float(radar.bandwidth_hz or 0.0) * duration_s
         out = np.empty((range_m.shape[0], radar.n_range_bins), dtype=np.complex64)
-        add_responses(amplitude_v, turns, delay, doppler_hz * duration_s, first, step, time_bandwidth, out)
+        given = amplitude_v, turns, delay, doppler_hz * duration_s, first, step, time_bandwidth
+        n_bins = out.shape[1]
+        if time_bandwidth == 0.0 or n_bins * step > LONGEST_FRAME:
+            add_responses(*given, out)
+            return out
+        table = tabulate(n_bins, step, time_bandwidth)
+        weights, total = np.empty((range_m.shape[1], 5), np.float32), np.empty(n_bins, np.complex128)
+        sums = np.empty((2, table.shape[2] - n_bins + 1), np.float32)
+        add_tabled_responses(*given, DOPPLER_ERROR * time_bandwidth, table, weights, total, sums, out)
         return out
 
     def reach_m(self, radar: Radar) -> float:
@@ -152,6 +169,38 @@ def _check_pulse(radar: Radar, bandwidth_hz: float) -> None:
         raise ValueError(f"sweep_s {duration_s:g} is too long for a pulse; at most {MAX_PULSE_S:g} s are allowed")
     check_sweep_fits(radar, duration_s)
     check_band(radar, bandwidth_hz)
+
+
+@lru_cache(maxsize=4)
+def tabulate(n_bins: int, step: float, time_bandwidth: float) -> npt.NDArray[np.float32]:
+    r"""Tabulate the response of a chirp for :func:`~doppelgait.core.kernels.matched.add_tabled_responses`.
+
+    Every bin is divided into P intervals of delay, in which the response without Doppler shift is a parabola through
+    its values at three Chebyshev nodes; its spectrum of width B leaves an error of
+    :math:`(\pi B \Delta / 2 P)^3 / 24`. The peak, where the response has a kink, lies between two intervals.
+
+    Parameters
+    ----------
+    n_bins : int
+        N.
+    step : float
+        Delay from bin to bin, in pulse durations; N times it is below 1.
+    time_bandwidth : float
+        beta.
+
+    Returns
+    -------
+    ndarray, shape (P, 3, N - 1 + M), float32
+        M is the next multiple of VECTOR.
+    """
+    n_places = max(8, math.ceil(0.5 * math.pi * time_bandwidth * step / (24.0 * TABLE_ERROR) ** (1.0 / 3.0)))
+    nodes = (1.0 + np.array([-1.0, 0.0, 1.0]) * math.sqrt(0.75)) / 2.0
+    place = (np.arange(n_places)[:, None] + nodes) / n_places
+    x = (np.arange(1 - n_bins, -(-n_bins // VECTOR) * VECTOR) - place[..., None]) * step
+    inside = np.maximum(1.0 - np.abs(x), 0.0)
+    table = (inside * np.sinc(time_bandwidth * x * inside)).astype(np.float32)
+    table.flags.writeable = False
+    return table
 
 
 @lru_cache(maxsize=64)
