@@ -232,9 +232,10 @@ class Samples:
     def _allocate(self, keep: bool) -> Samples:
         matrix = None if self._matrix is None else np.empty_like(self._matrix)
         planes = None if self._planes is None else borrow_planes(self._planes.shape)
-        for new, old in ((matrix, self._matrix), (planes, self._planes)):
-            if keep and new is not None:
-                np.copyto(new, old)
+        if keep and matrix is not None:
+            matrix[:] = self._matrix
+        if keep and planes is not None:
+            planes[:] = self._planes
         return self._make(self.shape, matrix, planes, self._noise, True)
 
     def freeze(self) -> Samples:

@@ -198,7 +198,7 @@ def tabulate(n_bins: int, step: float, time_bandwidth: float) -> npt.NDArray[np.
     place = (np.arange(n_places)[:, None] + nodes) / n_places
     x = (np.arange(1 - n_bins, -(-n_bins // VECTOR) * VECTOR) - place[..., None]) * step
     inside = np.maximum(1.0 - np.abs(x), 0.0)
-    table = (inside * np.sinc(time_bandwidth * x * inside)).astype(np.float32)
+    table: npt.NDArray[np.float32] = (inside * np.sinc(time_bandwidth * x * inside)).astype(np.float32)
     table.flags.writeable = False
     return table
 
