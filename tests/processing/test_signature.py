@@ -5,8 +5,10 @@ import pytest
 
 from doppelgait.core.errors import AnalysisError
 from doppelgait.core.labels import BASEBAND, make_array
+from doppelgait.core.samples import Samples
 from doppelgait.processing import Analysis, Gate, gaussian_window, range_doppler, signature
 from doppelgait.processing.config import next_fast_length, plan_transform
+from doppelgait.processing.signature import cut_out, signature_in_tiles, signature_of_planes
 
 WAVELENGTH_M = 0.0411238
 LONG = 1 << 18
@@ -217,3 +219,24 @@ def test_baseband_that_is_not_one_is_refused():
         signature(y.assign_attrs(units="A"), fixed_gate(y), Analysis(), wavelength_m=WAVELENGTH_M)
     with pytest.raises(AnalysisError, match="dimensions"):
         signature(y.transpose(), fixed_gate(y), Analysis(), wavelength_m=WAVELENGTH_M)
+
+
+@pytest.mark.parametrize("hop", [1, 5, 8])
+@pytest.mark.parametrize("noisy", [False, True])
+def test_tiles_of_time_give_the_bytes_of_the_whole(hop, noisy):
+    rng = np.random.default_rng(4)
+    n_pulses, range_m = 5000, np.arange(40) * 0.05
+    matrix = (rng.standard_normal((n_pulses, 40)) + 1j * rng.standard_normal((n_pulses, 40))).astype(np.complex64)
+    slow_time_s = np.arange(n_pulses) / 1000.0
+    analysis = Analysis(hop=hop, doppler_bins=128).resolved("truth")
+    # a body that walks in and out again: for some tiles the gate is outside the frame
+    gate = Gate.around(slow_time_s, 1.0 + 2.5 * np.sin(slow_time_s), span_m=0.8)
+    cut = cut_out(gate, slow_time_s, range_m, analysis)
+    planes = np.ascontiguousarray(np.stack([matrix.real.T, matrix.imag.T]))
+    for samples in (Samples(matrix), Samples.from_planes(planes, n_pulses)):
+        given = samples.with_noise(np.uint64(7), 0.3) if noisy else samples
+        whole, first_bin = given.read(cut.needed_pulses(), cut.margin_pulses)
+        wanted = signature_of_planes(whole[0], whole[1], first_bin, cut, wavelength_m=0.04)
+        found = signature_in_tiles(given, cut, wavelength_m=0.04)
+        np.testing.assert_array_equal(found.values, wanted.values)
+        assert found.attrs == wanted.attrs

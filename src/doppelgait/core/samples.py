@@ -189,6 +189,33 @@ class Samples:
         copy_noise_spans(source[0], source[1], spans[rows], first, *self._noise, margin, noisy[0], noisy[1])
         return noisy, first
 
+    def read_tile(self, pulses: slice, columns: slice) -> Planes:
+        """Read planes of some pulses of some samples (range bins).
+
+        They are what :meth:`read` gives, in memory of the tile's size.
+
+        Parameters
+        ----------
+        pulses, columns : slice
+            With start and stop inside the samples.
+
+        Returns
+        -------
+        ndarray, shape (2, columns, pulses)
+            Real and imaginary parts. Not to be changed.
+        """
+        if self._matrix is not None:
+            tile = _split(self._matrix[pulses], columns)
+        else:
+            assert self._planes is not None
+            tile = borrow_planes((2, columns.stop - columns.start, pulses.stop - pulses.start))
+            tile[:] = self._planes[:, columns, pulses]
+        if self._noise is not None:
+            from doppelgait.core.kernels.noise import add_noise_block
+
+            add_noise_block(tile[0], tile[1], 0, tile.shape[2], columns.start, pulses.start, *self._noise)
+        return tile
+
     def with_noise(self, key: np.uint64, power_v2: float, factor: Factor = WHITE) -> Samples:
         """Return the samples with complex Gaussian noise pending.
 

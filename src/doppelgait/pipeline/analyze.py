@@ -18,7 +18,7 @@ from doppelgait.pipeline.tracking import Tracking, track_targets
 from doppelgait.processing import Analysis, Gate
 from doppelgait.processing.clutter import remove_from_planes
 from doppelgait.processing.gate import GateChoice
-from doppelgait.processing.signature import cut_out, signature_of_planes
+from doppelgait.processing.signature import LONG_PULSES, cut_out, signature_in_tiles, signature_of_planes
 from doppelgait.radar.recording import Recording
 
 __all__ = ["Result", "analyze", "analyze_signature", "flag_overlaps", "gated_signatures"]
@@ -116,9 +116,11 @@ def gated_signatures(recording: Recording, gates: Sequence[Gate], analysis: Anal
         cut_out(gate, recording.slow_time_s, recording.range_m, analysis, bin_share=recording.independent_bin_share)
         for gate in gates
     ]
+    analysis = analysis.resolved(None)
+    if recording.n_pulses > LONG_PULSES and analysis.clutter == "none":
+        return [signature_in_tiles(recording.samples, cut, wavelength_m=wavelength_m) for cut in cuts]
     spans = np.stack([cut.needed_pulses() for cut in cuts])
     spans = np.stack([spans[:, :, 0].min(axis=0), spans[:, :, 1].max(axis=0)], axis=1)
-    analysis = analysis.resolved(None)
     if analysis.clutter != "none":  # looks at the whole recording
         spans[spans[:, 0] < spans[:, 1]] = (0, recording.n_pulses)
     planes, first_bin = recording.samples.read(spans, cuts[0].margin_pulses)

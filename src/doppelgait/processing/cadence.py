@@ -34,6 +34,9 @@ BLOCK = 16
 GROUP = 64
 """Rows that are worked on together, so that all buffers stay in the second-level cache."""
 
+LARGEST_BUFFER = 1 << 20
+"""Values that a thread keeps memory for; a long recording gives its memory back at once."""
+
 _buffers = local()
 
 
@@ -184,7 +187,10 @@ def _buffer(name: str, shape: tuple[int, ...], dtype: type = np.float64) -> npt.
 
     The first touch of fresh memory takes longer than the transforms.
     """
-    held, size = getattr(_buffers, name, None), math.prod(shape)
+    size = math.prod(shape)
+    if size > LARGEST_BUFFER:
+        return np.empty(shape, dtype=dtype)
+    held = getattr(_buffers, name, None)
     if held is None or held.size < size:
         held = np.empty(size, dtype=dtype)
         setattr(_buffers, name, held)

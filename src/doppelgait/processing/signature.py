@@ -222,14 +222,67 @@ def signature_of_planes(
     from doppelgait.core.kernels.signature import gated_signature
 
     transform = cut.transform
-    window = np.zeros(transform.n_doppler_bins, dtype=np.float32)
-    window[: transform.window.size] = transform.window
     out = np.empty((transform.n_columns, transform.n_doppler_bins), dtype=np.float32)
     gated_signature(
-        plane_re, plane_im, cut.n_pulses, transform.first_pulse, transform.hop, window, cut.low - first_bin,
-        cut.high - first_bin, out,
+        plane_re, plane_im, cut.n_pulses, transform.first_pulse, transform.hop, _padded_window(transform),
+        cut.low - first_bin, cut.high - first_bin, out,
     )  # fmt: skip
-    doppler_hz = doppler_axis_hz(transform.n_doppler_bins, cut.prf_hz)
+    return _label_signature(out, cut, wavelength_m)
+
+
+LONG_PULSES, TILE_PULSES = 1 << 15, 1 << 10
+"""Recordings of more pulses are read in tiles, of about so many pulses."""
+LANES = 16
+"""Columns that the kernel transforms together; whole groups in every tile keep the bytes those of the whole."""
+
+
+def signature_in_tiles(samples: Samples, cut: Cut, *, wavelength_m: float) -> xr.DataArray:
+    """Compute the signature of a long recording, tile by tile of time.
+
+    The bytes are those of :func:`signature_of_planes`; the memory of pulses and noise does not grow with the recording.
+
+    Parameters
+    ----------
+    samples : Samples
+    cut : Cut
+    wavelength_m : float
+
+    Raises
+    ------
+    AnalysisError
+        If the gate lies outside the frame all the time.
+    """
+    from doppelgait.core.kernels.signature import gated_signature
+
+    cut.gate.touched_bins(cut.low, cut.high, cut.range_m)
+    transform, window = cut.transform, _padded_window(cut.transform)
+    out = np.zeros((transform.n_columns, transform.n_doppler_bins), dtype=np.float32)
+    step = max(TILE_PULSES // transform.hop // LANES, 1) * LANES
+    for start in range(0, transform.n_columns, step):
+        columns = slice(start, min(start + step, transform.n_columns))
+        low, high = cut.low[columns], cut.high[columns]
+        bins = slice(max(int(np.floor(low.min() - 0.5)) + 1, 0), min(int(np.ceil(high.max() + 0.5)), cut.n_bins))
+        if bins.start >= bins.stop:
+            continue
+        first = transform.first_pulse + transform.hop * start
+        after = transform.first_pulse + transform.hop * (columns.stop - 1) + window.size + 2 * transform.hop
+        pulses = slice(max(first, 0), min(after, cut.n_pulses))
+        tile = samples.read_tile(pulses, bins)
+        gated_signature(
+            tile[0], tile[1], tile.shape[2], first - pulses.start, transform.hop, window,
+            low - bins.start, high - bins.start, out[columns],
+        )  # fmt: skip
+    return _label_signature(out, cut, wavelength_m)
+
+
+def _padded_window(transform: Transform) -> npt.NDArray[np.float32]:
+    window = np.zeros(transform.n_doppler_bins, dtype=np.float32)
+    window[: transform.window.size] = transform.window
+    return window
+
+
+def _label_signature(out: npt.NDArray[np.float32], cut: Cut, wavelength_m: float) -> xr.DataArray:
+    doppler_hz = doppler_axis_hz(cut.transform.n_doppler_bins, cut.prf_hz)
     cut.gate.close_doppler_band(out, doppler_hz)
     inside = np.minimum(cut.high, cut.n_bins - 0.5) - np.maximum(cut.low, -0.5)
     coords = {
