@@ -214,8 +214,7 @@ def measure_rhythms(rows: Sequence[FloatArray], rate_hz: float) -> tuple[Rhythm,
     values = np.concatenate(rows, axis=1)
     n_columns = values.shape[0]
     length, padded = (fft.next_fast_len(times * n_columns, real=True) for times in (2, PADDING))
-    transform = fft.rfft(values, length, axis=0)
-    power = transform.real**2 + transform.imag**2
+    parts = fft.rfft(values, length, axis=0).view(np.float64)  # real and imaginary, side by side
     whitened = values.copy()
     whitened[1:] -= WHITENING * values[:-1]
     whitened *= whitened
@@ -227,7 +226,7 @@ def measure_rhythms(rows: Sequence[FloatArray], rate_hz: float) -> tuple[Rhythm,
         sums[of_set, 2 * number + 1] = 1.0 / (energy[of_set] + WEAK_ROW * energy[of_set].max(initial=0.0) + TINY)
         first = of_set.stop
     response, lag_window = _responses(n_columns, length)
-    powers = power @ sums
+    powers = np.square(parts, out=parts) @ np.repeat(sums, 2, axis=0)
     powers[:, 1::2] *= response
     until = np.zeros((n_columns + 1, sums.shape[1]))
     np.cumsum(values**2 @ sums[:, ::2], axis=0, out=until[1:, ::2])

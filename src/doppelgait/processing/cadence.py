@@ -136,7 +136,7 @@ def _smear(rows: FloatArray, weights: FloatArray, length: int, n_kept: int, step
         writeable=False,
     )  # fmt: skip
     coarse = np.matmul(band, overlapping).reshape(-1, n_rows)[:n_coarse]
-    return coarse, _kernel_transform(np.arange(n_kept) * step / length, shape_factor)
+    return coarse, _kernel_transform(n_kept, 0, length // step, shape_factor)
 
 
 def _interpolate_lines(rows: FloatArray, weights: FloatArray, length: int, between: int, n_kept: int) -> FloatArray:
@@ -150,7 +150,7 @@ def _interpolate_lines(rows: FloatArray, weights: FloatArray, length: int, betwe
     centre, half = n_columns // 2, WIDTH // 2 - 1
     band, shape_factor = _line_band(between, length / n_columns)
     # the kernel needs time 0 in the middle of the record; magnitudes do not care
-    sharper = weights / _kernel_transform((np.arange(n_columns) - centre) / length, shape_factor)
+    sharper = weights / _kernel_transform(n_columns, centre, length, shape_factor)
     n_blocks = -(-n_kept // (between * BLOCK))
     found = np.empty((n_kept, n_rows))
     n_grid = n_blocks * BLOCK + WIDTH
@@ -231,13 +231,17 @@ def _kernel(distance: FloatArray, shape_factor: float) -> FloatArray:
     return np.where(inside > 0, values, 0.0)
 
 
-def _kernel_transform(cycles_per_step: FloatArray, shape_factor: float) -> FloatArray:
+@lru_cache(maxsize=16)
+def _kernel_transform(count: int, centre: int, length: int, shape_factor: float) -> FloatArray:
     """Compute the Fourier transform of the kernel.
 
-    W sinh(r) / r, r^2 = b^2 - (pi W f)^2.
+    W sinh(r) / r, r^2 = b^2 - (pi W f)^2, at f = (n - centre) / length; shape (count,), read only.
     """
+    cycles_per_step = (np.arange(count) - centre) / length
     root = np.sqrt(shape_factor**2 - (math.pi * WIDTH * cycles_per_step) ** 2)
-    return np.asarray(WIDTH * np.exp(root - shape_factor) * -np.expm1(-2.0 * root) / (2.0 * root))
+    found: FloatArray = WIDTH * np.exp(root - shape_factor) * -np.expm1(-2.0 * root) / (2.0 * root)
+    found.flags.writeable = False
+    return found
 
 
 MAX_CADENCE_HZ = 20.0
@@ -366,13 +370,21 @@ class CadenceParts:
 
 def _cadence_grid(rows: xr.DataArray | Plain, padded: bool, tapered: bool | None) -> tuple[FloatArray, int, FloatArray]:
     """Return weights of columns, the transform's length and cadences."""
+    return _grid(rows.shape[0], sampling_rate_hz(axis(rows, "time")), padded, tapered)
+
+
+@lru_cache(maxsize=8)
+def _grid(n_columns: int, rate_hz: float, padded: bool, tapered: bool | None) -> tuple[FloatArray, int, FloatArray]:
     from scipy import fft
 
-    n_columns, rate_hz = rows.shape[0], sampling_rate_hz(axis(rows, "time"))
     taper = taper_weights(n_columns, n_columns / rate_hz > TAPER_FROM_S - 1e-9 if tapered is None else tapered)
     length = fft.next_fast_len(PADDING * n_columns, real=True) if padded else n_columns
     cadence_hz = np.arange(length // 2 + 1) * rate_hz / length
-    return taper / taper.sum(), length, cadence_hz[: np.searchsorted(cadence_hz, MAX_CADENCE_HZ, side="right")]
+    weights, cadence_hz = (
+        taper / taper.sum(), cadence_hz[: np.searchsorted(cadence_hz, MAX_CADENCE_HZ, side="right")].copy(),
+    )  # fmt: skip
+    weights.flags.writeable = cadence_hz.flags.writeable = False
+    return weights, length, cadence_hz
 
 
 def taper_weights(n_columns: int, tapered: bool) -> npt.NDArray[np.float64]:

@@ -239,7 +239,7 @@ def settle_velocity(
     first = float(axis(signature, "doppler")[0])
     reach = round(NEAR_TRACK_MPS / half_m / bin_hz)
     rows = np.rint((track_hz - first) / bin_hz).astype(np.int64)[:, None] + np.arange(-reach, reach + 1)
-    near = np.take_along_axis(values, rows % values.shape[1], axis=1).max(axis=1) - floor_v2
+    near = values[np.arange(rows.shape[0])[:, None], rows % values.shape[1]].max(axis=1) - floor_v2
     if median(near) >= BODY_SHARE * (median(values.max(axis=1)) - floor_v2):
         return track_hz, True
     return line_hz, apart_mps <= max(DIFFERING_SHARE * speed_mps, LEAST_APART_MPS, TRACK_ERROR_M / seconds)
@@ -274,7 +274,8 @@ def torso_velocity_mps(signature: xr.DataArray | Plain, floor_v2: float, line_hz
     path = np.empty(values.shape[0], np.int64)
     reach = min(max(1, round(RIDGE_REACH_MPS / half_m / bin_hz)), (values.shape[1] - 1) // 2)
     follow_ridge(values, float(floor_v2), (line_hz - doppler_hz[0]) / bin_hz, reach, RIDGE_COST, path)
-    cells = np.take_along_axis(values, (path[:, None] + np.arange(-1, 2)) % values.shape[1], axis=1).astype(np.float64)
+    around = (path[:, None] + np.arange(-1, 2)) % values.shape[1]
+    cells = values[np.arange(values.shape[0])[:, None], around].astype(np.float64)
     cells = np.maximum(cells - floor_v2, 1e-3 * cells) + 1e-300
     offset = (cells[:, 2] - cells[:, 0]) / cells.sum(axis=1)
     step_s = float(np.ptp(time_s)) / max(values.shape[0] - 1, 1)
