@@ -94,7 +94,8 @@ def test_other_changes_agree_in_both_layouts():
         lambda s: s.freeze().quantise(0.25, -4, 4)[0],
         lambda s: s.rotate(turns[0], turns[1:], weights),
         lambda s: s.freeze().rotate(turns[0], turns[1:], weights),
-        lambda s: s.take(np.array([3, 3, 1])),
+        lambda s: s.repeat(np.array([3, 1]), np.array([0, 0])),
+        lambda s: s.freeze().repeat(np.array([3, 1]), np.array([0, 2])),
         lambda s: s.add_at(pulses, columns, np.array([[1j, 2], [3, 4]])),
         lambda s: s.unbalance(1.1, 0.2),
     ):

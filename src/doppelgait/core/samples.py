@@ -328,12 +328,14 @@ class Samples:
             return self._planes.reshape(-1, self._planes.shape[2]), self.shape[0]
         return self.matrix.view(np.float32), 2 * self.shape[1]
 
-    def take(self, pulses: npt.NDArray[np.int64]) -> Samples:
-        """Select some pulses, in this order."""
-        settled = self.settle()
-        if settled._planes is None:
-            return Samples.own(settled.matrix[pulses])
-        return Samples.from_planes(np.ascontiguousarray(settled._planes[:, :, pulses]), pulses.size)
+    def repeat(self, pulses: npt.NDArray[np.int64], sources: npt.NDArray[np.int64]) -> Samples:
+        """Overwrite some pulses by others, which are none of them."""
+        changed = self.settle()._writable()
+        if changed._matrix is not None:
+            changed._matrix[pulses] = changed._matrix[sources]
+        elif changed._planes is not None:
+            changed._planes[:, :, pulses] = changed._planes[:, :, sources]
+        return changed
 
     def add_at(self, pulses: npt.NDArray[np.int64], columns: npt.NDArray[np.int64], values: npt.ArrayLike) -> Samples:
         """Add complex values to the samples ``columns`` of ``pulses``.

@@ -114,8 +114,9 @@ def drop_frames(samples: Samples, parameters: DroppedFrames, radar: Radar, rng: 
         samples *= (~lost)[:, None]
         return samples
     arrived = np.flatnonzero(~lost)
-    latest = np.searchsorted(arrived, np.arange(lost.size), side="right") - 1
-    return samples.take(arrived[np.maximum(latest, 0)])
+    missing = np.flatnonzero(lost)
+    latest = np.searchsorted(arrived, missing) - 1
+    return samples.repeat(missing, arrived[np.maximum(latest, 0)])
 
 
 def lost_frames(n_frames: int, spec: DroppedFrames, *, rng: np.random.Generator) -> npt.NDArray[np.bool_]:
