@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+import pickle
 from dataclasses import replace
+from functools import partial
 
 import h5py
 import hypothesis.extra.numpy as stnp
@@ -32,7 +34,7 @@ from doppelgait.pipeline import (
     run_simulation,
     write_results,
 )
-from doppelgait.pipeline.result import LABELLED_ARRAYS, PLAIN_ARRAYS, is_result_file
+from doppelgait.pipeline.result import LABELLED_ARRAYS, PLAIN_ARRAYS, LateArrays, is_result_file
 from doppelgait.processing import Analysis, Gate
 
 WALK = {"kind": "boulic", "speed_mps": 1.3, "height_m": 1.75}
@@ -299,3 +301,22 @@ def test_pauses_between_bursts_count_as_observed():
     paused = recording.baseband.coords["slow_time"].values + 0.4 * (np.arange(n) >= n // 2)
     bursts = recording.with_baseband(recording.baseband.assign_coords(slow_time=("slow_time", paused, {"units": "s"})))
     assert describe_results(bursts, [])["recording"]["observation_s"] == pytest.approx(0.5, rel=1e-9)
+
+
+def test_late_arrays_are_made_once_and_when_they_are_asked_for():
+    made = []
+
+    def make():
+        made.append(1)
+        return np.arange(3)
+
+    arrays = LateArrays({"other": 1}, late=make)
+    more = LateArrays(arrays, again=2)
+    assert set(more) == {"other", "late", "again"}
+    assert len(arrays) == 2
+    assert "late" in arrays
+    assert not made
+    assert arrays["late"] is arrays["late"]
+    assert len(made) == 1
+    copied = pickle.loads(pickle.dumps(LateArrays(late=partial(np.arange, 3))))
+    np.testing.assert_array_equal(copied["late"], np.arange(3))

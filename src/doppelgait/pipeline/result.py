@@ -79,6 +79,9 @@ class LateArrays(Mapping[str, Any]):
             found = self._found[name] = found()
         return found
 
+    def __contains__(self, name: object) -> bool:
+        return name in self._found
+
     def __iter__(self) -> Iterator[str]:
         return iter(self._found)
 
