@@ -22,6 +22,7 @@ from accuracy import measure_accuracy
 from asked import asked_rows
 from clock import total
 from conditions import measure_conditions
+from datasets import measure_builds, measure_datasets
 from growth import AXES, QUICK_AXES, measure_growth
 from stages import measure_stages
 from startup import measure_startup
@@ -103,9 +104,21 @@ def run_workers(quick: bool, stages: dict[str, Any]) -> list[dict[str, Any]]:
     return result
 
 
+def run_datasets(quick: bool) -> dict[str, Any]:
+    with threadpool_limits(1):
+        result = measure_datasets(2 if quick else 5, quick=quick)
+    report.print_title("6. Examples of datasets: processor ms each")
+    report.print_timings(result["seconds"], unit="ms", factor=1e3)
+    report.print_values({key: value for key, value in result.items() if key != "seconds"}, "9.1f")
+    result["builds"] = measure_builds(quick=quick)
+    report.print_title("Builds and long recordings of fresh processes")
+    report.print_values(result["builds"], "9.2f")
+    return result
+
+
 def run_startup(rounds: int) -> dict[str, Any]:
     result = measure_startup(rounds)
-    report.print_title("6. Start-up: processor seconds (user + system) of a fresh process, kernels cached")
+    report.print_title("7. Start-up: processor seconds (user + system) of a fresh process, kernels cached")
     report.print_timings(result["cpu_s"], unit="s", digits=3)
     report.print_title("Peak memory of the same processes")
     report.print_values(result["peak_mb"], "9.0f", "MB")
@@ -122,9 +135,10 @@ def run_all(rounds: int, quick: bool) -> dict[str, Any]:
         results["conditions"] = run_conditions(2 if quick else 5)
         results["growth"] = run_growth(quick, 2 if quick else 5)
     results["workers"] = run_workers(quick, results["stages"])
+    results["datasets"] = run_datasets(quick)
     results["startup"] = run_startup(1 if quick else 4)
     results["asked"] = asked_rows(results)
-    report.print_title("7. Asked and measured")
+    report.print_title("8. Asked and measured")
     report.print_asked(results["asked"])
     if hasattr(os, "getloadavg"):  # not on Windows
         print(f"load average now {os.getloadavg()}")

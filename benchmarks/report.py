@@ -60,8 +60,8 @@ def print_workers(rows: Sequence[Mapping[str, Any]]) -> None:
 
 def print_asked(rows: Sequence[Mapping[str, Any]]) -> None:
     """Asked and measured; the verdict is that of the medians, and of the minima where that differs."""
-    print(f"{'':{WIDTH}s} {'asked':>13s} {'of minima':>11s} {'of medians':>11s}")
+    print(f"{'':{WIDTH}s} {'asked':>13s} {'aim':>7s} {'of minima':>11s} {'of medians':>11s}")
     for row in rows:
         asked = f"{'>=' if row['at_least'] else '<='} {row['asked']:g} {row['unit']}"
         low, middle = f"{row['measured']['min']:.3g}", f"{row['measured']['median']:.3g}"
-        print(f"{row['name']:{WIDTH}s} {asked:>13s} {low:>11s} {middle:>11s}  {row['verdict']}")
+        print(f"{row['name']:{WIDTH}s} {asked:>13s} {row['aim']:>7g} {low:>11s} {middle:>11s}  {row['verdict']}")

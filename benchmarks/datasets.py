@@ -1,0 +1,102 @@
+"""Examples of datasets, writing them, builds of fresh processes, and one long recording."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from clock import Timing, timing
+from startup import RECORDING, SIGNATURE, run_fresh
+
+from doppelgait.dataset import load_plan, plan_dataset
+from doppelgait.dataset.shard import BuildContext, build_planned
+from doppelgait.dataset.shard_files import write_shard
+
+ROOMS = Path(__file__).parents[1] / "examples" / "rooms-plan.toml"
+N_EXAMPLES = 24
+LONG_S = 600.0
+LONG = (
+    "import time, doppelgait as dg; from doppelgait.processing import Gate; import numpy as np; "
+    f"walk = dg.motion.boulic_walk(duration_s=5.0, speed_mps=0.5); n = {int(LONG_S)} * 1000; "
+    "radar = dg.Radar.preset('x4', prf_hz=1000); i = np.arange(n); "
+    "r = np.random.default_rng(0); y = np.empty((n, 60), np.complex64); "
+    "y.real = 1e-6 * r.standard_normal((n, 60), dtype=np.float32); "
+    "y.imag = 1e-6 * r.standard_normal((n, 60), dtype=np.float32); "
+    "y[:, 20:30] += (1e-4 * np.exp(1j * (0.9 * i + 40 * np.sin(2 * np.pi * i / 1000)))).astype(np.complex64)[:, None]; "
+    "axis = radar.range_axis_m()[:60]; "
+    "recording = dg.Recording(dg.core.samples.Samples(y), radar, i / 1000, axis); "
+    "began = time.process_time(); dg.analyze(recording, gate=(float(axis[20]), float(axis[30]))); "
+    "print(time.process_time() - began)"
+)
+
+
+def measure_datasets(rounds: int, *, quick: bool) -> dict[str, Any]:
+    """Milliseconds of an example by plan, of writing it, and KiB of its signature."""
+    result: dict[str, Any] = {"seconds": {}}
+    for name, plan_name in (("home-alarm", "home-alarm"), ("rooms plan", str(ROOMS))):
+        config, folder = load_plan(plan_name, overrides=[])
+        plan = plan_dataset(config, folder=folder)
+        entries = list(plan.examples)[:: max(1, len(plan.examples) // (6 if quick else N_EXAMPLES))]
+        context = BuildContext(plan.config, str(plan.folder), ".")
+        made = [build_planned(entry, context) for entry in entries]
+        times: list[list[float]] = [[] for _ in entries]
+        for _ in range(rounds):
+            for spent, entry in zip(times, entries, strict=True):
+                began = time.thread_time()
+                build_planned(entry, context)
+                spent.append(time.thread_time() - began)
+        result["seconds"][f"{name}, made"] = _mean([timing(spent) for spent in times])
+        rows = [row for pairs in made for row in pairs]
+        with tempfile.TemporaryDirectory() as place:
+            path, spent = Path(place) / "shard.h5", []
+            for _ in range(rounds + 2):
+                began = time.thread_time()
+                write_shard(path, "train", [row["id"] for row, _ in rows], [arrays for _, arrays in rows])
+                spent.append((time.thread_time() - began) / len(rows))
+            result["seconds"][f"{name}, written"] = timing(spent)
+            result[f"KiB of a row, {name}"] = path.stat().st_size / 1024 / len(rows)
+    return result
+
+
+def _mean(timings: list[Timing]) -> Timing:
+    return {key: sum(each[key] for each in timings) / len(timings) for key in ("min", "median")}
+
+
+def measure_builds(*, quick: bool) -> dict[str, Any]:
+    """Wall seconds of builds in fresh processes, processor seconds of a first run, and a long recording."""
+    result: dict[str, Any] = {}
+    with tempfile.TemporaryDirectory() as place:
+        for count in (20,) if quick else (20, 400):
+            command = [sys.executable, "-c", "from doppelgait.cli.app import main; main()", "dataset", "build"]
+            options = ["home-alarm", "-o", f"{place}/{count}", "--set", f"dataset.examples_per_class={count // 2}"]
+            began = time.perf_counter()
+            subprocess.run([*command, *options, "--workers", "2"], check=True, capture_output=True)
+            result[f"dataset build of {count}, 2 workers, wall s"] = time.perf_counter() - began
+            shutil.rmtree(f"{place}/{count}")
+        warm_s, _ = run_fresh(RECORDING + SIGNATURE)
+        kept = os.environ.get("NUMBA_CACHE_DIR")
+        os.environ["NUMBA_CACHE_DIR"] = place
+        try:
+            result["first run waits for the compiler, s"] = max(0.0, run_fresh(RECORDING + SIGNATURE)[0] - warm_s)
+        finally:
+            os.environ.pop("NUMBA_CACHE_DIR")
+            if kept is not None:
+                os.environ["NUMBA_CACHE_DIR"] = kept
+    if not quick:
+        done, result["600 s recording, peak MB"] = run_fresh_and_print(LONG)
+        result["600 s recording, analyze, s"] = float(done)
+    return result
+
+
+def run_fresh_and_print(program: str) -> tuple[str, float]:
+    """What a program prints, and its peak memory in MB."""
+    peak = "import resource; print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)"
+    done = subprocess.run([sys.executable, "-c", f"{program}; {peak}"], capture_output=True, text=True, check=True)
+    *_, printed, peak_mb = done.stdout.split()
+    return printed, float(peak_mb)
