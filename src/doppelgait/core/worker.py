@@ -139,6 +139,7 @@ def serve(pipes: Sequence[Connection], module: str) -> None:
         pipe.close()
     for worker in workers:
         os.waitpid(worker, 0)
+    os._exit(0)  # nothing is left to do, and taking down what was loaded takes a quarter of a second
 
 
 PR_SET_PDEATHSIG = 1
