@@ -64,7 +64,7 @@ def _add_side(total, begin, end, first, step, side, delta, beta, peak):  # type:
         doppler *= doppler_turn
 
 
-@kernel()
+@kernel(inline="llvm")
 def _add_response(total, start, step, delta, beta, peak):  # type: ignore[no-untyped-def]
     """Add a response to all bins; x of bin 0 is ``start``."""
     n_bins = total.shape[0]
