@@ -60,10 +60,10 @@ class FrozenModel(BaseModel, metaclass=_Checked):
     @field_validator("*", mode="before")
     @classmethod
     def _no_text_for_a_number(cls, value: Any, info: ValidationInfo) -> Any:
-        annotation = cls.model_fields[str(info.field_name)].annotation
-        kinds = set(get_args(annotation)) or {annotation}
-        if isinstance(value, str | bool) and kinds <= {int, float, type(None)}:
-            raise ValueError("must be a number")
+        if isinstance(value, str | bool):
+            annotation = cls.model_fields[str(info.field_name)].annotation
+            if (set(get_args(annotation)) or {annotation}) <= {int, float, type(None)}:
+                raise ValueError("must be a number")
         return value
 
 
