@@ -136,6 +136,20 @@ def run_examples() -> None:
     for preset in ("x4", "ancortek-24", "ti-60", "xband-cw"):
         recording = dg.simulate(scene, dg.Radar.preset(preset), rng=dg.rng(1), snr_db=15)
         dg.analyze(recording)
+    impairments = [
+        {"kind": "phase_noise", "density_dbc_per_hz": -90.0}, {"kind": "dropped_frames", "probability": 0.01},
+        {"kind": "adc", "full_scale_v": 1.0}, {"kind": "x4_counts", "pulses_per_step": 6},
+    ]  # fmt: skip
+    conditions = dg.Conditions(impairments=impairments)
+    dg.simulate(scene, dg.Radar.preset("x4"), rng=dg.rng(1), conditions=conditions)
+    chirp = {"waveform": "lfm", "sweep_s": 5e-7, "bandwidth_hz": 1.4e9, "bandwidth_level_db": 10}
+    for options in (chirp, {"waveform": "rectangular", "sweep_s": 1e-9}):
+        plain = dg.Radar.preset("x4").model_dump(
+            include={"carrier_hz", "prf_hz", "sample_rate_hz", "decimation", "range_stop_m"}
+        )
+        dg.simulate(scene, dg.Radar(**{**plain, **options}), rng=dg.rng(1), snr_db=15)
+    bodies = dg.Scene([dg.Target(walk, label="human", rcs={"kind": "ellipsoids", "occlusion": True})], duration_s=1.0)
+    dg.simulate(bodies, dg.Radar.preset("x4"), rng=dg.rng(1), snr_db=15)
 
 
 def type_of(argument: Any) -> dict[str, Any] | None:

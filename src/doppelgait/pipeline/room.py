@@ -88,8 +88,7 @@ def through_room(
     amplitude = _between(amplitude, looks_s, times_s)
     sources = np.arange(n_rows)
     for mirror in mirrors:
-        n_images = mirror.sources.size
-        sources[mirror.first : mirror.first + 2 * n_images] = np.tile(mirror.sources, 2)
+        sources[mirror.first : mirror.first + 2 * len(mirror.sources)] = 2 * mirror.sources
     values = {
         "range": range_m,
         "radial_velocity": velocity_mps,
@@ -144,12 +143,13 @@ def _with_images(
     range_m[:, :n_own], velocity_mps[:, :n_own] = direct_m, direct_mps
     splines = [fit_spline(body.motion) for body in bodies]
     for mirror in mirrors:
-        from_plane = mirror.radar_distance_m - mirror.normal @ np.asarray(placed.scene.radar_position_m)
+        normal = np.array(mirror.normal)
+        from_plane = mirror.radar_distance_m - normal @ np.asarray(placed.scene.radar_position_m)
         height_m, height_mps = np.empty((2, times_s.size, n_own))
         column = 0
         for spline in splines:  # a distance from a plane is a spline as well
             heights, moments = (
-                np.ascontiguousarray(part.reshape(part.shape[0], -1, 3) @ mirror.normal)
+                np.ascontiguousarray(part.reshape(part.shape[0], -1, 3) @ normal)
                 for part in (spline.values, spline.moments)
             )
             own_m, own_mps = np.empty((2, times_s.size, heights.shape[1]))
@@ -158,7 +158,7 @@ def _with_images(
             height_mps[:, column : column + heights.shape[1]] = own_mps
             column += heights.shape[1]
         image_ranges(
-            direct_m, direct_mps, height_m, height_mps, mirror.sources.astype(np.int64), mirror.radar_distance_m,
+            direct_m, direct_mps, height_m, height_mps, np.array(mirror.sources, dtype=np.int64), mirror.radar_distance_m,
             mirror.first, range_m, velocity_mps,
         )  # fmt: skip
     return range_m, velocity_mps

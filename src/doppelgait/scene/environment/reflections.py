@@ -47,19 +47,19 @@ class Mirror:
 
     Parameters
     ----------
-    normal : ndarray, shape (3,)
+    normal : (float, float, float)
         Unit vector from the plane towards the radar's side.
     radar_distance_m : float
         Of the radar from the plane, above 0.
-    sources : ndarray of int, shape (n,)
-        Rows of the scatterers.
+    sources : tuple of int
+        Rows of the n scatterers.
     first : int
         First row of the n images by one reflection; those by two come after them.
     """
 
-    normal: FloatArray
+    normal: tuple[float, float, float]
     radar_distance_m: float
-    sources: npt.NDArray[np.intp]
+    sources: tuple[int, ...]
     first: int
 
 
@@ -178,7 +178,7 @@ def add_images(
     image: Rays,
     reflection: ComplexArray,
     endings: tuple[str, str],
-    plane: tuple[FloatArray, float],
+    plane: tuple[tuple[float, float, float], float],
 ) -> xr.Dataset:
     """Append the echoes by one and by two reflections.
 
@@ -193,7 +193,7 @@ def add_images(
         Coefficient c of each reflection.
     endings : (str, str)
         For marker and part names: one reflection, two reflections.
-    plane : (ndarray, float)
+    plane : (tuple of float, float)
         Normal and radar's distance, for the :class:`Mirror` that is added to the attribute ``mirrors``.
 
     Returns
@@ -232,7 +232,7 @@ def add_images(
             rows = [added, added]
         coords[name] = label_values("scatterer", np.concatenate([variable.values, *rows]), variable.attrs)
     variables = {name: label_values(DIMS, array, table[name].attrs) for name, array in values.items()}
-    mirrors = (*table.attrs.get("mirrors", ()), Mirror(*plane, columns, n_rows))
+    mirrors = (*table.attrs.get("mirrors", ()), Mirror(*plane, tuple(columns.tolist()), n_rows))
     return xr.Dataset(variables, coords=coords, attrs={**table.attrs, "mirrors": mirrors})
 
 
@@ -328,7 +328,7 @@ def apply_ground_bounce(scatterers: xr.Dataset, spec: GroundBounce, setting: Set
         image=Rays(length_m, velocity_mps, direct.x_m, direct.y_m, -down_m),
         reflection=floor_reflection(np.minimum(down_m / length_m, 1.0), spec, setting.wavelength_m),
         endings=(ONE_REFLECTION, TWO_REFLECTIONS),
-        plane=(np.array([0.0, 0.0, 1.0]), height_m),
+        plane=((0.0, 0.0, 1.0), height_m),
     )
 
 
@@ -439,7 +439,7 @@ def apply_wall_ghost(scatterers: xr.Dataset, spec: WallGhost, setting: Setting) 
     )
     reflection = wall_reflection(image, normal_rad, spec, setting.wavelength_m)
     reflection = np.where(from_wall_m > 0, reflection, 0.0)
-    normal = -np.array([math.cos(normal_rad), math.sin(normal_rad), 0.0])
+    normal = (-math.cos(normal_rad), -math.sin(normal_rad), 0.0)
     return add_images(
         scatterers, rows, direct=direct, image=image, reflection=reflection, endings=(ONE_GHOST, TWO_GHOSTS),
         plane=(normal, radar_distance_m),
