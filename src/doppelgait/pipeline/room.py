@@ -158,8 +158,8 @@ def _with_images(
             height_mps[:, column : column + heights.shape[1]] = own_mps
             column += heights.shape[1]
         image_ranges(
-            direct_m, direct_mps, height_m, height_mps, np.array(mirror.sources, dtype=np.int64), mirror.radar_distance_m,
-            mirror.first, range_m, velocity_mps,
+            direct_m, direct_mps, height_m, height_mps, np.array(mirror.sources, dtype=np.int64),
+            mirror.radar_distance_m, mirror.first, range_m, velocity_mps,
         )  # fmt: skip
     return range_m, velocity_mps
 

@@ -358,17 +358,17 @@ def _middle_2(yr, yi, run, size, cos, sin):  # type: ignore[no-untyped-def]
 
 
 @kernel(fastmath=_FAST, inline="llvm")
-def _add(power, i, z):  # type: ignore[no-untyped-def]
-    power[_U(i)] += z.real * z.real + z.imag * z.imag
+def _add(power, i, weight, z):  # type: ignore[no-untyped-def]
+    power[_U(i)] += weight * (z.real * z.real + z.imag * z.imag)
 
 
 @kernel(fastmath=_FAST, apart=True)
-def _last_pass(yr, yi, run, power):  # type: ignore[no-untyped-def]
-    """Transform every sixteen runs and add the squared magnitudes."""
+def _last_pass(yr, yi, run, weights, power):  # type: ignore[no-untyped-def]
+    """Transform every sixteen runs and add the squared magnitudes, by every lane's own weight."""
     for begin in range(0, power.shape[0], LAST * run):
         for first in range(0, run, LANES):
             for lane in range(LANES):
-                i, to = begin + first + lane, begin + LAST * first + lane
+                i, to, w = begin + first + lane, begin + LAST * first + lane, weights[_U(lane)]
                 z0, z1, z2, z3, z4, z5, z6, z7, z8, z9, z10, z11, z12, z13, z14, z15 = _sixteen_points(
                     _at(yr, yi, i), _at(yr, yi, i + run), _at(yr, yi, i + 2 * run), _at(yr, yi, i + 3 * run),
                     _at(yr, yi, i + 4 * run), _at(yr, yi, i + 5 * run), _at(yr, yi, i + 6 * run),
@@ -376,22 +376,22 @@ def _last_pass(yr, yi, run, power):  # type: ignore[no-untyped-def]
                     _at(yr, yi, i + 10 * run), _at(yr, yi, i + 11 * run), _at(yr, yi, i + 12 * run),
                     _at(yr, yi, i + 13 * run), _at(yr, yi, i + 14 * run), _at(yr, yi, i + 15 * run),
                 )  # fmt: skip
-                _add(power, to, z0)
-                _add(power, to + LANES, z1)
-                _add(power, to + 2 * LANES, z2)
-                _add(power, to + 3 * LANES, z3)
-                _add(power, to + 4 * LANES, z4)
-                _add(power, to + 5 * LANES, z5)
-                _add(power, to + 6 * LANES, z6)
-                _add(power, to + 7 * LANES, z7)
-                _add(power, to + 8 * LANES, z8)
-                _add(power, to + 9 * LANES, z9)
-                _add(power, to + 10 * LANES, z10)
-                _add(power, to + 11 * LANES, z11)
-                _add(power, to + 12 * LANES, z12)
-                _add(power, to + 13 * LANES, z13)
-                _add(power, to + 14 * LANES, z14)
-                _add(power, to + 15 * LANES, z15)
+                _add(power, to, w, z0)
+                _add(power, to + LANES, w, z1)
+                _add(power, to + 2 * LANES, w, z2)
+                _add(power, to + 3 * LANES, w, z3)
+                _add(power, to + 4 * LANES, w, z4)
+                _add(power, to + 5 * LANES, w, z5)
+                _add(power, to + 6 * LANES, w, z6)
+                _add(power, to + 7 * LANES, w, z7)
+                _add(power, to + 8 * LANES, w, z8)
+                _add(power, to + 9 * LANES, w, z9)
+                _add(power, to + 10 * LANES, w, z10)
+                _add(power, to + 11 * LANES, w, z11)
+                _add(power, to + 12 * LANES, w, z12)
+                _add(power, to + 13 * LANES, w, z13)
+                _add(power, to + 14 * LANES, w, z14)
+                _add(power, to + 15 * LANES, w, z15)
 
 
 @kernel(fastmath=_FAST)
@@ -412,17 +412,10 @@ def _gather(plane, n, n_pulses, start, hop, spread, out):  # type: ignore[no-unt
                 out[to + _U(step)] = plane[_U(n), _U(i)] if 0 <= i < n_pulses else np.float32(0.0)
 
 
-@kernel(fastmath=_FAST, apart=True)
-def _add_weighted(part, weight, power):  # type: ignore[no-untyped-def]
-    for begin in range(0, power.shape[0], LANES):
-        for lane in range(LANES):
-            power[_U(begin + lane)] += weight[_U(lane)] * part[_U(begin + lane)]
-
-
 @kernel(fastmath=_FAST)
 def _fill_signature(  # type: ignore[no-untyped-def]
-    re, im, n_pulses, start, hop, place, window, low, high, radices, cos, sin, order, xr, xi, yr, yi, power, part,
-    weight, out,
+    re, im, n_pulses, start, hop, place, window, low, high, radices, cos, sin, order, xr, xi, yr, yi, power, weights,
+    out,
 ):  # fmt: skip
     """Fill the columns, sixteen at a time; see :func:`gated_signature`."""
     n_columns, n_doppler = out.shape
@@ -448,16 +441,11 @@ def _fill_signature(  # type: ignore[no-untyped-def]
                 else:
                     _middle_2(yr, yi, run, runs, cos, sin)
                 runs //= radices[number]
-            if n - 0.5 >= low_max and n + 0.5 <= high_min:
-                _last_pass(yr, yi, run, power)
-            else:
-                for lane in range(LANES):  # every column has its own gate
-                    j = block + min(lane, count - 1)
-                    weight[lane] = max(0.0, min(high[j], n + 0.5) - max(low[j], n - 0.5))
-                for i in range(part.shape[0]):
-                    part[_U(i)] = np.float32(0.0)
-                _last_pass(yr, yi, run, part)
-                _add_weighted(part, weight, power)
+            whole = n - 0.5 >= low_max and n + 0.5 <= high_min
+            for lane in range(LANES):  # every column has its own gate
+                j = block + min(lane, count - 1)
+                weights[_U(lane)] = 1.0 if whole else max(0.0, min(high[j], n + 0.5) - max(low[j], n - 0.5))
+            _last_pass(yr, yi, run, weights, power)
         for lane in range(count):
             for k in range(n_doppler):
                 out[_U(block + lane), _U(k)] = power[_U(order[_U(k)] * LANES + lane)]
@@ -528,7 +516,7 @@ def gated_signature(
         return
     spread, size = LANES + (n_doppler - 1) // hop + 1, n_doppler * LANES
     pulses = np.arange(n_doppler)
-    memory = np.empty(4 * (size + PADDING) + CACHE_LINE // 4, dtype=np.float32)
+    memory = np.empty(3 * (size + PADDING) + CACHE_LINE // 4, dtype=np.float32)
     begin = (-memory.ctypes.data % CACHE_LINE) // 4
     buffers = [memory[start : start + size] for start in range(begin, memory.size - size, size + PADDING)]
     segments = np.empty((2, hop * spread), dtype=np.float32)
