@@ -20,6 +20,9 @@ SUPPORT_SIGMAS = 5.5
 LANES = 32
 """Frames side by side; the width of a tile of planes is a multiple of it."""
 
+TILE = 9 * LANES
+"""Frames that are synthesised before they are transposed."""
+
 BINS_PER_TURN = 64
 """Bins transposed together: 64 bins of 32 frames, real and imaginary, are 16 KiB and stay in the first-level cache."""
 
@@ -268,12 +271,13 @@ def add_echoes(
     extra_turns
         As for :func:`echo_planes`.
     """
-    planes = np.empty((2, out.shape[1], -(-out.shape[0] // LANES) * LANES), dtype=np.float32)
-    rows = echo_planes(
-        range_m, amplitude, first_bin_m, bin_spacing_m, pulse_sigma_m, wavelength_m, phase_rad, 0, 0, planes[0],
-        planes[1], extra_turns,
-    )  # fmt: skip
-    join_planes(planes[0], planes[1], *rows, out)
+    planes = np.empty((2, out.shape[1], TILE), dtype=np.float32)  # a tile stays in the second-level cache
+    for frame in range(0, out.shape[0], TILE):
+        rows = echo_planes(
+            range_m, amplitude, first_bin_m, bin_spacing_m, pulse_sigma_m, wavelength_m, phase_rad, frame, 0, planes[0],
+            planes[1], extra_turns,
+        )  # fmt: skip
+        join_planes(planes[0], planes[1], *rows, out[frame : frame + TILE])
 
 
 @kernel()
