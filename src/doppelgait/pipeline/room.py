@@ -18,7 +18,7 @@ import xarray as xr
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.labels import SCATTERER_VARIABLES, axis, label_values
-from doppelgait.motion.retime import fit_spline
+from doppelgait.motion.retime import Spline, fit_spline
 from doppelgait.scene import PlacedScene
 from doppelgait.scene.environment import ENVIRONMENT
 from doppelgait.scene.environment.reflections import Mirror
@@ -79,8 +79,9 @@ def through_room(
         return None
     mirrors: tuple[Mirror, ...] = after.attrs.get("mirrors", ())
     n_rows, n_own = after.sizes["scatterer"], table.sizes["scatterer"]
-    range_m, velocity_mps = _with_images(table, bodies, placed, times_s, mirrors, n_rows)
-    geometric_m, _ = _with_images(before, bodies, placed, looks_s, mirrors, n_rows)
+    splines = [fit_spline(body.motion) for body in bodies] if mirrors else []
+    range_m, velocity_mps = _with_images(table, splines, placed, times_s, mirrors, n_rows)
+    geometric_m, _ = _with_images(before, splines, placed, looks_s, mirrors, n_rows)
     delay_m = after["range"].values - geometric_m
     if np.abs(delay_m).max(initial=0.0) > 1e-9:  # a wall, and no rounding
         range_m += _between(delay_m, looks_s, times_s)
@@ -96,8 +97,10 @@ def through_room(
         "path_gain": _of_sources(table["path_gain"].values, sources) * np.square(amplitude),
     }
     if "path_phase" in after:
-        turned = np.unwrap(after["path_phase"].values, axis=0)
-        values["path_phase"] = _between(turned, looks_s, times_s)
+        phase_rad = after["path_phase"].values
+        if np.abs(np.diff(phase_rad, axis=0)).max(initial=0.0) > np.pi:
+            phase_rad = np.unwrap(phase_rad, axis=0)
+        values["path_phase"] = _between(phase_rad, looks_s, times_s)
     for name in ("azimuth", "elevation", "aspect"):
         if name in table:
             values[name] = np.full((times_s.size, n_rows), np.nan)
@@ -130,7 +133,7 @@ def _look(
 
 
 def _with_images(
-    table: xr.Dataset, bodies: Sequence[Scatterers], placed: PlacedScene, times_s: FloatArray,
+    table: xr.Dataset, splines: Sequence[Spline], placed: PlacedScene, times_s: FloatArray,
     mirrors: Sequence[Mirror], n_rows: int,
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """Compute ranges and radial velocities of scatterers and their images in mirrors."""
@@ -141,7 +144,6 @@ def _with_images(
     n_own = direct_m.shape[1]
     range_m, velocity_mps = np.empty((2, times_s.size, n_rows))
     range_m[:, :n_own], velocity_mps[:, :n_own] = direct_m, direct_mps
-    splines = [fit_spline(body.motion) for body in bodies]
     for mirror in mirrors:
         normal = np.array(mirror.normal)
         from_plane = mirror.radar_distance_m - normal @ np.asarray(placed.scene.radar_position_m)

@@ -257,7 +257,7 @@ def target_truth(
     Stride, step and gait frequency are those of the observation, from the touchdowns; NaN where nothing is known. The
     body is included at the times ``shown_s``, if there are any.
     """
-    own = axis(scatterers, "target") == placed.number
+    own = axis(scatterers, "target") == placed.number  # a copy, which does not keep the table of all echoes alive
     rows = scatterers if own.all() else scatterers.isel(scatterer=np.flatnonzero(own))
     facts = placed.motion.facts
     frequencies_hz = {key: getattr(facts, key) for key in FREQUENCIES}

@@ -230,23 +230,14 @@ def _row(values: Any) -> Any:
     return values[:1] if values.strides[0] == 0 else values
 
 
-def path_turns(scatterers: xr.Dataset) -> npt.NDArray[np.float64] | None:
-    """Return the extra phase of every echo in turns.
-
-    (slow_time, scatterer), C-contiguous; None where the table has none.
-    """
-    phase_rad = path_phase_rad(scatterers)
-    return None if phase_rad is None else np.ascontiguousarray(phase_rad * (0.5 / np.pi))
-
-
 def path_phase_rad(scatterers: xr.Dataset) -> npt.NDArray[np.float64] | None:
-    """Return the extra phase of every echo, (slow_time, scatterer).
+    """Return the extra phase of every echo, (slow_time, scatterer), C-contiguous.
 
     None where the table has none.
     """
     if "path_phase" not in scatterers:
         return None
-    return np.asarray(scatterers["path_phase"].values, dtype=np.float64)
+    return np.ascontiguousarray(scatterers["path_phase"].values, dtype=np.float64)
 
 
 def radial_velocity_mps(scatterers: xr.Dataset) -> npt.NDArray[np.float64]:

@@ -11,7 +11,7 @@ import xarray as xr
 
 from doppelgait.core.labels import MOTION, SCATTERER_VARIABLES, SPACE, label_axis, label_values, make_array
 from doppelgait.motion.motion import Motion
-from doppelgait.motion.retime import check_times, fit_centre, fit_spline, resample
+from doppelgait.motion.retime import Spline, check_times, fit_centre, fit_spline, resample
 from doppelgait.radar.link import MIN_RANGE_M
 from doppelgait.scene.placement import PlacedScene, PlacedTarget, as_placed
 from doppelgait.scene.scatterers import Scatterers, View, scatterers_of
@@ -211,10 +211,11 @@ def _side_by_side(parts: list[FloatArray]) -> FloatArray:
 
 def _observe(scatterers: Scatterers, scene: Scene, times: FloatArray, angles: Sequence[str]) -> dict[str, FloatArray]:
     """Observe a target's scatterers, by variable of the table."""
-    range_m, approach_mps = ranges_and_velocities(scatterers.motion, times, scene.radar_position_m)
+    spline, times = fit_spline(scatterers.motion), check_times(scatterers.motion, times)
+    range_m, approach_mps = _ranges_on(spline, times, scene.radar_position_m)
     gain = scatterers.path_gain
     if scene.receiver_position_m is not None:
-        back_m, back_mps = ranges_and_velocities(scatterers.motion, times, scene.receiver_position_m)
+        back_m, back_mps = _ranges_on(spline, times, scene.receiver_position_m)
         gain = gain * bistatic_spreading(range_m, back_m)
         range_m, approach_mps = (range_m + back_m) / 2.0, (approach_mps + back_mps) / 2.0
     values = {
@@ -226,7 +227,7 @@ def _observe(scatterers: Scatterers, scene: Scene, times: FloatArray, angles: Se
     if angles:
         from doppelgait.core.kernels.spline import angles_of_sight
 
-        spline, origin = fit_spline(scatterers.motion), np.asarray(scene.radar_position_m, dtype=np.float64)
+        origin = np.asarray(scene.radar_position_m, dtype=np.float64)
         values |= {name: np.empty(range_m.shape) for name in angles}
         angles_of_sight(
             spline.values, spline.moments, spline.step_s, times, origin, values["azimuth"], values["elevation"],
@@ -270,10 +271,15 @@ def ranges_and_velocities(
     MotionError
         If the motion does not cover the times.
     """
+    return _ranges_on(fit_spline(motion), check_times(motion, time_s), radar_position_m)
+
+
+def _ranges_on(
+    spline: Spline, times: FloatArray, radar_position_m: npt.ArrayLike
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     from doppelgait.core.kernels import spline as kernel
 
-    spline, times = fit_spline(motion), check_times(motion, time_s)
-    range_m = np.empty((times.size, len(motion.markers)))
+    range_m = np.empty((times.size, spline.values.shape[1] // 3))
     approach_mps = np.empty_like(range_m)
     origin = np.asarray(radar_position_m, dtype=np.float64)
     kernel.ranges_and_velocities(spline.values, spline.moments, spline.step_s, times, origin, range_m, approach_mps)

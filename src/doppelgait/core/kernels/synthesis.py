@@ -110,7 +110,7 @@ def _add(echo, first, stop, exponent, cut, start, stride, re, im):  # type: igno
 
 
 @kernel()
-def _load(range_m, amplitude, first_frame, ranges, amplitudes, extra_turns, extra):  # type: ignore[no-untyped-def]
+def _load(range_m, amplitude, first_frame, ranges, amplitudes, extra_phase_rad, extra):  # type: ignore[no-untyped-def]
     """Transpose one block of frames to (scatterer, lane).
 
     Frames outside the record are silent.
@@ -122,8 +122,8 @@ def _load(range_m, amplitude, first_frame, ranges, amplitudes, extra_turns, extr
         for scatterer in range(n_scatterers):
             ranges[scatterer, lane] = range_m[frame, scatterer]
             amplitudes[scatterer, lane] = amplitude[frame, scatterer] if wanted == frame else 0.0
-            if extra_turns is not None:
-                extra[scatterer, lane] = extra_turns[frame, scatterer]
+            if extra_phase_rad is not None:
+                extra[scatterer, lane] = extra_phase_rad[frame, scatterer] * (0.5 / math.pi)
 
 
 def echo_planes(
@@ -138,7 +138,7 @@ def echo_planes(
     first_bin: int,
     plane_re: Float32Array,
     plane_im: Float32Array,
-    extra_turns: Float64Array | None = None,
+    extra_phase_rad: Float64Array | None = None,
 ) -> tuple[int, int]:
     r"""Write the echoes of all scatterers into a tile of planes.
 
@@ -166,8 +166,8 @@ def echo_planes(
     plane_re, plane_im : ndarray, shape (bins, frames), float32, C-contiguous
         The tile, overwritten; the number of frames is a multiple of LANES. Rows of a multiple of 4 KiB (1024 frames)
         fall on the same cache lines and can take three times as long; 992 or 1056 frames do not.
-    extra_turns : ndarray, shape (I, L), float64, optional
-        Further phase of every scatterer in every frame, in turns.
+    extra_phase_rad : ndarray, shape (I, L), float64, optional
+        Further phase of every scatterer in every frame.
 
     Returns
     -------
@@ -179,7 +179,7 @@ def echo_planes(
     rows = np.empty(2, dtype=np.int64)
     _fill_planes(
         range_m, amplitude, first_bin_m, bin_spacing_m, pulse_sigma_m, wavelength_m, phase_rad, first_frame, first_bin,
-        plane_re.shape[1], plane_re.reshape(-1), plane_im.reshape(-1), extra_turns, rows,
+        plane_re.shape[1], plane_re.reshape(-1), plane_im.reshape(-1), extra_phase_rad, rows,
     )  # fmt: skip
     return int(rows[0]), int(rows[1])
 
@@ -187,7 +187,7 @@ def echo_planes(
 @kernel()
 def _fill_planes(  # type: ignore[no-untyped-def]
     range_m, amplitude, first_bin_m, bin_spacing_m, pulse_sigma_m, wavelength_m, phase_rad, first_frame, first_bin,
-    n_frames, re, im, extra_turns, rows,
+    n_frames, re, im, extra_phase_rad, rows,
 ):  # fmt: skip
     """Write the echoes into flat planes of ``n_frames`` a row; see :func:`echo_planes`."""
     n_bins, n_scatterers = re.shape[0] // n_frames, range_m.shape[1]
@@ -205,7 +205,7 @@ def _fill_planes(  # type: ignore[no-untyped-def]
     lowest = n_bins
     highest = 0
     for column in range(0, n_frames, LANES):
-        _load(range_m, amplitude, first_frame + column, ranges, amplitudes, extra_turns, extra)
+        _load(range_m, amplitude, first_frame + column, ranges, amplitudes, extra_phase_rad, extra)
         for scatterer in range(n_scatterers):
             first, last = _describe(ranges[scatterer], amplitudes[scatterer], extra[scatterer], geometry, reach, echo)
             first = max(first - first_bin, 0)
@@ -258,7 +258,7 @@ def add_echoes(
     wavelength_m: float,
     phase_rad: float,
     out: npt.NDArray[np.complex64],
-    extra_turns: Float64Array | None = None,
+    extra_phase_rad: Float64Array | None = None,
 ) -> None:
     """Write the echoes of all scatterers into the data matrix.
 
@@ -268,14 +268,14 @@ def add_echoes(
         As for :func:`echo_planes`.
     out : ndarray, shape (I, N), complex64, C-contiguous
         Overwritten.
-    extra_turns
+    extra_phase_rad
         As for :func:`echo_planes`.
     """
     planes = np.empty((2, out.shape[1], TILE), dtype=np.float32)  # a tile stays in the second-level cache
     for frame in range(0, out.shape[0], TILE):
         rows = echo_planes(
             range_m, amplitude, first_bin_m, bin_spacing_m, pulse_sigma_m, wavelength_m, phase_rad, frame, 0, planes[0],
-            planes[1], extra_turns,
+            planes[1], extra_phase_rad,
         )  # fmt: skip
         join_planes(planes[0], planes[1], *rows, out[frame : frame + TILE])
 

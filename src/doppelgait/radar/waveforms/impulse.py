@@ -14,7 +14,7 @@ import xarray as xr
 from doppelgait.core.plugins import plugin
 from doppelgait.core.samples import Matrix, Samples, borrow_planes
 from doppelgait.core.units import SPEED_OF_LIGHT_MPS
-from doppelgait.radar.link import path_turns, scatterer_arrays
+from doppelgait.radar.link import path_phase_rad, scatterer_arrays
 from doppelgait.radar.parameters import PULSE_SIGMA_S, Radar, Waveform
 
 
@@ -56,7 +56,7 @@ class Impulse(Waveform):
 
         range_m, amplitude_v = scatterer_arrays(scatterers, radar)
         out = np.empty((range_m.shape[0], radar.n_range_bins), dtype=np.complex64)
-        add_echoes(range_m, amplitude_v, *_geometry(radar), out, path_turns(scatterers))
+        add_echoes(range_m, amplitude_v, *_geometry(radar), out, path_phase_rad(scatterers))
         return out
 
     def synthesise_planes(self, scatterers: xr.Dataset, radar: Radar) -> Samples:
@@ -68,8 +68,7 @@ class Impulse(Waveform):
         range_m, amplitude_v = scatterer_arrays(scatterers, radar)
         n_pulses = range_m.shape[0]
         planes = borrow_planes((2, radar.n_range_bins, -(-n_pulses // LANES) * LANES))
-        turns = path_turns(scatterers)
-        echo_planes(range_m, amplitude_v, *_geometry(radar), 0, 0, planes[0], planes[1], turns)
+        echo_planes(range_m, amplitude_v, *_geometry(radar), 0, 0, planes[0], planes[1], path_phase_rad(scatterers))
         return Samples.from_planes(planes, n_pulses)
 
     def resolution_m(self, radar: Radar) -> float:
