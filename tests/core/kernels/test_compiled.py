@@ -68,3 +68,14 @@ def test_other_byte_order_is_not_read_as_ours(parts):
     out = np.empty(8)
     with pytest.raises(NumbaError):
         row_means(parts.astype(">f8"), out)
+
+
+def test_another_layout_of_arrays_is_left_to_numba(monkeypatch):
+    assert compiled._arrays_are_laid_out_as_known()
+
+    class Longer(np.ndarray):
+        pass
+
+    empty = np.empty((2, 3), np.float32)
+    monkeypatch.setattr(compiled.np, "zeros", lambda *args, **options: empty.view(Longer))
+    assert not compiled._arrays_are_laid_out_as_known()

@@ -199,6 +199,30 @@ def _entry(address: int, arguments: list[str], returns: str) -> Callable[[tuple[
     return run
 
 
+def _arrays_are_laid_out_as_known() -> bool:
+    """Compare an array's memory with what the entries read, which another Python or NumPy might lay out otherwise."""
+    if object.__basicsize__ != 16:  # as in free-threaded Python
+        return False
+    array = np.zeros((2, 3), dtype=np.float32)
+    at = id(array)  # CPython's address
+
+    def read(kind: Any, address: int) -> int:
+        found: int = kind.from_address(address).value
+        return found
+
+    if read(ctypes.c_ssize_t, at + 8) != id(np.ndarray) or read(ctypes.c_ssize_t, at + 16) != array.ctypes.data:
+        return False
+    shape = [read(ctypes.c_ssize_t, read(ctypes.c_ssize_t, at + 32) + 8 * dim) for dim in range(2)]
+    strides = [read(ctypes.c_ssize_t, read(ctypes.c_ssize_t, at + 40) + 8 * dim) for dim in range(2)]
+    whole = 0x1 | 0x100 | 0x400  # in C's order, aligned, writeable
+    return (
+        (read(ctypes.c_int, at + 24), shape, strides) == (2, [2, 3], [12, 4])
+        and read(ctypes.c_ssize_t, at + 56) == id(array.dtype)
+        and read(ctypes.c_int, id(array.dtype) + 28) == array.dtype.num
+        and read(ctypes.c_int, at + 64) & whole == whole
+    )
+
+
 @lru_cache(maxsize=1)
 def _object_code() -> tuple[dict[str, Any], Any] | None:
     """Load the object code for this processor; None where there is none."""
@@ -206,7 +230,7 @@ def _object_code() -> tuple[dict[str, Any], Any] | None:
         sys.platform != "linux"
         or platform.machine() != "x86_64"
         or any(os.environ.get(name) for name in OTHER_WISHES)
-        or object.__basicsize__ != 16  # free-threaded Python has another header
+        or not _arrays_are_laid_out_as_known()
     ):
         return None
     import llvmlite.binding as llvm
