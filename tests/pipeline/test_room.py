@@ -1,4 +1,4 @@
-"""Rooms seen 200 times a second against every pulse."""
+"""Rooms seen 80 times a second against every pulse."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def test_a_walker_in_a_room_is_looked_at_less_often_than_pulses(monkeypatch, mov
     ("effects", "options"),
     [
         ([{"kind": "visibility", "gain_db": [[0.4, -200.0], [0.41, 0.0]]}], {}),
-        ([FLOOR], {"prf_hz": 200.0}),
+        ([FLOOR], {"prf_hz": 150.0}),
         ([{**GHOSTS, "side": "left", "side_m": 0.3}], {}),  # through a scatterer's path
         ([{"kind": "wall", "loss_db": 6, "range_m": 3.5, "normal_azimuth_deg": 0}], {}),
     ],

@@ -24,3 +24,23 @@ def test_simulate_and_analyze_load_no_library_that_they_do_not_use(tmp_path: Pat
         "assert not heavy & set(sys.modules), heavy & set(sys.modules)"
     )
     processes.run([sys.executable, "-c", code], check=True, cwd=tmp_path)
+
+
+def test_a_room_is_simulated_without_dask() -> None:
+    """Xarray imports Dask, where it is installed, for variables and selections made in its ordinary way."""
+    code = (
+        "import sys, doppelgait as dg; from doppelgait.pipeline import Conditions; "
+        "from doppelgait.scene.environment import make_effect; "
+        "walk, cloth = dg.motion.boulic_walk(duration_s=1.2), dg.motion.curtain(duration_s=1.2); "
+        "targets = [dg.Target(walk, label='human'), dg.Target(cloth, label='curtain', background=True)]; "
+        "scene = dg.Scene(targets, duration_s=1.0, radar_position_m=(0.0, 0.0, 1.0)); "
+        "floor = {'kind': 'ground_bounce'}; wall = {'kind': 'wall', 'material': 'wood', 'thickness_m': 0.02}; "
+        "clutter = {'kind': 'static_clutter', 'rcs_per_metre_m2': 0.1}; "
+        "phase = {'kind': 'phase_noise', 'white_rad': 0.01}; "
+        "conditions = Conditions(environment=[make_effect(floor), make_effect(wall)], impairments=[clutter, phase]); "
+        "radar = dg.Radar.preset('x4', antenna={'kind': 'cosine', 'hpbw_azimuth_deg': 65, 'hpbw_elevation_deg': 65}); "
+        "recording = dg.simulate(scene, radar, rng=dg.rng(1), conditions=conditions); "
+        "dg.analyze(recording, gate='truth'); "
+        "assert 'xarray' in sys.modules; assert not {'dask', 'numba'} & set(sys.modules)"
+    )
+    processes.run([sys.executable, "-c", code], check=True)

@@ -224,6 +224,63 @@ def label_values(dims: Any, values: npt.ArrayLike, attrs: Mapping[str, Any] | No
     return xr.Variable(dims, np.asarray(values), attrs, fastpath=True)
 
 
+def label_table(
+    values: Mapping[str, npt.NDArray[Any]], coords: Mapping[str, Any], attrs: Mapping[str, Any] | None = None
+) -> xr.Dataset:
+    """Make a table of scatterers, with units.
+
+    Parameters
+    ----------
+    values : mapping
+        Arrays (slow_time, scatterer) by the names of :data:`SCATTERER_VARIABLES`.
+    coords : mapping
+        Variables by name.
+    attrs : mapping, optional
+    """
+    return xr.Dataset(_scatterer_variables(values), coords=coords, attrs=attrs)
+
+
+def replace_values(table: xr.Dataset, **values: npt.NDArray[Any]) -> xr.Dataset:
+    """Return a table of scatterers with some variables replaced or added."""
+    variables = {**table.data_vars.variables, **_scatterer_variables(values)}
+    return xr.Dataset(variables, coords=table.coords.variables, attrs=table.attrs)
+
+
+def select_scatterers(table: xr.Dataset, columns: npt.NDArray[Any], *, copy: bool = False) -> xr.Dataset:
+    """Return a table of some scatterers, where possible a view.
+
+    As ``table.isel(scatterer=columns)``, which imports Dask where it is installed.
+
+    Parameters
+    ----------
+    table : Dataset (slow_time, scatterer)
+    columns : ndarray
+        Numbers of the scatterers, or a mask.
+    copy : bool
+        Whether the values must not keep those of ``table`` alive.
+    """
+    numbers = np.flatnonzero(columns) if columns.dtype == bool else columns
+    first, stop = (int(numbers[0]), int(numbers[-1]) + 1) if numbers.size else (0, 0)
+    chosen: Any = slice(first, stop) if (np.diff(numbers) == 1).all() else numbers
+
+    def take(variable: xr.Variable) -> xr.Variable:
+        if variable.dims[-1:] != ("scatterer",):
+            return variable
+        values = variable.values[..., chosen]
+        return label_values(variable.dims, values.copy() if copy else values, variable.attrs)
+
+    variables, coords = (
+        {name: take(v) for name, v in part.items()} for part in (table.data_vars.variables, table.coords.variables)
+    )
+    return xr.Dataset(variables, coords=coords, attrs=table.attrs)
+
+
+def _scatterer_variables(values: Mapping[str, npt.NDArray[Any]]) -> dict[str, xr.Variable]:
+    dims = ("slow_time", "scatterer")
+    units = ({"units": SCATTERER_VARIABLES[name]} if name in SCATTERER_VARIABLES else None for name in values)
+    return {name: label_values(dims, array, unit) for (name, array), unit in zip(values.items(), units, strict=True)}
+
+
 def label_axis(name: str, values: npt.ArrayLike) -> xr.Variable:
     """Make the coordinate of a dimension, with its unit and its index."""
     return _label_coordinate(name, np.asarray(values))[0]

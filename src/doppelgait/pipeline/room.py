@@ -1,9 +1,9 @@
 """Scatterers through a room and the antenna, with gains from fewer times than pulses.
 
 Ranges are exact at every pulse, directly and by every mirror. Gains, phases and delays of walls follow the directions
-of the scatterers, which change little in a hundredth of a second: effects and antenna see the scene 200 times a second,
+of the scatterers, which change little in a hundredth of a second: effects and antenna see the scene 80 times a second,
 and cubic splines through what they give (amplitude, phase, delay) lead to the pulses. The error is below 1e-4 of the
-strongest echo for a sprinter and a galloping dog half a metre from a wall, and 1e-6 for walkers.
+strongest echo for a sprinter and a galloping dog half a metre from a wall, and 2e-5 for walkers.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.config import FrozenModel
-from doppelgait.core.labels import SCATTERER_VARIABLES, axis, label_values
+from doppelgait.core.labels import axis, label_table
 from doppelgait.motion.retime import Spline, fit_spline
 from doppelgait.scene import PlacedScene
 from doppelgait.scene.environment import ENVIRONMENT
@@ -28,14 +28,13 @@ from doppelgait.scene.scatterers import Scatterers
 FloatArray = npt.NDArray[np.float64]
 Through = Callable[[xr.Dataset], xr.Dataset]
 
-GAIN_STEP_S = 0.005
+GAIN_STEP_S = 0.0125
 """Time between two looks at gains, at most."""
 MIN_LOOKS = 5
-MAX_TURN_RAD = 0.015
+MAX_TURN_RAD = 0.018
 """Angle by which a scatterer's direction changes from look to look, at most."""
 MAX_CHANGE = 0.25
 """Change of an amplitude from look to look, at most, of its largest value: more is a jump."""
-DIMS = ("slow_time", "scatterer")
 
 
 def through_room(
@@ -106,11 +105,7 @@ def through_room(
             values[name] = np.full((times_s.size, n_rows), np.nan)
             values[name][:, :n_own] = table[name].values
     coords = {name: v for name, v in after.coords.variables.items() if v.dims == ("scatterer",)}
-    return xr.Dataset(
-        {name: label_values(DIMS, array, {"units": SCATTERER_VARIABLES[name]}) for name, array in values.items()},
-        coords={"slow_time": table.coords.variables["slow_time"], **coords},
-        attrs=table.attrs,
-    )
+    return label_table(values, {"slow_time": table.coords.variables["slow_time"], **coords}, table.attrs)
 
 
 def _look(

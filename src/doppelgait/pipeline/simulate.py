@@ -10,7 +10,7 @@ import xarray as xr
 
 from doppelgait.core.config import check_type, validate
 from doppelgait.core.errors import ConfigError
-from doppelgait.core.labels import axis
+from doppelgait.core.labels import axis, label_axis, select_scatterers
 from doppelgait.core.rng import Streams
 from doppelgait.core.units import duration_to_pulses, slow_time_axis_s
 from doppelgait.motion.motion import FREQUENCIES
@@ -211,7 +211,7 @@ def observe_scene(
     if scatterers is None:
         scatterers = through(tabulate(placed, bodies, times_s, wanted or ("azimuth", "elevation")))
     if times_s is not slow_time_s:
-        scatterers = scatterers.assign_coords(slow_time=("slow_time", slow_time_s, {"units": "s"}))
+        scatterers = scatterers.assign_coords(slow_time=label_axis("slow_time", slow_time_s))
     return scatterers, tracks
 
 
@@ -226,10 +226,7 @@ def split_targets(scatterers: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset | None
     own = axis(scatterers, "target") >= 0
     if own.all():
         return scatterers, None
-    count = int(own.sum())
-    if own[:count].all():  # targets first, as is usual: a view of the table
-        return scatterers.isel(scatterer=slice(count)), scatterers.isel(scatterer=slice(count, None))
-    return scatterers.isel(scatterer=np.flatnonzero(own)), scatterers.isel(scatterer=np.flatnonzero(~own))
+    return select_scatterers(scatterers, own), select_scatterers(scatterers, ~own)
 
 
 def pulse_times_s(observation_s: float, radar: Radar) -> FloatArray:
@@ -257,8 +254,8 @@ def target_truth(
     Stride, step and gait frequency are those of the observation, from the touchdowns; NaN where nothing is known. The
     body is included at the times ``shown_s``, if there are any.
     """
-    own = axis(scatterers, "target") == placed.number  # a copy, which does not keep the table of all echoes alive
-    rows = scatterers if own.all() else scatterers.isel(scatterer=np.flatnonzero(own))
+    own = axis(scatterers, "target") == placed.number
+    rows = scatterers if own.all() else select_scatterers(scatterers, own, copy=True)
     facts = placed.motion.facts
     frequencies_hz = {key: getattr(facts, key) for key in FREQUENCIES}
     if facts.path is None or facts.path.pause_s <= 0:  # with pauses already a mean over the time not paused

@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError
-from doppelgait.core.labels import label_values
+from doppelgait.core.labels import replace_values
 from doppelgait.core.units import db_to_power
 
 FloatArray = npt.NDArray[np.float64]
@@ -233,4 +233,4 @@ def apply_antenna(
             boresight_tilt_rad=boresight_tilt_rad,
         )
         gains = path_gain.values * antenna_gain(antenna, *angles) ** 2
-    return scatterers.assign(path_gain=label_values(path_gain.dims, gains, path_gain.attrs))
+    return replace_values(scatterers, path_gain=gains)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.errors import ConfigError
-from doppelgait.core.labels import SCATTERER_VARIABLES, label_values
+from doppelgait.core.labels import replace_values, select_scatterers
 from doppelgait.core.units import (
     NOISE_DENSITY_W_PER_HZ,
     REFERENCE_IMPEDANCE_OHM,
@@ -205,7 +205,7 @@ def fold_scatterers(scatterers: xr.Dataset, radar: Radar) -> xr.Dataset:
         pulses = fewest + further
         shown = (pulses <= most) | (further == 0)  # the first may lie outside the frame
         columns = np.flatnonzero(shown.any(axis=0))
-        part = scatterers.isel(scatterer=columns)
+        part = select_scatterers(scatterers, columns)
         true_m, lag_m = range_m[:, columns], pulses[:, columns] * pulse_m
         nearer = np.square(np.maximum(true_m - lag_m, MIN_RANGE_M) / np.maximum(true_m, MIN_RANGE_M))
         phase_rad = path_phase_rad(part)
@@ -215,10 +215,7 @@ def fold_scatterers(scatterers: xr.Dataset, radar: Radar) -> xr.Dataset:
             "path_gain": np.where(shown[:, columns], part["path_gain"].values * np.square(nearer), 0.0),
             "path_phase": turn_rad if phase_rad is None else phase_rad + turn_rad,
         }
-        dims = part["range"].dims
-        images.append(
-            part.assign({n: label_values(dims, v, {"units": SCATTERER_VARIABLES[n]}) for n, v in values.items()})
-        )
+        images.append(replace_values(part, **values))
     return xr.concat(images, dim="scatterer", data_vars="minimal", coords="minimal", compat="override", join="override")
 
 

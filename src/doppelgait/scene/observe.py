@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from doppelgait.core.labels import MOTION, SCATTERER_VARIABLES, SPACE, label_axis, label_values, make_array
+from doppelgait.core.labels import MOTION, SCATTERER_VARIABLES, SPACE, label_axis, label_table, label_values, make_array
 from doppelgait.motion.motion import Motion
 from doppelgait.motion.retime import Spline, check_times, fit_centre, fit_spline, resample
 from doppelgait.radar.link import MIN_RANGE_M
@@ -186,17 +186,13 @@ def tabulate(
         name: _side_by_side([np.empty((times.size, 0)), *(table[name] for table in seen)])
         for name in ("range", "radial_velocity", "rcs", "path_gain", *wanted)
     }  # fmt: skip
-    return xr.Dataset(
+    return label_table(
+        {name: values[name] for name in SCATTERER_VARIABLES if name in values},
         {
-            name: label_values(("slow_time", "scatterer"), values[name], {"units": unit})
-            for name, unit in SCATTERER_VARIABLES.items()
-            if name in values
-        },
-        coords={
             "slow_time": label_axis("slow_time", times),
             **{name: label_values("scatterer", column) for name, column in columns.items()},
         },
-        attrs={} if placed.scene.receiver_position_m is None else {"bistatic": True},
+        {} if placed.scene.receiver_position_m is None else {"bistatic": True},
     )
 
 

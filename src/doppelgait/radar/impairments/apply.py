@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import AnalysisError, ConfigError
-from doppelgait.core.labels import label_axis, label_values
+from doppelgait.core.labels import label_axis, label_table
 from doppelgait.core.plugins import Group
 from doppelgait.core.samples import Samples
 from doppelgait.core.units import db_to_amplitude
@@ -205,10 +204,8 @@ def static_samples(
         "rcs": np.ones_like(range_m),
         "path_gain": (amplitude_v / one_v) ** 2,
     }
-    dims = ("slow_time", "scatterer")
-    coords = {"slow_time": label_axis("slow_time", np.arange(range_m.shape[0]) / radar.prf_hz)}
-    table = xr.Dataset({name: label_values(dims, value) for name, value in values.items()}, coords=coords)
-    return radar.waveform.synthesise(table, radar)
+    slow_time = label_axis("slow_time", np.arange(range_m.shape[0]) / radar.prf_hz)
+    return radar.waveform.synthesise(label_table(values, {"slow_time": slow_time}), radar)
 
 
 def check_width(samples: Samples, radar: Radar) -> None:

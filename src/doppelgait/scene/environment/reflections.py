@@ -16,7 +16,7 @@ from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import ConfigError, warn_caller
-from doppelgait.core.labels import SCATTERER_VARIABLES, axis, label_values
+from doppelgait.core.labels import axis, label_table, label_values, replace_values
 from doppelgait.core.plugins import plugin
 from doppelgait.radar.link import MIN_RANGE_M
 from doppelgait.scene.environment.materials import (
@@ -231,9 +231,8 @@ def add_images(
         else:
             rows = [added, added]
         coords[name] = label_values("scatterer", np.concatenate([variable.values, *rows]), variable.attrs)
-    variables = {name: label_values(DIMS, array, table[name].attrs) for name, array in values.items()}
     mirrors = (*table.attrs.get("mirrors", ()), Mirror(*plane, tuple(columns.tolist()), n_rows))
-    return xr.Dataset(variables, coords=coords, attrs={**table.attrs, "mirrors": mirrors})
+    return label_table(values, coords, {**table.attrs, "mirrors": mirrors})
 
 
 def with_phase(scatterers: xr.Dataset) -> xr.Dataset:
@@ -244,14 +243,7 @@ def with_phase(scatterers: xr.Dataset) -> xr.Dataset:
     if "path_phase" in scatterers:
         return scatterers
     shape = tuple(scatterers.sizes[dim] for dim in DIMS)
-    return with_values(scatterers, path_phase=np.zeros(shape))
-
-
-def with_values(scatterers: xr.Dataset, **values: FloatArray) -> xr.Dataset:
-    """Return the table with some variables replaced or added."""
-    return scatterers.assign(
-        {name: (DIMS, array, {"units": SCATTERER_VARIABLES[name]}) for name, array in values.items()}
-    )
+    return replace_values(scatterers, path_phase=np.zeros(shape))
 
 
 def phase_of(scatterers: xr.Dataset) -> FloatArray | float:

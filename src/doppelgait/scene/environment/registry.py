@@ -37,7 +37,7 @@ class Apply(Protocol):
     ``makes_images=True`` if it adds echoes by reflected paths. Such effects take places from ranges, so they come
     before those that lengthen or attenuate paths. ``is_smooth=True`` says that gains, phases and delays change no
     faster than directions do and that every added row is an image in a
-    :class:`~doppelgait.scene.environment.reflections.Mirror`: the effect then sees the scene 200 times a second.
+    :class:`~doppelgait.scene.environment.reflections.Mirror`: the effect then sees the scene 80 times a second.
     """
 
     def __call__(self, scatterers: xr.Dataset, parameters: Any, setting: Setting, /) -> xr.Dataset:

@@ -10,7 +10,7 @@ import xarray as xr
 from pydantic import Field, field_validator
 
 from doppelgait.core.config import FrozenModel
-from doppelgait.core.labels import with_values
+from doppelgait.core.labels import replace_values
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import db_to_power
 from doppelgait.scene.environment.registry import Setting
@@ -60,5 +60,4 @@ def apply_visibility(scatterers: xr.Dataset, spec: Visibility, setting: Setting)
     """
     ranges_m, gains_db = np.array(spec.gain_db).T
     gain = db_to_power(np.interp(scatterers["range"].values, ranges_m, gains_db))
-    path_gain = scatterers["path_gain"]
-    return scatterers.assign(path_gain=with_values(path_gain, path_gain.values * gain))
+    return replace_values(scatterers, path_gain=scatterers["path_gain"].values * gain)

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from doppelgait.core.config import FrozenModel
 from doppelgait.core.errors import warn_caller
-from doppelgait.core.labels import axis
+from doppelgait.core.labels import axis, replace_values
 from doppelgait.core.plugins import plugin
 from doppelgait.core.units import db_to_power
 from doppelgait.radar.link import MIN_RANGE_M
@@ -25,14 +25,7 @@ from doppelgait.scene.environment.materials import (
     slab_spreading,
     te_share,
 )
-from doppelgait.scene.environment.reflections import (
-    ComplexArray,
-    FloatArray,
-    direct_rays,
-    phase_of,
-    rate_per_s,
-    with_values,
-)
+from doppelgait.scene.environment.reflections import ComplexArray, FloatArray, direct_rays, phase_of, rate_per_s
 from doppelgait.scene.environment.registry import Setting
 
 
@@ -148,7 +141,7 @@ def apply_wall(scatterers: xr.Dataset, spec: Wall, setting: Setting) -> xr.Datas
         cosine, scatterers["range"].values, permittivity=permittivity, thickness_m=spec.thickness_m or 0.0
     )
     delayed = _lengthen(scatterers, delay_m, rate_per_s(delay_m, axis(scatterers, "slow_time")), behind)
-    return with_values(
+    return replace_values(
         delayed,
         path_gain=delayed["path_gain"].values * np.where(behind, gain, 1.0),
         path_phase=phase_of(scatterers) + np.where(behind, rest_rad, 0.0),
@@ -179,7 +172,7 @@ def wall_insertion(
 def _apply_measured(scatterers: xr.Dataset, spec: Wall, behind: np.ndarray | np.bool_) -> xr.Dataset:
     gain = float(db_to_power(-2.0 * (spec.loss_db or 0.0)))
     delayed = _lengthen(scatterers, np.asarray(spec.delay_m or 0.0), np.asarray(0.0), behind)
-    return with_values(delayed, path_gain=delayed["path_gain"].values * np.where(behind, gain, 1.0))
+    return replace_values(delayed, path_gain=delayed["path_gain"].values * np.where(behind, gain, 1.0))
 
 
 def _lengthen(
@@ -190,7 +183,7 @@ def _lengthen(
     after_m = before_m + np.where(behind, delay_m, 0.0)
     ratio = np.maximum(after_m, MIN_RANGE_M) / np.maximum(before_m, MIN_RANGE_M)
     squared = ratio * ratio
-    return with_values(
+    return replace_values(
         scatterers,
         range=after_m,
         path_gain=scatterers["path_gain"].values * (squared * squared),
