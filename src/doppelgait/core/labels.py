@@ -225,7 +225,7 @@ def label_values(dims: Any, values: npt.ArrayLike, attrs: Mapping[str, Any] | No
 
 
 def label_table(
-    values: Mapping[str, npt.NDArray[Any]], coords: Mapping[str, Any], attrs: Mapping[str, Any] | None = None
+    values: Mapping[str, npt.NDArray[Any]], coords: Mapping[Any, Any], attrs: Mapping[Any, Any] | None = None
 ) -> xr.Dataset:
     """Make a table of scatterers, with units.
 
@@ -242,8 +242,8 @@ def label_table(
 
 def replace_values(table: xr.Dataset, **values: npt.NDArray[Any]) -> xr.Dataset:
     """Return a table of scatterers with some variables replaced or added."""
-    variables = {**table.data_vars.variables, **_scatterer_variables(values)}
-    return xr.Dataset(variables, coords=table.coords.variables, attrs=table.attrs)
+    variables: dict[Any, xr.Variable] = dict(table.data_vars.variables)
+    return xr.Dataset(variables | _scatterer_variables(values), coords=table.coords.variables, attrs=table.attrs)
 
 
 def select_scatterers(table: xr.Dataset, columns: npt.NDArray[Any], *, copy: bool = False) -> xr.Dataset:
@@ -275,7 +275,7 @@ def select_scatterers(table: xr.Dataset, columns: npt.NDArray[Any], *, copy: boo
     return xr.Dataset(variables, coords=coords, attrs=table.attrs)
 
 
-def _scatterer_variables(values: Mapping[str, npt.NDArray[Any]]) -> dict[str, xr.Variable]:
+def _scatterer_variables(values: Mapping[str, npt.NDArray[Any]]) -> dict[Any, xr.Variable]:
     dims = ("slow_time", "scatterer")
     units = ({"units": SCATTERER_VARIABLES[name]} if name in SCATTERER_VARIABLES else None for name in values)
     return {name: label_values(dims, array, unit) for (name, array), unit in zip(values.items(), units, strict=True)}
