@@ -13,7 +13,7 @@ from doppelgait.core.rng import Streams
 from doppelgait.features import FEATURE_UNITS, FEATURES, Extraction, GaitFeatures
 from doppelgait.features.extended import feature_table, measure_extended
 from doppelgait.features.feature_set import NEEDS
-from doppelgait.features.observed import REASONS, Observed, likeness_at, limits
+from doppelgait.features.observed import REASONS, Observed, likeness_at
 from doppelgait.features.uncertainty import uncertainties_of
 from doppelgait.motion.models.boulic import boulic_walk
 from doppelgait.pipeline import analyze, simulate
@@ -72,11 +72,6 @@ def test_strength_variation_takes_the_range_out():
     swing = 1.0 + 0.5 * np.sin(2 * np.pi * 2.0 * T)
     values = line_at(1.0) * (swing / range_m**4)[:, None]
     assert extended_of(values, 1.0, range_m=range_m)["strength_variation"] == pytest.approx(0.5 / np.sqrt(2), rel=0.01)
-
-
-def test_limits_are_those_of_percentile():
-    values = np.random.default_rng(0).normal(size=317)
-    np.testing.assert_allclose(limits(values), np.percentile(values, (5, 95)), rtol=1e-12)
 
 
 # --- Torso --------------------------------------------------------------------------------------------------------

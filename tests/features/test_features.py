@@ -16,7 +16,6 @@ from doppelgait.features import (
 )
 from doppelgait.features.doppler import (
     bandwidth_threshold_hz,
-    envelope_width_hz,
     envelopes_hz,
     noise_quantile,
     raised_by_noise_v2,
@@ -267,6 +266,16 @@ def block_signature(low, high, floor, k=200, n_columns=100):
     return make_array(SIGNATURE, values, coords, {"n_gate_bins": 16})
 
 
+def envelope_width_hz(mu, floor_v2):
+    mu = mu.assign_attrs(wavelength_m=WAVELENGTH_M)
+    observed = Observed(
+        signature=mu, floor_v2=floor_v2, main_line_hz=np.zeros(mu.sizes["time"]),
+        excess=None, n_independent=25.0, aligned=None, rows=None, cadence_parts=None, strongest_v2=None, peaks_hz=None,
+        spectrum=None, observation_s=0.4,
+    )  # fmt: skip
+    return observed.envelope_width_hz
+
+
 def test_envelope_is_the_1_and_99_per_cent_quantile_of_the_power_above_the_noise_e35():
     mu = block_signature(50, 149, 0.01)
     low, high = envelopes_hz(mu, 0.01)
@@ -274,12 +283,12 @@ def test_envelope_is_the_1_and_99_per_cent_quantile_of_the_power_above_the_noise
     # 100 equal cells: 1 % is reached in the first, 99 % in the 99th
     assert np.abs(low - doppler_hz[50]).max() <= 5.0
     assert np.abs(high - doppler_hz[148]).max() <= 5.0
-    assert envelope_width_hz(*envelopes_hz(mu, 0.01)) == pytest.approx(98 * 5.0, abs=5.0)
+    assert envelope_width_hz(mu, 0.01) == pytest.approx(98 * 5.0, abs=5.0)
     # cells that noise alone reaches do not count
     faint = mu.copy(data=np.where(mu.values > 0.5, mu.values, 0.0199))
-    assert envelope_width_hz(*envelopes_hz(faint, 0.01)) == envelope_width_hz(*envelopes_hz(mu, 0.01))
+    assert envelope_width_hz(faint, 0.01) == envelope_width_hz(mu, 0.01)
     strong = mu.copy(data=np.where(mu.values > 0.5, mu.values, 0.5))
-    assert envelope_width_hz(*envelopes_hz(strong, 0.01)) > 150 * 5.0
+    assert envelope_width_hz(strong, 0.01) > 150 * 5.0
 
 
 @pytest.mark.parametrize("n_bins", [1.0, 1.37, 4.0])
@@ -314,13 +323,13 @@ def test_bandwidth_is_between_the_95th_and_5th_percentiles_over_time_e35():
     high = np.full(100, 109)
     high[:3], high[3:13] = 190, 150
     mu = block_signature(np.full(100, 100), high, 0.0)
-    assert envelope_width_hz(*envelopes_hz(mu, 0.0)) == pytest.approx(50 * 5.0, abs=10.0)
+    assert envelope_width_hz(mu, 0.0) == pytest.approx(50 * 5.0, abs=10.0)
 
 
 def test_bandwidth_needs_signal_in_half_of_the_columns_e35():
     mu = block_signature(100, 109, 0.01)
     mu.values[:60] = 0.01
-    assert envelope_width_hz(*envelopes_hz(mu, 0.01)) is None
+    assert envelope_width_hz(mu, 0.01) is None
     low, _ = envelopes_hz(mu, 0.01)
     assert np.isnan(low[:60]).all()
     assert np.isfinite(low[60:]).all()

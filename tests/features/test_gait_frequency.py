@@ -229,8 +229,8 @@ def test_one_standard_deviation_of_noise_is_taken_off_every_limb_cell():
 
 
 def test_groups_are_sums_and_drop_the_rest():
-    np.testing.assert_array_equal(grouped(np.arange(8.0), 3), [3.0, 12.0])
-    np.testing.assert_array_equal(grouped(np.arange(8.0).reshape(4, 2), 2), [[2, 4], [10, 12]])
+    np.testing.assert_array_equal(grouped(np.arange(8.0)[:, None], 3), [[3.0], [12.0]])
+    np.testing.assert_array_equal(grouped(np.arange(8.0).reshape(4, 2), 2, 2), [[6], [22]])
 
 
 # --- Exact frequency ----------------------------------------------------------------------------------------------

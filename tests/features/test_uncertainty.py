@@ -96,7 +96,7 @@ def test_bandwidth_sd_is_a_jackknife_over_groups_of_periods():
     rng = np.random.default_rng(6)
     ahead = 1.5 + 0.5 * np.sin(2 * np.pi * 2.0 * T) + np.repeat(rng.normal(scale=0.5, size=10), 63)[: T.size]
     observed = with_extraction(evidence_of(block(0.5, 1.5 + ahead), 1.5), extraction_of(1.5, 2.0))
-    above = observed.above_width_level
+    above = observed.excess.values >= observed.raised_level_v2[:, None]
     edges = np.rint(np.arange(11) * 62.5).astype(int)
     groups = [[b for b in range(10) if (g * 10) // 8 <= b < ((g + 1) * 10) // 8] for g in range(8)]
     bin_mps = observed.velocity_mps[1] - observed.velocity_mps[0]

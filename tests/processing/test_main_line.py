@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from doppelgait.core.kernels.columns import follow_ridge
+from doppelgait.core.kernels.lines import follow_ridge
 from doppelgait.core.labels import SIGNATURE, make_array
 from doppelgait.processing import align, line_order, main_line_hz, needs_alignment
 from doppelgait.processing.main_line import settle_velocity, torso_velocity_mps, track_velocity

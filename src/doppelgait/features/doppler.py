@@ -16,7 +16,6 @@ from doppelgait.features.measures import quantile
 FloatArray = npt.NDArray[np.float64]
 
 POWER_QUANTILES = (0.01, 0.99)
-TIME_SHARES = (0.05, 0.95)
 DETECTION_SIGMAS = 4.0
 WIDTH_LEVEL = 0.03
 """Share of the body's power, 15 dB below: feet in full swing reach it, noise of a person at 5 m does not."""
@@ -113,31 +112,10 @@ def width_of_bins(share: FloatArray) -> float | None:
     share : ndarray, shape (K,)
         Share of the time during which each bin exceeds the level.
     """
-    best = int(share.argmax())
-    if not share[best] >= WIDTH_SHARE:
-        return None
-    width = 0.0
-    for side in (share[best::-1], share[best:]):
-        below = side < WIDTH_SHARE
-        n = int(below.argmax())
-        if below[n]:
-            width += n - (WIDTH_SHARE - side[n]) / (side[n - 1] - side[n])
-        else:
-            width += side.size - 1  # as far as the axis goes
-    return float(width)
+    from doppelgait.core.kernels.columns import run_above
 
-
-def envelope_width_hz(low_hz: FloatArray, high_hz: FloatArray) -> float | None:
-    """Compute the bandwidth between the envelopes (E-35b).
-
-    It is the 95th percentile over time of the upper envelope minus the 5th of the lower.
-
-    None where less than half of the columns stand above the noise.
-    """
-    seen = np.isfinite(low_hz)
-    if seen.mean() < 0.5:
-        return None
-    return quantile(high_hz[seen], TIME_SHARES[1]) - quantile(low_hz[seen], TIME_SHARES[0])
+    width = run_above(np.ascontiguousarray(share), WIDTH_SHARE)
+    return None if width < 0.0 else width
 
 
 def bandwidth_threshold_hz(mean_spectrum: FloatArray, doppler_hz: FloatArray, *, threshold: float) -> float:

@@ -19,9 +19,8 @@ from functools import partial
 import numpy as np
 
 from doppelgait.core.plugins import plugin
-from doppelgait.features.doppler import envelope_width_hz
 from doppelgait.features.feature_set import FEATURES, FloatArray
-from doppelgait.features.observed import TORSO_BAND_MPS, Observed, likeness_at, limits
+from doppelgait.features.observed import TORSO_BAND_MPS, Observed, likeness_at
 
 UNDETERMINED = "undetermined"
 
@@ -101,45 +100,43 @@ def bandwidth_envelope_hz(observed: Observed) -> float | None:
     It is the 95th percentile over time of the upper envelope minus the 5th of the lower: of all that stands above the
     noise, so that it depends on the noise.
     """
-    return envelope_width_hz(*observed.envelopes_hz)
+    return observed.envelope_width_hz
 
 
 @plugin("feature", "forward_envelope_mean_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
 def forward_mean_mps(observed: Observed) -> float:
     """Measure the leading envelope's mean reach ahead of the main line."""
-    return float(observed.forward_mps.mean())
+    return observed.edges.lead_mean_mps
 
 
 @plugin("feature", "backward_envelope_mean_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
 def backward_mean_mps(observed: Observed) -> float:
     """Measure the trailing envelope's mean reach behind the main line."""
-    return float(observed.backward_mps.mean())
+    return observed.edges.lag_mean_mps
 
 
 @plugin("feature", "forward_envelope_sd_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
 def forward_sd_mps(observed: Observed) -> float:
     """Measure the leading envelope's standard deviation about the main line."""
-    return float(observed.forward_mps.std())
+    return observed.edges.lead_sd_mps
 
 
 @plugin("feature", "backward_envelope_sd_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
 def backward_sd_mps(observed: Observed) -> float:
     """Measure the trailing envelope's standard deviation about the main line."""
-    return float(observed.backward_mps.std())
+    return observed.edges.lag_sd_mps
 
 
 @plugin("feature", "forward_envelope_range_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
 def forward_range_mps(observed: Observed) -> float:
     """Measure the leading envelope's 5 to 95 % range over time."""
-    low, high = observed.forward_limits_mps
-    return high - low
+    return observed.edges.lead_high_mps - observed.edges.lead_low_mps
 
 
 @plugin("feature", "backward_envelope_range_mps", unit="m/s", source=BJORKLUND, needs=SIDES)
 def backward_range_mps(observed: Observed) -> float:
     """Measure the trailing envelope's 5 to 95 % range over time."""
-    low, high = observed.backward_limits_mps
-    return high - low
+    return observed.edges.lag_high_mps - observed.edges.lag_low_mps
 
 
 @plugin("feature", "envelope_asymmetry", unit="1", source="ours: bandwidth ahead against behind (E-35b)", needs=SIDES)
@@ -148,15 +145,14 @@ def asymmetry(observed: Observed) -> float | None:
 
     Their difference over their sum; 95th percentiles over time, -1 to 1.
     """
-    ahead = observed.forward_limits_mps[1]
-    behind = observed.backward_limits_mps[1]
+    ahead, behind = observed.edges.lead_high_mps, observed.edges.lag_high_mps
     return (ahead - behind) / (ahead + behind) if ahead > 0 and behind > 0 else None
 
 
 @plugin("feature", "envelope_offset_mps", unit="m/s", source=KIM_LING, needs=SIDES)
 def offset_mps(observed: Observed) -> float:
     """Measure the envelopes' mean middle ahead of the main line."""
-    return float((observed.forward_mps - observed.backward_mps).mean()) / 2.0
+    return (observed.edges.lead_mean_mps - observed.edges.lag_mean_mps) / 2.0
 
 
 @plugin("feature", "torso_bandwidth_mps", unit="m/s", source=KIM_LING, needs=("envelope",))
@@ -165,7 +161,7 @@ def torso_bandwidth_mps(observed: Observed) -> float:
 
     It is the 5th percentile over time: the body without its swings.
     """
-    return limits(observed.width_mps)[0]
+    return observed.edges.least_width_mps
 
 
 @plugin("feature", "strength_variation", unit="1", source=KIM_LING)
@@ -174,9 +170,8 @@ def strength_variation(observed: Observed) -> float | None:
 
     It is standard deviation over mean over time, with range removed (E-28).
     """
-    power = observed.near_power_v2
-    mean = float(power.mean())
-    return float(power.std()) / mean if mean > 0 else None
+    power, _, _ = observed.about_line
+    return power.near_sd_v2 / power.near_mean_v2 if power.near_mean_v2 > 0 else None
 
 
 @plugin(
@@ -191,10 +186,11 @@ def periodicity(observed: Observed) -> float | None:
 
     Normalised, of one gait period, at most 1 (E-33).
     """
-    if not observed.seen.all():  # the width is known at every column or the lag means nothing
+    if observed.edges.seen_share < 1.0:  # the width is known at every column or the lag means nothing
         return None
-    width = observed.width_mps
-    return likeness_at(width - width.mean(), observed.rate_hz / observed.frequency_hz)
+    low_hz, high_hz = observed.envelopes_hz
+    width_hz = high_hz - low_hz
+    return likeness_at(width_hz - width_hz.mean(), observed.rate_hz / observed.frequency_hz)
 
 
 @plugin("feature", "swing_duty", unit="1", source="ours: duration of limb spikes (E-35b)", needs=SIDES)
@@ -203,10 +199,9 @@ def swing_duty(observed: Observed) -> float | None:
 
     The leading envelope is then beyond the middle of its range.
     """
-    low, high = observed.forward_limits_mps
-    if high - low < 2.0 * observed.bin_mps:
+    if observed.edges.lead_high_mps - observed.edges.lead_low_mps < 2.0 * observed.bin_mps:
         return None
-    return float((observed.forward_mps > (low + high) / 2.0).mean())
+    return observed.edges.swing_share
 
 
 # Power and cadence ---------------------------------------------------------------------------------------------------
@@ -216,21 +211,22 @@ BAND_SOURCE = "ours: power shares by velocity about the main line"
 CADENCE_SOURCE = "moments of the cadence spectrum S (E-32); cadence-velocity features as in Björklund et al. 2015"
 
 
-def _share(power_v2: FloatArray, observed: Observed) -> float | None:
-    total = float(observed.total_power_v2.sum())
-    return float(power_v2.sum()) / total if total > 0 else None
+def _share(power_v2: float, observed: Observed) -> float | None:
+    total = observed.about_line[0].total_v2
+    return power_v2 / total if total > 0 else None
 
 
 @plugin("feature", "torso_share", unit="1", source=BAND_SOURCE)
 def torso_share(observed: Observed) -> float | None:
     """Measure the power share within 0.4 m/s of the main line."""
-    return _share(observed.torso_power_v2, observed)
+    return _share(observed.about_line[0].torso_v2, observed)
 
 
 @plugin("feature", "limb_share", unit="1", source=BAND_SOURCE)
 def limb_share(observed: Observed) -> float | None:
     """Measure the power share 0.4 to 1.6 m/s from the line."""
-    return _share(observed.near_power_v2 - observed.torso_power_v2, observed)
+    power, _, _ = observed.about_line
+    return _share(power.near_v2 - power.torso_v2, observed)
 
 
 @plugin("feature", "far_limb_share", unit="1", source=BAND_SOURCE)
@@ -239,7 +235,8 @@ def far_limb_share(observed: Observed) -> float | None:
 
     It is that of feet in full swing, and of paws.
     """
-    return _share(observed.total_power_v2 - observed.near_power_v2, observed)
+    power, _, _ = observed.about_line
+    return _share(power.total_v2 - power.near_v2, observed)
 
 
 @plugin("feature", "stance_share", unit="1", source="ours: power of standing feet")
@@ -254,7 +251,7 @@ def stance_share(observed: Observed) -> float | None:
     rows = np.flatnonzero(share)
     inside = slice(rows[0], rows[-1] + 1) if rows.size else slice(0)
     power = observed.power_v2[:, inside] @ share[inside] - observed.floor_v2 * share.sum()
-    return _share(power * observed.range_weight, observed)
+    return _share(float(power @ observed.range_weight), observed)
 
 
 @plugin("feature", "entropy_width_mps", unit="m/s", source="Shannon entropy of the mean Doppler spectrum")
@@ -340,7 +337,7 @@ MIN_LIKENESS = 0.1
 @plugin("feature", "torso_ripple_mps", unit="m/s", source=TORSO_LINE, needs=("line",))
 def ripple_mps(observed: Observed) -> float:
     """Measure the RMS torso velocity about its slow part."""
-    return float(np.sqrt(np.mean(observed.torso_ripple_mps**2)))
+    return observed.torso_ripple_rms_mps
 
 
 @plugin("feature", "torso_ripple_gait_mps", unit="m/s", source=TORSO_LINE, needs=("gait_frequency", "line"))
@@ -365,8 +362,7 @@ def _component_mps(observed: Observed, number: int) -> float:
 
     f/2, f, 3f/2 and 2f are fitted together, so that the leakage of one does not read as another.
     """
-    orders, amplitude = observed.ripple_parts
-    return float(np.sqrt(0.5 * np.sum(amplitude[:, orders.index(number)] ** 2)))
+    return math.sqrt(0.5) * observed.ripple_parts[number]
 
 
 @plugin("feature", "alternate_likeness", unit="1", source=PERIODS, needs=("gait_frequency",))

@@ -16,7 +16,6 @@ from doppelgait.core.units import doppler_to_velocity_mps, power_to_db
 from doppelgait.features.doppler import (
     LEAST_NOISE_SIGMAS,
     bandwidth_threshold_hz,
-    envelope_width_hz,
     single_tone_width_hz,
     strongest_cells_v2,
     width_of_bins,
@@ -88,7 +87,7 @@ def extract(observed: Observed, *, bandwidth_threshold: float, cpi_s: float, win
     velocity_mps = float(doppler_to_velocity_mps(torso_hz, wavelength_m))
     gait = gait_frequency(observed.aligned, observed.excess, observed.floor_v2, velocity_mps=velocity_mps)
     bandwidth_hz = _measure_bandwidth_hz(observed, flags)
-    full_hz = envelope_width_hz(*observed.envelopes_hz)
+    full_hz = observed.envelope_width_hz
     if full_hz is not None and full_hz > FULL_BAND_SHARE * float(observed.signature.attrs["prf_hz"]):
         flags.append("doppler_band_full:aliasing_is_possible")
     frequency_hz = _check_frequency(gait, observed.signature.attrs, flags)
@@ -125,8 +124,8 @@ def _measure_bandwidth_hz(observed: Observed, flags: list[str]) -> float | None:
     if quantile(observed.width_level_v2, 0.5) < LEAST_NOISE_SIGMAS * observed.noise_sd_v2:
         flags.append("doppler_bandwidth:noise_above_its_level")
         return None
-    above = observed.above_width_level
-    width = width_of_bins(above.sum(axis=0).astype(np.float64) / above.shape[0])
+    n_columns = observed.power_v2.shape[0]
+    width = width_of_bins(observed.counts_above_level(np.array([0, n_columns]))[0] / n_columns)
     if width is None or not observed.width_level_v2.any():
         flags.append("doppler_bandwidth:signal_in_too_few_columns")
         return None

@@ -22,7 +22,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from doppelgait.core.labels import Plain, axis, sampling_rate_hz
-from doppelgait.features.limbs import detrended, group_size, grouped, limb_rows, slowed, summed_rows
+from doppelgait.features.limbs import Rows, detrended, group_size, limb_rows, slowed, summed_rows
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -36,7 +36,6 @@ WHITENING = 0.7
 """Coefficient of the first-order whitening filter at 40 columns a second."""
 WEAK_ROW = 1e-3
 """Rows weaker than this part of the strongest one lose their equal weight: without noise they are rounding errors."""
-TINY = 1e-300
 PADDING = 8
 SLOWEST_MPS = 0.25
 """Torso velocities below this say nothing about the length of a step."""
@@ -173,22 +172,25 @@ def rhythms_of(aligned: xr.DataArray | Plain, excess: xr.DataArray | Plain, floo
     """Measure the four sets of rows: whole, whitened, limbs, whitened."""
     slow = slowed(aligned)
     wide = summed_rows(slow, slow.bin_hz)
-    limbs = limb_rows(slow, _cell_noise(aligned, excess, floor_v2))
+    limbs = limb_rows(slow, _cell_noise(slow, aligned, excess, floor_v2))
     return measure_rhythms([detrended(wide.values, wide.rate_hz), limbs.values], wide.rate_hz)
 
 
-def _cell_noise(aligned: xr.DataArray | Plain, excess: xr.DataArray | Plain, floor_v2: float) -> FloatArray:
+def _cell_noise(slow: Rows, aligned: xr.DataArray | Plain, excess: xr.DataArray | Plain, floor_v2: float) -> FloatArray:
     """Compute the noise of a cell in averaged columns.
 
     It is the standard deviation in each column of :func:`slowed`; shape (J',).
 
     Columns that are averaged overlap nearly whole, so that their noise is one and the same.
     """
+    from doppelgait.core.kernels.features import positive_sums
+
     cell_v2 = floor_v2 / math.sqrt(max(1.0, float(excess.attrs["n_gate_bins"])))
-    size = group_size(sampling_rate_hz(axis(aligned, "time")))
-    total_v2 = grouped(np.einsum("jk->j", np.maximum(excess.values, 0.0)).astype(np.float64), size)
-    weight = grouped(np.einsum("jk->j", aligned.values), size)
-    return cell_v2 * np.divide(weight, total_v2, out=np.zeros(total_v2.size), where=total_v2 > 0)
+    size, total_v2 = group_size(sampling_rate_hz(axis(aligned, "time"))), np.empty(slow.values.shape[0])
+    positive_sums(np.ascontiguousarray(excess.values), size, total_v2)
+    weight = slow.values.sum(axis=1)
+    weight *= cell_v2 * size
+    return np.asarray(np.divide(weight, total_v2, out=np.zeros(total_v2.size), where=total_v2 > 0))
 
 
 def measure_rhythms(rows: Sequence[FloatArray], rate_hz: float) -> tuple[Rhythm, ...]:
@@ -211,49 +213,41 @@ def measure_rhythms(rows: Sequence[FloatArray], rate_hz: float) -> tuple[Rhythm,
     """
     from scipy import fft
 
-    values = np.concatenate(rows, axis=1)
-    n_columns = values.shape[0]
-    length, padded = (fft.next_fast_len(times * n_columns, real=True) for times in (2, PADDING))
-    parts = fft.rfft(values, length, axis=0).view(np.float64)  # real and imaginary, side by side
-    whitened = values.copy()
-    whitened[1:] -= WHITENING * values[:-1]
-    whitened *= whitened
-    energy, first = whitened.sum(axis=0), 0
-    sums = np.zeros((values.shape[1], 2 * len(rows)))  # which rows each result adds up, and with which weight
-    for number, some in enumerate(rows):
-        of_set = slice(first, first + some.shape[1])
-        sums[of_set, 2 * number] = 1.0
-        sums[of_set, 2 * number + 1] = 1.0 / (energy[of_set] + WEAK_ROW * energy[of_set].max(initial=0.0) + TINY)
-        first = of_set.stop
-    response, lag_window = _responses(n_columns, length)
-    powers = np.square(parts, out=parts) @ np.repeat(sums, 2, axis=0)
-    powers[:, 1::2] *= response
-    until = np.zeros((n_columns + 1, sums.shape[1]))
-    np.cumsum(values**2 @ sums[:, ::2], axis=0, out=until[1:, ::2])
-    np.cumsum(whitened @ sums[:, 1::2], axis=0, out=until[1:, 1::2])
-    products = fft.irfft(powers, length, axis=0)[:n_columns]
-    both = until[:0:-1] + (until[-1] - until[:-1])
-    likeness = np.divide(2.0 * products, both, out=np.zeros(both.shape), where=both > 0)
-    windowed = products * lag_window
-    spectra = np.maximum(2.0 * fft.rfft(windowed, padded, axis=0).real - windowed[0], 0.0)
-    step_hz = rate_hz / padded
-    totals = spectra[int(LOWEST_HZ / step_hz) + 1 :].sum(axis=0) * (step_hz * n_columns / rate_hz)
-    shares = spectra / np.where(totals > 0, totals, 1.0)
-    return tuple(
-        Rhythm(np.ascontiguousarray(of_one), rate_hz, np.ascontiguousarray(share), step_hz)
-        for of_one, share in zip(likeness.T, shares.T, strict=True)
+    from doppelgait.core.kernels.periodicity import (
+        likeness_of_products,
+        powers_of_pairs,
+        shares_of_lines,
+        weigh_rows,
     )
+
+    values, stops = np.concatenate(rows, axis=1), np.cumsum([some.shape[1] for some in rows])
+    (n_columns, n_rows), n_series = values.shape, 2 * len(rows)
+    length, padded, window = _lengths(n_columns)
+    # two rows make one of complex numbers
+    pairs, weight = np.empty((length, (n_rows + 1) // 2), dtype=np.complex128), np.empty(n_rows)
+    until = np.empty((n_series, n_columns + 1))
+    weigh_rows(values, stops, WHITENING, WEAK_ROW, pairs.view(np.float64), weight, until)
+    lines = fft.fft(pairs, axis=0, overwrite_x=True).view(np.float64)
+    powers = np.empty((n_series, length // 2 + 1), dtype=np.complex128)
+    powers_of_pairs(lines, stops, weight, WHITENING, powers)
+    products, likeness = np.fft.irfft(powers, length), np.empty((n_series, n_columns))
+    likeness_of_products(products, until, window, likeness)
+    spectra, step_hz = np.fft.rfft(products[:, :n_columns], padded), rate_hz / padded
+    share = np.empty(spectra.shape)
+    shares_of_lines(spectra, products, int(LOWEST_HZ / step_hz) + 1, step_hz * n_columns / rate_hz, share)
+    return tuple(Rhythm(of_one, rate_hz, spectrum, step_hz) for of_one, spectrum in zip(likeness, share, strict=True))
 
 
 @lru_cache(maxsize=8)
-def _responses(n_columns: int, length: int) -> tuple[FloatArray, FloatArray]:
-    """Compute the whitening's response and a Hann window over lag.
+def _lengths(n_columns: int) -> tuple[int, int, FloatArray]:
+    """Return lengths of transforms and a Hann window over lag.
 
-    Shapes (length / 2 + 1, 1) and (J, 1); the window keeps side lobes below 2.5 %.
+    The window has the shape (J,) and keeps side lobes below 2.5 %.
     """
-    turn = np.cos(2.0 * np.pi * np.arange(length // 2 + 1) / length)
-    window = 0.5 + 0.5 * np.cos(np.pi * np.arange(n_columns) / n_columns)
-    return (1.0 + WHITENING**2 - 2.0 * WHITENING * turn)[:, None], window[:, None]
+    from scipy import fft
+
+    length, padded = (fft.next_fast_len(times * n_columns, real=True) for times in (2, PADDING))
+    return length, padded, 0.5 + 0.5 * np.cos(np.pi * np.arange(n_columns) / n_columns)
 
 
 def terms_of(rhythms: tuple[Rhythm, ...], velocity_mps: float) -> tuple[FloatArray, FloatArray]:
@@ -308,7 +302,7 @@ def _salience(rhythm: Rhythm, frequency_hz: float, seconds: float) -> float:
 
 @lru_cache(maxsize=16)
 def _parabola(first: int, stop: int) -> FloatArray:
-    """Compute what fits a parabola to values at whole places; shape (3, places)."""
+    """Compute the matrix of a parabola's fit; shape (3, places)."""
     return np.asarray(np.linalg.pinv(np.vander(np.arange(first, stop, dtype=np.float64), 3)))
 
 

@@ -5,6 +5,7 @@ Steps show in them, and the body's sway does not.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -69,16 +70,16 @@ def group_size(rate_hz: float) -> int:
     return max(1, int(rate_hz / COLUMN_RATE_HZ))
 
 
-def grouped(values: FloatArray, size: int) -> FloatArray:
-    """Sum groups along the first axis.
+def grouped(values: FloatArray, n_columns: int, n_rows: int = 1) -> FloatArray:
+    """Sum groups of columns and of rows.
 
-    An incomplete last group is dropped.
+    Incomplete last groups are dropped.
     """
-    stop = values.shape[0] // size * size
-    total = values[0:stop:size].copy()
-    for first in range(1, size):  # strided views added up: faster than a sum over an axis of three
-        total += values[first:stop:size]
-    return total
+    from doppelgait.core.kernels.features import sum_groups
+
+    found = np.empty((values.shape[0] // n_columns, values.shape[1] // n_rows))
+    sum_groups(np.ascontiguousarray(values), n_columns, n_rows, found)
+    return found
 
 
 def torso_line_hz(rows: Rows) -> FloatArray:
@@ -97,15 +98,13 @@ def torso_line_hz(rows: Rows) -> FloatArray:
         ``t[j] = sum F u^2 / sum u^2`` over the cells within 40 Hz of the median column peak, circular in Doppler, then
         a Gaussian of 60 ms standard deviation. A column without power there has the median.
     """
-    from scipy.ndimage import gaussian_filter1d
+    from doppelgait.core.kernels.lines import torso_line
 
-    middle = int(np.median(rows.values.argmax(axis=1)))
-    reach = min(int(TORSO_BAND_HZ / rows.bin_hz), (rows.doppler_hz.size - 1) // 2)
-    offset = np.arange(-reach, reach + 1)
-    power = rows.values.take(middle + offset, axis=1, mode="wrap") ** 2
-    total = power.sum(axis=1)
-    centroid_hz = np.divide(power @ (offset * rows.bin_hz), total, out=np.zeros(total.size), where=total > 0)
-    return np.asarray(rows.doppler_hz[middle] + gaussian_filter1d(centroid_hz, TORSO_SMOOTHING_S * rows.rate_hz))
+    reach, line = min(int(TORSO_BAND_HZ / rows.bin_hz), (rows.doppler_hz.size - 1) // 2), np.empty(len(rows.values))
+    middle = torso_line(np.ascontiguousarray(rows.values), reach, TORSO_SMOOTHING_S * rows.rate_hz, line)
+    line *= rows.bin_hz
+    line += rows.doppler_hz[middle]
+    return line
 
 
 def limb_rows(rows: Rows, noise: FloatArray) -> Rows:
@@ -127,8 +126,7 @@ def limb_rows(rows: Rows, noise: FloatArray) -> Rows:
         mean does not stand 3 standard deviations above what noise leaves are 0; neighbours summed to 16 Hz; square
         root, so that the weak echoes of fast limbs count next to the strong ones of slow ones.
     """
-    from doppelgait.core.kernels.features import shift_columns
-    from doppelgait.core.kernels.periodicity import limb_amplitudes
+    from doppelgait.core.kernels.features import limb_amplitudes, shift_columns
 
     zero, bin_hz = int(np.abs(rows.doppler_hz).argmin()), rows.bin_hz
     shift = torso_line_hz(rows) / bin_hz
@@ -139,26 +137,31 @@ def limb_rows(rows: Rows, noise: FloatArray) -> Rows:
     )
     # rows that stand above the noise: as E-38, for cells that were clipped at the floor
     independent = max(1.0, noise.size / rows.rate_hz / INDEPENDENT_AFTER_S)
-    spread = CLIPPED_SD * float(np.sqrt((noise**2).mean() / independent))
-    occupied = np.asarray(moved.mean(axis=0) - CLIPPED_MEAN * noise.mean() > OCCUPIED_SIGMAS * spread)
-    torso = int(TORSO_WIDTH_HZ / bin_hz)
-    below = _groups(0, max(zero - torso, 0), bin_hz)
-    above = _groups(min(zero + torso + 1, rows.doppler_hz.size), rows.doppler_hz.size, bin_hz)
-    starts, stops = np.concatenate([below[0], above[0]]), np.concatenate([below[1], above[1]])
+    spread = CLIPPED_SD * math.sqrt(float(noise @ noise) / noise.size / independent)
+    starts, stops, centre_hz = _limb_groups(rows.doppler_hz.size, zero, float(rows.doppler_hz[zero]), bin_hz)
     amplitude = np.empty((noise.size, starts.size))
-    limb_amplitudes(moved, occupied, noise, starts, stops, amplitude)
-    centre_hz = (rows.doppler_hz[starts] + rows.doppler_hz[stops - 1]) / 2.0
+    limb_amplitudes(
+        moved, noise, CLIPPED_MEAN * float(noise.mean()), OCCUPIED_SIGMAS * spread, starts, stops, amplitude
+    )
     return Rows(detrended(amplitude, rows.rate_hz), centre_hz, rows.rate_hz)
 
 
-def _groups(first: int, stop: int, bin_hz: float) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return the limits of groups of about 16 Hz.
+@lru_cache(maxsize=8)
+def _limb_groups(
+    n_rows: int, zero: int, zero_hz: float, bin_hz: float
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], FloatArray]:
+    """Return groups of about 16 Hz on either side of the torso.
 
-    First row of every group and one past its last; an incomplete group is dropped.
+    First row of every group, one past its last, and the Doppler of its middle; incomplete groups are dropped.
     """
-    size = min(_group_rows(bin_hz), max(stop - first, 1))
-    starts = first + size * np.arange((stop - first) // size)
-    return starts, starts + size
+    torso, size = int(TORSO_WIDTH_HZ / bin_hz), _group_rows(bin_hz)
+    starts, stops = [], []
+    for first, stop in ((0, max(zero - torso, 0)), (min(zero + torso + 1, n_rows), n_rows)):
+        some = min(size, max(stop - first, 1))
+        starts.append(first + some * np.arange((stop - first) // some))
+        stops.append(starts[-1] + some)
+    low, high = np.concatenate(starts), np.concatenate(stops)
+    return low, high, zero_hz + bin_hz * ((low + high - 1) / 2.0 - zero)
 
 
 def _group_rows(bin_hz: float) -> int:
@@ -168,18 +171,20 @@ def _group_rows(bin_hz: float) -> int:
 def summed_rows(rows: Rows, bin_hz: float) -> Rows:
     """Sum neighbouring rows to about 16 Hz each."""
     size = min(_group_rows(bin_hz), max(rows.values.shape[1], 1))
-    values = np.ascontiguousarray(grouped(rows.values.T, size).T)
-    return Rows(values, grouped(rows.doppler_hz, size) / size, rows.rate_hz)
+    doppler_hz = rows.doppler_hz[: rows.doppler_hz.size // size * size]
+    return Rows(grouped(rows.values, 1, size), doppler_hz.reshape(-1, size).mean(axis=1), rows.rate_hz)
 
 
 def detrended(values: FloatArray, rate_hz: float) -> FloatArray:
     """Remove every row's least-squares polynomial (E-31).
 
-    The order is round(1.2 T_o), 1 to 6.
+    The order is round(1.2 T_o), 1 to 6; the values are overwritten.
     """
-    order = int(np.clip(round(1.2 * values.shape[0] / rate_hz), 1, 6))
-    basis = _orthonormal_basis(values.shape[0], order)
-    return np.asarray(values - basis @ (basis.T @ values))
+    from doppelgait.core.kernels.periodicity import remove_trend
+
+    basis = _orthonormal_basis(values.shape[0], min(max(round(1.2 * values.shape[0] / rate_hz), 1), 6))
+    remove_trend(values, basis, np.empty((basis.shape[1], values.shape[1])))
+    return values
 
 
 @lru_cache(maxsize=4)

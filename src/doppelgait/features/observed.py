@@ -5,18 +5,20 @@ Envelopes, the torso's line and powers about it are computed once.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.labels import Plain, axis, sampling_rate_hz
-from doppelgait.features.doppler import TIME_SHARES, envelopes_hz, raised_by_noise_v2, width_level_v2
+from doppelgait.features.doppler import envelopes_hz, raised_by_noise_v2, width_level_v2
 from doppelgait.features.feature_set import Extraction, FloatArray, GaitFeatures
 from doppelgait.features.measures import quantile, square_difference
 
+TIME_SHARES = (0.05, 0.95)
 OCCUPIED_SIGMAS = 3.0
 LEAST_SPEED_MPS = 0.2
 """Slower than this along the line of sight a target has no direction: the sign of its velocity is chance."""
@@ -40,6 +42,45 @@ REASONS = {
     "line": "main_line_lost_in_noise",
 }
 """Why a feature is None, by what it lacks."""
+
+
+ORDERS = np.arange(1, 5)
+"""Of f_mu / 2, of which the torso's swing is made."""
+
+
+class Edges(NamedTuple):
+    """Envelopes about the main line (E-35b).
+
+    Of the columns with power above the noise. The leading envelope is the one in the direction of motion; low and
+    high are the 5th and 95th percentile over time.
+    """
+
+    seen_share: float
+    lead_mean_mps: float
+    lead_sd_mps: float
+    lag_mean_mps: float
+    lag_sd_mps: float
+    lead_low_mps: float
+    lead_high_mps: float
+    lag_low_mps: float
+    lag_high_mps: float
+    least_width_mps: float
+    full_width_mps: float
+    swing_share: float
+
+
+class AboutLine(NamedTuple):
+    """Power above the noise about the main line, V^2, range removed (E-28).
+
+    Sums over time within 0.4 and 1.6 m/s and of all rows, cells at the edge in part; mean and standard deviation over
+    time within 1.6 m/s.
+    """
+
+    torso_v2: float
+    near_v2: float
+    total_v2: float
+    near_mean_v2: float
+    near_sd_v2: float
 
 
 @dataclass(eq=False)
@@ -130,12 +171,12 @@ class Observed:
     @cached_property
     def has_envelope(self) -> bool:
         """True if at least half of the columns stand above noise."""
-        return bool(self.seen.mean() >= SEEN_SHARE)
+        return self.edges.seen_share >= SEEN_SHARE
 
     @cached_property
     def has_line(self) -> bool:
         """True if the torso can be followed along the main line."""
-        return bool(np.isfinite(self.torso_line_mps).all())
+        return math.isfinite(self.torso_ripple_rms_mps)
 
     @cached_property
     def power_v2(self) -> npt.NDArray[Any]:
@@ -152,13 +193,38 @@ class Observed:
         """Power above the floor at which B_mu is measured (E-35); shape (J,)."""
         return width_level_v2(self.strongest_v2, self.floor_v2, self.range_weight)
 
+    def counts_above_level(self, edges: npt.NDArray[np.int64]) -> FloatArray:
+        """Count cells of blocks above the raised level of B_mu (E-35).
+
+        Blocks lie between ``edges``, in columns; shape (blocks, K).
+        """
+        from doppelgait.core.kernels.columns import count_above
+
+        counts, values = np.empty((edges.size - 1, self.excess.shape[1])), np.ascontiguousarray(self.excess.values)
+        count_above(values, self.raised_level_v2, edges, counts)
+        return counts
+
     @cached_property
-    def above_width_level(self) -> npt.NDArray[np.float32]:
-        """Cells above the raised level of B_mu (E-35): 1, else 0; shape (J, K)."""
+    def raised_level_v2(self) -> npt.NDArray[Any]:
+        """Level of B_mu raised by the noise (E-35); shape (J,).
+
+        It is as exact as the cells that are compared with it.
+        """
         n_bins = max(1.0, float(self.signature.attrs["n_gate_bins"]))
-        level_v2 = raised_by_noise_v2(self.width_level_v2, self.floor_v2, n_bins)
-        above = self.excess.values >= level_v2[:, None].astype(self.excess.values.dtype)
-        return above.astype(np.float32)  # sums of truth values take ten times as long; these are exact to 2^24
+        return raised_by_noise_v2(self.width_level_v2, self.floor_v2, n_bins).astype(self.excess.values.dtype)
+
+    @cached_property
+    def period_edges(self) -> npt.NDArray[np.int64]:
+        """Ends of whole gait periods in columns, centred in the record."""
+        return self.block_edges(1.0 / self.frequency_hz)
+
+    def block_edges(self, seconds: float) -> npt.NDArray[np.int64]:
+        """Compute ends of whole blocks, centred in the record; in columns."""
+        n_columns = self.power_v2.shape[0]
+        length = seconds * self.rate_hz
+        count = int(n_columns / length + 1e-9)
+        first = (n_columns - count * length) / 2.0
+        return np.array([round(first + length * n) for n in range(count + 1)])
 
     @cached_property
     def noise_sd_v2(self) -> float:
@@ -227,54 +293,24 @@ class Observed:
         return float(np.sign(mean_mps)) if abs(mean_mps) >= LEAST_SPEED_MPS else 0.0
 
     @cached_property
-    def edges_mps(self) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper envelope (E-35b) as velocities; shapes (J,).
+    def edges(self) -> Edges:
+        """Envelopes about the main line (E-35b)."""
+        from doppelgait.core.kernels.robust import edge_statistics
 
-        NaN in columns without power above the noise.
+        found, (low_hz, high_hz) = np.empty(len(Edges._fields)), self.envelopes_hz
+        line_hz = np.ascontiguousarray(self.main_line_hz)
+        edge_statistics(low_hz, high_hz, line_hz, self.direction, *TIME_SHARES, found)
+        found[1:-1] *= self.mps_per_hz
+        return Edges(*found.tolist())
+
+    @property
+    def envelope_width_hz(self) -> float | None:
+        """Bandwidth between the envelopes (E-35b).
+
+        The 95th percentile over time of the upper minus the 5th of the lower; None where less than half of the columns
+        stand above the noise.
         """
-        low_hz, high_hz = self.envelopes_hz
-        return low_hz * self.mps_per_hz, high_hz * self.mps_per_hz
-
-    @cached_property
-    def seen(self) -> npt.NDArray[np.bool_]:
-        """Columns with power above the noise; shape (J,)."""
-        return np.asarray(np.isfinite(self.edges_mps[0]))
-
-    @cached_property
-    def width_mps(self) -> FloatArray:
-        """Upper minus lower envelope (E-35b) of the seen columns."""
-        low, high = self.edges_mps
-        return np.asarray((high - low)[self.seen])
-
-    @cached_property
-    def forward_mps(self) -> FloatArray:
-        """Lead of the leading envelope (E-35b) over the main line.
-
-        It covers the columns with power above the noise.
-        """
-        return self._reach_mps(self.edges_mps[1 if self.direction >= 0 else 0], 1.0)
-
-    @cached_property
-    def backward_mps(self) -> FloatArray:
-        """Lag of the trailing envelope behind the main line.
-
-        It covers the columns with power above the noise and is positive behind.
-        """
-        return self._reach_mps(self.edges_mps[0 if self.direction >= 0 else 1], -1.0)
-
-    def _reach_mps(self, edge: FloatArray, side: float) -> FloatArray:
-        sense = side if self.direction >= 0 else -side
-        return np.asarray(sense * (edge - self.line_mps)[self.seen])
-
-    @cached_property
-    def forward_limits_mps(self) -> tuple[float, float]:
-        """5th and 95th percentile over time of the leading envelope's reach."""
-        return limits(self.forward_mps)
-
-    @cached_property
-    def backward_limits_mps(self) -> tuple[float, float]:
-        """5th and 95th percentile over time of the trailing envelope's reach."""
-        return limits(self.backward_mps)
+        return self.edges.full_width_mps / self.mps_per_hz if self.has_envelope else None
 
     @cached_property
     def range_weight(self) -> FloatArray:
@@ -286,94 +322,49 @@ class Observed:
         return np.asarray((centre_m / centre_m.mean()) ** 4)
 
     @cached_property
-    def about_line(self) -> FloatArray:
-        """Sums of power about the main line, shape (4, J).
+    def about_line(self) -> tuple[AboutLine, FloatArray, FloatArray]:
+        """Power about the main line.
 
-        Of every column: power within 0.4 and 1.6 m/s of the main line, V^2, and sum and moment of the squared power
-        within 0.8 m/s of it, V^4 and V^4 bins (:func:`doppelgait.core.kernels.columns.sums_about_line`).
+        Also sum and moment of the squared power within 0.8 m/s of it, V^4 and V^4 bins; shapes (J,).
         """
-        from doppelgait.core.kernels.columns import sums_about_line
+        from doppelgait.core.kernels.lines import powers_about_line
 
-        found = np.empty((4, self.power_v2.shape[0]))
+        sums, (square, moment) = np.empty(len(AboutLine._fields)), np.empty((2, self.power_v2.shape[0]))
         line = (self.line_mps - self.velocity_mps[0]) / self.bin_mps
         reaches = np.array([TORSO_BAND_MPS, NEAR_REACH_MPS, TORSO_REACH_MPS]) / self.bin_mps
-        sums_about_line(self.power_v2, float(self.floor_v2), line, reaches, *found)
-        return found
-
-    @cached_property
-    def torso_power_v2(self) -> FloatArray:
-        """Power above the noise within 0.4 m/s of the main line.
-
-        Cells at the edge count in part, range is removed; shape (J,).
-        """
-        return np.asarray(self.about_line[0] * self.range_weight)
-
-    @cached_property
-    def near_power_v2(self) -> FloatArray:
-        """Power above the noise within 1.6 m/s; shape (J,).
-
-        The rest is as for :attr:`torso_power_v2`.
-        """
-        return np.asarray(self.about_line[1] * self.range_weight)
-
-    @cached_property
-    def total_power_v2(self) -> FloatArray:
-        """Power above the noise of all rows; shape (J,).
-
-        Range is removed.
-        """
-        excess = self.power_v2.sum(axis=1, dtype=np.float64)
-        excess -= self.floor_v2 * self.velocity_mps.size
-        return np.asarray(excess * self.range_weight)
-
-    @cached_property
-    def torso_line_mps(self) -> FloatArray:
-        """Velocity of the torso relative to the main line (E-33).
-
-        It is the smoothed centroid of the squared power near that line.
-
-        Shape (J,); columns without power are filled from their neighbours, NaN where half of them have none.
-        """
-        from scipy.ndimage import gaussian_filter1d
-
-        total, moment = self.about_line[2:]
-        found = total > 0
-        if found.mean() < SEEN_SHARE:
-            return np.full(found.size, np.nan)
-        column = np.flatnonzero(found)
-        filled = moment[column] / total[column] * self.bin_mps
-        if column.size < found.size:
-            filled = np.interp(np.arange(found.size), column, filled)
-        return np.asarray(gaussian_filter1d(filled, SMOOTHED_OVER_S * self.rate_hz, mode="nearest"))
+        values = np.ascontiguousarray(self.power_v2)
+        powers_about_line(values, float(self.floor_v2), line, reaches, self.range_weight, sums, square, moment)
+        return AboutLine(*sums.tolist()), square, moment
 
     @cached_property
     def torso_ripple_mps(self) -> FloatArray:
-        """Torso's line without its slow part; shape (J,).
+        """Torso's velocity about the main line without its slow part.
 
-        The slow part is a polynomial of the order that E-29 allows.
+        Shape (J,). It is the smoothed centroid of the squared power near that line, columns without power filled from
+        their neighbours; NaN where half of them have none. The slow part is a polynomial of the order that E-29 allows.
         """
-        line = self.torso_line_mps
-        basis = slow_basis(line.size, 1 if self.observation_s < 1.3 else self._slow_order)
-        return np.asarray(line - basis @ (basis.T @ line))
+        from doppelgait.core.kernels.lines import torso_swing
+
+        _, square, moment = self.about_line
+        basis = slow_basis(square.size, 1 if self.observation_s < 1.3 else 2 if self.observation_s < 2.5 else 3)
+        swing = np.empty(square.size)
+        torso_swing(square, moment, SEEN_SHARE, self.bin_mps, SMOOTHED_OVER_S * self.rate_hz, basis, swing)
+        return swing
 
     @cached_property
-    def ripple_parts(self) -> tuple[list[int], FloatArray]:
-        """Orders of f_mu / 2 in the torso's swing, with amplitudes.
+    def torso_ripple_rms_mps(self) -> float:
+        """Root mean square of :attr:`torso_ripple_mps`."""
+        return math.sqrt(float(self.torso_ripple_mps @ self.torso_ripple_mps) / self.torso_ripple_mps.size)
 
-        Cosine and sine have the shape (2, orders).
-        """
-        ripple = self.torso_ripple_mps
-        phase = np.exp(1j * np.pi * self.frequency_hz / self.rate_hz * np.arange(ripple.size))
-        halves = self.frequency_hz * self.observation_s >= MIN_PERIODS_OF_HALVES
-        orders = [1, 2, 3, 4] if halves else [2, 4]
-        powers = [phase, phase * phase, phase * phase * phase, (phase * phase) ** 2]
-        turning = np.stack([powers[order - 1] for order in orders])
-        basis = np.concatenate([turning.real, turning.imag])
-        return orders, np.linalg.solve(basis @ basis.T, basis @ ripple).reshape(2, -1)
+    @cached_property
+    def ripple_parts(self) -> dict[int, float]:
+        """Amplitudes of the torso's swing by their order of f_mu / 2."""
+        from doppelgait.core.kernels.robust import swing_parts
 
-    @property
-    def _slow_order(self) -> int:
-        return 2 if self.observation_s < 2.5 else 3
+        orders = ORDERS if self.frequency_hz * self.observation_s >= MIN_PERIODS_OF_HALVES else ORDERS[1::2]
+        found = np.empty(2 * orders.size)
+        swing_parts(self.torso_ripple_mps, math.pi * self.frequency_hz / self.rate_hz, orders, found)
+        return dict(zip(orders.tolist(), np.hypot(*found.reshape(2, -1)).tolist(), strict=True))
 
     @cached_property
     def cadence(self) -> tuple[FloatArray, FloatArray]:
@@ -392,16 +383,6 @@ class Observed:
         off = np.abs(np.mod(cadence_hz / self.frequency_hz, 1.0) - 0.5) <= 0.2
         found = power[off & (cadence_hz > self.frequency_hz) & (cadence_hz < 4.0 * self.frequency_hz)]
         return quantile(found, 0.5) if found.size else 0.0
-
-
-def limits(values: FloatArray) -> tuple[float, float]:
-    """Compute the 5th and 95th percentile.
-
-    They are interpolated as by np.percentile, which costs three times as much.
-    """
-    ordered = np.sort(values)
-    low, high = np.interp(np.array(TIME_SHARES) * (ordered.size - 1), np.arange(ordered.size), ordered)
-    return float(low), float(high)
 
 
 @lru_cache(maxsize=8)

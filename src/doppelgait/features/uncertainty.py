@@ -20,7 +20,6 @@ import numpy.typing as npt
 
 from doppelgait.features.doppler import width_of_bins
 from doppelgait.features.feature_set import Extraction, FloatArray
-from doppelgait.features.measures import quantile
 from doppelgait.features.observed import Observed
 
 CAUCHY_TUNING = 2.385
@@ -102,18 +101,6 @@ def uncertainty_flags(extraction: Extraction, sd: dict[str, float | None]) -> tu
     return tuple(flags)
 
 
-def _edges(observed: Observed, seconds: float) -> npt.NDArray[np.int64]:
-    """Compute ends of whole blocks, centred in the record.
-
-    They are counted in columns.
-    """
-    n_columns = observed.power_v2.shape[0]
-    length = seconds * observed.rate_hz
-    count = int(n_columns / length + 1e-9)
-    first = (n_columns - count * length) / 2.0
-    return np.asarray(np.rint(first + length * np.arange(count + 1)), dtype=np.int64)
-
-
 def velocity_sd_mps(observed: Observed) -> float | None:
     """Estimate the standard deviation of v_m (E-34).
 
@@ -123,21 +110,18 @@ def velocity_sd_mps(observed: Observed) -> float | None:
     sum of the influence in a block, over the squared sum of the influence's slope: independent blocks, any dependence
     within them (the sandwich form, Huber 1967, for clusters). A share of the torso's own swing and 6 mm/s are added.
     """
-    residual = observed.peaks_hz * observed.mps_per_hz - observed.line_mps
-    scale = max(1.4826 * quantile(np.abs(residual), 0.5), observed.bin_mps / 4.0)
-    square = (residual / (CAUCHY_TUNING * scale)) ** 2
-    taper = 1.0 - np.linspace(-1.0, 1.0, residual.size) ** 2 + 1e-3
-    influence = taper * residual / (1.0 + square)
-    slope = float((taper * (1.0 - square) / (1.0 + square) ** 2).sum())
+    from doppelgait.core.kernels.robust import scatter_of_blocks
+
     known = observed.extraction.gait_frequency_hz
-    edges = _edges(observed, VELOCITY_BLOCK_S if known is None else 1.0 / known)
+    edges = observed.block_edges(VELOCITY_BLOCK_S) if known is None else observed.period_edges
     starts = np.concatenate([[0], edges[1:-1]])  # what is left at the ends belongs to the blocks there
-    if starts.size < MIN_BLOCKS or slope <= 0:
+    if starts.size < MIN_BLOCKS:
         return None
-    sums = np.add.reduceat(influence, starts)
-    sandwich_mps = math.sqrt(float((sums**2).sum()) * sums.size / (sums.size - 2)) / slope
-    ripple = observed.torso_ripple_mps
-    ripple_mps = math.sqrt(float(np.mean(ripple**2))) if np.isfinite(ripple).all() else 0.0
+    residual = observed.peaks_hz * observed.mps_per_hz - observed.line_mps
+    sandwich_mps = scatter_of_blocks(residual, observed.bin_mps / 4.0, CAUCHY_TUNING, starts)
+    if math.isnan(sandwich_mps):
+        return None
+    ripple_mps = observed.torso_ripple_rms_mps if observed.has_line else 0.0
     return math.hypot(sandwich_mps, VELOCITY_RIPPLE_SHARE * ripple_mps, VELOCITY_LEAST_MPS)
 
 
@@ -146,13 +130,12 @@ def bandwidth_sd_hz(observed: Observed) -> float | None:
 
     It is a jackknife over groups of periods, plus the rounding to Doppler bins.
     """
-    edges = _edges(observed, 1.0 / observed.frequency_hz)
+    edges = observed.period_edges
     if edges.size - 1 < MIN_BLOCKS:
         return None
     n_groups = min(edges.size - 1, GROUPS)
     edges = edges[np.arange(n_groups + 1) * (edges.size - 1) // n_groups]
-    above = observed.above_width_level[edges[0] : edges[-1]]
-    counts = np.add.reduceat(above, edges[:-1] - edges[0], axis=0).astype(np.float64)
+    counts = observed.counts_above_level(edges)
     left = (edges[-1] - edges[0] - np.diff(edges))[:, None]
     widths = [width_of_bins(share) for share in (counts.sum(axis=0) - counts) / left]
     without = np.array([np.nan if width is None else width for width in widths])
@@ -186,7 +169,7 @@ def _measure_periods(observed: Observed) -> Periods | None:
 
     frequency_hz, rate_hz = observed.frequency_hz, observed.rate_hz
     length = int(rate_hz / frequency_hz)
-    starts = np.minimum(_edges(observed, 1.0 / frequency_hz)[:-1], observed.aligned.shape[0] - length)
+    starts = np.minimum(observed.period_edges[:-1], observed.aligned.shape[0] - length)
     if starts.size < MIN_BLOCKS or length < 2 * HARMONICS.size + 1 or not observed.occupied_rows.size:
         return None
     shape = (starts.size, HARMONICS.size, observed.occupied_rows.size)

@@ -258,9 +258,7 @@ def torso_velocity_mps(signature: xr.DataArray | Plain, floor_v2: float, line_hz
     line_hz : ndarray, shape (J,)
         Main line.
     """
-    from scipy.ndimage import gaussian_filter1d
-
-    from doppelgait.core.kernels.columns import follow_ridge
+    from doppelgait.core.kernels.lines import follow_ridge, refined_ridge
 
     values, doppler_hz = np.ascontiguousarray(signature.values), axis(signature, "doppler")
     bin_hz, half_m = bin_width_hz(signature), float(signature.attrs["wavelength_m"]) / 2.0
@@ -274,10 +272,8 @@ def torso_velocity_mps(signature: xr.DataArray | Plain, floor_v2: float, line_hz
     path = np.empty(values.shape[0], np.int64)
     reach = min(max(1, round(RIDGE_REACH_MPS / half_m / bin_hz)), (values.shape[1] - 1) // 2)
     follow_ridge(values, float(floor_v2), (line_hz - doppler_hz[0]) / bin_hz, reach, RIDGE_COST, path)
-    around = (path[:, None] + np.arange(-1, 2)) % values.shape[1]
-    cells = values[np.arange(values.shape[0])[:, None], around].astype(np.float64)
-    cells = np.maximum(cells - floor_v2, 1e-3 * cells) + 1e-300
-    offset = (cells[:, 2] - cells[:, 0]) / cells.sum(axis=1)
-    step_s = float(np.ptp(time_s)) / max(values.shape[0] - 1, 1)
-    ridge_hz = doppler_hz[0] + bin_hz * gaussian_filter1d(path + offset, RIDGE_SMOOTH_S / step_s, mode="nearest")
-    return np.asarray(half_m * ridge_hz)
+    step_s, ridge = float(time_s[-1] - time_s[0]) / max(values.shape[0] - 1, 1), np.empty(values.shape[0])
+    refined_ridge(values, float(floor_v2), path, RIDGE_SMOOTH_S / step_s, ridge)
+    ridge *= half_m * bin_hz
+    ridge += half_m * float(doppler_hz[0])
+    return ridge

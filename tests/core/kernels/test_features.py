@@ -4,19 +4,32 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from doppelgait.core.kernels.cadence import magnitudes_of_parts
-from doppelgait.core.kernels.columns import excess_columns, peak_offsets, row_means, sums_about_line
-from doppelgait.core.kernels.features import power_quantiles
+from doppelgait.core.kernels.columns import count_above, excess_columns, peak_offsets, row_means, run_above
+from doppelgait.core.kernels.features import limb_amplitudes, positive_sums, power_quantiles, sum_groups
+from doppelgait.core.kernels.lines import powers_about_line, refined_ridge, smooth, torso_line, torso_swing
 from doppelgait.core.kernels.periodicity import (
     highest_between,
     lag_products,
-    limb_amplitudes,
+    likeness_of_products,
     period_harmonics,
+    powers_of_pairs,
+    remove_trend,
     rhythm_evidence,
+    shares_of_lines,
     square_difference,
+    weigh_rows,
 )
-from doppelgait.core.kernels.robust import median_in_place, robust_fit
+from doppelgait.core.kernels.robust import (
+    edge_statistics,
+    median_in_place,
+    quantile_in_place,
+    robust_fit,
+    scatter_of_blocks,
+    swing_parts,
+)
 
 
 def random(*shape, seed=0):
@@ -115,15 +128,97 @@ def test_highest_value_on_straight_lines_between_samples():
         assert highest_between(values, low, high, 9) == pytest.approx(wanted, rel=1e-13)
 
 
-def test_amplitudes_of_groups_without_noise():
+def test_amplitudes_of_groups_without_noise_are_those_of_rows_above_it():
     moved, noise = np.abs(random(20, 12)), np.linspace(0.1, 0.5, 20)
-    occupied = np.arange(12) % 5 != 0
+    moved[:, [0, 5, 10]] = 0.3
     starts, stops = np.array([0, 3, 8]), np.array([3, 6, 11])
     found = np.empty((20, 3))
-    limb_amplitudes(moved, occupied, noise, starts, stops, found)
-    clean = np.maximum(moved - noise[:, None], 0.0) * occupied
+    limb_amplitudes(moved, noise, 0.1, 0.25, starts, stops, found)
+    clean = np.maximum(moved - noise[:, None], 0.0) * (moved.mean(axis=0) - 0.1 > 0.25)
     wanted = np.stack([clean[:, a:b].sum(axis=1) for a, b in zip(starts, stops, strict=True)], axis=1)
     np.testing.assert_allclose(found**2, wanted, rtol=1e-12)
+
+
+def test_groups_of_columns_and_rows_are_summed():
+    values = random(11, 7)
+    for n_columns, n_rows in ((1, 1), (3, 1), (1, 2), (4, 3)):
+        found = np.empty((11 // n_columns, 7 // n_rows))
+        sum_groups(values, n_columns, n_rows, found)
+        whole = values[: found.shape[0] * n_columns, : found.shape[1] * n_rows]
+        wanted = whole.reshape(found.shape[0], n_columns, found.shape[1], n_rows).sum(axis=(1, 3))
+        np.testing.assert_allclose(found, wanted, atol=1e-14)
+    sums = np.empty(3)
+    positive_sums(values.astype(np.float32), 3, sums)
+    wanted = np.maximum(values[:9].astype(np.float32).astype(float), 0.0).reshape(3, -1).sum(axis=1)
+    np.testing.assert_allclose(sums, wanted, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("size", "sd"), [(200, 2.4), (9, 4.9), (5, 0.01), (30, 1.0)])
+def test_smoothing_is_that_of_scipy(size, sd):
+    values, found = random(size), np.empty(size)
+    for mirrored, mode in ((1, "reflect"), (0, "nearest")):
+        smooth(values, sd, mirrored, found)
+        np.testing.assert_allclose(found, ndimage.gaussian_filter1d(values, sd, mode=mode), rtol=1e-12, atol=1e-13)
+
+
+@pytest.mark.parametrize("size", [40, 41])
+def test_torso_line_is_the_smoothed_centroid_about_the_median_peak_e33(size):
+    values, line = np.abs(random(size, 16)), np.empty(size)
+    values[:, 14] += np.linspace(0.0, 2.0, size)
+    values[3] = 0.0
+    middle = torso_line(values, 3, 1.7, line)
+    assert middle == int(np.median(values.argmax(axis=1)))
+    offset = np.arange(-3, 4)
+    square = values[:, (middle + offset) % 16] ** 2
+    centroid = np.divide(square @ offset, square.sum(axis=1), out=np.zeros(size), where=square.sum(axis=1) > 0)
+    np.testing.assert_allclose(line, ndimage.gaussian_filter1d(centroid, 1.7), rtol=1e-11, atol=1e-13)
+
+
+def test_a_trend_is_the_least_squares_polynomial_e31():
+    values, t = random(50, 9), np.linspace(-1, 1, 50)
+    basis = np.linalg.qr(np.vander(t, 4))[0]
+    found = values.copy()
+    remove_trend(found, basis, np.empty((4, 9)))
+    wanted = values - np.polynomial.polynomial.polyval(t, np.polynomial.polynomial.polyfit(t, values, 3)).T
+    np.testing.assert_allclose(found, wanted, atol=1e-13)
+
+
+@pytest.mark.parametrize("n_rows", [7, 8])
+def test_rows_are_weighed_and_their_pairs_make_the_powers_of_each_e33(n_rows):
+    values, stops = random(30, n_rows) * np.arange(1, n_rows + 1), np.array([3, n_rows])
+    pairs, weight, until = np.full((64, 4), np.nan + 0j), np.empty(n_rows), np.empty((4, 31))
+    weigh_rows(values, stops, 0.7, 1e-3, pairs.view(float), weight, until)
+    white = values - 0.7 * np.concatenate([np.zeros((1, n_rows)), values[:-1]])
+    energy, sets = (white**2).sum(axis=0), [slice(0, 3), slice(3, n_rows)]
+    wanted = np.concatenate([1.0 / (energy[some] + 1e-3 * energy[some].max()) for some in sets])
+    np.testing.assert_allclose(weight, wanted, rtol=1e-12)
+    powers = np.empty((4, 33), dtype=complex)
+    powers_of_pairs(np.fft.fft(pairs, axis=0).view(float), stops, weight, 0.7, powers)
+    lines = np.abs(np.fft.rfft(values, 64, axis=0)) ** 2
+    response = np.abs(1.0 - 0.7 * np.exp(-2j * np.pi * np.arange(33) / 64)) ** 2
+    for s, some in enumerate(sets):
+        np.testing.assert_allclose(until[2 * s, 1:], np.cumsum((values[:, some] ** 2).sum(axis=1)), rtol=1e-12)
+        np.testing.assert_allclose(until[2 * s + 1, 1:], np.cumsum(white[:, some] ** 2 @ weight[some]), rtol=1e-12)
+        np.testing.assert_allclose(powers[2 * s], lines[:, some].sum(axis=1), rtol=1e-11)
+        np.testing.assert_allclose(powers[2 * s + 1], response * (lines[:, some] @ weight[some]), rtol=1e-11)
+
+
+def test_likeness_and_shares_are_those_of_their_equations_e33():
+    products, until, window = random(2, 12), np.cumsum(np.abs(random(2, 10)), axis=1), np.linspace(1.0, 0.1, 9)
+    likeness, windowed = np.empty((2, 9)), products.copy()
+    likeness_of_products(windowed, until, window, likeness)
+    for n, lag in ((0, 0), (0, 4), (1, 8)):
+        both = until[n, 9 - lag] + until[n, 9] - until[n, lag]
+        assert likeness[n, lag] == pytest.approx(2 * products[n, lag] / both, rel=1e-12)
+    np.testing.assert_allclose(windowed[:, :9], products[:, :9] * window)
+    likeness_of_products(windowed, np.zeros((2, 10)), window, likeness)
+    assert not likeness.any()
+    lines, share = random(2, 17) + 1j * random(2, 17, seed=1), np.empty((2, 17))
+    lines[1] = -np.abs(lines[1])
+    shares_of_lines(lines, np.ones((2, 9)), 4, 0.3, share)
+    power = np.maximum(2.0 * lines[0].real - 1.0, 0.0)
+    np.testing.assert_allclose(share[0], power / (0.3 * power[4:].sum()), rtol=1e-12)
+    assert not share[1].any()
 
 
 def test_harmonics_of_periods_are_fourier_sums_without_the_mean():
@@ -138,18 +233,103 @@ def test_harmonics_of_periods_are_fourier_sums_without_the_mean():
             np.testing.assert_allclose(real[b, h - 1] + 1j * imaginary[b, h - 1], wanted, atol=1e-13)
 
 
-def test_sums_about_a_line_count_cells_at_the_edge_in_part_and_go_round():
+def test_powers_about_a_line_count_cells_at_the_edge_in_part_and_go_round():
     values, line = np.abs(random(30, 24)).astype(np.float32), np.linspace(1.3, 22.8, 30)
-    found, reaches = np.empty((4, 30)), np.array([1.7, 5.2, 3.1])
-    sums_about_line(values, 0.4, line, reaches, *found)
+    sums, square, moment = np.empty(5), np.empty(30), np.empty(30)
+    reaches, weight = np.array([1.7, 5.2, 3.1]), np.linspace(0.5, 2.0, 30)
+    powers_about_line(values, 0.4, line, reaches, weight, sums, square, moment)
     distance = (np.arange(24) - line[:, None] + 12.0) % 24.0 - 12.0
     power = values.astype(float) - 0.4
-    for row, reach in zip(found[:2], reaches[:2], strict=True):
-        share = np.clip(reach - np.abs(distance) + 0.5, 0.0, 1.0)
-        np.testing.assert_allclose(row, (power * share).sum(axis=1), rtol=1e-10)
-    square = np.where(np.abs(distance) <= reaches[2], np.maximum(power, 0.0), 0.0) ** 2
-    np.testing.assert_allclose(found[2], square.sum(axis=1), rtol=1e-10)
-    np.testing.assert_allclose(found[3], (square * distance).sum(axis=1), rtol=1e-9, atol=1e-12)
+    torso, near = (
+        weight * (power * np.clip(reach - np.abs(distance) + 0.5, 0.0, 1.0)).sum(axis=1) for reach in reaches[:2]
+    )
+    wanted = [torso.sum(), near.sum(), weight @ power.sum(axis=1), near.mean(), near.std()]
+    np.testing.assert_allclose(sums, wanted, rtol=1e-10)
+    of_body = np.where(np.abs(distance) <= reaches[2], np.maximum(power, 0.0), 0.0) ** 2
+    np.testing.assert_allclose(square, of_body.sum(axis=1), rtol=1e-10)
+    np.testing.assert_allclose(moment, (of_body * distance).sum(axis=1), rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("gaps", [[], [0, 1, 7, 8, 9, 39], [5]])
+def test_torso_swing_is_the_filled_smoothed_centroid_without_its_slow_part(gaps):
+    square, moment, basis = np.abs(random(40)) + 0.1, random(40), np.linalg.qr(np.vander(np.linspace(-1, 1, 40), 3))[0]
+    square[gaps] = 0.0
+    found = np.empty(40)
+    torso_swing(square, moment, 0.5, 0.16, 2.2, basis, found)
+    column = np.flatnonzero(square)
+    line = np.interp(np.arange(40), column, 0.16 * moment[column] / square[column])
+    line = ndimage.gaussian_filter1d(line, 2.2, mode="nearest")
+    np.testing.assert_allclose(found, line - basis @ (basis.T @ line), atol=1e-12)
+    torso_swing(np.arange(40.0) - 20.0, moment, 0.5, 0.16, 2.2, basis, found)
+    assert np.isnan(found).all()
+
+
+def test_a_ridge_is_refined_by_the_centroid_of_three_cells():
+    values, path, found = np.abs(random(20, 9)).astype(np.float32), np.arange(-5, 15), np.empty(20)
+    refined_ridge(values, 0.3, path, 1.5, found)
+    cells = values.astype(float)[np.arange(20)[:, None], (path[:, None] + np.arange(-1, 2)) % 9]
+    cells = np.maximum(cells - 0.3, 1e-3 * cells)
+    centre = path + (cells[:, 2] - cells[:, 0]) / cells.sum(axis=1)
+    np.testing.assert_allclose(found, ndimage.gaussian_filter1d(centre, 1.5, mode="nearest"), rtol=1e-12)
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_edges_are_described_as_by_numpy_e35b(direction):
+    middle, found = random(61), np.empty(12)
+    low, high, line = middle - np.abs(random(61, seed=1)), middle + np.abs(random(61, seed=2)), random(61, seed=3)
+    low[[3, 50]] = np.nan
+    edge_statistics(low, high, line, direction, 0.05, 0.95, found)
+    seen = np.isfinite(low)
+    low, high, line = low[seen], high[seen], line[seen]
+    lead, lag = (high - line, line - low) if direction > 0 else (line - low, high - line)
+    limits = [*np.quantile(lead, (0.05, 0.95)), *np.quantile(lag, (0.05, 0.95))]
+    wanted = [
+        59 / 61, lead.mean(), lead.std(), lag.mean(), lag.std(), *limits, np.quantile(high - low, 0.05),
+        np.quantile(high, 0.95) - np.quantile(low, 0.05), (lead > (limits[0] + limits[1]) / 2).mean(),
+    ]  # fmt: skip
+    np.testing.assert_allclose(found, wanted, rtol=1e-12)
+    edge_statistics(np.full(5, np.nan), np.full(5, np.nan), np.zeros(5), direction, 0.05, 0.95, found)
+    assert found[0] == 0.0
+    assert np.isnan(found[1:]).all()
+
+
+@pytest.mark.parametrize("size", [1, 2, 7, 100])
+def test_quantiles_are_those_of_numpy(size):
+    for seed in range(10):
+        values = np.concatenate([np.round(random(size, seed=seed), 1), [-9.0, 9.0]])
+        for share in (0.0, 0.05, 0.5, 0.95, 1.0):
+            wanted = np.quantile(values[:size], share)
+            assert quantile_in_place(values.copy(), size, share) == pytest.approx(wanted, abs=1e-14)
+
+
+def test_scatter_of_blocks_is_the_sandwich_over_blocks():
+    residual, starts = random(80), np.array([0, 13, 30, 55])
+    scale = 2.385 * max(1.4826 * np.median(np.abs(residual)), 0.01)
+    square, taper = (residual / scale) ** 2, 1.001 - np.linspace(-1, 1, 80) ** 2
+    sums = np.add.reduceat(taper * residual / (1 + square), starts)
+    wanted = np.sqrt((sums**2).sum() * 4 / 2) / (taper * (1 - square) / (1 + square) ** 2).sum()
+    assert scatter_of_blocks(residual, 0.01, 2.385, starts) == pytest.approx(wanted, rel=1e-12)
+    assert np.isnan(scatter_of_blocks(np.full(80, 2.0), 0.01, 0.01, starts))
+
+
+@pytest.mark.parametrize("orders", [[1, 2, 3, 4], [2, 4]])
+def test_parts_of_a_swing_are_the_least_squares_fit(orders):
+    values, found = random(90), np.empty(2 * len(orders))
+    swing_parts(values, 0.11, np.array(orders), found)
+    phase = 0.11 * np.outer(np.arange(90), orders)
+    wanted = np.linalg.lstsq(np.concatenate([np.cos(phase), np.sin(phase)], axis=1), values, rcond=None)[0]
+    np.testing.assert_allclose(found, wanted, rtol=1e-10)
+
+
+def test_counts_above_a_level_and_the_run_about_the_largest_e35():
+    values, level, counts = random(20, 9).astype(np.float32), random(20, seed=1).astype(np.float32), np.empty((2, 9))
+    count_above(values, level, np.array([3, 10, 19]), counts)
+    above = values >= level[:, None]
+    np.testing.assert_array_equal(counts, [above[3:10].sum(axis=0), above[10:19].sum(axis=0)])
+    share = np.array([0.0, 0.2, 0.04, 0.1, 0.3, 0.2, 0.03, 0.2])
+    assert run_above(share, 0.05) == pytest.approx(2 + (0.1 - 0.05) / 0.06 + (0.2 - 0.05) / 0.17)
+    assert run_above(share[3:6], 0.05) == 2.0
+    assert run_above(share, 0.31) == -1.0
 
 
 def test_magnitudes_of_real_parts_left_and_imaginary_parts_right():

@@ -102,3 +102,76 @@ def power_quantiles(
 def _above(value, threshold, floor):  # type: ignore[no-untyped-def]
     """Return a cell's power above the floor if it exceeds the threshold."""
     return np.float64(value) - floor if value > threshold else 0.0
+
+
+@kernel()
+def limb_amplitudes(
+    moved: npt.NDArray[np.float64],
+    noise: npt.NDArray[np.float64],
+    mean_noise: float,
+    above: float,
+    starts: npt.NDArray[np.int64],
+    stops: npt.NDArray[np.int64],
+    out: npt.NDArray[np.float64],
+) -> None:
+    """Compute amplitudes of row groups without noise (E-33 step 4).
+
+    Parameters
+    ----------
+    moved : ndarray, shape (J, K)
+        Power, the torso's line at zero Doppler.
+    noise : ndarray, shape (J,)
+        Taken off every cell, which is then 0 or more.
+    mean_noise, above : float
+        A row counts whose mean exceeds the first by more than the second.
+    starts, stops : ndarray, shape (G,)
+        First row of every group and one past its last.
+    out : ndarray, shape (J, G)
+        Overwritten with square roots.
+    """
+    n_columns, n_bins = moved.shape
+    counted = np.zeros(n_bins)
+    for j in range(n_columns):
+        for k in range(n_bins):
+            counted[k] += moved[j, k]
+    for k in range(n_bins):
+        counted[k] = 1.0 if counted[k] / n_columns - mean_noise > above else 0.0
+    for j in range(n_columns):
+        for g in range(starts.size):
+            total = 0.0
+            for k in range(starts[g], stops[g]):
+                total += counted[k] * max(moved[j, k] - noise[j], 0.0)
+            out[j, g] = np.sqrt(total)
+
+
+@kernel()
+def sum_groups(values: npt.NDArray[np.float64], n_columns: int, n_rows: int, out: npt.NDArray[np.float64]) -> None:
+    """Sum groups of neighbouring columns and rows.
+
+    ``values`` has shape (J, K), ``out`` (J // n_columns, K // n_rows); incomplete groups are dropped.
+    """
+    for j in range(out.shape[0]):
+        total = out[j]
+        total[:] = 0.0
+        for i in range(n_columns * j, n_columns * (j + 1)):
+            if n_rows == 1:
+                for k in range(total.size):
+                    total[k] += values[i, k]
+            else:
+                for k in range(total.size):
+                    for m in range(n_rows * k, n_rows * (k + 1)):
+                        total[k] += values[i, m]
+
+
+@kernel(fastmath=("contract", "nsz"))
+def positive_sums(values: npt.NDArray[np.floating[Any]], n_columns: int, out: npt.NDArray[np.float64]) -> None:
+    """Sum what is positive in groups of columns.
+
+    ``values`` has shape (J, K), ``out`` (J // n_columns,).
+    """
+    for j in range(out.size):
+        total = 0.0
+        for i in range(n_columns * j, n_columns * (j + 1)):
+            for k in range(values.shape[1]):
+                total += max(np.float64(values[i, k]), 0.0)
+        out[j] = total

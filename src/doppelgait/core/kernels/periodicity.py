@@ -129,6 +129,191 @@ def period_harmonics(
                 wave *= turn
 
 
+@kernel(fastmath=("contract", "nsz"))
+def remove_trend(values: FloatArray, basis: FloatArray, part: FloatArray) -> None:
+    r"""Subtract the projection of every row on orthonormal functions of time.
+
+    .. math:: v_{j,k} \leftarrow v_{j,k} - \sum_p b_{j,p} \sum_i b_{i,p} v_{i,k}
+
+    Parameters
+    ----------
+    values : ndarray, shape (J, K)
+        Overwritten.
+    basis : ndarray, shape (J, P)
+        b.
+    part : ndarray, shape (P, K)
+        Overwritten with the projections.
+    """
+    n_terms, n_rows = part.shape
+    part[:] = 0.0
+    for j in range(values.shape[0]):
+        column = values[j]
+        for p in range(n_terms):
+            weight, of_term = basis[j, p], part[p]
+            for k in range(n_rows):
+                of_term[k] += weight * column[k]
+    for j in range(values.shape[0]):
+        column = values[j]
+        for p in range(n_terms):
+            weight, of_term = basis[j, p], part[p]
+            for k in range(n_rows):
+                column[k] -= weight * of_term[k]
+
+
+@kernel(fastmath=("contract", "nsz"))
+def weigh_rows(
+    values: FloatArray,
+    stops: npt.NDArray[np.int64],
+    whitening: float,
+    weak: float,
+    pairs: FloatArray,
+    weight: FloatArray,
+    until: FloatArray,
+) -> None:
+    r"""Prepare sets of rows for their autocorrelation, plain and whitened (E-33).
+
+    Whitened rows are :math:`w_{j,k} = v_{j,k} - c\, v_{j-1,k}`, and each weighs :math:`1 / (E_k + d \max E + \epsilon)`
+    with its energy :math:`E_k = \sum_j w_{j,k}^2` and the largest of its set.
+
+    Parameters
+    ----------
+    values : ndarray, shape (J, K)
+    stops : ndarray, shape (S,)
+        One past the last row of every set.
+    whitening, weak : float
+        c and d.
+    pairs : ndarray, shape (J or more, K or more)
+        Overwritten with the rows, and zeros beyond them.
+    weight : ndarray, shape (K,)
+        Overwritten with the weights of whitened rows.
+    until : ndarray, shape (2 S, J + 1)
+        Overwritten with the energy before every column, of each set as it is and whitened with its weights.
+    """
+    n_columns, n_rows = values.shape
+    pairs[:], weight[:], until[:] = 0.0, 0.0, 0.0
+    before = np.zeros(n_rows)
+    for j in range(n_columns):
+        column, copy = values[j], pairs[j]
+        for k in range(n_rows):
+            white = column[k] - whitening * before[k]
+            weight[k] += white * white
+            before[k] = copy[k] = column[k]
+    first = 0
+    for s in range(stops.size):
+        most = 0.0
+        for k in range(first, stops[s]):
+            most = max(most, weight[k])
+        for k in range(first, stops[s]):
+            weight[k] = 1.0 / (weight[k] + weak * most + 1e-300)
+        first = stops[s]
+    before[:] = 0.0
+    for j in range(n_columns):
+        column, first = values[j], 0
+        for s in range(stops.size):
+            plain = equal = 0.0
+            for k in range(first, stops[s]):
+                white = column[k] - whitening * before[k]
+                plain += column[k] * column[k]
+                equal += white * white * weight[k]
+                before[k] = column[k]
+            until[2 * s, j + 1], until[2 * s + 1, j + 1] = until[2 * s, j] + plain, until[2 * s + 1, j] + equal
+            first = stops[s]
+
+
+@kernel(fastmath=("contract", "nsz"))
+def powers_of_pairs(
+    lines: FloatArray,
+    stops: npt.NDArray[np.int64],
+    weight: FloatArray,
+    whitening: float,
+    powers: npt.NDArray[np.complex128],
+) -> None:
+    r"""Sum powers of rows whose transforms were made two at a time.
+
+    Rows a and b as the parts of complex numbers have the transform :math:`Z = A + i B`, so that :math:`|A_q|^2` and
+    :math:`|B_q|^2` are :math:`(|Z_q|^2 + |Z_{-q}|^2) / 4 \pm \Re(Z_q Z_{-q}) / 2`.
+
+    Parameters
+    ----------
+    lines : ndarray, shape (L, K or one more)
+        Z, real and imaginary parts side by side.
+    stops, weight : ndarray, shape (S,) and (K,)
+        Sets, and weights of whitened rows, as in :func:`weigh_rows`.
+    whitening : float
+        c; a whitened power has the factor :math:`1 + c^2 - 2 c \cos(2 \pi q / L)`.
+    powers : ndarray, shape (2 S, L / 2 + 1)
+        Overwritten: of each set as it is, and whitened with its weights.
+    """
+    length, width = lines.shape
+    power = np.empty(width)
+    for q in range(powers.shape[1]):
+        here, there = lines[q], lines[(length - q) % length]
+        for n in range(width // 2):
+            a, b, c, d = here[2 * n], here[2 * n + 1], there[2 * n], there[2 * n + 1]
+            mean, cross = 0.25 * (a * a + b * b + c * c + d * d), 0.5 * (a * c - b * d)
+            power[2 * n], power[2 * n + 1] = mean + cross, mean - cross
+        response = 1.0 + whitening * whitening - 2.0 * whitening * np.cos(2.0 * np.pi * q / length)
+        first = 0
+        for s in range(stops.size):
+            plain = equal = 0.0
+            for k in range(first, stops[s]):
+                plain += power[k]
+                equal += power[k] * weight[k]
+            powers[2 * s, q], powers[2 * s + 1, q] = plain, response * equal
+            first = stops[s]
+
+
+@kernel()
+def likeness_of_products(products: FloatArray, until: FloatArray, window: FloatArray, likeness: FloatArray) -> None:
+    """Normalise products over lags (E-33) and window them.
+
+    Parameters
+    ----------
+    products : ndarray, shape (N, J or more)
+        Its first J are multiplied by the window.
+    until : ndarray, shape (N, J + 1)
+        Energy before every column.
+    window : ndarray, shape (J,)
+    likeness : ndarray, shape (N, J)
+        Overwritten; 0 where there is no energy.
+    """
+    n_columns = window.size
+    for n in range(likeness.shape[0]):
+        for lag in range(n_columns):
+            both = until[n, n_columns - lag] + (until[n, n_columns] - until[n, lag])
+            likeness[n, lag] = 2.0 * products[n, lag] / both if both > 0.0 else 0.0
+            products[n, lag] *= window[lag]
+
+
+@kernel()
+def shares_of_lines(
+    lines: npt.NDArray[np.complex128], products: FloatArray, first: int, scale: float, share: FloatArray
+) -> None:
+    """Compute spectra from transforms of half an autocorrelation.
+
+    Parameters
+    ----------
+    lines : ndarray, shape (N, Q)
+    products : ndarray, shape (N, J or more)
+        The autocorrelation, the product at lag 0 first.
+    first : int
+        Lines from here on are counted.
+    scale : float
+        Their sum times this is 1.
+    share : ndarray, shape (N, Q)
+        Overwritten.
+    """
+    for n in range(share.shape[0]):
+        total = 0.0
+        for q in range(share.shape[1]):
+            share[n, q] = max(2.0 * lines[n, q].real - products[n, 0], 0.0)
+            if q >= first:
+                total += share[n, q]
+        if total > 0.0:
+            for q in range(share.shape[1]):
+                share[n, q] /= total * scale
+
+
 @kernel()
 def add_between(values: FloatArray, place: FloatArray, weight: float, out: FloatArray) -> None:
     """Add weighted values between samples, by the Catmull-Rom cubic.
@@ -163,39 +348,6 @@ def highest_between(values: FloatArray, low: float, high: float, count: int) -> 
         left = min(int(place), max(last - 1, 0))
         best = max(best, values[left] + (place - left) * (values[min(left + 1, last)] - values[left]))
     return float(best)
-
-
-@kernel()
-def limb_amplitudes(
-    moved: FloatArray,
-    occupied: npt.NDArray[np.bool_],
-    noise: FloatArray,
-    starts: npt.NDArray[np.int64],
-    stops: npt.NDArray[np.int64],
-    out: FloatArray,
-) -> None:
-    """Compute amplitudes of row groups after removing noise (E-33 step 4).
-
-    Parameters
-    ----------
-    moved : ndarray, shape (J, K)
-        Power, the torso's line at zero Doppler.
-    occupied : ndarray, shape (K,)
-        Rows that count.
-    noise : ndarray, shape (J,)
-        Taken off every cell, which is then 0 or more.
-    starts, stops : ndarray, shape (G,)
-        First row of every group and one past its last.
-    out : ndarray, shape (J, G)
-        Overwritten with square roots.
-    """
-    for j in range(moved.shape[0]):
-        for g in range(starts.size):
-            total = 0.0
-            for k in range(starts[g], stops[g]):
-                if occupied[k]:
-                    total += max(moved[j, k] - noise[j], 0.0)
-            out[j, g] = np.sqrt(total)
 
 
 @kernel()

@@ -11,12 +11,13 @@ FloatArray = npt.NDArray[np.float64]
 
 
 @kernel()
-def median_in_place(values: FloatArray) -> float:
-    """Compute a median by selection (Hoare) and reorder the values.
+def select(values: FloatArray, n: int, place: int) -> float:
+    """Find the value at a place of sorted values (Hoare).
 
-    It needs one value or more, none of them NaN.
+    The first ``n`` are reordered. None of them is NaN; those before the place are not larger, those
+    behind it not smaller.
     """
-    low, high, middle = 0, values.size - 1, values.size // 2
+    low, high = 0, n - 1
     while low < high:
         pivot, i, j = values[(low + high) // 2], low, high
         while i <= j:
@@ -27,18 +28,46 @@ def median_in_place(values: FloatArray) -> float:
             if i <= j:
                 values[i], values[j] = values[j], values[i]
                 i, j = i + 1, j - 1
-        if middle <= j:
+        if place <= j:
             high = j
-        elif middle >= i:
+        elif place >= i:
             low = i
         else:
             break
+    return float(values[place])
+
+
+@kernel()
+def quantile_in_place(values: FloatArray, n: int, share: float) -> float:
+    """Compute a quantile of the first ``n`` values.
+
+    One or more, without NaN; they are reordered. Between two values it lies on a straight line.
+    """
+    place = share * (n - 1)
+    below = int(place)
+    found = select(values, n, below)
+    if below + 1 < n:
+        after = values[below + 1]
+        for i in range(below + 2, n):
+            after = min(after, values[i])
+        found += (place - below) * (after - found)
+    return float(found)
+
+
+@kernel()
+def median_in_place(values: FloatArray) -> float:
+    """Compute a median by selection and reorder the values.
+
+    It needs one value or more, none of them NaN.
+    """
+    middle = values.size // 2
+    found = select(values, values.size, middle)
     if values.size % 2:
-        return float(values[middle])
+        return float(found)
     below = values[0]
     for n in range(1, middle):
         below = max(below, values[n])
-    return float(0.5 * (below + values[middle]))
+    return float(0.5 * (below + found))
 
 
 @kernel()
@@ -126,3 +155,137 @@ def _solve(matrix: FloatArray, right: FloatArray) -> None:
         for k in range(p + 1, n):
             right[p] -= matrix[k, p] * right[k]
         right[p] /= matrix[p, p]
+
+
+@kernel()
+def edge_statistics(
+    low: FloatArray, high: FloatArray, line: FloatArray, direction: float, low_share: float, high_share: float,
+    out: FloatArray,
+) -> None:  # fmt: skip
+    """Describe the envelopes about the main line (E-35b).
+
+    Parameters
+    ----------
+    low, high : ndarray, shape (J,)
+        Envelopes; NaN where nothing stands above the noise.
+    line : ndarray, shape (J,)
+        Main line.
+    direction : float
+        0 or more: the upper envelope leads; below 0 the lower one does.
+    low_share, high_share : float
+        Of the quantiles over time.
+    out : ndarray, shape (12,)
+        Overwritten with the share of columns that are seen; of those, mean and standard deviation of the lead of the
+        leading envelope, mean and standard deviation of the lag of the trailing one, two quantiles of the lead, two of
+        the lag, the lower quantile of the width, upper quantile of the upper less lower quantile of the lower envelope,
+        and the share with a lead beyond the middle of its quantiles. NaN where no column is seen.
+    """
+    n = 0
+    lead, lag, work = np.empty(low.size), np.empty(low.size), np.empty(low.size)
+    out[:] = 0.0
+    for j in range(low.size):
+        if np.isfinite(low[j]):
+            up, down = high[j] - line[j], line[j] - low[j]
+            lead[n], lag[n] = (up, down) if direction >= 0.0 else (down, up)
+            out[1] += lead[n]
+            out[3] += lag[n]
+            n += 1
+    if n == 0:
+        out[1:] = np.nan
+        return
+    out[0], out[1], out[3] = n / low.size, out[1] / n, out[3] / n
+    for i in range(n):
+        out[2] += (lead[i] - out[1]) ** 2
+        out[4] += (lag[i] - out[3]) ** 2
+        work[i] = lead[i] + lag[i]
+    out[2], out[4] = np.sqrt(out[2] / n), np.sqrt(out[4] / n)
+    out[9] = quantile_in_place(work, n, low_share)
+    n = 0
+    for j in range(low.size):
+        if np.isfinite(low[j]):
+            work[n] = high[j]
+            n += 1
+    out[10] = quantile_in_place(work, n, high_share)
+    n = 0
+    for j in range(low.size):
+        if np.isfinite(low[j]):
+            work[n] = low[j]
+            n += 1
+    out[10] -= quantile_in_place(work, n, low_share)
+    out[5], out[6] = quantile_in_place(lead, n, low_share), quantile_in_place(lead, n, high_share)
+    out[7], out[8] = quantile_in_place(lag, n, low_share), quantile_in_place(lag, n, high_share)
+    middle = (out[5] + out[6]) / 2.0
+    for i in range(n):
+        out[11] += 1.0 if lead[i] > middle else 0.0
+    out[11] /= n
+
+
+@kernel()
+def scatter_of_blocks(
+    residual: FloatArray, least_scale: float, tuning: float, starts: npt.NDArray[np.int64]
+) -> float:  # fmt: skip
+    r"""Compute the standard deviation of a tapered Cauchy mean of dependent values.
+
+    The square is :math:`\frac{B}{B - 2} \sum_b (\sum_{j \in b} \psi_j)^2 / (\sum_j \psi'_j)^2` with the influence
+    :math:`\psi_j = a_j r_j / (1 + u_j^2)`, its slope :math:`\psi'_j = a_j (1 - u_j^2) / (1 + u_j^2)^2`,
+    :math:`u_j = r_j / (t s)`, the scale s as in :func:`robust_fit` and the taper :math:`a_j = 1.001 - x_j^2` over x
+    from -1 to 1.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (J,)
+        r.
+    least_scale, tuning : float
+        s is this at least, and t.
+    starts : ndarray, shape (B,)
+        First value of every block; the last goes to the end.
+
+    Returns
+    -------
+    float
+        NaN where the slopes do not sum to more than 0.
+    """
+    n, n_blocks = residual.size, starts.size
+    work = np.empty(n)
+    for j in range(n):
+        work[j] = abs(residual[j])
+    scale = tuning * max(1.4826 * quantile_in_place(work, n, 0.5), least_scale)
+    slope = total = block = 0.0
+    b = 1
+    for j in range(n):
+        if b < n_blocks and j == starts[b]:
+            total += block * block
+            block = 0.0
+            b += 1
+        square = (residual[j] / scale) ** 2
+        taper = 1.0 - (2.0 * j / (n - 1) - 1.0) ** 2 + 1e-3
+        block += taper * residual[j] / (1.0 + square)
+        slope += taper * (1.0 - square) / (1.0 + square) ** 2
+    total += block * block
+    return np.sqrt(total * n_blocks / (n_blocks - 2)) / slope if slope > 0.0 else np.nan
+
+
+@kernel()
+def swing_parts(values: FloatArray, turn_rad: float, orders: npt.NDArray[np.int64], amplitude: FloatArray) -> None:
+    """Fit cosines and sines of several frequencies together by least squares.
+
+    Parameters
+    ----------
+    values : ndarray, shape (J,)
+    turn_rad : float
+        Phase of order 1 from one value to the next.
+    orders : ndarray, shape (N,)
+    amplitude : ndarray, shape (2 N,)
+        Overwritten: cosines of all orders, then sines.
+    """
+    n_orders = orders.size
+    normal, wave = np.zeros((2 * n_orders, 2 * n_orders)), np.empty(2 * n_orders)
+    amplitude[:] = 0.0
+    for j in range(values.size):
+        for n in range(n_orders):
+            wave[n], wave[n_orders + n] = np.cos(turn_rad * orders[n] * j), np.sin(turn_rad * orders[n] * j)
+        for p in range(2 * n_orders):
+            for q in range(p + 1):
+                normal[p, q] += wave[p] * wave[q]
+            amplitude[p] += wave[p] * values[j]
+    _solve(normal, amplitude)

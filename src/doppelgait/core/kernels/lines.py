@@ -1,0 +1,302 @@
+"""Lines through a signature and power about them (E-33, E-34c)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from doppelgait.core.kernels.compiled import kernel
+
+FloatArray = npt.NDArray[np.float64]
+AnyFloatArray = npt.NDArray[np.floating[Any]]
+
+
+@kernel()
+def smooth(values: FloatArray, sd: float, mirrored: int, out: FloatArray) -> None:
+    """Smooth by a Gaussian, cut off at four standard deviations.
+
+    Parameters
+    ----------
+    values : ndarray, shape (J,)
+    sd : float
+        Standard deviation, in samples.
+    mirrored : int
+        1: the values go on beyond the ends as their mirror image, the end itself repeated; 0: as the end itself.
+    out : ndarray, shape (J,)
+        Overwritten.
+    """
+    n, reach = values.size, int(4.0 * sd + 0.5)
+    weight, total = np.empty(reach + 1), 0.0
+    for i in range(reach + 1):
+        weight[i] = np.exp(-0.5 * i * i / (sd * sd))
+        total += weight[i] if i == 0 else 2.0 * weight[i]
+    for j in range(n):
+        found = weight[0] * values[j]
+        for i in range(1, reach + 1):
+            low, high = j - i, j + i
+            if low < 0 or high >= n:
+                if mirrored:
+                    low, high = low % (2 * n), high % (2 * n)
+                    low, high = min(low, 2 * n - 1 - low), min(high, 2 * n - 1 - high)
+                else:
+                    low, high = max(low, 0), min(high, n - 1)
+            found += weight[i] * (values[low] + values[high])
+        out[j] = found / total
+
+
+@kernel()
+def torso_line(values: FloatArray, reach: int, sd: float, line: FloatArray) -> int:
+    r"""Follow the torso about the median peak (E-33 step 4).
+
+    .. math:: l_j = \sum_{|i| \le r} i\, v_{j,m+i}^2 \Big/ \sum_{|i| \le r} v_{j,m+i}^2
+
+    then smoothed by a Gaussian; the Doppler axis is circular, and a column without power there has 0.
+
+    Parameters
+    ----------
+    values : ndarray, shape (J, K)
+    reach : int
+        r, bins.
+    sd : float
+        Of the Gaussian, columns.
+    line : ndarray, shape (J,)
+        Overwritten, bins from m.
+
+    Returns
+    -------
+    int
+        m.
+    """
+    n_columns, n_bins = values.shape
+    peaks, centroid = np.zeros(n_bins, np.int64), np.empty(n_columns)
+    for j in range(n_columns):
+        best, column = 0, values[j]
+        for k in range(1, n_bins):
+            if column[k] > column[best]:
+                best = k
+        peaks[best] += 1
+    counted, low, high = 0, -1, -1
+    for k in range(n_bins):  # the values in the middle of the sorted ones
+        counted += peaks[k]
+        low = k if low < 0 and counted > (n_columns - 1) // 2 else low
+        high = k if high < 0 and counted > n_columns // 2 else high
+    middle = (low + high) // 2
+    for j in range(n_columns):
+        total = moment = 0.0
+        for i in range(-reach, reach + 1):
+            square = values[j, (middle + i) % n_bins] ** 2
+            total += square
+            moment += i * square
+        centroid[j] = moment / total if total > 0.0 else 0.0
+    smooth(centroid, sd, 1, line)
+    return middle
+
+
+@kernel(inline="llvm")
+def sum_of(values, offset):  # type: ignore[no-untyped-def]
+    """Sum values less an offset.
+
+    In eight parts, which need not wait for each other.
+    """
+    n, k = values.size, 0
+    a = b = c = d = e = f = g = h = 0.0
+    while k + 8 <= n:
+        a += np.float64(values[k]) - offset
+        b += np.float64(values[k + 1]) - offset
+        c += np.float64(values[k + 2]) - offset
+        d += np.float64(values[k + 3]) - offset
+        e += np.float64(values[k + 4]) - offset
+        f += np.float64(values[k + 5]) - offset
+        g += np.float64(values[k + 6]) - offset
+        h += np.float64(values[k + 7]) - offset
+        k += 8
+    while k < n:
+        a += np.float64(values[k]) - offset
+        k += 1
+    return ((a + b) + (c + d)) + ((e + f) + (g + h))
+
+
+@kernel(fastmath=("contract", "nsz"))
+def powers_about_line(
+    values: AnyFloatArray, floor: float, line: FloatArray, reaches: FloatArray, range_weight: FloatArray,
+    sums: FloatArray, square: FloatArray, moment: FloatArray,
+) -> None:  # fmt: skip
+    r"""Sum power and squared power about the main line.
+
+    Cells at the edge count in part; the centroid of the squared power is not yet divided.
+
+    With :math:`p = v - \nu` and the distance x of a cell's centre from the line, bins: :math:`T_j = \sum p\,
+    \min(\max(r - |x| + 1/2, 0), 1)` and :math:`N_j` for two reaches r, :math:`A_j = \sum p` over all cells, and
+    :math:`\sum \max(p, 0)^2` and :math:`\sum x \max(p, 0)^2` over the cells with :math:`|x|` up to the third reach.
+    The Doppler axis is circular.
+
+    Parameters
+    ----------
+    values : ndarray, shape (J, K)
+    floor : float
+        nu.
+    line : ndarray, shape (J,)
+        Main line in bins from the first.
+    reaches : ndarray, shape (3,)
+        Of T, N and the centroid, bins.
+    range_weight : ndarray, shape (J,)
+        w, factor of the powers of a column.
+    sums : ndarray, shape (5,)
+        Overwritten with the sums of w T, w N and w A over time, and mean and standard deviation of w N.
+    square, moment : ndarray, shape (J,)
+        Overwritten.
+    """
+    n_columns, n_bins = values.shape
+    half = min(int(np.ceil(reaches[1])) + 1, (n_bins - 1) // 2)
+    near_power = np.empty(n_columns)
+    sums[:] = 0.0
+    for j in range(n_columns):
+        centre = int(np.rint(line[j]))
+        torso = near = weight = turn = 0.0
+        k = (centre - half) % n_bins
+        for bin_number in range(centre - half, centre + half + 1):
+            distance = bin_number - line[j]
+            power = np.float64(values[j, k]) - floor
+            torso += power * min(max(reaches[0] - abs(distance) + 0.5, 0.0), 1.0)
+            near += power * min(max(reaches[1] - abs(distance) + 0.5, 0.0), 1.0)
+            above = max(power, 0.0) if abs(distance) <= reaches[2] else 0.0
+            weight += above * above
+            turn += above * above * distance
+            k = k + 1 if k + 1 < n_bins else 0
+        square[j], moment[j] = weight, turn
+        near_power[j] = near * range_weight[j]
+        sums[0] += torso * range_weight[j]
+        sums[1] += near_power[j]
+        sums[2] += sum_of(values[j], floor) * range_weight[j]
+    sums[3] = sums[1] / n_columns
+    for j in range(n_columns):
+        sums[4] += (near_power[j] - sums[3]) ** 2
+    sums[4] = np.sqrt(sums[4] / n_columns)
+
+
+@kernel()
+def torso_swing(
+    square: FloatArray, moment: FloatArray, least_share: float, scale: float, sd: float, basis: FloatArray,
+    swing: FloatArray,
+) -> None:  # fmt: skip
+    """Follow the torso along the main line and remove its slow part.
+
+    Parameters
+    ----------
+    square, moment : ndarray, shape (J,)
+        Of :func:`powers_about_line`; columns without power are filled from their neighbours.
+    least_share : float
+        Where a smaller share of the columns has power the swing is NaN.
+    scale : float
+        m/s a bin.
+    sd : float
+        Of the Gaussian that smooths the line, columns.
+    basis : ndarray, shape (J, P)
+        Orthonormal functions of time, whose part is removed.
+    swing : ndarray, shape (J,)
+        Overwritten, m/s.
+    """
+    n_columns, found, last = square.size, 0, -1
+    line = np.empty(n_columns)
+    for j in range(n_columns):
+        if not square[j] > 0.0:
+            continue
+        here = moment[j] / square[j] * scale
+        for i in range(last + 1, j):  # straight from the column before
+            line[i] = here if last < 0 else line[last] + (here - line[last]) * (i - last) / (j - last)
+        line[j] = here
+        found, last = found + 1, j
+    for i in range(last + 1, n_columns):
+        line[i] = line[last] if last >= 0 else 0.0
+    if found < least_share * n_columns:
+        swing[:] = np.nan
+        return
+    smooth(line, sd, 0, swing)
+    for p in range(basis.shape[1]):  # orthonormal: one after the other is all at once
+        part = 0.0
+        for j in range(n_columns):
+            part += basis[j, p] * swing[j]
+        for j in range(n_columns):
+            swing[j] -= part * basis[j, p]
+
+
+@kernel()
+def refined_ridge(
+    values: AnyFloatArray, floor: float, path: npt.NDArray[np.int64], sd: float, ridge: FloatArray
+) -> None:
+    """Refine a path by the centroid of three cells, smoothed.
+
+    Parameters
+    ----------
+    values : ndarray, shape (J, K)
+    floor : float
+        Taken off every cell, of which a thousandth stays at least.
+    path : ndarray, shape (J,)
+        Of :func:`follow_ridge`.
+    sd : float
+        Of the Gaussian, columns.
+    ridge : ndarray, shape (J,)
+        Overwritten, bins from the first, not folded.
+    """
+    n_columns, n_bins = values.shape
+    centre = np.empty(n_columns)
+    for j in range(n_columns):
+        total = moment = 0.0
+        for i in range(-1, 2):
+            cell = np.float64(values[j, (path[j] + i) % n_bins])
+            cell = max(cell - floor, 1e-3 * cell) + 1e-300
+            total += cell
+            moment += i * cell
+        centre[j] = path[j] + moment / total
+    smooth(centre, sd, 0, ridge)
+
+
+@kernel()
+def follow_ridge(
+    values: AnyFloatArray, floor: float, line: FloatArray, reach: int, cost: float, path: npt.NDArray[np.int64]
+) -> None:
+    r"""Follow the strongest smooth ridge near a line (Viterbi, E-34c).
+
+    The path :math:`k_j = \mathrm{rint}(l_j) + i_j`, :math:`|i_j| \le r`, maximises
+    :math:`\sum_j \ln(\max(v_{j,k_j}, \nu)) - c \sum_j (k_j - k_{j-1})^2` with steps of at most one bin; the
+    Doppler axis is circular.
+
+    Parameters
+    ----------
+    values : ndarray, shape (J, K)
+    floor : float
+        nu.
+    line : ndarray, shape (J,)
+        Bins from the first.
+    reach : int
+        r.
+    cost : float
+        c.
+    path : ndarray, shape (J,)
+        Overwritten: k, not folded.
+    """
+    n_columns, n_bins = values.shape
+    width = 2 * reach + 1
+    score, before = np.zeros(width), np.zeros(width)
+    came = np.zeros((n_columns, width), np.int64)
+    for j in range(n_columns):
+        here = int(np.rint(line[j])) - reach
+        moved = here - (int(np.rint(line[j - 1])) - reach) if j else 0
+        for i in range(width):
+            most, origin = -np.inf, min(max(i + moved, 0), width - 1)
+            for step in range(-1, 2):
+                previous = i + moved + step
+                if 0 <= previous < width and before[previous] - cost * step * step > most:
+                    most, origin = before[previous] - cost * step * step, previous
+            if most == -np.inf:  # the line itself has jumped
+                most = before[origin] - cost
+            came[j, i] = origin
+            score[i] = most + np.log(max(np.float64(values[j, (here + i) % n_bins]), floor, 1e-300))
+        for i in range(width):  # a loop: assigning a slice would bring its error messages along
+            before[i] = score[i]
+    i = int(score.argmax())
+    for j in range(n_columns - 1, -1, -1):
+        path[j] = int(np.rint(line[j])) - reach + i
+        i = came[j, i]
