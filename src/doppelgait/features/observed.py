@@ -303,6 +303,35 @@ class Observed:
         found[1:-1] *= self.mps_per_hz
         return Edges(*found.tolist())
 
+    @cached_property
+    def edges_mps(self) -> tuple[FloatArray, FloatArray]:
+        """Lower and upper envelope (E-35b) as velocities; shapes (J,).
+
+        NaN in columns without power above the noise.
+        """
+        low_hz, high_hz = self.envelopes_hz
+        return low_hz * self.mps_per_hz, high_hz * self.mps_per_hz
+
+    @property
+    def forward_mps(self) -> FloatArray:
+        """Lead of the leading envelope (E-35b) over the main line.
+
+        It covers the columns with power above the noise.
+        """
+        low, high = self.edges_mps
+        lead = high - self.line_mps if self.direction >= 0 else self.line_mps - low
+        return np.asarray(lead[np.isfinite(low)])
+
+    @property
+    def backward_mps(self) -> FloatArray:
+        """Lag of the trailing envelope behind the main line.
+
+        It covers the columns with power above the noise and is positive behind.
+        """
+        low, high = self.edges_mps
+        lag = self.line_mps - low if self.direction >= 0 else high - self.line_mps
+        return np.asarray(lag[np.isfinite(low)])
+
     @property
     def envelope_width_hz(self) -> float | None:
         """Bandwidth between the envelopes (E-35b).
