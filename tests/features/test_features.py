@@ -178,7 +178,7 @@ def test_occupied_rows_stand_three_standard_deviations_above_the_noise_e38():
     mu = make_array(SIGNATURE, np.tile(mean, (50, 1)), coords, {"n_gate_bins": 16})
     evidence = Observed(
         signature=mu, floor_v2=1.0, excess=mu - 1.0, n_independent=25.0,
-        main_line_hz=None, aligned=None, rows=None, cadence_parts=None, strongest_v2=None,
+        main_line_hz=None, aligned=None, cadence_parts=None, strongest_v2=None,
         peaks_hz=None, spectrum=None, observation_s=0.4,
     )  # fmt: skip
     np.testing.assert_array_equal(evidence.occupied, [False, False, True, False, True])
@@ -270,7 +270,7 @@ def envelope_width_hz(mu, floor_v2):
     mu = mu.assign_attrs(wavelength_m=WAVELENGTH_M)
     observed = Observed(
         signature=mu, floor_v2=floor_v2, main_line_hz=np.zeros(mu.sizes["time"]),
-        excess=None, n_independent=25.0, aligned=None, rows=None, cadence_parts=None, strongest_v2=None, peaks_hz=None,
+        excess=None, n_independent=25.0, aligned=None, cadence_parts=None, strongest_v2=None, peaks_hz=None,
         spectrum=None, observation_s=0.4,
     )  # fmt: skip
     return observed.envelope_width_hz

@@ -40,7 +40,7 @@ def evidence_of(values, line_mps, *, floor=0.0, spectrum=None, **changes):
     return Observed(
         signature=mu, floor_v2=floor, main_line_hz=np.broadcast_to(line_mps, T.shape) / HALF_M, excess=mu - floor,
         aligned=make_array(NORMALISED_SIGNATURE, aligned, coords),
-        rows=None, cadence_parts=None, strongest_v2=values.max(axis=1), peaks_hz=column_peaks(mu)[1],
+        cadence_parts=None, strongest_v2=values.max(axis=1), peaks_hz=column_peaks(mu)[1],
         spectrum=make_array(CADENCE_SPECTRUM, power, {"cadence": cadence_hz}),
         observation_s=values.shape[0] / RATE_HZ, n_independent=83.0,
     )  # fmt: skip

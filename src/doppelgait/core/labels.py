@@ -98,6 +98,8 @@ class Plain:
     attrs : dict
     like : DataArray
         Array with the coordinates that :meth:`labelled` copies.
+    columns : slice, optional
+        Part of that array along its first dimension.
     """
 
     schema: Schema
@@ -105,6 +107,7 @@ class Plain:
     axes: Mapping[str, npt.NDArray[Any]]
     attrs: dict[Any, Any]
     like: xr.DataArray
+    columns: slice | None = None
 
     @classmethod
     def of(cls, array: xr.DataArray, schema: Schema) -> Plain:
@@ -125,10 +128,11 @@ class Plain:
 
     def labelled(self) -> xr.DataArray:
         """Make the labelled array."""
-        own = {name: self.axes[name] for name in self.schema.dims if name not in self.like.coords.variables}
-        if own or self.schema.dims != self.like.dims:
-            return make_array(self.schema, self.values, own, self.attrs, like=self.like)
-        return with_values(self.like, self.values, schema=self.schema, attrs=self.attrs)
+        like = self.like if self.columns is None else self.like.isel({self.like.dims[0]: self.columns})
+        own = {name: self.axes[name] for name in self.schema.dims if name not in like.coords.variables}
+        if own or self.schema.dims != like.dims:
+            return make_array(self.schema, self.values, own, self.attrs, like=like)
+        return with_values(like, self.values, schema=self.schema, attrs=self.attrs)
 
 
 Signal = TypeVar("Signal", xr.DataArray, Plain)
@@ -138,7 +142,7 @@ Signal = TypeVar("Signal", xr.DataArray, Plain)
 def make_like(like: Signal, schema: Schema, values: npt.NDArray[Any], coords: Mapping[str, Any]) -> Signal:
     """Make an array of another schema with further coordinates."""
     if isinstance(like, Plain):
-        return Plain(schema, values, {**like.axes, **coords}, {"units": schema.units}, like.like)
+        return Plain(schema, values, {**like.axes, **coords}, {"units": schema.units}, like.like, like.columns)
     return make_array(schema, values, coords, like=like)
 
 
@@ -187,6 +191,17 @@ def make_array(
     return check_signal(_assemble_array(array, variables, indexes, schema.name), schema)
 
 
+def take_columns(array: Signal, columns: slice) -> Signal:
+    """Cut an array along its first dimension."""
+    if not isinstance(array, Plain):
+        return array.isel({array.dims[0]: columns})
+    if array.columns is not None:
+        return take_columns(Plain.of(array.labelled(), array.schema), columns)
+    along, named = array.schema.dims[:1], array.like.coords.variables
+    axes = {name: values[columns] if named[name].dims == along else values for name, values in array.axes.items()}
+    return Plain(array.schema, array.values[columns], axes, dict(array.attrs), array.like, columns)
+
+
 def with_values(
     array: Signal,
     values: npt.NDArray[Any],
@@ -209,7 +224,7 @@ def with_values(
     if values.shape != array.shape:
         raise ValueError(f"values of shape {values.shape} do not fit coordinates of shape {array.shape}")
     if isinstance(array, Plain):
-        return Plain(schema or array.schema, values, array.axes, facts, array.like)
+        return Plain(schema or array.schema, values, array.axes, facts, array.like, array.columns)
     variable = label_values(array.dims, values, facts)
     name = array.name if schema is None else schema.name
     coords = {name: _copy_coordinate(coordinate) for name, coordinate in array.coords.variables.items()}

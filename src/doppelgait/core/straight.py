@@ -29,6 +29,23 @@ def straight_probability(
     ----------
     residual_m : ndarray
         Ranges less those of the motion that fits best.
+    range_sd_m, duration_s, way_m, n_parameters
+        As in :func:`straight_chance`.
+    """
+    return straight_chance(
+        float(residual_m @ residual_m) / residual_m.size, range_sd_m=range_sd_m, duration_s=duration_s, way_m=way_m,
+        n_parameters=n_parameters,
+    )  # fmt: skip
+
+
+def straight_chance(
+    square_m2: float, *, range_sd_m: float, duration_s: float, way_m: float, n_parameters: int
+) -> float:
+    """Compute :func:`straight_probability` from the residuals' mean square.
+
+    Parameters
+    ----------
+    square_m2 : float
     range_sd_m : float
         Standard deviation of a range.
     duration_s : float
@@ -41,5 +58,5 @@ def straight_probability(
     from scipy.special import chdtrc
 
     n_errors = duration_s / ERROR_MEMORY_S
-    square = float(residual_m @ residual_m) / residual_m.size / (range_sd_m**2 + (SPEED_WANDER * way_m) ** 2)
+    square = square_m2 / (range_sd_m**2 + (SPEED_WANDER * way_m) ** 2)
     return float(chdtrc(max(n_errors - n_parameters, 0.5), n_errors * square))

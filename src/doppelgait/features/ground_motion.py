@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from doppelgait.core.errors import AnalysisError
-from doppelgait.core.straight import ERROR_MEMORY_S, LINE, PARABOLA, straight_probability
+from doppelgait.core.straight import ERROR_MEMORY_S, LINE, PARABOLA, straight_chance
 
 Visibility = Literal["clear", "limbs_only", "hidden", "unknown"]
 
@@ -36,7 +36,7 @@ STRAIGHT_LEVEL = 1e-3
 """Ranges that fit straight motion with a lower chance than this are of another path."""
 GREATEST_SPEED_SD_SHARE, GREATEST_ASPECT_SD_DEG = 0.1, 15.0
 """Above either standard deviation there is no number."""
-GRID, GRID_SD = np.linspace(0.0, 1.0, 128), 5.0
+GRID_SPEEDS, GRID_SD = 128, 5.0
 """Across speeds that are compared: from 0 to this many standard deviations above the best."""
 
 
@@ -85,64 +85,44 @@ def ground_motion(time_s: npt.ArrayLike, range_m: npt.ArrayLike, *, range_sd_m: 
     -------
     GroundMotion
         Without numbers where ranges fit straight, steady motion with a chance below 0.001
-        (:func:`doppelgait.core.straight.straight_probability`) or say too little.
+        (:func:`doppelgait.core.straight.straight_chance`) or say too little.
     """
     times = np.asarray(time_s, dtype=np.float64)
     ranges = np.asarray(range_m, dtype=np.float64)
     duration_s = float(times[-1] - times[0])
     if duration_s < MIN_OBSERVATION_S - ENDS_S:
         return GroundMotion(reason="too_short")
-    from doppelgait.core.kernels.robust import robust_fit
+    from doppelgait.core.kernels.robust import straight_motion
 
-    half_s = duration_s / 2.0
-    middle = (times - (times[0] + times[-1]) / 2.0) / half_s
-    basis = np.stack([np.ones_like(middle), middle, middle**2])
-    square, solution = ranges**2, np.empty(3)
-    # its first line goes through all points: the first weights are 1 / R^2 alone
-    robust_fit(basis, square, 1.0 / square, ranges, LEAST_SCALE_M, CAUCHY_TUNING, ITERATIONS, square.copy(), solution)
-    solution /= half_s ** np.arange(3)
-    if not solution[0] > 0:  # NaN, too: of fewer than three times, or an unknown range
+    found = np.empty(7)
+    straight_motion(times, ranges, LEAST_SCALE_M, CAUCHY_TUNING, ITERATIONS, OUTLIER_SD, found)
+    c0, c1, _, across_2, square_m2, across_variance, radial_variance = found.tolist()
+    if not c0 > 0:  # NaN, too: of fewer than three times, or an unknown range
         return GroundMotion(reason="path_is_not_straight")
-    basis *= half_s ** np.arange(3)[:, None]
-    radial_mps = -solution[1] / (2.0 * math.sqrt(solution[0]))
-    across_2 = solution[2] - radial_mps**2
-    residual_m, n_parameters = ranges - np.sqrt(np.maximum(solution @ basis, 1e-12)), PARABOLA
-    if across_2 < 0:  # straight motion never bends a range towards the radar
-        about, way = middle - middle.mean(), ranges - ranges.mean()
-        residual_m, n_parameters = way - about * (about @ way / (about @ about)), LINE
-    largest_m = OUTLIER_SD * 1.4826 * float(np.median(np.abs(residual_m)))
-    sd_m = range_sd_m or RANGE_SD_M
-    probability = straight_probability(
-        np.clip(residual_m, -largest_m, largest_m), range_sd_m=sd_m, duration_s=duration_s,
-        way_m=float(np.ptp(ranges)), n_parameters=n_parameters,
+    radial_mps, sd_m = -c1 / (2.0 * math.sqrt(c0)), range_sd_m or RANGE_SD_M
+    probability = straight_chance(
+        square_m2, range_sd_m=sd_m, duration_s=duration_s, way_m=float(ranges.max() - ranges.min()),
+        n_parameters=LINE if across_2 < 0 else PARABOLA,
     )  # fmt: skip
     if probability < STRAIGHT_LEVEL:
         return GroundMotion(reason="path_is_not_straight")
-    weighted = basis / (2.0 * ranges * sd_m)
-    repeated = times.size * ERROR_MEMORY_S / duration_s
-    covariance = np.linalg.inv(weighted @ weighted.T) * repeated
-    c0, c1 = float(solution[0]), float(solution[1])
-    by_across = np.array([c1**2 / (4.0 * c0**2), -c1 / (2.0 * c0), 1.0])
-    by_radial = np.array([c1 / (4.0 * c0**1.5), -1.0 / (2.0 * math.sqrt(c0)), 0.0])
-    across_sd = math.sqrt(float(by_across @ covariance @ by_across) + c0 * ACCELERATION_SD_MPS2**2)
-    radial_sd = math.sqrt(float(by_radial @ covariance @ by_radial) + (SPEED_SD_SHARE * radial_mps) ** 2)
-    return _posterior(radial_mps, radial_sd, float(across_2), across_sd)
+    error_m2 = sd_m**2 * times.size * ERROR_MEMORY_S / duration_s
+    across_sd = math.sqrt(across_variance * error_m2 + c0 * ACCELERATION_SD_MPS2**2)
+    radial_sd = math.sqrt(radial_variance * error_m2 + (SPEED_SD_SHARE * radial_mps) ** 2)
+    return _posterior(radial_mps, radial_sd, across_2, across_sd)
 
 
 def _posterior(radial_mps: float, radial_sd: float, across_2: float, across_sd: float) -> GroundMotion:
     """Compute means and standard deviations over the speed across."""
-    across_mps = GRID * math.sqrt(max(across_2, 0.0) + GRID_SD * across_sd)
-    weight = np.exp(-0.5 * (((across_mps**2 - across_2) / across_sd) ** 2))
-    weight /= weight.sum()
-    speed_mps = np.hypot(radial_mps, across_mps)
-    aspect_deg = np.degrees(np.arctan2(across_mps, radial_mps))
-    speed, aspect = float(weight @ speed_mps), float(weight @ aspect_deg)
+    from doppelgait.core.kernels.robust import speeds_across
+
+    found = np.empty(4)
+    speeds_across(radial_mps, across_2, across_sd, GRID_SD, GRID_SPEEDS, found)
+    speed, aspect, speed_variance, aspect_variance = found.tolist()
     along = abs(radial_mps) / max(speed, 1e-9)
-    speed_sd = math.sqrt(
-        float(weight @ (speed_mps - speed) ** 2) + (along * radial_sd) ** 2 + (SPEED_SD_SHARE * speed) ** 2
-    )
+    speed_sd = math.sqrt(speed_variance + (along * radial_sd) ** 2 + (SPEED_SD_SHARE * speed) ** 2)
     turned_deg = math.degrees(radial_sd / max(speed, 1e-9)) * math.sin(math.radians(aspect))
-    aspect_sd = math.sqrt(float(weight @ (aspect_deg - aspect) ** 2) + turned_deg**2 + ASPECT_SD_DEG**2)
+    aspect_sd = math.sqrt(aspect_variance + turned_deg**2 + ASPECT_SD_DEG**2)
     if speed_sd > GREATEST_SPEED_SD_SHARE * speed or aspect_sd > GREATEST_ASPECT_SD_DEG:
         return GroundMotion(None, None, speed_sd, aspect_sd, "too_uncertain")
     return GroundMotion(speed, aspect, speed_sd, aspect_sd, "")

@@ -104,10 +104,8 @@ class Observed:
         mu - nu, aligned as ``aligned``.
     aligned : Plain (time, doppler)
         Normalised signature, aligned to the main line if that drifts.
-    rows : Plain (time, doppler)
-        ``aligned``, detrended.
     cadence_parts : CadenceParts
-        Single rows of the cadence map of ``rows``.
+        Single rows of the cadence map of :attr:`rows`.
     spectrum : Plain (cadence)
         Power spectrum S.
     observation_s : float
@@ -130,7 +128,6 @@ class Observed:
     main_line_hz: FloatArray
     excess: Plain
     aligned: Plain
-    rows: Plain
     cadence_parts: Any
     spectrum: Plain
     observation_s: float
@@ -230,6 +227,12 @@ class Observed:
     def noise_sd_v2(self) -> float:
         """Standard deviation of a cell of noise, nu / sqrt(N_g)."""
         return self.floor_v2 / float(np.sqrt(max(1.0, float(self.signature.attrs["n_gate_bins"]))))
+
+    @cached_property
+    def rows(self) -> Plain:
+        """Aligned normalised signature, detrended (E-31); (time, doppler)."""
+        found: Plain = self.cadence_parts.detrended()
+        return found
 
     @cached_property
     def mean_row(self) -> FloatArray:

@@ -90,13 +90,18 @@ def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label
         Only passed on.
     """
     liland = analysis.method == "liland2018"
-    usable, share = processing.within_frame(mu if liland else processing.thin(mu))
-    shown = usable if usable.attrs["hop"] == mu.attrs["hop"] else processing.within_frame(mu)[0]
+    usable: xr.DataArray | Plain
+    if liland:
+        usable, share = processing.within_frame(mu)
+    else:
+        usable, share = processing.within_frame(processing.thin(Plain.of(mu, SIGNATURE)))
+    shown = processing.within_frame(mu)[0]
+    thinned = usable.attrs["hop"] != mu.attrs["hop"]
     further: dict[str, Any] = {}
     over_time: dict[str, Any] = {}
     if liland:
         # the report's chain: columns over their maximum, mean removed, plain transform, sum over Doppler
-        normalised = processing.normalise(usable, 0.0, mode="max")
+        normalised = processing.normalise(shown, 0.0, mode="max")
         rows = processing.detrend(normalised, order=0)
         cadence_map = processing.cadence_map(rows, padded=False, tapered=False)
         spectrum = processing.cadence_spectrum(cadence_map, power=False)
@@ -115,7 +120,7 @@ def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label
         aligned = observed.aligned is not plain
         late = LateArrays(
             normalised_signature=plain.labelled,
-            cadence_map=partial(_labelled_map, observed.rows, aligned),
+            cadence_map=partial(_labelled_map, observed, aligned),
             cadence_spectrum=observed.spectrum.labelled,
             mean_doppler_spectrum=partial(processing.mean_doppler_spectrum, plain),
         )
@@ -143,20 +148,23 @@ def analyze_signature(mu: xr.DataArray, gate: Gate, analysis: Analysis, *, label
         quality={**extraction.quality, **motion, "gate_inside_frame": share},
         flags=tuple(flags),
         arrays=LateArrays(
-            late, signature=shown, main_line_hz=main_line.straight_at(line_hz, usable, shown), **over_time
+            late,
+            signature=shown,
+            main_line_hz=main_line.straight_at(line_hz, usable, shown) if thinned else line_hz,
+            **over_time,
         ),
         **further,
     )
 
 
-def _labelled_map(rows: Plain, aligned: bool) -> xr.DataArray:
-    found = processing.cadence_map(rows).labelled()
+def _labelled_map(observed: Observed, aligned: bool) -> xr.DataArray:
+    found = processing.cadence_map(observed.rows).labelled()
     found.attrs[ALIGNED] = aligned
     return found
 
 
 def _measure_ground_motion(
-    mu: xr.DataArray, gate: Gate, extraction: Extraction, deviations: Mapping[str, float | None]
+    mu: xr.DataArray | Plain, gate: Gate, extraction: Extraction, deviations: Mapping[str, float | None]
 ) -> tuple[dict[str, Any], dict[str, float | None], list[str]]:
     """Measure ground speed and aspect from the gate's range (E-34b).
 
@@ -185,12 +193,12 @@ def _measure_ground_motion(
     return dict(zip(GROUND_QUALITY, values, strict=True)), dict(zip(GROUND_QUALITY, sd, strict=True)), flags
 
 
-def observe(usable: xr.DataArray, analysis: Analysis) -> tuple[Observed, Plain]:
+def observe(usable: xr.DataArray | Plain, analysis: Analysis) -> tuple[Observed, Plain]:
     """Observe everything in a signature that features need (E-28 to E-38).
 
     Parameters
     ----------
-    usable : DataArray (time, doppler)
+    usable : DataArray or Plain (time, doppler)
         Signature inside the frame, decimated to the lossless hop.
     analysis : Analysis
 
@@ -201,7 +209,7 @@ def observe(usable: xr.DataArray, analysis: Analysis) -> tuple[Observed, Plain]:
     normalised : Plain (time, doppler)
         Normalised signature, not aligned.
     """
-    mu = Plain.of(usable, SIGNATURE)
+    mu = usable if isinstance(usable, Plain) else Plain.of(usable, SIGNATURE)
     floor_v2 = processing.noise_floor_v2(mu)
     mu.attrs["n_gate_bins"] = processing.independent_bins(mu, floor_v2)
     normalised = processing.normalise(mu, floor_v2, mode=analysis.normalisation)
@@ -214,17 +222,16 @@ def observe(usable: xr.DataArray, analysis: Analysis) -> tuple[Observed, Plain]:
         track_mps, bend_mps = track.mean_mps, track.bend_mps
         track_hz = 2.0 * track.line_mps / float(mu.attrs["wavelength_m"])
         straight, agreed = main_line.settle_velocity(mu, floor_v2, straight, track_hz)
-    excess = with_values(mu, mu.values - np.float32(floor_v2))
+    excess = with_values(mu, mu.values - mu.values.dtype.type(floor_v2))
     aligned = normalised
     if main_line.drifts(main_line.line_through(peaks_hz, bin_hz, order=1)):
         line = main_line.line_through(peaks_hz, bin_hz, order=processing.line_order(seconds))
         aligned, excess = processing.align(normalised, line), processing.align(excess, line)
-    rows = processing.detrend(aligned, order=processing.detrend_order(seconds))
-    parts = CadenceParts(rows)
+    parts = CadenceParts(aligned, processing.detrend_order(seconds))
     observed = Observed(
         signature=mu, floor_v2=floor_v2, strongest_v2=strongest_v2, peaks_hz=peaks_hz,
         main_line_hz=straight, excess=excess, aligned=aligned,
-        rows=rows, cadence_parts=parts, spectrum=parts.spectrum(), observation_s=seconds,
+        cadence_parts=parts, spectrum=parts.spectrum(), observation_s=seconds,
         n_independent=processing.independent_columns(mu),
         track_mps=track_mps, bend_mps=bend_mps, agreed=agreed,
     )  # fmt: skip

@@ -121,21 +121,13 @@ def _coarsest_step(n_columns: int, length: int, n_kept: int) -> int:
 def _smear(rows: FloatArray, weights: FloatArray, length: int, n_kept: int, step: int) -> tuple[FloatArray, FloatArray]:
     """Apply step (1) of :func:`magnitudes`.
 
-    The kernel at every step-th column only, in blocks of small matrix products; the kernel's response is returned, too.
+    The kernel's response is returned, too.
     """
-    n_columns, n_rows = rows.shape
-    n_coarse = -(-n_columns // step) + WIDTH
-    n_blocks = -(-n_coarse // BLOCK)
-    band, shape_factor = _time_band(step, length / step / (2.0 * n_kept))
-    padded = _buffer("padded", (step * (n_blocks * BLOCK + WIDTH), n_rows))
-    before = step * WIDTH - 1
-    padded[:before] = padded[before + n_columns :] = 0.0
-    np.multiply(rows, weights[:, None], out=padded[before : before + n_columns])
-    overlapping = np.lib.stride_tricks.as_strided(
-        padded, (n_blocks, step * (BLOCK + WIDTH), n_rows), (BLOCK * step * padded.strides[0], *padded.strides),
-        writeable=False,
-    )  # fmt: skip
-    coarse = np.matmul(band, overlapping).reshape(-1, n_rows)[:n_coarse]
+    from doppelgait.core.kernels.cadence import smear
+
+    taps, shape_factor = _time_taps(step, length / step / (2.0 * n_kept))
+    coarse = np.empty((-(-rows.shape[0] // step) + WIDTH, rows.shape[1]))
+    smear(np.ascontiguousarray(rows), weights, taps, step, coarse)
     return coarse, _kernel_transform(n_kept, 0, length // step, shape_factor)
 
 
@@ -198,15 +190,13 @@ def _buffer(name: str, shape: tuple[int, ...], dtype: type = np.float64) -> npt.
 
 
 @lru_cache(maxsize=16)
-def _time_band(step: int, oversampling: float) -> tuple[FloatArray, float]:
-    """Compute the kernel of BLOCK coarse columns over fine ones.
+def _time_taps(step: int, oversampling: float) -> tuple[FloatArray, float]:
+    """Compute the kernel at the fine columns about a coarse one.
 
-    It has the shape (BLOCK, step (BLOCK + WIDTH)); its shape factor is returned, too.
+    It has the shape (step WIDTH - 1,); its shape factor is returned, too.
     """
     shape_factor = math.pi * WIDTH * (1.0 - 0.5 / oversampling)
-    fine = np.arange(step * (BLOCK + WIDTH))
-    distance = (fine[None, :] + 1.0) / step - WIDTH / 2 - np.arange(BLOCK)[:, None]
-    return _kernel(distance, shape_factor), shape_factor
+    return _kernel(np.arange(1, step * WIDTH) / step - WIDTH / 2, shape_factor), shape_factor
 
 
 @lru_cache(maxsize=16)
@@ -280,10 +270,17 @@ def detrend(normalised: Signal, *, order: int) -> Signal:
         0 or more; 0 is the report's mu_0.
     """
     check_signal(normalised, NORMALISED_SIGNATURE)
-    values = normalised.values
+    trend = _orthonormal_basis(normalised.shape[0], order) @ _projected(normalised.values, order)
+    return with_values(normalised, np.subtract(normalised.values, trend, out=trend))
+
+
+def _projected(values: FloatArray, order: int) -> FloatArray:
+    from doppelgait.core.kernels.cadence import project
+
     basis = _orthonormal_basis(values.shape[0], order)
-    trend = basis @ (basis.T @ values)
-    return with_values(normalised, np.subtract(values, trend, out=trend))
+    found = np.empty((basis.shape[1], values.shape[1]))
+    project(np.ascontiguousarray(values), basis, found)
+    return found
 
 
 @lru_cache(maxsize=4)
@@ -330,17 +327,28 @@ class CadenceParts:
     Parameters
     ----------
     rows : Plain (time, doppler)
-        Detrended normalised signature.
+        Normalised signature.
+    order : int
+        Order of the polynomial in time that is removed from every row (E-31).
     """
 
-    def __init__(self, rows: Plain) -> None:
-        self._like, self._values = rows, rows.values
+    def __init__(self, rows: Plain, order: int) -> None:
+        self._like, self._values, self._order = rows, rows.values, order
         self._weights, self._length, self.cadence_hz = _cadence_grid(rows, True, None)
         self._response = np.ones(self.cadence_hz.size)
         step = _coarsest_step(self._values.shape[0], self._length, self.cadence_hz.size)
-        if step > 1:
-            self._values, self._response = _smear(self._values, self._weights, self._length, self.cadence_hz.size, step)
-            self._weights, self._length = np.ones(self._values.shape[0]), self._length // step
+        if step == 1:
+            self._values = self.detrended().values
+            return
+        rate_hz = sampling_rate_hz(axis(rows, "time"))
+        trend = _smeared_basis(self._values.shape[0], rate_hz, order, step) @ _projected(self._values, order)
+        self._values, self._response = _smear(self._values, self._weights, self._length, self.cadence_hz.size, step)
+        self._values -= trend
+        self._weights, self._length = np.ones(self._values.shape[0]), self._length // step
+
+    def detrended(self) -> Plain:
+        """Remove the polynomials in time from the rows (E-31)."""
+        return detrend(self._like, order=self._order)
 
     def spectrum(self) -> Plain:
         """Compute the power spectrum S (E-32).
@@ -366,6 +374,12 @@ class CadenceParts:
         n_kept = min(int(np.searchsorted(self.cadence_hz, highest_hz, side="right")) + 1, self.cadence_hz.size)
         found = magnitudes(self._values.take(wanted, axis=1), self._weights, self._length, n_kept)
         return self.cadence_hz[:n_kept], found / self._response[:n_kept, None]
+
+
+@lru_cache(maxsize=8)
+def _smeared_basis(n_columns: int, rate_hz: float, order: int, step: int) -> FloatArray:
+    weights, length, cadence_hz = _grid(n_columns, rate_hz, True, None)
+    return _smear(_orthonormal_basis(n_columns, order), weights, length, cadence_hz.size, step)[0]
 
 
 def _cadence_grid(rows: xr.DataArray | Plain, padded: bool, tapered: bool | None) -> tuple[FloatArray, int, FloatArray]:

@@ -38,13 +38,14 @@ def column_peaks(signature: xr.DataArray | Plain) -> tuple[npt.NDArray[Any], Flo
 
     The cell as it is, V^2, and the Doppler refined by a parabola through its neighbours, Hz; shapes (J,).
     """
-    from doppelgait.core.kernels.columns import peak_offsets
+    from doppelgait.core.kernels import columns
 
     values, doppler_hz = np.ascontiguousarray(signature.values), axis(signature, "doppler")
-    best, offset = values.argmax(axis=1), np.empty(values.shape[0])
-    strongest = values[np.arange(values.shape[0]), best]
-    peak_offsets(values, best, offset)
-    return strongest, np.asarray(doppler_hz[best] + offset * (doppler_hz[1] - doppler_hz[0]))
+    strongest, place = np.empty(values.shape[0], values.dtype), np.empty(values.shape[0])
+    columns.column_peaks(values, strongest, place)
+    place *= doppler_hz[1] - doppler_hz[0]
+    place += doppler_hz[0]
+    return strongest, place
 
 
 def main_line_hz(signature: xr.DataArray | Plain, *, order: int, tapered: bool = False) -> FloatArray:
@@ -99,8 +100,6 @@ def straight_at(line_hz: FloatArray, signature: xr.DataArray | Plain, wanted: xr
 
     The result has the shape (J of ``wanted``,).
     """
-    if wanted is signature:
-        return line_hz
     times_s = axis(signature, "time")
     slope = (line_hz[-1] - line_hz[0]) / (times_s[-1] - times_s[0])
     return np.asarray(line_hz[0] + slope * (axis(wanted, "time") - times_s[0]))
@@ -196,15 +195,16 @@ def track_velocity(time_s: FloatArray, range_m: FloatArray) -> TrackVelocity:
     time_s, range_m : ndarray, shape (J,)
     """
     half_s = float(time_s[-1] - time_s[0]) / 2.0
-    a = _cubic(time_s.size) @ range_m
-    line_mps = -(a[1] + 3.0 * a[2] * np.linspace(-1.0, 1.0, time_s.size)) / half_s
+    fit, position = _cubic(time_s.size)
+    a = fit @ range_m
+    line_mps = -(a[1] + 3.0 * a[2] * position) / half_s
     return TrackVelocity(line_mps, -float(a[3]) / half_s, -float(a[1] + a[3]) / half_s)
 
 
 @lru_cache(maxsize=8)
-def _cubic(n_columns: int) -> FloatArray:
+def _cubic(n_columns: int) -> tuple[FloatArray, FloatArray]:
     position = np.linspace(-1.0, 1.0, n_columns)
-    return np.asarray(np.linalg.pinv(np.polynomial.legendre.legvander(position, 3)), dtype=np.float64)
+    return np.asarray(np.linalg.pinv(np.polynomial.legendre.legvander(position, 3)), dtype=np.float64), position
 
 
 def settle_velocity(
@@ -235,12 +235,13 @@ def settle_velocity(
     ambiguous = np.abs(track_hz).max() > UNFOLDED_SHARE * band_hz / 2.0
     if ambiguous or apart_mps <= max(AGREEING_SHARE * speed_mps, LEAST_APART_MPS, TRACK_ERROR_M / seconds):
         return line_hz, True
-    values, bin_hz = signature.values, bin_width_hz(signature)
-    first = float(axis(signature, "doppler")[0])
-    reach = round(NEAR_TRACK_MPS / half_m / bin_hz)
-    rows = np.rint((track_hz - first) / bin_hz).astype(np.int64)[:, None] + np.arange(-reach, reach + 1)
-    near = values[np.arange(rows.shape[0])[:, None], rows % values.shape[1]].max(axis=1) - floor_v2
-    if median(near) >= BODY_SHARE * (median(values.max(axis=1)) - floor_v2):
+    from doppelgait.core.kernels.columns import strongest_about
+
+    values, bin_hz = np.ascontiguousarray(signature.values), bin_width_hz(signature)
+    centre = np.rint((track_hz - float(axis(signature, "doppler")[0])) / bin_hz).astype(np.int64)
+    near, strongest = np.empty((2, centre.size))
+    strongest_about(values, centre, round(NEAR_TRACK_MPS / half_m / bin_hz), near, strongest)
+    if median(near) - floor_v2 >= BODY_SHARE * (median(strongest) - floor_v2):
         return track_hz, True
     return line_hz, apart_mps <= max(DIFFERING_SHARE * speed_mps, LEAST_APART_MPS, TRACK_ERROR_M / seconds)
 
@@ -265,7 +266,7 @@ def torso_velocity_mps(signature: xr.DataArray | Plain, floor_v2: float, line_hz
     time_s, range_m = axis(signature, "time"), axis(signature, "centre_range")
     if np.ptp(range_m) > 0 and time_s.size > 4:
         track = track_velocity(time_s, range_m)
-        position = np.linspace(-1.0, 1.0, time_s.size)
+        _, position = _cubic(time_s.size)
         curve_hz = (track.line_mps + track.bend_mps * (7.5 * position**2 - 1.5)) / half_m
         if abs(float(curve_hz.mean() - line_hz.mean())) * half_m <= RIDGE_REACH_MPS:
             line_hz = curve_hz

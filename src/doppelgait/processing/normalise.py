@@ -126,18 +126,19 @@ def normalise(signature: Signal, floor_v2: float, *, mode: Normalisation = "sum"
         float64, dimensionless; a column with no power above the floor is 0.
     """
     check_signal(signature, SIGNATURE)
-    from doppelgait.core.kernels.columns import excess_columns
+    from doppelgait.core.kernels.columns import scale_excess, sum_excess
 
-    values, sums = np.empty(signature.shape), np.empty(signature.shape[0])
-    excess_columns(np.ascontiguousarray(signature.values), float(floor_v2), values, sums)
+    given, floor = np.ascontiguousarray(signature.values), float(floor_v2)
+    values, (sums, highest) = np.empty(given.shape), np.empty((2, given.shape[0]))
+    sum_excess(given, floor, sums, highest)
     if mode == "sum":
         scale = sums
     elif mode == "max":
-        scale = values.max(axis=1)
+        scale = highest
     elif mode == "r4":
         centre = axis(signature, "centre_range")
         scale = (centre.mean() / centre) ** 4 * sums.mean()
     else:
         raise AnalysisError(f"normalisation {mode!r} is not known; allowed are sum, max and r4")
-    values *= np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0)[:, None]
+    scale_excess(given, floor, np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0), values)
     return with_values(signature, values, schema=NORMALISED_SIGNATURE, attrs={"normalisation": mode})

@@ -16,10 +16,12 @@ from doppelgait.core.labels import (
     BASEBAND,
     RANGE_DOPPLER,
     SIGNATURE,
+    Signal,
     axis,
     check_signal,
     make_array,
     sampling_rate_hz,
+    take_columns,
     with_values,
 )
 from doppelgait.core.samples import Samples
@@ -304,7 +306,7 @@ def _label_signature(out: npt.NDArray[np.float32], cut: Cut, wavelength_m: float
     return make_array(SIGNATURE, out, coords, attrs)
 
 
-def thin(signature: xr.DataArray) -> xr.DataArray:
+def thin(signature: Signal) -> Signal:
     """Decimate a signature to the lossless hop.
 
     Every n-th column is kept where the hop is finer than the lossless one, else all are.
@@ -315,7 +317,7 @@ def thin(signature: xr.DataArray) -> xr.DataArray:
     every = lossless_hop(signature.attrs["cpi_pulses"]) // signature.attrs["hop"]
     if every <= 1:
         return signature
-    kept = signature.isel(time=slice(None, None, every))
+    kept = take_columns(signature, slice(None, None, every))
     return with_values(kept, np.ascontiguousarray(kept.values), attrs={"hop": signature.attrs["hop"] * every})
 
 
@@ -324,7 +326,7 @@ MIN_SHARE = 0.5
 MIN_COLUMNS = 8
 
 
-def within_frame(signature: xr.DataArray) -> tuple[xr.DataArray, float]:
+def within_frame(signature: Signal) -> tuple[Signal, float]:
     """Crop a signature to the time inside the frame.
 
     Time in which the gate is mostly outside is removed.
@@ -364,6 +366,6 @@ def within_frame(signature: xr.DataArray) -> tuple[xr.DataArray, float]:
             f"the gate lies outside the recorded frame for all but {stop - first} of {share.size} columns; move the "
             "gate, or record with another range_start_m and range_stop_m"
         )
-    kept = signature.isel(time=slice(first, stop))
+    kept = take_columns(signature, slice(int(first), int(stop)))
     scaled = kept.values / axis(kept, "gate_share")[:, None].astype(np.float32)
     return with_values(kept, scaled), float(share.mean())

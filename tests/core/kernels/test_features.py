@@ -6,8 +6,16 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from doppelgait.core.kernels.cadence import magnitudes_of_parts
-from doppelgait.core.kernels.columns import count_above, excess_columns, peak_offsets, row_means, run_above
+from doppelgait.core.kernels.cadence import magnitudes_of_parts, project, smear
+from doppelgait.core.kernels.columns import (
+    column_peaks,
+    count_above,
+    row_means,
+    run_above,
+    scale_excess,
+    strongest_about,
+    sum_excess,
+)
 from doppelgait.core.kernels.features import limb_amplitudes, positive_sums, power_quantiles, sum_groups
 from doppelgait.core.kernels.lines import powers_about_line, refined_ridge, smooth, torso_line, torso_swing
 from doppelgait.core.kernels.periodicity import (
@@ -28,6 +36,8 @@ from doppelgait.core.kernels.robust import (
     quantile_in_place,
     robust_fit,
     scatter_of_blocks,
+    speeds_across,
+    straight_motion,
     swing_parts,
 )
 
@@ -69,24 +79,93 @@ def test_a_robust_line_through_points_without_error_is_exact():
     np.testing.assert_allclose(found, [2.0, -5.0], rtol=1e-12)
 
 
-def test_columns_without_their_floor_and_their_sums_e28():
-    values = random(40, 33).astype(np.float32)
-    found, sums, means = np.empty((40, 33)), np.empty(40), np.empty(33)
-    excess_columns(values, 0.3, found, sums)
-    np.testing.assert_array_equal(found, np.maximum(values.astype(float) - 0.3, 0.0))
-    np.testing.assert_allclose(sums, found.sum(axis=1), rtol=1e-13)
+@pytest.mark.parametrize("n_bins", [7, 16, 33])
+def test_columns_without_their_floor_and_their_sums_e28(n_bins):
+    values = random(40, n_bins).astype(np.float32)
+    values[3] = -1.0
+    found, (sums, highest), means = np.empty((40, n_bins)), np.empty((2, 40)), np.empty(n_bins)
+    sum_excess(values, 0.3, sums, highest)
+    wanted = np.maximum(values.astype(float) - 0.3, 0.0)
+    np.testing.assert_allclose(sums, wanted.sum(axis=1), rtol=1e-13)
+    np.testing.assert_array_equal(highest, wanted.max(axis=1))
+    scale_excess(values, 0.3, np.arange(40.0), found)
+    np.testing.assert_allclose(found, wanted * np.arange(40.0)[:, None], rtol=1e-15)
     row_means(values, means)
     np.testing.assert_allclose(means, values.astype(float).mean(axis=0), rtol=1e-12)
 
 
 def test_peaks_of_parabolas_in_the_logarithm_are_exact_also_at_the_ends():
-    k, centre = np.arange(16), np.array([3.2, 7.5, 12.9, 0.1, 15.0])
+    k, centre = np.arange(20), np.array([3.2, 7.5, 12.9, 17.6, 0.1, 19.0])
     values = np.exp(-0.3 * (k - centre[:, None]) ** 2)
-    best, offset = values.argmax(axis=1), np.empty(5)
-    peak_offsets(values, best, offset)
-    np.testing.assert_allclose((best + offset)[:3], centre[:3], rtol=1e-12)
-    np.testing.assert_array_equal(best[3:], [1, 14])
-    np.testing.assert_array_equal(offset[3:], [-0.5, 0.5])
+    values[1, 9] = values[1].max()  # of equal cells the first
+    strongest, place = np.empty(6), np.empty(6)
+    column_peaks(values, strongest, place)
+    np.testing.assert_array_equal(strongest, values.max(axis=1))
+    np.testing.assert_allclose(place[[0, 2, 3]], centre[[0, 2, 3]], rtol=1e-12)
+    assert abs(place[1] - values[1].argmax()) <= 0.5
+    np.testing.assert_array_equal(place[4:], [0.5, 18.5])
+
+
+def test_strongest_cells_near_a_line_and_of_all():
+    values, centre = random(30, 12).astype(np.float32), np.arange(-10, 20)
+    near, strongest = np.empty((2, 30))
+    strongest_about(values, centre, 2, near, strongest)
+    rows = (centre[:, None] + np.arange(-2, 3)) % 12
+    np.testing.assert_array_equal(near, values[np.arange(30)[:, None], rows].max(axis=1))
+    np.testing.assert_array_equal(strongest, values.max(axis=1))
+
+
+@pytest.mark.parametrize(("size", "step"), [(50, 2), (50, 3), (5, 4)])
+def test_rows_are_smeared_onto_a_coarser_grid_and_projected_e30(size, step):
+    rows, weights, taps = random(size, 6), random(size, seed=1), random(5 * step - 1, seed=2)
+    found = np.empty((-(-size // step) + 5, 6))
+    smear(rows, weights, taps, step, found)
+    for c in range(found.shape[0]):
+        inside = [j for j in range(step * c - taps.size, step * c) if 0 <= j < size]
+        wanted = sum((taps[j - step * c + taps.size] * weights[j] * rows[j] for j in inside), np.zeros(6))
+        np.testing.assert_allclose(found[c], wanted, atol=1e-13)
+    parts, basis = np.empty((3, 6)), random(size, 3, seed=3)
+    project(rows, basis, parts)
+    np.testing.assert_allclose(parts, basis.T @ rows, atol=1e-12)
+
+
+@pytest.mark.parametrize("bent", [1.0, -1.0])
+def test_straight_motion_is_the_weighted_parabola_and_its_errors_e34b(bent):
+    t, found = np.linspace(2.0, 6.0, 90), np.full(7, np.nan)
+    middle = t - 4.0
+    ranges = np.sqrt(30.0 - 9.0 * middle + (0.7 + bent) * middle**2) + 0.01 * random(90)
+    straight_motion(t, ranges, 1e-6, 2.385, 4, 3.0, found)
+    line, basis = ranges**2, np.stack([np.ones(90), middle, middle**2])
+    for _ in range(4):
+        residual = (ranges**2 - line) / ranges
+        scale = 2.385 * max(1.4826 * np.median(np.abs(residual)), 1e-6)
+        root = 1.0 / (ranges * np.sqrt(1.0 + (residual / scale) ** 2))
+        c = np.linalg.lstsq((basis * root).T, ranges**2 * root, rcond=None)[0]
+        line = c @ basis
+    np.testing.assert_allclose(found[:3], c, rtol=1e-8)
+    across = c[2] - c[1] ** 2 / (4 * c[0])
+    assert found[3] == pytest.approx(across, rel=1e-7)
+    assert (across > 0) == (bent > 0)
+    residual = ranges - (np.sqrt(line) if across > 0 else np.polyval(np.polyfit(t, ranges, 1), t))
+    largest = 3.0 * 1.4826 * np.median(np.abs(residual))
+    assert found[4] == pytest.approx((np.clip(residual, -largest, largest) ** 2).mean(), rel=1e-7)
+    covariance = np.linalg.inv((basis / (4 * ranges**2)) @ basis.T)
+    for value, by in (
+        (found[5], [c[1] ** 2 / (4 * c[0] ** 2), -c[1] / (2 * c[0]), 1.0]),
+        (found[6], [c[1] / (4 * c[0] ** 1.5), -0.5 / np.sqrt(c[0]), 0.0]),
+    ):
+        assert value == pytest.approx(np.array(by) @ covariance @ by, rel=1e-7)
+
+
+def test_speeds_across_are_averaged_over_their_density_e34b():
+    found = np.empty(4)
+    speeds_across(-1.1, 0.4, 0.3, 5.0, 128, found)
+    across = np.linspace(0.0, np.sqrt(0.4 + 5.0 * 0.3), 128)
+    weight = np.exp(-0.5 * ((across**2 - 0.4) / 0.3) ** 2)
+    values = np.hypot(1.1, across), np.degrees(np.arctan2(across, -1.1))
+    wanted = [np.average(v, weights=weight) for v in values]
+    wanted += [np.average((v - mean) ** 2, weights=weight) for v, mean in zip(values, wanted, strict=True)]
+    np.testing.assert_allclose(found, wanted, rtol=1e-12)
 
 
 def test_power_quantiles_are_those_of_the_cumulative_power_e35():

@@ -12,49 +12,122 @@ from doppelgait.core.kernels.compiled import kernel
 FloatArray = npt.NDArray[np.float64]
 AnyFloatArray = npt.NDArray[np.floating[Any]]
 
+LANES = 16
+"""Cells that are worked on together."""
+
 
 @kernel(fastmath=("contract", "nsz"))
-def excess_columns(values: AnyFloatArray, floor: float, out: FloatArray, sums: FloatArray) -> None:
-    """Subtract the floor, clip at 0 and sum every column (E-28).
+def sum_excess(values: AnyFloatArray, floor: float, sums: FloatArray, highest: FloatArray) -> None:
+    """Find sum and maximum above the floor in every column (E-28).
 
     Parameters
     ----------
     values : ndarray, shape (J, K)
     floor : float
-    out : ndarray, shape (J, K)
-        Overwritten.
-    sums : ndarray, shape (J,)
-        Overwritten.
+    sums, highest : ndarray, shape (J,)
+        Overwritten; 0 where nothing stands above.
     """
+    n_bins, part, top = values.shape[1], np.empty(LANES), np.empty(LANES)
+    whole = n_bins // LANES * LANES
     for j in range(values.shape[0]):
-        total, column, excess = 0.0, values[j], out[j]
-        for k in range(values.shape[1]):
+        column = values[j]
+        part[:], top[:] = 0.0, 0.0
+        for first in range(0, whole, LANES):  # sums that do not wait for each other
+            for i in range(LANES):
+                cell = max(np.float64(column[first + i]) - floor, 0.0)
+                part[i] += cell
+                top[i] = max(top[i], cell)
+        for k in range(whole, n_bins):
             cell = max(np.float64(column[k]) - floor, 0.0)
-            excess[k] = cell
-            total += cell
-        sums[j] = total
+            part[0] += cell
+            top[0] = max(top[0], cell)
+        sums[j], highest[j] = 0.0, 0.0
+        for i in range(LANES):
+            sums[j] += part[i]
+            highest[j] = max(highest[j], top[i])
 
 
-@kernel()
-def peak_offsets(values: AnyFloatArray, best: npt.NDArray[np.int64], offset: FloatArray) -> None:
-    """Refine every column's strongest cell by a parabola in the logarithm.
+@kernel(fastmath=("contract", "nsz"))
+def scale_excess(values: AnyFloatArray, floor: float, factor: FloatArray, out: FloatArray) -> None:
+    """Subtract the floor, clip at 0 and multiply every column (E-28).
 
     Parameters
     ----------
     values : ndarray, shape (J, K)
-    best : ndarray, shape (J,)
-        Strongest cell; moved to 1..K - 2 here.
-    offset : ndarray, shape (J,)
-        Overwritten: bins from ``best``, -1/2 to 1/2.
+    floor : float
+    factor : ndarray, shape (J,)
+    out : ndarray, shape (J, K)
+        Overwritten.
     """
-    for j in range(best.size):
-        k = min(max(best[j], 1), values.shape[1] - 2)
-        best[j] = k
-        left = np.log(max(np.float64(values[j, k - 1]), 1e-300))
-        centre = np.log(max(np.float64(values[j, k]), 1e-300))
-        right = np.log(max(np.float64(values[j, k + 1]), 1e-300))
+    for j in range(values.shape[0]):
+        column, scaled, by = values[j], out[j], factor[j]
+        for k in range(values.shape[1]):
+            scaled[k] = max(np.float64(column[k]) - floor, 0.0) * by
+
+
+@kernel()
+def column_peaks(values: AnyFloatArray, strongest: AnyFloatArray, place: FloatArray) -> None:
+    """Find every column's strongest cell, refined by a parabola in the logarithm.
+
+    Parameters
+    ----------
+    values : ndarray, shape (J, K)
+    strongest : ndarray, shape (J,)
+        Overwritten with the cells as they are.
+    place : ndarray, shape (J,)
+        Overwritten with fractional bins, 1/2 to K - 3/2.
+    """
+    n_bins, top = values.shape[1], np.empty(LANES, values.dtype)
+    whole = n_bins // LANES * LANES
+    for j in range(values.shape[0]):
+        column = values[j]
+        top[:] = column[0]
+        for first in range(0, whole, LANES):
+            for i in range(LANES):
+                cell = column[first + i]
+                top[i] = cell if cell > top[i] else top[i]
+        most = top[0]
+        for i in range(LANES):
+            most = top[i] if top[i] > most else most
+        for k in range(whole, n_bins):
+            most = column[k] if column[k] > most else most
+        best = 0
+        while column[best] != most and best < n_bins - 1:
+            best += 1
+        strongest[j] = most
+        best = min(max(best, 1), n_bins - 2)
+        left = np.log(max(np.float64(column[best - 1]), 1e-300))
+        centre = np.log(max(np.float64(column[best]), 1e-300))
+        right = np.log(max(np.float64(column[best + 1]), 1e-300))
         bend = left - 2.0 * centre + right
-        offset[j] = min(max(0.5 * (left - right) / bend, -0.5), 0.5) if bend < 0 else 0.0
+        place[j] = best + (min(max(0.5 * (left - right) / bend, -0.5), 0.5) if bend < 0 else 0.0)
+
+
+@kernel()
+def strongest_about(
+    values: AnyFloatArray, centre: npt.NDArray[np.int64], reach: int, near: FloatArray, strongest: FloatArray
+) -> None:  # fmt: skip
+    """Find the strongest cells near a line, and of all.
+
+    Parameters
+    ----------
+    values : ndarray, shape (J, K)
+    centre : ndarray, shape (J,)
+        Bins from the first; the Doppler axis is circular.
+    reach : int
+        Bins on either side that are near.
+    near, strongest : ndarray, shape (J,)
+        Overwritten.
+    """
+    n_bins = values.shape[1]
+    for j in range(values.shape[0]):
+        most = -np.inf
+        for k in range(centre[j] - reach, centre[j] + reach + 1):
+            most = max(most, np.float64(values[j, k % n_bins]))
+        near[j] = most
+        for k in range(n_bins):
+            most = max(most, np.float64(values[j, k]))
+        strongest[j] = most
 
 
 @kernel()

@@ -158,6 +158,127 @@ def _solve(matrix: FloatArray, right: FloatArray) -> None:
 
 
 @kernel()
+def straight_motion(
+    times: FloatArray, ranges: FloatArray, least_scale: float, tuning: float, iterations: int, outlier_sd: float,
+    out: FloatArray,
+) -> None:  # fmt: skip
+    r"""Fit straight motion at constant velocity to ranges (E-34b).
+
+    The parabola :math:`R^2 = c_0 + c_1 t + c_2 t^2` about the middle of the record by :func:`robust_fit`, whose first
+    weights are 1 / R^2 alone.
+
+    Parameters
+    ----------
+    times, ranges : ndarray, shape (J,)
+    least_scale, tuning, iterations
+        Of :func:`robust_fit`.
+    outlier_sd : float
+        Residuals are clipped at this times 1.4826 times the median of their magnitudes.
+    out : ndarray, shape (7,)
+        Overwritten: c; square of the speed across :math:`u = c_2 - c_1^2 / (4 c_0)`; mean square of the residuals, for
+        u < 0 those about constant radial velocity; and the variances of u and of the radial speed
+        :math:`-c_1 / (2 \sqrt{c_0})` for independent errors of 1 m. Without a positive c_0 all but c are left as they
+        are.
+    """
+    n, half_s, mid_s = times.size, (times[-1] - times[0]) / 2.0, (times[0] + times[-1]) / 2.0
+    basis, square, prior, line = np.empty((3, n)), np.empty(n), np.empty(n), np.empty(n)
+    for j in range(n):
+        x = (times[j] - mid_s) / half_s
+        basis[0, j], basis[1, j], basis[2, j] = 1.0, x, x * x
+        square[j] = line[j] = ranges[j] * ranges[j]
+        prior[j] = 1.0 / square[j]
+    c = np.empty(3)
+    robust_fit(basis, square, prior, ranges, least_scale, tuning, iterations, line, c)
+    out[0], out[1], out[2] = c[0], c[1] / half_s, c[2] / half_s**2
+    if not out[0] > 0.0:
+        return
+    out[3] = out[2] - out[1] ** 2 / (4.0 * out[0])
+    if out[3] < 0.0:  # straight motion never bends a range towards the radar
+        mean_x = mean_r = along = spread = 0.0
+        for j in range(n):
+            mean_x += basis[1, j] / n
+            mean_r += ranges[j] / n
+        for j in range(n):
+            along += (basis[1, j] - mean_x) * (ranges[j] - mean_r)
+            spread += (basis[1, j] - mean_x) ** 2
+        for j in range(n):
+            line[j] = ranges[j] - mean_r - (basis[1, j] - mean_x) * along / spread
+    else:
+        for j in range(n):
+            line[j] = ranges[j] - np.sqrt(max(line[j], 1e-12))
+    for j in range(n):
+        square[j] = abs(line[j])
+    largest = outlier_sd * 1.4826 * median_in_place(square)
+    out[4] = 0.0
+    for j in range(n):
+        out[4] += min(abs(line[j]), largest) ** 2 / n
+    c[0], c[1], c[2] = out[1] ** 2 / (4.0 * out[0] ** 2), -out[1] / (2.0 * out[0]) / half_s, 1.0 / half_s**2
+    out[5] = _variance(basis, prior, c)
+    c[0], c[1], c[2] = out[1] / (4.0 * out[0] ** 1.5), -0.5 / np.sqrt(out[0]) / half_s, 0.0
+    out[6] = _variance(basis, prior, c)
+
+
+@kernel()
+def _variance(basis: FloatArray, prior: FloatArray, by: FloatArray) -> float:
+    """Compute the variance of a sum of coefficients.
+
+    Ranges have independent errors of 1 m. An error of 1 m is one of 2 R in R^2. ``by`` has the weights in the sum.
+    """
+    n_terms = by.size
+    normal, solution = np.empty((n_terms, n_terms)), np.empty(n_terms)
+    for a in range(n_terms):
+        for b in range(a + 1):
+            total = 0.0
+            for j in range(prior.size):
+                total += basis[a, j] * basis[b, j] * (0.25 * prior[j])
+            normal[a, b] = total
+        solution[a] = by[a]
+    _solve(normal, solution)
+    total = 0.0
+    for a in range(n_terms):
+        total += by[a] * solution[a]
+    return float(total)
+
+
+@kernel()
+def speeds_across(
+    radial: float, across_2: float, across_sd: float, reach_sd: float, n_speeds: int, out: FloatArray
+) -> None:  # fmt: skip
+    """Average speed and aspect over the speeds across the line of sight.
+
+    All speeds across are as likely before; their square has a Gaussian error.
+
+    Parameters
+    ----------
+    radial, across_2, across_sd : float
+        Speed along the line of sight, square of the speed across and its standard deviation.
+    reach_sd : float
+        Speeds go up to this many standard deviations above the best.
+    n_speeds : int
+    out : ndarray, shape (4,)
+        Overwritten: mean speed, mean aspect in degrees, variance of the speed and of the aspect.
+    """
+    step = np.sqrt(max(across_2, 0.0) + reach_sd * across_sd) / (n_speeds - 1)
+    total = 0.0
+    out[:] = 0.0
+    for again in range(2):
+        speed_mean, aspect_mean = out[0], out[1]
+        for n in range(n_speeds):
+            across = n * step
+            weight = np.exp(-0.5 * ((across * across - across_2) / across_sd) ** 2)
+            speed, aspect = np.hypot(radial, across), np.degrees(np.arctan2(across, radial))
+            if again:
+                out[2] += weight * (speed - speed_mean) ** 2 / total
+                out[3] += weight * (aspect - aspect_mean) ** 2 / total
+            else:
+                total += weight
+                out[0] += weight * speed
+                out[1] += weight * aspect
+        if not again:
+            out[0], out[1] = out[0] / total, out[1] / total
+
+
+@kernel()
 def edge_statistics(
     low: FloatArray, high: FloatArray, line: FloatArray, direction: float, low_share: float, high_share: float,
     out: FloatArray,
